@@ -1,0 +1,176 @@
+//! Pair masks: one bit a pair, dense or sparse.
+//!
+//! **Dense** (Avril et al. 2012, §3.4): bit k of the string is pair k in row order; word k/32,
+//! bit k%32; tail bits are zero.
+//!
+//! **Sparse**: only non-zero words, each with its address. A word is (row, column block, bits):
+//! bit t names the pair of positions (row, 32·block + t), always with row < column. Positions are
+//! box indices, or, when the reply carries an `order`, indices into that order. Sorted by
+//! (row, block).
+
+use std::fmt;
+use std::str::FromStr;
+
+use crate::engine::UnknownName;
+use crate::units::BoxCount;
+
+/// How a mask is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[repr(u32)]
+pub enum Encoding {
+    /// One bit for every pair.
+    Dense = 1,
+    /// Non-zero 32-bit words with their addresses.
+    Sparse = 2,
+}
+
+impl Encoding {
+    /// The name on the command line and in reports.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Dense => "dense",
+            Self::Sparse => "sparse",
+        }
+    }
+
+    /// The encoding of a wire number, if there is one.
+    pub fn from_wire(value: u32) -> Option<Self> {
+        [Self::Dense, Self::Sparse].into_iter().find(|e| *e as u32 == value)
+    }
+}
+
+impl fmt::Display for Encoding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.as_str())
+    }
+}
+
+/// A client's wish: one encoding, or whichever the plan finds cheaper.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum EncodingChoice {
+    /// The plan chooses.
+    #[default]
+    Auto,
+    /// This encoding and no other.
+    Only(Encoding),
+}
+
+impl FromStr for EncodingChoice {
+    type Err = UnknownName;
+
+    fn from_str(s: &str) -> Result<Self, UnknownName> {
+        match s {
+            "auto" => Ok(Self::Auto),
+            "dense" => Ok(Self::Only(Encoding::Dense)),
+            "sparse" => Ok(Self::Only(Encoding::Sparse)),
+            _ => Err(UnknownName { name: s.to_owned(), known: "auto, dense, sparse" }),
+        }
+    }
+}
+
+impl fmt::Display for EncodingChoice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Auto => f.write_str("auto"),
+            Self::Only(e) => e.fmt(f),
+        }
+    }
+}
+
+/// A run of u32 words within a reply.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Span {
+    /// First word, counted from the start of the reply.
+    pub start: u64,
+    /// Number of words.
+    pub len: u64,
+}
+
+impl Span {
+    /// The words of the span, or `None` where the reply is shorter.
+    pub fn of<'a>(&self, reply: &'a [u32]) -> Option<&'a [u32]> {
+        let start = usize::try_from(self.start).ok()?;
+        reply.get(start..start.checked_add(usize::try_from(self.len).ok()?)?)
+    }
+}
+
+/// Sections start on multiples of 16 words (64 bytes: a cache line, an AVX-512 register).
+pub const SECTION_ALIGN_WORDS: u64 = 16;
+
+/// Where the sections of a mask lie in a reply.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MaskShape {
+    /// The words of a dense mask.
+    Dense {
+        /// All words.
+        words: Span,
+    },
+    /// The three arrays of a sparse mask and, unless the order is the identity, the order.
+    Sparse {
+        /// Row of each word.
+        rows: Span,
+        /// Column block of each word.
+        blocks: Span,
+        /// Bits of each word.
+        bits: Span,
+        /// Box index at each position.
+        order: Option<Span>,
+    },
+}
+
+impl MaskShape {
+    /// The dense mask of `n` boxes, at the start of the reply.
+    pub const fn dense(n: BoxCount) -> Self {
+        Self::Dense { words: Span { start: 0, len: n.dense_words() } }
+    }
+
+    /// A sparse mask with room for `capacity` words of which `word_count` are used, at the start
+    /// of the reply: `rows`, `blocks`, `bits`, then `order` of `n` positions if there is one.
+    ///
+    /// An engine that knows its size beforehand passes it twice.
+    pub const fn sparse(n: BoxCount, capacity: u64, word_count: u64, with_order: bool) -> Self {
+        let stride = capacity.next_multiple_of(SECTION_ALIGN_WORDS);
+        Self::Sparse {
+            rows: Span { start: 0, len: word_count },
+            blocks: Span { start: stride, len: word_count },
+            bits: Span { start: 2 * stride, len: word_count },
+            order: if with_order {
+                Some(Span { start: 3 * stride, len: n.get() as u64 })
+            } else {
+                None
+            },
+        }
+    }
+
+    /// The encoding of this shape.
+    pub const fn encoding(&self) -> Encoding {
+        match self {
+            Self::Dense { .. } => Encoding::Dense,
+            Self::Sparse { .. } => Encoding::Sparse,
+        }
+    }
+
+    /// Words of the reply from its start to the end of the last section.
+    pub fn extent_words(&self) -> u64 {
+        let end = |s: &Span| s.start + s.len;
+        match self {
+            Self::Dense { words } => end(words),
+            Self::Sparse { rows, blocks, bits, order } => {
+                [end(rows), end(blocks), end(bits), order.as_ref().map_or(0, end)]
+                    .into_iter()
+                    .max()
+                    .unwrap_or(0)
+            }
+        }
+    }
+
+    /// Bytes of the mask itself, without gaps between sections.
+    pub fn mask_bytes(&self) -> u64 {
+        4 * match self {
+            Self::Dense { words } => words.len,
+            Self::Sparse { rows, blocks, bits, order } => {
+                rows.len + blocks.len + bits.len + order.map_or(0, |o| o.len)
+            }
+        }
+    }
+}

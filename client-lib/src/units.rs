@@ -1,0 +1,93 @@
+//! Numbers with a meaning: counts and indices that must not be confused.
+
+use bytemuck::{Pod, Zeroable};
+
+/// Number of boxes in a scene: at most 2^32 − 1, so that an index fits in u32.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct BoxCount(u32);
+
+impl BoxCount {
+    /// A count of `n` boxes.
+    pub const fn new(n: u32) -> Self {
+        Self(n)
+    }
+
+    /// The count of a slice, or `None` past 2^32 − 1.
+    pub fn of_len(len: usize) -> Option<Self> {
+        u32::try_from(len).ok().map(Self)
+    }
+
+    /// The number itself.
+    pub const fn get(self) -> u32 {
+        self.0
+    }
+
+    /// The number as a slice length.
+    pub const fn len(self) -> usize {
+        self.0 as usize
+    }
+
+    /// No boxes at all.
+    pub const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    /// n(n − 1)/2. Fits u64 for every count.
+    pub const fn pair_count(self) -> u64 {
+        let n = self.0 as u64;
+        if n == 0 { 0 } else { n * (n - 1) / 2 }
+    }
+
+    /// 32-bit words of a dense mask: one bit a pair, the tail zero.
+    pub const fn dense_words(self) -> u64 {
+        self.pair_count().div_ceil(32)
+    }
+
+    /// 32-column blocks of a row of a sparse mask.
+    pub const fn column_blocks(self) -> u32 {
+        self.0.div_ceil(32)
+    }
+}
+
+/// Index k of a pair (a, b), a < b, numbered row by row from 0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct PairIndex(u64);
+
+impl PairIndex {
+    /// The index `k`.
+    pub const fn new(k: u64) -> Self {
+        Self(k)
+    }
+
+    /// The number itself.
+    pub const fn get(self) -> u64 {
+        self.0
+    }
+}
+
+/// 32 bits of a pair mask, one a pair.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Pod, Zeroable)]
+#[repr(transparent)]
+pub struct MaskWord(pub u32);
+
+impl MaskWord {
+    /// Set bits, that is pairs.
+    pub const fn count(self) -> u32 {
+        self.0.count_ones()
+    }
+
+    /// No pair in this word.
+    pub const fn is_zero(self) -> bool {
+        self.0 == 0
+    }
+
+    /// Positions of the set bits, lowest first.
+    pub fn bits(self) -> impl Iterator<Item = u32> {
+        let mut rest = self.0;
+        std::iter::from_fn(move || {
+            let bit = (rest != 0).then(|| rest.trailing_zeros())?;
+            rest &= rest - 1;
+            Some(bit)
+        })
+    }
+}
