@@ -8,5 +8,5 @@ pub mod units;
 
 pub use aabb::{Aabb, BoxClass};
 pub use engine::{EngineChoice, EngineName};
-pub use mask::{Encoding, EncodingChoice};
+pub use mask::{Encoding, EncodingChoice, MaskView};
 pub use units::{BoxCount, MaskWord, PairIndex};

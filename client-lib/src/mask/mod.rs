@@ -8,6 +8,26 @@
 //! box indices, or, when the reply carries an `order`, indices into that order. Sorted by
 //! (row, block).
 
+mod dense;
+mod dense_pairs;
+mod dense_words;
+mod error;
+mod pairs;
+mod par_pairs;
+mod sparse;
+mod sparse_pairs;
+mod sparse_words;
+mod view;
+mod words;
+
+pub use dense::DenseMask;
+pub use error::{MaskError, Section};
+pub use pairs::Pairs;
+pub use par_pairs::ParPairs;
+pub use sparse::SparseMask;
+pub use view::MaskView;
+pub use words::{AddressedWord, WordAddress, Words};
+
 use std::fmt;
 use std::str::FromStr;
 

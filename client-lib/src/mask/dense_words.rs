@@ -1,0 +1,145 @@
+//! The scan of a dense mask: nearly all words are zero, so most of the work is to skip them.
+
+use std::iter::FusedIterator;
+use std::ops::Range;
+
+/// Words looked at in one step: 256 bytes, four cache lines. The OR over them is straight vector
+/// code without a branch, so that a zero chunk costs little more than its loads; the non-zero
+/// words of a chunk fit the flags of one u64. Smaller chunks branch more often, larger ones are
+/// rarely zero once there is a pair a row.
+pub(super) const CHUNK_WORDS: usize = 64;
+
+type Chunk = [u32; CHUNK_WORDS];
+
+/// The non-zero words of a range of a dense mask, each with its number in the mask.
+#[derive(Clone)]
+pub(super) struct DenseWords<'a> {
+    /// The chunk in hand, of [`CHUNK_WORDS`] or, at the end of the range, fewer.
+    chunk: &'a [u32],
+    /// Number of the chunk's first word.
+    chunk_start: usize,
+    /// Bit i: word i of the chunk is not zero and was not yet given out.
+    flags: u64,
+    /// The words behind the chunk.
+    rest: &'a [u32],
+    /// Number of the last word of the mask.
+    last: usize,
+    /// Bits of that word that may be set.
+    last_mask: u32,
+}
+
+impl<'a> DenseWords<'a> {
+    /// Words `range` of a mask; none where the range leaves the mask.
+    pub fn new(mask: &'a [u32], range: Range<usize>, last_mask: u32) -> Self {
+        let chunk_start = range.start;
+        let rest = mask.get(range).unwrap_or(&[]);
+        let last = mask.len().saturating_sub(1);
+        Self { chunk: &[], chunk_start, flags: 0, rest, last, last_mask }
+    }
+
+    /// Takes the next chunk with a non-zero word in hand. False at the end.
+    #[inline]
+    fn next_chunk(&mut self) -> bool {
+        let mut passed = self.chunk.len();
+        while let Some((chunk, rest)) = self.rest.split_first_chunk::<CHUNK_WORDS>() {
+            self.rest = rest;
+            if chunk.iter().fold(0, |any, word| any | word) != 0 {
+                self.chunk = chunk;
+                self.chunk_start += passed;
+                self.flags = flags_of(chunk);
+                return true;
+            }
+            passed += CHUNK_WORDS;
+        }
+        self.chunk_start += passed;
+        self.chunk = self.rest;
+        self.rest = &[];
+        self.flags =
+            (0..).zip(self.chunk).fold(0, |flags, (i, word)| flags | u64::from(*word != 0) << i);
+        self.flags != 0
+    }
+
+    /// Takes one flagged word of the chunk. Its bits may be zero if it is the last of the mask.
+    #[inline]
+    fn take(&mut self) -> (usize, u32) {
+        let i = self.flags.trailing_zeros() as usize;
+        self.flags &= self.flags.wrapping_sub(1);
+        let number = self.chunk_start + i;
+        let bits = self.chunk.get(i).copied().unwrap_or(0);
+        (number, if number == self.last { bits & self.last_mask } else { bits })
+    }
+}
+
+/// Bit i is set where word i is not zero.
+#[inline]
+fn flags_of(chunk: &Chunk) -> u64 {
+    // Two steps that compile to vector code: words to bytes of 0 or 1, then eight such bytes to
+    // eight bits. The product moves byte i to bit 56 + i; no two terms meet, so none carries.
+    const GATHER: u64 = 0x0102_0408_1020_4080;
+    let bytes = chunk.map(|word| u8::from(word != 0));
+    let (eights, _) = bytes.as_chunks::<8>();
+    (0..).zip(eights).fold(0, |flags, (i, eight)| {
+        flags | (u64::from_le_bytes(*eight).wrapping_mul(GATHER) >> 56) << (8 * i)
+    })
+}
+
+impl Iterator for DenseWords<'_> {
+    type Item = (usize, u32);
+
+    #[inline]
+    fn next(&mut self) -> Option<(usize, u32)> {
+        loop {
+            while self.flags != 0 {
+                let (number, bits) = self.take();
+                if bits != 0 {
+                    return Some((number, bits));
+                }
+            }
+            if !self.next_chunk() {
+                return None;
+            }
+        }
+    }
+}
+
+impl FusedIterator for DenseWords<'_> {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn flags_name_the_non_zero_words() {
+        for seed in 0..500u64 {
+            let pattern = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(seed as u32)
+                | u64::from(seed == 7).wrapping_neg();
+            let words = std::array::from_fn(|i| ((pattern >> i) as u32 & 1) << (seed % 32));
+            assert_eq!(flags_of(&words), pattern, "seed {seed}");
+        }
+    }
+
+    #[test]
+    fn every_range_gives_its_non_zero_words() {
+        let mask: Vec<u32> =
+            (0..345u32).map(|i| if i % 7 == 3 || i == 344 { i + 1 } else { 0 }).collect();
+        for start in 0..=mask.len() {
+            for end in [start, start + 1, start + 63, start + 64, start + 65, start + 130, 345] {
+                let expected: Vec<_> = (0..mask.len())
+                    .filter(|i| (start..end).contains(i) && mask[*i] != 0)
+                    .map(|i| (i, mask[i]))
+                    .collect();
+                let found: Vec<_> = DenseWords::new(&mask, start..end.min(345), u32::MAX).collect();
+                assert_eq!(found, expected, "{start}..{end}");
+            }
+        }
+    }
+
+    #[test]
+    fn bits_behind_the_last_pair_are_dropped() {
+        let mut mask = vec![0; 100];
+        mask[99] = 0xf0;
+        let numbers = |last_mask| DenseWords::new(&mask, 0..100, last_mask).collect::<Vec<_>>();
+        assert_eq!(numbers(0x1f), [(99, 0x10)]);
+        assert_eq!(numbers(0x0f), []);
+    }
+}
