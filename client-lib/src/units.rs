@@ -43,6 +43,16 @@ impl BoxCount {
         self.pair_count().div_ceil(32)
     }
 
+    /// 32-bit words of a sparse mask in which no word is zero: the blocks of every row that hold
+    /// a column after it.
+    pub const fn sparse_words_max(self) -> u64 {
+        let n = self.0 as u64;
+        let (whole, rest) = (n / 32, n % 32);
+        // Row r starts at block (r + 1)/32: take the blocks before it from all blocks.
+        let before = if whole == 0 { 0 } else { 16 * whole * (whole - 1) + whole * (rest + 1) };
+        n * self.column_blocks() as u64 - before
+    }
+
     /// 32-column blocks of a row of a sparse mask.
     pub const fn column_blocks(self) -> u32 {
         self.0.div_ceil(32)
@@ -89,5 +99,21 @@ impl MaskWord {
             rest &= rest - 1;
             Some(bit)
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::BoxCount;
+
+    #[test]
+    fn sparse_words_max_counts_the_blocks_after_each_row() {
+        for n in (0..200u32).chain([1234]) {
+            let count = BoxCount::new(n);
+            let blocks = u64::from(count.column_blocks());
+            let counted: u64 = (0..n).map(|row| blocks - u64::from((row + 1) / 32)).sum();
+            assert_eq!(count.sparse_words_max(), counted, "{n} boxes");
+        }
+        assert_eq!(BoxCount::new(u32::MAX).sparse_words_max() >> 57, 2);
     }
 }

@@ -5,8 +5,19 @@
 //! keys, and writes its mask straight into memory that the caller hands out ([`ReplyBuffer`]):
 //! shared memory in the daemon, a pooled buffer in process.
 
+mod aligned;
+pub mod brute_force;
+mod heap_reply;
+pub mod ingest;
+mod isa;
+
 use std::fmt;
 use std::str::FromStr;
+
+pub use brute_force::BruteForce;
+pub use heap_reply::HeapReply;
+pub use ingest::KeyColumns;
+pub use isa::{AvailableIsa, Isa};
 
 use crate::aabb::{Aabb, BoxClass};
 use crate::mask::{Encoding, MaskShape};

@@ -1,0 +1,182 @@
+//! `cpu-brute`: every box against every box after it, with SIMD. The compare mask *is* the output.
+//!
+//! The all-pairs test of Avril, Gouranton and Arnaldi 2009 (§3) with rows shared out among threads,
+//! each with its own storage, and no shared writes.
+
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512;
+mod dense;
+mod fan_out;
+mod kernel;
+#[cfg(target_arch = "aarch64")]
+mod neon;
+mod portable;
+mod split;
+mod task;
+mod words;
+
+use std::time::Instant;
+
+use self::task::Task;
+use crate::aabb::Aabb;
+use crate::engine::{
+    AvailableIsa, CullError, CullJob, CullReport, Engine, EngineName, EngineTimes, Isa, KeyColumns,
+    ReplyBuffer, SkipMeter,
+};
+use crate::mask::{Encoding, MaskShape};
+use crate::units::BoxCount;
+
+/// The engine `cpu-brute`. Fastest for tiny scenes, and the reference for the others.
+///
+/// Its scratch is kept from frame to frame: a steady scene on one thread allocates nothing.
+///
+/// ```
+/// use pairmask::Aabb;
+/// use pairmask::engine::{BruteForce, CullJob, Engine, HeapReply};
+/// use pairmask::mask::Encoding;
+///
+/// let boxes = [
+///     Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]),
+///     Aabb::from([5.0, 0.0, 0.0, 6.0, 1.0, 1.0]),
+///     Aabb::from([1.0, 0.0, 0.0, 2.0, 1.0, 1.0]),
+/// ];
+/// let mut reply = HeapReply::new();
+/// let job = CullJob { encoding: Encoding::Dense, threads: 1 };
+/// let report = BruteForce::new().cull(&boxes, &job, &mut reply)?;
+/// assert_eq!(report.pair_count, 1);
+/// assert_eq!(reply.words(), [0b010], "pair 1 is (0, 2)");
+/// # Ok::<(), pairmask::engine::CullError>(())
+/// ```
+pub struct BruteForce {
+    isa: AvailableIsa,
+    columns: KeyColumns,
+    tasks: Vec<Task>,
+}
+
+impl Default for BruteForce {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl BruteForce {
+    /// The engine with the widest instruction set of this machine.
+    pub fn new() -> Self {
+        Self { isa: AvailableIsa::best(), columns: KeyColumns::default(), tasks: Vec::new() }
+    }
+
+    /// The engine with one instruction set, for tests and measurements.
+    ///
+    /// # Errors
+    /// [`CullError::Unavailable`] when this machine does not have it.
+    pub fn with_isa(isa: Isa) -> Result<Self, CullError> {
+        let why = "this processor lacks the instruction set asked for";
+        let engine = EngineName::CpuBrute;
+        let isa = AvailableIsa::new(isa).ok_or(CullError::Unavailable { engine, why })?;
+        Ok(Self { isa, ..Self::new() })
+    }
+
+    /// The instruction set in use.
+    pub fn isa(&self) -> Isa {
+        self.isa.get()
+    }
+
+    /// Shares the rows out, one range a task.
+    fn assign(&mut self, threads: usize) {
+        let n = self.columns.len();
+        let parts = split::task_count(n, threads);
+        self.tasks.resize_with(parts, Task::default);
+        for (part, task) in self.tasks.iter_mut().enumerate() {
+            task.assign(split::first_row(part, parts, n)..split::first_row(part + 1, parts, n));
+        }
+    }
+
+    /// Finds all words and writes them behind one another.
+    fn run_sparse(&mut self, reply: &mut dyn ReplyBuffer) -> Result<MaskShape, CullError> {
+        let (columns, isa) = (&self.columns, self.isa);
+        fan_out::for_each(&mut self.tasks, &|task| task.run_sparse(columns, isa));
+        let word_count = self.tasks.iter().map(|t| t.found().len() as u64).sum();
+        let n = BoxCount::new(self.columns.len() as u32);
+        let shape = MaskShape::sparse(n, word_count, word_count, false);
+        let out = reply.reserve(shape.extent_words())?;
+        if let MaskShape::Sparse { rows, blocks, bits, .. } = shape {
+            for (array, span) in [rows, blocks, bits].into_iter().enumerate() {
+                let mut rest = &mut out[span.start as usize..][..span.len as usize];
+                for task in &self.tasks {
+                    let words = task.found().arrays()[array];
+                    let (here, later) = rest.split_at_mut(words.len());
+                    here.copy_from_slice(words);
+                    rest = later;
+                }
+            }
+        }
+        Ok(shape)
+    }
+
+    /// Writes each task's words where they belong, then the words that two tasks share.
+    fn run_dense(&mut self, reply: &mut dyn ReplyBuffer) -> Result<MaskShape, CullError> {
+        let (columns, isa, n) = (&self.columns, self.isa, self.columns.len());
+        let shape = MaskShape::dense(BoxCount::new(n as u32));
+        let word_count = shape.extent_words();
+        let words = &mut reply.reserve(word_count)?[..word_count as usize];
+        fan_out::for_each_window(&mut self.tasks, words, n, &|task, window| {
+            task.run_dense(columns, isa, window);
+        });
+        for task in &self.tasks {
+            let word = dense::first_word(task.rows().end, n) as usize;
+            if let Some(word) = words.get_mut(word) {
+                *word |= task.carry;
+            }
+        }
+        Ok(shape)
+    }
+}
+
+impl Engine for BruteForce {
+    fn name(&self) -> EngineName {
+        EngineName::CpuBrute
+    }
+
+    fn cull(
+        &mut self,
+        boxes: &[Aabb],
+        job: &CullJob,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullReport, CullError> {
+        let n = BoxCount::of_len(boxes.len()).ok_or(CullError::TooManyBoxes {
+            engine: EngineName::CpuBrute,
+            n: boxes.len() as u64,
+            limit: u64::from(u32::MAX),
+        })?;
+        let start = Instant::now();
+        let census = self.columns.ingest(boxes, self.isa);
+        self.assign(job.threads);
+        let ingested = Instant::now();
+        let shape = match job.encoding {
+            Encoding::Dense => self.run_dense(reply)?,
+            Encoding::Sparse => self.run_sparse(reply)?,
+        };
+        let zero_words = match shape {
+            MaskShape::Dense { .. } => 0,
+            MaskShape::Sparse { bits, .. } => n.sparse_words_max() - bits.len,
+        };
+        let compared: u64 = self.tasks.iter().map(|t| t.compared).sum();
+        Ok(CullReport {
+            shape,
+            census,
+            pair_count: self.tasks.iter().map(|t| t.pair_count).sum(),
+            skipped: SkipMeter {
+                boxes: u64::from(census.empty) + u64::from(census.invalid),
+                pairs: n.pair_count() - compared,
+                zero_words,
+            },
+            times: EngineTimes {
+                ingest_ns: (ingested - start).as_nanos() as u64,
+                execute_ns: ingested.elapsed().as_nanos() as u64,
+                publish_ns: 0,
+            },
+        })
+    }
+}

@@ -1,0 +1,96 @@
+//! A reply buffer in the process's own memory: what the in-process session and the tests use.
+
+use crate::engine::aligned::{AlignedBuffer, NoMemory};
+use crate::engine::{ReplyBuffer, ReserveError};
+
+/// Memory for one mask, kept from frame to frame: a steady scene allocates nothing.
+///
+/// ```
+/// use pairmask::Aabb;
+/// use pairmask::engine::{BruteForce, CullJob, Engine, HeapReply};
+/// use pairmask::mask::Encoding;
+///
+/// let boxes = [Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]); 3];
+/// let mut reply = HeapReply::new();
+/// let job = CullJob { encoding: Encoding::Dense, threads: 1 };
+/// let report = BruteForce::new().cull(&boxes, &job, &mut reply)?;
+/// assert_eq!(report.pair_count, 3);
+/// assert_eq!(reply.words(), [0b111]);
+/// # Ok::<(), pairmask::engine::CullError>(())
+/// ```
+pub struct HeapReply {
+    words: AlignedBuffer<u32>,
+    limit_bytes: u64,
+}
+
+impl Default for HeapReply {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl HeapReply {
+    /// An empty buffer that grows as far as memory goes.
+    pub fn new() -> Self {
+        Self::with_limit_bytes(u64::MAX)
+    }
+
+    /// An empty buffer that refuses a mask of more than `limit_bytes`.
+    pub fn with_limit_bytes(limit_bytes: u64) -> Self {
+        Self { words: AlignedBuffer::default(), limit_bytes }
+    }
+
+    /// The words of the last [`ReplyBuffer::reserve`]: the mask, after a successful cull.
+    pub fn words(&self) -> &[u32] {
+        self.words.as_slice()
+    }
+
+    /// Fills all memory held so far with one word. Tests do so before a frame, to see that an
+    /// engine leaves no word of its mask unwritten.
+    pub fn fill(&mut self, word: u32) {
+        let all = self.words.allocated_bytes() / size_of::<u32>();
+        self.words.resize(all);
+        self.words.as_mut_slice().fill(word);
+    }
+}
+
+impl ReplyBuffer for HeapReply {
+    fn reserve(&mut self, words: u64) -> Result<&mut [u32], ReserveError> {
+        let needed_bytes = words.saturating_mul(size_of::<u32>() as u64);
+        if needed_bytes > self.limit_bytes {
+            return Err(ReserveError::TooLarge { needed_bytes, limit_bytes: self.limit_bytes });
+        }
+        let out_of_memory = ReserveError::OutOfMemory { needed_bytes };
+        let len = usize::try_from(words).map_err(|_| out_of_memory)?;
+        self.words.try_resize(len).map_err(|NoMemory(_)| out_of_memory)?;
+        Ok(self.words.as_mut_slice())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn memory_is_kept_when_it_suffices() {
+        let mut reply = HeapReply::new();
+        let first = reply.reserve(1000).expect("4 kB").as_ptr();
+        assert_eq!(first.addr() % 64, 0);
+        assert_eq!(reply.reserve(10).expect("less").as_ptr(), first);
+        assert_eq!(reply.words().len(), 10);
+        reply.fill(0xdead_beef);
+        assert!(reply.reserve(1000).expect("again").iter().all(|&w| w == 0xdead_beef));
+    }
+
+    #[test]
+    fn a_limit_is_a_typed_error() {
+        let mut reply = HeapReply::with_limit_bytes(64);
+        assert!(reply.reserve(16).is_ok());
+        assert_eq!(
+            reply.reserve(17).err(),
+            Some(ReserveError::TooLarge { needed_bytes: 68, limit_bytes: 64 })
+        );
+        let impossible = HeapReply::new().reserve(u64::MAX / 4).err();
+        assert!(matches!(impossible, Some(ReserveError::OutOfMemory { .. })));
+    }
+}

@@ -1,0 +1,238 @@
+//! Ingest: boxes as they lie in shared memory → integer keys, one array a coordinate.
+//!
+//! Each box is read once. After that an engine looks only at its own copy, so a client that writes
+//! while its frame is being culled can spoil its own answer and nothing else.
+
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512;
+mod portable;
+
+use crate::aabb::{Aabb, KeyBox};
+use crate::engine::aligned::AlignedBuffer;
+use crate::engine::{AvailableIsa, Census, Isa, NAMED_INVALID};
+
+/// Columns that one 64-bit mask word covers: the granule that key arrays are padded to.
+pub const WORD_COLUMNS: usize = 64;
+
+/// The keys of all boxes, one array for each of the six coordinates, on 64-byte borders.
+///
+/// The arrays are padded to a multiple of [`WORD_COLUMNS`] with [`KeyBox::NOTHING`], which is also
+/// what empty and invalid boxes become. Memory is kept from frame to frame.
+///
+/// ```
+/// use pairmask::Aabb;
+/// use pairmask::engine::{AvailableIsa, KeyColumns};
+///
+/// let mut columns = KeyColumns::default();
+/// let boxes = [Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]), Aabb::EMPTY];
+/// let census = columns.ingest(&boxes, AvailableIsa::best());
+/// assert_eq!((census.empty, census.invalid), (1, 0));
+/// assert_eq!((columns.len(), columns.padded_len()), (2, 64));
+/// assert!(columns.key_box(0).overlaps(&columns.key_box(0)));
+/// assert!(!columns.key_box(1).overlaps(&columns.key_box(1)));
+/// ```
+#[derive(Default)]
+pub struct KeyColumns {
+    keys: AlignedBuffer<i32>,
+    len: usize,
+    padded_len: usize,
+}
+
+impl KeyColumns {
+    /// Reads all boxes and counts those that overlap nothing.
+    ///
+    /// # Panics
+    /// When the system has no memory for 24 bytes a box (the first time that so many boxes come).
+    pub fn ingest(&mut self, boxes: &[Aabb], isa: AvailableIsa) -> Census {
+        self.len = boxes.len();
+        self.padded_len = boxes.len().next_multiple_of(WORD_COLUMNS);
+        self.keys.resize(6 * self.padded_len);
+        let mut census = Census::default();
+        if boxes.is_empty() {
+            return census;
+        }
+        let mut columns = split_columns(self.keys.as_mut_slice(), self.padded_len);
+        fill(boxes, &mut columns, &mut census, isa);
+        for (component, column) in columns.iter_mut().enumerate() {
+            let nothing =
+                if component < 3 { KeyBox::NOTHING.min[0] } else { KeyBox::NOTHING.max[0] };
+            column[boxes.len()..].fill(nothing);
+        }
+        census
+    }
+
+    /// Boxes ingested.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// Length of every key array: the boxes and the padding.
+    pub fn padded_len(&self) -> usize {
+        self.padded_len
+    }
+
+    /// Keys of the smallest coordinates on an axis (0, 1 or 2), padding included.
+    ///
+    /// # Panics
+    /// When `axis` is above 2.
+    pub fn min(&self, axis: usize) -> &[i32] {
+        assert!(axis < 3, "axis {axis} is not 0, 1 or 2");
+        self.component(axis)
+    }
+
+    /// Keys of the largest coordinates on an axis (0, 1 or 2), padding included.
+    ///
+    /// # Panics
+    /// When `axis` is above 2.
+    pub fn max(&self, axis: usize) -> &[i32] {
+        assert!(axis < 3, "axis {axis} is not 0, 1 or 2");
+        self.component(3 + axis)
+    }
+
+    /// The keys of one box.
+    ///
+    /// # Panics
+    /// When `index` is not below [`Self::padded_len`].
+    #[inline]
+    pub fn key_box(&self, index: usize) -> KeyBox {
+        let key = |component| self.component(component)[index];
+        KeyBox { min: [key(0), key(1), key(2)], max: [key(3), key(4), key(5)] }
+    }
+
+    /// The six key arrays in steps of one mask word: min x, y, z, max x, y, z.
+    pub(crate) fn words(&self) -> ColumnWords<'_> {
+        std::array::from_fn(|component| self.component(component).as_chunks().0)
+    }
+
+    #[inline]
+    fn component(&self, component: usize) -> &[i32] {
+        &self.keys.as_slice()[component * self.padded_len..][..self.padded_len]
+    }
+}
+
+/// The six key arrays, cut into the columns of one 64-bit mask word each.
+pub(crate) type ColumnWords<'a> = [&'a [[i32; WORD_COLUMNS]]; 6];
+
+/// The six key arrays, in wire order: min x, y, z, max x, y, z.
+type ColumnsMut<'a> = [&'a mut [i32]; 6];
+
+fn split_columns(keys: &mut [i32], padded_len: usize) -> ColumnsMut<'_> {
+    let mut rest = keys;
+    [(); 6].map(|()| {
+        let (column, tail) = std::mem::take(&mut rest).split_at_mut(padded_len);
+        rest = tail;
+        column
+    })
+}
+
+/// Keys of all boxes by the kernel of an instruction set; the last few boxes, fewer than a
+/// register holds, by the portable one.
+fn fill(boxes: &[Aabb], columns: &mut ColumnsMut<'_>, census: &mut Census, isa: AvailableIsa) {
+    let done = match isa.get() {
+        #[cfg(target_arch = "x86_64")]
+        Isa::Avx512 => avx512::fill(boxes, columns, census, isa),
+        #[cfg(target_arch = "x86_64")]
+        Isa::Avx2 => avx2::fill(boxes, columns, census, isa),
+        _ => 0,
+    };
+    portable::fill(boxes, done, columns, census);
+}
+
+/// Counts a group of boxes from two masks: bit t is box `first + t`. NaN wins over empty.
+#[inline]
+fn note_group(census: &mut Census, first: usize, nan: u32, empty: u32) {
+    census.empty += (empty & !nan).count_ones();
+    let mut rest = nan;
+    while rest != 0 && (census.invalid as usize) < NAMED_INVALID {
+        census.first_invalid[census.invalid as usize] = first as u32 + rest.trailing_zeros();
+        census.invalid += 1;
+        rest &= rest - 1;
+    }
+    census.invalid += rest.count_ones();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::aabb::BoxClass;
+    use proptest::prelude::*;
+
+    /// Coordinates where kernels go wrong: signed zeroes, subnormals, infinities, NaNs of both
+    /// signs and both kinds, and plain numbers.
+    fn coordinate() -> impl Strategy<Value = f32> {
+        prop_oneof![
+            any::<u32>().prop_map(f32::from_bits),
+            (-4i32..4i32).prop_map(|x| x as f32),
+            prop::sample::select(vec![
+                0x0000_0000u32,
+                0x8000_0000,
+                0x0000_0001,
+                0x8000_0001,
+                0x7f80_0000,
+                0xff80_0000,
+                0x7f80_0001,
+                0xffff_ffff,
+            ])
+            .prop_map(f32::from_bits),
+        ]
+    }
+
+    fn check(boxes: &[Aabb], isa: Isa) {
+        let Some(isa) = AvailableIsa::new(isa) else { return };
+        let mut columns = KeyColumns::default();
+        let census = columns.ingest(boxes, isa);
+        let mut expected = Census::default();
+        for (i, b) in boxes.iter().enumerate() {
+            let (key, class) = KeyBox::classify(b);
+            expected.note(i as u32, class);
+            assert_eq!(columns.key_box(i), key, "{isa:?}, box {i}: {b:?}");
+        }
+        assert_eq!(census, expected, "{isa:?}");
+        for i in boxes.len()..columns.padded_len() {
+            assert_eq!(columns.key_box(i), KeyBox::NOTHING, "{isa:?}, padding {i}");
+        }
+    }
+
+    #[test]
+    fn every_length_is_padded_with_boxes_that_overlap_nothing() {
+        for isa in Isa::ALL {
+            for n in (0..=70).chain([345, 1234]) {
+                let boxes: Vec<Aabb> = (0..n)
+                    .map(|i| Aabb::from([i as f32, -1.0, -0.0, (i + i % 3) as f32 - 1.0, 0.0, 2.0]))
+                    .collect();
+                check(&boxes, isa);
+            }
+        }
+    }
+
+    #[test]
+    fn many_invalid_boxes_are_counted_and_eight_are_named() {
+        for isa in Isa::ALL {
+            let mut boxes = vec![Aabb::EMPTY; 100];
+            for i in [3, 5, 17, 18, 19, 33, 34, 50, 51, 99] {
+                boxes[i].max[i % 3] = f32::NAN;
+                assert_eq!(boxes[i].class(), BoxClass::Invalid);
+            }
+            check(&boxes, isa);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn kernels_agree_with_classify(
+            boxes in prop::collection::vec(prop::array::uniform6(coordinate()), 0..90),
+        ) {
+            let boxes: Vec<Aabb> = boxes.into_iter().map(Aabb::from).collect();
+            for isa in Isa::ALL {
+                check(&boxes, isa);
+            }
+        }
+    }
+}

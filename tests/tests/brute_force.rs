@@ -1,0 +1,105 @@
+//! `cpu-brute`, every instruction set of this machine, through the conformance suite.
+
+use pairmask::engine::{BruteForce, CullJob, Engine, HeapReply, Isa};
+use pairmask::{Aabb, Encoding};
+use pairmask_tests::conformance::{Suite, check_engine};
+use pairmask_tests::naive_decoder;
+use pairmask_tests::oracle::{self, pair_set_hash};
+use pairmask_tests::stress_scenes;
+use rayon::ThreadPoolBuilder;
+
+/// The engine, once for every instruction set that this machine has.
+fn engines() -> Vec<BruteForce> {
+    let engines: Vec<_> =
+        Isa::ALL.into_iter().filter_map(|isa| BruteForce::with_isa(isa).ok()).collect();
+    assert!(!engines.is_empty(), "the portable kernel runs everywhere");
+    engines
+}
+
+fn run(suite: &Suite) {
+    for mut engine in engines() {
+        let isa = engine.isa();
+        match check_engine(&mut engine, suite) {
+            Ok(frames) => assert!(frames > 0, "the suite ran nothing"),
+            Err(failure) => panic!("{isa}: {failure}"),
+        }
+    }
+}
+
+#[test]
+fn conforms_on_one_thread() {
+    run(&Suite::default());
+}
+
+#[test]
+fn conforms_on_two_and_four_threads() {
+    run(&Suite { sizes: vec![0, 1, 64, 511, 513, 1234], threads: vec![2, 4], ..Suite::default() });
+}
+
+#[test]
+fn conforms_on_large_scenes() {
+    run(&Suite { sizes: vec![4096, 4113], threads: vec![1, 2], seed: 5, ..Suite::default() });
+}
+
+#[test]
+fn an_instruction_set_that_is_missing_is_a_typed_error() {
+    let missing: Vec<_> = Isa::ALL.into_iter().filter(|isa| !isa.is_available()).collect();
+    assert!(!missing.is_empty(), "no machine has both AVX2 and NEON");
+    for isa in missing {
+        assert!(BruteForce::with_isa(isa).is_err());
+    }
+}
+
+#[test]
+fn a_frame_does_not_depend_on_the_frames_before_it() {
+    let mut engine = BruteForce::new();
+    let mut reply = HeapReply::new();
+    for n in [1234, 3, 0, 345, 64, 1234] {
+        for scene in stress_scenes::ALL {
+            let boxes = scene.boxes(n, 9);
+            let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
+            let report = engine.cull(&boxes, &job, &mut reply).expect("memory");
+            let used = pairs(&reply, &report, n);
+            let report = BruteForce::new().cull(&boxes, &job, &mut reply).expect("memory");
+            assert_eq!(used, pairs(&reply, &report, n), "{scene:?}, {n} boxes");
+        }
+    }
+}
+
+fn pairs(reply: &HeapReply, report: &pairmask::engine::CullReport, n: u32) -> Vec<oracle::Pair> {
+    naive_decoder::decode(reply.words(), &report.shape, n).expect("a good mask")
+}
+
+/// Scene, boxes, and the hash of its pairs. A new value here needs a reason in its commit: either
+/// the scene changed, or the meaning of "overlap" did.
+const GOLDEN: [(&str, u32, u64); 6] = [
+    ("uniform", 1234, 0x8027_e2a9_f50c_a5bf),
+    ("clustered", 345, 0x3ba3_86e6_9d94_3338),
+    ("lattice", 1234, 0x9229_92d5_0cb7_21c2),
+    ("infinite", 345, 0xd9cb_dfd5_5986_0507),
+    ("random key order", 345, 0x6ab8_0c14_f90e_5712),
+    ("ulp-adjacent faces", 70, 0xb3a2_c02f_8676_7250),
+];
+
+#[test]
+fn pair_sets_have_their_golden_hashes_on_every_thread_count() {
+    for (name, n, golden) in GOLDEN {
+        let scene = stress_scenes::ALL.iter().find(|s| s.name() == name).expect("it is listed");
+        let boxes: Vec<Aabb> = scene.boxes(n, 42);
+        let truth = pair_set_hash(&oracle::truth(&boxes).pairs);
+        assert_eq!(truth, golden, "oracle, {name}: {truth:#018x}");
+        for threads in [1, 2, 4] {
+            let pool = ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+            for mut engine in engines() {
+                for encoding in [Encoding::Dense, Encoding::Sparse] {
+                    let mut reply = HeapReply::new();
+                    let job = CullJob { encoding, threads };
+                    let report =
+                        pool.install(|| engine.cull(&boxes, &job, &mut reply)).expect("memory");
+                    let hash = pair_set_hash(&pairs(&reply, &report, n));
+                    assert_eq!(hash, golden, "{}, {name}, {threads} threads", engine.isa());
+                }
+            }
+        }
+    }
+}
