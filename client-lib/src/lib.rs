@@ -4,9 +4,14 @@ pub mod aabb;
 pub mod engine;
 pub mod mask;
 pub mod pair_index;
+pub mod session;
+pub mod transport;
 pub mod units;
+pub mod wire;
 
 pub use aabb::{Aabb, BoxClass};
 pub use engine::{EngineChoice, EngineName};
+pub use glam;
 pub use mask::{Encoding, EncodingChoice, MaskView};
+pub use session::{Backend, Frame, PairMask, PendingFrame, ServedBy, Session};
 pub use units::{BoxCount, MaskWord, PairIndex};

@@ -106,6 +106,14 @@ pub const ALL: &[StressScene] = &[
     StressScene { name: "far from the origin", overlaps: Overlaps::Quadratic, make: far_away },
 ];
 
+/// The scene of that name.
+///
+/// # Panics
+/// Where there is none.
+pub fn named(name: &str) -> &'static StressScene {
+    ALL.iter().find(|scene| scene.name == name).expect("a scene of that name")
+}
+
 fn boxed(min: [f32; 3], size: [f32; 3]) -> Aabb {
     Aabb { min, max: std::array::from_fn(|axis| min[axis] + size[axis]) }
 }

@@ -10,6 +10,7 @@ pub mod brute_force;
 mod heap_reply;
 pub mod ingest;
 mod isa;
+mod set;
 
 use std::fmt;
 use std::str::FromStr;
@@ -18,6 +19,7 @@ pub use brute_force::BruteForce;
 pub use heap_reply::HeapReply;
 pub use ingest::KeyColumns;
 pub use isa::{AvailableIsa, Isa};
+pub use set::{CpuEngines, CullAnswer, CullWish};
 
 use crate::aabb::{Aabb, BoxClass};
 use crate::mask::{Encoding, MaskShape};

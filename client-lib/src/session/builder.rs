@@ -1,0 +1,165 @@
+//! What a session should be like.
+
+use std::fmt;
+use std::str::FromStr;
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::Session;
+use super::core::Core;
+use super::error::ConnectError;
+use crate::engine::{EngineChoice, UnknownName};
+use crate::mask::EncodingChoice;
+use crate::transport::{InstanceName, RuntimeDir};
+use crate::units::BoxCount;
+
+/// Who finds the pairs. The results are identical.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Backend {
+    /// The daemon where one answers, else in process. Comes back to the daemon by itself.
+    #[default]
+    Auto,
+    /// The daemon, or an error.
+    Daemon,
+    /// The CPU engines of this library.
+    InProcess,
+}
+
+impl fmt::Display for Backend {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Auto => "auto",
+            Self::Daemon => "daemon",
+            Self::InProcess => "in-process",
+        })
+    }
+}
+
+impl FromStr for Backend {
+    type Err = UnknownName;
+
+    fn from_str(s: &str) -> Result<Self, UnknownName> {
+        [Self::Auto, Self::Daemon, Self::InProcess]
+            .into_iter()
+            .find(|b| b.to_string() == s)
+            .ok_or_else(|| UnknownName { name: s.to_owned(), known: "auto, daemon, in-process" })
+    }
+}
+
+/// How long a waiting client spins before it sleeps. A spin answers within 1 µs and holds a core;
+/// a sleeper is woken in 3 to 70 µs. 50 µs covers a frame of a thousand boxes.
+const DEFAULT_SPIN: Duration = Duration::from_micros(50);
+/// How long [`PendingFrame::wait`](super::PendingFrame::wait) waits for a daemon that lives but
+/// does not answer. No scene that fits a default reply takes as long.
+const DEFAULT_DEADLINE: Duration = Duration::from_secs(5);
+/// Boxes that the first segment holds (1.5 MiB a frame). Larger frames make a larger segment.
+const DEFAULT_CAPACITY: BoxCount = BoxCount::new(65_536);
+
+/// Settings of a session.
+#[derive(Clone, Debug)]
+pub(super) struct Settings {
+    pub backend: Backend,
+    pub instance: InstanceName,
+    pub dir: RuntimeDir,
+    pub engine: EngineChoice,
+    pub encoding: EncodingChoice,
+    pub threads: Option<usize>,
+    pub spin: Duration,
+    pub deadline: Duration,
+    pub capacity: BoxCount,
+}
+
+/// Describes a session; [`connect`](SessionBuilder::connect) makes it.
+#[derive(Clone, Debug)]
+#[must_use]
+pub struct SessionBuilder {
+    settings: Settings,
+    instance: Result<InstanceName, String>,
+}
+
+impl Default for SessionBuilder {
+    fn default() -> Self {
+        Self {
+            instance: Ok(InstanceName::default()),
+            settings: Settings {
+                backend: Backend::default(),
+                instance: InstanceName::default(),
+                dir: RuntimeDir::from_env(),
+                engine: EngineChoice::Auto,
+                encoding: EncodingChoice::Auto,
+                threads: None,
+                spin: DEFAULT_SPIN,
+                deadline: DEFAULT_DEADLINE,
+                capacity: DEFAULT_CAPACITY,
+            },
+        }
+    }
+}
+
+impl SessionBuilder {
+    /// The instance to connect to; `default` unless set. [`connect`](Self::connect) tells if it is
+    /// no name.
+    pub fn instance(mut self, name: &str) -> Self {
+        self.instance = name.parse().map_err(|_| name.to_owned());
+        self
+    }
+
+    /// Who finds the pairs; [`Backend::Auto`] unless set.
+    pub fn backend(mut self, backend: Backend) -> Self {
+        self.settings.backend = backend;
+        self
+    }
+
+    /// Where instances live; `$PAIRMASK_RUNTIME_DIR`, else `/tmp/pairmask-UID`, unless set.
+    pub fn runtime_dir(mut self, dir: RuntimeDir) -> Self {
+        self.settings.dir = dir;
+        self
+    }
+
+    /// One engine and no other. With [`Backend::Auto`], a GPU engine has no in-process stand-in:
+    /// without a daemon its frames fail.
+    pub fn engine(mut self, engine: EngineChoice) -> Self {
+        self.settings.engine = engine;
+        self
+    }
+
+    /// One encoding and no other.
+    pub fn encoding(mut self, encoding: EncodingChoice) -> Self {
+        self.settings.encoding = encoding;
+        self
+    }
+
+    /// Threads that an engine may use; the plan's choice unless set.
+    pub fn threads(mut self, threads: usize) -> Self {
+        self.settings.threads = Some(threads.max(1));
+        self
+    }
+
+    /// How long to spin for an answer before sleeping; 50 µs unless set, zero never spins.
+    pub fn spin(mut self, spin: Duration) -> Self {
+        self.settings.spin = spin;
+        self
+    }
+
+    /// How long `wait` waits; 5 s unless set.
+    pub fn deadline(mut self, deadline: Duration) -> Self {
+        self.settings.deadline = deadline;
+        self
+    }
+
+    /// Boxes that the first segment should hold, to spare the growth later.
+    pub fn capacity(mut self, boxes: BoxCount) -> Self {
+        self.settings.capacity = boxes;
+        self
+    }
+
+    /// Makes the session.
+    ///
+    /// # Errors
+    /// [`ConnectError`]. With [`Backend::Auto`] a missing daemon is none.
+    pub fn connect(mut self) -> Result<Session, ConnectError> {
+        self.settings.instance =
+            self.instance.map_err(|name| crate::transport::InstanceError::Name { name })?;
+        Ok(Session { core: Arc::new(Core::new(self.settings)?) })
+    }
+}

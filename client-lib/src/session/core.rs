@@ -1,0 +1,188 @@
+//! What the frames of a session share: settings, engines, and the connection as it comes and goes.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use super::builder::{Backend, Settings};
+use super::error::{ConnectError, FrameError, StatusError, WaitError};
+use super::frame::{Frame, FrameMemory};
+use super::link::{Link, Received, SharedFrame, Unsent};
+use super::local::{Local, lock};
+use super::pairs::{PairMask, ServedBy};
+use crate::aabb::Aabb;
+use crate::engine::CullError;
+use crate::transport::quiet_transport_log;
+use crate::units::BoxCount;
+use crate::wire::{ReplyFields, RequestHeader, StatusBody, StatusCode};
+
+/// A missing daemon is looked for this often at most: a look costs 10 µs, a connection 2 ms.
+const RECONNECT_INTERVAL: Duration = Duration::from_millis(100);
+/// A daemon that lives but did not answer in time is left alone this long.
+const SILENCE_INTERVAL: Duration = Duration::from_secs(2);
+
+/// How a daemon was lost.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Loss {
+    Died,
+    Silent,
+}
+
+#[derive(Debug, Default)]
+struct Connection {
+    link: Option<Arc<Link>>,
+    retry_at: Option<Instant>,
+    /// Whether the log was told that frames are answered in process.
+    told: bool,
+}
+
+#[derive(Debug)]
+pub(super) struct Core {
+    settings: Settings,
+    local: Arc<Local>,
+    connection: Mutex<Connection>,
+    frames: AtomicU64,
+}
+
+impl Core {
+    pub(super) fn new(settings: Settings) -> Result<Self, ConnectError> {
+        quiet_transport_log();
+        let core = Self {
+            settings,
+            local: Arc::new(Local::new()),
+            connection: Mutex::default(),
+            frames: AtomicU64::new(0),
+        };
+        match core.settings.backend {
+            Backend::Daemon => drop(core.link()?),
+            Backend::Auto => drop(core.link()),
+            Backend::InProcess => {}
+        }
+        Ok(core)
+    }
+
+    pub(super) const fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    pub(super) fn local(&self) -> &Local {
+        &self.local
+    }
+
+    pub(super) fn next_frame(&self) -> u64 {
+        self.frames.fetch_add(1, Ordering::Relaxed)
+    }
+
+    pub(super) fn may_cull_here(&self) -> bool {
+        self.settings.backend != Backend::Daemon
+    }
+
+    pub(super) fn cull_here(&self, boxes: &[Aabb]) -> Result<PairMask, CullError> {
+        self.local.cull(boxes, &self.settings)
+    }
+
+    pub(super) fn served_by(&self) -> ServedBy {
+        match &lock(&self.connection).link {
+            Some(link) if link.is_alive() => ServedBy::Daemon,
+            _ => ServedBy::InProcess,
+        }
+    }
+
+    pub(super) fn frame(self: &Arc<Self>, n: usize) -> Result<Frame, FrameError> {
+        let too_many = FrameError::TooManyBoxes { n, limit: u64::from(u32::MAX) };
+        let n = BoxCount::of_len(n).ok_or(too_many)?;
+        let memory = match self.settings.backend {
+            Backend::InProcess => FrameMemory::Own(self.local.take_boxes(n)),
+            Backend::Daemon => FrameMemory::Shared(self.link()?.loan(n)?),
+            Backend::Auto => match self.link().map_err(FrameError::from).and_then(|l| l.loan(n)) {
+                Ok(shared) => FrameMemory::Shared(shared),
+                Err(FrameError::TooManyFrames) => return Err(FrameError::TooManyFrames),
+                Err(error) => {
+                    self.say_in_process(&error);
+                    FrameMemory::Own(self.local.take_boxes(n))
+                }
+            },
+        };
+        Ok(Frame::new(n, memory, Arc::clone(self)))
+    }
+
+    /// The connection, made anew if it was lost and the time has come.
+    fn link(&self) -> Result<Arc<Link>, ConnectError> {
+        let mut connection = lock(&self.connection);
+        if let Some(link) = &connection.link {
+            return Ok(Arc::clone(link));
+        }
+        let now = Instant::now();
+        if connection.retry_at.is_some_and(|at| now < at) {
+            return Err(ConnectError::NoDaemon { instance: self.settings.instance.clone() });
+        }
+        connection.retry_at = Some(now + RECONNECT_INTERVAL);
+        let link = Arc::new(Link::open(&self.settings)?);
+        connection.link = Some(Arc::clone(&link));
+        if std::mem::take(&mut connection.told) {
+            log::info!("instance '{}' answers again", self.settings.instance);
+        }
+        Ok(link)
+    }
+
+    /// Gives a connection up. Frames that are under way on it are answered here.
+    pub(super) fn lose(&self, lost: &Arc<Link>, how: Loss) -> Result<(), FrameError> {
+        let mut connection = lock(&self.connection);
+        if connection.link.as_ref().is_some_and(|link| Arc::ptr_eq(link, lost)) {
+            connection.link = None;
+            connection.retry_at = match how {
+                Loss::Died => None,
+                Loss::Silent => Some(Instant::now() + SILENCE_INTERVAL),
+            };
+        }
+        drop(connection);
+        let error = ConnectError::NoDaemon { instance: self.settings.instance.clone() };
+        if self.may_cull_here() {
+            self.say_in_process(&error);
+            Ok(())
+        } else {
+            Err(error.into())
+        }
+    }
+
+    fn say_in_process(&self, why: &dyn std::error::Error) {
+        if !std::mem::replace(&mut lock(&self.connection).told, true) {
+            log::warn!("frames are answered in process: {why}");
+        }
+    }
+
+    pub(super) fn say_refused(&self, status: StatusCode) {
+        if !std::mem::replace(&mut lock(&self.connection).told, true) {
+            log::warn!("frames are answered in process: the daemon said '{}'", status.as_str());
+        }
+    }
+
+    pub(super) fn daemon_status(&self) -> Result<StatusBody, StatusError> {
+        let link = self.link()?;
+        let asked = ReplyFields {
+            client_token: link.token(),
+            frame: self.next_frame(),
+            box_count: BoxCount::default(),
+        };
+        let header = RequestHeader::status(asked.client_token, asked.frame);
+        let shared: SharedFrame = link.loan(BoxCount::default())?;
+        let sent = Instant::now();
+        let (pending, _slot) = shared.send(&header).map_err(|unsent| match unsent {
+            Unsent::Saved(_) => StatusError::Wait(WaitError::DaemonDied),
+            Unsent::Lost(error) => StatusError::Wait(error.into()),
+        })?;
+        let deadline = sent + self.settings.deadline;
+        let received = link
+            .receive(&pending, sent, 0, self.settings.spin, deadline)
+            .map_err(WaitError::from)?;
+        match received {
+            Received::Sample(sample) => {
+                let payload = bytemuck::cast_slice(sample.payload());
+                Ok(StatusBody::parse(sample.user_header(), &asked, payload)
+                    .map_err(WaitError::from)?)
+            }
+            Received::Nothing => Err(WaitError::Timeout { waited: self.settings.deadline }.into()),
+            Received::Dead => Err(WaitError::DaemonDied.into()),
+        }
+    }
+}

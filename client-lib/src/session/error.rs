@@ -1,0 +1,125 @@
+//! One error enum for each thing that a session does.
+
+use std::time::Duration;
+
+use crate::engine::CullError;
+use crate::transport::{InstanceError, InstanceName, PopulateError, TransportError};
+use crate::wire::{ReplyError, Version};
+
+/// Why there is no session.
+#[derive(Debug, thiserror::Error)]
+pub enum ConnectError {
+    /// Nobody serves the instance.
+    #[error(
+        "no daemon serves instance '{instance}': start one with `pairmaskd serve --instance {instance}`, or use Backend::Auto"
+    )]
+    NoDaemon {
+        /// The instance.
+        instance: InstanceName,
+    },
+    /// Another user serves an instance of that name, and its memory is closed to us.
+    #[error(
+        "instance '{instance}' is served by user {uid}: run as that user, or start a daemon of your own"
+    )]
+    OtherUser {
+        /// The instance.
+        instance: InstanceName,
+        /// The user's id.
+        uid: u32,
+    },
+    /// The daemon speaks another major version of the wire contract.
+    #[error(
+        "the daemon speaks wire version {daemon}, this client {client}: install matching versions of pairmask and pairmaskd"
+    )]
+    VersionMismatch {
+        /// Our version.
+        client: Version,
+        /// The daemon's.
+        daemon: Version,
+    },
+    /// The daemon has no slot for another client.
+    #[error(
+        "instance '{instance}' has all the clients that it may have: close one, or serve with a larger --max-clients"
+    )]
+    TooManyClients {
+        /// The instance.
+        instance: InstanceName,
+    },
+    /// No shared memory for our segment.
+    #[error("no shared memory for a segment: free space in /dev/shm or make it larger")]
+    OutOfMemory,
+    /// The instance's directory cannot be used.
+    #[error(transparent)]
+    Instance(#[from] InstanceError),
+    /// The transport failed.
+    #[error(transparent)]
+    Transport(#[from] TransportError),
+}
+
+/// Why there is no memory for a frame, or why it could not be submitted.
+#[derive(Debug, thiserror::Error)]
+pub enum FrameError {
+    /// More boxes than an index can name.
+    #[error("{n} boxes are too many: a frame holds at most {limit}")]
+    TooManyBoxes {
+        /// Boxes asked for.
+        n: usize,
+        /// Boxes allowed.
+        limit: u64,
+    },
+    /// Too many frames are under way.
+    #[error("three frames are being filled, under way or held as masks: drop one before the next")]
+    TooManyFrames,
+    /// There is no daemon any more ([`Backend::Daemon`](super::Backend::Daemon) only).
+    #[error(transparent)]
+    Connect(#[from] ConnectError),
+    /// A full /dev/shm.
+    #[error(transparent)]
+    OutOfMemory(#[from] PopulateError),
+    /// The transport failed.
+    #[error(transparent)]
+    Transport(#[from] TransportError),
+    /// The in-process engine failed.
+    #[error(transparent)]
+    Cull(#[from] CullError),
+}
+
+/// Why a submitted frame has no answer.
+#[derive(Debug, thiserror::Error)]
+pub enum WaitError {
+    /// The deadline passed. The frame is still under way and may be awaited again.
+    #[error("no answer within {waited:?}: wait again, or check the daemon with `pairmaskd status`")]
+    Timeout {
+        /// How long this call waited.
+        waited: Duration,
+    },
+    /// The pairs were given out before.
+    #[error("the pairs of this frame were taken already")]
+    Taken,
+    /// The daemon died.
+    #[error("the daemon died before it answered: restart it, or use Backend::Auto")]
+    DaemonDied,
+    /// The daemon answered with an error, or with something that is no answer.
+    #[error(transparent)]
+    Reply(#[from] ReplyError),
+    /// The transport failed.
+    #[error(transparent)]
+    Transport(#[from] TransportError),
+    /// The in-process engine, which answers when the daemon cannot, failed too.
+    #[error(transparent)]
+    Cull(#[from] CullError),
+}
+
+/// Why the daemon's status is not known.
+#[derive(Debug, thiserror::Error)]
+pub enum StatusError {
+    /// No connection.
+    #[error(transparent)]
+    Connect(#[from] ConnectError),
+    /// The question could not be put.
+    #[error(transparent)]
+    Frame(#[from] FrameError),
+    /// No answer.
+    #[error(transparent)]
+    Wait(#[from] WaitError),
+}

@@ -1,0 +1,281 @@
+//! A client's end of the connection to a daemon.
+
+use std::hash::{BuildHasher, Hasher, RandomState};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use iceoryx2::port::listener::Listener;
+use iceoryx2::port::notifier::Notifier;
+use iceoryx2::port::update_connections::UpdateConnections;
+use iceoryx2::service::ipc_threadsafe;
+
+use super::builder::Settings;
+use super::error::{ConnectError, FrameError};
+use super::estimate::Estimate;
+use super::local::lock;
+use crate::aabb::AABB_BYTES;
+use crate::transport::{
+    Client, ClientPort, FRAMES_AT_A_TIME, OpenError, PendingResponse, Populated, ProcessWatch,
+    RequestLoan, ResponseSample, Services, TransportError, assume_pages, foreign_owner,
+};
+use crate::units::BoxCount;
+use crate::wire::{PAGE_BYTES, RequestHeader, Version, page_count};
+
+/// A waiter looks at the daemon's pulse this often, and at its own response even if another
+/// thread of the session took the wake-up.
+pub(super) const WAIT_SLICE: Duration = Duration::from_millis(2);
+
+/// Port and size of the chunks that it lends.
+#[derive(Debug)]
+struct SizedPort {
+    port: Arc<ClientPort>,
+    pages: usize,
+}
+
+/// A connection to one daemon process.
+pub(super) struct Link {
+    token: u64,
+    // Ports before the services that they belong to: fields drop in this order.
+    sized: Mutex<SizedPort>,
+    notifier: Notifier<ipc_threadsafe::Service>,
+    listener: Listener<ipc_threadsafe::Service>,
+    services: Services<ipc_threadsafe::Service>,
+    daemon: ProcessWatch,
+    populated: Mutex<Populated>,
+    estimate: Mutex<Estimate>,
+    frames: AtomicUsize,
+}
+
+impl std::fmt::Debug for Link {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Link").field("token", &self.token).finish_non_exhaustive()
+    }
+}
+
+/// One of the frames that a client may have at a time, from its loan to the end of its mask.
+pub(super) struct Slot {
+    link: Arc<Link>,
+}
+
+impl Slot {
+    fn take(link: &Arc<Link>) -> Option<Self> {
+        let taken = |frames| (frames < FRAMES_AT_A_TIME).then_some(frames + 1);
+        link.frames.fetch_update(Ordering::Relaxed, Ordering::Relaxed, taken).ok()?;
+        Some(Self { link: Arc::clone(link) })
+    }
+
+    pub(super) const fn link(&self) -> &Arc<Link> {
+        &self.link
+    }
+}
+
+impl Drop for Slot {
+    fn drop(&mut self) {
+        self.link.frames.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
+/// Shared memory for a request, and the port that it belongs to.
+pub(super) struct SharedFrame {
+    pub loan: RequestLoan,
+    port: Arc<ClientPort>,
+    pub slot: Slot,
+}
+
+fn pages_of(n: BoxCount) -> usize {
+    page_count(n.len() as u64 * AABB_BYTES as u64) as usize
+}
+
+impl Link {
+    /// Connects to whoever serves the instance now.
+    pub(super) fn open(settings: &Settings) -> Result<Self, ConnectError> {
+        let instance = &settings.instance;
+        let no_daemon = || match foreign_owner(instance) {
+            Some(uid) => ConnectError::OtherUser { instance: instance.clone(), uid },
+            None => ConnectError::NoDaemon { instance: instance.clone() },
+        };
+        let record = settings.dir.read_record(instance).ok_or_else(no_daemon)?;
+        let daemon = ProcessWatch::open(record.worker_pid).ok_or_else(no_daemon)?;
+        let mismatch =
+            ConnectError::VersionMismatch { client: Version::CURRENT, daemon: record.version };
+        if record.version.major != Version::CURRENT.major {
+            return Err(mismatch);
+        }
+        let open = |e: OpenError| match e {
+            OpenError::NotServed => no_daemon(),
+            OpenError::Incompatible => mismatch,
+            OpenError::TooManyClients => {
+                ConnectError::TooManyClients { instance: instance.clone() }
+            }
+            OpenError::OutOfMemory => ConnectError::OutOfMemory,
+            OpenError::Transport(e) => match owner_of(settings) {
+                Some(uid) => ConnectError::OtherUser { instance: instance.clone(), uid },
+                None => e.into(),
+            },
+        };
+        let token = RandomState::new().build_hasher().finish();
+        let pages = pages_of(settings.capacity);
+        let connected = Services::<ipc_threadsafe::Service>::connect(&settings.dir, instance)
+            .and_then(|services| Ok((services.client(token, pages)?, services)));
+        let (Client { port, notifier, listener }, services) = connected.map_err(open)?;
+        Ok(Self {
+            token,
+            sized: Mutex::new(SizedPort { port: Arc::new(port), pages }),
+            notifier,
+            listener,
+            services,
+            daemon,
+            populated: Mutex::default(),
+            estimate: Mutex::default(),
+            frames: AtomicUsize::new(0),
+        })
+    }
+
+    pub(super) const fn token(&self) -> u64 {
+        self.token
+    }
+
+    pub(super) fn is_alive(&self) -> bool {
+        self.daemon.is_alive()
+    }
+
+    /// Memory for `n` boxes, all of it present.
+    pub(super) fn loan(self: &Arc<Self>, n: BoxCount) -> Result<SharedFrame, FrameError> {
+        let slot = Slot::take(self).ok_or(FrameError::TooManyFrames)?;
+        let pages = pages_of(n);
+        let port = self.port_for(pages)?;
+        let loan = port
+            .loan_slice_uninit(pages)
+            .map_err(|e| TransportError::new("lending memory for a request", &e))?;
+        let mut loan = assume_pages(loan);
+        lock(&self.populated).ensure(loan.payload_mut())?;
+        Ok(SharedFrame { loan, port, slot })
+    }
+
+    fn port_for(&self, pages: usize) -> Result<Arc<ClientPort>, FrameError> {
+        let mut sized = lock(&self.sized);
+        if sized.pages < pages {
+            // Doubling: a scene that grows box by box makes few segments.
+            let grown = pages.next_power_of_two();
+            let port = self.services.client_port(grown).map_err(|e| match e {
+                OpenError::Transport(e) => FrameError::Transport(e),
+                other => TransportError::new("making a larger segment", &other).into(),
+            })?;
+            *sized = SizedPort { port: Arc::new(port), pages: grown };
+            // Its chunks are new memory, perhaps at addresses that were populated before.
+            *lock(&self.populated) = Populated::default();
+        }
+        Ok(Arc::clone(&sized.port))
+    }
+
+    /// Takes note of how long a frame took.
+    pub(super) fn note_round_trip(&self, n: u32, round_trip: Duration) {
+        lock(&self.estimate).note(n, round_trip);
+    }
+
+    /// Waits for the response to `pending` until `deadline`; `None` where it does not come.
+    ///
+    /// Sleeps through most of a frame that is expected to be long, spins near its end, then sleeps
+    /// until woken.
+    pub(super) fn receive(
+        &self,
+        pending: &PendingResponse,
+        sent: Instant,
+        n: u32,
+        spin: Duration,
+        deadline: Instant,
+    ) -> Result<Received, TransportError> {
+        if let Some(sample) = take(pending)? {
+            return Ok(Received::Sample(sample));
+        }
+        let nap = lock(&self.estimate).nap(n);
+        if !spin.is_zero() {
+            let wake_at = (sent + nap).min(deadline);
+            while Instant::now() < wake_at {
+                self.sleep(wake_at)?;
+                if let Some(sample) = take(pending)? {
+                    return Ok(Received::Sample(sample));
+                }
+            }
+            let spin_until = (Instant::now() + spin).min(deadline);
+            while Instant::now() < spin_until {
+                if let Some(sample) = take(pending)? {
+                    return Ok(Received::Sample(sample));
+                }
+                std::hint::spin_loop();
+            }
+        }
+        loop {
+            if let Some(sample) = take(pending)? {
+                return Ok(Received::Sample(sample));
+            }
+            if !self.is_alive() {
+                // Its last act may have been to answer.
+                return Ok(take(pending)?.map_or(Received::Dead, Received::Sample));
+            }
+            if Instant::now() >= deadline {
+                return Ok(Received::Nothing);
+            }
+            self.sleep(deadline)?;
+        }
+    }
+
+    /// Sleeps until woken, at most a slice and not past `until`.
+    fn sleep(&self, until: Instant) -> Result<(), TransportError> {
+        let left = until.saturating_duration_since(Instant::now()).min(WAIT_SLICE);
+        self.listener
+            .timed_wait(|_| {}, left)
+            .map(|_| ())
+            .map_err(|e| TransportError::new("waiting to be woken", &e))
+    }
+}
+
+/// What came of waiting.
+pub(super) enum Received {
+    Sample(ResponseSample),
+    Nothing,
+    Dead,
+}
+
+fn take(pending: &PendingResponse) -> Result<Option<ResponseSample>, TransportError> {
+    pending.receive().map_err(|e| TransportError::new("receiving a response", &e))
+}
+
+/// The user whose files the instance's are, if not we.
+fn owner_of(settings: &Settings) -> Option<u32> {
+    use std::os::unix::fs::MetadataExt;
+    let owner = std::fs::metadata(settings.dir.path()).ok()?.uid();
+    (owner != rustix::process::geteuid().as_raw()).then_some(owner)
+}
+
+/// A request that could not be sent, with its memory where that was saved.
+pub(super) enum Unsent {
+    Saved(SharedFrame),
+    Lost(TransportError),
+}
+
+impl SharedFrame {
+    /// Sends the frame and wakes the daemon.
+    pub(super) fn send(
+        mut self,
+        header: &RequestHeader,
+    ) -> Result<(PendingResponse, Slot), Unsent> {
+        // `send` drops the memory when it fails, and what fails is the connection to a daemon
+        // that is gone or new. Try that part first, while the boxes are still ours.
+        if self.port.update_connections().is_err() || !self.slot.link.is_alive() {
+            return Err(Unsent::Saved(self));
+        }
+        *self.loan.user_header_mut() = *header;
+        let pending = self
+            .loan
+            .send()
+            .map_err(|e| Unsent::Lost(TransportError::new("sending a request", &e)))?;
+        // A daemon that spins needs no waking, but only it knows; 50 ns while it does not sleep.
+        // Should waking fail, the daemon still looks for requests at intervals.
+        let _ = self.slot.link.notifier.notify();
+        Ok((pending, self.slot))
+    }
+}
+
+const _: () = assert!(PAGE_BYTES.is_multiple_of(64), "boxes start on a cache line");

@@ -1,0 +1,79 @@
+//! Sessions: one API over shared memory, in process, or whichever answers.
+//!
+//! ```
+//! use pairmask::{Aabb, Backend, Session};
+//! use pairmask::glam::Vec3;
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let mut session = Session::builder().backend(Backend::InProcess).connect()?;
+//! let mut frame = session.frame(3)?;
+//! for (i, slot) in frame.boxes_mut().iter_mut().enumerate() {
+//!     let min = Vec3::new(0.8 * i as f32, 0.0, 0.0);
+//!     *slot = Aabb::new(min, min + Vec3::ONE);
+//! }
+//! let mask = frame.submit()?.wait()?;
+//! assert_eq!(mask.to_vec(), [(0, 1), (1, 2)]);
+//! # Ok(())
+//! # }
+//! ```
+
+mod builder;
+mod core;
+mod error;
+mod estimate;
+mod frame;
+mod link;
+mod local;
+mod pairs;
+mod pending;
+
+pub use builder::{Backend, SessionBuilder};
+pub use error::{ConnectError, FrameError, StatusError, WaitError};
+pub use frame::Frame;
+pub use pairs::{FrameInfo, PairMask, ServedBy};
+pub use pending::PendingFrame;
+
+use std::sync::Arc;
+
+use crate::wire::StatusBody;
+
+/// A client's connection to whoever finds its pairs.
+///
+/// A session may be moved between threads, and its pending frames may be awaited on others.
+#[derive(Debug)]
+pub struct Session {
+    core: Arc<core::Core>,
+}
+
+impl Session {
+    /// Begins to describe a session.
+    pub fn builder() -> SessionBuilder {
+        SessionBuilder::default()
+    }
+
+    /// Memory for the boxes of a frame of `n` boxes: shared memory where a daemon serves, else
+    /// the process's own. Its contents are unspecified: write every box.
+    ///
+    /// A session has three frames at a time, in any mix of being filled, under way, and held as
+    /// masks.
+    ///
+    /// # Errors
+    /// [`FrameError`]. With [`Backend::Auto`] a daemon that is gone or full is none: the frame is
+    /// then answered in process.
+    pub fn frame(&mut self, n: usize) -> Result<Frame, FrameError> {
+        self.core.frame(n)
+    }
+
+    /// Who would serve the next frame, as far as known now.
+    pub fn served_by(&self) -> ServedBy {
+        self.core.served_by()
+    }
+
+    /// Asks the daemon how it does.
+    ///
+    /// # Errors
+    /// [`StatusError`], also where the session has no daemon.
+    pub fn daemon_status(&mut self) -> Result<StatusBody, StatusError> {
+        self.core.daemon_status()
+    }
+}

@@ -1,0 +1,158 @@
+//! The answer to a frame: a pair mask where it lies, and what is known of it.
+
+use std::sync::Arc;
+
+use super::link::Slot;
+use super::local::Local;
+use crate::engine::{Census, EngineName, HeapReply, SkipMeter};
+use crate::mask::{Encoding, MaskShape, MaskView, Pairs, ParPairs};
+use crate::transport::{PendingResponse, ResponseSample, words_in};
+use crate::units::BoxCount;
+use crate::wire::{Reply, StageTimes};
+
+/// Who answered a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ServedBy {
+    /// The daemon, through shared memory.
+    Daemon,
+    /// This process.
+    InProcess,
+}
+
+/// What is known of an answered frame beside its pairs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FrameInfo {
+    /// Who answered.
+    pub served_by: ServedBy,
+    /// Which engine.
+    pub engine: EngineName,
+    /// Threads that it could use.
+    pub threads: usize,
+    /// Boxes that overlap nothing.
+    pub census: Census,
+    /// Work left out.
+    pub skipped: SkipMeter,
+    /// Time by stage, without the way to the daemon and back.
+    pub times: StageTimes,
+    /// Bytes of the mask.
+    pub mask_bytes: u64,
+}
+
+/// Where the words of a mask lie. A shared one keeps its request's channel: the transport would
+/// give it to the next request, whose response could then not be borrowed beside this one.
+pub(super) enum Storage {
+    Shared { sample: ResponseSample, _pending: PendingResponse, _slot: Slot },
+    Own { memory: HeapReply, home: Arc<Local> },
+}
+
+/// The overlapping pairs of a frame. Holds the memory that the mask lies in until dropped.
+pub struct PairMask {
+    n: BoxCount,
+    shape: MaskShape,
+    pair_count: u64,
+    info: FrameInfo,
+    storage: Storage,
+}
+
+impl std::fmt::Debug for PairMask {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("PairMask")
+            .field("n", &self.n)
+            .field("shape", &self.shape)
+            .field("info", &self.info)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Drop for PairMask {
+    fn drop(&mut self) {
+        if let Storage::Own { memory, home } = &mut self.storage {
+            home.give_reply(std::mem::take(memory));
+        }
+    }
+}
+
+impl PairMask {
+    /// A mask of a reply whose shape was checked against this storage.
+    pub(super) fn new(storage: Storage, reply: &Reply, served_by: ServedBy) -> Self {
+        let Reply { box_count, engine, threads, report, times } = *reply;
+        Self {
+            n: box_count,
+            shape: report.shape,
+            pair_count: report.pair_count,
+            info: FrameInfo {
+                served_by,
+                engine,
+                threads,
+                census: report.census,
+                skipped: report.skipped,
+                times,
+                mask_bytes: report.shape.mask_bytes(),
+            },
+            storage,
+        }
+    }
+
+    /// Where the sections of the mask lie in [`reply_words`](Self::reply_words).
+    pub const fn shape(&self) -> &MaskShape {
+        &self.shape
+    }
+
+    /// The reply as it lies in memory: the sections of the mask, and gaps whose contents are
+    /// unspecified.
+    pub fn reply_words(&self) -> &[u32] {
+        match &self.storage {
+            Storage::Shared { sample, .. } => words_in(sample.payload()),
+            Storage::Own { memory, .. } => memory.words(),
+        }
+    }
+
+    /// The mask as a view, to be decoded in other ways than the shortcuts here.
+    ///
+    /// # Panics
+    /// Never: the shape was checked against the memory when the mask was made, and neither changes.
+    pub fn view(&self) -> MaskView<'_> {
+        MaskView::new(self.n, &self.shape, self.reply_words())
+            .expect("the shape was checked when the mask was made")
+    }
+
+    /// Boxes of the frame.
+    pub const fn n(&self) -> BoxCount {
+        self.n
+    }
+
+    /// What is known of the frame beside its pairs.
+    pub const fn info(&self) -> &FrameInfo {
+        &self.info
+    }
+
+    /// How the mask is written.
+    pub const fn encoding(&self) -> Encoding {
+        self.shape.encoding()
+    }
+
+    /// Number of pairs, as whoever served the frame counted them.
+    pub const fn count(&self) -> u64 {
+        self.pair_count
+    }
+
+    /// Whether boxes `a` and `b` overlap. One AND in a dense mask; a search in a sparse one.
+    pub fn contains(&self, a: u32, b: u32) -> bool {
+        self.view().contains(a, b)
+    }
+
+    /// All pairs (a, b), a < b, one at a time.
+    pub fn pairs(&self) -> Pairs<'_> {
+        self.view().pairs()
+    }
+
+    /// All pairs, on the rayon pool.
+    pub fn par_pairs(&self) -> ParPairs<'_> {
+        self.view().par_pairs()
+    }
+
+    /// All pairs in a vector.
+    pub fn to_vec(&self) -> Vec<(u32, u32)> {
+        self.view().to_vec()
+    }
+}

@@ -1,0 +1,215 @@
+//! A frame under way.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use super::core::{Core, Loss};
+use super::error::{FrameError, WaitError};
+use super::frame::FrameMemory;
+use super::link::{Received, SharedFrame, Slot, Unsent};
+use super::pairs::{PairMask, ServedBy, Storage};
+use crate::mask::MaskView;
+use crate::transport::{PendingResponse, ResponseSample, boxes_in, words_in};
+use crate::units::BoxCount;
+use crate::wire::{PAGE_BYTES, Reply, ReplyError, ReplyFields, RequestHeader, StatusCode};
+
+/// A frame that was submitted. Dropping it gives the answer up.
+pub struct PendingFrame {
+    state: State,
+    core: Arc<Core>,
+}
+
+impl std::fmt::Debug for PendingFrame {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let state = match &self.state {
+            State::Sent(sent) => format!("frame {} under way", sent.asked.frame),
+            State::Ready(_) => "answered".to_owned(),
+            State::Taken => "taken".to_owned(),
+        };
+        f.debug_tuple("PendingFrame").field(&state).finish()
+    }
+}
+
+#[allow(clippy::large_enum_variant)] // A box would be an allocation in every frame.
+enum State {
+    Sent(Sent),
+    Ready(PairMask),
+    Taken,
+}
+
+/// A frame in the daemon's hands. Its boxes stay readable, so that they can be culled here should
+/// the daemon die.
+pub(super) struct Sent {
+    pending: PendingResponse,
+    asked: ReplyFields,
+    at: Instant,
+    slot: Slot,
+}
+
+impl PendingFrame {
+    pub(super) fn ready(mask: PairMask, core: Arc<Core>) -> Self {
+        Self { state: State::Ready(mask), core }
+    }
+
+    pub(super) fn send(
+        shared: SharedFrame,
+        n: BoxCount,
+        core: Arc<Core>,
+    ) -> Result<Self, FrameError> {
+        let link = Arc::clone(shared.slot.link());
+        let settings = core.settings();
+        let asked =
+            ReplyFields { client_token: link.token(), frame: core.next_frame(), box_count: n };
+        let header = RequestHeader::cull(
+            asked.client_token,
+            asked.frame,
+            n,
+            settings.engine,
+            settings.encoding,
+            settings.threads,
+        );
+        let at = Instant::now();
+        match shared.send(&header) {
+            Ok((pending, slot)) => {
+                Ok(Self { state: State::Sent(Sent { pending, asked, at, slot }), core })
+            }
+            Err(Unsent::Saved(shared)) => {
+                core.lose(&link, Loss::Died)?;
+                let mask = core.cull_here(FrameMemory::Shared(shared).boxes(n))?;
+                Ok(Self::ready(mask, core))
+            }
+            Err(Unsent::Lost(error)) => {
+                // The memory is gone with the failed call: an error even for Backend::Auto.
+                let _ = core.lose(&link, Loss::Died);
+                Err(error.into())
+            }
+        }
+    }
+
+    /// Waits for the pairs, as long as the session's deadline allows.
+    ///
+    /// # Errors
+    /// [`WaitError`]. With [`Backend::Auto`](super::Backend::Auto), whatever happens to the daemon
+    /// is none: the frame is answered in process.
+    pub fn wait(mut self) -> Result<PairMask, WaitError> {
+        let deadline = self.core.settings().deadline;
+        match self.wait_timeout(deadline) {
+            Err(WaitError::Timeout { waited }) => match &self.state {
+                State::Sent(sent) if self.core.may_cull_here() => {
+                    let _ = self.core.lose(sent.slot.link(), Loss::Silent);
+                    sent.cull_here(&self.core)
+                }
+                _ => Err(WaitError::Timeout { waited }),
+            },
+            other => other,
+        }
+    }
+
+    /// The pairs if they are there.
+    ///
+    /// # Errors
+    /// [`WaitError`], [`WaitError::Taken`] where they were given out before.
+    pub fn try_take(&mut self) -> Result<Option<PairMask>, WaitError> {
+        match self.wait_timeout(Duration::ZERO) {
+            Err(WaitError::Timeout { .. }) => Ok(None),
+            other => other.map(Some),
+        }
+    }
+
+    /// Waits for the pairs, at most `timeout`.
+    ///
+    /// # Errors
+    /// [`WaitError::Timeout`] when it passed: the frame is still under way. Else [`WaitError`].
+    pub fn wait_timeout(&mut self, timeout: Duration) -> Result<PairMask, WaitError> {
+        let result = match std::mem::replace(&mut self.state, State::Taken) {
+            State::Ready(mask) => return Ok(mask),
+            State::Taken => return Err(WaitError::Taken),
+            State::Sent(sent) => sent.wait(&self.core, timeout),
+        };
+        match result {
+            Ok(mask) => Ok(mask),
+            Err((error, sent)) => {
+                if let Some(sent) = sent {
+                    self.state = State::Sent(sent);
+                }
+                Err(error)
+            }
+        }
+    }
+}
+
+impl Sent {
+    #[allow(clippy::result_large_err)] // The frame goes back into its owner, never up a call chain.
+    fn wait(self, core: &Core, timeout: Duration) -> Result<PairMask, (WaitError, Option<Self>)> {
+        let deadline = Instant::now() + timeout;
+        let spin = core.settings().spin;
+        let n = self.asked.box_count.get();
+        match self.slot.link().receive(&self.pending, self.at, n, spin, deadline) {
+            Ok(Received::Sample(sample)) => {
+                self.slot.link().note_round_trip(n, self.at.elapsed());
+                self.accept(sample, core)
+            }
+            Ok(Received::Nothing) => Err((WaitError::Timeout { waited: timeout }, Some(self))),
+            Ok(Received::Dead) => self.stand_in(core, WaitError::DaemonDied),
+            Err(error) => self.stand_in(core, error.into()),
+        }
+    }
+
+    #[allow(clippy::result_large_err)]
+    fn accept(
+        self,
+        sample: ResponseSample,
+        core: &Core,
+    ) -> Result<PairMask, (WaitError, Option<Self>)> {
+        let header = *sample.user_header();
+        let words = words_in(sample.payload());
+        let payload_bytes = (sample.payload().len() * PAGE_BYTES) as u64;
+        let checked = Reply::parse(&header, &self.asked, payload_bytes).and_then(|reply| {
+            MaskView::new(self.asked.box_count, &reply.report.shape, words)
+                .map_err(|_| ReplyError::Malformed { field: "mask" })?;
+            Ok(reply)
+        });
+        match checked {
+            Ok(reply) => {
+                let Self { pending, slot, .. } = self;
+                let storage = Storage::Shared { sample, _pending: pending, _slot: slot };
+                Ok(PairMask::new(storage, &reply, ServedBy::Daemon))
+            }
+            Err(ReplyError::Status { status, .. })
+                if core.may_cull_here() && is_passing(status) =>
+            {
+                core.say_refused(status);
+                self.cull_here(core).map_err(|e| (e, None))
+            }
+            Err(error) => Err((error.into(), None)),
+        }
+    }
+
+    /// The daemon is gone: answer here, or say so.
+    #[allow(clippy::result_large_err)]
+    fn stand_in(
+        self,
+        core: &Core,
+        error: WaitError,
+    ) -> Result<PairMask, (WaitError, Option<Self>)> {
+        let allowed = core.may_cull_here();
+        let _ = core.lose(self.slot.link(), Loss::Died);
+        if allowed { self.cull_here(core).map_err(|e| (e, None)) } else { Err((error, None)) }
+    }
+
+    fn cull_here(&self, core: &Core) -> Result<PairMask, WaitError> {
+        let boxes = boxes_in(self.pending.payload(), 0, self.asked.box_count).unwrap_or_default();
+        Ok(core.cull_here(boxes)?)
+    }
+}
+
+/// Errors of the daemon that this process may not have.
+const fn is_passing(status: StatusCode) -> bool {
+    matches!(
+        status,
+        StatusCode::ReplyTooLarge
+            | StatusCode::OutOfMemory
+            | StatusCode::EngineUnavailable
+            | StatusCode::EngineFailed
+    )
+}

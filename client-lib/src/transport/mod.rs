@@ -1,0 +1,26 @@
+//! Transport: how a client and a daemon find each other and share memory (iceoryx2 0.10).
+//!
+//! Everything that both sides must agree on stands here: names, service settings, the instance's
+//! place on disk. The settings are those that measurements asked for; each says why.
+
+mod cleanup;
+mod instance;
+mod liveness;
+mod memory;
+mod pages;
+mod services;
+
+pub use cleanup::{clean_before_serving, remove_hollow_files};
+pub use instance::{
+    DaemonRecord, InstanceError, InstanceLock, InstanceName, RuntimeDir, foreign_owner,
+};
+pub use liveness::ProcessWatch;
+pub use memory::{PopulateError, Populated, populate};
+pub use pages::{
+    assume_pages, assume_response_pages, boxes_in, boxes_in_mut, words_in, words_in_mut,
+};
+pub use services::{
+    ActiveRequest, Client, ClientNode, ClientPort, DaemonNode, FRAMES_AT_A_TIME, JANITOR_INTERVAL,
+    Limits, OpenError, PendingResponse, RequestLoan, ResponseLoan, ResponseSample, Server,
+    Services, TransportError, WakeClient, WakeDaemon, listener_name, quiet_transport_log,
+};

@@ -1,0 +1,43 @@
+//! Pages as boxes and words.
+#![allow(unsafe_code)]
+
+use super::services::{RequestLoan, ResponseLoan, UninitRequest, UninitResponse};
+use crate::aabb::{AABB_BYTES, Aabb};
+use crate::units::BoxCount;
+use crate::wire::Page;
+
+/// A fresh loan for a request, as pages that hold something.
+pub fn assume_pages(loan: UninitRequest) -> RequestLoan {
+    // SAFETY: a loan is part of a shared mapping, whose bytes always hold some value (zero or
+    // what an earlier frame left), and every value is a valid Page.
+    unsafe { loan.assume_init() }
+}
+
+/// As [`assume_pages`], for a response.
+pub fn assume_response_pages(loan: UninitResponse) -> ResponseLoan {
+    // SAFETY: as in `assume_pages`.
+    unsafe { loan.assume_init() }
+}
+
+/// The boxes at `offset` bytes into a payload, or `None` where they are not all within it.
+pub fn boxes_in(pages: &[Page], offset: usize, n: BoxCount) -> Option<&[Aabb]> {
+    let bytes: &[u8] = bytemuck::cast_slice(pages);
+    let end = offset.checked_add(n.len().checked_mul(AABB_BYTES)?)?;
+    bytemuck::try_cast_slice(bytes.get(offset..end)?).ok()
+}
+
+/// As [`boxes_in`] from the start of the payload, to be written.
+pub fn boxes_in_mut(pages: &mut [Page], n: BoxCount) -> Option<&mut [Aabb]> {
+    let bytes: &mut [u8] = bytemuck::cast_slice_mut(pages);
+    bytemuck::try_cast_slice_mut(bytes.get_mut(..n.len().checked_mul(AABB_BYTES)?)?).ok()
+}
+
+/// A payload as u32 words.
+pub fn words_in(pages: &[Page]) -> &[u32] {
+    bytemuck::cast_slice(pages)
+}
+
+/// A payload as u32 words, to be written.
+pub fn words_in_mut(pages: &mut [Page]) -> &mut [u32] {
+    bytemuck::cast_slice_mut(pages)
+}

@@ -1,0 +1,247 @@
+//! What a client asks.
+
+use bytemuck::{Pod, Zeroable};
+use iceoryx2::prelude::ZeroCopySend;
+
+use super::section::{SECTION_COUNT, Section, SectionKind, find};
+use super::status::StatusCode;
+use super::{REQUEST_MAGIC, VERSION_MAJOR, VERSION_MINOR, Version};
+use crate::aabb::AABB_BYTES;
+use crate::engine::{EngineChoice, EngineName};
+use crate::mask::{Encoding, EncodingChoice};
+use crate::units::BoxCount;
+
+/// Header of a request, 272 bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
+#[repr(C)]
+#[type_name("pairmask.RequestHeader")]
+pub struct RequestHeader {
+    /// [`REQUEST_MAGIC`].
+    pub magic: u32,
+    /// [`VERSION_MAJOR`].
+    pub version_major: u16,
+    /// [`VERSION_MINOR`].
+    pub version_minor: u16,
+    /// An [`Operation`].
+    pub operation: u32,
+    /// No flag is defined yet; unknown flags are ignored.
+    pub flags: u32,
+    /// Names the client: its reply listener carries the same number.
+    pub client_token: u64,
+    /// The client's number of this frame, echoed in the response.
+    pub frame: u64,
+    /// Boxes in the scene.
+    pub box_count: u32,
+    /// An [`EngineName`], or 0 for the plan's choice.
+    pub engine: u32,
+    /// An [`Encoding`], or 0 for the plan's choice.
+    pub encoding: u32,
+    /// Threads that the engine may use, or 0 for the plan's choice.
+    pub threads: u32,
+    /// What lies where in the payload.
+    pub sections: [Section; SECTION_COUNT],
+    /// Zero; read by nobody yet.
+    pub reserved: [u64; 4],
+}
+
+const _: () = assert!(size_of::<RequestHeader>() == 272 && align_of::<RequestHeader>() == 8);
+
+impl Default for RequestHeader {
+    /// All zero: what the transport writes before the client fills it in. Not a valid request.
+    fn default() -> Self {
+        Self::zeroed()
+    }
+}
+
+/// What is asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Operation {
+    /// Find the overlapping pairs of the boxes.
+    Cull = 1,
+    /// Tell how the daemon does.
+    Status = 2,
+}
+
+/// A validated request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Request {
+    /// Find pairs.
+    Cull {
+        /// Boxes in the scene.
+        box_count: BoxCount,
+        /// Offset of the boxes in the payload, bytes; `24 * box_count` bytes from there are
+        /// within the payload.
+        boxes_offset: usize,
+        /// Which engine.
+        engine: EngineChoice,
+        /// Which encoding.
+        encoding: EncodingChoice,
+        /// How many threads; `None` leaves it to the plan.
+        threads: Option<usize>,
+    },
+    /// Tell status.
+    Status,
+}
+
+/// Why a request is refused, before any box is looked at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Reject {
+    /// Not a pairmask request.
+    #[error("the request's magic is {found:#010x}, not {REQUEST_MAGIC:#010x}")]
+    Magic {
+        /// What stood there.
+        found: u32,
+    },
+    /// Another major version.
+    #[error("the request speaks wire version {found}, this daemon {}", Version::CURRENT)]
+    Version {
+        /// The client's version.
+        found: Version,
+    },
+    /// No such operation.
+    #[error("unknown operation {found}")]
+    Operation {
+        /// What stood there.
+        found: u32,
+    },
+    /// No such engine.
+    #[error("unknown engine {found}")]
+    Engine {
+        /// What stood there.
+        found: u32,
+    },
+    /// No such encoding.
+    #[error("unknown encoding {found}")]
+    Encoding {
+        /// What stood there.
+        found: u32,
+    },
+    /// A required section of a kind that this build does not know.
+    #[error("unknown required section {found}")]
+    UnknownSection {
+        /// The kind.
+        found: u32,
+    },
+    /// The boxes' section is missing, doubled, of the wrong length or outside the payload.
+    #[error("the section of boxes does not hold {box_count} boxes within {payload_bytes} bytes")]
+    Boxes {
+        /// Boxes announced.
+        box_count: u32,
+        /// Bytes of the payload.
+        payload_bytes: u64,
+    },
+}
+
+impl Reject {
+    /// The status that the client is told.
+    pub const fn status(&self) -> StatusCode {
+        match self {
+            Self::Version { .. } => StatusCode::VersionMismatch,
+            _ => StatusCode::BadRequest,
+        }
+    }
+}
+
+impl RequestHeader {
+    fn envelope(operation: Operation, client_token: u64, frame: u64) -> Self {
+        Self {
+            magic: REQUEST_MAGIC,
+            version_major: VERSION_MAJOR,
+            version_minor: VERSION_MINOR,
+            operation: operation as u32,
+            client_token,
+            frame,
+            ..Self::zeroed()
+        }
+    }
+
+    /// A request to cull the `box_count` boxes at the start of the payload.
+    pub fn cull(
+        client_token: u64,
+        frame: u64,
+        box_count: BoxCount,
+        engine: EngineChoice,
+        encoding: EncodingChoice,
+        threads: Option<usize>,
+    ) -> Self {
+        let bytes = u64::from(box_count.get()) * AABB_BYTES as u64;
+        let mut header = Self {
+            box_count: box_count.get(),
+            engine: match engine {
+                EngineChoice::Auto => 0,
+                EngineChoice::Only(name) => name as u32,
+            },
+            encoding: match encoding {
+                EncodingChoice::Auto => 0,
+                EncodingChoice::Only(encoding) => encoding as u32,
+            },
+            threads: threads.map_or(0, |t| u32::try_from(t).unwrap_or(u32::MAX)),
+            ..Self::envelope(Operation::Cull, client_token, frame)
+        };
+        header.sections[0] = Section::required(SectionKind::Boxes, 0, bytes);
+        header
+    }
+
+    /// A request for the daemon's status.
+    pub fn status(client_token: u64, frame: u64) -> Self {
+        Self::envelope(Operation::Status, client_token, frame)
+    }
+}
+
+impl Request {
+    /// Checks a copied header against the payload's length.
+    ///
+    /// # Errors
+    /// [`Reject`] with the first thing that is wrong.
+    pub fn parse(header: &RequestHeader, payload_bytes: u64) -> Result<Self, Reject> {
+        if header.magic != REQUEST_MAGIC {
+            return Err(Reject::Magic { found: header.magic });
+        }
+        if header.version_major != VERSION_MAJOR {
+            let found = Version { major: header.version_major, minor: header.version_minor };
+            return Err(Reject::Version { found });
+        }
+        let known = [SectionKind::Boxes as u32];
+        let unknown = |s: &&Section| {
+            s.is_used() && s.flags & Section::REQUIRED != 0 && !known.contains(&s.kind)
+        };
+        if let Some(section) = header.sections.iter().find(unknown) {
+            return Err(Reject::UnknownSection { found: section.kind });
+        }
+        match header.operation {
+            op if op == Operation::Status as u32 => Ok(Self::Status),
+            op if op == Operation::Cull as u32 => Self::parse_cull(header, payload_bytes),
+            found => Err(Reject::Operation { found }),
+        }
+    }
+
+    fn parse_cull(header: &RequestHeader, payload_bytes: u64) -> Result<Self, Reject> {
+        let engine = match header.engine {
+            0 => EngineChoice::Auto,
+            found => {
+                EngineChoice::Only(EngineName::from_wire(found).ok_or(Reject::Engine { found })?)
+            }
+        };
+        let encoding = match header.encoding {
+            0 => EncodingChoice::Auto,
+            found => {
+                EncodingChoice::Only(Encoding::from_wire(found).ok_or(Reject::Encoding { found })?)
+            }
+        };
+        let box_count = BoxCount::new(header.box_count);
+        let wrong = Reject::Boxes { box_count: header.box_count, payload_bytes };
+        let section = find(&header.sections, SectionKind::Boxes).ok_or(wrong)?;
+        let expected_bytes = u64::from(box_count.get()) * AABB_BYTES as u64;
+        if section.bytes != expected_bytes || !section.fits(payload_bytes) {
+            return Err(wrong);
+        }
+        Ok(Self::Cull {
+            box_count,
+            boxes_offset: usize::try_from(section.offset).map_err(|_| wrong)?,
+            engine,
+            encoding,
+            threads: (header.threads != 0).then_some(header.threads as usize),
+        })
+    }
+}

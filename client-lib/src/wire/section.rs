@@ -1,0 +1,73 @@
+//! Sections: named byte ranges of a payload.
+
+use bytemuck::{Pod, Zeroable};
+use iceoryx2::prelude::ZeroCopySend;
+
+/// Section slots in a header. Four are in use at most; the rest is room for later kinds.
+pub const SECTION_COUNT: usize = 8;
+
+/// A byte range of the payload and what it holds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
+#[repr(C)]
+#[type_name("pairmask.Section")]
+pub struct Section {
+    /// A [`SectionKind`], or 0 for an unused slot.
+    pub kind: u32,
+    /// [`Section::REQUIRED`] or 0.
+    pub flags: u32,
+    /// Offset from the start of the payload, bytes, a multiple of 4.
+    pub offset: u64,
+    /// Length in bytes.
+    pub bytes: u64,
+}
+
+const _: () = assert!(size_of::<Section>() == 24 && align_of::<Section>() == 8);
+
+/// What a section holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum SectionKind {
+    /// Boxes, f32, 24 bytes each, in object order.
+    Boxes = 1,
+    /// Words of a dense mask.
+    DenseWords = 2,
+    /// Row of each sparse word.
+    SparseRows = 3,
+    /// Column block of each sparse word.
+    SparseBlocks = 4,
+    /// Bits of each sparse word.
+    SparseBits = 5,
+    /// Box index at each position of a sparse mask.
+    Order = 6,
+    /// One `StatusBody`.
+    Status = 7,
+}
+
+impl Section {
+    /// The reader must understand this section or refuse the whole message. Without it, a reader
+    /// that does not know the kind passes over it: that is how later minor versions add things.
+    pub const REQUIRED: u32 = 1;
+
+    /// A section that every reader must understand.
+    pub const fn required(kind: SectionKind, offset: u64, bytes: u64) -> Self {
+        Self { kind: kind as u32, flags: Self::REQUIRED, offset, bytes }
+    }
+
+    /// Whether the slot is in use.
+    pub const fn is_used(&self) -> bool {
+        self.kind != 0
+    }
+
+    /// Whether the range lies within a payload and is aligned for u32 words.
+    pub fn fits(&self, payload_bytes: u64) -> bool {
+        self.offset.is_multiple_of(4)
+            && self.offset.checked_add(self.bytes).is_some_and(|end| end <= payload_bytes)
+    }
+}
+
+/// The one section of `kind`, or `None` where it is missing or named twice.
+pub(super) fn find(sections: &[Section; SECTION_COUNT], kind: SectionKind) -> Option<Section> {
+    let mut found = sections.iter().filter(|s| s.kind == kind as u32);
+    let first = found.next()?;
+    found.next().is_none().then_some(*first)
+}

@@ -1,0 +1,297 @@
+//! The wire contract: golden bytes, and whatever bytes come from the other side.
+#![allow(clippy::unwrap_used, clippy::missing_panics_doc)]
+
+use bytemuck::Zeroable;
+use pairmask::engine::{Census, CullReport, EngineChoice, EngineName, EngineTimes, SkipMeter};
+use pairmask::mask::{Encoding, EncodingChoice, MaskShape, MaskView};
+use pairmask::units::BoxCount;
+use pairmask::wire::{
+    LAST_ERRORS, RecordedError, Reject, Reply, ReplyError, ReplyFields, Request, RequestHeader,
+    ResponseHeader, Section, SectionKind, StageTimes, StatusBody, StatusCode, response_error,
+    response_ok, response_status,
+};
+use proptest::prelude::*;
+
+const N: BoxCount = BoxCount::new(100);
+const ASKED: ReplyFields =
+    ReplyFields { client_token: 0x1122_3344_5566_7788, frame: 9, box_count: N };
+
+fn request() -> RequestHeader {
+    RequestHeader::cull(
+        ASKED.client_token,
+        ASKED.frame,
+        N,
+        EngineChoice::Only(EngineName::CpuBrute),
+        EncodingChoice::Only(Encoding::Sparse),
+        Some(2),
+    )
+}
+
+fn report(shape: MaskShape) -> CullReport {
+    CullReport {
+        shape,
+        census: Census { invalid: 1, empty: 2, first_invalid: [5, 0, 0, 0, 0, 0, 0, 0] },
+        pair_count: 3,
+        skipped: SkipMeter { boxes: 3, pairs: 4, zero_words: 5 },
+        times: EngineTimes { ingest_ns: 10, execute_ns: 30, publish_ns: 40 },
+    }
+}
+
+const TIMES: StageTimes =
+    StageTimes { ingest_ns: 10, plan_ns: 20, execute_ns: 30, publish_ns: 40, total_ns: 110 };
+
+fn response(shape: MaskShape) -> ResponseHeader {
+    response_ok(&ASKED, EngineName::CpuBrute, 2, &report(shape), &TIMES)
+}
+
+/// Little-endian bytes of u32 and u64 fields, as the drawing in WIRE.md has them.
+#[derive(Default)]
+struct Bytes(Vec<u8>);
+
+impl Bytes {
+    fn u32(mut self, values: &[u32]) -> Self {
+        values.iter().for_each(|v| self.0.extend(v.to_le_bytes()));
+        self
+    }
+    fn u64(mut self, values: &[u64]) -> Self {
+        values.iter().for_each(|v| self.0.extend(v.to_le_bytes()));
+        self
+    }
+    fn section(self, kind: u32, offset: u64, bytes: u64) -> Self {
+        self.u32(&[kind, 1]).u64(&[offset, bytes])
+    }
+    fn zeros(mut self, bytes: usize) -> Self {
+        self.0.resize(self.0.len() + bytes, 0);
+        self
+    }
+}
+
+#[test]
+fn golden_request() {
+    let expected = Bytes(b"PMRQ\x01\x00\x00\x00".to_vec())
+        .u32(&[1, 0])
+        .u64(&[0x1122_3344_5566_7788, 9])
+        .u32(&[100, 1, 2, 2])
+        .section(1, 0, 2400)
+        .zeros(7 * 24 + 32);
+    assert_eq!(bytemuck::bytes_of(&request()), expected.0);
+}
+
+#[test]
+fn golden_response() {
+    // 7 words of room: sections start on multiples of 16 words, that is 64 bytes.
+    let shape = MaskShape::sparse(N, 7, 5, true);
+    let expected = Bytes(b"PMRS\x01\x00\x00\x00".to_vec())
+        .u32(&[0, 0])
+        .u64(&[0x1122_3344_5566_7788, 9])
+        .u32(&[100, 1, 2, 1, 2, 2])
+        .u32(&[5, 0, 0, 0, 0, 0, 0, 0])
+        .u64(&[3])
+        .u64(&[3, 4, 5, 0, 0, 0])
+        .u64(&[10, 20, 30, 40, 110, 0, 0, 0])
+        .u64(&[0; 4])
+        .section(3, 0, 20)
+        .section(4, 64, 20)
+        .section(5, 128, 20)
+        .section(6, 192, 400)
+        .zeros(4 * 24);
+    assert_eq!(bytemuck::bytes_of(&response(shape)), expected.0);
+}
+
+#[test]
+fn golden_status_body() {
+    let mut body = StatusBody {
+        pid: 1,
+        client_count: 2,
+        uptime_ns: 3,
+        frames: 4,
+        boxes: 5,
+        pairs: 6,
+        errors: 7,
+        ..StatusBody::default()
+    };
+    body.last_errors[0] =
+        RecordedError { client_token: 8, frame: 9, at_ns: 10, status: 4, reserved: 0 };
+    let expected = Bytes::default()
+        .u32(&[1, 2])
+        .u64(&[3, 4, 5, 6, 7])
+        .u64(&[8, 9, 10])
+        .u32(&[4, 0])
+        .zeros((LAST_ERRORS - 1) * 32 + 64);
+    assert_eq!(bytemuck::bytes_of(&body), expected.0);
+}
+
+#[test]
+fn a_request_round_trips() {
+    let parsed = Request::parse(&request(), 4096).unwrap();
+    assert_eq!(
+        parsed,
+        Request::Cull {
+            box_count: N,
+            boxes_offset: 0,
+            engine: EngineChoice::Only(EngineName::CpuBrute),
+            encoding: EncodingChoice::Only(Encoding::Sparse),
+            threads: Some(2),
+        }
+    );
+    let status = RequestHeader::status(1, 2);
+    assert_eq!(Request::parse(&status, 4096), Ok(Request::Status));
+}
+
+#[test]
+fn a_response_round_trips() {
+    for shape in
+        [MaskShape::dense(N), MaskShape::sparse(N, 7, 5, true), MaskShape::sparse(N, 5, 5, false)]
+    {
+        let reply = Reply::parse(&response(shape), &ASKED, 4096).unwrap();
+        assert_eq!(reply.report, report(shape));
+        assert_eq!((reply.times, reply.threads, reply.box_count), (TIMES, 2, N));
+    }
+}
+
+#[test]
+fn forged_requests_are_refused() {
+    let forge = |change: fn(&mut RequestHeader)| {
+        let mut header = request();
+        change(&mut header);
+        Request::parse(&header, 4096).unwrap_err()
+    };
+    assert!(matches!(forge(|h| h.magic ^= 1), Reject::Magic { .. }));
+    let version = forge(|h| h.version_major = 2);
+    assert_eq!(version.status(), StatusCode::VersionMismatch);
+    assert!(matches!(forge(|h| h.operation = 99), Reject::Operation { found: 99 }));
+    assert!(matches!(forge(|h| h.engine = 99), Reject::Engine { found: 99 }));
+    assert!(matches!(forge(|h| h.encoding = 99), Reject::Encoding { found: 99 }));
+    let unknown = Section { kind: 77, flags: Section::REQUIRED, offset: 0, bytes: 0 };
+    assert_eq!(
+        {
+            let mut header = request();
+            header.sections[3] = unknown;
+            Request::parse(&header, 4096)
+        },
+        Err(Reject::UnknownSection { found: 77 })
+    );
+    for change in [
+        (|h| h.sections[0].bytes += 1) as fn(&mut RequestHeader),
+        |h| h.sections[0].offset = 4096 - 2396,
+        |h| h.sections[0].offset = u64::MAX - 3,
+        |h| h.sections[0].offset = 2,
+        |h| h.box_count = u32::MAX,
+        |h| h.sections[0] = Section::zeroed(),
+        |h| h.sections[1] = h.sections[0],
+    ] {
+        assert!(matches!(forge(change), Reject::Boxes { .. }));
+    }
+}
+
+#[test]
+fn a_later_minor_version_may_add_what_old_readers_pass_over() {
+    let mut header = request();
+    header.version_minor = 7;
+    header.flags = 0xffff_ffff;
+    header.reserved = [1; 4];
+    header.sections[5] = Section { kind: 77, flags: 0, offset: u64::MAX, bytes: u64::MAX };
+    assert!(Request::parse(&header, 4096).is_ok());
+}
+
+#[test]
+fn forged_responses_are_refused() {
+    let forge = |change: fn(&mut ResponseHeader)| {
+        let mut header = response(MaskShape::sparse(N, 5, 5, true));
+        change(&mut header);
+        Reply::parse(&header, &ASKED, 4096).unwrap_err()
+    };
+    assert_eq!(forge(|h| h.magic ^= 1), ReplyError::Envelope);
+    assert_eq!(forge(|h| h.version_major = 9), ReplyError::Envelope);
+    assert!(matches!(forge(|h| h.frame = 8), ReplyError::Frame { expected: 9, found: 8 }));
+    assert!(matches!(forge(|h| h.client_token = 8), ReplyError::Frame { .. }));
+    for change in [
+        (|h| h.status = 99) as fn(&mut ResponseHeader),
+        |h| h.box_count = 99,
+        |h| h.engine = 99,
+        |h| h.encoding = 99,
+        |h| h.encoding = Encoding::Dense as u32,
+        |h| h.sections[0].bytes += 4,
+        |h| h.sections[1].offset = u64::MAX - 3,
+        |h| h.sections[2] = h.sections[1],
+        |h| h.sections[2].offset += 2,
+        |h| h.sections[3].bytes -= 4,
+        |h| h.sections[4] = h.sections[3],
+    ] {
+        assert!(matches!(forge(change), ReplyError::Malformed { .. }));
+    }
+}
+
+#[test]
+fn errors_carry_their_numbers() {
+    let header = response_error(&ASKED, StatusCode::ReplyTooLarge, [7, 5]);
+    assert_eq!(
+        Reply::parse(&header, &ASKED, 4096),
+        Err(ReplyError::Status { status: StatusCode::ReplyTooLarge, detail: [7, 5] })
+    );
+}
+
+#[test]
+fn a_status_body_is_checked_against_its_payload() {
+    let mut page = vec![0u8; 4096];
+    let body = StatusBody { frames: 5, ..StatusBody::default() };
+    page[..size_of::<StatusBody>()].copy_from_slice(bytemuck::bytes_of(&body));
+    let header = response_status(&ASKED);
+    assert_eq!(StatusBody::parse(&header, &ASKED, &page), Ok(body));
+    assert!(StatusBody::parse(&header, &ASKED, &page[..100]).is_err());
+    let mut forged = header;
+    forged.sections[0].offset = 4096;
+    assert!(StatusBody::parse(&forged, &ASKED, &page).is_err());
+    forged.sections[0].kind = SectionKind::Order as u32;
+    assert!(StatusBody::parse(&forged, &ASKED, &page).is_err());
+}
+
+/// Any header near a valid one: some bytes of it replaced.
+fn mutated<const BYTES: usize>(valid: [u8; BYTES]) -> impl Strategy<Value = [u8; BYTES]> {
+    let interesting = prop_oneof![any::<u8>(), Just(0u8), Just(0xff), Just(0x80), Just(0x7f)];
+    proptest::collection::vec((0..BYTES, interesting), 0..12).prop_map(move |changes| {
+        let mut bytes = valid;
+        for (at, value) in changes {
+            bytes[at] = value;
+        }
+        bytes
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(20_000))]
+
+    /// Whatever is accepted lies within the payload.
+    #[test]
+    fn fuzz_request(
+        bytes in mutated::<272>(bytemuck::cast(request())),
+        payload_pages in 0u64..3,
+    ) {
+        let header: RequestHeader = bytemuck::cast(bytes);
+        let payload_bytes = payload_pages * 4096;
+        if let Ok(Request::Cull { box_count, boxes_offset, .. }) =
+            Request::parse(&header, payload_bytes)
+        {
+            prop_assert!(boxes_offset as u64 + 24 * u64::from(box_count.get()) <= payload_bytes);
+            prop_assert_eq!(boxes_offset % 4, 0);
+        }
+    }
+
+    /// Whatever is accepted makes a view, and the view decodes without harm.
+    #[test]
+    fn fuzz_response(
+        bytes in prop_oneof![
+            mutated::<432>(bytemuck::cast(response(MaskShape::sparse(N, 7, 5, true)))),
+            mutated::<432>(bytemuck::cast(response(MaskShape::dense(N)))),
+        ],
+        payload in proptest::collection::vec(any::<u32>(), 0..400),
+    ) {
+        let header: ResponseHeader = bytemuck::cast(bytes);
+        if let Ok(reply) = Reply::parse(&header, &ASKED, 4 * payload.len() as u64) {
+            let view = MaskView::new(N, &reply.report.shape, &payload).unwrap();
+            for (a, b) in view.pairs() {
+                prop_assert!(a < b && b < N.get());
+            }
+        }
+    }
+}
