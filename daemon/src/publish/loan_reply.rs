@@ -1,0 +1,63 @@
+//! Shared memory for a mask, lent when its size is known.
+
+use pairmask::engine::{ReplyBuffer, ReserveError};
+use pairmask::transport::{
+    ActiveRequest, Populated, ResponseLoan, TransportError, assume_response_pages,
+};
+use pairmask::wire::{ResponseHeader, page_count};
+
+use super::{copy_bytes, response_words};
+
+/// The memory of one response.
+pub(super) struct LoanReply<'a> {
+    request: &'a ActiveRequest,
+    populated: &'a mut Populated,
+    limit_bytes: u64,
+    loan: Option<ResponseLoan>,
+}
+
+impl<'a> LoanReply<'a> {
+    pub(super) const fn new(
+        request: &'a ActiveRequest,
+        populated: &'a mut Populated,
+        limit_bytes: u64,
+    ) -> Self {
+        Self { request, populated, limit_bytes, loan: None }
+    }
+
+    /// Puts a few bytes that are not a mask.
+    pub(super) fn put(&mut self, bytes: &[u8]) -> Result<(), ReserveError> {
+        let words = self.reserve(bytes.len().div_ceil(4) as u64)?;
+        copy_bytes(words, bytes);
+        Ok(())
+    }
+
+    /// Sends what was written. Where nothing was, one page goes with the header: the transport has
+    /// no empty payload.
+    pub(super) fn send(mut self, header: &ResponseHeader) -> Result<(), TransportError> {
+        if self.loan.is_none() {
+            self.reserve(0).map_err(|e| TransportError::new("lending a response", &e))?;
+        }
+        let Some(mut loan) = self.loan else { return Ok(()) };
+        *loan.user_header_mut() = *header;
+        loan.send().map_err(|e| TransportError::new("sending a response", &e))
+    }
+}
+
+impl ReplyBuffer for LoanReply<'_> {
+    fn reserve(&mut self, words: u64) -> Result<&mut [u32], ReserveError> {
+        let needed_bytes = words.saturating_mul(4);
+        if needed_bytes > self.limit_bytes {
+            let limit_bytes = self.limit_bytes;
+            return Err(ReserveError::TooLarge { needed_bytes, limit_bytes });
+        }
+        let out_of_memory = ReserveError::OutOfMemory { needed_bytes };
+        // A request has one loan at a time: the old one goes back first.
+        self.loan = None;
+        let pages = usize::try_from(page_count(needed_bytes)).map_err(|_| out_of_memory)?;
+        let loan = self.request.loan_slice_uninit(pages).map_err(|_| out_of_memory)?;
+        let mut loan = assume_response_pages(loan);
+        self.populated.ensure(loan.payload_mut()).map_err(|_| out_of_memory)?;
+        Ok(response_words(self.loan.insert(loan)))
+    }
+}

@@ -1,0 +1,149 @@
+//! Answers: from a validated request to a response in the client's hands.
+
+mod account;
+mod loan_reply;
+mod wake;
+
+use std::time::Instant;
+
+use iceoryx2::service::ipc;
+use pairmask::engine::{CullError, CullWish, ReserveError};
+use pairmask::transport::{
+    ActiveRequest, Limits, Populated, Services, WakeClient, boxes_in, words_in_mut,
+};
+use pairmask::units::BoxCount;
+use pairmask::wire::{
+    PAGE_BYTES, Reject, ReplyFields, Request, ResponseHeader, StageTimes, StatusBody, StatusCode,
+    response_error, response_ok, response_status,
+};
+
+use self::account::Account;
+use self::loan_reply::LoanReply;
+use self::wake::WakeBoard;
+use crate::execute::Executor;
+
+/// Answers requests, one at a time.
+pub struct Publisher {
+    executor: Executor,
+    wake_board: WakeBoard,
+    services: Services<ipc::Service>,
+    populated: Populated,
+    max_reply_bytes: u64,
+    account: Account,
+}
+
+impl Publisher {
+    /// A publisher on these services.
+    pub fn new(
+        services: Services<ipc::Service>,
+        wake_clients: WakeClient,
+        limits: &Limits,
+        executor: Executor,
+    ) -> Self {
+        Self {
+            executor,
+            wake_board: WakeBoard::new(wake_clients, limits.max_clients),
+            services,
+            populated: Populated::default(),
+            max_reply_bytes: limits.max_reply_bytes,
+            account: Account::new(),
+        }
+    }
+
+    /// Answers one request, whatever it holds.
+    pub fn answer(&mut self, active: &ActiveRequest) {
+        let start = Instant::now();
+        // Copied once: the client can write to it all the while.
+        let header = *active.user_header();
+        let payload_bytes = (active.payload().len() * PAGE_BYTES) as u64;
+        let fields = ReplyFields {
+            client_token: header.client_token,
+            frame: header.frame,
+            box_count: BoxCount::new(header.box_count),
+        };
+        let mut reply = LoanReply::new(active, &mut self.populated, self.max_reply_bytes);
+        let response = match Request::parse(&header, payload_bytes) {
+            Ok(Request::Cull { box_count, boxes_offset, engine, encoding, threads }) => {
+                let wish = CullWish { engine, encoding, threads };
+                let refused = Reject::Boxes { box_count: box_count.get(), payload_bytes };
+                boxes_in(active.payload(), boxes_offset, box_count)
+                    .ok_or_else(|| Failure::from(refused))
+                    .and_then(|boxes| Ok(self.executor.cull(boxes, &wish, &mut reply)?))
+                    .map(|answer| {
+                        let times = StageTimes {
+                            total_ns: start.elapsed().as_nanos() as u64,
+                            ..answer.times
+                        };
+                        self.account.note_frame(box_count, answer.report.pair_count);
+                        response_ok(&fields, answer.engine, answer.threads, &answer.report, &times)
+                    })
+            }
+            Ok(Request::Status) => {
+                let body = self.account.body(self.services.client_count());
+                reply
+                    .put(bytemuck::bytes_of(&body))
+                    .map(|()| response_status(&fields))
+                    .map_err(|e| Failure::from(CullError::from(e)))
+            }
+            Err(reject) => Err(reject.into()),
+        };
+        let response = response.unwrap_or_else(|failure| {
+            log::debug!("client {:016x}: {}", fields.client_token, failure.text);
+            self.account.note_error(&fields, failure.status);
+            response_error(&fields, failure.status, failure.detail)
+        });
+        send(reply, &response);
+        self.wake_board.wake(fields.client_token);
+    }
+}
+
+fn send(reply: LoanReply<'_>, header: &ResponseHeader) {
+    // Without memory for even one page, or with a client that is gone, nobody can be told: the
+    // client's deadline ends its wait.
+    if let Err(error) = reply.send(header) {
+        log::debug!("sending a response: {error}");
+    }
+}
+
+/// A request that gets an error for an answer.
+struct Failure {
+    status: StatusCode,
+    detail: [u64; 2],
+    text: String,
+}
+
+impl From<Reject> for Failure {
+    fn from(reject: Reject) -> Self {
+        Self { status: reject.status(), detail: [0; 2], text: reject.to_string() }
+    }
+}
+
+impl From<CullError> for Failure {
+    fn from(error: CullError) -> Self {
+        let (status, detail) = match error {
+            CullError::Reserve(ReserveError::TooLarge { needed_bytes, limit_bytes }) => {
+                (StatusCode::ReplyTooLarge, [needed_bytes, limit_bytes])
+            }
+            CullError::Reserve(ReserveError::OutOfMemory { needed_bytes }) => {
+                (StatusCode::OutOfMemory, [needed_bytes, 0])
+            }
+            CullError::Unavailable { engine, .. } => {
+                (StatusCode::EngineUnavailable, [engine as u64, 0])
+            }
+            CullError::TooManyBoxes { n, limit, .. } => (StatusCode::TooManyBoxes, [n, limit]),
+        };
+        Self { status, detail, text: error.to_string() }
+    }
+}
+
+const _: () = assert!(size_of::<StatusBody>() <= PAGE_BYTES, "a status fits one page");
+
+/// Copies `bytes` to the start of `words`.
+fn copy_bytes(words: &mut [u32], bytes: &[u8]) {
+    bytemuck::cast_slice_mut::<u32, u8>(words)[..bytes.len()].copy_from_slice(bytes);
+}
+
+/// The words of a response's memory.
+fn response_words(loan: &mut pairmask::transport::ResponseLoan) -> &mut [u32] {
+    words_in_mut(loan.payload_mut())
+}

@@ -1,0 +1,67 @@
+//! Serving an instance: a supervisor that stays, and a worker that does the work.
+//!
+//! A process with the same rights can kill the worker through the transport itself (a truncated
+//! segment, a forged length). The supervisor starts another; clients answer their frames in
+//! process meanwhile and come back by themselves.
+
+mod janitor;
+mod supervisor;
+mod worker;
+
+pub use supervisor::supervise;
+pub use worker::work;
+
+use std::time::Duration;
+
+use pairmask::transport::{InstanceError, InstanceName, Limits, RuntimeDir, TransportError};
+
+/// How to serve an instance.
+#[derive(Clone, Debug)]
+pub struct ServeSettings {
+    /// Which instance.
+    pub instance: InstanceName,
+    /// Where instances live.
+    pub dir: RuntimeDir,
+    /// What the instance allows.
+    pub limits: Limits,
+    /// How long the worker spins for the next request before it sleeps.
+    pub spin: Duration,
+}
+
+/// A worker that has served spins this long for the next request: a closed loop is answered
+/// within a microsecond, and a game at 60 frames a second costs 3 ms of a core a second.
+pub const DEFAULT_SPIN: Duration = Duration::from_micros(50);
+
+/// Why an instance is not served any more.
+#[derive(Debug, thiserror::Error)]
+pub enum ServeError {
+    /// The instance's place on disk cannot be used, or another daemon has it.
+    #[error(transparent)]
+    Instance(#[from] InstanceError),
+    /// The transport failed.
+    #[error(transparent)]
+    Transport(#[from] TransportError),
+    /// No thread pool.
+    #[error("the engines' threads cannot be started: {0}")]
+    Threads(#[from] rayon::ThreadPoolBuildError),
+    /// The system refused a process, a signal handler or a thread.
+    #[error("{step}: {source}")]
+    System {
+        /// What was tried.
+        step: &'static str,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The worker gave up before it served at all; it said why itself.
+    #[error("the worker could not serve (exit code {code})")]
+    Worker {
+        /// Its exit code.
+        code: i32,
+    },
+}
+
+impl ServeError {
+    fn system(step: &'static str) -> impl FnOnce(std::io::Error) -> Self {
+        move |source| Self::System { step, source }
+    }
+}

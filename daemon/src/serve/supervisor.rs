@@ -1,0 +1,107 @@
+//! The process that the user starts. It holds the instance and keeps a worker running.
+
+use std::process::{Child, Command, ExitStatus};
+use std::time::{Duration, Instant};
+
+use pairmask::transport::InstanceLock;
+use rustix::process::{Pid, Signal, kill_process};
+use signal_hook::consts::{SIGCHLD, SIGINT, SIGTERM};
+use signal_hook::iterator::Signals;
+
+use super::{ServeError, ServeSettings};
+
+/// Pause before a crashed worker is started again, doubled with each crash in a row up to the
+/// longest: a request that kills the worker at once must not make a busy loop.
+const FIRST_PAUSE: Duration = Duration::from_millis(20);
+const LONGEST_PAUSE: Duration = Duration::from_secs(2);
+/// A worker that lived this long did not crash in a row.
+const STEADY_AFTER: Duration = Duration::from_secs(10);
+/// A worker that was asked to stop has this long: more than its longest sleep and one frame.
+const STOP_WITHIN: Duration = Duration::from_secs(5);
+
+/// Serves an instance until SIGINT or SIGTERM.
+///
+/// # Errors
+/// [`ServeError`]; a worker that crashes is none.
+pub fn supervise(settings: &ServeSettings) -> Result<(), ServeError> {
+    let _lock = InstanceLock::acquire(&settings.dir, &settings.instance)?;
+    let mut signals = Signals::new([SIGINT, SIGTERM, SIGCHLD])
+        .map_err(ServeError::system("installing signal handlers"))?;
+    let mut pause = FIRST_PAUSE;
+    let mut served_before = false;
+    loop {
+        settings.dir.remove_record(&settings.instance);
+        let started = Instant::now();
+        let mut worker = spawn_worker(settings)?;
+        let Some(status) = watch(&mut worker, &mut signals)? else {
+            stop(&mut worker)?;
+            settings.dir.remove_record(&settings.instance);
+            return Ok(());
+        };
+        served_before |= settings.dir.read_record(&settings.instance).is_some();
+        settings.dir.remove_record(&settings.instance);
+        match status.code() {
+            Some(0) => return Ok(()),
+            Some(code) if !served_before => return Err(ServeError::Worker { code }),
+            _ => {}
+        }
+        if started.elapsed() >= STEADY_AFTER {
+            pause = FIRST_PAUSE;
+        }
+        log::error!("the worker of '{}' died ({status}); starting another", settings.instance);
+        if sleep_or_stop(pause, &mut signals) {
+            return Ok(());
+        }
+        pause = (2 * pause).min(LONGEST_PAUSE);
+    }
+}
+
+fn spawn_worker(settings: &ServeSettings) -> Result<Child, ServeError> {
+    let binary =
+        std::env::current_exe().map_err(ServeError::system("finding the daemon's binary"))?;
+    Command::new(binary)
+        .args(["serve", "--worker", "--instance", settings.instance.as_str()])
+        .args(["--spin-us", &settings.spin.as_micros().to_string()])
+        .args(["--max-clients", &settings.limits.max_clients.to_string()])
+        .args(["--max-reply-mib", &(settings.limits.max_reply_bytes >> 20).to_string()])
+        .env("PAIRMASK_RUNTIME_DIR", settings.dir.path())
+        .spawn()
+        .map_err(ServeError::system("starting the worker"))
+}
+
+/// Waits for the worker's end, or `None` for a signal to stop.
+fn watch(worker: &mut Child, signals: &mut Signals) -> Result<Option<ExitStatus>, ServeError> {
+    loop {
+        if let Some(status) =
+            worker.try_wait().map_err(ServeError::system("watching the worker"))?
+        {
+            return Ok(Some(status));
+        }
+        if signals.wait().any(|signal| signal != SIGCHLD) {
+            return Ok(None);
+        }
+    }
+}
+
+fn stop(worker: &mut Child) -> Result<(), ServeError> {
+    if let Some(pid) = i32::try_from(worker.id()).ok().and_then(Pid::from_raw) {
+        // It may have ended by itself meanwhile: then there is nobody to tell.
+        let _ = kill_process(pid, Signal::TERM);
+    }
+    let deadline = Instant::now() + STOP_WITHIN;
+    while Instant::now() < deadline {
+        if worker.try_wait().map_err(ServeError::system("watching the worker"))?.is_some() {
+            return Ok(());
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    worker.kill().map_err(ServeError::system("killing the worker"))?;
+    worker.wait().map_err(ServeError::system("watching the worker"))?;
+    Ok(())
+}
+
+/// Sleeps; `true` where a signal to stop came.
+fn sleep_or_stop(pause: Duration, signals: &mut Signals) -> bool {
+    std::thread::sleep(pause);
+    signals.pending().any(|signal| signal != SIGCHLD)
+}

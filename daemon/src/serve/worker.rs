@@ -1,0 +1,110 @@
+//! The process that serves: receives requests, takes turns among clients, answers.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use pairmask::transport::{
+    ActiveRequest, DaemonRecord, Server, Services, WakeDaemon, clean_before_serving,
+    quiet_transport_log,
+};
+use pairmask::wire::Version;
+use rustix::process::Signal;
+use signal_hook::consts::{SIGINT, SIGTERM};
+
+use super::janitor::Janitor;
+use super::{ServeError, ServeSettings};
+use crate::execute::Executor;
+use crate::ingest::Inbox;
+use crate::publish::Publisher;
+
+/// The longest sleep: how soon a stop signal, a request without a wake-up and the end of a client
+/// are noticed at the latest. Two wake-ups a second cost nothing that can be measured.
+const LONGEST_SLEEP: Duration = Duration::from_millis(500);
+
+/// Serves an instance in this process until SIGINT or SIGTERM.
+///
+/// # Errors
+/// [`ServeError`] where the services cannot be made.
+pub fn work(settings: &ServeSettings) -> Result<(), ServeError> {
+    quiet_transport_log();
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        signal_hook::flag::register(signal, Arc::clone(&stop))
+            .map_err(ServeError::system("installing signal handlers"))?;
+    }
+    // Without its supervisor a worker would hold the instance for ever.
+    rustix::process::set_parent_process_death_signal(Some(Signal::KILL))
+        .map_err(|e| ServeError::system("binding to the supervisor")(e.into()))?;
+    // This thread is one of the pool's own, so that an engine's parallel loops start without a
+    // hand-over to another thread.
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let _pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .use_current_thread()
+        .thread_name(|index| format!("engine-{index}"))
+        .build()?;
+
+    clean_before_serving(&settings.dir, &settings.instance)?;
+    let janitor = Janitor::start(&settings.dir, &settings.instance)?;
+    let services = Services::serve(&settings.dir, &settings.instance, &settings.limits)?;
+    // A predecessor's server may still be registered, and there can be one only.
+    services.owner().try_cleanup_dead_nodes();
+    let server = services.server(&settings.limits)?;
+    let (wake, wake_clients) = services.wake_ports()?;
+    let record = DaemonRecord {
+        worker_pid: std::process::id(),
+        supervisor_pid: rustix::process::getppid()
+            .map_or(0, |pid| pid.as_raw_nonzero().get() as u32),
+        version: Version::CURRENT,
+    };
+    settings.dir.write_record(&settings.instance, &record)?;
+    log::info!("serving '{}' with {threads} threads", settings.instance);
+
+    let mut publisher = Publisher::new(services, wake_clients, &settings.limits, Executor::new());
+    serve(&server, &wake, &mut publisher, settings, &stop);
+    drop(janitor);
+    log::info!("stopped serving '{}'", settings.instance);
+    Ok(())
+}
+
+fn serve(
+    server: &Server,
+    wake: &WakeDaemon,
+    publisher: &mut Publisher,
+    settings: &ServeSettings,
+    stop: &AtomicBool,
+) {
+    let mut inbox = Inbox::new(settings.limits.max_clients);
+    let mut sleep_at = Instant::now();
+    while !stop.load(Ordering::Relaxed) {
+        drain(server, &mut inbox);
+        if let Some(request) = inbox.next() {
+            publisher.answer(&request);
+            drop(request);
+            sleep_at = Instant::now() + settings.spin;
+        } else if Instant::now() < sleep_at {
+            std::hint::spin_loop();
+        } else {
+            // A request that came between the last look and now has left its wake-up: it is not
+            // lost, this returns at once.
+            if let Err(error) = wake.timed_wait(|_| {}, LONGEST_SLEEP) {
+                log::debug!("waiting for requests: {error:?}");
+            }
+        }
+    }
+}
+
+fn drain(server: &Server, inbox: &mut Inbox<ActiveRequest>) {
+    while inbox.has_room() {
+        match server.receive() {
+            Ok(Some(request)) => inbox.put(request.user_header().client_token, request),
+            Ok(None) => return,
+            Err(error) => {
+                // A client that died while it connected; the janitor takes the rest away.
+                log::debug!("receiving requests: {error:?}");
+                return;
+            }
+        }
+    }
+}
