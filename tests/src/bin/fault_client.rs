@@ -1,0 +1,97 @@
+//! A client that comes to grief on purpose. `fault_client MODE`, with the daemon's directory in
+//! `PAIRMASK_RUNTIME_DIR`. Has a frame answered, prints `connected`, waits for a line, does its
+//! deed, prints `ready`, and sleeps until it is killed.
+//!
+//! * `loan` holds a half-filled frame;
+//! * `pending` has two frames under way that nobody takes;
+//! * `truncate` cuts its own segment short while the daemon (stopped by the test) has a request;
+//!
+//! Two modes print what they find and end:
+//!
+//! * `full` fills larger and larger frames until the memory runs out;
+//! * `connect` tells how the attempt to connect went.
+
+use std::error::Error;
+use std::fs::{self, OpenOptions};
+use std::io::Write;
+use std::time::Duration;
+
+use pairmask::glam::Vec3;
+use pairmask::{Aabb, Backend, Session};
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let mode = std::env::args().nth(1).unwrap_or_default();
+    let connected = Session::builder().backend(Backend::Daemon).connect();
+    if mode == "connect" {
+        match connected {
+            Ok(_) => println!("connected"),
+            Err(error) => println!("{error:?}"),
+        }
+        return Ok(());
+    }
+    let mut session = connected?;
+    if mode == "full" {
+        println!("{}", fill_up(&mut session));
+        return Ok(());
+    }
+    session.frame(0)?.submit()?.wait()?;
+    println!("connected");
+    std::io::stdin().read_line(&mut String::new())?;
+    let mut held = Vec::new();
+    match mode.as_str() {
+        "loan" => {
+            let mut frame = session.frame(50_000)?;
+            frame.boxes_mut()[..25_000].fill(Aabb::new(Vec3::ZERO, Vec3::ONE));
+            return ready(frame);
+        }
+        "pending" => {
+            for _ in 0..2 {
+                let mut frame = session.frame(50_000)?;
+                frame.boxes_mut().fill(Aabb::EMPTY);
+                held.push(frame.submit()?);
+            }
+        }
+        "truncate" => {
+            let mut frame = session.frame(50_000)?;
+            frame.boxes_mut().fill(Aabb::EMPTY);
+            held.push(frame.submit()?);
+            truncate_own_segments()?;
+        }
+        _ => return Err(format!("unknown mode '{mode}'").into()),
+    }
+    ready(held)
+}
+
+/// Frames of twice as many boxes each, until one is refused.
+fn fill_up(session: &mut Session) -> pairmask::session::FrameError {
+    let mut n = 1000;
+    loop {
+        match session.frame(n) {
+            Ok(mut frame) => frame.boxes_mut().fill(Aabb::EMPTY),
+            Err(error) => return error,
+        }
+        n *= 2;
+    }
+}
+
+/// Says so, and holds on until killed.
+fn ready<T>(_held: T) -> Result<(), Box<dyn Error>> {
+    println!("ready");
+    std::io::stdout().flush()?;
+    loop {
+        std::thread::sleep(Duration::from_secs(1));
+    }
+}
+
+/// Cuts every segment that this process maps for writing. Touching a frame afterwards is death.
+fn truncate_own_segments() -> Result<(), Box<dyn Error>> {
+    let maps = fs::read_to_string("/proc/self/maps")?;
+    let mut cut = 0;
+    for line in maps.lines().filter(|line| line.ends_with(".data") && line.contains(" rw-s ")) {
+        if let Some(path) = line.split_whitespace().last() {
+            OpenOptions::new().write(true).open(path)?.set_len(0)?;
+            cut += 1;
+        }
+    }
+    if cut == 0 { Err("no segment found".into()) } else { Ok(()) }
+}

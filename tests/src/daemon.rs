@@ -1,0 +1,159 @@
+//! A daemon of the test's own: private directory, stopped when dropped.
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use pairmask::session::SessionBuilder;
+use pairmask::transport::{DaemonRecord, InstanceName, RuntimeDir};
+use pairmask::{Backend, Session};
+use rustix::process::{Pid, Signal, kill_process};
+
+/// Nothing that a test waits for takes as long; a hang ends here.
+pub const PATIENCE: Duration = Duration::from_secs(30);
+
+/// Waits until `check` gives something.
+///
+/// # Panics
+/// When it does not within [`PATIENCE`].
+pub fn eventually<T>(what: &str, mut check: impl FnMut() -> Option<T>) -> T {
+    let start = Instant::now();
+    loop {
+        if let Some(value) = check() {
+            return value;
+        }
+        assert!(start.elapsed() < PATIENCE, "waited {PATIENCE:?} in vain: {what}");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// A running daemon.
+#[derive(Debug)]
+pub struct TestDaemon {
+    dir: tempfile::TempDir,
+    binary: PathBuf,
+    arguments: Vec<String>,
+    supervisor: Option<Child>,
+}
+
+impl TestDaemon {
+    /// Starts `binary serve ARGUMENTS` and waits until it answers.
+    ///
+    /// # Panics
+    /// When it does not start.
+    pub fn start(binary: &str, arguments: &[&str]) -> Self {
+        let mut daemon = Self {
+            dir: tempfile::tempdir().expect("a temporary directory"),
+            binary: binary.into(),
+            arguments: arguments.iter().map(ToString::to_string).collect(),
+            supervisor: None,
+        };
+        daemon.restart();
+        daemon
+    }
+
+    /// Starts the daemon again after [`TestDaemon::kill`].
+    ///
+    /// # Panics
+    /// When it does not start.
+    pub fn restart(&mut self) {
+        assert!(self.supervisor.is_none(), "the daemon is running");
+        let child = Command::new(&self.binary)
+            .arg("serve")
+            .args(&self.arguments)
+            .env("PAIRMASK_RUNTIME_DIR", self.dir.path())
+            .stdin(Stdio::null())
+            .spawn()
+            .expect("the daemon's binary runs");
+        self.supervisor = Some(child);
+        eventually("the daemon serves", || self.record());
+    }
+
+    /// The directory that its clients need.
+    pub fn dir(&self) -> RuntimeDir {
+        RuntimeDir::at(self.dir.path())
+    }
+
+    /// The path of that directory.
+    pub fn path(&self) -> &Path {
+        self.dir.path()
+    }
+
+    /// A session in the making, with this daemon and no other.
+    pub fn session(&self) -> SessionBuilder {
+        Session::builder().runtime_dir(self.dir()).backend(Backend::Daemon)
+    }
+
+    /// Who serves now, if anybody.
+    pub fn record(&self) -> Option<DaemonRecord> {
+        self.dir().read_record(&InstanceName::default())
+    }
+
+    /// The process that serves now.
+    ///
+    /// # Panics
+    /// When nobody serves for long.
+    pub fn worker(&self) -> Pid {
+        let record = eventually("the daemon has a worker", || self.record());
+        Pid::from_raw(i32::try_from(record.worker_pid).expect("a pid")).expect("not zero")
+    }
+
+    /// Sends the worker a signal.
+    ///
+    /// # Panics
+    /// When it is gone.
+    pub fn signal_worker(&self, signal: Signal) {
+        kill_process(self.worker(), signal).expect("the worker lives");
+    }
+
+    /// Kills the daemon as the system's out-of-memory killer would: the supervisor by SIGKILL, and
+    /// the worker with it.
+    ///
+    /// # Panics
+    /// When it is not running.
+    pub fn kill(&mut self) {
+        let mut supervisor = self.supervisor.take().expect("the daemon is running");
+        supervisor.kill().expect("SIGKILL");
+        supervisor.wait().expect("the supervisor's end");
+    }
+
+    /// Files of this daemon and its clients in /dev/shm.
+    ///
+    /// # Panics
+    /// When /dev/shm cannot be read.
+    pub fn shared_files(&self) -> Vec<PathBuf> {
+        let prefix = self.dir().shm_prefix(&InstanceName::default());
+        let mut files: Vec<PathBuf> = std::fs::read_dir("/dev/shm")
+            .expect("/dev/shm")
+            .flatten()
+            .filter(|entry| entry.file_name().to_string_lossy().starts_with(&prefix))
+            .map(|entry| entry.path())
+            .collect();
+        files.sort();
+        files
+    }
+}
+
+impl Drop for TestDaemon {
+    fn drop(&mut self) {
+        if let Some(mut supervisor) = self.supervisor.take() {
+            let pid = i32::try_from(supervisor.id()).ok().and_then(Pid::from_raw);
+            if let Some(pid) = pid {
+                // A daemon that is gone already needs no signal.
+                let _ = kill_process(pid, Signal::TERM);
+            }
+            let start = Instant::now();
+            while start.elapsed() < PATIENCE {
+                if matches!(supervisor.try_wait(), Ok(Some(_)) | Err(_)) {
+                    break;
+                }
+                std::thread::sleep(Duration::from_millis(5));
+            }
+            let _ = supervisor.kill();
+            let _ = supervisor.wait();
+        }
+        for file in self.shared_files() {
+            let _ = std::fs::remove_file(file);
+        }
+    }
+}

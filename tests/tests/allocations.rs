@@ -1,0 +1,147 @@
+//! Steady frames allocate nothing on the heap: client, daemon and in process.
+//!
+//! The transport makes three small objects of its own for each request, whatever is sent (two in
+//! the server, one in the client). So frames through the daemon are held against bare requests
+//! over the same services: not one allocation more.
+#![allow(unsafe_code, clippy::unwrap_used)]
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Duration;
+
+use iceoryx2::service::{ipc, ipc_threadsafe};
+use pairmask::mask::{Encoding, EncodingChoice};
+use pairmask::transport::{
+    InstanceName, Limits, RuntimeDir, Services, assume_pages, assume_response_pages,
+};
+use pairmask::{Backend, Session};
+use pairmask_tests::daemon::eventually;
+use pairmask_tests::stress_scenes;
+use pairmaskd::serve::{ServeSettings, work};
+use rustix::process::{Signal, getpid, kill_process};
+
+/// Counts what marked threads allocate while counting is on.
+struct Counting;
+
+static ON: AtomicBool = AtomicBool::new(false);
+static COUNT: AtomicU64 = AtomicU64::new(0);
+thread_local! {
+    static MARKED: Cell<bool> = const { Cell::new(false) };
+}
+
+fn note() {
+    if ON.load(Ordering::Relaxed) && MARKED.try_with(Cell::get).unwrap_or(false) {
+        COUNT.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+// SAFETY: every call goes to the system allocator as it came; counting touches no memory of it.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        note();
+        // SAFETY: the caller's promises are passed on.
+        unsafe { System.alloc(layout) }
+    }
+    unsafe fn dealloc(&self, memory: *mut u8, layout: Layout) {
+        // SAFETY: the caller's promises are passed on.
+        unsafe { System.dealloc(memory, layout) }
+    }
+    unsafe fn realloc(&self, memory: *mut u8, layout: Layout, new_size: usize) -> *mut u8 {
+        note();
+        // SAFETY: the caller's promises are passed on.
+        unsafe { System.realloc(memory, layout, new_size) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// Frames that are counted.
+const FRAMES: usize = 200;
+
+fn counted(work: impl FnOnce()) -> u64 {
+    let before = COUNT.load(Ordering::Relaxed);
+    ON.store(true, Ordering::Relaxed);
+    work();
+    ON.store(false, Ordering::Relaxed);
+    COUNT.load(Ordering::Relaxed) - before
+}
+
+fn frames(session: &mut Session, scenes: &[Vec<pairmask::Aabb>], count: usize) -> u64 {
+    let mut pairs = 0;
+    for i in 0..count {
+        let boxes = &scenes[i % scenes.len()];
+        let mut frame = session.frame(boxes.len()).unwrap();
+        frame.boxes_mut().copy_from_slice(boxes);
+        let mask = frame.submit().unwrap().wait().unwrap();
+        mask.pairs().for_each(|(a, b)| pairs += u64::from(a < b));
+    }
+    pairs
+}
+
+/// What `count` bare requests and responses over the transport allocate on both sides.
+fn bare_transport(count: usize) -> u64 {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = RuntimeDir::at(dir.path());
+    let (name, limits) = ("bare".parse().unwrap(), Limits::default());
+    let services = Services::<ipc::Service>::serve(&dir, &name, &limits).unwrap();
+    let server = services.server(&limits).unwrap();
+    let client_side = Services::<ipc_threadsafe::Service>::connect(&dir, &name).unwrap();
+    let client = client_side.client(1, 8).unwrap();
+    let round_trips = |count| {
+        for _ in 0..count {
+            let pending = assume_pages(client.port.loan_slice_uninit(8).unwrap()).send().unwrap();
+            let request = server.receive().unwrap().unwrap();
+            assume_response_pages(request.loan_slice_uninit(8).unwrap()).send().unwrap();
+            assert!(pending.receive().unwrap().is_some());
+        }
+    };
+    round_trips(20);
+    counted(|| round_trips(count))
+}
+
+/// One test, since the counter and the signal handlers are the process's.
+#[test]
+fn steady_frames_allocate_nothing() {
+    MARKED.set(true);
+    assert!(counted(|| drop(std::hint::black_box(vec![1u8; 100]))) > 0, "the counter counts");
+
+    let bare = bare_transport(FRAMES);
+    assert!(bare <= 3 * FRAMES as u64, "{bare} by the transport alone");
+
+    let dir = tempfile::tempdir().unwrap();
+    let settings = ServeSettings {
+        instance: InstanceName::default(),
+        dir: RuntimeDir::at(dir.path()),
+        limits: Limits::default(),
+        spin: Duration::from_micros(50),
+    };
+    let runtime_dir = settings.dir.clone();
+    let daemon = std::thread::spawn(move || {
+        MARKED.set(true);
+        work(&settings)
+    });
+    eventually("the daemon serves", || runtime_dir.read_record(&InstanceName::default()));
+
+    let scenes: Vec<_> =
+        (0..4).map(|seed| stress_scenes::named("uniform").boxes(1000, seed)).collect();
+    for backend in [Backend::InProcess, Backend::Daemon] {
+        for encoding in [Encoding::Dense, Encoding::Sparse] {
+            let mut session = Session::builder()
+                .runtime_dir(runtime_dir.clone())
+                .backend(backend)
+                .encoding(EncodingChoice::Only(encoding))
+                .connect()
+                .unwrap();
+            frames(&mut session, &scenes, 20);
+            let mut pairs = 0;
+            let allocations = counted(|| pairs = frames(&mut session, &scenes, FRAMES));
+            assert!(pairs > 0);
+            let expected = if backend == Backend::Daemon { bare } else { 0 };
+            assert_eq!(allocations, expected, "{backend}, {encoding}");
+        }
+    }
+    kill_process(getpid(), Signal::TERM).unwrap();
+    daemon.join().unwrap().unwrap();
+}

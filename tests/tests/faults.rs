@@ -1,0 +1,401 @@
+//! Processes that die, lie or run out of memory. The other side goes on with right answers.
+#![allow(clippy::unwrap_used)]
+
+use std::io::{BufRead, BufReader, Write};
+use std::os::unix::process::CommandExt;
+use std::process::{Child, ChildStdout, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use pairmask::session::{ConnectError, FrameError};
+use pairmask::transport::{DaemonRecord, InstanceName, RuntimeDir, Services};
+use pairmask::wire::{ResponseHeader, StatusCode, Version};
+use pairmask::{Aabb, Backend, ServedBy, Session};
+use pairmask_tests::daemon::{TestDaemon, eventually};
+use pairmask_tests::oracle;
+use pairmask_tests::stress_scenes;
+use rustix::process::Signal;
+
+const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
+const FAULT_CLIENT: &str = env!("CARGO_BIN_EXE_fault_client");
+
+/// Submits a frame and compares with the oracle. Returns who served it.
+fn check_frame(session: &mut Session, boxes: &[Aabb]) -> ServedBy {
+    let mut frame = session.frame(boxes.len()).unwrap();
+    frame.boxes_mut().copy_from_slice(boxes);
+    let mask = frame.submit().unwrap().wait().unwrap();
+    let mut pairs = mask.to_vec();
+    pairs.sort_unstable();
+    assert_eq!(pairs, oracle::truth(boxes).pairs);
+    mask.info().served_by
+}
+
+fn scene(n: usize, seed: u64) -> Vec<Aabb> {
+    stress_scenes::named("uniform").boxes(n as u32, seed)
+}
+
+/// A client that comes to grief; killed when dropped.
+struct FaultClient {
+    process: Child,
+    said: BufReader<ChildStdout>,
+}
+
+impl FaultClient {
+    /// Starts it; it has had one frame answered then.
+    fn start(daemon: &TestDaemon, mode: &str) -> Self {
+        let mut process = Command::new(FAULT_CLIENT)
+            .arg(mode)
+            .env("PAIRMASK_RUNTIME_DIR", daemon.path())
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let said = BufReader::new(process.stdout.take().unwrap());
+        let mut client = Self { process, said };
+        client.expect("connected\n");
+        client
+    }
+
+    /// Lets it do its deed.
+    fn go(&mut self) {
+        self.process.stdin.take().unwrap().write_all(b"go\n").unwrap();
+        self.expect("ready\n");
+    }
+
+    fn expect(&mut self, expected: &str) {
+        let mut line = String::new();
+        self.said.read_line(&mut line).unwrap();
+        assert_eq!(line, expected);
+    }
+
+    fn kill(&mut self) {
+        self.process.kill().unwrap();
+        self.process.wait().unwrap();
+    }
+}
+
+impl Drop for FaultClient {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+#[test]
+fn a_thousand_frames_are_right_while_the_daemon_is_killed_again_and_again() {
+    let mut daemon = TestDaemon::start(DAEMON, &[]);
+    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
+    let scenes: Vec<_> = (0..8).map(|seed| scene(300, seed)).collect();
+    let (mut here, mut there) = (0, 0);
+    for i in 0..1000 {
+        match i {
+            // In turn: the worker alone, which its supervisor replaces; the whole daemon, which
+            // stays away for a while; in mid-frame, since the killer is not in step with us.
+            100 | 500 => daemon.signal_worker(Signal::KILL),
+            200 | 600 => daemon.kill(),
+            300 | 700 => daemon.restart(),
+            _ => {}
+        }
+        match check_frame(&mut session, &scenes[i % scenes.len()]) {
+            ServedBy::Daemon => there += 1,
+            ServedBy::InProcess => here += 1,
+        }
+    }
+    assert!(there > 0 && here >= 200, "{there} by the daemon, {here} in process");
+    eventually("the session comes back to the daemon", || {
+        (check_frame(&mut session, &scenes[0]) == ServedBy::Daemon).then_some(())
+    });
+}
+
+#[test]
+fn a_daemon_killed_with_frames_under_way_costs_no_answer() {
+    let mut daemon = TestDaemon::start(DAEMON, &[]);
+    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
+    let boxes = scene(400, 1);
+    let expected = oracle::truth(&boxes).pairs;
+    check_frame(&mut session, &boxes);
+    daemon.signal_worker(Signal::STOP);
+    let pending: Vec<_> = (0..2)
+        .map(|_| {
+            let mut frame = session.frame(boxes.len()).unwrap();
+            assert!(frame.is_shared());
+            frame.boxes_mut().copy_from_slice(&boxes);
+            frame.submit().unwrap()
+        })
+        .collect();
+    daemon.kill();
+    for frame in pending {
+        let mask = frame.wait().unwrap();
+        assert_eq!(mask.info().served_by, ServedBy::InProcess);
+        let mut pairs = mask.to_vec();
+        pairs.sort_unstable();
+        assert_eq!(pairs, expected);
+    }
+}
+
+#[test]
+fn a_daemon_that_hangs_costs_a_deadline_and_no_answer() {
+    let daemon = TestDaemon::start(DAEMON, &[]);
+    let deadline = Duration::from_millis(200);
+    let mut session = daemon.session().backend(Backend::Auto).deadline(deadline).connect().unwrap();
+    let boxes = scene(200, 2);
+    assert_eq!(check_frame(&mut session, &boxes), ServedBy::Daemon);
+    daemon.signal_worker(Signal::STOP);
+    assert_eq!(check_frame(&mut session, &boxes), ServedBy::InProcess);
+    daemon.signal_worker(Signal::CONT);
+    eventually("the session comes back to the daemon", || {
+        (check_frame(&mut session, &boxes) == ServedBy::Daemon).then_some(())
+    });
+}
+
+#[test]
+fn a_client_killed_in_mid_frame_leaves_the_others_alone_and_its_memory_comes_back() {
+    let daemon = TestDaemon::start(DAEMON, &[]);
+    let mut other = daemon.session().connect().unwrap();
+    let boxes = scene(300, 3);
+    check_frame(&mut other, &boxes);
+    let before = daemon.shared_files();
+    for mode in ["loan", "pending"] {
+        let mut victim = FaultClient::start(&daemon, mode);
+        victim.go();
+        assert!(daemon.shared_files().len() > before.len(), "the victim has files of its own");
+        victim.kill();
+        let killed = Instant::now();
+        eventually("the victim's files go", || {
+            check_frame(&mut other, &boxes);
+            (daemon.shared_files() == before).then_some(())
+        });
+        assert!(killed.elapsed() < Duration::from_secs(10), "mode {mode}");
+    }
+    assert_eq!(check_frame(&mut other, &boxes), ServedBy::Daemon);
+}
+
+#[test]
+fn a_truncated_segment_kills_a_worker_at_most() {
+    let daemon = TestDaemon::start(DAEMON, &[]);
+    let mut other = daemon.session().backend(Backend::Auto).connect().unwrap();
+    let boxes = scene(300, 4);
+    check_frame(&mut other, &boxes);
+    let first_worker = daemon.worker();
+    let mut vandal = FaultClient::start(&daemon, "truncate");
+    daemon.signal_worker(Signal::STOP);
+    vandal.go();
+    daemon.signal_worker(Signal::CONT);
+    eventually("another worker serves", || {
+        check_frame(&mut other, &boxes);
+        (daemon.worker() != first_worker).then_some(())
+    });
+    vandal.kill();
+    eventually("the session comes back to the daemon", || {
+        (check_frame(&mut other, &boxes) == ServedBy::Daemon).then_some(())
+    });
+}
+
+/// Sends raw headers over the transport and hands back the response's.
+fn raw_request(
+    daemon: &TestDaemon,
+    headers: &[pairmask::wire::RequestHeader],
+) -> Vec<ResponseHeader> {
+    let services = Services::connect(&daemon.dir(), &InstanceName::default()).unwrap();
+    let client = services.client(77, 4).unwrap();
+    headers
+        .iter()
+        .map(|header| {
+            let mut loan =
+                pairmask::transport::assume_pages(client.port.loan_slice_uninit(2).unwrap());
+            *loan.user_header_mut() = *header;
+            let pending = loan.send().unwrap();
+            client.notifier.notify().unwrap();
+            eventually("a response", || pending.receive().unwrap().map(|r| *r.user_header()))
+        })
+        .collect()
+}
+
+#[test]
+fn forged_requests_are_answered_and_harm_nobody() {
+    use pairmask::engine::EngineChoice;
+    use pairmask::mask::EncodingChoice;
+    use pairmask::units::BoxCount;
+    use pairmask::wire::RequestHeader;
+    let daemon = TestDaemon::start(DAEMON, &[]);
+    let worker = daemon.worker();
+    let valid = RequestHeader::cull(
+        77,
+        1,
+        BoxCount::new(10),
+        EngineChoice::Auto,
+        EncodingChoice::Auto,
+        None,
+    );
+    let forged = |change: &dyn Fn(&mut RequestHeader)| {
+        let mut header = valid;
+        change(&mut header);
+        header
+    };
+    let headers = [
+        valid,
+        RequestHeader::default(),
+        forged(&|h| h.version_major = 2),
+        forged(&|h| h.box_count = u32::MAX),
+        forged(&|h| h.sections[0].offset = u64::MAX - 7),
+        forged(&|h| h.sections[0].bytes = u64::MAX),
+        forged(&|h| h.sections[0].offset = 8192),
+        forged(&|h| h.engine = 1000),
+        forged(&|h| h.threads = u32::MAX),
+    ];
+    let statuses: Vec<_> = raw_request(&daemon, &headers).iter().map(|r| r.status).collect();
+    let [ok, bad, version] =
+        [StatusCode::Ok, StatusCode::BadRequest, StatusCode::VersionMismatch].map(|s| s as u32);
+    assert_eq!(statuses, [ok, bad, version, bad, bad, bad, bad, bad, ok]);
+    assert_eq!(daemon.worker(), worker, "the worker still lives");
+    let status = daemon.session().connect().unwrap().daemon_status().unwrap();
+    assert_eq!((status.frames, status.errors), (2, 7));
+    assert_eq!(status.last_errors[5].status, version);
+}
+
+#[test]
+fn a_full_shm_is_a_typed_error_and_no_death() {
+    let daemon_dir = tempfile::tempdir().unwrap();
+    // A namespace of its own with 2 MB of shared memory: daemon and client in one.
+    let script = format!(
+        "mount -t tmpfs -o size=2m tmpfs /dev/shm || exit; {DAEMON} serve & daemon=$!; \
+         for i in $(seq 300); do [ -e {dir}/default.daemon ] && break; sleep 0.05; done; \
+         {FAULT_CLIENT} full; code=$?; kill $daemon; wait; exit $code",
+        dir = daemon_dir.path().display(),
+    );
+    let output = Command::new("unshare")
+        .args(["--user", "--map-root-user", "--mount", "bash", "-c", &script])
+        .env("PAIRMASK_RUNTIME_DIR", daemon_dir.path())
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(said.contains("no shared memory for"), "{said}");
+}
+
+#[test]
+fn a_mask_larger_than_a_reply_is_answered_in_process_or_named() {
+    let daemon = TestDaemon::start(DAEMON, &["--max-reply-mib", "1"]);
+    let same = vec![Aabb::new(pairmask::glam::Vec3::ZERO, pairmask::glam::Vec3::ONE); 5000];
+    let submit = |session: &mut Session| {
+        let mut frame = session.frame(same.len()).unwrap();
+        frame.boxes_mut().copy_from_slice(&same);
+        frame.submit().unwrap().wait()
+    };
+    let error = submit(&mut daemon.session().connect().unwrap()).unwrap_err();
+    assert!(error.to_string().contains("reply-too-large"), "{error}");
+    let mask = submit(&mut daemon.session().backend(Backend::Auto).connect().unwrap()).unwrap();
+    assert_eq!(mask.info().served_by, ServedBy::InProcess);
+    assert_eq!(mask.count(), 5000 * 4999 / 2);
+}
+
+#[test]
+fn a_missing_daemon_and_another_version_are_told_apart() {
+    let dir = tempfile::tempdir().unwrap();
+    let connect = || {
+        Session::builder()
+            .runtime_dir(RuntimeDir::at(dir.path()))
+            .backend(Backend::Daemon)
+            .connect()
+            .unwrap_err()
+    };
+    assert!(matches!(connect(), ConnectError::NoDaemon { .. }));
+    let record = DaemonRecord {
+        worker_pid: std::process::id(),
+        supervisor_pid: std::process::id(),
+        version: Version { major: 2, minor: 0 },
+    };
+    RuntimeDir::at(dir.path()).write_record(&InstanceName::default(), &record).unwrap();
+    assert!(matches!(connect(), ConnectError::VersionMismatch { .. }));
+    let dead = DaemonRecord { worker_pid: u32::MAX >> 1, ..record };
+    RuntimeDir::at(dir.path()).write_record(&InstanceName::default(), &dead).unwrap();
+    assert!(matches!(connect(), ConnectError::NoDaemon { .. }));
+}
+
+#[test]
+fn another_users_daemon_is_named() {
+    const NOBODY: u32 = 65_534;
+    if !rustix::process::geteuid().is_root() {
+        // Without root there is no second user to be; root's directory is one that is not ours.
+        let refused = RuntimeDir::at("/").ensure().unwrap_err();
+        assert!(refused.to_string().contains("belongs to user 0"), "{refused}");
+        return;
+    }
+    let daemon = TestDaemon::start(DAEMON, &[]);
+    // Nobody may pass through the directory, but not into the files.
+    let open = std::os::unix::fs::PermissionsExt::from_mode(0o755);
+    std::fs::set_permissions(daemon.path(), open).unwrap();
+    let reachable = tempfile::tempdir().unwrap();
+    let open = std::os::unix::fs::PermissionsExt::from_mode(0o755);
+    std::fs::set_permissions(reachable.path(), open).unwrap();
+    let client = reachable.path().join("fault_client");
+    std::fs::copy(FAULT_CLIENT, &client).unwrap();
+    let output = Command::new(client)
+        .arg("connect")
+        .env("PAIRMASK_RUNTIME_DIR", daemon.path())
+        .uid(NOBODY)
+        .gid(NOBODY)
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(said.contains("OtherUser") && said.contains("uid: 0"), "{said}");
+}
+
+#[test]
+fn one_client_too_many_is_told_so() {
+    let daemon = TestDaemon::start(DAEMON, &["--max-clients", "2"]);
+    let connect = || daemon.session().connect();
+    let _first = connect().unwrap();
+    let second = connect().unwrap();
+    assert!(matches!(connect().unwrap_err(), ConnectError::TooManyClients { .. }));
+    drop(second);
+    let mut third = connect().unwrap();
+    check_frame(&mut third, &scene(50, 5));
+}
+
+#[test]
+fn three_frames_at_a_time_and_no_fourth() {
+    let daemon = TestDaemon::start(DAEMON, &[]);
+    let mut session = daemon.session().connect().unwrap();
+    let boxes = scene(64, 6);
+    let expected = oracle::truth(&boxes).pairs;
+    let mut pending = Vec::new();
+    for _ in 0..3 {
+        let mut frame = session.frame(boxes.len()).unwrap();
+        frame.boxes_mut().copy_from_slice(&boxes);
+        pending.push(frame.submit().unwrap());
+    }
+    assert!(matches!(session.frame(1).unwrap_err(), FrameError::TooManyFrames));
+    let masks: Vec<_> = pending.into_iter().map(|frame| frame.wait().unwrap()).collect();
+    for mask in &masks {
+        assert_eq!(mask.to_vec(), expected);
+    }
+    assert!(matches!(session.frame(1).unwrap_err(), FrameError::TooManyFrames));
+    drop(masks);
+    check_frame(&mut session, &boxes);
+}
+
+#[test]
+fn a_scene_may_grow_past_its_segment() {
+    let daemon = TestDaemon::start(DAEMON, &[]);
+    let capacity = pairmask::BoxCount::new(100);
+    let mut session = daemon.session().capacity(capacity).connect().unwrap();
+    for n in [10, 100, 500, 3000, 12, 6000] {
+        assert_eq!(check_frame(&mut session, &scene(n, 7)), ServedBy::Daemon, "{n} boxes");
+    }
+}
+
+#[test]
+fn several_clients_are_served_at_once() {
+    let daemon = TestDaemon::start(DAEMON, &[]);
+    std::thread::scope(|scope| {
+        for client in 0..4u64 {
+            let mut session = daemon.session().connect().unwrap();
+            scope.spawn(move || {
+                for frame in 0..50 {
+                    let boxes = scene(100 + 37 * client as usize, 100 * client + frame);
+                    assert_eq!(check_frame(&mut session, &boxes), ServedBy::Daemon);
+                }
+            });
+        }
+    });
+}
