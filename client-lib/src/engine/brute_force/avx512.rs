@@ -6,7 +6,10 @@
 use std::arch::x86_64::*;
 use std::ops::Range;
 
-use super::kernel::{self, Columns, Kernel};
+use super::bitmaps::Bitmaps;
+use super::candidates::Candidates;
+use super::kernel::{Columns, Kernel};
+use super::search::{self, Scene};
 use super::words::WordList;
 use crate::aabb::KeyBox;
 use crate::engine::ingest::ColumnWords;
@@ -47,20 +50,37 @@ impl Kernel for Avx512 {
     }
 }
 
-/// [`kernel::compare_rows`] with AVX-512.
-pub(super) fn compare_rows(
-    columns: &ColumnWords<'_>,
+/// [`search::find`] with this instruction set.
+pub(super) fn find(
+    scene: &Scene<'_>,
     rows: Range<usize>,
-    n: usize,
+    candidates: &mut Candidates,
     found: &mut WordList,
     isa: AvailableIsa,
 ) -> u64 {
     #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,popcnt,bmi1,bmi2")]
-    fn run(columns: &ColumnWords<'_>, rows: Range<usize>, n: usize, found: &mut WordList) -> u64 {
+    fn run(
+        scene: &Scene<'_>,
+        rows: Range<usize>,
+        candidates: &mut Candidates,
+        found: &mut WordList,
+    ) -> u64 {
         // SAFETY: this function is compiled for the kernel's features.
-        unsafe { kernel::compare_rows::<Avx512>(columns, rows, n, found) }
+        unsafe { search::find::<Avx512>(scene, rows, candidates, found) }
     }
     assert_eq!(isa.get(), Isa::Avx512);
-    // SAFETY: an `AvailableIsa` of AVX-512 exists only where the CPU reported these features.
-    unsafe { run(columns, rows, n, found) }
+    // SAFETY: an `AvailableIsa` of this set exists only where the CPU reported its features.
+    unsafe { run(scene, rows, candidates, found) }
+}
+
+/// [`Bitmaps::build`] with this instruction set.
+pub(super) fn build(bitmaps: &mut Bitmaps, columns: &ColumnWords<'_>, n: usize, isa: AvailableIsa) {
+    #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,popcnt,bmi1,bmi2")]
+    fn run(bitmaps: &mut Bitmaps, columns: &ColumnWords<'_>, n: usize) {
+        // SAFETY: this function is compiled for the kernel's features.
+        unsafe { bitmaps.build::<Avx512>(columns, n) };
+    }
+    assert_eq!(isa.get(), Isa::Avx512);
+    // SAFETY: an `AvailableIsa` of this set exists only where the CPU reported its features.
+    unsafe { run(bitmaps, columns, n) }
 }

@@ -1,11 +1,10 @@
 //! The comparison itself: one row against the 64 columns of a mask word.
 //!
-//! A kernel is one instruction set's way to do it. The loops around it are written once, generic
-//! over the kernel and always inlined, so that each set gets a copy compiled for it.
+//! A kernel is one instruction set's way to do it, and to do what comes before it: buckets and ANDs.
 
-use std::ops::Range;
-
-use super::words::WordList;
+use super::bitmaps::LINE_WORDS;
+use super::candidates::Candidates;
+use super::quantiles::Borders;
 use crate::aabb::KeyBox;
 use crate::engine::ingest::{ColumnWords, WORD_COLUMNS};
 
@@ -30,12 +29,56 @@ pub(super) trait Kernel {
     /// The CPU must have the kernel's instruction set.
     #[allow(unsafe_code)]
     unsafe fn word(row: &Self::Row, columns: &Columns<'_>) -> u64;
+
+    /// Buckets of 64 keys. Those of [`KeyBox::NOTHING`] may be any.
+    ///
+    /// # Safety
+    /// The CPU must have the kernel's instruction set.
+    #[allow(unsafe_code)]
+    #[inline(always)]
+    unsafe fn buckets(keys: &[i32; WORD_COLUMNS], borders: &Borders, out: &mut [u8; WORD_COLUMNS]) {
+        for (key, out) in keys.iter().zip(out) {
+            *out = borders.bucket(*key);
+        }
+    }
+
+    /// ANDs one line of six strings and of `wanted`, and keeps the words that are not zero.
+    ///
+    /// # Safety
+    /// The CPU must have the kernel's instruction set.
+    #[allow(unsafe_code)]
+    #[inline(always)]
+    unsafe fn and_line(
+        strings: [&[u64; LINE_WORDS]; 6],
+        wanted: &[u64; LINE_WORDS],
+        row: u32,
+        line: usize,
+        candidates: &mut Candidates,
+    ) {
+        let mut bits = *wanted;
+        for string in strings {
+            for (bits, string) in bits.iter_mut().zip(string) {
+                *bits &= string;
+            }
+        }
+        if bits.iter().fold(0, |any, bits| any | bits) != 0 {
+            for (word, bits) in bits.into_iter().enumerate() {
+                candidates.push(row, (line * LINE_WORDS + word) as u32, bits);
+            }
+        }
+    }
 }
 
-/// Bits of the columns after `row` in the word that holds it.
+/// Whether a row overlaps one column of a word, without a branch.
 #[inline(always)]
-pub(super) const fn after_row(row: usize) -> u64 {
-    (u64::MAX << (row % WORD_COLUMNS)) << 1
+pub(super) fn overlaps_column(row: &KeyBox, columns: &Columns<'_>, column: usize) -> bool {
+    let key = |component: usize| columns[component][column];
+    (row.min[0] <= key(3))
+        & (key(0) <= row.max[0])
+        & (row.min[1] <= key(4))
+        & (key(1) <= row.max[1])
+        & (row.min[2] <= key(5))
+        & (key(2) <= row.max[2])
 }
 
 /// The six keys of a box.
@@ -50,39 +93,4 @@ pub(super) fn key_box(columns: &ColumnWords<'_>, index: usize) -> KeyBox {
 #[inline(always)]
 pub(super) fn columns_of<'a>(columns: &ColumnWords<'a>, word: usize) -> Columns<'a> {
     std::array::from_fn(|component| &columns[component][word])
-}
-
-/// Compares every row of a range with every column after it. Returns the number of pairs compared.
-///
-/// # Safety
-/// The CPU must have the kernel's instruction set.
-#[allow(unsafe_code)]
-#[inline(always)]
-pub(super) unsafe fn compare_rows<K: Kernel>(
-    columns: &ColumnWords<'_>,
-    rows: Range<usize>,
-    n: usize,
-    found: &mut WordList,
-) -> u64 {
-    let words = columns[0].len();
-    let mut compared = 0;
-    for row in rows {
-        let key = key_box(columns, row);
-        if key == KeyBox::NOTHING {
-            continue;
-        }
-        compared += (n - 1 - row) as u64;
-        let first = row / WORD_COLUMNS;
-        found.make_room(words - first);
-        // SAFETY: the caller vouches for the instruction set.
-        let lanes = unsafe { K::row(&key) };
-        let mut wanted = after_row(row);
-        for word in first..words {
-            // SAFETY: as above.
-            let bits = unsafe { K::word(&lanes, &columns_of(columns, word)) };
-            found.push(row as u32, word as u32, bits & wanted);
-            wanted = u64::MAX;
-        }
-    }
-    compared
 }

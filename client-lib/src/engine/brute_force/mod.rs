@@ -7,18 +7,25 @@
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
+mod bitmaps;
+mod candidates;
 mod dense;
+mod dispatch;
 mod fan_out;
 mod kernel;
 #[cfg(target_arch = "aarch64")]
 mod neon;
 mod portable;
+mod quantiles;
+mod search;
 mod split;
 mod task;
 mod words;
 
 use std::time::Instant;
 
+use self::bitmaps::Bitmaps;
+use self::search::Scene;
 use self::task::Task;
 use crate::aabb::Aabb;
 use crate::engine::{
@@ -27,6 +34,9 @@ use crate::engine::{
 };
 use crate::mask::{Encoding, MaskShape};
 use crate::units::BoxCount;
+
+/// Fewest boxes for which bitmaps take less time to build than they save.
+const BITMAP_BOXES: usize = 192;
 
 /// The engine `cpu-brute`. Fastest for tiny scenes, and the reference for the others.
 ///
@@ -52,6 +62,7 @@ use crate::units::BoxCount;
 pub struct BruteForce {
     isa: AvailableIsa,
     columns: KeyColumns,
+    bitmaps: Bitmaps,
     tasks: Vec<Task>,
 }
 
@@ -64,7 +75,12 @@ impl Default for BruteForce {
 impl BruteForce {
     /// The engine with the widest instruction set of this machine.
     pub fn new() -> Self {
-        Self { isa: AvailableIsa::best(), columns: KeyColumns::default(), tasks: Vec::new() }
+        Self {
+            isa: AvailableIsa::best(),
+            columns: KeyColumns::default(),
+            bitmaps: Bitmaps::default(),
+            tasks: Vec::new(),
+        }
     }
 
     /// The engine with one instruction set, for tests and measurements.
@@ -95,8 +111,9 @@ impl BruteForce {
 
     /// Finds all words and writes them behind one another.
     fn run_sparse(&mut self, reply: &mut dyn ReplyBuffer) -> Result<MaskShape, CullError> {
-        let (columns, isa) = (&self.columns, self.isa);
-        fan_out::for_each(&mut self.tasks, &|task| task.run_sparse(columns, isa));
+        let scene = scene(&self.columns, &self.bitmaps);
+        let isa = self.isa;
+        fan_out::for_each(&mut self.tasks, &|task| task.run_sparse(&scene, isa));
         let word_count = self.tasks.iter().map(|t| t.found().len() as u64).sum();
         let n = BoxCount::new(self.columns.len() as u32);
         let shape = MaskShape::sparse(n, word_count, word_count, false);
@@ -117,12 +134,13 @@ impl BruteForce {
 
     /// Writes each task's words where they belong, then the words that two tasks share.
     fn run_dense(&mut self, reply: &mut dyn ReplyBuffer) -> Result<MaskShape, CullError> {
-        let (columns, isa, n) = (&self.columns, self.isa, self.columns.len());
+        let scene = scene(&self.columns, &self.bitmaps);
+        let (isa, n) = (self.isa, scene.n);
         let shape = MaskShape::dense(BoxCount::new(n as u32));
         let word_count = shape.extent_words();
         let words = &mut reply.reserve(word_count)?[..word_count as usize];
         fan_out::for_each_window(&mut self.tasks, words, n, &|task, window| {
-            task.run_dense(columns, isa, window);
+            task.run_dense(&scene, isa, window);
         });
         for task in &self.tasks {
             let word = dense::first_word(task.rows().end, n) as usize;
@@ -132,6 +150,13 @@ impl BruteForce {
         }
         Ok(shape)
     }
+}
+
+/// What the tasks search in.
+fn scene<'a>(columns: &'a KeyColumns, bitmaps: &'a Bitmaps) -> Scene<'a> {
+    let n = columns.len();
+    let bitmaps = (n >= BITMAP_BOXES).then_some(bitmaps);
+    Scene { columns: columns.words(), n, bitmaps }
 }
 
 impl Engine for BruteForce {
@@ -152,6 +177,9 @@ impl Engine for BruteForce {
         })?;
         let start = Instant::now();
         let census = self.columns.ingest(boxes, self.isa);
+        if boxes.len() >= BITMAP_BOXES {
+            dispatch::build(&mut self.bitmaps, &self.columns.words(), boxes.len(), self.isa);
+        }
         self.assign(job.threads);
         let ingested = Instant::now();
         let shape = match job.encoding {

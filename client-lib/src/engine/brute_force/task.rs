@@ -2,22 +2,22 @@
 
 use std::ops::Range;
 
+use super::candidates::Candidates;
 use super::dense::{DenseWindow, first_word};
+use super::dispatch;
+use super::search::Scene;
 use super::words::WordList;
-#[cfg(target_arch = "x86_64")]
-use super::{avx2, avx512};
-use super::{kernel, portable};
-use crate::engine::ingest::KeyColumns;
-use crate::engine::{AvailableIsa, Isa};
+use crate::engine::AvailableIsa;
 
-/// Rows whose words are found before they go into a dense mask: few enough that the words are
-/// still in the cache then.
-const DENSE_ROWS: usize = 32;
+/// Rows that go through all stages together: few enough that what one stage leaves is still in the
+/// cache for the next, and enough that each stage keeps its rhythm.
+const BATCH_ROWS: usize = 64;
 
 /// A range of rows, what was found in them, and the scratch for it.
 #[derive(Default)]
 pub(super) struct Task {
     rows: Range<usize>,
+    candidates: Candidates,
     found: WordList,
     /// Pairs compared.
     pub compared: u64,
@@ -46,19 +46,22 @@ impl Task {
     }
 
     /// Finds the words of all rows and keeps them.
-    pub fn run_sparse(&mut self, columns: &KeyColumns, isa: AvailableIsa) {
-        self.compared = compare_rows(columns, self.rows.clone(), &mut self.found, isa);
+    pub fn run_sparse(&mut self, scene: &Scene<'_>, isa: AvailableIsa) {
+        for rows in batches(self.rows.clone()) {
+            self.compared +=
+                dispatch::find(scene, rows, &mut self.candidates, &mut self.found, isa);
+        }
         self.pair_count = self.found.pair_count();
     }
 
     /// Finds the words of all rows and writes them into `words`, the window of this task.
-    pub fn run_dense(&mut self, columns: &KeyColumns, isa: AvailableIsa, words: &mut [u32]) {
-        let n = columns.len();
-        let mut window = DenseWindow::new(words, first_word(self.rows.start, n), n);
-        for start in self.rows.clone().step_by(DENSE_ROWS) {
-            let rows = start..self.rows.end.min(start + DENSE_ROWS);
+    pub fn run_dense(&mut self, scene: &Scene<'_>, isa: AvailableIsa, words: &mut [u32]) {
+        let first_word = first_word(self.rows.start, scene.n);
+        let mut window = DenseWindow::new(words, first_word, scene.n);
+        for rows in batches(self.rows.clone()) {
             self.found.clear();
-            self.compared += compare_rows(columns, rows, &mut self.found, isa);
+            self.compared +=
+                dispatch::find(scene, rows, &mut self.candidates, &mut self.found, isa);
             self.pair_count += self.found.pair_count();
             window.write(&self.found);
         }
@@ -66,32 +69,6 @@ impl Task {
     }
 }
 
-fn compare_rows(
-    columns: &KeyColumns,
-    rows: Range<usize>,
-    found: &mut WordList,
-    isa: AvailableIsa,
-) -> u64 {
-    let (n, columns) = (columns.len(), &columns.words());
-    match isa.get() {
-        #[cfg(target_arch = "x86_64")]
-        Isa::Avx512 => avx512::compare_rows(columns, rows, n, found, isa),
-        #[cfg(target_arch = "x86_64")]
-        Isa::Avx2 => avx2::compare_rows(columns, rows, n, found, isa),
-        #[cfg(target_arch = "aarch64")]
-        Isa::Neon => {
-            // SAFETY: every aarch64 has NEON.
-            #[allow(unsafe_code)]
-            unsafe {
-                kernel::compare_rows::<super::neon::Neon>(columns, rows, n, found)
-            }
-        }
-        _ => {
-            // SAFETY: plain Rust needs no instruction set.
-            #[allow(unsafe_code)]
-            unsafe {
-                kernel::compare_rows::<portable::Portable>(columns, rows, n, found)
-            }
-        }
-    }
+fn batches(rows: Range<usize>) -> impl Iterator<Item = Range<usize>> {
+    rows.clone().step_by(BATCH_ROWS).map(move |start| start..rows.end.min(start + BATCH_ROWS))
 }
