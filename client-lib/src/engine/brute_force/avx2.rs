@@ -15,6 +15,8 @@ use crate::aabb::KeyBox;
 use crate::engine::ingest::ColumnWords;
 use crate::engine::{AvailableIsa, Isa};
 
+/// The kernel. Its methods are one line each: code that is to be compiled for AVX2 stands in
+/// `target_feature` functions, whose closures and helpers inherit the feature.
 struct Avx2;
 
 impl Kernel for Avx2 {
@@ -22,35 +24,50 @@ impl Kernel for Avx2 {
 
     #[inline(always)]
     unsafe fn row(key: &KeyBox) -> Self::Row {
-        let [x, y, z] = key.min;
-        let [u, v, w] = key.max;
         // SAFETY: the caller vouches for AVX2.
-        [x, y, z, u, v, w].map(|k| unsafe { _mm256_set1_epi32(k) })
+        unsafe { spread(key) }
     }
 
     #[inline(always)]
     unsafe fn word(row: &Self::Row, columns: &Columns<'_>) -> u64 {
-        let mut bits = 0;
-        for eighth in 0..8 {
-            // SAFETY: the caller vouches for AVX2; a column holds 64 keys, so that the eight loads
-            // of 8 end where it does.
-            let apart = unsafe {
-                let load = |c: usize| -> __m256i {
-                    _mm256_loadu_si256(columns[c].as_ptr().add(8 * eighth).cast())
-                };
-                // There is only "greater": gather what keeps two boxes apart.
-                let mut apart = _mm256_setzero_si256();
-                for axis in 0..3 {
-                    let below = _mm256_cmpgt_epi32(row[axis], load(3 + axis));
-                    let above = _mm256_cmpgt_epi32(load(axis), row[3 + axis]);
-                    apart = _mm256_or_si256(apart, _mm256_or_si256(below, above));
-                }
-                _mm256_movemask_ps(_mm256_castsi256_ps(apart))
-            };
-            bits |= u64::from(!(apart as u8)) << (8 * eighth);
-        }
-        bits
+        // SAFETY: the caller vouches for AVX2.
+        unsafe { compare(row, columns) }
     }
+}
+
+#[inline]
+#[target_feature(enable = "avx2")]
+fn spread(key: &KeyBox) -> [__m256i; 6] {
+    let [x, y, z] = key.min;
+    let [u, v, w] = key.max;
+    [x, y, z, u, v, w].map(|k| _mm256_set1_epi32(k))
+}
+
+/// 8 keys of an array.
+#[inline]
+#[target_feature(enable = "avx2")]
+fn load(keys: &[i32], first: usize) -> __m256i {
+    let keys = &keys[first..first + 8];
+    // SAFETY: the slice is 8 i32, 32 bytes.
+    unsafe { _mm256_loadu_si256(keys.as_ptr().cast()) }
+}
+
+#[inline]
+#[target_feature(enable = "avx2")]
+fn compare(row: &[__m256i; 6], columns: &Columns<'_>) -> u64 {
+    let mut bits = 0;
+    for eighth in 0..8 {
+        // There is only "greater": gather what keeps two boxes apart.
+        let mut apart = _mm256_setzero_si256();
+        for axis in 0..3 {
+            let below = _mm256_cmpgt_epi32(row[axis], load(columns[3 + axis], 8 * eighth));
+            let above = _mm256_cmpgt_epi32(load(columns[axis], 8 * eighth), row[3 + axis]);
+            apart = _mm256_or_si256(apart, _mm256_or_si256(below, above));
+        }
+        let apart = _mm256_movemask_ps(_mm256_castsi256_ps(apart)) as u8;
+        bits |= u64::from(!apart) << (8 * eighth);
+    }
+    bits
 }
 
 /// [`search::find`] with this instruction set.

@@ -11,7 +11,6 @@
 
 use super::kernel::Kernel;
 use super::quantiles::Borders;
-use crate::aabb::KeyBox;
 use crate::engine::aligned::AlignedBuffer;
 use crate::engine::ingest::{ColumnWords, WORD_COLUMNS};
 
@@ -22,6 +21,15 @@ pub(super) const BUCKETS: usize = 64;
 /// Words of a cache line: strings are padded to whole ones, so that a SIMD load may run past the
 /// last column.
 pub(super) const LINE_WORDS: usize = 8;
+
+/// Which boxes a string names.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum BucketRange {
+    /// Those in its bucket and below.
+    UpTo,
+    /// Those in its bucket and above.
+    From,
+}
 
 /// The bitmaps of one frame. Memory is kept from frame to frame.
 #[derive(Default)]
@@ -63,33 +71,19 @@ impl Bitmaps {
                 }
             }
         }
-        self.fill_strings(columns, n);
-    }
-
-    fn fill_strings(&mut self, columns: &ColumnWords<'_>, n: usize) {
         let stride = self.stride;
         let strings = self.strings.as_mut_slice();
-        strings.fill(0);
         for component in 0..6 {
+            let range = if component < 3 { BucketRange::UpTo } else { BucketRange::From };
             let strings = &mut strings[component * BUCKETS * stride..][..BUCKETS * stride];
-            let buckets = &self.buckets.as_slice()[component * self.padded_len..][..n];
-            let mins = columns[0].as_flattened();
-            for (index, (&bucket, &min)) in buckets.iter().zip(mins).enumerate() {
-                // A box that overlaps nothing is in no string.
-                let bit = u64::from(min != KeyBox::NOTHING.min[0]) << (index % 64);
-                strings[usize::from(bucket) * stride + index / 64] |= bit;
-            }
-            for q in 1..BUCKETS {
-                // Upwards for "q or below", downwards for "q or above".
-                let (from, to) =
-                    if component < 3 { (q - 1, q) } else { (BUCKETS - q, BUCKETS - 1 - q) };
-                let (low, high) = strings.split_at_mut(from.max(to) * stride);
-                let (low, high) =
-                    (&mut low[from.min(to) * stride..][..stride], &mut high[..stride]);
-                let (from, to) = if from < to { (low, high) } else { (high, low) };
-                for (to, from) in to.iter_mut().zip(from) {
-                    *to |= *from;
+            for (word, buckets) in buckets[component * words..][..words].iter().enumerate() {
+                // SAFETY: as above.
+                unsafe {
+                    K::string_words(buckets, range, |q, bits| strings[q * stride + word] = bits);
                 }
+            }
+            for string in strings.chunks_exact_mut(stride) {
+                string[words..].fill(0);
             }
         }
     }

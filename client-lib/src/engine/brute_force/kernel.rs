@@ -2,8 +2,8 @@
 //!
 //! A kernel is one instruction set's way to do it, and to do what comes before it: buckets and ANDs.
 
-use super::bitmaps::LINE_WORDS;
-use super::candidates::Candidates;
+use super::bitmaps::{BUCKETS, BucketRange, LINE_WORDS, RowStrings};
+use super::candidates::{Candidates, address};
 use super::quantiles::Borders;
 use crate::aabb::KeyBox;
 use crate::engine::ingest::{ColumnWords, WORD_COLUMNS};
@@ -30,7 +30,7 @@ pub(super) trait Kernel {
     #[allow(unsafe_code)]
     unsafe fn word(row: &Self::Row, columns: &Columns<'_>) -> u64;
 
-    /// Buckets of 64 keys. Those of [`KeyBox::NOTHING`] may be any.
+    /// Buckets of 64 keys.
     ///
     /// # Safety
     /// The CPU must have the kernel's instruction set.
@@ -42,31 +42,81 @@ pub(super) trait Kernel {
         }
     }
 
-    /// ANDs one line of six strings and of `wanted`, and keeps the words that are not zero.
+    /// One word of every string of a component, for 64 boxes in these buckets: `put(q, word)` once
+    /// for each q.
     ///
     /// # Safety
     /// The CPU must have the kernel's instruction set.
     #[allow(unsafe_code)]
     #[inline(always)]
-    unsafe fn and_line(
-        strings: [&[u64; LINE_WORDS]; 6],
-        wanted: &[u64; LINE_WORDS],
-        row: u32,
-        line: usize,
-        candidates: &mut Candidates,
+    unsafe fn string_words(
+        buckets: &[u8; WORD_COLUMNS],
+        range: BucketRange,
+        mut put: impl FnMut(usize, u64),
     ) {
-        let mut bits = *wanted;
-        for string in strings {
-            for (bits, string) in bits.iter_mut().zip(string) {
-                *bits &= string;
-            }
+        let mut held = [0u64; BUCKETS + 1];
+        for (column, &bucket) in buckets.iter().enumerate() {
+            held[usize::from(bucket)] |= 1 << column;
         }
-        if bits.iter().fold(0, |any, bits| any | bits) != 0 {
-            for (word, bits) in bits.into_iter().enumerate() {
-                candidates.push(row, (line * LINE_WORDS + word) as u32, bits);
+        let mut so_far = 0;
+        for step in 0..BUCKETS {
+            let q = match range {
+                BucketRange::UpTo => step,
+                BucketRange::From => BUCKETS - 1 - step,
+            };
+            so_far |= held[q];
+            put(q, so_far);
+        }
+    }
+
+    /// ANDs the six strings of a row, columns after the row only, and keeps the words that are not
+    /// zero.
+    ///
+    /// # Safety
+    /// The CPU must have the kernel's instruction set.
+    #[allow(unsafe_code)]
+    #[inline(always)]
+    unsafe fn and_row(strings: &RowStrings<'_>, row: usize, candidates: &mut Candidates) {
+        let (first_line, first_word) = first_word(row);
+        for line in first_line..strings[0].len() {
+            let mut bits = [u64::MAX; LINE_WORDS];
+            for string in strings {
+                for (bits, string) in bits.iter_mut().zip(&string[line]) {
+                    *bits &= string;
+                }
+            }
+            if line == first_line {
+                bits[..first_word].fill(0);
+                bits[first_word] &= after_row(row);
+            }
+            if bits.iter().fold(0, |any, bits| any | bits) != 0 {
+                candidates.append(|out| {
+                    let mut kept = 0;
+                    for (word, bits) in bits.into_iter().enumerate() {
+                        // Written first and kept if not zero: no branch to mispredict.
+                        out.addresses[kept] = address(row, line * LINE_WORDS + word);
+                        out.bits[kept] = bits;
+                        kept += usize::from(bits != 0);
+                    }
+                    kept
+                });
             }
         }
     }
+}
+
+/// Line of a row's string, and word of that line, with the first column after the row or, for the
+/// last column of a word, the row itself.
+#[inline(always)]
+pub(super) const fn first_word(row: usize) -> (usize, usize) {
+    let word = row / WORD_COLUMNS;
+    (word / LINE_WORDS, word % LINE_WORDS)
+}
+
+/// Bits of the columns after `row` in the word that holds it.
+#[inline(always)]
+pub(super) const fn after_row(row: usize) -> u64 {
+    (u64::MAX << (row % WORD_COLUMNS)) << 1
 }
 
 /// Whether a row overlaps one column of a word, without a branch.

@@ -8,11 +8,20 @@ use crate::engine::ingest::WORD_COLUMNS;
 /// to sort than they save.
 const SAMPLES: usize = 2 * BUCKETS;
 
-/// Ascending keys; the bucket of a key is the number of borders that are not above it.
+/// Border keys of an axis. The bucket of a key is the number of borders that are not above it.
+///
+/// The borders form a search tree laid out level by level: level l starts at 2^l − 1, and the
+/// children of its node k are nodes 2k and 2k + 1 of the next. A level fits into one or two SIMD
+/// registers, so that a step of the search is a shuffle.
 pub(super) struct Borders([i32; BUCKETS]);
+
+/// Levels of the search tree.
+pub(super) const LEVELS: usize = BUCKETS.ilog2() as usize;
+const _: () = assert!(1 << LEVELS == BUCKETS, "a full tree has 2^l - 1 nodes");
 
 impl Borders {
     /// Borders from a sample, evenly spaced in index: mins and maxes in turn.
+    #[inline(always)]
     pub fn of_sample(
         mins: &[[i32; WORD_COLUMNS]],
         maxes: &[[i32; WORD_COLUMNS]],
@@ -28,34 +37,49 @@ impl Borders {
                 solid += 1;
             }
         }
-        let sample = &mut sample[..solid];
-        sample.sort_unstable();
-        // The last border is above every key: there are one fewer borders than buckets.
-        let mut borders = [i32::MAX; BUCKETS];
-        for (i, border) in borders[..BUCKETS - 1].iter_mut().enumerate() {
-            if let Some(key) = sample.get((i + 1) * solid / BUCKETS) {
-                *border = *key;
+        sort(&mut sample);
+        let border = |i: usize| sample[(i + 1) * solid / BUCKETS];
+        let mut tree = [i32::MAX; BUCKETS];
+        for level in 0..LEVELS {
+            for node in 0..1 << level {
+                tree[(1 << level) - 1 + node] =
+                    border(((2 * node + 1) << (LEVELS - 1 - level)) - 1);
             }
         }
-        Self(borders)
+        Self(tree)
     }
 
-    /// All borders, ascending. The last one is `i32::MAX`.
-    pub fn keys(&self) -> &[i32; BUCKETS] {
+    /// The search tree, level by level. The last entry is no node.
+    pub fn tree(&self) -> &[i32; BUCKETS] {
         &self.0
     }
 
-    /// The bucket of a key of a number.
+    /// The bucket of a key; [`BUCKETS`] itself for the min keys of boxes that overlap nothing.
     #[inline(always)]
     pub fn bucket(&self, key: i32) -> u8 {
-        let mut below = 0;
-        let mut step = BUCKETS / 2;
-        while step > 0 {
+        let mut node = 0;
+        for level in 0..LEVELS {
             // Both ways take the same time: no branch to mispredict.
-            below += step * usize::from(self.0[below + step - 1] <= key);
-            step /= 2;
+            node = 2 * node + usize::from(self.0[(1 << level) - 1 + node] <= key);
         }
-        below as u8
+        node as u8 + u8::from(key == KeyBox::NOTHING.min[0])
+    }
+}
+
+/// Sorts by counting, for each key, the keys before it: quadratic, and without a branch faster
+/// than a sort for so few.
+#[inline(always)]
+fn sort(keys: &mut [i32; SAMPLES]) {
+    let unsorted = *keys;
+    let mut ranks = [0u32; SAMPLES];
+    for (i, &key) in unsorted.iter().enumerate() {
+        for (j, (rank, &other)) in ranks.iter_mut().zip(&unsorted).enumerate() {
+            // Equal keys keep their order, so that no two have one rank.
+            *rank += u32::from(key < other) | u32::from(key == other) & u32::from(i < j);
+        }
+    }
+    for (rank, key) in ranks.iter().zip(&unsorted) {
+        keys[*rank as usize] = *key;
     }
 }
 
@@ -73,16 +97,26 @@ mod tests {
     fn buckets_count_the_borders_that_are_not_above() {
         let keys: Vec<i32> = (0..1000).map(|i| (i * 7919 % 1000 - 500) * 1000).collect();
         let borders = borders(&keys);
-        assert!(borders.keys().is_sorted());
+        let nodes = &borders.tree()[..BUCKETS - 1];
         let probes = keys.iter().flat_map(|&k| [k - 1, k, k + 1]);
         for key in probes.chain([i32::MIN, -1, 0, 1, i32::MAX - 1]) {
-            let counted = borders.keys().iter().filter(|b| **b <= key).count();
+            let counted = nodes.iter().filter(|b| **b <= key).count();
             assert_eq!(usize::from(borders.bucket(key)), counted, "{key}");
         }
+        assert_eq!(usize::from(borders.bucket(KeyBox::NOTHING.min[0])), BUCKETS);
         for bucket in 0..BUCKETS {
             let held = keys.iter().filter(|k| usize::from(borders.bucket(**k)) == bucket).count();
             assert!((1..100).contains(&held), "bucket {bucket} holds {held} of 1000");
         }
+    }
+
+    #[test]
+    fn samples_sort_with_their_doubles() {
+        let mut keys: [i32; SAMPLES] = std::array::from_fn(|i| (i as i32 * 37 % 41) - 20);
+        let mut expected = keys;
+        expected.sort_unstable();
+        sort(&mut keys);
+        assert_eq!(keys, expected);
     }
 
     #[test]

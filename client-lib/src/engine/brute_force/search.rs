@@ -7,7 +7,7 @@ use std::ops::Range;
 
 use super::bitmaps::{Bitmaps, LINE_WORDS};
 use super::candidates::Candidates;
-use super::kernel::{Kernel, columns_of, key_box, overlaps_column};
+use super::kernel::{Kernel, after_row, columns_of, key_box, overlaps_column};
 use super::words::WordList;
 use crate::aabb::KeyBox;
 use crate::engine::ingest::{ColumnWords, WORD_COLUMNS};
@@ -48,11 +48,6 @@ pub(super) unsafe fn find<K: Kernel>(
             }
         }
     }
-}
-
-/// Bits of the columns after `row` in the word that holds it.
-const fn after_row(row: usize) -> u64 {
-    (u64::MAX << (row % WORD_COLUMNS)) << 1
 }
 
 /// Compares every row with every column after it.
@@ -101,19 +96,9 @@ unsafe fn rule_out<K: Kernel>(
             continue;
         }
         let strings = bitmaps.row(row);
-        let first_word = row / WORD_COLUMNS;
-        let first_line = first_word / LINE_WORDS;
-        let lines = strings[0].len();
-        candidates.make_room((lines - first_line) * LINE_WORDS);
-        let mut wanted = [u64::MAX; LINE_WORDS];
-        wanted[..first_word % LINE_WORDS].fill(0);
-        wanted[first_word % LINE_WORDS] = after_row(row);
-        for line in first_line..lines {
-            let strings = strings.map(|string| &string[line]);
-            // SAFETY: the caller vouches for the instruction set.
-            unsafe { K::and_line(strings, &wanted, row as u32, line, candidates) };
-            wanted = [u64::MAX; LINE_WORDS];
-        }
+        candidates.make_room(strings[0].len() * LINE_WORDS);
+        // SAFETY: the caller vouches for the instruction set.
+        unsafe { K::and_row(&strings, row, candidates) };
     }
 }
 
