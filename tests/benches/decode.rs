@@ -9,9 +9,11 @@ use std::time::{Duration, Instant};
 
 use pairmask::BoxCount;
 use pairmask::mask::MaskView;
-use pairmask_tests::mask_writer::{Pair, WrittenMask, write_dense, write_sparse};
-use pairmask_tests::pair_scenes::{all_pairs, grid_like_pairs, random_pairs, renamed};
-use pairmask_tests::random::Random;
+use pairmask_tests::mask_writer::{WrittenMask, write_dense, write_sparse};
+use pairmask_tests::oracle::Pair;
+use pairmask_tests::pair_scenes::{
+    all_pairs, grid_like_pairs, random_order, random_pairs, renamed,
+};
 use rayon::iter::ParallelIterator;
 
 /// Time spent on each row: long enough for a median of several hundred short runs.
@@ -44,7 +46,7 @@ fn sparse(name: &str, n: u32, pairs: &[Pair]) {
     let plain = write_sparse(count, pairs, None);
     println!("\n{name}, n = {n}");
     decode(&plain, pairs.len());
-    let order = Random::new(2).permutation(n);
+    let order = random_order(count, 2);
     let ordered = write_sparse(count, &renamed(pairs, &order), Some(&order));
     println!("{name}, n = {n}, random order");
     decode(&ordered, pairs.len());
@@ -87,6 +89,13 @@ fn decode(written: &WrittenMask, expected: usize) {
         median_of(|| {
             list.clear();
             mask.for_each(|a, b| list.push((a, b)));
+        }),
+    );
+    row(
+        "append_to",
+        median_of(|| {
+            list.clear();
+            mask.append_to(&mut list);
         }),
     );
     row(

@@ -3,8 +3,7 @@
 use pairmask::BoxCount;
 use pairmask::mask::MaskShape;
 
-/// A pair of boxes, the smaller first.
-pub type Pair = (u32, u32);
+use crate::oracle::Pair;
 
 /// A reply and where its mask lies.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -4,16 +4,16 @@ use std::collections::BTreeSet;
 
 use pairmask::BoxCount;
 
-use crate::mask_writer::Pair;
-use crate::random::Random;
+use crate::oracle::Pair;
+use crate::stress_scenes::Rng;
 
 /// About `count` random pairs, each once, sorted.
 pub fn random_pairs(n: BoxCount, count: usize, seed: u64) -> Vec<Pair> {
     if n.get() < 2 {
         return Vec::new();
     }
-    let mut random = Random::new(seed);
-    let drawn = (0..count).map(|_| (random.below(n.get()), random.below(n.get())));
+    let mut rng = Rng::new(seed);
+    let drawn = (0..count).map(|_| (rng.below(n.get()), rng.below(n.get())));
     let pairs: BTreeSet<Pair> = drawn.filter(|(a, b)| a != b).map(sorted).collect();
     pairs.into_iter().collect()
 }
@@ -26,14 +26,14 @@ pub fn all_pairs(n: BoxCount) -> Vec<Pair> {
 /// About `per_box`·n pairs as a grid finds them, by position in the grid's order: a partner lies
 /// in one of the five runs of cells in the forward half of the neighbourhood.
 pub fn grid_like_pairs(n: BoxCount, per_box: f64, seed: u64) -> Vec<Pair> {
-    let mut random = Random::new(seed);
+    let mut rng = Rng::new(seed);
     let side = f64::from(n.get()).cbrt();
     let runs = [0.0, side, side * side - side, side * side, side * side + side];
     let mut pairs = BTreeSet::new();
     for _ in 0..(per_box * f64::from(n.get())) as usize {
-        let a = random.below(n.get());
-        let run = runs[random.below(5) as usize] as u32;
-        let b = a.saturating_add(run + 1 + random.below(12));
+        let a = rng.below(n.get());
+        let run = runs[rng.below(5) as usize] as u32;
+        let b = a.saturating_add(run + 1 + rng.below(12));
         if b < n.get() {
             pairs.insert((a, b));
         }
@@ -51,4 +51,14 @@ pub fn renamed(pairs: &[Pair], order: &[u32]) -> Vec<Pair> {
 
 fn sorted((a, b): Pair) -> Pair {
     (a.min(b), a.max(b))
+}
+
+/// A random order of `n` boxes.
+pub fn random_order(n: BoxCount, seed: u64) -> Vec<u32> {
+    let mut rng = Rng::new(seed);
+    let mut order: Vec<u32> = (0..n.get()).collect();
+    for i in (1..n.get()).rev() {
+        order.swap(i as usize, rng.below(i + 1) as usize);
+    }
+    order
 }

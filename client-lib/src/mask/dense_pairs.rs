@@ -18,10 +18,10 @@ impl<'a> DensePairs<'a> {
     }
 
     /// Puts the pairs of words until there is no more room. False at the end of the mask.
-    #[inline(always)]
+    #[inline]
     pub fn write(&mut self, writer: &mut PairWriter) -> bool {
         let mut more = false;
-        while writer.has_room() {
+        while writer.has_room_for(32) {
             let Some((number, bits)) = self.words.next() else { break };
             more = true;
             put_word(self.n, number, bits, writer);
@@ -31,7 +31,7 @@ impl<'a> DensePairs<'a> {
 }
 
 /// Adds the pairs of word `number`.
-#[inline(always)]
+#[inline]
 fn put_word(n: BoxCount, number: usize, bits: u32, writer: &mut PairWriter) {
     let skipped = bits.trailing_zeros();
     let first = PairIndex::new(32 * number as u64 + u64::from(skipped));

@@ -31,6 +31,16 @@ impl<'a> Pairs<'a> {
         Self { buffer: PairBuffer::new(), source: Source::Sparse(pairs) }
     }
 
+    /// Appends the pairs to a vector, a buffer at a time.
+    pub(super) fn append_to(mut self, pairs: &mut Vec<(u32, u32)>) {
+        loop {
+            pairs.extend(self.buffer.as_slice().iter().map(|&[a, b]| (a, b)));
+            if !self.refill() {
+                return;
+            }
+        }
+    }
+
     /// Decodes the next pairs into the buffer. False at the end of the mask.
     #[inline(never)]
     fn refill(&mut self) -> bool {
@@ -62,8 +72,8 @@ impl Iterator for Pairs<'_> {
     fn fold<B, F: FnMut(B, (u32, u32)) -> B>(mut self, init: B, mut f: F) -> B {
         let mut acc = init;
         loop {
-            for pair in self.buffer.as_slice() {
-                acc = f(acc, *pair);
+            for &[a, b] in self.buffer.as_slice() {
+                acc = f(acc, (a, b));
             }
             if !self.refill() {
                 return acc;

@@ -1,8 +1,15 @@
 //! Pairs of a sparse mask, with and without an order.
 
+#[cfg(target_arch = "x86_64")]
+mod avx512;
+
 use super::pair_buffer::PairWriter;
 use super::sparse_words::{SparseWord, SparseWords};
+use crate::engine::{AvailableIsa, Isa};
 use crate::units::BoxCount;
+
+/// Most pairs of a word.
+const WORD_PAIRS: usize = 32;
 
 /// The pairs of the words of a sparse mask, in the order of the words, columns rising.
 #[derive(Clone)]
@@ -11,28 +18,48 @@ pub(super) struct SparsePairs<'a> {
     /// `n` positions, where there is one.
     order: Option<&'a [u32]>,
     words: SparseWords<'a>,
+    isa: AvailableIsa,
 }
 
 impl<'a> SparsePairs<'a> {
     pub fn new(n: BoxCount, order: Option<&'a [u32]>, words: SparseWords<'a>) -> Self {
-        Self { n, order, words }
+        Self { n, order, words, isa: AvailableIsa::best() }
     }
 
     /// Puts the pairs of words until there is no more room. False at the end of the mask; nothing
     /// may be put before it, where the mask is malformed.
-    #[inline(always)]
+    #[inline]
     pub fn write(&mut self, writer: &mut PairWriter) -> bool {
-        let mut more = false;
-        while writer.has_room() {
-            let Some(word) = self.words.next() else { break };
-            more = true;
+        let rest = match self.isa.get() {
+            #[cfg(target_arch = "x86_64")]
+            Isa::Avx512 => avx512::write(self, writer, self.isa),
+            _ => self.write_portable(writer),
+        };
+        rest.map(|rest| self.words = rest).is_some()
+    }
+
+    /// Puts the pairs of words, one word after the other. The words left over, or `None` at the
+    /// end.
+    fn write_portable(&self, writer: &mut PairWriter) -> Option<SparseWords<'a>> {
+        let (word, mut rest) = self.words.split_first()?;
+        put_word(word, writer);
+        while writer.has_room_for(WORD_PAIRS) {
+            let Some((word, after)) = rest.split_first() else { break };
             put_word(word, writer);
+            rest = after;
         }
-        match self.order {
-            None => writer.settle(self.n, |pair| pair),
-            Some(order) => writer.settle(self.n, |(row, column)| boxes_at(order, row, column)),
+        writer.drop_strays(self.n);
+        self.name_boxes(writer);
+        Some(rest)
+    }
+
+    /// Turns positions into boxes.
+    #[inline(always)]
+    fn name_boxes(&self, writer: &mut PairWriter) {
+        if let Some(order) = self.order {
+            writer.name_boxes(order);
+            writer.drop_strays(self.n);
         }
-        more
     }
 }
 
@@ -52,14 +79,5 @@ fn put_word(word: SparseWord, writer: &mut PairWriter) {
     while bits != 0 {
         writer.put_if(true, lowest(bits));
         bits &= bits - 1;
-    }
-}
-
-/// The boxes at two positions, smaller first, or twice 2^32 − 1, which is no box.
-#[inline(always)]
-fn boxes_at(order: &[u32], row: u32, column: u32) -> (u32, u32) {
-    match (order.get(row as usize), order.get(column as usize)) {
-        (Some(&p), Some(&q)) if row < column => (p.min(q), p.max(q)),
-        _ => (u32::MAX, u32::MAX),
     }
 }

@@ -1,7 +1,6 @@
 //! Words of a sparse mask and the bits of each that name a pair.
 
 use std::iter::FusedIterator;
-use std::{iter, slice};
 
 use crate::units::BoxCount;
 
@@ -40,16 +39,39 @@ impl SparseWord {
     }
 }
 
-/// The words of a sparse mask as they lie in the reply.
-#[derive(Clone)]
+/// Words of a sparse mask as they lie in the reply: three slices of one length.
+#[derive(Clone, Copy)]
 pub(super) struct SparseWords<'a> {
-    addresses: iter::Zip<slice::Iter<'a, u32>, slice::Iter<'a, u32>>,
-    bits: slice::Iter<'a, u32>,
+    rows: &'a [u32],
+    blocks: &'a [u32],
+    bits: &'a [u32],
 }
 
 impl<'a> SparseWords<'a> {
+    /// As many words as the shortest slice has.
     pub fn new(rows: &'a [u32], blocks: &'a [u32], bits: &'a [u32]) -> Self {
-        Self { addresses: rows.iter().zip(blocks), bits: bits.iter() }
+        let len = rows.len().min(blocks.len()).min(bits.len());
+        let cut = |words: &'a [u32]| words.get(..len).unwrap_or(&[]);
+        Self { rows: cut(rows), blocks: cut(blocks), bits: cut(bits) }
+    }
+
+    /// The first word and those after it.
+    #[inline(always)]
+    pub fn split_first(self) -> Option<(SparseWord, Self)> {
+        let (row, rows) = self.rows.split_first()?;
+        let (block, blocks) = self.blocks.split_first()?;
+        let (bits, rest) = self.bits.split_first()?;
+        let word = SparseWord { row: *row, block: *block, bits: *bits };
+        Some((word, Self { rows, blocks, bits: rest }))
+    }
+
+    /// The first `N` words (rows, blocks, bits) and those after them.
+    #[inline(always)]
+    pub fn split_first_chunk<const N: usize>(self) -> Option<([&'a [u32; N]; 3], Self)> {
+        let (row, rows) = self.rows.split_first_chunk()?;
+        let (block, blocks) = self.blocks.split_first_chunk()?;
+        let (bits, rest) = self.bits.split_first_chunk()?;
+        Some(([row, block, bits], Self { rows, blocks, bits: rest }))
     }
 }
 
@@ -58,15 +80,9 @@ impl Iterator for SparseWords<'_> {
 
     #[inline]
     fn next(&mut self) -> Option<SparseWord> {
-        let ((row, block), bits) = (self.addresses.next()?, self.bits.next()?);
-        Some(SparseWord { row: *row, block: *block, bits: *bits })
-    }
-
-    #[inline]
-    fn fold<B, F: FnMut(B, SparseWord) -> B>(self, init: B, mut f: F) -> B {
-        self.addresses.zip(self.bits).fold(init, |acc, ((row, block), bits)| {
-            f(acc, SparseWord { row: *row, block: *block, bits: *bits })
-        })
+        let (word, rest) = self.split_first()?;
+        *self = rest;
+        Some(word)
     }
 }
 
