@@ -6,6 +6,5 @@ pub mod mask_writer;
 pub mod naive_decoder;
 pub mod oracle;
 pub mod pair_scenes;
-pub mod random;
 pub mod session_engine;
 pub mod stress_scenes;
