@@ -263,7 +263,9 @@ proptest! {
 
     #[test]
     fn no_bytes_do_harm((n, shape, reply) in any_mask(), probes in vec((0u32..90, 0u32..90), 20)) {
+        let (extent, bytes) = (shape.extent_words(), shape.mask_bytes());
         let Ok(mask) = MaskView::new(BoxCount::new(n), &shape, &reply) else { return Ok(()) };
+        prop_assert!(extent <= reply.len() as u64 && bytes <= 16 * reply.len() as u64);
         let pairs: Vec<Pair> = mask.pairs().collect();
         for &(a, b) in &pairs {
             prop_assert!(a < b && b < n, "({}, {}) of {}", a, b, n);
