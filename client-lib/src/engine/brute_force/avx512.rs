@@ -45,10 +45,11 @@ impl Kernel for Avx512 {
     unsafe fn string_words(
         buckets: &[u8; WORD_COLUMNS],
         range: BucketRange,
-        put: impl FnMut(usize, u64),
+        strings: &mut [u64],
+        word: usize,
     ) {
         // SAFETY: the caller vouches for AVX-512.
-        unsafe { string_words(buckets, range, put) }
+        unsafe { string_words(buckets, range, strings, word) }
     }
 
     #[inline(always)]
@@ -123,18 +124,22 @@ fn buckets(keys: &[i32; WORD_COLUMNS], borders: &Borders, out: &mut [u8; WORD_CO
 /// One comparison of 64 buckets is one word of a string.
 #[inline]
 #[target_feature(enable = "avx512f,avx512bw")]
-fn string_words(buckets: &[u8; WORD_COLUMNS], range: BucketRange, mut put: impl FnMut(usize, u64)) {
+fn string_words(
+    buckets: &[u8; WORD_COLUMNS],
+    range: BucketRange,
+    strings: &mut [u64],
+    word: usize,
+) {
     // SAFETY: `buckets` is 64 bytes.
     let buckets = unsafe { _mm512_loadu_si512(buckets.as_ptr().cast()) };
-    for q in 0..BUCKETS {
-        let border = _mm512_set1_epi8(q as i8);
-        put(
-            q,
-            match range {
-                BucketRange::UpTo => _mm512_cmple_epu8_mask(buckets, border),
-                BucketRange::From => _mm512_cmpge_epu8_mask(buckets, border),
-            },
-        );
+    let mut border = _mm512_setzero_si512();
+    let stride = strings.len() / BUCKETS;
+    for string in strings.chunks_exact_mut(stride) {
+        string[word] = match range {
+            BucketRange::UpTo => _mm512_cmple_epu8_mask(buckets, border),
+            BucketRange::From => _mm512_cmpge_epu8_mask(buckets, border),
+        };
+        border = _mm512_add_epi8(border, _mm512_set1_epi8(1));
     }
 }
 
@@ -163,9 +168,6 @@ fn and_row(strings: &RowStrings<'_>, row: usize, candidates: &mut Candidates) {
             bits = and_line(strings, line);
         }
         let kept = _mm512_test_epi64_mask(bits, bits);
-        if kept == 0 {
-            continue;
-        }
         candidates.append(|out| {
             let first = _mm512_set1_epi64(address(row, line * LINE_WORDS) as i64);
             let addresses = _mm512_add_epi64(first, _mm512_setr_epi64(0, 1, 2, 3, 4, 5, 6, 7));

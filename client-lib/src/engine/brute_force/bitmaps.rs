@@ -78,9 +78,7 @@ impl Bitmaps {
             let strings = &mut strings[component * BUCKETS * stride..][..BUCKETS * stride];
             for (word, buckets) in buckets[component * words..][..words].iter().enumerate() {
                 // SAFETY: as above.
-                unsafe {
-                    K::string_words(buckets, range, |q, bits| strings[q * stride + word] = bits);
-                }
+                unsafe { K::string_words(buckets, range, strings, word) };
             }
             for string in strings.chunks_exact_mut(stride) {
                 string[words..].fill(0);

@@ -42,8 +42,8 @@ pub(super) trait Kernel {
         }
     }
 
-    /// One word of every string of a component, for 64 boxes in these buckets: `put(q, word)` once
-    /// for each q.
+    /// Word `word` of every string of a component, for 64 boxes in these buckets. `strings` holds
+    /// [`BUCKETS`] strings of one length.
     ///
     /// # Safety
     /// The CPU must have the kernel's instruction set.
@@ -52,20 +52,29 @@ pub(super) trait Kernel {
     unsafe fn string_words(
         buckets: &[u8; WORD_COLUMNS],
         range: BucketRange,
-        mut put: impl FnMut(usize, u64),
+        strings: &mut [u64],
+        word: usize,
     ) {
         let mut held = [0u64; BUCKETS + 1];
         for (column, &bucket) in buckets.iter().enumerate() {
             held[usize::from(bucket)] |= 1 << column;
         }
         let mut so_far = 0;
-        for step in 0..BUCKETS {
-            let q = match range {
-                BucketRange::UpTo => step,
-                BucketRange::From => BUCKETS - 1 - step,
-            };
-            so_far |= held[q];
-            put(q, so_far);
+        let stride = strings.len() / BUCKETS;
+        let strings = strings.chunks_exact_mut(stride);
+        match range {
+            BucketRange::UpTo => {
+                for (string, held) in strings.zip(held) {
+                    so_far |= held;
+                    string[word] = so_far;
+                }
+            }
+            BucketRange::From => {
+                for (string, held) in strings.zip(&held[..BUCKETS]).rev() {
+                    so_far |= held;
+                    string[word] = so_far;
+                }
+            }
         }
     }
 
