@@ -7,15 +7,18 @@
 
 mod aligned;
 pub mod brute_force;
+pub mod grid;
 mod heap_reply;
 pub mod ingest;
 mod isa;
 mod set;
+mod strips;
 
 use std::fmt;
 use std::str::FromStr;
 
 pub use brute_force::BruteForce;
+pub use grid::Grid;
 pub use heap_reply::HeapReply;
 pub use ingest::KeyColumns;
 pub use isa::{AvailableIsa, Isa};
