@@ -13,6 +13,7 @@ use std::time::Instant;
 
 use pairmask::engine::{
     BruteForce, CullJob, CullReport, Engine, EngineName, EngineTimes, Grid, HeapReply,
+    SweepAndPrune,
 };
 use pairmask::mask::{Encoding, MaskShape};
 use pairmaskd::scene::{Scene, SceneName};
@@ -79,6 +80,7 @@ fn engine(name: EngineName) -> Option<Box<dyn Engine>> {
     match name {
         EngineName::CpuBrute => Some(Box::new(BruteForce::new())),
         EngineName::CpuGrid => Some(Box::new(Grid::new())),
+        EngineName::CpuSap => Some(Box::new(SweepAndPrune::new())),
         _ => None,
     }
 }

@@ -13,6 +13,7 @@ pub mod ingest;
 mod isa;
 mod set;
 mod strips;
+pub mod sweep_and_prune;
 
 use std::fmt;
 use std::str::FromStr;
@@ -23,6 +24,7 @@ pub use heap_reply::HeapReply;
 pub use ingest::KeyColumns;
 pub use isa::{AvailableIsa, Isa};
 pub use set::{CpuEngines, CullAnswer, CullWish};
+pub use sweep_and_prune::SweepAndPrune;
 
 use crate::aabb::{Aabb, BoxClass};
 use crate::mask::{Encoding, MaskShape};
