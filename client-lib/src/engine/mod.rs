@@ -190,6 +190,20 @@ pub enum CullError {
         /// Boxes allowed.
         limit: u64,
     },
+    /// The GPU is gone. Another engine can serve the same boxes; this one needs a new device.
+    #[error("{engine} lost its GPU: let a CPU engine serve until the device is rebuilt")]
+    DeviceLost {
+        /// The engine.
+        engine: EngineName,
+    },
+    /// The GPU has no memory for the scene. Another engine can serve it; this one stays usable.
+    #[error("{engine} needs {needed_bytes} bytes of GPU memory that are not to be had")]
+    DeviceMemory {
+        /// The engine.
+        engine: EngineName,
+        /// Bytes of the block that was refused.
+        needed_bytes: u64,
+    },
 }
 
 /// How many indices of invalid boxes a reply names.
