@@ -1,4 +1,6 @@
-//! Engines of the daemon.
+//! Engines of the daemon: those of the client library, and the GPU.
+
+pub mod gpu;
 
 use pairmask::Aabb;
 use pairmask::engine::{CpuEngines, CullAnswer, CullError, CullWish, ReplyBuffer};
