@@ -8,3 +8,4 @@ pub mod oracle;
 pub mod pair_scenes;
 pub mod session_engine;
 pub mod stress_scenes;
+pub mod gpu;

@@ -198,7 +198,8 @@ mod tests {
 
     #[test]
     fn index_and_name_and_pci_address_choose_any() {
-        let all = [adapter("llvmpipe", AdapterKind::Software), adapter("big", AdapterKind::Discrete)];
+        let all =
+            [adapter("llvmpipe", AdapterKind::Software), adapter("big", AdapterKind::Discrete)];
         assert_eq!(choose(&GpuChoice::Index(1), &all), Some(1));
         assert_eq!(choose(&GpuChoice::Index(2), &all), None);
         assert_eq!(choose(&GpuChoice::Name("llvm".into()), &all), Some(0));

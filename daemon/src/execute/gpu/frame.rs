@@ -149,10 +149,7 @@ impl Frame {
         // use; a command buffer of this pool may be begun again, which resets it.
         unsafe {
             gpu.noticed(
-                raw.reset_descriptor_pool(
-                    self.descriptors,
-                    vk::DescriptorPoolResetFlags::empty(),
-                ),
+                raw.reset_descriptor_pool(self.descriptors, vk::DescriptorPoolResetFlags::empty()),
             )?;
             let begin = vk::CommandBufferBeginInfo::default();
             gpu.noticed(raw.begin_command_buffer(commands, &begin))?;

@@ -132,9 +132,10 @@ struct Segment {
 impl Segment {
     fn containing(start: usize, end: usize) -> Result<Self, SegmentError> {
         let maps = std::fs::read_to_string("/proc/self/maps")?;
-        let found = maps.lines().filter_map(parse_line).find(|(segment, _)| {
-            segment.start <= start && start < segment.end
-        });
+        let found = maps
+            .lines()
+            .filter_map(parse_line)
+            .find(|(segment, _)| segment.start <= start && start < segment.end);
         match found {
             Some((segment, _)) if end > segment.end => Err(SegmentError::NotMapped),
             Some((_, false)) => Err(SegmentError::NotShared),

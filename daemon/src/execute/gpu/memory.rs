@@ -88,9 +88,8 @@ impl Block {
             None
         } else {
             // SAFETY: host-visible memory, mapped once, until it is freed.
-            let mapped = unsafe {
-                raw.map_memory(memory, 0, vk::WHOLE_SIZE, vk::MemoryMapFlags::empty())
-            };
+            let mapped =
+                unsafe { raw.map_memory(memory, 0, vk::WHOLE_SIZE, vk::MemoryMapFlags::empty()) };
             match mapped {
                 Ok(pointer) => NonNull::new(pointer.cast()),
                 Err(error) => {

@@ -86,9 +86,8 @@ impl Scratch {
         let most = |words: fn(&Band) -> u64| 4 * bands.iter().map(words).max().unwrap_or(0);
         let matrix = most(Band::matrix_words);
         let masks = most(Band::mask_words);
-        let mut block = |growing: &mut Growing, bytes| {
-            growing.at_least(gpu, bytes, replaced).map(Arc::clone)
-        };
+        let mut block =
+            |growing: &mut Growing, bytes| growing.at_least(gpu, bytes, replaced).map(Arc::clone);
         Ok(Stages {
             keys: block(&mut self.keys, 24 * plane)?,
             totals: block(&mut self.totals, batches * size_of::<BatchTotals>() as u64)?,
