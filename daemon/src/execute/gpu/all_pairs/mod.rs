@@ -26,7 +26,7 @@ use pairmask_shaders::constants::BATCH_BOXES;
 use pairmask_shaders::layouts::BatchReport;
 
 use self::cache::{FrameCache, FrameKey, Place};
-use self::plan::{Band, BandLimits, Tuning};
+use self::plan::{BandLimits, Tuning};
 use self::scratch::{Growing, Scratch};
 use self::steps::{Output, Recording};
 use super::device::Gpu;
@@ -304,7 +304,7 @@ impl AllPairs {
         let mut replaced = false;
         let boxes = self.place_boxes(boxes, &mut replaced).map_err(|e| self.cull_error(&e))?;
         let ingested = start.elapsed();
-        let possible = plan::possible_words(n);
+        let possible = n.sparse_words_max();
         let mut capacity = plan::first_capacity(n);
         loop {
             if 4 * capacity > self.limits.binding_bytes {
@@ -467,5 +467,4 @@ fn report(
     }
 }
 
-const _: () = assert!(AABB_BYTES == 24, "Band limits count 24 bytes a box");
-const _: fn(&Band) -> u64 = Band::matrix_words;
+const _: () = assert!(AABB_BYTES == 24, "the plan's limits count 24 bytes a box");
