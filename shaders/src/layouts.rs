@@ -59,7 +59,7 @@ pub struct PairsParams {
     pub counted_end: u32,
 }
 
-/// Parameters of the write_sparse stage.
+/// Parameters of the `write_sparse` stage.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct WriteParams {
@@ -77,7 +77,7 @@ pub struct WriteParams {
     pub capacity: u32,
 }
 
-/// Parameters of the pack_dense stage.
+/// Parameters of the `pack_dense` stage.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct PackParams {

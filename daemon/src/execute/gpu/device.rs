@@ -49,7 +49,10 @@ pub struct Gpu {
 
 impl std::fmt::Debug for Gpu {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Gpu").field("info", &self.info).field("limits", &self.limits).finish()
+        f.debug_struct("Gpu")
+            .field("info", &self.info)
+            .field("limits", &self.limits)
+            .finish_non_exhaustive()
     }
 }
 
@@ -144,10 +147,9 @@ impl Gpu {
                 .is_some(),
             timestamp_period_ns: properties.limits.timestamp_period,
         };
-        let uuid: String =
-            properties.pipeline_cache_uuid.iter().map(|byte| format!("{byte:02x}")).collect();
+        let uuid = u128::from_be_bytes(properties.pipeline_cache_uuid);
         let cache_key = format!(
-            "{:04x}-{:04x}-{:08x}-{uuid}",
+            "{:04x}-{:04x}-{:08x}-{uuid:032x}",
             properties.vendor_id, properties.device_id, properties.driver_version
         );
         let host_import =

@@ -124,7 +124,8 @@ impl Block {
         };
         let bytes = mapping.bytes() as u64;
         let host = mapping.pointer();
-        if bytes == 0 || bytes % align != 0 || host.as_ptr() as u64 % align != 0 {
+        let whole = |value: u64| value.is_multiple_of(align);
+        if bytes == 0 || !whole(bytes) || !whole(host.as_ptr() as u64) {
             return Err(refused);
         }
         let raw = gpu.raw();

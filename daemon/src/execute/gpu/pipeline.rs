@@ -25,7 +25,7 @@ pub struct Pipeline {
     binding_count: u32,
     set_layout: vk::DescriptorSetLayout,
     layout: vk::PipelineLayout,
-    pipeline: vk::Pipeline,
+    raw: vk::Pipeline,
 }
 
 impl Pipeline {
@@ -43,7 +43,7 @@ impl Pipeline {
             binding_count: stage.binding_count(),
             set_layout: vk::DescriptorSetLayout::null(),
             layout: vk::PipelineLayout::null(),
-            pipeline: vk::Pipeline::null(),
+            raw: vk::Pipeline::null(),
         };
         let bindings: Vec<_> = (0..stage.binding_count())
             .map(|binding| {
@@ -79,7 +79,7 @@ impl Pipeline {
         // SAFETY: a pipeline does not need its module once it is made.
         unsafe { raw.destroy_shader_module(module, None) };
         let created = gpu.noticed(created.map_err(|(_, error)| error))?;
-        made.pipeline = created.first().copied().unwrap_or_default();
+        made.raw = created.first().copied().unwrap_or_default();
         Ok(made)
     }
 
@@ -101,18 +101,18 @@ impl Pipeline {
     }
 
     pub(super) fn raw(&self) -> vk::Pipeline {
-        self.pipeline
+        self.raw
     }
 }
 
 impl Drop for Pipeline {
     fn drop(&mut self) {
-        let raw = self.gpu.raw();
+        let device = self.gpu.raw();
         // SAFETY: frames keep their pipelines alive until they have ended; null handles are fine.
         unsafe {
-            raw.destroy_pipeline(self.pipeline, None);
-            raw.destroy_pipeline_layout(self.layout, None);
-            raw.destroy_descriptor_set_layout(self.set_layout, None);
+            device.destroy_pipeline(self.raw, None);
+            device.destroy_pipeline_layout(self.layout, None);
+            device.destroy_descriptor_set_layout(self.set_layout, None);
         }
     }
 }

@@ -7,6 +7,7 @@
 //! word (`pack_dense.wgsl`).
 
 mod cache;
+mod outcome;
 pub mod plan;
 mod scratch;
 mod steps;
@@ -15,17 +16,15 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use pairmask::aabb::{AABB_BYTES, KeyBox};
-use pairmask::engine::{
-    Census, CullError, CullJob, CullReport, Engine, EngineTimes, NAMED_INVALID, ReplyBuffer,
-    ReserveError, SkipMeter,
-};
+use pairmask::aabb::AABB_BYTES;
+use pairmask::engine::{CullError, CullJob, CullReport, Engine, ReplyBuffer, ReserveError};
 use pairmask::mask::{MaskShape, Span};
 use pairmask::{Aabb, BoxCount, Encoding, EngineName};
 use pairmask_shaders::constants::BATCH_BOXES;
 use pairmask_shaders::layouts::BatchReport;
 
 use self::cache::{FrameCache, FrameKey, Place};
+use self::outcome::{Outcome, no_pairs, report};
 use self::plan::{BandLimits, Tuning};
 use self::scratch::{Growing, Scratch};
 use self::steps::{Output, Recording};
@@ -91,13 +90,6 @@ pub struct AllPairs {
     frames: FrameCache,
     reports: Vec<BatchReport>,
     step_times: Vec<StepTime>,
-}
-
-/// What a run said, summed over its batches.
-struct Outcome {
-    census: Census,
-    words: u64,
-    pairs: u64,
 }
 
 const ENGINE: EngineName = EngineName::GpuBrute;
@@ -258,7 +250,7 @@ impl AllPairs {
         let batches = n.get().div_ceil(BATCH_BOXES) as usize;
         self.reports.resize(batches, BatchReport::default());
         stages.reports.read(0, &mut self.reports);
-        Ok(sum(&self.reports))
+        Ok(Outcome::of(&self.reports))
     }
 
     fn cull_dense(
@@ -397,74 +389,10 @@ fn span(section: Span) -> std::ops::Range<usize> {
     section.start as usize..(section.start + section.len) as usize
 }
 
-/// The answer for fewer than two boxes: nothing for a GPU to do.
-fn no_pairs(
-    n: BoxCount,
-    boxes: &[Aabb],
-    encoding: Encoding,
-    reply: &mut dyn ReplyBuffer,
-) -> Result<CullReport, CullError> {
-    let mut census = Census::default();
-    for (b, index) in boxes.iter().zip(0..) {
-        census.note(index, KeyBox::classify(b).1);
-    }
-    let shape = match encoding {
-        Encoding::Dense => MaskShape::dense(n),
-        Encoding::Sparse => MaskShape::sparse(n, 0, 0, false),
-    };
-    reply.reserve(shape.extent_words())?;
-    let outcome = Outcome { census, words: 0, pairs: 0 };
-    Ok(report(shape, &outcome, 0, [Duration::ZERO; 3]))
-}
-
 /// How long a run may take before the device counts as hung: a software adapter does some 10^8
 /// pairs a second.
 fn patience(pairs: u64) -> Duration {
     Duration::from_secs(10 + pairs / 50_000_000)
-}
-
-fn sum(reports: &[BatchReport]) -> Outcome {
-    let mut outcome = Outcome { census: Census::default(), words: 0, pairs: 0 };
-    for (batch, first) in reports.iter().zip((0..).step_by(BATCH_BOXES as usize)) {
-        outcome.words += u64::from(batch.words);
-        outcome.pairs += u64::from(batch.pairs);
-        outcome.census.empty += batch.empty;
-        for (bits, place) in batch.invalid.iter().zip((0u32..).step_by(32)) {
-            let census = &mut outcome.census;
-            let named = census.named_invalid().len();
-            let indices = pairmask::MaskWord(*bits).bits().map(|bit| first + place + bit);
-            for (slot, index) in census.first_invalid[named..NAMED_INVALID].iter_mut().zip(indices)
-            {
-                *slot = index;
-            }
-            census.invalid += bits.count_ones();
-        }
-    }
-    outcome
-}
-
-fn report(
-    shape: MaskShape,
-    outcome: &Outcome,
-    zero_words: u64,
-    [ingested, executed, published]: [Duration; 3],
-) -> CullReport {
-    let ns = |d: Duration| d.as_nanos() as u64;
-    CullReport {
-        shape,
-        census: outcome.census,
-        pair_count: outcome.pairs,
-        skipped: SkipMeter {
-            boxes: u64::from(outcome.census.invalid) + u64::from(outcome.census.empty),
-            pairs: 0,
-            zero_words,
-        },
-        times: EngineTimes {
-            ingest_ns: ns(ingested),
-            execute_ns: ns(executed - ingested),
-            publish_ns: ns(published - executed),
-        },
-    }
 }
 
 const _: () = assert!(AABB_BYTES == 24, "the plan's limits count 24 bytes a box");
