@@ -2,10 +2,10 @@
 
 pub mod conformance;
 pub mod daemon;
+pub mod gpu;
 pub mod mask_writer;
 pub mod naive_decoder;
 pub mod oracle;
 pub mod pair_scenes;
 pub mod session_engine;
 pub mod stress_scenes;
-pub mod gpu;

@@ -24,6 +24,7 @@ fn stub() -> ExitCode {
         dir: pairmask::transport::RuntimeDir::from_env(),
         limits,
         spin: std::time::Duration::from_micros(50),
+        gpu: val("--gpu").unwrap_or("none".into()).parse().unwrap(),
     };
     let r = if args.iter().any(|a| a == "--worker") { work(&s) } else { supervise(&s) };
     if let Err(e) = r {

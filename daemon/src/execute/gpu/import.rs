@@ -25,6 +25,8 @@ use super::memory::Block;
 pub struct ReadWriteMapping {
     pointer: NonNull<u8>,
     bytes: usize,
+    /// The file, where it was looked up behind an address.
+    file: Option<File>,
 }
 
 // SAFETY: a mapping belongs to the process, not to a thread; nothing here follows the pointer.
@@ -74,12 +76,19 @@ impl ReadWriteMapping {
         let segment = Segment::containing(start, end)?;
         let file = segment.open()?;
         let offset = segment.file_offset + (start - segment.start) as u64;
-        Ok(Self::of_file(&file, offset, end - start)?)
+        let mapping = Self::of_file(&file, offset, end - start)?;
+        Ok(Self { file: Some(file), ..mapping })
+    }
+
+    /// Whether the file behind the mapping has no name any more: its owner is gone, and these are
+    /// the last who hold its memory.
+    pub fn is_orphaned(&self) -> bool {
+        self.file.as_ref().is_some_and(|f| f.metadata().is_ok_and(|data| data.nlink() == 0))
     }
 
     fn of(pointer: *mut std::ffi::c_void, bytes: usize) -> io::Result<Self> {
         let pointer = NonNull::new(pointer.cast()).ok_or(io::ErrorKind::AddrNotAvailable)?;
-        Ok(Self { pointer, bytes })
+        Ok(Self { pointer, bytes, file: None })
     }
 
     /// First byte.
@@ -243,6 +252,11 @@ impl Imports {
     pub fn forget(&mut self, id: ImportId) -> Option<Arc<Block>> {
         let place = self.imports.iter().position(|i| i.id == id)?;
         Some(self.imports.swap_remove(place).block)
+    }
+
+    /// Whether the memory of an import has lost its owner.
+    pub fn is_orphaned(&self, id: ImportId) -> bool {
+        self.imports.iter().any(|i| i.id == id && i.block.is_orphaned())
     }
 
     /// The imported block behind an address range, and the offset of the range in it.

@@ -37,7 +37,7 @@ pub struct Block {
     memory: vk::DeviceMemory,
     host: Option<NonNull<u8>>,
     // Unmapped after the memory that was imported from it is freed (fields drop after `drop`).
-    _mapping: Option<ReadWriteMapping>,
+    mapping: Option<ReadWriteMapping>,
 }
 
 // SAFETY: the handles may be used from any thread, and the host pointer is only followed by
@@ -107,7 +107,7 @@ impl Block {
             buffer,
             memory,
             host,
-            _mapping: None,
+            mapping: None,
         }))
     }
 
@@ -172,7 +172,7 @@ impl Block {
             buffer,
             memory,
             host: Some(host),
-            _mapping: Some(mapping),
+            mapping: Some(mapping),
         }))
     }
 
@@ -184,6 +184,11 @@ impl Block {
     /// Its size.
     pub fn bytes(&self) -> u64 {
         self.bytes
+    }
+
+    /// Whether it was imported from memory whose owner is gone.
+    pub fn is_orphaned(&self) -> bool {
+        self.mapping.as_ref().is_some_and(ReadWriteMapping::is_orphaned)
     }
 
     pub(super) fn raw(&self) -> vk::Buffer {

@@ -155,6 +155,11 @@ impl AllPairs {
         }
     }
 
+    /// Whether the memory of an import has lost its owner.
+    pub fn is_orphaned(&self, id: ImportId) -> bool {
+        self.imports.is_orphaned(id)
+    }
+
     /// Times of the last frame's steps, in order, if the engine is profiled. Steps of the same
     /// stage in several bands are listed one by one.
     pub fn step_times(&self) -> &[StepTime] {
