@@ -1,6 +1,6 @@
 //! Prints what the GPU engine does on a device. Needs a Vulkan driver and nothing else.
 //!
-//! `gpu [--gpu auto|software|INDEX|NAME] [--n 1000,4096] [--ms 500] [--sweep] [--no-check]`
+//! `gpu [--gpu auto|software|INDEX|NAME] [--n 1000,4096] [--ms 500] [--sweep] [--no-check | --check-only]`
 
 use std::process::ExitCode;
 use std::time::Duration;
@@ -9,7 +9,9 @@ use pairmaskd::execute::gpu::bench::{BenchOptions, run};
 
 fn main() -> ExitCode {
     let Some(options) = parse(std::env::args().skip(1)) else {
-        eprintln!("usage: gpu [--gpu CHOICE] [--n N,N,..] [--ms BUDGET] [--sweep] [--no-check]");
+        eprintln!(
+            "usage: gpu [--gpu CHOICE] [--n N,N,..] [--ms BUDGET] [--sweep] [--no-check|--check-only]"
+        );
         return ExitCode::from(2);
     };
     match run(&options, &mut std::io::stdout().lock()) {
@@ -34,6 +36,7 @@ fn parse(mut args: impl Iterator<Item = String>) -> Option<BenchOptions> {
             "--ms" => options.budget = Duration::from_millis(args.next()?.parse().ok()?),
             "--sweep" => options.sweep = true,
             "--no-check" => options.check = false,
+            "--check-only" => options.measure = false,
             // Passed by `cargo bench`.
             "--bench" => {}
             _ => return None,

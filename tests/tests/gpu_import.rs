@@ -50,6 +50,19 @@ impl Segment {
         }
     }
 
+    /// The words from `offset` to the end.
+    fn words(&self, offset: usize) -> &[u32] {
+        assert!(offset.is_multiple_of(4) && offset <= self.bytes);
+        // SAFETY: in range and aligned (above); the engine is done with them.
+        #[allow(unsafe_code)]
+        unsafe {
+            std::slice::from_raw_parts(
+                self.seen.wrapping_add(offset).cast(),
+                self.bytes / 4 - offset / 4,
+            )
+        }
+    }
+
     fn boxes(&self, offset: usize, n: usize) -> &[Aabb] {
         assert!(offset + n * size_of::<Aabb>() <= self.bytes && offset.is_multiple_of(4));
         // SAFETY: in range and aligned (above); written only by `write`, never while this lives.
@@ -124,12 +137,7 @@ fn imported_and_staged_memory_give_the_same_bytes() {
                 let mut heap = HeapReply::new();
                 let b = staged.cull(&scene_boxes, &job, &mut heap).expect("culls");
                 assert_eq!(a.shape, b.shape, "{scene:?}, {n}");
-                let words = (reply.bytes - offset) / 4;
-                // SAFETY: the words reserved in `reply`, to its end; the engine is done with them.
-                #[allow(unsafe_code)]
-                let written = unsafe {
-                    std::slice::from_raw_parts(reply.seen.add(*offset).cast::<u32>(), words)
-                };
+                let written = reply.words(*offset);
                 let (a, b) = (sections(written, &a.shape), sections(heap.words(), &b.shape));
                 assert!(a.expect("in range") == b.expect("in range"), "{scene:?}, {n}, {encoding}");
             }
