@@ -78,6 +78,12 @@ impl Recording<'_> {
         Ok(steps)
     }
 
+    /// The six key planes. Not all of their block: it has room to spare, which may be more than one
+    /// binding shows.
+    fn keys_part(&self) -> Part {
+        Part::of(&self.stages.keys, 0, 24 * plane_words(self.n))
+    }
+
     fn keys(&self, pipelines: &mut Pipelines, boxes: &Part) -> Result<Command, GpuError> {
         let plane_words = plane_words(self.n) as u32;
         let params = KeysParams { n: self.n.get(), plane_words };
@@ -86,7 +92,7 @@ impl Recording<'_> {
             pipeline: pipelines.get(Stage::Keys)?,
             parts: vec![
                 boxes.clone(),
-                Part::whole(&s.keys),
+                self.keys_part(),
                 Part::whole(&s.totals),
                 Part::whole(&s.reports),
             ],
@@ -109,7 +115,7 @@ impl Recording<'_> {
         Ok(Command::Stage {
             pipeline: pipelines.get(Stage::Pairs(variant(self.tuning, dense)))?,
             parts: vec![
-                Part::whole(&s.keys),
+                self.keys_part(),
                 Part::of(&s.matrix, 0, 4 * band.matrix_words()),
                 Part::of(&s.masks, 0, 4 * band.mask_words()),
                 Part::whole(&s.totals),
