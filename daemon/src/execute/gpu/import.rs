@@ -76,8 +76,9 @@ impl ReadWriteMapping {
         let segment = Segment::containing(start, end)?;
         let file = segment.open()?;
         let offset = segment.file_offset + (start - segment.start) as u64;
-        let mapping = Self::of_file(&file, offset, end - start)?;
-        Ok(Self { file: Some(file), ..mapping })
+        let mut mapping = Self::of_file(&file, offset, end - start)?;
+        mapping.file = Some(file);
+        Ok(mapping)
     }
 
     /// Whether the file behind the mapping has no name any more: its owner is gone, and these are
