@@ -6,8 +6,10 @@
 use std::arch::x86_64::*;
 use std::ops::Range;
 
+use super::avx2;
 use super::bitmaps::{BUCKETS, Bitmaps, BucketRange, LINE_WORDS, RowStrings};
 use super::candidates::{Candidates, address};
+use super::corners::Corners;
 use super::kernel::{Columns, Kernel, after_row, first_word};
 use super::quantiles::{Borders, LEVELS};
 use super::search::{self, Scene};
@@ -33,6 +35,12 @@ impl Kernel for Avx512 {
     unsafe fn word(row: &Self::Row, columns: &Columns<'_>) -> u64 {
         // SAFETY: the caller vouches for AVX-512.
         unsafe { compare(row, columns) }
+    }
+
+    #[inline(always)]
+    unsafe fn hits(row: &Corners, columns: &[Corners; WORD_COLUMNS], candidates: u64) -> u64 {
+        // SAFETY: a processor with AVX-512 is only taken for one if it has AVX2 and BMI1 as well.
+        unsafe { avx2::hits(row, columns, candidates) }
     }
 
     #[inline(always)]
@@ -143,7 +151,7 @@ fn string_words(
     }
 }
 
-/// One line of six strings, ANDed.
+/// One line of six strings under AND.
 #[inline]
 #[target_feature(enable = "avx512f")]
 fn and_line(strings: &RowStrings<'_>, line: usize) -> __m512i {
@@ -168,6 +176,9 @@ fn and_row(strings: &RowStrings<'_>, row: usize, candidates: &mut Candidates) {
             bits = and_line(strings, line);
         }
         let kept = _mm512_test_epi64_mask(bits, bits);
+        if kept == 0 {
+            continue;
+        }
         candidates.append(|out| {
             let first = _mm512_set1_epi64(address(row, line * LINE_WORDS) as i64);
             let addresses = _mm512_add_epi64(first, _mm512_setr_epi64(0, 1, 2, 3, 4, 5, 6, 7));
