@@ -69,7 +69,7 @@ impl Calibration {
                 fixed_ns: 7_000.0,
                 levels_ns: 20_000.0,
                 ns_a_box: 28.0 + 14.0 * lanes,
-                ns_a_size_doubling: 8.0 * lanes,
+                ns_a_size_doubling: 4.0 * lanes,
                 ns_a_elongation: 1.5 * lanes,
             },
             ns_a_sparse_pair: 3.0,

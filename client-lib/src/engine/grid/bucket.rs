@@ -16,8 +16,6 @@ pub(super) struct Buckets<'a> {
     pub keys: KeyArraysMut<'a>,
     pub order: &'a mut [u32],
     pub reach: &'a mut [Reach],
-    /// Scratch: which record belongs at a position.
-    pub sources: &'a mut [u32],
     /// Where each cell of the range ends.
     pub cell_ends: &'a mut [u32],
     pub deal: Deal,
@@ -34,7 +32,6 @@ impl Split for Buckets<'_> {
         let cells = self.cell_ends.len().min(at << self.deal.bucket_shift);
         let (order, later_order) = self.order.split_at_mut(boxes);
         let (reach, later_reach) = self.reach.split_at_mut(boxes);
-        let (sources, later_sources) = self.sources.split_at_mut(boxes);
         let (cell_ends, later_cell_ends) = self.cell_ends.split_at_mut(cells);
         let mut keys = self.keys;
         let later_keys = keys.each_mut().map(|array| {
@@ -49,12 +46,11 @@ impl Split for Buckets<'_> {
             keys: later_keys,
             order: later_order,
             reach: later_reach,
-            sources: later_sources,
             cell_ends: later_cell_ends,
             deal: self.deal,
         };
         let starts = &self.starts[..=at];
-        (Self { starts, keys, order, reach, sources, cell_ends, ..self }, later)
+        (Self { starts, keys, order, reach, cell_ends, ..self }, later)
     }
 }
 
@@ -91,39 +87,34 @@ impl Buckets<'_> {
             *cell = start;
             start += count;
         }
+        // Until the boxes are fetched, `order` holds the number of each position's record.
         for (first_record, records) in segments() {
             for (record, source) in records.iter().zip(first_record..) {
                 // Rises from the cell's first position to its end.
                 let next = &mut cell_ends[((record.home & CELL_MASK) - first_cell) as usize];
-                self.sources[*next as usize] = source;
+                self.order[*next as usize] = source;
                 *next += 1;
             }
         }
         for end in cell_ends.iter_mut() {
             *end += self.first_position;
         }
-        fetch(records, self.sources, &mut self.keys, self.order, self.reach);
+        fetch(records, &mut self.keys, self.order, self.reach);
     }
 }
 
-/// Each position's box out of its record.
-fn fetch(
-    records: &[Record],
-    sources: &[u32],
-    keys: &mut KeyArraysMut<'_>,
-    order: &mut [u32],
-    reach: &mut [Reach],
-) {
+/// Each position's box out of its record, whose number `order` holds.
+fn fetch(records: &[Record], keys: &mut KeyArraysMut<'_>, order: &mut [u32], reach: &mut [Reach]) {
     let [min_x, min_y, min_z, max_x, max_y, max_z] = keys;
     let mins = min_x.iter_mut().zip(min_y.iter_mut()).zip(min_z.iter_mut());
     let maxs = max_x.iter_mut().zip(max_y.iter_mut()).zip(max_z.iter_mut());
-    let rest = order.iter_mut().zip(reach).zip(sources);
-    for ((((x0, y0), z0), ((x1, y1), z1)), ((index, reach), source)) in mins.zip(maxs).zip(rest) {
-        let record = &records[*source as usize];
+    let rest = order.iter_mut().zip(reach);
+    for ((((x0, y0), z0), ((x1, y1), z1)), (order, reach)) in mins.zip(maxs).zip(rest) {
+        let record = &records[*order as usize];
         let Aabb { min, max } = &record.aabb;
         (*x0, *y0, *z0) = (bits(min[0]), bits(min[1]), bits(min[2]));
         (*x1, *y1, *z1) = (bits(max[0]), bits(max[1]), bits(max[2]));
-        *index = record.index;
+        *order = record.index;
         *reach = (record.home >> REACH_SHIFT) as Reach;
     }
     for array in keys {

@@ -77,13 +77,34 @@ impl CellStrips {
         true
     }
 
-    /// The strips of a row, in groups.
+    /// Which strips a row looks at.
     #[inline(always)]
-    pub fn groups(&self, reach: Reach, far: usize) -> Groups<'_> {
+    pub fn of_row(&self, reach: Reach) -> (usize, usize) {
         // Reach in y and z: none, y, z, both.
         const STAGES: [(usize, usize); 4] = [(0, 0), (0, 1), (1, 2), (0, 3)];
         let (first, end) = STAGES[usize::from(reach >> 1) % 4];
-        Groups { strips: self, far, next: self.firsts[first], end: self.firsts[end] }
+        (self.firsts[first], self.firsts[end])
+    }
+
+    /// The group of strips `first..end`, or its first [`GROUP`]. It may be empty.
+    #[inline(always)]
+    pub fn group(&self, first: usize, end: usize, far: usize) -> StripGroup<'_> {
+        let first = first.min(CELL_STRIPS);
+        StripGroup {
+            starts: array_at(&self.starts, first),
+            lanes: array_at(&self.lanes[far % 2], first),
+            count: end.saturating_sub(first).min(GROUP),
+        }
+    }
+}
+
+/// The group that starts at `first`, which is at most [`CELL_STRIPS`].
+#[inline(always)]
+fn array_at<T>(all: &[T; ALLOCATED], first: usize) -> &[T; GROUP] {
+    const { assert!(CELL_STRIPS + GROUP <= ALLOCATED) };
+    match all[first..].first_chunk() {
+        Some(group) => group,
+        None => unreachable!("{first} is at most {CELL_STRIPS}"),
     }
 }
 
@@ -92,28 +113,4 @@ impl CellStrips {
 fn lanes(start: u32, end: u32) -> u16 {
     let count = end.saturating_sub(start).min(STRIP_COLUMNS as u32);
     ((1u32 << count) - 1) as u16
-}
-
-/// See [`CellStrips::groups`].
-pub(super) struct Groups<'a> {
-    strips: &'a CellStrips,
-    far: usize,
-    next: usize,
-    end: usize,
-}
-
-impl<'a> Iterator for Groups<'a> {
-    type Item = StripGroup<'a>;
-
-    #[inline(always)]
-    fn next(&mut self) -> Option<StripGroup<'a>> {
-        if self.next >= self.end {
-            return None;
-        }
-        let starts = self.strips.starts[self.next..].first_chunk::<GROUP>()?;
-        let lanes = self.strips.lanes[self.far % 2][self.next..].first_chunk::<GROUP>()?;
-        let count = (self.end - self.next).min(GROUP);
-        self.next += GROUP;
-        Some(StripGroup { starts, lanes, count })
-    }
 }

@@ -14,6 +14,9 @@ use crate::engine::strips::{GROUP, StripBatch, WordSink};
 /// finding cells.
 const SMALL_LEVEL: u32 = 32;
 
+/// Room that a row must find in the batch: a strip of its own line, and a group.
+const ROW_STRIPS: usize = 1 + GROUP;
+
 /// A range of positions and what was found in its rows. Memory is kept from frame to frame.
 #[derive(Default)]
 pub(super) struct RowTask {
@@ -133,12 +136,22 @@ impl RowTask {
             for row in cell {
                 let reach = scene.sorted.reach[row as usize];
                 let far = usize::from(reach & REACH_X);
-                self.push(scene, row, row + 1, own_ends[far]);
-                for group in strips.groups(reach, far) {
+                if self.batch.room() < ROW_STRIPS {
+                    self.flush(scene);
+                }
+                // Most rows have one strip in their own line and at most a group elsewhere: both
+                // are pushed without asking whether there is anything.
+                let next = self.batch.push(row, row + 1, own_ends[far]);
+                if next < own_ends[far] {
+                    self.push(scene, row, next, own_ends[far]);
                     if self.batch.room() < GROUP {
                         self.flush(scene);
                     }
-                    self.batch.push_group(row, &group);
+                }
+                let (first, end) = strips.of_row(reach);
+                self.batch.push_group(row, &strips.group(first, end, far));
+                if end > first + GROUP {
+                    self.push_groups(scene, row, &strips, first + GROUP..end, far);
                 }
                 if !coarser.is_empty() {
                     self.push_coarser(scene, coarser, row);
@@ -209,6 +222,24 @@ impl RowTask {
                     }
                 }
             }
+        }
+    }
+
+    /// Further groups of a row.
+    #[inline(never)]
+    fn push_groups(
+        &mut self,
+        scene: Scene<'_>,
+        row: u32,
+        strips: &CellStrips,
+        of_row: Range<usize>,
+        far: usize,
+    ) {
+        for first in of_row.clone().step_by(GROUP) {
+            if self.batch.room() < GROUP {
+                self.flush(scene);
+            }
+            self.batch.push_group(row, &strips.group(first, of_row.end, far));
         }
     }
 

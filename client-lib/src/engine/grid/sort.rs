@@ -38,8 +38,6 @@ pub(super) struct SortedBoxes {
     bucket_ends: Vec<u32>,
     /// First position of each bucket, and n.
     bucket_starts: Vec<u32>,
-    /// For each position its record: see [`super::bucket`].
-    sources: Vec<u32>,
 }
 
 /// How the boxes are shared among tiles and the cells among buckets.
@@ -88,7 +86,6 @@ impl SortedBoxes {
 
         self.boxes.resize(n);
         self.reach.resize(n, 0);
-        self.sources.resize(n, 0);
         self.cell_starts.resize(cells + 1, 0);
         self.start_buckets(deal);
         let (keys, order) = self.boxes.parts_mut();
@@ -99,7 +96,6 @@ impl SortedBoxes {
             keys,
             order,
             reach: &mut self.reach,
-            sources: &mut self.sources,
             cell_ends: &mut self.cell_starts[1..],
             deal,
         }
