@@ -4,9 +4,9 @@ pub mod aabb;
 pub mod engine;
 pub mod mask;
 pub mod pair_index;
+pub mod plan;
 pub mod session;
 pub mod transport;
-pub mod plan;
 pub mod units;
 pub mod wire;
 

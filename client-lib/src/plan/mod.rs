@@ -44,8 +44,8 @@ pub struct GpuCost {
     pub ns_a_box: f64,
     /// Each pair that all-pairs compares, ns.
     pub ns_a_test: f64,
-    /// The grid's stages, ns a box.
-    pub grid_ns_a_box: f64,
+    /// The grid's stages, ns a box; `None` where the GPU has no grid engine.
+    pub grid_ns_a_box: Option<f64>,
     /// Each byte of the mask that comes down, ns.
     pub ns_a_reply_byte: f64,
 }
@@ -145,8 +145,10 @@ impl Model<'_> {
             EngineName::CpuBrute => self.on_threads(self.brute_ns()),
             EngineName::CpuSap => self.on_threads(self.sap_ns()),
             EngineName::CpuGrid => self.on_threads(self.grid_ns()),
-            EngineName::GpuBrute => (self.gpu_ns(|gpu| gpu.ns_a_test * self.pairs_of_all())?, 1),
-            EngineName::GpuGrid => (self.gpu_ns(|gpu| gpu.grid_ns_a_box * self.n())?, 1),
+            EngineName::GpuBrute => {
+                (self.gpu_ns(|gpu| Some(gpu.ns_a_test * self.pairs_of_all()))?, 1)
+            }
+            EngineName::GpuGrid => (self.gpu_ns(|gpu| Some(gpu.grid_ns_a_box? * self.n()))?, 1),
         };
         let (encoding, encoding_ns) = self.encoding(engine);
         Some(Candidate { engine, encoding, threads, predicted_ns: cheapest_ns + encoding_ns })
@@ -187,13 +189,13 @@ impl Model<'_> {
         cost.fixed_ns + levels + a_box * self.n()
     }
 
-    fn gpu_ns(&self, execute: impl Fn(&GpuCost) -> f64) -> Option<f64> {
+    fn gpu_ns(&self, execute: impl Fn(&GpuCost) -> Option<f64>) -> Option<f64> {
         let gpu = self.capabilities.gpu.as_ref()?;
         let reply_bytes = 4.0 * self.n() + 12.0 * self.stats.expected_pairs();
         Some(
             gpu.fixed_ns
                 + gpu.ns_a_box * self.n()
-                + execute(gpu)
+                + execute(gpu)?
                 + gpu.ns_a_reply_byte * reply_bytes,
         )
     }
