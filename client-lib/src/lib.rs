@@ -9,6 +9,7 @@ pub mod session;
 pub mod transport;
 pub mod units;
 pub mod wire;
+pub mod update;
 
 pub use aabb::{Aabb, BoxClass};
 pub use engine::{EngineChoice, EngineName};
