@@ -36,8 +36,6 @@ const SPARE_MOST: usize = 8;
 
 /// Shares of the sample, by size, at which a level may end.
 const BORDERS: [f32; 5] = [0.5, 0.8, 0.9, 0.95, 0.98];
-/// Largest box against median box up to which one level is taken without comparing others.
-const LIKE_SIZES: f32 = 2.0;
 
 /// The levels of a frame. Memory is kept from frame to frame.
 #[derive(Default)]
@@ -110,8 +108,7 @@ fn best_groups(sample: &Sample, density: &Density) -> [Option<Group>; 3] {
     let m = sample.boxes.len();
     let whole = group(sample, density, 0, m);
     let mut best = [Some(whole), None, None];
-    let median = sample.boxes[m / 2].size;
-    if sample.boxes[m - 1].size <= LIKE_SIZES * median {
+    if sample.alike {
         return best;
     }
     let mut best_cost = whole.own_cost;
@@ -174,7 +171,8 @@ fn group(sample: &Sample, density: &Density, from: usize, to: usize) -> Group {
     let mut best: Option<Group> = None;
     let mut growth = 1.0f32;
     loop {
-        let mut crowded = true;
+        // Crowded cells, or one for all: larger ones are no better.
+        let mut last = true;
         for narrowing in [1.0, 0.5, 0.25] {
             let cell_edges = [
                 least_edges[0] * (growth * narrowing).max(1.0),
@@ -188,11 +186,12 @@ fn group(sample: &Sample, density: &Density, from: usize, to: usize) -> Group {
             if best.is_none_or(|b| candidate.own_cost < b.own_cost) {
                 best = Some(candidate);
             }
-            crowded &= occupancy > 4.0 * STRIP_COLUMNS;
+            let whole = (0..3).all(|axis| cell_edges[axis] >= sample.extent[axis]);
+            last &= whole || (occupancy > 4.0 * STRIP_COLUMNS);
         }
         growth *= std::f32::consts::SQRT_2;
         if let Some(best) = best
-            && (crowded || growth > 1e6)
+            && (last || growth > 1e6)
         {
             return best;
         }
