@@ -9,7 +9,7 @@ use super::sample::{Density, Sample};
 
 /// Time of one strip, as a unit: the others are relative to it.
 const STRIP_COST: f32 = 1.0;
-/// Looking up the runs of a row in one coarser level.
+/// Looking up the runs of a row in one finer level.
 const LEVEL_COST: f32 = 4.0;
 /// Looking up one line of cells there.
 const LINE_COST: f32 = 0.7;
@@ -77,12 +77,16 @@ impl Layout {
             self.append_spares(best_edges(&self.levels));
         }
         self.append(Level::EVERYTHING.axes);
+        // Coarse levels come first in the order of positions, because their boxes are the rows of
+        // pairs across levels.
+        for level in self.levels.iter_mut().rev() {
+            level.first_cell = self.cell_count;
+            self.cell_count += level.cell_count();
+        }
     }
 
     fn append(&mut self, axes: [Axis; 3]) {
-        let level = Level { axes, first_cell: self.cell_count };
-        self.cell_count += level.cell_count();
-        self.levels.push(level);
+        self.levels.push(Level { axes, first_cell: 0 });
     }
 
     /// Coarser levels for the few boxes that are larger than any that the sample saw.
@@ -140,11 +144,10 @@ fn best_groups(sample: &Sample, density: &Density) -> [Option<Group>; 3] {
 /// Cost a box of a set of levels.
 fn total_cost(groups: [Option<Group>; 3]) -> f32 {
     let mut cost = 0.0;
-    for (i, fine) in groups.iter().enumerate() {
-        let Some(fine) = fine else { continue };
-        let across: f32 =
-            groups[i + 1..].iter().flatten().map(|coarse| cross_cost(fine, coarse)).sum();
-        cost += fine.share * (fine.own_cost + across);
+    for (i, coarse) in groups.iter().enumerate() {
+        let Some(coarse) = coarse else { continue };
+        let across: f32 = groups[..i].iter().flatten().map(|fine| cross_cost(coarse, fine)).sum();
+        cost += coarse.share * (coarse.own_cost + across);
     }
     cost
 }
@@ -223,11 +226,11 @@ fn own_cost(group: &Group, sample: &Sample) -> f32 {
         + EMPTY_CELL_COST * (cells / boxes).min(CELLS_A_BOX)
 }
 
-/// Cost of a box of `fine` in the level of `coarse`.
-fn cross_cost(fine: &Group, coarse: &Group) -> f32 {
-    let cells = |axis: usize| 2.0 + (fine.mean_edges[axis] / coarse.cell_edges[axis]).min(1.0);
+/// Cost of a box of `coarse` in the level of `fine`.
+fn cross_cost(coarse: &Group, fine: &Group) -> f32 {
+    let cells = |axis: usize| 2.0 + coarse.mean_edges[axis] / fine.cell_edges[axis];
     let lines = cells(1) * cells(2);
-    LEVEL_COST + lines * (LINE_COST + STRIP_COST * strips(coarse.occupancy * cells(0)))
+    LEVEL_COST + lines * (LINE_COST + STRIP_COST * strips(fine.occupancy * cells(0)))
 }
 
 /// Axes of a level of cells of `edges` over the sample's bounds, for about `boxes` boxes.

@@ -4,7 +4,8 @@
 //! box has one home cell, by its min corner, in the finest level whose cells are at least as long
 //! as it is; boxes are sorted by level, z, y, x of the cell, so that a cell's neighbours are a few
 //! runs of positions. That neighbours are enough is proved in [`axis`] for the very arithmetic that
-//! is computed. Work is O(n + pairs) for boxes that the sample finds a good layout for; giants
+//! is computed. Pairs across levels are looked for from the larger box: it visits the cells of the
+//! finer levels that it covers. Work is O(n + pairs) for boxes that the sample finds a good layout for; giants
 //! and infinite boxes go to levels of their own.
 
 mod axis;
