@@ -8,8 +8,8 @@ pub mod plan;
 pub mod session;
 pub mod transport;
 pub mod units;
-pub mod wire;
 pub mod update;
+pub mod wire;
 
 pub use aabb::{Aabb, BoxClass};
 pub use engine::{EngineChoice, EngineName};
