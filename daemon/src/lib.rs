@@ -1,6 +1,8 @@
-//! The pairmask daemon: ingest, execute, publish.
+//! The pairmask daemon as a library: ingest, execute, publish, and what the command line, the
+//! benches and the tests share.
 
 pub mod execute;
 pub mod ingest;
 pub mod publish;
+pub mod scene;
 pub mod serve;
