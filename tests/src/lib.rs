@@ -1,8 +1,10 @@
-//! Oracle, conformance suite and fault tests of pairmask.
+//! Oracle, conformance suite, fault tests and benches of pairmask.
 
 pub mod conformance;
 pub mod daemon;
+pub mod mask_writer;
 pub mod naive_decoder;
 pub mod oracle;
+pub mod pair_scenes;
 pub mod session_engine;
 pub mod stress_scenes;

@@ -1,8 +1,7 @@
 //! Pairs of a dense mask: one inverse of the pair index a word, then stepping.
 
-use std::iter::FusedIterator;
-
 use super::dense_words::DenseWords;
+use super::pair_buffer::PairWriter;
 use crate::pair_index::PairWalker;
 use crate::units::{BoxCount, PairIndex};
 
@@ -10,76 +9,41 @@ use crate::units::{BoxCount, PairIndex};
 #[derive(Clone)]
 pub(super) struct DensePairs<'a> {
     n: BoxCount,
-    word: WordPairs,
     words: DenseWords<'a>,
 }
 
 impl<'a> DensePairs<'a> {
     pub fn new(n: BoxCount, words: DenseWords<'a>) -> Self {
-        Self { n, word: WordPairs { next: None, ahead: 0 }, words }
+        Self { n, words }
     }
-}
 
-impl Iterator for DensePairs<'_> {
-    type Item = (u32, u32);
-
+    /// Puts the pairs of words until there is no more room. False at the end of the mask.
     #[inline]
-    fn next(&mut self) -> Option<(u32, u32)> {
-        loop {
-            if let Some(pair) = self.word.next() {
-                return Some(pair);
-            }
-            let (number, bits) = self.words.next()?;
-            self.word = WordPairs::of(self.n, number, bits);
+    pub fn write(&mut self, writer: &mut PairWriter) -> bool {
+        let mut more = false;
+        while writer.has_room_for(32) {
+            let Some((number, bits)) = self.words.next() else { break };
+            more = true;
+            put_word(self.n, number, bits, writer);
         }
-    }
-
-    #[inline]
-    fn fold<B, F: FnMut(B, (u32, u32)) -> B>(self, init: B, mut f: F) -> B {
-        let init = self.word.fold(init, &mut f);
-        self.words
-            .fold(init, |acc, (number, bits)| WordPairs::of(self.n, number, bits).fold(acc, &mut f))
+        more
     }
 }
 
-impl FusedIterator for DensePairs<'_> {}
-
-/// The pairs of one word.
-#[derive(Clone)]
-struct WordPairs {
-    /// Stands at the pair that comes next.
-    next: Option<PairWalker>,
-    /// The bits behind it: bit 0 is the pair after it.
-    ahead: u32,
-}
-
-impl WordPairs {
-    /// Word `number` of the mask of `n` boxes. `bits` are not zero.
-    #[inline]
-    fn of(n: BoxCount, number: usize, bits: u32) -> Self {
-        let skipped = bits.trailing_zeros();
-        let first = PairIndex::new(32 * number as u64 + u64::from(skipped));
-        // Two shifts: one by 32 would overflow when only bit 31 is set.
-        Self {
-            next: PairWalker::start(n, first),
-            ahead: bits.checked_shr(skipped).unwrap_or(0) >> 1,
-        }
-    }
-}
-
-impl Iterator for WordPairs {
-    type Item = (u32, u32);
-
-    #[inline]
-    fn next(&mut self) -> Option<(u32, u32)> {
-        let here = self.next?;
-        self.next = if self.ahead == 0 {
-            None
-        } else {
-            let skipped = self.ahead.trailing_zeros();
-            self.ahead = self.ahead >> skipped >> 1;
-            here.advance(skipped + 1)
-        };
-        Some(here.pair())
+/// Adds the pairs of word `number`.
+#[inline]
+fn put_word(n: BoxCount, number: usize, bits: u32, writer: &mut PairWriter) {
+    let skipped = bits.trailing_zeros();
+    let first = PairIndex::new(32 * number as u64 + u64::from(skipped));
+    let Some(mut here) = PairWalker::start(n, first) else { return };
+    writer.put_if(true, here.pair());
+    // Two shifts: one by 32 would overflow when only bit 31 is set.
+    let mut ahead = bits.checked_shr(skipped).unwrap_or(0) >> 1;
+    while ahead != 0 {
+        let skipped = ahead.trailing_zeros();
+        ahead = ahead >> skipped >> 1;
+        let Some(next) = here.advance(skipped + 1) else { return };
+        here = next;
+        writer.put_if(true, here.pair());
     }
 }

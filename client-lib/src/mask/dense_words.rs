@@ -3,13 +3,7 @@
 use std::iter::FusedIterator;
 use std::ops::Range;
 
-/// Words looked at in one step: 256 bytes, four cache lines. The OR over them is straight vector
-/// code without a branch, so that a zero chunk costs little more than its loads; the non-zero
-/// words of a chunk fit the flags of one u64. Smaller chunks branch more often, larger ones are
-/// rarely zero once there is a pair a row.
-pub(super) const CHUNK_WORDS: usize = 64;
-
-type Chunk = [u32; CHUNK_WORDS];
+use super::word_flags::{CHUNK_WORDS, flags_of};
 
 /// The non-zero words of a range of a dense mask, each with its number in the mask.
 #[derive(Clone)]
@@ -43,10 +37,11 @@ impl<'a> DenseWords<'a> {
         let mut passed = self.chunk.len();
         while let Some((chunk, rest)) = self.rest.split_first_chunk::<CHUNK_WORDS>() {
             self.rest = rest;
-            if chunk.iter().fold(0, |any, word| any | word) != 0 {
+            let flags = flags_of(chunk);
+            if flags != 0 {
                 self.chunk = chunk;
                 self.chunk_start += passed;
-                self.flags = flags_of(chunk);
+                self.flags = flags;
                 return true;
             }
             passed += CHUNK_WORDS;
@@ -68,19 +63,6 @@ impl<'a> DenseWords<'a> {
         let bits = self.chunk.get(i).copied().unwrap_or(0);
         (number, if number == self.last { bits & self.last_mask } else { bits })
     }
-}
-
-/// Bit i is set where word i is not zero.
-#[inline]
-fn flags_of(chunk: &Chunk) -> u64 {
-    // Two steps that compile to vector code: words to bytes of 0 or 1, then eight such bytes to
-    // eight bits. The product moves byte i to bit 56 + i; no two terms meet, so none carries.
-    const GATHER: u64 = 0x0102_0408_1020_4080;
-    let bytes = chunk.map(|word| u8::from(word != 0));
-    let (eights, _) = bytes.as_chunks::<8>();
-    (0..).zip(eights).fold(0, |flags, (i, eight)| {
-        flags | (u64::from_le_bytes(*eight).wrapping_mul(GATHER) >> 56) << (8 * i)
-    })
 }
 
 impl Iterator for DenseWords<'_> {
@@ -107,16 +89,6 @@ impl FusedIterator for DenseWords<'_> {}
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn flags_name_the_non_zero_words() {
-        for seed in 0..500u64 {
-            let pattern = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(seed as u32)
-                | u64::from(seed == 7).wrapping_neg();
-            let words = std::array::from_fn(|i| ((pattern >> i) as u32 & 1) << (seed % 32));
-            assert_eq!(flags_of(&words), pattern, "seed {seed}");
-        }
-    }
 
     #[test]
     fn every_range_gives_its_non_zero_words() {

@@ -12,12 +12,14 @@ mod dense;
 mod dense_pairs;
 mod dense_words;
 mod error;
+mod pair_buffer;
 mod pairs;
 mod par_pairs;
 mod sparse;
 mod sparse_pairs;
 mod sparse_words;
 mod view;
+mod word_flags;
 mod words;
 
 pub use dense::DenseMask;

@@ -3,28 +3,53 @@
 use std::iter::FusedIterator;
 
 use super::dense_pairs::DensePairs;
+use super::pair_buffer::PairBuffer;
 use super::sparse_pairs::SparsePairs;
 
 /// The pairs (a, b) of a mask, a < b < n, from [`MaskView::pairs`](super::MaskView::pairs).
 ///
-/// `for_each` and the other folds are faster than a `for` loop: they choose the encoding once
-/// instead of at each pair.
+/// `for_each` and the other folds are faster than a `for` loop: they look at the buffer of decoded
+/// pairs as a whole.
 #[derive(Clone)]
-pub struct Pairs<'a>(PairsOf<'a>);
+pub struct Pairs<'a> {
+    buffer: PairBuffer,
+    source: Source<'a>,
+}
 
 #[derive(Clone)]
-enum PairsOf<'a> {
+enum Source<'a> {
     Dense(DensePairs<'a>),
     Sparse(SparsePairs<'a>),
 }
 
 impl<'a> Pairs<'a> {
     pub(super) fn dense(pairs: DensePairs<'a>) -> Self {
-        Self(PairsOf::Dense(pairs))
+        Self { buffer: PairBuffer::new(), source: Source::Dense(pairs) }
     }
 
     pub(super) fn sparse(pairs: SparsePairs<'a>) -> Self {
-        Self(PairsOf::Sparse(pairs))
+        Self { buffer: PairBuffer::new(), source: Source::Sparse(pairs) }
+    }
+
+    /// Appends the pairs to a vector, a buffer at a time.
+    pub(super) fn append_to(mut self, pairs: &mut Vec<(u32, u32)>) {
+        loop {
+            pairs.extend(self.buffer.as_slice().iter().map(|&[a, b]| (a, b)));
+            if !self.refill() {
+                return;
+            }
+        }
+    }
+
+    /// Decodes the next pairs into the buffer. False at the end of the mask.
+    #[inline(never)]
+    fn refill(&mut self) -> bool {
+        let mut more = false;
+        match &mut self.source {
+            Source::Dense(pairs) => self.buffer.refill(|writer| more = pairs.write(writer)),
+            Source::Sparse(pairs) => self.buffer.refill(|writer| more = pairs.write(writer)),
+        }
+        more
     }
 }
 
@@ -33,17 +58,26 @@ impl Iterator for Pairs<'_> {
 
     #[inline]
     fn next(&mut self) -> Option<(u32, u32)> {
-        match &mut self.0 {
-            PairsOf::Dense(pairs) => pairs.next(),
-            PairsOf::Sparse(pairs) => pairs.next(),
+        loop {
+            if let Some(pair) = self.buffer.take() {
+                return Some(pair);
+            }
+            if !self.refill() {
+                return None;
+            }
         }
     }
 
     #[inline]
-    fn fold<B, F: FnMut(B, (u32, u32)) -> B>(self, init: B, f: F) -> B {
-        match self.0 {
-            PairsOf::Dense(pairs) => pairs.fold(init, f),
-            PairsOf::Sparse(pairs) => pairs.fold(init, f),
+    fn fold<B, F: FnMut(B, (u32, u32)) -> B>(mut self, init: B, mut f: F) -> B {
+        let mut acc = init;
+        loop {
+            for &[a, b] in self.buffer.as_slice() {
+                acc = f(acc, (a, b));
+            }
+            if !self.refill() {
+                return acc;
+            }
         }
     }
 }

@@ -6,7 +6,7 @@ use rayon::iter::ParallelIterator;
 use rayon::iter::plumbing::{Folder, UnindexedConsumer, UnindexedProducer, bridge_unindexed};
 
 use super::MaskView;
-use super::dense_words::CHUNK_WORDS;
+use super::word_flags::CHUNK_WORDS;
 
 /// Smallest range of a dense mask worth a thread, words: 64 KiB, a few µs of scanning, as much as
 /// a thread's wake-up. Smaller ranges cost more to hand out than to scan.

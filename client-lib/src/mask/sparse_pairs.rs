@@ -1,112 +1,83 @@
 //! Pairs of a sparse mask, with and without an order.
 
-use std::iter::FusedIterator;
+#[cfg(target_arch = "x86_64")]
+mod avx512;
 
+use super::pair_buffer::PairWriter;
 use super::sparse_words::{SparseWord, SparseWords};
+use crate::engine::{AvailableIsa, Isa};
 use crate::units::BoxCount;
+
+/// Most pairs of a word.
+const WORD_PAIRS: usize = 32;
 
 /// The pairs of the words of a sparse mask, in the order of the words, columns rising.
 #[derive(Clone)]
 pub(super) struct SparsePairs<'a> {
     n: BoxCount,
+    /// `n` positions, where there is one.
     order: Option<&'a [u32]>,
-    /// The word in hand, without strays and without the bits that were given out.
-    word: SparseWord,
     words: SparseWords<'a>,
+    isa: AvailableIsa,
 }
 
 impl<'a> SparsePairs<'a> {
-    /// `order`, where there is one, has `n` positions.
     pub fn new(n: BoxCount, order: Option<&'a [u32]>, words: SparseWords<'a>) -> Self {
-        Self { n, order, word: SparseWord { row: 0, block: 0, bits: 0 }, words }
+        Self { n, order, words, isa: AvailableIsa::best() }
     }
-}
 
-impl Iterator for SparsePairs<'_> {
-    type Item = (u32, u32);
-
+    /// Puts the pairs of words until there is no more room. False at the end of the mask; nothing
+    /// may be put before it, where the mask is malformed.
     #[inline]
-    fn next(&mut self) -> Option<(u32, u32)> {
-        loop {
-            while let Some((row, column)) = take_bit(&mut self.word) {
-                match self.order {
-                    None => return Some((row, column)),
-                    Some(order) => {
-                        let ordered = Ordered::row(order, self.n, row);
-                        if let Some(pair) = ordered.and_then(|o| o.pair(column)) {
-                            return Some(pair);
-                        }
-                    }
-                }
-            }
-            self.word = self.words.next()?.without_strays(self.n);
+    pub fn write(&mut self, writer: &mut PairWriter) -> bool {
+        let rest = match self.isa.get() {
+            #[cfg(target_arch = "x86_64")]
+            Isa::Avx512 => avx512::write(self, writer, self.isa),
+            _ => self.write_portable(writer),
+        };
+        rest.map(|rest| self.words = rest).is_some()
+    }
+
+    /// Puts the pairs of words, one word after the other. The words left over, or `None` at the
+    /// end.
+    fn write_portable(&self, writer: &mut PairWriter) -> Option<SparseWords<'a>> {
+        let (word, mut rest) = self.words.split_first()?;
+        put_word(word, writer);
+        while writer.has_room_for(WORD_PAIRS) {
+            let Some((word, after)) = rest.split_first() else { break };
+            put_word(word, writer);
+            rest = after;
         }
+        writer.drop_strays(self.n);
+        self.name_boxes(writer);
+        Some(rest)
     }
 
-    #[inline]
-    fn fold<B, F: FnMut(B, (u32, u32)) -> B>(self, init: B, mut f: F) -> B {
-        let Self { n, order, word, words } = self;
-        match order {
-            None => {
-                let mut of_word = |mut acc, mut word: SparseWord| {
-                    while let Some(pair) = take_bit(&mut word) {
-                        acc = f(acc, pair);
-                    }
-                    acc
-                };
-                let acc = of_word(init, word);
-                words.fold(acc, |acc, word| of_word(acc, word.without_strays(n)))
-            }
-            Some(order) => {
-                let mut of_word = |mut acc, mut word: SparseWord| {
-                    let Some(ordered) = Ordered::row(order, n, word.row) else { return acc };
-                    while let Some((_, column)) = take_bit(&mut word) {
-                        if let Some(pair) = ordered.pair(column) {
-                            acc = f(acc, pair);
-                        }
-                    }
-                    acc
-                };
-                let acc = of_word(init, word);
-                words.fold(acc, |acc, word| of_word(acc, word.without_strays(n)))
-            }
+    /// Turns positions into boxes.
+    #[inline(always)]
+    fn name_boxes(&self, writer: &mut PairWriter) {
+        if let Some(order) = self.order {
+            writer.name_boxes(order);
+            writer.drop_strays(self.n);
         }
     }
 }
 
-impl FusedIterator for SparsePairs<'_> {}
-
-/// Takes the lowest bit: the pair of positions that it names.
-#[inline]
-fn take_bit(word: &mut SparseWord) -> Option<(u32, u32)> {
-    if word.bits == 0 {
-        return None;
+/// Adds the pairs of positions of a word, strays included.
+#[inline(always)]
+fn put_word(word: SparseWord, writer: &mut PairWriter) {
+    // A block behind the last column that there can be: position 2^32 − 1 is never a box.
+    let first_column = if word.block < 1 << 27 { word.block << 5 } else { u32::MAX };
+    // The or keeps a zero word, which is not put, from asking for its lowest bit.
+    let lowest = |bits: u32| (word.row, first_column | (bits | 1 << 31).trailing_zeros());
+    let mut bits = word.bits;
+    // Two without a branch: few words have more, and those that do are worth a wrong guess.
+    for _ in 0..2 {
+        writer.put_if(bits != 0, lowest(bits));
+        bits &= bits.wrapping_sub(1);
     }
-    let column = word.column(word.bits.trailing_zeros());
-    word.bits &= word.bits - 1;
-    Some((word.row, column))
-}
-
-/// A row whose positions are turned into boxes.
-struct Ordered<'a> {
-    order: &'a [u32],
-    n: u32,
-    row_box: u32,
-}
-
-impl<'a> Ordered<'a> {
-    /// `None` where the order has no such position.
-    #[inline]
-    fn row(order: &'a [u32], n: BoxCount, row: u32) -> Option<Self> {
-        let row_box = *order.get(row as usize)?;
-        Some(Self { order, n: n.get(), row_box })
-    }
-
-    /// Boxes of (row, column), smaller first; `None` where the order names no pair of boxes.
-    #[inline]
-    fn pair(&self, column: u32) -> Option<(u32, u32)> {
-        let column_box = *self.order.get(column as usize)?;
-        let (a, b) = (self.row_box.min(column_box), self.row_box.max(column_box));
-        (a < b && b < self.n).then_some((a, b))
+    while bits != 0 {
+        writer.put_if(true, lowest(bits));
+        bits &= bits - 1;
     }
 }

@@ -1,7 +1,6 @@
 //! Words of a sparse mask and the bits of each that name a pair.
 
 use std::iter::FusedIterator;
-use std::{iter, slice};
 
 use crate::units::BoxCount;
 
@@ -18,11 +17,19 @@ impl SparseWord {
     ///
     /// Without a branch, since whether a word lies on the diagonal is hard to predict.
     #[inline]
-    pub fn valid_mask(&self, n: BoxCount) -> u32 {
-        let first_column = 32 * u64::from(self.block);
-        let from = (u64::from(self.row) + 1).saturating_sub(first_column).min(32);
-        let to = u64::from(n.get()).saturating_sub(first_column).min(32);
-        ((u64::MAX << from) & !(u64::MAX << to)) as u32
+    pub const fn valid_mask(&self, n: BoxCount) -> u32 {
+        let (row_block, last_block) = (self.row / 32, n.get() / 32);
+        let after_row = match () {
+            () if self.block > row_block => u32::MAX,
+            () if self.block == row_block => (u32::MAX - 1) << (self.row % 32),
+            () => 0,
+        };
+        let before_n = match () {
+            () if self.block < last_block => u32::MAX,
+            () if self.block == last_block => !(u32::MAX << (n.get() % 32)),
+            () => 0,
+        };
+        after_row & before_n
     }
 
     /// The word without bits that name no pair of `n` boxes.
@@ -30,24 +37,41 @@ impl SparseWord {
     pub fn without_strays(self, n: BoxCount) -> Self {
         Self { bits: self.bits & self.valid_mask(n), ..self }
     }
-
-    /// Column of bit `t`. A bit of the valid mask has one below 2^32.
-    #[inline]
-    pub fn column(&self, t: u32) -> u32 {
-        (self.block << 5) | t
-    }
 }
 
-/// The words of a sparse mask as they lie in the reply.
-#[derive(Clone)]
+/// Words of a sparse mask as they lie in the reply: three slices of one length.
+#[derive(Clone, Copy)]
 pub(super) struct SparseWords<'a> {
-    addresses: iter::Zip<slice::Iter<'a, u32>, slice::Iter<'a, u32>>,
-    bits: slice::Iter<'a, u32>,
+    rows: &'a [u32],
+    blocks: &'a [u32],
+    bits: &'a [u32],
 }
 
 impl<'a> SparseWords<'a> {
+    /// As many words as the shortest slice has.
     pub fn new(rows: &'a [u32], blocks: &'a [u32], bits: &'a [u32]) -> Self {
-        Self { addresses: rows.iter().zip(blocks), bits: bits.iter() }
+        let len = rows.len().min(blocks.len()).min(bits.len());
+        let cut = |words: &'a [u32]| words.get(..len).unwrap_or(&[]);
+        Self { rows: cut(rows), blocks: cut(blocks), bits: cut(bits) }
+    }
+
+    /// The first word and those after it.
+    #[inline(always)]
+    pub fn split_first(self) -> Option<(SparseWord, Self)> {
+        let (row, rows) = self.rows.split_first()?;
+        let (block, blocks) = self.blocks.split_first()?;
+        let (bits, rest) = self.bits.split_first()?;
+        let word = SparseWord { row: *row, block: *block, bits: *bits };
+        Some((word, Self { rows, blocks, bits: rest }))
+    }
+
+    /// The first `N` words (rows, blocks, bits) and those after them.
+    #[inline(always)]
+    pub fn split_first_chunk<const N: usize>(self) -> Option<([&'a [u32; N]; 3], Self)> {
+        let (row, rows) = self.rows.split_first_chunk()?;
+        let (block, blocks) = self.blocks.split_first_chunk()?;
+        let (bits, rest) = self.bits.split_first_chunk()?;
+        Some(([row, block, bits], Self { rows, blocks, bits: rest }))
     }
 }
 
@@ -56,15 +80,9 @@ impl Iterator for SparseWords<'_> {
 
     #[inline]
     fn next(&mut self) -> Option<SparseWord> {
-        let ((row, block), bits) = (self.addresses.next()?, self.bits.next()?);
-        Some(SparseWord { row: *row, block: *block, bits: *bits })
-    }
-
-    #[inline]
-    fn fold<B, F: FnMut(B, SparseWord) -> B>(self, init: B, mut f: F) -> B {
-        self.addresses.zip(self.bits).fold(init, |acc, ((row, block), bits)| {
-            f(acc, SparseWord { row: *row, block: *block, bits: *bits })
-        })
+        let (word, rest) = self.split_first()?;
+        *self = rest;
+        Some(word)
     }
 }
 
@@ -87,9 +105,6 @@ mod tests {
                         mask | u32::from(valid) << t
                     });
                     assert_eq!(word.valid_mask(n), expected, "{n:?} {row} {block}");
-                    for t in (0..32).filter(|t| expected >> t & 1 != 0) {
-                        assert_eq!(u64::from(word.column(t)), 32 * u64::from(block) + u64::from(t));
-                    }
                 }
             }
         }

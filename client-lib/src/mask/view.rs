@@ -142,12 +142,18 @@ impl<'a> MaskView<'a> {
         }
     }
 
-    /// The pairs in a vector. The only decoding that allocates.
+    /// The pairs in a vector of their own.
     #[must_use]
     pub fn to_vec(&self) -> Vec<(u32, u32)> {
         let mut pairs = Vec::with_capacity(self.count() as usize);
-        self.for_each(|a, b| pairs.push((a, b)));
+        self.append_to(&mut pairs);
         pairs
+    }
+
+    /// Appends the pairs to `pairs`: faster than pushing each, and without allocating once the
+    /// vector has grown to the size of a frame.
+    pub fn append_to(&self, pairs: &mut Vec<(u32, u32)>) {
+        self.pairs().append_to(pairs);
     }
 
     /// Checks every rule of the encoding, in O(words) and, with an order, O(n).

@@ -1,0 +1,80 @@
+//! Replies from lists of pairs: the naive writers that the decoders are tested against.
+
+use pairmask::BoxCount;
+use pairmask::mask::MaskShape;
+
+use crate::oracle::Pair;
+
+/// A reply and where its mask lies.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct WrittenMask {
+    /// Boxes of the scene.
+    pub n: BoxCount,
+    /// Where the sections lie.
+    pub shape: MaskShape,
+    /// The words of the reply.
+    pub reply: Vec<u32>,
+}
+
+/// The dense mask of `pairs`, bit by bit from the definition of the pair index.
+///
+/// # Panics
+/// Where a pair is not a < b < n.
+pub fn write_dense(n: BoxCount, pairs: &[Pair]) -> WrittenMask {
+    let mut reply = vec![0; n.dense_words() as usize];
+    let boxes = u64::from(n.get());
+    for &(a, b) in pairs {
+        assert!(a < b && b < n.get(), "({a}, {b}) is no pair of {boxes} boxes");
+        let (a, b) = (u64::from(a), u64::from(b));
+        let k = a * (2 * boxes - a - 1) / 2 + b - a - 1;
+        reply[(k / 32) as usize] |= 1 << (k % 32);
+    }
+    WrittenMask { n, shape: MaskShape::dense(n), reply }
+}
+
+/// The sparse mask of `pairs`; with an order, rows and columns are positions in it.
+///
+/// # Panics
+/// Where a pair is not a < b < n or `order` is not a permutation of n boxes.
+pub fn write_sparse(n: BoxCount, pairs: &[Pair], order: Option<&[u32]>) -> WrittenMask {
+    let position = order.map(|order| {
+        assert_eq!(order.len(), n.len(), "an order names every box");
+        let mut position = vec![u32::MAX; n.len()];
+        for (p, index) in (0..).zip(order) {
+            position[*index as usize] = p;
+        }
+        assert!(!position.contains(&u32::MAX), "an order names every box once");
+        position
+    });
+    let mut bits: Vec<(u32, u32, u32)> = pairs
+        .iter()
+        .map(|&(a, b)| {
+            assert!(a < b && b < n.get(), "({a}, {b}) is no pair of {} boxes", n.get());
+            let (p, q) = position.as_ref().map_or((a, b), |of| (of[a as usize], of[b as usize]));
+            let (row, column) = (p.min(q), p.max(q));
+            (row, column / 32, 1 << (column % 32))
+        })
+        .collect();
+    bits.sort_unstable();
+    let mut words: Vec<(u32, u32, u32)> = Vec::new();
+    for (row, block, bit) in bits {
+        match words.last_mut() {
+            Some(word) if (word.0, word.1) == (row, block) => word.2 |= bit,
+            _ => words.push((row, block, bit)),
+        }
+    }
+    let count = words.len() as u64;
+    let shape = MaskShape::sparse(n, count, count, order.is_some());
+    let mut reply = vec![0; shape.extent_words() as usize];
+    if let MaskShape::Sparse { rows, blocks, bits, order: positions } = &shape {
+        for (i, word) in words.iter().enumerate() {
+            reply[rows.start as usize + i] = word.0;
+            reply[blocks.start as usize + i] = word.1;
+            reply[bits.start as usize + i] = word.2;
+        }
+        if let (Some(span), Some(order)) = (positions, order) {
+            reply[span.start as usize..].copy_from_slice(order);
+        }
+    }
+    WrittenMask { n, shape, reply }
+}
