@@ -1,8 +1,10 @@
 //! The pairmask daemon as a library: ingest, execute, publish, and what the command line, the
 //! benches and the tests share.
 
+pub mod cli;
 pub mod execute;
 pub mod ingest;
 pub mod publish;
 pub mod scene;
 pub mod serve;
+pub mod spawn;
