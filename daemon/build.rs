@@ -5,7 +5,8 @@ use std::process::Command;
 fn main() {
     let compiler = std::env::var("RUSTC").unwrap_or_else(|_| "rustc".to_owned());
     let toolchain = first_line(Command::new(compiler).arg("--version"));
-    let commit = first_line(Command::new("git").args(["describe", "--always", "--dirty", "--tags"]));
+    let commit =
+        first_line(Command::new("git").args(["describe", "--always", "--dirty", "--tags"]));
     println!("cargo::rustc-env=PAIRMASK_TOOLCHAIN={toolchain}");
     println!("cargo::rustc-env=PAIRMASK_COMMIT={commit}");
     println!("cargo::rerun-if-changed=build.rs");

@@ -6,6 +6,7 @@ pub mod mask;
 pub mod pair_index;
 pub mod session;
 pub mod transport;
+pub mod plan;
 pub mod units;
 pub mod wire;
 

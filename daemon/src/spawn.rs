@@ -10,11 +10,12 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use pairmask::session::{ConnectError, SessionBuilder};
-use pairmask::transport::{DaemonRecord, InstanceName, Limits, RuntimeDir};
+use pairmask::transport::{DaemonRecord, InstanceName, Limits, RuntimeDir, clean_before_serving};
 use pairmask::{Backend, Session};
 use rustix::process::{Pid, Signal, getppid, kill_process, set_parent_process_death_signal};
 use tempfile::TempDir;
 
+use crate::execute::gpu::GpuChoice;
 use crate::serve::{DEFAULT_SPIN, ServeError, ServeSettings, supervise};
 
 /// A daemon that does not answer within this time will not: it takes 50 ms on an idle machine.
@@ -27,17 +28,19 @@ const LOOK_INTERVAL: Duration = Duration::from_millis(2);
 const DIR_PREFIX: &str = ".pairmask-private-";
 
 /// What a private daemon should be like.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct PrivateSettings {
     /// What the instance allows.
     pub limits: Limits,
     /// How long the worker spins for the next request before it sleeps.
     pub spin: Duration,
+    /// Which GPU.
+    pub gpu: GpuChoice,
 }
 
 impl Default for PrivateSettings {
     fn default() -> Self {
-        Self { limits: Limits::default(), spin: DEFAULT_SPIN }
+        Self { limits: Limits::default(), spin: DEFAULT_SPIN, gpu: GpuChoice::default() }
     }
 }
 
@@ -104,6 +107,7 @@ impl PrivateDaemon {
             .args(["--spin-us", &settings.spin.as_micros().to_string()])
             .args(["--max-clients", &limits.max_clients.to_string()])
             .args(["--max-reply-mib", &(limits.max_reply_bytes >> 20).to_string()])
+            .args(["--gpu", &settings.gpu.to_string()])
             .arg("--runtime-dir")
             .arg(dir.path())
             // That it serves and stops is no news to whoever asked for it.
@@ -215,6 +219,8 @@ pub(crate) fn serve_private(settings: &ServeSettings, owner: u32) -> Result<(), 
     // The owner may have died before the signal was asked for: it never comes then.
     let is_owned = getppid().is_some_and(|pid| pid.as_raw_nonzero().get().unsigned_abs() == owner);
     let result = if is_owned { supervise(settings) } else { Ok(()) };
+    // Files that a client left by dying, and the transport's own: nobody serves here again.
+    let _ = clean_before_serving(&settings.dir, &settings.instance);
     remove_private_dir(settings.dir.path());
     result
 }

@@ -1,1 +1,16 @@
-//! Placeholder.
+//! WGSL stages of pairmask, their shared parts, and the layouts both sides agree on.
+//!
+//! One stage a file under `wgsl/`, shared parts under `wgsl/shared/`; a stage has one name
+//! everywhere: file, pipeline label, timing row. Numbers that Rust and WGSL both need are declared
+//! once, in [`constants`], and injected when a stage is composed ([`Stage::wgsl`]); structs that
+//! both sides touch are in [`layouts`], and a test compares them with what naga reflects. The
+//! arrangement follows vello's shaders.
+//!
+//! All indices are proven in range by the plan that fills the parameters, because production runs
+//! without bounds checks; the tests run the same stages with checks.
+
+pub mod compose;
+pub mod constants;
+pub mod layouts;
+
+pub use compose::{ComposeError, PairsVariant, RowsPerThread, Stage};

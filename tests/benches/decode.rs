@@ -1,4 +1,4 @@
-//! Speed of mask decoding: `cargo bench -p pairmask-tests --bench decode`.
+//! Speed of mask decoding: `cargo bench -p pairmask-tests --bench decode [-- PART OF A NAME]`.
 //!
 //! Medians of many runs, warm. Every row prints the time of one decode, ns for each pair and GB/s
 //! over the bytes of the mask (its order included). The reference rows say what the memory and the
@@ -20,40 +20,55 @@ use rayon::iter::ParallelIterator;
 const ROW_TIME: Duration = Duration::from_millis(150);
 
 fn main() {
+    let filter = std::env::args().skip(1).find(|arg| !arg.starts_with("--")).unwrap_or_default();
     println!("{:44} {:>10} {:>9} {:>9} {:>8}", "", "pairs", "µs", "ns/pair", "GB/s");
-    dense("dense, no pair", 4_096, &[]);
-    dense("dense, 1 pair a box", 1_000, &random_pairs(BoxCount::new(1_000), 1_000, 1));
-    dense("dense, 1 pair a box", 4_096, &random_pairs(BoxCount::new(4_096), 4_096, 1));
-    dense("dense, 1 pair a box", 16_384, &random_pairs(BoxCount::new(16_384), 16_384, 1));
-    dense("dense, 7 pairs a box", 4_096, &random_pairs(BoxCount::new(4_096), 7 * 4_096, 1));
-    dense("dense, every pair", 2_048, &all_pairs(BoxCount::new(2_048)));
-    for n in [10_000, 100_000, 1_000_000] {
-        let count = BoxCount::new(n);
-        sparse("sparse, 1 pair a box", n, &grid_like_pairs(count, 1.0, 1));
-        sparse("sparse, 7 pairs a box", n, &grid_like_pairs(count, 7.0, 1));
-        sparse("sparse, far partners", n, &random_pairs(count, n as usize, 1));
+    for (name, n, pairs) in SCENES {
+        let (n, title) = (BoxCount::new(*n), format!("{name}, n = {n}"));
+        if !title.contains(&filter) {
+            continue;
+        }
+        let pairs = pairs(n);
+        if name.starts_with("dense") {
+            decode(&title, &write_dense(n, &pairs), pairs.len());
+        } else {
+            decode(&title, &write_sparse(n, &pairs, None), pairs.len());
+            let order = random_order(n, 2);
+            let ordered = write_sparse(n, &renamed(&pairs, &order), Some(&order));
+            decode(&format!("{title}, random order"), &ordered, pairs.len());
+        }
     }
 }
 
-fn dense(name: &str, n: u32, pairs: &[Pair]) {
-    let mask = write_dense(BoxCount::new(n), pairs);
-    println!("\n{name}, n = {n}");
-    decode(&mask, pairs.len());
-}
+/// Name, boxes and pairs of positions of a scene.
+type Scene = (&'static str, u32, fn(BoxCount) -> Vec<Pair>);
 
-fn sparse(name: &str, n: u32, pairs: &[Pair]) {
-    let count = BoxCount::new(n);
-    let plain = write_sparse(count, pairs, None);
-    println!("\n{name}, n = {n}");
-    decode(&plain, pairs.len());
-    let order = random_order(count, 2);
-    let ordered = write_sparse(count, &renamed(pairs, &order), Some(&order));
-    println!("{name}, n = {n}, random order");
-    decode(&ordered, pairs.len());
+const SCENES: &[Scene] = &[
+    ("dense, no pair", 4_096, |_| Vec::new()),
+    ("dense, 1 pair a box", 1_000, one_a_box),
+    ("dense, 1 pair a box", 4_096, one_a_box),
+    ("dense, 1 pair a box", 16_384, one_a_box),
+    ("dense, 7 pairs a box", 4_096, |n| random_pairs(n, 7 * n.len(), 1)),
+    ("dense, every pair", 2_048, all_pairs),
+    ("sparse, 1 pair a box", 1_000, |n| grid_like_pairs(n, 1.0, 1)),
+    ("sparse, 1 pair a box", 10_000, |n| grid_like_pairs(n, 1.0, 1)),
+    ("sparse, 7 pairs a box", 10_000, |n| grid_like_pairs(n, 7.0, 1)),
+    ("sparse, far partners", 10_000, one_a_box),
+    ("sparse, 1 pair a box", 100_000, |n| grid_like_pairs(n, 1.0, 1)),
+    ("sparse, 7 pairs a box", 100_000, |n| grid_like_pairs(n, 7.0, 1)),
+    ("sparse, far partners", 100_000, one_a_box),
+    ("sparse, 1 pair a box", 1_000_000, |n| grid_like_pairs(n, 1.0, 1)),
+    ("sparse, 7 pairs a box", 1_000_000, |n| grid_like_pairs(n, 7.0, 1)),
+    ("sparse, far partners", 1_000_000, one_a_box),
+];
+
+/// As many random pairs as boxes.
+fn one_a_box(n: BoxCount) -> Vec<Pair> {
+    random_pairs(n, n.len(), 1)
 }
 
 /// All ways through one mask.
-fn decode(written: &WrittenMask, expected: usize) {
+fn decode(title: &str, written: &WrittenMask, expected: usize) {
+    println!("\n{title}");
     let mask = MaskView::new(written.n, &written.shape, &written.reply).expect("shape and reply");
     assert_eq!(mask.pairs().count(), expected, "a bench of a wrong decoder measures nothing");
     let row = |name: &str, median: Duration| {

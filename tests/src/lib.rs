@@ -2,6 +2,7 @@
 
 pub mod conformance;
 pub mod daemon;
+pub mod gpu;
 pub mod mask_writer;
 pub mod naive_decoder;
 pub mod oracle;

@@ -18,6 +18,7 @@ use pairmask::transport::{
 use pairmask::{Backend, Session};
 use pairmask_tests::daemon::eventually;
 use pairmask_tests::stress_scenes;
+use pairmaskd::execute::gpu::GpuChoice;
 use pairmaskd::serve::{ServeSettings, work};
 use rustix::process::{Signal, getpid, kill_process};
 
@@ -116,6 +117,7 @@ fn steady_frames_allocate_nothing() {
         dir: RuntimeDir::at(dir.path()),
         limits: Limits::default(),
         spin: Duration::from_micros(50),
+        gpu: GpuChoice::None,
     };
     let runtime_dir = settings.dir.clone();
     let daemon = std::thread::spawn(move || {

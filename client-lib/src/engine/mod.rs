@@ -7,19 +7,24 @@
 
 mod aligned;
 pub mod brute_force;
+pub mod grid;
 mod heap_reply;
 pub mod ingest;
 mod isa;
 mod set;
+mod strips;
+pub mod sweep_and_prune;
 
 use std::fmt;
 use std::str::FromStr;
 
 pub use brute_force::BruteForce;
+pub use grid::Grid;
 pub use heap_reply::HeapReply;
 pub use ingest::KeyColumns;
 pub use isa::{AvailableIsa, Isa};
-pub use set::{CpuEngines, CullAnswer, CullWish};
+pub use set::{CpuEngines, CullAnswer, CullWish, choose_encoding};
+pub use sweep_and_prune::SweepAndPrune;
 
 use crate::aabb::{Aabb, BoxClass};
 use crate::mask::{Encoding, MaskShape};
@@ -184,6 +189,20 @@ pub enum CullError {
         n: u64,
         /// Boxes allowed.
         limit: u64,
+    },
+    /// The GPU is gone. Another engine can serve the same boxes; this one needs a new device.
+    #[error("{engine} lost its GPU: let a CPU engine serve until the device is rebuilt")]
+    DeviceLost {
+        /// The engine.
+        engine: EngineName,
+    },
+    /// The GPU has no memory for the scene. Another engine can serve it; this one stays usable.
+    #[error("{engine} needs {needed_bytes} bytes of GPU memory that are not to be had")]
+    DeviceMemory {
+        /// The engine.
+        engine: EngineName,
+        /// Bytes of the block that was refused.
+        needed_bytes: u64,
     },
 }
 

@@ -49,6 +49,15 @@ impl Default for CpuEngines {
 /// 1 MiB, beyond which the sparse words of a usual scene are shorter to write and to read.
 const DENSE_UP_TO: BoxCount = BoxCount::new(2048);
 
+/// The encoding of a frame of `n` boxes.
+pub fn choose_encoding(wish: EncodingChoice, n: BoxCount) -> Encoding {
+    match wish {
+        EncodingChoice::Only(encoding) => encoding,
+        EncodingChoice::Auto if n <= DENSE_UP_TO => Encoding::Dense,
+        EncodingChoice::Auto => Encoding::Sparse,
+    }
+}
+
 impl CpuEngines {
     /// Engines with empty scratch memory.
     pub fn new() -> Self {
@@ -75,11 +84,8 @@ impl CpuEngines {
                 });
             }
         };
-        let encoding = match wish.encoding {
-            EncodingChoice::Only(encoding) => encoding,
-            EncodingChoice::Auto if boxes.len() <= DENSE_UP_TO.len() => Encoding::Dense,
-            EncodingChoice::Auto => Encoding::Sparse,
-        };
+        let n = BoxCount::of_len(boxes.len()).unwrap_or(BoxCount::new(u32::MAX));
+        let encoding = choose_encoding(wish.encoding, n);
         let threads = wish.threads.unwrap_or(1).clamp(1, rayon::current_num_threads());
         let plan_ns = start.elapsed().as_nanos() as u64;
         let report = engine.cull(boxes, &CullJob { encoding, threads }, reply)?;

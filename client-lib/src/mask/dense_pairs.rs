@@ -1,7 +1,12 @@
 //! Pairs of a dense mask: one inverse of the pair index a word, then stepping.
 
+#[cfg(target_arch = "x86_64")]
+mod avx512;
+
 use super::dense_words::DenseWords;
-use super::pair_buffer::PairWriter;
+use super::pair_buffer::{PairWriter, WORD_PAIRS};
+use super::word_flags::{Chunk, flags_of};
+use crate::engine::{AvailableIsa, Isa};
 use crate::pair_index::PairWalker;
 use crate::units::{BoxCount, PairIndex};
 
@@ -10,19 +15,30 @@ use crate::units::{BoxCount, PairIndex};
 pub(super) struct DensePairs<'a> {
     n: BoxCount,
     words: DenseWords<'a>,
+    isa: AvailableIsa,
 }
 
 impl<'a> DensePairs<'a> {
     pub fn new(n: BoxCount, words: DenseWords<'a>) -> Self {
-        Self { n, words }
+        Self { n, words, isa: AvailableIsa::best() }
     }
 
     /// Puts the pairs of words until there is no more room. False at the end of the mask.
     #[inline]
     pub fn write(&mut self, writer: &mut PairWriter) -> bool {
+        match self.isa.get() {
+            #[cfg(target_arch = "x86_64")]
+            Isa::Avx512 => avx512::write(self, writer, self.isa),
+            _ => self.write_with(writer, flags_of),
+        }
+    }
+
+    /// The same with a way to find the non-zero words of a chunk.
+    #[inline(always)]
+    fn write_with(&mut self, writer: &mut PairWriter, flags: impl Fn(&Chunk) -> u64) -> bool {
         let mut more = false;
-        while writer.has_room_for(32) {
-            let Some((number, bits)) = self.words.next() else { break };
+        while writer.has_room_for(WORD_PAIRS) {
+            let Some((number, bits)) = self.words.next_with(&flags) else { break };
             more = true;
             put_word(self.n, number, bits, writer);
         }
@@ -30,20 +46,81 @@ impl<'a> DensePairs<'a> {
     }
 }
 
-/// Adds the pairs of word `number`.
-#[inline]
-fn put_word(n: BoxCount, number: usize, bits: u32, writer: &mut PairWriter) {
-    let skipped = bits.trailing_zeros();
-    let first = PairIndex::new(32 * number as u64 + u64::from(skipped));
+/// Adds the pairs of word `number`, which is not zero.
+#[inline(always)]
+fn put_word(n: BoxCount, number: usize, mut bits: u32, writer: &mut PairWriter) {
+    let mut at = bits.trailing_zeros();
+    let first = PairIndex::new(WORD_PAIRS as u64 * number as u64 + u64::from(at));
     let Some(mut here) = PairWalker::start(n, first) else { return };
-    writer.put_if(true, here.pair());
-    // Two shifts: one by 32 would overflow when only bit 31 is set.
-    let mut ahead = bits.checked_shr(skipped).unwrap_or(0) >> 1;
-    while ahead != 0 {
-        let skipped = ahead.trailing_zeros();
-        ahead = ahead >> skipped >> 1;
-        let Some(next) = here.advance(skipped + 1) else { return };
-        here = next;
+    let (a, b) = here.pair();
+    if u64::from(b) + WORD_PAIRS as u64 <= u64::from(n.get()) {
+        // All in one row, as nearly always: no pair has to wait for the one before it.
+        while bits != 0 {
+            writer.put_if(true, (a, b + (bits.trailing_zeros() - at)));
+            bits &= bits - 1;
+        }
+        return;
+    }
+    loop {
         writer.put_if(true, here.pair());
+        bits &= bits.wrapping_sub(1);
+        if bits == 0 {
+            return;
+        }
+        let next = bits.trailing_zeros();
+        let Some(there) = here.advance(next - at) else { return };
+        (here, at) = (there, next);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::collection::vec;
+    use proptest::prelude::*;
+
+    use super::super::pairs::Pairs;
+    use super::*;
+
+    /// The pairs by definition: counting.
+    fn naive(n: u32, words: &[u32]) -> Vec<(u32, u32)> {
+        let pairs = (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b)));
+        pairs
+            .enumerate()
+            .filter(|(k, _)| words[k / 32] >> (k % 32) & 1 != 0)
+            .map(|(_, pair)| pair)
+            .collect()
+    }
+
+    fn word() -> impl Strategy<Value = u32> {
+        prop_oneof![
+            20 => Just(0),
+            4 => (0u32..32).prop_map(|t| 1 << t),
+            1 => any::<u32>(),
+            1 => Just(u32::MAX),
+        ]
+    }
+
+    fn case() -> impl Strategy<Value = (u32, Vec<u32>)> {
+        let n = prop_oneof![0u32..70, Just(345)];
+        n.prop_flat_map(|n| (Just(n), vec(word(), BoxCount::new(n).dense_words() as usize)))
+    }
+
+    proptest! {
+        #[test]
+        fn every_instruction_set_gives_the_pairs_of_any_words((n, words) in case()) {
+            let expected = naive(n, &words);
+            let n = BoxCount::new(n);
+            for isa in Isa::ALL.into_iter().filter_map(AvailableIsa::new) {
+                // Tail bits are left in: the pair index drops what is behind the last pair.
+                let words = DenseWords::new(&words, 0..words.len(), u32::MAX);
+                let pairs = Pairs::dense(DensePairs { n, words, isa });
+                prop_assert_eq!(&pairs.clone().collect::<Vec<_>>(), &expected, "{}", isa.get());
+                let folded = pairs.fold(Vec::new(), |mut all, pair| {
+                    all.push(pair);
+                    all
+                });
+                prop_assert_eq!(&folded, &expected, "{}", isa.get());
+            }
+        }
     }
 }

@@ -3,7 +3,7 @@
 use std::iter::FusedIterator;
 use std::ops::Range;
 
-use super::word_flags::{CHUNK_WORDS, flags_of};
+use super::word_flags::{CHUNK_WORDS, Chunk, flags_of};
 
 /// The non-zero words of a range of a dense mask, each with its number in the mask.
 #[derive(Clone)]
@@ -32,8 +32,8 @@ impl<'a> DenseWords<'a> {
     }
 
     /// Takes the next chunk with a non-zero word in hand. False at the end.
-    #[inline]
-    fn next_chunk(&mut self) -> bool {
+    #[inline(always)]
+    fn next_chunk(&mut self, flags_of: impl Fn(&Chunk) -> u64) -> bool {
         let mut passed = self.chunk.len();
         while let Some((chunk, rest)) = self.rest.split_first_chunk::<CHUNK_WORDS>() {
             self.rest = rest;
@@ -54,8 +54,24 @@ impl<'a> DenseWords<'a> {
         self.flags != 0
     }
 
+    /// The next non-zero word, with a way to find those of a chunk.
+    #[inline(always)]
+    pub fn next_with(&mut self, flags_of: impl Fn(&Chunk) -> u64) -> Option<(usize, u32)> {
+        loop {
+            while self.flags != 0 {
+                let (number, bits) = self.take();
+                if bits != 0 {
+                    return Some((number, bits));
+                }
+            }
+            if !self.next_chunk(&flags_of) {
+                return None;
+            }
+        }
+    }
+
     /// Takes one flagged word of the chunk. Its bits may be zero if it is the last of the mask.
-    #[inline]
+    #[inline(always)]
     fn take(&mut self) -> (usize, u32) {
         let i = self.flags.trailing_zeros() as usize;
         self.flags &= self.flags.wrapping_sub(1);
@@ -70,17 +86,7 @@ impl Iterator for DenseWords<'_> {
 
     #[inline]
     fn next(&mut self) -> Option<(usize, u32)> {
-        loop {
-            while self.flags != 0 {
-                let (number, bits) = self.take();
-                if bits != 0 {
-                    return Some((number, bits));
-                }
-            }
-            if !self.next_chunk() {
-                return None;
-            }
-        }
+        self.next_with(flags_of)
     }
 }
 

@@ -172,9 +172,10 @@ impl MaskShape {
         }
     }
 
-    /// Words of the reply from its start to the end of the last section.
+    /// Words of the reply from its start to the end of the last section. Saturates, since a shape
+    /// may come from another process.
     pub fn extent_words(&self) -> u64 {
-        let end = |s: &Span| s.start + s.len;
+        let end = |s: &Span| s.start.saturating_add(s.len);
         match self {
             Self::Dense { words } => end(words),
             Self::Sparse { rows, blocks, bits, order } => {
@@ -186,13 +187,15 @@ impl MaskShape {
         }
     }
 
-    /// Bytes of the mask itself, without gaps between sections.
+    /// Bytes of the mask itself, without gaps between sections. Saturates likewise.
     pub fn mask_bytes(&self) -> u64 {
-        4 * match self {
+        let words = match self {
             Self::Dense { words } => words.len,
-            Self::Sparse { rows, blocks, bits, order } => {
-                rows.len + blocks.len + bits.len + order.map_or(0, |o| o.len)
-            }
-        }
+            Self::Sparse { rows, blocks, bits, order } => [rows, blocks, bits]
+                .into_iter()
+                .chain(order)
+                .fold(0, |sum: u64, span| sum.saturating_add(span.len)),
+        };
+        words.saturating_mul(4)
     }
 }

@@ -11,6 +11,9 @@ use crate::units::BoxCount;
 /// for a mask of a few words. A power of two, so that an index is kept within by a mask.
 const CAPACITY: usize = 256;
 
+/// Most pairs of a word: the room that it needs.
+pub(super) const WORD_PAIRS: usize = u32::BITS as usize;
+
 /// Decoded pairs that were not yet taken.
 #[derive(Clone)]
 pub(super) struct PairBuffer {
@@ -68,6 +71,7 @@ impl PairWriter<'_> {
     /// Adds a pair if it is real, without a branch. There must be room.
     #[inline(always)]
     pub const fn put_if(&mut self, real: bool, (a, b): (u32, u32)) {
+        debug_assert!(self.has_room_for(1));
         self.pairs[self.end % CAPACITY] = [a, b];
         self.end += real as usize;
     }
@@ -75,6 +79,7 @@ impl PairWriter<'_> {
     /// Adds the first `count` of `N` pairs. There must be room for `N`.
     #[inline(always)]
     pub fn put_first_of<const N: usize>(&mut self, count: usize, pairs: [[u32; 2]; N]) {
+        debug_assert!(count <= N && self.has_room_for(N));
         if let Some(room) = self.pairs.get_mut(self.end..).and_then(|rest| rest.first_chunk_mut()) {
             *room = pairs;
             self.end += count;
@@ -106,11 +111,20 @@ impl PairWriter<'_> {
         let written = self.pairs.get_mut(..self.end).unwrap_or(&mut []);
         // Two passes: the first only waits for memory, with nothing to guess wrong, and the second
         // is vector code.
-        for position in written.as_flattened_mut() {
-            *position = order.get(*position as usize).copied().unwrap_or(u32::MAX);
-        }
+        look_up(order, written.as_flattened_mut());
         for [a, b] in written {
             (*a, *b) = ((*a).min(*b), (*a).max(*b));
         }
+    }
+}
+
+/// Replaces each position by the box there.
+///
+/// A function of its own, so that it is not compiled for AVX-512 along with its caller: gather
+/// instructions take longer than the loads that they stand for on half of the machines.
+#[inline(never)]
+fn look_up(order: &[u32], positions: &mut [u32]) {
+    for position in positions {
+        *position = order.get(*position as usize).copied().unwrap_or(u32::MAX);
     }
 }

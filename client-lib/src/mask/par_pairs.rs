@@ -8,12 +8,12 @@ use rayon::iter::plumbing::{Folder, UnindexedConsumer, UnindexedProducer, bridge
 use super::MaskView;
 use super::word_flags::CHUNK_WORDS;
 
-/// Smallest range of a dense mask worth a thread, words: 64 KiB, a few µs of scanning, as much as
-/// a thread's wake-up. Smaller ranges cost more to hand out than to scan.
-const DENSE_GRAIN_WORDS: usize = 256 * CHUNK_WORDS;
+/// Smallest range of a dense mask worth a thread, words: 512 KiB, which one thread scans in 10 to
+/// 20 µs. Waking another thread takes as long, so smaller ranges would cost time.
+const DENSE_GRAIN_WORDS: usize = 2048 * CHUNK_WORDS;
 
-/// Smallest range of a sparse mask worth a thread, words: at 1 to 2 ns a word a few µs, as above.
-const SPARSE_GRAIN_WORDS: usize = 2048;
+/// Smallest range of a sparse mask worth a thread, words: at about 1 ns a word some 15 µs, as above.
+const SPARSE_GRAIN_WORDS: usize = 1 << 14;
 
 /// The pairs of a mask as a parallel iterator, from
 /// [`MaskView::par_pairs`](super::MaskView::par_pairs).

@@ -3,13 +3,10 @@
 #[cfg(target_arch = "x86_64")]
 mod avx512;
 
-use super::pair_buffer::PairWriter;
+use super::pair_buffer::{PairWriter, WORD_PAIRS};
 use super::sparse_words::{SparseWord, SparseWords};
 use crate::engine::{AvailableIsa, Isa};
 use crate::units::BoxCount;
-
-/// Most pairs of a word.
-const WORD_PAIRS: usize = 32;
 
 /// The pairs of the words of a sparse mask, in the order of the words, columns rising.
 #[derive(Clone)]
@@ -79,5 +76,88 @@ fn put_word(word: SparseWord, writer: &mut PairWriter) {
     while bits != 0 {
         writer.put_if(true, lowest(bits));
         bits &= bits - 1;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::collection::vec;
+    use proptest::prelude::*;
+
+    use super::super::pairs::Pairs;
+    use super::*;
+
+    /// The pairs by definition, one bit after the other in u64.
+    fn naive(n: BoxCount, words: &[(u32, u32, u32)], order: Option<&[u32]>) -> Vec<(u32, u32)> {
+        let n = u64::from(n.get());
+        let mut pairs = Vec::new();
+        for &(row, block, bits) in words {
+            for t in (0..32).filter(|t| bits >> t & 1 != 0) {
+                let column = 32 * u64::from(block) + t;
+                if u64::from(row) >= column || column >= n {
+                    continue;
+                }
+                let name = |at: u64| order.map_or(at as u32, |order| order[at as usize]);
+                let (p, q) = (name(u64::from(row)), name(column));
+                if p != q && u64::from(p.max(q)) < n {
+                    pairs.push((p.min(q), p.max(q)));
+                }
+            }
+        }
+        pairs
+    }
+
+    /// Numbers that are mostly below `n`, and now and then about `n`, as good as below it once high
+    /// bits are lost, or anything.
+    fn near(n: u32) -> impl Strategy<Value = u32> {
+        prop_oneof![
+            20 => 0..n.max(1),
+            1 => n.saturating_sub(3)..n.saturating_add(3),
+            1 => (0..n.max(1), 27u32..32).prop_map(|(x, s)| x | 1 << s),
+            1 => any::<u32>(),
+        ]
+    }
+
+    /// Bits of a word: at most `most` of them, or anything.
+    fn bits(most: Option<usize>) -> BoxedStrategy<u32> {
+        let some =
+            |most| vec(0u32..32, 0..=most).prop_map(|bits| bits.iter().fold(0, |w, t| w | 1 << t));
+        match most {
+            Some(most) => some(most).boxed(),
+            None => prop_oneof![20 => some(3), 1 => any::<u32>(), 1 => Just(u32::MAX)].boxed(),
+        }
+    }
+
+    type Case = (u32, Vec<(u32, u32, u32)>, Option<Vec<u32>>);
+
+    fn case() -> impl Strategy<Value = Case> {
+        let n = prop_oneof![0u32..70, Just(345), Just(1_234)];
+        // Each limit is a kernel's, and one more.
+        let most = proptest::sample::select(&[Some(1), Some(2), Some(4), Some(5), None][..]);
+        (n, most).prop_flat_map(|(n, most)| {
+            let words = vec((near(n), near(n.div_ceil(32)), bits(most)), 0..200);
+            (Just(n), words, proptest::option::of(vec(near(n), n as usize)))
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn every_instruction_set_gives_the_pairs_of_any_words((n, words, order) in case()) {
+            let n = BoxCount::new(n);
+            let column = |i: fn(&(u32, u32, u32)) -> u32| words.iter().map(i).collect::<Vec<_>>();
+            let (rows, blocks, bits) = (column(|w| w.0), column(|w| w.1), column(|w| w.2));
+            let expected = naive(n, &words, order.as_deref());
+            for isa in Isa::ALL.into_iter().filter_map(AvailableIsa::new) {
+                let words = SparseWords::new(&rows, &blocks, &bits);
+                let pairs = SparsePairs { n, order: order.as_deref(), words, isa };
+                let pairs = Pairs::sparse(pairs);
+                prop_assert_eq!(&pairs.clone().collect::<Vec<_>>(), &expected, "{}", isa.get());
+                let folded = pairs.fold(Vec::new(), |mut all, pair| {
+                    all.push(pair);
+                    all
+                });
+                prop_assert_eq!(&folded, &expected, "{}", isa.get());
+            }
+        }
     }
 }

@@ -40,7 +40,7 @@ impl SparseWord {
 }
 
 /// Words of a sparse mask as they lie in the reply: three slices of one length.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 pub(super) struct SparseWords<'a> {
     rows: &'a [u32],
     blocks: &'a [u32],
@@ -57,7 +57,7 @@ impl<'a> SparseWords<'a> {
 
     /// The first word and those after it.
     #[inline(always)]
-    pub fn split_first(self) -> Option<(SparseWord, Self)> {
+    pub fn split_first(&self) -> Option<(SparseWord, Self)> {
         let (row, rows) = self.rows.split_first()?;
         let (block, blocks) = self.blocks.split_first()?;
         let (bits, rest) = self.bits.split_first()?;
@@ -67,7 +67,7 @@ impl<'a> SparseWords<'a> {
 
     /// The first `N` words (rows, blocks, bits) and those after them.
     #[inline(always)]
-    pub fn split_first_chunk<const N: usize>(self) -> Option<([&'a [u32; N]; 3], Self)> {
+    pub fn split_first_chunk<const N: usize>(&self) -> Option<([&'a [u32; N]; 3], Self)> {
         let (row, rows) = self.rows.split_first_chunk()?;
         let (block, blocks) = self.blocks.split_first_chunk()?;
         let (bits, rest) = self.bits.split_first_chunk()?;

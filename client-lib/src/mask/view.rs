@@ -20,7 +20,8 @@ impl Section {
 /// The reply is data from another process. [`MaskView::new`] checks in O(1) that the sections lie
 /// in the reply and have the right lengths. Whatever the bytes, decoding then never panics, ends,
 /// and gives only pairs with a < b < n: bits that name no pair of boxes are dropped.
-/// [`MaskView::verify`] says whether there are any.
+/// [`MaskView::verify`] says whether there are any. Words are read where they lie and when they are
+/// needed, so whoever published the reply must leave it alone while a view lives.
 ///
 /// ```
 /// use pairmask::BoxCount;

@@ -7,6 +7,8 @@ use pairmask::transport::InstanceName;
 use pairmask::{Backend, EncodingChoice, EngineChoice};
 use serde::{Deserialize, Deserializer};
 
+use crate::execute::gpu::GpuChoice;
+
 /// Settings of a configuration file. Keys are the flags' names.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case", default)]
@@ -24,6 +26,8 @@ pub struct Config {
     pub spin_us: Option<u64>,
     pub max_clients: Option<std::num::NonZeroU16>,
     pub max_reply_mib: Option<std::num::NonZeroU32>,
+    #[serde(deserialize_with = "parsed")]
+    pub gpu: Option<GpuChoice>,
 }
 
 /// Why there is no configuration.
@@ -87,7 +91,8 @@ mod tests {
     fn keys_are_the_names_of_the_flags() {
         let config: Config = toml::from_str(
             "instance = 'world'\nbackend = 'in-process'\nencoding = 'sparse'\n\
-             threads = 2\nspin-us = 0\nmax-clients = 3\nmax-reply-mib = 64\nruntime-dir = '/run/x'",
+             threads = 2\nspin-us = 0\nmax-clients = 3\nmax-reply-mib = 64\nruntime-dir = '/run/x'\n\
+             gpu = 'none'",
         )
         .expect("every key is known");
         assert_eq!(config.instance.as_ref().map(InstanceName::as_str), Some("world"));

@@ -82,7 +82,7 @@ fn run(cli: &Cli) -> Result<(), CliError> {
     match command {
         Command::Serve(serve) => serve.run(place, &config),
         Command::Cull(cull) => Ok(cull.run(place, &config)?),
-        Command::Demo(demo) => Ok(demo.run()?),
+        Command::Demo(demo) => Ok(demo.run(&config)?),
         Command::DemoClient(client) => Ok(client.run(place, &config)?),
         Command::Bench(bench) => Ok(bench.run(place, &config)?),
         Command::Status(status) => Ok(status.run(place, &config)?),
@@ -91,9 +91,9 @@ fn run(cli: &Cli) -> Result<(), CliError> {
 
 impl Command {
     /// What is logged unless `PAIRMASK_LOG` says otherwise.
-    fn log_level(&self) -> &'static str {
+    const fn log_level(&self) -> &'static str {
         match self {
-            Self::Serve(serve) if !serve.is_private() => "info",
+            Self::Serve(_) => "info",
             _ => "warn",
         }
     }

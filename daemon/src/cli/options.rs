@@ -9,6 +9,8 @@ use pairmask::transport::{InstanceName, RuntimeDir};
 use pairmask::{Backend, EncodingChoice, EngineChoice, Session};
 
 use super::config::Config;
+use crate::execute::gpu::GpuChoice;
+use crate::spawn::PrivateSettings;
 
 /// Which instance, and where instances live.
 #[derive(Clone, Debug, Args)]
@@ -38,12 +40,34 @@ impl Place {
     /// The directory that holds it.
     pub fn runtime_dir(&self, config: &Config) -> RuntimeDir {
         let named = self.runtime_dir.as_ref().or(config.runtime_dir.as_ref());
-        named.filter(|path| !path.as_os_str().is_empty()).map_or_else(RuntimeDir::from_env, RuntimeDir::at)
+        named
+            .filter(|path| !path.as_os_str().is_empty())
+            .map_or_else(RuntimeDir::from_env, RuntimeDir::at)
     }
 
     /// The configuration file that was named.
     pub fn config_file(&self) -> Option<&Path> {
         self.config.as_deref().filter(|path| !path.as_os_str().is_empty())
+    }
+}
+
+/// What a daemon that is started here may use.
+#[derive(Clone, Debug, Args)]
+pub struct DaemonOptions {
+    /// GPU of a daemon that is started: auto, none, software, a number or a name [default: auto]
+    #[arg(long, env = "PAIRMASK_GPU", value_name = "GPU")]
+    gpu: Option<GpuChoice>,
+}
+
+impl DaemonOptions {
+    /// The GPU that is meant.
+    pub fn gpu(&self, config: &Config) -> GpuChoice {
+        self.gpu.clone().or_else(|| config.gpu.clone()).unwrap_or_default()
+    }
+
+    /// Settings of a private daemon.
+    pub fn private(&self, config: &Config) -> PrivateSettings {
+        PrivateSettings { gpu: self.gpu(config), ..PrivateSettings::default() }
     }
 }
 

@@ -8,7 +8,7 @@ use pairmask::transport::Limits;
 
 use super::config::Config;
 use super::error::CliError;
-use super::options::Place;
+use super::options::{DaemonOptions, Place};
 use crate::serve::{DEFAULT_SPIN, ServeSettings, supervise, work};
 use crate::spawn;
 
@@ -30,6 +30,8 @@ pub struct Serve {
     /// The largest mask, MiB [default: 1024]
     #[arg(long, env = "PAIRMASK_MAX_REPLY_MIB", value_name = "N")]
     max_reply_mib: Option<NonZeroU32>,
+    #[command(flatten)]
+    options: DaemonOptions,
     /// Serve in this process: what a supervisor starts.
     #[arg(long, hide = true)]
     worker: bool,
@@ -42,11 +44,6 @@ impl Serve {
     /// Whether a supervisor started this process.
     pub const fn is_worker(&self) -> bool {
         self.worker
-    }
-
-    /// Whether the daemon belongs to the process that started it.
-    pub const fn is_private(&self) -> bool {
-        self.private_to.is_some()
     }
 
     /// Serves until told to stop.
@@ -75,6 +72,7 @@ impl Serve {
                     .map_or(default.max_reply_bytes, |n| u64::from(n.get()) << 20),
             },
             spin: spin_us.map_or(DEFAULT_SPIN, Duration::from_micros),
+            gpu: self.options.gpu(config),
         }
     }
 }

@@ -20,7 +20,7 @@ use pairmask::wire::{
 use self::account::Account;
 use self::loan_reply::LoanReply;
 use self::wake::WakeBoard;
-use crate::execute::Executor;
+use crate::execute::{Executor, Owner};
 
 /// Answers requests, one at a time.
 pub struct Publisher {
@@ -50,6 +50,11 @@ impl Publisher {
         }
     }
 
+    /// Gives up what belonged to clients that are gone; to be called now and then.
+    pub fn tidy(&mut self) {
+        self.executor.tidy();
+    }
+
     /// Answers one request, whatever it holds.
     pub fn answer(&mut self, active: &ActiveRequest) {
         let start = Instant::now();
@@ -65,10 +70,11 @@ impl Publisher {
         let response = match Request::parse(&header, payload_bytes) {
             Ok(Request::Cull { box_count, boxes_offset, engine, encoding, threads }) => {
                 let wish = CullWish { engine, encoding, threads };
+                let owner = Owner::Client(active.origin().value());
                 let refused = Reject::Boxes { box_count: box_count.get(), payload_bytes };
                 boxes_in(active.payload(), boxes_offset, box_count)
                     .ok_or_else(|| Failure::from(refused))
-                    .and_then(|boxes| Ok(self.executor.cull(boxes, &wish, &mut reply)?))
+                    .and_then(|boxes| Ok(self.executor.cull(boxes, owner, &wish, &mut reply)?))
                     .map(|answer| {
                         let times = StageTimes {
                             total_ns: start.elapsed().as_nanos() as u64,
@@ -131,6 +137,9 @@ impl From<CullError> for Failure {
                 (StatusCode::EngineUnavailable, [engine as u64, 0])
             }
             CullError::TooManyBoxes { n, limit, .. } => (StatusCode::TooManyBoxes, [n, limit]),
+            CullError::DeviceLost { engine } | CullError::DeviceMemory { engine, .. } => {
+                (StatusCode::EngineFailed, [engine as u64, 0])
+            }
         };
         Self { status, detail, text: error.to_string() }
     }

@@ -13,6 +13,7 @@ pub use worker::work;
 
 use std::time::Duration;
 
+use crate::execute::gpu::{GpuChoice, OpenError};
 use pairmask::transport::{InstanceError, InstanceName, Limits, RuntimeDir, TransportError};
 
 /// How to serve an instance.
@@ -26,6 +27,8 @@ pub struct ServeSettings {
     pub limits: Limits,
     /// How long the worker spins for the next request before it sleeps.
     pub spin: Duration,
+    /// Which GPU.
+    pub gpu: GpuChoice,
 }
 
 /// A worker that has served spins this long for the next request: a closed loop is answered
@@ -41,6 +44,9 @@ pub enum ServeError {
     /// The transport failed.
     #[error(transparent)]
     Transport(#[from] TransportError),
+    /// The GPU that was asked for is not to be had.
+    #[error(transparent)]
+    Gpu(#[from] OpenError),
     /// No thread pool.
     #[error("the engines' threads cannot be started: {0}")]
     Threads(#[from] rayon::ThreadPoolBuildError),

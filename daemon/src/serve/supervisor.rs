@@ -64,6 +64,7 @@ fn spawn_worker(settings: &ServeSettings) -> Result<Child, ServeError> {
         .args(["--spin-us", &settings.spin.as_micros().to_string()])
         .args(["--max-clients", &settings.limits.max_clients.to_string()])
         .args(["--max-reply-mib", &(settings.limits.max_reply_bytes >> 20).to_string()])
+        .args(["--gpu", &settings.gpu.to_string()])
         .env("PAIRMASK_RUNTIME_DIR", settings.dir.path())
         .spawn()
         .map_err(ServeError::system("starting the worker"))

@@ -5,8 +5,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use pairmask::transport::{
-    ActiveRequest, DaemonRecord, Server, Services, WakeDaemon, clean_before_serving,
-    quiet_transport_log,
+    ActiveRequest, DaemonRecord, JANITOR_INTERVAL, Server, Services, WakeDaemon,
+    clean_before_serving, quiet_transport_log,
 };
 use pairmask::wire::Version;
 use rustix::process::Signal;
@@ -14,7 +14,8 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 
 use super::janitor::Janitor;
 use super::{ServeError, ServeSettings};
-use crate::execute::Executor;
+use crate::execute::gpu::{GpuChoice, OpenError};
+use crate::execute::{Executor, GpuService};
 use crate::ingest::Inbox;
 use crate::publish::Publisher;
 
@@ -45,6 +46,7 @@ pub fn work(settings: &ServeSettings) -> Result<(), ServeError> {
         .thread_name(|index| format!("engine-{index}"))
         .build()?;
 
+    let gpu = open_gpu(&settings.gpu)?;
     clean_before_serving(&settings.dir, &settings.instance)?;
     let janitor = Janitor::start(&settings.dir, &settings.instance)?;
     let services = Services::serve(&settings.dir, &settings.instance, &settings.limits)?;
@@ -61,11 +63,25 @@ pub fn work(settings: &ServeSettings) -> Result<(), ServeError> {
     settings.dir.write_record(&settings.instance, &record)?;
     log::info!("serving '{}' with {threads} threads", settings.instance);
 
-    let mut publisher = Publisher::new(services, wake_clients, &settings.limits, Executor::new());
+    let mut publisher =
+        Publisher::new(services, wake_clients, &settings.limits, Executor::new(gpu));
     serve(&server, &wake, &mut publisher, settings, &stop);
     drop(janitor);
     log::info!("stopped serving '{}'", settings.instance);
     Ok(())
+}
+
+/// The GPU, where one is wanted. `auto` does without where there is none.
+fn open_gpu(choice: &GpuChoice) -> Result<Option<GpuService>, OpenError> {
+    match (choice, GpuService::open(choice)) {
+        (GpuChoice::None, _) => Ok(None),
+        (_, Ok(gpu)) => Ok(Some(gpu)),
+        (GpuChoice::Auto, Err(error)) => {
+            log::info!("serving without a GPU: {error}");
+            Ok(None)
+        }
+        (_, Err(error)) => Err(error),
+    }
 }
 
 fn serve(
@@ -77,20 +93,23 @@ fn serve(
 ) {
     let mut inbox = Inbox::new(settings.limits.max_clients);
     let mut sleep_at = Instant::now();
+    let mut tidy_at = sleep_at;
     while !stop.load(Ordering::Relaxed) {
         drain(server, &mut inbox);
-        if let Some(request) = inbox.next() {
-            publisher.answer(&request);
-            drop(request);
-            sleep_at = Instant::now() + settings.spin;
-        } else if Instant::now() < sleep_at {
+        let answered = inbox.next().map(|request| publisher.answer(&request)).is_some();
+        let now = Instant::now();
+        if now >= tidy_at {
+            publisher.tidy();
+            tidy_at = now + JANITOR_INTERVAL;
+        }
+        if answered {
+            sleep_at = now + settings.spin;
+        } else if now < sleep_at {
             std::hint::spin_loop();
-        } else {
-            // A request that came between the last look and now has left its wake-up: it is not
-            // lost, this returns at once.
-            if let Err(error) = wake.timed_wait(|_| {}, LONGEST_SLEEP) {
-                log::debug!("waiting for requests: {error:?}");
-            }
+        } else if let Err(error) = wake.timed_wait(|_| {}, LONGEST_SLEEP) {
+            // A request that came between the last look and the wait has left its wake-up: it is
+            // not lost, the wait returns at once.
+            log::debug!("waiting for requests: {error:?}");
         }
     }
 }

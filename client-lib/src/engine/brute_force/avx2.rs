@@ -8,11 +8,12 @@ use std::ops::Range;
 
 use super::bitmaps::Bitmaps;
 use super::candidates::Candidates;
+use super::corners::{Corners, limits};
 use super::kernel::{Columns, Kernel};
 use super::search::{self, Scene};
 use super::words::WordList;
 use crate::aabb::KeyBox;
-use crate::engine::ingest::ColumnWords;
+use crate::engine::ingest::{ColumnWords, WORD_COLUMNS};
 use crate::engine::{AvailableIsa, Isa};
 
 /// The kernel. Its methods are one line each: code that is to be compiled for AVX2 stands in
@@ -32,6 +33,12 @@ impl Kernel for Avx2 {
     unsafe fn word(row: &Self::Row, columns: &Columns<'_>) -> u64 {
         // SAFETY: the caller vouches for AVX2.
         unsafe { compare(row, columns) }
+    }
+
+    #[inline(always)]
+    unsafe fn hits(row: &Corners, columns: &[Corners; WORD_COLUMNS], candidates: u64) -> u64 {
+        // SAFETY: the caller vouches for AVX2.
+        unsafe { hits(row, columns, candidates) }
     }
 }
 
@@ -68,6 +75,21 @@ fn compare(row: &[__m256i; 6], columns: &Columns<'_>) -> u64 {
         bits |= u64::from(!apart) << (8 * eighth);
     }
     bits
+}
+
+/// A pair is one comparison: all eight lanes of the row's limits against the column's corners.
+#[inline]
+#[target_feature(enable = "avx2,bmi1")]
+pub(super) fn hits(row: &Corners, columns: &[Corners; WORD_COLUMNS], candidates: u64) -> u64 {
+    let limits = load(&limits(row), 0);
+    let (mut hits, mut rest) = (0, candidates);
+    while rest != 0 {
+        let column = rest.trailing_zeros();
+        let missed = _mm256_cmpgt_epi32(limits, load(&columns[column as usize], 0));
+        hits |= u64::from(_mm256_testz_si256(missed, missed) != 0) << column;
+        rest &= rest - 1;
+    }
+    hits
 }
 
 /// [`search::find`] with this instruction set.

@@ -6,8 +6,10 @@
 use std::arch::x86_64::*;
 use std::ops::Range;
 
+use super::avx2;
 use super::bitmaps::{BUCKETS, Bitmaps, BucketRange, LINE_WORDS, RowStrings};
 use super::candidates::{Candidates, address};
+use super::corners::Corners;
 use super::kernel::{Columns, Kernel, after_row, first_word};
 use super::quantiles::{Borders, LEVELS};
 use super::search::{self, Scene};
@@ -36,6 +38,12 @@ impl Kernel for Avx512 {
     }
 
     #[inline(always)]
+    unsafe fn hits(row: &Corners, columns: &[Corners; WORD_COLUMNS], candidates: u64) -> u64 {
+        // SAFETY: a processor with AVX-512 is only taken for one if it has AVX2 and BMI1 as well.
+        unsafe { avx2::hits(row, columns, candidates) }
+    }
+
+    #[inline(always)]
     unsafe fn buckets(keys: &[i32; WORD_COLUMNS], borders: &Borders, out: &mut [u8; WORD_COLUMNS]) {
         // SAFETY: the caller vouches for AVX-512.
         unsafe { buckets(keys, borders, out) }
@@ -45,10 +53,11 @@ impl Kernel for Avx512 {
     unsafe fn string_words(
         buckets: &[u8; WORD_COLUMNS],
         range: BucketRange,
-        put: impl FnMut(usize, u64),
+        strings: &mut [u64],
+        word: usize,
     ) {
         // SAFETY: the caller vouches for AVX-512.
-        unsafe { string_words(buckets, range, put) }
+        unsafe { string_words(buckets, range, strings, word) }
     }
 
     #[inline(always)]
@@ -123,22 +132,26 @@ fn buckets(keys: &[i32; WORD_COLUMNS], borders: &Borders, out: &mut [u8; WORD_CO
 /// One comparison of 64 buckets is one word of a string.
 #[inline]
 #[target_feature(enable = "avx512f,avx512bw")]
-fn string_words(buckets: &[u8; WORD_COLUMNS], range: BucketRange, mut put: impl FnMut(usize, u64)) {
+fn string_words(
+    buckets: &[u8; WORD_COLUMNS],
+    range: BucketRange,
+    strings: &mut [u64],
+    word: usize,
+) {
     // SAFETY: `buckets` is 64 bytes.
     let buckets = unsafe { _mm512_loadu_si512(buckets.as_ptr().cast()) };
-    for q in 0..BUCKETS {
-        let border = _mm512_set1_epi8(q as i8);
-        put(
-            q,
-            match range {
-                BucketRange::UpTo => _mm512_cmple_epu8_mask(buckets, border),
-                BucketRange::From => _mm512_cmpge_epu8_mask(buckets, border),
-            },
-        );
+    let mut border = _mm512_setzero_si512();
+    let stride = strings.len() / BUCKETS;
+    for string in strings.chunks_exact_mut(stride) {
+        string[word] = match range {
+            BucketRange::UpTo => _mm512_cmple_epu8_mask(buckets, border),
+            BucketRange::From => _mm512_cmpge_epu8_mask(buckets, border),
+        };
+        border = _mm512_add_epi8(border, _mm512_set1_epi8(1));
     }
 }
 
-/// One line of six strings, ANDed.
+/// One line of six strings under AND.
 #[inline]
 #[target_feature(enable = "avx512f")]
 fn and_line(strings: &RowStrings<'_>, line: usize) -> __m512i {

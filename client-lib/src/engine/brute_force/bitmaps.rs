@@ -3,12 +3,14 @@
 //! Each axis is cut into [`BUCKETS`] buckets. For each axis and bucket q there are two strings of
 //! one bit a box: "min lies in bucket q or below" and "max lies in bucket q or above" (a
 //! range-encoded bitmap index, Chan and Ioannidis 1998). Taking a number to its bucket is monotone,
-//! so `a.min <= b.max` carries over to the buckets, and a row's six strings ANDed keep **every** column
-//! that overlaps it. The few others that are kept fall to the comparison of keys afterwards.
+//! so `a.min <= b.max` carries over to the buckets, and the AND of a row's six strings keeps
+//! **every** column that overlaps it. The few others that it keeps fall to the comparison of keys
+//! afterwards.
 //!
 //! Bucket borders are quantiles of a sample, so that a cluster or a far outlier costs no more than
 //! its share of buckets. Borders change how much is ruled out, and never the answer.
 
+use super::corners::{Corners, corners_of};
 use super::kernel::Kernel;
 use super::quantiles::Borders;
 use crate::engine::aligned::AlignedBuffer;
@@ -42,6 +44,8 @@ pub(super) struct Bitmaps {
     buckets: AlignedBuffer<u8>,
     /// Length of a bucket array.
     padded_len: usize,
+    /// Corners of every box, for the comparison of single pairs.
+    corners: AlignedBuffer<Corners>,
 }
 
 /// The strings that a row's columns must be in, all of them.
@@ -71,6 +75,11 @@ impl Bitmaps {
                 }
             }
         }
+        self.corners.resize(self.padded_len);
+        let (chunks, _) = self.corners.as_mut_slice().as_chunks_mut();
+        for (word, corners) in chunks.iter_mut().enumerate() {
+            corners_of(&std::array::from_fn(|component| &columns[component][word]), corners);
+        }
         let stride = self.stride;
         let strings = self.strings.as_mut_slice();
         for component in 0..6 {
@@ -78,14 +87,18 @@ impl Bitmaps {
             let strings = &mut strings[component * BUCKETS * stride..][..BUCKETS * stride];
             for (word, buckets) in buckets[component * words..][..words].iter().enumerate() {
                 // SAFETY: as above.
-                unsafe {
-                    K::string_words(buckets, range, |q, bits| strings[q * stride + word] = bits);
-                }
+                unsafe { K::string_words(buckets, range, strings, word) };
             }
             for string in strings.chunks_exact_mut(stride) {
                 string[words..].fill(0);
             }
         }
+    }
+
+    /// The corners of all boxes, padding included.
+    #[inline(always)]
+    pub fn corners(&self) -> &[Corners] {
+        self.corners.as_slice()
     }
 
     /// The six strings for a row: mins up to the bucket of its max, maxes from that of its min.

@@ -57,6 +57,11 @@ impl Candidates {
         }
     }
 
+    /// Words kept.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
     /// (row, word, bits) of each.
     #[inline(always)]
     pub fn iter(&self) -> impl Iterator<Item = (u32, u32, u64)> {

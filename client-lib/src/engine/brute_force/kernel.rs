@@ -4,6 +4,7 @@
 
 use super::bitmaps::{BUCKETS, BucketRange, LINE_WORDS, RowStrings};
 use super::candidates::{Candidates, address};
+use super::corners::{Corners, limits, reaches};
 use super::quantiles::Borders;
 use crate::aabb::KeyBox;
 use crate::engine::ingest::{ColumnWords, WORD_COLUMNS};
@@ -30,6 +31,23 @@ pub(super) trait Kernel {
     #[allow(unsafe_code)]
     unsafe fn word(row: &Self::Row, columns: &Columns<'_>) -> u64;
 
+    /// Of the columns that `candidates` names, those that the row overlaps.
+    ///
+    /// # Safety
+    /// The CPU must have the kernel's instruction set.
+    #[allow(unsafe_code)]
+    #[inline(always)]
+    unsafe fn hits(row: &Corners, columns: &[Corners; WORD_COLUMNS], candidates: u64) -> u64 {
+        let limits = limits(row);
+        let (mut hits, mut rest) = (0, candidates);
+        while rest != 0 {
+            let column = rest.trailing_zeros();
+            hits |= u64::from(reaches(&limits, &columns[column as usize])) << column;
+            rest &= rest - 1;
+        }
+        hits
+    }
+
     /// Buckets of 64 keys.
     ///
     /// # Safety
@@ -42,8 +60,8 @@ pub(super) trait Kernel {
         }
     }
 
-    /// One word of every string of a component, for 64 boxes in these buckets: `put(q, word)` once
-    /// for each q.
+    /// Word `word` of every string of a component, for 64 boxes in these buckets. `strings` holds
+    /// [`BUCKETS`] strings of one length.
     ///
     /// # Safety
     /// The CPU must have the kernel's instruction set.
@@ -52,20 +70,29 @@ pub(super) trait Kernel {
     unsafe fn string_words(
         buckets: &[u8; WORD_COLUMNS],
         range: BucketRange,
-        mut put: impl FnMut(usize, u64),
+        strings: &mut [u64],
+        word: usize,
     ) {
         let mut held = [0u64; BUCKETS + 1];
         for (column, &bucket) in buckets.iter().enumerate() {
             held[usize::from(bucket)] |= 1 << column;
         }
         let mut so_far = 0;
-        for step in 0..BUCKETS {
-            let q = match range {
-                BucketRange::UpTo => step,
-                BucketRange::From => BUCKETS - 1 - step,
-            };
-            so_far |= held[q];
-            put(q, so_far);
+        let stride = strings.len() / BUCKETS;
+        let strings = strings.chunks_exact_mut(stride);
+        match range {
+            BucketRange::UpTo => {
+                for (string, held) in strings.zip(held) {
+                    so_far |= held;
+                    string[word] = so_far;
+                }
+            }
+            BucketRange::From => {
+                for (string, held) in strings.zip(&held[..BUCKETS]).rev() {
+                    so_far |= held;
+                    string[word] = so_far;
+                }
+            }
         }
     }
 
@@ -117,18 +144,6 @@ pub(super) const fn first_word(row: usize) -> (usize, usize) {
 #[inline(always)]
 pub(super) const fn after_row(row: usize) -> u64 {
     (u64::MAX << (row % WORD_COLUMNS)) << 1
-}
-
-/// Whether a row overlaps one column of a word, without a branch.
-#[inline(always)]
-pub(super) fn overlaps_column(row: &KeyBox, columns: &Columns<'_>, column: usize) -> bool {
-    let key = |component: usize| columns[component][column];
-    (row.min[0] <= key(3))
-        & (key(0) <= row.max[0])
-        & (row.min[1] <= key(4))
-        & (key(1) <= row.max[1])
-        & (row.min[2] <= key(5))
-        & (key(2) <= row.max[2])
 }
 
 /// The six keys of a box.

@@ -9,6 +9,7 @@ mod avx2;
 mod avx512;
 mod bitmaps;
 mod candidates;
+mod corners;
 mod dense;
 mod dispatch;
 mod fan_out;

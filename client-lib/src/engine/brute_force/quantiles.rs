@@ -66,20 +66,26 @@ impl Borders {
     }
 }
 
-/// Sorts by counting, for each key, the keys before it: quadratic, and without a branch faster
-/// than a sort for so few.
+/// Sorts by counting, for each key, the smaller ones: quadratic, and as SIMD without a branch
+/// faster than a sort for so few.
 #[inline(always)]
 fn sort(keys: &mut [i32; SAMPLES]) {
     let unsorted = *keys;
     let mut ranks = [0u32; SAMPLES];
-    for (i, &key) in unsorted.iter().enumerate() {
-        for (j, (rank, &other)) in ranks.iter_mut().zip(&unsorted).enumerate() {
-            // Equal keys keep their order, so that no two have one rank.
-            *rank += u32::from(key < other) | u32::from(key == other) & u32::from(i < j);
+    for key in unsorted {
+        for (rank, &other) in ranks.iter_mut().zip(&unsorted) {
+            *rank += u32::from(key < other);
         }
     }
+    // Equal keys share a rank and leave gaps behind it, which the largest key so far fills.
+    *keys = [i32::MIN; SAMPLES];
     for (rank, key) in ranks.iter().zip(&unsorted) {
-        keys[*rank as usize] = *key;
+        keys[*rank as usize % SAMPLES] = *key;
+    }
+    let mut largest = i32::MIN;
+    for key in keys {
+        largest = largest.max(*key);
+        *key = largest;
     }
 }
 

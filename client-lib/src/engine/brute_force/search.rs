@@ -7,7 +7,7 @@ use std::ops::Range;
 
 use super::bitmaps::{Bitmaps, LINE_WORDS};
 use super::candidates::Candidates;
-use super::kernel::{Kernel, after_row, columns_of, key_box, overlaps_column};
+use super::kernel::{Kernel, after_row, columns_of, key_box};
 use super::words::WordList;
 use crate::aabb::KeyBox;
 use crate::engine::ingest::{ColumnWords, WORD_COLUMNS};
@@ -44,7 +44,7 @@ pub(super) unsafe fn find<K: Kernel>(
             None => compare_all::<K>(scene, rows, found),
             Some(bitmaps) => {
                 rule_out::<K>(scene, bitmaps, rows, candidates);
-                compare_candidates::<K>(scene, candidates, found)
+                compare_candidates::<K>(scene, bitmaps, candidates, found)
             }
         }
     }
@@ -107,27 +107,24 @@ unsafe fn rule_out<K: Kernel>(
 #[inline(always)]
 unsafe fn compare_candidates<K: Kernel>(
     scene: &Scene<'_>,
+    bitmaps: &Bitmaps,
     candidates: &Candidates,
     found: &mut WordList,
 ) -> u64 {
+    let (rows, columns) = (bitmaps.corners(), bitmaps.corners().as_chunks().0);
     let mut compared = 0;
+    found.make_room(candidates.len());
     for (row, word, bits) in candidates.iter() {
-        let key = key_box(&scene.columns, row as usize);
-        let columns = columns_of(&scene.columns, word as usize);
         compared += u64::from(bits.count_ones());
         let hits = if bits.count_ones() >= CROWDED {
+            let key = key_box(&scene.columns, row as usize);
+            let columns = columns_of(&scene.columns, word as usize);
             // SAFETY: the caller vouches for the instruction set.
             bits & unsafe { K::word(&K::row(&key), &columns) }
         } else {
-            let (mut hits, mut rest) = (0, bits);
-            while rest != 0 {
-                let column = rest.trailing_zeros();
-                hits |= u64::from(overlaps_column(&key, &columns, column as usize)) << column;
-                rest &= rest - 1;
-            }
-            hits
+            // SAFETY: as above.
+            unsafe { K::hits(&rows[row as usize], &columns[word as usize], bits) }
         };
-        found.make_room(1);
         found.push(row, word, hits);
     }
     compared

@@ -121,7 +121,7 @@ impl KeyColumns {
 pub(crate) type ColumnWords<'a> = [&'a [[i32; WORD_COLUMNS]]; 6];
 
 /// The six key arrays, in wire order: min x, y, z, max x, y, z.
-type ColumnsMut<'a> = [&'a mut [i32]; 6];
+pub(crate) type ColumnsMut<'a> = [&'a mut [i32]; 6];
 
 fn split_columns(keys: &mut [i32], padded_len: usize) -> ColumnsMut<'_> {
     let mut rest = keys;
@@ -134,7 +134,12 @@ fn split_columns(keys: &mut [i32], padded_len: usize) -> ColumnsMut<'_> {
 
 /// Keys of all boxes by the kernel of an instruction set; the last few boxes, fewer than a
 /// register holds, by the portable one.
-fn fill(boxes: &[Aabb], columns: &mut ColumnsMut<'_>, census: &mut Census, isa: AvailableIsa) {
+pub(crate) fn fill(
+    boxes: &[Aabb],
+    columns: &mut ColumnsMut<'_>,
+    census: &mut Census,
+    isa: AvailableIsa,
+) {
     let done = match isa.get() {
         #[cfg(target_arch = "x86_64")]
         Isa::Avx512 => avx512::fill(boxes, columns, census, isa),

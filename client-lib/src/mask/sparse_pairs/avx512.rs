@@ -10,9 +10,9 @@
 
 use std::arch::x86_64::*;
 
-use super::super::pair_buffer::PairWriter;
+use super::super::pair_buffer::{PairWriter, WORD_PAIRS};
 use super::super::sparse_words::SparseWords;
-use super::{SparsePairs, WORD_PAIRS, put_word};
+use super::{SparsePairs, put_word};
 use crate::engine::{AvailableIsa, Isa};
 use crate::units::BoxCount;
 
@@ -37,12 +37,12 @@ pub(super) fn write<'a>(
 #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,popcnt,bmi1,bmi2")]
 fn run<'a>(pairs: &SparsePairs<'a>, writer: &mut PairWriter) -> Option<SparseWords<'a>> {
     pairs.words.split_first()?;
-    let mut words = pairs.words;
+    let mut words = pairs.words.clone();
     while writer.has_room_for(STEP * LANES) {
         match words.split_first_chunk::<STEP>() {
             Some((step, rest)) if put_step(pairs.n, step, writer) => words = rest,
             _ => {
-                let Some(rest) = put_singly(pairs.n, words, writer) else { break };
+                let Some(rest) = put_singly(pairs.n, &words, writer) else { break };
                 words = rest;
             }
         }
@@ -55,7 +55,7 @@ fn run<'a>(pairs: &SparsePairs<'a>, writer: &mut PairWriter) -> Option<SparseWor
 #[inline(always)]
 fn put_singly<'a>(
     n: BoxCount,
-    words: SparseWords<'a>,
+    words: &SparseWords<'a>,
     writer: &mut PairWriter,
 ) -> Option<SparseWords<'a>> {
     let (word, mut rest) = words.split_first()?;
@@ -127,7 +127,7 @@ fn put_fours(n: __m512i, row: __m512i, base: __m512i, bits: [__m512i; 4], writer
     let places = _mm512_setr_epi32(0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15);
     let place = |v| _mm512_permutexvar_epi32(places, v);
     let (row, base) = (place(row), place(base));
-    let [first, second, third, fourth] = bits.map(|v| place(v));
+    let [first, second, third, fourth] = bits.map(place);
     let low = (_mm512_unpacklo_epi32(first, second), _mm512_unpacklo_epi32(third, fourth));
     let high = (_mm512_unpackhi_epi32(first, second), _mm512_unpackhi_epi32(third, fourth));
     macro_rules! put_register {

@@ -4,7 +4,7 @@ use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 use indicatif::ProgressBar;
-use pairmask::{EngineName, PairMask, ServedBy, Session};
+use pairmask::{EngineChoice, PairMask, ServedBy, Session};
 
 use super::latency::BenchError;
 use crate::cli::percentiles::Recorder;
@@ -26,7 +26,8 @@ pub struct Lengths {
 #[derive(Debug)]
 pub struct Measured {
     pub served_by: ServedBy,
-    pub engine: EngineName,
+    /// The engine of every frame, or auto where the plan chose now this one, now that one.
+    pub engine: EngineChoice,
     pub fill: Recorder,
     pub round_trip: Recorder,
     pub engine_time: Recorder,
@@ -52,7 +53,7 @@ pub fn measure(
     lengths: &Lengths,
     progress: &ProgressBar,
 ) -> Result<Measured, BenchError> {
-    // What serves this frame has to serve them all.
+    // Whoever serves this frame has to serve them all.
     let mut measured = Measured::of(&run_frame(session, &scene, 0)?.0);
     for frame in 1..=lengths.warm_up + lengths.frames {
         scene.step();
@@ -104,7 +105,7 @@ impl Measured {
     fn of(mask: &PairMask) -> Self {
         Self {
             served_by: mask.info().served_by,
-            engine: mask.info().engine,
+            engine: EngineChoice::Only(mask.info().engine),
             fill: Recorder::new(),
             round_trip: Recorder::new(),
             engine_time: Recorder::new(),
@@ -116,8 +117,11 @@ impl Measured {
 
     fn record(&mut self, mask: &PairMask, times: &FrameTimes) -> Result<(), BenchError> {
         let info = mask.info();
-        if (info.served_by, info.engine) != (self.served_by, self.engine) {
+        if info.served_by != self.served_by {
             return Err(BenchError::Changed);
+        }
+        if self.engine != EngineChoice::Only(info.engine) {
+            self.engine = EngineChoice::Auto;
         }
         let engine_ns = info.times.total_ns;
         self.fill.record(ns(times.fill));

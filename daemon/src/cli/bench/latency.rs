@@ -17,7 +17,7 @@ use super::machine::Machine;
 use super::pin::{Cores, PinError};
 use super::report::{LatencyReport, Row};
 use crate::cli::config::Config;
-use crate::cli::options::{CullOptions, Place};
+use crate::cli::options::{CullOptions, DaemonOptions, Place};
 use crate::cli::output::{OutputError, print_json, print_text, progress_bar};
 use crate::cli::raw_boxes::{RawBoxes, RawBoxesError};
 use crate::scene::{Scene, SceneName};
@@ -50,6 +50,8 @@ Examples:
 pub struct Latency {
     #[command(flatten)]
     options: CullOptions,
+    #[command(flatten)]
+    daemon: DaemonOptions,
     /// Numbers of boxes of a uniform scene with about one pair a box
     #[arg(long, value_name = "N,..", value_delimiter = ',', default_values_t = [1000, 4096, 10_000])]
     n: Vec<u32>,
@@ -130,7 +132,7 @@ pub enum BenchError {
     #[error(transparent)]
     Pin(#[from] PinError),
     /// The daemon died, or came, in the middle: the row would mix two things.
-    #[error("the backend or the engine changed during the measurement: name one with --backend and --engine")]
+    #[error("the daemon came or went during the measurement: name a --backend, and try again")]
     Changed,
     /// An engine is broken.
     #[error("frame {frame} has {counted} pairs and its mask holds {decoded}: please report this")]
@@ -186,7 +188,7 @@ impl Latency {
         let backend = self.options.backend(config, Backend::Daemon);
         let named = place.named_instance(config);
         if backend == Backend::Daemon && named.is_none() {
-            let settings = PrivateSettings { spin: wait.spin(), ..PrivateSettings::default() };
+            let settings = PrivateSettings { spin: wait.spin(), ..self.daemon.private(config) };
             let daemon = PrivateDaemon::start_self(&settings)?;
             let (dir, instance) = (daemon.dir(), daemon.instance());
             return Ok(Target { dir, instance, backend, _daemon: Some(daemon) });

@@ -14,10 +14,10 @@ use self::files::FileError;
 pub use self::report::backend_name;
 use self::report::{CullReport, Timings};
 use super::config::Config;
-use super::options::{CullOptions, Place};
+use super::options::{CullOptions, DaemonOptions, Place};
 use super::output::{OutputError, print_json, print_text, spinner};
 use super::raw_boxes::{RawBoxes, RawBoxesError};
-use crate::spawn::{PrivateDaemon, PrivateSettings, SpawnError};
+use crate::spawn::{PrivateDaemon, SpawnError};
 
 /// How long one frame may take. Any scene that fits into memory is done by then.
 const DEADLINE: Duration = Duration::from_secs(600);
@@ -40,6 +40,8 @@ pub struct Cull {
     boxes: PathBuf,
     #[command(flatten)]
     options: CullOptions,
+    #[command(flatten)]
+    daemon: DaemonOptions,
     /// Start a daemon for this call and stop it afterwards; --backend and --instance are not used
     #[arg(long)]
     spawn: bool,
@@ -80,6 +82,7 @@ impl Cull {
     /// Reads, culls, decodes, writes.
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), CullCommandError> {
         let boxes = RawBoxes::open(&self.boxes)?;
+        let spawn = || PrivateDaemon::start_self(&self.daemon.private(config));
         let daemon = self.spawn.then(spawn).transpose()?;
         let mut session = self.connect(daemon.as_ref(), place, config)?;
 
@@ -116,15 +119,8 @@ impl Cull {
     }
 }
 
-fn spawn() -> Result<PrivateDaemon, SpawnError> {
-    PrivateDaemon::start_self(&PrivateSettings::default())
-}
-
 /// The pairs of the boxes, and what each stage took.
-fn cull(
-    session: &mut Session,
-    boxes: RawBoxes,
-) -> Result<(PairMask, Timings), CullCommandError> {
+fn cull(session: &mut Session, boxes: RawBoxes) -> Result<(PairMask, Timings), CullCommandError> {
     let start = Instant::now();
     let mut frame = session.frame(boxes.len())?;
     boxes.read_into(frame.boxes_mut())?;

@@ -73,7 +73,10 @@ mod tests {
             assert_eq!(first_bad_pair(boxes, less), Some(BadPair::Missing(a, b)));
             let mut twice = right.clone();
             twice.push((a, b));
-            assert!(matches!(first_bad_pair(boxes, twice), Some(BadPair::Extra(..) | BadPair::Missing(..))));
+            assert!(matches!(
+                first_bad_pair(boxes, twice),
+                Some(BadPair::Extra(..) | BadPair::Missing(..))
+            ));
         }
         let mut more = right.clone();
         more.push((0, 345));

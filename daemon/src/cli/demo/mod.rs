@@ -15,8 +15,10 @@ use clap::Args;
 use pairmask::session::{ConnectError, FrameError, WaitError};
 
 pub use self::client::DemoClient;
+use super::config::Config;
+use super::options::DaemonOptions;
 use super::output::OutputError;
-use crate::spawn::{PrivateDaemon, PrivateSettings, SpawnError, own_binary};
+use crate::spawn::{PrivateDaemon, SpawnError, own_binary};
 
 /// A client that is not done this long after its time hangs.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -38,6 +40,8 @@ Exit status: 0 where every sample was right.")]
 pub struct Demo {
     #[command(flatten)]
     options: DemoOptions,
+    #[command(flatten)]
+    daemon: DaemonOptions,
 }
 
 /// What the demo shows.
@@ -92,9 +96,9 @@ impl DemoError {
 
 impl Demo {
     /// Starts both processes and waits for the client.
-    pub fn run(&self) -> Result<(), DemoError> {
+    pub fn run(&self, config: &Config) -> Result<(), DemoError> {
         let stop = stop_flag()?;
-        let daemon = PrivateDaemon::start_self(&PrivateSettings::default())?;
+        let daemon = PrivateDaemon::start_self(&self.daemon.private(config))?;
         let client = self.start_client(&daemon)?;
         let status = wait_for(client, self.options.duration() + PATIENCE, &stop)?;
         if status.success() { Ok(()) } else { Err(DemoError::Client { status }) }

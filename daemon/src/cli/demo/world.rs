@@ -48,7 +48,15 @@ impl World {
             Vec3::new(x, random.range(0.5, top), z)
         });
         let centres = centres.collect();
-        Self { centres, velocities: vec![Vec3::ZERO; n as usize], halves, room, top, frame: 0, random }
+        Self {
+            centres,
+            velocities: vec![Vec3::ZERO; n as usize],
+            halves,
+            room,
+            top,
+            frame: 0,
+            random,
+        }
     }
 
     /// Number of boxes.

@@ -1,0 +1,122 @@
+//! Home cells: the level, cell and reach of each box of a tile.
+
+// `&` instead of `&&`: a branch would keep the loop from being compiled to SIMD.
+#![allow(clippy::needless_bitwise_bool)]
+
+use super::level::Level;
+use crate::aabb::{Aabb, KeyBox, order_key};
+use crate::engine::ingest;
+use crate::engine::{AvailableIsa, Census};
+
+/// Low bits of a home: the cell in the table of all levels. The reach is in the three bits above.
+pub(super) const CELL_MASK: u32 = (1 << REACH_SHIFT) - 1;
+/// See [`CELL_MASK`].
+pub(super) const REACH_SHIFT: u32 = 29;
+
+/// Boxes looked at together: their keys, 6 KiB, stay in the first-level cache.
+const BLOCK: usize = 256;
+
+/// No home yet.
+const HOMELESS: u32 = u32::MAX;
+
+/// Up to this many boxes of a block are taken one by one to the coarser levels.
+const FEW: usize = 16;
+
+/// Keys of a block in wire order.
+type BlockKeys = [[i32; BLOCK]; 6];
+
+/// Writes the home of each box; what overlaps nothing has the cell `nothing`.
+pub(super) fn find(
+    boxes: &[Aabb],
+    first_index: u32,
+    levels: &[Level],
+    nothing: u32,
+    homes: &mut [u32],
+    isa: AvailableIsa,
+) -> Census {
+    let mut census = Census::default();
+    let mut keys: BlockKeys = [[0; BLOCK]; 6];
+    let blocks = boxes.chunks(BLOCK).zip(homes.chunks_mut(BLOCK));
+    for ((boxes, homes), first) in blocks.zip((first_index..).step_by(BLOCK)) {
+        let mut columns = keys.each_mut().map(|k| &mut k[..boxes.len()]);
+        let mut found = Census::default();
+        ingest::fill(boxes, &mut columns, &mut found, isa);
+        let named = found.named_invalid().len();
+        found.first_invalid[..named].iter_mut().for_each(|index| *index += first);
+        census = census.then(&found);
+
+        let solid = keys[0].map(|min_x| min_x != KeyBox::NOTHING.min[0]);
+        let mut block_homes = solid.map(|solid| if solid { HOMELESS } else { nothing });
+        let mut homeless = boxes.len() - (found.empty + found.invalid) as usize;
+        for level in levels {
+            if homeless <= FEW {
+                break;
+            }
+            settle_with(level, &keys, &mut block_homes, isa);
+            homeless = block_homes[..boxes.len()].iter().filter(|h| **h == HOMELESS).count();
+        }
+        if homeless > 0 {
+            for (i, home) in block_homes[..boxes.len()].iter_mut().enumerate() {
+                if *home == HOMELESS {
+                    *home = home_of(&keys, i, levels);
+                }
+            }
+        }
+        homes.copy_from_slice(&block_homes[..boxes.len()]);
+    }
+    census
+}
+
+/// The first level that takes a box; the last one takes all.
+fn home_of(keys: &BlockKeys, i: usize, levels: &[Level]) -> u32 {
+    let coordinate = |component: usize| coordinate(keys[component][i]);
+    let min = std::array::from_fn(coordinate);
+    let max = std::array::from_fn(|axis| coordinate(3 + axis));
+    let found = levels.iter().find_map(|level| level.home(min, max));
+    let (cell, reach) = found.unwrap_or((levels[levels.len() - 1].first_cell, 0));
+    cell | u32::from(reach) << REACH_SHIFT
+}
+
+/// The coordinate of a key: the map to keys is its own inverse, but for −0.
+#[inline(always)]
+pub(super) fn coordinate(key: i32) -> f32 {
+    f32::from_bits(order_key(key as u32) as u32)
+}
+
+/// Gives a home to every box that has none and that the level takes.
+#[inline(always)]
+fn settle(level: &Level, keys: &BlockKeys, homes: &mut [u32; BLOCK]) {
+    let level = *level;
+    for i in 0..BLOCK {
+        let min = [coordinate(keys[0][i]), coordinate(keys[1][i]), coordinate(keys[2][i])];
+        let max = [coordinate(keys[3][i]), coordinate(keys[4][i]), coordinate(keys[5][i])];
+        let (cell, reach, fits) = level.place(min, max);
+        let home = cell | u32::from(reach) << REACH_SHIFT;
+        homes[i] = if fits & (homes[i] == HOMELESS) { home } else { homes[i] };
+    }
+}
+
+/// [`settle`], compiled for the instruction set.
+#[allow(unsafe_code)]
+fn settle_with(level: &Level, keys: &BlockKeys, homes: &mut [u32; BLOCK], isa: AvailableIsa) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl")]
+        fn avx512(level: &Level, keys: &BlockKeys, homes: &mut [u32; BLOCK]) {
+            settle(level, keys, homes);
+        }
+        #[target_feature(enable = "avx2")]
+        fn avx2(level: &Level, keys: &BlockKeys, homes: &mut [u32; BLOCK]) {
+            settle(level, keys, homes);
+        }
+        match isa.get() {
+            // SAFETY: an `AvailableIsa` exists only where the CPU reported these features.
+            crate::engine::Isa::Avx512 => return unsafe { avx512(level, keys, homes) },
+            // SAFETY: as above.
+            crate::engine::Isa::Avx2 => return unsafe { avx2(level, keys, homes) },
+            _ => {}
+        }
+    }
+    let _ = isa;
+    settle(level, keys, homes);
+}

@@ -1,0 +1,260 @@
+//! Which levels a scene gets, and how large their cells are: the papers' X, chosen from a sample.
+//!
+//! The model below knows what a row costs in strips ([`crate::engine::strips`]); it only steers.
+//! Any layout gives the same pairs.
+
+use super::axis::{Axis, CELL_LIMIT};
+use super::level::Level;
+use super::sample::{Density, Sample};
+
+/// Time of one strip, as a unit: the others are relative to it.
+const STRIP_COST: f32 = 1.0;
+/// Looking up the runs of a row in one coarser level.
+const LEVEL_COST: f32 = 4.0;
+/// Looking up one line of cells there.
+const LINE_COST: f32 = 0.7;
+/// Looking up the runs of a cell that has boxes.
+const CELL_COST: f32 = 4.0;
+/// Passing by an empty cell.
+const EMPTY_CELL_COST: f32 = 0.25;
+/// Columns that a strip beyond the first of a run takes.
+const STRIP_COLUMNS: f32 = 16.0;
+
+/// Cells are at least this much longer than the longest edge of their boxes, so that rounding
+/// seldom sends a box of that length to a coarser level.
+const CELL_MARGIN: f32 = 1.001;
+/// Most cells of all levels, for each box: 4 bytes a cell.
+const CELLS_A_BOX: f32 = 2.0;
+/// Cells that a level may have however few its boxes are.
+const CELLS_LEAST: f32 = 512.0;
+/// Most cells of a level: with ten levels their numbers stay below [`super::homes::CELL_MASK`].
+const CELLS_MOST: f32 = 33_554_432.0;
+/// Each spare level's cells against those of the level before.
+const SPARE_GROWTH: f32 = 4.0;
+/// Most spare levels: 4^8 = 65,536 times the size of the largest box that the sample saw.
+const SPARE_MOST: usize = 8;
+
+/// Shares of the sample, by size, at which a level may end.
+const BORDERS: [f32; 5] = [0.5, 0.8, 0.9, 0.95, 0.98];
+/// Largest box against median box up to which one level is taken without comparing others.
+const LIKE_SIZES: f32 = 2.0;
+
+/// The levels of a frame. Memory is kept from frame to frame.
+#[derive(Default)]
+pub(super) struct Layout {
+    /// Finest first. The last one takes everything.
+    pub levels: Vec<Level>,
+    /// Cells of all levels.
+    pub cell_count: u32,
+    sample: Sample,
+}
+
+/// Boxes `from..to` of the sample as one level: what the model needs of them.
+#[derive(Clone, Copy)]
+struct Group {
+    /// Share of all boxes.
+    share: f32,
+    mean_edges: [f32; 3],
+    cell_edges: [f32; 3],
+    /// Boxes of the group in the home cell of a box.
+    occupancy: f32,
+    /// Cost a box of the group, in its own level.
+    own_cost: f32,
+}
+
+impl Layout {
+    /// Chooses the levels for a scene.
+    pub fn choose(&mut self, boxes: &[crate::Aabb]) {
+        self.levels.clear();
+        self.cell_count = 0;
+        self.sample.take(boxes);
+        let m = self.sample.boxes.len();
+        if m > 0 {
+            let density = self.sample.density();
+            for group in best_groups(&self.sample, &density).into_iter().flatten() {
+                let boxes = group.share * m as f32 * self.sample.weight;
+                let axes = axes(&self.sample, group.cell_edges, boxes);
+                self.append(axes);
+            }
+            self.append_spares(best_edges(&self.levels));
+        }
+        self.append(Level::EVERYTHING.axes);
+    }
+
+    fn append(&mut self, axes: [Axis; 3]) {
+        let level = Level { axes, first_cell: self.cell_count };
+        self.cell_count += level.cell_count();
+        self.levels.push(level);
+    }
+
+    /// Coarser levels for the few boxes that are larger than any that the sample saw.
+    fn append_spares(&mut self, mut edges: [f32; 3]) {
+        for _ in 0..SPARE_MOST {
+            edges = edges.map(|e| e * SPARE_GROWTH);
+            if (0..3).all(|axis| edges[axis] >= self.sample.extent[axis]) {
+                return;
+            }
+            let spare = axes(&self.sample, edges, 0.0);
+            self.append(spare);
+        }
+    }
+}
+
+/// Cell edges of the coarsest level so far.
+fn best_edges(levels: &[Level]) -> [f32; 3] {
+    levels.last().map_or([1.0; 3], |level| level.axes.map(|a| a.edge()))
+}
+
+/// The cheapest way to share the sample among one to three levels, finest first.
+fn best_groups(sample: &Sample, density: &Density) -> [Option<Group>; 3] {
+    let m = sample.boxes.len();
+    let whole = group(sample, density, 0, m);
+    let mut best = [Some(whole), None, None];
+    let median = sample.boxes[m / 2].size;
+    if sample.boxes[m - 1].size <= LIKE_SIZES * median {
+        return best;
+    }
+    let mut best_cost = whole.own_cost;
+    let mut borders = [0; BORDERS.len() + 2];
+    for (border, share) in borders[1..].iter_mut().zip(BORDERS) {
+        *border = (share * m as f32) as usize;
+    }
+    borders[BORDERS.len() + 1] = m;
+    let last = borders.len() - 1;
+    let mut memo = [[None; BORDERS.len() + 2]; BORDERS.len() + 2];
+    let mut between = |a: usize, b: usize| -> Option<Group> {
+        (borders[a] < borders[b]).then(|| {
+            *memo[a][b].get_or_insert_with(|| group(sample, density, borders[a], borders[b]))
+        })
+    };
+    for first in 1..last {
+        for second in first + 1..=last {
+            let third = if second == last { None } else { between(second, last) };
+            let groups = [between(0, first), between(first, second), third];
+            let cost = total_cost(groups);
+            if cost < best_cost {
+                (best, best_cost) = (groups, cost);
+            }
+        }
+    }
+    best
+}
+
+/// Cost a box of a set of levels.
+fn total_cost(groups: [Option<Group>; 3]) -> f32 {
+    let mut cost = 0.0;
+    for (i, fine) in groups.iter().enumerate() {
+        let Some(fine) = fine else { continue };
+        let across: f32 =
+            groups[i + 1..].iter().flatten().map(|coarse| cross_cost(fine, coarse)).sum();
+        cost += fine.share * (fine.own_cost + across);
+    }
+    cost
+}
+
+/// Boxes `from..to` of the sample as a level with the cheapest cells.
+fn group(sample: &Sample, density: &Density, from: usize, to: usize) -> Group {
+    let boxes = &sample.boxes[from..to];
+    let share = boxes.len() as f32 / sample.boxes.len() as f32;
+    let mut mean_edges = [0.0f32; 3];
+    let mut least_edges = [0.0f32; 3];
+    for axis in 0..3 {
+        // Infinite boxes are left to the level that takes everything.
+        let finite = boxes.iter().map(|b| b.edges[axis]).filter(|e| e.is_finite());
+        for edge in finite {
+            mean_edges[axis] += edge / boxes.len() as f32;
+            least_edges[axis] = least_edges[axis].max(edge);
+        }
+        least_edges[axis] *= CELL_MARGIN;
+        if least_edges[axis] < f32::MIN_POSITIVE {
+            // Flat boxes: any cell holds them, so start from what the scene has room for.
+            least_edges[axis] = (sample.extent[axis] / 4096.0).max(f32::MIN_POSITIVE);
+        }
+    }
+    let mut best: Option<Group> = None;
+    let mut growth = 1.0f32;
+    loop {
+        let mut crowded = true;
+        for narrowing in [1.0, 0.5, 0.25] {
+            let cell_edges = [
+                least_edges[0] * (growth * narrowing).max(1.0),
+                least_edges[1] * growth,
+                least_edges[2] * growth,
+            ];
+            let occupancy = share * density.in_cell(cell_edges);
+            let mut candidate =
+                Group { share, mean_edges, cell_edges, occupancy, own_cost: f32::INFINITY };
+            candidate.own_cost = own_cost(&candidate, sample);
+            if best.is_none_or(|b| candidate.own_cost < b.own_cost) {
+                best = Some(candidate);
+            }
+            crowded &= occupancy > 4.0 * STRIP_COLUMNS;
+        }
+        growth *= std::f32::consts::SQRT_2;
+        if let Some(best) = best
+            && (crowded || growth > 1e6)
+        {
+            return best;
+        }
+    }
+}
+
+/// Strips of a run of `columns` on average: one if there is anything, more if it is long.
+fn strips(columns: f32) -> f32 {
+    columns / (0.7 + columns) + columns / STRIP_COLUMNS
+}
+
+/// Probability that a box of the group reaches into the next cell.
+fn reach(group: &Group, axis: usize) -> f32 {
+    (group.mean_edges[axis] / group.cell_edges[axis]).min(1.0)
+}
+
+fn own_cost(group: &Group, sample: &Sample) -> f32 {
+    let [x, y, z] = std::array::from_fn(|axis| {
+        if group.cell_edges[axis] > sample.extent[axis] { 0.0 } else { reach(group, axis) }
+    });
+    let own_run = strips(group.occupancy * (0.5 + x));
+    let other_run = strips(group.occupancy * (2.0 + x));
+    let other_lines = y + z * (2.0 + y);
+    let cells: f32 =
+        (0..3).map(|axis| (sample.extent[axis] / group.cell_edges[axis]).max(1.0)).product();
+    let boxes = group.share * sample.weight * sample.boxes.len() as f32;
+    STRIP_COST * (own_run + other_lines * other_run)
+        + CELL_COST / (1.0 + group.occupancy)
+        + EMPTY_CELL_COST * (cells / boxes).min(CELLS_A_BOX)
+}
+
+/// Cost of a box of `fine` in the level of `coarse`.
+fn cross_cost(fine: &Group, coarse: &Group) -> f32 {
+    let cells = |axis: usize| 2.0 + (fine.mean_edges[axis] / coarse.cell_edges[axis]).min(1.0);
+    let lines = cells(1) * cells(2);
+    LEVEL_COST + lines * (LINE_COST + STRIP_COST * strips(coarse.occupancy * cells(0)))
+}
+
+/// Axes of a level of cells of `edges` over the sample's bounds, for about `boxes` boxes.
+fn axes(sample: &Sample, edges: [f32; 3], boxes: f32) -> [Axis; 3] {
+    let limit = (boxes * CELLS_A_BOX).clamp(CELLS_LEAST, CELLS_MOST);
+    let mut counts: [f32; 3] = std::array::from_fn(|axis| {
+        (sample.extent[axis] / edges[axis]).floor().clamp(0.0, CELL_LIMIT - 1.0) + 1.0
+    });
+    if counts.iter().product::<f32>() <= limit {
+        return std::array::from_fn(|axis| {
+            Axis::clamped(sample.low[axis], edges[axis], counts[axis] as u32)
+        });
+    }
+    // Too wide for a table: fold. Axes of fewer than four cells would be their own neighbours on
+    // both sides, so they become one.
+    for count in &mut counts {
+        *count = (*count as u32).next_power_of_two() as f32;
+    }
+    while counts.iter().product::<f32>() > limit {
+        let widest = (0..3).fold(0, |a, b| if counts[b] > counts[a] { b } else { a });
+        counts[widest] *= 0.5;
+    }
+    std::array::from_fn(|axis| {
+        if counts[axis] < 4.0 {
+            return Axis::WHOLE;
+        }
+        Axis::wrapped(sample.low[axis], edges[axis], counts[axis] as u32)
+    })
+}

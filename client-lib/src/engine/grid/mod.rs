@@ -1,0 +1,160 @@
+//! `cpu-grid`: a uniform grid with levels; each box looks at the cells around its home.
+//!
+//! The papers' grid (Avril et al. 2012, §4) lists a box in every cell that it touches. Here each
+//! box has one home cell, by its min corner, in the finest level whose cells are at least as long
+//! as it is; boxes are sorted by level, z, y, x of the cell, so that a cell's neighbours are a few
+//! runs of positions. That neighbours are enough is proved in [`axis`] for the very arithmetic that
+//! is computed. Work is O(n + pairs) for boxes that the sample finds a good layout for; giants
+//! and infinite boxes go to levels of their own.
+
+mod axis;
+mod bucket;
+mod cell_strips;
+mod homes;
+mod layout;
+mod level;
+mod neighbours;
+mod rows;
+mod sample;
+mod sort;
+mod tile;
+
+use std::time::Instant;
+
+use self::layout::Layout;
+use self::rows::{RowTask, Scene};
+use self::sort::SortedBoxes;
+use crate::aabb::Aabb;
+use crate::engine::strips::{in_parts, part_count, publish};
+use crate::engine::{
+    AvailableIsa, CullError, CullJob, CullReport, Engine, EngineName, EngineTimes, Isa,
+    ReplyBuffer, SkipMeter,
+};
+use crate::mask::MaskShape;
+use crate::units::BoxCount;
+
+/// Fewest rows of a task: below, handing it to another thread costs more than it saves.
+const TASK_ROWS: usize = 1_024;
+/// Fewest boxes that are worth a second thread.
+const PARALLEL_BOXES: usize = 2_048;
+
+/// The engine `cpu-grid`.
+///
+/// Its scratch is kept from frame to frame: a steady scene allocates nothing.
+///
+/// ```
+/// use pairmask::Aabb;
+/// use pairmask::engine::{CullJob, Engine, Grid, HeapReply};
+/// use pairmask::mask::Encoding;
+///
+/// let boxes: Vec<Aabb> = (0..1_000)
+///     .map(|i| Aabb::from([i as f32, 0.0, 0.0, i as f32 + 1.0, 1.0, 1.0]))
+///     .collect();
+/// let mut reply = HeapReply::new();
+/// let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
+/// let report = Grid::new().cull(&boxes, &job, &mut reply)?;
+/// assert_eq!(report.pair_count, 999, "each box touches the next");
+/// # Ok::<(), pairmask::engine::CullError>(())
+/// ```
+pub struct Grid {
+    isa: AvailableIsa,
+    layout: Layout,
+    sorted: SortedBoxes,
+    tasks: Vec<RowTask>,
+}
+
+impl Default for Grid {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Grid {
+    /// The engine with the widest instruction set of this machine.
+    pub fn new() -> Self {
+        Self {
+            isa: AvailableIsa::best(),
+            layout: Layout::default(),
+            sorted: SortedBoxes::default(),
+            tasks: Vec::new(),
+        }
+    }
+
+    /// The engine with one instruction set, for tests and measurements.
+    ///
+    /// # Errors
+    /// [`CullError::Unavailable`] when this machine does not have it.
+    pub fn with_isa(isa: Isa) -> Result<Self, CullError> {
+        let why = "this processor lacks the instruction set asked for";
+        let engine = EngineName::CpuGrid;
+        let isa = AvailableIsa::new(isa).ok_or(CullError::Unavailable { engine, why })?;
+        Ok(Self { isa, ..Self::new() })
+    }
+
+    /// Shares the rows out. What overlaps nothing has no rows.
+    fn assign(&mut self, threads: usize) {
+        let rows = self.sorted.cell_starts[self.layout.cell_count as usize] as usize;
+        let parts = part_count(rows, TASK_ROWS, threads);
+        self.tasks.resize_with(parts, RowTask::default);
+        for (part, task) in self.tasks.iter_mut().enumerate() {
+            let border = |part: usize| (rows * part / parts) as u32;
+            task.rows = border(part)..border(part + 1);
+        }
+    }
+}
+
+impl Engine for Grid {
+    fn name(&self) -> EngineName {
+        EngineName::CpuGrid
+    }
+
+    fn cull(
+        &mut self,
+        boxes: &[Aabb],
+        job: &CullJob,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullReport, CullError> {
+        let n = BoxCount::of_len(boxes.len()).ok_or(CullError::TooManyBoxes {
+            engine: EngineName::CpuGrid,
+            n: boxes.len() as u64,
+            limit: u64::from(u32::MAX),
+        })?;
+        let threads = if boxes.len() < PARALLEL_BOXES { 1 } else { job.threads.max(1) };
+        let start = Instant::now();
+        self.layout.choose(boxes);
+        let levels = self.layout.levels.as_slice();
+        let census = self.sorted.sort(boxes, levels, self.layout.cell_count, threads, self.isa);
+        let ingested = Instant::now();
+
+        self.assign(threads);
+        let scene = Scene { sorted: &self.sorted, levels: &self.layout.levels, isa: self.isa };
+        let parts = self.tasks.len();
+        let run = |tasks: &mut [RowTask]| tasks.iter_mut().for_each(|task| task.run(scene));
+        in_parts(self.tasks.as_mut_slice(), parts, &run, &|(), ()| ());
+        let executed = Instant::now();
+
+        let sinks = self.tasks.iter().map(|task| &task.found);
+        let order = self.sorted.boxes.order();
+        let shape = publish(sinks, order, job.encoding, threads > 1, reply)?;
+        let zero_words = match shape {
+            MaskShape::Dense { .. } => 0,
+            MaskShape::Sparse { bits, .. } => n.sparse_words_max() - bits.len,
+        };
+        let compared: u64 = self.tasks.iter().map(|task| task.compared).sum();
+        Ok(CullReport {
+            shape,
+            census,
+            pair_count: self.tasks.iter().map(|task| task.found.pair_count()).sum(),
+            skipped: SkipMeter {
+                boxes: u64::from(census.empty) + u64::from(census.invalid),
+                pairs: n.pair_count() - compared,
+                zero_words,
+            },
+            times: EngineTimes {
+                ingest_ns: (ingested - start).as_nanos() as u64,
+                execute_ns: (executed - ingested).as_nanos() as u64,
+                publish_ns: executed.elapsed().as_nanos() as u64,
+            },
+        })
+    }
+}

@@ -1,0 +1,267 @@
+//! One task's rows: their runs, tested and turned into words.
+
+use std::ops::Range;
+
+use super::cell_strips::{CellStrips, in_stages};
+use super::level::{Level, Reach};
+use super::neighbours::{LaterLines, REACH_X, folded};
+use super::sort::SortedBoxes;
+use crate::aabb::order_key;
+use crate::engine::AvailableIsa;
+use crate::engine::strips::{GROUP, StripBatch, WordSink};
+
+/// Levels of at most this many boxes are looked at whole: one or two strips cost less than
+/// finding cells.
+const SMALL_LEVEL: u32 = 32;
+
+/// Room that a row must find in the batch: a strip of its own line, and a group.
+const ROW_STRIPS: usize = 1 + GROUP;
+
+/// A range of positions and what was found in its rows. Memory is kept from frame to frame.
+#[derive(Default)]
+pub(super) struct RowTask {
+    /// Positions of the rows.
+    pub rows: Range<u32>,
+    /// What was found.
+    pub found: WordSink,
+    /// Pairs compared.
+    pub compared: u64,
+    batch: StripBatch,
+}
+
+/// What all tasks of a frame read.
+#[derive(Clone, Copy)]
+pub(super) struct Scene<'a> {
+    pub sorted: &'a SortedBoxes,
+    pub levels: &'a [Level],
+    pub isa: AvailableIsa,
+}
+
+impl Scene<'_> {
+    /// First position of a cell.
+    #[inline(always)]
+    fn start(&self, cell: u32) -> u32 {
+        self.sorted.cell_starts[cell as usize]
+    }
+
+    /// Positions of a level.
+    fn positions(&self, level: &Level) -> Range<u32> {
+        self.start(level.first_cell)..self.start(level.first_cell + level.cell_count())
+    }
+
+    /// The cell that holds a position.
+    fn cell_of(&self, position: u32) -> u32 {
+        self.sorted.cell_starts.partition_point(|start| *start <= position) as u32 - 1
+    }
+}
+
+impl RowTask {
+    /// Finds the words of all rows.
+    pub fn run(&mut self, scene: Scene<'_>) {
+        self.found.clear();
+        for (i, level) in scene.levels.iter().enumerate() {
+            let positions = scene.positions(level);
+            let rows = positions.start.max(self.rows.start)..positions.end.min(self.rows.end);
+            if rows.start < rows.end {
+                self.run_level(scene, level, &scene.levels[i + 1..], rows);
+            }
+        }
+        self.flush(scene);
+        self.found.finish();
+        self.compared = self.batch.take_compared();
+    }
+
+    /// Rows of one level, line by line.
+    fn run_level(&mut self, scene: Scene<'_>, level: &Level, coarser: &[Level], rows: Range<u32>) {
+        let width = level.axes[0].cell_count;
+        let first_line = (scene.cell_of(rows.start) - level.first_cell) / width;
+        let last_line = (scene.cell_of(rows.end - 1) - level.first_cell) / width;
+        let alone = coarser.iter().all(|c| scene.positions(c).is_empty());
+        for line in first_line..=last_line {
+            let height = level.axes[1].cell_count;
+            let first_cell = level.first_cell + line * width;
+            let here = scene.start(first_cell)..scene.start(first_cell + width);
+            let rows = here.start.max(rows.start)..here.end.min(rows.end);
+            if rows.start >= rows.end {
+                continue;
+            }
+            let later = LaterLines::of(level, line % height, line / height);
+            self.run_line(
+                scene,
+                level,
+                first_cell,
+                &later,
+                rows,
+                if alone { &[] } else { coarser },
+            );
+        }
+    }
+
+    /// Rows of one line, cell by cell.
+    fn run_line(
+        &mut self,
+        scene: Scene<'_>,
+        level: &Level,
+        first_cell: u32,
+        later: &LaterLines,
+        rows: Range<u32>,
+        coarser: &[Level],
+    ) {
+        let width = level.axes[0].cell_count as usize;
+        let line_starts = |first: u32| &scene.sorted.cell_starts[first as usize..][..=width];
+        let own = line_starts(first_cell);
+        let mut lines: [(&[u32], Reach); 8] = [(&[], 0); 8];
+        for (slot, line) in lines.iter_mut().zip(later.as_slice()) {
+            *slot = (line_starts(line.first_cell), line.needs);
+        }
+        let lines = &lines[..later.as_slice().len()];
+        let staged = in_stages(later.as_slice().iter().map(|line| line.needs));
+        let mut strips = CellStrips::new();
+        for x in 0..width {
+            let cell = own[x].max(rows.start)..own[x + 1].min(rows.end);
+            if cell.start >= cell.end {
+                continue;
+            }
+            let seam = level.axes[0].wraps && (x == 0 || x == width - 1);
+            // Up to this cell, or up to the next one for boxes that reach it.
+            let ends = [x + 1, (x + 2).min(width)];
+            let runs = lines.iter().map(|(starts, needs)| {
+                (starts[x.saturating_sub(1)], ends.map(|end| starts[end]), *needs)
+            });
+            if seam || !staged || !strips.cut(runs) {
+                self.run_odd_cell(scene, level, own, lines, x, cell, coarser);
+                continue;
+            }
+            let own_ends = ends.map(|end| own[end]);
+            for row in cell {
+                let reach = scene.sorted.reach[row as usize];
+                let far = usize::from(reach & REACH_X);
+                if self.batch.room() < ROW_STRIPS {
+                    self.flush(scene);
+                }
+                // Most rows have one strip in their own line and at most a group elsewhere: both
+                // are pushed without asking whether there is anything.
+                let next = self.batch.push(row, row + 1, own_ends[far]);
+                if next < own_ends[far] {
+                    self.push(scene, row, next, own_ends[far]);
+                    if self.batch.room() < GROUP {
+                        self.flush(scene);
+                    }
+                }
+                let (first, end) = strips.of_row(reach);
+                self.batch.push_group(row, &strips.group(first, end, far));
+                if end > first + GROUP {
+                    self.push_groups(scene, row, &strips, first + GROUP..end, far);
+                }
+                if !coarser.is_empty() {
+                    self.push_coarser(scene, coarser, row);
+                }
+            }
+        }
+    }
+
+    /// Rows of a cell whose strips are no list: on the seam of a folded axis, or crowded.
+    #[allow(clippy::too_many_arguments)]
+    fn run_odd_cell(
+        &mut self,
+        scene: Scene<'_>,
+        level: &Level,
+        own: &[u32],
+        lines: &[(&[u32], Reach)],
+        x: usize,
+        cell: Range<u32>,
+        coarser: &[Level],
+    ) {
+        let width = own.len() - 1;
+        for row in cell {
+            let reach = scene.sorted.reach[row as usize];
+            let far = usize::from(reach & REACH_X);
+            self.push(scene, row, row + 1, own[(x + 1 + far).min(width)]);
+            if x == 0 && level.axes[0].wraps {
+                self.push(scene, row, own[width - 1], own[width]);
+            }
+            for (starts, needs) in lines {
+                if needs & !reach == 0 {
+                    let high = x as i32 + i32::from(reach & REACH_X);
+                    for cells in folded(&level.axes[0], x as i32 - 1, high) {
+                        let (start, end) =
+                            (starts[cells.start as usize], starts[cells.end as usize]);
+                        self.push(scene, row, start, end);
+                    }
+                }
+            }
+            self.push_coarser(scene, coarser, row);
+        }
+    }
+
+    /// The runs of a row in all coarser levels.
+    fn push_coarser(&mut self, scene: Scene<'_>, coarser: &[Level], row: u32) {
+        let keys = scene.sorted.boxes.keys();
+        let coordinate = |component: usize| {
+            // The map to keys is its own inverse, but for −0.
+            f32::from_bits(order_key(keys[component][row as usize] as u32) as u32)
+        };
+        let min: [f32; 3] = std::array::from_fn(coordinate);
+        let max: [f32; 3] = std::array::from_fn(|axis| coordinate(3 + axis));
+        for level in coarser {
+            let positions = scene.positions(level);
+            if positions.end - positions.start <= SMALL_LEVEL {
+                self.push(scene, row, positions.start, positions.end);
+                continue;
+            }
+            let [xs, ys, zs]: [[Range<u32>; 2]; 3] = std::array::from_fn(|axis| {
+                let of = &level.axes[axis];
+                folded(of, of.cell(min[axis]) - 1, of.cell(max[axis]))
+            });
+            for z in zs.into_iter().flatten() {
+                for y in ys.iter().cloned().flatten() {
+                    for x in &xs {
+                        let start = scene.start(level.cell_at([x.start, y, z]));
+                        let end = scene.start(level.cell_at([x.end, y, z]));
+                        self.push(scene, row, start, end);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Further groups of a row.
+    #[inline(never)]
+    fn push_groups(
+        &mut self,
+        scene: Scene<'_>,
+        row: u32,
+        strips: &CellStrips,
+        of_row: Range<usize>,
+        far: usize,
+    ) {
+        for first in of_row.clone().step_by(GROUP) {
+            if self.batch.room() < GROUP {
+                self.flush(scene);
+            }
+            self.batch.push_group(row, &strips.group(first, of_row.end, far));
+        }
+    }
+
+    /// A run of a row, strip by strip.
+    #[inline(always)]
+    fn push(&mut self, scene: Scene<'_>, row: u32, start: u32, end: u32) {
+        if self.batch.room() == 0 {
+            self.flush(scene);
+        }
+        let mut next = self.batch.push(row, start, end);
+        while next < end {
+            if self.batch.room() == 0 {
+                self.flush(scene);
+            }
+            next = self.batch.push(row, next, end);
+        }
+    }
+
+    #[inline(never)]
+    fn flush(&mut self, scene: Scene<'_>) {
+        self.batch.test(&scene.sorted.boxes, scene.isa);
+        self.found.take(&self.batch);
+        self.batch.clear();
+    }
+}

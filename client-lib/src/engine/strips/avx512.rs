@@ -1,0 +1,47 @@
+//! Strips with AVX-512: one strip is six loads and six compares into a mask register.
+#![allow(unsafe_code)]
+#![allow(clippy::wildcard_imports)]
+
+use std::arch::x86_64::*;
+
+use super::batch::check_bounds;
+use super::ordered::KeyArrays;
+use crate::engine::{AvailableIsa, Isa};
+
+/// Tests every strip; see [`super::StripBatch::test`].
+pub(super) fn test(
+    keys: &KeyArrays<'_>,
+    rows: &[u32],
+    starts: &[u32],
+    lanes: &mut [u16],
+    isa: AvailableIsa,
+) {
+    assert_eq!(isa.get(), Isa::Avx512);
+    check_bounds(keys, rows, starts, lanes);
+    // SAFETY: an `AvailableIsa` of AVX-512 exists only where the CPU reported these features, and
+    // `check_bounds` has seen that every row and 16 columns from every start are in the arrays.
+    unsafe { test_checked(keys, rows, starts, lanes) }
+}
+
+/// # Safety
+/// Every row, and 16 columns from every start, must lie in all six arrays.
+#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl")]
+unsafe fn test_checked(keys: &KeyArrays<'_>, rows: &[u32], starts: &[u32], lanes: &mut [u16]) {
+    let [min_x, min_y, min_z, max_x, max_y, max_z] = keys.map(<[i32]>::as_ptr);
+    for ((&row, &start), lanes) in rows.iter().zip(starts).zip(lanes) {
+        let (row, start) = (row as usize, start as usize);
+        // SAFETY: the caller vouches for `row` and for 16 keys from `start`.
+        unsafe {
+            let columns = |key: *const i32| _mm512_loadu_si512(key.add(start).cast());
+            let of_row = |key: *const i32| _mm512_set1_epi32(*key.add(row));
+            let mut hit = *lanes;
+            hit = _mm512_mask_cmple_epi32_mask(hit, columns(min_x), of_row(max_x));
+            hit = _mm512_mask_cmpge_epi32_mask(hit, columns(max_x), of_row(min_x));
+            let mut hit_y = _mm512_cmple_epi32_mask(columns(min_y), of_row(max_y));
+            hit_y = _mm512_mask_cmpge_epi32_mask(hit_y, columns(max_y), of_row(min_y));
+            let mut hit_z = _mm512_cmple_epi32_mask(columns(min_z), of_row(max_z));
+            hit_z = _mm512_mask_cmpge_epi32_mask(hit_z, columns(max_z), of_row(min_z));
+            *lanes = hit & hit_y & hit_z;
+        }
+    }
+}

@@ -1,0 +1,80 @@
+//! Work in parts on the calling thread's rayon pool, each part with storage of its own.
+//!
+//! Halving with `join` needs no list of jobs, so that a steady frame allocates nothing.
+
+/// Parts a thread, so that a thread that is held up does not hold up the frame.
+const PARTS_PER_THREAD: usize = 8;
+
+/// Parts for work on `items` items of which a part should have `least` or more. At most `threads`
+/// of them run at once.
+pub(crate) fn part_count(items: usize, least: usize, threads: usize) -> usize {
+    if threads <= 1 {
+        return 1;
+    }
+    // A larger pool would run more parts at once than the job allows.
+    let most =
+        if rayon::current_num_threads() <= threads { threads * PARTS_PER_THREAD } else { threads };
+    (items / least.max(1)).clamp(1, most)
+}
+
+/// Work on a sequence of items that can be cut between any two of them.
+pub(crate) trait Split: Sized + Send {
+    /// Items.
+    fn len(&self) -> usize;
+    /// The first `at` items, and the rest.
+    fn split_at(self, at: usize) -> (Self, Self);
+}
+
+impl<T: Send> Split for &mut [T] {
+    fn len(&self) -> usize {
+        <[T]>::len(self)
+    }
+
+    fn split_at(self, at: usize) -> (Self, Self) {
+        self.split_at_mut(at)
+    }
+}
+
+/// Runs `run` on `parts` contiguous parts of the work and joins the results in their order.
+pub(crate) fn in_parts<W: Split, R: Send>(
+    work: W,
+    parts: usize,
+    run: &(impl Fn(W) -> R + Sync),
+    join: &(impl Fn(R, R) -> R + Sync),
+) -> R {
+    if parts <= 1 || work.len() <= 1 {
+        return run(work);
+    }
+    let low_parts = parts / 2;
+    let at = work.len() * low_parts / parts;
+    let (low, high) = work.split_at(at);
+    let (low, high) = rayon::join(
+        || in_parts(low, low_parts, run, join),
+        || in_parts(high, parts - low_parts, run, join),
+    );
+    join(low, high)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_item_is_seen_once_and_results_keep_their_order() {
+        for n in [0, 1, 2, 7, 100] {
+            for parts in [1, 2, 3, 8, 200] {
+                let mut items: Vec<usize> = (0..n).collect();
+                let seen = in_parts(
+                    items.as_mut_slice(),
+                    parts,
+                    &|part: &mut [usize]| part.to_vec(),
+                    &|mut low, high| {
+                        low.extend(high);
+                        low
+                    },
+                );
+                assert_eq!(seen, items);
+            }
+        }
+    }
+}

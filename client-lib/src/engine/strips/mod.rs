@@ -1,0 +1,29 @@
+//! Strips: one row against up to 16 columns in sequence. What `cpu-grid` and `cpu-sap` share.
+//!
+//! Both engines bring the boxes into an order of their own ([`OrderedBoxes`]) in which the
+//! candidates of a row are a few runs of consecutive positions. A run is cut into [`StripBatch`]
+//! entries; a kernel tests a whole batch without a branch, 16 columns a step, and the compare mask
+//! is the output bits; what is not zero becomes mask words ([`WordSink`]).
+//!
+//! The stages are apart because of the branch predictor: whether a strip has a hit is a coin toss,
+//! and one wrong guess costs more than the test of the strip.
+
+// `&` instead of `&&`: see above, a branch costs more than the second operand.
+#![allow(clippy::needless_bitwise_bool)]
+
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx512;
+mod batch;
+mod fan_out;
+mod ordered;
+mod portable;
+mod publish;
+mod sink;
+
+pub(crate) use batch::{GROUP, STRIP_COLUMNS, StripBatch, StripGroup};
+pub(crate) use fan_out::{Split, in_parts, part_count};
+pub(crate) use ordered::{KeyArraysMut, OrderedBoxes};
+pub(crate) use publish::publish;
+pub(crate) use sink::WordSink;

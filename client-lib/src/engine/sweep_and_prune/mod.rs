@@ -1,0 +1,170 @@
+//! `cpu-sap`: sweep and prune on several cores.
+//!
+//! Avril, Gouranton and Arnaldi 2009 (§5.1) and 2014 (§4): boxes shared out among threads, each
+//! with storage of its own, merged without locks. The papers compare all pairs; here boxes are
+//! sorted along the axis of widest spread (Cohen et al. 1995) and a row is compared with the
+//! window after it, 16 columns a step. Giants cost their own window and nothing more, which makes
+//! this the engine for scenes of few boxes of very unlike shapes.
+
+mod axis;
+mod order;
+mod sweep;
+
+use std::time::Instant;
+
+use self::order::SweepOrder;
+use self::sweep::SweepTask;
+use crate::aabb::Aabb;
+use crate::engine::strips::{OrderedBoxes, in_parts, part_count, publish};
+use crate::engine::{
+    AvailableIsa, Census, CullError, CullJob, CullReport, Engine, EngineName, EngineTimes, Isa,
+    KeyColumns, ReplyBuffer, SkipMeter,
+};
+use crate::mask::MaskShape;
+use crate::units::BoxCount;
+
+/// Fewest rows of a task: below, handing it to another thread costs more than it saves.
+const TASK_ROWS: usize = 512;
+/// Fewest boxes that are worth a second thread.
+const PARALLEL_BOXES: usize = 1_024;
+
+/// The engine `cpu-sap`.
+///
+/// Its scratch and its order are kept from frame to frame: a steady scene allocates nothing.
+///
+/// ```
+/// use pairmask::Aabb;
+/// use pairmask::engine::{CullJob, Engine, HeapReply, SweepAndPrune};
+/// use pairmask::mask::Encoding;
+///
+/// let boxes: Vec<Aabb> = (0..100)
+///     .map(|i| Aabb::from([i as f32, 0.0, 0.0, i as f32 + 1.0, 1.0, 1.0]))
+///     .collect();
+/// let mut reply = HeapReply::new();
+/// let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
+/// let report = SweepAndPrune::new().cull(&boxes, &job, &mut reply)?;
+/// assert_eq!(report.pair_count, 99, "each box touches the next");
+/// # Ok::<(), pairmask::engine::CullError>(())
+/// ```
+pub struct SweepAndPrune {
+    isa: AvailableIsa,
+    columns: KeyColumns,
+    order: SweepOrder,
+    boxes: OrderedBoxes,
+    tasks: Vec<SweepTask>,
+}
+
+impl Default for SweepAndPrune {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl SweepAndPrune {
+    /// The engine with the widest instruction set of this machine.
+    pub fn new() -> Self {
+        Self {
+            isa: AvailableIsa::best(),
+            columns: KeyColumns::default(),
+            order: SweepOrder::default(),
+            boxes: OrderedBoxes::default(),
+            tasks: Vec::new(),
+        }
+    }
+
+    /// The engine with one instruction set, for tests and measurements.
+    ///
+    /// # Errors
+    /// [`CullError::Unavailable`] when this machine does not have it.
+    pub fn with_isa(isa: Isa) -> Result<Self, CullError> {
+        let why = "this processor lacks the instruction set asked for";
+        let engine = EngineName::CpuSap;
+        let isa = AvailableIsa::new(isa).ok_or(CullError::Unavailable { engine, why })?;
+        Ok(Self { isa, ..Self::new() })
+    }
+
+    /// Reads and sorts the boxes; returns the sweep axis.
+    fn ingest(&mut self, boxes: &[Aabb]) -> (Census, usize) {
+        let census = self.columns.ingest(boxes, self.isa);
+        let axis = axis::widest(&self.columns);
+        let n = boxes.len();
+        self.order.sort(&self.columns.min(axis)[..n]);
+        self.boxes.resize(n);
+        let (keys, order) = self.boxes.parts_mut();
+        for (slot, index) in order.iter_mut().zip(self.order.indices()) {
+            *slot = index;
+        }
+        for (component, array) in keys.into_iter().enumerate() {
+            let axis = component % 3;
+            let of = if component < 3 { self.columns.min(axis) } else { self.columns.max(axis) };
+            for (key, index) in array.iter_mut().zip(&*order) {
+                *key = of[*index as usize];
+            }
+        }
+        (census, axis)
+    }
+
+    /// Shares the rows out. What overlaps nothing stands last and has no rows.
+    fn assign(&mut self, rows: usize, threads: usize) {
+        let parts = part_count(rows, TASK_ROWS, threads);
+        self.tasks.resize_with(parts, SweepTask::default);
+        for (part, task) in self.tasks.iter_mut().enumerate() {
+            let border = |part: usize| (rows * part / parts) as u32;
+            task.rows = border(part)..border(part + 1);
+        }
+    }
+}
+
+impl Engine for SweepAndPrune {
+    fn name(&self) -> EngineName {
+        EngineName::CpuSap
+    }
+
+    fn cull(
+        &mut self,
+        boxes: &[Aabb],
+        job: &CullJob,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullReport, CullError> {
+        let n = BoxCount::of_len(boxes.len()).ok_or(CullError::TooManyBoxes {
+            engine: EngineName::CpuSap,
+            n: boxes.len() as u64,
+            limit: u64::from(u32::MAX),
+        })?;
+        let threads = if boxes.len() < PARALLEL_BOXES { 1 } else { job.threads.max(1) };
+        let start = Instant::now();
+        let (census, axis) = self.ingest(boxes);
+        let nothing = u64::from(census.empty) + u64::from(census.invalid);
+        let solid = boxes.len() - nothing as usize;
+        let ingested = Instant::now();
+
+        self.assign(solid, threads);
+        let (ordered, isa, parts) = (&self.boxes, self.isa, self.tasks.len());
+        let run = |tasks: &mut [SweepTask]| {
+            for task in tasks {
+                task.run(ordered, axis, solid as u32, isa);
+            }
+        };
+        in_parts(self.tasks.as_mut_slice(), parts, &run, &|(), ()| ());
+        let executed = Instant::now();
+
+        let sinks = self.tasks.iter().map(|task| &task.found);
+        let shape = publish(sinks, self.boxes.order(), job.encoding, threads > 1, reply)?;
+        let zero_words = match shape {
+            MaskShape::Dense { .. } => 0,
+            MaskShape::Sparse { bits, .. } => n.sparse_words_max() - bits.len,
+        };
+        let compared: u64 = self.tasks.iter().map(|task| task.compared).sum();
+        Ok(CullReport {
+            shape,
+            census,
+            pair_count: self.tasks.iter().map(|task| task.found.pair_count()).sum(),
+            skipped: SkipMeter { boxes: nothing, pairs: n.pair_count() - compared, zero_words },
+            times: EngineTimes {
+                ingest_ns: (ingested - start).as_nanos() as u64,
+                execute_ns: (executed - ingested).as_nanos() as u64,
+                publish_ns: executed.elapsed().as_nanos() as u64,
+            },
+        })
+    }
+}

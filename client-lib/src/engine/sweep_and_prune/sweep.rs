@@ -1,0 +1,48 @@
+//! One task's rows against the window after each.
+
+use std::ops::Range;
+
+use crate::engine::AvailableIsa;
+use crate::engine::strips::{OrderedBoxes, STRIP_COLUMNS, StripBatch, WordSink};
+
+/// A range of positions and what was found in its rows. Memory is kept from frame to frame.
+#[derive(Default)]
+pub(super) struct SweepTask {
+    /// Positions of the rows.
+    pub rows: Range<u32>,
+    /// What was found.
+    pub found: WordSink,
+    /// Pairs compared.
+    pub compared: u64,
+    batch: StripBatch,
+}
+
+impl SweepTask {
+    /// Finds the words of all rows. Boxes from position `solid` on overlap nothing.
+    pub fn run(&mut self, boxes: &OrderedBoxes, axis: usize, solid: u32, isa: AvailableIsa) {
+        self.found.clear();
+        let keys = boxes.keys();
+        let (mins, maxs) = (keys[axis], keys[3 + axis]);
+        for row in self.rows.clone() {
+            let max = maxs[row as usize];
+            let mut start = row + 1;
+            // The window ends at the first box that starts after this one ends. It is looked for a
+            // strip at a time, and the test of the strip finds the place within.
+            while start < solid && mins[start as usize] <= max {
+                if self.batch.room() == 0 {
+                    self.flush(boxes, isa);
+                }
+                start = self.batch.push(row, start, solid.min(start + STRIP_COLUMNS as u32));
+            }
+        }
+        self.flush(boxes, isa);
+        self.found.finish();
+        self.compared = self.batch.take_compared();
+    }
+
+    fn flush(&mut self, boxes: &OrderedBoxes, isa: AvailableIsa) {
+        self.batch.test(boxes, isa);
+        self.found.take(&self.batch);
+        self.batch.clear();
+    }
+}

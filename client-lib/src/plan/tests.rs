@@ -1,0 +1,86 @@
+//! The plan's choices on made-up statistics. That they are the right ones is measured by the
+//! bench `engines`.
+
+use super::*;
+use crate::engine::Isa;
+use crate::units::BoxCount;
+
+fn stats(n: u32, window_share: f32) -> SceneStats {
+    SceneStats {
+        n: BoxCount::new(n),
+        solid_share: 1.0,
+        low: [0.0; 3],
+        high: [100.0; 3],
+        median_size: 1.0,
+        large_size: 1.2,
+        window_share,
+        elongation: 1.1,
+        last_pairs: Some(u64::from(n)),
+    }
+}
+
+fn chosen(stats: &SceneStats, gpu: Option<GpuCost>, wishes: Wishes) -> Plan {
+    let capabilities = Capabilities { threads: 2, gpu };
+    plan(stats, &capabilities, &Calibration::built_in(Isa::Avx512), &wishes)
+}
+
+#[test]
+fn tiny_scenes_are_swept_or_compared_and_large_ones_go_to_the_grid() {
+    for n in [0, 1, 64] {
+        assert_ne!(chosen(&stats(n, 0.1), None, Wishes::default()).engine, EngineName::CpuGrid);
+    }
+    for n in [10_000, 1_000_000] {
+        let plan = chosen(&stats(n, 0.02), None, Wishes::default());
+        assert_eq!((plan.engine, plan.encoding), (EngineName::CpuGrid, Encoding::Sparse));
+        assert_eq!(plan.threads, 2);
+    }
+}
+
+#[test]
+fn a_scene_in_a_row_is_swept() {
+    let mut stats = stats(20_000, 0.0001);
+    stats.elongation = 80.0;
+    assert_eq!(chosen(&stats, None, Wishes::default()).engine, EngineName::CpuSap);
+}
+
+#[test]
+fn wishes_win_even_where_nothing_can_fulfil_them() {
+    let engine = EngineChoice::Only(EngineName::CpuBrute);
+    let wishes = Wishes { engine, encoding: EncodingChoice::Only(Encoding::Dense) };
+    let plan = chosen(&stats(100_000, 0.02), None, wishes);
+    assert_eq!((plan.engine, plan.encoding), (EngineName::CpuBrute, Encoding::Dense));
+    let engine = EngineChoice::Only(EngineName::GpuGrid);
+    let plan = chosen(&stats(10, 0.02), None, Wishes { engine, ..wishes });
+    assert_eq!((plan.engine, plan.encoding), (EngineName::GpuGrid, Encoding::Dense));
+}
+
+#[test]
+fn a_gpu_is_taken_where_it_is_faster_and_only_there() {
+    let gpu = Some(GpuCost {
+        fixed_ns: 30_000.0,
+        ns_a_box: 0.5,
+        ns_a_test: 1.0e-3,
+        grid_ns_a_box: 0.2,
+        ns_a_reply_byte: 0.05,
+    });
+    assert!(!chosen(&stats(500, 0.1), gpu, Wishes::default()).engine.is_gpu());
+    assert_eq!(chosen(&stats(1_000_000, 0.01), gpu, Wishes::default()).engine, EngineName::GpuGrid);
+}
+
+#[test]
+fn few_boxes_with_many_pairs_get_a_dense_mask() {
+    let mut crowded = stats(64, 1.0);
+    crowded.last_pairs = Some(2016);
+    assert_eq!(chosen(&crowded, None, Wishes::default()).encoding, Encoding::Dense);
+    assert_eq!(chosen(&stats(4096, 0.1), None, Wishes::default()).encoding, Encoding::Sparse);
+}
+
+#[test]
+fn the_explanation_names_every_candidate_and_the_choice() {
+    let text = chosen(&stats(5000, 0.1), None, Wishes::default()).explain().to_string();
+    for part in ["cpu-brute", "cpu-sap", "cpu-grid", "-> cpu-grid", "5000 boxes", "least predicted"]
+    {
+        assert!(text.contains(part), "{text}");
+    }
+    assert!(!text.contains("gpu"), "{text}");
+}

@@ -1,0 +1,85 @@
+//! Recorded frames, kept for the next frame of the same shape.
+
+use std::sync::Arc;
+
+use pairmask::Encoding;
+
+use crate::execute::gpu::device::Gpu;
+use crate::execute::gpu::error::GpuError;
+use crate::execute::gpu::frame::{Command, Frame};
+use crate::execute::gpu::memory::{Block, Part};
+
+/// A place in a block. The frame that is filed under it keeps the block alive, so its address
+/// names no other block meanwhile.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Place {
+    block: usize,
+    offset: u64,
+}
+
+impl Place {
+    pub(super) fn of(part: &Part) -> Self {
+        Self { block: Arc::as_ptr(&part.block) as usize, offset: part.offset }
+    }
+
+    fn is_in(self, block: &Arc<Block>) -> bool {
+        self.block == Arc::as_ptr(block) as usize
+    }
+}
+
+/// All that the recording of a frame depends on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct FrameKey {
+    pub(super) n: u32,
+    pub(super) encoding: Encoding,
+    pub(super) capacity: u64,
+    /// Which part of a long run it is.
+    pub(super) chunk: usize,
+    pub(super) input: Place,
+    pub(super) output: Place,
+}
+
+/// Frames by key. A client alternates among a few loans for its boxes and a few for the reply.
+const KEPT_FRAMES: usize = 16;
+
+/// The last frames used, the most recent last.
+#[derive(Default)]
+pub(super) struct FrameCache {
+    frames: Vec<(FrameKey, Frame)>,
+}
+
+impl FrameCache {
+    /// The frame of `key`, recorded from `steps` if it is not here.
+    pub(super) fn frame(
+        &mut self,
+        gpu: &Arc<Gpu>,
+        key: FrameKey,
+        profiled: bool,
+        steps: impl FnOnce() -> Result<Vec<Command>, GpuError>,
+    ) -> Result<&mut Frame, GpuError> {
+        if let Some(place) = self.frames.iter().position(|(k, _)| *k == key) {
+            let found = self.frames.remove(place);
+            self.frames.push(found);
+        } else {
+            let mut frame = if self.frames.len() < KEPT_FRAMES {
+                Frame::new(gpu, profiled)?
+            } else {
+                self.frames.remove(0).1
+            };
+            frame.record(steps()?)?;
+            self.frames.push((key, frame));
+        }
+        // One was pushed just now.
+        self.frames.last_mut().map(|(_, frame)| frame).ok_or(GpuError::Lost)
+    }
+
+    /// Drops all frames.
+    pub(super) fn clear(&mut self) {
+        self.frames.clear();
+    }
+
+    /// Drops the frames that use a block.
+    pub(super) fn forget(&mut self, block: &Arc<Block>) {
+        self.frames.retain(|(key, _)| !key.input.is_in(block) && !key.output.is_in(block));
+    }
+}

@@ -1,0 +1,403 @@
+//! Engine `gpu-brute`: all pairs on the GPU.
+//!
+//! Stages: `keys` → for each band `pairs` → `pack_dense` or `write_sparse`. The kernels read the
+//! boxes where they lie and write the mask where the client reads it, when both are imported;
+//! other memory is staged, and the bytes are the same. The all-pairs test and the dense string are
+//! Avril et al. 2012, §3; their float mapping function is replaced by an integer search once a
+//! word (`pack_dense.wgsl`).
+
+mod cache;
+mod outcome;
+pub mod plan;
+mod scratch;
+mod steps;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use pairmask::aabb::AABB_BYTES;
+use pairmask::engine::{CullError, CullJob, CullReport, Engine, ReplyBuffer, ReserveError};
+use pairmask::mask::{MaskShape, Span};
+use pairmask::{Aabb, BoxCount, Encoding, EngineName};
+use pairmask_shaders::constants::BATCH_BOXES;
+use pairmask_shaders::layouts::BatchReport;
+
+use self::cache::{FrameCache, FrameKey, Place};
+use self::outcome::{Outcome, no_pairs, report};
+use self::plan::{BandLimits, Tuning};
+use self::scratch::{Growing, Scratch};
+use self::steps::{Output, Recording};
+use super::device::Gpu;
+use super::error::GpuError;
+use super::frame::{StepTime, Wait};
+use super::import::{ImportError, ImportId, Imports};
+use super::memory::{Home, Part};
+use super::pipeline::Pipelines;
+use super::shader::Checks;
+
+/// How boxes reach the GPU.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Upload {
+    /// The keys stage reads host memory across the link.
+    KernelReads,
+    /// The copy engine brings them to video memory first.
+    DmaCopy,
+    /// The CPU stores them into mapped video memory.
+    MappedVideo,
+}
+
+/// How the engine works. The default is what the daemon uses.
+#[derive(Clone, Debug, Default)]
+pub struct AllPairsOptions {
+    /// Shader checks.
+    pub checks: Checks,
+    /// Way of the boxes; `None` chooses by where they are and how many.
+    pub upload: Option<Upload>,
+    /// Tile shape; `None` chooses by count.
+    pub tuning: Option<Tuning>,
+    /// Take timestamps of each step.
+    pub profiled: bool,
+    /// Most bytes of a band's matrix; `None` for what the device allows. Small values force many
+    /// bands.
+    pub matrix_bytes: Option<u64>,
+    /// Folder of the pipeline cache; `None` keeps none.
+    pub cache_folder: Option<PathBuf>,
+    /// How to wait; `None` spins on a real GPU and sleeps on a software adapter.
+    pub wait: Option<Wait>,
+}
+
+/// Largest matrix of a band: more would not be faster, and memory is shared with others.
+const MATRIX_BYTES: u64 = 256 << 20;
+
+/// Boxes up to this many bytes are stored by the CPU straight into video memory when they must be
+/// copied anyway (24 KB: 1.3 µs on an H200); more go through host memory, which the kernel reads.
+const MAPPED_VIDEO_BYTES: u64 = 64 << 10;
+
+/// The engine. One thread uses it.
+pub struct AllPairs {
+    gpu: Arc<Gpu>,
+    options: AllPairsOptions,
+    limits: BandLimits,
+    pipelines: Pipelines,
+    imports: Imports,
+    scratch: Scratch,
+    // Blocks outside the stages' own: staged boxes (host and video) and staged masks.
+    staged_boxes: Growing,
+    video_boxes: Growing,
+    mapped_boxes: Growing,
+    staged_mask: Growing,
+    frames: FrameCache,
+    reports: Vec<BatchReport>,
+    step_times: Vec<StepTime>,
+}
+
+const ENGINE: EngineName = EngineName::GpuBrute;
+
+impl AllPairs {
+    /// An engine on `gpu`, with the pipelines of all sizes compiled.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn new(gpu: &Arc<Gpu>, options: AllPairsOptions) -> Result<Self, GpuError> {
+        let binding_bytes = gpu.limits().storage_binding_bytes.min(1 << 31);
+        let matrix_bytes = options.matrix_bytes.unwrap_or(MATRIX_BYTES).min(binding_bytes);
+        let limits = BandLimits {
+            matrix_words: matrix_bytes / 4,
+            // Less what aligning the binding's start may add.
+            output_words: binding_bytes / 4 - 1024,
+            binding_bytes,
+        };
+        let mut pipelines = Pipelines::new(gpu, options.checks, options.cache_folder.as_deref())?;
+        let tunings: Vec<Tuning> = match options.tuning {
+            Some(tuning) => vec![tuning],
+            None => Tuning::all().collect(),
+        };
+        for stage in steps::stages_of(&tunings) {
+            pipelines.get(stage)?;
+        }
+        pipelines.save();
+        Ok(Self {
+            gpu: Arc::clone(gpu),
+            options,
+            limits,
+            pipelines,
+            imports: Imports::default(),
+            scratch: Scratch::new(),
+            staged_boxes: Growing::new(Home::Host),
+            video_boxes: Growing::new(Home::Video),
+            mapped_boxes: Growing::new(Home::MappedVideo),
+            staged_mask: Growing::new(Home::Host),
+            frames: FrameCache::default(),
+            reports: Vec::new(),
+            step_times: Vec::new(),
+        })
+    }
+
+    /// The device.
+    pub fn gpu(&self) -> &Arc<Gpu> {
+        &self.gpu
+    }
+
+    /// Imports shared memory at an address range of this process, so that boxes or replies within
+    /// it need no copy. See [`Imports::import`].
+    ///
+    /// # Errors
+    /// [`ImportError`]; the staged path serves then.
+    pub fn import(&mut self, address: usize, bytes: usize) -> Result<ImportId, ImportError> {
+        self.imports.import(&self.gpu, address, bytes)
+    }
+
+    /// Ends an import. Call it when the mapping of the range ends.
+    pub fn forget(&mut self, id: ImportId) {
+        if let Some(block) = self.imports.forget(id) {
+            self.frames.forget(&block);
+        }
+    }
+
+    /// Whether the memory of an import has lost its owner.
+    pub fn is_orphaned(&self, id: ImportId) -> bool {
+        self.imports.is_orphaned(id)
+    }
+
+    /// Times of the last frame's steps, in order, if the engine is profiled. Steps of the same
+    /// stage in several bands are listed one by one.
+    pub fn step_times(&self) -> &[StepTime] {
+        &self.step_times
+    }
+
+    fn wait(&self) -> Wait {
+        let software = self.gpu.info().is_software();
+        self.options.wait.unwrap_or(if software { Wait::Block } else { Wait::Spin })
+    }
+
+    /// Brings the boxes where the GPU sees them.
+    fn place_boxes(&mut self, boxes: &[Aabb], replaced: &mut bool) -> Result<Part, GpuError> {
+        let bytes = size_of_val(boxes) as u64;
+        let address = boxes.as_ptr() as usize;
+        let align = self.gpu.limits().storage_offset_align_bytes;
+        if self.options.upload != Some(Upload::MappedVideo)
+            && let Some((block, offset)) = self.imports.find(address, bytes as usize)
+            && offset.is_multiple_of(align)
+        {
+            return Ok(Part::of(block, offset, bytes));
+        }
+        let mapped = match self.options.upload {
+            Some(upload) => upload == Upload::MappedVideo,
+            None => bytes <= MAPPED_VIDEO_BYTES && self.gpu.limits().mapped_video_memory,
+        };
+        let staged = if mapped { &mut self.mapped_boxes } else { &mut self.staged_boxes };
+        let block = staged.at_least(&self.gpu, bytes, replaced)?;
+        block.write(0, boxes);
+        Ok(Part::of(block, 0, bytes))
+    }
+
+    /// The part of an imported block at `mask`, if its sections can be bound there.
+    fn imported_mask(&self, mask: &[u32]) -> Option<Part> {
+        let (block, offset) = self.imports.find(mask.as_ptr() as usize, size_of_val(mask))?;
+        let align = self.gpu.limits().storage_offset_align_bytes;
+        offset.is_multiple_of(align).then(|| Part::of(block, offset, size_of_val(mask) as u64))
+    }
+
+    /// Runs all stages over all bands, the mask to `shape` of `mask`.
+    fn run(
+        &mut self,
+        n: BoxCount,
+        boxes: &Part,
+        mask: Part,
+        shape: MaskShape,
+        capacity: u64,
+        mut replaced: bool,
+    ) -> Result<Outcome, GpuError> {
+        let encoding = shape.encoding();
+        let tuning = self.options.tuning.unwrap_or_else(|| Tuning::for_count(n));
+        let bands = plan::bands(n, tuning, encoding, &self.limits);
+        let stages = self.scratch.stages(&self.gpu, n, &bands, &mut replaced)?;
+        let video_boxes = if self.options.upload == Some(Upload::DmaCopy) {
+            let block = self.video_boxes.at_least(&self.gpu, boxes.bytes, &mut replaced)?;
+            Some(Part::of(block, 0, boxes.bytes))
+        } else {
+            None
+        };
+        if replaced {
+            self.frames.clear();
+        }
+        let output = Output { mask, shape, capacity };
+        self.step_times.clear();
+        let wait = self.wait();
+        let pairs_per_band = n.pair_count() / bands.len().max(1) as u64;
+        for (chunk, bands) in bands.chunks(steps::BANDS_PER_FRAME).enumerate() {
+            let key = FrameKey {
+                n: n.get(),
+                encoding,
+                capacity,
+                chunk,
+                input: Place::of(boxes),
+                output: Place::of(&output.mask),
+            };
+            let recording = Recording {
+                n,
+                tuning,
+                stages: &stages,
+                output: &output,
+                offset_align: self.gpu.limits().storage_offset_align_bytes,
+            };
+            let pipelines = &mut self.pipelines;
+            let frame = self.frames.frame(&self.gpu, key, self.options.profiled, || {
+                let boxes = (chunk == 0).then_some((boxes, video_boxes.as_ref()));
+                recording.steps(pipelines, boxes, bands)
+            })?;
+            frame.run(wait, patience(pairs_per_band * bands.len() as u64))?;
+            if self.options.profiled {
+                self.step_times.extend(frame.step_times()?);
+            }
+        }
+        let batches = n.get().div_ceil(BATCH_BOXES) as usize;
+        self.reports.resize(batches, BatchReport::default());
+        stages.reports.read(0, &mut self.reports);
+        Ok(Outcome::of(&self.reports))
+    }
+
+    fn cull_dense(
+        &mut self,
+        n: BoxCount,
+        boxes: &[Aabb],
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullReport, CullError> {
+        let shape = MaskShape::dense(n);
+        let words = n.dense_words();
+        let start = Instant::now();
+        let mut replaced = false;
+        let boxes = self.place_boxes(boxes, &mut replaced).map_err(|e| self.cull_error(&e))?;
+        let ingested = start.elapsed();
+        let reserved = exactly(reply.reserve(words)?, words);
+        let direct = self.imported_mask(reserved);
+        let is_direct = direct.is_some();
+        let done = (|| {
+            let mask = match direct {
+                Some(part) => part,
+                None => {
+                    Part::whole(self.staged_mask.at_least(&self.gpu, 4 * words, &mut replaced)?)
+                }
+            };
+            let outcome = self.run(n, &boxes, mask.clone(), shape, 0, replaced)?;
+            Ok((outcome, mask))
+        })();
+        let (outcome, mask) = done.map_err(|e: GpuError| self.cull_error(&e))?;
+        let executed = start.elapsed();
+        if !is_direct {
+            mask.block.read(mask.offset, reserved);
+        }
+        Ok(report(shape, &outcome, 0, [ingested, executed, start.elapsed()]))
+    }
+
+    fn cull_sparse(
+        &mut self,
+        n: BoxCount,
+        boxes: &[Aabb],
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullReport, CullError> {
+        let start = Instant::now();
+        let mut replaced = false;
+        let boxes = self.place_boxes(boxes, &mut replaced).map_err(|e| self.cull_error(&e))?;
+        let ingested = start.elapsed();
+        let possible = n.sparse_words_max();
+        let mut capacity = plan::first_capacity(n);
+        loop {
+            if 4 * capacity > self.limits.binding_bytes {
+                return Err(CullError::Reserve(ReserveError::TooLarge {
+                    needed_bytes: 12 * capacity,
+                    limit_bytes: 3 * self.limits.binding_bytes,
+                }));
+            }
+            let room = MaskShape::sparse(n, capacity, capacity, false);
+            let reserved = exactly(reply.reserve(room.extent_words())?, room.extent_words());
+            let direct = self.imported_mask(reserved);
+            let is_direct = direct.is_some();
+            let done = (|| {
+                let mask = match direct {
+                    Some(part) => part,
+                    None => Part::whole(self.staged_mask.at_least(
+                        &self.gpu,
+                        4 * room.extent_words(),
+                        &mut replaced,
+                    )?),
+                };
+                let outcome = self.run(n, &boxes, mask.clone(), room, capacity, replaced)?;
+                Ok((outcome, mask))
+            })();
+            let (outcome, mask) = done.map_err(|e: GpuError| self.cull_error(&e))?;
+            if outcome.words > capacity {
+                // Counted, not written: come back with room for exactly that many.
+                capacity = outcome.words;
+                replaced = false;
+                continue;
+            }
+            let executed = start.elapsed();
+            let shape = MaskShape::sparse(n, capacity, outcome.words, false);
+            if !is_direct && let MaskShape::Sparse { rows, blocks, bits, .. } = shape {
+                for section in [rows, blocks, bits] {
+                    let to = &mut reserved[span(section)];
+                    mask.block.read(mask.offset + 4 * section.start, to);
+                }
+            }
+            let zero_words = possible - outcome.words;
+            return Ok(report(shape, &outcome, zero_words, [ingested, executed, start.elapsed()]));
+        }
+    }
+
+    /// What the caller can do about a fault of the GPU.
+    fn cull_error(&self, error: &GpuError) -> CullError {
+        match *error {
+            GpuError::OutOfMemory { bytes } => {
+                CullError::DeviceMemory { engine: ENGINE, needed_bytes: bytes }
+            }
+            GpuError::Lost | GpuError::Hung | GpuError::Driver(_) | GpuError::Stage { .. } => {
+                log::error!("{ENGINE}: {error}");
+                self.gpu.health().mark_lost();
+                CullError::DeviceLost { engine: ENGINE }
+            }
+        }
+    }
+}
+
+impl Engine for AllPairs {
+    fn name(&self) -> EngineName {
+        ENGINE
+    }
+
+    fn cull(
+        &mut self,
+        boxes: &[Aabb],
+        job: &CullJob,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullReport, CullError> {
+        let limit = plan::max_boxes(job.encoding, &self.limits);
+        let n = BoxCount::of_len(boxes.len())
+            .filter(|n| u64::from(n.get()) <= limit)
+            .ok_or(CullError::TooManyBoxes { engine: ENGINE, n: boxes.len() as u64, limit })?;
+        self.gpu.health().check().map_err(|e| self.cull_error(&e))?;
+        match job.encoding {
+            _ if n.get() < 2 => no_pairs(n, boxes, job.encoding, reply),
+            Encoding::Dense => self.cull_dense(n, boxes, reply),
+            Encoding::Sparse => self.cull_sparse(n, boxes, reply),
+        }
+    }
+}
+
+/// The first `words` of a reservation, which may be larger.
+fn exactly(reserved: &mut [u32], words: u64) -> &mut [u32] {
+    &mut reserved[..words as usize]
+}
+
+fn span(section: Span) -> std::ops::Range<usize> {
+    section.start as usize..(section.start + section.len) as usize
+}
+
+/// How long a run may take before the device counts as hung: a software adapter does some 10^8
+/// pairs a second.
+fn patience(pairs: u64) -> Duration {
+    Duration::from_secs(10 + pairs / 50_000_000)
+}
+
+const _: () = assert!(AABB_BYTES == 24, "the plan's limits count 24 bytes a box");

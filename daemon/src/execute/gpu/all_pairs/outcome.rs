@@ -1,0 +1,110 @@
+//! What the batches of a run reported, added up, and made into the engine's report.
+
+use std::time::Duration;
+
+use pairmask::aabb::KeyBox;
+use pairmask::engine::{
+    Census, CullError, CullReport, EngineTimes, NAMED_INVALID, ReplyBuffer, SkipMeter,
+};
+use pairmask::mask::MaskShape;
+use pairmask::{Aabb, BoxCount, Encoding, MaskWord};
+use pairmask_shaders::constants::BATCH_BOXES;
+use pairmask_shaders::layouts::BatchReport;
+
+/// What a run said, summed over its batches.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) struct Outcome {
+    pub(super) census: Census,
+    /// Non-zero mask words.
+    pub(super) words: u64,
+    pub(super) pairs: u64,
+}
+
+impl Outcome {
+    /// The sum of all batches, in order.
+    pub(super) fn of(reports: &[BatchReport]) -> Self {
+        let mut outcome = Self { census: Census::default(), words: 0, pairs: 0 };
+        for (batch, first) in reports.iter().zip((0..).step_by(BATCH_BOXES as usize)) {
+            outcome.words += u64::from(batch.words);
+            outcome.pairs += u64::from(batch.pairs);
+            outcome.census.empty += batch.empty;
+            for (bits, place) in batch.invalid.iter().zip((0u32..).step_by(32)) {
+                let census = &mut outcome.census;
+                let named = census.named_invalid().len();
+                let indices = MaskWord(*bits).bits().map(|bit| first + place + bit);
+                for (slot, index) in
+                    census.first_invalid[named..NAMED_INVALID].iter_mut().zip(indices)
+                {
+                    *slot = index;
+                }
+                census.invalid += bits.count_ones();
+            }
+        }
+        outcome
+    }
+}
+
+/// The answer for fewer than two boxes: nothing for a GPU to do.
+pub(super) fn no_pairs(
+    n: BoxCount,
+    boxes: &[Aabb],
+    encoding: Encoding,
+    reply: &mut dyn ReplyBuffer,
+) -> Result<CullReport, CullError> {
+    let mut census = Census::default();
+    for (b, index) in boxes.iter().zip(0..) {
+        census.note(index, KeyBox::classify(b).1);
+    }
+    let shape = match encoding {
+        Encoding::Dense => MaskShape::dense(n),
+        Encoding::Sparse => MaskShape::sparse(n, 0, 0, false),
+    };
+    reply.reserve(shape.extent_words())?;
+    let outcome = Outcome { census, words: 0, pairs: 0 };
+    Ok(report(shape, &outcome, 0, [Duration::ZERO; 3]))
+}
+
+/// The report of a frame; the times are since its start.
+pub(super) fn report(
+    shape: MaskShape,
+    outcome: &Outcome,
+    zero_words: u64,
+    [ingested, executed, published]: [Duration; 3],
+) -> CullReport {
+    let ns = |d: Duration| d.as_nanos() as u64;
+    CullReport {
+        shape,
+        census: outcome.census,
+        pair_count: outcome.pairs,
+        skipped: SkipMeter {
+            boxes: u64::from(outcome.census.invalid) + u64::from(outcome.census.empty),
+            pairs: 0,
+            zero_words,
+        },
+        times: EngineTimes {
+            ingest_ns: ns(ingested),
+            execute_ns: ns(executed.saturating_sub(ingested)),
+            publish_ns: ns(published.saturating_sub(executed)),
+        },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn batches_add_up_and_the_first_invalid_boxes_are_named_in_order() {
+        let mut reports = [BatchReport::default(); 3];
+        for (batch, word, bits) in [(0, 7, 1 << 31), (1, 0, 0b101), (1, 3, u32::MAX)] {
+            reports[batch].invalid[word] = bits;
+        }
+        reports[2] = BatchReport { words: u32::MAX, pairs: u32::MAX, empty: 9, ..reports[2] };
+        reports[0].words = 1;
+        let outcome = Outcome::of(&reports);
+        assert_eq!((outcome.words, outcome.pairs), (1 << 32, u64::from(u32::MAX)));
+        assert_eq!((outcome.census.invalid, outcome.census.empty), (35, 9));
+        assert_eq!(outcome.census.first_invalid, [255, 256, 258, 352, 353, 354, 355, 356]);
+        assert_eq!(Outcome::of(&[]).census, Census::default());
+    }
+}

@@ -1,0 +1,236 @@
+//! How all pairs are cut up: tile shapes and bands. Pure, and tested without a GPU.
+
+use pairmask::{BoxCount, Encoding};
+use pairmask_shaders::RowsPerThread;
+use pairmask_shaders::constants::{BATCH_BOXES, PADDING, WORD_BITS};
+
+/// Shape of the pairs stage's tiles.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Tuning {
+    /// Rows a thread.
+    pub rows: RowsPerThread,
+    /// Column blocks of a strip.
+    pub strip_blocks: u32,
+}
+
+impl Tuning {
+    /// Small scenes get small tiles, so that all of a large GPU works; large scenes get large
+    /// ones, so that each column read serves more tests.
+    pub const fn for_count(n: BoxCount) -> Self {
+        match n.get() {
+            0..2048 => Self { rows: RowsPerThread::One, strip_blocks: 1 },
+            2048..8192 => Self { rows: RowsPerThread::Two, strip_blocks: 2 },
+            8192..20_000 => Self { rows: RowsPerThread::Four, strip_blocks: 4 },
+            _ => Self { rows: RowsPerThread::Four, strip_blocks: 8 },
+        }
+    }
+
+    /// The shapes that [`Self::for_count`] chooses among.
+    pub fn all() -> impl Iterator<Item = Self> {
+        [0, 2048, 8192, 20_000].into_iter().map(|n| Self::for_count(BoxCount::new(n)))
+    }
+
+    const fn strip_columns(self) -> u32 {
+        self.strip_blocks * WORD_BITS
+    }
+}
+
+/// Rows whose matrix is in video memory at one time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Band {
+    /// First row, a multiple of a batch.
+    pub row0: u32,
+    /// Rows that belong to the band.
+    pub owned_rows: u32,
+    /// Rows of the matrix, whole batches: a dense band also needs the rows after its own, whose
+    /// first pairs share a word with its last ones.
+    pub band_rows: u32,
+    /// First strip with a column after the first row.
+    pub strip0: u32,
+    /// One past the last strip.
+    pub strip_end: u32,
+    /// Column blocks of the matrix.
+    pub blocks: u32,
+}
+
+impl Band {
+    /// Words of the band's matrix.
+    pub const fn matrix_words(&self) -> u64 {
+        self.blocks as u64 * self.band_rows as u64
+    }
+
+    /// Words of the band's strip masks.
+    pub const fn mask_words(&self) -> u64 {
+        (self.strip_end - self.strip0) as u64 * self.band_rows as u64
+    }
+
+    /// Index of the band's first pair.
+    pub const fn first_pair(&self, n: BoxCount) -> u64 {
+        row_start(n, self.row0)
+    }
+
+    /// Words of the bit string that start in the band.
+    pub const fn dense_words(&self, n: BoxCount) -> std::ops::Range<u64> {
+        let end = row_start(n, self.row0 + self.owned_rows);
+        self.first_pair(n).div_ceil(32)..end.div_ceil(32)
+    }
+}
+
+/// Index of the first pair of row `a` (past the last row: the number of pairs).
+const fn row_start(n: BoxCount, a: u32) -> u64 {
+    let (n, a) = (n.get() as u64, a as u64);
+    if a + 1 >= n { n * (n - 1) / 2 } else { a * (2 * n - a - 1) / 2 }
+}
+
+/// Pairs of a dense band stay below this, so that their indices, counted from the band's first,
+/// and the doubled products on the way to them fit in u32.
+const DENSE_BAND_PAIRS: u64 = 1 << 31;
+
+/// What the device allows a band.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BandLimits {
+    /// Words of the matrix.
+    pub matrix_words: u64,
+    /// Words of a dense band's part of the reply.
+    pub output_words: u64,
+    /// Bytes of a storage binding.
+    pub binding_bytes: u64,
+}
+
+/// Words of a key plane: n rounded up to the padding.
+pub const fn plane_words(n: BoxCount) -> u64 {
+    (n.get() as u64).next_multiple_of(PADDING as u64)
+}
+
+/// Most boxes that any device takes: batches are numbered along one dimension of a dispatch.
+pub const MAX_BOXES: u64 = 65_535 * BATCH_BOXES as u64 / PADDING as u64 * PADDING as u64;
+
+/// Most boxes that fit the limits: keys in one binding, and one batch of rows in a matrix.
+pub fn max_boxes(encoding: Encoding, limits: &BandLimits) -> u64 {
+    let batch = u64::from(BATCH_BOXES);
+    let keys = limits.binding_bytes / 24;
+    // A dense matrix holds a batch more than its own.
+    let matrix_batches = if encoding == Encoding::Dense { 2 } else { 1 };
+    let matrix = limits.matrix_words / (batch * matrix_batches) * u64::from(WORD_BITS);
+    let dense = match encoding {
+        Encoding::Dense => {
+            (DENSE_BAND_PAIRS / batch).min(limits.output_words * u64::from(WORD_BITS) / batch)
+        }
+        Encoding::Sparse => u64::MAX,
+    };
+    let most = keys.min(matrix).min(dense).min(MAX_BOXES);
+    most / u64::from(PADDING) * u64::from(PADDING)
+}
+
+/// Cuts `n` boxes into bands, in order of rows. `n` must not exceed [`max_boxes`].
+pub fn bands(n: BoxCount, tuning: Tuning, encoding: Encoding, limits: &BandLimits) -> Vec<Band> {
+    let batch = u64::from(BATCH_BOXES);
+    let strip_end = n.get().div_ceil(tuning.strip_columns());
+    let mut bands = Vec::new();
+    let mut row0 = 0;
+    while row0 < n.get() {
+        let left = u64::from(n.get() - row0);
+        let strip0 = row0 / tuning.strip_columns();
+        let blocks = (strip_end - strip0) * tuning.strip_blocks;
+        let fitting = limits.matrix_words / u64::from(blocks) / batch * batch;
+        let rows = match encoding {
+            Encoding::Sparse => fitting,
+            // All rows at once need no row after them; otherwise leave room for a batch of them.
+            Encoding::Dense => {
+                let fitting = if fitting >= left { fitting } else { fitting - batch };
+                let pairs = (DENSE_BAND_PAIRS - 1).min((limits.output_words - 1) * 32);
+                fitting.min(pairs / left / batch * batch)
+            }
+        };
+        let owned_rows = rows.max(batch).min(left) as u32;
+        let after = if encoding == Encoding::Dense && u64::from(owned_rows) < left {
+            BATCH_BOXES
+        } else {
+            0
+        };
+        bands.push(Band {
+            row0,
+            owned_rows,
+            band_rows: owned_rows.next_multiple_of(BATCH_BOXES) + after,
+            strip0,
+            strip_end,
+            blocks,
+        });
+        row0 += owned_rows;
+    }
+    bands
+}
+
+/// Words that a sparse reply has room for before its size is known: a function of n alone, so
+/// that the same boxes give the same bytes. Scenes with at most a few neighbours a box fit; others
+/// cost a second run.
+pub fn first_capacity(n: BoxCount) -> u64 {
+    (8 * u64::from(n.get())).min(n.sparse_words_max()).max(1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LAVAPIPE: BandLimits =
+        BandLimits { matrix_words: 32 << 20, output_words: 32 << 20, binding_bytes: 128 << 20 };
+    const TINY: BandLimits =
+        BandLimits { matrix_words: 1 << 16, output_words: 1 << 12, binding_bytes: 1 << 20 };
+
+    fn check(n: u32, encoding: Encoding, limits: &BandLimits) {
+        let count = BoxCount::new(n);
+        if u64::from(n) > max_boxes(encoding, limits) {
+            return;
+        }
+        let tuning = Tuning::for_count(count);
+        let bands = bands(count, tuning, encoding, limits);
+        let mut next_row = 0;
+        let mut next_word = 0;
+        for band in &bands {
+            assert_eq!(band.row0, next_row, "{n} {encoding}");
+            assert!(band.row0.is_multiple_of(BATCH_BOXES) && band.owned_rows > 0);
+            assert!(band.matrix_words() <= limits.matrix_words, "{n} {encoding} {band:?}");
+            assert!(u64::from(band.row0 + band.band_rows) <= plane_words(count), "{band:?}");
+            assert!(band.strip0 * tuning.strip_columns() <= band.row0);
+            assert!(band.strip_end * tuning.strip_columns() >= n);
+            assert!(u64::from(band.strip_end * tuning.strip_columns()) <= plane_words(count));
+            next_row += band.owned_rows;
+            if encoding == Encoding::Dense {
+                let words = band.dense_words(count);
+                assert_eq!(words.start, next_word, "{n} {band:?}");
+                assert!(words.end - words.start < limits.output_words + 1);
+                assert!(u64::from(band.owned_rows) * u64::from(n - band.row0) < DENSE_BAND_PAIRS);
+                next_word = words.end;
+            }
+        }
+        assert_eq!(next_row, n);
+        if encoding == Encoding::Dense {
+            assert_eq!(next_word, count.dense_words());
+        }
+    }
+
+    #[test]
+    fn bands_cover_every_row_and_word_once_within_the_limits() {
+        for encoding in [Encoding::Dense, Encoding::Sparse] {
+            for n in (1..70).chain([255, 256, 257, 345, 511, 513, 1234, 2047, 4096]) {
+                check(n, encoding, &TINY);
+                check(n, encoding, &LAVAPIPE);
+            }
+            for n in [10_000, 92_681, 92_683, 100_000, 1_000_000] {
+                check(n, encoding, &LAVAPIPE);
+            }
+            for limits in [LAVAPIPE, TINY] {
+                let most = max_boxes(encoding, &limits);
+                assert!(most > 0);
+                check(most.min(3_000_000) as u32, encoding, &limits);
+            }
+        }
+    }
+
+    #[test]
+    fn the_first_capacity_depends_on_the_count_alone_and_fits_the_triangle() {
+        assert_eq!(first_capacity(BoxCount::new(0)), 1, "an empty section cannot be bound");
+        assert_eq!(first_capacity(BoxCount::new(64)), BoxCount::new(64).sparse_words_max());
+        assert_eq!(first_capacity(BoxCount::new(10_000)), 80_000);
+    }
+}

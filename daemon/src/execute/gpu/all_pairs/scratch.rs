@@ -1,0 +1,99 @@
+//! Blocks that the stages hand each other, grown as scenes grow.
+
+use std::sync::Arc;
+
+use pairmask_shaders::layouts::{BatchReport, BatchTotals};
+
+use super::plan::{Band, plane_words};
+use crate::execute::gpu::device::Gpu;
+use crate::execute::gpu::error::GpuError;
+use crate::execute::gpu::memory::{Block, Home};
+use pairmask::BoxCount;
+use pairmask_shaders::constants::BATCH_BOXES;
+
+/// A block that is made anew, larger, when more is asked of it.
+pub(super) struct Growing {
+    home: Home,
+    block: Option<Arc<Block>>,
+}
+
+impl Growing {
+    pub(super) const fn new(home: Home) -> Self {
+        Self { home, block: None }
+    }
+
+    /// A block of at least `bytes`. `replaced` is set if it is not the one of last time.
+    pub(super) fn at_least(
+        &mut self,
+        gpu: &Arc<Gpu>,
+        bytes: u64,
+        replaced: &mut bool,
+    ) -> Result<&Arc<Block>, GpuError> {
+        let kept = self.block.take().filter(|block| block.bytes() >= bytes);
+        let block = if let Some(block) = kept {
+            block
+        } else {
+            *replaced = true;
+            // A quarter more, so that a slowly growing scene does not allocate each frame; the
+            // bare size when that is too much.
+            let roomy = Block::new(gpu, self.home, bytes + bytes / 4);
+            roomy.or_else(|_| Block::new(gpu, self.home, bytes))?
+        };
+        Ok(self.block.insert(block))
+    }
+}
+
+/// All blocks between the stages.
+pub(super) struct Scratch {
+    keys: Growing,
+    totals: Growing,
+    matrix: Growing,
+    masks: Growing,
+    reports: Growing,
+}
+
+/// The blocks of one frame.
+#[derive(Clone)]
+pub(super) struct Stages {
+    pub(super) keys: Arc<Block>,
+    pub(super) totals: Arc<Block>,
+    pub(super) matrix: Arc<Block>,
+    pub(super) masks: Arc<Block>,
+    pub(super) reports: Arc<Block>,
+}
+
+impl Scratch {
+    pub(super) const fn new() -> Self {
+        Self {
+            keys: Growing::new(Home::Video),
+            totals: Growing::new(Home::Video),
+            matrix: Growing::new(Home::Video),
+            masks: Growing::new(Home::Video),
+            reports: Growing::new(Home::Host),
+        }
+    }
+
+    /// Blocks that hold `n` boxes and the largest of `bands`.
+    pub(super) fn stages(
+        &mut self,
+        gpu: &Arc<Gpu>,
+        n: BoxCount,
+        bands: &[Band],
+        replaced: &mut bool,
+    ) -> Result<Stages, GpuError> {
+        let plane = plane_words(n);
+        let batches = plane / u64::from(BATCH_BOXES);
+        let most = |words: fn(&Band) -> u64| 4 * bands.iter().map(words).max().unwrap_or(0);
+        let matrix = most(Band::matrix_words);
+        let masks = most(Band::mask_words);
+        let mut block =
+            |growing: &mut Growing, bytes| growing.at_least(gpu, bytes, replaced).map(Arc::clone);
+        Ok(Stages {
+            keys: block(&mut self.keys, 24 * plane)?,
+            totals: block(&mut self.totals, batches * size_of::<BatchTotals>() as u64)?,
+            matrix: block(&mut self.matrix, matrix)?,
+            masks: block(&mut self.masks, masks)?,
+            reports: block(&mut self.reports, batches * size_of::<BatchReport>() as u64)?,
+        })
+    }
+}

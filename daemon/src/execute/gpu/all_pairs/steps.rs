@@ -1,0 +1,194 @@
+//! The stages of a frame with what they bind.
+
+use pairmask::BoxCount;
+use pairmask::mask::{MaskShape, Span};
+use pairmask_shaders::constants::{BATCH_BOXES, PAIRS_WORKGROUP};
+use pairmask_shaders::layouts::{KeysParams, PackParams, PairsParams, WriteParams};
+use pairmask_shaders::{PairsVariant, Stage};
+
+use super::plan::{Band, Tuning, plane_words};
+use super::scratch::Stages;
+use crate::execute::gpu::error::GpuError;
+use crate::execute::gpu::frame::{Command, MAX_STEPS};
+use crate::execute::gpu::memory::Part;
+use crate::execute::gpu::pipeline::Pipelines;
+
+/// Bands of a frame: two steps each, after a copy and the keys.
+pub(super) const BANDS_PER_FRAME: usize = (MAX_STEPS - 2) / 2;
+
+/// Workgroups along x when one dimension does not hold them all.
+const GROUPS_X: u32 = 32_768;
+
+/// The stages that frames of these tunings use.
+pub(super) fn stages_of(tunings: &[Tuning]) -> impl Iterator<Item = Stage> {
+    let pairs = tunings.iter().flat_map(|tuning| {
+        [true, false].map(|store_zeros| Stage::Pairs(variant(*tuning, store_zeros)))
+    });
+    [Stage::Keys, Stage::PackDense, Stage::WriteSparse].into_iter().chain(pairs)
+}
+
+fn variant(tuning: Tuning, store_zeros: bool) -> PairsVariant {
+    PairsVariant { rows: tuning.rows, strip_blocks: tuning.strip_blocks, store_zeros }
+}
+
+/// Where the mask goes.
+pub(super) struct Output {
+    /// The reserved memory.
+    pub(super) mask: Part,
+    /// The sections in it; a sparse shape at its full capacity.
+    pub(super) shape: MaskShape,
+    /// Words that a sparse mask has room for.
+    pub(super) capacity: u64,
+}
+
+/// What the steps of a run have in common.
+pub(super) struct Recording<'a> {
+    pub(super) n: BoxCount,
+    pub(super) tuning: Tuning,
+    pub(super) stages: &'a Stages,
+    pub(super) output: &'a Output,
+    pub(super) offset_align: u64,
+}
+
+impl Recording<'_> {
+    /// The steps over some bands, after the keys if `boxes` are given: where they are, and where
+    /// in video memory they are copied to before, if they are.
+    pub(super) fn steps(
+        &self,
+        pipelines: &mut Pipelines,
+        boxes: Option<(&Part, Option<&Part>)>,
+        bands: &[Band],
+    ) -> Result<Vec<Command>, GpuError> {
+        let mut steps = Vec::with_capacity(2 + 2 * bands.len());
+        if let Some((boxes, copied_to)) = boxes {
+            if let Some(to) = copied_to {
+                steps.push(Command::Copy { from: boxes.clone(), to: to.clone() });
+            }
+            steps.push(self.keys(pipelines, copied_to.unwrap_or(boxes))?);
+        }
+        for band in bands {
+            steps.push(self.pairs(pipelines, band)?);
+            steps.push(match self.output.shape {
+                MaskShape::Dense { .. } => self.pack_dense(pipelines, band)?,
+                MaskShape::Sparse { rows, blocks, bits, .. } => {
+                    self.write_sparse(pipelines, band, [rows, blocks, bits])?
+                }
+            });
+        }
+        Ok(steps)
+    }
+
+    /// The six key planes. Not all of their block: it has room to spare, which may be more than one
+    /// binding shows.
+    fn keys_part(&self) -> Part {
+        Part::of(&self.stages.keys, 0, 24 * plane_words(self.n))
+    }
+
+    fn keys(&self, pipelines: &mut Pipelines, boxes: &Part) -> Result<Command, GpuError> {
+        let plane_words = plane_words(self.n) as u32;
+        let params = KeysParams { n: self.n.get(), plane_words };
+        let s = self.stages;
+        Ok(Command::Stage {
+            pipeline: pipelines.get(Stage::Keys)?,
+            parts: vec![
+                boxes.clone(),
+                self.keys_part(),
+                Part::whole(&s.totals),
+                Part::whole(&s.reports),
+            ],
+            immediates: bytemuck::bytes_of(&params).to_vec(),
+            groups: [plane_words / BATCH_BOXES, 1],
+        })
+    }
+
+    fn pairs(&self, pipelines: &mut Pipelines, band: &Band) -> Result<Command, GpuError> {
+        let dense = matches!(self.output.shape, MaskShape::Dense { .. });
+        let params = PairsParams {
+            plane_words: plane_words(self.n) as u32,
+            row0: band.row0,
+            band_rows: band.band_rows,
+            strip0: band.strip0,
+            counted_end: band.row0 + band.owned_rows,
+        };
+        let s = self.stages;
+        let tile_rows = PAIRS_WORKGROUP * self.tuning.rows as u32;
+        Ok(Command::Stage {
+            pipeline: pipelines.get(Stage::Pairs(variant(self.tuning, dense)))?,
+            parts: vec![
+                self.keys_part(),
+                Part::of(&s.matrix, 0, 4 * band.matrix_words()),
+                Part::of(&s.masks, 0, 4 * band.mask_words()),
+                Part::whole(&s.totals),
+            ],
+            immediates: bytemuck::bytes_of(&params).to_vec(),
+            groups: [band.band_rows / tile_rows, band.strip_end - band.strip0],
+        })
+    }
+
+    fn write_sparse(
+        &self,
+        pipelines: &mut Pipelines,
+        band: &Band,
+        sections: [Span; 3],
+    ) -> Result<Command, GpuError> {
+        let params = WriteParams {
+            row0: band.row0,
+            band_rows: band.band_rows,
+            strip0: band.strip0,
+            strip_end: band.strip_end,
+            strip_blocks: self.tuning.strip_blocks,
+            capacity: self.output.capacity as u32,
+        };
+        let s = self.stages;
+        let mask = &self.output.mask;
+        let section =
+            |span: Span| Part::of(&mask.block, mask.offset + 4 * span.start, 4 * span.len);
+        Ok(Command::Stage {
+            pipeline: pipelines.get(Stage::WriteSparse)?,
+            parts: vec![
+                Part::of(&s.matrix, 0, 4 * band.matrix_words()),
+                Part::of(&s.masks, 0, 4 * band.mask_words()),
+                Part::whole(&s.totals),
+                Part::whole(&s.reports),
+                section(sections[0]),
+                section(sections[1]),
+                section(sections[2]),
+            ],
+            immediates: bytemuck::bytes_of(&params).to_vec(),
+            groups: [band.owned_rows.div_ceil(BATCH_BOXES), 1],
+        })
+    }
+
+    fn pack_dense(&self, pipelines: &mut Pipelines, band: &Band) -> Result<Command, GpuError> {
+        let words = band.dense_words(self.n);
+        let word_count = (words.end - words.start) as u32;
+        // A binding starts where the device lets it; the rest of the way is an offset.
+        let mask = &self.output.mask;
+        let byte = mask.offset + 4 * words.start;
+        let bound = byte / self.offset_align * self.offset_align;
+        let groups = word_count.div_ceil(BATCH_BOXES).max(1);
+        let params = PackParams {
+            n: self.n.get(),
+            row0: band.row0,
+            owned_rows: band.owned_rows,
+            band_rows: band.band_rows,
+            block0: band.strip0 * self.tuning.strip_blocks,
+            word_count,
+            first_bit: (32 * words.start - band.first_pair(self.n)) as u32,
+            out_offset: ((byte - bound) / 4) as u32,
+            groups_x: groups.min(GROUPS_X),
+        };
+        let s = self.stages;
+        Ok(Command::Stage {
+            pipeline: pipelines.get(Stage::PackDense)?,
+            parts: vec![
+                Part::of(&s.matrix, 0, 4 * band.matrix_words()),
+                Part::whole(&s.totals),
+                Part::whole(&s.reports),
+                Part::of(&mask.block, bound, (byte - bound) + 4 * u64::from(word_count.max(1))),
+            ],
+            immediates: bytemuck::bytes_of(&params).to_vec(),
+            groups: [params.groups_x, groups.div_ceil(params.groups_x)],
+        })
+    }
+}

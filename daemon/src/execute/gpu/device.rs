@@ -1,0 +1,281 @@
+//! The opened device: raw Vulkan handles beside the wgpu device that owns them.
+//!
+//! wgpu lists the adapters, opens the device and tells of its loss. Frames are recorded and
+//! submitted through `ash`: a frame recorded once and submitted many times takes half the time of
+//! one that wgpu records anew (15 µs against 29 on an H200).
+#![allow(unsafe_code)]
+
+use std::sync::{Arc, Mutex};
+
+use ash::vk;
+use wgpu::hal::vulkan;
+
+use super::adapter::{AdapterInfo, AdapterList, GpuChoice};
+use super::error::{GpuError, OpenError};
+use super::health::DeviceHealth;
+
+/// What the device allows, in bytes and counts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GpuLimits {
+    /// Largest part of a buffer that a stage can see.
+    pub storage_binding_bytes: u64,
+    /// A binding starts on a multiple of this.
+    pub storage_offset_align_bytes: u64,
+    /// Workgroups along one dimension of a dispatch.
+    pub dispatch_groups: u32,
+    /// Imported host memory starts and ends on a multiple of this; `None` without import.
+    pub import_align_bytes: Option<u64>,
+    /// Whether the CPU can map video memory.
+    pub mapped_video_memory: bool,
+    /// Nanoseconds of a timestamp tick.
+    pub timestamp_period_ns: f32,
+}
+
+/// An opened GPU. Everything made on it holds an `Arc` of it, so it closes last.
+pub struct Gpu {
+    info: AdapterInfo,
+    limits: GpuLimits,
+    health: Arc<DeviceHealth>,
+    raw: ash::Device,
+    queue: Mutex<vk::Queue>,
+    queue_family: u32,
+    memory: vk::PhysicalDeviceMemoryProperties,
+    host_import: Option<ash::ext::external_memory_host::Device>,
+    cache_key: String,
+    // Owns the raw device and destroys it on drop, after every use above.
+    wgpu_device: wgpu::Device,
+    _wgpu_queue: wgpu::Queue,
+}
+
+impl std::fmt::Debug for Gpu {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Gpu")
+            .field("info", &self.info)
+            .field("limits", &self.limits)
+            .finish_non_exhaustive()
+    }
+}
+
+/// Whether the device may import host memory. `Never` is for tests of the staged path.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum HostImport {
+    /// Where the driver can.
+    #[default]
+    IfPossible,
+    /// Not even then.
+    Never,
+}
+
+impl Gpu {
+    /// Opens the GPU that `choice` means.
+    ///
+    /// # Errors
+    /// [`OpenError`].
+    pub fn open(choice: &GpuChoice, host_import: HostImport) -> Result<Arc<Self>, OpenError> {
+        let (adapter, info) = AdapterList::find().take(choice)?;
+        Self::open_adapter(&adapter, info, host_import).map(Arc::new)
+    }
+
+    fn open_adapter(
+        adapter: &wgpu::Adapter,
+        info: AdapterInfo,
+        host_import: HostImport,
+    ) -> Result<Self, OpenError> {
+        let features = adapter.features()
+            & (wgpu::Features::TIMESTAMP_QUERY
+                | wgpu::Features::SUBGROUP
+                | wgpu::Features::SHADER_INT64
+                | wgpu::Features::IMMEDIATES);
+        let descriptor = wgpu::DeviceDescriptor {
+            label: Some("pairmask"),
+            required_features: features,
+            required_limits: adapter.limits(),
+            ..Default::default()
+        };
+        // SAFETY: the guard is only read from and dropped before the adapter.
+        let hal = unsafe { adapter.as_hal::<vulkan::Api>() }
+            .ok_or_else(|| OpenError::NotVulkan(info.name.clone()))?;
+        let extension = ash::ext::external_memory_host::NAME;
+        let import = host_import == HostImport::IfPossible
+            && hal.physical_device_capabilities().supports_extension(extension);
+        // SAFETY: the callback adds one extension that the driver lists, and removes nothing.
+        let opened = unsafe {
+            hal.open_with_callback(
+                features,
+                &descriptor.required_limits,
+                &descriptor.memory_hints,
+                Some(Box::new(move |args| {
+                    if import {
+                        args.extensions.push(extension);
+                    }
+                })),
+            )
+        }?;
+        let instance = hal.shared_instance().raw_instance().clone();
+        let physical = hal.raw_physical_device();
+        drop(hal);
+        // SAFETY: `opened` was opened from this adapter with the features of the descriptor.
+        let (device, queue) =
+            unsafe { adapter.create_device_from_hal::<vulkan::Api>(opened, &descriptor) }?;
+        let health = Arc::new(DeviceHealth::default());
+        watch(&device, &health);
+
+        let (raw, raw_queue, queue_family) = {
+            // SAFETY: handles are copied; `wgpu_device` below outlives every use of them.
+            let hal = unsafe { device.as_hal::<vulkan::Api>() }
+                .ok_or_else(|| OpenError::NotVulkan(info.name.clone()))?;
+            (hal.raw_device().clone(), hal.raw_queue(), hal.queue_family_index())
+        };
+        // SAFETY: `physical` is the adapter's handle, alive as long as the instance, which wgpu's
+        // device keeps alive.
+        let memory = unsafe { instance.get_physical_device_memory_properties(physical) };
+        let mut host = vk::PhysicalDeviceExternalMemoryHostPropertiesEXT::default();
+        let mut properties = vk::PhysicalDeviceProperties2::default();
+        if import {
+            properties = properties.push_next(&mut host);
+        }
+        // SAFETY: as above; the chained struct belongs to an extension that the driver lists.
+        unsafe { instance.get_physical_device_properties2(physical, &mut properties) };
+        let properties = properties.properties;
+        let limits = GpuLimits {
+            storage_binding_bytes: u64::from(properties.limits.max_storage_buffer_range),
+            storage_offset_align_bytes: properties.limits.min_storage_buffer_offset_alignment,
+            dispatch_groups: properties.limits.max_compute_work_group_count[0]
+                .min(properties.limits.max_compute_work_group_count[1]),
+            import_align_bytes: import.then_some(host.min_imported_host_pointer_alignment),
+            mapped_video_memory: find_memory_type(&memory, u32::MAX, MAPPED_VIDEO, MAPPED_VIDEO)
+                .is_some(),
+            timestamp_period_ns: properties.limits.timestamp_period,
+        };
+        let uuid = u128::from_be_bytes(properties.pipeline_cache_uuid);
+        let cache_key = format!(
+            "{:04x}-{:04x}-{:08x}-{uuid:032x}",
+            properties.vendor_id, properties.device_id, properties.driver_version
+        );
+        let host_import =
+            import.then(|| ash::ext::external_memory_host::Device::new(&instance, &raw));
+        Ok(Self {
+            info,
+            limits,
+            health,
+            raw,
+            queue: Mutex::new(raw_queue),
+            queue_family,
+            memory,
+            host_import,
+            cache_key,
+            wgpu_device: device,
+            _wgpu_queue: queue,
+        })
+    }
+
+    /// The adapter.
+    pub fn info(&self) -> &AdapterInfo {
+        &self.info
+    }
+
+    /// What the device allows.
+    pub fn limits(&self) -> &GpuLimits {
+        &self.limits
+    }
+
+    /// Whether the device is still there.
+    pub fn health(&self) -> &DeviceHealth {
+        &self.health
+    }
+
+    /// Destroys the device as a fault would: from now on every frame fails with
+    /// [`GpuError::Lost`]. For tests of the recovery.
+    pub fn destroy(&self) {
+        self.wgpu_device.destroy();
+        // wgpu calls back only when it next looks after the device, and we never ask it to.
+        self.health.mark_lost();
+    }
+
+    /// Identifies adapter, driver version and cache format, for the pipeline cache's file name.
+    pub(super) fn cache_key(&self) -> &str {
+        &self.cache_key
+    }
+
+    pub(super) fn raw(&self) -> &ash::Device {
+        &self.raw
+    }
+
+    pub(super) fn queue_family(&self) -> u32 {
+        self.queue_family
+    }
+
+    pub(super) fn host_import(&self) -> Option<&ash::ext::external_memory_host::Device> {
+        self.host_import.as_ref()
+    }
+
+    /// A memory type among `allowed` (a bit each) with all of `needed`, if possible `wished` too.
+    pub(super) fn memory_type(
+        &self,
+        allowed: u32,
+        needed: vk::MemoryPropertyFlags,
+        wished: vk::MemoryPropertyFlags,
+    ) -> Option<u32> {
+        find_memory_type(&self.memory, allowed, needed, wished)
+    }
+
+    /// Submits recorded commands.
+    pub(super) fn submit(
+        &self,
+        commands: vk::CommandBuffer,
+        fence: vk::Fence,
+    ) -> Result<(), GpuError> {
+        self.health.check()?;
+        let buffers = [commands];
+        let info = vk::SubmitInfo::default().command_buffers(&buffers);
+        let queue = self.queue.lock().map_err(|_| GpuError::Lost)?;
+        // SAFETY: the lock synchronises the queue; commands and fence belong to this device and
+        // are not pending (their frame waits for its end before it is submitted again).
+        let result = unsafe { self.raw.queue_submit(*queue, &[info], fence) };
+        self.noticed(result)
+    }
+
+    /// Passes a driver's answer on; a lost device is remembered.
+    pub(super) fn noticed<T>(&self, result: Result<T, vk::Result>) -> Result<T, GpuError> {
+        result.map_err(|error| {
+            let error = GpuError::from(error);
+            if error == GpuError::Lost {
+                self.health.mark_lost();
+            }
+            error
+        })
+    }
+}
+
+const MAPPED_VIDEO: vk::MemoryPropertyFlags = vk::MemoryPropertyFlags::from_raw(
+    vk::MemoryPropertyFlags::DEVICE_LOCAL.as_raw()
+        | vk::MemoryPropertyFlags::HOST_VISIBLE.as_raw()
+        | vk::MemoryPropertyFlags::HOST_COHERENT.as_raw(),
+);
+
+fn find_memory_type(
+    memory: &vk::PhysicalDeviceMemoryProperties,
+    allowed: u32,
+    needed: vk::MemoryPropertyFlags,
+    wished: vk::MemoryPropertyFlags,
+) -> Option<u32> {
+    let types = || memory.memory_types_as_slice().iter().zip(0u32..);
+    let fits = |flags: vk::MemoryPropertyFlags| {
+        types().find(|(ty, i)| allowed >> i & 1 == 1 && ty.property_flags.contains(flags))
+    };
+    fits(needed | wished).or_else(|| fits(needed)).map(|(_, i)| i)
+}
+
+/// Has wgpu tell of a loss, and of errors nobody waits for (which would panic otherwise).
+fn watch(device: &wgpu::Device, health: &Arc<DeviceHealth>) {
+    let lost = Arc::clone(health);
+    device.set_device_lost_callback(move |reason, message| {
+        log::warn!("the GPU device was lost ({reason:?}): {message}");
+        lost.mark_lost();
+    });
+    let failed = Arc::clone(health);
+    device.on_uncaptured_error(Arc::new(move |error| {
+        log::error!("GPU error outside any call, the device is given up: {error}");
+        failed.mark_lost();
+    }));
+}

@@ -1,0 +1,367 @@
+//! Frames: stages recorded once, submitted many times, waited for by spinning.
+#![allow(unsafe_code)]
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use ash::vk;
+
+use super::device::Gpu;
+use super::error::GpuError;
+use super::memory::Part;
+use super::pipeline::{IMMEDIATE_BYTES, Pipeline};
+
+/// One step of a frame. Each step sees all that the steps before it wrote.
+pub enum Command {
+    /// Runs a stage.
+    Stage {
+        /// The compiled stage.
+        pipeline: Arc<Pipeline>,
+        /// What it binds, from binding 0 on.
+        parts: Vec<Part>,
+        /// Its parameters.
+        immediates: Vec<u8>,
+        /// Workgroups along x and y.
+        groups: [u32; 2],
+    },
+    /// Copies by the copy engine.
+    Copy {
+        /// From here.
+        from: Part,
+        /// To here, of the same size.
+        to: Part,
+    },
+}
+
+impl Command {
+    fn label(&self) -> &'static str {
+        match self {
+            Self::Stage { pipeline, .. } => pipeline.label(),
+            Self::Copy { .. } => "copy",
+        }
+    }
+}
+
+/// Time of one step, by the GPU's clock.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StepTime {
+    /// The stage's name.
+    pub label: &'static str,
+    /// Nanoseconds.
+    pub ns: f64,
+}
+
+/// How to wait for the end of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wait {
+    /// Asks again and again: 15 µs less than sleeping, for the price of a core meanwhile.
+    Spin,
+    /// Sleeps. For software adapters, which need the core.
+    Block,
+}
+
+/// Most steps of a frame. Longer work is split, so that no submission runs into a watchdog.
+pub const MAX_STEPS: usize = 40;
+
+/// Most buffers that a stage binds.
+const MAX_BINDINGS: u32 = 8;
+
+/// A recorded frame. Keeps what it uses alive.
+pub struct Frame {
+    gpu: Arc<Gpu>,
+    pool: vk::CommandPool,
+    commands: vk::CommandBuffer,
+    descriptors: vk::DescriptorPool,
+    fence: vk::Fence,
+    /// Timestamps before the first step and after each, in a profiled frame.
+    queries: Option<vk::QueryPool>,
+    steps: Vec<Command>,
+    pending: bool,
+}
+
+// SAFETY: the handles are used through `&mut self` only, so by one thread at a time.
+unsafe impl Send for Frame {}
+
+impl Frame {
+    /// An empty frame. `profiled` frames take timestamps, which costs about a microsecond a step.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn new(gpu: &Arc<Gpu>, profiled: bool) -> Result<Self, GpuError> {
+        let raw = gpu.raw();
+        let mut frame = Self {
+            gpu: Arc::clone(gpu),
+            pool: vk::CommandPool::null(),
+            commands: vk::CommandBuffer::null(),
+            descriptors: vk::DescriptorPool::null(),
+            fence: vk::Fence::null(),
+            queries: None,
+            steps: Vec::new(),
+            pending: false,
+        };
+        let info = vk::CommandPoolCreateInfo::default()
+            .queue_family_index(gpu.queue_family())
+            .flags(vk::CommandPoolCreateFlags::RESET_COMMAND_BUFFER);
+        // SAFETY: the device outlives the frame (`gpu`); `frame` destroys what was made, also when
+        // a later step fails. The same holds for the calls below.
+        frame.pool = gpu.noticed(unsafe { raw.create_command_pool(&info, None) })?;
+        let info = vk::CommandBufferAllocateInfo::default()
+            .command_pool(frame.pool)
+            .level(vk::CommandBufferLevel::PRIMARY)
+            .command_buffer_count(1);
+        // SAFETY: the pool was made above; the buffer goes with it.
+        let made = gpu.noticed(unsafe { raw.allocate_command_buffers(&info) })?;
+        frame.commands = made.first().copied().unwrap_or_default();
+        let sizes = [vk::DescriptorPoolSize::default()
+            .ty(vk::DescriptorType::STORAGE_BUFFER)
+            .descriptor_count(MAX_STEPS as u32 * MAX_BINDINGS)];
+        let info =
+            vk::DescriptorPoolCreateInfo::default().max_sets(MAX_STEPS as u32).pool_sizes(&sizes);
+        // SAFETY: as above.
+        frame.descriptors = gpu.noticed(unsafe { raw.create_descriptor_pool(&info, None) })?;
+        // SAFETY: as above.
+        frame.fence =
+            gpu.noticed(unsafe { raw.create_fence(&vk::FenceCreateInfo::default(), None) })?;
+        if profiled {
+            let info = vk::QueryPoolCreateInfo::default()
+                .query_type(vk::QueryType::TIMESTAMP)
+                .query_count(MAX_STEPS as u32 + 1);
+            // SAFETY: as above.
+            frame.queries = Some(gpu.noticed(unsafe { raw.create_query_pool(&info, None) })?);
+        }
+        Ok(frame)
+    }
+
+    /// Records steps in place of the former ones.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    ///
+    /// # Panics
+    /// With more than [`MAX_STEPS`] steps, a binding too many or too large immediates: faults of
+    /// this crate.
+    pub fn record(&mut self, steps: Vec<Command>) -> Result<(), GpuError> {
+        assert!(steps.len() <= MAX_STEPS && !self.pending);
+        self.steps.clear();
+        let (raw, gpu) = (self.gpu.raw(), &self.gpu);
+        let commands = self.commands;
+        // SAFETY: the frame is not pending, so neither the descriptors nor the commands are in
+        // use; a command buffer of this pool may be begun again, which resets it.
+        unsafe {
+            gpu.noticed(
+                raw.reset_descriptor_pool(self.descriptors, vk::DescriptorPoolResetFlags::empty()),
+            )?;
+            let begin = vk::CommandBufferBeginInfo::default();
+            gpu.noticed(raw.begin_command_buffer(commands, &begin))?;
+            if let Some(queries) = self.queries {
+                raw.cmd_reset_query_pool(commands, queries, 0, MAX_STEPS as u32 + 1);
+                let stage = vk::PipelineStageFlags::TOP_OF_PIPE;
+                raw.cmd_write_timestamp(commands, stage, queries, 0);
+            }
+        }
+        for (step, place) in steps.iter().zip(0u32..) {
+            if place > 0 {
+                self.barrier(vk::PipelineStageFlags::COMPUTE_SHADER, vk::AccessFlags::SHADER_READ);
+            }
+            self.record_step(step)?;
+            if let Some(queries) = self.queries {
+                let stage = vk::PipelineStageFlags::BOTTOM_OF_PIPE;
+                // SAFETY: the pool has a query for each step.
+                unsafe { raw.cmd_write_timestamp(commands, stage, queries, place + 1) };
+            }
+        }
+        self.barrier(vk::PipelineStageFlags::HOST, vk::AccessFlags::HOST_READ);
+        // SAFETY: recording was begun above.
+        gpu.noticed(unsafe { raw.end_command_buffer(commands) })?;
+        self.steps = steps;
+        Ok(())
+    }
+
+    /// What came before is done, and visible to what comes after.
+    fn barrier(&self, next: vk::PipelineStageFlags, access: vk::AccessFlags) {
+        let work = vk::PipelineStageFlags::COMPUTE_SHADER | vk::PipelineStageFlags::TRANSFER;
+        let written = vk::AccessFlags::SHADER_WRITE | vk::AccessFlags::TRANSFER_WRITE;
+        let memory = [vk::MemoryBarrier::default()
+            .src_access_mask(written)
+            .dst_access_mask(access | written | vk::AccessFlags::TRANSFER_READ)];
+        // SAFETY: called while recording.
+        unsafe {
+            self.gpu.raw().cmd_pipeline_barrier(
+                self.commands,
+                work,
+                next | work,
+                vk::DependencyFlags::empty(),
+                &memory,
+                &[],
+                &[],
+            );
+        }
+    }
+
+    fn record_step(&self, step: &Command) -> Result<(), GpuError> {
+        let raw = self.gpu.raw();
+        match step {
+            Command::Copy { from, to } => {
+                assert_eq!(from.bytes, to.bytes, "a copy keeps its size");
+                let region = [vk::BufferCopy::default()
+                    .src_offset(from.offset)
+                    .dst_offset(to.offset)
+                    .size(from.bytes)];
+                let (from, to) = (from.block.raw(), to.block.raw());
+                // SAFETY: both parts lie in blocks that the frame keeps alive.
+                unsafe { raw.cmd_copy_buffer(self.commands, from, to, &region) };
+            }
+            Command::Stage { pipeline, parts, immediates, groups } => {
+                assert_eq!(parts.len(), pipeline.binding_count() as usize, "one part a binding");
+                assert!(immediates.len() <= IMMEDIATE_BYTES as usize);
+                let set_layouts = [pipeline.set_layout()];
+                let info = vk::DescriptorSetAllocateInfo::default()
+                    .descriptor_pool(self.descriptors)
+                    .set_layouts(&set_layouts);
+                // SAFETY: the pool holds MAX_STEPS sets of MAX_BINDINGS each.
+                let sets = self.gpu.noticed(unsafe { raw.allocate_descriptor_sets(&info) })?;
+                let set = sets.first().copied().unwrap_or_default();
+                let buffers: Vec<_> = parts
+                    .iter()
+                    .map(|part| {
+                        [vk::DescriptorBufferInfo::default()
+                            .buffer(part.block.raw())
+                            .offset(part.offset)
+                            .range(part.bytes)]
+                    })
+                    .collect();
+                let writes: Vec<_> = buffers
+                    .iter()
+                    .zip(0u32..)
+                    .map(|(buffer, binding)| {
+                        vk::WriteDescriptorSet::default()
+                            .dst_set(set)
+                            .dst_binding(binding)
+                            .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
+                            .buffer_info(buffer)
+                    })
+                    .collect();
+                let point = vk::PipelineBindPoint::COMPUTE;
+                // SAFETY: the parts lie in blocks, the pipeline and the set are alive as long as
+                // the frame; the set has the pipeline's layout.
+                unsafe {
+                    raw.update_descriptor_sets(&writes, &[]);
+                    raw.cmd_bind_pipeline(self.commands, point, pipeline.raw());
+                    let layout = pipeline.layout();
+                    raw.cmd_bind_descriptor_sets(self.commands, point, layout, 0, &sets, &[]);
+                    let stage = vk::ShaderStageFlags::COMPUTE;
+                    raw.cmd_push_constants(self.commands, layout, stage, 0, immediates);
+                    raw.cmd_dispatch(self.commands, groups[0], groups[1], 1);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Submits the frame and waits for its end, `patience` at most.
+    ///
+    /// # Errors
+    /// [`GpuError::Lost`] when the device is gone, [`GpuError::Hung`] when time is up.
+    pub fn run(&mut self, wait: Wait, patience: Duration) -> Result<(), GpuError> {
+        let raw = self.gpu.raw();
+        // SAFETY: the frame is not pending (`run` waits), so its fence is not in use.
+        self.gpu.noticed(unsafe { raw.reset_fences(&[self.fence]) })?;
+        self.gpu.submit(self.commands, self.fence)?;
+        self.pending = true;
+        let ended = self.wait(wait, patience);
+        // A device that was given up while it still works must not write into memory that the
+        // caller takes back: let the frame end first.
+        if ended == Err(GpuError::Lost) {
+            self.settle();
+        }
+        ended?;
+        self.pending = false;
+        self.gpu.health().check()
+    }
+
+    fn wait(&self, wait: Wait, patience: Duration) -> Result<(), GpuError> {
+        let raw = self.gpu.raw();
+        let start = Instant::now();
+        loop {
+            let ended = match wait {
+                Wait::Spin => {
+                    // The clock and the health are looked at now and then only.
+                    (0..256).try_fold(false, |ended, _| {
+                        if ended {
+                            return Ok(true);
+                        }
+                        std::hint::spin_loop();
+                        // SAFETY: the fence belongs to this device.
+                        unsafe { raw.get_fence_status(self.fence) }
+                    })
+                }
+                Wait::Block => {
+                    let slice = Duration::from_millis(20).as_nanos() as u64;
+                    // SAFETY: as above.
+                    match unsafe { raw.wait_for_fences(&[self.fence], true, slice) } {
+                        Ok(()) => Ok(true),
+                        Err(vk::Result::TIMEOUT) => Ok(false),
+                        Err(error) => Err(error),
+                    }
+                }
+            };
+            if self.gpu.noticed(ended)? {
+                return Ok(());
+            }
+            self.gpu.health().check()?;
+            if start.elapsed() > patience {
+                return Err(GpuError::Hung);
+            }
+        }
+    }
+
+    /// Waits, for a while, for a frame whose answer nobody wants any more.
+    fn settle(&mut self) {
+        let slice = Duration::from_secs(10).as_nanos() as u64;
+        // SAFETY: the fence belongs to this device. A device that is really lost answers at once.
+        let settled = unsafe { self.gpu.raw().wait_for_fences(&[self.fence], true, slice) };
+        self.pending = settled == Err(vk::Result::TIMEOUT);
+    }
+
+    /// Times of the last run, if the frame is profiled.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn step_times(&self) -> Result<Vec<StepTime>, GpuError> {
+        let Some(queries) = self.queries else { return Ok(Vec::new()) };
+        let mut ticks = vec![0u64; self.steps.len() + 1];
+        let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT;
+        // SAFETY: the frame has ended, so all of its queries are written.
+        self.gpu.noticed(unsafe {
+            self.gpu.raw().get_query_pool_results(queries, 0, &mut ticks, flags)
+        })?;
+        let period = f64::from(self.gpu.limits().timestamp_period_ns);
+        let ns = ticks.windows(2).map(|t| t[1].saturating_sub(t[0]) as f64 * period);
+        Ok(self.steps.iter().zip(ns).map(|(s, ns)| StepTime { label: s.label(), ns }).collect())
+    }
+}
+
+impl Drop for Frame {
+    fn drop(&mut self) {
+        if self.pending {
+            self.settle();
+        }
+        if self.pending {
+            // The device hangs with our memory in its hands: leaking it is the only safe end.
+            log::error!("a GPU frame never ended; its memory is left to the device");
+            std::mem::forget(std::mem::take(&mut self.steps));
+            std::mem::forget(Arc::clone(&self.gpu));
+            return;
+        }
+        let raw = self.gpu.raw();
+        // SAFETY: the frame has ended; null handles are ignored.
+        unsafe {
+            raw.destroy_command_pool(self.pool, None);
+            raw.destroy_descriptor_pool(self.descriptors, None);
+            raw.destroy_fence(self.fence, None);
+            if let Some(queries) = self.queries {
+                raw.destroy_query_pool(queries, None);
+            }
+        }
+    }
+}

@@ -1,0 +1,318 @@
+//! Mappings that a GPU can import.
+//!
+//! The daemon maps a client's segment read-only, and NVIDIA's driver refuses read-only pages. So
+//! the file behind an address is looked up in `/proc/self/maps` and the same pages are mapped a
+//! second time, read-write, for the import alone. That mapping belongs to the import: it stays
+//! valid when the first one goes, but then shows a file nobody uses, so [`Imports::forget`] it.
+#![allow(unsafe_code)]
+
+use std::fs::{File, OpenOptions};
+use std::io;
+use std::os::fd::AsFd;
+use std::os::unix::fs::MetadataExt;
+use std::path::PathBuf;
+use std::ptr::NonNull;
+use std::sync::Arc;
+
+use rustix::mm::{MapFlags, ProtFlags};
+
+use super::device::Gpu;
+use super::error::GpuError;
+use super::memory::Block;
+
+/// Pages of this process, read-write, unmapped on drop.
+#[derive(Debug)]
+pub struct ReadWriteMapping {
+    pointer: NonNull<u8>,
+    bytes: usize,
+    /// The file, where it was looked up behind an address.
+    file: Option<File>,
+}
+
+// SAFETY: a mapping belongs to the process, not to a thread; nothing here follows the pointer.
+unsafe impl Send for ReadWriteMapping {}
+// SAFETY: as above.
+unsafe impl Sync for ReadWriteMapping {}
+
+/// Size of a page of host memory, and the unit of imports.
+pub const PAGE_BYTES: usize = 4096;
+
+impl ReadWriteMapping {
+    /// Fresh zero pages, at least `bytes`.
+    ///
+    /// # Errors
+    /// The system's.
+    pub fn anonymous(bytes: usize) -> io::Result<Self> {
+        let bytes = bytes.max(1).next_multiple_of(PAGE_BYTES);
+        let (prot, flags) = (ProtFlags::READ | ProtFlags::WRITE, MapFlags::PRIVATE);
+        // SAFETY: the kernel chooses a free address.
+        let pointer =
+            unsafe { rustix::mm::mmap_anonymous(std::ptr::null_mut(), bytes, prot, flags) }?;
+        Self::of(pointer, bytes)
+    }
+
+    /// A shared mapping of a file, from byte `offset`, a multiple of a page.
+    ///
+    /// # Errors
+    /// The system's.
+    pub fn of_file(file: &File, offset: u64, bytes: usize) -> io::Result<Self> {
+        let bytes = bytes.max(1).next_multiple_of(PAGE_BYTES);
+        let (prot, flags) = (ProtFlags::READ | ProtFlags::WRITE, MapFlags::SHARED);
+        // SAFETY: the kernel chooses a free address.
+        let pointer = unsafe {
+            rustix::mm::mmap(std::ptr::null_mut(), bytes, prot, flags, file.as_fd(), offset)
+        }?;
+        Self::of(pointer, bytes)
+    }
+
+    /// The pages behind an address range of this process, read-write whatever the first mapping
+    /// allows. Covers whole pages around the range.
+    ///
+    /// # Errors
+    /// [`SegmentError`].
+    pub fn behind(address: usize, bytes: usize) -> Result<Self, SegmentError> {
+        let start = address / PAGE_BYTES * PAGE_BYTES;
+        let end = address.checked_add(bytes).ok_or(SegmentError::NotMapped)?;
+        let segment = Segment::containing(start, end)?;
+        let file = segment.open()?;
+        let offset = segment.file_offset + (start - segment.start) as u64;
+        let mut mapping = Self::of_file(&file, offset, end - start)?;
+        mapping.file = Some(file);
+        Ok(mapping)
+    }
+
+    /// Whether the file behind the mapping has no name any more: its owner is gone, and these are
+    /// the last who hold its memory.
+    pub fn is_orphaned(&self) -> bool {
+        self.file.as_ref().is_some_and(|f| f.metadata().is_ok_and(|data| data.nlink() == 0))
+    }
+
+    fn of(pointer: *mut std::ffi::c_void, bytes: usize) -> io::Result<Self> {
+        let pointer = NonNull::new(pointer.cast()).ok_or(io::ErrorKind::AddrNotAvailable)?;
+        Ok(Self { pointer, bytes, file: None })
+    }
+
+    /// First byte.
+    pub fn pointer(&self) -> NonNull<u8> {
+        self.pointer
+    }
+
+    /// Size, whole pages.
+    pub fn bytes(&self) -> usize {
+        self.bytes
+    }
+}
+
+impl Drop for ReadWriteMapping {
+    fn drop(&mut self) {
+        // SAFETY: the range was mapped by this value, and nothing refers into it any more: a block
+        // that imported it frees its memory before it drops its mapping.
+        let unmapped = unsafe { rustix::mm::munmap(self.pointer.as_ptr().cast(), self.bytes) };
+        debug_assert!(unmapped.is_ok(), "a mapping of ours is always there to unmap");
+    }
+}
+
+/// An address range cannot be mapped a second time.
+#[derive(Debug, thiserror::Error)]
+pub enum SegmentError {
+    /// The range is not mapped, or spans several mappings.
+    #[error("the address range is not within one mapping")]
+    NotMapped,
+    /// Private memory: it has no file, so it cannot be mapped twice.
+    #[error("the address range is not shared memory")]
+    NotShared,
+    /// The file behind it is gone and no descriptor of it is open here.
+    #[error("the file behind the mapping is not to be found: {0}")]
+    FileGone(PathBuf),
+    /// The system refused.
+    #[error(transparent)]
+    Io(#[from] io::Error),
+}
+
+/// A line of `/proc/self/maps`: one shared mapping.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Segment {
+    start: usize,
+    end: usize,
+    file_offset: u64,
+    inode: u64,
+    path: PathBuf,
+}
+
+impl Segment {
+    fn containing(start: usize, end: usize) -> Result<Self, SegmentError> {
+        let maps = std::fs::read_to_string("/proc/self/maps")?;
+        let found = maps
+            .lines()
+            .filter_map(parse_line)
+            .find(|(segment, _)| segment.start <= start && start < segment.end);
+        match found {
+            Some((segment, _)) if end > segment.end => Err(SegmentError::NotMapped),
+            Some((_, false)) => Err(SegmentError::NotShared),
+            Some((segment, true)) => Ok(segment),
+            None => Err(SegmentError::NotMapped),
+        }
+    }
+
+    /// Opens the file read-write: by its path, or, when the name is gone (memfd, an unlinked
+    /// segment), through a descriptor that is still open.
+    fn open(&self) -> Result<File, SegmentError> {
+        let open = |path: &PathBuf| -> Option<File> {
+            let file = OpenOptions::new().read(true).write(true).open(path).ok()?;
+            // The name may have been given to another file since.
+            (file.metadata().ok()?.ino() == self.inode).then_some(file)
+        };
+        if let Some(file) = open(&self.path) {
+            return Ok(file);
+        }
+        for entry in std::fs::read_dir("/proc/self/fd")?.flatten() {
+            let same = std::fs::metadata(entry.path()).is_ok_and(|m| m.ino() == self.inode);
+            if let Some(file) = same.then(|| open(&entry.path())).flatten() {
+                return Ok(file);
+            }
+        }
+        Err(SegmentError::FileGone(self.path.clone()))
+    }
+}
+
+/// Parses `start-end perms offset dev inode path`; the flag says whether the mapping is shared.
+fn parse_line(line: &str) -> Option<(Segment, bool)> {
+    let mut fields = line.split_ascii_whitespace();
+    let (start, end) = fields.next()?.split_once('-')?;
+    let permissions = fields.next()?;
+    let file_offset = u64::from_str_radix(fields.next()?, 16).ok()?;
+    let _device = fields.next()?;
+    let inode = fields.next()?.parse().ok()?;
+    let segment = Segment {
+        start: usize::from_str_radix(start, 16).ok()?,
+        end: usize::from_str_radix(end, 16).ok()?,
+        file_offset,
+        inode,
+        path: fields.next().unwrap_or_default().into(),
+    };
+    Some((segment, permissions.ends_with('s')))
+}
+
+/// Names an import.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct ImportId(u64);
+
+struct Import {
+    id: ImportId,
+    // Address range as the rest of the process knows it.
+    start: usize,
+    end: usize,
+    block: Arc<Block>,
+}
+
+/// Address ranges whose pages a GPU has imported. An import costs 0.2 to 10 ms, so it is made
+/// once, when a session or a loan is first seen.
+#[derive(Default)]
+pub struct Imports {
+    imports: Vec<Import>,
+    next: u64,
+}
+
+/// An address range was not imported; the staged path serves it.
+#[derive(Debug, thiserror::Error)]
+pub enum ImportError {
+    /// Its pages cannot be mapped read-write.
+    #[error(transparent)]
+    Segment(#[from] SegmentError),
+    /// The GPU's driver does not take them.
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+}
+
+impl Imports {
+    /// Imports the pages behind an address range of this process, which must be shared memory.
+    /// The range's pages become resident: import what is used, not a whole sparse segment.
+    ///
+    /// The caller calls [`Self::forget`] when its mapping of the range ends; until then, bytes at
+    /// these addresses are taken to be these pages.
+    ///
+    /// # Errors
+    /// [`ImportError`].
+    pub fn import(
+        &mut self,
+        gpu: &Arc<Gpu>,
+        address: usize,
+        bytes: usize,
+    ) -> Result<ImportId, ImportError> {
+        let mapping = ReadWriteMapping::behind(address, bytes)?;
+        let start = address / PAGE_BYTES * PAGE_BYTES;
+        let end = start + mapping.bytes();
+        let block = Block::import(gpu, mapping)?;
+        let id = ImportId(self.next);
+        self.next += 1;
+        self.imports.push(Import { id, start, end, block });
+        Ok(id)
+    }
+
+    /// Ends an import.
+    pub fn forget(&mut self, id: ImportId) -> Option<Arc<Block>> {
+        let place = self.imports.iter().position(|i| i.id == id)?;
+        Some(self.imports.swap_remove(place).block)
+    }
+
+    /// Whether the memory of an import has lost its owner.
+    pub fn is_orphaned(&self, id: ImportId) -> bool {
+        self.imports.iter().any(|i| i.id == id && i.block.is_orphaned())
+    }
+
+    /// The imported block behind an address range, and the offset of the range in it.
+    pub fn find(&self, address: usize, bytes: usize) -> Option<(&Arc<Block>, u64)> {
+        let end = address.checked_add(bytes)?;
+        let import = self.imports.iter().find(|i| i.start <= address && end <= i.end)?;
+        Some((&import.block, (address - import.start) as u64))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_of_the_map_are_read() {
+        let line = "7f00a000-7f00c000 r--s 00001000 00:18 42     /dev/shm/pairmask";
+        let (segment, shared) = parse_line(line).expect("well-formed");
+        assert!(shared);
+        assert_eq!((segment.start, segment.end), (0x7f00_a000, 0x7f00_c000));
+        assert_eq!((segment.file_offset, segment.inode), (0x1000, 42));
+        assert_eq!(segment.path, PathBuf::from("/dev/shm/pairmask"));
+        assert!(!parse_line("7f00a000-7f00c000 rw-p 00000000 00:00 0").expect("anonymous").1);
+        assert_eq!(parse_line("nonsense"), None);
+    }
+
+    #[test]
+    fn a_read_only_mapping_is_mapped_again_read_write_named_or_not() {
+        for unlink in [false, true] {
+            let path = PathBuf::from(format!("/dev/shm/pairmask-test-{}", std::process::id()));
+            let file = File::create_new(&path).expect("shared memory is writable");
+            file.set_len(3 * PAGE_BYTES as u64).expect("room");
+            let file = OpenOptions::new().read(true).write(true).open(&path).expect("just made");
+            let first = ReadWriteMapping::of_file(&file, 0, 3 * PAGE_BYTES).expect("maps");
+            std::fs::remove_file(&path).ok().filter(|()| unlink);
+            let address = first.pointer().as_ptr() as usize + PAGE_BYTES + 24;
+            let second = ReadWriteMapping::behind(address, 100).expect("maps again");
+            assert_eq!(second.bytes(), PAGE_BYTES);
+            // SAFETY: both mappings are live and as long as the accesses.
+            unsafe {
+                second.pointer().as_ptr().add(24).write_volatile(7);
+                assert_eq!((address as *const u8).read_volatile(), 7);
+            }
+            std::fs::remove_file(&path).ok();
+        }
+    }
+
+    #[test]
+    fn private_and_unmapped_ranges_are_refused() {
+        let private = ReadWriteMapping::anonymous(PAGE_BYTES).expect("maps");
+        let address = private.pointer().as_ptr() as usize;
+        assert!(matches!(
+            ReadWriteMapping::behind(address, 8),
+            Err(SegmentError::NotShared | SegmentError::NotMapped)
+        ));
+        assert!(matches!(ReadWriteMapping::behind(usize::MAX, 8), Err(SegmentError::NotMapped)));
+    }
+}

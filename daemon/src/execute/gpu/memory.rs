@@ -1,0 +1,303 @@
+//! Memory that a GPU sees: in video memory, in host memory, or imported from a mapping.
+//!
+//! The CPU touches a block only between frames: whoever submits a frame waits for its end before
+//! it reads or writes, so neither side sees the other's half-written bytes.
+#![allow(unsafe_code)]
+
+use std::ptr::NonNull;
+use std::sync::Arc;
+
+use ash::vk;
+use bytemuck::Pod;
+
+use super::device::Gpu;
+use super::error::GpuError;
+use super::import::ReadWriteMapping;
+
+/// Where a block lies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Home {
+    /// Video memory that only the GPU sees.
+    Video,
+    /// Video memory that the CPU can write to, across the link. Never read it on the CPU
+    /// (0.05 GB/s).
+    MappedVideo,
+    /// Host memory made by the driver, cached by the CPU.
+    Host,
+    /// Host memory that was there before, imported.
+    Imported,
+}
+
+/// A piece of memory bound to a storage buffer.
+pub struct Block {
+    gpu: Arc<Gpu>,
+    home: Home,
+    bytes: u64,
+    buffer: vk::Buffer,
+    memory: vk::DeviceMemory,
+    host: Option<NonNull<u8>>,
+    // Unmapped after the memory that was imported from it is freed (fields drop after `drop`).
+    mapping: Option<ReadWriteMapping>,
+}
+
+// SAFETY: the handles may be used from any thread, and the host pointer is only followed by
+// methods that the owner of the block serialises with frames (see the module's head).
+unsafe impl Send for Block {}
+// SAFETY: as above; `write` and `read` are only called between frames by the engine that owns it.
+unsafe impl Sync for Block {}
+
+const USAGE: vk::BufferUsageFlags = vk::BufferUsageFlags::from_raw(
+    vk::BufferUsageFlags::STORAGE_BUFFER.as_raw()
+        | vk::BufferUsageFlags::TRANSFER_SRC.as_raw()
+        | vk::BufferUsageFlags::TRANSFER_DST.as_raw(),
+);
+
+impl Block {
+    /// Makes a block of at least `bytes`, contents unspecified.
+    ///
+    /// # Errors
+    /// [`GpuError::OutOfMemory`], also when the device has no memory of that kind.
+    pub fn new(gpu: &Arc<Gpu>, home: Home, bytes: u64) -> Result<Arc<Self>, GpuError> {
+        use vk::MemoryPropertyFlags as Flags;
+        // Whole pages, so that no two blocks share one and nothing is empty.
+        let bytes = bytes.max(1).next_multiple_of(4096);
+        let (needed, wished) = match home {
+            Home::Video => (Flags::DEVICE_LOCAL, Flags::empty()),
+            Home::MappedVideo => {
+                (Flags::DEVICE_LOCAL | Flags::HOST_VISIBLE | Flags::HOST_COHERENT, Flags::empty())
+            }
+            Home::Host | Home::Imported => {
+                (Flags::HOST_VISIBLE | Flags::HOST_COHERENT, Flags::HOST_CACHED)
+            }
+        };
+        let raw = gpu.raw();
+        let info = vk::BufferCreateInfo::default().size(bytes).usage(USAGE);
+        // SAFETY: a plain buffer on a device that outlives it (`gpu` is kept).
+        let buffer = gpu.noticed(unsafe { raw.create_buffer(&info, None) })?;
+        let guard = BufferGuard { gpu, buffer };
+        // SAFETY: the buffer was made above.
+        let requirements = unsafe { raw.get_buffer_memory_requirements(buffer) };
+        let memory_type = gpu
+            .memory_type(requirements.memory_type_bits, needed, wished)
+            .ok_or(GpuError::OutOfMemory { bytes })?;
+        let info = vk::MemoryAllocateInfo::default()
+            .allocation_size(requirements.size)
+            .memory_type_index(memory_type);
+        let memory = guard.allocate_and_bind(&info, bytes)?;
+        let host = if home == Home::Video {
+            None
+        } else {
+            // SAFETY: host-visible memory, mapped once, until it is freed.
+            let mapped =
+                unsafe { raw.map_memory(memory, 0, vk::WHOLE_SIZE, vk::MemoryMapFlags::empty()) };
+            match mapped {
+                Ok(pointer) => NonNull::new(pointer.cast()),
+                Err(error) => {
+                    // SAFETY: no command uses the memory; the guard destroys the buffer.
+                    unsafe { raw.free_memory(memory, None) };
+                    return Err(error.into());
+                }
+            }
+        };
+        let buffer = guard.keep();
+        Ok(Arc::new(Self {
+            gpu: Arc::clone(gpu),
+            home,
+            bytes,
+            buffer,
+            memory,
+            host,
+            mapping: None,
+        }))
+    }
+
+    /// Imports a mapping, so that the GPU reads and writes its pages themselves.
+    ///
+    /// # Errors
+    /// [`GpuError::Driver`] where the driver refuses: files on disk, read-only pages, no
+    /// extension.
+    pub fn import(gpu: &Arc<Gpu>, mapping: ReadWriteMapping) -> Result<Arc<Self>, GpuError> {
+        let refused = GpuError::Driver(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE);
+        let (Some(import), Some(align)) = (gpu.host_import(), gpu.limits().import_align_bytes)
+        else {
+            return Err(refused);
+        };
+        let bytes = mapping.bytes() as u64;
+        let host = mapping.pointer();
+        let whole = |value: u64| value.is_multiple_of(align);
+        if bytes == 0 || !whole(bytes) || !whole(host.as_ptr() as u64) {
+            return Err(refused);
+        }
+        let raw = gpu.raw();
+        let handle_type = vk::ExternalMemoryHandleTypeFlags::HOST_ALLOCATION_EXT;
+        let mut properties = vk::MemoryHostPointerPropertiesEXT::default();
+        // SAFETY: the pointer starts a live mapping of `bytes` bytes, aligned as the driver asks.
+        gpu.noticed(unsafe {
+            (import.fp().get_memory_host_pointer_properties_ext)(
+                raw.handle(),
+                handle_type,
+                host.as_ptr().cast(),
+                &raw mut properties,
+            )
+            .result()
+        })?;
+        let mut external = vk::ExternalMemoryBufferCreateInfo::default().handle_types(handle_type);
+        let info =
+            vk::BufferCreateInfo::default().size(bytes).usage(USAGE).push_next(&mut external);
+        // SAFETY: a plain buffer for external memory; the extension is enabled (`import`).
+        let buffer = gpu.noticed(unsafe { raw.create_buffer(&info, None) })?;
+        let guard = BufferGuard { gpu, buffer };
+        // SAFETY: the buffer was made above.
+        let requirements = unsafe { raw.get_buffer_memory_requirements(buffer) };
+        let memory_type = gpu
+            .memory_type(
+                requirements.memory_type_bits & properties.memory_type_bits,
+                vk::MemoryPropertyFlags::HOST_VISIBLE | vk::MemoryPropertyFlags::HOST_COHERENT,
+                vk::MemoryPropertyFlags::HOST_CACHED,
+            )
+            .ok_or(refused)?;
+        let mut pointer = vk::ImportMemoryHostPointerInfoEXT::default()
+            .handle_type(handle_type)
+            .host_pointer(host.as_ptr().cast());
+        let info = vk::MemoryAllocateInfo::default()
+            .allocation_size(bytes)
+            .memory_type_index(memory_type)
+            .push_next(&mut pointer);
+        let memory = guard.allocate_and_bind(&info, bytes)?;
+        let buffer = guard.keep();
+        Ok(Arc::new(Self {
+            gpu: Arc::clone(gpu),
+            home: Home::Imported,
+            bytes,
+            buffer,
+            memory,
+            host: Some(host),
+            mapping: Some(mapping),
+        }))
+    }
+
+    /// Where it lies.
+    pub fn home(&self) -> Home {
+        self.home
+    }
+
+    /// Its size.
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    /// Whether it was imported from memory whose owner is gone.
+    pub fn is_orphaned(&self) -> bool {
+        self.mapping.as_ref().is_some_and(ReadWriteMapping::is_orphaned)
+    }
+
+    pub(super) fn raw(&self) -> vk::Buffer {
+        self.buffer
+    }
+
+    /// Copies `values` to byte `offset`. Call it between frames only.
+    ///
+    /// # Panics
+    /// Outside the block, or on a block that the CPU cannot see: a fault of this crate.
+    pub fn write<T: Pod>(&self, offset: u64, values: &[T]) {
+        let bytes: &[u8] = bytemuck::cast_slice(values);
+        let to = self.host_range(offset, bytes.len());
+        // SAFETY: `host_range` checked the range; no frame runs (module's head), and `values`
+        // does not lie in this block, which hands out no references.
+        unsafe { std::ptr::copy_nonoverlapping(bytes.as_ptr(), to, bytes.len()) };
+    }
+
+    /// Copies from byte `offset` into `values`. Call it between frames only.
+    ///
+    /// # Panics
+    /// As [`Self::write`].
+    pub fn read<T: Pod>(&self, offset: u64, values: &mut [T]) {
+        let bytes: &mut [u8] = bytemuck::cast_slice_mut(values);
+        let from = self.host_range(offset, bytes.len());
+        // SAFETY: as in `write`.
+        unsafe { std::ptr::copy_nonoverlapping(from, bytes.as_mut_ptr(), bytes.len()) };
+    }
+
+    fn host_range(&self, offset: u64, len: usize) -> *mut u8 {
+        let end = offset.checked_add(len as u64);
+        assert!(end.is_some_and(|end| end <= self.bytes), "outside the block");
+        let Some(host) = self.host else { panic!("the CPU cannot see {:?} memory", self.home) };
+        // SAFETY: the range was checked to lie within the block.
+        unsafe { host.as_ptr().add(offset as usize) }
+    }
+}
+
+impl Drop for Block {
+    fn drop(&mut self) {
+        // SAFETY: frames that use the block keep it alive until they have ended; freeing memory
+        // unmaps it.
+        unsafe {
+            self.gpu.raw().destroy_buffer(self.buffer, None);
+            self.gpu.raw().free_memory(self.memory, None);
+        }
+    }
+}
+
+/// Destroys a buffer unless it is kept.
+struct BufferGuard<'a> {
+    gpu: &'a Arc<Gpu>,
+    buffer: vk::Buffer,
+}
+
+impl BufferGuard<'_> {
+    fn allocate_and_bind(
+        &self,
+        info: &vk::MemoryAllocateInfo<'_>,
+        bytes: u64,
+    ) -> Result<vk::DeviceMemory, GpuError> {
+        let raw = self.gpu.raw();
+        // SAFETY: the info names a memory type of this device.
+        let allocated = self.gpu.noticed(unsafe { raw.allocate_memory(info, None) });
+        let memory = allocated.map_err(|error| match error {
+            GpuError::OutOfMemory { .. } => GpuError::OutOfMemory { bytes },
+            other => other,
+        })?;
+        // SAFETY: both are fresh and of fitting size and type.
+        let bound = self.gpu.noticed(unsafe { raw.bind_buffer_memory(self.buffer, memory, 0) });
+        bound.map(|()| memory).inspect_err(|_| {
+            // SAFETY: nothing uses the memory.
+            unsafe { raw.free_memory(memory, None) };
+        })
+    }
+
+    fn keep(self) -> vk::Buffer {
+        let buffer = self.buffer;
+        std::mem::forget(self);
+        buffer
+    }
+}
+
+impl Drop for BufferGuard<'_> {
+    fn drop(&mut self) {
+        // SAFETY: no command uses the buffer yet.
+        unsafe { self.gpu.raw().destroy_buffer(self.buffer, None) };
+    }
+}
+
+/// A range of a block.
+#[derive(Clone)]
+pub struct Part {
+    /// The block.
+    pub block: Arc<Block>,
+    /// First byte.
+    pub offset: u64,
+    /// Bytes.
+    pub bytes: u64,
+}
+
+impl Part {
+    /// All of a block.
+    pub fn whole(block: &Arc<Block>) -> Self {
+        Self { block: Arc::clone(block), offset: 0, bytes: block.bytes }
+    }
+
+    /// A range of a block.
+    pub fn of(block: &Arc<Block>, offset: u64, bytes: u64) -> Self {
+        Self { block: Arc::clone(block), offset, bytes }
+    }
+}

@@ -1,0 +1,235 @@
+//! Pipelines, one for each form of a stage, and their cache on disk.
+#![allow(unsafe_code)]
+
+use std::collections::HashMap;
+use std::fs;
+use std::io::Write as _;
+use std::os::unix::fs::OpenOptionsExt as _;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use ash::vk;
+use pairmask_shaders::Stage;
+
+use super::device::Gpu;
+use super::error::GpuError;
+use super::shader::{self, Checks};
+
+/// Bytes of immediates that every Vulkan device has.
+pub const IMMEDIATE_BYTES: u32 = 128;
+
+/// A compiled stage.
+pub struct Pipeline {
+    gpu: Arc<Gpu>,
+    label: &'static str,
+    binding_count: u32,
+    set_layout: vk::DescriptorSetLayout,
+    layout: vk::PipelineLayout,
+    raw: vk::Pipeline,
+}
+
+impl Pipeline {
+    fn new(
+        gpu: &Arc<Gpu>,
+        stage: Stage,
+        checks: Checks,
+        cache: vk::PipelineCache,
+    ) -> Result<Self, GpuError> {
+        let code = shader::spirv(stage, checks)?;
+        let raw = gpu.raw();
+        let mut made = Self {
+            gpu: Arc::clone(gpu),
+            label: stage.label(),
+            binding_count: stage.binding_count(),
+            set_layout: vk::DescriptorSetLayout::null(),
+            layout: vk::PipelineLayout::null(),
+            raw: vk::Pipeline::null(),
+        };
+        let bindings: Vec<_> = (0..stage.binding_count())
+            .map(|binding| {
+                vk::DescriptorSetLayoutBinding::default()
+                    .binding(binding)
+                    .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
+                    .descriptor_count(1)
+                    .stage_flags(vk::ShaderStageFlags::COMPUTE)
+            })
+            .collect();
+        let info = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
+        // SAFETY: the device outlives the layout; `made` destroys what was made, also on errors.
+        made.set_layout = gpu.noticed(unsafe { raw.create_descriptor_set_layout(&info, None) })?;
+        let set_layouts = [made.set_layout];
+        let ranges = [vk::PushConstantRange::default()
+            .stage_flags(vk::ShaderStageFlags::COMPUTE)
+            .size(IMMEDIATE_BYTES)];
+        let info = vk::PipelineLayoutCreateInfo::default()
+            .set_layouts(&set_layouts)
+            .push_constant_ranges(&ranges);
+        // SAFETY: as above.
+        made.layout = gpu.noticed(unsafe { raw.create_pipeline_layout(&info, None) })?;
+        let info = vk::ShaderModuleCreateInfo::default().code(&code);
+        // SAFETY: naga validated the module and wrote the code for this target.
+        let module = gpu.noticed(unsafe { raw.create_shader_module(&info, None) })?;
+        let stage_info = vk::PipelineShaderStageCreateInfo::default()
+            .stage(vk::ShaderStageFlags::COMPUTE)
+            .module(module)
+            .name(c"main");
+        let info = vk::ComputePipelineCreateInfo::default().stage(stage_info).layout(made.layout);
+        // SAFETY: layout and module agree: the tests reflect the bindings and compare them.
+        let created = unsafe { raw.create_compute_pipelines(cache, &[info], None) };
+        // SAFETY: a pipeline does not need its module once it is made.
+        unsafe { raw.destroy_shader_module(module, None) };
+        let created = gpu.noticed(created.map_err(|(_, error)| error))?;
+        made.raw = created.first().copied().unwrap_or_default();
+        Ok(made)
+    }
+
+    /// The stage's name.
+    pub fn label(&self) -> &'static str {
+        self.label
+    }
+
+    pub(super) fn binding_count(&self) -> u32 {
+        self.binding_count
+    }
+
+    pub(super) fn set_layout(&self) -> vk::DescriptorSetLayout {
+        self.set_layout
+    }
+
+    pub(super) fn layout(&self) -> vk::PipelineLayout {
+        self.layout
+    }
+
+    pub(super) fn raw(&self) -> vk::Pipeline {
+        self.raw
+    }
+}
+
+impl Drop for Pipeline {
+    fn drop(&mut self) {
+        let device = self.gpu.raw();
+        // SAFETY: frames keep their pipelines alive until they have ended; null handles are fine.
+        unsafe {
+            device.destroy_pipeline(self.raw, None);
+            device.destroy_pipeline_layout(self.layout, None);
+            device.destroy_descriptor_set_layout(self.set_layout, None);
+        }
+    }
+}
+
+/// All pipelines made so far.
+pub struct Pipelines {
+    gpu: Arc<Gpu>,
+    checks: Checks,
+    made: HashMap<Stage, Arc<Pipeline>>,
+    cache: vk::PipelineCache,
+    file: Option<PathBuf>,
+}
+
+impl Pipelines {
+    /// No pipelines yet; the cache of `folder` if there is one.
+    ///
+    /// # Errors
+    /// [`GpuError`]. A bad or missing cache file is no error: pipelines are compiled anew.
+    pub fn new(gpu: &Arc<Gpu>, checks: Checks, folder: Option<&Path>) -> Result<Self, GpuError> {
+        let file = folder.map(|f| f.join(format!("pipelines-{}.bin", gpu.cache_key())));
+        let data = file.as_deref().and_then(load).unwrap_or_default();
+        let info = vk::PipelineCacheCreateInfo::default().initial_data(&data);
+        // SAFETY: the data was written by this driver version for this device (the file's name)
+        // and is whole (its checksum); the driver checks its own header besides.
+        let cache = gpu.noticed(unsafe { gpu.raw().create_pipeline_cache(&info, None) })?;
+        Ok(Self { gpu: Arc::clone(gpu), checks, made: HashMap::new(), cache, file })
+    }
+
+    /// The pipeline of a stage, compiled when first asked for.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn get(&mut self, stage: Stage) -> Result<Arc<Pipeline>, GpuError> {
+        if let Some(pipeline) = self.made.get(&stage) {
+            return Ok(Arc::clone(pipeline));
+        }
+        let pipeline = Arc::new(Pipeline::new(&self.gpu, stage, self.checks, self.cache)?);
+        self.made.insert(stage, Arc::clone(&pipeline));
+        Ok(pipeline)
+    }
+
+    /// Writes the cache to disk. A failure costs the next start its speed and no more, so it is
+    /// logged only.
+    pub fn save(&self) {
+        let Some(file) = &self.file else { return };
+        // SAFETY: the cache belongs to this device and no other thread has it.
+        let data = unsafe { self.gpu.raw().get_pipeline_cache_data(self.cache) };
+        let saved = data.map_err(std::io::Error::other).and_then(|data| store(file, &data));
+        if let Err(error) = saved {
+            log::warn!("the pipeline cache {} was not written: {error}", file.display());
+        }
+    }
+}
+
+impl Drop for Pipelines {
+    fn drop(&mut self) {
+        // SAFETY: pipelines do not need the cache they were made with.
+        unsafe { self.gpu.raw().destroy_pipeline_cache(self.cache, None) };
+    }
+}
+
+/// `$XDG_CACHE_HOME/pairmask` or `~/.cache/pairmask`, if either is known.
+pub fn user_cache_folder() -> Option<PathBuf> {
+    let set = |name| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
+    let base = set("XDG_CACHE_HOME").or_else(|| set("HOME").map(|home| home.join(".cache")))?;
+    Some(base.join("pairmask"))
+}
+
+/// Bytes of the checksum before the cache's data.
+const CHECKSUM_BYTES: usize = 8;
+
+/// FNV-1a: finds torn and flipped bytes, which is all that is asked of it.
+fn checksum(data: &[u8]) -> [u8; CHECKSUM_BYTES] {
+    let fold = |hash: u64, byte: &u8| (hash ^ u64::from(*byte)).wrapping_mul(0x100_0000_01b3);
+    data.iter().fold(0xcbf2_9ce4_8422_2325, fold).to_le_bytes()
+}
+
+fn load(file: &Path) -> Option<Vec<u8>> {
+    let mut bytes = fs::read(file).ok()?;
+    let data = bytes.get(CHECKSUM_BYTES..)?;
+    if checksum(data) != bytes[..CHECKSUM_BYTES] {
+        log::warn!("the pipeline cache {} is damaged and not used", file.display());
+        return None;
+    }
+    Some(bytes.split_off(CHECKSUM_BYTES))
+}
+
+/// Writes beside the file, then renames: a reader sees the old or the new one, never a part.
+fn store(file: &Path, data: &[u8]) -> std::io::Result<()> {
+    if let Some(folder) = file.parent() {
+        fs::create_dir_all(folder)?;
+    }
+    let beside = file.with_extension(format!("{}.tmp", std::process::id()));
+    let mut out =
+        fs::OpenOptions::new().write(true).create(true).truncate(true).mode(0o600).open(&beside)?;
+    out.write_all(&checksum(data))?;
+    out.write_all(data)?;
+    out.sync_all()?;
+    fs::rename(&beside, file)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stored_cache_is_loaded_and_a_damaged_one_is_not() {
+        let folder = std::env::temp_dir().join(format!("pairmask-cache-{}", std::process::id()));
+        let file = folder.join("pipelines-test.bin");
+        store(&file, b"data of a driver").expect("writes");
+        assert_eq!(load(&file).as_deref(), Some(&b"data of a driver"[..]));
+        let mut bytes = fs::read(&file).expect("just written");
+        bytes[12] ^= 1;
+        fs::write(&file, &bytes).expect("writes");
+        assert_eq!(load(&file), None);
+        fs::write(&file, b"short").expect("writes");
+        assert_eq!(load(&file), None);
+        fs::remove_dir_all(&folder).expect("removes");
+    }
+}

@@ -1,0 +1,48 @@
+//! Stages as SPIR-V.
+
+use naga::back::spv;
+use naga::proc::{BoundsCheckPolicies, BoundsCheckPolicy};
+use naga::valid::{Capabilities, ValidationFlags, Validator};
+use pairmask_shaders::Stage;
+
+use super::error::{GpuError, StageFault};
+
+/// Whether stages check their indices and loops as they run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Checks {
+    /// No checks: 1.4 to 2.2 times faster. Every index is in range by the plan.
+    #[default]
+    Off,
+    /// Indices are held within range and loops bounded. For tests: the answer must be the same.
+    On,
+}
+
+/// Compiles a stage.
+pub(super) fn spirv(stage: Stage, checks: Checks) -> Result<Vec<u32>, GpuError> {
+    let fault = |why| GpuError::Stage { stage: stage.label(), why };
+    let text = stage.wgsl().map_err(|_| fault(StageFault::Compose))?;
+    let module = naga::front::wgsl::parse_str(&text).map_err(|_| fault(StageFault::Parse))?;
+    let info = Validator::new(ValidationFlags::all(), Capabilities::IMMEDIATES)
+        .validate(&module)
+        .map_err(|_| fault(StageFault::Validate))?;
+    let checked = checks == Checks::On;
+    let policy = if checked { BoundsCheckPolicy::Restrict } else { BoundsCheckPolicy::Unchecked };
+    let options = spv::Options {
+        // Vulkan 1.1, which every driver in use has.
+        lang_version: (1, 3),
+        flags: spv::WriterFlags::empty(),
+        bounds_check_policies: BoundsCheckPolicies {
+            index: policy,
+            buffer: policy,
+            image_load: policy,
+            binding_array: policy,
+        },
+        // Stages set what they read of workgroup memory. Not even for the checks: lavapipe turns
+        // the zeroing of an array into a store an element and compiles for 20 s.
+        zero_initialize_workgroup_memory: spv::ZeroInitializeWorkgroupMemoryMode::None,
+        force_loop_bounding: checked,
+        emit_int_div_checks: checked,
+        ..Default::default()
+    };
+    spv::write_vec(&module, &info, &options, None).map_err(|_| fault(StageFault::Emit))
+}

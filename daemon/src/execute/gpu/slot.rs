@@ -1,0 +1,113 @@
+//! The place of the GPU in the daemon: there, lost, or being rebuilt.
+
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::time::{Duration, Instant};
+
+use super::device::Gpu;
+use super::error::OpenError;
+
+/// What opens a device. Runs on a thread of its own.
+pub type Opener = Arc<dyn Fn() -> Result<Arc<Gpu>, OpenError> + Send + Sync>;
+
+/// Pause between tries to open a lost device again: a driver that resets needs about as long.
+const RETRY_AFTER: Duration = Duration::from_secs(1);
+
+enum State {
+    Ready(Arc<Gpu>),
+    Lost { since: Instant, retry_at: Instant },
+    Rebuilding { since: Instant, opened: Receiver<Result<Arc<Gpu>, OpenError>> },
+}
+
+/// A GPU that may go and come back. The owner asks before each frame ([`GpuSlot::ready`]) and
+/// never waits: while there is no device, CPU engines serve.
+pub struct GpuSlot {
+    state: State,
+    open: Opener,
+}
+
+/// The slot's state, for reports.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SlotState {
+    /// A device is there.
+    Ready,
+    /// No device; the next try comes soon.
+    Lost {
+        /// For how long.
+        since: Instant,
+    },
+    /// A device is being opened.
+    Rebuilding {
+        /// For how long there has been none.
+        since: Instant,
+    },
+}
+
+impl GpuSlot {
+    /// A slot with a device in it. `open` makes the next one.
+    pub fn new(gpu: Arc<Gpu>, open: Opener) -> Self {
+        Self { state: State::Ready(gpu), open }
+    }
+
+    /// The device, if it is there and healthy. A lost one is noticed here, its rebuild begun and
+    /// its successor taken in.
+    pub fn ready(&mut self) -> Option<Arc<Gpu>> {
+        self.step(Instant::now());
+        match &self.state {
+            State::Ready(gpu) => Some(Arc::clone(gpu)),
+            _ => None,
+        }
+    }
+
+    /// The state, without a step.
+    pub fn state(&self) -> SlotState {
+        match &self.state {
+            State::Ready(_) => SlotState::Ready,
+            State::Lost { since, .. } => SlotState::Lost { since: *since },
+            State::Rebuilding { since, .. } => SlotState::Rebuilding { since: *since },
+        }
+    }
+
+    fn step(&mut self, now: Instant) {
+        if let State::Ready(gpu) = &self.state
+            && gpu.health().is_lost()
+        {
+            log::warn!("the GPU {} is lost; CPU engines serve meanwhile", gpu.info().name);
+            // The first try comes at once.
+            self.state = State::Lost { since: now, retry_at: now };
+        }
+        if let State::Lost { since, retry_at } = self.state
+            && now >= retry_at
+        {
+            let (sender, opened) = channel();
+            let open = Arc::clone(&self.open);
+            let started = std::thread::Builder::new()
+                .name("gpu-rebuild".into())
+                // The slot may be gone when the device is there: then nobody wants it.
+                .spawn(move || drop(sender.send(open())));
+            self.state = match started {
+                Ok(_) => State::Rebuilding { since, opened },
+                Err(error) => {
+                    log::error!("no thread to rebuild the GPU on: {error}");
+                    State::Lost { since, retry_at: now + RETRY_AFTER }
+                }
+            };
+        }
+        if let State::Rebuilding { since, opened } = &self.state {
+            let since = *since;
+            let retry = State::Lost { since, retry_at: now + RETRY_AFTER };
+            match opened.try_recv() {
+                Ok(Ok(gpu)) => {
+                    log::info!("the GPU {} is back after {:?}", gpu.info().name, now - since);
+                    self.state = State::Ready(gpu);
+                }
+                Ok(Err(error)) => {
+                    log::warn!("the GPU is not back yet: {error}");
+                    self.state = retry;
+                }
+                Err(TryRecvError::Disconnected) => self.state = retry,
+                Err(TryRecvError::Empty) => {}
+            }
+        }
+    }
+}

@@ -1,0 +1,196 @@
+//! Stages as WGSL text: shared parts put in where `#import NAME` stands, each once.
+
+use crate::constants::{self, MAX_STRIP_BLOCKS};
+
+/// Rows that a thread of the pairs stage holds in registers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[repr(u32)]
+pub enum RowsPerThread {
+    /// One row: most threads.
+    One = 1,
+    /// Two rows.
+    Two = 2,
+    /// Four rows: fewest reads of workgroup memory.
+    Four = 4,
+}
+
+impl RowsPerThread {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::One, Self::Two, Self::Four];
+}
+
+/// The forms that the pairs stage is compiled in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct PairsVariant {
+    /// Rows a thread.
+    pub rows: RowsPerThread,
+    /// Column blocks of a strip: 1, 2, 4, 8 or 16.
+    pub strip_blocks: u32,
+    /// Whether zero words are stored too: the dense mask needs them, the sparse one does not.
+    pub store_zeros: bool,
+}
+
+/// A stage: one WGSL file, one pipeline, one row in a timing table.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Stage {
+    /// Boxes to keys and census.
+    Keys,
+    /// All pairs of a band.
+    Pairs(PairsVariant),
+    /// Matrix to bit string.
+    PackDense,
+    /// Matrix to non-zero words.
+    WriteSparse,
+}
+
+/// A stage's text does not fit together.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ComposeError {
+    /// No shared part has that name.
+    #[error("stage {stage} imports '{import}', which is no shared part")]
+    UnknownImport {
+        /// The stage.
+        stage: &'static str,
+        /// The name after `#import`.
+        import: String,
+    },
+    /// A strip must be a power of two of at most [`MAX_STRIP_BLOCKS`] column blocks.
+    #[error("a strip of {0} column blocks: use 1, 2, 4, 8 or 16")]
+    StripBlocks(u32),
+}
+
+/// The shared parts that are files of their own name.
+const SHARED: [(&str, &str); 2] = [
+    ("order_keys", include_str!("../wgsl/shared/order_keys.wgsl")),
+    ("batch", include_str!("../wgsl/shared/batch.wgsl")),
+];
+
+impl Stage {
+    /// One of each stage, with the smallest form of the pairs stage.
+    pub const ALL: [Self; 4] = [
+        Self::Keys,
+        Self::Pairs(PairsVariant { rows: RowsPerThread::One, strip_blocks: 1, store_zeros: true }),
+        Self::PackDense,
+        Self::WriteSparse,
+    ];
+
+    /// The name of the file, of the pipeline and of the timing row.
+    pub const fn label(self) -> &'static str {
+        match self {
+            Self::Keys => "keys",
+            Self::Pairs(_) => "pairs",
+            Self::PackDense => "pack_dense",
+            Self::WriteSparse => "write_sparse",
+        }
+    }
+
+    /// Storage buffers that the stage binds, numbered from 0.
+    pub const fn binding_count(self) -> u32 {
+        match self {
+            Self::Keys | Self::Pairs(_) | Self::PackDense => 4,
+            Self::WriteSparse => 7,
+        }
+    }
+
+    /// The file as it is.
+    const fn file(self) -> &'static str {
+        match self {
+            Self::Keys => include_str!("../wgsl/keys.wgsl"),
+            Self::Pairs(_) => include_str!("../wgsl/pairs.wgsl"),
+            Self::PackDense => include_str!("../wgsl/pack_dense.wgsl"),
+            Self::WriteSparse => include_str!("../wgsl/write_sparse.wgsl"),
+        }
+    }
+
+    /// The stage as one WGSL module.
+    ///
+    /// # Errors
+    /// [`ComposeError`].
+    ///
+    /// ```
+    /// use pairmask_shaders::Stage;
+    /// let text = Stage::Keys.wgsl()?;
+    /// assert!(text.contains("fn order_key"), "the shared part is in");
+    /// # Ok::<(), pairmask_shaders::ComposeError>(())
+    /// ```
+    pub fn wgsl(self) -> Result<String, ComposeError> {
+        let mut text = String::new();
+        let mut seen = Vec::new();
+        self.expand(self.file(), &mut seen, &mut text)?;
+        Ok(text)
+    }
+
+    fn expand(
+        self,
+        source: &str,
+        seen: &mut Vec<String>,
+        text: &mut String,
+    ) -> Result<(), ComposeError> {
+        for line in source.lines() {
+            match line.strip_prefix("#import ") {
+                Some(name) if seen.iter().any(|s| s == name) => {}
+                Some(name) => {
+                    seen.push(name.to_owned());
+                    self.expand(&self.shared(name)?, seen, text)?;
+                }
+                None => {
+                    text.push_str(line);
+                    text.push('\n');
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn shared(self, name: &str) -> Result<String, ComposeError> {
+        if let Some((_, text)) = SHARED.iter().find(|(known, _)| *known == name) {
+            return Ok((*text).to_owned());
+        }
+        match (name, self) {
+            ("constants", Self::Pairs(variant)) => {
+                let strip = variant.strip_blocks;
+                if !strip.is_power_of_two() || strip > MAX_STRIP_BLOCKS {
+                    return Err(ComposeError::StripBlocks(strip));
+                }
+                Ok(constants::as_wgsl()
+                    + &format!("const STRIP_BLOCKS: u32 = {strip}u;\n")
+                    + &format!("const STORE_ZEROS: bool = {};\n", variant.store_zeros))
+            }
+            ("constants", _) => Ok(constants::as_wgsl()),
+            ("rows", Self::Pairs(variant)) => Ok(match variant.rows {
+                RowsPerThread::One => include_str!("../wgsl/shared/rows_1.wgsl"),
+                RowsPerThread::Two => include_str!("../wgsl/shared/rows_2.wgsl"),
+                RowsPerThread::Four => include_str!("../wgsl/shared/rows_4.wgsl"),
+            }
+            .to_owned()),
+            _ => Err(ComposeError::UnknownImport { stage: self.label(), import: name.to_owned() }),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shared_parts_come_once_and_unknown_ones_are_refused() {
+        let mut text = String::new();
+        let twice = "#import batch\n#import batch\n";
+        Stage::Keys.expand(twice, &mut Vec::new(), &mut text).expect("known");
+        assert_eq!(text.matches("struct BatchReport").count(), 1);
+        let unknown = Stage::Keys.expand("#import rows\n", &mut Vec::new(), &mut text);
+        assert_eq!(
+            unknown,
+            Err(ComposeError::UnknownImport { stage: "keys", import: "rows".into() })
+        );
+    }
+
+    #[test]
+    fn a_strip_that_is_no_power_of_two_is_refused() {
+        for strip_blocks in [0, 3, 32] {
+            let variant =
+                PairsVariant { rows: RowsPerThread::One, strip_blocks, store_zeros: true };
+            assert_eq!(Stage::Pairs(variant).wgsl(), Err(ComposeError::StripBlocks(strip_blocks)));
+        }
+    }
+}

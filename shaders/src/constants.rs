@@ -1,0 +1,49 @@
+//! Numbers that WGSL and Rust share. Each is declared here and nowhere else.
+
+use std::fmt::Write;
+
+/// Bits, and so columns, of a mask word.
+pub const WORD_BITS: u32 = 32;
+
+/// Boxes of a batch: a workgroup of the stages that go box by box, and the unit of the census and
+/// of the totals. Larger batches mean fewer reports to add up on the host, smaller ones more
+/// workgroups for small scenes.
+pub const BATCH_BOXES: u32 = 256;
+
+/// Invocations of a workgroup of the pairs stage: two subgroups of 32, so that even a thousand
+/// boxes give every multiprocessor of a large GPU work.
+pub const PAIRS_WORKGROUP: u32 = 64;
+
+/// Words that a batch collects in workgroup memory before it writes them out: three arrays of
+/// this many words, 12 KiB of the 16 KiB that every device has.
+pub const WINDOW_WORDS: u32 = 1024;
+
+/// Rows and columns are padded to a multiple of this, so that no stage checks whether one exists:
+/// the largest strip of columns, and a multiple of a batch.
+pub const PADDING: u32 = 512;
+
+/// Most column blocks of a strip: its columns take 12 KiB of workgroup memory.
+pub const MAX_STRIP_BLOCKS: u32 = PADDING / WORD_BITS;
+
+/// Words of a box.
+pub const BOX_WORDS: u32 = 6;
+
+const _: () = assert!(PADDING.is_multiple_of(BATCH_BOXES));
+const _: () = assert!(BATCH_BOXES.is_multiple_of(4 * PAIRS_WORKGROUP));
+const _: () = assert!(pairmask::aabb::AABB_BYTES == BOX_WORDS as usize * 4);
+
+/// The constants as WGSL, what `#import constants` stands for.
+pub(crate) fn as_wgsl() -> String {
+    let mut text = String::new();
+    for (name, value) in [
+        ("BATCH_BOXES", BATCH_BOXES),
+        ("BATCH_WORDS", BATCH_BOXES / WORD_BITS),
+        ("RAW_WORDS", BATCH_BOXES * BOX_WORDS),
+        ("PAIRS_WORKGROUP", PAIRS_WORKGROUP),
+        ("WINDOW_WORDS", WINDOW_WORDS),
+    ] {
+        // Writing to a String cannot fail.
+        let _ = writeln!(text, "const {name}: u32 = {value}u;");
+    }
+    text
+}

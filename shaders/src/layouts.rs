@@ -1,0 +1,102 @@
+//! Structs that both Rust and WGSL touch. A test compares each with what naga reflects.
+
+use bytemuck::{Pod, Zeroable};
+
+use crate::constants::{BATCH_BOXES, WORD_BITS};
+
+/// Words of a batch's bitmap of invalid boxes.
+pub const BATCH_WORDS: usize = (BATCH_BOXES / WORD_BITS) as usize;
+
+/// Sums over the rows of a batch, kept in video memory.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct BatchTotals {
+    /// Non-zero mask words.
+    pub words: u32,
+    /// Overlapping pairs.
+    pub pairs: u32,
+}
+
+/// What the host learns of a batch.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct BatchReport {
+    /// Bit i: box i of the batch has a NaN.
+    pub invalid: [u32; BATCH_WORDS],
+    /// Boxes with `min > max` on some axis.
+    pub empty: u32,
+    /// Non-zero mask words.
+    pub words: u32,
+    /// Overlapping pairs.
+    pub pairs: u32,
+    /// Unused.
+    pub padding: u32,
+}
+
+/// Parameters of the keys stage.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct KeysParams {
+    /// Boxes.
+    pub n: u32,
+    /// Words of a key plane: n rounded up to the padding.
+    pub plane_words: u32,
+}
+
+/// Parameters of the pairs stage.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct PairsParams {
+    /// Words of a key plane.
+    pub plane_words: u32,
+    /// First row of the band.
+    pub row0: u32,
+    /// Rows of the band's matrix.
+    pub band_rows: u32,
+    /// First strip of the band.
+    pub strip0: u32,
+    /// Rows from here on are counted by the next band.
+    pub counted_end: u32,
+}
+
+/// Parameters of the `write_sparse` stage.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct WriteParams {
+    /// First row of the band.
+    pub row0: u32,
+    /// Rows of the band's matrix.
+    pub band_rows: u32,
+    /// First strip of the band.
+    pub strip0: u32,
+    /// One past the last strip.
+    pub strip_end: u32,
+    /// Column blocks of a strip.
+    pub strip_blocks: u32,
+    /// Words that the reply has room for.
+    pub capacity: u32,
+}
+
+/// Parameters of the `pack_dense` stage.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct PackParams {
+    /// Boxes.
+    pub n: u32,
+    /// First row of the band.
+    pub row0: u32,
+    /// Rows whose pairs the band owns.
+    pub owned_rows: u32,
+    /// Rows of the band's matrix.
+    pub band_rows: u32,
+    /// First column block of the matrix.
+    pub block0: u32,
+    /// Words of the string that start in the band.
+    pub word_count: u32,
+    /// Bit, from the band's first pair, that the first of them starts with.
+    pub first_bit: u32,
+    /// Word of the output binding that the first of them goes to.
+    pub out_offset: u32,
+    /// Workgroups of a dispatch row.
+    pub groups_x: u32,
+}

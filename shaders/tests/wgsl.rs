@@ -1,0 +1,137 @@
+//! Every WGSL file resolves, validates and agrees with the Rust side.
+
+use std::collections::BTreeSet;
+use std::mem::offset_of;
+use std::path::Path;
+
+use naga::valid::{Capabilities, ValidationFlags, Validator};
+use pairmask_shaders::constants::{BATCH_BOXES, MAX_STRIP_BLOCKS, PAIRS_WORKGROUP};
+use pairmask_shaders::layouts::{
+    BatchReport, BatchTotals, KeysParams, PackParams, PairsParams, WriteParams,
+};
+use pairmask_shaders::{PairsVariant, RowsPerThread, Stage};
+
+/// Every form that a stage is compiled in.
+fn all_forms() -> Vec<Stage> {
+    let mut forms = vec![Stage::Keys, Stage::PackDense, Stage::WriteSparse];
+    for rows in RowsPerThread::ALL {
+        for store_zeros in [false, true] {
+            let strips = (0..).map(|log| 1 << log).take_while(|strip| *strip <= MAX_STRIP_BLOCKS);
+            forms.extend(strips.map(|strip_blocks| {
+                Stage::Pairs(PairsVariant { rows, strip_blocks, store_zeros })
+            }));
+        }
+    }
+    forms
+}
+
+fn module(stage: Stage) -> naga::Module {
+    let text = stage.wgsl().expect("composes");
+    naga::front::wgsl::parse_str(&text)
+        .unwrap_or_else(|e| panic!("{}: {}", stage.label(), e.emit_to_string(&text)))
+}
+
+#[test]
+fn every_form_of_every_stage_validates() {
+    let forms = all_forms();
+    assert_eq!(forms.len(), 3 + 3 * 2 * 5);
+    for stage in forms {
+        let module = module(stage);
+        Validator::new(ValidationFlags::all(), Capabilities::IMMEDIATES)
+            .validate(&module)
+            .unwrap_or_else(|e| panic!("{}: {e:?}", stage.label()));
+        let entry = &module.entry_points[0];
+        assert_eq!((module.entry_points.len(), entry.name.as_str()), (1, "main"));
+        let expected = match stage {
+            Stage::Pairs(_) => PAIRS_WORKGROUP,
+            _ => BATCH_BOXES,
+        };
+        assert_eq!(entry.workgroup_size, [expected, 1, 1], "{}", stage.label());
+    }
+}
+
+#[test]
+fn every_file_belongs_to_a_stage() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("wgsl");
+    let names = |folder: &Path| -> BTreeSet<String> {
+        std::fs::read_dir(folder)
+            .expect("the folder is in the repository")
+            .filter_map(|entry| entry.expect("readable").file_name().into_string().ok())
+            .filter_map(|name| name.strip_suffix(".wgsl").map(str::to_owned))
+            .collect()
+    };
+    let stages: BTreeSet<String> = Stage::ALL.iter().map(|s| s.label().to_owned()).collect();
+    assert_eq!(names(&folder), stages);
+    let shared = names(&folder.join("shared"));
+    let used: BTreeSet<String> =
+        ["order_keys", "batch", "rows_1", "rows_2", "rows_4"].map(str::to_owned).into();
+    assert_eq!(shared, used);
+}
+
+#[test]
+fn bindings_are_numbered_from_zero_and_counted() {
+    for stage in all_forms() {
+        let module = module(stage);
+        let bound: BTreeSet<(u32, u32)> = module
+            .global_variables
+            .iter()
+            .filter_map(|(_, variable)| variable.binding)
+            .map(|b| (b.group, b.binding))
+            .collect();
+        let expected: BTreeSet<_> = (0..stage.binding_count()).map(|b| (0, b)).collect();
+        assert_eq!(bound, expected, "{}", stage.label());
+    }
+}
+
+/// Compares a Rust struct with the WGSL struct of the same name: size, members, offsets.
+fn same_layout(stage: Stage, name: &str, size: usize, members: &[(&str, usize)]) {
+    let module = module(stage);
+    let (reflected, span) = module
+        .types
+        .iter()
+        .find_map(|(_, ty)| match &ty.inner {
+            naga::TypeInner::Struct { members, span } if ty.name.as_deref() == Some(name) => {
+                Some((members.clone(), *span))
+            }
+            _ => None,
+        })
+        .unwrap_or_else(|| panic!("{name} is not in {}", stage.label()));
+    assert_eq!(span as usize, size, "size of {name}");
+    let reflected: Vec<(String, usize)> =
+        reflected.iter().map(|m| (m.name.clone().unwrap_or_default(), m.offset as usize)).collect();
+    let expected: Vec<(String, usize)> =
+        members.iter().map(|(name, offset)| ((*name).to_owned(), *offset)).collect();
+    assert_eq!(reflected, expected, "members of {name}");
+}
+
+macro_rules! same_layout {
+    ($stage:expr, $name:ident, $wgsl:literal { $($member:ident),* }) => {
+        same_layout($stage, $wgsl, size_of::<$name>(), &[
+            $((stringify!($member), offset_of!($name, $member))),*
+        ]);
+    };
+}
+
+#[test]
+fn structs_lie_in_memory_as_in_rust() {
+    let pairs = Stage::ALL[1];
+    same_layout!(Stage::Keys, KeysParams, "KeysParams" { n, plane_words });
+    same_layout!(Stage::Keys, BatchTotals, "BatchTotals" { words, pairs });
+    same_layout!(pairs, BatchTotals, "SummedTotals" { words, pairs });
+    same_layout!(Stage::Keys, BatchReport, "BatchReport" { invalid, empty, words, pairs, padding });
+    same_layout!(pairs, PairsParams, "PairsParams" {
+        plane_words, row0, band_rows, strip0, counted_end
+    });
+    same_layout!(Stage::WriteSparse, WriteParams, "WriteParams" {
+        row0, band_rows, strip0, strip_end, strip_blocks, capacity
+    });
+    same_layout!(Stage::PackDense, PackParams, "PackParams" {
+        n, row0, owned_rows, band_rows, block0, word_count, first_bit, out_offset, groups_x
+    });
+}
+
+#[test]
+#[should_panic(expected = "members of KeysParams")]
+fn the_layout_check_notices_a_moved_member() {
+    same_layout(Stage::Keys, "KeysParams", 8, &[("n", 4), ("plane_words", 0)]);
+}

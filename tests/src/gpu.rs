@@ -1,0 +1,24 @@
+//! What the GPU tests share: a device, and an engine on it.
+
+use std::sync::Arc;
+
+use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, Gpu, GpuChoice, HostImport};
+
+/// The GPU of the tests: what `PAIRMASK_TEST_GPU` names, by default the software adapter.
+///
+/// # Panics
+/// Without an adapter: a GPU test that cannot run fails.
+pub fn open(host_import: HostImport) -> Arc<Gpu> {
+    let choice = std::env::var("PAIRMASK_TEST_GPU").unwrap_or_else(|_| "software".into());
+    let choice: GpuChoice = choice.parse().unwrap_or_default();
+    Gpu::open(&choice, host_import)
+        .unwrap_or_else(|error| panic!("the GPU tests need a Vulkan adapter: {error}"))
+}
+
+/// An engine on a device of its own.
+///
+/// # Panics
+/// When it cannot be made.
+pub fn engine(options: AllPairsOptions) -> AllPairs {
+    AllPairs::new(&open(HostImport::IfPossible), options).unwrap_or_else(|error| panic!("{error}"))
+}

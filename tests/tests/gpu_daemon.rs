@@ -1,0 +1,97 @@
+//! The GPU behind the daemon, on a software adapter. Fails, never skips, where there is none.
+#![allow(clippy::unwrap_used)]
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use pairmask::engine::{CullWish, EngineChoice, EngineName, HeapReply};
+use pairmask::mask::{EncodingChoice, MaskView};
+use pairmask::{BoxCount, Encoding, ServedBy, Session};
+use pairmask_tests::conformance::{Suite, check_engine};
+use pairmask_tests::daemon::{PATIENCE, TestDaemon};
+use pairmask_tests::session_engine::SessionEngine;
+use pairmask_tests::{oracle, stress_scenes};
+use pairmaskd::execute::gpu::GpuChoice;
+use pairmaskd::execute::{Executor, GpuService, Owner};
+
+const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
+const GPU: EngineChoice = EngineChoice::Only(EngineName::GpuBrute);
+
+#[test]
+fn sessions_get_what_the_oracle_says() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
+    let mut sessions = SessionEngine::new(&daemon.session().engine(GPU), ServedBy::Daemon);
+    check_engine(&mut sessions, &Suite::default()).unwrap();
+}
+
+#[test]
+fn clients_come_and_go_and_grow() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
+    let scene = stress_scenes::named("uniform");
+    // A client's segment is often mapped where the last one's was: an import must not outlive it.
+    for client in 0..6u64 {
+        let capacity = BoxCount::new(64);
+        let mut session = daemon.session().engine(GPU).capacity(capacity).connect().unwrap();
+        for (frame, n) in [50, 60, 700, 1500, 30, 1500].into_iter().enumerate() {
+            let boxes = scene.boxes(n, 10 * client + frame as u64);
+            let mut shared = session.frame(boxes.len()).unwrap();
+            shared.boxes_mut().copy_from_slice(&boxes);
+            let mask = shared.submit().unwrap().wait().unwrap();
+            assert_eq!(mask.info().engine, EngineName::GpuBrute);
+            let mut pairs = mask.to_vec();
+            pairs.sort_unstable();
+            assert_eq!(pairs, oracle::truth(&boxes).pairs, "client {client}, {n} boxes");
+        }
+    }
+}
+
+#[test]
+fn a_daemon_without_a_gpu_says_so() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session: Session = daemon.session().engine(GPU).connect().unwrap();
+    let error = session.frame(3).unwrap().submit().unwrap().wait().unwrap_err();
+    assert!(error.to_string().contains("engine-unavailable"), "{error}");
+}
+
+#[test]
+fn a_device_destroyed_under_load_costs_no_answer_and_comes_back() {
+    let gpu = GpuService::open(&GpuChoice::Software).expect("a software adapter (lavapipe)");
+    let mut executor = Executor::new(Some(gpu));
+    let boxes = stress_scenes::named("uniform").boxes(1234, 3);
+    let expected = oracle::truth(&boxes).pairs;
+    let mut reply = HeapReply::new();
+    let mut cull = |executor: &mut Executor, encoding| {
+        let wish =
+            CullWish { engine: GPU, encoding: EncodingChoice::Only(encoding), threads: None };
+        let answer = executor.cull(&boxes, Owner::Client(1), &wish, &mut reply).unwrap();
+        let n = BoxCount::new(boxes.len() as u32);
+        let mut pairs = MaskView::new(n, &answer.report.shape, reply.words()).unwrap().to_vec();
+        pairs.sort_unstable();
+        assert_eq!(pairs, expected, "by {}", answer.engine);
+        answer.engine
+    };
+    assert_eq!(cull(&mut executor, Encoding::Dense), EngineName::GpuBrute);
+    for round in 0..3 {
+        let device = executor.gpu().unwrap().device().expect("the device is there");
+        let stop = Arc::new(AtomicBool::new(false));
+        let killer = std::thread::spawn({
+            let stop = Arc::clone(&stop);
+            move || {
+                std::thread::sleep(Duration::from_millis(20 + 7 * round));
+                device.destroy();
+                stop.store(true, Ordering::Relaxed);
+            }
+        });
+        while !stop.load(Ordering::Relaxed) {
+            cull(&mut executor, Encoding::Sparse);
+        }
+        killer.join().unwrap();
+        let lost_at = Instant::now();
+        let mut engines = Vec::new();
+        while engines.last() != Some(&EngineName::GpuBrute) || engines.len() < 2 {
+            engines.push(cull(&mut executor, Encoding::Sparse));
+            assert!(lost_at.elapsed() < PATIENCE, "the GPU comes back");
+        }
+    }
+}

@@ -1,0 +1,203 @@
+//! Zero copy: boxes and masks in shared memory that the GPU has imported.
+
+use std::fs::{File, OpenOptions};
+use std::path::PathBuf;
+
+use pairmask::engine::{CullJob, Engine, HeapReply, ReplyBuffer, ReserveError};
+use pairmask::{Aabb, Encoding};
+use pairmask_tests::conformance::check_reply;
+use pairmask_tests::gpu::{engine, open};
+use pairmask_tests::naive_decoder::sections;
+use pairmask_tests::{oracle, stress_scenes};
+use pairmaskd::execute::gpu::import::{ImportError, ReadWriteMapping};
+use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, HostImport};
+use rustix::mm::{MapFlags, ProtFlags};
+
+const PAGE: usize = 4096;
+
+/// A segment as a client and the daemon have it: written through one mapping, seen through
+/// another, which for the boxes is read-only.
+struct Segment {
+    path: PathBuf,
+    writer: ReadWriteMapping,
+    seen: *mut u8,
+    bytes: usize,
+}
+
+impl Segment {
+    fn new(name: &str, bytes: usize, prot: ProtFlags) -> Self {
+        let path = PathBuf::from(format!("/dev/shm/pairmask-{name}-{}", std::process::id()));
+        let file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create_new(true)
+            .open(&path)
+            .expect("shared memory is writable");
+        file.set_len(bytes as u64).expect("room");
+        let writer = ReadWriteMapping::of_file(&file, 0, bytes).expect("maps");
+        let seen = map(&file, bytes, prot);
+        Self { path, writer, seen, bytes }
+    }
+
+    fn write(&self, offset: usize, boxes: &[Aabb]) {
+        assert!(offset + size_of_val(boxes) <= self.bytes);
+        let to = self.writer.pointer().as_ptr();
+        // SAFETY: in range (above); no reference to these bytes is live.
+        #[allow(unsafe_code)]
+        unsafe {
+            let from = boxes.as_ptr().cast::<u8>();
+            std::ptr::copy_nonoverlapping(from, to.add(offset), size_of_val(boxes));
+        }
+    }
+
+    /// The words from `offset` to the end.
+    fn words(&self, offset: usize) -> &[u32] {
+        assert!(offset.is_multiple_of(4) && offset <= self.bytes);
+        // SAFETY: in range and aligned (above); the engine is done with them.
+        #[allow(unsafe_code)]
+        unsafe {
+            std::slice::from_raw_parts(
+                self.seen.wrapping_add(offset).cast(),
+                self.bytes / 4 - offset / 4,
+            )
+        }
+    }
+
+    fn boxes(&self, offset: usize, n: usize) -> &[Aabb] {
+        assert!(offset + n * size_of::<Aabb>() <= self.bytes && offset.is_multiple_of(4));
+        // SAFETY: in range and aligned (above); written only by `write`, never while this lives.
+        #[allow(unsafe_code)]
+        unsafe {
+            std::slice::from_raw_parts(self.seen.add(offset).cast(), n)
+        }
+    }
+}
+
+#[allow(unsafe_code)]
+fn map(file: &File, bytes: usize, prot: ProtFlags) -> *mut u8 {
+    // SAFETY: the kernel chooses a free address.
+    unsafe { rustix::mm::mmap(std::ptr::null_mut(), bytes, prot, MapFlags::SHARED, file, 0) }
+        .expect("maps")
+        .cast()
+}
+
+impl Drop for Segment {
+    fn drop(&mut self) {
+        // SAFETY: mapped by `new`; no slice of it outlives the segment.
+        #[allow(unsafe_code)]
+        unsafe {
+            rustix::mm::munmap(self.seen.cast(), self.bytes).expect("was mapped");
+        }
+        std::fs::remove_file(&self.path).expect("was made");
+    }
+}
+
+/// Reply memory in a segment, filled with junk at each reservation.
+struct SegmentReply<'a>(&'a Segment, usize);
+
+impl ReplyBuffer for SegmentReply<'_> {
+    fn reserve(&mut self, words: u64) -> Result<&mut [u32], ReserveError> {
+        let (offset, words) = (self.1, words as usize);
+        assert!(offset + 4 * words <= self.0.bytes);
+        // SAFETY: in range (above), page-aligned, and borrowed with the buffer.
+        #[allow(unsafe_code)]
+        let slice =
+            unsafe { std::slice::from_raw_parts_mut(self.0.seen.add(offset).cast(), words) };
+        slice.fill(0xdead_beef);
+        Ok(slice)
+    }
+}
+
+fn imported(engine: &mut AllPairs, segment: &Segment) -> pairmaskd::execute::gpu::import::ImportId {
+    engine
+        .import(segment.seen as usize, segment.bytes)
+        .unwrap_or_else(|error| panic!("shared memory must import here: {error}"))
+}
+
+#[test]
+fn imported_and_staged_memory_give_the_same_bytes() {
+    let boxes = Segment::new("boxes", 256 * PAGE, ProtFlags::READ);
+    let reply = Segment::new("reply", 2048 * PAGE, ProtFlags::READ | ProtFlags::WRITE);
+    let mut zero_copy = engine(AllPairsOptions::default());
+    let mut staged = engine(AllPairsOptions::default());
+    imported(&mut zero_copy, &boxes);
+    imported(&mut zero_copy, &reply);
+    for n in [2u32, 33, 345, 1234, 4096] {
+        for (scene, offset) in stress_scenes::ALL.iter().zip([0, PAGE, 3 * PAGE].iter().cycle()) {
+            if n > 1234 && scene.overlaps() == stress_scenes::Overlaps::Quadratic {
+                continue;
+            }
+            let scene_boxes = scene.boxes(n, 13);
+            boxes.write(*offset, &scene_boxes);
+            for encoding in [Encoding::Dense, Encoding::Sparse] {
+                let job = CullJob { encoding, threads: 1 };
+                let seen = boxes.boxes(*offset, n as usize);
+                let mut memory = SegmentReply(&reply, *offset);
+                let a = zero_copy.cull(seen, &job, &mut memory).expect("culls");
+                let mut heap = HeapReply::new();
+                let b = staged.cull(&scene_boxes, &job, &mut heap).expect("culls");
+                assert_eq!(a.shape, b.shape, "{scene:?}, {n}");
+                let written = reply.words(*offset);
+                let (a, b) = (sections(written, &a.shape), sections(heap.words(), &b.shape));
+                assert!(a.expect("in range") == b.expect("in range"), "{scene:?}, {n}, {encoding}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_forgotten_import_is_staged_and_memory_at_the_same_address_is_read_anew() {
+    let mut engine = engine(AllPairsOptions::default());
+    let segment = Segment::new("forgotten", 16 * PAGE, ProtFlags::READ);
+    let job = CullJob { encoding: Encoding::Dense, threads: 1 };
+    let id = imported(&mut engine, &segment);
+    for seed in [1, 2] {
+        let scene = stress_scenes::ALL[0].boxes(345, seed);
+        segment.write(0, &scene);
+        let mut reply = HeapReply::new();
+        let report = engine.cull(segment.boxes(0, 345), &job, &mut reply).expect("culls");
+        let truth = oracle::truth(&scene);
+        assert_eq!(check_reply(reply.words(), &report, 345, Encoding::Dense, &truth), Ok(()));
+        engine.forget(id);
+    }
+}
+
+#[test]
+fn boxes_off_the_binding_grid_are_staged() {
+    let mut engine = engine(AllPairsOptions::default());
+    let segment = Segment::new("odd", 16 * PAGE, ProtFlags::READ);
+    imported(&mut engine, &segment);
+    let scene = stress_scenes::ALL[0].boxes(345, 3);
+    segment.write(PAGE + 4, &scene);
+    let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
+    let mut reply = HeapReply::new();
+    let report = engine.cull(segment.boxes(PAGE + 4, 345), &job, &mut reply).expect("culls");
+    let truth = oracle::truth(&scene);
+    assert_eq!(check_reply(reply.words(), &report, 345, Encoding::Sparse, &truth), Ok(()));
+}
+
+#[test]
+fn without_the_extension_import_is_refused_and_staging_serves() {
+    let gpu = open(HostImport::Never);
+    let mut engine = AllPairs::new(&gpu, AllPairsOptions::default()).expect("an engine");
+    let segment = Segment::new("refused", 16 * PAGE, ProtFlags::READ);
+    let refused = engine.import(segment.seen as usize, segment.bytes);
+    assert!(matches!(refused, Err(ImportError::Gpu(_))), "{refused:?}");
+    let scene = stress_scenes::ALL[0].boxes(345, 4);
+    segment.write(0, &scene);
+    let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
+    let mut reply = HeapReply::new();
+    let report = engine.cull(segment.boxes(0, 345), &job, &mut reply).expect("culls");
+    let truth = oracle::truth(&scene);
+    assert_eq!(check_reply(reply.words(), &report, 345, Encoding::Sparse, &truth), Ok(()));
+}
+
+#[test]
+fn private_memory_is_not_imported() {
+    let mut engine = engine(AllPairsOptions::default());
+    let heap = vec![0u8; 64 * PAGE];
+    assert!(matches!(
+        engine.import(heap.as_ptr() as usize, heap.len()),
+        Err(ImportError::Segment(_))
+    ));
+}

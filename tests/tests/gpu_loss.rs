@@ -1,0 +1,79 @@
+//! A device that goes under load: no wrong answer, a typed error, and a way back.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use pairmask::Encoding;
+use pairmask::engine::{CullError, CullJob, Engine, HeapReply};
+use pairmask_tests::conformance::check_reply;
+use pairmask_tests::gpu::open;
+use pairmask_tests::{oracle, stress_scenes};
+use pairmaskd::execute::gpu::slot::SlotState;
+use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, GpuSlot, HostImport};
+
+/// A watchdog, no measure of speed: opening a software device takes under a second.
+const GIVE_UP: Duration = Duration::from_secs(60);
+
+#[test]
+fn a_device_destroyed_under_load_is_a_typed_error_and_comes_back() {
+    let mut slot =
+        GpuSlot::new(open(HostImport::IfPossible), Arc::new(|| Ok(open(HostImport::IfPossible))));
+    let boxes = stress_scenes::ALL[0].boxes(1234, 1);
+    let truth = oracle::truth(&boxes);
+    let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
+    for _ in 0..2 {
+        let deadline = Instant::now() + GIVE_UP;
+        let gpu = loop {
+            if let Some(gpu) = slot.ready() {
+                break gpu;
+            }
+            assert!(matches!(slot.state(), SlotState::Lost { .. } | SlotState::Rebuilding { .. }));
+            assert!(Instant::now() < deadline, "the device did not come back");
+            std::thread::sleep(Duration::from_millis(5));
+        };
+        let mut engine = AllPairs::new(&gpu, AllPairsOptions::default()).expect("an engine");
+        let destroyer = {
+            let gpu = Arc::clone(&gpu);
+            std::thread::spawn(move || {
+                std::thread::sleep(Duration::from_millis(60));
+                gpu.destroy();
+            })
+        };
+        let mut answers = 0;
+        let error = loop {
+            assert!(Instant::now() < deadline, "the loss was not noticed");
+            let mut reply = HeapReply::new();
+            match engine.cull(&boxes, &job, &mut reply) {
+                Ok(report) => {
+                    let right = check_reply(reply.words(), &report, 1234, Encoding::Sparse, &truth);
+                    assert_eq!(right, Ok(()));
+                    answers += 1;
+                }
+                Err(error) => break error,
+            }
+        };
+        assert!(matches!(error, CullError::DeviceLost { .. }), "{error}");
+        assert!(answers > 0, "the device was to go under load");
+        destroyer.join().expect("it only destroys");
+        let again = engine.cull(&boxes, &job, &mut HeapReply::new());
+        assert!(matches!(again, Err(CullError::DeviceLost { .. })), "lost stays lost");
+        assert!(slot.ready().is_none(), "a lost device is not handed out");
+    }
+}
+
+#[test]
+fn a_device_that_cannot_be_opened_again_leaves_the_slot_lost() {
+    use pairmaskd::execute::gpu::OpenError;
+    let gpu = open(HostImport::IfPossible);
+    let mut slot = GpuSlot::new(Arc::clone(&gpu), Arc::new(|| Err(OpenError::SwitchedOff)));
+    assert_eq!(slot.state(), SlotState::Ready);
+    gpu.destroy();
+    let deadline = Instant::now() + GIVE_UP;
+    let mut seen_lost = false;
+    while !seen_lost {
+        assert!(slot.ready().is_none());
+        seen_lost = matches!(slot.state(), SlotState::Lost { .. });
+        assert!(Instant::now() < deadline);
+        std::thread::yield_now();
+    }
+}

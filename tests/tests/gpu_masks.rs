@@ -1,0 +1,153 @@
+//! `gpu-brute` through the conformance suite, in every form that its frames can take.
+
+use pairmask::engine::{CullJob, CullReport, Engine, HeapReply};
+use pairmask::{Aabb, BoxCount, Encoding};
+use pairmask_shaders::RowsPerThread;
+use pairmask_tests::conformance::{Suite, check_engine, check_frame, check_reply};
+use pairmask_tests::gpu::engine;
+use pairmask_tests::naive_decoder;
+use pairmask_tests::oracle::{self, pair_set_hash};
+use pairmask_tests::stress_scenes;
+use pairmaskd::execute::gpu::all_pairs::Upload;
+use pairmaskd::execute::gpu::all_pairs::plan::{self, Tuning};
+use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, Checks};
+
+const BOTH: [Encoding; 2] = [Encoding::Dense, Encoding::Sparse];
+
+fn run(engine: &mut AllPairs, suite: &Suite) {
+    match check_engine(engine, suite) {
+        Ok(frames) => assert!(frames > 0, "the suite ran nothing"),
+        Err(failure) => panic!("{failure}"),
+    }
+}
+
+fn cull(engine: &mut AllPairs, boxes: &[Aabb], encoding: Encoding) -> (CullReport, HeapReply) {
+    let mut reply = HeapReply::new();
+    let report = engine
+        .cull(boxes, &CullJob { encoding, threads: 1 }, &mut reply)
+        .unwrap_or_else(|error| panic!("{} boxes, {encoding}: {error}", boxes.len()));
+    (report, reply)
+}
+
+#[test]
+fn conforms_at_every_small_and_at_odd_sizes() {
+    run(&mut engine(AllPairsOptions::default()), &Suite::default());
+}
+
+#[test]
+fn conforms_around_tile_borders_and_at_large_sizes() {
+    let sizes = vec![255, 256, 257, 511, 513, 2047, 2049, 4096];
+    let suite = Suite { sizes, quadratic_limit: 2049, seed: 3, ..Suite::default() };
+    run(&mut engine(AllPairsOptions::default()), &suite);
+}
+
+#[test]
+fn conforms_with_checked_stages() {
+    let sizes = vec![2, 31, 33, 70, 345, 1234];
+    let checked = AllPairsOptions { checks: Checks::On, ..AllPairsOptions::default() };
+    run(&mut engine(checked), &Suite { sizes, ..Suite::default() });
+}
+
+#[test]
+fn checked_and_unchecked_stages_give_the_same_bytes() {
+    let mut checked = engine(AllPairsOptions { checks: Checks::On, ..Default::default() });
+    let mut unchecked = engine(AllPairsOptions::default());
+    for scene in stress_scenes::ALL {
+        for encoding in BOTH {
+            let boxes = scene.boxes(345, 11);
+            let (a, b) =
+                (cull(&mut checked, &boxes, encoding), cull(&mut unchecked, &boxes, encoding));
+            assert_eq!(a.0.shape, b.0.shape, "{scene:?}");
+            let words = |(report, reply): &(CullReport, HeapReply)| {
+                naive_decoder::sections(reply.words(), &report.shape).expect("within the reply")
+            };
+            assert!(words(&a) == words(&b), "{scene:?}, {encoding}");
+        }
+    }
+}
+
+#[test]
+fn conforms_in_many_bands() {
+    // One batch of rows a band, and so several submissions at the largest size.
+    let matrix_bytes = Some(2 * 256 * 4 * 6144 / 32);
+    let mut narrow = engine(AllPairsOptions { matrix_bytes, ..Default::default() });
+    let suite = Suite { sizes: vec![70, 257, 700, 1234], ..Suite::default() };
+    run(&mut narrow, &suite);
+    let boxes = stress_scenes::ALL[0].boxes(6000, 9);
+    let truth = oracle::truth(&boxes);
+    for encoding in BOTH {
+        let job = CullJob { encoding, threads: 1 };
+        let mut reply = HeapReply::new();
+        check_frame(&mut narrow, &boxes, &truth, &job, &mut reply)
+            .unwrap_or_else(|mismatch| panic!("{encoding}: {mismatch}"));
+    }
+}
+
+#[test]
+fn conforms_with_every_tile_shape_and_upload() {
+    let suite = Suite { sizes: vec![33, 700], ..Suite::default() };
+    for rows in RowsPerThread::ALL {
+        for strip_blocks in [1, 4, 16] {
+            let tuning = Some(Tuning { rows, strip_blocks });
+            run(&mut engine(AllPairsOptions { tuning, ..Default::default() }), &suite);
+        }
+    }
+    for upload in [Upload::KernelReads, Upload::DmaCopy, Upload::MappedVideo] {
+        let upload = Some(upload);
+        run(&mut engine(AllPairsOptions { upload, ..Default::default() }), &suite);
+    }
+}
+
+#[test]
+fn ten_thousand_boxes_have_the_pairs_of_the_oracle() {
+    let boxes = stress_scenes::ALL[0].boxes(10_000, 6);
+    let truth = oracle::truth(&boxes);
+    assert!(!truth.pairs.is_empty());
+    let mut engine = engine(AllPairsOptions::default());
+    for encoding in BOTH {
+        let (report, reply) = cull(&mut engine, &boxes, encoding);
+        check_reply(reply.words(), &report, 10_000, encoding, &truth)
+            .unwrap_or_else(|mismatch| panic!("{encoding}: {mismatch}"));
+    }
+}
+
+#[test]
+fn a_mask_larger_than_the_first_capacity_is_complete() {
+    let boxes = vec![Aabb { min: [0.0; 3], max: [1.0; 3] }; 1248];
+    let n = BoxCount::new(1248);
+    assert!(n.sparse_words_max() > plan::first_capacity(n), "or the test shows nothing");
+    let mut engine = engine(AllPairsOptions::default());
+    let (report, reply) = cull(&mut engine, &boxes, Encoding::Sparse);
+    let truth = oracle::truth(&boxes);
+    assert_eq!(check_reply(reply.words(), &report, 1248, Encoding::Sparse, &truth), Ok(()));
+    assert_eq!((report.pair_count, report.skipped.zero_words), (n.pair_count(), 0));
+}
+
+#[test]
+fn a_frame_does_not_depend_on_the_frames_before_it() {
+    let mut engine = engine(AllPairsOptions::default());
+    for n in [1234, 3, 0, 345, 64, 1, 1234, 345] {
+        for (scene, encoding) in stress_scenes::ALL.iter().zip(BOTH.iter().cycle()) {
+            let boxes = scene.boxes(n, 9);
+            let (report, reply) = cull(&mut engine, &boxes, *encoding);
+            let truth = oracle::truth(&boxes);
+            check_reply(reply.words(), &report, n, *encoding, &truth)
+                .unwrap_or_else(|mismatch| panic!("{scene:?}, {n} boxes: {mismatch}"));
+        }
+    }
+}
+
+#[test]
+fn pair_sets_have_the_golden_hashes_of_the_cpu_engines() {
+    let mut engine = engine(AllPairsOptions::default());
+    for (name, n, golden) in [
+        ("uniform", 1234, 0x8027_e2a9_f50c_a5bf_u64),
+        ("clustered", 345, 0x3ba3_86e6_9d94_3338),
+        ("infinite", 345, 0xd9cb_dfd5_5986_0507),
+    ] {
+        let scene = stress_scenes::ALL.iter().find(|s| s.name() == name).expect("it is listed");
+        let (report, reply) = cull(&mut engine, &scene.boxes(n, 42), Encoding::Sparse);
+        let pairs = naive_decoder::decode(reply.words(), &report.shape, n).expect("a good mask");
+        assert_eq!(pair_set_hash(&pairs), golden, "{name}");
+    }
+}
