@@ -1,7 +1,10 @@
-//! The pairmask daemon: ingest, execute, publish; and the scenes that benches and tests share.
+//! The pairmask daemon as a library: ingest, execute, publish, and what the command line, the
+//! benches and the tests share.
 
+pub mod cli;
 pub mod execute;
 pub mod ingest;
 pub mod publish;
 pub mod scene;
 pub mod serve;
+pub mod spawn;

@@ -1,0 +1,104 @@
+//! What a measurement says: for people, and as the JSON that `CLI.md` documents.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use super::closed_loop::Measured;
+use super::latency::Wait;
+use super::machine::Machine;
+use crate::cli::cull::backend_name;
+use crate::cli::percentiles::Percentiles;
+
+/// The JSON object of `bench latency --json`. Fields may be added, never changed or taken away.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LatencyReport {
+    /// What it was measured on.
+    pub machine: Machine,
+    /// One for every wait and scene.
+    pub rows: Vec<Row>,
+}
+
+/// Latencies of one scene.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Row {
+    /// Boxes.
+    pub n: u32,
+    /// Who found the pairs: `daemon` or `in-process`.
+    pub backend: String,
+    /// How both sides waited: `spin` or `event`.
+    pub wait: String,
+    /// Which engine.
+    pub engine: String,
+    /// Frames measured.
+    pub frames: u64,
+    /// Memory borrowed and the boxes written into it.
+    pub fill_ns: Percentiles,
+    /// Boxes submitted to mask in hand.
+    pub round_trip_ns: Percentiles,
+    /// The engine's part of it.
+    pub engine_ns: Percentiles,
+    /// The rest of it, frame by frame.
+    pub added_ns: Percentiles,
+    /// Every pair of the mask looked at once.
+    pub decode_ns: Percentiles,
+    /// Fill, round trip and decode.
+    pub total_ns: Percentiles,
+}
+
+impl Row {
+    /// The row of a finished measurement.
+    pub fn new(n: u32, wait: Wait, frames: u64, measured: &Measured) -> Self {
+        Self {
+            n,
+            backend: backend_name(measured.served_by).to_owned(),
+            wait: wait.to_string(),
+            engine: measured.engine.to_string(),
+            frames,
+            fill_ns: measured.fill.percentiles(),
+            round_trip_ns: measured.round_trip.percentiles(),
+            engine_ns: measured.engine_time.percentiles(),
+            added_ns: measured.added.percentiles(),
+            decode_ns: measured.decode.percentiles(),
+            total_ns: measured.total.percentiles(),
+        }
+    }
+}
+
+impl fmt::Display for LatencyReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Machine { cpu, cores, os, kernel, toolchain, commit, .. } = &self.machine;
+        writeln!(f, "{cpu}, {cores} cores; {os}, {kernel}")?;
+        write!(f, "{toolchain}; commit {commit}")?;
+        for row in &self.rows {
+            write!(f, "\n\n{row}")?;
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Display for Row {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { n, backend, wait, engine, frames, .. } = self;
+        writeln!(f, "{n} boxes, {backend} ({wait}), {engine}, {frames} frames")?;
+        write!(f, "{:<12}", "µs")?;
+        for head in ["p50", "p90", "p99", "p99.9", "max"] {
+            write!(f, "{head:>12}")?;
+        }
+        for (stage, found) in [
+            ("fill", &self.fill_ns),
+            ("round trip", &self.round_trip_ns),
+            ("  engine", &self.engine_ns),
+            ("  added", &self.added_ns),
+            ("decode", &self.decode_ns),
+            ("total", &self.total_ns),
+        ] {
+            let Percentiles { p50, p90, p99, p999, max } = found;
+            write!(f, "\n{stage:<12}")?;
+            for ns in [p50, p90, p99, p999, max] {
+                write!(f, "{:>12.2}", *ns as f64 / 1e3)?;
+            }
+        }
+        Ok(())
+    }
+}

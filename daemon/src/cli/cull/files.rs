@@ -1,0 +1,79 @@
+//! Pairs and masks as files of little-endian u32.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use pairmask::PairMask;
+use pairmask::mask::{MaskView, WordAddress};
+use rayon::slice::ParallelSliceMut;
+
+/// Why a result file was not written.
+#[derive(Debug, thiserror::Error)]
+pub enum FileError {
+    /// The system said no.
+    #[error("{}: {source}", path.display())]
+    Io { path: PathBuf, source: io::Error },
+    /// Too many pairs to sort.
+    #[error("no memory to sort {pairs} pairs: write the mask instead (--mask)")]
+    TooManyPairs { pairs: u64 },
+}
+
+/// Writes the pairs, the lower index first, in ascending order.
+///
+/// # Errors
+/// [`FileError`].
+pub fn write_pairs(path: &Path, mask: &PairMask) -> Result<(), FileError> {
+    let too_many = FileError::TooManyPairs { pairs: mask.count() };
+    let mut pairs: Vec<[u32; 2]> = Vec::new();
+    let room = usize::try_from(mask.count()).ok();
+    if room.is_none_or(|room| pairs.try_reserve_exact(room).is_err()) {
+        return Err(too_many);
+    }
+    mask.view().for_each(|a, b| pairs.push([a, b]));
+    if !pairs.is_sorted() {
+        pairs.par_sort_unstable();
+    }
+    write_file(path, |file| file.write_all(bytemuck::cast_slice(&pairs)))
+}
+
+/// Writes the words of a dense mask; of a sparse one the rows, the blocks and the bits of its
+/// words, and the order where there is one.
+///
+/// # Errors
+/// [`FileError::Io`].
+pub fn write_mask(path: &Path, mask: &PairMask) -> Result<(), FileError> {
+    let view = mask.view();
+    write_file(path, |file| match &view {
+        MaskView::Dense(dense) => file.write_all(bytemuck::cast_slice(dense.as_words())),
+        MaskView::Sparse(sparse) => {
+            let addresses = || {
+                view.words().filter_map(|word| match word.address {
+                    WordAddress::Sparse { row, block } => Some((row, block)),
+                    WordAddress::Dense { .. } => None,
+                })
+            };
+            write_words(file, addresses().map(|(row, _)| row))?;
+            write_words(file, addresses().map(|(_, block)| block))?;
+            write_words(file, view.words().map(|word| word.bits.0))?;
+            write_words(file, sparse.order().unwrap_or_default().iter().copied())
+        }
+    })
+}
+
+fn write_words(file: &mut impl Write, words: impl Iterator<Item = u32>) -> io::Result<()> {
+    for word in words {
+        file.write_all(&word.to_le_bytes())?;
+    }
+    Ok(())
+}
+
+fn write_file(
+    path: &Path,
+    write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
+) -> Result<(), FileError> {
+    File::create(path)
+        .map(BufWriter::new)
+        .and_then(|mut file| write(&mut file).and_then(|()| file.flush()))
+        .map_err(|source| FileError::Io { path: path.to_owned(), source })
+}

@@ -1,0 +1,145 @@
+//! `cull`: the pairs of a file of boxes.
+
+mod files;
+mod report;
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use pairmask::session::{ConnectError, FrameError, WaitError};
+use pairmask::{Backend, EngineName, PairMask, Session};
+
+use self::files::FileError;
+pub use self::report::backend_name;
+use self::report::{CullReport, Timings};
+use super::config::Config;
+use super::options::{CullOptions, DaemonOptions, Place};
+use super::output::{OutputError, print_json, print_text, spinner};
+use super::raw_boxes::{RawBoxes, RawBoxesError};
+use crate::spawn::{PrivateDaemon, SpawnError};
+
+/// How long one frame may take. Any scene that fits into memory is done by then.
+const DEADLINE: Duration = Duration::from_secs(600);
+
+/// Find the overlapping pairs of a file of boxes
+#[derive(Debug, Args)]
+#[command(after_help = "\
+A file of boxes holds little-endian f32, min.x min.y min.z max.x max.y max.z, 24 bytes a box.
+Pairs are written as two little-endian u32 each, the lower index first, in ascending order.
+A dense mask is written as its u32 words; a sparse one as the rows of all its words, then their
+blocks, their bits, and the order of the boxes if there is one.
+
+Examples:
+  pairmaskd cull boxes.f32                            by the daemon, or in process without one
+  pairmaskd cull boxes.f32 --spawn --pairs pairs.u32  by a daemon of its own
+  generate | pairmaskd cull - --backend in-process --json")]
+pub struct Cull {
+    /// File of boxes, `-` for stdin
+    #[arg(value_name = "FILE")]
+    boxes: PathBuf,
+    #[command(flatten)]
+    options: CullOptions,
+    #[command(flatten)]
+    daemon: DaemonOptions,
+    /// Start a daemon for this call and stop it afterwards; --backend and --instance are not used
+    #[arg(long)]
+    spawn: bool,
+    /// Write the pairs here
+    #[arg(long, value_name = "OUT")]
+    pairs: Option<PathBuf>,
+    /// Write the mask here
+    #[arg(long, value_name = "OUT")]
+    mask: Option<PathBuf>,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// Why there are no pairs.
+#[derive(Debug, thiserror::Error)]
+pub enum CullCommandError {
+    #[error(transparent)]
+    Boxes(#[from] RawBoxesError),
+    #[error(transparent)]
+    Spawn(#[from] SpawnError),
+    #[error(transparent)]
+    Connect(#[from] ConnectError),
+    #[error(transparent)]
+    Frame(#[from] FrameError),
+    #[error(transparent)]
+    Wait(#[from] WaitError),
+    /// An engine is broken: the number that it gives is not that of the bits that it set.
+    #[error("{engine} counted {counted} pairs and its mask holds {decoded}: please report this")]
+    Miscounted { engine: EngineName, counted: u64, decoded: u64 },
+    #[error(transparent)]
+    File(#[from] FileError),
+    #[error(transparent)]
+    Output(#[from] OutputError),
+}
+
+impl Cull {
+    /// Reads, culls, decodes, writes.
+    pub fn run(&self, place: &Place, config: &Config) -> Result<(), CullCommandError> {
+        let boxes = RawBoxes::open(&self.boxes)?;
+        let spawn = || PrivateDaemon::start_self(&self.daemon.private(config));
+        let daemon = self.spawn.then(spawn).transpose()?;
+        let mut session = self.connect(daemon.as_ref(), place, config)?;
+
+        let progress = spinner(&format!("{} boxes", boxes.len()));
+        let (mask, timings) = cull(&mut session, boxes)?;
+        progress.finish_and_clear();
+
+        let report = CullReport::new(&mask, &timings);
+        if let Some(path) = &self.pairs {
+            files::write_pairs(path, &mask)?;
+        }
+        if let Some(path) = &self.mask {
+            files::write_mask(path, &mask)?;
+        }
+        if self.json { print_json(&report) } else { print_text(&report.to_string()) }?;
+        Ok(())
+    }
+
+    fn connect(
+        &self,
+        daemon: Option<&PrivateDaemon>,
+        place: &Place,
+        config: &Config,
+    ) -> Result<Session, ConnectError> {
+        let builder = self.options.session(config).deadline(DEADLINE);
+        let (dir, instance, backend) = match daemon {
+            Some(daemon) => (daemon.dir(), daemon.instance(), Backend::Daemon),
+            None => {
+                let backend = self.options.backend(config, Backend::Auto);
+                (place.runtime_dir(config), place.instance(config), backend)
+            }
+        };
+        builder.runtime_dir(dir).instance(instance.as_str()).backend(backend).connect()
+    }
+}
+
+/// The pairs of the boxes, and what each stage took.
+fn cull(session: &mut Session, boxes: RawBoxes) -> Result<(PairMask, Timings), CullCommandError> {
+    let start = Instant::now();
+    let mut frame = session.frame(boxes.len())?;
+    boxes.read_into(frame.boxes_mut())?;
+    let read = Instant::now();
+    let mask = frame.submit()?.wait()?;
+    let answered = Instant::now();
+    let mut decoded = 0;
+    mask.view().for_each(|_, _| decoded += 1);
+    let end = Instant::now();
+
+    let (engine, counted) = (mask.info().engine, mask.count());
+    if counted != decoded {
+        return Err(CullCommandError::Miscounted { engine, counted, decoded });
+    }
+    let timings = Timings {
+        read: read - start,
+        round_trip: answered - read,
+        decode: end - answered,
+        total: end - start,
+    };
+    Ok((mask, timings))
+}

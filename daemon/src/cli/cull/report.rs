@@ -1,0 +1,152 @@
+//! What `cull` says of a frame: for people, and as the JSON that `CLI.md` documents.
+
+use std::fmt;
+use std::time::Duration;
+
+use pairmask::{PairMask, ServedBy};
+use serde::{Deserialize, Serialize};
+
+use crate::cli::output::time_text;
+
+/// What was measured around the call.
+#[derive(Clone, Copy, Debug)]
+pub struct Timings {
+    /// File to boxes in place.
+    pub read: Duration,
+    /// Boxes in place to mask in hand.
+    pub round_trip: Duration,
+    /// Mask to the last pair.
+    pub decode: Duration,
+    /// All of it.
+    pub total: Duration,
+}
+
+/// The JSON object of `cull --json`. Fields may be added, never changed or taken away.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct CullReport {
+    /// Boxes in the file.
+    pub boxes: u32,
+    /// Pairs that overlap.
+    pub pairs: u64,
+    /// Boxes with a NaN.
+    pub invalid: u32,
+    /// Boxes with `min > max`.
+    pub empty: u32,
+    /// Who found the pairs: `daemon` or `in-process`.
+    pub backend: String,
+    /// Which engine.
+    pub engine: String,
+    /// `dense` or `sparse`.
+    pub encoding: String,
+    /// Bytes of the mask.
+    pub mask_bytes: u64,
+    /// Time by stage.
+    pub stages_ns: StagesNs,
+    /// From the first look at the file to the last pair, ns. Neither starting a daemon nor
+    /// connecting nor writing files is in it.
+    pub total_ns: u64,
+    /// Work left out.
+    pub skipped: Skipped,
+}
+
+/// Times of a frame, ns. `round_trip` holds `engine`, which holds the four stages before it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StagesNs {
+    /// File to boxes in place.
+    pub read: u64,
+    /// Boxes turned into the engine's form.
+    pub ingest: u64,
+    /// Plan made.
+    pub plan: u64,
+    /// Pairs tested.
+    pub execute: u64,
+    /// Mask written.
+    pub publish: u64,
+    /// All of the engine's time.
+    pub engine: u64,
+    /// Boxes in place to mask in hand.
+    pub round_trip: u64,
+    /// Mask to the last pair.
+    pub decode: u64,
+}
+
+/// What the engine did not have to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Skipped {
+    /// Boxes that overlap nothing by themselves.
+    pub boxes: u64,
+    /// Pairs that were never compared.
+    pub pairs: u64,
+    /// Zero words that were not written.
+    pub zero_words: u64,
+}
+
+/// The backend's name in reports.
+pub const fn backend_name(served_by: ServedBy) -> &'static str {
+    match served_by {
+        ServedBy::Daemon => "daemon",
+        ServedBy::InProcess => "in-process",
+    }
+}
+
+const fn ns(duration: Duration) -> u64 {
+    duration.as_nanos() as u64
+}
+
+impl CullReport {
+    /// What is to be said of a mask.
+    pub fn new(mask: &PairMask, timings: &Timings) -> Self {
+        let info = mask.info();
+        let times = &info.times;
+        Self {
+            boxes: mask.n().get(),
+            pairs: mask.count(),
+            invalid: info.census.invalid,
+            empty: info.census.empty,
+            backend: backend_name(info.served_by).to_owned(),
+            engine: info.engine.to_string(),
+            encoding: mask.encoding().to_string(),
+            mask_bytes: info.mask_bytes,
+            stages_ns: StagesNs {
+                read: ns(timings.read),
+                ingest: times.ingest_ns,
+                plan: times.plan_ns,
+                execute: times.execute_ns,
+                publish: times.publish_ns,
+                engine: times.total_ns,
+                round_trip: ns(timings.round_trip),
+                decode: ns(timings.decode),
+            },
+            total_ns: ns(timings.total),
+            skipped: Skipped {
+                boxes: info.skipped.boxes,
+                pairs: info.skipped.pairs,
+                zero_words: info.skipped.zero_words,
+            },
+        }
+    }
+}
+
+impl fmt::Display for CullReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { boxes, pairs, invalid, empty, stages_ns: stages, skipped, .. } = self;
+        writeln!(f, "boxes      {boxes} ({empty} empty, {invalid} invalid)")?;
+        writeln!(f, "pairs      {pairs}")?;
+        writeln!(f, "engine     {} ({})", self.engine, self.backend)?;
+        writeln!(f, "mask       {}, {} bytes", self.encoding, self.mask_bytes)?;
+        writeln!(
+            f,
+            "skipped    {} boxes, {} pairs, {} zero words",
+            skipped.boxes, skipped.pairs, skipped.zero_words
+        )?;
+        for (name, time) in [
+            ("read", stages.read),
+            ("round trip", stages.round_trip),
+            ("  engine", stages.engine),
+            ("decode", stages.decode),
+        ] {
+            writeln!(f, "{name:<10} {}", time_text(time))?;
+        }
+        write!(f, "{:<10} {}", "total", time_text(self.total_ns))
+    }
+}

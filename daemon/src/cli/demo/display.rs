@@ -1,0 +1,228 @@
+//! What the demo shows: a line that is rewritten where somebody watches, else a line a second.
+
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressStyle};
+use pairmask::EngineName;
+
+use super::DemoError;
+use super::check::BadPair;
+use crate::cli::output::{OutputError, is_watched, print_text, time_text};
+use crate::cli::percentiles::Recorder;
+
+/// The display changes this often: figures that change faster cannot be read.
+const LIVE_INTERVAL: Duration = Duration::from_millis(250);
+const PLAIN_INTERVAL: Duration = Duration::from_secs(1);
+
+/// What happened so far.
+#[derive(Debug)]
+pub struct Progress {
+    start: Instant,
+    frames: u64,
+    pairs: u64,
+    frames_in_process: u64,
+    engine: Option<EngineName>,
+    round_trips: Recorder,
+    recent: Recent,
+    checked: u64,
+    wrong: u64,
+    first_wrong: Option<(u64, BadPair)>,
+}
+
+/// What happened since the display last changed.
+#[derive(Debug)]
+struct Recent {
+    since: Instant,
+    frames: u64,
+    pairs: u64,
+    round_trips: Recorder,
+}
+
+impl Recent {
+    fn new() -> Self {
+        Self { since: Instant::now(), frames: 0, pairs: 0, round_trips: Recorder::new() }
+    }
+
+    fn restart(&mut self) {
+        self.since = Instant::now();
+        self.frames = 0;
+        self.pairs = 0;
+        self.round_trips.clear();
+    }
+
+    fn text(&self) -> String {
+        let found = self.round_trips.percentiles();
+        format!(
+            "{:>7.0} frames/s  {:>6} pairs  round trip p50 {:>9} p99 {:>9}",
+            self.frames as f64 / self.since.elapsed().as_secs_f64().max(1e-9),
+            self.pairs / self.frames.max(1),
+            time_text(found.p50),
+            time_text(found.p99),
+        )
+    }
+}
+
+impl Progress {
+    /// Nothing yet.
+    pub fn new() -> Self {
+        Self {
+            start: Instant::now(),
+            frames: 0,
+            pairs: 0,
+            frames_in_process: 0,
+            engine: None,
+            round_trips: Recorder::new(),
+            recent: Recent::new(),
+            checked: 0,
+            wrong: 0,
+            first_wrong: None,
+        }
+    }
+
+    /// Time since the start.
+    pub fn elapsed(&self) -> Duration {
+        self.start.elapsed()
+    }
+
+    /// Counts a frame.
+    pub fn note_frame(
+        &mut self,
+        pairs: u64,
+        round_trip: Duration,
+        engine: EngineName,
+        in_process: bool,
+    ) {
+        let ns = round_trip.as_nanos() as u64;
+        self.frames += 1;
+        self.pairs += pairs;
+        self.frames_in_process += u64::from(in_process);
+        self.engine = Some(engine);
+        self.round_trips.record(ns);
+        self.recent.frames += 1;
+        self.recent.pairs += pairs;
+        self.recent.round_trips.record(ns);
+    }
+
+    /// Counts a checked frame: the last one.
+    pub fn note_check(&mut self, bad: &Option<BadPair>) {
+        self.checked += 1;
+        if let Some(bad) = bad {
+            self.wrong += 1;
+            self.first_wrong.get_or_insert((self.frames, *bad));
+        }
+    }
+
+    /// An error where a checked frame was wrong.
+    pub fn verdict(&self) -> Result<(), DemoError> {
+        match self.wrong {
+            0 => Ok(()),
+            wrong => Err(DemoError::Wrong { wrong, checked: self.checked }),
+        }
+    }
+
+    fn checks_text(&self) -> String {
+        match &self.first_wrong {
+            None => format!("{} frames checked, all right", self.checked),
+            Some((frame, bad)) => format!(
+                "{} of {} checked frames WRONG, the first is frame {frame}: {bad}",
+                self.wrong, self.checked
+            ),
+        }
+    }
+
+    fn summary_text(&self) -> String {
+        let seconds = self.elapsed().as_secs_f64();
+        let found = self.round_trips.percentiles();
+        let engine = self.engine.map_or_else(|| "none".to_owned(), |engine| engine.to_string());
+        format!(
+            "frames      {} in {seconds:.1} s ({:.0} a second), {} of them in process\n\
+             pairs       {} a frame, engine {engine}\n\
+             round trip  p50 {}, p99 {}, max {}\n\
+             checks      {}",
+            self.frames,
+            self.frames as f64 / seconds.max(1e-9),
+            self.frames_in_process,
+            self.pairs / self.frames.max(1),
+            time_text(found.p50),
+            time_text(found.p99),
+            time_text(found.max),
+            self.checks_text(),
+        )
+    }
+}
+
+/// The display itself.
+#[derive(Debug)]
+pub struct Display {
+    /// The line on the terminal, if somebody watches.
+    live: Option<ProgressBar>,
+    due: Instant,
+}
+
+impl Display {
+    /// Nothing shown yet.
+    pub fn new() -> Self {
+        let live = is_watched().then(|| {
+            let style = ProgressStyle::with_template("{spinner} {msg}");
+            ProgressBar::new_spinner()
+                .with_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()))
+        });
+        let mut display = Self { live, due: Instant::now() };
+        display.due += display.interval();
+        display
+    }
+
+    const fn interval(&self) -> Duration {
+        if self.live.is_some() { LIVE_INTERVAL } else { PLAIN_INTERVAL }
+    }
+
+    /// Shows the latest figures where the time has come.
+    pub fn update(&mut self, progress: &mut Progress) -> Result<(), OutputError> {
+        if Instant::now() < self.due {
+            return Ok(());
+        }
+        self.due = Instant::now() + self.interval();
+        let text = format!(
+            "{:>5.1} s  {}  {}",
+            progress.elapsed().as_secs_f64(),
+            progress.recent.text(),
+            progress.checks_text()
+        );
+        progress.recent.restart();
+        match &self.live {
+            Some(line) => {
+                line.set_message(text);
+                line.tick();
+                Ok(())
+            }
+            None => print_text(&text),
+        }
+    }
+
+    /// Shows the whole run.
+    pub fn summary(&self, progress: &Progress) -> Result<(), OutputError> {
+        if let Some(line) = &self.live {
+            line.finish_and_clear();
+        }
+        print_text(&progress.summary_text())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_wrong_frame_is_named_and_fails() {
+        let mut progress = Progress::new();
+        progress.note_frame(3, Duration::from_micros(40), EngineName::CpuBrute, false);
+        progress.note_check(&None);
+        assert!(progress.verdict().is_ok());
+        assert!(progress.summary_text().contains("1 frames checked, all right"));
+        progress.note_frame(3, Duration::from_micros(40), EngineName::CpuBrute, false);
+        progress.note_check(&Some(BadPair::Missing(3, 9)));
+        let text = progress.summary_text();
+        assert!(text.contains("frame 2") && text.contains("(3, 9)"), "{text}");
+        assert!(matches!(progress.verdict(), Err(DemoError::Wrong { wrong: 1, checked: 2 })));
+    }
+}

@@ -1,0 +1,189 @@
+//! Falling boxes: just enough physics to need the pairs.
+//!
+//! Every frame, gravity moves the boxes, the daemon says which overlap, and each overlapping pair
+//! is pushed apart along the axis on which it overlaps least. Boxes that have lain for long fall
+//! again from the top, so that there is always motion.
+
+use pairmask::Aabb;
+use pairmask::glam::Vec3;
+
+use crate::scene::Random;
+
+/// One frame, s. Frames run as fast as they can; the world does not care.
+const TIME_STEP: f32 = 1.0 / 120.0;
+/// m/s².
+const GRAVITY: Vec3 = Vec3::new(0.0, -9.81, 0.0);
+/// Share of the speed that is left after a bounce. A higher one never settles.
+const BOUNCE: f32 = 0.2;
+/// Share of an overlap that is taken away in a frame. All of it at once makes heaps tremble.
+const PUSH_SHARE: f32 = 0.4;
+/// Frames between two falls of a box: about eight seconds of the world's time.
+const LIFE_FRAMES: usize = 1000;
+
+/// Boxes in a room with a floor and four walls.
+#[derive(Clone, Debug)]
+pub struct World {
+    centres: Vec<Vec3>,
+    velocities: Vec<Vec3>,
+    halves: Vec<Vec3>,
+    /// Half edge of the floor.
+    room: f32,
+    /// Where boxes start to fall.
+    top: f32,
+    frame: usize,
+    random: Random,
+}
+
+impl World {
+    /// `n` boxes in the air. The same n gives the same world.
+    pub fn new(n: u32) -> Self {
+        let mut random = Random::new(u64::from(n));
+        // About four layers when all lie.
+        let room = (n as f32).sqrt() * 0.25 + 1.0;
+        let top = 4.0 + n as f32 / (room * room);
+        let halves = (0..n).map(|_| Vec3::from(std::array::from_fn(|_| random.range(0.2, 0.5))));
+        let halves: Vec<Vec3> = halves.collect();
+        let centres = (0..n).map(|_| {
+            let [x, z] = std::array::from_fn(|_| random.range(-room, room));
+            Vec3::new(x, random.range(0.5, top), z)
+        });
+        let centres = centres.collect();
+        Self {
+            centres,
+            velocities: vec![Vec3::ZERO; n as usize],
+            halves,
+            room,
+            top,
+            frame: 0,
+            random,
+        }
+    }
+
+    /// Number of boxes.
+    pub fn len(&self) -> usize {
+        self.centres.len()
+    }
+
+    /// Writes the boxes where the daemon reads them.
+    pub fn write_boxes(&self, boxes: &mut [Aabb]) {
+        for ((slot, centre), half) in boxes.iter_mut().zip(&self.centres).zip(&self.halves) {
+            *slot = Aabb::from_center_half(*centre, *half);
+        }
+    }
+
+    /// Pushes overlapping pairs apart and goes on to the next frame.
+    pub fn step(&mut self, pairs: impl Iterator<Item = (u32, u32)>) {
+        for (a, b) in pairs {
+            self.push_apart(a as usize, b as usize);
+        }
+        self.drop_the_oldest();
+        for i in 0..self.len() {
+            self.velocities[i] += GRAVITY * TIME_STEP;
+            self.centres[i] += self.velocities[i] * TIME_STEP;
+            self.keep_in_room(i);
+        }
+        self.frame += 1;
+    }
+
+    /// Two boxes of the same mass meet on the axis of their smallest overlap.
+    fn push_apart(&mut self, a: usize, b: usize) {
+        let apart = self.centres[b] - self.centres[a];
+        let overlap = self.halves[a] + self.halves[b] - apart.abs();
+        let axis = overlap.min_position();
+        if overlap[axis] <= 0.0 {
+            // An earlier pair of this frame moved them apart.
+            return;
+        }
+        let direction = if apart[axis] < 0.0 { -1.0 } else { 1.0 };
+        let push = 0.5 * PUSH_SHARE * overlap[axis] * direction;
+        self.centres[a][axis] -= push;
+        self.centres[b][axis] += push;
+        let closing = (self.velocities[a][axis] - self.velocities[b][axis]) * direction;
+        if closing > 0.0 {
+            let change = 0.5 * (1.0 + BOUNCE) * closing * direction;
+            self.velocities[a][axis] -= change;
+            self.velocities[b][axis] += change;
+        }
+    }
+
+    fn keep_in_room(&mut self, i: usize) {
+        let (low, high) = (
+            Vec3::new(-self.room, 0.0, -self.room) + self.halves[i],
+            Vec3::new(self.room, f32::INFINITY, self.room) - self.halves[i],
+        );
+        for axis in 0..3 {
+            let at = self.centres[i][axis];
+            if at < low[axis] || at > high[axis] {
+                self.centres[i][axis] = at.max(low[axis]).min(high[axis]);
+                self.velocities[i][axis] *= -BOUNCE;
+            }
+        }
+    }
+
+    /// Boxes take turns to fall anew, each after [`LIFE_FRAMES`].
+    fn drop_the_oldest(&mut self) {
+        let n = self.len();
+        let turn = self.frame % LIFE_FRAMES;
+        for i in turn * n / LIFE_FRAMES..(turn + 1) * n / LIFE_FRAMES {
+            let [x, z] = std::array::from_fn(|_| self.random.range(-self.room, self.room));
+            self.centres[i] = Vec3::new(x, self.top, z);
+            self.velocities[i] = Vec3::ZERO;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn all_pairs(world: &World) -> Vec<(u32, u32)> {
+        let mut boxes = vec![Aabb::default(); world.len()];
+        world.write_boxes(&mut boxes);
+        let mut pairs = Vec::new();
+        for a in 0..boxes.len() {
+            for b in a + 1..boxes.len() {
+                if boxes[a].overlaps(&boxes[b]) {
+                    pairs.push((a as u32, b as u32));
+                }
+            }
+        }
+        pairs
+    }
+
+    #[test]
+    fn boxes_stay_in_the_room_and_keep_meeting() {
+        let mut world = World::new(100);
+        let mut met = 0;
+        for _ in 0..2 * LIFE_FRAMES {
+            let pairs = all_pairs(&world);
+            met += usize::from(!pairs.is_empty());
+            world.step(pairs.into_iter());
+            for (centre, half) in world.centres.iter().zip(&world.halves) {
+                let outside = (centre.x.abs() + half.x).max(centre.z.abs() + half.z) - world.room;
+                assert!(outside < 1e-3 && centre.y > 0.0 && centre.y <= 2.0 * world.top);
+            }
+        }
+        assert!(met > LIFE_FRAMES, "pairs in {met} frames only");
+    }
+
+    #[test]
+    fn the_pairs_hold_boxes_apart() {
+        let overlap = |use_pairs: bool| {
+            let mut world = World::new(60);
+            for _ in 0..LIFE_FRAMES / 2 {
+                let pairs = if use_pairs { all_pairs(&world) } else { Vec::new() };
+                world.step(pairs.into_iter());
+            }
+            all_pairs(&world)
+                .iter()
+                .map(|(a, b)| {
+                    let (a, b) = (*a as usize, *b as usize);
+                    let apart = (world.centres[b] - world.centres[a]).abs();
+                    (world.halves[a] + world.halves[b] - apart).min_element()
+                })
+                .sum::<f32>()
+        };
+        let (with, without) = (overlap(true), overlap(false));
+        assert!(with < 0.2 * without, "{with} m overlap with pairs, {without} m without");
+    }
+}

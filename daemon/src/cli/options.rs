@@ -1,0 +1,107 @@
+//! Options that several commands share, and how flag, environment, file and default combine.
+
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use pairmask::session::SessionBuilder;
+use pairmask::transport::{InstanceName, RuntimeDir};
+use pairmask::{Backend, EncodingChoice, EngineChoice, Session};
+
+use super::config::Config;
+use crate::execute::gpu::GpuChoice;
+use crate::spawn::PrivateSettings;
+
+/// Which instance, and where instances live.
+#[derive(Clone, Debug, Args)]
+pub struct Place {
+    /// Name of the instance [default: default]
+    #[arg(long, global = true, env = "PAIRMASK_INSTANCE", value_name = "NAME")]
+    instance: Option<InstanceName>,
+    /// Directory that holds instances [default: /tmp/pairmask-UID]
+    #[arg(long, global = true, env = "PAIRMASK_RUNTIME_DIR", value_name = "DIR")]
+    runtime_dir: Option<PathBuf>,
+    /// Configuration file [default: `$XDG_CONFIG_HOME/pairmask/config.toml`]
+    #[arg(long, global = true, env = "PAIRMASK_CONFIG", value_name = "FILE")]
+    config: Option<PathBuf>,
+}
+
+impl Place {
+    /// The instance that the user named, if any.
+    pub fn named_instance(&self, config: &Config) -> Option<InstanceName> {
+        self.instance.clone().or_else(|| config.instance.clone())
+    }
+
+    /// The instance that is meant.
+    pub fn instance(&self, config: &Config) -> InstanceName {
+        self.named_instance(config).unwrap_or_default()
+    }
+
+    /// The directory that holds it.
+    pub fn runtime_dir(&self, config: &Config) -> RuntimeDir {
+        let named = self.runtime_dir.as_ref().or(config.runtime_dir.as_ref());
+        named
+            .filter(|path| !path.as_os_str().is_empty())
+            .map_or_else(RuntimeDir::from_env, RuntimeDir::at)
+    }
+
+    /// The configuration file that was named.
+    pub fn config_file(&self) -> Option<&Path> {
+        self.config.as_deref().filter(|path| !path.as_os_str().is_empty())
+    }
+}
+
+/// What a daemon that is started here may use.
+#[derive(Clone, Debug, Args)]
+pub struct DaemonOptions {
+    /// GPU of a daemon that is started: auto, none, software, a number or a name [default: auto]
+    #[arg(long, env = "PAIRMASK_GPU", value_name = "GPU")]
+    gpu: Option<GpuChoice>,
+}
+
+impl DaemonOptions {
+    /// The GPU that is meant.
+    pub fn gpu(&self, config: &Config) -> GpuChoice {
+        self.gpu.clone().or_else(|| config.gpu.clone()).unwrap_or_default()
+    }
+
+    /// Settings of a private daemon.
+    pub fn private(&self, config: &Config) -> PrivateSettings {
+        PrivateSettings { gpu: self.gpu(config), ..PrivateSettings::default() }
+    }
+}
+
+/// Who finds the pairs, and how.
+#[derive(Clone, Debug, Args)]
+pub struct CullOptions {
+    /// Who finds the pairs: auto, daemon, in-process [default: auto]
+    #[arg(long, env = "PAIRMASK_BACKEND", value_name = "NAME")]
+    backend: Option<Backend>,
+    /// auto, cpu-brute, cpu-sap, cpu-grid, gpu-brute or gpu-grid [default: auto]
+    #[arg(long, env = "PAIRMASK_ENGINE", value_name = "NAME")]
+    engine: Option<EngineChoice>,
+    /// How the mask is written: auto, dense, sparse [default: auto]
+    #[arg(long, env = "PAIRMASK_ENCODING", value_name = "NAME")]
+    encoding: Option<EncodingChoice>,
+    /// Threads that an engine may use [default: the plan's choice]
+    #[arg(long, env = "PAIRMASK_THREADS", value_name = "N")]
+    threads: Option<NonZeroUsize>,
+}
+
+impl CullOptions {
+    /// The backend, or `default` where nobody named one.
+    pub fn backend(&self, config: &Config, default: Backend) -> Backend {
+        self.backend.or(config.backend).unwrap_or(default)
+    }
+
+    /// A session in the making with everything but its place and its backend.
+    pub fn session(&self, config: &Config) -> SessionBuilder {
+        let builder = Session::builder()
+            .engine(self.engine.or(config.engine).unwrap_or_default())
+            .encoding(self.encoding.or(config.encoding).unwrap_or_default());
+        match self.threads.or(config.threads) {
+            Some(threads) => builder.threads(threads.get()),
+            None => builder,
+        }
+    }
+}

@@ -1,0 +1,90 @@
+//! Where results, logs and progress go.
+
+use std::io::{IsTerminal, Write};
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+
+/// Why a result could not be written.
+#[derive(Debug, thiserror::Error)]
+pub enum OutputError {
+    /// stdout is closed or full.
+    #[error("writing the result: {0}")]
+    Io(#[from] std::io::Error),
+    /// It has no JSON form.
+    #[error("writing the result as JSON: {0}")]
+    Json(#[from] serde_json::Error),
+}
+
+/// Starts the log on stderr. `PAIRMASK_LOG` takes `error` to `trace`, or a filter by module.
+pub fn start_log(default_level: &str) {
+    let env = env_logger::Env::new().filter_or("PAIRMASK_LOG", default_level);
+    env_logger::Builder::from_env(env).format_target(false).init();
+}
+
+/// One JSON document and a line's end on stdout.
+pub fn print_json(value: &impl Serialize) -> Result<(), OutputError> {
+    print_text(&serde_json::to_string_pretty(value)?)
+}
+
+/// Text and a line's end on stdout.
+pub fn print_text(text: &str) -> Result<(), OutputError> {
+    let mut stdout = std::io::stdout().lock();
+    writeln!(stdout, "{text}")?;
+    stdout.flush()?;
+    Ok(())
+}
+
+/// Nanoseconds with a unit that suits them: three or more digits that tell.
+pub fn time_text(ns: u64) -> String {
+    match ns {
+        0..10_000 => format!("{ns} ns"),
+        10_000..10_000_000 => format!("{:.1} µs", ns as f64 / 1e3),
+        10_000_000..10_000_000_000 => format!("{:.1} ms", ns as f64 / 1e6),
+        _ => format!("{:.1} s", ns as f64 / 1e9),
+    }
+}
+
+/// Whether somebody watches stderr.
+pub fn is_watched() -> bool {
+    std::io::stderr().is_terminal()
+}
+
+/// A bar over `len` steps on stderr where somebody watches it, else nothing.
+pub fn progress_bar(len: u64, what: &str) -> ProgressBar {
+    if !is_watched() {
+        return ProgressBar::hidden();
+    }
+    let style = ProgressStyle::with_template("{msg} {wide_bar} {percent} % {eta}")
+        .unwrap_or_else(|_| ProgressStyle::default_bar());
+    ProgressBar::new(len).with_style(style).with_message(what.to_owned())
+}
+
+/// A line on stderr that shows work under way where somebody watches it, else nothing.
+pub fn spinner(what: &str) -> ProgressBar {
+    if !is_watched() {
+        return ProgressBar::hidden();
+    }
+    let spinner = ProgressBar::new_spinner().with_message(what.to_owned());
+    spinner.enable_steady_tick(Duration::from_millis(100));
+    spinner
+}
+
+#[cfg(test)]
+mod tests {
+    use super::time_text;
+
+    #[test]
+    fn times_have_a_unit_that_suits_them() {
+        for (ns, text) in [
+            (0, "0 ns"),
+            (9_999, "9999 ns"),
+            (10_000, "10.0 µs"),
+            (12_345_678, "12.3 ms"),
+            (12_345_678_901, "12.3 s"),
+        ] {
+            assert_eq!(time_text(ns), text);
+        }
+    }
+}

@@ -1,0 +1,78 @@
+//! `serve`: the daemon.
+
+use std::num::{NonZeroU16, NonZeroU32};
+use std::time::Duration;
+
+use clap::Args;
+use pairmask::transport::Limits;
+
+use super::config::Config;
+use super::error::CliError;
+use super::options::{DaemonOptions, Place};
+use crate::serve::{DEFAULT_SPIN, ServeSettings, supervise, work};
+use crate::spawn;
+
+/// Serve an instance until Ctrl-C or SIGTERM
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pairmaskd serve                             the instance named `default`
+  pairmaskd serve --instance world --spin-us 1000
+
+A second daemon for the same instance is refused. A daemon without work sleeps.")]
+pub struct Serve {
+    /// How long to spin for the next request before sleeping, µs [default: 50]
+    #[arg(long, env = "PAIRMASK_SPIN_US", value_name = "N")]
+    spin_us: Option<u64>,
+    /// Clients at a time [default: 16]
+    #[arg(long, env = "PAIRMASK_MAX_CLIENTS", value_name = "N")]
+    max_clients: Option<NonZeroU16>,
+    /// The largest mask, MiB [default: 1024]
+    #[arg(long, env = "PAIRMASK_MAX_REPLY_MIB", value_name = "N")]
+    max_reply_mib: Option<NonZeroU32>,
+    #[command(flatten)]
+    options: DaemonOptions,
+    /// Serve in this process: what a supervisor starts.
+    #[arg(long, hide = true)]
+    worker: bool,
+    /// End with the process of this id, and take the runtime directory along.
+    #[arg(long, hide = true, value_name = "PID")]
+    private_to: Option<u32>,
+}
+
+impl Serve {
+    /// Whether a supervisor started this process.
+    pub const fn is_worker(&self) -> bool {
+        self.worker
+    }
+
+    /// Serves until told to stop.
+    pub fn run(&self, place: &Place, config: &Config) -> Result<(), CliError> {
+        let settings = self.settings(place, config);
+        if self.worker {
+            return Ok(work(&settings)?);
+        }
+        match self.private_to {
+            None => Ok(supervise(&settings)?),
+            Some(owner) => Ok(spawn::serve_private(&settings, owner)?),
+        }
+    }
+
+    fn settings(&self, place: &Place, config: &Config) -> ServeSettings {
+        let default = Limits::default();
+        let spin_us = self.spin_us.or(config.spin_us);
+        let max_clients = self.max_clients.or(config.max_clients);
+        let max_reply_mib = self.max_reply_mib.or(config.max_reply_mib);
+        ServeSettings {
+            instance: place.instance(config),
+            dir: place.runtime_dir(config),
+            limits: Limits {
+                max_clients: max_clients.map_or(default.max_clients, |n| usize::from(n.get())),
+                max_reply_bytes: max_reply_mib
+                    .map_or(default.max_reply_bytes, |n| u64::from(n.get()) << 20),
+            },
+            spin: spin_us.map_or(DEFAULT_SPIN, Duration::from_micros),
+            gpu: self.options.gpu(config),
+        }
+    }
+}

@@ -1,0 +1,235 @@
+//! A daemon process of one's own: private directory, gone with its owner.
+//!
+//! For commands, tests and programs that need a daemon for a while and must leave nothing behind.
+//! The daemon ends when [`PrivateDaemon`] is dropped, and by itself when its owner dies.
+
+use std::io;
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+use pairmask::session::{ConnectError, SessionBuilder};
+use pairmask::transport::{DaemonRecord, InstanceName, Limits, RuntimeDir, clean_before_serving};
+use pairmask::{Backend, Session};
+use rustix::process::{Pid, Signal, getppid, kill_process, set_parent_process_death_signal};
+use tempfile::TempDir;
+
+use crate::execute::gpu::GpuChoice;
+use crate::serve::{DEFAULT_SPIN, ServeError, ServeSettings, supervise};
+
+/// A daemon that does not answer within this time will not: it takes 50 ms on an idle machine.
+const START_WITHIN: Duration = Duration::from_secs(20);
+/// A daemon that was asked to stop is killed after this time. Its supervisor gives the worker 5 s.
+const STOP_WITHIN: Duration = Duration::from_secs(8);
+/// Pause between two looks at a process that starts or stops.
+const LOOK_INTERVAL: Duration = Duration::from_millis(2);
+/// Not `pairmask-`: that is how the default directories of users begin, which are looked through.
+const DIR_PREFIX: &str = ".pairmask-private-";
+
+/// What a private daemon should be like.
+#[derive(Clone, Debug)]
+pub struct PrivateSettings {
+    /// What the instance allows.
+    pub limits: Limits,
+    /// How long the worker spins for the next request before it sleeps.
+    pub spin: Duration,
+    /// Which GPU.
+    pub gpu: GpuChoice,
+}
+
+impl Default for PrivateSettings {
+    fn default() -> Self {
+        Self { limits: Limits::default(), spin: DEFAULT_SPIN, gpu: GpuChoice::default() }
+    }
+}
+
+/// Why there is no private daemon.
+#[derive(Debug, thiserror::Error)]
+pub enum SpawnError {
+    /// No directory for it.
+    #[error("no temporary directory for a daemon: {0} (set TMPDIR to one that can be written)")]
+    Dir(#[source] io::Error),
+    /// Its process does not start, or cannot be watched.
+    #[error("starting {}: {source}", binary.display())]
+    Start {
+        /// The daemon's binary.
+        binary: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// It ended before it served; it said why on stderr.
+    #[error("the daemon ended before it served ({status}); see its own message")]
+    Ended {
+        /// How it ended.
+        status: ExitStatus,
+    },
+    /// It runs and does not answer.
+    #[error("the daemon does not answer within {START_WITHIN:?}: {source}")]
+    Silent {
+        /// The last attempt to connect.
+        source: Box<ConnectError>,
+    },
+}
+
+/// A running daemon, stopped when dropped.
+///
+/// Keep it on the thread that started it, or on one that ends no later: the kernel takes the end
+/// of the starting thread for the end of the owner.
+///
+/// ```no_run
+/// use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// let daemon = PrivateDaemon::start("target/release/pairmaskd".as_ref(), &PrivateSettings::default())?;
+/// let mut session = daemon.session().connect()?;
+/// let mask = session.frame(0)?.submit()?.wait()?;
+/// assert_eq!(mask.count(), 0);
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Debug)]
+pub struct PrivateDaemon {
+    child: Child,
+    dir: TempDir,
+}
+
+impl PrivateDaemon {
+    /// Starts the `pairmaskd` at `binary` and waits until it answers.
+    ///
+    /// # Errors
+    /// [`SpawnError`]; nothing is left running then.
+    pub fn start(binary: &Path, settings: &PrivateSettings) -> Result<Self, SpawnError> {
+        let dir = tempfile::Builder::new().prefix(DIR_PREFIX).tempdir().map_err(SpawnError::Dir)?;
+        let limits = &settings.limits;
+        let child = Command::new(binary)
+            .args(["serve", "--private-to", &std::process::id().to_string()])
+            .args(["--instance", InstanceName::default().as_str()])
+            .args(["--spin-us", &settings.spin.as_micros().to_string()])
+            .args(["--max-clients", &limits.max_clients.to_string()])
+            .args(["--max-reply-mib", &(limits.max_reply_bytes >> 20).to_string()])
+            .args(["--gpu", &settings.gpu.to_string()])
+            .arg("--runtime-dir")
+            .arg(dir.path())
+            // That it serves and stops is no news to whoever asked for it.
+            .env("PAIRMASK_LOG", std::env::var_os("PAIRMASK_LOG").unwrap_or("warn".into()))
+            // A Ctrl-C is for the owner: a daemon that stops first spoils the owner's last frame.
+            .process_group(0)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .spawn()
+            .map_err(|source| SpawnError::Start { binary: binary.to_owned(), source })?;
+        let mut daemon = Self { child, dir };
+        daemon.wait_until_it_answers(binary)?;
+        Ok(daemon)
+    }
+
+    /// Starts the binary that this process runs, as its own daemon: for the command line, whose
+    /// binary is the daemon's.
+    ///
+    /// # Errors
+    /// [`SpawnError`].
+    pub(crate) fn start_self(settings: &PrivateSettings) -> Result<Self, SpawnError> {
+        Self::start(&own_binary()?, settings)
+    }
+
+    fn wait_until_it_answers(&mut self, binary: &Path) -> Result<(), SpawnError> {
+        let deadline = Instant::now() + START_WITHIN;
+        loop {
+            let failed = |source| SpawnError::Start { binary: binary.to_owned(), source };
+            if let Some(status) = self.child.try_wait().map_err(failed)? {
+                return Err(SpawnError::Ended { status });
+            }
+            match self.session().connect() {
+                Ok(_) => return Ok(()),
+                Err(error) if Instant::now() >= deadline => {
+                    return Err(SpawnError::Silent { source: Box::new(error) });
+                }
+                Err(_) => std::thread::sleep(LOOK_INTERVAL),
+            }
+        }
+    }
+
+    /// The directory that its clients need.
+    pub fn dir(&self) -> RuntimeDir {
+        RuntimeDir::at(self.dir.path())
+    }
+
+    /// The name that it serves under in that directory.
+    pub fn instance(&self) -> InstanceName {
+        InstanceName::default()
+    }
+
+    /// A session in the making, with this daemon and no other.
+    pub fn session(&self) -> SessionBuilder {
+        Session::builder()
+            .instance(self.instance().as_str())
+            .runtime_dir(self.dir())
+            .backend(Backend::Daemon)
+    }
+
+    /// Who serves now, if anybody.
+    pub fn record(&self) -> Option<DaemonRecord> {
+        self.dir().read_record(&self.instance())
+    }
+
+    /// Asks it to stop and waits until it has: its exit status, or that of the SIGKILL that it
+    /// took.
+    pub fn stop(mut self) -> ExitStatus {
+        self.stop_now()
+    }
+
+    fn stop_now(&mut self) -> ExitStatus {
+        // Where the process is gone already, there is nobody to tell.
+        if let Some(pid) = i32::try_from(self.child.id()).ok().and_then(Pid::from_raw)
+            && matches!(self.child.try_wait(), Ok(None))
+        {
+            let _ = kill_process(pid, Signal::TERM);
+        }
+        let deadline = Instant::now() + STOP_WITHIN;
+        while Instant::now() < deadline {
+            if let Ok(Some(status)) = self.child.try_wait() {
+                return status;
+            }
+            std::thread::sleep(LOOK_INTERVAL);
+        }
+        let _ = self.child.kill();
+        self.child.wait().unwrap_or_else(|_| ExitStatus::from_raw(Signal::KILL.as_raw()))
+    }
+}
+
+impl Drop for PrivateDaemon {
+    fn drop(&mut self) {
+        self.stop_now();
+    }
+}
+
+/// The binary that this process runs.
+pub(crate) fn own_binary() -> Result<PathBuf, SpawnError> {
+    std::env::current_exe()
+        .map_err(|source| SpawnError::Start { binary: "/proc/self/exe".into(), source })
+}
+
+/// What `serve --private-to OWNER` does: serves until told to stop or the owner dies, then
+/// removes the runtime directory.
+pub(crate) fn serve_private(settings: &ServeSettings, owner: u32) -> Result<(), ServeError> {
+    set_parent_process_death_signal(Some(Signal::TERM)).map_err(|errno| ServeError::System {
+        step: "binding to the owner",
+        source: errno.into(),
+    })?;
+    // The owner may have died before the signal was asked for: it never comes then.
+    let is_owned = getppid().is_some_and(|pid| pid.as_raw_nonzero().get().unsigned_abs() == owner);
+    let result = if is_owned { supervise(settings) } else { Ok(()) };
+    // Files that a client left by dying, and the transport's own: nobody serves here again.
+    let _ = clean_before_serving(&settings.dir, &settings.instance);
+    remove_private_dir(settings.dir.path());
+    result
+}
+
+/// Removes a directory that [`PrivateDaemon::start`] made, and no other, whatever was passed.
+fn remove_private_dir(path: &Path) {
+    let name = path.file_name().and_then(std::ffi::OsStr::to_str).unwrap_or_default();
+    if name.starts_with(DIR_PREFIX) {
+        // The owner removes it too: whoever comes second finds nothing.
+        let _ = std::fs::remove_dir_all(path);
+    }
+}
