@@ -63,7 +63,7 @@ impl Calibration {
             Isa::Portable => 6.0,
         };
         Self {
-            brute: PairwiseCost { fixed_ns: 300.0, ns_a_box: 2.0, ns_a_test: 0.32 * lanes },
+            brute: PairwiseCost { fixed_ns: 800.0, ns_a_box: 2.0, ns_a_test: 0.40 * lanes },
             sap: PairwiseCost { fixed_ns: 300.0, ns_a_box: 22.0, ns_a_test: 0.46 * lanes },
             grid: GridCost {
                 fixed_ns: 7_000.0,
