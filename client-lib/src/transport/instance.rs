@@ -99,6 +99,15 @@ fn io_error(path: &Path) -> impl FnOnce(std::io::Error) -> InstanceError + '_ {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RuntimeDir(PathBuf);
 
+fn ensure_own_dir(path: &Path, mode: u32) -> Result<(), InstanceError> {
+    fs::DirBuilder::new().recursive(true).mode(mode).create(path).map_err(io_error(path))?;
+    let owner = fs::metadata(path).map_err(io_error(path))?.uid();
+    if owner != rustix::process::geteuid().as_raw() {
+        return Err(InstanceError::Foreign { path: path.to_owned(), owner });
+    }
+    Ok(())
+}
+
 /// Environment variable that names another runtime directory.
 const RUNTIME_DIR_VARIABLE: &str = "PAIRMASK_RUNTIME_DIR";
 const DEFAULT_PREFIX: &str = "/tmp/pairmask-";
@@ -128,16 +137,7 @@ impl RuntimeDir {
     /// # Errors
     /// [`InstanceError::Foreign`], [`InstanceError::Io`].
     pub fn ensure(&self) -> Result<(), InstanceError> {
-        fs::DirBuilder::new()
-            .recursive(true)
-            .mode(0o755)
-            .create(&self.0)
-            .map_err(io_error(&self.0))?;
-        let owner = fs::metadata(&self.0).map_err(io_error(&self.0))?.uid();
-        if owner != rustix::process::geteuid().as_raw() {
-            return Err(InstanceError::Foreign { path: self.0.clone(), owner });
-        }
-        Ok(())
+        ensure_own_dir(&self.0, 0o755)
     }
 
     /// Instances that have a record, dead or alive, by name.
@@ -160,20 +160,35 @@ impl RuntimeDir {
         self.0.join(format!("{name}{suffix}"))
     }
 
-    /// Directory for the transport's own files of this instance.
+    /// Directory for the transport's own files of this instance. It lies in /tmp whatever the
+    /// runtime directory is: it holds sockets, whose paths have 107 bytes at most.
     pub fn transport_root(&self, name: &InstanceName) -> PathBuf {
-        self.file(name, ".transport")
+        format!("/tmp/pairmask-{:012x}", self.hash(name)).into()
     }
 
     /// Prefix of the instance's files in /dev/shm, which all users and directories share.
     pub fn shm_prefix(&self, name: &InstanceName) -> String {
-        // FNV-1a: short, stable over processes and builds; a clash only mixes file prefixes of
-        // two directories of one user, whose instances then need different names.
-        let hash =
-            self.0.as_os_str().as_encoded_bytes().iter().fold(0xcbf2_9ce4_8422_2325_u64, |h, b| {
-                (h ^ u64::from(*b)).wrapping_mul(0x0000_0100_0000_01b3)
-            });
-        format!("pairmask_{:08x}_{name}_", (hash >> 32) as u32 ^ hash as u32)
+        format!("pairmask_{:012x}_", self.hash(name))
+    }
+
+    /// 48 bits of FNV-1a over directory and name: short, and the same in all processes and builds.
+    fn hash(&self, name: &InstanceName) -> u64 {
+        // One directory has many spellings.
+        let dir = fs::canonicalize(&self.0).unwrap_or_else(|_| self.0.clone());
+        let bytes = dir.as_os_str().as_encoded_bytes().iter().chain(b"\0");
+        let hash = bytes.chain(name.0.as_bytes()).fold(0xcbf2_9ce4_8422_2325_u64, |h, b| {
+            (h ^ u64::from(*b)).wrapping_mul(0x0000_0100_0000_01b3)
+        });
+        (hash ^ hash >> 48) & 0xffff_ffff_ffff
+    }
+
+    /// Creates the transport's directory, and refuses one that another user owns: the name can be
+    /// guessed, and whoever owns it could swap the sockets under us.
+    ///
+    /// # Errors
+    /// [`InstanceError::Foreign`], [`InstanceError::Io`].
+    pub fn ensure_transport_root(&self, name: &InstanceName) -> Result<(), InstanceError> {
+        ensure_own_dir(&self.transport_root(name), 0o700)
     }
 
     /// The record of an instance, or `None` where there is none or it cannot be understood.
