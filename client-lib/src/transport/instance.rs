@@ -63,6 +63,14 @@ pub enum InstanceError {
         /// What was given.
         name: String,
     },
+    /// The directory's path is too long for the transport's sockets.
+    #[error("{} is longer than {limit} bytes: choose a runtime directory with a shorter path", path.display())]
+    LongPath {
+        /// The directory.
+        path: PathBuf,
+        /// Bytes of the longest.
+        limit: usize,
+    },
     /// Somebody else owns the directory.
     #[error("{} belongs to user {owner}, not to you: set PAIRMASK_RUNTIME_DIR to a directory of your own", path.display())]
     Foreign {
@@ -103,6 +111,11 @@ pub struct RuntimeDir(PathBuf);
 const RUNTIME_DIR_VARIABLE: &str = "PAIRMASK_RUNTIME_DIR";
 const DEFAULT_PREFIX: &str = "/tmp/pairmask-";
 
+/// Bytes of the longest runtime directory. The transport binds sockets
+/// `DIR/t-XXXXXXXX/pm_XXXXXXXXXXXX_ID.event` with an ID of up to 39 digits, and the system takes
+/// 107 bytes for the path of one.
+const MAX_DIR_BYTES: usize = 107 - "/t-XXXXXXXX/pm_XXXXXXXXXXXX_.event".len() - 39;
+
 impl RuntimeDir {
     /// `$PAIRMASK_RUNTIME_DIR`, else `/tmp/pairmask-UID`.
     pub fn from_env() -> Self {
@@ -126,8 +139,11 @@ impl RuntimeDir {
     /// swap the files under us.
     ///
     /// # Errors
-    /// [`InstanceError::Foreign`], [`InstanceError::Io`].
+    /// [`InstanceError::LongPath`], [`InstanceError::Foreign`], [`InstanceError::Io`].
     pub fn ensure(&self) -> Result<(), InstanceError> {
+        if self.0.as_os_str().len() > MAX_DIR_BYTES {
+            return Err(InstanceError::LongPath { path: self.0.clone(), limit: MAX_DIR_BYTES });
+        }
         fs::DirBuilder::new()
             .recursive(true)
             .mode(0o755)
@@ -162,18 +178,22 @@ impl RuntimeDir {
 
     /// Directory for the transport's own files of this instance.
     pub fn transport_root(&self, name: &InstanceName) -> PathBuf {
-        self.file(name, ".transport")
+        self.0.join(format!("t-{:08x}", self.key(name) as u32))
     }
 
     /// Prefix of the instance's files in /dev/shm, which all users and directories share.
     pub fn shm_prefix(&self, name: &InstanceName) -> String {
-        // FNV-1a: short, stable over processes and builds; a clash only mixes file prefixes of
-        // two directories of one user, whose instances then need different names.
-        let hash =
-            self.0.as_os_str().as_encoded_bytes().iter().fold(0xcbf2_9ce4_8422_2325_u64, |h, b| {
-                (h ^ u64::from(*b)).wrapping_mul(0x0000_0100_0000_01b3)
-            });
-        format!("pairmask_{:08x}_{name}_", (hash >> 32) as u32 ^ hash as u32)
+        format!("pm_{:012x}_", self.key(name) >> 16)
+    }
+
+    /// Stands for directory and name where both would be too long. FNV-1a: stable over processes
+    /// and builds; of its 64 bits, 48 are used, so that a thousand instances do not clash.
+    fn key(&self, name: &InstanceName) -> u64 {
+        let directory = self.0.as_os_str().as_encoded_bytes();
+        let bytes = directory.iter().chain(b"/").chain(name.as_str().as_bytes());
+        bytes.fold(0xcbf2_9ce4_8422_2325, |h, b| {
+            (h ^ u64::from(*b)).wrapping_mul(0x0000_0100_0000_01b3)
+        })
     }
 
     /// The record of an instance, or `None` where there is none or it cannot be understood.
@@ -303,6 +323,17 @@ mod tests {
         for bad in ["", "A", "a/b", "..", "a b", &"x".repeat(33)] {
             assert!(bad.parse::<InstanceName>().is_err(), "{bad}");
         }
+    }
+
+    #[test]
+    fn a_directory_that_leaves_no_room_for_sockets_is_refused() {
+        let dir = RuntimeDir::at(format!("/tmp/{}", "x".repeat(MAX_DIR_BYTES)));
+        assert!(matches!(dir.ensure(), Err(InstanceError::LongPath { .. })));
+        assert!(!dir.path().exists());
+        let longest: InstanceName = "x".repeat(MAX_NAME_BYTES).parse().expect("a name");
+        let dir = RuntimeDir::at("y".repeat(MAX_DIR_BYTES));
+        let socket = format!("{}{}.event", dir.shm_prefix(&longest), u128::MAX);
+        assert_eq!(dir.transport_root(&longest).join(socket).as_os_str().len(), 107);
     }
 
     #[test]
