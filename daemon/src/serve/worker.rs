@@ -74,14 +74,17 @@ pub fn work(settings: &ServeSettings) -> Result<(), ServeError> {
 
 /// The GPU, where one is wanted. `auto` does without where there is none.
 fn open_gpu(choice: &GpuChoice) -> Result<Option<GpuService>, OpenError> {
-    match (choice, GpuService::open(choice)) {
-        (GpuChoice::None, _) => Ok(None),
-        (_, Ok(gpu)) => Ok(Some(gpu)),
-        (GpuChoice::Auto, Err(error)) => {
+    if *choice == GpuChoice::None {
+        // Not even a look: listing adapters takes time and loads every driver.
+        return Ok(None);
+    }
+    match GpuService::open(choice) {
+        Ok(gpu) => Ok(Some(gpu)),
+        Err(error) if *choice == GpuChoice::Auto => {
             log::info!("serving without a GPU: {error}");
             Ok(None)
         }
-        (_, Err(error)) => Err(error),
+        Err(error) => Err(error),
     }
 }
 

@@ -37,8 +37,9 @@ pub fn write_pairs(path: &Path, mask: &PairMask) -> Result<(), FileError> {
     write_file(path, |file| file.write_all(bytemuck::cast_slice(&pairs)))
 }
 
-/// Writes the words of a dense mask; of a sparse one the rows, the blocks and the bits of its
-/// words, and the order where there is one.
+/// Writes the words of a dense mask; of a sparse one the order of the boxes, then the rows, the
+/// blocks and the bits of its words. The order comes first and is never left out, so that the
+/// number of words follows from the file's length.
 ///
 /// # Errors
 /// [`FileError::Io`].
@@ -53,10 +54,13 @@ pub fn write_mask(path: &Path, mask: &PairMask) -> Result<(), FileError> {
                     WordAddress::Dense { .. } => None,
                 })
             };
+            match sparse.order() {
+                Some(order) => write_words(file, order.iter().copied())?,
+                None => write_words(file, 0..sparse.n().get())?,
+            }
             write_words(file, addresses().map(|(row, _)| row))?;
             write_words(file, addresses().map(|(_, block)| block))?;
-            write_words(file, view.words().map(|word| word.bits.0))?;
-            write_words(file, sparse.order().unwrap_or_default().iter().copied())
+            write_words(file, view.words().map(|word| word.bits.0))
         }
     })
 }

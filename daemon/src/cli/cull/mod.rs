@@ -27,8 +27,8 @@ const DEADLINE: Duration = Duration::from_secs(600);
 #[command(after_help = "\
 A file of boxes holds little-endian f32, min.x min.y min.z max.x max.y max.z, 24 bytes a box.
 Pairs are written as two little-endian u32 each, the lower index first, in ascending order.
-A dense mask is written as its u32 words; a sparse one as the rows of all its words, then their
-blocks, their bits, and the order of the boxes if there is one.
+A dense mask is written as its u32 words; a sparse one as the order of its n boxes, then the rows
+of all its words, their blocks and their bits.
 
 Examples:
   pairmaskd cull boxes.f32                            by the daemon, or in process without one
@@ -108,12 +108,11 @@ impl Cull {
         config: &Config,
     ) -> Result<Session, ConnectError> {
         let builder = self.options.session(config).deadline(DEADLINE);
-        let (dir, instance, backend) = match daemon {
-            Some(daemon) => (daemon.dir(), daemon.instance(), Backend::Daemon),
-            None => {
-                let backend = self.options.backend(config, Backend::Auto);
-                (place.runtime_dir(config), place.instance(config), backend)
-            }
+        let (dir, instance, backend) = if let Some(daemon) = daemon {
+            (daemon.dir(), daemon.instance(), Backend::Daemon)
+        } else {
+            let backend = self.options.backend(config, Backend::Auto);
+            (place.runtime_dir(config), place.instance(config), backend)
         };
         builder.runtime_dir(dir).instance(instance.as_str()).backend(backend).connect()
     }

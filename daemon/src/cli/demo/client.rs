@@ -49,7 +49,7 @@ impl DemoClient {
             let is_checked = Instant::now() >= check_at;
             let sampled = run_frame(&mut session, &mut world, &mut progress, is_checked)?;
             if is_checked {
-                progress.note_check(&sampled);
+                progress.note_check(sampled);
                 check_at = Instant::now() + CHECK_INTERVAL;
             }
             display.update(&mut progress)?;

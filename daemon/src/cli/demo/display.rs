@@ -104,11 +104,11 @@ impl Progress {
     }
 
     /// Counts a checked frame: the last one.
-    pub fn note_check(&mut self, bad: &Option<BadPair>) {
+    pub fn note_check(&mut self, bad: Option<BadPair>) {
         self.checked += 1;
         if let Some(bad) = bad {
             self.wrong += 1;
-            self.first_wrong.get_or_insert((self.frames, *bad));
+            self.first_wrong.get_or_insert((self.frames, bad));
         }
     }
 
@@ -216,11 +216,11 @@ mod tests {
     fn a_wrong_frame_is_named_and_fails() {
         let mut progress = Progress::new();
         progress.note_frame(3, Duration::from_micros(40), EngineName::CpuBrute, false);
-        progress.note_check(&None);
+        progress.note_check(None);
         assert!(progress.verdict().is_ok());
         assert!(progress.summary_text().contains("1 frames checked, all right"));
         progress.note_frame(3, Duration::from_micros(40), EngineName::CpuBrute, false);
-        progress.note_check(&Some(BadPair::Missing(3, 9)));
+        progress.note_check(Some(BadPair::Missing(3, 9)));
         let text = progress.summary_text();
         assert!(text.contains("frame 2") && text.contains("(3, 9)"), "{text}");
         assert!(matches!(progress.verdict(), Err(DemoError::Wrong { wrong: 1, checked: 2 })));

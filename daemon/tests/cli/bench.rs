@@ -1,0 +1,110 @@
+//! `bench latency`: its JSON, and that it measures what it says.
+
+use std::collections::BTreeSet;
+
+use pairmask_tests::stress_scenes;
+use serde_json::Value;
+
+use crate::support::{Place, keys};
+
+const STAGES: [&str; 6] =
+    ["fill_ns", "round_trip_ns", "engine_ns", "added_ns", "decode_ns", "total_ns"];
+
+fn check_row(row: &Value, n: u32, backend: &str, wait: &str) {
+    let mut fields = BTreeSet::from(["n", "backend", "wait", "engine", "frames"]);
+    fields.extend(STAGES);
+    assert_eq!(keys(row), fields);
+    assert_eq!((&row["n"], &row["frames"]), (&n.into(), &12.into()));
+    assert_eq!((&row["backend"], &row["wait"]), (&backend.into(), &wait.into()));
+    for stage in STAGES {
+        assert_eq!(keys(&row[stage]), BTreeSet::from(["p50", "p90", "p99", "p999", "max"]));
+        let at = |name: &str| row[stage][name].as_u64().unwrap();
+        let rising = [at("p50"), at("p90"), at("p99"), at("p999"), at("max")];
+        assert!(rising.is_sorted(), "{stage}: {rising:?}");
+    }
+    let longest = |stage: &str| row[stage]["max"].as_u64().unwrap();
+    assert!(longest("engine_ns") <= longest("round_trip_ns"), "{row}");
+    assert!(longest("round_trip_ns") <= longest("total_ns"), "{row}");
+    assert!(longest("round_trip_ns") > 0);
+}
+
+#[test]
+fn rows_for_every_wait_and_scene() {
+    let place = Place::new();
+    let arguments = [
+        "bench",
+        "latency",
+        "--n",
+        "0,100",
+        "--frames",
+        "12",
+        "--warm-up",
+        "2",
+        "--wait",
+        "spin,event",
+        "--json",
+    ];
+    let report = place.run(&arguments).json();
+    assert_eq!(keys(&report), BTreeSet::from(["machine", "rows"]));
+    let machine = &report["machine"];
+    let fields = ["cpu", "cores", "os", "kernel", "toolchain", "commit", "command"];
+    assert_eq!(keys(machine), BTreeSet::from(fields));
+    assert!(machine["toolchain"].as_str().unwrap().starts_with("rustc "), "{machine}");
+    assert_eq!(machine["command"], format!("pairmaskd {}", arguments.join(" ")));
+    let rows = report["rows"].as_array().unwrap();
+    assert_eq!(rows.len(), 4);
+    for (row, (wait, n)) in
+        rows.iter().zip([("spin", 0), ("spin", 100), ("event", 0), ("event", 100)])
+    {
+        check_row(row, n, "daemon", wait);
+    }
+    place.assert_clean(&[]);
+}
+
+#[test]
+fn a_scene_from_a_file_in_process() {
+    let place = Place::new();
+    place.boxes(&stress_scenes::named("uniform").boxes(70, 1));
+    let report = place.run(&[
+        "bench",
+        "latency",
+        "--scene",
+        "boxes.f32",
+        "--frames",
+        "12",
+        "--backend",
+        "in-process",
+        "--json",
+    ]);
+    check_row(&report.json()["rows"][0], 70, "in-process", "spin");
+}
+
+#[test]
+fn text_has_a_table_for_each_row() {
+    let place = Place::new();
+    let finished = place.run(&[
+        "bench",
+        "latency",
+        "--n",
+        "10,20",
+        "--frames",
+        "12",
+        "--backend",
+        "in-process",
+    ]);
+    assert_eq!(finished.code, Some(0), "{finished:?}");
+    for part in ["10 boxes, in-process", "20 boxes, in-process", "p99.9", "decode"] {
+        assert!(finished.stdout.contains(part), "{finished:?}");
+    }
+}
+
+#[test]
+fn scenes_exclude_each_other_and_waits_are_checked() {
+    let place = Place::new();
+    for wrong in [["--n", "1", "--scene", "x"], ["--wait", "patiently", "--frames", "1"]] {
+        let mut arguments = vec!["bench", "latency"];
+        arguments.extend(wrong);
+        assert_eq!(place.run(&arguments).code, Some(2), "{wrong:?}");
+    }
+    assert!(place.run(&["bench", "latency", "--scene", "absent"]).error(1).contains("absent"));
+}

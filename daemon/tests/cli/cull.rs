@@ -1,0 +1,193 @@
+//! `cull`: files in, files and JSON out.
+
+use std::collections::BTreeSet;
+
+use pairmask::Aabb;
+use pairmask_tests::oracle::{self, Pair};
+use pairmask_tests::stress_scenes;
+
+use crate::support::{Place, daemon, keys, words};
+
+const FIELDS: [&str; 11] = [
+    "boxes",
+    "pairs",
+    "invalid",
+    "empty",
+    "backend",
+    "engine",
+    "encoding",
+    "mask_bytes",
+    "stages_ns",
+    "total_ns",
+    "skipped",
+];
+
+/// 345 boxes, some of them empty or with a NaN.
+fn scene() -> Vec<Aabb> {
+    let mut boxes = stress_scenes::named("uniform").boxes(345, 3);
+    boxes[7] = Aabb::EMPTY;
+    boxes[100].min[2] = f32::NAN;
+    boxes[344].max[0] = f32::NAN;
+    boxes
+}
+
+/// Pairs of a file of pairs.
+fn pairs_of(words: &[u32]) -> Vec<Pair> {
+    words.chunks(2).map(|pair| (pair[0], pair[1])).collect()
+}
+
+/// Pairs of a dense mask file: one bit after the other.
+fn dense_pairs(words: &[u32], n: u32) -> Vec<Pair> {
+    let all = (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b)));
+    let set = all.enumerate().filter(|(k, _)| words[k / 32] >> (k % 32) & 1 == 1);
+    set.map(|(_, pair)| pair).collect()
+}
+
+/// Pairs of a sparse mask file: order, rows, blocks, bits.
+fn sparse_pairs(words: &[u32], n: u32) -> Vec<Pair> {
+    let (order, rest) = words.split_at(n as usize);
+    let count = rest.len() / 3;
+    assert_eq!(rest.len(), 3 * count);
+    let mut pairs = Vec::new();
+    for word in 0..count {
+        let (row, block, bits) = (rest[word], rest[count + word], rest[2 * count + word]);
+        for t in (0..32).filter(|t| bits >> t & 1 == 1) {
+            let (a, b) = (order[row as usize], order[(32 * block + t) as usize]);
+            pairs.push((a.min(b), a.max(b)));
+        }
+    }
+    pairs.sort_unstable();
+    pairs
+}
+
+#[test]
+fn pairs_and_masks_are_those_of_the_oracle() {
+    let place = Place::new();
+    let boxes = scene();
+    let truth = oracle::truth(&boxes);
+    let n = boxes.len() as u32;
+    let file = place.boxes(&boxes);
+    let daemon = daemon();
+    let dir = daemon.dir().path().to_owned();
+    for backend in ["in-process", "daemon"] {
+        for encoding in ["dense", "sparse"] {
+            let report = place
+                .run(&[
+                    "cull",
+                    file.to_str().unwrap(),
+                    "--runtime-dir",
+                    dir.to_str().unwrap(),
+                    "--backend",
+                    backend,
+                    "--encoding",
+                    encoding,
+                    "--pairs",
+                    "pairs",
+                    "--mask",
+                    "mask",
+                    "--json",
+                ])
+                .json();
+            assert_eq!(keys(&report), BTreeSet::from(FIELDS));
+            assert_eq!(report["boxes"], n);
+            assert_eq!(report["pairs"], truth.pairs.len());
+            assert_eq!(report["invalid"], truth.census.invalid);
+            assert_eq!(report["empty"], truth.census.empty);
+            assert_eq!(report["backend"], backend);
+            assert_eq!(report["encoding"], encoding);
+            assert_eq!(pairs_of(&words(&place.file("pairs"))), truth.pairs, "{backend} {encoding}");
+            let mask = words(&place.file("mask"));
+            let decode = if encoding == "dense" { dense_pairs } else { sparse_pairs };
+            assert_eq!(decode(&mask, n), truth.pairs, "{backend} {encoding}");
+        }
+    }
+}
+
+#[test]
+fn times_add_up() {
+    let place = Place::new();
+    let file = place.boxes(&scene());
+    let arguments = ["cull", file.to_str().unwrap(), "--backend", "in-process", "--json"];
+    let report = place.run(&arguments).json();
+    let stages = &report["stages_ns"];
+    let names = ["read", "ingest", "plan", "execute", "publish", "engine", "round_trip", "decode"];
+    assert_eq!(keys(stages), BTreeSet::from(names));
+    let ns = |name: &str| stages[name].as_u64().unwrap();
+    assert!(ns("ingest") + ns("plan") + ns("execute") + ns("publish") <= ns("engine"), "{stages}");
+    assert!(ns("engine") <= ns("round_trip"), "{stages}");
+    let parts = ns("read") + ns("round_trip") + ns("decode");
+    assert!(parts <= report["total_ns"].as_u64().unwrap(), "{report}");
+    assert_eq!(keys(&report["skipped"]), BTreeSet::from(["boxes", "pairs", "zero_words"]));
+    assert_eq!(report["skipped"]["boxes"], 3);
+}
+
+#[test]
+fn spawn_starts_a_daemon_and_leaves_nothing() {
+    let place = Place::new();
+    let file = place.boxes(&scene());
+    let report = place.run(&["cull", file.to_str().unwrap(), "--spawn", "--json"]).json();
+    assert_eq!(report["backend"], "daemon");
+    assert_eq!(report["pairs"], oracle::truth(&scene()).pairs.len());
+    place.assert_clean(&["boxes.f32"]);
+}
+
+#[test]
+fn stdin_and_no_box_at_all() {
+    let place = Place::new();
+    let boxes = scene();
+    let arguments = ["cull", "-", "--backend", "in-process", "--json"];
+    let report = place.run_with_input(&arguments, bytemuck::cast_slice(&boxes)).json();
+    assert_eq!(report["pairs"], oracle::truth(&boxes).pairs.len());
+    let report = place.run_with_input(&arguments, &[]).json();
+    assert_eq!((&report["boxes"], &report["pairs"]), (&0.into(), &0.into()));
+}
+
+#[test]
+fn text_names_what_json_does() {
+    let place = Place::new();
+    let file = place.boxes(&scene());
+    let text = place.run(&["cull", file.to_str().unwrap(), "--backend", "in-process"]).stdout;
+    for part in ["345 (1 empty, 2 invalid)", "cpu-", "in-process", "round trip"] {
+        assert!(text.contains(part), "{text}");
+    }
+}
+
+#[test]
+fn a_file_of_odd_size_is_named_with_its_size() {
+    let place = Place::new();
+    std::fs::write(place.file("odd"), [0; 100]).unwrap();
+    for arguments in [["cull", "odd", "--json"], ["cull", "odd", "--spawn"]] {
+        let finished = place.run(&arguments);
+        let error = finished.error(1);
+        assert!(error.contains("odd has 100 bytes") && error.contains("4 boxes"), "{error}");
+        assert_eq!(finished.stdout, "");
+    }
+    let piped = place.run_with_input(&["cull", "-"], &[0; 23]);
+    assert!(piped.error(1).contains("23 bytes"));
+    assert!(place.run(&["cull", "absent"]).error(1).contains("absent: "));
+}
+
+#[test]
+fn a_missing_daemon_says_what_to_do() {
+    let place = Place::new();
+    let file = place.boxes(&scene());
+    let finished = place.run(&["cull", file.to_str().unwrap(), "--backend", "daemon"]);
+    assert!(finished.error(1).contains("pairmaskd serve"), "{finished:?}");
+    let report = place.run(&["cull", file.to_str().unwrap(), "--backend", "auto", "--json"]);
+    assert_eq!(report.json()["backend"], "in-process");
+}
+
+#[test]
+fn a_result_that_cannot_be_written_is_an_error() {
+    let place = Place::new();
+    let file = place.boxes(&scene());
+    let finished = place.run(&[
+        "cull",
+        file.to_str().unwrap(),
+        "--backend",
+        "in-process",
+        "--pairs",
+        "no/such/dir",
+    ]);
+    assert!(finished.error(1).contains("no/such/dir"), "{finished:?}");
+}

@@ -1,0 +1,46 @@
+//! `demo`: two processes, a summary, and nothing left.
+
+use rustix::process::{Pid, Signal, kill_process};
+
+use crate::support::{Place, eventually, finish};
+
+#[test]
+fn ends_by_itself_with_every_sample_right() {
+    let place = Place::new();
+    let finished = place.run(&["demo", "--seconds", "2", "--boxes", "300"]);
+    assert_eq!(finished.code, Some(0), "{finished:?}");
+    let text = &finished.stdout;
+    assert!(text.contains("frames/s") && text.contains("p99"), "a line a second: {text}");
+    let summary = text.lines().find(|line| line.starts_with("frames ")).unwrap();
+    assert!(summary.ends_with(", 0 of them in process"), "{text}");
+    let checks = text.lines().find(|line| line.starts_with("checks ")).unwrap();
+    assert!(checks.ends_with("frames checked, all right"), "{text}");
+    assert!(!checks.contains(" 0 frames"), "{text}");
+    place.assert_clean(&[]);
+}
+
+#[test]
+fn a_signal_ends_it_early_with_its_summary() {
+    let place = Place::new();
+    let child = place.command(&["demo", "--seconds", "1000", "--boxes", "50"]).spawn().unwrap();
+    let pid = Pid::from_raw(i32::try_from(child.id()).unwrap()).unwrap();
+    let is_client = |process: &String| process.contains("demo-client");
+    eventually("the client runs", || place.processes().iter().any(is_client).then_some(()));
+    std::thread::sleep(std::time::Duration::from_millis(300));
+    kill_process(pid, Signal::TERM).unwrap();
+    let finished = finish(child);
+    assert_eq!(finished.code, Some(0), "{finished:?}");
+    assert!(finished.stdout.contains("checks "), "{finished:?}");
+    place.assert_clean(&[]);
+}
+
+#[test]
+fn nothing_outlives_a_demo_that_is_killed() {
+    let place = Place::new();
+    let mut child = place.command(&["demo", "--seconds", "1000", "--boxes", "50"]).spawn().unwrap();
+    let is_client = |process: &String| process.contains("demo-client");
+    eventually("the client runs", || place.processes().iter().any(is_client).then_some(()));
+    child.kill().unwrap();
+    child.wait().unwrap();
+    place.assert_clean(&[]);
+}

@@ -1,0 +1,10 @@
+//! The binary, as its users run it: output, files, exit status, signals. Nothing is left behind.
+#![allow(clippy::unwrap_used)]
+
+mod bench;
+mod cull;
+mod demo;
+mod serve;
+mod settings;
+mod status;
+mod support;

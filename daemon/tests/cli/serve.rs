@@ -1,0 +1,78 @@
+//! `serve`: one daemon an instance, stopped by signals, restarted when it crashes.
+
+use std::process::Child;
+
+use pairmask::transport::{InstanceName, RuntimeDir};
+use rustix::process::{Pid, Signal, kill_process};
+
+use crate::support::{Finished, Place, eventually, finish};
+
+fn pid_of(child: &Child) -> Pid {
+    Pid::from_raw(i32::try_from(child.id()).unwrap()).unwrap()
+}
+
+fn serve(place: &Place, arguments: &[&str]) -> Child {
+    let mut all = vec!["serve"];
+    all.extend(arguments);
+    let child = place.command(&all).spawn().unwrap();
+    let name = arguments.iter().skip_while(|a| **a != "--instance").nth(1);
+    let name: InstanceName = name.map_or_else(InstanceName::default, |n| n.parse().unwrap());
+    let dir = RuntimeDir::at(place.path());
+    eventually("the daemon serves", || dir.read_record(&name));
+    child
+}
+
+fn stop(child: Child, signal: Signal) -> Finished {
+    kill_process(pid_of(&child), signal).unwrap();
+    finish(child)
+}
+
+#[test]
+fn signals_stop_it_cleanly() {
+    for signal in [Signal::TERM, Signal::INT] {
+        let place = Place::new();
+        let child = serve(&place, &[]);
+        let finished = stop(child, signal);
+        assert_eq!(finished.code, Some(0), "{finished:?}");
+        assert!(finished.stderr.contains("serving 'default'"), "{finished:?}");
+        assert!(RuntimeDir::at(place.path()).instances().is_empty());
+        eventually("processes end", || place.processes().is_empty().then_some(()));
+    }
+}
+
+#[test]
+fn a_second_daemon_is_refused_and_another_instance_is_not() {
+    let place = Place::new();
+    let first = serve(&place, &[]);
+    let refused = place.run(&["serve"]);
+    let error = refused.error(1);
+    assert!(error.contains("already served") && error.contains("--instance"), "{error}");
+    assert!(error.contains(&first.id().to_string()), "{error}");
+    let longest = "a-name-of-the-greatest-length-32";
+    let other = serve(&place, &["--instance", longest]);
+    assert_eq!(stop(other, Signal::TERM).code, Some(0));
+    assert_eq!(stop(first, Signal::TERM).code, Some(0));
+}
+
+#[test]
+fn a_crashed_worker_is_replaced() {
+    let place = Place::new();
+    let child = serve(&place, &[]);
+    let dir = RuntimeDir::at(place.path());
+    let worker = || dir.read_record(&InstanceName::default()).map(|record| record.worker_pid);
+    let first = worker().unwrap();
+    kill_process(Pid::from_raw(first.cast_signed()).unwrap(), Signal::KILL).unwrap();
+    eventually("another worker serves", || worker().filter(|pid| *pid != first));
+    assert_eq!(stop(child, Signal::TERM).code, Some(0));
+}
+
+#[test]
+fn a_directory_that_cannot_be_used_is_named() {
+    let place = Place::new();
+    std::fs::write(place.file("file"), "").unwrap();
+    let finished = place.run(&["serve", "--runtime-dir", "file/below"]);
+    assert!(finished.error(1).contains("file/below"), "{finished:?}");
+    let long = format!("/tmp/{}", "x".repeat(100));
+    let finished = place.run(&["serve", "--runtime-dir", &long]);
+    assert!(finished.error(1).contains("shorter"), "{finished:?}");
+}

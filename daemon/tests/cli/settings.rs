@@ -1,0 +1,74 @@
+//! Flag before environment before file before default; and what the command line refuses.
+
+use pairmask::Aabb;
+
+use crate::support::{Finished, Place, finish};
+
+fn backend_of(finished: &Finished) -> String {
+    finished.json()["backend"].as_str().unwrap().to_owned()
+}
+
+#[test]
+fn flag_then_environment_then_file_then_default() {
+    let place = Place::new();
+    place.boxes(&[Aabb::EMPTY; 3]);
+    let cull = ["cull", "boxes.f32", "--json"];
+    let encoding = |finished: Finished| finished.json()["encoding"].as_str().unwrap().to_owned();
+    // Nobody serves: the default, auto, falls back.
+    assert_eq!(backend_of(&place.run(&cull)), "in-process");
+    std::fs::create_dir(place.file("pairmask")).unwrap();
+    let file = place.file("pairmask/config.toml");
+    std::fs::write(&file, "backend = 'in-process'\nencoding = 'sparse'\n").unwrap();
+    assert_eq!(encoding(place.run(&cull)), "sparse");
+    let mut command = place.command(&cull);
+    command.env("PAIRMASK_ENCODING", "dense");
+    assert_eq!(encoding(finish(command.spawn().unwrap())), "dense");
+    let mut command = place.command(&cull);
+    command.env("PAIRMASK_ENCODING", "dense").args(["--encoding", "sparse"]);
+    assert_eq!(encoding(finish(command.spawn().unwrap())), "sparse");
+    std::fs::write(place.file("other.toml"), "encoding = 'dense'\n").unwrap();
+    let named = ["cull", "boxes.f32", "--json", "--config", "other.toml"];
+    assert_eq!(encoding(place.run(&named)), "dense");
+}
+
+#[test]
+fn a_wrong_configuration_is_named() {
+    let place = Place::new();
+    std::fs::write(place.file("wrong.toml"), "engine = 'fast'\n").unwrap();
+    let finished = place.run(&["status", "--config", "wrong.toml"]);
+    let error = finished.error(2);
+    assert!(error.contains("wrong.toml") && error.contains("fast"), "{error}");
+    assert!(place.run(&["status", "--config", "absent.toml"]).error(2).contains("absent.toml"));
+}
+
+#[test]
+fn a_wrong_command_line_exits_with_2() {
+    let place = Place::new();
+    for wrong in [
+        &["sing"][..],
+        &["cull"],
+        &["cull", "x", "--engine", "fast"],
+        &["cull", "x", "--threads", "0"],
+        &["serve", "--instance", "A B"],
+        &["serve", "--max-clients", "0"],
+        &["bench"],
+        &["bench", "latency", "--frames", "0"],
+        &["demo", "--seconds", "0"],
+    ] {
+        assert_eq!(place.run(wrong).code, Some(2), "{wrong:?}");
+    }
+}
+
+#[test]
+fn help_has_examples_and_version_names_wire_and_commit() {
+    let place = Place::new();
+    for command in [&["--help"][..], &["serve", "--help"], &["cull", "--help"], &["demo", "--help"]]
+    {
+        let finished = place.run(command);
+        assert_eq!(finished.code, Some(0));
+        assert!(finished.stdout.contains("Examples:"), "{command:?}");
+        assert!(!finished.stdout.contains("worker"), "hidden flags stay hidden");
+    }
+    let version = place.run(&["--version"]).stdout;
+    assert!(version.contains("wire 1.") && version.contains("commit "), "{version}");
+}

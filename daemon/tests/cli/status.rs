@@ -1,0 +1,107 @@
+//! `status`: nobody, somebody, and somebody who died.
+
+use std::collections::BTreeSet;
+
+use pairmask::Aabb;
+use rustix::process::{Pid, Signal, kill_process};
+use serde_json::Value;
+
+use crate::support::{Finished, Place, daemon, eventually, keys};
+
+fn status(place: &Place, dir: &std::path::Path, more: &[&str]) -> Finished {
+    let mut arguments = vec!["status", "--runtime-dir", dir.to_str().unwrap()];
+    arguments.extend(more);
+    place.run(&arguments)
+}
+
+#[test]
+fn nobody_serves() {
+    let place = Place::new();
+    let finished = place.run(&["status"]);
+    assert!(finished.error(1).contains("pairmaskd serve"), "{finished:?}");
+    let finished = place.run(&["status", "--json"]);
+    assert_eq!(finished.code, Some(1));
+    let report: Value = serde_json::from_str(&finished.stdout).unwrap();
+    assert_eq!(report["instances"], Value::Array(vec![]));
+    assert_eq!(report["runtime_dir"], place.path().to_str().unwrap());
+}
+
+#[test]
+fn a_daemon_tells_what_it_did() {
+    let place = Place::new();
+    let daemon = daemon();
+    let mut session = daemon.session().connect().unwrap();
+    for _ in 0..3 {
+        let mut frame = session.frame(4).unwrap();
+        frame.boxes_mut().fill(Aabb::from([0.0; 6]));
+        frame.submit().unwrap().wait().unwrap();
+    }
+    let report = status(&place, daemon.dir().path(), &["--json"]).json();
+    let instance = &report["instances"][0];
+    let fields = ["instance", "state", "version", "pid", "supervisor_pid", "daemon", "problem"];
+    assert_eq!(keys(instance), BTreeSet::from(fields));
+    assert_eq!((&instance["instance"], &instance["state"]), (&"default".into(), &"alive".into()));
+    assert_eq!(instance["pid"], daemon.record().unwrap().worker_pid);
+    let told = &instance["daemon"];
+    let fields = ["uptime_ns", "clients", "frames", "boxes", "pairs", "errors", "last_errors"];
+    assert_eq!(keys(told), BTreeSet::from(fields));
+    assert_eq!(
+        (&told["frames"], &told["boxes"], &told["pairs"]),
+        (&3.into(), &12.into(), &18.into())
+    );
+    assert_eq!((&told["clients"], &told["errors"]), (&1.into(), &0.into()));
+
+    let text = status(&place, daemon.dir().path(), &[]);
+    assert!(text.stdout.contains("default: alive"), "{text:?}");
+    assert!(text.stdout.contains("3 frames, 12 boxes, 18 pairs"), "{text:?}");
+    let other = status(&place, daemon.dir().path(), &["--instance", "other"]);
+    assert_eq!(other.code, Some(1), "{other:?}");
+}
+
+#[test]
+fn refused_requests_are_remembered() {
+    let place = Place::new();
+    let daemon = daemon();
+    let engine = "gpu-grid".parse().unwrap();
+    let mut session = daemon.session().engine(engine).connect().unwrap();
+    session.frame(1).unwrap().submit().unwrap().wait().unwrap_err();
+    let report = status(&place, daemon.dir().path(), &["--json"]).json();
+    let told = &report["instances"][0]["daemon"];
+    assert_eq!(told["errors"], 1);
+    let error = &told["last_errors"][0];
+    assert_eq!(keys(error), BTreeSet::from(["status", "ago_ns", "client", "frame"]));
+    assert_eq!(error["status"], "engine-unavailable");
+    assert_eq!(told["last_errors"].as_array().unwrap().len(), 1);
+}
+
+#[test]
+fn a_killed_daemon_is_dead() {
+    let place = Place::new();
+    let mut child = place.command(&["serve"]).spawn().unwrap();
+    let dir = pairmask::transport::RuntimeDir::at(place.path());
+    let record = eventually("the daemon serves", || dir.read_record(&"default".parse().unwrap()));
+    child.kill().unwrap();
+    child.wait().unwrap();
+    eventually("the worker ends", || place.processes().is_empty().then_some(()));
+    let finished = place.run(&["status", "--json"]);
+    assert_eq!(finished.code, Some(1));
+    let report: Value = serde_json::from_str(&finished.stdout).unwrap();
+    assert_eq!(report["instances"][0]["state"], "dead");
+    assert_eq!(report["instances"][0]["daemon"], Value::Null);
+    assert_eq!(report["instances"][0]["pid"], record.worker_pid);
+}
+
+#[test]
+fn a_hanging_daemon_is_silent() {
+    let place = Place::new();
+    let daemon = daemon();
+    let worker = i32::try_from(daemon.record().unwrap().worker_pid).unwrap();
+    let worker = Pid::from_raw(worker).unwrap();
+    kill_process(worker, Signal::STOP).unwrap();
+    let finished = status(&place, daemon.dir().path(), &["--json"]);
+    kill_process(worker, Signal::CONT).unwrap();
+    assert_eq!(finished.code, Some(1), "{finished:?}");
+    let report: Value = serde_json::from_str(&finished.stdout).unwrap();
+    assert_eq!(report["instances"][0]["state"], "silent");
+    assert!(report["instances"][0]["problem"].is_string());
+}
