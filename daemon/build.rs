@@ -34,8 +34,9 @@ use std::process::Command;
 
 fn main() {
     let rustc = std::env::var("RUSTC").unwrap_or_else(|_| "rustc".into());
-    set("PAIRMASK_RUSTC", output(&rustc, &["-V"]));
-    set("PAIRMASK_COMMIT", output("git", &["describe", "--always", "--dirty", "--abbrev=12"]));
+    set("PAIRMASK_RUSTC", output(&rustc, &["-V"]).as_deref());
+    let commit = output("git", &["describe", "--always", "--dirty", "--abbrev=12"]);
+    set("PAIRMASK_COMMIT", commit.as_deref());
     // A commit touches the log of HEAD.
     if let Some(log) = output("git", &["rev-parse", "--git-path", "logs/HEAD"])
         && Path::new(&log).exists()
@@ -45,9 +46,9 @@ fn main() {
     println!("cargo::rerun-if-changed=build.rs");
 }
 
-fn set(name: &str, value: Option<String>) {
+fn set(name: &str, value: Option<&str>) {
     // Built from an archive there is no commit to name.
-    println!("cargo::rustc-env={name}={}", value.as_deref().unwrap_or("unknown"));
+    println!("cargo::rustc-env={name}={}", value.unwrap_or("unknown"));
 }
 
 fn output(program: &str, arguments: &[&str]) -> Option<String> {

@@ -6,7 +6,7 @@
 //! folding a triangle. None of these stages serves a client: production uses
 //! `pairmask::pair_index` and integer searches only.
 
-use std::fmt;
+use std::fmt::{self, Write};
 
 /// First guesses of an inverse square root, subtracted from half the bits of the number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -317,8 +317,9 @@ impl MappingStage {
         let mut text = format!("const MAY_SKIP: bool = {};\n", variant == Variant::Lazy);
         if let Variant::Closed { discriminant, corrected, .. } = variant {
             let integer = discriminant == Discriminant::Integer;
-            text += &format!("const INTEGER_DISCRIMINANT: bool = {integer};\n");
-            text += &format!("const CORRECTED: bool = {corrected};\n\n");
+            // Writing to a String cannot fail.
+            let _ = writeln!(text, "const INTEGER_DISCRIMINANT: bool = {integer};");
+            let _ = writeln!(text, "const CORRECTED: bool = {corrected};\n");
         }
         text += match variant {
             Variant::Closed { .. } => include_str!("../wgsl/shared/map_closed.wgsl"),

@@ -4,7 +4,7 @@ use pairmask_shaders::mapping::{Discriminant, Magic, Root, Steps, Variant};
 use serde::Serialize;
 
 use super::MappingReport;
-use super::rows::{PAPERS_OWN, Processor};
+use super::rows::{MapTimeRow, OutputRow, PAPERS_OWN, PairErrorRow, Processor, RootErrorRow};
 
 /// Whether a sentence of the paper is true here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -79,7 +79,7 @@ fn found_wrong(report: &MappingReport, variant: Variant) -> (Option<bool>, Strin
         }
     }
     let measured = rows().next().is_some();
-    let wrong = rows().any(|row| row.is_wrong()) || first.is_some_and(|row| row.n.is_some());
+    let wrong = rows().any(PairErrorRow::is_wrong) || first.is_some_and(|row| row.n.is_some());
     (measured.then_some(!wrong), parts.join("; "))
 }
 
@@ -141,10 +141,10 @@ fn one_row_off(report: &MappingReport) -> Claim {
 fn fourth_step(report: &MappingReport) -> Claim {
     let percent = |processor, steps, count| {
         let root = Root::Newton(Magic::Carmack, steps);
-        let of_it = |row: &&super::rows::RootErrorRow| {
+        let of_it = |row: &&RootErrorRow| {
             (row.processor, row.root, row.tally.count) == (processor, root, count)
         };
-        report.root_errors.iter().find(of_it).map(super::rows::RootErrorRow::percent)
+        report.root_errors.iter().find(of_it).map(RootErrorRow::percent)
     };
     let largest = report.root_errors.iter().map(|row| row.tally.count).max().unwrap_or(0);
     let mut same = None;
@@ -194,9 +194,8 @@ fn newton_faster(report: &MappingReport) -> Claim {
 /// Time of the paper's way and of the lazy way at the largest size that has both.
 fn with_and_without(report: &MappingReport, processor: Processor) -> Option<(u32, f64, f64)> {
     let ms = |variant, n| {
-        let of_it = |row: &&super::rows::MapTimeRow| {
-            (row.processor, row.variant, row.n) == (processor, variant, n)
-        };
+        let of_it =
+            |row: &&MapTimeRow| (row.processor, row.variant, row.n) == (processor, variant, n);
         report.map_times.iter().find(of_it).and_then(|row| row.ms)
     };
     let mut sizes: Vec<u32> = report.map_times.iter().map(|row| row.n).collect();
@@ -230,7 +229,7 @@ fn lazy_faster_on_cpus(report: &MappingReport) -> Claim {
 }
 
 /// Byte and bit rows of the largest size, written in the paper's way.
-fn byte_and_bit(report: &MappingReport) -> Option<[&super::rows::OutputRow; 2]> {
+fn byte_and_bit(report: &MappingReport) -> Option<[&OutputRow; 2]> {
     let row = |bits| {
         let rows = report.outputs.iter().filter(move |row| row.bits_per_pair == bits);
         rows.filter(|row| row.thread_a_pair).max_by_key(|row| row.n)

@@ -210,7 +210,7 @@ pub fn around_rows(variant: Variant, n: BoxCount) -> Tally {
     let id = move |i: u64| {
         let row = (i / 2) as u32;
         let (first, last) = (row_start(n, row), row_start(n, row + 1) - 1);
-        let k = if i % 2 == 0 { first } else { last };
+        let k = if i.is_multiple_of(2) { first } else { last };
         own_id(variant, n, k)
     };
     with_map(variant, Listed { variant, n, count: 2 * (u64::from(last_row) + 1), id })
@@ -254,7 +254,7 @@ impl MapVisitor for RowsOf {
     }
 }
 
-/// SplitMix64 (Steele, Lea and Flood 2014).
+/// `SplitMix64` (Steele, Lea and Flood 2014).
 fn split_mix(i: u64) -> u64 {
     let z = i.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

@@ -73,7 +73,7 @@ impl Plan {
                 1_000, 3_000, 4_096, 4_113, 10_000, 16_384, 32_768, 65_536, 92_682, 100_000,
                 300_000, 1_000_000,
             ],
-            exhaustive_cpu: if large { 16_384 } else { 10_000 },
+            exhaustive_cpu: if large { 32_768 } else { 10_000 },
             exhaustive_gpu: if software { 1_000 } else { 92_682 },
             sample_ids: if large { 1 << 22 } else { 1 << 20 },
             sample_words: if software { 1 << 12 } else { 1 << 18 },

@@ -260,7 +260,9 @@ fn pair_errors(
             let processor = Processor::Cpu;
             rows.push(PairErrorRow { processor, variant, n, scope, tally, coverage, row_ends });
             let Some(bench) = bench.as_deref_mut() else { continue };
-            let (scope, ids) = if n <= plan.exhaustive_gpu {
+            // The GPU counts in 32 bits.
+            let countable = u32::try_from(variant.id_count(n)).is_ok();
+            let (scope, ids) = if n <= plan.exhaustive_gpu && countable {
                 (Scope::All, Ids::All)
             } else {
                 (Scope::Sample, Ids::Words(plan.sample_words))
@@ -292,7 +294,7 @@ fn first_wrong(plan: &Plan) -> Vec<FirstWrongRow> {
 }
 
 /// The paper's way with a square root: its closed form with the built-in one.
-pub(super) const PAPERS_OWN: Variant =
+pub const PAPERS_OWN: Variant =
     Variant::Closed { root: Root::BuiltIn, discriminant: Discriminant::Float, corrected: false };
 
 fn map_times(plan: &Plan, mut bench: Option<&mut Bench>) -> Result<Vec<MapTimeRow>, MappingError> {

@@ -22,7 +22,8 @@ pub enum Ids {
     AroundRows,
 }
 
-/// Counts the wrong ids. `None` where the ids do not fit the device's integers or dispatches.
+/// Counts the wrong ids. `None` where the ids do not fit the device's integers, counters or
+/// dispatches.
 ///
 /// # Errors
 /// [`GpuError`].
@@ -33,7 +34,9 @@ pub fn count(
     ids: Ids,
 ) -> Result<Option<(Tally, Coverage)>, GpuError> {
     let total = variant.id_count(n);
-    if total == 0 || !bench.fits(variant, n) {
+    // The device counts in 32 bits.
+    let too_many = ids == Ids::All && u32::try_from(total).is_err();
+    if total == 0 || too_many || !bench.fits(variant, n) {
         return Ok(None);
     }
     let (words, stride, around_rows) = match ids {
@@ -47,7 +50,7 @@ pub fn count(
     let pairs = u64::from(n) * (u64::from(n) - 1) / 2;
     let map_bytes = pairs.div_ceil(32) * 4;
     let mark = ids == Ids::All
-        && pairs <= u64::from(u32::MAX)
+        && u32::try_from(pairs).is_ok()
         && map_bytes <= bench.gpu().limits().storage_binding_bytes;
     let Some(groups) = bench.groups(words) else { return Ok(None) };
     let params = MappingErrorsParams {

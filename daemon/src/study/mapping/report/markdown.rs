@@ -159,8 +159,8 @@ fn pair_errors(report: &MappingReport, text: &mut String) {
     text.push_str(
         "## Wrong pairs by number of boxes\n\n\
          Share of ids that are mapped to another pair or to none, then the largest distance from \
-         the right row. *Sampled* figures carry `~`; they always include the first and last id of \
-         every row, and `rows` says that only there something is wrong. Ids are counted in the \
+         the right row. *Sampled* figures carry `~`; beside the sample, the first and last id of every row are looked at (on the \
+         GPU 16 on either side), and where only they are wrong, their number stands there. Ids are counted in the \
          variant's own order (fold, lazy); in the GPU's figures ids have 32 bits as long as they \
          fit, then 64.\n\n",
     );
@@ -190,7 +190,10 @@ fn wrong(row: &PairErrorRow) -> String {
     }
     let off = row.largest_row_error();
     match row.tally.wrong {
-        0 => format!("{sampled}0, rows, ±{off}"),
+        0 => {
+            let ends = row.row_ends.map_or(0, |ends| ends.wrong);
+            format!("{sampled}0, {ends} at row ends, ±{off}")
+        }
         _ => format!("{sampled}{:.2e}, ±{off}", row.tally.wrong_share()),
     }
 }
@@ -207,7 +210,13 @@ fn coverage(row: &PairErrorRow) -> String {
             } else {
                 format!("~{} to {}", share(missed_least), share(missed_most))
             };
-            format!("{missed} / ≤{}", share(repeated_most))
+            let ends = match row.row_ends {
+                Some(ends) if row.tally.wrong == 0 && ends.wrong > 0 => {
+                    format!(", ≤{} at row ends", ends.wrong)
+                }
+                _ => String::new(),
+            };
+            format!("{missed}{ends} / ≤{}", share(repeated_most))
         }
     }
 }
