@@ -27,32 +27,4 @@ fn first_line(command: &mut Command) -> String {
         .and_then(|output| String::from_utf8(output.stdout).ok())
         .and_then(|text| text.lines().next().map(str::to_owned))
         .unwrap_or_else(|| "unknown".to_owned())
-//! Names the compiler and the commit in the binary, for the records that the studies write.
-
-use std::path::Path;
-use std::process::Command;
-
-fn main() {
-    let rustc = std::env::var("RUSTC").unwrap_or_else(|_| "rustc".into());
-    set("PAIRMASK_RUSTC", output(&rustc, &["-V"]).as_deref());
-    let commit = output("git", &["describe", "--always", "--dirty", "--abbrev=12"]);
-    set("PAIRMASK_COMMIT", commit.as_deref());
-    // A commit touches the log of HEAD.
-    if let Some(log) = output("git", &["rev-parse", "--git-path", "logs/HEAD"])
-        && Path::new(&log).exists()
-    {
-        println!("cargo::rerun-if-changed={log}");
-    }
-    println!("cargo::rerun-if-changed=build.rs");
-}
-
-fn set(name: &str, value: Option<&str>) {
-    // Built from an archive there is no commit to name.
-    println!("cargo::rustc-env={name}={}", value.unwrap_or("unknown"));
-}
-
-fn output(program: &str, arguments: &[&str]) -> Option<String> {
-    let output = Command::new(program).args(arguments).output().ok()?;
-    let text = String::from_utf8(output.stdout).ok()?;
-    (output.status.success() && !text.trim().is_empty()).then(|| text.trim().to_owned())
 }

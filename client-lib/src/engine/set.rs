@@ -9,6 +9,7 @@ use super::{
 use crate::aabb::Aabb;
 use crate::mask::EncodingChoice;
 use crate::plan::{Calibration, Capabilities, GpuCost, Plan, SceneStats, Wishes, plan};
+use crate::units::BoxCount;
 use crate::wire::StageTimes;
 
 /// What a client leaves open and what it insists on, and what is known of its last frame.
@@ -92,7 +93,12 @@ impl CpuEngines {
         let capabilities =
             Capabilities { threads: wish.threads.unwrap_or(pool).clamp(1, pool), gpu };
         let wishes = Wishes { engine: wish.engine, encoding: wish.encoding };
-        let stats = SceneStats::of(boxes, wish.last_pairs);
+        let stats = match (wish.engine, BoxCount::of_len(boxes.len())) {
+            (EngineChoice::Only(engine), Some(n)) if engine.is_gpu() => {
+                SceneStats::unseen(n, wish.last_pairs)
+            }
+            _ => SceneStats::of(boxes, wish.last_pairs),
+        };
         plan(&stats, &capabilities, &self.calibration, &wishes)
     }
 

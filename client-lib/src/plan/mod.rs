@@ -130,6 +130,10 @@ pub fn plan(
     Plan { engine, encoding, threads, candidates, wishes: *wishes, stats: *stats }
 }
 
+/// Counting and placing sparse words takes a GPU so much longer than packing a small dense mask:
+/// 15 µs against 4 at 1,000 boxes on an H200.
+const GPU_SPARSE_STAGE_NS: f64 = 11_000.0;
+
 /// The cost model of one frame.
 struct Model<'a> {
     stats: &'a SceneStats,
@@ -215,7 +219,8 @@ impl Model<'_> {
         let scatter = if in_box_order { 0.0 } else { self.calibration.ns_a_scattered_pair };
         let dense_bytes = 4.0 * self.stats.n.dense_words() as f64;
         let dense_ns = self.calibration.ns_a_dense_byte * dense_bytes + scatter * pairs;
-        let sparse_ns = self.calibration.ns_a_sparse_pair * pairs;
+        let stage_ns = if engine.is_gpu() { GPU_SPARSE_STAGE_NS } else { 0.0 };
+        let sparse_ns = stage_ns + self.calibration.ns_a_sparse_pair * pairs;
         match self.wishes.encoding {
             EncodingChoice::Only(Encoding::Dense) => (Encoding::Dense, dense_ns),
             EncodingChoice::Auto if dense_ns < sparse_ns => (Encoding::Dense, dense_ns),

@@ -38,7 +38,7 @@ impl Machine {
             gpu: adapter.map(|a| a.name.clone()),
             driver: adapter.map(|a| a.driver.clone()),
             gpu_is_software: adapter.is_some_and(AdapterInfo::is_software),
-            rustc: env!("PAIRMASK_RUSTC"),
+            rustc: env!("PAIRMASK_TOOLCHAIN"),
             optimised: !cfg!(debug_assertions),
             commit: env!("PAIRMASK_COMMIT"),
             command: command(),
