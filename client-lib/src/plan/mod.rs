@@ -167,18 +167,21 @@ impl Model<'_> {
     }
 
     fn brute_ns(&self) -> f64 {
-        let cost = &self.calibration.brute;
-        cost.fixed_ns + cost.ns_a_box * self.n() + cost.ns_a_test * self.pairs_of_all()
+        self.pairwise_ns(&self.calibration.brute, self.n(), self.pairs_of_all())
     }
 
     fn sap_ns(&self) -> f64 {
-        let cost = &self.calibration.sap;
         let solid = self.n() * f64::from(self.stats.solid_share);
         // A strip is tested whole, so that a window costs half a strip more than it holds.
         let window = solid * f64::from(self.stats.window_share) + 8.0;
         // The radix passes touch more memory than the caches hold from here on.
         let spill = if self.n() > 3.0e5 { 2.0 } else { 1.0 };
-        cost.fixed_ns + cost.ns_a_box * spill * self.n() + cost.ns_a_test * solid * window
+        self.pairwise_ns(&self.calibration.sap, spill * self.n(), solid * window)
+    }
+
+    fn pairwise_ns(&self, cost: &PairwiseCost, boxes: f64, tests: f64) -> f64 {
+        let compared = cost.ns_a_test * tests + cost.ns_a_pair * self.stats.expected_pairs();
+        cost.fixed_ns + cost.ns_a_box * boxes + compared.min(cost.ns_a_test_most * tests)
     }
 
     fn grid_ns(&self) -> f64 {
