@@ -50,11 +50,15 @@ struct Bytes(Vec<u8>);
 
 impl Bytes {
     fn u32(mut self, values: &[u32]) -> Self {
-        values.iter().for_each(|v| self.0.extend(v.to_le_bytes()));
+        for value in values {
+            self.0.extend(value.to_le_bytes());
+        }
         self
     }
     fn u64(mut self, values: &[u64]) -> Self {
-        values.iter().for_each(|v| self.0.extend(v.to_le_bytes()));
+        for value in values {
+            self.0.extend(value.to_le_bytes());
+        }
         self
     }
     fn section(self, kind: u32, offset: u64, bytes: u64) -> Self {

@@ -105,7 +105,7 @@ mod tests {
     #[test]
     fn unknown_keys_and_values_are_named() {
         for (text, named) in [
-            ("enginee = 'auto'", "enginee"),
+            ("motor = 'auto'", "motor"),
             ("engine = 'fast'", "fast"),
             ("threads = 0", "nonzero"),
             ("instance = 'A B'", "A B"),

@@ -178,7 +178,7 @@ impl GpuService {
 const TIMED_BOXES: usize = 8192;
 /// Frames of which the fastest counts; the first one compiles and allocates.
 const TIMED_FRAMES: usize = 4;
-/// A box crosses the link at 24 GB/s, what a PCIe 4.0 card gives in practice (an H200: 34 to 48).
+/// A box crosses the link at 24 GB/s, what a card on `PCIe` 4.0 gives (an H200: 34 to 48).
 const LINK_NS_A_BOX: f64 = 1.0;
 /// A byte of the mask crosses it the other way.
 const LINK_NS_A_BYTE: f64 = 0.04;

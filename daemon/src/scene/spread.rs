@@ -19,7 +19,7 @@ pub(super) fn uniform(n: usize, random: &mut Random) -> Scene {
 
 /// Cubes with log-uniform edges of three decades.
 ///
-/// With moments E[s] = 1.446, E[s²] = 7.238, E[s³] = 48.26 of the edge, E[(s + t)³] = 159.3; two
+/// With moments `E[s] = 1.446`, `E[s²] = 7.238`, `E[s³] = 48.26` of the edge, `E[(s + t)³] = 159.3`; two
 /// pairs a box need V = 159.3 n / 4.
 pub(super) fn mixed(n: usize, random: &mut Random) -> Scene {
     let side = (39.83 * n as f32).cbrt();

@@ -90,9 +90,10 @@ fn ready<T>(_held: T) -> Result<(), Box<dyn Error>> {
 fn truncate_own_segments() -> Result<(), Box<dyn Error>> {
     let maps = fs::read_to_string("/proc/self/maps")?;
     let mut cut = 0;
-    for line in maps.lines().filter(|line| line.ends_with(".data") && line.contains(" rw-s ")) {
-        if let Some(path) = line.split_whitespace().last() {
-            OpenOptions::new().write(true).open(path)?.set_len(0)?;
+    for line in maps.lines().filter(|line| line.contains(" rw-s ")) {
+        let path = line.split_whitespace().last().and_then(|path| path.strip_suffix(".data"));
+        if let Some(stem) = path {
+            OpenOptions::new().write(true).open(format!("{stem}.data"))?.set_len(0)?;
             cut += 1;
         }
     }

@@ -26,7 +26,7 @@ pub enum Threads {
     All,
 }
 
-/// Time to map every id of `n` boxes, in ms. Past [`MOST`] ids, the time of so many of them,
+/// Time to map every id of `n` boxes, in ms. Past `MOST` ids, the time of so many of them,
 /// spread evenly, scaled up.
 pub fn map_all(variant: Variant, n: BoxCount, threads: Threads, budget: &Budget) -> Option<f64> {
     let total = variant.id_count(n.get());
