@@ -2,10 +2,11 @@
 
 use pairmask::engine::{BruteForce, CullJob, Engine, HeapReply, Isa};
 use pairmask::{Aabb, Encoding};
-use pairmask_tests::conformance::{Suite, check_engine};
+use pairmask_tests::conformance::{Suite, check_engine, check_frame};
 use pairmask_tests::naive_decoder;
 use pairmask_tests::oracle::{self, pair_set_hash};
 use pairmask_tests::stress_scenes;
+use proptest::prelude::*;
 use rayon::ThreadPoolBuilder;
 
 /// The engine, once for every instruction set that this machine has.
@@ -85,6 +86,31 @@ fn a_frame_does_not_depend_on_the_frames_before_it() {
 
 fn pairs(reply: &HeapReply, report: &pairmask::engine::CullReport, n: u32) -> Vec<oracle::Pair> {
     naive_decoder::decode(reply.words(), &report.shape, n).expect("a good mask")
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// Coordinates from a handful of numbers touch and coincide all the time. Up to 300 boxes cross
+    /// the number from which on bitmaps are built.
+    #[test]
+    fn any_boxes_give_the_pairs_of_the_oracle(
+        boxes in prop::collection::vec(prop::array::uniform6(-4i8..5), 0..300),
+        step in prop::sample::select(vec![1.0f32, 0.1, 1e-45, 1e38, f32::INFINITY]),
+        threads in 1usize..4,
+    ) {
+        let boxes: Vec<Aabb> =
+            boxes.into_iter().map(|b| Aabb::from(b.map(|x| f32::from(x) * step))).collect();
+        let truth = oracle::truth(&boxes);
+        for mut engine in engines() {
+            for encoding in [Encoding::Dense, Encoding::Sparse] {
+                let job = CullJob { encoding, threads };
+                let checked =
+                    check_frame(&mut engine, &boxes, &truth, &job, &mut HeapReply::new());
+                prop_assert_eq!(checked, Ok(()), "{}", engine.isa());
+            }
+        }
+    }
 }
 
 /// Scene, boxes, and the hash of its pairs. A new value here needs a reason in its commit: either

@@ -6,7 +6,7 @@ use crate::engine::ingest::WORD_COLUMNS;
 /// The keys of a box as `max x, y, z, !min x, y, z, 0, 0`.
 ///
 /// `!` turns the order of keys round, so that both halves of the test become "not below": a column
-/// overlaps a row when no lane of [`Corners::limits`] of the row is above the column's.
+/// overlaps a row when no lane of [`limits`] of the row is above the column's.
 pub(super) type Corners = [i32; 8];
 
 /// Corners of 64 boxes.

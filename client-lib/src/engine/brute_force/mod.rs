@@ -1,7 +1,22 @@
 //! `cpu-brute`: every box against every box after it, with SIMD. The compare mask *is* the output.
 //!
 //! The all-pairs test of Avril, Gouranton and Arnaldi 2009 (§3) with rows shared out among threads,
-//! each with its own storage, and no shared writes.
+//! each with its own storage, and no shared writes. The stages of a frame:
+//!
+//! ```text
+//! ingest      boxes → keys, one array a coordinate            (engine::ingest)
+//! build       keys → buckets → bit strings; corners           (quantiles, bitmaps, corners)
+//! find        row's strings under AND → candidates → words    (search, candidates, words)
+//! publish     words → dense bits, or the three sparse arrays  (dense, here)
+//! ```
+//!
+//! Below `BITMAP_BOXES` there are no bitmaps: every row is compared with every column at once. A
+//! kernel (avx512, avx2, neon, portable) is what an instruction set does in its own way; the loops
+//! around it are the same for all.
+//!
+//! Bytes do not depend on threads or kernels: sparse words are the non-zero words of the matrix in
+//! its order, and a dense word has one writer. The skip meter counts a pair as left out when its
+//! keys were never compared, which is what the bitmaps are for.
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
@@ -111,10 +126,11 @@ impl BruteForce {
     }
 
     /// Finds all words and writes them behind one another.
-    fn run_sparse(&mut self, reply: &mut dyn ReplyBuffer) -> Result<MaskShape, CullError> {
+    fn run_sparse(&mut self, reply: &mut dyn ReplyBuffer) -> Result<Published, CullError> {
         let scene = scene(&self.columns, &self.bitmaps);
         let isa = self.isa;
         fan_out::for_each(&mut self.tasks, &|task| task.run_sparse(&scene, isa));
+        let found_at = Instant::now();
         let word_count = self.tasks.iter().map(|t| t.found().len() as u64).sum();
         let n = BoxCount::new(self.columns.len() as u32);
         let shape = MaskShape::sparse(n, word_count, word_count, false);
@@ -130,11 +146,11 @@ impl BruteForce {
                 }
             }
         }
-        Ok(shape)
+        Ok(Published { shape, found_at })
     }
 
     /// Writes each task's words where they belong, then the words that two tasks share.
-    fn run_dense(&mut self, reply: &mut dyn ReplyBuffer) -> Result<MaskShape, CullError> {
+    fn run_dense(&mut self, reply: &mut dyn ReplyBuffer) -> Result<Published, CullError> {
         let scene = scene(&self.columns, &self.bitmaps);
         let (isa, n) = (self.isa, scene.n);
         let shape = MaskShape::dense(BoxCount::new(n as u32));
@@ -143,14 +159,22 @@ impl BruteForce {
         fan_out::for_each_window(&mut self.tasks, words, n, &|task, window| {
             task.run_dense(&scene, isa, window);
         });
+        let found_at = Instant::now();
         for task in &self.tasks {
             let word = dense::first_word(task.rows().end, n) as usize;
             if let Some(word) = words.get_mut(word) {
                 *word |= task.carry;
             }
         }
-        Ok(shape)
+        Ok(Published { shape, found_at })
     }
+}
+
+/// A mask in the reply, and when the last of its words was found. Dense words are written as they
+/// are found, so that next to nothing comes after.
+struct Published {
+    shape: MaskShape,
+    found_at: Instant,
 }
 
 /// What the tasks search in.
@@ -183,7 +207,7 @@ impl Engine for BruteForce {
         }
         self.assign(job.threads);
         let ingested = Instant::now();
-        let shape = match job.encoding {
+        let Published { shape, found_at } = match job.encoding {
             Encoding::Dense => self.run_dense(reply)?,
             Encoding::Sparse => self.run_sparse(reply)?,
         };
@@ -203,8 +227,8 @@ impl Engine for BruteForce {
             },
             times: EngineTimes {
                 ingest_ns: (ingested - start).as_nanos() as u64,
-                execute_ns: ingested.elapsed().as_nanos() as u64,
-                publish_ns: 0,
+                execute_ns: (found_at - ingested).as_nanos() as u64,
+                publish_ns: found_at.elapsed().as_nanos() as u64,
             },
         })
     }
