@@ -18,7 +18,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     var bits = 0u;
     for (var t = 0u; t < PAIRS_PER_WORD; t++) {
         let k = word * PAIRS_PER_WORD + t;
-        if (k < params.pair_count && overlaps(map_pair(params.n, k))) {
+        if (k < params.pair_count && overlaps(params.n, map_pair(params.n, k))) {
             bits |= 1u << (t * (32u / PAIRS_PER_WORD));
         }
     }

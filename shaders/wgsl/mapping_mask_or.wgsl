@@ -15,7 +15,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     if (k >= params.thread_count) {
         return;
     }
-    if (overlaps(map_pair(params.n, k))) {
+    if (overlaps(params.n, map_pair(params.n, k))) {
         let bit = 1u << (k % PAIRS_PER_WORD * (32u / PAIRS_PER_WORD));
         atomicOr(&out_words[k / PAIRS_PER_WORD], bit);
     }

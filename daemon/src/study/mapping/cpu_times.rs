@@ -26,8 +26,8 @@ pub enum Threads {
     All,
 }
 
-/// Time to map every id of `n` boxes, in ms. Past `MOST` ids, the time of so many of them,
-/// spread evenly, scaled up.
+/// Time to map every id of `n` boxes, in ms. Past 2^26 ids (2^23 on one thread) the time of so
+/// many, spread evenly, is scaled up.
 pub fn map_all(variant: Variant, n: BoxCount, threads: Threads, budget: &Budget) -> Option<f64> {
     let total = variant.id_count(n.get());
     if total == 0 {
