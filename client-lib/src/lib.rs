@@ -4,10 +4,11 @@ pub mod aabb;
 pub mod engine;
 pub mod mask;
 pub mod pair_index;
+pub mod plan;
 pub mod session;
 pub mod transport;
-pub mod plan;
 pub mod units;
+pub mod update;
 pub mod wire;
 
 pub use aabb::{Aabb, BoxClass};

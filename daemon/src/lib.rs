@@ -8,3 +8,4 @@ pub mod publish;
 pub mod scene;
 pub mod serve;
 pub mod spawn;
+pub mod study;

@@ -10,7 +10,7 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use pairmask::session::{ConnectError, SessionBuilder};
-use pairmask::transport::{DaemonRecord, InstanceName, Limits, RuntimeDir, clean_before_serving};
+use pairmask::transport::{DaemonRecord, InstanceName, Limits, RuntimeDir};
 use pairmask::{Backend, Session};
 use rustix::process::{Pid, Signal, getppid, kill_process, set_parent_process_death_signal};
 use tempfile::TempDir;
@@ -220,8 +220,6 @@ pub(crate) fn serve_private(settings: &ServeSettings, owner: u32) -> Result<(), 
     // The owner may have died before the signal was asked for: it never comes then.
     let is_owned = getppid().is_some_and(|pid| pid.as_raw_nonzero().get().unsigned_abs() == owner);
     let result = if is_owned { supervise(settings) } else { Ok(()) };
-    // Files that a client left by dying, and the transport's own: nobody serves here again.
-    let _ = clean_before_serving(&settings.dir, &settings.instance);
     remove_private_dir(settings.dir.path());
     result
 }

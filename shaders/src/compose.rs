@@ -1,6 +1,7 @@
 //! Stages as WGSL text: shared parts put in where `#import NAME` stands, each once.
 
 use crate::constants::{self, MAX_STRIP_BLOCKS};
+use crate::mapping::MappingStage;
 
 /// Rows that a thread of the pairs stage holds in registers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -41,6 +42,8 @@ pub enum Stage {
     PackDense,
     /// Matrix to non-zero words.
     WriteSparse,
+    /// A stage of the mapping study.
+    Mapping(MappingStage),
 }
 
 /// A stage's text does not fit together.
@@ -66,7 +69,7 @@ const SHARED: [(&str, &str); 2] = [
 ];
 
 impl Stage {
-    /// One of each stage, with the smallest form of the pairs stage.
+    /// One of each stage of the engines, with the smallest form of the pairs stage.
     pub const ALL: [Self; 4] = [
         Self::Keys,
         Self::Pairs(PairsVariant { rows: RowsPerThread::One, strip_blocks: 1, store_zeros: true }),
@@ -81,6 +84,7 @@ impl Stage {
             Self::Pairs(_) => "pairs",
             Self::PackDense => "pack_dense",
             Self::WriteSparse => "write_sparse",
+            Self::Mapping(stage) => stage.label(),
         }
     }
 
@@ -89,6 +93,7 @@ impl Stage {
         match self {
             Self::Keys | Self::Pairs(_) | Self::PackDense => 4,
             Self::WriteSparse => 7,
+            Self::Mapping(stage) => stage.binding_count(),
         }
     }
 
@@ -99,6 +104,7 @@ impl Stage {
             Self::Pairs(_) => include_str!("../wgsl/pairs.wgsl"),
             Self::PackDense => include_str!("../wgsl/pack_dense.wgsl"),
             Self::WriteSparse => include_str!("../wgsl/write_sparse.wgsl"),
+            Self::Mapping(stage) => stage.file(),
         }
     }
 
@@ -146,6 +152,8 @@ impl Stage {
         if let Some((_, text)) = SHARED.iter().find(|(known, _)| *known == name) {
             return Ok((*text).to_owned());
         }
+        let unknown =
+            || ComposeError::UnknownImport { stage: self.label(), import: name.to_owned() };
         match (name, self) {
             ("constants", Self::Pairs(variant)) => {
                 let strip = variant.strip_blocks;
@@ -163,7 +171,8 @@ impl Stage {
                 RowsPerThread::Four => include_str!("../wgsl/shared/rows_4.wgsl"),
             }
             .to_owned()),
-            _ => Err(ComposeError::UnknownImport { stage: self.label(), import: name.to_owned() }),
+            (_, Self::Mapping(stage)) => stage.shared(name).ok_or_else(unknown),
+            _ => Err(unknown()),
         }
     }
 }

@@ -38,6 +38,7 @@ pub(crate) fn as_wgsl() -> String {
     for (name, value) in [
         ("BATCH_BOXES", BATCH_BOXES),
         ("BATCH_WORDS", BATCH_BOXES / WORD_BITS),
+        ("BOX_WORDS", BOX_WORDS),
         ("RAW_WORDS", BATCH_BOXES * BOX_WORDS),
         ("PAIRS_WORKGROUP", PAIRS_WORKGROUP),
         ("WINDOW_WORDS", WINDOW_WORDS),

@@ -12,5 +12,6 @@
 pub mod compose;
 pub mod constants;
 pub mod layouts;
+pub mod mapping;
 
 pub use compose::{ComposeError, PairsVariant, RowsPerThread, Stage};

@@ -7,8 +7,10 @@ use std::path::Path;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use pairmask_shaders::constants::{BATCH_BOXES, MAX_STRIP_BLOCKS, PAIRS_WORKGROUP};
 use pairmask_shaders::layouts::{
-    BatchReport, BatchTotals, KeysParams, PackParams, PairsParams, WriteParams,
+    BatchReport, BatchTotals, KeysParams, MappingErrorsParams, MappingPairsParams, MappingTally,
+    MappingTimeParams, MaskParams, PackParams, PairsParams, RootParams, RootTally, WriteParams,
 };
+use pairmask_shaders::mapping::MappingStage;
 use pairmask_shaders::{PairsVariant, RowsPerThread, Stage};
 
 /// Every form that a stage is compiled in.
@@ -22,6 +24,7 @@ fn all_forms() -> Vec<Stage> {
             }));
         }
     }
+    forms.extend(MappingStage::all_forms().into_iter().map(Stage::Mapping));
     forms
 }
 
@@ -34,10 +37,11 @@ fn module(stage: Stage) -> naga::Module {
 #[test]
 fn every_form_of_every_stage_validates() {
     let forms = all_forms();
-    assert_eq!(forms.len(), 3 + 3 * 2 * 5);
+    assert_eq!(forms.len(), 3 + 3 * 2 * 5 + (25 * 2 * 3 + 9 * 2 + 4));
     for stage in forms {
         let module = module(stage);
-        Validator::new(ValidationFlags::all(), Capabilities::IMMEDIATES)
+        let capabilities = Capabilities::IMMEDIATES | Capabilities::SHADER_INT64;
+        Validator::new(ValidationFlags::all(), capabilities)
             .validate(&module)
             .unwrap_or_else(|e| panic!("{}: {e:?}", stage.label()));
         let entry = &module.entry_points[0];
@@ -60,11 +64,27 @@ fn every_file_belongs_to_a_stage() {
             .filter_map(|name| name.strip_suffix(".wgsl").map(str::to_owned))
             .collect()
     };
-    let stages: BTreeSet<String> = Stage::ALL.iter().map(|s| s.label().to_owned()).collect();
+    let study = MappingStage::ALL.map(Stage::Mapping);
+    let stages: BTreeSet<String> =
+        Stage::ALL.iter().chain(&study).map(|s| s.label().to_owned()).collect();
     assert_eq!(names(&folder), stages);
     let shared = names(&folder.join("shared"));
-    let used: BTreeSet<String> =
-        ["order_keys", "batch", "rows_1", "rows_2", "rows_4"].map(str::to_owned).into();
+    let engines = ["order_keys", "batch", "rows_1", "rows_2", "rows_4"];
+    let study = [
+        "pair_ids",
+        "each_id",
+        "row_order",
+        "mask_test",
+        "root_built_in",
+        "root_newton",
+        "map_closed",
+        "map_far_end",
+        "map_row_search",
+        "map_fold",
+        "map_word_step",
+        "map_lazy",
+    ];
+    let used: BTreeSet<String> = engines.iter().chain(&study).map(|s| (*s).to_owned()).collect();
     assert_eq!(shared, used);
 }
 
@@ -128,6 +148,27 @@ fn structs_lie_in_memory_as_in_rust() {
     same_layout!(Stage::PackDense, PackParams, "PackParams" {
         n, row0, owned_rows, band_rows, block0, word_count, first_bit, out_offset, groups_x
     });
+}
+
+#[test]
+fn structs_of_the_mapping_study_lie_in_memory_as_in_rust() {
+    let [pairs, errors, time, root_errors, root_time, mask, mask_or] =
+        MappingStage::ALL.map(Stage::Mapping);
+    same_layout!(pairs, MappingPairsParams, "MappingPairsParams" { n, id_count });
+    same_layout!(errors, MappingErrorsParams, "MappingErrorsParams" {
+        n, word_count, groups_x, around_rows, first_low, first_high, stride_low, stride_high, mark
+    });
+    same_layout!(errors, MappingTally, "MappingTally" {
+        ids, skipped, wrong, wrong_named, row_error, distinct
+    });
+    same_layout!(time, MappingTimeParams, "MappingTimeParams" { n, word_count, groups_x, never });
+    for stage in [root_errors, root_time] {
+        same_layout!(stage, RootParams, "RootParams" { count, word_count, groups_x, never });
+    }
+    same_layout!(root_errors, RootTally, "RootTally" { other, inexact });
+    for stage in [mask, mask_or] {
+        same_layout!(stage, MaskParams, "MaskParams" { n, pair_count, thread_count, groups_x });
+    }
 }
 
 #[test]

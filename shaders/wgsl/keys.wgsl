@@ -23,8 +23,6 @@ struct KeysParams {
 @group(0) @binding(3) var<storage, read_write> reports: array<BatchReport>;
 var<immediate> params: KeysParams;
 
-const BOX_WORDS: u32 = 6u;
-
 var<workgroup> raw: array<u32, RAW_WORDS>;
 var<workgroup> invalid_bits: array<atomic<u32>, BATCH_WORDS>;
 var<workgroup> empty_count: atomic<u32>;

@@ -155,5 +155,7 @@ impl Drop for TestDaemon {
         for file in self.shared_files() {
             let _ = std::fs::remove_file(file);
         }
+        let root = self.dir().transport_root(&InstanceName::default());
+        let _ = std::fs::remove_dir_all(root);
     }
 }

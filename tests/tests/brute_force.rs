@@ -42,6 +42,23 @@ fn conforms_on_large_scenes() {
 }
 
 #[test]
+fn instruction_sets_rule_out_the_same_pairs() {
+    for scene in stress_scenes::ALL {
+        let boxes = scene.boxes(1234, 3);
+        let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
+        let skipped: Vec<_> = engines()
+            .iter_mut()
+            .map(|engine| engine.cull(&boxes, &job, &mut HeapReply::new()).expect("memory").skipped)
+            .collect();
+        assert!(skipped.windows(2).all(|two| two[0] == two[1]), "{scene:?}: {skipped:?}");
+        if scene.name() == "uniform" {
+            let share = skipped[0].pairs as f64 / (1234.0 * 1233.0 / 2.0);
+            assert!(share > 0.99, "the bitmaps ruled out {share} of all pairs");
+        }
+    }
+}
+
+#[test]
 fn an_instruction_set_that_is_missing_is_a_typed_error() {
     let missing: Vec<_> = Isa::ALL.into_iter().filter(|isa| !isa.is_available()).collect();
     assert!(!missing.is_empty(), "no machine has both AVX2 and NEON");

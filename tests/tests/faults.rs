@@ -42,8 +42,12 @@ struct FaultClient {
 impl FaultClient {
     /// Starts it; it has had one frame answered then.
     fn start(daemon: &TestDaemon, mode: &str) -> Self {
+        Self::start_with(daemon, mode, "auto")
+    }
+
+    fn start_with(daemon: &TestDaemon, mode: &str, engine: &str) -> Self {
         let mut process = Command::new(FAULT_CLIENT)
-            .arg(mode)
+            .args([mode, engine])
             .env("PAIRMASK_RUNTIME_DIR", daemon.path())
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -171,12 +175,23 @@ fn a_client_killed_in_mid_frame_leaves_the_others_alone_and_its_memory_comes_bac
 
 #[test]
 fn a_truncated_segment_kills_a_worker_at_most() {
-    let daemon = TestDaemon::start(DAEMON, &[]);
+    truncate_a_segment("cpu-brute");
+}
+
+/// A driver in software reads the boxes as the CPU does, and dies as it does; a real GPU's kernel
+/// reads what is left.
+#[test]
+fn a_segment_truncated_under_the_gpu_kills_a_worker_at_most() {
+    truncate_a_segment("gpu-brute");
+}
+
+fn truncate_a_segment(engine: &str) {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
     let mut other = daemon.session().backend(Backend::Auto).connect().unwrap();
     let boxes = scene(300, 4);
     check_frame(&mut other, &boxes);
     let first_worker = daemon.worker();
-    let mut vandal = FaultClient::start(&daemon, "truncate");
+    let mut vandal = FaultClient::start_with(&daemon, "truncate", engine);
     daemon.signal_worker(Signal::STOP);
     vandal.go();
     daemon.signal_worker(Signal::CONT);

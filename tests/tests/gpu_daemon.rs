@@ -21,7 +21,8 @@ const GPU: EngineChoice = EngineChoice::Only(EngineName::GpuBrute);
 #[test]
 fn sessions_get_what_the_oracle_says() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
-    let mut sessions = SessionEngine::new(&daemon.session().engine(GPU), ServedBy::Daemon);
+    let mut sessions =
+        SessionEngine::new(&daemon.session(), EngineName::GpuBrute, ServedBy::Daemon);
     check_engine(&mut sessions, &Suite::default()).unwrap();
 }
 
@@ -62,8 +63,11 @@ fn a_device_destroyed_under_load_costs_no_answer_and_comes_back() {
     let expected = oracle::truth(&boxes).pairs;
     let mut reply = HeapReply::new();
     let mut cull = |executor: &mut Executor, encoding| {
-        let wish =
-            CullWish { engine: GPU, encoding: EncodingChoice::Only(encoding), threads: None };
+        let wish = CullWish {
+            engine: GPU,
+            encoding: EncodingChoice::Only(encoding),
+            ..CullWish::default()
+        };
         let answer = executor.cull(&boxes, Owner::Client(1), &wish, &mut reply).unwrap();
         let n = BoxCount::new(boxes.len() as u32);
         let mut pairs = MaskView::new(n, &answer.report.shape, reply.words()).unwrap().to_vec();

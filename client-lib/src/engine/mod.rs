@@ -23,7 +23,7 @@ pub use grid::Grid;
 pub use heap_reply::HeapReply;
 pub use ingest::KeyColumns;
 pub use isa::{AvailableIsa, Isa};
-pub use set::{CpuEngines, CullAnswer, CullWish, choose_encoding};
+pub use set::{CpuEngines, CullAnswer, CullWish, nanoseconds_since};
 pub use sweep_and_prune::SweepAndPrune;
 
 use crate::aabb::{Aabb, BoxClass};

@@ -3,14 +3,16 @@
 use std::time::Instant;
 
 use super::{
-    BruteForce, CullError, CullJob, CullReport, Engine, EngineChoice, EngineName, ReplyBuffer,
+    AvailableIsa, BruteForce, CullError, CullJob, CullReport, Engine, EngineChoice, EngineName,
+    Grid, ReplyBuffer, SweepAndPrune,
 };
 use crate::aabb::Aabb;
-use crate::mask::{Encoding, EncodingChoice};
+use crate::mask::EncodingChoice;
+use crate::plan::{Calibration, Capabilities, GpuCost, Plan, SceneStats, Wishes, plan};
 use crate::units::BoxCount;
 use crate::wire::StageTimes;
 
-/// What a client leaves open and what it insists on.
+/// What a client leaves open and what it insists on, and what is known of its last frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CullWish {
     /// Which engine.
@@ -19,6 +21,8 @@ pub struct CullWish {
     pub encoding: EncodingChoice,
     /// How many threads; `None` leaves it to the plan.
     pub threads: Option<usize>,
+    /// Pairs of the client's last frame, for the plan. The answer does not depend on it.
+    pub last_pairs: Option<u64>,
 }
 
 /// An answered cull.
@@ -34,9 +38,35 @@ pub struct CullAnswer {
     pub times: StageTimes,
 }
 
-/// All CPU engines, with the scratch memory that they keep from frame to frame.
+impl CullAnswer {
+    /// The answer of an engine to a plan that was begun at `start` and took `plan_ns`.
+    pub fn new(plan: &Plan, report: CullReport, start: Instant, plan_ns: u64) -> Self {
+        Self {
+            engine: plan.engine,
+            threads: plan.threads,
+            report,
+            times: StageTimes {
+                ingest_ns: report.times.ingest_ns,
+                plan_ns,
+                execute_ns: report.times.execute_ns,
+                publish_ns: report.times.publish_ns,
+                total_ns: nanoseconds_since(start),
+            },
+        }
+    }
+}
+
+/// Nanoseconds since `start`; u64 holds 584 years of them.
+pub fn nanoseconds_since(start: Instant) -> u64 {
+    start.elapsed().as_nanos() as u64
+}
+
+/// All CPU engines, with the scratch memory and the order that they keep from frame to frame.
 pub struct CpuEngines {
     brute_force: BruteForce,
+    sweep_and_prune: SweepAndPrune,
+    grid: Grid,
+    calibration: Calibration,
 }
 
 impl Default for CpuEngines {
@@ -45,29 +75,56 @@ impl Default for CpuEngines {
     }
 }
 
-/// A dense mask of at most this many boxes is one that a client scans in a few microseconds:
-/// 1 MiB, beyond which the sparse words of a usual scene are shorter to write and to read.
-const DENSE_UP_TO: BoxCount = BoxCount::new(2048);
-
-/// The encoding of a frame of `n` boxes.
-pub fn choose_encoding(wish: EncodingChoice, n: BoxCount) -> Encoding {
-    match wish {
-        EncodingChoice::Only(encoding) => encoding,
-        EncodingChoice::Auto if n <= DENSE_UP_TO => Encoding::Dense,
-        EncodingChoice::Auto => Encoding::Sparse,
-    }
-}
-
 impl CpuEngines {
-    /// Engines with empty scratch memory.
+    /// Engines with empty scratch memory and the built-in calibration of this machine's
+    /// instruction set.
     pub fn new() -> Self {
-        Self { brute_force: BruteForce::new() }
+        Self {
+            brute_force: BruteForce::new(),
+            sweep_and_prune: SweepAndPrune::new(),
+            grid: Grid::new(),
+            calibration: Calibration::built_in(AvailableIsa::best().get()),
+        }
     }
 
-    /// Plans the frame and finds its pairs.
+    /// Plans a frame, among the CPU engines and a GPU if there is one.
+    pub fn plan(&self, boxes: &[Aabb], wish: &CullWish, gpu: Option<GpuCost>) -> Plan {
+        let pool = rayon::current_num_threads();
+        let capabilities =
+            Capabilities { threads: wish.threads.unwrap_or(pool).clamp(1, pool), gpu };
+        let wishes = Wishes { engine: wish.engine, encoding: wish.encoding };
+        let stats = match (wish.engine, BoxCount::of_len(boxes.len())) {
+            (EngineChoice::Only(engine), Some(n)) if engine.is_gpu() => {
+                SceneStats::unseen(n, wish.last_pairs)
+            }
+            _ => SceneStats::of(boxes, wish.last_pairs),
+        };
+        plan(&stats, &capabilities, &self.calibration, &wishes)
+    }
+
+    /// Runs a plan for a CPU engine.
     ///
     /// # Errors
     /// [`CullError`], among them an engine that is not one of the CPU's.
+    pub fn run(
+        &mut self,
+        plan: &Plan,
+        boxes: &[Aabb],
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullReport, CullError> {
+        let job = CullJob { encoding: plan.encoding, threads: plan.threads };
+        match plan.engine {
+            EngineName::CpuBrute => self.brute_force.cull(boxes, &job, reply),
+            EngineName::CpuSap => self.sweep_and_prune.cull(boxes, &job, reply),
+            EngineName::CpuGrid => self.grid.cull(boxes, &job, reply),
+            engine => Err(CullError::Unavailable { engine, why: "it needs a daemon with a GPU" }),
+        }
+    }
+
+    /// Plans a frame among the CPU engines and finds its pairs.
+    ///
+    /// # Errors
+    /// As [`run`](Self::run).
     pub fn cull(
         &mut self,
         boxes: &[Aabb],
@@ -75,31 +132,9 @@ impl CpuEngines {
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
         let start = Instant::now();
-        let engine: &mut dyn Engine = match wish.engine {
-            EngineChoice::Auto | EngineChoice::Only(EngineName::CpuBrute) => &mut self.brute_force,
-            EngineChoice::Only(engine) => {
-                return Err(CullError::Unavailable {
-                    engine,
-                    why: "this process has no such engine",
-                });
-            }
-        };
-        let n = BoxCount::of_len(boxes.len()).unwrap_or(BoxCount::new(u32::MAX));
-        let encoding = choose_encoding(wish.encoding, n);
-        let threads = wish.threads.unwrap_or(1).clamp(1, rayon::current_num_threads());
-        let plan_ns = start.elapsed().as_nanos() as u64;
-        let report = engine.cull(boxes, &CullJob { encoding, threads }, reply)?;
-        Ok(CullAnswer {
-            engine: engine.name(),
-            threads,
-            report,
-            times: StageTimes {
-                ingest_ns: report.times.ingest_ns,
-                plan_ns,
-                execute_ns: report.times.execute_ns,
-                publish_ns: report.times.publish_ns,
-                total_ns: start.elapsed().as_nanos() as u64,
-            },
-        })
+        let plan = self.plan(boxes, wish, None);
+        let plan_ns = nanoseconds_since(start);
+        let report = self.run(&plan, boxes, reply)?;
+        Ok(CullAnswer::new(&plan, report, start, plan_ns))
     }
 }

@@ -11,6 +11,11 @@ pub struct PairwiseCost {
     pub ns_a_box: f64,
     /// Each pair that is compared, ns.
     pub ns_a_test: f64,
+    /// More for each pair found: brute force rules most columns out by bitmaps, and those that are
+    /// left, which grow with the pairs, are compared. ns.
+    pub ns_a_pair: f64,
+    /// Most that all of this comes to for each pair that is compared: nothing was ruled out. ns.
+    pub ns_a_test_most: f64,
 }
 
 /// Cost of the grid, one thread.
@@ -63,8 +68,20 @@ impl Calibration {
             Isa::Portable => 6.0,
         };
         Self {
-            brute: PairwiseCost { fixed_ns: 300.0, ns_a_box: 2.0, ns_a_test: 0.32 * lanes },
-            sap: PairwiseCost { fixed_ns: 300.0, ns_a_box: 22.0, ns_a_test: 0.46 * lanes },
+            brute: PairwiseCost {
+                fixed_ns: 400.0,
+                ns_a_box: 18.0,
+                ns_a_test: 0.0205 * lanes,
+                ns_a_pair: 8.0,
+                ns_a_test_most: 0.35 * lanes,
+            },
+            sap: PairwiseCost {
+                fixed_ns: 300.0,
+                ns_a_box: 22.0,
+                ns_a_test: 0.46 * lanes,
+                ns_a_pair: 0.0,
+                ns_a_test_most: 0.46 * lanes,
+            },
             grid: GridCost {
                 fixed_ns: 7_000.0,
                 levels_ns: 20_000.0,

@@ -51,7 +51,7 @@ impl SceneStats {
         let mut sample = [Aabb::EMPTY; SAMPLE_MOST];
         let mut count = 0;
         for i in 0..wanted {
-            let b = boxes[i * n / wanted];
+            let b = boxes[sample_index(i, wanted, n)];
             if b.class() == BoxClass::Solid {
                 sample[count] = b;
                 count += 1;
@@ -73,10 +73,24 @@ impl SceneStats {
         }
     }
 
+    /// What is known of a scene without a look at its boxes. Enough for a plan that has no choice
+    /// of engine, and 10 to 25 µs cheaper.
+    pub fn unseen(n: BoxCount, last_pairs: Option<u64>) -> Self {
+        Self { n, ..Self::of(&[], last_pairs) }
+    }
+
     /// Pairs to expect: those of the last frame, or about one a box.
     pub fn expected_pairs(&self) -> f64 {
         self.last_pairs.map_or_else(|| f64::from(self.n.get()), |pairs| pairs as f64)
     }
+}
+
+/// The box to look at for sample `i` of `wanted`: one of each stretch, at a place that a hash
+/// chooses, because scenes are often laid out in rows of some round number.
+fn sample_index(i: usize, wanted: usize, n: usize) -> usize {
+    let (start, end) = (i * n / wanted, (i + 1) * n / wanted);
+    let hash = (i as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 33;
+    start + hash as usize % (end - start).max(1)
 }
 
 fn bounds(sample: &[Aabb]) -> ([f32; 3], [f32; 3]) {
@@ -122,17 +136,23 @@ fn window_share(sample: &[Aabb], axis: usize) -> f32 {
         *start = b.min[axis];
     }
     starts.sort_unstable_by(f32::total_cmp);
-    let windows: f32 = sample
-        .iter()
-        .map(|b| {
-            let before = starts.partition_point(|x| *x < b.min[axis]);
-            let ties = starts[before..].partition_point(|x| *x <= b.min[axis]);
-            let in_extent = starts[before..].partition_point(|x| *x <= b.max[axis]);
-            // Of two boxes that start together one is in the window of the other.
-            in_extent as f32 - 0.5 * (ties as f32 + 1.0)
-        })
-        .sum();
-    windows / (sample.len() * sample.len()).max(1) as f32
+    let mut windows = [0.0f32; SAMPLE_MOST];
+    let windows = &mut windows[..sample.len()];
+    for (window, b) in windows.iter_mut().zip(sample) {
+        let before = starts.partition_point(|x| *x < b.min[axis]);
+        let ties = starts[before..].partition_point(|x| *x <= b.min[axis]);
+        let in_extent = starts[before..].partition_point(|x| *x <= b.max[axis]);
+        // Of two boxes that start together one is in the window of the other.
+        *window = in_extent as f32 - 0.5 * (ties as f32 + 1.0);
+    }
+    if windows.is_empty() {
+        return 0.0;
+    }
+    // One giant in a small sample would stand for a share of giants that the scene does not have.
+    let large = windows.len() * 9 / 10;
+    let most = 1.0 + 2.0 * *windows.select_nth_unstable_by(large, f32::total_cmp).1;
+    let sum: f32 = windows.iter().map(|w| w.min(most)).sum();
+    sum / (sample.len() * sample.len()) as f32
 }
 
 fn elongation(sample: &[Aabb]) -> f32 {
@@ -169,10 +189,11 @@ mod tests {
 
     #[test]
     fn windows_are_measured_on_the_best_axis() {
-        // A row of boxes along y, each of which holds the starts of the nine after it.
-        let boxes: Vec<Aabb> =
-            (0..1000).map(|i| Aabb::from([0.0, i as f32, 0.0, 1.0, i as f32 + 9.5, 1.0])).collect();
+        // A row of boxes along y, each of which holds the starts of the next 95.
+        let boxes: Vec<Aabb> = (0..1000)
+            .map(|i| Aabb::from([0.0, i as f32, 0.0, 1.0, i as f32 + 95.5, 1.0]))
+            .collect();
         let stats = SceneStats::of(&boxes, None);
-        assert!((0.006..0.012).contains(&stats.window_share), "{}", stats.window_share);
+        assert!((0.06..0.12).contains(&stats.window_share), "{}", stats.window_share);
     }
 }

@@ -119,7 +119,7 @@ impl Link {
         let connected = Services::<ipc_threadsafe::Service>::connect(&settings.dir, instance)
             .and_then(|services| Ok((services.client(token, pages)?, services)));
         let (Client { port, notifier, listener }, services) = connected.map_err(open)?;
-        Ok(Self {
+        let link = Self {
             token,
             sized: Mutex::new(SizedPort { port: Arc::new(port), pages }),
             notifier,
@@ -129,7 +129,21 @@ impl Link {
             populated: Mutex::default(),
             estimate: Mutex::default(),
             frames: AtomicUsize::new(0),
-        })
+        };
+        link.touch_chunks(pages);
+        Ok(link)
+    }
+
+    /// Gives the chunks that frames will use their memory now, before the first frame is timed.
+    fn touch_chunks(&self, pages: usize) {
+        let port = &lock(&self.sized).port;
+        let loans: Vec<_> = (0..FRAMES_AT_A_TIME)
+            .map_while(|_| port.loan_slice_uninit(pages).ok().map(assume_pages))
+            .collect();
+        for mut loan in loans {
+            // Memory that is not to be had now is asked for, and missed, by the frame that needs it.
+            let _ = lock(&self.populated).ensure(loan.payload_mut());
+        }
     }
 
     pub(super) const fn token(&self) -> u64 {

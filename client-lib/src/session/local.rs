@@ -17,6 +17,7 @@ pub(super) struct Local {
     engines: Mutex<CpuEngines>,
     replies: Mutex<Vec<HeapReply>>,
     boxes: Mutex<Vec<Vec<Aabb>>>,
+    last_pairs: Mutex<Option<u64>>,
 }
 
 impl std::fmt::Debug for Local {
@@ -36,6 +37,7 @@ impl Local {
             engines: Mutex::new(CpuEngines::new()),
             replies: Mutex::new(Vec::with_capacity(KEPT_BUFFERS)),
             boxes: Mutex::new(Vec::with_capacity(KEPT_BUFFERS)),
+            last_pairs: Mutex::default(),
         }
     }
 
@@ -64,8 +66,10 @@ impl Local {
             engine: settings.engine,
             encoding: settings.encoding,
             threads: settings.threads,
+            last_pairs: *lock(&self.last_pairs),
         };
         let answer = lock(&self.engines).cull(boxes, &wish, &mut memory)?;
+        *lock(&self.last_pairs) = Some(answer.report.pair_count);
         let reply = Reply {
             box_count: BoxCount::new(boxes.len() as u32),
             engine: answer.engine,

@@ -13,13 +13,13 @@ use super::services::{TransportError, config};
 /// Where the system keeps shared memory files.
 const SHM_DIR: &str = "/dev/shm";
 
-/// Makes an instance's place clean before it is served: removes everything where no client lives,
-/// else only what dead processes left. Call with the instance's lock held and no record in place,
-/// so that no client connects meanwhile.
+/// Removes everything of an instance where no process lives that uses it: before it is served, and
+/// after. Call with the instance's lock held and no record in place, so that no client connects
+/// meanwhile.
 ///
 /// # Errors
 /// [`TransportError`].
-pub fn clean_before_serving(dir: &RuntimeDir, name: &InstanceName) -> Result<(), TransportError> {
+pub fn clean_if_abandoned(dir: &RuntimeDir, name: &InstanceName) -> Result<(), TransportError> {
     let config = config(dir, name)?;
     let mut alive = false;
     Node::<ipc::Service>::list(&config, |state| {

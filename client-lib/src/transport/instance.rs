@@ -63,14 +63,6 @@ pub enum InstanceError {
         /// What was given.
         name: String,
     },
-    /// The directory's path is too long for the transport's sockets.
-    #[error("{} is longer than {limit} bytes: choose a runtime directory with a shorter path", path.display())]
-    LongPath {
-        /// The directory.
-        path: PathBuf,
-        /// Bytes of the longest.
-        limit: usize,
-    },
     /// Somebody else owns the directory.
     #[error("{} belongs to user {owner}, not to you: set PAIRMASK_RUNTIME_DIR to a directory of your own", path.display())]
     Foreign {
@@ -107,14 +99,18 @@ fn io_error(path: &Path) -> impl FnOnce(std::io::Error) -> InstanceError + '_ {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RuntimeDir(PathBuf);
 
+fn ensure_own_dir(path: &Path, mode: u32) -> Result<(), InstanceError> {
+    fs::DirBuilder::new().recursive(true).mode(mode).create(path).map_err(io_error(path))?;
+    let owner = fs::metadata(path).map_err(io_error(path))?.uid();
+    if owner != rustix::process::geteuid().as_raw() {
+        return Err(InstanceError::Foreign { path: path.to_owned(), owner });
+    }
+    Ok(())
+}
+
 /// Environment variable that names another runtime directory.
 const RUNTIME_DIR_VARIABLE: &str = "PAIRMASK_RUNTIME_DIR";
 const DEFAULT_PREFIX: &str = "/tmp/pairmask-";
-
-/// Bytes of the longest runtime directory. The transport binds sockets
-/// `DIR/t-XXXXXXXX/pm_XXXXXXXXXXXX_ID.event` with an ID of up to 39 digits, and the system takes
-/// 107 bytes for the path of one.
-const MAX_DIR_BYTES: usize = 107 - "/t-XXXXXXXX/pm_XXXXXXXXXXXX_.event".len() - 39;
 
 impl RuntimeDir {
     /// `$PAIRMASK_RUNTIME_DIR`, else `/tmp/pairmask-UID`.
@@ -139,21 +135,9 @@ impl RuntimeDir {
     /// swap the files under us.
     ///
     /// # Errors
-    /// [`InstanceError::LongPath`], [`InstanceError::Foreign`], [`InstanceError::Io`].
+    /// [`InstanceError::Foreign`], [`InstanceError::Io`].
     pub fn ensure(&self) -> Result<(), InstanceError> {
-        if self.0.as_os_str().len() > MAX_DIR_BYTES {
-            return Err(InstanceError::LongPath { path: self.0.clone(), limit: MAX_DIR_BYTES });
-        }
-        fs::DirBuilder::new()
-            .recursive(true)
-            .mode(0o755)
-            .create(&self.0)
-            .map_err(io_error(&self.0))?;
-        let owner = fs::metadata(&self.0).map_err(io_error(&self.0))?.uid();
-        if owner != rustix::process::geteuid().as_raw() {
-            return Err(InstanceError::Foreign { path: self.0.clone(), owner });
-        }
-        Ok(())
+        ensure_own_dir(&self.0, 0o755)
     }
 
     /// Instances that have a record, dead or alive, by name.
@@ -176,24 +160,35 @@ impl RuntimeDir {
         self.0.join(format!("{name}{suffix}"))
     }
 
-    /// Directory for the transport's own files of this instance.
+    /// Directory for the transport's own files of this instance. It lies in /tmp whatever the
+    /// runtime directory is: it holds sockets, whose paths have 107 bytes at most.
     pub fn transport_root(&self, name: &InstanceName) -> PathBuf {
-        self.0.join(format!("t-{:08x}", self.key(name) as u32))
+        format!("/tmp/pairmask-{:012x}", self.hash(name)).into()
     }
 
     /// Prefix of the instance's files in /dev/shm, which all users and directories share.
     pub fn shm_prefix(&self, name: &InstanceName) -> String {
-        format!("pm_{:012x}_", self.key(name) >> 16)
+        format!("pairmask_{:012x}_", self.hash(name))
     }
 
-    /// Stands for directory and name where both would be too long. FNV-1a: stable over processes
-    /// and builds; of its 64 bits, 48 are used, so that a thousand instances do not clash.
-    fn key(&self, name: &InstanceName) -> u64 {
-        let directory = self.0.as_os_str().as_encoded_bytes();
-        let bytes = directory.iter().chain(b"/").chain(name.as_str().as_bytes());
-        bytes.fold(0xcbf2_9ce4_8422_2325, |h, b| {
+    /// 48 bits of FNV-1a over directory and name: short, and the same in all processes and builds.
+    fn hash(&self, name: &InstanceName) -> u64 {
+        // One directory has many spellings.
+        let dir = fs::canonicalize(&self.0).unwrap_or_else(|_| self.0.clone());
+        let bytes = dir.as_os_str().as_encoded_bytes().iter().chain(b"\0");
+        let hash = bytes.chain(name.0.as_bytes()).fold(0xcbf2_9ce4_8422_2325_u64, |h, b| {
             (h ^ u64::from(*b)).wrapping_mul(0x0000_0100_0000_01b3)
-        })
+        });
+        (hash ^ hash >> 48) & 0xffff_ffff_ffff
+    }
+
+    /// Creates the transport's directory, and refuses one that another user owns: the name can be
+    /// guessed, and whoever owns it could swap the sockets under us.
+    ///
+    /// # Errors
+    /// [`InstanceError::Foreign`], [`InstanceError::Io`].
+    pub fn ensure_transport_root(&self, name: &InstanceName) -> Result<(), InstanceError> {
+        ensure_own_dir(&self.transport_root(name), 0o700)
     }
 
     /// The record of an instance, or `None` where there is none or it cannot be understood.
@@ -323,17 +318,6 @@ mod tests {
         for bad in ["", "A", "a/b", "..", "a b", &"x".repeat(33)] {
             assert!(bad.parse::<InstanceName>().is_err(), "{bad}");
         }
-    }
-
-    #[test]
-    fn a_directory_that_leaves_no_room_for_sockets_is_refused() {
-        let dir = RuntimeDir::at(format!("/tmp/{}", "x".repeat(MAX_DIR_BYTES)));
-        assert!(matches!(dir.ensure(), Err(InstanceError::LongPath { .. })));
-        assert!(!dir.path().exists());
-        let longest: InstanceName = "x".repeat(MAX_NAME_BYTES).parse().expect("a name");
-        let dir = RuntimeDir::at("y".repeat(MAX_DIR_BYTES));
-        let socket = format!("{}{}.event", dir.shm_prefix(&longest), u128::MAX);
-        assert_eq!(dir.transport_root(&longest).join(socket).as_os_str().len(), 107);
     }
 
     #[test]

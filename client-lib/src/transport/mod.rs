@@ -10,7 +10,7 @@ mod memory;
 mod pages;
 mod services;
 
-pub use cleanup::{clean_before_serving, remove_hollow_files};
+pub use cleanup::{clean_if_abandoned, remove_hollow_files};
 pub use instance::{
     DaemonRecord, InstanceError, InstanceLock, InstanceName, RuntimeDir, foreign_owner,
 };

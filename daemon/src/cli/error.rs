@@ -5,6 +5,7 @@ use super::config::ConfigError;
 use super::cull::CullCommandError;
 use super::demo::DemoError;
 use super::output::OutputError;
+use super::scene::SceneCommandError;
 use super::status::StatusCommandError;
 use crate::serve::ServeError;
 
@@ -26,6 +27,8 @@ pub enum CliError {
     Demo(#[from] DemoError),
     #[error(transparent)]
     Bench(#[from] BenchError),
+    #[error(transparent)]
+    Scene(#[from] SceneCommandError),
     #[error(transparent)]
     Status(#[from] StatusCommandError),
 }

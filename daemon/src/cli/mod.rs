@@ -13,6 +13,7 @@ mod options;
 mod output;
 mod percentiles;
 mod raw_boxes;
+mod scene;
 mod serve;
 mod status;
 
@@ -52,6 +53,7 @@ enum Command {
     #[command(hide = true)]
     DemoClient(demo::DemoClient),
     Bench(bench::Bench),
+    Scene(scene::Scene),
     Status(status::Status),
 }
 
@@ -85,6 +87,7 @@ fn run(cli: &Cli) -> Result<(), CliError> {
         Command::Demo(demo) => Ok(demo.run(&config)?),
         Command::DemoClient(client) => Ok(client.run(place, &config)?),
         Command::Bench(bench) => Ok(bench.run(place, &config)?),
+        Command::Scene(scene) => Ok(scene.run()?),
         Command::Status(status) => Ok(status.run(place, &config)?),
     }
 }

@@ -51,10 +51,10 @@ impl Place {
     }
 }
 
-/// What a daemon that is started here may use.
+/// What a daemon or a study that is started here may use.
 #[derive(Clone, Debug, Args)]
 pub struct DaemonOptions {
-    /// GPU of a daemon that is started: auto, none, software, a number or a name [default: auto]
+    /// GPU of what is started: auto, none, software, a number or a name [default: auto]
     #[arg(long, env = "PAIRMASK_GPU", value_name = "GPU")]
     gpu: Option<GpuChoice>,
 }

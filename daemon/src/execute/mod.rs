@@ -7,11 +7,10 @@ pub use gpu_service::{GpuService, Owner};
 
 use std::time::Instant;
 
+use pairmask::Aabb;
 use pairmask::engine::{
-    CpuEngines, CullAnswer, CullError, CullJob, CullWish, EngineChoice, EngineName, ReplyBuffer,
+    CpuEngines, CullAnswer, CullError, CullWish, EngineChoice, ReplyBuffer, nanoseconds_since,
 };
-use pairmask::wire::StageTimes;
-use pairmask::{Aabb, BoxCount};
 
 /// All engines that this daemon has.
 pub struct Executor {
@@ -44,36 +43,28 @@ impl Executor {
         wish: &CullWish,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
-        let EngineChoice::Only(EngineName::GpuBrute) = wish.engine else {
-            return self.cpu.cull(boxes, wish, reply);
-        };
-        let gpu = self.gpu.as_mut().ok_or(CullError::Unavailable {
-            engine: EngineName::GpuBrute,
-            why: "this daemon has no GPU (see `pairmaskd serve --gpu`)",
-        })?;
         let start = Instant::now();
-        let n = BoxCount::of_len(boxes.len()).unwrap_or(BoxCount::new(u32::MAX));
-        let job =
-            CullJob { encoding: pairmask::engine::choose_encoding(wish.encoding, n), threads: 1 };
-        match gpu.cull(boxes, owner, &job, reply) {
-            Ok(report) => Ok(CullAnswer {
-                engine: EngineName::GpuBrute,
-                threads: 1,
-                report,
-                times: StageTimes {
-                    ingest_ns: report.times.ingest_ns,
-                    plan_ns: 0,
-                    execute_ns: report.times.execute_ns,
-                    publish_ns: report.times.publish_ns,
-                    total_ns: start.elapsed().as_nanos() as u64,
-                },
-            }),
-            Err(CullError::DeviceLost { .. } | CullError::DeviceMemory { .. }) => {
-                let wish = CullWish { engine: EngineChoice::Auto, ..*wish };
-                self.cpu.cull(boxes, &wish, reply)
+        let gpu_cost = self.gpu.as_ref().and_then(GpuService::cost);
+        let mut plan = self.cpu.plan(boxes, wish, gpu_cost);
+        let plan_ns = nanoseconds_since(start);
+        if plan.engine.is_gpu() {
+            let done = match &mut self.gpu {
+                Some(gpu) => gpu.cull(boxes, owner, &plan, reply),
+                None => Err(CullError::Unavailable {
+                    engine: plan.engine,
+                    why: "this daemon has no GPU (see `pairmaskd serve --gpu`)",
+                }),
+            };
+            match done {
+                Err(CullError::DeviceLost { .. } | CullError::DeviceMemory { .. }) => {
+                    let wish = CullWish { engine: EngineChoice::Auto, ..*wish };
+                    plan = self.cpu.plan(boxes, &wish, None);
+                }
+                done => return Ok(CullAnswer::new(&plan, done?, start, plan_ns)),
             }
-            Err(error) => Err(error),
         }
+        let report = self.cpu.run(&plan, boxes, reply)?;
+        Ok(CullAnswer::new(&plan, report, start, plan_ns))
     }
 
     /// Gives up what belonged to clients that are gone; to be called now and then.

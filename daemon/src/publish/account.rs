@@ -2,25 +2,43 @@
 
 use std::time::Instant;
 
-use pairmask::units::BoxCount;
 use pairmask::wire::{LAST_ERRORS, RecordedError, ReplyFields, StatusBody, StatusCode};
 
 /// Counters since the worker began to serve.
 pub(super) struct Account {
     start: Instant,
     body: StatusBody,
+    /// Pairs in the last frame of each client, for the plan of its next.
+    last_pairs: Vec<(u64, u64)>,
+    capacity: usize,
 }
 
 impl Account {
-    pub(super) fn new() -> Self {
+    pub(super) fn new(max_clients: usize) -> Self {
         let body = StatusBody { pid: std::process::id(), ..StatusBody::default() };
-        Self { start: Instant::now(), body }
+        let last_pairs = Vec::with_capacity(max_clients);
+        Self { start: Instant::now(), body, last_pairs, capacity: max_clients.max(1) }
     }
 
-    pub(super) const fn note_frame(&mut self, boxes: BoxCount, pair_count: u64) {
+    pub(super) fn note_frame(&mut self, fields: &ReplyFields, pair_count: u64) {
         self.body.frames += 1;
-        self.body.boxes += boxes.get() as u64;
+        self.body.boxes += u64::from(fields.box_count.get());
         self.body.pairs = self.body.pairs.saturating_add(pair_count);
+        let mut known = self.last_pairs.iter_mut();
+        if let Some((_, pairs)) = known.find(|(token, _)| *token == fields.client_token) {
+            *pairs = pair_count;
+            return;
+        }
+        if self.last_pairs.len() >= self.capacity {
+            // Clients that are gone fill the list; those that live are noted again.
+            self.last_pairs.clear();
+        }
+        self.last_pairs.push((fields.client_token, pair_count));
+    }
+
+    /// Pairs in a client's last frame, where it had one.
+    pub(super) fn last_pairs(&self, client_token: u64) -> Option<u64> {
+        self.last_pairs.iter().find(|(token, _)| *token == client_token).map(|(_, pairs)| *pairs)
     }
 
     pub(super) fn note_error(&mut self, fields: &ReplyFields, status: StatusCode) {

@@ -46,7 +46,7 @@ impl Publisher {
             services,
             populated: Populated::default(),
             max_reply_bytes: limits.max_reply_bytes,
-            account: Account::new(),
+            account: Account::new(limits.max_clients),
         }
     }
 
@@ -69,7 +69,8 @@ impl Publisher {
         let mut reply = LoanReply::new(active, &mut self.populated, self.max_reply_bytes);
         let response = match Request::parse(&header, payload_bytes) {
             Ok(Request::Cull { box_count, boxes_offset, engine, encoding, threads }) => {
-                let wish = CullWish { engine, encoding, threads };
+                let last_pairs = self.account.last_pairs(fields.client_token);
+                let wish = CullWish { engine, encoding, threads, last_pairs };
                 let owner = Owner::Client(active.origin().value());
                 let refused = Reject::Boxes { box_count: box_count.get(), payload_bytes };
                 boxes_in(active.payload(), boxes_offset, box_count)
@@ -80,7 +81,7 @@ impl Publisher {
                             total_ns: start.elapsed().as_nanos() as u64,
                             ..answer.times
                         };
-                        self.account.note_frame(box_count, answer.report.pair_count);
+                        self.account.note_frame(&fields, answer.report.pair_count);
                         response_ok(&fields, answer.engine, answer.threads, &answer.report, &times)
                     })
             }

@@ -3,7 +3,7 @@
 use std::process::{Child, Command, ExitStatus};
 use std::time::{Duration, Instant};
 
-use pairmask::transport::InstanceLock;
+use pairmask::transport::{InstanceLock, clean_if_abandoned};
 use rustix::process::{Pid, Signal, kill_process};
 use signal_hook::consts::{SIGCHLD, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
@@ -25,6 +25,13 @@ const STOP_WITHIN: Duration = Duration::from_secs(5);
 /// [`ServeError`]; a worker that crashes is none.
 pub fn supervise(settings: &ServeSettings) -> Result<(), ServeError> {
     let _lock = InstanceLock::acquire(&settings.dir, &settings.instance)?;
+    let result = keep_working(settings);
+    settings.dir.remove_record(&settings.instance);
+    clean_if_abandoned(&settings.dir, &settings.instance)?;
+    result
+}
+
+fn keep_working(settings: &ServeSettings) -> Result<(), ServeError> {
     let mut signals = Signals::new([SIGINT, SIGTERM, SIGCHLD])
         .map_err(ServeError::system("installing signal handlers"))?;
     let mut pause = FIRST_PAUSE;
@@ -34,9 +41,7 @@ pub fn supervise(settings: &ServeSettings) -> Result<(), ServeError> {
         let started = Instant::now();
         let mut worker = spawn_worker(settings)?;
         let Some(status) = watch(&mut worker, &mut signals)? else {
-            stop(&mut worker)?;
-            settings.dir.remove_record(&settings.instance);
-            return Ok(());
+            return stop(&mut worker);
         };
         served_before |= settings.dir.read_record(&settings.instance).is_some();
         settings.dir.remove_record(&settings.instance);
@@ -59,7 +64,12 @@ pub fn supervise(settings: &ServeSettings) -> Result<(), ServeError> {
 fn spawn_worker(settings: &ServeSettings) -> Result<Child, ServeError> {
     let binary =
         std::env::current_exe().map_err(ServeError::system("finding the daemon's binary"))?;
-    Command::new(binary)
+    let mut worker = Command::new(binary);
+    if std::env::var_os("XDG_RUNTIME_DIR").is_none() {
+        // Mesa's drivers complain on stderr where it is missing, and never use it without a display.
+        worker.env("XDG_RUNTIME_DIR", settings.dir.path());
+    }
+    worker
         .args(["serve", "--worker", "--instance", settings.instance.as_str()])
         .args(["--spin-us", &settings.spin.as_micros().to_string()])
         .args(["--max-clients", &settings.limits.max_clients.to_string()])

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use pairmask::transport::{
     ActiveRequest, DaemonRecord, JANITOR_INTERVAL, Server, Services, WakeDaemon,
-    clean_before_serving, quiet_transport_log,
+    clean_if_abandoned, quiet_transport_log,
 };
 use pairmask::wire::Version;
 use rustix::process::Signal;
@@ -47,7 +47,8 @@ pub fn work(settings: &ServeSettings) -> Result<(), ServeError> {
         .build()?;
 
     let gpu = open_gpu(&settings.gpu)?;
-    clean_before_serving(&settings.dir, &settings.instance)?;
+    clean_if_abandoned(&settings.dir, &settings.instance)?;
+    settings.dir.ensure_transport_root(&settings.instance)?;
     let janitor = Janitor::start(&settings.dir, &settings.instance)?;
     let services = Services::serve(&settings.dir, &settings.instance, &settings.limits)?;
     // A predecessor's server may still be registered, and there can be one only.

@@ -1,4 +1,4 @@
-//! A client that comes to grief on purpose. `fault_client MODE`, with the daemon's directory in
+//! A client that comes to grief on purpose. `fault_client MODE [ENGINE]`, with the daemon's directory in
 //! `PAIRMASK_RUNTIME_DIR`. Has a frame answered, prints `connected`, waits for a line, does its
 //! deed, prints `ready`, and sleeps until it is killed.
 //!
@@ -17,11 +17,12 @@ use std::io::Write;
 use std::time::Duration;
 
 use pairmask::glam::Vec3;
-use pairmask::{Aabb, Backend, Session};
+use pairmask::{Aabb, Backend, EngineChoice, Session};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mode = std::env::args().nth(1).unwrap_or_default();
-    let connected = Session::builder().backend(Backend::Daemon).connect();
+    let engine = std::env::args().nth(2).map_or(Ok(EngineChoice::Auto), |name| name.parse())?;
+    let connected = Session::builder().backend(Backend::Daemon).engine(engine).connect();
     if mode == "connect" {
         match connected {
             Ok(_) => println!("connected"),
@@ -34,7 +35,9 @@ fn main() -> Result<(), Box<dyn Error>> {
         println!("{}", fill_up(&mut session));
         return Ok(());
     }
-    session.frame(0)?.submit()?.wait()?;
+    let mut frame = session.frame(10)?;
+    frame.boxes_mut().fill(Aabb::EMPTY);
+    frame.submit()?.wait()?;
     println!("connected");
     std::io::stdin().read_line(&mut String::new())?;
     let mut held = Vec::new();

@@ -176,9 +176,6 @@ fn and_row(strings: &RowStrings<'_>, row: usize, candidates: &mut Candidates) {
             bits = and_line(strings, line);
         }
         let kept = _mm512_test_epi64_mask(bits, bits);
-        if kept == 0 {
-            continue;
-        }
         candidates.append(|out| {
             let first = _mm512_set1_epi64(address(row, line * LINE_WORDS) as i64);
             let addresses = _mm512_add_epi64(first, _mm512_setr_epi64(0, 1, 2, 3, 4, 5, 6, 7));

@@ -27,7 +27,7 @@ pub(super) fn limits(row: &Corners) -> Corners {
 /// Whether no corner misses its limit, without a branch.
 #[inline(always)]
 pub(super) fn reaches(limits: &Corners, column: &Corners) -> bool {
-    limits.iter().zip(column).fold(true, |all, (limit, corner)| all & (limit <= corner))
+    limits.iter().zip(column).map(|(limit, corner)| u32::from(limit > corner)).sum::<u32>() == 0
 }
 
 #[cfg(test)]

@@ -2,6 +2,8 @@
 //!
 //! A kernel is one instruction set's way to do it, and to do what comes before it: buckets and ANDs.
 
+use std::cmp::Ordering;
+
 use super::bitmaps::{BUCKETS, BucketRange, LINE_WORDS, RowStrings};
 use super::candidates::{Candidates, address};
 use super::corners::{Corners, limits, reaches};
@@ -113,8 +115,14 @@ pub(super) trait Kernel {
                 }
             }
             if line == first_line {
-                bits[..first_word].fill(0);
-                bits[first_word] &= after_row(row);
+                for (word, bits) in bits.iter_mut().enumerate() {
+                    // Chosen, not written in part: a SIMD read after a narrow write would stall.
+                    *bits &= match word.cmp(&first_word) {
+                        Ordering::Less => 0,
+                        Ordering::Equal => after_row(row),
+                        Ordering::Greater => u64::MAX,
+                    };
+                }
             }
             if bits.iter().fold(0, |any, bits| any | bits) != 0 {
                 candidates.append(|out| {

@@ -50,6 +50,7 @@ impl Borders {
     }
 
     /// The search tree, level by level. The last entry is no node.
+    #[cfg(any(target_arch = "x86_64", test))]
     pub fn tree(&self) -> &[i32; BUCKETS] {
         &self.0
     }

@@ -9,7 +9,7 @@ use super::sample::{Density, Sample};
 
 /// Time of one strip, as a unit: the others are relative to it.
 const STRIP_COST: f32 = 1.0;
-/// Looking up the runs of a row in one coarser level.
+/// Looking up the runs of a row in one finer level.
 const LEVEL_COST: f32 = 4.0;
 /// Looking up one line of cells there.
 const LINE_COST: f32 = 0.7;
@@ -36,8 +36,6 @@ const SPARE_MOST: usize = 8;
 
 /// Shares of the sample, by size, at which a level may end.
 const BORDERS: [f32; 5] = [0.5, 0.8, 0.9, 0.95, 0.98];
-/// Largest box against median box up to which one level is taken without comparing others.
-const LIKE_SIZES: f32 = 2.0;
 
 /// The levels of a frame. Memory is kept from frame to frame.
 #[derive(Default)]
@@ -79,12 +77,16 @@ impl Layout {
             self.append_spares(best_edges(&self.levels));
         }
         self.append(Level::EVERYTHING.axes);
+        // Coarse levels come first in the order of positions, because their boxes are the rows of
+        // pairs across levels.
+        for level in self.levels.iter_mut().rev() {
+            level.first_cell = self.cell_count;
+            self.cell_count += level.cell_count();
+        }
     }
 
     fn append(&mut self, axes: [Axis; 3]) {
-        let level = Level { axes, first_cell: self.cell_count };
-        self.cell_count += level.cell_count();
-        self.levels.push(level);
+        self.levels.push(Level { axes, first_cell: 0 });
     }
 
     /// Coarser levels for the few boxes that are larger than any that the sample saw.
@@ -110,8 +112,7 @@ fn best_groups(sample: &Sample, density: &Density) -> [Option<Group>; 3] {
     let m = sample.boxes.len();
     let whole = group(sample, density, 0, m);
     let mut best = [Some(whole), None, None];
-    let median = sample.boxes[m / 2].size;
-    if sample.boxes[m - 1].size <= LIKE_SIZES * median {
+    if sample.alike {
         return best;
     }
     let mut best_cost = whole.own_cost;
@@ -143,11 +144,10 @@ fn best_groups(sample: &Sample, density: &Density) -> [Option<Group>; 3] {
 /// Cost a box of a set of levels.
 fn total_cost(groups: [Option<Group>; 3]) -> f32 {
     let mut cost = 0.0;
-    for (i, fine) in groups.iter().enumerate() {
-        let Some(fine) = fine else { continue };
-        let across: f32 =
-            groups[i + 1..].iter().flatten().map(|coarse| cross_cost(fine, coarse)).sum();
-        cost += fine.share * (fine.own_cost + across);
+    for (i, coarse) in groups.iter().enumerate() {
+        let Some(coarse) = coarse else { continue };
+        let across: f32 = groups[..i].iter().flatten().map(|fine| cross_cost(coarse, fine)).sum();
+        cost += coarse.share * (coarse.own_cost + across);
     }
     cost
 }
@@ -174,7 +174,8 @@ fn group(sample: &Sample, density: &Density, from: usize, to: usize) -> Group {
     let mut best: Option<Group> = None;
     let mut growth = 1.0f32;
     loop {
-        let mut crowded = true;
+        // Crowded cells, or one for all: larger ones are no better.
+        let mut last = true;
         for narrowing in [1.0, 0.5, 0.25] {
             let cell_edges = [
                 least_edges[0] * (growth * narrowing).max(1.0),
@@ -188,11 +189,12 @@ fn group(sample: &Sample, density: &Density, from: usize, to: usize) -> Group {
             if best.is_none_or(|b| candidate.own_cost < b.own_cost) {
                 best = Some(candidate);
             }
-            crowded &= occupancy > 4.0 * STRIP_COLUMNS;
+            let whole = (0..3).all(|axis| cell_edges[axis] >= sample.extent[axis]);
+            last &= whole || (occupancy > 4.0 * STRIP_COLUMNS);
         }
         growth *= std::f32::consts::SQRT_2;
         if let Some(best) = best
-            && (crowded || growth > 1e6)
+            && (last || growth > 1e6)
         {
             return best;
         }
@@ -224,11 +226,11 @@ fn own_cost(group: &Group, sample: &Sample) -> f32 {
         + EMPTY_CELL_COST * (cells / boxes).min(CELLS_A_BOX)
 }
 
-/// Cost of a box of `fine` in the level of `coarse`.
-fn cross_cost(fine: &Group, coarse: &Group) -> f32 {
-    let cells = |axis: usize| 2.0 + (fine.mean_edges[axis] / coarse.cell_edges[axis]).min(1.0);
+/// Cost of a box of `coarse` in the level of `fine`.
+fn cross_cost(coarse: &Group, fine: &Group) -> f32 {
+    let cells = |axis: usize| 2.0 + coarse.mean_edges[axis] / fine.cell_edges[axis];
     let lines = cells(1) * cells(2);
-    LEVEL_COST + lines * (LINE_COST + STRIP_COST * strips(coarse.occupancy * cells(0)))
+    LEVEL_COST + lines * (LINE_COST + STRIP_COST * strips(fine.occupancy * cells(0)))
 }
 
 /// Axes of a level of cells of `edges` over the sample's bounds, for about `boxes` boxes.

@@ -3,8 +3,9 @@
 //! The papers' grid (Avril et al. 2012, §4) lists a box in every cell that it touches. Here each
 //! box has one home cell, by its min corner, in the finest level whose cells are at least as long
 //! as it is; boxes are sorted by level, z, y, x of the cell, so that a cell's neighbours are a few
-//! runs of positions. That neighbours are enough is proved in [`axis`] for the very arithmetic that
-//! is computed. Work is O(n + pairs) for boxes that the sample finds a good layout for; giants
+//! runs of positions. That neighbours are enough is proved in `axis.rs` for the very arithmetic that
+//! is computed. Pairs across levels are looked for from the larger box: it visits the cells of the
+//! finer levels that it covers. Work is O(n + pairs) for boxes that the sample finds a good layout for; giants
 //! and infinite boxes go to levels of their own.
 
 mod axis;

@@ -59,11 +59,11 @@ impl RowTask {
     /// Finds the words of all rows.
     pub fn run(&mut self, scene: Scene<'_>) {
         self.found.clear();
-        for (i, level) in scene.levels.iter().enumerate() {
+        for (i, level) in scene.levels.iter().enumerate().rev() {
             let positions = scene.positions(level);
             let rows = positions.start.max(self.rows.start)..positions.end.min(self.rows.end);
             if rows.start < rows.end {
-                self.run_level(scene, level, &scene.levels[i + 1..], rows);
+                self.run_level(scene, level, &scene.levels[..i], rows);
             }
         }
         self.flush(scene);
@@ -72,11 +72,11 @@ impl RowTask {
     }
 
     /// Rows of one level, line by line.
-    fn run_level(&mut self, scene: Scene<'_>, level: &Level, coarser: &[Level], rows: Range<u32>) {
+    fn run_level(&mut self, scene: Scene<'_>, level: &Level, finer: &[Level], rows: Range<u32>) {
         let width = level.axes[0].cell_count;
         let first_line = (scene.cell_of(rows.start) - level.first_cell) / width;
         let last_line = (scene.cell_of(rows.end - 1) - level.first_cell) / width;
-        let alone = coarser.iter().all(|c| scene.positions(c).is_empty());
+        let alone = finer.iter().all(|c| scene.positions(c).is_empty());
         for line in first_line..=last_line {
             let height = level.axes[1].cell_count;
             let first_cell = level.first_cell + line * width;
@@ -86,14 +86,7 @@ impl RowTask {
                 continue;
             }
             let later = LaterLines::of(level, line % height, line / height);
-            self.run_line(
-                scene,
-                level,
-                first_cell,
-                &later,
-                rows,
-                if alone { &[] } else { coarser },
-            );
+            self.run_line(scene, level, first_cell, &later, rows, if alone { &[] } else { finer });
         }
     }
 
@@ -105,7 +98,7 @@ impl RowTask {
         first_cell: u32,
         later: &LaterLines,
         rows: Range<u32>,
-        coarser: &[Level],
+        finer: &[Level],
     ) {
         let width = level.axes[0].cell_count as usize;
         let line_starts = |first: u32| &scene.sorted.cell_starts[first as usize..][..=width];
@@ -129,7 +122,7 @@ impl RowTask {
                 (starts[x.saturating_sub(1)], ends.map(|end| starts[end]), *needs)
             });
             if seam || !staged || !strips.cut(runs) {
-                self.run_odd_cell(scene, level, own, lines, x, cell, coarser);
+                self.run_odd_cell(scene, level, own, lines, x, cell, finer);
                 continue;
             }
             let own_ends = ends.map(|end| own[end]);
@@ -153,8 +146,8 @@ impl RowTask {
                 if end > first + GROUP {
                     self.push_groups(scene, row, &strips, first + GROUP..end, far);
                 }
-                if !coarser.is_empty() {
-                    self.push_coarser(scene, coarser, row);
+                if !finer.is_empty() {
+                    self.push_finer(scene, finer, row);
                 }
             }
         }
@@ -170,7 +163,7 @@ impl RowTask {
         lines: &[(&[u32], Reach)],
         x: usize,
         cell: Range<u32>,
-        coarser: &[Level],
+        finer: &[Level],
     ) {
         let width = own.len() - 1;
         for row in cell {
@@ -190,12 +183,13 @@ impl RowTask {
                     }
                 }
             }
-            self.push_coarser(scene, coarser, row);
+            self.push_finer(scene, finer, row);
         }
     }
 
-    /// The runs of a row in all coarser levels.
-    fn push_coarser(&mut self, scene: Scene<'_>, coarser: &[Level], row: u32) {
+    /// The runs of a row in all finer levels: few rows have any, and each takes as many cells as
+    /// it covers, so that a giant costs about as much as it has pairs.
+    fn push_finer(&mut self, scene: Scene<'_>, finer: &[Level], row: u32) {
         let keys = scene.sorted.boxes.keys();
         let coordinate = |component: usize| {
             // The map to keys is its own inverse, but for −0.
@@ -203,7 +197,8 @@ impl RowTask {
         };
         let min: [f32; 3] = std::array::from_fn(coordinate);
         let max: [f32; 3] = std::array::from_fn(|axis| coordinate(3 + axis));
-        for level in coarser {
+        // From coarse to fine: in the order of positions.
+        for level in finer.iter().rev() {
             let positions = scene.positions(level);
             if positions.end - positions.start <= SMALL_LEVEL {
                 self.push(scene, row, positions.start, positions.end);

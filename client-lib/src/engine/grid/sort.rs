@@ -15,14 +15,15 @@ use crate::engine::aligned::AlignedBuffer;
 use crate::engine::strips::OrderedBoxes;
 use crate::engine::{AvailableIsa, Census};
 
-/// Most boxes of a tile: 96 KiB of boxes and 128 KiB of records.
-pub(super) const TILE_MOST: usize = 4_096;
+/// Most boxes of a tile: 384 KiB of boxes and 512 KiB of records. Larger tiles leave longer stretches
+/// to each bucket, which the second pass reads faster.
+pub(super) const TILE_MOST: usize = 16_384;
 /// Fewest boxes of a tile, so that the buckets' counters do not outweigh them.
 const TILE_LEAST: usize = 512;
 /// Boxes a bucket, about: as many as keep the passes over it in the second-level cache.
 const BUCKET_BOXES: usize = 2_048;
-/// Most buckets, about: as many lines as the first-level cache can hold open for writing.
-pub(super) const BUCKET_MOST: usize = 256;
+/// Most buckets: half as many lines as the first-level cache holds, since each is open for writing.
+pub(super) const BUCKET_MOST: usize = 512;
 
 /// Boxes sorted by cell. Memory is kept from frame to frame.
 #[derive(Default)]

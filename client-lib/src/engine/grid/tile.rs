@@ -60,6 +60,8 @@ impl Tiles<'_> {
 
     fn deal(self, levels: &[Level], nothing: u32, isa: AvailableIsa) -> Census {
         let mut census = Census::default();
+        // 64 KiB: of a stack of 2 MiB or more, and of the second-level cache.
+        #[allow(clippy::large_stack_arrays)]
         let mut homes = [0u32; TILE_MOST];
         let mut index = self.first_index;
         let boxes = self.boxes.chunks(self.deal.tile_len);

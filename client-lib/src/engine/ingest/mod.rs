@@ -11,7 +11,9 @@ mod portable;
 
 use crate::aabb::{Aabb, KeyBox};
 use crate::engine::aligned::AlignedBuffer;
-use crate::engine::{AvailableIsa, Census, Isa, NAMED_INVALID};
+use crate::engine::{AvailableIsa, Census};
+#[cfg(target_arch = "x86_64")]
+use crate::engine::{Isa, NAMED_INVALID};
 
 /// Columns that one 64-bit mask word covers: the granule that key arrays are padded to.
 pub const WORD_COLUMNS: usize = 64;
@@ -151,6 +153,7 @@ pub(crate) fn fill(
 }
 
 /// Counts a group of boxes from two masks: bit t is box `first + t`. NaN wins over empty.
+#[cfg(target_arch = "x86_64")]
 #[inline]
 fn note_group(census: &mut Census, first: usize, nan: u32, empty: u32) {
     census.empty += (empty & !nan).count_ones();
@@ -167,6 +170,7 @@ fn note_group(census: &mut Census, first: usize, nan: u32, empty: u32) {
 mod tests {
     use super::*;
     use crate::aabb::BoxClass;
+    use crate::engine::Isa;
     use proptest::prelude::*;
 
     /// Coordinates where kernels go wrong: signed zeroes, subnormals, infinities, NaNs of both

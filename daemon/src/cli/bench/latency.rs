@@ -22,6 +22,7 @@ use crate::cli::output::{OutputError, print_json, print_text, progress_bar};
 use crate::cli::raw_boxes::{RawBoxes, RawBoxesError};
 use crate::scene::{Scene, SceneName};
 use crate::spawn::{PrivateDaemon, PrivateSettings, SpawnError};
+use crate::study::mapping::MappingError;
 
 /// Longer than any pause between two frames: whoever spins never sleeps in between.
 const SPIN: Duration = Duration::from_secs(1);
@@ -137,6 +138,8 @@ pub enum BenchError {
     /// An engine is broken.
     #[error("frame {frame} has {counted} pairs and its mask holds {decoded}: please report this")]
     Miscounted { frame: u64, counted: u64, decoded: u64 },
+    #[error(transparent)]
+    Mapping(#[from] MappingError),
     #[error(transparent)]
     Output(#[from] OutputError),
 }

@@ -3,6 +3,7 @@
 mod closed_loop;
 mod latency;
 mod machine;
+mod mapping;
 mod pin;
 mod report;
 
@@ -22,6 +23,7 @@ pub struct Bench {
 #[derive(Debug, Subcommand)]
 enum What {
     Latency(latency::Latency),
+    Mapping(mapping::Mapping),
 }
 
 impl Bench {
@@ -29,6 +31,7 @@ impl Bench {
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), BenchError> {
         match &self.what {
             What::Latency(latency) => latency.run(place, config),
+            What::Mapping(mapping) => mapping.run(config),
         }
     }
 }

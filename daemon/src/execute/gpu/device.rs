@@ -29,6 +29,8 @@ pub struct GpuLimits {
     pub mapped_video_memory: bool,
     /// Nanoseconds of a timestamp tick.
     pub timestamp_period_ns: f32,
+    /// Whether stages may use 64-bit integers.
+    pub int64: bool,
 }
 
 /// An opened GPU. Everything made on it holds an `Arc` of it, so it closes last.
@@ -146,6 +148,7 @@ impl Gpu {
             mapped_video_memory: find_memory_type(&memory, u32::MAX, MAPPED_VIDEO, MAPPED_VIDEO)
                 .is_some(),
             timestamp_period_ns: properties.limits.timestamp_period,
+            int64: features.contains(wgpu::Features::SHADER_INT64),
         };
         let uuid = u128::from_be_bytes(properties.pipeline_cache_uuid);
         let cache_key = format!(

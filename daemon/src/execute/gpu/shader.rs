@@ -22,7 +22,9 @@ pub(super) fn spirv(stage: Stage, checks: Checks) -> Result<Vec<u32>, GpuError> 
     let fault = |why| GpuError::Stage { stage: stage.label(), why };
     let text = stage.wgsl().map_err(|_| fault(StageFault::Compose))?;
     let module = naga::front::wgsl::parse_str(&text).map_err(|_| fault(StageFault::Parse))?;
-    let info = Validator::new(ValidationFlags::all(), Capabilities::IMMEDIATES)
+    // 64-bit integers: stages of the mapping study, on devices that have them.
+    let capabilities = Capabilities::IMMEDIATES | Capabilities::SHADER_INT64;
+    let info = Validator::new(ValidationFlags::all(), capabilities)
         .validate(&module)
         .map_err(|_| fault(StageFault::Validate))?;
     let checked = checks == Checks::On;

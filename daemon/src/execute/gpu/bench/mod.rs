@@ -338,7 +338,7 @@ fn ms(start: Instant) -> f64 {
 }
 
 /// Boxes of one size with about as many overlapping pairs as boxes.
-fn uniform(n: u32) -> Vec<Aabb> {
+pub(crate) fn uniform(n: u32) -> Vec<Aabb> {
     let mut state = 1u64;
     // Two boxes of edge e in a unit cube overlap with probability 8e³: n²/2 · 8e³ = n.
     let edge = (1.0 / (4.0 * f64::from(n.max(1)))).cbrt() as f32;

@@ -1,0 +1,318 @@
+//! Local boxes and transforms → world boxes: the first stage of a broad phase.
+//!
+//! Avril, Gouranton and Arnaldi 2009 (§3) and 2014 give each of c threads n/c objects to update;
+//! [`par_update_boxes`] does so and writes straight into the slice of a frame, so that boxes are
+//! never copied. The box of a transformed box is Arvo's (Graphics Gems, 1990): for each entry of the
+//! matrix, take the smaller product for the min and the larger one for the max. That is the method
+//! of centre and half extents with an absolute matrix, and it also holds for infinite boxes, which
+//! have no centre.
+//!
+//! # No pair is lost to rounding
+//!
+//! The world box contains the eight corners as exact arithmetic would transform them:
+//!
+//! * A product of two f32 has 48 significant bits and is exact in f64. A face is the sum of four
+//!   such terms tᵢ; three additions err by at most 3.01·u·Σ|tᵢ| with u = 2⁻⁵³.
+//! * For a [`Placement`] the entries of the matrix are themselves rounded. Each is a sum of at most
+//!   three products of components of the quaternion, which err by at most 8·u·m in all, m being
+//!   1 + 2·(the sum of the squared components), and a product with a scale adds u. Its terms then
+//!   err by 9·u·m·|scale·coordinate|, and by one more u in the product.
+//! * Both are covered: a face moves outward by 8·u·Σ|tᵢ| and, for a placement, by 16·u·m·|scale·coordinate|
+//!   for each column. That leaves room for the rounding of the bound itself.
+//! * The conversion to f32 rounds outward.
+//!
+//! In all, a face moves by less than two units in the last place of f32 unless the terms cancel to a
+//! millionth of their size, and never inward.
+
+use glam::{Affine3A, Mat4, Quat, Vec3};
+use rayon::prelude::*;
+
+use crate::aabb::{Aabb, BoxClass};
+
+/// Boxes that one task of [`par_update_boxes`] updates at least: fewer take less time than to hand
+/// them to another thread.
+const PARALLEL_BOXES: usize = 1024;
+
+/// 8u: what a face moves outward, as a share of the sum of its terms' magnitudes.
+const FACE_ERROR: f64 = 8.0 * UNIT_ROUNDOFF;
+
+/// Lanes of a row of numbers: three axes and one of zeroes, which makes them a SIMD register.
+const LANES: usize = 4;
+
+/// Half a unit in the last place of 1.0 in f64.
+const UNIT_ROUNDOFF: f64 = f64::EPSILON / 2.0;
+
+/// Why no box was updated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum UpdateError {
+    /// The slices do not belong together.
+    #[error(
+        "{locals} local boxes, {transforms} transforms and room for {out} world boxes: give as many of each"
+    )]
+    LengthMismatch {
+        /// Local boxes.
+        locals: usize,
+        /// Transforms.
+        transforms: usize,
+        /// World boxes.
+        out: usize,
+    },
+}
+
+/// Translation, rotation and scale of an object: a point p goes to `rotation · (scale · p) +
+/// translation`.
+///
+/// The rotation is used as it is. If it is not of unit length, points go where its matrix takes
+/// them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Placement {
+    /// Where the object's origin lies.
+    pub translation: Vec3,
+    /// How it is turned.
+    pub rotation: Quat,
+    /// Its size on its own axes.
+    pub scale: Vec3,
+}
+
+impl Placement {
+    /// An object of its own size.
+    pub const fn rigid(translation: Vec3, rotation: Quat) -> Self {
+        Self { translation, rotation, scale: Vec3::ONE }
+    }
+}
+
+/// The affine map of a transform, with what its entries may be off by.
+#[derive(Clone, Copy, Debug)]
+pub struct WorldMatrix {
+    /// Columns of the linear part.
+    columns: [[f64; LANES]; 3],
+    /// Image of the origin.
+    translation: [f64; LANES],
+    /// Largest error of an entry of each column.
+    column_error: [f64; 3],
+}
+
+impl WorldMatrix {
+    /// A matrix whose entries are meant exactly.
+    fn exact(columns: [Vec3; 3], translation: Vec3) -> Self {
+        let wide = |v: Vec3| v.extend(0.0).to_array().map(f64::from);
+        Self { columns: columns.map(wide), translation: wide(translation), column_error: [0.0; 3] }
+    }
+
+    fn is_finite(&self) -> bool {
+        let entries = self.columns.iter().flatten().chain(&self.translation);
+        // A finite number times zero is zero; an infinity or a NaN makes the sum NaN.
+        entries.map(|x| x * 0.0).sum::<f64>() == 0.0
+    }
+}
+
+/// Something that takes points from an object's space to the world's.
+pub trait ToWorld {
+    /// The map itself.
+    fn world_matrix(&self) -> WorldMatrix;
+}
+
+impl ToWorld for Affine3A {
+    #[inline]
+    fn world_matrix(&self) -> WorldMatrix {
+        let m = &self.matrix3;
+        let columns = [m.x_axis.into(), m.y_axis.into(), m.z_axis.into()];
+        WorldMatrix::exact(columns, self.translation.into())
+    }
+}
+
+/// The affine part: the bottom row is taken for 0 0 0 1.
+impl ToWorld for Mat4 {
+    #[inline]
+    fn world_matrix(&self) -> WorldMatrix {
+        let columns = [self.x_axis, self.y_axis, self.z_axis].map(glam::Vec4::truncate);
+        WorldMatrix::exact(columns, self.w_axis.truncate())
+    }
+}
+
+impl ToWorld for Placement {
+    #[inline]
+    fn world_matrix(&self) -> WorldMatrix {
+        let [x, y, z, w] = self.rotation.to_array().map(f64::from);
+        let scale = self.scale.to_array().map(f64::from);
+        let rotation = [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y), 0.0],
+            [2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x), 0.0],
+            [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y), 0.0],
+        ];
+        let magnitude = 1.0 + 2.0 * (x * x + y * y + z * z + w * w);
+        WorldMatrix {
+            columns: std::array::from_fn(|j| rotation[j].map(|r| r * scale[j])),
+            translation: self.translation.extend(0.0).to_array().map(f64::from),
+            column_error: scale.map(|s| 16.0 * UNIT_ROUNDOFF * magnitude * s.abs()),
+        }
+    }
+}
+
+/// The world box of one object.
+///
+/// An empty box stays empty. A box with a NaN, or a transform with a NaN or an infinity, gives an
+/// invalid box, which a cull then counts and names.
+///
+/// ```
+/// use glam::{Affine3A, Vec3};
+/// use pairmask::Aabb;
+/// use pairmask::update::world_box;
+///
+/// let local = Aabb::new(Vec3::splat(-1.0), Vec3::ONE);
+/// let turned = Affine3A::from_rotation_z(std::f32::consts::FRAC_PI_4);
+/// let world = world_box(&local, &turned);
+/// assert!((world.max[0] - 2.0f32.sqrt()).abs() < 1e-6);
+/// ```
+#[inline(always)]
+pub fn world_box<T: ToWorld>(local: &Aabb, transform: &T) -> Aabb {
+    let matrix = transform.world_matrix();
+    match local.class() {
+        BoxClass::Solid if matrix.is_finite() => solid_world_box(local, &matrix),
+        BoxClass::Empty => Aabb::EMPTY,
+        BoxClass::Solid | BoxClass::Invalid => Aabb { min: [f32::NAN; 3], max: [f32::NAN; 3] },
+    }
+}
+
+#[inline(always)]
+fn solid_world_box(local: &Aabb, matrix: &WorldMatrix) -> Aabb {
+    if local.min.iter().chain(&local.max).all(|x| x.is_finite()) {
+        box_of_products(local, matrix, |entry, coordinate| entry * coordinate)
+    } else {
+        box_of_products(local, matrix, product_or_zero)
+    }
+}
+
+/// A product in which zero wins over infinity: an axis that does not reach the other is none of
+/// its business, however far the box extends along it.
+fn product_or_zero(entry: f64, coordinate: f64) -> f64 {
+    if entry == 0.0 { 0.0 } else { entry * coordinate }
+}
+
+#[inline(always)]
+fn box_of_products(local: &Aabb, matrix: &WorldMatrix, product: impl Fn(f64, f64) -> f64) -> Aabb {
+    let (mut low, mut high) = (matrix.translation, matrix.translation);
+    let (mut low_size, mut high_size) = (low.map(f64::abs), high.map(f64::abs));
+    let mut slack = 0.0;
+    for (j, column) in matrix.columns.iter().enumerate() {
+        let (min, max) = (f64::from(local.min[j]), f64::from(local.max[j]));
+        for i in 0..LANES {
+            // No product is a NaN. A comparison becomes one instruction, where `f64::min` needs
+            // more to look for NaN.
+            let (a, b) = (product(column[i], min), product(column[i], max));
+            let (smaller, larger) = (if a < b { a } else { b }, if a > b { a } else { b });
+            low[i] += smaller;
+            high[i] += larger;
+            low_size[i] += smaller.abs();
+            high_size[i] += larger.abs();
+        }
+        slack += product(matrix.column_error[j], min.abs().max(max.abs()));
+    }
+    let min: [f32; LANES] =
+        std::array::from_fn(|i| round_down(low[i] - (FACE_ERROR * low_size[i] + slack)));
+    let max: [f32; LANES] =
+        std::array::from_fn(|i| round_up(high[i] + (FACE_ERROR * high_size[i] + slack)));
+    let ([x, y, z, _], [u, v, w, _]) = (min, max);
+    Aabb { min: [x, y, z], max: [u, v, w] }
+}
+
+/// The largest f32 that is not above `x`. Infinity less infinity, a face that nobody knows, is
+/// taken for the farthest.
+#[inline(always)]
+fn round_down(x: f64) -> f32 {
+    let near = x as f32;
+    // The neighbour below by integer arithmetic: whether to take it is a coin toss, on which
+    // `next_down` would branch. A conversion keeps the sign, so that "above" never means +0.0.
+    let flip = |bits: i32| bits ^ (((bits >> 31) as u32) >> 1) as i32;
+    let above = i32::from(f64::from(near) > x);
+    let down = f32::from_bits(flip(flip(near.to_bits() as i32) - above) as u32);
+    if x.is_nan() { f32::NEG_INFINITY } else { down }
+}
+
+/// The smallest f32 that is not below `x`.
+#[inline(always)]
+fn round_up(x: f64) -> f32 {
+    -round_down(-x)
+}
+
+/// Writes the world box of every object into `out`, on this thread.
+///
+/// # Errors
+/// [`UpdateError::LengthMismatch`] when the slices differ in length; nothing is written then.
+///
+/// ```
+/// use glam::{Quat, Vec3};
+/// use pairmask::Aabb;
+/// use pairmask::update::{Placement, update_boxes};
+///
+/// let locals = [Aabb::new(Vec3::ZERO, Vec3::ONE); 2];
+/// let at = |x| Placement::rigid(Vec3::new(x, 0.0, 0.0), Quat::IDENTITY);
+/// let mut world = [Aabb::EMPTY; 2];
+/// update_boxes(&locals, &[at(0.0), at(0.5)], &mut world)?;
+/// assert!(world[0].overlaps(&world[1]));
+/// # Ok::<(), pairmask::update::UpdateError>(())
+/// ```
+pub fn update_boxes<T: ToWorld>(
+    locals: &[Aabb],
+    transforms: &[T],
+    out: &mut [Aabb],
+) -> Result<(), UpdateError> {
+    check_lengths(locals, transforms, out)?;
+    update_run(locals, transforms, out);
+    Ok(())
+}
+
+/// Writes the world box of every object into `out`, on the calling thread's rayon pool.
+///
+/// The boxes are those of [`update_boxes`], bit for bit.
+///
+/// # Errors
+/// [`UpdateError::LengthMismatch`] when the slices differ in length; nothing is written then.
+pub fn par_update_boxes<T: ToWorld + Sync>(
+    locals: &[Aabb],
+    transforms: &[T],
+    out: &mut [Aabb],
+) -> Result<(), UpdateError> {
+    check_lengths(locals, transforms, out)?;
+    let boxes = out.len().div_ceil(rayon::current_num_threads()).max(PARALLEL_BOXES);
+    out.par_chunks_mut(boxes)
+        .zip(locals.par_chunks(boxes))
+        .zip(transforms.par_chunks(boxes))
+        .for_each(|((out, locals), transforms)| update_run(locals, transforms, out));
+    Ok(())
+}
+
+fn check_lengths<T>(locals: &[Aabb], transforms: &[T], out: &[Aabb]) -> Result<(), UpdateError> {
+    let (locals, transforms, out) = (locals.len(), transforms.len(), out.len());
+    if locals == out && transforms == out {
+        return Ok(());
+    }
+    Err(UpdateError::LengthMismatch { locals, transforms, out })
+}
+
+/// The loop itself, compiled for AVX2 too where the processor has it. The boxes are the same: no
+/// instruction set fuses or reorders what is written here.
+fn update_run<T: ToWorld>(locals: &[Aabb], transforms: &[T], out: &mut [Aabb]) {
+    #[inline(always)]
+    fn run<T: ToWorld>(locals: &[Aabb], transforms: &[T], out: &mut [Aabb]) {
+        for ((local, transform), out) in locals.iter().zip(transforms).zip(out) {
+            *out = world_box(local, transform);
+        }
+    }
+    #[cfg(target_arch = "x86_64")]
+    {
+        #[target_feature(enable = "avx2")]
+        fn run_avx2<T: ToWorld>(locals: &[Aabb], transforms: &[T], out: &mut [Aabb]) {
+            run(locals, transforms, out);
+        }
+        if is_x86_feature_detected!("avx2") {
+            // SAFETY: the processor reports AVX2.
+            #[allow(unsafe_code)]
+            return unsafe { run_avx2(locals, transforms, out) };
+        }
+    }
+    run(locals, transforms, out);
+}
+
+#[cfg(test)]
+mod tests;

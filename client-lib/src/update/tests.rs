@@ -1,0 +1,228 @@
+use proptest::prelude::*;
+
+use super::*;
+
+/// Fraction bits of the numbers in the exact test.
+const FRACTION: u32 = 34;
+
+/// k·2⁻ᵉ: any magnitude from 2⁻³⁴ to 2²⁴ with any 24 bits, as an f32 that is a whole number of
+/// 2⁻³⁴.
+fn number() -> impl Strategy<Value = f32> {
+    let bits = -(1i32 << 24)..=1 << 24;
+    prop_oneof![
+        8 => (bits, 0..=FRACTION).prop_map(|(k, e)| k as f32 * 2.0f32.powi(-(e as i32))),
+        1 => Just(0.0f32),
+        1 => (-3i32..=3).prop_map(|x| x as f32),
+    ]
+}
+
+fn vector() -> impl Strategy<Value = Vec3> {
+    prop::array::uniform3(number()).prop_map(Vec3::from_array)
+}
+
+fn local() -> impl Strategy<Value = Aabb> {
+    (vector(), vector()).prop_map(|(a, b)| Aabb::new(a.min(b), a.max(b)))
+}
+
+/// An f32 as a whole number of 2⁻³⁴.
+fn fixed(x: f32) -> i128 {
+    let scaled = f64::from(x) * 2.0f64.powi(FRACTION as i32);
+    assert_eq!(scaled.fract(), 0.0);
+    scaled as i128
+}
+
+fn corners(b: &Aabb) -> impl Iterator<Item = [f32; 3]> {
+    let (min, max) = (b.min, b.max);
+    (0..8).map(move |c| std::array::from_fn(|j| if c >> j & 1 == 0 { min[j] } else { max[j] }))
+}
+
+/// Whether a world box reaches an exact coordinate, a whole number of 2⁻⁶⁸.
+fn contains(world: &Aabb, axis: usize, exact: i128) -> bool {
+    let units = |x: f32| f64::from(x) * 2.0f64.powi(2 * FRACTION as i32);
+    let (low, high) = (units(world.min[axis]), units(world.max[axis]));
+    low.ceil() as i128 <= exact && exact <= high.floor() as i128
+}
+
+proptest! {
+    #[test]
+    fn the_world_box_contains_the_exact_corners(
+        local in local(),
+        x in vector(),
+        y in vector(),
+        z in vector(),
+        translation in vector(),
+    ) {
+        let affine = Affine3A { matrix3: glam::Mat3A::from_cols(x.into(), y.into(), z.into()), translation: translation.into() };
+        let world = world_box(&local, &affine);
+        for corner in corners(&local) {
+            for axis in 0..3 {
+                let terms = [x, y, z].into_iter().zip(corner).map(|(m, c)| fixed(m[axis]) * fixed(c));
+                let exact = terms.sum::<i128>() + (fixed(translation[axis]) << FRACTION);
+                prop_assert!(contains(&world, axis, exact), "{corner:?}, axis {axis}: {world:?}");
+            }
+        }
+        let matrix = Mat4::from(affine);
+        prop_assert_eq!(world_box(&local, &matrix), world);
+    }
+
+    #[test]
+    fn a_placement_contains_its_corners(
+        local in local(),
+        translation in vector(),
+        scale in vector(),
+        q in prop::array::uniform4(-1.0f64..1.0),
+    ) {
+        let length = q.iter().map(|x| x * x).sum::<f64>().sqrt();
+        prop_assume!(length > 1e-3);
+        let rotation = Quat::from_array(q.map(|x| (x / length) as f32));
+        let placement = Placement { translation, rotation, scale };
+        let world = world_box(&local, &placement);
+        for corner in corners(&local) {
+            let (exact, size) = turned(&placement, corner);
+            for axis in 0..3 {
+                // The reference is f64 too: allow for its own rounding, and no more.
+                let allowed = 1e-14 * size;
+                prop_assert!(f64::from(world.min[axis]) <= exact[axis] + allowed);
+                prop_assert!(f64::from(world.max[axis]) >= exact[axis] - allowed);
+            }
+        }
+    }
+
+    #[test]
+    fn the_world_box_is_tight(local in local(), translation in vector()) {
+        let world = world_box(&local, &Affine3A::from_translation(translation));
+        for axis in 0..3 {
+            let (min, max) = (f64::from(local.min[axis]), f64::from(local.max[axis]));
+            let t = f64::from(translation[axis]);
+            // Two units in the last place, or the error of f64 where the two cancel.
+            let allowed = 1e-14 * (min.abs().max(max.abs()) + t.abs());
+            let (low, high) = (world.min[axis].next_up().next_up(), world.max[axis].next_down().next_down());
+            prop_assert!(f64::from(low) >= min + t - allowed, "{world:?}");
+            prop_assert!(f64::from(high) <= max + t + allowed, "{world:?}");
+        }
+    }
+
+    #[test]
+    fn threads_do_not_change_a_bit(n in 0usize..5000, seed in any::<u32>()) {
+        let value = |i: usize| ((i as u32).wrapping_mul(2_654_435_761) ^ seed) as f32 * 1e-6;
+        let locals: Vec<_> = (0..n)
+            .map(|i| Aabb::new(Vec3::splat(-value(i)), Vec3::splat(value(i + 1))))
+            .collect();
+        let transforms: Vec<_> = (0..n)
+            .map(|i| Affine3A::from_rotation_x(value(i)) * Affine3A::from_translation(Vec3::splat(value(i + 2))))
+            .collect();
+        let (mut serial, mut parallel) = (vec![Aabb::EMPTY; n], vec![Aabb::EMPTY; n]);
+        update_boxes(&locals, &transforms, &mut serial).expect("lengths agree");
+        par_update_boxes(&locals, &transforms, &mut parallel).expect("lengths agree");
+        prop_assert_eq!(serial, parallel);
+    }
+}
+
+/// `rotation · (scale · p) + translation` by cross products, not by a matrix, in f64; and how large
+/// the numbers were on the way.
+fn turned(placement: &Placement, p: [f32; 3]) -> ([f64; 3], f64) {
+    let v = glam::DVec3::from_array(p.map(f64::from)) * placement.scale.as_dvec3();
+    let [x, y, z, w] = placement.rotation.to_array().map(f64::from);
+    let q = glam::DVec3::new(x, y, z);
+    let turn = q.cross(v);
+    let out = v + 2.0 * w * turn + 2.0 * q.cross(turn) + placement.translation.as_dvec3();
+    (out.to_array(), 8.0 * v.length() + placement.translation.as_dvec3().length())
+}
+
+#[test]
+fn far_from_the_origin_and_at_large_scales_no_corner_is_lost() {
+    let local = Aabb::new(Vec3::splat(-0.1), Vec3::splat(0.3));
+    for far in [1e3f32, 1.6e7, 3e9, 1e20, 3e38] {
+        for scale in [1e-3f32, 1.0, 7e4, 1e18] {
+            let affine = Affine3A::from_scale_rotation_translation(
+                Vec3::splat(scale),
+                Quat::from_rotation_y(0.3),
+                Vec3::new(far, -far, far / 3.0),
+            );
+            let world = world_box(&local, &affine);
+            assert_eq!(world.class(), BoxClass::Solid);
+            for corner in corners(&local) {
+                for axis in 0..3 {
+                    let columns =
+                        [affine.matrix3.x_axis, affine.matrix3.y_axis, affine.matrix3.z_axis];
+                    let terms = columns.iter().zip(corner);
+                    let sum: f64 = terms.map(|(m, c)| f64::from(m[axis]) * f64::from(c)).sum();
+                    let exact = sum + f64::from(affine.translation[axis]);
+                    assert!(f64::from(world.min[axis]) <= exact, "{far} {scale} {world:?}");
+                    assert!(f64::from(world.max[axis]) >= exact, "{far} {scale} {world:?}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn empty_stays_empty_and_what_is_not_a_number_is_invalid() {
+    let turned = Affine3A::from_rotation_x(1.0);
+    assert_eq!(world_box(&Aabb::EMPTY, &turned), Aabb::EMPTY);
+    let mut empty = Aabb::new(Vec3::ZERO, Vec3::ONE);
+    empty.max[1] = -1.0;
+    assert_eq!(world_box(&empty, &turned).class(), BoxClass::Empty);
+    let mut invalid = empty;
+    invalid.min[2] = f32::NAN;
+    assert_eq!(world_box(&invalid, &turned).class(), BoxClass::Invalid);
+    let unit = Aabb::new(Vec3::ZERO, Vec3::ONE);
+    for broken in [f32::NAN, f32::INFINITY] {
+        let moved = Affine3A::from_translation(Vec3::new(0.0, broken, 0.0));
+        assert_eq!(world_box(&unit, &moved).class(), BoxClass::Invalid);
+        let scaled = Placement {
+            scale: Vec3::splat(broken),
+            ..Placement::rigid(Vec3::ZERO, Quat::IDENTITY)
+        };
+        assert_eq!(world_box(&unit, &scaled).class(), BoxClass::Invalid);
+    }
+}
+
+#[test]
+fn an_infinite_box_is_infinite_only_where_it_reaches() {
+    let ground = Aabb {
+        min: [f32::NEG_INFINITY, f32::NEG_INFINITY, -1.0],
+        max: [f32::INFINITY, f32::INFINITY, 0.0],
+    };
+    let lifted = world_box(&ground, &Affine3A::from_translation(Vec3::new(0.0, 0.0, 4.0)));
+    assert_eq!((lifted.min[0], lifted.max[1]), (f32::NEG_INFINITY, f32::INFINITY));
+    assert!((2.999..=3.0).contains(&lifted.min[2]) && (4.0..4.001).contains(&lifted.max[2]));
+    let half = Aabb { min: [0.0; 3], max: [f32::INFINITY, 1.0, 1.0] };
+    let half = world_box(&half, &Placement::rigid(Vec3::ZERO, Quat::IDENTITY));
+    assert_eq!(half.max[0], f32::INFINITY);
+    let tilted = world_box(&ground, &Affine3A::from_rotation_x(0.5));
+    assert_eq!((tilted.min, tilted.max), ([f32::NEG_INFINITY; 3], [f32::INFINITY; 3]));
+}
+
+#[test]
+fn faces_round_outward_to_the_neighbour() {
+    let (tiny, huge) = (f64::from(f32::from_bits(1)), f64::from(f32::MAX));
+    for (x, expected) in [
+        (1.0, 1.0),
+        (1.0 + 1e-12, 1.0),
+        (1.0 - 1e-12, 1.0f32.next_down()),
+        (-1.0 - 1e-12, (-1.0f32).next_down()),
+        (1e-60, 0.0),
+        (-1e-60, -f32::from_bits(1)),
+        (-tiny, -f32::from_bits(1)),
+        (1.5 * tiny, f32::from_bits(1)),
+        (huge * 2.0, f32::MAX),
+        (-huge * 2.0, f32::NEG_INFINITY),
+        (f64::INFINITY, f32::INFINITY),
+        (f64::NEG_INFINITY, f32::NEG_INFINITY),
+        (f64::NAN, f32::NEG_INFINITY),
+    ] {
+        assert_eq!(round_down(x), expected, "{x}");
+        assert_eq!(round_up(-x), -expected, "{x}");
+    }
+}
+
+#[test]
+fn lengths_must_agree() {
+    let mut out = [Aabb::EMPTY; 2];
+    let locals = [Aabb::new(Vec3::ZERO, Vec3::ONE); 2];
+    let mismatch = UpdateError::LengthMismatch { locals: 2, transforms: 1, out: 2 };
+    assert_eq!(update_boxes(&locals, &[Affine3A::IDENTITY], &mut out), Err(mismatch));
+    assert_eq!(par_update_boxes(&locals, &[Affine3A::IDENTITY], &mut out), Err(mismatch));
+    assert_eq!(out, [Aabb::EMPTY; 2]);
+}

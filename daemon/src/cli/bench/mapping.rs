@@ -1,0 +1,51 @@
+//! `bench mapping`: the mapping function study of Avril et al. 2012, error beside time.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::BenchError;
+use crate::cli::config::Config;
+use crate::cli::options::DaemonOptions;
+use crate::study::mapping::{MappingOptions, run};
+
+/// Error and time of the ways from a pair's number k to the pair (a, b), beside the paper's
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Variants: the closed form with sqrt; Carmack's and Lomont's constants with 1 to 4 Newton steps;
+each with and without the paper's two corrections; from the far end with one integer fix-up; row
+search; rectangle fold; one inverse a word, then stepping; the lazy k/N, k%N.
+
+Errors are counted on the CPU and the GPU, times taken by the GPU's own clock. With --gpu none, or
+where there is no GPU, the CPU alone is measured. Without --quick it takes minutes.
+
+Examples:
+  pairmaskd bench mapping --quick
+  pairmaskd bench mapping --out records         mapping.csv, mapping.json and mapping.md
+  pairmaskd bench mapping --gpu software --json")]
+pub struct Mapping {
+    #[command(flatten)]
+    options: DaemonOptions,
+    /// Small sizes and few runs: seconds, for a look. Times mean little
+    #[arg(long)]
+    quick: bool,
+    /// Folder for mapping.csv, mapping.json and mapping.md
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Print JSON instead of Markdown
+    #[arg(long)]
+    json: bool,
+}
+
+impl Mapping {
+    pub fn run(&self, config: &Config) -> Result<(), BenchError> {
+        let options = MappingOptions {
+            gpu: self.options.gpu(config),
+            quick: self.quick,
+            out: self.out.clone(),
+            json: self.json,
+        };
+        run(&options)?;
+        Ok(())
+    }
+}

@@ -1,0 +1,101 @@
+//! The variants on a GPU: their answers, their errors, their times.
+
+pub mod errors;
+pub mod masks;
+pub mod pairs;
+pub mod times;
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use bytemuck::{Pod, Zeroable};
+use pairmask_shaders::Stage;
+use pairmask_shaders::constants::BATCH_BOXES;
+use pairmask_shaders::mapping::{IdWidth, MappingStage, Variant};
+
+use crate::execute::gpu::frame::{Command, Frame, Wait};
+use crate::execute::gpu::memory::{Block, Home, Part};
+use crate::execute::gpu::pipeline::Pipelines;
+use crate::execute::gpu::{Checks, Gpu, GpuError};
+
+/// A study frame that takes longer is given up: a thousand times what a GPU needs, and enough for
+/// a software adapter.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// Ids and numbers of a word.
+pub(super) const WORD_IDS: u64 = 32;
+
+/// A device and the stages of the study compiled on it.
+pub struct Bench {
+    gpu: Arc<Gpu>,
+    pipelines: Pipelines,
+}
+
+impl Bench {
+    /// Nothing compiled yet.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn new(gpu: &Arc<Gpu>, checks: Checks) -> Result<Self, GpuError> {
+        Ok(Self { gpu: Arc::clone(gpu), pipelines: Pipelines::new(gpu, checks, None)? })
+    }
+
+    /// The device.
+    pub fn gpu(&self) -> &Arc<Gpu> {
+        &self.gpu
+    }
+
+    /// Whether the ids of a variant for `n` boxes fit this device's integers.
+    pub fn fits(&self, variant: Variant, n: u32) -> bool {
+        IdWidth::of(variant, n) == IdWidth::Bits32 || self.gpu.limits().int64
+    }
+
+    fn command(
+        &mut self,
+        stage: MappingStage,
+        blocks: &[&Arc<Block>],
+        immediates: &impl Pod,
+        groups: [u32; 2],
+    ) -> Result<Command, GpuError> {
+        Ok(Command::Stage {
+            pipeline: self.pipelines.get(Stage::Mapping(stage))?,
+            parts: blocks.iter().map(|block| Part::whole(block)).collect(),
+            immediates: bytemuck::bytes_of(immediates).to_vec(),
+            groups,
+        })
+    }
+
+    /// Runs steps once and gives the nanoseconds of each by the GPU's clock.
+    fn run(&self, frame: &mut Frame) -> Result<Vec<f64>, GpuError> {
+        let wait = if self.gpu.info().is_software() { Wait::Block } else { Wait::Spin };
+        frame.run(wait, PATIENCE)?;
+        Ok(frame.step_times()?.into_iter().map(|step| step.ns).collect())
+    }
+
+    fn frame(&self, steps: Vec<Command>) -> Result<Frame, GpuError> {
+        let mut frame = Frame::new(&self.gpu, true)?;
+        frame.record(steps)?;
+        Ok(frame)
+    }
+
+    fn host(&self, bytes: u64) -> Result<Arc<Block>, GpuError> {
+        Block::new(&self.gpu, Home::Host, bytes)
+    }
+
+    fn video(&self, bytes: u64) -> Result<Arc<Block>, GpuError> {
+        Block::new(&self.gpu, Home::Video, bytes)
+    }
+
+    /// Workgroups that cover `threads`: as a square, so that neither side passes the limit.
+    fn groups(&self, threads: u64) -> Option<[u32; 2]> {
+        let groups = threads.div_ceil(u64::from(BATCH_BOXES)).max(1);
+        let limit = u64::from(self.gpu.limits().dispatch_groups);
+        let x = groups.min(limit);
+        let y = groups.div_ceil(x);
+        (y <= limit).then_some([x as u32, y as u32])
+    }
+}
+
+fn zeroed<T: Zeroable + Clone>(count: usize) -> Vec<T> {
+    vec![T::zeroed(); count]
+}

@@ -1,0 +1,61 @@
+//! What the study ran on.
+
+use std::fs;
+
+use serde::Serialize;
+
+use crate::execute::gpu::AdapterInfo;
+
+/// Machine, build and command of a record.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Machine {
+    /// Model of the CPU.
+    pub cpu: String,
+    /// Threads that the CPU figures with "all threads" use.
+    pub threads: usize,
+    /// Name of the GPU, if one took part.
+    pub gpu: Option<String>,
+    /// Its driver.
+    pub driver: Option<String>,
+    /// Whether it is a software adapter: then its times are the CPU's.
+    pub gpu_is_software: bool,
+    /// Compiler of this build.
+    pub rustc: &'static str,
+    /// Whether the build is optimised; figures of a debug build compare nothing.
+    pub optimised: bool,
+    /// Commit of this build, with `-dirty` if the tree had changes.
+    pub commit: &'static str,
+    /// Command line.
+    pub command: String,
+}
+
+impl Machine {
+    /// This machine, with the adapter in use.
+    pub fn here(adapter: Option<&AdapterInfo>) -> Self {
+        Self {
+            cpu: cpu_model(),
+            threads: rayon::current_num_threads(),
+            gpu: adapter.map(|a| a.name.clone()),
+            driver: adapter.map(|a| a.driver.clone()),
+            gpu_is_software: adapter.is_some_and(AdapterInfo::is_software),
+            rustc: env!("PAIRMASK_TOOLCHAIN"),
+            optimised: !cfg!(debug_assertions),
+            commit: env!("PAIRMASK_COMMIT"),
+            command: command(),
+        }
+    }
+}
+
+/// The program's name without its folder, and its arguments.
+fn command() -> String {
+    let mut words = std::env::args();
+    let program = words.next().unwrap_or_default();
+    let name = program.rsplit('/').next().unwrap_or_default().to_owned();
+    std::iter::once(name).chain(words).collect::<Vec<_>>().join(" ")
+}
+
+fn cpu_model() -> String {
+    let info = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let model = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(": "));
+    model.map_or_else(|| std::env::consts::ARCH.to_owned(), |(_, name)| name.trim().to_owned())
+}

@@ -1,0 +1,3 @@
+//! Studies: measurements that settle a choice, apart from anything that serves a client.
+
+pub mod mapping;

@@ -1,0 +1,66 @@
+//! A session that falls back says so once, and once more when it is back.
+#![allow(clippy::unwrap_used)]
+
+use std::sync::Mutex;
+
+use log::{Level, LevelFilter, Log, Metadata, Record};
+use pairmask::{Backend, ServedBy, Session};
+use pairmask_tests::daemon::{TestDaemon, eventually};
+
+const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
+
+/// Keeps what the library says.
+struct Kept(Mutex<Vec<(Level, String)>>);
+
+static KEPT: Kept = Kept(Mutex::new(Vec::new()));
+
+impl Log for Kept {
+    fn enabled(&self, metadata: &Metadata<'_>) -> bool {
+        metadata.target().starts_with("pairmask::")
+    }
+    fn log(&self, record: &Record<'_>) {
+        if self.enabled(record.metadata()) {
+            self.0.lock().unwrap().push((record.level(), record.args().to_string()));
+        }
+    }
+    fn flush(&self) {}
+}
+
+fn said() -> Vec<(Level, String)> {
+    std::mem::take(&mut KEPT.0.lock().unwrap())
+}
+
+fn frames(session: &mut Session, count: usize) -> ServedBy {
+    let mut last = ServedBy::InProcess;
+    for _ in 0..count {
+        let mut frame = session.frame(2).unwrap();
+        frame.boxes_mut().fill(pairmask::Aabb::EMPTY);
+        last = frame.submit().unwrap().wait().unwrap().info().served_by;
+    }
+    last
+}
+
+#[test]
+fn falling_back_is_said_once() {
+    log::set_logger(&KEPT).unwrap();
+    log::set_max_level(LevelFilter::Info);
+    let mut daemon = TestDaemon::start(DAEMON, &[]);
+    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
+    assert_eq!(frames(&mut session, 10), ServedBy::Daemon);
+    assert_eq!(said(), []);
+
+    daemon.kill();
+    assert_eq!(frames(&mut session, 100), ServedBy::InProcess);
+    let lost = said();
+    assert_eq!(lost.len(), 1, "{lost:?}");
+    assert!(lost[0].0 == Level::Warn && lost[0].1.contains("answered in process"), "{lost:?}");
+
+    daemon.restart();
+    eventually("the session is back", || {
+        (frames(&mut session, 1) == ServedBy::Daemon).then_some(())
+    });
+    assert_eq!(frames(&mut session, 100), ServedBy::Daemon);
+    let back = said();
+    assert_eq!(back.len(), 1, "{back:?}");
+    assert!(back[0].0 == Level::Info && back[0].1.contains("answers again"), "{back:?}");
+}
