@@ -36,12 +36,12 @@ pub fn print_text(text: &str) -> Result<(), OutputError> {
     Ok(())
 }
 
-/// Nanoseconds with a unit that suits them: three or more digits that tell.
+/// Nanoseconds with a unit that suits them.
 pub fn time_text(ns: u64) -> String {
     match ns {
-        0..10_000 => format!("{ns} ns"),
-        10_000..10_000_000 => format!("{:.1} µs", ns as f64 / 1e3),
-        10_000_000..10_000_000_000 => format!("{:.1} ms", ns as f64 / 1e6),
+        0..1_000 => format!("{ns} ns"),
+        1_000..1_000_000 => format!("{:.1} µs", ns as f64 / 1e3),
+        1_000_000..1_000_000_000 => format!("{:.1} ms", ns as f64 / 1e6),
         _ => format!("{:.1} s", ns as f64 / 1e9),
     }
 }
@@ -79,8 +79,8 @@ mod tests {
     fn times_have_a_unit_that_suits_them() {
         for (ns, text) in [
             (0, "0 ns"),
-            (9_999, "9999 ns"),
-            (10_000, "10.0 µs"),
+            (999, "999 ns"),
+            (1_000, "1.0 µs"),
             (12_345_678, "12.3 ms"),
             (12_345_678_901, "12.3 s"),
         ] {

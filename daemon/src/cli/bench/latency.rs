@@ -157,6 +157,8 @@ impl Latency {
     /// Measures a row for every wait and scene, and prints them.
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), BenchError> {
         let scenes = self.scenes()?;
+        // Before any thread is pinned: it counts the cores that may be used.
+        let machine = Machine::this();
         let cores = self.pin.then(Cores::of_this_thread).transpose()?;
         let mut rows = Vec::new();
         for wait in &self.wait {
@@ -172,7 +174,7 @@ impl Latency {
                 rows.push(self.row(scene.clone(), *wait, &target, config)?);
             }
         }
-        let report = LatencyReport { machine: Machine::this(), rows };
+        let report = LatencyReport { machine, rows };
         if self.json { print_json(&report) } else { print_text(&report.to_string()) }?;
         Ok(())
     }
