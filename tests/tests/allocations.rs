@@ -130,9 +130,13 @@ fn steady_frames_allocate_nothing() {
         (0..4).map(|seed| stress_scenes::named("uniform").boxes(1000, seed)).collect();
     for backend in [Backend::InProcess, Backend::Daemon] {
         for encoding in [Encoding::Dense, Encoding::Sparse] {
+            // In process, one thread: a pool takes work from outside through a queue of rayon's
+            // that allocates a block every 63 frames. The daemon's frames start within its pool.
+            let threads = if backend == Backend::Daemon { 2 } else { 1 };
             let mut session = Session::builder()
                 .runtime_dir(runtime_dir.clone())
                 .backend(backend)
+                .threads(threads)
                 .encoding(EncodingChoice::Only(encoding))
                 .connect()
                 .unwrap();

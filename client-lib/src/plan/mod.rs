@@ -98,6 +98,10 @@ pub struct Plan {
     pub stats: SceneStats,
 }
 
+/// Predictions this close are the same: less than the clock reads of a frame. The engine that comes
+/// first in [`EngineName::ALL`] is taken then, so that tiny scenes keep the boxes' own order.
+const INDIFFERENT_NS: f64 = 400.0;
+
 /// Chooses. Where the client insists on an engine that is not to be had, the plan names it all the
 /// same: that engine's own error says what is missing.
 pub fn plan(
@@ -111,7 +115,9 @@ pub fn plan(
     let chosen = match wishes.engine {
         EngineChoice::Only(engine) => candidates.iter().flatten().find(|c| c.engine == engine),
         EngineChoice::Auto => {
-            candidates.iter().flatten().min_by(|a, b| a.predicted_ns.total_cmp(&b.predicted_ns))
+            let times = candidates.iter().flatten().map(|c| c.predicted_ns);
+            let least = times.fold(f64::INFINITY, f64::min);
+            candidates.iter().flatten().find(|c| c.predicted_ns <= least + INDIFFERENT_NS)
         }
     };
     let fallback = Candidate {
