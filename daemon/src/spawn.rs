@@ -24,8 +24,7 @@ const START_WITHIN: Duration = Duration::from_secs(20);
 const STOP_WITHIN: Duration = Duration::from_secs(8);
 /// Pause between two looks at a process that starts or stops.
 const LOOK_INTERVAL: Duration = Duration::from_millis(2);
-/// Short, since sockets lie in it; and not `pairmask-`, with which the default directories of users
-/// begin, which are looked through.
+/// Not `pairmask-`, with which the default directories of users begin, which are looked through.
 const DIR_PREFIX: &str = ".pairmask.";
 
 /// What a private daemon should be like.

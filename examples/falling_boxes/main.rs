@@ -5,6 +5,7 @@
 mod arguments;
 mod world;
 
+use std::process::ExitCode;
 use std::time::Instant;
 
 use pairmask::{ServedBy, Session};
@@ -12,9 +13,19 @@ use pairmask::{ServedBy, Session};
 use arguments::Arguments;
 use world::World;
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
+fn main() -> ExitCode {
     // The session says once, in the log, when it falls back to this process.
     env_logger::init();
+    match run() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("falling_boxes: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run() -> Result<(), Box<dyn std::error::Error>> {
     let Arguments { backend, boxes, frames } = Arguments::parse(std::env::args().skip(1))?;
     let mut session = Session::builder().backend(backend).connect()?;
     let mut world = World::new(boxes);
