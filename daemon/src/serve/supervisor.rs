@@ -64,12 +64,7 @@ fn keep_working(settings: &ServeSettings) -> Result<(), ServeError> {
 fn spawn_worker(settings: &ServeSettings) -> Result<Child, ServeError> {
     let binary =
         std::env::current_exe().map_err(ServeError::system("finding the daemon's binary"))?;
-    let mut worker = Command::new(binary);
-    if std::env::var_os("XDG_RUNTIME_DIR").is_none() {
-        // Mesa's drivers complain on stderr where it is missing, and never use it without a display.
-        worker.env("XDG_RUNTIME_DIR", settings.dir.path());
-    }
-    worker
+    Command::new(binary)
         .args(["serve", "--worker", "--instance", settings.instance.as_str()])
         .args(["--spin-us", &settings.spin.as_micros().to_string()])
         .args(["--max-clients", &settings.limits.max_clients.to_string()])
