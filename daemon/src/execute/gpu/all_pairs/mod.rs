@@ -210,7 +210,7 @@ impl AllPairs {
         mut replaced: bool,
     ) -> Result<Outcome, GpuError> {
         let encoding = shape.encoding();
-        let tuning = self.options.tuning.unwrap_or_else(|| Tuning::for_count(n));
+        let tuning = self.options.tuning.unwrap_or_else(|| Tuning::for_frame(n, encoding));
         let bands = plan::bands(n, tuning, encoding, &self.limits);
         let stages = self.scratch.stages(&self.gpu, n, &bands, &mut replaced)?;
         let video_boxes = if self.options.upload == Some(Upload::DmaCopy) {

@@ -240,7 +240,7 @@ fn stages(
         let medians: BTreeMap<_, _> =
             times.into_iter().map(|(label, us)| (label, percentile(us, 50))).collect();
         let n = BoxCount::of_len(boxes.len()).unwrap_or_default();
-        let used = tuning.unwrap_or_else(|| Tuning::for_count(n));
+        let used = tuning.unwrap_or_else(|| Tuning::for_frame(n, encoding));
         let pairs_us = medians.get("pairs").copied().unwrap_or(f64::NAN);
         let line = json!({
             "kind": "stages", "n": n.get(), "encoding": encoding.as_str(),
