@@ -1,6 +1,7 @@
 //! `gpu-brute` through the conformance suite, in every form that its frames can take.
 
-use pairmask::engine::{CullJob, CullReport, Engine, HeapReply};
+use pairmask::engine::{BruteForce, CullJob, CullReport, Engine, HeapReply};
+use pairmask::mask::{MaskShape, Span};
 use pairmask::{Aabb, BoxCount, Encoding};
 use pairmask_shaders::RowsPerThread;
 use pairmask_tests::conformance::{Suite, check_engine, check_frame, check_reply};
@@ -149,5 +150,37 @@ fn pair_sets_have_the_golden_hashes_of_the_cpu_engines() {
         let (report, reply) = cull(&mut engine, &scene.boxes(n, 42), Encoding::Sparse);
         let pairs = naive_decoder::decode(reply.words(), &report.shape, n).expect("a good mask");
         assert_eq!(pair_set_hash(&pairs), golden, "{name}");
+    }
+}
+
+/// The oracle is too slow here; the CPU's brute force, which it vouches for, is not.
+#[test]
+fn large_masks_of_every_stress_scene_are_those_of_the_cpu_bit_by_bit() {
+    let mut gpu = engine(AllPairsOptions::default());
+    let mut cpu = BruteForce::new();
+    for n in [4096, 10_000] {
+        for scene in stress_scenes::ALL {
+            let boxes = scene.boxes(n, 13);
+            for encoding in BOTH {
+                let (report, reply) = cull(&mut gpu, &boxes, encoding);
+                let mut expected = HeapReply::new();
+                let job = CullJob { encoding, threads: 1 };
+                let truth = cpu.cull(&boxes, &job, &mut expected).expect("memory for a mask");
+                assert_eq!(report.census, truth.census, "{scene:?}, {n} boxes, {encoding}");
+                assert_eq!(report.pair_count, truth.pair_count, "{scene:?}, {n} boxes");
+                for (ours, theirs) in spans(&report.shape).into_iter().zip(spans(&truth.shape)) {
+                    let (ours, theirs) = (ours.of(reply.words()), theirs.of(expected.words()));
+                    assert!(ours.is_some() && ours == theirs, "{scene:?}, {n} boxes, {encoding}");
+                }
+            }
+        }
+    }
+}
+
+/// The sections of a mask without an order.
+fn spans(shape: &MaskShape) -> Vec<Span> {
+    match *shape {
+        MaskShape::Dense { words } => vec![words],
+        MaskShape::Sparse { rows, blocks, bits, .. } => vec![rows, blocks, bits],
     }
 }
