@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::link::Slot;
 use super::local::Local;
 use crate::engine::{Census, EngineName, HeapReply, SkipMeter};
-use crate::mask::{Encoding, MaskShape, MaskView, Pairs, ParPairs};
+use crate::mask::{Encoding, MaskShape, MaskView, Pairs, ParPairs, Words};
 use crate::transport::{PendingResponse, ResponseSample, words_in};
 use crate::units::BoxCount;
 use crate::wire::{Reply, StageTimes};
@@ -149,6 +149,11 @@ impl PairMask {
     /// All pairs, on the rayon pool.
     pub fn par_pairs(&self) -> ParPairs<'_> {
         self.view().par_pairs()
+    }
+
+    /// The non-zero words of the mask with their addresses.
+    pub fn words(&self) -> Words<'_> {
+        self.view().words()
     }
 
     /// All pairs in a vector.
