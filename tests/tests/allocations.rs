@@ -14,6 +14,7 @@ use iceoryx2::service::{ipc, ipc_threadsafe};
 use pairmask::mask::{Encoding, EncodingChoice};
 use pairmask::transport::{
     InstanceName, Limits, RuntimeDir, Services, assume_pages, assume_response_pages,
+    clean_if_abandoned,
 };
 use pairmask::{Backend, Session};
 use pairmask_tests::daemon::eventually;
@@ -99,7 +100,10 @@ fn bare_transport(count: usize) -> u64 {
         }
     };
     round_trips(20);
-    counted(|| round_trips(count))
+    let allocations = counted(|| round_trips(count));
+    drop((client, client_side, server, services));
+    clean_if_abandoned(&dir, &name).unwrap();
+    allocations
 }
 
 /// One test, since the counter and the signal handlers are the process's.
@@ -150,4 +154,5 @@ fn steady_frames_allocate_nothing() {
     }
     kill_process(getpid(), Signal::TERM).unwrap();
     daemon.join().unwrap().unwrap();
+    clean_if_abandoned(&runtime_dir, &InstanceName::default()).unwrap();
 }
