@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use super::{CullError, EngineName};
+
 /// An instruction set that the CPU engines have kernels for.
 ///
 /// ```
@@ -88,6 +90,15 @@ impl AvailableIsa {
     /// `isa`, if this machine has it.
     pub fn new(isa: Isa) -> Option<Self> {
         isa.is_available().then_some(Self(isa))
+    }
+
+    /// `isa` for an engine that was asked to use it.
+    ///
+    /// # Errors
+    /// [`CullError::Unavailable`] when this machine does not have it.
+    pub(super) fn for_engine(isa: Isa, engine: EngineName) -> Result<Self, CullError> {
+        let why = "this processor lacks the instruction set asked for";
+        Self::new(isa).ok_or(CullError::Unavailable { engine, why })
     }
 
     /// Which one it is.

@@ -28,6 +28,7 @@ pub use sweep_and_prune::SweepAndPrune;
 
 use crate::aabb::{Aabb, BoxClass};
 use crate::mask::{Encoding, MaskShape};
+use crate::units::BoxCount;
 
 /// The engines by name. The names are part of the command line's contract.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -204,6 +205,16 @@ pub enum CullError {
         /// Bytes of the block that was refused.
         needed_bytes: u64,
     },
+}
+
+/// The number of boxes, as every engine can index them.
+fn counted(boxes: &[Aabb], engine: EngineName) -> Result<BoxCount, CullError> {
+    let limit = u64::from(u32::MAX);
+    BoxCount::of_len(boxes.len()).ok_or(CullError::TooManyBoxes {
+        engine,
+        n: boxes.len() as u64,
+        limit,
+    })
 }
 
 /// How many indices of invalid boxes a reply names.

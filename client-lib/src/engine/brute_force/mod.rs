@@ -46,7 +46,7 @@ use self::task::Task;
 use crate::aabb::Aabb;
 use crate::engine::{
     AvailableIsa, CullError, CullJob, CullReport, Engine, EngineName, EngineTimes, Isa, KeyColumns,
-    ReplyBuffer, SkipMeter,
+    ReplyBuffer, SkipMeter, counted,
 };
 use crate::mask::{Encoding, MaskShape};
 use crate::units::BoxCount;
@@ -104,9 +104,7 @@ impl BruteForce {
     /// # Errors
     /// [`CullError::Unavailable`] when this machine does not have it.
     pub fn with_isa(isa: Isa) -> Result<Self, CullError> {
-        let why = "this processor lacks the instruction set asked for";
-        let engine = EngineName::CpuBrute;
-        let isa = AvailableIsa::new(isa).ok_or(CullError::Unavailable { engine, why })?;
+        let isa = AvailableIsa::for_engine(isa, EngineName::CpuBrute)?;
         Ok(Self { isa, ..Self::new() })
     }
 
@@ -195,11 +193,7 @@ impl Engine for BruteForce {
         job: &CullJob,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
-        let n = BoxCount::of_len(boxes.len()).ok_or(CullError::TooManyBoxes {
-            engine: EngineName::CpuBrute,
-            n: boxes.len() as u64,
-            limit: u64::from(u32::MAX),
-        })?;
+        let n = counted(boxes, EngineName::CpuBrute)?;
         let start = Instant::now();
         let census = self.columns.ingest(boxes, self.isa);
         if boxes.len() >= BITMAP_BOXES {

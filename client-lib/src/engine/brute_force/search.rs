@@ -51,6 +51,9 @@ pub(super) unsafe fn find<K: Kernel>(
 }
 
 /// Compares every row with every column after it.
+///
+/// # Safety
+/// As for [`find`].
 #[allow(unsafe_code)]
 #[inline(always)]
 unsafe fn compare_all<K: Kernel>(
@@ -82,6 +85,9 @@ unsafe fn compare_all<K: Kernel>(
 }
 
 /// ANDs the strings of every row.
+///
+/// # Safety
+/// As for [`find`].
 #[allow(unsafe_code)]
 #[inline(always)]
 unsafe fn rule_out<K: Kernel>(
@@ -103,6 +109,9 @@ unsafe fn rule_out<K: Kernel>(
 }
 
 /// Compares the keys of what is left.
+///
+/// # Safety
+/// As for [`find`].
 #[allow(unsafe_code)]
 #[inline(always)]
 unsafe fn compare_candidates<K: Kernel>(

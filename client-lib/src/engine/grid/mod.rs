@@ -29,10 +29,9 @@ use crate::aabb::Aabb;
 use crate::engine::strips::{in_parts, part_count, publish};
 use crate::engine::{
     AvailableIsa, CullError, CullJob, CullReport, Engine, EngineName, EngineTimes, Isa,
-    ReplyBuffer, SkipMeter,
+    ReplyBuffer, SkipMeter, counted,
 };
 use crate::mask::MaskShape;
-use crate::units::BoxCount;
 
 /// Fewest rows of a task: below, handing it to another thread costs more than it saves.
 const TASK_ROWS: usize = 1_024;
@@ -86,9 +85,7 @@ impl Grid {
     /// # Errors
     /// [`CullError::Unavailable`] when this machine does not have it.
     pub fn with_isa(isa: Isa) -> Result<Self, CullError> {
-        let why = "this processor lacks the instruction set asked for";
-        let engine = EngineName::CpuGrid;
-        let isa = AvailableIsa::new(isa).ok_or(CullError::Unavailable { engine, why })?;
+        let isa = AvailableIsa::for_engine(isa, EngineName::CpuGrid)?;
         Ok(Self { isa, ..Self::new() })
     }
 
@@ -115,11 +112,7 @@ impl Engine for Grid {
         job: &CullJob,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
-        let n = BoxCount::of_len(boxes.len()).ok_or(CullError::TooManyBoxes {
-            engine: EngineName::CpuGrid,
-            n: boxes.len() as u64,
-            limit: u64::from(u32::MAX),
-        })?;
+        let n = counted(boxes, EngineName::CpuGrid)?;
         let threads = if boxes.len() < PARALLEL_BOXES { 1 } else { job.threads.max(1) };
         let start = Instant::now();
         self.layout.choose(boxes);

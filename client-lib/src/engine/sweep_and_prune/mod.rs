@@ -18,10 +18,9 @@ use crate::aabb::Aabb;
 use crate::engine::strips::{OrderedBoxes, in_parts, part_count, publish};
 use crate::engine::{
     AvailableIsa, Census, CullError, CullJob, CullReport, Engine, EngineName, EngineTimes, Isa,
-    KeyColumns, ReplyBuffer, SkipMeter,
+    KeyColumns, ReplyBuffer, SkipMeter, counted,
 };
 use crate::mask::MaskShape;
-use crate::units::BoxCount;
 
 /// Fewest rows of a task: below, handing it to another thread costs more than it saves.
 const TASK_ROWS: usize = 512;
@@ -77,9 +76,7 @@ impl SweepAndPrune {
     /// # Errors
     /// [`CullError::Unavailable`] when this machine does not have it.
     pub fn with_isa(isa: Isa) -> Result<Self, CullError> {
-        let why = "this processor lacks the instruction set asked for";
-        let engine = EngineName::CpuSap;
-        let isa = AvailableIsa::new(isa).ok_or(CullError::Unavailable { engine, why })?;
+        let isa = AvailableIsa::for_engine(isa, EngineName::CpuSap)?;
         Ok(Self { isa, ..Self::new() })
     }
 
@@ -126,11 +123,7 @@ impl Engine for SweepAndPrune {
         job: &CullJob,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
-        let n = BoxCount::of_len(boxes.len()).ok_or(CullError::TooManyBoxes {
-            engine: EngineName::CpuSap,
-            n: boxes.len() as u64,
-            limit: u64::from(u32::MAX),
-        })?;
+        let n = counted(boxes, EngineName::CpuSap)?;
         let threads = if boxes.len() < PARALLEL_BOXES { 1 } else { job.threads.max(1) };
         let start = Instant::now();
         let (census, axis) = self.ingest(boxes);
