@@ -1,0 +1,75 @@
+//! Plots of measurements as SVG: scaling lines, points with their Pareto front, stacked bars.
+//!
+//! A plot is one `<svg>` element without outside resources. Colours come from the classes of
+//! [`STYLE`], which follow the reader's light or dark theme; [`standalone`] makes a file of a plot.
+//! Every mark carries a `<title>`, so that a pointer that rests on it reads the figure.
+
+mod bars;
+mod frame;
+mod front;
+mod lines;
+mod points;
+mod scale;
+mod unit;
+
+pub use bars::{Bar, Bars};
+pub use front::pareto_front;
+pub use lines::{Line, Lines};
+pub use points::{Group, Point, Points};
+pub use scale::{Scale, Tick};
+pub use unit::Unit;
+
+use maud::{Markup, PreEscaped, html};
+
+/// Colours and type of all plots. The eight colours are Okabe and Ito's, which differ for readers
+/// who do not tell red from green; the lightest of them, yellow, is darkened to show on white.
+pub const STYLE: &str = "\
+.plot{font:12px system-ui,sans-serif;--ink:#222;--faint:#8884;--grey:#999}\
+.plot text{fill:var(--ink)}.plot .title{font-size:14px;font-weight:600}\
+.plot .grid{stroke:var(--faint);stroke-width:1}.plot .front{fill:none;stroke:var(--ink);stroke-width:1.5;stroke-dasharray:5 3}\
+.plot .line{fill:none;stroke-width:2}.plot .beaten{fill:var(--grey);stroke:none;opacity:.45}\
+.plot .s0{stroke:#0072b2;fill:#0072b2}.plot .s1{stroke:#d55e00;fill:#d55e00}\
+.plot .s2{stroke:#009e73;fill:#009e73}.plot .s3{stroke:#cc79a7;fill:#cc79a7}\
+.plot .s4{stroke:#56b4e9;fill:#56b4e9}.plot .s5{stroke:#e69f00;fill:#e69f00}\
+.plot .s6{stroke:#a89a00;fill:#a89a00}.plot .s7{stroke:#777;fill:#777}\
+.plot .line.s0,.plot .line.s1,.plot .line.s2,.plot .line.s3,.plot .line.s4,.plot .line.s5,.plot .line.s6,.plot .line.s7{fill:none}\
+@media(prefers-color-scheme:dark){.plot{--ink:#ddd;--faint:#fff2;--grey:#777}}";
+
+/// How many colours [`STYLE`] has; series beyond take them again.
+const COLOURS: usize = 8;
+
+/// The class of a series.
+fn series_class(series: usize) -> String {
+    format!("s{}", series % COLOURS)
+}
+
+/// A plot as the text of an SVG file.
+pub fn standalone(plot: &Markup) -> String {
+    let style = html! { style { (PreEscaped(STYLE)) } }.into_string();
+    let text = plot.0.as_str();
+    let head_end = text.find('>').map_or(0, |at| at + 1);
+    format!("{}{style}{}\n", &text[..head_end], &text[head_end..])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_carries_its_namespace_and_its_style_inside_the_root() {
+        let lines = Lines {
+            title: "a < b".to_owned(),
+            x_label: "boxes".to_owned(),
+            y_label: "time".to_owned(),
+            x_unit: Unit::Count,
+            y_unit: Unit::Nanoseconds,
+            lines: vec![Line { name: "one".to_owned(), points: vec![(10.0, 100.0), (100.0, 1e3)] }],
+        };
+        let file = standalone(&lines.svg());
+        assert!(file.starts_with("<svg xmlns=\"http://www.w3.org/2000/svg\""), "{file}");
+        let (style, first_mark) = (file.find("<style>").unwrap(), file.find("<text").unwrap());
+        assert!(style < first_mark);
+        assert!(file.contains("a &lt; b"), "text is escaped");
+        assert!(file.trim_end().ends_with("</svg>"));
+    }
+}
