@@ -1,6 +1,7 @@
 //! The accuracy study: run time against error, over scenes, sizes, precision modes and engines.
 //!
 //! A mode that is faster than the exact one pays with extra pairs; none may pay with a missed one.
-//! [`rows`] holds the figures.
+//! [`rows`] holds the figures, [`report`] draws them.
 
+pub mod report;
 pub mod rows;

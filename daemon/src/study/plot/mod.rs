@@ -67,8 +67,8 @@ mod tests {
         };
         let file = standalone(&lines.svg());
         assert!(file.starts_with("<svg xmlns=\"http://www.w3.org/2000/svg\""), "{file}");
-        let (style, first_mark) = (file.find("<style>").unwrap(), file.find("<text").unwrap());
-        assert!(style < first_mark);
+        let style = file.find("<style>").expect("a style");
+        assert!(style < file.find("<text").expect("a title"));
         assert!(file.contains("a &lt; b"), "text is escaped");
         assert!(file.trim_end().ends_with("</svg>"));
     }
