@@ -67,7 +67,6 @@ impl RowTask {
             }
         }
         self.flush(scene);
-        self.found.finish();
         self.compared = self.batch.take_compared();
     }
 
@@ -256,7 +255,7 @@ impl RowTask {
     #[inline(never)]
     fn flush(&mut self, scene: Scene<'_>) {
         self.batch.test(&scene.sorted.boxes, scene.isa);
-        self.found.take(&self.batch);
+        self.found.take(&self.batch, scene.isa);
         self.batch.clear();
     }
 }

@@ -36,13 +36,12 @@ impl SweepTask {
             }
         }
         self.flush(boxes, isa);
-        self.found.finish();
         self.compared = self.batch.take_compared();
     }
 
     fn flush(&mut self, boxes: &OrderedBoxes, isa: AvailableIsa) {
         self.batch.test(boxes, isa);
-        self.found.take(&self.batch);
+        self.found.take(&self.batch, isa);
         self.batch.clear();
     }
 }
