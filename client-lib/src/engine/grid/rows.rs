@@ -56,6 +56,11 @@ impl Scene<'_> {
 }
 
 impl RowTask {
+    /// Bytes that are allocated.
+    pub fn allocated_bytes(&self) -> usize {
+        self.found.allocated_bytes() + self.batch.allocated_bytes()
+    }
+
     /// Finds the words of all rows.
     pub fn run(&mut self, scene: Scene<'_>) {
         self.found.clear();
