@@ -67,9 +67,26 @@ impl Options {
     }
 }
 
+/// An engine that says what memory it keeps.
+trait Scratch: Engine {
+    fn scratch_bytes(&self) -> usize;
+}
+
+macro_rules! scratch {
+    ($($engine:ty),*) => {
+        $(impl Scratch for $engine {
+            fn scratch_bytes(&self) -> usize {
+                <$engine>::scratch_bytes(self)
+            }
+        })*
+    };
+}
+
+scratch!(BruteForce, Grid, SweepAndPrune);
+
 /// One engine on one number of threads.
 struct Lane {
-    engine: Box<dyn Engine>,
+    engine: Box<dyn Scratch>,
     threads: usize,
     pool: rayon::ThreadPool,
     reply: HeapReply,
@@ -78,7 +95,7 @@ struct Lane {
     words: u64,
 }
 
-fn engine(name: EngineName) -> Option<Box<dyn Engine>> {
+fn engine(name: EngineName) -> Option<Box<dyn Scratch>> {
     match name {
         EngineName::CpuBrute => Some(Box::new(BruteForce::new())),
         EngineName::CpuGrid => Some(Box::new(Grid::new())),
@@ -135,7 +152,7 @@ fn main() -> ExitCode {
         }
     };
     println!(
-        "{:>9} {:>9} {:>10} {:>2} {:>10} {:>10} {:>10} {:>10} {:>10} {:>8} {:>7} {:>7}",
+        "{:>9} {:>9} {:>10} {:>2} {:>10} {:>10} {:>10} {:>10} {:>10} {:>8} {:>7} {:>7} {:>6}",
         "scene",
         "n",
         "engine",
@@ -147,7 +164,8 @@ fn main() -> ExitCode {
         "publish",
         "pairs/n",
         "B/pair",
-        "tests/n"
+        "tests/n",
+        "B/box"
     );
     let mut equal = true;
     for &name in &options.scenes {
@@ -223,7 +241,7 @@ fn run(name: SceneName, n: usize, options: &Options) -> bool {
             times.iter().map(of).min().unwrap_or(0) as f64 / 1e3
         };
         println!(
-            "{:>9} {:>9} {:>10} {:>2} {:>10.1} {:>10.1} {:>10.1} {:>10.1} {:>10.1} {:>8.2} {:>7.1} {:>7.1}",
+            "{:>9} {:>9} {:>10} {:>2} {:>10.1} {:>10.1} {:>10.1} {:>10.1} {:>10.1} {:>8.2} {:>7.1} {:>7.1} {:>6.1}",
             name,
             n,
             lane.engine.name().as_str(),
@@ -238,6 +256,7 @@ fn run(name: SceneName, n: usize, options: &Options) -> bool {
             last.map_or(0.0, |r| {
                 (n as f64 * (n as f64 - 1.0) / 2.0 - r.skipped.pairs as f64) / n as f64
             }),
+            lane.engine.scratch_bytes() as f64 / n as f64,
         );
     }
     judge_plan(name, n, scene.boxes(), last.map(|r| r.pair_count), &lanes, options);

@@ -119,6 +119,11 @@ impl StripBatch {
         )
     }
 
+    /// Bytes that are allocated.
+    pub fn allocated_bytes(&self) -> usize {
+        size_of_val(&*self.rows) + size_of_val(&*self.starts) + size_of_val(&*self.lanes)
+    }
+
     /// A batch as the kernels leave it.
     #[cfg(test)]
     pub(super) fn tested(strips: &[(u32, u32, u16)]) -> Self {

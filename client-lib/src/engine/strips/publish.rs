@@ -27,13 +27,13 @@ where
 {
     let n = BoxCount::new(order.len() as u32);
     match encoding {
-        Encoding::Sparse => publish_sparse(sinks, n, order, parallel, reply),
+        Encoding::Sparse => publish_sparse(&sinks, n, order, parallel, reply),
         Encoding::Dense => publish_dense(sinks, n, order, reply),
     }
 }
 
 fn publish_sparse<'a, S>(
-    sinks: S,
+    sinks: &S,
     n: BoxCount,
     order: &[u32],
     parallel: bool,
@@ -52,7 +52,7 @@ where
     let (rows, rest) = out.split_at_mut(stride);
     let (blocks, rest) = rest.split_at_mut(stride);
     let (bits, rest) = rest.split_at_mut(stride);
-    let jobs = [
+    let mut jobs = [
         (Section::Words(0), rows),
         (Section::Words(1), blocks),
         (Section::Words(2), bits),
@@ -67,7 +67,6 @@ where
         }
     };
     let parallel = parallel && word_count as usize + order.len() >= PARALLEL_WORDS;
-    let mut jobs = jobs;
     let parts = if parallel { jobs.len() } else { 1 };
     in_parts(jobs.as_mut_slice(), parts, &write, &|(), ()| ());
     Ok(shape)

@@ -6,9 +6,9 @@ use super::hits::Hits;
 use super::words_avx512;
 use crate::engine::{AvailableIsa, Isa};
 
-/// Words of a chunk, 48 KiB: large enough that few rows end in another one, small enough that the
-/// last, half empty one of each task is nothing against the boxes of the task.
-const CHUNK_WORDS: usize = 4096;
+/// Words of a chunk, 12 KiB: large enough that [`STEP_ROOM`] left empty is a twentieth of it, small
+/// enough that the last, half empty one of each task is nothing against the boxes of the task.
+const CHUNK_WORDS: usize = 1024;
 
 /// Room that a chunk must have for a step: the words of 16 hits, and a register that is stored
 /// whole behind them.
@@ -85,8 +85,10 @@ pub(crate) struct WordSink {
 }
 
 impl WordSink {
-    /// Forgets all words and keeps the memory.
+    /// Forgets all words and keeps the memory, up to twice of what was just in use: a task that had
+    /// all rows while there was one thread does not hold on to that.
     pub fn clear(&mut self) {
+        self.chunks.truncate(2 * self.used);
         self.used = 0;
         self.pair_count = 0;
     }
@@ -242,6 +244,6 @@ mod tests {
                 (0..20_000).map(|i| (i % 97 == 0, u32::from(i % 20 < dense), 0b11)).collect();
             check(&strips(&steps), 1024);
         }
-        assert!(naive(&strips(&[(true, 0, 0b11); 20_000])).len() > 2 * CHUNK_WORDS);
+        assert!(naive(&strips(&vec![(true, 0, 0b11); 20_000])).len() > 2 * CHUNK_WORDS);
     }
 }

@@ -18,6 +18,11 @@ pub(super) struct SweepTask {
 }
 
 impl SweepTask {
+    /// Bytes that are allocated.
+    pub fn allocated_bytes(&self) -> usize {
+        self.found.allocated_bytes() + self.batch.allocated_bytes()
+    }
+
     /// Finds the words of all rows. Boxes from position `solid` on overlap nothing.
     pub fn run(&mut self, boxes: &OrderedBoxes, axis: usize, solid: u32, isa: AvailableIsa) {
         self.found.clear();
