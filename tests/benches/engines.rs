@@ -6,7 +6,8 @@
 //! ```
 //!
 //! Every frame of a size and scene is culled by all engines and thread counts one after another,
-//! and their pair sets are compared by a hash that does not depend on the order of pairs.
+//! and their pair sets are compared by a hash that does not depend on the order of pairs. `B/box` is
+//! the scratch that an engine keeps beside boxes and reply.
 
 use std::process::ExitCode;
 use std::time::Instant;

@@ -83,7 +83,9 @@ mod tests {
             let mut expected = None;
             for isa in Isa::ALL.into_iter().filter_map(AvailableIsa::new) {
                 let (mut keys, mut order) = (<[Vec<i32>; 6]>::default(), sources.clone());
-                keys.iter_mut().for_each(|array| array.resize(len as usize, 7));
+                for array in &mut keys {
+                    array.resize(len as usize, 7);
+                }
                 let mut reach = vec![Reach::zeroed(); len as usize];
                 let mut arrays = keys.each_mut().map(Vec::as_mut_slice);
                 fetch(&records, &mut arrays, &mut order, &mut reach, isa);
