@@ -87,6 +87,13 @@ impl CpuEngines {
         }
     }
 
+    /// Bytes of scratch that all engines keep from frame to frame, beside boxes and replies.
+    pub fn scratch_bytes(&self) -> usize {
+        self.brute_force.scratch_bytes()
+            + self.sweep_and_prune.scratch_bytes()
+            + self.grid.scratch_bytes()
+    }
+
     /// Plans a frame, among the CPU engines and a GPU if there is one.
     pub fn plan(&self, boxes: &[Aabb], wish: &CullWish, gpu: Option<GpuCost>) -> Plan {
         let pool = rayon::current_num_threads();

@@ -113,6 +113,13 @@ impl BruteForce {
         self.isa.get()
     }
 
+    /// Bytes of scratch that the engine keeps from frame to frame, beside boxes and reply.
+    pub fn scratch_bytes(&self) -> usize {
+        self.columns.allocated_bytes()
+            + self.bitmaps.allocated_bytes()
+            + self.tasks.iter().map(Task::allocated_bytes).sum::<usize>()
+    }
+
     /// Shares the rows out, one range a task.
     fn assign(&mut self, threads: usize) {
         let n = self.columns.len();
