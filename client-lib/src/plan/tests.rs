@@ -8,6 +8,7 @@ use crate::units::BoxCount;
 fn stats(n: u32, window_share: f32) -> SceneStats {
     SceneStats {
         n: BoxCount::new(n),
+        is_looked_at: true,
         solid_share: 1.0,
         low: [0.0; 3],
         high: [100.0; 3],
