@@ -279,6 +279,7 @@ mod tests {
     fn written() -> (Calibration, String) {
         let mut calibration = Calibration::built_in(Isa::Portable);
         calibration.ns[3] = 0.1 + 0.2;
+        calibration.ns[Term::GridBox as usize] = 112.0;
         calibration.threads[1] = ThreadCost { serial_share: 1.0 / 3.0, fan_out_ns: 0.0 };
         let text = encode(&calibration, &MachineKey::this());
         (calibration, text)
@@ -312,7 +313,7 @@ mod tests {
         assert!(edited("machine = \"", "machine = \"other ").contains("another machine (other "));
         assert!(edited("sap-box = ", "sap-crate = ").contains("sap-box"));
         for wrong in ["-1.0", "nan", "inf", "1e9"] {
-            let error = edited("grid-box = 252.0", &format!("grid-box = {wrong}"));
+            let error = edited("grid-box = 112.0", &format!("grid-box = {wrong}"));
             assert!(error.contains("grid-box"), "{error}");
         }
         assert!(edited("serial-share = 0.1", "serial-share = 1.1").contains("serial-share"));

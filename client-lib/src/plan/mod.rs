@@ -108,9 +108,10 @@ pub struct Plan {
     pub stats: SceneStats,
 }
 
-/// Predictions this close are the same: less than the clock reads of a frame. The engine that comes
-/// first in [`EngineName::ALL`] is taken then, so that tiny scenes keep the boxes' own order.
-const INDIFFERENT_NS: f64 = 400.0;
+/// Predictions that are larger by less than this share are the same: no prediction is as exact. The
+/// engine that comes first in [`EngineName::ALL`] is taken then, so that small scenes keep the boxes'
+/// own order.
+const INDIFFERENT_SHARE: f64 = 0.05;
 
 /// Chooses. Where the client insists on an engine that is not to be had, the plan names it all the
 /// same: that engine's own error says what is missing.
@@ -127,7 +128,10 @@ pub fn plan(
         EngineChoice::Auto => {
             let times = candidates.iter().flatten().map(|c| c.predicted_ns);
             let least = times.fold(f64::INFINITY, f64::min);
-            candidates.iter().flatten().find(|c| c.predicted_ns <= least + INDIFFERENT_NS)
+            candidates
+                .iter()
+                .flatten()
+                .find(|c| c.predicted_ns <= (1.0 + INDIFFERENT_SHARE) * least)
         }
     };
     let fallback = Candidate {

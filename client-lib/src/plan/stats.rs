@@ -1,19 +1,20 @@
-//! What the plan knows of a scene: a few numbers from a sample of at most 192 boxes.
+//! What the plan knows of a scene: a few numbers from a sample of at most 96 boxes.
 
 use crate::aabb::{Aabb, BoxClass};
 use crate::units::BoxCount;
 
-/// Most boxes looked at: 20 to 40 µs, in scenes whose culling takes thirty times that or more.
-const SAMPLE_MOST: usize = 192;
+/// Most boxes looked at: 10 to 20 µs, in scenes whose culling takes twenty times that or more. Large
+/// scenes are the grid's unless they are of an odd shape, which few boxes show.
+const SAMPLE_MOST: usize = 96;
 /// Small scenes are sampled less, so that planning stays a small part of them.
-const SAMPLE_LEAST: usize = 16;
+const SAMPLE_LEAST: usize = 32;
 /// One box in so many, between the two.
-const SAMPLE_SHARE: usize = 64;
-/// Fewest boxes that are worth a look: a look takes 1.2 µs and 64 boxes take 2, and below so many
+const SAMPLE_SHARE: usize = 32;
+/// Fewest boxes that are worth a look: a look takes 1 to 3 µs and 64 boxes take 2, and below so many
 /// the engines that come into question take about the same whatever the scene.
 const LOOK_BOXES: usize = 512;
 /// Share of the boxes that a sweep's window holds in scenes of fewer than [`LOOK_BOXES`].
-const UNSEEN_WINDOW_SHARE: f32 = 0.08;
+const UNSEEN_WINDOW_SHARE: f32 = 0.05;
 
 /// Statistics of a frame.
 ///

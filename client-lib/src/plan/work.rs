@@ -23,6 +23,8 @@ pub enum Term {
     BruteDirectTest,
     /// A frame of `cpu-brute` with bitmaps.
     BruteBitmapFrame,
+    /// More for a box of `cpu-brute` with bitmaps.
+    BruteBitmapBox,
     /// A pair that `cpu-brute` looks up in its bitmaps.
     BruteBitmapTest,
     /// A pair that its bitmaps do not rule out and whose keys are compared.
@@ -63,11 +65,12 @@ pub enum Term {
 
 impl Term {
     /// Every term, in the order of their numbers.
-    pub const ALL: [Self; 22] = [
+    pub const ALL: [Self; 23] = [
         Self::BruteFrame,
         Self::BruteBox,
         Self::BruteDirectTest,
         Self::BruteBitmapFrame,
+        Self::BruteBitmapBox,
         Self::BruteBitmapTest,
         Self::BruteCandidate,
         Self::SapFrame,
@@ -95,6 +98,7 @@ impl Term {
             Self::BruteBox => "brute-box",
             Self::BruteDirectTest => "brute-direct-test",
             Self::BruteBitmapFrame => "brute-bitmap-frame",
+            Self::BruteBitmapBox => "brute-bitmap-box",
             Self::BruteBitmapTest => "brute-bitmap-test",
             Self::BruteCandidate => "brute-candidate",
             Self::SapFrame => "sap-frame",
@@ -194,6 +198,7 @@ impl Work {
             self.set(Term::BruteDirectTest, tests);
         } else {
             self.set(Term::BruteBitmapFrame, 1.0);
+            self.set(Term::BruteBitmapBox, boxes(stats));
             self.set(Term::BruteBitmapTest, tests);
             let candidates = CANDIDATES_A_PAIR * stats.expected_pairs();
             self.set(Term::BruteCandidate, candidates.min(tests));

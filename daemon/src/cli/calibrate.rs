@@ -50,7 +50,7 @@ const BUSY_SHARE: f64 = 0.5;
 Every CPU engine culls scenes of 64 to 524,288 boxes on one to all cores, interleaved, and a robust
 fit gives the constants of the plan's cost model. They are kept in the user's cache directory, in a
 file for this processor, instruction set and number of cores, and used by daemons and in-process
-sessions from their next start on. Ten to thirty seconds; let the machine be idle.
+sessions from their next start on. It takes 10 to 30 seconds; let the machine be idle.
 
 Examples:
   pairmaskd calibrate
@@ -66,7 +66,7 @@ pub struct Calibrate {
     /// Few scenes and frames: about a second, for a look
     #[arg(long)]
     quick: bool,
-    /// Threads at most [default: all cores]
+    /// Threads at most [default: all cores; one where the machine is busy]
     #[arg(long, value_name = "N")]
     threads: Option<std::num::NonZeroUsize>,
     /// Print one JSON object
@@ -145,11 +145,12 @@ impl Calibrate {
         let load_share = load_share();
         if let Some(share) = load_share.filter(|share| *share > BUSY_SHARE) {
             log::warn!(
-                "the machine is busy ({:.0} % of its cores): constants will be rough, of threads above all",
+                "the machine is busy (load {:.0} % of its cores): constants will be rough, and those of threads stay as they are built in",
                 100.0 * share
             );
         }
-        let rows = self.measure()?;
+        let is_busy = load_share.is_some_and(|share| share > BUSY_SHARE);
+        let rows = self.measure(is_busy)?;
         let built_in = Calibration::built_in(Isa::best());
         let calibration = fit(&rows, &built_in);
         if let Some(path) = &path {
@@ -180,8 +181,11 @@ impl Calibrate {
         Ok(())
     }
 
-    fn measure(&self) -> Result<Vec<Row>, CalibrateError> {
-        let threads = thread_counts(self.threads.map_or_else(core_count, usize::from));
+    /// The rows of all cases; of a busy machine, whose other cores are not to be had, with one
+    /// thread alone.
+    fn measure(&self, is_busy: bool) -> Result<Vec<Row>, CalibrateError> {
+        let most = if is_busy { 1 } else { core_count() };
+        let threads = thread_counts(self.threads.map_or(most, usize::from));
         let pools = Pools::new(&threads)?;
         let (cases, effort) = self.cases();
         let progress = progress_bar(cases.len() as u64, "measuring");

@@ -5,12 +5,16 @@
 //! known machine, scaled by how much faster or slower this one is, and are held to them where no
 //! measurement says otherwise; and a row that fits badly counts less.
 
+use pairmask::Encoding;
 use pairmask::engine::EngineName;
 use pairmask::plan::{CPU_ENGINES, Calibration, SceneStats, Term, ThreadCost, Work};
 
 use super::case::{Case, CaseTimes};
 use super::lane::Way;
 
+/// What a dense mask takes more than a sparse one of the same frame is fitted to this share of the
+/// frame: it is small beside the engine's time and would drown in that one's errors.
+const MASK_SHARE: f64 = 0.2;
 /// Terms of the model.
 const TERMS: usize = Term::ALL.len();
 /// How much the start counts, in rows of measurements: little, but more than nothing.
@@ -104,35 +108,64 @@ fn median(mut values: Vec<f64>) -> Option<f64> {
 
 /// Constants of the terms, relative to `start` in between.
 fn fit_terms(rows: &[Row], start: &[f64; TERMS]) -> [f64; TERMS] {
-    // Row r says that the sum of share[r][t] · x[t] is 1, where x = 1 is the start.
-    let shares: Vec<[f64; TERMS]> = rows
-        .iter()
-        .filter(|row| row.way.threads == 1)
-        .filter_map(|row| {
-            let work = row.work()?;
-            let share = |t: usize| work.amounts()[t] * start[t] / row.measured_ns;
-            Some(std::array::from_fn(share))
-        })
-        .collect();
+    let singles: Vec<&Row> = rows.iter().filter(|row| row.way.threads == 1).collect();
+    let equation = |row: &&Row| match row.way.encoding {
+        Encoding::Sparse => Equation::of_frame(row, start),
+        Encoding::Dense => {
+            let sparse = Way { encoding: Encoding::Sparse, ..row.way };
+            let twin = singles.iter().find(|twin| twin.case == row.case && twin.way == sparse)?;
+            Equation::of_masks(row, twin, start)
+        }
+    };
+    let equations: Vec<Equation> = singles.iter().filter_map(equation).collect();
     let mut x = [1.0; TERMS];
     for _ in 0..ROUNDS {
-        let weights: Vec<f64> = shares.iter().map(|share| weight(dot(share, &x) - 1.0)).collect();
-        descend(&shares, &weights, &mut x);
+        let weights: Vec<f64> = equations.iter().map(|e| weight(e.error(&x))).collect();
+        descend(&equations, &weights, &mut x);
     }
     std::array::from_fn(|t| start[t] * x[t])
 }
 
+/// The sum of share[t] · x[t] is `target`, where x = 1 is the start. An error of 1 is as bad as a
+/// prediction of twice the time.
+struct Equation {
+    share: [f64; TERMS],
+    target: f64,
+}
+
+impl Equation {
+    /// A frame takes what was measured.
+    fn of_frame(row: &Row, start: &[f64; TERMS]) -> Option<Self> {
+        let work = row.work()?;
+        let share = |t: usize| work.amounts()[t] * start[t] / row.measured_ns;
+        Some(Self { share: std::array::from_fn(share), target: 1.0 })
+    }
+
+    /// A frame's dense mask takes so much more than its sparse one.
+    fn of_masks(dense: &Row, sparse: &Row, start: &[f64; TERMS]) -> Option<Self> {
+        let (more, less) = (dense.work()?, sparse.work()?);
+        let unit = MASK_SHARE * sparse.measured_ns;
+        let share = |t: usize| (more.amounts()[t] - less.amounts()[t]) * start[t] / unit;
+        let target = (dense.measured_ns - sparse.measured_ns) / unit;
+        Some(Self { share: std::array::from_fn(share), target })
+    }
+
+    fn error(&self, x: &[f64; TERMS]) -> f64 {
+        dot(&self.share, x) - self.target
+    }
+}
+
 /// Minimises the weighted squares of all rows and of the distance to the start, along one constant
 /// after the other.
-fn descend(shares: &[[f64; TERMS]], weights: &[f64], x: &mut [f64; TERMS]) {
+fn descend(equations: &[Equation], weights: &[f64], x: &mut [f64; TERMS]) {
     let mut gram = [[0.0; TERMS]; TERMS];
     let mut target = [PRIOR_ROWS; TERMS];
     for (t, row) in gram.iter_mut().enumerate() {
         row[t] = PRIOR_ROWS;
     }
-    for (share, weight) in shares.iter().zip(weights) {
+    for (Equation { share, target: wanted }, weight) in equations.iter().zip(weights) {
         for t in 0..TERMS {
-            target[t] += weight * share[t];
+            target[t] += weight * share[t] * wanted;
             for u in 0..TERMS {
                 gram[t][u] += weight * share[t] * share[u];
             }
@@ -199,8 +232,8 @@ fn fit_threads(rows: &[Row], engine: EngineName, start: ThreadCost) -> ThreadCos
 
 #[cfg(test)]
 mod tests {
+    use pairmask::BoxCount;
     use pairmask::engine::Isa;
-    use pairmask::{BoxCount, Encoding};
 
     use super::*;
     use crate::scene::SceneName;
