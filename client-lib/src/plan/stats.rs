@@ -14,7 +14,7 @@ const SAMPLE_SHARE: usize = 32;
 /// the engines that come into question take about the same whatever the scene.
 const LOOK_BOXES: usize = 512;
 /// Share of the boxes that a sweep's window holds in scenes of fewer than [`LOOK_BOXES`].
-const UNSEEN_WINDOW_SHARE: f32 = 0.05;
+const UNSEEN_WINDOW_SHARE: f32 = 0.03;
 
 /// Statistics of a frame.
 ///
