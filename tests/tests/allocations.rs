@@ -12,6 +12,7 @@ use std::time::Duration;
 
 use iceoryx2::service::{ipc, ipc_threadsafe};
 use pairmask::mask::{Encoding, EncodingChoice};
+use pairmask::plan::CalibrationChoice;
 use pairmask::transport::{
     InstanceName, Limits, RuntimeDir, Services, assume_pages, assume_response_pages,
     clean_if_abandoned,
@@ -122,6 +123,7 @@ fn steady_frames_allocate_nothing() {
         limits: Limits::default(),
         spin: Duration::from_micros(50),
         gpu: GpuChoice::None,
+        calibration: CalibrationChoice::BuiltIn,
     };
     let runtime_dir = settings.dir.clone();
     let daemon = std::thread::spawn(move || {

@@ -79,11 +79,16 @@ impl CpuEngines {
     /// Engines with empty scratch memory and the built-in calibration of this machine's
     /// instruction set.
     pub fn new() -> Self {
+        Self::with_calibration(Calibration::built_in(AvailableIsa::best().get()))
+    }
+
+    /// Engines with empty scratch memory, whose plans compute with `calibration`.
+    pub fn with_calibration(calibration: Calibration) -> Self {
         Self {
             brute_force: BruteForce::new(),
             sweep_and_prune: SweepAndPrune::new(),
             grid: Grid::new(),
-            calibration: Calibration::built_in(AvailableIsa::best().get()),
+            calibration,
         }
     }
 
@@ -104,7 +109,7 @@ impl CpuEngines {
             (EngineChoice::Only(engine), Some(n)) if engine.is_gpu() => {
                 SceneStats::unseen(n, wish.last_pairs)
             }
-            _ => SceneStats::of(boxes, wish.last_pairs),
+            _ => SceneStats::glance(boxes, wish.last_pairs),
         };
         plan(&stats, &capabilities, &self.calibration, &wishes)
     }

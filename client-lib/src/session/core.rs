@@ -47,12 +47,9 @@ pub(super) struct Core {
 impl Core {
     pub(super) fn new(settings: Settings) -> Result<Self, ConnectError> {
         quiet_transport_log();
-        let core = Self {
-            settings,
-            local: Arc::new(Local::new()),
-            connection: Mutex::default(),
-            frames: AtomicU64::new(0),
-        };
+        let local = Arc::new(Local::new(&settings.calibration));
+        let core =
+            Self { settings, local, connection: Mutex::default(), frames: AtomicU64::new(0) };
         match core.settings.backend {
             Backend::Daemon => drop(core.link()?),
             Backend::Auto => drop(core.link()),

@@ -6,6 +6,7 @@ use super::builder::Settings;
 use super::pairs::{PairMask, ServedBy, Storage};
 use crate::aabb::Aabb;
 use crate::engine::{CpuEngines, CullError, CullWish, HeapReply};
+use crate::plan::CalibrationChoice;
 use crate::units::BoxCount;
 use crate::wire::Reply;
 
@@ -32,9 +33,10 @@ pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Local {
-    pub(super) fn new() -> Self {
+    pub(super) fn new(calibration: &CalibrationChoice) -> Self {
+        let (calibration, _) = calibration.resolve();
         Self {
-            engines: Mutex::new(CpuEngines::new()),
+            engines: Mutex::new(CpuEngines::with_calibration(calibration)),
             replies: Mutex::new(Vec::with_capacity(KEPT_BUFFERS)),
             boxes: Mutex::new(Vec::with_capacity(KEPT_BUFFERS)),
             last_pairs: Mutex::default(),

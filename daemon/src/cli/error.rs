@@ -1,6 +1,7 @@
 //! Why a command failed, and the exit status that says so.
 
 use super::bench::BenchError;
+use super::calibrate::CalibrateError;
 use super::config::ConfigError;
 use super::cull::CullCommandError;
 use super::demo::DemoError;
@@ -28,6 +29,8 @@ pub enum CliError {
     #[error(transparent)]
     Bench(#[from] BenchError),
     #[error(transparent)]
+    Calibrate(#[from] CalibrateError),
+    #[error(transparent)]
     Scene(#[from] SceneCommandError),
     #[error(transparent)]
     Status(#[from] StatusCommandError),
@@ -48,6 +51,7 @@ impl CliError {
             Self::Cull(CullCommandError::Output(error))
             | Self::Demo(DemoError::Output(error))
             | Self::Bench(BenchError::Output(error))
+            | Self::Calibrate(CalibrateError::Output(error))
             | Self::Status(StatusCommandError::Output(error)) => {
                 matches!(error, OutputError::Io(e) if e.kind() == std::io::ErrorKind::BrokenPipe)
             }

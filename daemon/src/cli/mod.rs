@@ -5,6 +5,7 @@
 
 mod bench;
 mod build;
+mod calibrate;
 mod config;
 mod cull;
 mod demo;
@@ -42,6 +43,7 @@ Examples:
   pairmaskd status                            who serves, and what it did so far
   pairmaskd cull boxes.f32 --spawn --json     pairs of a file of boxes, by a daemon of its own
   pairmaskd bench latency --n 1000,10000      what a frame costs, by stage
+  pairmaskd calibrate                         measure this machine, for the plan
 
 Exit status: 0 done; 1 it failed, or nobody serves; 2 the command line or configuration is wrong.";
 
@@ -53,6 +55,7 @@ enum Command {
     #[command(hide = true)]
     DemoClient(demo::DemoClient),
     Bench(bench::Bench),
+    Calibrate(calibrate::Calibrate),
     Scene(scene::Scene),
     Status(status::Status),
 }
@@ -84,9 +87,10 @@ fn run(cli: &Cli) -> Result<(), CliError> {
     match command {
         Command::Serve(serve) => serve.run(place, &config),
         Command::Cull(cull) => Ok(cull.run(place, &config)?),
-        Command::Demo(demo) => Ok(demo.run(&config)?),
+        Command::Demo(demo) => Ok(demo.run(place, &config)?),
         Command::DemoClient(client) => Ok(client.run(place, &config)?),
         Command::Bench(bench) => Ok(bench.run(place, &config)?),
+        Command::Calibrate(calibrate) => Ok(calibrate.run()?),
         Command::Scene(scene) => Ok(scene.run()?),
         Command::Status(status) => Ok(status.run(place, &config)?),
     }

@@ -73,6 +73,7 @@ impl Serve {
             },
             spin: spin_us.map_or(DEFAULT_SPIN, Duration::from_micros),
             gpu: self.options.gpu(config),
+            calibration: place.calibration(config),
         }
     }
 }

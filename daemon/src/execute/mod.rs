@@ -11,6 +11,7 @@ use pairmask::Aabb;
 use pairmask::engine::{
     CpuEngines, CullAnswer, CullError, CullWish, EngineChoice, ReplyBuffer, nanoseconds_since,
 };
+use pairmask::plan::Calibration;
 
 /// All engines that this daemon has.
 pub struct Executor {
@@ -22,6 +23,12 @@ impl Executor {
     /// The CPU engines, and the GPU's if there is one.
     pub fn new(gpu: Option<GpuService>) -> Self {
         Self { cpu: CpuEngines::new(), gpu }
+    }
+
+    /// The same engines, whose plans compute with `calibration`.
+    #[must_use]
+    pub fn with_calibration(self, calibration: Calibration) -> Self {
+        Self { cpu: CpuEngines::with_calibration(calibration), ..self }
     }
 
     /// The GPU, if this daemon has one.
@@ -47,6 +54,7 @@ impl Executor {
         let gpu_cost = self.gpu.as_ref().and_then(GpuService::cost);
         let mut plan = self.cpu.plan(boxes, wish, gpu_cost);
         let plan_ns = nanoseconds_since(start);
+        log::debug!("{}", plan.explain());
         if plan.engine.is_gpu() {
             let done = match &mut self.gpu {
                 Some(gpu) => gpu.cull(boxes, owner, &plan, reply),

@@ -14,6 +14,7 @@ pub use worker::work;
 use std::time::Duration;
 
 use crate::execute::gpu::{GpuChoice, OpenError};
+use pairmask::plan::CalibrationChoice;
 use pairmask::transport::{InstanceError, InstanceName, Limits, RuntimeDir, TransportError};
 
 /// How to serve an instance.
@@ -29,6 +30,8 @@ pub struct ServeSettings {
     pub spin: Duration,
     /// Which GPU.
     pub gpu: GpuChoice,
+    /// The constants that plans compute with.
+    pub calibration: CalibrationChoice,
 }
 
 /// A worker that has served spins this long for the next request: a closed loop is answered

@@ -1,6 +1,7 @@
 //! Studies: measurements that settle a choice, apart from anything that serves a client.
 
 pub mod accuracy;
+pub mod engines;
 pub mod machine;
 pub mod mapping;
 pub mod plot;

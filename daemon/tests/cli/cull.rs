@@ -122,6 +122,52 @@ fn times_add_up() {
 }
 
 #[test]
+fn explain_says_what_was_seen_predicted_and_measured() {
+    let place = Place::new();
+    let file = place.boxes(&stress_scenes::named("uniform").boxes(1234, 3));
+    let cull = ["cull", file.to_str().unwrap(), "--backend", "in-process", "--explain"];
+    let report = place.run(&[&cull[..], &["--json"]].concat()).json();
+    let explain = &report["explain"];
+    let fields = [
+        "stats",
+        "calibration",
+        "candidates",
+        "engine",
+        "encoding",
+        "threads",
+        "why",
+        "predicted_ns",
+        "measured_ns",
+        "note",
+    ];
+    assert_eq!(keys(explain), BTreeSet::from(fields));
+    assert_eq!(explain["engine"], report["engine"], "planned as it was done");
+    assert_eq!(explain["encoding"], report["encoding"]);
+    assert_eq!(explain["why"], "least predicted time");
+    assert_eq!(
+        (&explain["stats"]["boxes"], &explain["stats"]["looked_at"]),
+        (&1234.into(), &true.into())
+    );
+    let candidates = explain["candidates"].as_array().unwrap();
+    assert_eq!(candidates.len(), 3);
+    let chosen = candidates.iter().find(|c| c["engine"] == explain["engine"]).unwrap();
+    assert_eq!(chosen["predicted_ns"], explain["predicted_ns"]);
+    let stages = &report["stages_ns"];
+    let ns = |name: &str| stages[name].as_u64().unwrap();
+    assert_eq!(explain["measured_ns"], ns("engine") - ns("plan") + ns("decode"));
+    assert!(explain["note"].is_null());
+
+    let text = place.run(&[&cull[..], &["--engine", "cpu-sap"]].concat()).stdout;
+    for part in ["1234 boxes, 100 % solid", "-> cpu-sap", "asked for", "predicted ", "measured "] {
+        assert!(text.contains(part), "{text}");
+    }
+    let report =
+        place.run(&["cull", file.to_str().unwrap(), "--spawn", "--explain", "--json"]).json();
+    let note = report["explain"]["note"].as_str().unwrap();
+    assert!(note.contains("PAIRMASK_LOG=debug"), "{note}");
+}
+
+#[test]
 fn spawn_starts_a_daemon_and_leaves_nothing() {
     let place = Place::new();
     let file = place.boxes(&scene());

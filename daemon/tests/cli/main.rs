@@ -2,8 +2,10 @@
 #![allow(clippy::unwrap_used)]
 
 mod bench;
+mod calibrate;
 mod cull;
 mod demo;
+mod engine_benches;
 mod serve;
 mod settings;
 mod status;

@@ -52,7 +52,7 @@ use crate::mask::{Encoding, MaskShape};
 use crate::units::BoxCount;
 
 /// Fewest boxes for which bitmaps take less time to build than they save.
-const BITMAP_BOXES: usize = 192;
+pub(crate) const BITMAP_BOXES: usize = 192;
 
 /// The engine `cpu-brute`. Fastest for tiny scenes, and the reference for the others.
 ///

@@ -22,6 +22,7 @@ use crate::cli::output::{OutputError, print_json, print_text, progress_bar};
 use crate::cli::raw_boxes::{RawBoxes, RawBoxesError};
 use crate::scene::{Scene, SceneName};
 use crate::spawn::{PrivateDaemon, PrivateSettings, SpawnError};
+use crate::study::engines::EngineStudyError;
 use crate::study::mapping::MappingError;
 
 /// Longer than any pause between two frames: whoever spins never sleeps in between.
@@ -141,6 +142,11 @@ pub enum BenchError {
     #[error(transparent)]
     Mapping(#[from] MappingError),
     #[error(transparent)]
+    Engines(#[from] EngineStudyError),
+    /// No folder for the results.
+    #[error("{}: {source}", folder.display())]
+    Write { folder: PathBuf, source: std::io::Error },
+    #[error(transparent)]
     Output(#[from] OutputError),
 }
 
@@ -171,7 +177,8 @@ impl Latency {
                 cores.pin(&target.dir, &target.instance)?;
             }
             for scene in &scenes {
-                rows.push(self.row(scene.clone(), *wait, &target, config)?);
+                let session = self.session(scene, *wait, &target, place, config);
+                rows.push(self.row(scene.clone(), *wait, session)?);
             }
         }
         let report = LatencyReport { machine, rows };
@@ -193,7 +200,8 @@ impl Latency {
         let backend = self.options.backend(config, Backend::Daemon);
         let named = place.named_instance(config);
         if backend == Backend::Daemon && named.is_none() {
-            let settings = PrivateSettings { spin: wait.spin(), ..self.daemon.private(config) };
+            let settings =
+                PrivateSettings { spin: wait.spin(), ..self.daemon.private(place, config) };
             let daemon = PrivateDaemon::start_self(&settings)?;
             let (dir, instance) = (daemon.dir(), daemon.instance());
             return Ok(Target { dir, instance, backend, _daemon: Some(daemon) });
@@ -202,15 +210,9 @@ impl Latency {
         Ok(Target { dir, instance, backend, _daemon: None })
     }
 
-    fn row(
-        &self,
-        scene: Scene,
-        wait: Wait,
-        target: &Target,
-        config: &Config,
-    ) -> Result<Row, BenchError> {
-        let n = u32::try_from(scene.boxes().len()).unwrap_or(u32::MAX);
-        let mut session = self.session(n, wait, target, config).connect()?;
+    fn row(&self, scene: Scene, wait: Wait, session: SessionBuilder) -> Result<Row, BenchError> {
+        let n = box_count(&scene);
+        let mut session = session.connect()?;
         let frames = self.frames.get();
         let warm_up = self.warm_up.unwrap_or_else(|| (frames / 5).max(20));
         let progress = progress_bar(warm_up + frames, &format!("{n} boxes, {wait}"));
@@ -220,14 +222,25 @@ impl Latency {
         Ok(Row::new(n, wait, frames, &measured))
     }
 
-    fn session(&self, n: u32, wait: Wait, target: &Target, config: &Config) -> SessionBuilder {
+    fn session(
+        &self,
+        scene: &Scene,
+        wait: Wait,
+        target: &Target,
+        place: &Place,
+        config: &Config,
+    ) -> SessionBuilder {
         self.options
-            .session(config)
+            .session(place, config)
             .runtime_dir(target.dir.clone())
             .instance(target.instance.as_str())
             .backend(target.backend)
             .spin(wait.spin())
             .deadline(DEADLINE)
-            .capacity(BoxCount::new(n))
+            .capacity(BoxCount::new(box_count(scene)))
     }
+}
+
+fn box_count(scene: &Scene) -> u32 {
+    u32::try_from(scene.boxes().len()).unwrap_or(u32::MAX)
 }

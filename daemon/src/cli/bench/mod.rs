@@ -5,11 +5,16 @@ mod latency;
 mod machine;
 mod mapping;
 mod pin;
+mod plan;
+mod replies;
 mod report;
+mod scenes;
+mod threads;
 
 use clap::{Args, Subcommand};
 
 pub use self::latency::BenchError;
+pub use self::machine::Machine;
 use super::config::Config;
 use super::options::Place;
 
@@ -24,6 +29,9 @@ pub struct Bench {
 enum What {
     Latency(latency::Latency),
     Mapping(mapping::Mapping),
+    Plan(plan::PlanBench),
+    Replies(replies::Replies),
+    Threads(threads::ThreadsBench),
 }
 
 impl Bench {
@@ -32,6 +40,9 @@ impl Bench {
         match &self.what {
             What::Latency(latency) => latency.run(place, config),
             What::Mapping(mapping) => mapping.run(config),
+            What::Plan(plan) => plan.run(place, config),
+            What::Replies(replies) => replies.run(place, config),
+            What::Threads(threads) => threads.run(),
         }
     }
 }

@@ -4,8 +4,9 @@ use std::fmt;
 use std::time::Duration;
 
 use pairmask::{PairMask, ServedBy};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
+use super::explain::Explanation;
 use crate::cli::output::time_text;
 
 /// What was measured around the call.
@@ -22,7 +23,7 @@ pub struct Timings {
 }
 
 /// The JSON object of `cull --json`. Fields may be added, never changed or taken away.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize)]
 pub struct CullReport {
     /// Boxes in the file.
     pub boxes: u32,
@@ -47,10 +48,13 @@ pub struct CullReport {
     pub total_ns: u64,
     /// Work left out.
     pub skipped: Skipped,
+    /// Why this engine, where that was asked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub explain: Option<Explanation>,
 }
 
 /// Times of a frame, ns. `round_trip` holds `engine`, which holds the four stages before it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct StagesNs {
     /// File to boxes in place.
     pub read: u64,
@@ -71,7 +75,7 @@ pub struct StagesNs {
 }
 
 /// What the engine did not have to do.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Skipped {
     /// Boxes that overlap nothing by themselves.
     pub boxes: u64,
@@ -95,7 +99,7 @@ const fn ns(duration: Duration) -> u64 {
 
 impl CullReport {
     /// What is to be said of a mask.
-    pub fn new(mask: &PairMask, timings: &Timings) -> Self {
+    pub fn new(mask: &PairMask, timings: &Timings, explain: Option<Explanation>) -> Self {
         let info = mask.info();
         let times = &info.times;
         Self {
@@ -123,6 +127,7 @@ impl CullReport {
                 pairs: info.skipped.pairs,
                 zero_words: info.skipped.zero_words,
             },
+            explain,
         }
     }
 }
@@ -147,6 +152,10 @@ impl fmt::Display for CullReport {
         ] {
             writeln!(f, "{name:<10} {}", time_text(time))?;
         }
-        write!(f, "{:<10} {}", "total", time_text(self.total_ns))
+        write!(f, "{:<10} {}", "total", time_text(self.total_ns))?;
+        if let Some(explanation) = &self.explain {
+            write!(f, "\n\n{explanation}")?;
+        }
+        Ok(())
     }
 }
