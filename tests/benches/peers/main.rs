@@ -13,7 +13,6 @@ use std::time::Duration;
 use clap::Parser;
 use pairmask_tests::peers::line::Comparison;
 use pairmask_tests::peers::{report, svg};
-use pairmaskd::execute::gpu::GpuChoice;
 use pairmaskd::scene::Scene;
 use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
 
@@ -36,7 +35,7 @@ fn main() -> ExitCode {
 fn run(options: &Options) -> Result<Vec<Comparison>, Box<dyn Error>> {
     let settings = PrivateSettings {
         spin: Duration::from_micros(options.daemon_spin_us),
-        gpu: GpuChoice::None,
+        gpu: options.gpu.clone(),
         ..PrivateSettings::default()
     };
     let daemon = PrivateDaemon::start(DAEMON.as_ref(), &settings)?;

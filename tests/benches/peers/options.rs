@@ -8,6 +8,7 @@ use clap::Parser;
 use pairmask::EngineChoice;
 use pairmask::engine::UnknownName;
 use pairmask_tests::peers::peer_name::PeerName;
+use pairmaskd::execute::gpu::GpuChoice;
 use pairmaskd::scene::SceneName;
 use rustix::time::{ClockId, clock_gettime};
 
@@ -21,7 +22,9 @@ use rustix::time::{ClockId, clock_gettime};
 /// boxes into shared memory is a column of its own. For the others: update from the boxes, then
 /// visit every pair. Visiting counts and sums. Sets of pairs are compared by themselves, untimed.
 #[derive(Debug, Parser)]
-#[command(name = "peers", after_help = "\
+#[command(
+    name = "peers",
+    after_help = "\
 Examples:
   cargo bench -p pairmask-tests --features peers --bench peers -- --n 1000,10000
   cargo bench -p pairmask-tests --features peers --bench peers -- \\
@@ -29,10 +32,18 @@ Examples:
   cargo bench -p pairmask-tests --features peers --bench peers -- --scene all --out target/peers
 
 A ratio below 1 means that we are faster. A peer that misses a pair (scenes with infinite boxes)
-is listed and is nobody's best peer. Exit status 1: our own pairs are wrong.")]
+is listed and is nobody's best peer. Exit status 1: our own pairs are wrong."
+)]
+// Four ways to print, each a flag of its own, and cargo's.
+#[allow(clippy::struct_excessive_bools)]
 pub struct Options {
     /// Scenes, or `all`
-    #[arg(long, value_name = "NAME,..", value_delimiter = ',', default_value = "uniform,mixed,pile,plane")]
+    #[arg(
+        long,
+        value_name = "NAME,..",
+        value_delimiter = ',',
+        default_value = "uniform,mixed,pile,plane"
+    )]
     pub scene: Vec<SceneWish>,
     /// Numbers of boxes
     #[arg(long, value_name = "N,..", value_delimiter = ',', default_values_t = [1_000, 4_096, 10_000, 100_000])]
@@ -52,10 +63,13 @@ pub struct Options {
     /// Our engines; `auto` is the plan
     #[arg(long, value_name = "NAME,..", value_delimiter = ',', default_values_t = [EngineChoice::Auto])]
     pub engine: Vec<EngineChoice>,
-    /// How long the daemon spins for the next frame. A client's own pause between frames is
-    /// shorter; others are timed when the daemon sleeps
-    #[arg(long, value_name = "US", default_value_t = 2_000)]
+    /// How long the daemon spins for the next frame; nobody else is timed before it sleeps. Longer
+    /// than the default of `serve` helps where cores are free, and hurts where they are not
+    #[arg(long, value_name = "US", default_value_t = 50)]
     pub daemon_spin_us: u64,
+    /// GPU of the daemon; none compares CPUs
+    #[arg(long, value_name = "GPU", default_value_t = GpuChoice::None)]
+    pub gpu: GpuChoice,
     /// What is counted: wall, or on a busy machine cpu, the time of the one thread that works (in
     /// process only, one thread only)
     #[arg(long, value_enum, default_value_t = Clock::Wall, value_name = "CLOCK")]

@@ -32,6 +32,8 @@ pub struct Line {
     pub late: Spread,
     /// Boxes written.
     pub write: Spread,
+    /// Whether it took so long that it was left out of most frames.
+    pub is_given_up: bool,
     /// What was wrong with its pairs.
     pub fault: Option<String>,
 }
@@ -126,9 +128,11 @@ impl Comparison {
             .into_iter()
             .filter_map(|name| {
                 let is_it = |line: &&Line| line.who == Who::Peer(name) && line.threads <= threads;
-                let best = self.lines.iter().filter(is_it).min_by_key(|line| {
-                    (line.fault.is_some(), line.find.median_ns)
-                });
+                let best = self
+                    .lines
+                    .iter()
+                    .filter(is_it)
+                    .min_by_key(|line| (line.fault.is_some(), line.find.median_ns));
                 best.map(|line| (name, line))
             })
             .collect()
@@ -146,7 +150,8 @@ pub(super) mod tests {
     fn line(who: Who, threads: usize, median_ns: u64, fault: Option<&str>) -> Line {
         let find = Spread { median_ns, ..Spread::default() };
         let fault = fault.map(str::to_owned);
-        Line { who, threads, find, late: find, write: Spread::default(), fault }
+        let (late, write) = (find, Spread::default());
+        Line { who, threads, find, late, write, is_given_up: false, fault }
     }
 
     /// Two of our lines, a peer that is faster on one thread, one that is slower, and the fastest,

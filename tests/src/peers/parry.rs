@@ -54,8 +54,7 @@ impl Parry {
         if self.threads > 1 {
             let update = |(i, b): (usize, &Aabb)| (parry_box(b), i as u32, 0.0);
             boxes.par_iter().enumerate().map(update).collect_into_vec(&mut self.updates);
-            self.tree
-                .insert_or_update_batch_partially_parallel(&self.updates, &mut self.statuses);
+            self.tree.insert_or_update_batch_partially_parallel(&self.updates, &mut self.statuses);
         } else {
             for (i, b) in (0u32..).zip(boxes) {
                 self.tree.insert_or_update_partially(parry_box(b), i, 0.0);
@@ -85,13 +84,8 @@ impl Contender for Parry {
         self.update_leaves(boxes);
         self.follow();
         if self.threads > 1 {
-            let visit = |pairs: &[Pair]| {
-                let mut tally = Tally::default();
-                pairs.iter().for_each(|&(a, b)| tally.visit(a, b));
-                tally
-            };
             let pairs = self.tree.traverse_bvtt_single_tree_parallel::<false>();
-            Ok(pairs.par_chunks(65_536).map(visit).reduce(Tally::default, Tally::plus))
+            Ok(pairs.par_chunks(65_536).map(Tally::of).reduce(Tally::default, Tally::plus))
         } else {
             let mut tally = Tally::default();
             self.tree.traverse_bvtt_single_tree::<false>(&mut self.workspace, &mut |a, b| {
@@ -103,8 +97,9 @@ impl Contender for Parry {
 
     fn pairs(&mut self, _: &[Aabb]) -> Result<Vec<Pair>, ContenderError> {
         let mut pairs = Vec::new();
-        self.tree
-            .traverse_bvtt_single_tree::<false>(&mut self.workspace, &mut |a, b| pairs.push((a, b)));
+        self.tree.traverse_bvtt_single_tree::<false>(&mut self.workspace, &mut |a, b| {
+            pairs.push((a, b));
+        });
         Ok(pairs)
     }
 }

@@ -32,7 +32,8 @@ impl Rapier {
     /// A broad phase of `n` boxes yet to come.
     pub fn new(n: usize) -> Self {
         let mut colliders = ColliderSet::new();
-        let collider = ColliderBuilder::ball(0.5).active_collision_types(ActiveCollisionTypes::all());
+        let collider =
+            ColliderBuilder::ball(0.5).active_collision_types(ActiveCollisionTypes::all());
         let handles = (0..n).map(|_| colliders.insert(collider.clone())).collect();
         Self {
             broad_phase: BroadPhaseBvh::new(),

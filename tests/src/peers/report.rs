@@ -47,8 +47,19 @@ fn cells(row: &Row) -> [String; 13] {
 }
 
 const COLUMNS: [&str; 13] = [
-    "ratio", "late", "scene", "n", "threads", "backend", "engine", "ours µs", "write µs", "peer",
-    "peer µs", "pairs", "equal",
+    "ratio",
+    "late",
+    "scene",
+    "n",
+    "threads",
+    "backend",
+    "engine",
+    "ours µs",
+    "write µs",
+    "peer",
+    "peer µs",
+    "pairs",
+    "equal",
 ];
 
 /// Widths of the text table's columns: wider cells push the rest of their line.
@@ -71,6 +82,14 @@ pub fn text_head() -> String {
 pub fn text(comparison: &Comparison) -> String {
     let mut text: String = comparison.rows().iter().map(|row| text_line(&cells(row))).collect();
     for line in &comparison.lines {
+        if line.is_given_up {
+            let _ = writeln!(
+                text,
+                "    {} on {} threads: left out of most frames, it takes minutes",
+                name(&line.who),
+                line.threads
+            );
+        }
         if let Some(fault) = &line.fault {
             let _ = writeln!(text, "    {} on {} threads: {fault}", name(&line.who), line.threads);
         }
@@ -102,9 +121,7 @@ pub fn csv(comparisons: &[Comparison]) -> String {
         .to_owned();
     for row in comparisons.iter().flat_map(Comparison::rows) {
         let Row { scene, n, threads, backend, engine, peer, peer_threads, pairs, .. } = &row;
-        let of = |t: &Spread| {
-            format!("{},{},{},{}", t.median_ns, t.least_ns, t.p10_ns, t.p90_ns)
-        };
+        let of = |t: &Spread| format!("{},{},{},{}", t.median_ns, t.least_ns, t.p10_ns, t.p90_ns);
         let _ = writeln!(
             text,
             "{:.4},{:.4},{scene},{n},{threads},{backend},{engine},{},{},{peer},{peer_threads},{},{pairs},{},{}",
@@ -156,8 +173,17 @@ mod tests {
             let fields: Vec<&str> =
                 row.as_object().expect("an object").keys().map(String::as_str).collect();
             let mut expected = [
-                "scene", "n", "threads", "backend", "engine", "ours_ns", "peer", "peer_ns",
-                "ratio", "pairs", "pairs_equal",
+                "scene",
+                "n",
+                "threads",
+                "backend",
+                "engine",
+                "ours_ns",
+                "peer",
+                "peer_ns",
+                "ratio",
+                "pairs",
+                "pairs_equal",
             ];
             expected.sort_unstable();
             assert_eq!(fields, expected);

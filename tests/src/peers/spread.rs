@@ -36,6 +36,9 @@ mod tests {
         assert_eq!(Spread::of(&[]), Spread::default());
         assert_eq!(Spread::of(&[7]), Spread { least_ns: 7, p10_ns: 7, median_ns: 7, p90_ns: 7 });
         let times: Vec<u64> = (0..=100).rev().collect();
-        assert_eq!(Spread::of(&times), Spread { least_ns: 0, p10_ns: 10, median_ns: 50, p90_ns: 90 });
+        assert_eq!(
+            Spread::of(&times),
+            Spread { least_ns: 0, p10_ns: 10, median_ns: 50, p90_ns: 90 }
+        );
     }
 }

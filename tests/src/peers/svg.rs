@@ -72,9 +72,8 @@ pub fn plot(comparisons: &[Comparison]) -> String {
         let title = format!("{backend}, {engine}, {most_threads} threads: time / best peer's");
         let _ = writeln!(svg, "<text y=\"-12\">{title}</text>");
         axes(&mut svg, x, y);
-        let here = |row: &&Row| {
-            row.backend == *backend && row.engine.split(':').next() == Some(*engine)
-        };
+        let here =
+            |row: &&Row| row.backend == *backend && row.engine.split(':').next() == Some(*engine);
         let mut lines: BTreeMap<&str, Vec<(usize, f64)>> = BTreeMap::new();
         for row in rows.iter().filter(here) {
             lines.entry(row.scene.as_str()).or_default().push((row.n, row.ratio));

@@ -1,6 +1,8 @@
 //! What a consumer does with a pair, in every timed frame of every contender: the least that still
 //! needs both indices.
 
+use crate::oracle::Pair;
+
 /// Pairs visited: how many, and a sum that depends on each but on no order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Tally {
@@ -11,6 +13,15 @@ pub struct Tally {
 }
 
 impl Tally {
+    /// The tally of these pairs.
+    pub fn of(pairs: &[Pair]) -> Self {
+        let mut tally = Self::default();
+        for &(a, b) in pairs {
+            tally.visit(a, b);
+        }
+        tally
+    }
+
     /// Visits a pair.
     #[inline(always)]
     pub fn visit(&mut self, a: u32, b: u32) {
@@ -31,11 +42,7 @@ mod tests {
 
     #[test]
     fn a_tally_forgets_order_and_nothing_else() {
-        let of = |pairs: &[(u32, u32)]| {
-            let mut tally = Tally::default();
-            pairs.iter().for_each(|&(a, b)| tally.visit(a, b));
-            tally
-        };
+        let of = Tally::of;
         assert_eq!(of(&[(0, 1), (2, 7)]), of(&[(7, 2), (1, 0)]));
         assert_eq!(of(&[(0, 1)]).plus(of(&[(2, 7)])), of(&[(0, 1), (2, 7)]));
         assert_ne!(of(&[(0, 1), (2, 7)]), of(&[(0, 1)]));

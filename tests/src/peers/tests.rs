@@ -10,7 +10,8 @@ use super::pair_sets::PairSet;
 use super::parry::{Parry, Upkeep};
 use super::rapier::Rapier;
 use super::rstar::Rstar;
-use super::{obvhs, ours, tally};
+use super::tally::Tally;
+use super::{obvhs, ours};
 use crate::oracle;
 
 #[test]
@@ -20,10 +21,8 @@ fn every_peer_has_the_oracles_pairs() {
         for n in [2, 70, 1_234] {
             let mut scene = Scene::new(name, n, 3);
             let boxes = scene.boxes();
-            let mut contenders: Vec<(&str, Box<dyn Contender>)> = vec![
-                ("rapier", Box::new(Rapier::new(n))),
-                ("ours", Box::new(in_process())),
-            ];
+            let mut contenders: Vec<(&str, Box<dyn Contender>)> =
+                vec![("rapier", Box::new(Rapier::new(n))), ("ours", Box::new(in_process()))];
             for threads in [1, 2] {
                 for upkeep in [Upkeep::Refit, Upkeep::OptimizeRefit, Upkeep::Rebuild] {
                     contenders.push(("parry", Box::new(Parry::new(boxes, upkeep, threads))));
@@ -37,8 +36,7 @@ fn every_peer_has_the_oracles_pairs() {
                 scene.step();
                 let boxes = scene.boxes();
                 let pairs = oracle::truth(boxes).pairs;
-                let mut expected = tally::Tally::default();
-                pairs.iter().for_each(|&(a, b)| expected.visit(a, b));
+                let expected = Tally::of(&pairs);
                 let truth = PairSet::new(pairs).expect("the oracle lists each pair once");
                 for (peer, contender) in &mut contenders {
                     let (tally, found) = two.install(|| {
