@@ -7,5 +7,6 @@ pub mod mask_writer;
 pub mod naive_decoder;
 pub mod oracle;
 pub mod pair_scenes;
+pub mod peers;
 pub mod session_engine;
 pub mod stress_scenes;
