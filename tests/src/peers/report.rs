@@ -212,7 +212,7 @@ mod tests {
         let comparisons = [comparison(), Comparison { n: 10_000, ..comparison() }];
         let svg = super::super::svg::plot(&comparisons);
         assert!(svg.contains("in-process, auto, 2 threads") && svg.ends_with("</svg>\n"), "{svg}");
-        assert_eq!((svg.matches("<polyline").count(), svg.matches("<circle").count()), (1, 2));
+        assert_eq!((svg.matches("<path").count(), svg.matches("<circle").count()), (1, 2));
         assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
         assert!(super::super::svg::plot(&[]).ends_with("</svg>\n"));
     }

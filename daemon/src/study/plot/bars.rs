@@ -1,10 +1,10 @@
 //! Stacked bars: where the time goes.
 
-use maud::{Markup, html};
+use maud::html;
 
 use super::frame::{WIDTH, coordinate};
-use super::series_class;
 use super::unit::Unit;
+use super::{Plot, series_class};
 
 /// Room for the names of the bars.
 const LEFT: f64 = 200.0;
@@ -38,15 +38,13 @@ pub struct Bars {
 
 impl Bars {
     /// The plot.
-    pub fn svg(&self) -> Markup {
+    pub fn draw(&self) -> Plot {
         let sum = |bar: &Bar| bar.values.iter().sum::<f64>();
         let longest = self.bars.iter().map(sum).fold(f64::MIN_POSITIVE, f64::max);
         let width = |value: f64| (WIDTH - LEFT - RIGHT) * value / longest;
         let key_y = TOP + ROW * self.bars.len() as f64 + 14.0;
         let key_step = (WIDTH - 20.0) / self.parts.len().max(1) as f64;
-        html! {
-            svg xmlns="http://www.w3.org/2000/svg" class="plot" role="img" aria-label=(self.title)
-                viewBox=(format!("0 0 {WIDTH} {}", key_y + 12.0)) {
+        let marks = html! {
                 text.title x="10" y="18" { (self.title) }
                 @for (row, bar) in self.bars.iter().enumerate() {
                     @let y = TOP + ROW * row as f64;
@@ -67,13 +65,15 @@ impl Bars {
                     rect class=(series_class(part)) x=(coordinate(x)) y=(key_y - 9.0) width="10" height="10" {}
                     text x=(coordinate(x + 15.0)) y=(key_y) { (name) }
                 }
-            }
-        }
+        };
+        Plot::new(&self.title, key_y + 12.0, marks)
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use maud::Render;
+
     use super::*;
 
     #[test]
@@ -86,7 +86,8 @@ mod tests {
             unit: Unit::Nanoseconds,
             bars: vec![bar("long", &[300.0, 100.0]), bar("short", &[0.0, 40.0])],
         }
-        .svg()
+        .draw()
+        .render()
         .into_string();
         assert_eq!(svg.matches("<rect").count(), 3 + 2, "three parts and two of the key");
         assert!(svg.contains("width=\"277.5\""), "300 of 400 over the 370 units: {svg}");

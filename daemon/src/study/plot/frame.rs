@@ -3,8 +3,8 @@
 use maud::{Markup, html};
 
 use super::scale::Scale;
-use super::series_class;
 use super::unit::Unit;
+use super::{Plot, series_class};
 
 /// Width and height of a plot, in SVG units; the page scales it.
 pub(super) const WIDTH: f64 = 640.0;
@@ -43,15 +43,13 @@ impl Frame<'_> {
     }
 
     /// The whole plot around its marks.
-    pub(super) fn around(&self, marks: &Markup) -> Markup {
+    pub(super) fn around(&self, marks: &Markup) -> Plot {
         let height = HEIGHT + KEY_ROW * self.key_rows() as f64;
         let right = WIDTH - RIGHT;
         let bottom = HEIGHT - BOTTOM;
         let middle = f64::midpoint(LEFT, right);
         let half_way = f64::midpoint(TOP, bottom);
-        html! {
-            svg xmlns="http://www.w3.org/2000/svg" class="plot" role="img" aria-label=(self.title)
-                viewBox=(format!("0 0 {WIDTH} {height}")) {
+        let marks = html! {
                 text.title x=(LEFT) y="18" { (self.title) }
                 @for tick in self.x.scale.ticks(self.x.unit) {
                     @let x = coordinate(LEFT + (right - LEFT) * tick.at);
@@ -68,8 +66,8 @@ impl Frame<'_> {
                     transform=(format!("rotate(-90 14 {half_way})")) { (self.y.label) }
                 (marks)
                 (self.key())
-            }
-        }
+        };
+        Plot::new(self.title, height, marks)
     }
 
     fn key_rows(&self) -> usize {

@@ -1,11 +1,11 @@
 //! Lines over a logarithmic plane: how something scales.
 
-use maud::{Markup, html};
+use maud::html;
 
 use super::frame::{Axis, Frame, coordinate};
 use super::scale::Scale;
-use super::series_class;
 use super::unit::Unit;
+use super::{Plot, series_class};
 
 /// One line.
 #[derive(Clone, Debug, PartialEq)]
@@ -35,7 +35,7 @@ pub struct Lines {
 
 impl Lines {
     /// The plot.
-    pub fn svg(&self) -> Markup {
+    pub fn draw(&self) -> Plot {
         let points = || self.lines.iter().flat_map(|line| &line.points);
         let frame = Frame {
             title: &self.title,
@@ -74,6 +74,8 @@ impl Lines {
 
 #[cfg(test)]
 mod tests {
+    use maud::Render;
+
     use super::*;
 
     #[test]
@@ -90,7 +92,8 @@ mod tests {
             y_unit: Unit::Nanoseconds,
             lines: vec![line("drawn", &[(1.0, 2.0), (10.0, 3.0)]), line("absent", &[])],
         }
-        .svg()
+        .draw()
+        .render()
         .into_string();
         assert_eq!(svg.matches("<path class=\"line s0\"").count(), 1);
         assert_eq!(svg.matches("<circle").count(), 2);

@@ -1,12 +1,12 @@
 //! Points on a logarithmic plane with their Pareto front: what one axis buys on the other.
 
-use maud::{Markup, html};
+use maud::html;
 
 use super::frame::{Axis, Frame, coordinate};
 use super::front::pareto_front;
 use super::scale::Scale;
-use super::series_class;
 use super::unit::Unit;
+use super::{Plot, series_class};
 
 /// One measurement.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,7 +47,7 @@ pub struct Points {
 
 impl Points {
     /// The plot.
-    pub fn svg(&self) -> Markup {
+    pub fn draw(&self) -> Plot {
         let all: Vec<(usize, &Point)> = self
             .groups
             .iter()
@@ -107,6 +107,8 @@ fn front_path(frame: &Frame<'_>, places: &[(f64, f64)], on_front: &[bool]) -> Op
 
 #[cfg(test)]
 mod tests {
+    use maud::Render;
+
     use super::*;
 
     #[test]
@@ -123,7 +125,8 @@ mod tests {
                 Group { name: "b".to_owned(), points: vec![point(0.2, 50.0)] },
             ],
         }
-        .svg()
+        .draw()
+        .render()
         .into_string();
         assert_eq!(svg.matches("class=\"beaten\"").count(), 1, "{svg}");
         assert_eq!(svg.matches("class=\"front\"").count(), 1);

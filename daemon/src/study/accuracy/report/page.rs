@@ -55,20 +55,20 @@ pub fn html(report: &AccuracyReport) -> String {
                     "extra pairs. Dominated points are grey; the dashed line is the front. Rest the "
                     "pointer on a point to read it."
                 }
-                div.plots { @for setting in &settings { (speed_against_error(setting).svg()) } }
+                div.plots { @for setting in &settings { (speed_against_error(setting).draw()) } }
 
                 h2 { "Scaling, with the papers beside" }
-                div.plots { @for scene in &scenes { (scaling(scene, &report.rows).svg()) } }
+                div.plots { @for scene in &scenes { (scaling(scene, &report.rows).draw()) } }
 
                 h2 { "Percentiles" }
-                div.plots { @for scene in &scenes { (percentiles(scene, &report.rows).svg()) } }
+                div.plots { @for scene in &scenes { (percentiles(scene, &report.rows).draw()) } }
 
                 h2 { "Where the time goes" }
                 p {
                     "Medians of the stages; medians do not add up exactly. \"The way\" is the round "
                     "trip without the engine: the transport and both sides' waiting."
                 }
-                div.plots { @for setting in &settings { (stages(setting).svg()) } }
+                div.plots { @for setting in &settings { (stages(setting).draw()) } }
 
                 h2 { "All rows" }
                 (table(&report.rows))
