@@ -1,3 +1,5 @@
 //! Studies: measurements that settle a choice, apart from anything that serves a client.
 
+pub mod accuracy;
+pub mod machine;
 pub mod mapping;

@@ -1,0 +1,6 @@
+//! The accuracy study: run time against error, over scenes, sizes, precision modes and engines.
+//!
+//! A mode that is faster than the exact one pays with extra pairs; none may pay with a missed one.
+//! [`rows`] holds the figures.
+
+pub mod rows;
