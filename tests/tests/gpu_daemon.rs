@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use pairmask::engine::{CullWish, EngineChoice, EngineName, HeapReply};
 use pairmask::mask::{EncodingChoice, MaskView};
+use pairmask::precision::NarrowBoxes;
 use pairmask::{BoxCount, Encoding, ServedBy, Session};
 use pairmask_tests::conformance::{Suite, check_engine};
 use pairmask_tests::daemon::{PATIENCE, TestDaemon};
@@ -68,7 +69,8 @@ fn a_device_destroyed_under_load_costs_no_answer_and_comes_back() {
             encoding: EncodingChoice::Only(encoding),
             ..CullWish::default()
         };
-        let answer = executor.cull(&boxes, Owner::Client(1), &wish, &mut reply).unwrap();
+        let answer =
+            executor.cull(NarrowBoxes::F32(&boxes), Owner::Client(1), &wish, &mut reply).unwrap();
         let n = BoxCount::new(boxes.len() as u32);
         let mut pairs = MaskView::new(n, &answer.report.shape, reply.words()).unwrap().to_vec();
         pairs.sort_unstable();
