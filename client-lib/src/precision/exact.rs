@@ -31,6 +31,25 @@ pub(super) fn is_solid(min: &[f64; 3], max: &[f64; 3]) -> bool {
     solid
 }
 
+/// Boxes that are converted together: enough for the compiler to fill its registers.
+pub(super) const GROUP: usize = 8;
+/// Their coordinates, box by box.
+pub(super) const GROUP_WORDS: usize = 6 * GROUP;
+/// The coordinates of a group, box by box.
+pub(super) type Group = [f32; GROUP_WORDS];
+
+/// Whether every box of a group is solid.
+#[inline(always)]
+pub(super) fn is_solid_group(group: &Group) -> bool {
+    let wide = group.map(widen);
+    let mut solid = true;
+    for at in 0..GROUP_WORDS - 3 {
+        let is_min = at % 6 < 3;
+        solid &= wide[at] <= wide[at + 3] || !is_min;
+    }
+    solid
+}
+
 /// What a box that is not solid is written as.
 #[cold]
 pub(super) fn without_points<B>(b: &Aabb, empty: B, invalid: B) -> B {

@@ -5,7 +5,7 @@
 //! that is not above x, the smallest one that is not below it. Beyond ±65,504, the largest half, x
 //! goes to an infinity if that is outward, and to ±65,504 if not. Subnormal halves are numbers.
 
-use super::exact::{is_solid, widen, without_points};
+use super::exact::{GROUP_WORDS, Group, is_solid, widen, without_points};
 use super::narrow::BoxF16;
 use crate::aabb::{Aabb, INFINITY_BITS};
 
@@ -68,6 +68,16 @@ pub(super) fn expand(half: u16) -> f32 {
 
 /// Value of the last place of every subnormal half: 2⁻²⁴.
 const SUBNORMAL_HALF_UNIT: f32 = f32::from_bits((127 - 24) << 23);
+
+/// A group of solid boxes in halves.
+#[inline(always)]
+pub(super) fn narrow_group(group: &Group) -> [u16; GROUP_WORDS] {
+    let mut halves = [0; GROUP_WORDS];
+    for at in 0..GROUP_WORDS {
+        halves[at] = half(group[at], at % 6 >= 3);
+    }
+    halves
+}
 
 /// A box in halves.
 #[inline(always)]

@@ -3,9 +3,9 @@
 use std::fmt;
 
 use super::bounds::Bounds;
-use super::narrow::{BoxF16, BoxQ8, BoxQ16};
+use super::narrow::{BoxF16, BoxQ8, BoxQ16, Encoder};
 use super::quantize::Quantizer;
-use crate::aabb::AABB_BYTES;
+use crate::aabb::{AABB_BYTES, Aabb};
 use crate::units::BoxCount;
 use crate::wire::SectionKind;
 
@@ -97,6 +97,16 @@ impl Precision {
             Self::Q8(_) => BoxForm::Q8,
             Self::F16 => BoxForm::F16,
         }
+    }
+
+    /// Writes boxes in this form, large scenes on the rayon pool. Sessions do so by themselves; this
+    /// is for those who speak the wire contract on their own.
+    ///
+    /// # Panics
+    /// When `bytes` are not [`BoxForm::bytes`] of as many boxes, or not aligned to 4 bytes.
+    pub fn write(&self, boxes: &[Aabb], bytes: &mut [u8]) {
+        assert_eq!(bytes.len(), boxes.len() * self.form().box_bytes(), "room for the boxes");
+        Encoder::new(self).write(boxes, bytes);
     }
 
     /// How far apart two boxes may be that are reported as a pair.

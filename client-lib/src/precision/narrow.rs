@@ -3,8 +3,9 @@
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
+use super::exact::{GROUP, Group};
 use super::form::{BoxForm, Precision};
-use super::quantize::Quantizer;
+use super::quantize::{Lanes, Quantizer};
 use super::{f16, simd};
 use crate::aabb::{AABB_BYTES, Aabb};
 use crate::engine::aligned::AlignedBuffer;
@@ -81,6 +82,12 @@ impl From<&Aabb> for BoxF16 {
 pub(super) trait NarrowBox: Pod + Send + Sync {
     /// What boxes are made narrow by.
     type Encoder: Copy + Send + Sync;
+    /// The same, laid out for groups.
+    type Lanes;
+    /// Lays an encoder out for groups.
+    fn lanes(encoder: &Self::Encoder) -> Self::Lanes;
+    /// The forms of a group of solid boxes.
+    fn narrow_group(group: &Group, lanes: &Self::Lanes) -> [Self; GROUP];
     /// The form of a box.
     fn narrow(b: &Aabb, encoder: &Self::Encoder) -> Self;
     /// The box that stands for it: same class, and it overlaps the others as this form does. Exact.
@@ -97,6 +104,14 @@ fn expand_cells<T: Copy + Into<f32>>(min: [T; 3], max: [T; 3], invalid: bool) ->
 
 impl NarrowBox for BoxQ16 {
     type Encoder = Quantizer;
+    type Lanes = Lanes;
+    fn lanes(encoder: &Quantizer) -> Lanes {
+        Lanes::new(encoder)
+    }
+    #[inline(always)]
+    fn narrow_group(group: &Group, lanes: &Lanes) -> [Self; GROUP] {
+        bytemuck::cast(lanes.q16(group))
+    }
     #[inline(always)]
     fn narrow(b: &Aabb, encoder: &Quantizer) -> Self {
         encoder.q16(b)
@@ -109,6 +124,14 @@ impl NarrowBox for BoxQ16 {
 
 impl NarrowBox for BoxQ8 {
     type Encoder = Quantizer;
+    type Lanes = Lanes;
+    fn lanes(encoder: &Quantizer) -> Lanes {
+        Lanes::new(encoder)
+    }
+    #[inline(always)]
+    fn narrow_group(group: &Group, lanes: &Lanes) -> [Self; GROUP] {
+        bytemuck::cast(lanes.q8(group))
+    }
     #[inline(always)]
     fn narrow(b: &Aabb, encoder: &Quantizer) -> Self {
         encoder.q8(b)
@@ -121,6 +144,12 @@ impl NarrowBox for BoxQ8 {
 
 impl NarrowBox for BoxF16 {
     type Encoder = ();
+    type Lanes = ();
+    fn lanes((): &()) {}
+    #[inline(always)]
+    fn narrow_group(group: &Group, (): &()) -> [Self; GROUP] {
+        bytemuck::cast(f16::narrow_group(group))
+    }
     #[inline(always)]
     fn narrow(b: &Aabb, (): &()) -> Self {
         f16::narrow(b)

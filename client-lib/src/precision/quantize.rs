@@ -14,16 +14,16 @@
 //! * x is made an f64, which is exact;
 //! * a difference and a product that IEEE 754 rounds correctly are monotone in x, since exact
 //!   difference and product by `scale >= 0` are, and rounding is;
-//! * the conversion to an integer drops the fraction and saturates at both ends: −∞ and whatever
-//!   is below the bounds is cell 0, +∞ and whatever is above is the last cell. Where the bounds
-//!   have no width, `scale` is 0 and every x is cell 0, also ±∞, whose product by 0 is NaN and
-//!   converts to 0.
+//! * it is cut off at both ends: −∞ and whatever is below the bounds is cell 0, +∞ and whatever is
+//!   above is the last cell. Where the bounds have no width, `scale` is 0 and every x is cell 0,
+//!   also ±∞, whose product by 0 is NaN and taken for 0;
+//! * the floor is exact.
 //!
 //! Nothing here depends on the thread's denormal flags: `widen` makes an f64 of a subnormal f32
 //! by integers, and differences and products of such f64 are 0 or far from f64's subnormals.
 
 use super::bounds::Bounds;
-use super::exact::{is_solid, widen, without_points};
+use super::exact::{GROUP_WORDS, Group, is_solid, widen, without_points};
 use super::narrow::{BoxQ8, BoxQ16};
 use crate::aabb::Aabb;
 
@@ -35,6 +35,60 @@ const Q8_CELLS: f64 = 256.0;
 /// Room for the rounding of a cell number: one part in 2³⁰, thousands of times what two roundings
 /// of f64 come to at the last of 65,536 cells.
 const ROUNDING: f64 = 1.0 + 1.0 / (1u64 << 30) as f64;
+
+/// 2⁵²: f64 of this size are whole numbers, and the last bits of theirs are the number's.
+const WHOLE: f64 = 4_503_599_627_370_496.0;
+
+/// The whole part of a position, cut off at 0 and at the last cell.
+///
+/// As `position as u16` is, but without the conversion, which compilers do not vectorise.
+#[inline(always)]
+fn cell(position: f64, last: f64) -> i32 {
+    // In this order NaN becomes 0.
+    let position = if position > 0.0 { position } else { 0.0 };
+    let position = if position < last { position } else { last };
+    // The sum is a whole number next to the position, below or above.
+    let sum = position + WHOLE;
+    let is_above = sum - WHOLE > position;
+    sum.to_bits() as i32 - i32::from(is_above)
+}
+
+/// A quantizer's numbers for each coordinate of a group.
+pub(super) struct Lanes {
+    low: [f64; GROUP_WORDS],
+    scale: [f64; GROUP_WORDS],
+}
+
+impl Lanes {
+    pub(super) fn new(quantizer: &Quantizer) -> Self {
+        Self {
+            low: std::array::from_fn(|at| quantizer.low[at % 3]),
+            scale: std::array::from_fn(|at| quantizer.scale[at % 3]),
+        }
+    }
+
+    /// The cells of a group of solid boxes.
+    #[inline(always)]
+    fn cells(&self, group: &Group, last: f64) -> [i32; GROUP_WORDS] {
+        let mut cells = [0; GROUP_WORDS];
+        for at in 0..GROUP_WORDS {
+            cells[at] = cell((widen(group[at]) - self.low[at]) * self.scale[at], last);
+        }
+        cells
+    }
+
+    /// The form q16 of a group of solid boxes.
+    #[inline(always)]
+    pub(super) fn q16(&self, group: &Group) -> [u16; GROUP_WORDS] {
+        self.cells(group, Q16_CELLS - 1.0).map(|cell| cell as u16)
+    }
+
+    /// The form q8 of a group of solid boxes.
+    #[inline(always)]
+    pub(super) fn q8(&self, group: &Group) -> [u8; GROUP_WORDS] {
+        self.cells(group, Q8_CELLS - 1.0).map(|cell| cell as u8)
+    }
+}
 
 /// Turns boxes into cells.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -73,8 +127,8 @@ impl Quantizer {
     }
 
     #[inline(always)]
-    fn position(&self, axis: usize, x: f64) -> f64 {
-        (x - self.low[axis]) * self.scale[axis]
+    fn cell(&self, axis: usize, x: f64, cells: f64) -> i32 {
+        cell((x - self.low[axis]) * self.scale[axis], cells - 1.0)
     }
 
     /// A box in 16-bit cells.
@@ -85,8 +139,8 @@ impl Quantizer {
             return without_points(b, BoxQ16::EMPTY, BoxQ16::INVALID);
         }
         BoxQ16 {
-            min: std::array::from_fn(|axis| self.position(axis, min[axis]) as u16),
-            max: std::array::from_fn(|axis| self.position(axis, max[axis]) as u16),
+            min: std::array::from_fn(|axis| self.cell(axis, min[axis], Q16_CELLS) as u16),
+            max: std::array::from_fn(|axis| self.cell(axis, max[axis], Q16_CELLS) as u16),
         }
     }
 
@@ -98,8 +152,8 @@ impl Quantizer {
             return without_points(b, BoxQ8::EMPTY, BoxQ8::INVALID);
         }
         BoxQ8 {
-            min: std::array::from_fn(|axis| self.position(axis, min[axis]) as u8),
-            max: std::array::from_fn(|axis| self.position(axis, max[axis]) as u8),
+            min: std::array::from_fn(|axis| self.cell(axis, min[axis], Q8_CELLS) as u8),
+            max: std::array::from_fn(|axis| self.cell(axis, max[axis], Q8_CELLS) as u8),
         }
     }
 }
@@ -144,9 +198,9 @@ mod tests {
             for cells in [Q16_CELLS, Q8_CELLS] {
                 let quantizer = Quantizer::new(&bounds, cells);
                 for axis in 0..3 {
-                    let at = |x| quantizer.position(axis, widen(x));
-                    prop_assert!((at(x) as u16) <= at(y) as u16, "{x:e} {y:e} {bounds:?}");
-                    prop_assert!((at(x) as u8) <= at(y) as u8, "{x:e} {y:e} {bounds:?}");
+                    let at = |x| quantizer.cell(axis, widen(x), cells);
+                    prop_assert!(at(x) <= at(y), "{x:e} {y:e} {bounds:?}");
+                    prop_assert!(0 <= at(x) && f64::from(at(y)) < cells);
                 }
             }
         }
@@ -159,13 +213,36 @@ mod tests {
                     let (low, high) = (bounds.low()[axis], bounds.high()[axis]);
                     let inside = |x: f32| x.clamp(low, high);
                     let (x, y) = (widen(inside(x)), widen(inside(y)));
-                    if quantizer.position(axis, x) as u16 == quantizer.position(axis, y) as u16 {
+                    if quantizer.cell(axis, x, cells) == quantizer.cell(axis, y, cells) {
                         prop_assert!((x - y).abs() <= quantizer.cell_size()[axis], "{x:e} {y:e}");
                     }
                 }
             }
         }
 
+    }
+
+    #[test]
+    fn cells_are_floors() {
+        let floor = |x: f64, last: f64| x.floor().clamp(0.0, last) as i32;
+        for whole in 0..=65_536 {
+            let whole = f64::from(whole);
+            for x in [whole, whole.next_up(), whole.next_down(), whole + 0.5] {
+                for last in [65_535.0, 255.0] {
+                    assert_eq!(cell(x, last), floor(x, last), "{x}");
+                }
+            }
+        }
+        for (x, expected) in [
+            (f64::NAN, 0),
+            (f64::INFINITY, 255),
+            (f64::NEG_INFINITY, 0),
+            (-0.0, 0),
+            (-1e300, 0),
+            (1e300, 255),
+        ] {
+            assert_eq!(cell(x, 255.0), expected, "{x}");
+        }
     }
 
     #[test]

@@ -2,13 +2,25 @@
 //! are the results: no step of it rounds differently anywhere.
 #![allow(unsafe_code)]
 
+use super::exact::{GROUP, Group, is_solid_group};
 use super::narrow::NarrowBox;
 use crate::aabb::Aabb;
 use crate::engine::{AvailableIsa, Isa};
 
 #[inline(always)]
 fn narrow_loop<B: NarrowBox>(boxes: &[Aabb], encoder: &B::Encoder, out: &mut [B]) {
-    for (out, b) in out.iter_mut().zip(boxes) {
+    let lanes = B::lanes(encoder);
+    let (groups, rest) = boxes.as_chunks::<GROUP>();
+    let (out_groups, out_rest) = out.as_chunks_mut::<GROUP>();
+    for (out, boxes) in out_groups.iter_mut().zip(groups) {
+        let group: &Group = bytemuck::cast_ref(boxes);
+        if is_solid_group(group) {
+            *out = B::narrow_group(group, &lanes);
+        } else {
+            *out = boxes.map(|b| B::narrow(&b, encoder));
+        }
+    }
+    for (out, b) in out_rest.iter_mut().zip(rest) {
         *out = B::narrow(b, encoder);
     }
 }
@@ -20,7 +32,7 @@ fn expand_loop<B: NarrowBox>(boxes: &[B], out: &mut [Aabb]) {
     }
 }
 
-/// Writes the narrow form of each box.
+/// Writes the narrow form of each box. Both slices are of one length.
 pub(super) fn narrow<B: NarrowBox>(boxes: &[Aabb], encoder: &B::Encoder, out: &mut [B]) {
     match AvailableIsa::best().get() {
         #[cfg(target_arch = "x86_64")]

@@ -21,6 +21,16 @@ pub enum ServedBy {
     InProcess,
 }
 
+impl ServedBy {
+    /// The name in reports.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Daemon => "daemon",
+            Self::InProcess => "in-process",
+        }
+    }
+}
+
 /// What is known of an answered frame beside its pairs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameInfo {

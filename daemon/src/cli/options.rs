@@ -94,10 +94,15 @@ impl CullOptions {
         self.backend.or(config.backend).unwrap_or(default)
     }
 
+    /// The engine that is meant.
+    pub fn engine(&self, config: &Config) -> EngineChoice {
+        self.engine.or(config.engine).unwrap_or_default()
+    }
+
     /// A session in the making with everything but its place and its backend.
     pub fn session(&self, config: &Config) -> SessionBuilder {
         let builder = Session::builder()
-            .engine(self.engine.or(config.engine).unwrap_or_default())
+            .engine(self.engine(config))
             .encoding(self.encoding.or(config.encoding).unwrap_or_default());
         match self.threads.or(config.threads) {
             Some(threads) => builder.threads(threads.get()),

@@ -1,11 +1,13 @@
 //! `bench`: what frames cost on this machine.
 
+mod accuracy;
 mod closed_loop;
 mod latency;
 mod machine;
 mod mapping;
 mod pin;
 mod report;
+mod target;
 
 use clap::{Args, Subcommand};
 
@@ -22,6 +24,7 @@ pub struct Bench {
 
 #[derive(Debug, Subcommand)]
 enum What {
+    Accuracy(accuracy::Accuracy),
     Latency(latency::Latency),
     Mapping(mapping::Mapping),
 }
@@ -30,6 +33,7 @@ impl Bench {
     /// Measures.
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), BenchError> {
         match &self.what {
+            What::Accuracy(accuracy) => Ok(accuracy.run(place, config)?),
             What::Latency(latency) => latency.run(place, config),
             What::Mapping(mapping) => mapping.run(config),
         }

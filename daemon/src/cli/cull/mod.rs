@@ -17,6 +17,7 @@ use super::config::Config;
 use super::options::{CullOptions, DaemonOptions, Place};
 use super::output::{OutputError, print_json, print_text, spinner};
 use super::raw_boxes::{RawBoxes, RawBoxesError};
+use crate::precision::PrecisionChoice;
 use crate::spawn::{PrivateDaemon, SpawnError};
 
 /// How long one frame may take. Any scene that fits into memory is done by then.
@@ -45,6 +46,10 @@ pub struct Cull {
     /// Start a daemon for this call and stop it afterwards; --backend and --instance are not used
     #[arg(long)]
     spawn: bool,
+    /// How precisely boxes are told apart: exact, q16, q8, f16 or margin=X. No pair is missed; all
+    /// but exact may report pairs that are near
+    #[arg(long, value_name = "MODE", default_value_t)]
+    precision: PrecisionChoice,
     /// Write the pairs here
     #[arg(long, value_name = "OUT")]
     pairs: Option<PathBuf>,
@@ -87,10 +92,10 @@ impl Cull {
         let mut session = self.connect(daemon.as_ref(), place, config)?;
 
         let progress = spinner(&format!("{} boxes", boxes.len()));
-        let (mask, timings) = cull(&mut session, boxes)?;
+        let (mask, timings) = cull(&mut session, boxes, self.precision)?;
         progress.finish_and_clear();
 
-        let report = CullReport::new(&mask, &timings);
+        let report = CullReport::new(&mask, self.precision, &timings);
         if let Some(path) = &self.pairs {
             files::write_pairs(path, &mask)?;
         }
@@ -119,12 +124,26 @@ impl Cull {
 }
 
 /// The pairs of the boxes, and what each stage took.
-fn cull(session: &mut Session, boxes: RawBoxes) -> Result<(PairMask, Timings), CullCommandError> {
+fn cull(
+    session: &mut Session,
+    boxes: RawBoxes,
+    precision: PrecisionChoice,
+) -> Result<(PairMask, Timings), CullCommandError> {
     let start = Instant::now();
-    let mut frame = session.frame(boxes.len())?;
-    boxes.read_into(frame.boxes_mut())?;
-    let read = Instant::now();
-    let mask = frame.submit()?.wait()?;
+    let (frame, read) = if precision == PrecisionChoice::Exact {
+        let mut frame = session.frame(boxes.len())?;
+        boxes.read_into(frame.boxes_mut())?;
+        let read = Instant::now();
+        (frame.submit()?, read)
+    } else {
+        let mut boxes = boxes.read()?;
+        precision.inflate(&mut boxes);
+        let mut frame = session.narrow_frame(boxes.len(), precision.precision(&boxes))?;
+        frame.fill(&boxes);
+        let read = Instant::now();
+        (frame.submit()?, read)
+    };
+    let mask = frame.wait()?;
     let answered = Instant::now();
     let mut decoded = 0;
     mask.view().for_each(|_, _| decoded += 1);
