@@ -39,15 +39,24 @@ pub(super) const GROUP_WORDS: usize = 6 * GROUP;
 pub(super) type Group = [f32; GROUP_WORDS];
 
 /// Whether every box of a group is solid.
+///
+/// Plain loops over arrays of one length: what compilers turn into whole registers.
 #[inline(always)]
 pub(super) fn is_solid_group(group: &Group) -> bool {
-    let wide = group.map(widen);
-    let mut solid = true;
-    for at in 0..GROUP_WORDS - 3 {
-        let is_min = at % 6 < 3;
-        solid &= wide[at] <= wide[at + 3] || !is_min;
+    let mut wide = [0.0; GROUP_WORDS];
+    for at in 0..GROUP_WORDS {
+        wide[at] = widen(group[at]);
     }
-    solid
+    // At the place of each min, the max of its axis.
+    let mut max = [0.0; GROUP_WORDS];
+    max[..GROUP_WORDS - 3].copy_from_slice(&wide[3..]);
+    let mut wrong = 0;
+    for at in 0..GROUP_WORDS {
+        let is_in_order = wide[at] <= max[at];
+        let is_min = at % 6 < 3;
+        wrong |= u32::from(!is_in_order) & u32::from(is_min);
+    }
+    wrong == 0
 }
 
 /// What a box that is not solid is written as.

@@ -36,7 +36,6 @@ pub use bounds::{Bounds, BoundsError};
 pub use form::{BoxForm, Precision, Widening};
 pub(crate) use narrow::Encoder;
 pub use narrow::{BoxF16, BoxQ8, BoxQ16, ExpandScratch, NarrowBoxes};
-pub(crate) use origin::below;
 pub use quantize::Quantizer;
 
 #[cfg(doc)]

@@ -78,6 +78,10 @@ impl From<&Aabb> for BoxF16 {
     }
 }
 
+/// Boxes that are narrowed before they are expanded: their narrow forms stay in the first-level
+/// cache.
+const ROUNDED_BOXES: usize = 256;
+
 /// A narrow form of a box.
 pub(super) trait NarrowBox: Pod + Send + Sync {
     /// What boxes are made narrow by.
@@ -257,12 +261,18 @@ fn narrow_all<B: NarrowBox>(boxes: &[Aabb], encoder: &B::Encoder, out: &mut [B])
 
 /// Narrows boxes and expands them again: what a daemon would make of them.
 fn round_all<B: NarrowBox>(boxes: &[Aabb], encoder: &B::Encoder, out: &mut [Aabb]) {
-    let round = |(out, b): (&mut Aabb, &Aabb)| *out = B::narrow(b, encoder).expand();
+    let round = |(boxes, out): (&[Aabb], &mut [Aabb])| {
+        let mut narrow = [B::zeroed(); ROUNDED_BOXES];
+        for (boxes, out) in boxes.chunks(ROUNDED_BOXES).zip(out.chunks_mut(ROUNDED_BOXES)) {
+            let narrow = &mut narrow[..boxes.len()];
+            simd::narrow(boxes, encoder, narrow);
+            simd::expand(narrow, out);
+        }
+    };
     if boxes.len() < 2 * TASK_BOXES {
-        return out.iter_mut().zip(boxes).for_each(round);
+        return round((boxes, out));
     }
-    let tasks = boxes.par_chunks(TASK_BOXES).zip(out.par_chunks_mut(TASK_BOXES));
-    tasks.for_each(|(boxes, out)| out.iter_mut().zip(boxes).for_each(round));
+    boxes.par_chunks(TASK_BOXES).zip(out.par_chunks_mut(TASK_BOXES)).for_each(round);
 }
 
 /// Writes boxes in the form of a precision.

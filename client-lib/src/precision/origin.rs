@@ -47,7 +47,7 @@ impl Aabb {
 }
 
 /// An f32 that is not above x − origin: the largest one, or the one before it.
-pub(crate) fn below(x: f64, origin: f64) -> f32 {
+fn below(x: f64, origin: f64) -> f32 {
     let difference = x - origin;
     let rounded = difference as f32;
     if x.is_infinite() || difference.is_nan() {

@@ -80,13 +80,23 @@ impl Lanes {
     /// The form q16 of a group of solid boxes.
     #[inline(always)]
     pub(super) fn q16(&self, group: &Group) -> [u16; GROUP_WORDS] {
-        self.cells(group, Q16_CELLS - 1.0).map(|cell| cell as u16)
+        let cells = self.cells(group, Q16_CELLS - 1.0);
+        let mut narrow = [0; GROUP_WORDS];
+        for at in 0..GROUP_WORDS {
+            narrow[at] = cells[at] as u16;
+        }
+        narrow
     }
 
     /// The form q8 of a group of solid boxes.
     #[inline(always)]
     pub(super) fn q8(&self, group: &Group) -> [u8; GROUP_WORDS] {
-        self.cells(group, Q8_CELLS - 1.0).map(|cell| cell as u8)
+        let cells = self.cells(group, Q8_CELLS - 1.0);
+        let mut narrow = [0; GROUP_WORDS];
+        for at in 0..GROUP_WORDS {
+            narrow[at] = cells[at] as u8;
+        }
+        narrow
     }
 }
 

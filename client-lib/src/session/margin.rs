@@ -14,7 +14,7 @@ use super::Session;
 use super::error::{FrameError, WaitError};
 use super::pairs::PairMask;
 use crate::aabb::{Aabb, BoxClass, KeyBox};
-use crate::precision::{Precision, below};
+use crate::precision::Precision;
 
 /// Boxes that one task looks at: fewer take less time than a task costs.
 const TASK_BOXES: usize = 16_384;
@@ -46,16 +46,16 @@ impl Margin {
         self.0
     }
 
-    /// A box whose faces lie outward by the margin or, by rounding, a little more. Empty and
+    /// A box whose faces lie outward by the margin and up to two steps of f32 more. Empty and
     /// invalid boxes stay as they are.
     pub fn inflate(self, b: &Aabb) -> Aabb {
         if b.class() != BoxClass::Solid {
             return *b;
         }
-        let by = f64::from(self.0);
+        // The rounded difference is within half a step of the exact one: a step is enough.
         Aabb {
-            min: b.min.map(|x| below(f64::from(x), by)),
-            max: b.max.map(|x| -below(-f64::from(x), by)),
+            min: b.min.map(|x| (x - self.0).next_down()),
+            max: b.max.map(|x| (x + self.0).next_up()),
         }
     }
 }
@@ -277,11 +277,12 @@ mod tests {
         ) {
             let inflated = Margin(by).inflate(&Aabb { min: [x; 3], max: [x; 3] });
             let moved = f64::from(x) + share * f64::from(by);
-            // The sum may have been rounded outward; the f32 that are truly within are inward of it.
+            // The sum may have been rounded outward; what is truly within is inward of it.
             let (low, high) = (f64::from(inflated.min[0]), f64::from(inflated.max[0]));
             prop_assert!(low <= moved.max(f64::from(x) - f64::from(by)));
             prop_assert!(high >= moved.min(f64::from(x) + f64::from(by)));
-            prop_assert!(f64::from(inflated.min[0].next_up()) >= f64::from(x) - f64::from(by));
+            let two_up = inflated.min[0].next_up().next_up();
+            prop_assert!(f64::from(two_up) >= f64::from(x) - f64::from(by));
         }
     }
 }

@@ -201,7 +201,8 @@ mod tests {
             let Ok(Ok(row)) = row else { panic!("{mode}: {row:?}") };
             assert_eq!((row.frames, row.checked_frames, row.missed), (10, 5, 0), "{mode}");
             assert!(mode.starts_with(&row.mode) && row.true_pairs > 0 && row.memory_bytes == 7);
-            assert_eq!(row.extra == 0, matches!(mode, "exact" | "q16"), "{row:?}");
+            assert!(mode != "exact" || row.extra == 0, "{row:?}");
+            assert!(mode != "q8" || row.extra > 0, "{row:?}");
             assert_eq!(row.requests < 10, row.margin.is_some(), "{row:?}");
             assert!(row.times.total_ns.p50 > 0 && row.bytes_up > 0 && row.bytes_down > 0);
         }
