@@ -209,7 +209,8 @@ impl Accuracy {
 
 /// This machine, with the adapter that a daemon of this choice uses.
 fn machine(choice: &GpuChoice) -> Machine {
-    let adapters = list_adapters();
+    // Drivers have much to say on stderr: nobody is asked for nothing.
+    let adapters = if *choice == GpuChoice::None { Vec::new() } else { list_adapters() };
     Machine::here(choose(choice, &adapters).and_then(|at| adapters.get(at)))
 }
 

@@ -77,7 +77,8 @@ pub fn row(
         }
     }
     let margin = match subject.precision {
-        PrecisionChoice::Margin(margin) => Some(f64::from(margin.get())),
+        // The number as people write it: 0.1, and not the f64 that an f32 of 0.1 is.
+        PrecisionChoice::Margin(margin) => margin.get().to_string().parse().ok(),
         _ => None,
     };
     Ok(AccuracyRow {
