@@ -164,15 +164,20 @@ impl Link {
         if !asked.form().is_narrow() || self.knows_narrow.load(Ordering::Relaxed) {
             return asked;
         }
-        if !self.told_narrow.swap(true, Ordering::Relaxed) {
-            log::warn!("the daemon is too old for {} boxes: frames are exact", asked.form());
-        }
+        self.say_exact(asked.form());
         Precision::Exact
     }
 
     /// The daemon refused boxes in a narrow form, whatever version it said it was.
-    pub(super) fn note_narrow_refused(&self) {
+    pub(super) fn note_narrow_refused(&self, form: BoxForm) {
         self.knows_narrow.store(false, Ordering::Relaxed);
+        self.say_exact(form);
+    }
+
+    fn say_exact(&self, form: BoxForm) {
+        if !self.told_narrow.swap(true, Ordering::Relaxed) {
+            log::warn!("the daemon does not know {form} boxes: frames are exact");
+        }
     }
 
     /// Memory for so many bytes of boxes, all of it present.

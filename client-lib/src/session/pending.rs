@@ -178,7 +178,8 @@ impl Sent {
         if let Err(ReplyError::Status { status: StatusCode::BadRequest, .. }) = checked
             && self.written.form.is_narrow()
         {
-            self.slot.link().note_narrow_refused();
+            // This frame is answered here where that is allowed, and the next is exact.
+            self.slot.link().note_narrow_refused(self.written.form);
         }
         match checked {
             Ok(reply) => {
@@ -189,7 +190,9 @@ impl Sent {
             Err(ReplyError::Status { status, .. })
                 if core.may_cull_here() && is_passing(status, self.written) =>
             {
-                core.say_refused(status);
+                if status != StatusCode::BadRequest {
+                    core.say_refused(status);
+                }
                 self.cull_here(core).map_err(|e| (e, None))
             }
             Err(error) => Err((error.into(), None)),
