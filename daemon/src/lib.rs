@@ -4,8 +4,10 @@
 pub mod cli;
 pub mod execute;
 pub mod ingest;
+pub mod precision;
 pub mod publish;
 pub mod scene;
 pub mod serve;
 pub mod spawn;
 pub mod study;
+pub mod timed_client;

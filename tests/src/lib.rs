@@ -5,6 +5,7 @@ pub mod daemon;
 pub mod gpu;
 pub mod mask_writer;
 pub mod naive_decoder;
+pub mod naive_modes;
 pub mod oracle;
 pub mod pair_scenes;
 pub mod peers;

@@ -5,7 +5,7 @@
 //! keys, and writes its mask straight into memory that the caller hands out ([`ReplyBuffer`]):
 //! shared memory in the daemon, a pooled buffer in process.
 
-mod aligned;
+pub(crate) mod aligned;
 pub mod brute_force;
 pub mod grid;
 mod heap_reply;

@@ -3,6 +3,7 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::builder::Settings;
+use super::frame::Written;
 use super::pairs::{PairMask, ServedBy, Storage};
 use crate::aabb::Aabb;
 use crate::engine::{CpuEngines, CullError, CullWish, HeapReply};
@@ -61,6 +62,7 @@ impl Local {
     pub(super) fn cull(
         self: &Arc<Self>,
         boxes: &[Aabb],
+        written: Written,
         settings: &Settings,
     ) -> Result<PairMask, CullError> {
         let mut memory = lock(&self.replies).pop().unwrap_or_default();
@@ -80,7 +82,7 @@ impl Local {
             times: answer.times,
         };
         let storage = Storage::Own { memory, home: Arc::clone(self) };
-        Ok(PairMask::new(storage, &reply, ServedBy::InProcess))
+        Ok(PairMask::new(storage, &reply, ServedBy::InProcess, written))
     }
 }
 

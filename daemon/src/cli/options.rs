@@ -111,11 +111,16 @@ impl CullOptions {
     /// What is asked of the plan.
     pub fn wish(&self, config: &Config) -> CullWish {
         CullWish {
-            engine: self.engine.or(config.engine).unwrap_or_default(),
+            engine: self.engine(config),
             encoding: self.encoding.or(config.encoding).unwrap_or_default(),
             threads: self.threads.or(config.threads).map(NonZeroUsize::get),
             last_pairs: None,
         }
+    }
+
+    /// The engine that is meant.
+    pub fn engine(&self, config: &Config) -> EngineChoice {
+        self.engine.or(config.engine).unwrap_or_default()
     }
 
     /// A session in the making with everything but its place and its backend.

@@ -7,22 +7,24 @@ pub use gpu_service::{GpuService, Owner};
 
 use std::time::Instant;
 
-use pairmask::Aabb;
 use pairmask::engine::{
     CpuEngines, CullAnswer, CullError, CullWish, EngineChoice, ReplyBuffer, nanoseconds_since,
 };
-use pairmask::plan::Calibration;
+use pairmask::plan::{Calibration, Plan};
+use pairmask::precision::{ExpandScratch, NarrowBoxes};
 
 /// All engines that this daemon has.
 pub struct Executor {
     cpu: CpuEngines,
     gpu: Option<GpuService>,
+    /// Boxes that came in a narrow form, as the engines take them.
+    expanded: ExpandScratch,
 }
 
 impl Executor {
     /// The CPU engines, and the GPU's if there is one.
     pub fn new(gpu: Option<GpuService>) -> Self {
-        Self { cpu: CpuEngines::new(), gpu }
+        Self { cpu: CpuEngines::new(), gpu, expanded: ExpandScratch::default() }
     }
 
     /// The same engines, whose plans compute with `calibration`.
@@ -36,7 +38,8 @@ impl Executor {
         self.gpu.as_mut()
     }
 
-    /// Plans a frame of boxes that belong to `owner`, and finds its pairs.
+    /// Plans a frame of boxes that belong to `owner`, and finds its pairs. Boxes in a narrow form
+    /// are expanded first, which counts as ingest.
     ///
     /// A GPU that is lost, or has no memory for the scene, leaves the frame to the CPU: the answer
     /// is the same.
@@ -45,15 +48,23 @@ impl Executor {
     /// [`CullError`].
     pub fn cull(
         &mut self,
-        boxes: &[Aabb],
+        boxes: NarrowBoxes<'_>,
         owner: Owner,
         wish: &CullWish,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
         let start = Instant::now();
+        let owner = if boxes.form().is_narrow() { Owner::Scratch } else { owner };
+        let boxes = boxes.expand(&mut self.expanded, wish.threads != Some(1));
+        let expand_ns = nanoseconds_since(start);
+        let answered = |plan: &Plan, report, plan_ns| {
+            let mut answer = CullAnswer::new(plan, report, start, plan_ns);
+            answer.times.ingest_ns += expand_ns;
+            answer
+        };
         let gpu_cost = self.gpu.as_ref().and_then(GpuService::cost);
         let mut plan = self.cpu.plan(boxes, wish, gpu_cost);
-        let plan_ns = nanoseconds_since(start);
+        let plan_ns = nanoseconds_since(start) - expand_ns;
         log::debug!("{}", plan.explain());
         if plan.engine.is_gpu() {
             let done = match &mut self.gpu {
@@ -68,11 +79,11 @@ impl Executor {
                     let wish = CullWish { engine: EngineChoice::Auto, ..*wish };
                     plan = self.cpu.plan(boxes, &wish, None);
                 }
-                done => return Ok(CullAnswer::new(&plan, done?, start, plan_ns)),
+                done => return Ok(answered(&plan, done?, plan_ns)),
             }
         }
         let report = self.cpu.run(&plan, boxes, reply)?;
-        Ok(CullAnswer::new(&plan, report, start, plan_ns))
+        Ok(answered(&plan, report, plan_ns))
     }
 
     /// Gives up what belonged to clients that are gone; to be called now and then.

@@ -9,7 +9,7 @@ use std::time::Instant;
 use iceoryx2::service::ipc;
 use pairmask::engine::{CullError, CullWish, ReserveError};
 use pairmask::transport::{
-    ActiveRequest, Limits, Populated, Services, WakeClient, boxes_in, words_in_mut,
+    ActiveRequest, Limits, Populated, Services, WakeClient, narrow_boxes_in, words_in_mut,
 };
 use pairmask::units::BoxCount;
 use pairmask::wire::{
@@ -68,12 +68,12 @@ impl Publisher {
         };
         let mut reply = LoanReply::new(active, &mut self.populated, self.max_reply_bytes);
         let response = match Request::parse(&header, payload_bytes) {
-            Ok(Request::Cull { box_count, boxes_offset, engine, encoding, threads }) => {
+            Ok(Request::Cull { box_count, form, boxes_offset, engine, encoding, threads }) => {
                 let last_pairs = self.account.last_pairs(fields.client_token);
                 let wish = CullWish { engine, encoding, threads, last_pairs };
                 let owner = Owner::Client(active.origin().value());
                 let refused = Reject::Boxes { box_count: box_count.get(), payload_bytes };
-                boxes_in(active.payload(), boxes_offset, box_count)
+                narrow_boxes_in(active.payload(), boxes_offset, form, box_count)
                     .ok_or_else(|| Failure::from(refused))
                     .and_then(|boxes| Ok(self.executor.cull(boxes, owner, &wish, &mut reply)?))
                     .map(|answer| {

@@ -1,5 +1,6 @@
 //! `bench`: what frames cost on this machine.
 
+mod accuracy;
 mod closed_loop;
 mod latency;
 mod machine;
@@ -9,6 +10,7 @@ mod plan;
 mod replies;
 mod report;
 mod scenes;
+mod target;
 mod threads;
 
 use clap::{Args, Subcommand};
@@ -27,6 +29,7 @@ pub struct Bench {
 
 #[derive(Debug, Subcommand)]
 enum What {
+    Accuracy(accuracy::Accuracy),
     Latency(latency::Latency),
     Mapping(mapping::Mapping),
     Plan(plan::PlanBench),
@@ -38,6 +41,7 @@ impl Bench {
     /// Measures.
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), BenchError> {
         match &self.what {
+            What::Accuracy(accuracy) => Ok(accuracy.run(place, config)?),
             What::Latency(latency) => latency.run(place, config),
             What::Mapping(mapping) => mapping.run(config),
             What::Plan(plan) => plan.run(place, config),

@@ -19,6 +19,7 @@ use super::config::Config;
 use super::options::{CullOptions, DaemonOptions, Place};
 use super::output::{OutputError, print_json, print_text, spinner};
 use super::raw_boxes::{RawBoxes, RawBoxesError};
+use crate::precision::PrecisionChoice;
 use crate::spawn::{PrivateDaemon, SpawnError};
 
 /// How long one frame may take. Any scene that fits into memory is done by then.
@@ -48,6 +49,10 @@ pub struct Cull {
     /// Start a daemon for this call and stop it afterwards; --backend and --instance are not used
     #[arg(long)]
     spawn: bool,
+    /// How precisely boxes are told apart: exact, q16, q8, f16 or margin=X. No pair is missed; all
+    /// but exact may report pairs that are near
+    #[arg(long, value_name = "MODE", default_value_t)]
+    precision: PrecisionChoice,
     /// Write the pairs here
     #[arg(long, value_name = "OUT")]
     pairs: Option<PathBuf>,
@@ -97,11 +102,11 @@ impl Cull {
             let (wish, calibration) = (self.options.wish(config), place.calibration(config));
             move |boxes: &[Aabb]| Planned::new(boxes, &wish, &calibration)
         });
-        let (mask, timings, planned) = cull(&mut session, boxes, planner)?;
+        let (mask, timings, planned) = cull(&mut session, boxes, self.precision, planner)?;
         progress.finish_and_clear();
 
         let explanation = planned.map(|planned| Explanation::new(&planned, &mask, timings.decode));
-        let report = CullReport::new(&mask, &timings, explanation);
+        let report = CullReport::new(&mask, self.precision, &timings, explanation);
         if let Some(path) = &self.pairs {
             files::write_pairs(path, &mask)?;
         }
@@ -133,15 +138,29 @@ impl Cull {
 fn cull(
     session: &mut Session,
     boxes: RawBoxes,
+    precision: PrecisionChoice,
     planner: Option<impl FnOnce(&[Aabb]) -> Planned>,
 ) -> Result<(PairMask, Timings, Option<Planned>), CullCommandError> {
     let start = Instant::now();
-    let mut frame = session.frame(boxes.len())?;
-    boxes.read_into(frame.boxes_mut())?;
-    let read = Instant::now();
-    let planned = planner.map(|plan| plan(frame.boxes_mut()));
-    let submitted = Instant::now();
-    let mask = frame.submit()?.wait()?;
+    let (read, planned, submitted, frame);
+    if precision == PrecisionChoice::Exact {
+        let mut exact = session.frame(boxes.len())?;
+        boxes.read_into(exact.boxes_mut())?;
+        read = Instant::now();
+        planned = planner.map(|plan| plan(exact.boxes_mut()));
+        submitted = Instant::now();
+        frame = exact.submit()?;
+    } else {
+        let mut boxes = boxes.read()?;
+        precision.inflate(&mut boxes);
+        let mut narrow = session.narrow_frame(boxes.len(), precision.precision(&boxes))?;
+        narrow.fill(&boxes);
+        read = Instant::now();
+        planned = planner.map(|plan| plan(&boxes));
+        submitted = Instant::now();
+        frame = narrow.submit()?;
+    }
+    let mask = frame.wait()?;
     let answered = Instant::now();
     let mut decoded = 0;
     mask.view().for_each(|_, _| decoded += 1);

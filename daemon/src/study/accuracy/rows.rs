@@ -100,6 +100,17 @@ impl AccuracyRow {
         (&self.scene, self.n, &self.mode, margin, &self.backend, &self.engine)
     }
 
+    /// The mode as the command line has it.
+    pub fn mode_text(&self) -> String {
+        self.margin.map_or_else(|| self.mode.clone(), |margin| format!("{}={margin}", self.mode))
+    }
+
+    /// What the row is about, for messages.
+    pub fn name(&self) -> String {
+        let Self { scene, n, backend, engine, .. } = self;
+        format!("{scene} {n} {} {backend} {engine}", self.mode_text())
+    }
+
     /// `extra / true_pairs` where that is a number.
     pub fn ratio(extra: u64, true_pairs: u64) -> Option<f64> {
         match (extra, true_pairs) {
@@ -111,12 +122,13 @@ impl AccuracyRow {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
-    #[test]
-    fn a_report_survives_json() -> Result<(), serde_json::Error> {
-        let row = AccuracyRow {
+    /// A row with a number everywhere.
+    pub fn row() -> AccuracyRow {
+        let total_ns = Percentiles { p50: 500_000, p99: 1_500_000 };
+        AccuracyRow {
             scene: "uniform".to_owned(),
             n: 1000,
             mode: "margin".to_owned(),
@@ -126,7 +138,7 @@ mod tests {
             served_by_engine: "cpu-grid".to_owned(),
             frames: 200,
             requests: 40,
-            times: StageTimes::default(),
+            times: StageTimes { total_ns, ..StageTimes::default() },
             bytes_up: 24_000,
             bytes_down: 12_000,
             checked_frames: 4,
@@ -135,8 +147,16 @@ mod tests {
             extra: 100,
             extra_ratio: AccuracyRow::ratio(100, 4000),
             memory_bytes: 1 << 30,
-        };
-        let report = AccuracyReport { machine: Machine::here(None), seed: 1, rows: vec![row] };
+        }
+    }
+
+    pub fn report(rows: Vec<AccuracyRow>) -> AccuracyReport {
+        AccuracyReport { machine: Machine::here(None), seed: 1, rows }
+    }
+
+    #[test]
+    fn a_report_survives_json() -> Result<(), serde_json::Error> {
+        let report = report(vec![row()]);
         let text = serde_json::to_string(&report)?;
         assert_eq!(serde_json::from_str::<AccuracyReport>(&text)?, report);
         Ok(())
