@@ -3,9 +3,12 @@
 
 pub mod cli;
 pub mod execute;
+pub mod explain;
 pub mod ingest;
 pub mod publish;
+pub mod sabotage;
 pub mod scene;
 pub mod serve;
 pub mod spawn;
+pub mod stress;
 pub mod study;

@@ -9,6 +9,7 @@ mod config;
 mod cull;
 mod demo;
 mod error;
+mod explain;
 mod options;
 mod output;
 mod percentiles;
@@ -16,6 +17,7 @@ mod raw_boxes;
 mod scene;
 mod serve;
 mod status;
+mod stress;
 
 use std::process::ExitCode;
 
@@ -42,8 +44,10 @@ Examples:
   pairmaskd status                            who serves, and what it did so far
   pairmaskd cull boxes.f32 --spawn --json     pairs of a file of boxes, by a daemon of its own
   pairmaskd bench latency --n 1000,10000      what a frame costs, by stage
+  pairmaskd stress --seconds 60               every engine against an oracle, on hard scenes
+  pairmaskd explain boxes.f32 3 17            why two boxes are a pair or not
 
-Exit status: 0 done; 1 it failed, or nobody serves; 2 the command line or configuration is wrong.";
+Exit status: 0 done; 1 it failed, a check failed, or nobody serves; 2 the command line or configuration is wrong.";
 
 #[derive(Debug, Subcommand)]
 enum Command {
@@ -55,6 +59,8 @@ enum Command {
     Bench(bench::Bench),
     Scene(scene::Scene),
     Status(status::Status),
+    Stress(stress::Stress),
+    Explain(explain::Explain),
 }
 
 /// Runs the command that the process was started with.
@@ -89,6 +95,8 @@ fn run(cli: &Cli) -> Result<(), CliError> {
         Command::Bench(bench) => Ok(bench.run(place, &config)?),
         Command::Scene(scene) => Ok(scene.run()?),
         Command::Status(status) => Ok(status.run(place, &config)?),
+        Command::Stress(stress) => Ok(stress.run(&config)?),
+        Command::Explain(explain) => Ok(explain.run()?),
     }
 }
 

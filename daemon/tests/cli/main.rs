@@ -7,4 +7,5 @@ mod demo;
 mod serve;
 mod settings;
 mod status;
+mod stress;
 mod support;

@@ -11,6 +11,7 @@
 mod axis;
 mod bucket;
 mod cell_strips;
+mod explain;
 mod homes;
 mod layout;
 mod level;
@@ -22,6 +23,7 @@ mod tile;
 
 use std::time::Instant;
 
+pub use self::explain::{GridPlace, GridView};
 use self::layout::Layout;
 use self::rows::{RowTask, Scene};
 use self::sort::SortedBoxes;
