@@ -62,6 +62,17 @@ impl WordSink {
         self.pair_count += pair_count;
     }
 
+    /// Adds a word that is known whole. Addresses must rise; a word of zero is left out.
+    pub fn push(&mut self, row: u32, block: u32, bits: u32) {
+        debug_assert_eq!(self.open.bits, 0, "words and batches do not mix");
+        if bits != 0 {
+            self.words.truncate(self.len);
+            self.words.push(SparseWord { row, block, bits });
+            self.len += 1;
+            self.pair_count += u64::from(bits.count_ones());
+        }
+    }
+
     /// Completes the last word. Nothing may be taken after it.
     pub fn finish(&mut self) {
         if self.open.bits != 0 {
