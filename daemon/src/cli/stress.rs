@@ -15,7 +15,7 @@ use crate::stress::{Cases, Entrant, Roster, StressError, run};
 #[command(after_help = "\
 Scenes are drawn to go wrong: subnormals, −0, faces one ulp apart, touching, the ends of f32,
 infinities, NaN in each slot, empty and flat boxes, unit boxes far from the origin, sixty decades of
-sizes, sorted and reversed, cell and quantisation borders, and mixtures of those. Every engine,
+sizes, sorted and reversed, cell and quantisation borders, spheres that touch, and mixtures of those. Every engine,
 instruction set and encoding answers each; a wrong answer prints its case, the first wrong pair and
 why that pair is in the mask or not.
 
@@ -35,7 +35,7 @@ pub struct Stress {
     /// How long
     #[arg(long, value_name = "N", default_value_t = 10)]
     seconds: u64,
-    /// all, cpu-brute, cpu-sap, cpu-grid, gpu-brute; several with commas
+    /// all, cpu-brute, cpu-sap, cpu-grid, gpu-brute, spheres; several with commas
     #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "all")]
     engine: Vec<Entrant>,
     /// Most threads of an engine [default: all]

@@ -1,10 +1,12 @@
 //! One case: a seed, the scene that follows from it, and the truth.
 
 use std::fmt::Write;
+use std::sync::OnceLock;
 
 use pairmask::Aabb;
 use pairmask::oracle::{Truth, truth};
 
+use super::spheres::SphereCase;
 use super::{changes, hard, scenes};
 use crate::scene::Random;
 
@@ -26,6 +28,7 @@ pub struct Case {
     pub boxes: Vec<Aabb>,
     /// By the oracle.
     pub truth: Truth,
+    spheres: OnceLock<SphereCase>,
 }
 
 impl Case {
@@ -45,7 +48,12 @@ impl Case {
             boxes.truncate(boxes.len() / 2);
             truth = pairmask::oracle::truth(&boxes);
         }
-        Self { seed, recipe, boxes, truth }
+        Self { seed, recipe, boxes, truth, spheres: OnceLock::new() }
+    }
+
+    /// The spheres of the same seed; made when somebody asks, since their truth takes long.
+    pub fn spheres(&self) -> &SphereCase {
+        self.spheres.get_or_init(|| SphereCase::new(self.seed))
     }
 
     /// The seed of the next case of a run.

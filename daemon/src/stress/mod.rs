@@ -13,11 +13,13 @@ pub mod hard;
 mod report;
 mod roster;
 pub mod scenes;
+mod spheres;
 mod subject;
 
 pub use case::{CASE_SEED_BITS, Case};
 pub use report::{Failure, StressReport};
 pub use roster::{Entrant, Roster};
+pub use spheres::{SphereCase, SphereSubject};
 pub use subject::{ExactSubject, Finding, Subject, compare};
 
 use std::time::{Duration, Instant};
@@ -25,7 +27,6 @@ use std::time::{Duration, Instant};
 use pairmask::engine::CullError;
 
 use crate::execute::gpu::{GpuError, OpenError};
-use crate::explain::Explanation;
 use crate::scene::Random;
 
 /// Failures after which a run ends: more of them say nothing new.
@@ -106,18 +107,19 @@ fn check_case(case: &Case, subjects: &mut [Box<dyn Subject>], report: &mut Stres
 }
 
 fn failure(case: &Case, subject: &dyn Subject, finding: Finding) -> Failure {
-    let explain = |(i, j)| Explanation::of(&case.boxes, i, j).ok();
+    let (boxes, scene) = subject.scene(case);
+    let explain = finding.first.and_then(|pair| subject.explain(case, pair));
     Failure {
         case: case.seed,
         subject: subject.name().to_owned(),
         replay: format!("pairmaskd stress --case {} --engine {}", case.seed, subject.engine()),
-        boxes: case.boxes.len() as u64,
-        scene: case.recipe.clone(),
+        boxes: boxes as u64,
+        scene,
         what: finding.what,
         missed: finding.missed,
         extra: finding.extra,
         pair: finding.first.map(|(i, j)| [i, j]),
-        explain: finding.first.and_then(explain),
+        explain,
     }
 }
 

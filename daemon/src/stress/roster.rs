@@ -11,6 +11,7 @@ use pairmask::engine::{
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use super::StressError;
+use super::spheres::SphereSubject;
 use super::subject::{ExactSubject, Subject};
 use crate::execute::gpu::{AllPairs, AllPairsOptions, Gpu, GpuChoice, HostImport, OpenError};
 use crate::sabotage::Lossy;
@@ -22,6 +23,8 @@ pub enum Entrant {
     All,
     /// One engine, with every instruction set and encoding.
     Engine(EngineName),
+    /// The sphere engines, in every way.
+    Spheres,
 }
 
 impl FromStr for Entrant {
@@ -32,10 +35,11 @@ impl FromStr for Entrant {
             [EngineName::CpuBrute, EngineName::CpuSap, EngineName::CpuGrid, EngineName::GpuBrute];
         match s {
             "all" => Ok(Self::All),
+            "spheres" => Ok(Self::Spheres),
             _ => known.into_iter().find(|name| name.as_str() == s).map(Self::Engine).ok_or_else(
                 || UnknownName {
                     name: s.to_owned(),
-                    known: "all, cpu-brute, cpu-sap, cpu-grid, gpu-brute",
+                    known: "all, cpu-brute, cpu-sap, cpu-grid, gpu-brute, spheres",
                 },
             ),
         }
@@ -47,6 +51,7 @@ impl fmt::Display for Entrant {
         match self {
             Self::All => f.write_str("all"),
             Self::Engine(name) => name.fmt(f),
+            Self::Spheres => f.write_str("spheres"),
         }
     }
 }
@@ -82,6 +87,9 @@ impl Roster {
         if self.has(EngineName::GpuBrute) {
             self.add_gpu(&mut subjects)?;
         }
+        if self.entrants.iter().any(|e| [Entrant::All, Entrant::Spheres].contains(e)) {
+            subjects.extend(SphereSubject::all(&self.pools()?, self.broken)?);
+        }
         Ok(subjects)
     }
 
@@ -94,10 +102,7 @@ impl Roster {
         name: EngineName,
         subjects: &mut Vec<Box<dyn Subject>>,
     ) -> Result<(), StressError> {
-        let mut pools = vec![pool(1)?];
-        if self.threads > 1 {
-            pools.push(pool(self.threads)?);
-        }
+        let pools = self.pools()?;
         for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
             for pool in &pools {
                 for encoding in [Encoding::Dense, Encoding::Sparse] {
@@ -107,6 +112,15 @@ impl Roster {
             }
         }
         Ok(())
+    }
+
+    /// A pool of one thread, and one of all.
+    fn pools(&self) -> Result<Vec<Arc<ThreadPool>>, StressError> {
+        let mut pools = vec![pool(1)?];
+        if self.threads > 1 {
+            pools.push(pool(self.threads)?);
+        }
+        Ok(pools)
     }
 
     fn add_gpu(&self, subjects: &mut Vec<Box<dyn Subject>>) -> Result<(), StressError> {

@@ -14,6 +14,7 @@ use pairmask::{Aabb, Encoding};
 use rayon::ThreadPool;
 
 use super::case::Case;
+use crate::explain::Explanation;
 
 /// One way to find pairs, and what its answer may be.
 pub trait Subject {
@@ -28,6 +29,16 @@ pub trait Subject {
     /// # Errors
     /// [`Finding`] says what is wrong with it.
     fn check(&mut self, case: &Case) -> Result<(), Finding>;
+
+    /// What of the case it answered: how many, and how they were made.
+    fn scene(&self, case: &Case) -> (usize, String) {
+        (case.boxes.len(), case.recipe.clone())
+    }
+
+    /// Why a pair of the case must be in the answer or not, where that can be told.
+    fn explain(&self, case: &Case, (i, j): Pair) -> Option<Explanation> {
+        Explanation::of(&case.boxes, i, j).ok()
+    }
 }
 
 /// What is wrong with an answer.

@@ -18,7 +18,7 @@ fn right_engines_pass() {
     assert_eq!((&report["missed"], &report["extra"]), (&0.into(), &0.into()));
     assert_eq!(report["failures"], Value::Array(vec![]));
     let subjects = report["subjects"].as_array().unwrap();
-    for engine in ["cpu-brute", "cpu-sap", "cpu-grid"] {
+    for engine in ["cpu-brute", "cpu-sap", "cpu-grid", "spheres"] {
         assert!(subjects.iter().any(|s| s.as_str().unwrap().starts_with(engine)), "{subjects:?}");
     }
 }

@@ -140,6 +140,9 @@ pub enum BenchError {
     Miscounted { frame: u64, counted: u64, decoded: u64 },
     #[error(transparent)]
     Mapping(#[from] MappingError),
+    /// The report says in which family.
+    #[error("pairs of spheres were decided wrongly: please report this")]
+    InexactSpheres,
     #[error(transparent)]
     Output(#[from] OutputError),
 }

@@ -6,6 +6,7 @@ mod machine;
 mod mapping;
 mod pin;
 mod report;
+mod spheres;
 
 use clap::{Args, Subcommand};
 
@@ -24,6 +25,7 @@ pub struct Bench {
 enum What {
     Latency(latency::Latency),
     Mapping(mapping::Mapping),
+    Spheres(spheres::Spheres),
 }
 
 impl Bench {
@@ -32,6 +34,7 @@ impl Bench {
         match &self.what {
             What::Latency(latency) => latency.run(place, config),
             What::Mapping(mapping) => mapping.run(config),
+            What::Spheres(spheres) => spheres.run(),
         }
     }
 }
