@@ -1,6 +1,7 @@
 //! The pairmask daemon as a library: ingest, execute, publish, and what the command line, the
 //! benches and the tests share.
 
+pub mod audit;
 pub mod cli;
 pub mod execute;
 pub mod explain;

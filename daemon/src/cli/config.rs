@@ -7,6 +7,7 @@ use pairmask::transport::InstanceName;
 use pairmask::{Backend, EncodingChoice, EngineChoice};
 use serde::{Deserialize, Deserializer};
 
+use crate::audit::AuditRate;
 use crate::execute::gpu::GpuChoice;
 
 /// Settings of a configuration file. Keys are the flags' names.
@@ -28,6 +29,8 @@ pub struct Config {
     pub max_reply_mib: Option<std::num::NonZeroU32>,
     #[serde(deserialize_with = "parsed")]
     pub gpu: Option<GpuChoice>,
+    #[serde(deserialize_with = "parsed")]
+    pub audit: Option<AuditRate>,
 }
 
 /// Why there is no configuration.

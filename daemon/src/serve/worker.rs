@@ -14,6 +14,7 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 
 use super::janitor::Janitor;
 use super::{ServeError, ServeSettings};
+use crate::audit::Auditor;
 use crate::execute::gpu::{GpuChoice, OpenError};
 use crate::execute::{Executor, GpuService};
 use crate::ingest::Inbox;
@@ -64,8 +65,11 @@ pub fn work(settings: &ServeSettings) -> Result<(), ServeError> {
     settings.dir.write_record(&settings.instance, &record)?;
     log::info!("serving '{}' with {threads} threads", settings.instance);
 
+    let auditor =
+        Auditor::start(settings.audit).map_err(ServeError::system("starting the auditor"))?;
     let mut publisher =
-        Publisher::new(services, wake_clients, &settings.limits, Executor::new(gpu));
+        Publisher::new(services, wake_clients, &settings.limits, Executor::new(gpu), auditor);
+    publisher.break_engine(settings.break_engine);
     serve(&server, &wake, &mut publisher, settings, &stop);
     drop(janitor);
     log::info!("stopped serving '{}'", settings.instance);
