@@ -35,7 +35,6 @@ pub struct SphereFilter {
 struct Task {
     words: Range<usize>,
     found: WordSink,
-    tested: u64,
 }
 
 /// The sparse mask of the boxes, where it lies.
@@ -108,11 +107,6 @@ impl SphereFilter {
         Ok(CullAnswer { report, times, ..answer })
     }
 
-    /// Pairs of the last frame whose bounds overlapped: what was tested exactly.
-    pub fn candidate_count(&self) -> u64 {
-        self.tasks.iter().map(|task| task.tested).sum()
-    }
-
     fn ingest(&mut self, spheres: &[Sphere]) {
         self.boxes.clear();
         self.balls.clear();
@@ -146,13 +140,11 @@ impl<'a> Candidates<'a> {
 impl Task {
     fn run(&mut self, candidates: &Candidates<'_>, balls: &[Ball]) {
         self.found.clear();
-        self.tested = 0;
         let ball = |position: u32| &balls[candidates.order[position as usize] as usize];
         for word in self.words.clone() {
             let (row, block) = (candidates.rows[word], candidates.blocks[word]);
             let one = ball(row);
             let (mut bits, mut rest) = (0, candidates.bits[word]);
-            self.tested += u64::from(rest.count_ones());
             while rest != 0 {
                 let column = rest.trailing_zeros();
                 bits |= u32::from(one.overlaps(ball(32 * block + column))) << column;

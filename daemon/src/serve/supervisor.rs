@@ -64,17 +64,14 @@ fn keep_working(settings: &ServeSettings) -> Result<(), ServeError> {
 fn spawn_worker(settings: &ServeSettings) -> Result<Child, ServeError> {
     let binary =
         std::env::current_exe().map_err(ServeError::system("finding the daemon's binary"))?;
-    let mut worker = Command::new(binary);
-    if settings.break_engine {
-        worker.arg("--break-engine");
-    }
-    worker
+    Command::new(binary)
         .args(["serve", "--worker", "--instance", settings.instance.as_str()])
         .args(["--spin-us", &settings.spin.as_micros().to_string()])
         .args(["--max-clients", &settings.limits.max_clients.to_string()])
         .args(["--max-reply-mib", &(settings.limits.max_reply_bytes >> 20).to_string()])
         .args(["--gpu", &settings.gpu.to_string()])
         .args(["--audit", &settings.audit.to_string()])
+        .args(settings.break_engine.then_some("--break-engine"))
         .env("PAIRMASK_RUNTIME_DIR", settings.dir.path())
         // Mesa's layer that sorts adapters asks the user's display which one it runs on. A daemon
         // has no display to ask, and its user chooses by --gpu.

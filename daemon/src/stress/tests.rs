@@ -39,3 +39,16 @@ fn a_run_of_nobody_is_not_clean() {
     let report = run(&Cases::One { seed: 1 }, &mut [], |_, _| {});
     assert!(!report.is_clean());
 }
+
+#[test]
+fn spheres_take_part_and_broken_ones_are_caught() {
+    let roster = |broken| Roster { entrants: vec![Entrant::Spheres], ..roster(broken) };
+    let cases = Cases::Run { seed: 2, time: Duration::from_secs(2) };
+    let report = run(&cases, &mut roster(false).subjects().expect("CPU engines"), |_, _| {});
+    assert!(report.is_clean(), "{report}");
+    let cases = Cases::Run { seed: 2, time: Duration::from_secs(60) };
+    let report = run(&cases, &mut roster(true).subjects().expect("CPU engines"), |_, _| {});
+    assert!(report.missed > 0 && report.extra == 0, "{report}");
+    let failure = &report.failures[0];
+    assert!(failure.explain.is_none() && failure.what.contains("Sphere"), "{report}");
+}

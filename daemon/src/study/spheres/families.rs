@@ -68,7 +68,7 @@ fn near_ties(random: &mut Random) -> (Sphere, Sphere) {
 fn far(random: &mut Random) -> (Sphere, Sphere) {
     let offset = crate::stress::hard::power_of_ten(3 + random.below(5) as u32);
     let mut one = || {
-        let center = std::array::from_fn(|_| offset + 2.0 * random.unit());
+        let center = std::array::from_fn(|_| offset + 4.0 * random.unit());
         Sphere::new(center, 1.0 + random.unit())
     };
     (one(), one())
