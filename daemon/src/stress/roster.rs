@@ -125,9 +125,9 @@ impl Roster {
 
     fn add_gpu(&self, subjects: &mut Vec<Box<dyn Subject>>) -> Result<(), StressError> {
         let named = self.entrants.contains(&Entrant::Engine(EngineName::GpuBrute));
-        if self.gpu == GpuChoice::None && !named {
+        if self.gpu == GpuChoice::None {
             // Not even a look: listing adapters takes time and loads every driver.
-            return Ok(());
+            return if named { Err(OpenError::SwitchedOff.into()) } else { Ok(()) };
         }
         let gpu = match Gpu::open(&self.gpu, HostImport::IfPossible) {
             Ok(gpu) => gpu,
