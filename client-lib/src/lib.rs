@@ -3,10 +3,12 @@
 pub mod aabb;
 pub mod engine;
 pub mod mask;
+pub mod oracle;
 pub mod pair_index;
 pub mod plan;
 pub mod precision;
 pub mod session;
+pub mod sphere;
 pub mod transport;
 pub mod units;
 pub mod update;

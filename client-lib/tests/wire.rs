@@ -10,7 +10,7 @@ use pairmask::precision::{Bounds, BoxF16, BoxForm, Quantizer};
 use pairmask::transport::narrow_boxes_in;
 use pairmask::units::BoxCount;
 use pairmask::wire::{
-    LAST_ERRORS, Page, RecordedError, Reject, Reply, ReplyError, ReplyFields, Request,
+    AuditCounts, LAST_ERRORS, Page, RecordedError, Reject, Reply, ReplyError, ReplyFields, Request,
     RequestHeader, ResponseHeader, Section, SectionKind, StageTimes, StatusBody, StatusCode,
     response_error, response_ok, response_status,
 };
@@ -161,6 +161,8 @@ fn golden_status_body() {
         errors: 7,
         ..StatusBody::default()
     };
+    body.audit =
+        AuditCounts { one_in: 11, frames: 12, skipped: 13, pairs: 14, missed: 15, extra: 16 };
     body.last_errors[0] =
         RecordedError { client_token: 8, frame: 9, at_ns: 10, status: 4, reserved: 0 };
     let expected = Bytes::default()
@@ -168,7 +170,9 @@ fn golden_status_body() {
         .u64(&[3, 4, 5, 6, 7])
         .u64(&[8, 9, 10])
         .u32(&[4, 0])
-        .zeros((LAST_ERRORS - 1) * 32 + 64);
+        .zeros((LAST_ERRORS - 1) * 32)
+        .u64(&[11, 12, 13, 14, 15, 16])
+        .zeros(16);
     assert_eq!(bytemuck::bytes_of(&body), expected.0);
 }
 

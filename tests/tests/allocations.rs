@@ -21,6 +21,7 @@ use pairmask::transport::{
 use pairmask::{Backend, Bounds, Precision, Session};
 use pairmask_tests::daemon::eventually;
 use pairmask_tests::stress_scenes;
+use pairmaskd::audit::AuditRate;
 use pairmaskd::execute::gpu::GpuChoice;
 use pairmaskd::serve::{ServeSettings, work};
 use rustix::process::{Signal, getpid, kill_process};
@@ -132,6 +133,8 @@ fn steady_frames_allocate_nothing() {
 
     let dir = tempfile::tempdir().unwrap();
     let settings = ServeSettings {
+        audit: AuditRate::Off,
+        break_engine: false,
         instance: InstanceName::default(),
         dir: RuntimeDir::at(dir.path()),
         limits: Limits::default(),

@@ -214,6 +214,17 @@ impl<'a> NarrowBoxes<'a> {
         self.len() == 0
     }
 
+    /// The f32 box that stands for one of them, as [`NarrowBoxes::expand`] has it; `None` beyond
+    /// the last.
+    pub fn get(&self, index: usize) -> Option<Aabb> {
+        match self {
+            Self::F32(boxes) => boxes.get(index).copied(),
+            Self::Q16(boxes) => boxes.get(index).map(NarrowBox::expand),
+            Self::Q8(boxes) => boxes.get(index).map(NarrowBox::expand),
+            Self::F16(boxes) => boxes.get(index).map(NarrowBox::expand),
+        }
+    }
+
     /// The f32 boxes that stand for them, whose overlaps define the answer to the frame: cells as
     /// they are numbered, halves by their value. f32 boxes are used where they lie; others are
     /// converted into `scratch`, large scenes on the rayon pool if `parallel`.

@@ -19,7 +19,7 @@ pub use reply::{
 };
 pub use request::{Operation, Reject, Request, RequestHeader};
 pub use section::{SECTION_COUNT, Section, SectionKind};
-pub use status::{LAST_ERRORS, RecordedError, StatusBody, StatusCode};
+pub use status::{AuditCounts, LAST_ERRORS, RecordedError, StatusBody, StatusCode};
 
 /// Major version: a daemon answers only its own. Raised when an old reader would misread.
 pub const VERSION_MAJOR: u16 = 1;

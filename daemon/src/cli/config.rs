@@ -8,6 +8,7 @@ use pairmask::transport::InstanceName;
 use pairmask::{Backend, EncodingChoice, EngineChoice};
 use serde::{Deserialize, Deserializer};
 
+use crate::audit::AuditRate;
 use crate::execute::gpu::GpuChoice;
 
 /// Settings of a configuration file. Keys are the flags' names.
@@ -31,6 +32,8 @@ pub struct Config {
     pub gpu: Option<GpuChoice>,
     #[serde(deserialize_with = "parsed")]
     pub calibration: Option<CalibrationChoice>,
+    #[serde(deserialize_with = "parsed")]
+    pub audit: Option<AuditRate>,
 }
 
 /// Why there is no configuration.

@@ -5,9 +5,11 @@ use super::calibrate::CalibrateError;
 use super::config::ConfigError;
 use super::cull::CullCommandError;
 use super::demo::DemoError;
+use super::explain::ExplainCommandError;
 use super::output::OutputError;
 use super::scene::SceneCommandError;
 use super::status::StatusCommandError;
+use super::stress::StressCommandError;
 use crate::serve::ServeError;
 
 /// It was tried and did not work, or nobody serves.
@@ -34,6 +36,10 @@ pub enum CliError {
     Scene(#[from] SceneCommandError),
     #[error(transparent)]
     Status(#[from] StatusCommandError),
+    #[error(transparent)]
+    Stress(#[from] StressCommandError),
+    #[error(transparent)]
+    Explain(#[from] ExplainCommandError),
 }
 
 impl CliError {
@@ -52,7 +58,9 @@ impl CliError {
             | Self::Demo(DemoError::Output(error))
             | Self::Bench(BenchError::Output(error))
             | Self::Calibrate(CalibrateError::Output(error))
-            | Self::Status(StatusCommandError::Output(error)) => {
+            | Self::Status(StatusCommandError::Output(error))
+            | Self::Stress(StressCommandError::Output(error))
+            | Self::Explain(ExplainCommandError::Output(error)) => {
                 matches!(error, OutputError::Io(e) if e.kind() == std::io::ErrorKind::BrokenPipe)
             }
             _ => false,

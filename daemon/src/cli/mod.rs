@@ -10,6 +10,7 @@ mod config;
 mod cull;
 mod demo;
 mod error;
+mod explain;
 mod options;
 mod output;
 mod percentiles;
@@ -17,6 +18,7 @@ mod raw_boxes;
 mod scene;
 mod serve;
 mod status;
+mod stress;
 
 use std::process::ExitCode;
 
@@ -44,8 +46,10 @@ Examples:
   pairmaskd cull boxes.f32 --spawn --json     pairs of a file of boxes, by a daemon of its own
   pairmaskd bench latency --n 1000,10000      what a frame costs, by stage
   pairmaskd calibrate                         measure this machine, for the plan
+  pairmaskd stress --seconds 60               every engine against an oracle, on hard scenes
+  pairmaskd explain boxes.f32 3 17            why two boxes are a pair or not
 
-Exit status: 0 done; 1 it failed, or nobody serves; 2 the command line or configuration is wrong.";
+Exit status: 0 done; 1 it failed, a check failed, or nobody serves; 2 the command line or configuration is wrong.";
 
 #[derive(Debug, Subcommand)]
 enum Command {
@@ -58,6 +62,8 @@ enum Command {
     Calibrate(calibrate::Calibrate),
     Scene(scene::Scene),
     Status(status::Status),
+    Stress(stress::Stress),
+    Explain(explain::Explain),
 }
 
 /// Runs the command that the process was started with.
@@ -93,6 +99,8 @@ fn run(cli: &Cli) -> Result<(), CliError> {
         Command::Calibrate(calibrate) => Ok(calibrate.run()?),
         Command::Scene(scene) => Ok(scene.run()?),
         Command::Status(status) => Ok(status.run(place, &config)?),
+        Command::Stress(stress) => Ok(stress.run(&config)?),
+        Command::Explain(explain) => Ok(explain.run()?),
     }
 }
 

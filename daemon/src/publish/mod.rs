@@ -20,7 +20,9 @@ use pairmask::wire::{
 use self::account::Account;
 use self::loan_reply::LoanReply;
 use self::wake::WakeBoard;
+use crate::audit::Auditor;
 use crate::execute::{Executor, Owner};
+use crate::sabotage::lose_a_pair;
 
 /// Answers requests, one at a time.
 pub struct Publisher {
@@ -30,6 +32,8 @@ pub struct Publisher {
     populated: Populated,
     max_reply_bytes: u64,
     account: Account,
+    auditor: Auditor,
+    break_engine: bool,
 }
 
 impl Publisher {
@@ -39,6 +43,7 @@ impl Publisher {
         wake_clients: WakeClient,
         limits: &Limits,
         executor: Executor,
+        auditor: Auditor,
     ) -> Self {
         Self {
             executor,
@@ -47,7 +52,14 @@ impl Publisher {
             populated: Populated::default(),
             max_reply_bytes: limits.max_reply_bytes,
             account: Account::new(limits.max_clients),
+            auditor,
+            break_engine: false,
         }
+    }
+
+    /// Loses a pair of most frames from now on. For tests of the auditor.
+    pub fn break_engine(&mut self, broken: bool) {
+        self.break_engine = broken;
     }
 
     /// Gives up what belonged to clients that are gone; to be called now and then.
@@ -67,6 +79,7 @@ impl Publisher {
             box_count: BoxCount::new(header.box_count),
         };
         let mut reply = LoanReply::new(active, &mut self.populated, self.max_reply_bytes);
+        let mut audited = None;
         let response = match Request::parse(&header, payload_bytes) {
             Ok(Request::Cull { box_count, form, boxes_offset, engine, encoding, threads }) => {
                 let last_pairs = self.account.last_pairs(fields.client_token);
@@ -75,8 +88,15 @@ impl Publisher {
                 let refused = Reject::Boxes { box_count: box_count.get(), payload_bytes };
                 narrow_boxes_in(active.payload(), boxes_offset, form, box_count)
                     .ok_or_else(|| Failure::from(refused))
-                    .and_then(|boxes| Ok(self.executor.cull(boxes, owner, &wish, &mut reply)?))
-                    .map(|answer| {
+                    .and_then(|boxes| {
+                        Ok((boxes, self.executor.cull(boxes, owner, &wish, &mut reply)?))
+                    })
+                    .map(|(boxes, mut answer)| {
+                        if self.break_engine {
+                            lose_a_pair(reply.words_mut(), &mut answer.report);
+                        }
+                        let shape = &answer.report.shape;
+                        audited = self.auditor.draw(&fields, shape, reply.words()).zip(Some(boxes));
                         let times = StageTimes {
                             total_ns: start.elapsed().as_nanos() as u64,
                             ..answer.times
@@ -86,7 +106,7 @@ impl Publisher {
                     })
             }
             Ok(Request::Status) => {
-                let body = self.account.body(self.services.client_count());
+                let body = self.account.body(self.services.client_count(), self.auditor.counts());
                 reply
                     .put(bytemuck::bytes_of(&body))
                     .map(|()| response_status(&fields))
@@ -101,6 +121,10 @@ impl Publisher {
         });
         send(reply, &response);
         self.wake_board.wake(fields.client_token);
+        if let Some((window, boxes)) = audited {
+            // The boxes are ours to read as long as the request is.
+            self.auditor.submit(window, boxes);
+        }
     }
 }
 

@@ -15,6 +15,7 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 
 use super::janitor::Janitor;
 use super::{ServeError, ServeSettings};
+use crate::audit::Auditor;
 use crate::execute::gpu::{GpuChoice, OpenError};
 use crate::execute::{Executor, GpuService};
 use crate::ingest::Inbox;
@@ -68,7 +69,10 @@ pub fn work(settings: &ServeSettings) -> Result<(), ServeError> {
 
     let calibration = constants(&settings.calibration, gpu.is_some());
     let executor = Executor::new(gpu).with_calibration(calibration);
-    let mut publisher = Publisher::new(services, wake_clients, &settings.limits, executor);
+    let auditor =
+        Auditor::start(settings.audit).map_err(ServeError::system("starting the auditor"))?;
+    let mut publisher = Publisher::new(services, wake_clients, &settings.limits, executor, auditor);
+    publisher.break_engine(settings.break_engine);
     serve(&server, &wake, &mut publisher, settings, &stop);
     drop(janitor);
     log::info!("stopped serving '{}'", settings.instance);

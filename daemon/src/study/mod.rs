@@ -5,3 +5,4 @@ pub mod engines;
 pub mod machine;
 pub mod mapping;
 pub mod plot;
+pub mod spheres;

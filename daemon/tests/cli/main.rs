@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used)]
 
 mod accuracy;
+mod audit;
 mod bench;
 mod calibrate;
 mod cull;
@@ -10,4 +11,5 @@ mod engine_benches;
 mod serve;
 mod settings;
 mod status;
+mod stress;
 mod support;

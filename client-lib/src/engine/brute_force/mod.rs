@@ -34,7 +34,7 @@ mod neon;
 mod portable;
 mod quantiles;
 mod search;
-mod split;
+pub(crate) mod split;
 mod task;
 mod words;
 

@@ -11,6 +11,7 @@
 mod axis;
 mod bucket;
 mod cell_strips;
+mod explain;
 mod fetch;
 mod homes;
 mod layout;
@@ -23,6 +24,7 @@ mod tile;
 
 use std::time::Instant;
 
+pub use self::explain::{GridPlace, GridView};
 use self::layout::Layout;
 use self::rows::{RowTask, Scene};
 use self::sort::SortedBoxes;

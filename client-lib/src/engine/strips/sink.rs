@@ -110,6 +110,15 @@ impl WordSink {
         }
     }
 
+    /// Adds a word. Its address is that of the last word or a later one; no bits are no word.
+    pub fn push(&mut self, row: u32, block: u32, bits: u32) {
+        if self.used == 0 || !self.chunks[self.used - 1].has_room() {
+            self.open_chunk();
+        }
+        self.chunks[self.used - 1].push(row, block, bits);
+        self.pair_count += u64::from(bits.count_ones());
+    }
+
     /// The next chunk, with the last word of the one before it, which may get more bits.
     fn open_chunk(&mut self) {
         let (word, start) = match self.used {

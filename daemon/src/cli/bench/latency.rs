@@ -144,6 +144,9 @@ pub enum BenchError {
     Accuracy(#[from] AccuracyError),
     #[error(transparent)]
     Mapping(#[from] MappingError),
+    /// The report says in which family.
+    #[error("pairs of spheres were decided wrongly: please report this")]
+    InexactSpheres,
     #[error(transparent)]
     Engines(#[from] EngineStudyError),
     /// No folder for the results.

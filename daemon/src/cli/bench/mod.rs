@@ -10,6 +10,7 @@ mod plan;
 mod replies;
 mod report;
 mod scenes;
+mod spheres;
 mod target;
 mod threads;
 
@@ -35,6 +36,7 @@ enum What {
     Plan(plan::PlanBench),
     Replies(replies::Replies),
     Threads(threads::ThreadsBench),
+    Spheres(spheres::Spheres),
 }
 
 impl Bench {
@@ -47,6 +49,7 @@ impl Bench {
             What::Plan(plan) => plan.run(place, config),
             What::Replies(replies) => replies.run(place, config),
             What::Threads(threads) => threads.run(),
+            What::Spheres(spheres) => spheres.run(),
         }
     }
 }
