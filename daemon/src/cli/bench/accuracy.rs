@@ -23,7 +23,7 @@ use crate::study::accuracy::assertion::Assertion;
 use crate::study::accuracy::comparison::{common_rows, regressions};
 use crate::study::accuracy::measure::{self, Lengths, Subject};
 use crate::study::accuracy::rows::AccuracyReport;
-use crate::study::accuracy::table;
+use crate::study::accuracy::{report, table};
 use crate::study::machine::Machine;
 use crate::timed_client::TimedError;
 
@@ -80,7 +80,7 @@ pub struct Accuracy {
     /// Say what is slower or wronger than in this report
     #[arg(long, value_name = "OLD.json")]
     compare: Option<PathBuf>,
-    /// Write accuracy.json and accuracy.csv into this folder
+    /// Write accuracy.json, accuracy.csv and report.html into this folder
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Print one JSON object
@@ -230,5 +230,6 @@ fn write_report(dir: &Path, report: &AccuracyReport) -> Result<(), AccuracyError
     fs::create_dir_all(dir).map_err(io)?;
     let no_report = |source| AccuracyError::NoReport { path: dir.to_owned(), source };
     write("accuracy.json", serde_json::to_string_pretty(report).map_err(no_report)?)?;
-    write("accuracy.csv", table::csv(report))
+    write("accuracy.csv", table::csv(report))?;
+    write("report.html", report::html(report))
 }

@@ -37,11 +37,6 @@ pub(super) fn settings(rows: &[AccuracyRow]) -> Vec<Setting<'_>> {
         .collect()
 }
 
-/// A row's mode as it is read: with its margin, if it has one.
-pub(super) fn mode_name(row: &AccuracyRow) -> String {
-    row.margin.map_or_else(|| row.mode.clone(), |x| format!("{}({x})", row.mode))
-}
-
 /// A row's engine and where it ran.
 pub(super) fn engine_name(row: &AccuracyRow) -> String {
     let answered = if row.engine == row.served_by_engine {
@@ -55,7 +50,7 @@ pub(super) fn engine_name(row: &AccuracyRow) -> String {
 /// Modes in the order in which they were measured.
 pub(super) fn modes<'a>(rows: impl IntoIterator<Item = &'a AccuracyRow>) -> Vec<String> {
     let mut seen = BTreeSet::new();
-    rows.into_iter().map(mode_name).filter(|mode| seen.insert(mode.clone())).collect()
+    rows.into_iter().map(AccuracyRow::mode_text).filter(|mode| seen.insert(mode.clone())).collect()
 }
 
 /// Extra pairs and time of a row that may stand in a comparison: it missed nothing.
@@ -82,10 +77,10 @@ pub fn front_verdicts(rows: &[AccuracyRow]) -> Vec<ModeVerdict> {
             setting.rows.iter().filter_map(|row| Some((row, place(row)?))).collect();
         let places: Vec<_> = placed.iter().map(|(_, place)| *place).collect();
         let front = pareto_front(&places);
-        placed.iter().zip(front).any(|((row, _), wins)| wins && mode_name(row) == mode)
+        placed.iter().zip(front).any(|((row, _), wins)| wins && row.mode_text() == mode)
     };
     let has =
-        |setting: &&Setting<'_>, mode: &str| setting.rows.iter().any(|r| mode_name(r) == mode);
+        |setting: &&Setting<'_>, mode: &str| setting.rows.iter().any(|r| r.mode_text() == mode);
     modes(rows)
         .into_iter()
         .map(|mode| ModeVerdict {
@@ -99,7 +94,7 @@ pub fn front_verdicts(rows: &[AccuracyRow]) -> Vec<ModeVerdict> {
 /// Speed against error in one setting.
 pub(super) fn speed_against_error(setting: &Setting<'_>) -> Points {
     let group = |mode: String| {
-        let of_mode = setting.rows.iter().filter(|row| mode_name(row) == mode);
+        let of_mode = setting.rows.iter().filter(|row| row.mode_text() == mode);
         let points = of_mode
             .filter_map(|row| {
                 let (x, y) = place(row)?;
@@ -137,7 +132,7 @@ pub(super) fn stages(setting: &Setting<'_>) -> Bars {
                 t.decode_ns.p50,
             ];
             Bar {
-                name: format!("{} {}", mode_name(row), row.engine),
+                name: format!("{} {}", row.mode_text(), row.engine),
                 values: values.map(|ns| ns as f64).to_vec(),
             }
         })
@@ -192,7 +187,7 @@ pub(super) fn percentiles(scene: &str, rows: &[AccuracyRow]) -> Lines {
     for row in rows.iter().filter(|row| row.scene == scene && row.engine == "auto") {
         for (name, ns) in [("p50", row.times.total_ns.p50), ("p99", row.times.total_ns.p99)] {
             let point = (f64::from(row.n), ns as f64);
-            let key = format!("{} {name}, {}", mode_name(row), row.backend);
+            let key = format!("{} {name}, {}", row.mode_text(), row.backend);
             series.entry(key).or_default().push(point);
         }
     }

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use super::figures::{
-    self, engine_name, front_verdicts, mode_name, percentiles, scaling, speed_against_error, stages,
+    self, engine_name, front_verdicts, percentiles, scaling, speed_against_error, stages,
 };
 use crate::study::accuracy::rows::{AccuracyReport, AccuracyRow};
 use crate::study::machine::Machine;
@@ -146,7 +146,7 @@ fn table(rows: &[AccuracyRow]) -> Markup {
             }
             @for row in rows {
                 tr {
-                    td.name { (row.scene) } td { (row.n) } td.name { (mode_name(row)) }
+                    td.name { (row.scene) } td { (row.n) } td.name { (row.mode_text()) }
                     td.name { (engine_name(row)) }
                     td { (ns(row.times.total_ns.p50)) } td { (ns(row.times.total_ns.p99)) }
                     td { (ns(row.times.round_trip_ns.p50)) } td { (ns(row.times.round_trip_ns.p99)) }
@@ -165,29 +165,19 @@ fn table(rows: &[AccuracyRow]) -> Markup {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::study::accuracy::rows::{Percentiles, StageTimes};
+    use crate::study::accuracy::rows::{self, Percentiles, StageTimes};
 
     fn row(mode: &str, p50: u64, extra: u64, missed: u64) -> AccuracyRow {
         let total_ns = Percentiles { p50, p99: 2 * p50 };
         AccuracyRow {
-            scene: "uniform".to_owned(),
-            n: 1000,
             mode: mode.to_owned(),
             margin: None,
-            backend: "daemon".to_owned(),
-            engine: "auto".to_owned(),
-            served_by_engine: "cpu-grid".to_owned(),
-            frames: 10,
-            requests: 10,
             times: StageTimes { total_ns, ..StageTimes::default() },
-            bytes_up: 24_000,
-            bytes_down: 12_000,
-            checked_frames: 2,
             true_pairs: 1000,
             missed,
             extra,
             extra_ratio: AccuracyRow::ratio(extra, 1000),
-            memory_bytes: 1 << 20,
+            ..rows::tests::row()
         }
     }
 
