@@ -13,7 +13,7 @@
 //! * subnormals are the numbers they are, whatever the denormal flags and the rounding mode of the
 //!   thread.
 //!
-//! The parts: [`exact`](self) decides a pair ([`Sphere::overlaps`]); [`SphereAllPairs`] tests every
+//! The parts: `exact.rs` decides a pair ([`Sphere::overlaps`]); [`SphereAllPairs`] tests every
 //! pair; [`SphereFilter`] lets a box engine find the candidates and tests those; [`SphereEngines`]
 //! chooses between the two. All write the same pair masks as the box engines do.
 

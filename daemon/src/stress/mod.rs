@@ -1,11 +1,11 @@
 //! Thousands of hard scenes a minute, every engine against the oracle on each.
 //!
 //! A run has a seed, which gives each case a seed of its own, from which all of the case follows:
-//! the number of boxes, one or two scenes ([`scenes`], [`hard`]), up to three [`changes`]. Each
+//! the number of boxes, one or two scenes ([`scenes`], [`hard`]), up to three changes. Each
 //! [`Subject`] answers every case. A wrong answer names the case's seed, the first wrong pair and
 //! why that pair is in the mask or not.
 //!
-//! Another way to find pairs takes part by implementing [`Subject`] and standing in [`roster`].
+//! Another way to find pairs takes part by implementing [`Subject`] and standing in `roster.rs`.
 
 mod case;
 mod changes;

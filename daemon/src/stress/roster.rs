@@ -69,8 +69,9 @@ pub struct Roster {
     pub broken: bool,
 }
 
-/// Words of a band's matrix so small that a scene of some dozens of boxes has several bands.
-const SMALL_MATRIX_BYTES: u64 = 4 << 10;
+/// Matrix of a band so small that scenes of more than about 2,000 boxes have several bands: 512 rows,
+/// the fewest that a band may have, of up to 8,192 boxes, more than any case has.
+const SMALL_MATRIX_BYTES: u64 = 512 * (8_192 / 32) * 4;
 
 impl Roster {
     /// The subjects, ready to run.
