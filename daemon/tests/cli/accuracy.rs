@@ -78,6 +78,8 @@ fn verdicts_and_files() {
 
     let csv = std::fs::read_to_string(place.file("before").join("accuracy.csv")).unwrap();
     assert_eq!(csv.lines().count(), 2, "{csv}");
+    let page = std::fs::read_to_string(place.file("before").join("report.html")).unwrap();
+    assert!(page.contains("No pair was missed") && page.trim_end().ends_with("</html>"));
     let path = place.file("before").join("accuracy.json");
     let mut before: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
     check_rows(&before, 1, "in-process");
