@@ -47,8 +47,8 @@ impl FromStr for Backend {
     }
 }
 
-/// How long a waiting client spins before it sleeps. A spin answers within 1 µs and holds a core;
-/// a sleeper is woken in 3 to 70 µs. 50 µs covers a frame of a thousand boxes.
+/// How long a waiting client spins beyond the time when it expects the answer, before it sleeps. A
+/// spin answers within 1 µs and holds a core; a sleeper is woken in 3 to 70 µs.
 const DEFAULT_SPIN: Duration = Duration::from_micros(50);
 /// How long [`PendingFrame::wait`](super::PendingFrame::wait) waits for a daemon that lives but
 /// does not answer. No scene that fits a default reply takes as long.
@@ -145,7 +145,9 @@ impl SessionBuilder {
         self
     }
 
-    /// How long to spin for an answer before sleeping; 50 µs unless set, zero never spins.
+    /// How long to spin for an answer beyond its expected time before sleeping; 50 µs unless set,
+    /// zero never spins. A frame that takes more than 250 µs is slept through up to 120 µs before
+    /// its expected end.
     pub fn spin(mut self, spin: Duration) -> Self {
         self.settings.spin = spin;
         self

@@ -37,6 +37,11 @@ impl Estimate {
         self.round_trip.saturating_sub(WAKE_MARGIN)
     }
 
+    /// How long a frame of `n` boxes is expected to take; zero where nothing is known.
+    pub(super) fn round_trip(&self, n: u32) -> Duration {
+        if self.covers(n) { self.round_trip } else { Duration::ZERO }
+    }
+
     fn covers(&self, n: u32) -> bool {
         !self.round_trip.is_zero() && n.abs_diff(self.n) <= self.n / SIMILAR
     }
@@ -55,6 +60,7 @@ mod tests {
         estimate.note(1000, MS);
         assert_eq!(estimate.nap(1000) + WAKE_MARGIN, MS);
         assert_eq!(estimate.nap(1251), Duration::ZERO);
+        assert_eq!((estimate.round_trip(1250), estimate.round_trip(1251)), (MS, Duration::ZERO));
         estimate.note(10, MS / 100);
         assert_eq!(estimate.nap(10), Duration::ZERO);
     }

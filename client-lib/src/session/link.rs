@@ -216,8 +216,8 @@ impl Link {
 
     /// Waits for the response to `pending` until `deadline`; `None` where it does not come.
     ///
-    /// Sleeps through most of a frame that is expected to be long, spins near its end, then sleeps
-    /// until woken.
+    /// Sleeps through most of a frame that is expected to be long, spins until `spin` after its
+    /// expected end, then sleeps until woken.
     pub(super) fn receive(
         &self,
         pending: &PendingResponse,
@@ -229,7 +229,10 @@ impl Link {
         if let Some(sample) = take(pending)? {
             return Ok(Received::Sample(sample));
         }
-        let nap = lock(&self.estimate).nap(n);
+        let (nap, expected) = {
+            let estimate = lock(&self.estimate);
+            (estimate.nap(n), estimate.round_trip(n))
+        };
         if !spin.is_zero() {
             let wake_at = (sent + nap).min(deadline);
             while Instant::now() < wake_at {
@@ -238,7 +241,9 @@ impl Link {
                     return Ok(Received::Sample(sample));
                 }
             }
-            let spin_until = (Instant::now() + spin).min(deadline);
+            // A frame that is nearly there is worth more than the core: falling asleep just before
+            // it comes costs a wake-up on each side, frame after frame.
+            let spin_until = (Instant::now().max(sent + expected) + spin).min(deadline);
             while Instant::now() < spin_until {
                 if let Some(sample) = take(pending)? {
                     return Ok(Received::Sample(sample));
