@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use pairmask::precision::Widening;
+use pairmask::precision::{ExpandScratch, NarrowBoxes, Widening};
 use pairmask::session::Margin;
 use pairmask::{Aabb, Bounds, Precision};
 
@@ -76,6 +76,29 @@ impl fmt::Display for PrecisionChoice {
             named => f.write_str(named.mode()),
         }
     }
+}
+
+/// The f32 boxes that stand for `boxes` once they were sent in a precision: what engines are given.
+///
+/// # Panics
+/// When the system has no memory for the boxes.
+///
+/// ```
+/// use pairmask::{Aabb, Precision};
+/// use pairmaskd::precision::as_sent;
+/// let third = Aabb::from([0.0, 0.0, 0.0, 1.0 / 3.0, 1.0, 1.0]);
+/// assert_eq!(as_sent(&Precision::Exact, &[third]), [third]);
+/// assert!(as_sent(&Precision::F16, &[third])[0].max[0] > third.max[0]);
+/// ```
+pub fn as_sent(precision: &Precision, boxes: &[Aabb]) -> Vec<Aabb> {
+    let bytes = boxes.len() * precision.form().box_bytes();
+    // Words, since narrow boxes are aligned to more than a byte.
+    let mut words = vec![0u32; bytes.div_ceil(size_of::<u32>())];
+    let memory: &mut [u8] = &mut bytemuck::cast_slice_mut(&mut words)[..bytes];
+    precision.write(boxes, memory);
+    let mut scratch = ExpandScratch::default();
+    let narrow = NarrowBoxes::new(precision.form(), memory).expect("whole boxes, aligned");
+    narrow.expand(&mut scratch, false).to_vec()
 }
 
 /// A name that is no precision.

@@ -1,11 +1,11 @@
 //! Engines broken on purpose, to see that `stress` and the auditor notice. Only hidden flags and
 //! tests lead here.
 
-use pairmask::Aabb;
 use pairmask::engine::{
     CullError, CullJob, CullReport, Engine, EngineName, HeapReply, ReplyBuffer,
 };
 use pairmask::mask::MaskShape;
+use pairmask::{Aabb, BoxClass};
 
 /// Takes one pair out of a mask and out of its report. A mask whose words hold one pair each stays
 /// as it is: nothing but a pair is to be wrong, and a sparse word may not become zero.
@@ -20,6 +20,22 @@ pub fn lose_a_pair(words: &mut [u32], report: &mut CullReport) {
         *word &= *word - 1;
         report.pair_count = report.pair_count.saturating_sub(1);
     }
+}
+
+/// What is broken on purpose.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Sabotage {
+    /// Every engine loses a pair of most frames.
+    #[default]
+    Lossy,
+    /// Precision modes round boxes inward.
+    Inward,
+}
+
+/// A box whose faces lie one step of f32 further inward, where it stays solid.
+pub fn shrink(b: &Aabb) -> Aabb {
+    let smaller = Aabb { min: b.min.map(f32::next_up), max: b.max.map(f32::next_down) };
+    if smaller.class() == BoxClass::Solid { smaller } else { *b }
 }
 
 /// An engine that loses a pair of most frames.

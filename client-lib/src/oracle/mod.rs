@@ -5,9 +5,10 @@
 //! f32 is one exactly. (A thread that takes subnormals for zero must not ask it.)
 //!
 //! [`naive_decoder`] reads masks as plainly, and [`check`] compares an engine's answer with the
-//! truth and names the first pair that is wrong.
+//! truth and names the first pair that is wrong. [`modes`] says what a precision mode may answer.
 
 pub mod check;
+pub mod modes;
 pub mod naive_decoder;
 
 use crate::aabb::Aabb;
@@ -36,8 +37,28 @@ pub struct Truth {
 /// # Panics
 /// With 2^32 boxes or more.
 pub fn truth(boxes: &[Aabb]) -> Truth {
-    let n = u32::try_from(boxes.len()).expect("indices are u32");
-    let corners: Vec<Corners> = boxes.iter().map(Corners::of).collect();
+    truth_of_faces(&boxes.iter().map(faces).collect::<Vec<Faces>>())
+}
+
+/// Min and max of a box in f64, in which every f32 is itself.
+pub type Faces = [[f64; 3]; 2];
+
+/// The faces of a box.
+fn faces(b: &Aabb) -> Faces {
+    [b.min.map(f64::from), b.max.map(f64::from)]
+}
+
+/// As [`truth`], for boxes given in f64.
+///
+/// # Panics
+/// With 2^32 boxes or more.
+pub fn truth_of_faces(boxes: &[Faces]) -> Truth {
+    let corners: Vec<Corners> = boxes.iter().map(Corners::of_faces).collect();
+    Truth { pairs: pairs_of(&corners), census: census(boxes) }
+}
+
+fn pairs_of(corners: &[Corners]) -> Vec<Pair> {
+    let n = u32::try_from(corners.len()).expect("indices are u32");
     let mut pairs = Vec::new();
     for a in 0..n {
         for b in a + 1..n {
@@ -46,7 +67,7 @@ pub fn truth(boxes: &[Aabb]) -> Truth {
             }
         }
     }
-    Truth { pairs, census: census(boxes) }
+    pairs
 }
 
 /// A box as the oracle compares it.
@@ -66,9 +87,14 @@ pub struct Corners {
 impl Corners {
     /// The corners of a box.
     pub fn of(b: &Aabb) -> Self {
-        let [min, max] = [b.min.map(f64::from), b.max.map(f64::from)];
+        Self::of_faces(&faces(b))
+    }
+
+    /// The corners of a box given in f64.
+    fn of_faces(faces: &Faces) -> Self {
+        let [min, max] = faces;
         let solid = (0..3).all(|axis| min[axis] <= max[axis]);
-        Self { solid: solid.then_some([min, max]) }
+        Self { solid: solid.then_some(*faces) }
     }
 
     /// Whether two boxes share a point.
@@ -78,11 +104,12 @@ impl Corners {
     }
 }
 
-fn census(boxes: &[Aabb]) -> Census {
-    let is_invalid = |b: &&Aabb| b.min.iter().chain(&b.max).any(|x| x.is_nan());
+fn census(boxes: &[Faces]) -> Census {
+    let is_invalid = |b: &&Faces| b.as_flattened().iter().any(|x| x.is_nan());
     let invalid: Vec<u32> =
         (0u32..).zip(boxes).filter(|(_, b)| is_invalid(b)).map(|(i, _)| i).collect();
-    let empty = boxes.iter().filter(|b| !is_invalid(b) && Corners::of(b).solid.is_none()).count();
+    let is_empty = |b: &&Faces| !is_invalid(b) && Corners::of_faces(b).solid.is_none();
+    let empty = boxes.iter().filter(is_empty).count();
     let mut first_invalid = [0; NAMED_INVALID];
     for (slot, index) in first_invalid.iter_mut().zip(&invalid) {
         *slot = *index;

@@ -6,16 +6,19 @@ use clap::Args;
 
 use super::output::{OutputError, print_json, print_text};
 use super::raw_boxes::{RawBoxes, RawBoxesError};
-use crate::explain::{ExplainError, Explanation};
+use crate::explain::{ExplainError, Explanation, SentBoxes};
+use crate::precision::PrecisionChoice;
 
 /// Say why two boxes of a file are a pair or not
 #[derive(Debug, Args)]
 #[command(after_help = "\
 The gap on each axis in units and in ulps (steps of f32), the class of each box, and the cells that
-cpu-grid puts the two into. Boxes are numbered from 0, in the order of the file.
+cpu-grid puts the two into; with --precision, what that mode makes of the two, as cull has it. Boxes
+are numbered from 0, in the order of the file.
 
 Examples:
   pairmaskd explain boxes.f32 3 17
+  pairmaskd explain boxes.f32 3 17 --precision q16
   pairmaskd explain boxes.f32 3 17 --json")]
 pub struct Explain {
     /// File of boxes, `-` for stdin
@@ -25,6 +28,9 @@ pub struct Explain {
     i: u32,
     /// The other box
     j: u32,
+    /// How precisely boxes are told apart: exact, q16, q8, f16 or margin=X
+    #[arg(long, value_name = "MODE", default_value_t)]
+    precision: PrecisionChoice,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -45,7 +51,8 @@ impl Explain {
     /// Reads the file and explains the pair.
     pub fn run(&self) -> Result<(), ExplainCommandError> {
         let boxes = RawBoxes::open(&self.boxes)?.read()?;
-        let why = Explanation::of(&boxes, self.i, self.j)
+        let sent = SentBoxes::of(self.precision, &boxes);
+        let why = Explanation::of_sent(&boxes, &sent, self.i, self.j)
             .map_err(|source| ExplainCommandError::Pair { path: self.boxes.clone(), source })?;
         if self.json { print_json(&why) } else { print_text(why.to_string().trim_end()) }?;
         Ok(())

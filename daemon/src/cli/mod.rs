@@ -46,7 +46,7 @@ Examples:
   pairmaskd cull boxes.f32 --spawn --json     pairs of a file of boxes, by a daemon of its own
   pairmaskd bench latency --n 1000,10000      what a frame costs, by stage
   pairmaskd calibrate                         measure this machine, for the plan
-  pairmaskd stress --seconds 60               every engine against an oracle, on hard scenes
+  pairmaskd stress --seconds 60               engines and modes against an oracle, on hard scenes
   pairmaskd explain boxes.f32 3 17            why two boxes are a pair or not
 
 Exit status: 0 done; 1 it failed, a check failed, or nobody serves; 2 the command line or configuration is wrong.";

@@ -8,20 +8,23 @@ use clap::Args;
 use super::config::Config;
 use super::options::DaemonOptions;
 use super::output::{OutputError, print_json, print_text, progress_bar};
-use crate::stress::{Cases, Entrant, Roster, StressError, run};
+use crate::sabotage::Sabotage;
+use crate::stress::{Cases, Entrant, ModeChoice, Roster, StressError, run};
 
 /// Put every engine through hard scenes and compare with a naive oracle
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Scenes are drawn to go wrong: subnormals, −0, faces one ulp apart, touching, the ends of f32,
 infinities, NaN in each slot, empty and flat boxes, unit boxes far from the origin, sixty decades of
-sizes, sorted and reversed, cell and quantisation borders, spheres that touch, and mixtures of those. Every engine,
-instruction set and encoding answers each; a wrong answer prints its case, the first wrong pair and
-why that pair is in the mask or not.
+sizes, sorted and reversed, cell and quantisation borders, spheres that touch, and mixtures of
+those. Every engine, instruction set and encoding answers each, and every engine in every precision
+mode: what overlaps must be found, what the mode's definition adds may be. A wrong answer prints its
+case, the first wrong pair and why that pair is in the mask or not.
 
 Examples:
   pairmaskd stress --seconds 600
   pairmaskd stress --engine cpu-grid,gpu-brute --gpu software
+  pairmaskd stress --mode q8,f16                 these modes and not the exact engines
   pairmaskd stress --case 12345                  one case again
 
 Exit status: 0 where every answer was right, 1 where one was not.")]
@@ -38,6 +41,9 @@ pub struct Stress {
     /// all, cpu-brute, cpu-sap, cpu-grid, gpu-brute, spheres; several with commas
     #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "all")]
     engine: Vec<Entrant>,
+    /// all, exact, q16, q8, f16, margin, f64; several with commas. Spheres are exact
+    #[arg(long, value_name = "MODES", value_delimiter = ',', default_value = "all")]
+    mode: Vec<ModeChoice>,
     /// Most threads of an engine [default: all]
     #[arg(long, value_name = "N")]
     threads: Option<NonZeroUsize>,
@@ -46,9 +52,9 @@ pub struct Stress {
     /// Print one JSON object
     #[arg(long)]
     json: bool,
-    /// Break every engine, to see that it is noticed.
-    #[arg(long, hide = true)]
-    break_engine: bool,
+    /// Break every engine (`lossy`) or mode (`inward`), to see that it is noticed.
+    #[arg(long, hide = true, num_args = 0..=1, require_equals = true, default_missing_value = "lossy")]
+    break_engine: Option<Sabotage>,
 }
 
 /// The engines did not pass, or could not be run.
@@ -69,9 +75,10 @@ impl Stress {
         let threads = self.threads.or(std::thread::available_parallelism().ok());
         let roster = Roster {
             entrants: self.engine.clone(),
+            modes: self.mode.clone(),
             threads: threads.map_or(1, usize::from),
             gpu: self.options.gpu(config),
-            broken: self.break_engine,
+            sabotage: self.break_engine,
         };
         let cases = match self.case {
             Some(seed) => Cases::One { seed },

@@ -1,10 +1,12 @@
 //! Why a pair of boxes is in the mask or not: classes, the gap on each axis in units and in ulps,
-//! and the cells that `cpu-grid` puts the two into.
+//! what a precision mode makes of the two, and the cells that `cpu-grid` puts them into.
 
 mod gap;
+mod sent;
 mod text;
 
 pub use gap::{AxisReport, Separation};
+pub use sent::{SentBoxes, SentReport};
 
 use pairmask::engine::{Grid, GridPlace};
 use pairmask::{Aabb, BoxClass, BoxCount, PairIndex};
@@ -21,15 +23,17 @@ pub struct Explanation {
     pub overlaps: bool,
     /// Why, in one sentence.
     pub reason: String,
-    /// What boxes are compared by: `exact`.
-    pub mode: &'static str,
+    /// What boxes are compared by: `exact`, or the name of a precision mode.
+    pub mode: String,
     /// The pair's number k, which is its bit in a dense mask; null for a box with itself.
     pub pair_index: Option<u64>,
     /// The two boxes.
     pub box_reports: [BoxReport; 2],
     /// The three axes; null unless both boxes are solid.
     pub axes: Option<[AxisReport; 3]>,
-    /// How `cpu-grid` sees the two.
+    /// What the mode makes of the two; null for `exact`.
+    pub sent: Option<SentReport>,
+    /// How `cpu-grid` sees the two, as they are sent.
     pub grid: GridReport,
 }
 
@@ -99,24 +103,51 @@ impl Explanation {
     /// # Errors
     /// [`ExplainError::NoSuchBox`].
     pub fn of(boxes: &[Aabb], i: u32, j: u32) -> Result<Self, ExplainError> {
-        let find = |index: u32| {
+        Self::of_sent(boxes, &SentBoxes::exact(boxes), i, j)
+    }
+
+    /// Explains boxes `i` and `j` of a scene that is sent in another form.
+    ///
+    /// ```
+    /// use pairmask::Aabb;
+    /// use pairmaskd::explain::{Explanation, SentBoxes};
+    /// let boxes = [0.0, 2.0, 9.0].map(|x| Aabb::from([x, 0.0, 0.0, x + 1.999, 1.0, 1.0]));
+    /// let sent = "q8".parse()?;
+    /// let sent = SentBoxes::of(sent, &boxes);
+    /// let why = Explanation::of_sent(&boxes, &sent, 0, 1)?;
+    /// assert!(why.overlaps && why.reason.ends_with("their cells meet: an extra pair of q8"));
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`ExplainError::NoSuchBox`], also where fewer boxes are sent than given.
+    pub fn of_sent(
+        boxes: &[Aabb],
+        sent: &SentBoxes<'_>,
+        i: u32,
+        j: u32,
+    ) -> Result<Self, ExplainError> {
+        let find = |boxes: &[Aabb], index: u32| {
             let no_such_box = ExplainError::NoSuchBox { index, boxes: boxes.len() };
-            boxes.get(index as usize).ok_or(no_such_box)
+            boxes.get(index as usize).copied().ok_or(no_such_box)
         };
-        let (a, b) = (find(i)?, find(j)?);
-        let solid = [a, b].iter().all(|one| one.class() == BoxClass::Solid);
-        let axes = solid.then(|| std::array::from_fn(|axis| AxisReport::of(a, b, axis)));
+        let two = [find(boxes, i)?, find(boxes, j)?];
+        let two_sent = [find(sent.boxes(), i)?, find(sent.boxes(), j)?];
+        let axes = axes(&two);
         let n = boxes.len() as u32;
-        let view = Grid::explain(boxes, i as usize, j as usize);
+        let overlaps = |[a, b]: &[Aabb; 2]| i != j && a.overlaps(b);
+        let view = Grid::explain(sent.boxes(), i as usize, j as usize);
+        let reason = reason(i, j, [&two[0], &two[1]], axes.as_ref());
         Ok(Self {
             pair: [i, j],
             boxes: n,
-            overlaps: i != j && a.overlaps(b),
-            reason: reason(i, j, [a, b], axes.as_ref()),
-            mode: "exact",
+            overlaps: overlaps(&two_sent),
+            reason: reason + &sent.verdict(overlaps(&two), overlaps(&two_sent)),
+            mode: sent.mode().to_owned(),
             pair_index: PairIndex::of(BoxCount::new(n), i.min(j), i.max(j)).map(PairIndex::get),
-            box_reports: [BoxReport::of(i, a), BoxReport::of(j, b)],
+            box_reports: [BoxReport::of(i, &two[0]), BoxReport::of(j, &two[1])],
             axes,
+            sent: sent.report(&two_sent),
             grid: GridReport {
                 levels: view.levels,
                 compared: view.neighbours,
@@ -124,6 +155,12 @@ impl Explanation {
             },
         })
     }
+}
+
+/// Two boxes on the three axes, where both are solid.
+fn axes([a, b]: &[Aabb; 2]) -> Option<[AxisReport; 3]> {
+    let solid = [a, b].iter().all(|one| one.class() == BoxClass::Solid);
+    solid.then(|| std::array::from_fn(|axis| AxisReport::of(a, b, axis)))
 }
 
 impl BoxReport {

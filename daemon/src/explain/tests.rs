@@ -69,3 +69,33 @@ fn a_number_that_names_no_box_is_an_error() {
     let error = Explanation::of(&boxes, 0, 2).map_err(|e| e.to_string());
     assert_eq!(error.err().as_deref(), Some("there is no box 2: the scene has 2, numbered from 0"));
 }
+
+#[test]
+fn a_mode_says_what_it_makes_of_the_two() {
+    let boxes = [UNIT, [1.001, 0.0, 0.0, 2.0, 1.0, 1.0], [9.0, 0.0, 0.0, 9.5, 1.0, 1.0]];
+    let boxes = boxes.map(Aabb::from);
+    let explain = |mode: &str, j| {
+        let sent = SentBoxes::of(mode.parse().expect("a mode"), &boxes);
+        Explanation::of_sent(&boxes, &sent, 0, j).expect("three boxes")
+    };
+    let extra = explain("q8", 1);
+    assert_eq!((extra.overlaps, extra.mode.as_str()), (true, "q8"));
+    let reason = "a gap of 0.001000047 on x keeps the boxes apart, but their cells meet: an extra \
+                  pair of q8";
+    assert_eq!(extra.reason, reason);
+    let sent = extra.sent.as_ref().expect("cells");
+    assert_eq!((sent.unit, sent.coordinates[0][3].as_str()), ("cells", "26"));
+    assert!(extra.to_string().contains("x  they meet"), "{extra}");
+    let far = explain("q8", 2);
+    assert!(!far.overlaps && far.reason.ends_with("; the same in q8"), "{far}");
+    for (mode, overlaps) in
+        [("exact", false), ("q16", false), ("f16", false), ("margin=0.25", true)]
+    {
+        let why = explain(mode, 1);
+        assert_eq!(
+            (why.overlaps, why.mode.as_str(), why.sent.is_some()),
+            (overlaps, mode, mode != "exact")
+        );
+        assert_eq!(why.axes.expect("solid")[0].state, Separation::Apart);
+    }
+}

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use super::gap::number;
-use super::{AxisReport, BoxReport, Explanation, GridReport, Separation};
+use super::{AxisReport, BoxReport, Explanation, GridReport, SentReport, Separation};
 
 impl fmt::Display for Explanation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -25,7 +25,10 @@ impl fmt::Display for Explanation {
             let (word, bit) = (k / 32, k % 32);
             writeln!(f, "  pair      number {k}: bit {bit} of word {word} of a dense mask")?;
         }
-        writeln!(f, "  mode      {}: boxes are compared as they are", self.mode)?;
+        match &self.sent {
+            None => writeln!(f, "  mode      {}: boxes are compared as they are", self.mode)?,
+            Some(sent) => sent_lines(f, &self.mode, sent, self.pair)?,
+        }
         grid_lines(f, &self.grid, self.pair)
     }
 }
@@ -52,6 +55,30 @@ fn sentence(axis: &AxisReport) -> String {
             format!("overlapping by {depth} ({steps}), from {starts} to {ends}")
         }
     }
+}
+
+fn sent_lines(
+    f: &mut fmt::Formatter<'_>,
+    mode: &str,
+    sent: &SentReport,
+    pair: [u32; 2],
+) -> fmt::Result {
+    writeln!(f, "  mode      {mode}: {}", sent.rule)?;
+    for ([x, y, z, u, v, w], index) in sent.coordinates.iter().zip(pair) {
+        writeln!(f, "  sent      box {index}: {} ({x}, {y}, {z}) to ({u}, {v}, {w})", sent.unit)?;
+    }
+    let Some(axes) = &sent.axes else { return Ok(()) };
+    for axis in axes {
+        let gap = number(axis.gap.map_or(f64::INFINITY, f64::abs));
+        match axis.state {
+            Separation::Touching => writeln!(f, "  sent      {}  they meet", axis.axis)?,
+            Separation::Apart => writeln!(f, "  sent      {}  apart by {gap}", axis.axis)?,
+            Separation::Overlapping => {
+                writeln!(f, "  sent      {}  overlapping by {gap}", axis.axis)?;
+            }
+        }
+    }
+    Ok(())
 }
 
 fn ulps(count: i64) -> String {

@@ -6,6 +6,7 @@ use std::sync::OnceLock;
 use pairmask::Aabb;
 use pairmask::oracle::{Truth, truth};
 
+use super::modes::{ModeCase, Usage};
 use super::spheres::SphereCase;
 use super::{changes, hard, scenes};
 use crate::scene::Random;
@@ -15,7 +16,7 @@ pub const CASE_SEED_BITS: u32 = 48;
 
 /// Most pairs of a scene. A scene with more is halved until it has fewer: reading millions of bits
 /// naively takes seconds and finds no more than reading thousands.
-const MOST_PAIRS: usize = 60_000;
+pub(super) const MOST_PAIRS: usize = 60_000;
 
 /// A scene, what was done to make it, and its truth.
 #[derive(Clone, Debug)]
@@ -29,6 +30,7 @@ pub struct Case {
     /// By the oracle.
     pub truth: Truth,
     spheres: OnceLock<SphereCase>,
+    modes: [OnceLock<ModeCase>; Usage::ALL.len()],
 }
 
 impl Case {
@@ -48,12 +50,17 @@ impl Case {
             boxes.truncate(boxes.len() / 2);
             truth = pairmask::oracle::truth(&boxes);
         }
-        Self { seed, recipe, boxes, truth, spheres: OnceLock::new() }
+        Self { seed, recipe, boxes, truth, spheres: OnceLock::new(), modes: Default::default() }
     }
 
     /// The spheres of the same seed; made when somebody asks, since their truth takes long.
     pub fn spheres(&self) -> &SphereCase {
         self.spheres.get_or_init(|| SphereCase::new(self.seed))
+    }
+
+    /// The boxes in one usage of a precision mode; made when somebody asks.
+    pub fn in_mode(&self, usage: Usage) -> &ModeCase {
+        self.modes[usage as usize].get_or_init(|| ModeCase::new(self.seed, &self.boxes, usage))
     }
 
     /// The seed of the next case of a run.

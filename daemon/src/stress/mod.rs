@@ -5,11 +5,16 @@
 //! [`Subject`] answers every case. A wrong answer names the case's seed, the first wrong pair and
 //! why that pair is in the mask or not.
 //!
+//! Precision modes take part as subjects too ([`modes`]): what they must find is what overlaps, what
+//! they may find is what their definition adds.
+//!
 //! Another way to find pairs takes part by implementing [`Subject`] and standing in `roster.rs`.
 
 mod case;
 mod changes;
 pub mod hard;
+mod mode_subject;
+pub mod modes;
 mod report;
 mod roster;
 pub mod scenes;
@@ -17,6 +22,8 @@ mod spheres;
 mod subject;
 
 pub use case::{CASE_SEED_BITS, Case};
+pub use mode_subject::ModeSubject;
+pub use modes::{Mode, ModeChoice};
 pub use report::{Failure, StressReport};
 pub use roster::{Entrant, Roster};
 pub use spheres::{SphereCase, SphereSubject};
@@ -61,6 +68,9 @@ pub enum StressError {
     /// An engine cannot be made.
     #[error(transparent)]
     Engine(#[from] CullError),
+    /// What was chosen leaves nothing to run.
+    #[error("nothing to run: spheres are exact, and take part with --mode exact")]
+    NoSubject,
     /// No threads for an engine.
     #[error("the engines' threads cannot be started: {0}")]
     Threads(#[from] rayon::ThreadPoolBuildError),
@@ -112,7 +122,13 @@ fn failure(case: &Case, subject: &dyn Subject, finding: Finding) -> Failure {
     Failure {
         case: case.seed,
         subject: subject.name().to_owned(),
-        replay: format!("pairmaskd stress --case {} --engine {}", case.seed, subject.engine()),
+        mode: subject.mode().as_str(),
+        replay: format!(
+            "pairmaskd stress --case {} --engine {} --mode {}",
+            case.seed,
+            subject.engine(),
+            subject.mode()
+        ),
         boxes: boxes as u64,
         scene,
         what: finding.what,

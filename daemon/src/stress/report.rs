@@ -35,6 +35,8 @@ pub struct Failure {
     pub case: u64,
     /// Who answered.
     pub subject: String,
+    /// Its precision mode.
+    pub mode: &'static str,
     /// The command that does it again.
     pub replay: String,
     /// Boxes of the case.
@@ -97,6 +99,7 @@ impl fmt::Display for Failure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "WRONG: {}", self.subject)?;
         writeln!(f, "  {}", self.what)?;
+        writeln!(f, "  mode {}", self.mode)?;
         writeln!(f, "  {} boxes: {}", self.boxes, self.scene)?;
         writeln!(f, "  again: {}", self.replay)?;
         if let Some(explain) = &self.explain {

@@ -11,10 +11,12 @@ use pairmask::engine::{
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use super::StressError;
+use super::mode_subject::ModeSubject;
+use super::modes::{Mode, ModeChoice, Usage};
 use super::spheres::SphereSubject;
 use super::subject::{ExactSubject, Subject};
 use crate::execute::gpu::{AllPairs, AllPairsOptions, Gpu, GpuChoice, HostImport, OpenError};
-use crate::sabotage::Lossy;
+use crate::sabotage::{Lossy, Sabotage};
 
 /// A value of `--engine`: one kind of subject, or all that there are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -61,12 +63,14 @@ impl fmt::Display for Entrant {
 pub struct Roster {
     /// Which subjects.
     pub entrants: Vec<Entrant>,
+    /// In which precision modes.
+    pub modes: Vec<ModeChoice>,
     /// Most threads of an engine; each takes part with one thread as well.
     pub threads: usize,
     /// GPU of those that need one. [`Entrant::All`] goes without where there is none.
     pub gpu: GpuChoice,
-    /// Break every engine, to see that it is noticed.
-    pub broken: bool,
+    /// Break every engine or mode, to see that it is noticed.
+    pub sabotage: Option<Sabotage>,
 }
 
 /// Matrix of a band so small that scenes of more than about 2,000 boxes have several bands: 512 rows,
@@ -88,10 +92,22 @@ impl Roster {
         if self.has(EngineName::GpuBrute) {
             self.add_gpu(&mut subjects)?;
         }
-        if self.entrants.iter().any(|e| [Entrant::All, Entrant::Spheres].contains(e)) {
-            subjects.extend(SphereSubject::all(&self.pools()?, self.broken)?);
+        let spheres = self.entrants.iter().any(|e| [Entrant::All, Entrant::Spheres].contains(e));
+        if spheres && self.has_mode(Mode::Exact) {
+            subjects.extend(SphereSubject::all(&self.pools()?, self.is_lossy())?);
+        }
+        if subjects.is_empty() {
+            return Err(StressError::NoSubject);
         }
         Ok(subjects)
+    }
+
+    fn has_mode(&self, mode: Mode) -> bool {
+        self.modes.iter().any(|choice| choice.has(mode))
+    }
+
+    fn is_lossy(&self) -> bool {
+        self.sabotage == Some(Sabotage::Lossy)
     }
 
     fn has(&self, name: EngineName) -> bool {
@@ -104,6 +120,13 @@ impl Roster {
         subjects: &mut Vec<Box<dyn Subject>>,
     ) -> Result<(), StressError> {
         let pools = self.pools()?;
+        if let Some(pool) = pools.last() {
+            let best = Isa::best();
+            self.add_modes(&format!(" {best}"), pool, subjects, || Ok(cpu_engine(name, best)?))?;
+        }
+        if !self.has_mode(Mode::Exact) {
+            return Ok(());
+        }
         for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
             for pool in &pools {
                 for encoding in [Encoding::Dense, Encoding::Sparse] {
@@ -138,6 +161,13 @@ impl Roster {
             Err(error) => return Err(error.into()),
         };
         let pool = pool(1)?;
+        let on = format!(" on {}", gpu.info().name);
+        self.add_modes(&on, &pool, subjects, || {
+            Ok(Box::new(AllPairs::new(&gpu, AllPairsOptions::default())?))
+        })?;
+        if !self.has_mode(Mode::Exact) {
+            return Ok(());
+        }
         for (variant, matrix_bytes) in [("", None), (", many bands", Some(SMALL_MATRIX_BYTES))] {
             for encoding in [Encoding::Dense, Encoding::Sparse] {
                 let options = AllPairsOptions { matrix_bytes, ..AllPairsOptions::default() };
@@ -157,8 +187,28 @@ impl Roster {
         pool: &Arc<ThreadPool>,
         subjects: &mut Vec<Box<dyn Subject>>,
     ) {
-        let engine = if self.broken { Box::new(Lossy(engine)) } else { engine };
+        let engine = self.maybe_lossy(engine);
         subjects.push(Box::new(ExactSubject::new(engine, variant, encoding, pool)));
+    }
+
+    /// An engine of its own for every usage of a mode other than exact.
+    fn add_modes(
+        &self,
+        variant: &str,
+        pool: &Arc<ThreadPool>,
+        subjects: &mut Vec<Box<dyn Subject>>,
+        engine: impl Fn() -> Result<Box<dyn Engine>, StressError>,
+    ) -> Result<(), StressError> {
+        let inward = self.sabotage == Some(Sabotage::Inward);
+        for usage in Usage::ALL.into_iter().filter(|usage| self.has_mode(usage.mode())) {
+            let engine = self.maybe_lossy(engine()?);
+            subjects.push(Box::new(ModeSubject::new(engine, variant, usage, pool, inward)));
+        }
+        Ok(())
+    }
+
+    fn maybe_lossy(&self, engine: Box<dyn Engine>) -> Box<dyn Engine> {
+        if self.is_lossy() { Box::new(Lossy(engine)) } else { engine }
     }
 }
 

@@ -14,6 +14,7 @@ use pairmask::{Aabb, Encoding};
 use rayon::ThreadPool;
 
 use super::case::Case;
+use super::modes::Mode;
 use crate::explain::Explanation;
 
 /// One way to find pairs, and what its answer may be.
@@ -23,6 +24,11 @@ pub trait Subject {
 
     /// The value of `--engine` that runs it.
     fn engine(&self) -> &'static str;
+
+    /// The value of `--mode` that runs it.
+    fn mode(&self) -> Mode {
+        Mode::Exact
+    }
 
     /// Answers a case and checks the answer.
     ///

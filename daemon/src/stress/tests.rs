@@ -2,10 +2,40 @@ use super::*;
 use pairmask::engine::EngineName;
 
 use crate::execute::gpu::GpuChoice;
+use crate::sabotage::Sabotage;
 
 fn roster(broken: bool) -> Roster {
     let entrants = vec![Entrant::Engine(EngineName::CpuSap), Entrant::Engine(EngineName::CpuGrid)];
-    Roster { entrants, threads: 2, gpu: GpuChoice::None, broken }
+    let modes = vec![ModeChoice::All];
+    let sabotage = broken.then_some(Sabotage::Lossy);
+    Roster { entrants, modes, threads: 2, gpu: GpuChoice::None, sabotage }
+}
+
+#[test]
+fn every_mode_that_rounds_inward_is_caught() {
+    let entrants = vec![Entrant::Engine(EngineName::CpuSap)];
+    for mode in Mode::ALL.into_iter().filter(|mode| *mode != Mode::Exact) {
+        let modes = vec![ModeChoice::Only(mode)];
+        let roster = Roster { entrants: entrants.clone(), modes, ..roster(false) };
+        let broken = Roster { sabotage: Some(Sabotage::Inward), ..roster.clone() };
+        let cases = Cases::Run { seed: 4, time: Duration::from_secs(60) };
+        let mut subjects = broken.subjects().expect("CPU engines");
+        let report = run(&cases, &mut subjects, |_, _| {});
+        assert!(report.missed > 0 && report.extra == 0, "{mode}: {report}");
+        let failure = &report.failures[0];
+        assert_eq!(failure.mode, mode.as_str());
+        let explain = failure.explain.as_ref().expect("a pair is missing");
+        assert!(explain.overlaps && explain.mode.starts_with(mode.as_str()), "{mode}: {report}");
+        let mut sound = roster.subjects().expect("CPU engines");
+        assert!(run(&Cases::One { seed: failure.case }, &mut sound, |_, _| {}).is_clean());
+    }
+}
+
+#[test]
+fn spheres_have_no_other_mode_than_exact() {
+    let modes = vec![ModeChoice::Only(Mode::Q16)];
+    let roster = Roster { entrants: vec![Entrant::Spheres], modes, ..roster(false) };
+    assert!(matches!(roster.subjects(), Err(StressError::NoSubject)));
 }
 
 #[test]

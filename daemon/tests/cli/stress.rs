@@ -26,7 +26,8 @@ fn right_engines_pass() {
 #[test]
 fn a_broken_engine_is_caught_within_seconds_and_replayed() {
     let place = Place::new();
-    let arguments = ["stress", "--seconds", "60", "--engine", "cpu-sap", "--break-engine"];
+    let arguments =
+        ["stress", "--seconds", "60", "--engine", "cpu-sap", "--mode", "exact", "--break-engine"];
     let finished = place.run(&[&arguments[..], &["--json"]].concat());
     assert_eq!(finished.code, Some(1), "{finished:?}");
     let report: Value = serde_json::from_str(&finished.stdout).unwrap();
@@ -35,24 +36,53 @@ fn a_broken_engine_is_caught_within_seconds_and_replayed() {
     assert!(report["missed"].as_u64().unwrap() > 0 && report["extra"] == 0, "{report}");
     let failure = &report["failures"][0];
     let fields = [
-        "case", "subject", "replay", "boxes", "scene", "what", "missed", "extra", "pair", "explain",
+        "case", "subject", "mode", "replay", "boxes", "scene", "what", "missed", "extra", "pair",
+        "explain",
     ];
     assert_eq!(keys(failure), BTreeSet::from(fields));
     assert_eq!(failure["explain"]["overlaps"], true);
 
     let case = failure["case"].to_string();
-    assert_eq!(failure["replay"], format!("pairmaskd stress --case {case} --engine cpu-sap"));
-    let again = ["stress", "--case", &case, "--engine", "cpu-sap", "--break-engine"];
+    let replay = format!("pairmaskd stress --case {case} --engine cpu-sap --mode exact");
+    assert_eq!(failure["replay"], replay);
+    let again =
+        ["stress", "--case", &case, "--engine", "cpu-sap", "--mode", "exact", "--break-engine"];
     let text = place.run(&again);
     assert_eq!(text.code, Some(1), "{text:?}");
     assert!(text.stdout.contains("is missing") && text.stdout.contains("IN the mask"), "{text:?}");
-    assert_eq!(place.run(&again[..5]).code, Some(0), "the engine as it is answers the case");
+    assert_eq!(place.run(&again[..7]).code, Some(0), "the engine as it is answers the case");
+}
+
+#[test]
+fn a_mode_that_rounds_inward_is_caught_within_seconds_and_replayed() {
+    let place = Place::new();
+    let arguments =
+        ["stress", "--seconds", "60", "--mode", "q8,f16,f64", "--break-engine=inward", "--json"];
+    let finished = place.run(&arguments);
+    assert_eq!(finished.code, Some(1), "{finished:?}");
+    let report: Value = serde_json::from_str(&finished.stdout).unwrap();
+    assert!(report["elapsed_ns"].as_u64().unwrap() < 55_000_000_000, "{report}");
+    assert!(report["missed"].as_u64().unwrap() > 0 && report["extra"] == 0, "{report}");
+    let failure = &report["failures"][0];
+    let mode = failure["mode"].as_str().unwrap();
+    assert!(["q8", "f16", "f64"].contains(&mode), "{failure}");
+    assert_eq!(failure["explain"]["mode"], mode);
+
+    // The command that is printed, word by word.
+    let replay: Vec<&str> = failure["replay"].as_str().unwrap().split(' ').skip(1).collect();
+    let text = place.run(&[&replay[..], &["--break-engine=inward"]].concat());
+    assert_eq!(text.code, Some(1), "{text:?}");
+    assert!(text.stdout.contains(&format!("mode {mode}")), "{text:?}");
+    assert_eq!(place.run(&replay).code, Some(0), "the mode as it is answers the case");
 }
 
 #[test]
 fn an_engine_that_is_not_there_is_an_error() {
     let place = Place::new();
     assert_eq!(place.run(&["stress", "--engine", "nobody"]).code, Some(2));
+    assert_eq!(place.run(&["stress", "--mode", "q17"]).code, Some(2));
+    let nobody = place.run(&["stress", "--engine", "spheres", "--mode", "q16"]);
+    assert!(nobody.error(1).contains("nothing to run"), "{nobody:?}");
     let finished = place.run(&["stress", "--engine", "gpu-brute", "--gpu", "none"]);
     finished.error(1);
 }
@@ -78,11 +108,18 @@ fn a_pair_is_explained() {
         "pair_index",
         "box_reports",
         "axes",
+        "sent",
         "grid",
     ];
     assert_eq!(keys(&why), BTreeSet::from(fields));
     assert_eq!((&why["overlaps"], &why["axes"][0]["gap_ulps"]), (&false.into(), &1.into()));
     assert_eq!(why["axes"][0]["gap"], f64::from(apart) - 1.0);
+    assert_eq!((&why["mode"], &why["sent"]), (&"exact".into(), &Value::Null));
+    let near = place.run(&["explain", file, "0", "1", "--precision", "q8", "--json"]).json();
+    assert_eq!((&near["mode"], &near["overlaps"]), (&"q8".into(), &true.into()));
+    assert_eq!(keys(&near["sent"]), BTreeSet::from(["unit", "rule", "coordinates", "axes"]));
+    let text = place.run(&["explain", file, "0", "1", "--precision", "margin=0.5"]).stdout;
+    assert!(text.contains("an extra pair of margin=0.5"), "{text}");
     let text = place.run(&["explain", file, "1", "0"]).stdout;
     assert!(text.contains("NOT in the mask") && text.contains("1 ulp"), "{text}");
     let invalid = place.run(&["explain", file, "0", "2"]).stdout;
