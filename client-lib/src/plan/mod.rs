@@ -44,6 +44,8 @@ pub struct GpuCost {
     pub ns_a_box: f64,
     /// Each pair that all-pairs compares, ns.
     pub ns_a_test: f64,
+    /// What the grid's stages take whatever the scene, more than those of all pairs, ns.
+    pub grid_fixed_ns: f64,
     /// The grid's stages, ns a box; `None` where the GPU has no grid engine.
     pub grid_ns_a_box: Option<f64>,
     /// Each byte of the mask that comes down, ns.
@@ -158,7 +160,11 @@ impl Model<'_> {
             EngineName::GpuBrute => {
                 (self.gpu_ns(|gpu| Some(gpu.ns_a_test * self.pairs_of_all()))?, 1)
             }
-            EngineName::GpuGrid => (self.gpu_ns(|gpu| Some(gpu.grid_ns_a_box? * self.n()))?, 1),
+            EngineName::GpuGrid => {
+                let grid_ns =
+                    |gpu: &GpuCost| Some(gpu.grid_fixed_ns + gpu.grid_ns_a_box? * self.n());
+                (self.gpu_ns(grid_ns)?, 1)
+            }
         };
         let (encoding, encoding_ns) = self.encoding(engine);
         Some(Candidate { engine, encoding, threads, predicted_ns: cheapest_ns + encoding_ns })

@@ -32,7 +32,7 @@ impl Executor {
     /// Plans a frame of boxes that belong to `owner`, and finds its pairs.
     ///
     /// A GPU that is lost, or has no memory for the scene, leaves the frame to the CPU: the answer
-    /// is the same.
+    /// is the same. A scene that crowds the GPU's grid goes to all pairs.
     ///
     /// # Errors
     /// [`CullError`].
@@ -56,11 +56,19 @@ impl Executor {
                 }),
             };
             match done {
-                Err(CullError::DeviceLost { .. } | CullError::DeviceMemory { .. }) => {
+                Err(
+                    CullError::DeviceLost { .. }
+                    | CullError::DeviceMemory { .. }
+                    | CullError::TooCrowded { .. },
+                ) => {
                     let wish = CullWish { engine: EngineChoice::Auto, ..*wish };
                     plan = self.cpu.plan(boxes, &wish, None);
                 }
-                done => return Ok(CullAnswer::new(&plan, done?, start, plan_ns)),
+                done => {
+                    let (report, engine) = done?;
+                    plan.engine = engine;
+                    return Ok(CullAnswer::new(&plan, report, start, plan_ns));
+                }
             }
         }
         let report = self.cpu.run(&plan, boxes, reply)?;

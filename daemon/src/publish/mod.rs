@@ -138,9 +138,9 @@ impl From<CullError> for Failure {
                 (StatusCode::EngineUnavailable, [engine as u64, 0])
             }
             CullError::TooManyBoxes { n, limit, .. } => (StatusCode::TooManyBoxes, [n, limit]),
-            CullError::DeviceLost { engine } | CullError::DeviceMemory { engine, .. } => {
-                (StatusCode::EngineFailed, [engine as u64, 0])
-            }
+            CullError::DeviceLost { engine }
+            | CullError::DeviceMemory { engine, .. }
+            | CullError::TooCrowded { engine } => (StatusCode::EngineFailed, [engine as u64, 0]),
         };
         Self { status, detail, text: error.to_string() }
     }

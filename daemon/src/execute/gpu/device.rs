@@ -8,6 +8,8 @@
 use std::sync::{Arc, Mutex};
 
 use ash::vk;
+use pairmask::EngineName;
+use pairmask::engine::CullError;
 use wgpu::hal::vulkan;
 
 use super::adapter::{AdapterInfo, AdapterList, GpuChoice};
@@ -236,6 +238,21 @@ impl Gpu {
         // are not pending (their frame waits for its end before it is submitted again).
         let result = unsafe { self.raw.queue_submit(*queue, &[info], fence) };
         self.noticed(result)
+    }
+
+    /// What the caller of an engine can do about a fault of the GPU. A device that does what it
+    /// should not counts as lost.
+    pub(super) fn cull_error(&self, engine: EngineName, error: &GpuError) -> CullError {
+        match *error {
+            GpuError::OutOfMemory { bytes } => {
+                CullError::DeviceMemory { engine, needed_bytes: bytes }
+            }
+            GpuError::Lost | GpuError::Hung | GpuError::Driver(_) | GpuError::Stage { .. } => {
+                log::error!("{engine}: {error}");
+                self.health.mark_lost();
+                CullError::DeviceLost { engine }
+            }
+        }
     }
 
     /// Passes a driver's answer on; a lost device is remembered.

@@ -31,6 +31,11 @@ pub enum Command {
         /// To here, of the same size.
         to: Part,
     },
+    /// Zeroes memory.
+    Zero(
+        /// All of this, a multiple of four bytes.
+        Part,
+    ),
 }
 
 impl Command {
@@ -38,6 +43,7 @@ impl Command {
         match self {
             Self::Stage { pipeline, .. } => pipeline.label(),
             Self::Copy { .. } => "copy",
+            Self::Zero(_) => "zero",
         }
     }
 }
@@ -210,6 +216,11 @@ impl Frame {
                 let (from, to) = (from.block.raw(), to.block.raw());
                 // SAFETY: both parts lie in blocks that the frame keeps alive.
                 unsafe { raw.cmd_copy_buffer(self.commands, from, to, &region) };
+            }
+            Command::Zero(part) => {
+                let (buffer, offset, bytes) = (part.block.raw(), part.offset, part.bytes);
+                // SAFETY: the part lies in a block that the frame keeps alive.
+                unsafe { raw.cmd_fill_buffer(self.commands, buffer, offset, bytes, 0) };
             }
             Command::Stage { pipeline, parts, immediates, groups } => {
                 assert_eq!(parts.len(), pipeline.binding_count() as usize, "one part a binding");

@@ -21,10 +21,11 @@ use serde_json::json;
 use self::shared::Segment;
 use super::adapter::GpuChoice;
 use super::all_pairs::plan::{self, Tuning};
-use super::all_pairs::{AllPairs, AllPairsOptions, Upload};
+use super::all_pairs::{AllPairs, AllPairsOptions};
 use super::device::{Gpu, HostImport};
 use super::error::{GpuError, OpenError};
 use super::pipeline;
+use super::transfers::Upload;
 
 /// What is measured.
 #[derive(Clone, Debug)]

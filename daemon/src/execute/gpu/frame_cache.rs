@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use pairmask::Encoding;
 
-use crate::execute::gpu::device::Gpu;
-use crate::execute::gpu::error::GpuError;
-use crate::execute::gpu::frame::{Command, Frame};
-use crate::execute::gpu::memory::{Block, Part};
+use super::device::Gpu;
+use super::error::GpuError;
+use super::frame::{Command, Frame};
+use super::memory::{Block, Part};
 
 /// A place in a block. The frame that is filed under it keeps the block alive, so its address
 /// names no other block meanwhile.
