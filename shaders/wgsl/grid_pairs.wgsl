@@ -73,7 +73,9 @@ fn finish_word() {
 }
 
 // Tests the row against the positions start .. end.
-fn test_run(start: u32, end: u32) {
+fn test_run(start: u32, table_end: u32) {
+    // Whatever the table holds, a run ends.
+    let end = min(table_end, params.n);
     compared += max(end, start) - start;
     for (var p = start; p < end; p++) {
         let a = sorted[2u * p];
@@ -106,7 +108,7 @@ fn test_level(index: u32, is_own: bool) {
     let whole = wraps & (last - first >= count);
     first = select(first, vec3<i32>(0), whole);
     last = select(last, count - 1, whole);
-    let len = vec3<u32>(last - first + 1);
+    let len = vec3<u32>(clamp(last - first + 1, vec3<i32>(0), count));
     let start = vec3<u32>(first & grid.levels[index].fold);
     let end = start + len;
     let wrapped = max(end, vec3<u32>(count)) - vec3<u32>(count);

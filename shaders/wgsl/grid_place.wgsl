@@ -24,7 +24,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     let second = records[params.plane + index];
     let home = bitcast<vec2<u32>>(second.zw);
     let start = table[home.x];
-    let end = table[home.x + 1u];
+    let end = min(table[home.x + 1u], params.n);
     var position = start;
     if (end - start > 1u) {
         for (var p = start; p < end; p++) {

@@ -68,6 +68,15 @@ fn conforms_with_checked_stages() {
 }
 
 #[test]
+fn what_lay_in_memory_before_does_not_show() {
+    for word in [0xa5a5_a5a5, u32::MAX, 1] {
+        let sizes = (0..70).step_by(9).chain([345, 1000]).collect();
+        let poisoned = GridOptions { poison: Some(word), ..GridOptions::default() };
+        run(&mut engine(poisoned), Suite { sizes, ..Suite::default() });
+    }
+}
+
+#[test]
 fn conforms_with_boxes_in_mapped_video_memory() {
     let upload = Some(Upload::MappedVideo);
     let sizes = vec![33, 700];
@@ -178,6 +187,28 @@ fn a_frame_does_not_depend_on_the_frames_before_it() {
     for n in [1234, 3, 345, 64, 1234, 345] {
         for scene in stress_scenes::ALL {
             check_bytes(&mut engine, &scene.boxes(n, 9), &format!("{scene:?}, {n} boxes"));
+        }
+    }
+}
+
+/// Frame after frame without a pause, each with other levels: what a frame left in the device's
+/// caches must not reach the next one.
+#[test]
+fn frames_in_a_row_with_other_levels_do_not_mix() {
+    let mut engine = engine(GridOptions::default());
+    let names = ["huge", "sizes over 20 octaves", "uniform", "ground plane", "far from the origin"];
+    let scenes = names.map(|name| stress_scenes::named(name).boxes(43, 2));
+    let truths = scenes.each_ref().map(|boxes| oracle::truth(boxes));
+    let mut reply = HeapReply::new();
+    let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
+    for round in 0..50 {
+        let reports: Vec<_> = scenes
+            .iter()
+            .map(|boxes| engine.cull(boxes, &job, &mut reply).expect("a frame"))
+            .collect();
+        for ((report, truth), name) in reports.iter().zip(&truths).zip(names) {
+            let counted = truth.pairs.len() as u64;
+            assert_eq!(report.pair_count, counted, "{name}, round {round}");
         }
     }
 }

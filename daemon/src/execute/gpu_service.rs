@@ -1,7 +1,7 @@
 //! The GPU as the daemon uses it: opened once, its imports kept, replaced when lost.
 
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use pairmask::engine::{
     CullError, CullJob, CullReport, Engine, EngineName, HeapReply, ReplyBuffer, ReserveError,
@@ -10,7 +10,7 @@ use pairmask::engine::{
 use pairmask::plan::{GpuCost, Plan};
 use pairmask::{Aabb, Encoding};
 
-use super::gpu::device::HostImport;
+use super::gpu::device::{HostImport, Lane};
 use super::gpu::import::ImportId;
 use super::gpu::pipeline::user_cache_folder;
 use super::gpu::{
@@ -105,6 +105,21 @@ pub struct GpuService {
     offered: Vec<Offered>,
 }
 
+/// How long a look at a software adapter's frame waits for the next.
+const SOFTWARE_REST: Duration = Duration::from_micros(200);
+
+/// A frame that the GPU works on while the daemon does something else.
+#[derive(Debug)]
+pub struct GpuFrame {
+    lane: Lane,
+    /// Where the mask goes.
+    reply_at: (usize, usize),
+}
+
+/// Fewest boxes of a frame that is left to the GPU meanwhile: smaller ones end before another
+/// request could be looked at.
+const UNDER_WAY_BOXES: u32 = 32_768;
+
 impl GpuService {
     /// Opens the GPU of a choice.
     ///
@@ -179,6 +194,76 @@ impl GpuService {
         let (start, bytes) = noted.at;
         self.offer(Owner::Daemon, start, bytes);
         Ok(done)
+    }
+
+    /// Whether a frame of this plan may be left to the GPU ([`Self::begin`]).
+    pub fn can_begin(&self, plan: &Plan) -> bool {
+        plan.engine == EngineName::GpuGrid
+            && plan.encoding == Encoding::Sparse
+            && plan.stats.n.get() >= UNDER_WAY_BOXES
+    }
+
+    /// Starts a frame of boxes that belong to `owner`. They and the reply stay where they are until
+    /// [`Self::end`], or until the service is dropped.
+    ///
+    /// # Errors
+    /// As [`Self::cull`]; nothing is under way then.
+    pub fn begin(
+        &mut self,
+        boxes: &[Aabb],
+        owner: Owner,
+        plan: &Plan,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<GpuFrame, CullError> {
+        let lost = CullError::DeviceLost { engine: plan.engine };
+        if !self.refresh() {
+            return Err(lost);
+        }
+        self.offer(owner, boxes.as_ptr() as usize, size_of_val(boxes));
+        let mut noted = NotedReply { inner: reply, at: (0, 0) };
+        let engines = self.engines.as_mut().ok_or(lost)?;
+        let lane = engines.grid.begin(boxes, plan.encoding, &mut noted)?;
+        Ok(GpuFrame { lane, reply_at: noted.at })
+    }
+
+    /// Whether a frame has ended, so that [`Self::end`] does not wait.
+    pub fn has_ended(&self, frame: &GpuFrame) -> bool {
+        self.engines.as_ref().is_none_or(|engines| engines.grid.has_ended(frame.lane))
+    }
+
+    /// Waits for a frame. `boxes`, `plan` and `reply` are those that it began with.
+    ///
+    /// # Errors
+    /// As [`Self::cull`].
+    pub fn end(
+        &mut self,
+        frame: &GpuFrame,
+        boxes: &[Aabb],
+        plan: &Plan,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<(CullReport, EngineName), CullError> {
+        let engines = self.engines.as_mut().ok_or(CullError::DeviceLost { engine: plan.engine })?;
+        let mut noted = NotedReply { inner: reply, at: frame.reply_at };
+        let done = match engines.grid.end(frame.lane, boxes, &mut noted) {
+            Err(CullError::TooCrowded { .. }) => {
+                let job = &CullJob { encoding: plan.encoding, threads: plan.threads };
+                (engines.all_pairs.cull(boxes, job, &mut noted)?, EngineName::GpuBrute)
+            }
+            done => (done?, EngineName::GpuGrid),
+        };
+        let (start, bytes) = noted.at;
+        self.offer(Owner::Daemon, start, bytes);
+        Ok(done)
+    }
+
+    /// Gives the core away for a moment where the GPU needs it: a software adapter's frames run on
+    /// the same cores as this.
+    pub fn rest(&mut self) {
+        if self.device().is_some_and(|gpu| gpu.info().is_software()) {
+            std::thread::sleep(SOFTWARE_REST);
+        } else {
+            std::hint::spin_loop();
+        }
     }
 
     /// Imports memory unless it is known. An import costs 0.2 to 10 ms, once for each chunk.

@@ -3,14 +3,52 @@
 pub mod gpu;
 mod gpu_service;
 
-pub use gpu_service::{GpuService, Owner};
+pub use gpu_service::{GpuFrame, GpuService, Owner};
 
 use std::time::Instant;
 
 use pairmask::Aabb;
 use pairmask::engine::{
-    CpuEngines, CullAnswer, CullError, CullWish, EngineChoice, ReplyBuffer, nanoseconds_since,
+    CpuEngines, CullAnswer, CullError, CullReport, CullWish, EngineChoice, EngineName, ReplyBuffer,
+    nanoseconds_since,
 };
+use pairmask::plan::Plan;
+
+/// A frame with its plan.
+#[derive(Debug)]
+struct Planned {
+    plan: Plan,
+    wish: CullWish,
+    start: Instant,
+    plan_ns: u64,
+}
+
+impl Planned {
+    /// The answer of `engine`, which need not be the plan's.
+    fn answer(mut self, report: CullReport, engine: EngineName) -> CullAnswer {
+        self.plan.engine = engine;
+        CullAnswer::new(&self.plan, report, self.start, self.plan_ns)
+    }
+}
+
+/// A frame that was begun.
+#[derive(Debug)]
+pub enum Started {
+    /// And is done.
+    Answered(CullAnswer),
+    /// And is to be ended.
+    UnderWay(CullUnderWay),
+}
+
+/// A frame that the GPU works on.
+#[derive(Debug)]
+pub struct CullUnderWay {
+    frame: GpuFrame,
+    planned: Planned,
+}
+
+/// Frames that may be under way at a time.
+pub const FRAMES_UNDER_WAY: usize = gpu::device::LANES;
 
 /// All engines that this daemon has.
 pub struct Executor {
@@ -43,36 +81,119 @@ impl Executor {
         wish: &CullWish,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
+        let planned = self.plan(boxes, wish);
+        self.run(planned, boxes, owner, reply)
+    }
+
+    /// As [`Self::cull`], but a frame that the GPU takes its time for may come back under way. Its
+    /// boxes and its reply stay where they are until [`Self::end`], or until the executor is
+    /// dropped.
+    ///
+    /// # Errors
+    /// [`CullError`].
+    pub fn begin(
+        &mut self,
+        boxes: &[Aabb],
+        owner: Owner,
+        wish: &CullWish,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<Started, CullError> {
+        let planned = self.plan(boxes, wish);
+        if let Some(gpu) = self.gpu.as_mut().filter(|gpu| gpu.can_begin(&planned.plan)) {
+            return match gpu.begin(boxes, owner, &planned.plan, reply) {
+                Ok(frame) => Ok(Started::UnderWay(CullUnderWay { frame, planned })),
+                Err(error) => self.run_after(error, planned, boxes, reply).map(Started::Answered),
+            };
+        }
+        self.run(planned, boxes, owner, reply).map(Started::Answered)
+    }
+
+    /// Whether a frame has ended, so that [`Self::end`] does not wait.
+    pub fn has_ended(&self, cull: &CullUnderWay) -> bool {
+        self.gpu.as_ref().is_none_or(|gpu| gpu.has_ended(&cull.frame))
+    }
+
+    /// Waits for a frame. `boxes` and `reply` are those that it began with.
+    ///
+    /// # Errors
+    /// [`CullError`].
+    pub fn end(
+        &mut self,
+        cull: CullUnderWay,
+        boxes: &[Aabb],
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullAnswer, CullError> {
+        let CullUnderWay { frame, planned } = cull;
+        let lost = CullError::DeviceLost { engine: planned.plan.engine };
+        let done = match &mut self.gpu {
+            Some(gpu) => gpu.end(&frame, boxes, &planned.plan, reply),
+            None => Err(lost),
+        };
+        match done {
+            Ok((report, engine)) => Ok(planned.answer(report, engine)),
+            Err(error) => self.run_after(error, planned, boxes, reply),
+        }
+    }
+
+    fn plan(&mut self, boxes: &[Aabb], wish: &CullWish) -> Planned {
         let start = Instant::now();
         let gpu_cost = self.gpu.as_ref().and_then(GpuService::cost);
-        let mut plan = self.cpu.plan(boxes, wish, gpu_cost);
-        let plan_ns = nanoseconds_since(start);
-        if plan.engine.is_gpu() {
-            let done = match &mut self.gpu {
-                Some(gpu) => gpu.cull(boxes, owner, &plan, reply),
-                None => Err(CullError::Unavailable {
-                    engine: plan.engine,
-                    why: "this daemon has no GPU (see `pairmaskd serve --gpu`)",
-                }),
-            };
-            match done {
-                Err(
-                    CullError::DeviceLost { .. }
-                    | CullError::DeviceMemory { .. }
-                    | CullError::TooCrowded { .. },
-                ) => {
-                    let wish = CullWish { engine: EngineChoice::Auto, ..*wish };
-                    plan = self.cpu.plan(boxes, &wish, None);
-                }
-                done => {
-                    let (report, engine) = done?;
-                    plan.engine = engine;
-                    return Ok(CullAnswer::new(&plan, report, start, plan_ns));
-                }
-            }
+        let plan = self.cpu.plan(boxes, wish, gpu_cost);
+        Planned { plan, wish: *wish, start, plan_ns: nanoseconds_since(start) }
+    }
+
+    fn run(
+        &mut self,
+        planned: Planned,
+        boxes: &[Aabb],
+        owner: Owner,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullAnswer, CullError> {
+        let engine = planned.plan.engine;
+        if !engine.is_gpu() {
+            let report = self.cpu.run(&planned.plan, boxes, reply)?;
+            return Ok(planned.answer(report, engine));
         }
-        let report = self.cpu.run(&plan, boxes, reply)?;
-        Ok(CullAnswer::new(&plan, report, start, plan_ns))
+        let done = match &mut self.gpu {
+            Some(gpu) => gpu.cull(boxes, owner, &planned.plan, reply),
+            None => Err(CullError::Unavailable {
+                engine,
+                why: "this daemon has no GPU (see `pairmaskd serve --gpu`)",
+            }),
+        };
+        match done {
+            Ok((report, engine)) => Ok(planned.answer(report, engine)),
+            Err(error) => self.run_after(error, planned, boxes, reply),
+        }
+    }
+
+    /// The CPU's answer to a frame that the GPU could not serve, or the error.
+    fn run_after(
+        &mut self,
+        error: CullError,
+        mut planned: Planned,
+        boxes: &[Aabb],
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullAnswer, CullError> {
+        match error {
+            CullError::DeviceLost { .. }
+            | CullError::DeviceMemory { .. }
+            | CullError::TooCrowded { .. } => {
+                let wish = CullWish { engine: EngineChoice::Auto, ..planned.wish };
+                planned.plan = self.cpu.plan(boxes, &wish, None);
+                let report = self.cpu.run(&planned.plan, boxes, reply)?;
+                let engine = planned.plan.engine;
+                Ok(planned.answer(report, engine))
+            }
+            error => Err(error),
+        }
+    }
+
+    /// Lets the GPU work for a moment.
+    pub fn rest(&mut self) {
+        if let Some(gpu) = &mut self.gpu {
+            gpu.rest();
+        }
     }
 
     /// Gives up what belonged to clients that are gone; to be called now and then.

@@ -4,12 +4,13 @@ mod account;
 mod loan_reply;
 mod wake;
 
+use std::collections::VecDeque;
 use std::time::Instant;
 
 use iceoryx2::service::ipc;
-use pairmask::engine::{CullError, CullWish, ReserveError};
+use pairmask::engine::{CullAnswer, CullError, CullWish, ReserveError};
 use pairmask::transport::{
-    ActiveRequest, Limits, Populated, Services, WakeClient, boxes_in, words_in_mut,
+    ActiveRequest, Limits, Populated, ResponseLoan, Services, WakeClient, boxes_in, words_in_mut,
 };
 use pairmask::units::BoxCount;
 use pairmask::wire::{
@@ -20,11 +21,24 @@ use pairmask::wire::{
 use self::account::Account;
 use self::loan_reply::LoanReply;
 use self::wake::WakeBoard;
-use crate::execute::{Executor, Owner};
+use crate::execute::{CullUnderWay, Executor, FRAMES_UNDER_WAY, Owner, Started};
 
-/// Answers requests, one at a time.
+/// A frame that the executor works on, and where its answer goes.
+struct Frame {
+    active: ActiveRequest,
+    loan: Option<ResponseLoan>,
+    cull: CullUnderWay,
+    fields: ReplyFields,
+    boxes_offset: usize,
+    start: Instant,
+}
+
+/// Answers requests: one at a time, but for frames that a GPU takes its time for.
 pub struct Publisher {
+    // Dropped before the frames under way, whose memory it uses until then.
     executor: Executor,
+    /// Oldest first.
+    under_way: VecDeque<Frame>,
     wake_board: WakeBoard,
     services: Services<ipc::Service>,
     populated: Populated,
@@ -42,6 +56,7 @@ impl Publisher {
     ) -> Self {
         Self {
             executor,
+            under_way: VecDeque::with_capacity(FRAMES_UNDER_WAY),
             wake_board: WakeBoard::new(wake_clients, limits.max_clients),
             services,
             populated: Populated::default(),
@@ -55,8 +70,23 @@ impl Publisher {
         self.executor.tidy();
     }
 
-    /// Answers one request, whatever it holds.
-    pub fn answer(&mut self, active: &ActiveRequest) {
+    /// Whether another request can be taken in.
+    pub fn has_room(&self) -> bool {
+        self.under_way.len() < FRAMES_UNDER_WAY
+    }
+
+    /// Whether a frame is under way: then [`Self::publish_ended`] is to be called soon.
+    pub fn is_busy(&self) -> bool {
+        !self.under_way.is_empty()
+    }
+
+    /// Lets the engines work for a moment.
+    pub fn rest(&mut self) {
+        self.executor.rest();
+    }
+
+    /// Takes in one request, whatever it holds, and answers it now, or leaves it under way.
+    pub fn take(&mut self, active: ActiveRequest) {
         let start = Instant::now();
         // Copied once: the client can write to it all the while.
         let header = *active.user_header();
@@ -66,24 +96,28 @@ impl Publisher {
             frame: header.frame,
             box_count: BoxCount::new(header.box_count),
         };
-        let mut reply = LoanReply::new(active, &mut self.populated, self.max_reply_bytes);
+        let mut reply = LoanReply::new(&active, &mut self.populated, self.max_reply_bytes);
         let response = match Request::parse(&header, payload_bytes) {
             Ok(Request::Cull { box_count, boxes_offset, engine, encoding, threads }) => {
                 let last_pairs = self.account.last_pairs(fields.client_token);
                 let wish = CullWish { engine, encoding, threads, last_pairs };
                 let owner = Owner::Client(active.origin().value());
                 let refused = Reject::Boxes { box_count: box_count.get(), payload_bytes };
-                boxes_in(active.payload(), boxes_offset, box_count)
+                let started = boxes_in(active.payload(), boxes_offset, box_count)
                     .ok_or_else(|| Failure::from(refused))
-                    .and_then(|boxes| Ok(self.executor.cull(boxes, owner, &wish, &mut reply)?))
-                    .map(|answer| {
-                        let times = StageTimes {
-                            total_ns: start.elapsed().as_nanos() as u64,
-                            ..answer.times
-                        };
-                        self.account.note_frame(&fields, answer.report.pair_count);
-                        response_ok(&fields, answer.engine, answer.threads, &answer.report, &times)
-                    })
+                    .and_then(|boxes| Ok(self.executor.begin(boxes, owner, &wish, &mut reply)?));
+                match started {
+                    Ok(Started::UnderWay(cull)) => {
+                        let loan = reply.into_loan();
+                        let frame = Frame { active, loan, cull, fields, boxes_offset, start };
+                        self.under_way.push_back(frame);
+                        return;
+                    }
+                    Ok(Started::Answered(answer)) => {
+                        Ok(response_of(&mut self.account, &fields, &answer, start))
+                    }
+                    Err(failure) => Err(failure),
+                }
             }
             Ok(Request::Status) => {
                 let body = self.account.body(self.services.client_count());
@@ -94,14 +128,56 @@ impl Publisher {
             }
             Err(reject) => Err(reject.into()),
         };
-        let response = response.unwrap_or_else(|failure| {
-            log::debug!("client {:016x}: {}", fields.client_token, failure.text);
-            self.account.note_error(&fields, failure.status);
-            response_error(&fields, failure.status, failure.detail)
-        });
-        send(reply, &response);
-        self.wake_board.wake(fields.client_token);
+        publish(&mut self.account, &mut self.wake_board, &fields, reply, response);
     }
+
+    /// Publishes the oldest frame under way if it has ended. Whether it had.
+    pub fn publish_ended(&mut self) -> bool {
+        if !self.under_way.front().is_some_and(|frame| self.executor.has_ended(&frame.cull)) {
+            return false;
+        }
+        let Some(frame) = self.under_way.pop_front() else { return false };
+        let Frame { active, loan, cull, fields, boxes_offset, start } = frame;
+        let mut reply =
+            LoanReply::new(&active, &mut self.populated, self.max_reply_bytes).with_loan(loan);
+        let payload_bytes = (active.payload().len() * PAGE_BYTES) as u64;
+        let refused = Reject::Boxes { box_count: fields.box_count.get(), payload_bytes };
+        let response = boxes_in(active.payload(), boxes_offset, fields.box_count)
+            .ok_or_else(|| Failure::from(refused))
+            .and_then(|boxes| Ok(self.executor.end(cull, boxes, &mut reply)?))
+            .map(|answer| response_of(&mut self.account, &fields, &answer, start));
+        publish(&mut self.account, &mut self.wake_board, &fields, reply, response);
+        true
+    }
+}
+
+/// The response to an answered frame.
+fn response_of(
+    account: &mut Account,
+    fields: &ReplyFields,
+    answer: &CullAnswer,
+    start: Instant,
+) -> ResponseHeader {
+    let times = StageTimes { total_ns: start.elapsed().as_nanos() as u64, ..answer.times };
+    account.note_frame(fields, answer.report.pair_count);
+    response_ok(fields, answer.engine, answer.threads, &answer.report, &times)
+}
+
+/// Sends a response and wakes its client.
+fn publish(
+    account: &mut Account,
+    wake_board: &mut WakeBoard,
+    fields: &ReplyFields,
+    reply: LoanReply<'_>,
+    response: Result<ResponseHeader, Failure>,
+) {
+    let response = response.unwrap_or_else(|failure| {
+        log::debug!("client {:016x}: {}", fields.client_token, failure.text);
+        account.note_error(fields, failure.status);
+        response_error(fields, failure.status, failure.detail)
+    });
+    send(reply, &response);
+    wake_board.wake(fields.client_token);
 }
 
 fn send(reply: LoanReply<'_>, header: &ResponseHeader) {

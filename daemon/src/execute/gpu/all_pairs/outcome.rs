@@ -18,14 +18,12 @@ pub(in crate::execute::gpu) struct Outcome {
     /// Non-zero mask words.
     pub(in crate::execute::gpu) words: u64,
     pub(in crate::execute::gpu) pairs: u64,
-    /// Pairs that were compared; 0 where it is not counted.
-    pub(in crate::execute::gpu) compared: u64,
 }
 
 impl Outcome {
     /// The sum of all batches, in order.
     pub(in crate::execute::gpu) fn of(reports: &[BatchReport]) -> Self {
-        let mut outcome = Self { census: Census::default(), words: 0, pairs: 0, compared: 0 };
+        let mut outcome = Self { census: Census::default(), words: 0, pairs: 0 };
         for (batch, first) in reports.iter().zip((0..).step_by(BATCH_BOXES as usize)) {
             outcome.words += u64::from(batch.words);
             outcome.pairs += u64::from(batch.pairs);
@@ -62,7 +60,7 @@ pub(in crate::execute::gpu) fn no_pairs(
         Encoding::Sparse => MaskShape::sparse(n, 0, 0, false),
     };
     reply.reserve(shape.extent_words())?;
-    let outcome = Outcome { census, words: 0, pairs: 0, compared: 0 };
+    let outcome = Outcome { census, words: 0, pairs: 0 };
     Ok(report(shape, &outcome, 0, [Duration::ZERO; 3]))
 }
 

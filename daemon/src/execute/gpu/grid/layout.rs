@@ -9,11 +9,14 @@ use pairmask_shaders::layouts::GridLayout;
 use super::axis::{self, Axis, CELL_LIMIT, FOLDED_LEAST};
 use super::sample::Sample;
 
-/// Cells are at least this much longer than the longest edge that the sample saw, so that neither
-/// rounding nor the boxes it missed send many to a coarser level.
-const CELL_MARGIN: f32 = 1.001;
-/// The same where sizes differ.
+/// Cells of boxes of one size are this much longer than they, so that rounding sends none to a
+/// coarser level.
+const ALIKE_MARGIN: f32 = 1.001;
+/// Where sizes differ, cells are this much longer than the longest edge that the sample saw: if
+/// only ten boxes of a million go to a coarser level, all the others have to look there.
 const MIXED_MARGIN: f32 = 1.02;
+/// Sizes that differ by less are one size.
+const ALIKE_SIZES: f32 = 1.0005;
 /// Share of the extent by which the table reaches beyond what the sample saw, on either side.
 const BOUNDS_MARGIN: f32 = 1.0 / 256.0;
 
@@ -77,11 +80,7 @@ impl Chooser {
         let mut cells = 0;
         let mut top = [0.0f32; 3];
         let octaves = octaves(&self.sample);
-        let margin = if octaves[..octaves.len() - 1].iter().all(|o| o.count == 0.0) {
-            CELL_MARGIN
-        } else {
-            MIXED_MARGIN
-        };
+        let margin = if self.sample.is_alike(ALIKE_SIZES) { ALIKE_MARGIN } else { MIXED_MARGIN };
         for group in groups(&self.sample, &octaves).into_iter().flatten() {
             top = cell_edges(&self.sample, group.edges, margin);
             let share = group.count / self.sample.boxes.len().max(1) as f32;

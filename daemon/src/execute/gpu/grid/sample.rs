@@ -56,14 +56,27 @@ impl Sample {
         for axis in 0..3 {
             self.scratch.clear();
             self.scratch.extend(self.mins.iter().map(|min| min[axis]));
-            self.scratch.sort_unstable_by(f32::total_cmp);
-            let at = |place: usize| self.scratch.get(place).copied().unwrap_or(0.0);
-            let last = self.scratch.len().saturating_sub(1);
-            self.low[axis] = at(0);
-            self.middle[axis] = at(last / 2);
-            self.extent[axis] = at(last) - at(0);
+            if self.scratch.is_empty() {
+                (self.low[axis], self.middle[axis], self.extent[axis]) = (0.0, 0.0, 0.0);
+                continue;
+            }
+            let half = (self.scratch.len() - 1) / 2;
+            let (below, middle, above) = self.scratch.select_nth_unstable_by(half, f32::total_cmp);
+            let low = below.iter().copied().fold(*middle, f32::min);
+            let high = above.iter().copied().fold(*middle, f32::max);
+            self.low[axis] = low;
+            self.middle[axis] = *middle;
+            self.extent[axis] = high - low;
         }
         self.measure_sizes();
+    }
+
+    /// Whether all edges of an axis are the same, up to a factor.
+    pub fn is_alike(&self, factor: f32) -> bool {
+        (0..3).all(|axis| {
+            let edges = || self.boxes.iter().map(|b| b.edges[axis]);
+            edges().fold(0.0, f32::max) <= factor * edges().fold(f32::INFINITY, f32::min)
+        })
     }
 
     fn measure_sizes(&mut self) {

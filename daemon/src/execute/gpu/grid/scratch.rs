@@ -40,6 +40,15 @@ pub(super) struct Blocks {
     pub(super) summary: Arc<Block>,
 }
 
+impl Blocks {
+    /// All of them.
+    pub(super) fn all(&self) -> [&Arc<Block>; 10] {
+        let Self { layout, table, control, records, ids, sorted, totals, invalid, found, summary } =
+            self;
+        [layout, table, control, records, ids, sorted, totals, invalid, found, summary]
+    }
+}
+
 impl Scratch {
     pub(super) fn new(gpu: &Gpu) -> Self {
         // Written by the CPU each frame: into video memory where it can, else read from afar.
