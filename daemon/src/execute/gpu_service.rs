@@ -315,6 +315,8 @@ impl GpuService {
 const TIMED_BOXES: usize = 8192;
 /// Boxes of the scene that the grid is timed on: enough to fill a large GPU.
 const TIMED_GRID_BOXES: usize = 65_536;
+/// The same on a software adapter, where more would hold the start up for seconds.
+const TIMED_SOFTWARE_BOXES: usize = 2048;
 /// Boxes of a scene that takes no time but what every scene takes.
 const TIMED_LEAST_BOXES: usize = 64;
 /// Frames of which the fastest counts; the first one compiles and allocates.
@@ -344,6 +346,7 @@ fn measure(engines: &mut Engines, grid: GridOptions) -> Option<GpuCost> {
     let large_ns = fastest_ns(&mut engines.all_pairs, TIMED_BOXES)?;
     let grid_least_ns = fastest_ns(&mut engines.grid, TIMED_LEAST_BOXES)?;
     // By the GPU's clock: these boxes are staged, those of clients are not.
+    let grid_software = engines.grid.gpu().info().is_software();
     let mut grid = Grid::new(engines.grid.gpu(), grid).ok()?;
     let mut stages_ns = |n: usize| -> Option<(f64, f64)> {
         fastest_ns(&mut grid, n)?;
@@ -351,8 +354,9 @@ fn measure(engines: &mut Engines, grid: GridOptions) -> Option<GpuCost> {
         Some((times.next()?, times.sum()))
     };
     let (least_up_ns, least_rest_ns) = stages_ns(TIMED_LEAST_BOXES)?;
-    let (up_ns, rest_ns) = stages_ns(TIMED_GRID_BOXES)?;
-    let a_box = |ns: f64, least_ns: f64| (ns - least_ns).max(0.0) / TIMED_GRID_BOXES as f64;
+    let many = if grid_software { TIMED_SOFTWARE_BOXES } else { TIMED_GRID_BOXES };
+    let (up_ns, rest_ns) = stages_ns(many)?;
+    let a_box = |ns: f64, least_ns: f64| (ns - least_ns).max(0.0) / many as f64;
     let ns_a_box = a_box(up_ns, least_up_ns);
     let tests = (TIMED_BOXES * (TIMED_BOXES - 1) / 2) as f64;
     let tests_ns = large_ns - fixed_ns - ns_a_box * TIMED_BOXES as f64;

@@ -22,6 +22,7 @@ use crate::cli::output::{OutputError, print_json, print_text, progress_bar};
 use crate::cli::raw_boxes::{RawBoxes, RawBoxesError};
 use crate::scene::{Scene, SceneName};
 use crate::spawn::{PrivateDaemon, PrivateSettings, SpawnError};
+use crate::study::grid::GridError;
 use crate::study::mapping::MappingError;
 
 /// Longer than any pause between two frames: whoever spins never sleeps in between.
@@ -140,6 +141,8 @@ pub enum BenchError {
     Miscounted { frame: u64, counted: u64, decoded: u64 },
     #[error(transparent)]
     Mapping(#[from] MappingError),
+    #[error(transparent)]
+    Grid(#[from] GridError),
     #[error(transparent)]
     Output(#[from] OutputError),
 }

@@ -1,6 +1,7 @@
 //! `bench`: what frames cost on this machine.
 
 mod closed_loop;
+mod grid;
 mod latency;
 mod machine;
 mod mapping;
@@ -24,6 +25,7 @@ pub struct Bench {
 enum What {
     Latency(latency::Latency),
     Mapping(mapping::Mapping),
+    Grid(grid::Grid),
 }
 
 impl Bench {
@@ -32,6 +34,7 @@ impl Bench {
         match &self.what {
             What::Latency(latency) => latency.run(place, config),
             What::Mapping(mapping) => mapping.run(config),
+            What::Grid(grid) => grid.run(config),
         }
     }
 }

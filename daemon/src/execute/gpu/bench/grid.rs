@@ -4,15 +4,16 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use pairmask::engine::{CullJob, CullReport, Engine, Grid as CpuGrid, HeapReply};
-use pairmask::mask::MaskView;
-use pairmask::{BoxCount, Encoding};
+use pairmask::mask::{MaskShape, MaskView};
+use pairmask::{Aabb, BoxCount, Encoding};
 use serde::Serialize;
 
 use super::shared::Segment;
 use super::{BenchError, LEAST_FRAMES, percentile};
 use crate::execute::gpu::device::Gpu;
+use crate::execute::gpu::grid::cell_count;
 use crate::execute::gpu::grid::plan::Sizes;
-use crate::execute::gpu::{Grid, GridOptions, SharedImports};
+use crate::execute::gpu::{AllPairs, AllPairsOptions, Grid, GridOptions, SharedImports};
 use crate::scene::{Scene, SceneName};
 
 /// The scenes of the anchors.
@@ -37,6 +38,8 @@ pub struct GridRow {
     pub words: u64,
     /// Pairs compared.
     pub compared: u64,
+    /// Cells of all levels.
+    pub cells: u32,
     /// Bytes of the reply's sections.
     pub mask_bytes: u64,
     /// Whether boxes and reply were imported.
@@ -67,8 +70,8 @@ pub fn measure(
     check: bool,
 ) -> Result<GridRow, BenchError> {
     let mut scene = Scene::new(name, n as usize, 1);
-    let mut rig = Rig::new(gpu, scene.boxes(), false)?;
-    let mut report = rig.frame(scene.boxes())?;
+    let mut rig = Rig::grid(gpu, scene.boxes(), false)?;
+    let mut report = rig.frame(n)?;
     if check {
         compare(&rig, &report, &scene, name)?;
     }
@@ -82,7 +85,7 @@ pub fn measure(
         rig.boxes.write(scene.boxes());
         for round in 0..ROUNDS {
             let start = Instant::now();
-            report = rig.frame_in_place(n)?;
+            report = rig.frame(n)?;
             if round > ROUNDS / 2 {
                 times.push(start.elapsed().as_secs_f64() * 1e6);
             }
@@ -102,6 +105,7 @@ pub fn measure(
         n,
         pairs: report.pair_count,
         words,
+        cells: cell_count(scene.boxes()),
         compared: BoxCount::new(n).pair_count() - report.skipped.pairs,
         mask_bytes: report.shape.mask_bytes(),
         imported,
@@ -115,42 +119,119 @@ pub fn measure(
 }
 
 /// An engine with its shared memory.
-struct Rig {
-    engine: Grid,
+struct Rig<E> {
+    engine: E,
     boxes: Segment,
     reply: Segment,
     imported: bool,
 }
 
-impl Rig {
-    fn new(gpu: &Arc<Gpu>, boxes: &[pairmask::Aabb], profiled: bool) -> Result<Self, BenchError> {
-        let options =
-            GridOptions { profiled, imports: SharedImports::default(), ..GridOptions::default() };
-        let n = BoxCount::of_len(boxes.len()).unwrap_or_default();
-        let words = Sizes::of(n).reply_words(WORDS_A_BOX * u64::from(n.get()));
+impl<E: Engine> Rig<E> {
+    fn new(
+        engine: E,
+        gpu: &Arc<Gpu>,
+        imports: &SharedImports,
+        boxes: &[Aabb],
+        reply_words: u64,
+    ) -> Result<Self, BenchError> {
         let mut rig = Self {
-            engine: Grid::new(gpu, options)?,
+            engine,
             boxes: Segment::new(size_of_val(boxes))?,
-            reply: Segment::new(4 * words as usize)?,
+            reply: Segment::new(4 * reply_words as usize)?,
             imported: true,
         };
         for segment in [&rig.boxes, &rig.reply] {
-            if let Err(error) = rig.engine.import(segment.address(), segment.bytes()) {
+            if let Err(error) = imports.lock().import(gpu, segment.address(), segment.bytes()) {
                 log::warn!("staged: {error}");
                 rig.imported = false;
             }
         }
+        rig.boxes.write(boxes);
         Ok(rig)
     }
 
-    fn frame(&mut self, boxes: &[pairmask::Aabb]) -> Result<CullReport, BenchError> {
-        self.boxes.write(boxes);
-        self.frame_in_place(boxes.len() as u32)
-    }
-
-    fn frame_in_place(&mut self, n: u32) -> Result<CullReport, BenchError> {
+    /// A frame of the first `n` boxes in shared memory.
+    fn frame(&mut self, n: u32) -> Result<CullReport, BenchError> {
         let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
         Ok(self.engine.cull(self.boxes.boxes(n as usize), &job, &mut self.reply)?)
+    }
+}
+
+impl Rig<Grid> {
+    fn grid(gpu: &Arc<Gpu>, boxes: &[Aabb], profiled: bool) -> Result<Self, BenchError> {
+        let imports = SharedImports::default();
+        let options = GridOptions { profiled, imports: imports.clone(), ..GridOptions::default() };
+        let n = BoxCount::of_len(boxes.len()).unwrap_or_default();
+        let words = Sizes::of(n).reply_words(WORDS_A_BOX * u64::from(n.get()));
+        Self::new(Grid::new(gpu, options)?, gpu, &imports, boxes, words)
+    }
+}
+
+/// A rig, whatever its engine.
+trait Frames {
+    fn run(&mut self, n: u32) -> Result<CullReport, BenchError>;
+    fn write(&mut self, boxes: &[Aabb]);
+}
+
+impl<E: Engine> Frames for Rig<E> {
+    fn run(&mut self, n: u32) -> Result<CullReport, BenchError> {
+        self.frame(n)
+    }
+
+    fn write(&mut self, boxes: &[Aabb]) {
+        self.boxes.write(boxes);
+    }
+}
+
+/// Whole frames of boxes that stand, by the host's clock.
+pub struct FrameTimer {
+    rig: Box<dyn Frames>,
+    n: u32,
+}
+
+impl FrameTimer {
+    /// Of the grid.
+    ///
+    /// # Errors
+    /// [`BenchError`].
+    pub fn grid(gpu: &Arc<Gpu>, boxes: &[Aabb]) -> Result<Self, BenchError> {
+        let rig = Box::new(Rig::grid(gpu, boxes, false)?);
+        Ok(Self { rig, n: boxes.len() as u32 })
+    }
+
+    /// Of all pairs.
+    ///
+    /// # Errors
+    /// [`BenchError`].
+    pub fn all_pairs(gpu: &Arc<Gpu>, boxes: &[Aabb]) -> Result<Self, BenchError> {
+        let imports = SharedImports::default();
+        let options = AllPairsOptions { imports: imports.clone(), ..AllPairsOptions::default() };
+        let n = BoxCount::of_len(boxes.len()).unwrap_or_default();
+        let capacity = WORDS_A_BOX * u64::from(n.get());
+        let words = MaskShape::sparse(n, capacity, capacity, false).extent_words();
+        let rig = Rig::new(AllPairs::new(gpu, options)?, gpu, &imports, boxes, words)?;
+        Ok(Self { rig: Box::new(rig), n: n.get() })
+    }
+
+    /// Other boxes, as many.
+    pub fn write(&mut self, boxes: &[Aabb]) {
+        self.rig.write(boxes);
+    }
+
+    /// Median of frames of a warm device, µs.
+    ///
+    /// # Errors
+    /// [`BenchError`].
+    pub fn median_us(&mut self, budget: Duration) -> Result<f64, BenchError> {
+        let mut times = Vec::new();
+        let started = Instant::now();
+        while times.len() < ROUNDS || started.elapsed() < budget {
+            let start = Instant::now();
+            self.rig.run(self.n)?;
+            times.push(start.elapsed().as_secs_f64() * 1e6);
+        }
+        // The first half warms up.
+        Ok(percentile(times.split_off(times.len() / 2), 50))
     }
 }
 
@@ -160,7 +241,7 @@ fn stages(
     scene: &mut Scene,
     budget: Duration,
 ) -> Result<Vec<(String, f64)>, BenchError> {
-    let mut rig = Rig::new(gpu, scene.boxes(), true)?;
+    let mut rig = Rig::grid(gpu, scene.boxes(), true)?;
     let mut times: Vec<(String, Vec<f64>)> = Vec::new();
     let started = Instant::now();
     let mut frames = 0;
@@ -170,7 +251,7 @@ fn stages(
             scene.step();
             rig.boxes.write(scene.boxes());
         }
-        rig.frame_in_place(scene.boxes().len() as u32)?;
+        rig.frame(scene.boxes().len() as u32)?;
         frames += 1;
         if frames % ROUNDS <= ROUNDS / 2 {
             continue;
@@ -187,7 +268,7 @@ fn stages(
 
 /// Compares the pairs with those of the CPU's grid: counts, and a hash that no order changes.
 fn compare(
-    rig: &Rig,
+    rig: &Rig<Grid>,
     report: &CullReport,
     scene: &Scene,
     name: SceneName,

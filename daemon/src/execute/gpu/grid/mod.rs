@@ -44,6 +44,11 @@ use super::pipeline::Pipelines;
 use super::shader::Checks;
 use super::transfers::{SharedImports, Upload};
 
+/// Cells that a scene gets, all levels together. For measurements.
+pub fn cell_count(boxes: &[Aabb]) -> u32 {
+    Chooser::default().choose(boxes).cell_end
+}
+
 /// How the engine works. The default is what the daemon uses.
 #[derive(Clone, Default)]
 pub struct GridOptions {
