@@ -10,7 +10,7 @@ use pairmask_tests::{naive_decoder, stress_scenes};
 use pairmaskd::execute::gpu::grid::mirror;
 use pairmaskd::execute::gpu::{Checks, Grid, GridOptions, HostImport, Upload};
 
-fn engine(options: GridOptions) -> Grid {
+fn engine(options: &GridOptions) -> Grid {
     Grid::new(&open(HostImport::IfPossible), options).unwrap_or_else(|error| panic!("{error}"))
 }
 
@@ -50,21 +50,21 @@ fn check_bytes(engine: &mut Grid, boxes: &[Aabb], what: &str) {
 
 #[test]
 fn conforms_at_every_small_and_at_odd_sizes() {
-    run(&mut engine(GridOptions::default()), Suite::default());
+    run(&mut engine(&GridOptions::default()), Suite::default());
 }
 
 #[test]
 fn conforms_around_batch_borders() {
     let sizes = vec![255, 256, 257, 511, 513, 2047, 2049, 4096];
     let suite = Suite { sizes, quadratic_limit: 2049, seed: 3, ..Suite::default() };
-    run(&mut engine(GridOptions::default()), suite);
+    run(&mut engine(&GridOptions::default()), suite);
 }
 
 #[test]
 fn conforms_with_checked_stages() {
     let sizes = vec![2, 31, 33, 70, 345, 1234];
     let checked = GridOptions { checks: Checks::On, ..GridOptions::default() };
-    run(&mut engine(checked), Suite { sizes, ..Suite::default() });
+    run(&mut engine(&checked), Suite { sizes, ..Suite::default() });
 }
 
 #[test]
@@ -72,7 +72,7 @@ fn what_lay_in_memory_before_does_not_show() {
     for word in [0xa5a5_a5a5, u32::MAX, 1] {
         let sizes = (0..70).step_by(9).chain([345, 1000]).collect();
         let poisoned = GridOptions { poison: Some(word), ..GridOptions::default() };
-        run(&mut engine(poisoned), Suite { sizes, ..Suite::default() });
+        run(&mut engine(&poisoned), Suite { sizes, ..Suite::default() });
     }
 }
 
@@ -81,7 +81,7 @@ fn conforms_with_boxes_in_mapped_video_memory() {
     let upload = Some(Upload::MappedVideo);
     let sizes = vec![33, 700];
     run(
-        &mut engine(GridOptions { upload, ..Default::default() }),
+        &mut engine(&GridOptions { upload, ..Default::default() }),
         Suite { sizes, ..Suite::default() },
     );
 }
@@ -89,7 +89,7 @@ fn conforms_with_boxes_in_mapped_video_memory() {
 #[test]
 fn every_scene_has_the_bytes_of_the_mirror() {
     for checks in [Checks::Off, Checks::On] {
-        let mut engine = engine(GridOptions { checks, ..GridOptions::default() });
+        let mut engine = engine(&GridOptions { checks, ..GridOptions::default() });
         for scene in stress_scenes::ALL {
             for n in [2, 33, 345, 1234] {
                 check_bytes(&mut engine, &scene.boxes(n, 21), &format!("{scene:?}, {n} boxes"));
@@ -101,7 +101,7 @@ fn every_scene_has_the_bytes_of_the_mirror() {
 /// The oracle is too slow here; the CPU's grid, which it vouches for, is not.
 #[test]
 fn large_scenes_have_the_pairs_of_the_cpu_grid() {
-    let mut gpu = engine(GridOptions::default());
+    let mut gpu = engine(&GridOptions::default());
     let mut cpu = CpuGrid::new();
     for scene in stress_scenes::ALL {
         let quadratic = scene.overlaps() == stress_scenes::Overlaps::Quadratic;
@@ -146,7 +146,7 @@ fn giants(n: u32) -> Vec<Aabb> {
 
 #[test]
 fn worst_cases_are_slower_and_not_wrong() {
-    let mut engine = engine(GridOptions::default());
+    let mut engine = engine(&GridOptions::default());
     let one_cell = vec![Aabb { min: [0.0; 3], max: [1.0; 3] }; 2500];
     for (name, boxes) in [("rods", rods(4000)), ("giants", giants(4000)), ("one cell", one_cell)] {
         let truth = oracle::truth(&boxes);
@@ -158,7 +158,7 @@ fn worst_cases_are_slower_and_not_wrong() {
 
 #[test]
 fn a_crowd_beyond_the_budget_is_refused_and_the_next_frame_is_served() {
-    let mut engine = engine(GridOptions::default());
+    let mut engine = engine(&GridOptions::default());
     let crowd = vec![Aabb { min: [0.0; 3], max: [1.0; 3] }; 150_000];
     let mut reply = HeapReply::new();
     let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
@@ -172,7 +172,7 @@ fn a_crowd_beyond_the_budget_is_refused_and_the_next_frame_is_served() {
 #[test]
 fn a_mask_larger_than_its_first_allocation_is_complete() {
     let boxes = stress_scenes::named("identical").boxes(1248, 1);
-    let mut engine = engine(GridOptions::default());
+    let mut engine = engine(&GridOptions::default());
     let truth = oracle::truth(&boxes);
     for _ in 0..2 {
         let (report, reply) = cull(&mut engine, &boxes);
@@ -183,7 +183,7 @@ fn a_mask_larger_than_its_first_allocation_is_complete() {
 
 #[test]
 fn a_frame_does_not_depend_on_the_frames_before_it() {
-    let mut engine = engine(GridOptions::default());
+    let mut engine = engine(&GridOptions::default());
     for n in [1234, 3, 345, 64, 1234, 345] {
         for scene in stress_scenes::ALL {
             check_bytes(&mut engine, &scene.boxes(n, 9), &format!("{scene:?}, {n} boxes"));
@@ -195,7 +195,7 @@ fn a_frame_does_not_depend_on_the_frames_before_it() {
 /// caches must not reach the next one.
 #[test]
 fn frames_in_a_row_with_other_levels_do_not_mix() {
-    let mut engine = engine(GridOptions::default());
+    let mut engine = engine(&GridOptions::default());
     let names = ["huge", "sizes over 20 octaves", "uniform", "ground plane", "far from the origin"];
     let scenes = names.map(|name| stress_scenes::named(name).boxes(43, 2));
     let truths = scenes.each_ref().map(|boxes| oracle::truth(boxes));
@@ -215,7 +215,7 @@ fn frames_in_a_row_with_other_levels_do_not_mix() {
 
 #[test]
 fn pair_sets_have_the_golden_hashes_of_the_cpu_engines() {
-    let mut engine = engine(GridOptions::default());
+    let mut engine = engine(&GridOptions::default());
     for (name, n, golden) in [
         ("uniform", 1234, 0x8027_e2a9_f50c_a5bf_u64),
         ("clustered", 345, 0x3ba3_86e6_9d94_3338),

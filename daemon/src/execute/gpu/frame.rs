@@ -71,6 +71,14 @@ pub enum Wait {
 /// Most steps of a frame. Longer work is split, so that no submission runs into a watchdog.
 pub const MAX_STEPS: usize = 40;
 
+/// How a stage reads what an earlier one wrote: drivers read storage at an address that all
+/// invocations share through their cache of uniforms.
+const READS: vk::AccessFlags = vk::AccessFlags::from_raw(
+    vk::AccessFlags::SHADER_READ.as_raw()
+        | vk::AccessFlags::UNIFORM_READ.as_raw()
+        | vk::AccessFlags::MEMORY_READ.as_raw(),
+);
+
 /// Most buffers that a stage binds.
 const MAX_BINDINGS: u32 = 8;
 
@@ -168,10 +176,9 @@ impl Frame {
             }
         }
         for (step, place) in steps.iter().zip(0u32..) {
-            // Before the first step too: what a stage of the frame before read last, a cache may
-            // still hold, though the CPU has written to it since. (Submitting makes such writes
-            // visible, says Vulkan. On an H200 a frame ran with parts of the last one's levels.)
-            self.barrier(vk::PipelineStageFlags::COMPUTE_SHADER, vk::AccessFlags::SHADER_READ);
+            if place > 0 {
+                self.barrier(vk::PipelineStageFlags::COMPUTE_SHADER, READS);
+            }
             self.record_step(step)?;
             if let Some(queries) = self.queries {
                 let stage = vk::PipelineStageFlags::BOTTOM_OF_PIPE;

@@ -32,6 +32,9 @@ const PATIENCE: Duration = Duration::from_secs(10);
 
 impl Bandwidth {
     /// Times copies.
+    ///
+    /// # Errors
+    /// [`GpuError`].
     pub fn measure(gpu: &Arc<Gpu>) -> Result<Self, GpuError> {
         let software = gpu.info().is_software();
         let bytes = if software { SOFTWARE_COPY_BYTES } else { COPY_BYTES };

@@ -10,9 +10,13 @@ use pairmask::engine::{CullJob, Engine, Grid as CpuGrid, HeapReply, SweepAndPrun
 use pairmask::update::{Placement, par_update_boxes};
 
 use super::floor::{self, Bandwidth};
-use super::{EnginesRow, GridError, GridOptions, GridReport, MovingRow, PartsRow, WithoutRow};
+use super::{
+    EnginesRow, GridError, GridOptions, GridReport, MovingRow, PartsRow, UnderWayRow, WithoutRow,
+};
 use crate::execute::gpu::Gpu;
-use crate::execute::gpu::bench::grid::{FrameTimer, GridRow, SCENES, measure as measure_scene};
+use crate::execute::gpu::bench::grid::{
+    FrameTimer, GridRow, SCENES, frames_a_second, measure as measure_scene,
+};
 use crate::scene::{Scene, SceneName};
 use crate::study::mapping::machine::Machine;
 
@@ -50,6 +54,7 @@ pub(super) fn measure(gpu: &Arc<Gpu>, options: &GridOptions) -> Result<GridRepor
     let mut stages = Vec::new();
     let mut parts = Vec::new();
     let mut engines = Vec::new();
+    let mut under_way = Vec::new();
     for &n in &options.counts {
         for name in SCENES {
             let row = measure_scene(gpu, name, n, budget, true)?;
@@ -61,6 +66,7 @@ pub(super) fn measure(gpu: &Arc<Gpu>, options: &GridOptions) -> Result<GridRepor
         let row = measure_scene(gpu, PAPER_SCENE, n, budget, true)?;
         parts.push(parts_row(&row, budget));
         engines.push(engines_row(&row, budget));
+        under_way.push(under_way_row(gpu, n, budget)?);
     }
     let most = if options.quick { 2_000 } else { u32::MAX };
     let with_and_without = CROSSING_COUNTS
@@ -83,6 +89,7 @@ pub(super) fn measure(gpu: &Arc<Gpu>, options: &GridOptions) -> Result<GridRepor
         with_and_without,
         engines,
         moving,
+        under_way,
     })
 }
 
@@ -145,6 +152,12 @@ fn without_row(gpu: &Arc<Gpu>, n: u32, budget: Duration) -> Result<WithoutRow, G
     let without_ms = FrameTimer::all_pairs(gpu, &boxes)?.median_us(budget)? / 1e3;
     let with_ms = FrameTimer::grid(gpu, &boxes)?.median_us(budget)? / 1e3;
     Ok(WithoutRow { n, without_ms, with_ms, paper_ms: paper(&PAPER_WITHOUT, n) })
+}
+
+fn under_way_row(gpu: &Arc<Gpu>, n: u32, budget: Duration) -> Result<UnderWayRow, GridError> {
+    let scene = Scene::new(SceneName::Uniform, n as usize, SEED);
+    let fps = |under_way| frames_a_second(gpu, scene.boxes(), under_way, budget);
+    Ok(UnderWayRow { n, one_fps: fps(1)?, two_fps: fps(2)? })
 }
 
 fn moving_row(

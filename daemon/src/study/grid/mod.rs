@@ -84,6 +84,8 @@ pub struct GridReport {
     pub engines: Vec<EnginesRow>,
     /// Figure 6.
     pub moving: Vec<MovingRow>,
+    /// Frames a second with one and with two frames under way.
+    pub under_way: Vec<UnderWayRow>,
 }
 
 /// Table 6: update of the boxes (α), of the grid (β), overlapping pairs (δ). Milliseconds.
@@ -140,6 +142,17 @@ pub struct MovingRow {
     pub moving_percent: u32,
     /// Milliseconds a frame.
     pub frame_ms: f64,
+}
+
+/// What a second frame under way gains: one crosses the link up while the other's mask comes down.
+#[derive(Clone, Debug, Serialize)]
+pub struct UnderWayRow {
+    /// Boxes of the uniform scene.
+    pub n: u32,
+    /// Frames a second, one at a time.
+    pub one_fps: f64,
+    /// Frames a second, two at a time.
+    pub two_fps: f64,
 }
 
 /// Measures, writes the files that the options ask for, and prints the report to `print`.

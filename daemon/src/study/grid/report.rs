@@ -85,6 +85,13 @@ fn write(report: &GridReport, out: &mut String) -> std::fmt::Result {
         )?;
     }
 
+    writeln!(out, "\n## Frames under way, uniform scene, frames a second\n")?;
+    writeln!(out, "| n | one | two | gain |\n|---|---|---|---|")?;
+    for row in &report.under_way {
+        let gain = row.two_fps / row.one_fps;
+        writeln!(out, "| {} | {:.0} | {:.0} | {gain:.2} |", row.n, row.one_fps, row.two_fps)?;
+    }
+
     writeln!(out, "\n## Scenes: boxes in shared memory → mask in shared memory\n")?;
     writeln!(
         out,

@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use super::shared::Segment;
 use super::{BenchError, LEAST_FRAMES, percentile};
-use crate::execute::gpu::device::Gpu;
+use crate::execute::gpu::device::{Gpu, LANES};
 use crate::execute::gpu::grid::cell_count;
 use crate::execute::gpu::grid::plan::Sizes;
 use crate::execute::gpu::{AllPairs, AllPairsOptions, Grid, GridOptions, SharedImports};
@@ -163,7 +163,7 @@ impl Rig<Grid> {
         let options = GridOptions { profiled, imports: imports.clone(), ..GridOptions::default() };
         let n = BoxCount::of_len(boxes.len()).unwrap_or_default();
         let words = Sizes::of(n).reply_words(WORDS_A_BOX * u64::from(n.get()));
-        Self::new(Grid::new(gpu, options)?, gpu, &imports, boxes, words)
+        Self::new(Grid::new(gpu, &options)?, gpu, &imports, boxes, words)
     }
 }
 
@@ -233,6 +233,53 @@ impl FrameTimer {
         // The first half warms up.
         Ok(percentile(times.split_off(times.len() / 2), 50))
     }
+}
+
+/// Frames a second of boxes that stand, with so many frames under way at a time (1 or 2).
+///
+/// # Errors
+/// [`BenchError`].
+pub fn frames_a_second(
+    gpu: &Arc<Gpu>,
+    boxes: &[Aabb],
+    under_way: usize,
+    budget: Duration,
+) -> Result<f64, BenchError> {
+    let mut first = Rig::grid(gpu, boxes, false)?;
+    let mut memory = Vec::new();
+    for _ in 0..under_way.clamp(1, LANES) {
+        let pair = [Segment::new(size_of_val(boxes))?, Segment::new(first.reply.bytes())?];
+        for segment in &pair {
+            first.imported &= first.engine.import(segment.address(), segment.bytes()).is_ok();
+        }
+        let [mut input, reply] = pair;
+        input.write(boxes);
+        memory.push((input, reply, None));
+    }
+    let (mut frames, mut started) = (0u32, Instant::now());
+    loop {
+        for (input, reply, lane) in &mut memory {
+            if let Some(lane) = lane.take() {
+                first.engine.end(lane, input.boxes(boxes.len()), reply)?;
+                frames += 1;
+            }
+            *lane = Some(first.engine.begin(input.boxes(boxes.len()), Encoding::Sparse, reply)?);
+        }
+        if frames < ROUNDS as u32 {
+            // Blocks, recorded frames and clocks settle.
+            started = Instant::now();
+        } else if started.elapsed() > budget && frames > 2 * ROUNDS as u32 {
+            break;
+        }
+    }
+    let counted = f64::from(frames - ROUNDS as u32);
+    let seconds = started.elapsed().as_secs_f64();
+    for (input, reply, lane) in &mut memory {
+        if let Some(lane) = lane.take() {
+            first.engine.end(lane, input.boxes(boxes.len()), reply)?;
+        }
+    }
+    Ok(counted / seconds)
 }
 
 /// GPU time by stage, medians, µs.

@@ -136,7 +136,7 @@ impl LaneState {
             let ingested = start.elapsed();
             let layout = tools.chooser.choose(boxes);
             let blocks = self.blocks(tools, &sizes, capacity, replaced)?;
-            blocks.layout.write(0, &[layout]);
+            blocks.written_layout.write(0, &[layout]);
             self.submit(tools, sizes, capacity, &blocks, &placed, &mask.part)?;
             Ok(UnderWay { n, capacity, mask, blocks, start, ingested })
         })();
@@ -227,6 +227,11 @@ impl LaneState {
         }
         let wide = |[low, high]: [u32; 2]| u64::from(low) | u64::from(high) << 32;
         let words = wide(summary.words);
+        if words > n.sparse_words_max() || wide(summary.compared) > n.pair_count() {
+            // No scene has as many: the device does not do what the stages say.
+            let fault = GpuError::Driver(ash::vk::Result::ERROR_UNKNOWN);
+            return Err(tools.gpu.cull_error(ENGINE, &fault));
+        }
         tools.last_words = words;
         if words > capacity {
             return Ok(Ended::Again { n, words });

@@ -84,13 +84,13 @@ impl Grid {
     ///
     /// # Errors
     /// [`GpuError`].
-    pub fn new(gpu: &Arc<Gpu>, options: GridOptions) -> Result<Self, GpuError> {
+    pub fn new(gpu: &Arc<Gpu>, options: &GridOptions) -> Result<Self, GpuError> {
         let mut pipelines = Pipelines::new(gpu, options.checks, options.cache_folder.as_deref())?;
         for stage in GridStage::ALL {
             pipelines.get(Stage::Grid(stage))?;
         }
         pipelines.save();
-        let lanes = Lane::ALL.map(|lane| LaneState::new(lane, gpu, &options));
+        let lanes = Lane::ALL.map(|lane| LaneState::new(lane, gpu, options));
         let software = gpu.info().is_software();
         Ok(Self {
             gpu: Arc::clone(gpu),

@@ -11,8 +11,12 @@ use crate::execute::gpu::error::GpuError;
 use crate::execute::gpu::growing::Growing;
 use crate::execute::gpu::memory::{Block, Home};
 
+/// Bytes of the levels.
+pub(super) const LAYOUT_BYTES: u64 = size_of::<GridLayout>() as u64;
+
 /// All blocks between the stages.
 pub(super) struct Scratch {
+    written_layout: Growing,
     layout: Growing,
     table: Growing,
     control: Growing,
@@ -28,6 +32,11 @@ pub(super) struct Scratch {
 /// The blocks of one frame.
 #[derive(Clone)]
 pub(super) struct Blocks {
+    /// The levels as the CPU writes them.
+    pub(super) written_layout: Arc<Block>,
+    /// The levels as the stages read them: a copy. Read where the CPU writes, they came from a cache
+    /// of constants that keeps what lay there before, whatever barrier stands between frames (an
+    /// H200; wrong answers and endless loops).
     pub(super) layout: Arc<Block>,
     pub(super) table: Arc<Block>,
     pub(super) control: Arc<Block>,
@@ -43,8 +52,8 @@ pub(super) struct Blocks {
 impl Blocks {
     /// All of them.
     pub(super) fn all(&self) -> [&Arc<Block>; 10] {
-        let Self { layout, table, control, records, ids, sorted, totals, invalid, found, summary } =
-            self;
+        let Self { layout, table, control, records, ids, sorted, .. } = self;
+        let Self { totals, invalid, found, summary, .. } = self;
         [layout, table, control, records, ids, sorted, totals, invalid, found, summary]
     }
 }
@@ -54,7 +63,8 @@ impl Scratch {
         // Written by the CPU each frame: into video memory where it can, else read from afar.
         let mapped = gpu.limits().mapped_video_memory;
         Self {
-            layout: Growing::new(if mapped { Home::MappedVideo } else { Home::Host }),
+            written_layout: Growing::new(if mapped { Home::MappedVideo } else { Home::Host }),
+            layout: Growing::new(Home::Video),
             table: Growing::new(Home::Video),
             control: Growing::new(Home::Video),
             records: Growing::new(Home::Video),
@@ -86,7 +96,8 @@ impl Scratch {
         *replaced |= *unclean;
         let mut block = |growing: &mut Growing, bytes| block(growing, bytes, replaced);
         Ok(Blocks {
-            layout: block(&mut self.layout, size_of::<GridLayout>() as u64)?,
+            written_layout: block(&mut self.written_layout, LAYOUT_BYTES)?,
+            layout: block(&mut self.layout, LAYOUT_BYTES)?,
             table,
             control,
             records: block(&mut self.records, sizes.records_bytes())?,
