@@ -2,13 +2,17 @@
 #![allow(clippy::unwrap_used, clippy::missing_panics_doc)]
 
 use bytemuck::Zeroable;
+use pairmask::Aabb;
 use pairmask::engine::{Census, CullReport, EngineChoice, EngineName, EngineTimes, SkipMeter};
+use pairmask::glam::Vec3;
 use pairmask::mask::{Encoding, EncodingChoice, MaskShape, MaskView};
+use pairmask::precision::{Bounds, BoxF16, BoxForm, Quantizer};
+use pairmask::transport::narrow_boxes_in;
 use pairmask::units::BoxCount;
 use pairmask::wire::{
-    LAST_ERRORS, RecordedError, Reject, Reply, ReplyError, ReplyFields, Request, RequestHeader,
-    ResponseHeader, Section, SectionKind, StageTimes, StatusBody, StatusCode, response_error,
-    response_ok, response_status,
+    AuditCounts, LAST_ERRORS, Page, RecordedError, Reject, Reply, ReplyError, ReplyFields, Request,
+    RequestHeader, ResponseHeader, Section, SectionKind, StageTimes, StatusBody, StatusCode,
+    response_error, response_ok, response_status,
 };
 use proptest::prelude::*;
 
@@ -17,10 +21,15 @@ const ASKED: ReplyFields =
     ReplyFields { client_token: 0x1122_3344_5566_7788, frame: 9, box_count: N };
 
 fn request() -> RequestHeader {
+    request_of(BoxForm::F32)
+}
+
+fn request_of(form: BoxForm) -> RequestHeader {
     RequestHeader::cull(
         ASKED.client_token,
         ASKED.frame,
         N,
+        form,
         EngineChoice::Only(EngineName::CpuBrute),
         EncodingChoice::Only(Encoding::Sparse),
         Some(2),
@@ -72,20 +81,58 @@ impl Bytes {
 
 #[test]
 fn golden_request() {
-    let expected = Bytes(b"PMRQ\x01\x00\x00\x00".to_vec())
-        .u32(&[1, 0])
-        .u64(&[0x1122_3344_5566_7788, 9])
-        .u32(&[100, 1, 2, 2])
-        .section(1, 0, 2400)
-        .zeros(7 * 24 + 32);
-    assert_eq!(bytemuck::bytes_of(&request()), expected.0);
+    for (form, kind, bytes) in [
+        (BoxForm::F32, 1, 2400),
+        (BoxForm::Q16, 8, 1200),
+        (BoxForm::Q8, 9, 600),
+        (BoxForm::F16, 10, 1200),
+    ] {
+        let expected = Bytes(b"PMRQ\x01\x00\x01\x00".to_vec())
+            .u32(&[1, 0])
+            .u64(&[0x1122_3344_5566_7788, 9])
+            .u32(&[100, 1, 2, 2])
+            .section(kind, 0, bytes)
+            .zeros(7 * 24 + 32);
+        assert_eq!(bytemuck::bytes_of(&request_of(form)), expected.0, "{form}");
+    }
+}
+
+#[test]
+fn golden_narrow_boxes() {
+    let bounds = Bounds::new(Vec3::ZERO, Vec3::splat(256.0)).unwrap();
+    let boxes = [
+        Aabb::from([0.0, 1.0, -5.0, 1.5, 255.5, 300.0]),
+        Aabb::EMPTY,
+        Aabb::from([0.0, 0.0, f32::NAN, 1.0, 1.0, 1.0]),
+    ];
+    let mut q16: Vec<u8> = Vec::new();
+    let mut q8: Vec<u8> = Vec::new();
+    for b in &boxes {
+        q16.extend(bytemuck::bytes_of(&Quantizer::q16_of(&bounds).q16(b)));
+        q8.extend(bytemuck::bytes_of(&Quantizer::q8_of(&bounds).q8(b)));
+    }
+    let words = |words: [u16; 18]| words.iter().flat_map(|w| w.to_le_bytes()).collect::<Vec<u8>>();
+    assert_eq!(
+        q16,
+        words([0, 256, 0, 384, 65_408, 65_535, 1, 1, 1, 0, 0, 0, 65_535, 65_535, 65_535, 0, 0, 0])
+    );
+    assert_eq!(q8, [0, 1, 0, 1, 255, 255, 1, 1, 1, 0, 0, 0, 255, 255, 255, 0, 0, 0]);
+    let half: Vec<u8> =
+        boxes.iter().flat_map(|b| bytemuck::cast::<_, [u8; 12]>(BoxF16::from(b))).collect();
+    assert_eq!(
+        half,
+        words([
+            0, 0x3c00, 0xc500, 0x3e00, 0x5bfc, 0x5cb0, 0x7c00, 0x7c00, 0x7c00, 0xfc00, 0xfc00,
+            0xfc00, 0x7e00, 0x7e00, 0x7e00, 0x7e00, 0x7e00, 0x7e00
+        ])
+    );
 }
 
 #[test]
 fn golden_response() {
     // 7 words of room: sections start on multiples of 16 words, that is 64 bytes.
     let shape = MaskShape::sparse(N, 7, 5, true);
-    let expected = Bytes(b"PMRS\x01\x00\x00\x00".to_vec())
+    let expected = Bytes(b"PMRS\x01\x00\x01\x00".to_vec())
         .u32(&[0, 0])
         .u64(&[0x1122_3344_5566_7788, 9])
         .u32(&[100, 1, 2, 1, 2, 2])
@@ -114,6 +161,8 @@ fn golden_status_body() {
         errors: 7,
         ..StatusBody::default()
     };
+    body.audit =
+        AuditCounts { one_in: 11, frames: 12, skipped: 13, pairs: 14, missed: 15, extra: 16 };
     body.last_errors[0] =
         RecordedError { client_token: 8, frame: 9, at_ns: 10, status: 4, reserved: 0 };
     let expected = Bytes::default()
@@ -121,23 +170,28 @@ fn golden_status_body() {
         .u64(&[3, 4, 5, 6, 7])
         .u64(&[8, 9, 10])
         .u32(&[4, 0])
-        .zeros((LAST_ERRORS - 1) * 32 + 64);
+        .zeros((LAST_ERRORS - 1) * 32)
+        .u64(&[11, 12, 13, 14, 15, 16])
+        .zeros(16);
     assert_eq!(bytemuck::bytes_of(&body), expected.0);
 }
 
 #[test]
 fn a_request_round_trips() {
-    let parsed = Request::parse(&request(), 4096).unwrap();
-    assert_eq!(
-        parsed,
-        Request::Cull {
-            box_count: N,
-            boxes_offset: 0,
-            engine: EngineChoice::Only(EngineName::CpuBrute),
-            encoding: EncodingChoice::Only(Encoding::Sparse),
-            threads: Some(2),
-        }
-    );
+    for form in BoxForm::ALL {
+        let parsed = Request::parse(&request_of(form), 4096).unwrap();
+        assert_eq!(
+            parsed,
+            Request::Cull {
+                box_count: N,
+                form,
+                boxes_offset: 0,
+                engine: EngineChoice::Only(EngineName::CpuBrute),
+                encoding: EncodingChoice::Only(Encoding::Sparse),
+                threads: Some(2),
+            }
+        );
+    }
     let status = RequestHeader::status(1, 2);
     assert_eq!(Request::parse(&status, 4096), Ok(Request::Status));
 }
@@ -183,6 +237,9 @@ fn forged_requests_are_refused() {
         |h| h.box_count = u32::MAX,
         |h| h.sections[0] = Section::zeroed(),
         |h| h.sections[1] = h.sections[0],
+        |h| h.sections[1] = request_of(BoxForm::Q16).sections[0],
+        |h| h.sections[0].kind = SectionKind::BoxesQ16 as u32,
+        |h| h.sections[0] = Section { bytes: 2400, ..request_of(BoxForm::Q8).sections[0] },
     ] {
         assert!(matches!(forge(change), Reject::Boxes { .. }));
     }
@@ -268,16 +325,26 @@ proptest! {
     /// Whatever is accepted lies within the payload.
     #[test]
     fn fuzz_request(
-        bytes in mutated::<272>(bytemuck::cast(request())),
+        bytes in prop::sample::select(&BoxForm::ALL[..])
+            .prop_flat_map(|form| mutated::<272>(bytemuck::cast(request_of(form)))),
         payload_pages in 0u64..3,
     ) {
         let header: RequestHeader = bytemuck::cast(bytes);
         let payload_bytes = payload_pages * 4096;
-        if let Ok(Request::Cull { box_count, boxes_offset, .. }) =
+        if let Ok(Request::Cull { box_count, form, boxes_offset, .. }) =
             Request::parse(&header, payload_bytes)
         {
-            prop_assert!(boxes_offset as u64 + 24 * u64::from(box_count.get()) <= payload_bytes);
+            let box_bytes = match form {
+                BoxForm::F32 => 24,
+                BoxForm::Q16 | BoxForm::F16 => 12,
+                BoxForm::Q8 => 6,
+            };
+            let end = boxes_offset as u64 + box_bytes * u64::from(box_count.get());
+            prop_assert!(end <= payload_bytes);
             prop_assert_eq!(boxes_offset % 4, 0);
+            let pages: Vec<Page> = vec![Page::zeroed(); payload_pages as usize];
+            let view = narrow_boxes_in(&pages, boxes_offset, form, box_count);
+            prop_assert_eq!(view.map(|v| v.len()), Some(box_count.len()));
         }
     }
 

@@ -1,11 +1,17 @@
 //! The pairmask daemon as a library: ingest, execute, publish, and what the command line, the
 //! benches and the tests share.
 
+pub mod audit;
 pub mod cli;
 pub mod execute;
+pub mod explain;
 pub mod ingest;
+pub mod precision;
 pub mod publish;
+pub mod sabotage;
 pub mod scene;
 pub mod serve;
 pub mod spawn;
+pub mod stress;
 pub mod study;
+pub mod timed_client;

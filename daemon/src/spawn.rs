@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
+use pairmask::plan::CalibrationChoice;
 use pairmask::session::{ConnectError, SessionBuilder};
 use pairmask::transport::{DaemonRecord, InstanceName, Limits, RuntimeDir};
 use pairmask::{Backend, Session};
@@ -36,11 +37,18 @@ pub struct PrivateSettings {
     pub spin: Duration,
     /// Which GPU.
     pub gpu: GpuChoice,
+    /// The constants that plans compute with.
+    pub calibration: CalibrationChoice,
 }
 
 impl Default for PrivateSettings {
     fn default() -> Self {
-        Self { limits: Limits::default(), spin: DEFAULT_SPIN, gpu: GpuChoice::default() }
+        Self {
+            limits: Limits::default(),
+            spin: DEFAULT_SPIN,
+            gpu: GpuChoice::default(),
+            calibration: CalibrationChoice::default(),
+        }
     }
 }
 
@@ -108,6 +116,7 @@ impl PrivateDaemon {
             .args(["--max-clients", &limits.max_clients.to_string()])
             .args(["--max-reply-mib", &(limits.max_reply_bytes >> 20).to_string()])
             .args(["--gpu", &settings.gpu.to_string()])
+            .args(["--calibration", &settings.calibration.to_string()])
             .arg("--runtime-dir")
             .arg(dir.path())
             // That it serves and stops is no news to whoever asked for it.

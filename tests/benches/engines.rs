@@ -6,7 +6,8 @@
 //! ```
 //!
 //! Every frame of a size and scene is culled by all engines and thread counts one after another,
-//! and their pair sets are compared by a hash that does not depend on the order of pairs.
+//! and their pair sets are compared by a hash that does not depend on the order of pairs. `B/box` is
+//! the scratch that an engine keeps beside boxes and reply.
 
 use std::process::ExitCode;
 use std::time::Instant;
@@ -67,9 +68,26 @@ impl Options {
     }
 }
 
+/// An engine that says what memory it keeps.
+trait Scratch: Engine {
+    fn scratch_bytes(&self) -> usize;
+}
+
+macro_rules! scratch {
+    ($($engine:ty),*) => {
+        $(impl Scratch for $engine {
+            fn scratch_bytes(&self) -> usize {
+                <$engine>::scratch_bytes(self)
+            }
+        })*
+    };
+}
+
+scratch!(BruteForce, Grid, SweepAndPrune);
+
 /// One engine on one number of threads.
 struct Lane {
-    engine: Box<dyn Engine>,
+    engine: Box<dyn Scratch>,
     threads: usize,
     pool: rayon::ThreadPool,
     reply: HeapReply,
@@ -78,7 +96,7 @@ struct Lane {
     words: u64,
 }
 
-fn engine(name: EngineName) -> Option<Box<dyn Engine>> {
+fn engine(name: EngineName) -> Option<Box<dyn Scratch>> {
     match name {
         EngineName::CpuBrute => Some(Box::new(BruteForce::new())),
         EngineName::CpuGrid => Some(Box::new(Grid::new())),
@@ -135,7 +153,7 @@ fn main() -> ExitCode {
         }
     };
     println!(
-        "{:>9} {:>9} {:>10} {:>2} {:>10} {:>10} {:>10} {:>10} {:>10} {:>8} {:>7} {:>7}",
+        "{:>9} {:>9} {:>10} {:>2} {:>10} {:>10} {:>10} {:>10} {:>10} {:>8} {:>7} {:>7} {:>6}",
         "scene",
         "n",
         "engine",
@@ -147,7 +165,8 @@ fn main() -> ExitCode {
         "publish",
         "pairs/n",
         "B/pair",
-        "tests/n"
+        "tests/n",
+        "B/box"
     );
     let mut equal = true;
     for &name in &options.scenes {
@@ -223,7 +242,7 @@ fn run(name: SceneName, n: usize, options: &Options) -> bool {
             times.iter().map(of).min().unwrap_or(0) as f64 / 1e3
         };
         println!(
-            "{:>9} {:>9} {:>10} {:>2} {:>10.1} {:>10.1} {:>10.1} {:>10.1} {:>10.1} {:>8.2} {:>7.1} {:>7.1}",
+            "{:>9} {:>9} {:>10} {:>2} {:>10.1} {:>10.1} {:>10.1} {:>10.1} {:>10.1} {:>8.2} {:>7.1} {:>7.1} {:>6.1}",
             name,
             n,
             lane.engine.name().as_str(),
@@ -238,6 +257,7 @@ fn run(name: SceneName, n: usize, options: &Options) -> bool {
             last.map_or(0.0, |r| {
                 (n as f64 * (n as f64 - 1.0) / 2.0 - r.skipped.pairs as f64) / n as f64
             }),
+            lane.engine.scratch_bytes() as f64 / n as f64,
         );
     }
     judge_plan(name, n, scene.boxes(), last.map(|r| r.pair_count), &lanes, options);

@@ -1,20 +1,14 @@
 //! One suite for every engine, encoding and thread count: its mask against the oracle.
 //!
-//! It compares sets and names the first bad pair; equal counts prove nothing. Every frame is culled
-//! twice into memory filled with different words, so that a word which the engine did not write
-//! shows up as a difference.
+//! It compares sets and names the first bad pair; equal counts prove nothing.
 
-use pairmask::engine::{CullError, CullJob, CullReport, Engine, EngineTimes, HeapReply};
-use pairmask::units::BoxCount;
-use pairmask::{Aabb, Encoding};
+use pairmask::Encoding;
+use pairmask::engine::{CullJob, Engine, HeapReply};
+pub use pairmask::oracle::check::{Mismatch, check_frame, check_pairs, check_reply};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-use crate::naive_decoder::{self, BadMask};
-use crate::oracle::{self, Pair, Truth};
+use crate::oracle;
 use crate::stress_scenes::{self, Overlaps};
-
-/// Words that reply memory is filled with before the first and the second run of a frame.
-const POISON: [u32; 2] = [0xa5a5_a5a5, 0x5a5a_5a5a];
 
 /// What an engine is put through.
 #[derive(Clone, Debug)]
@@ -43,63 +37,6 @@ impl Default for Suite {
             seed: 1,
         }
     }
-}
-
-/// What is wrong with the answer to one frame.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum Mismatch {
-    /// The engine gave no answer.
-    #[error(transparent)]
-    Cull(#[from] CullError),
-    /// The mask breaks a rule of its encoding.
-    #[error(transparent)]
-    Mask(#[from] BadMask),
-    /// The mask has an encoding that was not asked for.
-    #[error("asked for {asked}, got {got}")]
-    Encoding {
-        /// Asked for.
-        asked: Encoding,
-        /// In the reply.
-        got: Encoding,
-    },
-    /// A pair of the oracle that the mask does not have.
-    #[error("pair {0:?} is missing")]
-    Missing(Pair),
-    /// A pair of the mask that the oracle does not have.
-    #[error("pair {0:?} does not overlap")]
-    Extra(Pair),
-    /// The number of pairs in the report is not that of the mask.
-    #[error("the report counts {reported} pairs, the mask has {decoded}")]
-    PairCount {
-        /// In the report.
-        reported: u64,
-        /// In the mask.
-        decoded: u64,
-    },
-    /// The census is not the oracle's.
-    #[error("census {got:?}, expected {expected:?}")]
-    Census {
-        /// In the report.
-        got: pairmask::engine::Census,
-        /// By the oracle.
-        expected: pairmask::engine::Census,
-    },
-    /// A skip meter that cannot be true.
-    #[error("skip meter: {what} reads {got}, possible are {possible:?}")]
-    Skip {
-        /// The field.
-        what: &'static str,
-        /// Its value.
-        got: u64,
-        /// Its bounds.
-        possible: std::ops::RangeInclusive<u64>,
-    },
-    /// Two runs of one frame differ.
-    #[error("two runs differ in word {0} of the mask (or the engine left it unwritten)")]
-    NotDeterministic(usize),
-    /// Two runs of one frame differ in their reports, times apart.
-    #[error("two runs differ in their reports")]
-    ReportNotDeterministic,
 }
 
 /// A frame that an engine got wrong.
@@ -160,103 +97,4 @@ pub fn check_engine(engine: &mut dyn Engine, suite: &Suite) -> Result<usize, Box
         }
     }
     Ok(frames)
-}
-
-/// Culls one frame twice and checks the answer.
-///
-/// # Errors
-/// [`Mismatch`] says what is wrong.
-pub fn check_frame(
-    engine: &mut dyn Engine,
-    boxes: &[Aabb],
-    truth: &Truth,
-    job: &CullJob,
-    reply: &mut HeapReply,
-) -> Result<(), Mismatch> {
-    let mut runs = Vec::with_capacity(POISON.len());
-    for poison in POISON {
-        reply.fill(poison);
-        let report = engine.cull(boxes, job, reply)?;
-        // Memory that the engine asked for just now comes zeroed: what it left unwritten there
-        // would look right. The second run has the memory already.
-        runs.push((report, naive_decoder::sections(reply.words(), &report.shape)?));
-    }
-    let [(first, first_words), (second, second_words)] = &runs[..] else {
-        unreachable!("one run a poison word")
-    };
-    if let Some(word) = (0..first_words.len().max(second_words.len()))
-        .find(|&i| first_words.get(i) != second_words.get(i))
-    {
-        return Err(Mismatch::NotDeterministic(word));
-    }
-    let timeless = |report: &CullReport| CullReport { times: EngineTimes::default(), ..*report };
-    if timeless(first) != timeless(second) {
-        return Err(Mismatch::ReportNotDeterministic);
-    }
-    check_reply(reply.words(), second, boxes.len() as u32, job.encoding, truth)
-}
-
-/// Checks a mask and its report against the truth.
-///
-/// # Errors
-/// [`Mismatch`] says what is wrong.
-pub fn check_reply(
-    reply: &[u32],
-    report: &CullReport,
-    n: u32,
-    asked: Encoding,
-    truth: &Truth,
-) -> Result<(), Mismatch> {
-    let got = report.shape.encoding();
-    if got != asked {
-        return Err(Mismatch::Encoding { asked, got });
-    }
-    let pairs = naive_decoder::decode(reply, &report.shape, n)?;
-    check_pairs(&pairs, &truth.pairs)?;
-    let (reported, decoded) = (report.pair_count, pairs.len() as u64);
-    if reported != decoded {
-        return Err(Mismatch::PairCount { reported, decoded });
-    }
-    if report.census != truth.census {
-        return Err(Mismatch::Census { got: report.census, expected: truth.census });
-    }
-    check_skips(report, BoxCount::new(n), truth)
-}
-
-/// Compares two sorted lists of pairs.
-///
-/// # Errors
-/// [`Mismatch::Missing`] or [`Mismatch::Extra`] with the first pair that only one list has.
-pub fn check_pairs(got: &[Pair], expected: &[Pair]) -> Result<(), Mismatch> {
-    let mut got_rest = got.iter();
-    let mut next = got_rest.next();
-    for pair in expected {
-        match next {
-            Some(g) if g == pair => next = got_rest.next(),
-            Some(g) if g < pair => return Err(Mismatch::Extra(*g)),
-            _ => return Err(Mismatch::Missing(*pair)),
-        }
-    }
-    next.map_or(Ok(()), |extra| Err(Mismatch::Extra(*extra)))
-}
-
-/// A meter cannot say that more was left out than there was, less what the answer needed.
-fn check_skips(report: &CullReport, n: BoxCount, truth: &Truth) -> Result<(), Mismatch> {
-    let nothing = u64::from(truth.census.empty) + u64::from(truth.census.invalid);
-    let zero_words = match report.shape.encoding() {
-        Encoding::Dense => 0..=0,
-        // In another order the pairs fill fewer or more words, so that there is no lower bound.
-        Encoding::Sparse => 0..=n.sparse_words_max(),
-    };
-    let meter = &report.skipped;
-    for (what, got, possible) in [
-        ("boxes", meter.boxes, nothing..=nothing),
-        ("pairs", meter.pairs, 0..=n.pair_count() - truth.pairs.len() as u64),
-        ("zero_words", meter.zero_words, zero_words),
-    ] {
-        if !possible.contains(&got) {
-            return Err(Mismatch::Skip { what, got, possible });
-        }
-    }
-    Ok(())
 }

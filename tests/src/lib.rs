@@ -4,8 +4,11 @@ pub mod conformance;
 pub mod daemon;
 pub mod gpu;
 pub mod mask_writer;
-pub mod naive_decoder;
-pub mod oracle;
+pub mod naive_modes;
 pub mod pair_scenes;
+pub mod peers;
 pub mod session_engine;
-pub mod stress_scenes;
+
+pub use pairmask::oracle;
+pub use pairmask::oracle::naive_decoder;
+pub use pairmaskd::stress::scenes as stress_scenes;

@@ -11,14 +11,17 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
 use iceoryx2::service::{ipc, ipc_threadsafe};
+use pairmask::glam::Vec3;
 use pairmask::mask::{Encoding, EncodingChoice};
+use pairmask::plan::CalibrationChoice;
 use pairmask::transport::{
     InstanceName, Limits, RuntimeDir, Services, assume_pages, assume_response_pages,
     clean_if_abandoned,
 };
-use pairmask::{Backend, Session};
+use pairmask::{Backend, Bounds, Precision, Session};
 use pairmask_tests::daemon::eventually;
 use pairmask_tests::stress_scenes;
+use pairmaskd::audit::AuditRate;
 use pairmaskd::execute::gpu::GpuChoice;
 use pairmaskd::serve::{ServeSettings, work};
 use rustix::process::{Signal, getpid, kill_process};
@@ -82,6 +85,19 @@ fn frames(session: &mut Session, scenes: &[Vec<pairmask::Aabb>], count: usize) -
     pairs
 }
 
+fn narrow_frames(session: &mut Session, scenes: &[Vec<pairmask::Aabb>], count: usize) -> u64 {
+    let bounds = Bounds::new(Vec3::ZERO, Vec3::splat(100.0)).unwrap();
+    let mut pairs = 0;
+    for i in 0..count {
+        let boxes = &scenes[i % scenes.len()];
+        let precision = [Precision::Q16(bounds), Precision::Q8(bounds), Precision::F16][i % 3];
+        let mut frame = session.narrow_frame(boxes.len(), precision).unwrap();
+        frame.fill(boxes);
+        pairs += frame.submit().unwrap().wait().unwrap().count();
+    }
+    pairs
+}
+
 /// What `count` bare requests and responses over the transport allocate on both sides.
 fn bare_transport(count: usize) -> u64 {
     let dir = tempfile::tempdir().unwrap();
@@ -117,11 +133,14 @@ fn steady_frames_allocate_nothing() {
 
     let dir = tempfile::tempdir().unwrap();
     let settings = ServeSettings {
+        audit: AuditRate::Off,
+        break_engine: false,
         instance: InstanceName::default(),
         dir: RuntimeDir::at(dir.path()),
         limits: Limits::default(),
         spin: Duration::from_micros(50),
         gpu: GpuChoice::None,
+        calibration: CalibrationChoice::BuiltIn,
     };
     let runtime_dir = settings.dir.clone();
     let daemon = std::thread::spawn(move || {
@@ -150,6 +169,10 @@ fn steady_frames_allocate_nothing() {
             assert!(pairs > 0);
             let expected = if backend == Backend::Daemon { bare } else { 0 };
             assert_eq!(allocations, expected, "{backend}, {encoding}");
+            narrow_frames(&mut session, &scenes, 20);
+            let allocations = counted(|| pairs = narrow_frames(&mut session, &scenes, FRAMES));
+            assert!(pairs > 0);
+            assert_eq!(allocations, expected, "{backend}, {encoding}, narrow");
         }
     }
     kill_process(getpid(), Signal::TERM).unwrap();

@@ -4,7 +4,8 @@
 use std::sync::Mutex;
 
 use log::{Level, LevelFilter, Log, Metadata, Record};
-use pairmask::{Backend, ServedBy, Session};
+use pairmask::transport::InstanceName;
+use pairmask::{Backend, BoxForm, Precision, ServedBy, Session};
 use pairmask_tests::daemon::{TestDaemon, eventually};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
@@ -63,4 +64,18 @@ fn falling_back_is_said_once() {
     let back = said();
     assert_eq!(back.len(), 1, "{back:?}");
     assert!(back[0].0 == Level::Info && back[0].1.contains("answers again"), "{back:?}");
+
+    // A daemon of wire 1.0 by its own word: narrow boxes go to it as f32.
+    let mut record = daemon.record().unwrap();
+    record.version.minor = 0;
+    daemon.dir().write_record(&InstanceName::default(), &record).unwrap();
+    let mut session = daemon.session().connect().unwrap();
+    for _ in 0..10 {
+        let mut frame = session.narrow_frame(2, Precision::F16).unwrap();
+        frame.fill(&[pairmask::Aabb::EMPTY; 2]);
+        assert_eq!(frame.submit().unwrap().wait().unwrap().info().form, BoxForm::F32);
+    }
+    let exact = said();
+    assert_eq!(exact.len(), 1, "{exact:?}");
+    assert!(exact[0].0 == Level::Warn && exact[0].1.contains("frames are exact"), "{exact:?}");
 }

@@ -229,6 +229,7 @@ fn raw_request(
 fn forged_requests_are_answered_and_harm_nobody() {
     use pairmask::engine::EngineChoice;
     use pairmask::mask::EncodingChoice;
+    use pairmask::precision::BoxForm;
     use pairmask::units::BoxCount;
     use pairmask::wire::RequestHeader;
     let daemon = TestDaemon::start(DAEMON, &[]);
@@ -237,6 +238,7 @@ fn forged_requests_are_answered_and_harm_nobody() {
         77,
         1,
         BoxCount::new(10),
+        BoxForm::F32,
         EngineChoice::Auto,
         EncodingChoice::Auto,
         None,

@@ -7,11 +7,12 @@ use std::time::{Duration, Instant};
 
 use pairmask::engine::{CullJob, CullWish, Engine, EngineChoice, EngineName, HeapReply};
 use pairmask::mask::{EncodingChoice, MaskView};
-use pairmask::{BoxCount, Encoding, ServedBy, Session};
+use pairmask::precision::NarrowBoxes;
+use pairmask::{Bounds, BoxCount, Encoding, Precision, ServedBy, Session};
 use pairmask_tests::conformance::{Suite, check_engine};
 use pairmask_tests::daemon::{PATIENCE, TestDaemon};
 use pairmask_tests::session_engine::SessionEngine;
-use pairmask_tests::{oracle, stress_scenes};
+use pairmask_tests::{naive_modes, oracle, stress_scenes};
 use pairmaskd::execute::gpu::GpuChoice;
 use pairmaskd::execute::{Executor, GpuService, Owner};
 
@@ -110,6 +111,35 @@ fn a_daemon_without_a_gpu_says_so() {
     assert!(error.to_string().contains("engine-unavailable"), "{error}");
 }
 
+/// They are expanded into memory that grows and moves from frame to frame: a GPU that kept an
+/// import of it would read what is not there any more.
+#[test]
+fn narrow_boxes_are_culled_on_the_gpu() {
+    let gpu = GpuService::open(&GpuChoice::Software).expect("a software adapter (lavapipe)");
+    let mut executor = Executor::new(Some(gpu));
+    let mut reply = HeapReply::new();
+    for n in [70, 1234, 345, 3000, 2] {
+        let boxes = stress_scenes::named("uniform").boxes(n, 3);
+        let bounds = Bounds::around(&boxes);
+        for precision in [Precision::Q16(bounds), Precision::Q8(bounds), Precision::F16] {
+            let form = precision.form();
+            let bytes = boxes.len() * form.box_bytes();
+            let mut words = vec![0u32; bytes.div_ceil(4)];
+            let memory = &mut bytemuck::cast_slice_mut(&mut words)[..bytes];
+            precision.write(&boxes, memory);
+            let narrow = NarrowBoxes::new(form, memory).unwrap();
+            let wish = CullWish { engine: GPU, ..CullWish::default() };
+            let answer = executor.cull(narrow, Owner::Client(1), &wish, &mut reply).unwrap();
+            assert_eq!(answer.engine, EngineName::GpuBrute);
+            let count = BoxCount::new(n);
+            let view = MaskView::new(count, &answer.report.shape, reply.words()).unwrap();
+            let mut pairs = view.to_vec();
+            pairs.sort_unstable();
+            assert_eq!(pairs, naive_modes::truth(&boxes, &precision).pairs, "{n} boxes, {form}");
+        }
+    }
+}
+
 #[test]
 fn a_device_destroyed_under_load_costs_no_answer_and_comes_back() {
     let gpu = GpuService::open(&GpuChoice::Software).expect("a software adapter (lavapipe)");
@@ -123,7 +153,8 @@ fn a_device_destroyed_under_load_costs_no_answer_and_comes_back() {
             encoding: EncodingChoice::Only(encoding),
             ..CullWish::default()
         };
-        let answer = executor.cull(&boxes, Owner::Client(1), &wish, &mut reply).unwrap();
+        let answer =
+            executor.cull(NarrowBoxes::F32(&boxes), Owner::Client(1), &wish, &mut reply).unwrap();
         let n = BoxCount::new(boxes.len() as u32);
         let mut pairs = MaskView::new(n, &answer.report.shape, reply.words()).unwrap().to_vec();
         pairs.sort_unstable();

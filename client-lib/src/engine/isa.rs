@@ -96,7 +96,7 @@ impl AvailableIsa {
     ///
     /// # Errors
     /// [`CullError::Unavailable`] when this machine does not have it.
-    pub(super) fn for_engine(isa: Isa, engine: EngineName) -> Result<Self, CullError> {
+    pub(crate) fn for_engine(isa: Isa, engine: EngineName) -> Result<Self, CullError> {
         let why = "this processor lacks the instruction set asked for";
         Self::new(isa).ok_or(CullError::Unavailable { engine, why })
     }

@@ -5,21 +5,21 @@
 //! keys, and writes its mask straight into memory that the caller hands out ([`ReplyBuffer`]):
 //! shared memory in the daemon, a pooled buffer in process.
 
-mod aligned;
+pub(crate) mod aligned;
 pub mod brute_force;
 pub mod grid;
 mod heap_reply;
 pub mod ingest;
 mod isa;
 mod set;
-mod strips;
+pub(crate) mod strips;
 pub mod sweep_and_prune;
 
 use std::fmt;
 use std::str::FromStr;
 
 pub use brute_force::BruteForce;
-pub use grid::Grid;
+pub use grid::{Grid, GridPlace, GridView};
 pub use heap_reply::HeapReply;
 pub use ingest::KeyColumns;
 pub use isa::{AvailableIsa, Isa};

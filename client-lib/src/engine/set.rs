@@ -79,12 +79,24 @@ impl CpuEngines {
     /// Engines with empty scratch memory and the built-in calibration of this machine's
     /// instruction set.
     pub fn new() -> Self {
+        Self::with_calibration(Calibration::built_in(AvailableIsa::best().get()))
+    }
+
+    /// Engines with empty scratch memory, whose plans compute with `calibration`.
+    pub fn with_calibration(calibration: Calibration) -> Self {
         Self {
             brute_force: BruteForce::new(),
             sweep_and_prune: SweepAndPrune::new(),
             grid: Grid::new(),
-            calibration: Calibration::built_in(AvailableIsa::best().get()),
+            calibration,
         }
+    }
+
+    /// Bytes of scratch that all engines keep from frame to frame, beside boxes and replies.
+    pub fn scratch_bytes(&self) -> usize {
+        self.brute_force.scratch_bytes()
+            + self.sweep_and_prune.scratch_bytes()
+            + self.grid.scratch_bytes()
     }
 
     /// Plans a frame, among the CPU engines and a GPU if there is one.
@@ -97,7 +109,7 @@ impl CpuEngines {
             (EngineChoice::Only(engine), Some(n)) if engine.is_gpu() => {
                 SceneStats::unseen(n, wish.last_pairs)
             }
-            _ => SceneStats::of(boxes, wish.last_pairs),
+            _ => SceneStats::glance(boxes, wish.last_pairs),
         };
         plan(&stats, &capabilities, &self.calibration, &wishes)
     }

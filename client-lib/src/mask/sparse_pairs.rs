@@ -133,7 +133,9 @@ mod tests {
     fn case() -> impl Strategy<Value = Case> {
         let n = prop_oneof![0u32..70, Just(345), Just(1_234)];
         // Each limit is a kernel's, and one more.
-        let most = proptest::sample::select(&[Some(1), Some(2), Some(4), Some(5), None][..]);
+        let most = proptest::sample::select(
+            &[Some(1), Some(2), Some(4), Some(5), Some(8), Some(9), None][..],
+        );
         (n, most).prop_flat_map(|(n, most)| {
             let words = vec((near(n), near(n.div_ceil(32)), bits(most)), 0..200);
             (Just(n), words, proptest::option::of(vec(near(n), n as usize)))

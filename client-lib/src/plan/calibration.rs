@@ -1,65 +1,89 @@
-//! The constants of the cost model: what each engine takes on one machine.
+//! The constants of the cost model: what each kind of work takes on one machine.
 
-use crate::engine::Isa;
+use super::work::{Term, Work};
+use crate::engine::{EngineName, Isa};
 
-/// Cost of the sweep's and the brute-force engine's stages, one thread.
+/// What more than one thread gives an engine.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PairwiseCost {
-    /// A frame of no boxes, ns.
-    pub fixed_ns: f64,
-    /// Each box (read, sorted, put in order), ns.
-    pub ns_a_box: f64,
-    /// Each pair that is compared, ns.
-    pub ns_a_test: f64,
-    /// More for each pair found: brute force rules most columns out by bitmaps, and those that are
-    /// left, which grow with the pairs, are compared. ns.
-    pub ns_a_pair: f64,
-    /// Most that all of this comes to for each pair that is compared: nothing was ruled out. ns.
-    pub ns_a_test_most: f64,
+pub struct ThreadCost {
+    /// Share of the engine's time on one thread that further threads do not shorten, 0 to 1.
+    pub serial_share: f64,
+    /// Handing work to a second thread and waiting for it, ns a frame; as much again for every
+    /// doubling of the threads.
+    pub fan_out_ns: f64,
 }
 
-/// Cost of the grid, one thread.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct GridCost {
-    /// A frame of no boxes, ns.
-    pub fixed_ns: f64,
-    /// More for choosing levels where sizes differ, ns.
-    pub levels_ns: f64,
-    /// Each box, ns.
-    pub ns_a_box: f64,
-    /// More for each box and doubling of the large sizes over the median, ns.
-    pub ns_a_size_doubling: f64,
-    /// More for each box and unit of elongation (longest edge / shortest edge) above 2, ns.
-    pub ns_a_elongation: f64,
+impl ThreadCost {
+    /// Time on `threads` threads of what takes `one_ns` on one (Amdahl's law).
+    pub fn on(&self, threads: usize, one_ns: f64) -> f64 {
+        let threads = threads.max(1) as f64;
+        let shared = one_ns * (self.serial_share + (1.0 - self.serial_share) / threads);
+        shared + self.fan_out_ns * threads.log2()
+    }
 }
+
+/// The CPU engines, in the order in which a calibration holds their threads.
+pub const CPU_ENGINES: [EngineName; 3] =
+    [EngineName::CpuBrute, EngineName::CpuSap, EngineName::CpuGrid];
 
 /// What this machine takes for what. Built-in figures are the default; `pairmaskd calibrate`
 /// measures.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Calibration {
-    /// `cpu-brute`.
-    pub brute: PairwiseCost,
-    /// `cpu-sap`.
-    pub sap: PairwiseCost,
-    /// `cpu-grid`.
-    pub grid: GridCost,
-    /// Each pair found, in the sparse encoding: kept, published, ns.
-    pub ns_a_sparse_pair: f64,
-    /// Each pair found, in the dense encoding of an engine that has another order than the
-    /// boxes', ns.
-    pub ns_a_scattered_pair: f64,
-    /// Each byte of a dense mask, written and later scanned by the client, ns.
-    pub ns_a_dense_byte: f64,
-    /// Share of an engine's work that a second and each further thread takes over.
-    pub thread_gain: f64,
-    /// Handing work to other threads and waiting for them, ns a frame.
-    pub thread_fixed_ns: f64,
+    /// ns a unit of every [`Term`], in the order of [`Term::ALL`].
+    pub ns: [f64; Term::ALL.len()],
+    /// What threads give each of [`CPU_ENGINES`].
+    pub threads: [ThreadCost; CPU_ENGINES.len()],
+}
+
+/// ns a unit on one core of an AMD EPYC 9004 (Zen 4, AVX-512) at 2.6 GHz, as `pairmaskd calibrate
+/// --dry-run` prints them.
+const ZEN_4: [(Term, f64); Term::ALL.len()] = [
+    (Term::BruteFrame, 280.0),
+    (Term::BruteBox, 10.7),
+    (Term::BruteDirectTest, 0.347),
+    (Term::BruteBitmapFrame, 1_113.0),
+    (Term::BruteBitmapBox, 6.555),
+    (Term::BruteBitmapTest, 0.0151),
+    (Term::BruteCandidate, 0.242),
+    (Term::SapFrame, 272.0),
+    (Term::SapBox, 13.4),
+    (Term::SapSpill, 7.802),
+    (Term::SapTest, 0.642),
+    (Term::GridFrame, 1_615.0),
+    (Term::GridSample, 39.6),
+    (Term::GridLevels, 55.3),
+    (Term::GridBox, 40.7),
+    (Term::GridSpill, 2.034),
+    (Term::GridDoubling, 3.714),
+    (Term::GridElongation, 1.382),
+    (Term::SparsePair, 2.589),
+    (Term::OrderedPair, 1.971),
+    (Term::DenseByte, 0.0439),
+    (Term::DensePair, 5.786),
+    (Term::ScatteredPair, 0.589),
+];
+/// The same for threads: a guess, held to be fair for two idle cores, until a calibration measures.
+const ZEN_4_THREADS: [ThreadCost; CPU_ENGINES.len()] =
+    [ThreadCost { serial_share: 0.1, fan_out_ns: 8_000.0 }; CPU_ENGINES.len()];
+
+/// Whether narrower instruction sets take longer for a term, by their lanes.
+const fn is_by_lanes(term: Term) -> bool {
+    matches!(
+        term,
+        Term::BruteDirectTest
+            | Term::BruteBitmapTest
+            | Term::BruteCandidate
+            | Term::SapTest
+            | Term::GridBox
+            | Term::GridDoubling
+            | Term::GridElongation
+    )
 }
 
 impl Calibration {
-    /// Figures for an instruction set: measured with `cargo bench -p pairmask-tests --bench
-    /// engines` on one core of an AMD EPYC 9004 at 2.6 GHz (AVX-512), least of 11 frames. The
-    /// narrower sets are scaled by their lanes.
+    /// Figures for an instruction set: those of a Zen 4 core, tests of pairs scaled by the lanes of
+    /// narrower sets.
     pub fn built_in(isa: Isa) -> Self {
         let lanes = match isa {
             Isa::Avx512 => 1.0,
@@ -67,33 +91,52 @@ impl Calibration {
             Isa::Neon => 3.0,
             Isa::Portable => 6.0,
         };
-        Self {
-            brute: PairwiseCost {
-                fixed_ns: 400.0,
-                ns_a_box: 18.0,
-                ns_a_test: 0.0205 * lanes,
-                ns_a_pair: 8.0,
-                ns_a_test_most: 0.35 * lanes,
-            },
-            sap: PairwiseCost {
-                fixed_ns: 300.0,
-                ns_a_box: 22.0,
-                ns_a_test: 0.46 * lanes,
-                ns_a_pair: 0.0,
-                ns_a_test_most: 0.46 * lanes,
-            },
-            grid: GridCost {
-                fixed_ns: 7_000.0,
-                levels_ns: 20_000.0,
-                ns_a_box: 28.0 + 14.0 * lanes,
-                ns_a_size_doubling: 4.0 * lanes,
-                ns_a_elongation: 1.5 * lanes,
-            },
-            ns_a_sparse_pair: 3.0,
-            ns_a_scattered_pair: 8.0,
-            ns_a_dense_byte: 0.15,
-            thread_gain: 0.8,
-            thread_fixed_ns: 8_000.0,
+        let of = |term: Term| {
+            let ns = ZEN_4.iter().find(|(of, _)| *of == term).map_or(0.0, |(_, ns)| *ns);
+            if is_by_lanes(term) { lanes * ns } else { ns }
+        };
+        Self { ns: Term::ALL.map(of), threads: ZEN_4_THREADS }
+    }
+
+    /// ns a unit of a term.
+    pub const fn ns(&self, term: Term) -> f64 {
+        self.ns[term as usize]
+    }
+
+    /// What work takes on one thread, ns.
+    pub fn time_ns(&self, work: &Work) -> f64 {
+        work.amounts().iter().zip(&self.ns).map(|(amount, ns)| amount * ns).sum()
+    }
+
+    /// What threads give an engine; a GPU's engine is not divided.
+    pub fn threads_of(&self, engine: EngineName) -> ThreadCost {
+        let index = CPU_ENGINES.iter().position(|e| *e == engine);
+        index.map_or(ThreadCost { serial_share: 1.0, fan_out_ns: 0.0 }, |i| self.threads[i])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_second_thread_halves_what_is_not_serial_and_costs_the_fan_out() {
+        let cost = ThreadCost { serial_share: 0.25, fan_out_ns: 10.0 };
+        assert_eq!(cost.on(1, 1000.0), 1000.0);
+        assert_eq!(cost.on(2, 1000.0), 635.0);
+        assert_eq!(cost.on(4, 1000.0), 457.5);
+        assert_eq!(cost.on(0, 1000.0), 1000.0);
+    }
+
+    #[test]
+    fn narrower_instruction_sets_are_not_faster() {
+        let built_in = Isa::ALL.map(|isa| Calibration::built_in(isa).ns);
+        for term in Term::ALL {
+            let ns = built_in.map(|table| table[term as usize]);
+            assert!(ns.is_sorted() && ns[0] > 0.0, "{term}: {ns:?}");
+        }
+        for (term, (of, ns)) in Term::ALL.into_iter().zip(ZEN_4) {
+            assert_eq!((term, built_in[0][term as usize]), (of, ns), "in the order of the terms");
         }
     }
 }

@@ -25,13 +25,23 @@
 //! ```
 
 mod calibration;
+mod calibration_file;
+mod explain;
+mod machine;
+mod model;
 mod stats;
+mod work;
 
-use std::fmt;
-
-pub use calibration::{Calibration, GridCost, PairwiseCost};
+pub use calibration::{CPU_ENGINES, Calibration, ThreadCost};
+pub use calibration_file::{
+    CALIBRATION_VERSION, CalibrationChoice, CalibrationError, CalibrationOrigin, decode,
+    default_path, encode, load, store,
+};
+pub use machine::MachineKey;
 pub use stats::SceneStats;
+pub use work::{Term, Work};
 
+use self::model::Model;
 use crate::engine::{EngineChoice, EngineName};
 use crate::mask::{Encoding, EncodingChoice};
 
@@ -100,9 +110,10 @@ pub struct Plan {
     pub stats: SceneStats,
 }
 
-/// Predictions this close are the same: less than the clock reads of a frame. The engine that comes
-/// first in [`EngineName::ALL`] is taken then, so that tiny scenes keep the boxes' own order.
-const INDIFFERENT_NS: f64 = 400.0;
+/// Predictions that are larger by less than this share are the same: no prediction is as exact. The
+/// engine that comes first in [`EngineName::ALL`] is taken then, so that small scenes keep the boxes'
+/// own order.
+const INDIFFERENT_SHARE: f64 = 0.05;
 
 /// Chooses. Where the client insists on an engine that is not to be had, the plan names it all the
 /// same: that engine's own error says what is missing.
@@ -119,7 +130,10 @@ pub fn plan(
         EngineChoice::Auto => {
             let times = candidates.iter().flatten().map(|c| c.predicted_ns);
             let least = times.fold(f64::INFINITY, f64::min);
-            candidates.iter().flatten().find(|c| c.predicted_ns <= least + INDIFFERENT_NS)
+            candidates
+                .iter()
+                .flatten()
+                .find(|c| c.predicted_ns <= (1.0 + INDIFFERENT_SHARE) * least)
         }
     };
     let fallback = Candidate {
@@ -136,156 +150,6 @@ pub fn plan(
     };
     let Candidate { engine, encoding, threads, .. } = *chosen.unwrap_or(&fallback);
     Plan { engine, encoding, threads, candidates, wishes: *wishes, stats: *stats }
-}
-
-/// Counting and placing sparse words takes a GPU so much longer than packing a small dense mask:
-/// 14.5 µs against 8.6 for both its stages at 1,000 boxes on an H200.
-const GPU_SPARSE_STAGE_NS: f64 = 5_500.0;
-
-/// The cost model of one frame.
-struct Model<'a> {
-    stats: &'a SceneStats,
-    capabilities: &'a Capabilities,
-    calibration: &'a Calibration,
-    wishes: &'a Wishes,
-}
-
-impl Model<'_> {
-    /// The cheapest way to run an engine, if it is to be had.
-    fn candidate(&self, engine: EngineName) -> Option<Candidate> {
-        let (cheapest_ns, threads) = match engine {
-            EngineName::CpuBrute => self.on_threads(self.brute_ns()),
-            EngineName::CpuSap => self.on_threads(self.sap_ns()),
-            EngineName::CpuGrid => self.on_threads(self.grid_ns()),
-            EngineName::GpuBrute => {
-                (self.gpu_ns(|gpu| Some(gpu.ns_a_test * self.pairs_of_all()))?, 1)
-            }
-            EngineName::GpuGrid => {
-                let grid_ns =
-                    |gpu: &GpuCost| Some(gpu.grid_fixed_ns + gpu.grid_ns_a_box? * self.n());
-                (self.gpu_ns(grid_ns)?, 1)
-            }
-        };
-        let (encoding, encoding_ns) = self.encoding(engine);
-        Some(Candidate { engine, encoding, threads, predicted_ns: cheapest_ns + encoding_ns })
-    }
-
-    fn n(&self) -> f64 {
-        f64::from(self.stats.n.get())
-    }
-
-    fn pairs_of_all(&self) -> f64 {
-        self.stats.n.pair_count() as f64
-    }
-
-    fn brute_ns(&self) -> f64 {
-        self.pairwise_ns(&self.calibration.brute, self.n(), self.pairs_of_all())
-    }
-
-    fn sap_ns(&self) -> f64 {
-        let solid = self.n() * f64::from(self.stats.solid_share);
-        // A strip is tested whole, so that a window costs half a strip more than it holds.
-        let window = solid * f64::from(self.stats.window_share) + 8.0;
-        // The radix passes touch more memory than the caches hold from here on.
-        let spill = if self.n() > 3.0e5 { 2.0 } else { 1.0 };
-        self.pairwise_ns(&self.calibration.sap, spill * self.n(), solid * window)
-    }
-
-    fn pairwise_ns(&self, cost: &PairwiseCost, boxes: f64, tests: f64) -> f64 {
-        let compared = cost.ns_a_test * tests + cost.ns_a_pair * self.stats.expected_pairs();
-        cost.fixed_ns + cost.ns_a_box * boxes + compared.min(cost.ns_a_test_most * tests)
-    }
-
-    fn grid_ns(&self) -> f64 {
-        let cost = &self.calibration.grid;
-        let spread = f64::from(self.stats.large_size / self.stats.median_size);
-        let doublings = if spread.is_finite() { spread.max(1.0).log2() } else { 0.0 };
-        let levels = if doublings > 1.0 { cost.levels_ns } else { 0.0 };
-        let rods = f64::from((self.stats.elongation - 2.0).max(0.0));
-        let a_box = cost.ns_a_box
-            + cost.ns_a_size_doubling * doublings.min(4.0)
-            + cost.ns_a_elongation * rods;
-        cost.fixed_ns + levels + a_box * self.n()
-    }
-
-    fn gpu_ns(&self, execute: impl Fn(&GpuCost) -> Option<f64>) -> Option<f64> {
-        let gpu = self.capabilities.gpu.as_ref()?;
-        let reply_bytes = 4.0 * self.n() + 12.0 * self.stats.expected_pairs();
-        Some(
-            gpu.fixed_ns
-                + gpu.ns_a_box * self.n()
-                + execute(gpu)?
-                + gpu.ns_a_reply_byte * reply_bytes,
-        )
-    }
-
-    /// One thread or all of them.
-    fn on_threads(&self, one_ns: f64) -> (f64, usize) {
-        let threads = self.capabilities.threads.max(1);
-        let speed_up = 1.0 + self.calibration.thread_gain * (threads as f64 - 1.0);
-        let all_ns = one_ns / speed_up + self.calibration.thread_fixed_ns;
-        if threads > 1 && all_ns < one_ns { (all_ns, threads) } else { (one_ns, 1) }
-    }
-
-    /// The encoding that was asked for, or the cheaper one, and what it costs.
-    fn encoding(&self, engine: EngineName) -> (Encoding, f64) {
-        let in_box_order = matches!(engine, EngineName::CpuBrute | EngineName::GpuBrute);
-        let pairs = self.stats.expected_pairs();
-        let scatter = if in_box_order { 0.0 } else { self.calibration.ns_a_scattered_pair };
-        let dense_bytes = 4.0 * self.stats.n.dense_words() as f64;
-        let dense_ns = self.calibration.ns_a_dense_byte * dense_bytes + scatter * pairs;
-        let stage_ns = if engine.is_gpu() { GPU_SPARSE_STAGE_NS } else { 0.0 };
-        let sparse_ns = stage_ns + self.calibration.ns_a_sparse_pair * pairs;
-        match self.wishes.encoding {
-            EncodingChoice::Only(Encoding::Dense) => (Encoding::Dense, dense_ns),
-            EncodingChoice::Auto if dense_ns < sparse_ns => (Encoding::Dense, dense_ns),
-            EncodingChoice::Only(Encoding::Sparse) | EncodingChoice::Auto => {
-                (Encoding::Sparse, sparse_ns)
-            }
-        }
-    }
-}
-
-impl Plan {
-    /// Why, in a few lines for a terminal.
-    pub fn explain(&self) -> impl fmt::Display + '_ {
-        Explanation(self)
-    }
-}
-
-struct Explanation<'a>(&'a Plan);
-
-impl fmt::Display for Explanation<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Plan { engine, encoding, threads, candidates, wishes, stats } = self.0;
-        writeln!(
-            f,
-            "{} boxes, {:.0} % solid, median size {}, 90 % below {}, sweep window {:.3} % of them, elongation {:.1}, {:.0} pairs expected",
-            stats.n.get(),
-            100.0 * stats.solid_share,
-            stats.median_size,
-            stats.large_size,
-            100.0 * stats.window_share,
-            stats.elongation,
-            stats.expected_pairs(),
-        )?;
-        for candidate in candidates.iter().flatten() {
-            let mark = if candidate.engine == *engine { "->" } else { "  " };
-            writeln!(
-                f,
-                "{mark} {:<10} {:<6} {} threads  {:>12.1} µs predicted",
-                candidate.engine.as_str(),
-                candidate.encoding.as_str(),
-                candidate.threads,
-                candidate.predicted_ns / 1e3,
-            )?;
-        }
-        let why = match wishes.engine {
-            EngineChoice::Auto => "least predicted time",
-            EngineChoice::Only(_) => "asked for",
-        };
-        write!(f, "{engine}, {encoding}, {threads} threads: {why}")
-    }
 }
 
 #[cfg(test)]

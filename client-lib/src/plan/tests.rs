@@ -8,6 +8,7 @@ use crate::units::BoxCount;
 fn stats(n: u32, window_share: f32) -> SceneStats {
     SceneStats {
         n: BoxCount::new(n),
+        is_looked_at: true,
         solid_share: 1.0,
         low: [0.0; 3],
         high: [100.0; 3],
@@ -69,11 +70,15 @@ fn a_gpu_is_taken_where_it_is_faster_and_only_there() {
 }
 
 #[test]
-fn few_boxes_with_many_pairs_get_a_dense_mask() {
-    let mut crowded = stats(64, 1.0);
-    crowded.last_pairs = Some(2016);
-    assert_eq!(chosen(&crowded, None, Wishes::default()).encoding, Encoding::Dense);
+fn the_encoding_is_the_cheaper_one() {
     assert_eq!(chosen(&stats(4096, 0.1), None, Wishes::default()).encoding, Encoding::Sparse);
+    let mut calibration = Calibration::built_in(Isa::Avx512);
+    calibration.ns[Term::SparsePair as usize] = 50.0;
+    let capabilities = Capabilities { threads: 1, gpu: None };
+    let encoding =
+        |n| plan(&stats(n, 0.1), &capabilities, &calibration, &Wishes::default()).encoding;
+    assert_eq!(encoding(64), Encoding::Dense);
+    assert_eq!(encoding(1_000_000), Encoding::Sparse, "62 GB of zeros");
 }
 
 #[test]

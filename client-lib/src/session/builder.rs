@@ -10,6 +10,7 @@ use super::core::Core;
 use super::error::ConnectError;
 use crate::engine::{EngineChoice, UnknownName};
 use crate::mask::EncodingChoice;
+use crate::plan::CalibrationChoice;
 use crate::transport::{InstanceName, RuntimeDir};
 use crate::units::BoxCount;
 
@@ -64,6 +65,7 @@ pub(super) struct Settings {
     pub engine: EngineChoice,
     pub encoding: EncodingChoice,
     pub threads: Option<usize>,
+    pub calibration: CalibrationChoice,
     pub spin: Duration,
     pub deadline: Duration,
     pub capacity: BoxCount,
@@ -88,6 +90,7 @@ impl Default for SessionBuilder {
                 engine: EngineChoice::Auto,
                 encoding: EncodingChoice::Auto,
                 threads: None,
+                calibration: CalibrationChoice::Auto,
                 spin: DEFAULT_SPIN,
                 deadline: DEFAULT_DEADLINE,
                 capacity: DEFAULT_CAPACITY,
@@ -132,6 +135,13 @@ impl SessionBuilder {
     /// Threads that an engine may use; the plan's choice unless set.
     pub fn threads(mut self, threads: usize) -> Self {
         self.settings.threads = Some(threads.max(1));
+        self
+    }
+
+    /// The constants that plans of the in-process backend compute with; those that
+    /// `pairmaskd calibrate` kept for this machine, else the built-in ones, unless set.
+    pub fn calibration(mut self, choice: CalibrationChoice) -> Self {
+        self.settings.calibration = choice;
         self
     }
 

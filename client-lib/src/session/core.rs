@@ -6,12 +6,14 @@ use std::time::{Duration, Instant};
 
 use super::builder::{Backend, Settings};
 use super::error::{ConnectError, FrameError, StatusError, WaitError};
-use super::frame::{Frame, FrameMemory};
+use super::frame::{Frame, FrameMemory, Written};
 use super::link::{Link, Received, SharedFrame, Unsent};
 use super::local::{Local, lock};
+use super::narrow::NarrowFrame;
 use super::pairs::{PairMask, ServedBy};
 use crate::aabb::Aabb;
 use crate::engine::CullError;
+use crate::precision::Precision;
 use crate::transport::quiet_transport_log;
 use crate::units::BoxCount;
 use crate::wire::{ReplyFields, RequestHeader, StatusBody, StatusCode};
@@ -47,12 +49,9 @@ pub(super) struct Core {
 impl Core {
     pub(super) fn new(settings: Settings) -> Result<Self, ConnectError> {
         quiet_transport_log();
-        let core = Self {
-            settings,
-            local: Arc::new(Local::new()),
-            connection: Mutex::default(),
-            frames: AtomicU64::new(0),
-        };
+        let local = Arc::new(Local::new(&settings.calibration));
+        let core =
+            Self { settings, local, connection: Mutex::default(), frames: AtomicU64::new(0) };
         match core.settings.backend {
             Backend::Daemon => drop(core.link()?),
             Backend::Auto => drop(core.link()),
@@ -77,8 +76,12 @@ impl Core {
         self.settings.backend != Backend::Daemon
     }
 
-    pub(super) fn cull_here(&self, boxes: &[Aabb]) -> Result<PairMask, CullError> {
-        self.local.cull(boxes, &self.settings)
+    pub(super) fn cull_here(
+        &self,
+        boxes: &[Aabb],
+        written: Written,
+    ) -> Result<PairMask, CullError> {
+        self.local.cull(boxes, written, &self.settings)
     }
 
     pub(super) fn served_by(&self) -> ServedBy {
@@ -89,21 +92,47 @@ impl Core {
     }
 
     pub(super) fn frame(self: &Arc<Self>, n: usize) -> Result<Frame, FrameError> {
+        let (frame, _) = self.frame_of(n, Precision::Exact)?;
+        Ok(frame)
+    }
+
+    pub(super) fn narrow_frame(
+        self: &Arc<Self>,
+        n: usize,
+        asked: Precision,
+    ) -> Result<NarrowFrame, FrameError> {
+        let (frame, precision) = self.frame_of(n, asked)?;
+        Ok(NarrowFrame::new(frame, precision))
+    }
+
+    /// A frame, and the precision that whoever serves it knows.
+    fn frame_of(
+        self: &Arc<Self>,
+        n: usize,
+        asked: Precision,
+    ) -> Result<(Frame, Precision), FrameError> {
         let too_many = FrameError::TooManyBoxes { n, limit: u64::from(u32::MAX) };
         let n = BoxCount::of_len(n).ok_or(too_many)?;
-        let memory = match self.settings.backend {
-            Backend::InProcess => FrameMemory::Own(self.local.take_boxes(n)),
-            Backend::Daemon => FrameMemory::Shared(self.link()?.loan(n)?),
-            Backend::Auto => match self.link().map_err(FrameError::from).and_then(|l| l.loan(n)) {
-                Ok(shared) => FrameMemory::Shared(shared),
+        let own = || (FrameMemory::Own(self.local.take_boxes(n)), asked);
+        let shared = || {
+            let link = self.link()?;
+            let precision = link.agree(asked);
+            let shared = link.loan(precision.form().bytes(n))?;
+            Ok((FrameMemory::Shared(shared), precision))
+        };
+        let (memory, precision) = match self.settings.backend {
+            Backend::InProcess => own(),
+            Backend::Daemon => shared()?,
+            Backend::Auto => match shared() {
+                Ok(shared) => shared,
                 Err(FrameError::TooManyFrames) => return Err(FrameError::TooManyFrames),
                 Err(error) => {
                     self.say_in_process(&error);
-                    FrameMemory::Own(self.local.take_boxes(n))
+                    own()
                 }
             },
         };
-        Ok(Frame::new(n, memory, Arc::clone(self)))
+        Ok((Frame::new(n, memory, Written::by(&precision), Arc::clone(self)), precision))
     }
 
     /// The connection, made anew if it was lost and the time has come.
@@ -165,7 +194,7 @@ impl Core {
             box_count: BoxCount::default(),
         };
         let header = RequestHeader::status(asked.client_token, asked.frame);
-        let shared: SharedFrame = link.loan(BoxCount::default())?;
+        let shared: SharedFrame = link.loan(0)?;
         let sent = Instant::now();
         let (pending, _slot) = shared.send(&header).map_err(|unsent| match unsent {
             Unsent::Saved(_) => StatusError::Wait(WaitError::DaemonDied),

@@ -1,7 +1,7 @@
 //! A client's end of the connection to a daemon.
 
 use std::hash::{BuildHasher, Hasher, RandomState};
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
@@ -14,13 +14,12 @@ use super::builder::Settings;
 use super::error::{ConnectError, FrameError};
 use super::estimate::Estimate;
 use super::local::lock;
-use crate::aabb::AABB_BYTES;
+use crate::precision::{BoxForm, Precision};
 use crate::transport::{
     Client, ClientPort, FRAMES_AT_A_TIME, OpenError, PendingResponse, Populated, ProcessWatch,
     RequestLoan, ResponseSample, Services, TransportError, assume_pages, foreign_owner,
 };
-use crate::units::BoxCount;
-use crate::wire::{PAGE_BYTES, RequestHeader, Version, page_count};
+use crate::wire::{NARROW_BOXES_MINOR, PAGE_BYTES, RequestHeader, Version, page_count};
 
 /// A waiter looks at the daemon's pulse this often, and at its own response even if another
 /// thread of the session took the wake-up.
@@ -45,6 +44,10 @@ pub(super) struct Link {
     populated: Mutex<Populated>,
     estimate: Mutex<Estimate>,
     frames: AtomicUsize,
+    /// Whether the daemon knows boxes in narrow forms, as far as known.
+    knows_narrow: AtomicBool,
+    /// Whether the log was told that it does not.
+    told_narrow: AtomicBool,
 }
 
 impl std::fmt::Debug for Link {
@@ -83,8 +86,8 @@ pub(super) struct SharedFrame {
     pub slot: Slot,
 }
 
-fn pages_of(n: BoxCount) -> usize {
-    page_count(n.len() as u64 * AABB_BYTES as u64) as usize
+fn pages_of(bytes: u64) -> usize {
+    page_count(bytes) as usize
 }
 
 impl Link {
@@ -115,7 +118,7 @@ impl Link {
             },
         };
         let token = RandomState::new().build_hasher().finish();
-        let pages = pages_of(settings.capacity);
+        let pages = pages_of(BoxForm::F32.bytes(settings.capacity));
         let connected = Services::<ipc_threadsafe::Service>::connect(&settings.dir, instance)
             .and_then(|services| Ok((services.client(token, pages)?, services)));
         let (Client { port, notifier, listener }, services) = connected.map_err(open)?;
@@ -129,6 +132,8 @@ impl Link {
             populated: Mutex::default(),
             estimate: Mutex::default(),
             frames: AtomicUsize::new(0),
+            knows_narrow: AtomicBool::new(record.version.minor >= NARROW_BOXES_MINOR),
+            told_narrow: AtomicBool::new(false),
         };
         link.touch_chunks(pages);
         Ok(link)
@@ -154,10 +159,31 @@ impl Link {
         self.daemon.is_alive()
     }
 
-    /// Memory for `n` boxes, all of it present.
-    pub(super) fn loan(self: &Arc<Self>, n: BoxCount) -> Result<SharedFrame, FrameError> {
+    /// The precision that the daemon can be asked for: an older one gets exact boxes.
+    pub(super) fn agree(&self, asked: Precision) -> Precision {
+        if !asked.form().is_narrow() || self.knows_narrow.load(Ordering::Relaxed) {
+            return asked;
+        }
+        self.say_exact(asked.form());
+        Precision::Exact
+    }
+
+    /// The daemon refused boxes in a narrow form, whatever version it said it was.
+    pub(super) fn note_narrow_refused(&self, form: BoxForm) {
+        self.knows_narrow.store(false, Ordering::Relaxed);
+        self.say_exact(form);
+    }
+
+    fn say_exact(&self, form: BoxForm) {
+        if !self.told_narrow.swap(true, Ordering::Relaxed) {
+            log::warn!("the daemon does not know {form} boxes: frames are exact");
+        }
+    }
+
+    /// Memory for so many bytes of boxes, all of it present.
+    pub(super) fn loan(self: &Arc<Self>, bytes: u64) -> Result<SharedFrame, FrameError> {
         let slot = Slot::take(self).ok_or(FrameError::TooManyFrames)?;
-        let pages = pages_of(n);
+        let pages = pages_of(bytes);
         let port = self.port_for(pages)?;
         let loan = port
             .loan_slice_uninit(pages)

@@ -3,9 +3,11 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::builder::Settings;
+use super::frame::Written;
 use super::pairs::{PairMask, ServedBy, Storage};
 use crate::aabb::Aabb;
 use crate::engine::{CpuEngines, CullError, CullWish, HeapReply};
+use crate::plan::CalibrationChoice;
 use crate::units::BoxCount;
 use crate::wire::Reply;
 
@@ -32,9 +34,10 @@ pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Local {
-    pub(super) fn new() -> Self {
+    pub(super) fn new(calibration: &CalibrationChoice) -> Self {
+        let (calibration, _) = calibration.resolve();
         Self {
-            engines: Mutex::new(CpuEngines::new()),
+            engines: Mutex::new(CpuEngines::with_calibration(calibration)),
             replies: Mutex::new(Vec::with_capacity(KEPT_BUFFERS)),
             boxes: Mutex::new(Vec::with_capacity(KEPT_BUFFERS)),
             last_pairs: Mutex::default(),
@@ -59,6 +62,7 @@ impl Local {
     pub(super) fn cull(
         self: &Arc<Self>,
         boxes: &[Aabb],
+        written: Written,
         settings: &Settings,
     ) -> Result<PairMask, CullError> {
         let mut memory = lock(&self.replies).pop().unwrap_or_default();
@@ -78,7 +82,7 @@ impl Local {
             times: answer.times,
         };
         let storage = Storage::Own { memory, home: Arc::clone(self) };
-        Ok(PairMask::new(storage, &reply, ServedBy::InProcess))
+        Ok(PairMask::new(storage, &reply, ServedBy::InProcess, written))
     }
 }
 

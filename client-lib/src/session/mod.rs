@@ -24,17 +24,22 @@ mod estimate;
 mod frame;
 mod link;
 mod local;
+mod margin;
+mod narrow;
 mod pairs;
 mod pending;
 
 pub use builder::{Backend, SessionBuilder};
 pub use error::{ConnectError, FrameError, StatusError, WaitError};
 pub use frame::Frame;
+pub use margin::{Kept, Margin, MarginError, MarginStats, Margined, MarginedError};
+pub use narrow::NarrowFrame;
 pub use pairs::{FrameInfo, PairMask, ServedBy};
 pub use pending::PendingFrame;
 
 use std::sync::Arc;
 
+use crate::precision::Precision;
 use crate::wire::StatusBody;
 
 /// A client's connection to whoever finds its pairs.
@@ -62,6 +67,38 @@ impl Session {
     /// then answered in process.
     pub fn frame(&mut self, n: usize) -> Result<Frame, FrameError> {
         self.core.frame(n)
+    }
+
+    /// As [`frame`](Self::frame), for boxes that are written with less precision and fewer bytes.
+    /// What that may add to the answer is said by [`Precision`]; it never lacks a pair.
+    ///
+    /// A daemon that is too old to know the form gets exact boxes: the log says so once for each
+    /// connection, and [`FrameInfo::form`] for each frame.
+    ///
+    /// ```
+    /// use pairmask::{Aabb, Backend, Bounds, Precision, Session};
+    /// use pairmask::glam::Vec3;
+    ///
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// let world = Bounds::new(Vec3::splat(-100.0), Vec3::splat(100.0))?;
+    /// let mut session = Session::builder().backend(Backend::InProcess).connect()?;
+    /// let mut frame = session.narrow_frame(2, Precision::Q16(world))?;
+    /// frame.set(0, &Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]));
+    /// frame.set(1, &Aabb::from([1.001, 0.0, 0.0, 2.0, 1.0, 1.0]));
+    /// let mask = frame.submit()?.wait()?;
+    /// assert_eq!(mask.count(), 1, "a gap of 1 mm is less than a cell of 3 mm");
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// As [`frame`](Self::frame).
+    pub fn narrow_frame(
+        &mut self,
+        n: usize,
+        precision: Precision,
+    ) -> Result<NarrowFrame, FrameError> {
+        self.core.narrow_frame(n, precision)
     }
 
     /// Who would serve the next frame, as far as known now.

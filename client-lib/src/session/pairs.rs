@@ -2,10 +2,12 @@
 
 use std::sync::Arc;
 
+use super::frame::Written;
 use super::link::Slot;
 use super::local::Local;
 use crate::engine::{Census, EngineName, HeapReply, SkipMeter};
 use crate::mask::{Encoding, MaskShape, MaskView, Pairs, ParPairs, Words};
+use crate::precision::{BoxForm, Widening};
 use crate::transport::{PendingResponse, ResponseSample, words_in};
 use crate::units::BoxCount;
 use crate::wire::{Reply, StageTimes};
@@ -19,8 +21,18 @@ pub enum ServedBy {
     InProcess,
 }
 
+impl ServedBy {
+    /// The name in reports.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Daemon => "daemon",
+            Self::InProcess => "in-process",
+        }
+    }
+}
+
 /// What is known of an answered frame beside its pairs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameInfo {
     /// Who answered.
     pub served_by: ServedBy,
@@ -36,6 +48,12 @@ pub struct FrameInfo {
     pub times: StageTimes,
     /// Bytes of the mask.
     pub mask_bytes: u64,
+    /// Form of the boxes. Not the one that was asked for where the daemon is too old to know it.
+    pub form: BoxForm,
+    /// Bytes of the boxes in that form: what a daemon reads.
+    pub box_bytes: u64,
+    /// How far apart two boxes may be and still be a pair of this mask.
+    pub widening: Widening,
 }
 
 /// Where the words of a mask lie. A shared one keeps its request's channel: the transport would
@@ -74,7 +92,12 @@ impl Drop for PairMask {
 
 impl PairMask {
     /// A mask of a reply whose shape was checked against this storage.
-    pub(super) fn new(storage: Storage, reply: &Reply, served_by: ServedBy) -> Self {
+    pub(super) fn new(
+        storage: Storage,
+        reply: &Reply,
+        served_by: ServedBy,
+        written: Written,
+    ) -> Self {
         let Reply { box_count, engine, threads, report, times } = *reply;
         Self {
             n: box_count,
@@ -88,6 +111,9 @@ impl PairMask {
                 skipped: report.skipped,
                 times,
                 mask_bytes: report.shape.mask_bytes(),
+                form: written.form,
+                box_bytes: written.form.bytes(box_count),
+                widening: written.widening,
             },
             storage,
         }

@@ -5,11 +5,12 @@ use std::time::{Duration, Instant};
 
 use super::core::{Core, Loss};
 use super::error::{FrameError, WaitError};
-use super::frame::FrameMemory;
+use super::frame::{FrameMemory, Written};
 use super::link::{Received, SharedFrame, Slot, Unsent};
 use super::pairs::{PairMask, ServedBy, Storage};
 use crate::mask::MaskView;
-use crate::transport::{PendingResponse, ResponseSample, boxes_in, words_in};
+use crate::precision::ExpandScratch;
+use crate::transport::{PendingResponse, ResponseSample, narrow_boxes_in, words_in};
 use crate::units::BoxCount;
 use crate::wire::{PAGE_BYTES, Reply, ReplyError, ReplyFields, RequestHeader, StatusCode};
 
@@ -42,6 +43,7 @@ enum State {
 pub(super) struct Sent {
     pending: PendingResponse,
     asked: ReplyFields,
+    written: Written,
     at: Instant,
     slot: Slot,
 }
@@ -54,6 +56,7 @@ impl PendingFrame {
     pub(super) fn send(
         shared: SharedFrame,
         n: BoxCount,
+        written: Written,
         core: Arc<Core>,
     ) -> Result<Self, FrameError> {
         let link = Arc::clone(shared.slot.link());
@@ -64,6 +67,7 @@ impl PendingFrame {
             asked.client_token,
             asked.frame,
             n,
+            written.form,
             settings.engine,
             settings.encoding,
             settings.threads,
@@ -71,11 +75,13 @@ impl PendingFrame {
         let at = Instant::now();
         match shared.send(&header) {
             Ok((pending, slot)) => {
-                Ok(Self { state: State::Sent(Sent { pending, asked, at, slot }), core })
+                Ok(Self { state: State::Sent(Sent { pending, asked, written, at, slot }), core })
             }
             Err(Unsent::Saved(shared)) => {
                 core.lose(&link, Loss::Died)?;
-                let mask = core.cull_here(FrameMemory::Shared(shared).boxes(n))?;
+                let mut scratch = ExpandScratch::default();
+                let memory = FrameMemory::Shared(shared);
+                let mask = core.cull_here(memory.boxes(n, written.form, &mut scratch), written)?;
                 Ok(Self::ready(mask, core))
             }
             Err(Unsent::Lost(error)) => {
@@ -169,16 +175,24 @@ impl Sent {
                 .map_err(|_| ReplyError::Malformed { field: "mask" })?;
             Ok(reply)
         });
+        if let Err(ReplyError::Status { status: StatusCode::BadRequest, .. }) = checked
+            && self.written.form.is_narrow()
+        {
+            // This frame is answered here where that is allowed, and the next is exact.
+            self.slot.link().note_narrow_refused(self.written.form);
+        }
         match checked {
             Ok(reply) => {
                 let Self { pending, slot, .. } = self;
                 let storage = Storage::Shared { sample, _pending: pending, _slot: slot };
-                Ok(PairMask::new(storage, &reply, ServedBy::Daemon))
+                Ok(PairMask::new(storage, &reply, ServedBy::Daemon, self.written))
             }
             Err(ReplyError::Status { status, .. })
-                if core.may_cull_here() && is_passing(status) =>
+                if core.may_cull_here() && is_passing(status, self.written) =>
             {
-                core.say_refused(status);
+                if status != StatusCode::BadRequest {
+                    core.say_refused(status);
+                }
                 self.cull_here(core).map_err(|e| (e, None))
             }
             Err(error) => Err((error.into(), None)),
@@ -198,18 +212,22 @@ impl Sent {
     }
 
     fn cull_here(&self, core: &Core) -> Result<PairMask, WaitError> {
-        let boxes = boxes_in(self.pending.payload(), 0, self.asked.box_count).unwrap_or_default();
-        Ok(core.cull_here(boxes)?)
+        let mut scratch = ExpandScratch::default();
+        let pages = self.pending.payload();
+        let boxes = narrow_boxes_in(pages, 0, self.written.form, self.asked.box_count);
+        let boxes = boxes.map_or(&[][..], |boxes| boxes.expand(&mut scratch, true));
+        Ok(core.cull_here(boxes, self.written)?)
     }
 }
 
 /// Errors of the daemon that this process may not have.
-const fn is_passing(status: StatusCode) -> bool {
-    matches!(
-        status,
+const fn is_passing(status: StatusCode, written: Written) -> bool {
+    match status {
         StatusCode::ReplyTooLarge
-            | StatusCode::OutOfMemory
-            | StatusCode::EngineUnavailable
-            | StatusCode::EngineFailed
-    )
+        | StatusCode::OutOfMemory
+        | StatusCode::EngineUnavailable
+        | StatusCode::EngineFailed => true,
+        StatusCode::BadRequest => written.form.is_narrow(),
+        _ => false,
+    }
 }

@@ -3,6 +3,7 @@
 
 use super::services::{RequestLoan, ResponseLoan, UninitRequest, UninitResponse};
 use crate::aabb::{AABB_BYTES, Aabb};
+use crate::precision::{BoxForm, NarrowBoxes};
 use crate::units::BoxCount;
 use crate::wire::Page;
 
@@ -30,6 +31,24 @@ pub fn boxes_in(pages: &[Page], offset: usize, n: BoxCount) -> Option<&[Aabb]> {
 pub fn boxes_in_mut(pages: &mut [Page], n: BoxCount) -> Option<&mut [Aabb]> {
     let bytes: &mut [u8] = bytemuck::cast_slice_mut(pages);
     bytemuck::try_cast_slice_mut(bytes.get_mut(..n.len().checked_mul(AABB_BYTES)?)?).ok()
+}
+
+/// As [`boxes_in`], for boxes of any form.
+pub fn narrow_boxes_in(
+    pages: &[Page],
+    offset: usize,
+    form: BoxForm,
+    n: BoxCount,
+) -> Option<NarrowBoxes<'_>> {
+    let bytes: &[u8] = bytemuck::cast_slice(pages);
+    let end = offset.checked_add(usize::try_from(form.bytes(n)).ok()?)?;
+    NarrowBoxes::new(form, bytes.get(offset..end)?)
+}
+
+/// The first bytes of a payload, to be written.
+pub fn bytes_in_mut(pages: &mut [Page], bytes: u64) -> Option<&mut [u8]> {
+    let all: &mut [u8] = bytemuck::cast_slice_mut(pages);
+    all.get_mut(..usize::try_from(bytes).ok()?)
 }
 
 /// A payload as u32 words.

@@ -19,12 +19,14 @@ pub use reply::{
 };
 pub use request::{Operation, Reject, Request, RequestHeader};
 pub use section::{SECTION_COUNT, Section, SectionKind};
-pub use status::{LAST_ERRORS, RecordedError, StatusBody, StatusCode};
+pub use status::{AuditCounts, LAST_ERRORS, RecordedError, StatusBody, StatusCode};
 
 /// Major version: a daemon answers only its own. Raised when an old reader would misread.
 pub const VERSION_MAJOR: u16 = 1;
 /// Minor version: raised when something is added that old readers may ignore.
-pub const VERSION_MINOR: u16 = 0;
+pub const VERSION_MINOR: u16 = 1;
+/// Minor version from which daemons know boxes in narrow forms.
+pub const NARROW_BOXES_MINOR: u16 = 1;
 
 /// "PMRQ" in memory order. A wrong magic means that the writer is not a pairmask client at all.
 pub const REQUEST_MAGIC: u32 = u32::from_le_bytes(*b"PMRQ");

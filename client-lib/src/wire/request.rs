@@ -3,12 +3,12 @@
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 
-use super::section::{SECTION_COUNT, Section, SectionKind, find};
+use super::section::{SECTION_COUNT, Section};
 use super::status::StatusCode;
 use super::{REQUEST_MAGIC, VERSION_MAJOR, VERSION_MINOR, Version};
-use crate::aabb::AABB_BYTES;
 use crate::engine::{EngineChoice, EngineName};
 use crate::mask::{Encoding, EncodingChoice};
+use crate::precision::BoxForm;
 use crate::units::BoxCount;
 
 /// Header of a request, 272 bytes.
@@ -70,8 +70,10 @@ pub enum Request {
     Cull {
         /// Boxes in the scene.
         box_count: BoxCount,
-        /// Offset of the boxes in the payload, bytes; `24 * box_count` bytes from there are
-        /// within the payload.
+        /// Their form.
+        form: BoxForm,
+        /// Offset of the boxes in the payload, bytes; `form.bytes(box_count)` bytes from there
+        /// are within the payload.
         boxes_offset: usize,
         /// Which engine.
         engine: EngineChoice,
@@ -123,7 +125,8 @@ pub enum Reject {
         /// The kind.
         found: u32,
     },
-    /// The boxes' section is missing, doubled, of the wrong length or outside the payload.
+    /// The boxes' section is missing, doubled (in whatever forms), of the wrong length or outside
+    /// the payload.
     #[error("the section of boxes does not hold {box_count} boxes within {payload_bytes} bytes")]
     Boxes {
         /// Boxes announced.
@@ -156,16 +159,16 @@ impl RequestHeader {
         }
     }
 
-    /// A request to cull the `box_count` boxes at the start of the payload.
+    /// A request to cull the `box_count` boxes of a form at the start of the payload.
     pub fn cull(
         client_token: u64,
         frame: u64,
         box_count: BoxCount,
+        form: BoxForm,
         engine: EngineChoice,
         encoding: EncodingChoice,
         threads: Option<usize>,
     ) -> Self {
-        let bytes = u64::from(box_count.get()) * AABB_BYTES as u64;
         let mut header = Self {
             box_count: box_count.get(),
             engine: match engine {
@@ -179,7 +182,7 @@ impl RequestHeader {
             threads: threads.map_or(0, |t| u32::try_from(t).unwrap_or(u32::MAX)),
             ..Self::envelope(Operation::Cull, client_token, frame)
         };
-        header.sections[0] = Section::required(SectionKind::Boxes, 0, bytes);
+        header.sections[0] = Section::required(form.section(), 0, form.bytes(box_count));
         header
     }
 
@@ -202,10 +205,9 @@ impl Request {
             let found = Version { major: header.version_major, minor: header.version_minor };
             return Err(Reject::Version { found });
         }
-        let known = [SectionKind::Boxes as u32];
-        let unknown = |s: &&Section| {
-            s.is_used() && s.flags & Section::REQUIRED != 0 && !known.contains(&s.kind)
-        };
+        let is_known = |kind| BoxForm::ALL.into_iter().any(|form| form.section() as u32 == kind);
+        let unknown =
+            |s: &&Section| s.is_used() && s.flags & Section::REQUIRED != 0 && !is_known(s.kind);
         if let Some(section) = header.sections.iter().find(unknown) {
             return Err(Reject::UnknownSection { found: section.kind });
         }
@@ -231,17 +233,25 @@ impl Request {
         };
         let box_count = BoxCount::new(header.box_count);
         let wrong = Reject::Boxes { box_count: header.box_count, payload_bytes };
-        let section = find(&header.sections, SectionKind::Boxes).ok_or(wrong)?;
-        let expected_bytes = u64::from(box_count.get()) * AABB_BYTES as u64;
-        if section.bytes != expected_bytes || !section.fits(payload_bytes) {
+        let (form, section) = find_boxes(&header.sections).ok_or(wrong)?;
+        if section.bytes != form.bytes(box_count) || !section.fits(payload_bytes) {
             return Err(wrong);
         }
         Ok(Self::Cull {
             box_count,
+            form,
             boxes_offset: usize::try_from(section.offset).map_err(|_| wrong)?,
             engine,
             encoding,
             threads: (header.threads != 0).then_some(header.threads as usize),
         })
     }
+}
+
+/// The one section of boxes, or `None` where there is none, or more than one of whatever forms.
+fn find_boxes(sections: &[Section; SECTION_COUNT]) -> Option<(BoxForm, Section)> {
+    let form_of = |s: &Section| BoxForm::ALL.into_iter().find(|f| f.section() as u32 == s.kind);
+    let mut found = sections.iter().filter_map(|s| Some((form_of(s)?, *s)));
+    let first = found.next()?;
+    found.next().is_none().then_some(first)
 }

@@ -41,6 +41,12 @@ pub enum SectionKind {
     Order = 6,
     /// One `StatusBody`.
     Status = 7,
+    /// Boxes, six u16 cells, 12 bytes each, in object order.
+    BoxesQ16 = 8,
+    /// Boxes, six u8 cells, 6 bytes each, in object order.
+    BoxesQ8 = 9,
+    /// Boxes, six IEEE halves, 12 bytes each, in object order.
+    BoxesF16 = 10,
 }
 
 impl Section {

@@ -81,6 +81,25 @@ pub struct RecordedError {
     pub reserved: u32,
 }
 
+/// What the daemon's auditor found when it checked frames again.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
+#[repr(C)]
+#[type_name("pairmask.AuditCounts")]
+pub struct AuditCounts {
+    /// One frame in so many is checked; 0 for none.
+    pub one_in: u64,
+    /// Frames checked, wholly or in part.
+    pub frames: u64,
+    /// Frames drawn and not checked, since the auditor was still busy.
+    pub skipped: u64,
+    /// Pairs of boxes that were compared again.
+    pub pairs: u64,
+    /// Pairs among them that overlap and were not in the mask. Anything but 0 is a bug.
+    pub missed: u64,
+    /// Pairs among them that were in the mask and do not overlap. Anything but 0 is a bug.
+    pub extra: u64,
+}
+
 /// The daemon's account of itself: the payload of a status response.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
 #[repr(C)]
@@ -102,8 +121,10 @@ pub struct StatusBody {
     pub errors: u64,
     /// The last errors, newest first; unused slots are zero.
     pub last_errors: [RecordedError; LAST_ERRORS],
+    /// What the auditor found.
+    pub audit: AuditCounts,
     /// Zero.
-    pub reserved: [u64; 8],
+    pub reserved: [u64; 2],
 }
 
 impl StatusBody {
@@ -128,4 +149,5 @@ impl StatusBody {
     }
 }
 
+const _: () = assert!(size_of::<AuditCounts>() == 48);
 const _: () = assert!(size_of::<StatusBody>() == 48 + LAST_ERRORS * 32 + 64);

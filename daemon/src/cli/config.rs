@@ -3,10 +3,12 @@
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
+use pairmask::plan::CalibrationChoice;
 use pairmask::transport::InstanceName;
 use pairmask::{Backend, EncodingChoice, EngineChoice};
 use serde::{Deserialize, Deserializer};
 
+use crate::audit::AuditRate;
 use crate::execute::gpu::GpuChoice;
 
 /// Settings of a configuration file. Keys are the flags' names.
@@ -28,6 +30,10 @@ pub struct Config {
     pub max_reply_mib: Option<std::num::NonZeroU32>,
     #[serde(deserialize_with = "parsed")]
     pub gpu: Option<GpuChoice>,
+    #[serde(deserialize_with = "parsed")]
+    pub calibration: Option<CalibrationChoice>,
+    #[serde(deserialize_with = "parsed")]
+    pub audit: Option<AuditRate>,
 }
 
 /// Why there is no configuration.
@@ -92,13 +98,14 @@ mod tests {
         let config: Config = toml::from_str(
             "instance = 'world'\nbackend = 'in-process'\nencoding = 'sparse'\n\
              threads = 2\nspin-us = 0\nmax-clients = 3\nmax-reply-mib = 64\nruntime-dir = '/run/x'\n\
-             gpu = 'none'",
+             gpu = 'none'\ncalibration = 'built-in'",
         )
         .expect("every key is known");
         assert_eq!(config.instance.as_ref().map(InstanceName::as_str), Some("world"));
         assert_eq!(config.backend, Some(Backend::InProcess));
         assert_eq!(config.encoding, Some(EncodingChoice::Only(Encoding::Sparse)));
         assert_eq!(config.spin_us, Some(0));
+        assert_eq!(config.calibration, Some(CalibrationChoice::BuiltIn));
         assert_eq!(config.engine, None);
     }
 

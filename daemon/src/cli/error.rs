@@ -1,12 +1,15 @@
 //! Why a command failed, and the exit status that says so.
 
 use super::bench::BenchError;
+use super::calibrate::CalibrateError;
 use super::config::ConfigError;
 use super::cull::CullCommandError;
 use super::demo::DemoError;
+use super::explain::ExplainCommandError;
 use super::output::OutputError;
 use super::scene::SceneCommandError;
 use super::status::StatusCommandError;
+use super::stress::StressCommandError;
 use crate::serve::ServeError;
 
 /// It was tried and did not work, or nobody serves.
@@ -28,9 +31,15 @@ pub enum CliError {
     #[error(transparent)]
     Bench(#[from] BenchError),
     #[error(transparent)]
+    Calibrate(#[from] CalibrateError),
+    #[error(transparent)]
     Scene(#[from] SceneCommandError),
     #[error(transparent)]
     Status(#[from] StatusCommandError),
+    #[error(transparent)]
+    Stress(#[from] StressCommandError),
+    #[error(transparent)]
+    Explain(#[from] ExplainCommandError),
 }
 
 impl CliError {
@@ -48,7 +57,10 @@ impl CliError {
             Self::Cull(CullCommandError::Output(error))
             | Self::Demo(DemoError::Output(error))
             | Self::Bench(BenchError::Output(error))
-            | Self::Status(StatusCommandError::Output(error)) => {
+            | Self::Calibrate(CalibrateError::Output(error))
+            | Self::Status(StatusCommandError::Output(error))
+            | Self::Stress(StressCommandError::Output(error))
+            | Self::Explain(ExplainCommandError::Output(error)) => {
                 matches!(error, OutputError::Io(e) if e.kind() == std::io::ErrorKind::BrokenPipe)
             }
             _ => false,

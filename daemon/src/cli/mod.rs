@@ -5,10 +5,12 @@
 
 mod bench;
 mod build;
+mod calibrate;
 mod config;
 mod cull;
 mod demo;
 mod error;
+mod explain;
 mod options;
 mod output;
 mod percentiles;
@@ -16,6 +18,7 @@ mod raw_boxes;
 mod scene;
 mod serve;
 mod status;
+mod stress;
 
 use std::process::ExitCode;
 
@@ -42,8 +45,11 @@ Examples:
   pairmaskd status                            who serves, and what it did so far
   pairmaskd cull boxes.f32 --spawn --json     pairs of a file of boxes, by a daemon of its own
   pairmaskd bench latency --n 1000,10000      what a frame costs, by stage
+  pairmaskd calibrate                         measure this machine, for the plan
+  pairmaskd stress --seconds 60               every engine against an oracle, on hard scenes
+  pairmaskd explain boxes.f32 3 17            why two boxes are a pair or not
 
-Exit status: 0 done; 1 it failed, or nobody serves; 2 the command line or configuration is wrong.";
+Exit status: 0 done; 1 it failed, a check failed, or nobody serves; 2 the command line or configuration is wrong.";
 
 #[derive(Debug, Subcommand)]
 enum Command {
@@ -53,8 +59,11 @@ enum Command {
     #[command(hide = true)]
     DemoClient(demo::DemoClient),
     Bench(bench::Bench),
+    Calibrate(calibrate::Calibrate),
     Scene(scene::Scene),
     Status(status::Status),
+    Stress(stress::Stress),
+    Explain(explain::Explain),
 }
 
 /// Runs the command that the process was started with.
@@ -84,11 +93,14 @@ fn run(cli: &Cli) -> Result<(), CliError> {
     match command {
         Command::Serve(serve) => serve.run(place, &config),
         Command::Cull(cull) => Ok(cull.run(place, &config)?),
-        Command::Demo(demo) => Ok(demo.run(&config)?),
+        Command::Demo(demo) => Ok(demo.run(place, &config)?),
         Command::DemoClient(client) => Ok(client.run(place, &config)?),
         Command::Bench(bench) => Ok(bench.run(place, &config)?),
+        Command::Calibrate(calibrate) => Ok(calibrate.run()?),
         Command::Scene(scene) => Ok(scene.run()?),
         Command::Status(status) => Ok(status.run(place, &config)?),
+        Command::Stress(stress) => Ok(stress.run(&config)?),
+        Command::Explain(explain) => Ok(explain.run()?),
     }
 }
 

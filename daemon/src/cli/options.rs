@@ -4,6 +4,8 @@ use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use pairmask::engine::CullWish;
+use pairmask::plan::CalibrationChoice;
 use pairmask::session::SessionBuilder;
 use pairmask::transport::{InstanceName, RuntimeDir};
 use pairmask::{Backend, EncodingChoice, EngineChoice, Session};
@@ -12,7 +14,7 @@ use super::config::Config;
 use crate::execute::gpu::GpuChoice;
 use crate::spawn::PrivateSettings;
 
-/// Which instance, and where instances live.
+/// Which instance, where instances live, and where settings and constants are from.
 #[derive(Clone, Debug, Args)]
 pub struct Place {
     /// Name of the instance [default: default]
@@ -24,6 +26,9 @@ pub struct Place {
     /// Configuration file [default: `$XDG_CONFIG_HOME/pairmask/config.toml`]
     #[arg(long, global = true, env = "PAIRMASK_CONFIG", value_name = "FILE")]
     config: Option<PathBuf>,
+    /// Constants of the plan's cost model: auto, built-in or a file [default: auto]
+    #[arg(long, global = true, env = "PAIRMASK_CALIBRATION", value_name = "FILE")]
+    calibration: Option<CalibrationChoice>,
 }
 
 impl Place {
@@ -43,6 +48,11 @@ impl Place {
         named
             .filter(|path| !path.as_os_str().is_empty())
             .map_or_else(RuntimeDir::from_env, RuntimeDir::at)
+    }
+
+    /// The constants that plans compute with.
+    pub fn calibration(&self, config: &Config) -> CalibrationChoice {
+        self.calibration.clone().or_else(|| config.calibration.clone()).unwrap_or_default()
     }
 
     /// The configuration file that was named.
@@ -66,8 +76,12 @@ impl DaemonOptions {
     }
 
     /// Settings of a private daemon.
-    pub fn private(&self, config: &Config) -> PrivateSettings {
-        PrivateSettings { gpu: self.gpu(config), ..PrivateSettings::default() }
+    pub fn private(&self, place: &Place, config: &Config) -> PrivateSettings {
+        PrivateSettings {
+            gpu: self.gpu(config),
+            calibration: place.calibration(config),
+            ..PrivateSettings::default()
+        }
     }
 }
 
@@ -94,13 +108,30 @@ impl CullOptions {
         self.backend.or(config.backend).unwrap_or(default)
     }
 
+    /// What is asked of the plan.
+    pub fn wish(&self, config: &Config) -> CullWish {
+        CullWish {
+            engine: self.engine(config),
+            encoding: self.encoding.or(config.encoding).unwrap_or_default(),
+            threads: self.threads.or(config.threads).map(NonZeroUsize::get),
+            last_pairs: None,
+        }
+    }
+
+    /// The engine that is meant.
+    pub fn engine(&self, config: &Config) -> EngineChoice {
+        self.engine.or(config.engine).unwrap_or_default()
+    }
+
     /// A session in the making with everything but its place and its backend.
-    pub fn session(&self, config: &Config) -> SessionBuilder {
+    pub fn session(&self, place: &Place, config: &Config) -> SessionBuilder {
+        let wish = self.wish(config);
         let builder = Session::builder()
-            .engine(self.engine.or(config.engine).unwrap_or_default())
-            .encoding(self.encoding.or(config.encoding).unwrap_or_default());
-        match self.threads.or(config.threads) {
-            Some(threads) => builder.threads(threads.get()),
+            .calibration(place.calibration(config))
+            .engine(wish.engine)
+            .encoding(wish.encoding);
+        match wish.threads {
+            Some(threads) => builder.threads(threads),
             None => builder,
         }
     }

@@ -9,6 +9,7 @@ use pairmask::transport::Limits;
 use super::config::Config;
 use super::error::CliError;
 use super::options::{DaemonOptions, Place};
+use crate::audit::AuditRate;
 use crate::serve::{DEFAULT_SPIN, ServeSettings, supervise, work};
 use crate::spawn;
 
@@ -18,6 +19,7 @@ use crate::spawn;
 Examples:
   pairmaskd serve                             the instance named `default`
   pairmaskd serve --instance world --spin-us 1000
+  pairmaskd serve --audit 1/1000              missed and extra pairs are counted in `status`
 
 A second daemon for the same instance is refused. A daemon without work sleeps.")]
 pub struct Serve {
@@ -32,6 +34,13 @@ pub struct Serve {
     max_reply_mib: Option<NonZeroU32>,
     #[command(flatten)]
     options: DaemonOptions,
+    /// Check a share of the frames again with a naive oracle, in the background: 1/N or off
+    /// [default: off]
+    #[arg(long, env = "PAIRMASK_AUDIT", value_name = "RATE")]
+    audit: Option<AuditRate>,
+    /// Lose a pair of most frames, to see that the auditor notices.
+    #[arg(long, hide = true)]
+    break_engine: bool,
     /// Serve in this process: what a supervisor starts.
     #[arg(long, hide = true)]
     worker: bool,
@@ -73,6 +82,9 @@ impl Serve {
             },
             spin: spin_us.map_or(DEFAULT_SPIN, Duration::from_micros),
             gpu: self.options.gpu(config),
+            calibration: place.calibration(config),
+            audit: self.audit.or(config.audit).unwrap_or_default(),
+            break_engine: self.break_engine,
         }
     }
 }

@@ -6,7 +6,7 @@ use std::time::Duration;
 use clap::Args;
 use pairmask::session::StatusError;
 use pairmask::transport::{DaemonRecord, InstanceName, ProcessWatch, RuntimeDir};
-use pairmask::wire::{RecordedError, StatusBody, StatusCode};
+use pairmask::wire::{AuditCounts, RecordedError, StatusBody, StatusCode};
 use pairmask::{Backend, Session};
 use serde::{Deserialize, Serialize};
 
@@ -105,6 +105,24 @@ struct DaemonReport {
     errors: u64,
     /// The last of them, newest first.
     last_errors: Vec<ErrorReport>,
+    /// What the auditor found; null where there is none (`serve --audit`).
+    audit: Option<AuditReport>,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+struct AuditReport {
+    /// One frame in so many is checked.
+    one_in: u64,
+    /// Frames checked.
+    frames: u64,
+    /// Frames drawn while the auditor was busy.
+    skipped: u64,
+    /// Pairs of boxes compared again.
+    pairs: u64,
+    /// Pairs that were not in the mask and overlap.
+    missed: u64,
+    /// Pairs that were in the mask and do not overlap.
+    extra: u64,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -188,6 +206,12 @@ impl InstanceReport {
         let DaemonReport { clients, frames, boxes, pairs, errors, uptime_ns, .. } = daemon;
         writeln!(text, "  serving for {}, {clients} clients", time_text(*uptime_ns))?;
         writeln!(text, "  {frames} frames, {boxes} boxes, {pairs} pairs, {errors} errors")?;
+        if let Some(AuditReport { one_in, frames, skipped, pairs, missed, extra }) = &daemon.audit {
+            writeln!(
+                text,
+                "  audit of 1/{one_in}: {frames} frames, {pairs} pairs, {missed} missed, {extra} extra, {skipped} frames skipped"
+            )?;
+        }
         for error in &daemon.last_errors {
             let ErrorReport { status, ago_ns, client, frame } = error;
             let ago = time_text(*ago_ns);
@@ -223,7 +247,15 @@ impl DaemonReport {
                 .filter(|error| error.status != StatusCode::Ok as u32)
                 .map(|error| ErrorReport::of(error, body.uptime_ns))
                 .collect(),
+            audit: (body.audit.one_in != 0).then(|| AuditReport::of(&body.audit)),
         }
+    }
+}
+
+impl AuditReport {
+    fn of(counts: &AuditCounts) -> Self {
+        let AuditCounts { one_in, frames, skipped, pairs, missed, extra } = *counts;
+        Self { one_in, frames, skipped, pairs, missed, extra }
     }
 }
 

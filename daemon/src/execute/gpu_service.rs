@@ -26,6 +26,8 @@ pub enum Owner {
     Client(u128),
     /// This process.
     Daemon,
+    /// Memory that this process may give back to the system at any time: it is not imported.
+    Scratch,
 }
 
 /// Memory that was offered to the GPU.
@@ -282,6 +284,9 @@ impl GpuService {
             }
             apart
         });
+        if owner == Owner::Scratch {
+            return;
+        }
         if self.offered.len() >= OFFERED_LIMIT
             && let Some(import) = self.offered.remove(0).import
         {

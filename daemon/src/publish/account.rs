@@ -2,7 +2,9 @@
 
 use std::time::Instant;
 
-use pairmask::wire::{LAST_ERRORS, RecordedError, ReplyFields, StatusBody, StatusCode};
+use pairmask::wire::{
+    AuditCounts, LAST_ERRORS, RecordedError, ReplyFields, StatusBody, StatusCode,
+};
 
 /// Counters since the worker began to serve.
 pub(super) struct Account {
@@ -53,10 +55,11 @@ impl Account {
         };
     }
 
-    pub(super) fn body(&self, client_count: usize) -> StatusBody {
+    pub(super) fn body(&self, client_count: usize, audit: AuditCounts) -> StatusBody {
         StatusBody {
             client_count: u32::try_from(client_count).unwrap_or(u32::MAX),
             uptime_ns: self.start.elapsed().as_nanos() as u64,
+            audit,
             ..self.body
         }
     }

@@ -2,7 +2,7 @@
 
 use pairmask::engine::{ReplyBuffer, ReserveError};
 use pairmask::transport::{
-    ActiveRequest, Populated, ResponseLoan, TransportError, assume_response_pages,
+    ActiveRequest, Populated, ResponseLoan, TransportError, assume_response_pages, words_in,
 };
 use pairmask::wire::{ResponseHeader, page_count};
 
@@ -40,6 +40,16 @@ impl<'a> LoanReply<'a> {
         let words = self.reserve(bytes.len().div_ceil(4) as u64)?;
         copy_bytes(words, bytes);
         Ok(())
+    }
+
+    /// What was written; nothing before memory was reserved.
+    pub(super) fn words(&self) -> &[u32] {
+        self.loan.as_ref().map_or(&[], |loan| words_in(loan.payload()))
+    }
+
+    /// What was written, to be changed.
+    pub(super) fn words_mut(&mut self) -> &mut [u32] {
+        self.loan.as_mut().map_or(&mut [], response_words)
     }
 
     /// Sends what was written. Where nothing was, one page goes with the header: the transport has

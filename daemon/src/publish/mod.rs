@@ -1,6 +1,7 @@
 //! Answers: from a validated request to a response in the client's hands.
 
 mod account;
+mod desk;
 mod loan_reply;
 mod wake;
 
@@ -8,19 +9,20 @@ use std::collections::VecDeque;
 use std::time::Instant;
 
 use iceoryx2::service::ipc;
-use pairmask::engine::{CullAnswer, CullError, CullWish, ReserveError};
+use pairmask::engine::{CullError, CullWish, ReserveError};
+use pairmask::precision::BoxForm;
 use pairmask::transport::{
-    ActiveRequest, Limits, Populated, ResponseLoan, Services, WakeClient, boxes_in, words_in_mut,
+    ActiveRequest, Limits, Populated, ResponseLoan, Services, WakeClient, narrow_boxes_in,
+    words_in_mut,
 };
 use pairmask::units::BoxCount;
-use pairmask::wire::{
-    PAGE_BYTES, Reject, ReplyFields, Request, ResponseHeader, StageTimes, StatusBody, StatusCode,
-    response_error, response_ok, response_status,
-};
+use pairmask::wire::{PAGE_BYTES, Reject, ReplyFields, Request, StatusBody, StatusCode};
 
 use self::account::Account;
+use self::desk::{Desk, Said};
 use self::loan_reply::LoanReply;
 use self::wake::WakeBoard;
+use crate::audit::Auditor;
 use crate::execute::{CullUnderWay, Executor, FRAMES_UNDER_WAY, Owner, Started};
 
 /// A frame that the executor works on, and where its answer goes.
@@ -29,6 +31,7 @@ struct Frame {
     loan: Option<ResponseLoan>,
     cull: CullUnderWay,
     fields: ReplyFields,
+    form: BoxForm,
     boxes_offset: usize,
     start: Instant,
 }
@@ -39,11 +42,10 @@ pub struct Publisher {
     executor: Executor,
     /// Oldest first.
     under_way: VecDeque<Frame>,
-    wake_board: WakeBoard,
+    desk: Desk,
     services: Services<ipc::Service>,
     populated: Populated,
     max_reply_bytes: u64,
-    account: Account,
 }
 
 impl Publisher {
@@ -53,16 +55,26 @@ impl Publisher {
         wake_clients: WakeClient,
         limits: &Limits,
         executor: Executor,
+        auditor: Auditor,
     ) -> Self {
         Self {
             executor,
             under_way: VecDeque::with_capacity(FRAMES_UNDER_WAY),
-            wake_board: WakeBoard::new(wake_clients, limits.max_clients),
+            desk: Desk {
+                wake_board: WakeBoard::new(wake_clients, limits.max_clients),
+                account: Account::new(limits.max_clients),
+                auditor,
+                break_engine: false,
+            },
             services,
             populated: Populated::default(),
             max_reply_bytes: limits.max_reply_bytes,
-            account: Account::new(limits.max_clients),
         }
+    }
+
+    /// Loses a pair of most frames from now on. For tests of the auditor.
+    pub fn break_engine(&mut self, broken: bool) {
+        self.desk.break_engine = broken;
     }
 
     /// Gives up what belonged to clients that are gone; to be called now and then.
@@ -97,38 +109,39 @@ impl Publisher {
             box_count: BoxCount::new(header.box_count),
         };
         let mut reply = LoanReply::new(&active, &mut self.populated, self.max_reply_bytes);
-        let response = match Request::parse(&header, payload_bytes) {
-            Ok(Request::Cull { box_count, boxes_offset, engine, encoding, threads }) => {
-                let last_pairs = self.account.last_pairs(fields.client_token);
+        let said = match Request::parse(&header, payload_bytes) {
+            Ok(Request::Cull { box_count, form, boxes_offset, engine, encoding, threads }) => {
+                let last_pairs = self.desk.account.last_pairs(fields.client_token);
                 let wish = CullWish { engine, encoding, threads, last_pairs };
                 let owner = Owner::Client(active.origin().value());
                 let refused = Reject::Boxes { box_count: box_count.get(), payload_bytes };
-                let started = boxes_in(active.payload(), boxes_offset, box_count)
+                let started = narrow_boxes_in(active.payload(), boxes_offset, form, box_count)
                     .ok_or_else(|| Failure::from(refused))
-                    .and_then(|boxes| Ok(self.executor.begin(boxes, owner, &wish, &mut reply)?));
+                    .and_then(|boxes| {
+                        Ok((boxes, self.executor.begin(boxes, owner, &wish, &mut reply)?))
+                    });
                 match started {
-                    Ok(Started::UnderWay(cull)) => {
+                    Ok((_, Started::UnderWay(cull))) => {
                         let loan = reply.into_loan();
-                        let frame = Frame { active, loan, cull, fields, boxes_offset, start };
+                        let frame = Frame { active, loan, cull, fields, form, boxes_offset, start };
                         self.under_way.push_back(frame);
                         return;
                     }
-                    Ok(Started::Answered(answer)) => {
-                        Ok(response_of(&mut self.account, &fields, &answer, start))
-                    }
+                    Ok((boxes, Started::Answered(answer))) => Ok(Said::Answer(boxes, answer)),
                     Err(failure) => Err(failure),
                 }
             }
             Ok(Request::Status) => {
-                let body = self.account.body(self.services.client_count());
+                let clients = self.services.client_count();
+                let body = self.desk.account.body(clients, self.desk.auditor.counts());
                 reply
                     .put(bytemuck::bytes_of(&body))
-                    .map(|()| response_status(&fields))
+                    .map(|()| Said::Status)
                     .map_err(|e| Failure::from(CullError::from(e)))
             }
             Err(reject) => Err(reject.into()),
         };
-        publish(&mut self.account, &mut self.wake_board, &fields, reply, response);
+        self.desk.publish(&fields, reply, said, start);
     }
 
     /// Publishes the oldest frame under way if it has ended. Whether it had.
@@ -137,54 +150,17 @@ impl Publisher {
             return false;
         }
         let Some(frame) = self.under_way.pop_front() else { return false };
-        let Frame { active, loan, cull, fields, boxes_offset, start } = frame;
+        let Frame { active, loan, cull, fields, form, boxes_offset, start } = frame;
         let mut reply =
             LoanReply::new(&active, &mut self.populated, self.max_reply_bytes).with_loan(loan);
         let payload_bytes = (active.payload().len() * PAGE_BYTES) as u64;
         let refused = Reject::Boxes { box_count: fields.box_count.get(), payload_bytes };
-        let response = boxes_in(active.payload(), boxes_offset, fields.box_count)
+        let ended = narrow_boxes_in(active.payload(), boxes_offset, form, fields.box_count)
             .ok_or_else(|| Failure::from(refused))
-            .and_then(|boxes| Ok(self.executor.end(cull, boxes, &mut reply)?))
-            .map(|answer| response_of(&mut self.account, &fields, &answer, start));
-        publish(&mut self.account, &mut self.wake_board, &fields, reply, response);
+            .and_then(|boxes| Ok((boxes, self.executor.end(cull, boxes, &mut reply)?)));
+        let said = ended.map(|(boxes, answer)| Said::Answer(boxes, answer));
+        self.desk.publish(&fields, reply, said, start);
         true
-    }
-}
-
-/// The response to an answered frame.
-fn response_of(
-    account: &mut Account,
-    fields: &ReplyFields,
-    answer: &CullAnswer,
-    start: Instant,
-) -> ResponseHeader {
-    let times = StageTimes { total_ns: start.elapsed().as_nanos() as u64, ..answer.times };
-    account.note_frame(fields, answer.report.pair_count);
-    response_ok(fields, answer.engine, answer.threads, &answer.report, &times)
-}
-
-/// Sends a response and wakes its client.
-fn publish(
-    account: &mut Account,
-    wake_board: &mut WakeBoard,
-    fields: &ReplyFields,
-    reply: LoanReply<'_>,
-    response: Result<ResponseHeader, Failure>,
-) {
-    let response = response.unwrap_or_else(|failure| {
-        log::debug!("client {:016x}: {}", fields.client_token, failure.text);
-        account.note_error(fields, failure.status);
-        response_error(fields, failure.status, failure.detail)
-    });
-    send(reply, &response);
-    wake_board.wake(fields.client_token);
-}
-
-fn send(reply: LoanReply<'_>, header: &ResponseHeader) {
-    // Without memory for even one page, or with a client that is gone, nobody can be told: the
-    // client's deadline ends its wait.
-    if let Err(error) = reply.send(header) {
-        log::debug!("sending a response: {error}");
     }
 }
 

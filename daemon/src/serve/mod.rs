@@ -13,7 +13,9 @@ pub use worker::work;
 
 use std::time::Duration;
 
+use crate::audit::AuditRate;
 use crate::execute::gpu::{GpuChoice, OpenError};
+use pairmask::plan::CalibrationChoice;
 use pairmask::transport::{InstanceError, InstanceName, Limits, RuntimeDir, TransportError};
 
 /// How to serve an instance.
@@ -29,6 +31,12 @@ pub struct ServeSettings {
     pub spin: Duration,
     /// Which GPU.
     pub gpu: GpuChoice,
+    /// The constants that plans compute with.
+    pub calibration: CalibrationChoice,
+    /// Which frames are audited.
+    pub audit: AuditRate,
+    /// Lose a pair of most frames, to see that the auditor notices. For tests.
+    pub break_engine: bool,
 }
 
 /// A worker that has served spins this long for the next request: a closed loop is answered

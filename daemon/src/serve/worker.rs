@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use pairmask::plan::{Calibration, CalibrationChoice, CalibrationOrigin};
 use pairmask::transport::{
     ActiveRequest, DaemonRecord, JANITOR_INTERVAL, Server, Services, WakeDaemon,
     clean_if_abandoned, quiet_transport_log,
@@ -14,10 +15,12 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 
 use super::janitor::Janitor;
 use super::{ServeError, ServeSettings};
+use crate::audit::Auditor;
 use crate::execute::gpu::{GpuChoice, OpenError};
 use crate::execute::{Executor, GpuService};
 use crate::ingest::Inbox;
 use crate::publish::Publisher;
+use crate::study::engines::glance;
 
 /// The longest sleep: how soon a stop signal, a request without a wake-up and the end of a client
 /// are noticed at the latest. Two wake-ups a second cost nothing that can be measured.
@@ -64,12 +67,33 @@ pub fn work(settings: &ServeSettings) -> Result<(), ServeError> {
     settings.dir.write_record(&settings.instance, &record)?;
     log::info!("serving '{}' with {threads} threads", settings.instance);
 
-    let mut publisher =
-        Publisher::new(services, wake_clients, &settings.limits, Executor::new(gpu));
+    let calibration = constants(&settings.calibration, gpu.is_some());
+    let executor = Executor::new(gpu).with_calibration(calibration);
+    let auditor =
+        Auditor::start(settings.audit).map_err(ServeError::system("starting the auditor"))?;
+    let mut publisher = Publisher::new(services, wake_clients, &settings.limits, executor, auditor);
+    publisher.break_engine(settings.break_engine);
     serve(&server, &wake, &mut publisher, settings, &stop);
     drop(janitor);
     log::info!("stopped serving '{}'", settings.instance);
     Ok(())
+}
+
+/// The constants that plans compute with.
+///
+/// Beside a GPU, whose times are measured, built-in times of the CPU's engines are those of another
+/// machine: they are scaled by a short look at this one.
+fn constants(choice: &CalibrationChoice, has_gpu: bool) -> Calibration {
+    let (calibration, origin) = choice.resolve();
+    log::info!("planning with constants: {origin}");
+    let is_built_in = matches!(origin, CalibrationOrigin::BuiltIn(_));
+    if !has_gpu || !is_built_in || *choice == CalibrationChoice::BuiltIn {
+        return calibration;
+    }
+    glance(&calibration).unwrap_or_else(|error| {
+        log::warn!("planning with built-in constants as they are: {error}");
+        calibration
+    })
 }
 
 /// The GPU, where one is wanted. `auto` does without where there is none.

@@ -12,6 +12,7 @@ const STAGES: [&str; 6] =
 
 fn check_row(row: &Value, n: u32, backend: &str, wait: &str) {
     let mut fields = BTreeSet::from(["n", "backend", "wait", "engine", "frames"]);
+    fields.extend(["precision", "box_bytes", "requests"]);
     fields.extend(STAGES);
     assert_eq!(keys(row), fields);
     assert_eq!((&row["n"], &row["frames"]), (&n.into(), &12.into()));
@@ -77,6 +78,42 @@ fn a_scene_from_a_file_in_process() {
         "--json",
     ]);
     check_row(&report.json()["rows"][0], 70, "in-process", "spin");
+}
+
+#[test]
+fn a_row_for_every_precision() {
+    let place = Place::new();
+    let precisions = "exact,q16,q8,f16,margin=0.2";
+    let report = place.run(&[
+        "bench",
+        "latency",
+        "--n",
+        "70",
+        "--frames",
+        "12",
+        "--warm-up",
+        "0",
+        "--backend",
+        "in-process",
+        "--precision",
+        precisions,
+        "--json",
+    ]);
+    let report = report.json();
+    let rows = report["rows"].as_array().unwrap();
+    for (row, precision) in rows.iter().zip(precisions.split(',')) {
+        check_row(row, 70, "in-process", "spin");
+        assert_eq!(row["precision"], precision);
+        let bytes = match precision {
+            "q8" => 6,
+            "q16" | "f16" => 12,
+            _ => 24,
+        };
+        assert_eq!(row["box_bytes"], 70 * bytes);
+        let requests = row["requests"].as_u64().unwrap();
+        assert_eq!(requests < 12, precision.starts_with("margin"), "{row}");
+    }
+    assert_eq!(rows.len(), 5);
 }
 
 #[test]

@@ -8,7 +8,7 @@ use pairmask_tests::stress_scenes;
 
 use crate::support::{Place, daemon, keys, words};
 
-const FIELDS: [&str; 11] = [
+const FIELDS: [&str; 15] = [
     "boxes",
     "pairs",
     "invalid",
@@ -17,6 +17,10 @@ const FIELDS: [&str; 11] = [
     "engine",
     "encoding",
     "mask_bytes",
+    "precision",
+    "box_form",
+    "box_bytes",
+    "gap_below",
     "stages_ns",
     "total_ns",
     "skipped",
@@ -122,6 +126,52 @@ fn times_add_up() {
 }
 
 #[test]
+fn explain_says_what_was_seen_predicted_and_measured() {
+    let place = Place::new();
+    let file = place.boxes(&stress_scenes::named("uniform").boxes(1234, 3));
+    let cull = ["cull", file.to_str().unwrap(), "--backend", "in-process", "--explain"];
+    let report = place.run(&[&cull[..], &["--json"]].concat()).json();
+    let explain = &report["explain"];
+    let fields = [
+        "stats",
+        "calibration",
+        "candidates",
+        "engine",
+        "encoding",
+        "threads",
+        "why",
+        "predicted_ns",
+        "measured_ns",
+        "note",
+    ];
+    assert_eq!(keys(explain), BTreeSet::from(fields));
+    assert_eq!(explain["engine"], report["engine"], "planned as it was done");
+    assert_eq!(explain["encoding"], report["encoding"]);
+    assert_eq!(explain["why"], "least predicted time");
+    assert_eq!(
+        (&explain["stats"]["boxes"], &explain["stats"]["looked_at"]),
+        (&1234.into(), &true.into())
+    );
+    let candidates = explain["candidates"].as_array().unwrap();
+    assert_eq!(candidates.len(), 3);
+    let chosen = candidates.iter().find(|c| c["engine"] == explain["engine"]).unwrap();
+    assert_eq!(chosen["predicted_ns"], explain["predicted_ns"]);
+    let stages = &report["stages_ns"];
+    let ns = |name: &str| stages[name].as_u64().unwrap();
+    assert_eq!(explain["measured_ns"], ns("engine") - ns("plan") + ns("decode"));
+    assert!(explain["note"].is_null());
+
+    let text = place.run(&[&cull[..], &["--engine", "cpu-sap"]].concat()).stdout;
+    for part in ["1234 boxes, 100 % solid", "-> cpu-sap", "asked for", "predicted ", "measured "] {
+        assert!(text.contains(part), "{text}");
+    }
+    let report =
+        place.run(&["cull", file.to_str().unwrap(), "--spawn", "--explain", "--json"]).json();
+    let note = report["explain"]["note"].as_str().unwrap();
+    assert!(note.contains("PAIRMASK_LOG=debug"), "{note}");
+}
+
+#[test]
 fn spawn_starts_a_daemon_and_leaves_nothing() {
     let place = Place::new();
     let file = place.boxes(&scene());
@@ -129,6 +179,41 @@ fn spawn_starts_a_daemon_and_leaves_nothing() {
     assert_eq!(report["backend"], "daemon");
     assert_eq!(report["pairs"], oracle::truth(&scene()).pairs.len());
     place.assert_clean(&["boxes.f32"]);
+}
+
+#[test]
+fn every_precision_has_all_pairs() {
+    let place = Place::new();
+    let file = place.boxes(&scene());
+    let exact = oracle::truth(&scene()).pairs;
+    for (precision, form, box_bytes) in [
+        ("exact", "f32", 24),
+        ("q16", "q16", 12),
+        ("q8", "q8", 6),
+        ("f16", "f16", 12),
+        ("margin=1.5", "f32", 24),
+    ] {
+        for backend in ["--spawn", "--backend=in-process"] {
+            let file = file.to_str().unwrap();
+            let arguments =
+                ["cull", file, backend, "--json", "--precision", precision, "--pairs", "pairs"];
+            let report = place.run(&arguments).json();
+            assert_eq!(keys(&report), BTreeSet::from(FIELDS));
+            assert_eq!(
+                (&report["precision"], &report["box_form"]),
+                (&precision.into(), &form.into())
+            );
+            assert_eq!(report["box_bytes"], 345 * box_bytes);
+            assert_eq!((&report["invalid"], &report["empty"]), (&2.into(), &1.into()));
+            let pairs = pairs_of(&words(&place.file("pairs")));
+            assert!(exact.iter().all(|pair| pairs.binary_search(pair).is_ok()), "{precision}");
+            assert_eq!(precision == "exact", report["gap_below"][0] == 0.0, "{report}");
+            assert!(precision == "exact" || precision == "q16" || pairs.len() > exact.len());
+        }
+    }
+    let finished = place.run(&["cull", file.to_str().unwrap(), "--precision", "q12"]);
+    assert_eq!(finished.code, Some(2), "{finished:?}");
+    assert!(finished.stderr.contains("margin=X"), "{finished:?}");
 }
 
 #[test]

@@ -53,6 +53,8 @@ fn a_wrong_command_line_exits_with_2() {
         &["serve", "--max-clients", "0"],
         &["bench"],
         &["bench", "latency", "--frames", "0"],
+        &["bench", "plan", "--scene", "nowhere"],
+        &["calibrate", "--dry-run", "--out", "x"],
         &["demo", "--seconds", "0"],
     ] {
         assert_eq!(place.run(wrong).code, Some(2), "{wrong:?}");
@@ -62,8 +64,13 @@ fn a_wrong_command_line_exits_with_2() {
 #[test]
 fn help_has_examples_and_version_names_wire_and_commit() {
     let place = Place::new();
-    for command in [&["--help"][..], &["serve", "--help"], &["cull", "--help"], &["demo", "--help"]]
-    {
+    for command in [
+        &["--help"][..],
+        &["serve", "--help"],
+        &["cull", "--help"],
+        &["demo", "--help"],
+        &["calibrate", "--help"],
+    ] {
         let finished = place.run(command);
         assert_eq!(finished.code, Some(0));
         assert!(finished.stdout.contains("Examples:"), "{command:?}");

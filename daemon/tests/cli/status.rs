@@ -43,13 +43,16 @@ fn a_daemon_tells_what_it_did() {
     assert_eq!((&instance["instance"], &instance["state"]), (&"default".into(), &"alive".into()));
     assert_eq!(instance["pid"], daemon.record().unwrap().worker_pid);
     let told = &instance["daemon"];
-    let fields = ["uptime_ns", "clients", "frames", "boxes", "pairs", "errors", "last_errors"];
+    let fields =
+        ["uptime_ns", "clients", "frames", "boxes", "pairs", "errors", "last_errors", "audit"];
     assert_eq!(keys(told), BTreeSet::from(fields));
     assert_eq!(
         (&told["frames"], &told["boxes"], &told["pairs"]),
         (&3.into(), &12.into(), &18.into())
     );
     assert_eq!((&told["clients"], &told["errors"]), (&1.into(), &0.into()));
+
+    assert_eq!(told["audit"], Value::Null);
 
     let text = status(&place, daemon.dir().path(), &[]);
     assert!(text.stdout.contains("default: alive"), "{text:?}");

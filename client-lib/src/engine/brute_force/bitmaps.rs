@@ -52,6 +52,13 @@ pub(super) struct Bitmaps {
 pub(super) type RowStrings<'a> = [&'a [[u64; LINE_WORDS]]; 6];
 
 impl Bitmaps {
+    /// Bytes that are allocated.
+    pub fn allocated_bytes(&self) -> usize {
+        self.strings.allocated_bytes()
+            + self.buckets.allocated_bytes()
+            + self.corners.allocated_bytes()
+    }
+
     /// Builds the strings of all boxes.
     ///
     /// # Safety

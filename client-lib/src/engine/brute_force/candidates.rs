@@ -25,6 +25,11 @@ pub(super) const fn address(row: usize, word: usize) -> u64 {
 }
 
 impl Candidates {
+    /// Bytes that are allocated.
+    pub fn allocated_bytes(&self) -> usize {
+        (self.addresses.capacity() + self.bits.capacity()) * size_of::<u64>()
+    }
+
     /// Forgets all words and keeps the memory.
     pub fn clear(&mut self) {
         self.len = 0;

@@ -34,7 +34,7 @@ mod neon;
 mod portable;
 mod quantiles;
 mod search;
-mod split;
+pub(crate) mod split;
 mod task;
 mod words;
 
@@ -52,7 +52,7 @@ use crate::mask::{Encoding, MaskShape};
 use crate::units::BoxCount;
 
 /// Fewest boxes for which bitmaps take less time to build than they save.
-const BITMAP_BOXES: usize = 192;
+pub(crate) const BITMAP_BOXES: usize = 192;
 
 /// The engine `cpu-brute`. Fastest for tiny scenes, and the reference for the others.
 ///
@@ -111,6 +111,13 @@ impl BruteForce {
     /// The instruction set in use.
     pub fn isa(&self) -> Isa {
         self.isa.get()
+    }
+
+    /// Bytes of scratch that the engine keeps from frame to frame, beside boxes and reply.
+    pub fn scratch_bytes(&self) -> usize {
+        self.columns.allocated_bytes()
+            + self.bitmaps.allocated_bytes()
+            + self.tasks.iter().map(Task::allocated_bytes).sum::<usize>()
     }
 
     /// Shares the rows out, one range a task.

@@ -7,7 +7,7 @@ const PARALLEL_BOXES: usize = 512;
 const TASKS_PER_THREAD: usize = 4;
 
 /// Tasks of a frame of n boxes. Never more run at once than `threads`.
-pub(super) fn task_count(n: usize, threads: usize) -> usize {
+pub(crate) fn task_count(n: usize, threads: usize) -> usize {
     if threads <= 1 || n < PARALLEL_BOXES {
         return 1;
     }
@@ -19,7 +19,7 @@ pub(super) fn task_count(n: usize, threads: usize) -> usize {
 ///
 /// Row i has n − 1 − i pairs, so that rows below x hold the share 1 − (1 − x/n)² of them. Rounding
 /// moves borders by a row and never a pair: which thread finds a pair does not change the mask.
-pub(super) fn first_row(part: usize, parts: usize, n: usize) -> usize {
+pub(crate) fn first_row(part: usize, parts: usize, n: usize) -> usize {
     if part >= parts {
         return n;
     }

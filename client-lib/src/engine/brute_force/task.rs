@@ -35,6 +35,11 @@ impl Task {
         (self.compared, self.pair_count, self.carry) = (0, 0, 0);
     }
 
+    /// Bytes that are allocated.
+    pub fn allocated_bytes(&self) -> usize {
+        self.candidates.allocated_bytes() + self.found.allocated_bytes()
+    }
+
     /// The rows of this task.
     pub fn rows(&self) -> Range<usize> {
         self.rows.clone()

@@ -47,6 +47,11 @@ impl WordList {
         self.pair_count += u64::from(bits.count_ones());
     }
 
+    /// Bytes that are allocated.
+    pub fn allocated_bytes(&self) -> usize {
+        (self.rows.capacity() + self.blocks.capacity() + self.bits.capacity()) * size_of::<u32>()
+    }
+
     /// Words appended.
     pub fn len(&self) -> usize {
         self.len

@@ -1,10 +1,11 @@
 //! Second pass: each bucket collects its boxes from all tiles and sorts them by cell.
 
-use super::homes::{CELL_MASK, REACH_SHIFT};
+use super::fetch::fetch;
+use super::homes::CELL_MASK;
 use super::level::Reach;
 use super::sort::Deal;
 use super::tile::Record;
-use crate::aabb::{Aabb, order_key};
+use crate::engine::AvailableIsa;
 use crate::engine::strips::{KeyArraysMut, Split, in_parts, part_count};
 
 /// A range of buckets, and the stretch of every output that is theirs.
@@ -19,6 +20,7 @@ pub(super) struct Buckets<'a> {
     /// Where each cell of the range ends.
     pub cell_ends: &'a mut [u32],
     pub deal: Deal,
+    pub isa: AvailableIsa,
 }
 
 impl Split for Buckets<'_> {
@@ -48,6 +50,7 @@ impl Split for Buckets<'_> {
             reach: later_reach,
             cell_ends: later_cell_ends,
             deal: self.deal,
+            isa: self.isa,
         };
         let starts = &self.starts[..=at];
         (Self { starts, keys, order, reach, cell_ends, ..self }, later)
@@ -99,33 +102,8 @@ impl Buckets<'_> {
         for end in cell_ends.iter_mut() {
             *end += self.first_position;
         }
-        fetch(records, &mut self.keys, self.order, self.reach);
+        fetch(records, &mut self.keys, self.order, self.reach, self.isa);
     }
-}
-
-/// Each position's box out of its record, whose number `order` holds.
-fn fetch(records: &[Record], keys: &mut KeyArraysMut<'_>, order: &mut [u32], reach: &mut [Reach]) {
-    let [min_x, min_y, min_z, max_x, max_y, max_z] = keys;
-    let mins = min_x.iter_mut().zip(min_y.iter_mut()).zip(min_z.iter_mut());
-    let maxs = max_x.iter_mut().zip(max_y.iter_mut()).zip(max_z.iter_mut());
-    let rest = order.iter_mut().zip(reach);
-    for ((((x0, y0), z0), ((x1, y1), z1)), (order, reach)) in mins.zip(maxs).zip(rest) {
-        let record = &records[*order as usize];
-        let Aabb { min, max } = &record.aabb;
-        (*x0, *y0, *z0) = (bits(min[0]), bits(min[1]), bits(min[2]));
-        (*x1, *y1, *z1) = (bits(max[0]), bits(max[1]), bits(max[2]));
-        *order = record.index;
-        *reach = (record.home >> REACH_SHIFT) as Reach;
-    }
-    for array in keys {
-        for key in array.iter_mut() {
-            *key = order_key(*key as u32);
-        }
-    }
-}
-
-fn bits(x: f32) -> i32 {
-    x.to_bits() as i32
 }
 
 /// A bucket's records of each tile and the number of the first one, in the order of the tiles.

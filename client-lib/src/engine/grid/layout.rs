@@ -5,7 +5,7 @@
 
 use super::axis::{Axis, CELL_LIMIT};
 use super::level::Level;
-use super::sample::{Density, Sample};
+use super::sample::{Density, Sample, SampledBox};
 
 /// Time of one strip, as a unit: the others are relative to it.
 const STRIP_COST: f32 = 1.0;
@@ -36,6 +36,8 @@ const SPARE_MOST: usize = 8;
 
 /// Shares of the sample, by size, at which a level may end.
 const BORDERS: [f32; 5] = [0.5, 0.8, 0.9, 0.95, 0.98];
+/// Stretches of the sample between these.
+const SPANS: usize = BORDERS.len() + 1;
 
 /// The levels of a frame. Memory is kept from frame to frame.
 #[derive(Default)]
@@ -110,24 +112,28 @@ fn best_edges(levels: &[Level]) -> [f32; 3] {
 /// The cheapest way to share the sample among one to three levels, finest first.
 fn best_groups(sample: &Sample, density: &Density) -> [Option<Group>; 3] {
     let m = sample.boxes.len();
-    let whole = group(sample, density, 0, m);
-    let mut best = [Some(whole), None, None];
     if sample.alike {
-        return best;
+        return [Some(group(sample, density, &EdgeStats::of(&sample.boxes))), None, None];
     }
-    let mut best_cost = whole.own_cost;
-    let mut borders = [0; BORDERS.len() + 2];
+    let mut borders = [0; SPANS + 1];
     for (border, share) in borders[1..].iter_mut().zip(BORDERS) {
         *border = (share * m as f32) as usize;
     }
-    borders[BORDERS.len() + 1] = m;
-    let last = borders.len() - 1;
-    let mut memo = [[None; BORDERS.len() + 2]; BORDERS.len() + 2];
+    borders[SPANS] = m;
+    let spans: [EdgeStats; SPANS] =
+        std::array::from_fn(|i| EdgeStats::of(&sample.boxes[borders[i]..borders[i + 1]]));
+    let mut memo = [[None; SPANS + 1]; SPANS + 1];
     let mut between = |a: usize, b: usize| -> Option<Group> {
         (borders[a] < borders[b]).then(|| {
-            *memo[a][b].get_or_insert_with(|| group(sample, density, borders[a], borders[b]))
+            *memo[a][b].get_or_insert_with(|| {
+                let edges = spans[a..b].iter().fold(EdgeStats::default(), EdgeStats::join);
+                group(sample, density, &edges)
+            })
         })
     };
+    let last = SPANS;
+    let mut best = [between(0, last), None, None];
+    let mut best_cost = total_cost(best);
     for first in 1..last {
         for second in first + 1..=last {
             let third = if second == last { None } else { between(second, last) };
@@ -152,78 +158,137 @@ fn total_cost(groups: [Option<Group>; 3]) -> f32 {
     cost
 }
 
-/// Boxes `from..to` of the sample as a level with the cheapest cells.
-fn group(sample: &Sample, density: &Density, from: usize, to: usize) -> Group {
-    let boxes = &sample.boxes[from..to];
-    let share = boxes.len() as f32 / sample.boxes.len() as f32;
-    let mut mean_edges = [0.0f32; 3];
-    let mut least_edges = [0.0f32; 3];
-    for axis in 0..3 {
-        // Infinite boxes are left to the level that takes everything.
-        let finite = boxes.iter().map(|b| b.edges[axis]).filter(|e| e.is_finite());
-        for edge in finite {
-            mean_edges[axis] += edge / boxes.len() as f32;
-            least_edges[axis] = least_edges[axis].max(edge);
+/// Edges of some boxes of the sample. Infinite ones are left to the level that takes everything.
+#[derive(Clone, Copy, Default)]
+struct EdgeStats {
+    box_count: usize,
+    sum: [f64; 3],
+    largest: [f32; 3],
+}
+
+impl EdgeStats {
+    fn of(boxes: &[SampledBox]) -> Self {
+        let mut stats = Self { box_count: boxes.len(), ..Self::default() };
+        for b in boxes {
+            for axis in 0..3 {
+                let edge = if b.edges[axis].is_finite() { b.edges[axis] } else { 0.0 };
+                stats.sum[axis] += f64::from(edge);
+                stats.largest[axis] = stats.largest[axis].max(edge);
+            }
         }
-        least_edges[axis] *= CELL_MARGIN;
+        stats
+    }
+
+    fn join(self, other: &Self) -> Self {
+        Self {
+            box_count: self.box_count + other.box_count,
+            sum: std::array::from_fn(|axis| self.sum[axis] + other.sum[axis]),
+            largest: std::array::from_fn(|axis| self.largest[axis].max(other.largest[axis])),
+        }
+    }
+}
+
+/// Boxes of the sample with these edges as a level with the cheapest cells.
+fn group(sample: &Sample, density: &Density, edges: &EdgeStats) -> Group {
+    let share = edges.box_count as f32 / sample.boxes.len() as f32;
+    let mean_edges = edges.sum.map(|sum| (sum / edges.box_count as f64) as f32);
+    let mut least_edges = edges.largest.map(|edge| edge * CELL_MARGIN);
+    for axis in 0..3 {
         if least_edges[axis] < f32::MIN_POSITIVE {
             // Flat boxes: any cell holds them, so start from what the scene has room for.
             least_edges[axis] = (sample.extent[axis] / 4096.0).max(f32::MIN_POSITIVE);
         }
     }
-    let mut best: Option<Group> = None;
+    let boxes = share * sample.weight * sample.boxes.len() as f32;
+    let model = GroupModel { sample, density, share, mean_edges, least_edges, boxes };
+    let (mut best, _) = model.best_of_growth(1.0);
+    let mut best_growth = 1.0f32;
     let mut growth = 1.0f32;
+    // Doubled cells until they are crowded, or one for all: larger ones are no better.
     loop {
-        // Crowded cells, or one for all: larger ones are no better.
+        growth *= 2.0;
+        let (candidate, last) = model.best_of_growth(growth);
+        if candidate.own_cost < best.own_cost {
+            (best, best_growth) = (candidate, growth);
+        }
+        if last || growth > 1e6 {
+            break;
+        }
+    }
+    for step in [std::f32::consts::SQRT_2, std::f32::consts::FRAC_1_SQRT_2] {
+        let (candidate, _) = model.best_of_growth((best_growth * step).max(1.0));
+        if candidate.own_cost < best.own_cost {
+            best = candidate;
+        }
+    }
+    best
+}
+
+/// What the cost of a group is computed from.
+struct GroupModel<'a> {
+    sample: &'a Sample,
+    density: &'a Density,
+    share: f32,
+    mean_edges: [f32; 3],
+    least_edges: [f32; 3],
+    /// Boxes of the group.
+    boxes: f32,
+}
+
+impl GroupModel<'_> {
+    /// The cheapest of cells that are `growth` times as long as the longest box and as narrow or
+    /// narrower along x; and whether all of them are crowded, or hold everything.
+    fn best_of_growth(&self, growth: f32) -> (Group, bool) {
+        let [least_x, least_y, least_z] = self.least_edges;
+        let mut best: Option<Group> = None;
         let mut last = true;
         for narrowing in [1.0, 0.5, 0.25] {
-            let cell_edges = [
-                least_edges[0] * (growth * narrowing).max(1.0),
-                least_edges[1] * growth,
-                least_edges[2] * growth,
-            ];
-            let occupancy = share * density.in_cell(cell_edges);
-            let mut candidate =
-                Group { share, mean_edges, cell_edges, occupancy, own_cost: f32::INFINITY };
-            candidate.own_cost = own_cost(&candidate, sample);
-            if best.is_none_or(|b| candidate.own_cost < b.own_cost) {
+            let cell_edges =
+                [least_x * (growth * narrowing).max(1.0), least_y * growth, least_z * growth];
+            let candidate = self.group(cell_edges);
+            let whole = (0..3).all(|axis| cell_edges[axis] >= self.sample.extent[axis]);
+            last &= whole || (candidate.occupancy > 4.0 * STRIP_COLUMNS);
+            if best.is_none_or(|best| candidate.own_cost < best.own_cost) {
                 best = Some(candidate);
             }
-            let whole = (0..3).all(|axis| cell_edges[axis] >= sample.extent[axis]);
-            last &= whole || (occupancy > 4.0 * STRIP_COLUMNS);
+            if growth * narrowing <= 1.0 {
+                // The boxes are too long for narrower cells.
+                break;
+            }
         }
-        growth *= std::f32::consts::SQRT_2;
-        if let Some(best) = best
-            && (last || growth > 1e6)
-        {
-            return best;
-        }
+        (best.unwrap_or_else(|| self.group(self.least_edges)), last)
+    }
+
+    fn group(&self, cell_edges: [f32; 3]) -> Group {
+        let Self { share, mean_edges, .. } = *self;
+        let occupancy = share * self.density.in_cell(cell_edges);
+        let own_cost = self.own_cost(cell_edges, occupancy);
+        Group { share, mean_edges, cell_edges, occupancy, own_cost }
+    }
+
+    /// Cost of a box in its own level.
+    fn own_cost(&self, cell_edges: [f32; 3], occupancy: f32) -> f32 {
+        let extent = &self.sample.extent;
+        let cells_per_unit = cell_edges.map(|edge| 1.0 / edge);
+        // Probability that a box reaches into the next cell.
+        let [x, y, z] = std::array::from_fn(|axis| {
+            let whole = cell_edges[axis] > extent[axis];
+            if whole { 0.0 } else { (self.mean_edges[axis] * cells_per_unit[axis]).min(1.0) }
+        });
+        let own_run = strips(occupancy * (0.5 + x));
+        let other_run = strips(occupancy * (2.0 + x));
+        let other_lines = y + z * (2.0 + y);
+        let cells: f32 =
+            (0..3).map(|axis| (extent[axis] * cells_per_unit[axis]).max(1.0)).product();
+        STRIP_COST * (own_run + other_lines * other_run)
+            + CELL_COST / (1.0 + occupancy)
+            + EMPTY_CELL_COST * (cells / self.boxes).min(CELLS_A_BOX)
     }
 }
 
 /// Strips of a run of `columns` on average: one if there is anything, more if it is long.
 fn strips(columns: f32) -> f32 {
     columns / (0.7 + columns) + columns / STRIP_COLUMNS
-}
-
-/// Probability that a box of the group reaches into the next cell.
-fn reach(group: &Group, axis: usize) -> f32 {
-    (group.mean_edges[axis] / group.cell_edges[axis]).min(1.0)
-}
-
-fn own_cost(group: &Group, sample: &Sample) -> f32 {
-    let [x, y, z] = std::array::from_fn(|axis| {
-        if group.cell_edges[axis] > sample.extent[axis] { 0.0 } else { reach(group, axis) }
-    });
-    let own_run = strips(group.occupancy * (0.5 + x));
-    let other_run = strips(group.occupancy * (2.0 + x));
-    let other_lines = y + z * (2.0 + y);
-    let cells: f32 =
-        (0..3).map(|axis| (sample.extent[axis] / group.cell_edges[axis]).max(1.0)).product();
-    let boxes = group.share * sample.weight * sample.boxes.len() as f32;
-    STRIP_COST * (own_run + other_lines * other_run)
-        + CELL_COST / (1.0 + group.occupancy)
-        + EMPTY_CELL_COST * (cells / boxes).min(CELLS_A_BOX)
 }
 
 /// Cost of a box of `coarse` in the level of `fine`.

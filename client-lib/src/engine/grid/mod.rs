@@ -11,6 +11,8 @@
 mod axis;
 mod bucket;
 mod cell_strips;
+mod explain;
+mod fetch;
 mod homes;
 mod layout;
 mod level;
@@ -22,6 +24,7 @@ mod tile;
 
 use std::time::Instant;
 
+pub use self::explain::{GridPlace, GridView};
 use self::layout::Layout;
 use self::rows::{RowTask, Scene};
 use self::sort::SortedBoxes;
@@ -87,6 +90,12 @@ impl Grid {
     pub fn with_isa(isa: Isa) -> Result<Self, CullError> {
         let isa = AvailableIsa::for_engine(isa, EngineName::CpuGrid)?;
         Ok(Self { isa, ..Self::new() })
+    }
+
+    /// Bytes of scratch that the engine keeps from frame to frame, beside boxes and reply.
+    pub fn scratch_bytes(&self) -> usize {
+        self.sorted.allocated_bytes()
+            + self.tasks.iter().map(RowTask::allocated_bytes).sum::<usize>()
     }
 
     /// Shares the rows out. What overlaps nothing has no rows.

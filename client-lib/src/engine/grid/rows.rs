@@ -56,6 +56,11 @@ impl Scene<'_> {
 }
 
 impl RowTask {
+    /// Bytes that are allocated.
+    pub fn allocated_bytes(&self) -> usize {
+        self.found.allocated_bytes() + self.batch.allocated_bytes()
+    }
+
     /// Finds the words of all rows.
     pub fn run(&mut self, scene: Scene<'_>) {
         self.found.clear();
@@ -67,7 +72,6 @@ impl RowTask {
             }
         }
         self.flush(scene);
-        self.found.finish();
         self.compared = self.batch.take_compared();
     }
 
@@ -256,7 +260,7 @@ impl RowTask {
     #[inline(never)]
     fn flush(&mut self, scene: Scene<'_>) {
         self.batch.test(&scene.sorted.boxes, scene.isa);
-        self.found.take(&self.batch);
+        self.found.take(&self.batch, scene.isa);
         self.batch.clear();
     }
 }

@@ -111,7 +111,9 @@ impl Sample {
             neighbours = self.neighbours(edges);
         }
         let count = (neighbours * self.weight).max(0.01);
-        Density { edges, extent: self.extent, count }
+        let whole = self.extent.map(|extent| extent.max(f32::MIN_POSITIVE));
+        let per_unit = std::array::from_fn(|axis| 1.0 / edges[axis].min(whole[axis]));
+        Density { per_unit, whole, count }
     }
 
     /// Mean number of other sampled boxes in the cell of a sampled box.
@@ -126,10 +128,11 @@ impl Sample {
         self.counts.resize(slots, 0);
         let shift = 32 - slots.trailing_zeros();
         let mut pairs = 0u64;
+        let per_unit = edges.map(|edge| 1.0 / edge);
         for b in &self.boxes {
             let mut hash = 0u32;
             for axis in 0..3 {
-                let cell = ((b.min[axis] - self.low[axis]) / edges[axis]) as u32;
+                let cell = ((b.min[axis] - self.low[axis]) * per_unit[axis]) as u32;
                 hash = (hash ^ cell).wrapping_mul(0x9e37_79b1).rotate_left(13);
             }
             let slot = &mut self.counts[(hash.wrapping_mul(0x85eb_ca6b) >> shift) as usize];
@@ -144,8 +147,10 @@ impl Sample {
 /// Boxes in the cell of a box.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Density {
-    edges: [f32; 3],
-    extent: [f32; 3],
+    /// Cells of the measurement for each unit of length.
+    per_unit: [f32; 3],
+    /// Extent of the scene, above 0.
+    whole: [f32; 3],
     count: f32,
 }
 
@@ -153,8 +158,7 @@ impl Density {
     /// Other boxes in the cell of a box, for cells of `edges`.
     pub fn in_cell(&self, edges: [f32; 3]) -> f32 {
         (0..3).fold(self.count, |count, axis| {
-            let whole = self.extent[axis].max(f32::MIN_POSITIVE);
-            count * (edges[axis].min(whole) / self.edges[axis].min(whole))
+            count * (edges[axis].min(self.whole[axis]) * self.per_unit[axis])
         })
     }
 }

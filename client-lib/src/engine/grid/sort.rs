@@ -99,9 +99,21 @@ impl SortedBoxes {
             reach: &mut self.reach,
             cell_ends: &mut self.cell_starts[1..],
             deal,
+            isa,
         }
         .run(self.records.as_slice(), &self.bucket_ends);
         census
+    }
+
+    /// Bytes that are allocated.
+    pub fn allocated_bytes(&self) -> usize {
+        let words = self.cell_starts.capacity()
+            + self.bucket_ends.capacity()
+            + self.bucket_starts.capacity();
+        self.boxes.allocated_bytes()
+            + self.reach.capacity() * size_of::<Reach>()
+            + words * size_of::<u32>()
+            + self.records.allocated_bytes()
     }
 
     /// First position of each bucket, from the tiles' counts.

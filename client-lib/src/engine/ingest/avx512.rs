@@ -120,7 +120,7 @@ fn keys_of(bits: &[__m512i; 6]) -> ([__m512i; 6], __mmask16, __mmask16) {
 /// `order_key` of `crate::aabb`, 16 at a time.
 #[inline]
 #[target_feature(enable = "avx512f")]
-fn order_keys(bits: __m512i) -> __m512i {
+pub(crate) fn order_keys(bits: __m512i) -> __m512i {
     let not_minus_zero = _mm512_cmpneq_epi32_mask(bits, _mm512_set1_epi32(i32::MIN));
     let flip = _mm512_srli_epi32::<1>(_mm512_srai_epi32::<31>(bits));
     _mm512_maskz_xor_epi32(not_minus_zero, bits, flip)

@@ -9,6 +9,9 @@ mod avx2;
 mod avx512;
 mod portable;
 
+#[cfg(target_arch = "x86_64")]
+pub(crate) use avx512::order_keys;
+
 use crate::aabb::{Aabb, KeyBox};
 use crate::engine::aligned::AlignedBuffer;
 use crate::engine::{AvailableIsa, Census};
@@ -63,6 +66,11 @@ impl KeyColumns {
             column[boxes.len()..].fill(nothing);
         }
         census
+    }
+
+    /// Bytes that are allocated.
+    pub fn allocated_bytes(&self) -> usize {
+        self.keys.allocated_bytes()
     }
 
     /// Boxes ingested.

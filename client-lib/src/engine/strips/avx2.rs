@@ -4,28 +4,37 @@
 
 use std::arch::x86_64::*;
 
-use super::batch::check_bounds;
+use super::batch::{check_bounds, count_columns};
 use super::ordered::KeyArrays;
 use crate::engine::{AvailableIsa, Isa};
 
-/// Tests every strip; see [`super::StripBatch::test`].
+/// Tests every strip; see [`super::StripBatch::test`]. Returns the columns compared.
 pub(super) fn test(
     keys: &KeyArrays<'_>,
     rows: &[u32],
     starts: &[u32],
     lanes: &mut [u16],
     isa: AvailableIsa,
-) {
+) -> u64 {
     assert_eq!(isa.get(), Isa::Avx2);
+    // SAFETY: an `AvailableIsa` of AVX2 exists only where the CPU reported these features.
+    unsafe { check_and_test(keys, rows, starts, lanes) }
+}
+
+#[target_feature(enable = "avx2,popcnt,bmi1,bmi2")]
+fn check_and_test(keys: &KeyArrays<'_>, rows: &[u32], starts: &[u32], lanes: &mut [u16]) -> u64 {
     check_bounds(keys, rows, starts, lanes);
-    // SAFETY: an `AvailableIsa` of AVX2 exists only where the CPU reported it, and
-    // `check_bounds` has seen that every row and 16 columns from every start are in the arrays.
+    let compared = count_columns(lanes);
+    // SAFETY: `check_bounds` has seen that every row and 16 columns from every start are in the
+    // arrays.
     unsafe { test_checked(keys, rows, starts, lanes) }
+    compared
 }
 
 /// # Safety
 /// Every row, and 16 columns from every start, must lie in all six arrays.
-#[target_feature(enable = "avx2")]
+#[target_feature(enable = "avx2,popcnt,bmi1,bmi2")]
+#[inline]
 unsafe fn test_checked(keys: &KeyArrays<'_>, rows: &[u32], starts: &[u32], lanes: &mut [u16]) {
     let keys = keys.map(<[i32]>::as_ptr);
     for ((&row, &start), lanes) in rows.iter().zip(starts).zip(lanes) {

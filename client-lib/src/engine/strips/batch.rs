@@ -11,7 +11,7 @@ pub(crate) const STRIP_COLUMNS: usize = 16;
 
 /// Strips tested at a time: 10 KiB of addresses and answers, which with the keys of a few hundred
 /// rows stay in the first-level cache.
-const BATCH_STRIPS: usize = 1024;
+pub(super) const BATCH_STRIPS: usize = 1024;
 
 /// Strips that [`StripBatch::push_group`] copies at a time, wanted or not.
 pub(crate) const GROUP: usize = 8;
@@ -47,14 +47,6 @@ impl Default for StripBatch {
             compared: 0,
         }
     }
-}
-
-/// A strip with at least one overlap.
-#[derive(Clone, Copy)]
-pub(super) struct Hit {
-    pub row: u32,
-    pub start: u32,
-    pub bits: u16,
 }
 
 impl StripBatch {
@@ -102,46 +94,75 @@ impl StripBatch {
     pub fn test(&mut self, boxes: &OrderedBoxes, isa: AvailableIsa) {
         let (rows, starts, lanes) =
             (&self.rows[..self.len], &self.starts[..self.len], &mut self.lanes[..self.len]);
-        self.compared += lanes.iter().map(|l| u64::from(l.count_ones())).sum::<u64>();
         let keys = boxes.keys();
-        match isa.get() {
+        self.compared += match isa.get() {
             #[cfg(target_arch = "x86_64")]
             Isa::Avx512 => avx512::test(&keys, rows, starts, lanes, isa),
             #[cfg(target_arch = "x86_64")]
             Isa::Avx2 => avx2::test(&keys, rows, starts, lanes, isa),
             _ => portable::test(&keys, rows, starts, lanes),
-        }
+        };
     }
 
-    /// Calls `take` with every strip that has an overlap, in order, less those it can do without a
-    /// branch on.
-    #[inline(always)]
-    pub(super) fn for_each_hit(&self, mut take: impl FnMut(Hit)) {
-        let mut hits = [0u16; BATCH_STRIPS];
-        let mut hit_count = 0;
-        for (i, &lanes) in self.lanes[..self.len].iter().enumerate() {
-            hits[hit_count & (BATCH_STRIPS - 1)] = i as u16;
-            hit_count += usize::from(lanes != 0);
-        }
-        for &i in &hits[..hit_count] {
-            let i = usize::from(i) & (BATCH_STRIPS - 1);
-            take(Hit { row: self.rows[i], start: self.starts[i], bits: self.lanes[i] });
-        }
+    /// Rows, starts and lanes of all strips.
+    pub(super) fn strips(&self) -> (&[u32], &[u32], &[u16]) {
+        (&self.rows[..self.len], &self.starts[..self.len], &self.lanes[..self.len])
     }
 
-    /// Strips with an overlap, or more.
+    /// [`Self::strips`] by 16, the last ones filled up with strips that are none.
+    pub(super) fn padded_strips(&self) -> (By16<'_, u32>, By16<'_, u32>, By16<'_, u16>) {
+        let end = self.len.next_multiple_of(STRIP_COLUMNS).min(BATCH_STRIPS);
+        (
+            self.rows[..end].as_chunks().0,
+            self.starts[..end].as_chunks().0,
+            self.lanes[..end].as_chunks().0,
+        )
+    }
+
+    /// Bytes that are allocated.
+    pub fn allocated_bytes(&self) -> usize {
+        size_of_val(&*self.rows) + size_of_val(&*self.starts) + size_of_val(&*self.lanes)
+    }
+
+    /// A batch as the kernels leave it.
+    #[cfg(test)]
+    pub(super) fn tested(strips: &[(u32, u32, u16)]) -> Self {
+        let mut batch = Self::default();
+        for (i, &(row, start, lanes)) in strips.iter().enumerate() {
+            (batch.rows[i], batch.starts[i], batch.lanes[i]) = (row, start, lanes);
+        }
+        batch.len = strips.len();
+        batch
+    }
+
+    /// Strips.
     pub(super) fn len(&self) -> usize {
         self.len
     }
 }
 
+/// Strips of a batch, 16 at a time.
+pub(super) type By16<'a, T> = &'a [[T; STRIP_COLUMNS]];
+
 /// Whether a kernel may read the keys of all rows and 16 columns from all starts.
 ///
 /// # Panics
 /// When it may not: an engine has pushed a position that is none.
+#[inline(always)]
 pub(super) fn check_bounds(keys: &KeyArrays<'_>, rows: &[u32], starts: &[u32], lanes: &[u16]) {
     let last = |positions: &[u32]| positions.iter().fold(0, |a: u32, &b| a.max(b)) as usize;
     let len = keys.iter().map(|k| k.len()).min().unwrap_or(0);
     assert!(rows.len() == starts.len() && rows.len() == lanes.len());
     assert!(rows.is_empty() || (last(rows) < len && last(starts) + STRIP_COLUMNS <= len));
+}
+
+/// Columns of all strips before the test.
+#[inline(always)]
+pub(super) fn count_columns(lanes: &[u16]) -> u64 {
+    let (fours, rest) = lanes.as_chunks::<4>();
+    let fours = fours.iter().map(|lanes| {
+        let bits = lanes.iter().rev().fold(0u64, |bits, lanes| bits << 16 | u64::from(*lanes));
+        u64::from(bits.count_ones())
+    });
+    fours.sum::<u64>() + rest.iter().map(|lanes| u64::from(lanes.count_ones())).sum::<u64>()
 }

@@ -17,10 +17,13 @@ mod avx2;
 mod avx512;
 mod batch;
 mod fan_out;
+mod hits;
 mod ordered;
 mod portable;
 mod publish;
 mod sink;
+#[cfg(target_arch = "x86_64")]
+mod words_avx512;
 
 pub(crate) use batch::{GROUP, STRIP_COLUMNS, StripBatch, StripGroup};
 pub(crate) use fan_out::{Split, in_parts, part_count};

@@ -43,6 +43,11 @@ impl OrderedBoxes {
         }
     }
 
+    /// Bytes that are allocated.
+    pub fn allocated_bytes(&self) -> usize {
+        self.keys.allocated_bytes() + self.order.allocated_bytes()
+    }
+
     /// Keys by position, padding included.
     pub fn keys(&self) -> KeyArrays<'_> {
         if self.stride == 0 {

@@ -1,12 +1,13 @@
 //! Strips in plain Rust: for machines without a kernel of their own, and the yardstick of those.
 
 use super::STRIP_COLUMNS;
-use super::batch::check_bounds;
+use super::batch::{check_bounds, count_columns};
 use super::ordered::KeyArrays;
 
-/// Tests every strip; see [`super::StripBatch::test`].
-pub(super) fn test(keys: &KeyArrays<'_>, rows: &[u32], starts: &[u32], lanes: &mut [u16]) {
+/// Tests every strip; see [`super::StripBatch::test`]. Returns the columns compared.
+pub(super) fn test(keys: &KeyArrays<'_>, rows: &[u32], starts: &[u32], lanes: &mut [u16]) -> u64 {
     check_bounds(keys, rows, starts, lanes);
+    let compared = count_columns(lanes);
     for ((&row, &start), lanes) in rows.iter().zip(starts).zip(lanes) {
         let columns = keys.map(|k| &k[start as usize..][..STRIP_COLUMNS]);
         let row: [i32; 6] = keys.map(|k| k[row as usize]);
@@ -19,4 +20,5 @@ pub(super) fn test(keys: &KeyArrays<'_>, rows: &[u32], starts: &[u32], lanes: &m
         }
         *lanes &= bits;
     }
+    compared
 }

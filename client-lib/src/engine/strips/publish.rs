@@ -1,7 +1,6 @@
 //! The words of all tasks, in their order, into the reply: sparse or dense.
 
-use super::WordSink;
-use super::sink::SparseWord;
+use super::{WordSink, in_parts};
 use crate::engine::{CullError, ReplyBuffer};
 use crate::mask::{Encoding, MaskShape};
 use crate::units::BoxCount;
@@ -24,26 +23,26 @@ pub(crate) fn publish<'a, S>(
     reply: &mut dyn ReplyBuffer,
 ) -> Result<MaskShape, CullError>
 where
-    S: Iterator<Item = &'a WordSink> + Clone + Send,
+    S: Iterator<Item = &'a WordSink> + Clone + Send + Sync,
 {
     let n = BoxCount::new(order.len() as u32);
     match encoding {
-        Encoding::Sparse => publish_sparse(sinks, n, order, parallel, reply),
+        Encoding::Sparse => publish_sparse(&sinks, n, order, parallel, reply),
         Encoding::Dense => publish_dense(sinks, n, order, reply),
     }
 }
 
 fn publish_sparse<'a, S>(
-    sinks: S,
+    sinks: &S,
     n: BoxCount,
     order: &[u32],
     parallel: bool,
     reply: &mut dyn ReplyBuffer,
 ) -> Result<MaskShape, CullError>
 where
-    S: Iterator<Item = &'a WordSink> + Clone + Send,
+    S: Iterator<Item = &'a WordSink> + Clone + Send + Sync,
 {
-    let word_count = sinks.clone().map(|s| s.words().len() as u64).sum();
+    let word_count = sinks.clone().map(|s| s.word_count() as u64).sum();
     let shape = MaskShape::sparse(n, word_count, word_count, true);
     let out = reply.reserve(shape.extent_words())?;
     let stride = match shape {
@@ -53,59 +52,42 @@ where
     let (rows, rest) = out.split_at_mut(stride);
     let (blocks, rest) = rest.split_at_mut(stride);
     let (bits, rest) = rest.split_at_mut(stride);
-    let parallel = parallel && word_count as usize + order.len() >= PARALLEL_WORDS;
-    let mut write_order = || rest[..order.len()].copy_from_slice(order);
-    if parallel {
-        rayon::join(
-            || {
-                let mut rest = (rows, blocks, bits);
-                for sink in sinks {
-                    rest = copy_split(sink.words(), rest);
-                }
-            },
-            write_order,
-        );
-    } else {
-        let mut rest = (rows, blocks, bits);
-        for sink in sinks {
-            rest = copy_words(sink.words(), rest);
+    let mut jobs = [
+        (Section::Words(0), rows),
+        (Section::Words(1), blocks),
+        (Section::Words(2), bits),
+        (Section::Order, &mut rest[..order.len()]),
+    ];
+    let write = |jobs: &mut [(Section, &mut [u32])]| {
+        for (section, out) in jobs {
+            match section {
+                Section::Words(array) => copy_words(sinks.clone(), *array, out),
+                Section::Order => out.copy_from_slice(order),
+            }
         }
-        write_order();
-    }
+    };
+    let parallel = parallel && word_count as usize + order.len() >= PARALLEL_WORDS;
+    let parts = if parallel { jobs.len() } else { 1 };
+    in_parts(jobs.as_mut_slice(), parts, &write, &|(), ()| ());
     Ok(shape)
 }
 
-/// The three arrays of the reply that are still to be written.
-type Arrays<'a> = (&'a mut [u32], &'a mut [u32], &'a mut [u32]);
-
-#[allow(clippy::needless_pass_by_value)] // the borrows are consumed
-fn split(arrays: Arrays<'_>, at: usize) -> (Arrays<'_>, Arrays<'_>) {
-    let (rows, later_rows) = arrays.0.split_at_mut(at);
-    let (blocks, later_blocks) = arrays.1.split_at_mut(at);
-    let (bits, later_bits) = arrays.2.split_at_mut(at);
-    ((rows, blocks, bits), (later_rows, later_blocks, later_bits))
+/// A section of the reply.
+enum Section {
+    /// One of the three arrays of words.
+    Words(usize),
+    /// The order of the boxes.
+    Order,
 }
 
-fn copy_words<'a>(words: &[SparseWord], arrays: Arrays<'a>) -> Arrays<'a> {
-    let (here, later) = split(arrays, words.len());
-    for (((word, row), block), bits) in words.iter().zip(here.0).zip(here.1).zip(here.2) {
-        *row = word.row;
-        *block = word.block;
-        *bits = word.bits;
+/// One of the three arrays of all sinks' words.
+fn copy_words<'a>(sinks: impl Iterator<Item = &'a WordSink>, array: usize, out: &mut [u32]) {
+    let mut rest = out;
+    for words in sinks.flat_map(WordSink::words).map(|arrays| arrays[array]) {
+        let (here, later) = rest.split_at_mut(words.len());
+        here.copy_from_slice(words);
+        rest = later;
     }
-    later
-}
-
-/// [`copy_words`] in halves on two threads.
-fn copy_split<'a>(words: &[SparseWord], arrays: Arrays<'a>) -> Arrays<'a> {
-    if words.len() < PARALLEL_WORDS {
-        return copy_words(words, arrays);
-    }
-    let (low, high) = words.split_at(words.len() / 2);
-    let (low_arrays, rest) = split(arrays, low.len());
-    let (high_arrays, later) = split(rest, high.len());
-    rayon::join(|| copy_split(low, low_arrays), || copy_split(high, high_arrays));
-    later
 }
 
 /// Sets each pair's bit. The words of a dense mask are in box order and those of the sinks are
@@ -124,11 +106,14 @@ where
     let extent = shape.extent_words();
     let mask = &mut reply.reserve(extent)?[..extent as usize];
     mask.fill(0);
-    for word in sinks.flat_map(WordSink::words) {
-        let row = u64::from(order[word.row as usize]);
-        let mut rest = word.bits;
+    let words = sinks.flat_map(WordSink::words).flat_map(|[rows, blocks, bits]| {
+        rows.iter().zip(blocks).zip(bits).map(|((row, block), bits)| (*row, *block, *bits))
+    });
+    for (row, block, bits) in words {
+        let row = u64::from(order[row as usize]);
+        let mut rest = bits;
         while rest != 0 {
-            let position = 32 * word.block as usize + rest.trailing_zeros() as usize;
+            let position = 32 * block as usize + rest.trailing_zeros() as usize;
             let column = u64::from(order[position]);
             let (a, b) = (row.min(column), row.max(column));
             // k = a(2n − a − 1)/2 + (b − a − 1), design.md §3.

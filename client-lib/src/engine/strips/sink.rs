@@ -1,87 +1,258 @@
 //! Hits to mask words: sorted by (row, block), none of them zero, each address once.
 
 use super::StripBatch;
+use super::hits::Hits;
+#[cfg(target_arch = "x86_64")]
+use super::words_avx512;
+use crate::engine::{AvailableIsa, Isa};
 
-/// A word of the sparse encoding.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
-#[repr(C)]
-pub(crate) struct SparseWord {
+/// Words of a chunk, 12 KiB: large enough that [`STEP_ROOM`] left empty is a twentieth of it, small
+/// enough that the last, half empty one of each task is nothing against the boxes of the task.
+const CHUNK_WORDS: usize = 1024;
+
+/// Room that a chunk must have for a step: the words of 16 hits, and a register that is stored
+/// whole behind them.
+const STEP_ROOM: usize = 48;
+
+/// An address that no word has. It stands before the first word, so that every word has one before
+/// it to be compared with.
+const NO_ADDRESS: u32 = u32::MAX;
+
+/// Words in the three arrays of the sparse encoding.
+pub(super) struct WordChunk {
     /// Position of the row.
-    pub row: u32,
+    pub rows: Vec<u32>,
     /// Columns 32·block to 32·block + 31.
-    pub block: u32,
+    pub blocks: Vec<u32>,
     /// Bit t: column 32·block + t.
-    pub bits: u32,
+    pub bits: Vec<u32>,
+    /// End of the words, at least 1. The last one may still get more bits.
+    pub len: usize,
+    /// The first one: 1 where [`NO_ADDRESS`] stands before it.
+    start: usize,
+}
+
+impl WordChunk {
+    fn new() -> Self {
+        let array = || vec![0; CHUNK_WORDS];
+        Self { rows: array(), blocks: array(), bits: array(), len: 0, start: 0 }
+    }
+
+    /// Whether the words of 16 hits fit.
+    #[inline(always)]
+    pub fn has_room(&self) -> bool {
+        self.len + STEP_ROOM <= CHUNK_WORDS
+    }
+
+    /// Adds bits at an address, which is that of the last word or a later one. No bits are no word.
+    #[inline(always)]
+    pub fn push(&mut self, row: u32, block: u32, bits: u32) {
+        let last = self.len - 1;
+        let same = (self.rows[last] == row) & (self.blocks[last] == block);
+        let at = self.len - usize::from(same);
+        self.rows[at] = row;
+        self.blocks[at] = block;
+        self.bits[at] = bits | if same { self.bits[last] } else { 0 };
+        self.len = at + usize::from(same | (bits != 0));
+    }
+
+    /// Puts the first word, or what stands before it.
+    fn open(&mut self, [row, block, bits]: [u32; 3], start: usize) {
+        (self.rows[0], self.blocks[0], self.bits[0]) = (row, block, bits);
+        (self.len, self.start) = (1, start);
+    }
+
+    /// Takes the last word away.
+    fn pop(&mut self) -> [u32; 3] {
+        self.len -= 1;
+        [self.rows[self.len], self.blocks[self.len], self.bits[self.len]]
+    }
+
+    /// Rows, blocks and bits.
+    fn arrays(&self) -> [&[u32]; 3] {
+        [&self.rows, &self.blocks, &self.bits].map(|array| &array[self.start..self.len])
+    }
 }
 
 /// The words of one task's rows. Memory is kept from frame to frame.
 #[derive(Default)]
 pub(crate) struct WordSink {
-    /// Longer than what is used: a word is stored before it is known whether it stays.
-    words: Vec<SparseWord>,
-    /// Words used. While `open` holds one, the next store completes it.
-    len: usize,
-    open: SparseWord,
+    chunks: Vec<WordChunk>,
+    /// Chunks that hold words.
+    used: usize,
+    hits: Hits,
     pair_count: u64,
 }
 
 impl WordSink {
-    /// Forgets all words and keeps the memory.
+    /// Forgets all words and keeps the memory, up to twice of what was just in use: a task that had
+    /// all rows while there was one thread does not hold on to that.
     pub fn clear(&mut self) {
-        *self = Self { words: std::mem::take(&mut self.words), ..Self::default() };
+        self.chunks.truncate(2 * self.used);
+        self.used = 0;
+        self.pair_count = 0;
     }
 
     /// Adds the hits of a tested batch. Batches must come in rising order of (row, start).
-    pub fn take(&mut self, batch: &StripBatch) {
-        // A strip touches at most two words; one more for the word that stays open.
-        let needed = self.len + 2 * batch.len() + 1;
-        if self.words.len() < needed {
-            let len = needed.max(self.words.len() + self.words.len() / 2);
-            self.words.resize(len, SparseWord::default());
-        }
-        let words = &mut self.words[..needed];
-        let (mut len, mut open, mut pair_count) = (self.len, self.open, 0u64);
-        let mut push = |row: u32, block: u32, bits: u32| {
-            let same = (open.row == row) & (open.block == block);
-            let fresh = (bits != 0) & !same;
-            words[len] = open;
-            len += usize::from(fresh & (open.bits != 0));
-            open = SparseWord {
-                row: if fresh { row } else { open.row },
-                block: if fresh { block } else { open.block },
-                bits: bits | if fresh { 0 } else { open.bits },
-            };
-        };
-        batch.for_each_hit(|hit| {
-            let bits = u64::from(hit.bits) << (hit.start % 32);
-            push(hit.row, hit.start / 32, bits as u32);
-            push(hit.row, hit.start / 32 + 1, (bits >> 32) as u32);
-            pair_count += u64::from(hit.bits.count_ones());
-        });
-        (self.len, self.open) = (len, open);
-        self.pair_count += pair_count;
-    }
-
-    /// Completes the last word. Nothing may be taken after it.
-    pub fn finish(&mut self) {
-        if self.open.bits != 0 {
-            if self.words.len() == self.len {
-                self.words.push(self.open);
-            } else {
-                self.words[self.len] = self.open;
+    pub fn take(&mut self, batch: &StripBatch, isa: AvailableIsa) {
+        self.pair_count += self.hits.collect(batch, isa);
+        let mut done = 0;
+        while done < self.hits.len() {
+            if self.used == 0 || !self.chunks[self.used - 1].has_room() {
+                self.open_chunk();
             }
-            self.len += 1;
-            self.open = SparseWord::default();
+            let chunk = &mut self.chunks[self.used - 1];
+            done = match isa.get() {
+                #[cfg(target_arch = "x86_64")]
+                Isa::Avx512 => words_avx512::append(&self.hits, done, chunk, isa),
+                _ => append(&self.hits, done, chunk),
+            };
         }
     }
 
-    /// The finished words.
-    pub fn words(&self) -> &[SparseWord] {
-        &self.words[..self.len]
+    /// Adds a word. Its address is that of the last word or a later one; no bits are no word.
+    pub fn push(&mut self, row: u32, block: u32, bits: u32) {
+        if self.used == 0 || !self.chunks[self.used - 1].has_room() {
+            self.open_chunk();
+        }
+        self.chunks[self.used - 1].push(row, block, bits);
+        self.pair_count += u64::from(bits.count_ones());
+    }
+
+    /// The next chunk, with the last word of the one before it, which may get more bits.
+    fn open_chunk(&mut self) {
+        let (word, start) = match self.used {
+            0 => ([NO_ADDRESS, NO_ADDRESS, 0], 1),
+            used => (self.chunks[used - 1].pop(), 0),
+        };
+        if self.chunks.len() == self.used {
+            self.chunks.push(WordChunk::new());
+        }
+        self.chunks[self.used].open(word, start);
+        self.used += 1;
+    }
+
+    /// The words, chunk by chunk: rows, blocks and bits.
+    pub fn words(&self) -> impl Iterator<Item = [&[u32]; 3]> {
+        self.chunks[..self.used].iter().map(WordChunk::arrays)
+    }
+
+    /// Words.
+    pub fn word_count(&self) -> usize {
+        self.chunks[..self.used].iter().map(|chunk| chunk.len - chunk.start).sum()
     }
 
     /// Pairs of all hits.
     pub fn pair_count(&self) -> u64 {
         self.pair_count
+    }
+
+    /// Bytes that are allocated for words and hits.
+    pub fn allocated_bytes(&self) -> usize {
+        self.chunks.len() * 3 * CHUNK_WORDS * size_of::<u32>() + self.hits.allocated_bytes()
+    }
+}
+
+/// Adds hits from number `from` on while the chunk has room; returns the next one.
+fn append(hits: &Hits, from: usize, chunk: &mut WordChunk) -> usize {
+    for at in from..hits.len() {
+        if !chunk.has_room() {
+            return at;
+        }
+        let (row, start, bits) = hits.get(at);
+        let bits = u64::from(bits) << (start % 32);
+        chunk.push(row, start / 32, bits as u32);
+        chunk.push(row, start / 32 + 1, (bits >> 32) as u32);
+    }
+    hits.len()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// The words by definition.
+    fn naive(strips: &[(u32, u32, u16)]) -> Vec<[u32; 3]> {
+        let mut words = BTreeMap::<(u32, u32), u32>::new();
+        for &(row, start, lanes) in strips {
+            for column in (0..16).filter(|t| lanes >> t & 1 != 0).map(|t| start + t) {
+                *words.entry((row, column / 32)).or_default() |= 1 << (column % 32);
+            }
+        }
+        words.into_iter().map(|((row, block), bits)| [row, block, bits]).collect()
+    }
+
+    fn check(strips: &[(u32, u32, u16)], batch_len: usize) {
+        let expected = naive(strips);
+        let pairs: u32 = strips.iter().map(|strip| strip.2.count_ones()).sum();
+        for isa in Isa::ALL.into_iter().filter_map(AvailableIsa::new) {
+            let mut sink = WordSink::default();
+            // The second time, chunks and hits hold the words of the first.
+            for _ in 0..2 {
+                sink.clear();
+                for strips in strips.chunks(batch_len) {
+                    sink.take(&StripBatch::tested(strips), isa);
+                }
+                let words: Vec<[u32; 3]> = sink
+                    .words()
+                    .flat_map(|[rows, blocks, bits]| {
+                        (0..rows.len()).map(|i| [rows[i], blocks[i], bits[i]])
+                    })
+                    .collect();
+                assert!(words == expected, "{}", isa.get());
+                assert_eq!(sink.word_count(), expected.len());
+                assert_eq!(sink.pair_count(), u64::from(pairs));
+            }
+        }
+    }
+
+    /// Strips with rising, disjoint columns: steps of a row or of a few columns, and their lanes.
+    fn strips(steps: &[(bool, u32, u16)]) -> Vec<(u32, u32, u16)> {
+        let (mut row, mut next) = (0, 1);
+        let strip = |&(new_row, gap, lanes): &(bool, u32, u16)| {
+            if new_row {
+                (row, next) = (row + 1, row + 2);
+            }
+            let start = next + gap;
+            next = start + 16 - lanes.leading_zeros();
+            (row, start, lanes)
+        };
+        steps.iter().map(strip).collect()
+    }
+
+    fn lanes() -> impl Strategy<Value = u16> {
+        prop_oneof![3 => Just(0), 3 => (0u32..16).prop_map(|t| 1 << t), 1 => any::<u16>()]
+    }
+
+    proptest! {
+        #[test]
+        fn words_are_those_of_any_strips(
+            steps in prop::collection::vec((any::<bool>(), 0u32..40, lanes()), 0..300),
+            batch_len in 1usize..100,
+        ) {
+            check(&strips(&steps), batch_len);
+        }
+    }
+
+    #[test]
+    fn many_strips_in_one_word_become_one_word() {
+        // Single columns with a hit: up to 32 strips in a word, so that a step holds no other.
+        let steps: Vec<_> = (0..2000).map(|i| (i % 100 == 0, 0, 1)).collect();
+        check(&strips(&steps), 1024);
+    }
+
+    #[test]
+    fn words_go_on_in_the_next_chunk() {
+        // Words that more strips fall into stand at the end of a chunk sooner or later.
+        for dense in 1..20 {
+            let steps: Vec<_> =
+                (0..20_000).map(|i| (i % 97 == 0, u32::from(i % 20 < dense), 0b11)).collect();
+            check(&strips(&steps), 1024);
+        }
+        assert!(naive(&strips(&vec![(true, 0, 0b11); 20_000])).len() > 2 * CHUNK_WORDS);
     }
 }

@@ -80,6 +80,14 @@ impl SweepAndPrune {
         Ok(Self { isa, ..Self::new() })
     }
 
+    /// Bytes of scratch that the engine keeps from frame to frame, beside boxes and reply.
+    pub fn scratch_bytes(&self) -> usize {
+        self.columns.allocated_bytes()
+            + self.order.allocated_bytes()
+            + self.boxes.allocated_bytes()
+            + self.tasks.iter().map(SweepTask::allocated_bytes).sum::<usize>()
+    }
+
     /// Reads and sorts the boxes; returns the sweep axis.
     fn ingest(&mut self, boxes: &[Aabb]) -> (Census, usize) {
         let census = self.columns.ingest(boxes, self.isa);

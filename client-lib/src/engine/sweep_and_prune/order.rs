@@ -38,6 +38,12 @@ impl SweepOrder {
         self.radix_sort(min);
     }
 
+    /// Bytes that are allocated.
+    pub fn allocated_bytes(&self) -> usize {
+        (self.entries.capacity() + self.scratch.capacity()) * size_of::<Entry>()
+            + self.counts.capacity() * size_of::<[u32; BUCKETS]>()
+    }
+
     /// Index of the box at each position.
     pub fn indices(&self) -> impl Iterator<Item = u32> {
         self.entries.iter().map(|entry| *entry as u32)

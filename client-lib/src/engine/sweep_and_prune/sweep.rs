@@ -18,6 +18,11 @@ pub(super) struct SweepTask {
 }
 
 impl SweepTask {
+    /// Bytes that are allocated.
+    pub fn allocated_bytes(&self) -> usize {
+        self.found.allocated_bytes() + self.batch.allocated_bytes()
+    }
+
     /// Finds the words of all rows. Boxes from position `solid` on overlap nothing.
     pub fn run(&mut self, boxes: &OrderedBoxes, axis: usize, solid: u32, isa: AvailableIsa) {
         self.found.clear();
@@ -36,13 +41,12 @@ impl SweepTask {
             }
         }
         self.flush(boxes, isa);
-        self.found.finish();
         self.compared = self.batch.take_compared();
     }
 
     fn flush(&mut self, boxes: &OrderedBoxes, isa: AvailableIsa) {
         self.batch.test(boxes, isa);
-        self.found.take(&self.batch);
+        self.found.take(&self.batch, isa);
         self.batch.clear();
     }
 }

@@ -1,9 +1,9 @@
 //! Sixteen words at a time with AVX-512.
 //!
 //! Where no word of a step has more than one bit, the words are the pairs. Where none has more than
-//! two or four, each word is spread over as many lanes, which hold its lowest bit, its second, and
-//! so on; empty lanes are then squeezed out. There is no branch on any single word. Words with
-//! more bits are rare and go one by one.
+//! two, four or eight, each word is spread over as many lanes, which hold its lowest bit, its second,
+//! and so on; empty lanes are then squeezed out. Words with more bits go one by one, as columns of
+//! which those without a bit are squeezed out. There is no branch on any single bit.
 #![allow(unsafe_code)]
 // Thirty intrinsics by name would tell a reader nothing.
 #![allow(clippy::wildcard_imports)]
@@ -11,16 +11,16 @@
 use std::arch::x86_64::*;
 
 use super::super::pair_buffer::{PairWriter, WORD_PAIRS};
-use super::super::sparse_words::SparseWords;
-use super::{SparsePairs, put_word};
+use super::super::sparse_words::{SparseWord, SparseWords};
+use super::SparsePairs;
 use crate::engine::{AvailableIsa, Isa};
 use crate::units::BoxCount;
 
 /// Words of a step: the lanes of a register.
 const STEP: usize = 16;
 
-/// Most bits of a word that is spread over lanes.
-const LANES: usize = 4;
+/// Room of a step whose words are spread over lanes. Those with more bits see to it themselves.
+const STEP_ROOM: usize = STEP * 8;
 
 /// [`SparsePairs::write_portable`] with AVX-512.
 #[inline]
@@ -38,7 +38,7 @@ pub(super) fn write<'a>(
 fn run<'a>(pairs: &SparsePairs<'a>, writer: &mut PairWriter) -> Option<SparseWords<'a>> {
     pairs.words.split_first()?;
     let mut words = pairs.words.clone();
-    while writer.has_room_for(STEP * LANES) {
+    while writer.has_room_for(STEP_ROOM) {
         match words.split_first_chunk::<STEP>() {
             Some((step, rest)) if put_step(pairs.n, step, writer) => words = rest,
             _ => {
@@ -52,18 +52,18 @@ fn run<'a>(pairs: &SparsePairs<'a>, writer: &mut PairWriter) -> Option<SparseWor
 }
 
 /// Up to [`STEP`] words one by one. The words left over, or `None` if there was none.
-#[inline(always)]
+#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,popcnt,bmi1,bmi2")]
 fn put_singly<'a>(
     n: BoxCount,
     words: &SparseWords<'a>,
     writer: &mut PairWriter,
 ) -> Option<SparseWords<'a>> {
     let (word, mut rest) = words.split_first()?;
-    put_word(word.without_strays(n), writer);
+    put_columns(n, word, writer);
     for _ in 1..STEP {
         match rest.split_first() {
             Some((word, after)) if writer.has_room_for(WORD_PAIRS) => {
-                put_word(word.without_strays(n), writer);
+                put_columns(n, word, writer);
                 rest = after;
             }
             _ => break,
@@ -72,7 +72,23 @@ fn put_singly<'a>(
     Some(rest)
 }
 
-/// Sixteen words, or none and false if one of them has more than four bits.
+/// One word: 32 columns, less those without a bit.
+#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,popcnt,bmi1,bmi2")]
+#[inline]
+fn put_columns(n: BoxCount, word: SparseWord, writer: &mut PairWriter) {
+    // Of a block behind the last column that there can be no bit is a pair.
+    let bits = if word.block < 1 << 27 { word.bits } else { 0 };
+    let row = _mm512_set1_epi32(word.row as i32);
+    let n = _mm512_set1_epi32(n.get() as i32);
+    let lanes = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+    for half in [0, 16] {
+        let first = _mm512_set1_epi32((word.block << 5 | half) as i32);
+        let column = _mm512_add_epi32(first, lanes);
+        put_pairs(n, row, column, (bits >> half) as __mmask16, writer);
+    }
+}
+
+/// Sixteen words, or none and false if one of them has more than eight bits.
 #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,popcnt,bmi1,bmi2")]
 #[inline]
 fn put_step(n: BoxCount, words: [&[u32; STEP]; 3], writer: &mut PairWriter) -> bool {
@@ -97,10 +113,19 @@ fn put_step(n: BoxCount, words: [&[u32; STEP]; 3], writer: &mut PairWriter) -> b
     }
     let fourth = without_lowest(third);
     let fifth = without_lowest(fourth);
-    if _mm512_test_epi32_mask(fifth, fifth) != 0 {
+    if _mm512_test_epi32_mask(fifth, fifth) == 0 {
+        put_fours(n, row, base, [first, second, third, fourth], writer);
+        return true;
+    }
+    let sixth = without_lowest(fifth);
+    let seventh = without_lowest(sixth);
+    let eighth = without_lowest(seventh);
+    let ninth = without_lowest(eighth);
+    if _mm512_test_epi32_mask(ninth, ninth) != 0 {
         return false;
     }
-    put_fours(n, row, base, [first, second, third, fourth], writer);
+    let fours = [[first, second, third, fourth], [fifth, sixth, seventh, eighth]];
+    put_eights(n, row, base, fours, writer);
     true
 }
 
@@ -123,13 +148,8 @@ fn put_twos(n: __m512i, row: __m512i, base: __m512i, bits: [__m512i; 2], writer:
 #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,popcnt,bmi1,bmi2")]
 #[inline]
 fn put_fours(n: __m512i, row: __m512i, base: __m512i, bits: [__m512i; 4], writer: &mut PairWriter) {
-    // As above: quarter q gets word 4i + q for register i.
-    let places = _mm512_setr_epi32(0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15);
-    let place = |v| _mm512_permutexvar_epi32(places, v);
-    let (row, base) = (place(row), place(base));
-    let [first, second, third, fourth] = bits.map(place);
-    let low = (_mm512_unpacklo_epi32(first, second), _mm512_unpacklo_epi32(third, fourth));
-    let high = (_mm512_unpackhi_epi32(first, second), _mm512_unpackhi_epi32(third, fourth));
+    let (row, base) = (dealt_to_quarters(row), dealt_to_quarters(base));
+    let bits = quarters(bits);
     macro_rules! put_register {
         ($copies:literal, $bits:expr) => {
             put_lanes(
@@ -141,10 +161,62 @@ fn put_fours(n: __m512i, row: __m512i, base: __m512i, bits: [__m512i; 4], writer
             );
         };
     }
-    put_register!(0b00_00_00_00, _mm512_unpacklo_epi64(low.0, low.1));
-    put_register!(0b01_01_01_01, _mm512_unpackhi_epi64(low.0, low.1));
-    put_register!(0b10_10_10_10, _mm512_unpacklo_epi64(high.0, high.1));
-    put_register!(0b11_11_11_11, _mm512_unpackhi_epi64(high.0, high.1));
+    put_register!(0b00_00_00_00, bits[0]);
+    put_register!(0b01_01_01_01, bits[1]);
+    put_register!(0b10_10_10_10, bits[2]);
+    put_register!(0b11_11_11_11, bits[3]);
+}
+
+/// Quarter q of a register gets words q, 4 + q, 8 + q, 12 + q.
+#[target_feature(enable = "avx512f")]
+#[inline]
+fn dealt_to_quarters(v: __m512i) -> __m512i {
+    // Unpacking works within quarters.
+    let places = _mm512_setr_epi32(0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15);
+    _mm512_permutexvar_epi32(places, v)
+}
+
+/// Four bits of each word: quarter q of register i are those of word 4i + q.
+#[target_feature(enable = "avx512f")]
+#[inline]
+fn quarters(bits: [__m512i; 4]) -> [__m512i; 4] {
+    let [first, second, third, fourth] = bits.map(|b| dealt_to_quarters(b));
+    let low = (_mm512_unpacklo_epi32(first, second), _mm512_unpacklo_epi32(third, fourth));
+    let high = (_mm512_unpackhi_epi32(first, second), _mm512_unpackhi_epi32(third, fourth));
+    [
+        _mm512_unpacklo_epi64(low.0, low.1),
+        _mm512_unpackhi_epi64(low.0, low.1),
+        _mm512_unpacklo_epi64(high.0, high.1),
+        _mm512_unpackhi_epi64(high.0, high.1),
+    ]
+}
+
+/// Sixteen words of at most eight bits, two words a register.
+#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,popcnt,bmi1,bmi2")]
+#[inline]
+fn put_eights(
+    n: __m512i,
+    row: __m512i,
+    base: __m512i,
+    [low, high]: [[__m512i; 4]; 2],
+    writer: &mut PairWriter,
+) {
+    let (low, high) = (quarters(low), quarters(high));
+    // Quarters 2h and 2h + 1 of both, in turn.
+    let halves = [
+        _mm512_setr_epi64(0, 1, 8, 9, 2, 3, 10, 11),
+        _mm512_setr_epi64(4, 5, 12, 13, 6, 7, 14, 15),
+    ];
+    let mut words = _mm512_setr_epi32(0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1);
+    for (low, high) in low.into_iter().zip(high) {
+        for half in halves {
+            let bits = _mm512_permutex2var_epi64(low, half, high);
+            let row = _mm512_permutexvar_epi32(words, row);
+            let base = _mm512_permutexvar_epi32(words, base);
+            put_lanes(n, row, base, bits, writer);
+            words = _mm512_add_epi32(words, _mm512_set1_epi32(2));
+        }
+    }
 }
 
 /// Every lane without its lowest bit.
@@ -163,6 +235,13 @@ fn put_lanes(n: __m512i, row: __m512i, base: __m512i, bits: __m512i, writer: &mu
     let exponent = _mm512_srli_epi32::<23>(_mm512_castps_si512(_mm512_cvtepu32_ps(lowest)));
     let column = _mm512_add_epi32(base, exponent);
     let set = _mm512_test_epi32_mask(bits, bits);
+    put_pairs(n, row, column, set, writer);
+}
+
+/// The pairs (row, column) of the lanes of `set`, less strays.
+#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,popcnt,bmi1,bmi2")]
+#[inline]
+fn put_pairs(n: __m512i, row: __m512i, column: __m512i, set: __mmask16, writer: &mut PairWriter) {
     let after_row = _mm512_mask_cmplt_epu32_mask(set, row, column);
     let pairs = _mm512_mask_cmplt_epu32_mask(after_row, column, n);
     let row = _mm512_maskz_compress_epi32(pairs, row);

@@ -1,14 +1,15 @@
 //! The measured loop: nothing in it but the frame and the clock.
 
-use std::hint::black_box;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use indicatif::ProgressBar;
-use pairmask::{EngineChoice, PairMask, ServedBy, Session};
+use pairmask::session::FrameInfo;
+use pairmask::{EngineChoice, ServedBy};
 
 use super::latency::BenchError;
 use crate::cli::percentiles::Recorder;
 use crate::scene::Scene;
+use crate::timed_client::{TimedClient, TimedFrame};
 
 /// The progress bar moves this often: seldom enough to cost nothing beside a frame.
 const FRAMES_PER_TICK: u64 = 64;
@@ -28,6 +29,10 @@ pub struct Measured {
     pub served_by: ServedBy,
     /// The engine of every frame, or auto where the plan chose now this one, now that one.
     pub engine: EngineChoice,
+    /// Bytes of the boxes of a frame.
+    pub box_bytes: u64,
+    /// Frames that were asked for.
+    pub requests: u64,
     pub fill: Recorder,
     pub round_trip: Recorder,
     pub engine_time: Recorder,
@@ -36,30 +41,23 @@ pub struct Measured {
     pub total: Recorder,
 }
 
-/// One frame's times.
-struct FrameTimes {
-    fill: Duration,
-    round_trip: Duration,
-    decode: Duration,
-}
-
 /// Runs frames of a scene in motion.
 ///
 /// # Errors
 /// [`BenchError`], also where frames were not all served alike.
 pub fn measure(
-    session: &mut Session,
+    client: &mut TimedClient,
     mut scene: Scene,
     lengths: &Lengths,
     progress: &ProgressBar,
 ) -> Result<Measured, BenchError> {
     // Whoever serves this frame has to serve them all.
-    let mut measured = Measured::of(&run_frame(session, &scene, 0)?.0);
+    let mut measured = Measured::of(&client.frame(scene.boxes(), |_| ())?.info);
     for frame in 1..=lengths.warm_up + lengths.frames {
         scene.step();
-        let (mask, times) = run_frame(session, &scene, frame)?;
+        let answered = client.frame(scene.boxes(), |_| ())?;
         if frame > lengths.warm_up {
-            measured.record(&mask, &times)?;
+            measured.record(&answered)?;
         }
         if frame.is_multiple_of(FRAMES_PER_TICK) {
             progress.set_position(frame);
@@ -68,44 +66,17 @@ pub fn measure(
     Ok(measured)
 }
 
-fn run_frame(
-    session: &mut Session,
-    scene: &Scene,
-    number: u64,
-) -> Result<(PairMask, FrameTimes), BenchError> {
-    let start = Instant::now();
-    let mut frame = session.frame(scene.boxes().len())?;
-    frame.boxes_mut().copy_from_slice(scene.boxes());
-    let filled = Instant::now();
-    let mask = frame.submit()?.wait()?;
-    let answered = Instant::now();
-    let mut decoded = 0;
-    let mut indices = 0;
-    mask.view().for_each(|a, b| {
-        decoded += 1;
-        indices ^= a ^ b;
-    });
-    black_box(indices);
-    let end = Instant::now();
-
-    let counted = mask.count();
-    if counted != decoded {
-        return Err(BenchError::Miscounted { frame: number, counted, decoded });
-    }
-    let times =
-        FrameTimes { fill: filled - start, round_trip: answered - filled, decode: end - answered };
-    Ok((mask, times))
-}
-
 const fn ns(duration: Duration) -> u64 {
     duration.as_nanos() as u64
 }
 
 impl Measured {
-    fn of(mask: &PairMask) -> Self {
+    fn of(info: &FrameInfo) -> Self {
         Self {
-            served_by: mask.info().served_by,
-            engine: EngineChoice::Only(mask.info().engine),
+            served_by: info.served_by,
+            engine: EngineChoice::Only(info.engine),
+            box_bytes: info.box_bytes,
+            requests: 0,
             fill: Recorder::new(),
             round_trip: Recorder::new(),
             engine_time: Recorder::new(),
@@ -115,15 +86,16 @@ impl Measured {
         }
     }
 
-    fn record(&mut self, mask: &PairMask, times: &FrameTimes) -> Result<(), BenchError> {
-        let info = mask.info();
+    fn record(&mut self, times: &TimedFrame) -> Result<(), BenchError> {
+        let info = &times.info;
         if info.served_by != self.served_by {
             return Err(BenchError::Changed);
         }
         if self.engine != EngineChoice::Only(info.engine) {
             self.engine = EngineChoice::Auto;
         }
-        let engine_ns = info.times.total_ns;
+        let engine_ns = times.engine_ns();
+        self.requests += u64::from(times.was_asked);
         self.fill.record(ns(times.fill));
         self.round_trip.record(ns(times.round_trip));
         self.engine_time.record(engine_ns);

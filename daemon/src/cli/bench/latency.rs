@@ -7,28 +7,30 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use clap::Args;
+use pairmask::BoxCount;
 use pairmask::engine::UnknownName;
-use pairmask::session::{ConnectError, FrameError, SessionBuilder, WaitError};
-use pairmask::transport::{InstanceName, RuntimeDir};
-use pairmask::{Backend, BoxCount};
+use pairmask::session::{ConnectError, SessionBuilder};
 
+use super::accuracy::AccuracyError;
 use super::closed_loop::{self, Lengths};
 use super::machine::Machine;
 use super::pin::{Cores, PinError};
 use super::report::{LatencyReport, Row};
+use super::target::Target;
 use crate::cli::config::Config;
 use crate::cli::options::{CullOptions, DaemonOptions, Place};
 use crate::cli::output::{OutputError, print_json, print_text, progress_bar};
 use crate::cli::raw_boxes::{RawBoxes, RawBoxesError};
+use crate::precision::PrecisionChoice;
 use crate::scene::{Scene, SceneName};
-use crate::spawn::{PrivateDaemon, PrivateSettings, SpawnError};
+use crate::spawn::SpawnError;
+use crate::study::engines::EngineStudyError;
 use crate::study::grid::GridError;
 use crate::study::mapping::MappingError;
+use crate::timed_client::{TimedClient, TimedError};
 
 /// Longer than any pause between two frames: whoever spins never sleeps in between.
 const SPIN: Duration = Duration::from_secs(1);
-/// How long one frame may take: all pairs of a million boxes on one thread.
-const DEADLINE: Duration = Duration::from_secs(600);
 /// The scene's seed: every run sees the same boxes move the same way.
 const SEED: u64 = 1;
 
@@ -42,6 +44,8 @@ The boxes move from frame to frame, untimed. Stages of a frame:
   added       the rest of the round trip: the way there and back
   decode      every pair of the mask looked at once
   total       fill, round trip and decode
+With --precision, writing the boxes in their form is part of fill. With margin=X, looking whether
+boxes have moved, inflating and writing them is part of the round trip.
 
 A daemon is started for the measurement unless an instance is named.
 
@@ -60,6 +64,9 @@ pub struct Latency {
     /// File of boxes instead, each then moving 2 % of its size a frame
     #[arg(long, value_name = "FILE", conflicts_with = "n")]
     scene: Option<PathBuf>,
+    /// How precisely boxes are told apart: exact, q16, q8, f16, margin=X; one row each
+    #[arg(long, value_name = "MODE,..", value_delimiter = ',', default_values_t = [PrecisionChoice::Exact])]
+    precision: Vec<PrecisionChoice>,
     /// Frames that are measured
     #[arg(long, value_name = "N", default_value = "2000")]
     frames: NonZeroU64,
@@ -128,36 +135,32 @@ pub enum BenchError {
     #[error(transparent)]
     Connect(#[from] ConnectError),
     #[error(transparent)]
-    Frame(#[from] FrameError),
-    #[error(transparent)]
-    Wait(#[from] WaitError),
+    Timed(#[from] TimedError),
     #[error(transparent)]
     Pin(#[from] PinError),
     /// The daemon died, or came, in the middle: the row would mix two things.
     #[error("the daemon came or went during the measurement: name a --backend, and try again")]
     Changed,
-    /// An engine is broken.
-    #[error("frame {frame} has {counted} pairs and its mask holds {decoded}: please report this")]
-    Miscounted { frame: u64, counted: u64, decoded: u64 },
+    #[error(transparent)]
+    Accuracy(#[from] AccuracyError),
     #[error(transparent)]
     Mapping(#[from] MappingError),
+    /// The report says in which family.
+    #[error("pairs of spheres were decided wrongly: please report this")]
+    InexactSpheres,
+    #[error(transparent)]
+    Engines(#[from] EngineStudyError),
+    /// No folder for the results.
+    #[error("{}: {source}", folder.display())]
+    Write { folder: PathBuf, source: std::io::Error },
     #[error(transparent)]
     Grid(#[from] GridError),
     #[error(transparent)]
     Output(#[from] OutputError),
 }
 
-/// Where the daemon of a measurement is, if there is one.
-struct Target {
-    dir: RuntimeDir,
-    instance: InstanceName,
-    backend: Backend,
-    /// Stopped with the measurement.
-    _daemon: Option<PrivateDaemon>,
-}
-
 impl Latency {
-    /// Measures a row for every wait and scene, and prints them.
+    /// Measures a row for every wait, scene and precision, and prints them.
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), BenchError> {
         let scenes = self.scenes()?;
         // Before any thread is pinned: it counts the cores that may be used.
@@ -169,12 +172,16 @@ impl Latency {
                 // The daemon of this wait must not inherit the client's one core.
                 cores.unpin()?;
             }
-            let target = self.target(*wait, place, config)?;
+            let target = Target::new(&self.options, &self.daemon, wait.spin(), place, config)?;
             if let Some(cores) = &cores {
                 cores.pin(&target.dir, &target.instance)?;
             }
             for scene in &scenes {
-                rows.push(self.row(scene.clone(), *wait, &target, config)?);
+                for precision in &self.precision {
+                    let builder = self.options.session(place, config);
+                    let session = target.session(builder, wait.spin());
+                    rows.push(self.row(scene.clone(), *precision, *wait, session)?);
+                }
             }
         }
         let report = LatencyReport { machine, rows };
@@ -191,46 +198,22 @@ impl Latency {
         Ok(self.n.iter().map(uniform).collect())
     }
 
-    /// The instance that was named, else a daemon that waits as it is asked to.
-    fn target(&self, wait: Wait, place: &Place, config: &Config) -> Result<Target, SpawnError> {
-        let backend = self.options.backend(config, Backend::Daemon);
-        let named = place.named_instance(config);
-        if backend == Backend::Daemon && named.is_none() {
-            let settings = PrivateSettings { spin: wait.spin(), ..self.daemon.private(config) };
-            let daemon = PrivateDaemon::start_self(&settings)?;
-            let (dir, instance) = (daemon.dir(), daemon.instance());
-            return Ok(Target { dir, instance, backend, _daemon: Some(daemon) });
-        }
-        let (dir, instance) = (place.runtime_dir(config), named.unwrap_or_default());
-        Ok(Target { dir, instance, backend, _daemon: None })
-    }
-
     fn row(
         &self,
         scene: Scene,
+        precision: PrecisionChoice,
         wait: Wait,
-        target: &Target,
-        config: &Config,
+        session: SessionBuilder,
     ) -> Result<Row, BenchError> {
         let n = u32::try_from(scene.boxes().len()).unwrap_or(u32::MAX);
-        let mut session = self.session(n, wait, target, config).connect()?;
+        let session = session.capacity(BoxCount::new(n)).connect()?;
+        let mut client = TimedClient::new(session, precision, scene.boxes());
         let frames = self.frames.get();
         let warm_up = self.warm_up.unwrap_or_else(|| (frames / 5).max(20));
-        let progress = progress_bar(warm_up + frames, &format!("{n} boxes, {wait}"));
+        let progress = progress_bar(warm_up + frames, &format!("{n} boxes, {precision}, {wait}"));
         let lengths = Lengths { warm_up, frames };
-        let measured = closed_loop::measure(&mut session, scene, &lengths, &progress)?;
+        let measured = closed_loop::measure(&mut client, scene, &lengths, &progress)?;
         progress.finish_and_clear();
-        Ok(Row::new(n, wait, frames, &measured))
-    }
-
-    fn session(&self, n: u32, wait: Wait, target: &Target, config: &Config) -> SessionBuilder {
-        self.options
-            .session(config)
-            .runtime_dir(target.dir.clone())
-            .instance(target.instance.as_str())
-            .backend(target.backend)
-            .spin(wait.spin())
-            .deadline(DEADLINE)
-            .capacity(BoxCount::new(n))
+        Ok(Row::new(n, precision, wait, frames, &measured))
     }
 }

@@ -9,6 +9,7 @@ use super::latency::Wait;
 use super::machine::Machine;
 use crate::cli::cull::backend_name;
 use crate::cli::percentiles::Percentiles;
+use crate::precision::PrecisionChoice;
 
 /// The JSON object of `bench latency --json`. Fields may be added, never changed or taken away.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -30,8 +31,14 @@ pub struct Row {
     pub wait: String,
     /// Which engine.
     pub engine: String,
+    /// How precisely boxes were told apart: `exact`, `q16`, `q8`, `f16` or `margin=X`.
+    pub precision: String,
+    /// Bytes of the boxes of one request.
+    pub box_bytes: u64,
     /// Frames measured.
     pub frames: u64,
+    /// Frames that were asked for; `margin=X` answers the others from an earlier mask.
+    pub requests: u64,
     /// Memory borrowed and the boxes written into it.
     pub fill_ns: Percentiles,
     /// Boxes submitted to mask in hand.
@@ -48,13 +55,22 @@ pub struct Row {
 
 impl Row {
     /// The row of a finished measurement.
-    pub fn new(n: u32, wait: Wait, frames: u64, measured: &Measured) -> Self {
+    pub fn new(
+        n: u32,
+        precision: PrecisionChoice,
+        wait: Wait,
+        frames: u64,
+        measured: &Measured,
+    ) -> Self {
         Self {
             n,
             backend: backend_name(measured.served_by).to_owned(),
             wait: wait.to_string(),
             engine: measured.engine.to_string(),
+            precision: precision.to_string(),
+            box_bytes: measured.box_bytes,
             frames,
+            requests: measured.requests,
             fill_ns: measured.fill.percentiles(),
             round_trip_ns: measured.round_trip.percentiles(),
             engine_ns: measured.engine_time.percentiles(),
@@ -79,8 +95,9 @@ impl fmt::Display for LatencyReport {
 
 impl fmt::Display for Row {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { n, backend, wait, engine, frames, .. } = self;
-        writeln!(f, "{n} boxes, {backend} ({wait}), {engine}, {frames} frames")?;
+        let Self { n, backend, wait, engine, precision, frames, requests, .. } = self;
+        write!(f, "{n} boxes, {backend} ({wait}), {engine}, {precision}, {frames} frames")?;
+        if requests == frames { writeln!(f) } else { writeln!(f, ", {requests} asked for") }?;
         write!(f, "{:<12}", "µs")?;
         for head in ["p50", "p90", "p99", "p99.9", "max"] {
             write!(f, "{head:>12}")?;

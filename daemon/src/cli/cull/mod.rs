@@ -1,5 +1,6 @@
 //! `cull`: the pairs of a file of boxes.
 
+mod explain;
 mod files;
 mod report;
 
@@ -8,8 +9,9 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use pairmask::session::{ConnectError, FrameError, WaitError};
-use pairmask::{Backend, EngineName, PairMask, Session};
+use pairmask::{Aabb, Backend, EngineName, PairMask, Session};
 
+use self::explain::{Explanation, Planned};
 use self::files::FileError;
 pub use self::report::backend_name;
 use self::report::{CullReport, Timings};
@@ -17,6 +19,7 @@ use super::config::Config;
 use super::options::{CullOptions, DaemonOptions, Place};
 use super::output::{OutputError, print_json, print_text, spinner};
 use super::raw_boxes::{RawBoxes, RawBoxesError};
+use crate::precision::PrecisionChoice;
 use crate::spawn::{PrivateDaemon, SpawnError};
 
 /// How long one frame may take. Any scene that fits into memory is done by then.
@@ -33,7 +36,8 @@ of all its words, their blocks and their bits.
 Examples:
   pairmaskd cull boxes.f32                            by the daemon, or in process without one
   pairmaskd cull boxes.f32 --spawn --pairs pairs.u32  by a daemon of its own
-  generate | pairmaskd cull - --backend in-process --json")]
+  generate | pairmaskd cull - --backend in-process --json
+  pairmaskd cull boxes.f32 --explain                  and say why this engine")]
 pub struct Cull {
     /// File of boxes, `-` for stdin
     #[arg(value_name = "FILE")]
@@ -45,12 +49,19 @@ pub struct Cull {
     /// Start a daemon for this call and stop it afterwards; --backend and --instance are not used
     #[arg(long)]
     spawn: bool,
+    /// How precisely boxes are told apart: exact, q16, q8, f16 or margin=X. No pair is missed; all
+    /// but exact may report pairs that are near
+    #[arg(long, value_name = "MODE", default_value_t)]
+    precision: PrecisionChoice,
     /// Write the pairs here
     #[arg(long, value_name = "OUT")]
     pairs: Option<PathBuf>,
     /// Write the mask here
     #[arg(long, value_name = "OUT")]
     mask: Option<PathBuf>,
+    /// Say why this engine: what the plan saw and predicted, beside what was measured
+    #[arg(long)]
+    explain: bool,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -82,15 +93,20 @@ impl Cull {
     /// Reads, culls, decodes, writes.
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), CullCommandError> {
         let boxes = RawBoxes::open(&self.boxes)?;
-        let spawn = || PrivateDaemon::start_self(&self.daemon.private(config));
+        let spawn = || PrivateDaemon::start_self(&self.daemon.private(place, config));
         let daemon = self.spawn.then(spawn).transpose()?;
         let mut session = self.connect(daemon.as_ref(), place, config)?;
 
         let progress = spinner(&format!("{} boxes", boxes.len()));
-        let (mask, timings) = cull(&mut session, boxes)?;
+        let planner = self.explain.then(|| {
+            let (wish, calibration) = (self.options.wish(config), place.calibration(config));
+            move |boxes: &[Aabb]| Planned::new(boxes, &wish, &calibration)
+        });
+        let (mask, timings, planned) = cull(&mut session, boxes, self.precision, planner)?;
         progress.finish_and_clear();
 
-        let report = CullReport::new(&mask, &timings);
+        let explanation = planned.map(|planned| Explanation::new(&planned, &mask, timings.decode));
+        let report = CullReport::new(&mask, self.precision, &timings, explanation);
         if let Some(path) = &self.pairs {
             files::write_pairs(path, &mask)?;
         }
@@ -107,7 +123,7 @@ impl Cull {
         place: &Place,
         config: &Config,
     ) -> Result<Session, ConnectError> {
-        let builder = self.options.session(config).deadline(DEADLINE);
+        let builder = self.options.session(place, config).deadline(DEADLINE);
         let (dir, instance, backend) = if let Some(daemon) = daemon {
             (daemon.dir(), daemon.instance(), Backend::Daemon)
         } else {
@@ -118,13 +134,33 @@ impl Cull {
     }
 }
 
-/// The pairs of the boxes, and what each stage took.
-fn cull(session: &mut Session, boxes: RawBoxes) -> Result<(PairMask, Timings), CullCommandError> {
+/// The pairs of the boxes, what each stage took, and what was planned.
+fn cull(
+    session: &mut Session,
+    boxes: RawBoxes,
+    precision: PrecisionChoice,
+    planner: Option<impl FnOnce(&[Aabb]) -> Planned>,
+) -> Result<(PairMask, Timings, Option<Planned>), CullCommandError> {
     let start = Instant::now();
-    let mut frame = session.frame(boxes.len())?;
-    boxes.read_into(frame.boxes_mut())?;
-    let read = Instant::now();
-    let mask = frame.submit()?.wait()?;
+    let (read, planned, submitted, frame);
+    if precision == PrecisionChoice::Exact {
+        let mut exact = session.frame(boxes.len())?;
+        boxes.read_into(exact.boxes_mut())?;
+        read = Instant::now();
+        planned = planner.map(|plan| plan(exact.boxes_mut()));
+        submitted = Instant::now();
+        frame = exact.submit()?;
+    } else {
+        let mut boxes = boxes.read()?;
+        precision.inflate(&mut boxes);
+        let mut narrow = session.narrow_frame(boxes.len(), precision.precision(&boxes))?;
+        narrow.fill(&boxes);
+        read = Instant::now();
+        planned = planner.map(|plan| plan(&boxes));
+        submitted = Instant::now();
+        frame = narrow.submit()?;
+    }
+    let mask = frame.wait()?;
     let answered = Instant::now();
     let mut decoded = 0;
     mask.view().for_each(|_, _| decoded += 1);
@@ -136,9 +172,9 @@ fn cull(session: &mut Session, boxes: RawBoxes) -> Result<(PairMask, Timings), C
     }
     let timings = Timings {
         read: read - start,
-        round_trip: answered - read,
+        round_trip: answered - submitted,
         decode: end - answered,
-        total: end - start,
+        total: (end - submitted) + (read - start),
     };
-    Ok((mask, timings))
+    Ok((mask, timings, planned))
 }

@@ -4,9 +4,11 @@ use std::fmt;
 use std::time::Duration;
 
 use pairmask::{PairMask, ServedBy};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
+use super::explain::Explanation;
 use crate::cli::output::time_text;
+use crate::precision::PrecisionChoice;
 
 /// What was measured around the call.
 #[derive(Clone, Copy, Debug)]
@@ -22,7 +24,7 @@ pub struct Timings {
 }
 
 /// The JSON object of `cull --json`. Fields may be added, never changed or taken away.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize)]
 pub struct CullReport {
     /// Boxes in the file.
     pub boxes: u32,
@@ -40,6 +42,16 @@ pub struct CullReport {
     pub encoding: String,
     /// Bytes of the mask.
     pub mask_bytes: u64,
+    /// How precisely boxes were told apart: `exact`, `q16`, `q8`, `f16` or `margin=X`.
+    pub precision: String,
+    /// Form in which the boxes were sent: `f32`, `q16`, `q8` or `f16`. An old daemon knows `f32`
+    /// only, and is asked exactly.
+    pub box_form: String,
+    /// Bytes of the boxes in that form.
+    pub box_bytes: u64,
+    /// Gap on each axis below which boxes within the bounds may be reported as a pair, units; null
+    /// for `f16`, where it grows with the coordinates.
+    pub gap_below: Option<[f64; 3]>,
     /// Time by stage.
     pub stages_ns: StagesNs,
     /// From the first look at the file to the last pair, ns. Neither starting a daemon nor
@@ -47,10 +59,13 @@ pub struct CullReport {
     pub total_ns: u64,
     /// Work left out.
     pub skipped: Skipped,
+    /// Why this engine, where that was asked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub explain: Option<Explanation>,
 }
 
 /// Times of a frame, ns. `round_trip` holds `engine`, which holds the four stages before it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct StagesNs {
     /// File to boxes in place.
     pub read: u64,
@@ -71,7 +86,7 @@ pub struct StagesNs {
 }
 
 /// What the engine did not have to do.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Skipped {
     /// Boxes that overlap nothing by themselves.
     pub boxes: u64,
@@ -83,10 +98,7 @@ pub struct Skipped {
 
 /// The backend's name in reports.
 pub const fn backend_name(served_by: ServedBy) -> &'static str {
-    match served_by {
-        ServedBy::Daemon => "daemon",
-        ServedBy::InProcess => "in-process",
-    }
+    served_by.as_str()
 }
 
 const fn ns(duration: Duration) -> u64 {
@@ -95,7 +107,12 @@ const fn ns(duration: Duration) -> u64 {
 
 impl CullReport {
     /// What is to be said of a mask.
-    pub fn new(mask: &PairMask, timings: &Timings) -> Self {
+    pub fn new(
+        mask: &PairMask,
+        precision: PrecisionChoice,
+        timings: &Timings,
+        explain: Option<Explanation>,
+    ) -> Self {
         let info = mask.info();
         let times = &info.times;
         Self {
@@ -107,6 +124,10 @@ impl CullReport {
             engine: info.engine.to_string(),
             encoding: mask.encoding().to_string(),
             mask_bytes: info.mask_bytes,
+            precision: precision.to_string(),
+            box_form: info.form.to_string(),
+            box_bytes: info.box_bytes,
+            gap_below: precision.gap_below(&info.widening),
             stages_ns: StagesNs {
                 read: ns(timings.read),
                 ingest: times.ingest_ns,
@@ -123,6 +144,7 @@ impl CullReport {
                 pairs: info.skipped.pairs,
                 zero_words: info.skipped.zero_words,
             },
+            explain,
         }
     }
 }
@@ -133,6 +155,12 @@ impl fmt::Display for CullReport {
         writeln!(f, "boxes      {boxes} ({empty} empty, {invalid} invalid)")?;
         writeln!(f, "pairs      {pairs}")?;
         writeln!(f, "engine     {} ({})", self.engine, self.backend)?;
+        write!(f, "precision  {}, {} bytes as {}", self.precision, self.box_bytes, self.box_form)?;
+        match self.gap_below {
+            Some([0.0, 0.0, 0.0]) => writeln!(f),
+            Some([x, y, z]) => writeln!(f, ", gaps below {x:.4} x {y:.4} x {z:.4} are not seen"),
+            None => writeln!(f, ", gaps below 1/512 of a coordinate are not seen"),
+        }?;
         writeln!(f, "mask       {}, {} bytes", self.encoding, self.mask_bytes)?;
         writeln!(
             f,
@@ -147,6 +175,10 @@ impl fmt::Display for CullReport {
         ] {
             writeln!(f, "{name:<10} {}", time_text(time))?;
         }
-        write!(f, "{:<10} {}", "total", time_text(self.total_ns))
+        write!(f, "{:<10} {}", "total", time_text(self.total_ns))?;
+        if let Some(explanation) = &self.explain {
+            write!(f, "\n\n{explanation}")?;
+        }
+        Ok(())
     }
 }

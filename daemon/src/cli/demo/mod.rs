@@ -16,7 +16,7 @@ use pairmask::session::{ConnectError, FrameError, WaitError};
 
 pub use self::client::DemoClient;
 use super::config::Config;
-use super::options::DaemonOptions;
+use super::options::{DaemonOptions, Place};
 use super::output::OutputError;
 use crate::spawn::{PrivateDaemon, SpawnError, own_binary};
 
@@ -96,9 +96,9 @@ impl DemoError {
 
 impl Demo {
     /// Starts both processes and waits for the client.
-    pub fn run(&self, config: &Config) -> Result<(), DemoError> {
+    pub fn run(&self, place: &Place, config: &Config) -> Result<(), DemoError> {
         let stop = stop_flag()?;
-        let daemon = PrivateDaemon::start_self(&self.daemon.private(config))?;
+        let daemon = PrivateDaemon::start_self(&self.daemon.private(place, config))?;
         let client = self.start_client(&daemon)?;
         let status = wait_for(client, self.options.duration() + PATIENCE, &stop)?;
         if status.success() { Ok(()) } else { Err(DemoError::Client { status }) }

@@ -18,7 +18,7 @@ use crate::execute::gpu::bench::grid::{
     FrameTimer, GridRow, SCENES, frames_a_second, measure as measure_scene,
 };
 use crate::scene::{Scene, SceneName};
-use crate::study::mapping::machine::Machine;
+use crate::study::machine::Machine;
 
 /// The paper's scene: a column of objects of one size falls on a plane.
 const PAPER_SCENE: SceneName = SceneName::Cubes;

@@ -16,7 +16,7 @@ use serde::Serialize;
 
 pub use self::floor::{Bandwidth, StageRow};
 pub use self::report::markdown;
-use super::mapping::machine::Machine;
+use super::machine::Machine;
 use crate::execute::gpu::bench::{BenchError, grid::GridRow};
 use crate::execute::gpu::{Gpu, GpuChoice, GpuError, HostImport, OpenError};
 

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::GridReport;
-use crate::study::mapping::machine::Machine;
+use crate::study::machine::Machine;
 
 /// The report as Markdown, tables in the order of the paper's.
 pub fn markdown(report: &GridReport) -> String {

@@ -18,7 +18,6 @@ pub mod claims;
 pub mod cpu_times;
 pub mod errors;
 pub mod gpu;
-pub mod machine;
 pub mod mirror;
 pub mod paper;
 pub mod plan;
@@ -34,9 +33,9 @@ use std::time::Duration;
 use crate::execute::gpu::{Checks, Gpu, GpuChoice, GpuError, HostImport, OpenError};
 
 use self::gpu::Bench;
-use self::machine::Machine;
 use self::plan::Plan;
 pub use self::report::MappingReport;
+use super::machine::Machine;
 
 /// What is measured and where it goes.
 #[derive(Clone, Debug, Default)]

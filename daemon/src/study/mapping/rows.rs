@@ -11,11 +11,11 @@ use super::errors::{self, Coverage, Tally};
 use super::gpu::errors::Ids;
 use super::gpu::masks::Writer;
 use super::gpu::{self, Bench};
-use super::machine::Machine;
 use super::plan::Plan;
 use super::root_errors::{self, RootTally};
 use super::{MappingError, MappingReport, claims, paper};
 use crate::execute::gpu::bench::uniform;
+use crate::study::machine::Machine;
 
 /// Who computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

@@ -38,8 +38,8 @@ pub fn csv(report: &MappingReport) -> String {
         ("cpu", machine.cpu.as_str()),
         ("gpu", machine.gpu.as_deref().unwrap_or("none")),
         ("driver", machine.driver.as_deref().unwrap_or("none")),
-        ("rustc", machine.rustc),
-        ("commit", machine.commit),
+        ("rustc", &machine.rustc),
+        ("commit", &machine.commit),
         ("command", &machine.command),
     ] {
         let _ = writeln!(lines.0, "# {name}: {value}");

@@ -10,10 +10,10 @@ use serde::Serialize;
 
 use super::MappingError;
 use super::claims::Claim;
-use super::machine::Machine;
 use super::rows::{
     FirstWrongRow, GrowthRow, MapTimeRow, OutputRow, PairErrorRow, RootErrorRow, RootTimeRow,
 };
+use crate::study::machine::Machine;
 
 pub use csv::csv;
 pub use markdown::markdown;

@@ -1,13 +1,13 @@
-//! What the study ran on.
+//! What a study ran on.
 
 use std::fs;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::execute::gpu::AdapterInfo;
 
 /// Machine, build and command of a record.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Machine {
     /// Model of the CPU.
     pub cpu: String,
@@ -20,11 +20,11 @@ pub struct Machine {
     /// Whether it is a software adapter: then its times are the CPU's.
     pub gpu_is_software: bool,
     /// Compiler of this build.
-    pub rustc: &'static str,
+    pub rustc: String,
     /// Whether the build is optimised; figures of a debug build compare nothing.
     pub optimised: bool,
     /// Commit of this build, with `-dirty` if the tree had changes.
-    pub commit: &'static str,
+    pub commit: String,
     /// Command line.
     pub command: String,
 }
@@ -38,9 +38,9 @@ impl Machine {
             gpu: adapter.map(|a| a.name.clone()),
             driver: adapter.map(|a| a.driver.clone()),
             gpu_is_software: adapter.is_some_and(AdapterInfo::is_software),
-            rustc: env!("PAIRMASK_TOOLCHAIN"),
+            rustc: env!("PAIRMASK_TOOLCHAIN").to_owned(),
             optimised: !cfg!(debug_assertions),
-            commit: env!("PAIRMASK_COMMIT"),
+            commit: env!("PAIRMASK_COMMIT").to_owned(),
             command: command(),
         }
     }

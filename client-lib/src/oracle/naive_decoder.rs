@@ -2,9 +2,9 @@
 //!
 //! It shares no code with the production decoder, so that the two cannot be wrong together.
 
-use pairmask::mask::{MaskShape, SECTION_ALIGN_WORDS, Span};
+use crate::mask::{MaskShape, SECTION_ALIGN_WORDS, Span};
 
-use crate::oracle::Pair;
+use super::Pair;
 
 /// What is wrong with a mask, before its pairs are compared with anything.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -172,7 +172,7 @@ fn decode_sparse([rows, blocks, bits]: [&[u32]; 3], order: &[u32]) -> Result<Vec
 #[cfg(test)]
 mod tests {
     use super::*;
-    use pairmask::units::BoxCount;
+    use crate::units::BoxCount;
 
     const N: u32 = 40;
 

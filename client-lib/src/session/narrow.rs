@@ -1,0 +1,84 @@
+//! A frame whose boxes are written in a narrow form.
+
+use super::error::FrameError;
+use super::frame::{Frame, NarrowMemory};
+use super::pending::PendingFrame;
+use crate::aabb::Aabb;
+use crate::precision::{BoxForm, Encoder, Precision};
+use crate::units::BoxCount;
+
+/// Memory for the boxes of one frame, written box by box or all at once in the form of a
+/// [`Precision`].
+///
+/// The narrow form is what lies in shared memory; no f32 boxes are kept. In process there is nobody
+/// to read it: boxes are rounded in the same way, so that the answer is the same.
+#[derive(Debug)]
+pub struct NarrowFrame {
+    frame: Frame,
+    precision: Precision,
+    encoder: Encoder,
+}
+
+impl NarrowFrame {
+    pub(super) fn new(frame: Frame, precision: Precision) -> Self {
+        Self { frame, precision, encoder: Encoder::new(&precision) }
+    }
+
+    /// Boxes in this frame.
+    pub const fn n(&self) -> BoxCount {
+        self.frame.n()
+    }
+
+    /// Whether the boxes lie in shared memory.
+    pub const fn is_shared(&self) -> bool {
+        self.frame.is_shared()
+    }
+
+    /// The precision that they are written with: the one asked for, or exact where the daemon does
+    /// not know that.
+    pub const fn precision(&self) -> &Precision {
+        &self.precision
+    }
+
+    /// The form that they take.
+    pub const fn form(&self) -> BoxForm {
+        self.precision.form()
+    }
+
+    /// Writes box `index`. All boxes together are written faster by [`fill`](Self::fill).
+    ///
+    /// # Panics
+    /// When there is no box of that index.
+    #[inline]
+    pub fn set(&mut self, index: usize, b: &Aabb) {
+        let box_bytes = self.form().box_bytes();
+        match self.frame.narrow_memory() {
+            NarrowMemory::Bytes(bytes) => {
+                self.encoder.write_one(b, &mut bytes[index * box_bytes..][..box_bytes]);
+            }
+            NarrowMemory::Expanded(boxes) => {
+                self.encoder.write_expanded(std::slice::from_ref(b), &mut boxes[index..=index]);
+            }
+        }
+    }
+
+    /// Writes every box, large scenes on the rayon pool.
+    ///
+    /// # Panics
+    /// When `boxes` are not as many as the frame has.
+    pub fn fill(&mut self, boxes: &[Aabb]) {
+        assert_eq!(boxes.len(), self.n().len(), "as many boxes as the frame has");
+        match self.frame.narrow_memory() {
+            NarrowMemory::Bytes(bytes) => self.encoder.write(boxes, bytes),
+            NarrowMemory::Expanded(out) => self.encoder.write_expanded(boxes, out),
+        }
+    }
+
+    /// Asks for the pairs. In process they are found before this returns.
+    ///
+    /// # Errors
+    /// [`FrameError`]; the frame is given up then.
+    pub fn submit(self) -> Result<PendingFrame, FrameError> {
+        self.frame.submit()
+    }
+}

@@ -1,0 +1,105 @@
+//! Bounding spheres: the 16-byte layout, the exact meaning of "overlap", and the engines.
+//!
+//! Two spheres overlap when d² ≤ (r₁ + r₂)², with d the distance of their centres, in the arithmetic
+//! of real numbers: no rounding, no overflow, no underflow. The all-pairs test is that of Suaib
+//! et al. 2015 (§III), decided exactly. What a plain f32 test gets wrong is measured by
+//! `pairmaskd bench spheres --errors`.
+//!
+//! * spheres are closed, so touching counts; a radius of ±0 is a point;
+//! * a radius below 0 (−∞ among them) makes a sphere **empty**: it overlaps nothing;
+//! * a NaN anywhere, or an infinite centre, makes it **invalid**: it overlaps nothing, and is counted
+//!   and named. (The distance of two infinite centres is no number.) Invalid wins over empty;
+//! * an infinite radius is all of space: it overlaps every solid sphere;
+//! * subnormals are the numbers they are, whatever the denormal flags and the rounding mode of the
+//!   thread.
+//!
+//! The parts: `exact.rs` decides a pair ([`Sphere::overlaps`]); [`SphereAllPairs`] tests every
+//! pair; [`SphereFilter`] lets a box engine find the candidates and tests those; [`SphereEngines`]
+//! chooses between the two. All write the same pair masks as the box engines do.
+
+mod all_pairs;
+mod bounds;
+mod columns;
+mod engines;
+mod exact;
+mod filter;
+mod fixed;
+mod kernel;
+
+pub use all_pairs::SphereAllPairs;
+pub use engines::SphereEngines;
+pub use filter::SphereFilter;
+
+use bytemuck::{Pod, Zeroable};
+
+use self::exact::Ball;
+use crate::aabb::{Aabb, BoxClass, INFINITY_BITS};
+
+/// A bounding sphere: `x y z radius`, 16 bytes, little-endian.
+///
+/// ```
+/// use pairmask::sphere::Sphere;
+/// let a = Sphere::new([0.0, 0.0, 0.0], 1.0);
+/// let b = Sphere::new([2.0, 3.0, 6.0], 6.0);
+/// assert!(a.overlaps(&b), "7 apart, radii 1 and 6: touching counts");
+/// assert!(!a.overlaps(&Sphere::new([2.0, 3.0, 6.0], 6.0f32.next_down())));
+/// ```
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Sphere {
+    /// Centre.
+    pub center: [f32; 3],
+    /// Radius; below 0 for a slot that is switched off.
+    pub radius: f32,
+}
+
+/// Bytes of one sphere.
+pub const SPHERE_BYTES: usize = 16;
+const _: () = assert!(size_of::<Sphere>() == SPHERE_BYTES && align_of::<Sphere>() == 4);
+
+impl Sphere {
+    /// A switched-off slot: overlaps nothing, not even itself.
+    pub const EMPTY: Self = Self { center: [0.0; 3], radius: -1.0 };
+
+    /// The sphere of a centre and a radius, as they are.
+    pub const fn new(center: [f32; 3], radius: f32) -> Self {
+        Self { center, radius }
+    }
+
+    /// Solid, empty or invalid, by the rules at the head of this module.
+    #[inline]
+    pub fn class(&self) -> BoxClass {
+        let magnitude = |x: f32| x.to_bits() & 0x7fff_ffff;
+        let invalid = self.center.iter().any(|x| magnitude(*x) >= INFINITY_BITS)
+            || magnitude(self.radius) > INFINITY_BITS;
+        // Bits, not a comparison, so that a thread that flushes subnormals sees the same.
+        let empty = self.radius.is_sign_negative() && magnitude(self.radius) != 0;
+        match (invalid, empty) {
+            (true, _) => BoxClass::Invalid,
+            (false, true) => BoxClass::Empty,
+            (false, false) => BoxClass::Solid,
+        }
+    }
+
+    /// Whether two spheres share a point: exact.
+    #[inline]
+    pub fn overlaps(&self, other: &Self) -> bool {
+        Ball::of(self).overlaps(&Ball::of(other))
+    }
+
+    /// A box that holds the sphere, each face rounded outward by at most two steps of f32. Boxes of
+    /// spheres that overlap always overlap. What is empty or invalid gives such a box.
+    #[inline]
+    pub fn bounds(&self) -> Aabb {
+        bounds::bounds(self)
+    }
+}
+
+impl From<[f32; 4]> for Sphere {
+    fn from([x, y, z, radius]: [f32; 4]) -> Self {
+        Self::new([x, y, z], radius)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,178 @@
+//! A window against the oracle.
+
+use pairmask::oracle::{Corners, Pair};
+
+use super::window::Window;
+
+/// What a check found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Outcome {
+    /// Pairs compared.
+    pub pairs: u64,
+    /// Pairs that overlap and are not in the mask.
+    pub missed: u64,
+    /// Pairs that are in the mask and do not overlap.
+    pub extra: u64,
+    /// The first wrong pair.
+    pub first: Option<Pair>,
+}
+
+/// Compares every row of a window with every column after it.
+pub fn check(window: &Window) -> Outcome {
+    let columns: Vec<(u32, Corners)> =
+        window.columns().map(|(position, one)| (position, Corners::of(one))).collect();
+    let mut outcome = Outcome::default();
+    for (row, (position, one)) in window.rows().enumerate() {
+        let one = Corners::of(one);
+        for (column, (other_position, other)) in columns.iter().enumerate() {
+            if *other_position <= position {
+                continue;
+            }
+            outcome.pairs += 1;
+            let (is, said) = (one.overlap(other), window.has(row, column));
+            if is != said {
+                outcome.missed += u64::from(is);
+                outcome.extra += u64::from(said);
+                outcome.first.get_or_insert_with(|| window.pair(row, column));
+            }
+        }
+    }
+    outcome
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use pairmask::engine::{BruteForce, CullJob, Engine, Grid, HeapReply};
+    use pairmask::mask::{MaskShape, MaskView};
+    use pairmask::oracle::truth;
+    use pairmask::{Aabb, BoxCount, Encoding};
+
+    use super::super::window::{MOST_TESTS, Span2};
+    use pairmask::precision::NarrowBoxes;
+
+    use super::*;
+    use crate::sabotage::lose_a_pair;
+    use crate::scene::Random;
+    use crate::stress::scenes;
+
+    fn frame(
+        engine: &mut dyn Engine,
+        boxes: &[Aabb],
+        encoding: Encoding,
+    ) -> (HeapReply, pairmask::engine::CullReport) {
+        let mut reply = HeapReply::new();
+        let job = CullJob { encoding, threads: 1 };
+        let report = engine.cull(boxes, &job, &mut reply).expect("memory");
+        (reply, report)
+    }
+
+    fn audit(boxes: &[Aabb], span: Span2, shape: &MaskShape, reply: &[u32]) -> Outcome {
+        let mut window = Window::default();
+        window.take_mask(boxes.len() as u32, span, shape, reply);
+        window.take_boxes(NarrowBoxes::F32(boxes));
+        check(&window)
+    }
+
+    fn engines() -> [Box<dyn Engine>; 2] {
+        [Box::new(BruteForce::new()), Box::new(Grid::new())]
+    }
+
+    #[test]
+    fn right_masks_pass_in_every_window() {
+        let mut random = Random::new(1);
+        for n in [0u32, 1, 2, 31, 32, 33, 70, 345] {
+            for scene in scenes::ALL {
+                let boxes = scene.boxes(n, 3);
+                for mut engine in engines() {
+                    for encoding in [Encoding::Dense, Encoding::Sparse] {
+                        let (reply, report) = frame(engine.as_mut(), &boxes, encoding);
+                        let below = |bound: u32, random: &mut Random| {
+                            random.below(u64::from(bound) + 1) as u32
+                        };
+                        let (row, column) =
+                            (below(n, &mut random), below(n, &mut random) / 32 * 32);
+                        let part = Span2 { rows: row..n, columns: column..n };
+                        for span in [Span2 { rows: 0..n, columns: 0..n }, part] {
+                            let outcome = audit(&boxes, span, &report.shape, reply.words());
+                            assert_eq!((outcome.missed, outcome.extra), (0, 0), "{scene:?}, {n}");
+                        }
+                        let whole = Span2::draw(n, &mut random);
+                        let outcome = audit(&boxes, whole, &report.shape, reply.words());
+                        assert_eq!(outcome.pairs, BoxCount::new(n).pair_count());
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_pair_that_is_lost_or_made_up_is_found() {
+        let boxes = scenes::named("clustered").boxes(345, 1);
+        let all = truth(&boxes).pairs;
+        for mut engine in engines() {
+            for encoding in [Encoding::Dense, Encoding::Sparse] {
+                let (mut reply, mut report) = frame(engine.as_mut(), &boxes, encoding);
+                let mut words = reply.words().to_vec();
+                lose_a_pair(&mut words, &mut report);
+                let n = BoxCount::new(345);
+                let view = MaskView::new(n, &report.shape, &words).expect("a mask");
+                let left: BTreeSet<_> = view.pairs().collect();
+                let lost: Vec<_> = all.iter().filter(|pair| !left.contains(pair)).collect();
+                assert_eq!(lost.len(), 1);
+                let span = Span2 { rows: 0..345, columns: 0..345 };
+                let outcome = audit(&boxes, span.clone(), &report.shape, &words);
+                assert_eq!((outcome.missed, outcome.extra), (1, 0));
+                assert_eq!(outcome.first.as_ref(), Some(lost[0]));
+
+                // The same mask for boxes of which one has gone.
+                let mut moved = boxes.clone();
+                moved[lost[0].0 as usize] = Aabb::EMPTY;
+                let (_, right) = frame(engine.as_mut(), &boxes, encoding);
+                let reserved = reply.words().len();
+                reply.fill(0);
+                assert!(reserved > 0 && right.pair_count > 0);
+                let outcome = audit(&moved, span, &report.shape, &words);
+                assert!(outcome.extra > 0 && outcome.missed == 0, "{outcome:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn windows_of_large_frames_are_bounded_and_reach_everywhere() {
+        let mut random = Random::new(4);
+        for n in [2_049, 5_000, 40_000, 1_000_000, u32::MAX] {
+            let (mut low, mut high) = (u32::MAX, 0);
+            for _ in 0..2_000 {
+                let span = Span2::draw(n, &mut random);
+                assert!(span.rows.end <= n && span.columns.end <= n && !span.rows.is_empty());
+                assert_eq!(span.columns.start % 32, 0);
+                let tests = span.rows.len() as u64 * span.columns.len() as u64;
+                assert!(tests <= MOST_TESTS, "{span:?}");
+                low = low.min(span.rows.start);
+                high = high.max(span.columns.end);
+            }
+            assert!(low < n / 10 && high > n - n / 10, "{n}: {low} to {high}");
+        }
+    }
+
+    #[test]
+    fn large_frames_pass_in_windows_drawn_at_random() {
+        let boxes = scenes::named("uniform").boxes(5_000, 1);
+        let mut random = Random::new(5);
+        let mut pairs = 0;
+        for mut engine in engines() {
+            for encoding in [Encoding::Dense, Encoding::Sparse] {
+                let (reply, report) = frame(engine.as_mut(), &boxes, encoding);
+                for _ in 0..3 {
+                    let span = Span2::draw(5_000, &mut random);
+                    let outcome = audit(&boxes, span, &report.shape, reply.words());
+                    assert_eq!((outcome.missed, outcome.extra), (0, 0));
+                    pairs += outcome.pairs;
+                }
+            }
+        }
+        assert!(pairs > 1_000_000, "{pairs} pairs were compared");
+    }
+}

@@ -1,0 +1,171 @@
+//! The thread that checks windows, and the hand-over to it.
+
+use std::io;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::thread::JoinHandle;
+
+use pairmask::mask::MaskShape;
+use pairmask::precision::NarrowBoxes;
+use pairmask::wire::{AuditCounts, ReplyFields};
+
+use super::check::{Outcome, check};
+use super::rate::AuditRate;
+use super::window::{Span2, Window};
+use crate::scene::Random;
+
+/// Windows in circulation: one being checked while the next is filled.
+const WINDOWS: usize = 2;
+
+/// The lowest priority there is: the auditor runs when nobody else wants the core.
+const NICE: i32 = 19;
+
+/// Draws frames, copies windows of them and has them checked. Without a rate it does nothing.
+pub struct Auditor {
+    running: Option<Running>,
+}
+
+struct Running {
+    one_in: u32,
+    random: Random,
+    /// Windows that nobody uses.
+    free: Receiver<Box<Window>>,
+    /// Windows to be checked; `None` once it is over.
+    full: Option<SyncSender<Box<Window>>>,
+    skipped: u64,
+    found: Arc<Found>,
+    thread: Option<JoinHandle<()>>,
+}
+
+/// What the thread found so far.
+#[derive(Default)]
+struct Found {
+    frames: AtomicU64,
+    pairs: AtomicU64,
+    missed: AtomicU64,
+    extra: AtomicU64,
+}
+
+impl Auditor {
+    /// Starts the thread, if there is a rate.
+    ///
+    /// # Errors
+    /// The system's, where it has no thread left.
+    pub fn start(rate: AuditRate) -> io::Result<Self> {
+        let AuditRate::OneIn(one_in) = rate else { return Ok(Self { running: None }) };
+        let (full, to_check) = sync_channel::<Box<Window>>(WINDOWS);
+        let (back, free) = sync_channel(WINDOWS);
+        for _ in 0..WINDOWS {
+            // There is room for all of them.
+            let _ = back.try_send(Box::default());
+        }
+        let found = Arc::new(Found::default());
+        let told = Arc::clone(&found);
+        let thread = std::thread::Builder::new()
+            .name("auditor".into())
+            .spawn(move || check_all(&to_check, &back, &told))?;
+        // Another seed for every process: frames that come in a rhythm are drawn evenly all the same.
+        let random = Random::new(u64::from(std::process::id()));
+        Ok(Self {
+            running: Some(Running {
+                one_in: one_in.get(),
+                random,
+                free,
+                full: Some(full),
+                skipped: 0,
+                found,
+                thread: Some(thread),
+            }),
+        })
+    }
+
+    /// Draws lots; where the frame is to be checked, copies what will be overwritten once the reply
+    /// is sent. Give the window to [`Auditor::submit`] afterwards.
+    pub fn draw(
+        &mut self,
+        fields: &ReplyFields,
+        shape: &MaskShape,
+        reply: &[u32],
+    ) -> Option<Box<Window>> {
+        let running = self.running.as_mut()?;
+        if running.random.below(u64::from(running.one_in)) != 0 {
+            return None;
+        }
+        let Ok(mut window) = running.free.try_recv() else {
+            running.skipped += 1;
+            return None;
+        };
+        let n = fields.box_count.get();
+        let span = Span2::draw(n, &mut running.random);
+        window.take_mask(n, span, shape, reply);
+        (window.client_token, window.frame) = (fields.client_token, fields.frame);
+        Some(window)
+    }
+
+    /// Copies the boxes of a window and has it checked.
+    pub fn submit(&mut self, mut window: Box<Window>, boxes: NarrowBoxes<'_>) {
+        let Some(full) = self.running.as_ref().and_then(|running| running.full.as_ref()) else {
+            return;
+        };
+        window.take_boxes(boxes);
+        // There is room for all windows; a thread that panicked takes none.
+        let _ = full.try_send(window);
+    }
+
+    /// What was found so far.
+    pub fn counts(&self) -> AuditCounts {
+        let Some(running) = &self.running else { return AuditCounts::default() };
+        let found = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
+        AuditCounts {
+            one_in: u64::from(running.one_in),
+            frames: found(&running.found.frames),
+            skipped: running.skipped,
+            pairs: found(&running.found.pairs),
+            missed: found(&running.found.missed),
+            extra: found(&running.found.extra),
+        }
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // Without a sender the thread ends after the window in hand.
+        self.full = None;
+        if let Some(thread) = self.thread.take() {
+            // An auditor that panicked has nothing left to tell.
+            let _ = thread.join();
+        }
+    }
+}
+
+fn check_all(windows: &Receiver<Box<Window>>, back: &SyncSender<Box<Window>>, found: &Found) {
+    if let Err(error) = rustix::process::setpriority_process(None, NICE) {
+        log::warn!("the auditor keeps its priority: {error}");
+    }
+    while let Ok(window) = windows.recv() {
+        let outcome = check(&window);
+        note(&window, &outcome, found);
+        // There is room; on the way out nobody takes it.
+        let _ = back.try_send(window);
+    }
+}
+
+fn note(window: &Window, outcome: &Outcome, found: &Found) {
+    let Outcome { pairs, missed, extra, first } = *outcome;
+    let before = found.missed.fetch_add(missed, Ordering::Relaxed)
+        + found.extra.fetch_add(extra, Ordering::Relaxed);
+    found.pairs.fetch_add(pairs, Ordering::Relaxed);
+    // Last, so that whoever sees the frame counted sees what was found in it.
+    found.frames.fetch_add(1, Ordering::Relaxed);
+    if let Some(pair) = first
+        && before == 0
+    {
+        // Once: a broken engine would fill the log. The counts go on.
+        let Window { client_token, frame, .. } = window;
+        log::error!(
+            "audit: frame {frame} of client {client_token:016x} has {missed} missed and {extra} \
+             extra pairs, the first {pair:?}: please report this"
+        );
+    }
+}

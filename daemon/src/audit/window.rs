@@ -1,0 +1,172 @@
+//! A window of a mask: some rows against some columns, and the bits that an engine gave them.
+
+use std::ops::Range;
+
+use pairmask::mask::{MaskShape, Span};
+use pairmask::precision::NarrowBoxes;
+use pairmask::{Aabb, BoxCount, pair_index};
+
+use crate::scene::Random;
+
+/// Most pairs of a window: 256 KiB of bits, and some 10 ms of the oracle.
+pub const MOST_TESTS: u64 = 1 << 21;
+
+/// Most columns of a window, a multiple of 32: their boxes are 0.8 MB.
+const MOST_COLUMNS: u32 = 1 << 15;
+
+/// Boxes of which every pair is checked: 2048² = [`MOST_TESTS`].
+const WHOLE_FRAME: u32 = 2048;
+
+/// Rows and columns, as positions in the mask's order.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Span2 {
+    /// Rows.
+    pub rows: Range<u32>,
+    /// Columns; the first is a multiple of 32.
+    pub columns: Range<u32>,
+}
+
+impl Span2 {
+    /// Draws rows and columns of n positions. Engines that sort boxes put most pairs near the
+    /// diagonal, so every other window starts there.
+    pub fn draw(n: u32, random: &mut Random) -> Self {
+        if n <= WHOLE_FRAME {
+            return Self { rows: 0..n, columns: 0..n };
+        }
+        let columns = n.min(MOST_COLUMNS);
+        let rows = (MOST_TESTS / u64::from(columns)).min(u64::from(n)) as u32;
+        let first_row = random.below(u64::from(n - rows) + 1) as u32;
+        let last = n - columns;
+        let near = random.below(2) == 0;
+        let first_column = if near || first_row >= last {
+            first_row.min(last)
+        } else {
+            first_row + random.below(u64::from(last - first_row) + 1) as u32
+        };
+        let first_column = first_column / 32 * 32;
+        let end = (first_column + columns).min(n);
+        Self { rows: first_row..first_row + rows, columns: first_column..end }
+    }
+
+    /// Words of a row.
+    fn row_words(&self) -> usize {
+        (self.columns.len()).div_ceil(32)
+    }
+}
+
+/// What is to be checked. Its memory is used again and again.
+#[derive(Debug, Default)]
+pub struct Window {
+    span: Span2,
+    /// One bit for every row and column, rows padded to words. Columns not after their row are
+    /// unspecified.
+    bits: Vec<u32>,
+    /// Box index at each row, then at each column.
+    indices: Vec<u32>,
+    /// The boxes of those.
+    boxes: Vec<Aabb>,
+    /// Whose frame it was, for the log.
+    pub client_token: u64,
+    /// Which of its frames.
+    pub frame: u64,
+}
+
+impl Window {
+    /// Copies the bits of a span from a mask of `n` boxes.
+    pub fn take_mask(&mut self, n: u32, span: Span2, shape: &MaskShape, reply: &[u32]) {
+        self.span = span;
+        self.bits.clear();
+        self.bits.resize(self.span.rows.len() * self.span.row_words(), 0);
+        self.indices.clear();
+        match shape {
+            MaskShape::Dense { words } => {
+                self.indices.extend(self.span.rows.clone().chain(self.span.columns.clone()));
+                self.take_dense(BoxCount::new(n), section(reply, words));
+            }
+            MaskShape::Sparse { rows, blocks, bits, order } => {
+                let positions = self.span.rows.clone().chain(self.span.columns.clone());
+                match order {
+                    Some(order) => {
+                        let order = section(reply, order);
+                        // An order that is too short names boxes that are not there.
+                        let index = |p: u32| order.get(p as usize).copied().unwrap_or(u32::MAX);
+                        self.indices.extend(positions.map(index));
+                    }
+                    None => self.indices.extend(positions),
+                }
+                self.take_sparse([rows, blocks, bits].map(|span| section(reply, span)));
+            }
+        }
+    }
+
+    /// Copies the boxes, as their form defines them; one that is not there is empty.
+    pub fn take_boxes(&mut self, boxes: NarrowBoxes<'_>) {
+        self.boxes.clear();
+        let one = |index: &u32| boxes.get(*index as usize).unwrap_or(Aabb::EMPTY);
+        self.boxes.extend(self.indices.iter().map(one));
+    }
+
+    fn take_dense(&mut self, n: BoxCount, mask: &[u32]) {
+        let word = |k: u64| u64::from(mask.get((k / 32) as usize).copied().unwrap_or(0));
+        let stride = self.span.row_words();
+        for (row, bits) in self.span.rows.clone().zip(self.bits.chunks_mut(stride.max(1))) {
+            let start = pair_index::row_start(n, row);
+            for (first, bits) in self.span.columns.clone().step_by(32).zip(bits) {
+                let last = (first + 31).min(n.get() - 1);
+                let from = first.max(row + 1);
+                if from > last {
+                    continue;
+                }
+                // Up to 32 bits from two words of the string, moved to where the columns are.
+                let k = start + u64::from(from - row - 1);
+                let two = word(k) | word(k + 32) << 32;
+                let count = last - from + 1;
+                let kept = (two >> (k % 32)) & ((1u64 << count) - 1);
+                *bits = (kept << (from - first)) as u32;
+            }
+        }
+    }
+
+    fn take_sparse(&mut self, [rows, blocks, bits]: [&[u32]; 3]) {
+        let stride = self.span.row_words();
+        let first_block = self.span.columns.start / 32;
+        let from = rows.partition_point(|row| *row < self.span.rows.start);
+        let until = rows.partition_point(|row| *row < self.span.rows.end);
+        for i in from..until.max(from) {
+            let (Some(&row), Some(&block), Some(&bits)) = (rows.get(i), blocks.get(i), bits.get(i))
+            else {
+                continue;
+            };
+            let column = block.wrapping_sub(first_block) as usize;
+            if column < stride && self.span.rows.contains(&row) {
+                self.bits[(row - self.span.rows.start) as usize * stride + column] |= bits;
+            }
+        }
+    }
+
+    /// The rows: position and box.
+    pub(super) fn rows(&self) -> impl Iterator<Item = (u32, &Aabb)> {
+        self.span.rows.clone().zip(&self.boxes)
+    }
+
+    /// The columns: position and box.
+    pub(super) fn columns(&self) -> impl Iterator<Item = (u32, &Aabb)> {
+        self.span.columns.clone().zip(self.boxes.get(self.span.rows.len()..).unwrap_or_default())
+    }
+
+    /// Whether the mask had the pair of the `row`-th row and the `column`-th column of the window.
+    pub(super) fn has(&self, row: usize, column: usize) -> bool {
+        let word = self.bits[row * self.span.row_words() + column / 32];
+        word >> (column % 32) & 1 == 1
+    }
+
+    /// The boxes of a pair of the window, lower index first.
+    pub(super) fn pair(&self, row: usize, column: usize) -> (u32, u32) {
+        let (a, b) = (self.indices[row], self.indices[self.span.rows.len() + column]);
+        (a.min(b), a.max(b))
+    }
+}
+
+fn section<'a>(reply: &'a [u32], span: &Span) -> &'a [u32] {
+    span.of(reply).unwrap_or_default()
+}

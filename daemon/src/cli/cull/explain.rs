@@ -1,0 +1,146 @@
+//! `cull --explain`: why this engine, and how well its time was predicted.
+
+use std::fmt;
+use std::time::Duration;
+
+use pairmask::engine::{CpuEngines, CullWish};
+use pairmask::plan::{CalibrationChoice, Plan, SceneStats};
+use pairmask::{Aabb, PairMask, ServedBy};
+use serde::Serialize;
+
+use crate::cli::output::time_text;
+
+/// A plan made beside the one that is followed, of the same boxes and wishes.
+pub struct Planned {
+    plan: Plan,
+    calibration: String,
+}
+
+impl Planned {
+    /// Plans a frame as an in-process session does, and a daemon without a GPU.
+    pub fn new(boxes: &[Aabb], wish: &CullWish, calibration: &CalibrationChoice) -> Self {
+        let (calibration, origin) = calibration.resolve();
+        let plan = CpuEngines::with_calibration(calibration).plan(boxes, wish, None);
+        Self { plan, calibration: origin.to_string() }
+    }
+}
+
+/// The object `explain` of `cull --json --explain`. Fields may be added, never changed or taken
+/// away.
+#[derive(Clone, Debug, Serialize)]
+pub struct Explanation {
+    /// What the plan saw of the boxes.
+    stats: Stats,
+    /// Where the constants of the cost model are from.
+    calibration: String,
+    /// Every engine that was considered, with its best encoding and number of threads.
+    candidates: Vec<Candidate>,
+    /// What was chosen, as the candidates are, and why.
+    engine: &'static str,
+    encoding: &'static str,
+    threads: usize,
+    why: &'static str,
+    /// What the chosen one was predicted to take, ns; null where it was not to be had here.
+    predicted_ns: Option<u64>,
+    /// What the answer took, without planning: engine and decode, ns.
+    measured_ns: u64,
+    /// What is not known here, if anything.
+    note: Option<String>,
+    #[serde(skip)]
+    text: String,
+}
+
+#[derive(Clone, Debug, Serialize)]
+struct Stats {
+    boxes: u32,
+    /// False where there are so few boxes that a look costs more than it gains: the rest is then
+    /// assumed.
+    looked_at: bool,
+    solid_share: f32,
+    median_size: f32,
+    large_size: f32,
+    window_share: f32,
+    elongation: f32,
+    expected_pairs: u64,
+}
+
+#[derive(Clone, Debug, Serialize)]
+struct Candidate {
+    engine: &'static str,
+    encoding: &'static str,
+    threads: usize,
+    predicted_ns: u64,
+}
+
+impl Explanation {
+    /// The explanation of an answered frame.
+    pub fn new(planned: &Planned, mask: &PairMask, decode: Duration) -> Self {
+        let Planned { plan, calibration } = planned;
+        let info = mask.info();
+        let candidates: Vec<_> = plan.candidates.iter().flatten().collect();
+        let chosen = candidates.iter().find(|c| c.engine == plan.engine);
+        let note = (info.served_by == ServedBy::Daemon).then(|| {
+            format!(
+                "the daemon took {}; planned here, with this process's constants and without a GPU: \
+                 what a daemon plans, it logs with PAIRMASK_LOG=debug",
+                info.engine
+            )
+        });
+        Self {
+            stats: Stats::new(&plan.stats),
+            calibration: calibration.clone(),
+            candidates: candidates
+                .iter()
+                .map(|c| Candidate {
+                    engine: c.engine.as_str(),
+                    encoding: c.encoding.as_str(),
+                    threads: c.threads,
+                    predicted_ns: c.predicted_ns as u64,
+                })
+                .collect(),
+            engine: plan.engine.as_str(),
+            encoding: plan.encoding.as_str(),
+            threads: plan.threads,
+            why: plan.why(),
+            predicted_ns: chosen.map(|c| c.predicted_ns as u64),
+            measured_ns: info.times.total_ns.saturating_sub(info.times.plan_ns)
+                + decode.as_nanos() as u64,
+            note,
+            text: plan.explain().to_string(),
+        }
+    }
+}
+
+impl Stats {
+    fn new(stats: &SceneStats) -> Self {
+        Self {
+            boxes: stats.n.get(),
+            looked_at: stats.is_looked_at,
+            solid_share: stats.solid_share,
+            median_size: stats.median_size,
+            large_size: stats.large_size,
+            window_share: stats.window_share,
+            elongation: stats.elongation,
+            expected_pairs: stats.expected_pairs() as u64,
+        }
+    }
+}
+
+impl fmt::Display for Explanation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}", self.text)?;
+        writeln!(f, "constants  {}", self.calibration)?;
+        if let Some(ns) = self.predicted_ns {
+            writeln!(f, "predicted  {}", time_text(ns))?;
+        }
+        write!(
+            f,
+            "measured   {} (engine and decode; a first frame is cold)",
+            time_text(self.measured_ns)
+        )?;
+        if let Some(note) = &self.note {
+            write!(f, "\nnote       {note}")?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,53 @@
+//! `explain`: why two boxes of a file are a pair or not.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::output::{OutputError, print_json, print_text};
+use super::raw_boxes::{RawBoxes, RawBoxesError};
+use crate::explain::{ExplainError, Explanation};
+
+/// Say why two boxes of a file are a pair or not
+#[derive(Debug, Args)]
+#[command(after_help = "\
+The gap on each axis in units and in ulps (steps of f32), the class of each box, and the cells that
+cpu-grid puts the two into. Boxes are numbered from 0, in the order of the file.
+
+Examples:
+  pairmaskd explain boxes.f32 3 17
+  pairmaskd explain boxes.f32 3 17 --json")]
+pub struct Explain {
+    /// File of boxes, `-` for stdin
+    #[arg(value_name = "FILE")]
+    boxes: PathBuf,
+    /// One box
+    i: u32,
+    /// The other box
+    j: u32,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// Why there is no explanation.
+#[derive(Debug, thiserror::Error)]
+pub enum ExplainCommandError {
+    #[error(transparent)]
+    Boxes(#[from] RawBoxesError),
+    #[error("{}: {source}", path.display())]
+    Pair { path: PathBuf, source: ExplainError },
+    #[error(transparent)]
+    Output(#[from] OutputError),
+}
+
+impl Explain {
+    /// Reads the file and explains the pair.
+    pub fn run(&self) -> Result<(), ExplainCommandError> {
+        let boxes = RawBoxes::open(&self.boxes)?.read()?;
+        let why = Explanation::of(&boxes, self.i, self.j)
+            .map_err(|source| ExplainCommandError::Pair { path: self.boxes.clone(), source })?;
+        if self.json { print_json(&why) } else { print_text(why.to_string().trim_end()) }?;
+        Ok(())
+    }
+}

@@ -1,0 +1,189 @@
+//! Why a pair of boxes is in the mask or not: classes, the gap on each axis in units and in ulps,
+//! and the cells that `cpu-grid` puts the two into.
+
+mod gap;
+mod text;
+
+pub use gap::{AxisReport, Separation};
+
+use pairmask::engine::{Grid, GridPlace};
+use pairmask::{Aabb, BoxClass, BoxCount, PairIndex};
+use serde::Serialize;
+
+/// The JSON object of `explain --json`. Fields may be added, never changed or taken away.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Explanation {
+    /// The two boxes, as they were named.
+    pub pair: [u32; 2],
+    /// Boxes of the scene.
+    pub boxes: u32,
+    /// Whether the pair is in the mask.
+    pub overlaps: bool,
+    /// Why, in one sentence.
+    pub reason: String,
+    /// What boxes are compared by: `exact`.
+    pub mode: &'static str,
+    /// The pair's number k, which is its bit in a dense mask; null for a box with itself.
+    pub pair_index: Option<u64>,
+    /// The two boxes.
+    pub box_reports: [BoxReport; 2],
+    /// The three axes; null unless both boxes are solid.
+    pub axes: Option<[AxisReport; 3]>,
+    /// How `cpu-grid` sees the two.
+    pub grid: GridReport,
+}
+
+/// One of the two boxes.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct BoxReport {
+    /// Its number.
+    pub index: u32,
+    /// `solid`, `empty` or `invalid`.
+    pub class: &'static str,
+    /// Its six coordinates as text, since JSON has neither NaN nor infinity; exact.
+    pub coordinates: [String; 6],
+    /// Their bits, hexadecimal.
+    pub bits: [String; 6],
+}
+
+/// How `cpu-grid` sees the two.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct GridReport {
+    /// Levels of the scene.
+    pub levels: u32,
+    /// Whether the two are close enough to be compared.
+    pub compared: bool,
+    /// Where the boxes stand; null for one that overlaps nothing.
+    pub places: [Option<PlaceReport>; 2],
+}
+
+/// Where a box stands in the grid.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct PlaceReport {
+    /// Its level, 0 for the finest.
+    pub level: u32,
+    /// The cell of its min corner.
+    pub first_cell: [i32; 3],
+    /// The cell of its max corner.
+    pub last_cell: [i32; 3],
+    /// Edges of a cell, about.
+    pub cell_edges: [f32; 3],
+}
+
+/// The pair cannot be explained.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ExplainError {
+    /// There is no such box.
+    #[error("there is no box {index}: the scene has {boxes}, numbered from 0")]
+    NoSuchBox {
+        /// The number given.
+        index: u32,
+        /// Boxes of the scene.
+        boxes: usize,
+    },
+}
+
+impl Explanation {
+    /// Explains boxes `i` and `j` of a scene.
+    ///
+    /// ```
+    /// use pairmask::Aabb;
+    /// use pairmaskd::explain::Explanation;
+    /// let boxes = [0.0, 2.0].map(|x| Aabb::from([x, 0.0, 0.0, x + 1.0, 1.0, 1.0]));
+    /// let why = Explanation::of(&boxes, 0, 1)?;
+    /// assert!(!why.overlaps);
+    /// assert_eq!(why.reason, "a gap of 1 on x keeps the boxes apart");
+    /// # Ok::<(), pairmaskd::explain::ExplainError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`ExplainError::NoSuchBox`].
+    pub fn of(boxes: &[Aabb], i: u32, j: u32) -> Result<Self, ExplainError> {
+        let find = |index: u32| {
+            let no_such_box = ExplainError::NoSuchBox { index, boxes: boxes.len() };
+            boxes.get(index as usize).ok_or(no_such_box)
+        };
+        let (a, b) = (find(i)?, find(j)?);
+        let solid = [a, b].iter().all(|one| one.class() == BoxClass::Solid);
+        let axes = solid.then(|| std::array::from_fn(|axis| AxisReport::of(a, b, axis)));
+        let n = boxes.len() as u32;
+        let view = Grid::explain(boxes, i as usize, j as usize);
+        Ok(Self {
+            pair: [i, j],
+            boxes: n,
+            overlaps: i != j && a.overlaps(b),
+            reason: reason(i, j, [a, b], axes.as_ref()),
+            mode: "exact",
+            pair_index: PairIndex::of(BoxCount::new(n), i.min(j), i.max(j)).map(PairIndex::get),
+            box_reports: [BoxReport::of(i, a), BoxReport::of(j, b)],
+            axes,
+            grid: GridReport {
+                levels: view.levels,
+                compared: view.neighbours,
+                places: view.places.map(|place| place.as_ref().map(PlaceReport::of)),
+            },
+        })
+    }
+}
+
+impl BoxReport {
+    fn of(index: u32, one: &Aabb) -> Self {
+        let coordinates = <[f32; 6]>::from(*one);
+        Self {
+            index,
+            class: class_name(one.class()),
+            coordinates: coordinates.map(|x| format!("{x:?}")),
+            bits: coordinates.map(|x| format!("{:08x}", x.to_bits())),
+        }
+    }
+}
+
+impl PlaceReport {
+    fn of(place: &GridPlace) -> Self {
+        let GridPlace { level, first_cell, last_cell, cell_edges } = *place;
+        Self { level, first_cell, last_cell, cell_edges }
+    }
+}
+
+const fn class_name(class: BoxClass) -> &'static str {
+    match class {
+        BoxClass::Solid => "solid",
+        BoxClass::Empty => "empty",
+        BoxClass::Invalid => "invalid",
+    }
+}
+
+fn reason(i: u32, j: u32, two: [&Aabb; 2], axes: Option<&[AxisReport; 3]>) -> String {
+    if i == j {
+        return "a box is no pair with itself".to_owned();
+    }
+    let Some(axes) = axes else {
+        let (index, class) = if two[0].class() == BoxClass::Solid {
+            (j, two[1].class())
+        } else {
+            (i, two[0].class())
+        };
+        let why = match class {
+            BoxClass::Invalid => "has a NaN and so overlaps nothing",
+            _ => "is empty (min above max) and so overlaps nothing",
+        };
+        return format!("box {index} {why}");
+    };
+    let apart: Vec<&AxisReport> =
+        axes.iter().filter(|axis| axis.state == Separation::Apart).collect();
+    match apart.as_slice() {
+        [] if axes.iter().any(|axis| axis.state == Separation::Touching) => {
+            "the boxes touch, and touching counts".to_owned()
+        }
+        [] => "the boxes overlap on all three axes".to_owned(),
+        [one] => format!("a gap of {} on {} keeps the boxes apart", one.gap_text(), one.axis),
+        many => {
+            let gaps: Vec<String> =
+                many.iter().map(|one| format!("{} on {}", one.gap_text(), one.axis)).collect();
+            format!("gaps of {} keep the boxes apart", gaps.join(" and "))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

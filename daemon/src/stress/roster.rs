@@ -1,0 +1,175 @@
+//! Which subjects take part.
+
+use std::fmt;
+use std::str::FromStr;
+use std::sync::Arc;
+
+use pairmask::Encoding;
+use pairmask::engine::{
+    BruteForce, CullError, Engine, EngineName, Grid, Isa, SweepAndPrune, UnknownName,
+};
+use rayon::{ThreadPool, ThreadPoolBuilder};
+
+use super::StressError;
+use super::spheres::SphereSubject;
+use super::subject::{ExactSubject, Subject};
+use crate::execute::gpu::{AllPairs, AllPairsOptions, Gpu, GpuChoice, HostImport, OpenError};
+use crate::sabotage::Lossy;
+
+/// A value of `--engine`: one kind of subject, or all that there are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Entrant {
+    /// Everything that this machine has.
+    All,
+    /// One engine, with every instruction set and encoding.
+    Engine(EngineName),
+    /// The sphere engines, in every way.
+    Spheres,
+}
+
+impl FromStr for Entrant {
+    type Err = UnknownName;
+
+    fn from_str(s: &str) -> Result<Self, UnknownName> {
+        let known =
+            [EngineName::CpuBrute, EngineName::CpuSap, EngineName::CpuGrid, EngineName::GpuBrute];
+        match s {
+            "all" => Ok(Self::All),
+            "spheres" => Ok(Self::Spheres),
+            _ => known.into_iter().find(|name| name.as_str() == s).map(Self::Engine).ok_or_else(
+                || UnknownName {
+                    name: s.to_owned(),
+                    known: "all, cpu-brute, cpu-sap, cpu-grid, gpu-brute, spheres",
+                },
+            ),
+        }
+    }
+}
+
+impl fmt::Display for Entrant {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::All => f.write_str("all"),
+            Self::Engine(name) => name.fmt(f),
+            Self::Spheres => f.write_str("spheres"),
+        }
+    }
+}
+
+/// Who takes part, and with what.
+#[derive(Clone, Debug)]
+pub struct Roster {
+    /// Which subjects.
+    pub entrants: Vec<Entrant>,
+    /// Most threads of an engine; each takes part with one thread as well.
+    pub threads: usize,
+    /// GPU of those that need one. [`Entrant::All`] goes without where there is none.
+    pub gpu: GpuChoice,
+    /// Break every engine, to see that it is noticed.
+    pub broken: bool,
+}
+
+/// Matrix of a band so small that scenes of more than about 2,000 boxes have several bands: 512 rows,
+/// the fewest that a band may have, of up to 8,192 boxes, more than any case has.
+const SMALL_MATRIX_BYTES: u64 = 512 * (8_192 / 32) * 4;
+
+impl Roster {
+    /// The subjects, ready to run.
+    ///
+    /// # Errors
+    /// [`StressError`] where one that was named is not to be had.
+    pub fn subjects(&self) -> Result<Vec<Box<dyn Subject>>, StressError> {
+        let mut subjects = Vec::new();
+        for name in [EngineName::CpuBrute, EngineName::CpuSap, EngineName::CpuGrid] {
+            if self.has(name) {
+                self.add_cpu(name, &mut subjects)?;
+            }
+        }
+        if self.has(EngineName::GpuBrute) {
+            self.add_gpu(&mut subjects)?;
+        }
+        if self.entrants.iter().any(|e| [Entrant::All, Entrant::Spheres].contains(e)) {
+            subjects.extend(SphereSubject::all(&self.pools()?, self.broken)?);
+        }
+        Ok(subjects)
+    }
+
+    fn has(&self, name: EngineName) -> bool {
+        self.entrants.iter().any(|e| [Entrant::All, Entrant::Engine(name)].contains(e))
+    }
+
+    fn add_cpu(
+        &self,
+        name: EngineName,
+        subjects: &mut Vec<Box<dyn Subject>>,
+    ) -> Result<(), StressError> {
+        let pools = self.pools()?;
+        for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
+            for pool in &pools {
+                for encoding in [Encoding::Dense, Encoding::Sparse] {
+                    let engine = cpu_engine(name, isa)?;
+                    self.add(engine, isa.as_str(), encoding, pool, subjects);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// A pool of one thread, and one of all.
+    fn pools(&self) -> Result<Vec<Arc<ThreadPool>>, StressError> {
+        let mut pools = vec![pool(1)?];
+        if self.threads > 1 {
+            pools.push(pool(self.threads)?);
+        }
+        Ok(pools)
+    }
+
+    fn add_gpu(&self, subjects: &mut Vec<Box<dyn Subject>>) -> Result<(), StressError> {
+        let named = self.entrants.contains(&Entrant::Engine(EngineName::GpuBrute));
+        if self.gpu == GpuChoice::None {
+            // Not even a look: listing adapters takes time and loads every driver.
+            return if named { Err(OpenError::SwitchedOff.into()) } else { Ok(()) };
+        }
+        let gpu = match Gpu::open(&self.gpu, HostImport::IfPossible) {
+            Ok(gpu) => gpu,
+            Err(OpenError::NoAdapter { .. }) if !named && self.gpu == GpuChoice::Auto => {
+                return Ok(());
+            }
+            Err(error) => return Err(error.into()),
+        };
+        let pool = pool(1)?;
+        for (variant, matrix_bytes) in [("", None), (", many bands", Some(SMALL_MATRIX_BYTES))] {
+            for encoding in [Encoding::Dense, Encoding::Sparse] {
+                let options = AllPairsOptions { matrix_bytes, ..AllPairsOptions::default() };
+                let engine = AllPairs::new(&gpu, options)?;
+                let variant = format!("on {}{variant}", gpu.info().name);
+                self.add(Box::new(engine), &variant, encoding, &pool, subjects);
+            }
+        }
+        Ok(())
+    }
+
+    fn add(
+        &self,
+        engine: Box<dyn Engine>,
+        variant: &str,
+        encoding: Encoding,
+        pool: &Arc<ThreadPool>,
+        subjects: &mut Vec<Box<dyn Subject>>,
+    ) {
+        let engine = if self.broken { Box::new(Lossy(engine)) } else { engine };
+        subjects.push(Box::new(ExactSubject::new(engine, variant, encoding, pool)));
+    }
+}
+
+fn cpu_engine(name: EngineName, isa: Isa) -> Result<Box<dyn Engine>, CullError> {
+    Ok(match name {
+        EngineName::CpuBrute => Box::new(BruteForce::with_isa(isa)?),
+        EngineName::CpuSap => Box::new(SweepAndPrune::with_isa(isa)?),
+        _ => Box::new(Grid::with_isa(isa)?),
+    })
+}
+
+fn pool(threads: usize) -> Result<Arc<ThreadPool>, StressError> {
+    Ok(Arc::new(ThreadPoolBuilder::new().num_threads(threads).build()?))
+}

@@ -1,0 +1,137 @@
+//! One client that is timed, frame by frame: for the command line's benches and the studies.
+
+use std::hint::black_box;
+use std::time::{Duration, Instant};
+
+use pairmask::session::{FrameError, FrameInfo, Margined, MarginedError, WaitError};
+use pairmask::{Aabb, PairMask, Precision, Session};
+
+use crate::precision::PrecisionChoice;
+
+/// Who asks, and how boxes are written.
+#[derive(Debug)]
+pub enum TimedClient {
+    /// Copies f32 boxes.
+    Exact(Session),
+    /// Writes a narrow form.
+    Narrow(Session, Precision),
+    /// Asks when something has moved.
+    Margined(Box<Margined>),
+}
+
+/// A frame's times, and who answered.
+#[derive(Clone, Copy, Debug)]
+pub struct TimedFrame {
+    /// What is known of the answer.
+    pub info: FrameInfo,
+    /// Whether it was asked for: else an earlier answer was good.
+    pub was_asked: bool,
+    /// Memory borrowed and the boxes written into it; zero with a margin, where that is part of the
+    /// round trip.
+    pub fill: Duration,
+    /// Boxes submitted to mask in hand.
+    pub round_trip: Duration,
+    /// Every pair of the mask looked at once.
+    pub decode: Duration,
+}
+
+impl TimedFrame {
+    /// The engine's part of the round trip, ns; 0 where nobody was asked.
+    pub const fn engine_ns(&self) -> u64 {
+        if self.was_asked { self.info.times.total_ns } else { 0 }
+    }
+}
+
+/// Why a frame has no time.
+#[derive(Debug, thiserror::Error)]
+pub enum TimedError {
+    /// The frame could not be sent.
+    #[error(transparent)]
+    Frame(#[from] FrameError),
+    /// The frame was not answered.
+    #[error(transparent)]
+    Wait(#[from] WaitError),
+    /// One or the other, with a margin.
+    #[error(transparent)]
+    Margined(#[from] MarginedError),
+    /// An engine is broken.
+    #[error("a frame has {counted} pairs and its mask holds {decoded}: please report this")]
+    Miscounted {
+        /// As the engine counted.
+        counted: u64,
+        /// In the mask.
+        decoded: u64,
+    },
+}
+
+impl TimedClient {
+    /// A client that writes boxes as asked; bounds are those of `boxes`.
+    pub fn new(session: Session, precision: PrecisionChoice, boxes: &[Aabb]) -> Self {
+        match precision {
+            PrecisionChoice::Exact => Self::Exact(session),
+            PrecisionChoice::Margin(margin) => {
+                Self::Margined(Box::new(Margined::new(session, margin)))
+            }
+            narrow => Self::Narrow(session, narrow.precision(boxes)),
+        }
+    }
+
+    /// A frame of boxes. `look` gets the mask after the clock has stopped.
+    ///
+    /// # Errors
+    /// [`TimedError`].
+    pub fn frame(
+        &mut self,
+        boxes: &[Aabb],
+        look: impl FnOnce(&PairMask),
+    ) -> Result<TimedFrame, TimedError> {
+        let start = Instant::now();
+        let (pending, filled) = match self {
+            Self::Exact(session) => {
+                let mut frame = session.frame(boxes.len())?;
+                frame.boxes_mut().copy_from_slice(boxes);
+                let filled = Instant::now();
+                (frame.submit()?, filled)
+            }
+            Self::Narrow(session, precision) => {
+                let mut frame = session.narrow_frame(boxes.len(), *precision)?;
+                frame.fill(boxes);
+                let filled = Instant::now();
+                (frame.submit()?, filled)
+            }
+            Self::Margined(margined) => {
+                let kept = margined.cull(boxes)?;
+                let times = [start, start, Instant::now()];
+                let timed = decode(kept.mask(), !kept.is_earlier(), times)?;
+                look(kept.mask());
+                return Ok(timed);
+            }
+        };
+        let mask = pending.wait()?;
+        let timed = decode(&mask, true, [start, filled, Instant::now()])?;
+        look(&mask);
+        Ok(timed)
+    }
+}
+
+/// Looks at every pair. The times are those at which the frame began, was filled, was answered.
+fn decode(
+    mask: &PairMask,
+    was_asked: bool,
+    [start, filled, answered]: [Instant; 3],
+) -> Result<TimedFrame, TimedError> {
+    let mut decoded = 0;
+    let mut indices = 0;
+    mask.view().for_each(|a, b| {
+        decoded += 1;
+        indices ^= a ^ b;
+    });
+    black_box(indices);
+    let decode = answered.elapsed();
+    let counted = mask.count();
+    if counted != decoded {
+        return Err(TimedError::Miscounted { counted, decoded });
+    }
+    let (fill, round_trip) = (filled - start, answered - filled);
+    Ok(TimedFrame { info: *mask.info(), was_asked, fill, round_trip, decode })
+}

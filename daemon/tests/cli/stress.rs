@@ -1,0 +1,92 @@
+//! `stress` and `explain`: right engines pass, a broken one is caught and told about.
+
+use std::collections::BTreeSet;
+
+use pairmask::Aabb;
+use serde_json::Value;
+
+use crate::support::{Place, keys};
+
+#[test]
+fn right_engines_pass() {
+    let place = Place::new();
+    let report = place.run(&["stress", "--seconds", "1", "--seed", "3", "--json"]).json();
+    let fields =
+        ["seed", "subjects", "cases", "answers", "missed", "extra", "elapsed_ns", "failures"];
+    assert_eq!(keys(&report), BTreeSet::from(fields));
+    assert!(report["cases"].as_u64().unwrap() > 0);
+    assert_eq!((&report["missed"], &report["extra"]), (&0.into(), &0.into()));
+    assert_eq!(report["failures"], Value::Array(vec![]));
+    let subjects = report["subjects"].as_array().unwrap();
+    for engine in ["cpu-brute", "cpu-sap", "cpu-grid", "spheres"] {
+        assert!(subjects.iter().any(|s| s.as_str().unwrap().starts_with(engine)), "{subjects:?}");
+    }
+}
+
+#[test]
+fn a_broken_engine_is_caught_within_seconds_and_replayed() {
+    let place = Place::new();
+    let arguments = ["stress", "--seconds", "60", "--engine", "cpu-sap", "--break-engine"];
+    let finished = place.run(&[&arguments[..], &["--json"]].concat());
+    assert_eq!(finished.code, Some(1), "{finished:?}");
+    let report: Value = serde_json::from_str(&finished.stdout).unwrap();
+    // Ten wrong answers end a run long before its time.
+    assert!(report["elapsed_ns"].as_u64().unwrap() < 55_000_000_000, "{report}");
+    assert!(report["missed"].as_u64().unwrap() > 0 && report["extra"] == 0, "{report}");
+    let failure = &report["failures"][0];
+    let fields = [
+        "case", "subject", "replay", "boxes", "scene", "what", "missed", "extra", "pair", "explain",
+    ];
+    assert_eq!(keys(failure), BTreeSet::from(fields));
+    assert_eq!(failure["explain"]["overlaps"], true);
+
+    let case = failure["case"].to_string();
+    assert_eq!(failure["replay"], format!("pairmaskd stress --case {case} --engine cpu-sap"));
+    let again = ["stress", "--case", &case, "--engine", "cpu-sap", "--break-engine"];
+    let text = place.run(&again);
+    assert_eq!(text.code, Some(1), "{text:?}");
+    assert!(text.stdout.contains("is missing") && text.stdout.contains("IN the mask"), "{text:?}");
+    assert_eq!(place.run(&again[..5]).code, Some(0), "the engine as it is answers the case");
+}
+
+#[test]
+fn an_engine_that_is_not_there_is_an_error() {
+    let place = Place::new();
+    assert_eq!(place.run(&["stress", "--engine", "nobody"]).code, Some(2));
+    let finished = place.run(&["stress", "--engine", "gpu-brute", "--gpu", "none"]);
+    finished.error(1);
+}
+
+#[test]
+fn a_pair_is_explained() {
+    let place = Place::new();
+    let apart = 1.0f32.next_up();
+    let boxes = [
+        Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]),
+        Aabb::from([apart, 0.0, 0.0, 2.0, 1.0, 1.0]),
+        Aabb::from([1.0, 0.0, f32::NEG_INFINITY, 2.0, 1.0, f32::NAN]),
+    ];
+    let file = place.boxes(&boxes);
+    let file = file.to_str().unwrap();
+    let why = place.run(&["explain", file, "0", "1", "--json"]).json();
+    let fields = [
+        "pair",
+        "boxes",
+        "overlaps",
+        "reason",
+        "mode",
+        "pair_index",
+        "box_reports",
+        "axes",
+        "grid",
+    ];
+    assert_eq!(keys(&why), BTreeSet::from(fields));
+    assert_eq!((&why["overlaps"], &why["axes"][0]["gap_ulps"]), (&false.into(), &1.into()));
+    assert_eq!(why["axes"][0]["gap"], f64::from(apart) - 1.0);
+    let text = place.run(&["explain", file, "1", "0"]).stdout;
+    assert!(text.contains("NOT in the mask") && text.contains("1 ulp"), "{text}");
+    let invalid = place.run(&["explain", file, "0", "2"]).stdout;
+    assert!(invalid.contains("box 2 has a NaN"), "{invalid}");
+    let unknown = place.run(&["explain", file, "0", "3"]);
+    assert!(unknown.error(1).contains("there is no box 3"), "{unknown:?}");
+}

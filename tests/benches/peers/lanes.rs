@@ -1,0 +1,88 @@
+//! The contenders of a scene.
+
+use std::time::Duration;
+
+use pairmask::session::ConnectError;
+use pairmask::{Aabb, Backend, BoxCount, EngineChoice, Session};
+use pairmask_tests::peers::contender::Contender;
+use pairmask_tests::peers::line::Who;
+use pairmask_tests::peers::obvhs::{self, Obvhs};
+use pairmask_tests::peers::ours::Ours;
+use pairmask_tests::peers::parry::{Parry, Upkeep};
+use pairmask_tests::peers::peer_name::PeerName;
+use pairmask_tests::peers::rapier::Rapier;
+use pairmask_tests::peers::rstar::Rstar;
+use pairmaskd::spawn::PrivateDaemon;
+use rayon::{ThreadPool, ThreadPoolBuilder};
+
+use crate::measure::Lane;
+use crate::options::{Clock, Options};
+
+/// How long one frame may take. No scene takes as long.
+const DEADLINE: Duration = Duration::from_secs(600);
+/// From the daemon's last look for a frame to its sleep, with room.
+const FALLING_ASLEEP: Duration = Duration::from_millis(1);
+
+/// All contenders, ours first.
+///
+/// # Errors
+/// A session or a thread pool that cannot be made.
+pub fn lanes(
+    boxes: &[Aabb],
+    daemon: &PrivateDaemon,
+    options: &Options,
+) -> Result<Vec<Lane>, Box<dyn std::error::Error>> {
+    let mut lanes = Vec::new();
+    for &threads in &options.threads {
+        for &engine in &options.engine {
+            for backend in [Backend::Daemon, Backend::InProcess] {
+                if options.clock == Clock::Cpu && backend == Backend::Daemon {
+                    continue;
+                }
+                let session = session(boxes, daemon, backend, engine, threads)?;
+                let (name, rest) = match backend {
+                    Backend::InProcess => ("in-process", Duration::ZERO),
+                    _ => ("daemon", Duration::from_micros(options.daemon_spin_us) + FALLING_ASLEEP),
+                };
+                let who = Who::Ours { backend: name, engine: engine.to_string() };
+                let ours = Box::new(Ours::new(session, threads, rest));
+                lanes.push(Lane::new(who, threads, ours, pool(threads)?));
+            }
+        }
+        for name in options.peers() {
+            let pool = pool(threads)?;
+            lanes.push(Lane::new(Who::Peer(name), threads, peer(name, boxes, threads), pool));
+        }
+    }
+    Ok(lanes)
+}
+
+fn session(
+    boxes: &[Aabb],
+    daemon: &PrivateDaemon,
+    backend: Backend,
+    engine: EngineChoice,
+    threads: usize,
+) -> Result<Session, ConnectError> {
+    let n = u32::try_from(boxes.len()).unwrap_or(u32::MAX);
+    let builder = daemon.session().backend(backend).engine(engine).threads(threads);
+    builder.deadline(DEADLINE).capacity(BoxCount::new(n)).connect()
+}
+
+/// Threads of a lane's own, also where it is one: a thread that ran all the others' turns too would
+/// be the last that a busy machine's scheduler wakes.
+fn pool(threads: usize) -> Result<ThreadPool, rayon::ThreadPoolBuildError> {
+    ThreadPoolBuilder::new().num_threads(threads).build()
+}
+
+fn peer(name: PeerName, boxes: &[Aabb], threads: usize) -> Box<dyn Contender> {
+    match name {
+        PeerName::ParryRefit => Box::new(Parry::new(boxes, Upkeep::Refit, threads)),
+        PeerName::ParryOptimize => Box::new(Parry::new(boxes, Upkeep::OptimizeRefit, threads)),
+        PeerName::ParryRebuild => Box::new(Parry::new(boxes, Upkeep::Rebuild, threads)),
+        PeerName::Rapier => Box::new(Rapier::new(boxes.len())),
+        PeerName::ObvhsRefit => Box::new(Obvhs::new(boxes, obvhs::Upkeep::Refit, threads)),
+        PeerName::ObvhsRebuild => Box::new(Obvhs::new(boxes, obvhs::Upkeep::Rebuild, threads)),
+        PeerName::Rstar => Box::new(Rstar::new(threads)),
+    }
+}

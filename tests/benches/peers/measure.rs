@@ -1,0 +1,200 @@
+//! Turns: every contender sees every frame, a few at a time.
+
+use std::time::Duration;
+
+use pairmask::{Aabb, Backend, EngineChoice, EngineName, Session};
+use pairmask_tests::oracle;
+use pairmask_tests::peers::contender::{Contender, ContenderError};
+use pairmask_tests::peers::line::{Comparison, Line, Who};
+use pairmask_tests::peers::pair_sets::PairSet;
+use pairmask_tests::peers::spread::Spread;
+use pairmask_tests::peers::tally::Tally;
+use pairmaskd::scene::{Scene, SceneName};
+use rayon::ThreadPool;
+
+use crate::options::{Clock, Options};
+
+/// Up to this many boxes, the sweep is the reference where the oracle is too slow: an engine that the
+/// plan chooses for small scenes only.
+const SWEEP_BOXES: usize = 200_000;
+/// Up to this many boxes the naive oracle is the reference: 50 million tests, a tenth of a second.
+const ORACLE_BOXES: usize = 10_000;
+/// Sets are compared after each of so many turns, and after the last.
+const TURNS_BETWEEN_CHECKS: usize = 10;
+
+/// A peer that has run for so long in all is left out of the rest: on some scenes one takes seconds a
+/// frame where others take milliseconds.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// A contender and its times.
+pub struct Lane {
+    pub who: Who,
+    pub threads: usize,
+    pub contender: Box<dyn Contender>,
+    pub pool: ThreadPool,
+    find_ns: Vec<u64>,
+    write_ns: Vec<u64>,
+    fault: Option<String>,
+    /// All its frames so far.
+    spent: Duration,
+}
+
+/// What a turn left behind.
+struct Turn {
+    find_ns: Vec<u64>,
+    write_ns: Vec<u64>,
+    tallies: Vec<Tally>,
+    pairs: Option<Vec<(u32, u32)>>,
+}
+
+impl Lane {
+    pub fn new(who: Who, threads: usize, contender: Box<dyn Contender>, pool: ThreadPool) -> Self {
+        let (find_ns, write_ns) = (Vec::new(), Vec::new());
+        Self {
+            who,
+            threads,
+            contender,
+            pool,
+            find_ns,
+            write_ns,
+            fault: None,
+            spent: Duration::ZERO,
+        }
+    }
+
+    fn turn(
+        &mut self,
+        frames: &[Vec<Aabb>],
+        clock: Clock,
+        with_pairs: bool,
+    ) -> Result<Turn, ContenderError> {
+        let left = PATIENCE.saturating_sub(self.spent);
+        let is_peer = matches!(self.who, Who::Peer(_));
+        let contender = &mut self.contender;
+        let run = || {
+            let mut turn = Turn { find_ns: vec![], write_ns: vec![], tallies: vec![], pairs: None };
+            let began = clock.now();
+            for boxes in frames {
+                let start = clock.now();
+                contender.write(boxes)?;
+                let written = clock.now();
+                let tally = contender.find(boxes)?;
+                let found = clock.now();
+                turn.write_ns.push(written.saturating_sub(start).as_nanos() as u64);
+                turn.find_ns.push(found.saturating_sub(written).as_nanos() as u64);
+                turn.tallies.push(tally);
+                if is_peer && found.saturating_sub(began) > left {
+                    return Ok(turn);
+                }
+            }
+            if let (Some(boxes), true) = (frames.last(), with_pairs) {
+                turn.pairs = Some(contender.pairs(boxes)?);
+            }
+            Ok(turn)
+        };
+        let turn = self.pool.install(run);
+        self.contender.settle();
+        if let Ok(Turn { find_ns, write_ns, .. }) = &turn {
+            self.spent += Duration::from_nanos(find_ns.iter().chain(write_ns).sum());
+        }
+        turn
+    }
+
+    fn is_given_up(&self) -> bool {
+        matches!(self.who, Who::Peer(_)) && self.spent > PATIENCE
+    }
+
+    fn note(&mut self, fault: impl FnOnce() -> String) {
+        self.fault.get_or_insert_with(fault);
+    }
+
+    fn line(self) -> Line {
+        let who = match (self.who, self.contender.engine()) {
+            (Who::Ours { backend, engine: wish }, Some(engine)) if wish == "auto" => {
+                Who::Ours { backend, engine: format!("auto:{engine}") }
+            }
+            (who, _) => who,
+        };
+        let late = self.find_ns.len() - self.find_ns.len() / 10;
+        Line {
+            threads: self.threads,
+            find: Spread::of(&self.find_ns),
+            is_given_up: matches!(who, Who::Peer(_)) && self.spent > PATIENCE,
+            late: Spread::of(self.find_ns.get(late..).unwrap_or_default()),
+            write: Spread::of(&self.write_ns),
+            fault: self.fault,
+            who,
+        }
+    }
+}
+
+/// Runs all lanes over the frames of a scene.
+///
+/// # Errors
+/// A lane that cannot go on.
+pub fn measure(
+    name: SceneName,
+    mut scene: Scene,
+    mut lanes: Vec<Lane>,
+    options: &Options,
+) -> Result<Comparison, Box<dyn std::error::Error>> {
+    let n = scene.boxes().len();
+    let turn_frames = options.turn.max(1);
+    let turns = options.frames.div_ceil(turn_frames).max(1);
+    let mut frames: Vec<Vec<Aabb>> = vec![Vec::with_capacity(n); turn_frames];
+    let mut pairs = 0;
+    for turn in 0..turns {
+        for frame in &mut frames {
+            scene.step();
+            frame.clear();
+            frame.extend_from_slice(scene.boxes());
+        }
+        let with_pairs = turn % TURNS_BETWEEN_CHECKS == 0 || turn + 1 == turns;
+        let truth = if with_pairs { Some(reference(scene.boxes())?) } else { None };
+        let mut tallies = vec![Vec::new(); lanes.len()];
+        for place in 0..lanes.len() {
+            let index = (turn + place) % lanes.len();
+            let Some(lane) = lanes.get_mut(index).filter(|lane| !lane.is_given_up()) else {
+                continue;
+            };
+            let result = lane.turn(&frames, options.clock, with_pairs)?;
+            let uncounted = usize::from(result.find_ns.len() > 1);
+            lane.find_ns.extend_from_slice(result.find_ns.get(uncounted..).unwrap_or_default());
+            lane.write_ns.extend_from_slice(result.write_ns.get(uncounted..).unwrap_or_default());
+            tallies[index] = result.tallies;
+            if let (Some(truth), Some(found)) = (&truth, result.pairs)
+                && let Err(difference) = truth.check(found)
+            {
+                lane.note(|| format!("turn {turn}: {difference}"));
+            }
+        }
+        // Between the turns whose sets are compared: everybody against our first lane, whose sets
+        // are the reference's.
+        for (lane, found) in lanes.iter_mut().zip(&tallies) {
+            // Fewer where a peer was given up.
+            let ours = tallies.first().and_then(|ours| ours.get(..found.len()));
+            if ours != Some(found) {
+                lane.note(|| format!("turn {turn}: other pairs than ours were visited"));
+            }
+        }
+        if let Some(truth) = &truth {
+            pairs = truth.len() as u64;
+        }
+    }
+    let lines = lanes.into_iter().map(Lane::line).collect();
+    Ok(Comparison { scene: name, n, pairs, lines })
+}
+
+/// The pairs of a frame: the oracle's, or where that takes too long, those of an engine whose state
+/// no timed lane shares.
+fn reference(boxes: &[Aabb]) -> Result<PairSet, Box<dyn std::error::Error>> {
+    if boxes.len() <= ORACLE_BOXES {
+        return Ok(PairSet::new(oracle::truth(boxes).pairs)?);
+    }
+    let engine = if boxes.len() <= SWEEP_BOXES { EngineName::CpuSap } else { EngineName::CpuGrid };
+    let builder = Session::builder().backend(Backend::InProcess);
+    let mut session = builder.engine(EngineChoice::Only(engine)).connect()?;
+    let mut frame = session.frame(boxes.len())?;
+    frame.boxes_mut().copy_from_slice(boxes);
+    Ok(PairSet::new(frame.submit()?.wait()?.to_vec())?)
+}

@@ -1,0 +1,202 @@
+//! What was measured of one scene and size, and the rows that compare it.
+
+use pairmaskd::scene::SceneName;
+
+use super::peer_name::PeerName;
+use super::spread::Spread;
+
+/// Who was measured.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Who {
+    /// A session.
+    Ours {
+        /// `daemon` or `in-process`.
+        backend: &'static str,
+        /// The engine that answered, behind `auto:` where the plan chose it.
+        engine: String,
+    },
+    /// Another library.
+    Peer(PeerName),
+}
+
+/// One contender on a number of threads.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Line {
+    /// Who.
+    pub who: Who,
+    /// Threads that it could use.
+    pub threads: usize,
+    /// Boxes written to pairs visited, all frames.
+    pub find: Spread,
+    /// The same, last tenth of the frames: what drift made of it.
+    pub late: Spread,
+    /// Boxes written.
+    pub write: Spread,
+    /// Whether it took so long that it was left out of most frames.
+    pub is_given_up: bool,
+    /// What was wrong with its pairs.
+    pub fault: Option<String>,
+}
+
+/// All contenders on one scene and size.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Comparison {
+    /// The scene.
+    pub scene: SceneName,
+    /// Boxes.
+    pub n: usize,
+    /// Pairs of the last frame.
+    pub pairs: u64,
+    /// The contenders.
+    pub lines: Vec<Line>,
+}
+
+/// One of our lines against one peer.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    /// The scene.
+    pub scene: SceneName,
+    /// Boxes.
+    pub n: usize,
+    /// Threads that either side could use. A peer that is faster on fewer counts with that time.
+    pub threads: usize,
+    /// Ours.
+    pub backend: &'static str,
+    /// Ours.
+    pub engine: String,
+    /// Ours, boxes written to pairs visited.
+    pub ours: Spread,
+    /// Ours, the writing.
+    pub write: Spread,
+    /// The peer.
+    pub peer: PeerName,
+    /// The peer's, with its best number of threads up to `threads`.
+    pub theirs: Spread,
+    /// Threads of that.
+    pub peer_threads: usize,
+    /// Ours over theirs, medians.
+    pub ratio: f64,
+    /// The same over the last tenth of the frames.
+    pub late_ratio: f64,
+    /// Pairs of the last frame.
+    pub pairs: u64,
+    /// Whether both had the pairs of the reference on every frame that was compared.
+    pub pairs_equal: bool,
+    /// Whether no other peer that returns every pair is faster.
+    pub is_best_peer: bool,
+}
+
+impl Comparison {
+    /// Our lines against each peer, the fastest first.
+    pub fn rows(&self) -> Vec<Row> {
+        let mut rows = Vec::new();
+        for ours in &self.lines {
+            let Who::Ours { backend, engine } = &ours.who else { continue };
+            let mut peers = self.best_of_each_peer(ours.threads);
+            peers.sort_by_key(|(_, line)| (line.fault.is_some(), line.find.median_ns));
+            for (place, (peer, theirs)) in peers.into_iter().enumerate() {
+                rows.push(Row {
+                    scene: self.scene,
+                    n: self.n,
+                    threads: ours.threads,
+                    backend,
+                    engine: engine.clone(),
+                    ours: ours.find,
+                    write: ours.write,
+                    peer,
+                    theirs: theirs.find,
+                    peer_threads: theirs.threads,
+                    ratio: ratio(&ours.find, &theirs.find),
+                    late_ratio: ratio(&ours.late, &theirs.late),
+                    pairs: self.pairs,
+                    pairs_equal: ours.fault.is_none() && theirs.fault.is_none(),
+                    is_best_peer: place == 0 && theirs.fault.is_none(),
+                });
+            }
+        }
+        rows
+    }
+
+    /// Whether one of our own lines had other pairs than the reference.
+    pub fn is_wrong(&self) -> bool {
+        self.lines.iter().any(|l| matches!(l.who, Who::Ours { .. }) && l.fault.is_some())
+    }
+
+    /// Each peer with the number of threads up to `threads` that serves it best.
+    fn best_of_each_peer(&self, threads: usize) -> Vec<(PeerName, &Line)> {
+        PeerName::ALL
+            .into_iter()
+            .filter_map(|name| {
+                let is_it = |line: &&Line| line.who == Who::Peer(name) && line.threads <= threads;
+                let best = self
+                    .lines
+                    .iter()
+                    .filter(is_it)
+                    .min_by_key(|line| (line.fault.is_some(), line.find.median_ns));
+                best.map(|line| (name, line))
+            })
+            .collect()
+    }
+}
+
+fn ratio(ours: &Spread, theirs: &Spread) -> f64 {
+    ours.median_ns as f64 / theirs.median_ns.max(1) as f64
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    fn line(who: Who, threads: usize, median_ns: u64, fault: Option<&str>) -> Line {
+        let find = Spread { median_ns, ..Spread::default() };
+        let fault = fault.map(str::to_owned);
+        let (late, write) = (find, Spread::default());
+        Line { who, threads, find, late, write, is_given_up: false, fault }
+    }
+
+    /// Two of our lines, a peer that is faster on one thread, one that is slower, and the fastest,
+    /// which misses a pair.
+    pub fn comparison() -> Comparison {
+        let ours = |backend| Who::Ours { backend, engine: "auto:cpu-grid".to_owned() };
+        let lines = vec![
+            line(ours("daemon"), 1, 60, None),
+            line(ours("in-process"), 2, 40, None),
+            line(Who::Peer(PeerName::ParryRefit), 1, 100, None),
+            line(Who::Peer(PeerName::ParryRefit), 2, 80, None),
+            line(Who::Peer(PeerName::Rstar), 1, 400, None),
+            line(Who::Peer(PeerName::Rstar), 2, 500, None),
+            line(Who::Peer(PeerName::Rapier), 1, 10, Some("a pair is missing")),
+        ];
+        Comparison { scene: SceneName::Pile, n: 1_000, pairs: 7_000, lines }
+    }
+
+    #[test]
+    fn each_of_our_lines_meets_each_peer_at_its_best() {
+        let rows = comparison().rows();
+        let seen: Vec<_> = rows
+            .iter()
+            .map(|r| (r.backend, r.peer, r.peer_threads, r.ratio, r.is_best_peer, r.pairs_equal))
+            .collect();
+        let (refit, rstar, rapier) = (PeerName::ParryRefit, PeerName::Rstar, PeerName::Rapier);
+        assert_eq!(
+            seen,
+            [
+                ("daemon", refit, 1, 0.6, true, true),
+                ("daemon", rstar, 1, 0.15, false, true),
+                ("daemon", rapier, 1, 6.0, false, false),
+                ("in-process", refit, 2, 0.5, true, true),
+                ("in-process", rstar, 1, 0.1, false, true),
+                ("in-process", rapier, 1, 4.0, false, false),
+            ]
+        );
+    }
+
+    #[test]
+    fn a_fault_of_ours_is_in_every_row() {
+        let mut comparison = comparison();
+        comparison.lines[0].fault = Some("a pair is missing".to_owned());
+        let rows = comparison.rows();
+        assert!(rows.iter().all(|row| row.backend != "daemon" || !row.pairs_equal));
+        assert!(comparison.is_wrong());
+    }
+}

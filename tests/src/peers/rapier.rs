@@ -1,0 +1,123 @@
+//! rapier3d's broad phase by itself: boxes set one by one, pairs that came and went as events.
+//!
+//! It grows each box by a margin (0.04 of its length unit) and reports the pairs of grown boxes
+//! when they begin and end, so its user keeps the list; here that list is filtered by the boxes
+//! themselves, so that sets compare. Colliders have no body and all their types may collide.
+
+use pairmask::Aabb;
+use rapier3d::math::Vector;
+use rapier3d::parry::bounding_volume::Aabb as ParryBox;
+use rapier3d::prelude::{
+    ActiveCollisionTypes, BroadPhaseBvh, BroadPhasePairEvent, ColliderBuilder, ColliderHandle,
+    ColliderPair, ColliderSet, IntegrationParameters, RigidBodySet,
+};
+
+use super::contender::{Contender, ContenderError};
+use super::tally::Tally;
+use crate::oracle::Pair;
+
+/// A broad phase.
+pub struct Rapier {
+    broad_phase: BroadPhaseBvh,
+    parameters: IntegrationParameters,
+    colliders: ColliderSet,
+    bodies: RigidBodySet,
+    handles: Vec<ColliderHandle>,
+    events: Vec<BroadPhasePairEvent>,
+    /// For each box the boxes of higher index that it forms a pair with.
+    partners: Vec<Vec<u32>>,
+}
+
+impl Rapier {
+    /// A broad phase of `n` boxes yet to come.
+    pub fn new(n: usize) -> Self {
+        let mut colliders = ColliderSet::new();
+        let collider =
+            ColliderBuilder::ball(0.5).active_collision_types(ActiveCollisionTypes::all());
+        let handles = (0..n).map(|_| colliders.insert(collider.clone())).collect();
+        Self {
+            broad_phase: BroadPhaseBvh::new(),
+            parameters: IntegrationParameters::default(),
+            colliders,
+            bodies: RigidBodySet::new(),
+            handles,
+            events: Vec::new(),
+            partners: vec![Vec::new(); n],
+        }
+    }
+
+    fn update(&mut self, boxes: &[Aabb]) {
+        for (b, &handle) in boxes.iter().zip(&self.handles) {
+            let b = ParryBox::new(Vector::from_array(b.min), Vector::from_array(b.max));
+            self.broad_phase.set_aabb(&self.parameters, handle, b);
+        }
+        self.events.clear();
+        self.broad_phase.update(
+            &self.parameters,
+            &self.colliders,
+            &self.bodies,
+            &[],
+            &[],
+            &mut self.events,
+        );
+    }
+
+    fn keep_list(&mut self) -> Result<(), ContenderError> {
+        for event in &self.events {
+            match event {
+                BroadPhasePairEvent::AddPair(pair) => {
+                    let (a, b) = indices(pair);
+                    self.partners[a as usize].push(b);
+                }
+                BroadPhasePairEvent::DeletePair(pair) => {
+                    let (a, b) = indices(pair);
+                    let partners = &mut self.partners[a as usize];
+                    let place = partners.iter().position(|&other| other == b);
+                    let place = place.ok_or_else(|| ContenderError {
+                        name: "rapier".to_owned(),
+                        reason: format!("the pair ({a}, {b}) ended and never began"),
+                    })?;
+                    partners.swap_remove(place);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn visit(&self, boxes: &[Aabb], mut visit: impl FnMut(u32, u32)) {
+        for (a, partners) in (0u32..).zip(&self.partners) {
+            for &b in partners {
+                if touches(&boxes[a as usize], &boxes[b as usize]) {
+                    visit(a, b);
+                }
+            }
+        }
+    }
+}
+
+/// Colliders were inserted in object order and none was removed, so a handle's place is its box.
+fn indices(pair: &ColliderPair) -> Pair {
+    let (a, b) = (pair.collider1.into_raw_parts().0, pair.collider2.into_raw_parts().0);
+    (a.min(b), a.max(b))
+}
+
+/// Closed boxes, compared as floats: what a user of rapier would write.
+fn touches(p: &Aabb, q: &Aabb) -> bool {
+    (0..3).all(|axis| p.min[axis] <= q.max[axis] && q.min[axis] <= p.max[axis])
+}
+
+impl Contender for Rapier {
+    fn find(&mut self, boxes: &[Aabb]) -> Result<Tally, ContenderError> {
+        self.update(boxes);
+        self.keep_list()?;
+        let mut tally = Tally::default();
+        self.visit(boxes, |a, b| tally.visit(a, b));
+        Ok(tally)
+    }
+
+    fn pairs(&mut self, boxes: &[Aabb]) -> Result<Vec<Pair>, ContenderError> {
+        let mut pairs = Vec::new();
+        self.visit(boxes, |a, b| pairs.push((a, b)));
+        Ok(pairs)
+    }
+}

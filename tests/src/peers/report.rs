@@ -1,0 +1,220 @@
+//! Comparisons as text, Markdown, CSV and JSON. The ratio comes first.
+
+use std::fmt::Write as _;
+
+use serde_json::json;
+
+use super::line::{Comparison, Row, Who};
+use super::spread::Spread;
+
+/// What the head of every table says.
+pub const HEAD: &str = "\
+Ratio: our time over the peer's, medians. Time: boxes written to all pairs visited (ours: submit, \
+wait, decode; theirs: update from the boxes, visit every pair), µs, with the tenth and the \
+nine-tenth of the frames in brackets. Write: our boxes into the session's memory, µs, not part of \
+the ratio. Late: ratio over the last tenth of the frames. A peer's time is that of its best number \
+of threads (behind t) up to ours. * marks the best peer that returned every pair.";
+
+fn us(ns: u64) -> f64 {
+    ns as f64 / 1e3
+}
+
+fn spread(times: &Spread) -> String {
+    format!("{:.1} [{:.1} {:.1}]", us(times.median_ns), us(times.p10_ns), us(times.p90_ns))
+}
+
+const fn yes_no(is: bool) -> &'static str {
+    if is { "yes" } else { "NO" }
+}
+
+/// The cells of a row, as text and Markdown show them.
+fn cells(row: &Row) -> [String; 13] {
+    [
+        format!("{:.2}{}", row.ratio, if row.is_best_peer { "*" } else { "" }),
+        format!("{:.2}", row.late_ratio),
+        row.scene.to_string(),
+        row.n.to_string(),
+        row.threads.to_string(),
+        row.backend.to_owned(),
+        row.engine.clone(),
+        spread(&row.ours),
+        format!("{:.1}", us(row.write.median_ns)),
+        format!("{} t{}", row.peer, row.peer_threads),
+        spread(&row.theirs),
+        row.pairs.to_string(),
+        yes_no(row.pairs_equal).to_owned(),
+    ]
+}
+
+const COLUMNS: [&str; 13] = [
+    "ratio",
+    "late",
+    "scene",
+    "n",
+    "threads",
+    "backend",
+    "engine",
+    "ours µs",
+    "write µs",
+    "peer",
+    "peer µs",
+    "pairs",
+    "equal",
+];
+
+/// Widths of the text table's columns: wider cells push the rest of their line.
+const WIDTHS: [usize; 13] = [6, 6, 8, 9, 7, 10, 14, 28, 9, 17, 28, 9, 5];
+
+fn text_line<S: AsRef<str>>(cells: &[S]) -> String {
+    let mut line = String::new();
+    for (cell, width) in cells.iter().zip(WIDTHS) {
+        let _ = write!(line, "{:>width$} ", cell.as_ref());
+    }
+    line.trim_end().to_owned() + "\n"
+}
+
+/// The line over the text table.
+pub fn text_head() -> String {
+    text_line(&COLUMNS)
+}
+
+/// The rows of one comparison for a terminal, and what was wrong.
+pub fn text(comparison: &Comparison) -> String {
+    let mut text: String = comparison.rows().iter().map(|row| text_line(&cells(row))).collect();
+    for line in &comparison.lines {
+        if line.is_given_up {
+            let _ = writeln!(
+                text,
+                "    {} on {} threads: left out of most frames, it takes minutes",
+                name(&line.who),
+                line.threads
+            );
+        }
+        if let Some(fault) = &line.fault {
+            let _ = writeln!(text, "    {} on {} threads: {fault}", name(&line.who), line.threads);
+        }
+    }
+    text
+}
+
+fn name(who: &Who) -> String {
+    match who {
+        Who::Ours { backend, engine } => format!("{backend}, {engine}"),
+        Who::Peer(name) => name.to_string(),
+    }
+}
+
+/// All comparisons as one Markdown table, under what it says.
+pub fn markdown(comparisons: &[Comparison]) -> String {
+    let mut text = format!("{HEAD}\n\n| {} |\n|{}\n", COLUMNS.join(" | "), "---|".repeat(13));
+    for row in comparisons.iter().flat_map(Comparison::rows) {
+        let _ = writeln!(text, "| {} |", cells(&row).join(" | "));
+    }
+    text
+}
+
+/// All comparisons as CSV with every number, times in ns.
+pub fn csv(comparisons: &[Comparison]) -> String {
+    let mut text = "ratio,late_ratio,scene,n,threads,backend,engine,ours_ns,ours_least_ns,\
+        ours_p10_ns,ours_p90_ns,write_ns,peer,peer_threads,peer_ns,peer_least_ns,peer_p10_ns,\
+        peer_p90_ns,pairs,pairs_equal,best_peer\n"
+        .to_owned();
+    for row in comparisons.iter().flat_map(Comparison::rows) {
+        let Row { scene, n, threads, backend, engine, peer, peer_threads, pairs, .. } = &row;
+        let of = |t: &Spread| format!("{},{},{},{}", t.median_ns, t.least_ns, t.p10_ns, t.p90_ns);
+        let _ = writeln!(
+            text,
+            "{:.4},{:.4},{scene},{n},{threads},{backend},{engine},{},{},{peer},{peer_threads},{},{pairs},{},{}",
+            row.ratio,
+            row.late_ratio,
+            of(&row.ours),
+            row.write.median_ns,
+            of(&row.theirs),
+            row.pairs_equal,
+            row.is_best_peer,
+        );
+    }
+    text
+}
+
+/// One comparison as JSON lines, one a row. Fields are a contract: none is added or taken away.
+pub fn json_lines(comparison: &Comparison) -> String {
+    let mut text = String::new();
+    for row in comparison.rows() {
+        let object = json!({
+            "scene": row.scene.as_str(),
+            "n": row.n,
+            "threads": row.threads,
+            "backend": row.backend,
+            "engine": row.engine,
+            "ours_ns": row.ours.median_ns,
+            "peer": row.peer.as_str(),
+            "peer_ns": row.theirs.median_ns,
+            "ratio": row.ratio,
+            "pairs": row.pairs,
+            "pairs_equal": row.pairs_equal,
+        });
+        let _ = writeln!(text, "{object}");
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::line::tests::comparison;
+    use super::*;
+
+    #[test]
+    fn json_rows_have_the_fields_of_the_contract_and_no_others() {
+        let lines = json_lines(&comparison());
+        assert_eq!(lines.lines().count(), 6, "one row for each of our lines and each peer");
+        for line in lines.lines() {
+            let row: serde_json::Value = serde_json::from_str(line).expect("JSON");
+            let mut fields: Vec<&str> =
+                row.as_object().expect("an object").keys().map(String::as_str).collect();
+            fields.sort_unstable();
+            let mut expected = [
+                "scene",
+                "n",
+                "threads",
+                "backend",
+                "engine",
+                "ours_ns",
+                "peer",
+                "peer_ns",
+                "ratio",
+                "pairs",
+                "pairs_equal",
+            ];
+            expected.sort_unstable();
+            assert_eq!(fields, expected);
+        }
+        assert!(lines.starts_with('{') && lines.contains(r#""ratio":0.6"#), "{lines}");
+    }
+
+    #[test]
+    fn tables_have_as_many_cells_as_columns_and_the_ratio_first() {
+        let comparisons = [comparison()];
+        let csv = csv(&comparisons);
+        let cells = |line: &str| line.split(',').count();
+        let columns = csv.lines().next().map(cells);
+        assert!(csv.lines().all(|line| Some(cells(line)) == columns), "{csv}");
+        assert!(csv.lines().nth(1).is_some_and(|line| line.starts_with("0.6000,")), "{csv}");
+        let markdown = markdown(&comparisons);
+        let table = markdown.lines().filter(|line| line.starts_with('|'));
+        assert!(table.clone().count() == 8 && table.clone().all(|l| l.matches('|').count() == 14));
+        assert!(markdown.contains("| 0.60* |"), "{markdown}");
+        let text = text(&comparisons[0]);
+        assert!(text.contains("0.60*") && text.contains("a pair is missing"), "{text}");
+    }
+
+    #[test]
+    fn the_plot_has_a_panel_a_backend_and_a_line_a_scene() {
+        let comparisons = [comparison(), Comparison { n: 10_000, ..comparison() }];
+        let svg = super::super::svg::plot(&comparisons);
+        assert!(svg.contains("in-process, auto, 2 threads") && svg.ends_with("</svg>\n"), "{svg}");
+        assert_eq!((svg.matches("<path").count(), svg.matches("<circle").count()), (1, 2));
+        assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
+        assert!(super::super::svg::plot(&[]).ends_with("</svg>\n"));
+    }
+}

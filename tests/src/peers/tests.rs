@@ -1,0 +1,58 @@
+//! Every peer against the oracle, over moving boxes: a comparison with a library that is driven the
+//! wrong way would flatter us.
+
+use pairmaskd::scene::{Scene, SceneName};
+use rayon::ThreadPoolBuilder;
+
+use super::contender::Contender;
+use super::obvhs::Obvhs;
+use super::pair_sets::PairSet;
+use super::parry::{Parry, Upkeep};
+use super::rapier::Rapier;
+use super::rstar::Rstar;
+use super::tally::Tally;
+use super::{obvhs, ours};
+use crate::oracle;
+
+#[test]
+fn every_peer_has_the_oracles_pairs() {
+    let two = ThreadPoolBuilder::new().num_threads(2).build().expect("two threads");
+    for name in [SceneName::Uniform, SceneName::Mixed, SceneName::Pile, SceneName::Plane] {
+        for n in [2, 70, 1_234] {
+            let mut scene = Scene::new(name, n, 3);
+            let boxes = scene.boxes();
+            let mut contenders: Vec<(&str, Box<dyn Contender>)> =
+                vec![("rapier", Box::new(Rapier::new(n))), ("ours", Box::new(in_process()))];
+            for threads in [1, 2] {
+                for upkeep in [Upkeep::Refit, Upkeep::OptimizeRefit, Upkeep::Rebuild] {
+                    contenders.push(("parry", Box::new(Parry::new(boxes, upkeep, threads))));
+                }
+                for upkeep in [obvhs::Upkeep::Refit, obvhs::Upkeep::Rebuild] {
+                    contenders.push(("obvhs", Box::new(Obvhs::new(boxes, upkeep, threads))));
+                }
+                contenders.push(("rstar", Box::new(Rstar::new(threads))));
+            }
+            for frame in 0..12 {
+                scene.step();
+                let boxes = scene.boxes();
+                let pairs = oracle::truth(boxes).pairs;
+                let expected = Tally::of(&pairs);
+                let truth = PairSet::new(pairs).expect("the oracle lists each pair once");
+                for (peer, contender) in &mut contenders {
+                    let (tally, found) = two.install(|| {
+                        contender.write(boxes).expect("boxes are taken");
+                        let tally = contender.find(boxes).expect("pairs are found");
+                        (tally, contender.pairs(boxes).expect("pairs are listed"))
+                    });
+                    assert_eq!(truth.check(found), Ok(()), "{peer}, {name}, {n}, frame {frame}");
+                    assert_eq!(tally, expected, "{peer}, {name}, {n}, frame {frame}");
+                }
+            }
+        }
+    }
+}
+
+fn in_process() -> ours::Ours {
+    let builder = pairmask::Session::builder().backend(pairmask::Backend::InProcess);
+    ours::Ours::new(builder.connect().expect("a session"), 2, std::time::Duration::ZERO)
+}

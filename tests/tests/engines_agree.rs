@@ -1,0 +1,147 @@
+//! The CPU engines against each other, pair by pair: every scene, every thread count.
+//!
+//! The oracle compares all boxes with all and is hopeless for large scenes; there the engines, which
+//! have next to nothing in common, are each other's yardstick. The small sizes run with every
+//! `cargo test`, the large ones, in minutes, by
+//!
+//! ```text
+//! cargo test --workspace --release --test engines_agree -- --ignored
+//! ```
+
+use pairmask::engine::{BruteForce, CullJob, Engine, Grid, HeapReply, SweepAndPrune};
+use pairmask::mask::MaskView;
+use pairmask::{Aabb, BoxCount, Encoding};
+use pairmask_tests::conformance::check_pairs;
+use pairmask_tests::oracle::{Pair, pair_set_hash};
+use pairmaskd::scene::{Scene, SceneName};
+use rayon::{ThreadPool, ThreadPoolBuilder};
+
+const THREADS: [usize; 3] = [1, 2, 4];
+
+fn pools() -> Vec<ThreadPool> {
+    let pool = |threads| ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+    THREADS.map(pool).into()
+}
+
+/// All pairs, sorted.
+fn pairs(engine: &mut dyn Engine, boxes: &[Aabb], pool: &ThreadPool) -> Vec<Pair> {
+    let mut reply = HeapReply::new();
+    let job = CullJob { encoding: Encoding::Sparse, threads: pool.current_num_threads() };
+    let report = pool.install(|| engine.cull(boxes, &job, &mut reply)).expect("memory");
+    let n = BoxCount::of_len(boxes.len()).expect("indices are u32");
+    let mask = MaskView::new(n, &report.shape, reply.words()).expect("a good mask");
+    mask.verify().expect("a good mask");
+    let mut pairs = mask.to_vec();
+    assert_eq!(report.pair_count, pairs.len() as u64);
+    pairs.sort_unstable();
+    pairs
+}
+
+/// Asserts that all engines find one set of pairs on all thread counts; returns it.
+fn agreed(
+    name: SceneName,
+    boxes: &[Aabb],
+    engines: &mut [Box<dyn Engine>],
+    pools: &[ThreadPool],
+) -> Vec<Pair> {
+    let mut expected: Option<Vec<Pair>> = None;
+    for engine in engines {
+        for pool in pools {
+            let got = pairs(engine.as_mut(), boxes, pool);
+            let expected = expected.get_or_insert_with(|| got.clone());
+            check_pairs(&got, expected).unwrap_or_else(|e| {
+                let (threads, n) = (pool.current_num_threads(), boxes.len());
+                panic!("{name}, {n} boxes, {}, {threads} threads: {e}", engine.name())
+            });
+        }
+    }
+    expected.expect("an engine and a thread count")
+}
+
+fn all_engines() -> Vec<Box<dyn Engine>> {
+    vec![Box::new(BruteForce::new()), Box::new(SweepAndPrune::new()), Box::new(Grid::new())]
+}
+
+/// The pair set of each scene of 3,000 boxes, seed 7, after one step.
+const GOLDEN: [(SceneName, u64); 13] = [
+    (SceneName::Uniform, 0xba94_9923_e192_43bd),
+    (SceneName::Mixed, 0xa2a0_6036_d30b_94be),
+    (SceneName::Pile, 0xc581_fab0_f72b_84f8),
+    (SceneName::Plane, 0x86b3_0652_dec3_4839),
+    (SceneName::Cubes, 0x8fc7_3aad_c749_5f74),
+    (SceneName::Balls, 0x6867_2626_93d9_a159),
+    (SceneName::Skittles, 0xaa6a_c834_6176_3a3c),
+    (SceneName::Torus, 0x054b_f2d3_e948_0ee7),
+    (SceneName::Letters, 0xa897_e8a0_3645_1a6f),
+    (SceneName::OneCell, 0x8f88_0ade_f04c_96c5),
+    (SceneName::Rods, 0xb458_5d6b_c9e4_65df),
+    (SceneName::Giants, 0x74a4_fdb9_cc42_d055),
+    (SceneName::Far, 0x0e54_332c_d913_c652),
+];
+
+#[test]
+fn pair_sets_have_their_golden_hashes_on_every_engine_and_thread_count() {
+    let (mut engines, pools) = (all_engines(), pools());
+    let hashes = GOLDEN.map(|(name, _)| {
+        let mut scene = Scene::new(name, 3_000, 7);
+        scene.step();
+        let hash = pair_set_hash(&agreed(name, scene.boxes(), &mut engines, &pools));
+        (name, hash)
+    });
+    assert_eq!(hashes, GOLDEN);
+}
+
+#[test]
+fn engines_agree_on_ten_thousand_boxes() {
+    let (mut engines, pools) = (all_engines(), pools());
+    for name in SceneName::ALL {
+        let n = if name.is_quadratic() { 1_000 } else { 10_000 };
+        agreed(name, Scene::new(name, n, 5).boxes(), &mut engines, &pools);
+    }
+}
+
+#[test]
+#[ignore = "minutes: run in release, see the head of this file"]
+fn engines_agree_on_a_hundred_thousand_boxes() {
+    let (mut engines, pools) = (all_engines(), pools());
+    for name in SceneName::ALL.into_iter().filter(|name| !name.is_quadratic()) {
+        let mut scene = Scene::new(name, 100_000, 5);
+        for _ in 0..2 {
+            agreed(name, scene.boxes(), &mut engines, &pools);
+            scene.step();
+        }
+    }
+}
+
+#[test]
+#[ignore = "minutes: run in release, see the head of this file"]
+fn engines_agree_on_a_million_boxes() {
+    // All pairs of a million boxes are 5·10^11: `cpu-brute` has its say at a hundred thousand.
+    let mut engines: Vec<Box<dyn Engine>> =
+        vec![Box::new(Grid::new()), Box::new(SweepAndPrune::new())];
+    for name in SceneName::ALL.into_iter().filter(|name| !name.is_quadratic()) {
+        agreed(name, Scene::new(name, 1_000_000, 5).boxes(), &mut engines, &pools());
+    }
+}
+
+/// Bytes a box that an engine may keep beside the boxes and the reply.
+const SCRATCH_BYTES_A_BOX: usize = 100;
+
+#[test]
+fn the_grid_keeps_at_most_100_bytes_a_box() {
+    let n = 100_000;
+    // More threads have more tasks, each with some KiB that do not grow with the boxes.
+    let pools = &pools()[..2];
+    for name in SceneName::ALL.into_iter().filter(|name| !name.is_quadratic()) {
+        let mut grid = Grid::new();
+        let mut scene = Scene::new(name, n, 5);
+        for pool in pools.iter().flat_map(|pool| [pool; 3]) {
+            pairs(&mut grid, scene.boxes(), pool);
+            scene.step();
+        }
+        let bytes = grid.scratch_bytes();
+        println!("{name}: {:.1} bytes a box", bytes as f64 / n as f64);
+        assert!(bytes >= 60 * n, "{name}: keys, records and order alone are more than {bytes}");
+        assert!(bytes <= SCRATCH_BYTES_A_BOX * n, "{name}: {bytes} bytes for {n} boxes");
+    }
+}
