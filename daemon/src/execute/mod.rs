@@ -36,6 +36,7 @@ impl Planned {
 }
 
 /// A frame that was begun.
+#[allow(clippy::large_enum_variant)] // A box would be an allocation in every frame.
 #[derive(Debug)]
 pub enum Started {
     /// And is done.

@@ -16,6 +16,7 @@ use crate::audit::Auditor;
 use crate::sabotage::lose_a_pair;
 
 /// What a request is answered with, when it is not refused.
+#[allow(clippy::large_enum_variant)] // A box would be an allocation in every frame.
 pub(super) enum Said<'a> {
     /// The daemon's status, which the reply holds.
     Status,
