@@ -34,9 +34,7 @@ pub(super) struct Scratch {
 pub(super) struct Blocks {
     /// The levels as the CPU writes them.
     pub(super) written_layout: Arc<Block>,
-    /// The levels as the stages read them: a copy. Read where the CPU writes, they came from a cache
-    /// of constants that keeps what lay there before, whatever barrier stands between frames (an
-    /// H200; wrong answers and endless loops).
+    /// The levels as the stages read them: a copy, in video memory wherever the CPU can write.
     pub(super) layout: Arc<Block>,
     pub(super) table: Arc<Block>,
     pub(super) control: Arc<Block>,
