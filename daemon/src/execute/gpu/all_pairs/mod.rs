@@ -122,7 +122,7 @@ impl AllPairs {
     }
 
     /// Imports shared memory at an address range of this process, so that boxes or replies within
-    /// it need no copy. See [`Imports::import`].
+    /// it need no copy. See [`super::import::Imports::import`].
     ///
     /// # Errors
     /// [`ImportError`]; the staged path serves then.

@@ -8,7 +8,7 @@
 //!
 //! The first reads the boxes across the link, the last two write the reply across it. What the
 //! dispatches depend on is known before: the levels come from a sample of the boxes on the CPU
-//! ([`layout`]), sizes from their number ([`plan`]). So nothing waits for the host in between. Only
+//! (`layout`), sizes from their number ([`plan`]). So nothing waits for the host in between. Only
 //! a reply that turns out larger than its allocation takes a second submission.
 //!
 //! Same boxes, same bytes: positions are by cell and index, words by row and block, and neither the
