@@ -42,8 +42,63 @@ pub enum Stage {
     PackDense,
     /// Matrix to non-zero words.
     WriteSparse,
+    /// A stage of the grid.
+    Grid(GridStage),
     /// A stage of the mapping study.
     Mapping(MappingStage),
+}
+
+/// The stages of the grid, in the order of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum GridStage {
+    /// Boxes to keys, cells and census.
+    Cells,
+    /// Boxes of each cell to first positions.
+    Scan,
+    /// Indices together by cell.
+    Scatter,
+    /// Boxes to their positions.
+    Place,
+    /// Rows against the cells around them.
+    Pairs,
+    /// Words to the reply.
+    Write,
+}
+
+impl GridStage {
+    /// All of them.
+    pub const ALL: [Self; 6] =
+        [Self::Cells, Self::Scan, Self::Scatter, Self::Place, Self::Pairs, Self::Write];
+
+    const fn label(self) -> &'static str {
+        match self {
+            Self::Cells => "grid_cells",
+            Self::Scan => "grid_scan",
+            Self::Scatter => "grid_scatter",
+            Self::Place => "grid_place",
+            Self::Pairs => "grid_pairs",
+            Self::Write => "grid_write",
+        }
+    }
+
+    const fn binding_count(self) -> u32 {
+        match self {
+            Self::Scan | Self::Scatter => 3,
+            Self::Place => 5,
+            Self::Cells | Self::Pairs | Self::Write => 7,
+        }
+    }
+
+    const fn file(self) -> &'static str {
+        match self {
+            Self::Cells => include_str!("../wgsl/grid_cells.wgsl"),
+            Self::Scan => include_str!("../wgsl/grid_scan.wgsl"),
+            Self::Scatter => include_str!("../wgsl/grid_scatter.wgsl"),
+            Self::Place => include_str!("../wgsl/grid_place.wgsl"),
+            Self::Pairs => include_str!("../wgsl/grid_pairs.wgsl"),
+            Self::Write => include_str!("../wgsl/grid_write.wgsl"),
+        }
+    }
 }
 
 /// A stage's text does not fit together.
@@ -63,18 +118,26 @@ pub enum ComposeError {
 }
 
 /// The shared parts that are files of their own name.
-const SHARED: [(&str, &str); 2] = [
+const SHARED: [(&str, &str); 4] = [
     ("order_keys", include_str!("../wgsl/shared/order_keys.wgsl")),
     ("batch", include_str!("../wgsl/shared/batch.wgsl")),
+    ("grid_params", include_str!("../wgsl/shared/grid_params.wgsl")),
+    ("grid_layout", include_str!("../wgsl/shared/grid_layout.wgsl")),
 ];
 
 impl Stage {
     /// One of each stage of the engines, with the smallest form of the pairs stage.
-    pub const ALL: [Self; 4] = [
+    pub const ALL: [Self; 10] = [
         Self::Keys,
         Self::Pairs(PairsVariant { rows: RowsPerThread::One, strip_blocks: 1, store_zeros: true }),
         Self::PackDense,
         Self::WriteSparse,
+        Self::Grid(GridStage::Cells),
+        Self::Grid(GridStage::Scan),
+        Self::Grid(GridStage::Scatter),
+        Self::Grid(GridStage::Place),
+        Self::Grid(GridStage::Pairs),
+        Self::Grid(GridStage::Write),
     ];
 
     /// The name of the file, of the pipeline and of the timing row.
@@ -84,6 +147,7 @@ impl Stage {
             Self::Pairs(_) => "pairs",
             Self::PackDense => "pack_dense",
             Self::WriteSparse => "write_sparse",
+            Self::Grid(stage) => stage.label(),
             Self::Mapping(stage) => stage.label(),
         }
     }
@@ -93,6 +157,7 @@ impl Stage {
         match self {
             Self::Keys | Self::Pairs(_) | Self::PackDense => 4,
             Self::WriteSparse => 7,
+            Self::Grid(stage) => stage.binding_count(),
             Self::Mapping(stage) => stage.binding_count(),
         }
     }
@@ -104,6 +169,7 @@ impl Stage {
             Self::Pairs(_) => include_str!("../wgsl/pairs.wgsl"),
             Self::PackDense => include_str!("../wgsl/pack_dense.wgsl"),
             Self::WriteSparse => include_str!("../wgsl/write_sparse.wgsl"),
+            Self::Grid(stage) => stage.file(),
             Self::Mapping(stage) => stage.file(),
         }
     }

@@ -28,6 +28,35 @@ pub const MAX_STRIP_BLOCKS: u32 = PADDING / WORD_BITS;
 /// Words of a box.
 pub const BOX_WORDS: u32 = 6;
 
+/// Most levels of a grid. Levels of doubling cells cover 16 octaves of sizes, of quadrupling ones 32;
+/// what is larger is a giant and looks at everything.
+pub const GRID_LEVELS: u32 = 16;
+
+/// Boxes without a place in a level that share a cell, by index: as few as keep sorting them by
+/// index a matter of one short list.
+pub const PARKED: u32 = 32;
+
+/// Cells of a workgroup of the scan: eight a thread, two loads of 16 bytes.
+pub const SCAN_CELLS: u32 = 8 * BATCH_BOXES;
+
+/// Batches whose words are also summed together, so that no batch adds up thousands of others.
+pub const SUPER_BATCHES: u32 = 64;
+
+/// Most groups of batches: as many as there are workgroups along one dimension of a dispatch.
+pub const SUPERS_MOST: u32 = 65_536 / SUPER_BATCHES;
+
+/// First words of the control block, before the sums.
+pub const CONTROL_HEADER_WORDS: u32 = 8;
+
+/// Bit of a home word at which the level starts; the slot in the cell is below.
+pub const LEVEL_SHIFT: u32 = 24;
+
+/// Level of boxes that overlap nothing.
+pub const NO_LEVEL: u32 = u32::MAX >> LEVEL_SHIFT;
+
+const _: () = assert!(GRID_LEVELS < NO_LEVEL && GRID_LEVELS <= 32);
+const _: () =
+    assert!(SUPER_BATCHES <= BATCH_BOXES, "a thread adds up at most one batch of its own");
 const _: () = assert!(PADDING.is_multiple_of(BATCH_BOXES));
 const _: () = assert!(BATCH_BOXES.is_multiple_of(4 * PAIRS_WORKGROUP));
 const _: () = assert!(pairmask::aabb::AABB_BYTES == BOX_WORDS as usize * 4);
@@ -42,6 +71,16 @@ pub(crate) fn as_wgsl() -> String {
         ("RAW_WORDS", BATCH_BOXES * BOX_WORDS),
         ("PAIRS_WORKGROUP", PAIRS_WORKGROUP),
         ("WINDOW_WORDS", WINDOW_WORDS),
+        ("SECTION_ALIGN", pairmask::mask::SECTION_ALIGN_WORDS as u32),
+        ("GRID_LEVELS", GRID_LEVELS),
+        ("PARKED", PARKED),
+        ("SCAN_CELLS", SCAN_CELLS),
+        ("SUPER_BATCHES", SUPER_BATCHES),
+        ("SUPERS_MOST", SUPERS_MOST),
+        ("CONTROL_HEADER_WORDS", CONTROL_HEADER_WORDS),
+        ("LEVEL_SHIFT", LEVEL_SHIFT),
+        ("SLOT_MASK", (1 << LEVEL_SHIFT) - 1),
+        ("NO_LEVEL", NO_LEVEL),
     ] {
         // Writing to a String cannot fail.
         let _ = writeln!(text, "const {name}: u32 = {value}u;");

@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::constants::{BATCH_BOXES, WORD_BITS};
+use crate::constants::{BATCH_BOXES, GRID_LEVELS, WORD_BITS};
 
 /// Words of a batch's bitmap of invalid boxes.
 pub const BATCH_WORDS: usize = (BATCH_BOXES / WORD_BITS) as usize;
@@ -99,6 +99,116 @@ pub struct PackParams {
     pub out_offset: u32,
     /// Workgroups of a dispatch row.
     pub groups_x: u32,
+}
+
+/// Parameters of every stage of the grid.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct GridParams {
+    /// Boxes.
+    pub n: u32,
+    /// Boxes rounded up to whole batches.
+    pub plane: u32,
+    /// Batches.
+    pub batch_count: u32,
+    /// Groups of batches.
+    pub super_count: u32,
+    /// Workgroups of the scan.
+    pub sum_count: u32,
+    /// Words that the reply has room for.
+    pub capacity: u32,
+    /// Words of the reply before its mask words: the order, rounded up.
+    pub order_words: u32,
+    /// Most work in crowded cells, in 2^20 tests.
+    pub budget: u32,
+}
+
+/// A level of the grid.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct GridLevel {
+    /// Where cell 0 is centred.
+    pub origin: [f32; 3],
+    /// Number of the first cell in the table of all levels.
+    pub first_cell: u32,
+    /// Cells per unit.
+    pub scale: [f32; 3],
+    /// Cells.
+    pub cell_count: u32,
+    /// Lowest cell number.
+    pub low: [f32; 3],
+    /// Unused.
+    pub padding_low: u32,
+    /// Highest cell number.
+    pub high: [f32; 3],
+    /// Unused.
+    pub padding_high: u32,
+    /// Cell number to cell of the table: an AND.
+    pub fold: [i32; 3],
+    /// Unused.
+    pub padding_fold: u32,
+    /// Cells along each axis.
+    pub count: [u32; 3],
+    /// Bit a: axis a is folded.
+    pub wraps: u32,
+}
+
+/// The levels of a frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct GridLayout {
+    /// Levels in use, finest first.
+    pub level_count: u32,
+    /// First cell of the boxes that no level takes.
+    pub first_giant: u32,
+    /// First cell of the boxes that overlap nothing.
+    pub first_nothing: u32,
+    /// One past the last cell.
+    pub cell_end: u32,
+    /// The levels.
+    pub levels: [GridLevel; GRID_LEVELS as usize],
+}
+
+/// What the stages of the grid know of a batch.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct GridTotals {
+    /// Non-zero mask words of its rows.
+    pub words: u32,
+    /// Pairs of its rows.
+    pub pairs: u32,
+    /// Pairs compared for its rows.
+    pub compared: u32,
+    /// First of its words in the block of found words.
+    pub base: u32,
+    /// Its boxes with `min > max` on some axis.
+    pub empty: u32,
+    /// Its boxes with a NaN.
+    pub invalid: u32,
+    /// Unused.
+    pub padding: [u32; 2],
+}
+
+/// What the host learns of a frame of the grid. 64-bit numbers are two words, the low one first.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct GridSummary {
+    /// Non-zero mask words.
+    pub words: [u32; 2],
+    /// Pairs.
+    pub pairs: [u32; 2],
+    /// Pairs compared.
+    pub compared: [u32; 2],
+    /// Boxes with `min > max` on some axis.
+    pub empty: u32,
+    /// Boxes with a NaN.
+    pub invalid: u32,
+    /// Tests within crowded cells, in 2^20.
+    pub work: u32,
+    /// Tests of giants, in 2^20.
+    pub giant_work: u32,
+    /// Unused.
+    pub padding: [u32; 2],
 }
 
 /// Parameters of the `mapping_pairs` stage.

@@ -14,4 +14,4 @@ pub mod constants;
 pub mod layouts;
 pub mod mapping;
 
-pub use compose::{ComposeError, PairsVariant, RowsPerThread, Stage};
+pub use compose::{ComposeError, GridStage, PairsVariant, RowsPerThread, Stage};

@@ -7,15 +7,17 @@ use std::path::Path;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use pairmask_shaders::constants::{BATCH_BOXES, MAX_STRIP_BLOCKS, PAIRS_WORKGROUP};
 use pairmask_shaders::layouts::{
-    BatchReport, BatchTotals, KeysParams, MappingErrorsParams, MappingPairsParams, MappingTally,
-    MappingTimeParams, MaskParams, PackParams, PairsParams, RootParams, RootTally, WriteParams,
+    BatchReport, BatchTotals, GridLayout, GridLevel, GridParams, GridSummary, GridTotals,
+    KeysParams, MappingErrorsParams, MappingPairsParams, MappingTally, MappingTimeParams,
+    MaskParams, PackParams, PairsParams, RootParams, RootTally, WriteParams,
 };
 use pairmask_shaders::mapping::MappingStage;
-use pairmask_shaders::{PairsVariant, RowsPerThread, Stage};
+use pairmask_shaders::{GridStage, PairsVariant, RowsPerThread, Stage};
 
 /// Every form that a stage is compiled in.
 fn all_forms() -> Vec<Stage> {
     let mut forms = vec![Stage::Keys, Stage::PackDense, Stage::WriteSparse];
+    forms.extend(GridStage::ALL.map(Stage::Grid));
     for rows in RowsPerThread::ALL {
         for store_zeros in [false, true] {
             let strips = (0..).map(|log| 1 << log).take_while(|strip| *strip <= MAX_STRIP_BLOCKS);
@@ -37,7 +39,7 @@ fn module(stage: Stage) -> naga::Module {
 #[test]
 fn every_form_of_every_stage_validates() {
     let forms = all_forms();
-    assert_eq!(forms.len(), 3 + 3 * 2 * 5 + (25 * 2 * 3 + 9 * 2 + 4));
+    assert_eq!(forms.len(), 3 + 6 + 3 * 2 * 5 + (25 * 2 * 3 + 9 * 2 + 4));
     for stage in forms {
         let module = module(stage);
         let capabilities = Capabilities::IMMEDIATES | Capabilities::SHADER_INT64;
@@ -69,7 +71,8 @@ fn every_file_belongs_to_a_stage() {
         Stage::ALL.iter().chain(&study).map(|s| s.label().to_owned()).collect();
     assert_eq!(names(&folder), stages);
     let shared = names(&folder.join("shared"));
-    let engines = ["order_keys", "batch", "rows_1", "rows_2", "rows_4"];
+    let engines =
+        ["order_keys", "batch", "grid_params", "grid_layout", "rows_1", "rows_2", "rows_4"];
     let study = [
         "pair_ids",
         "each_id",
@@ -147,6 +150,30 @@ fn structs_lie_in_memory_as_in_rust() {
     });
     same_layout!(Stage::PackDense, PackParams, "PackParams" {
         n, row0, owned_rows, band_rows, block0, word_count, first_bit, out_offset, groups_x
+    });
+}
+
+#[test]
+fn structs_of_the_grid_lie_in_memory_as_in_rust() {
+    for stage in GridStage::ALL.map(Stage::Grid) {
+        same_layout!(stage, GridParams, "GridParams" {
+            n, plane, batch_count, super_count, sum_count, capacity, order_words, budget
+        });
+    }
+    for stage in [GridStage::Cells, GridStage::Pairs, GridStage::Write].map(Stage::Grid) {
+        same_layout!(stage, GridTotals, "GridTotals" {
+            words, pairs, compared, base, empty, invalid, padding
+        });
+        same_layout!(stage, GridLayout, "GridLayout" {
+            level_count, first_giant, first_nothing, cell_end, levels
+        });
+        same_layout!(stage, GridLevel, "GridLevel" {
+            origin, first_cell, scale, cell_count, low, padding_low, high, padding_high, fold,
+            padding_fold, count, wraps
+        });
+    }
+    same_layout!(Stage::Grid(GridStage::Write), GridSummary, "GridSummary" {
+        words, pairs, compared, empty, invalid, work, giant_work, padding
     });
 }
 

@@ -5,7 +5,7 @@
 use std::process::ExitCode;
 use std::time::Duration;
 
-use pairmaskd::execute::gpu::bench::{BenchOptions, run};
+use pairmaskd::execute::gpu::bench::{BenchOptions, run, run_grid};
 
 fn main() -> ExitCode {
     let Some(options) = parse(std::env::args().skip(1)) else {
@@ -14,7 +14,8 @@ fn main() -> ExitCode {
         );
         return ExitCode::from(2);
     };
-    match run(&options, &mut std::io::stdout().lock()) {
+    let grid = std::env::args().any(|arg| arg == "--grid");
+    match if grid { run_grid } else { run }(&options, &mut std::io::stdout().lock()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("{error}");
@@ -38,7 +39,7 @@ fn parse(mut args: impl Iterator<Item = String>) -> Option<BenchOptions> {
             "--no-check" => options.check = false,
             "--check-only" => options.measure = false,
             // Passed by `cargo bench`.
-            "--bench" => {}
+            "--bench" | "--grid" => {}
             _ => return None,
         }
     }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use pairmask::engine::{CullWish, EngineChoice, EngineName, HeapReply};
+use pairmask::engine::{CullJob, CullWish, Engine, EngineChoice, EngineName, HeapReply};
 use pairmask::mask::{EncodingChoice, MaskView};
 use pairmask::precision::NarrowBoxes;
 use pairmask::{Bounds, BoxCount, Encoding, Precision, ServedBy, Session};
@@ -25,6 +25,61 @@ fn sessions_get_what_the_oracle_says() {
     let mut sessions =
         SessionEngine::new(&daemon.session(), EngineName::GpuBrute, ServedBy::Daemon);
     check_engine(&mut sessions, &Suite::default()).unwrap();
+}
+
+#[test]
+fn sessions_get_what_the_oracle_says_from_the_grid() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
+    let mut sessions = SessionEngine::new(&daemon.session(), EngineName::GpuGrid, ServedBy::Daemon);
+    let sizes = (0..70).step_by(7).chain([345, 1234]).collect();
+    let suite = Suite { sizes, encodings: vec![Encoding::Sparse], ..Suite::default() };
+    check_engine(&mut sessions, &suite).unwrap();
+}
+
+#[test]
+fn a_dense_mask_of_the_grid_comes_from_all_pairs() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
+    let grid = EngineChoice::Only(EngineName::GpuGrid);
+    let dense = EncodingChoice::Only(Encoding::Dense);
+    let mut session = daemon.session().engine(grid).encoding(dense).connect().unwrap();
+    let boxes = stress_scenes::named("uniform").boxes(700, 3);
+    let mut shared = session.frame(boxes.len()).unwrap();
+    shared.boxes_mut().copy_from_slice(&boxes);
+    let mask = shared.submit().unwrap().wait().unwrap();
+    assert_eq!(mask.info().engine, EngineName::GpuBrute);
+    assert_eq!(mask.count(), oracle::truth(&boxes).pairs.len() as u64);
+}
+
+/// Frames large enough to be left under way: two clients with two each, in any order.
+#[test]
+fn frames_under_way_at_a_time_do_not_mix() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
+    let grid = EngineChoice::Only(EngineName::GpuGrid);
+    let n = 33_000;
+    let mut sessions: Vec<Session> =
+        (0..2).map(|_| daemon.session().engine(grid).connect().unwrap()).collect();
+    let scenes: Vec<_> =
+        (0..4).map(|seed| stress_scenes::named("uniform").boxes(n, seed)).collect();
+    let mut pending = Vec::new();
+    for (boxes, turn) in scenes.iter().zip([0, 0, 1, 1]) {
+        let mut shared = sessions[turn].frame(boxes.len()).unwrap();
+        shared.boxes_mut().copy_from_slice(boxes);
+        pending.push(shared.submit().unwrap());
+    }
+    let mut cpu = pairmask::engine::Grid::new();
+    for (boxes, frame) in scenes.iter().zip(pending) {
+        let mask = frame.wait().unwrap();
+        assert_eq!(mask.info().engine, EngineName::GpuGrid);
+        let mut pairs = mask.to_vec();
+        pairs.sort_unstable();
+        let mut reply = HeapReply::new();
+        let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
+        let report = cpu.cull(boxes, &job, &mut reply).unwrap();
+        let view = MaskView::new(BoxCount::new(n), &report.shape, reply.words()).unwrap();
+        let mut expected = view.to_vec();
+        expected.sort_unstable();
+        assert!(pairs == expected, "{} and {} pairs", pairs.len(), expected.len());
+    }
 }
 
 #[test]

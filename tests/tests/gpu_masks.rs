@@ -9,9 +9,8 @@ use pairmask_tests::gpu::engine;
 use pairmask_tests::naive_decoder;
 use pairmask_tests::oracle::{self, pair_set_hash};
 use pairmask_tests::stress_scenes;
-use pairmaskd::execute::gpu::all_pairs::Upload;
 use pairmaskd::execute::gpu::all_pairs::plan::{self, Tuning};
-use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, Checks};
+use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, Checks, Upload};
 
 const BOTH: [Encoding; 2] = [Encoding::Dense, Encoding::Sparse];
 

@@ -191,6 +191,13 @@ pub enum CullError {
         /// Boxes allowed.
         limit: u64,
     },
+    /// The scene is beyond what the engine was made for: too many boxes in one place. Another engine
+    /// can serve it; this one stays usable.
+    #[error("too many boxes in one place for {engine}: let another engine serve the scene")]
+    TooCrowded {
+        /// The engine.
+        engine: EngineName,
+    },
     /// The GPU is gone. Another engine can serve the same boxes; this one needs a new device.
     #[error("{engine} lost its GPU: let a CPU engine serve until the device is rebuilt")]
     DeviceLost {

@@ -54,6 +54,8 @@ pub struct GpuCost {
     pub ns_a_box: f64,
     /// Each pair that all-pairs compares, ns.
     pub ns_a_test: f64,
+    /// What the grid's stages take whatever the scene, more than those of all pairs, ns.
+    pub grid_fixed_ns: f64,
     /// The grid's stages, ns a box; `None` where the GPU has no grid engine.
     pub grid_ns_a_box: Option<f64>,
     /// Each byte of the mask that comes down, ns.

@@ -49,7 +49,7 @@ impl Model<'_> {
         let n = f64::from(self.stats.n.get());
         let execute_ns = match engine {
             EngineName::GpuBrute => gpu.ns_a_test * self.stats.n.pair_count() as f64,
-            EngineName::GpuGrid => gpu.grid_ns_a_box? * n,
+            EngineName::GpuGrid => gpu.grid_fixed_ns + gpu.grid_ns_a_box? * n,
             EngineName::CpuBrute | EngineName::CpuSap | EngineName::CpuGrid => return None,
         };
         let reply_bytes = 4.0 * n + 12.0 * self.stats.expected_pairs();

@@ -61,6 +61,7 @@ fn a_gpu_is_taken_where_it_is_faster_and_only_there() {
         fixed_ns: 30_000.0,
         ns_a_box: 0.5,
         ns_a_test: 1.0e-3,
+        grid_fixed_ns: 10_000.0,
         grid_ns_a_box: Some(0.2),
         ns_a_reply_byte: 0.05,
     });

@@ -3,15 +3,57 @@
 pub mod gpu;
 mod gpu_service;
 
-pub use gpu_service::{GpuService, Owner};
+pub use gpu_service::{GpuFrame, GpuService, Owner};
 
 use std::time::Instant;
 
+use pairmask::Aabb;
 use pairmask::engine::{
-    CpuEngines, CullAnswer, CullError, CullWish, EngineChoice, ReplyBuffer, nanoseconds_since,
+    CpuEngines, CullAnswer, CullError, CullReport, CullWish, EngineChoice, EngineName, ReplyBuffer,
+    nanoseconds_since,
 };
 use pairmask::plan::{Calibration, Plan};
 use pairmask::precision::{ExpandScratch, NarrowBoxes};
+
+/// A frame with its plan.
+#[derive(Debug)]
+struct Planned {
+    plan: Plan,
+    wish: CullWish,
+    start: Instant,
+    expand_ns: u64,
+    plan_ns: u64,
+}
+
+impl Planned {
+    /// The answer of `engine`, which need not be the plan's.
+    fn answer(mut self, report: CullReport, engine: EngineName) -> CullAnswer {
+        self.plan.engine = engine;
+        let mut answer = CullAnswer::new(&self.plan, report, self.start, self.plan_ns);
+        answer.times.ingest_ns += self.expand_ns;
+        answer
+    }
+}
+
+/// A frame that was begun.
+#[allow(clippy::large_enum_variant)] // A box would be an allocation in every frame.
+#[derive(Debug)]
+pub enum Started {
+    /// And is done.
+    Answered(CullAnswer),
+    /// And is to be ended.
+    UnderWay(CullUnderWay),
+}
+
+/// A frame that the GPU works on.
+#[derive(Debug)]
+pub struct CullUnderWay {
+    frame: GpuFrame,
+    planned: Planned,
+}
+
+/// Frames that may be under way at a time.
+pub const FRAMES_UNDER_WAY: usize = gpu::device::LANES;
 
 /// All engines that this daemon has.
 pub struct Executor {
@@ -42,7 +84,7 @@ impl Executor {
     /// are expanded first, which counts as ingest.
     ///
     /// A GPU that is lost, or has no memory for the scene, leaves the frame to the CPU: the answer
-    /// is the same.
+    /// is the same. A scene that crowds the GPU's grid goes to all pairs.
     ///
     /// # Errors
     /// [`CullError`].
@@ -53,37 +95,78 @@ impl Executor {
         wish: &CullWish,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
-        let start = Instant::now();
+        let Self { cpu, gpu, expanded } = self;
         let owner = if boxes.form().is_narrow() { Owner::Scratch } else { owner };
-        let boxes = boxes.expand(&mut self.expanded, wish.threads != Some(1));
-        let expand_ns = nanoseconds_since(start);
-        let answered = |plan: &Plan, report, plan_ns| {
-            let mut answer = CullAnswer::new(plan, report, start, plan_ns);
-            answer.times.ingest_ns += expand_ns;
-            answer
-        };
-        let gpu_cost = self.gpu.as_ref().and_then(GpuService::cost);
-        let mut plan = self.cpu.plan(boxes, wish, gpu_cost);
-        let plan_ns = nanoseconds_since(start) - expand_ns;
-        log::debug!("{}", plan.explain());
-        if plan.engine.is_gpu() {
-            let done = match &mut self.gpu {
-                Some(gpu) => gpu.cull(boxes, owner, &plan, reply),
-                None => Err(CullError::Unavailable {
-                    engine: plan.engine,
-                    why: "this daemon has no GPU (see `pairmaskd serve --gpu`)",
-                }),
-            };
-            match done {
-                Err(CullError::DeviceLost { .. } | CullError::DeviceMemory { .. }) => {
-                    let wish = CullWish { engine: EngineChoice::Auto, ..*wish };
-                    plan = self.cpu.plan(boxes, &wish, None);
-                }
-                done => return Ok(answered(&plan, done?, plan_ns)),
-            }
+        let start = Instant::now();
+        let boxes = boxes.expand(expanded, wish.threads != Some(1));
+        let planned = plan(cpu, gpu.as_ref(), boxes, wish, start);
+        run(cpu, gpu.as_mut(), planned, boxes, owner, reply)
+    }
+
+    /// As [`Self::cull`], but a frame that the GPU takes its time for may come back under way. Its
+    /// boxes and its reply stay where they are until [`Self::end`], or until the executor is
+    /// dropped.
+    ///
+    /// # Errors
+    /// [`CullError`].
+    pub fn begin(
+        &mut self,
+        boxes: NarrowBoxes<'_>,
+        owner: Owner,
+        wish: &CullWish,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<Started, CullError> {
+        if boxes.form().is_narrow() {
+            // Expanded into memory that the next frame needs too.
+            return self.cull(boxes, owner, wish, reply).map(Started::Answered);
         }
-        let report = self.cpu.run(&plan, boxes, reply)?;
-        Ok(answered(&plan, report, plan_ns))
+        let Self { cpu, gpu, expanded } = self;
+        let start = Instant::now();
+        let boxes = boxes.expand(expanded, wish.threads != Some(1));
+        let planned = plan(cpu, gpu.as_ref(), boxes, wish, start);
+        if let Some(gpu) = gpu.as_mut().filter(|gpu| gpu.can_begin(&planned.plan)) {
+            return match gpu.begin(boxes, owner, &planned.plan, reply) {
+                Ok(frame) => Ok(Started::UnderWay(CullUnderWay { frame, planned })),
+                Err(error) => run_after(cpu, error, planned, boxes, reply).map(Started::Answered),
+            };
+        }
+        run(cpu, gpu.as_mut(), planned, boxes, owner, reply).map(Started::Answered)
+    }
+
+    /// Whether a frame has ended, so that [`Self::end`] does not wait.
+    pub fn has_ended(&self, cull: &CullUnderWay) -> bool {
+        self.gpu.as_ref().is_none_or(|gpu| gpu.has_ended(&cull.frame))
+    }
+
+    /// Waits for a frame. `boxes` and `reply` are those that it began with.
+    ///
+    /// # Errors
+    /// [`CullError`].
+    pub fn end(
+        &mut self,
+        cull: CullUnderWay,
+        boxes: NarrowBoxes<'_>,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullAnswer, CullError> {
+        let CullUnderWay { frame, planned } = cull;
+        let Self { cpu, gpu, expanded } = self;
+        let boxes = boxes.expand(expanded, false);
+        let lost = CullError::DeviceLost { engine: planned.plan.engine };
+        let done = match gpu {
+            Some(gpu) => gpu.end(&frame, boxes, &planned.plan, reply),
+            None => Err(lost),
+        };
+        match done {
+            Ok((report, engine)) => Ok(planned.answer(report, engine)),
+            Err(error) => run_after(cpu, error, planned, boxes, reply),
+        }
+    }
+
+    /// Lets the GPU work for a moment.
+    pub fn rest(&mut self) {
+        if let Some(gpu) = &mut self.gpu {
+            gpu.rest();
+        }
     }
 
     /// Gives up what belonged to clients that are gone; to be called now and then.
@@ -91,5 +174,68 @@ impl Executor {
         if let Some(gpu) = &mut self.gpu {
             gpu.tidy();
         }
+    }
+}
+
+/// The plan of a frame that was begun at `start` and whose boxes are expanded.
+fn plan(
+    cpu: &CpuEngines,
+    gpu: Option<&GpuService>,
+    boxes: &[Aabb],
+    wish: &CullWish,
+    start: Instant,
+) -> Planned {
+    let expand_ns = nanoseconds_since(start);
+    let plan = cpu.plan(boxes, wish, gpu.and_then(GpuService::cost));
+    let plan_ns = nanoseconds_since(start) - expand_ns;
+    log::debug!("{}", plan.explain());
+    Planned { plan, wish: *wish, start, expand_ns, plan_ns }
+}
+
+fn run(
+    cpu: &mut CpuEngines,
+    gpu: Option<&mut GpuService>,
+    planned: Planned,
+    boxes: &[Aabb],
+    owner: Owner,
+    reply: &mut dyn ReplyBuffer,
+) -> Result<CullAnswer, CullError> {
+    let engine = planned.plan.engine;
+    if !engine.is_gpu() {
+        let report = cpu.run(&planned.plan, boxes, reply)?;
+        return Ok(planned.answer(report, engine));
+    }
+    let done = match gpu {
+        Some(gpu) => gpu.cull(boxes, owner, &planned.plan, reply),
+        None => Err(CullError::Unavailable {
+            engine,
+            why: "this daemon has no GPU (see `pairmaskd serve --gpu`)",
+        }),
+    };
+    match done {
+        Ok((report, engine)) => Ok(planned.answer(report, engine)),
+        Err(error) => run_after(cpu, error, planned, boxes, reply),
+    }
+}
+
+/// The CPU's answer to a frame that the GPU could not serve, or the error.
+fn run_after(
+    cpu: &mut CpuEngines,
+    error: CullError,
+    mut planned: Planned,
+    boxes: &[Aabb],
+    reply: &mut dyn ReplyBuffer,
+) -> Result<CullAnswer, CullError> {
+    match error {
+        CullError::DeviceLost { .. }
+        | CullError::DeviceMemory { .. }
+        | CullError::TooCrowded { .. } => {
+            let wish = CullWish { engine: EngineChoice::Auto, ..planned.wish };
+            planned.plan = cpu.plan(boxes, &wish, None);
+            let report = cpu.run(&planned.plan, boxes, reply)?;
+            let engine = planned.plan.engine;
+            Ok(planned.answer(report, engine))
+        }
+        error => Err(error),
     }
 }

@@ -25,6 +25,16 @@ impl<'a> LoanReply<'a> {
         Self { request, populated, limit_bytes, loan: None }
     }
 
+    /// The loan as it is, to go on with later ([`Self::with_loan`]).
+    pub(super) fn into_loan(self) -> Option<ResponseLoan> {
+        self.loan
+    }
+
+    /// Goes on with a loan.
+    pub(super) fn with_loan(self, loan: Option<ResponseLoan>) -> Self {
+        Self { loan, ..self }
+    }
+
     /// Puts a few bytes that are not a mask.
     pub(super) fn put(&mut self, bytes: &[u8]) -> Result<(), ReserveError> {
         let words = self.reserve(bytes.len().div_ceil(4) as u64)?;

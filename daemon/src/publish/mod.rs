@@ -1,39 +1,51 @@
 //! Answers: from a validated request to a response in the client's hands.
 
 mod account;
+mod desk;
 mod loan_reply;
 mod wake;
 
+use std::collections::VecDeque;
 use std::time::Instant;
 
 use iceoryx2::service::ipc;
 use pairmask::engine::{CullError, CullWish, ReserveError};
+use pairmask::precision::BoxForm;
 use pairmask::transport::{
-    ActiveRequest, Limits, Populated, Services, WakeClient, narrow_boxes_in, words_in_mut,
+    ActiveRequest, Limits, Populated, ResponseLoan, Services, WakeClient, narrow_boxes_in,
+    words_in_mut,
 };
 use pairmask::units::BoxCount;
-use pairmask::wire::{
-    PAGE_BYTES, Reject, ReplyFields, Request, ResponseHeader, StageTimes, StatusBody, StatusCode,
-    response_error, response_ok, response_status,
-};
+use pairmask::wire::{PAGE_BYTES, Reject, ReplyFields, Request, StatusBody, StatusCode};
 
 use self::account::Account;
+use self::desk::{Desk, Said};
 use self::loan_reply::LoanReply;
 use self::wake::WakeBoard;
 use crate::audit::Auditor;
-use crate::execute::{Executor, Owner};
-use crate::sabotage::lose_a_pair;
+use crate::execute::{CullUnderWay, Executor, FRAMES_UNDER_WAY, Owner, Started};
 
-/// Answers requests, one at a time.
+/// A frame that the executor works on, and where its answer goes.
+struct Frame {
+    active: ActiveRequest,
+    loan: Option<ResponseLoan>,
+    cull: CullUnderWay,
+    fields: ReplyFields,
+    form: BoxForm,
+    boxes_offset: usize,
+    start: Instant,
+}
+
+/// Answers requests: one at a time, but for frames that a GPU takes its time for.
 pub struct Publisher {
+    // Dropped before the frames under way, whose memory it uses until then.
     executor: Executor,
-    wake_board: WakeBoard,
+    /// Oldest first.
+    under_way: VecDeque<Frame>,
+    desk: Desk,
     services: Services<ipc::Service>,
     populated: Populated,
     max_reply_bytes: u64,
-    account: Account,
-    auditor: Auditor,
-    break_engine: bool,
 }
 
 impl Publisher {
@@ -47,19 +59,22 @@ impl Publisher {
     ) -> Self {
         Self {
             executor,
-            wake_board: WakeBoard::new(wake_clients, limits.max_clients),
+            under_way: VecDeque::with_capacity(FRAMES_UNDER_WAY),
+            desk: Desk {
+                wake_board: WakeBoard::new(wake_clients, limits.max_clients),
+                account: Account::new(limits.max_clients),
+                auditor,
+                break_engine: false,
+            },
             services,
             populated: Populated::default(),
             max_reply_bytes: limits.max_reply_bytes,
-            account: Account::new(limits.max_clients),
-            auditor,
-            break_engine: false,
         }
     }
 
     /// Loses a pair of most frames from now on. For tests of the auditor.
     pub fn break_engine(&mut self, broken: bool) {
-        self.break_engine = broken;
+        self.desk.break_engine = broken;
     }
 
     /// Gives up what belonged to clients that are gone; to be called now and then.
@@ -67,8 +82,23 @@ impl Publisher {
         self.executor.tidy();
     }
 
-    /// Answers one request, whatever it holds.
-    pub fn answer(&mut self, active: &ActiveRequest) {
+    /// Whether another request can be taken in.
+    pub fn has_room(&self) -> bool {
+        self.under_way.len() < FRAMES_UNDER_WAY
+    }
+
+    /// Whether a frame is under way: then [`Self::publish_ended`] is to be called soon.
+    pub fn is_busy(&self) -> bool {
+        !self.under_way.is_empty()
+    }
+
+    /// Lets the engines work for a moment.
+    pub fn rest(&mut self) {
+        self.executor.rest();
+    }
+
+    /// Takes in one request, whatever it holds, and answers it now, or leaves it under way.
+    pub fn take(&mut self, active: ActiveRequest) {
         let start = Instant::now();
         // Copied once: the client can write to it all the while.
         let header = *active.user_header();
@@ -78,61 +108,59 @@ impl Publisher {
             frame: header.frame,
             box_count: BoxCount::new(header.box_count),
         };
-        let mut reply = LoanReply::new(active, &mut self.populated, self.max_reply_bytes);
-        let mut audited = None;
-        let response = match Request::parse(&header, payload_bytes) {
+        let mut reply = LoanReply::new(&active, &mut self.populated, self.max_reply_bytes);
+        let said = match Request::parse(&header, payload_bytes) {
             Ok(Request::Cull { box_count, form, boxes_offset, engine, encoding, threads }) => {
-                let last_pairs = self.account.last_pairs(fields.client_token);
+                let last_pairs = self.desk.account.last_pairs(fields.client_token);
                 let wish = CullWish { engine, encoding, threads, last_pairs };
                 let owner = Owner::Client(active.origin().value());
                 let refused = Reject::Boxes { box_count: box_count.get(), payload_bytes };
-                narrow_boxes_in(active.payload(), boxes_offset, form, box_count)
+                let started = narrow_boxes_in(active.payload(), boxes_offset, form, box_count)
                     .ok_or_else(|| Failure::from(refused))
                     .and_then(|boxes| {
-                        Ok((boxes, self.executor.cull(boxes, owner, &wish, &mut reply)?))
-                    })
-                    .map(|(boxes, mut answer)| {
-                        if self.break_engine {
-                            lose_a_pair(reply.words_mut(), &mut answer.report);
-                        }
-                        let shape = &answer.report.shape;
-                        audited = self.auditor.draw(&fields, shape, reply.words()).zip(Some(boxes));
-                        let times = StageTimes {
-                            total_ns: start.elapsed().as_nanos() as u64,
-                            ..answer.times
-                        };
-                        self.account.note_frame(&fields, answer.report.pair_count);
-                        response_ok(&fields, answer.engine, answer.threads, &answer.report, &times)
-                    })
+                        Ok((boxes, self.executor.begin(boxes, owner, &wish, &mut reply)?))
+                    });
+                match started {
+                    Ok((_, Started::UnderWay(cull))) => {
+                        let loan = reply.into_loan();
+                        let frame = Frame { active, loan, cull, fields, form, boxes_offset, start };
+                        self.under_way.push_back(frame);
+                        return;
+                    }
+                    Ok((boxes, Started::Answered(answer))) => Ok(Said::Answer(boxes, answer)),
+                    Err(failure) => Err(failure),
+                }
             }
             Ok(Request::Status) => {
-                let body = self.account.body(self.services.client_count(), self.auditor.counts());
+                let clients = self.services.client_count();
+                let body = self.desk.account.body(clients, self.desk.auditor.counts());
                 reply
                     .put(bytemuck::bytes_of(&body))
-                    .map(|()| response_status(&fields))
+                    .map(|()| Said::Status)
                     .map_err(|e| Failure::from(CullError::from(e)))
             }
             Err(reject) => Err(reject.into()),
         };
-        let response = response.unwrap_or_else(|failure| {
-            log::debug!("client {:016x}: {}", fields.client_token, failure.text);
-            self.account.note_error(&fields, failure.status);
-            response_error(&fields, failure.status, failure.detail)
-        });
-        send(reply, &response);
-        self.wake_board.wake(fields.client_token);
-        if let Some((window, boxes)) = audited {
-            // The boxes are ours to read as long as the request is.
-            self.auditor.submit(window, boxes);
-        }
+        self.desk.publish(&fields, reply, said, start);
     }
-}
 
-fn send(reply: LoanReply<'_>, header: &ResponseHeader) {
-    // Without memory for even one page, or with a client that is gone, nobody can be told: the
-    // client's deadline ends its wait.
-    if let Err(error) = reply.send(header) {
-        log::debug!("sending a response: {error}");
+    /// Publishes the oldest frame under way if it has ended. Whether it had.
+    pub fn publish_ended(&mut self) -> bool {
+        if !self.under_way.front().is_some_and(|frame| self.executor.has_ended(&frame.cull)) {
+            return false;
+        }
+        let Some(frame) = self.under_way.pop_front() else { return false };
+        let Frame { active, loan, cull, fields, form, boxes_offset, start } = frame;
+        let mut reply =
+            LoanReply::new(&active, &mut self.populated, self.max_reply_bytes).with_loan(loan);
+        let payload_bytes = (active.payload().len() * PAGE_BYTES) as u64;
+        let refused = Reject::Boxes { box_count: fields.box_count.get(), payload_bytes };
+        let ended = narrow_boxes_in(active.payload(), boxes_offset, form, fields.box_count)
+            .ok_or_else(|| Failure::from(refused))
+            .and_then(|boxes| Ok((boxes, self.executor.end(cull, boxes, &mut reply)?)));
+        let said = ended.map(|(boxes, answer)| Said::Answer(boxes, answer));
+        self.desk.publish(&fields, reply, said, start);
+        true
     }
 }
 
@@ -162,9 +190,9 @@ impl From<CullError> for Failure {
                 (StatusCode::EngineUnavailable, [engine as u64, 0])
             }
             CullError::TooManyBoxes { n, limit, .. } => (StatusCode::TooManyBoxes, [n, limit]),
-            CullError::DeviceLost { engine } | CullError::DeviceMemory { engine, .. } => {
-                (StatusCode::EngineFailed, [engine as u64, 0])
-            }
+            CullError::DeviceLost { engine }
+            | CullError::DeviceMemory { engine, .. }
+            | CullError::TooCrowded { engine } => (StatusCode::EngineFailed, [engine as u64, 0]),
         };
         Self { status, detail, text: error.to_string() }
     }

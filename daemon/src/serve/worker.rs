@@ -124,7 +124,13 @@ fn serve(
     let mut tidy_at = sleep_at;
     while !stop.load(Ordering::Relaxed) {
         drain(server, &mut inbox);
-        let answered = inbox.next().map(|request| publisher.answer(&request)).is_some();
+        let mut answered = publisher.publish_ended();
+        if publisher.has_room()
+            && let Some(request) = inbox.next()
+        {
+            publisher.take(request);
+            answered = true;
+        }
         let now = Instant::now();
         if now >= tidy_at {
             publisher.tidy();
@@ -132,6 +138,8 @@ fn serve(
         }
         if answered {
             sleep_at = now + settings.spin;
+        } else if publisher.is_busy() {
+            publisher.rest();
         } else if now < sleep_at {
             std::hint::spin_loop();
         } else if let Err(error) = wake.timed_wait(|_| {}, LONGEST_SLEEP) {

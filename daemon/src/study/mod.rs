@@ -2,6 +2,7 @@
 
 pub mod accuracy;
 pub mod engines;
+pub mod grid;
 pub mod machine;
 pub mod mapping;
 pub mod plot;

@@ -25,6 +25,7 @@ use crate::precision::PrecisionChoice;
 use crate::scene::{Scene, SceneName};
 use crate::spawn::SpawnError;
 use crate::study::engines::EngineStudyError;
+use crate::study::grid::GridError;
 use crate::study::mapping::MappingError;
 use crate::timed_client::{TimedClient, TimedError};
 
@@ -152,6 +153,8 @@ pub enum BenchError {
     /// No folder for the results.
     #[error("{}: {source}", folder.display())]
     Write { folder: PathBuf, source: std::io::Error },
+    #[error(transparent)]
+    Grid(#[from] GridError),
     #[error(transparent)]
     Output(#[from] OutputError),
 }

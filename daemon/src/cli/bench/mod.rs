@@ -2,6 +2,7 @@
 
 mod accuracy;
 mod closed_loop;
+mod grid;
 mod latency;
 mod machine;
 mod mapping;
@@ -33,6 +34,7 @@ enum What {
     Accuracy(accuracy::Accuracy),
     Latency(latency::Latency),
     Mapping(mapping::Mapping),
+    Grid(grid::Grid),
     Plan(plan::PlanBench),
     Replies(replies::Replies),
     Threads(threads::ThreadsBench),
@@ -46,6 +48,7 @@ impl Bench {
             What::Accuracy(accuracy) => Ok(accuracy.run(place, config)?),
             What::Latency(latency) => latency.run(place, config),
             What::Mapping(mapping) => mapping.run(config),
+            What::Grid(grid) => grid.run(config),
             What::Plan(plan) => plan.run(place, config),
             What::Replies(replies) => replies.run(place, config),
             What::Threads(threads) => threads.run(),

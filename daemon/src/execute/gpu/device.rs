@@ -8,6 +8,8 @@
 use std::sync::{Arc, Mutex};
 
 use ash::vk;
+use pairmask::EngineName;
+use pairmask::engine::CullError;
 use wgpu::hal::vulkan;
 
 use super::adapter::{AdapterInfo, AdapterList, GpuChoice};
@@ -33,13 +35,33 @@ pub struct GpuLimits {
     pub int64: bool,
 }
 
+/// Frames that may be under way at a time, each on a queue of its own where the device has two: the
+/// boxes of one cross the link while the mask of the other comes back.
+pub const LANES: usize = 2;
+
+/// Which of the frames under way.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Lane {
+    /// The first, which lone frames take.
+    #[default]
+    First,
+    /// The second.
+    Second,
+}
+
+impl Lane {
+    /// Both.
+    pub const ALL: [Self; LANES] = [Self::First, Self::Second];
+}
+
 /// An opened GPU. Everything made on it holds an `Arc` of it, so it closes last.
 pub struct Gpu {
     info: AdapterInfo,
     limits: GpuLimits,
     health: Arc<DeviceHealth>,
     raw: ash::Device,
-    queue: Mutex<vk::Queue>,
+    /// One for each lane; the same twice where the family has only one.
+    queues: Mutex<[vk::Queue; LANES]>,
     queue_family: u32,
     memory: vk::PhysicalDeviceMemoryProperties,
     host_import: Option<ash::ext::external_memory_host::Device>,
@@ -100,21 +122,33 @@ impl Gpu {
         let extension = ash::ext::external_memory_host::NAME;
         let import = host_import == HostImport::IfPossible
             && hal.physical_device_capabilities().supports_extension(extension);
-        // SAFETY: the callback adds one extension that the driver lists, and removes nothing.
+        let instance = hal.shared_instance().raw_instance().clone();
+        let physical = hal.raw_physical_device();
+        // SAFETY: the adapter's handle, alive as long as the instance, which `hal` keeps alive.
+        let families = unsafe { instance.get_physical_device_queue_family_properties(physical) };
+        let mut queue_count = 1;
+        // SAFETY: the callback adds one extension that the driver lists and a queue that the family
+        // has, and removes nothing.
         let opened = unsafe {
             hal.open_with_callback(
                 features,
                 &descriptor.required_limits,
                 &descriptor.memory_hints,
-                Some(Box::new(move |args| {
+                Some(Box::new(|args| {
                     if import {
                         args.extensions.push(extension);
+                    }
+                    // One queue more of wgpu's own family, where there is one.
+                    for info in args.queue_create_infos.iter_mut() {
+                        let family = families.get(info.queue_family_index as usize);
+                        if family.is_some_and(|family| family.queue_count as usize >= LANES) {
+                            *info = info.queue_priorities(&[1.0; LANES]);
+                            queue_count = LANES;
+                        }
                     }
                 })),
             )
         }?;
-        let instance = hal.shared_instance().raw_instance().clone();
-        let physical = hal.raw_physical_device();
         drop(hal);
         // SAFETY: `opened` was opened from this adapter with the features of the descriptor.
         let (device, queue) =
@@ -128,6 +162,11 @@ impl Gpu {
                 .ok_or_else(|| OpenError::NotVulkan(info.name.clone()))?;
             (hal.raw_device().clone(), hal.raw_queue(), hal.queue_family_index())
         };
+        let mut queues = [raw_queue; LANES];
+        for (queue, place) in queues.iter_mut().zip(0..queue_count as u32).skip(1) {
+            // SAFETY: the device was made with so many queues of this family.
+            *queue = unsafe { raw.get_device_queue(queue_family, place) };
+        }
         // SAFETY: `physical` is the adapter's handle, alive as long as the instance, which wgpu's
         // device keeps alive.
         let memory = unsafe { instance.get_physical_device_memory_properties(physical) };
@@ -162,7 +201,7 @@ impl Gpu {
             limits,
             health,
             raw,
-            queue: Mutex::new(raw_queue),
+            queues: Mutex::new(queues),
             queue_family,
             memory,
             host_import,
@@ -225,17 +264,33 @@ impl Gpu {
     /// Submits recorded commands.
     pub(super) fn submit(
         &self,
+        lane: Lane,
         commands: vk::CommandBuffer,
         fence: vk::Fence,
     ) -> Result<(), GpuError> {
         self.health.check()?;
         let buffers = [commands];
         let info = vk::SubmitInfo::default().command_buffers(&buffers);
-        let queue = self.queue.lock().map_err(|_| GpuError::Lost)?;
-        // SAFETY: the lock synchronises the queue; commands and fence belong to this device and
+        let queues = self.queues.lock().map_err(|_| GpuError::Lost)?;
+        // SAFETY: the lock synchronises the queues; commands and fence belong to this device and
         // are not pending (their frame waits for its end before it is submitted again).
-        let result = unsafe { self.raw.queue_submit(*queue, &[info], fence) };
+        let result = unsafe { self.raw.queue_submit(queues[lane as usize], &[info], fence) };
         self.noticed(result)
+    }
+
+    /// What the caller of an engine can do about a fault of the GPU. A device that does what it
+    /// should not counts as lost.
+    pub(super) fn cull_error(&self, engine: EngineName, error: &GpuError) -> CullError {
+        match *error {
+            GpuError::OutOfMemory { bytes } => {
+                CullError::DeviceMemory { engine, needed_bytes: bytes }
+            }
+            GpuError::Lost | GpuError::Hung | GpuError::Driver(_) | GpuError::Stage { .. } => {
+                log::error!("{engine}: {error}");
+                self.health.mark_lost();
+                CullError::DeviceLost { engine }
+            }
+        }
     }
 
     /// Passes a driver's answer on; a lost device is remembered.

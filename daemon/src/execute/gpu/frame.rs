@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use ash::vk;
 
-use super::device::Gpu;
+use super::device::{Gpu, Lane};
 use super::error::GpuError;
 use super::memory::Part;
 use super::pipeline::{IMMEDIATE_BYTES, Pipeline};
@@ -31,6 +31,13 @@ pub enum Command {
         /// To here, of the same size.
         to: Part,
     },
+    /// Fills memory.
+    Fill {
+        /// All of this, a multiple of four bytes.
+        part: Part,
+        /// Each word of it.
+        word: u32,
+    },
 }
 
 impl Command {
@@ -38,6 +45,7 @@ impl Command {
         match self {
             Self::Stage { pipeline, .. } => pipeline.label(),
             Self::Copy { .. } => "copy",
+            Self::Fill { .. } => "fill",
         }
     }
 }
@@ -62,6 +70,14 @@ pub enum Wait {
 
 /// Most steps of a frame. Longer work is split, so that no submission runs into a watchdog.
 pub const MAX_STEPS: usize = 40;
+
+/// How a stage reads what an earlier one wrote: drivers read storage at an address that all
+/// invocations share through their cache of uniforms.
+const READS: vk::AccessFlags = vk::AccessFlags::from_raw(
+    vk::AccessFlags::SHADER_READ.as_raw()
+        | vk::AccessFlags::UNIFORM_READ.as_raw()
+        | vk::AccessFlags::MEMORY_READ.as_raw(),
+);
 
 /// Most buffers that a stage binds.
 const MAX_BINDINGS: u32 = 8;
@@ -161,7 +177,7 @@ impl Frame {
         }
         for (step, place) in steps.iter().zip(0u32..) {
             if place > 0 {
-                self.barrier(vk::PipelineStageFlags::COMPUTE_SHADER, vk::AccessFlags::SHADER_READ);
+                self.barrier(vk::PipelineStageFlags::COMPUTE_SHADER, READS);
             }
             self.record_step(step)?;
             if let Some(queries) = self.queries {
@@ -210,6 +226,11 @@ impl Frame {
                 let (from, to) = (from.block.raw(), to.block.raw());
                 // SAFETY: both parts lie in blocks that the frame keeps alive.
                 unsafe { raw.cmd_copy_buffer(self.commands, from, to, &region) };
+            }
+            Command::Fill { part, word } => {
+                let (buffer, offset, bytes) = (part.block.raw(), part.offset, part.bytes);
+                // SAFETY: the part lies in a block that the frame keeps alive.
+                unsafe { raw.cmd_fill_buffer(self.commands, buffer, offset, bytes, *word) };
             }
             Command::Stage { pipeline, parts, immediates, groups } => {
                 assert_eq!(parts.len(), pipeline.binding_count() as usize, "one part a binding");
@@ -263,11 +284,42 @@ impl Frame {
     /// # Errors
     /// [`GpuError::Lost`] when the device is gone, [`GpuError::Hung`] when time is up.
     pub fn run(&mut self, wait: Wait, patience: Duration) -> Result<(), GpuError> {
-        let raw = self.gpu.raw();
-        // SAFETY: the frame is not pending (`run` waits), so its fence is not in use.
-        self.gpu.noticed(unsafe { raw.reset_fences(&[self.fence]) })?;
-        self.gpu.submit(self.commands, self.fence)?;
+        self.submit(Lane::First)?;
+        self.end(wait, patience)
+    }
+
+    /// Submits the frame. Nothing that it reads or writes may be touched until it has ended.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    ///
+    /// # Panics
+    /// While it is under way: a fault of this crate.
+    pub fn submit(&mut self, lane: Lane) -> Result<(), GpuError> {
+        assert!(!self.pending, "a frame is under way once");
+        // SAFETY: the frame is not pending, so its fence is not in use.
+        self.gpu.noticed(unsafe { self.gpu.raw().reset_fences(&[self.fence]) })?;
+        self.gpu.submit(lane, self.commands, self.fence)?;
         self.pending = true;
+        Ok(())
+    }
+
+    /// Whether the frame is under way.
+    pub fn is_pending(&self) -> bool {
+        self.pending
+    }
+
+    /// Whether a submitted frame has ended, or never will.
+    pub fn has_ended(&self) -> bool {
+        // SAFETY: the fence belongs to this device.
+        !self.pending || unsafe { self.gpu.raw().get_fence_status(self.fence) } != Ok(false)
+    }
+
+    /// Waits for the end of a submitted frame, `patience` at most.
+    ///
+    /// # Errors
+    /// [`GpuError::Lost`] when the device is gone, [`GpuError::Hung`] when time is up.
+    pub fn end(&mut self, wait: Wait, patience: Duration) -> Result<(), GpuError> {
         let ended = self.wait(wait, patience);
         // A device that was given up while it still works must not write into memory that the
         // caller takes back: let the frame end first.

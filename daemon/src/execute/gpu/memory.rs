@@ -52,6 +52,9 @@ const USAGE: vk::BufferUsageFlags = vk::BufferUsageFlags::from_raw(
         | vk::BufferUsageFlags::TRANSFER_DST.as_raw(),
 );
 
+/// A large page of GPUs in use.
+const LARGE_PAGE_BYTES: u64 = 2 << 20;
+
 impl Block {
     /// Makes a block of at least `bytes`, contents unspecified.
     ///
@@ -59,8 +62,10 @@ impl Block {
     /// [`GpuError::OutOfMemory`], also when the device has no memory of that kind.
     pub fn new(gpu: &Arc<Gpu>, home: Home, bytes: u64) -> Result<Arc<Self>, GpuError> {
         use vk::MemoryPropertyFlags as Flags;
-        // Whole pages, so that no two blocks share one and nothing is empty.
-        let bytes = bytes.max(1).next_multiple_of(4096);
+        // Whole pages, so that no two blocks share one and nothing is empty; large ones for large
+        // blocks, so that scattered access finds its way.
+        let page = if bytes >= LARGE_PAGE_BYTES / 2 { LARGE_PAGE_BYTES } else { 4096 };
+        let bytes = bytes.max(1).next_multiple_of(page);
         let (needed, wished) = match home {
             Home::Video => (Flags::DEVICE_LOCAL, Flags::empty()),
             Home::MappedVideo => {

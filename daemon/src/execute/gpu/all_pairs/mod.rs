@@ -6,8 +6,7 @@
 //! Avril et al. 2012, §3; their float mapping function is replaced by an integer search once a
 //! word (`pack_dense.wgsl`).
 
-mod cache;
-mod outcome;
+pub(super) mod outcome;
 pub mod plan;
 mod scratch;
 mod steps;
@@ -23,32 +22,23 @@ use pairmask::{Aabb, BoxCount, Encoding, EngineName};
 use pairmask_shaders::constants::BATCH_BOXES;
 use pairmask_shaders::layouts::BatchReport;
 
-use self::cache::{FrameCache, FrameKey, Place};
 use self::outcome::{Outcome, no_pairs, report};
 use self::plan::{BandLimits, Tuning};
-use self::scratch::{Growing, Scratch};
+use self::scratch::Scratch;
 use self::steps::{Output, Recording};
 use super::device::Gpu;
 use super::error::GpuError;
 use super::frame::{StepTime, Wait};
-use super::import::{ImportError, ImportId, Imports};
-use super::memory::{Home, Part};
+use super::frame_cache::{FrameCache, FrameKey, Place};
+use super::growing::Growing;
+use super::import::{ImportError, ImportId};
+use super::memory::{Block, Home, Part};
 use super::pipeline::Pipelines;
 use super::shader::Checks;
-
-/// How boxes reach the GPU.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Upload {
-    /// The keys stage reads host memory across the link.
-    KernelReads,
-    /// The copy engine brings them to video memory first.
-    DmaCopy,
-    /// The CPU stores them into mapped video memory.
-    MappedVideo,
-}
+use super::transfers::{SharedImports, Transfers, Upload};
 
 /// How the engine works. The default is what the daemon uses.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Default)]
 pub struct AllPairsOptions {
     /// Shader checks.
     pub checks: Checks,
@@ -65,18 +55,12 @@ pub struct AllPairsOptions {
     pub cache_folder: Option<PathBuf>,
     /// How to wait; `None` spins on a real GPU and sleeps on a software adapter.
     pub wait: Option<Wait>,
+    /// What is imported; to be shared by the engines of a device.
+    pub imports: SharedImports,
 }
 
 /// Largest matrix of a band: more would not be faster, and memory is shared with others.
 const MATRIX_BYTES: u64 = 256 << 20;
-
-/// Boxes up to this many bytes are stored by the CPU even where the kernel could read them across
-/// the link: it waits longer for the first of them than the stores take (24 KB: 1.3 µs).
-const STORED_FIRST_BYTES: u64 = 32 << 10;
-
-/// Boxes up to this many bytes are stored by the CPU straight into video memory when they must be
-/// copied anyway (24 KB: 1.3 µs on an H200); more go through host memory, which the kernel reads.
-const MAPPED_VIDEO_BYTES: u64 = 64 << 10;
 
 /// The engine. One thread uses it.
 pub struct AllPairs {
@@ -84,13 +68,9 @@ pub struct AllPairs {
     options: AllPairsOptions,
     limits: BandLimits,
     pipelines: Pipelines,
-    imports: Imports,
+    transfers: Transfers,
     scratch: Scratch,
-    // Blocks outside the stages' own: staged boxes (host and video) and staged masks.
-    staged_boxes: Growing,
     video_boxes: Growing,
-    mapped_boxes: Growing,
-    staged_mask: Growing,
     frames: FrameCache,
     reports: Vec<BatchReport>,
     step_times: Vec<StepTime>,
@@ -121,17 +101,15 @@ impl AllPairs {
             pipelines.get(stage)?;
         }
         pipelines.save();
+        let transfers = Transfers::new(Arc::clone(gpu), options.imports.clone(), options.upload);
         Ok(Self {
             gpu: Arc::clone(gpu),
             options,
             limits,
             pipelines,
-            imports: Imports::default(),
+            transfers,
             scratch: Scratch::new(),
-            staged_boxes: Growing::new(Home::Host),
             video_boxes: Growing::new(Home::Video),
-            mapped_boxes: Growing::new(Home::MappedVideo),
-            staged_mask: Growing::new(Home::Host),
             frames: FrameCache::default(),
             reports: Vec::new(),
             step_times: Vec::new(),
@@ -144,24 +122,25 @@ impl AllPairs {
     }
 
     /// Imports shared memory at an address range of this process, so that boxes or replies within
-    /// it need no copy. See [`Imports::import`].
+    /// it need no copy. See [`super::import::Imports::import`].
     ///
     /// # Errors
     /// [`ImportError`]; the staged path serves then.
     pub fn import(&mut self, address: usize, bytes: usize) -> Result<ImportId, ImportError> {
-        self.imports.import(&self.gpu, address, bytes)
+        self.transfers.imports().import(&self.gpu, address, bytes)
     }
 
     /// Ends an import. Call it when the mapping of the range ends.
     pub fn forget(&mut self, id: ImportId) {
-        if let Some(block) = self.imports.forget(id) {
-            self.frames.forget(&block);
+        let forgotten = self.transfers.imports().forget(id);
+        if let Some(block) = forgotten {
+            self.drop_frames_of(&block);
         }
     }
 
-    /// Whether the memory of an import has lost its owner.
-    pub fn is_orphaned(&self, id: ImportId) -> bool {
-        self.imports.is_orphaned(id)
+    /// Drops what was recorded for an import that has ended.
+    pub fn drop_frames_of(&mut self, block: &Arc<Block>) {
+        self.frames.forget(block);
     }
 
     /// Times of the last frame's steps, in order, if the engine is profiled. Steps of the same
@@ -173,39 +152,6 @@ impl AllPairs {
     fn wait(&self) -> Wait {
         let software = self.gpu.info().is_software();
         self.options.wait.unwrap_or(if software { Wait::Block } else { Wait::Spin })
-    }
-
-    /// Brings the boxes where the GPU sees them.
-    fn place_boxes(&mut self, boxes: &[Aabb], replaced: &mut bool) -> Result<Part, GpuError> {
-        let bytes = size_of_val(boxes) as u64;
-        let address = boxes.as_ptr() as usize;
-        let align = self.gpu.limits().storage_offset_align_bytes;
-        let mappable = self.gpu.limits().mapped_video_memory;
-        let stored = match self.options.upload {
-            Some(upload) => upload == Upload::MappedVideo,
-            None => bytes <= STORED_FIRST_BYTES && mappable,
-        };
-        if !stored
-            && let Some((block, offset)) = self.imports.find(address, bytes as usize)
-            && offset.is_multiple_of(align)
-        {
-            return Ok(Part::of(block, offset, bytes));
-        }
-        let mapped = match self.options.upload {
-            Some(upload) => upload == Upload::MappedVideo,
-            None => bytes <= MAPPED_VIDEO_BYTES && mappable,
-        };
-        let staged = if mapped { &mut self.mapped_boxes } else { &mut self.staged_boxes };
-        let block = staged.at_least(&self.gpu, bytes, replaced)?;
-        block.write(0, boxes);
-        Ok(Part::of(block, 0, bytes))
-    }
-
-    /// The part of an imported block at `mask`, if its sections can be bound there.
-    fn imported_mask(&self, mask: &[u32]) -> Option<Part> {
-        let (block, offset) = self.imports.find(mask.as_ptr() as usize, size_of_val(mask))?;
-        let align = self.gpu.limits().storage_offset_align_bytes;
-        offset.is_multiple_of(align).then(|| Part::of(block, offset, size_of_val(mask) as u64))
     }
 
     /// Runs all stages over all bands, the mask to `shape` of `mask`.
@@ -277,25 +223,19 @@ impl AllPairs {
         let words = n.dense_words();
         let start = Instant::now();
         let mut replaced = false;
-        let boxes = self.place_boxes(boxes, &mut replaced).map_err(|e| self.cull_error(&e))?;
+        let boxes =
+            self.transfers.place_boxes(boxes, &mut replaced).map_err(|e| self.cull_error(&e))?;
         let ingested = start.elapsed();
         let reserved = exactly(reply.reserve(words)?, words);
-        let direct = self.imported_mask(reserved);
-        let is_direct = direct.is_some();
         let done = (|| {
-            let mask = match direct {
-                Some(part) => part,
-                None => {
-                    Part::whole(self.staged_mask.at_least(&self.gpu, 4 * words, &mut replaced)?)
-                }
-            };
-            let outcome = self.run(n, &boxes, mask.clone(), shape, 0, replaced)?;
+            let mask = self.transfers.place_mask(reserved, &mut replaced)?;
+            let outcome = self.run(n, &boxes, mask.part.clone(), shape, 0, replaced)?;
             Ok((outcome, mask))
         })();
         let (outcome, mask) = done.map_err(|e: GpuError| self.cull_error(&e))?;
         let executed = start.elapsed();
-        if !is_direct {
-            mask.block.read(mask.offset, reserved);
+        if !mask.is_reply {
+            mask.part.block.read(mask.part.offset, reserved);
         }
         Ok(report(shape, &outcome, 0, [ingested, executed, start.elapsed()]))
     }
@@ -308,7 +248,8 @@ impl AllPairs {
     ) -> Result<CullReport, CullError> {
         let start = Instant::now();
         let mut replaced = false;
-        let boxes = self.place_boxes(boxes, &mut replaced).map_err(|e| self.cull_error(&e))?;
+        let boxes =
+            self.transfers.place_boxes(boxes, &mut replaced).map_err(|e| self.cull_error(&e))?;
         let ingested = start.elapsed();
         let possible = n.sparse_words_max();
         let mut capacity = plan::first_capacity(n);
@@ -321,18 +262,9 @@ impl AllPairs {
             }
             let room = MaskShape::sparse(n, capacity, capacity, false);
             let reserved = exactly(reply.reserve(room.extent_words())?, room.extent_words());
-            let direct = self.imported_mask(reserved);
-            let is_direct = direct.is_some();
             let done = (|| {
-                let mask = match direct {
-                    Some(part) => part,
-                    None => Part::whole(self.staged_mask.at_least(
-                        &self.gpu,
-                        4 * room.extent_words(),
-                        &mut replaced,
-                    )?),
-                };
-                let outcome = self.run(n, &boxes, mask.clone(), room, capacity, replaced)?;
+                let mask = self.transfers.place_mask(reserved, &mut replaced)?;
+                let outcome = self.run(n, &boxes, mask.part.clone(), room, capacity, replaced)?;
                 Ok((outcome, mask))
             })();
             let (outcome, mask) = done.map_err(|e: GpuError| self.cull_error(&e))?;
@@ -344,10 +276,12 @@ impl AllPairs {
             }
             let executed = start.elapsed();
             let shape = MaskShape::sparse(n, capacity, outcome.words, false);
-            if !is_direct && let MaskShape::Sparse { rows, blocks, bits, .. } = shape {
+            if !mask.is_reply
+                && let MaskShape::Sparse { rows, blocks, bits, .. } = shape
+            {
                 for section in [rows, blocks, bits] {
                     let to = &mut reserved[span(section)];
-                    mask.block.read(mask.offset + 4 * section.start, to);
+                    mask.part.block.read(mask.part.offset + 4 * section.start, to);
                 }
             }
             let zero_words = possible - outcome.words;
@@ -355,18 +289,8 @@ impl AllPairs {
         }
     }
 
-    /// What the caller can do about a fault of the GPU.
     fn cull_error(&self, error: &GpuError) -> CullError {
-        match *error {
-            GpuError::OutOfMemory { bytes } => {
-                CullError::DeviceMemory { engine: ENGINE, needed_bytes: bytes }
-            }
-            GpuError::Lost | GpuError::Hung | GpuError::Driver(_) | GpuError::Stage { .. } => {
-                log::error!("{ENGINE}: {error}");
-                self.gpu.health().mark_lost();
-                CullError::DeviceLost { engine: ENGINE }
-            }
-        }
+        self.gpu.cull_error(ENGINE, error)
     }
 }
 

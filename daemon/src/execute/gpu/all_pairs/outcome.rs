@@ -13,16 +13,16 @@ use pairmask_shaders::layouts::BatchReport;
 
 /// What a run said, summed over its batches.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) struct Outcome {
-    pub(super) census: Census,
+pub(in crate::execute::gpu) struct Outcome {
+    pub(in crate::execute::gpu) census: Census,
     /// Non-zero mask words.
-    pub(super) words: u64,
-    pub(super) pairs: u64,
+    pub(in crate::execute::gpu) words: u64,
+    pub(in crate::execute::gpu) pairs: u64,
 }
 
 impl Outcome {
     /// The sum of all batches, in order.
-    pub(super) fn of(reports: &[BatchReport]) -> Self {
+    pub(in crate::execute::gpu) fn of(reports: &[BatchReport]) -> Self {
         let mut outcome = Self { census: Census::default(), words: 0, pairs: 0 };
         for (batch, first) in reports.iter().zip((0..).step_by(BATCH_BOXES as usize)) {
             outcome.words += u64::from(batch.words);
@@ -45,7 +45,7 @@ impl Outcome {
 }
 
 /// The answer for fewer than two boxes: nothing for a GPU to do.
-pub(super) fn no_pairs(
+pub(in crate::execute::gpu) fn no_pairs(
     n: BoxCount,
     boxes: &[Aabb],
     encoding: Encoding,
@@ -65,7 +65,7 @@ pub(super) fn no_pairs(
 }
 
 /// The report of a frame; the times are since its start.
-pub(super) fn report(
+pub(in crate::execute::gpu) fn report(
     shape: MaskShape,
     outcome: &Outcome,
     zero_words: u64,

@@ -5,6 +5,7 @@
 //! * `latency`: boxes in shared memory → mask in shared memory, by the host's clock.
 //! * `check`: the mask against `cpu-brute`'s, word for word.
 
+pub mod grid;
 mod shared;
 
 use std::collections::BTreeMap;
@@ -21,10 +22,12 @@ use serde_json::json;
 use self::shared::Segment;
 use super::adapter::GpuChoice;
 use super::all_pairs::plan::{self, Tuning};
-use super::all_pairs::{AllPairs, AllPairsOptions, Upload};
+use super::all_pairs::{AllPairs, AllPairsOptions};
 use super::device::{Gpu, HostImport};
 use super::error::{GpuError, OpenError};
 use super::pipeline;
+use super::transfers::Upload;
+use crate::scene::SceneName;
 
 /// What is measured.
 #[derive(Clone, Debug)]
@@ -77,6 +80,14 @@ pub enum BenchError {
     /// No memory, or nowhere to print.
     #[error(transparent)]
     Io(#[from] std::io::Error),
+    /// The pairs of the GPU's grid are not the CPU's.
+    #[error("{n} boxes of {scene}: the pairs differ from the CPU's")]
+    WrongPairs {
+        /// Boxes.
+        n: u32,
+        /// Scene.
+        scene: SceneName,
+    },
     /// The GPU's mask is not the CPU's.
     #[error("{n} boxes, {encoding}: the mask differs from the CPU's")]
     Wrong {
@@ -139,6 +150,24 @@ pub fn run(options: &BenchOptions, out: &mut dyn Write) -> Result<(), BenchError
                     latency(&gpu, with, imported, &boxes, encoding, options, out)?;
                 }
             }
+        }
+    }
+    Ok(())
+}
+
+/// Measures the grid and prints.
+///
+/// # Errors
+/// [`BenchError`].
+pub fn run_grid(options: &BenchOptions, out: &mut dyn Write) -> Result<(), BenchError> {
+    let gpu = Gpu::open(&options.gpu, HostImport::IfPossible)?;
+    for &n in &options.counts {
+        for scene in grid::SCENES {
+            match grid::measure(&gpu, scene, n, options.budget, options.check) {
+                Ok(row) => writeln!(out, "{}", serde_json::to_string(&row).unwrap_or_default())?,
+                Err(error) => writeln!(out, "{scene} {n}: {error}")?,
+            }
+            out.flush()?;
         }
     }
     Ok(())

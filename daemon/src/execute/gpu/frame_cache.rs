@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use pairmask::Encoding;
 
-use crate::execute::gpu::device::Gpu;
-use crate::execute::gpu::error::GpuError;
-use crate::execute::gpu::frame::{Command, Frame};
-use crate::execute::gpu::memory::{Block, Part};
+use super::device::Gpu;
+use super::error::GpuError;
+use super::frame::{Command, Frame};
+use super::memory::{Block, Part};
 
 /// A place in a block. The frame that is filed under it keeps the block alive, so its address
 /// names no other block meanwhile.
@@ -73,13 +73,25 @@ impl FrameCache {
         self.frames.last_mut().map(|(_, frame)| frame).ok_or(GpuError::Lost)
     }
 
+    /// The frame that was asked for last.
+    pub(super) fn last(&self) -> Option<&Frame> {
+        self.frames.last().map(|(_, frame)| frame)
+    }
+
+    /// As [`Self::last`].
+    pub(super) fn last_mut(&mut self) -> Option<&mut Frame> {
+        self.frames.last_mut().map(|(_, frame)| frame)
+    }
+
     /// Drops all frames.
     pub(super) fn clear(&mut self) {
         self.frames.clear();
     }
 
-    /// Drops the frames that use a block.
+    /// Drops the frames that use a block, but for one under way, which keeps the block alive.
     pub(super) fn forget(&mut self, block: &Arc<Block>) {
-        self.frames.retain(|(key, _)| !key.input.is_in(block) && !key.output.is_in(block));
+        self.frames.retain(|(key, frame)| {
+            frame.is_pending() || !key.input.is_in(block) && !key.output.is_in(block)
+        });
     }
 }

@@ -1,0 +1,309 @@
+//! A frame of the grid under way, and the blocks that belong to it.
+
+use std::sync::{Arc, MutexGuard};
+use std::time::{Duration, Instant};
+
+use pairmask::engine::{
+    Census, CullError, CullReport, EngineTimes, NAMED_INVALID, ReplyBuffer, SkipMeter,
+};
+use pairmask::mask::MaskShape;
+use pairmask::{Aabb, BoxCount, Encoding, MaskWord};
+use pairmask_shaders::layouts::GridSummary;
+
+use super::layout::Chooser;
+use super::plan::{self, Sizes};
+use super::scratch::{Blocks, Scratch};
+use super::steps::Recording;
+use super::{ENGINE, GridOptions};
+use crate::execute::gpu::device::{Gpu, Lane};
+use crate::execute::gpu::error::GpuError;
+use crate::execute::gpu::frame::{Command, Frame, StepTime, Wait};
+use crate::execute::gpu::frame_cache::{FrameCache, FrameKey, Place};
+use crate::execute::gpu::import::Imports;
+use crate::execute::gpu::memory::{Block, Part};
+use crate::execute::gpu::pipeline::Pipelines;
+use crate::execute::gpu::transfers::{MaskPlace, Transfers};
+
+/// What the lanes share.
+pub(super) struct Tools {
+    pub(super) gpu: Arc<Gpu>,
+    pub(super) pipelines: Pipelines,
+    pub(super) chooser: Chooser,
+    /// Words of the last frame: what the next one's reply gets room for. The answer does not depend
+    /// on it.
+    pub(super) last_words: u64,
+    pub(super) profiled: bool,
+    pub(super) poison: Option<u32>,
+    pub(super) wait: Wait,
+}
+
+/// What a frame led to.
+pub(super) enum Ended {
+    /// An answer.
+    Report(CullReport),
+    /// A mask that its reply had no room for.
+    Again {
+        /// Boxes.
+        n: BoxCount,
+        /// Words of the mask.
+        words: u64,
+    },
+}
+
+/// A frame under way.
+struct UnderWay {
+    n: BoxCount,
+    capacity: u64,
+    mask: MaskPlace,
+    blocks: Blocks,
+    start: Instant,
+    ingested: Duration,
+}
+
+/// A lane with its blocks and recorded frames.
+pub(super) struct LaneState {
+    lane: Lane,
+    transfers: Transfers,
+    scratch: Scratch,
+    frames: FrameCache,
+    /// Whether the blocks that must be zero between frames may not be.
+    unclean: bool,
+    under_way: Option<UnderWay>,
+    step_times: Vec<StepTime>,
+}
+
+impl LaneState {
+    pub(super) fn new(lane: Lane, gpu: &Arc<Gpu>, options: &GridOptions) -> Self {
+        Self {
+            lane,
+            transfers: Transfers::new(Arc::clone(gpu), options.imports.clone(), options.upload),
+            scratch: Scratch::new(gpu),
+            frames: FrameCache::default(),
+            unclean: true,
+            under_way: None,
+            step_times: Vec::new(),
+        }
+    }
+
+    pub(super) fn imports(&self) -> MutexGuard<'_, Imports> {
+        self.transfers.imports()
+    }
+
+    pub(super) fn drop_frames_of(&mut self, block: &Arc<Block>) {
+        self.frames.forget(block);
+    }
+
+    pub(super) fn step_times(&self) -> &[StepTime] {
+        &self.step_times
+    }
+
+    pub(super) fn lane(&self) -> Lane {
+        self.lane
+    }
+
+    /// Whether no frame is under way.
+    pub(super) fn is_free(&self) -> bool {
+        self.under_way.is_none()
+    }
+
+    pub(super) fn has_ended(&self) -> bool {
+        self.frames.last().is_none_or(Frame::has_ended)
+    }
+
+    /// Submits a frame with room for `capacity` words.
+    pub(super) fn begin(
+        &mut self,
+        tools: &mut Tools,
+        n: BoxCount,
+        boxes: &[Aabb],
+        reply: &mut dyn ReplyBuffer,
+        capacity: u64,
+        binding_bytes: u64,
+    ) -> Result<(), CullError> {
+        assert!(self.under_way.is_none(), "one frame a lane");
+        let start = Instant::now();
+        let sizes = Sizes::of(n);
+        let words = sizes.reply_words(capacity);
+        if 4 * words > binding_bytes {
+            // The reply is one binding; all pairs binds its sections one by one.
+            return Err(CullError::TooCrowded { engine: ENGINE });
+        }
+        let reserved = &reply.reserve(words)?[..words as usize];
+        let submitted = (|| {
+            let mut replaced = false;
+            let placed = self.transfers.place_boxes(boxes, &mut replaced)?;
+            let mask = self.transfers.place_mask(reserved, &mut replaced)?;
+            let ingested = start.elapsed();
+            let layout = tools.chooser.choose(boxes);
+            let blocks = self.blocks(tools, &sizes, capacity, replaced)?;
+            blocks.written_layout.write(0, &[layout]);
+            self.submit(tools, sizes, capacity, &blocks, &placed, &mask.part)?;
+            Ok(UnderWay { n, capacity, mask, blocks, start, ingested })
+        })();
+        self.under_way = Some(submitted.map_err(|e: GpuError| tools.gpu.cull_error(ENGINE, &e))?);
+        Ok(())
+    }
+
+    /// The blocks of a frame, zeroed where they must be.
+    fn blocks(
+        &mut self,
+        tools: &Tools,
+        sizes: &Sizes,
+        capacity: u64,
+        mut replaced: bool,
+    ) -> Result<Blocks, GpuError> {
+        let gpu = &tools.gpu;
+        let blocks = self.scratch.blocks(gpu, sizes, capacity, &mut replaced, &mut self.unclean)?;
+        if replaced {
+            self.frames.clear();
+        }
+        let fill = |blocks: &[&Arc<Block>], word| {
+            let fill = |block: &&Arc<Block>| Command::Fill { part: Part::whole(block), word };
+            let mut frame = Frame::new(gpu, false)?;
+            frame.record(blocks.iter().map(fill).collect())?;
+            frame.run(tools.wait, FILL_PATIENCE)
+        };
+        if let (true, Some(word)) = (replaced, tools.poison) {
+            self.unclean = true;
+            fill(&blocks.all(), word)?;
+        }
+        if self.unclean {
+            fill(&[&blocks.table, &blocks.control], 0)?;
+        }
+        Ok(blocks)
+    }
+
+    fn submit(
+        &mut self,
+        tools: &mut Tools,
+        sizes: Sizes,
+        capacity: u64,
+        blocks: &Blocks,
+        boxes: &Part,
+        reply: &Part,
+    ) -> Result<(), GpuError> {
+        let key = FrameKey {
+            n: sizes.n,
+            encoding: Encoding::Sparse,
+            capacity,
+            chunk: 0,
+            input: Place::of(boxes),
+            output: Place::of(reply),
+        };
+        let recording =
+            Recording { sizes, params: sizes.params(capacity as u32), blocks, boxes, reply };
+        let pipelines = &mut tools.pipelines;
+        let frame =
+            self.frames.frame(&tools.gpu, key, tools.profiled, || recording.steps(pipelines))?;
+        // A frame that does not end leaves its blocks as they are.
+        self.unclean = true;
+        frame.submit(self.lane)
+    }
+
+    /// Waits for the frame under way.
+    pub(super) fn end(
+        &mut self,
+        tools: &mut Tools,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<Ended, CullError> {
+        let lost = || CullError::DeviceLost { engine: ENGINE };
+        let (Some(began), Some(frame)) = (self.under_way.take(), self.frames.last_mut()) else {
+            return Err(lost());
+        };
+        let UnderWay { n, capacity, mask, blocks, start, ingested } = began;
+        let ended = frame.end(tools.wait, patience(&tools.gpu, n)).and_then(|()| {
+            if tools.profiled {
+                self.step_times = frame.step_times()?;
+            }
+            Ok(())
+        });
+        ended.map_err(|e| tools.gpu.cull_error(ENGINE, &e))?;
+        self.unclean = false;
+        let mut summary = [GridSummary::default()];
+        blocks.summary.read(0, &mut summary);
+        let [summary] = summary;
+        if plan::is_over_budget(summary.work, summary.giant_work) {
+            return Err(CullError::TooCrowded { engine: ENGINE });
+        }
+        let wide = |[low, high]: [u32; 2]| u64::from(low) | u64::from(high) << 32;
+        let words = wide(summary.words);
+        if words > n.sparse_words_max() || wide(summary.compared) > n.pair_count() {
+            // No scene has as many: the device does not do what the stages say.
+            let fault = GpuError::Driver(ash::vk::Result::ERROR_UNKNOWN);
+            return Err(tools.gpu.cull_error(ENGINE, &fault));
+        }
+        tools.last_words = words;
+        if words > capacity {
+            return Ok(Ended::Again { n, words });
+        }
+        let executed = start.elapsed();
+        let sizes = Sizes::of(n);
+        let shape = sizes.shape(words);
+        if !mask.is_reply
+            && let MaskShape::Sparse { rows, blocks, bits, order } = shape
+        {
+            let room = sizes.reply_words(capacity);
+            let reserved = &mut reply.reserve(room)?[..room as usize];
+            for section in [rows, blocks, bits].into_iter().chain(order) {
+                let start = section.start as usize;
+                let to = &mut reserved[start..start + section.len as usize];
+                mask.part.block.read(mask.part.offset + 4 * section.start, to);
+            }
+        }
+        let census = census(&summary, &blocks.invalid, sizes.plane());
+        let ns = |d: Duration| d.as_nanos() as u64;
+        Ok(Ended::Report(CullReport {
+            shape,
+            census,
+            pair_count: wide(summary.pairs),
+            skipped: SkipMeter {
+                boxes: u64::from(census.invalid) + u64::from(census.empty),
+                pairs: n.pair_count() - wide(summary.compared),
+                zero_words: n.sparse_words_max() - words,
+            },
+            times: EngineTimes {
+                ingest_ns: ns(ingested),
+                execute_ns: ns(executed.saturating_sub(ingested)),
+                publish_ns: ns(start.elapsed().saturating_sub(executed)),
+            },
+        }))
+    }
+}
+
+impl Drop for LaneState {
+    fn drop(&mut self) {
+        // The reply's memory goes back to its owner: a frame that writes to it must end first, which
+        // dropping it waits for.
+        self.frames.clear();
+    }
+}
+
+/// How long filling blocks may take before the device counts as hung.
+const FILL_PATIENCE: Duration = Duration::from_secs(10);
+
+/// How long a frame may take before the device counts as hung: ten seconds, and what the worst
+/// scene within the budget takes.
+fn patience(gpu: &Gpu, n: BoxCount) -> Duration {
+    let tests_a_second = if gpu.info().is_software() { 50_000_000 } else { 20_000_000_000 };
+    Duration::from_secs(10 + n.pair_count() / tests_a_second)
+}
+
+/// The census of a frame; the bits of invalid boxes are looked at only where there are some.
+fn census(summary: &GridSummary, invalid: &Block, plane: u32) -> Census {
+    let mut census = Census { invalid: summary.invalid, empty: summary.empty, ..Census::default() };
+    let mut named = 0;
+    let wanted = (summary.invalid as usize).min(NAMED_INVALID);
+    let mut place = 0;
+    while named < wanted && place < plane {
+        let mut word = [0u32];
+        invalid.read(u64::from(place / 8), &mut word);
+        for bit in MaskWord(word[0]).bits() {
+            if let Some(slot) = census.first_invalid.get_mut(named) {
+                *slot = place + bit;
+                named += 1;
+            }
+        }
+        place += 32;
+    }
+    census
+}

@@ -1,0 +1,285 @@
+//! Which levels a scene gets and how large their cells are, from a sample.
+//!
+//! The model below counts what a row looks at; it only steers. Any layout gives the same pairs.
+
+use pairmask::Aabb;
+use pairmask_shaders::constants::{GRID_LEVELS, PARKED};
+use pairmask_shaders::layouts::GridLayout;
+
+use super::axis::{self, Axis, CELL_LIMIT, FOLDED_LEAST};
+use super::sample::Sample;
+
+/// Cells of boxes of one size are this much longer than they, so that rounding sends none to a
+/// coarser level.
+const ALIKE_MARGIN: f32 = 1.001;
+/// Where sizes differ, cells are this much longer than the longest edge that the sample saw: if
+/// only ten boxes of a million go to a coarser level, all the others have to look there.
+const MIXED_MARGIN: f32 = 1.02;
+/// Sizes that differ by less are one size.
+const ALIKE_SIZES: f32 = 1.0005;
+/// Share of the extent by which the table reaches beyond what the sample saw, on either side.
+const BOUNDS_MARGIN: f32 = 1.0 / 256.0;
+
+/// Most cells of a level for each of its boxes: a uniform scene with a pair a box has 4.3.
+const CELLS_A_BOX: u64 = 6;
+/// Cells that a level may have however few its boxes are.
+const CELLS_LEAST: u64 = 512;
+
+/// Levels for the boxes of the sample; the rest is for larger ones.
+const SAMPLED_LEVELS: usize = 11;
+/// Each spare level's cells against those of the level before.
+const SPARE_GROWTH: f32 = 4.0;
+
+/// Octaves of sizes below the largest that are told apart.
+const OCTAVES: usize = 24;
+
+/// Cost of looking up a run of cells, in tests of a pair.
+const RUN_COST: f32 = 2.0;
+/// Cost of another level to look at.
+const LEVEL_COST: f32 = 3.0;
+
+/// Most entries of the table of cells for `n` boxes: a function of n alone, so that buffers and
+/// dispatches are known before the boxes are.
+pub(super) const fn cells_most(n: u32) -> u64 {
+    CELLS_A_BOX * n as u64 + CELLS_LEAST * GRID_LEVELS as u64 + 2 * parking_cells(n) as u64 + 1
+}
+
+/// Cells of boxes that lie there by their index.
+const fn parking_cells(n: u32) -> u32 {
+    n / PARKED + 1
+}
+
+/// Boxes of one octave of sizes, or of several.
+#[derive(Clone, Copy, Debug, Default)]
+struct Group {
+    /// Boxes of the sample.
+    count: f32,
+    /// Largest edges.
+    edges: [f32; 3],
+}
+
+impl Group {
+    fn with(self, other: Self) -> Self {
+        let edges = std::array::from_fn(|axis| self.edges[axis].max(other.edges[axis]));
+        Self { count: self.count + other.count, edges }
+    }
+}
+
+/// Chooses layouts. Memory is kept from frame to frame.
+#[derive(Default)]
+pub(super) struct Chooser {
+    sample: Sample,
+}
+
+impl Chooser {
+    /// The layout for a scene.
+    pub fn choose(&mut self, boxes: &[Aabb]) -> GridLayout {
+        self.sample.take(boxes);
+        let n = boxes.len() as u32;
+        let mut layout = GridLayout::default();
+        let mut cells = 0;
+        let mut top = [0.0f32; 3];
+        let octaves = octaves(&self.sample);
+        let margin = if self.sample.is_alike(ALIKE_SIZES) { ALIKE_MARGIN } else { MIXED_MARGIN };
+        for group in groups(&self.sample, &octaves).into_iter().flatten() {
+            top = cell_edges(&self.sample, group.edges, margin);
+            let share = group.count / self.sample.boxes.len().max(1) as f32;
+            let axes = axes(&self.sample, top, share * self.sample.solid, room(n, &layout, cells));
+            push(&mut layout, &mut cells, axes);
+        }
+        // Coarser levels for the few boxes that are larger than any that the sample saw.
+        while layout.level_count > 0
+            && layout.level_count < GRID_LEVELS
+            && (0..3).any(|axis| top[axis] < self.sample.extent[axis])
+        {
+            top = top.map(|edge| edge * SPARE_GROWTH);
+            let axes = axes(&self.sample, top, 0.0, room(n, &layout, cells));
+            push(&mut layout, &mut cells, axes);
+        }
+        layout.first_giant = cells;
+        layout.first_nothing = cells + parking_cells(n);
+        layout.cell_end = layout.first_nothing + parking_cells(n);
+        debug_assert!(u64::from(layout.cell_end) < cells_most(n));
+        layout
+    }
+}
+
+/// Cells that the next level may have, so that all levels fit [`cells_most`].
+fn room(n: u32, layout: &GridLayout, cells: u32) -> u64 {
+    let later_levels = u64::from(GRID_LEVELS - 1 - layout.level_count);
+    let levels = CELLS_A_BOX * u64::from(n) + CELLS_LEAST * u64::from(GRID_LEVELS);
+    levels - u64::from(cells) - CELLS_LEAST * later_levels
+}
+
+fn push(layout: &mut GridLayout, cells: &mut u32, axes: [Axis; 3]) {
+    let level = axis::level(axes, *cells);
+    *cells += level.cell_count;
+    layout.levels[layout.level_count as usize] = level;
+    layout.level_count += 1;
+}
+
+/// Boxes by octave of size, smallest first: the last has those within a factor of two of the
+/// largest.
+fn octaves(sample: &Sample) -> [Group; OCTAVES] {
+    let mut octaves = [Group::default(); OCTAVES];
+    let largest = sample.boxes.iter().map(|b| b.size).fold(0.0, f32::max);
+    for b in &sample.boxes {
+        // Whole octaves below the largest, by the exponent; sizes are no NaN, and may be 0.
+        let below = if b.size > 0.0 { (largest / b.size).log2() } else { OCTAVES as f32 };
+        let octave = OCTAVES - 1 - (below.max(0.0) as usize).min(OCTAVES - 1);
+        octaves[octave] = octaves[octave].with(Group { count: 1.0, edges: b.edges });
+    }
+    octaves
+}
+
+/// The cheapest way to share the octaves among levels, finest first. Dynamic programming over
+/// where a level ends: what a level costs depends on its own boxes and on how many are finer.
+fn groups(sample: &Sample, octaves: &[Group; OCTAVES]) -> [Option<Group>; SAMPLED_LEVELS] {
+    // Best cost of the octaves before each border, the border before it, and levels so far.
+    let mut best = [(f32::INFINITY, 0usize, 0usize); OCTAVES + 1];
+    let first = octaves.iter().position(|o| o.count > 0.0).unwrap_or(OCTAVES);
+    best[first] = (0.0, first, 0);
+    let mut finer = 0.0;
+    for start in first..OCTAVES {
+        let (cost, _, levels) = best[start];
+        if cost.is_finite() && levels < SAMPLED_LEVELS {
+            let mut group = Group::default();
+            for (end, octave) in (start + 1..).zip(&octaves[start..]) {
+                group = group.with(*octave);
+                let cost = cost + level_cost(sample, &group, finer);
+                // Levels end at an octave that has boxes, or at the last.
+                if octave.count > 0.0 && cost < best[end].0 {
+                    best[end] = (cost, start, levels + 1);
+                } else if octave.count == 0.0 && best[end - 1].0 < best[end].0 {
+                    best[end] = best[end - 1];
+                }
+            }
+        }
+        finer += octaves[start].count;
+    }
+    let mut found = [None; SAMPLED_LEVELS];
+    let mut end = OCTAVES;
+    while end > first && best[end].0.is_finite() {
+        let (_, start, levels) = best[end];
+        let group = octaves[start..end].iter().fold(Group::default(), |g, o| g.with(*o));
+        if levels == 0 || group.count == 0.0 {
+            break;
+        }
+        found[levels - 1] = Some(group);
+        end = start;
+    }
+    found
+}
+
+/// What a level costs all boxes that look at it: `group` its own, `finer` those of finer levels.
+fn level_cost(sample: &Sample, group: &Group, finer: f32) -> f32 {
+    let edges = cell_edges(sample, group.edges, MIXED_MARGIN);
+    // Cells around a box along each axis: where the scene is one cell deep, one.
+    let around = |axis: usize, cells: f32| {
+        if edges[axis] < sample.extent[axis] { cells } else { 1.0 }
+    };
+    let crowd: f32 = (0..3)
+        .map(|axis| (edges[axis] / sample.extent[axis].max(f32::MIN_POSITIVE)).min(1.0))
+        .product();
+    let in_cell = sample.solid * group.count / sample.boxes.len().max(1) as f32 * crowd;
+    let own_runs = 0.5 * (around(1, 3.0) * around(2, 3.0) + 1.0);
+    let own_cells = 0.5 * around(0, 3.0) * around(1, 3.0) * around(2, 3.0);
+    let runs = around(1, 2.0) * around(2, 2.0);
+    let own = RUN_COST * own_runs + in_cell * own_cells;
+    let across = LEVEL_COST + runs * (RUN_COST + in_cell * around(0, 2.0));
+    group.count * own + finer * across
+}
+
+/// Cells for boxes of edges up to `edges`.
+fn cell_edges(sample: &Sample, edges: [f32; 3], margin: f32) -> [f32; 3] {
+    std::array::from_fn(|axis| {
+        // Flat boxes: any cell holds them, so take what the scene has room for.
+        let least = sample.extent[axis] / 1024.0;
+        let edge = if edges[axis] > 0.0 { edges[axis] * margin } else { least };
+        edge.max(f32::MIN_POSITIVE)
+    })
+}
+
+/// Axes of a level of cells of `edges` for about `boxes` boxes, of at most `room` cells.
+fn axes(sample: &Sample, edges: [f32; 3], boxes: f32, room: u64) -> [Axis; 3] {
+    let limit = (CELLS_A_BOX * boxes as u64).max(CELLS_LEAST).min(room);
+    let margin = sample.extent.map(|extent| extent * BOUNDS_MARGIN);
+    let mut counts: [u64; 3] = std::array::from_fn(|axis| {
+        if edges[axis] >= sample.extent[axis] {
+            return 1;
+        }
+        let cells = (sample.extent[axis] + 2.0 * margin[axis]) / edges[axis];
+        cells.clamp(0.0, CELL_LIMIT - 1.0) as u64 + 1
+    });
+    if counts.iter().product::<u64>() <= limit {
+        return std::array::from_fn(|axis| {
+            let start = sample.low[axis] - if counts[axis] > 1 { margin[axis] } else { 0.0 };
+            Axis::clamped(start, edges[axis], counts[axis] as u32)
+        });
+    }
+    // Too wide for a table: fold. An axis too short for folding becomes one cell.
+    for count in &mut counts {
+        *count = count.next_power_of_two();
+    }
+    while counts.iter().product::<u64>() > limit {
+        let widest = (0..3).fold(0, |a, b| if counts[b] > counts[a] { b } else { a });
+        counts[widest] /= 2;
+    }
+    std::array::from_fn(|axis| {
+        if counts[axis] < u64::from(FOLDED_LEAST) {
+            return Axis::clamped(sample.low[axis], edges[axis], 1);
+        }
+        Axis::folded(sample.middle[axis], edges[axis], counts[axis] as u32)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pairmask_tests::stress_scenes;
+
+    #[test]
+    fn every_layout_fits_the_table_and_has_a_level_for_what_the_sample_saw() {
+        let mut chooser = Chooser::default();
+        for scene in stress_scenes::ALL {
+            for n in (0..70).chain([345, 1234, 20_000]) {
+                let layout = chooser.choose(&scene.boxes(n, 7));
+                assert!(u64::from(layout.cell_end) < cells_most(n), "{scene:?}, {n} boxes");
+                let mut next = 0;
+                for level in &layout.levels[..layout.level_count as usize] {
+                    assert_eq!(level.first_cell, next, "{scene:?}");
+                    next += level.cell_count;
+                    for axis in 0..3 {
+                        let folded = level.wraps >> axis & 1 == 1;
+                        assert!(!folded || level.count[axis] >= FOLDED_LEAST, "{scene:?}");
+                        assert_eq!(folded, level.fold[axis] >= 0, "{scene:?}");
+                    }
+                }
+                assert_eq!(layout.first_giant, next);
+            }
+        }
+    }
+
+    #[test]
+    fn boxes_of_one_size_get_one_level_and_spares() {
+        let mut chooser = Chooser::default();
+        let uniform = stress_scenes::named("uniform").boxes(10_000, 3);
+        let layout = chooser.choose(&uniform);
+        let cells = layout.levels[0].cell_count;
+        assert!((20_000..60_000).contains(&cells), "{cells}");
+        let edge = uniform[0].max[0] - uniform[0].min[0];
+        let cell = 1.0 / layout.levels[0].scale[0];
+        assert!(edge < cell && cell < 1.01 * edge, "{edge} {cell}");
+        let top = &layout.levels[layout.level_count as usize - 1];
+        assert!(top.count.iter().all(|count| *count <= 2), "{top:?}");
+    }
+
+    #[test]
+    fn boxes_of_many_sizes_get_levels_of_rising_cells() {
+        let boxes = stress_scenes::named("sizes over 20 octaves").boxes(20_000, 3);
+        let layout = Chooser::default().choose(&boxes);
+        let levels = &layout.levels[..layout.level_count as usize];
+        assert!(levels.len() >= 3, "{}", levels.len());
+        assert!(levels.windows(2).all(|w| w[0].scale[0] > w[1].scale[0]));
+    }
+}

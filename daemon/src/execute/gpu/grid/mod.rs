@@ -1,0 +1,218 @@
+//! Engine `gpu-grid`: a uniform grid with levels on the GPU.
+//!
+//! The grid of Avril et al. 2012, §4, as `cpu-grid` has it: each box has one home cell, by its min
+//! corner, in the finest level on which it spans at most two cells an axis. Six stages, one
+//! submission:
+//!
+//! > `grid_cells` → `grid_scan` → `grid_scatter` → `grid_place` → `grid_pairs` → `grid_write`
+//!
+//! The first reads the boxes across the link, the last two write the reply across it. What the
+//! dispatches depend on is known before: the levels come from a sample of the boxes on the CPU
+//! (`layout`), sizes from their number ([`plan`]). So nothing waits for the host in between. Only
+//! a reply that turns out larger than its allocation takes a second submission.
+//!
+//! Same boxes, same bytes: positions are by cell and index, words by row and block, and neither the
+//! order in which threads come nor earlier frames show. ([`mirror`] is the same on the CPU.)
+//!
+//! Scenes that crowd a cell beyond a budget, or dense masks, are the all-pairs engine's.
+
+mod axis;
+mod lane;
+mod layout;
+pub mod mirror;
+pub mod plan;
+mod sample;
+mod scratch;
+mod steps;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use pairmask::engine::{CullError, CullJob, CullReport, Engine, ReplyBuffer};
+use pairmask::{Aabb, BoxCount, Encoding, EngineName};
+use pairmask_shaders::{GridStage, Stage};
+
+use self::lane::{Ended, LaneState, Tools};
+use self::layout::Chooser;
+use super::all_pairs::outcome::no_pairs;
+use super::device::{Gpu, LANES, Lane};
+use super::error::GpuError;
+use super::frame::{StepTime, Wait};
+use super::import::{ImportError, ImportId};
+use super::memory::Block;
+use super::pipeline::Pipelines;
+use super::shader::Checks;
+use super::transfers::{SharedImports, Upload};
+
+/// Cells that a scene gets, all levels together. For measurements.
+pub fn cell_count(boxes: &[Aabb]) -> u32 {
+    Chooser::default().choose(boxes).cell_end
+}
+
+/// How the engine works. The default is what the daemon uses.
+#[derive(Clone, Default)]
+pub struct GridOptions {
+    /// Shader checks.
+    pub checks: Checks,
+    /// Way of the boxes; `None` chooses by where they are and how many.
+    pub upload: Option<Upload>,
+    /// Take timestamps of each step.
+    pub profiled: bool,
+    /// Folder of the pipeline cache; `None` keeps none.
+    pub cache_folder: Option<PathBuf>,
+    /// How to wait; `None` spins on a real GPU and sleeps on a software adapter.
+    pub wait: Option<Wait>,
+    /// Fill new video memory with a pattern, for tests: what no stage wrote must not show.
+    pub poison: Option<u32>,
+    /// What is imported; to be shared by the engines of a device.
+    pub imports: SharedImports,
+}
+
+const ENGINE: EngineName = EngineName::GpuGrid;
+
+/// The engine. One thread uses it, for one frame at a time ([`Engine::cull`]) or for one in each
+/// lane ([`Grid::begin`], [`Grid::end`]).
+pub struct Grid {
+    gpu: Arc<Gpu>,
+    binding_bytes: u64,
+    tools: Tools,
+    lanes: [LaneState; LANES],
+}
+
+impl Grid {
+    /// An engine on `gpu`, with all stages compiled.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn new(gpu: &Arc<Gpu>, options: &GridOptions) -> Result<Self, GpuError> {
+        let mut pipelines = Pipelines::new(gpu, options.checks, options.cache_folder.as_deref())?;
+        for stage in GridStage::ALL {
+            pipelines.get(Stage::Grid(stage))?;
+        }
+        pipelines.save();
+        let lanes = Lane::ALL.map(|lane| LaneState::new(lane, gpu, options));
+        let software = gpu.info().is_software();
+        Ok(Self {
+            gpu: Arc::clone(gpu),
+            binding_bytes: gpu.limits().storage_binding_bytes.min(1 << 31),
+            tools: Tools {
+                gpu: Arc::clone(gpu),
+                pipelines,
+                chooser: Chooser::default(),
+                last_words: 0,
+                profiled: options.profiled,
+                poison: options.poison,
+                wait: options.wait.unwrap_or(if software { Wait::Block } else { Wait::Spin }),
+            },
+            lanes,
+        })
+    }
+
+    /// The device.
+    pub fn gpu(&self) -> &Arc<Gpu> {
+        &self.gpu
+    }
+
+    /// Imports shared memory at an address range of this process, so that boxes or replies within
+    /// it need no copy. See [`super::import::Imports::import`].
+    ///
+    /// # Errors
+    /// [`ImportError`]; the staged path serves then.
+    pub fn import(&mut self, address: usize, bytes: usize) -> Result<ImportId, ImportError> {
+        self.lanes[0].imports().import(&self.gpu, address, bytes)
+    }
+
+    /// Drops what was recorded for an import that has ended.
+    pub fn drop_frames_of(&mut self, block: &Arc<Block>) {
+        for lane in &mut self.lanes {
+            lane.drop_frames_of(block);
+        }
+    }
+
+    /// Times of the last frame's steps, in order, if the engine is profiled.
+    pub fn step_times(&self) -> &[StepTime] {
+        self.lanes[0].step_times()
+    }
+
+    /// Starts a frame in a free lane. Until [`Grid::end`] is called for it, the boxes and the memory
+    /// that `reply` handed out belong to the GPU: whoever frees them earlier must drop the engine
+    /// first.
+    ///
+    /// # Errors
+    /// [`CullError`], as [`Engine::cull`]; nothing is under way then.
+    /// [`CullError::Unavailable`] where all lanes are taken.
+    pub fn begin(
+        &mut self,
+        boxes: &[Aabb],
+        encoding: Encoding,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<Lane, CullError> {
+        let limit = plan::max_boxes(self.binding_bytes);
+        let n = BoxCount::of_len(boxes.len())
+            .filter(|n| u64::from(n.get()) <= limit)
+            .ok_or(CullError::TooManyBoxes { engine: ENGINE, n: boxes.len() as u64, limit })?;
+        let unavailable = |why| CullError::Unavailable { engine: ENGINE, why };
+        if encoding == Encoding::Dense {
+            return Err(unavailable("dense masks are all pairs'"));
+        }
+        let lane = self.lanes.iter_mut().find(|lane| lane.is_free());
+        let lane = lane.ok_or(unavailable("all of its lanes are taken"))?;
+        self.gpu.health().check().map_err(|e| self.gpu.cull_error(ENGINE, &e))?;
+        let capacity = plan::capacity(n, self.tools.last_words);
+        lane.begin(&mut self.tools, n, boxes, reply, capacity, self.binding_bytes)?;
+        Ok(lane.lane())
+    }
+
+    /// Whether the frame of a lane has ended, so that [`Grid::end`] does not wait.
+    pub fn has_ended(&self, lane: Lane) -> bool {
+        self.lanes[lane as usize].has_ended()
+    }
+
+    /// Waits for the frame of a lane. `boxes` and `reply` are those that it began with.
+    ///
+    /// # Errors
+    /// [`CullError`], as [`Engine::cull`].
+    pub fn end(
+        &mut self,
+        lane: Lane,
+        boxes: &[Aabb],
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullReport, CullError> {
+        let lane = &mut self.lanes[lane as usize];
+        loop {
+            match lane.end(&mut self.tools, reply)? {
+                Ended::Report(report) => return Ok(report),
+                Ended::Again { n, words } => {
+                    // Counted, not written: come back with room for that many.
+                    let capacity = plan::capacity(n, words);
+                    lane.begin(&mut self.tools, n, boxes, reply, capacity, self.binding_bytes)?;
+                }
+            }
+        }
+    }
+}
+
+impl Engine for Grid {
+    fn name(&self) -> EngineName {
+        ENGINE
+    }
+
+    /// Dense masks are refused ([`CullError::Unavailable`]): they have all pairs' words, which the
+    /// all-pairs engine writes faster. Crowds are, too ([`CullError::TooCrowded`]).
+    fn cull(
+        &mut self,
+        boxes: &[Aabb],
+        job: &CullJob,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullReport, CullError> {
+        match BoxCount::of_len(boxes.len()) {
+            Some(n) if n.get() < 2 && job.encoding == Encoding::Sparse => {
+                no_pairs(n, boxes, job.encoding, reply)
+            }
+            _ => {
+                let lane = self.begin(boxes, job.encoding, reply)?;
+                self.end(lane, boxes, reply)
+            }
+        }
+    }
+}

@@ -1,0 +1,105 @@
+//! A look at a few boxes of the scene: bounds and sizes.
+//!
+//! A pure function of the boxes, so that the same boxes give the same bytes whatever came before.
+
+use pairmask::{Aabb, BoxClass};
+
+use super::axis::plain;
+
+/// Boxes looked at: 256 see a share of 2 % of a scene with 99 % certainty, and take 5 to 10 µs to
+/// fetch from a large scene.
+const SAMPLE: usize = 256;
+
+/// What is kept of a sampled box.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct SampledBox {
+    /// Finite edges; an infinite one is held at 2^60.
+    pub edges: [f32; 3],
+    /// Largest edge in units of the median edge of its axis.
+    pub size: f32,
+}
+
+/// The sampled solid boxes and what follows from them.
+#[derive(Default)]
+pub(super) struct Sample {
+    pub boxes: Vec<SampledBox>,
+    /// Smallest min corner.
+    pub low: [f32; 3],
+    /// Median of the min corners.
+    pub middle: [f32; 3],
+    /// Distance from the smallest to the largest min corner.
+    pub extent: [f32; 3],
+    /// Solid boxes of the scene, about.
+    pub solid: f32,
+    scratch: Vec<f32>,
+    mins: Vec<[f32; 3]>,
+}
+
+impl Sample {
+    /// Looks at a scene.
+    pub fn take(&mut self, boxes: &[Aabb]) {
+        let n = boxes.len();
+        let wanted = n.min(SAMPLE);
+        self.boxes.clear();
+        self.mins.clear();
+        for i in 0..wanted {
+            let b = &boxes[place(i, wanted, n)];
+            // A copy: the writer may change its box meanwhile.
+            let b = *b;
+            if b.class() == BoxClass::Solid {
+                self.mins.push(b.min.map(plain));
+                let edges = std::array::from_fn(|a| plain(plain(b.max[a]) - plain(b.min[a])));
+                self.boxes.push(SampledBox { edges, size: 0.0 });
+            }
+        }
+        self.solid = n as f32 * self.boxes.len() as f32 / wanted.max(1) as f32;
+        for axis in 0..3 {
+            self.scratch.clear();
+            self.scratch.extend(self.mins.iter().map(|min| min[axis]));
+            if self.scratch.is_empty() {
+                (self.low[axis], self.middle[axis], self.extent[axis]) = (0.0, 0.0, 0.0);
+                continue;
+            }
+            let half = (self.scratch.len() - 1) / 2;
+            let (below, middle, above) = self.scratch.select_nth_unstable_by(half, f32::total_cmp);
+            let low = below.iter().copied().fold(*middle, f32::min);
+            let high = above.iter().copied().fold(*middle, f32::max);
+            self.low[axis] = low;
+            self.middle[axis] = *middle;
+            self.extent[axis] = high - low;
+        }
+        self.measure_sizes();
+    }
+
+    /// Whether all edges of an axis are the same, up to a factor.
+    pub fn is_alike(&self, factor: f32) -> bool {
+        (0..3).all(|axis| {
+            let edges = || self.boxes.iter().map(|b| b.edges[axis]);
+            edges().fold(0.0, f32::max) <= factor * edges().fold(f32::INFINITY, f32::min)
+        })
+    }
+
+    fn measure_sizes(&mut self) {
+        let unit: [f32; 3] = std::array::from_fn(|axis| {
+            self.scratch.clear();
+            let edges = self.boxes.iter().map(|b| b.edges[axis]);
+            self.scratch.extend(edges.filter(|edge| *edge > 0.0));
+            let middle = self.scratch.len() / 2;
+            if self.scratch.is_empty() {
+                return 1.0;
+            }
+            *self.scratch.select_nth_unstable_by(middle, f32::total_cmp).1
+        });
+        for b in &mut self.boxes {
+            b.size = (0..3).map(|axis| b.edges[axis] / unit[axis]).fold(0.0, f32::max);
+        }
+    }
+}
+
+/// The box to look at for sample `i` of `wanted`: one of each stretch, at a place that a hash
+/// chooses, because scenes are often laid out in rows of some round number.
+fn place(i: usize, wanted: usize, n: usize) -> usize {
+    let (start, end) = (i * n / wanted, (i + 1) * n / wanted);
+    let hash = (i as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 33;
+    start + hash as usize % (end - start).max(1)
+}

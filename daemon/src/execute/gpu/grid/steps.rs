@@ -1,0 +1,117 @@
+//! The stages of a frame with what they bind.
+
+use std::sync::Arc;
+
+use pairmask_shaders::layouts::GridParams;
+use pairmask_shaders::{GridStage, Stage};
+
+use super::plan::Sizes;
+use super::scratch::{Blocks, LAYOUT_BYTES};
+use crate::execute::gpu::error::GpuError;
+use crate::execute::gpu::frame::Command;
+use crate::execute::gpu::memory::{Block, Part};
+use crate::execute::gpu::pipeline::Pipelines;
+
+/// What the steps of a frame have in common.
+pub(super) struct Recording<'a> {
+    pub(super) sizes: Sizes,
+    pub(super) params: GridParams,
+    pub(super) blocks: &'a Blocks,
+    /// Where the boxes are.
+    pub(super) boxes: &'a Part,
+    /// Where the reply is.
+    pub(super) reply: &'a Part,
+}
+
+impl Recording<'_> {
+    /// All steps, in order.
+    pub(super) fn steps(&self, pipelines: &mut Pipelines) -> Result<Vec<Command>, GpuError> {
+        let b = self.blocks;
+        let copy = Command::Copy {
+            from: Part::of(&b.written_layout, 0, LAYOUT_BYTES),
+            to: Part::of(&b.layout, 0, LAYOUT_BYTES),
+        };
+        let stages = GridStage::ALL.into_iter().map(|stage| self.step(pipelines, stage));
+        std::iter::once(Ok(copy)).chain(stages).collect()
+    }
+
+    fn step(&self, pipelines: &mut Pipelines, stage: GridStage) -> Result<Command, GpuError> {
+        let b = self.blocks;
+        let found = || Part::of(&b.found, 0, 12 * u64::from(self.params.capacity));
+        let (parts, groups) = match stage {
+            GridStage::Cells => (
+                vec![
+                    self.boxes.clone(),
+                    Part::whole(&b.layout),
+                    self.table(),
+                    Part::whole(&b.control),
+                    self.records(&b.records),
+                    Part::whole(&b.totals),
+                    Part::whole(&b.invalid),
+                ],
+                self.sizes.batches,
+            ),
+            GridStage::Scan => (
+                vec![Part::whole(&b.layout), self.table(), Part::whole(&b.control)],
+                self.sizes.sums,
+            ),
+            GridStage::Scatter => {
+                (vec![self.records(&b.records), self.table(), self.ids()], self.sizes.batches)
+            }
+            GridStage::Place => (
+                vec![
+                    self.records(&b.records),
+                    self.table(),
+                    self.ids(),
+                    Part::whole(&b.control),
+                    self.records(&b.sorted),
+                ],
+                self.sizes.batches,
+            ),
+            GridStage::Pairs => (
+                vec![
+                    Part::whole(&b.layout),
+                    self.table(),
+                    self.records(&b.sorted),
+                    Part::whole(&b.totals),
+                    Part::whole(&b.control),
+                    found(),
+                    self.reply.clone(),
+                ],
+                self.sizes.batches,
+            ),
+            GridStage::Write => (
+                vec![
+                    Part::whole(&b.layout),
+                    self.table(),
+                    Part::whole(&b.totals),
+                    Part::whole(&b.control),
+                    found(),
+                    self.reply.clone(),
+                    Part::whole(&b.summary),
+                ],
+                self.sizes.batches,
+            ),
+        };
+        Ok(Command::Stage {
+            pipeline: pipelines.get(Stage::Grid(stage))?,
+            parts,
+            immediates: bytemuck::bytes_of(&self.params).to_vec(),
+            groups: [groups, 1],
+        })
+    }
+
+    // Not all of their blocks: those have room to spare, which may be more than one binding shows.
+
+    fn table(&self) -> Part {
+        Part::of(&self.blocks.table, 0, self.sizes.table_bytes())
+    }
+
+    fn records(&self, block: &Arc<Block>) -> Part {
+        Part::of(block, 0, self.sizes.records_bytes())
+    }
+
+    fn ids(&self) -> Part {
+        Part::of(&self.blocks.ids, 0, 4 * u64::from(self.sizes.plane()))
+    }
+}

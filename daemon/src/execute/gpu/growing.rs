@@ -1,0 +1,39 @@
+//! Blocks that grow with the scenes.
+
+use std::sync::Arc;
+
+use super::device::Gpu;
+use super::error::GpuError;
+use super::memory::{Block, Home};
+
+/// A block that is made anew, larger, when more is asked of it.
+pub(super) struct Growing {
+    home: Home,
+    block: Option<Arc<Block>>,
+}
+
+impl Growing {
+    pub(super) const fn new(home: Home) -> Self {
+        Self { home, block: None }
+    }
+
+    /// A block of at least `bytes`. `replaced` is set if it is not the one of last time.
+    pub(super) fn at_least(
+        &mut self,
+        gpu: &Arc<Gpu>,
+        bytes: u64,
+        replaced: &mut bool,
+    ) -> Result<&Arc<Block>, GpuError> {
+        let kept = self.block.take().filter(|block| block.bytes() >= bytes);
+        let block = if let Some(block) = kept {
+            block
+        } else {
+            *replaced = true;
+            // A quarter more, so that a slowly growing scene does not allocate each frame; the
+            // bare size when that is too much.
+            let roomy = Block::new(gpu, self.home, bytes + bytes / 4);
+            roomy.or_else(|_| Block::new(gpu, self.home, bytes))?
+        };
+        Ok(self.block.insert(block))
+    }
+}

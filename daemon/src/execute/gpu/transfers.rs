@@ -1,0 +1,125 @@
+//! How boxes come to the GPU and masks go back: in memory that both see, or staged.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use pairmask::Aabb;
+
+use super::device::Gpu;
+use super::error::GpuError;
+use super::growing::Growing;
+use super::import::Imports;
+use super::memory::{Home, Part};
+
+/// How boxes reach the GPU.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Upload {
+    /// The first stage reads host memory across the link.
+    KernelReads,
+    /// The copy engine brings them to video memory first.
+    DmaCopy,
+    /// The CPU stores them into mapped video memory.
+    MappedVideo,
+}
+
+/// Boxes up to this many bytes are stored by the CPU even where the kernel could read them across
+/// the link: it waits longer for the first of them than the stores take (24 KB: 1.3 µs).
+const STORED_FIRST_BYTES: u64 = 32 << 10;
+
+/// Boxes up to this many bytes are stored by the CPU straight into video memory when they must be
+/// copied anyway (24 KB: 1.3 µs on an H200); more go through host memory, which the kernel reads.
+const MAPPED_VIDEO_BYTES: u64 = 64 << 10;
+
+/// The imports of a device, for all engines on it. Each is made once, whichever engine uses it.
+#[derive(Clone, Default)]
+pub struct SharedImports(Arc<Mutex<Imports>>);
+
+impl SharedImports {
+    /// The imports, for as long as the guard lives. A panic of another holder leaves them whole:
+    /// each change of the list is one call.
+    pub fn lock(&self) -> MutexGuard<'_, Imports> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// An engine's way to the boxes and back to the reply.
+pub(super) struct Transfers {
+    gpu: Arc<Gpu>,
+    imports: SharedImports,
+    upload: Option<Upload>,
+    staged_boxes: Growing,
+    mapped_boxes: Growing,
+    staged_mask: Growing,
+}
+
+/// Where a mask is written to.
+pub(super) struct MaskPlace {
+    /// The memory.
+    pub(super) part: Part,
+    /// Whether it is the reply itself; otherwise the mask must be copied from here to there.
+    pub(super) is_reply: bool,
+}
+
+impl Transfers {
+    /// `upload` forces a way of the boxes; `None` chooses by where they are and how many.
+    pub(super) const fn new(gpu: Arc<Gpu>, imports: SharedImports, upload: Option<Upload>) -> Self {
+        Self {
+            gpu,
+            imports,
+            upload,
+            staged_boxes: Growing::new(Home::Host),
+            mapped_boxes: Growing::new(Home::MappedVideo),
+            staged_mask: Growing::new(Home::Host),
+        }
+    }
+
+    /// What is imported.
+    pub(super) fn imports(&self) -> MutexGuard<'_, Imports> {
+        self.imports.lock()
+    }
+
+    /// Brings the boxes where the GPU sees them. `replaced` is set if a block was.
+    pub(super) fn place_boxes(
+        &mut self,
+        boxes: &[Aabb],
+        replaced: &mut bool,
+    ) -> Result<Part, GpuError> {
+        let bytes = size_of_val(boxes) as u64;
+        let mappable = self.gpu.limits().mapped_video_memory;
+        let stored_up_to = |limit| match self.upload {
+            Some(upload) => upload == Upload::MappedVideo,
+            None => bytes <= limit && mappable,
+        };
+        if !stored_up_to(STORED_FIRST_BYTES)
+            && let Some(part) = self.imported(boxes.as_ptr() as usize, bytes)
+        {
+            return Ok(part);
+        }
+        let mapped = stored_up_to(MAPPED_VIDEO_BYTES);
+        let staged = if mapped { &mut self.mapped_boxes } else { &mut self.staged_boxes };
+        let block = staged.at_least(&self.gpu, bytes, replaced)?;
+        block.write(0, boxes);
+        Ok(Part::of(block, 0, bytes))
+    }
+
+    /// Where the mask goes that belongs into `mask`.
+    pub(super) fn place_mask(
+        &mut self,
+        mask: &[u32],
+        replaced: &mut bool,
+    ) -> Result<MaskPlace, GpuError> {
+        let bytes = size_of_val(mask) as u64;
+        if let Some(part) = self.imported(mask.as_ptr() as usize, bytes) {
+            return Ok(MaskPlace { part, is_reply: true });
+        }
+        let block = self.staged_mask.at_least(&self.gpu, bytes, replaced)?;
+        Ok(MaskPlace { part: Part::of(block, 0, bytes), is_reply: false })
+    }
+
+    /// The part of an imported block at an address, if it can be bound there.
+    fn imported(&self, address: usize, bytes: u64) -> Option<Part> {
+        let imports = self.imports();
+        let (block, offset) = imports.find(address, bytes as usize)?;
+        let align = self.gpu.limits().storage_offset_align_bytes;
+        offset.is_multiple_of(align).then(|| Part::of(block, offset, bytes))
+    }
+}

@@ -1,0 +1,79 @@
+//! Where answers go out: counted, sent, their client woken, some of them checked again.
+
+use std::time::Instant;
+
+use pairmask::engine::CullAnswer;
+use pairmask::precision::NarrowBoxes;
+use pairmask::wire::{
+    ReplyFields, ResponseHeader, StageTimes, response_error, response_ok, response_status,
+};
+
+use super::Failure;
+use super::account::Account;
+use super::loan_reply::LoanReply;
+use super::wake::WakeBoard;
+use crate::audit::Auditor;
+use crate::sabotage::lose_a_pair;
+
+/// What a request is answered with, when it is not refused.
+#[allow(clippy::large_enum_variant)] // A box would be an allocation in every frame.
+pub(super) enum Said<'a> {
+    /// The daemon's status, which the reply holds.
+    Status,
+    /// The pairs of these boxes, whose mask the reply holds.
+    Answer(NarrowBoxes<'a>, CullAnswer),
+}
+
+/// What every answer passes.
+pub(super) struct Desk {
+    pub(super) wake_board: WakeBoard,
+    pub(super) account: Account,
+    pub(super) auditor: Auditor,
+    pub(super) break_engine: bool,
+}
+
+impl Desk {
+    /// Sends the answer to a request that was taken in at `start`.
+    pub(super) fn publish(
+        &mut self,
+        fields: &ReplyFields,
+        mut reply: LoanReply<'_>,
+        said: Result<Said<'_>, Failure>,
+        start: Instant,
+    ) {
+        let mut audited = None;
+        let response = match said {
+            Ok(Said::Status) => response_status(fields),
+            Ok(Said::Answer(boxes, mut answer)) => {
+                if self.break_engine {
+                    lose_a_pair(reply.words_mut(), &mut answer.report);
+                }
+                let shape = &answer.report.shape;
+                audited = self.auditor.draw(fields, shape, reply.words()).zip(Some(boxes));
+                let total_ns = start.elapsed().as_nanos() as u64;
+                let times = StageTimes { total_ns, ..answer.times };
+                self.account.note_frame(fields, answer.report.pair_count);
+                response_ok(fields, answer.engine, answer.threads, &answer.report, &times)
+            }
+            Err(failure) => {
+                log::debug!("client {:016x}: {}", fields.client_token, failure.text);
+                self.account.note_error(fields, failure.status);
+                response_error(fields, failure.status, failure.detail)
+            }
+        };
+        send(reply, &response);
+        self.wake_board.wake(fields.client_token);
+        if let Some((window, boxes)) = audited {
+            // The boxes are ours to read as long as the request is.
+            self.auditor.submit(window, boxes);
+        }
+    }
+}
+
+fn send(reply: LoanReply<'_>, header: &ResponseHeader) {
+    // Without memory for even one page, or with a client that is gone, nobody can be told: the
+    // client's deadline ends its wait.
+    if let Err(error) = reply.send(header) {
+        log::debug!("sending a response: {error}");
+    }
+}

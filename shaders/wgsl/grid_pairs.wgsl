@@ -1,0 +1,253 @@
+// grid_pairs: each row against the later boxes of the cells around it, 32 positions to a word.
+//
+// One row a thread. In its own level a row looks at its own line of cells from itself on and at the
+// later ones of the eight lines around; in each coarser level at all cells that a box overlapping
+// it can have its min corner in; and at all giants. Runs come by rising position, so the words of
+// a row come out sorted. They are collected in workgroup memory as they come, put in order of
+// (row, block) and written to the block of found words, a stretch a batch; `grid_write` puts the
+// batches in order. A batch with more words than fit tests its rows a second time.
+// Mirror: `grid/mirror.rs`, `words`.
+
+#import constants
+#import order_keys
+#import grid_params
+#import grid_layout
+
+@group(0) @binding(0) var<storage, read> grid: GridLayout;
+@group(0) @binding(1) var<storage, read> table: array<u32>;
+@group(0) @binding(2) var<storage, read> sorted: array<vec4<i32>>;
+@group(0) @binding(3) var<storage, read_write> totals: array<GridTotals>;
+@group(0) @binding(4) var<storage, read_write> control: array<atomic<u32>>;
+// Three sections of `capacity` words: rows, blocks, bits.
+@group(0) @binding(5) var<storage, read_write> found: array<u32>;
+// The reply: it starts with the order.
+@group(0) @binding(6) var<storage, read_write> reply: array<u32>;
+
+var<workgroup> scan: array<u32, BATCH_BOXES>;
+var<workgroup> level_starts: array<u32, GRID_LEVELS>;
+var<workgroup> level_ends: array<u32, GRID_LEVELS>;
+var<workgroup> used_levels: atomic<u32>;
+var<workgroup> words_seen: atomic<u32>;
+var<workgroup> pair_sum: atomic<u32>;
+var<workgroup> compared_sum: atomic<u32>;
+var<workgroup> batch_base: u32;
+// Row in the batch << 24 | number of the word in its row; block; bits.
+var<workgroup> window_places: array<u32, WINDOW_WORDS>;
+var<workgroup> window_blocks: array<u32, WINDOW_WORDS>;
+var<workgroup> window_bits: array<u32, WINDOW_WORDS>;
+
+// The row at hand.
+var<private> row: u32;
+var<private> row_lane: u32;
+var<private> row_lo: vec3<i32>;
+var<private> row_hi: vec3<i32>;
+// The word at hand, how many the row had before it, and pairs and tests of the row.
+var<private> block: u32;
+var<private> bits: u32;
+var<private> word_count: u32;
+var<private> pair_count: u32;
+var<private> compared: u32;
+// Second time: the row's words go to here in the block of found words, at once.
+var<private> again: bool;
+var<private> place: u32;
+
+fn finish_word() {
+    if (bits == 0u) {
+        return;
+    }
+    if (again) {
+        found[place + word_count] = row;
+        found[params.capacity + place + word_count] = block;
+        found[2u * params.capacity + place + word_count] = bits;
+    } else {
+        let at = atomicAdd(&words_seen, 1u);
+        if (at < WINDOW_WORDS) {
+            window_places[at] = (row_lane << 24u) | word_count;
+            window_blocks[at] = block;
+            window_bits[at] = bits;
+        }
+    }
+    word_count += 1u;
+    pair_count += countOneBits(bits);
+    bits = 0u;
+}
+
+// Tests the row against the positions start .. end.
+fn test_run(start: u32, table_end: u32) {
+    // Whatever the table holds, a run ends.
+    let end = min(table_end, params.n);
+    compared += max(end, start) - start;
+    for (var p = start; p < end; p++) {
+        let a = sorted[2u * p];
+        if (all(a.xyz <= row_hi) & (row_lo.x <= a.w)) {
+            let b = sorted[2u * p + 1u];
+            if (all(row_lo.yz <= b.xy)) {
+                if (p / 32u != block) {
+                    finish_word();
+                    block = p / 32u;
+                }
+                bits |= 1u << (p % 32u);
+            }
+        }
+    }
+}
+
+// Cells `first .. first + len` of an axis, folded: `wrapped` of them from 0 on, then the others.
+fn folded(first: u32, wrapped: u32, i: u32) -> u32 {
+    return select(first + (i - wrapped), i, i < wrapped);
+}
+
+fn test_level(index: u32, is_own: bool) {
+    let low = cells_of(grid.levels[index], plain3(row_lo));
+    var last = cells_of(grid.levels[index], plain3(row_hi));
+    let count = vec3<i32>(grid.levels[index].count);
+    let wraps = vec3<bool>((vec3<u32>(grid.levels[index].wraps) & vec3<u32>(1u, 2u, 4u)) != vec3<u32>(0u));
+    var first = low - 1;
+    // Where an axis does not wrap, there is no cell below 0.
+    first = select(max(first, vec3<i32>(0)), first, wraps);
+    let whole = wraps & (last - first >= count);
+    first = select(first, vec3<i32>(0), whole);
+    last = select(last, count - 1, whole);
+    let len = vec3<u32>(clamp(last - first + 1, vec3<i32>(0), count));
+    let start = vec3<u32>(first & grid.levels[index].fold);
+    let end = start + len;
+    let wrapped = max(end, vec3<u32>(count)) - vec3<u32>(count);
+
+    let width = grid.levels[index].count.x;
+    let height = grid.levels[index].count.y;
+    let first_cell = grid.levels[index].first_cell;
+    let home = vec3<u32>(low & grid.levels[index].fold);
+    let own_line = home.z * height + home.y;
+    let reach = u32(last.x - low.x);
+    for (var k = 0u; k < len.z; k++) {
+        let z = folded(start.z, wrapped.z, k);
+        for (var j = 0u; j < len.y; j++) {
+            let line = z * height + folded(start.y, wrapped.y, j);
+            let cell = first_cell + line * width;
+            if (is_own & (line <= own_line)) {
+                if (line == own_line) {
+                    test_run(row + 1u, table[cell + min(home.x + reach, width - 1u) + 1u]);
+                    if (wraps.x & (home.x == 0u)) {
+                        test_run(table[cell + width - 1u], table[cell + width]);
+                    }
+                }
+                continue;
+            }
+            if (wrapped.x > 0u) {
+                test_run(table[cell], table[cell + wrapped.x]);
+            }
+            test_run(table[cell + start.x], table[cell + end.x - wrapped.x]);
+        }
+    }
+}
+
+fn test_row(own_level: u32) {
+    block = 0xffffffffu;
+    bits = 0u;
+    word_count = 0u;
+    pair_count = 0u;
+    compared = 0u;
+    var levels = atomicLoad(&used_levels) & (0xffffffffu << own_level);
+    while (levels != 0u) {
+        let level = countTrailingZeros(levels);
+        levels &= levels - 1u;
+        test_level(level, level == own_level);
+    }
+    let giants = table[grid.first_giant];
+    test_run(max(giants, row + 1u), table[grid.first_nothing]);
+    finish_word();
+}
+
+@compute @workgroup_size(BATCH_BOXES)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let batch = group.x;
+    if (lane == 0u) {
+        atomicStore(&used_levels, 0u);
+        atomicStore(&words_seen, 0u);
+        atomicStore(&pair_sum, 0u);
+        atomicStore(&compared_sum, 0u);
+    }
+    workgroupBarrier();
+    if (lane < grid.level_count) {
+        let first = grid.levels[lane].first_cell;
+        if (table[first] != table[first + grid.levels[lane].cell_count]) {
+            atomicOr(&used_levels, 1u << lane);
+        }
+    }
+    workgroupBarrier();
+
+    // Too much for a grid: the host sees it too, and takes another engine.
+    let giant_count = table[grid.first_nothing] - table[grid.first_giant];
+    let giant_work = (giant_count >> 10u) * (params.n >> 10u);
+    let within_budget = atomicLoad(&control[WORK]) <= params.budget && giant_work <= params.budget;
+    row = batch * BATCH_BOXES + lane;
+    row_lane = lane;
+    again = false;
+    word_count = 0u;
+    var own_level = NO_LEVEL;
+    if (row < params.n && within_budget) {
+        let a = sorted[2u * row];
+        let b = sorted[2u * row + 1u];
+        row_lo = a.xyz;
+        row_hi = vec3<i32>(a.w, b.xy);
+        own_level = bitcast<u32>(b.w);
+        reply[row] = bitcast<u32>(b.z);
+        if (own_level != NO_LEVEL) {
+            test_row(own_level);
+            if (pair_count != 0u) {
+                atomicAdd(&pair_sum, pair_count);
+            }
+            atomicAdd(&compared_sum, compared);
+        }
+    }
+    let own = word_count;
+
+    scan[lane] = own;
+    workgroupBarrier();
+    for (var reach = 1u; reach < BATCH_BOXES; reach <<= 1u) {
+        var before = 0u;
+        if (lane >= reach) {
+            before = scan[lane - reach];
+        }
+        workgroupBarrier();
+        scan[lane] += before;
+        workgroupBarrier();
+    }
+    let batch_words = scan[BATCH_BOXES - 1u];
+    let own_start = scan[lane] - own;
+    if (lane == 0u) {
+        var base = 0u;
+        if (batch_words != 0u) {
+            base = atomicAdd(&control[CURSOR], batch_words);
+            atomicAdd(&control[SUPERS + batch / SUPER_BATCHES], batch_words);
+        }
+        batch_base = base;
+        totals[batch].words = batch_words;
+        totals[batch].pairs = atomicLoad(&pair_sum);
+        totals[batch].compared = atomicLoad(&compared_sum);
+        totals[batch].base = base;
+    }
+    workgroupBarrier();
+    let base = batch_base;
+    // Words that do not fit are counted only: the host comes back with room for all.
+    if (batch_words == 0u || base > params.capacity || batch_words > params.capacity - base) {
+        return;
+    }
+    if (batch_words <= WINDOW_WORDS) {
+        for (var i = lane; i < batch_words; i += BATCH_BOXES) {
+            let of_lane = window_places[i] >> 24u;
+            var before = 0u;
+            if (of_lane > 0u) {
+                before = scan[of_lane - 1u];
+            }
+            let at = base + before + (window_places[i] & 0xffffffu);
+            found[at] = batch * BATCH_BOXES + of_lane;
+            found[params.capacity + at] = window_blocks[i];
+            found[2u * params.capacity + at] = window_bits[i];
+        }
+    } else if (own != 0u) {
+        again = true;
+        place = base + own_start;
+        test_row(own_level);
+    }
+}

@@ -1,0 +1,228 @@
+//! `gpu-grid` through the conformance suite, against its mirror byte by byte, and at its limits.
+
+use pairmask::engine::{CullError, CullJob, CullReport, Engine, Grid as CpuGrid, HeapReply};
+use pairmask::mask::MaskShape;
+use pairmask::{Aabb, BoxCount, Encoding};
+use pairmask_tests::conformance::{Suite, check_engine, check_reply};
+use pairmask_tests::gpu::open;
+use pairmask_tests::oracle::{self, pair_set_hash};
+use pairmask_tests::{naive_decoder, stress_scenes};
+use pairmaskd::execute::gpu::grid::mirror;
+use pairmaskd::execute::gpu::{Checks, Grid, GridOptions, HostImport, Upload};
+
+fn engine(options: &GridOptions) -> Grid {
+    Grid::new(&open(HostImport::IfPossible), options).unwrap_or_else(|error| panic!("{error}"))
+}
+
+fn run(engine: &mut Grid, suite: Suite) {
+    let suite = Suite { encodings: vec![Encoding::Sparse], ..suite };
+    match check_engine(engine, &suite) {
+        Ok(frames) => assert!(frames > 0, "the suite ran nothing"),
+        Err(failure) => panic!("{failure}"),
+    }
+}
+
+fn cull(engine: &mut dyn Engine, boxes: &[Aabb]) -> (CullReport, HeapReply) {
+    let mut reply = HeapReply::new();
+    let report = engine
+        .cull(boxes, &CullJob { encoding: Encoding::Sparse, threads: 1 }, &mut reply)
+        .unwrap_or_else(|error| panic!("{} boxes: {error}", boxes.len()));
+    (report, reply)
+}
+
+/// Compares the reply with the mirror's, section by section.
+fn check_bytes(engine: &mut Grid, boxes: &[Aabb], what: &str) {
+    let (report, reply) = cull(engine, boxes);
+    let mirrored = mirror::frame(boxes);
+    let MaskShape::Sparse { rows, blocks, bits, order } = report.shape else {
+        panic!("{what}: not sparse")
+    };
+    let order = order.expect("a grid has an order");
+    // Not `assert_eq`: nobody reads thousands of numbers.
+    assert!(order.of(reply.words()) == Some(&mirrored.order[..]), "{what}: order");
+    for (section, place) in [rows, blocks, bits].into_iter().zip(0..) {
+        let expected: Vec<u32> = mirrored.words.iter().map(|word| word[place]).collect();
+        assert!(section.of(reply.words()) == Some(&expected[..]), "{what}: section {place}");
+    }
+    let n = BoxCount::new(boxes.len() as u32);
+    assert_eq!(n.pair_count() - report.skipped.pairs, mirrored.compared, "{what}: tests");
+}
+
+#[test]
+fn conforms_at_every_small_and_at_odd_sizes() {
+    run(&mut engine(&GridOptions::default()), Suite::default());
+}
+
+#[test]
+fn conforms_around_batch_borders() {
+    let sizes = vec![255, 256, 257, 511, 513, 2047, 2049, 4096];
+    let suite = Suite { sizes, quadratic_limit: 2049, seed: 3, ..Suite::default() };
+    run(&mut engine(&GridOptions::default()), suite);
+}
+
+#[test]
+fn conforms_with_checked_stages() {
+    let sizes = vec![2, 31, 33, 70, 345, 1234];
+    let checked = GridOptions { checks: Checks::On, ..GridOptions::default() };
+    run(&mut engine(&checked), Suite { sizes, ..Suite::default() });
+}
+
+#[test]
+fn what_lay_in_memory_before_does_not_show() {
+    for word in [0xa5a5_a5a5, u32::MAX, 1] {
+        let sizes = (0..70).step_by(9).chain([345, 1000]).collect();
+        let poisoned = GridOptions { poison: Some(word), ..GridOptions::default() };
+        run(&mut engine(&poisoned), Suite { sizes, ..Suite::default() });
+    }
+}
+
+#[test]
+fn conforms_with_boxes_in_mapped_video_memory() {
+    let upload = Some(Upload::MappedVideo);
+    let sizes = vec![33, 700];
+    run(
+        &mut engine(&GridOptions { upload, ..Default::default() }),
+        Suite { sizes, ..Suite::default() },
+    );
+}
+
+#[test]
+fn every_scene_has_the_bytes_of_the_mirror() {
+    for checks in [Checks::Off, Checks::On] {
+        let mut engine = engine(&GridOptions { checks, ..GridOptions::default() });
+        for scene in stress_scenes::ALL {
+            for n in [2, 33, 345, 1234] {
+                check_bytes(&mut engine, &scene.boxes(n, 21), &format!("{scene:?}, {n} boxes"));
+            }
+        }
+    }
+}
+
+/// The oracle is too slow here; the CPU's grid, which it vouches for, is not.
+#[test]
+fn large_scenes_have_the_pairs_of_the_cpu_grid() {
+    let mut gpu = engine(&GridOptions::default());
+    let mut cpu = CpuGrid::new();
+    for scene in stress_scenes::ALL {
+        let quadratic = scene.overlaps() == stress_scenes::Overlaps::Quadratic;
+        for n in if quadratic { [3000, 6000] } else { [10_000, 20_000] } {
+            let boxes = scene.boxes(n, 13);
+            let (report, reply) = cull(&mut gpu, &boxes);
+            let (expected, expected_reply) = cull(&mut cpu, &boxes);
+            let sorted = |report: &CullReport, reply: &HeapReply| {
+                naive_decoder::decode(reply.words(), &report.shape, n).expect("a good mask")
+            };
+            assert_eq!(report.census, expected.census, "{scene:?}, {n} boxes");
+            assert_eq!(report.pair_count, expected.pair_count, "{scene:?}, {n} boxes");
+            assert!(
+                sorted(&report, &reply) == sorted(&expected, &expected_reply),
+                "{scene:?}, {n} boxes"
+            );
+        }
+    }
+}
+
+/// Long boxes along each axis, which no cubic cell suits.
+fn rods(n: u32) -> Vec<Aabb> {
+    let mut rng = stress_scenes::Rng::new(8);
+    (0..n)
+        .map(|i| {
+            let min = rng.point().map(|x| 100.0 * x);
+            let mut size = [0.2f32; 3];
+            size[i as usize % 3] = 60.0;
+            Aabb { min, max: std::array::from_fn(|axis| min[axis] + size[axis]) }
+        })
+        .collect()
+}
+
+/// Small boxes, one in a hundred of which is as large as the scene.
+fn giants(n: u32) -> Vec<Aabb> {
+    let mut boxes = stress_scenes::named("uniform").boxes(n, 4);
+    for b in boxes.iter_mut().step_by(100) {
+        *b = Aabb { min: [-1e30; 3], max: [f32::INFINITY; 3] };
+    }
+    boxes
+}
+
+#[test]
+fn worst_cases_are_slower_and_not_wrong() {
+    let mut engine = engine(&GridOptions::default());
+    let one_cell = vec![Aabb { min: [0.0; 3], max: [1.0; 3] }; 2500];
+    for (name, boxes) in [("rods", rods(4000)), ("giants", giants(4000)), ("one cell", one_cell)] {
+        let truth = oracle::truth(&boxes);
+        let (report, reply) = cull(&mut engine, &boxes);
+        check_reply(reply.words(), &report, boxes.len() as u32, Encoding::Sparse, &truth)
+            .unwrap_or_else(|mismatch| panic!("{name}: {mismatch}"));
+    }
+}
+
+#[test]
+fn a_crowd_beyond_the_budget_is_refused_and_the_next_frame_is_served() {
+    let mut engine = engine(&GridOptions::default());
+    let crowd = vec![Aabb { min: [0.0; 3], max: [1.0; 3] }; 150_000];
+    let mut reply = HeapReply::new();
+    let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
+    let refused = engine.cull(&crowd, &job, &mut reply);
+    assert!(matches!(refused, Err(CullError::TooCrowded { .. })), "{refused:?}");
+    let mut all = vec![Aabb { min: [f32::NEG_INFINITY; 3], max: [f32::INFINITY; 3] }; 40];
+    all.extend(stress_scenes::named("uniform").boxes(3000, 5));
+    check_bytes(&mut engine, &all, "after a crowd");
+}
+
+#[test]
+fn a_mask_larger_than_its_first_allocation_is_complete() {
+    let boxes = stress_scenes::named("identical").boxes(1248, 1);
+    let mut engine = engine(&GridOptions::default());
+    let truth = oracle::truth(&boxes);
+    for _ in 0..2 {
+        let (report, reply) = cull(&mut engine, &boxes);
+        assert_eq!(check_reply(reply.words(), &report, 1248, Encoding::Sparse, &truth), Ok(()));
+        assert_eq!(report.pair_count, BoxCount::new(1248).pair_count());
+    }
+}
+
+#[test]
+fn a_frame_does_not_depend_on_the_frames_before_it() {
+    let mut engine = engine(&GridOptions::default());
+    for n in [1234, 3, 345, 64, 1234, 345] {
+        for scene in stress_scenes::ALL {
+            check_bytes(&mut engine, &scene.boxes(n, 9), &format!("{scene:?}, {n} boxes"));
+        }
+    }
+}
+
+/// Frame after frame without a pause, each with other levels: what a frame left in the device's
+/// caches must not reach the next one.
+#[test]
+fn frames_in_a_row_with_other_levels_do_not_mix() {
+    let mut engine = engine(&GridOptions::default());
+    let names = ["huge", "sizes over 20 octaves", "uniform", "ground plane", "far from the origin"];
+    let scenes = names.map(|name| stress_scenes::named(name).boxes(43, 2));
+    let truths = scenes.each_ref().map(|boxes| oracle::truth(boxes));
+    let mut reply = HeapReply::new();
+    let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
+    for round in 0..50 {
+        let reports: Vec<_> = scenes
+            .iter()
+            .map(|boxes| engine.cull(boxes, &job, &mut reply).expect("a frame"))
+            .collect();
+        for ((report, truth), name) in reports.iter().zip(&truths).zip(names) {
+            let counted = truth.pairs.len() as u64;
+            assert_eq!(report.pair_count, counted, "{name}, round {round}");
+        }
+    }
+}
+
+#[test]
+fn pair_sets_have_the_golden_hashes_of_the_cpu_engines() {
+    let mut engine = engine(&GridOptions::default());
+    for (name, n, golden) in [
+        ("uniform", 1234, 0x8027_e2a9_f50c_a5bf_u64),
+        ("clustered", 345, 0x3ba3_86e6_9d94_3338),
+        ("infinite", 345, 0xd9cb_dfd5_5986_0507),
+    ] {
+        let (report, reply) = cull(&mut engine, &stress_scenes::named(name).boxes(n, 42));
+        let pairs = naive_decoder::decode(reply.words(), &report.shape, n).expect("a good mask");
+        assert_eq!(pair_set_hash(&pairs), golden, "{name}");
+    }
+}
