@@ -20,10 +20,12 @@ impl Model<'_> {
     /// The cheapest way to run an engine, if it is to be had.
     pub fn candidate(&self, engine: EngineName) -> Option<Candidate> {
         let ways = [Encoding::Sparse, Encoding::Dense].into_iter().filter(|encoding| {
-            match self.wishes.encoding {
+            let is_wanted = match self.wishes.encoding {
                 EncodingChoice::Auto => true,
                 EncodingChoice::Only(wanted) => wanted == *encoding,
-            }
+            };
+            // The GPU's grid writes sparse masks only.
+            is_wanted && (engine, *encoding) != (EngineName::GpuGrid, Encoding::Dense)
         });
         let ways = ways.filter_map(|encoding| self.way(engine, encoding));
         ways.min_by(|a, b| a.predicted_ns.total_cmp(&b.predicted_ns))

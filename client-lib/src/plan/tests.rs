@@ -67,6 +67,10 @@ fn a_gpu_is_taken_where_it_is_faster_and_only_there() {
     });
     assert!(!chosen(&stats(500, 0.1), gpu, Wishes::default()).engine.is_gpu());
     assert_eq!(chosen(&stats(1_000_000, 0.01), gpu, Wishes::default()).engine, EngineName::GpuGrid);
+    let grid = Wishes { engine: EngineChoice::Only(EngineName::GpuGrid), ..Wishes::default() };
+    for n in [2, 64, 1_000] {
+        assert_eq!(chosen(&stats(n, 1.0), gpu, grid).encoding, Encoding::Sparse, "{n}");
+    }
 }
 
 #[test]

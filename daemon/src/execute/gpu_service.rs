@@ -118,9 +118,11 @@ pub struct GpuFrame {
     reply_at: (usize, usize),
 }
 
-/// Fewest boxes of a frame that is left to the GPU meanwhile: smaller ones end before another
-/// request could be looked at.
-const UNDER_WAY_BOXES: u32 = 32_768;
+/// Fewest boxes of a frame that is left to the GPU meanwhile. On an H200 two frames at a time are
+/// 1.17 times as fast as one after the other at a million boxes, and half as fast at 100,000.
+const UNDER_WAY_BOXES: u32 = 500_000;
+/// The same on a software adapter, whose frames take milliseconds from here on.
+const UNDER_WAY_SOFTWARE_BOXES: u32 = 32_768;
 
 impl GpuService {
     /// Opens the GPU of a choice.
@@ -200,9 +202,12 @@ impl GpuService {
 
     /// Whether a frame of this plan may be left to the GPU ([`Self::begin`]).
     pub fn can_begin(&self, plan: &Plan) -> bool {
+        let Some(engines) = &self.engines else { return false };
+        let software = engines.grid.gpu().info().is_software();
+        let least = if software { UNDER_WAY_SOFTWARE_BOXES } else { UNDER_WAY_BOXES };
         plan.engine == EngineName::GpuGrid
             && plan.encoding == Encoding::Sparse
-            && plan.stats.n.get() >= UNDER_WAY_BOXES
+            && plan.stats.n.get() >= least
     }
 
     /// Starts a frame of boxes that belong to `owner`. They and the reply stay where they are until

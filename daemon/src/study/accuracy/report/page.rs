@@ -15,9 +15,9 @@ const PAGE_STYLE: &str = "\
 :root{color-scheme:light dark}\
 body{font:15px/1.5 system-ui,sans-serif;max-width:1320px;margin:2rem auto;padding:0 1rem}\
 h1{margin-bottom:.2rem}h2{margin-top:2.5rem}code{font-size:.92em}\
-.plots{display:grid;grid-template-columns:repeat(auto-fit,minmax(420px,1fr));gap:1.5rem}\
+.plots{display:grid;grid-template-columns:repeat(auto-fit,minmax(540px,1fr));gap:1.5rem}\
 table{border-collapse:collapse;font-variant-numeric:tabular-nums}\
-td,th{padding:.15rem .7rem;text-align:right;border-bottom:1px solid #8884}\
+td,th{white-space:nowrap;padding:.15rem .7rem;text-align:right;border-bottom:1px solid #8884}\
 td.name,th.name{text-align:left}.scroll{overflow-x:auto}\
 .good{color:#009e73;font-weight:600}.bad{color:#d55e00;font-weight:600}";
 
