@@ -84,9 +84,9 @@ impl Session {
     /// let mut session = Session::builder().backend(Backend::InProcess).connect()?;
     /// let mut frame = session.narrow_frame(2, Precision::Q16(world))?;
     /// frame.set(0, &Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]));
-    /// frame.set(1, &Aabb::from([1.001, 0.0, 0.0, 2.0, 1.0, 1.0]));
+    /// frame.set(1, &Aabb::from([1.0005, 0.0, 0.0, 2.0, 1.0, 1.0]));
     /// let mask = frame.submit()?.wait()?;
-    /// assert_eq!(mask.count(), 1, "a gap of 1 mm is less than a cell of 3 mm");
+    /// assert_eq!(mask.count(), 1, "a gap of 0.5 mm within a cell of 3 mm");
     /// # Ok(())
     /// # }
     /// ```
