@@ -187,12 +187,17 @@ pub fn store(path: &Path, calibration: &Calibration, machine: &MachineKey) -> io
     written
 }
 
-/// Where a machine's constants are kept: `$XDG_CACHE_HOME/pairmask`, else `~/.cache/pairmask`.
-/// `None` where neither is known.
-pub fn default_path(machine: &MachineKey) -> Option<PathBuf> {
+/// What pairmask keeps for a user: `$XDG_CACHE_HOME/pairmask`, else `~/.cache/pairmask`. `None`
+/// where neither is known.
+pub fn user_cache_folder() -> Option<PathBuf> {
     let set = |name| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
     let base = set("XDG_CACHE_HOME").or_else(|| Some(set("HOME")?.join(".cache")))?;
-    Some(base.join("pairmask").join(machine.file_name()))
+    Some(base.join("pairmask"))
+}
+
+/// Where a machine's constants are kept in the [`user_cache_folder`].
+pub fn default_path(machine: &MachineKey) -> Option<PathBuf> {
+    Some(user_cache_folder()?.join(machine.file_name()))
 }
 
 /// Which constants a plan computes with.

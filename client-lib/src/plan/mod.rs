@@ -35,7 +35,7 @@ mod work;
 pub use calibration::{CPU_ENGINES, Calibration, ThreadCost};
 pub use calibration_file::{
     CALIBRATION_VERSION, CalibrationChoice, CalibrationError, CalibrationOrigin, decode,
-    default_path, encode, load, store,
+    default_path, encode, load, store, user_cache_folder,
 };
 pub use machine::MachineKey;
 pub use stats::SceneStats;

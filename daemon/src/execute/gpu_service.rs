@@ -7,12 +7,11 @@ use pairmask::engine::{
     CullError, CullJob, CullReport, Engine, EngineName, HeapReply, ReplyBuffer, ReserveError,
     nanoseconds_since,
 };
-use pairmask::plan::{GpuCost, Plan};
+use pairmask::plan::{GpuCost, Plan, user_cache_folder};
 use pairmask::{Aabb, Encoding};
 
 use super::gpu::device::{HostImport, Lane};
 use super::gpu::import::ImportId;
-use super::gpu::pipeline::user_cache_folder;
 use super::gpu::{
     AllPairs, AllPairsOptions, Gpu, GpuChoice, GpuError, GpuSlot, Grid, GridOptions, OpenError,
     SharedImports,

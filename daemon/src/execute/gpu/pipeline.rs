@@ -174,13 +174,6 @@ impl Drop for Pipelines {
     }
 }
 
-/// `$XDG_CACHE_HOME/pairmask` or `~/.cache/pairmask`, if either is known.
-pub fn user_cache_folder() -> Option<PathBuf> {
-    let set = |name| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
-    let base = set("XDG_CACHE_HOME").or_else(|| set("HOME").map(|home| home.join(".cache")))?;
-    Some(base.join("pairmask"))
-}
-
 /// Bytes of the checksum before the cache's data.
 const CHECKSUM_BYTES: usize = 8;
 

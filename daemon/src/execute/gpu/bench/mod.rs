@@ -15,6 +15,7 @@ use std::time::{Duration, Instant};
 
 use pairmask::engine::{BruteForce, CullError, CullJob, CullReport, Engine, HeapReply};
 use pairmask::mask::MaskShape;
+use pairmask::plan::user_cache_folder;
 use pairmask::{Aabb, BoxCount, Encoding};
 use pairmask_shaders::RowsPerThread;
 use serde_json::json;
@@ -25,7 +26,6 @@ use super::all_pairs::plan::{self, Tuning};
 use super::all_pairs::{AllPairs, AllPairsOptions};
 use super::device::{Gpu, HostImport};
 use super::error::{GpuError, OpenError};
-use super::pipeline;
 use super::transfers::Upload;
 use crate::scene::SceneName;
 
@@ -106,10 +106,8 @@ pub fn run(options: &BenchOptions, out: &mut dyn Write) -> Result<(), BenchError
     let start = Instant::now();
     let gpu = Gpu::open(&options.gpu, HostImport::IfPossible)?;
     let open_ms = ms(start);
-    let default = AllPairsOptions {
-        cache_folder: pipeline::user_cache_folder(),
-        ..AllPairsOptions::default()
-    };
+    let default =
+        AllPairsOptions { cache_folder: user_cache_folder(), ..AllPairsOptions::default() };
     let start = Instant::now();
     drop(AllPairs::new(&gpu, default.clone())?);
     let pipelines_ms = ms(start);
