@@ -38,12 +38,17 @@ pub fn shrink(b: &Aabb) -> Aabb {
     if smaller.class() == BoxClass::Solid { smaller } else { *b }
 }
 
-/// An engine that loses a pair of most frames.
-pub struct Lossy(pub Box<dyn Engine>);
+/// An engine whose right answers are spoilt.
+pub struct Spoiler<S> {
+    /// Who answers.
+    pub engine: Box<dyn Engine>,
+    /// What is done to the reply and its report, [`lose_a_pair`] for one.
+    pub spoil: S,
+}
 
-impl Engine for Lossy {
+impl<S: FnMut(&mut [u32], &mut CullReport) + Send> Engine for Spoiler<S> {
     fn name(&self) -> EngineName {
-        self.0.name()
+        self.engine.name()
     }
 
     fn cull(
@@ -53,11 +58,11 @@ impl Engine for Lossy {
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
         let mut right = HeapReply::new();
-        let mut report = self.0.cull(boxes, job, &mut right)?;
+        let mut report = self.engine.cull(boxes, job, &mut right)?;
         let right = right.words();
-        let words = reply.reserve(right.len() as u64)?;
-        words[..right.len()].copy_from_slice(right);
-        lose_a_pair(words, &mut report);
+        let words = &mut reply.reserve(right.len() as u64)?[..right.len()];
+        words.copy_from_slice(right);
+        (self.spoil)(words, &mut report);
         Ok(report)
     }
 }

@@ -9,28 +9,11 @@ use pairmask_tests::conformance::{Mismatch, Suite, check_engine, check_frame, ch
 use pairmask_tests::naive_decoder::BadMask;
 use pairmask_tests::oracle;
 use pairmask_tests::stress_scenes;
+use pairmaskd::sabotage::Spoiler;
 
 /// An engine that spoils a right answer.
-struct Spoiler<S>(S);
-
-impl<S: FnMut(&mut [u32], &mut CullReport) + Send> Engine for Spoiler<S> {
-    fn name(&self) -> EngineName {
-        EngineName::CpuBrute
-    }
-
-    fn cull(
-        &mut self,
-        boxes: &[Aabb],
-        job: &CullJob,
-        reply: &mut dyn ReplyBuffer,
-    ) -> Result<CullReport, CullError> {
-        let mut right = HeapReply::new();
-        let mut report = BruteForce::new().cull(boxes, job, &mut right)?;
-        let words = reply.reserve(right.words().len() as u64)?;
-        words.copy_from_slice(right.words());
-        (self.0)(words, &mut report);
-        Ok(report)
-    }
+fn spoiler<S>(spoil: S) -> Spoiler<S> {
+    Spoiler { engine: Box::new(BruteForce::new()), spoil }
 }
 
 fn boxes() -> Vec<Aabb> {
@@ -49,7 +32,7 @@ fn verdict(
     let boxes = boxes();
     let job = CullJob { encoding, threads: 1 };
     let truth = oracle::truth(&boxes);
-    check_frame(&mut Spoiler(spoil), &boxes, &truth, &job, &mut HeapReply::new())
+    check_frame(&mut spoiler(spoil), &boxes, &truth, &job, &mut HeapReply::new())
 }
 
 fn dense(spoil: impl FnMut(&mut [u32], &mut CullReport) + Send) -> Result<(), Mismatch> {
@@ -241,7 +224,7 @@ fn pair_lists_are_compared_as_sets() {
 fn a_failure_names_the_frame() {
     let suite = Suite { sizes: vec![8], ..Suite::default() };
     let failure =
-        check_engine(&mut Spoiler(|_: &mut [u32], r: &mut CullReport| r.pair_count = 1), &suite)
+        check_engine(&mut spoiler(|_: &mut [u32], r: &mut CullReport| r.pair_count = 1), &suite)
             .expect_err("28 identical pairs are not 1");
     assert_eq!((failure.scene, failure.n), ("identical", 8));
     let message = failure.to_string();

@@ -16,7 +16,7 @@ use super::modes::{Mode, ModeChoice, Usage};
 use super::spheres::SphereSubject;
 use super::subject::{ExactSubject, Subject};
 use crate::execute::gpu::{AllPairs, AllPairsOptions, Gpu, GpuChoice, HostImport, OpenError};
-use crate::sabotage::{Lossy, Sabotage};
+use crate::sabotage::{Sabotage, Spoiler, lose_a_pair};
 
 /// A value of `--engine`: one kind of subject, or all that there are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -208,7 +208,7 @@ impl Roster {
     }
 
     fn maybe_lossy(&self, engine: Box<dyn Engine>) -> Box<dyn Engine> {
-        if self.is_lossy() { Box::new(Lossy(engine)) } else { engine }
+        if self.is_lossy() { Box::new(Spoiler { engine, spoil: lose_a_pair }) } else { engine }
     }
 }
 
