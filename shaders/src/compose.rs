@@ -118,11 +118,12 @@ pub enum ComposeError {
 }
 
 /// The shared parts that are files of their own name.
-const SHARED: [(&str, &str); 4] = [
+const SHARED: [(&str, &str); 5] = [
     ("order_keys", include_str!("../wgsl/shared/order_keys.wgsl")),
     ("batch", include_str!("../wgsl/shared/batch.wgsl")),
     ("grid_params", include_str!("../wgsl/shared/grid_params.wgsl")),
     ("grid_layout", include_str!("../wgsl/shared/grid_layout.wgsl")),
+    ("scan", include_str!("../wgsl/shared/scan.wgsl")),
 ];
 
 impl Stage {

@@ -72,7 +72,7 @@ fn every_file_belongs_to_a_stage() {
     assert_eq!(names(&folder), stages);
     let shared = names(&folder.join("shared"));
     let engines =
-        ["order_keys", "batch", "grid_params", "grid_layout", "rows_1", "rows_2", "rows_4"];
+        ["order_keys", "batch", "grid_params", "grid_layout", "scan", "rows_1", "rows_2", "rows_4"];
     let study = [
         "pair_ids",
         "each_id",

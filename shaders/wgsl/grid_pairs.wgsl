@@ -12,6 +12,7 @@
 #import order_keys
 #import grid_params
 #import grid_layout
+#import scan
 
 @group(0) @binding(0) var<storage, read> grid: GridLayout;
 @group(0) @binding(1) var<storage, read> table: array<u32>;
@@ -23,7 +24,6 @@
 // The reply: it starts with the order.
 @group(0) @binding(6) var<storage, read_write> reply: array<u32>;
 
-var<workgroup> scan: array<u32, BATCH_BOXES>;
 var<workgroup> level_starts: array<u32, GRID_LEVELS>;
 var<workgroup> level_ends: array<u32, GRID_LEVELS>;
 var<workgroup> used_levels: atomic<u32>;
@@ -204,15 +204,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
 
     scan[lane] = own;
     workgroupBarrier();
-    for (var reach = 1u; reach < BATCH_BOXES; reach <<= 1u) {
-        var before = 0u;
-        if (lane >= reach) {
-            before = scan[lane - reach];
-        }
-        workgroupBarrier();
-        scan[lane] += before;
-        workgroupBarrier();
-    }
+    sum_up(lane);
     let batch_words = scan[BATCH_BOXES - 1u];
     let own_start = scan[lane] - own;
     if (lane == 0u) {

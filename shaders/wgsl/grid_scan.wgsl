@@ -9,12 +9,12 @@
 #import grid_params
 #import order_keys
 #import grid_layout
+#import scan
 
 @group(0) @binding(0) var<storage, read> grid: GridLayout;
 @group(0) @binding(1) var<storage, read_write> table: array<vec4<u32>>;
 @group(0) @binding(2) var<storage, read_write> control: array<atomic<u32>>;
 
-var<workgroup> scan: array<u32, BATCH_BOXES>;
 var<workgroup> earlier_sum: atomic<u32>;
 var<workgroup> work_sum: atomic<u32>;
 
@@ -62,15 +62,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     if (work != 0u) {
         atomicAdd(&work_sum, work);
     }
-    for (var reach = 1u; reach < BATCH_BOXES; reach <<= 1u) {
-        var before = 0u;
-        if (lane >= reach) {
-            before = scan[lane - reach];
-        }
-        workgroupBarrier();
-        scan[lane] += before;
-        workgroupBarrier();
-    }
+    sum_up(lane);
     let start = atomicLoad(&earlier_sum) + scan[lane] - own;
     table[at] = starts4(a, start);
     table[at + 1u] = starts4(b, start + sum4(a));

@@ -8,6 +8,7 @@
 
 #import constants
 #import batch
+#import scan
 
 struct WriteParams {
     // First row of the band, a multiple of BATCH_BOXES.
@@ -32,7 +33,6 @@ struct WriteParams {
 @group(0) @binding(6) var<storage, read_write> out_bits: array<u32>;
 var<immediate> params: WriteParams;
 
-var<workgroup> scan: array<u32, BATCH_BOXES>;
 var<workgroup> earlier_sum: atomic<u32>;
 var<workgroup> window_rows: array<u32, WINDOW_WORDS>;
 var<workgroup> window_blocks: array<u32, WINDOW_WORDS>;
@@ -60,21 +60,12 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         earlier += totals[i].words;
     }
 
-    // Inclusive scan over the batch's rows.
     scan[lane] = own;
     workgroupBarrier();
     if (earlier != 0u) {
         atomicAdd(&earlier_sum, earlier);
     }
-    for (var reach = 1u; reach < BATCH_BOXES; reach <<= 1u) {
-        var before = 0u;
-        if (lane >= reach) {
-            before = scan[lane - reach];
-        }
-        workgroupBarrier();
-        scan[lane] += before;
-        workgroupBarrier();
-    }
+    sum_up(lane);
     let batch_words = scan[BATCH_BOXES - 1u];
     let own_start = scan[lane] - own;
     let base = atomicLoad(&earlier_sum);
