@@ -9,6 +9,7 @@ use super::{
 use crate::aabb::Aabb;
 use crate::mask::EncodingChoice;
 use crate::plan::{Calibration, Capabilities, GpuCost, Plan, SceneStats, Wishes, plan};
+use crate::precision::NarrowBoxes;
 use crate::units::BoxCount;
 use crate::wire::StageTimes;
 
@@ -99,8 +100,16 @@ impl CpuEngines {
             + self.grid.scratch_bytes()
     }
 
-    /// Plans a frame, among the CPU engines and a GPU if there is one.
-    pub fn plan(&self, boxes: &[Aabb], wish: &CullWish, gpu: Option<GpuCost>) -> Plan {
+    /// Plans a frame, among the CPU engines and a GPU if there is one. Boxes may be in any form: a
+    /// few are looked at, and none is expanded.
+    pub fn plan<'a>(
+        &self,
+        boxes: impl Into<NarrowBoxes<'a>>,
+        wish: &CullWish,
+        gpu: Option<GpuCost>,
+    ) -> Plan {
+        let boxes = boxes.into();
+        let gpu = gpu.map(|cost| cost.of_form(boxes.form()));
         let pool = rayon::current_num_threads();
         let capabilities =
             Capabilities { threads: wish.threads.unwrap_or(pool).clamp(1, pool), gpu };

@@ -44,13 +44,14 @@ pub use work::{Term, Work};
 use self::model::Model;
 use crate::engine::{EngineChoice, EngineName};
 use crate::mask::{Encoding, EncodingChoice};
+use crate::precision::BoxForm;
 
 /// What a GPU takes, measured when it was opened.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GpuCost {
     /// A frame of no boxes: submit, wait, read back, ns.
     pub fixed_ns: f64,
-    /// Boxes up and the order down, ns a box.
+    /// Boxes up, ns a box of f32.
     pub ns_a_box: f64,
     /// Each pair that all-pairs compares, ns.
     pub ns_a_test: f64,
@@ -60,6 +61,15 @@ pub struct GpuCost {
     pub grid_ns_a_box: Option<f64>,
     /// Each byte of the mask that comes down, ns.
     pub ns_a_reply_byte: f64,
+}
+
+impl GpuCost {
+    /// The cost of frames whose boxes have a form: what comes up takes the time of its bytes.
+    #[must_use]
+    pub fn of_form(self, form: BoxForm) -> Self {
+        let share = form.box_bytes() as f64 / BoxForm::F32.box_bytes() as f64;
+        Self { ns_a_box: share * self.ns_a_box, ..self }
+    }
 }
 
 /// What can be used.

@@ -1,6 +1,7 @@
 //! What the plan knows of a scene: a few numbers from a sample of at most 96 boxes.
 
 use crate::aabb::{Aabb, BoxClass};
+use crate::precision::NarrowBoxes;
 use crate::units::BoxCount;
 
 /// Most boxes looked at: 10 to 20 µs, in scenes whose culling takes twenty times that or more. Large
@@ -52,14 +53,15 @@ pub struct SceneStats {
 }
 
 impl SceneStats {
-    /// Looks at a scene. Allocates nothing.
-    pub fn of(boxes: &[Aabb], last_pairs: Option<u64>) -> Self {
+    /// Looks at a scene, whose boxes may be in any form. Allocates nothing.
+    pub fn of<'a>(boxes: impl Into<NarrowBoxes<'a>>, last_pairs: Option<u64>) -> Self {
+        let boxes = boxes.into();
         let n = boxes.len();
         let wanted = (n / SAMPLE_SHARE).clamp(SAMPLE_LEAST, SAMPLE_MOST).min(n);
         let mut sample = [Aabb::EMPTY; SAMPLE_MOST];
         let mut count = 0;
         for i in 0..wanted {
-            let b = boxes[sample_index(i, wanted, n)];
+            let Some(b) = boxes.get(sample_index(i, wanted, n)) else { continue };
             if b.class() == BoxClass::Solid {
                 sample[count] = b;
                 count += 1;
@@ -84,7 +86,8 @@ impl SceneStats {
 
     /// Looks at a scene where the look is worth its time: not at so few boxes that culling them
     /// takes no longer. Allocates nothing.
-    pub fn glance(boxes: &[Aabb], last_pairs: Option<u64>) -> Self {
+    pub fn glance<'a>(boxes: impl Into<NarrowBoxes<'a>>, last_pairs: Option<u64>) -> Self {
+        let boxes = boxes.into();
         match BoxCount::of_len(boxes.len()) {
             Some(n) if boxes.len() < LOOK_BOXES => Self::unseen(n, last_pairs),
             _ => Self::of(boxes, last_pairs),

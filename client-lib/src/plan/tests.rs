@@ -2,8 +2,18 @@
 //! bench `engines`.
 
 use super::*;
-use crate::engine::Isa;
+use crate::engine::{CpuEngines, CullWish, Isa};
+use crate::precision::NarrowBoxes;
 use crate::units::BoxCount;
+
+const GPU: GpuCost = GpuCost {
+    fixed_ns: 30_000.0,
+    ns_a_box: 0.5,
+    ns_a_test: 1.0e-3,
+    grid_fixed_ns: 10_000.0,
+    grid_ns_a_box: Some(0.2),
+    ns_a_reply_byte: 0.05,
+};
 
 fn stats(n: u32, window_share: f32) -> SceneStats {
     SceneStats {
@@ -57,19 +67,36 @@ fn wishes_win_even_where_nothing_can_fulfil_them() {
 
 #[test]
 fn a_gpu_is_taken_where_it_is_faster_and_only_there() {
-    let gpu = Some(GpuCost {
-        fixed_ns: 30_000.0,
-        ns_a_box: 0.5,
-        ns_a_test: 1.0e-3,
-        grid_fixed_ns: 10_000.0,
-        grid_ns_a_box: Some(0.2),
-        ns_a_reply_byte: 0.05,
-    });
+    let gpu = Some(GPU);
     assert!(!chosen(&stats(500, 0.1), gpu, Wishes::default()).engine.is_gpu());
     assert_eq!(chosen(&stats(1_000_000, 0.01), gpu, Wishes::default()).engine, EngineName::GpuGrid);
     let grid = Wishes { engine: EngineChoice::Only(EngineName::GpuGrid), ..Wishes::default() };
     for n in [2, 64, 1_000] {
         assert_eq!(chosen(&stats(n, 1.0), gpu, grid).encoding, Encoding::Sparse, "{n}");
+    }
+}
+
+#[test]
+fn boxes_take_a_gpu_the_time_of_their_bytes() {
+    let n = 300;
+    let memory = vec![0u32; 6 * n];
+    let boxes = |form: BoxForm| {
+        let bytes: &[u8] = bytemuck::cast_slice(&memory);
+        NarrowBoxes::new(form, &bytes[..n * form.box_bytes()]).expect("whole boxes")
+    };
+    // No box is looked at, so that all but the way up is the same.
+    let engines = CpuEngines::with_calibration(Calibration::built_in(Isa::Avx512));
+    let predicted = |form| {
+        let wish =
+            CullWish { engine: EngineChoice::Only(EngineName::GpuGrid), ..Default::default() };
+        let plan = engines.plan(boxes(form), &wish, Some(GPU));
+        plan.candidates.into_iter().flatten().find(|c| c.engine == plan.engine)
+    };
+    let exact = predicted(BoxForm::F32).expect("there is a GPU").predicted_ns;
+    for (form, saved_share) in [(BoxForm::Q16, 0.5), (BoxForm::F16, 0.5), (BoxForm::Q8, 0.75)] {
+        let saved = exact - predicted(form).expect("there is a GPU").predicted_ns;
+        let expected = saved_share * GPU.ns_a_box * n as f64;
+        assert!((saved - expected).abs() < 1e-6, "{form}: {saved} ns");
     }
 }
 

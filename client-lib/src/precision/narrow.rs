@@ -177,6 +177,13 @@ pub enum NarrowBoxes<'a> {
     F16(&'a [BoxF16]),
 }
 
+/// f32 boxes, used where they lie.
+impl<'a, B: AsRef<[Aabb]> + ?Sized> From<&'a B> for NarrowBoxes<'a> {
+    fn from(boxes: &'a B) -> Self {
+        Self::F32(boxes.as_ref())
+    }
+}
+
 impl<'a> NarrowBoxes<'a> {
     /// Bytes as boxes of a form; `None` where they are no whole number of boxes, or not aligned
     /// for them.
@@ -212,6 +219,16 @@ impl<'a> NarrowBoxes<'a> {
     /// Whether there are none.
     pub const fn is_empty(&self) -> bool {
         self.len() == 0
+    }
+
+    /// Their bytes: [`BoxForm::bytes`] of as many boxes.
+    pub fn as_bytes(&self) -> &'a [u8] {
+        match *self {
+            Self::F32(boxes) => bytemuck::cast_slice(boxes),
+            Self::Q16(boxes) => bytemuck::cast_slice(boxes),
+            Self::Q8(boxes) => bytemuck::cast_slice(boxes),
+            Self::F16(boxes) => bytemuck::cast_slice(boxes),
+        }
     }
 
     /// The f32 box that stands for one of them, as [`NarrowBoxes::expand`] has it; `None` beyond
@@ -399,9 +416,12 @@ mod tests {
                 for parallel in [false, true] {
                     let view = NarrowBoxes::new(form, memory).expect("whole boxes");
                     assert_eq!((view.form(), view.len()), (form, n));
+                    assert_eq!(view.as_bytes(), bytes);
                     let expanded = view.expand(&mut scratch, parallel);
                     let bits = |boxes: &[Aabb]| bytemuck::cast_slice::<Aabb, u32>(boxes).to_vec();
                     assert_eq!(bits(expanded), bits(&direct), "{form}, {n} boxes");
+                    let alone: Vec<Aabb> = (0..n).filter_map(|i| view.get(i)).collect();
+                    assert_eq!(bits(&alone), bits(&direct), "{form}, {n} boxes one by one");
                     for (i, (b, e)) in boxes.iter().zip(expanded).enumerate() {
                         assert_eq!(b.class(), e.class(), "{form}, box {i}");
                     }
