@@ -1,5 +1,7 @@
 //! Stages as WGSL text: shared parts put in where `#import NAME` stands, each once.
 
+use pairmask::BoxForm;
+
 use crate::constants::{self, MAX_STRIP_BLOCKS};
 use crate::mapping::MappingStage;
 
@@ -34,8 +36,8 @@ pub struct PairsVariant {
 /// A stage: one WGSL file, one pipeline, one row in a timing table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Stage {
-    /// Boxes to keys and census.
-    Keys,
+    /// Boxes of a form to keys and census.
+    Keys(BoxForm),
     /// All pairs of a band.
     Pairs(PairsVariant),
     /// Matrix to bit string.
@@ -51,8 +53,8 @@ pub enum Stage {
 /// The stages of the grid, in the order of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum GridStage {
-    /// Boxes to keys, cells and census.
-    Cells,
+    /// Boxes of a form to keys, cells and census.
+    Cells(BoxForm),
     /// Boxes of each cell to first positions.
     Scan,
     /// Indices together by cell.
@@ -66,13 +68,14 @@ pub enum GridStage {
 }
 
 impl GridStage {
-    /// All of them.
-    pub const ALL: [Self; 6] =
-        [Self::Cells, Self::Scan, Self::Scatter, Self::Place, Self::Pairs, Self::Write];
+    /// All of a frame of boxes of one form, in order.
+    pub const fn of_frame(form: BoxForm) -> [Self; 6] {
+        [Self::Cells(form), Self::Scan, Self::Scatter, Self::Place, Self::Pairs, Self::Write]
+    }
 
     const fn label(self) -> &'static str {
         match self {
-            Self::Cells => "grid_cells",
+            Self::Cells(_) => "grid_cells",
             Self::Scan => "grid_scan",
             Self::Scatter => "grid_scatter",
             Self::Place => "grid_place",
@@ -85,13 +88,13 @@ impl GridStage {
         match self {
             Self::Scan | Self::Scatter => 3,
             Self::Place => 5,
-            Self::Cells | Self::Pairs | Self::Write => 7,
+            Self::Cells(_) | Self::Pairs | Self::Write => 7,
         }
     }
 
     const fn file(self) -> &'static str {
         match self {
-            Self::Cells => include_str!("../wgsl/grid_cells.wgsl"),
+            Self::Cells(_) => include_str!("../wgsl/grid_cells.wgsl"),
             Self::Scan => include_str!("../wgsl/grid_scan.wgsl"),
             Self::Scatter => include_str!("../wgsl/grid_scatter.wgsl"),
             Self::Place => include_str!("../wgsl/grid_place.wgsl"),
@@ -118,8 +121,10 @@ pub enum ComposeError {
 }
 
 /// The shared parts that are files of their own name.
-const SHARED: [(&str, &str); 5] = [
+const SHARED: [(&str, &str); 7] = [
     ("order_keys", include_str!("../wgsl/shared/order_keys.wgsl")),
+    ("box_batch", include_str!("../wgsl/shared/box_batch.wgsl")),
+    ("cells", include_str!("../wgsl/shared/cells.wgsl")),
     ("batch", include_str!("../wgsl/shared/batch.wgsl")),
     ("grid_params", include_str!("../wgsl/shared/grid_params.wgsl")),
     ("grid_layout", include_str!("../wgsl/shared/grid_layout.wgsl")),
@@ -127,13 +132,13 @@ const SHARED: [(&str, &str); 5] = [
 ];
 
 impl Stage {
-    /// One of each stage of the engines, with the smallest form of the pairs stage.
+    /// One of each stage of the engines, for f32 boxes, with the smallest form of the pairs stage.
     pub const ALL: [Self; 10] = [
-        Self::Keys,
+        Self::Keys(BoxForm::F32),
         Self::Pairs(PairsVariant { rows: RowsPerThread::One, strip_blocks: 1, store_zeros: true }),
         Self::PackDense,
         Self::WriteSparse,
-        Self::Grid(GridStage::Cells),
+        Self::Grid(GridStage::Cells(BoxForm::F32)),
         Self::Grid(GridStage::Scan),
         Self::Grid(GridStage::Scatter),
         Self::Grid(GridStage::Place),
@@ -144,7 +149,7 @@ impl Stage {
     /// The name of the file, of the pipeline and of the timing row.
     pub const fn label(self) -> &'static str {
         match self {
-            Self::Keys => "keys",
+            Self::Keys(_) => "keys",
             Self::Pairs(_) => "pairs",
             Self::PackDense => "pack_dense",
             Self::WriteSparse => "write_sparse",
@@ -156,7 +161,7 @@ impl Stage {
     /// Storage buffers that the stage binds, numbered from 0.
     pub const fn binding_count(self) -> u32 {
         match self {
-            Self::Keys | Self::Pairs(_) | Self::PackDense => 4,
+            Self::Keys(_) | Self::Pairs(_) | Self::PackDense => 4,
             Self::WriteSparse => 7,
             Self::Grid(stage) => stage.binding_count(),
             Self::Mapping(stage) => stage.binding_count(),
@@ -166,7 +171,7 @@ impl Stage {
     /// The file as it is.
     const fn file(self) -> &'static str {
         match self {
-            Self::Keys => include_str!("../wgsl/keys.wgsl"),
+            Self::Keys(_) => include_str!("../wgsl/keys.wgsl"),
             Self::Pairs(_) => include_str!("../wgsl/pairs.wgsl"),
             Self::PackDense => include_str!("../wgsl/pack_dense.wgsl"),
             Self::WriteSparse => include_str!("../wgsl/write_sparse.wgsl"),
@@ -181,8 +186,9 @@ impl Stage {
     /// [`ComposeError`].
     ///
     /// ```
+    /// use pairmask::BoxForm;
     /// use pairmask_shaders::Stage;
-    /// let text = Stage::Keys.wgsl()?;
+    /// let text = Stage::Keys(BoxForm::Q8).wgsl()?;
     /// assert!(text.contains("fn order_key"), "the shared part is in");
     /// # Ok::<(), pairmask_shaders::ComposeError>(())
     /// ```
@@ -191,6 +197,14 @@ impl Stage {
         let mut seen = Vec::new();
         self.expand(self.file(), &mut seen, &mut text)?;
         Ok(text)
+    }
+
+    /// The form of the boxes that the stage reads, if it reads boxes in any.
+    const fn box_form(self) -> Option<BoxForm> {
+        match self {
+            Self::Keys(form) | Self::Grid(GridStage::Cells(form)) => Some(form),
+            _ => None,
+        }
     }
 
     fn expand(
@@ -231,7 +245,18 @@ impl Stage {
                     + &format!("const STRIP_BLOCKS: u32 = {strip}u;\n")
                     + &format!("const STORE_ZEROS: bool = {};\n", variant.store_zeros))
             }
-            ("constants", _) => Ok(constants::as_wgsl()),
+            ("constants", _) => {
+                let bytes = self.box_form().map(BoxForm::box_bytes);
+                let bytes = bytes.map(|bytes| format!("const BOX_BYTES: u32 = {bytes}u;\n"));
+                Ok(constants::as_wgsl() + &bytes.unwrap_or_default())
+            }
+            ("box_form", _) => Ok(match self.box_form().ok_or_else(unknown)? {
+                BoxForm::F32 => include_str!("../wgsl/shared/boxes_f32.wgsl"),
+                BoxForm::Q16 => include_str!("../wgsl/shared/boxes_q16.wgsl"),
+                BoxForm::Q8 => include_str!("../wgsl/shared/boxes_q8.wgsl"),
+                BoxForm::F16 => include_str!("../wgsl/shared/boxes_f16.wgsl"),
+            }
+            .to_owned()),
             ("rows", Self::Pairs(variant)) => Ok(match variant.rows {
                 RowsPerThread::One => include_str!("../wgsl/shared/rows_1.wgsl"),
                 RowsPerThread::Two => include_str!("../wgsl/shared/rows_2.wgsl"),
@@ -252,13 +277,16 @@ mod tests {
     fn shared_parts_come_once_and_unknown_ones_are_refused() {
         let mut text = String::new();
         let twice = "#import batch\n#import batch\n";
-        Stage::Keys.expand(twice, &mut Vec::new(), &mut text).expect("known");
+        Stage::PackDense.expand(twice, &mut Vec::new(), &mut text).expect("known");
         assert_eq!(text.matches("struct BatchReport").count(), 1);
-        let unknown = Stage::Keys.expand("#import rows\n", &mut Vec::new(), &mut text);
-        assert_eq!(
-            unknown,
-            Err(ComposeError::UnknownImport { stage: "keys", import: "rows".into() })
-        );
+        for (stage, label, import) in [
+            (Stage::Keys(BoxForm::F16), "keys", "rows"),
+            (Stage::PackDense, "pack_dense", "box_form"),
+        ] {
+            let found = stage.expand(&format!("#import {import}\n"), &mut Vec::new(), &mut text);
+            let unknown = ComposeError::UnknownImport { stage: label, import: import.into() };
+            assert_eq!(found, Err(unknown));
+        }
     }
 
     #[test]

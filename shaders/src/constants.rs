@@ -25,7 +25,7 @@ pub const PADDING: u32 = 512;
 /// Most column blocks of a strip: its columns take 12 KiB of workgroup memory.
 pub const MAX_STRIP_BLOCKS: u32 = PADDING / WORD_BITS;
 
-/// Words of a box.
+/// Words of a box of f32.
 pub const BOX_WORDS: u32 = 6;
 
 /// Most levels of a grid. Levels of doubling cells cover 16 octaves of sizes, of quadrupling ones 32;
@@ -68,7 +68,6 @@ pub(crate) fn as_wgsl() -> String {
         ("BATCH_BOXES", BATCH_BOXES),
         ("BATCH_WORDS", BATCH_BOXES / WORD_BITS),
         ("BOX_WORDS", BOX_WORDS),
-        ("RAW_WORDS", BATCH_BOXES * BOX_WORDS),
         ("PAIRS_WORKGROUP", PAIRS_WORKGROUP),
         ("WINDOW_WORDS", WINDOW_WORDS),
         ("SECTION_ALIGN", pairmask::mask::SECTION_ALIGN_WORDS as u32),

@@ -5,6 +5,7 @@ use std::mem::offset_of;
 use std::path::Path;
 
 use naga::valid::{Capabilities, ValidationFlags, Validator};
+use pairmask::BoxForm;
 use pairmask_shaders::constants::{BATCH_BOXES, MAX_STRIP_BLOCKS, PAIRS_WORKGROUP};
 use pairmask_shaders::layouts::{
     BatchReport, BatchTotals, GridLayout, GridLevel, GridParams, GridSummary, GridTotals,
@@ -14,10 +15,18 @@ use pairmask_shaders::layouts::{
 use pairmask_shaders::mapping::MappingStage;
 use pairmask_shaders::{GridStage, PairsVariant, RowsPerThread, Stage};
 
+const KEYS: Stage = Stage::Keys(BoxForm::F32);
+
+fn grid_stages() -> [Stage; 6] {
+    GridStage::of_frame(BoxForm::F32).map(Stage::Grid)
+}
+
 /// Every form that a stage is compiled in.
 fn all_forms() -> Vec<Stage> {
-    let mut forms = vec![Stage::Keys, Stage::PackDense, Stage::WriteSparse];
-    forms.extend(GridStage::ALL.map(Stage::Grid));
+    let mut forms = vec![Stage::PackDense, Stage::WriteSparse];
+    forms.extend(BoxForm::ALL.map(Stage::Keys));
+    forms.extend(BoxForm::ALL.map(|form| Stage::Grid(GridStage::Cells(form))));
+    forms.extend(grid_stages().into_iter().skip(1));
     for rows in RowsPerThread::ALL {
         for store_zeros in [false, true] {
             let strips = (0..).map(|log| 1 << log).take_while(|strip| *strip <= MAX_STRIP_BLOCKS);
@@ -39,7 +48,7 @@ fn module(stage: Stage) -> naga::Module {
 #[test]
 fn every_form_of_every_stage_validates() {
     let forms = all_forms();
-    assert_eq!(forms.len(), 3 + 6 + 3 * 2 * 5 + (25 * 2 * 3 + 9 * 2 + 4));
+    assert_eq!(forms.len(), 2 + 4 + 4 + 5 + 3 * 2 * 5 + (25 * 2 * 3 + 9 * 2 + 4));
     for stage in forms {
         let module = module(stage);
         let capabilities = Capabilities::IMMEDIATES | Capabilities::SHADER_INT64;
@@ -71,8 +80,22 @@ fn every_file_belongs_to_a_stage() {
         Stage::ALL.iter().chain(&study).map(|s| s.label().to_owned()).collect();
     assert_eq!(names(&folder), stages);
     let shared = names(&folder.join("shared"));
-    let engines =
-        ["order_keys", "batch", "grid_params", "grid_layout", "scan", "rows_1", "rows_2", "rows_4"];
+    let engines = [
+        "order_keys",
+        "box_batch",
+        "boxes_f32",
+        "cells",
+        "boxes_q16",
+        "boxes_q8",
+        "boxes_f16",
+        "batch",
+        "grid_params",
+        "grid_layout",
+        "scan",
+        "rows_1",
+        "rows_2",
+        "rows_4",
+    ];
     let study = [
         "pair_ids",
         "each_id",
@@ -138,10 +161,10 @@ macro_rules! same_layout {
 #[test]
 fn structs_lie_in_memory_as_in_rust() {
     let pairs = Stage::ALL[1];
-    same_layout!(Stage::Keys, KeysParams, "KeysParams" { n, plane_words });
-    same_layout!(Stage::Keys, BatchTotals, "BatchTotals" { words, pairs });
+    same_layout!(KEYS, KeysParams, "KeysParams" { n, plane_words });
+    same_layout!(KEYS, BatchTotals, "BatchTotals" { words, pairs });
     same_layout!(pairs, BatchTotals, "SummedTotals" { words, pairs });
-    same_layout!(Stage::Keys, BatchReport, "BatchReport" { invalid, empty, words, pairs, padding });
+    same_layout!(KEYS, BatchReport, "BatchReport" { invalid, empty, words, pairs, padding });
     same_layout!(pairs, PairsParams, "PairsParams" {
         plane_words, row0, band_rows, strip0, counted_end
     });
@@ -155,12 +178,13 @@ fn structs_lie_in_memory_as_in_rust() {
 
 #[test]
 fn structs_of_the_grid_lie_in_memory_as_in_rust() {
-    for stage in GridStage::ALL.map(Stage::Grid) {
+    for stage in grid_stages() {
         same_layout!(stage, GridParams, "GridParams" {
             n, plane, batch_count, super_count, sum_count, capacity, order_words, budget
         });
     }
-    for stage in [GridStage::Cells, GridStage::Pairs, GridStage::Write].map(Stage::Grid) {
+    let [cells, _, _, _, pairs, write] = grid_stages();
+    for stage in [cells, pairs, write] {
         same_layout!(stage, GridTotals, "GridTotals" {
             words, pairs, compared, base, empty, invalid, padding
         });
@@ -172,7 +196,7 @@ fn structs_of_the_grid_lie_in_memory_as_in_rust() {
             padding_fold, count, wraps
         });
     }
-    same_layout!(Stage::Grid(GridStage::Write), GridSummary, "GridSummary" {
+    same_layout!(write, GridSummary, "GridSummary" {
         words, pairs, compared, empty, invalid, work, giant_work, padding
     });
 }
@@ -201,5 +225,5 @@ fn structs_of_the_mapping_study_lie_in_memory_as_in_rust() {
 #[test]
 #[should_panic(expected = "members of KeysParams")]
 fn the_layout_check_notices_a_moved_member() {
-    same_layout(Stage::Keys, "KeysParams", 8, &[("n", 4), ("plane_words", 0)]);
+    same_layout(KEYS, "KeysParams", 8, &[("n", 4), ("plane_words", 0)]);
 }

@@ -4,6 +4,7 @@ pub mod conformance;
 pub mod daemon;
 pub mod gpu;
 pub mod mask_writer;
+pub mod narrow;
 pub mod pair_scenes;
 pub mod peers;
 pub mod session_engine;

@@ -2,9 +2,11 @@
 
 use pairmask::engine::{CullError, CullJob, CullReport, Engine, Grid as CpuGrid, HeapReply};
 use pairmask::mask::MaskShape;
-use pairmask::{Aabb, BoxCount, Encoding};
+use pairmask::precision::NarrowBoxes;
+use pairmask::{Aabb, Bounds, BoxCount, Encoding, Precision};
 use pairmask_tests::conformance::{Suite, check_engine, check_reply};
 use pairmask_tests::gpu::open;
+use pairmask_tests::narrow::NarrowMemory;
 use pairmask_tests::oracle::{self, pair_set_hash};
 use pairmask_tests::{naive_decoder, stress_scenes};
 use pairmaskd::execute::gpu::grid::mirror;
@@ -22,6 +24,14 @@ fn run(engine: &mut Grid, suite: Suite) {
     }
 }
 
+fn cull_narrow(engine: &mut Grid, boxes: NarrowBoxes<'_>) -> (CullReport, HeapReply) {
+    let mut reply = HeapReply::new();
+    let report = engine
+        .cull_narrow(boxes, &CullJob { encoding: Encoding::Sparse, threads: 1 }, &mut reply)
+        .unwrap_or_else(|error| panic!("{} boxes: {error}", boxes.len()));
+    (report, reply)
+}
+
 fn cull(engine: &mut dyn Engine, boxes: &[Aabb]) -> (CullReport, HeapReply) {
     let mut reply = HeapReply::new();
     let report = engine
@@ -31,8 +41,9 @@ fn cull(engine: &mut dyn Engine, boxes: &[Aabb]) -> (CullReport, HeapReply) {
 }
 
 /// Compares the reply with the mirror's, section by section.
-fn check_bytes(engine: &mut Grid, boxes: &[Aabb], what: &str) {
-    let (report, reply) = cull(engine, boxes);
+fn check_bytes<'a>(engine: &mut Grid, boxes: impl Into<NarrowBoxes<'a>>, what: &str) {
+    let boxes = boxes.into();
+    let (report, reply) = cull_narrow(engine, boxes);
     let mirrored = mirror::frame(boxes);
     let MaskShape::Sparse { rows, blocks, bits, order } = report.shape else {
         panic!("{what}: not sparse")
@@ -93,6 +104,22 @@ fn every_scene_has_the_bytes_of_the_mirror() {
         for scene in stress_scenes::ALL {
             for n in [2, 33, 345, 1234] {
                 check_bytes(&mut engine, &scene.boxes(n, 21), &format!("{scene:?}, {n} boxes"));
+            }
+        }
+    }
+}
+
+#[test]
+fn every_form_has_the_bytes_of_the_mirror() {
+    let mut engine = engine(&GridOptions::default());
+    for scene in stress_scenes::ALL {
+        for n in [2, 33, 345, 1233] {
+            let boxes = scene.boxes(n, 21);
+            let bounds = Bounds::around(&boxes);
+            for precision in [Precision::Q16(bounds), Precision::Q8(bounds), Precision::F16] {
+                let memory = NarrowMemory::write(&precision, &boxes);
+                let what = format!("{scene:?}, {n} boxes, {}", precision.form());
+                check_bytes(&mut engine, memory.boxes(), &what);
             }
         }
     }

@@ -4,13 +4,15 @@ use std::fs::{File, OpenOptions};
 use std::path::PathBuf;
 
 use pairmask::engine::{CullJob, Engine, HeapReply, ReplyBuffer, ReserveError};
-use pairmask::{Aabb, Encoding};
+use pairmask::precision::NarrowBoxes;
+use pairmask::{Aabb, Bounds, BoxForm, Encoding, Precision};
 use pairmask_tests::conformance::check_reply;
 use pairmask_tests::gpu::{engine, open};
 use pairmask_tests::naive_decoder::sections;
-use pairmask_tests::{oracle, stress_scenes};
+use pairmask_tests::narrow::NarrowMemory;
+use pairmask_tests::{naive_modes, oracle, stress_scenes};
 use pairmaskd::execute::gpu::import::{ImportError, ReadWriteMapping};
-use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, HostImport};
+use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, HostImport, Upload};
 use rustix::mm::{MapFlags, ProtFlags};
 
 const PAGE: usize = 4096;
@@ -39,14 +41,14 @@ impl Segment {
         Self { path, writer, seen, bytes }
     }
 
-    fn write(&self, offset: usize, boxes: &[Aabb]) {
-        assert!(offset + size_of_val(boxes) <= self.bytes);
+    fn write<'a>(&self, offset: usize, boxes: impl Into<NarrowBoxes<'a>>) {
+        let bytes = boxes.into().as_bytes();
+        assert!(offset + bytes.len() <= self.bytes);
         let to = self.writer.pointer().as_ptr();
         // SAFETY: in range (above); no reference to these bytes is live.
         #[allow(unsafe_code)]
         unsafe {
-            let from = boxes.as_ptr().cast::<u8>();
-            std::ptr::copy_nonoverlapping(from, to.add(offset), size_of_val(boxes));
+            std::ptr::copy_nonoverlapping(bytes.as_ptr(), to.add(offset), bytes.len());
         }
     }
 
@@ -64,12 +66,19 @@ impl Segment {
     }
 
     fn boxes(&self, offset: usize, n: usize) -> &[Aabb] {
-        assert!(offset + n * size_of::<Aabb>() <= self.bytes && offset.is_multiple_of(4));
-        // SAFETY: in range and aligned (above); written only by `write`, never while this lives.
-        #[allow(unsafe_code)]
-        unsafe {
-            std::slice::from_raw_parts(self.seen.add(offset).cast(), n)
+        match self.narrow(BoxForm::F32, offset, n) {
+            NarrowBoxes::F32(boxes) => boxes,
+            other => panic!("{:?} for f32", other.form()),
         }
+    }
+
+    fn narrow(&self, form: BoxForm, offset: usize, n: usize) -> NarrowBoxes<'_> {
+        let bytes = n * form.box_bytes();
+        assert!(offset + bytes <= self.bytes);
+        // SAFETY: in range (above); written only by `write`, never while this lives.
+        #[allow(unsafe_code)]
+        let bytes = unsafe { std::slice::from_raw_parts(self.seen.add(offset), bytes) };
+        NarrowBoxes::new(form, bytes).expect("an aligned offset")
     }
 }
 
@@ -141,6 +150,37 @@ fn imported_and_staged_memory_give_the_same_bytes() {
                 let (a, b) = (sections(written, &a.shape), sections(heap.words(), &b.shape));
                 assert!(a.expect("in range") == b.expect("in range"), "{scene:?}, {n}, {encoding}");
             }
+        }
+    }
+}
+
+/// Small scenes too are read where they lie, and no word beyond the segment's last is.
+#[test]
+fn narrow_boxes_are_read_from_imported_memory() {
+    let upload = Some(Upload::KernelReads);
+    let mut engine = engine(AllPairsOptions { upload, ..AllPairsOptions::default() });
+    let segment = Segment::new("narrow", 256 * PAGE, ProtFlags::READ);
+    imported(&mut engine, &segment);
+    // 213 boxes of 6 bytes end in the middle of the last word.
+    let last = 256 * PAGE - 2 - 213 * BoxForm::Q8.box_bytes();
+    assert!(last.is_multiple_of(256));
+    let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
+    let mut reply = HeapReply::new();
+    let places = [(2, 0), (33, PAGE), (345, 256), (1233, 3 * PAGE), (213, last), (5, PAGE + 6)];
+    for (n, offset) in places {
+        let scene = stress_scenes::named("empty mixed in").boxes(n, 3);
+        let bounds = Bounds::around(&scene);
+        for precision in [Precision::Q8(bounds), Precision::Q16(bounds), Precision::F16] {
+            let form = precision.form();
+            if offset == last && form != BoxForm::Q8 {
+                continue;
+            }
+            segment.write(offset, NarrowMemory::write(&precision, &scene).boxes());
+            let seen = segment.narrow(form, offset, n as usize);
+            let report = engine.cull_narrow(seen, &job, &mut reply).expect("culls");
+            let truth = naive_modes::truth(&scene, &precision);
+            let found = check_reply(reply.words(), &report, n, Encoding::Sparse, &truth);
+            assert_eq!(found, Ok(()), "{n} boxes at {offset}, {precision:?}");
         }
     }
 }

@@ -8,6 +8,7 @@ use pairmask::engine::{
     nanoseconds_since,
 };
 use pairmask::plan::{GpuCost, Plan, user_cache_folder};
+use pairmask::precision::NarrowBoxes;
 use pairmask::{Aabb, Encoding};
 
 use super::gpu::device::{HostImport, Lane};
@@ -25,8 +26,6 @@ pub enum Owner {
     Client(u128),
     /// This process.
     Daemon,
-    /// Memory that this process may give back to the system at any time: it is not imported.
-    Scratch,
 }
 
 /// Memory that was offered to the GPU.
@@ -75,19 +74,19 @@ impl Engines {
     /// Runs the engine of a plan, or the one that can do what it cannot.
     fn cull(
         &mut self,
-        boxes: &[Aabb],
+        boxes: NarrowBoxes<'_>,
         plan: &Plan,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<(CullReport, EngineName), CullError> {
         let job = &CullJob { encoding: plan.encoding, threads: plan.threads };
         // A dense mask has a bit for all pairs, so all pairs is what makes it.
         if plan.engine == EngineName::GpuGrid && plan.encoding == Encoding::Sparse {
-            match self.grid.cull(boxes, job, reply) {
+            match self.grid.cull_narrow(boxes, job, reply) {
                 Err(CullError::TooCrowded { .. } | CullError::TooManyBoxes { .. }) => {}
                 done => return Ok((done?, EngineName::GpuGrid)),
             }
         }
-        Ok((self.all_pairs.cull(boxes, job, reply)?, EngineName::GpuBrute))
+        Ok((self.all_pairs.cull_narrow(boxes, job, reply)?, EngineName::GpuBrute))
     }
 
     fn forget(&mut self, import: ImportId) {
@@ -178,7 +177,7 @@ impl GpuService {
     /// [`CullError::DeviceLost`] and [`CullError::DeviceMemory`] leave the frame to the CPU.
     pub fn cull(
         &mut self,
-        boxes: &[Aabb],
+        boxes: NarrowBoxes<'_>,
         owner: Owner,
         plan: &Plan,
         reply: &mut dyn ReplyBuffer,
@@ -190,7 +189,8 @@ impl GpuService {
         if !self.refresh() {
             return Err(lost);
         }
-        self.offer(owner, boxes.as_ptr() as usize, size_of_val(boxes));
+        let memory = boxes.as_bytes();
+        self.offer(owner, memory.as_ptr() as usize, memory.len());
         let mut noted = NotedReply { inner: reply, at: (0, 0) };
         let done = self.engines.as_mut().ok_or(lost)?.cull(boxes, plan, &mut noted)?;
         // Imported when this frame is done, so that the next mask in the same memory needs no copy.
@@ -216,7 +216,7 @@ impl GpuService {
     /// As [`Self::cull`]; nothing is under way then.
     pub fn begin(
         &mut self,
-        boxes: &[Aabb],
+        boxes: NarrowBoxes<'_>,
         owner: Owner,
         plan: &Plan,
         reply: &mut dyn ReplyBuffer,
@@ -225,7 +225,8 @@ impl GpuService {
         if !self.refresh() {
             return Err(lost);
         }
-        self.offer(owner, boxes.as_ptr() as usize, size_of_val(boxes));
+        let memory = boxes.as_bytes();
+        self.offer(owner, memory.as_ptr() as usize, memory.len());
         let mut noted = NotedReply { inner: reply, at: (0, 0) };
         let engines = self.engines.as_mut().ok_or(lost)?;
         let lane = engines.grid.begin(boxes, plan.encoding, &mut noted)?;
@@ -244,7 +245,7 @@ impl GpuService {
     pub fn end(
         &mut self,
         frame: &GpuFrame,
-        boxes: &[Aabb],
+        boxes: NarrowBoxes<'_>,
         plan: &Plan,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<(CullReport, EngineName), CullError> {
@@ -253,7 +254,7 @@ impl GpuService {
         let done = match engines.grid.end(frame.lane, boxes, &mut noted) {
             Err(CullError::TooCrowded { .. }) => {
                 let job = &CullJob { encoding: plan.encoding, threads: plan.threads };
-                (engines.all_pairs.cull(boxes, job, &mut noted)?, EngineName::GpuBrute)
+                (engines.all_pairs.cull_narrow(boxes, job, &mut noted)?, EngineName::GpuBrute)
             }
             done => (done?, EngineName::GpuGrid),
         };
@@ -288,9 +289,6 @@ impl GpuService {
             }
             apart
         });
-        if owner == Owner::Scratch {
-            return;
-        }
         if self.offered.len() >= OFFERED_LIMIT
             && let Some(import) = self.offered.remove(0).import
         {

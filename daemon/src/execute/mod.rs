@@ -7,12 +7,11 @@ pub use gpu_service::{GpuFrame, GpuService, Owner};
 
 use std::time::Instant;
 
-use pairmask::Aabb;
 use pairmask::engine::{
     CpuEngines, CullAnswer, CullError, CullReport, CullWish, EngineChoice, EngineName, ReplyBuffer,
     nanoseconds_since,
 };
-use pairmask::plan::{Calibration, Plan};
+use pairmask::plan::{Calibration, GpuCost, Plan};
 use pairmask::precision::{ExpandScratch, NarrowBoxes};
 
 /// A frame with its plan.
@@ -21,7 +20,6 @@ struct Planned {
     plan: Plan,
     wish: CullWish,
     start: Instant,
-    expand_ns: u64,
     plan_ns: u64,
 }
 
@@ -29,9 +27,7 @@ impl Planned {
     /// The answer of `engine`, which need not be the plan's.
     fn answer(mut self, report: CullReport, engine: EngineName) -> CullAnswer {
         self.plan.engine = engine;
-        let mut answer = CullAnswer::new(&self.plan, report, self.start, self.plan_ns);
-        answer.times.ingest_ns += self.expand_ns;
-        answer
+        CullAnswer::new(&self.plan, report, self.start, self.plan_ns)
     }
 }
 
@@ -55,24 +51,79 @@ pub struct CullUnderWay {
 /// Frames that may be under way at a time.
 pub const FRAMES_UNDER_WAY: usize = gpu::device::LANES;
 
+/// The CPU engines, which take f32 boxes.
+#[derive(Default)]
+struct CpuSide {
+    engines: CpuEngines,
+    /// Those of frames that came in a narrow form.
+    expanded: ExpandScratch,
+}
+
+impl CpuSide {
+    /// Begins a frame with its plan.
+    fn plan(&self, boxes: NarrowBoxes<'_>, wish: &CullWish, gpu: Option<GpuCost>) -> Planned {
+        let start = Instant::now();
+        let plan = self.engines.plan(boxes, wish, gpu);
+        let plan_ns = nanoseconds_since(start);
+        log::debug!("{}", plan.explain());
+        Planned { plan, wish: *wish, start, plan_ns }
+    }
+
+    /// Runs a plan for a CPU engine. Boxes in a narrow form are expanded first, which counts as
+    /// ingest.
+    fn run(
+        &mut self,
+        planned: Planned,
+        boxes: NarrowBoxes<'_>,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullAnswer, CullError> {
+        let start = Instant::now();
+        let boxes = boxes.expand(&mut self.expanded, planned.wish.threads != Some(1));
+        let expand_ns = nanoseconds_since(start);
+        let mut report = self.engines.run(&planned.plan, boxes, reply)?;
+        report.times.ingest_ns += expand_ns;
+        let engine = planned.plan.engine;
+        Ok(planned.answer(report, engine))
+    }
+
+    /// The answer to a frame that the GPU could not serve, or the error.
+    fn run_after(
+        &mut self,
+        error: CullError,
+        mut planned: Planned,
+        boxes: NarrowBoxes<'_>,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullAnswer, CullError> {
+        match error {
+            CullError::DeviceLost { .. }
+            | CullError::DeviceMemory { .. }
+            | CullError::TooCrowded { .. } => {
+                let wish = CullWish { engine: EngineChoice::Auto, ..planned.wish };
+                planned.plan = self.engines.plan(boxes, &wish, None);
+                self.run(planned, boxes, reply)
+            }
+            error => Err(error),
+        }
+    }
+}
+
 /// All engines that this daemon has.
 pub struct Executor {
-    cpu: CpuEngines,
+    cpu: CpuSide,
     gpu: Option<GpuService>,
-    /// Boxes that came in a narrow form, as the engines take them.
-    expanded: ExpandScratch,
 }
 
 impl Executor {
     /// The CPU engines, and the GPU's if there is one.
     pub fn new(gpu: Option<GpuService>) -> Self {
-        Self { cpu: CpuEngines::new(), gpu, expanded: ExpandScratch::default() }
+        Self { cpu: CpuSide::default(), gpu }
     }
 
     /// The same engines, whose plans compute with `calibration`.
     #[must_use]
     pub fn with_calibration(self, calibration: Calibration) -> Self {
-        Self { cpu: CpuEngines::with_calibration(calibration), ..self }
+        let engines = CpuEngines::with_calibration(calibration);
+        Self { cpu: CpuSide { engines, ..self.cpu }, ..self }
     }
 
     /// The GPU, if this daemon has one.
@@ -80,8 +131,9 @@ impl Executor {
         self.gpu.as_mut()
     }
 
-    /// Plans a frame of boxes that belong to `owner`, and finds its pairs. Boxes in a narrow form
-    /// are expanded first, which counts as ingest.
+    /// Plans a frame of boxes that belong to `owner`, and finds its pairs. The GPU reads boxes in
+    /// the form that they have; for a CPU engine narrow ones are expanded first, which counts as
+    /// ingest.
     ///
     /// A GPU that is lost, or has no memory for the scene, leaves the frame to the CPU: the answer
     /// is the same. A scene that crowds the GPU's grid goes to all pairs.
@@ -95,12 +147,8 @@ impl Executor {
         wish: &CullWish,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
-        let Self { cpu, gpu, expanded } = self;
-        let owner = if boxes.form().is_narrow() { Owner::Scratch } else { owner };
-        let start = Instant::now();
-        let boxes = boxes.expand(expanded, wish.threads != Some(1));
-        let planned = plan(cpu, gpu.as_ref(), boxes, wish, start);
-        run(cpu, gpu.as_mut(), planned, boxes, owner, reply)
+        let planned = self.plan(boxes, wish);
+        self.run(planned, boxes, owner, reply)
     }
 
     /// As [`Self::cull`], but a frame that the GPU takes its time for may come back under way. Its
@@ -116,21 +164,16 @@ impl Executor {
         wish: &CullWish,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<Started, CullError> {
-        if boxes.form().is_narrow() {
-            // Expanded into memory that the next frame needs too.
-            return self.cull(boxes, owner, wish, reply).map(Started::Answered);
-        }
-        let Self { cpu, gpu, expanded } = self;
-        let start = Instant::now();
-        let boxes = boxes.expand(expanded, wish.threads != Some(1));
-        let planned = plan(cpu, gpu.as_ref(), boxes, wish, start);
-        if let Some(gpu) = gpu.as_mut().filter(|gpu| gpu.can_begin(&planned.plan)) {
+        let planned = self.plan(boxes, wish);
+        if let Some(gpu) = self.gpu.as_mut().filter(|gpu| gpu.can_begin(&planned.plan)) {
             return match gpu.begin(boxes, owner, &planned.plan, reply) {
                 Ok(frame) => Ok(Started::UnderWay(CullUnderWay { frame, planned })),
-                Err(error) => run_after(cpu, error, planned, boxes, reply).map(Started::Answered),
+                Err(error) => {
+                    self.cpu.run_after(error, planned, boxes, reply).map(Started::Answered)
+                }
             };
         }
-        run(cpu, gpu.as_mut(), planned, boxes, owner, reply).map(Started::Answered)
+        self.run(planned, boxes, owner, reply).map(Started::Answered)
     }
 
     /// Whether a frame has ended, so that [`Self::end`] does not wait.
@@ -149,16 +192,14 @@ impl Executor {
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
         let CullUnderWay { frame, planned } = cull;
-        let Self { cpu, gpu, expanded } = self;
-        let boxes = boxes.expand(expanded, false);
         let lost = CullError::DeviceLost { engine: planned.plan.engine };
-        let done = match gpu {
+        let done = match &mut self.gpu {
             Some(gpu) => gpu.end(&frame, boxes, &planned.plan, reply),
             None => Err(lost),
         };
         match done {
             Ok((report, engine)) => Ok(planned.answer(report, engine)),
-            Err(error) => run_after(cpu, error, planned, boxes, reply),
+            Err(error) => self.cpu.run_after(error, planned, boxes, reply),
         }
     }
 
@@ -175,67 +216,32 @@ impl Executor {
             gpu.tidy();
         }
     }
-}
 
-/// The plan of a frame that was begun at `start` and whose boxes are expanded.
-fn plan(
-    cpu: &CpuEngines,
-    gpu: Option<&GpuService>,
-    boxes: &[Aabb],
-    wish: &CullWish,
-    start: Instant,
-) -> Planned {
-    let expand_ns = nanoseconds_since(start);
-    let plan = cpu.plan(boxes, wish, gpu.and_then(GpuService::cost));
-    let plan_ns = nanoseconds_since(start) - expand_ns;
-    log::debug!("{}", plan.explain());
-    Planned { plan, wish: *wish, start, expand_ns, plan_ns }
-}
-
-fn run(
-    cpu: &mut CpuEngines,
-    gpu: Option<&mut GpuService>,
-    planned: Planned,
-    boxes: &[Aabb],
-    owner: Owner,
-    reply: &mut dyn ReplyBuffer,
-) -> Result<CullAnswer, CullError> {
-    let engine = planned.plan.engine;
-    if !engine.is_gpu() {
-        let report = cpu.run(&planned.plan, boxes, reply)?;
-        return Ok(planned.answer(report, engine));
+    fn plan(&self, boxes: NarrowBoxes<'_>, wish: &CullWish) -> Planned {
+        self.cpu.plan(boxes, wish, self.gpu.as_ref().and_then(GpuService::cost))
     }
-    let done = match gpu {
-        Some(gpu) => gpu.cull(boxes, owner, &planned.plan, reply),
-        None => Err(CullError::Unavailable {
-            engine,
-            why: "this daemon has no GPU (see `pairmaskd serve --gpu`)",
-        }),
-    };
-    match done {
-        Ok((report, engine)) => Ok(planned.answer(report, engine)),
-        Err(error) => run_after(cpu, error, planned, boxes, reply),
-    }
-}
 
-/// The CPU's answer to a frame that the GPU could not serve, or the error.
-fn run_after(
-    cpu: &mut CpuEngines,
-    error: CullError,
-    mut planned: Planned,
-    boxes: &[Aabb],
-    reply: &mut dyn ReplyBuffer,
-) -> Result<CullAnswer, CullError> {
-    match error {
-        CullError::DeviceLost { .. }
-        | CullError::DeviceMemory { .. }
-        | CullError::TooCrowded { .. } => {
-            let wish = CullWish { engine: EngineChoice::Auto, ..planned.wish };
-            planned.plan = cpu.plan(boxes, &wish, None);
-            let report = cpu.run(&planned.plan, boxes, reply)?;
-            let engine = planned.plan.engine;
-            Ok(planned.answer(report, engine))
+    fn run(
+        &mut self,
+        planned: Planned,
+        boxes: NarrowBoxes<'_>,
+        owner: Owner,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullAnswer, CullError> {
+        let engine = planned.plan.engine;
+        if !engine.is_gpu() {
+            return self.cpu.run(planned, boxes, reply);
         }
-        error => Err(error),
+        let done = match &mut self.gpu {
+            Some(gpu) => gpu.cull(boxes, owner, &planned.plan, reply),
+            None => Err(CullError::Unavailable {
+                engine,
+                why: "this daemon has no GPU (see `pairmaskd serve --gpu`)",
+            }),
+        };
+        match done {
+            Ok((report, engine)) => Ok(planned.answer(report, engine)),
+            Err(error) => self.cpu.run_after(error, planned, boxes, reply),
+        }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use pairmask::Encoding;
+use pairmask::{BoxForm, Encoding};
 
 use super::device::Gpu;
 use super::error::GpuError;
@@ -31,6 +31,7 @@ impl Place {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct FrameKey {
     pub(super) n: u32,
+    pub(super) form: BoxForm,
     pub(super) encoding: Encoding,
     pub(super) capacity: u64,
     /// Which part of a long run it is.

@@ -2,7 +2,8 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use pairmask::Aabb;
+use pairmask::BoxForm;
+use pairmask::precision::NarrowBoxes;
 
 use super::device::Gpu;
 use super::error::GpuError;
@@ -29,6 +30,9 @@ const STORED_FIRST_BYTES: u64 = 32 << 10;
 /// copied anyway (24 KB: 1.3 µs on an H200); more go through host memory, which the kernel reads.
 const MAPPED_VIDEO_BYTES: u64 = 64 << 10;
 
+/// What stages read memory in.
+const WORD_BYTES: u64 = size_of::<u32>() as u64;
+
 /// The imports of a device, for all engines on it. Each is made once, whichever engine uses it.
 #[derive(Clone, Default)]
 pub struct SharedImports(Arc<Mutex<Imports>>);
@@ -49,6 +53,14 @@ pub(super) struct Transfers {
     staged_boxes: Growing,
     mapped_boxes: Growing,
     staged_mask: Growing,
+}
+
+/// Boxes where the GPU sees them.
+pub(super) struct PlacedBoxes {
+    /// The memory, whole words.
+    pub(super) part: Part,
+    /// What is in it.
+    pub(super) form: BoxForm,
 }
 
 /// Where a mask is written to.
@@ -77,28 +89,31 @@ impl Transfers {
         self.imports.lock()
     }
 
-    /// Brings the boxes where the GPU sees them. `replaced` is set if a block was.
+    /// Brings the boxes where the GPU sees them, as they are. `replaced` is set if a block was.
     pub(super) fn place_boxes(
         &mut self,
-        boxes: &[Aabb],
+        boxes: NarrowBoxes<'_>,
         replaced: &mut bool,
-    ) -> Result<Part, GpuError> {
-        let bytes = size_of_val(boxes) as u64;
+    ) -> Result<PlacedBoxes, GpuError> {
+        let (form, memory) = (boxes.form(), boxes.as_bytes());
+        // Boxes of 6 bytes may end within a word, and stages read words: all of the last one is
+        // bound. It is there, since blocks and imports are whole pages.
+        let bytes = (memory.len() as u64).next_multiple_of(WORD_BYTES);
         let mappable = self.gpu.limits().mapped_video_memory;
         let stored_up_to = |limit| match self.upload {
             Some(upload) => upload == Upload::MappedVideo,
             None => bytes <= limit && mappable,
         };
         if !stored_up_to(STORED_FIRST_BYTES)
-            && let Some(part) = self.imported(boxes.as_ptr() as usize, bytes)
+            && let Some(part) = self.imported(memory.as_ptr() as usize, bytes)
         {
-            return Ok(part);
+            return Ok(PlacedBoxes { part, form });
         }
         let mapped = stored_up_to(MAPPED_VIDEO_BYTES);
         let staged = if mapped { &mut self.mapped_boxes } else { &mut self.staged_boxes };
         let block = staged.at_least(&self.gpu, bytes, replaced)?;
-        block.write(0, boxes);
-        Ok(Part::of(block, 0, bytes))
+        block.write(0, memory);
+        Ok(PlacedBoxes { part: Part::of(block, 0, bytes), form })
     }
 
     /// Where the mask goes that belongs into `mask`.
@@ -119,7 +134,8 @@ impl Transfers {
     fn imported(&self, address: usize, bytes: u64) -> Option<Part> {
         let imports = self.imports();
         let (block, offset) = imports.find(address, bytes as usize)?;
-        let align = self.gpu.limits().storage_offset_align_bytes;
+        // Of words, however fine the device's own steps are.
+        let align = self.gpu.limits().storage_offset_align_bytes.max(WORD_BYTES);
         offset.is_multiple_of(align).then(|| Part::of(block, offset, bytes))
     }
 }

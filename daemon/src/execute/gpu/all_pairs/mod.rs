@@ -18,6 +18,7 @@ use std::time::{Duration, Instant};
 use pairmask::aabb::AABB_BYTES;
 use pairmask::engine::{CullError, CullJob, CullReport, Engine, ReplyBuffer, ReserveError};
 use pairmask::mask::{MaskShape, Span};
+use pairmask::precision::NarrowBoxes;
 use pairmask::{Aabb, BoxCount, Encoding, EngineName};
 use pairmask_shaders::constants::BATCH_BOXES;
 use pairmask_shaders::layouts::BatchReport;
@@ -35,7 +36,7 @@ use super::import::{ImportError, ImportId};
 use super::memory::{Block, Home, Part};
 use super::pipeline::Pipelines;
 use super::shader::Checks;
-use super::transfers::{SharedImports, Transfers, Upload};
+use super::transfers::{PlacedBoxes, SharedImports, Transfers, Upload};
 
 /// How the engine works. The default is what the daemon uses.
 #[derive(Clone, Default)]
@@ -158,7 +159,7 @@ impl AllPairs {
     fn run(
         &mut self,
         n: BoxCount,
-        boxes: &Part,
+        boxes: &PlacedBoxes,
         mask: Part,
         shape: MaskShape,
         capacity: u64,
@@ -169,8 +170,9 @@ impl AllPairs {
         let bands = plan::bands(n, tuning, encoding, &self.limits);
         let stages = self.scratch.stages(&self.gpu, n, &bands, &mut replaced)?;
         let video_boxes = if self.options.upload == Some(Upload::DmaCopy) {
-            let block = self.video_boxes.at_least(&self.gpu, boxes.bytes, &mut replaced)?;
-            Some(Part::of(block, 0, boxes.bytes))
+            let bytes = boxes.part.bytes;
+            let block = self.video_boxes.at_least(&self.gpu, bytes, &mut replaced)?;
+            Some(Part::of(block, 0, bytes))
         } else {
             None
         };
@@ -184,14 +186,16 @@ impl AllPairs {
         for (chunk, bands) in bands.chunks(steps::BANDS_PER_FRAME).enumerate() {
             let key = FrameKey {
                 n: n.get(),
+                form: boxes.form,
                 encoding,
                 capacity,
                 chunk,
-                input: Place::of(boxes),
+                input: Place::of(&boxes.part),
                 output: Place::of(&output.mask),
             };
             let recording = Recording {
                 n,
+                form: boxes.form,
                 tuning,
                 stages: &stages,
                 output: &output,
@@ -199,7 +203,7 @@ impl AllPairs {
             };
             let pipelines = &mut self.pipelines;
             let frame = self.frames.frame(&self.gpu, key, self.options.profiled, || {
-                let boxes = (chunk == 0).then_some((boxes, video_boxes.as_ref()));
+                let boxes = (chunk == 0).then_some((&boxes.part, video_boxes.as_ref()));
                 recording.steps(pipelines, boxes, bands)
             })?;
             frame.run(wait, patience(pairs_per_band * bands.len() as u64))?;
@@ -216,7 +220,7 @@ impl AllPairs {
     fn cull_dense(
         &mut self,
         n: BoxCount,
-        boxes: &[Aabb],
+        boxes: NarrowBoxes<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
         let shape = MaskShape::dense(n);
@@ -243,7 +247,7 @@ impl AllPairs {
     fn cull_sparse(
         &mut self,
         n: BoxCount,
-        boxes: &[Aabb],
+        boxes: NarrowBoxes<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
         let start = Instant::now();
@@ -292,16 +296,15 @@ impl AllPairs {
     fn cull_error(&self, error: &GpuError) -> CullError {
         self.gpu.cull_error(ENGINE, error)
     }
-}
 
-impl Engine for AllPairs {
-    fn name(&self) -> EngineName {
-        ENGINE
-    }
-
-    fn cull(
+    /// [`Engine::cull`] of boxes in any form, which are read as they lie. The mask is that of the
+    /// f32 boxes that stand for them ([`NarrowBoxes::get`]).
+    ///
+    /// # Errors
+    /// [`CullError`].
+    pub fn cull_narrow(
         &mut self,
-        boxes: &[Aabb],
+        boxes: NarrowBoxes<'_>,
         job: &CullJob,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
@@ -315,6 +318,21 @@ impl Engine for AllPairs {
             Encoding::Dense => self.cull_dense(n, boxes, reply),
             Encoding::Sparse => self.cull_sparse(n, boxes, reply),
         }
+    }
+}
+
+impl Engine for AllPairs {
+    fn name(&self) -> EngineName {
+        ENGINE
+    }
+
+    fn cull(
+        &mut self,
+        boxes: &[Aabb],
+        job: &CullJob,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullReport, CullError> {
+        self.cull_narrow(boxes.into(), job, reply)
     }
 }
 

@@ -7,7 +7,8 @@ use pairmask::engine::{
     Census, CullError, CullReport, EngineTimes, NAMED_INVALID, ReplyBuffer, SkipMeter,
 };
 use pairmask::mask::MaskShape;
-use pairmask::{Aabb, BoxCount, Encoding, MaskWord};
+use pairmask::precision::NarrowBoxes;
+use pairmask::{BoxCount, Encoding, MaskWord};
 use pairmask_shaders::constants::BATCH_BOXES;
 use pairmask_shaders::layouts::BatchReport;
 
@@ -47,13 +48,13 @@ impl Outcome {
 /// The answer for fewer than two boxes: nothing for a GPU to do.
 pub(in crate::execute::gpu) fn no_pairs(
     n: BoxCount,
-    boxes: &[Aabb],
+    boxes: NarrowBoxes<'_>,
     encoding: Encoding,
     reply: &mut dyn ReplyBuffer,
 ) -> Result<CullReport, CullError> {
     let mut census = Census::default();
-    for (b, index) in boxes.iter().zip(0..) {
-        census.note(index, KeyBox::classify(b).1);
+    for (b, index) in (0..boxes.len()).filter_map(|i| boxes.get(i)).zip(0..) {
+        census.note(index, KeyBox::classify(&b).1);
     }
     let shape = match encoding {
         Encoding::Dense => MaskShape::dense(n),

@@ -1,7 +1,7 @@
 //! The stages of a frame with what they bind.
 
-use pairmask::BoxCount;
 use pairmask::mask::{MaskShape, Span};
+use pairmask::{BoxCount, BoxForm};
 use pairmask_shaders::constants::{BATCH_BOXES, PAIRS_WORKGROUP};
 use pairmask_shaders::layouts::{KeysParams, PackParams, PairsParams, WriteParams};
 use pairmask_shaders::{PairsVariant, Stage};
@@ -24,7 +24,8 @@ pub(super) fn stages_of(tunings: &[Tuning]) -> impl Iterator<Item = Stage> {
     let pairs = tunings.iter().flat_map(|tuning| {
         [true, false].map(|store_zeros| Stage::Pairs(variant(*tuning, store_zeros)))
     });
-    [Stage::Keys, Stage::PackDense, Stage::WriteSparse].into_iter().chain(pairs)
+    let keys = BoxForm::ALL.into_iter().map(Stage::Keys);
+    keys.chain([Stage::PackDense, Stage::WriteSparse]).chain(pairs)
 }
 
 fn variant(tuning: Tuning, store_zeros: bool) -> PairsVariant {
@@ -44,6 +45,7 @@ pub(super) struct Output {
 /// What the steps of a run have in common.
 pub(super) struct Recording<'a> {
     pub(super) n: BoxCount,
+    pub(super) form: BoxForm,
     pub(super) tuning: Tuning,
     pub(super) stages: &'a Stages,
     pub(super) output: &'a Output,
@@ -89,7 +91,7 @@ impl Recording<'_> {
         let params = KeysParams { n: self.n.get(), plane_words };
         let s = self.stages;
         Ok(Command::Stage {
-            pipeline: pipelines.get(Stage::Keys)?,
+            pipeline: pipelines.get(Stage::Keys(self.form))?,
             parts: vec![
                 boxes.clone(),
                 self.keys_part(),

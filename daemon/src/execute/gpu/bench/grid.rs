@@ -260,10 +260,14 @@ pub fn frames_a_second(
     loop {
         for (input, reply, lane) in &mut memory {
             if let Some(lane) = lane.take() {
-                first.engine.end(lane, input.boxes(boxes.len()), reply)?;
+                first.engine.end(lane, input.boxes(boxes.len()).into(), reply)?;
                 frames += 1;
             }
-            *lane = Some(first.engine.begin(input.boxes(boxes.len()), Encoding::Sparse, reply)?);
+            *lane = Some(first.engine.begin(
+                input.boxes(boxes.len()).into(),
+                Encoding::Sparse,
+                reply,
+            )?);
         }
         if frames < ROUNDS as u32 {
             // Blocks, recorded frames and clocks settle.
@@ -276,7 +280,7 @@ pub fn frames_a_second(
     let seconds = started.elapsed().as_secs_f64();
     for (input, reply, lane) in &mut memory {
         if let Some(lane) = lane.take() {
-            first.engine.end(lane, input.boxes(boxes.len()), reply)?;
+            first.engine.end(lane, input.boxes(boxes.len()).into(), reply)?;
         }
     }
     Ok(counted / seconds)

@@ -7,7 +7,8 @@ use pairmask::engine::{
     Census, CullError, CullReport, EngineTimes, NAMED_INVALID, ReplyBuffer, SkipMeter,
 };
 use pairmask::mask::MaskShape;
-use pairmask::{Aabb, BoxCount, Encoding, MaskWord};
+use pairmask::precision::NarrowBoxes;
+use pairmask::{BoxCount, Encoding, MaskWord};
 use pairmask_shaders::layouts::GridSummary;
 
 use super::layout::Chooser;
@@ -22,7 +23,7 @@ use crate::execute::gpu::frame_cache::{FrameCache, FrameKey, Place};
 use crate::execute::gpu::import::Imports;
 use crate::execute::gpu::memory::{Block, Part};
 use crate::execute::gpu::pipeline::Pipelines;
-use crate::execute::gpu::transfers::{MaskPlace, Transfers};
+use crate::execute::gpu::transfers::{MaskPlace, PlacedBoxes, Transfers};
 
 /// What the lanes share.
 pub(super) struct Tools {
@@ -115,7 +116,7 @@ impl LaneState {
         &mut self,
         tools: &mut Tools,
         n: BoxCount,
-        boxes: &[Aabb],
+        boxes: NarrowBoxes<'_>,
         reply: &mut dyn ReplyBuffer,
         capacity: u64,
         binding_bytes: u64,
@@ -179,15 +180,16 @@ impl LaneState {
         sizes: Sizes,
         capacity: u64,
         blocks: &Blocks,
-        boxes: &Part,
+        boxes: &PlacedBoxes,
         reply: &Part,
     ) -> Result<(), GpuError> {
         let key = FrameKey {
             n: sizes.n,
+            form: boxes.form,
             encoding: Encoding::Sparse,
             capacity,
             chunk: 0,
-            input: Place::of(boxes),
+            input: Place::of(&boxes.part),
             output: Place::of(reply),
         };
         let recording =

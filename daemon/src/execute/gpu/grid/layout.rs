@@ -2,7 +2,7 @@
 //!
 //! The model below counts what a row looks at; it only steers. Any layout gives the same pairs.
 
-use pairmask::Aabb;
+use pairmask::precision::NarrowBoxes;
 use pairmask_shaders::constants::{GRID_LEVELS, PARKED};
 use pairmask_shaders::layouts::GridLayout;
 
@@ -73,7 +73,7 @@ pub(super) struct Chooser {
 
 impl Chooser {
     /// The layout for a scene.
-    pub fn choose(&mut self, boxes: &[Aabb]) -> GridLayout {
+    pub fn choose(&mut self, boxes: NarrowBoxes<'_>) -> GridLayout {
         self.sample.take(boxes);
         let n = boxes.len() as u32;
         let mut layout = GridLayout::default();
@@ -243,7 +243,7 @@ mod tests {
         let mut chooser = Chooser::default();
         for scene in stress_scenes::ALL {
             for n in (0..70).chain([345, 1234, 20_000]) {
-                let layout = chooser.choose(&scene.boxes(n, 7));
+                let layout = chooser.choose(NarrowBoxes::F32(&scene.boxes(n, 7)));
                 assert!(u64::from(layout.cell_end) < cells_most(n), "{scene:?}, {n} boxes");
                 let mut next = 0;
                 for level in &layout.levels[..layout.level_count as usize] {
@@ -264,7 +264,7 @@ mod tests {
     fn boxes_of_one_size_get_one_level_and_spares() {
         let mut chooser = Chooser::default();
         let uniform = stress_scenes::named("uniform").boxes(10_000, 3);
-        let layout = chooser.choose(&uniform);
+        let layout = chooser.choose((&uniform).into());
         let cells = layout.levels[0].cell_count;
         assert!((20_000..60_000).contains(&cells), "{cells}");
         let edge = uniform[0].max[0] - uniform[0].min[0];
@@ -277,7 +277,7 @@ mod tests {
     #[test]
     fn boxes_of_many_sizes_get_levels_of_rising_cells() {
         let boxes = stress_scenes::named("sizes over 20 octaves").boxes(20_000, 3);
-        let layout = Chooser::default().choose(&boxes);
+        let layout = Chooser::default().choose((&boxes).into());
         let levels = &layout.levels[..layout.level_count as usize];
         assert!(levels.len() >= 3, "{}", levels.len());
         assert!(levels.windows(2).all(|w| w[0].scale[0] > w[1].scale[0]));

@@ -2,8 +2,8 @@
 //!
 //! Slow and plain. The tests compare the GPU's reply with it, byte by byte.
 
-use pairmask::Aabb;
 use pairmask::aabb::{BoxClass, KeyBox};
+use pairmask::precision::NarrowBoxes;
 use pairmask_shaders::constants::{NO_LEVEL, PARKED};
 use pairmask_shaders::layouts::{GridLayout, GridLevel};
 
@@ -35,9 +35,10 @@ pub struct Mirrored {
 }
 
 /// All stages.
-pub fn frame(boxes: &[Aabb]) -> Mirrored {
+pub fn frame(boxes: NarrowBoxes<'_>) -> Mirrored {
     let layout = Chooser::default().choose(boxes);
-    let keys: Vec<(KeyBox, BoxClass)> = boxes.iter().map(KeyBox::classify).collect();
+    let expanded = (0..boxes.len()).filter_map(|i| boxes.get(i));
+    let keys: Vec<(KeyBox, BoxClass)> = expanded.map(|b| KeyBox::classify(&b)).collect();
     let homes = homes(&layout, &keys);
     let starts = starts(&layout, &homes);
     let order = positions(&homes);

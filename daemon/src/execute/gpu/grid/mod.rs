@@ -29,7 +29,8 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use pairmask::engine::{CullError, CullJob, CullReport, Engine, ReplyBuffer};
-use pairmask::{Aabb, BoxCount, Encoding, EngineName};
+use pairmask::precision::NarrowBoxes;
+use pairmask::{Aabb, BoxCount, BoxForm, Encoding, EngineName};
 use pairmask_shaders::{GridStage, Stage};
 
 use self::lane::{Ended, LaneState, Tools};
@@ -46,7 +47,7 @@ use super::transfers::{SharedImports, Upload};
 
 /// Cells that a scene gets, all levels together. For measurements.
 pub fn cell_count(boxes: &[Aabb]) -> u32 {
-    Chooser::default().choose(boxes).cell_end
+    Chooser::default().choose(boxes.into()).cell_end
 }
 
 /// How the engine works. The default is what the daemon uses.
@@ -86,7 +87,7 @@ impl Grid {
     /// [`GpuError`].
     pub fn new(gpu: &Arc<Gpu>, options: &GridOptions) -> Result<Self, GpuError> {
         let mut pipelines = Pipelines::new(gpu, options.checks, options.cache_folder.as_deref())?;
-        for stage in GridStage::ALL {
+        for stage in BoxForm::ALL.into_iter().flat_map(GridStage::of_frame) {
             pipelines.get(Stage::Grid(stage))?;
         }
         pipelines.save();
@@ -143,7 +144,7 @@ impl Grid {
     /// [`CullError::Unavailable`] where all lanes are taken.
     pub fn begin(
         &mut self,
-        boxes: &[Aabb],
+        boxes: NarrowBoxes<'_>,
         encoding: Encoding,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<Lane, CullError> {
@@ -175,7 +176,7 @@ impl Grid {
     pub fn end(
         &mut self,
         lane: Lane,
-        boxes: &[Aabb],
+        boxes: NarrowBoxes<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
         let lane = &mut self.lanes[lane as usize];
@@ -187,6 +188,28 @@ impl Grid {
                     let capacity = plan::capacity(n, words);
                     lane.begin(&mut self.tools, n, boxes, reply, capacity, self.binding_bytes)?;
                 }
+            }
+        }
+    }
+
+    /// [`Engine::cull`] of boxes in any form, which are read as they lie. The mask is that of the
+    /// f32 boxes that stand for them ([`NarrowBoxes::get`]).
+    ///
+    /// # Errors
+    /// [`CullError`], as [`Engine::cull`].
+    pub fn cull_narrow(
+        &mut self,
+        boxes: NarrowBoxes<'_>,
+        job: &CullJob,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullReport, CullError> {
+        match BoxCount::of_len(boxes.len()) {
+            Some(n) if n.get() < 2 && job.encoding == Encoding::Sparse => {
+                no_pairs(n, boxes, job.encoding, reply)
+            }
+            _ => {
+                let lane = self.begin(boxes, job.encoding, reply)?;
+                self.end(lane, boxes, reply)
             }
         }
     }
@@ -205,14 +228,6 @@ impl Engine for Grid {
         job: &CullJob,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
-        match BoxCount::of_len(boxes.len()) {
-            Some(n) if n.get() < 2 && job.encoding == Encoding::Sparse => {
-                no_pairs(n, boxes, job.encoding, reply)
-            }
-            _ => {
-                let lane = self.begin(boxes, job.encoding, reply)?;
-                self.end(lane, boxes, reply)
-            }
-        }
+        self.cull_narrow(boxes.into(), job, reply)
     }
 }

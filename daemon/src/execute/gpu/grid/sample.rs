@@ -2,7 +2,8 @@
 //!
 //! A pure function of the boxes, so that the same boxes give the same bytes whatever came before.
 
-use pairmask::{Aabb, BoxClass};
+use pairmask::BoxClass;
+use pairmask::precision::NarrowBoxes;
 
 use super::axis::plain;
 
@@ -37,15 +38,14 @@ pub(super) struct Sample {
 
 impl Sample {
     /// Looks at a scene.
-    pub fn take(&mut self, boxes: &[Aabb]) {
+    pub fn take(&mut self, boxes: NarrowBoxes<'_>) {
         let n = boxes.len();
         let wanted = n.min(SAMPLE);
         self.boxes.clear();
         self.mins.clear();
         for i in 0..wanted {
-            let b = &boxes[place(i, wanted, n)];
             // A copy: the writer may change its box meanwhile.
-            let b = *b;
+            let Some(b) = boxes.get(place(i, wanted, n)) else { continue };
             if b.class() == BoxClass::Solid {
                 self.mins.push(b.min.map(plain));
                 let edges = std::array::from_fn(|a| plain(plain(b.max[a]) - plain(b.min[a])));

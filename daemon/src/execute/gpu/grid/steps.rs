@@ -11,6 +11,7 @@ use crate::execute::gpu::error::GpuError;
 use crate::execute::gpu::frame::Command;
 use crate::execute::gpu::memory::{Block, Part};
 use crate::execute::gpu::pipeline::Pipelines;
+use crate::execute::gpu::transfers::PlacedBoxes;
 
 /// What the steps of a frame have in common.
 pub(super) struct Recording<'a> {
@@ -18,7 +19,7 @@ pub(super) struct Recording<'a> {
     pub(super) params: GridParams,
     pub(super) blocks: &'a Blocks,
     /// Where the boxes are.
-    pub(super) boxes: &'a Part,
+    pub(super) boxes: &'a PlacedBoxes,
     /// Where the reply is.
     pub(super) reply: &'a Part,
 }
@@ -31,7 +32,9 @@ impl Recording<'_> {
             from: Part::of(&b.written_layout, 0, LAYOUT_BYTES),
             to: Part::of(&b.layout, 0, LAYOUT_BYTES),
         };
-        let stages = GridStage::ALL.into_iter().map(|stage| self.step(pipelines, stage));
+        let stages = GridStage::of_frame(self.boxes.form)
+            .into_iter()
+            .map(|stage| self.step(pipelines, stage));
         std::iter::once(Ok(copy)).chain(stages).collect()
     }
 
@@ -39,9 +42,9 @@ impl Recording<'_> {
         let b = self.blocks;
         let found = || Part::of(&b.found, 0, 12 * u64::from(self.params.capacity));
         let (parts, groups) = match stage {
-            GridStage::Cells => (
+            GridStage::Cells(_) => (
                 vec![
-                    self.boxes.clone(),
+                    self.boxes.part.clone(),
                     Part::whole(&b.layout),
                     self.table(),
                     Part::whole(&b.control),

@@ -1,0 +1,83 @@
+//! Boxes in narrow forms, and engines that read them.
+
+use pairmask::engine::{CullError, CullJob, CullReport, Engine, EngineName, ReplyBuffer};
+use pairmask::precision::NarrowBoxes;
+use pairmask::{Aabb, BoxForm, Precision};
+
+/// Boxes of one form in memory of their own.
+#[derive(Clone, Debug)]
+pub struct NarrowMemory {
+    form: BoxForm,
+    /// Narrow boxes are aligned to more than a byte.
+    words: Vec<u32>,
+    bytes: usize,
+}
+
+impl NarrowMemory {
+    /// What a client writes of boxes in a precision.
+    pub fn write(precision: &Precision, boxes: &[Aabb]) -> Self {
+        let mut memory = Self::zeroed(precision.form(), boxes.len());
+        precision.write(boxes, memory.bytes_mut());
+        memory
+    }
+
+    /// Boxes of a form by their coordinates' bits, of which the low ones count.
+    pub fn of_bits(form: BoxForm, boxes: &[[u32; 6]]) -> Self {
+        let mut memory = Self::zeroed(form, boxes.len());
+        let width = form.box_bytes() / 6;
+        let places = memory.bytes_mut().chunks_exact_mut(width);
+        for (place, bits) in places.zip(boxes.iter().flatten()) {
+            place.copy_from_slice(&bits.to_le_bytes()[..width]);
+        }
+        memory
+    }
+
+    fn zeroed(form: BoxForm, n: usize) -> Self {
+        let bytes = n * form.box_bytes();
+        Self { form, words: vec![0; bytes.div_ceil(4)], bytes }
+    }
+
+    /// The boxes.
+    ///
+    /// # Panics
+    /// Never: the memory holds whole boxes, aligned.
+    pub fn boxes(&self) -> NarrowBoxes<'_> {
+        let bytes: &[u8] = bytemuck::cast_slice(&self.words);
+        NarrowBoxes::new(self.form, &bytes[..self.bytes]).expect("whole boxes, aligned")
+    }
+
+    /// Their bytes, to be changed.
+    pub fn bytes_mut(&mut self) -> &mut [u8] {
+        &mut bytemuck::cast_slice_mut(&mut self.words)[..self.bytes]
+    }
+}
+
+/// How an engine is given boxes of any form.
+pub type CullNarrow<E> =
+    fn(&mut E, NarrowBoxes<'_>, &CullJob, &mut dyn ReplyBuffer) -> Result<CullReport, CullError>;
+
+/// An engine that is given boxes in a precision's form, as an engine of its own.
+pub struct Narrowed<E> {
+    /// Who answers.
+    pub engine: E,
+    /// How it is asked.
+    pub cull: CullNarrow<E>,
+    /// What the boxes are made of.
+    pub precision: Precision,
+}
+
+impl<E: Engine> Engine for Narrowed<E> {
+    fn name(&self) -> EngineName {
+        self.engine.name()
+    }
+
+    fn cull(
+        &mut self,
+        boxes: &[Aabb],
+        job: &CullJob,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullReport, CullError> {
+        let memory = NarrowMemory::write(&self.precision, boxes);
+        (self.cull)(&mut self.engine, memory.boxes(), job, reply)
+    }
+}

@@ -1,0 +1,431 @@
+//! Boxes in every form as the GPU reads them: the first stages against the library's own way from a
+//! form to f32, pattern by pattern, and whole frames against the modes' definitions.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use bytemuck::{Pod, Zeroable, bytes_of};
+use pairmask::aabb::KeyBox;
+use pairmask::engine::{CullJob, Engine, HeapReply};
+use pairmask::glam::Vec3;
+use pairmask::precision::NarrowBoxes;
+use pairmask::{Aabb, Bounds, BoxClass, BoxCount, BoxForm, Encoding, Precision};
+use pairmask_shaders::constants::{BATCH_BOXES, NO_LEVEL, PADDING, PARKED};
+use pairmask_shaders::layouts::{BatchReport, BatchTotals, GridLayout, GridTotals, KeysParams};
+use pairmask_shaders::{GridStage, Stage};
+use pairmask_tests::conformance::{Mismatch, check_frame, check_reply};
+use pairmask_tests::gpu::open;
+use pairmask_tests::narrow::{CullNarrow, NarrowMemory, Narrowed};
+use pairmask_tests::stress_scenes::{Rng, StressScene};
+use pairmask_tests::{naive_modes, stress_scenes};
+use pairmaskd::execute::gpu::frame::{Command, Frame, Wait};
+use pairmaskd::execute::gpu::grid::plan::Sizes;
+use pairmaskd::execute::gpu::memory::{Block, Home, Part};
+use pairmaskd::execute::gpu::pipeline::Pipelines;
+use pairmaskd::execute::gpu::{
+    AllPairs, AllPairsOptions, Checks, Gpu, Grid, GridOptions, HostImport, Upload,
+};
+
+/// A watchdog, no measure of speed.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// What a first stage made of boxes.
+#[derive(Clone, Debug, PartialEq)]
+struct Seen {
+    /// Keys of every box.
+    keys: Vec<KeyBox>,
+    /// Whether a box has a NaN.
+    invalid: Vec<bool>,
+    /// Boxes with min > max.
+    empty: u32,
+}
+
+impl Seen {
+    /// By the library, box by box.
+    fn expected(boxes: NarrowBoxes<'_>) -> Self {
+        let expanded = (0..boxes.len()).filter_map(|i| boxes.get(i));
+        let classified: Vec<_> = expanded.map(|b| KeyBox::classify(&b)).collect();
+        let of = |class: BoxClass| classified.iter().map(move |(_, c)| *c == class);
+        Self {
+            keys: classified.iter().map(|(keys, _)| *keys).collect(),
+            invalid: of(BoxClass::Invalid).collect(),
+            empty: of(BoxClass::Empty).map(u32::from).sum(),
+        }
+    }
+
+    /// The first box that differs, or the number of boxes where only a count does.
+    fn first_difference(&self, other: &Self) -> Option<usize> {
+        let boxes = |seen: &Self| -> Vec<_> {
+            seen.keys.iter().copied().zip(seen.invalid.iter().copied()).collect()
+        };
+        let (a, b) = (boxes(self), boxes(other));
+        let differs = (0..a.len().max(b.len())).find(|&i| a.get(i) != b.get(i));
+        differs.or((self.empty != other.empty).then_some(a.len()))
+    }
+}
+
+/// A device with the first stages alone.
+struct Bench {
+    gpu: Arc<Gpu>,
+    pipelines: Pipelines,
+}
+
+impl Bench {
+    fn new(checks: Checks) -> Self {
+        let gpu = open(HostImport::IfPossible);
+        let pipelines = Pipelines::new(&gpu, checks, None).expect("no pipeline yet");
+        Self { gpu, pipelines }
+    }
+
+    /// Memory that holds these bytes and junk behind them.
+    fn holding(&self, bytes: &[u8], size: u64) -> Arc<Block> {
+        let block = Block::new(&self.gpu, Home::Host, size).expect("memory");
+        block.write(0, &vec![0xffu8; block.bytes() as usize]);
+        block.write(0, bytes);
+        block
+    }
+
+    fn zeroed(&self, size: u64) -> Arc<Block> {
+        self.holding(&vec![0; size as usize], size)
+    }
+
+    /// The boxes, bound to the end of the word that the last one ends in.
+    fn boxes(&self, boxes: NarrowBoxes<'_>) -> Part {
+        let size = (boxes.as_bytes().len() as u64).next_multiple_of(4);
+        Part::of(&self.holding(boxes.as_bytes(), size), 0, size)
+    }
+
+    fn run(&mut self, stage: Stage, parts: Vec<Part>, immediates: &impl Pod, groups: u32) {
+        let pipeline = self.pipelines.get(stage).expect("compiles");
+        let immediates = bytes_of(immediates).to_vec();
+        let step = Command::Stage { pipeline, parts, immediates, groups: [groups, 1] };
+        let mut frame = Frame::new(&self.gpu, false).expect("a frame");
+        frame.record(vec![step]).expect("records");
+        frame.run(Wait::Block, PATIENCE).expect("ends");
+    }
+
+    /// What `keys` makes of boxes.
+    fn keys(&mut self, boxes: NarrowBoxes<'_>) -> Seen {
+        let n = boxes.len() as u32;
+        let plane_words = n.next_multiple_of(PADDING);
+        let batches = plane_words / BATCH_BOXES;
+        let planes = self.zeroed(24 * u64::from(plane_words));
+        let totals = self.zeroed(u64::from(batches) * size_of::<BatchTotals>() as u64);
+        let reports = self.zeroed(u64::from(batches) * size_of::<BatchReport>() as u64);
+        let parts = std::iter::once(self.boxes(boxes))
+            .chain([&planes, &totals, &reports].map(Part::whole))
+            .collect();
+        let params = KeysParams { n, plane_words };
+        self.run(Stage::Keys(boxes.form()), parts, &params, batches);
+        let planes: Vec<i32> = read(&planes, 6 * plane_words as usize);
+        let reports: Vec<BatchReport> = read(&reports, batches as usize);
+        let key = |plane: usize, i: usize| planes[plane * plane_words as usize + i];
+        let keys = |i| KeyBox {
+            min: std::array::from_fn(|axis| key(axis, i)),
+            max: std::array::from_fn(|axis| key(3 + axis, i)),
+        };
+        for i in n as usize..plane_words as usize {
+            assert_eq!(keys(i), KeyBox::NOTHING, "the planes are filled up");
+        }
+        let invalid: Vec<u32> = reports.iter().flat_map(|report| report.invalid).collect();
+        Seen {
+            keys: (0..n as usize).map(keys).collect(),
+            invalid: bits(&invalid, n),
+            empty: reports.iter().map(|report| report.empty).sum(),
+        }
+    }
+
+    /// What `grid_cells` makes of boxes, on a grid without levels.
+    fn cells(&mut self, boxes: NarrowBoxes<'_>) -> Seen {
+        let n = boxes.len() as u32;
+        let sizes = Sizes::of(BoxCount::new(n));
+        let first_nothing = n / PARKED + 1;
+        let layout =
+            GridLayout { first_nothing, cell_end: 2 * first_nothing, ..GridLayout::zeroed() };
+        let layout = self.holding(bytes_of(&layout), size_of::<GridLayout>() as u64);
+        let table = self.zeroed(sizes.table_bytes());
+        let control = self.zeroed(sizes.control_bytes());
+        let records = self.zeroed(sizes.records_bytes());
+        let totals = self.zeroed(u64::from(sizes.batches) * size_of::<GridTotals>() as u64);
+        let invalid = self.zeroed(u64::from(sizes.plane() / 8));
+        let parts = std::iter::once(self.boxes(boxes))
+            .chain([&layout, &table, &control, &records, &totals, &invalid].map(Part::whole))
+            .collect();
+        let stage = Stage::Grid(GridStage::Cells(boxes.form()));
+        self.run(stage, parts, &sizes.params(1), sizes.batches);
+        let records: Vec<[i32; 4]> = read(&records, 2 * sizes.plane() as usize);
+        let totals: Vec<GridTotals> = read(&totals, sizes.batches as usize);
+        let (first, second) = records.split_at(sizes.plane() as usize);
+        let keys = first.iter().zip(second).take(n as usize);
+        let keys: Vec<KeyBox> = keys
+            .map(|(a, b)| KeyBox { min: [a[0], a[1], a[2]], max: [a[3], b[0], b[1]] })
+            .collect();
+        for (i, home) in second.iter().enumerate().take(n as usize) {
+            let place = i as u32 / PARKED;
+            let is_nothing = keys[i] == KeyBox::NOTHING;
+            let expected = if is_nothing { (first_nothing + place, NO_LEVEL) } else { (place, 0) };
+            assert_eq!((home[2] as u32, home[3] as u32 >> 24), expected, "home of box {i}");
+        }
+        let seen = Seen {
+            keys,
+            invalid: bits(&read::<u32>(&invalid, sizes.plane() as usize / 32), n),
+            empty: totals.iter().map(|batch| batch.empty).sum(),
+        };
+        let invalid: u32 = totals.iter().map(|batch| batch.invalid).sum();
+        assert_eq!(invalid, seen.invalid.iter().map(|bit| u32::from(*bit)).sum::<u32>());
+        seen
+    }
+}
+
+fn read<T: Pod>(block: &Block, count: usize) -> Vec<T> {
+    let mut values = vec![T::zeroed(); count];
+    block.read(0, &mut values);
+    values
+}
+
+fn bits(words: &[u32], n: u32) -> Vec<bool> {
+    (0..n).map(|i| words[i as usize / 32] >> (i % 32) & 1 == 1).collect()
+}
+
+/// A form's smallest and largest coordinate, and those where a conversion could go wrong.
+fn special(form: BoxForm) -> (u32, u32, Vec<u32>) {
+    match form {
+        BoxForm::F32 => {
+            let signless = [0, 1, 0x007f_ffff, 0x0080_0000, 0x3f80_0000, 0x7f7f_ffff, 0x7f80_0000];
+            let nan = [0x7f80_0001, 0x7fc0_0000, 0x7fff_ffff];
+            let signless = signless.into_iter().chain(nan);
+            let both = signless.flat_map(|bits| [bits, bits | 1 << 31]).collect();
+            (f32::NEG_INFINITY.to_bits(), f32::INFINITY.to_bits(), both)
+        }
+        BoxForm::F16 => {
+            let signless = [0, 1, 0x03ff, 0x0400, 0x3c00, 0x7bff, 0x7c00, 0x7c01, 0x7e00, 0x7fff];
+            let both = signless.into_iter().flat_map(|bits| [bits, bits | 1 << 15]).collect();
+            (0xfc00, 0x7c00, both)
+        }
+        BoxForm::Q16 => (0, 0xffff, vec![0, 1, 2, 0xff, 0x100, 0x7fff, 0x8000, 0xfffe, 0xffff]),
+        BoxForm::Q8 => (0, 0xff, (0..=0xff).collect()),
+    }
+}
+
+/// Boxes that have every number of a form of 16 bits or fewer at each place, all pairs of special
+/// ones as min.x and max.x (which say what is invalid), and anything.
+fn patterns(form: BoxForm) -> Vec<[u32; 6]> {
+    let (least, largest, special) = special(form);
+    let all = [least, least, least, largest, largest, largest];
+    let mut patterns = Vec::new();
+    let everywhere: Vec<u32> = match form {
+        BoxForm::F32 => special.clone(),
+        BoxForm::F16 | BoxForm::Q16 => (0..=0xffff).collect(),
+        BoxForm::Q8 => (0..=0xff).collect(),
+    };
+    for place in 0..6 {
+        patterns.extend(everywhere.iter().map(|number| {
+            let mut bits = all;
+            bits[place] = *number;
+            bits
+        }));
+    }
+    for min in &special {
+        patterns.extend(special.iter().map(|max| [*min, least, least, *max, largest, largest]));
+    }
+    let mut rng = Rng::new(17);
+    for _ in 0..20_000 {
+        let any = |rng: &mut Rng| special[rng.bits() as usize % special.len()];
+        patterns.push(std::array::from_fn(|_| any(&mut rng)));
+        patterns.push(std::array::from_fn(|_| rng.bits() as u32));
+    }
+    patterns
+}
+
+#[test]
+fn every_pattern_becomes_the_keys_of_the_box_that_stands_for_it() {
+    for checks in [Checks::Off, Checks::On] {
+        let mut bench = Bench::new(checks);
+        for form in BoxForm::ALL {
+            let patterns = patterns(form);
+            assert!(patterns.len() > 40_000 && !patterns.len().is_multiple_of(256), "{form}");
+            // The last batch is whole, or not; the last word of q8 is, or not.
+            for n in [1, 2, 3, 255, 256, 257, 1023, patterns.len()] {
+                let memory = NarrowMemory::of_bits(form, &patterns[patterns.len() - n..]);
+                let expected = Seen::expected(memory.boxes());
+                for seen in [bench.keys(memory.boxes()), bench.cells(memory.boxes())] {
+                    let wrong = seen.first_difference(&expected);
+                    let pattern = wrong.and_then(|i| patterns[patterns.len() - n..].get(i));
+                    assert_eq!(wrong, None, "{form}, {n} boxes: {pattern:x?}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn the_patterns_have_every_class() {
+    for form in BoxForm::ALL {
+        let memory = NarrowMemory::of_bits(form, &patterns(form));
+        let seen = Seen::expected(memory.boxes());
+        let invalid = seen.invalid.iter().filter(|bit| **bit).count();
+        let solid = seen.keys.iter().filter(|keys| **keys != KeyBox::NOTHING).count();
+        assert!(invalid > 0 && seen.empty > 0 && solid > 1000, "{form}: {invalid} {solid}");
+    }
+}
+
+#[test]
+fn the_comparator_of_patterns_notices_one_bit() {
+    let mut bench = Bench::new(Checks::Off);
+    for form in BoxForm::ALL {
+        let (least, largest, _) = special(form);
+        let middle = if form == BoxForm::F32 { 0x3f80_0000 } else { 0x3c };
+        let boxes = vec![[least, middle, least, largest, largest, middle]; 301];
+        let mut memory = NarrowMemory::of_bits(form, &boxes);
+        for seen in [bench.keys(memory.boxes()), bench.cells(memory.boxes())] {
+            for (index, place) in [(0, 1), (299, 1), (300, 5)] {
+                let width = form.box_bytes() / 6;
+                let byte = (6 * index + place) * width;
+                memory.bytes_mut()[byte] ^= 1;
+                let other = Seen::expected(memory.boxes());
+                assert_eq!(seen.first_difference(&other), Some(index), "{form}");
+                memory.bytes_mut()[byte] ^= 1;
+            }
+            let counted = Seen { empty: 1, ..seen.clone() };
+            assert_eq!(counted.first_difference(&seen), Some(301), "{form}");
+        }
+    }
+}
+
+/// Bounds that a scene lies in, and that cut through it.
+fn precisions(boxes: &[Aabb]) -> Vec<Precision> {
+    let around = Bounds::around(boxes);
+    let small = Bounds::new(Vec3::splat(2.0), Vec3::splat(9.0)).expect("bounds");
+    let cells = [around, small].into_iter();
+    let cells = cells.flat_map(|bounds| [Precision::Q16(bounds), Precision::Q8(bounds)]);
+    cells.chain([Precision::F16]).collect()
+}
+
+/// Frames of an engine in every narrow form against the modes' definitions. Returns how many.
+fn check_forms<E: Engine>(
+    engine: &mut Narrowed<E>,
+    encodings: &[Encoding],
+    scenes: &[&str],
+    sizes: &[u32],
+) -> usize {
+    let mut frames = 0;
+    let mut reply = HeapReply::new();
+    for scene in scenes {
+        for n in sizes {
+            let boxes = stress_scenes::named(scene).boxes(*n, 5);
+            for precision in precisions(&boxes) {
+                engine.precision = precision;
+                let truth = naive_modes::truth(&boxes, &precision);
+                for encoding in encodings {
+                    let job = CullJob { encoding: *encoding, threads: 1 };
+                    check_frame(engine, &boxes, &truth, &job, &mut reply).unwrap_or_else(|what| {
+                        panic!("{scene}, {n} boxes, {precision:?}, {encoding}: {what}")
+                    });
+                    frames += 1;
+                }
+            }
+        }
+    }
+    frames
+}
+
+const BOTH: [Encoding; 2] = [Encoding::Dense, Encoding::Sparse];
+
+/// Scenes that have boxes of every class, faces that touch, and no more pairs than an oracle likes.
+const FEW: [&str; 4] = ["uniform", "lattice", "empty mixed in", "nan in each slot"];
+
+fn all_pairs(options: AllPairsOptions) -> Narrowed<AllPairs> {
+    let engine = AllPairs::new(&open(HostImport::IfPossible), options);
+    let engine = engine.unwrap_or_else(|error| panic!("{error}"));
+    Narrowed { engine, cull: AllPairs::cull_narrow, precision: Precision::F16 }
+}
+
+fn grid(options: &GridOptions) -> Narrowed<Grid> {
+    let engine = Grid::new(&open(HostImport::IfPossible), options);
+    let engine = engine.unwrap_or_else(|error| panic!("{error}"));
+    Narrowed { engine, cull: Grid::cull_narrow, precision: Precision::F16 }
+}
+
+#[test]
+fn both_engines_answer_every_form_as_it_is_defined_at_every_small_size() {
+    let sizes: Vec<u32> = (0..=70).collect();
+    let found = check_forms(&mut all_pairs(AllPairsOptions::default()), &BOTH, &FEW, &sizes);
+    assert_eq!(found, 4 * 71 * 5 * 2);
+    let sparse = [Encoding::Sparse];
+    let found = check_forms(&mut grid(&GridOptions::default()), &sparse, &FEW, &sizes);
+    assert_eq!(found, 4 * 71 * 5);
+}
+
+#[test]
+fn both_engines_answer_every_form_of_every_scene() {
+    let scenes: Vec<&str> = stress_scenes::ALL.iter().map(StressScene::name).collect();
+    let sizes = [2, 257, 345];
+    check_forms(&mut all_pairs(AllPairsOptions::default()), &BOTH, &scenes, &sizes);
+    check_forms(&mut grid(&GridOptions::default()), &[Encoding::Sparse], &scenes, &sizes);
+}
+
+#[test]
+fn both_engines_answer_every_form_of_odd_large_scenes() {
+    let sizes = [511, 513, 1233, 4097];
+    check_forms(&mut all_pairs(AllPairsOptions::default()), &BOTH, &FEW, &sizes);
+    check_forms(&mut grid(&GridOptions::default()), &[Encoding::Sparse], &FEW, &sizes);
+}
+
+#[test]
+fn checked_stages_and_every_way_up_answer_the_same() {
+    let sizes = [33, 345, 701];
+    for upload in [Upload::KernelReads, Upload::DmaCopy, Upload::MappedVideo] {
+        for checks in [Checks::Off, Checks::On] {
+            let upload = Some(upload);
+            let options = AllPairsOptions { checks, upload, ..AllPairsOptions::default() };
+            check_forms(&mut all_pairs(options), &BOTH, &FEW, &sizes);
+            let options = GridOptions { checks, upload, ..GridOptions::default() };
+            check_forms(&mut grid(&options), &[Encoding::Sparse], &FEW, &sizes);
+        }
+    }
+}
+
+/// Frames of one number of boxes and of different forms, in memory of one address: a recorded frame
+/// is one form's.
+#[test]
+fn a_recorded_frame_is_of_one_form() {
+    let boxes = stress_scenes::named("uniform").boxes(345, 8);
+    let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
+    let mut reply = HeapReply::new();
+    let (mut all_pairs, mut grid) =
+        (all_pairs(AllPairsOptions::default()), grid(&GridOptions::default()));
+    for _ in 0..3 {
+        for precision in precisions(&boxes).into_iter().chain([Precision::Exact]) {
+            let memory = NarrowMemory::write(&precision, &boxes);
+            let truth = naive_modes::truth(&boxes, &precision);
+            let reports = [
+                all_pairs.engine.cull_narrow(memory.boxes(), &job, &mut reply),
+                grid.engine.cull_narrow(memory.boxes(), &job, &mut reply),
+            ];
+            for report in reports {
+                let counted = report.expect("a frame").pair_count;
+                assert_eq!(counted, truth.pairs.len() as u64, "{precision:?}");
+            }
+        }
+    }
+}
+
+/// An engine that takes boxes of one form for those of another of the same size.
+#[test]
+fn a_form_taken_for_another_is_noticed() {
+    let as_halves: CullNarrow<Grid> = |engine, boxes, job, reply| {
+        let bytes = boxes.as_bytes();
+        let halves = NarrowBoxes::new(BoxForm::F16, bytes).expect("as many bytes");
+        engine.cull_narrow(halves, job, reply)
+    };
+    let mut wrong = Narrowed { cull: as_halves, ..grid(&GridOptions::default()) };
+    let boxes = stress_scenes::named("lattice").boxes(345, 2);
+    wrong.precision = Precision::Q16(Bounds::around(&boxes));
+    let truth = naive_modes::truth(&boxes, &wrong.precision);
+    let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
+    let mut reply = HeapReply::new();
+    let report = wrong.cull(&boxes, &job, &mut reply).expect("an answer");
+    let found = check_reply(reply.words(), &report, 345, Encoding::Sparse, &truth);
+    let is_about_pairs = matches!(found, Err(Mismatch::Missing(_) | Mismatch::Extra(_)));
+    assert!(is_about_pairs || matches!(found, Err(Mismatch::Census { .. })), "{found:?}");
+}
