@@ -5,16 +5,18 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use pairmask::engine::{CullJob, CullWish, Engine, EngineChoice, EngineName, HeapReply};
+use pairmask::engine::{CpuEngines, CullAnswer, CullWish, EngineChoice, EngineName, HeapReply};
 use pairmask::mask::{EncodingChoice, MaskView};
 use pairmask::precision::NarrowBoxes;
-use pairmask::{Bounds, BoxCount, Encoding, Precision, ServedBy, Session};
+use pairmask::{Aabb, Bounds, BoxCount, Encoding, Precision, ServedBy, Session};
 use pairmask_tests::conformance::{Suite, check_engine};
 use pairmask_tests::daemon::{PATIENCE, TestDaemon};
+use pairmask_tests::narrow::NarrowMemory;
 use pairmask_tests::session_engine::SessionEngine;
 use pairmask_tests::{naive_modes, oracle, stress_scenes};
 use pairmaskd::execute::gpu::GpuChoice;
-use pairmaskd::execute::{Executor, GpuService, Owner};
+use pairmaskd::execute::{Executor, GpuService, Owner, Started};
+use pairmaskd::precision::as_sent;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 const GPU: EngineChoice = EngineChoice::Only(EngineName::GpuBrute);
@@ -50,35 +52,34 @@ fn a_dense_mask_of_the_grid_comes_from_all_pairs() {
     assert_eq!(mask.count(), oracle::truth(&boxes).pairs.len() as u64);
 }
 
-/// Frames large enough to be left under way: two clients with two each, in any order.
+/// Frames large enough to be left under way: two clients with two each, in any order and form.
 #[test]
 fn frames_under_way_at_a_time_do_not_mix() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
     let grid = EngineChoice::Only(EngineName::GpuGrid);
-    let n = 33_000;
+    let n = 33_001;
     let mut sessions: Vec<Session> =
         (0..2).map(|_| daemon.session().engine(grid).connect().unwrap()).collect();
     let scenes: Vec<_> =
         (0..4).map(|seed| stress_scenes::named("uniform").boxes(n, seed)).collect();
-    let mut pending = Vec::new();
-    for (boxes, turn) in scenes.iter().zip([0, 0, 1, 1]) {
-        let mut shared = sessions[turn].frame(boxes.len()).unwrap();
-        shared.boxes_mut().copy_from_slice(boxes);
-        pending.push(shared.submit().unwrap());
-    }
-    let mut cpu = pairmask::engine::Grid::new();
-    for (boxes, frame) in scenes.iter().zip(pending) {
-        let mask = frame.wait().unwrap();
-        assert_eq!(mask.info().engine, EngineName::GpuGrid);
-        let mut pairs = mask.to_vec();
-        pairs.sort_unstable();
-        let mut reply = HeapReply::new();
-        let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
-        let report = cpu.cull(boxes, &job, &mut reply).unwrap();
-        let view = MaskView::new(BoxCount::new(n), &report.shape, reply.words()).unwrap();
-        let mut expected = view.to_vec();
-        expected.sort_unstable();
-        assert!(pairs == expected, "{} and {} pairs", pairs.len(), expected.len());
+    let [q16, q8, f16] = narrow_precisions(&scenes[0]);
+    for precisions in [[Precision::Exact; 4], [q8, Precision::Exact, f16, q16]] {
+        let mut pending = Vec::new();
+        for ((boxes, precision), turn) in scenes.iter().zip(precisions).zip([0, 0, 1, 1]) {
+            let mut shared = sessions[turn].narrow_frame(boxes.len(), precision).unwrap();
+            assert!(shared.is_shared());
+            shared.fill(boxes);
+            pending.push(shared.submit().unwrap());
+        }
+        for ((boxes, precision), frame) in scenes.iter().zip(precisions).zip(pending) {
+            let mask = frame.wait().unwrap();
+            let info = mask.info();
+            assert_eq!((info.engine, info.form), (EngineName::GpuGrid, precision.form()));
+            let mut pairs = mask.to_vec();
+            pairs.sort_unstable();
+            let expected = pairs_by_cpu(boxes, &precision);
+            assert!(pairs == expected, "{} and {} pairs", pairs.len(), expected.len());
+        }
     }
 }
 
@@ -111,39 +112,96 @@ fn a_daemon_without_a_gpu_says_so() {
     assert!(error.to_string().contains("engine-unavailable"), "{error}");
 }
 
-/// They are expanded into memory that grows and moves from frame to frame: a GPU that kept an
-/// import of it would read what is not there any more.
+fn software_executor() -> Executor {
+    let gpu = GpuService::open(&GpuChoice::Software).expect("a software adapter (lavapipe)");
+    Executor::new(Some(gpu))
+}
+
+/// The sorted pairs of an answer.
+fn pairs_of(n: u32, answer: &CullAnswer, reply: &HeapReply) -> Vec<(u32, u32)> {
+    let shape = &answer.report.shape;
+    let mut pairs = MaskView::new(BoxCount::new(n), shape, reply.words()).unwrap().to_vec();
+    pairs.sort_unstable();
+    pairs
+}
+
+fn narrow_precisions(boxes: &[Aabb]) -> [Precision; 3] {
+    let bounds = Bounds::around(boxes);
+    [Precision::Q16(bounds), Precision::Q8(bounds), Precision::F16]
+}
+
 #[test]
 fn narrow_boxes_are_culled_on_the_gpu() {
-    let gpu = GpuService::open(&GpuChoice::Software).expect("a software adapter (lavapipe)");
-    let mut executor = Executor::new(Some(gpu));
+    let mut executor = software_executor();
     let mut reply = HeapReply::new();
-    for n in [70, 1234, 345, 3000, 2] {
+    for n in [70, 1234, 345, 3001, 2] {
         let boxes = stress_scenes::named("uniform").boxes(n, 3);
-        let bounds = Bounds::around(&boxes);
-        for precision in [Precision::Q16(bounds), Precision::Q8(bounds), Precision::F16] {
-            let form = precision.form();
-            let bytes = boxes.len() * form.box_bytes();
-            let mut words = vec![0u32; bytes.div_ceil(4)];
-            let memory = &mut bytemuck::cast_slice_mut(&mut words)[..bytes];
-            precision.write(&boxes, memory);
-            let narrow = NarrowBoxes::new(form, memory).unwrap();
-            let wish = CullWish { engine: GPU, ..CullWish::default() };
-            let answer = executor.cull(narrow, Owner::Client(1), &wish, &mut reply).unwrap();
-            assert_eq!(answer.engine, EngineName::GpuBrute);
-            let count = BoxCount::new(n);
-            let view = MaskView::new(count, &answer.report.shape, reply.words()).unwrap();
-            let mut pairs = view.to_vec();
-            pairs.sort_unstable();
-            assert_eq!(pairs, naive_modes::truth(&boxes, &precision).pairs, "{n} boxes, {form}");
+        for precision in narrow_precisions(&boxes) {
+            let memory = NarrowMemory::write(&precision, &boxes);
+            for engine in [EngineName::GpuBrute, EngineName::GpuGrid] {
+                let wish = CullWish {
+                    engine: EngineChoice::Only(engine),
+                    encoding: EncodingChoice::Only(Encoding::Sparse),
+                    ..CullWish::default()
+                };
+                let owner = Owner::Client(1);
+                let answer = executor.cull(memory.boxes(), owner, &wish, &mut reply).unwrap();
+                assert_eq!(answer.engine, engine);
+                let expected = naive_modes::truth(&boxes, &precision).pairs;
+                assert_eq!(pairs_of(n, &answer, &reply), expected, "{n} boxes, {precision:?}");
+            }
         }
     }
 }
 
+/// The pairs of boxes as they were sent: the CPU's grid, which the oracle vouches for, is fast enough.
+fn pairs_by_cpu(boxes: &[Aabb], precision: &Precision) -> Vec<(u32, u32)> {
+    let mut reply = HeapReply::new();
+    let wish = CullWish { engine: EngineChoice::Only(EngineName::CpuGrid), ..CullWish::default() };
+    let sent = as_sent(precision, boxes);
+    let answer = CpuEngines::new().cull(&sent, &wish, &mut reply).unwrap();
+    pairs_of(boxes.len() as u32, &answer, &reply)
+}
+
+#[test]
+fn narrow_frames_are_left_under_way_and_outlive_their_device() {
+    let mut executor = software_executor();
+    let n = 33_001;
+    let boxes = stress_scenes::named("uniform").boxes(n, 3);
+    let wish = CullWish { engine: EngineChoice::Only(EngineName::GpuGrid), ..CullWish::default() };
+    let [q16, q8, f16] = narrow_precisions(&boxes);
+    for (pair, is_lost) in [([q16, q8], false), ([q8, f16], false), ([f16, q16], true)] {
+        let memories = pair.map(|precision| NarrowMemory::write(&precision, &boxes));
+        let mut replies = [HeapReply::new(), HeapReply::new()];
+        let begun = [0, 1].map(|turn| {
+            let (memory, owner) = (memories[turn].boxes(), Owner::Client(turn as u128));
+            match executor.begin(memory, owner, &wish, &mut replies[turn]).unwrap() {
+                Started::UnderWay(cull) => cull,
+                Started::Answered(answer) => panic!("answered by {}", answer.engine),
+            }
+        });
+        if is_lost {
+            executor.gpu().unwrap().device().expect("the device is there").destroy();
+        }
+        for (turn, cull) in begun.into_iter().enumerate() {
+            let answer = executor.end(cull, memories[turn].boxes(), &mut replies[turn]).unwrap();
+            assert!(is_lost || answer.engine == EngineName::GpuGrid, "{}", answer.engine);
+            let (ours, expected) =
+                (pairs_of(n, &answer, &replies[turn]), pairs_by_cpu(&boxes, &pair[turn]));
+            // Not `assert_eq`: nobody reads thousands of pairs.
+            assert!(ours == expected, "{:?}, by {}", pair[turn], answer.engine);
+        }
+    }
+    // Nothing serves but the CPU now, or the device that is there again.
+    let memory = NarrowMemory::write(&q8, &boxes);
+    let mut reply = HeapReply::new();
+    let answer = executor.cull(memory.boxes(), Owner::Client(0), &wish, &mut reply).unwrap();
+    assert!(pairs_of(n, &answer, &reply) == pairs_by_cpu(&boxes, &q8), "by {}", answer.engine);
+}
+
 #[test]
 fn a_device_destroyed_under_load_costs_no_answer_and_comes_back() {
-    let gpu = GpuService::open(&GpuChoice::Software).expect("a software adapter (lavapipe)");
-    let mut executor = Executor::new(Some(gpu));
+    let mut executor = software_executor();
     let boxes = stress_scenes::named("uniform").boxes(1234, 3);
     let expected = oracle::truth(&boxes).pairs;
     let mut reply = HeapReply::new();

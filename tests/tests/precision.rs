@@ -15,7 +15,10 @@ use pairmask::transport::{
 };
 use pairmask::units::BoxCount;
 use pairmask::wire::{ReplyError, ReplyFields, StatusCode, Version, response_error};
-use pairmask::{Aabb, Backend, Bounds, BoxForm, EngineChoice, Precision, ServedBy, Session};
+use pairmask::{
+    Aabb, Backend, Bounds, BoxForm, Encoding, EncodingChoice, EngineChoice, Precision, ServedBy,
+    Session,
+};
 use pairmask_tests::conformance::{Mismatch, check_pairs};
 use pairmask_tests::daemon::{TestDaemon, eventually};
 use pairmask_tests::naive_modes::{self, missed};
@@ -87,6 +90,25 @@ fn every_mode_answers_as_it_is_defined_on_every_stress_scene() {
             for precision in all_modes(&boxes) {
                 for session in &mut sessions {
                     check(session, &boxes, precision, n % 2 == 0, scene.name());
+                }
+            }
+        }
+    }
+}
+
+/// A GPU reads narrow boxes as they lie; small bounds have most boxes outside.
+#[test]
+fn every_mode_answers_as_it_is_defined_on_the_gpu() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
+    for engine in [EngineName::GpuBrute, EngineName::GpuGrid] {
+        let sparse = EncodingChoice::Only(Encoding::Sparse);
+        let builder = daemon.session().engine(EngineChoice::Only(engine)).encoding(sparse);
+        let mut session = builder.connect().unwrap();
+        for scene in stress_scenes::ALL {
+            for n in [0, 1, 2, 33, 345] {
+                let boxes = scene.boxes(n, 5);
+                for precision in all_modes(&boxes) {
+                    check(&mut session, &boxes, precision, n % 2 == 0, scene.name());
                 }
             }
         }
