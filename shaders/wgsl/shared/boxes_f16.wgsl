@@ -7,8 +7,8 @@
 const BIAS_GAP: u32 = 112u << 23u;
 // Fraction bits that a half does not have.
 const DROPPED: u32 = 13u;
-// Subnormal halves are multiples of 2^-24.
-const SUBNORMAL_STEPS: u32 = 24u << 23u;
+// Exponent of 2^-24, of which subnormal halves are multiples, less the leading one's own.
+const SUBNORMAL_EXPONENT: u32 = 127u - 24u - 1u;
 
 fn half_bits(half: u32) -> u32 {
     let magnitude = half & 0x7fffu;
@@ -16,9 +16,10 @@ fn half_bits(half: u32) -> u32 {
     // Infinity and NaN keep the largest exponent; a NaN keeps a fraction bit.
     let gap = select(BIAS_GAP, 2u * BIAS_GAP, exponent == 31u);
     let normal = (magnitude << DROPPED) + gap;
-    // A whole number below 1,024 is an f32 exactly; 2^-24 of it has an exponent lower by 24.
-    let whole = bitcast<u32>(f32(magnitude));
-    let subnormal = select(whole - SUBNORMAL_STEPS, 0u, magnitude == 0u);
+    // The leading one goes to the lowest bit of the exponent and raises it by one.
+    let leading = firstLeadingBit(magnitude);
+    let scaled = ((SUBNORMAL_EXPONENT + leading) << 23u) + (magnitude << (23u - leading));
+    let subnormal = select(scaled, 0u, magnitude == 0u);
     return ((half & 0x8000u) << 16u) | select(normal, subnormal, exponent == 0u);
 }
 

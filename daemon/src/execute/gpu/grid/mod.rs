@@ -6,10 +6,11 @@
 //!
 //! > `grid_cells` → `grid_scan` → `grid_scatter` → `grid_place` → `grid_pairs` → `grid_write`
 //!
-//! The first reads the boxes across the link, the last two write the reply across it. What the
-//! dispatches depend on is known before: the levels come from a sample of the boxes on the CPU
-//! (`layout`), sizes from their number ([`plan`]). So nothing waits for the host in between. Only
-//! a reply that turns out larger than its allocation takes a second submission.
+//! The first reads the boxes across the link, in whatever form they are; the last two write the
+//! reply across it. What the dispatches depend on is known before: the levels come from a sample of
+//! the boxes on the CPU (`layout`), sizes from their number ([`plan`]). So nothing waits for the
+//! host in between. Only a reply that turns out larger than its allocation takes a second
+//! submission.
 //!
 //! Same boxes, same bytes: positions are by cell and index, words by row and block, and neither the
 //! order in which threads come nor earlier frames show. ([`mirror`] is the same on the CPU.)
