@@ -58,6 +58,7 @@ const _: () = assert!(GRID_LEVELS < NO_LEVEL && GRID_LEVELS <= 32);
 const _: () =
     assert!(SUPER_BATCHES <= BATCH_BOXES, "a thread adds up at most one batch of its own");
 const _: () = assert!(PADDING.is_multiple_of(BATCH_BOXES));
+const _: () = assert!(BATCH_BOXES.is_multiple_of(4), "a batch of any form is whole words");
 const _: () = assert!(BATCH_BOXES.is_multiple_of(4 * PAIRS_WORKGROUP));
 const _: () = assert!(pairmask::aabb::AABB_BYTES == BOX_WORDS as usize * 4);
 
