@@ -21,6 +21,7 @@ pub mod pipeline;
 pub mod shader;
 pub mod slot;
 mod transfers;
+mod upload_ahead;
 
 pub use adapter::{AdapterInfo, GpuChoice, list_adapters};
 pub use all_pairs::{AllPairs, AllPairsOptions};

@@ -42,10 +42,13 @@ impl Sample {
         let wanted = n.min(SAMPLE);
         self.boxes.clear();
         self.mins.clear();
-        for i in 0..wanted {
-            let b = &boxes[place(i, wanted, n)];
-            // A copy: the writer may change its box meanwhile.
-            let b = *b;
+        // Copied without a look at them, so that the fetches overlap, and because the writer may
+        // change its boxes meanwhile.
+        let mut copies = [Aabb::EMPTY; SAMPLE];
+        for (i, copy) in copies[..wanted].iter_mut().enumerate() {
+            *copy = boxes[place(i, wanted, n)];
+        }
+        for b in &copies[..wanted] {
             if b.class() == BoxClass::Solid {
                 self.mins.push(b.min.map(plain));
                 let edges = std::array::from_fn(|a| plain(plain(b.max[a]) - plain(b.min[a])));
