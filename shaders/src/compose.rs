@@ -46,6 +46,8 @@ pub enum Stage {
     Grid(GridStage),
     /// A stage of the mapping study.
     Mapping(MappingStage),
+    /// Arithmetic that keeps the clocks up.
+    Awake,
 }
 
 /// The stages of the grid, in the order of a frame.
@@ -127,7 +129,7 @@ const SHARED: [(&str, &str); 4] = [
 
 impl Stage {
     /// One of each stage of the engines, with the smallest form of the pairs stage.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Keys,
         Self::Pairs(PairsVariant { rows: RowsPerThread::One, strip_blocks: 1, store_zeros: true }),
         Self::PackDense,
@@ -138,6 +140,7 @@ impl Stage {
         Self::Grid(GridStage::Place),
         Self::Grid(GridStage::Pairs),
         Self::Grid(GridStage::Write),
+        Self::Awake,
     ];
 
     /// The name of the file, of the pipeline and of the timing row.
@@ -149,6 +152,7 @@ impl Stage {
             Self::WriteSparse => "write_sparse",
             Self::Grid(stage) => stage.label(),
             Self::Mapping(stage) => stage.label(),
+            Self::Awake => "awake",
         }
     }
 
@@ -159,6 +163,7 @@ impl Stage {
             Self::WriteSparse => 7,
             Self::Grid(stage) => stage.binding_count(),
             Self::Mapping(stage) => stage.binding_count(),
+            Self::Awake => 1,
         }
     }
 
@@ -171,6 +176,7 @@ impl Stage {
             Self::WriteSparse => include_str!("../wgsl/write_sparse.wgsl"),
             Self::Grid(stage) => stage.file(),
             Self::Mapping(stage) => stage.file(),
+            Self::Awake => include_str!("../wgsl/awake.wgsl"),
         }
     }
 

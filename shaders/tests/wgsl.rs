@@ -7,16 +7,16 @@ use std::path::Path;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use pairmask_shaders::constants::{BATCH_BOXES, MAX_STRIP_BLOCKS, PAIRS_WORKGROUP};
 use pairmask_shaders::layouts::{
-    BatchReport, BatchTotals, GridLayout, GridLevel, GridParams, GridSummary, GridTotals,
-    KeysParams, MappingErrorsParams, MappingPairsParams, MappingTally, MappingTimeParams,
-    MaskParams, PackParams, PairsParams, RootParams, RootTally, WriteParams,
+    AwakeParams, BatchReport, BatchTotals, GridLayout, GridLevel, GridParams, GridSummary,
+    GridTotals, KeysParams, MappingErrorsParams, MappingPairsParams, MappingTally,
+    MappingTimeParams, MaskParams, PackParams, PairsParams, RootParams, RootTally, WriteParams,
 };
 use pairmask_shaders::mapping::MappingStage;
 use pairmask_shaders::{GridStage, PairsVariant, RowsPerThread, Stage};
 
 /// Every form that a stage is compiled in.
 fn all_forms() -> Vec<Stage> {
-    let mut forms = vec![Stage::Keys, Stage::PackDense, Stage::WriteSparse];
+    let mut forms = vec![Stage::Keys, Stage::PackDense, Stage::WriteSparse, Stage::Awake];
     forms.extend(GridStage::ALL.map(Stage::Grid));
     for rows in RowsPerThread::ALL {
         for store_zeros in [false, true] {
@@ -39,7 +39,7 @@ fn module(stage: Stage) -> naga::Module {
 #[test]
 fn every_form_of_every_stage_validates() {
     let forms = all_forms();
-    assert_eq!(forms.len(), 3 + 6 + 3 * 2 * 5 + (25 * 2 * 3 + 9 * 2 + 4));
+    assert_eq!(forms.len(), 4 + 6 + 3 * 2 * 5 + (25 * 2 * 3 + 9 * 2 + 4));
     for stage in forms {
         let module = module(stage);
         let capabilities = Capabilities::IMMEDIATES | Capabilities::SHADER_INT64;
@@ -139,6 +139,7 @@ macro_rules! same_layout {
 fn structs_lie_in_memory_as_in_rust() {
     let pairs = Stage::ALL[1];
     same_layout!(Stage::Keys, KeysParams, "KeysParams" { n, plane_words });
+    same_layout!(Stage::Awake, AwakeParams, "AwakeParams" { rounds, written });
     same_layout!(Stage::Keys, BatchTotals, "BatchTotals" { words, pairs });
     same_layout!(pairs, BatchTotals, "SummedTotals" { words, pairs });
     same_layout!(Stage::Keys, BatchReport, "BatchReport" { invalid, empty, words, pairs, padding });

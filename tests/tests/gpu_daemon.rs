@@ -115,7 +115,8 @@ fn a_daemon_without_a_gpu_says_so() {
 /// import of it would read what is not there any more.
 #[test]
 fn narrow_boxes_are_culled_on_the_gpu() {
-    let gpu = GpuService::open(&GpuChoice::Software).expect("a software adapter (lavapipe)");
+    let gpu = GpuService::open(&GpuChoice::Software, Duration::ZERO)
+        .expect("a software adapter (lavapipe)");
     let mut executor = Executor::new(Some(gpu));
     let mut reply = HeapReply::new();
     for n in [70, 1234, 345, 3000, 2] {
@@ -142,7 +143,8 @@ fn narrow_boxes_are_culled_on_the_gpu() {
 
 #[test]
 fn a_device_destroyed_under_load_costs_no_answer_and_comes_back() {
-    let gpu = GpuService::open(&GpuChoice::Software).expect("a software adapter (lavapipe)");
+    let gpu = GpuService::open(&GpuChoice::Software, Duration::ZERO)
+        .expect("a software adapter (lavapipe)");
     let mut executor = Executor::new(Some(gpu));
     let boxes = stress_scenes::named("uniform").boxes(1234, 3);
     let expected = oracle::truth(&boxes).pairs;

@@ -7,6 +7,7 @@
 
 pub mod adapter;
 pub mod all_pairs;
+pub mod awake;
 pub mod bench;
 pub mod device;
 pub mod error;
