@@ -5,6 +5,8 @@ use std::time::{Duration, Instant};
 
 use pairmask::session::{FrameError, FrameInfo, Margined, MarginedError, WaitError};
 use pairmask::{Aabb, PairMask, Precision, Session};
+use rayon::ThreadPool;
+use rayon::iter::ParallelIterator;
 
 use crate::precision::PrecisionChoice;
 
@@ -17,6 +19,49 @@ pub enum TimedClient {
     Narrow(Session, Precision),
     /// Asks when something has moved.
     Margined(Box<Margined>),
+}
+
+/// Who looks at the pairs of a mask.
+#[derive(Debug, Default)]
+pub enum Decoding {
+    /// The thread that asked.
+    #[default]
+    Serial,
+    /// These threads.
+    Parallel(ThreadPool),
+}
+
+/// Pairs that were looked at, and their indices, so that no look is for nothing.
+#[derive(Clone, Copy, Default)]
+struct Looked {
+    pairs: u64,
+    indices: u32,
+}
+
+impl Looked {
+    const fn at(self, (a, b): (u32, u32)) -> Self {
+        Self { pairs: self.pairs + 1, indices: self.indices ^ a ^ b }
+    }
+
+    const fn and(self, other: Self) -> Self {
+        Self { pairs: self.pairs + other.pairs, indices: self.indices ^ other.indices }
+    }
+}
+
+impl Decoding {
+    fn look(&self, mask: &PairMask) -> Looked {
+        match self {
+            Self::Serial => {
+                let mut looked = Looked::default();
+                mask.view().for_each(|a, b| looked = looked.at((a, b)));
+                looked
+            }
+            Self::Parallel(pool) => {
+                let parts = mask.par_pairs().fold(Looked::default, Looked::at);
+                pool.install(|| parts.reduce(Looked::default, Looked::and))
+            }
+        }
+    }
 }
 
 /// A frame's times, and who answered.
@@ -85,6 +130,19 @@ impl TimedClient {
         boxes: &[Aabb],
         look: impl FnOnce(&PairMask),
     ) -> Result<TimedFrame, TimedError> {
+        self.frame_decoded(boxes, &Decoding::Serial, look)
+    }
+
+    /// As [`Self::frame`], its pairs looked at by others.
+    ///
+    /// # Errors
+    /// [`TimedError`].
+    pub fn frame_decoded(
+        &mut self,
+        boxes: &[Aabb],
+        decoding: &Decoding,
+        look: impl FnOnce(&PairMask),
+    ) -> Result<TimedFrame, TimedError> {
         let start = Instant::now();
         let (pending, filled) = match self {
             Self::Exact(session) => {
@@ -102,13 +160,13 @@ impl TimedClient {
             Self::Margined(margined) => {
                 let kept = margined.cull(boxes)?;
                 let times = [start, start, Instant::now()];
-                let timed = decode(kept.mask(), !kept.is_earlier(), times)?;
+                let timed = decode(kept.mask(), decoding, !kept.is_earlier(), times)?;
                 look(kept.mask());
                 return Ok(timed);
             }
         };
         let mask = pending.wait()?;
-        let timed = decode(&mask, true, [start, filled, Instant::now()])?;
+        let timed = decode(&mask, decoding, true, [start, filled, Instant::now()])?;
         look(&mask);
         Ok(timed)
     }
@@ -117,18 +175,14 @@ impl TimedClient {
 /// Looks at every pair. The times are those at which the frame began, was filled, was answered.
 fn decode(
     mask: &PairMask,
+    decoding: &Decoding,
     was_asked: bool,
     [start, filled, answered]: [Instant; 3],
 ) -> Result<TimedFrame, TimedError> {
-    let mut decoded = 0;
-    let mut indices = 0;
-    mask.view().for_each(|a, b| {
-        decoded += 1;
-        indices ^= a ^ b;
-    });
-    black_box(indices);
+    let looked = decoding.look(mask);
+    black_box(looked.indices);
     let decode = answered.elapsed();
-    let counted = mask.count();
+    let (counted, decoded) = (mask.count(), looked.pairs);
     if counted != decoded {
         return Err(TimedError::Miscounted { counted, decoded });
     }

@@ -48,6 +48,8 @@ pub enum Stage {
     Grid(GridStage),
     /// A stage of the mapping study.
     Mapping(MappingStage),
+    /// Arithmetic that keeps the clocks up.
+    Awake,
 }
 
 /// The stages of the grid, in the order of a frame.
@@ -133,7 +135,7 @@ const SHARED: [(&str, &str); 7] = [
 
 impl Stage {
     /// One of each stage of the engines, for f32 boxes, with the smallest form of the pairs stage.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Keys(BoxForm::F32),
         Self::Pairs(PairsVariant { rows: RowsPerThread::One, strip_blocks: 1, store_zeros: true }),
         Self::PackDense,
@@ -144,6 +146,7 @@ impl Stage {
         Self::Grid(GridStage::Place),
         Self::Grid(GridStage::Pairs),
         Self::Grid(GridStage::Write),
+        Self::Awake,
     ];
 
     /// The name of the file, of the pipeline and of the timing row.
@@ -155,6 +158,7 @@ impl Stage {
             Self::WriteSparse => "write_sparse",
             Self::Grid(stage) => stage.label(),
             Self::Mapping(stage) => stage.label(),
+            Self::Awake => "awake",
         }
     }
 
@@ -165,6 +169,7 @@ impl Stage {
             Self::WriteSparse => 7,
             Self::Grid(stage) => stage.binding_count(),
             Self::Mapping(stage) => stage.binding_count(),
+            Self::Awake => 1,
         }
     }
 
@@ -177,6 +182,7 @@ impl Stage {
             Self::WriteSparse => include_str!("../wgsl/write_sparse.wgsl"),
             Self::Grid(stage) => stage.file(),
             Self::Mapping(stage) => stage.file(),
+            Self::Awake => include_str!("../wgsl/awake.wgsl"),
         }
     }
 

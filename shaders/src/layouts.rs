@@ -33,6 +33,16 @@ pub struct BatchReport {
     pub padding: u32,
 }
 
+/// Parameters of the stage that keeps the clocks up.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct AwakeParams {
+    /// Steps of each thread.
+    pub rounds: u32,
+    /// The sum that is written down.
+    pub written: u32,
+}
+
 /// Parameters of the keys stage.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]

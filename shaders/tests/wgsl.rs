@@ -8,9 +8,9 @@ use naga::valid::{Capabilities, ValidationFlags, Validator};
 use pairmask::BoxForm;
 use pairmask_shaders::constants::{BATCH_BOXES, MAX_STRIP_BLOCKS, PAIRS_WORKGROUP};
 use pairmask_shaders::layouts::{
-    BatchReport, BatchTotals, GridLayout, GridLevel, GridParams, GridSummary, GridTotals,
-    KeysParams, MappingErrorsParams, MappingPairsParams, MappingTally, MappingTimeParams,
-    MaskParams, PackParams, PairsParams, RootParams, RootTally, WriteParams,
+    AwakeParams, BatchReport, BatchTotals, GridLayout, GridLevel, GridParams, GridSummary,
+    GridTotals, KeysParams, MappingErrorsParams, MappingPairsParams, MappingTally,
+    MappingTimeParams, MaskParams, PackParams, PairsParams, RootParams, RootTally, WriteParams,
 };
 use pairmask_shaders::mapping::MappingStage;
 use pairmask_shaders::{GridStage, PairsVariant, RowsPerThread, Stage};
@@ -23,7 +23,7 @@ fn grid_stages() -> [Stage; 6] {
 
 /// Every form that a stage is compiled in.
 fn all_forms() -> Vec<Stage> {
-    let mut forms = vec![Stage::PackDense, Stage::WriteSparse];
+    let mut forms = vec![Stage::PackDense, Stage::WriteSparse, Stage::Awake];
     forms.extend(BoxForm::ALL.map(Stage::Keys));
     forms.extend(BoxForm::ALL.map(|form| Stage::Grid(GridStage::Cells(form))));
     forms.extend(grid_stages().into_iter().skip(1));
@@ -48,7 +48,7 @@ fn module(stage: Stage) -> naga::Module {
 #[test]
 fn every_form_of_every_stage_validates() {
     let forms = all_forms();
-    assert_eq!(forms.len(), 2 + 4 + 4 + 5 + 3 * 2 * 5 + (25 * 2 * 3 + 9 * 2 + 4));
+    assert_eq!(forms.len(), 3 + 4 + 4 + 5 + 3 * 2 * 5 + (25 * 2 * 3 + 9 * 2 + 4));
     for stage in forms {
         let module = module(stage);
         let capabilities = Capabilities::IMMEDIATES | Capabilities::SHADER_INT64;
@@ -163,6 +163,7 @@ fn structs_lie_in_memory_as_in_rust() {
     let pairs = Stage::ALL[1];
     same_layout!(KEYS, KeysParams, "KeysParams" { n, plane_words });
     same_layout!(KEYS, BatchTotals, "BatchTotals" { words, pairs });
+    same_layout!(Stage::Awake, AwakeParams, "AwakeParams" { rounds, written });
     same_layout!(pairs, BatchTotals, "SummedTotals" { words, pairs });
     same_layout!(KEYS, BatchReport, "BatchReport" { invalid, empty, words, pairs, padding });
     same_layout!(pairs, PairsParams, "PairsParams" {

@@ -146,6 +146,7 @@ fn steady_frames_allocate_nothing() {
         limits: Limits::default(),
         spin: Duration::from_micros(50),
         gpu: GpuChoice::None,
+        gpu_awake: Duration::ZERO,
         calibration: CalibrationChoice::BuiltIn,
     };
     let runtime_dir = settings.dir.clone();

@@ -113,7 +113,8 @@ fn a_daemon_without_a_gpu_says_so() {
 }
 
 fn software_executor() -> Executor {
-    let gpu = GpuService::open(&GpuChoice::Software).expect("a software adapter (lavapipe)");
+    let gpu = GpuService::open(&GpuChoice::Software, Duration::ZERO)
+        .expect("a software adapter (lavapipe)");
     Executor::new(Some(gpu))
 }
 

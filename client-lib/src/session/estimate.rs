@@ -6,6 +6,9 @@ use std::time::Duration;
 const SHORTEST_NAP: Duration = Duration::from_micros(250);
 /// The nap ends this much before the expected end, the time of a late wake-up on a busy machine.
 const WAKE_MARGIN: Duration = Duration::from_micros(120);
+/// Or, of long frames, this share of the round trip before it: they vary by as much, and an answer
+/// that comes during the nap waits for its end.
+const WAKE_SHARE: u32 = 16;
 /// Scenes that differ by more than a quarter in boxes say nothing of each other.
 const SIMILAR: u32 = 4;
 
@@ -34,7 +37,7 @@ impl Estimate {
         if !self.covers(n) || self.round_trip < SHORTEST_NAP {
             return Duration::ZERO;
         }
-        self.round_trip.saturating_sub(WAKE_MARGIN)
+        self.round_trip.saturating_sub(WAKE_MARGIN.max(self.round_trip / WAKE_SHARE))
     }
 
     /// How long a frame of `n` boxes is expected to take; zero where nothing is known.
@@ -73,5 +76,8 @@ mod tests {
         assert_eq!(estimate.nap(1000) + WAKE_MARGIN, MS);
         estimate.note(1000, 17 * MS);
         assert_eq!(estimate.nap(1000) + WAKE_MARGIN, 2 * MS);
+        estimate.note(1000, 16 * MS);
+        estimate.note(5000, 16 * MS);
+        assert_eq!(estimate.nap(5000) + MS, 16 * MS, "a sixteenth is more than the margin");
     }
 }

@@ -216,7 +216,7 @@ impl Link {
 
     /// Waits for the response to `pending` until `deadline`; `None` where it does not come.
     ///
-    /// Sleeps through most of a frame that is expected to be long, spins until `spin` after its
+    /// Naps through most of a frame that is expected to be long, spins until `spin` after its
     /// expected end, then sleeps until woken.
     pub(super) fn receive(
         &self,
@@ -234,13 +234,10 @@ impl Link {
             (estimate.nap(n), estimate.round_trip(n))
         };
         if !spin.is_zero() {
+            // By the system's fine clock. The listener's wait ends with a tick of the coarse one (1
+            // to 10 ms): whoever naps by it is woken by the answer, 50 µs after it came.
             let wake_at = (sent + nap).min(deadline);
-            while Instant::now() < wake_at {
-                self.sleep(wake_at)?;
-                if let Some(sample) = take(pending)? {
-                    return Ok(Received::Sample(sample));
-                }
-            }
+            std::thread::sleep(wake_at.saturating_duration_since(Instant::now()));
             // A frame that is nearly there is worth more than the core: falling asleep just before
             // it comes costs a wake-up on each side, frame after frame.
             let spin_until = (Instant::now().max(sent + expected) + spin).min(deadline);

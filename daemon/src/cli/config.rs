@@ -30,6 +30,7 @@ pub struct Config {
     pub max_reply_mib: Option<std::num::NonZeroU32>,
     #[serde(deserialize_with = "parsed")]
     pub gpu: Option<GpuChoice>,
+    pub gpu_awake_ms: Option<u32>,
     #[serde(deserialize_with = "parsed")]
     pub calibration: Option<CalibrationChoice>,
     #[serde(deserialize_with = "parsed")]
@@ -98,13 +99,14 @@ mod tests {
         let config: Config = toml::from_str(
             "instance = 'world'\nbackend = 'in-process'\nencoding = 'sparse'\n\
              threads = 2\nspin-us = 0\nmax-clients = 3\nmax-reply-mib = 64\nruntime-dir = '/run/x'\n\
-             gpu = 'none'\ncalibration = 'built-in'",
+             gpu = 'none'\ngpu-awake-ms = 0\ncalibration = 'built-in'",
         )
         .expect("every key is known");
         assert_eq!(config.instance.as_ref().map(InstanceName::as_str), Some("world"));
         assert_eq!(config.backend, Some(Backend::InProcess));
         assert_eq!(config.encoding, Some(EncodingChoice::Only(Encoding::Sparse)));
         assert_eq!(config.spin_us, Some(0));
+        assert_eq!(config.gpu_awake_ms, Some(0));
         assert_eq!(config.calibration, Some(CalibrationChoice::BuiltIn));
         assert_eq!(config.engine, None);
     }

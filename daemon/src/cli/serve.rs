@@ -10,6 +10,7 @@ use super::config::Config;
 use super::error::CliError;
 use super::options::{DaemonOptions, Place};
 use crate::audit::AuditRate;
+use crate::execute::gpu::awake::DEFAULT_HOLD;
 use crate::serve::{DEFAULT_SPIN, ServeSettings, supervise, work};
 use crate::spawn;
 
@@ -34,6 +35,9 @@ pub struct Serve {
     max_reply_mib: Option<NonZeroU32>,
     #[command(flatten)]
     options: DaemonOptions,
+    /// How long the GPU's clocks are kept up after a frame, ms; 0 leaves them alone [default: 250]
+    #[arg(long, env = "PAIRMASK_GPU_AWAKE_MS", value_name = "N")]
+    gpu_awake_ms: Option<u32>,
     /// Check a share of the frames again with a naive oracle, in the background: 1/N or off
     /// [default: off]
     #[arg(long, env = "PAIRMASK_AUDIT", value_name = "RATE")]
@@ -70,6 +74,7 @@ impl Serve {
     fn settings(&self, place: &Place, config: &Config) -> ServeSettings {
         let default = Limits::default();
         let spin_us = self.spin_us.or(config.spin_us);
+        let gpu_awake_ms = self.gpu_awake_ms.or(config.gpu_awake_ms);
         let max_clients = self.max_clients.or(config.max_clients);
         let max_reply_mib = self.max_reply_mib.or(config.max_reply_mib);
         ServeSettings {
@@ -82,6 +87,7 @@ impl Serve {
             },
             spin: spin_us.map_or(DEFAULT_SPIN, Duration::from_micros),
             gpu: self.options.gpu(config),
+            gpu_awake: gpu_awake_ms.map_or(DEFAULT_HOLD, |ms| Duration::from_millis(ms.into())),
             calibration: place.calibration(config),
             audit: self.audit.or(config.audit).unwrap_or_default(),
             break_engine: self.break_engine,

@@ -11,6 +11,7 @@ use pairmask::plan::{GpuCost, Plan, user_cache_folder};
 use pairmask::precision::NarrowBoxes;
 use pairmask::{Aabb, Encoding};
 
+use super::gpu::awake::Awake;
 use super::gpu::device::{HostImport, Lane};
 use super::gpu::import::ImportId;
 use super::gpu::{
@@ -49,10 +50,11 @@ struct Engines {
     /// Of both.
     imports: SharedImports,
     cost: Option<GpuCost>,
+    awake: Option<Awake>,
 }
 
 impl Engines {
-    fn new(gpu: &Arc<Gpu>) -> Result<Self, GpuError> {
+    fn new(gpu: &Arc<Gpu>, hold: Duration) -> Result<Self, GpuError> {
         let imports = SharedImports::default();
         let cache_folder = user_cache_folder();
         let all_pairs = AllPairsOptions {
@@ -66,6 +68,7 @@ impl Engines {
             grid: Grid::new(gpu, &grid)?,
             imports,
             cost: None,
+            awake: Awake::start(gpu, hold)?,
         };
         engines.cost = measure(&mut engines, &GridOptions { profiled: true, ..grid });
         Ok(engines)
@@ -89,6 +92,13 @@ impl Engines {
         Ok((self.all_pairs.cull_narrow(boxes, job, reply)?, EngineName::GpuBrute))
     }
 
+    /// Keeps the clocks up for the next frame.
+    fn note_frame(&self) {
+        if let Some(awake) = &self.awake {
+            awake.note_frame();
+        }
+    }
+
     fn forget(&mut self, import: ImportId) {
         let forgotten = self.imports.lock().forget(import);
         if let Some(block) = forgotten {
@@ -102,6 +112,8 @@ impl Engines {
 pub struct GpuService {
     slot: GpuSlot,
     engines: Option<Engines>,
+    /// How long the clocks are kept up after a frame.
+    hold: Duration,
     offered: Vec<Offered>,
 }
 
@@ -116,24 +128,25 @@ pub struct GpuFrame {
     reply_at: (usize, usize),
 }
 
-/// Fewest boxes of a frame that is left to the GPU meanwhile. On an H200 two frames at a time are
-/// 1.17 times as fast as one after the other at a million boxes, and half as fast at 100,000.
-const UNDER_WAY_BOXES: u32 = 500_000;
+/// Fewest boxes of a frame that is left to the GPU meanwhile: below, a frame is so short that looking
+/// after another takes as long.
+const UNDER_WAY_BOXES: u32 = 16_384;
 /// The same on a software adapter, whose frames take milliseconds from here on.
 const UNDER_WAY_SOFTWARE_BOXES: u32 = 32_768;
 
 impl GpuService {
-    /// Opens the GPU of a choice.
+    /// Opens the GPU of a choice. Its clocks are kept up for `hold` after each frame, where it has a
+    /// queue for that; zero leaves them alone.
     ///
     /// # Errors
     /// [`OpenError`]; [`OpenError::NoAdapter`] where nothing fits the choice.
-    pub fn open(choice: &GpuChoice) -> Result<Self, OpenError> {
+    pub fn open(choice: &GpuChoice, hold: Duration) -> Result<Self, OpenError> {
         let choice = choice.clone();
         let open = Arc::new(move || Gpu::open(&choice, HostImport::IfPossible));
         let gpu = open()?;
         log::info!("GPU: {}", gpu.info().name);
         let mut service =
-            Self { slot: GpuSlot::new(gpu, open), engines: None, offered: Vec::new() };
+            Self { slot: GpuSlot::new(gpu, open), engines: None, hold, offered: Vec::new() };
         // Compiling takes up to a second: now, not in the first frame.
         service.refresh();
         Ok(service)
@@ -161,7 +174,7 @@ impl GpuService {
         }
         self.engines = None;
         self.offered.clear();
-        match Engines::new(&gpu) {
+        match Engines::new(&gpu, self.hold) {
             Ok(engines) => self.engines = Some(engines),
             Err(error) => {
                 log::error!("the GPU engines cannot be made: {error}");
@@ -192,7 +205,9 @@ impl GpuService {
         let memory = boxes.as_bytes();
         self.offer(owner, memory.as_ptr() as usize, memory.len());
         let mut noted = NotedReply { inner: reply, at: (0, 0) };
-        let done = self.engines.as_mut().ok_or(lost)?.cull(boxes, plan, &mut noted)?;
+        let engines = self.engines.as_mut().ok_or(lost)?;
+        engines.note_frame();
+        let done = engines.cull(boxes, plan, &mut noted)?;
         // Imported when this frame is done, so that the next mask in the same memory needs no copy.
         let (start, bytes) = noted.at;
         self.offer(Owner::Daemon, start, bytes);
@@ -229,6 +244,7 @@ impl GpuService {
         self.offer(owner, memory.as_ptr() as usize, memory.len());
         let mut noted = NotedReply { inner: reply, at: (0, 0) };
         let engines = self.engines.as_mut().ok_or(lost)?;
+        engines.note_frame();
         let lane = engines.grid.begin(boxes, plan.encoding, &mut noted)?;
         Ok(GpuFrame { lane, reply_at: noted.at })
     }

@@ -31,6 +31,8 @@ pub struct ServeSettings {
     pub spin: Duration,
     /// Which GPU.
     pub gpu: GpuChoice,
+    /// How long its clocks are kept up after a frame.
+    pub gpu_awake: Duration,
     /// The constants that plans compute with.
     pub calibration: CalibrationChoice,
     /// Which frames are audited.

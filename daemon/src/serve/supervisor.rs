@@ -70,6 +70,7 @@ fn spawn_worker(settings: &ServeSettings) -> Result<Child, ServeError> {
         .args(["--max-clients", &settings.limits.max_clients.to_string()])
         .args(["--max-reply-mib", &(settings.limits.max_reply_bytes >> 20).to_string()])
         .args(["--gpu", &settings.gpu.to_string()])
+        .args(["--gpu-awake-ms", &settings.gpu_awake.as_millis().to_string()])
         .args(["--calibration", &settings.calibration.to_string()])
         .args(["--audit", &settings.audit.to_string()])
         .args(settings.break_engine.then_some("--break-engine"))

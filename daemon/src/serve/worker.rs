@@ -49,7 +49,7 @@ pub fn work(settings: &ServeSettings) -> Result<(), ServeError> {
         .thread_name(|index| format!("engine-{index}"))
         .build()?;
 
-    let gpu = open_gpu(&settings.gpu)?;
+    let gpu = open_gpu(&settings.gpu, settings.gpu_awake)?;
     clean_if_abandoned(&settings.dir, &settings.instance)?;
     settings.dir.ensure_transport_root(&settings.instance)?;
     let janitor = Janitor::start(&settings.dir, &settings.instance)?;
@@ -97,12 +97,12 @@ fn constants(choice: &CalibrationChoice, has_gpu: bool) -> Calibration {
 }
 
 /// The GPU, where one is wanted. `auto` does without where there is none.
-fn open_gpu(choice: &GpuChoice) -> Result<Option<GpuService>, OpenError> {
+fn open_gpu(choice: &GpuChoice, awake: Duration) -> Result<Option<GpuService>, OpenError> {
     if *choice == GpuChoice::None {
         // Not even a look: listing adapters takes time and loads every driver.
         return Ok(None);
     }
-    match GpuService::open(choice) {
+    match GpuService::open(choice, awake) {
         Ok(gpu) => Ok(Some(gpu)),
         Err(error) if *choice == GpuChoice::Auto => {
             log::info!("serving without a GPU: {error}");

@@ -9,7 +9,7 @@ use pairmask::{EngineChoice, ServedBy};
 use super::latency::BenchError;
 use crate::cli::percentiles::Recorder;
 use crate::scene::Scene;
-use crate::timed_client::{TimedClient, TimedFrame};
+use crate::timed_client::{Decoding, TimedClient, TimedFrame};
 
 /// The progress bar moves this often: seldom enough to cost nothing beside a frame.
 const FRAMES_PER_TICK: u64 = 64;
@@ -49,13 +49,14 @@ pub fn measure(
     client: &mut TimedClient,
     mut scene: Scene,
     lengths: &Lengths,
+    decoding: &Decoding,
     progress: &ProgressBar,
 ) -> Result<Measured, BenchError> {
     // Whoever serves this frame has to serve them all.
-    let mut measured = Measured::of(&client.frame(scene.boxes(), |_| ())?.info);
+    let mut measured = Measured::of(&client.frame_decoded(scene.boxes(), decoding, |_| ())?.info);
     for frame in 1..=lengths.warm_up + lengths.frames {
         scene.step();
-        let answered = client.frame(scene.boxes(), |_| ())?;
+        let answered = client.frame_decoded(scene.boxes(), decoding, |_| ())?;
         if frame > lengths.warm_up {
             measured.record(&answered)?;
         }

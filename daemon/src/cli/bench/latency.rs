@@ -1,7 +1,7 @@
 //! `bench latency`: one client in a closed loop, frame after frame, each stage by itself.
 
 use std::fmt;
-use std::num::NonZeroU64;
+use std::num::{NonZeroU64, NonZeroUsize};
 use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::Duration;
@@ -27,7 +27,7 @@ use crate::spawn::SpawnError;
 use crate::study::engines::EngineStudyError;
 use crate::study::grid::GridError;
 use crate::study::mapping::MappingError;
-use crate::timed_client::{TimedClient, TimedError};
+use crate::timed_client::{Decoding, TimedClient, TimedError};
 
 /// Longer than any pause between two frames: whoever spins never sleeps in between.
 const SPIN: Duration = Duration::from_secs(1);
@@ -73,6 +73,9 @@ pub struct Latency {
     /// Frames before those [default: a fifth of them, at least 20]
     #[arg(long, value_name = "N")]
     warm_up: Option<u64>,
+    /// Threads that look at the pairs of a mask
+    #[arg(long, value_name = "N", default_value = "1")]
+    decode_threads: NonZeroUsize,
     /// How client and daemon wait for each other: spin, event
     #[arg(long, value_name = "HOW,..", value_delimiter = ',', default_values_t = [Wait::Spin])]
     wait: Vec<Wait>,
@@ -155,6 +158,9 @@ pub enum BenchError {
     Write { folder: PathBuf, source: std::io::Error },
     #[error(transparent)]
     Grid(#[from] GridError),
+    /// No threads to decode with.
+    #[error("the decoding threads cannot be started: {0}")]
+    Threads(#[from] rayon::ThreadPoolBuildError),
     #[error(transparent)]
     Output(#[from] OutputError),
 }
@@ -163,8 +169,9 @@ impl Latency {
     /// Measures a row for every wait, scene and precision, and prints them.
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), BenchError> {
         let scenes = self.scenes()?;
-        // Before any thread is pinned: it counts the cores that may be used.
+        // Before any thread is pinned: one counts the cores that may be used, the others inherit them.
         let machine = Machine::this();
+        let decoding = self.decoding()?;
         let cores = self.pin.then(Cores::of_this_thread).transpose()?;
         let mut rows = Vec::new();
         for wait in &self.wait {
@@ -180,13 +187,23 @@ impl Latency {
                 for precision in &self.precision {
                     let builder = self.options.session(place, config);
                     let session = target.session(builder, wait.spin());
-                    rows.push(self.row(scene.clone(), *precision, *wait, session)?);
+                    rows.push(self.row(scene.clone(), *precision, *wait, &decoding, session)?);
                 }
             }
         }
         let report = LatencyReport { machine, rows };
         if self.json { print_json(&report) } else { print_text(&report.to_string()) }?;
         Ok(())
+    }
+
+    /// Threads that no core is chosen for: they look at masks between the frames.
+    fn decoding(&self) -> Result<Decoding, BenchError> {
+        let threads = self.decode_threads.get();
+        if threads == 1 {
+            return Ok(Decoding::Serial);
+        }
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
+        Ok(Decoding::Parallel(pool))
     }
 
     fn scenes(&self) -> Result<Vec<Scene>, BenchError> {
@@ -203,6 +220,7 @@ impl Latency {
         scene: Scene,
         precision: PrecisionChoice,
         wait: Wait,
+        decoding: &Decoding,
         session: SessionBuilder,
     ) -> Result<Row, BenchError> {
         let n = u32::try_from(scene.boxes().len()).unwrap_or(u32::MAX);
@@ -212,8 +230,9 @@ impl Latency {
         let warm_up = self.warm_up.unwrap_or_else(|| (frames / 5).max(20));
         let progress = progress_bar(warm_up + frames, &format!("{n} boxes, {precision}, {wait}"));
         let lengths = Lengths { warm_up, frames };
-        let measured = closed_loop::measure(&mut client, scene, &lengths, &progress)?;
+        let measured = closed_loop::measure(&mut client, scene, &lengths, decoding, &progress)?;
         progress.finish_and_clear();
-        Ok(Row::new(n, precision, wait, frames, &measured))
+        let decode_threads = self.decode_threads.get();
+        Ok(Row::new(n, precision, wait, frames, &measured).decoded_by(decode_threads))
     }
 }

@@ -47,6 +47,9 @@ pub struct Row {
     pub engine_ns: Percentiles,
     /// The rest of it, frame by frame.
     pub added_ns: Percentiles,
+    /// Threads that looked at the pairs; 1 in records of older versions.
+    #[serde(default = "one")]
+    pub decode_threads: u64,
     /// Every pair of the mask looked at once.
     pub decode_ns: Percentiles,
     /// Fill, round trip and decode.
@@ -75,10 +78,22 @@ impl Row {
             round_trip_ns: measured.round_trip.percentiles(),
             engine_ns: measured.engine_time.percentiles(),
             added_ns: measured.added.percentiles(),
+            decode_threads: 1,
             decode_ns: measured.decode.percentiles(),
             total_ns: measured.total.percentiles(),
         }
     }
+}
+
+impl Row {
+    /// The row of a measurement whose masks so many threads looked at.
+    pub fn decoded_by(self, threads: usize) -> Self {
+        Self { decode_threads: threads as u64, ..self }
+    }
+}
+
+const fn one() -> u64 {
+    1
 }
 
 impl fmt::Display for LatencyReport {

@@ -35,8 +35,7 @@ pub struct GpuLimits {
     pub int64: bool,
 }
 
-/// Frames that may be under way at a time, each on a queue of its own where the device has two: the
-/// boxes of one cross the link while the mask of the other comes back.
+/// Frames that may be under way at a time.
 pub const LANES: usize = 2;
 
 /// Which of the frames under way.
@@ -54,15 +53,38 @@ impl Lane {
     pub const ALL: [Self; LANES] = [Self::First, Self::Second];
 }
 
+/// What a queue is for. Each role has a family of queues of its own, where the device has such, so
+/// that the work of one does not wait for another's. Two queues of one family would not do: on an
+/// H200 they take turns, 100 µs and more at a time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum QueueRole {
+    /// The stages of frames; wgpu's queue.
+    Frames,
+    /// Boxes of the next frame to video memory meanwhile: a family that only copies.
+    Upload,
+    /// What keeps the clocks up between frames: a family that computes and draws nothing.
+    Awake,
+}
+
+/// Queues by role.
+const ROLES: usize = 3;
+
+/// A queue and the family that command buffers for it are made for.
+#[derive(Clone, Copy, Debug)]
+struct RoleQueue {
+    family: u32,
+    queue: vk::Queue,
+}
+
 /// An opened GPU. Everything made on it holds an `Arc` of it, so it closes last.
 pub struct Gpu {
     info: AdapterInfo,
     limits: GpuLimits,
     health: Arc<DeviceHealth>,
     raw: ash::Device,
-    /// One for each lane; the same twice where the family has only one.
-    queues: Mutex<[vk::Queue; LANES]>,
-    queue_family: u32,
+    /// By role; `None` where the device has no such family.
+    queues: Mutex<[Option<RoleQueue>; ROLES]>,
+    families: [Option<u32>; ROLES],
     memory: vk::PhysicalDeviceMemoryProperties,
     host_import: Option<ash::ext::external_memory_host::Device>,
     cache_key: String,
@@ -126,9 +148,9 @@ impl Gpu {
         let physical = hal.raw_physical_device();
         // SAFETY: the adapter's handle, alive as long as the instance, which `hal` keeps alive.
         let families = unsafe { instance.get_physical_device_queue_family_properties(physical) };
-        let mut queue_count = 1;
-        // SAFETY: the callback adds one extension that the driver lists and a queue that the family
-        // has, and removes nothing.
+        let mut families = side_families(&families);
+        // SAFETY: the callback adds one extension that the driver lists and a queue of families that
+        // the device has, and removes nothing.
         let opened = unsafe {
             hal.open_with_callback(
                 features,
@@ -138,13 +160,18 @@ impl Gpu {
                     if import {
                         args.extensions.push(extension);
                     }
-                    // One queue more of wgpu's own family, where there is one.
-                    for info in args.queue_create_infos.iter_mut() {
-                        let family = families.get(info.queue_family_index as usize);
-                        if family.is_some_and(|family| family.queue_count as usize >= LANES) {
-                            *info = info.queue_priorities(&[1.0; LANES]);
-                            queue_count = LANES;
+                    for family in &mut families {
+                        let has_it = |info: &vk::DeviceQueueCreateInfo<'_>| {
+                            Some(info.queue_family_index) == *family
+                        };
+                        if args.queue_create_infos.iter().any(has_it) {
+                            *family = None;
                         }
+                        args.queue_create_infos.extend(family.map(|family| {
+                            vk::DeviceQueueCreateInfo::default()
+                                .queue_family_index(family)
+                                .queue_priorities(&[1.0])
+                        }));
                     }
                 })),
             )
@@ -162,10 +189,13 @@ impl Gpu {
                 .ok_or_else(|| OpenError::NotVulkan(info.name.clone()))?;
             (hal.raw_device().clone(), hal.raw_queue(), hal.queue_family_index())
         };
-        let mut queues = [raw_queue; LANES];
-        for (queue, place) in queues.iter_mut().zip(0..queue_count as u32).skip(1) {
-            // SAFETY: the device was made with so many queues of this family.
-            *queue = unsafe { raw.get_device_queue(queue_family, place) };
+        let mut queues = [Some(RoleQueue { family: queue_family, queue: raw_queue }), None, None];
+        for (place, family) in queues.iter_mut().skip(1).zip(families) {
+            // SAFETY: the device was made with a queue of this family.
+            *place = family.map(|family| RoleQueue {
+                family,
+                queue: unsafe { raw.get_device_queue(family, 0) },
+            });
         }
         // SAFETY: `physical` is the adapter's handle, alive as long as the instance, which wgpu's
         // device keeps alive.
@@ -201,8 +231,8 @@ impl Gpu {
             limits,
             health,
             raw,
+            families: queues.map(|queue| queue.map(|queue| queue.family)),
             queues: Mutex::new(queues),
-            queue_family,
             memory,
             host_import,
             cache_key,
@@ -243,8 +273,19 @@ impl Gpu {
         &self.raw
     }
 
-    pub(super) fn queue_family(&self) -> u32 {
-        self.queue_family
+    /// Whether a role has a queue of its own. Without one, its work is the frames' queue's.
+    pub(super) fn has_own_queue(&self, role: QueueRole) -> bool {
+        self.families[role as usize].is_some()
+    }
+
+    /// The family of the queue that does a role's work.
+    pub(super) fn family(&self, role: QueueRole) -> Option<u32> {
+        self.families[role as usize].or(self.families[QueueRole::Frames as usize])
+    }
+
+    /// All families that a block may be used by.
+    pub(super) fn all_families(&self) -> impl Iterator<Item = u32> {
+        self.families.into_iter().flatten()
     }
 
     pub(super) fn host_import(&self) -> Option<&ash::ext::external_memory_host::Device> {
@@ -264,17 +305,30 @@ impl Gpu {
     /// Submits recorded commands.
     pub(super) fn submit(
         &self,
-        lane: Lane,
+        role: QueueRole,
         commands: vk::CommandBuffer,
+        order: Order,
         fence: vk::Fence,
     ) -> Result<(), GpuError> {
         self.health.check()?;
         let buffers = [commands];
-        let info = vk::SubmitInfo::default().command_buffers(&buffers);
+        let (after, before) = match order {
+            Order::Alone => (None, None),
+            Order::After(semaphore) => (Some(semaphore), None),
+            Order::Before(semaphore) => (None, Some(semaphore)),
+        };
+        let stages = [vk::PipelineStageFlags::ALL_COMMANDS];
+        let info = vk::SubmitInfo::default()
+            .command_buffers(&buffers)
+            .wait_semaphores(after.as_slice())
+            .wait_dst_stage_mask(&stages[..after.as_slice().len()])
+            .signal_semaphores(before.as_slice());
         let queues = self.queues.lock().map_err(|_| GpuError::Lost)?;
-        // SAFETY: the lock synchronises the queues; commands and fence belong to this device and
-        // are not pending (their frame waits for its end before it is submitted again).
-        let result = unsafe { self.raw.queue_submit(queues[lane as usize], &[info], fence) };
+        let own = queues[role as usize].or(queues[QueueRole::Frames as usize]);
+        let queue = own.ok_or(GpuError::Lost)?.queue;
+        // SAFETY: the lock synchronises the queues; commands, fence and semaphore belong to this
+        // device and are not pending (their frame waits for its end before it is submitted again).
+        let result = unsafe { self.raw.queue_submit(queue, &[info], fence) };
         self.noticed(result)
     }
 
@@ -310,6 +364,31 @@ const MAPPED_VIDEO: vk::MemoryPropertyFlags = vk::MemoryPropertyFlags::from_raw(
         | vk::MemoryPropertyFlags::HOST_VISIBLE.as_raw()
         | vk::MemoryPropertyFlags::HOST_COHERENT.as_raw(),
 );
+
+/// The families of [`QueueRole::Upload`] and [`QueueRole::Awake`], where there are such.
+fn side_families(families: &[vk::QueueFamilyProperties]) -> [Option<u32>; ROLES - 1] {
+    use vk::QueueFlags as Flags;
+    let find = |wanted: Flags, unwanted: Flags| {
+        let fits = |flags: Flags| flags.contains(wanted) && !flags.intersects(unwanted);
+        families.iter().zip(0u32..).find(|(f, _)| fits(f.queue_flags)).map(|(_, index)| index)
+    };
+    let special = Flags::VIDEO_DECODE_KHR | Flags::VIDEO_ENCODE_KHR | Flags::OPTICAL_FLOW_NV;
+    [
+        find(Flags::TRANSFER, Flags::GRAPHICS | Flags::COMPUTE | special),
+        find(Flags::COMPUTE, Flags::GRAPHICS),
+    ]
+}
+
+/// How a submission stands to another.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Order {
+    /// It does not matter.
+    Alone,
+    /// It begins when this is signalled.
+    After(vk::Semaphore),
+    /// Its end signals this.
+    Before(vk::Semaphore),
+}
 
 fn find_memory_type(
     memory: &vk::PhysicalDeviceMemoryProperties,

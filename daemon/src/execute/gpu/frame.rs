@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use ash::vk;
 
-use super::device::{Gpu, Lane};
+use super::device::{Gpu, Order, QueueRole};
 use super::error::GpuError;
 use super::memory::Part;
 use super::pipeline::{IMMEDIATE_BYTES, Pipeline};
@@ -85,6 +85,7 @@ const MAX_BINDINGS: u32 = 8;
 /// A recorded frame. Keeps what it uses alive.
 pub struct Frame {
     gpu: Arc<Gpu>,
+    role: QueueRole,
     pool: vk::CommandPool,
     commands: vk::CommandBuffer,
     descriptors: vk::DescriptorPool,
@@ -104,9 +105,19 @@ impl Frame {
     /// # Errors
     /// [`GpuError`].
     pub fn new(gpu: &Arc<Gpu>, profiled: bool) -> Result<Self, GpuError> {
+        Self::of_role(gpu, QueueRole::Frames, profiled)
+    }
+
+    /// An empty frame for the queue of a role.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn of_role(gpu: &Arc<Gpu>, role: QueueRole, profiled: bool) -> Result<Self, GpuError> {
         let raw = gpu.raw();
+        let family = gpu.family(role).ok_or(GpuError::Lost)?;
         let mut frame = Self {
             gpu: Arc::clone(gpu),
+            role,
             pool: vk::CommandPool::null(),
             commands: vk::CommandBuffer::null(),
             descriptors: vk::DescriptorPool::null(),
@@ -116,7 +127,7 @@ impl Frame {
             pending: false,
         };
         let info = vk::CommandPoolCreateInfo::default()
-            .queue_family_index(gpu.queue_family())
+            .queue_family_index(family)
             .flags(vk::CommandPoolCreateFlags::RESET_COMMAND_BUFFER);
         // SAFETY: the device outlives the frame (`gpu`); `frame` destroys what was made, also when
         // a later step fails. The same holds for the calls below.
@@ -195,6 +206,11 @@ impl Frame {
 
     /// What came before is done, and visible to what comes after.
     fn barrier(&self, next: vk::PipelineStageFlags, access: vk::AccessFlags) {
+        if self.role == QueueRole::Upload {
+            // Such a queue knows no stage but copies, and its one copy has nobody to wait for: the
+            // semaphore orders it before the frame.
+            return;
+        }
         let work = vk::PipelineStageFlags::COMPUTE_SHADER | vk::PipelineStageFlags::TRANSFER;
         let written = vk::AccessFlags::SHADER_WRITE | vk::AccessFlags::TRANSFER_WRITE;
         let memory = [vk::MemoryBarrier::default()
@@ -284,7 +300,7 @@ impl Frame {
     /// # Errors
     /// [`GpuError::Lost`] when the device is gone, [`GpuError::Hung`] when time is up.
     pub fn run(&mut self, wait: Wait, patience: Duration) -> Result<(), GpuError> {
-        self.submit(Lane::First)?;
+        self.submit()?;
         self.end(wait, patience)
     }
 
@@ -295,11 +311,16 @@ impl Frame {
     ///
     /// # Panics
     /// While it is under way: a fault of this crate.
-    pub fn submit(&mut self, lane: Lane) -> Result<(), GpuError> {
+    pub fn submit(&mut self) -> Result<(), GpuError> {
+        self.submit_in(Order::Alone)
+    }
+
+    /// As [`Self::submit`], before or after another frame of another queue.
+    pub(super) fn submit_in(&mut self, order: Order) -> Result<(), GpuError> {
         assert!(!self.pending, "a frame is under way once");
         // SAFETY: the frame is not pending, so its fence is not in use.
         self.gpu.noticed(unsafe { self.gpu.raw().reset_fences(&[self.fence]) })?;
-        self.gpu.submit(lane, self.commands, self.fence)?;
+        self.gpu.submit(self.role, self.commands, order, self.fence)?;
         self.pending = true;
         Ok(())
     }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use pairmask::{BoxForm, Encoding};
 
-use super::device::Gpu;
+use super::device::{Gpu, QueueRole};
 use super::error::GpuError;
 use super::frame::{Command, Frame};
 use super::memory::{Block, Part};
@@ -44,12 +44,17 @@ pub(super) struct FrameKey {
 const KEPT_FRAMES: usize = 16;
 
 /// The last frames used, the most recent last.
-#[derive(Default)]
 pub(super) struct FrameCache {
+    role: QueueRole,
     frames: Vec<(FrameKey, Frame)>,
 }
 
 impl FrameCache {
+    /// Of frames for the queue of a role.
+    pub(super) const fn new(role: QueueRole) -> Self {
+        Self { role, frames: Vec::new() }
+    }
+
     /// The frame of `key`, recorded from `steps` if it is not here.
     pub(super) fn frame(
         &mut self,
@@ -63,7 +68,7 @@ impl FrameCache {
             self.frames.push(found);
         } else {
             let mut frame = if self.frames.len() < KEPT_FRAMES {
-                Frame::new(gpu, profiled)?
+                Frame::of_role(gpu, self.role, profiled)?
             } else {
                 self.frames.remove(0).1
             };

@@ -76,7 +76,8 @@ impl Block {
             }
         };
         let raw = gpu.raw();
-        let info = vk::BufferCreateInfo::default().size(bytes).usage(USAGE);
+        let families = Families::of(gpu);
+        let info = families.share(vk::BufferCreateInfo::default().size(bytes).usage(USAGE));
         // SAFETY: a plain buffer on a device that outlives it (`gpu` is kept).
         let buffer = gpu.noticed(unsafe { raw.create_buffer(&info, None) })?;
         let guard = BufferGuard { gpu, buffer };
@@ -147,8 +148,10 @@ impl Block {
             .result()
         })?;
         let mut external = vk::ExternalMemoryBufferCreateInfo::default().handle_types(handle_type);
-        let info =
-            vk::BufferCreateInfo::default().size(bytes).usage(USAGE).push_next(&mut external);
+        let families = Families::of(gpu);
+        let info = families
+            .share(vk::BufferCreateInfo::default().size(bytes).usage(USAGE))
+            .push_next(&mut external);
         // SAFETY: a plain buffer for external memory; the extension is enabled (`import`).
         let buffer = gpu.noticed(unsafe { raw.create_buffer(&info, None) })?;
         let guard = BufferGuard { gpu, buffer };
@@ -240,6 +243,23 @@ impl Drop for Block {
             self.gpu.raw().destroy_buffer(self.buffer, None);
             self.gpu.raw().free_memory(self.memory, None);
         }
+    }
+}
+
+/// The families whose queues use blocks.
+struct Families(Vec<u32>);
+
+impl Families {
+    fn of(gpu: &Gpu) -> Self {
+        Self(gpu.all_families().collect())
+    }
+
+    /// Lets all of them use a buffer without handing it over, which costs buffers nothing.
+    fn share<'a>(&'a self, info: vk::BufferCreateInfo<'a>) -> vk::BufferCreateInfo<'a> {
+        if self.0.len() < 2 {
+            return info;
+        }
+        info.sharing_mode(vk::SharingMode::CONCURRENT).queue_family_indices(&self.0)
     }
 }
 

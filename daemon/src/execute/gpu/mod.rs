@@ -7,6 +7,7 @@
 
 pub mod adapter;
 pub mod all_pairs;
+pub mod awake;
 pub mod bench;
 pub mod device;
 pub mod error;
@@ -21,6 +22,7 @@ pub mod pipeline;
 pub mod shader;
 pub mod slot;
 mod transfers;
+mod upload_ahead;
 
 pub use adapter::{AdapterInfo, GpuChoice, list_adapters};
 pub use all_pairs::{AllPairs, AllPairsOptions};

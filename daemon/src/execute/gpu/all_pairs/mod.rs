@@ -27,7 +27,7 @@ use self::outcome::{Outcome, no_pairs, report};
 use self::plan::{BandLimits, Tuning};
 use self::scratch::Scratch;
 use self::steps::{Output, Recording};
-use super::device::Gpu;
+use super::device::{Gpu, QueueRole};
 use super::error::GpuError;
 use super::frame::{StepTime, Wait};
 use super::frame_cache::{FrameCache, FrameKey, Place};
@@ -111,7 +111,7 @@ impl AllPairs {
             transfers,
             scratch: Scratch::new(),
             video_boxes: Growing::new(Home::Video),
-            frames: FrameCache::default(),
+            frames: FrameCache::new(QueueRole::Frames),
             reports: Vec::new(),
             step_times: Vec::new(),
         })

@@ -16,7 +16,7 @@ use super::plan::{self, Sizes};
 use super::scratch::{Blocks, Scratch};
 use super::steps::Recording;
 use super::{ENGINE, GridOptions};
-use crate::execute::gpu::device::{Gpu, Lane};
+use crate::execute::gpu::device::{Gpu, Lane, Order, QueueRole};
 use crate::execute::gpu::error::GpuError;
 use crate::execute::gpu::frame::{Command, Frame, StepTime, Wait};
 use crate::execute::gpu::frame_cache::{FrameCache, FrameKey, Place};
@@ -24,6 +24,7 @@ use crate::execute::gpu::import::Imports;
 use crate::execute::gpu::memory::{Block, Part};
 use crate::execute::gpu::pipeline::Pipelines;
 use crate::execute::gpu::transfers::{MaskPlace, PlacedBoxes, Transfers};
+use crate::execute::gpu::upload_ahead::UploadAhead;
 
 /// What the lanes share.
 pub(super) struct Tools {
@@ -36,6 +37,8 @@ pub(super) struct Tools {
     pub(super) profiled: bool,
     pub(super) poison: Option<u32>,
     pub(super) wait: Wait,
+    /// Most bytes that a stage sees of a block.
+    pub(super) binding_bytes: u64,
 }
 
 /// What a frame led to.
@@ -61,10 +64,20 @@ struct UnderWay {
     ingested: Duration,
 }
 
+/// The way of a frame's boxes.
+#[derive(Clone, Copy)]
+struct BoxesWay<'a> {
+    /// Where they lie.
+    lie: &'a PlacedBoxes,
+    /// Where they are copied to before the frame; else the first stage reads them where they lie.
+    ahead: Option<&'a PlacedBoxes>,
+}
+
 /// A lane with its blocks and recorded frames.
 pub(super) struct LaneState {
     lane: Lane,
     transfers: Transfers,
+    ahead: Option<UploadAhead>,
     scratch: Scratch,
     frames: FrameCache,
     /// Whether the blocks that must be zero between frames may not be.
@@ -74,16 +87,17 @@ pub(super) struct LaneState {
 }
 
 impl LaneState {
-    pub(super) fn new(lane: Lane, gpu: &Arc<Gpu>, options: &GridOptions) -> Self {
-        Self {
+    pub(super) fn new(lane: Lane, gpu: &Arc<Gpu>, options: &GridOptions) -> Result<Self, GpuError> {
+        Ok(Self {
             lane,
             transfers: Transfers::new(Arc::clone(gpu), options.imports.clone(), options.upload),
+            ahead: UploadAhead::new(gpu, options.upload)?,
             scratch: Scratch::new(gpu),
-            frames: FrameCache::default(),
+            frames: FrameCache::new(QueueRole::Frames),
             unclean: true,
             under_way: None,
             step_times: Vec::new(),
-        }
+        })
     }
 
     pub(super) fn imports(&self) -> MutexGuard<'_, Imports> {
@@ -92,6 +106,9 @@ impl LaneState {
 
     pub(super) fn drop_frames_of(&mut self, block: &Arc<Block>) {
         self.frames.forget(block);
+        if let Some(ahead) = &mut self.ahead {
+            ahead.forget(block);
+        }
     }
 
     pub(super) fn step_times(&self) -> &[StepTime] {
@@ -111,7 +128,8 @@ impl LaneState {
         self.frames.last().is_none_or(Frame::has_ended)
     }
 
-    /// Submits a frame with room for `capacity` words.
+    /// Submits a frame with room for `capacity` words. `is_behind` another one, its boxes are
+    /// brought to video memory meanwhile.
     pub(super) fn begin(
         &mut self,
         tools: &mut Tools,
@@ -119,13 +137,13 @@ impl LaneState {
         boxes: NarrowBoxes<'_>,
         reply: &mut dyn ReplyBuffer,
         capacity: u64,
-        binding_bytes: u64,
+        is_behind: bool,
     ) -> Result<(), CullError> {
         assert!(self.under_way.is_none(), "one frame a lane");
         let start = Instant::now();
         let sizes = Sizes::of(n);
         let words = sizes.reply_words(capacity);
-        if 4 * words > binding_bytes {
+        if 4 * words > tools.binding_bytes {
             // The reply is one binding; all pairs binds its sections one by one.
             return Err(CullError::TooCrowded { engine: ENGINE });
         }
@@ -133,12 +151,15 @@ impl LaneState {
         let submitted = (|| {
             let mut replaced = false;
             let placed = self.transfers.place_boxes(boxes, &mut replaced)?;
+            let ahead = self.ahead.as_mut().filter(|ahead| ahead.pays(&placed, is_behind));
+            let ahead = ahead.map(|ahead| ahead.place(&placed, &mut replaced)).transpose()?;
             let mask = self.transfers.place_mask(reserved, &mut replaced)?;
             let ingested = start.elapsed();
             let layout = tools.chooser.choose(boxes);
             let blocks = self.blocks(tools, &sizes, capacity, replaced)?;
             blocks.written_layout.write(0, &[layout]);
-            self.submit(tools, sizes, capacity, &blocks, &placed, &mask.part)?;
+            let way = BoxesWay { lie: &placed, ahead: ahead.as_ref() };
+            self.submit(tools, sizes, capacity, &blocks, way, &mask.part)?;
             Ok(UnderWay { n, capacity, mask, blocks, start, ingested })
         })();
         self.under_way = Some(submitted.map_err(|e: GpuError| tools.gpu.cull_error(ENGINE, &e))?);
@@ -180,26 +201,31 @@ impl LaneState {
         sizes: Sizes,
         capacity: u64,
         blocks: &Blocks,
-        boxes: &PlacedBoxes,
+        boxes: BoxesWay<'_>,
         reply: &Part,
     ) -> Result<(), GpuError> {
+        let read = boxes.ahead.unwrap_or(boxes.lie);
         let key = FrameKey {
             n: sizes.n,
-            form: boxes.form,
+            form: read.form,
             encoding: Encoding::Sparse,
             capacity,
             chunk: 0,
-            input: Place::of(&boxes.part),
+            input: Place::of(&read.part),
             output: Place::of(reply),
         };
         let recording =
-            Recording { sizes, params: sizes.params(capacity as u32), blocks, boxes, reply };
+            Recording { sizes, params: sizes.params(capacity as u32), blocks, boxes: read, reply };
         let pipelines = &mut tools.pipelines;
         let frame =
             self.frames.frame(&tools.gpu, key, tools.profiled, || recording.steps(pipelines))?;
         // A frame that does not end leaves its blocks as they are.
         self.unclean = true;
-        frame.submit(self.lane)
+        let order = match (&mut self.ahead, boxes.ahead) {
+            (Some(ahead), Some(there)) => ahead.begin(sizes.n, boxes.lie, there)?,
+            _ => Order::Alone,
+        };
+        frame.submit_in(order)
     }
 
     /// Waits for the frame under way.
@@ -214,6 +240,9 @@ impl LaneState {
         };
         let UnderWay { n, capacity, mask, blocks, start, ingested } = began;
         let ended = frame.end(tools.wait, patience(&tools.gpu, n)).and_then(|()| {
+            if let Some(ahead) = &mut self.ahead {
+                ahead.end(patience(&tools.gpu, n))?;
+            }
             if tools.profiled {
                 self.step_times = frame.step_times()?;
             }
@@ -277,6 +306,9 @@ impl Drop for LaneState {
         // The reply's memory goes back to its owner: a frame that writes to it must end first, which
         // dropping it waits for.
         self.frames.clear();
+        if let Some(ahead) = &mut self.ahead {
+            ahead.clear();
+        }
     }
 }
 

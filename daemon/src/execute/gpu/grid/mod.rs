@@ -76,7 +76,6 @@ const ENGINE: EngineName = EngineName::GpuGrid;
 /// lane ([`Grid::begin`], [`Grid::end`]).
 pub struct Grid {
     gpu: Arc<Gpu>,
-    binding_bytes: u64,
     tools: Tools,
     lanes: [LaneState; LANES],
 }
@@ -92,11 +91,11 @@ impl Grid {
             pipelines.get(Stage::Grid(stage))?;
         }
         pipelines.save();
-        let lanes = Lane::ALL.map(|lane| LaneState::new(lane, gpu, options));
+        let [first, second] = Lane::ALL.map(|lane| LaneState::new(lane, gpu, options));
+        let lanes = [first?, second?];
         let software = gpu.info().is_software();
         Ok(Self {
             gpu: Arc::clone(gpu),
-            binding_bytes: gpu.limits().storage_binding_bytes.min(1 << 31),
             tools: Tools {
                 gpu: Arc::clone(gpu),
                 pipelines,
@@ -105,6 +104,7 @@ impl Grid {
                 profiled: options.profiled,
                 poison: options.poison,
                 wait: options.wait.unwrap_or(if software { Wait::Block } else { Wait::Spin }),
+                binding_bytes: gpu.limits().storage_binding_bytes.min(1 << 31),
             },
             lanes,
         })
@@ -149,7 +149,7 @@ impl Grid {
         encoding: Encoding,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<Lane, CullError> {
-        let limit = plan::max_boxes(self.binding_bytes);
+        let limit = plan::max_boxes(self.tools.binding_bytes);
         let n = BoxCount::of_len(boxes.len())
             .filter(|n| u64::from(n.get()) <= limit)
             .ok_or(CullError::TooManyBoxes { engine: ENGINE, n: boxes.len() as u64, limit })?;
@@ -157,11 +157,12 @@ impl Grid {
         if encoding == Encoding::Dense {
             return Err(unavailable("dense masks are all pairs'"));
         }
+        let is_behind = self.lanes.iter().any(|lane| !lane.is_free());
         let lane = self.lanes.iter_mut().find(|lane| lane.is_free());
         let lane = lane.ok_or(unavailable("all of its lanes are taken"))?;
         self.gpu.health().check().map_err(|e| self.gpu.cull_error(ENGINE, &e))?;
         let capacity = plan::capacity(n, self.tools.last_words);
-        lane.begin(&mut self.tools, n, boxes, reply, capacity, self.binding_bytes)?;
+        lane.begin(&mut self.tools, n, boxes, reply, capacity, is_behind)?;
         Ok(lane.lane())
     }
 
@@ -187,7 +188,7 @@ impl Grid {
                 Ended::Again { n, words } => {
                     // Counted, not written: come back with room for that many.
                     let capacity = plan::capacity(n, words);
-                    lane.begin(&mut self.tools, n, boxes, reply, capacity, self.binding_bytes)?;
+                    lane.begin(&mut self.tools, n, boxes, reply, capacity, false)?;
                 }
             }
         }

@@ -2,7 +2,7 @@
 //!
 //! A pure function of the boxes, so that the same boxes give the same bytes whatever came before.
 
-use pairmask::BoxClass;
+use pairmask::{Aabb, BoxClass};
 use pairmask::precision::NarrowBoxes;
 
 use super::axis::plain;
@@ -43,9 +43,13 @@ impl Sample {
         let wanted = n.min(SAMPLE);
         self.boxes.clear();
         self.mins.clear();
-        for i in 0..wanted {
-            // A copy: the writer may change its box meanwhile.
-            let Some(b) = boxes.get(place(i, wanted, n)) else { continue };
+        // Copied without a look at them, so that the fetches overlap, and because the writer may
+        // change its boxes meanwhile.
+        let mut copies = [Aabb::EMPTY; SAMPLE];
+        for (i, copy) in copies[..wanted].iter_mut().enumerate() {
+            *copy = boxes.get(place(i, wanted, n)).unwrap_or(Aabb::EMPTY);
+        }
+        for b in &copies[..wanted] {
             if b.class() == BoxClass::Solid {
                 self.mins.push(b.min.map(plain));
                 let edges = std::array::from_fn(|a| plain(plain(b.max[a]) - plain(b.min[a])));
