@@ -2,6 +2,7 @@
 
 pub mod gpu;
 mod gpu_service;
+mod spheres;
 
 pub use gpu_service::{GpuFrame, GpuService, Owner};
 
@@ -14,6 +15,7 @@ use pairmask::engine::{
 };
 use pairmask::plan::{Calibration, Plan};
 use pairmask::precision::{ExpandScratch, NarrowBoxes};
+use pairmask::sphere::SphereWays;
 
 /// A frame with its plan.
 #[derive(Debug)]
@@ -58,6 +60,7 @@ pub const FRAMES_UNDER_WAY: usize = gpu::device::LANES;
 /// All engines that this daemon has.
 pub struct Executor {
     cpu: CpuEngines,
+    spheres: SphereWays,
     gpu: Option<GpuService>,
     /// Boxes that came in a narrow form, as the engines take them.
     expanded: ExpandScratch,
@@ -66,7 +69,12 @@ pub struct Executor {
 impl Executor {
     /// The CPU engines, and the GPU's if there is one.
     pub fn new(gpu: Option<GpuService>) -> Self {
-        Self { cpu: CpuEngines::new(), gpu, expanded: ExpandScratch::default() }
+        Self {
+            cpu: CpuEngines::new(),
+            spheres: SphereWays::default(),
+            gpu,
+            expanded: ExpandScratch::default(),
+        }
     }
 
     /// The same engines, whose plans compute with `calibration`.
@@ -95,7 +103,7 @@ impl Executor {
         wish: &CullWish,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
-        let Self { cpu, gpu, expanded } = self;
+        let Self { cpu, gpu, expanded, .. } = self;
         let owner = if boxes.form().is_narrow() { Owner::Scratch } else { owner };
         let start = Instant::now();
         let boxes = boxes.expand(expanded, wish.threads != Some(1));
@@ -120,7 +128,7 @@ impl Executor {
             // Expanded into memory that the next frame needs too.
             return self.cull(boxes, owner, wish, reply).map(Started::Answered);
         }
-        let Self { cpu, gpu, expanded } = self;
+        let Self { cpu, gpu, expanded, .. } = self;
         let start = Instant::now();
         let boxes = boxes.expand(expanded, wish.threads != Some(1));
         let planned = plan(cpu, gpu.as_ref(), boxes, wish, start);
@@ -149,7 +157,7 @@ impl Executor {
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
         let CullUnderWay { frame, planned } = cull;
-        let Self { cpu, gpu, expanded } = self;
+        let Self { cpu, gpu, expanded, .. } = self;
         let boxes = boxes.expand(expanded, false);
         let lost = CullError::DeviceLost { engine: planned.plan.engine };
         let done = match gpu {

@@ -1,0 +1,106 @@
+//! What a daemon can be asked for: an older one knows fewer forms of objects.
+
+use std::sync::atomic::{AtomicBool, AtomicU16, Ordering};
+
+use crate::precision::Precision;
+use crate::wire::{ObjectForm, Version};
+
+/// The forms of objects that the daemon of a connection knows, as far as known.
+#[derive(Debug)]
+pub(super) struct KnownForms {
+    /// The minor wire version up to which it does.
+    minor: AtomicU16,
+    /// Whether the log was told that frames are exact.
+    told_exact: AtomicBool,
+    /// Whether the log was told that spheres stay here.
+    told_spheres: AtomicBool,
+}
+
+impl KnownForms {
+    /// Those of a daemon by the version that it says it is.
+    pub(super) const fn of(version: Version) -> Self {
+        Self {
+            minor: AtomicU16::new(version.minor),
+            told_exact: AtomicBool::new(false),
+            told_spheres: AtomicBool::new(false),
+        }
+    }
+
+    /// Whether the daemon knows spheres. Where not, the log is told once.
+    pub(super) fn know_spheres(&self) -> bool {
+        let known = self.know(ObjectForm::Spheres);
+        if !known {
+            self.tell(ObjectForm::Spheres);
+        }
+        known
+    }
+
+    /// The precision that the daemon can be asked for: an older one gets exact boxes, and the log is
+    /// told once.
+    pub(super) fn agree(&self, asked: Precision) -> Precision {
+        let form = asked.form().into();
+        if self.know(form) {
+            return asked;
+        }
+        self.tell(form);
+        Precision::Exact
+    }
+
+    /// The daemon refused a form, whatever version it said it was: it knows neither that one nor
+    /// later ones.
+    pub(super) fn note_refused(&self, form: ObjectForm) {
+        if let Some(before) = form.since_minor().checked_sub(1) {
+            self.minor.fetch_min(before, Ordering::Relaxed);
+            self.tell(form);
+        }
+    }
+
+    fn know(&self, form: ObjectForm) -> bool {
+        form.since_minor() <= self.minor.load(Ordering::Relaxed)
+    }
+
+    fn tell(&self, form: ObjectForm) {
+        match form {
+            ObjectForm::Boxes(form) => {
+                if !self.told_exact.swap(true, Ordering::Relaxed) {
+                    log::warn!("the daemon does not know {form} boxes: frames are exact");
+                }
+            }
+            ObjectForm::Spheres => {
+                if !self.told_spheres.swap(true, Ordering::Relaxed) {
+                    log::warn!("the daemon does not know spheres: update it to have them culled");
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::precision::BoxForm;
+
+    #[test]
+    fn a_version_knows_the_forms_up_to_it() {
+        let [old, narrow, new] =
+            [0, 1, 2].map(|minor| KnownForms::of(Version { minor, ..Version::CURRENT }));
+        for form in ObjectForm::ALL {
+            assert!(new.know(form), "{form}");
+            assert_eq!(narrow.know(form), form != ObjectForm::Spheres, "{form}");
+            assert_eq!(old.know(form), form == BoxForm::F32.into(), "{form}");
+        }
+    }
+
+    #[test]
+    fn a_form_that_was_refused_is_not_asked_for_again() {
+        let known = KnownForms::of(Version::CURRENT);
+        known.note_refused(BoxForm::F32.into());
+        assert!(known.know_spheres(), "every daemon knows f32: another thing was wrong");
+        known.note_refused(ObjectForm::Spheres);
+        assert!(!known.know_spheres());
+        assert_eq!(known.agree(Precision::F16), Precision::F16);
+        known.note_refused(BoxForm::F16.into());
+        assert_eq!(known.agree(Precision::F16), Precision::Exact);
+        assert!(known.know(BoxForm::F32.into()) && !known.know_spheres());
+    }
+}
