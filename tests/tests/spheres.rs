@@ -90,7 +90,9 @@ fn every_size_by_every_backend_engine_and_encoding() {
     for n in (0..=70).chain([130, 255, 256, 257, 345]) {
         let spheres = hard_scene(n, 1);
         let truth = truth(&spheres);
-        lanes.iter_mut().for_each(|lane| lane.check(&spheres, &truth));
+        for lane in &mut lanes {
+            lane.check(&spheres, &truth);
+        }
     }
 }
 
@@ -101,7 +103,9 @@ fn scenes_that_aim_at_borders() {
     for seed in 0..100 {
         let SphereCase { spheres, .. } = SphereCase::new(seed);
         let truth = truth(&spheres);
-        lanes.iter_mut().for_each(|lane| lane.check(&spheres, &truth));
+        for lane in &mut lanes {
+            lane.check(&spheres, &truth);
+        }
     }
 }
 
@@ -112,7 +116,9 @@ fn large_scenes_that_touch() {
     for (n, side) in [(1234, 40), (5000, 60)] {
         let (spheres, truth) = whole_scene(n, side, 3);
         assert!(truth.pairs.len() > n / 2, "{} pairs", truth.pairs.len());
-        lanes.iter_mut().for_each(|lane| lane.check(&spheres, &truth));
+        for lane in &mut lanes {
+            lane.check(&spheres, &truth);
+        }
     }
     // More bytes than the session's first segment holds, and words for several tasks.
     let many: Vec<Sphere> =
