@@ -110,7 +110,10 @@ impl Core {
         let n = counted(n)?;
         let shared = || {
             let link = self.link()?;
-            if !link.forms().know_spheres() {
+            if !link.forms().knows_spheres() {
+                if self.may_cull_here() {
+                    link.forms().say_spheres_stay();
+                }
                 return Err(FrameError::SpheresUnknown);
             }
             link.loan(Written::SPHERES.form.bytes(n))
@@ -152,7 +155,7 @@ impl Core {
             Backend::Auto => match shared() {
                 Ok(shared) => Ok(FrameMemory::Shared(shared)),
                 Err(FrameError::TooManyFrames) => Err(FrameError::TooManyFrames),
-                // Said once for each connection, and other frames still go to the daemon.
+                // The log was told, and frames of boxes still go to the daemon.
                 Err(FrameError::SpheresUnknown) => Ok(own()),
                 Err(error) => {
                     self.say_in_process(&error);

@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, AtomicU16, Ordering};
 
-use crate::precision::Precision;
+use crate::precision::{BoxForm, Precision};
 use crate::wire::{ObjectForm, Version};
 
 /// The forms of objects that the daemon of a connection knows, as far as known.
@@ -26,51 +26,45 @@ impl KnownForms {
         }
     }
 
-    /// Whether the daemon knows spheres. Where not, the log is told once.
-    pub(super) fn know_spheres(&self) -> bool {
-        let known = self.know(ObjectForm::Spheres);
-        if !known {
-            self.tell(ObjectForm::Spheres);
+    /// Whether the daemon knows spheres.
+    pub(super) fn knows_spheres(&self) -> bool {
+        self.knows(ObjectForm::Spheres)
+    }
+
+    /// Tells the log once that frames of spheres are answered here.
+    pub(super) fn say_spheres_stay(&self) {
+        if !self.told_spheres.swap(true, Ordering::Relaxed) {
+            log::warn!("the daemon does not know spheres: their frames are answered in process");
         }
-        known
     }
 
     /// The precision that the daemon can be asked for: an older one gets exact boxes, and the log is
     /// told once.
     pub(super) fn agree(&self, asked: Precision) -> Precision {
-        let form = asked.form().into();
-        if self.know(form) {
+        if self.knows(asked.form().into()) {
             return asked;
         }
-        self.tell(form);
+        self.say_exact(asked.form());
         Precision::Exact
     }
 
     /// The daemon refused a form, whatever version it said it was: it knows neither that one nor
-    /// later ones.
+    /// those of later versions.
     pub(super) fn note_refused(&self, form: ObjectForm) {
-        if let Some(before) = form.since_minor().checked_sub(1) {
-            self.minor.fetch_min(before, Ordering::Relaxed);
-            self.tell(form);
+        let Some(before) = form.since_minor().checked_sub(1) else { return };
+        self.minor.fetch_min(before, Ordering::Relaxed);
+        if let ObjectForm::Boxes(form) = form {
+            self.say_exact(form);
         }
     }
 
-    fn know(&self, form: ObjectForm) -> bool {
+    fn knows(&self, form: ObjectForm) -> bool {
         form.since_minor() <= self.minor.load(Ordering::Relaxed)
     }
 
-    fn tell(&self, form: ObjectForm) {
-        match form {
-            ObjectForm::Boxes(form) => {
-                if !self.told_exact.swap(true, Ordering::Relaxed) {
-                    log::warn!("the daemon does not know {form} boxes: frames are exact");
-                }
-            }
-            ObjectForm::Spheres => {
-                if !self.told_spheres.swap(true, Ordering::Relaxed) {
-                    log::warn!("the daemon does not know spheres: update it to have them culled");
-                }
-            }
+    fn say_exact(&self, form: BoxForm) {
+        if !self.told_exact.swap(true, Ordering::Relaxed) {
+            log::warn!("the daemon does not know {form} boxes: frames are exact");
         }
     }
 }
@@ -78,16 +72,15 @@ impl KnownForms {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::precision::BoxForm;
 
     #[test]
     fn a_version_knows_the_forms_up_to_it() {
         let [old, narrow, new] =
             [0, 1, 2].map(|minor| KnownForms::of(Version { minor, ..Version::CURRENT }));
         for form in ObjectForm::ALL {
-            assert!(new.know(form), "{form}");
-            assert_eq!(narrow.know(form), form != ObjectForm::Spheres, "{form}");
-            assert_eq!(old.know(form), form == BoxForm::F32.into(), "{form}");
+            assert!(new.knows(form), "{form}");
+            assert_eq!(narrow.knows(form), form != ObjectForm::Spheres, "{form}");
+            assert_eq!(old.knows(form), form == BoxForm::F32.into(), "{form}");
         }
     }
 
@@ -95,12 +88,12 @@ mod tests {
     fn a_form_that_was_refused_is_not_asked_for_again() {
         let known = KnownForms::of(Version::CURRENT);
         known.note_refused(BoxForm::F32.into());
-        assert!(known.know_spheres(), "every daemon knows f32: another thing was wrong");
+        assert!(known.knows_spheres(), "every daemon knows f32: another thing was wrong");
         known.note_refused(ObjectForm::Spheres);
-        assert!(!known.know_spheres());
+        assert!(!known.knows_spheres());
         assert_eq!(known.agree(Precision::F16), Precision::F16);
         known.note_refused(BoxForm::F16.into());
         assert_eq!(known.agree(Precision::F16), Precision::Exact);
-        assert!(known.know(BoxForm::F32.into()) && !known.know_spheres());
+        assert!(known.knows(BoxForm::F32.into()) && !known.knows_spheres());
     }
 }

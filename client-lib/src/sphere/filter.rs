@@ -79,7 +79,11 @@ impl SphereFilter {
             // Never fewer: the number of words, and of parts, changes from frame to frame.
             self.tasks.resize_with(parts, Task::default);
         }
-        let tasks = &mut self.tasks[..parts];
+        let (tasks, idle) = self.tasks.split_at_mut(parts);
+        // What has nothing to do for two frames gives its memory back.
+        for task in idle {
+            task.found.clear();
+        }
         for (part, task) in tasks.iter_mut().enumerate() {
             let border = |part: usize| candidates.bits.len() * part / parts;
             task.words = border(part)..border(part + 1);
