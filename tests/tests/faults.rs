@@ -316,22 +316,24 @@ fn forged_requests_of_spheres_are_answered_and_harm_nobody() {
 
 #[test]
 fn a_full_shm_is_a_typed_error_and_no_death() {
-    let daemon_dir = tempfile::tempdir().unwrap();
-    // A namespace of its own with 2 MB of shared memory: daemon and client in one.
-    let script = format!(
-        "mount -t tmpfs -o size=2m tmpfs /dev/shm || exit; {DAEMON} serve & daemon=$!; \
-         for i in $(seq 300); do [ -e {dir}/default.daemon ] && break; sleep 0.05; done; \
-         {FAULT_CLIENT} full; code=$?; kill $daemon; wait; exit $code",
-        dir = daemon_dir.path().display(),
-    );
-    let output = Command::new("unshare")
-        .args(["--user", "--map-root-user", "--mount", "bash", "-c", &script])
-        .env("PAIRMASK_RUNTIME_DIR", daemon_dir.path())
-        .output()
-        .unwrap();
-    let said = String::from_utf8_lossy(&output.stdout);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    assert!(said.contains("no shared memory for"), "{said}");
+    for mode in ["full", "full-spheres"] {
+        let daemon_dir = tempfile::tempdir().unwrap();
+        // A namespace of its own with 2 MB of shared memory: daemon and client in one.
+        let script = format!(
+            "mount -t tmpfs -o size=2m tmpfs /dev/shm || exit; {DAEMON} serve & daemon=$!; \
+             for i in $(seq 300); do [ -e {dir}/default.daemon ] && break; sleep 0.05; done; \
+             {FAULT_CLIENT} {mode}; code=$?; kill $daemon; wait; exit $code",
+            dir = daemon_dir.path().display(),
+        );
+        let output = Command::new("unshare")
+            .args(["--user", "--map-root-user", "--mount", "bash", "-c", &script])
+            .env("PAIRMASK_RUNTIME_DIR", daemon_dir.path())
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&output.stdout);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        assert!(said.contains("no shared memory for"), "{mode}: {said}");
+    }
 }
 
 #[test]

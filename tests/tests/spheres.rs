@@ -269,6 +269,36 @@ fn engines_of_a_gpu_take_no_spheres() {
     }
 }
 
+/// Spheres are answered between frames of boxes that a GPU works on.
+#[test]
+fn spheres_pass_boxes_that_a_gpu_works_on() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
+    let grid = EngineChoice::Only(EngineName::GpuGrid);
+    let mut busy = daemon.session().engine(grid).connect().unwrap();
+    let boxes = stress_scenes::named("uniform").boxes(33_000, 1);
+    let submit = |session: &mut Session| {
+        let mut frame = session.frame(boxes.len()).unwrap();
+        frame.boxes_mut().copy_from_slice(&boxes);
+        frame.submit().unwrap()
+    };
+    let mut here = Session::builder().backend(Backend::InProcess).connect().unwrap();
+    let mut expected = submit(&mut here).wait().unwrap().to_vec();
+    expected.sort_unstable();
+    let mut session = daemon.session().connect().unwrap();
+    let scene = whole_scene(700, 15, 2);
+    for _ in 0..3 {
+        let pending = [submit(&mut busy), submit(&mut busy)];
+        assert_eq!(check_frame(&mut session, &scene), ServedBy::Daemon);
+        for frame in pending {
+            let mask = frame.wait().unwrap();
+            assert_eq!(mask.info().engine, EngineName::GpuGrid);
+            let mut pairs = mask.to_vec();
+            pairs.sort_unstable();
+            assert_eq!(pairs, expected);
+        }
+    }
+}
+
 #[test]
 fn the_daemon_counts_spheres_apart() {
     let daemon = daemon();
