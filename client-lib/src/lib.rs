@@ -20,4 +20,6 @@ pub use glam;
 pub use mask::{Encoding, EncodingChoice, MaskView};
 pub use precision::{Bounds, BoxForm, Precision};
 pub use session::{Backend, Frame, PairMask, PendingFrame, ServedBy, Session};
+pub use sphere::Sphere;
 pub use units::{BoxCount, MaskWord, PairIndex};
+pub use wire::ObjectForm;

@@ -7,12 +7,13 @@ use pairmask::engine::{Census, CullReport, EngineChoice, EngineName, EngineTimes
 use pairmask::glam::Vec3;
 use pairmask::mask::{Encoding, EncodingChoice, MaskShape, MaskView};
 use pairmask::precision::{Bounds, BoxF16, BoxForm, Quantizer};
-use pairmask::transport::narrow_boxes_in;
+use pairmask::sphere::Sphere;
+use pairmask::transport::objects_in;
 use pairmask::units::BoxCount;
 use pairmask::wire::{
-    AuditCounts, LAST_ERRORS, Page, RecordedError, Reject, Reply, ReplyError, ReplyFields, Request,
-    RequestHeader, ResponseHeader, Section, SectionKind, StageTimes, StatusBody, StatusCode,
-    response_error, response_ok, response_status,
+    AuditCounts, LAST_ERRORS, ObjectForm, Page, RecordedError, Reject, Reply, ReplyError,
+    ReplyFields, Request, RequestHeader, ResponseHeader, Section, SectionKind, StageTimes,
+    StatusBody, StatusCode, response_error, response_ok, response_status,
 };
 use proptest::prelude::*;
 
@@ -24,7 +25,7 @@ fn request() -> RequestHeader {
     request_of(BoxForm::F32)
 }
 
-fn request_of(form: BoxForm) -> RequestHeader {
+fn request_of(form: impl Into<ObjectForm>) -> RequestHeader {
     RequestHeader::cull(
         ASKED.client_token,
         ASKED.frame,
@@ -82,12 +83,13 @@ impl Bytes {
 #[test]
 fn golden_request() {
     for (form, kind, bytes) in [
-        (BoxForm::F32, 1, 2400),
-        (BoxForm::Q16, 8, 1200),
-        (BoxForm::Q8, 9, 600),
-        (BoxForm::F16, 10, 1200),
+        (ObjectForm::Boxes(BoxForm::F32), 1, 2400),
+        (ObjectForm::Boxes(BoxForm::Q16), 8, 1200),
+        (ObjectForm::Boxes(BoxForm::Q8), 9, 600),
+        (ObjectForm::Boxes(BoxForm::F16), 10, 1200),
+        (ObjectForm::Spheres, 11, 1600),
     ] {
-        let expected = Bytes(b"PMRQ\x01\x00\x01\x00".to_vec())
+        let expected = Bytes(b"PMRQ\x01\x00\x02\x00".to_vec())
             .u32(&[1, 0])
             .u64(&[0x1122_3344_5566_7788, 9])
             .u32(&[100, 1, 2, 2])
@@ -129,10 +131,18 @@ fn golden_narrow_boxes() {
 }
 
 #[test]
+fn golden_spheres() {
+    let spheres = [Sphere::new([1.0, -2.0, 0.5], 3.0), Sphere::EMPTY];
+    let floats = [1.0f32, -2.0, 0.5, 3.0, 0.0, 0.0, 0.0, -1.0];
+    let expected: Vec<u8> = floats.iter().flat_map(|x| x.to_le_bytes()).collect();
+    assert_eq!(bytemuck::cast_slice::<Sphere, u8>(&spheres), expected);
+}
+
+#[test]
 fn golden_response() {
     // 7 words of room: sections start on multiples of 16 words, that is 64 bytes.
     let shape = MaskShape::sparse(N, 7, 5, true);
-    let expected = Bytes(b"PMRS\x01\x00\x01\x00".to_vec())
+    let expected = Bytes(b"PMRS\x01\x00\x02\x00".to_vec())
         .u32(&[0, 0])
         .u64(&[0x1122_3344_5566_7788, 9])
         .u32(&[100, 1, 2, 1, 2, 2])
@@ -163,6 +173,7 @@ fn golden_status_body() {
     };
     body.audit =
         AuditCounts { one_in: 11, frames: 12, skipped: 13, pairs: 14, missed: 15, extra: 16 };
+    body.spheres = 17;
     body.last_errors[0] =
         RecordedError { client_token: 8, frame: 9, at_ns: 10, status: 4, reserved: 0 };
     let expected = Bytes::default()
@@ -171,21 +182,21 @@ fn golden_status_body() {
         .u64(&[8, 9, 10])
         .u32(&[4, 0])
         .zeros((LAST_ERRORS - 1) * 32)
-        .u64(&[11, 12, 13, 14, 15, 16])
-        .zeros(16);
+        .u64(&[11, 12, 13, 14, 15, 16, 17])
+        .zeros(8);
     assert_eq!(bytemuck::bytes_of(&body), expected.0);
 }
 
 #[test]
 fn a_request_round_trips() {
-    for form in BoxForm::ALL {
+    for form in ObjectForm::ALL {
         let parsed = Request::parse(&request_of(form), 4096).unwrap();
         assert_eq!(
             parsed,
             Request::Cull {
                 box_count: N,
                 form,
-                boxes_offset: 0,
+                offset: 0,
                 engine: EngineChoice::Only(EngineName::CpuBrute),
                 encoding: EncodingChoice::Only(Encoding::Sparse),
                 threads: Some(2),
@@ -240,9 +251,43 @@ fn forged_requests_are_refused() {
         |h| h.sections[1] = request_of(BoxForm::Q16).sections[0],
         |h| h.sections[0].kind = SectionKind::BoxesQ16 as u32,
         |h| h.sections[0] = Section { bytes: 2400, ..request_of(BoxForm::Q8).sections[0] },
+        |h| h.sections[0].kind = SectionKind::Spheres as u32,
+        |h| h.sections[7] = request_of(ObjectForm::Spheres).sections[0],
     ] {
-        assert!(matches!(forge(change), Reject::Boxes { .. }));
+        assert!(matches!(forge(change), Reject::Objects { .. }));
     }
+}
+
+#[test]
+fn forged_requests_of_spheres_are_refused() {
+    for change in [
+        (|h| h.sections[0].bytes += 1) as fn(&mut RequestHeader),
+        |h| h.sections[0].bytes -= 16,
+        |h| h.sections[0].offset = 4096 - 1596,
+        |h| h.sections[0].offset = u64::MAX - 3,
+        |h| h.sections[0].offset = 2,
+        |h| h.box_count = u32::MAX,
+        |h| h.box_count += 1,
+        |h| h.sections[0].kind = SectionKind::Boxes as u32,
+        |h| h.sections[0].kind = SectionKind::Order as u32,
+        |h| h.sections[1] = h.sections[0],
+        |h| h.sections[1] = Section { flags: 0, ..h.sections[0] },
+        |h| h.sections[1] = request().sections[0],
+        |h| h.sections[0] = Section::zeroed(),
+    ] {
+        let mut header = request_of(ObjectForm::Spheres);
+        assert!(Request::parse(&header, 4096).is_ok());
+        change(&mut header);
+        let refused = Request::parse(&header, 4096).unwrap_err();
+        let unknown = Reject::UnknownSection { found: SectionKind::Order as u32 };
+        assert!(matches!(refused, Reject::Objects { .. }) || refused == unknown, "{refused}");
+        assert_eq!(refused.status(), StatusCode::BadRequest);
+    }
+    // The most that a header can announce is more than any payload.
+    let mut header = request_of(ObjectForm::Spheres);
+    header.box_count = u32::MAX;
+    header.sections[0].bytes = 16 * u64::from(u32::MAX);
+    assert!(matches!(Request::parse(&header, 1 << 20), Err(Reject::Objects { .. })));
 }
 
 #[test]
@@ -325,26 +370,27 @@ proptest! {
     /// Whatever is accepted lies within the payload.
     #[test]
     fn fuzz_request(
-        bytes in prop::sample::select(&BoxForm::ALL[..])
+        bytes in prop::sample::select(&ObjectForm::ALL[..])
             .prop_flat_map(|form| mutated::<272>(bytemuck::cast(request_of(form)))),
         payload_pages in 0u64..3,
     ) {
         let header: RequestHeader = bytemuck::cast(bytes);
         let payload_bytes = payload_pages * 4096;
-        if let Ok(Request::Cull { box_count, form, boxes_offset, .. }) =
+        if let Ok(Request::Cull { box_count, form, offset, .. }) =
             Request::parse(&header, payload_bytes)
         {
-            let box_bytes = match form {
-                BoxForm::F32 => 24,
-                BoxForm::Q16 | BoxForm::F16 => 12,
-                BoxForm::Q8 => 6,
+            let object_bytes = match form {
+                ObjectForm::Boxes(BoxForm::F32) => 24,
+                ObjectForm::Boxes(BoxForm::Q16 | BoxForm::F16) => 12,
+                ObjectForm::Boxes(BoxForm::Q8) => 6,
+                ObjectForm::Spheres => 16,
             };
-            let end = boxes_offset as u64 + box_bytes * u64::from(box_count.get());
+            let end = offset as u64 + object_bytes * u64::from(box_count.get());
             prop_assert!(end <= payload_bytes);
-            prop_assert_eq!(boxes_offset % 4, 0);
+            prop_assert_eq!(offset % 4, 0);
             let pages: Vec<Page> = vec![Page::zeroed(); payload_pages as usize];
-            let view = narrow_boxes_in(&pages, boxes_offset, form, box_count);
-            prop_assert_eq!(view.map(|v| v.len()), Some(box_count.len()));
+            let view = objects_in(&pages, offset, form, box_count);
+            prop_assert_eq!(view.map(|v| (v.form(), v.len())), Some((form, box_count.len())));
         }
     }
 

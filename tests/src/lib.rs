@@ -7,7 +7,9 @@ pub mod mask_writer;
 pub mod narrow;
 pub mod pair_scenes;
 pub mod peers;
+pub mod refuser;
 pub mod session_engine;
+pub mod spheres;
 
 pub use pairmask::oracle;
 pub use pairmask::oracle::modes as naive_modes;

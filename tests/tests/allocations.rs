@@ -18,8 +18,9 @@ use pairmask::transport::{
     InstanceName, Limits, RuntimeDir, Services, assume_pages, assume_response_pages,
     clean_if_abandoned,
 };
-use pairmask::{Backend, Bounds, Precision, Session};
+use pairmask::{Backend, Bounds, EngineChoice, EngineName, Precision, Session, Sphere};
 use pairmask_tests::daemon::eventually;
+use pairmask_tests::spheres::whole_scene;
 use pairmask_tests::stress_scenes;
 use pairmaskd::audit::AuditRate;
 use pairmaskd::execute::gpu::GpuChoice;
@@ -104,6 +105,17 @@ fn narrow_frames(session: &mut Session, scenes: &[Vec<pairmask::Aabb>], count: u
     pairs
 }
 
+fn sphere_frames(session: &mut Session, scenes: &[Vec<Sphere>], count: usize) -> u64 {
+    let mut pairs = 0;
+    for i in 0..count {
+        let spheres = &scenes[i % scenes.len()];
+        let mut frame = session.sphere_frame(spheres.len()).unwrap();
+        frame.spheres_mut().copy_from_slice(spheres);
+        pairs += frame.submit().unwrap().wait().unwrap().count();
+    }
+    pairs
+}
+
 /// What `count` bare requests and responses over the transport allocate on both sides.
 fn bare_transport(count: usize) -> u64 {
     let dir = tempfile::tempdir().unwrap();
@@ -158,18 +170,18 @@ fn steady_frames_allocate_nothing() {
 
     let scenes: Vec<_> =
         (0..4).map(|seed| stress_scenes::named("uniform").boxes(1000, seed)).collect();
+    let spheres: Vec<_> = (0..4).map(|seed| whole_scene(1000, 25, seed).0).collect();
     for backend in [Backend::InProcess, Backend::Daemon] {
         for encoding in [Encoding::Dense, Encoding::Sparse] {
             // In process, one thread: a pool takes work from outside through a queue of rayon's
             // that allocates a block every 63 frames. The daemon's frames start within its pool.
             let threads = if backend == Backend::Daemon { 2 } else { 1 };
-            let mut session = Session::builder()
+            let builder = Session::builder()
                 .runtime_dir(runtime_dir.clone())
                 .backend(backend)
                 .threads(threads)
-                .encoding(EncodingChoice::Only(encoding))
-                .connect()
-                .unwrap();
+                .encoding(EncodingChoice::Only(encoding));
+            let mut session = builder.clone().connect().unwrap();
             frames(&mut session, &scenes, 20);
             let mut pairs = 0;
             let allocations = steady(|| pairs = frames(&mut session, &scenes, FRAMES));
@@ -180,6 +192,15 @@ fn steady_frames_allocate_nothing() {
             let allocations = steady(|| pairs = narrow_frames(&mut session, &scenes, FRAMES));
             assert!(pairs > 0);
             assert_eq!(allocations, expected, "{backend}, {encoding}, narrow");
+            drop(session);
+            for engine in [EngineName::CpuBrute, EngineName::CpuGrid] {
+                let mut session =
+                    builder.clone().engine(EngineChoice::Only(engine)).connect().unwrap();
+                sphere_frames(&mut session, &spheres, 20);
+                let allocations = steady(|| pairs = sphere_frames(&mut session, &spheres, FRAMES));
+                assert!(pairs > 0);
+                assert_eq!(allocations, expected, "{backend}, {encoding}, {engine}, spheres");
+            }
         }
     }
     kill_process(getpid(), Signal::TERM).unwrap();

@@ -73,9 +73,23 @@ fn falling_back_is_said_once() {
     for _ in 0..10 {
         let mut frame = session.narrow_frame(2, Precision::F16).unwrap();
         frame.fill(&[pairmask::Aabb::EMPTY; 2]);
-        assert_eq!(frame.submit().unwrap().wait().unwrap().info().form, BoxForm::F32);
+        assert_eq!(frame.submit().unwrap().wait().unwrap().info().form, BoxForm::F32.into());
     }
     let exact = said();
     assert_eq!(exact.len(), 1, "{exact:?}");
     assert!(exact[0].0 == Level::Warn && exact[0].1.contains("frames are exact"), "{exact:?}");
+
+    // Spheres stay here.
+    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
+    for _ in 0..10 {
+        let mut frame = session.sphere_frame(2).unwrap();
+        frame.spheres_mut().fill(pairmask::Sphere::EMPTY);
+        let mask = frame.submit().unwrap().wait().unwrap();
+        assert_eq!(mask.info().served_by, ServedBy::InProcess);
+        assert_eq!(frames(&mut session, 1), ServedBy::Daemon);
+    }
+    let spheres = said();
+    assert_eq!(spheres.len(), 1, "{spheres:?}");
+    let (level, said) = &spheres[0];
+    assert!(*level == Level::Warn && said.contains("does not know spheres"), "{spheres:?}");
 }

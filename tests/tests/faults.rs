@@ -270,23 +270,70 @@ fn forged_requests_are_answered_and_harm_nobody() {
 }
 
 #[test]
+fn forged_requests_of_spheres_are_answered_and_harm_nobody() {
+    use pairmask::engine::EngineChoice;
+    use pairmask::mask::EncodingChoice;
+    use pairmask::units::BoxCount;
+    use pairmask::wire::{ObjectForm, RequestHeader};
+    let daemon = TestDaemon::start(DAEMON, &[]);
+    let worker = daemon.worker();
+    let of = |n| {
+        RequestHeader::cull(
+            77,
+            1,
+            BoxCount::new(n),
+            ObjectForm::Spheres,
+            EngineChoice::Auto,
+            EncodingChoice::Auto,
+            None,
+        )
+    };
+    let forged = |change: &dyn Fn(&mut RequestHeader)| {
+        let mut header = of(10);
+        change(&mut header);
+        header
+    };
+    let headers = [
+        of(10),
+        // All that fit two pages, and one more.
+        of(512),
+        of(513),
+        of(u32::MAX),
+        forged(&|h| h.sections[0].offset = 8192 - 156),
+        forged(&|h| h.sections[0].offset = 2),
+        forged(&|h| h.sections[0].bytes = 240),
+        forged(&|h| h.sections[0].kind = 1),
+        forged(&|h| h.sections[1] = h.sections[0]),
+        forged(&|h| h.threads = u32::MAX),
+    ];
+    let statuses: Vec<_> = raw_request(&daemon, &headers).iter().map(|r| r.status).collect();
+    let [ok, bad] = [StatusCode::Ok, StatusCode::BadRequest].map(|s| s as u32);
+    assert_eq!(statuses, [ok, ok, bad, bad, bad, bad, bad, bad, bad, ok]);
+    assert_eq!(daemon.worker(), worker, "the worker still lives");
+    let status = daemon.session().connect().unwrap().daemon_status().unwrap();
+    assert_eq!((status.frames, status.spheres, status.errors), (3, 532, 7));
+}
+
+#[test]
 fn a_full_shm_is_a_typed_error_and_no_death() {
-    let daemon_dir = tempfile::tempdir().unwrap();
-    // A namespace of its own with 2 MB of shared memory: daemon and client in one.
-    let script = format!(
-        "mount -t tmpfs -o size=2m tmpfs /dev/shm || exit; {DAEMON} serve & daemon=$!; \
-         for i in $(seq 300); do [ -e {dir}/default.daemon ] && break; sleep 0.05; done; \
-         {FAULT_CLIENT} full; code=$?; kill $daemon; wait; exit $code",
-        dir = daemon_dir.path().display(),
-    );
-    let output = Command::new("unshare")
-        .args(["--user", "--map-root-user", "--mount", "bash", "-c", &script])
-        .env("PAIRMASK_RUNTIME_DIR", daemon_dir.path())
-        .output()
-        .unwrap();
-    let said = String::from_utf8_lossy(&output.stdout);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    assert!(said.contains("no shared memory for"), "{said}");
+    for mode in ["full", "full-spheres"] {
+        let daemon_dir = tempfile::tempdir().unwrap();
+        // A namespace of its own with 2 MB of shared memory: daemon and client in one.
+        let script = format!(
+            "mount -t tmpfs -o size=2m tmpfs /dev/shm || exit; {DAEMON} serve & daemon=$!; \
+             for i in $(seq 300); do [ -e {dir}/default.daemon ] && break; sleep 0.05; done; \
+             {FAULT_CLIENT} {mode}; code=$?; kill $daemon; wait; exit $code",
+            dir = daemon_dir.path().display(),
+        );
+        let output = Command::new("unshare")
+            .args(["--user", "--map-root-user", "--mount", "bash", "-c", &script])
+            .env("PAIRMASK_RUNTIME_DIR", daemon_dir.path())
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&output.stdout);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        assert!(said.contains("no shared memory for"), "{mode}: {said}");
+    }
 }
 
 #[test]

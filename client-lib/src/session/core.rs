@@ -6,17 +6,18 @@ use std::time::{Duration, Instant};
 
 use super::builder::{Backend, Settings};
 use super::error::{ConnectError, FrameError, StatusError, WaitError};
-use super::frame::{Frame, FrameMemory, Written};
+use super::frame::{Filling, Frame, FrameMemory, Object, Written};
 use super::link::{Link, Received, SharedFrame, Unsent};
-use super::local::{Local, lock};
+use super::local::{Local, Spares, lock};
 use super::narrow::NarrowFrame;
 use super::pairs::{PairMask, ServedBy};
+use super::sphere::SphereFrame;
 use crate::aabb::Aabb;
 use crate::engine::CullError;
 use crate::precision::Precision;
 use crate::transport::quiet_transport_log;
 use crate::units::BoxCount;
-use crate::wire::{ReplyFields, RequestHeader, StatusBody, StatusCode};
+use crate::wire::{Objects, ReplyFields, RequestHeader, StatusBody, StatusCode};
 
 /// A missing daemon is looked for this often at most: a look costs 10 µs, a connection 2 ms.
 const RECONNECT_INTERVAL: Duration = Duration::from_millis(100);
@@ -64,8 +65,8 @@ impl Core {
         &self.settings
     }
 
-    pub(super) fn local(&self) -> &Local {
-        &self.local
+    pub(super) fn spares(&self) -> &Spares {
+        self.local.spares()
     }
 
     pub(super) fn next_frame(&self) -> u64 {
@@ -78,10 +79,10 @@ impl Core {
 
     pub(super) fn cull_here(
         &self,
-        boxes: &[Aabb],
+        objects: Objects<'_>,
         written: Written,
     ) -> Result<PairMask, CullError> {
-        self.local.cull(boxes, written, &self.settings)
+        self.local.cull(objects, written, &self.settings)
     }
 
     pub(super) fn served_by(&self) -> ServedBy {
@@ -92,8 +93,8 @@ impl Core {
     }
 
     pub(super) fn frame(self: &Arc<Self>, n: usize) -> Result<Frame, FrameError> {
-        let (frame, _) = self.frame_of(n, Precision::Exact)?;
-        Ok(frame)
+        let (filling, _) = self.box_frame(n, Precision::Exact)?;
+        Ok(Frame::new(filling))
     }
 
     pub(super) fn narrow_frame(
@@ -101,38 +102,67 @@ impl Core {
         n: usize,
         asked: Precision,
     ) -> Result<NarrowFrame, FrameError> {
-        let (frame, precision) = self.frame_of(n, asked)?;
-        Ok(NarrowFrame::new(frame, precision))
+        let (filling, precision) = self.box_frame(n, asked)?;
+        Ok(NarrowFrame::new(filling, precision))
     }
 
-    /// A frame, and the precision that whoever serves it knows.
-    fn frame_of(
+    pub(super) fn sphere_frame(self: &Arc<Self>, n: usize) -> Result<SphereFrame, FrameError> {
+        let n = counted(n)?;
+        let shared = || {
+            let link = self.link()?;
+            if !link.forms().knows_spheres() {
+                if self.may_cull_here() {
+                    link.forms().say_spheres_stay();
+                }
+                return Err(FrameError::SpheresUnknown);
+            }
+            link.loan(Written::SPHERES.form.bytes(n))
+        };
+        let memory = self.memory(n, shared)?;
+        Ok(SphereFrame::new(Filling::new(n, memory, Written::SPHERES, Arc::clone(self))))
+    }
+
+    /// A frame of boxes, and the precision that whoever serves it knows.
+    fn box_frame(
         self: &Arc<Self>,
         n: usize,
         asked: Precision,
-    ) -> Result<(Frame, Precision), FrameError> {
-        let too_many = FrameError::TooManyBoxes { n, limit: u64::from(u32::MAX) };
-        let n = BoxCount::of_len(n).ok_or(too_many)?;
-        let own = || (FrameMemory::Own(self.local.take_boxes(n)), asked);
+    ) -> Result<(Filling<Aabb>, Precision), FrameError> {
+        let n = counted(n)?;
+        let mut precision = asked;
         let shared = || {
             let link = self.link()?;
-            let precision = link.agree(asked);
-            let shared = link.loan(precision.form().bytes(n))?;
-            Ok((FrameMemory::Shared(shared), precision))
+            let agreed = link.forms().agree(asked);
+            let shared = link.loan(agreed.form().bytes(n))?;
+            precision = agreed;
+            Ok(shared)
         };
-        let (memory, precision) = match self.settings.backend {
-            Backend::InProcess => own(),
-            Backend::Daemon => shared()?,
+        let memory = self.memory(n, shared)?;
+        let written = Written::by(&precision);
+        Ok((Filling::new(n, memory, written, Arc::clone(self)), precision))
+    }
+
+    /// Memory for `n` objects: what `shared` gives, or our own, as the backend says.
+    fn memory<T: Object>(
+        &self,
+        n: BoxCount,
+        shared: impl FnOnce() -> Result<SharedFrame, FrameError>,
+    ) -> Result<FrameMemory<T>, FrameError> {
+        let own = || FrameMemory::Own(T::spares(self.spares()).take_sized(n));
+        match self.settings.backend {
+            Backend::InProcess => Ok(own()),
+            Backend::Daemon => Ok(FrameMemory::Shared(shared()?)),
             Backend::Auto => match shared() {
-                Ok(shared) => shared,
-                Err(FrameError::TooManyFrames) => return Err(FrameError::TooManyFrames),
+                Ok(shared) => Ok(FrameMemory::Shared(shared)),
+                Err(FrameError::TooManyFrames) => Err(FrameError::TooManyFrames),
+                // The log was told, and frames of boxes still go to the daemon.
+                Err(FrameError::SpheresUnknown) => Ok(own()),
                 Err(error) => {
                     self.say_in_process(&error);
-                    own()
+                    Ok(own())
                 }
             },
-        };
-        Ok((Frame::new(n, memory, Written::by(&precision), Arc::clone(self)), precision))
+        }
     }
 
     /// The connection, made anew if it was lost and the time has come.
@@ -214,4 +244,10 @@ impl Core {
             Received::Dead => Err(WaitError::DaemonDied.into()),
         }
     }
+}
+
+/// The number of objects of a frame, as an index can name them.
+fn counted(n: usize) -> Result<BoxCount, FrameError> {
+    let too_many = FrameError::TooManyBoxes { n, limit: u64::from(u32::MAX) };
+    BoxCount::of_len(n).ok_or(too_many)
 }

@@ -59,14 +59,20 @@ pub enum ConnectError {
 /// Why there is no memory for a frame, or why it could not be submitted.
 #[derive(Debug, thiserror::Error)]
 pub enum FrameError {
-    /// More boxes than an index can name.
-    #[error("{n} boxes are too many: a frame holds at most {limit}")]
+    /// More boxes or spheres than an index can name.
+    #[error("{n} boxes or spheres are too many: a frame holds at most {limit}")]
     TooManyBoxes {
-        /// Boxes asked for.
+        /// Boxes or spheres asked for.
         n: usize,
-        /// Boxes allowed.
+        /// How many are allowed.
         limit: u64,
     },
+    /// The daemon is older than frames of spheres
+    /// ([`Backend::Daemon`](super::Backend::Daemon) only).
+    #[error(
+        "the daemon is too old to know spheres: install a newer pairmaskd, or use Backend::Auto"
+    )]
+    SpheresUnknown,
     /// Too many frames are under way.
     #[error("three frames are being filled, under way or held as masks: drop one before the next")]
     TooManyFrames,

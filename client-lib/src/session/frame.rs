@@ -2,70 +2,94 @@
 
 use std::sync::Arc;
 
+use bytemuck::Pod;
+
 use super::core::Core;
 use super::error::FrameError;
 use super::link::SharedFrame;
+use super::local::Spares;
 use super::pending::PendingFrame;
 use crate::aabb::Aabb;
-use crate::precision::{BoxForm, ExpandScratch, Precision, Widening};
-use crate::transport::{boxes_in, boxes_in_mut, bytes_in_mut, narrow_boxes_in};
+use crate::precision::{NarrowBoxes, Precision, Widening};
+use crate::sphere::Sphere;
+use crate::transport::{boxes_in, boxes_in_mut, bytes_in_mut, spheres_in, spheres_in_mut};
 use crate::units::BoxCount;
+use crate::wire::{ObjectForm, Objects, Page};
 
 /// Memory for the boxes of one frame.
 ///
 /// [`boxes_mut`](Frame::boxes_mut) is a plain slice in object order: index it, iterate it, hand
 /// chunks of it to rayon, or let [`update`](crate::update) write into it.
+#[derive(Debug)]
 pub struct Frame {
-    n: BoxCount,
-    memory: Option<FrameMemory>,
-    written: Written,
-    core: Arc<Core>,
+    filling: Filling<Aabb>,
 }
 
-/// In which form the boxes of a frame are written, and what that may add.
+/// In which form the objects of a frame are written, and what that may add.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Written {
-    pub form: BoxForm,
+    pub form: ObjectForm,
     pub widening: Widening,
 }
 
 impl Written {
+    /// Spheres, as they are.
+    pub(super) const SPHERES: Self = Self { form: ObjectForm::Spheres, widening: Widening::None };
+
+    /// Boxes of a precision.
     pub(super) fn by(precision: &Precision) -> Self {
-        Self { form: precision.form(), widening: precision.widening() }
+        Self { form: precision.form().into(), widening: precision.widening() }
     }
 }
 
-impl std::fmt::Debug for Frame {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Frame")
-            .field("n", &self.n)
-            .field("is_shared", &self.is_shared())
-            .finish_non_exhaustive()
+/// What frames are filled with.
+pub(super) trait Object: Pod + Default {
+    /// The first `n` objects of a payload.
+    fn in_pages(pages: &[Page], n: BoxCount) -> Option<&[Self]>;
+    /// As [`in_pages`](Self::in_pages), to be written.
+    fn in_pages_mut(pages: &mut [Page], n: BoxCount) -> Option<&mut [Self]>;
+    /// Objects in this process's memory, to be culled.
+    fn as_objects(own: &[Self]) -> Objects<'_>;
+    /// Spare memory for them.
+    fn spares(spares: &Spares) -> &super::local::Shelf<Vec<Self>>;
+}
+
+impl Object for Aabb {
+    fn in_pages(pages: &[Page], n: BoxCount) -> Option<&[Self]> {
+        boxes_in(pages, 0, n)
+    }
+    fn in_pages_mut(pages: &mut [Page], n: BoxCount) -> Option<&mut [Self]> {
+        boxes_in_mut(pages, n)
+    }
+    fn as_objects(own: &[Self]) -> Objects<'_> {
+        Objects::Boxes(NarrowBoxes::F32(own))
+    }
+    fn spares(spares: &Spares) -> &super::local::Shelf<Vec<Self>> {
+        &spares.boxes
     }
 }
 
-/// Where the boxes lie.
-pub(super) enum FrameMemory {
+impl Object for Sphere {
+    fn in_pages(pages: &[Page], n: BoxCount) -> Option<&[Self]> {
+        spheres_in(pages, 0, n)
+    }
+    fn in_pages_mut(pages: &mut [Page], n: BoxCount) -> Option<&mut [Self]> {
+        spheres_in_mut(pages, n)
+    }
+    fn as_objects(own: &[Self]) -> Objects<'_> {
+        Objects::Spheres(own)
+    }
+    fn spares(spares: &Spares) -> &super::local::Shelf<Vec<Self>> {
+        &spares.spheres
+    }
+}
+
+/// Where the objects lie.
+pub(super) enum FrameMemory<T> {
     /// In shared memory, in the form of the frame.
     Shared(SharedFrame),
     /// Here. Boxes of a narrow form lie here as the f32 boxes that stand for them.
-    Own(Vec<Aabb>),
-}
-
-impl FrameMemory {
-    /// The boxes to be culled; shared ones of a narrow form are expanded into `scratch`.
-    pub(super) fn boxes<'a>(
-        &'a self,
-        n: BoxCount,
-        form: BoxForm,
-        scratch: &'a mut ExpandScratch,
-    ) -> &'a [Aabb] {
-        match self {
-            Self::Shared(shared) => narrow_boxes_in(shared.loan.payload(), 0, form, n)
-                .map_or(&[], |boxes| boxes.expand(scratch, true)),
-            Self::Own(boxes) => boxes,
-        }
-    }
+    Own(Vec<T>),
 }
 
 /// Memory that boxes of a narrow form are written into.
@@ -76,16 +100,86 @@ pub(super) enum NarrowMemory<'a> {
     Expanded(&'a mut [Aabb]),
 }
 
-impl Frame {
+/// A frame of boxes or of spheres, until it is submitted.
+pub(super) struct Filling<T: Object> {
+    n: BoxCount,
+    /// `None` once it is submitted.
+    memory: Option<FrameMemory<T>>,
+    written: Written,
+    core: Arc<Core>,
+}
+
+impl<T: Object> std::fmt::Debug for Filling<T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Filling")
+            .field("n", &self.n)
+            .field("is_shared", &self.is_shared())
+            .finish_non_exhaustive()
+    }
+}
+
+impl<T: Object> Filling<T> {
     pub(super) const fn new(
         n: BoxCount,
-        memory: FrameMemory,
+        memory: FrameMemory<T>,
         written: Written,
         core: Arc<Core>,
     ) -> Self {
         Self { n, memory: Some(memory), written, core }
     }
 
+    pub(super) const fn n(&self) -> BoxCount {
+        self.n
+    }
+
+    pub(super) const fn is_shared(&self) -> bool {
+        matches!(self.memory, Some(FrameMemory::Shared(_)))
+    }
+
+    pub(super) fn objects_mut(&mut self) -> &mut [T] {
+        match &mut self.memory {
+            Some(FrameMemory::Shared(shared)) => {
+                T::in_pages_mut(shared.loan.payload_mut(), self.n).unwrap_or_default()
+            }
+            Some(FrameMemory::Own(objects)) => objects,
+            None => &mut [],
+        }
+    }
+
+    pub(super) fn objects(&self) -> &[T] {
+        match &self.memory {
+            Some(FrameMemory::Shared(shared)) => {
+                T::in_pages(shared.loan.payload(), self.n).unwrap_or_default()
+            }
+            Some(FrameMemory::Own(objects)) => objects,
+            None => &[],
+        }
+    }
+
+    pub(super) fn submit(mut self) -> Result<PendingFrame, FrameError> {
+        match self.memory.take() {
+            Some(FrameMemory::Shared(shared)) => {
+                PendingFrame::send(shared, self.n, self.written, Arc::clone(&self.core))
+            }
+            Some(FrameMemory::Own(objects)) => {
+                let mask = self.core.cull_here(T::as_objects(&objects), self.written);
+                self.memory = Some(FrameMemory::Own(objects));
+                Ok(PendingFrame::ready(mask?, Arc::clone(&self.core)))
+            }
+            None => Err(FrameError::TooManyFrames),
+        }
+    }
+}
+
+impl<T: Object> Drop for Filling<T> {
+    fn drop(&mut self) {
+        if let Some(FrameMemory::Own(objects)) = self.memory.take() {
+            T::spares(self.core.spares()).give(objects);
+        }
+    }
+}
+
+impl Filling<Aabb> {
     /// The memory of a frame whose boxes are written in a narrow form.
     pub(super) fn narrow_memory(&mut self) -> NarrowMemory<'_> {
         match &mut self.memory {
@@ -98,37 +192,31 @@ impl Frame {
             None => NarrowMemory::Bytes(&mut []),
         }
     }
+}
+
+impl Frame {
+    pub(super) const fn new(filling: Filling<Aabb>) -> Self {
+        Self { filling }
+    }
 
     /// Boxes in this frame.
     pub const fn n(&self) -> BoxCount {
-        self.n
+        self.filling.n()
     }
 
     /// Whether the boxes lie in shared memory.
     pub const fn is_shared(&self) -> bool {
-        matches!(self.memory, Some(FrameMemory::Shared(_)))
+        self.filling.is_shared()
     }
 
     /// The boxes, contents unspecified until written.
     pub fn boxes_mut(&mut self) -> &mut [Aabb] {
-        match &mut self.memory {
-            Some(FrameMemory::Shared(shared)) => {
-                boxes_in_mut(shared.loan.payload_mut(), self.n).unwrap_or_default()
-            }
-            Some(FrameMemory::Own(boxes)) => boxes,
-            None => &mut [],
-        }
+        self.filling.objects_mut()
     }
 
     /// The boxes as written so far.
     pub fn boxes(&self) -> &[Aabb] {
-        match &self.memory {
-            Some(FrameMemory::Shared(shared)) => {
-                boxes_in(shared.loan.payload(), 0, self.n).unwrap_or_default()
-            }
-            Some(FrameMemory::Own(boxes)) => boxes,
-            None => &[],
-        }
+        self.filling.objects()
     }
 
     /// The boxes as six floats each: `min.x min.y min.z max.x max.y max.z`.
@@ -140,25 +228,7 @@ impl Frame {
     ///
     /// # Errors
     /// [`FrameError`]; the frame is given up then.
-    pub fn submit(mut self) -> Result<PendingFrame, FrameError> {
-        match self.memory.take() {
-            Some(FrameMemory::Shared(shared)) => {
-                PendingFrame::send(shared, self.n, self.written, Arc::clone(&self.core))
-            }
-            Some(FrameMemory::Own(boxes)) => {
-                let mask = self.core.cull_here(&boxes, self.written);
-                self.memory = Some(FrameMemory::Own(boxes));
-                Ok(PendingFrame::ready(mask?, Arc::clone(&self.core)))
-            }
-            None => Err(FrameError::TooManyFrames),
-        }
-    }
-}
-
-impl Drop for Frame {
-    fn drop(&mut self) {
-        if let Some(FrameMemory::Own(boxes)) = self.memory.take() {
-            self.core.local().give_boxes(boxes);
-        }
+    pub fn submit(self) -> Result<PendingFrame, FrameError> {
+        self.filling.submit()
     }
 }

@@ -1,7 +1,7 @@
 //! A client's end of the connection to a daemon.
 
 use std::hash::{BuildHasher, Hasher, RandomState};
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
@@ -13,13 +13,14 @@ use iceoryx2::service::ipc_threadsafe;
 use super::builder::Settings;
 use super::error::{ConnectError, FrameError};
 use super::estimate::Estimate;
+use super::forms::KnownForms;
 use super::local::lock;
-use crate::precision::{BoxForm, Precision};
+use crate::precision::BoxForm;
 use crate::transport::{
     Client, ClientPort, FRAMES_AT_A_TIME, OpenError, PendingResponse, Populated, ProcessWatch,
     RequestLoan, ResponseSample, Services, TransportError, assume_pages, foreign_owner,
 };
-use crate::wire::{NARROW_BOXES_MINOR, PAGE_BYTES, RequestHeader, Version, page_count};
+use crate::wire::{PAGE_BYTES, RequestHeader, Version, page_count};
 
 /// A waiter looks at the daemon's pulse this often, and at its own response even if another
 /// thread of the session took the wake-up.
@@ -44,10 +45,7 @@ pub(super) struct Link {
     populated: Mutex<Populated>,
     estimate: Mutex<Estimate>,
     frames: AtomicUsize,
-    /// Whether the daemon knows boxes in narrow forms, as far as known.
-    knows_narrow: AtomicBool,
-    /// Whether the log was told that it does not.
-    told_narrow: AtomicBool,
+    forms: KnownForms,
 }
 
 impl std::fmt::Debug for Link {
@@ -132,8 +130,7 @@ impl Link {
             populated: Mutex::default(),
             estimate: Mutex::default(),
             frames: AtomicUsize::new(0),
-            knows_narrow: AtomicBool::new(record.version.minor >= NARROW_BOXES_MINOR),
-            told_narrow: AtomicBool::new(false),
+            forms: KnownForms::of(record.version),
         };
         link.touch_chunks(pages);
         Ok(link)
@@ -159,28 +156,12 @@ impl Link {
         self.daemon.is_alive()
     }
 
-    /// The precision that the daemon can be asked for: an older one gets exact boxes.
-    pub(super) fn agree(&self, asked: Precision) -> Precision {
-        if !asked.form().is_narrow() || self.knows_narrow.load(Ordering::Relaxed) {
-            return asked;
-        }
-        self.say_exact(asked.form());
-        Precision::Exact
+    /// What the daemon can be asked for.
+    pub(super) const fn forms(&self) -> &KnownForms {
+        &self.forms
     }
 
-    /// The daemon refused boxes in a narrow form, whatever version it said it was.
-    pub(super) fn note_narrow_refused(&self, form: BoxForm) {
-        self.knows_narrow.store(false, Ordering::Relaxed);
-        self.say_exact(form);
-    }
-
-    fn say_exact(&self, form: BoxForm) {
-        if !self.told_narrow.swap(true, Ordering::Relaxed) {
-            log::warn!("the daemon does not know {form} boxes: frames are exact");
-        }
-    }
-
-    /// Memory for so many bytes of boxes, all of it present.
+    /// Memory for so many bytes of objects, all of it present.
     pub(super) fn loan(self: &Arc<Self>, bytes: u64) -> Result<SharedFrame, FrameError> {
         let slot = Slot::take(self).ok_or(FrameError::TooManyFrames)?;
         let pages = pages_of(bytes);

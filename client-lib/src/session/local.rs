@@ -8,18 +8,65 @@ use super::pairs::{PairMask, ServedBy, Storage};
 use crate::aabb::Aabb;
 use crate::engine::{CpuEngines, CullError, CullWish, HeapReply};
 use crate::plan::CalibrationChoice;
+use crate::precision::ExpandScratch;
+use crate::sphere::{Sphere, SphereWays};
 use crate::units::BoxCount;
-use crate::wire::Reply;
+use crate::wire::{Objects, Reply};
 
 /// Buffers that are kept: two frames under way, one being filled, and as many masks held.
 const KEPT_BUFFERS: usize = 4;
 
 /// Engines and spare buffers of one session.
 pub(super) struct Local {
-    engines: Mutex<CpuEngines>,
-    replies: Mutex<Vec<HeapReply>>,
-    boxes: Mutex<Vec<Vec<Aabb>>>,
+    engines: Mutex<Engines>,
+    replies: Shelf<HeapReply>,
+    spares: Spares,
     last_pairs: Mutex<Option<u64>>,
+}
+
+/// The engines for boxes, and the ways from spheres to them.
+struct Engines {
+    boxes: CpuEngines,
+    spheres: SphereWays,
+}
+
+/// Spare memory for the objects of frames.
+#[derive(Default)]
+pub(super) struct Spares {
+    pub boxes: Shelf<Vec<Aabb>>,
+    pub spheres: Shelf<Vec<Sphere>>,
+}
+
+/// A few things that wait to be used again.
+pub(super) struct Shelf<T>(Mutex<Vec<T>>);
+
+impl<T> Default for Shelf<T> {
+    fn default() -> Self {
+        Self(Mutex::new(Vec::with_capacity(KEPT_BUFFERS)))
+    }
+}
+
+impl<T: Default> Shelf<T> {
+    fn take(&self) -> T {
+        lock(&self.0).pop().unwrap_or_default()
+    }
+
+    /// Keeps a thing, unless there are enough.
+    pub(super) fn give(&self, item: T) {
+        let mut kept = lock(&self.0);
+        if kept.len() < KEPT_BUFFERS {
+            kept.push(item);
+        }
+    }
+}
+
+impl<T: Clone + Default> Shelf<Vec<T>> {
+    /// Memory for `n` things, contents unspecified.
+    pub(super) fn take_sized(&self, n: BoxCount) -> Vec<T> {
+        let mut things = self.take();
+        things.resize(n.len(), T::default());
+        things
+    }
 }
 
 impl std::fmt::Debug for Local {
@@ -36,46 +83,48 @@ pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 impl Local {
     pub(super) fn new(calibration: &CalibrationChoice) -> Self {
         let (calibration, _) = calibration.resolve();
+        let boxes = CpuEngines::with_calibration(calibration);
         Self {
-            engines: Mutex::new(CpuEngines::with_calibration(calibration)),
-            replies: Mutex::new(Vec::with_capacity(KEPT_BUFFERS)),
-            boxes: Mutex::new(Vec::with_capacity(KEPT_BUFFERS)),
+            engines: Mutex::new(Engines { boxes, spheres: SphereWays::default() }),
+            replies: Shelf::default(),
+            spares: Spares::default(),
             last_pairs: Mutex::default(),
         }
     }
 
-    pub(super) fn take_boxes(&self, n: BoxCount) -> Vec<Aabb> {
-        let mut boxes = lock(&self.boxes).pop().unwrap_or_default();
-        boxes.resize(n.len(), Aabb::default());
-        boxes
-    }
-
-    pub(super) fn give_boxes(&self, boxes: Vec<Aabb>) {
-        keep(&self.boxes, boxes);
+    pub(super) const fn spares(&self) -> &Spares {
+        &self.spares
     }
 
     pub(super) fn give_reply(&self, reply: HeapReply) {
-        keep(&self.replies, reply);
+        self.replies.give(reply);
     }
 
     /// Finds the pairs here and now.
     pub(super) fn cull(
         self: &Arc<Self>,
-        boxes: &[Aabb],
+        objects: Objects<'_>,
         written: Written,
         settings: &Settings,
     ) -> Result<PairMask, CullError> {
-        let mut memory = lock(&self.replies).pop().unwrap_or_default();
+        let mut memory = self.replies.take();
         let wish = CullWish {
             engine: settings.engine,
             encoding: settings.encoding,
             threads: settings.threads,
             last_pairs: *lock(&self.last_pairs),
         };
-        let answer = lock(&self.engines).cull(boxes, &wish, &mut memory)?;
+        let Engines { boxes, spheres } = &mut *lock(&self.engines);
+        let answer = match objects {
+            Objects::Boxes(narrow) => {
+                let mut scratch = ExpandScratch::default();
+                boxes.cull(narrow.expand(&mut scratch, true), &wish, &mut memory)
+            }
+            Objects::Spheres(these) => spheres.cull(boxes, these, &wish, &mut memory),
+        }?;
         *lock(&self.last_pairs) = Some(answer.report.pair_count);
         let reply = Reply {
-            box_count: BoxCount::new(boxes.len() as u32),
+            box_count: BoxCount::new(objects.len() as u32),
             engine: answer.engine,
             threads: answer.threads,
             report: answer.report,
@@ -83,12 +132,5 @@ impl Local {
         };
         let storage = Storage::Own { memory, home: Arc::clone(self) };
         Ok(PairMask::new(storage, &reply, ServedBy::InProcess, written))
-    }
-}
-
-fn keep<T>(shelf: &Mutex<Vec<T>>, item: T) {
-    let mut shelf = lock(shelf);
-    if shelf.len() < KEPT_BUFFERS {
-        shelf.push(item);
     }
 }

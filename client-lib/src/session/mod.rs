@@ -21,6 +21,7 @@ mod builder;
 mod core;
 mod error;
 mod estimate;
+mod forms;
 mod frame;
 mod link;
 mod local;
@@ -28,6 +29,7 @@ mod margin;
 mod narrow;
 mod pairs;
 mod pending;
+mod sphere;
 
 pub use builder::{Backend, SessionBuilder};
 pub use error::{ConnectError, FrameError, StatusError, WaitError};
@@ -36,6 +38,7 @@ pub use margin::{Kept, Margin, MarginError, MarginStats, Margined, MarginedError
 pub use narrow::NarrowFrame;
 pub use pairs::{FrameInfo, PairMask, ServedBy};
 pub use pending::PendingFrame;
+pub use sphere::SphereFrame;
 
 use std::sync::Arc;
 
@@ -99,6 +102,34 @@ impl Session {
         precision: Precision,
     ) -> Result<NarrowFrame, FrameError> {
         self.core.narrow_frame(n, precision)
+    }
+
+    /// As [`frame`](Self::frame), for bounding spheres, 16 bytes each, in place of boxes. The mask is
+    /// that of the spheres, exact: [`sphere`](crate::sphere) says what overlaps.
+    ///
+    /// A daemon that is too old to know spheres is no daemon for them: with [`Backend::Auto`] their
+    /// frames are answered in process, which the log says once for each connection. Engines of a
+    /// GPU take no spheres: where one is asked for by name, a frame of spheres fails.
+    ///
+    /// ```
+    /// use pairmask::{Backend, Session, Sphere};
+    ///
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// let mut session = Session::builder().backend(Backend::InProcess).connect()?;
+    /// let mut frame = session.sphere_frame(3)?;
+    /// for (i, slot) in frame.spheres_mut().iter_mut().enumerate() {
+    ///     *slot = Sphere::new([2.0 * i as f32, 0.0, 0.0], 1.0);
+    /// }
+    /// let mask = frame.submit()?.wait()?;
+    /// assert_eq!(mask.to_vec(), [(0, 1), (1, 2)], "touching counts");
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// As [`frame`](Self::frame), and [`FrameError::SpheresUnknown`] with [`Backend::Daemon`].
+    pub fn sphere_frame(&mut self, n: usize) -> Result<SphereFrame, FrameError> {
+        self.core.sphere_frame(n)
     }
 
     /// Who would serve the next frame, as far as known now.

@@ -1,7 +1,7 @@
 //! A frame whose boxes are written in a narrow form.
 
 use super::error::FrameError;
-use super::frame::{Frame, NarrowMemory};
+use super::frame::{Filling, NarrowMemory};
 use super::pending::PendingFrame;
 use crate::aabb::Aabb;
 use crate::precision::{BoxForm, Encoder, Precision};
@@ -14,24 +14,24 @@ use crate::units::BoxCount;
 /// to read it: boxes are rounded in the same way, so that the answer is the same.
 #[derive(Debug)]
 pub struct NarrowFrame {
-    frame: Frame,
+    filling: Filling<Aabb>,
     precision: Precision,
     encoder: Encoder,
 }
 
 impl NarrowFrame {
-    pub(super) fn new(frame: Frame, precision: Precision) -> Self {
-        Self { frame, precision, encoder: Encoder::new(&precision) }
+    pub(super) fn new(filling: Filling<Aabb>, precision: Precision) -> Self {
+        Self { filling, precision, encoder: Encoder::new(&precision) }
     }
 
     /// Boxes in this frame.
     pub const fn n(&self) -> BoxCount {
-        self.frame.n()
+        self.filling.n()
     }
 
     /// Whether the boxes lie in shared memory.
     pub const fn is_shared(&self) -> bool {
-        self.frame.is_shared()
+        self.filling.is_shared()
     }
 
     /// The precision that they are written with: the one asked for, or exact where the daemon does
@@ -52,7 +52,7 @@ impl NarrowFrame {
     #[inline]
     pub fn set(&mut self, index: usize, b: &Aabb) {
         let box_bytes = self.form().box_bytes();
-        match self.frame.narrow_memory() {
+        match self.filling.narrow_memory() {
             NarrowMemory::Bytes(bytes) => {
                 self.encoder.write_one(b, &mut bytes[index * box_bytes..][..box_bytes]);
             }
@@ -68,7 +68,7 @@ impl NarrowFrame {
     /// When `boxes` are not as many as the frame has.
     pub fn fill(&mut self, boxes: &[Aabb]) {
         assert_eq!(boxes.len(), self.n().len(), "as many boxes as the frame has");
-        match self.frame.narrow_memory() {
+        match self.filling.narrow_memory() {
             NarrowMemory::Bytes(bytes) => self.encoder.write(boxes, bytes),
             NarrowMemory::Expanded(out) => self.encoder.write_expanded(boxes, out),
         }
@@ -79,6 +79,6 @@ impl NarrowFrame {
     /// # Errors
     /// [`FrameError`]; the frame is given up then.
     pub fn submit(self) -> Result<PendingFrame, FrameError> {
-        self.frame.submit()
+        self.filling.submit()
     }
 }

@@ -7,10 +7,10 @@ use super::link::Slot;
 use super::local::Local;
 use crate::engine::{Census, EngineName, HeapReply, SkipMeter};
 use crate::mask::{Encoding, MaskShape, MaskView, Pairs, ParPairs, Words};
-use crate::precision::{BoxForm, Widening};
+use crate::precision::Widening;
 use crate::transport::{PendingResponse, ResponseSample, words_in};
 use crate::units::BoxCount;
-use crate::wire::{Reply, StageTimes};
+use crate::wire::{ObjectForm, Reply, StageTimes};
 
 /// Who answered a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,9 +48,10 @@ pub struct FrameInfo {
     pub times: StageTimes,
     /// Bytes of the mask.
     pub mask_bytes: u64,
-    /// Form of the boxes. Not the one that was asked for where the daemon is too old to know it.
-    pub form: BoxForm,
-    /// Bytes of the boxes in that form: what a daemon reads.
+    /// What the objects are, boxes or spheres, and their form. Boxes are not in the form that was
+    /// asked for where the daemon is too old to know it.
+    pub form: ObjectForm,
+    /// Bytes of the boxes or spheres in that form: what a daemon reads.
     pub box_bytes: u64,
     /// How far apart two boxes may be and still be a pair of this mask.
     pub widening: Widening,
@@ -142,7 +143,7 @@ impl PairMask {
             .expect("the shape was checked when the mask was made")
     }
 
-    /// Boxes of the frame.
+    /// Boxes or spheres of the frame.
     pub const fn n(&self) -> BoxCount {
         self.n
     }
@@ -162,7 +163,7 @@ impl PairMask {
         self.pair_count
     }
 
-    /// Whether boxes `a` and `b` overlap. One AND in a dense mask; a search in a sparse one.
+    /// Whether boxes (or spheres) `a` and `b` overlap. One AND in a dense mask; a search in a sparse one.
     pub fn contains(&self, a: u32, b: u32) -> bool {
         self.view().contains(a, b)
     }

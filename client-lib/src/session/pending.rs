@@ -5,14 +5,16 @@ use std::time::{Duration, Instant};
 
 use super::core::{Core, Loss};
 use super::error::{FrameError, WaitError};
-use super::frame::{FrameMemory, Written};
+use super::frame::Written;
 use super::link::{Received, SharedFrame, Slot, Unsent};
 use super::pairs::{PairMask, ServedBy, Storage};
+use crate::engine::CullError;
 use crate::mask::MaskView;
-use crate::precision::ExpandScratch;
-use crate::transport::{PendingResponse, ResponseSample, narrow_boxes_in, words_in};
+use crate::transport::{PendingResponse, ResponseSample, objects_in, words_in};
 use crate::units::BoxCount;
-use crate::wire::{PAGE_BYTES, Reply, ReplyError, ReplyFields, RequestHeader, StatusCode};
+use crate::wire::{
+    Objects, PAGE_BYTES, Page, Reply, ReplyError, ReplyFields, RequestHeader, StatusCode,
+};
 
 /// A frame that was submitted. Dropping it gives the answer up.
 pub struct PendingFrame {
@@ -79,9 +81,7 @@ impl PendingFrame {
             }
             Err(Unsent::Saved(shared)) => {
                 core.lose(&link, Loss::Died)?;
-                let mut scratch = ExpandScratch::default();
-                let memory = FrameMemory::Shared(shared);
-                let mask = core.cull_here(memory.boxes(n, written.form, &mut scratch), written)?;
+                let mask = cull_shared(&core, shared.loan.payload(), n, written)?;
                 Ok(Self::ready(mask, core))
             }
             Err(Unsent::Lost(error)) => {
@@ -175,11 +175,10 @@ impl Sent {
                 .map_err(|_| ReplyError::Malformed { field: "mask" })?;
             Ok(reply)
         });
-        if let Err(ReplyError::Status { status: StatusCode::BadRequest, .. }) = checked
-            && self.written.form.is_narrow()
-        {
-            // This frame is answered here where that is allowed, and the next is exact.
-            self.slot.link().note_narrow_refused(self.written.form);
+        if let Err(ReplyError::Status { status: StatusCode::BadRequest, .. }) = checked {
+            // This frame is answered here where that is allowed, and the next is not asked for in
+            // a form that the daemon may not know.
+            self.slot.link().forms().note_refused(self.written.form);
         }
         match checked {
             Ok(reply) => {
@@ -212,12 +211,21 @@ impl Sent {
     }
 
     fn cull_here(&self, core: &Core) -> Result<PairMask, WaitError> {
-        let mut scratch = ExpandScratch::default();
         let pages = self.pending.payload();
-        let boxes = narrow_boxes_in(pages, 0, self.written.form, self.asked.box_count);
-        let boxes = boxes.map_or(&[][..], |boxes| boxes.expand(&mut scratch, true));
-        Ok(core.cull_here(boxes, self.written)?)
+        Ok(cull_shared(core, pages, self.asked.box_count, self.written)?)
     }
+}
+
+/// Finds the pairs of the objects in a request's memory here.
+fn cull_shared(
+    core: &Core,
+    pages: &[Page],
+    n: BoxCount,
+    written: Written,
+) -> Result<PairMask, CullError> {
+    let objects = objects_in(pages, 0, written.form, n);
+    // The memory was lent for exactly these objects: there is no other case.
+    core.cull_here(objects.unwrap_or(Objects::Spheres(&[])), written)
 }
 
 /// Errors of the daemon that this process may not have.
@@ -227,7 +235,7 @@ const fn is_passing(status: StatusCode, written: Written) -> bool {
         | StatusCode::OutOfMemory
         | StatusCode::EngineUnavailable
         | StatusCode::EngineFailed => true,
-        StatusCode::BadRequest => written.form.is_narrow(),
+        StatusCode::BadRequest => written.form.since_minor() > 0,
         _ => false,
     }
 }

@@ -36,9 +36,16 @@ const DENSE_SPHERES: usize = 512;
 /// ```
 #[derive(Default)]
 pub struct SphereEngines {
+    ways: SphereWays,
+    boxes: CpuEngines,
+}
+
+/// The ways to find pairs of spheres, for those who have box engines already: sessions and daemons
+/// answer frames of boxes and of spheres with the same ones.
+#[derive(Default)]
+pub struct SphereWays {
     all_pairs: SphereAllPairs,
     filter: SphereFilter,
-    boxes: CpuEngines,
 }
 
 impl SphereEngines {
@@ -57,6 +64,29 @@ impl SphereEngines {
         wish: &CullWish,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
+        self.ways.cull(&mut self.boxes, spheres, wish, reply)
+    }
+}
+
+impl SphereWays {
+    /// Finds the pairs of `spheres`. Where there are many, `boxes` finds the candidates among their
+    /// bounds.
+    ///
+    /// # Errors
+    /// [`CullError`], among them an engine that is not one of the CPU's.
+    pub fn cull(
+        &mut self,
+        boxes: &mut CpuEngines,
+        spheres: &[Sphere],
+        wish: &CullWish,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullAnswer, CullError> {
+        if let EngineChoice::Only(engine) = wish.engine
+            && engine.is_gpu()
+        {
+            let why = "spheres are culled by the engines of the CPU";
+            return Err(CullError::Unavailable { engine, why });
+        }
         let encoding = match wish.encoding {
             EncodingChoice::Only(encoding) => encoding,
             EncodingChoice::Auto if spheres.len() <= DENSE_SPHERES => Encoding::Dense,
@@ -67,7 +97,7 @@ impl SphereEngines {
             EngineChoice::Only(engine) => engine == EngineName::CpuBrute,
         };
         if !all_pairs {
-            return self.filter.cull(&mut self.boxes, spheres, wish, encoding, reply);
+            return self.filter.cull(boxes, spheres, wish, encoding, reply);
         }
         let start = Instant::now();
         let pool = rayon::current_num_threads();

@@ -75,17 +75,25 @@ impl SphereFilter {
         let words = self.candidates.words();
         let candidates = Candidates::of(&answer.report.shape, words, &mut self.identity, n.get());
         let parts = part_count(candidates.bits.len(), TASK_WORDS, answer.threads);
-        self.tasks.resize_with(parts, Task::default);
-        for (part, task) in self.tasks.iter_mut().enumerate() {
+        if self.tasks.len() < parts {
+            // Never fewer: the number of words, and of parts, changes from frame to frame.
+            self.tasks.resize_with(parts, Task::default);
+        }
+        let (tasks, idle) = self.tasks.split_at_mut(parts);
+        // What has nothing to do for two frames gives its memory back.
+        for task in idle {
+            task.found.clear();
+        }
+        for (part, task) in tasks.iter_mut().enumerate() {
             let border = |part: usize| candidates.bits.len() * part / parts;
             task.words = border(part)..border(part + 1);
         }
         let balls = self.balls.as_slice();
         let run = |tasks: &mut [Task]| tasks.iter_mut().for_each(|t| t.run(&candidates, balls));
-        in_parts(self.tasks.as_mut_slice(), parts, &run, &|(), ()| ());
+        in_parts(&mut *tasks, parts, &run, &|(), ()| ());
         let filtered_at = Instant::now();
 
-        let sinks = self.tasks.iter().map(|task| &task.found);
+        let sinks = tasks.iter().map(|task| &task.found);
         let shape = publish(sinks, candidates.order, encoding, parts > 1, reply)?;
         let zero_words = zero_words(n, &shape);
         let mut times = answer.times;
@@ -96,7 +104,7 @@ impl SphereFilter {
         let report = CullReport {
             shape,
             census: answer.report.census,
-            pair_count: self.tasks.iter().map(|task| task.found.pair_count()).sum(),
+            pair_count: tasks.iter().map(|task| task.found.pair_count()).sum(),
             skipped: SkipMeter { zero_words, ..answer.report.skipped },
             times: crate::engine::EngineTimes {
                 ingest_ns: times.ingest_ns,

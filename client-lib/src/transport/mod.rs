@@ -18,7 +18,7 @@ pub use liveness::ProcessWatch;
 pub use memory::{PopulateError, Populated, populate};
 pub use pages::{
     assume_pages, assume_response_pages, boxes_in, boxes_in_mut, bytes_in_mut, narrow_boxes_in,
-    words_in, words_in_mut,
+    objects_in, spheres_in, spheres_in_mut, words_in, words_in_mut,
 };
 pub use services::{
     ActiveRequest, Client, ClientNode, ClientPort, DaemonNode, FRAMES_AT_A_TIME, JANITOR_INTERVAL,

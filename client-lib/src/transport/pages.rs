@@ -1,11 +1,14 @@
-//! Pages as boxes and words.
+//! Pages as boxes, spheres and words.
 #![allow(unsafe_code)]
 
+use bytemuck::{AnyBitPattern, Pod};
+
 use super::services::{RequestLoan, ResponseLoan, UninitRequest, UninitResponse};
-use crate::aabb::{AABB_BYTES, Aabb};
+use crate::aabb::Aabb;
 use crate::precision::{BoxForm, NarrowBoxes};
+use crate::sphere::Sphere;
 use crate::units::BoxCount;
-use crate::wire::Page;
+use crate::wire::{ObjectForm, Objects, Page};
 
 /// A fresh loan for a request, as pages that hold something.
 pub fn assume_pages(loan: UninitRequest) -> RequestLoan {
@@ -22,15 +25,33 @@ pub fn assume_response_pages(loan: UninitResponse) -> ResponseLoan {
 
 /// The boxes at `offset` bytes into a payload, or `None` where they are not all within it.
 pub fn boxes_in(pages: &[Page], offset: usize, n: BoxCount) -> Option<&[Aabb]> {
-    let bytes: &[u8] = bytemuck::cast_slice(pages);
-    let end = offset.checked_add(n.len().checked_mul(AABB_BYTES)?)?;
-    bytemuck::try_cast_slice(bytes.get(offset..end)?).ok()
+    plain_in(pages, offset, n)
 }
 
 /// As [`boxes_in`] from the start of the payload, to be written.
 pub fn boxes_in_mut(pages: &mut [Page], n: BoxCount) -> Option<&mut [Aabb]> {
+    plain_in_mut(pages, n)
+}
+
+/// The spheres at `offset` bytes into a payload, or `None` where they are not all within it.
+pub fn spheres_in(pages: &[Page], offset: usize, n: BoxCount) -> Option<&[Sphere]> {
+    plain_in(pages, offset, n)
+}
+
+/// As [`spheres_in`] from the start of the payload, to be written.
+pub fn spheres_in_mut(pages: &mut [Page], n: BoxCount) -> Option<&mut [Sphere]> {
+    plain_in_mut(pages, n)
+}
+
+fn plain_in<T: AnyBitPattern>(pages: &[Page], offset: usize, n: BoxCount) -> Option<&[T]> {
+    let bytes: &[u8] = bytemuck::cast_slice(pages);
+    let end = offset.checked_add(n.len().checked_mul(size_of::<T>())?)?;
+    bytemuck::try_cast_slice(bytes.get(offset..end)?).ok()
+}
+
+fn plain_in_mut<T: Pod>(pages: &mut [Page], n: BoxCount) -> Option<&mut [T]> {
     let bytes: &mut [u8] = bytemuck::cast_slice_mut(pages);
-    bytemuck::try_cast_slice_mut(bytes.get_mut(..n.len().checked_mul(AABB_BYTES)?)?).ok()
+    bytemuck::try_cast_slice_mut(bytes.get_mut(..n.len().checked_mul(size_of::<T>())?)?).ok()
 }
 
 /// As [`boxes_in`], for boxes of any form.
@@ -40,9 +61,22 @@ pub fn narrow_boxes_in(
     form: BoxForm,
     n: BoxCount,
 ) -> Option<NarrowBoxes<'_>> {
+    match objects_in(pages, offset, form.into(), n)? {
+        Objects::Boxes(boxes) => Some(boxes),
+        Objects::Spheres(_) => None,
+    }
+}
+
+/// As [`boxes_in`], for boxes of any form, or spheres.
+pub fn objects_in(
+    pages: &[Page],
+    offset: usize,
+    form: ObjectForm,
+    n: BoxCount,
+) -> Option<Objects<'_>> {
     let bytes: &[u8] = bytemuck::cast_slice(pages);
     let end = offset.checked_add(usize::try_from(form.bytes(n)).ok()?)?;
-    NarrowBoxes::new(form, bytes.get(offset..end)?)
+    Objects::new(form, bytes.get(offset..end)?)
 }
 
 /// The first bytes of a payload, to be written.

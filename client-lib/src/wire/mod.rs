@@ -6,12 +6,14 @@
 //! header is copied once, validated ([`Request::parse`], [`Reply::parse`]), and only the
 //! validated form is used.
 
+mod objects;
 mod page;
 mod reply;
 mod request;
 mod section;
 mod status;
 
+pub use objects::{ObjectForm, Objects};
 pub use page::{PAGE_BYTES, Page, page_count};
 pub use reply::{
     Reply, ReplyError, ReplyFields, ResponseHeader, StageTimes, response_error, response_ok,
@@ -24,9 +26,11 @@ pub use status::{AuditCounts, LAST_ERRORS, RecordedError, StatusBody, StatusCode
 /// Major version: a daemon answers only its own. Raised when an old reader would misread.
 pub const VERSION_MAJOR: u16 = 1;
 /// Minor version: raised when something is added that old readers may ignore.
-pub const VERSION_MINOR: u16 = 1;
+pub const VERSION_MINOR: u16 = 2;
 /// Minor version from which daemons know boxes in narrow forms.
 pub const NARROW_BOXES_MINOR: u16 = 1;
+/// Minor version from which daemons know spheres.
+pub const SPHERES_MINOR: u16 = 2;
 
 /// "PMRQ" in memory order. A wrong magic means that the writer is not a pairmask client at all.
 pub const REQUEST_MAGIC: u32 = u32::from_le_bytes(*b"PMRQ");

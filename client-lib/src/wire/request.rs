@@ -3,12 +3,12 @@
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 
+use super::objects::ObjectForm;
 use super::section::{SECTION_COUNT, Section};
 use super::status::StatusCode;
 use super::{REQUEST_MAGIC, VERSION_MAJOR, VERSION_MINOR, Version};
 use crate::engine::{EngineChoice, EngineName};
 use crate::mask::{Encoding, EncodingChoice};
-use crate::precision::BoxForm;
 use crate::units::BoxCount;
 
 /// Header of a request, 272 bytes.
@@ -30,7 +30,7 @@ pub struct RequestHeader {
     pub client_token: u64,
     /// The client's number of this frame, echoed in the response.
     pub frame: u64,
-    /// Boxes in the scene.
+    /// Boxes or spheres in the scene.
     pub box_count: u32,
     /// An [`EngineName`], or 0 for the plan's choice.
     pub engine: u32,
@@ -57,7 +57,7 @@ impl Default for RequestHeader {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Operation {
-    /// Find the overlapping pairs of the boxes.
+    /// Find the overlapping pairs of the boxes or spheres.
     Cull = 1,
     /// Tell how the daemon does.
     Status = 2,
@@ -68,13 +68,13 @@ pub enum Operation {
 pub enum Request {
     /// Find pairs.
     Cull {
-        /// Boxes in the scene.
+        /// Boxes or spheres in the scene.
         box_count: BoxCount,
-        /// Their form.
-        form: BoxForm,
-        /// Offset of the boxes in the payload, bytes; `form.bytes(box_count)` bytes from there
+        /// Which of the two, and their form.
+        form: ObjectForm,
+        /// Offset of the objects in the payload, bytes; `form.bytes(box_count)` bytes from there
         /// are within the payload.
-        boxes_offset: usize,
+        offset: usize,
         /// Which engine.
         engine: EngineChoice,
         /// Which encoding.
@@ -125,11 +125,13 @@ pub enum Reject {
         /// The kind.
         found: u32,
     },
-    /// The boxes' section is missing, doubled (in whatever forms), of the wrong length or outside
-    /// the payload.
-    #[error("the section of boxes does not hold {box_count} boxes within {payload_bytes} bytes")]
-    Boxes {
-        /// Boxes announced.
+    /// The section of boxes or spheres is missing, doubled (in whatever forms), of the wrong length
+    /// or outside the payload.
+    #[error(
+        "the section of boxes or spheres does not hold {box_count} of them within {payload_bytes} bytes"
+    )]
+    Objects {
+        /// Boxes or spheres announced.
         box_count: u32,
         /// Bytes of the payload.
         payload_bytes: u64,
@@ -159,16 +161,17 @@ impl RequestHeader {
         }
     }
 
-    /// A request to cull the `box_count` boxes of a form at the start of the payload.
+    /// A request to cull the `box_count` objects of a form at the start of the payload.
     pub fn cull(
         client_token: u64,
         frame: u64,
         box_count: BoxCount,
-        form: BoxForm,
+        form: impl Into<ObjectForm>,
         engine: EngineChoice,
         encoding: EncodingChoice,
         threads: Option<usize>,
     ) -> Self {
+        let form = form.into();
         let mut header = Self {
             box_count: box_count.get(),
             engine: match engine {
@@ -205,9 +208,8 @@ impl Request {
             let found = Version { major: header.version_major, minor: header.version_minor };
             return Err(Reject::Version { found });
         }
-        let is_known = |kind| BoxForm::ALL.into_iter().any(|form| form.section() as u32 == kind);
         let unknown =
-            |s: &&Section| s.is_used() && s.flags & Section::REQUIRED != 0 && !is_known(s.kind);
+            |s: &&Section| s.is_used() && s.flags & Section::REQUIRED != 0 && form_of(s).is_none();
         if let Some(section) = header.sections.iter().find(unknown) {
             return Err(Reject::UnknownSection { found: section.kind });
         }
@@ -232,15 +234,15 @@ impl Request {
             }
         };
         let box_count = BoxCount::new(header.box_count);
-        let wrong = Reject::Boxes { box_count: header.box_count, payload_bytes };
-        let (form, section) = find_boxes(&header.sections).ok_or(wrong)?;
+        let wrong = Reject::Objects { box_count: header.box_count, payload_bytes };
+        let (form, section) = find_objects(&header.sections).ok_or(wrong)?;
         if section.bytes != form.bytes(box_count) || !section.fits(payload_bytes) {
             return Err(wrong);
         }
         Ok(Self::Cull {
             box_count,
             form,
-            boxes_offset: usize::try_from(section.offset).map_err(|_| wrong)?,
+            offset: usize::try_from(section.offset).map_err(|_| wrong)?,
             engine,
             encoding,
             threads: (header.threads != 0).then_some(header.threads as usize),
@@ -248,9 +250,14 @@ impl Request {
     }
 }
 
-/// The one section of boxes, or `None` where there is none, or more than one of whatever forms.
-fn find_boxes(sections: &[Section; SECTION_COUNT]) -> Option<(BoxForm, Section)> {
-    let form_of = |s: &Section| BoxForm::ALL.into_iter().find(|f| f.section() as u32 == s.kind);
+/// The form of the objects in a section, or `None` where it holds something else.
+fn form_of(section: &Section) -> Option<ObjectForm> {
+    ObjectForm::ALL.into_iter().find(|form| form.section() as u32 == section.kind)
+}
+
+/// The one section of boxes or spheres, or `None` where there is none, or more than one of whatever
+/// forms.
+fn find_objects(sections: &[Section; SECTION_COUNT]) -> Option<(ObjectForm, Section)> {
     let mut found = sections.iter().filter_map(|s| Some((form_of(s)?, *s)));
     let first = found.next()?;
     found.next().is_none().then_some(first)

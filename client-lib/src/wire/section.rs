@@ -47,6 +47,8 @@ pub enum SectionKind {
     BoxesQ8 = 9,
     /// Boxes, six IEEE halves, 12 bytes each, in object order.
     BoxesF16 = 10,
+    /// Spheres, four f32, 16 bytes each, in object order.
+    Spheres = 11,
 }
 
 impl Section {

@@ -123,8 +123,10 @@ pub struct StatusBody {
     pub last_errors: [RecordedError; LAST_ERRORS],
     /// What the auditor found.
     pub audit: AuditCounts,
+    /// Spheres in those frames (since 1.2; zero before).
+    pub spheres: u64,
     /// Zero.
-    pub reserved: [u64; 2],
+    pub reserved: u64,
 }
 
 impl StatusBody {

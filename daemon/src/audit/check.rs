@@ -3,6 +3,7 @@
 use pairmask::oracle::{Corners, Pair};
 
 use super::window::Window;
+use crate::study::spheres::oracle;
 
 /// What a check found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -19,17 +20,26 @@ pub struct Outcome {
 
 /// Compares every row of a window with every column after it.
 pub fn check(window: &Window) -> Outcome {
-    let columns: Vec<(u32, Corners)> =
-        window.columns().map(|(position, one)| (position, Corners::of(one))).collect();
+    if window.spheres().is_empty() {
+        let corners: Vec<Corners> = window.boxes().iter().map(Corners::of).collect();
+        compare(window, &corners, Corners::overlap)
+    } else {
+        compare(window, window.spheres(), oracle::overlap)
+    }
+}
+
+/// `objects` are those of the rows, then those of the columns.
+fn compare<T>(window: &Window, objects: &[T], overlap: impl Fn(&T, &T) -> bool) -> Outcome {
+    let span = window.span();
+    let (rows, columns) = objects.split_at(span.rows.len().min(objects.len()));
     let mut outcome = Outcome::default();
-    for (row, (position, one)) in window.rows().enumerate() {
-        let one = Corners::of(one);
-        for (column, (other_position, other)) in columns.iter().enumerate() {
-            if *other_position <= position {
+    for (row, (position, one)) in span.rows.clone().zip(rows).enumerate() {
+        for (column, (other_position, other)) in span.columns.clone().zip(columns).enumerate() {
+            if other_position <= position {
                 continue;
             }
             outcome.pairs += 1;
-            let (is, said) = (one.overlap(other), window.has(row, column));
+            let (is, said) = (overlap(one, other), window.has(row, column));
             if is != said {
                 outcome.missed += u64::from(is);
                 outcome.extra += u64::from(said);
@@ -44,17 +54,21 @@ pub fn check(window: &Window) -> Outcome {
 mod tests {
     use std::collections::BTreeSet;
 
-    use pairmask::engine::{BruteForce, CullJob, Engine, Grid, HeapReply};
+    use pairmask::engine::{BruteForce, CullJob, CullWish, Engine, Grid, HeapReply};
     use pairmask::mask::{MaskShape, MaskView};
     use pairmask::oracle::truth;
-    use pairmask::{Aabb, BoxCount, Encoding};
+    use pairmask::{Aabb, BoxCount, Encoding, EncodingChoice};
 
-    use super::super::window::{MOST_TESTS, Span2};
     use pairmask::precision::NarrowBoxes;
+    use pairmask::sphere::SphereEngines;
+    use pairmask::wire::Objects;
+
+    use super::super::window::{Reach, Span2};
 
     use super::*;
     use crate::sabotage::lose_a_pair;
     use crate::scene::Random;
+    use crate::stress::SphereCase;
     use crate::stress::scenes;
 
     fn frame(
@@ -71,7 +85,7 @@ mod tests {
     fn audit(boxes: &[Aabb], span: Span2, shape: &MaskShape, reply: &[u32]) -> Outcome {
         let mut window = Window::default();
         window.take_mask(boxes.len() as u32, span, shape, reply);
-        window.take_boxes(NarrowBoxes::F32(boxes));
+        window.take_objects(Objects::Boxes(NarrowBoxes::F32(boxes)));
         check(&window)
     }
 
@@ -98,7 +112,7 @@ mod tests {
                             let outcome = audit(&boxes, span, &report.shape, reply.words());
                             assert_eq!((outcome.missed, outcome.extra), (0, 0), "{scene:?}, {n}");
                         }
-                        let whole = Span2::draw(n, &mut random);
+                        let whole = Span2::draw(n, Reach::BOXES, &mut random);
                         let outcome = audit(&boxes, whole, &report.shape, reply.words());
                         assert_eq!(outcome.pairs, BoxCount::new(n).pair_count());
                     }
@@ -142,18 +156,20 @@ mod tests {
     #[test]
     fn windows_of_large_frames_are_bounded_and_reach_everywhere() {
         let mut random = Random::new(4);
-        for n in [2_049, 5_000, 40_000, 1_000_000, u32::MAX] {
-            let (mut low, mut high) = (u32::MAX, 0);
-            for _ in 0..2_000 {
-                let span = Span2::draw(n, &mut random);
-                assert!(span.rows.end <= n && span.columns.end <= n && !span.rows.is_empty());
-                assert_eq!(span.columns.start % 32, 0);
-                let tests = span.rows.len() as u64 * span.columns.len() as u64;
-                assert!(tests <= MOST_TESTS, "{span:?}");
-                low = low.min(span.rows.start);
-                high = high.max(span.columns.end);
+        for reach in [Reach::BOXES, Reach::SPHERES] {
+            for n in [2_049, 5_000, 40_000, 1_000_000, u32::MAX] {
+                let (mut low, mut high) = (u32::MAX, 0);
+                for _ in 0..2_000 {
+                    let span = Span2::draw(n, reach, &mut random);
+                    assert!(span.rows.end <= n && span.columns.end <= n && !span.rows.is_empty());
+                    assert_eq!(span.columns.start % 32, 0);
+                    let tests = span.rows.len() as u64 * span.columns.len() as u64;
+                    assert!(tests <= reach.tests, "{span:?}");
+                    low = low.min(span.rows.start);
+                    high = high.max(span.columns.end);
+                }
+                assert!(low < n / 10 && high > n - n / 10, "{n}: {low} to {high}");
             }
-            assert!(low < n / 10 && high > n - n / 10, "{n}: {low} to {high}");
         }
     }
 
@@ -166,7 +182,7 @@ mod tests {
             for encoding in [Encoding::Dense, Encoding::Sparse] {
                 let (reply, report) = frame(engine.as_mut(), &boxes, encoding);
                 for _ in 0..3 {
-                    let span = Span2::draw(5_000, &mut random);
+                    let span = Span2::draw(5_000, Reach::BOXES, &mut random);
                     let outcome = audit(&boxes, span, &report.shape, reply.words());
                     assert_eq!((outcome.missed, outcome.extra), (0, 0));
                     pairs += outcome.pairs;
@@ -174,5 +190,40 @@ mod tests {
             }
         }
         assert!(pairs > 1_000_000, "{pairs} pairs were compared");
+    }
+
+    #[test]
+    fn spheres_are_held_to_their_own_oracle() {
+        let mut random = Random::new(6);
+        let mut engines = SphereEngines::new();
+        let mut lost = 0;
+        for seed in 0..60 {
+            let SphereCase { spheres, .. } = SphereCase::new(seed);
+            let n = spheres.len() as u32;
+            for encoding in [Encoding::Dense, Encoding::Sparse] {
+                let wish =
+                    CullWish { encoding: EncodingChoice::Only(encoding), ..CullWish::default() };
+                let mut reply = HeapReply::new();
+                let mut report = engines.cull(&spheres, &wish, &mut reply).expect("memory").report;
+                let mut words = reply.words().to_vec();
+                let span = Span2::draw(n, Reach::SPHERES, &mut random);
+                let whole = u64::from(n) <= 256;
+                let audit = |shape: &MaskShape, words: &[u32]| {
+                    let mut window = Window::default();
+                    window.take_mask(n, span.clone(), shape, words);
+                    window.take_objects(Objects::Spheres(&spheres));
+                    check(&window)
+                };
+                let outcome = audit(&report.shape, &words);
+                assert_eq!((outcome.missed, outcome.extra), (0, 0), "case {seed}");
+                assert!(!whole || outcome.pairs == BoxCount::new(n).pair_count());
+                let before = report.pair_count;
+                lose_a_pair(&mut words, &mut report);
+                let missed = audit(&report.shape, &words).missed;
+                assert!(!whole || missed == before - report.pair_count, "case {seed}");
+                lost += missed;
+            }
+        }
+        assert!(lost > 50, "{lost} lost pairs were found");
     }
 }

@@ -6,9 +6,11 @@
 //! windows, frames that are drawn are counted as skipped. Other frames cost one random number.
 //!
 //! Up to 2,048 boxes the window is the whole frame. Beyond, it is some rows against some columns of
-//! the mask, drawn at random, since comparing all pairs naively takes longer than frames do.
+//! the mask, drawn at random, since comparing all pairs naively takes longer than frames do. Spheres
+//! are compared in exact rational arithmetic, a microsecond a pair: up to 256 of them the window is
+//! the whole frame, and a larger frame's window has a 64th of the pairs that one of boxes has.
 //!
-//! The boxes are read when the reply is on its way: a client that writes to a frame which it has
+//! The boxes or spheres are read when the reply is on its way: a client that writes to a frame which it has
 //! submitted may spoil its own audit.
 //!
 //! ```text
@@ -25,4 +27,4 @@ mod window;
 pub use check::{Outcome, check};
 pub use rate::{AuditRate, BadRate};
 pub use thread::Auditor;
-pub use window::{MOST_TESTS, Span2, Window};
+pub use window::{Reach, Span2, Window};

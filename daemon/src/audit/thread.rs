@@ -7,12 +7,11 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
 use pairmask::mask::MaskShape;
-use pairmask::precision::NarrowBoxes;
-use pairmask::wire::{AuditCounts, ReplyFields};
+use pairmask::wire::{AuditCounts, ObjectForm, Objects, ReplyFields};
 
 use super::check::{Outcome, check};
 use super::rate::AuditRate;
-use super::window::{Span2, Window};
+use super::window::{Reach, Span2, Window};
 use crate::scene::Random;
 
 /// Windows in circulation: one being checked while the next is filled.
@@ -85,6 +84,7 @@ impl Auditor {
     pub fn draw(
         &mut self,
         fields: &ReplyFields,
+        form: ObjectForm,
         shape: &MaskShape,
         reply: &[u32],
     ) -> Option<Box<Window>> {
@@ -97,18 +97,18 @@ impl Auditor {
             return None;
         };
         let n = fields.box_count.get();
-        let span = Span2::draw(n, &mut running.random);
+        let span = Span2::draw(n, Reach::of(form), &mut running.random);
         window.take_mask(n, span, shape, reply);
         (window.client_token, window.frame) = (fields.client_token, fields.frame);
         Some(window)
     }
 
-    /// Copies the boxes of a window and has it checked.
-    pub fn submit(&mut self, mut window: Box<Window>, boxes: NarrowBoxes<'_>) {
+    /// Copies the objects of a window and has it checked.
+    pub fn submit(&mut self, mut window: Box<Window>, objects: Objects<'_>) {
         let Some(full) = self.running.as_ref().and_then(|running| running.full.as_ref()) else {
             return;
         };
-        window.take_boxes(boxes);
+        window.take_objects(objects);
         // There is room for all windows; a thread that panicked takes none.
         let _ = full.try_send(window);
     }

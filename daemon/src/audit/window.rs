@@ -3,19 +3,36 @@
 use std::ops::Range;
 
 use pairmask::mask::{MaskShape, Span};
-use pairmask::precision::NarrowBoxes;
-use pairmask::{Aabb, BoxCount, pair_index};
+use pairmask::wire::{ObjectForm, Objects};
+use pairmask::{Aabb, BoxCount, Sphere, pair_index};
 
 use crate::scene::Random;
 
-/// Most pairs of a window: 256 KiB of bits, and some 10 ms of the oracle.
-pub const MOST_TESTS: u64 = 1 << 21;
+/// How much of a frame a window may hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Reach {
+    /// Most pairs of a window.
+    pub tests: u64,
+    /// Most columns of a window, a multiple of 32.
+    columns: u32,
+    /// Objects of which every pair is checked: they have no more than `tests`.
+    whole_frame: u32,
+}
 
-/// Most columns of a window, a multiple of 32: their boxes are 0.8 MB.
-const MOST_COLUMNS: u32 = 1 << 15;
+impl Reach {
+    /// Of boxes: 256 KiB of bits, 0.8 MB of columns, and some 10 ms of the oracle.
+    pub const BOXES: Self = Self { tests: 1 << 21, columns: 1 << 15, whole_frame: 2048 };
+    /// Of spheres, whose oracle takes a microsecond a pair: some 30 ms of it.
+    pub const SPHERES: Self = Self { tests: 1 << 15, columns: 1 << 12, whole_frame: 256 };
 
-/// Boxes of which every pair is checked: 2048² = [`MOST_TESTS`].
-const WHOLE_FRAME: u32 = 2048;
+    /// Of objects of a form.
+    pub const fn of(form: ObjectForm) -> Self {
+        match form {
+            ObjectForm::Boxes(_) => Self::BOXES,
+            ObjectForm::Spheres => Self::SPHERES,
+        }
+    }
+}
 
 /// Rows and columns, as positions in the mask's order.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -29,12 +46,12 @@ pub struct Span2 {
 impl Span2 {
     /// Draws rows and columns of n positions. Engines that sort boxes put most pairs near the
     /// diagonal, so every other window starts there.
-    pub fn draw(n: u32, random: &mut Random) -> Self {
-        if n <= WHOLE_FRAME {
+    pub fn draw(n: u32, reach: Reach, random: &mut Random) -> Self {
+        if n <= reach.whole_frame {
             return Self { rows: 0..n, columns: 0..n };
         }
-        let columns = n.min(MOST_COLUMNS);
-        let rows = (MOST_TESTS / u64::from(columns)).min(u64::from(n)) as u32;
+        let columns = n.min(reach.columns);
+        let rows = (reach.tests / u64::from(columns)).min(u64::from(n)) as u32;
         let first_row = random.below(u64::from(n - rows) + 1) as u32;
         let last = n - columns;
         let near = random.below(2) == 0;
@@ -61,10 +78,12 @@ pub struct Window {
     /// One bit for every row and column, rows padded to words. Columns not after their row are
     /// unspecified.
     bits: Vec<u32>,
-    /// Box index at each row, then at each column.
+    /// Index of the object at each row, then at each column.
     indices: Vec<u32>,
-    /// The boxes of those.
+    /// The boxes of those; none in a frame of spheres.
     boxes: Vec<Aabb>,
+    /// The spheres of those; none in a frame of boxes.
+    spheres: Vec<Sphere>,
     /// Whose frame it was, for the log.
     pub client_token: u64,
     /// Which of its frames.
@@ -72,7 +91,7 @@ pub struct Window {
 }
 
 impl Window {
-    /// Copies the bits of a span from a mask of `n` boxes.
+    /// Copies the bits of a span from a mask of `n` objects.
     pub fn take_mask(&mut self, n: u32, span: Span2, shape: &MaskShape, reply: &[u32]) {
         self.span = span;
         self.bits.clear();
@@ -99,11 +118,20 @@ impl Window {
         }
     }
 
-    /// Copies the boxes, as their form defines them; one that is not there is empty.
-    pub fn take_boxes(&mut self, boxes: NarrowBoxes<'_>) {
+    /// Copies the objects, boxes as their form defines them; one that is not there is empty.
+    pub fn take_objects(&mut self, objects: Objects<'_>) {
         self.boxes.clear();
-        let one = |index: &u32| boxes.get(*index as usize).unwrap_or(Aabb::EMPTY);
-        self.boxes.extend(self.indices.iter().map(one));
+        self.spheres.clear();
+        let indices = self.indices.iter().map(|index| *index as usize);
+        match objects {
+            Objects::Boxes(boxes) => {
+                self.boxes.extend(indices.map(|i| boxes.get(i).unwrap_or(Aabb::EMPTY)));
+            }
+            Objects::Spheres(spheres) => {
+                let one = |i: usize| spheres.get(i).copied().unwrap_or(Sphere::EMPTY);
+                self.spheres.extend(indices.map(one));
+            }
+        }
     }
 
     fn take_dense(&mut self, n: BoxCount, mask: &[u32]) {
@@ -144,14 +172,19 @@ impl Window {
         }
     }
 
-    /// The rows: position and box.
-    pub(super) fn rows(&self) -> impl Iterator<Item = (u32, &Aabb)> {
-        self.span.rows.clone().zip(&self.boxes)
+    /// Which rows and columns.
+    pub(super) const fn span(&self) -> &Span2 {
+        &self.span
     }
 
-    /// The columns: position and box.
-    pub(super) fn columns(&self) -> impl Iterator<Item = (u32, &Aabb)> {
-        self.span.columns.clone().zip(self.boxes.get(self.span.rows.len()..).unwrap_or_default())
+    /// The boxes of the rows, then of the columns; none in a frame of spheres.
+    pub(super) fn boxes(&self) -> &[Aabb] {
+        &self.boxes
+    }
+
+    /// The spheres of the rows, then of the columns; none in a frame of boxes.
+    pub(super) fn spheres(&self) -> &[Sphere] {
+        &self.spheres
     }
 
     /// Whether the mask had the pair of the `row`-th row and the `column`-th column of the window.
@@ -160,7 +193,7 @@ impl Window {
         word >> (column % 32) & 1 == 1
     }
 
-    /// The boxes of a pair of the window, lower index first.
+    /// The objects of a pair of the window, lower index first.
     pub(super) fn pair(&self, row: usize, column: usize) -> (u32, u32) {
         let (a, b) = (self.indices[row], self.indices[self.span.rows.len() + column]);
         (a.min(b), a.max(b))

@@ -46,7 +46,7 @@ impl CliError {
     /// The exit status.
     pub const fn exit_code(&self) -> u8 {
         match self {
-            Self::Config(_) => USAGE,
+            Self::Config(_) | Self::Cull(CullCommandError::AboutBoxes { .. }) => USAGE,
             _ => FAILED,
         }
     }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::output::{OutputError, print_json, print_text};
-use super::raw_boxes::{RawBoxes, RawBoxesError};
+use super::raw_objects::{RawBoxes, RawObjectsError};
 use crate::explain::{ExplainError, Explanation, SentBoxes};
 use crate::precision::PrecisionChoice;
 
@@ -40,7 +40,7 @@ pub struct Explain {
 #[derive(Debug, thiserror::Error)]
 pub enum ExplainCommandError {
     #[error(transparent)]
-    Boxes(#[from] RawBoxesError),
+    Boxes(#[from] RawObjectsError),
     #[error("{}: {source}", path.display())]
     Pair { path: PathBuf, source: ExplainError },
     #[error(transparent)]

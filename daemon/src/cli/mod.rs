@@ -14,7 +14,7 @@ mod explain;
 mod options;
 mod output;
 mod percentiles;
-mod raw_boxes;
+mod raw_objects;
 mod scene;
 mod serve;
 mod status;

@@ -99,6 +99,8 @@ struct DaemonReport {
     frames: u64,
     /// Boxes in those frames.
     boxes: u64,
+    /// Spheres in those frames.
+    spheres: u64,
     /// Pairs in those frames.
     pairs: u64,
     /// Requests answered with an error.
@@ -203,9 +205,13 @@ impl InstanceReport {
             writeln!(text, "  {problem}")?;
         }
         let Some(daemon) = &self.daemon else { return Ok(()) };
-        let DaemonReport { clients, frames, boxes, pairs, errors, uptime_ns, .. } = daemon;
+        let DaemonReport { clients, frames, boxes, spheres, pairs, errors, uptime_ns, .. } = daemon;
         writeln!(text, "  serving for {}, {clients} clients", time_text(*uptime_ns))?;
-        writeln!(text, "  {frames} frames, {boxes} boxes, {pairs} pairs, {errors} errors")?;
+        let spheres = if *spheres == 0 { String::new() } else { format!(" {spheres} spheres,") };
+        writeln!(
+            text,
+            "  {frames} frames, {boxes} boxes,{spheres} {pairs} pairs, {errors} errors"
+        )?;
         if let Some(AuditReport { one_in, frames, skipped, pairs, missed, extra }) = &daemon.audit {
             writeln!(
                 text,
@@ -239,6 +245,7 @@ impl DaemonReport {
             clients: body.client_count.saturating_sub(1),
             frames: body.frames,
             boxes: body.boxes,
+            spheres: body.spheres,
             pairs: body.pairs,
             errors: body.errors,
             last_errors: body

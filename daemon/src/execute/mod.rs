@@ -2,6 +2,7 @@
 
 pub mod gpu;
 mod gpu_service;
+mod spheres;
 
 pub use gpu_service::{GpuFrame, GpuService, Owner};
 
@@ -13,6 +14,7 @@ use pairmask::engine::{
 };
 use pairmask::plan::{Calibration, GpuCost, Plan};
 use pairmask::precision::{ExpandScratch, NarrowBoxes};
+use pairmask::sphere::SphereWays;
 
 /// A frame with its plan.
 #[derive(Debug)]
@@ -110,13 +112,14 @@ impl CpuSide {
 /// All engines that this daemon has.
 pub struct Executor {
     cpu: CpuSide,
+    spheres: SphereWays,
     gpu: Option<GpuService>,
 }
 
 impl Executor {
     /// The CPU engines, and the GPU's if there is one.
     pub fn new(gpu: Option<GpuService>) -> Self {
-        Self { cpu: CpuSide::default(), gpu }
+        Self { cpu: CpuSide::default(), spheres: SphereWays::default(), gpu }
     }
 
     /// The same engines, whose plans compute with `calibration`.

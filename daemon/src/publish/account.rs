@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use pairmask::wire::{
-    AuditCounts, LAST_ERRORS, RecordedError, ReplyFields, StatusBody, StatusCode,
+    AuditCounts, LAST_ERRORS, ObjectForm, RecordedError, ReplyFields, StatusBody, StatusCode,
 };
 
 /// Counters since the worker began to serve.
@@ -22,9 +22,13 @@ impl Account {
         Self { start: Instant::now(), body, last_pairs, capacity: max_clients.max(1) }
     }
 
-    pub(super) fn note_frame(&mut self, fields: &ReplyFields, pair_count: u64) {
+    pub(super) fn note_frame(&mut self, fields: &ReplyFields, form: ObjectForm, pair_count: u64) {
         self.body.frames += 1;
-        self.body.boxes += u64::from(fields.box_count.get());
+        let objects = match form {
+            ObjectForm::Boxes(_) => &mut self.body.boxes,
+            ObjectForm::Spheres => &mut self.body.spheres,
+        };
+        *objects += u64::from(fields.box_count.get());
         self.body.pairs = self.body.pairs.saturating_add(pair_count);
         let mut known = self.last_pairs.iter_mut();
         if let Some((_, pairs)) = known.find(|(token, _)| *token == fields.client_token) {

@@ -3,9 +3,8 @@
 use std::time::Instant;
 
 use pairmask::engine::CullAnswer;
-use pairmask::precision::NarrowBoxes;
 use pairmask::wire::{
-    ReplyFields, ResponseHeader, StageTimes, response_error, response_ok, response_status,
+    Objects, ReplyFields, ResponseHeader, StageTimes, response_error, response_ok, response_status,
 };
 
 use super::Failure;
@@ -20,8 +19,8 @@ use crate::sabotage::lose_a_pair;
 pub(super) enum Said<'a> {
     /// The daemon's status, which the reply holds.
     Status,
-    /// The pairs of these boxes, whose mask the reply holds.
-    Answer(NarrowBoxes<'a>, CullAnswer),
+    /// The pairs of these objects, whose mask the reply holds.
+    Answer(Objects<'a>, CullAnswer),
 }
 
 /// What every answer passes.
@@ -44,15 +43,18 @@ impl Desk {
         let mut audited = None;
         let response = match said {
             Ok(Said::Status) => response_status(fields),
-            Ok(Said::Answer(boxes, mut answer)) => {
+            Ok(Said::Answer(objects, mut answer)) => {
                 if self.break_engine {
                     lose_a_pair(reply.words_mut(), &mut answer.report);
                 }
                 let shape = &answer.report.shape;
-                audited = self.auditor.draw(fields, shape, reply.words()).zip(Some(boxes));
+                audited = self
+                    .auditor
+                    .draw(fields, objects.form(), shape, reply.words())
+                    .zip(Some(objects));
                 let total_ns = start.elapsed().as_nanos() as u64;
                 let times = StageTimes { total_ns, ..answer.times };
-                self.account.note_frame(fields, answer.report.pair_count);
+                self.account.note_frame(fields, objects.form(), answer.report.pair_count);
                 response_ok(fields, answer.engine, answer.threads, &answer.report, &times)
             }
             Err(failure) => {
@@ -63,9 +65,9 @@ impl Desk {
         };
         send(reply, &response);
         self.wake_board.wake(fields.client_token);
-        if let Some((window, boxes)) = audited {
-            // The boxes are ours to read as long as the request is.
-            self.auditor.submit(window, boxes);
+        if let Some((window, objects)) = audited {
+            // The objects are ours to read as long as the request is.
+            self.auditor.submit(window, objects);
         }
     }
 }

@@ -13,10 +13,10 @@ use pairmask::engine::{CullError, CullWish, ReserveError};
 use pairmask::precision::BoxForm;
 use pairmask::transport::{
     ActiveRequest, Limits, Populated, ResponseLoan, Services, WakeClient, narrow_boxes_in,
-    words_in_mut,
+    objects_in, words_in_mut,
 };
 use pairmask::units::BoxCount;
-use pairmask::wire::{PAGE_BYTES, Reject, ReplyFields, Request, StatusBody, StatusCode};
+use pairmask::wire::{Objects, PAGE_BYTES, Reject, ReplyFields, Request, StatusBody, StatusCode};
 
 use self::account::Account;
 use self::desk::{Desk, Said};
@@ -110,25 +110,38 @@ impl Publisher {
         };
         let mut reply = LoanReply::new(&active, &mut self.populated, self.max_reply_bytes);
         let said = match Request::parse(&header, payload_bytes) {
-            Ok(Request::Cull { box_count, form, boxes_offset, engine, encoding, threads }) => {
+            Ok(Request::Cull { box_count, form, offset, engine, encoding, threads }) => {
                 let last_pairs = self.desk.account.last_pairs(fields.client_token);
                 let wish = CullWish { engine, encoding, threads, last_pairs };
                 let owner = Owner::Client(active.origin().value());
-                let refused = Reject::Boxes { box_count: box_count.get(), payload_bytes };
-                let started = narrow_boxes_in(active.payload(), boxes_offset, form, box_count)
-                    .ok_or_else(|| Failure::from(refused))
-                    .and_then(|boxes| {
-                        Ok((boxes, self.executor.begin(boxes, owner, &wish, &mut reply)?))
-                    });
-                match started {
-                    Ok((_, Started::UnderWay(cull))) => {
-                        let loan = reply.into_loan();
-                        let frame = Frame { active, loan, cull, fields, form, boxes_offset, start };
-                        self.under_way.push_back(frame);
-                        return;
+                match objects_in(active.payload(), offset, form, box_count) {
+                    Some(Objects::Boxes(boxes)) => {
+                        match self.executor.begin(boxes, owner, &wish, &mut reply) {
+                            Ok(Started::UnderWay(cull)) => {
+                                let (loan, form) = (reply.into_loan(), boxes.form());
+                                self.under_way.push_back(Frame {
+                                    active,
+                                    loan,
+                                    cull,
+                                    fields,
+                                    form,
+                                    boxes_offset: offset,
+                                    start,
+                                });
+                                return;
+                            }
+                            Ok(Started::Answered(answer)) => {
+                                Ok(Said::Answer(Objects::Boxes(boxes), answer))
+                            }
+                            Err(error) => Err(error.into()),
+                        }
                     }
-                    Ok((boxes, Started::Answered(answer))) => Ok(Said::Answer(boxes, answer)),
-                    Err(failure) => Err(failure),
+                    Some(objects @ Objects::Spheres(spheres)) => self
+                        .executor
+                        .cull_spheres(spheres, &wish, &mut reply)
+                        .map(|answer| Said::Answer(objects, answer))
+                        .map_err(Failure::from),
+                    None => Err(refused(box_count, payload_bytes)),
                 }
             }
             Ok(Request::Status) => {
@@ -154,14 +167,18 @@ impl Publisher {
         let mut reply =
             LoanReply::new(&active, &mut self.populated, self.max_reply_bytes).with_loan(loan);
         let payload_bytes = (active.payload().len() * PAGE_BYTES) as u64;
-        let refused = Reject::Boxes { box_count: fields.box_count.get(), payload_bytes };
         let ended = narrow_boxes_in(active.payload(), boxes_offset, form, fields.box_count)
-            .ok_or_else(|| Failure::from(refused))
+            .ok_or_else(|| refused(fields.box_count, payload_bytes))
             .and_then(|boxes| Ok((boxes, self.executor.end(cull, boxes, &mut reply)?)));
-        let said = ended.map(|(boxes, answer)| Said::Answer(boxes, answer));
+        let said = ended.map(|(boxes, answer)| Said::Answer(Objects::Boxes(boxes), answer));
         self.desk.publish(&fields, reply, said, start);
         true
     }
+}
+
+/// The failure of a request whose objects are not all in its payload.
+fn refused(box_count: BoxCount, payload_bytes: u64) -> Failure {
+    Reject::Objects { box_count: box_count.get(), payload_bytes }.into()
 }
 
 /// A request that gets an error for an answer.

@@ -4,11 +4,13 @@ use std::collections::BTreeSet;
 
 use pairmask::Aabb;
 use pairmask_tests::oracle::{self, Pair};
+use pairmask_tests::spheres;
 use pairmask_tests::stress_scenes;
 
 use crate::support::{Place, daemon, keys, words};
 
-const FIELDS: [&str; 15] = [
+const FIELDS: [&str; 16] = [
+    "shape",
     "boxes",
     "pairs",
     "invalid",
@@ -93,7 +95,7 @@ fn pairs_and_masks_are_those_of_the_oracle() {
                 ])
                 .json();
             assert_eq!(keys(&report), BTreeSet::from(FIELDS));
-            assert_eq!(report["boxes"], n);
+            assert_eq!((&report["shape"], &report["boxes"]), (&"boxes".into(), &n.into()));
             assert_eq!(report["pairs"], truth.pairs.len());
             assert_eq!(report["invalid"], truth.census.invalid);
             assert_eq!(report["empty"], truth.census.empty);
@@ -105,6 +107,47 @@ fn pairs_and_masks_are_those_of_the_oracle() {
             assert_eq!(decode(&mask, n), truth.pairs, "{backend} {encoding}");
         }
     }
+}
+
+#[test]
+fn spheres_are_those_of_their_oracle() {
+    let place = Place::new();
+    let scene = spheres::hard_scene(300, 4);
+    let truth = spheres::truth(&scene);
+    assert!(truth.pairs.len() > 100 && truth.census.empty > 0 && truth.census.invalid > 0);
+    std::fs::write(place.file("spheres.f32"), bytemuck::cast_slice(&scene)).unwrap();
+    let cull = ["cull", "spheres.f32", "--shape", "spheres"];
+    for backend in ["--spawn", "--backend=in-process"] {
+        for (encoding, decode) in
+            [("dense", dense_pairs as fn(&[u32], u32) -> Vec<Pair>), ("sparse", sparse_pairs)]
+        {
+            let more = ["--encoding", encoding, "--pairs", "pairs", "--mask", "mask", "--json"];
+            let report = place.run(&[&cull[..], &[backend], &more].concat()).json();
+            assert_eq!(keys(&report), BTreeSet::from(FIELDS));
+            assert_eq!(
+                (&report["shape"], &report["boxes"]),
+                (&"spheres".into(), &scene.len().into())
+            );
+            assert_eq!(report["box_form"], "spheres");
+            assert_eq!(report["box_bytes"], 16 * scene.len());
+            assert_eq!(report["invalid"], truth.census.invalid);
+            assert_eq!(report["empty"], truth.census.empty);
+            let expected = if backend == "--spawn" { "daemon" } else { "in-process" };
+            assert_eq!(report["backend"], expected);
+            assert_eq!(pairs_of(&words(&place.file("pairs"))), truth.pairs, "{backend} {encoding}");
+            let mask = words(&place.file("mask"));
+            assert_eq!(decode(&mask, scene.len() as u32), truth.pairs, "{backend} {encoding}");
+        }
+    }
+    let text = place.run(&[&cull[..], &["--backend=in-process"]].concat()).stdout;
+    assert!(text.contains("spheres    300 ("), "{text}");
+    for (more, flag) in [(&["--explain"][..], "--explain"), (&["--precision=q8"], "--precision")] {
+        let finished = place.run(&[&cull[..], more].concat());
+        assert!(finished.error(2).contains(flag), "{finished:?}");
+    }
+    std::fs::write(place.file("odd"), [0; 24]).unwrap();
+    let finished = place.run(&["cull", "odd", "--shape", "spheres"]);
+    assert!(finished.error(1).contains("1 spheres of 16 bytes and 8 bytes more"), "{finished:?}");
 }
 
 #[test]

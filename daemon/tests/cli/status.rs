@@ -43,9 +43,19 @@ fn a_daemon_tells_what_it_did() {
     assert_eq!((&instance["instance"], &instance["state"]), (&"default".into(), &"alive".into()));
     assert_eq!(instance["pid"], daemon.record().unwrap().worker_pid);
     let told = &instance["daemon"];
-    let fields =
-        ["uptime_ns", "clients", "frames", "boxes", "pairs", "errors", "last_errors", "audit"];
+    let fields = [
+        "uptime_ns",
+        "clients",
+        "frames",
+        "boxes",
+        "spheres",
+        "pairs",
+        "errors",
+        "last_errors",
+        "audit",
+    ];
     assert_eq!(keys(told), BTreeSet::from(fields));
+    assert_eq!(told["spheres"], 0);
     assert_eq!(
         (&told["frames"], &told["boxes"], &told["pairs"]),
         (&3.into(), &12.into(), &18.into())
@@ -57,6 +67,11 @@ fn a_daemon_tells_what_it_did() {
     let text = status(&place, daemon.dir().path(), &[]);
     assert!(text.stdout.contains("default: alive"), "{text:?}");
     assert!(text.stdout.contains("3 frames, 12 boxes, 18 pairs"), "{text:?}");
+    let mut frame = session.sphere_frame(5).unwrap();
+    frame.spheres_mut().fill(pairmask::Sphere::EMPTY);
+    frame.submit().unwrap().wait().unwrap();
+    let text = status(&place, daemon.dir().path(), &[]);
+    assert!(text.stdout.contains("4 frames, 12 boxes, 5 spheres, 18 pairs"), "{text:?}");
     let other = status(&place, daemon.dir().path(), &["--instance", "other"]);
     assert_eq!(other.code, Some(1), "{other:?}");
 }

@@ -6,9 +6,9 @@
 //! * `pending` has two frames under way that nobody takes;
 //! * `truncate` cuts its own segment short while the daemon (stopped by the test) has a request;
 //!
-//! Two modes print what they find and end:
+//! Three modes print what they find and end:
 //!
-//! * `full` fills larger and larger frames until the memory runs out;
+//! * `full` fills larger and larger frames until the memory runs out, `full-spheres` such of spheres;
 //! * `connect` tells how the attempt to connect went.
 
 use std::error::Error;
@@ -17,7 +17,8 @@ use std::io::Write;
 use std::time::Duration;
 
 use pairmask::glam::Vec3;
-use pairmask::{Aabb, Backend, EngineChoice, Session};
+use pairmask::session::FrameError;
+use pairmask::{Aabb, Backend, EngineChoice, Session, Sphere};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mode = std::env::args().nth(1).unwrap_or_default();
@@ -31,8 +32,9 @@ fn main() -> Result<(), Box<dyn Error>> {
         return Ok(());
     }
     let mut session = connected?;
-    if mode == "full" {
-        println!("{}", fill_up(&mut session));
+    if mode == "full" || mode == "full-spheres" {
+        let fill = if mode == "full" { fill_boxes } else { fill_spheres };
+        println!("{}", fill_up(&mut session, fill));
         return Ok(());
     }
     let mut frame = session.frame(10)?;
@@ -65,16 +67,26 @@ fn main() -> Result<(), Box<dyn Error>> {
     ready(held)
 }
 
-/// Frames of twice as many boxes each, until one is refused.
-fn fill_up(session: &mut Session) -> pairmask::session::FrameError {
+/// Frames of twice as many objects each, until one is refused.
+fn fill_up(
+    session: &mut Session,
+    fill: fn(&mut Session, usize) -> Result<(), FrameError>,
+) -> FrameError {
     let mut n = 1000;
     loop {
-        match session.frame(n) {
-            Ok(mut frame) => frame.boxes_mut().fill(Aabb::EMPTY),
-            Err(error) => return error,
+        if let Err(error) = fill(session, n) {
+            return error;
         }
         n *= 2;
     }
+}
+
+fn fill_boxes(session: &mut Session, n: usize) -> Result<(), FrameError> {
+    session.frame(n).map(|mut frame| frame.boxes_mut().fill(Aabb::EMPTY))
+}
+
+fn fill_spheres(session: &mut Session, n: usize) -> Result<(), FrameError> {
+    session.sphere_frame(n).map(|mut frame| frame.spheres_mut().fill(Sphere::EMPTY))
 }
 
 /// Says so, and holds on until killed.

@@ -20,7 +20,7 @@ use super::target::Target;
 use crate::cli::config::Config;
 use crate::cli::options::{CullOptions, DaemonOptions, Place};
 use crate::cli::output::{OutputError, print_json, print_text, progress_bar};
-use crate::cli::raw_boxes::{RawBoxes, RawBoxesError};
+use crate::cli::raw_objects::{RawBoxes, RawObjectsError};
 use crate::precision::PrecisionChoice;
 use crate::scene::{Scene, SceneName};
 use crate::spawn::SpawnError;
@@ -132,7 +132,7 @@ impl FromStr for Wait {
 #[derive(Debug, thiserror::Error)]
 pub enum BenchError {
     #[error(transparent)]
-    Boxes(#[from] RawBoxesError),
+    Boxes(#[from] RawObjectsError),
     #[error(transparent)]
     Spawn(#[from] SpawnError),
     #[error(transparent)]

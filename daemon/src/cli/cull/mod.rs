@@ -1,15 +1,16 @@
-//! `cull`: the pairs of a file of boxes.
+//! `cull`: the pairs of a file of boxes or spheres.
 
 mod explain;
 mod files;
 mod report;
 
+use std::fmt;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use pairmask::session::{ConnectError, FrameError, WaitError};
-use pairmask::{Aabb, Backend, EngineName, PairMask, Session};
+use pairmask::{Aabb, Backend, EngineName, PairMask, PendingFrame, Session, Sphere};
 
 use self::explain::{Explanation, Planned};
 use self::files::FileError;
@@ -18,17 +19,18 @@ use self::report::{CullReport, Timings};
 use super::config::Config;
 use super::options::{CullOptions, DaemonOptions, Place};
 use super::output::{OutputError, print_json, print_text, spinner};
-use super::raw_boxes::{RawBoxes, RawBoxesError};
+use super::raw_objects::{RawBoxes, RawObjects, RawObjectsError};
 use crate::precision::PrecisionChoice;
 use crate::spawn::{PrivateDaemon, SpawnError};
 
 /// How long one frame may take. Any scene that fits into memory is done by then.
 const DEADLINE: Duration = Duration::from_secs(600);
 
-/// Find the overlapping pairs of a file of boxes
+/// Find the overlapping pairs of a file of boxes or spheres
 #[derive(Debug, Args)]
 #[command(after_help = "\
 A file of boxes holds little-endian f32, min.x min.y min.z max.x max.y max.z, 24 bytes a box.
+A file of spheres holds x y z radius, 16 bytes a sphere.
 Pairs are written as two little-endian u32 each, the lower index first, in ascending order.
 A dense mask is written as its u32 words; a sparse one as the order of its n boxes, then the rows
 of all its words, their blocks and their bits.
@@ -37,11 +39,12 @@ Examples:
   pairmaskd cull boxes.f32                            by the daemon, or in process without one
   pairmaskd cull boxes.f32 --spawn --pairs pairs.u32  by a daemon of its own
   generate | pairmaskd cull - --backend in-process --json
-  pairmaskd cull boxes.f32 --explain                  and say why this engine")]
+  pairmaskd cull boxes.f32 --explain                  and say why this engine
+  pairmaskd cull balls.f32 --shape spheres --json     pairs of bounding spheres")]
 pub struct Cull {
-    /// File of boxes, `-` for stdin
+    /// File of boxes or spheres, `-` for stdin
     #[arg(value_name = "FILE")]
-    boxes: PathBuf,
+    file: PathBuf,
     #[command(flatten)]
     options: CullOptions,
     #[command(flatten)]
@@ -49,6 +52,9 @@ pub struct Cull {
     /// Start a daemon for this call and stop it afterwards; --backend and --instance are not used
     #[arg(long)]
     spawn: bool,
+    /// What the file holds. Spheres are always told apart exactly, by engines of the CPU
+    #[arg(long, value_enum, default_value_t)]
+    shape: Shape,
     /// How precisely boxes are told apart: exact, q16, q8, f16 or margin=X. No pair is missed; all
     /// but exact may report pairs that are near
     #[arg(long, value_name = "MODE", default_value_t)]
@@ -67,11 +73,22 @@ pub struct Cull {
     json: bool,
 }
 
+/// What a file holds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+enum Shape {
+    #[default]
+    Boxes,
+    Spheres,
+}
+
 /// Why there are no pairs.
 #[derive(Debug, thiserror::Error)]
 pub enum CullCommandError {
+    /// The command line asks for two things that do not go together.
+    #[error("{flag} is about boxes: leave it out with --shape spheres")]
+    AboutBoxes { flag: &'static str },
     #[error(transparent)]
-    Boxes(#[from] RawBoxesError),
+    Objects(#[from] RawObjectsError),
     #[error(transparent)]
     Spawn(#[from] SpawnError),
     #[error(transparent)]
@@ -92,17 +109,24 @@ pub enum CullCommandError {
 impl Cull {
     /// Reads, culls, decodes, writes.
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), CullCommandError> {
-        let boxes = RawBoxes::open(&self.boxes)?;
+        let scene = self.open()?;
         let spawn = || PrivateDaemon::start_self(&self.daemon.private(place, config));
         let daemon = self.spawn.then(spawn).transpose()?;
         let mut session = self.connect(daemon.as_ref(), place, config)?;
 
-        let progress = spinner(&format!("{} boxes", boxes.len()));
-        let planner = self.explain.then(|| {
-            let (wish, calibration) = (self.options.wish(config), place.calibration(config));
-            move |boxes: &[Aabb]| Planned::new(boxes, &wish, &calibration)
-        });
-        let (mask, timings, planned) = cull(&mut session, boxes, self.precision, planner)?;
+        let progress = spinner(&scene.to_string());
+        let asked = match scene {
+            RawScene::Boxes(boxes) => {
+                let planner = self.explain.then(|| {
+                    let (wish, calibration) =
+                        (self.options.wish(config), place.calibration(config));
+                    move |boxes: &[Aabb]| Planned::new(boxes, &wish, &calibration)
+                });
+                ask_boxes(&mut session, boxes, self.precision, planner)
+            }
+            RawScene::Spheres(spheres) => ask_spheres(&mut session, spheres),
+        }?;
+        let Answered { mask, timings, planned } = answer(asked)?;
         progress.finish_and_clear();
 
         let explanation = planned.map(|planned| Explanation::new(&planned, &mask, timings.decode));
@@ -115,6 +139,21 @@ impl Cull {
         }
         if self.json { print_json(&report) } else { print_text(&report.to_string()) }?;
         Ok(())
+    }
+
+    fn open(&self) -> Result<RawScene, CullCommandError> {
+        match self.shape {
+            Shape::Boxes => Ok(RawScene::Boxes(RawObjects::open(&self.file)?)),
+            Shape::Spheres => {
+                let is_precise = self.precision == PrecisionChoice::Exact;
+                for (flag, allowed) in [("--precision", is_precise), ("--explain", !self.explain)] {
+                    if !allowed {
+                        return Err(CullCommandError::AboutBoxes { flag });
+                    }
+                }
+                Ok(RawScene::Spheres(RawObjects::open(&self.file)?))
+            }
+        }
     }
 
     fn connect(
@@ -134,32 +173,75 @@ impl Cull {
     }
 }
 
-/// The pairs of the boxes, what each stage took, and what was planned.
-fn cull(
+/// The file that was named.
+enum RawScene {
+    Boxes(RawBoxes),
+    Spheres(RawObjects<Sphere>),
+}
+
+impl fmt::Display for RawScene {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Boxes(boxes) => write!(f, "{} boxes", boxes.len()),
+            Self::Spheres(spheres) => write!(f, "{} spheres", spheres.len()),
+        }
+    }
+}
+
+/// A frame that was read and sent.
+struct Asked {
+    start: Instant,
+    read: Instant,
+    submitted: Instant,
+    frame: PendingFrame,
+    planned: Option<Planned>,
+}
+
+/// Its pairs, what each stage took, and what was planned.
+struct Answered {
+    mask: PairMask,
+    timings: Timings,
+    planned: Option<Planned>,
+}
+
+fn ask_boxes(
     session: &mut Session,
     boxes: RawBoxes,
     precision: PrecisionChoice,
     planner: Option<impl FnOnce(&[Aabb]) -> Planned>,
-) -> Result<(PairMask, Timings, Option<Planned>), CullCommandError> {
+) -> Result<Asked, CullCommandError> {
     let start = Instant::now();
-    let (read, planned, submitted, frame);
     if precision == PrecisionChoice::Exact {
         let mut exact = session.frame(boxes.len())?;
         boxes.read_into(exact.boxes_mut())?;
-        read = Instant::now();
-        planned = planner.map(|plan| plan(exact.boxes_mut()));
-        submitted = Instant::now();
-        frame = exact.submit()?;
-    } else {
-        let mut boxes = boxes.read()?;
-        precision.inflate(&mut boxes);
-        let mut narrow = session.narrow_frame(boxes.len(), precision.precision(&boxes))?;
-        narrow.fill(&boxes);
-        read = Instant::now();
-        planned = planner.map(|plan| plan(&boxes));
-        submitted = Instant::now();
-        frame = narrow.submit()?;
+        let read = Instant::now();
+        let planned = planner.map(|plan| plan(exact.boxes()));
+        let submitted = Instant::now();
+        return Ok(Asked { start, read, submitted, frame: exact.submit()?, planned });
     }
+    let mut boxes = boxes.read()?;
+    precision.inflate(&mut boxes);
+    let mut narrow = session.narrow_frame(boxes.len(), precision.precision(&boxes))?;
+    narrow.fill(&boxes);
+    let read = Instant::now();
+    let planned = planner.map(|plan| plan(&boxes));
+    let submitted = Instant::now();
+    Ok(Asked { start, read, submitted, frame: narrow.submit()?, planned })
+}
+
+fn ask_spheres(
+    session: &mut Session,
+    spheres: RawObjects<Sphere>,
+) -> Result<Asked, CullCommandError> {
+    let start = Instant::now();
+    let mut frame = session.sphere_frame(spheres.len())?;
+    spheres.read_into(frame.spheres_mut())?;
+    let read = Instant::now();
+    Ok(Asked { start, read, submitted: read, frame: frame.submit()?, planned: None })
+}
+
+fn answer(asked: Asked) -> Result<Answered, CullCommandError> {
+    let Asked { start, read, submitted, frame, planned } = asked;
     let mask = frame.wait()?;
     let answered = Instant::now();
     let mut decoded = 0;
@@ -176,5 +258,5 @@ fn cull(
         decode: end - answered,
         total: (end - submitted) + (read - start),
     };
-    Ok((mask, timings, planned))
+    Ok(Answered { mask, timings, planned })
 }

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::time::Duration;
 
-use pairmask::{PairMask, ServedBy};
+use pairmask::{ObjectForm, PairMask, ServedBy};
 use serde::Serialize;
 
 use super::explain::Explanation;
@@ -26,13 +26,15 @@ pub struct Timings {
 /// The JSON object of `cull --json`. Fields may be added, never changed or taken away.
 #[derive(Clone, Debug, Serialize)]
 pub struct CullReport {
-    /// Boxes in the file.
+    /// What the file holds: `boxes` or `spheres`.
+    pub shape: &'static str,
+    /// Boxes or spheres in the file.
     pub boxes: u32,
     /// Pairs that overlap.
     pub pairs: u64,
-    /// Boxes with a NaN.
+    /// Boxes with a NaN; spheres with a NaN or an infinite centre.
     pub invalid: u32,
-    /// Boxes with `min > max`.
+    /// Boxes with `min > max`; spheres with a radius below 0.
     pub empty: u32,
     /// Who found the pairs: `daemon` or `in-process`.
     pub backend: String,
@@ -45,7 +47,7 @@ pub struct CullReport {
     /// How precisely boxes were told apart: `exact`, `q16`, `q8`, `f16` or `margin=X`.
     pub precision: String,
     /// Form in which the boxes were sent: `f32`, `q16`, `q8` or `f16`. An old daemon knows `f32`
-    /// only, and is asked exactly.
+    /// only, and is asked exactly. `spheres` for spheres.
     pub box_form: String,
     /// Bytes of the boxes in that form.
     pub box_bytes: u64,
@@ -116,6 +118,10 @@ impl CullReport {
         let info = mask.info();
         let times = &info.times;
         Self {
+            shape: match info.form {
+                ObjectForm::Boxes(_) => "boxes",
+                ObjectForm::Spheres => "spheres",
+            },
             boxes: mask.n().get(),
             pairs: mask.count(),
             invalid: info.census.invalid,
@@ -151,8 +157,8 @@ impl CullReport {
 
 impl fmt::Display for CullReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { boxes, pairs, invalid, empty, stages_ns: stages, skipped, .. } = self;
-        writeln!(f, "boxes      {boxes} ({empty} empty, {invalid} invalid)")?;
+        let Self { shape, boxes, pairs, invalid, empty, stages_ns: stages, skipped, .. } = self;
+        writeln!(f, "{shape:<10} {boxes} ({empty} empty, {invalid} invalid)")?;
         writeln!(f, "pairs      {pairs}")?;
         writeln!(f, "engine     {} ({})", self.engine, self.backend)?;
         write!(f, "precision  {}, {} bytes as {}", self.precision, self.box_bytes, self.box_form)?;

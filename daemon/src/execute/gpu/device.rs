@@ -191,10 +191,10 @@ impl Gpu {
         };
         let mut queues = [Some(RoleQueue { family: queue_family, queue: raw_queue }), None, None];
         for (place, family) in queues.iter_mut().skip(1).zip(families) {
-            // SAFETY: the device was made with a queue of this family.
-            *place = family.map(|family| RoleQueue {
-                family,
-                queue: unsafe { raw.get_device_queue(family, 0) },
+            *place = family.map(|family| {
+                // SAFETY: the device was made with a queue of this family.
+                let queue = unsafe { raw.get_device_queue(family, 0) };
+                RoleQueue { family, queue }
             });
         }
         // SAFETY: `physical` is the adapter's handle, alive as long as the instance, which wgpu's

@@ -2,8 +2,8 @@
 //!
 //! A pure function of the boxes, so that the same boxes give the same bytes whatever came before.
 
-use pairmask::{Aabb, BoxClass};
 use pairmask::precision::NarrowBoxes;
+use pairmask::{Aabb, BoxClass};
 
 use super::axis::plain;
 

@@ -1,0 +1,126 @@
+//! Files of boxes or spheres: little-endian f32, `min.x min.y min.z max.x max.y max.z`, 24 bytes a
+//! box, or `x y z radius`, 16 bytes a sphere, nothing before, between or after them.
+
+use std::fs::File;
+use std::io::Read;
+use std::marker::PhantomData;
+use std::path::{Path, PathBuf};
+
+use bytemuck::Pod;
+use pairmask::{Aabb, Sphere};
+
+const _: () = assert!(cfg!(target_endian = "little"), "objects are read as they lie in the file");
+
+/// Name that stands for stdin.
+const STDIN: &str = "-";
+
+/// What a file may hold.
+pub trait RawObject: Pod + Default {
+    /// More than one of them, in words.
+    const PLURAL: &'static str;
+}
+
+impl RawObject for Aabb {
+    const PLURAL: &'static str = "boxes";
+}
+
+impl RawObject for Sphere {
+    const PLURAL: &'static str = "spheres";
+}
+
+/// Why a file cannot be read.
+#[derive(Debug, thiserror::Error)]
+pub enum RawObjectsError {
+    /// The system said no.
+    #[error("{}: {source}", path.display())]
+    Io { path: PathBuf, source: std::io::Error },
+    /// Its size is not a multiple of an object's.
+    #[error(
+        "{} has {bytes} bytes, which is {} {plural} of {each} bytes and {} bytes more: is it truncated, or no file of {plural}?",
+        path.display(), bytes / each, bytes % each
+    )]
+    OddSize { path: PathBuf, bytes: u64, each: u64, plural: &'static str },
+}
+
+/// A file of objects whose number is known, not yet read where that can wait.
+#[derive(Debug)]
+pub struct RawObjects<T> {
+    path: PathBuf,
+    len: usize,
+    source: Source,
+    objects: PhantomData<T>,
+}
+
+/// A file of boxes.
+pub type RawBoxes = RawObjects<Aabb>;
+
+#[derive(Debug)]
+enum Source {
+    /// A regular file: read straight to where the objects are wanted.
+    File(File),
+    /// A pipe: its size was only known at its end.
+    Bytes(Vec<u8>),
+}
+
+impl<T: RawObject> RawObjects<T> {
+    /// Opens a file, or stdin for `-`.
+    ///
+    /// # Errors
+    /// [`RawObjectsError`].
+    pub fn open(path: &Path) -> Result<Self, RawObjectsError> {
+        let failed = |source| RawObjectsError::Io { path: path.to_owned(), source };
+        let all_of = |mut stream: Box<dyn Read>| {
+            let mut bytes = Vec::new();
+            stream.read_to_end(&mut bytes).map(|_| bytes).map_err(failed)
+        };
+        let (bytes, source) = if path == Path::new(STDIN) {
+            let bytes = all_of(Box::new(std::io::stdin().lock()))?;
+            (bytes.len() as u64, Source::Bytes(bytes))
+        } else {
+            let file = File::open(path).map_err(failed)?;
+            let metadata = file.metadata().map_err(failed)?;
+            if metadata.is_file() {
+                (metadata.len(), Source::File(file))
+            } else {
+                let bytes = all_of(Box::new(file))?;
+                (bytes.len() as u64, Source::Bytes(bytes))
+            }
+        };
+        let (each, plural) = (size_of::<T>() as u64, T::PLURAL);
+        if !bytes.is_multiple_of(each) {
+            return Err(RawObjectsError::OddSize { path: path.to_owned(), bytes, each, plural });
+        }
+        let (path, len) = (path.to_owned(), (bytes / each) as usize);
+        Ok(Self { path, len, source, objects: PhantomData })
+    }
+
+    /// Number of objects.
+    pub const fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Reads the objects to where they are wanted: `objects` has room for [`RawObjects::len`] of
+    /// them.
+    ///
+    /// # Errors
+    /// [`RawObjectsError::Io`], also where the file has become shorter.
+    pub fn read_into(self, objects: &mut [T]) -> Result<(), RawObjectsError> {
+        let Self { path, source, .. } = self;
+        let memory: &mut [u8] = bytemuck::cast_slice_mut(objects);
+        match source {
+            Source::File(mut file) => file.read_exact(memory),
+            Source::Bytes(bytes) => bytes.as_slice().read_exact(memory),
+        }
+        .map_err(|source| RawObjectsError::Io { path, source })
+    }
+
+    /// Reads the objects into memory of their own.
+    ///
+    /// # Errors
+    /// As [`RawObjects::read_into`].
+    pub fn read(self) -> Result<Vec<T>, RawObjectsError> {
+        let mut objects = vec![T::default(); self.len()];
+        self.read_into(&mut objects)?;
+        Ok(objects)
+    }
+}

@@ -1,0 +1,109 @@
+//! Scenes of spheres, what the answer to them is, and sessions held to it.
+
+use pairmask::engine::{Census, CullReport, EngineTimes, NAMED_INVALID};
+use pairmask::oracle::check::{Mismatch, check_reply};
+use pairmask::oracle::{Pair, Truth};
+use pairmask::session::FrameInfo;
+use pairmask::{Encoding, PairMask, Session, Sphere};
+use pairmaskd::scene::Random;
+use pairmaskd::study::spheres::{families, oracle};
+
+/// `n` spheres where things go wrong: pairs that touch or miss touching by one ulp, all magnitudes,
+/// and all classes.
+pub fn hard_scene(n: usize, seed: u64) -> Vec<Sphere> {
+    let mut random = Random::new(seed ^ n as u64);
+    let mut spheres = Vec::with_capacity(n + 1);
+    while spheres.len() < n {
+        let family = families::ALL[random.below(families::ALL.len() as u64) as usize];
+        let (a, b) = (family.make)(&mut random);
+        spheres.extend([a, b]);
+    }
+    spheres.truncate(n);
+    for sphere in &mut spheres {
+        let axis = random.below(3) as usize;
+        match random.below(20) {
+            0 => *sphere = Sphere::EMPTY,
+            1 => sphere.radius = f32::NEG_INFINITY,
+            2 => sphere.radius = f32::NAN,
+            3 => sphere.center[axis] = f32::NAN,
+            4 => sphere.center[axis] = f32::INFINITY,
+            5 => sphere.radius = f32::INFINITY,
+            6 => sphere.radius = -0.0,
+            _ => {}
+        }
+    }
+    spheres
+}
+
+/// The answer for `spheres`, by exact rational arithmetic: some microseconds a pair.
+///
+/// # Panics
+/// With 2^32 spheres or more.
+pub fn truth(spheres: &[Sphere]) -> Truth {
+    Truth { pairs: oracle::pairs(spheres), census: census(spheres) }
+}
+
+fn census(spheres: &[Sphere]) -> Census {
+    let is_invalid = |s: &Sphere| !s.center.iter().all(|x| x.is_finite()) || s.radius.is_nan();
+    let invalid: Vec<u32> =
+        (0u32..).zip(spheres).filter(|(_, s)| is_invalid(s)).map(|(i, _)| i).collect();
+    let empty = spheres.iter().filter(|s| !is_invalid(s) && s.radius < 0.0).count();
+    let mut first_invalid = [0; NAMED_INVALID];
+    for (slot, index) in first_invalid.iter_mut().zip(&invalid) {
+        *slot = *index;
+    }
+    Census { invalid: invalid.len() as u32, empty: empty as u32, first_invalid }
+}
+
+/// `n` spheres of whole numbers in a cube of `side`, and their pairs in whole numbers: for scenes
+/// that are too large for [`truth`]. Many touch.
+pub fn whole_scene(n: usize, side: u64, seed: u64) -> (Vec<Sphere>, Truth) {
+    let mut random = Random::new(seed);
+    let whole: Vec<[i64; 4]> = (0..n)
+        .map(|_| {
+            let [x, y, z] = std::array::from_fn(|_| random.below(side) as i64);
+            [x, y, z, random.below(4) as i64]
+        })
+        .collect();
+    let overlap = |p: &[i64; 4], q: &[i64; 4]| {
+        let square = |x: i64| x * x;
+        (0..3).map(|axis| square(p[axis] - q[axis])).sum::<i64>() <= square(p[3] + q[3])
+    };
+    let mut pairs: Vec<Pair> = Vec::new();
+    for (a, p) in whole.iter().enumerate() {
+        let later = whole.iter().enumerate().skip(a + 1).filter(|(_, q)| overlap(p, q));
+        pairs.extend(later.map(|(b, _)| (a as u32, b as u32)));
+    }
+    let spheres = whole.iter().map(|s| Sphere::from(s.map(|x| x as f32))).collect();
+    (spheres, Truth { pairs, census: Census::default() })
+}
+
+/// Culls spheres.
+///
+/// # Panics
+/// When there is no answer.
+pub fn cull(session: &mut Session, spheres: &[Sphere]) -> PairMask {
+    let mut frame = session.sphere_frame(spheres.len()).expect("memory for a frame");
+    frame.spheres_mut().copy_from_slice(spheres);
+    frame.submit().expect("a frame is sent").wait().expect("a frame is answered")
+}
+
+/// Checks a mask with its report against the truth.
+///
+/// # Errors
+/// [`Mismatch`] says what is wrong.
+pub fn check_mask(mask: &PairMask, encoding: Encoding, truth: &Truth) -> Result<(), Mismatch> {
+    let FrameInfo { census, skipped, times, .. } = *mask.info();
+    let report = CullReport {
+        shape: *mask.shape(),
+        census,
+        pair_count: mask.count(),
+        skipped,
+        times: EngineTimes {
+            ingest_ns: times.ingest_ns,
+            execute_ns: times.execute_ns,
+            publish_ns: times.publish_ns,
+        },
+    };
+    check_reply(mask.reply_words(), &report, mask.n().get(), encoding, truth)
+}
