@@ -1,14 +1,18 @@
 //! `gpu-grid` through the conformance suite, against its mirror byte by byte, and at its limits.
 
+use std::time::Duration;
+
 use pairmask::engine::{CullError, CullJob, CullReport, Engine, Grid as CpuGrid, HeapReply};
 use pairmask::mask::MaskShape;
 use pairmask::precision::NarrowBoxes;
 use pairmask::{Aabb, Bounds, BoxCount, Encoding, Precision};
 use pairmask_tests::conformance::{Suite, check_engine, check_reply};
+use pairmask_tests::daemon::eventually;
 use pairmask_tests::gpu::open;
 use pairmask_tests::narrow::NarrowMemory;
 use pairmask_tests::oracle::{self, pair_set_hash};
 use pairmask_tests::{naive_decoder, stress_scenes};
+use pairmaskd::execute::gpu::awake::{Awake, DEFAULT_HOLD};
 use pairmaskd::execute::gpu::grid::mirror;
 use pairmaskd::execute::gpu::{Checks, Grid, GridOptions, HostImport, Upload};
 
@@ -238,6 +242,55 @@ fn frames_in_a_row_with_other_levels_do_not_mix() {
             assert_eq!(report.pair_count, counted, "{name}, round {round}");
         }
     }
+}
+
+/// A frame behind another has its boxes copied meanwhile. Forced, so that a device without a queue
+/// for copies does the same on the queue that it has.
+#[test]
+fn frames_behind_each_other_keep_to_their_own_boxes() {
+    let upload = Some(Upload::DmaCopy);
+    let mut engine = engine(&GridOptions { upload, ..GridOptions::default() });
+    let scenes = ["uniform", "clustered", "infinite"];
+    let scenes = scenes.map(|name| stress_scenes::named(name).boxes(1234, 6));
+    let truths = scenes.each_ref().map(|boxes| oracle::truth(boxes));
+    for round in 0..12 {
+        let turns = [round % 3, (round + 1) % 3];
+        let mut replies = [HeapReply::new(), HeapReply::new()];
+        let lanes = [0, 1].map(|lane: usize| {
+            let boxes = (&scenes[turns[lane]]).into();
+            engine.begin(boxes, Encoding::Sparse, &mut replies[lane]).expect("a free lane")
+        });
+        for ((lane, reply), turn) in lanes.into_iter().zip(&mut replies).zip(turns) {
+            let report = engine.end(lane, (&scenes[turn]).into(), reply).expect("a frame");
+            let truth = &truths[turn];
+            let checked = check_reply(reply.words(), &report, 1234, Encoding::Sparse, truth);
+            assert_eq!(checked, Ok(()), "round {round}");
+        }
+    }
+}
+
+#[test]
+fn a_device_is_kept_awake_while_frames_come_and_answers_them() {
+    let gpu = open(HostImport::IfPossible);
+    if gpu.info().is_software() {
+        let started = Awake::start(&gpu, DEFAULT_HOLD).expect("no fault");
+        assert!(started.is_none(), "it would take the cores that frames run on");
+    }
+    let awake = Awake::launch(&gpu, Duration::from_millis(1)).expect("a frame");
+    let mut engine = Grid::new(&gpu, &GridOptions::default()).expect("an engine");
+    let boxes = stress_scenes::named("uniform").boxes(1234, 6);
+    for _ in 0..5 {
+        awake.note_frame();
+        check_bytes(&mut engine, &boxes, "kept awake");
+    }
+    eventually("a dispatch ends", || (awake.dispatches() > 0).then_some(()));
+    eventually("it ends with the frames", || {
+        let before = awake.dispatches();
+        std::thread::sleep(Duration::from_secs(1));
+        (awake.dispatches() == before).then_some(())
+    });
+    drop(awake);
+    check_bytes(&mut engine, &boxes, "afterwards");
 }
 
 #[test]

@@ -75,9 +75,6 @@ mod tests {
         estimate.note(1000, MS);
         assert_eq!(estimate.nap(1000) + WAKE_MARGIN, MS);
         estimate.note(1000, 17 * MS);
-        assert_eq!(estimate.nap(1000) + WAKE_MARGIN, 2 * MS);
-        estimate.note(1000, 16 * MS);
-        estimate.note(5000, 16 * MS);
-        assert_eq!(estimate.nap(5000) + MS, 16 * MS, "a sixteenth is more than the margin");
+        assert_eq!(estimate.nap(1000), 2 * MS - 2 * MS / WAKE_SHARE, "more than the margin");
     }
 }

@@ -12,7 +12,7 @@ const STAGES: [&str; 6] =
 
 fn check_row(row: &Value, n: u32, backend: &str, wait: &str) {
     let mut fields = BTreeSet::from(["n", "backend", "wait", "engine", "frames"]);
-    fields.extend(["precision", "box_bytes", "requests"]);
+    fields.extend(["precision", "box_bytes", "requests", "decode_threads"]);
     fields.extend(STAGES);
     assert_eq!(keys(row), fields);
     assert_eq!((&row["n"], &row["frames"]), (&n.into(), &12.into()));

@@ -36,6 +36,7 @@ struct Shared {
     start: Instant,
     /// Microseconds after `start` until which dispatches follow each other.
     until_us: AtomicU64,
+    dispatches: AtomicU64,
     stop: AtomicBool,
 }
 
@@ -72,6 +73,7 @@ impl Awake {
         let shared = Arc::new(Shared {
             start: Instant::now(),
             until_us: AtomicU64::new(0),
+            dispatches: AtomicU64::new(0),
             stop: AtomicBool::new(false),
         });
         let theirs = Arc::clone(&shared);
@@ -81,6 +83,11 @@ impl Awake {
             .inspect_err(|error| log::warn!("the GPU's clocks may fall between frames: {error}"))
             .ok();
         Ok(Self { shared, hold_us: hold.as_micros() as u64, thread })
+    }
+
+    /// Dispatches that have ended so far.
+    pub fn dispatches(&self) -> u64 {
+        self.shared.dispatches.load(Ordering::Relaxed)
     }
 
     /// A frame has come or gone: the clocks are worth keeping up for a while.
@@ -130,6 +137,8 @@ fn keep_awake(mut frame: Frame, shared: &Shared) {
             // Of a lost device everybody hears; the next one gets a thread of its own.
             log::debug!("the GPU is not kept awake any more: {error}");
             return;
+        } else {
+            shared.dispatches.fetch_add(1, Ordering::Relaxed);
         }
     }
 }

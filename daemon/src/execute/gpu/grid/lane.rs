@@ -157,7 +157,7 @@ impl LaneState {
             let ingested = start.elapsed();
             let layout = tools.chooser.choose(boxes);
             let blocks = self.blocks(tools, &sizes, capacity, replaced)?;
-            blocks.written_layout.write(0, &[layout]);
+            blocks.layout.write(0, &[layout]);
             let way = BoxesWay { lie: &placed, ahead: ahead.as_ref() };
             self.submit(tools, sizes, capacity, &blocks, way, &mask.part)?;
             Ok(UnderWay { n, capacity, mask, blocks, start, ingested })

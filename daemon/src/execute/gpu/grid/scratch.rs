@@ -12,11 +12,10 @@ use crate::execute::gpu::growing::Growing;
 use crate::execute::gpu::memory::{Block, Home};
 
 /// Bytes of the levels.
-pub(super) const LAYOUT_BYTES: u64 = size_of::<GridLayout>() as u64;
+const LAYOUT_BYTES: u64 = size_of::<GridLayout>() as u64;
 
 /// All blocks between the stages.
 pub(super) struct Scratch {
-    written_layout: Growing,
     layout: Growing,
     table: Growing,
     control: Growing,
@@ -32,9 +31,7 @@ pub(super) struct Scratch {
 /// The blocks of one frame.
 #[derive(Clone)]
 pub(super) struct Blocks {
-    /// The levels as the CPU writes them.
-    pub(super) written_layout: Arc<Block>,
-    /// The levels as the stages read them: a copy, in video memory wherever the CPU can write.
+    /// The levels, which the CPU writes.
     pub(super) layout: Arc<Block>,
     pub(super) table: Arc<Block>,
     pub(super) control: Arc<Block>,
@@ -61,8 +58,7 @@ impl Scratch {
         // Written by the CPU each frame: into video memory where it can, else read from afar.
         let mapped = gpu.limits().mapped_video_memory;
         Self {
-            written_layout: Growing::new(if mapped { Home::MappedVideo } else { Home::Host }),
-            layout: Growing::new(Home::Video),
+            layout: Growing::new(if mapped { Home::MappedVideo } else { Home::Host }),
             table: Growing::new(Home::Video),
             control: Growing::new(Home::Video),
             records: Growing::new(Home::Video),
@@ -94,7 +90,6 @@ impl Scratch {
         *replaced |= *unclean;
         let mut block = |growing: &mut Growing, bytes| block(growing, bytes, replaced);
         Ok(Blocks {
-            written_layout: block(&mut self.written_layout, LAYOUT_BYTES)?,
             layout: block(&mut self.layout, LAYOUT_BYTES)?,
             table,
             control,

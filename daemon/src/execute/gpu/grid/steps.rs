@@ -6,7 +6,7 @@ use pairmask_shaders::layouts::GridParams;
 use pairmask_shaders::{GridStage, Stage};
 
 use super::plan::Sizes;
-use super::scratch::{Blocks, LAYOUT_BYTES};
+use super::scratch::Blocks;
 use crate::execute::gpu::error::GpuError;
 use crate::execute::gpu::frame::Command;
 use crate::execute::gpu::memory::{Block, Part};
@@ -27,15 +27,8 @@ pub(super) struct Recording<'a> {
 impl Recording<'_> {
     /// All steps, in order.
     pub(super) fn steps(&self, pipelines: &mut Pipelines) -> Result<Vec<Command>, GpuError> {
-        let b = self.blocks;
-        let copy = Command::Copy {
-            from: Part::of(&b.written_layout, 0, LAYOUT_BYTES),
-            to: Part::of(&b.layout, 0, LAYOUT_BYTES),
-        };
-        let stages = GridStage::of_frame(self.boxes.form)
-            .into_iter()
-            .map(|stage| self.step(pipelines, stage));
-        std::iter::once(Ok(copy)).chain(stages).collect()
+        let stages = GridStage::of_frame(self.boxes.form).into_iter();
+        stages.map(|stage| self.step(pipelines, stage)).collect()
     }
 
     fn step(&self, pipelines: &mut Pipelines, stage: GridStage) -> Result<Command, GpuError> {
