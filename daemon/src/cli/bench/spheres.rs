@@ -18,7 +18,7 @@ quadruples, scaled).
 Examples:
   pairmaskd bench spheres
   pairmaskd bench spheres --errors
-  pairmaskd bench spheres --errors 100000000     minutes
+  pairmaskd bench spheres --errors 100000000     half a minute on two cores
 
 Exit status: 1 where the library itself decided a pair wrongly.")]
 pub struct Spheres {
