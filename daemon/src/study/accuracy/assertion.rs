@@ -174,7 +174,11 @@ mod tests {
         assert_eq!(failures("memory<=1GiB,bytes_up<24001,p50<0.6ms"), 0);
         let plain = AccuracyRow { mode: PLAIN_F32.to_owned(), missed: 1, ..row() };
         let missed: Assertion = "missed=0".parse().unwrap_or_else(|e| panic!("{e}"));
-        assert_eq!(missed.failures(&[plain.clone()]).len(), 0, "a warning has no limits");
+        assert_eq!(
+            missed.failures(std::slice::from_ref(&plain)).len(),
+            0,
+            "a warning has no limits"
+        );
         let named = AccuracyRow { mode: "f64".to_owned(), ..plain };
         assert_eq!(missed.failures(&[named]).len(), 1);
         let unchecked = AccuracyRow { checked_frames: 0, ..row() };

@@ -5,9 +5,8 @@
 //! layout of a sphere.
 //!
 //! Where the eight numbers of a pair are of like magnitude, a coarser common denominator makes them
-//! whole within 64 bits and their squares within 128 ([`overlap_of_like`]); that is most pairs, and
-//! some twenty times as fast. All others take integers of any size ([`overlap_of_any`]), to which the
-//! tests hold the former.
+//! whole within 64 bits and their squares within 128; that is most pairs. All others take integers of
+//! any size, to which the tests hold the former.
 
 use num_bigint::{BigInt, BigUint};
 use pairmask::sphere::Sphere;
