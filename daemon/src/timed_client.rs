@@ -3,6 +3,8 @@
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
+use pairmask::engine::CullError;
+use pairmask::mask::MaskError;
 use pairmask::session::{FrameError, FrameInfo, Margined, MarginedError, WaitError};
 use pairmask::{Aabb, PairMask, Precision, Session};
 use rayon::ThreadPool;
@@ -99,6 +101,12 @@ pub enum TimedError {
     /// One or the other, with a margin.
     #[error(transparent)]
     Margined(#[from] MarginedError),
+    /// An engine without a session could not answer.
+    #[error(transparent)]
+    Cull(#[from] CullError),
+    /// An engine without a session wrote no mask.
+    #[error(transparent)]
+    Mask(#[from] MaskError),
     /// An engine is broken.
     #[error("a frame has {counted} pairs and its mask holds {decoded}: please report this")]
     Miscounted {
@@ -119,6 +127,28 @@ impl TimedClient {
             }
             narrow => Self::Narrow(session, narrow.precision(boxes)),
         }
+    }
+
+    /// A frame of `n` boxes that `write` writes where they are sent from. `look` gets the mask after
+    /// the clock has stopped.
+    ///
+    /// # Errors
+    /// [`TimedError`].
+    pub fn written_frame(
+        session: &mut Session,
+        n: usize,
+        write: impl FnOnce(&mut [Aabb]),
+        look: impl FnOnce(&PairMask),
+    ) -> Result<TimedFrame, TimedError> {
+        let start = Instant::now();
+        let mut frame = session.frame(n)?;
+        write(frame.boxes_mut());
+        let filled = Instant::now();
+        let mask = frame.submit()?.wait()?;
+        let times = [start, filled, Instant::now()];
+        let timed = decode(&mask, &Decoding::Serial, true, times)?;
+        look(&mask);
+        Ok(timed)
     }
 
     /// A frame of boxes. `look` gets the mask after the clock has stopped.
@@ -146,10 +176,8 @@ impl TimedClient {
         let start = Instant::now();
         let (pending, filled) = match self {
             Self::Exact(session) => {
-                let mut frame = session.frame(boxes.len())?;
-                frame.boxes_mut().copy_from_slice(boxes);
-                let filled = Instant::now();
-                (frame.submit()?, filled)
+                let copy = |to: &mut [Aabb]| to.copy_from_slice(boxes);
+                return Self::written_frame(session, boxes.len(), copy, look);
             }
             Self::Narrow(session, precision) => {
                 let mut frame = session.narrow_frame(boxes.len(), *precision)?;

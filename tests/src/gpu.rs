@@ -4,14 +4,18 @@ use std::sync::Arc;
 
 use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, Gpu, GpuChoice, HostImport};
 
+/// The GPU of the tests by name: what `PAIRMASK_TEST_GPU` says, by default the software adapter.
+pub fn choice() -> GpuChoice {
+    let choice = std::env::var("PAIRMASK_TEST_GPU").unwrap_or_else(|_| "software".into());
+    choice.parse().unwrap_or_default()
+}
+
 /// The GPU of the tests: what `PAIRMASK_TEST_GPU` names, by default the software adapter.
 ///
 /// # Panics
 /// Without an adapter: a GPU test that cannot run fails.
 pub fn open(host_import: HostImport) -> Arc<Gpu> {
-    let choice = std::env::var("PAIRMASK_TEST_GPU").unwrap_or_else(|_| "software".into());
-    let choice: GpuChoice = choice.parse().unwrap_or_default();
-    Gpu::open(&choice, host_import)
+    Gpu::open(&choice(), host_import)
         .unwrap_or_else(|error| panic!("the GPU tests need a Vulkan adapter: {error}"))
 }
 

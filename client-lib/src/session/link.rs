@@ -190,9 +190,9 @@ impl Link {
         Ok(Arc::clone(&sized.port))
     }
 
-    /// Takes note of how long a frame took.
-    pub(super) fn note_round_trip(&self, n: u32, round_trip: Duration) {
-        lock(&self.estimate).note(n, round_trip);
+    /// Takes note of how long the daemon took for a frame.
+    pub(super) fn note_frame(&self, n: u32, took: Duration) {
+        lock(&self.estimate).note(n, took);
     }
 
     /// Waits for the response to `pending` until `deadline`; `None` where it does not come.
@@ -212,13 +212,22 @@ impl Link {
         }
         let (nap, expected) = {
             let estimate = lock(&self.estimate);
-            (estimate.nap(n), estimate.round_trip(n))
+            (estimate.nap(n), estimate.expected(n))
         };
         if !spin.is_zero() {
             // By the system's fine clock. The listener's wait ends with a tick of the coarse one (1
             // to 10 ms): whoever naps by it is woken by the answer, 50 µs after it came.
             let wake_at = (sent + nap).min(deadline);
-            std::thread::sleep(wake_at.saturating_duration_since(Instant::now()));
+            loop {
+                let left = wake_at.saturating_duration_since(Instant::now());
+                if left.is_zero() {
+                    break;
+                }
+                std::thread::sleep(left.min(WAIT_SLICE));
+                if let Some(sample) = take(pending)? {
+                    return Ok(Received::Sample(sample));
+                }
+            }
             // A frame that is nearly there is worth more than the core: falling asleep just before
             // it comes costs a wake-up on each side, frame after frame.
             let spin_until = (Instant::now().max(sent + expected) + spin).min(deadline);

@@ -152,8 +152,8 @@ impl Sent {
         let n = self.asked.box_count.get();
         match self.slot.link().receive(&self.pending, self.at, n, spin, deadline) {
             Ok(Received::Sample(sample)) => {
-                self.slot.link().note_round_trip(n, self.at.elapsed());
-                self.accept(sample, core)
+                let answered_after = self.at.elapsed();
+                self.accept(sample, answered_after, core)
             }
             Ok(Received::Nothing) => Err((WaitError::Timeout { waited: timeout }, Some(self))),
             Ok(Received::Dead) => self.stand_in(core, WaitError::DaemonDied),
@@ -165,6 +165,7 @@ impl Sent {
     fn accept(
         self,
         sample: ResponseSample,
+        answered_after: Duration,
         core: &Core,
     ) -> Result<PairMask, (WaitError, Option<Self>)> {
         let header = *sample.user_header();
@@ -183,6 +184,10 @@ impl Sent {
         match checked {
             Ok(reply) => {
                 let Self { pending, slot, .. } = self;
+                // What the daemon says that it took, and no more than it did: how late this client
+                // woke up is not to make it sleep longer the next time.
+                let took = Duration::from_nanos(reply.times.total_ns).min(answered_after);
+                slot.link().note_frame(self.asked.box_count.get(), took);
                 let storage = Storage::Shared { sample, _pending: pending, _slot: slot };
                 Ok(PairMask::new(storage, &reply, ServedBy::Daemon, self.written))
             }

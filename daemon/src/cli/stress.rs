@@ -19,11 +19,12 @@ infinities, NaN in each slot, empty and flat boxes, unit boxes far from the orig
 sizes, sorted and reversed, cell and quantisation borders, spheres that touch, and mixtures of
 those. Every engine, instruction set and encoding answers each, and every engine in every precision
 mode: what overlaps must be found, what the mode's definition adds may be. A wrong answer prints its
-case, the first wrong pair and why that pair is in the mask or not.
+case, the first wrong pair and why that pair is in the mask or not. What an engine leaves to another
+one, because too many boxes stand in one place, is counted as skipped.
 
 Examples:
   pairmaskd stress --seconds 600
-  pairmaskd stress --engine cpu-grid,gpu-brute --gpu software
+  pairmaskd stress --engine cpu-grid,gpu-grid --gpu software
   pairmaskd stress --mode q8,f16                 these modes and not the exact engines
   pairmaskd stress --case 12345                  one case again
 
@@ -38,7 +39,7 @@ pub struct Stress {
     /// How long
     #[arg(long, value_name = "N", default_value_t = 10)]
     seconds: u64,
-    /// all, cpu-brute, cpu-sap, cpu-grid, gpu-brute, spheres; several with commas
+    /// all, cpu-brute, cpu-sap, cpu-grid, gpu-brute, gpu-grid, spheres; several with commas
     #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "all")]
     engine: Vec<Entrant>,
     /// all, exact, q16, q8, f16, margin, f64; several with commas. Spheres are exact

@@ -8,6 +8,9 @@
 //! Precision modes take part as subjects too ([`modes`]): what they must find is what overlaps, what
 //! they may find is what their definition adds.
 //!
+//! An engine may leave a crowded scene to another one ([`Outcome::Declined`]). That is no failure, but
+//! it is counted and printed: a run in which nobody answered proves nothing.
+//!
 //! Another way to find pairs takes part by implementing [`Subject`] and standing in `roster.rs`.
 
 mod case;
@@ -24,10 +27,10 @@ mod subject;
 pub use case::{CASE_SEED_BITS, Case};
 pub use mode_subject::ModeSubject;
 pub use modes::{Mode, ModeChoice};
-pub use report::{Failure, StressReport};
+pub use report::{Failure, Skipped, StressReport};
 pub use roster::{Entrant, Roster};
 pub use spheres::{SphereCase, SphereSubject};
-pub use subject::{ExactSubject, Finding, Subject, compare};
+pub use subject::{ExactSubject, Finding, Outcome, Subject, compare};
 
 use std::time::{Duration, Instant};
 
@@ -107,7 +110,14 @@ fn check_case(case: &Case, subjects: &mut [Box<dyn Subject>], report: &mut Stres
     report.cases += 1;
     for subject in subjects {
         report.answers += 1;
-        let Err(finding) = subject.check(case) else { continue };
+        let finding = match subject.check(case) {
+            Ok(Outcome::Right) => continue,
+            Ok(Outcome::Declined) => {
+                report.skip(subject.name());
+                continue;
+            }
+            Err(finding) => finding,
+        };
         report.missed += finding.missed;
         report.extra += finding.extra;
         if report.failures.len() < MOST_FAILURES {

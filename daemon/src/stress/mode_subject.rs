@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use pairmask::engine::{CullJob, CullReport, Engine, HeapReply};
+use pairmask::engine::{CullError, CullJob, CullReport, Engine, HeapReply};
 use pairmask::oracle::Pair;
 use pairmask::oracle::naive_decoder::decode;
 use pairmask::{Aabb, Encoding};
@@ -11,7 +11,7 @@ use rayon::ThreadPool;
 
 use super::case::Case;
 use super::modes::{Mode, ModeCase, Sending, Usage};
-use super::subject::{Finding, Subject, compare};
+use super::subject::{Finding, Outcome, Subject, compare};
 use crate::explain::{Explanation, SentBoxes};
 use crate::sabotage::shrink;
 
@@ -49,14 +49,16 @@ impl ModeSubject {
         }
     }
 
-    fn answer(&mut self, boxes: &[Aabb]) -> Result<(CullReport, Vec<Pair>), Finding> {
+    /// The answer; `None` where the engine leaves the scene to another one.
+    fn answer(&mut self, boxes: &[Aabb]) -> Result<Option<(CullReport, Vec<Pair>)>, Finding> {
         let Self { engine, job, pool, reply, .. } = self;
-        let report = pool
-            .install(|| engine.cull(boxes, job, reply))
-            .map_err(|error| Finding::other(&error))?;
+        let report = match pool.install(|| engine.cull(boxes, job, reply)) {
+            Err(CullError::TooCrowded { .. }) => return Ok(None),
+            answer => answer.map_err(|error| Finding::other(&error))?,
+        };
         let pairs = decode(reply.words(), &report.shape, boxes.len() as u32)
             .map_err(|error| Finding::other(&error))?;
-        Ok((report, pairs))
+        Ok(Some((report, pairs)))
     }
 }
 
@@ -73,14 +75,16 @@ impl Subject for ModeSubject {
         self.usage.mode()
     }
 
-    fn check(&mut self, case: &Case) -> Result<(), Finding> {
+    fn check(&mut self, case: &Case) -> Result<Outcome, Finding> {
         let case = case.in_mode(self.usage);
         if let Some(index) = case.written_unlike {
             let what = format!("box {index} becomes another one when it is written by itself");
             return Err(Finding::other(&what));
         }
         let inward = self.inward.then(|| rounded_inward(case));
-        let (report, got) = self.answer(inward.as_deref().unwrap_or(&case.sent))?;
+        let Some((report, got)) = self.answer(inward.as_deref().unwrap_or(&case.sent))? else {
+            return Ok(Outcome::Declined);
+        };
         compare(&got, &case.allowed.must.pairs, &case.allowed.may).map_err(|mut finding| {
             finding.what = format!("{}: {}", self.usage, finding.what);
             if let (Some(pair), Sending::World { boxes, origin }) = (finding.first, &case.sending) {
@@ -98,7 +102,7 @@ impl Subject for ModeSubject {
         if census != expected {
             return Err(Finding::other(&format!("census {census:?}, expected {expected:?}")));
         }
-        Ok(())
+        Ok(Outcome::Right)
     }
 
     fn scene(&self, case: &Case) -> (usize, String) {

@@ -16,8 +16,10 @@ pub struct StressReport {
     pub subjects: Vec<String>,
     /// Scenes checked.
     pub cases: u64,
-    /// Answers checked: cases times subjects.
+    /// Cases times subjects.
     pub answers: u64,
+    /// Of those, answers that an engine left to another one, by subject; the others were checked.
+    pub skipped: Vec<Skipped>,
     /// Pairs that were missing, in all answers.
     pub missed: u64,
     /// Pairs that were too many, in all answers.
@@ -26,6 +28,15 @@ pub struct StressReport {
     pub elapsed_ns: u64,
     /// Answers that were wrong; the first ten, then a run ends.
     pub failures: Vec<Failure>,
+}
+
+/// Answers that a subject did not give: too many boxes stood in one place.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Skipped {
+    /// Who.
+    pub subject: String,
+    /// How many.
+    pub answers: u64,
 }
 
 /// A wrong answer.
@@ -63,6 +74,7 @@ impl StressReport {
             subjects: subjects.iter().map(|subject| subject.name().to_owned()).collect(),
             cases: 0,
             answers: 0,
+            skipped: Vec::new(),
             missed: 0,
             extra: 0,
             elapsed_ns: 0,
@@ -70,9 +82,22 @@ impl StressReport {
         }
     }
 
+    /// Notes that a subject left a case to others.
+    pub(super) fn skip(&mut self, subject: &str) {
+        match self.skipped.iter_mut().find(|skipped| skipped.subject == subject) {
+            Some(skipped) => skipped.answers += 1,
+            None => self.skipped.push(Skipped { subject: subject.to_owned(), answers: 1 }),
+        }
+    }
+
+    /// Answers that were checked.
+    pub fn checked(&self) -> u64 {
+        self.answers - self.skipped.iter().map(|skipped| skipped.answers).sum::<u64>()
+    }
+
     /// Whether every answer was right, and there was one.
     pub fn is_clean(&self) -> bool {
-        self.failures.is_empty() && self.answers > 0
+        self.failures.is_empty() && self.checked() > 0
     }
 }
 
@@ -81,12 +106,21 @@ impl fmt::Display for StressReport {
         for failure in &self.failures {
             writeln!(f, "{failure}")?;
         }
+        for Skipped { subject, answers } in &self.skipped {
+            writeln!(f, "skipped: {subject}: {answers} cases, too many boxes in one place")?;
+        }
         let Self { seed, cases, answers, missed, extra, .. } = self;
         let seconds = self.elapsed_ns as f64 / 1e9;
         let minute = 60.0 * *cases as f64 / seconds.max(1e-9);
         write!(f, "seed {seed}: {cases} cases × {} subjects", self.subjects.len())?;
         write!(f, " = {answers} answers in {seconds:.1} s ({minute:.0} cases a minute); ")?;
-        if self.is_clean() {
+        let skipped = answers - self.checked();
+        if skipped > 0 {
+            write!(f, "{skipped} skipped, ")?;
+        }
+        if self.checked() == 0 {
+            write!(f, "nothing was checked")
+        } else if self.is_clean() {
             write!(f, "0 missed, 0 extra")
         } else {
             let wrong = self.failures.len();

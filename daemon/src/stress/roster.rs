@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use pairmask::Encoding;
 use pairmask::engine::{
-    BruteForce, CullError, Engine, EngineName, Grid, Isa, SweepAndPrune, UnknownName,
+    self, BruteForce, CullError, Engine, EngineName, Isa, SweepAndPrune, UnknownName,
 };
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
@@ -15,7 +15,9 @@ use super::mode_subject::ModeSubject;
 use super::modes::{Mode, ModeChoice, Usage};
 use super::spheres::SphereSubject;
 use super::subject::{ExactSubject, Subject};
-use crate::execute::gpu::{AllPairs, AllPairsOptions, Gpu, GpuChoice, HostImport, OpenError};
+use crate::execute::gpu::{
+    AllPairs, AllPairsOptions, Gpu, GpuChoice, Grid, GridOptions, HostImport, OpenError,
+};
 use crate::sabotage::{Sabotage, Spoiler, lose_a_pair};
 
 /// A value of `--engine`: one kind of subject, or all that there are.
@@ -33,17 +35,17 @@ impl FromStr for Entrant {
     type Err = UnknownName;
 
     fn from_str(s: &str) -> Result<Self, UnknownName> {
-        let known =
-            [EngineName::CpuBrute, EngineName::CpuSap, EngineName::CpuGrid, EngineName::GpuBrute];
         match s {
             "all" => Ok(Self::All),
             "spheres" => Ok(Self::Spheres),
-            _ => known.into_iter().find(|name| name.as_str() == s).map(Self::Engine).ok_or_else(
-                || UnknownName {
+            _ => EngineName::ALL
+                .into_iter()
+                .find(|name| name.as_str() == s)
+                .map(Self::Engine)
+                .ok_or_else(|| UnknownName {
                     name: s.to_owned(),
-                    known: "all, cpu-brute, cpu-sap, cpu-grid, gpu-brute, spheres",
-                },
-            ),
+                    known: "all, cpu-brute, cpu-sap, cpu-grid, gpu-brute, gpu-grid, spheres",
+                }),
         }
     }
 }
@@ -77,6 +79,9 @@ pub struct Roster {
 /// the fewest that a band may have, of up to 8,192 boxes, more than any case has.
 const SMALL_MATRIX_BYTES: u64 = 512 * (8_192 / 32) * 4;
 
+/// Pattern that fills the second grid's new video memory: a word that no stage wrote must not show.
+const POISON: u32 = 0xa5a5_a5a5;
+
 impl Roster {
     /// The subjects, ready to run.
     ///
@@ -84,12 +89,12 @@ impl Roster {
     /// [`StressError`] where one that was named is not to be had.
     pub fn subjects(&self) -> Result<Vec<Box<dyn Subject>>, StressError> {
         let mut subjects = Vec::new();
-        for name in [EngineName::CpuBrute, EngineName::CpuSap, EngineName::CpuGrid] {
+        for name in EngineName::ALL.into_iter().filter(|name| !name.is_gpu()) {
             if self.has(name) {
                 self.add_cpu(name, &mut subjects)?;
             }
         }
-        if self.has(EngineName::GpuBrute) {
+        if EngineName::ALL.into_iter().any(|name| name.is_gpu() && self.has(name)) {
             self.add_gpu(&mut subjects)?;
         }
         let spheres = self.entrants.iter().any(|e| [Entrant::All, Entrant::Spheres].contains(e));
@@ -148,7 +153,8 @@ impl Roster {
     }
 
     fn add_gpu(&self, subjects: &mut Vec<Box<dyn Subject>>) -> Result<(), StressError> {
-        let named = self.entrants.contains(&Entrant::Engine(EngineName::GpuBrute));
+        let named =
+            self.entrants.iter().any(|e| matches!(e, Entrant::Engine(name) if name.is_gpu()));
         if self.gpu == GpuChoice::None {
             // Not even a look: listing adapters takes time and loads every driver.
             return if named { Err(OpenError::SwitchedOff.into()) } else { Ok(()) };
@@ -161,9 +167,24 @@ impl Roster {
             Err(error) => return Err(error.into()),
         };
         let pool = pool(1)?;
+        if self.has(EngineName::GpuBrute) {
+            self.add_all_pairs(&gpu, &pool, subjects)?;
+        }
+        if self.has(EngineName::GpuGrid) {
+            self.add_gpu_grid(&gpu, &pool, subjects)?;
+        }
+        Ok(())
+    }
+
+    fn add_all_pairs(
+        &self,
+        gpu: &Arc<Gpu>,
+        pool: &Arc<ThreadPool>,
+        subjects: &mut Vec<Box<dyn Subject>>,
+    ) -> Result<(), StressError> {
         let on = format!(" on {}", gpu.info().name);
-        self.add_modes(&on, &pool, subjects, || {
-            Ok(Box::new(AllPairs::new(&gpu, AllPairsOptions::default())?))
+        self.add_modes(&on, pool, subjects, || {
+            Ok(Box::new(AllPairs::new(gpu, AllPairsOptions::default())?))
         })?;
         if !self.has_mode(Mode::Exact) {
             return Ok(());
@@ -171,10 +192,32 @@ impl Roster {
         for (variant, matrix_bytes) in [("", None), (", many bands", Some(SMALL_MATRIX_BYTES))] {
             for encoding in [Encoding::Dense, Encoding::Sparse] {
                 let options = AllPairsOptions { matrix_bytes, ..AllPairsOptions::default() };
-                let engine = AllPairs::new(&gpu, options)?;
+                let engine = AllPairs::new(gpu, options)?;
                 let variant = format!("on {}{variant}", gpu.info().name);
-                self.add(Box::new(engine), &variant, encoding, &pool, subjects);
+                self.add(Box::new(engine), &variant, encoding, pool, subjects);
             }
+        }
+        Ok(())
+    }
+
+    /// Sparse masks only: it has no others.
+    fn add_gpu_grid(
+        &self,
+        gpu: &Arc<Gpu>,
+        pool: &Arc<ThreadPool>,
+        subjects: &mut Vec<Box<dyn Subject>>,
+    ) -> Result<(), StressError> {
+        let on = format!(" on {}", gpu.info().name);
+        self.add_modes(&on, pool, subjects, || {
+            Ok(Box::new(Grid::new(gpu, &GridOptions::default())?))
+        })?;
+        if !self.has_mode(Mode::Exact) {
+            return Ok(());
+        }
+        for (variant, poison) in [("", None), (", poisoned memory", Some(POISON))] {
+            let engine = Grid::new(gpu, &GridOptions { poison, ..GridOptions::default() })?;
+            let variant = format!("on {}{variant}", gpu.info().name);
+            self.add(Box::new(engine), &variant, Encoding::Sparse, pool, subjects);
         }
         Ok(())
     }
@@ -216,7 +259,7 @@ fn cpu_engine(name: EngineName, isa: Isa) -> Result<Box<dyn Engine>, CullError> 
     Ok(match name {
         EngineName::CpuBrute => Box::new(BruteForce::with_isa(isa)?),
         EngineName::CpuSap => Box::new(SweepAndPrune::with_isa(isa)?),
-        _ => Box::new(Grid::with_isa(isa)?),
+        _ => Box::new(engine::Grid::with_isa(isa)?),
     })
 }
 

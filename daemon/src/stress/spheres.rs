@@ -11,7 +11,7 @@ use pairmask::{Encoding, EncodingChoice, EngineName};
 use rayon::ThreadPool;
 
 use super::case::Case;
-use super::subject::{Finding, Subject, compare};
+use super::subject::{Finding, Outcome, Subject, compare};
 use crate::explain::Explanation;
 use crate::sabotage::lose_a_pair;
 use crate::scene::Random;
@@ -189,7 +189,7 @@ impl Subject for SphereSubject {
         "spheres"
     }
 
-    fn check(&mut self, case: &Case) -> Result<(), Finding> {
+    fn check(&mut self, case: &Case) -> Result<Outcome, Finding> {
         let SphereCase { spheres, pairs } = case.spheres();
         let mut report = self.answer(spheres).map_err(|error| Finding::other(&error))?;
         let mut words = self.reply.words().to_vec();
@@ -212,7 +212,7 @@ impl Subject for SphereSubject {
                 got.len()
             )));
         }
-        Ok(())
+        Ok(Outcome::Right)
     }
 
     fn scene(&self, case: &Case) -> (usize, String) {

@@ -6,7 +6,7 @@
 
 use std::sync::Arc;
 
-use pairmask::engine::{CullJob, Engine, HeapReply};
+use pairmask::engine::{CullError, CullJob, Engine, HeapReply};
 use pairmask::oracle::Pair;
 use pairmask::oracle::check::{Mismatch, check_frame};
 use pairmask::oracle::naive_decoder;
@@ -34,7 +34,7 @@ pub trait Subject {
     ///
     /// # Errors
     /// [`Finding`] says what is wrong with it.
-    fn check(&mut self, case: &Case) -> Result<(), Finding>;
+    fn check(&mut self, case: &Case) -> Result<Outcome, Finding>;
 
     /// What of the case it answered: how many, and how they were made.
     fn scene(&self, case: &Case) -> (usize, String) {
@@ -45,6 +45,16 @@ pub trait Subject {
     fn explain(&self, case: &Case, (i, j): Pair) -> Option<Explanation> {
         Explanation::of(&case.boxes, i, j).ok()
     }
+}
+
+/// What became of a case that nothing is wrong with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// Answered, and the answer is right.
+    Right,
+    /// Not answered: the engine left a scene with too many boxes in one place to another one
+    /// ([`CullError::TooCrowded`]), as it may.
+    Declined,
 }
 
 /// What is wrong with an answer.
@@ -138,12 +148,13 @@ impl Subject for ExactSubject {
         self.engine.name().as_str()
     }
 
-    fn check(&mut self, case: &Case) -> Result<(), Finding> {
+    fn check(&mut self, case: &Case) -> Result<Outcome, Finding> {
         let Self { engine, job, pool, reply, .. } = self;
         let found =
             pool.install(|| check_frame(engine.as_mut(), &case.boxes, &case.truth, job, reply));
-        let Err(mismatch) = found else { return Ok(()) };
+        let Err(mismatch) = found else { return Ok(Outcome::Right) };
         let finding = match mismatch {
+            Mismatch::Cull(CullError::TooCrowded { .. }) => return Ok(Outcome::Declined),
             Mismatch::Missing(pair) | Mismatch::Extra(pair) => {
                 // The answer changes from run to run if it is not found again: that counts once.
                 self.wrong_pairs(&case.boxes, &case.truth.pairs).unwrap_or_else(|| Finding {

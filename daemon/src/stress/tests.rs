@@ -1,5 +1,8 @@
+use std::sync::Arc;
+
 use super::*;
-use pairmask::engine::EngineName;
+use pairmask::engine::{CullJob, CullReport, Engine, EngineName, ReplyBuffer};
+use pairmask::{Aabb, Encoding};
 
 use crate::execute::gpu::GpuChoice;
 use crate::sabotage::Sabotage;
@@ -62,6 +65,43 @@ fn a_broken_engine_is_caught_and_its_case_replayed() {
     assert_eq!(&again.failures[0], failure);
     let mut sound = roster(false).subjects().expect("CPU engines");
     assert!(run(&Cases::One { seed: failure.case }, &mut sound, |_, _| {}).is_clean());
+}
+
+/// Leaves every scene to others.
+struct Decliner;
+
+impl Engine for Decliner {
+    fn name(&self) -> EngineName {
+        EngineName::GpuGrid
+    }
+
+    fn cull(
+        &mut self,
+        _: &[Aabb],
+        _: &CullJob,
+        _: &mut dyn ReplyBuffer,
+    ) -> Result<CullReport, CullError> {
+        Err(CullError::TooCrowded { engine: self.name() })
+    }
+}
+
+#[test]
+fn what_is_left_to_others_is_counted_and_proves_nothing() {
+    let pool = Arc::new(rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread"));
+    let exact = ExactSubject::new(Box::new(Decliner), "declines", Encoding::Sparse, &pool);
+    let mode = ModeSubject::new(Box::new(Decliner), "", modes::Usage::Q8, &pool, false);
+    let mut subjects: Vec<Box<dyn Subject>> = vec![Box::new(exact), Box::new(mode)];
+    let report = run(&Cases::One { seed: 1 }, &mut subjects, |_, _| {});
+    assert_eq!((report.answers, report.checked(), report.failures.len()), (2, 0, 0));
+    assert!(!report.is_clean() && report.to_string().contains("nothing was checked"), "{report}");
+
+    subjects.extend(roster(false).subjects().expect("CPU engines"));
+    let report = run(&Cases::One { seed: 1 }, &mut subjects, |_, _| {});
+    assert_eq!(report.checked(), report.answers - 2);
+    let skipped: Vec<&str> = report.skipped.iter().map(|s| s.subject.as_str()).collect();
+    assert_eq!(skipped, [subjects[0].name(), subjects[1].name()]);
+    let text = report.to_string();
+    assert!(report.is_clean() && text.contains("2 skipped, 0 missed, 0 extra"), "{report}");
 }
 
 #[test]

@@ -6,11 +6,13 @@ use serde_json::Value;
 
 use crate::support::{Finished, Place, keys};
 
-const FIELDS: [&str; 18] = [
+const FIELDS: [&str; 21] = [
     "scene",
     "n",
     "mode",
     "margin",
+    "offset",
+    "spheres",
     "backend",
     "engine",
     "served_by_engine",
@@ -24,23 +26,30 @@ const FIELDS: [&str; 18] = [
     "missed",
     "extra",
     "extra_ratio",
+    "against_boxes",
     "memory_bytes",
 ];
 
 fn run(place: &Place, more: &[&str]) -> Finished {
     let mut arguments =
         vec!["bench", "accuracy", "--frames", "8", "--warm-up", "1", "--checked", "2"];
+    arguments.extend(["--mapping", "far-end"]);
     arguments.extend(more);
     place.run(&arguments)
 }
 
+/// Modes that no session has: a world in f64, and spheres, which this process culls.
+const BESIDE: [&str; 3] = ["f64", "plain-f32", "spheres"];
+
 fn check_rows(report: &Value, expected: usize, backend: &str) {
-    assert_eq!(keys(report), BTreeSet::from(["machine", "seed", "rows"]));
+    assert_eq!(keys(report), BTreeSet::from(["machine", "seed", "rows", "pareto", "variants"]));
+    assert_eq!(keys(&report["pareto"]), BTreeSet::from(["axes", "modes", "nowhere"]));
     let rows = report["rows"].as_array().unwrap();
     assert_eq!(rows.len(), expected);
     for row in rows {
         assert_eq!(keys(row), BTreeSet::from(FIELDS));
         assert_eq!((&row["missed"], &row["checked_frames"]), (&0.into(), &2.into()), "{row}");
+        let backend = if row["mode"] == "spheres" { "in-process" } else { backend };
         assert_eq!((&row["backend"], &row["frames"]), (&backend.into(), &8.into()), "{row}");
         assert!(row["true_pairs"].as_u64().unwrap() > 0 && row["memory_bytes"].as_u64() > Some(0));
         assert_eq!(row["times"].as_object().unwrap().len(), 9, "{row}");
@@ -48,6 +57,16 @@ fn check_rows(report: &Value, expected: usize, backend: &str) {
         assert!(!is_exact || row["extra"] == 0, "{row}");
         let margin = if row["mode"] == "margin" { 0.1.into() } else { Value::Null };
         assert_eq!(row["margin"], margin, "{row}");
+        let mode = row["mode"].as_str().unwrap();
+        let is_world = ["f64", "plain-f32"].contains(&mode);
+        assert_eq!(row["offset"], if is_world { 1e9.into() } else { Value::Null }, "{row}");
+        let spheres = if mode == "spheres" { "circumscribed".into() } else { Value::Null };
+        assert_eq!(row["spheres"], spheres, "{row}");
+        assert_eq!(row["against_boxes"].is_object(), mode == "spheres", "{row}");
+        if mode == "spheres" {
+            assert!(row["extra"] == 0 && row["against_boxes"]["missed"] == 0, "{row}");
+            assert!(row["against_boxes"]["extra"].as_u64() > Some(0), "{row}");
+        }
     }
 }
 
@@ -55,7 +74,24 @@ fn check_rows(report: &Value, expected: usize, backend: &str) {
 fn rows_for_every_mode_scene_and_engine() {
     let place = Place::new();
     let scenes = ["--scene", "uniform,pile", "--n", "345", "--json"];
-    check_rows(&run(&place, &scenes).json(), 2 * 5, "daemon");
+    let report = run(&place, &scenes).json();
+    check_rows(&report, 2 * 8, "daemon");
+    for mode in BESIDE {
+        let rows = report["rows"].as_array().unwrap();
+        assert_eq!(rows.iter().filter(|row| row["mode"] == mode).count(), 2, "{mode}");
+    }
+    // What f32 alone makes of a scene so far out: nearly every box overlaps nearly every other.
+    let extra_of = |mode: &str| -> u64 {
+        let rows = report["rows"].as_array().unwrap().iter().filter(|row| row["mode"] == mode);
+        rows.map(|row| row["extra"].as_u64().unwrap()).sum()
+    };
+    assert!(extra_of("f64") * 1000 < extra_of("plain-f32"), "{report}");
+    let fields = BTreeSet::from(["mode", "settings", "disqualified", "on_front", "at"]);
+    for verdict in report["pareto"]["modes"].as_array().unwrap() {
+        assert_eq!(keys(verdict), fields, "{verdict}");
+        let nowhere = report["pareto"]["nowhere"].as_array().unwrap().contains(&verdict["mode"]);
+        assert_eq!(nowhere, verdict["on_front"] == 0, "{verdict}");
+    }
     place.assert_clean(&[]);
     let engines =
         ["--backend", "in-process", "--precision", "q8", "--engines", "cpu-brute,cpu-sap,cpu-grid"];
@@ -75,14 +111,37 @@ fn verdicts_and_files() {
     assert!(broken.stdout.contains("not kept: uniform 345 q8 in-process auto: extra=0"));
     assert!(broken.stderr.contains("1 limits are not kept"), "{broken:?}");
     assert_eq!(with(&["--assert", "quality=1"]).code, Some(2));
+    assert_eq!(with(&["--precision", "f64=-1"]).code, Some(2));
+    assert_eq!(with(&["--mapping", "guess"]).code, Some(2));
 
-    let csv = std::fs::read_to_string(place.file("before").join("accuracy.csv")).unwrap();
-    assert_eq!(csv.lines().count(), 2, "{csv}");
+    assert!(kept.stdout.contains("Nowhere on it: none"), "{kept:?}");
+    for (file, lines) in [("accuracy.csv", 2), ("mapping.csv", 2)] {
+        let csv = std::fs::read_to_string(place.file("before").join(file)).unwrap();
+        assert_eq!(csv.lines().count(), lines, "{csv}");
+    }
     let page = std::fs::read_to_string(place.file("before").join("report.html")).unwrap();
     assert!(page.contains("No pair was missed") && page.trim_end().ends_with("</html>"));
     let path = place.file("before").join("accuracy.json");
     let mut before: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
     check_rows(&before, 1, "in-process");
+    let [way] = &before["variants"].as_array().unwrap()[..] else { panic!("{before}") };
+    let fields = [
+        "variant",
+        "n",
+        "processor",
+        "ps_per_pair",
+        "is_complete",
+        "ids",
+        "wrong",
+        "wrong_share",
+        "missed_share",
+        "largest_row_error",
+    ];
+    assert_eq!(keys(way), BTreeSet::from(fields));
+    assert_eq!(
+        (&way["variant"], &way["n"], &way["wrong"]),
+        (&"far-end".into(), &345.into(), &0.into())
+    );
     before["rows"][0]["times"]["total_ns"]["p50"] = 1.into();
     before["rows"][0]["extra_ratio"] = 0.into();
     std::fs::write(&path, before.to_string()).unwrap();

@@ -11,9 +11,19 @@ use crate::support::{Place, keys};
 fn right_engines_pass() {
     let place = Place::new();
     let report = place.run(&["stress", "--seconds", "1", "--seed", "3", "--json"]).json();
-    let fields =
-        ["seed", "subjects", "cases", "answers", "missed", "extra", "elapsed_ns", "failures"];
+    let fields = [
+        "seed",
+        "subjects",
+        "cases",
+        "answers",
+        "skipped",
+        "missed",
+        "extra",
+        "elapsed_ns",
+        "failures",
+    ];
     assert_eq!(keys(&report), BTreeSet::from(fields));
+    assert_eq!(report["skipped"], Value::Array(vec![]));
     assert!(report["cases"].as_u64().unwrap() > 0);
     assert_eq!((&report["missed"], &report["extra"]), (&0.into(), &0.into()));
     assert_eq!(report["failures"], Value::Array(vec![]));
@@ -83,8 +93,9 @@ fn an_engine_that_is_not_there_is_an_error() {
     assert_eq!(place.run(&["stress", "--mode", "q17"]).code, Some(2));
     let nobody = place.run(&["stress", "--engine", "spheres", "--mode", "q16"]);
     assert!(nobody.error(1).contains("nothing to run"), "{nobody:?}");
-    let finished = place.run(&["stress", "--engine", "gpu-brute", "--gpu", "none"]);
-    finished.error(1);
+    for engine in ["gpu-brute", "gpu-grid"] {
+        place.run(&["stress", "--engine", engine, "--gpu", "none"]).error(1);
+    }
 }
 
 #[test]

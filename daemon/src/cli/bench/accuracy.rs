@@ -7,24 +7,27 @@ use std::time::Duration;
 
 use clap::Args;
 use indicatif::ProgressBar;
+use pairmask::engine::CullWish;
 use pairmask::session::ConnectError;
 use pairmask::{BoxCount, EngineChoice};
 
 use super::target::Target;
 use crate::cli::config::Config;
 use crate::cli::options::{CullOptions, DaemonOptions, Place};
-use crate::cli::output::{OutputError, print_json, print_text, progress_bar};
+use crate::cli::output::{OutputError, print_json, print_text, progress_bar, spinner};
 use crate::execute::gpu::adapter::choose;
 use crate::execute::gpu::{GpuChoice, list_adapters};
-use crate::precision::PrecisionChoice;
 use crate::scene::SceneName;
 use crate::spawn::SpawnError;
 use crate::study::accuracy::assertion::Assertion;
 use crate::study::accuracy::comparison::{common_rows, regressions};
 use crate::study::accuracy::measure::{self, Lengths, Subject};
+use crate::study::accuracy::mode::StudyMode;
 use crate::study::accuracy::rows::AccuracyReport;
+use crate::study::accuracy::variants::{self, VariantChoice};
 use crate::study::accuracy::{report, table};
 use crate::study::machine::Machine;
+use crate::study::mapping::MappingError;
 use crate::timed_client::TimedError;
 
 /// Longer than any pause between two frames: whoever spins never sleeps in between.
@@ -36,13 +39,26 @@ const SPIN: Duration = Duration::from_secs(1);
 Every row is a scene in motion, timed frame by frame; some frames are compared with the exact pairs,
 found in another way. No mode may miss a pair.
 
---assert takes limits that every row has to keep, and the exit status is 1 where one does not:
+Modes beside those of a session:
+  f64=X                  the scene X units from the origin of a world in f64, its boxes sent relative
+                         to an origin among them and compared with the exact pairs in f64 [X: 1e9]
+  plain-f32=X            the same, each coordinate rounded to the nearest f32, as a warning
+  spheres=circumscribed  spheres around the boxes, culled in this process, compared with the exact
+                         pairs of spheres, and with the boxes' pairs apart
+  spheres=inscribed      spheres within the boxes
+
+Below the rows stand the modes that are on the Pareto front of time, extra pairs and bytes up, and
+those that are nowhere on it; then the papers' ways to turn a pair's number into the pair (--mapping):
+time and wrong pairs at every n. None of those serves a client.
+
+--assert takes limits that every row but plain-f32's has to keep, and the exit status is 1 where one does not:
 FIGURE=X, FIGURE<X or FIGURE<=X with the figures missed, extra, extra_ratio, p50, p99 (of whole
 frames), bytes_up, bytes_down, memory and the units ns, us, ms, s, %, KiB, MiB, GiB.
 
 Examples:
   pairmaskd bench accuracy --scene uniform,pile --n 10000,100000
-  pairmaskd bench accuracy --n 1000 --assert 'missed=0,p99<2ms'
+  pairmaskd bench accuracy --n 1000 --mapping none --assert 'missed=0,p99<2ms'
+  pairmaskd bench accuracy --precision f64=1e6,plain-f32=1e6 --mapping none
   pairmaskd bench accuracy --out before; ...; pairmaskd bench accuracy --compare before/accuracy.json")]
 pub struct Accuracy {
     #[command(flatten)]
@@ -56,9 +72,9 @@ pub struct Accuracy {
     /// Numbers of boxes
     #[arg(long, value_name = "N,..", value_delimiter = ',', default_values_t = [1000, 10_000, 100_000])]
     n: Vec<u32>,
-    /// exact, q16, q8, f16, margin=X
+    /// exact, q16, q8, f16, margin=X, f64=X, plain-f32=X, spheres=circumscribed, spheres=inscribed
     #[arg(long, value_name = "MODE,..", value_delimiter = ',', default_values_t = default_modes())]
-    precision: Vec<PrecisionChoice>,
+    precision: Vec<StudyMode>,
     /// Engines, a row each, in place of --engine
     #[arg(long, value_name = "NAME,..", value_delimiter = ',')]
     engines: Vec<EngineChoice>,
@@ -80,7 +96,10 @@ pub struct Accuracy {
     /// Say what is slower or wronger than in this report
     #[arg(long, value_name = "OLD.json")]
     compare: Option<PathBuf>,
-    /// Write accuracy.json, accuracy.csv and report.html into this folder
+    /// Ways to turn a pair's number into the pair: all, none, or names
+    #[arg(long, value_name = "NAME,..", value_delimiter = ',', default_values_t = [VariantChoice::All])]
+    mapping: Vec<VariantChoice>,
+    /// Write accuracy.json, accuracy.csv, mapping.csv and report.html into this folder
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Print one JSON object
@@ -92,8 +111,9 @@ pub struct Accuracy {
 }
 
 /// All kinds of modes.
-fn default_modes() -> Vec<PrecisionChoice> {
-    ["exact", "q16", "q8", "f16", "margin=0.1"].iter().filter_map(|m| m.parse().ok()).collect()
+fn default_modes() -> Vec<StudyMode> {
+    let names = ["exact", "q16", "q8", "f16", "margin=0.1", "f64", "plain-f32", "spheres"];
+    names.iter().filter_map(|name| name.parse().ok()).collect()
 }
 
 /// Why nothing was measured, or what was found wrong.
@@ -105,6 +125,8 @@ pub enum AccuracyError {
     Connect(#[from] ConnectError),
     #[error(transparent)]
     Timed(#[from] TimedError),
+    #[error(transparent)]
+    Mapping(#[from] MappingError),
     #[error("{}: {source}", path.display())]
     Io { path: PathBuf, source: std::io::Error },
     #[error("{} is no report of `bench accuracy --json`: {source}", path.display())]
@@ -173,9 +195,10 @@ impl Accuracy {
         let mut subjects = Vec::new();
         for &scene in &self.scene {
             for &n in &self.n {
-                for &precision in &self.precision {
+                for &mode in &self.precision {
                     for &engine in &engines {
-                        subjects.push(Subject { scene, n, precision, engine, seed: self.seed });
+                        let wish = CullWish { engine, ..self.options.wish(config) };
+                        subjects.push(Subject { scene, n, mode, wish, seed: self.seed });
                     }
                 }
             }
@@ -196,14 +219,17 @@ impl Accuracy {
         let progress: ProgressBar = progress_bar(subjects.len() as u64, "rows");
         let mut rows = Vec::new();
         for subject in &subjects {
-            let builder = self.options.session(place, config).engine(subject.engine);
+            let builder = self.options.session(place, config).engine(subject.wish.engine);
             let builder = target.session(builder, SPIN).capacity(BoxCount::new(subject.n));
             let memory_bytes = || target.memory_bytes();
             rows.push(measure::row(builder.connect()?, subject, &lengths, memory_bytes)?);
             progress.inc(1);
         }
         progress.finish_and_clear();
-        Ok(AccuracyReport { machine, seed: self.seed, rows })
+        let progress = spinner("mapping functions");
+        let variants = variants::measure(&self.mapping, &self.n, &self.daemon.gpu(config))?;
+        progress.finish_and_clear();
+        Ok(AccuracyReport::new(machine, self.seed, rows, variants))
     }
 }
 
@@ -231,5 +257,6 @@ fn write_report(dir: &Path, report: &AccuracyReport) -> Result<(), AccuracyError
     let no_report = |source| AccuracyError::NoReport { path: dir.to_owned(), source };
     write("accuracy.json", serde_json::to_string_pretty(report).map_err(no_report)?)?;
     write("accuracy.csv", table::csv(report))?;
+    write("mapping.csv", table::variants_csv(&report.variants))?;
     write("report.html", report::html(report))
 }

@@ -3,7 +3,8 @@
 use clap::Args;
 
 use super::BenchError;
-use crate::cli::output::{print_json, print_text, spinner};
+use crate::cli::output::{print_json, print_text, progress_bar, spinner};
+use crate::study::spheres::errors::pairs_decided;
 use crate::study::spheres::{SphereOptions, measure};
 
 /// All pairs of bounding spheres, sequential against parallel, beside the paper's (Suaib 2015)
@@ -17,7 +18,7 @@ quadruples, scaled).
 Examples:
   pairmaskd bench spheres
   pairmaskd bench spheres --errors
-  pairmaskd bench spheres --errors 100000000     minutes
+  pairmaskd bench spheres --errors 100000000     half a minute on two cores
 
 Exit status: 1 where the library itself decided a pair wrongly.")]
 pub struct Spheres {
@@ -44,8 +45,11 @@ impl Spheres {
             quick: self.quick,
             seed: self.seed,
         };
-        let progress = spinner("spheres");
-        let report = measure(&options);
+        let progress = match self.errors {
+            Some(pairs) => progress_bar(pairs_decided(pairs), "pairs of spheres"),
+            None => spinner("spheres"),
+        };
+        let report = measure(&options, |pairs| progress.inc(pairs));
         progress.finish_and_clear();
         if self.json { print_json(&report) } else { print_text(report.to_string().trim_end()) }?;
         if report.is_exact() { Ok(()) } else { Err(BenchError::InexactSpheres) }

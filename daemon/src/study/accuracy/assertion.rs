@@ -3,6 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
+use super::mode::PLAIN_F32;
 use super::rows::AccuracyRow;
 
 /// A figure of a row that can be limited.
@@ -129,10 +130,10 @@ impl fmt::Display for Assertion {
 
 impl Assertion {
     /// One line for each limit that a row does not keep. Rows of which no frame was checked keep no
-    /// limit on pairs.
+    /// limit on pairs. Plain rounding to f32 is there as a warning, and has none to keep.
     pub fn failures(&self, rows: &[AccuracyRow]) -> Vec<String> {
         let mut failures = Vec::new();
-        for row in rows {
+        for row in rows.iter().filter(|row| row.mode != PLAIN_F32) {
             for limit in &self.0 {
                 let found = limit.figure.of(row);
                 let is_kept = match limit.relation {
@@ -171,8 +172,16 @@ mod tests {
         assert_eq!(failures("extra_ratio<2.5%"), 1);
         assert_eq!(failures("extra=0"), 1);
         assert_eq!(failures("memory<=1GiB,bytes_up<24001,p50<0.6ms"), 0);
-        let unchecked = AccuracyRow { checked_frames: 0, ..row() };
+        let plain = AccuracyRow { mode: PLAIN_F32.to_owned(), missed: 1, ..row() };
         let missed: Assertion = "missed=0".parse().unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!(
+            missed.failures(std::slice::from_ref(&plain)).len(),
+            0,
+            "a warning has no limits"
+        );
+        let named = AccuracyRow { mode: "f64".to_owned(), ..plain };
+        assert_eq!(missed.failures(&[named]).len(), 1);
+        let unchecked = AccuracyRow { checked_frames: 0, ..row() };
         assert_eq!(missed.failures(&[unchecked]).len(), 1, "nothing looked at proves nothing");
     }
 

@@ -2,13 +2,16 @@
 
 use std::time::Duration;
 
-use pairmask::{EngineChoice, EngineName, PairMask, Session};
+use pairmask::engine::CullWish;
+use pairmask::{EngineChoice, EngineName, Session};
 
-use super::rows::{AccuracyRow, Percentiles, StageTimes};
+use super::contender::{FrameFigures, contender};
+use super::mode::{Rounding, StudyMode, World};
+use super::rows::{AccuracyRow, AgainstBoxes, Percentiles, StageTimes};
 use super::truth::{self, Difference};
 use crate::precision::PrecisionChoice;
 use crate::scene::{Scene, SceneName};
-use crate::timed_client::{TimedClient, TimedError, TimedFrame};
+use crate::timed_client::TimedError;
 
 /// What a row is about.
 #[derive(Clone, Copy, Debug)]
@@ -18,9 +21,9 @@ pub struct Subject {
     /// Boxes.
     pub n: u32,
     /// The mode.
-    pub precision: PrecisionChoice,
-    /// The engine that is asked for.
-    pub engine: EngineChoice,
+    pub mode: StudyMode,
+    /// The engine, encoding and threads that are asked for.
+    pub wish: CullWish,
     /// Seed of the scene.
     pub seed: u64,
 }
@@ -43,7 +46,7 @@ impl Lengths {
     }
 }
 
-/// Runs a row in a session that asks for the subject's engine.
+/// Runs a row in a session that asks for what the subject wishes.
 ///
 /// # Errors
 /// [`TimedError`].
@@ -54,64 +57,92 @@ pub fn row(
     memory_bytes: impl FnOnce() -> u64,
 ) -> Result<AccuracyRow, TimedError> {
     let mut scene = Scene::new(subject.scene, subject.n as usize, subject.seed);
-    let mut client = TimedClient::new(session, subject.precision, scene.boxes());
-    let mut last = client.frame(scene.boxes(), |_| ())?;
+    let mut contender = contender(subject.mode, &subject.wish, session, scene.boxes());
+    let mut last = contender.frame(scene.boxes(), false)?.figures;
     for _ in 0..lengths.warm_up {
         scene.step();
-        last = client.frame(scene.boxes(), |_| ())?;
+        last = contender.frame(scene.boxes(), false)?.figures;
     }
     let mut record = Record::default();
     let (mut found, mut checked_frames) = (Difference::default(), 0);
+    let mut of_boxes = contender.stands_for_boxes().then(Difference::default);
     for frame in 0..lengths.frames {
         scene.step();
-        let mut reported = None;
-        let is_checked = lengths.is_checked(frame);
-        let look = |mask: &PairMask| reported = is_checked.then(|| mask.to_vec());
-        last = client.frame(scene.boxes(), look)?;
+        let answer = contender.frame(scene.boxes(), lengths.is_checked(frame))?;
+        last = answer.figures;
         record.add(&last);
-        if let Some(mut reported) = reported {
-            reported.sort_unstable();
-            let truth = truth::pairs(scene.boxes(), last.info.engine)?;
+        if let Some(reported) = answer.pairs {
+            let truth = contender.truth(scene.boxes(), last.engine)?;
             found.add(&Difference::between(&reported, &truth));
+            if let Some(of_boxes) = &mut of_boxes {
+                let truth = truth::pairs(scene.boxes(), last.engine)?;
+                of_boxes.add(&Difference::between(&reported, &truth));
+            }
             checked_frames += 1;
         }
     }
-    let margin = match subject.precision {
+    let (margin, offset, spheres) = match subject.mode {
         // The number as people write it: 0.1, and not the f64 that an f32 of 0.1 is.
-        PrecisionChoice::Margin(margin) => margin.get().to_string().parse().ok(),
-        _ => None,
+        StudyMode::Sent(PrecisionChoice::Margin(margin)) => {
+            (margin.get().to_string().parse().ok(), None, None)
+        }
+        StudyMode::Sent(_) => (None, None, None),
+        StudyMode::World(world) => (None, Some(world.offset), None),
+        StudyMode::Spheres(fit) => (None, None, Some(fit.as_str().to_owned())),
     };
     Ok(AccuracyRow {
         scene: subject.scene.to_string(),
         n: subject.n,
-        mode: subject.precision.mode().to_owned(),
+        mode: subject.mode.name().to_owned(),
         margin,
-        backend: last.info.served_by.as_str().to_owned(),
-        engine: subject.engine.to_string(),
-        served_by_engine: last.info.engine.to_string(),
+        offset,
+        spheres,
+        backend: last.backend.to_owned(),
+        engine: subject.wish.engine.to_string(),
+        served_by_engine: last.engine.to_string(),
         frames: u64::from(lengths.frames),
         requests: record.requests,
         times: record.times(),
-        bytes_up: last.info.box_bytes,
-        bytes_down: record.mask_bytes.checked_div(record.requests).unwrap_or(last.info.mask_bytes),
+        bytes_up: last.box_bytes,
+        bytes_down: record.mask_bytes.checked_div(record.requests).unwrap_or(last.mask_bytes),
         checked_frames,
         true_pairs: found.true_pairs,
         missed: found.missed,
         extra: found.extra,
         extra_ratio: AccuracyRow::ratio(found.extra, found.true_pairs),
+        against_boxes: of_boxes.map(|found| AgainstBoxes {
+            true_pairs: found.true_pairs,
+            missed: found.missed,
+            extra: found.extra,
+            extra_ratio: AccuracyRow::ratio(found.extra, found.true_pairs),
+        }),
         memory_bytes: memory_bytes(),
     })
 }
 
-/// Whether an engine can take a scene of so many boxes in reasonable time.
+/// Whether an engine can take a subject at all, and in reasonable time.
 pub fn is_reasonable(subject: &Subject) -> bool {
-    let is_brute = subject.engine == EngineChoice::Only(EngineName::CpuBrute);
-    let limit = if is_brute || subject.scene.is_quadratic() { BRUTE_LIMIT } else { u32::MAX };
-    subject.n <= limit
+    let (engine, mode) = (subject.wish.engine, subject.mode);
+    // No GPU engine takes spheres.
+    let is_able = match engine {
+        EngineChoice::Only(name) if name.is_gpu() => !matches!(mode, StudyMode::Spheres(_)),
+        EngineChoice::Only(_) | EngineChoice::Auto => true,
+    };
+    let is_brute = engine == EngineChoice::Only(EngineName::CpuBrute);
+    let limit = match mode {
+        StudyMode::World(World { rounding: Rounding::Plain, .. }) => PLAIN_LIMIT,
+        _ if is_brute || subject.scene.is_quadratic() => BRUTE_LIMIT,
+        _ => u32::MAX,
+    };
+    is_able && subject.n <= limit
 }
 
 /// Most boxes that are compared each with each on a CPU: 5·10⁸ tests, some 0.1 s a frame.
 const BRUTE_LIMIT: u32 = 32_768;
+
+/// Most boxes of a world that are rounded to f32 as they are: far out nearly all of them overlap, and
+/// 5·10⁷ pairs of a checked frame take 400 MB.
+const PLAIN_LIMIT: u32 = 10_000;
 
 /// Times of all frames, stage by stage.
 #[derive(Default)]
@@ -130,18 +161,17 @@ struct Record {
 }
 
 impl Record {
-    fn add(&mut self, frame: &TimedFrame) {
+    fn add(&mut self, frame: &FrameFigures) {
         let ns = |time: Duration| time.as_nanos() as u64;
         let asked = u64::from(frame.was_asked);
-        let times = &frame.info.times;
         self.requests += asked;
-        self.mask_bytes += asked * frame.info.mask_bytes;
+        self.mask_bytes += asked * frame.mask_bytes;
         self.fill.push(ns(frame.fill));
-        self.ingest.push(asked * times.ingest_ns);
-        self.plan.push(asked * times.plan_ns);
-        self.execute.push(asked * times.execute_ns);
-        self.publish.push(asked * times.publish_ns);
-        self.engine.push(frame.engine_ns());
+        self.ingest.push(frame.stages.ingest_ns);
+        self.plan.push(frame.stages.plan_ns);
+        self.execute.push(frame.stages.execute_ns);
+        self.publish.push(frame.stages.publish_ns);
+        self.engine.push(frame.stages.total_ns);
         self.round_trip.push(ns(frame.round_trip));
         self.decode.push(ns(frame.decode));
         self.total.push(ns(frame.fill + frame.round_trip + frame.decode));
@@ -186,24 +216,53 @@ mod tests {
         assert_eq!(percentiles(&mut hundred), Percentiles { p50: 50, p99: 99 });
     }
 
+    fn subject(n: u32, mode: &str) -> Subject {
+        let mode = mode.parse().unwrap_or_else(|e| panic!("{e}"));
+        Subject { scene: SceneName::Pile, n, mode, wish: CullWish::default(), seed: 1 }
+    }
+
+    #[test]
+    fn what_takes_too_long_or_cannot_be_is_left_out() {
+        let is_in = |n, mode, engine: &str| {
+            let engine = engine.parse().unwrap_or_else(|e| panic!("{e}"));
+            let wish = CullWish { engine, ..CullWish::default() };
+            is_reasonable(&Subject { wish, ..subject(n, mode) })
+        };
+        for (n, mode, engine) in [
+            (1_000_000, "exact", "cpu-grid"),
+            (1_000_000, "f64", "gpu-grid"),
+            (1_000_000, "spheres", "auto"),
+            (10_000, "plain-f32", "auto"),
+            (32_768, "exact", "cpu-brute"),
+        ] {
+            assert!(is_in(n, mode, engine), "{n} {mode} {engine}");
+        }
+        for (n, mode, engine) in [
+            (32_769, "exact", "cpu-brute"),
+            (10_001, "plain-f32", "auto"),
+            (10, "spheres", "gpu-grid"),
+        ] {
+            assert!(!is_in(n, mode, engine), "{n} {mode} {engine}");
+        }
+    }
+
     #[test]
     fn rows_of_every_mode_miss_nothing() {
         let lengths = Lengths { warm_up: 1, frames: 10, checked: 5 };
-        for mode in ["exact", "q16", "q8", "f16", "margin=0.1"] {
+        let modes = ["exact", "q16", "q8", "f16", "margin=0.1", "f64", "spheres", "plain-f32"];
+        for mode in modes {
             let session = Session::builder().backend(Backend::InProcess).connect();
-            let subject = Subject {
-                scene: SceneName::Pile,
-                n: 345,
-                precision: mode.parse().unwrap_or_default(),
-                engine: EngineChoice::Auto,
-                seed: 1,
-            };
+            let subject = subject(345, mode);
             let row = session.map(|s| row(s, &subject, &lengths, || 7));
             let Ok(Ok(row)) = row else { panic!("{mode}: {row:?}") };
             assert_eq!((row.frames, row.checked_frames, row.missed), (10, 5, 0), "{mode}");
             assert!(mode.starts_with(&row.mode) && row.true_pairs > 0 && row.memory_bytes == 7);
-            assert!(mode != "exact" || row.extra == 0, "{row:?}");
-            assert!(mode != "q8" || row.extra > 0, "{row:?}");
+            assert!(!["exact", "spheres"].contains(&mode) || row.extra == 0, "{row:?}");
+            assert!(!["q8", "plain-f32"].contains(&mode) || row.extra > 0, "{row:?}");
+            assert_eq!(row.against_boxes.is_some(), mode == "spheres", "{row:?}");
+            if let Some(boxes) = &row.against_boxes {
+                assert!(boxes.missed == 0 && boxes.extra > 0, "{row:?}");
+            }
             assert_eq!(row.requests < 10, row.margin.is_some(), "{row:?}");
             assert!(row.times.total_ns.p50 > 0 && row.bytes_up > 0 && row.bytes_down > 0);
         }

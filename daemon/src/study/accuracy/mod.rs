@@ -3,14 +3,23 @@
 //! A mode that is faster than the exact one pays with extra pairs; none may pay with a missed one,
 //! and a missed pair disqualifies it.
 //!
-//! The parts: [`measure`] runs a row, [`truth`] says what the pairs are, [`rows`] holds the
-//! figures, [`assertion`] and [`comparison`] judge them, [`table`] and [`report`] write
-//! them down.
+//! The parts: [`mode`] names what a row is about, a [`contender`] answers its frames ([`world`] and
+//! [`spheres`] are two), [`measure`] runs the row, [`truth`] says what the pairs are. [`rows`] holds
+//! the figures, [`setting`] puts those together that answer one question, [`pareto`],
+//! [`assertion`] and [`comparison`] judge them, [`table`] and [`report`] write them down.
+//! [`variants`] is speed against error of the papers' mapping functions, in the same report.
 
 pub mod assertion;
 pub mod comparison;
+pub mod contender;
 pub mod measure;
+pub mod mode;
+pub mod pareto;
 pub mod report;
 pub mod rows;
+pub mod setting;
+pub mod spheres;
 pub mod table;
 pub mod truth;
+pub mod variants;
+pub mod world;

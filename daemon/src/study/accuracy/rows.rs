@@ -4,6 +4,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::pareto::Pareto;
+use super::variants::VariantRow;
 use crate::study::machine::Machine;
 
 /// Everything that one run of the study found.
@@ -15,6 +17,26 @@ pub struct AccuracyReport {
     pub seed: u64,
     /// One for every scene, n, mode and engine.
     pub rows: Vec<AccuracyRow>,
+    /// Which modes are worth having, by the rows. Absent in reports of earlier versions.
+    #[serde(default)]
+    pub pareto: Pareto,
+    /// One for every way to turn a pair's number into the pair, n and processor. None of these ways
+    /// serves a client. Absent in reports of earlier versions.
+    #[serde(default)]
+    pub variants: Vec<VariantRow>,
+}
+
+impl AccuracyReport {
+    /// A report of rows, with what follows from them.
+    pub fn new(
+        machine: Machine,
+        seed: u64,
+        rows: Vec<AccuracyRow>,
+        variants: Vec<VariantRow>,
+    ) -> Self {
+        let pareto = Pareto::of(&rows);
+        Self { machine, seed, rows, pareto, variants }
+    }
 }
 
 /// Percentiles of a time, ns.
@@ -52,6 +74,23 @@ pub struct StageTimes {
     pub total_ns: Percentiles,
 }
 
+impl StageTimes {
+    /// The stages with the names that tables have for them.
+    pub const fn by_name(&self) -> [(&'static str, Percentiles); 9] {
+        [
+            ("fill", self.fill_ns),
+            ("ingest", self.ingest_ns),
+            ("plan", self.plan_ns),
+            ("execute", self.execute_ns),
+            ("publish", self.publish_ns),
+            ("engine_time", self.engine_ns),
+            ("round_trip", self.round_trip_ns),
+            ("decode", self.decode_ns),
+            ("total", self.total_ns),
+        ]
+    }
+}
+
 /// One scene of n boxes in motion, culled in one mode by one engine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AccuracyRow {
@@ -59,10 +98,15 @@ pub struct AccuracyRow {
     pub scene: String,
     /// Boxes.
     pub n: u32,
-    /// The mode: `exact`, `q16`, `q8`, `f16`, `f64`, `margin` or `spheres`.
+    /// The mode: `exact`, `q16`, `q8`, `f16`, `margin`, `f64`, `plain-f32` or `spheres`.
     pub mode: String,
     /// Of the mode `margin`: how far boxes are inflated, in units of the scene; else null.
     pub margin: Option<f64>,
+    /// Of the modes `f64` and `plain-f32`: how far from the origin the scene lies, in units; else
+    /// null.
+    pub offset: Option<f64>,
+    /// Of the mode `spheres`: `circumscribed` or `inscribed`; else null.
+    pub spheres: Option<String>,
     /// Who found the pairs: `daemon` or `in-process`.
     pub backend: String,
     /// The engine that was asked for, `auto` where the plan chose.
@@ -81,7 +125,8 @@ pub struct AccuracyRow {
     pub bytes_down: u64,
     /// Frames whose pairs were compared with the exact ones.
     pub checked_frames: u64,
-    /// Exact pairs in those frames.
+    /// Exact pairs in those frames: of the boxes; of `f64` and `plain-f32` the boxes in f64; of
+    /// `spheres` the spheres.
     pub true_pairs: u64,
     /// Exact pairs that were not reported. Anything but 0 disqualifies the mode.
     pub missed: u64,
@@ -89,20 +134,49 @@ pub struct AccuracyRow {
     pub extra: u64,
     /// `extra / true_pairs`, 0 where both are 0; null where only `true_pairs` is.
     pub extra_ratio: Option<f64>,
+    /// Of the mode `spheres`: the same frames against the pairs of the scene's boxes; else null.
+    pub against_boxes: Option<AgainstBoxes>,
     /// Resident memory of client and daemon together at the end of the row, bytes.
     pub memory_bytes: u64,
 }
 
+/// Pairs of something that stands for boxes, against those of the boxes.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AgainstBoxes {
+    /// The boxes' pairs.
+    pub true_pairs: u64,
+    /// Of those, how many were not reported.
+    pub missed: u64,
+    /// Reported pairs that are not the boxes'.
+    pub extra: u64,
+    /// `extra / true_pairs`, as in [`AccuracyRow::extra_ratio`].
+    pub extra_ratio: Option<f64>,
+}
+
 impl AccuracyRow {
     /// What tells rows of two reports to be about the same thing.
-    pub fn key(&self) -> (&str, u32, &str, Option<u64>, &str, &str) {
-        let margin = self.margin.map(f64::to_bits);
-        (&self.scene, self.n, &self.mode, margin, &self.backend, &self.engine)
+    pub fn key(&self) -> (&str, u32, String, &str, &str) {
+        (&self.scene, self.n, self.mode_text(), &self.backend, &self.engine)
     }
 
     /// The mode as the command line has it.
     pub fn mode_text(&self) -> String {
-        self.margin.map_or_else(|| self.mode.clone(), |margin| format!("{}={margin}", self.mode))
+        let mode = &self.mode;
+        match (self.margin, self.offset, &self.spheres) {
+            (Some(margin), _, _) => format!("{mode}={margin}"),
+            (None, Some(offset), _) => format!("{mode}={offset:e}"),
+            (None, None, Some(fit)) => format!("{mode}={fit}"),
+            (None, None, None) => mode.clone(),
+        }
+    }
+
+    /// Extra pairs a pair, as somebody has them who asks for the pairs of the boxes: of spheres
+    /// against the boxes'. `None` where a pair was missed, none was looked at, or there is nothing
+    /// to divide by.
+    pub fn error(&self) -> Option<f64> {
+        let missed = self.missed + self.against_boxes.map_or(0, |boxes| boxes.missed);
+        let ratio = self.against_boxes.map_or(self.extra_ratio, |boxes| boxes.extra_ratio);
+        ratio.filter(|_| missed == 0 && self.checked_frames > 0)
     }
 
     /// What the row is about, for messages.
@@ -133,6 +207,8 @@ pub(super) mod tests {
             n: 1000,
             mode: "margin".to_owned(),
             margin: Some(0.1),
+            offset: None,
+            spheres: None,
             backend: "daemon".to_owned(),
             engine: "auto".to_owned(),
             served_by_engine: "cpu-grid".to_owned(),
@@ -146,12 +222,38 @@ pub(super) mod tests {
             missed: 0,
             extra: 100,
             extra_ratio: AccuracyRow::ratio(100, 4000),
+            against_boxes: None,
             memory_bytes: 1 << 30,
         }
     }
 
     pub fn report(rows: Vec<AccuracyRow>) -> AccuracyReport {
-        AccuracyReport { machine: Machine::here(None), seed: 1, rows }
+        AccuracyReport::new(Machine::here(None), 1, rows, Vec::new())
+    }
+
+    #[test]
+    fn a_report_of_an_earlier_version_is_read() -> Result<(), serde_json::Error> {
+        let mut report = serde_json::to_value(report(vec![row()]))?;
+        for field in ["pareto", "variants"] {
+            report.as_object_mut().map(|report| report.remove(field));
+        }
+        for field in ["offset", "spheres", "against_boxes"] {
+            report["rows"][0].as_object_mut().map(|row| row.remove(field));
+        }
+        let read: AccuracyReport = serde_json::from_value(report)?;
+        assert_eq!(read.rows, [row()]);
+        Ok(())
+    }
+
+    #[test]
+    fn spheres_are_judged_by_the_boxes_and_a_missed_pair_by_nothing() {
+        let boxes = AgainstBoxes { true_pairs: 10, missed: 0, extra: 5, extra_ratio: Some(0.5) };
+        assert_eq!(row().error(), Some(0.025));
+        let with = |against_boxes| AccuracyRow { against_boxes, ..row() }.error();
+        assert_eq!(with(Some(boxes)), Some(0.5));
+        assert_eq!(with(Some(AgainstBoxes { missed: 1, ..boxes })), None);
+        assert_eq!(AccuracyRow { missed: 1, ..row() }.error(), None);
+        assert_eq!(AccuracyRow { checked_frames: 0, ..row() }.error(), None);
     }
 
     #[test]

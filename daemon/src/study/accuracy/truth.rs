@@ -8,7 +8,7 @@ use crate::timed_client::TimedError;
 pub type Pair = (u32, u32);
 
 /// Most boxes that are compared each with each: 8 million comparisons take some 10 ms.
-const NAIVE_LIMIT: usize = 4096;
+pub const NAIVE_LIMIT: usize = 4096;
 
 /// The engine that larger scenes are checked with; another one where this is the one that is
 /// checked.
@@ -51,6 +51,13 @@ fn naive(boxes: &[Aabb]) -> Vec<Pair> {
         }
     }
     pairs
+}
+
+/// The f32 one step outward of the nearest one: beyond `x` on that side, or `x` at infinity. For
+/// boxes that are to be candidates of an exact test.
+pub fn outward(x: f64, up: bool) -> f32 {
+    let nearest = x as f32;
+    if up { nearest.next_up() } else { nearest.next_down() }
 }
 
 /// What one sorted list of pairs lacks, and what it has too much.
@@ -102,6 +109,14 @@ mod tests {
         assert_eq!(count(&[]), (3, 0));
         assert_eq!(count(&[(0, 1), (0, 3), (4, 5)]), (1, 1));
         assert_eq!(count(&[(0, 0), (0, 1), (0, 2), (4, 5), (9, 10)]), (0, 2));
+    }
+
+    #[test]
+    fn outward_is_beyond() {
+        for x in [0.0, 1.0, -1.0 / 3.0, 1e-300, 1e300, f64::INFINITY, f64::NEG_INFINITY] {
+            assert!(f64::from(outward(x, false)) <= x && x <= f64::from(outward(x, true)), "{x}");
+        }
+        assert!(outward(1.0, true) > 1.0 && outward(1.0, false) < 1.0);
     }
 
     #[test]

@@ -28,6 +28,7 @@ pub mod rows;
 
 use std::io;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Duration;
 
 use crate::execute::gpu::{Checks, Gpu, GpuChoice, GpuError, HostImport, OpenError};
@@ -127,18 +128,26 @@ pub fn run(options: &MappingOptions) -> Result<MappingReport, MappingError> {
 /// # Errors
 /// [`MappingError`].
 pub fn measure(options: &MappingOptions) -> Result<MappingReport, MappingError> {
-    let gpu = match Gpu::open(&options.gpu, HostImport::Never) {
-        Ok(gpu) => Some(gpu),
-        Err(OpenError::SwitchedOff) => None,
-        Err(OpenError::NoAdapter { .. }) if options.gpu == GpuChoice::Auto => {
-            log::info!("no GPU: the CPU alone is measured");
-            None
-        }
-        Err(error) => return Err(error.into()),
-    };
+    let gpu = open(&options.gpu)?;
     let software = gpu.as_ref().is_some_and(|gpu| gpu.info().is_software());
     let plan = Plan::new(options.quick, software, rayon::current_num_threads());
     let machine = Machine::here(gpu.as_ref().map(|gpu| gpu.info()));
     let bench = gpu.as_ref().map(|gpu| Bench::new(gpu, Checks::Off)).transpose()?;
     rows::measure(machine, &plan, bench)
+}
+
+/// The GPU of a study; `None` where there is to be none, or none was named and there is none.
+pub(in crate::study) fn open(choice: &GpuChoice) -> Result<Option<Arc<Gpu>>, OpenError> {
+    if *choice == GpuChoice::None {
+        // Not even a look: listing adapters loads every driver, and some of them talk.
+        return Ok(None);
+    }
+    match Gpu::open(choice, HostImport::Never) {
+        Ok(gpu) => Ok(Some(gpu)),
+        Err(OpenError::NoAdapter { .. }) if *choice == GpuChoice::Auto => {
+            log::info!("no GPU: the CPU alone is measured");
+            Ok(None)
+        }
+        Err(error) => Err(error),
+    }
 }

@@ -2,11 +2,15 @@
 
 use std::time::Duration;
 
+use pairmask_shaders::mapping::Variant;
+
 use super::Budget;
 
 /// Sizes and budgets of a study.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Plan {
+    /// Ways to turn an id into a pair whose errors and times are measured.
+    pub variants: Vec<Variant>,
     /// Numbers whose roots are compared (table 3).
     pub root_counts: Vec<u64>,
     /// Numbers of boxes of the error study.
@@ -50,6 +54,7 @@ impl Plan {
         };
         if quick {
             return Self {
+                variants: Variant::all().collect(),
                 root_counts: tens(3, 5),
                 error_counts: vec![1_000, 4_113, 16_384, 100_000],
                 exhaustive_cpu: 1_000,
@@ -67,6 +72,7 @@ impl Plan {
         }
         let large = threads >= MANY_THREADS;
         Self {
+            variants: Variant::all().collect(),
             root_counts: tens(3, 8),
             // k leaves 2^24 at 5,794 boxes, 2^31 at 65,537 and 2^32 at 92,683.
             error_counts: vec![
@@ -99,6 +105,7 @@ mod tests {
         {
             let plan = Plan::new(quick, software, threads);
             for empty in [
+                plan.variants.is_empty(),
                 plan.root_counts.is_empty(),
                 plan.error_counts.is_empty(),
                 plan.time_counts.is_empty(),

@@ -241,14 +241,15 @@ fn root_errors(
     Ok(rows)
 }
 
-fn pair_errors(
+/// What the variants of the plan get wrong.
+pub(in crate::study) fn pair_errors(
     plan: &Plan,
     mut bench: Option<&mut Bench>,
 ) -> Result<Vec<PairErrorRow>, MappingError> {
     let mut rows = Vec::new();
     for &n in &plan.error_counts {
         log::info!("mapping study: errors, {n} boxes");
-        for variant in Variant::all() {
+        for &variant in &plan.variants {
             let boxes = BoxCount::new(n);
             let (scope, (tally, coverage)) = if n <= plan.exhaustive_cpu {
                 (Scope::All, errors::exhaustive(variant, boxes))
@@ -297,11 +298,15 @@ fn first_wrong(plan: &Plan) -> Vec<FirstWrongRow> {
 pub const PAPERS_OWN: Variant =
     Variant::Closed { root: Root::BuiltIn, discriminant: Discriminant::Float, corrected: false };
 
-fn map_times(plan: &Plan, mut bench: Option<&mut Bench>) -> Result<Vec<MapTimeRow>, MappingError> {
+/// How long the variants of the plan take.
+pub(in crate::study) fn map_times(
+    plan: &Plan,
+    mut bench: Option<&mut Bench>,
+) -> Result<Vec<MapTimeRow>, MappingError> {
     let mut rows = Vec::new();
     for &n in &plan.time_counts {
         log::info!("mapping study: times, {n} boxes");
-        for variant in Variant::all() {
+        for &variant in &plan.variants {
             let paper = match variant {
                 PAPERS_OWN => paper::table_2(n).map(|(with_sqrt, _)| with_sqrt),
                 Variant::Lazy => paper::table_2(n).map(|(_, lazy)| lazy),

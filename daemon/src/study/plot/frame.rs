@@ -2,9 +2,9 @@
 
 use maud::{Markup, html};
 
+use super::Plot;
 use super::scale::Scale;
 use super::unit::Unit;
-use super::{Plot, series_class};
 
 /// Width and height of a plot, in SVG units; the page scales it.
 pub(super) const WIDTH: f64 = 640.0;
@@ -29,8 +29,8 @@ pub(super) struct Frame<'a> {
     pub(super) title: &'a str,
     pub(super) x: Axis<'a>,
     pub(super) y: Axis<'a>,
-    /// Names of the series, in the order of their colours.
-    pub(super) key: Vec<&'a str>,
+    /// Classes and names of the series.
+    pub(super) key: Vec<(String, &'a str)>,
 }
 
 impl Frame<'_> {
@@ -77,10 +77,10 @@ impl Frame<'_> {
     fn key(&self) -> Markup {
         let width = (WIDTH - LEFT) / KEY_COLUMNS as f64;
         html! {
-            @for (i, name) in self.key.iter().enumerate() {
+            @for (i, (class, name)) in self.key.iter().enumerate() {
                 @let x = LEFT + width * (i % KEY_COLUMNS) as f64;
                 @let y = HEIGHT + KEY_ROW * (i / KEY_COLUMNS) as f64;
-                rect class=(series_class(i)) x=(coordinate(x)) y=(coordinate(y - 9.0)) width="10" height="10" {}
+                rect class=(class) x=(coordinate(x)) y=(coordinate(y - 9.0)) width="10" height="10" {}
                 text x=(coordinate(x + 15.0)) y=(coordinate(y)) { (name) }
             }
         }

@@ -36,7 +36,15 @@ pub struct Lines {
 impl Lines {
     /// The plot.
     pub fn draw(&self) -> Plot {
-        let points = || self.lines.iter().flat_map(|line| &line.points);
+        self.draw_beside(&[])
+    }
+
+    /// The plot, with lines of somebody else beside: grey and dashed.
+    pub fn draw_beside(&self, others: &[Line]) -> Plot {
+        let own = self.lines.iter().enumerate().map(|(i, line)| (series_class(i), line));
+        let others = others.iter().enumerate().map(|(i, line)| (other_class(i), line));
+        let lines: Vec<(String, &Line)> = own.chain(others).collect();
+        let points = || lines.iter().flat_map(|(_, line)| &line.points);
         let frame = Frame {
             title: &self.title,
             x: Axis {
@@ -49,7 +57,7 @@ impl Lines {
                 unit: self.y_unit,
                 scale: Scale::log(points().map(|p| p.1)),
             },
-            key: self.lines.iter().map(|line| line.name.as_str()).collect(),
+            key: lines.iter().map(|(class, line)| (class.clone(), line.name.as_str())).collect(),
         };
         let path = |line: &Line| -> String {
             let steps: Vec<String> = line
@@ -60,16 +68,24 @@ impl Lines {
             format!("M{}", steps.join("L"))
         };
         frame.around(&html! {
-            @for (i, line) in self.lines.iter().enumerate().filter(|(_, l)| !l.points.is_empty()) {
-                path class=(format!("line {}", series_class(i))) d=(path(line)) {}
+            @for (class, line) in lines.iter().filter(|(_, line)| !line.points.is_empty()) {
+                path class=(format!("line {class}")) d=(path(line)) {}
                 @for &(x, y) in &line.points {
-                    circle class=(series_class(i)) r="3" cx=(coordinate(frame.x(x))) cy=(coordinate(frame.y(y))) {
+                    circle class=(class) r="3" cx=(coordinate(frame.x(x))) cy=(coordinate(frame.y(y))) {
                         title { (line.name) ": " (self.x_unit.text(x)) ", " (self.y_unit.text(y)) }
                     }
                 }
             }
         })
     }
+}
+
+/// How many ways of dashing the style has for lines of others.
+const DASHES: usize = 3;
+
+/// The class of a line of somebody else.
+fn other_class(line: usize) -> String {
+    format!("other o{}", line % DASHES)
 }
 
 #[cfg(test)]
@@ -99,5 +115,24 @@ mod tests {
         assert_eq!(svg.matches("<circle").count(), 2);
         assert!(svg.contains("absent") && svg.contains("drawn: 10, 3 ns"));
         assert!(!svg.contains("NaN") && !svg.contains("inf"));
+    }
+
+    #[test]
+    fn lines_of_others_stand_apart() {
+        let line =
+            |name: &str| Line { name: name.to_owned(), points: vec![(1.0, 1.0), (9.0, 9.0)] };
+        let lines = Lines {
+            title: String::new(),
+            x_label: String::new(),
+            y_label: String::new(),
+            x_unit: Unit::Count,
+            y_unit: Unit::Nanoseconds,
+            lines: vec![line("ours")],
+        };
+        let svg = lines.draw_beside(&[line("theirs")]).render().into_string();
+        for class in ["line s0", "line other o0"] {
+            assert_eq!(svg.matches(&format!("<path class=\"{class}\"")).count(), 1, "{svg}");
+        }
+        assert!(svg.contains("theirs: 9, 9 ns"));
     }
 }

@@ -1,4 +1,5 @@
-//! Plots of measurements as SVG: scaling lines, points with their Pareto front, stacked bars.
+//! Plots of measurements as SVG: scaling lines and ranges, points with their Pareto front, stacked
+//! bars.
 //!
 //! A [`Plot`] is one `<svg>` element without outside resources. Colours come from the classes of
 //! [`STYLE`], which follow the reader's light or dark theme; [`standalone`] makes a file of plots.
@@ -9,6 +10,7 @@ mod frame;
 mod front;
 mod lines;
 mod points;
+mod ranges;
 mod scale;
 mod unit;
 
@@ -16,6 +18,7 @@ pub use bars::{Bar, Bars};
 pub use front::pareto_front;
 pub use lines::{Line, Lines};
 pub use points::{Group, Point, Points};
+pub use ranges::{Range, Ranges};
 pub use scale::{Scale, Tick};
 pub use unit::Unit;
 
@@ -29,12 +32,15 @@ pub const STYLE: &str = "\
 .plot{font:12px system-ui,sans-serif;--ink:#222;--faint:#8884;--grey:#999;--paper:#fff}\
 .plot text{fill:var(--ink)}.plot .title{font-size:14px;font-weight:600}\
 .plot .grid{stroke:var(--faint);stroke-width:1}.plot .front{fill:none;stroke:var(--ink);stroke-width:1.5;stroke-dasharray:5 3}\
-.plot .line{fill:none;stroke-width:2}.plot .line.again{stroke-dasharray:3 3}.plot .beaten{fill:var(--grey);stroke:none;opacity:.45}\
+.plot .line{fill:none;stroke-width:2}.plot .line.again{stroke-dasharray:3 3}\
+.plot .tag{font-size:11px;paint-order:stroke;stroke:var(--paper);stroke-width:3px}\
+.plot .faded{fill:var(--grey)}.plot .range{stroke-width:3;opacity:.45}.plot path.thin{stroke-width:1.2;opacity:.7}.plot .other{stroke:var(--grey);fill:var(--grey)}\
+.plot path.o0{stroke-dasharray:6 4}.plot path.o1{stroke-dasharray:2 4}.plot path.o2{stroke-dasharray:9 3 2 3}\
 .plot .s0{stroke:#0072b2;fill:#0072b2}.plot .s1{stroke:#d55e00;fill:#d55e00}\
 .plot .s2{stroke:#009e73;fill:#009e73}.plot .s3{stroke:#cc79a7;fill:#cc79a7}\
 .plot .s4{stroke:#56b4e9;fill:#56b4e9}.plot .s5{stroke:#e69f00;fill:#e69f00}\
 .plot .s6{stroke:#a89a00;fill:#a89a00}.plot .s7{stroke:#777;fill:#777}\
-.plot .line.s0,.plot .line.s1,.plot .line.s2,.plot .line.s3,.plot .line.s4,.plot .line.s5,.plot .line.s6,.plot .line.s7{fill:none}\
+.plot circle.beaten{fill:var(--grey);fill-opacity:.4;stroke-opacity:.45}.plot path.line{fill:none!important}.plot circle.hollow{fill:var(--paper)!important;stroke-width:2}\
 @media(prefers-color-scheme:dark){.plot{--ink:#ddd;--faint:#fff2;--grey:#777;--paper:#111}}";
 
 /// How many colours [`STYLE`] has; series beyond take them again, their lines dashed.

@@ -77,7 +77,13 @@ pub fn root_f32(a: &Sphere, b: &Sphere) -> bool {
 }
 
 /// Decides `pairs` pairs of a family in every way. The same for the same seed, whatever the threads.
-pub fn count_errors(family: &Family, pairs: u64, seed: u64) -> ErrorRow {
+/// `watch` is told how many more are decided, by whichever thread decided them.
+pub fn count_errors(
+    family: &Family,
+    pairs: u64,
+    seed: u64,
+    watch: &(impl Fn(u64) + Sync),
+) -> ErrorRow {
     let empty = || ErrorRow { family: family.name, ..ErrorRow::default() };
     let chunk = |chunk: u64| {
         let mut random = Random::new(seed.wrapping_add(chunk.wrapping_mul(0x9e37_79b9)));
@@ -86,27 +92,46 @@ pub fn count_errors(family: &Family, pairs: u64, seed: u64) -> ErrorRow {
             let (a, b) = (family.make)(&mut random);
             row.note(&a, &b);
         }
+        watch(row.pairs);
         row
     };
     (0..pairs.div_ceil(CHUNK)).into_par_iter().map(chunk).reduce(empty, ErrorRow::plus)
 }
 
-/// All families: `pairs` pairs in the random ones together, a hundredth of them in each tangent one.
-pub fn measure(pairs: u64, seed: u64) -> Vec<ErrorRow> {
+/// Pairs of a family in a study of `pairs`: the random families share them, each tangent one has a
+/// hundredth as many.
+fn share(family: &Family, pairs: u64) -> u64 {
     let random = ALL.iter().filter(|family| !family.tangent).count() as u64;
-    let share = |family: &Family| {
-        if family.tangent { pairs.div_ceil(100) } else { pairs.div_ceil(random) }
-    };
-    ALL.iter().map(|family| count_errors(family, share(family), seed)).collect()
+    if family.tangent { pairs.div_ceil(100) } else { pairs.div_ceil(random) }
+}
+
+/// Pairs that [`measure`] decides.
+pub fn pairs_decided(pairs: u64) -> u64 {
+    ALL.iter().map(|family| share(family, pairs)).sum()
+}
+
+/// All families: `pairs` pairs in the random ones together, a hundredth of them in each tangent one.
+/// `watch` is told how many more are decided.
+pub fn measure(pairs: u64, seed: u64, watch: impl Fn(u64) + Sync) -> Vec<ErrorRow> {
+    ALL.iter().map(|family| count_errors(family, share(family, pairs), seed, &watch)).collect()
 }
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::{AtomicU64, Ordering};
+
     use super::*;
 
     #[test]
     fn the_exact_way_is_never_wrong_and_f32_is() {
-        for row in measure(60_000, 5) {
+        let watched = AtomicU64::new(0);
+        let watch = |pairs| {
+            watched.fetch_add(pairs, Ordering::Relaxed);
+        };
+        let rows = measure(60_000, 5, watch);
+        assert_eq!(watched.into_inner(), pairs_decided(60_000));
+        assert_eq!(rows.iter().map(|row| row.pairs).sum::<u64>(), pairs_decided(60_000));
+        for row in rows {
             assert_eq!(row.exact_wrong, 0, "{row:?}");
             if row.family == "near ties" || row.family == "tangent but for an ulp" {
                 assert!(row.f32_missed + row.f32_extra > 0, "nothing was hard: {row:?}");

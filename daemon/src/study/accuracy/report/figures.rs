@@ -1,41 +1,14 @@
 //! From rows to plots.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
+use crate::study::accuracy::pareto::costs;
 use crate::study::accuracy::rows::AccuracyRow;
-use crate::study::plot::{Bar, Bars, Group, Line, Lines, Point, Points, Unit, pareto_front};
+use crate::study::accuracy::setting::Setting;
+use crate::study::accuracy::variants::VariantRow;
+use crate::study::plot::{Bar, Bars, Group, Line, Lines, Point, Points, Range, Ranges, Unit};
 
 use super::papers;
-
-/// Rows of one scene and size.
-pub(super) struct Setting<'a> {
-    pub(super) scene: &'a str,
-    pub(super) n: u32,
-    pub(super) rows: Vec<&'a AccuracyRow>,
-}
-
-impl Setting<'_> {
-    pub(super) fn title(&self) -> String {
-        format!("{}, {} boxes", self.scene, Unit::Count.text(f64::from(self.n)))
-    }
-}
-
-/// Rows by scene and size, in the order in which the scenes were measured, sizes rising.
-pub(super) fn settings(rows: &[AccuracyRow]) -> Vec<Setting<'_>> {
-    let mut scenes: Vec<&str> = Vec::new();
-    let mut by_setting: BTreeMap<(usize, u32), Vec<&AccuracyRow>> = BTreeMap::new();
-    for row in rows {
-        let scene = scenes.iter().position(|s| *s == row.scene).unwrap_or_else(|| {
-            scenes.push(&row.scene);
-            scenes.len() - 1
-        });
-        by_setting.entry((scene, row.n)).or_default().push(row);
-    }
-    by_setting
-        .into_iter()
-        .map(|((scene, n), rows)| Setting { scene: scenes[scene], n, rows })
-        .collect()
-}
 
 /// A row's engine and where it ran.
 pub(super) fn engine_name(row: &AccuracyRow) -> String {
@@ -47,78 +20,102 @@ pub(super) fn engine_name(row: &AccuracyRow) -> String {
     format!("{answered}, {}", row.backend)
 }
 
-/// Modes in the order in which they were measured.
-pub(super) fn modes<'a>(rows: impl IntoIterator<Item = &'a AccuracyRow>) -> Vec<String> {
-    let mut seen = BTreeSet::new();
-    rows.into_iter().map(AccuracyRow::mode_text).filter(|mode| seen.insert(mode.clone())).collect()
+/// A row's mode and engine, for what a pointer reads.
+fn row_name(row: &AccuracyRow) -> String {
+    format!("{}, {}", row.mode_text(), engine_name(row))
 }
 
-/// Extra pairs and time of a row that may stand in a comparison: it missed nothing.
-fn place(row: &AccuracyRow) -> Option<(f64, f64)> {
-    (row.missed == 0).then_some((row.extra_ratio?, row.times.total_ns.p50 as f64))
-}
-
-/// How a mode did over all settings.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct ModeVerdict {
-    /// The mode.
-    pub mode: String,
-    /// Settings (scene and size) in which it was measured.
-    pub settings: usize,
-    /// Those of them in which it is on the Pareto front of time and extra pairs.
-    pub on_front: usize,
-}
-
-/// Where each mode is on the Pareto front. Rows with missed pairs never are.
-pub fn front_verdicts(rows: &[AccuracyRow]) -> Vec<ModeVerdict> {
-    let settings = settings(rows);
-    let on_front = |setting: &Setting<'_>, mode: &str| {
-        let placed: Vec<_> =
-            setting.rows.iter().filter_map(|row| Some((row, place(row)?))).collect();
-        let places: Vec<_> = placed.iter().map(|(_, place)| *place).collect();
-        let front = pareto_front(&places);
-        placed.iter().zip(front).any(|((row, _), wins)| wins && row.mode_text() == mode)
-    };
-    let has =
-        |setting: &&Setting<'_>, mode: &str| setting.rows.iter().any(|r| r.mode_text() == mode);
-    modes(rows)
-        .into_iter()
-        .map(|mode| ModeVerdict {
-            settings: settings.iter().filter(|s| has(s, &mode)).count(),
-            on_front: settings.iter().filter(|s| on_front(s, &mode)).count(),
-            mode,
-        })
-        .collect()
-}
-
-/// Speed against error in one setting.
-pub(super) fn speed_against_error(setting: &Setting<'_>) -> Points {
-    let group = |mode: String| {
-        let of_mode = setting.rows.iter().filter(|row| row.mode_text() == mode);
-        let points = of_mode
+/// Speed against error in one setting. Bytes up are the hidden cost. `all` are the modes of the report,
+/// which give each its colour.
+pub(super) fn speed_against_error(setting: &Setting<'_>, all: &[String]) -> Points {
+    let group = |(series, mode): (usize, &String)| {
+        let of_mode = setting.rows.iter().filter(|row| row.mode_text() == *mode);
+        let points: Vec<Point> = of_mode
             .filter_map(|row| {
-                let (x, y) = place(row)?;
-                Some(Point { x, y, label: format!("{mode}, {}", engine_name(row)) })
+                let [y, x, hidden] = costs(row)?;
+                let bytes = Unit::Bytes.text(hidden);
+                let label = format!("{}, {bytes} up", row_name(row));
+                Some(Point { x, y, hidden, tag: mode.clone(), label })
             })
             .collect();
-        Group { name: mode, points }
+        (!points.is_empty()).then(|| Group { name: mode.clone(), series, points })
     };
     Points {
         title: setting.title(),
-        x_label: "extra pairs a true pair".to_owned(),
+        x_label: "extra pairs for each true pair".to_owned(),
         y_label: "whole frame, p50".to_owned(),
         x_unit: Unit::Ratio,
         y_unit: Unit::Nanoseconds,
-        groups: modes(setting.rows.iter().copied()).into_iter().map(group).collect(),
+        groups: all.iter().enumerate().filter_map(group).collect(),
     }
 }
 
-/// Medians of the stages in one setting, a bar for every row.
-pub(super) fn stages(setting: &Setting<'_>) -> Bars {
+/// Families of the papers' mapping functions, by how their names begin; what is left searches, folds or
+/// divides, with integers alone.
+const FAMILIES: [(&str, &str); 5] = [
+    ("closed sqrt", "square root"),
+    ("closed carmack", "Carmack's root"),
+    ("closed lomont", "Lomont's root"),
+    ("closed integer", "root of an integer"),
+    ("far-end", "root from the far end"),
+];
+const INTEGERS: &str = "integers alone";
+
+/// Speed against error of the ways to turn a pair's number into the pair: one n on one processor.
+pub(super) fn mapping(rows: &[&VariantRow]) -> Points {
+    let family = |row: &VariantRow| {
+        let known = FAMILIES.iter().find(|(start, _)| row.variant.starts_with(start));
+        known.map_or(INTEGERS, |(_, name)| name)
+    };
+    let names = FAMILIES.iter().map(|(_, name)| *name).chain([INTEGERS]);
+    let group = |(series, name): (usize, &str)| {
+        let point = |row: &&VariantRow| {
+            Some(Point {
+                x: row.wrong_share,
+                y: row.ps_per_pair? / 1e3,
+                hidden: 0.0,
+                tag: row.variant.clone(),
+                label: row.variant.clone(),
+            })
+        };
+        let points: Vec<Point> =
+            rows.iter().filter(|row| family(row) == name).filter_map(point).collect();
+        (!points.is_empty()).then(|| Group { name: name.to_owned(), series, points })
+    };
+    let title = rows.first().map_or_else(String::new, |row| {
+        let processor = if row.processor == "gpu" { "GPU" } else { "one thread of the CPU" };
+        format!("{} boxes, {processor}", Unit::Count.text(f64::from(row.n)))
+    });
+    Points {
+        title,
+        x_label: "share of pair numbers that become another pair".to_owned(),
+        y_label: "time a pair".to_owned(),
+        x_unit: Unit::Ratio,
+        y_unit: Unit::Nanoseconds,
+        groups: names.enumerate().filter_map(group).collect(),
+    }
+}
+
+/// Rows of the mapping functions by processor and n.
+pub(super) fn mapping_settings(rows: &[VariantRow]) -> Vec<Vec<&VariantRow>> {
+    let mut settings: BTreeMap<(&str, u32), Vec<&VariantRow>> = BTreeMap::new();
+    for row in rows {
+        settings.entry((&row.processor, row.n)).or_default().push(row);
+    }
+    settings.into_values().collect()
+}
+
+/// Medians of the stages in one setting, a bar for every row. What the same scene takes in f64, far
+/// from the origin, stands below; plain rounding is no way to do it, and would dwarf the others.
+pub(super) fn stages(setting: &Setting<'_>, all: &[Setting<'_>]) -> Bars {
+    let is_same = |other: &&Setting<'_>| (other.scene, other.n) == (setting.scene, setting.n);
+    let far = all.iter().filter(is_same).filter(|other| other.offset.is_some());
+    let far = far.flat_map(|other| &other.rows).filter(|row| row.mode == "f64");
     let parts = ["fill", "ingest", "plan", "execute", "publish", "the way", "decode"];
     let bars = setting
         .rows
         .iter()
+        .chain(far)
         .map(|row| {
             let t = &row.times;
             let way = t.round_trip_ns.p50.saturating_sub(t.engine_ns.p50);
@@ -145,51 +142,65 @@ pub(super) fn stages(setting: &Setting<'_>) -> Bars {
     }
 }
 
-/// One series: name, then (boxes, ns) by rising n.
-type Series = BTreeMap<String, Vec<(f64, f64)>>;
-
-fn lines_of(title: String, y_label: &str, series: Series, more: Vec<Line>) -> Lines {
-    let ours = series.into_iter().map(|(name, mut points)| {
-        points.sort_by(|a, b| a.0.total_cmp(&b.0));
-        Line { name, points }
-    });
-    Lines {
-        title,
-        x_label: "boxes".to_owned(),
-        y_label: y_label.to_owned(),
-        x_unit: Unit::Count,
-        y_unit: Unit::Nanoseconds,
-        lines: ours.chain(more).collect(),
-    }
+/// Rows of one line of a plot over n.
+fn over_n<T>(rows: &[&AccuracyRow], y: impl Fn(&AccuracyRow) -> T) -> Vec<(f64, T)> {
+    let mut points: Vec<(f64, T)> = rows.iter().map(|row| (f64::from(row.n), y(row))).collect();
+    points.sort_by(|a, b| a.0.total_cmp(&b.0));
+    points
 }
 
-fn paper_lines() -> Vec<Line> {
+/// The papers' lines.
+pub(super) fn paper_lines() -> Vec<Line> {
     papers::LINES
         .iter()
         .map(|line| Line { name: line.name.to_owned(), points: line.points.to_vec() })
         .collect()
 }
 
-/// Exact frames of one scene over n, a line an engine, with the papers' lines.
+/// Exact frames of one scene over n, a line an engine.
 pub(super) fn scaling(scene: &str, rows: &[AccuracyRow]) -> Lines {
-    let mut series = Series::new();
+    let mut series: BTreeMap<String, Vec<&AccuracyRow>> = BTreeMap::new();
     for row in rows.iter().filter(|row| row.scene == scene && row.mode == "exact") {
-        let name = format!("{}, {}", row.engine, row.backend);
-        let point = (f64::from(row.n), row.times.total_ns.p50 as f64);
-        series.entry(name).or_default().push(point);
+        series.entry(format!("{}, {}", row.engine, row.backend)).or_default().push(row);
     }
-    lines_of(format!("{scene}, exact"), "whole frame, p50", series, paper_lines())
+    let line = |(name, rows): (String, Vec<&AccuracyRow>)| Line {
+        name,
+        points: over_n(&rows, |row| row.times.total_ns.p50 as f64),
+    };
+    Lines {
+        title: format!("{scene}, exact"),
+        x_label: "boxes".to_owned(),
+        y_label: "whole frame, p50".to_owned(),
+        x_unit: Unit::Count,
+        y_unit: Unit::Nanoseconds,
+        lines: series.into_iter().map(line).collect(),
+    }
 }
 
-/// Percentiles of one scene over n, the engine that the plan chose: two lines a mode.
-pub(super) fn percentiles(scene: &str, rows: &[AccuracyRow]) -> Lines {
-    let mut series = Series::new();
-    for row in rows.iter().filter(|row| row.scene == scene && row.engine == "auto") {
-        for (name, ns) in [("p50", row.times.total_ns.p50), ("p99", row.times.total_ns.p99)] {
-            let point = (f64::from(row.n), ns as f64);
-            let key = format!("{} {name}, {}", row.mode_text(), row.backend);
-            series.entry(key).or_default().push(point);
-        }
+/// Percentiles of one scene over n by one engine, a series a mode. `all` are the modes of the report,
+/// which give each its colour. Worlds far from the origin are another question, and not in it.
+pub(super) fn percentiles(
+    scene: &str,
+    engine: &str,
+    rows: &[AccuracyRow],
+    all: &[String],
+) -> Ranges {
+    let is_its =
+        |row: &&AccuracyRow| row.scene == scene && row.engine == engine && row.offset.is_none();
+    let range = |(series, mode): (usize, &String)| {
+        let of_mode: Vec<&AccuracyRow> =
+            rows.iter().filter(is_its).filter(|row| row.mode_text() == *mode).collect();
+        let total = |row: &AccuracyRow| row.times.total_ns;
+        let points = over_n(&of_mode, |row| [total(row).p50, total(row).p99].map(|ns| ns as f64));
+        Range { name: mode.clone(), series, points }
+    };
+    Ranges {
+        title: format!("{scene}, engine {engine}"),
+        x_label: "boxes".to_owned(),
+        y_label: "whole frame, p50 to p99".to_owned(),
+        x_unit: Unit::Count,
+        y_unit: Unit::Nanoseconds,
+        ends: ["p50".to_owned(), "p99".to_owned()],
+        ranges: all.iter().enumerate().map(range).collect(),
     }
-    lines_of(format!("{scene}, engine auto"), "whole frame", series, Vec::new())
 }

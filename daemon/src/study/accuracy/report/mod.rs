@@ -4,5 +4,4 @@ mod figures;
 mod page;
 mod papers;
 
-pub use figures::{ModeVerdict, front_verdicts};
 pub use page::html;
