@@ -6,4 +6,5 @@ pub mod grid;
 pub mod machine;
 pub mod mapping;
 pub mod plot;
+pub mod replies;
 pub mod spheres;

@@ -101,5 +101,59 @@ fn replies_are_weighed_against_lists_of_pairs() {
     assert_eq!((&identical["pairs"], &identical["mask_bytes"]), (&2415.into(), &304.into()));
     assert!(of("identical", 10_001, "sparse").is_empty(), "left out: 50 million pairs");
     let text = place.run(&["bench", "replies", "--scene", "pile", "--n", "70"]).stdout;
-    assert!(text.contains("bytes/pair"), "{text}");
+    assert!(text.contains("bytes/pair") && text.contains("link saves"), "{text}");
+}
+
+#[test]
+fn forms_of_sparse_masks_are_weighed_and_timed() {
+    let place = Place::new();
+    let report =
+        place.run(&["bench", "replies", "--scene", "uniform,pile", "--n", "70,2000", "--json"]);
+    let report = report.json();
+    let forms = report["forms"].as_array().unwrap();
+    assert_eq!(forms.len(), 2 * 2 * 5);
+    let grid = rows(&report).iter().filter(|row| row["engine"] == "cpu-grid");
+    for row in grid.filter(|row| row["encoding"] == "sparse") {
+        let mut same = forms.iter().filter(|form| {
+            form["scene"] == row["scene"] && form["n"] == row["n"] && form["form"] == "sparse"
+        });
+        let form = same.next().unwrap();
+        assert_eq!((&form["bytes"], &form["pairs"]), (&row["mask_bytes"], &row["pairs"]));
+    }
+    for form in forms {
+        let fields = [
+            "scene",
+            "n",
+            "pairs",
+            "form",
+            "entries",
+            "bytes",
+            "order_bytes",
+            "bytes_a_pair",
+            "order_kept_bytes_a_pair",
+            "decode_ns",
+            "production_decode_ns",
+            "decode_ratio",
+        ];
+        assert_eq!(keys(form), BTreeSet::from(fields));
+        let whole = |name: &str| form[name].as_u64().unwrap();
+        let ratio = whole("decode_ns") as f64 / whole("production_decode_ns") as f64;
+        assert!((form["decode_ratio"].as_f64().unwrap() - ratio).abs() < 1e-9, "{form}");
+        let order = if form["form"] == "list" { 0 } else { 4 * whole("n") };
+        assert_eq!(whole("order_bytes"), order, "{form}");
+    }
+    let smallest = report["smallest"].as_array().unwrap();
+    assert_eq!(smallest.len(), 2 * 2);
+    for row in smallest {
+        assert_eq!(row["n"], 2_000);
+        let order = |form: &Value| {
+            if row["order"] == "kept" { form["order_bytes"].as_u64().unwrap() } else { 0 }
+        };
+        let of_mask =
+            forms.iter().filter(|form| form["scene"] == row["scene"] && form["n"] == 2_000);
+        let least = of_mask.map(|form| form["bytes"].as_u64().unwrap() - order(form)).min();
+        assert_eq!(row["bytes"].as_u64(), least, "{row}");
+        let saved = row["sparse_bytes"].as_f64().unwrap() - row["bytes"].as_f64().unwrap();
+        assert!((row["link_saved_us"].as_f64().unwrap() - saved / 52e3).abs() < 1e-9, "{row}");
+    }
 }

@@ -27,6 +27,7 @@ use crate::spawn::SpawnError;
 use crate::study::engines::EngineStudyError;
 use crate::study::grid::GridError;
 use crate::study::mapping::MappingError;
+use crate::study::replies::ReplyStudyError;
 use crate::timed_client::{Decoding, TimedClient, TimedError};
 
 /// Longer than any pause between two frames: whoever spins never sleeps in between.
@@ -153,6 +154,8 @@ pub enum BenchError {
     InexactSpheres,
     #[error(transparent)]
     Engines(#[from] EngineStudyError),
+    #[error(transparent)]
+    Replies(#[from] ReplyStudyError),
     /// No folder for the results.
     #[error("{}: {source}", folder.display())]
     Write { folder: PathBuf, source: std::io::Error },
