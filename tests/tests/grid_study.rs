@@ -14,9 +14,8 @@ fn a_quick_study_fills_every_table_and_compares_every_mask() {
     let report = run_and_print(&options, &mut printed).unwrap();
     assert_eq!(report.scenes.len(), 4);
     assert!(report.scenes.iter().all(|row| row.checked && row.pairs > 0 && row.frame_us > 0.0));
-    // The levels' copy and six stages.
-    assert_eq!(report.stages.len(), 7);
-    assert!(report.stages[1..].iter().all(|row| row.floor_us > 0.0));
+    assert_eq!(report.stages.len(), 6);
+    assert!(report.stages.iter().all(|row| row.floor_us > 0.0));
     assert_eq!((report.parts.len(), report.engines.len(), report.under_way.len()), (1, 1, 1));
     assert!(report.with_and_without.iter().any(|row| row.paper_ms.is_some()));
     assert_eq!(report.moving.len(), 6);

@@ -12,24 +12,54 @@ const WAKE_SHARE: u32 = 16;
 /// Scenes that differ by more than a quarter in boxes say nothing of each other.
 const SIMILAR: u32 = 4;
 
-/// Frames of one session, each as long as the daemon took for it: the shortest of late, aged so that
-/// it follows the scene.
+/// A frame that was answered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Answered {
+    /// Boxes.
+    pub n: u32,
+    /// Submitted to in hand, however late this client woke up.
+    pub round_trip: Duration,
+    /// What the daemon says that it took.
+    pub took: Duration,
+    /// Threads that its engine used.
+    pub threads: usize,
+}
+
+/// Frames of one session: the shortest of late, aged so that it follows the scene.
+///
+/// A nap goes by what the daemon took, since a client that woke up late would sleep longer the next
+/// time. Spinning goes by the round trip: where both sides have fallen asleep before each other, the
+/// client has to outlast the daemon's waking up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Estimate {
     n: u32,
+    round_trip: Duration,
     took: Duration,
+    threads: usize,
+}
+
+/// The shortest of late: a shorter one counts at once, of a longer one a sixteenth of the difference,
+/// so that one slow frame in many stretches nothing.
+fn aged(known: Duration, new: Duration) -> Duration {
+    if new < known { new } else { known + (new - known) / 16 }
 }
 
 impl Estimate {
     /// Takes note of a frame.
-    pub(super) fn note(&mut self, n: u32, took: Duration) {
-        if !self.covers(n) || took < self.took {
-            *self = Self { n, took };
+    pub(super) fn note(&mut self, frame: Answered) {
+        let Answered { n, round_trip, took, threads } = frame;
+        // No more than it did: the daemon's word is another process's.
+        let took = took.min(round_trip);
+        *self = if self.covers(n) {
+            Self {
+                n,
+                round_trip: aged(self.round_trip, round_trip),
+                took: aged(self.took, took),
+                threads,
+            }
         } else {
-            // A sixteenth of the way: one slow frame in many does not stretch the nap.
-            self.took += took.saturating_sub(self.took) / 16;
-            self.n = n;
-        }
+            Self { n, round_trip, took, threads }
+        };
     }
 
     /// How long to sleep after a submission of `n` boxes; zero where nothing is known or the
@@ -41,13 +71,18 @@ impl Estimate {
         self.took.saturating_sub(WAKE_MARGIN.max(self.took / WAKE_SHARE))
     }
 
-    /// How long a frame of `n` boxes is expected to take; zero where nothing is known.
-    pub(super) fn expected(&self, n: u32) -> Duration {
-        if self.covers(n) { self.took } else { Duration::ZERO }
+    /// After how long the answer to `n` boxes is expected; zero where nothing is known.
+    pub(super) fn round_trip(&self, n: u32) -> Duration {
+        if self.covers(n) { self.round_trip } else { Duration::ZERO }
+    }
+
+    /// Threads that the engine is expected to use on `n` boxes; zero where nothing is known.
+    pub(super) fn threads(&self, n: u32) -> usize {
+        if self.covers(n) { self.threads } else { 0 }
     }
 
     fn covers(&self, n: u32) -> bool {
-        !self.took.is_zero() && n.abs_diff(self.n) <= self.n / SIMILAR
+        !self.round_trip.is_zero() && n.abs_diff(self.n) <= self.n / SIMILAR
     }
 }
 
@@ -57,26 +92,41 @@ mod tests {
 
     const MS: Duration = Duration::from_millis(1);
 
+    fn frame(n: u32, took: Duration) -> Answered {
+        Answered { n, round_trip: took, took, threads: 1 }
+    }
+
     #[test]
     fn naps_only_through_long_frames_of_like_size() {
         let mut estimate = Estimate::default();
         assert_eq!(estimate.nap(1000), Duration::ZERO);
-        estimate.note(1000, MS);
+        estimate.note(frame(1000, MS));
         assert_eq!(estimate.nap(1000) + WAKE_MARGIN, MS);
-        assert_eq!(estimate.nap(1251), Duration::ZERO);
-        assert_eq!((estimate.expected(1250), estimate.expected(1251)), (MS, Duration::ZERO));
-        estimate.note(10, MS / 100);
-        assert_eq!(estimate.nap(10), Duration::ZERO);
+        assert_eq!((estimate.nap(1251), estimate.threads(1251)), (Duration::ZERO, 0));
+        assert_eq!((estimate.round_trip(1250), estimate.round_trip(1251)), (MS, Duration::ZERO));
+        estimate.note(frame(10, MS / 100));
+        assert_eq!((estimate.nap(10), estimate.threads(10)), (Duration::ZERO, 1));
     }
 
     #[test]
     fn follows_faster_frames_at_once_and_slower_ones_slowly() {
         let mut estimate = Estimate::default();
-        estimate.note(1000, 4 * MS);
-        estimate.note(1000, MS);
+        estimate.note(frame(1000, 4 * MS));
+        estimate.note(frame(1000, MS));
         assert_eq!(estimate.nap(1000) + WAKE_MARGIN, MS);
-        estimate.note(1000, 17 * MS);
+        estimate.note(frame(1000, 17 * MS));
         let left = 2 * MS / WAKE_SHARE;
         assert_eq!(estimate.nap(1000) + left, 2 * MS, "more than the margin");
+    }
+
+    #[test]
+    fn a_late_wake_up_stretches_the_spinning_and_not_the_nap() {
+        let mut estimate = Estimate::default();
+        estimate.note(Answered { round_trip: 5 * MS, ..frame(1000, MS) });
+        assert_eq!(estimate.nap(1000) + WAKE_MARGIN, MS);
+        assert_eq!(estimate.round_trip(1000), 5 * MS);
+        // Nor does a daemon that says too much.
+        estimate.note(Answered { took: Duration::MAX, ..frame(10, MS) });
+        assert_eq!(estimate.nap(10) + WAKE_MARGIN, MS);
     }
 }

@@ -12,7 +12,7 @@ use iceoryx2::service::ipc_threadsafe;
 
 use super::builder::Settings;
 use super::error::{ConnectError, FrameError};
-use super::estimate::Estimate;
+use super::estimate::{Answered, Estimate};
 use super::forms::KnownForms;
 use super::local::lock;
 use crate::precision::BoxForm;
@@ -44,6 +44,8 @@ pub(super) struct Link {
     daemon: ProcessWatch,
     populated: Mutex<Populated>,
     estimate: Mutex<Estimate>,
+    /// Cores that this process may use.
+    cores: usize,
     frames: AtomicUsize,
     forms: KnownForms,
 }
@@ -129,6 +131,7 @@ impl Link {
             daemon,
             populated: Mutex::default(),
             estimate: Mutex::default(),
+            cores: std::thread::available_parallelism().map_or(1, usize::from),
             frames: AtomicUsize::new(0),
             forms: KnownForms::of(record.version),
         };
@@ -190,9 +193,9 @@ impl Link {
         Ok(Arc::clone(&sized.port))
     }
 
-    /// Takes note of how long the daemon took for a frame.
-    pub(super) fn note_frame(&self, n: u32, took: Duration) {
-        lock(&self.estimate).note(n, took);
+    /// Takes note of a frame that was answered.
+    pub(super) fn note_frame(&self, frame: Answered) {
+        lock(&self.estimate).note(frame);
     }
 
     /// Waits for the response to `pending` until `deadline`; `None` where it does not come.
@@ -210,9 +213,9 @@ impl Link {
         if let Some(sample) = take(pending)? {
             return Ok(Received::Sample(sample));
         }
-        let (nap, expected) = {
+        let (nap, expected, threads) = {
             let estimate = lock(&self.estimate);
-            (estimate.nap(n), estimate.expected(n))
+            (estimate.nap(n), estimate.round_trip(n), estimate.threads(n))
         };
         if !spin.is_zero() {
             // By the system's fine clock. The listener's wait ends with a tick of the coarse one (1
@@ -235,7 +238,12 @@ impl Link {
                 if let Some(sample) = take(pending)? {
                     return Ok(Received::Sample(sample));
                 }
-                std::hint::spin_loop();
+                if threads < self.cores {
+                    std::hint::spin_loop();
+                } else {
+                    // The engine wants the core that this thread spins on.
+                    std::thread::yield_now();
+                }
             }
         }
         loop {

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use super::core::{Core, Loss};
 use super::error::{FrameError, WaitError};
+use super::estimate::Answered;
 use super::frame::Written;
 use super::link::{Received, SharedFrame, Slot, Unsent};
 use super::pairs::{PairMask, ServedBy, Storage};
@@ -184,10 +185,12 @@ impl Sent {
         match checked {
             Ok(reply) => {
                 let Self { pending, slot, .. } = self;
-                // What the daemon says that it took, and no more than it did: how late this client
-                // woke up is not to make it sleep longer the next time.
-                let took = Duration::from_nanos(reply.times.total_ns).min(answered_after);
-                slot.link().note_frame(self.asked.box_count.get(), took);
+                slot.link().note_frame(Answered {
+                    n: self.asked.box_count.get(),
+                    round_trip: answered_after,
+                    took: Duration::from_nanos(reply.times.total_ns),
+                    threads: reply.threads,
+                });
                 let storage = Storage::Shared { sample, _pending: pending, _slot: slot };
                 Ok(PairMask::new(storage, &reply, ServedBy::Daemon, self.written))
             }
