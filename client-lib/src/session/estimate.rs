@@ -41,7 +41,7 @@ pub(super) struct Estimate {
 /// The shortest of late: a shorter one counts at once, of a longer one a sixteenth of the difference,
 /// so that one slow frame in many stretches nothing.
 fn aged(known: Duration, new: Duration) -> Duration {
-    if new < known { new } else { known + (new - known) / 16 }
+    if new < known { new } else { known + new.saturating_sub(known) / 16 }
 }
 
 impl Estimate {

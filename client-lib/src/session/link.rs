@@ -18,7 +18,7 @@ use super::local::lock;
 use crate::precision::BoxForm;
 use crate::transport::{
     Client, ClientPort, FRAMES_AT_A_TIME, OpenError, PendingResponse, Populated, ProcessWatch,
-    RequestLoan, ResponseSample, Services, TransportError, assume_pages, foreign_owner,
+    RequestLoan, ResponseSample, Services, Spinner, TransportError, assume_pages, foreign_owner,
 };
 use crate::wire::{PAGE_BYTES, RequestHeader, Version, page_count};
 
@@ -234,15 +234,16 @@ impl Link {
             // A frame that is nearly there is worth more than the core: falling asleep just before
             // it comes costs a wake-up on each side, frame after frame.
             let spin_until = (Instant::now().max(sent + expected) + spin).min(deadline);
+            let mut spinner = Spinner::default();
             while Instant::now() < spin_until {
                 if let Some(sample) = take(pending)? {
                     return Ok(Received::Sample(sample));
                 }
                 if threads < self.cores {
-                    std::hint::spin_loop();
+                    spinner.turn();
                 } else {
                     // The engine wants the core that this thread spins on.
-                    std::thread::yield_now();
+                    spinner.offer();
                 }
             }
         }

@@ -9,6 +9,7 @@ mod liveness;
 mod memory;
 mod pages;
 mod services;
+mod spinner;
 
 pub use cleanup::{clean_if_abandoned, remove_hollow_files};
 pub use instance::{
@@ -25,3 +26,4 @@ pub use services::{
     Limits, OpenError, PendingResponse, RequestLoan, ResponseLoan, ResponseSample, Server,
     Services, TransportError, WakeClient, WakeDaemon, listener_name, quiet_transport_log,
 };
+pub use spinner::Spinner;

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use pairmask::plan::{Calibration, CalibrationChoice, CalibrationOrigin};
 use pairmask::transport::{
-    ActiveRequest, DaemonRecord, JANITOR_INTERVAL, Server, Services, WakeDaemon,
+    ActiveRequest, DaemonRecord, JANITOR_INTERVAL, Server, Services, Spinner, WakeDaemon,
     clean_if_abandoned, quiet_transport_log,
 };
 use pairmask::wire::Version;
@@ -122,6 +122,7 @@ fn serve(
     let mut inbox = Inbox::new(settings.limits.max_clients);
     let mut sleep_at = Instant::now();
     let mut tidy_at = sleep_at;
+    let mut spinner = Spinner::default();
     while !stop.load(Ordering::Relaxed) {
         drain(server, &mut inbox);
         let mut answered = publisher.publish_ended();
@@ -141,7 +142,7 @@ fn serve(
         } else if publisher.is_busy() {
             publisher.rest();
         } else if now < sleep_at {
-            std::hint::spin_loop();
+            spinner.turn();
         } else if let Err(error) = wake.timed_wait(|_| {}, LONGEST_SLEEP) {
             // A request that came between the last look and the wait has left its wake-up: it is
             // not lost, the wait returns at once.
