@@ -26,10 +26,10 @@ use rustix::time::{ClockId, clock_gettime};
     name = "peers",
     after_help = "\
 Examples:
-  cargo bench -p pairmask-tests --features peers --bench peers -- --n 1000,10000
-  cargo bench -p pairmask-tests --features peers --bench peers -- \\
+  cargo bench --workspace --features pairmask-tests/peers --bench peers -- --n 1000,10000
+  cargo bench --workspace --features pairmask-tests/peers --bench peers -- \\
       --scene pile --n 100000 --frames 200 --peers parry-refit,parry-optimize --json
-  cargo bench -p pairmask-tests --features peers --bench peers -- --scene all --out target/peers
+  cargo bench --workspace --features pairmask-tests/peers --bench peers -- --scene all --out target/peers
 
 A ratio below 1 means that we are faster. A peer that misses a pair (scenes with infinite boxes)
 is listed and is nobody's best peer. Exit status 1: our own pairs are wrong."

@@ -3,7 +3,7 @@
 //!
 //! The other libraries are optional dependencies behind the feature `peers`; what is here without
 //! it needs none of them, so that its tests run with all others. The bench is
-//! `cargo bench -p pairmask-tests --features peers --bench peers -- --help`.
+//! `cargo bench --workspace --features pairmask-tests/peers --bench peers -- --help`.
 
 pub mod contender;
 pub mod line;

@@ -12,7 +12,7 @@ use crate::oracle::Pair;
 
 /// From this many pairs on, two threads decode faster than one: waking the second takes as long as
 /// decoding some 20,000.
-const PARALLEL_PAIRS: u64 = 65_536;
+const PARALLEL_PAIRS: u64 = 32_768;
 
 /// A session.
 #[derive(Debug)]
