@@ -138,6 +138,7 @@ impl TimedClient {
         session: &mut Session,
         n: usize,
         write: impl FnOnce(&mut [Aabb]),
+        decoding: &Decoding,
         look: impl FnOnce(&PairMask),
     ) -> Result<TimedFrame, TimedError> {
         let start = Instant::now();
@@ -146,7 +147,7 @@ impl TimedClient {
         let filled = Instant::now();
         let mask = frame.submit()?.wait()?;
         let times = [start, filled, Instant::now()];
-        let timed = decode(&mask, &Decoding::Serial, true, times)?;
+        let timed = decode(&mask, decoding, true, times)?;
         look(&mask);
         Ok(timed)
     }
@@ -177,7 +178,7 @@ impl TimedClient {
         let (pending, filled) = match self {
             Self::Exact(session) => {
                 let copy = |to: &mut [Aabb]| to.copy_from_slice(boxes);
-                return Self::written_frame(session, boxes.len(), copy, look);
+                return Self::written_frame(session, boxes.len(), copy, decoding, look);
             }
             Self::Narrow(session, precision) => {
                 let mut frame = session.narrow_frame(boxes.len(), *precision)?;

@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
-use rayon::iter::ParallelIterator;
-use rayon::iter::plumbing::{Folder, UnindexedConsumer, UnindexedProducer, bridge_unindexed};
+use rayon::iter::plumbing::UnindexedConsumer;
+use rayon::iter::{IndexedParallelIterator as _, IntoParallelIterator as _, ParallelIterator};
 
 use super::MaskView;
 use super::word_flags::CHUNK_WORDS;
@@ -33,38 +33,29 @@ impl<'a> ParPairs<'a> {
 impl ParallelIterator for ParPairs<'_> {
     type Item = (u32, u32);
 
+    /// Ranges as short as is worth a thread, however few threads there are: with one range a thread,
+    /// the last to finish holds up the others, by half of the time where 15 of them share 16 ranges.
     fn drive_unindexed<C: UnindexedConsumer<Self::Item>>(self, consumer: C) -> C::Result {
-        let range = 0..self.mask.word_count();
-        let grain = match self.mask {
-            MaskView::Dense(_) => DENSE_GRAIN_WORDS,
-            MaskView::Sparse(_) => SPARSE_GRAIN_WORDS,
-        };
-        bridge_unindexed(WordRange { mask: self.mask, range, grain }, consumer)
+        let Self { mask } = self;
+        let ranges = (0..range_count(&mask)).into_par_iter().with_max_len(1);
+        ranges.flat_map_iter(|part| mask.pairs_in(range(&mask, part))).drive_unindexed(consumer)
     }
 }
 
-/// A range of words that one thread decodes, or splits in two.
-struct WordRange<'a> {
-    mask: MaskView<'a>,
-    range: Range<usize>,
-    grain: usize,
+/// Ranges that a mask is shared out in.
+fn range_count(mask: &MaskView<'_>) -> usize {
+    let grain = match mask {
+        MaskView::Dense(_) => DENSE_GRAIN_WORDS,
+        MaskView::Sparse(_) => SPARSE_GRAIN_WORDS,
+    };
+    (mask.word_count() / grain).max(1)
 }
 
-impl UnindexedProducer for WordRange<'_> {
-    type Item = (u32, u32);
-
-    fn split(self) -> (Self, Option<Self>) {
-        let Self { mask, range, grain } = self;
-        let half = (range.len() / 2).next_multiple_of(CHUNK_WORDS);
-        if range.len() < 2 * grain {
-            return (Self { mask, range, grain }, None);
-        }
-        let middle = range.start + half;
-        let right = Self { mask, range: middle..range.end, grain };
-        (Self { mask, range: range.start..middle, grain }, Some(right))
-    }
-
-    fn fold_with<F: Folder<Self::Item>>(self, folder: F) -> F {
-        folder.consume_iter(self.mask.pairs_in(self.range))
-    }
+/// The words of one of them: all are about as long, and begin where a chunk does.
+fn range(mask: &MaskView<'_>, part: usize) -> Range<usize> {
+    let (words, parts) = (mask.word_count(), range_count(mask));
+    // No product of part and words, which may be too large.
+    let length = (words / parts).next_multiple_of(CHUNK_WORDS);
+    let border = |part: usize| if part == parts { words } else { (part * length).min(words) };
+    border(part)..border(part + 1)
 }

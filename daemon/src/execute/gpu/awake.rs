@@ -48,6 +48,7 @@ impl Shared {
 
 /// The thread that keeps a device awake. Ends when dropped.
 pub struct Awake {
+    gpu: Arc<Gpu>,
     shared: Arc<Shared>,
     hold_us: u64,
     thread: Option<JoinHandle<()>>,
@@ -82,7 +83,7 @@ impl Awake {
         let thread = started
             .inspect_err(|error| log::warn!("the GPU's clocks may fall between frames: {error}"))
             .ok();
-        Ok(Self { shared, hold_us: hold.as_micros() as u64, thread })
+        Ok(Self { gpu: Arc::clone(gpu), shared, hold_us: hold.as_micros() as u64, thread })
     }
 
     /// Dispatches that have ended so far.
@@ -109,7 +110,9 @@ impl Drop for Awake {
         self.shared.stop.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
             thread.thread().unpark();
-            if thread.join().is_err() {
+            // A dispatch on a device that hangs takes ten seconds to give up, in which frames are to
+            // be served: that thread ends by itself, with what it owns.
+            if !self.gpu.health().is_lost() && thread.join().is_err() {
                 log::error!("the thread that kept the GPU awake has panicked: please report this");
             }
         }

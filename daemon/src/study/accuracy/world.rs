@@ -7,7 +7,7 @@ use pairmask::{Aabb, Bounds, EngineName, Session};
 use super::contender::{Answer, Contender, FrameFigures, sorted};
 use super::mode::{Rounding, World};
 use super::truth::{self, Pair, outward};
-use crate::timed_client::{TimedClient, TimedError};
+use crate::timed_client::{Decoding, TimedClient, TimedError};
 
 /// Coordinates of the scene are multiplied by this on their way into the world, so that they lie
 /// between those that f32 has: else they would come out of the world as they went in.
@@ -57,7 +57,8 @@ impl Contender for WorldClient {
         };
         let mut pairs = None;
         let look = |mask: &_| pairs = wants_pairs.then(|| sorted(mask));
-        let frame = TimedClient::written_frame(session, boxes.len(), write, look)?;
+        let frame =
+            TimedClient::written_frame(session, boxes.len(), write, &Decoding::Serial, look)?;
         Ok(Answer { figures: FrameFigures::from(&frame), pairs })
     }
 
