@@ -56,7 +56,8 @@ pub fn cell_count(boxes: &[Aabb]) -> u32 {
 pub struct GridOptions {
     /// Shader checks.
     pub checks: Checks,
-    /// Way of the boxes; `None` chooses by where they are and how many.
+    /// Way of the boxes; `None` chooses by where they are, how many, and whether another frame is
+    /// under way. [`Upload::DmaCopy`] brings all of them ahead.
     pub upload: Option<Upload>,
     /// Take timestamps of each step.
     pub profiled: bool,
