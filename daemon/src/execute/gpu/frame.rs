@@ -71,14 +71,6 @@ pub enum Wait {
 /// Most steps of a frame. Longer work is split, so that no submission runs into a watchdog.
 pub const MAX_STEPS: usize = 40;
 
-/// How a stage reads what an earlier one wrote: drivers read storage at an address that all
-/// invocations share through their cache of uniforms.
-const READS: vk::AccessFlags = vk::AccessFlags::from_raw(
-    vk::AccessFlags::SHADER_READ.as_raw()
-        | vk::AccessFlags::UNIFORM_READ.as_raw()
-        | vk::AccessFlags::MEMORY_READ.as_raw(),
-);
-
 /// Most buffers that a stage binds.
 const MAX_BINDINGS: u32 = 8;
 
@@ -188,7 +180,7 @@ impl Frame {
         }
         for (step, place) in steps.iter().zip(0u32..) {
             if place > 0 {
-                self.barrier(vk::PipelineStageFlags::COMPUTE_SHADER, READS);
+                self.barrier(vk::PipelineStageFlags::COMPUTE_SHADER, vk::AccessFlags::SHADER_READ);
             }
             self.record_step(step)?;
             if let Some(queries) = self.queries {
