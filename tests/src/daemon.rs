@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use pairmask::session::SessionBuilder;
 use pairmask::transport::{DaemonRecord, InstanceName, RuntimeDir};
-use pairmask::{Backend, Session};
+use pairmask::{Backend, ServedBy, Session};
 use rustix::process::{Pid, Signal, kill_process};
 
 /// Nothing that a test waits for takes as long; a hang ends here.
@@ -25,6 +25,33 @@ pub fn eventually<T>(what: &str, mut check: impl FnMut() -> Option<T>) -> T {
         assert!(start.elapsed() < PATIENCE, "waited {PATIENCE:?} in vain: {what}");
         std::thread::sleep(Duration::from_millis(5));
     }
+}
+
+/// Asks for a thousand frames while the daemon is killed again and again, and until it serves after
+/// that. `frame` asks for frame `i`, checks the answer and says whose it is.
+///
+/// # Panics
+/// When either side answered too few, or the session does not come back to the daemon.
+pub fn outlive_kills(daemon: &mut TestDaemon, mut frame: impl FnMut(usize) -> ServedBy) {
+    let (mut here, mut there) = (0, 0);
+    for i in 0..1000 {
+        match i {
+            // In turn: the worker alone, which its supervisor replaces; the whole daemon, which
+            // stays away for a while; in mid-frame, since the killer is not in step with us.
+            100 | 500 => daemon.signal_worker(Signal::KILL),
+            200 | 600 => daemon.kill(),
+            300 | 700 => daemon.restart(),
+            _ => {}
+        }
+        match frame(i) {
+            ServedBy::Daemon => there += 1,
+            ServedBy::InProcess => here += 1,
+        }
+    }
+    assert!(there > 0 && here >= 200, "{there} by the daemon, {here} in process");
+    eventually("the session comes back to the daemon", || {
+        (frame(0) == ServedBy::Daemon).then_some(())
+    });
 }
 
 /// A running daemon.

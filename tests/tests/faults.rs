@@ -10,7 +10,7 @@ use pairmask::session::{ConnectError, FrameError};
 use pairmask::transport::{DaemonRecord, InstanceName, RuntimeDir, Services};
 use pairmask::wire::{ResponseHeader, StatusCode, Version};
 use pairmask::{Aabb, Backend, ServedBy, Session};
-use pairmask_tests::daemon::{TestDaemon, eventually};
+use pairmask_tests::daemon::{TestDaemon, eventually, outlive_kills};
 use pairmask_tests::oracle;
 use pairmask_tests::stress_scenes;
 use rustix::process::Signal;
@@ -89,25 +89,7 @@ fn a_thousand_frames_are_right_while_the_daemon_is_killed_again_and_again() {
     let mut daemon = TestDaemon::start(DAEMON, &[]);
     let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
     let scenes: Vec<_> = (0..8).map(|seed| scene(300, seed)).collect();
-    let (mut here, mut there) = (0, 0);
-    for i in 0..1000 {
-        match i {
-            // In turn: the worker alone, which its supervisor replaces; the whole daemon, which
-            // stays away for a while; in mid-frame, since the killer is not in step with us.
-            100 | 500 => daemon.signal_worker(Signal::KILL),
-            200 | 600 => daemon.kill(),
-            300 | 700 => daemon.restart(),
-            _ => {}
-        }
-        match check_frame(&mut session, &scenes[i % scenes.len()]) {
-            ServedBy::Daemon => there += 1,
-            ServedBy::InProcess => here += 1,
-        }
-    }
-    assert!(there > 0 && here >= 200, "{there} by the daemon, {here} in process");
-    eventually("the session comes back to the daemon", || {
-        (check_frame(&mut session, &scenes[0]) == ServedBy::Daemon).then_some(())
-    });
+    outlive_kills(&mut daemon, |i| check_frame(&mut session, &scenes[i % scenes.len()]));
 }
 
 #[test]

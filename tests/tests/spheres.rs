@@ -14,7 +14,7 @@ use pairmask::{
     Sphere,
 };
 use pairmask_tests::conformance::Mismatch;
-use pairmask_tests::daemon::{TestDaemon, eventually};
+use pairmask_tests::daemon::{TestDaemon, eventually, outlive_kills};
 use pairmask_tests::refuser::refuse_all;
 use pairmask_tests::spheres::{check_mask, cull, hard_scene, truth, whole_scene};
 use pairmask_tests::{oracle, stress_scenes};
@@ -323,24 +323,7 @@ fn a_thousand_frames_are_right_while_the_daemon_is_killed_again_and_again() {
     let mut daemon = daemon();
     let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
     let scenes: Vec<_> = (0..8).map(|seed| whole_scene(300, 12, seed)).collect();
-    let (mut here, mut there) = (0, 0);
-    for i in 0..1000 {
-        match i {
-            // As in the test of boxes: the worker alone, and the whole daemon for a while.
-            100 | 500 => daemon.signal_worker(Signal::KILL),
-            200 | 600 => daemon.kill(),
-            300 | 700 => daemon.restart(),
-            _ => {}
-        }
-        match check_frame(&mut session, &scenes[i % scenes.len()]) {
-            ServedBy::Daemon => there += 1,
-            ServedBy::InProcess => here += 1,
-        }
-    }
-    assert!(there > 0 && here >= 200, "{there} by the daemon, {here} in process");
-    eventually("the session comes back to the daemon", || {
-        (check_frame(&mut session, &scenes[0]) == ServedBy::Daemon).then_some(())
-    });
+    outlive_kills(&mut daemon, |i| check_frame(&mut session, &scenes[i % scenes.len()]));
 }
 
 #[test]
