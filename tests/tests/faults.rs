@@ -2,7 +2,9 @@
 #![allow(clippy::unwrap_used)]
 
 use std::io::{BufRead, BufReader, Write};
+use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
+use std::path::Path;
 use std::process::{Child, ChildStdout, Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -367,23 +369,40 @@ fn another_users_daemon_is_named() {
         return;
     }
     let daemon = TestDaemon::start(DAEMON, &[]);
-    // Nobody may pass through the directory, but not into the files.
-    let open = std::os::unix::fs::PermissionsExt::from_mode(0o755);
-    std::fs::set_permissions(daemon.path(), open).unwrap();
+    let permit = |path: &Path, mode| {
+        std::fs::set_permissions(path, PermissionsExt::from_mode(mode)).unwrap();
+    };
     let reachable = tempfile::tempdir().unwrap();
-    let open = std::os::unix::fs::PermissionsExt::from_mode(0o755);
-    std::fs::set_permissions(reachable.path(), open).unwrap();
+    permit(reachable.path(), 0o755);
     let client = reachable.path().join("fault_client");
-    std::fs::copy(FAULT_CLIENT, &client).unwrap();
-    let output = Command::new(client)
-        .arg("connect")
-        .env("PAIRMASK_RUNTIME_DIR", daemon.path())
-        .uid(NOBODY)
-        .gid(NOBODY)
-        .output()
-        .unwrap();
-    let said = String::from_utf8_lossy(&output.stdout);
-    assert!(said.contains("OtherUser") && said.contains("uid: 0"), "{said}");
+    // By a process of its own: a test that forks while we have the copy open for writing would keep
+    // it open, and what is open for writing cannot be run.
+    assert!(
+        Command::new("cp")
+            .args([FAULT_CLIENT.as_ref(), client.as_path()])
+            .status()
+            .unwrap()
+            .success()
+    );
+    permit(&client, 0o755);
+    let record = daemon.path().join("default.daemon");
+    // Directory and record as a usual umask leaves them, as a strict one does, and in between.
+    for (dir_mode, record_mode) in [(0o755, 0o644), (0o755, 0o600), (0o700, 0o600)] {
+        permit(&record, record_mode);
+        permit(daemon.path(), dir_mode);
+        let output = Command::new(&client)
+            .arg("connect")
+            .env("PAIRMASK_RUNTIME_DIR", daemon.path())
+            .uid(NOBODY)
+            .gid(NOBODY)
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&output.stdout);
+        assert!(
+            said.contains("OtherUser") && said.contains("uid: 0"),
+            "{dir_mode:o} {record_mode:o}: {said}"
+        );
+    }
 }
 
 #[test]

@@ -17,9 +17,9 @@ pub enum ConnectError {
         /// The instance.
         instance: InstanceName,
     },
-    /// Another user serves an instance of that name, and its memory is closed to us.
+    /// The instance is another user's, and its memory is closed to us.
     #[error(
-        "instance '{instance}' is served by user {uid}: run as that user, or start a daemon of your own"
+        "instance '{instance}' belongs to user {uid}: run as that user, or start a daemon of your own"
     )]
     OtherUser {
         /// The instance.

@@ -94,7 +94,11 @@ impl Link {
     /// Connects to whoever serves the instance now.
     pub(super) fn open(settings: &Settings) -> Result<Self, ConnectError> {
         let instance = &settings.instance;
-        let no_daemon = || match foreign_owner(instance) {
+        let closed = || {
+            let refused = settings.dir.is_record_closed(instance);
+            refused.then(|| owner_of(settings)).flatten()
+        };
+        let no_daemon = || match foreign_owner(instance).or_else(closed) {
             Some(uid) => ConnectError::OtherUser { instance: instance.clone(), uid },
             None => ConnectError::NoDaemon { instance: instance.clone() },
         };

@@ -199,6 +199,13 @@ impl RuntimeDir {
         DaemonRecord::parse(&text)
     }
 
+    /// Whether we may not read the record of an instance: a daemon that was started with a strict
+    /// umask keeps even that to its user.
+    pub fn is_record_closed(&self, name: &InstanceName) -> bool {
+        File::open(self.file(name, ".daemon"))
+            .is_err_and(|e| e.kind() == std::io::ErrorKind::PermissionDenied)
+    }
+
     /// Puts the record of an instance in place in one step.
     ///
     /// # Errors
