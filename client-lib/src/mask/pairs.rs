@@ -2,6 +2,8 @@
 
 use std::iter::FusedIterator;
 
+use rayon::iter::plumbing::Folder;
+
 use super::dense_pairs::DensePairs;
 use super::pair_buffer::PairBuffer;
 use super::sparse_pairs::SparsePairs;
@@ -37,6 +39,18 @@ impl<'a> Pairs<'a> {
             pairs.extend(self.buffer.as_slice().iter().map(|&[a, b]| (a, b)));
             if !self.refill() {
                 return;
+            }
+        }
+    }
+
+    /// Hands the pairs to a folder, which is asked once a buffer whether it has enough.
+    pub(super) fn feed<F: Folder<(u32, u32)>>(mut self, mut folder: F) -> F {
+        loop {
+            for &[a, b] in self.buffer.as_slice() {
+                folder = folder.consume((a, b));
+            }
+            if folder.full() || !self.refill() {
+                return folder;
             }
         }
     }

@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
-use rayon::iter::plumbing::UnindexedConsumer;
-use rayon::iter::{IndexedParallelIterator as _, IntoParallelIterator as _, ParallelIterator};
+use rayon::iter::ParallelIterator;
+use rayon::iter::plumbing::{Folder as _, Reducer as _, UnindexedConsumer};
 
 use super::MaskView;
 use super::word_flags::CHUNK_WORDS;
@@ -36,10 +36,30 @@ impl ParallelIterator for ParPairs<'_> {
     /// Ranges as short as is worth a thread, however few threads there are: with one range a thread,
     /// the last to finish holds up the others, by half of the time where 15 of them share 16 ranges.
     fn drive_unindexed<C: UnindexedConsumer<Self::Item>>(self, consumer: C) -> C::Result {
-        let Self { mask } = self;
-        let ranges = (0..range_count(&mask)).into_par_iter().with_max_len(1);
-        ranges.flat_map_iter(|part| mask.pairs_in(range(&mask, part))).drive_unindexed(consumer)
+        drive(&self.mask, 0..range_count(&self.mask), consumer)
     }
+}
+
+/// Halves down to single ranges. Rayon's own bridges hand pairs on one by one, which takes longer
+/// than decoding them.
+fn drive<C: UnindexedConsumer<(u32, u32)>>(
+    mask: &MaskView<'_>,
+    parts: Range<usize>,
+    consumer: C,
+) -> C::Result {
+    if consumer.full() {
+        return consumer.into_folder().complete();
+    }
+    if parts.len() <= 1 {
+        return mask.pairs_in(range(mask, parts.start)).feed(consumer.into_folder()).complete();
+    }
+    let middle = parts.start.midpoint(parts.end);
+    let (low, reducer) = (consumer.split_off_left(), consumer.to_reducer());
+    let (low, high) = rayon::join(
+        || drive(mask, parts.start..middle, low),
+        || drive(mask, middle..parts.end, consumer),
+    );
+    reducer.reduce(low, high)
 }
 
 /// Ranges that a mask is shared out in.

@@ -120,7 +120,8 @@ impl<'a> MaskView<'a> {
         self.pairs_in(0..self.word_count())
     }
 
-    /// The same pairs on the threads of the current rayon pool, split by ranges of words.
+    /// The same pairs on the threads of the current rayon pool, split by ranges of words. Where every
+    /// frame is looked at so, an [`AwakePool`](crate::AwakePool) spares the threads' wake-up.
     #[inline]
     #[must_use]
     pub const fn par_pairs(&self) -> ParPairs<'a> {
