@@ -1,6 +1,7 @@
 //! Pairmask: broad-phase collision culling through shared memory.
 
 pub mod aabb;
+pub mod awake_pool;
 pub mod engine;
 pub mod mask;
 pub mod oracle;
@@ -15,6 +16,7 @@ pub mod update;
 pub mod wire;
 
 pub use aabb::{Aabb, BoxClass};
+pub use awake_pool::AwakePool;
 pub use engine::{EngineChoice, EngineName};
 pub use glam;
 pub use mask::{Encoding, EncodingChoice, MaskView};

@@ -1,14 +1,16 @@
 //! One client that is timed, frame by frame: for the command line's benches and the studies.
 
 use std::hint::black_box;
+use std::num::NonZeroUsize;
+use std::thread;
 use std::time::{Duration, Instant};
 
 use pairmask::engine::CullError;
 use pairmask::mask::MaskError;
 use pairmask::session::{FrameError, FrameInfo, Margined, MarginedError, WaitError};
-use pairmask::{Aabb, PairMask, Precision, Session};
-use rayon::ThreadPool;
+use pairmask::{Aabb, AwakePool, PairMask, Precision, Session};
 use rayon::iter::ParallelIterator;
+use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
 
 use crate::precision::PrecisionChoice;
 
@@ -29,8 +31,35 @@ pub enum Decoding {
     /// The thread that asked.
     #[default]
     Serial,
-    /// These threads.
-    Parallel(ThreadPool),
+    /// It and others.
+    Parallel(Decoders),
+}
+
+/// How long decoding threads stay awake for an answer: longer than frames of ten million boxes take.
+const READY: Duration = Duration::from_millis(20);
+
+/// A pool that the thread which made it belongs to, as long as that lives.
+#[derive(Debug)]
+pub struct Decoders {
+    /// Threads that wait for answers awake.
+    kept_awake: usize,
+    awake: AwakePool,
+    _pool: ThreadPool,
+}
+
+impl Decoders {
+    /// Starts `threads` threads, of which the calling one is the first.
+    ///
+    /// # Errors
+    /// [`ThreadPoolBuildError`] where the system has no more threads, or the thread is in a pool.
+    pub fn start(threads: NonZeroUsize) -> Result<Self, ThreadPoolBuildError> {
+        let threads = threads.get();
+        let cores = thread::available_parallelism().map_or(1, usize::from);
+        // Where the daemon has no core of its own, whoever waits for its answer stands in its way.
+        let kept_awake = if threads < cores { threads } else { 1 };
+        let pool = ThreadPoolBuilder::new().num_threads(threads).use_current_thread().build()?;
+        Ok(Self { kept_awake, awake: AwakePool::default(), _pool: pool })
+    }
 }
 
 /// Pairs that were looked at, and their indices, so that no look is for nothing.
@@ -51,6 +80,13 @@ impl Looked {
 }
 
 impl Decoding {
+    /// Has the threads ready for an answer.
+    fn expect(&mut self) {
+        if let Self::Parallel(decoders) = self {
+            decoders.awake.keep_until(decoders.kept_awake, Instant::now() + READY);
+        }
+    }
+
     fn look(&self, mask: &PairMask) -> Looked {
         match self {
             Self::Serial => {
@@ -58,10 +94,10 @@ impl Decoding {
                 mask.view().for_each(|a, b| looked = looked.at((a, b)));
                 looked
             }
-            Self::Parallel(pool) => {
+            Self::Parallel(decoders) => decoders.awake.work(|| {
                 let parts = mask.par_pairs().fold(Looked::default, Looked::at);
-                pool.install(|| parts.reduce(Looked::default, Looked::and))
-            }
+                parts.reduce(Looked::default, Looked::and)
+            }),
         }
     }
 }
@@ -138,9 +174,10 @@ impl TimedClient {
         session: &mut Session,
         n: usize,
         write: impl FnOnce(&mut [Aabb]),
-        decoding: &Decoding,
+        decoding: &mut Decoding,
         look: impl FnOnce(&PairMask),
     ) -> Result<TimedFrame, TimedError> {
+        decoding.expect();
         let start = Instant::now();
         let mut frame = session.frame(n)?;
         write(frame.boxes_mut());
@@ -161,7 +198,7 @@ impl TimedClient {
         boxes: &[Aabb],
         look: impl FnOnce(&PairMask),
     ) -> Result<TimedFrame, TimedError> {
-        self.frame_decoded(boxes, &Decoding::Serial, look)
+        self.frame_decoded(boxes, &mut Decoding::Serial, look)
     }
 
     /// As [`Self::frame`], its pairs looked at by others.
@@ -171,9 +208,10 @@ impl TimedClient {
     pub fn frame_decoded(
         &mut self,
         boxes: &[Aabb],
-        decoding: &Decoding,
+        decoding: &mut Decoding,
         look: impl FnOnce(&PairMask),
     ) -> Result<TimedFrame, TimedError> {
+        decoding.expect();
         let start = Instant::now();
         let (pending, filled) = match self {
             Self::Exact(session) => {
@@ -204,7 +242,7 @@ impl TimedClient {
 /// Looks at every pair. The times are those at which the frame began, was filled, was answered.
 fn decode(
     mask: &PairMask,
-    decoding: &Decoding,
+    decoding: &mut Decoding,
     was_asked: bool,
     [start, filled, answered]: [Instant; 3],
 ) -> Result<TimedFrame, TimedError> {

@@ -8,9 +8,12 @@
 //! cargo test --workspace --release --test engines_agree -- --ignored
 //! ```
 
+use std::thread;
+use std::time::{Duration, Instant};
+
 use pairmask::engine::{BruteForce, CullJob, Engine, Grid, HeapReply, SweepAndPrune};
 use pairmask::mask::MaskView;
-use pairmask::{Aabb, BoxCount, Encoding};
+use pairmask::{Aabb, AwakePool, BoxCount, Encoding};
 use pairmask_tests::conformance::check_pairs;
 use pairmask_tests::oracle::{Pair, pair_set_hash};
 use pairmaskd::scene::{Scene, SceneName};
@@ -25,9 +28,14 @@ fn pools() -> Vec<ThreadPool> {
 
 /// All pairs, sorted.
 fn pairs(engine: &mut dyn Engine, boxes: &[Aabb], pool: &ThreadPool) -> Vec<Pair> {
+    pool.install(|| pairs_here(engine, boxes))
+}
+
+/// The same, by the pool that the calling thread is in.
+fn pairs_here(engine: &mut dyn Engine, boxes: &[Aabb]) -> Vec<Pair> {
     let mut reply = HeapReply::new();
-    let job = CullJob { encoding: Encoding::Sparse, threads: pool.current_num_threads() };
-    let report = pool.install(|| engine.cull(boxes, &job, &mut reply)).expect("memory");
+    let job = CullJob { encoding: Encoding::Sparse, threads: rayon::current_num_threads() };
+    let report = engine.cull(boxes, &job, &mut reply).expect("memory");
     let n = BoxCount::of_len(boxes.len()).expect("indices are u32");
     let mask = MaskView::new(n, &report.shape, reply.words()).expect("a good mask");
     mask.verify().expect("a good mask");
@@ -89,6 +97,34 @@ fn pair_sets_have_their_golden_hashes_on_every_engine_and_thread_count() {
         (name, hash)
     });
     assert_eq!(hashes, GOLDEN);
+}
+
+/// As the daemon works where it has cores enough: frame after frame, its threads awake in between for
+/// longer or shorter than the pause.
+#[test]
+fn threads_that_are_kept_awake_find_the_golden_pairs() {
+    let golden = GOLDEN.map(|(name, hash)| {
+        let mut scene = Scene::new(name, 3_000, 7);
+        scene.step();
+        (name, hash, scene)
+    });
+    let work = move || {
+        let _pool =
+            ThreadPoolBuilder::new().num_threads(4).use_current_thread().build().expect("a pool");
+        let mut awake = AwakePool::default();
+        let mut engines = all_engines();
+        for frame in 0..golden.len() * engines.len() {
+            let (name, hash, scene) = &golden[frame / engines.len()];
+            let place = frame % engines.len();
+            let engine = engines[place].as_mut();
+            let found = awake.work(|| pair_set_hash(&pairs_here(engine, scene.boxes())));
+            assert_eq!(found, *hash, "{name}, frame {frame}");
+            let kept_awake = 4 - frame / 10 % 2;
+            awake.keep_until(kept_awake, Instant::now() + Duration::from_micros(place as u64 * 60));
+            thread::sleep(Duration::from_micros(frame as u64 % 2 * 100));
+        }
+    };
+    thread::spawn(work).join().expect("the golden pairs");
 }
 
 #[test]

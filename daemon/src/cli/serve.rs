@@ -24,7 +24,8 @@ Examples:
 
 A second daemon for the same instance is refused. A daemon without work sleeps.")]
 pub struct Serve {
-    /// How long to spin for the next request before sleeping, µs [default: 50]
+    /// How long to spin for the next request before sleeping, µs; longer for a client that comes back
+    /// within 1 ms; 0 never spins [default: 50]
     #[arg(long, env = "PAIRMASK_SPIN_US", value_name = "N")]
     spin_us: Option<u64>,
     /// Clients at a time [default: 16]

@@ -29,6 +29,8 @@ pub(super) struct Desk {
     pub(super) account: Account,
     pub(super) auditor: Auditor,
     pub(super) break_engine: bool,
+    /// Threads that the engine of the last answer could use.
+    pub(super) threads: usize,
 }
 
 impl Desk {
@@ -54,6 +56,7 @@ impl Desk {
                     .zip(Some(objects));
                 let total_ns = start.elapsed().as_nanos() as u64;
                 let times = StageTimes { total_ns, ..answer.times };
+                self.threads = answer.threads;
                 self.account.note_frame(fields, objects.form(), answer.report.pair_count);
                 response_ok(fields, answer.engine, answer.threads, &answer.report, &times)
             }

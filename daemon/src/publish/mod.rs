@@ -65,6 +65,7 @@ impl Publisher {
                 account: Account::new(limits.max_clients),
                 auditor,
                 break_engine: false,
+                threads: 1,
             },
             services,
             populated: Populated::default(),
@@ -90,6 +91,11 @@ impl Publisher {
     /// Whether a frame is under way: then [`Self::publish_ended`] is to be called soon.
     pub fn is_busy(&self) -> bool {
         !self.under_way.is_empty()
+    }
+
+    /// Threads that the engine of the last answer could use.
+    pub fn threads(&self) -> usize {
+        self.desk.threads
     }
 
     /// Lets the engines work for a moment.

@@ -5,6 +5,7 @@
 //! process meanwhile and come back by themselves.
 
 mod janitor;
+mod patience;
 mod supervisor;
 mod worker;
 
@@ -27,7 +28,8 @@ pub struct ServeSettings {
     pub dir: RuntimeDir,
     /// What the instance allows.
     pub limits: Limits,
-    /// How long the worker spins for the next request before it sleeps.
+    /// How long the worker spins for the next request before it sleeps: longer for a client that comes
+    /// back within a millisecond, not at all where this is zero.
     pub spin: Duration,
     /// Which GPU.
     pub gpu: GpuChoice,

@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use pairmask::AwakePool;
 use pairmask::plan::{Calibration, CalibrationChoice, CalibrationOrigin};
 use pairmask::transport::{
     ActiveRequest, DaemonRecord, JANITOR_INTERVAL, Server, Services, Spinner, WakeDaemon,
@@ -14,6 +15,7 @@ use rustix::process::Signal;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
 use super::janitor::Janitor;
+use super::patience::Patience;
 use super::{ServeError, ServeSettings};
 use crate::audit::Auditor;
 use crate::execute::gpu::{GpuChoice, OpenError};
@@ -120,16 +122,21 @@ fn serve(
     stop: &AtomicBool,
 ) {
     let mut inbox = Inbox::new(settings.limits.max_clients);
+    let mut patience = Patience::new(settings.spin);
+    let mut awake = AwakePool::default();
+    // The client has a frame to look at: one core is left to it.
+    let most_awake = rayon::current_num_threads().saturating_sub(1).max(1);
     let mut sleep_at = Instant::now();
     let mut tidy_at = sleep_at;
     let mut spinner = Spinner::default();
     while !stop.load(Ordering::Relaxed) {
         drain(server, &mut inbox);
-        let mut answered = publisher.publish_ended();
+        let mut answered = awake.work(|| publisher.publish_ended());
         if publisher.has_room()
             && let Some(request) = inbox.next()
         {
-            publisher.take(request);
+            patience.note_request(Instant::now());
+            awake.work(|| publisher.take(request));
             answered = true;
         }
         let now = Instant::now();
@@ -138,7 +145,8 @@ fn serve(
             tidy_at = now + JANITOR_INTERVAL;
         }
         if answered {
-            sleep_at = now + settings.spin;
+            sleep_at = now + patience.after_answer(now);
+            awake.keep_until(publisher.threads().min(most_awake), sleep_at);
         } else if publisher.is_busy() {
             publisher.rest();
         } else if now < sleep_at {

@@ -49,7 +49,7 @@ pub fn measure(
     client: &mut TimedClient,
     mut scene: Scene,
     lengths: &Lengths,
-    decoding: &Decoding,
+    decoding: &mut Decoding,
     progress: &ProgressBar,
 ) -> Result<Measured, BenchError> {
     // Whoever serves this frame has to serve them all.

@@ -28,7 +28,7 @@ use crate::study::engines::EngineStudyError;
 use crate::study::grid::GridError;
 use crate::study::mapping::MappingError;
 use crate::study::replies::ReplyStudyError;
-use crate::timed_client::{Decoding, TimedClient, TimedError};
+use crate::timed_client::{Decoders, Decoding, TimedClient, TimedError};
 
 /// Longer than any pause between two frames: whoever spins never sleeps in between.
 const SPIN: Duration = Duration::from_secs(1);
@@ -174,7 +174,7 @@ impl Latency {
         let scenes = self.scenes()?;
         // Before any thread is pinned: one counts the cores that may be used, the others inherit them.
         let machine = Machine::this();
-        let decoding = self.decoding()?;
+        let mut decoding = self.decoding()?;
         let cores = self.pin.then(Cores::of_this_thread).transpose()?;
         let mut rows = Vec::new();
         for wait in &self.wait {
@@ -190,7 +190,13 @@ impl Latency {
                 for precision in &self.precision {
                     let builder = self.options.session(place, config);
                     let session = target.session(builder, wait.spin());
-                    rows.push(self.row(scene.clone(), *precision, *wait, &decoding, session)?);
+                    rows.push(self.row(
+                        scene.clone(),
+                        *precision,
+                        *wait,
+                        &mut decoding,
+                        session,
+                    )?);
                 }
             }
         }
@@ -199,14 +205,13 @@ impl Latency {
         Ok(())
     }
 
-    /// Threads that no core is chosen for: they look at masks between the frames.
+    /// Threads that look at masks, and are awake while frames are under way. The others have no
+    /// cores of their own.
     fn decoding(&self) -> Result<Decoding, BenchError> {
-        let threads = self.decode_threads.get();
-        if threads == 1 {
-            return Ok(Decoding::Serial);
-        }
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
-        Ok(Decoding::Parallel(pool))
+        Ok(match self.decode_threads.get() {
+            1 => Decoding::Serial,
+            _ => Decoding::Parallel(Decoders::start(self.decode_threads)?),
+        })
     }
 
     fn scenes(&self) -> Result<Vec<Scene>, BenchError> {
@@ -223,7 +228,7 @@ impl Latency {
         scene: Scene,
         precision: PrecisionChoice,
         wait: Wait,
-        decoding: &Decoding,
+        decoding: &mut Decoding,
         session: SessionBuilder,
     ) -> Result<Row, BenchError> {
         let n = u32::try_from(scene.boxes().len()).unwrap_or(u32::MAX);

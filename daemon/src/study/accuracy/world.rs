@@ -58,7 +58,7 @@ impl Contender for WorldClient {
         let mut pairs = None;
         let look = |mask: &_| pairs = wants_pairs.then(|| sorted(mask));
         let frame =
-            TimedClient::written_frame(session, boxes.len(), write, &Decoding::Serial, look)?;
+            TimedClient::written_frame(session, boxes.len(), write, &mut Decoding::Serial, look)?;
         Ok(Answer { figures: FrameFigures::from(&frame), pairs })
     }
 
