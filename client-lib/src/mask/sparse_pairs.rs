@@ -2,10 +2,16 @@
 
 #[cfg(target_arch = "x86_64")]
 mod avx512;
+#[cfg(target_arch = "x86_64")]
+mod vbmi2;
 
+#[cfg(target_arch = "x86_64")]
+use self::vbmi2::Vbmi2;
 use super::pair_buffer::{PairWriter, WORD_PAIRS};
 use super::sparse_words::{SparseWord, SparseWords};
-use crate::engine::{AvailableIsa, Isa};
+use crate::engine::AvailableIsa;
+#[cfg(target_arch = "x86_64")]
+use crate::engine::Isa;
 use crate::units::BoxCount;
 
 /// The pairs of the words of a sparse mask, in the order of the words, columns rising.
@@ -15,21 +21,53 @@ pub(super) struct SparsePairs<'a> {
     /// `n` positions, where there is one.
     order: Option<&'a [u32]>,
     words: SparseWords<'a>,
-    isa: AvailableIsa,
+    kernel: Kernel,
+}
+
+/// How words become pairs.
+#[derive(Clone, Copy, Debug)]
+enum Kernel {
+    Portable,
+    #[cfg(target_arch = "x86_64")]
+    Avx512(AvailableIsa),
+    /// Of masks with an order only.
+    #[cfg(target_arch = "x86_64")]
+    Vbmi2(Vbmi2),
+}
+
+impl Kernel {
+    /// Those of a machine and a mask, fastest first. The last one is always there.
+    fn all(isa: AvailableIsa, has_order: bool) -> [Option<Self>; 3] {
+        #[cfg(target_arch = "x86_64")]
+        {
+            let vbmi2 = if has_order { Vbmi2::new(isa) } else { None };
+            let avx512 = (isa.get() == Isa::Avx512).then_some(Self::Avx512(isa));
+            [vbmi2.map(Self::Vbmi2), avx512, Some(Self::Portable)]
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        {
+            let _ = (isa, has_order);
+            [None, None, Some(Self::Portable)]
+        }
+    }
 }
 
 impl<'a> SparsePairs<'a> {
     pub fn new(n: BoxCount, order: Option<&'a [u32]>, words: SparseWords<'a>) -> Self {
-        Self { n, order, words, isa: AvailableIsa::best() }
+        let kernels = Kernel::all(AvailableIsa::best(), order.is_some());
+        let kernel = kernels.into_iter().flatten().next().unwrap_or(Kernel::Portable);
+        Self { n, order, words, kernel }
     }
 
     /// Puts the pairs of words until there is no more room. False at the end of the mask; nothing
     /// may be put before it, where the mask is malformed.
     #[inline]
     pub fn write(&mut self, writer: &mut PairWriter) -> bool {
-        let rest = match self.isa.get() {
+        let rest = match (self.kernel, self.order) {
             #[cfg(target_arch = "x86_64")]
-            Isa::Avx512 => avx512::write(self, writer, self.isa),
+            (Kernel::Vbmi2(proof), Some(order)) => vbmi2::write(self, order, writer, proof),
+            #[cfg(target_arch = "x86_64")]
+            (Kernel::Avx512(isa), _) => avx512::write(self, writer, isa),
             _ => self.write_portable(writer),
         };
         rest.map(|rest| self.words = rest).is_some()
@@ -144,21 +182,21 @@ mod tests {
 
     proptest! {
         #[test]
-        fn every_instruction_set_gives_the_pairs_of_any_words((n, words, order) in case()) {
+        fn every_kernel_gives_the_pairs_of_any_words((n, words, order) in case()) {
             let n = BoxCount::new(n);
             let column = |i: fn(&(u32, u32, u32)) -> u32| words.iter().map(i).collect::<Vec<_>>();
             let (rows, blocks, bits) = (column(|w| w.0), column(|w| w.1), column(|w| w.2));
             let expected = naive(n, &words, order.as_deref());
-            for isa in Isa::ALL.into_iter().filter_map(AvailableIsa::new) {
+            for kernel in Kernel::all(AvailableIsa::best(), order.is_some()).into_iter().flatten() {
                 let words = SparseWords::new(&rows, &blocks, &bits);
-                let pairs = SparsePairs { n, order: order.as_deref(), words, isa };
+                let pairs = SparsePairs { n, order: order.as_deref(), words, kernel };
                 let pairs = Pairs::sparse(pairs);
-                prop_assert_eq!(&pairs.clone().collect::<Vec<_>>(), &expected, "{}", isa.get());
+                prop_assert_eq!(&pairs.clone().collect::<Vec<_>>(), &expected, "{:?}", kernel);
                 let folded = pairs.fold(Vec::new(), |mut all, pair| {
                     all.push(pair);
                     all
                 });
-                prop_assert_eq!(&folded, &expected, "{}", isa.get());
+                prop_assert_eq!(&folded, &expected, "{:?}", kernel);
             }
         }
     }

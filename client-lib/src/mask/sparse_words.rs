@@ -65,6 +65,13 @@ impl<'a> SparseWords<'a> {
         Some((word, Self { rows, blocks, bits: rest }))
     }
 
+    /// The words without the first `count`.
+    #[inline(always)]
+    pub fn without_first(&self, count: usize) -> Self {
+        let after = |words: &'a [u32]| words.get(count..).unwrap_or(&[]);
+        Self { rows: after(self.rows), blocks: after(self.blocks), bits: after(self.bits) }
+    }
+
     /// The first `N` words (rows, blocks, bits) and those after them.
     #[inline(always)]
     pub fn split_first_chunk<const N: usize>(&self) -> Option<([&'a [u32; N]; 3], Self)> {

@@ -29,7 +29,7 @@ use self::layout::Layout;
 use self::rows::{RowTask, Scene};
 use self::sort::SortedBoxes;
 use crate::aabb::Aabb;
-use crate::engine::strips::{in_parts, part_count, publish};
+use crate::engine::strips::{BLOCK_LANES, in_parts, part_count, publish};
 use crate::engine::{
     AvailableIsa, CullError, CullJob, CullReport, Engine, EngineName, EngineTimes, Isa,
     ReplyBuffer, SkipMeter, counted,
@@ -98,13 +98,17 @@ impl Grid {
             + self.tasks.iter().map(RowTask::allocated_bytes).sum::<usize>()
     }
 
-    /// Shares the rows out. What overlaps nothing has no rows.
+    /// Shares the rows out, in whole blocks, so that no block depends on how many threads there are.
+    /// What overlaps nothing has no rows.
     fn assign(&mut self, threads: usize) {
         let rows = self.sorted.cell_starts[self.layout.cell_count as usize] as usize;
         let parts = part_count(rows, TASK_ROWS, threads);
         self.tasks.resize_with(parts, RowTask::default);
         for (part, task) in self.tasks.iter_mut().enumerate() {
-            let border = |part: usize| (rows * part / parts) as u32;
+            let border = |part: usize| match part {
+                last if last == parts => rows as u32,
+                _ => (rows * part / parts / BLOCK_LANES * BLOCK_LANES) as u32,
+            };
             task.rows = border(part)..border(part + 1);
         }
     }

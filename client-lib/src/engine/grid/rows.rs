@@ -1,5 +1,7 @@
 //! One task's rows: their runs, tested and turned into words.
 
+mod blocks;
+
 use std::ops::Range;
 
 use super::cell_strips::{CellStrips, in_stages};
@@ -8,11 +10,15 @@ use super::neighbours::{LaterLines, REACH_X, folded};
 use super::sort::SortedBoxes;
 use crate::aabb::order_key;
 use crate::engine::AvailableIsa;
-use crate::engine::strips::{GROUP, StripBatch, WordSink};
+use crate::engine::strips::{GROUP, RowBlock, StripBatch, WordSink};
 
 /// Levels of at most this many boxes are looked at whole: one or two strips cost less than
 /// finding cells.
 const SMALL_LEVEL: u32 = 32;
+
+/// Boxes a cell, on average over a line, from which its rows are not taken in blocks: most blocks
+/// would have too many strips, and finding that out takes as long as a tenth of the line.
+const CROWDED_CELL: u32 = 12;
 
 /// Room that a row must find in the batch: a strip of its own line, and a group.
 const ROW_STRIPS: usize = 1 + GROUP;
@@ -27,6 +33,7 @@ pub(super) struct RowTask {
     /// Pairs compared.
     pub compared: u64,
     batch: StripBatch,
+    block: RowBlock,
 }
 
 /// What all tasks of a frame read.
@@ -64,6 +71,7 @@ impl RowTask {
     /// Finds the words of all rows.
     pub fn run(&mut self, scene: Scene<'_>) {
         self.found.clear();
+        self.compared = 0;
         for (i, level) in scene.levels.iter().enumerate().rev() {
             let positions = scene.positions(level);
             let rows = positions.start.max(self.rows.start)..positions.end.min(self.rows.end);
@@ -72,7 +80,7 @@ impl RowTask {
             }
         }
         self.flush(scene);
-        self.compared = self.batch.take_compared();
+        self.compared += self.batch.take_compared();
     }
 
     /// Rows of one level, line by line.
@@ -94,7 +102,7 @@ impl RowTask {
         }
     }
 
-    /// Rows of one line, cell by cell.
+    /// Rows of one line.
     fn run_line(
         &mut self,
         scene: Scene<'_>,
@@ -112,9 +120,30 @@ impl RowTask {
             *slot = (line_starts(line.first_cell), line.needs);
         }
         let lines = &lines[..later.as_slice().len()];
-        let staged = in_stages(later.as_slice().iter().map(|line| line.needs));
+        let crowded = own[width] - own[0] > CROWDED_CELL * width as u32;
+        if finer.is_empty() && !crowded && RowBlock::pays(scene.isa) {
+            self.run_blocks(scene, level, own, lines, rows);
+        } else {
+            self.run_cells(scene, level, own, lines, 0..width, rows, finer);
+        }
+    }
+
+    /// Rows of some cells of a line, cell by cell.
+    #[allow(clippy::too_many_arguments)]
+    fn run_cells(
+        &mut self,
+        scene: Scene<'_>,
+        level: &Level,
+        own: &[u32],
+        lines: &[(&[u32], Reach)],
+        cells: Range<usize>,
+        rows: Range<u32>,
+        finer: &[Level],
+    ) {
+        let width = own.len() - 1;
+        let staged = in_stages(lines.iter().map(|(_, needs)| *needs));
         let mut strips = CellStrips::new();
-        for x in 0..width {
+        for x in cells {
             let cell = own[x].max(rows.start)..own[x + 1].min(rows.end);
             if cell.start >= cell.end {
                 continue;
@@ -259,6 +288,9 @@ impl RowTask {
 
     #[inline(never)]
     fn flush(&mut self, scene: Scene<'_>) {
+        if self.batch.is_empty() {
+            return;
+        }
         self.batch.test(&scene.sorted.boxes, scene.isa);
         self.found.take(&self.batch, scene.isa);
         self.batch.clear();

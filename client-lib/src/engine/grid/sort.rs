@@ -22,6 +22,9 @@ pub(super) const TILE_MOST: usize = 16_384;
 const TILE_LEAST: usize = 512;
 /// Boxes a bucket, about: as many as keep the passes over it in the second-level cache.
 const BUCKET_BOXES: usize = 2_048;
+/// Most boxes that one thread leaves in one bucket: 384 KiB of records, which stay in the
+/// second-level cache beside the keys. Several threads share the buckets out.
+const UNDEALT_MOST: usize = 12_288;
 /// Most buckets: half as many lines as the first-level cache holds, since each is open for writing.
 pub(super) const BUCKET_MOST: usize = 512;
 
@@ -57,7 +60,8 @@ pub(super) struct Deal {
 impl Deal {
     fn new(n: usize, cells: usize, threads: usize) -> Self {
         let tile_len = n.div_ceil(4 * threads.max(1)).clamp(TILE_LEAST, TILE_MOST);
-        let wanted = (n / BUCKET_BOXES).clamp(1, BUCKET_MOST);
+        let undealt = threads <= 1 && n <= UNDEALT_MOST;
+        let wanted = if undealt { 1 } else { (n / BUCKET_BOXES).clamp(1, BUCKET_MOST) };
         let bucket_shift = cells.div_ceil(wanted).next_power_of_two().trailing_zeros();
         Self { tile_len, bucket_count: ((cells - 1) >> bucket_shift) + 1, bucket_shift, threads }
     }

@@ -86,6 +86,15 @@ fn deal_tile(
     ends: &mut [u32],
     bucket_shift: u32,
 ) {
+    if let [end] = ends {
+        // Nothing to be dealt, and the one counter would be waited for at every box.
+        let boxes = boxes.iter().zip(homes).zip(first_index..);
+        for (record, ((aabb, &home), index)) in records.iter_mut().zip(boxes) {
+            *record = Record { aabb: *aabb, index, home };
+        }
+        *end = records.len() as u32;
+        return;
+    }
     let bucket_of = |home: u32| ((home & CELL_MASK) >> bucket_shift) as usize % BUCKET_MOST;
     let mut next = [0u32; BUCKET_MOST];
     for &home in homes {

@@ -85,6 +85,11 @@ impl StripBatch {
         self.len = at + group.count;
     }
 
+    /// Whether there is no strip.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
     /// Forgets all strips.
     pub fn clear(&mut self) {
         self.len = 0;

@@ -5,6 +5,8 @@
 //! entries; a kernel tests a whole batch without a branch, 16 columns a step, and the compare mask
 //! is the output bits; what is not zero becomes mask words ([`WordSink`]).
 //!
+//! Where rows share their strips, as in a line of the grid, a [`RowBlock`] takes 16 of them together.
+//!
 //! The stages are apart because of the branch predictor: whether a strip has a hit is a coin toss,
 //! and one wrong guess costs more than the test of the strip.
 
@@ -16,6 +18,9 @@ mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
 mod batch;
+mod block;
+#[cfg(target_arch = "x86_64")]
+mod block_avx512;
 mod fan_out;
 mod hits;
 mod ordered;
@@ -26,6 +31,7 @@ mod sink;
 mod words_avx512;
 
 pub(crate) use batch::{GROUP, STRIP_COLUMNS, StripBatch, StripGroup};
+pub(crate) use block::{BLOCK_LANES, RowBlock, RowSet};
 pub(crate) use fan_out::{Split, in_parts, part_count};
 pub(crate) use ordered::{KeyArraysMut, OrderedBoxes};
 pub(crate) use publish::publish;

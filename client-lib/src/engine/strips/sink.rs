@@ -1,17 +1,17 @@
 //! Hits to mask words: sorted by (row, block), none of them zero, each address once.
 
-use super::StripBatch;
 use super::hits::Hits;
 #[cfg(target_arch = "x86_64")]
 use super::words_avx512;
+use super::{RowBlock, StripBatch};
 use crate::engine::{AvailableIsa, Isa};
 
 /// Words of a chunk, 12 KiB: large enough that [`STEP_ROOM`] left empty is a twentieth of it, small
 /// enough that the last, half empty one of each task is nothing against the boxes of the task.
 const CHUNK_WORDS: usize = 1024;
 
-/// Room that a chunk must have for a step: the words of 16 hits, and a register that is stored
-/// whole behind them.
+/// Room that a chunk must have for a step: the words of 16 hits, or of a row of a block, and a
+/// register that is stored whole behind them.
 const STEP_ROOM: usize = 48;
 
 /// An address that no word has. It stands before the first word, so that every word has one before
@@ -107,6 +107,20 @@ impl WordSink {
                 Isa::Avx512 => words_avx512::append(&self.hits, done, chunk, isa),
                 _ => append(&self.hits, done, chunk),
             };
+        }
+    }
+
+    /// Adds what was found in a tested block. Blocks must come in rising order of rows, which no batch
+    /// that was taken before may have.
+    pub fn take_block(&mut self, block: &RowBlock, isa: AvailableIsa) {
+        let mut row = 0;
+        while row < block.row_count {
+            if self.used == 0 || !self.chunks[self.used - 1].has_room() {
+                self.open_chunk();
+            }
+            let chunk = &mut self.chunks[self.used - 1];
+            let (next, pairs) = block.append(row, chunk, isa);
+            (row, self.pair_count) = (next, self.pair_count + pairs);
         }
     }
 

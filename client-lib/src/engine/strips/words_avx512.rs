@@ -127,7 +127,7 @@ fn load(words: &[u32; LANES]) -> __m512i {
 
 #[target_feature(enable = "avx512f")]
 #[inline]
-fn load_at(words: &[u32], at: usize) -> __m512i {
+pub(super) fn load_at(words: &[u32], at: usize) -> __m512i {
     let words = &words[at..at + LANES];
     // SAFETY: 16 u32 are the 64 bytes of a register.
     unsafe { _mm512_loadu_si512(words.as_ptr().cast()) }
@@ -135,7 +135,7 @@ fn load_at(words: &[u32], at: usize) -> __m512i {
 
 #[target_feature(enable = "avx512f")]
 #[inline]
-fn store(words: &mut [u32], at: usize, register: __m512i) {
+pub(super) fn store(words: &mut [u32], at: usize, register: __m512i) {
     let words = &mut words[at..at + LANES];
     // SAFETY: 16 u32, exclusively borrowed, are the 64 bytes of a register.
     unsafe { _mm512_storeu_si512(words.as_mut_ptr().cast(), register) }
