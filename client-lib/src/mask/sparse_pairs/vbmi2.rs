@@ -62,12 +62,11 @@ fn run<'a>(
     while writer.has_room_for(WORD_ROOM)
         && let Some((step, rest)) = words.split_first_chunk::<STEP>()
     {
-        let [rows, blocks, _] = step;
-        let bits = valid_bits(pairs.n, step);
+        let [rows, blocks, bits] = without_strays(pairs.n, step);
         let mut done = 0;
         while done < STEP && writer.has_room_for(WORD_ROOM) {
             let word = SparseWord { row: rows[done], block: blocks[done], bits: bits[done] };
-            // SAFETY: `valid_bits` left columns below `n` only, and the order has that many.
+            // SAFETY: the copies have bits of columns below `n` only, and the order has that many.
             unsafe { names.put_word(word, writer) };
             done += 1;
         }
@@ -87,10 +86,11 @@ fn run<'a>(
     Some(words)
 }
 
-/// [`SparseWord::without_strays`] of 16 words.
+/// [`SparseWord::without_strays`] of 16 words: rows, blocks and bits. Copies, since the mask lies in
+/// memory that another process can write to: what was looked at is what is used.
 #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,popcnt,bmi1,bmi2")]
 #[inline]
-fn valid_bits(n: BoxCount, words: [&[u32; STEP]; 3]) -> [u32; STEP] {
+fn without_strays(n: BoxCount, words: [&[u32; STEP]; 3]) -> [[u32; STEP]; 3] {
     // SAFETY: each array holds the 16 words of a register.
     let [row, block, bits] = words.map(|w| unsafe { _mm512_loadu_si512(w.as_ptr().cast()) });
     let row_block = _mm512_srli_epi32::<5>(row);
@@ -105,10 +105,12 @@ fn valid_bits(n: BoxCount, words: [&[u32; STEP]; 3]) -> [u32; STEP] {
     let before_n = _mm512_set1_epi32(!(u32::MAX << (n.get() % 32)) as i32);
     let at_end = _mm512_cmpeq_epi32_mask(block, last_block);
     let bits = _mm512_mask_and_epi32(bits, at_end, bits, before_n);
-    let mut out = [0; STEP];
-    // SAFETY: 16 u32, exclusively borrowed, are the 64 bytes of a register.
-    unsafe { _mm512_storeu_si512(out.as_mut_ptr().cast(), bits) };
-    out
+    [row, block, bits].map(|register| {
+        let mut out = [0; STEP];
+        // SAFETY: 16 u32, exclusively borrowed, are the 64 bytes of a register.
+        unsafe { _mm512_storeu_si512(out.as_mut_ptr().cast(), register) };
+        out
+    })
 }
 
 /// Boxes by position, and what was seen of those that were put.
