@@ -1,4 +1,6 @@
-//! Strips with AVX-512: one strip is six loads and six compares into a mask register.
+//! Strips with AVX-512: one strip is six loads and three compares into a mask register. Two intervals
+//! meet where the larger min is at most the smaller max, and an empty one meets none; twice as many
+//! compares, of each min with the other max, would take longer.
 #![allow(unsafe_code)]
 #![allow(clippy::wildcard_imports)]
 
@@ -44,13 +46,12 @@ unsafe fn test_checked(keys: &KeyArrays<'_>, rows: &[u32], starts: &[u32], lanes
             let columns = |key: *const i32| _mm512_loadu_si512(key.add(start).cast());
             let of_row = |key: *const i32| _mm512_set1_epi32(*key.add(row));
             let mut hit = *lanes;
-            hit = _mm512_mask_cmple_epi32_mask(hit, columns(min_x), of_row(max_x));
-            hit = _mm512_mask_cmpge_epi32_mask(hit, columns(max_x), of_row(min_x));
-            let mut hit_y = _mm512_cmple_epi32_mask(columns(min_y), of_row(max_y));
-            hit_y = _mm512_mask_cmpge_epi32_mask(hit_y, columns(max_y), of_row(min_y));
-            let mut hit_z = _mm512_cmple_epi32_mask(columns(min_z), of_row(max_z));
-            hit_z = _mm512_mask_cmpge_epi32_mask(hit_z, columns(max_z), of_row(min_z));
-            *lanes = hit & hit_y & hit_z;
+            for (min, max) in [(min_x, max_x), (min_y, max_y), (min_z, max_z)] {
+                let low = _mm512_max_epi32(columns(min), of_row(min));
+                let high = _mm512_min_epi32(columns(max), of_row(max));
+                hit = _mm512_mask_cmple_epi32_mask(hit, low, high);
+            }
+            *lanes = hit;
         }
     }
 }

@@ -44,8 +44,7 @@ unsafe fn test_checked(keys: &KeyArrays<'_>, block: &mut RowBlock) -> u64 {
             let row = first_row + i % BLOCK_LANES;
             // SAFETY: the caller vouches for 16 rows from the first one.
             let of_row = |axis: usize| unsafe { _mm512_set1_epi32(*keys[axis].add(row)) };
-            // Two intervals meet where the larger min is at most the smaller max, and an empty one
-            // meets none. Twice as many compares into mask registers would take longer.
+            // As in `super::avx512`.
             (0..3).fold(lanes, |hit, axis| {
                 let low = _mm512_max_epi32(columns[axis], of_row(axis));
                 let high = _mm512_min_epi32(columns[3 + axis], of_row(3 + axis));
