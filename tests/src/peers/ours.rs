@@ -11,8 +11,8 @@ use super::tally::Tally;
 use crate::oracle::Pair;
 
 /// From this many pairs on, two threads decode faster than one: waking the second takes as long as
-/// decoding some 20,000.
-const PARALLEL_PAIRS: u64 = 32_768;
+/// decoding some 60,000.
+const PARALLEL_PAIRS: u64 = 131_072;
 
 /// A session.
 #[derive(Debug)]
