@@ -72,12 +72,8 @@ impl AwakePool {
 
     /// Does work in the pool. All of it is to be done in such calls.
     pub fn work<R>(&self, work: impl FnOnce() -> R) -> R {
-        let Some(watch) = &self.watch else { return work() };
-        // Whoever steals a part of the work sees this.
-        watch.is_working.store(true, Ordering::Release);
-        let done = work();
-        watch.is_working.store(false, Ordering::Release);
-        done
+        let _working = self.watch.as_deref().map(Working::begin);
+        work()
     }
 }
 
@@ -86,6 +82,23 @@ impl Drop for AwakePool {
         if let Some(watch) = &self.watch {
             watch.end();
         }
+    }
+}
+
+/// Work under way, however it ends.
+struct Working<'a>(&'a Watch);
+
+impl<'a> Working<'a> {
+    fn begin(watch: &'a Watch) -> Self {
+        // Whoever steals a part of the work sees this.
+        watch.is_working.store(true, Ordering::Release);
+        Self(watch)
+    }
+}
+
+impl Drop for Working<'_> {
+    fn drop(&mut self) {
+        self.0.is_working.store(false, Ordering::Release);
     }
 }
 
@@ -217,7 +230,7 @@ mod tests {
             let watch = awake.watch.clone().unwrap();
             awake.keep_until(2, Instant::now() + LONG);
             assert_eq!(awake.watch.as_ref().unwrap().others, 1);
-            // With `watch`, the earlier one has two holders: the pool's let go.
+            // Those of the earlier watch leave.
             await_end(&watch);
             awake.keep_until(1, Instant::now() + LONG);
             assert_eq!(awake.watch.as_ref().map(|watch| watch.extend(Instant::now())), Some(false));
@@ -249,6 +262,17 @@ mod tests {
         watch.is_working.store(false, Ordering::Relaxed);
         assert!(watch.is_over());
         assert!(!watch.extend(Instant::now() + LONG), "over for one is over for all");
+    }
+
+    #[test]
+    fn work_that_panics_is_over_too() {
+        in_pool(2, || {
+            let mut awake = AwakePool::default();
+            awake.keep_until(2, Instant::now() + LONG);
+            let work = || awake.work(|| panic!("as a test wants"));
+            assert!(std::panic::catch_unwind(std::panic::AssertUnwindSafe(work)).is_err());
+            assert!(!awake.watch.as_ref().unwrap().is_working.load(Ordering::Relaxed));
+        });
     }
 
     #[test]

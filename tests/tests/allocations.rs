@@ -156,7 +156,9 @@ fn steady_frames_allocate_nothing() {
         instance: InstanceName::default(),
         dir: RuntimeDir::at(dir.path()),
         limits: Limits::default(),
-        spin: Duration::from_micros(50),
+        // Longer than any pause: engines' threads that are kept awake are not woken again, which would
+        // make small objects.
+        spin: Duration::from_secs(1),
         gpu: GpuChoice::None,
         gpu_awake: Duration::ZERO,
         calibration: CalibrationChoice::BuiltIn,
