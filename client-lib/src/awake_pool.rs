@@ -41,7 +41,8 @@ pub struct AwakePool {
 
 impl AwakePool {
     /// Keeps so many `threads` of the current pool awake until `until`, in place of what was told
-    /// before; the calling thread is one of them. Does nothing outside of a pool.
+    /// before; the calling thread is one of them. Wakes nobody where that time has passed, and does
+    /// nothing outside of a pool.
     ///
     /// The first call after a time without wakes the threads, which costs some µs; calls that
     /// follow with as many threads cost nothing.
@@ -54,7 +55,7 @@ impl AwakePool {
             }
             watch.end();
         }
-        if others == 0 {
+        if others == 0 || until <= Instant::now() {
             return;
         }
         let watch = Arc::new(Watch::new(others, until));
@@ -234,6 +235,15 @@ mod tests {
             await_end(&watch);
             awake.keep_until(1, Instant::now() + LONG);
             assert_eq!(awake.watch.as_ref().map(|watch| watch.extend(Instant::now())), Some(false));
+        });
+    }
+
+    #[test]
+    fn nobody_is_woken_for_a_time_that_has_passed() {
+        in_pool(2, || {
+            let mut awake = AwakePool::default();
+            awake.keep_until(2, Instant::now());
+            assert!(awake.watch.is_none());
         });
     }
 
