@@ -98,9 +98,7 @@ impl WordSink {
         self.pair_count += self.hits.collect(batch, isa);
         let mut done = 0;
         while done < self.hits.len() {
-            if self.used == 0 || !self.chunks[self.used - 1].has_room() {
-                self.open_chunk();
-            }
+            self.make_room();
             let chunk = &mut self.chunks[self.used - 1];
             done = match isa.get() {
                 #[cfg(target_arch = "x86_64")]
@@ -115,9 +113,7 @@ impl WordSink {
     pub fn take_block(&mut self, block: &RowBlock, isa: AvailableIsa) {
         let mut row = 0;
         while row < block.row_count {
-            if self.used == 0 || !self.chunks[self.used - 1].has_room() {
-                self.open_chunk();
-            }
+            self.make_room();
             let chunk = &mut self.chunks[self.used - 1];
             let (next, pairs) = block.append(row, chunk, isa);
             (row, self.pair_count) = (next, self.pair_count + pairs);
@@ -126,11 +122,17 @@ impl WordSink {
 
     /// Adds a word. Its address is that of the last word or a later one; no bits are no word.
     pub fn push(&mut self, row: u32, block: u32, bits: u32) {
+        self.make_room();
+        self.chunks[self.used - 1].push(row, block, bits);
+        self.pair_count += u64::from(bits.count_ones());
+    }
+
+    /// Sees to it that the last chunk in use has room for a step.
+    #[inline(always)]
+    fn make_room(&mut self) {
         if self.used == 0 || !self.chunks[self.used - 1].has_room() {
             self.open_chunk();
         }
-        self.chunks[self.used - 1].push(row, block, bits);
-        self.pair_count += u64::from(bits.count_ones());
     }
 
     /// The next chunk, with the last word of the one before it, which may get more bits.
