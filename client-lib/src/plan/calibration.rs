@@ -63,7 +63,8 @@ const ZEN_4: [(Term, f64); Term::ALL.len()] = [
     (Term::DensePair, 4.5),
     (Term::ScatteredPair, 0.931),
 ];
-/// [`Term::OrderedPair`] without the decoder by words, which needs AVX-512 (measured there too).
+/// [`Term::OrderedPair`] without the decoder by words, which needs AVX-512 VBMI2; measured on that
+/// core before there was one.
 const ORDERED_PAIR_LOOKED_UP: f64 = 0.77;
 /// The same for threads: a guess, held to be fair for two idle cores, until a calibration measures.
 const ZEN_4_THREADS: [ThreadCost; CPU_ENGINES.len()] =
