@@ -4,11 +4,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use iceoryx2::service::ipc;
 use pairmask::AwakePool;
 use pairmask::plan::{Calibration, CalibrationChoice, CalibrationOrigin};
 use pairmask::transport::{
-    ActiveRequest, DaemonRecord, JANITOR_INTERVAL, Server, Services, Spinner, WakeDaemon,
-    clean_if_abandoned, quiet_transport_log,
+    ActiveRequest, DaemonRecord, JANITOR_INTERVAL, Limits, Server, Services, Spinner,
+    TransportError, WakeDaemon, clean_if_abandoned, quiet_transport_log,
 };
 use pairmask::wire::Version;
 use rustix::process::Signal;
@@ -27,6 +28,11 @@ use crate::study::engines::glance;
 /// The longest sleep: how soon a stop signal, a request without a wake-up and the end of a client
 /// are noticed at the latest. Two wake-ups a second cost nothing that can be measured.
 const LONGEST_SLEEP: Duration = Duration::from_millis(500);
+
+/// How long a predecessor may take to die. A daemon that has none to wait for starts at once.
+const PREDECESSOR_DIES: Duration = Duration::from_secs(2);
+/// Between two looks whether it has.
+const PREDECESSOR_LOOK: Duration = Duration::from_millis(10);
 
 /// Serves an instance in this process until SIGINT or SIGTERM.
 ///
@@ -56,9 +62,7 @@ pub fn work(settings: &ServeSettings) -> Result<(), ServeError> {
     settings.dir.ensure_transport_root(&settings.instance)?;
     let janitor = Janitor::start(&settings.dir, &settings.instance)?;
     let services = Services::serve(&settings.dir, &settings.instance, &settings.limits)?;
-    // A predecessor's server may still be registered, and there can be one only.
-    services.owner().try_cleanup_dead_nodes();
-    let server = services.server(&settings.limits)?;
+    let server = open_server(&services, &settings.limits)?;
     let (wake, wake_clients) = services.wake_ports()?;
     let record = DaemonRecord {
         worker_pid: std::process::id(),
@@ -79,6 +83,25 @@ pub fn work(settings: &ServeSettings) -> Result<(), ServeError> {
     drop(janitor);
     log::info!("stopped serving '{}'", settings.instance);
     Ok(())
+}
+
+/// The server port. A predecessor's may still be registered, and there can be one only: one that was
+/// killed with its supervisor takes a moment to die, and can be cleaned up only then.
+fn open_server(
+    services: &Services<ipc::Service>,
+    limits: &Limits,
+) -> Result<Server, TransportError> {
+    let give_up_at = Instant::now() + PREDECESSOR_DIES;
+    loop {
+        services.owner().try_cleanup_dead_nodes();
+        match services.server(limits) {
+            Err(error) if Instant::now() < give_up_at => {
+                log::debug!("waiting for a predecessor to go: {error}");
+                std::thread::sleep(PREDECESSOR_LOOK);
+            }
+            done => return done,
+        }
+    }
 }
 
 /// The constants that plans compute with.
