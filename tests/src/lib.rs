@@ -1,5 +1,6 @@
 //! Oracle, conformance suite, fault tests and benches of pairmask.
 
+mod attack;
 pub mod conformance;
 pub mod daemon;
 pub mod gpu;
@@ -11,6 +12,7 @@ pub mod refuser;
 pub mod session_engine;
 pub mod spheres;
 
+pub use attack::attack_time;
 pub use pairmask::oracle;
 pub use pairmask::oracle::modes as naive_modes;
 pub use pairmask::oracle::naive_decoder;
