@@ -11,14 +11,12 @@
 //! denormals-are-zero set, or a GPU that flushes subnormals, would otherwise answer differently.
 
 use bytemuck::{Pod, Zeroable};
-use glam::Vec3;
 
 /// An axis-aligned box as it lies in shared memory: `min.x min.y min.z max.x max.y max.z`, 24 bytes.
 ///
 /// ```
 /// use pairmask::Aabb;
-/// use glam::Vec3;
-/// let a = Aabb::new(Vec3::ZERO, Vec3::ONE);
+/// let a = Aabb::new([0.0, 0.0, 0.0], [1.0, 1.0, 1.0]);
 /// let b = Aabb::from([1.0, 0.0, 0.0, 2.0, 1.0, 1.0]);
 /// assert!(a.overlaps(&b), "touching counts");
 /// ```
@@ -51,15 +49,22 @@ impl Aabb {
     pub const EMPTY: Self = Self { min: [f32::INFINITY; 3], max: [f32::NEG_INFINITY; 3] };
 
     /// The box between two corners, as they are (no sorting: `min > max` means empty).
+    ///
+    /// Corners are arrays, or whatever becomes one: vectors of glam in any version, of nalgebra, of
+    /// mint. In a `const`, write the two fields.
     #[inline]
-    pub const fn new(min: Vec3, max: Vec3) -> Self {
-        Self { min: min.to_array(), max: max.to_array() }
+    pub fn new(min: impl Into<[f32; 3]>, max: impl Into<[f32; 3]>) -> Self {
+        Self { min: min.into(), max: max.into() }
     }
 
     /// The box around a centre. `half` holds half edge lengths.
     #[inline]
-    pub fn from_center_half(center: Vec3, half: Vec3) -> Self {
-        Self::new(center - half, center + half)
+    pub fn from_center_half(center: impl Into<[f32; 3]>, half: impl Into<[f32; 3]>) -> Self {
+        let (center, half) = (center.into(), half.into());
+        Self {
+            min: std::array::from_fn(|axis| center[axis] - half[axis]),
+            max: std::array::from_fn(|axis| center[axis] + half[axis]),
+        }
     }
 
     /// Solid, empty or invalid.
@@ -86,6 +91,21 @@ impl From<Aabb> for [f32; 6] {
     #[inline]
     fn from(b: Aabb) -> Self {
         [b.min[0], b.min[1], b.min[2], b.max[0], b.max[1], b.max[2]]
+    }
+}
+
+/// Two corners, as [`Aabb::new`] takes them.
+impl<Min: Into<[f32; 3]>, Max: Into<[f32; 3]>> From<(Min, Max)> for Aabb {
+    #[inline]
+    fn from((min, max): (Min, Max)) -> Self {
+        Self::new(min, max)
+    }
+}
+
+impl From<Aabb> for ([f32; 3], [f32; 3]) {
+    #[inline]
+    fn from(b: Aabb) -> Self {
+        (b.min, b.max)
     }
 }
 
@@ -180,11 +200,22 @@ mod tests {
 
     #[test]
     fn touching_counts_and_one_ulp_apart_does_not() {
-        let a = Aabb::new(Vec3::ZERO, Vec3::ONE);
-        let touching = Aabb::new(Vec3::ONE, Vec3::splat(2.0));
-        let apart = Aabb::new(Vec3::new(1.0f32.next_up(), 0.0, 0.0), Vec3::splat(2.0));
+        let a = Aabb::new([0.0; 3], [1.0; 3]);
+        let touching = Aabb::new([1.0; 3], [2.0; 3]);
+        let apart = Aabb::new([1.0f32.next_up(), 0.0, 0.0], [2.0; 3]);
         assert!(a.overlaps(&touching));
         assert!(!a.overlaps(&apart));
+    }
+
+    #[test]
+    fn corners_go_in_and_come_out_as_arrays_and_tuples() {
+        let (min, max) = ([1.0, 2.0, 3.0], [4.0, 5.0, 6.0]);
+        let b = Aabb { min, max };
+        assert_eq!([Aabb::new(min, max), (min, max).into()], [b; 2]);
+        assert_eq!(Aabb::from(((1.0, 2.0, 3.0), max)), b);
+        assert_eq!(<([f32; 3], [f32; 3])>::from(b), (min, max));
+        assert_eq!(Aabb::from(<[f32; 6]>::from(b)), b);
+        assert_eq!(Aabb::from_center_half([2.5, 3.5, 4.5], [1.5; 3]), b);
     }
 
     #[test]

@@ -3,6 +3,7 @@
 pub mod aabb;
 pub mod awake_pool;
 pub mod engine;
+mod interop;
 pub mod mask;
 pub mod oracle;
 pub mod pair_index;
@@ -18,7 +19,6 @@ pub mod wire;
 pub use aabb::{Aabb, BoxClass};
 pub use awake_pool::AwakePool;
 pub use engine::{EngineChoice, EngineName};
-pub use glam;
 pub use mask::{Encoding, EncodingChoice, MaskView};
 pub use precision::{Bounds, BoxForm, Precision};
 pub use session::{Backend, Frame, PairMask, PendingFrame, ServedBy, Session};

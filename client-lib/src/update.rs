@@ -24,7 +24,6 @@
 //! In all, a face moves by less than two units in the last place of f32 unless the terms cancel to a
 //! millionth of their size, and never inward.
 
-use glam::{Affine3A, Mat4, Quat, Vec3};
 use rayon::prelude::*;
 
 use crate::aabb::{Aabb, BoxClass};
@@ -62,22 +61,27 @@ pub enum UpdateError {
 /// Translation, rotation and scale of an object: a point p goes to `rotation · (scale · p) +
 /// translation`.
 ///
-/// The rotation is used as it is. If it is not of unit length, points go where its matrix takes
-/// them.
+/// The rotation is a quaternion, used as it is. If it is not of unit length, points go where its
+/// matrix takes them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placement {
     /// Where the object's origin lies.
-    pub translation: Vec3,
-    /// How it is turned.
-    pub rotation: Quat,
+    pub translation: [f32; 3],
+    /// How it is turned: `x y z w`, w the real part.
+    pub rotation: [f32; 4],
     /// Its size on its own axes.
-    pub scale: Vec3,
+    pub scale: [f32; 3],
 }
 
 impl Placement {
+    /// An object of its own size at the origin, not turned.
+    pub const IDENTITY: Self =
+        Self { translation: [0.0; 3], rotation: [0.0, 0.0, 0.0, 1.0], scale: [1.0; 3] };
+
     /// An object of its own size.
-    pub const fn rigid(translation: Vec3, rotation: Quat) -> Self {
-        Self { translation, rotation, scale: Vec3::ONE }
+    #[inline]
+    pub fn rigid(translation: impl Into<[f32; 3]>, rotation: impl Into<[f32; 4]>) -> Self {
+        Self { translation: translation.into(), rotation: rotation.into(), ..Self::IDENTITY }
     }
 }
 
@@ -94,9 +98,13 @@ pub struct WorldMatrix {
 
 impl WorldMatrix {
     /// A matrix whose entries are meant exactly.
-    fn exact(columns: [Vec3; 3], translation: Vec3) -> Self {
-        let wide = |v: Vec3| v.extend(0.0).to_array().map(f64::from);
-        Self { columns: columns.map(wide), translation: wide(translation), column_error: [0.0; 3] }
+    #[inline]
+    fn exact([x, y, z, translation]: [[f32; 3]; 4]) -> Self {
+        Self {
+            columns: [x, y, z].map(lanes),
+            translation: lanes(translation),
+            column_error: [0.0; 3],
+        }
     }
 
     fn is_finite(&self) -> bool {
@@ -106,35 +114,40 @@ impl WorldMatrix {
     }
 }
 
-/// Something that takes points from an object's space to the world's.
+/// Three axes in f64, and a zero.
+#[inline]
+fn lanes([x, y, z]: [f32; 3]) -> [f64; LANES] {
+    [x, y, z, 0.0].map(f64::from)
+}
+
+/// Something that takes points from an object's space to the world's: a [`Placement`], a matrix as
+/// arrays, and with the features `glam` and `mint` the matrices of those crates.
 pub trait ToWorld {
     /// The map itself.
     fn world_matrix(&self) -> WorldMatrix;
 }
 
-impl ToWorld for Affine3A {
+/// A 3×4 matrix by columns: the images of the three axes, then that of the origin.
+impl ToWorld for [[f32; 3]; 4] {
     #[inline]
     fn world_matrix(&self) -> WorldMatrix {
-        let m = &self.matrix3;
-        let columns = [m.x_axis.into(), m.y_axis.into(), m.z_axis.into()];
-        WorldMatrix::exact(columns, self.translation.into())
+        WorldMatrix::exact(*self)
     }
 }
 
-/// The affine part: the bottom row is taken for 0 0 0 1.
-impl ToWorld for Mat4 {
+/// A 4×4 matrix by columns. The affine part: the bottom row is taken for 0 0 0 1.
+impl ToWorld for [[f32; 4]; 4] {
     #[inline]
     fn world_matrix(&self) -> WorldMatrix {
-        let columns = [self.x_axis, self.y_axis, self.z_axis].map(glam::Vec4::truncate);
-        WorldMatrix::exact(columns, self.w_axis.truncate())
+        WorldMatrix::exact(self.map(|[x, y, z, _]| [x, y, z]))
     }
 }
 
 impl ToWorld for Placement {
     #[inline]
     fn world_matrix(&self) -> WorldMatrix {
-        let [x, y, z, w] = self.rotation.to_array().map(f64::from);
-        let scale = self.scale.to_array().map(f64::from);
+        let [x, y, z, w] = self.rotation.map(f64::from);
+        let scale = self.scale.map(f64::from);
         let rotation = [
             [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y), 0.0],
             [2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x), 0.0],
@@ -143,7 +156,7 @@ impl ToWorld for Placement {
         let magnitude = 1.0 + 2.0 * (x * x + y * y + z * z + w * w);
         WorldMatrix {
             columns: std::array::from_fn(|j| rotation[j].map(|r| r * scale[j])),
-            translation: self.translation.extend(0.0).to_array().map(f64::from),
+            translation: lanes(self.translation),
             column_error: scale.map(|s| 16.0 * UNIT_ROUNDOFF * magnitude * s.abs()),
         }
     }
@@ -155,12 +168,12 @@ impl ToWorld for Placement {
 /// invalid box, which a cull then counts and names.
 ///
 /// ```
-/// use glam::{Affine3A, Vec3};
 /// use pairmask::Aabb;
 /// use pairmask::update::world_box;
 ///
-/// let local = Aabb::new(Vec3::splat(-1.0), Vec3::ONE);
-/// let turned = Affine3A::from_rotation_z(std::f32::consts::FRAC_PI_4);
+/// let local = Aabb::new([-1.0; 3], [1.0; 3]);
+/// let (sin, cos) = std::f32::consts::FRAC_PI_4.sin_cos();
+/// let turned = [[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0], [0.0; 3]];
 /// let world = world_box(&local, &turned);
 /// assert!((world.max[0] - 2.0f32.sqrt()).abs() < 1e-6);
 /// ```
@@ -241,12 +254,11 @@ fn round_up(x: f64) -> f32 {
 /// [`UpdateError::LengthMismatch`] when the slices differ in length; nothing is written then.
 ///
 /// ```
-/// use glam::{Quat, Vec3};
 /// use pairmask::Aabb;
 /// use pairmask::update::{Placement, update_boxes};
 ///
-/// let locals = [Aabb::new(Vec3::ZERO, Vec3::ONE); 2];
-/// let at = |x| Placement::rigid(Vec3::new(x, 0.0, 0.0), Quat::IDENTITY);
+/// let locals = [Aabb::new([0.0; 3], [1.0; 3]); 2];
+/// let at = |x| Placement { translation: [x, 0.0, 0.0], ..Placement::IDENTITY };
 /// let mut world = [Aabb::EMPTY; 2];
 /// update_boxes(&locals, &[at(0.0), at(0.5)], &mut world)?;
 /// assert!(world[0].overlaps(&world[1]));

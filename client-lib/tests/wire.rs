@@ -4,7 +4,6 @@
 use bytemuck::Zeroable;
 use pairmask::Aabb;
 use pairmask::engine::{Census, CullReport, EngineChoice, EngineName, EngineTimes, SkipMeter};
-use pairmask::glam::Vec3;
 use pairmask::mask::{Encoding, EncodingChoice, MaskShape, MaskView};
 use pairmask::precision::{Bounds, BoxF16, BoxForm, Quantizer};
 use pairmask::sphere::Sphere;
@@ -101,7 +100,7 @@ fn golden_request() {
 
 #[test]
 fn golden_narrow_boxes() {
-    let bounds = Bounds::new(Vec3::ZERO, Vec3::splat(256.0)).unwrap();
+    let bounds = Bounds::new([0.0; 3], [256.0; 3]).unwrap();
     let boxes = [
         Aabb::from([0.0, 1.0, -5.0, 1.5, 255.5, 300.0]),
         Aabb::EMPTY,

@@ -1,7 +1,7 @@
 //! The world: boxes that fall, a floor, and four walls.
 
+use glam::Vec3;
 use pairmask::Aabb;
-use pairmask::glam::Vec3;
 
 /// One frame, s.
 const TIME_STEP: f32 = 1.0 / 60.0;

@@ -1,6 +1,5 @@
 //! The smallest client: four boxes in, the overlapping pairs out.
 
-use pairmask::glam::Vec3;
 use pairmask::{Aabb, Session};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -10,10 +9,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     // The frame lies in shared memory where a daemon serves: the boxes are written in place.
     let mut frame = session.frame(4)?;
     let boxes = frame.boxes_mut();
-    boxes[0] = Aabb::new(Vec3::ZERO, Vec3::ONE);
-    boxes[1] = Aabb::new(Vec3::splat(0.5), Vec3::splat(1.5));
-    boxes[2] = Aabb::new(Vec3::new(1.0, 0.0, 0.0), Vec3::new(2.0, 1.0, 1.0));
-    boxes[3] = Aabb::new(Vec3::splat(8.0), Vec3::splat(9.0));
+    boxes[0] = Aabb::new([0.0; 3], [1.0; 3]);
+    boxes[1] = Aabb::new([0.5; 3], [1.5; 3]);
+    boxes[2] = Aabb::new([1.0, 0.0, 0.0], [2.0, 1.0, 1.0]);
+    boxes[3] = Aabb::new([8.0; 3], [9.0; 3]);
 
     let mask = frame.submit()?.wait()?;
     println!("served by: {:?}", mask.info().served_by);

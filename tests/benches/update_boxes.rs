@@ -26,7 +26,10 @@ fn main() {
             .collect();
         let affines: Vec<Affine3A> = placements
             .iter()
-            .map(|p| Affine3A::from_rotation_translation(p.rotation, p.translation))
+            .map(|p| {
+                let rotation = Quat::from_array(p.rotation);
+                Affine3A::from_rotation_translation(rotation, p.translation.into())
+            })
             .collect();
         let locals = vec![Aabb::new(Vec3::splat(-0.5), Vec3::splat(0.5)); n];
         rows("affine", &locals, &affines);

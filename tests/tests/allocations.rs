@@ -11,7 +11,6 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
 use iceoryx2::service::{ipc, ipc_threadsafe};
-use pairmask::glam::Vec3;
 use pairmask::mask::{Encoding, EncodingChoice};
 use pairmask::plan::CalibrationChoice;
 use pairmask::transport::{
@@ -93,7 +92,7 @@ fn frames(session: &mut Session, scenes: &[Vec<pairmask::Aabb>], count: usize) -
 }
 
 fn narrow_frames(session: &mut Session, scenes: &[Vec<pairmask::Aabb>], count: usize) -> u64 {
-    let bounds = Bounds::new(Vec3::ZERO, Vec3::splat(100.0)).unwrap();
+    let bounds = Bounds::new([0.0; 3], [100.0; 3]).unwrap();
     let mut pairs = 0;
     for i in 0..count {
         let boxes = &scenes[i % scenes.len()];

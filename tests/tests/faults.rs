@@ -323,7 +323,7 @@ fn a_full_shm_is_a_typed_error_and_no_death() {
 #[test]
 fn a_mask_larger_than_a_reply_is_answered_in_process_or_named() {
     let daemon = TestDaemon::start(DAEMON, &["--max-reply-mib", "1"]);
-    let same = vec![Aabb::new(pairmask::glam::Vec3::ZERO, pairmask::glam::Vec3::ONE); 5000];
+    let same = vec![Aabb::new([0.0; 3], [1.0; 3]); 5000];
     let submit = |session: &mut Session| {
         let mut frame = session.frame(same.len()).unwrap();
         frame.boxes_mut().copy_from_slice(&same);

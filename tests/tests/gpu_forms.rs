@@ -7,7 +7,6 @@ use std::time::Duration;
 use bytemuck::{Pod, Zeroable, bytes_of};
 use pairmask::aabb::KeyBox;
 use pairmask::engine::{CullError, CullJob, CullReport, Engine, HeapReply};
-use pairmask::glam::Vec3;
 use pairmask::precision::NarrowBoxes;
 use pairmask::{Aabb, Bounds, BoxClass, BoxCount, BoxForm, Encoding, Precision};
 use pairmask_shaders::constants::{BATCH_BOXES, NO_LEVEL, PADDING, PARKED};
@@ -295,7 +294,7 @@ fn the_comparator_of_patterns_notices_one_bit() {
 /// Bounds that a scene lies in, and that cut through it.
 fn precisions(boxes: &[Aabb]) -> Vec<Precision> {
     let around = Bounds::around(boxes);
-    let small = Bounds::new(Vec3::splat(2.0), Vec3::splat(9.0)).expect("bounds");
+    let small = Bounds::new([2.0; 3], [9.0; 3]).expect("bounds");
     let cells = [around, small].into_iter();
     let cells = cells.flat_map(|bounds| [Precision::Q16(bounds), Precision::Q8(bounds)]);
     cells.chain([Precision::F16]).collect()

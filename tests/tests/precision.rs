@@ -3,8 +3,8 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use glam::DVec3;
 use pairmask::engine::EngineName;
-use pairmask::glam::{DVec3, Vec3};
 use pairmask::precision::Widening;
 use pairmask::session::{Margin, Margined, WaitError};
 use pairmask::transport::{InstanceName, RuntimeDir, clean_if_abandoned};
@@ -25,7 +25,7 @@ const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
 /// Bounds that scenes lie in, reach out of, and do not meet at all.
 fn all_bounds(boxes: &[Aabb]) -> Vec<Bounds> {
-    let corners = |low: f32, high: f32| Bounds::new(Vec3::splat(low), Vec3::splat(high)).unwrap();
+    let corners = |low: f32, high: f32| Bounds::new([low; 3], [high; 3]).unwrap();
     vec![
         Bounds::around(boxes),
         corners(0.0, 50.0),
@@ -115,7 +115,7 @@ fn every_size_up_to_seventy() {
     let (_daemon, mut sessions) = sessions();
     for n in 0..=70 {
         let boxes = stress_scenes::named("empty mixed in").boxes(n, 3);
-        let bounds = Bounds::new(Vec3::ZERO, Vec3::splat(60.0)).unwrap();
+        let bounds = Bounds::new([0.0; 3], [60.0; 3]).unwrap();
         for precision in [Precision::Q16(bounds), Precision::Q8(bounds), Precision::F16] {
             for session in &mut sessions {
                 check(session, &boxes, precision, false, "empty mixed in");
@@ -168,7 +168,7 @@ fn large_scenes_miss_nothing_and_add_little() {
 #[test]
 fn the_comparator_catches_rounding_inward() {
     let boxes = stress_scenes::named("lattice").boxes(345, 1);
-    let bounds = Bounds::new(Vec3::splat(-2.0), Vec3::splat(6.3)).unwrap();
+    let bounds = Bounds::new([-2.0; 3], [6.3; 3]).unwrap();
     let (exact, expected) =
         (oracle::truth(&boxes), naive_modes::truth(&boxes, &Precision::Q8(bounds)));
     assert_eq!(missed(&expected.pairs, &exact.pairs), []);

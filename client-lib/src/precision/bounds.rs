@@ -1,6 +1,5 @@
 //! The part of the world that quantised boxes tell apart.
 
-use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::aabb::{Aabb, BoxClass};
@@ -15,10 +14,9 @@ const TASK_BOXES: usize = 16_384;
 /// On an axis where `low == high` all boxes overlap.
 ///
 /// ```
-/// use pairmask::glam::Vec3;
 /// use pairmask::precision::Bounds;
-/// let world = Bounds::new(Vec3::splat(-500.0), Vec3::splat(500.0))?;
-/// assert!(Bounds::new(Vec3::ONE, Vec3::ZERO).is_err());
+/// let world = Bounds::new([-500.0; 3], [500.0; 3])?;
+/// assert!(Bounds::new([1.0; 3], [0.0; 3]).is_err());
 /// # Ok::<(), pairmask::precision::BoundsError>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,8 +44,8 @@ impl Bounds {
     ///
     /// # Errors
     /// [`BoundsError`] names the first axis that is infinite, NaN or the wrong way round.
-    pub fn new(low: Vec3, high: Vec3) -> Result<Self, BoundsError> {
-        let (low, high) = (low.to_array(), high.to_array());
+    pub fn new(low: impl Into<[f32; 3]>, high: impl Into<[f32; 3]>) -> Result<Self, BoundsError> {
+        let (low, high) = (low.into(), high.into());
         for axis in 0..3 {
             let (low, high) = (low[axis], high[axis]);
             if !(low.is_finite() && high.is_finite() && low <= high) {
@@ -71,13 +69,13 @@ impl Bounds {
     }
 
     /// Lower corner.
-    pub const fn low(&self) -> Vec3 {
-        Vec3::from_array(self.low)
+    pub const fn low(&self) -> [f32; 3] {
+        self.low
     }
 
     /// Higher corner.
-    pub const fn high(&self) -> Vec3 {
-        Vec3::from_array(self.high)
+    pub const fn high(&self) -> [f32; 3] {
+        self.high
     }
 }
 
@@ -118,8 +116,7 @@ mod tests {
 
     #[test]
     fn corners_are_checked() {
-        let wrong =
-            |low: f32, high: f32| Bounds::new(Vec3::new(0.0, low, 0.0), Vec3::new(1.0, high, 1.0));
+        let wrong = |low: f32, high: f32| Bounds::new([0.0, low, 0.0], [1.0, high, 1.0]);
         assert!(wrong(0.0, 0.0).is_ok() && wrong(f32::MIN, f32::MAX).is_ok());
         for (low, high) in [(1.0, 0.0), (f32::NAN, 1.0), (0.0, f32::NAN), (f32::NEG_INFINITY, 0.0)]
         {
@@ -132,9 +129,9 @@ mod tests {
         let ground = Aabb::from([-2.0, f32::NEG_INFINITY, -2.0, 2.0, 0.5, 2.0]);
         let invalid = Aabb::from([f32::NAN, 0.0, 0.0, 900.0, 900.0, 900.0]);
         let found = Bounds::around(&[ground, Aabb::EMPTY, invalid, Aabb::from([1.0; 6])]);
-        assert_eq!(found.low(), Vec3::new(-2.0, 0.5, -2.0));
-        assert_eq!(found.high(), Vec3::new(2.0, 1.0, 2.0));
+        assert_eq!(found.low(), [-2.0, 0.5, -2.0]);
+        assert_eq!(found.high(), [2.0, 1.0, 2.0]);
         let nothing = Bounds::around(&[Aabb::EMPTY]);
-        assert_eq!((nothing.low(), nothing.high()), (Vec3::ZERO, Vec3::ZERO));
+        assert_eq!((nothing.low(), nothing.high()), ([0.0; 3], [0.0; 3]));
     }
 }

@@ -363,8 +363,6 @@ fn copy(boxes: &[Aabb], out: &mut [Aabb]) {
 
 #[cfg(test)]
 mod tests {
-    use glam::Vec3;
-
     use super::*;
     use crate::aabb::BoxClass;
     use crate::precision::Bounds;
@@ -388,7 +386,7 @@ mod tests {
 
     #[test]
     fn every_way_to_write_gives_the_same_boxes() {
-        let bounds = Bounds::new(Vec3::splat(-10.0), Vec3::splat(10.0)).expect("bounds");
+        let bounds = Bounds::new([-10.0; 3], [10.0; 3]).expect("bounds");
         let mut boxes: Vec<Aabb> = (0..70_001)
             .map(|i| {
                 let x = (i * 37 % 1000) as f32 * 0.0213 - 11.0;

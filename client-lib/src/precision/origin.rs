@@ -1,7 +1,5 @@
 //! World coordinates in f64 → boxes in f32 around an origin, rounded outward.
 
-use glam::DVec3;
-
 use crate::aabb::Aabb;
 
 impl Aabb {
@@ -29,16 +27,20 @@ impl Aabb {
     ///
     /// ```
     /// use pairmask::Aabb;
-    /// use pairmask::glam::DVec3;
-    /// let (origin, min) = (DVec3::splat(1e9), DVec3::splat(1e9 + 0.25));
-    /// let b = Aabb::outward_from_f64(min, min + 1.0, origin);
+    /// let (min, max, origin) = ([1e9 + 0.25; 3], [1e9 + 1.25; 3], [1e9; 3]);
+    /// let b = Aabb::outward_from_f64(min, max, origin);
     /// assert_eq!(b, Aabb::from([0.25, 0.25, 0.25, 1.25, 1.25, 1.25]));
     /// ```
-    pub fn outward_from_f64(min: DVec3, max: DVec3, origin: DVec3) -> Self {
-        if min.cmpgt(max).any() && !(min.is_nan() || max.is_nan()) {
+    pub fn outward_from_f64(
+        min: impl Into<[f64; 3]>,
+        max: impl Into<[f64; 3]>,
+        origin: impl Into<[f64; 3]>,
+    ) -> Self {
+        let (min, max, origin) = (min.into(), max.into(), origin.into());
+        let is_empty = (0..3).any(|axis| min[axis] > max[axis]);
+        if is_empty && !min.iter().chain(&max).any(|x| x.is_nan()) {
             return Self::EMPTY;
         }
-        let (min, max, origin) = (min.to_array(), max.to_array(), origin.to_array());
         Self {
             min: std::array::from_fn(|axis| below(min[axis], origin[axis])),
             max: std::array::from_fn(|axis| -below(-max[axis], -origin[axis])),
@@ -98,7 +100,7 @@ mod tests {
             (origin, exact_origin) in number(),
         ) {
             let exact = exact_x - exact_origin;
-            let b = Aabb::outward_from_f64(DVec3::splat(x), DVec3::splat(x), DVec3::splat(origin));
+            let b = Aabb::outward_from_f64([x; 3], [x; 3], [origin; 3]);
             // An f32 as a whole number of 2⁻¹⁴⁹ would not fit; compare by sign of the difference.
             let side = |r: f32| {
                 let scaled = f64::from(r) * 2.0f64.powi(60);
@@ -114,26 +116,24 @@ mod tests {
 
     #[test]
     fn integers_are_exact_and_extremes_go_outward() {
-        let origin = DVec3::splat(1e9);
-        let exact =
-            Aabb::outward_from_f64(DVec3::splat(1e9 + 3.0), DVec3::splat(1e9 + 4.0), origin);
+        let origin = [1e9; 3];
+        let exact = Aabb::outward_from_f64([1e9 + 3.0; 3], [1e9 + 4.0; 3], origin);
         assert_eq!(exact, Aabb::from([3.0, 3.0, 3.0, 4.0, 4.0, 4.0]));
-        let huge = Aabb::outward_from_f64(DVec3::splat(-1e300), DVec3::splat(1e300), DVec3::ZERO);
+        let huge = Aabb::outward_from_f64([-1e300; 3], [1e300; 3], [0.0; 3]);
         assert_eq!((huge.min[0], huge.max[0]), (f32::NEG_INFINITY, f32::INFINITY));
-        let inward = Aabb::outward_from_f64(DVec3::splat(1e300), DVec3::splat(1e300), DVec3::ZERO);
+        let inward = Aabb::outward_from_f64([1e300; 3], [1e300; 3], [0.0; 3]);
         assert_eq!((inward.min[0], inward.max[0]), (f32::MAX, f32::INFINITY));
-        let overflow = DVec3::splat(f64::MAX);
-        let beyond = Aabb::outward_from_f64(overflow, overflow, -overflow);
+        let overflow = [f64::MAX; 3];
+        let beyond = Aabb::outward_from_f64(overflow, overflow, [f64::MIN; 3]);
         assert_eq!((beyond.min[0], beyond.max[0]), (f32::MAX, f32::INFINITY));
-        let tiny = Aabb::outward_from_f64(DVec3::splat(1e-300), DVec3::splat(1e-300), DVec3::ZERO);
+        let tiny = Aabb::outward_from_f64([1e-300; 3], [1e-300; 3], [0.0; 3]);
         assert_eq!((tiny.min[0], tiny.max[0]), (0.0, f32::from_bits(1)));
     }
 
     #[test]
     fn classes_survive() {
         let at = |min: f64, max: f64, origin: f64| {
-            Aabb::outward_from_f64(DVec3::splat(min), DVec3::splat(max), DVec3::splat(origin))
-                .class()
+            Aabb::outward_from_f64([min; 3], [max; 3], [origin; 3]).class()
         };
         assert_eq!(at(1.0f64.next_up(), 1.0, 0.0), BoxClass::Empty, "f32 would make it solid");
         assert_eq!(at(f64::NAN, 1.0, 0.0), BoxClass::Invalid);

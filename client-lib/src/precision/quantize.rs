@@ -111,8 +111,8 @@ pub struct Quantizer {
 impl Quantizer {
     /// Cuts each axis of the bounds into `cells` cells.
     fn new(bounds: &Bounds, cells: f64) -> Self {
-        let low = bounds.low().to_array().map(widen);
-        let high = bounds.high().to_array().map(widen);
+        let low = bounds.low().map(widen);
+        let high = bounds.high().map(widen);
         let scale = std::array::from_fn(|axis| {
             let width = high[axis] - low[axis];
             if width > 0.0 { cells / width } else { 0.0 }
@@ -170,7 +170,6 @@ impl Quantizer {
 
 #[cfg(test)]
 mod tests {
-    use glam::Vec3;
     use proptest::prelude::*;
 
     use super::*;
@@ -189,10 +188,11 @@ mod tests {
 
     fn bounds() -> impl Strategy<Value = Bounds> {
         let finite = || number().prop_map(|x| x.clamp(f32::MIN, f32::MAX));
-        let corner = || prop::array::uniform3(finite()).prop_map(Vec3::from_array);
+        let corner = || prop::array::uniform3(finite());
         (corner(), corner(), any::<bool>()).prop_filter_map("bounds", |(a, b, flat)| {
-            let high = if flat { a } else { a.max(b) };
-            Bounds::new(a.min(b).min(high), high).ok()
+            let high = if flat { a } else { std::array::from_fn(|x| a[x].max(b[x])) };
+            let low: [f32; 3] = std::array::from_fn(|x| a[x].min(b[x]).min(high[x]));
+            Bounds::new(low, high).ok()
         })
     }
 
@@ -257,7 +257,7 @@ mod tests {
 
     #[test]
     fn classes_survive() {
-        let bounds = Bounds::new(Vec3::ZERO, Vec3::ONE).expect("bounds");
+        let bounds = Bounds::new([0.0; 3], [1.0; 3]).expect("bounds");
         let quantizer = Quantizer::new(&bounds, Q16_CELLS);
         let barely = Aabb::from([0.5f32.next_up(), 0.0, 0.0, 0.5, 1.0, 1.0]);
         assert_eq!(quantizer.q16(&barely), BoxQ16::EMPTY, "cells alone would make it solid");
@@ -274,7 +274,7 @@ mod tests {
 
     #[test]
     fn cells_are_where_the_formula_has_them() {
-        let bounds = Bounds::new(Vec3::splat(-128.0), Vec3::splat(128.0)).expect("bounds");
+        let bounds = Bounds::new([-128.0; 3], [128.0; 3]).expect("bounds");
         let quantizer = Quantizer::new(&bounds, Q8_CELLS);
         let b = Aabb::from([-128.5, -128.0, 0.0f32.next_down(), 0.0, 127.0f32.next_down(), 128.0]);
         assert_eq!(quantizer.q8(&b), BoxQ8 { min: [0, 0, 128], max: [128, 254, 255] });

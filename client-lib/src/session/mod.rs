@@ -2,14 +2,13 @@
 //!
 //! ```
 //! use pairmask::{Aabb, Backend, Session};
-//! use pairmask::glam::Vec3;
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let mut session = Session::builder().backend(Backend::InProcess).connect()?;
 //! let mut frame = session.frame(3)?;
 //! for (i, slot) in frame.boxes_mut().iter_mut().enumerate() {
-//!     let min = Vec3::new(0.8 * i as f32, 0.0, 0.0);
-//!     *slot = Aabb::new(min, min + Vec3::ONE);
+//!     let x = 0.8 * i as f32;
+//!     *slot = Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0]);
 //! }
 //! let mask = frame.submit()?.wait()?;
 //! assert_eq!(mask.to_vec(), [(0, 1), (1, 2)]);
@@ -80,10 +79,9 @@ impl Session {
     ///
     /// ```
     /// use pairmask::{Aabb, Backend, Bounds, Precision, Session};
-    /// use pairmask::glam::Vec3;
     ///
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-    /// let world = Bounds::new(Vec3::splat(-100.0), Vec3::splat(100.0))?;
+    /// let world = Bounds::new([-100.0; 3], [100.0; 3])?;
     /// let mut session = Session::builder().backend(Backend::InProcess).connect()?;
     /// let mut frame = session.narrow_frame(2, Precision::Q16(world))?;
     /// frame.set(0, &Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]));

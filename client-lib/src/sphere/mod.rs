@@ -64,8 +64,12 @@ impl Sphere {
     pub const EMPTY: Self = Self { center: [0.0; 3], radius: -1.0 };
 
     /// The sphere of a centre and a radius, as they are.
-    pub const fn new(center: [f32; 3], radius: f32) -> Self {
-        Self { center, radius }
+    ///
+    /// The centre is an array, or whatever becomes one: a vector of glam in any version, of nalgebra,
+    /// of mint. In a `const`, write the two fields.
+    #[inline]
+    pub fn new(center: impl Into<[f32; 3]>, radius: f32) -> Self {
+        Self { center: center.into(), radius }
     }
 
     /// Solid, empty or invalid, by the rules at the head of this module.
@@ -99,7 +103,26 @@ impl Sphere {
 
 impl From<[f32; 4]> for Sphere {
     fn from([x, y, z, radius]: [f32; 4]) -> Self {
-        Self::new([x, y, z], radius)
+        Self { center: [x, y, z], radius }
+    }
+}
+
+impl From<Sphere> for [f32; 4] {
+    fn from(Sphere { center: [x, y, z], radius }: Sphere) -> Self {
+        [x, y, z, radius]
+    }
+}
+
+/// Centre and radius, as [`Sphere::new`] takes them.
+impl<Center: Into<[f32; 3]>> From<(Center, f32)> for Sphere {
+    fn from((center, radius): (Center, f32)) -> Self {
+        Self::new(center, radius)
+    }
+}
+
+impl From<Sphere> for ([f32; 3], f32) {
+    fn from(sphere: Sphere) -> Self {
+        (sphere.center, sphere.radius)
     }
 }
 

@@ -1,3 +1,4 @@
+use glam::{Affine3A, Mat4, Quat, Vec3};
 use proptest::prelude::*;
 
 use super::*;
@@ -18,6 +19,11 @@ fn number() -> impl Strategy<Value = f32> {
 
 fn vector() -> impl Strategy<Value = Vec3> {
     prop::array::uniform3(number()).prop_map(Vec3::from_array)
+}
+
+/// The matrix that moves points and turns nothing.
+fn moved_by(translation: Vec3) -> [[f32; 3]; 4] {
+    Affine3A::from_translation(translation).to_cols_array_2d()
 }
 
 fn local() -> impl Strategy<Value = Aabb> {
@@ -53,7 +59,7 @@ proptest! {
         translation in vector(),
     ) {
         let affine = Affine3A { matrix3: glam::Mat3A::from_cols(x.into(), y.into(), z.into()), translation: translation.into() };
-        let world = world_box(&local, &affine);
+        let world = world_box(&local, &affine.to_cols_array_2d());
         for corner in corners(&local) {
             for axis in 0..3 {
                 let terms = [x, y, z].into_iter().zip(corner).map(|(m, c)| fixed(m[axis]) * fixed(c));
@@ -61,7 +67,7 @@ proptest! {
                 prop_assert!(contains(&world, axis, exact), "{corner:?}, axis {axis}: {world:?}");
             }
         }
-        let matrix = Mat4::from(affine);
+        let matrix = Mat4::from(affine).to_cols_array_2d();
         prop_assert_eq!(world_box(&local, &matrix), world);
     }
 
@@ -75,7 +81,8 @@ proptest! {
         let length = q.iter().map(|x| x * x).sum::<f64>().sqrt();
         prop_assume!(length > 1e-3);
         let rotation = Quat::from_array(q.map(|x| (x / length) as f32));
-        let placement = Placement { translation, rotation, scale };
+        let placement =
+            Placement { scale: scale.into(), ..Placement::rigid(translation, rotation) };
         let world = world_box(&local, &placement);
         for corner in corners(&local) {
             let (exact, size) = turned(&placement, corner);
@@ -90,7 +97,7 @@ proptest! {
 
     #[test]
     fn the_world_box_is_tight(local in local(), translation in vector()) {
-        let world = world_box(&local, &Affine3A::from_translation(translation));
+        let world = world_box(&local, &moved_by(translation));
         for axis in 0..3 {
             let (min, max) = (f64::from(local.min[axis]), f64::from(local.max[axis]));
             let t = f64::from(translation[axis]);
@@ -110,6 +117,7 @@ proptest! {
             .collect();
         let transforms: Vec<_> = (0..n)
             .map(|i| Affine3A::from_rotation_x(value(i)) * Affine3A::from_translation(Vec3::splat(value(i + 2))))
+            .map(|affine| affine.to_cols_array_2d())
             .collect();
         let (mut serial, mut parallel) = (vec![Aabb::EMPTY; n], vec![Aabb::EMPTY; n]);
         update_boxes(&locals, &transforms, &mut serial).expect("lengths agree");
@@ -121,12 +129,13 @@ proptest! {
 /// `rotation · (scale · p) + translation` by cross products, not by a matrix, in f64; and how large
 /// the numbers were on the way.
 fn turned(placement: &Placement, p: [f32; 3]) -> ([f64; 3], f64) {
-    let v = glam::DVec3::from_array(p.map(f64::from)) * placement.scale.as_dvec3();
-    let [x, y, z, w] = placement.rotation.to_array().map(f64::from);
+    let wide = |v: [f32; 3]| glam::DVec3::from_array(v.map(f64::from));
+    let (v, translation) = (wide(p) * wide(placement.scale), wide(placement.translation));
+    let [x, y, z, w] = placement.rotation.map(f64::from);
     let q = glam::DVec3::new(x, y, z);
     let turn = q.cross(v);
-    let out = v + 2.0 * w * turn + 2.0 * q.cross(turn) + placement.translation.as_dvec3();
-    (out.to_array(), 8.0 * v.length() + placement.translation.as_dvec3().length())
+    let out = v + 2.0 * w * turn + 2.0 * q.cross(turn) + translation;
+    (out.to_array(), 8.0 * v.length() + translation.length())
 }
 
 #[test]
@@ -139,7 +148,7 @@ fn far_from_the_origin_and_at_large_scales_no_corner_is_lost() {
                 Quat::from_rotation_y(0.3),
                 Vec3::new(far, -far, far / 3.0),
             );
-            let world = world_box(&local, &affine);
+            let world = world_box(&local, &affine.to_cols_array_2d());
             assert_eq!(world.class(), BoxClass::Solid);
             for corner in corners(&local) {
                 for axis in 0..3 {
@@ -158,7 +167,7 @@ fn far_from_the_origin_and_at_large_scales_no_corner_is_lost() {
 
 #[test]
 fn empty_stays_empty_and_what_is_not_a_number_is_invalid() {
-    let turned = Affine3A::from_rotation_x(1.0);
+    let turned = Affine3A::from_rotation_x(1.0).to_cols_array_2d();
     assert_eq!(world_box(&Aabb::EMPTY, &turned), Aabb::EMPTY);
     let mut empty = Aabb::new(Vec3::ZERO, Vec3::ONE);
     empty.max[1] = -1.0;
@@ -168,12 +177,9 @@ fn empty_stays_empty_and_what_is_not_a_number_is_invalid() {
     assert_eq!(world_box(&invalid, &turned).class(), BoxClass::Invalid);
     let unit = Aabb::new(Vec3::ZERO, Vec3::ONE);
     for broken in [f32::NAN, f32::INFINITY] {
-        let moved = Affine3A::from_translation(Vec3::new(0.0, broken, 0.0));
+        let moved = moved_by(Vec3::new(0.0, broken, 0.0));
         assert_eq!(world_box(&unit, &moved).class(), BoxClass::Invalid);
-        let scaled = Placement {
-            scale: Vec3::splat(broken),
-            ..Placement::rigid(Vec3::ZERO, Quat::IDENTITY)
-        };
+        let scaled = Placement { scale: [broken; 3], ..Placement::IDENTITY };
         assert_eq!(world_box(&unit, &scaled).class(), BoxClass::Invalid);
     }
 }
@@ -184,13 +190,13 @@ fn an_infinite_box_is_infinite_only_where_it_reaches() {
         min: [f32::NEG_INFINITY, f32::NEG_INFINITY, -1.0],
         max: [f32::INFINITY, f32::INFINITY, 0.0],
     };
-    let lifted = world_box(&ground, &Affine3A::from_translation(Vec3::new(0.0, 0.0, 4.0)));
+    let lifted = world_box(&ground, &moved_by(Vec3::new(0.0, 0.0, 4.0)));
     assert_eq!((lifted.min[0], lifted.max[1]), (f32::NEG_INFINITY, f32::INFINITY));
     assert!((2.999..=3.0).contains(&lifted.min[2]) && (4.0..4.001).contains(&lifted.max[2]));
     let half = Aabb { min: [0.0; 3], max: [f32::INFINITY, 1.0, 1.0] };
-    let half = world_box(&half, &Placement::rigid(Vec3::ZERO, Quat::IDENTITY));
+    let half = world_box(&half, &Placement::IDENTITY);
     assert_eq!(half.max[0], f32::INFINITY);
-    let tilted = world_box(&ground, &Affine3A::from_rotation_x(0.5));
+    let tilted = world_box(&ground, &Affine3A::from_rotation_x(0.5).to_cols_array_2d());
     assert_eq!((tilted.min, tilted.max), ([f32::NEG_INFINITY; 3], [f32::INFINITY; 3]));
 }
 
@@ -222,7 +228,7 @@ fn lengths_must_agree() {
     let mut out = [Aabb::EMPTY; 2];
     let locals = [Aabb::new(Vec3::ZERO, Vec3::ONE); 2];
     let mismatch = UpdateError::LengthMismatch { locals: 2, transforms: 1, out: 2 };
-    assert_eq!(update_boxes(&locals, &[Affine3A::IDENTITY], &mut out), Err(mismatch));
-    assert_eq!(par_update_boxes(&locals, &[Affine3A::IDENTITY], &mut out), Err(mismatch));
+    assert_eq!(update_boxes(&locals, &[Placement::IDENTITY], &mut out), Err(mismatch));
+    assert_eq!(par_update_boxes(&locals, &[Placement::IDENTITY], &mut out), Err(mismatch));
     assert_eq!(out, [Aabb::EMPTY; 2]);
 }

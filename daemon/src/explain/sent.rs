@@ -65,7 +65,7 @@ impl<'a> SentBoxes<'a> {
     pub fn narrow(precision: &Precision, sent: impl Into<Cow<'a, [Aabb]>>) -> Self {
         let bounds = match precision {
             Precision::Q16(bounds) | Precision::Q8(bounds) => {
-                let (low, high) = (bounds.low().to_array(), bounds.high().to_array());
+                let (low, high) = (bounds.low(), bounds.high());
                 format!("cells of the bounds {low:?} to {high:?}; ")
             }
             Precision::Exact | Precision::F16 => String::new(),

@@ -5,7 +5,6 @@ use std::fmt;
 use std::str::FromStr;
 
 use pairmask::engine::UnknownName;
-use pairmask::glam::{DVec3, Vec3};
 use pairmask::oracle::Faces;
 use pairmask::oracle::modes::{Allowed, allowed, allowed_around_origin, allowed_by_margin};
 use pairmask::session::Margin;
@@ -220,10 +219,7 @@ impl ModeCase {
                 allowed_by_margin(given, margin.get()),
             ),
             Sending::World { boxes, origin } => {
-                let relative = |[min, max]: &Faces| {
-                    let [min, max, origin] = [*min, *max, *origin].map(DVec3::from_array);
-                    Aabb::outward_from_f64(min, max, origin)
-                };
+                let relative = |[min, max]: &Faces| Aabb::outward_from_f64(*min, *max, *origin);
                 (boxes.iter().map(relative).collect(), allowed_around_origin(boxes, *origin))
             }
         };
@@ -246,13 +242,13 @@ fn small_bounds(boxes: &[Aabb], random: &mut Random) -> Bounds {
         let x = if random.below(2) == 0 { b.min[axis] } else { b.max[axis] };
         x.is_finite().then_some(x)
     };
-    let (mut low, mut high) = (around.low().to_array(), around.high().to_array());
+    let (mut low, mut high) = (around.low(), around.high());
     for axis in 0..3 {
         let (a, b) = (face(axis).unwrap_or(low[axis]), face(axis).unwrap_or(high[axis]));
         (low[axis], high[axis]) = (a.min(b), a.max(b));
     }
     // Faces that are numbers are bounds; the answer for others is the whole scene.
-    Bounds::new(Vec3::from_array(low), Vec3::from_array(high)).unwrap_or(around)
+    Bounds::new(low, high).unwrap_or(around)
 }
 
 /// 0, or an edge of a box times a power of two.
@@ -269,7 +265,7 @@ fn margin(boxes: &[Aabb], random: &mut Random) -> Margin {
 /// more, and an origin near the middle of them.
 fn world(boxes: &[Aabb], random: &mut Random) -> (Vec<Faces>, [f64; 3]) {
     let around = Bounds::around(boxes);
-    let (low, high) = (around.low().as_dvec3(), around.high().as_dvec3());
+    let (low, high) = (around.low().map(f64::from), around.high().map(f64::from));
     let offset: [f64; 3] = std::array::from_fn(|axis| {
         let extent = low[axis].abs().max(high[axis].abs());
         let far = extent * (1u64 << random.below(41)) as f64;
@@ -325,7 +321,7 @@ mod tests {
             let Sending::Narrow(Precision::Q8(bounds)) = &mode.sending else {
                 panic!("cells have bounds")
             };
-            mode.given.iter().any(|b| b.min[0] > bounds.high().x || b.max[0] < bounds.low().x)
+            mode.given.iter().any(|b| b.min[0] > bounds.high()[0] || b.max[0] < bounds.low()[0])
         };
         assert!(cases().filter(outside).count() > 20);
     }

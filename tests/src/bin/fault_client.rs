@@ -16,7 +16,6 @@ use std::fs::{self, OpenOptions};
 use std::io::Write;
 use std::time::Duration;
 
-use pairmask::glam::Vec3;
 use pairmask::session::FrameError;
 use pairmask::{Aabb, Backend, EngineChoice, Session, Sphere};
 
@@ -46,7 +45,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     match mode.as_str() {
         "loan" => {
             let mut frame = session.frame(50_000)?;
-            frame.boxes_mut()[..25_000].fill(Aabb::new(Vec3::ZERO, Vec3::ONE));
+            frame.boxes_mut()[..25_000].fill(Aabb::new([0.0; 3], [1.0; 3]));
             return ready(frame);
         }
         "pending" => {

@@ -3,12 +3,12 @@
 //! The library has box queries only. One a leaf takes three times as long as this traversal over its
 //! public nodes, which is what a user in want of all pairs would write.
 
+use glam::Vec3A;
 use obvhs::aabb::Aabb as ObvhsBox;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::node::Bvh2Node;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 use pairmask::Aabb;
-use pairmask::glam::Vec3A;
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 
 use super::contender::{Contender, ContenderError};

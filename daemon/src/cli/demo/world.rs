@@ -4,8 +4,8 @@
 //! is pushed apart along the axis on which it overlaps least. Boxes that have lain for long fall
 //! again from the top, so that there is always motion.
 
+use glam::Vec3;
 use pairmask::Aabb;
-use pairmask::glam::Vec3;
 
 use crate::scene::Random;
 

@@ -1,6 +1,6 @@
 //! The scene in a world of f64 coordinates, far from their origin.
 
-use pairmask::glam::DVec3;
+use glam::{DVec3, Vec3};
 use pairmask::oracle::{Faces, truth_of_faces};
 use pairmask::{Aabb, Bounds, EngineName, Session};
 
@@ -26,7 +26,8 @@ impl WorldClient {
     /// A client whose scene is `boxes` at first.
     pub fn new(session: Session, world: World, boxes: &[Aabb]) -> Self {
         let around = Bounds::around(boxes);
-        let middle = around.low().as_dvec3().midpoint(around.high().as_dvec3());
+        let corner = |corner| Vec3::from_array(corner).as_dvec3();
+        let middle = corner(around.low()).midpoint(corner(around.high()));
         Self { session, world, origin: middle + world.offset, boxes: Vec::new() }
     }
 
@@ -44,9 +45,8 @@ impl Contender for WorldClient {
         let Self { session, world, origin, boxes } = self;
         let write = |to: &mut [Aabb]| match world.rounding {
             Rounding::ByOrigin => {
-                for (to, faces) in to.iter_mut().zip(&*boxes) {
-                    let [min, max] = faces.map(DVec3::from_array);
-                    *to = Aabb::outward_from_f64(min, max, *origin);
+                for (to, [min, max]) in to.iter_mut().zip(&*boxes) {
+                    *to = Aabb::outward_from_f64(*min, *max, *origin);
                 }
             }
             Rounding::Plain => {

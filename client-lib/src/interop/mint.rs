@@ -1,0 +1,97 @@
+//! mint: corners out, transforms in.
+
+use mint::{ColumnMatrix3x4, ColumnMatrix4, Point3, RowMatrix3x4, RowMatrix4, Vector3};
+
+use crate::aabb::Aabb;
+use crate::sphere::Sphere;
+use crate::update::{ToWorld, WorldMatrix};
+
+impl ToWorld for ColumnMatrix3x4<f32> {
+    #[inline]
+    fn world_matrix(&self) -> WorldMatrix {
+        <[[f32; 3]; 4]>::from(*self).world_matrix()
+    }
+}
+
+impl ToWorld for RowMatrix3x4<f32> {
+    #[inline]
+    fn world_matrix(&self) -> WorldMatrix {
+        ColumnMatrix3x4::from(*self).world_matrix()
+    }
+}
+
+/// The affine part: the bottom row is taken for 0 0 0 1.
+impl ToWorld for ColumnMatrix4<f32> {
+    #[inline]
+    fn world_matrix(&self) -> WorldMatrix {
+        <[[f32; 4]; 4]>::from(*self).world_matrix()
+    }
+}
+
+/// The affine part: the bottom row is taken for 0 0 0 1.
+impl ToWorld for RowMatrix4<f32> {
+    #[inline]
+    fn world_matrix(&self) -> WorldMatrix {
+        ColumnMatrix4::from(*self).world_matrix()
+    }
+}
+
+macro_rules! out {
+    ($($vector:ty),*) => {$(
+        impl From<Aabb> for ($vector, $vector) {
+            #[inline]
+            fn from(b: Aabb) -> Self {
+                (b.min.into(), b.max.into())
+            }
+        }
+
+        impl From<Sphere> for ($vector, f32) {
+            #[inline]
+            fn from(sphere: Sphere) -> Self {
+                (sphere.center.into(), sphere.radius)
+            }
+        }
+    )*};
+}
+out!(Point3<f32>, Vector3<f32>);
+
+#[cfg(test)]
+mod tests {
+    use mint::Quaternion;
+
+    use super::*;
+    use crate::update::{Placement, world_box};
+
+    #[test]
+    fn points_go_in_and_come_out() {
+        let (min, max) = (Point3::from([1.0, 2.0, 3.0]), Vector3::from([4.0; 3]));
+        let b = Aabb { min: [1.0, 2.0, 3.0], max: [4.0; 3] };
+        assert_eq!([Aabb::new(min, max), (min, max).into()], [b; 2]);
+        assert_eq!(<(Point3<f32>, Point3<f32>)>::from(b).0, min);
+        assert_eq!(<(Vector3<f32>, Vector3<f32>)>::from(b).1, max);
+        let sphere = Sphere { center: b.min, radius: 0.5 };
+        assert_eq!([Sphere::new(min, 0.5), (min, 0.5).into()], [sphere; 2]);
+        assert_eq!(<(Point3<f32>, f32)>::from(sphere), (min, 0.5));
+    }
+
+    #[test]
+    fn transforms_are_those_of_their_columns() {
+        let local = Aabb::new([-1.0, -2.0, -0.5], [1.0, 0.5, 3.0]);
+        let columns = [[1.0, 2.0, 3.0], [0.5, -4.0, 7.0], [-0.25, 8.0, 9.0], [10.0, 20.0, 30.0]];
+        let world = world_box(&local, &columns);
+        let narrow = ColumnMatrix3x4::from(columns);
+        let wide = ColumnMatrix4::from(columns.map(|[x, y, z]| [x, y, z, 9.0]));
+        assert_eq!(world_box(&local, &narrow), world);
+        assert_eq!(world_box(&local, &RowMatrix3x4::from(narrow)), world);
+        assert_eq!(world_box(&local, &wide), world);
+        assert_eq!(world_box(&local, &RowMatrix4::from(wide)), world);
+    }
+
+    #[test]
+    fn the_real_part_of_a_quaternion_comes_last() {
+        let rotation = Quaternion { v: Vector3::from([1.0, 2.0, 3.0]), s: 4.0 };
+        let placement = Placement::rigid(Point3::from([5.0, 6.0, 7.0]), rotation);
+        assert_eq!(placement.rotation, [1.0, 2.0, 3.0, 4.0]);
+        assert_eq!(placement.translation, [5.0, 6.0, 7.0]);
+    }
+}
