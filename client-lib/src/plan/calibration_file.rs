@@ -5,11 +5,9 @@
 //! reported and ignored.
 
 use std::collections::BTreeMap;
-use std::fmt;
 use std::fs;
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
@@ -200,81 +198,6 @@ pub fn default_path(machine: &MachineKey) -> Option<PathBuf> {
     Some(user_cache_folder()?.join(machine.file_name()))
 }
 
-/// Which constants a plan computes with.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub enum CalibrationChoice {
-    /// Those of this machine in the user's cache directory, else the built-in ones.
-    #[default]
-    Auto,
-    /// The built-in ones.
-    BuiltIn,
-    /// Those of a file.
-    File(PathBuf),
-}
-
-impl FromStr for CalibrationChoice {
-    type Err = std::convert::Infallible;
-
-    fn from_str(s: &str) -> Result<Self, Self::Err> {
-        Ok(match s {
-            "auto" => Self::Auto,
-            "built-in" => Self::BuiltIn,
-            path => Self::File(path.into()),
-        })
-    }
-}
-
-impl fmt::Display for CalibrationChoice {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Auto => f.write_str("auto"),
-            Self::BuiltIn => f.write_str("built-in"),
-            Self::File(path) => path.display().fmt(f),
-        }
-    }
-}
-
-/// Where constants are from.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum CalibrationOrigin {
-    /// Built in, for an instruction set.
-    BuiltIn(Isa),
-    /// A file that `pairmaskd calibrate` wrote.
-    File(PathBuf),
-}
-
-impl fmt::Display for CalibrationOrigin {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::BuiltIn(isa) => write!(f, "built in for {isa}"),
-            Self::File(path) => path.display().fmt(f),
-        }
-    }
-}
-
-impl CalibrationChoice {
-    /// The constants, and where they are from. A file that cannot be used is named in the log, and
-    /// the built-in constants stand in.
-    pub fn resolve(&self) -> (Calibration, CalibrationOrigin) {
-        let isa = Isa::best();
-        let built_in = || (Calibration::built_in(isa), CalibrationOrigin::BuiltIn(isa));
-        let machine = MachineKey::this();
-        let path = match self {
-            Self::BuiltIn => None,
-            Self::Auto => default_path(&machine).filter(|path| path.exists()),
-            Self::File(path) => Some(path.clone()),
-        };
-        let Some(path) = path else { return built_in() };
-        match load(&path, &machine) {
-            Ok(calibration) => (calibration, CalibrationOrigin::File(path)),
-            Err(error) => {
-                log::warn!("calibration {} is not used: {error}", path.display());
-                built_in()
-            }
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
@@ -324,15 +247,6 @@ mod tests {
         assert!(edited("serial-share = 0.1", "serial-share = 1.1").contains("serial-share"));
         assert!(edited("[ns]", "colour = 3\n[ns]").contains("colour"));
         assert!(decode("", &MachineKey::this()).is_err());
-    }
-
-    #[test]
-    fn choices_are_read_as_they_are_written() {
-        let file = CalibrationChoice::File("some/where".into());
-        for choice in [CalibrationChoice::Auto, CalibrationChoice::BuiltIn, file.clone()] {
-            assert_eq!(choice.to_string().parse(), Ok(choice));
-        }
-        assert_eq!(file.resolve().1, CalibrationOrigin::BuiltIn(Isa::best()));
     }
 
     proptest! {

@@ -57,6 +57,7 @@ impl MachineKey {
 
     /// A name for files of this machine: FNV-1a of the key. A collision is harmless, since files
     /// hold the key itself.
+    #[cfg(any(test, feature = "calibration-file"))]
     pub(super) fn file_name(&self) -> String {
         let fold = |hash: u64, byte: u8| (hash ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3);
         let hash = self.0.bytes().fold(0xcbf2_9ce4_8422_2325, fold);

@@ -25,6 +25,8 @@
 //! ```
 
 mod calibration;
+mod calibration_choice;
+#[cfg(feature = "calibration-file")]
 mod calibration_file;
 mod explain;
 mod machine;
@@ -33,9 +35,11 @@ mod stats;
 mod work;
 
 pub use calibration::{CPU_ENGINES, Calibration, ThreadCost};
+pub use calibration_choice::{CalibrationChoice, CalibrationOrigin};
+#[cfg(feature = "calibration-file")]
 pub use calibration_file::{
-    CALIBRATION_VERSION, CalibrationChoice, CalibrationError, CalibrationOrigin, decode,
-    default_path, encode, load, store, user_cache_folder,
+    CALIBRATION_VERSION, CalibrationError, decode, default_path, encode, load, store,
+    user_cache_folder,
 };
 pub use machine::MachineKey;
 pub use stats::SceneStats;

@@ -11,10 +11,15 @@ use super::error::ConnectError;
 use crate::engine::{EngineChoice, UnknownName};
 use crate::mask::EncodingChoice;
 use crate::plan::CalibrationChoice;
-use crate::transport::{InstanceName, RuntimeDir};
+#[cfg(feature = "daemon")]
+use crate::transport::RuntimeDir;
+use crate::transport::{InstanceError, InstanceName};
 use crate::units::BoxCount;
 
 /// Who finds the pairs. The results are identical.
+///
+/// A build without the feature `daemon` answers in process: there `Auto` is `InProcess`, and a
+/// session that insists on `Daemon` gets [`ConnectError::NotBuiltIn`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Backend {
     /// The daemon where one answers, else in process. Comes back to the daemon by itself.
@@ -61,6 +66,7 @@ const DEFAULT_CAPACITY: BoxCount = BoxCount::new(65_536);
 pub(super) struct Settings {
     pub backend: Backend,
     pub instance: InstanceName,
+    #[cfg(feature = "daemon")]
     pub dir: RuntimeDir,
     pub engine: EngineChoice,
     pub encoding: EncodingChoice,
@@ -86,6 +92,7 @@ impl Default for SessionBuilder {
             settings: Settings {
                 backend: Backend::default(),
                 instance: InstanceName::default(),
+                #[cfg(feature = "daemon")]
                 dir: RuntimeDir::from_env(),
                 engine: EngineChoice::Auto,
                 encoding: EncodingChoice::Auto,
@@ -114,6 +121,7 @@ impl SessionBuilder {
     }
 
     /// Where instances live; `$PAIRMASK_RUNTIME_DIR`, else `/tmp/pairmask-UID`, unless set.
+    #[cfg(feature = "daemon")]
     pub fn runtime_dir(mut self, dir: RuntimeDir) -> Self {
         self.settings.dir = dir;
         self
@@ -170,8 +178,7 @@ impl SessionBuilder {
     /// # Errors
     /// [`ConnectError`]. With [`Backend::Auto`] a missing daemon is none.
     pub fn connect(mut self) -> Result<Session, ConnectError> {
-        self.settings.instance =
-            self.instance.map_err(|name| crate::transport::InstanceError::Name { name })?;
+        self.settings.instance = self.instance.map_err(|name| InstanceError::Name { name })?;
         Ok(Session { core: Arc::new(Core::new(self.settings)?) })
     }
 }

@@ -15,7 +15,6 @@ use super::sphere::SphereFrame;
 use crate::aabb::Aabb;
 use crate::engine::CullError;
 use crate::precision::Precision;
-use crate::transport::quiet_transport_log;
 use crate::units::BoxCount;
 use crate::wire::{Objects, ReplyFields, RequestHeader, StatusBody, StatusCode};
 
@@ -48,8 +47,8 @@ pub(super) struct Core {
 }
 
 impl Core {
-    pub(super) fn new(settings: Settings) -> Result<Self, ConnectError> {
-        quiet_transport_log();
+    pub(super) fn new(mut settings: Settings) -> Result<Self, ConnectError> {
+        settings.backend = Link::backend(settings.backend)?;
         let local = Arc::new(Local::new(&settings.calibration));
         let core =
             Self { settings, local, connection: Mutex::default(), frames: AtomicU64::new(0) };

@@ -17,6 +17,11 @@ pub enum ConnectError {
         /// The instance.
         instance: InstanceName,
     },
+    /// This build of the library has no transport.
+    #[error(
+        "this build has no daemon backend: enable pairmask's feature `daemon`, or use Backend::InProcess"
+    )]
+    NotBuiltIn,
     /// The instance is another user's, and its memory is closed to us.
     #[error(
         "instance '{instance}' belongs to user {uid}: run as that user, or start a daemon of your own"

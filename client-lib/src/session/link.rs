@@ -10,7 +10,7 @@ use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::service::ipc_threadsafe;
 
-use super::builder::Settings;
+use super::builder::{Backend, Settings};
 use super::error::{ConnectError, FrameError};
 use super::estimate::{Answered, Estimate};
 use super::forms::KnownForms;
@@ -19,6 +19,7 @@ use crate::precision::BoxForm;
 use crate::transport::{
     Client, ClientPort, FRAMES_AT_A_TIME, OpenError, PendingResponse, Populated, ProcessWatch,
     RequestLoan, ResponseSample, Services, Spinner, TransportError, assume_pages, foreign_owner,
+    quiet_transport_log,
 };
 use crate::wire::{PAGE_BYTES, RequestHeader, Version, page_count};
 
@@ -91,6 +92,13 @@ fn pages_of(bytes: u64) -> usize {
 }
 
 impl Link {
+    /// The backend for one that was asked for: any, in a build with a transport.
+    #[allow(clippy::unnecessary_wraps)] // A build without one refuses a backend.
+    pub(super) fn backend(asked: Backend) -> Result<Backend, ConnectError> {
+        quiet_transport_log();
+        Ok(asked)
+    }
+
     /// Connects to whoever serves the instance now.
     pub(super) fn open(settings: &Settings) -> Result<Self, ConnectError> {
         let instance = &settings.instance;

@@ -19,9 +19,16 @@
 mod builder;
 mod core;
 mod error;
+#[cfg_attr(not(feature = "daemon"), allow(dead_code))]
 mod estimate;
+#[cfg_attr(not(feature = "daemon"), allow(dead_code))]
 mod forms;
 mod frame;
+#[cfg(feature = "daemon")]
+mod link;
+#[cfg(not(feature = "daemon"))]
+#[path = "no_link.rs"]
+#[allow(dead_code)] // It has no value, so that nothing reads or makes one.
 mod link;
 mod local;
 mod margin;

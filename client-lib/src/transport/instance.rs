@@ -9,87 +9,11 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{Read, Write};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 
 use rustix::fs::{FlockOperation, flock};
 
+use super::name::{InstanceError, InstanceName};
 use crate::wire::Version;
-
-/// Name of an instance: 1 to 32 of `a-z 0-9 - _`. It becomes part of file names.
-#[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct InstanceName(String);
-
-/// Bytes of the longest instance name. Names of shared memory files have a limit of 255 in all.
-const MAX_NAME_BYTES: usize = 32;
-
-impl InstanceName {
-    /// The name as text.
-    pub fn as_str(&self) -> &str {
-        &self.0
-    }
-}
-
-impl Default for InstanceName {
-    /// `default`: what `serve` and clients use when no name is given.
-    fn default() -> Self {
-        Self("default".to_owned())
-    }
-}
-
-impl fmt::Display for InstanceName {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.0)
-    }
-}
-
-impl FromStr for InstanceName {
-    type Err = InstanceError;
-
-    fn from_str(s: &str) -> Result<Self, InstanceError> {
-        let fits = |c: u8| c.is_ascii_lowercase() || c.is_ascii_digit() || c == b'-' || c == b'_';
-        if s.is_empty() || s.len() > MAX_NAME_BYTES || !s.bytes().all(fits) {
-            return Err(InstanceError::Name { name: s.to_owned() });
-        }
-        Ok(Self(s.to_owned()))
-    }
-}
-
-/// Why an instance's place on disk cannot be used.
-#[derive(Debug, thiserror::Error)]
-pub enum InstanceError {
-    /// Not a name.
-    #[error("instance name '{name}' is not 1 to 32 of a-z, 0-9, '-' and '_'")]
-    Name {
-        /// What was given.
-        name: String,
-    },
-    /// Somebody else owns the directory.
-    #[error("{} belongs to user {owner}, not to you: set PAIRMASK_RUNTIME_DIR to a directory of your own", path.display())]
-    Foreign {
-        /// The directory.
-        path: PathBuf,
-        /// Its owner's user id.
-        owner: u32,
-    },
-    /// A daemon already serves this instance.
-    #[error(
-        "instance '{name}' is already served by process {pid}: stop it, or serve under another --instance name"
-    )]
-    AlreadyServed {
-        /// The instance.
-        name: InstanceName,
-        /// Its process, 0 if it has not said yet.
-        pid: u32,
-    },
-    /// The file system said no.
-    #[error("{}: {source}", path.display())]
-    Io {
-        /// The file or directory.
-        path: PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-}
 
 fn io_error(path: &Path) -> impl FnOnce(std::io::Error) -> InstanceError + '_ {
     move |source| InstanceError::Io { path: path.to_owned(), source }
@@ -176,7 +100,7 @@ impl RuntimeDir {
         // One directory has many spellings.
         let dir = fs::canonicalize(&self.0).unwrap_or_else(|_| self.0.clone());
         let bytes = dir.as_os_str().as_encoded_bytes().iter().chain(b"\0");
-        let hash = bytes.chain(name.0.as_bytes()).fold(0xcbf2_9ce4_8422_2325_u64, |h, b| {
+        let hash = bytes.chain(name.as_str().as_bytes()).fold(0xcbf2_9ce4_8422_2325_u64, |h, b| {
             (h ^ u64::from(*b)).wrapping_mul(0x0000_0100_0000_01b3)
         });
         (hash ^ hash >> 48) & 0xffff_ffff_ffff
@@ -313,19 +237,6 @@ pub fn foreign_owner(name: &InstanceName) -> Option<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn names_are_checked() {
-        for good in ["a", "world", "a-b_9"] {
-            assert_eq!(
-                good.parse::<InstanceName>().ok().as_ref().map(InstanceName::as_str),
-                Some(good)
-            );
-        }
-        for bad in ["", "A", "a/b", "..", "a b", &"x".repeat(33)] {
-            assert!(bad.parse::<InstanceName>().is_err(), "{bad}");
-        }
-    }
 
     #[test]
     fn records_round_trip_and_junk_is_refused() {

@@ -3,6 +3,7 @@
 
 use bytemuck::{AnyBitPattern, Pod};
 
+#[cfg(feature = "daemon")]
 use super::services::{RequestLoan, ResponseLoan, UninitRequest, UninitResponse};
 use crate::aabb::Aabb;
 use crate::precision::{BoxForm, NarrowBoxes};
@@ -11,6 +12,7 @@ use crate::units::BoxCount;
 use crate::wire::{ObjectForm, Objects, Page};
 
 /// A fresh loan for a request, as pages that hold something.
+#[cfg(feature = "daemon")]
 pub fn assume_pages(loan: UninitRequest) -> RequestLoan {
     // SAFETY: a loan is part of a shared mapping, whose bytes always hold some value (zero or
     // what an earlier frame left), and every value is a valid Page.
@@ -18,6 +20,7 @@ pub fn assume_pages(loan: UninitRequest) -> RequestLoan {
 }
 
 /// As [`assume_pages`], for a response.
+#[cfg(feature = "daemon")]
 pub fn assume_response_pages(loan: UninitResponse) -> ResponseLoan {
     // SAFETY: as in `assume_pages`.
     unsafe { loan.assume_init() }

@@ -22,7 +22,8 @@ use iceoryx2::service::port_factory::client::ClientCreateError;
 use iceoryx2::service::port_factory::{event, request_response};
 use iceoryx2::service::{ipc, ipc_threadsafe};
 
-use super::instance::{InstanceName, RuntimeDir};
+use super::instance::RuntimeDir;
+use super::name::InstanceName;
 use crate::wire::{Page, RequestHeader, ResponseHeader};
 
 /// A node of a client. Sessions may move between threads.

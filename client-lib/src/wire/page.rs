@@ -4,16 +4,17 @@
 //! alignment would reserve a page each.
 
 use bytemuck::{Pod, Zeroable};
+#[cfg(feature = "daemon")]
 use iceoryx2::prelude::ZeroCopySend;
 
 /// Bytes of a payload page: the page size of x86-64 and the alignment that GPU drivers ask for.
 pub const PAGE_BYTES: usize = 4096;
 
 /// One page of payload.
-#[derive(Clone, Copy, Pod, Zeroable, ZeroCopySend)]
+#[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 #[repr(align(4096))]
-#[type_name("pairmask.Page")]
+#[cfg_attr(feature = "daemon", derive(ZeroCopySend), type_name("pairmask.Page"))]
 pub struct Page([u8; PAGE_BYTES]);
 
 const _: () = assert!(size_of::<Page>() == PAGE_BYTES && align_of::<Page>() == PAGE_BYTES);

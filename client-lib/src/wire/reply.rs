@@ -1,6 +1,7 @@
 //! What the daemon answers.
 
 use bytemuck::{Pod, Zeroable};
+#[cfg(feature = "daemon")]
 use iceoryx2::prelude::ZeroCopySend;
 
 use super::section::{SECTION_COUNT, Section, SectionKind, find};
@@ -26,9 +27,9 @@ pub struct StageTimes {
 }
 
 /// Header of a response, 432 bytes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
-#[type_name("pairmask.ResponseHeader")]
+#[cfg_attr(feature = "daemon", derive(ZeroCopySend), type_name("pairmask.ResponseHeader"))]
 pub struct ResponseHeader {
     /// [`RESPONSE_MAGIC`].
     pub magic: u32,

@@ -1,6 +1,7 @@
 //! What a client asks.
 
 use bytemuck::{Pod, Zeroable};
+#[cfg(feature = "daemon")]
 use iceoryx2::prelude::ZeroCopySend;
 
 use super::objects::ObjectForm;
@@ -12,9 +13,9 @@ use crate::mask::{Encoding, EncodingChoice};
 use crate::units::BoxCount;
 
 /// Header of a request, 272 bytes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
-#[type_name("pairmask.RequestHeader")]
+#[cfg_attr(feature = "daemon", derive(ZeroCopySend), type_name("pairmask.RequestHeader"))]
 pub struct RequestHeader {
     /// [`REQUEST_MAGIC`].
     pub magic: u32,

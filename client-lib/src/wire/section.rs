@@ -1,15 +1,16 @@
 //! Sections: named byte ranges of a payload.
 
 use bytemuck::{Pod, Zeroable};
+#[cfg(feature = "daemon")]
 use iceoryx2::prelude::ZeroCopySend;
 
 /// Section slots in a header. Four are in use at most; the rest is room for later kinds.
 pub const SECTION_COUNT: usize = 8;
 
 /// A byte range of the payload and what it holds.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
-#[type_name("pairmask.Section")]
+#[cfg_attr(feature = "daemon", derive(ZeroCopySend), type_name("pairmask.Section"))]
 pub struct Section {
     /// A [`SectionKind`], or 0 for an unused slot.
     pub kind: u32,

@@ -1,6 +1,7 @@
 //! Status codes of responses, and the daemon's account of itself.
 
 use bytemuck::{Pod, Zeroable};
+#[cfg(feature = "daemon")]
 use iceoryx2::prelude::ZeroCopySend;
 
 use super::reply::{Reply, ReplyError, ReplyFields, ResponseHeader};
@@ -65,9 +66,9 @@ impl StatusCode {
 pub const LAST_ERRORS: usize = 8;
 
 /// An error that the daemon gave to a client.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
-#[type_name("pairmask.RecordedError")]
+#[cfg_attr(feature = "daemon", derive(ZeroCopySend), type_name("pairmask.RecordedError"))]
 pub struct RecordedError {
     /// Which client.
     pub client_token: u64,
@@ -82,9 +83,9 @@ pub struct RecordedError {
 }
 
 /// What the daemon's auditor found when it checked frames again.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
-#[type_name("pairmask.AuditCounts")]
+#[cfg_attr(feature = "daemon", derive(ZeroCopySend), type_name("pairmask.AuditCounts"))]
 pub struct AuditCounts {
     /// One frame in so many is checked; 0 for none.
     pub one_in: u64,
@@ -101,9 +102,9 @@ pub struct AuditCounts {
 }
 
 /// The daemon's account of itself: the payload of a status response.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
-#[type_name("pairmask.StatusBody")]
+#[cfg_attr(feature = "daemon", derive(ZeroCopySend), type_name("pairmask.StatusBody"))]
 pub struct StatusBody {
     /// Process that serves.
     pub pid: u32,

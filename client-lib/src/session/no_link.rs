@@ -1,0 +1,99 @@
+//! The connection of a build without the feature `daemon`: there is none.
+//!
+//! Nothing makes a value of these types, so that the code of sessions is one, with a transport and
+//! without.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use super::builder::{Backend, Settings};
+use super::error::{ConnectError, FrameError};
+use super::estimate::Answered;
+use super::forms::KnownForms;
+use crate::transport::{Never, PendingResponse, RequestLoan, ResponseSample, TransportError};
+use crate::wire::RequestHeader;
+
+/// A connection to one daemon process.
+#[derive(Debug)]
+pub(super) struct Link(Never);
+
+/// One of the frames that a client may have at a time.
+pub(super) struct Slot {
+    link: Arc<Link>,
+}
+
+/// Shared memory for a request.
+pub(super) struct SharedFrame {
+    pub loan: RequestLoan,
+    pub slot: Slot,
+}
+
+/// What came of waiting.
+pub(super) enum Received {
+    Sample(ResponseSample),
+    Nothing,
+    Dead,
+}
+
+/// A request that could not be sent.
+pub(super) enum Unsent {
+    Saved(SharedFrame),
+    Lost(TransportError),
+}
+
+impl Slot {
+    pub(super) const fn link(&self) -> &Arc<Link> {
+        &self.link
+    }
+}
+
+impl Link {
+    /// The backend for one that was asked for: without a daemon, frames are answered in process.
+    pub(super) const fn backend(asked: Backend) -> Result<Backend, ConnectError> {
+        match asked {
+            Backend::Auto | Backend::InProcess => Ok(Backend::InProcess),
+            Backend::Daemon => Err(ConnectError::NotBuiltIn),
+        }
+    }
+
+    pub(super) const fn open(_: &Settings) -> Result<Self, ConnectError> {
+        Err(ConnectError::NotBuiltIn)
+    }
+
+    pub(super) const fn token(&self) -> u64 {
+        match self.0 {}
+    }
+
+    pub(super) const fn is_alive(&self) -> bool {
+        match self.0 {}
+    }
+
+    pub(super) const fn forms(&self) -> &KnownForms {
+        match self.0 {}
+    }
+
+    pub(super) fn loan(self: &Arc<Self>, _: u64) -> Result<SharedFrame, FrameError> {
+        match self.0 {}
+    }
+
+    pub(super) const fn note_frame(&self, _: Answered) {
+        match self.0 {}
+    }
+
+    pub(super) const fn receive(
+        &self,
+        _: &PendingResponse,
+        _: Instant,
+        _: u32,
+        _: Duration,
+        _: Instant,
+    ) -> Result<Received, TransportError> {
+        match self.0 {}
+    }
+}
+
+impl SharedFrame {
+    pub(super) fn send(self, _: &RequestHeader) -> Result<(PendingResponse, Slot), Unsent> {
+        match self.slot.link.0 {}
+    }
+}

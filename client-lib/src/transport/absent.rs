@@ -1,0 +1,69 @@
+//! What sessions name of the transport in a build without the feature `daemon`.
+//!
+//! Errors and memory of the transport have no value here, so that the code of sessions is one.
+#![allow(dead_code)] // Of pages and errors, a build without a transport needs the names only.
+
+mod name;
+mod pages;
+mod spinner;
+
+pub use name::{InstanceError, InstanceName};
+pub use pages::{
+    boxes_in, boxes_in_mut, bytes_in_mut, objects_in, spheres_in, spheres_in_mut, words_in,
+};
+pub use spinner::Spinner;
+
+use crate::wire::{Page, ResponseHeader};
+
+/// Nothing has this type. What holds it privately is made by nobody, and still looks like any other
+/// type to the code that names it.
+#[derive(Clone, Copy, Debug)]
+pub enum Never {}
+
+/// No shared memory: never here.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum PopulateError {}
+
+/// A step of the transport that failed: never here.
+#[derive(Clone, Debug, thiserror::Error)]
+pub enum TransportError {}
+
+/// Shared memory for a request.
+pub struct RequestLoan(Never);
+
+impl RequestLoan {
+    /// Its pages.
+    pub const fn payload(&self) -> &[Page] {
+        match self.0 {}
+    }
+
+    /// Its pages, to be written.
+    pub const fn payload_mut(&mut self) -> &mut [Page] {
+        match self.0 {}
+    }
+}
+
+/// A request under way.
+pub struct PendingResponse(Never);
+
+impl PendingResponse {
+    /// The pages of the request.
+    pub const fn payload(&self) -> &[Page] {
+        match self.0 {}
+    }
+}
+
+/// A response in shared memory.
+pub struct ResponseSample(Never);
+
+impl ResponseSample {
+    /// Its header.
+    pub const fn user_header(&self) -> &ResponseHeader {
+        match self.0 {}
+    }
+
+    /// Its pages.
+    pub const fn payload(&self) -> &[Page] {
+        match self.0 {}
+    }
+}

@@ -1,0 +1,123 @@
+//! Sessions in process, in every build: with a transport and without.
+#![allow(clippy::unwrap_used, clippy::missing_panics_doc)]
+
+use pairmask::session::{ConnectError, Margin, Margined, SessionBuilder, StatusError};
+use pairmask::{Aabb, Backend, Bounds, BoxForm, Precision, ServedBy, Session, Sphere, oracle};
+
+/// Boxes a scene, on both sides of the sizes at which engines change.
+const SIZES: [usize; 4] = [0, 3, 345, 1234];
+
+/// A row of boxes of which each overlaps a few of the next ones; every tenth is switched off.
+fn scene(n: usize) -> Vec<Aabb> {
+    let at = |i: usize| [0.3 * i as f32, (i % 7) as f32 * 0.1, (i % 3) as f32 * 0.2];
+    (0..n)
+        .map(|i| if i % 10 == 9 { Aabb::EMPTY } else { Aabb::from_center_half(at(i), [0.5; 3]) })
+        .collect()
+}
+
+fn sorted(mut pairs: Vec<(u32, u32)>) -> Vec<(u32, u32)> {
+    pairs.sort_unstable();
+    pairs
+}
+
+fn pairs_of(session: &mut Session, boxes: &[Aabb]) -> Vec<(u32, u32)> {
+    let mut frame = session.frame(boxes.len()).unwrap();
+    assert!(!frame.is_shared());
+    frame.boxes_mut().copy_from_slice(boxes);
+    let mask = frame.submit().unwrap().wait().unwrap();
+    assert_eq!(mask.info().served_by, ServedBy::InProcess);
+    sorted(mask.to_vec())
+}
+
+fn in_process() -> SessionBuilder {
+    Session::builder().backend(Backend::InProcess)
+}
+
+#[test]
+fn frames_have_the_pairs_of_the_oracle() {
+    let mut session = in_process().connect().unwrap();
+    for n in SIZES {
+        let boxes = scene(n);
+        assert_eq!(pairs_of(&mut session, &boxes), oracle::truth(&boxes).pairs, "{n} boxes");
+    }
+    assert_eq!(session.served_by(), ServedBy::InProcess);
+}
+
+#[test]
+fn narrow_frames_lack_no_pair_and_are_those_of_their_form() {
+    let mut session = in_process().connect().unwrap();
+    let boxes = scene(345);
+    let exact = oracle::truth(&boxes).pairs;
+    for precision in [Precision::Q16(Bounds::around(&boxes)), Precision::F16, Precision::Exact] {
+        let mut frame = session.narrow_frame(boxes.len(), precision).unwrap();
+        frame.fill(&boxes);
+        let mask = frame.submit().unwrap().wait().unwrap();
+        let found = sorted(mask.to_vec());
+        let form = precision.form();
+        assert!(exact.iter().all(|pair| found.binary_search(pair).is_ok()), "{form}");
+        assert!(form != BoxForm::F32 || found == exact);
+        assert_eq!(mask.info().form, form.into());
+    }
+}
+
+#[test]
+fn frames_of_spheres_have_all_pairs_that_touch() {
+    let mut session = in_process().connect().unwrap();
+    for n in SIZES {
+        let spheres: Vec<_> =
+            (0..n).map(|i| Sphere::new([2.0 * i as f32, 0.0, 0.0], 1.0)).collect();
+        let mut frame = session.sphere_frame(n).unwrap();
+        frame.spheres_mut().copy_from_slice(&spheres);
+        let found = sorted(frame.submit().unwrap().wait().unwrap().to_vec());
+        let touching: Vec<_> = (1..n as u32).map(|i| (i - 1, i)).collect();
+        assert_eq!(found, touching, "{n} spheres");
+    }
+}
+
+#[test]
+fn margins_keep_an_answer() {
+    let boxes = scene(345);
+    let exact = oracle::truth(&boxes).pairs;
+    let mut margined = Margined::new(in_process().connect().unwrap(), Margin::new(0.05).unwrap());
+    for _ in 0..2 {
+        let kept = margined.cull(&boxes).unwrap();
+        assert_eq!(sorted(kept.exact_pairs().collect()), exact);
+    }
+    assert_eq!((margined.stats().requests, margined.stats().skipped), (1, 1));
+}
+
+#[test]
+fn names_of_instances_are_checked_in_every_build() {
+    let error = in_process().instance("no name").connect().unwrap_err();
+    assert!(matches!(error, ConnectError::Instance(_)), "{error}");
+}
+
+#[test]
+#[cfg(not(feature = "daemon"))]
+fn without_a_transport_auto_is_in_process() {
+    let mut session = Session::builder().connect().unwrap();
+    assert_eq!(session.served_by(), ServedBy::InProcess);
+    let boxes = scene(345);
+    assert_eq!(pairs_of(&mut session, &boxes), oracle::truth(&boxes).pairs);
+    let status = session.daemon_status().unwrap_err();
+    assert!(matches!(status, StatusError::Connect(ConnectError::NotBuiltIn)), "{status}");
+}
+
+#[test]
+#[cfg(not(feature = "daemon"))]
+fn without_a_transport_a_daemon_is_a_typed_error() {
+    let error = Session::builder().backend(Backend::Daemon).connect().unwrap_err();
+    assert!(matches!(error, ConnectError::NotBuiltIn), "{error}");
+    let text = error.to_string();
+    assert!(text.contains("feature `daemon`") && text.contains("Backend::InProcess"), "{text}");
+}
+
+#[test]
+#[cfg(not(feature = "calibration-file"))]
+fn without_files_plans_compute_with_the_built_in_constants() {
+    use pairmask::engine::Isa;
+    use pairmask::plan::{CalibrationChoice, CalibrationOrigin};
+    for choice in [CalibrationChoice::Auto, CalibrationChoice::File("some/where".into())] {
+        assert_eq!(choice.resolve().1, CalibrationOrigin::BuiltIn(Isa::best()));
+    }
+}
