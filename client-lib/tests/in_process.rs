@@ -1,7 +1,7 @@
 //! Sessions in process, in every build: with a transport and without.
 #![allow(clippy::unwrap_used, clippy::missing_panics_doc)]
 
-use pairmask::session::{ConnectError, Margin, Margined, SessionBuilder, StatusError};
+use pairmask::session::{ConnectError, Margin, Margined, SessionBuilder};
 use pairmask::{Aabb, Backend, Bounds, BoxForm, Precision, ServedBy, Session, Sphere, oracle};
 
 /// Boxes a scene, on both sides of the sizes at which engines change.
@@ -95,12 +95,14 @@ fn names_of_instances_are_checked_in_every_build() {
 #[test]
 #[cfg(not(feature = "daemon"))]
 fn without_a_transport_auto_is_in_process() {
+    use pairmask::session::StatusError;
+
     let mut session = Session::builder().connect().unwrap();
     assert_eq!(session.served_by(), ServedBy::InProcess);
     let boxes = scene(345);
     assert_eq!(pairs_of(&mut session, &boxes), oracle::truth(&boxes).pairs);
     let status = session.daemon_status().unwrap_err();
-    assert!(matches!(status, StatusError::Connect(ConnectError::NotBuiltIn)), "{status}");
+    assert!(matches!(&status, StatusError::Connect(ConnectError::NotBuiltIn)), "{status}");
 }
 
 #[test]
