@@ -7,8 +7,7 @@ use iceoryx2::node::{Node, NodeState};
 use iceoryx2::prelude::CallbackProgression;
 use iceoryx2::service::ipc;
 
-use super::instance::RuntimeDir;
-use super::name::InstanceName;
+use super::instance::{InstanceName, RuntimeDir};
 use super::services::{TransportError, config};
 
 /// Where the system keeps shared memory files.

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 use rustix::fs::{FlockOperation, flock};
 
-use super::name::{InstanceError, InstanceName};
+pub use super::name::{InstanceError, InstanceName};
 use crate::wire::Version;
 
 fn io_error(path: &Path) -> impl FnOnce(std::io::Error) -> InstanceError + '_ {

@@ -13,10 +13,11 @@ mod services;
 mod spinner;
 
 pub use cleanup::{clean_if_abandoned, remove_hollow_files};
-pub use instance::{DaemonRecord, InstanceLock, RuntimeDir, foreign_owner};
+pub use instance::{
+    DaemonRecord, InstanceError, InstanceLock, InstanceName, RuntimeDir, foreign_owner,
+};
 pub use liveness::ProcessWatch;
 pub use memory::{PopulateError, Populated, populate};
-pub use name::{InstanceError, InstanceName};
 pub use pages::{
     assume_pages, assume_response_pages, boxes_in, boxes_in_mut, bytes_in_mut, narrow_boxes_in,
     objects_in, spheres_in, spheres_in_mut, words_in, words_in_mut,

@@ -22,8 +22,7 @@ use iceoryx2::service::port_factory::client::ClientCreateError;
 use iceoryx2::service::port_factory::{event, request_response};
 use iceoryx2::service::{ipc, ipc_threadsafe};
 
-use super::instance::RuntimeDir;
-use super::name::InstanceName;
+use super::instance::{InstanceName, RuntimeDir};
 use crate::wire::{Page, RequestHeader, ResponseHeader};
 
 /// A node of a client. Sessions may move between threads.
