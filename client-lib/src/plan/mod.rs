@@ -43,7 +43,7 @@ pub use work::{Term, Work};
 
 use self::model::Model;
 use crate::engine::{EngineChoice, EngineName};
-use crate::mask::{Encoding, EncodingChoice};
+use crate::mask::{Encoding, EncodingChoice, ReadableEncodings};
 use crate::precision::BoxForm;
 
 /// What a GPU takes, measured when it was opened.
@@ -88,6 +88,8 @@ pub struct Wishes {
     pub engine: EngineChoice,
     /// An encoding, or whichever is cheaper.
     pub encoding: EncodingChoice,
+    /// Encodings that the client can read. One that it asks for by name is among them.
+    pub readable: ReadableEncodings,
 }
 
 /// One way to cull a frame, and what it would take.

@@ -7,13 +7,22 @@ use crate::transport::{InstanceError, InstanceName, PopulateError, TransportErro
 use crate::wire::{ReplyError, Version};
 
 /// Why there is no session.
-#[derive(Debug, thiserror::Error)]
+#[derive(Clone, Debug, thiserror::Error)]
 pub enum ConnectError {
     /// Nobody serves the instance.
     #[error(
-        "no daemon serves instance '{instance}': start one with `pairmaskd serve --instance {instance}`, or use Backend::Auto"
+        "no daemon serves instance '{instance}': start one with `pairmaskd serve --instance {instance}`"
     )]
     NoDaemon {
+        /// The instance.
+        instance: InstanceName,
+    },
+    /// The daemon lives and did not answer within the session's deadline. It is left alone for a
+    /// while.
+    #[error(
+        "the daemon of instance '{instance}' did not answer in time: look at it with `pairmaskd status --instance {instance}`"
+    )]
+    Silent {
         /// The instance.
         instance: InstanceName,
     },
@@ -103,7 +112,7 @@ pub enum WaitError {
     #[error("the pairs of this frame were taken already")]
     Taken,
     /// The daemon died.
-    #[error("the daemon died before it answered: restart it, or use Backend::Auto")]
+    #[error("the daemon died before it answered: ask again, or start it with `pairmaskd serve`")]
     DaemonDied,
     /// The daemon answered with an error, or with something that is no answer.
     #[error(transparent)]

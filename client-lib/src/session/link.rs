@@ -1,7 +1,7 @@
 //! A client's end of the connection to a daemon.
 
 use std::hash::{BuildHasher, Hasher, RandomState};
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
@@ -20,7 +20,7 @@ use crate::transport::{
     Client, ClientPort, FRAMES_AT_A_TIME, OpenError, PendingResponse, Populated, ProcessWatch,
     RequestLoan, ResponseSample, Services, Spinner, TransportError, assume_pages, foreign_owner,
 };
-use crate::wire::{PAGE_BYTES, RequestHeader, Version, page_count};
+use crate::wire::{PAGE_BYTES, ReplyError, RequestHeader, Version, page_count};
 
 /// A waiter looks at the daemon's pulse this often, and at its own response even if another
 /// thread of the session took the wake-up.
@@ -48,6 +48,8 @@ pub(super) struct Link {
     cores: usize,
     frames: AtomicUsize,
     forms: KnownForms,
+    /// Whether the log was told that answers of this daemon are no answers.
+    told_refused: AtomicBool,
 }
 
 impl std::fmt::Debug for Link {
@@ -138,6 +140,7 @@ impl Link {
             cores: std::thread::available_parallelism().map_or(1, usize::from),
             frames: AtomicUsize::new(0),
             forms: KnownForms::of(record.version),
+            told_refused: AtomicBool::new(false),
         };
         link.touch_chunks(pages);
         Ok(link)
@@ -166,6 +169,14 @@ impl Link {
     /// What the daemon can be asked for.
     pub(super) const fn forms(&self) -> &KnownForms {
         &self.forms
+    }
+
+    /// Tells the log once that a frame is answered in process, since what the daemon answered is
+    /// an error or no answer.
+    pub(super) fn say_refused(&self, why: &ReplyError) {
+        if !self.told_refused.swap(true, Ordering::Relaxed) {
+            log::warn!("a frame is answered in process, and others may be: {why}");
+        }
     }
 
     /// Memory for so many bytes of objects, all of it present.

@@ -10,6 +10,7 @@ use std::io::{Read, Write};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
+use std::sync::Arc;
 
 use rustix::fs::{FlockOperation, flock};
 
@@ -55,7 +56,7 @@ impl FromStr for InstanceName {
 }
 
 /// Why an instance's place on disk cannot be used.
-#[derive(Debug, thiserror::Error)]
+#[derive(Clone, Debug, thiserror::Error)]
 pub enum InstanceError {
     /// Not a name.
     #[error("instance name '{name}' is not 1 to 32 of a-z, 0-9, '-' and '_'")]
@@ -87,12 +88,12 @@ pub enum InstanceError {
         /// The file or directory.
         path: PathBuf,
         /// What the system said.
-        source: std::io::Error,
+        source: Arc<std::io::Error>,
     },
 }
 
 fn io_error(path: &Path) -> impl FnOnce(std::io::Error) -> InstanceError + '_ {
-    move |source| InstanceError::Io { path: path.to_owned(), source }
+    move |source| InstanceError::Io { path: path.to_owned(), source: Arc::new(source) }
 }
 
 /// The directory that holds a user's instances.

@@ -135,7 +135,7 @@ pub enum OpenError {
 }
 
 /// A step of the transport that failed.
-#[derive(Debug, thiserror::Error)]
+#[derive(Clone, Debug, thiserror::Error)]
 #[error("transport: {step} failed ({detail})")]
 pub struct TransportError {
     /// What was tried.

@@ -114,7 +114,7 @@ impl CullOptions {
             engine: self.engine(config),
             encoding: self.encoding.or(config.encoding).unwrap_or_default(),
             threads: self.threads.or(config.threads).map(NonZeroUsize::get),
-            last_pairs: None,
+            ..CullWish::default()
         }
     }
 
