@@ -49,22 +49,23 @@ fn beside(change: fn(&mut ResponseHeader), test: impl FnOnce(&RuntimeDir)) {
     let dir = tempfile::tempdir().unwrap();
     let dir = RuntimeDir::at(dir.path());
     let stop = AtomicBool::new(false);
+    let (stop, dir) = (&stop, &dir);
     std::thread::scope(|scope| {
-        let changed = |header: &RequestHeader, words: &mut [u32]| {
+        let changed = move |header: &RequestHeader, words: &mut [u32]| {
             let mut response = right(header, words);
             change(&mut response);
             response
         };
-        scope.spawn(|| answer_all(&dir, &stop, changed));
+        scope.spawn(move || answer_all(dir, stop, changed));
         eventually("it serves", || dir.read_record(&InstanceName::default()));
         // A failed test stops the daemon too, and does not wait for it without end.
-        let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| test(&dir)));
+        let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| test(dir)));
         stop.store(true, Ordering::Relaxed);
         if let Err(panic) = result {
             std::panic::resume_unwind(panic);
         }
     });
-    clean_if_abandoned(&dir, &InstanceName::default()).unwrap();
+    clean_if_abandoned(dir, &InstanceName::default()).unwrap();
 }
 
 /// Keeps what the library warns of.

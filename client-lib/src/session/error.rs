@@ -28,7 +28,7 @@ pub enum ConnectError {
     },
     /// The instance is another user's, and its memory is closed to us.
     #[error(
-        "instance '{instance}' belongs to user {uid}: run as that user, or start a daemon of your own"
+        "instance '{instance}' belongs to user {uid}: run as that user, or start a daemon of your own, with PAIRMASK_RUNTIME_DIR set to a directory of your own"
     )]
     OtherUser {
         /// The instance.

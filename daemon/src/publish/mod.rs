@@ -84,6 +84,12 @@ impl Publisher {
         self.executor.tidy();
     }
 
+    /// What the daemon has done so far.
+    pub fn status(&self) -> StatusBody {
+        let clients = self.services.client_count();
+        self.desk.account.body(clients, self.desk.auditor.counts())
+    }
+
     /// Whether another request can be taken in.
     pub fn has_room(&self) -> bool {
         self.under_way.len() < FRAMES_UNDER_WAY
