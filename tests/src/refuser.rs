@@ -32,6 +32,7 @@ pub fn answer_all(
     mut answer: impl FnMut(&RequestHeader, &mut [u32]) -> ResponseHeader,
 ) {
     let (name, limits) = (InstanceName::default(), Limits::default());
+    dir.ensure_transport_root(&name).expect("the transport's directory");
     let services = Services::<ipc::Service>::serve(dir, &name, &limits).expect("services");
     let server = services.server(&limits).expect("a server");
     let pid = std::process::id();

@@ -104,14 +104,14 @@ pub(super) fn read_own(path: &Path, most: u64) -> Result<Option<Vec<u8>>, Instan
         Err(InstanceError::Io { source, .. }) if source.kind() == ErrorKind::NotFound => {
             return Ok(None);
         }
-        // Closed to us: then it is somebody's whose name is worth more than "permission denied".
+        // Whose it is says more than that it is closed to us, or a link.
         Err(error) => {
-            let data = fs::symlink_metadata(path);
-            return Err(data
-                .map_err(io_error(path))
-                .and_then(|d| check(path, &d, Others::MayRead))
-                .err()
-                .unwrap_or(error));
+            return Err(match fs::symlink_metadata(path) {
+                Ok(data) if !is_own(&data) => {
+                    InstanceError::Foreign { path: path.to_owned(), owner: data.uid() }
+                }
+                _ => error,
+            });
         }
     };
     check_file(path, &file, Others::MayRead)?;
