@@ -3,7 +3,9 @@
 
 use bytemuck::Zeroable;
 use pairmask::Aabb;
-use pairmask::engine::{Census, CullReport, EngineChoice, EngineName, EngineTimes, SkipMeter};
+use pairmask::engine::{
+    Census, CullReport, EngineChoice, EngineId, EngineName, EngineTimes, SkipMeter,
+};
 use pairmask::mask::{Encoding, EncodingChoice, MaskShape, MaskView};
 use pairmask::precision::{Bounds, BoxF16, BoxForm, Quantizer};
 use pairmask::sphere::Sphere;
@@ -12,7 +14,7 @@ use pairmask::units::BoxCount;
 use pairmask::wire::{
     AuditCounts, LAST_ERRORS, ObjectForm, Page, RecordedError, Reject, Reply, ReplyError,
     ReplyFields, Request, RequestHeader, ResponseHeader, Section, SectionKind, StageTimes,
-    StatusBody, StatusCode, response_error, response_ok, response_status,
+    StatusBody, StatusCode, Version, response_error, response_ok, response_status,
 };
 use proptest::prelude::*;
 
@@ -199,11 +201,51 @@ fn a_request_round_trips() {
                 engine: EngineChoice::Only(EngineName::CpuBrute),
                 encoding: EncodingChoice::Only(Encoding::Sparse),
                 threads: Some(2),
+                client_minor: Version::CURRENT.minor,
             }
         );
     }
     let status = RequestHeader::status(1, 2);
     assert_eq!(Request::parse(&status, 4096), Ok(Request::Status));
+}
+
+/// A client of the same major version is answered whatever its minor, and the minor is kept.
+#[test]
+fn the_minor_version_of_a_client_is_kept() {
+    for minor in [0, 1, Version::CURRENT.minor + 1, u16::MAX] {
+        let header = RequestHeader { version_minor: minor, ..request() };
+        let parsed = Request::parse(&header, 4096);
+        assert!(
+            matches!(parsed, Ok(Request::Cull { client_minor, .. }) if client_minor == minor),
+            "{minor}: {parsed:?}"
+        );
+    }
+}
+
+#[test]
+fn numbers_of_later_versions_stay_numbers() {
+    let parse = |change: fn(&mut ResponseHeader)| {
+        let mut header = response(MaskShape::sparse(N, 5, 5, true));
+        change(&mut header);
+        Reply::parse(&header, &ASKED, 4096)
+    };
+    let engine = |change| parse(change).map(|reply| reply.engine);
+    assert_eq!(engine(|_| ()), Ok(EngineId::Known(EngineName::CpuBrute)));
+    assert_eq!(engine(|h| h.engine = 17), Ok(EngineId::Unknown(17)));
+    assert_eq!(parse(|h| h.status = 99), Err(ReplyError::UnknownStatus { found: 99 }));
+    assert_eq!(parse(|h| h.encoding = 98), Err(ReplyError::UnknownEncoding { found: 98 }));
+    let section = |flags| Section { kind: 97, flags, offset: 0, bytes: 4 };
+    assert_eq!(
+        {
+            let mut header = response(MaskShape::sparse(N, 5, 5, true));
+            header.sections[6] = section(Section::REQUIRED);
+            Reply::parse(&header, &ASKED, 4096)
+        },
+        Err(ReplyError::UnknownSection { found: 97 })
+    );
+    let mut header = response(MaskShape::sparse(N, 5, 5, true));
+    header.sections[6] = section(0);
+    assert!(Reply::parse(&header, &ASKED, 4096).is_ok(), "it may be passed over");
 }
 
 #[test]
@@ -311,10 +353,7 @@ fn forged_responses_are_refused() {
     assert!(matches!(forge(|h| h.frame = 8), ReplyError::Frame { expected: 9, found: 8 }));
     assert!(matches!(forge(|h| h.client_token = 8), ReplyError::Frame { .. }));
     for change in [
-        (|h| h.status = 99) as fn(&mut ResponseHeader),
-        |h| h.box_count = 99,
-        |h| h.engine = 99,
-        |h| h.encoding = 99,
+        (|h| h.box_count = 99) as fn(&mut ResponseHeader),
         |h| h.encoding = Encoding::Dense as u32,
         |h| h.sections[0].bytes += 4,
         |h| h.sections[1].offset = u64::MAX - 3,

@@ -1,22 +1,38 @@
-//! A daemon in a test's own process that refuses whatever it is asked.
+//! Daemons in a test's own process that answer as the test says.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use iceoryx2::service::ipc;
 use pairmask::transport::{
-    DaemonRecord, InstanceName, Limits, RuntimeDir, Services, assume_response_pages,
+    DaemonRecord, InstanceName, Limits, RuntimeDir, Services, assume_response_pages, words_in_mut,
 };
 use pairmask::units::BoxCount;
-use pairmask::wire::{ReplyFields, StatusCode, Version, response_error};
+use pairmask::wire::{
+    ReplyFields, RequestHeader, ResponseHeader, StatusCode, Version, response_error,
+};
 
-/// Refuses every request until `stop`, as a daemon does that does not know a required section, and
-/// says all the same that it is of this build's version.
+/// What every response to a request echoes.
+pub fn fields_of(header: &RequestHeader) -> ReplyFields {
+    ReplyFields {
+        client_token: header.client_token,
+        frame: header.frame,
+        box_count: BoxCount::new(header.box_count),
+    }
+}
+
+/// Answers every request until `stop` with what `answer` writes into one page and gives back, and
+/// says that it is of this build's version.
 ///
 /// # Panics
 /// When the services cannot be made.
-pub fn refuse_all(dir: &RuntimeDir, stop: &AtomicBool) {
+pub fn answer_all(
+    dir: &RuntimeDir,
+    stop: &AtomicBool,
+    mut answer: impl FnMut(&RequestHeader, &mut [u32]) -> ResponseHeader,
+) {
     let (name, limits) = (InstanceName::default(), Limits::default());
+    dir.ensure_transport_root(&name).expect("the transport's directory");
     let services = Services::<ipc::Service>::serve(dir, &name, &limits).expect("services");
     let server = services.server(&limits).expect("a server");
     let pid = std::process::id();
@@ -25,16 +41,25 @@ pub fn refuse_all(dir: &RuntimeDir, stop: &AtomicBool) {
     while !stop.load(Ordering::Relaxed) {
         if let Some(request) = server.receive().expect("the services work") {
             let header = *request.user_header();
-            let fields = ReplyFields {
-                client_token: header.client_token,
-                frame: header.frame,
-                box_count: BoxCount::new(header.box_count),
-            };
             let loan = request.loan_slice_uninit(1).expect("a page");
             let mut loan = assume_response_pages(loan);
-            *loan.user_header_mut() = response_error(&fields, StatusCode::BadRequest, [0; 2]);
+            let words = words_in_mut(loan.payload_mut());
+            words.fill(0);
+            let response = answer(&header, words);
+            *loan.user_header_mut() = response;
             loan.send().expect("the client listens");
         }
         std::thread::sleep(Duration::from_millis(1));
     }
+}
+
+/// Refuses every request until `stop`, as a daemon does that does not know a required section, and
+/// says all the same that it is of this build's version.
+///
+/// # Panics
+/// When the services cannot be made.
+pub fn refuse_all(dir: &RuntimeDir, stop: &AtomicBool) {
+    answer_all(dir, stop, |header, _| {
+        response_error(&fields_of(header), StatusCode::BadRequest, [0; 2])
+    });
 }

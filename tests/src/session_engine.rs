@@ -51,7 +51,7 @@ impl Engine for SessionEngine {
         frame.boxes_mut().copy_from_slice(boxes);
         let mask = frame.submit().expect("a frame is sent").wait().expect("a frame is answered");
         let info = mask.info();
-        assert_eq!((info.served_by, info.engine), (self.expected, self.engine));
+        assert_eq!((info.served_by, info.engine), (self.expected, self.engine.into()));
         assert_eq!(mask.pairs().count() as u64, mask.count(), "the decoder finds what was counted");
         mask.view().verify().expect("a mask by the rules");
         let extent = mask.shape().extent_words();

@@ -7,7 +7,7 @@ use super::{
     Grid, ReplyBuffer, SweepAndPrune,
 };
 use crate::aabb::Aabb;
-use crate::mask::EncodingChoice;
+use crate::mask::{EncodingChoice, ReadableEncodings};
 use crate::plan::{Calibration, Capabilities, GpuCost, Plan, SceneStats, Wishes, plan};
 use crate::precision::NarrowBoxes;
 use crate::units::BoxCount;
@@ -24,6 +24,8 @@ pub struct CullWish {
     pub threads: Option<usize>,
     /// Pairs of the client's last frame, for the plan. The answer does not depend on it.
     pub last_pairs: Option<u64>,
+    /// Encodings that the client can read.
+    pub readable: ReadableEncodings,
 }
 
 /// An answered cull.
@@ -113,7 +115,8 @@ impl CpuEngines {
         let pool = rayon::current_num_threads();
         let capabilities =
             Capabilities { threads: wish.threads.unwrap_or(pool).clamp(1, pool), gpu };
-        let wishes = Wishes { engine: wish.engine, encoding: wish.encoding };
+        let wishes =
+            Wishes { engine: wish.engine, encoding: wish.encoding, readable: wish.readable };
         let stats = match (wish.engine, BoxCount::of_len(boxes.len())) {
             (EngineChoice::Only(engine), Some(n)) if engine.is_gpu() => {
                 SceneStats::unseen(n, wish.last_pairs)

@@ -15,6 +15,7 @@ mod error;
 mod pair_buffer;
 mod pairs;
 mod par_pairs;
+mod readable;
 mod sparse;
 mod sparse_pairs;
 mod sparse_words;
@@ -26,6 +27,7 @@ pub use dense::DenseMask;
 pub use error::{MaskError, Section};
 pub use pairs::Pairs;
 pub use par_pairs::ParPairs;
+pub use readable::ReadableEncodings;
 pub use sparse::SparseMask;
 pub use view::MaskView;
 pub use words::{AddressedWord, WordAddress, Words};
@@ -52,6 +54,13 @@ impl Encoding {
         match self {
             Self::Dense => "dense",
             Self::Sparse => "sparse",
+        }
+    }
+
+    /// The minor wire version from which clients can read the encoding.
+    pub const fn since_minor(self) -> u16 {
+        match self {
+            Self::Dense | Self::Sparse => 0,
         }
     }
 

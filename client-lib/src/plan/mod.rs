@@ -47,7 +47,7 @@ pub use work::{Term, Work};
 
 use self::model::Model;
 use crate::engine::{EngineChoice, EngineName};
-use crate::mask::{Encoding, EncodingChoice};
+use crate::mask::{Encoding, EncodingChoice, ReadableEncodings};
 use crate::precision::BoxForm;
 
 /// What a GPU takes, measured when it was opened.
@@ -92,6 +92,8 @@ pub struct Wishes {
     pub engine: EngineChoice,
     /// An encoding, or whichever is cheaper.
     pub encoding: EncodingChoice,
+    /// Encodings that the client can read. One that it asks for by name is among them.
+    pub readable: ReadableEncodings,
 }
 
 /// One way to cull a frame, and what it would take.

@@ -21,7 +21,7 @@ impl Model<'_> {
     pub fn candidate(&self, engine: EngineName) -> Option<Candidate> {
         let ways = [Encoding::Sparse, Encoding::Dense].into_iter().filter(|encoding| {
             let is_wanted = match self.wishes.encoding {
-                EncodingChoice::Auto => true,
+                EncodingChoice::Auto => self.wishes.readable.contains(*encoding),
                 EncodingChoice::Only(wanted) => wanted == *encoding,
             };
             // The GPU's grid writes sparse masks only.

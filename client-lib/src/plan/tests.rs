@@ -57,12 +57,33 @@ fn a_scene_in_a_row_is_swept() {
 #[test]
 fn wishes_win_even_where_nothing_can_fulfil_them() {
     let engine = EngineChoice::Only(EngineName::CpuBrute);
-    let wishes = Wishes { engine, encoding: EncodingChoice::Only(Encoding::Dense) };
+    let wishes =
+        Wishes { engine, encoding: EncodingChoice::Only(Encoding::Dense), ..Wishes::default() };
     let plan = chosen(&stats(100_000, 0.02), None, wishes);
     assert_eq!((plan.engine, plan.encoding), (EngineName::CpuBrute, Encoding::Dense));
     let engine = EngineChoice::Only(EngineName::GpuGrid);
     let plan = chosen(&stats(10, 0.02), None, Wishes { engine, ..wishes });
     assert_eq!((plan.engine, plan.encoding), (EngineName::GpuGrid, Encoding::Dense));
+}
+
+/// A made-up history: one encoding is as old as the wire, the other came with 1.7.
+#[test]
+fn an_encoding_that_is_newer_than_the_client_is_never_chosen() {
+    let since = |new, encoding| if encoding == new { 7 } else { 0 };
+    for n in [10, 500, 4096, 100_000] {
+        for (new, old) in [(Encoding::Sparse, Encoding::Dense), (Encoding::Dense, Encoding::Sparse)]
+        {
+            let of = |minor: u16| {
+                let readable = ReadableEncodings::by(|encoding| since(new, encoding) <= minor);
+                let wishes = Wishes { readable, ..Wishes::default() };
+                chosen(&stats(n, 0.1), Some(GPU), wishes)
+            };
+            assert_eq!(of(7), chosen(&stats(n, 0.1), Some(GPU), Wishes::default()), "{n} {new}");
+            let plan = of(6);
+            assert_eq!(plan.encoding, old, "{n} {new}");
+            assert!(plan.candidates.iter().flatten().all(|c| c.encoding == old), "{n} {new}");
+        }
+    }
 }
 
 #[test]

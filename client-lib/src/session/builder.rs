@@ -120,7 +120,7 @@ impl SessionBuilder {
         self
     }
 
-    /// Where instances live; `$PAIRMASK_RUNTIME_DIR`, else `/tmp/pairmask-UID`, unless set.
+    /// Where instances live; as [`RuntimeDir::from_env`] finds, unless set.
     #[cfg(feature = "daemon")]
     pub fn runtime_dir(mut self, dir: RuntimeDir) -> Self {
         self.settings.dir = dir;

@@ -1,5 +1,6 @@
 //! What the frames of a session share: settings, engines, and the connection as it comes and goes.
 
+use std::mem::{Discriminant, discriminant};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -16,7 +17,7 @@ use crate::aabb::Aabb;
 use crate::engine::CullError;
 use crate::precision::Precision;
 use crate::units::BoxCount;
-use crate::wire::{Objects, ReplyFields, RequestHeader, StatusBody, StatusCode};
+use crate::wire::{Objects, ReplyFields, RequestHeader, StatusBody};
 
 /// A missing daemon is looked for this often at most: a look costs 10 µs, a connection 2 ms.
 const RECONNECT_INTERVAL: Duration = Duration::from_millis(100);
@@ -34,8 +35,21 @@ pub(super) enum Loss {
 struct Connection {
     link: Option<Arc<Link>>,
     retry_at: Option<Instant>,
-    /// Whether the log was told that frames are answered in process.
-    told: bool,
+    /// Why there is none, for as long as nobody looks again.
+    cause: Option<ConnectError>,
+    /// The kinds of causes for which the log was told that frames are answered in process.
+    told: Vec<Kind>,
+}
+
+/// What kind an error is, whatever its numbers.
+type Kind = (Discriminant<FrameError>, Option<Discriminant<ConnectError>>);
+
+fn kind_of(error: &FrameError) -> Kind {
+    let connect = match error {
+        FrameError::Connect(error) => Some(discriminant(error)),
+        _ => None,
+    };
+    (discriminant(error), connect)
 }
 
 #[derive(Debug)]
@@ -172,12 +186,18 @@ impl Core {
         }
         let now = Instant::now();
         if connection.retry_at.is_some_and(|at| now < at) {
-            return Err(ConnectError::NoDaemon { instance: self.settings.instance.clone() });
+            return Err(connection.cause.clone().unwrap_or_else(|| self.no_daemon()));
         }
         connection.retry_at = Some(now + RECONNECT_INTERVAL);
-        let link = Arc::new(Link::open(&self.settings)?);
+        let link = match Link::open(&self.settings) {
+            Ok(link) => Arc::new(link),
+            Err(error) => {
+                connection.cause = Some(error.clone());
+                return Err(error);
+            }
+        };
         connection.link = Some(Arc::clone(&link));
-        if std::mem::take(&mut connection.told) {
+        if !std::mem::take(&mut connection.told).is_empty() {
             log::info!("instance '{}' answers again", self.settings.instance);
         }
         Ok(link)
@@ -185,33 +205,39 @@ impl Core {
 
     /// Gives a connection up. Frames that are under way on it are answered here.
     pub(super) fn lose(&self, lost: &Arc<Link>, how: Loss) -> Result<(), FrameError> {
+        let (cause, retry_at) = match how {
+            Loss::Died => (self.no_daemon(), None),
+            Loss::Silent => {
+                let instance = self.settings.instance.clone();
+                (ConnectError::Silent { instance }, Some(Instant::now() + SILENCE_INTERVAL))
+            }
+        };
         let mut connection = lock(&self.connection);
         if connection.link.as_ref().is_some_and(|link| Arc::ptr_eq(link, lost)) {
             connection.link = None;
-            connection.retry_at = match how {
-                Loss::Died => None,
-                Loss::Silent => Some(Instant::now() + SILENCE_INTERVAL),
-            };
+            connection.retry_at = retry_at;
+            connection.cause = Some(cause.clone());
         }
         drop(connection);
-        let error = ConnectError::NoDaemon { instance: self.settings.instance.clone() };
+        let error = FrameError::from(cause);
         if self.may_cull_here() {
             self.say_in_process(&error);
             Ok(())
         } else {
-            Err(error.into())
+            Err(error)
         }
     }
 
-    fn say_in_process(&self, why: &dyn std::error::Error) {
-        if !std::mem::replace(&mut lock(&self.connection).told, true) {
+    fn no_daemon(&self) -> ConnectError {
+        ConnectError::NoDaemon { instance: self.settings.instance.clone() }
+    }
+
+    /// Tells the log, once for each kind of cause until the daemon answers again.
+    fn say_in_process(&self, why: &FrameError) {
+        let told = &mut lock(&self.connection).told;
+        if !told.contains(&kind_of(why)) {
+            told.push(kind_of(why));
             log::warn!("frames are answered in process: {why}");
-        }
-    }
-
-    pub(super) fn say_refused(&self, status: StatusCode) {
-        if !std::mem::replace(&mut lock(&self.connection).told, true) {
-            log::warn!("frames are answered in process: the daemon said '{}'", status.as_str());
         }
     }
 

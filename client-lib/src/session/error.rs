@@ -7,11 +7,11 @@ use crate::transport::{InstanceError, InstanceName, PopulateError, TransportErro
 use crate::wire::{ReplyError, Version};
 
 /// Why there is no session.
-#[derive(Debug, thiserror::Error)]
+#[derive(Clone, Debug, thiserror::Error)]
 pub enum ConnectError {
     /// Nobody serves the instance.
     #[error(
-        "no daemon serves instance '{instance}': start one with `pairmaskd serve --instance {instance}`, or use Backend::Auto"
+        "no daemon serves instance '{instance}': start one with `pairmaskd serve --instance {instance}`"
     )]
     NoDaemon {
         /// The instance.
@@ -22,9 +22,18 @@ pub enum ConnectError {
         "this build has no daemon backend: enable pairmask's feature `daemon`, or use Backend::InProcess"
     )]
     NotBuiltIn,
+    /// The daemon lives and did not answer within the session's deadline. It is left alone for a
+    /// while.
+    #[error(
+        "the daemon of instance '{instance}' did not answer in time: look at it with `pairmaskd status --instance {instance}`"
+    )]
+    Silent {
+        /// The instance.
+        instance: InstanceName,
+    },
     /// The instance is another user's, and its memory is closed to us.
     #[error(
-        "instance '{instance}' belongs to user {uid}: run as that user, or start a daemon of your own"
+        "instance '{instance}' belongs to user {uid}: run as that user, or start a daemon of your own, with PAIRMASK_RUNTIME_DIR set to a directory of your own"
     )]
     OtherUser {
         /// The instance.
@@ -108,7 +117,7 @@ pub enum WaitError {
     #[error("the pairs of this frame were taken already")]
     Taken,
     /// The daemon died.
-    #[error("the daemon died before it answered: restart it, or use Backend::Auto")]
+    #[error("the daemon died before it answered: ask again, or start it with `pairmaskd serve`")]
     DaemonDied,
     /// The daemon answered with an error, or with something that is no answer.
     #[error(transparent)]

@@ -1,7 +1,8 @@
 //! A client's end of the connection to a daemon.
 
 use std::hash::{BuildHasher, Hasher, RandomState};
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::io::ErrorKind;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
@@ -17,11 +18,11 @@ use super::forms::KnownForms;
 use super::local::lock;
 use crate::precision::BoxForm;
 use crate::transport::{
-    Client, ClientPort, FRAMES_AT_A_TIME, OpenError, PendingResponse, Populated, ProcessWatch,
-    RequestLoan, ResponseSample, Services, Spinner, TransportError, assume_pages, foreign_owner,
-    quiet_transport_log,
+    Client, ClientPort, FRAMES_AT_A_TIME, InstanceError, OpenError, PendingResponse, PopulateError,
+    Populated, ProcessWatch, RequestLoan, ResponseSample, Services, Spinner, TransportError,
+    assume_pages, foreign_owner, quiet_transport_log,
 };
-use crate::wire::{PAGE_BYTES, RequestHeader, Version, page_count};
+use crate::wire::{PAGE_BYTES, ReplyError, RequestHeader, Version, page_count};
 
 /// A waiter looks at the daemon's pulse this often, and at its own response even if another
 /// thread of the session took the wake-up.
@@ -49,6 +50,8 @@ pub(super) struct Link {
     cores: usize,
     frames: AtomicUsize,
     forms: KnownForms,
+    /// Whether the log was told that answers of this daemon are no answers.
+    told_refused: AtomicBool,
 }
 
 impl std::fmt::Debug for Link {
@@ -102,15 +105,21 @@ impl Link {
     /// Connects to whoever serves the instance now.
     pub(super) fn open(settings: &Settings) -> Result<Self, ConnectError> {
         let instance = &settings.instance;
-        let closed = || {
-            let refused = settings.dir.is_record_closed(instance);
-            refused.then(|| owner_of(settings)).flatten()
-        };
-        let no_daemon = || match foreign_owner(instance).or_else(closed) {
+        let dir = settings.dir.serving(instance);
+        let no_daemon = || match foreign_owner(instance) {
             Some(uid) => ConnectError::OtherUser { instance: instance.clone(), uid },
             None => ConnectError::NoDaemon { instance: instance.clone() },
         };
-        let record = settings.dir.read_record(instance).ok_or_else(no_daemon)?;
+        // What is not ours is not opened: its owner could stall us, or cut our memory short.
+        let not_ours = |error| match error {
+            InstanceError::Foreign { path, owner } if path.starts_with(dir.path()) => {
+                ConnectError::OtherUser { instance: instance.clone(), uid: owner }
+            }
+            InstanceError::Io { source, .. } if source.kind() == ErrorKind::NotFound => no_daemon(),
+            error => error.into(),
+        };
+        dir.check().map_err(not_ours)?;
+        let record = dir.record(instance).map_err(not_ours)?.ok_or_else(no_daemon)?;
         let daemon = ProcessWatch::open(record.worker_pid).ok_or_else(no_daemon)?;
         let mismatch =
             ConnectError::VersionMismatch { client: Version::CURRENT, daemon: record.version };
@@ -124,16 +133,16 @@ impl Link {
                 ConnectError::TooManyClients { instance: instance.clone() }
             }
             OpenError::OutOfMemory => ConnectError::OutOfMemory,
-            OpenError::Transport(e) => match owner_of(settings) {
-                Some(uid) => ConnectError::OtherUser { instance: instance.clone(), uid },
-                None => e.into(),
-            },
+            OpenError::Transport(e) => e.into(),
         };
+        dir.check_transport(instance).map_err(not_ours)?;
         let token = RandomState::new().build_hasher().finish();
         let pages = pages_of(BoxForm::F32.bytes(settings.capacity));
-        let connected = Services::<ipc_threadsafe::Service>::connect(&settings.dir, instance)
+        let connected = Services::<ipc_threadsafe::Service>::connect(&dir, instance)
             .and_then(|services| Ok((services.client(token, pages)?, services)));
         let (Client { port, notifier, listener }, services) = connected.map_err(open)?;
+        // The connection's own files were made meanwhile.
+        dir.check_shared_files(instance).map_err(not_ours)?;
         let link = Self {
             token,
             sized: Mutex::new(SizedPort { port: Arc::new(port), pages }),
@@ -146,6 +155,7 @@ impl Link {
             cores: std::thread::available_parallelism().map_or(1, usize::from),
             frames: AtomicUsize::new(0),
             forms: KnownForms::of(record.version),
+            told_refused: AtomicBool::new(false),
         };
         link.touch_chunks(pages);
         Ok(link)
@@ -176,6 +186,14 @@ impl Link {
         &self.forms
     }
 
+    /// Tells the log once that a frame is answered in process, since what the daemon answered is
+    /// an error or no answer.
+    pub(super) fn say_refused(&self, why: &ReplyError) {
+        if !self.told_refused.swap(true, Ordering::Relaxed) {
+            log::warn!("a frame is answered in process, and others may be: {why}");
+        }
+    }
+
     /// Memory for so many bytes of objects, all of it present.
     pub(super) fn loan(self: &Arc<Self>, bytes: u64) -> Result<SharedFrame, FrameError> {
         let slot = Slot::take(self).ok_or(FrameError::TooManyFrames)?;
@@ -196,6 +214,9 @@ impl Link {
             let grown = pages.next_power_of_two();
             let port = self.services.client_port(grown).map_err(|e| match e {
                 OpenError::Transport(e) => FrameError::Transport(e),
+                OpenError::OutOfMemory => {
+                    PopulateError { bytes: (grown * PAGE_BYTES) as u64 }.into()
+                }
                 other => TransportError::new("making a larger segment", &other).into(),
             })?;
             *sized = SizedPort { port: Arc::new(port), pages: grown };
@@ -293,13 +314,6 @@ pub(super) enum Received {
 
 fn take(pending: &PendingResponse) -> Result<Option<ResponseSample>, TransportError> {
     pending.receive().map_err(|e| TransportError::new("receiving a response", &e))
-}
-
-/// The user whose files the instance's are, if not we.
-fn owner_of(settings: &Settings) -> Option<u32> {
-    use std::os::unix::fs::MetadataExt;
-    let owner = std::fs::metadata(settings.dir.path()).ok()?.uid();
-    (owner != rustix::process::geteuid().as_raw()).then_some(owner)
 }
 
 /// A request that could not be sent, with its memory where that was saved.

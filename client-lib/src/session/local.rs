@@ -113,6 +113,7 @@ impl Local {
             encoding: settings.encoding,
             threads: settings.threads,
             last_pairs: *lock(&self.last_pairs),
+            ..CullWish::default()
         };
         let Engines { boxes, spheres } = &mut *lock(&self.engines);
         let answer = match objects {
@@ -125,7 +126,7 @@ impl Local {
         *lock(&self.last_pairs) = Some(answer.report.pair_count);
         let reply = Reply {
             box_count: BoxCount::new(objects.len() as u32),
-            engine: answer.engine,
+            engine: answer.engine.into(),
             threads: answer.threads,
             report: answer.report,
             times: answer.times,

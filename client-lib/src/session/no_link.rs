@@ -11,7 +11,7 @@ use super::error::{ConnectError, FrameError};
 use super::estimate::Answered;
 use super::forms::KnownForms;
 use crate::transport::{Never, PendingResponse, RequestLoan, ResponseSample, TransportError};
-use crate::wire::RequestHeader;
+use crate::wire::{ReplyError, RequestHeader};
 
 /// A connection to one daemon process.
 #[derive(Debug)]
@@ -69,6 +69,10 @@ impl Link {
     }
 
     pub(super) const fn forms(&self) -> &KnownForms {
+        match self.0 {}
+    }
+
+    pub(super) const fn say_refused(&self, _: &ReplyError) {
         match self.0 {}
     }
 

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::frame::Written;
 use super::link::Slot;
 use super::local::Local;
-use crate::engine::{Census, EngineName, HeapReply, SkipMeter};
+use crate::engine::{Census, EngineId, HeapReply, SkipMeter};
 use crate::mask::{Encoding, MaskShape, MaskView, Pairs, ParPairs, Words};
 use crate::precision::Widening;
 use crate::transport::{PendingResponse, ResponseSample, words_in};
@@ -36,8 +36,8 @@ impl ServedBy {
 pub struct FrameInfo {
     /// Who answered.
     pub served_by: ServedBy,
-    /// Which engine.
-    pub engine: EngineName,
+    /// Which engine, perhaps one of a later daemon that this build does not know.
+    pub engine: EngineId,
     /// Threads that it could use.
     pub threads: usize,
     /// Boxes that overlap nothing.

@@ -177,11 +177,6 @@ impl Sent {
                 .map_err(|_| ReplyError::Malformed { field: "mask" })?;
             Ok(reply)
         });
-        if let Err(ReplyError::Status { status: StatusCode::BadRequest, .. }) = checked {
-            // This frame is answered here where that is allowed, and the next is not asked for in
-            // a form that the daemon may not know.
-            self.slot.link().forms().note_refused(self.written.form);
-        }
         match checked {
             Ok(reply) => {
                 let Self { pending, slot, .. } = self;
@@ -194,15 +189,28 @@ impl Sent {
                 let storage = Storage::Shared { sample, _pending: pending, _slot: slot };
                 Ok(PairMask::new(storage, &reply, ServedBy::Daemon, self.written))
             }
-            Err(ReplyError::Status { status, .. })
-                if core.may_cull_here() && is_passing(status, self.written) =>
-            {
-                if status != StatusCode::BadRequest {
-                    core.say_refused(status);
-                }
-                self.cull_here(core).map_err(|e| (e, None))
-            }
-            Err(error) => Err((error.into(), None)),
+            Err(error) => self.answer_refused(error, core).map_err(|e| (e, None)),
+        }
+    }
+
+    /// The daemon's answer is an error, or none at all: answer here where that is allowed.
+    fn answer_refused(&self, refused: ReplyError, core: &Core) -> Result<PairMask, WaitError> {
+        let is_bad_request =
+            matches!(refused, ReplyError::Status { status: StatusCode::BadRequest, .. });
+        if is_bad_request {
+            // The next frame is not asked for in a form that the daemon may not know.
+            self.slot.link().forms().note_refused(self.written.form);
+        }
+        if !core.may_cull_here() {
+            return Err(refused.into());
+        }
+        if !is_bad_request || self.written.form.since_minor() == 0 {
+            self.slot.link().say_refused(&refused);
+        }
+        match self.cull_here(core) {
+            // An engine that only the daemon has: what the daemon said is the cause.
+            Err(WaitError::Cull(CullError::Unavailable { .. })) => Err(refused.into()),
+            answer => answer,
         }
     }
 
@@ -234,16 +242,4 @@ fn cull_shared(
     let objects = objects_in(pages, 0, written.form, n);
     // The memory was lent for exactly these objects: there is no other case.
     core.cull_here(objects.unwrap_or(Objects::Spheres(&[])), written)
-}
-
-/// Errors of the daemon that this process may not have.
-const fn is_passing(status: StatusCode, written: Written) -> bool {
-    match status {
-        StatusCode::ReplyTooLarge
-        | StatusCode::OutOfMemory
-        | StatusCode::EngineUnavailable
-        | StatusCode::EngineFailed => true,
-        StatusCode::BadRequest => written.form.since_minor() > 0,
-        _ => false,
-    }
 }

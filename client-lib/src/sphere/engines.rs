@@ -89,7 +89,11 @@ impl SphereWays {
         }
         let encoding = match wish.encoding {
             EncodingChoice::Only(encoding) => encoding,
-            EncodingChoice::Auto if spheres.len() <= DENSE_SPHERES => Encoding::Dense,
+            EncodingChoice::Auto
+                if spheres.len() <= DENSE_SPHERES && wish.readable.contains(Encoding::Dense) =>
+            {
+                Encoding::Dense
+            }
             EncodingChoice::Auto => Encoding::Sparse,
         };
         let all_pairs = match wish.engine {

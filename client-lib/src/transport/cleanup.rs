@@ -7,11 +7,8 @@ use iceoryx2::node::{Node, NodeState};
 use iceoryx2::prelude::CallbackProgression;
 use iceoryx2::service::ipc;
 
-use super::instance::{InstanceName, RuntimeDir};
+use super::instance::{InstanceName, RuntimeDir, SHM_DIR};
 use super::services::{TransportError, config};
-
-/// Where the system keeps shared memory files.
-const SHM_DIR: &str = "/dev/shm";
 
 /// Removes everything of an instance where no process lives that uses it: before it is served, and
 /// after. Call with the instance's lock held and no record in place, so that no client connects

@@ -1,72 +1,104 @@
 //! Where an instance lives on disk, who serves it, and how a second one is refused.
 //!
-//! A runtime directory (`/tmp/pairmask-UID` unless told otherwise) holds for each instance a lock
-//! file, held by the serving process for its life, and a record that names the process and the
-//! wire version. The kernel frees the lock however the process ends.
+//! A runtime directory ([`RuntimeDir::from_env`]) holds for each instance a lock file, held by the
+//! serving process for its life, a record that names the process and the wire version, and the
+//! daemon's account of itself. The kernel frees the lock however the process ends. All of it has to
+//! be ours: what another user could change is refused by both sides, before anything is opened.
 
 use std::fmt;
 use std::fs::{self, File, OpenOptions};
-use std::io::{Read, Write};
-use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
+use std::io::Write;
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use rustix::fs::{FlockOperation, flock};
 
+use super::liveness::ProcessWatch;
 pub use super::name::{InstanceError, InstanceName};
+use super::trust::{Others, check_directory, check_file, open_plain, read_own, replace_own};
 use crate::wire::Version;
 
-fn io_error(path: &Path) -> impl FnOnce(std::io::Error) -> InstanceError + '_ {
-    move |source| InstanceError::Io { path: path.to_owned(), source }
+pub(super) fn io_error(path: &Path) -> impl FnOnce(std::io::Error) -> InstanceError + '_ {
+    move |source| InstanceError::Io { path: path.to_owned(), source: Arc::new(source) }
 }
 
 /// The directory that holds a user's instances.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct RuntimeDir(PathBuf);
-
-fn ensure_own_dir(path: &Path, mode: u32) -> Result<(), InstanceError> {
-    fs::DirBuilder::new().recursive(true).mode(mode).create(path).map_err(io_error(path))?;
-    let owner = fs::metadata(path).map_err(io_error(path))?.uid();
-    if owner != rustix::process::geteuid().as_raw() {
-        return Err(InstanceError::Foreign { path: path.to_owned(), owner });
-    }
-    Ok(())
+pub struct RuntimeDir {
+    path: PathBuf,
+    /// Where a client looks too.
+    others: Vec<PathBuf>,
 }
 
-/// Environment variable that names another runtime directory.
-const RUNTIME_DIR_VARIABLE: &str = "PAIRMASK_RUNTIME_DIR";
-const DEFAULT_PREFIX: &str = "/tmp/pairmask-";
+/// Creates a directory, and refuses one that others could change.
+fn ensure_own_dir(path: &Path, mode: u32, others: Others) -> Result<(), InstanceError> {
+    fs::DirBuilder::new().recursive(true).mode(mode).create(path).map_err(io_error(path))?;
+    check_directory(path, others)
+}
+
+/// Where the system keeps shared memory files.
+pub(super) const SHM_DIR: &str = "/dev/shm";
+
+/// Bytes of a record that are read. A record is three short lines; more is not one of ours.
+pub(super) const RECORD_BYTES: u64 = 256;
 
 impl RuntimeDir {
-    /// `$PAIRMASK_RUNTIME_DIR`, else `/tmp/pairmask-UID`.
-    pub fn from_env() -> Self {
-        match std::env::var_os(RUNTIME_DIR_VARIABLE) {
-            Some(path) if !path.is_empty() => Self(path.into()),
-            _ => Self(format!("{DEFAULT_PREFIX}{}", rustix::process::geteuid().as_raw()).into()),
-        }
-    }
-
     /// A directory of the caller's choice.
     pub fn at(path: impl Into<PathBuf>) -> Self {
-        Self(path.into())
+        Self { path: path.into(), others: Vec::new() }
+    }
+
+    /// The first of these, and the others to look into.
+    pub(super) fn first_of(mut candidates: Vec<PathBuf>) -> Self {
+        let others = candidates.split_off(candidates.len().min(1));
+        Self { path: candidates.pop().unwrap_or_default(), others }
     }
 
     /// The path.
     pub fn path(&self) -> &Path {
-        &self.0
+        &self.path
     }
 
-    /// Creates the directory, and refuses one that another user owns: whoever owns it could
+    /// This directory and those where a client looks too, each on its own.
+    pub fn all(&self) -> impl Iterator<Item = Self> + '_ {
+        std::iter::once(&self.path).chain(&self.others).map(Self::at)
+    }
+
+    /// The directory where an instance is served: this one, unless its process lives in one of the
+    /// others and none here.
+    #[must_use]
+    pub fn serving(&self, name: &InstanceName) -> Self {
+        if self.others.is_empty() {
+            return self.clone();
+        }
+        let lives = |dir: &Self| {
+            dir.check().is_ok()
+                && dir.read_record(name).is_some_and(|r| ProcessWatch::open(r.worker_pid).is_some())
+        };
+        self.all().find(lives).unwrap_or_else(|| Self::at(&self.path))
+    }
+
+    /// Creates the directory, and refuses one that another user owns or may write to: he could
     /// swap the files under us.
     ///
     /// # Errors
-    /// [`InstanceError::Foreign`], [`InstanceError::Io`].
+    /// [`InstanceError`].
     pub fn ensure(&self) -> Result<(), InstanceError> {
-        ensure_own_dir(&self.0, 0o755)
+        ensure_own_dir(&self.path, 0o755, Others::MayRead)
+    }
+
+    /// Whether the directory may be used, by a client that creates nothing.
+    ///
+    /// # Errors
+    /// [`InstanceError`], [`InstanceError::Io`] where there is none.
+    pub fn check(&self) -> Result<(), InstanceError> {
+        check_directory(&self.path, Others::MayRead)
     }
 
     /// Instances that have a record, dead or alive, by name.
     pub fn instances(&self) -> Vec<(InstanceName, DaemonRecord)> {
-        let Ok(entries) = fs::read_dir(&self.0) else { return Vec::new() };
+        let Ok(entries) = fs::read_dir(&self.path) else { return Vec::new() };
         let mut found: Vec<_> = entries
             .flatten()
             .filter_map(|entry| {
@@ -80,8 +112,8 @@ impl RuntimeDir {
         found
     }
 
-    fn file(&self, name: &InstanceName, suffix: &str) -> PathBuf {
-        self.0.join(format!("{name}{suffix}"))
+    pub(super) fn file(&self, name: &InstanceName, suffix: &str) -> PathBuf {
+        self.path.join(format!("{name}{suffix}"))
     }
 
     /// Directory for the transport's own files of this instance. It lies in /tmp whatever the
@@ -98,7 +130,7 @@ impl RuntimeDir {
     /// 48 bits of FNV-1a over directory and name: short, and the same in all processes and builds.
     fn hash(&self, name: &InstanceName) -> u64 {
         // One directory has many spellings.
-        let dir = fs::canonicalize(&self.0).unwrap_or_else(|_| self.0.clone());
+        let dir = fs::canonicalize(&self.path).unwrap_or_else(|_| self.path.clone());
         let bytes = dir.as_os_str().as_encoded_bytes().iter().chain(b"\0");
         let hash = bytes.chain(name.as_str().as_bytes()).fold(0xcbf2_9ce4_8422_2325_u64, |h, b| {
             (h ^ u64::from(*b)).wrapping_mul(0x0000_0100_0000_01b3)
@@ -106,48 +138,87 @@ impl RuntimeDir {
         (hash ^ hash >> 48) & 0xffff_ffff_ffff
     }
 
-    /// Creates the transport's directory, and refuses one that another user owns: the name can be
+    /// Creates the transport's directory, and refuses one that is not ours alone: the name can be
     /// guessed, and whoever owns it could swap the sockets under us.
     ///
     /// # Errors
-    /// [`InstanceError::Foreign`], [`InstanceError::Io`].
+    /// [`InstanceError`].
     pub fn ensure_transport_root(&self, name: &InstanceName) -> Result<(), InstanceError> {
-        ensure_own_dir(&self.transport_root(name), 0o700)
+        ensure_own_dir(&self.transport_root(name), 0o700, Others::MayNothing)
+    }
+
+    /// Checks that the transport's directory and its files in shared memory are ours.
+    ///
+    /// # Errors
+    /// [`InstanceError`], [`InstanceError::Io`] where nobody serves.
+    pub fn check_transport(&self, name: &InstanceName) -> Result<(), InstanceError> {
+        check_directory(&self.transport_root(name), Others::MayNothing)?;
+        self.check_shared_files(name)
+    }
+
+    /// Checks that the transport's files in shared memory are ours: their names can be guessed, and
+    /// whoever owns one that we map could cut it short under us.
+    ///
+    /// # Errors
+    /// [`InstanceError`].
+    pub fn check_shared_files(&self, name: &InstanceName) -> Result<(), InstanceError> {
+        let prefix = self.shm_prefix(name);
+        let own = rustix::process::geteuid().as_raw();
+        for entry in fs::read_dir(SHM_DIR).into_iter().flatten().flatten() {
+            if !entry.file_name().as_encoded_bytes().starts_with(prefix.as_bytes()) {
+                continue;
+            }
+            // One that is gone meanwhile is nobody's.
+            let Ok(data) = entry.metadata() else { continue };
+            if data.uid() != own {
+                return Err(InstanceError::Foreign { path: entry.path(), owner: data.uid() });
+            }
+            if !data.is_file() {
+                return Err(InstanceError::NotPlain {
+                    path: entry.path(),
+                    expected: "a plain file",
+                });
+            }
+        }
+        Ok(())
+    }
+
+    pub(super) fn record_file(&self, name: &InstanceName) -> PathBuf {
+        self.file(name, ".daemon")
     }
 
     /// The record of an instance, or `None` where there is none or it cannot be understood.
-    pub fn read_record(&self, name: &InstanceName) -> Option<DaemonRecord> {
-        let mut text = String::new();
-        // A record is three short lines; more is not one of ours.
-        File::open(self.file(name, ".daemon")).ok()?.take(256).read_to_string(&mut text).ok()?;
-        DaemonRecord::parse(&text)
+    ///
+    /// # Errors
+    /// [`InstanceError`] where it is not ours.
+    pub fn record(&self, name: &InstanceName) -> Result<Option<DaemonRecord>, InstanceError> {
+        let bytes = read_own(&self.record_file(name), RECORD_BYTES)?;
+        Ok(bytes.and_then(|bytes| DaemonRecord::parse(std::str::from_utf8(&bytes).ok()?)))
     }
 
-    /// Whether we may not read the record of an instance: a daemon that was started with a strict
-    /// umask keeps even that to its user.
-    pub fn is_record_closed(&self, name: &InstanceName) -> bool {
-        File::open(self.file(name, ".daemon"))
-            .is_err_and(|e| e.kind() == std::io::ErrorKind::PermissionDenied)
+    /// As [`record`](Self::record), with `None` for one that is not ours too.
+    pub fn read_record(&self, name: &InstanceName) -> Option<DaemonRecord> {
+        self.record(name).ok().flatten()
     }
 
     /// Puts the record of an instance in place in one step.
     ///
     /// # Errors
-    /// [`InstanceError::Io`].
+    /// [`InstanceError`].
     pub fn write_record(
         &self,
         name: &InstanceName,
         record: &DaemonRecord,
     ) -> Result<(), InstanceError> {
-        let (new, path) = (self.file(name, ".daemon.new"), self.file(name, ".daemon"));
-        fs::write(&new, record.to_string()).map_err(io_error(&new))?;
-        fs::rename(&new, &path).map_err(io_error(&path))
+        let new = self.file(name, ".daemon.new");
+        replace_own(&new, &self.record_file(name), record.to_string().as_bytes())
     }
 
-    /// Removes the record of an instance that stops.
+    /// Removes the record of an instance that stops, and its account.
     pub fn remove_record(&self, name: &InstanceName) {
-        // Nothing is lost if it stays: readers find that its process is gone.
-        let _ = fs::remove_file(self.file(name, ".daemon"));
+        // Nothing is lost if they stay: readers find that their process is gone.
+        let _ = fs::remove_file(self.record_file(name));
+        let _ = fs::remove_file(self.account_file(name));
     }
 }
 
@@ -198,14 +269,21 @@ impl InstanceLock {
     /// [`InstanceError::AlreadyServed`] when another process has it; else as [`RuntimeDir::ensure`].
     pub fn acquire(dir: &RuntimeDir, name: &InstanceName) -> Result<Self, InstanceError> {
         dir.ensure()?;
+        for other in dir.all().skip(1).filter(|other| other.check().is_ok()) {
+            // Clients would find one of the two only.
+            if let Some(record) = other.read_record(name)
+                && ProcessWatch::open(record.worker_pid).is_some()
+            {
+                let pid = record.supervisor_pid;
+                return Err(InstanceError::AlreadyServed { name: name.clone(), pid });
+            }
+        }
         let path = dir.file(name, ".lock");
-        let mut file = OpenOptions::new()
-            .create(true)
-            .truncate(false)
-            .write(true)
-            .mode(0o644)
-            .open(&path)
-            .map_err(io_error(&path))?;
+        let mut options = OpenOptions::new();
+        let mut file = open_plain(&path, options.create(true).write(true).mode(LOCK_MODE))?;
+        check_file(&path, &file, Others::MayRead)?;
+        // Whoever may open the file may lock it, and keep us from serving.
+        file.set_permissions(fs::Permissions::from_mode(LOCK_MODE)).map_err(io_error(&path))?;
         flock(&file, FlockOperation::NonBlockingLockExclusive).map_err(|errno| {
             if errno == rustix::io::Errno::WOULDBLOCK {
                 let pid = dir.read_record(name).map_or(0, |r| r.supervisor_pid);
@@ -220,19 +298,8 @@ impl InstanceLock {
     }
 }
 
-/// Another user who serves an instance of this name under the default directory, if there is one.
-pub fn foreign_owner(name: &InstanceName) -> Option<u32> {
-    let own = rustix::process::geteuid().as_raw();
-    let parent = Path::new(DEFAULT_PREFIX).parent()?;
-    fs::read_dir(parent).ok()?.flatten().find_map(|entry| {
-        let path = entry.path();
-        let owner = entry.metadata().ok()?.uid();
-        let is_default = path.to_str()?.starts_with(DEFAULT_PREFIX);
-        let record = RuntimeDir::at(&path).read_record(name)?;
-        (is_default && owner != own && Path::new(&format!("/proc/{}", record.worker_pid)).exists())
-            .then_some(owner)
-    })
-}
+/// Mode of the lock: nobody else's business.
+const LOCK_MODE: u32 = 0o600;
 
 #[cfg(test)]
 mod tests {

@@ -6,6 +6,7 @@ use std::collections::HashMap;
 use rustix::io::Errno;
 use rustix::mm::{Advice, madvise};
 
+use super::room;
 use crate::wire::PAGE_BYTES;
 
 /// The system has no memory for these pages.
@@ -49,13 +50,19 @@ pub struct Populated {
 
 impl Populated {
     /// As [`populate`], unless the chunk that starts at this address was populated as far before.
+    /// More than a page leaves some of /dev/shm free for what the transport writes by itself.
     ///
     /// # Errors
     /// As [`populate`].
     pub fn ensure<T>(&mut self, chunk: &mut [T]) -> Result<(), PopulateError> {
         let (address, bytes) = (chunk.as_ptr() as usize, size_of_val(chunk));
-        if self.bytes_at.get(&address).is_some_and(|known| *known >= bytes) {
+        let known = self.bytes_at.get(&address).copied().unwrap_or(0);
+        if known >= bytes {
             return Ok(());
+        }
+        // A page may come out of the reserve: an answer that there is no memory needs one.
+        if bytes > PAGE_BYTES {
+            room::for_payload((bytes - known) as u64)?;
         }
         populate(chunk)?;
         self.bytes_at.insert(address, bytes);

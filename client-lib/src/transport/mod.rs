@@ -3,19 +3,24 @@
 //! Everything that both sides must agree on stands here: names, service settings, the instance's
 //! place on disk. The settings are those that measurements asked for; each says why.
 
+mod account_file;
 mod cleanup;
+mod foreign;
 mod instance;
 mod liveness;
 mod memory;
 mod name;
 mod pages;
+mod room;
+mod runtime_dir;
 mod services;
 mod spinner;
+mod trust;
 
+pub use account_file::Account;
 pub use cleanup::{clean_if_abandoned, remove_hollow_files};
-pub use instance::{
-    DaemonRecord, InstanceError, InstanceLock, InstanceName, RuntimeDir, foreign_owner,
-};
+pub use foreign::foreign_owner;
+pub use instance::{DaemonRecord, InstanceError, InstanceLock, InstanceName, RuntimeDir};
 pub use liveness::ProcessWatch;
 pub use memory::{PopulateError, Populated, populate};
 pub use pages::{

@@ -3,6 +3,7 @@
 use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
+use std::sync::Arc;
 
 /// Name of an instance: 1 to 32 of `a-z 0-9 - _`. It becomes part of file names.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -44,7 +45,7 @@ impl FromStr for InstanceName {
 }
 
 /// Why an instance's place on disk cannot be used.
-#[derive(Debug, thiserror::Error)]
+#[derive(Clone, Debug, thiserror::Error)]
 pub enum InstanceError {
     /// Not a name.
     #[error("instance name '{name}' is not 1 to 32 of a-z, 0-9, '-' and '_'")]
@@ -52,13 +53,29 @@ pub enum InstanceError {
         /// What was given.
         name: String,
     },
-    /// Somebody else owns the directory.
+    /// Somebody else owns the directory, or a file in it, or one of the transport's.
     #[error("{} belongs to user {owner}, not to you: set PAIRMASK_RUNTIME_DIR to a directory of your own", path.display())]
     Foreign {
-        /// The directory.
+        /// What is not ours.
         path: PathBuf,
         /// Its owner's user id.
         owner: u32,
+    },
+    /// Others may change it.
+    #[error("{} is open to other users (mode {mode:o}): take their rights away with chmod, or set PAIRMASK_RUNTIME_DIR to a directory of your own", path.display())]
+    Open {
+        /// The directory or file.
+        path: PathBuf,
+        /// Its mode.
+        mode: u32,
+    },
+    /// A link, or something else that is not to stand there.
+    #[error("{} is not {expected}: remove it, or set PAIRMASK_RUNTIME_DIR to another directory", path.display())]
+    NotPlain {
+        /// What stands there.
+        path: PathBuf,
+        /// What is to stand there.
+        expected: &'static str,
     },
     /// A daemon already serves this instance.
     #[error(
@@ -76,7 +93,7 @@ pub enum InstanceError {
         /// The file or directory.
         path: PathBuf,
         /// What the system said.
-        source: std::io::Error,
+        source: Arc<std::io::Error>,
     },
 }
 

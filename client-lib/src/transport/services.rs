@@ -23,6 +23,7 @@ use iceoryx2::service::port_factory::{event, request_response};
 use iceoryx2::service::{ipc, ipc_threadsafe};
 
 use super::instance::{InstanceName, RuntimeDir};
+use super::room;
 use crate::wire::{Page, RequestHeader, ResponseHeader};
 
 /// A node of a client. Sessions may move between threads.
@@ -135,7 +136,7 @@ pub enum OpenError {
 }
 
 /// A step of the transport that failed.
-#[derive(Debug, thiserror::Error)]
+#[derive(Clone, Debug, thiserror::Error)]
 #[error("transport: {step} failed ({detail})")]
 pub struct TransportError {
     /// What was tried.
@@ -246,6 +247,8 @@ impl Services<ipc::Service> {
         name: &InstanceName,
         limits: &Limits,
     ) -> Result<Self, TransportError> {
+        room::for_ports()
+            .map_err(|full| TransportError { step: "making services", detail: full.to_string() })?;
         let node = Self::node(dir, name)?;
         let max_nodes = limits.max_clients + DAEMON_NODES;
         let requests = node
@@ -332,6 +335,7 @@ impl Services<ipc_threadsafe::Service> {
     /// [`OpenError`].
     pub fn connect(dir: &RuntimeDir, name: &InstanceName) -> Result<Self, OpenError> {
         use RequestResponseOpenError as E;
+        room::for_ports().map_err(|_| OpenError::OutOfMemory)?;
         let node = Self::node(dir, name)?;
         let requests = node
             .service_builder(&service_name!(REQUEST_SERVICE))
@@ -379,6 +383,7 @@ impl Services<ipc_threadsafe::Service> {
     /// # Errors
     /// [`OpenError`].
     pub fn client_port(&self, max_pages: usize) -> Result<ClientPort, OpenError> {
+        room::for_ports().map_err(|_| OpenError::OutOfMemory)?;
         self.requests
             .client_builder()
             .backpressure_strategy(BackpressureStrategy::DiscardData)

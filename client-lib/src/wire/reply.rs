@@ -4,10 +4,10 @@ use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "daemon")]
 use iceoryx2::prelude::ZeroCopySend;
 
-use super::section::{SECTION_COUNT, Section, SectionKind, find};
+use super::section::{SECTION_COUNT, Section, SectionKind, find, find_unknown};
 use super::status::{StatusBody, StatusCode};
 use super::{RESPONSE_MAGIC, VERSION_MAJOR, VERSION_MINOR};
-use crate::engine::{Census, CullReport, EngineName, NAMED_INVALID, SkipMeter};
+use crate::engine::{Census, CullReport, EngineId, EngineName, NAMED_INVALID, SkipMeter};
 use crate::mask::{Encoding, MaskShape, Span};
 use crate::units::BoxCount;
 
@@ -47,7 +47,7 @@ pub struct ResponseHeader {
     pub frame: u64,
     /// Echo of the request.
     pub box_count: u32,
-    /// The [`EngineName`] that answered.
+    /// The [`EngineName`] that answered, or the number of a later one.
     pub engine: u32,
     /// The [`Encoding`] of the mask.
     pub encoding: u32,
@@ -172,8 +172,8 @@ pub fn response_error(
 pub struct Reply {
     /// Boxes that were culled.
     pub box_count: BoxCount,
-    /// Engine that answered.
-    pub engine: EngineName,
+    /// Engine that answered, perhaps one that this build does not know.
+    pub engine: EngineId,
     /// Threads that it could use.
     pub threads: usize,
     /// Shape, census, counts. Every span of the shape lies within the payload and has the length
@@ -205,7 +205,31 @@ pub enum ReplyError {
         /// Its numbers.
         detail: [u64; 2],
     },
-    /// A number that names nothing, a section that is missing, doubled, too short or outside.
+    /// A status of a later version.
+    #[error(
+        "the daemon answered with status {found}, which this client does not know: install a newer pairmask"
+    )]
+    UnknownStatus {
+        /// Its number.
+        found: u32,
+    },
+    /// An encoding of a later version.
+    #[error(
+        "the mask has encoding {found}, which this client does not know: install a newer pairmask"
+    )]
+    UnknownEncoding {
+        /// Its number.
+        found: u32,
+    },
+    /// A required section of a later version.
+    #[error(
+        "the response requires section {found}, which this client does not know: install a newer pairmask"
+    )]
+    UnknownSection {
+        /// Its kind.
+        found: u32,
+    },
+    /// A number that cannot be, a section that is missing, doubled, too short or outside.
     #[error("the response's {field} is malformed")]
     Malformed {
         /// What is wrong.
@@ -233,7 +257,7 @@ impl Reply {
         let [ingest_ns, plan_ns, execute_ns, publish_ns, total_ns, ..] = header.stages_ns;
         Ok(Self {
             box_count: asked.box_count,
-            engine: EngineName::from_wire(header.engine).ok_or(malformed("engine"))?,
+            engine: EngineId::from_wire(header.engine),
             threads: header.threads as usize,
             report: CullReport {
                 shape,
@@ -262,11 +286,14 @@ impl Reply {
             return Err(ReplyError::Frame { expected: asked.frame, found: header.frame });
         }
         match StatusCode::from_wire(header.status) {
-            Some(StatusCode::Ok) => Ok(()),
+            Some(StatusCode::Ok) => match find_unknown(&header.sections) {
+                None => Ok(()),
+                Some(found) => Err(ReplyError::UnknownSection { found }),
+            },
             Some(status) => {
                 Err(ReplyError::Status { status, detail: [header.detail[0], header.detail[1]] })
             }
-            None => Err(ReplyError::Malformed { field: "status" }),
+            None => Err(ReplyError::UnknownStatus { found: header.status }),
         }
     }
 }
@@ -305,6 +332,6 @@ fn parse_shape(
             }
             Ok(MaskShape::Sparse { rows, blocks, bits, order })
         }
-        None => Err(ReplyError::Malformed { field: "encoding" }),
+        None => Err(ReplyError::UnknownEncoding { found: header.encoding }),
     }
 }

@@ -82,6 +82,9 @@ pub enum Request {
         encoding: EncodingChoice,
         /// How many threads; `None` leaves it to the plan.
         threads: Option<usize>,
+        /// Minor wire version of the client: it may be older than this build, or newer. Nothing
+        /// that came with a later one may be in the answer.
+        client_minor: u16,
     },
     /// Tell status.
     Status,
@@ -247,6 +250,7 @@ impl Request {
             engine,
             encoding,
             threads: (header.threads != 0).then_some(header.threads as usize),
+            client_minor: header.version_minor,
         })
     }
 }

@@ -52,6 +52,28 @@ pub enum SectionKind {
     Spheres = 11,
 }
 
+impl SectionKind {
+    /// Every kind, in the order of their numbers.
+    pub const ALL: [Self; 11] = [
+        Self::Boxes,
+        Self::DenseWords,
+        Self::SparseRows,
+        Self::SparseBlocks,
+        Self::SparseBits,
+        Self::Order,
+        Self::Status,
+        Self::BoxesQ16,
+        Self::BoxesQ8,
+        Self::BoxesF16,
+        Self::Spheres,
+    ];
+
+    /// The kind of a wire number, if there is one.
+    pub fn from_wire(value: u32) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| *kind as u32 == value)
+    }
+}
+
 impl Section {
     /// The reader must understand this section or refuse the whole message. Without it, a reader
     /// that does not know the kind passes over it: that is how later minor versions add things.
@@ -79,4 +101,12 @@ pub(super) fn find(sections: &[Section; SECTION_COUNT], kind: SectionKind) -> Op
     let mut found = sections.iter().filter(|s| s.kind == kind as u32);
     let first = found.next()?;
     found.next().is_none().then_some(*first)
+}
+
+/// The first required section of a kind that this build does not know.
+pub(super) fn find_unknown(sections: &[Section; SECTION_COUNT]) -> Option<u32> {
+    let is_unknown = |s: &&Section| {
+        s.is_used() && s.flags & Section::REQUIRED != 0 && SectionKind::from_wire(s.kind).is_none()
+    };
+    sections.iter().find(is_unknown).map(|s| s.kind)
 }

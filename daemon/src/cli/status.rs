@@ -1,11 +1,12 @@
 //! `status`: who serves, and how it goes.
 
 use std::fmt::Write;
-use std::time::Duration;
+use std::io::ErrorKind;
+use std::time::{Duration, Instant};
 
 use clap::Args;
 use pairmask::session::StatusError;
-use pairmask::transport::{DaemonRecord, InstanceName, ProcessWatch, RuntimeDir};
+use pairmask::transport::{DaemonRecord, InstanceError, InstanceName, ProcessWatch, RuntimeDir};
 use pairmask::wire::{AuditCounts, RecordedError, StatusBody, StatusCode};
 use pairmask::{Backend, Session};
 use serde::{Deserialize, Serialize};
@@ -14,9 +15,11 @@ use super::config::Config;
 use super::options::Place;
 use super::output::{OutputError, print_json, print_text, time_text};
 
-/// A daemon that lives answers between two frames. This is longer than most frames take, and
-/// short enough for somebody who waits at a terminal.
+/// A daemon that lives writes its account within a second, or after the frame that it works on.
+/// This is longer than most frames take, and short enough for somebody who waits at a terminal.
 const DEADLINE: Duration = Duration::from_secs(3);
+/// Between two looks at the account.
+const LOOK: Duration = Duration::from_millis(10);
 
 /// Show instances: version, clients, frames, last errors
 #[derive(Debug, Args)]
@@ -38,6 +41,12 @@ pub enum StatusCommandError {
     /// Nobody answers.
     #[error("no daemon answers under {}: start one with `pairmaskd serve`", dir.path().display())]
     NoDaemon { dir: RuntimeDir },
+    /// Nobody answers for the instance that was asked for.
+    #[error("no daemon of instance '{instance}' answers under {}: start one with `pairmaskd serve --instance {instance}`", dir.path().display())]
+    NoInstance { instance: InstanceName, dir: RuntimeDir },
+    /// The directory is not ours.
+    #[error(transparent)]
+    Place(#[from] InstanceError),
     #[error(transparent)]
     Output(#[from] OutputError),
 }
@@ -62,7 +71,8 @@ struct InstanceReport {
     pid: u32,
     /// Process that watches it.
     supervisor_pid: u32,
-    /// What the daemon says of itself; null where it does not answer.
+    /// What the daemon says of itself, or what it said last where it is silent; null where it is
+    /// dead.
     daemon: Option<DaemonReport>,
     /// Why it does not answer; null where it does.
     problem: Option<String>,
@@ -91,9 +101,11 @@ impl State {
 
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 struct DaemonReport {
+    /// How long ago it said so.
+    age_ns: u64,
     /// Time since it began to serve.
     uptime_ns: u64,
-    /// Clients that have a connection, without the one that asks.
+    /// Clients that have a connection.
     clients: u32,
     /// Frames answered with a mask.
     frames: u64,
@@ -143,7 +155,12 @@ impl Status {
     /// Looks through the runtime directory and asks every instance.
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), StatusCommandError> {
         let dir = place.runtime_dir(config);
-        let report = StatusReport::of(&dir, place.named_instance(config).as_ref());
+        match dir.check() {
+            Err(InstanceError::Io { source, .. }) if source.kind() == ErrorKind::NotFound => {}
+            checked => checked?,
+        }
+        let named = place.named_instance(config);
+        let report = StatusReport::of(&dir, named.as_ref());
         if self.json {
             print_json(&report)?;
         } else if !report.instances.is_empty() {
@@ -152,19 +169,33 @@ impl Status {
         if report.instances.iter().any(|instance| instance.state == State::Alive) {
             Ok(())
         } else {
-            Err(StatusCommandError::NoDaemon { dir })
+            Err(match named {
+                Some(instance) => StatusCommandError::NoInstance { instance, dir },
+                None => StatusCommandError::NoDaemon { dir },
+            })
         }
     }
 }
 
 impl StatusReport {
     fn of(dir: &RuntimeDir, only: Option<&InstanceName>) -> Self {
-        let instances = dir
-            .instances()
-            .iter()
-            .filter(|(name, _)| only.is_none_or(|only| only == name))
-            .map(|(name, record)| InstanceReport::of(dir, name, record))
-            .collect();
+        let mut found: Vec<(RuntimeDir, InstanceName, DaemonRecord)> = Vec::new();
+        for dir in dir.all().filter(|dir| dir.check().is_ok()) {
+            for (name, record) in dir.instances() {
+                let is_wanted = only.is_none_or(|only| *only == name);
+                match found.iter_mut().find(|(_, known, _)| *known == name) {
+                    _ if !is_wanted => {}
+                    None => found.push((dir.clone(), name, record)),
+                    // Of two, the one that clients find.
+                    Some(known) if !lives(&known.2) && lives(&record) => {
+                        *known = (dir.clone(), name, record);
+                    }
+                    Some(_) => {}
+                }
+            }
+        }
+        let report = |(dir, name, record)| InstanceReport::of(&dir, &name, &record);
+        let instances = found.into_iter().map(report).collect();
         Self { runtime_dir: dir.path().display().to_string(), instances }
     }
 
@@ -180,11 +211,12 @@ impl StatusReport {
 
 impl InstanceReport {
     fn of(dir: &RuntimeDir, name: &InstanceName, record: &DaemonRecord) -> Self {
-        let (state, answer) = match ask(dir, name) {
-            Ok(body) => (State::Alive, Ok(DaemonReport::of(&body))),
-            Err(error) => {
-                let lives = ProcessWatch::open(record.worker_pid).is_some();
-                (if lives { State::Silent } else { State::Dead }, Err(error.to_string()))
+        let (state, daemon, problem) = match ask(dir, name, record) {
+            Answer::Alive(daemon) => (State::Alive, Some(daemon), None),
+            Answer::Silent(daemon, problem) => (State::Silent, daemon, Some(problem)),
+            Answer::Dead => {
+                let problem = format!("process {} of instance '{name}' is gone", record.worker_pid);
+                (State::Dead, None, Some(problem))
             }
         };
         Self {
@@ -193,8 +225,8 @@ impl InstanceReport {
             version: record.version.to_string(),
             pid: record.worker_pid,
             supervisor_pid: record.supervisor_pid,
-            problem: answer.as_ref().err().cloned(),
-            daemon: answer.ok(),
+            daemon,
+            problem,
         }
     }
 
@@ -227,22 +259,74 @@ impl InstanceReport {
     }
 }
 
-fn ask(dir: &RuntimeDir, name: &InstanceName) -> Result<StatusBody, StatusError> {
-    Session::builder()
-        .runtime_dir(dir.clone())
-        .instance(name.as_str())
-        .backend(Backend::Daemon)
-        .deadline(DEADLINE)
-        .connect()?
-        .daemon_status()
+/// What a daemon says.
+enum Answer {
+    Alive(DaemonReport),
+    /// What it said last, and why it is taken for silent.
+    Silent(Option<DaemonReport>, String),
+    Dead,
+}
+
+fn lives(record: &DaemonRecord) -> bool {
+    ProcessWatch::open(record.worker_pid).is_some()
+}
+
+/// Waits until the daemon gives an account that is newer than the question. That takes no client's
+/// slot from it.
+fn ask(dir: &RuntimeDir, name: &InstanceName, record: &DaemonRecord) -> Answer {
+    let asked = Instant::now();
+    loop {
+        if !lives(record) {
+            return Answer::Dead;
+        }
+        let account = match dir.account(name) {
+            Ok(Some(account)) if account.body().pid == record.worker_pid => account,
+            Ok(_) => return ask_over_wire(dir, name),
+            Err(error) => return Answer::Silent(None, error.to_string()),
+        };
+        let age = account.age();
+        let report = DaemonReport::of(account.body(), age);
+        if age <= asked.elapsed() {
+            return Answer::Alive(report);
+        }
+        if asked.elapsed() >= DEADLINE {
+            let age = time_text(report.age_ns);
+            let problem = format!(
+                "instance '{name}' does not answer: its process lives, its counters are {age} old"
+            );
+            return Answer::Silent(Some(report), problem);
+        }
+        std::thread::sleep(LOOK);
+    }
+}
+
+/// Asks a daemon that keeps no account: it is of an earlier version, or could not write one.
+fn ask_over_wire(dir: &RuntimeDir, name: &InstanceName) -> Answer {
+    let ask = || -> Result<StatusBody, StatusError> {
+        Session::builder()
+            .runtime_dir(dir.clone())
+            .instance(name.as_str())
+            .backend(Backend::Daemon)
+            .deadline(DEADLINE)
+            .connect()?
+            .daemon_status()
+    };
+    match ask() {
+        Ok(body) => {
+            // The question itself came through a connection.
+            let client_count = body.client_count.saturating_sub(1);
+            Answer::Alive(DaemonReport::of(&StatusBody { client_count, ..body }, Duration::ZERO))
+        }
+        Err(error) => Answer::Silent(None, error.to_string()),
+    }
 }
 
 impl DaemonReport {
-    fn of(body: &StatusBody) -> Self {
+    fn of(body: &StatusBody, age: Duration) -> Self {
         Self {
+            age_ns: age.as_nanos() as u64,
             uptime_ns: body.uptime_ns,
-            // The question itself came through a connection.
-            clients: body.client_count.saturating_sub(1),
+            clients: body.client_count,
             frames: body.frames,
             boxes: body.boxes,
             spheres: body.spheres,

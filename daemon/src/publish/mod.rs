@@ -10,6 +10,7 @@ use std::time::Instant;
 
 use iceoryx2::service::ipc;
 use pairmask::engine::{CullError, CullWish, ReserveError};
+use pairmask::mask::ReadableEncodings;
 use pairmask::precision::BoxForm;
 use pairmask::transport::{
     ActiveRequest, Limits, Populated, ResponseLoan, Services, WakeClient, narrow_boxes_in,
@@ -83,6 +84,12 @@ impl Publisher {
         self.executor.tidy();
     }
 
+    /// What the daemon has done so far.
+    pub fn status(&self) -> StatusBody {
+        let clients = self.services.client_count();
+        self.desk.account.body(clients, self.desk.auditor.counts())
+    }
+
     /// Whether another request can be taken in.
     pub fn has_room(&self) -> bool {
         self.under_way.len() < FRAMES_UNDER_WAY
@@ -116,9 +123,18 @@ impl Publisher {
         };
         let mut reply = LoanReply::new(&active, &mut self.populated, self.max_reply_bytes);
         let said = match Request::parse(&header, payload_bytes) {
-            Ok(Request::Cull { box_count, form, offset, engine, encoding, threads }) => {
+            Ok(Request::Cull {
+                box_count,
+                form,
+                offset,
+                engine,
+                encoding,
+                threads,
+                client_minor,
+            }) => {
                 let last_pairs = self.desk.account.last_pairs(fields.client_token);
-                let wish = CullWish { engine, encoding, threads, last_pairs };
+                let readable = ReadableEncodings::at_minor(client_minor);
+                let wish = CullWish { engine, encoding, threads, last_pairs, readable };
                 let owner = Owner::Client(active.origin().value());
                 match objects_in(active.payload(), offset, form, box_count) {
                     Some(Objects::Boxes(boxes)) => {

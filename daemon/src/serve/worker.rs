@@ -8,10 +8,10 @@ use iceoryx2::service::ipc;
 use pairmask::AwakePool;
 use pairmask::plan::{Calibration, CalibrationChoice, CalibrationOrigin};
 use pairmask::transport::{
-    ActiveRequest, DaemonRecord, JANITOR_INTERVAL, Limits, Server, Services, Spinner,
+    Account, ActiveRequest, DaemonRecord, JANITOR_INTERVAL, Limits, Server, Services, Spinner,
     TransportError, WakeDaemon, clean_if_abandoned, quiet_transport_log,
 };
-use pairmask::wire::Version;
+use pairmask::wire::{StatusBody, Version};
 use rustix::process::Signal;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
@@ -60,6 +60,7 @@ pub fn work(settings: &ServeSettings) -> Result<(), ServeError> {
     let gpu = open_gpu(&settings.gpu, settings.gpu_awake)?;
     clean_if_abandoned(&settings.dir, &settings.instance)?;
     settings.dir.ensure_transport_root(&settings.instance)?;
+    settings.dir.check_shared_files(&settings.instance)?;
     let janitor = Janitor::start(&settings.dir, &settings.instance)?;
     let services = Services::serve(&settings.dir, &settings.instance, &settings.limits)?;
     let server = open_server(&services, &settings.limits)?;
@@ -70,6 +71,10 @@ pub fn work(settings: &ServeSettings) -> Result<(), ServeError> {
             .map_or(0, |pid| pid.as_raw_nonzero().get() as u32),
         version: Version::CURRENT,
     };
+    let account = Account::now(StatusBody { pid: record.worker_pid, ..StatusBody::default() });
+    if let Err(error) = settings.dir.write_account(&settings.instance, &account) {
+        log::warn!("`pairmaskd status` will have to connect: {error}");
+    }
     settings.dir.write_record(&settings.instance, &record)?;
     log::info!("serving '{}' with {threads} threads", settings.instance);
 
@@ -79,7 +84,7 @@ pub fn work(settings: &ServeSettings) -> Result<(), ServeError> {
         Auditor::start(settings.audit).map_err(ServeError::system("starting the auditor"))?;
     let mut publisher = Publisher::new(services, wake_clients, &settings.limits, executor, auditor);
     publisher.break_engine(settings.break_engine);
-    serve(&server, &wake, &mut publisher, settings, &stop);
+    serve(&server, &wake, &mut publisher, &janitor, settings, &stop);
     drop(janitor);
     log::info!("stopped serving '{}'", settings.instance);
     Ok(())
@@ -141,6 +146,7 @@ fn serve(
     server: &Server,
     wake: &WakeDaemon,
     publisher: &mut Publisher,
+    janitor: &Janitor,
     settings: &ServeSettings,
     stop: &AtomicBool,
 ) {
@@ -165,6 +171,7 @@ fn serve(
         let now = Instant::now();
         if now >= tidy_at {
             publisher.tidy();
+            janitor.post(Account::now(publisher.status()));
             tidy_at = now + JANITOR_INTERVAL;
         }
         if answered {

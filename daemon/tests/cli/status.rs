@@ -44,6 +44,7 @@ fn a_daemon_tells_what_it_did() {
     assert_eq!(instance["pid"], daemon.record().unwrap().worker_pid);
     let told = &instance["daemon"];
     let fields = [
+        "age_ns",
         "uptime_ns",
         "clients",
         "frames",
@@ -73,7 +74,8 @@ fn a_daemon_tells_what_it_did() {
     let text = status(&place, daemon.dir().path(), &[]);
     assert!(text.stdout.contains("4 frames, 12 boxes, 5 spheres, 18 pairs"), "{text:?}");
     let other = status(&place, daemon.dir().path(), &["--instance", "other"]);
-    assert_eq!(other.code, Some(1), "{other:?}");
+    assert!(other.error(1).contains("instance 'other'"), "{other:?}");
+    assert!(other.error(1).contains("pairmaskd serve --instance other"), "{other:?}");
 }
 
 #[test]
@@ -122,6 +124,47 @@ fn a_hanging_daemon_is_silent() {
     kill_process(worker, Signal::CONT).unwrap();
     assert_eq!(finished.code, Some(1), "{finished:?}");
     let report: Value = serde_json::from_str(&finished.stdout).unwrap();
-    assert_eq!(report["instances"][0]["state"], "silent");
-    assert!(report["instances"][0]["problem"].is_string());
+    let instance = &report["instances"][0];
+    assert_eq!(instance["state"], "silent");
+    assert!(instance["problem"].as_str().unwrap().contains("instance 'default'"), "{report}");
+    // What it said last, and how long ago: it was given three seconds at least.
+    assert_eq!(instance["daemon"]["errors"], 0);
+    assert!(instance["daemon"]["age_ns"].as_u64().unwrap() >= 3_000_000_000, "{report}");
+}
+
+#[test]
+fn a_daemon_with_all_the_clients_that_it_may_have_answers() {
+    let place = Place::new();
+    let mut child = place.command(&["serve", "--max-clients", "1"]).spawn().unwrap();
+    let dir = pairmask::transport::RuntimeDir::at(place.path());
+    eventually("the daemon serves", || dir.read_record(&"default".parse().unwrap()));
+    let builder = pairmask::Session::builder().runtime_dir(dir.clone());
+    let mut session = builder.backend(pairmask::Backend::Daemon).connect().unwrap();
+    session.frame(1).unwrap().submit().unwrap().wait().unwrap();
+    for _ in 0..2 {
+        let report = place.run(&["status", "--json"]).json();
+        let instance = &report["instances"][0];
+        assert_eq!(instance["state"], "alive", "{report}");
+        assert_eq!(instance["daemon"]["clients"], 1, "{report}");
+        assert_eq!(instance["daemon"]["frames"], 1, "{report}");
+    }
+    drop(session);
+    let pid = Pid::from_raw(i32::try_from(child.id()).unwrap()).unwrap();
+    kill_process(pid, Signal::TERM).unwrap();
+    child.wait().unwrap();
+    assert_eq!(dir.account(&"default".parse().unwrap()).unwrap(), None, "it was left behind");
+}
+
+/// A daemon that keeps no account, as earlier ones: it is asked over the wire.
+#[test]
+fn a_daemon_without_an_account_is_asked() {
+    let place = Place::new();
+    let daemon = daemon();
+    // A directory in the place of a new account, so that none can be written.
+    let new = daemon.dir().path().join("default.account.new");
+    eventually("no account can be written", || std::fs::create_dir(&new).ok());
+    std::fs::remove_file(daemon.dir().path().join("default.account")).unwrap();
+    let report = status(&place, daemon.dir().path(), &["--json"]).json();
+    assert_eq!(report["instances"][0]["state"], "alive", "{report}");
+    assert_eq!(report["instances"][0]["daemon"]["clients"], 0, "{report}");
 }

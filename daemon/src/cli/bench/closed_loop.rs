@@ -3,8 +3,9 @@
 use std::time::Duration;
 
 use indicatif::ProgressBar;
+use pairmask::ServedBy;
+use pairmask::engine::EngineId;
 use pairmask::session::FrameInfo;
-use pairmask::{EngineChoice, ServedBy};
 
 use super::latency::BenchError;
 use crate::cli::percentiles::Recorder;
@@ -27,8 +28,8 @@ pub struct Lengths {
 #[derive(Debug)]
 pub struct Measured {
     pub served_by: ServedBy,
-    /// The engine of every frame, or auto where the plan chose now this one, now that one.
-    pub engine: EngineChoice,
+    /// The engine of every frame, or none where the plan chose now this one, now that one.
+    pub engine: Option<EngineId>,
     /// Bytes of the boxes of a frame.
     pub box_bytes: u64,
     /// Frames that were asked for.
@@ -75,7 +76,7 @@ impl Measured {
     fn of(info: &FrameInfo) -> Self {
         Self {
             served_by: info.served_by,
-            engine: EngineChoice::Only(info.engine),
+            engine: Some(info.engine),
             box_bytes: info.box_bytes,
             requests: 0,
             fill: Recorder::new(),
@@ -92,8 +93,8 @@ impl Measured {
         if info.served_by != self.served_by {
             return Err(BenchError::Changed);
         }
-        if self.engine != EngineChoice::Only(info.engine) {
-            self.engine = EngineChoice::Auto;
+        if self.engine != Some(info.engine) {
+            self.engine = None;
         }
         let engine_ns = times.engine_ns();
         self.requests += u64::from(times.was_asked);

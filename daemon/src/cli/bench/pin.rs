@@ -57,6 +57,7 @@ impl Cores {
         // The serving thread is its process's first, so it has the process's number. The engines'
         // other threads stay free.
         let serving = dir
+            .serving(instance)
             .read_record(instance)
             .and_then(|record| Pid::from_raw(i32::try_from(record.worker_pid).ok()?))
             .ok_or_else(|| PinError::NoDaemon { instance: instance.clone() })?;

@@ -69,7 +69,7 @@ impl Row {
             n,
             backend: backend_name(measured.served_by).to_owned(),
             wait: wait.to_string(),
-            engine: measured.engine.to_string(),
+            engine: measured.engine.map_or_else(|| "auto".to_owned(), |engine| engine.to_string()),
             precision: precision.to_string(),
             box_bytes: measured.box_bytes,
             frames,

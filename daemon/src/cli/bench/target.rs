@@ -57,7 +57,9 @@ impl Target {
     pub fn memory_bytes(&self) -> u64 {
         let daemon = match self.backend {
             Backend::InProcess => None,
-            Backend::Auto | Backend::Daemon => self.dir.read_record(&self.instance),
+            Backend::Auto | Backend::Daemon => {
+                self.dir.serving(&self.instance).read_record(&self.instance)
+            }
         };
         let daemon = daemon.map_or(0, |record| resident_bytes(&record.worker_pid.to_string()));
         resident_bytes("self") + daemon

@@ -9,8 +9,9 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use clap::{Args, ValueEnum};
+use pairmask::engine::EngineId;
 use pairmask::session::{ConnectError, FrameError, WaitError};
-use pairmask::{Aabb, Backend, EngineName, PairMask, PendingFrame, Session, Sphere};
+use pairmask::{Aabb, Backend, PairMask, PendingFrame, Session, Sphere};
 
 use self::explain::{Explanation, Planned};
 use self::files::FileError;
@@ -99,7 +100,7 @@ pub enum CullCommandError {
     Wait(#[from] WaitError),
     /// An engine is broken: the number that it gives is not that of the bits that it set.
     #[error("{engine} counted {counted} pairs and its mask holds {decoded}: please report this")]
-    Miscounted { engine: EngineName, counted: u64, decoded: u64 },
+    Miscounted { engine: EngineId, counted: u64, decoded: u64 },
     #[error(transparent)]
     File(#[from] FileError),
     #[error(transparent)]

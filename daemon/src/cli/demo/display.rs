@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
-use pairmask::EngineName;
+use pairmask::engine::EngineId;
 
 use super::DemoError;
 use super::check::BadPair;
@@ -21,7 +21,7 @@ pub struct Progress {
     frames: u64,
     pairs: u64,
     frames_in_process: u64,
-    engine: Option<EngineName>,
+    engine: Option<EngineId>,
     round_trips: Recorder,
     recent: Recent,
     checked: u64,
@@ -89,7 +89,7 @@ impl Progress {
         &mut self,
         pairs: u64,
         round_trip: Duration,
-        engine: EngineName,
+        engine: EngineId,
         in_process: bool,
     ) {
         let ns = round_trip.as_nanos() as u64;
@@ -215,11 +215,11 @@ mod tests {
     #[test]
     fn a_wrong_frame_is_named_and_fails() {
         let mut progress = Progress::new();
-        progress.note_frame(3, Duration::from_micros(40), EngineName::CpuBrute, false);
+        progress.note_frame(3, Duration::from_micros(40), EngineName::CpuBrute.into(), false);
         progress.note_check(None);
         assert!(progress.verdict().is_ok());
         assert!(progress.summary_text().contains("1 frames checked, all right"));
-        progress.note_frame(3, Duration::from_micros(40), EngineName::CpuBrute, false);
+        progress.note_frame(3, Duration::from_micros(40), EngineName::CpuBrute.into(), false);
         progress.note_check(Some(BadPair::Missing(3, 9)));
         let text = progress.summary_text();
         assert!(text.contains("frame 2") && text.contains("(3, 9)"), "{text}");

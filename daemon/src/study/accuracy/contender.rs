@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use pairmask::engine::{CullWish, EngineName};
+use pairmask::engine::{CullWish, EngineId};
 use pairmask::wire::StageTimes;
 use pairmask::{Aabb, PairMask, Session};
 
@@ -25,7 +25,7 @@ pub trait Contender {
     ///
     /// # Errors
     /// [`TimedError`] where that way cannot answer.
-    fn truth(&self, boxes: &[Aabb], engine: EngineName) -> Result<Vec<Pair>, TimedError>;
+    fn truth(&self, boxes: &[Aabb], engine: EngineId) -> Result<Vec<Pair>, TimedError>;
 
     /// Whether something else than the boxes is tested, so that the answers are worth a comparison
     /// with the boxes' own pairs.
@@ -49,7 +49,7 @@ pub struct FrameFigures {
     /// Who answered: `daemon` or `in-process`.
     pub backend: &'static str,
     /// Which engine.
-    pub engine: EngineName,
+    pub engine: EngineId,
     /// Whether it was asked for; else an earlier answer was good.
     pub was_asked: bool,
     /// What is to be culled, written in the form in which it is culled.
@@ -114,7 +114,7 @@ impl Contender for BoxClient {
         Ok(Answer { figures: FrameFigures::from(&frame), pairs })
     }
 
-    fn truth(&self, boxes: &[Aabb], engine: EngineName) -> Result<Vec<Pair>, TimedError> {
+    fn truth(&self, boxes: &[Aabb], engine: EngineId) -> Result<Vec<Pair>, TimedError> {
         truth::pairs(boxes, engine)
     }
 }

@@ -3,7 +3,7 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use pairmask::engine::{CullWish, EngineName, HeapReply};
+use pairmask::engine::{CullWish, EngineId, HeapReply};
 use pairmask::mask::MaskView;
 use pairmask::sphere::{SPHERE_BYTES, Sphere, SphereEngines};
 use pairmask::{Aabb, BoxClass, BoxCount, ServedBy};
@@ -62,7 +62,7 @@ impl Contender for SphereClient {
         });
         let figures = FrameFigures {
             backend: ServedBy::InProcess.as_str(),
-            engine: answer.engine,
+            engine: answer.engine.into(),
             was_asked: true,
             fill: filled - start,
             round_trip: answered - filled,
@@ -74,7 +74,7 @@ impl Contender for SphereClient {
         Ok(Answer { figures, pairs })
     }
 
-    fn truth(&self, _: &[Aabb], engine: EngineName) -> Result<Vec<Pair>, TimedError> {
+    fn truth(&self, _: &[Aabb], engine: EngineId) -> Result<Vec<Pair>, TimedError> {
         pairs(&self.spheres, engine)
     }
 
@@ -117,7 +117,7 @@ pub fn sphere(b: &Aabb, fit: Fit) -> Sphere {
 
 /// The pairs of spheres, exactly: each with each, or, of a large scene, among the pairs of boxes that
 /// are wider by a step on each side.
-fn pairs(spheres: &[Sphere], engine: EngineName) -> Result<Vec<Pair>, TimedError> {
+fn pairs(spheres: &[Sphere], engine: EngineId) -> Result<Vec<Pair>, TimedError> {
     if spheres.len() <= truth::NAIVE_LIMIT {
         return Ok(oracle::pairs(spheres));
     }
@@ -179,7 +179,7 @@ mod tests {
         spheres[7] = Sphere::EMPTY;
         spheres[8].radius = f32::INFINITY;
         spheres[9].center[1] = f32::NAN;
-        assert_eq!(pairs(&spheres, EngineName::CpuSap)?, oracle::pairs(&spheres));
+        assert_eq!(pairs(&spheres, pairmask::EngineName::CpuSap.into())?, oracle::pairs(&spheres));
         Ok(())
     }
 

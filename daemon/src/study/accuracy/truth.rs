@@ -1,5 +1,6 @@
 //! The pairs of a scene, found in another way than those that are checked.
 
+use pairmask::engine::EngineId;
 use pairmask::{Aabb, Backend, EngineChoice, EngineName, Session};
 
 use crate::timed_client::TimedError;
@@ -19,11 +20,11 @@ const CHECKERS: [EngineName; 2] = [EngineName::CpuSap, EngineName::CpuGrid];
 ///
 /// # Errors
 /// [`TimedError`] where that engine cannot answer.
-pub fn pairs(boxes: &[Aabb], checked: EngineName) -> Result<Vec<Pair>, TimedError> {
+pub fn pairs(boxes: &[Aabb], checked: EngineId) -> Result<Vec<Pair>, TimedError> {
     if boxes.len() <= NAIVE_LIMIT {
         return Ok(naive(boxes));
     }
-    let engine = CHECKERS.into_iter().find(|e| *e != checked).unwrap_or(EngineName::CpuBrute);
+    let engine = CHECKERS.into_iter().find(|e| checked != *e).unwrap_or(EngineName::CpuBrute);
     let builder = Session::builder().backend(Backend::InProcess).engine(EngineChoice::Only(engine));
     let mut session = builder.connect().map_err(pairmask::session::FrameError::from)?;
     let mut frame = session.frame(boxes.len())?;
@@ -122,7 +123,7 @@ mod tests {
     #[test]
     fn both_ways_agree() -> Result<(), TimedError> {
         let scene = Scene::new(SceneName::Pile, NAIVE_LIMIT + 1, 1);
-        let by_engine = pairs(scene.boxes(), EngineName::CpuGrid)?;
+        let by_engine = pairs(scene.boxes(), EngineName::CpuGrid.into())?;
         assert_eq!(by_engine, naive(scene.boxes()));
         Ok(())
     }

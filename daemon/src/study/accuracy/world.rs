@@ -1,8 +1,9 @@
 //! The scene in a world of f64 coordinates, far from their origin.
 
 use glam::{DVec3, Vec3};
+use pairmask::engine::EngineId;
 use pairmask::oracle::{Faces, truth_of_faces};
-use pairmask::{Aabb, Bounds, EngineName, Session};
+use pairmask::{Aabb, Bounds, Session};
 
 use super::contender::{Answer, Contender, FrameFigures, sorted};
 use super::mode::{Rounding, World};
@@ -62,14 +63,14 @@ impl Contender for WorldClient {
         Ok(Answer { figures: FrameFigures::from(&frame), pairs })
     }
 
-    fn truth(&self, _: &[Aabb], engine: EngineName) -> Result<Vec<Pair>, TimedError> {
+    fn truth(&self, _: &[Aabb], engine: EngineId) -> Result<Vec<Pair>, TimedError> {
         pairs(&self.boxes, self.origin, engine)
     }
 }
 
 /// The pairs of a world, as f64: each with each, or, of a large one, among the pairs of f32 boxes that
 /// are wider by a step on each side.
-fn pairs(boxes: &[Faces], origin: DVec3, engine: EngineName) -> Result<Vec<Pair>, TimedError> {
+fn pairs(boxes: &[Faces], origin: DVec3, engine: EngineId) -> Result<Vec<Pair>, TimedError> {
     if boxes.len() <= truth::NAIVE_LIMIT {
         return Ok(truth_of_faces(boxes).pairs);
     }
@@ -129,7 +130,7 @@ mod tests {
         let scene = Scene::new(SceneName::Mixed, truth::NAIVE_LIMIT + 1, 1);
         let mut client = client(1e9, Rounding::ByOrigin, scene.boxes());
         client.place(scene.boxes());
-        let by_engine = client.truth(scene.boxes(), EngineName::CpuGrid)?;
+        let by_engine = client.truth(scene.boxes(), pairmask::EngineName::CpuGrid.into())?;
         assert_eq!(by_engine, truth_of_faces(&client.boxes).pairs);
         Ok(())
     }

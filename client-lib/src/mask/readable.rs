@@ -1,0 +1,43 @@
+//! Which encodings a client can read: a later daemon knows more of them than an earlier client.
+
+use super::Encoding;
+
+/// The encodings that a client can read, by the minor wire version that it speaks. Whoever plans a
+/// mask for it chooses among these.
+///
+/// ```
+/// use pairmask::mask::{Encoding, ReadableEncodings};
+/// assert!(ReadableEncodings::at_minor(0).contains(Encoding::Sparse));
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ReadableEncodings {
+    dense: bool,
+    sparse: bool,
+}
+
+impl Default for ReadableEncodings {
+    /// Those of this build: of a mask that stays in the process.
+    fn default() -> Self {
+        Self { dense: true, sparse: true }
+    }
+}
+
+impl ReadableEncodings {
+    /// Those of a client that speaks a minor wire version.
+    pub fn at_minor(minor: u16) -> Self {
+        Self::by(|encoding| encoding.since_minor() <= minor)
+    }
+
+    /// Those that a rule allows. Tests have rules of versions that are yet to come.
+    pub(crate) fn by(is_readable: impl Fn(Encoding) -> bool) -> Self {
+        Self { dense: is_readable(Encoding::Dense), sparse: is_readable(Encoding::Sparse) }
+    }
+
+    /// Whether the client can read an encoding.
+    pub const fn contains(self, encoding: Encoding) -> bool {
+        match encoding {
+            Encoding::Dense => self.dense,
+            Encoding::Sparse => self.sparse,
+        }
+    }
+}

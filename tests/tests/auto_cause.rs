@@ -1,0 +1,97 @@
+//! Why frames are answered in process: the log and errors say the cause that it has.
+#![allow(clippy::unwrap_used)]
+
+use std::sync::Mutex;
+use std::time::Duration;
+
+use log::{LevelFilter, Log, Metadata, Record};
+use pairmask::session::{ConnectError, SessionBuilder, StatusError};
+use pairmask::transport::{DaemonRecord, InstanceName, RuntimeDir};
+use pairmask::wire::Version;
+use pairmask::{Aabb, Backend, ServedBy, Session};
+use pairmask_tests::daemon::TestDaemon;
+use rustix::process::Signal;
+
+const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
+
+/// Keeps what the library says.
+struct Kept(Mutex<Vec<String>>);
+
+static KEPT: Kept = Kept(Mutex::new(Vec::new()));
+
+impl Log for Kept {
+    fn enabled(&self, metadata: &Metadata<'_>) -> bool {
+        metadata.target().starts_with("pairmask::")
+    }
+    fn log(&self, record: &Record<'_>) {
+        if self.enabled(record.metadata()) {
+            self.0.lock().unwrap().push(record.args().to_string());
+        }
+    }
+    fn flush(&self) {}
+}
+
+fn said() -> Vec<String> {
+    std::mem::take(&mut KEPT.0.lock().unwrap())
+}
+
+fn frame(session: &mut Session) -> ServedBy {
+    let mut frame = session.frame(2).unwrap();
+    frame.boxes_mut().fill(Aabb::EMPTY);
+    frame.submit().unwrap().wait().unwrap().info().served_by
+}
+
+/// A session that falls back says why, once; so do errors, between two attempts too.
+fn check(builder: SessionBuilder, cause: fn(&ConnectError) -> bool, text: &str) {
+    said();
+    let mut session = builder.backend(Backend::Auto).connect().unwrap();
+    for _ in 0..20 {
+        assert_eq!(frame(&mut session), ServedBy::InProcess, "{text}");
+        let error = session.daemon_status().unwrap_err();
+        let StatusError::Connect(error) = error else { panic!("{text}: {error:?}") };
+        assert!(cause(&error), "{text}: {error:?}");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let said = said();
+    assert!(said.len() == 1 && said[0].contains(text), "{text}: {said:?}");
+    assert!(!said[0].contains("Backend::Auto"), "it is used already: {said:?}");
+}
+
+// One test: the log is one for the process.
+#[test]
+fn the_cause_is_named() {
+    log::set_logger(&KEPT).unwrap();
+    log::set_max_level(LevelFilter::Info);
+    let dir = tempfile::tempdir().unwrap();
+    let at = |dir: &RuntimeDir| Session::builder().runtime_dir(dir.clone());
+    let empty = RuntimeDir::at(dir.path());
+    check(at(&empty), |e| matches!(e, ConnectError::NoDaemon { .. }), "no daemon serves");
+
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--max-clients", "1"]);
+    let mut first = daemon.session().deadline(Duration::from_millis(200)).connect().unwrap();
+    assert_eq!(frame(&mut first), ServedBy::Daemon);
+    let is_full = |e: &ConnectError| matches!(e, ConnectError::TooManyClients { .. });
+    check(daemon.session(), is_full, "all the clients that it may have");
+    drop(first);
+
+    // A daemon that hangs is one all the same.
+    said();
+    let deadline = Duration::from_millis(100);
+    let mut session = daemon.session().backend(Backend::Auto).deadline(deadline).connect().unwrap();
+    assert_eq!(frame(&mut session), ServedBy::Daemon);
+    daemon.signal_worker(Signal::STOP);
+    assert_eq!(frame(&mut session), ServedBy::InProcess);
+    let error = session.daemon_status().unwrap_err();
+    daemon.signal_worker(Signal::CONT);
+    assert!(matches!(error, StatusError::Connect(ConnectError::Silent { .. })), "{error:?}");
+    let hung = said();
+    assert!(hung.len() == 1 && hung[0].contains("did not answer in time"), "{hung:?}");
+
+    let name = InstanceName::default();
+    let pid = std::process::id();
+    let version = Version { major: 9, minor: 0 };
+    let record = DaemonRecord { worker_pid: pid, supervisor_pid: pid, version };
+    empty.write_record(&name, &record).unwrap();
+    let is_other = |e: &ConnectError| matches!(e, ConnectError::VersionMismatch { .. });
+    check(at(&empty), is_other, "wire version 9.0");
+}

@@ -1,0 +1,174 @@
+//! Answers of later daemons, and answers that are none: what can be read is served, and everything
+//! else is answered in process or is an error that names it.
+#![allow(clippy::unwrap_used)]
+
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use log::{LevelFilter, Log, Metadata, Record};
+use pairmask::engine::{Census, CullReport, EngineId, EngineName, EngineTimes, SkipMeter};
+use pairmask::mask::MaskShape;
+use pairmask::session::WaitError;
+use pairmask::transport::{InstanceName, RuntimeDir, clean_if_abandoned};
+use pairmask::units::BoxCount;
+use pairmask::wire::{
+    ReplyError, RequestHeader, ResponseHeader, Section, SectionKind, StageTimes, response_ok,
+};
+use pairmask::{Aabb, Backend, PairMask, ServedBy, Session};
+use pairmask_tests::daemon::eventually;
+use pairmask_tests::refuser::{answer_all, fields_of};
+
+const N: BoxCount = BoxCount::new(3);
+
+/// The right answer to a frame of [`boxes`]: the pair (0, 1).
+fn right(header: &RequestHeader, words: &mut [u32]) -> ResponseHeader {
+    words[0] = 1;
+    let report = CullReport {
+        shape: MaskShape::dense(N),
+        census: Census::default(),
+        pair_count: 1,
+        skipped: SkipMeter::default(),
+        times: EngineTimes::default(),
+    };
+    response_ok(&fields_of(header), EngineName::CpuBrute, 1, &report, &StageTimes::default())
+}
+
+fn boxes() -> [Aabb; 3] {
+    [0.0, 0.5, 9.0].map(|x| Aabb::from([x, 0.0, 0.0, x + 1.0, 1.0, 1.0]))
+}
+
+fn ask(session: &mut Session) -> Result<PairMask, WaitError> {
+    let mut frame = session.frame(N.len()).unwrap();
+    assert!(frame.is_shared(), "the daemon is asked all the same");
+    frame.boxes_mut().copy_from_slice(&boxes());
+    frame.submit().unwrap().wait()
+}
+
+/// Runs `test` beside a daemon that gives the right answer, changed.
+fn beside(change: fn(&mut ResponseHeader), test: impl FnOnce(&RuntimeDir)) {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = RuntimeDir::at(dir.path());
+    let stop = AtomicBool::new(false);
+    let (stop, dir) = (&stop, &dir);
+    std::thread::scope(|scope| {
+        let changed = move |header: &RequestHeader, words: &mut [u32]| {
+            let mut response = right(header, words);
+            change(&mut response);
+            response
+        };
+        scope.spawn(move || answer_all(dir, stop, changed));
+        eventually("it serves", || dir.read_record(&InstanceName::default()));
+        // A failed test stops the daemon too, and does not wait for it without end.
+        let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| test(dir)));
+        stop.store(true, Ordering::Relaxed);
+        if let Err(panic) = result {
+            std::panic::resume_unwind(panic);
+        }
+    });
+    clean_if_abandoned(dir, &InstanceName::default()).unwrap();
+}
+
+/// Keeps what the library warns of.
+struct Kept(Mutex<Vec<String>>);
+
+static KEPT: Kept = Kept(Mutex::new(Vec::new()));
+
+impl Log for Kept {
+    fn enabled(&self, metadata: &Metadata<'_>) -> bool {
+        metadata.target().starts_with("pairmask::")
+    }
+    fn log(&self, record: &Record<'_>) {
+        if self.enabled(record.metadata()) {
+            self.0.lock().unwrap().push(record.args().to_string());
+        }
+    }
+    fn flush(&self) {}
+}
+
+#[test]
+fn an_engine_of_a_later_daemon_is_served_and_named_by_its_number() {
+    beside(
+        |header| header.engine = 17,
+        |dir| {
+            for backend in [Backend::Daemon, Backend::Auto] {
+                let builder = Session::builder().runtime_dir(dir.clone()).backend(backend);
+                let mask = ask(&mut builder.connect().unwrap()).unwrap();
+                assert_eq!(mask.info().served_by, ServedBy::Daemon, "{backend}");
+                assert_eq!(mask.info().engine, EngineId::Unknown(17), "{backend}");
+                assert_eq!(mask.info().engine.to_string(), "engine 17");
+                assert_eq!(mask.to_vec(), [(0, 1)], "{backend}");
+            }
+        },
+    );
+}
+
+#[test]
+fn sections_that_may_be_passed_over_are() {
+    beside(
+        |header| {
+            header.version_minor = 99;
+            header.sections[7] = Section { kind: 77, flags: 0, offset: 64, bytes: 4 };
+            header.flags = u32::MAX;
+        },
+        |dir| {
+            let builder = Session::builder().runtime_dir(dir.clone()).backend(Backend::Daemon);
+            assert_eq!(ask(&mut builder.connect().unwrap()).unwrap().to_vec(), [(0, 1)]);
+        },
+    );
+}
+
+/// What to change in the right answer, and what the error of it says.
+type Case = (fn(&mut ResponseHeader), fn(&ReplyError) -> bool, &'static str);
+
+/// Every kind of answer that is none, from a later daemon or a broken one.
+const CASES: [Case; 10] = [
+    (|h| h.status = 55, |e| matches!(e, ReplyError::UnknownStatus { found: 55 }), "status 55"),
+    (
+        |h| h.encoding = 66,
+        |e| matches!(e, ReplyError::UnknownEncoding { found: 66 }),
+        "encoding 66",
+    ),
+    (
+        |h| h.sections[1] = Section { kind: 77, flags: Section::REQUIRED, offset: 0, bytes: 4 },
+        |e| matches!(e, ReplyError::UnknownSection { found: 77 }),
+        "section 77",
+    ),
+    (|h| h.status = 1, |e| matches!(e, ReplyError::Status { .. }), "bad-request"),
+    (|h| h.status = 2, |e| matches!(e, ReplyError::Status { .. }), "version-mismatch"),
+    (|h| h.version_major = 9, |e| matches!(e, ReplyError::Envelope), "wire version"),
+    (|h| h.frame += 1, |e| matches!(e, ReplyError::Frame { .. }), "frame"),
+    (|h| h.box_count += 1, |e| matches!(e, ReplyError::Malformed { .. }), "box count"),
+    (|h| h.sections[0].offset = 4096, |e| matches!(e, ReplyError::Malformed { .. }), "dense words"),
+    (
+        |h| h.sections[0].kind = SectionKind::Order as u32,
+        |e| matches!(e, ReplyError::Malformed { .. }),
+        "dense words",
+    ),
+];
+
+#[test]
+fn what_is_no_answer_is_answered_in_process_or_named() {
+    log::set_logger(&KEPT).unwrap();
+    log::set_max_level(LevelFilter::Warn);
+    for (change, is_named, said) in CASES {
+        beside(change, |dir| {
+            let builder = Session::builder().runtime_dir(dir.clone());
+            let mut strict = builder.clone().backend(Backend::Daemon).connect().unwrap();
+            let error = ask(&mut strict).unwrap_err();
+            assert!(error.to_string().contains(said), "{said}: {error}");
+            let WaitError::Reply(error) = error else { panic!("{said}: {error:?}") };
+            assert!(is_named(&error), "{said}: {error:?}");
+
+            let mut session = builder.backend(Backend::Auto).connect().unwrap();
+            KEPT.0.lock().unwrap().clear();
+            for _ in 0..5 {
+                let mask = ask(&mut session).unwrap_or_else(|e| panic!("{said}: {e}"));
+                assert_eq!(mask.info().served_by, ServedBy::InProcess, "{said}");
+                assert_eq!(mask.to_vec(), [(0, 1)], "{said}");
+            }
+            // Other tests of this file have daemons that answer well, and warn of nothing.
+            let warned = KEPT.0.lock().unwrap().clone();
+            assert!(warned.len() == 1 && warned[0].contains(said), "{said}: {warned:?}");
+        });
+    }
+}
