@@ -36,7 +36,11 @@ def parse():
     parser.add_argument("--frames", type=int, default=40, help="frames whose total is timed")
     parser.add_argument("--warm-up", type=int, default=20, help="frames before those")
     parser.add_argument("--split-frames", type=int, default=20, help="frames after, timed by stage")
-    parser.add_argument("--calibrate", action="store_true", help="run `pairmaskd calibrate` first")
+    parser.add_argument(
+        "--calibrate",
+        action="store_true",
+        help="measure Pairmask a second time, after `pairmaskd calibrate` (kept apart from the user's)",
+    )
     parser.add_argument("--commit", help="of this script, where it is run outside its repository")
     return parser.parse_args()
 
@@ -48,9 +52,9 @@ def commit():
     return done.stdout.strip() or None
 
 
-def our_row(pairmask, backend, scene_name, n, boxes, options):
+def our_row(pairmask, name, backend, scene_name, n, boxes, options):
     """A row of ours, and the machine as `pairmaskd` names it."""
-    row = {"contender": f"pairmask-{backend}", "scene": scene_name, "n": n}
+    row = {"contender": name, "scene": scene_name, "n": n}
     try:
         found, timed = pairmask.latency(boxes, backend, options.frames, options.warm_up)
     except RuntimeError as error:
@@ -93,12 +97,24 @@ def peer_rows(contender, files, options):
     return rows
 
 
-def save(options, pairmask, rows, found_machine, is_calibrated, order):
+def our_rows(pairmask, suffix, files, options):
+    """All rows of ours, and the machine as `pairmaskd` names it; None where it answered none."""
+    rows, found_machine = [], None
+    for (scene, n), boxes in files.items():
+        for backend in ("daemon", "in-process"):
+            name = f"pairmask-{backend}{suffix}"
+            found, row = our_row(pairmask, name, backend, scene, n, boxes, options)
+            found_machine = found or found_machine
+            rows.append(row)
+            print(f"{scene} {n} {name}: {row['error'] or row['total_ms']}", flush=True)
+    return rows, found_machine
+
+
+def save(options, pairmask, rows, found_machine, order):
     """What is measured so far: a run that is cut short keeps it."""
     rows = sorted(rows, key=lambda row: order[row["scene"], row["n"]])
     result = {
         "machine": machine.of(found_machine, pairmask.version(), options.commit or commit()),
-        "calibrated": is_calibrated,
         "rows": rows,
         "ratios": report.ratios(rows),
     }
@@ -110,7 +126,6 @@ def main():
     options = parse()
     options.out.mkdir(parents=True, exist_ok=True)
     pairmask = Pairmask(options.pairmaskd)
-    rows, found_machine = [], None
     with tempfile.TemporaryDirectory() as folder:
         files = {}
         for n in options.n:
@@ -118,23 +133,20 @@ def main():
                 files[scene, n] = Path(folder) / f"{scene}-{n}.f32"
                 pairmask.write_scene(scene, n, files[scene, n])
         order = {setting: place for place, setting in enumerate(files)}
-        if options.calibrate:
-            pairmask.calibrate()
-        for (scene, n), boxes in files.items():
-            for backend in ("daemon", "in-process"):
-                found, row = our_row(pairmask, backend, scene, n, boxes, options)
-                found_machine = found or found_machine
-                rows.append(row)
-                print(f"{scene} {n} {row['contender']}: {row.get('total_ms', row['error'])}", flush=True)
+        rows, found_machine = our_rows(pairmask, "", files, options)
         if found_machine is None:
             sys.exit("gpu_peers: Pairmask answered no frame: " + rows[0]["error"])
-        save(options, pairmask, rows, found_machine, options.calibrate, order)
+        if options.calibrate:
+            calibrated = Pairmask(options.pairmaskd, cache=folder)
+            calibrated.calibrate()
+            rows += our_rows(calibrated, "-calibrated", files, options)[0]
+        save(options, pairmask, rows, found_machine, order)
         for contender in options.contenders:
             for row in peer_rows(contender, files, options):
                 rows.append(row)
                 text = row["error"] or f"{row['total_ms']}, exact: {report.is_exact(row)}"
                 print(f"{row['scene']} {row['n']} {contender}: {text}", flush=True)
-            save(options, pairmask, rows, found_machine, options.calibrate, order)
+            save(options, pairmask, rows, found_machine, order)
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ import shlex
 import subprocess
 import sys
 from importlib import metadata
+from pathlib import Path
 
 
 def _gpu():
@@ -26,6 +27,12 @@ def _version(package):
         return None
 
 
+def _command():
+    """The command line, without the folders of whoever ran it."""
+    arguments = [Path(text).name if text.startswith("/") else text for text in sys.argv[1:]]
+    return shlex.join(["python3", "tests/gpu_peers", *arguments])
+
+
 def of(pairmaskd_machine, pairmaskd_version, script_commit):
     """The machine as `pairmaskd` names it, and what the peers stand on."""
     ours = {key: pairmaskd_machine[key] for key in ("cpu", "cores", "os", "kernel", "toolchain", "commit")}
@@ -36,5 +43,5 @@ def of(pairmaskd_machine, pairmaskd_version, script_commit):
         "warp": _version("warp-lang"),
         "newton": _version("newton"),
         "script_commit": script_commit,
-        "command": shlex.join(["python3", "tests/gpu_peers", *sys.argv[1:]]),
+        "command": _command(),
     }

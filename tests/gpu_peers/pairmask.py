@@ -1,20 +1,26 @@
 """Pairmask by its command line: scenes, exact pairs, and its own rows of the table."""
 
 import json
+import os
 import subprocess
 
 import pair_sets
 
 
 class Pairmask:
-    """A `pairmaskd` binary."""
+    """A `pairmaskd` binary; with `cache`, its calibration is kept in that folder."""
 
-    def __init__(self, binary):
+    def __init__(self, binary, cache=None):
         self.binary = binary
+        self.environment = os.environ | ({"XDG_CACHE_HOME": cache} if cache else {})
 
     def _run(self, *arguments):
         done = subprocess.run(
-            [self.binary, *map(str, arguments)], check=False, capture_output=True, text=True
+            [self.binary, *map(str, arguments)],
+            check=False,
+            capture_output=True,
+            text=True,
+            env=self.environment,
         )
         if done.returncode != 0:
             raise RuntimeError(f"pairmaskd {arguments[0]}: {done.stderr.strip()}")

@@ -90,7 +90,7 @@ class Report(unittest.TestCase):
         rows = list(self.ROWS)
         text = report.markdown({"machine": machine, "rows": rows, "ratios": report.ratios(rows)})
         self.assertIn("**3 of 10 lost**, no error", text)
-        self.assertIn("| uniform | 1,000 | **0.50** (2.000) |", text)
+        self.assertIn("| uniform | 1,000 | **0.50** (2.000) | – | – | – | warp-refit | 4.000 |", text)
 
 
 if __name__ == "__main__":
