@@ -82,6 +82,8 @@ class Report(unittest.TestCase):
     def test_a_peer_that_lost_a_pair_is_not_the_best(self):
         (found,) = report.ratios(self.ROWS)
         self.assertEqual((found["best_peer"], found["ratio"]), ("warp-refit", 0.5))
+        # The mask after 0.5, the list after 4 less the 0.5 of its visit.
+        self.assertEqual((found["in_hand_ms"], found["best_peer_in_hand_ms"]), (0.5, 3.5))
 
     def test_lost_pairs_are_told(self):
         machine = dict.fromkeys(
@@ -90,7 +92,7 @@ class Report(unittest.TestCase):
         rows = list(self.ROWS)
         text = report.markdown({"machine": machine, "rows": rows, "ratios": report.ratios(rows)})
         self.assertIn("**3 of 10 lost**, no error", text)
-        self.assertIn("| uniform | 1,000 | **0.50** (2.000) | – | – | – | warp-refit | 4.000 |", text)
+        self.assertIn("| uniform | 1,000 | **0.50** (2.000) | – | – | – | warp-refit (4.000) |", text)
 
 
 if __name__ == "__main__":
