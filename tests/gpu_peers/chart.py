@@ -3,7 +3,7 @@
     python3 tests/gpu_peers/chart.py --gpu tests/records/2026-11-22-h200/gpu_peers.json \\
         --cpu tests/records/2026-11-21-epyc-2-cores/peers.jsonl \\
         --cpu tests/records/2026-11-21-epyc-2-cores/peers-million.jsonl \\
-        --cpu-name "AMD EPYC, 2 cores, no GPU" --out tests/records/whole-frames.svg
+        --cpu-name "AMD EPYC, 2 cores, no GPU" --calibrated --out tests/records/whole-frames.svg
 """
 
 import argparse
@@ -43,15 +43,16 @@ class Panel:
     peers: dict
 
 
-def gpu_panel(path, scene):
-    """Rows of `gpu_peers.json`, as Pairmask comes, without a calibration."""
+def gpu_panel(path, scene, is_calibrated):
+    """Rows of `gpu_peers.json`: Pairmask as it comes, or after `pairmaskd calibrate`."""
+    suffix = "-calibrated" if is_calibrated else ""
     record = json.loads(path.read_text())
     machine = record["machine"]
     ratios = [row for row in record["ratios"] if row["scene"] == scene]
     lines, peers = {name: {} for name in COLOURS}, {}
     for row in ratios:
-        for line, ours in (("daemon", "pairmask-daemon"), ("in process", "pairmask-in-process")):
-            if row["ours"] == ours:
+        for line, backend in (("daemon", "daemon"), ("in process", "in-process")):
+            if row["ours"] == f"pairmask-{backend}{suffix}":
                 lines[line][row["n"]] = row["ours_ms"]
         lines["best peer"][row["n"]] = row["best_peer_ms"]
         peers[row["n"]] = row["best_peer"]
@@ -184,10 +185,11 @@ def main():
     parser.add_argument("--cpu", required=True, type=Path, action="append", help="peers.jsonl")
     parser.add_argument("--cpu-name", required=True, help="machine of those")
     parser.add_argument("--scene", default="uniform")
+    parser.add_argument("--calibrated", action="store_true", help="the GPU's rows after calibration")
     parser.add_argument("--out", required=True, type=Path)
     options = parser.parse_args()
     panels = [
-        gpu_panel(options.gpu, options.scene),
+        gpu_panel(options.gpu, options.scene, options.calibrated),
         cpu_panel(options.cpu, options.scene, options.cpu_name),
     ]
     options.out.write_text(chart(panels))
