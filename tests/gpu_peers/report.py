@@ -1,0 +1,152 @@
+"""The rows as a Markdown table, and the ratio to the best peer."""
+
+# A row whose list is not the exact set is nobody's best peer.
+
+# Ours, in the order of the table of ratios.
+OURS = (
+    "pairmask-daemon",
+    "pairmask-daemon-calibrated",
+    "pairmask-in-process",
+    "pairmask-in-process-calibrated",
+)
+
+
+def is_exact(row):
+    """Whether every checked frame of a row had exactly the exact pairs."""
+    return row["error"] is None and all(row[frame]["is_exact"] for frame in ("first", "last"))
+
+
+def is_ours(row):
+    return row["contender"].startswith("pairmask-")
+
+
+def settings(rows):
+    """Scene and number of boxes of the rows, each once, in their order."""
+    return list(dict.fromkeys((row["scene"], row["n"]) for row in rows))
+
+
+def in_hand_ms(row):
+    """Boxes in place → mask, or list, in hand: the frame without the visiting."""
+    return row["device_ms"] if is_ours(row) else round(row["total_ms"] - row["visit_ms"], 4)
+
+
+def ratios(rows):
+    """For every scene and size, our medians over that of the best peer that lost nothing."""
+    found = []
+    for scene, n in settings(rows):
+        here = [row for row in rows if (row["scene"], row["n"]) == (scene, n)]
+        peers = [row for row in here if not is_ours(row) and is_exact(row)]
+        best = min(peers, key=lambda row: row["total_ms"], default=None)
+        first = min(map(in_hand_ms, peers), default=None)
+        for ours in (row for row in here if is_ours(row) and row["error"] is None):
+            found.append(
+                {
+                    "scene": scene,
+                    "n": n,
+                    "ours": ours["contender"],
+                    "ours_ms": ours["total_ms"],
+                    "best_peer": best and best["contender"],
+                    "best_peer_ms": best and best["total_ms"],
+                    "ratio": best and round(ours["total_ms"] / best["total_ms"], 3),
+                    "in_hand_ms": in_hand_ms(ours),
+                    "best_peer_in_hand_ms": first,
+                    "in_hand_ratio": first and round(in_hand_ms(ours) / first, 3),
+                }
+            )
+    return found
+
+
+def pairs_cell(row):
+    """What became of the pairs, of the worse of the two checked frames."""
+    if is_ours(row):
+        return "exact by its tests"
+    checked = max((row["first"], row["last"]), key=lambda c: c["missed"] + c["extra"] + c["repeated"])
+    if checked["is_exact"]:
+        return f"{checked['expected']:,}: exact"
+    if checked["counted"] > checked["capacity"]:
+        return f"{checked['counted']:,} counted, room for {checked['capacity']:,}"
+    parts = [f"**{checked['missed']:,} of {checked['expected']:,} lost**"] if checked["missed"] else []
+    parts += [f"{checked[what]:,} {what}" for what in ("extra", "repeated") if checked[what]]
+    return ", ".join(parts) + ", no error"
+
+
+def number(ms):
+    return "–" if ms is None else f"{ms:.3f}"
+
+
+def ratio_table(found, rows, value, ratio, best):
+    """A line for every scene and size: our ratios, our times in brackets, and the best peer's."""
+    lines = [
+        "| scene | boxes | daemon | daemon, calibrated | in process | in process, calibrated | best peer |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for scene, n in settings(rows):
+        ours = {row["ours"]: row for row in found if (row["scene"], row["n"]) == (scene, n)}
+        cells = [f"{scene}", f"{n:,}"]
+        for name in OURS:
+            row = ours.get(name)
+            if row is None:
+                cells.append("–")
+                continue
+            share = "–" if row[ratio] is None else f"**{row[ratio]:.2f}**"
+            cells.append(f"{share} ({number(row[value])})")
+        any_row = next(iter(ours.values()), None)
+        cells.append("–" if any_row is None else best(any_row))
+        lines.append(f"| {' | '.join(cells)} |")
+    return lines
+
+
+def markdown(report):
+    machine, rows = report["machine"], report["rows"]
+    lines = [
+        "# Whole frames against GPU peers",
+        "",
+        f"{machine['gpu'] or 'no GPU'}, driver {machine['driver']}; {machine['cpu']}, {machine['cores']} cores; "
+        f"{machine['os']}. Pairmask at {machine['commit']}, Warp {machine['warp']}, Newton {machine['newton']}, "
+        f"numpy {machine['numpy']}, Python {machine['python']}.",
+        "",
+        f"`{machine['command']}`",
+        "",
+        "Medians, ms. Total: boxes in place (shared memory; pinned memory) → every pair visited by one thread; "
+        "writing the boxes there stands beside it, and in the last total. Of Pairmask, device is the round trip, "
+        "there is no copy (the mask lies where the client reads it), and the total is the sum of the two medians. "
+        "Stages of the peers were timed in frames of their own, with a wait after each.",
+        "",
+        "## Our time over the best peer's",
+        "",
+        "`calibrated`: after `pairmaskd calibrate`. In brackets our time.",
+        "",
+        *ratio_table(
+            report["ratios"],
+            rows,
+            "ours_ms",
+            "ratio",
+            lambda row: f"{row['best_peer'] or '–'} ({number(row['best_peer_ms'])})",
+        ),
+        "",
+        "## The same without visiting: mask in hand over list in hand",
+        "",
+        *ratio_table(
+            report["ratios"],
+            rows,
+            "in_hand_ms",
+            "in_hand_ratio",
+            lambda row: number(row["best_peer_in_hand_ms"]),
+        ),
+    ]
+    lines += [
+        "",
+        "## All rows",
+        "",
+        "| scene | boxes | | write | device | copy | visit | total | with write | pairs |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        head = f"| {row['scene']} | {row['n']:,} | {row['contender']} |"
+        if row["error"] is not None:
+            lines.append(f"{head} – | – | – | – | – | – | {row['error']} |")
+            continue
+        stages = ("write_ms", "device_ms", "copy_ms", "visit_ms", "total_ms", "with_write_ms")
+        times = " | ".join(number(row[stage]) for stage in stages)
+        lines.append(f"{head} {times} | {pairs_cell(row)} |")
+    return "\n".join(lines) + "\n"
