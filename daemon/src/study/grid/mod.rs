@@ -18,6 +18,7 @@ pub use self::floor::{Bandwidth, StageRow};
 pub use self::report::markdown;
 use super::machine::Machine;
 use crate::execute::gpu::bench::{BenchError, grid::GridRow};
+use crate::file_error::{Access, advice};
 use crate::execute::gpu::{Gpu, GpuChoice, GpuError, HostImport, OpenError};
 
 /// What is measured and where it goes.
@@ -48,7 +49,7 @@ pub enum GridError {
     #[error(transparent)]
     Bench(#[from] BenchError),
     /// The report could not be written.
-    #[error("the report was not written to {folder}: {error}")]
+    #[error("{}: {}", folder.display(), advice(Access::WriteInto, error))]
     Write {
         /// Where to.
         folder: PathBuf,

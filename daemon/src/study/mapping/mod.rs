@@ -31,6 +31,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
+use crate::file_error::{Access, advice};
 use crate::execute::gpu::{Checks, Gpu, GpuChoice, GpuError, HostImport, OpenError};
 
 use self::gpu::Bench;
@@ -62,7 +63,7 @@ pub enum MappingError {
     #[error(transparent)]
     Gpu(#[from] GpuError),
     /// The report could not be written.
-    #[error("the report was not written to {folder}: {error}")]
+    #[error("{}: {}", folder.display(), advice(Access::WriteInto, error))]
     Write {
         /// Where to.
         folder: PathBuf,

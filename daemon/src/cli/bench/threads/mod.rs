@@ -16,6 +16,7 @@ use super::machine::Machine;
 use super::scenes::SceneSizes;
 use crate::cli::calibrate::{core_count, thread_counts};
 use crate::cli::output::{print_json, print_text, progress_bar};
+use crate::cli::whole::whole;
 use crate::scene::SceneName;
 use crate::study::engines::{Case, CaseTimes, Effort, Pools, WaySet, measure, update_times};
 
@@ -45,7 +46,7 @@ pub struct ThreadsBench {
     #[command(flatten)]
     what: SceneSizes,
     /// Numbers of threads [default: 1, 2, 4 … all cores]
-    #[arg(long, value_name = "N,..", value_delimiter = ',')]
+    #[arg(long, value_parser = whole::<NonZeroUsize>, value_name = "N,..", value_delimiter = ',')]
     threads: Vec<NonZeroUsize>,
     /// Folder for threads.csv and threads.json
     #[arg(long, value_name = "DIR")]
