@@ -78,9 +78,8 @@ mod tests {
 
     #[test]
     fn an_error_names_the_file_and_what_to_do() {
-        let text = |access, kind: ErrorKind| {
-            FileError::of("some/file", access)(kind.into()).to_string()
-        };
+        let text =
+            |access, kind: ErrorKind| FileError::of("some/file", access)(kind.into()).to_string();
         for (access, kind, advice) in [
             (Access::Read, ErrorKind::NotFound, "check its name"),
             (Access::Write, ErrorKind::NotFound, "create it"),

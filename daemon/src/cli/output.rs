@@ -7,7 +7,7 @@ use std::time::Duration;
 use indicatif::{ProgressBar, ProgressFinish, ProgressStyle};
 use serde::Serialize;
 
-use crate::file_error::{Access, advice};
+use crate::file_error::{Access, FileError, advice};
 
 /// Why a result could not be written.
 #[derive(Debug, thiserror::Error)]
@@ -45,6 +45,13 @@ pub fn print_bytes(bytes: &[u8]) -> Result<(), OutputError> {
     stdout.write_all(bytes)?;
     stdout.flush()?;
     Ok(())
+}
+
+/// Makes the folder that results are for, before hours are spent on them.
+pub fn make_folder(folder: Option<&Path>) -> Result<(), FileError> {
+    let made =
+        |folder| std::fs::create_dir_all(folder).map_err(FileError::of(folder, Access::WriteInto));
+    folder.map_or(Ok(()), made)
 }
 
 /// Text and a line's end on stderr, as far as somebody takes it.

@@ -51,8 +51,11 @@ impl Look {
     pub fn warning_of_boxes(self, n: u32, useless: Useless) -> Option<String> {
         let Useless { empty, invalid } = useless;
         let count = u64::from(empty) + u64::from(invalid);
-        let hint =
-            if self.reads_as_spheres { "the file reads as spheres: try --shape spheres" } else { "" };
+        let hint = if self.reads_as_spheres {
+            "the file reads as spheres: try --shape spheres"
+        } else {
+            ""
+        };
         if n > 0 && count == u64::from(n) {
             let hint = if hint.is_empty() { "is it a file of boxes?" } else { hint };
             Some(format!(

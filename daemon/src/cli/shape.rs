@@ -40,9 +40,9 @@ pub fn command() -> Command {
 
 fn shaped(command: Command, path: &str, shared: &[Arg]) -> Command {
     let without_use = WITHOUT_USE.iter().find(|(name, _)| *name == path);
-    let hidden = shared.iter().filter(|arg| {
-        without_use.is_some_and(|(_, ids)| ids.contains(&arg.get_id().as_str()))
-    });
+    let hidden = shared
+        .iter()
+        .filter(|arg| without_use.is_some_and(|(_, ids)| ids.contains(&arg.get_id().as_str())));
     // clap hands a shared setting down to a command unless it has one of that name.
     let command = command.args(hidden.map(|arg| arg.clone().hide(true)));
     let command = command.mut_args(|arg| {
@@ -90,7 +90,8 @@ mod tests {
         for (path, _) in WITHOUT_USE {
             assert!(found.iter().any(|(name, _)| name == path), "no command {path}");
         }
-        let named = |path: &str| found.iter().find(|(name, _)| name == path).map(|(_, c)| c.clone());
+        let named =
+            |path: &str| found.iter().find(|(name, _)| name == path).map(|(_, c)| c.clone());
         for (path, flag, is_listed) in [
             ("cull", "--instance", true),
             ("serve", "--calibration", true),
@@ -133,8 +134,11 @@ mod tests {
                     let line = path.split(' ').map(str::to_owned);
                     let words = std::iter::once("pairmaskd".to_owned()).chain(line);
                     let words: Vec<_> = words.chain([format!("--{long}={value}")]).collect();
-                    let Err(error) = super::command().try_get_matches_from(&words) else { continue };
-                    let words: Vec<std::ffi::OsString> = words.into_iter().map(Into::into).collect();
+                    let Err(error) = super::command().try_get_matches_from(&words) else {
+                        continue;
+                    };
+                    let words: Vec<std::ffi::OsString> =
+                        words.into_iter().map(Into::into).collect();
                     let text = super::super::usage::one_line(&error, &super::command(), &words);
                     for jargon in ["type", "digit found", "parse", "zero for", "not in "] {
                         assert!(!text.contains(jargon), "{path} --{long}={value}: {text}");

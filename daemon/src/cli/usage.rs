@@ -4,7 +4,7 @@ use std::error::Error as _;
 use std::ffi::{OsStr, OsString};
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
-use clap::{Arg, Command, Error};
+use clap::{Command, Error};
 
 /// What is wrong with `arguments`, and which help says more.
 pub fn one_line(error: &Error, command: &Command, arguments: &[OsString]) -> String {
@@ -41,8 +41,7 @@ fn what(error: &Error, command: &Command, arguments: &[OsString]) -> String {
     let text = |kind| error.get(kind).map(words).unwrap_or_default();
     let (flag, value) = (text(ContextKind::InvalidArg), text(ContextKind::InvalidValue));
     match error.kind() {
-        ErrorKind::MissingSubcommand
-        | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
+        ErrorKind::MissingSubcommand | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
             format!("a command is missing, one of {}", visible_commands(command))
         }
         ErrorKind::InvalidSubcommand => {
@@ -81,17 +80,20 @@ fn what(error: &Error, command: &Command, arguments: &[OsString]) -> String {
 
 /// The value that is wrong, and where it is from: a flag, or a variable that nobody typed.
 fn given(flag: &str, value: &str, command: &Command, arguments: &[OsString]) -> String {
-    let arg = command.get_arguments().find(|arg| arg.to_string() == flag);
-    match arg.and_then(|arg| Some((arg.get_env()?, arg))) {
-        Some((variable, arg)) if !is_typed(arg, arguments) => {
+    let flag = bare(flag);
+    let long = flag.strip_prefix("--");
+    let arg = long.and_then(|long| {
+        command.get_arguments().find(|arg| arg.get_long() == Some(long)).zip(Some(long))
+    });
+    match arg.and_then(|(arg, long)| Some((arg.get_env()?, long))) {
+        Some((variable, long)) if !is_typed(long, arguments) => {
             format!("'{value}' in {}", variable.to_string_lossy())
         }
-        _ => format!("'{value}' for {}", bare(flag)),
+        _ => format!("'{value}' for {flag}"),
     }
 }
 
-fn is_typed(arg: &Arg, arguments: &[OsString]) -> bool {
-    let Some(long) = arg.get_long() else { return true };
+fn is_typed(long: &str, arguments: &[OsString]) -> bool {
     arguments.iter().filter_map(|word| word.to_str()?.strip_prefix("--")).any(|word| {
         word.strip_prefix(long).is_some_and(|rest| rest.is_empty() || rest.starts_with('='))
     })

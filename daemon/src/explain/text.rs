@@ -3,9 +3,7 @@
 use std::fmt;
 
 use super::gap::number;
-use super::{
-    AxisReport, BoxReport, Explanation, GridReport, PlaceReport, SentReport, Separation,
-};
+use super::{AxisReport, BoxReport, Explanation, GridReport, PlaceReport, SentReport, Separation};
 
 impl fmt::Display for Explanation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -151,13 +149,19 @@ fn place_line(
     };
     let ends = place.first_cell.iter().zip(&place.last_cell);
     let cells: Vec<String> = ends
-        .map(|(first, last)| {
-            if first == last { first.to_string() } else { format!("{first}..{last}") }
-        })
+        .map(
+            |(first, last)| {
+                if first == last { first.to_string() } else { format!("{first}..{last}") }
+            },
+        )
         .collect();
     let unit = mode_cells.unwrap_or([1.0; 3]);
-    let edges: Vec<String> =
-        place.cell_edges.iter().zip(unit).map(|(edge, unit)| number(f64::from(*edge) * unit)).collect();
+    let edges: Vec<String> = place
+        .cell_edges
+        .iter()
+        .zip(unit)
+        .map(|(edge, unit)| number(f64::from(*edge) * unit))
+        .collect();
     write!(f, "  cpu-grid  box {index}: level {} of {}", place.level, grid.levels)?;
     writeln!(f, ", cells ({}) of about {} units", cells.join(", "), edges.join(" × "))
 }

@@ -214,7 +214,9 @@ mod tests {
         let svg = super::super::svg::plot(&comparisons);
         let panel = "In process, without a daemon, engine by the plan, 2 threads";
         assert!(svg.contains(panel) && svg.ends_with("</svg>\n"), "{svg}");
-        for said in ["Below 1 Pairmask is faster", "boxes in the scene", "fastest of ", "as fast as"] {
+        for said in
+            ["Below 1 Pairmask is faster", "boxes in the scene", "fastest of ", "as fast as"]
+        {
             assert!(svg.contains(said), "{said}: {svg}");
         }
         assert_eq!((svg.matches("<path").count(), svg.matches("<circle").count()), (1, 2));

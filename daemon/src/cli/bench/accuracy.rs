@@ -14,8 +14,8 @@ use pairmask::{BoxCount, EngineChoice};
 use super::target::Target;
 use crate::cli::config::Config;
 use crate::cli::options::{CullOptions, DaemonOptions, Place};
+use crate::cli::output::{OutputError, make_folder, print_json, print_text, progress_bar, spinner};
 use crate::cli::whole::whole;
-use crate::cli::output::{OutputError, print_json, print_text, progress_bar, spinner};
 use crate::execute::gpu::adapter::choose;
 use crate::execute::gpu::{GpuChoice, list_adapters};
 use crate::file_error::{Access, FileError};
@@ -148,9 +148,7 @@ impl Accuracy {
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), AccuracyError> {
         // Read before hours are spent.
         let old = self.compare.as_deref().map(read_report).transpose()?;
-        if let Some(dir) = &self.out {
-            fs::create_dir_all(dir).map_err(FileError::of(dir, Access::WriteInto))?;
-        }
+        make_folder(self.out.as_deref())?;
         let report = self.measure(place, config)?;
         if let Some(dir) = &self.out {
             write_report(dir, &report)?;

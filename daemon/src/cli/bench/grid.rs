@@ -7,7 +7,7 @@ use clap::Args;
 use super::BenchError;
 use crate::cli::config::Config;
 use crate::cli::options::DaemonOptions;
-use crate::cli::output::{print_text, spinner};
+use crate::cli::output::{make_folder, print_text, spinner};
 use crate::cli::whole::whole;
 use crate::study::grid::{GridOptions, run_and_print};
 
@@ -52,6 +52,7 @@ impl Grid {
             out: self.out.clone(),
             json: self.json,
         };
+        make_folder(self.out.as_deref())?;
         let progress = spinner("measuring");
         let mut text = Vec::new();
         run_and_print(&options, &mut text)?;

@@ -7,9 +7,9 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use clap::Args;
-use pairmask::{Backend, BoxCount};
 use pairmask::engine::UnknownName;
 use pairmask::session::{ConnectError, SessionBuilder};
+use pairmask::{Backend, BoxCount};
 
 use super::accuracy::AccuracyError;
 use super::closed_loop::{self, Lengths};

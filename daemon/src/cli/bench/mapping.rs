@@ -7,7 +7,7 @@ use clap::Args;
 use super::BenchError;
 use crate::cli::config::Config;
 use crate::cli::options::DaemonOptions;
-use crate::cli::output::{print_text, spinner};
+use crate::cli::output::{make_folder, print_text, spinner};
 use crate::study::mapping::{MappingOptions, run_and_print};
 
 /// Error and time of the ways from a pair's number k to the pair (a, b), beside the paper's
@@ -46,6 +46,7 @@ impl Mapping {
             out: self.out.clone(),
             json: self.json,
         };
+        make_folder(self.out.as_deref())?;
         let progress = spinner("measuring");
         let mut text = Vec::new();
         run_and_print(&options, &mut text)?;

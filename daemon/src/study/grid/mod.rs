@@ -18,8 +18,8 @@ pub use self::floor::{Bandwidth, StageRow};
 pub use self::report::markdown;
 use super::machine::Machine;
 use crate::execute::gpu::bench::{BenchError, grid::GridRow};
-use crate::file_error::{Access, advice};
 use crate::execute::gpu::{Gpu, GpuChoice, GpuError, HostImport, OpenError};
+use crate::file_error::{Access, advice};
 
 /// What is measured and where it goes.
 #[derive(Clone, Debug, Default)]

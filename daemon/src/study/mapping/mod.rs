@@ -31,8 +31,8 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-use crate::file_error::{Access, advice};
 use crate::execute::gpu::{Checks, Gpu, GpuChoice, GpuError, HostImport, OpenError};
+use crate::file_error::{Access, advice};
 
 use self::gpu::Bench;
 use self::plan::Plan;

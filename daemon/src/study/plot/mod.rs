@@ -123,7 +123,8 @@ mod tests {
             y_unit: Unit::Nanoseconds,
             lines: vec![Line { name: "one".to_owned(), points: vec![(10.0, 100.0), (100.0, 1e3)] }],
         };
-        let file = standalone("all & sundry", &["a line".to_owned()], &[lines.draw(), lines.draw()]);
+        let file =
+            standalone("all & sundry", &["a line".to_owned()], &[lines.draw(), lines.draw()]);
         assert!(file.starts_with("<svg class=\"plot\" xmlns=\"http://www.w3.org/2000/svg\""));
         assert_eq!(file.matches("<svg").count(), 1, "plots are groups of one element");
         let style = file.find("<style>").expect("a style");

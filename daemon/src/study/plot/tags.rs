@@ -66,7 +66,12 @@ impl Area {
 
     /// What a level or upright line between two points covers.
     pub(super) fn of_line([x, y]: [f64; 2], [u, v]: [f64; 2]) -> Self {
-        Self { left: x.min(u) - 1.0, top: y.min(v) - 1.0, right: x.max(u) + 1.0, bottom: y.max(v) + 1.0 }
+        Self {
+            left: x.min(u) - 1.0,
+            top: y.min(v) - 1.0,
+            right: x.max(u) + 1.0,
+            bottom: y.max(v) + 1.0,
+        }
     }
 
     /// What a name covers.
@@ -117,15 +122,13 @@ mod tests {
     fn names_cover_neither_each_other_nor_points_nor_lines() {
         let at: Vec<[f64; 2]> =
             (0..6).map(|i| [300.0 + 4.0 * f64::from(i), 200.0 + 3.0 * f64::from(i)]).collect();
-        let wishes: Vec<Wish<'_>> = at.iter().map(|at| Wish { at: *at, text: "margin=0.1" }).collect();
+        let wishes: Vec<Wish<'_>> =
+            at.iter().map(|at| Wish { at: *at, text: "margin=0.1" }).collect();
         let points: Vec<Area> = at.iter().copied().map(Area::of_point).collect();
         let line = Area::of_line([320.0, 100.0], [320.0, 300.0]);
         let places = place(&wishes, &points, &[line]);
-        let areas: Vec<Area> = places
-            .iter()
-            .flatten()
-            .map(|place| Area::of_text(place, "margin=0.1"))
-            .collect();
+        let areas: Vec<Area> =
+            places.iter().flatten().map(|place| Area::of_text(place, "margin=0.1")).collect();
         assert!(areas.len() >= 4, "{places:?}");
         for (i, area) in areas.iter().enumerate() {
             assert!(area.is_within(&AREA), "{area:?}");
@@ -139,7 +142,10 @@ mod tests {
         let wish = Wish { at: [300.0, 200.0], text: "name" };
         let everywhere = Area { left: 0.0, top: 0.0, right: 1e3, bottom: 1e3 };
         assert_eq!(place(&[wish], &[everywhere], &[]), [None]);
-        assert!(place(&[wish], &[], &[everywhere])[0].is_some(), "a line is crossed for want of room");
+        assert!(
+            place(&[wish], &[], &[everywhere])[0].is_some(),
+            "a line is crossed for want of room"
+        );
     }
 
     #[test]

@@ -30,11 +30,19 @@ struct Choice {
 fn when(kind: &str) -> &'static str {
     match kind {
         "exact" => "in doubt. No pair is extra, and nothing else is to be known about the scene.",
-        "q16" => "boxes cross a slow link to a GPU and the scene's bounds are known: half the bytes, hardly an extra pair.",
-        "q8" => "a coarse first filter is enough, and pairs are tested again: a quarter of the bytes, many extra pairs.",
+        "q16" => {
+            "boxes cross a slow link to a GPU and the scene's bounds are known: half the bytes, hardly an extra pair."
+        }
+        "q8" => {
+            "a coarse first filter is enough, and pairs are tested again: a quarter of the bytes, many extra pairs."
+        }
         "f16" => "as q16 where no bounds are known; finest near the origin.",
-        "margin" => "boxes move little from frame to frame: most frames are answered by the mask of an earlier one.",
-        "f64" => "the world is wider than f32 can tell apart: coordinates in f64, far from the origin.",
+        "margin" => {
+            "boxes move little from frame to frame: most frames are answered by the mask of an earlier one."
+        }
+        "f64" => {
+            "the world is wider than f32 can tell apart: coordinates in f64, far from the origin."
+        }
         "plain-f32" => "never. It shows what rounding a wide world to f32 does.",
         "spheres" => "objects are round, or tested as spheres anyway.",
         _ => "",
@@ -60,9 +68,12 @@ fn choices(rows: &[AccuracyRow]) -> Vec<Choice> {
         Choice {
             mode: mode.clone(),
             kind: its.first().map_or_else(String::new, |row| row.mode.clone()),
-            time: ratios.iter().copied().min_by(f64::total_cmp).zip(
-                ratios.iter().copied().max_by(f64::total_cmp),
-            ).map(|(least, most)| [least, most]),
+            time: ratios
+                .iter()
+                .copied()
+                .min_by(f64::total_cmp)
+                .zip(ratios.iter().copied().max_by(f64::total_cmp))
+                .map(|(least, most)| [least, most]),
             faster,
             extra: errors.into_iter().max_by(f64::total_cmp),
             missed: its.iter().map(missed).sum(),
