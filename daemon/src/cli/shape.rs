@@ -140,7 +140,7 @@ mod tests {
                     let words: Vec<std::ffi::OsString> =
                         words.into_iter().map(Into::into).collect();
                     let text = super::super::usage::one_line(&error, &super::command(), &words);
-                    for jargon in ["type", "digit found", "parse", "zero for", "not in "] {
+                    for jargon in [" type", "digit found", "cannot parse", "zero for", "not in "] {
                         assert!(!text.contains(jargon), "{path} --{long}={value}: {text}");
                     }
                     tried += 1;

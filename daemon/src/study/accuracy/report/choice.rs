@@ -103,7 +103,7 @@ pub(super) fn table(rows: &[AccuracyRow]) -> Markup {
             }
             @for choice in choices(rows) {
                 tr {
-                    td.name { strong { (choice.mode) } }
+                    td.name { strong { (breakable(&choice.mode)) } }
                     td.name { (when(&choice.kind)) (here(&choice)) }
                     td { (time(&choice)) }
                     td { (extra(&choice)) }
@@ -111,6 +111,16 @@ pub(super) fn table(rows: &[AccuracyRow]) -> Markup {
                 }
             }
         } }
+    }
+}
+
+/// A mode's name, which a narrow screen may break before its number.
+fn breakable(mode: &str) -> Markup {
+    html! {
+        @match mode.split_once('=') {
+            Some((name, number)) => { (name) "=" wbr; (number) }
+            None => { (mode) }
+        }
     }
 }
 

@@ -26,7 +26,7 @@ td,th{white-space:nowrap;padding:.15rem .7rem;text-align:right;border-bottom:1px
 td.name,th.name{text-align:left}.facts td,td.long{white-space:normal}.rows{font-size:13px}\
 .rows td,.rows th{padding:.1rem .45rem}.rows tr:hover{background:#8882}\
 .scroll{overflow-x:auto}.choice td,.choice th{white-space:normal;vertical-align:top}.choice .name:nth-child(2){min-width:11em;max-width:36em}.facts td{overflow-wrap:anywhere}summary{cursor:pointer;margin:.5rem 0}\
-@media(max-width:600px){body{margin:1rem auto;padding:0 .6rem}h1{font-size:1.5rem}td,th{padding:.15rem .35rem}.choice{font-size:12px}.choice td.name{overflow-wrap:anywhere}}\
+@media(max-width:600px){body{margin:1rem auto;padding:0 .6rem}h1{font-size:1.5rem}td,th{padding:.15rem .3rem}.choice{font-size:11.5px}.choice .name:nth-child(2){min-width:8em}}\
 .good{color:#009e73;font-weight:600}.bad{color:#d55e00;font-weight:600}";
 
 /// The whole report as one HTML page that loads nothing.
