@@ -69,7 +69,7 @@ fn one_line(text: &str, error: &toml::de::Error) -> String {
     let what = what.replace("unknown field", "unknown key");
     let what = what.replace(", expected one of", ", the keys are");
     let start = error.span().map_or(0, |span| span.start.min(text.len()));
-    let number = text.as_bytes()[..start].iter().filter(|byte| **byte == b'\n').count();
+    let number = text.get(..start).unwrap_or_default().matches('\n').count();
     let line: String =
         text.lines().nth(number).unwrap_or_default().chars().take(QUOTED_CHARS).collect();
     format!("line {} ({}): {what}", number + 1, line.trim())

@@ -1,5 +1,4 @@
 //! What drivers would print on the user's terminal.
-#![allow(unsafe_code)]
 
 /// Mesa's layer that sorts adapters asks the user's display which one it runs on, and complains on
 /// stderr where there is none to ask (`XDG_RUNTIME_DIR is invalid or not set`). Users choose by
@@ -9,6 +8,7 @@ const NO_SORTING_LAYER: &str = "NODEVICE_SELECT";
 
 /// Switches that layer off for this process and those that it starts, unless the user decided. Call
 /// it first: where the process has other threads already, nothing is changed.
+#[allow(unsafe_code)]
 pub fn hush_drivers() {
     if std::env::var_os(NO_SORTING_LAYER).is_some() || !is_single_threaded() {
         return;

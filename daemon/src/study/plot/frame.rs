@@ -20,6 +20,8 @@ const KEY_ROW: f64 = 20.0;
 /// Width of a character, about, at the size that phones get: what is laid out by it does not collide
 /// at the smaller size of other screens either.
 pub(super) const CHAR_WIDTH: f64 = 8.8;
+/// Where the x axis ends.
+pub(super) const END: f64 = WIDTH - RIGHT;
 /// From the end of a label to the start of the next one, at least.
 const LABEL_GAP: f64 = 6.0;
 /// Where marks and the names beside them stand.
@@ -45,11 +47,6 @@ pub(super) struct Frame<'a> {
 impl Frame<'_> {
     pub(super) fn x(&self, value: f64) -> f64 {
         LEFT + (WIDTH - LEFT - RIGHT) * self.x.scale.place(value)
-    }
-
-    /// Where the x axis ends.
-    pub(super) const fn end(&self) -> f64 {
-        WIDTH - RIGHT
     }
 
     pub(super) fn y(&self, value: f64) -> f64 {

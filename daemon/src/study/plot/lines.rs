@@ -2,7 +2,7 @@
 
 use maud::html;
 
-use super::frame::{AREA, Axis, Frame, coordinate};
+use super::frame::{AREA, Axis, END, Frame, coordinate};
 use super::scale::Scale;
 use super::unit::Unit;
 use super::{Plot, series_class};
@@ -79,8 +79,8 @@ impl Lines {
         frame.around(&html! {
             @if let Some((at, name)) = level {
                 @let y = frame.y(at);
-                line.level x1=(coordinate(AREA.left)) x2=(coordinate(frame.end())) y1=(coordinate(y)) y2=(coordinate(y)) {}
-                text.tag x=(coordinate(frame.end() - 4.0)) y=(coordinate(y - 5.0)) text-anchor="end" { (name) }
+                line.level x1=(coordinate(AREA.left)) x2=(coordinate(END)) y1=(coordinate(y)) y2=(coordinate(y)) {}
+                text.tag x=(coordinate(END - 4.0)) y=(coordinate(y - 5.0)) text-anchor="end" { (name) }
             }
             @for (class, line) in lines.iter().filter(|(_, line)| !line.points.is_empty()) {
                 path class=(format!("line {class}")) d=(path(line)) {}
