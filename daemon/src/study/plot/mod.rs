@@ -99,7 +99,7 @@ pub fn standalone(title: &str, lines: &[String], plots: &[Plot]) -> String {
             rect width="100%" height="100%" fill="var(--paper)" {}
             text.title x=(GAP) y="24" style="font-size:17px" { (title) }
             @for (i, line) in lines.iter().enumerate() {
-                text x=(GAP) y=(HEAD - 8.0 + LINE * i as f64) { (line) }
+                text x=(GAP) y=(HEAD - 8.0 + LINE * i as f64) style="font-size:12px" { (line) }
             }
             @for (plot, top) in plots.iter().zip(tops) {
                 g transform=(format!("translate(0 {top})")) { (plot.marks) }
