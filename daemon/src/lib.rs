@@ -5,6 +5,7 @@ pub mod audit;
 pub mod cli;
 pub mod execute;
 pub mod explain;
+pub mod file_error;
 pub mod ingest;
 pub mod precision;
 pub mod publish;

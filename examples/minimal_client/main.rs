@@ -1,8 +1,21 @@
 //! The smallest client: four boxes in, the overlapping pairs out.
 
+use std::process::ExitCode;
+
 use pairmask::{Aabb, Session};
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
+fn main() -> ExitCode {
+    match run() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            // Errors are written to be read: each says what is wrong and what to do.
+            eprintln!("minimal_client: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run() -> Result<(), Box<dyn std::error::Error>> {
     // With nothing said, the session takes the daemon where one answers, else this process.
     let mut session = Session::builder().connect()?;
 

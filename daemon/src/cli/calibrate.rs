@@ -12,6 +12,8 @@ use serde::Serialize;
 
 use super::bench::Machine;
 use super::output::{OutputError, print_json, print_text, progress_bar};
+use super::whole::whole;
+use crate::file_error::{Access, FileError};
 use crate::scene::SceneName;
 use crate::study::engines::{
     Case, Effort, EngineStudyError, Pools, Row, WaySet, fit, measure, rows,
@@ -67,7 +69,7 @@ pub struct Calibrate {
     #[arg(long)]
     quick: bool,
     /// Threads at most [default: all cores; one where the machine is busy]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_parser = whole::<std::num::NonZeroUsize>, value_name = "N")]
     threads: Option<std::num::NonZeroUsize>,
     /// Print one JSON object
     #[arg(long)]
@@ -81,8 +83,8 @@ pub enum CalibrateError {
     Study(#[from] EngineStudyError),
     #[error("no cache directory: set HOME or XDG_CACHE_HOME, or name a file with --out")]
     NoFolder,
-    #[error("{}: {source}", path.display())]
-    Write { path: PathBuf, source: std::io::Error },
+    #[error(transparent)]
+    Write(#[from] FileError),
     #[error(transparent)]
     Output(#[from] OutputError),
 }
@@ -154,8 +156,7 @@ impl Calibrate {
         let built_in = Calibration::built_in(Isa::best());
         let calibration = fit(&rows, &built_in);
         if let Some(path) = &path {
-            store(path, &calibration, &machine)
-                .map_err(|source| CalibrateError::Write { path: path.clone(), source })?;
+            store(path, &calibration, &machine).map_err(FileError::of(path, Access::Write))?;
         }
         if self.dry_run && !self.json {
             print_text(encode(&calibration, &machine).trim_end())?;

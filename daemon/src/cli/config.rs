@@ -8,8 +8,10 @@ use pairmask::transport::InstanceName;
 use pairmask::{Backend, EncodingChoice, EngineChoice};
 use serde::{Deserialize, Deserializer};
 
+use super::whole::{Whole, whole};
 use crate::audit::AuditRate;
 use crate::execute::gpu::GpuChoice;
+use crate::file_error::{Access, FileError};
 
 /// Settings of a configuration file. Keys are the flags' names.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Deserialize)]
@@ -17,6 +19,7 @@ use crate::execute::gpu::GpuChoice;
 pub struct Config {
     #[serde(deserialize_with = "parsed")]
     pub instance: Option<InstanceName>,
+    #[serde(deserialize_with = "parsed")]
     pub runtime_dir: Option<PathBuf>,
     #[serde(deserialize_with = "parsed")]
     pub backend: Option<Backend>,
@@ -24,12 +27,17 @@ pub struct Config {
     pub engine: Option<EngineChoice>,
     #[serde(deserialize_with = "parsed")]
     pub encoding: Option<EncodingChoice>,
+    #[serde(deserialize_with = "number")]
     pub threads: Option<std::num::NonZeroUsize>,
+    #[serde(deserialize_with = "number")]
     pub spin_us: Option<u64>,
+    #[serde(deserialize_with = "number")]
     pub max_clients: Option<std::num::NonZeroU16>,
+    #[serde(deserialize_with = "number")]
     pub max_reply_mib: Option<std::num::NonZeroU32>,
     #[serde(deserialize_with = "parsed")]
     pub gpu: Option<GpuChoice>,
+    #[serde(deserialize_with = "number")]
     pub gpu_awake_ms: Option<u32>,
     #[serde(deserialize_with = "parsed")]
     pub calibration: Option<CalibrationChoice>,
@@ -41,16 +49,30 @@ pub struct Config {
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
     /// The file was named and cannot be read.
-    #[error("configuration {}: {source}", path.display())]
-    Read { path: PathBuf, source: std::io::Error },
+    #[error("configuration {0}")]
+    Read(FileError),
+    /// The user's own file is there and cannot be read, and nobody named it.
+    #[error("your configuration {0}; or name another by --config, /dev/null for none")]
+    ReadOwn(FileError),
     /// It is not TOML, or holds a key or value that means nothing.
-    #[error("configuration {}: {}", path.display(), one_line(source))]
-    Parse { path: PathBuf, source: Box<toml::de::Error> },
+    #[error("configuration {}, {}", path.display(), one_line(text, source))]
+    Parse { path: PathBuf, text: String, source: Box<toml::de::Error> },
 }
 
-/// The error without the excerpt that would spread it over several lines.
-fn one_line(error: &toml::de::Error) -> String {
-    error.message().replace('\n', " ")
+/// As much of a wrong line is quoted.
+const QUOTED_CHARS: usize = 60;
+
+/// Where in `text` and what, without the excerpt that would spread it over several lines.
+fn one_line(text: &str, error: &toml::de::Error) -> String {
+    let what = error.message().replace('\n', " ");
+    // Of the parser's words these are about the language that this program is written in.
+    let what = what.replace("unknown field", "unknown key");
+    let what = what.replace(", expected one of", ", the keys are");
+    let start = error.span().map_or(0, |span| span.start.min(text.len()));
+    let number = text.get(..start).unwrap_or_default().matches('\n').count();
+    let line: String =
+        text.lines().nth(number).unwrap_or_default().chars().take(QUOTED_CHARS).collect();
+    format!("line {} ({}): {what}", number + 1, line.trim())
 }
 
 /// A value that has a name, read as the command line reads it.
@@ -59,8 +81,24 @@ where
     D: Deserializer<'de>,
     T: FromStr<Err: std::fmt::Display>,
 {
-    let text = String::deserialize(deserializer)?;
-    text.parse().map(Some).map_err(serde::de::Error::custom)
+    match toml::Value::deserialize(deserializer)? {
+        toml::Value::String(text) => text.parse().map(Some).map_err(serde::de::Error::custom),
+        _ => Err(serde::de::Error::custom("must be text in quotes")),
+    }
+}
+
+/// A whole number, held to the limits of the command line.
+fn number<'de, D, T>(deserializer: D) -> Result<Option<T>, D::Error>
+where
+    D: Deserializer<'de>,
+    T: Whole,
+{
+    match toml::Value::deserialize(deserializer)? {
+        toml::Value::Integer(n) => {
+            whole(&n.to_string()).map(Some).map_err(serde::de::Error::custom)
+        }
+        _ => Err(serde::de::Error::custom("must be a whole number without quotes")),
+    }
 }
 
 impl Config {
@@ -74,10 +112,14 @@ impl Config {
             Err(error) if named.is_none() && error.kind() == std::io::ErrorKind::NotFound => {
                 return Ok(Self::default());
             }
-            Err(source) => return Err(ConfigError::Read { path, source }),
+            Err(source) => {
+                let error = FileError::of(path, Access::Read)(source);
+                let is_own = named.is_none();
+                return Err(if is_own { ConfigError::ReadOwn } else { ConfigError::Read }(error));
+            }
         };
-        toml::from_str(&text)
-            .map_err(|source| ConfigError::Parse { path, source: Box::new(source) })
+        let wrong = |source| ConfigError::Parse { path, text: text.clone(), source };
+        toml::from_str(&text).map_err(|source| wrong(Box::new(source)))
     }
 }
 
@@ -116,11 +158,18 @@ mod tests {
         for (text, named) in [
             ("motor = 'auto'", "motor"),
             ("engine = 'fast'", "fast"),
-            ("threads = 0", "nonzero"),
+            ("threads = 0", "line 1 (threads = 0): must be at least 1"),
+            ("\n\nthreads = 'x'", "line 3 (threads = 'x'): must be a whole number"),
+            ("max-clients = 70000", "must be at most 65535"),
+            ("spin-us = -1", "must be at least 0"),
+            ("gpu = true", "must be text in quotes"),
+            ("runtime-dir = 3", "must be text in quotes"),
+            ("threads = 1\n[[[", "line 2 ("),
             ("instance = 'A B'", "A B"),
         ] {
             let error = toml::from_str::<Config>(text).expect_err(text);
-            assert!(one_line(&error).contains(named), "{error}");
+            let line = one_line(text, &error);
+            assert!(line.contains(named) && !line.contains('\n'), "{line}");
         }
     }
 }

@@ -4,8 +4,9 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::output::{OutputError, print_json, print_text};
+use super::output::{OutputError, print_json, print_text, spinner};
 use super::raw_objects::{RawBoxes, RawObjectsError};
+use super::whole::whole;
 use crate::explain::{ExplainError, Explanation, SentBoxes};
 use crate::precision::PrecisionChoice;
 
@@ -25,8 +26,10 @@ pub struct Explain {
     #[arg(value_name = "FILE")]
     boxes: PathBuf,
     /// One box
+    #[arg(value_parser = whole::<u32>)]
     i: u32,
     /// The other box
+    #[arg(value_parser = whole::<u32>)]
     j: u32,
     /// How precisely boxes are told apart: exact, q16, q8, f16 or margin=X
     #[arg(long, value_name = "MODE", default_value_t)]
@@ -50,10 +53,12 @@ pub enum ExplainCommandError {
 impl Explain {
     /// Reads the file and explains the pair.
     pub fn run(&self) -> Result<(), ExplainCommandError> {
+        let progress = spinner("reading and explaining");
         let boxes = RawBoxes::open(&self.boxes)?.read()?;
         let sent = SentBoxes::of(self.precision, &boxes);
         let why = Explanation::of_sent(&boxes, &sent, self.i, self.j)
             .map_err(|source| ExplainCommandError::Pair { path: self.boxes.clone(), source })?;
+        progress.finish_and_clear();
         if self.json { print_json(&why) } else { print_text(why.to_string().trim_end()) }?;
         Ok(())
     }

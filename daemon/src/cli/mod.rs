@@ -11,22 +11,29 @@ mod cull;
 mod demo;
 mod error;
 mod explain;
+mod hush;
 mod options;
 mod output;
 mod percentiles;
 mod raw_objects;
 mod scene;
+mod scene_look;
 mod serve;
+mod shape;
 mod status;
 mod stress;
+mod usage;
+mod whole;
 
+use std::ffi::OsString;
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{FromArgMatches, Parser, Subcommand};
 
 use self::config::Config;
 use self::error::CliError;
 use self::options::Place;
+use self::output::{OutputError, print_aside};
 
 /// Finds the overlapping pairs of boxes for other processes, through shared memory.
 #[derive(Debug, Parser)]
@@ -68,16 +75,42 @@ enum Command {
 
 /// Runs the command that the process was started with.
 ///
-/// A wrong command line, `--help` and `--version` end the process at once.
+/// Call it first in `main`: it says how the process is set up.
 pub fn main() -> ExitCode {
-    match run(&Cli::parse()) {
+    hush::hush_drivers();
+    let arguments: Vec<OsString> = std::env::args_os().collect();
+    let done = parse(&arguments).and_then(|cli| cli.map_or(Ok(()), |cli| run(&cli)));
+    match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if error.is_closed_pipe() => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("pairmaskd: {error}");
+            if !error.was_said() {
+                print_aside(&format!("pairmaskd: {}", on_one_line(&error.to_string())));
+            }
             ExitCode::from(error.exit_code())
         }
     }
+}
+
+/// What was asked for; `None` where that was help or the version, which stand on stdout then.
+fn parse(arguments: &[OsString]) -> Result<Option<Cli>, CliError> {
+    let command = shape::command();
+    let matches = command.clone().try_get_matches_from(arguments);
+    match matches.and_then(|matches| Cli::from_arg_matches(&matches)) {
+        Ok(cli) => Ok(Some(cli)),
+        Err(error) if error.use_stderr() => {
+            Err(CliError::Usage(usage::one_line(&error, &command, arguments)))
+        }
+        Err(help) => {
+            help.print().map_err(OutputError::from)?;
+            Ok(None)
+        }
+    }
+}
+
+/// Names that users give may hold anything, and an error is one line.
+fn on_one_line(text: &str) -> String {
+    text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
 }
 
 fn run(cli: &Cli) -> Result<(), CliError> {
@@ -89,7 +122,8 @@ fn run(cli: &Cli) -> Result<(), CliError> {
         // Its supervisor read the configuration and passes every setting on as a flag.
         return serve.run(place, &Config::default());
     }
-    let config = Config::load(place.config_file())?;
+    let config =
+        if command.reads_config() { Config::load(place.config_file())? } else { Config::default() };
     match command {
         Command::Serve(serve) => serve.run(place, &config),
         Command::Cull(cull) => Ok(cull.run(place, &config)?),
@@ -105,23 +139,21 @@ fn run(cli: &Cli) -> Result<(), CliError> {
 }
 
 impl Command {
+    /// Whether a setting of the configuration file means something for it: what reads none does not
+    /// fail by a file that is wrong.
+    const fn reads_config(&self) -> bool {
+        match self {
+            Self::Calibrate(_) | Self::Scene(_) | Self::Explain(_) => false,
+            Self::Bench(bench) => bench.reads_config(),
+            _ => true,
+        }
+    }
+
     /// What is logged unless `PAIRMASK_LOG` says otherwise.
     const fn log_level(&self) -> &'static str {
         match self {
             Self::Serve(_) => "info",
             _ => "warn",
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use clap::CommandFactory;
-
-    use super::Cli;
-
-    #[test]
-    fn the_command_line_is_consistent() {
-        Cli::command().debug_assert();
     }
 }

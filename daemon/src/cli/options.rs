@@ -11,6 +11,7 @@ use pairmask::transport::{InstanceName, RuntimeDir};
 use pairmask::{Backend, EncodingChoice, EngineChoice, Session};
 
 use super::config::Config;
+use super::whole::whole;
 use crate::execute::gpu::GpuChoice;
 use crate::spawn::PrivateSettings;
 
@@ -98,7 +99,7 @@ pub struct CullOptions {
     #[arg(long, env = "PAIRMASK_ENCODING", value_name = "NAME")]
     encoding: Option<EncodingChoice>,
     /// Threads that an engine may use [default: the plan's choice]
-    #[arg(long, env = "PAIRMASK_THREADS", value_name = "N")]
+    #[arg(long, value_parser = whole::<NonZeroUsize>, env = "PAIRMASK_THREADS", value_name = "N")]
     threads: Option<NonZeroUsize>,
 }
 

@@ -1,16 +1,19 @@
 //! Where results, logs and progress go.
 
 use std::io::{IsTerminal, Write};
+use std::path::Path;
 use std::time::Duration;
 
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{ProgressBar, ProgressFinish, ProgressStyle};
 use serde::Serialize;
+
+use crate::file_error::{Access, FileError, advice};
 
 /// Why a result could not be written.
 #[derive(Debug, thiserror::Error)]
 pub enum OutputError {
     /// stdout is closed or full.
-    #[error("writing the result: {0}")]
+    #[error("standard output: {}", advice(Access::Write, .0))]
     Io(#[from] std::io::Error),
     /// It has no JSON form.
     #[error("writing the result as JSON: {0}")]
@@ -36,6 +39,32 @@ pub fn print_text(text: &str) -> Result<(), OutputError> {
     Ok(())
 }
 
+/// Bytes on stdout.
+pub fn print_bytes(bytes: &[u8]) -> Result<(), OutputError> {
+    let mut stdout = std::io::stdout().lock();
+    stdout.write_all(bytes)?;
+    stdout.flush()?;
+    Ok(())
+}
+
+/// Makes the folder that results are for, before hours are spent on them.
+pub fn make_folder(folder: Option<&Path>) -> Result<(), FileError> {
+    let made =
+        |folder| std::fs::create_dir_all(folder).map_err(FileError::of(folder, Access::WriteInto));
+    folder.map_or(Ok(()), made)
+}
+
+/// Text and a line's end on stderr, as far as somebody takes it.
+pub fn print_aside(text: &str) {
+    // Where stderr is closed or full, nobody is left to be told.
+    let _ = writeln!(std::io::stderr(), "{text}");
+}
+
+/// Whether a name for a file that is to be written means stdout.
+pub fn is_stdout(path: &Path) -> bool {
+    path == Path::new("-")
+}
+
 /// Nanoseconds with a unit that suits them.
 pub fn time_text(ns: u64) -> String {
     match ns {
@@ -58,7 +87,10 @@ pub fn progress_bar(len: u64, what: &str) -> ProgressBar {
     }
     let style = ProgressStyle::with_template("{msg} {wide_bar} {percent} % {eta}")
         .unwrap_or_else(|_| ProgressStyle::default_bar());
-    ProgressBar::new(len).with_style(style).with_message(what.to_owned())
+    ProgressBar::new(len)
+        .with_style(style)
+        .with_message(what.to_owned())
+        .with_finish(ProgressFinish::AndClear)
 }
 
 /// A line on stderr that shows work under way where somebody watches it, else nothing.
@@ -66,7 +98,10 @@ pub fn spinner(what: &str) -> ProgressBar {
     if !is_watched() {
         return ProgressBar::hidden();
     }
-    let spinner = ProgressBar::new_spinner().with_message(what.to_owned());
+    // An error ends it, too: what it drew is then cleared away.
+    let spinner = ProgressBar::new_spinner()
+        .with_message(what.to_owned())
+        .with_finish(ProgressFinish::AndClear);
     spinner.enable_steady_tick(Duration::from_millis(100));
     spinner
 }

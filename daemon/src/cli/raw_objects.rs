@@ -9,6 +9,8 @@ use std::path::{Path, PathBuf};
 use bytemuck::Pod;
 use pairmask::{Aabb, Sphere};
 
+use crate::file_error::{Access, FileError};
+
 const _: () = assert!(cfg!(target_endian = "little"), "objects are read as they lie in the file");
 
 /// Name that stands for stdin.
@@ -32,8 +34,8 @@ impl RawObject for Sphere {
 #[derive(Debug, thiserror::Error)]
 pub enum RawObjectsError {
     /// The system said no.
-    #[error("{}: {source}", path.display())]
-    Io { path: PathBuf, source: std::io::Error },
+    #[error(transparent)]
+    Io(#[from] FileError),
     /// Its size is not a multiple of an object's.
     #[error(
         "{} has {bytes} bytes, which is {} {plural} of {each} bytes and {} bytes more: is it truncated, or no file of {plural}?",
@@ -68,7 +70,7 @@ impl<T: RawObject> RawObjects<T> {
     /// # Errors
     /// [`RawObjectsError`].
     pub fn open(path: &Path) -> Result<Self, RawObjectsError> {
-        let failed = |source| RawObjectsError::Io { path: path.to_owned(), source };
+        let failed = |source| FileError::of(path, Access::Read)(source);
         let all_of = |mut stream: Box<dyn Read>| {
             let mut bytes = Vec::new();
             stream.read_to_end(&mut bytes).map(|_| bytes).map_err(failed)
@@ -111,7 +113,7 @@ impl<T: RawObject> RawObjects<T> {
             Source::File(mut file) => file.read_exact(memory),
             Source::Bytes(bytes) => bytes.as_slice().read_exact(memory),
         }
-        .map_err(|source| RawObjectsError::Io { path, source })
+        .map_err(|source| FileError::of(path, Access::Read)(source).into())
     }
 
     /// Reads the objects into memory of their own.

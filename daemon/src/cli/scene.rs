@@ -4,6 +4,9 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::output::{OutputError, is_stdout, print_bytes, spinner};
+use super::whole::whole;
+use crate::file_error::{Access, FileError};
 use crate::scene::{Scene as Boxes, SceneName};
 
 /// Write the boxes of a named scene to a file
@@ -15,33 +18,43 @@ seed give the same bytes on every machine.
 Examples:
   pairmaskd scene uniform 100000 boxes.f32
   pairmaskd scene pile 10000 pile.f32 --seed 7
-  pairmaskd cull pile.f32 --backend in-process")]
+  pairmaskd cull pile.f32 --backend in-process
+  pairmaskd scene torus 5000 - | pairmaskd cull -")]
 pub struct Scene {
     /// uniform, mixed, pile, plane, cubes, balls, skittles, torus, letters, one-cell, rods, giants,
     /// far or identical
     name: SceneName,
     /// Number of boxes
+    #[arg(value_parser = whole::<u32>)]
     n: u32,
-    /// File to write
+    /// File to write, `-` for stdout
     out: PathBuf,
     /// Another seed gives other boxes of the same kind
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, value_parser = whole::<u64>, default_value_t = 1)]
     seed: u64,
 }
 
 /// The file was not written.
 #[derive(Debug, thiserror::Error)]
-#[error("{}: {source}", path.display())]
-pub struct SceneCommandError {
-    path: PathBuf,
-    source: std::io::Error,
+pub enum SceneCommandError {
+    #[error(transparent)]
+    File(#[from] FileError),
+    #[error(transparent)]
+    Output(#[from] OutputError),
 }
 
 impl Scene {
     /// Writes the file.
     pub fn run(&self) -> Result<(), SceneCommandError> {
+        let progress = spinner(&format!("{} boxes", self.n));
         let scene = Boxes::new(self.name, self.n as usize, self.seed);
-        std::fs::write(&self.out, bytemuck::cast_slice::<_, u8>(scene.boxes()))
-            .map_err(|source| SceneCommandError { path: self.out.clone(), source })
+        let bytes = bytemuck::cast_slice::<_, u8>(scene.boxes());
+        if is_stdout(&self.out) {
+            print_bytes(bytes)?;
+        } else {
+            std::fs::write(&self.out, bytes).map_err(FileError::of(&self.out, Access::Write))?;
+        }
+        progress.finish_and_clear();
+        Ok(())
     }
 }

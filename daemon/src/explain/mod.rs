@@ -70,7 +70,7 @@ pub struct PlaceReport {
     pub first_cell: [i32; 3],
     /// The cell of its max corner.
     pub last_cell: [i32; 3],
-    /// Edges of a cell, about.
+    /// Edges of a cell, about: in units, or in cells of the mode where boxes are sent as cells.
     pub cell_edges: [f32; 3],
 }
 
@@ -142,7 +142,11 @@ impl Explanation {
             pair: [i, j],
             boxes: n,
             overlaps: overlaps(&two_sent),
-            reason: reason + &sent.verdict(overlaps(&two), overlaps(&two_sent)),
+            reason: if i == j {
+                reason
+            } else {
+                reason + &sent.verdict(overlaps(&two), overlaps(&two_sent))
+            },
             mode: sent.mode().to_owned(),
             pair_index: PairIndex::of(BoxCount::new(n), i.min(j), i.max(j)).map(PairIndex::get),
             box_reports: [BoxReport::of(i, &two[0]), BoxReport::of(j, &two[1])],

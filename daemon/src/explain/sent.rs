@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 
+use pairmask::precision::Widening;
 use pairmask::session::Margin;
 use pairmask::{Aabb, BoxForm, Precision};
 use serde::Serialize;
@@ -23,6 +24,8 @@ struct Form {
     /// What coordinates are.
     unit: &'static str,
     rule: String,
+    /// Edges of a cell, units; `None` where coordinates are no cells.
+    cell_edges: Option<[f64; 3]>,
 }
 
 /// What a mode makes of the two boxes.
@@ -34,6 +37,8 @@ pub struct SentReport {
     pub rule: String,
     /// Six coordinates of each box as text: cells by their numbers, others in units.
     pub coordinates: [[String; 6]; 2],
+    /// Edges of a cell on x, y and z, units; null where coordinates are no cells but units.
+    pub cell_edges: Option<[f64; 3]>,
     /// The three axes as they are sent, in the same unit; null unless both boxes are solid.
     pub axes: Option<[AxisReport; 3]>,
 }
@@ -81,6 +86,10 @@ impl<'a> SentBoxes<'a> {
                     BoxForm::F32 => "f32",
                 },
                 rule: format!("{bounds}{}", precision.widening()),
+                cell_edges: match precision.widening() {
+                    Widening::Cells(edges) => Some(edges),
+                    Widening::None | Widening::Relative { .. } => None,
+                },
             }),
         }
     }
@@ -89,13 +98,13 @@ impl<'a> SentBoxes<'a> {
     pub fn inflated(margin: Margin, sent: impl Into<Cow<'a, [Aabb]>>) -> Self {
         let rule = format!("boxes are inflated by {}", margin.get());
         let mode = PrecisionChoice::Margin(margin).to_string();
-        Self { boxes: sent.into(), mode, form: Some(Form { unit: "f32", rule }) }
+        Self { boxes: sent.into(), mode, form: Some(Form { unit: "f32", rule, cell_edges: None }) }
     }
 
     /// Boxes of a world in f64, relative to an origin.
     pub fn relative(sent: &'a [Aabb]) -> Self {
         let rule = "boxes are relative to an origin, rounded outward".to_owned();
-        let form = Some(Form { unit: "f32", rule });
+        let form = Some(Form { unit: "f32", rule, cell_edges: None });
         Self { boxes: Cow::Borrowed(sent), mode: "f64".to_owned(), form }
     }
 
@@ -120,12 +129,13 @@ impl<'a> SentBoxes<'a> {
     }
 
     pub(super) fn report(&self, two: &[Aabb; 2]) -> Option<SentReport> {
-        let Form { unit, rule } = self.form.clone()?;
+        let Form { unit, rule, cell_edges } = self.form.clone()?;
         let text = |x: f32| if unit == "cells" { format!("{x}") } else { format!("{x:?}") };
         Some(SentReport {
             unit,
             rule,
             coordinates: two.each_ref().map(|one| <[f32; 6]>::from(*one).map(text)),
+            cell_edges,
             axes: axes(two),
         })
     }

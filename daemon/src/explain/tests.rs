@@ -99,3 +99,43 @@ fn a_mode_says_what_it_makes_of_the_two() {
         assert_eq!(why.axes.expect("solid")[0].state, Separation::Apart);
     }
 }
+
+#[test]
+fn a_box_with_itself_is_told_once() {
+    let boxes = [UNIT, [3.0, 0.0, 0.0, 4.0, 1.0, 1.0]].map(Aabb::from);
+    for mode in ["exact", "q16", "q8", "f16", "margin=1"] {
+        let sent = SentBoxes::of(mode.parse().expect("a mode"), &boxes);
+        let why = Explanation::of_sent(&boxes, &sent, 1, 1).expect("two boxes");
+        assert_eq!((why.overlaps, why.pair_index), (false, None));
+        assert_eq!(why.reason, "a box is no pair with itself");
+        let text = why.to_string();
+        assert!(text.starts_with("Box 1 of 2 boxes is no pair with itself: "), "{text}");
+        assert_eq!(text.matches("  box 1 ").count(), 1, "{text}");
+        assert!(!text.contains("overlapping"), "{text}");
+    }
+}
+
+#[test]
+fn gaps_of_cells_are_told_in_cells_and_in_units() {
+    let boxes = [UNIT, [2.0, 0.0, 0.0, 3.0, 1.0, 1.0], [9.0, 0.0, 0.0, 10.0, 1.0, 1.0]];
+    let boxes = boxes.map(Aabb::from);
+    let explain = |mode: &str| {
+        let sent = SentBoxes::of(mode.parse().expect("a mode"), &boxes);
+        Explanation::of_sent(&boxes, &sent, 0, 1).expect("three boxes")
+    };
+    let cells = explain("q8");
+    let sent = cells.sent.as_ref().expect("cells");
+    let edge = sent.cell_edges.expect("cells have edges")[0];
+    let gap = sent.axes.as_ref().expect("solid")[0].gap.expect("finite");
+    // Two cells on, each face lies in its own: the gap of a unit to within two cells.
+    assert!(gap >= 1.0 && (gap * edge - 1.0).abs() <= 2.0 * edge, "{gap} cells of {edge}");
+    let text = cells.to_string();
+    assert!(text.contains(&format!("x  apart by {gap} cells (")), "{text}");
+    assert!(text.contains("apart by 1 units ("), "{text}");
+    // The grid counts in cells of the mode, and tells of units all the same.
+    let line = |text: &str| text.lines().find(|l| l.contains(" of about ")).map(str::to_owned);
+    assert!(line(&text).is_some_and(|line| line.ends_with(" units")), "{text}");
+    let halves = explain("f16");
+    assert_eq!(halves.sent.as_ref().and_then(|sent| sent.cell_edges), None);
+    assert!(halves.to_string().contains("  sent      x  apart by 1 units"), "{halves}");
+}

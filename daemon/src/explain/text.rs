@@ -3,11 +3,14 @@
 use std::fmt;
 
 use super::gap::number;
-use super::{AxisReport, BoxReport, Explanation, GridReport, SentReport, Separation};
+use super::{AxisReport, BoxReport, Explanation, GridReport, PlaceReport, SentReport, Separation};
 
 impl fmt::Display for Explanation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [i, j] = self.pair;
+        if i == j {
+            return with_itself(f, self);
+        }
         let verdict = if self.overlaps { "IN the mask" } else { "NOT in the mask" };
         writeln!(f, "Pair ({i}, {j}) of {} boxes is {verdict}: {}.", self.boxes, self.reason)?;
         writeln!(f)?;
@@ -29,8 +32,33 @@ impl fmt::Display for Explanation {
             None => writeln!(f, "  mode      {}: boxes are compared as they are", self.mode)?,
             Some(sent) => sent_lines(f, &self.mode, sent, self.pair)?,
         }
-        grid_lines(f, &self.grid, self.pair)
+        let edges = self.sent.as_ref().and_then(|sent| sent.cell_edges);
+        for (place, index) in self.grid.places.iter().zip(self.pair) {
+            place_line(f, &self.grid, place.as_ref(), index, edges)?;
+        }
+        if self.grid.places.iter().all(Option::is_some) {
+            let compared =
+                if self.grid.compared { "neighbours: compared" } else { "far apart: not compared" };
+            writeln!(f, "  cpu-grid  {compared}")?;
+        }
+        Ok(())
     }
+}
+
+/// What there is to say of one box that was named twice.
+fn with_itself(f: &mut fmt::Formatter<'_>, explanation: &Explanation) -> fmt::Result {
+    let Explanation { pair: [i, _], boxes, box_reports: [one, _], sent, grid, .. } = explanation;
+    writeln!(
+        f,
+        "Box {i} of {boxes} boxes is no pair with itself: a mask holds pairs of two different boxes."
+    )?;
+    writeln!(f)?;
+    box_line(f, one)?;
+    if let Some(sent) = sent {
+        sent_line(f, sent, 0, *i)?;
+    }
+    let edges = sent.as_ref().and_then(|sent| sent.cell_edges);
+    place_line(f, grid, grid.places[0].as_ref(), *i, edges)
 }
 
 fn box_line(f: &mut fmt::Formatter<'_>, one: &BoxReport) -> fmt::Result {
@@ -46,13 +74,13 @@ fn sentence(axis: &AxisReport) -> String {
         Separation::Touching => format!("touching: both at {starts}"),
         Separation::Apart => {
             format!(
-                "apart by {} ({steps}): one ends at {ends}, the other starts at {starts}",
+                "apart by {} units ({steps}): one ends at {ends}, the other starts at {starts}",
                 axis.gap_text()
             )
         }
         Separation::Overlapping => {
             let depth = axis.gap.map_or_else(|| "∞".to_owned(), |gap| number(-gap));
-            format!("overlapping by {depth} ({steps}), from {starts} to {ends}")
+            format!("overlapping by {depth} units ({steps}), from {starts} to {ends}")
         }
     }
 }
@@ -64,12 +92,16 @@ fn sent_lines(
     pair: [u32; 2],
 ) -> fmt::Result {
     writeln!(f, "  mode      {mode}: {}", sent.rule)?;
-    for ([x, y, z, u, v, w], index) in sent.coordinates.iter().zip(pair) {
-        writeln!(f, "  sent      box {index}: {} ({x}, {y}, {z}) to ({u}, {v}, {w})", sent.unit)?;
+    for (place, index) in pair.into_iter().enumerate() {
+        sent_line(f, sent, place, index)?;
     }
     let Some(axes) = &sent.axes else { return Ok(()) };
-    for axis in axes {
-        let gap = number(axis.gap.map_or(f64::INFINITY, f64::abs));
+    for (k, axis) in axes.iter().enumerate() {
+        let gap = axis.gap.map_or(f64::INFINITY, f64::abs);
+        let gap = match sent.cell_edges {
+            Some(edges) => format!("{} ({} units)", cells(gap), number(gap * edges[k])),
+            None => format!("{} units", number(gap)),
+        };
         match axis.state {
             Separation::Touching => writeln!(f, "  sent      {}  they meet", axis.axis)?,
             Separation::Apart => writeln!(f, "  sent      {}  apart by {gap}", axis.axis)?,
@@ -81,6 +113,21 @@ fn sent_lines(
     Ok(())
 }
 
+/// One of the two boxes as it is sent: the one at `place`, which has the number `index`.
+fn sent_line(
+    f: &mut fmt::Formatter<'_>,
+    sent: &SentReport,
+    place: usize,
+    index: u32,
+) -> fmt::Result {
+    let [x, y, z, u, v, w] = &sent.coordinates[place];
+    writeln!(f, "  sent      box {index}: {} ({x}, {y}, {z}) to ({u}, {v}, {w})", sent.unit)
+}
+
+fn cells(count: f64) -> String {
+    if count == 1.0 { "1 cell".to_owned() } else { format!("{} cells", number(count)) }
+}
+
 fn ulps(count: i64) -> String {
     match count.unsigned_abs() {
         1 => "1 ulp".to_owned(),
@@ -88,30 +135,33 @@ fn ulps(count: i64) -> String {
     }
 }
 
-fn grid_lines(f: &mut fmt::Formatter<'_>, grid: &GridReport, pair: [u32; 2]) -> fmt::Result {
-    for (place, index) in grid.places.iter().zip(pair) {
-        let Some(place) = place else {
-            writeln!(f, "  cpu-grid  box {index} has no cell: it overlaps nothing")?;
-            continue;
-        };
-        let cells: Vec<String> = place
-            .first_cell
-            .iter()
-            .zip(&place.last_cell)
-            .map(
-                |(first, last)| {
-                    if first == last { first.to_string() } else { format!("{first}..{last}") }
-                },
-            )
-            .collect();
-        let edges = place.cell_edges.map(|edge| number(f64::from(edge)));
-        write!(f, "  cpu-grid  box {index}: level {} of {}", place.level, grid.levels)?;
-        writeln!(f, ", cells ({}) of about {}", cells.join(", "), edges.join(" × "))?;
-    }
-    if grid.places.iter().all(Option::is_some) {
-        let compared =
-            if grid.compared { "neighbours: compared" } else { "far apart: not compared" };
-        writeln!(f, "  cpu-grid  {compared}")?;
-    }
-    Ok(())
+/// Where a box stands in the grid. `mode_cells` are the edges of a cell of the mode, in which the grid
+/// then counts.
+fn place_line(
+    f: &mut fmt::Formatter<'_>,
+    grid: &GridReport,
+    place: Option<&PlaceReport>,
+    index: u32,
+    mode_cells: Option<[f64; 3]>,
+) -> fmt::Result {
+    let Some(place) = place else {
+        return writeln!(f, "  cpu-grid  box {index} has no cell: it overlaps nothing");
+    };
+    let ends = place.first_cell.iter().zip(&place.last_cell);
+    let cells: Vec<String> = ends
+        .map(
+            |(first, last)| {
+                if first == last { first.to_string() } else { format!("{first}..{last}") }
+            },
+        )
+        .collect();
+    let unit = mode_cells.unwrap_or([1.0; 3]);
+    let edges: Vec<String> = place
+        .cell_edges
+        .iter()
+        .zip(unit)
+        .map(|(edge, unit)| number(f64::from(*edge) * unit))
+        .collect();
+    write!(f, "  cpu-grid  box {index}: level {} of {}", place.level, grid.levels)?;
+    writeln!(f, ", cells ({}) of about {} units", cells.join(", "), edges.join(" × "))
 }

@@ -9,7 +9,7 @@ use pairmask_tests::stress_scenes;
 
 use crate::support::{Place, daemon, keys, words};
 
-const FIELDS: [&str; 16] = [
+const FIELDS: [&str; 17] = [
     "shape",
     "boxes",
     "pairs",
@@ -26,6 +26,7 @@ const FIELDS: [&str; 16] = [
     "stages_ns",
     "total_ns",
     "skipped",
+    "warnings",
 ];
 
 /// 345 boxes, some of them empty or with a NaN.
@@ -268,6 +269,28 @@ fn stdin_and_no_box_at_all() {
     assert_eq!(report["pairs"], oracle::truth(&boxes).pairs.len());
     let report = place.run_with_input(&arguments, &[]).json();
     assert_eq!((&report["boxes"], &report["pairs"]), (&0.into(), &0.into()));
+}
+
+#[test]
+fn results_go_to_stdout_and_the_report_aside() {
+    let place = Place::new();
+    place.boxes(&scene());
+    let truth = oracle::truth(&scene());
+    let bytes = |name: &str, what: &str| {
+        let line =
+            ["cull", "boxes.f32", "--backend", "in-process", "--encoding", "dense", what, "-"];
+        let finished = place.command(&line).output().unwrap();
+        let stderr = String::from_utf8_lossy(&finished.stderr);
+        assert_eq!(finished.status.code(), Some(0), "{stderr}");
+        assert!(stderr.contains("pairs      ") && stderr.contains("round trip"), "{stderr}");
+        std::fs::write(place.file(name), &finished.stdout).unwrap();
+        words(&place.file(name))
+    };
+    assert_eq!(pairs_of(&bytes("pairs", "--pairs")), truth.pairs);
+    assert_eq!(dense_pairs(&bytes("mask", "--mask"), 345), truth.pairs);
+    assert!(!place.file("-").exists());
+    let scene = place.command(&["scene", "uniform", "50", "-"]).output().unwrap().stdout;
+    assert_eq!(scene.len(), 50 * 24);
 }
 
 #[test]

@@ -8,6 +8,8 @@ mod calibrate;
 mod cull;
 mod demo;
 mod engine_benches;
+mod explain;
+mod mistakes;
 mod serve;
 mod settings;
 mod status;

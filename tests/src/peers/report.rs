@@ -212,7 +212,13 @@ mod tests {
     fn the_plot_has_a_panel_a_backend_and_a_line_a_scene() {
         let comparisons = [comparison(), Comparison { n: 10_000, ..comparison() }];
         let svg = super::super::svg::plot(&comparisons);
-        assert!(svg.contains("in-process, auto, 2 threads") && svg.ends_with("</svg>\n"), "{svg}");
+        let panel = "In process, without a daemon, engine by the plan, 2 threads";
+        assert!(svg.contains(panel) && svg.ends_with("</svg>\n"), "{svg}");
+        for said in
+            ["Below 1 Pairmask is faster", "boxes in the scene", "fastest of ", "as fast as"]
+        {
+            assert!(svg.contains(said), "{said}: {svg}");
+        }
         assert_eq!((svg.matches("<path").count(), svg.matches("<circle").count()), (1, 2));
         assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
         assert!(super::super::svg::plot(&[]).ends_with("</svg>\n"));

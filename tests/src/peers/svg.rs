@@ -1,4 +1,4 @@
-//! The scaling plot: ratio to the best peer over the number of boxes, one line a scene, one plot a
+//! The scaling plot: ratio to the fastest peer over the number of boxes, one line a scene, one plot a
 //! backend and engine.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -27,17 +27,40 @@ pub fn plot(comparisons: &[Comparison]) -> String {
                 Line { name: scene.to_owned(), points }
             });
             Lines {
-                title: format!("{backend}, {engine}, {most_threads} threads"),
-                x_label: "boxes".to_owned(),
-                y_label: "time / the best peer's".to_owned(),
+                title: format!("{}, {}, {most_threads} threads", way(backend), chooser(engine)),
+                x_label: "boxes in the scene".to_owned(),
+                y_label: "frame time over the fastest peer's".to_owned(),
                 x_unit: Unit::Count,
                 y_unit: Unit::Ratio,
                 lines: scenes.collect(),
             }
-            .draw()
+            .draw_around(1.0, "as fast as the fastest peer")
         })
         .collect();
-    standalone(&plots)
+    let peers: BTreeSet<&str> =
+        comparisons.iter().flat_map(Comparison::rows).map(|row| row.peer.as_str()).collect();
+    let peers: Vec<&str> = peers.into_iter().collect();
+    let lines = [
+        format!("Time of a frame over that of the fastest of {}.", peers.join(", ")),
+        "Below 1 Pairmask is faster: at 0.25 it takes a quarter of that peer's time.".to_owned(),
+        "A frame: all boxes written, pairs found, every pair visited. Medians. One line a scene."
+            .to_owned(),
+    ];
+    standalone("Pairmask against its fastest peer", &lines, &plots)
+}
+
+/// How the boxes reached the engine, in words.
+fn way(backend: &str) -> String {
+    match backend {
+        "daemon" => "Through the daemon".to_owned(),
+        "in-process" => "In process, without a daemon".to_owned(),
+        other => other.to_owned(),
+    }
+}
+
+/// Which engine, in words.
+fn chooser(engine: &str) -> String {
+    if engine == "auto" { "engine by the plan".to_owned() } else { format!("engine {engine}") }
 }
 
 /// Backend, and the engine that was asked for.

@@ -14,9 +14,11 @@ use pairmask::{BoxCount, EngineChoice};
 use super::target::Target;
 use crate::cli::config::Config;
 use crate::cli::options::{CullOptions, DaemonOptions, Place};
-use crate::cli::output::{OutputError, print_json, print_text, progress_bar, spinner};
+use crate::cli::output::{OutputError, make_folder, print_json, print_text, progress_bar, spinner};
+use crate::cli::whole::whole;
 use crate::execute::gpu::adapter::choose;
 use crate::execute::gpu::{GpuChoice, list_adapters};
+use crate::file_error::{Access, FileError};
 use crate::scene::SceneName;
 use crate::spawn::SpawnError;
 use crate::study::accuracy::assertion::Assertion;
@@ -70,7 +72,7 @@ pub struct Accuracy {
         default_values_t = [SceneName::Uniform, SceneName::Mixed, SceneName::Pile, SceneName::Plane])]
     scene: Vec<SceneName>,
     /// Numbers of boxes
-    #[arg(long, value_name = "N,..", value_delimiter = ',', default_values_t = [1000, 10_000, 100_000])]
+    #[arg(long, value_parser = whole::<u32>, value_name = "N,..", value_delimiter = ',', default_values_t = [1000, 10_000, 100_000])]
     n: Vec<u32>,
     /// exact, q16, q8, f16, margin=X, f64=X, plain-f32=X, spheres=circumscribed, spheres=inscribed
     #[arg(long, value_name = "MODE,..", value_delimiter = ',', default_values_t = default_modes())]
@@ -79,16 +81,16 @@ pub struct Accuracy {
     #[arg(long, value_name = "NAME,..", value_delimiter = ',')]
     engines: Vec<EngineChoice>,
     /// Frames that are timed
-    #[arg(long, value_name = "N", default_value = "100")]
+    #[arg(long, value_parser = whole::<NonZeroU32>, value_name = "N", default_value = "100")]
     frames: NonZeroU32,
     /// Frames before those
-    #[arg(long, value_name = "N", default_value_t = 10)]
+    #[arg(long, value_parser = whole::<u32>, value_name = "N", default_value_t = 10)]
     warm_up: u32,
     /// Timed frames whose pairs are compared with the exact ones, after the clock has stopped
-    #[arg(long, value_name = "N", default_value_t = 4)]
+    #[arg(long, value_parser = whole::<u32>, value_name = "N", default_value_t = 4)]
     checked: u32,
     /// Seed of the scenes
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    #[arg(long, value_parser = whole::<u64>, value_name = "N", default_value_t = 1)]
     seed: u64,
     /// Limits that every row has to keep, such as 'missed=0,p99<2ms'
     #[arg(long, value_name = "LIMITS")]
@@ -127,8 +129,8 @@ pub enum AccuracyError {
     Timed(#[from] TimedError),
     #[error(transparent)]
     Mapping(#[from] MappingError),
-    #[error("{}: {source}", path.display())]
-    Io { path: PathBuf, source: std::io::Error },
+    #[error(transparent)]
+    File(#[from] FileError),
     #[error("{} is no report of `bench accuracy --json`: {source}", path.display())]
     NoReport { path: PathBuf, source: serde_json::Error },
     #[error("{} and this report have no row in common: compare like with like", path.display())]
@@ -146,6 +148,7 @@ impl Accuracy {
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), AccuracyError> {
         // Read before hours are spent.
         let old = self.compare.as_deref().map(read_report).transpose()?;
+        make_folder(self.out.as_deref())?;
         let report = self.measure(place, config)?;
         if let Some(dir) = &self.out {
             write_report(dir, &report)?;
@@ -241,8 +244,7 @@ fn machine(choice: &GpuChoice) -> Machine {
 }
 
 fn read_report(path: &Path) -> Result<AccuracyReport, AccuracyError> {
-    let io = |source| AccuracyError::Io { path: path.to_owned(), source };
-    let text = fs::read_to_string(path).map_err(io)?;
+    let text = fs::read_to_string(path).map_err(FileError::of(path, Access::Read))?;
     let no_report = |source| AccuracyError::NoReport { path: path.to_owned(), source };
     serde_json::from_str(&text).map_err(no_report)
 }
@@ -250,13 +252,11 @@ fn read_report(path: &Path) -> Result<AccuracyReport, AccuracyError> {
 fn write_report(dir: &Path, report: &AccuracyReport) -> Result<(), AccuracyError> {
     let write = |name: &str, text: String| {
         let path = dir.join(name);
-        fs::write(&path, text).map_err(|source| AccuracyError::Io { path, source })
+        fs::write(&path, text).map_err(FileError::of(path, Access::Write))
     };
-    let io = |source| AccuracyError::Io { path: dir.to_owned(), source };
-    fs::create_dir_all(dir).map_err(io)?;
     let no_report = |source| AccuracyError::NoReport { path: dir.to_owned(), source };
     write("accuracy.json", serde_json::to_string_pretty(report).map_err(no_report)?)?;
     write("accuracy.csv", table::csv(report))?;
     write("mapping.csv", table::variants_csv(&report.variants))?;
-    write("report.html", report::html(report))
+    Ok(write("report.html", report::html(report))?)
 }

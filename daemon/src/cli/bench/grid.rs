@@ -7,7 +7,9 @@ use clap::Args;
 use super::BenchError;
 use crate::cli::config::Config;
 use crate::cli::options::DaemonOptions;
-use crate::study::grid::{GridOptions, run};
+use crate::cli::output::{make_folder, print_text, spinner};
+use crate::cli::whole::whole;
+use crate::study::grid::{GridOptions, run_and_print};
 
 /// Numbers of boxes with --quick.
 const QUICK_COUNTS: [u32; 1] = [1_000];
@@ -28,7 +30,7 @@ pub struct Grid {
     #[command(flatten)]
     options: DaemonOptions,
     /// Numbers of boxes
-    #[arg(long, value_name = "N,..", value_delimiter = ',', default_values_t = [1_000, 10_000, 100_000, 1_000_000])]
+    #[arg(long, value_parser = whole::<u32>, value_name = "N,..", value_delimiter = ',', default_values_t = [1_000, 10_000, 100_000, 1_000_000])]
     n: Vec<u32>,
     /// Small scenes and few runs: seconds, for a look. Times mean little
     #[arg(long, conflicts_with = "n")]
@@ -50,7 +52,11 @@ impl Grid {
             out: self.out.clone(),
             json: self.json,
         };
-        run(&options)?;
-        Ok(())
+        make_folder(self.out.as_deref())?;
+        let progress = spinner("measuring");
+        let mut text = Vec::new();
+        run_and_print(&options, &mut text)?;
+        progress.finish_and_clear();
+        Ok(print_text(String::from_utf8_lossy(&text).trim_end())?)
     }
 }

@@ -7,9 +7,9 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use clap::Args;
-use pairmask::BoxCount;
 use pairmask::engine::UnknownName;
 use pairmask::session::{ConnectError, SessionBuilder};
+use pairmask::{Backend, BoxCount};
 
 use super::accuracy::AccuracyError;
 use super::closed_loop::{self, Lengths};
@@ -19,8 +19,11 @@ use super::report::{LatencyReport, Row};
 use super::target::Target;
 use crate::cli::config::Config;
 use crate::cli::options::{CullOptions, DaemonOptions, Place};
-use crate::cli::output::{OutputError, print_json, print_text, progress_bar};
+use crate::cli::output::{OutputError, print_json, print_text, progress_bar, spinner};
 use crate::cli::raw_objects::{RawBoxes, RawObjectsError};
+use crate::cli::scene_look;
+use crate::cli::whole::whole;
+use crate::file_error::FileError;
 use crate::precision::PrecisionChoice;
 use crate::scene::{Scene, SceneName};
 use crate::spawn::SpawnError;
@@ -48,7 +51,9 @@ The boxes move from frame to frame, untimed. Stages of a frame:
 With --precision, writing the boxes in their form is part of fill. With margin=X, looking whether
 boxes have moved, inflating and writing them is part of the round trip.
 
-A daemon is started for the measurement unless an instance is named.
+--backend daemon, the default, starts a daemon for the measurement unless an instance is named. auto
+takes the daemon that serves the instance, and this process where none does; in-process needs none.
+The table says who answered.
 
 Examples:
   pairmaskd bench latency --n 1000,4096,10000 --pin
@@ -60,7 +65,7 @@ pub struct Latency {
     #[command(flatten)]
     daemon: DaemonOptions,
     /// Numbers of boxes of a uniform scene with about one pair a box
-    #[arg(long, value_name = "N,..", value_delimiter = ',', default_values_t = [1000, 4096, 10_000])]
+    #[arg(long, value_parser = whole::<u32>, value_name = "N,..", value_delimiter = ',', default_values_t = [1000, 4096, 10_000])]
     n: Vec<u32>,
     /// File of boxes instead, each then moving 2 % of its size a frame
     #[arg(long, value_name = "FILE", conflicts_with = "n")]
@@ -69,13 +74,13 @@ pub struct Latency {
     #[arg(long, value_name = "MODE,..", value_delimiter = ',', default_values_t = [PrecisionChoice::Exact])]
     precision: Vec<PrecisionChoice>,
     /// Frames that are measured
-    #[arg(long, value_name = "N", default_value = "2000")]
+    #[arg(long, value_parser = whole::<NonZeroU64>, value_name = "N", default_value = "2000")]
     frames: NonZeroU64,
     /// Frames before those [default: a fifth of them, at least 20]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_parser = whole::<u64>, value_name = "N")]
     warm_up: Option<u64>,
     /// Threads that look at the pairs of a mask
-    #[arg(long, value_name = "N", default_value = "1")]
+    #[arg(long, value_parser = whole::<NonZeroUsize>, value_name = "N", default_value = "1")]
     decode_threads: NonZeroUsize,
     /// How client and daemon wait for each other: spin, event
     #[arg(long, value_name = "HOW,..", value_delimiter = ',', default_values_t = [Wait::Spin])]
@@ -149,6 +154,9 @@ pub enum BenchError {
     Accuracy(#[from] AccuracyError),
     #[error(transparent)]
     Mapping(#[from] MappingError),
+    /// There is no daemon to pin.
+    #[error("--pin keeps a daemon on a core of its own: leave it out with --backend in-process")]
+    PinAlone,
     /// The report says in which family.
     #[error("pairs of spheres were decided wrongly: please report this")]
     InexactSpheres,
@@ -157,8 +165,8 @@ pub enum BenchError {
     #[error(transparent)]
     Replies(#[from] ReplyStudyError),
     /// No folder for the results.
-    #[error("{}: {source}", folder.display())]
-    Write { folder: PathBuf, source: std::io::Error },
+    #[error(transparent)]
+    Write(#[from] FileError),
     #[error(transparent)]
     Grid(#[from] GridError),
     /// No threads to decode with.
@@ -168,10 +176,23 @@ pub enum BenchError {
     Output(#[from] OutputError),
 }
 
+impl BenchError {
+    /// What kept a daemon from starting, where that is what happened.
+    pub const fn spawning(&self) -> Option<&SpawnError> {
+        match self {
+            Self::Spawn(error) | Self::Accuracy(AccuracyError::Spawn(error)) => Some(error),
+            _ => None,
+        }
+    }
+}
+
 impl Latency {
     /// Measures a row for every wait, scene and precision, and prints them.
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), BenchError> {
+        self.check(config)?;
+        let making = spinner("making scenes");
         let scenes = self.scenes()?;
+        making.finish_and_clear();
         // Before any thread is pinned: one counts the cores that may be used, the others inherit them.
         let machine = Machine::this();
         let mut decoding = self.decoding()?;
@@ -205,6 +226,12 @@ impl Latency {
         Ok(())
     }
 
+    /// Whether the options go together.
+    fn check(&self, config: &Config) -> Result<(), BenchError> {
+        let is_alone = self.options.backend(config, Backend::Daemon) == Backend::InProcess;
+        if self.pin && is_alone { Err(BenchError::PinAlone) } else { Ok(()) }
+    }
+
     /// Threads that look at masks, and are awake while frames are under way. The others have no
     /// cores of their own.
     fn decoding(&self) -> Result<Decoding, BenchError> {
@@ -217,6 +244,9 @@ impl Latency {
     fn scenes(&self) -> Result<Vec<Scene>, BenchError> {
         if let Some(path) = &self.scene {
             let boxes = RawBoxes::open(path)?.read()?;
+            if let Some(warning) = scene_look::of_boxes(&boxes) {
+                log::warn!("{}: {warning}", path.display());
+            }
             return Ok(vec![Scene::from_boxes(boxes, SEED)]);
         }
         let uniform = |n: &u32| Scene::new(SceneName::Uniform, *n as usize, SEED);

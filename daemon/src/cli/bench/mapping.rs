@@ -7,7 +7,8 @@ use clap::Args;
 use super::BenchError;
 use crate::cli::config::Config;
 use crate::cli::options::DaemonOptions;
-use crate::study::mapping::{MappingOptions, run};
+use crate::cli::output::{make_folder, print_text, spinner};
+use crate::study::mapping::{MappingOptions, run_and_print};
 
 /// Error and time of the ways from a pair's number k to the pair (a, b), beside the paper's
 #[derive(Debug, Args)]
@@ -45,7 +46,11 @@ impl Mapping {
             out: self.out.clone(),
             json: self.json,
         };
-        run(&options)?;
-        Ok(())
+        make_folder(self.out.as_deref())?;
+        let progress = spinner("measuring");
+        let mut text = Vec::new();
+        run_and_print(&options, &mut text)?;
+        progress.finish_and_clear();
+        Ok(print_text(String::from_utf8_lossy(&text).trim_end())?)
     }
 }

@@ -42,6 +42,11 @@ enum What {
 }
 
 impl Bench {
+    /// Whether a setting of the configuration file means something for it.
+    pub const fn reads_config(&self) -> bool {
+        !matches!(self.what, What::Threads(_) | What::Spheres(_))
+    }
+
     /// Measures.
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), BenchError> {
         match &self.what {

@@ -15,6 +15,7 @@ use crate::cli::calibrate::{core_count, thread_counts};
 use crate::cli::config::Config;
 use crate::cli::options::Place;
 use crate::cli::output::{print_json, print_text, progress_bar};
+use crate::cli::whole::whole;
 use crate::scene::SceneName;
 use crate::study::engines::{Case, Effort, Judgement, Pools, WaySet, judge, measure};
 
@@ -41,7 +42,7 @@ pub struct PlanBench {
     #[command(flatten)]
     what: SceneSizes,
     /// Threads that the plan may use, each by itself [default: 1 and all cores]
-    #[arg(long, value_name = "N,..", value_delimiter = ',')]
+    #[arg(long, value_parser = whole::<NonZeroUsize>, value_name = "N,..", value_delimiter = ',')]
     threads: Vec<NonZeroUsize>,
     /// Print one JSON object
     #[arg(long)]

@@ -2,6 +2,7 @@
 
 use clap::Args;
 
+use crate::cli::whole::whole;
 use crate::scene::SceneName;
 use crate::study::engines::Case;
 
@@ -15,7 +16,7 @@ pub struct SceneSizes {
     #[arg(long, value_name = "NAME,..", value_delimiter = ',')]
     scene: Vec<SceneName>,
     /// Numbers of boxes [default: see above]
-    #[arg(long, value_name = "N,..", value_delimiter = ',')]
+    #[arg(long, value_parser = whole::<u32>, value_name = "N,..", value_delimiter = ',')]
     n: Vec<u32>,
 }
 

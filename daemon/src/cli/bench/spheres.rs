@@ -4,6 +4,7 @@ use clap::Args;
 
 use super::BenchError;
 use crate::cli::output::{print_json, print_text, progress_bar, spinner};
+use crate::cli::whole::whole;
 use crate::study::spheres::errors::pairs_decided;
 use crate::study::spheres::{SphereOptions, measure};
 
@@ -24,13 +25,13 @@ Exit status: 1 where the library itself decided a pair wrongly.")]
 pub struct Spheres {
     /// Count wrong decisions instead: of so many random pairs, a hundredth as many that touch, and
     /// as many that nearly do [default: 1000000]
-    #[arg(long, value_name = "PAIRS", num_args = 0..=1, default_missing_value = "1000000")]
+    #[arg(long, value_parser = whole::<u64>, value_name = "PAIRS", num_args = 0..=1, default_missing_value = "1000000")]
     errors: Option<u64>,
     /// Few spheres and few frames: a second, for a look. Times mean little
     #[arg(long)]
     quick: bool,
     /// Seed of scenes and pairs
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    #[arg(long, value_parser = whole::<u64>, value_name = "N", default_value_t = 1)]
     seed: u64,
     /// Print one JSON object
     #[arg(long)]

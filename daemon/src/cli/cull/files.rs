@@ -2,29 +2,33 @@
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use pairmask::PairMask;
 use pairmask::mask::{MaskView, WordAddress};
 use rayon::slice::ParallelSliceMut;
 
+use crate::cli::output::{OutputError, is_stdout};
+use crate::file_error::{Access, FileError};
+
 /// Why a result file was not written.
 #[derive(Debug, thiserror::Error)]
-pub enum FileError {
-    /// The system said no.
-    #[error("{}: {source}", path.display())]
-    Io { path: PathBuf, source: io::Error },
+pub enum ResultError {
+    #[error(transparent)]
+    File(#[from] FileError),
+    #[error(transparent)]
+    Output(#[from] OutputError),
     /// Too many pairs to sort.
     #[error("no memory to sort {pairs} pairs: write the mask instead (--mask)")]
     TooManyPairs { pairs: u64 },
 }
 
-/// Writes the pairs, the lower index first, in ascending order.
+/// Writes the pairs, the lower index first, in ascending order; to stdout for `-`.
 ///
 /// # Errors
-/// [`FileError`].
-pub fn write_pairs(path: &Path, mask: &PairMask) -> Result<(), FileError> {
-    let too_many = FileError::TooManyPairs { pairs: mask.count() };
+/// [`ResultError`].
+pub fn write_pairs(path: &Path, mask: &PairMask) -> Result<(), ResultError> {
+    let too_many = ResultError::TooManyPairs { pairs: mask.count() };
     let mut pairs: Vec<[u32; 2]> = Vec::new();
     let room = usize::try_from(mask.count()).ok();
     if room.is_none_or(|room| pairs.try_reserve_exact(room).is_err()) {
@@ -39,11 +43,11 @@ pub fn write_pairs(path: &Path, mask: &PairMask) -> Result<(), FileError> {
 
 /// Writes the words of a dense mask; of a sparse one the order of the boxes, then the rows, the
 /// blocks and the bits of its words. The order comes first and is never left out, so that the
-/// number of words follows from the file's length.
+/// number of words follows from the file's length. To stdout for `-`.
 ///
 /// # Errors
-/// [`FileError::Io`].
-pub fn write_mask(path: &Path, mask: &PairMask) -> Result<(), FileError> {
+/// [`ResultError`].
+pub fn write_mask(path: &Path, mask: &PairMask) -> Result<(), ResultError> {
     let view = mask.view();
     write_file(path, |file| match &view {
         MaskView::Dense(dense) => file.write_all(bytemuck::cast_slice(dense.as_words())),
@@ -65,7 +69,7 @@ pub fn write_mask(path: &Path, mask: &PairMask) -> Result<(), FileError> {
     })
 }
 
-fn write_words(file: &mut impl Write, words: impl Iterator<Item = u32>) -> io::Result<()> {
+fn write_words(file: &mut dyn Write, words: impl Iterator<Item = u32>) -> io::Result<()> {
     for word in words {
         file.write_all(&word.to_le_bytes())?;
     }
@@ -74,10 +78,12 @@ fn write_words(file: &mut impl Write, words: impl Iterator<Item = u32>) -> io::R
 
 fn write_file(
     path: &Path,
-    write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
-) -> Result<(), FileError> {
-    File::create(path)
-        .map(BufWriter::new)
-        .and_then(|mut file| write(&mut file).and_then(|()| file.flush()))
-        .map_err(|source| FileError::Io { path: path.to_owned(), source })
+    write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> Result<(), ResultError> {
+    let whole = |mut file: BufWriter<&mut dyn Write>| write(&mut file).and_then(|()| file.flush());
+    if is_stdout(path) {
+        return Ok(whole(BufWriter::new(&mut std::io::stdout().lock())).map_err(OutputError::Io)?);
+    }
+    let written = File::create(path).and_then(|mut file| whole(BufWriter::new(&mut file)));
+    Ok(written.map_err(FileError::of(path, Access::Write))?)
 }

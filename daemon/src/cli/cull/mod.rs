@@ -14,13 +14,14 @@ use pairmask::session::{ConnectError, FrameError, WaitError};
 use pairmask::{Aabb, Backend, PairMask, PendingFrame, Session, Sphere};
 
 use self::explain::{Explanation, Planned};
-use self::files::FileError;
+use self::files::ResultError;
 pub use self::report::backend_name;
 use self::report::{CullReport, Timings};
 use super::config::Config;
 use super::options::{CullOptions, DaemonOptions, Place};
-use super::output::{OutputError, print_json, print_text, spinner};
+use super::output::{OutputError, is_stdout, print_aside, print_json, print_text, spinner};
 use super::raw_objects::{RawBoxes, RawObjects, RawObjectsError};
+use super::scene_look::{Look, Useless};
 use crate::precision::PrecisionChoice;
 use crate::spawn::{PrivateDaemon, SpawnError};
 
@@ -40,6 +41,7 @@ Examples:
   pairmaskd cull boxes.f32                            by the daemon, or in process without one
   pairmaskd cull boxes.f32 --spawn --pairs pairs.u32  by a daemon of its own
   generate | pairmaskd cull - --backend in-process --json
+  pairmaskd cull boxes.f32 --pairs - | consume         pairs to stdout, the report to stderr
   pairmaskd cull boxes.f32 --explain                  and say why this engine
   pairmaskd cull balls.f32 --shape spheres --json     pairs of bounding spheres")]
 pub struct Cull {
@@ -60,10 +62,10 @@ pub struct Cull {
     /// but exact may report pairs that are near
     #[arg(long, value_name = "MODE", default_value_t)]
     precision: PrecisionChoice,
-    /// Write the pairs here
+    /// Write the pairs here, `-` for stdout; the report then goes to stderr
     #[arg(long, value_name = "OUT")]
     pairs: Option<PathBuf>,
-    /// Write the mask here
+    /// Write the mask here, `-` for stdout; the report then goes to stderr
     #[arg(long, value_name = "OUT")]
     mask: Option<PathBuf>,
     /// Say why this engine: what the plan saw and predicted, beside what was measured
@@ -88,6 +90,12 @@ pub enum CullCommandError {
     /// The command line asks for two things that do not go together.
     #[error("{flag} is about boxes: leave it out with --shape spheres")]
     AboutBoxes { flag: &'static str },
+    /// Two results for stdout would be one that nobody can read.
+    #[error("{first} and {second} would both write to stdout: name a file for one of them")]
+    TwoOnStdout { first: &'static str, second: &'static str },
+    /// The second would overwrite the first.
+    #[error("--pairs and --mask name the same file, {}: name two", path.display())]
+    SameFile { path: PathBuf },
     #[error(transparent)]
     Objects(#[from] RawObjectsError),
     #[error(transparent)]
@@ -102,20 +110,28 @@ pub enum CullCommandError {
     #[error("{engine} counted {counted} pairs and its mask holds {decoded}: please report this")]
     Miscounted { engine: EngineId, counted: u64, decoded: u64 },
     #[error(transparent)]
-    File(#[from] FileError),
+    Result(#[from] ResultError),
     #[error(transparent)]
     Output(#[from] OutputError),
+}
+
+impl CullCommandError {
+    /// Whether the command line is wrong.
+    pub const fn is_usage(&self) -> bool {
+        matches!(self, Self::AboutBoxes { .. } | Self::TwoOnStdout { .. } | Self::SameFile { .. })
+    }
 }
 
 impl Cull {
     /// Reads, culls, decodes, writes.
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), CullCommandError> {
+        self.check()?;
         let scene = self.open()?;
+        let progress = spinner(&scene.to_string());
         let spawn = || PrivateDaemon::start_self(&self.daemon.private(place, config));
         let daemon = self.spawn.then(spawn).transpose()?;
         let mut session = self.connect(daemon.as_ref(), place, config)?;
 
-        let progress = spinner(&scene.to_string());
         let asked = match scene {
             RawScene::Boxes(boxes) => {
                 let planner = self.explain.then(|| {
@@ -127,34 +143,75 @@ impl Cull {
             }
             RawScene::Spheres(spheres) => ask_spheres(&mut session, spheres),
         }?;
-        let Answered { mask, timings, planned } = answer(asked)?;
-        progress.finish_and_clear();
+        let Answered { mask, timings, planned, look } = answer(asked)?;
 
         let explanation = planned.map(|planned| Explanation::new(&planned, &mask, timings.decode));
-        let report = CullReport::new(&mask, self.precision, &timings, explanation);
+        let warnings = self.warnings(look, &mask);
+        let report = CullReport::new(&mask, self.precision, &timings, explanation, warnings);
         if let Some(path) = &self.pairs {
             files::write_pairs(path, &mask)?;
         }
         if let Some(path) = &self.mask {
             files::write_mask(path, &mask)?;
         }
+        progress.finish_and_clear();
+        for warning in &report.warnings {
+            log::warn!("{}: {warning}", self.file.display());
+        }
+        if self.stdout_is_for_results() {
+            print_aside(&report.to_string());
+            return Ok(());
+        }
         if self.json { print_json(&report) } else { print_text(&report.to_string()) }?;
         Ok(())
     }
 
-    fn open(&self) -> Result<RawScene, CullCommandError> {
-        match self.shape {
-            Shape::Boxes => Ok(RawScene::Boxes(RawObjects::open(&self.file)?)),
-            Shape::Spheres => {
-                let is_precise = self.precision == PrecisionChoice::Exact;
-                for (flag, allowed) in [("--precision", is_precise), ("--explain", !self.explain)] {
-                    if !allowed {
-                        return Err(CullCommandError::AboutBoxes { flag });
-                    }
-                }
-                Ok(RawScene::Spheres(RawObjects::open(&self.file)?))
+    /// Whether the options go together.
+    fn check(&self) -> Result<(), CullCommandError> {
+        let is_precise = self.precision == PrecisionChoice::Exact;
+        for (flag, allowed) in [("--precision", is_precise), ("--explain", !self.explain)] {
+            if self.shape == Shape::Spheres && !allowed {
+                return Err(CullCommandError::AboutBoxes { flag });
             }
         }
+        let to_stdout = |path: &Option<PathBuf>| path.as_deref().is_some_and(is_stdout);
+        let results = [
+            ("--pairs -", to_stdout(&self.pairs)),
+            ("--mask -", to_stdout(&self.mask)),
+            ("--json", self.json),
+        ];
+        let mut on_stdout = results.iter().filter(|(_, is_there)| *is_there);
+        if let (Some((first, _)), Some((second, _))) = (on_stdout.next(), on_stdout.next()) {
+            return Err(CullCommandError::TwoOnStdout { first, second });
+        }
+        match (&self.pairs, &self.mask) {
+            (Some(path), Some(mask)) if path == mask => {
+                Err(CullCommandError::SameFile { path: path.clone() })
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn stdout_is_for_results(&self) -> bool {
+        [&self.pairs, &self.mask].into_iter().flatten().any(|path| is_stdout(path))
+    }
+
+    fn warnings(&self, look: Look, mask: &PairMask) -> Vec<String> {
+        let census = mask.info().census;
+        let useless = Useless { empty: census.empty, invalid: census.invalid };
+        let n = mask.n().get();
+        let warning = match self.shape {
+            Shape::Boxes => look.warning_of_boxes(n, useless),
+            Shape::Spheres => look.warning_of_spheres(n, useless),
+        };
+        warning.into_iter().collect()
+    }
+
+    fn open(&self) -> Result<RawScene, CullCommandError> {
+        Ok(match self.shape {
+            Shape::Boxes => RawScene::Boxes(RawObjects::open(&self.file)?),
+            Shape::Spheres => RawScene::Spheres(RawObjects::open(&self.file)?),
+        })
     }
 
     fn connect(
@@ -196,6 +253,7 @@ struct Asked {
     submitted: Instant,
     frame: PendingFrame,
     planned: Option<Planned>,
+    look: Look,
 }
 
 /// Its pairs, what each stage took, and what was planned.
@@ -203,6 +261,7 @@ struct Answered {
     mask: PairMask,
     timings: Timings,
     planned: Option<Planned>,
+    look: Look,
 }
 
 fn ask_boxes(
@@ -217,8 +276,9 @@ fn ask_boxes(
         boxes.read_into(exact.boxes_mut())?;
         let read = Instant::now();
         let planned = planner.map(|plan| plan(exact.boxes()));
+        let look = Look::at(exact.boxes());
         let submitted = Instant::now();
-        return Ok(Asked { start, read, submitted, frame: exact.submit()?, planned });
+        return Ok(Asked { start, read, submitted, frame: exact.submit()?, planned, look });
     }
     let mut boxes = boxes.read()?;
     precision.inflate(&mut boxes);
@@ -226,8 +286,9 @@ fn ask_boxes(
     narrow.fill(&boxes);
     let read = Instant::now();
     let planned = planner.map(|plan| plan(&boxes));
+    let look = Look::at(&boxes);
     let submitted = Instant::now();
-    Ok(Asked { start, read, submitted, frame: narrow.submit()?, planned })
+    Ok(Asked { start, read, submitted, frame: narrow.submit()?, planned, look })
 }
 
 fn ask_spheres(
@@ -238,11 +299,13 @@ fn ask_spheres(
     let mut frame = session.sphere_frame(spheres.len())?;
     spheres.read_into(frame.spheres_mut())?;
     let read = Instant::now();
-    Ok(Asked { start, read, submitted: read, frame: frame.submit()?, planned: None })
+    let look = Look::at(frame.spheres_mut());
+    let submitted = Instant::now();
+    Ok(Asked { start, read, submitted, frame: frame.submit()?, planned: None, look })
 }
 
 fn answer(asked: Asked) -> Result<Answered, CullCommandError> {
-    let Asked { start, read, submitted, frame, planned } = asked;
+    let Asked { start, read, submitted, frame, planned, look } = asked;
     let mask = frame.wait()?;
     let answered = Instant::now();
     let mut decoded = 0;
@@ -259,5 +322,5 @@ fn answer(asked: Asked) -> Result<Answered, CullCommandError> {
         decode: end - answered,
         total: (end - submitted) + (read - start),
     };
-    Ok(Answered { mask, timings, planned })
+    Ok(Answered { mask, timings, planned, look })
 }

@@ -64,6 +64,8 @@ pub struct CullReport {
     /// Why this engine, where that was asked.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub explain: Option<Explanation>,
+    /// What is odd about the file, in sentences: it may not be the scene that it was said to be.
+    pub warnings: Vec<String>,
 }
 
 /// Times of a frame, ns. `round_trip` holds `engine`, which holds the four stages before it.
@@ -114,6 +116,7 @@ impl CullReport {
         precision: PrecisionChoice,
         timings: &Timings,
         explain: Option<Explanation>,
+        warnings: Vec<String>,
     ) -> Self {
         let info = mask.info();
         let times = &info.times;
@@ -151,6 +154,7 @@ impl CullReport {
                 zero_words: info.skipped.zero_words,
             },
             explain,
+            warnings,
         }
     }
 }

@@ -210,6 +210,8 @@ impl Display {
 
 #[cfg(test)]
 mod tests {
+    use pairmask::EngineName;
+
     use super::*;
 
     #[test]

@@ -19,6 +19,7 @@ pub use self::report::markdown;
 use super::machine::Machine;
 use crate::execute::gpu::bench::{BenchError, grid::GridRow};
 use crate::execute::gpu::{Gpu, GpuChoice, GpuError, HostImport, OpenError};
+use crate::file_error::{Access, advice};
 
 /// What is measured and where it goes.
 #[derive(Clone, Debug, Default)]
@@ -48,7 +49,7 @@ pub enum GridError {
     #[error(transparent)]
     Bench(#[from] BenchError),
     /// The report could not be written.
-    #[error("the report was not written to {folder}: {error}")]
+    #[error("{}: {}", folder.display(), advice(Access::WriteInto, error))]
     Write {
         /// Where to.
         folder: PathBuf,

@@ -32,6 +32,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crate::execute::gpu::{Checks, Gpu, GpuChoice, GpuError, HostImport, OpenError};
+use crate::file_error::{Access, advice};
 
 use self::gpu::Bench;
 use self::plan::Plan;
@@ -62,7 +63,7 @@ pub enum MappingError {
     #[error(transparent)]
     Gpu(#[from] GpuError),
     /// The report could not be written.
-    #[error("the report was not written to {folder}: {error}")]
+    #[error("{}: {}", folder.display(), advice(Access::WriteInto, error))]
     Write {
         /// Where to.
         folder: PathBuf,

@@ -7,7 +7,7 @@ use super::unit::Unit;
 use super::{Plot, series_class};
 
 /// Room for the names of the bars.
-const LEFT: f64 = 200.0;
+const LEFT: f64 = 240.0;
 /// Room for the sums.
 const RIGHT: f64 = 70.0;
 const TOP: f64 = 30.0;
@@ -90,7 +90,7 @@ mod tests {
         .render()
         .into_string();
         assert_eq!(svg.matches("<rect").count(), 3 + 2, "three parts and two of the key");
-        assert!(svg.contains("width=\"277.5\""), "300 of 400 over the 370 units: {svg}");
+        assert!(svg.contains("width=\"247.5\""), "300 of 400 over the 330 units: {svg}");
         assert!(svg.contains("short, execute: 40 ns"));
     }
 }

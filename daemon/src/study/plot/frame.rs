@@ -3,19 +3,30 @@
 use maud::{Markup, html};
 
 use super::Plot;
-use super::scale::Scale;
+use super::scale::{Scale, Tick};
+use super::tags::Area;
 use super::unit::Unit;
 
 /// Width and height of a plot, in SVG units; the page scales it.
 pub(super) const WIDTH: f64 = 640.0;
 pub(super) const HEIGHT: f64 = 400.0;
 /// Room for the labels on each side.
-const LEFT: f64 = 70.0;
+const LEFT: f64 = 84.0;
 const RIGHT: f64 = 16.0;
 const TOP: f64 = 34.0;
 const BOTTOM: f64 = 54.0;
 /// Height of a row of the key.
-const KEY_ROW: f64 = 16.0;
+const KEY_ROW: f64 = 20.0;
+/// Width of a character, about, at the size that phones get: what is laid out by it does not collide
+/// at the smaller size of other screens either.
+pub(super) const CHAR_WIDTH: f64 = 8.8;
+/// Where the x axis ends.
+pub(super) const END: f64 = WIDTH - RIGHT;
+/// From the end of a label to the start of the next one, at least.
+const LABEL_GAP: f64 = 6.0;
+/// Where marks and the names beside them stand.
+pub(super) const AREA: Area =
+    Area { left: LEFT, top: TOP - 4.0, right: WIDTH - 4.0, bottom: HEIGHT - BOTTOM };
 
 /// One axis.
 pub(super) struct Axis<'a> {
@@ -51,10 +62,12 @@ impl Frame<'_> {
         let half_way = f64::midpoint(TOP, bottom);
         let marks = html! {
                 text.title x=(LEFT) y="18" { (self.title) }
-                @for tick in self.x.scale.ticks(self.x.unit) {
+                @for (tick, is_labelled) in with_room(self.x.scale.ticks(self.x.unit)) {
                     @let x = coordinate(LEFT + (right - LEFT) * tick.at);
                     line.grid x1=(x) x2=(x) y1=(TOP) y2=(bottom) {}
-                    text x=(x) y=(bottom + 16.0) text-anchor="middle" { (tick.label) }
+                    @if is_labelled {
+                        text x=(x) y=(bottom + 16.0) text-anchor="middle" { (tick.label) }
+                    }
                 }
                 @for tick in self.y.scale.ticks(self.y.unit) {
                     @let y = bottom - (bottom - TOP) * tick.at;
@@ -71,27 +84,76 @@ impl Frame<'_> {
     }
 
     fn key_rows(&self) -> usize {
-        self.key.len().div_ceil(KEY_COLUMNS)
+        self.key.len().div_ceil(self.key_columns())
+    }
+
+    /// As many as the longest name leaves room for.
+    fn key_columns(&self) -> usize {
+        let longest = self.key.iter().map(|(_, name)| name.chars().count()).max().unwrap_or(0);
+        let column = KEY_SQUARE + CHAR_WIDTH * longest as f64 + LABEL_GAP;
+        (((WIDTH - LEFT) / column) as usize).clamp(1, KEY_COLUMNS)
     }
 
     fn key(&self) -> Markup {
-        let width = (WIDTH - LEFT) / KEY_COLUMNS as f64;
+        let columns = self.key_columns();
+        let width = (WIDTH - LEFT) / columns as f64;
         html! {
             @for (i, (class, name)) in self.key.iter().enumerate() {
-                @let x = LEFT + width * (i % KEY_COLUMNS) as f64;
-                @let y = HEIGHT + KEY_ROW * (i / KEY_COLUMNS) as f64;
+                @let x = LEFT + width * (i % columns) as f64;
+                @let y = HEIGHT + KEY_ROW * (i / columns) as f64;
                 rect class=(class) x=(coordinate(x)) y=(coordinate(y - 9.0)) width="10" height="10" {}
-                text x=(coordinate(x + 15.0)) y=(coordinate(y)) { (name) }
+                text x=(coordinate(x + KEY_SQUARE)) y=(coordinate(y)) { (name) }
             }
         }
     }
 }
 
-/// Names of the key in a row.
+/// Most names of the key in a row.
 const KEY_COLUMNS: usize = 3;
+/// From the square of a name to the name.
+const KEY_SQUARE: f64 = 15.0;
+
+/// Marks of the x axis, each with whether its label has room beside the one before.
+fn with_room(ticks: Vec<Tick>) -> Vec<(Tick, bool)> {
+    let mut end = f64::NEG_INFINITY;
+    let judge = |tick: Tick| {
+        let half = CHAR_WIDTH * tick.label.chars().count() as f64 / 2.0;
+        let middle = (WIDTH - LEFT - RIGHT) * tick.at;
+        let is_labelled = middle - half >= end + LABEL_GAP;
+        if is_labelled {
+            end = middle + half;
+        }
+        (tick, is_labelled)
+    };
+    ticks.into_iter().map(judge).collect()
+}
 
 /// A coordinate as text: a tenth of a unit is finer than a pixel, and more digits are only bytes.
 pub(super) fn coordinate(value: f64) -> String {
     let text = format!("{value:.1}");
     text.strip_suffix(".0").map(str::to_owned).unwrap_or(text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn labels_that_would_collide_are_left_out() {
+        let tick = |at, label: &str| Tick { at, label: label.to_owned() };
+        let ticks = vec![tick(0.0, "0"), tick(0.05, "0.001"), tick(0.2, "0.002"), tick(1.0, "1")];
+        let labelled: Vec<bool> = with_room(ticks).iter().map(|(_, has_room)| *has_room).collect();
+        assert_eq!(labelled, [true, false, true, true]);
+    }
+
+    #[test]
+    fn the_key_has_as_many_columns_as_its_names_leave_room_for() {
+        let axis = || Axis { label: "", unit: Unit::Ratio, scale: Scale::log([1.0]) };
+        let columns = |name: &str| {
+            let key = vec![(String::new(), name)];
+            Frame { title: "", x: axis(), y: axis(), key }.key_columns()
+        };
+        assert_eq!((columns("q16"), columns("spheres=circumscribed")), (3, 2));
+        assert_eq!(columns("a name that is far too long for any place in a key of several"), 1);
+    }
 }

@@ -2,7 +2,7 @@
 
 use maud::html;
 
-use super::frame::{Axis, Frame, coordinate};
+use super::frame::{AREA, Axis, END, Frame, coordinate};
 use super::scale::Scale;
 use super::unit::Unit;
 use super::{Plot, series_class};
@@ -41,6 +41,15 @@ impl Lines {
 
     /// The plot, with lines of somebody else beside: grey and dashed.
     pub fn draw_beside(&self, others: &[Line]) -> Plot {
+        self.draw_all(others, None)
+    }
+
+    /// The plot, with a level across it that parts good from bad, and its name.
+    pub fn draw_around(&self, level: f64, name: &str) -> Plot {
+        self.draw_all(&[], Some((level, name)))
+    }
+
+    fn draw_all(&self, others: &[Line], level: Option<(f64, &str)>) -> Plot {
         let own = self.lines.iter().enumerate().map(|(i, line)| (series_class(i), line));
         let others = others.iter().enumerate().map(|(i, line)| (other_class(i), line));
         let lines: Vec<(String, &Line)> = own.chain(others).collect();
@@ -55,7 +64,7 @@ impl Lines {
             y: Axis {
                 label: &self.y_label,
                 unit: self.y_unit,
-                scale: Scale::log(points().map(|p| p.1)),
+                scale: Scale::log(points().map(|p| p.1).chain(level.map(|(at, _)| at))),
             },
             key: lines.iter().map(|(class, line)| (class.clone(), line.name.as_str())).collect(),
         };
@@ -68,6 +77,11 @@ impl Lines {
             format!("M{}", steps.join("L"))
         };
         frame.around(&html! {
+            @if let Some((at, name)) = level {
+                @let y = frame.y(at);
+                line.level x1=(coordinate(AREA.left)) x2=(coordinate(END)) y1=(coordinate(y)) y2=(coordinate(y)) {}
+                text.tag x=(coordinate(END - 4.0)) y=(coordinate(y - 5.0)) text-anchor="end" { (name) }
+            }
             @for (class, line) in lines.iter().filter(|(_, line)| !line.points.is_empty()) {
                 path class=(format!("line {class}")) d=(path(line)) {}
                 @for &(x, y) in &line.points {
@@ -115,6 +129,22 @@ mod tests {
         assert_eq!(svg.matches("<circle").count(), 2);
         assert!(svg.contains("absent") && svg.contains("drawn: 10, 3 ns"));
         assert!(!svg.contains("NaN") && !svg.contains("inf"));
+    }
+
+    #[test]
+    fn a_level_has_its_name_and_is_within_the_plot() {
+        let line = Line { name: "ours".to_owned(), points: vec![(1.0, 0.2), (9.0, 0.4)] };
+        let lines = Lines {
+            title: String::new(),
+            x_label: String::new(),
+            y_label: String::new(),
+            x_unit: Unit::Count,
+            y_unit: Unit::Ratio,
+            lines: vec![line],
+        };
+        let svg = lines.draw_around(1.0, "as fast").render().into_string();
+        assert!(svg.contains("as fast") && svg.matches("class=\"level\"").count() == 1, "{svg}");
+        assert!(!lines.draw().render().into_string().contains("class=\"level\""));
     }
 
     #[test]

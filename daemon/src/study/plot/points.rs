@@ -2,9 +2,10 @@
 
 use maud::html;
 
-use super::frame::{self, Axis, Frame, coordinate};
+use super::frame::{Axis, Frame, coordinate};
 use super::front::pareto_front;
 use super::scale::Scale;
+use super::tags::{self, Area, Place, Wish};
 use super::unit::Unit;
 use super::{Plot, series_class};
 
@@ -99,13 +100,9 @@ impl Points {
                 .map(|group| (series_class(group.series), &*group.name))
                 .collect(),
         };
-        let is_tagged = |standing| marks.len() <= MOST_TAGS || standing != Standing::Beaten;
-        let tagged = marks.iter().filter(|(_, standing)| is_tagged(*standing));
-        let tagged = tagged.map(|((_, point), standing)| (*point, *standing));
+        let front = staircase(&frame, &places, &on_line);
         frame.around(&html! {
-            @if let Some(path) = front_path(&frame, &places, &on_line) {
-                path.front d=(path) {}
-            }
+            @if !front.is_empty() { path.front d=(path(&front)) {} }
             @for ((series, point), standing) in &marks {
                 @let class = match standing {
                     Standing::Beaten => format!("beaten {}", series_class(*series)),
@@ -119,10 +116,9 @@ impl Points {
                     }
                 }
             }
-            @for tag in tags(&frame, tagged) {
-                text class=(tag.class) x=(coordinate(tag.x)) y=(coordinate(tag.y)) text-anchor=(tag.anchor) {
-                    (tag.text)
-                }
+            @for Tag { place, class, text } in tags(&frame, &marks, &front) {
+                text class=(class) x=(coordinate(place.x)) y=(coordinate(place.y))
+                    text-anchor=(place.anchor) { (text) }
             }
         })
     }
@@ -130,9 +126,7 @@ impl Points {
 
 /// A name beside a point.
 struct Tag<'a> {
-    x: f64,
-    y: f64,
-    anchor: &'static str,
+    place: Place,
     class: &'static str,
     text: &'a str,
 }
@@ -140,48 +134,54 @@ struct Tag<'a> {
 /// Most points of which the beaten ones have names, too.
 const MOST_TAGS: usize = 12;
 
-/// Height of a line of names.
-const TAG_ROW: f64 = 12.0;
-/// Names nearer to each other than this along x are kept apart along y.
-const TAG_WIDTH: f64 = 110.0;
-
-/// Names beside points, moved down where they would cover each other.
+/// Names beside those points that have one and room for it, the best first.
 fn tags<'a>(
     frame: &Frame<'_>,
-    points: impl Iterator<Item = (&'a Point, Standing)>,
+    marks: &[((usize, &'a Point), Standing)],
+    front: &[[f64; 2]],
 ) -> Vec<Tag<'a>> {
-    let mut points: Vec<_> = points.filter(|(point, _)| !point.tag.is_empty()).collect();
-    // From the top: the largest y first.
-    points.sort_by(|a, b| b.0.y.total_cmp(&a.0.y));
-    let mut tags: Vec<Tag<'a>> = Vec::new();
-    for (point, standing) in points {
-        let class = if standing == Standing::Beaten { "tag faded" } else { "tag" };
-        let (x, mut y) = (frame.x(point.x), frame.y(point.y) + 4.0);
-        let is_right = x > frame::WIDTH * 0.72;
-        let (x, anchor) = if is_right { (x - 9.0, "end") } else { (x + 9.0, "start") };
-        for tag in &tags {
-            if (tag.x - x).abs() < TAG_WIDTH && (tag.y - y).abs() < TAG_ROW {
-                y = tag.y + TAG_ROW;
-            }
-        }
-        tags.push(Tag { x, y, anchor, class, text: &point.tag });
-    }
-    tags
+    let at = |point: &Point| [frame.x(point.x), frame.y(point.y)];
+    let is_tagged = |standing| marks.len() <= MOST_TAGS || standing != Standing::Beaten;
+    let mut tagged: Vec<_> = marks
+        .iter()
+        .filter(|((_, point), standing)| is_tagged(*standing) && !point.tag.is_empty())
+        .map(|((_, point), standing)| (*point, *standing))
+        .collect();
+    tagged.sort_by_key(|(_, standing)| std::cmp::Reverse(*standing));
+    let wishes: Vec<Wish<'_>> =
+        tagged.iter().map(|(point, _)| Wish { at: at(point), text: &point.tag }).collect();
+    let points: Vec<Area> = marks.iter().map(|((_, point), _)| Area::of_point(at(point))).collect();
+    let lines: Vec<Area> = front.windows(2).map(|ends| Area::of_line(ends[0], ends[1])).collect();
+    tags::place(&wishes, &points, &lines)
+        .into_iter()
+        .zip(tagged)
+        .filter_map(|(place, (point, standing))| {
+            let class = if standing == Standing::Beaten { "tag faded" } else { "tag" };
+            Some(Tag { place: place?, class, text: &point.tag })
+        })
+        .collect()
 }
 
-/// The front as a staircase: between two of its points nothing better is known than the left one.
-fn front_path(frame: &Frame<'_>, places: &[[f64; 2]], on_front: &[bool]) -> Option<String> {
+/// The corners of the front as a staircase, in SVG units: between two of its points nothing better is
+/// known than the left one.
+fn staircase(frame: &Frame<'_>, places: &[[f64; 2]], on_front: &[bool]) -> Vec<[f64; 2]> {
     let mut front: Vec<[f64; 2]> =
         places.iter().zip(on_front).filter(|(_, wins)| **wins).map(|(p, _)| *p).collect();
     front.sort_by(|a, b| a.partial_cmp(b).unwrap_or(std::cmp::Ordering::Equal));
-    let (first, rest) = front.split_first()?;
-    let place = |&[x, y]: &[f64; 2]| [coordinate(frame.x(x)), coordinate(frame.y(y))];
-    let start = format!("M{}", place(first).join(" "));
-    let steps = rest.iter().map(|p| {
-        let [x, y] = place(p);
-        format!("H{x}V{y}")
-    });
-    Some(std::iter::once(start).chain(steps).collect())
+    let mut corners: Vec<[f64; 2]> = Vec::new();
+    for [x, y] in front {
+        let (x, y) = (frame.x(x), frame.y(y));
+        corners.extend(corners.last().map(|[_, above]| [x, *above]));
+        corners.push([x, y]);
+    }
+    corners
+}
+
+/// Corners as a path.
+fn path(corners: &[[f64; 2]]) -> String {
+    let steps: Vec<String> =
+        corners.iter().map(|[x, y]| format!("{} {}", coordinate(*x), coordinate(*y))).collect();
+    format!("M{}", steps.join("L"))
 }
 
 #[cfg(test)]
@@ -230,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn names_do_not_cover_each_other() {
+    fn points_in_one_place_have_names_in_different_ones() {
         let frame = Frame {
             title: "",
             x: Axis { label: "", unit: Unit::Ratio, scale: Scale::log([0.0, 1.0]) },
@@ -238,7 +238,12 @@ mod tests {
             key: Vec::new(),
         };
         let points = [point(0.0, 2.0, 0.0), point(0.0, 2.0, 0.0), point(0.0, 2.01, 0.0)];
-        let tags = tags(&frame, points.iter().map(|point| (point, Standing::OnFront)));
-        assert!(tags.windows(2).all(|pair| pair[1].y - pair[0].y >= TAG_ROW - 1e-9));
+        let marks: Vec<_> = points.iter().map(|point| ((0, point), Standing::OnFront)).collect();
+        let tags = tags(&frame, &marks, &[]);
+        assert_eq!(tags.len(), 3);
+        for (i, tag) in tags.iter().enumerate() {
+            let others = &tags[..i];
+            assert!(others.iter().all(|other| other.place != tag.place));
+        }
     }
 }

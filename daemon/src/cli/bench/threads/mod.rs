@@ -15,7 +15,8 @@ use super::BenchError;
 use super::machine::Machine;
 use super::scenes::SceneSizes;
 use crate::cli::calibrate::{core_count, thread_counts};
-use crate::cli::output::{print_json, print_text, progress_bar};
+use crate::cli::output::{make_folder, print_json, print_text, progress_bar};
+use crate::cli::whole::whole;
 use crate::scene::SceneName;
 use crate::study::engines::{Case, CaseTimes, Effort, Pools, WaySet, measure, update_times};
 
@@ -45,7 +46,7 @@ pub struct ThreadsBench {
     #[command(flatten)]
     what: SceneSizes,
     /// Numbers of threads [default: 1, 2, 4 … all cores]
-    #[arg(long, value_name = "N,..", value_delimiter = ',')]
+    #[arg(long, value_parser = whole::<NonZeroUsize>, value_name = "N,..", value_delimiter = ',')]
     threads: Vec<NonZeroUsize>,
     /// Folder for threads.csv and threads.json
     #[arg(long, value_name = "DIR")]
@@ -60,6 +61,7 @@ pub struct ThreadsBench {
 
 impl ThreadsBench {
     pub fn run(&self) -> Result<(), BenchError> {
+        make_folder(self.out.as_deref())?;
         let machine = Machine::this();
         let mut threads: Vec<usize> = self.threads.iter().map(|n| n.get()).collect();
         if threads.is_empty() {

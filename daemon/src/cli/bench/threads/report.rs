@@ -11,6 +11,7 @@ use super::paper;
 use crate::cli::bench::BenchError;
 use crate::cli::bench::machine::Machine;
 use crate::cli::output::OutputError;
+use crate::file_error::{Access, FileError};
 use crate::study::engines::Case;
 
 /// The papers' two stages.
@@ -128,7 +129,8 @@ impl Report {
         fs::create_dir_all(folder)
             .and_then(|()| fs::write(folder.join("threads.csv"), self.csv()))
             .and_then(|()| fs::write(folder.join("threads.json"), json))
-            .map_err(|source| BenchError::Write { folder: folder.to_owned(), source })
+            .map_err(FileError::of(folder, Access::WriteInto))?;
+        Ok(())
     }
 }
 

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
+use super::choice;
 use super::figures::{
     engine_name, mapping, mapping_settings, paper_lines, percentiles, scaling, speed_against_error,
     stages,
@@ -19,12 +20,13 @@ const PAGE_STYLE: &str = "\
 :root{color-scheme:light dark}\
 body{font:15px/1.5 system-ui,sans-serif;max-width:1320px;margin:2rem auto;padding:0 1rem}\
 h1{margin-bottom:.2rem}h2{margin-top:2.5rem}h3{margin-top:1.5rem}code{font-size:.92em}p{max-width:60em}\
-.plots{display:grid;grid-template-columns:repeat(auto-fit,minmax(540px,1fr));gap:1.5rem}\
+.plots{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(540px,100%),1fr));gap:1.5rem}\
 table{border-collapse:collapse;font-variant-numeric:tabular-nums}\
 td,th{white-space:nowrap;padding:.15rem .7rem;text-align:right;border-bottom:1px solid #8884}\
 td.name,th.name{text-align:left}.facts td,td.long{white-space:normal}.rows{font-size:13px}\
 .rows td,.rows th{padding:.1rem .45rem}.rows tr:hover{background:#8882}\
-.scroll{overflow-x:auto}summary{cursor:pointer;margin:.5rem 0}\
+.scroll{overflow-x:auto}.choice td,.choice th{white-space:normal;vertical-align:top}.choice .name:nth-child(2){min-width:11em;max-width:36em}.facts td{overflow-wrap:anywhere}summary{cursor:pointer;margin:.5rem 0}\
+@media(max-width:600px){body{margin:1rem auto;padding:0 .6rem}h1{font-size:1.5rem}td,th{padding:.15rem .3rem}.choice{font-size:11.5px}.choice .name:nth-child(2){min-width:8em}}\
 .good{color:#009e73;font-weight:600}.bad{color:#d55e00;font-weight:600}";
 
 /// The whole report as one HTML page that loads nothing.
@@ -50,9 +52,18 @@ pub fn html(report: &AccuracyReport) -> String {
             body {
                 h1 { "Run time against error" }
                 p { (missed(&report.rows)) }
-                (machine(&report.machine, report.seed))
+                @if !report.machine.optimised {
+                    p { span.bad { "The build is not optimised" } ": the times compare nothing." }
+                }
+                h2 { "What to choose" }
+                p {
+                    "Modes against exact frames of the same scene, size and engine: a time below 1 is faster. "
+                    "Extra pairs are reported though the boxes do not overlap, in percent of the pairs that do. "
+                    "No mode may miss a pair."
+                }
+                (choice::table(&report.rows))
 
-                h2 { "Which mode pays" }
+                h2 { "Which mode pays where" }
                 p {
                     "A mode is on the Pareto front of a scene, size and distance from the origin if no other one that misses "
                     "nothing is at least as fast (median of a whole frame), with no more extra pairs "
@@ -111,6 +122,9 @@ pub fn html(report: &AccuracyReport) -> String {
                 }
 
                 @if !report.variants.is_empty() { (mapping_section(&report.variants)) }
+
+                h2 { "Measured on" }
+                (machine(&report.machine, report.seed))
 
                 h2 { "All rows" }
                 (table(&report.rows))
@@ -360,14 +374,14 @@ fn stage_table(rows: &[AccuracyRow]) -> Markup {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use pairmask_shaders::mapping::Variant;
 
     use super::*;
     use crate::study::accuracy::rows::{self, Percentiles};
     use crate::study::accuracy::variants;
 
-    fn row(mode: &str, p50: u64, extra: u64, missed: u64) -> AccuracyRow {
+    pub(in super::super) fn row(mode: &str, p50: u64, extra: u64, missed: u64) -> AccuracyRow {
         let total_ns = Percentiles { p50, p99: 2 * p50 };
         AccuracyRow {
             mode: mode.to_owned(),

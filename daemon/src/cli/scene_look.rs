@@ -1,0 +1,142 @@
+//! Whether a file is the scene that it was said to be: what is worth a warning and no error.
+
+use pairmask::{Aabb, BoxClass, Sphere};
+
+/// So many words of a file are looked at, in the form of boxes and in that of spheres. A multiple of
+/// the words of both; a look takes microseconds.
+const LOOKED_AT_WORDS: usize = 12 * 1024;
+/// Fewer objects than this may look like anything.
+const LEAST_OBJECTS: usize = 8;
+/// The share of well-formed objects from which on a file reads as a file of them. Words of a file of
+/// the other shape are in order by chance: one box in eight.
+const WELL_FORMED: f64 = 0.95;
+
+/// What the words of a file look like, whatever they were said to be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Look {
+    reads_as_boxes: bool,
+    reads_as_spheres: bool,
+}
+
+/// Objects of a file that overlap nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Useless {
+    /// Boxes with `min > max`, spheres with a radius below 0.
+    pub empty: u32,
+    /// With a NaN, or spheres with an infinite centre.
+    pub invalid: u32,
+}
+
+impl Look {
+    /// Looks at the first of `objects`, which are all of a file.
+    pub fn at<T: bytemuck::Pod>(objects: &[T]) -> Self {
+        let words: &[f32] = bytemuck::cast_slice(objects);
+        let looked_at = &words[..words.len().min(LOOKED_AT_WORDS)];
+        let is_box = |w: &[f32]| (0..3).all(|axis| w[axis] <= w[axis + 3]);
+        let is_sphere = |w: &[f32]| w.iter().all(|x| x.is_finite()) && w[3] >= 0.0;
+        let reads_as = |size: usize, is_one: &dyn Fn(&[f32]) -> bool| {
+            let count = looked_at.len() / size;
+            let good = looked_at.chunks_exact(size).filter(|one| is_one(one)).count();
+            words.len().is_multiple_of(size)
+                && count >= LEAST_OBJECTS
+                && good as f64 >= WELL_FORMED * count as f64
+        };
+        Self {
+            reads_as_boxes: reads_as(size_of::<Aabb>() / size_of::<f32>(), &is_box),
+            reads_as_spheres: reads_as(size_of::<Sphere>() / size_of::<f32>(), &is_sphere),
+        }
+    }
+
+    /// What is odd about `n` boxes.
+    pub fn warning_of_boxes(self, n: u32, useless: Useless) -> Option<String> {
+        let Useless { empty, invalid } = useless;
+        let count = u64::from(empty) + u64::from(invalid);
+        let hint = if self.reads_as_spheres {
+            "the file reads as spheres: try --shape spheres"
+        } else {
+            ""
+        };
+        if n > 0 && count == u64::from(n) {
+            let hint = if hint.is_empty() { "is it a file of boxes?" } else { hint };
+            Some(format!(
+                "no box overlaps anything, since all are empty (min above max: {empty}) or invalid \
+                 (NaN: {invalid}); {hint}"
+            ))
+        } else if 2 * count > u64::from(n) && self.reads_as_spheres {
+            Some(format!("{count} of {n} boxes are empty or invalid, and {hint}"))
+        } else {
+            None
+        }
+    }
+
+    /// What is odd about `n` spheres.
+    pub fn warning_of_spheres(self, n: u32, useless: Useless) -> Option<String> {
+        let Useless { empty, invalid } = useless;
+        let hint = "the file reads as boxes: try it without --shape spheres";
+        if n > 0 && u64::from(empty) + u64::from(invalid) == u64::from(n) {
+            let hint = if self.reads_as_boxes { hint } else { "is it a file of spheres?" };
+            Some(format!(
+                "no sphere overlaps anything, since all are empty (radius below 0: {empty}) or \
+                 invalid (no finite centre, or NaN: {invalid}); {hint}"
+            ))
+        } else {
+            self.reads_as_boxes.then(|| hint.to_owned())
+        }
+    }
+}
+
+/// What is odd about boxes that are at hand.
+pub fn of_boxes(boxes: &[Aabb]) -> Option<String> {
+    let count = |class| boxes.iter().filter(|one| one.class() == class).count() as u32;
+    let useless = Useless { empty: count(BoxClass::Empty), invalid: count(BoxClass::Invalid) };
+    Look::at(boxes).warning_of_boxes(boxes.len() as u32, useless)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Scene, SceneName};
+
+    fn spheres() -> Vec<Sphere> {
+        let boxes = Scene::new(SceneName::Uniform, 300, 1);
+        let sphere = |b: &Aabb| Sphere::from([b.min[0], b.min[1], b.min[2], 0.5]);
+        boxes.boxes().iter().map(sphere).collect()
+    }
+
+    #[test]
+    fn every_named_scene_is_a_scene() {
+        for name in SceneName::ALL {
+            assert_eq!(of_boxes(Scene::new(name, 240, 1).boxes()), None, "{name}");
+        }
+        assert_eq!(of_boxes(&[]), None);
+        let none = Useless { empty: 0, invalid: 0 };
+        assert_eq!(Look::at(&spheres()).warning_of_spheres(300, none), None);
+    }
+
+    #[test]
+    fn half_a_scene_of_empty_slots_is_a_scene() {
+        let mut boxes = Scene::new(SceneName::Uniform, 300, 1).boxes().to_vec();
+        boxes[..250].fill(Aabb::EMPTY);
+        assert_eq!(of_boxes(&boxes), None);
+    }
+
+    #[test]
+    fn nothing_but_empty_and_invalid_boxes_is_none() {
+        let mut boxes = vec![Aabb::EMPTY; 5];
+        boxes[3].min[0] = f32::NAN;
+        let warning = of_boxes(&boxes).expect("a warning");
+        assert!(warning.contains("min above max: 4") && warning.contains("NaN: 1"), "{warning}");
+    }
+
+    #[test]
+    fn spheres_are_no_boxes_and_boxes_no_spheres() {
+        let spheres = spheres();
+        let boxes: &[Aabb] = bytemuck::cast_slice(&spheres);
+        let warning = of_boxes(boxes).expect("a warning");
+        assert!(warning.contains("try --shape spheres"), "{warning}");
+        let scene = Scene::new(SceneName::Uniform, 300, 1);
+        let none = Useless { empty: 0, invalid: 0 };
+        let warning = Look::at(scene.boxes()).warning_of_spheres(450, none).expect("a warning");
+        assert!(warning.contains("without --shape"), "{warning}");
+    }
+}

@@ -1,0 +1,152 @@
+//! The command line as clap is given it: what the derived one lacks.
+
+use clap::builder::Resettable;
+use clap::{Arg, Command, CommandFactory};
+
+use super::Cli;
+use super::usage::is_blank;
+
+/// Settings that every command accepts, so that a script may say them before the command, and that
+/// these commands have no use for: their help does not list them.
+const WITHOUT_USE: [(&str, &[&str]); 12] = [
+    ("demo", &["instance", "runtime_dir"]),
+    ("calibrate", ALL),
+    ("scene", ALL),
+    ("explain", ALL),
+    ("status", &["calibration"]),
+    ("stress", &["instance", "runtime_dir", "calibration"]),
+    ("bench mapping", &["instance", "runtime_dir", "calibration"]),
+    ("bench grid", &["instance", "runtime_dir", "calibration"]),
+    ("bench plan", &["instance", "runtime_dir"]),
+    ("bench replies", &["instance", "runtime_dir"]),
+    ("bench threads", ALL),
+    ("bench spheres", ALL),
+];
+const ALL: &[&str] = &["instance", "runtime_dir", "config", "calibration"];
+
+/// Commands that measure through a session have another default than `cull`.
+const MEASURING: [&str; 2] = ["bench accuracy", "bench latency"];
+const MEASURED_BACKEND: &str = "Who finds the pairs: daemon (one of its own unless an instance is \
+                                named), in-process, or auto (the daemon that serves, else this \
+                                process) [default: daemon]";
+
+/// The whole command line.
+pub fn command() -> Command {
+    let command = Cli::command();
+    let shared: Vec<Arg> =
+        command.get_arguments().filter(|arg| arg.is_global_set()).cloned().collect();
+    shaped(command, "", &shared)
+}
+
+fn shaped(command: Command, path: &str, shared: &[Arg]) -> Command {
+    let without_use = WITHOUT_USE.iter().find(|(name, _)| *name == path);
+    let hidden = shared
+        .iter()
+        .filter(|arg| without_use.is_some_and(|(_, ids)| ids.contains(&arg.get_id().as_str())));
+    // clap hands a shared setting down to a command unless it has one of that name.
+    let command = command.args(hidden.map(|arg| arg.clone().hide(true)));
+    let command = command.mut_args(|arg| {
+        let arg = if MEASURING.contains(&path) && arg.get_id() == "backend" {
+            arg.help(MEASURED_BACKEND)
+        } else {
+            arg
+        };
+        // `--threads -1` is a wrong number and no unknown flag.
+        let takes_values = arg.get_action().takes_values();
+        let arg = if takes_values { arg.allow_negative_numbers(true) } else { arg };
+        if arg.get_env().is_some_and(is_blank) { arg.env(Resettable::Reset) } else { arg }
+    });
+    command.mut_subcommands(|inner| {
+        let path = format!("{path} {}", inner.get_name());
+        shaped(inner, path.trim_start(), shared)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn leaves(command: &Command, path: &str, found: &mut Vec<(String, Command)>) {
+        for inner in command.get_subcommands() {
+            let path = format!("{path} {}", inner.get_name());
+            leaves(inner, &path, found);
+            if !inner.has_subcommands() {
+                found.push((path.trim_start().to_owned(), inner.clone()));
+            }
+        }
+    }
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        command().debug_assert();
+    }
+
+    #[test]
+    fn help_lists_what_a_command_uses_and_every_command_takes_what_is_shared() {
+        let mut built = command();
+        built.build();
+        let mut found = Vec::new();
+        leaves(&built, "", &mut found);
+        for (path, _) in WITHOUT_USE {
+            assert!(found.iter().any(|(name, _)| name == path), "no command {path}");
+        }
+        let named =
+            |path: &str| found.iter().find(|(name, _)| name == path).map(|(_, c)| c.clone());
+        for (path, flag, is_listed) in [
+            ("cull", "--instance", true),
+            ("serve", "--calibration", true),
+            ("status", "--instance", true),
+            ("status", "--calibration", false),
+            ("scene", "--config", false),
+            ("explain", "--instance", false),
+            ("bench latency", "--runtime-dir", true),
+            ("bench grid", "--config", true),
+            ("bench grid", "--instance", false),
+            ("bench spheres", "--calibration", false),
+        ] {
+            let mut command = named(path).expect(path);
+            let help = command.render_long_help().to_string();
+            assert_eq!(help.contains(flag), is_listed, "{path}: {help}");
+            let line: Vec<&str> = path.split(' ').collect();
+            let words = [&["pairmaskd", flag, "x"], &line[..], &["--help"]].concat();
+            let error = super::command().try_get_matches_from(words).expect_err("help");
+            assert_eq!(error.kind(), clap::error::ErrorKind::DisplayHelp, "{path} {flag}");
+        }
+        for path in MEASURING {
+            let help = named(path).expect(path).render_help().to_string();
+            assert!(help.contains("[default: daemon]"), "{help}");
+        }
+    }
+
+    /// No number that a user can get wrong is answered in the words of the language that the program
+    /// is written in.
+    #[test]
+    fn every_number_says_what_it_must_be() {
+        let mut built = command();
+        built.build();
+        let mut found = Vec::new();
+        leaves(&built, "", &mut found);
+        let mut tried = 0;
+        for (path, command) in found.iter().filter(|(path, _)| !path.contains("help")) {
+            for arg in command.get_arguments().filter(|arg| arg.get_action().takes_values()) {
+                let Some(long) = arg.get_long() else { continue };
+                for value in ["0", "-1", "x", "", "99999999999999999999999"] {
+                    let line = path.split(' ').map(str::to_owned);
+                    let words = std::iter::once("pairmaskd".to_owned()).chain(line);
+                    let words: Vec<_> = words.chain([format!("--{long}={value}")]).collect();
+                    let Err(error) = super::command().try_get_matches_from(&words) else {
+                        continue;
+                    };
+                    let words: Vec<std::ffi::OsString> =
+                        words.into_iter().map(Into::into).collect();
+                    let text = super::super::usage::one_line(&error, &super::command(), &words);
+                    for jargon in [" type", "digit found", "cannot parse", "zero for", "not in "] {
+                        assert!(!text.contains(jargon), "{path} --{long}={value}: {text}");
+                    }
+                    tried += 1;
+                }
+            }
+        }
+        assert!(tried > 100, "{tried}");
+    }
+}

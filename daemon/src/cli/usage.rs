@@ -1,0 +1,169 @@
+//! A wrong command line, told in one line: clap would take three to seven.
+
+use std::error::Error as _;
+use std::ffi::{OsStr, OsString};
+
+use clap::error::{ContextKind, ContextValue, ErrorKind};
+use clap::{Command, Error};
+
+/// What is wrong with `arguments`, and which help says more.
+pub fn one_line(error: &Error, command: &Command, arguments: &[OsString]) -> String {
+    let path = command_path(command, arguments);
+    let innermost = path.last().copied().unwrap_or(command);
+    let names: Vec<&str> = path.iter().map(|command| command.get_name()).collect();
+    let what = what(error, innermost, arguments);
+    format!("{what}: see `{} --help`", names.join(" "))
+}
+
+/// The command that is meant, after those that hold it.
+fn command_path<'a>(command: &'a Command, arguments: &[OsString]) -> Vec<&'a Command> {
+    let mut path = vec![command];
+    let mut innermost = command;
+    let mut words = arguments.iter().skip(1).filter_map(|word| word.to_str());
+    while let Some(word) = words.next() {
+        if let Some(found) = innermost.find_subcommand(word) {
+            innermost = found;
+            path.push(found);
+        } else if takes_value(command, word) {
+            words.next();
+        }
+    }
+    path
+}
+
+/// Whether a flag before the command has its value in the next word.
+fn takes_value(command: &Command, word: &str) -> bool {
+    let flag = command.get_arguments().find(|arg| word.strip_prefix("--") == arg.get_long());
+    flag.is_some_and(|arg| arg.get_long().is_some() && arg.get_action().takes_values())
+}
+
+fn what(error: &Error, command: &Command, arguments: &[OsString]) -> String {
+    let text = |kind| error.get(kind).map(words).unwrap_or_default();
+    let (flag, value) = (text(ContextKind::InvalidArg), text(ContextKind::InvalidValue));
+    match error.kind() {
+        ErrorKind::MissingSubcommand | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
+            format!("a command is missing, one of {}", visible_commands(command))
+        }
+        ErrorKind::InvalidSubcommand => {
+            let name = text(ContextKind::InvalidSubcommand);
+            format!("there is no command '{name}', but {}", visible_commands(command))
+        }
+        ErrorKind::UnknownArgument => match error.get(ContextKind::SuggestedArg).map(words) {
+            Some(known) => format!("'{flag}' is not known here, did you mean {known}?"),
+            None => format!("'{flag}' is not known here"),
+        },
+        ErrorKind::InvalidValue if value.is_empty() => format!("{} needs a value", bare(&flag)),
+        ErrorKind::InvalidValue => {
+            let given = given(&flag, &value, command, arguments);
+            format!("{given}: choose one of {}", text(ContextKind::ValidValue))
+        }
+        ErrorKind::ValueValidation => {
+            let given = given(&flag, &value, command, arguments);
+            match error.source() {
+                Some(why) => format!("{given}: {why}"),
+                None => given,
+            }
+        }
+        ErrorKind::MissingRequiredArgument => format!("{flag} is missing"),
+        ErrorKind::ArgumentConflict => {
+            let other = text(ContextKind::PriorArg);
+            if bare(&flag) == bare(&other) || other.is_empty() {
+                format!("{} is given more than once", bare(&flag))
+            } else {
+                format!("{} and {} exclude each other", bare(&flag), bare(&other))
+            }
+        }
+        ErrorKind::TooManyValues => format!("{} takes no value like '{value}'", bare(&flag)),
+        _ => first_line(error),
+    }
+}
+
+/// The value that is wrong, and where it is from: a flag, or a variable that nobody typed.
+fn given(flag: &str, value: &str, command: &Command, arguments: &[OsString]) -> String {
+    let flag = bare(flag);
+    let long = flag.strip_prefix("--");
+    let arg = long.and_then(|long| {
+        command.get_arguments().find(|arg| arg.get_long() == Some(long)).zip(Some(long))
+    });
+    match arg.and_then(|(arg, long)| Some((arg.get_env()?, long))) {
+        Some((variable, long)) if !is_typed(long, arguments) => {
+            format!("'{value}' in {}", variable.to_string_lossy())
+        }
+        _ => format!("'{value}' for {flag}"),
+    }
+}
+
+fn is_typed(long: &str, arguments: &[OsString]) -> bool {
+    arguments.iter().filter_map(|word| word.to_str()?.strip_prefix("--")).any(|word| {
+        word.strip_prefix(long).is_some_and(|rest| rest.is_empty() || rest.starts_with('='))
+    })
+}
+
+fn visible_commands(command: &Command) -> String {
+    let visible = command.get_subcommands().filter(|one| !one.is_hide_set());
+    visible.map(Command::get_name).collect::<Vec<_>>().join(", ")
+}
+
+/// A flag without the name of its value; a value without a flag as it is.
+fn bare(flag: &str) -> &str {
+    if flag.starts_with('-') { flag.split([' ', '=', '[']).next().unwrap_or(flag) } else { flag }
+}
+
+fn words(value: &ContextValue) -> String {
+    match value {
+        ContextValue::String(one) => one.clone(),
+        ContextValue::Strings(many) => many.join(", "),
+        other => other.to_string(),
+    }
+}
+
+/// What is left of an error of another kind.
+fn first_line(error: &Error) -> String {
+    let text = error.to_string();
+    let line = text.lines().next().unwrap_or_default();
+    line.strip_prefix("error: ").unwrap_or(line).to_owned()
+}
+
+/// Whether a variable is there and says nothing, which counts as not set.
+pub fn is_blank(variable: &OsStr) -> bool {
+    std::env::var_os(variable).is_some_and(|value| value.is_empty())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::shape;
+    use super::*;
+
+    fn say(line: &str) -> String {
+        let words: Vec<OsString> = line.split(' ').map(Into::into).collect();
+        let command = shape::command();
+        let error = command.clone().try_get_matches_from(&words).expect_err(line);
+        one_line(&error, &command, &words)
+    }
+
+    #[test]
+    fn each_kind_of_mistake_has_its_sentence() {
+        for (line, expected) in [
+            ("pairmaskd sing", "there is no command 'sing', but serve, cull, "),
+            ("pairmaskd bench", "a command is missing, one of accuracy, latency, "),
+            ("pairmaskd cull", "<FILE> is missing: see `pairmaskd cull --help`"),
+            ("pairmaskd cull x --frob", "'--frob' is not known here: see `pairmaskd cull --help`"),
+            ("pairmaskd status --confi x", "'--confi' is not known here, did you mean --config?"),
+            ("pairmaskd cull x --threads", "--threads needs a value"),
+            ("pairmaskd cull x --threads 0", "'0' for --threads: must be at least 1"),
+            ("pairmaskd cull x --threads -3", "'-3' for --threads: must be at least 1"),
+            ("pairmaskd cull x --shape cones", "'cones' for --shape: choose one of boxes, spheres"),
+            ("pairmaskd stress --case 1 --seed 2", "--case and --seed exclude each other"),
+            ("pairmaskd cull x --json --json", "--json is given more than once"),
+            ("pairmaskd cull x --json=3", "--json takes no value like '3'"),
+            ("pairmaskd explain x -1 2", "'-1' for <I>: must be at least 0"),
+            ("pairmaskd --instance cull bench grid --n x", "'x' for --n: must be a whole number"),
+        ] {
+            let text = say(line);
+            assert!(text.starts_with(expected), "{line}: {text}");
+            assert!(!text.contains('\n') && !text.contains("demo-client"), "{text}");
+        }
+        let nested = say("pairmaskd --instance cull bench grid --n x");
+        assert!(nested.ends_with("see `pairmaskd bench grid --help`"), "{nested}");
+    }
+}

@@ -1,0 +1,80 @@
+//! Whole numbers of the command line and the configuration file, and what is wrong with one.
+
+use std::num::{IntErrorKind, NonZeroU16, NonZeroU32, NonZeroU64, NonZeroUsize, ParseIntError};
+use std::str::FromStr;
+
+/// A type of whole numbers.
+pub trait Whole: FromStr<Err = ParseIntError> {
+    /// The smallest.
+    const LEAST: u64;
+    /// The largest.
+    const MOST: u64;
+}
+
+macro_rules! whole {
+    ($($kind:ty: $least:literal to $most:expr;)*) => {
+        $(impl Whole for $kind {
+            const LEAST: u64 = $least;
+            const MOST: u64 = $most as u64;
+        })*
+    };
+}
+
+whole! {
+    u32: 0 to u32::MAX;
+    u64: 0 to u64::MAX;
+    NonZeroU16: 1 to u16::MAX;
+    NonZeroU32: 1 to u32::MAX;
+    NonZeroU64: 1 to u64::MAX;
+    NonZeroUsize: 1 to usize::MAX;
+}
+
+/// What is wrong with a number.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum WholeError {
+    /// It is none, or one with a fraction, an exponent or a unit.
+    #[error("must be a whole number in digits alone, such as 1000")]
+    NoNumber,
+    /// Below the smallest.
+    #[error("must be at least {least}")]
+    TooSmall { least: u64 },
+    /// Above the largest.
+    #[error("must be at most {most}")]
+    TooLarge { most: u64 },
+}
+
+/// Reads a whole number.
+///
+/// # Errors
+/// [`WholeError`], which says what it must be.
+pub fn whole<T: Whole>(text: &str) -> Result<T, WholeError> {
+    let is_negative = || {
+        let digits = text.strip_prefix('-').unwrap_or_default();
+        !digits.is_empty() && digits.bytes().all(|b| b.is_ascii_digit())
+    };
+    text.parse().map_err(|error: ParseIntError| match error.kind() {
+        IntErrorKind::Zero | IntErrorKind::NegOverflow => WholeError::TooSmall { least: T::LEAST },
+        IntErrorKind::PosOverflow => WholeError::TooLarge { most: T::MOST },
+        _ if is_negative() => WholeError::TooSmall { least: T::LEAST },
+        _ => WholeError::NoNumber,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_wrong_number_is_told_what_it_must_be() {
+        let least = |least| WholeError::TooSmall { least };
+        assert_eq!(whole::<u32>("7"), Ok(7));
+        assert_eq!(whole::<NonZeroUsize>("0"), Err(least(1)));
+        assert_eq!(whole::<NonZeroU64>("-1"), Err(least(1)));
+        assert_eq!(whole::<u32>("-1"), Err(least(0)));
+        assert_eq!(whole::<u32>("5000000000"), Err(WholeError::TooLarge { most: 4_294_967_295 }));
+        assert_eq!(whole::<NonZeroU16>("70000"), Err(WholeError::TooLarge { most: 65_535 }));
+        for text in ["", "x", "1e6", "1.5", "-", "10k", "1_000", "--2"] {
+            assert_eq!(whole::<u64>(text), Err(WholeError::NoNumber), "{text}");
+        }
+    }
+}

@@ -1,0 +1,98 @@
+//! Why a file cannot be used, and what to do about it, in words.
+
+use std::fmt;
+use std::io::{self, ErrorKind};
+use std::path::PathBuf;
+
+/// What was to be done with a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Access {
+    /// Read it.
+    Read,
+    /// Create it, and write it.
+    Write,
+    /// Create a directory, and files in it.
+    WriteInto,
+}
+
+/// A file cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {}", path.display(), advice(*access, source))]
+pub struct FileError {
+    /// The file, as it was named.
+    pub path: PathBuf,
+    /// What was to be done with it.
+    pub access: Access,
+    /// What the system said.
+    pub source: io::Error,
+}
+
+impl FileError {
+    /// For `map_err`: the error of a file that was to be read or written.
+    pub fn of(path: impl Into<PathBuf>, access: Access) -> impl FnOnce(io::Error) -> Self {
+        move |source| Self { path: path.into(), access, source }
+    }
+}
+
+/// What is wrong, and what to do: the end of a sentence that begins with the file's name.
+///
+/// ```
+/// use std::io::{Error, ErrorKind};
+/// use pairmaskd::file_error::{Access, advice};
+/// let denied = Error::from(ErrorKind::PermissionDenied);
+/// assert!(advice(Access::Read, &denied).to_string().starts_with("you may not read it: "));
+/// ```
+pub fn advice(access: Access, error: &io::Error) -> impl fmt::Display {
+    let text = match (error.kind(), access) {
+        (ErrorKind::NotFound, Access::Read) => "there is no such file: check its name",
+        (ErrorKind::NotFound, _) => "there is no such directory: create it, or name another",
+        (ErrorKind::PermissionDenied, Access::Read) => {
+            "you may not read it: change its permissions, or run as its owner"
+        }
+        (ErrorKind::PermissionDenied, _) => {
+            "you may not write there: change the permissions, or name another place"
+        }
+        (ErrorKind::IsADirectory, _) => "it is a directory: name a file",
+        (ErrorKind::NotADirectory | ErrorKind::AlreadyExists, Access::WriteInto) => {
+            "it is no directory: name another"
+        }
+        (ErrorKind::NotADirectory, _) => "a directory in its name is a file: check the name",
+        (ErrorKind::StorageFull, _) => "the disk is full: free space, or name another place",
+        (ErrorKind::ReadOnlyFilesystem, _) => "the disk is read-only: name another place",
+        (ErrorKind::UnexpectedEof, _) => "it became shorter while it was read: try again",
+        (ErrorKind::InvalidData, _) => "it is no text: check its name",
+        _ => return without_number(error),
+    };
+    text.to_owned()
+}
+
+/// What the system said, without the number that it has for it.
+fn without_number(error: &io::Error) -> String {
+    let text = error.to_string();
+    text.split(" (os error").next().unwrap_or_default().to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_error_names_the_file_and_what_to_do() {
+        let text =
+            |access, kind: ErrorKind| FileError::of("some/file", access)(kind.into()).to_string();
+        for (access, kind, advice) in [
+            (Access::Read, ErrorKind::NotFound, "check its name"),
+            (Access::Write, ErrorKind::NotFound, "create it"),
+            (Access::Read, ErrorKind::PermissionDenied, "you may not read it: change"),
+            (Access::Write, ErrorKind::PermissionDenied, "you may not write there: change"),
+            (Access::Read, ErrorKind::IsADirectory, "name a file"),
+            (Access::WriteInto, ErrorKind::AlreadyExists, "no directory"),
+            (Access::Write, ErrorKind::StorageFull, "free space"),
+        ] {
+            let text = text(access, kind);
+            assert!(text.starts_with("some/file: ") && text.contains(advice), "{text}");
+        }
+        let other = FileError::of("x", Access::Read)(io::Error::from_raw_os_error(5)).to_string();
+        assert_eq!(other, "x: Input/output error");
+    }
+}

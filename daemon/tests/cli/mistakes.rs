@@ -1,0 +1,340 @@
+//! What a newcomer gets wrong: each mistake is one line on stderr that says what to do, and nothing
+//! of the language that the program is written in.
+
+use std::fs::{File, Permissions};
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
+use std::process::Stdio;
+
+use pairmask::Aabb;
+use pairmask_tests::stress_scenes;
+
+use crate::support::{Finished, Place, finish};
+
+/// What no user should have to read.
+const JARGON: [&str; 12] = [
+    "number would be zero",
+    "non-zero type",
+    "nonzero",
+    "invalid digit",
+    "target type",
+    "cannot parse",
+    "not in 0..",
+    "os error",
+    "stream did not contain",
+    "expected a string",
+    "Os {",
+    "::",
+];
+
+fn check(finished: &Finished, code: i32, expected: &str, what: &dyn std::fmt::Debug) {
+    let line = finished.error(code);
+    assert!(line.contains(expected), "{what:?}: {line}");
+    for jargon in JARGON {
+        assert!(!line.contains(jargon), "{what:?}: {line}");
+    }
+    assert_eq!(finished.stdout, "", "{what:?}");
+}
+
+fn scene() -> Vec<Aabb> {
+    stress_scenes::named("uniform").boxes(70, 1)
+}
+
+#[test]
+fn a_wrong_command_line_is_told_in_one_line() {
+    let place = Place::new();
+    place.boxes(&scene());
+    for (line, expected) in [
+        ("", "a command is missing, one of serve, cull"),
+        ("sing", "there is no command 'sing'"),
+        ("cull", "<FILE> is missing: see `pairmaskd cull --help`"),
+        ("cull x --engine fast", "'fast' for --engine"),
+        ("cull x --shape cones", "'cones' for --shape: choose one of boxes, spheres"),
+        ("cull x --threads 0", "'0' for --threads: must be at least 1"),
+        ("cull x --threads -1", "must be at least 1"),
+        ("cull x --threads many", "must be a whole number"),
+        ("cull x --threads 99999999999999999999", "must be at most"),
+        ("cull x --frob", "'--frob' is not known here"),
+        ("cull x y", "'y' is not known here"),
+        ("cull x --precision margin=nan", "margin=X with X >= 0"),
+        ("cull boxes.f32 --pairs - --json", "name a file for one of them"),
+        ("cull boxes.f32 --pairs - --mask -", "name a file for one of them"),
+        ("cull boxes.f32 --pairs p --mask p", "name the same file"),
+        ("scene uniform 5000000000 o", "must be at most 4294967295"),
+        ("scene uniform -1 o", "must be at least 0"),
+        ("scene nowhere 1 o", "choose one of uniform, "),
+        ("explain boxes.f32 x 1", "'x' for <I>: must be a whole number"),
+        ("stress --case 1 --seed 2", "--case and --seed exclude each other"),
+        ("bench", "a command is missing, one of accuracy"),
+        ("bench latency --frames 0", "must be at least 1"),
+        ("bench latency --n 1e6", "must be a whole number in digits alone"),
+        ("bench latency --pin --backend in-process", "leave it out"),
+        ("serve --max-clients 70000", "must be at most 65535"),
+        ("serve --audit 1/0", "1/1000"),
+        ("demo --boxes 0", "must be at least 1"),
+    ] {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        check(&place.run(&words), 2, expected, &line);
+    }
+}
+
+#[test]
+fn a_wrong_variable_is_named_and_an_empty_one_is_none() {
+    let place = Place::new();
+    place.boxes(&scene());
+    let run = |name: &str, value: &str| {
+        let mut command = place.command(&["cull", "boxes.f32", "--json"]);
+        finish(command.env(name, value).spawn().unwrap())
+    };
+    for (name, value, expected) in [
+        ("PAIRMASK_THREADS", "0", "'0' in PAIRMASK_THREADS: must be at least 1"),
+        ("PAIRMASK_ENGINE", "fast", "'fast' in PAIRMASK_ENGINE"),
+        ("PAIRMASK_CONFIG", "absent", "configuration absent: there is no such file"),
+    ] {
+        check(&run(name, value), 2, expected, &(name, value));
+    }
+    for name in ["PAIRMASK_INSTANCE", "PAIRMASK_THREADS", "PAIRMASK_BACKEND", "PAIRMASK_GPU"] {
+        assert_eq!(run(name, "").json()["boxes"], 70, "{name}");
+    }
+}
+
+#[test]
+fn files_that_cannot_be_used_say_why_and_what_to_do() {
+    let place = Place::new();
+    place.boxes(&scene());
+    std::fs::create_dir(place.file("dir")).unwrap();
+    for (line, expected) in [
+        ("cull absent", "absent: there is no such file: check its name"),
+        ("cull dir", "dir: it is a directory: name a file"),
+        ("explain absent 0 1", "absent: there is no such file"),
+        ("bench latency --scene absent", "absent: there is no such file"),
+        ("bench accuracy --compare absent", "absent: there is no such file"),
+        ("cull boxes.f32 --backend in-process --pairs dir", "dir: it is a directory"),
+        ("cull boxes.f32 --backend in-process --pairs no/p", "no/p: there is no such directory"),
+        ("cull boxes.f32 --backend in-process --pairs /dev/full", "the disk is full: free space"),
+        ("cull boxes.f32 --backend in-process --mask /dev/full", "the disk is full: free space"),
+        ("scene uniform 9 no/such", "no/such: there is no such directory: create it"),
+        ("scene uniform 9 /dev/full", "the disk is full"),
+        ("calibrate --quick --threads 1 --out dir", "dir: it is a directory"),
+        ("bench accuracy --out boxes.f32", "boxes.f32: it is no directory"),
+        ("bench mapping --gpu none --quick --out boxes.f32", "boxes.f32: it is no directory"),
+    ] {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let mut command = place.command(&words);
+        // That the machine is busy is a warning of its own.
+        let finished = finish(command.env("PAIRMASK_LOG", "error").spawn().unwrap());
+        check(&finished, 1, expected, &line);
+    }
+}
+
+/// A user who is not the one that runs the tests, where those run as root.
+fn as_somebody_else(command: &mut std::process::Command) {
+    use std::os::unix::process::CommandExt;
+    command.uid(65534);
+}
+
+#[test]
+fn what_belongs_to_others_says_what_to_do() {
+    let place = Place::new();
+    place.boxes(&scene());
+    let own = place.file("pairmask");
+    std::fs::create_dir(&own).unwrap();
+    std::fs::write(own.join("config.toml"), "threads = 1\n").unwrap();
+    let lock = |path: &Path, mode| std::fs::set_permissions(path, Permissions::from_mode(mode));
+    lock(place.path(), 0o755).unwrap();
+    lock(&place.file("boxes.f32"), 0).unwrap();
+    lock(&own.join("config.toml"), 0).unwrap();
+    // Root may read what nobody may.
+    let may_read_all = File::open(place.file("boxes.f32")).is_ok();
+    let binary = place.file("pairmaskd");
+    std::fs::copy(crate::support::PAIRMASKD, &binary).unwrap();
+    lock(&binary, 0o755).unwrap();
+    let run = |words: &[&str]| {
+        let mut command = std::process::Command::new(&binary);
+        command.args(words).current_dir(place.path()).env_clear();
+        command.env("XDG_CONFIG_HOME", place.path()).env("PAIRMASK_RUNTIME_DIR", place.path());
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        if may_read_all {
+            as_somebody_else(&mut command);
+        }
+        finish(command.spawn().unwrap())
+    };
+    for (line, code, expected) in [
+        ("status", 2, "config.toml: you may not read it: change its permissions"),
+        ("status", 2, "--config, /dev/null for none"),
+        ("explain boxes.f32 0 1", 1, "boxes.f32: you may not read it"),
+        ("cull boxes.f32 --config /dev/null", 1, "boxes.f32: you may not read it"),
+    ] {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        check(&run(&words), code, expected, &line);
+    }
+    if may_read_all {
+        check(&run(&["scene", "uniform", "9", "new"]), 1, "new: you may not write there", &"new");
+    }
+}
+
+#[test]
+fn a_wrong_configuration_is_told_with_its_line() {
+    let place = Place::new();
+    for (text, expected) in [
+        ("threads = 0", "config.toml, line 1 (threads = 0): must be at least 1"),
+        ("\nthreads = 'x'", "line 2 (threads = 'x'): must be a whole number without quotes"),
+        ("max-clients = 70000", "must be at most 65535"),
+        ("spin-us = -1", "must be at least 0"),
+        ("engine = 3", "must be text in quotes"),
+        ("engine = 'fast'", "choose one of auto, "),
+        ("motor = 1", "unknown key `motor`"),
+        ("[[[", "line 1 ([[[)"),
+        ("gpu = true", "must be text in quotes"),
+    ] {
+        std::fs::write(place.file("config.toml"), text).unwrap();
+        check(&place.run(&["status", "--config", "config.toml"]), 2, expected, &text);
+    }
+    std::fs::write(place.file("config.toml"), [0xff, 0xfe]).unwrap();
+    check(&place.run(&["status", "--config", "config.toml"]), 2, "it is no text", &"bytes");
+    check(&place.run(&["status", "--config", "."]), 2, ".: it is a directory", &"directory");
+    // What reads no setting does not fail by a wrong one.
+    let mut command = place.command(&["scene", "uniform", "9", "o"]);
+    command.env("PAIRMASK_CONFIG", "config.toml");
+    assert_eq!(finish(command.spawn().unwrap()).code, Some(0));
+}
+
+#[test]
+fn a_process_that_failed_is_told_of_once() {
+    let place = Place::new();
+    place.boxes(&scene());
+    for line in ["serve --gpu 99", "cull boxes.f32 --spawn --gpu 99", "demo --seconds 1 --gpu 99"] {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let finished = place.run(&words);
+        assert!(finished.error(1).contains("no GPU fits '99'"), "{finished:?}");
+    }
+}
+
+#[test]
+fn stderr_that_takes_nothing_is_no_crash() {
+    let place = Place::new();
+    for (line, code) in [("cull absent", 1), ("cull absent --frob", 2)] {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let mut command = place.command(&words);
+        let full = File::options().write(true).open("/dev/full").unwrap();
+        let status = command.stderr(full).status().unwrap();
+        assert_eq!(status.code(), Some(code), "{line}");
+    }
+    let full = File::options().write(true).open("/dev/full").unwrap();
+    let mut help = place.command(&["--help"]);
+    let finished = help.stdout(full).stderr(Stdio::piped()).output().unwrap();
+    let stderr = String::from_utf8_lossy(&finished.stderr);
+    assert_eq!(finished.status.code(), Some(1), "{stderr}");
+    assert!(stderr.starts_with("pairmaskd: standard output: the disk is full"), "{stderr}");
+}
+
+#[test]
+fn a_reader_that_has_gone_is_no_failure() {
+    let place = Place::new();
+    place.boxes(&scene());
+    for line in [
+        "--help",
+        "explain boxes.f32 0 1",
+        "cull boxes.f32 --backend in-process",
+        "cull boxes.f32 --backend in-process --pairs -",
+        "cull boxes.f32 --backend in-process --mask -",
+        "scene uniform 1000 -",
+        "bench mapping --gpu none --quick",
+    ] {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        let mut command = place.command(&words);
+        let finished = command.stdout(writer).stderr(Stdio::piped()).output().unwrap();
+        let stderr = String::from_utf8_lossy(&finished.stderr);
+        assert_eq!(finished.status.code(), Some(0), "{line}: {stderr}");
+        assert!(!stderr.contains("Broken pipe") && !stderr.contains("panicked"), "{stderr}");
+    }
+}
+
+#[test]
+fn a_file_that_is_no_scene_is_warned_of() {
+    let place = Place::new();
+    let cull = |more: &[&str]| {
+        place.run(&[&["cull", "boxes.f32", "--backend", "in-process"], more].concat())
+    };
+    place.boxes(&scene());
+    let fine = cull(&["--json"]);
+    assert_eq!((fine.json()["warnings"].as_array().unwrap().len(), fine.stderr.as_str()), (0, ""));
+
+    place.boxes(&[Aabb::EMPTY; 20]);
+    let empty = cull(&["--json"]);
+    assert!(empty.stderr.contains("no box overlaps anything"), "{empty:?}");
+    assert!(empty.json()["warnings"][0].as_str().unwrap().contains("empty"), "{empty:?}");
+    let latency = ["bench", "latency", "--scene", "boxes.f32", "--frames", "2"];
+    let latency = place.run(&[&latency[..], &["--backend", "in-process"]].concat());
+    assert!(latency.stderr.contains("no box overlaps anything"), "{latency:?}");
+
+    let spheres: Vec<[f32; 4]> =
+        (0..240u8).map(|i| [f32::from(i), 9.0, f32::from(i % 50), 0.5]).collect();
+    std::fs::write(place.file("boxes.f32"), bytemuck::cast_slice(&spheres)).unwrap();
+    let as_boxes = cull(&["--json"]);
+    assert!(as_boxes.stderr.contains("try --shape spheres"), "{as_boxes:?}");
+    assert_eq!(as_boxes.json()["warnings"].as_array().unwrap().len(), 1);
+    assert_eq!(cull(&["--shape", "spheres"]).stderr, "");
+    place.boxes(&stress_scenes::named("uniform").boxes(240, 1));
+    let as_spheres = cull(&["--shape", "spheres"]);
+    assert!(as_spheres.stderr.contains("without --shape spheres"), "{as_spheres:?}");
+}
+
+#[test]
+fn help_lists_what_works() {
+    let place = Place::new();
+    for (line, listed, absent) in [
+        ("scene --help", &["--seed"][..], &["--instance", "--calibration", "--config"][..]),
+        ("explain --help", &["--precision"], &["--instance", "--runtime-dir"]),
+        ("stress --help", &["--gpu", "--config"], &["--instance", "--calibration"]),
+        ("status --help", &["--instance"], &["--calibration"]),
+        ("calibrate --help", &["--out"], &["--instance", "--calibration <"]),
+        ("bench grid --help", &["--gpu"], &["--instance"]),
+        (
+            "bench latency --help",
+            &["--instance", "[default: daemon]"],
+            &["[default: auto] [env: PAIRMASK_BACKEND"],
+        ),
+        ("cull --help", &["--instance", "--calibration", "`-` for stdout"], &[]),
+    ] {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let help = place.run(&words).stdout;
+        for flag in listed {
+            assert!(help.contains(flag), "{line} lacks {flag}: {help}");
+        }
+        for flag in absent {
+            assert!(!help.contains(flag), "{line} has {flag}: {help}");
+        }
+    }
+}
+
+#[test]
+fn latency_is_measured_where_it_says() {
+    let place = Place::new();
+    let latency = ["bench", "latency", "--n", "50", "--frames", "3", "--warm-up", "1", "--json"];
+    for (backend, answered) in
+        [("daemon", "daemon"), ("in-process", "in-process"), ("auto", "in-process")]
+    {
+        let report = place.run(&[&latency[..], &["--backend", backend]].concat()).json();
+        assert_eq!(report["rows"][0]["backend"], answered, "--backend {backend}");
+    }
+    let daemon = crate::support::daemon();
+    let dir = daemon.dir().path().to_owned();
+    let place_of_daemon = ["--backend", "auto", "--runtime-dir", dir.to_str().unwrap()];
+    let report = place.run(&[&latency[..], &place_of_daemon].concat()).json();
+    assert_eq!(report["rows"][0]["backend"], "daemon", "auto takes the daemon that serves");
+}
+
+/// Mesa's layer complains of a missing display server on stderr. With `auto` the adapters are listed
+/// and none is opened: quick, and with or without a GPU.
+#[test]
+fn drivers_do_not_talk_to_the_user() {
+    let place = Place::new();
+    let line = "bench accuracy --scene uniform --n 10 --frames 1 --precision exact --mapping none \
+                --backend in-process --gpu auto";
+    let words: Vec<&str> = line.split_whitespace().collect();
+    let finished = place.run(&words);
+    assert_eq!((finished.code, finished.stderr.as_str()), (Some(0), ""));
+}
