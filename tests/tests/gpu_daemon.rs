@@ -74,7 +74,10 @@ fn frames_under_way_at_a_time_do_not_mix() {
         for ((boxes, precision), frame) in scenes.iter().zip(precisions).zip(pending) {
             let mask = frame.wait().unwrap();
             let info = mask.info();
-            assert_eq!((info.engine, info.form), (EngineName::GpuGrid, precision.form().into()));
+            assert_eq!(
+                (info.engine, info.form),
+                (EngineName::GpuGrid.into(), precision.form().into())
+            );
             let mut pairs = mask.to_vec();
             pairs.sort_unstable();
             let expected = pairs_by_cpu(boxes, &precision);
