@@ -104,17 +104,17 @@ mod tests {
             };
             around.candidates()
         };
-        let tmp = PathBuf::from("/tmp/pairmask-7");
+        let in_tmp = Path::new("/tmp/pairmask-7");
         let ours = own.join("pairmask");
-        assert_eq!(candidates(Some(&nowhere), Some(&own), &own), [nowhere.clone()]);
-        assert_eq!(candidates(None, Some(&own), &nowhere), [ours.clone(), tmp.clone()]);
-        assert_eq!(candidates(None, Some(&own), &own), [ours.clone(), tmp.clone()]);
-        assert_eq!(candidates(None, None, &own), [tmp.clone(), ours.clone()]);
+        assert_eq!(candidates(Some(&nowhere), Some(&own), &own), [own.join("nowhere")]);
+        assert_eq!(candidates(None, Some(&own), &nowhere), [ours.clone(), in_tmp.to_owned()]);
+        assert_eq!(candidates(None, Some(&own), &own), [ours.clone(), in_tmp.to_owned()]);
+        assert_eq!(candidates(None, None, &own), [in_tmp.to_owned(), ours.clone()]);
         // One that is not there, or relative, or open to others, counts as not set.
-        assert_eq!(candidates(None, Some(&nowhere), &nowhere), [tmp.clone()]);
-        assert_eq!(candidates(None, Some(Path::new(".")), &nowhere), [tmp.clone()]);
+        assert_eq!(candidates(None, Some(&nowhere), &nowhere), [in_tmp]);
+        assert_eq!(candidates(None, Some(Path::new(".")), &nowhere), [in_tmp]);
         fs::set_permissions(&own, PermissionsExt::from_mode(0o777)).unwrap();
-        assert_eq!(candidates(None, Some(&own), &own), [tmp]);
+        assert_eq!(candidates(None, Some(&own), &own), [in_tmp]);
         fs::remove_dir_all(own).unwrap();
     }
 }

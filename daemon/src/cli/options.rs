@@ -21,7 +21,7 @@ pub struct Place {
     /// Name of the instance [default: default]
     #[arg(long, global = true, env = "PAIRMASK_INSTANCE", value_name = "NAME")]
     instance: Option<InstanceName>,
-    /// Directory that holds instances [default: $XDG_RUNTIME_DIR/pairmask, else /tmp/pairmask-UID]
+    /// Directory that holds instances [default: `$XDG_RUNTIME_DIR/pairmask`, else `/tmp/pairmask-UID`]
     #[arg(long, global = true, env = "PAIRMASK_RUNTIME_DIR", value_name = "DIR")]
     runtime_dir: Option<PathBuf>,
     /// Configuration file [default: `$XDG_CONFIG_HOME/pairmask/config.toml`]

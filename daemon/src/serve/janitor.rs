@@ -33,8 +33,8 @@ impl Janitor {
     }
 
     /// Has the account written, by this thread and not by the one that serves.
-    pub(super) fn post(&self, account: Account) {
-        *self.posted.lock().unwrap_or_else(PoisonError::into_inner) = Some(account);
+    pub(super) fn post(&self, account: &Account) {
+        *self.posted.lock().unwrap_or_else(PoisonError::into_inner) = Some(*account);
         if let Some(thread) = &self.thread {
             thread.thread().unpark();
         }

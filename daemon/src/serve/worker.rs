@@ -171,7 +171,7 @@ fn serve(
         let now = Instant::now();
         if now >= tidy_at {
             publisher.tidy();
-            janitor.post(Account::now(publisher.status()));
+            janitor.post(&Account::now(publisher.status()));
             tidy_at = now + JANITOR_INTERVAL;
         }
         if answered {

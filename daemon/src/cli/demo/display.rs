@@ -217,11 +217,21 @@ mod tests {
     #[test]
     fn a_wrong_frame_is_named_and_fails() {
         let mut progress = Progress::new();
-        progress.note_frame(3, Duration::from_micros(40), EngineName::CpuBrute.into(), false);
+        progress.note_frame(
+            3,
+            Duration::from_micros(40),
+            pairmask::EngineName::CpuBrute.into(),
+            false,
+        );
         progress.note_check(None);
         assert!(progress.verdict().is_ok());
         assert!(progress.summary_text().contains("1 frames checked, all right"));
-        progress.note_frame(3, Duration::from_micros(40), EngineName::CpuBrute.into(), false);
+        progress.note_frame(
+            3,
+            Duration::from_micros(40),
+            pairmask::EngineName::CpuBrute.into(),
+            false,
+        );
         progress.note_check(Some(BadPair::Missing(3, 9)));
         let text = progress.summary_text();
         assert!(text.contains("frame 2") && text.contains("(3, 9)"), "{text}");
