@@ -17,7 +17,9 @@ const WORD_BYTES: u64 = size_of::<u32>() as u64;
 pub(crate) struct WordBudget {
     taken: AtomicU64,
     most: u64,
-    refusal: ReserveError,
+    n: BoxCount,
+    with_order: bool,
+    limit_words: u64,
 }
 
 impl WordBudget {
@@ -36,20 +38,16 @@ impl WordBudget {
         reply: &dyn ReplyBuffer,
     ) -> Result<Self, ReserveError> {
         let limit = reply.limit_words();
-        let refusal = |words: u64| ReserveError::TooLarge {
-            at_least_bytes: words.saturating_mul(WORD_BYTES),
-            limit_bytes: limit.saturating_mul(WORD_BYTES),
+        let budget =
+            |most| Self { taken: AtomicU64::new(0), most, n, with_order, limit_words: limit };
+        let most = match encoding {
+            Encoding::Dense => (n.dense_words() <= limit).then_some(u64::MAX),
+            Encoding::Sparse => MaskShape::sparse_words_within(n, limit, with_order),
         };
-        let sparse = |words| MaskShape::sparse(n, words, words, with_order).extent_words();
-        let (most, least) = match encoding {
-            Encoding::Dense => {
-                let words = n.dense_words();
-                ((words <= limit).then_some(u64::MAX), words)
-            }
-            Encoding::Sparse => (MaskShape::sparse_words_within(n, limit, with_order), sparse(0)),
-        };
-        let most = most.ok_or_else(|| refusal(least))?.min(n.sparse_words_max());
-        Ok(Self { taken: AtomicU64::new(0), most, refusal: refusal(sparse(most + 1)) })
+        most.map(budget).ok_or_else(|| match encoding {
+            Encoding::Dense => refusal(n.dense_words(), limit),
+            Encoding::Sparse => budget(0).refusal_of(0),
+        })
     }
 
     /// Counts words that are kept. Whether the frame, with those of all tasks, is still within its
@@ -72,7 +70,23 @@ impl WordBudget {
     /// # Errors
     /// [`ReserveError::TooLarge`] where the budget is spent; the words found are then not all.
     pub fn check(&self) -> Result<(), ReserveError> {
-        if self.is_spent() { Err(self.refusal) } else { Ok(()) }
+        if self.is_spent() { Err(self.refusal_of(self.most + 1)) } else { Ok(()) }
+    }
+
+    /// The refusal of a sparse mask of so many words or more.
+    #[cold]
+    fn refusal_of(&self, words: u64) -> ReserveError {
+        let mask = MaskShape::sparse(self.n, words, words, self.with_order);
+        refusal(mask.extent_words(), self.limit_words)
+    }
+}
+
+/// The refusal of a mask that takes so many words of a reply, or more, which has fewer.
+#[cold]
+const fn refusal(words: u64, limit_words: u64) -> ReserveError {
+    ReserveError::TooLarge {
+        at_least_bytes: words.saturating_mul(WORD_BYTES),
+        limit_bytes: limit_words.saturating_mul(WORD_BYTES),
     }
 }
 
