@@ -200,6 +200,10 @@ fn a_word_that_is_not_written_is_noticed() {
 fn an_engine_that_gives_no_answer_fails() {
     struct Refuses;
     impl ReplyBuffer for Refuses {
+        fn limit_words(&self) -> u64 {
+            u64::MAX
+        }
+
         fn reserve(&mut self, words: u64) -> Result<&mut [u32], ReserveError> {
             Err(ReserveError::OutOfMemory { needed_bytes: 4 * words })
         }

@@ -105,6 +105,10 @@ impl Drop for Segment {
 struct SegmentReply<'a>(&'a Segment, usize);
 
 impl ReplyBuffer for SegmentReply<'_> {
+    fn limit_words(&self) -> u64 {
+        ((self.0.bytes - self.1) / size_of::<u32>()) as u64
+    }
+
     fn reserve(&mut self, words: u64) -> Result<&mut [u32], ReserveError> {
         let (offset, words) = (self.1, words as usize);
         assert!(offset + 4 * words <= self.0.bytes);

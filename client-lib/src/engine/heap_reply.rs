@@ -1,9 +1,13 @@
 //! A reply buffer in the process's own memory: what the in-process session and the tests use.
 
 use crate::engine::aligned::{AlignedBuffer, NoMemory};
-use crate::engine::{ReplyBuffer, ReserveError};
+use crate::engine::{RecentNeed, ReplyBuffer, ReserveError};
 
-/// Memory for one mask, kept from frame to frame: a steady scene allocates nothing.
+/// Bytes of a word.
+const WORD_BYTES: u64 = size_of::<u32>() as u64;
+
+/// Memory for one mask, kept from frame to frame: a steady scene allocates nothing. What much larger
+/// masks left behind is given back after some dozens of smaller ones.
 ///
 /// ```
 /// use pairmask::Aabb;
@@ -21,6 +25,7 @@ use crate::engine::{ReplyBuffer, ReserveError};
 pub struct HeapReply {
     words: AlignedBuffer<u32>,
     limit_bytes: u64,
+    need: RecentNeed,
 }
 
 impl Default for HeapReply {
@@ -37,7 +42,7 @@ impl HeapReply {
 
     /// An empty buffer that refuses a mask of more than `limit_bytes`.
     pub fn with_limit_bytes(limit_bytes: u64) -> Self {
-        Self { words: AlignedBuffer::default(), limit_bytes }
+        Self { words: AlignedBuffer::default(), limit_bytes, need: RecentNeed::default() }
     }
 
     /// The words of the last [`ReplyBuffer::reserve`]: the mask, after a successful cull.
@@ -55,13 +60,23 @@ impl HeapReply {
 }
 
 impl ReplyBuffer for HeapReply {
+    fn limit_words(&self) -> u64 {
+        if self.limit_bytes == u64::MAX { u64::MAX } else { self.limit_bytes / WORD_BYTES }
+    }
+
     fn reserve(&mut self, words: u64) -> Result<&mut [u32], ReserveError> {
-        let needed_bytes = words.saturating_mul(size_of::<u32>() as u64);
+        let needed_bytes = words.saturating_mul(WORD_BYTES);
         if needed_bytes > self.limit_bytes {
-            return Err(ReserveError::TooLarge { needed_bytes, limit_bytes: self.limit_bytes });
+            return Err(ReserveError::TooLarge {
+                at_least_bytes: needed_bytes,
+                limit_bytes: self.limit_bytes,
+            });
         }
         let out_of_memory = ReserveError::OutOfMemory { needed_bytes };
         let len = usize::try_from(words).map_err(|_| out_of_memory)?;
+        if self.need.note(len.saturating_mul(size_of::<u32>()), || self.words.allocated_bytes()) {
+            self.words = AlignedBuffer::default();
+        }
         self.words.try_resize(len).map_err(|NoMemory(_)| out_of_memory)?;
         Ok(self.words.as_mut_slice())
     }
@@ -83,12 +98,27 @@ mod tests {
     }
 
     #[test]
+    fn memory_that_smaller_masks_do_not_need_is_given_back() {
+        let mut reply = HeapReply::new();
+        reply.reserve(1 << 20).expect("4 MiB");
+        for _ in 0..64 {
+            assert_eq!(reply.words.allocated_bytes(), 4 << 20, "kept for a window of frames");
+            reply.reserve(100).expect("less");
+        }
+        for _ in 0..64 {
+            reply.reserve(100).expect("less");
+        }
+        assert!(reply.words.allocated_bytes() < 1 << 10);
+        assert!(reply.reserve(1 << 20).is_ok_and(|words| words.len() == 1 << 20));
+    }
+
+    #[test]
     fn a_limit_is_a_typed_error() {
         let mut reply = HeapReply::with_limit_bytes(64);
         assert!(reply.reserve(16).is_ok());
         assert_eq!(
             reply.reserve(17).err(),
-            Some(ReserveError::TooLarge { needed_bytes: 68, limit_bytes: 64 })
+            Some(ReserveError::TooLarge { at_least_bytes: 68, limit_bytes: 64 })
         );
         let impossible = HeapReply::new().reserve(u64::MAX / 4).err();
         assert!(matches!(impossible, Some(ReserveError::OutOfMemory { .. })));

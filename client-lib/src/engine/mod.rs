@@ -7,13 +7,16 @@
 
 pub(crate) mod aligned;
 pub mod brute_force;
+pub(crate) mod gather;
 pub mod grid;
 mod heap_reply;
 pub mod ingest;
 mod isa;
+mod scratch;
 mod set;
 pub(crate) mod strips;
 pub mod sweep_and_prune;
+pub(crate) mod word_budget;
 
 use std::fmt;
 use std::str::FromStr;
@@ -23,6 +26,7 @@ pub use grid::{Grid, GridPlace, GridView};
 pub use heap_reply::HeapReply;
 pub use ingest::KeyColumns;
 pub use isa::{AvailableIsa, Isa};
+pub use scratch::RecentNeed;
 pub use set::{CpuEngines, CullAnswer, CullWish, nanoseconds_since};
 pub use sweep_and_prune::SweepAndPrune;
 
@@ -182,6 +186,11 @@ pub struct CullJob {
 
 /// Memory for a mask, handed out by whoever publishes it.
 pub trait ReplyBuffer {
+    /// The most words that [`Self::reserve`] ever lends; `u64::MAX` where memory is the only limit.
+    /// It is known before a frame and stays the same throughout it: engines stop looking for pairs
+    /// when what they found cannot be lent any more.
+    fn limit_words(&self) -> u64;
+
     /// At least `words` u32 words, aligned to 64 bytes, contents unspecified. A second call
     /// replaces the first; nothing of the first is kept.
     ///
@@ -195,11 +204,12 @@ pub trait ReplyBuffer {
 pub enum ReserveError {
     /// Larger than the largest reply of this instance.
     #[error(
-        "the mask needs {needed_bytes} bytes and a reply holds at most {limit_bytes}: ask for the sparse encoding, or serve with a larger --max-reply-mib"
+        "the mask needs {at_least_bytes} bytes or more and a reply holds at most {limit_bytes}: leave the encoding open, or serve with a larger --max-reply-mib"
     )]
     TooLarge {
-        /// Bytes of the mask.
-        needed_bytes: u64,
+        /// Bytes that the mask needs at the least. A search ends when it has found more than a reply
+        /// holds, so that nobody knows how many more it needs.
+        at_least_bytes: u64,
         /// Bytes of the largest reply.
         limit_bytes: u64,
     },
@@ -364,7 +374,10 @@ pub trait Engine: Send {
 
     /// Writes the pair mask of `boxes` into memory of `reply`.
     ///
-    /// The answer depends on `boxes` alone: not on threads, earlier frames or the machine.
+    /// The answer depends on `boxes` alone: not on threads, earlier frames or the machine. A mask that
+    /// `reply` has no room for is refused: a dense one before any pair is tested, a sparse one soon
+    /// after the first word beyond [`ReplyBuffer::limit_words`] was found.
+    ///
     /// A box that changes while it is read (a hostile writer) may give a wrong answer for that
     /// box; it never harms the process.
     ///

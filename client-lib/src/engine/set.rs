@@ -2,12 +2,14 @@
 
 use std::time::Instant;
 
+use super::gather::PairTest;
+use super::scratch::RecentNeed;
 use super::{
-    AvailableIsa, BruteForce, CullError, CullJob, CullReport, Engine, EngineChoice, EngineName,
-    Grid, ReplyBuffer, SweepAndPrune,
+    AvailableIsa, BruteForce, CullError, CullJob, CullReport, EngineChoice, EngineName, Grid,
+    ReplyBuffer, ReserveError, SweepAndPrune,
 };
 use crate::aabb::Aabb;
-use crate::mask::{EncodingChoice, ReadableEncodings};
+use crate::mask::{Encoding, EncodingChoice, ReadableEncodings};
 use crate::plan::{Calibration, Capabilities, GpuCost, Plan, SceneStats, Wishes, plan};
 use crate::precision::NarrowBoxes;
 use crate::units::BoxCount;
@@ -26,6 +28,36 @@ pub struct CullWish {
     pub last_pairs: Option<u64>,
     /// Encodings that the client can read.
     pub readable: ReadableEncodings,
+}
+
+impl CullWish {
+    /// The wish of a frame of `n` boxes whose reply holds at most `limit_words` words: where the
+    /// client left the encoding open and a dense mask does not fit, it is sparse.
+    #[must_use]
+    pub fn within(self, n: usize, limit_words: u64) -> Self {
+        let may_be_sparse =
+            self.encoding == EncodingChoice::Auto && self.readable.contains(Encoding::Sparse);
+        if may_be_sparse && !dense_fits(n, limit_words) {
+            return Self { encoding: EncodingChoice::Only(Encoding::Sparse), ..self };
+        }
+        self
+    }
+
+    /// The wish to try after `error`, if there is one: where the client left the encoding open, more
+    /// words were found than the reply holds, and a dense mask fits.
+    #[must_use]
+    pub fn after(self, error: &CullError, n: usize, limit_words: u64) -> Option<Self> {
+        let is_too_large = matches!(error, CullError::Reserve(ReserveError::TooLarge { .. }));
+        let dense = Self { encoding: EncodingChoice::Only(Encoding::Dense), ..self };
+        let is_open =
+            self.encoding == EncodingChoice::Auto && self.readable.contains(Encoding::Dense);
+        (is_too_large && is_open && dense_fits(n, limit_words)).then_some(dense)
+    }
+}
+
+/// Whether a reply of so many words holds the dense mask of `n` boxes.
+fn dense_fits(n: usize, limit_words: u64) -> bool {
+    BoxCount::of_len(n).is_some_and(|n| n.dense_words() <= limit_words)
 }
 
 /// An answered cull.
@@ -70,7 +102,15 @@ pub struct CpuEngines {
     sweep_and_prune: SweepAndPrune,
     grid: Grid,
     calibration: Calibration,
+    /// Of `cpu-brute`, `cpu-sap` and `cpu-grid`.
+    needs: [RecentNeed; 3],
 }
+
+/// Scratch that a frame takes, bytes a box: the most that an engine was seen to take (240, of
+/// `cpu-brute` on two threads), rounded up.
+const BOX_BYTES: usize = 256;
+/// Scratch that a frame takes, bytes a word of its mask: three arrays, which grow by doubling.
+const WORD_BYTES: usize = 24;
 
 impl Default for CpuEngines {
     fn default() -> Self {
@@ -92,7 +132,16 @@ impl CpuEngines {
             sweep_and_prune: SweepAndPrune::new(),
             grid: Grid::new(),
             calibration,
+            needs: [RecentNeed::default(); 3],
         }
+    }
+
+    /// Gives the scratch of all engines back. Answers do not depend on it; the next frame takes
+    /// longer.
+    pub fn give_back(&mut self) {
+        self.brute_force = BruteForce::new();
+        self.sweep_and_prune = SweepAndPrune::new();
+        self.grid = Grid::new();
     }
 
     /// Bytes of scratch that all engines keep from frame to frame, beside boxes and replies.
@@ -136,16 +185,49 @@ impl CpuEngines {
         boxes: &[Aabb],
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
+        self.run_passing(plan, boxes, None, reply)
+    }
+
+    /// [`Self::run`], less the pairs that do not pass a test.
+    pub(crate) fn run_passing(
+        &mut self,
+        plan: &Plan,
+        boxes: &[Aabb],
+        test: Option<&dyn PairTest>,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullReport, CullError> {
         let job = CullJob { encoding: plan.encoding, threads: plan.threads };
-        match plan.engine {
-            EngineName::CpuBrute => self.brute_force.cull(boxes, &job, reply),
-            EngineName::CpuSap => self.sweep_and_prune.cull(boxes, &job, reply),
-            EngineName::CpuGrid => self.grid.cull(boxes, &job, reply),
+        let done = match plan.engine {
+            EngineName::CpuBrute => self.brute_force.cull_passing(boxes, &job, test, reply),
+            EngineName::CpuSap => self.sweep_and_prune.cull_passing(boxes, &job, test, reply),
+            EngineName::CpuGrid => self.grid.cull_passing(boxes, &job, test, reply),
             engine => Err(CullError::Unavailable { engine, why: "it needs a daemon with a GPU" }),
+        };
+        // Most words hold a pair each, of a dense mask too on its way. A refused frame has given its
+        // words back.
+        let most = plan.stats.n.sparse_words_max();
+        let words = done.as_ref().map_or(0, |report| report.pair_count.min(most)) as usize;
+        self.note_need(plan.engine, BOX_BYTES * boxes.len() + WORD_BYTES * words);
+        done
+    }
+
+    /// Gives the scratch of engines back that much larger scenes left behind.
+    fn note_need(&mut self, ran: EngineName, bytes: usize) {
+        let need = |engine| if engine == ran { bytes } else { 0 };
+        let [brute_force, sweep_and_prune, grid] = &mut self.needs;
+        if brute_force.note(need(EngineName::CpuBrute), || self.brute_force.scratch_bytes()) {
+            self.brute_force = BruteForce::new();
+        }
+        if sweep_and_prune.note(need(EngineName::CpuSap), || self.sweep_and_prune.scratch_bytes()) {
+            self.sweep_and_prune = SweepAndPrune::new();
+        }
+        if grid.note(need(EngineName::CpuGrid), || self.grid.scratch_bytes()) {
+            self.grid = Grid::new();
         }
     }
 
-    /// Plans a frame among the CPU engines and finds its pairs.
+    /// Plans a frame among the CPU engines and finds its pairs. Where the encoding is left open, a
+    /// mask that fits into the reply in either encoding is found.
     ///
     /// # Errors
     /// As [`run`](Self::run).
@@ -156,9 +238,16 @@ impl CpuEngines {
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
         let start = Instant::now();
-        let plan = self.plan(boxes, wish, None);
+        let (n, limit_words) = (boxes.len(), reply.limit_words());
+        let wish = wish.within(n, limit_words);
+        let plan = self.plan(boxes, &wish, None);
         let plan_ns = nanoseconds_since(start);
-        let report = self.run(&plan, boxes, reply)?;
-        Ok(CullAnswer::new(&plan, report, start, plan_ns))
+        match self.run(&plan, boxes, reply) {
+            Ok(report) => Ok(CullAnswer::new(&plan, report, start, plan_ns)),
+            Err(error) => match wish.after(&error, n, limit_words) {
+                Some(dense) => self.cull(boxes, &dense, reply),
+                None => Err(error),
+            },
+        }
     }
 }

@@ -173,6 +173,30 @@ impl MaskShape {
         }
     }
 
+    /// The most words with which the [`Self::sparse`] mask of `n` boxes that knows its size takes
+    /// `limit_words` words of a reply or less. `None` where not even the mask without words does.
+    ///
+    /// ```
+    /// use pairmask::{BoxCount, mask::MaskShape};
+    ///
+    /// let n = BoxCount::new(100);
+    /// assert_eq!(MaskShape::sparse_words_within(n, 148, true), Some(16));
+    /// assert_eq!(MaskShape::sparse(n, 16, 16, true).extent_words(), 148);
+    /// assert_eq!(MaskShape::sparse_words_within(n, 99, true), None, "the order has 100 words");
+    /// ```
+    pub fn sparse_words_within(n: BoxCount, limit_words: u64, with_order: bool) -> Option<u64> {
+        let align = SECTION_ALIGN_WORDS;
+        if with_order {
+            // The order stands behind three whole strides.
+            let arrays = limit_words.checked_sub(u64::from(n.get()))?;
+            return Some(arrays / 3 / align * align);
+        }
+        // Only the first two arrays take whole strides.
+        let whole = limit_words / 3 / align * align;
+        let after_two_more = limit_words.saturating_sub(2 * (whole + align));
+        Some(if after_two_more > whole { after_two_more.min(whole + align) } else { whole })
+    }
+
     /// The encoding of this shape.
     pub const fn encoding(&self) -> Encoding {
         match self {

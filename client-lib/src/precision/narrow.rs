@@ -268,6 +268,13 @@ impl<'a> NarrowBoxes<'a> {
 #[derive(Default)]
 pub struct ExpandScratch(AlignedBuffer<f32>);
 
+impl ExpandScratch {
+    /// Bytes that are allocated.
+    pub fn allocated_bytes(&self) -> usize {
+        self.0.allocated_bytes()
+    }
+}
+
 /// f32 of a box.
 const AABB_WORDS: usize = AABB_BYTES / size_of::<f32>();
 

@@ -7,7 +7,9 @@ use super::Sphere;
 use super::columns::BallColumns;
 use super::kernel;
 use crate::engine::brute_force::split;
+use crate::engine::gather::Gather;
 use crate::engine::strips::{WordSink, in_parts, publish};
+use crate::engine::word_budget::WordBudget;
 use crate::engine::{
     AvailableIsa, CullError, CullJob, CullReport, EngineName, EngineTimes, Isa, ReplyBuffer,
     SkipMeter,
@@ -83,6 +85,7 @@ impl SphereAllPairs {
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
         let n = counted(spheres)?;
+        let budget = &WordBudget::new(n, job.encoding, true, reply)?;
         let start = Instant::now();
         let census = self.columns.ingest(spheres);
         self.order.clear();
@@ -91,12 +94,17 @@ impl SphereAllPairs {
         let ingested = Instant::now();
 
         let (columns, isa, parts) = (&self.columns, self.isa, self.tasks.len());
-        let run = |tasks: &mut [Task]| tasks.iter_mut().for_each(|task| task.run(columns, isa));
+        let gather = &Gather { budget, test: None, order: &self.order };
+        let run =
+            |tasks: &mut [Task]| tasks.iter_mut().for_each(|task| task.run(columns, gather, isa));
         in_parts(self.tasks.as_mut_slice(), parts, &run, &|(), ()| ());
         let executed = Instant::now();
 
         let sinks = self.tasks.iter().map(|task| &task.found);
-        let shape = publish(sinks, &self.order, job.encoding, parts > 1, reply)?;
+        let published = publish(sinks, gather, job.encoding, parts > 1, reply);
+        let shape = published.inspect_err(|_| {
+            self.tasks.iter_mut().for_each(|task| task.found.give_back());
+        })?;
         let nothing = u64::from(census.empty) + u64::from(census.invalid);
         Ok(CullReport {
             shape,
@@ -111,6 +119,13 @@ impl SphereAllPairs {
         })
     }
 
+    /// Bytes of scratch that the engine keeps from frame to frame, beside spheres and reply.
+    pub fn scratch_bytes(&self) -> usize {
+        self.columns.allocated_bytes()
+            + self.order.capacity() * size_of::<u32>()
+            + self.tasks.iter().map(|task| task.found.allocated_bytes()).sum::<usize>()
+    }
+
     fn assign(&mut self, n: usize, threads: usize) {
         let parts = split::task_count(n, threads);
         self.tasks.resize_with(parts, Task::default);
@@ -121,12 +136,17 @@ impl SphereAllPairs {
 }
 
 impl Task {
-    fn run(&mut self, columns: &BallColumns, isa: AvailableIsa) {
+    /// Finds the words of all rows, until the budget is spent.
+    fn run(&mut self, columns: &BallColumns, gather: &Gather<'_>, isa: AvailableIsa) {
         self.found.clear();
         for row in self.rows.clone() {
+            if gather.budget.is_spent() {
+                return;
+            }
             kernel::search(columns, row, isa, &mut |word, bits: u64| {
-                self.found.push(row as u32, 2 * word as u32, bits as u32);
-                self.found.push(row as u32, 2 * word as u32 + 1, (bits >> 32) as u32);
+                let (row, block) = (row as u32, 2 * word as u32);
+                self.found.push(row, block, bits as u32, gather);
+                self.found.push(row, block + 1, (bits >> 32) as u32, gather);
             });
         }
     }

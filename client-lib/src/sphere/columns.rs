@@ -21,6 +21,11 @@ pub(super) struct BallColumns {
 }
 
 impl BallColumns {
+    /// Bytes that are allocated.
+    pub fn allocated_bytes(&self) -> usize {
+        self.components.allocated_bytes()
+    }
+
     /// Reads all spheres, each once, and counts those that overlap nothing.
     pub fn ingest(&mut self, spheres: &[Sphere]) -> Census {
         self.len = spheres.len();

@@ -87,15 +87,39 @@ impl SphereWays {
             let why = "spheres are culled by the engines of the CPU";
             return Err(CullError::Unavailable { engine, why });
         }
+        let (n, limit_words) = (spheres.len(), reply.limit_words());
+        let wish = wish.within(n, limit_words);
         let encoding = match wish.encoding {
             EncodingChoice::Only(encoding) => encoding,
             EncodingChoice::Auto
-                if spheres.len() <= DENSE_SPHERES && wish.readable.contains(Encoding::Dense) =>
+                if n <= DENSE_SPHERES && wish.readable.contains(Encoding::Dense) =>
             {
                 Encoding::Dense
             }
             EncodingChoice::Auto => Encoding::Sparse,
         };
+        match self.cull_in(boxes, spheres, &wish, encoding, reply) {
+            Err(error) => match wish.after(&error, n, limit_words) {
+                Some(dense) => self.cull_in(boxes, spheres, &dense, Encoding::Dense, reply),
+                None => Err(error),
+            },
+            done => done,
+        }
+    }
+
+    /// Bytes of scratch that is kept from frame to frame, beside that of the box engines.
+    pub fn scratch_bytes(&self) -> usize {
+        self.all_pairs.scratch_bytes() + self.filter.scratch_bytes()
+    }
+
+    fn cull_in(
+        &mut self,
+        boxes: &mut CpuEngines,
+        spheres: &[Sphere],
+        wish: &CullWish,
+        encoding: Encoding,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullAnswer, CullError> {
         let all_pairs = match wish.engine {
             EngineChoice::Auto => spheres.len() <= ALL_PAIRS_SPHERES,
             EngineChoice::Only(engine) => engine == EngineName::CpuBrute,

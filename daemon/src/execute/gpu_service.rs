@@ -401,6 +401,10 @@ struct NotedReply<'a> {
 }
 
 impl ReplyBuffer for NotedReply<'_> {
+    fn limit_words(&self) -> u64 {
+        self.inner.limit_words()
+    }
+
     fn reserve(&mut self, words: u64) -> Result<&mut [u32], ReserveError> {
         let memory = self.inner.reserve(words)?;
         self.at = (memory.as_ptr() as usize, size_of_val(memory));

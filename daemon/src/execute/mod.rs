@@ -6,11 +6,13 @@ mod spheres;
 
 pub use gpu_service::{GpuFrame, GpuService, Owner};
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
+use pairmask::BoxForm;
+use pairmask::aabb::AABB_BYTES;
 use pairmask::engine::{
-    CpuEngines, CullAnswer, CullError, CullReport, CullWish, EngineChoice, EngineName, ReplyBuffer,
-    nanoseconds_since,
+    CpuEngines, CullAnswer, CullError, CullReport, CullWish, EngineChoice, EngineName, RecentNeed,
+    ReplyBuffer, nanoseconds_since,
 };
 use pairmask::plan::{Calibration, GpuCost, Plan};
 use pairmask::precision::{ExpandScratch, NarrowBoxes};
@@ -47,6 +49,7 @@ pub enum Started {
 #[derive(Debug)]
 pub struct CullUnderWay {
     frame: GpuFrame,
+    owner: Owner,
     planned: Planned,
 }
 
@@ -59,6 +62,7 @@ struct CpuSide {
     engines: CpuEngines,
     /// Those of frames that came in a narrow form.
     expanded: ExpandScratch,
+    expanded_need: RecentNeed,
 }
 
 impl CpuSide {
@@ -80,6 +84,10 @@ impl CpuSide {
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
         let start = Instant::now();
+        let expanded = if boxes.form() == BoxForm::F32 { 0 } else { AABB_BYTES * boxes.len() };
+        if self.expanded_need.note(expanded, || self.expanded.allocated_bytes()) {
+            self.expanded = ExpandScratch::default();
+        }
         let boxes = boxes.expand(&mut self.expanded, planned.wish.threads != Some(1));
         let expand_ns = nanoseconds_since(start);
         let mut report = self.engines.run(&planned.plan, boxes, reply)?;
@@ -113,13 +121,26 @@ impl CpuSide {
 pub struct Executor {
     cpu: CpuSide,
     spheres: SphereWays,
+    spheres_need: RecentNeed,
     gpu: Option<GpuService>,
+    /// When the last frame began, until its scratch is given back.
+    last_frame: Option<Instant>,
 }
+
+/// How long nobody may send a frame before the engines' scratch is given back: longer than a game's
+/// menus or a level that loads. The frame after takes a few ms longer.
+const IDLE: Duration = Duration::from_secs(10);
 
 impl Executor {
     /// The CPU engines, and the GPU's if there is one.
     pub fn new(gpu: Option<GpuService>) -> Self {
-        Self { cpu: CpuSide::default(), spheres: SphereWays::default(), gpu }
+        Self {
+            cpu: CpuSide::default(),
+            spheres: SphereWays::default(),
+            spheres_need: RecentNeed::default(),
+            gpu,
+            last_frame: None,
+        }
     }
 
     /// The same engines, whose plans compute with `calibration`.
@@ -139,7 +160,8 @@ impl Executor {
     /// ingest.
     ///
     /// A GPU that is lost, or has no memory for the scene, leaves the frame to the CPU: the answer
-    /// is the same. A scene that crowds the GPU's grid goes to all pairs.
+    /// is the same. A scene that crowds the GPU's grid goes to all pairs. Where the client left the
+    /// encoding open, a mask that fits into the reply in either encoding is found.
     ///
     /// # Errors
     /// [`CullError`].
@@ -150,8 +172,10 @@ impl Executor {
         wish: &CullWish,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
-        let planned = self.plan(boxes, wish);
-        self.run(planned, boxes, owner, reply)
+        let wish = wish.within(boxes.len(), reply.limit_words());
+        let planned = self.plan(boxes, &wish);
+        let done = self.run(planned, boxes, owner, reply);
+        done.or_else(|error| self.run_dense(error, wish, boxes, owner, reply))
     }
 
     /// As [`Self::cull`], but a frame that the GPU takes its time for may come back under way. Its
@@ -167,16 +191,19 @@ impl Executor {
         wish: &CullWish,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<Started, CullError> {
-        let planned = self.plan(boxes, wish);
-        if let Some(gpu) = self.gpu.as_mut().filter(|gpu| gpu.can_begin(&planned.plan)) {
-            return match gpu.begin(boxes, owner, &planned.plan, reply) {
-                Ok(frame) => Ok(Started::UnderWay(CullUnderWay { frame, planned })),
-                Err(error) => {
-                    self.cpu.run_after(error, planned, boxes, reply).map(Started::Answered)
+        let wish = wish.within(boxes.len(), reply.limit_words());
+        let planned = self.plan(boxes, &wish);
+        let done = match self.gpu.as_mut().filter(|gpu| gpu.can_begin(&planned.plan)) {
+            Some(gpu) => match gpu.begin(boxes, owner, &planned.plan, reply) {
+                Ok(frame) => {
+                    return Ok(Started::UnderWay(CullUnderWay { frame, owner, planned }));
                 }
-            };
-        }
-        self.run(planned, boxes, owner, reply).map(Started::Answered)
+                Err(error) => self.cpu.run_after(error, planned, boxes, reply),
+            },
+            None => self.run(planned, boxes, owner, reply),
+        };
+        done.or_else(|error| self.run_dense(error, wish, boxes, owner, reply))
+            .map(Started::Answered)
     }
 
     /// Whether a frame has ended, so that [`Self::end`] does not wait.
@@ -194,16 +221,18 @@ impl Executor {
         boxes: NarrowBoxes<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
-        let CullUnderWay { frame, planned } = cull;
+        let CullUnderWay { frame, owner, planned } = cull;
+        let wish = planned.wish;
         let lost = CullError::DeviceLost { engine: planned.plan.engine };
         let done = match &mut self.gpu {
             Some(gpu) => gpu.end(&frame, boxes, &planned.plan, reply),
             None => Err(lost),
         };
-        match done {
+        let done = match done {
             Ok((report, engine)) => Ok(planned.answer(report, engine)),
             Err(error) => self.cpu.run_after(error, planned, boxes, reply),
-        }
+        };
+        done.or_else(|error| self.run_dense(error, wish, boxes, owner, reply))
     }
 
     /// Lets the GPU work for a moment.
@@ -213,15 +242,55 @@ impl Executor {
         }
     }
 
-    /// Gives up what belonged to clients that are gone; to be called now and then.
+    /// Gives up what belonged to clients that are gone, and scratch memory where no frame has come for
+    /// long; to be called now and then.
     pub fn tidy(&mut self) {
+        if self.last_frame.take_if(|last| last.elapsed() >= IDLE).is_some() {
+            self.give_back();
+        }
         if let Some(gpu) = &mut self.gpu {
             gpu.tidy();
         }
     }
 
-    fn plan(&self, boxes: NarrowBoxes<'_>, wish: &CullWish) -> Planned {
-        self.cpu.plan(boxes, wish, self.gpu.as_ref().and_then(GpuService::cost))
+    /// Gives the scratch of the CPU engines back. Answers do not depend on it.
+    pub fn give_back(&mut self) {
+        self.cpu.engines.give_back();
+        self.cpu.expanded = ExpandScratch::default();
+        self.spheres = SphereWays::default();
+    }
+
+    /// Bytes of scratch that the CPU engines keep from frame to frame, beside boxes and replies.
+    pub fn scratch_bytes(&self) -> usize {
+        self.cpu.engines.scratch_bytes()
+            + self.cpu.expanded.allocated_bytes()
+            + self.spheres.scratch_bytes()
+    }
+
+    fn plan(&mut self, boxes: NarrowBoxes<'_>, wish: &CullWish) -> Planned {
+        let planned = self.cpu.plan(boxes, wish, self.gpu.as_ref().and_then(GpuService::cost));
+        self.last_frame = Some(planned.start);
+        if self.spheres_need.note(0, || self.spheres.scratch_bytes()) {
+            self.spheres = SphereWays::default();
+        }
+        planned
+    }
+
+    /// The dense mask of a frame whose sparse one does not fit, where the client takes either; else the
+    /// error.
+    fn run_dense(
+        &mut self,
+        error: CullError,
+        wish: CullWish,
+        boxes: NarrowBoxes<'_>,
+        owner: Owner,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullAnswer, CullError> {
+        let Some(dense) = wish.after(&error, boxes.len(), reply.limit_words()) else {
+            return Err(error);
+        };
+        let planned = self.plan(boxes, &dense);
+        self.run(planned, boxes, owner, reply)
     }
 
     fn run(

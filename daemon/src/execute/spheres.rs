@@ -4,10 +4,19 @@
 //! memory of the daemon's own that stays where it is, and the exact test, which is most of the work,
 //! would still be the CPU's.
 
+use std::time::Instant;
+
 use pairmask::Sphere;
 use pairmask::engine::{CullAnswer, CullError, CullWish, ReplyBuffer};
+use pairmask::sphere::SphereWays;
 
 use super::Executor;
+
+/// Scratch that a frame takes, bytes a sphere: its bounds and its ball, 24 and 32, or four columns and
+/// the order, 36.
+const SPHERE_SCRATCH_BYTES: usize = 64;
+/// Scratch that a frame takes, bytes a pair: a word each, at the most.
+const PAIR_SCRATCH_BYTES: usize = 12;
 
 impl Executor {
     /// Finds the pairs of spheres.
@@ -20,6 +29,13 @@ impl Executor {
         wish: &CullWish,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
-        self.spheres.cull(&mut self.cpu.engines, spheres, wish, reply)
+        self.last_frame = Some(Instant::now());
+        let answer = self.spheres.cull(&mut self.cpu.engines, spheres, wish, reply);
+        let pairs = answer.as_ref().map_or(0, |answer| answer.report.pair_count);
+        let needed = SPHERE_SCRATCH_BYTES * spheres.len() + PAIR_SCRATCH_BYTES * pairs as usize;
+        if self.spheres_need.note(needed, || self.spheres.scratch_bytes()) {
+            self.spheres = SphereWays::default();
+        }
+        answer
     }
 }

@@ -8,6 +8,9 @@ use pairmask::wire::{ResponseHeader, page_count};
 
 use super::{copy_bytes, response_words};
 
+/// Bytes of a word of a mask.
+const WORD_BYTES: u64 = size_of::<u32>() as u64;
+
 /// The memory of one response.
 pub(super) struct LoanReply<'a> {
     request: &'a ActiveRequest,
@@ -65,11 +68,15 @@ impl<'a> LoanReply<'a> {
 }
 
 impl ReplyBuffer for LoanReply<'_> {
+    fn limit_words(&self) -> u64 {
+        self.limit_bytes / WORD_BYTES
+    }
+
     fn reserve(&mut self, words: u64) -> Result<&mut [u32], ReserveError> {
-        let needed_bytes = words.saturating_mul(4);
+        let needed_bytes = words.saturating_mul(WORD_BYTES);
         if needed_bytes > self.limit_bytes {
             let limit_bytes = self.limit_bytes;
-            return Err(ReserveError::TooLarge { needed_bytes, limit_bytes });
+            return Err(ReserveError::TooLarge { at_least_bytes: needed_bytes, limit_bytes });
         }
         let out_of_memory = ReserveError::OutOfMemory { needed_bytes };
         // A request has one loan at a time: the old one goes back first.

@@ -219,8 +219,8 @@ impl From<Reject> for Failure {
 impl From<CullError> for Failure {
     fn from(error: CullError) -> Self {
         let (status, detail) = match error {
-            CullError::Reserve(ReserveError::TooLarge { needed_bytes, limit_bytes }) => {
-                (StatusCode::ReplyTooLarge, [needed_bytes, limit_bytes])
+            CullError::Reserve(ReserveError::TooLarge { at_least_bytes, limit_bytes }) => {
+                (StatusCode::ReplyTooLarge, [at_least_bytes, limit_bytes])
             }
             CullError::Reserve(ReserveError::OutOfMemory { needed_bytes }) => {
                 (StatusCode::OutOfMemory, [needed_bytes, 0])

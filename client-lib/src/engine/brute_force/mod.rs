@@ -44,6 +44,8 @@ use self::bitmaps::Bitmaps;
 use self::search::Scene;
 use self::task::Task;
 use crate::aabb::Aabb;
+use crate::engine::gather::{Gather, PairTest};
+use crate::engine::word_budget::WordBudget;
 use crate::engine::{
     AvailableIsa, CullError, CullJob, CullReport, Engine, EngineName, EngineTimes, Isa, KeyColumns,
     ReplyBuffer, SkipMeter, counted,
@@ -131,10 +133,15 @@ impl BruteForce {
     }
 
     /// Finds all words and writes them behind one another.
-    fn run_sparse(&mut self, reply: &mut dyn ReplyBuffer) -> Result<Published, CullError> {
+    fn run_sparse(
+        &mut self,
+        gather: &Gather<'_>,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<Published, CullError> {
         let scene = scene(&self.columns, &self.bitmaps);
         let isa = self.isa;
-        fan_out::for_each(&mut self.tasks, &|task| task.run_sparse(&scene, isa));
+        fan_out::for_each(&mut self.tasks, &|task| task.run_sparse(&scene, gather, isa));
+        gather.budget.check()?;
         let found_at = Instant::now();
         let word_count = self.tasks.iter().map(|t| t.found().len() as u64).sum();
         let n = BoxCount::new(self.columns.len() as u32);
@@ -155,14 +162,18 @@ impl BruteForce {
     }
 
     /// Writes each task's words where they belong, then the words that two tasks share.
-    fn run_dense(&mut self, reply: &mut dyn ReplyBuffer) -> Result<Published, CullError> {
+    fn run_dense(
+        &mut self,
+        gather: &Gather<'_>,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<Published, CullError> {
         let scene = scene(&self.columns, &self.bitmaps);
         let (isa, n) = (self.isa, scene.n);
         let shape = MaskShape::dense(BoxCount::new(n as u32));
         let word_count = shape.extent_words();
         let words = &mut reply.reserve(word_count)?[..word_count as usize];
         fan_out::for_each_window(&mut self.tasks, words, n, &|task, window| {
-            task.run_dense(&scene, isa, window);
+            task.run_dense(&scene, gather, isa, window);
         });
         let found_at = Instant::now();
         for task in &self.tasks {
@@ -200,7 +211,22 @@ impl Engine for BruteForce {
         job: &CullJob,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
+        self.cull_passing(boxes, job, None, reply)
+    }
+}
+
+impl BruteForce {
+    /// [`Engine::cull`], less the pairs that do not pass a test.
+    pub(crate) fn cull_passing(
+        &mut self,
+        boxes: &[Aabb],
+        job: &CullJob,
+        test: Option<&dyn PairTest>,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullReport, CullError> {
         let n = counted(boxes, EngineName::CpuBrute)?;
+        let budget = &WordBudget::new(n, job.encoding, false, reply)?;
+        let gather = &Gather { budget, test, order: &[] };
         let start = Instant::now();
         let census = self.columns.ingest(boxes, self.isa);
         if boxes.len() >= BITMAP_BOXES {
@@ -208,10 +234,13 @@ impl Engine for BruteForce {
         }
         self.assign(job.threads);
         let ingested = Instant::now();
-        let Published { shape, found_at } = match job.encoding {
-            Encoding::Dense => self.run_dense(reply)?,
-            Encoding::Sparse => self.run_sparse(reply)?,
+        let published = match job.encoding {
+            Encoding::Dense => self.run_dense(gather, reply),
+            Encoding::Sparse => self.run_sparse(gather, reply),
         };
+        let Published { shape, found_at } = published.inspect_err(|_| {
+            self.tasks.iter_mut().for_each(Task::give_back);
+        })?;
         let zero_words = match shape {
             MaskShape::Dense { .. } => 0,
             MaskShape::Sparse { bits, .. } => n.sparse_words_max() - bits.len,

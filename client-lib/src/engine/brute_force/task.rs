@@ -8,6 +8,7 @@ use super::dispatch;
 use super::search::Scene;
 use super::words::WordList;
 use crate::engine::AvailableIsa;
+use crate::engine::gather::Gather;
 
 /// Rows that go through all stages together: few enough that what one stage leaves is still in the
 /// cache for the next, and enough that each stage keeps its rhythm.
@@ -50,23 +51,40 @@ impl Task {
         &self.found
     }
 
-    /// Finds the words of all rows and keeps them.
-    pub fn run_sparse(&mut self, scene: &Scene<'_>, isa: AvailableIsa) {
+    /// Finds the words of all rows and keeps them, until the budget is spent.
+    pub fn run_sparse(&mut self, scene: &Scene<'_>, gather: &Gather<'_>, isa: AvailableIsa) {
         for rows in batches(self.rows.clone()) {
+            let before = self.found.len();
             self.compared +=
                 dispatch::find(scene, rows, &mut self.candidates, &mut self.found, isa);
+            self.found.sift(before, gather);
+            if !gather.budget.take(self.found.len() - before) {
+                return;
+            }
         }
         self.pair_count = self.found.pair_count();
     }
 
+    /// Gives the memory of the words back.
+    pub fn give_back(&mut self) {
+        self.found = WordList::default();
+    }
+
     /// Finds the words of all rows and writes them into `words`, the window of this task.
-    pub fn run_dense(&mut self, scene: &Scene<'_>, isa: AvailableIsa, words: &mut [u32]) {
+    pub fn run_dense(
+        &mut self,
+        scene: &Scene<'_>,
+        gather: &Gather<'_>,
+        isa: AvailableIsa,
+        words: &mut [u32],
+    ) {
         let first_word = first_word(self.rows.start, scene.n);
         let mut window = DenseWindow::new(words, first_word, scene.n);
         for rows in batches(self.rows.clone()) {
             self.found.clear();
             self.compared +=
                 dispatch::find(scene, rows, &mut self.candidates, &mut self.found, isa);
+            self.found.sift(0, gather);
             self.pair_count += self.found.pair_count();
             window.write(&self.found);
         }

@@ -1,5 +1,7 @@
 //! Mask words as they are found: non-zero, sorted by (row, block).
 
+use crate::engine::gather::Gather;
+
 /// Non-zero 32-bit mask words in the three arrays of the sparse encoding.
 ///
 /// The arrays are longer than what is used, so that a word can be appended without a branch:
@@ -45,6 +47,15 @@ impl WordList {
             self.len += usize::from(half != 0);
         }
         self.pair_count += u64::from(bits.count_ones());
+    }
+
+    /// Keeps, of the words from `first` on, what passes.
+    pub fn sift(&mut self, first: usize, gather: &Gather<'_>) {
+        let words = first..self.len;
+        let arrays = [&mut self.rows, &mut self.blocks, &mut self.bits];
+        let (kept, gone) = gather.sift(arrays.map(|array| &mut array[words.clone()]));
+        self.len = first + kept;
+        self.pair_count -= gone;
     }
 
     /// Bytes that are allocated.

@@ -29,7 +29,9 @@ use self::layout::Layout;
 use self::rows::{RowTask, Scene};
 use self::sort::SortedBoxes;
 use crate::aabb::Aabb;
+use crate::engine::gather::{Gather, PairTest};
 use crate::engine::strips::{BLOCK_LANES, in_parts, part_count, publish};
+use crate::engine::word_budget::WordBudget;
 use crate::engine::{
     AvailableIsa, CullError, CullJob, CullReport, Engine, EngineName, EngineTimes, Isa,
     ReplyBuffer, SkipMeter, counted,
@@ -125,7 +127,21 @@ impl Engine for Grid {
         job: &CullJob,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
+        self.cull_passing(boxes, job, None, reply)
+    }
+}
+
+impl Grid {
+    /// [`Engine::cull`], less the pairs that do not pass a test.
+    pub(crate) fn cull_passing(
+        &mut self,
+        boxes: &[Aabb],
+        job: &CullJob,
+        test: Option<&dyn PairTest>,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullReport, CullError> {
         let n = counted(boxes, EngineName::CpuGrid)?;
+        let budget = &WordBudget::new(n, job.encoding, true, reply)?;
         let threads = if boxes.len() < PARALLEL_BOXES { 1 } else { job.threads.max(1) };
         let start = Instant::now();
         self.layout.choose(boxes);
@@ -134,15 +150,19 @@ impl Engine for Grid {
         let ingested = Instant::now();
 
         self.assign(threads);
-        let scene = Scene { sorted: &self.sorted, levels: &self.layout.levels, isa: self.isa };
+        let gather = &Gather { budget, test, order: self.sorted.boxes.order() };
+        let levels = &self.layout.levels;
+        let scene = Scene { sorted: &self.sorted, levels, gather, isa: self.isa };
         let parts = self.tasks.len();
         let run = |tasks: &mut [RowTask]| tasks.iter_mut().for_each(|task| task.run(scene));
         in_parts(self.tasks.as_mut_slice(), parts, &run, &|(), ()| ());
         let executed = Instant::now();
 
         let sinks = self.tasks.iter().map(|task| &task.found);
-        let order = self.sorted.boxes.order();
-        let shape = publish(sinks, order, job.encoding, threads > 1, reply)?;
+        let published = publish(sinks, gather, job.encoding, threads > 1, reply);
+        let shape = published.inspect_err(|_| {
+            self.tasks.iter_mut().for_each(|task| task.found.give_back());
+        })?;
         let zero_words = match shape {
             MaskShape::Dense { .. } => 0,
             MaskShape::Sparse { bits, .. } => n.sparse_words_max() - bits.len,

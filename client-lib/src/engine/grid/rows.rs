@@ -10,6 +10,7 @@ use super::neighbours::{LaterLines, REACH_X, folded};
 use super::sort::SortedBoxes;
 use crate::aabb::order_key;
 use crate::engine::AvailableIsa;
+use crate::engine::gather::Gather;
 use crate::engine::strips::{GROUP, RowBlock, StripBatch, WordSink};
 
 /// Levels of at most this many boxes are looked at whole: one or two strips cost less than
@@ -41,6 +42,7 @@ pub(super) struct RowTask {
 pub(super) struct Scene<'a> {
     pub sorted: &'a SortedBoxes,
     pub levels: &'a [Level],
+    pub gather: &'a Gather<'a>,
     pub isa: AvailableIsa,
 }
 
@@ -56,6 +58,12 @@ impl Scene<'_> {
         self.start(level.first_cell)..self.start(level.first_cell + level.cell_count())
     }
 
+    /// Whether more words were found than the reply holds: then rows need not be looked at.
+    #[inline(always)]
+    fn is_over(&self) -> bool {
+        self.gather.budget.is_spent()
+    }
+
     /// The cell that holds a position.
     fn cell_of(&self, position: u32) -> u32 {
         self.sorted.cell_starts.partition_point(|start| *start <= position) as u32 - 1
@@ -68,9 +76,10 @@ impl RowTask {
         self.found.allocated_bytes() + self.batch.allocated_bytes()
     }
 
-    /// Finds the words of all rows.
+    /// Finds the words of all rows, until the budget is spent.
     pub fn run(&mut self, scene: Scene<'_>) {
         self.found.clear();
+        self.batch.reset();
         self.compared = 0;
         for (i, level) in scene.levels.iter().enumerate().rev() {
             let positions = scene.positions(level);
@@ -80,6 +89,7 @@ impl RowTask {
             }
         }
         self.flush(scene);
+        self.found.finish(scene.gather);
         self.compared += self.batch.take_compared();
     }
 
@@ -90,6 +100,9 @@ impl RowTask {
         let last_line = (scene.cell_of(rows.end - 1) - level.first_cell) / width;
         let alone = finer.iter().all(|c| scene.positions(c).is_empty());
         for line in first_line..=last_line {
+            if scene.is_over() {
+                return;
+            }
             let height = level.axes[1].cell_count;
             let first_cell = level.first_cell + line * width;
             let here = scene.start(first_cell)..scene.start(first_cell + width);
@@ -164,6 +177,9 @@ impl RowTask {
                 let far = usize::from(reach & REACH_X);
                 if self.batch.room() < ROW_STRIPS {
                     self.flush(scene);
+                    if scene.is_over() {
+                        return;
+                    }
                 }
                 // Most rows have one strip in their own line and at most a group elsewhere: both
                 // are pushed without asking whether there is anything.
@@ -181,6 +197,9 @@ impl RowTask {
                 }
                 if !finer.is_empty() {
                     self.push_finer(scene, finer, row);
+                    if scene.is_over() {
+                        return;
+                    }
                 }
             }
         }
@@ -200,6 +219,9 @@ impl RowTask {
     ) {
         let width = own.len() - 1;
         for row in cell {
+            if scene.is_over() {
+                return;
+            }
             let reach = scene.sorted.reach[row as usize];
             let far = usize::from(reach & REACH_X);
             self.push(scene, row, row + 1, own[(x + 1 + far).min(width)]);
@@ -292,7 +314,7 @@ impl RowTask {
             return;
         }
         self.batch.test(&scene.sorted.boxes, scene.isa);
-        self.found.take(&self.batch, scene.isa);
+        self.found.take(&self.batch, scene.gather, scene.isa);
         self.batch.clear();
     }
 }

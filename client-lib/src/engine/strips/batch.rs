@@ -90,6 +90,11 @@ impl StripBatch {
         self.len == 0
     }
 
+    /// As it is at first: what a frame that was refused left behind goes.
+    pub fn reset(&mut self) {
+        (self.len, self.compared) = (0, 0);
+    }
+
     /// Forgets all strips.
     pub fn clear(&mut self) {
         self.len = 0;

@@ -179,6 +179,11 @@ mod tests {
 
     use super::super::WordSink;
     use super::*;
+    use crate::engine::HeapReply;
+    use crate::engine::gather::Gather;
+    use crate::engine::word_budget::WordBudget;
+    use crate::mask::Encoding;
+    use crate::units::BoxCount;
 
     const N: usize = 345;
 
@@ -243,11 +248,15 @@ mod tests {
                 (0..3).all(|x| keys[x][a] <= keys[x + 3][b] && keys[x][b] <= keys[x + 3][a])
             };
             let mut compared = BTreeSet::new();
+            let n = BoxCount::new(N as u32);
+            let budget = WordBudget::new(n, Encoding::Sparse, true, &HeapReply::new());
+            let budget = budget.expect("no limit");
+            let gather = &Gather { budget: &budget, test: None, order: &[] };
             for isa in Isa::ALL.into_iter().filter_map(AvailableIsa::new) {
                 let Some((mut block, _)) = block(&case) else { return Ok(()) };
                 compared.insert(block.test(&boxes, isa));
                 let mut sink = WordSink::default();
-                sink.take_block(&block, isa);
+                sink.take_block(&block, gather, isa);
                 let mut pairs = Vec::new();
                 let mut addresses = Vec::new();
                 for [rows, blocks, bits] in sink.words() {

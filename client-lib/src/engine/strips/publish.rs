@@ -1,6 +1,7 @@
 //! The words of all tasks, in their order, into the reply: sparse or dense.
 
 use super::{WordSink, in_parts};
+use crate::engine::gather::Gather;
 use crate::engine::{CullError, ReplyBuffer};
 use crate::mask::{Encoding, MaskShape};
 use crate::units::BoxCount;
@@ -10,14 +11,13 @@ const PARALLEL_WORDS: usize = 16 * 1024;
 
 /// Writes the mask and says where it lies.
 ///
-/// `sinks` hold the words of rising, disjoint ranges of rows; `order` the box index at each
-/// position.
+/// `sinks` hold the words of rising, disjoint ranges of rows, which they gathered by `gather`.
 ///
 /// # Errors
-/// [`CullError::Reserve`] when the reply has no room.
+/// [`CullError::Reserve`] when the reply has no room: the words are then not all.
 pub(crate) fn publish<'a, S>(
     sinks: S,
-    order: &[u32],
+    gather: &Gather<'_>,
     encoding: Encoding,
     parallel: bool,
     reply: &mut dyn ReplyBuffer,
@@ -25,6 +25,8 @@ pub(crate) fn publish<'a, S>(
 where
     S: Iterator<Item = &'a WordSink> + Clone + Send + Sync,
 {
+    gather.budget.check()?;
+    let order = gather.order;
     let n = BoxCount::new(order.len() as u32);
     match encoding {
         Encoding::Sparse => publish_sparse(&sinks, n, order, parallel, reply),

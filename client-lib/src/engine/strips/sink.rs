@@ -4,6 +4,7 @@ use super::hits::Hits;
 #[cfg(target_arch = "x86_64")]
 use super::words_avx512;
 use super::{RowBlock, StripBatch};
+use crate::engine::gather::Gather;
 use crate::engine::{AvailableIsa, Isa};
 
 /// Words of a chunk, 12 KiB: large enough that [`STEP_ROOM`] left empty is a twentieth of it, small
@@ -30,12 +31,14 @@ pub(super) struct WordChunk {
     pub len: usize,
     /// The first one: 1 where [`NO_ADDRESS`] stands before it.
     start: usize,
+    /// Those before it have passed the frame's test.
+    sifted: usize,
 }
 
 impl WordChunk {
     fn new() -> Self {
         let array = || vec![0; CHUNK_WORDS];
-        Self { rows: array(), blocks: array(), bits: array(), len: 0, start: 0 }
+        Self { rows: array(), blocks: array(), bits: array(), len: 0, start: 0, sifted: 0 }
     }
 
     /// Whether the words of 16 hits fit.
@@ -59,13 +62,34 @@ impl WordChunk {
     /// Puts the first word, or what stands before it.
     fn open(&mut self, [row, block, bits]: [u32; 3], start: usize) {
         (self.rows[0], self.blocks[0], self.bits[0]) = (row, block, bits);
-        (self.len, self.start) = (1, start);
+        (self.len, self.start, self.sifted) = (1, start, start);
+    }
+
+    /// Puts a word that was taken away back.
+    fn put(&mut self, [row, block, bits]: [u32; 3]) {
+        (self.rows[self.len], self.blocks[self.len], self.bits[self.len]) = (row, block, bits);
+        self.len += 1;
     }
 
     /// Takes the last word away.
     fn pop(&mut self) -> [u32; 3] {
         self.len -= 1;
         [self.rows[self.len], self.blocks[self.len], self.bits[self.len]]
+    }
+
+    /// Keeps the words that pass; returns how many pairs went.
+    fn sift(&mut self, gather: &Gather<'_>) -> u64 {
+        let words = self.sifted..self.len;
+        let arrays = [&mut self.rows, &mut self.blocks, &mut self.bits];
+        let (kept, gone) = gather.sift(arrays.map(|array| &mut array[words.clone()]));
+        self.len = self.sifted + kept;
+        self.sifted = self.len;
+        gone
+    }
+
+    /// Words.
+    fn word_count(&self) -> usize {
+        self.len - self.start
     }
 
     /// Rows, blocks and bits.
@@ -93,12 +117,22 @@ impl WordSink {
         self.pair_count = 0;
     }
 
+    /// Forgets all words and gives their memory back: after a refusal, the next frame is not
+    /// expected to have as many.
+    pub fn give_back(&mut self) {
+        self.chunks = Vec::new();
+        self.used = 0;
+        self.pair_count = 0;
+    }
+
     /// Adds the hits of a tested batch. Batches must come in rising order of (row, start).
-    pub fn take(&mut self, batch: &StripBatch, isa: AvailableIsa) {
+    ///
+    /// Full chunks count against the budget. Whoever searches on after it is spent wastes time.
+    pub fn take(&mut self, batch: &StripBatch, gather: &Gather<'_>, isa: AvailableIsa) {
         self.pair_count += self.hits.collect(batch, isa);
         let mut done = 0;
         while done < self.hits.len() {
-            self.make_room();
+            self.make_room(gather);
             let chunk = &mut self.chunks[self.used - 1];
             done = match isa.get() {
                 #[cfg(target_arch = "x86_64")]
@@ -110,10 +144,10 @@ impl WordSink {
 
     /// Adds what was found in a tested block. Blocks must come in rising order of rows, which no batch
     /// that was taken before may have.
-    pub fn take_block(&mut self, block: &RowBlock, isa: AvailableIsa) {
+    pub fn take_block(&mut self, block: &RowBlock, gather: &Gather<'_>, isa: AvailableIsa) {
         let mut row = 0;
         while row < block.row_count {
-            self.make_room();
+            self.make_room(gather);
             let chunk = &mut self.chunks[self.used - 1];
             let (next, pairs) = block.append(row, chunk, isa);
             (row, self.pair_count) = (next, self.pair_count + pairs);
@@ -121,26 +155,40 @@ impl WordSink {
     }
 
     /// Adds a word. Its address is that of the last word or a later one; no bits are no word.
-    pub fn push(&mut self, row: u32, block: u32, bits: u32) {
-        self.make_room();
+    pub fn push(&mut self, row: u32, block: u32, bits: u32, gather: &Gather<'_>) {
+        self.make_room(gather);
         self.chunks[self.used - 1].push(row, block, bits);
         self.pair_count += u64::from(bits.count_ones());
     }
 
+    /// Ends the words of a task.
+    pub fn finish(&mut self, gather: &Gather<'_>) {
+        if let Some(chunk) = self.chunks[..self.used].last_mut() {
+            self.pair_count -= chunk.sift(gather);
+        }
+    }
+
     /// Sees to it that the last chunk in use has room for a step.
     #[inline(always)]
-    fn make_room(&mut self) {
+    fn make_room(&mut self, gather: &Gather<'_>) {
         if self.used == 0 || !self.chunks[self.used - 1].has_room() {
-            self.open_chunk();
+            self.open_chunk(gather);
         }
     }
 
     /// The next chunk, with the last word of the one before it, which may get more bits.
-    fn open_chunk(&mut self) {
-        let (word, start) = match self.used {
-            0 => ([NO_ADDRESS, NO_ADDRESS, 0], 1),
-            used => (self.chunks[used - 1].pop(), 0),
-        };
+    fn open_chunk(&mut self, gather: &Gather<'_>) {
+        let (mut word, mut start) = ([NO_ADDRESS, NO_ADDRESS, 0], 1);
+        if let Some(full) = self.chunks[..self.used].last_mut() {
+            (word, start) = (full.pop(), 0);
+            self.pair_count -= full.sift(gather);
+            if full.len <= CHUNK_WORDS / 2 {
+                // Few passed: it is filled up, so that what few words take stays little.
+                full.put(word);
+                return;
+            }
+            gather.budget.take(full.word_count());
+        }
         if self.chunks.len() == self.used {
             self.chunks.push(WordChunk::new());
         }
@@ -155,7 +203,7 @@ impl WordSink {
 
     /// Words.
     pub fn word_count(&self) -> usize {
-        self.chunks[..self.used].iter().map(|chunk| chunk.len - chunk.start).sum()
+        self.chunks[..self.used].iter().map(WordChunk::word_count).sum()
     }
 
     /// Pairs of all hits.
@@ -190,6 +238,11 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::engine::HeapReply;
+    use crate::engine::gather::PairTest;
+    use crate::engine::word_budget::WordBudget;
+    use crate::mask::Encoding;
+    use crate::units::BoxCount;
 
     /// The words by definition.
     fn naive(strips: &[(u32, u32, u16)]) -> Vec<[u32; 3]> {
@@ -202,17 +255,52 @@ mod tests {
         words.into_iter().map(|((row, block), bits)| [row, block, bits]).collect()
     }
 
+    /// Lets every third column pass, of every second row.
+    struct SomePass;
+
+    impl PairTest for SomePass {
+        fn passing(&self, row: u32, block: u32, bits: u32, order: &[u32]) -> u32 {
+            assert!(order.is_empty());
+            let columns = (0..32).filter(|t| (32 * block + t).is_multiple_of(3));
+            if row.is_multiple_of(2) { bits & columns.fold(0, |set, t| set | 1 << t) } else { 0 }
+        }
+    }
+
+    /// A budget without a limit.
+    fn no_limit() -> WordBudget {
+        let n = BoxCount::new(u32::MAX);
+        WordBudget::new(n, Encoding::Sparse, true, &HeapReply::new()).expect("no limit")
+    }
+
     fn check(strips: &[(u32, u32, u16)], batch_len: usize) {
-        let expected = naive(strips);
-        let pairs: u32 = strips.iter().map(|strip| strip.2.count_ones()).sum();
+        let all = naive(strips);
+        let some: Vec<[u32; 3]> = all
+            .iter()
+            .map(|&[row, block, bits]| [row, block, SomePass.passing(row, block, bits, &[])])
+            .filter(|word| word[2] != 0)
+            .collect();
+        check_with(strips, batch_len, None, &all);
+        check_with(strips, batch_len, Some(&SomePass), &some);
+    }
+
+    fn check_with(
+        strips: &[(u32, u32, u16)],
+        batch_len: usize,
+        test: Option<&dyn PairTest>,
+        expected: &[[u32; 3]],
+    ) {
+        let budget = no_limit();
+        let gather = &Gather { budget: &budget, test, order: &[] };
+        let pairs: u32 = expected.iter().map(|word| word[2].count_ones()).sum();
         for isa in Isa::ALL.into_iter().filter_map(AvailableIsa::new) {
             let mut sink = WordSink::default();
             // The second time, chunks and hits hold the words of the first.
             for _ in 0..2 {
                 sink.clear();
                 for strips in strips.chunks(batch_len) {
-                    sink.take(&StripBatch::tested(strips), isa);
+                    sink.take(&StripBatch::tested(strips), gather, isa);
                 }
+                sink.finish(gather);
                 let words: Vec<[u32; 3]> = sink
                     .words()
                     .flat_map(|[rows, blocks, bits]| {
@@ -270,5 +358,41 @@ mod tests {
             check(&strips(&steps), 1024);
         }
         assert!(naive(&strips(&vec![(true, 0, 0b11); 20_000])).len() > 2 * CHUNK_WORDS);
+    }
+
+    #[test]
+    fn what_does_not_pass_takes_no_memory() {
+        /// Lets one column of 300 rows pass.
+        struct FewPass;
+        impl PairTest for FewPass {
+            fn passing(&self, row: u32, block: u32, bits: u32, _: &[u32]) -> u32 {
+                if row.is_multiple_of(300) && block == row / 32 + 1 { bits & 1 } else { 0 }
+            }
+        }
+        let budget = no_limit();
+        let gather = &Gather { budget: &budget, test: Some(&FewPass), order: &[] };
+        let mut sink = WordSink::default();
+        for row in 0..3_000 {
+            for block in row / 32 + 1..94 {
+                sink.push(row, block, 1, gather);
+            }
+        }
+        sink.finish(gather);
+        assert_eq!((sink.word_count(), sink.pair_count()), (10, 10));
+        assert_eq!(sink.chunks.len(), 1, "of more than 100,000 words looked at");
+    }
+
+    #[test]
+    fn a_refused_sink_keeps_no_words() {
+        let budget = no_limit();
+        let gather = &Gather { budget: &budget, test: None, order: &[] };
+        let mut sink = WordSink::default();
+        let empty = sink.allocated_bytes();
+        for row in 0..10_000 {
+            sink.push(row, row / 32 + 1, 1, gather);
+        }
+        assert!(sink.allocated_bytes() > empty + 120_000);
+        sink.give_back();
+        assert_eq!((sink.allocated_bytes(), sink.word_count()), (empty, 0));
     }
 }

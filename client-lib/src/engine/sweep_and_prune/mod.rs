@@ -15,7 +15,9 @@ use std::time::Instant;
 use self::order::SweepOrder;
 use self::sweep::SweepTask;
 use crate::aabb::Aabb;
+use crate::engine::gather::{Gather, PairTest};
 use crate::engine::strips::{OrderedBoxes, in_parts, part_count, publish};
+use crate::engine::word_budget::WordBudget;
 use crate::engine::{
     AvailableIsa, Census, CullError, CullJob, CullReport, Engine, EngineName, EngineTimes, Isa,
     KeyColumns, ReplyBuffer, SkipMeter, counted,
@@ -131,7 +133,21 @@ impl Engine for SweepAndPrune {
         job: &CullJob,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
+        self.cull_passing(boxes, job, None, reply)
+    }
+}
+
+impl SweepAndPrune {
+    /// [`Engine::cull`], less the pairs that do not pass a test.
+    pub(crate) fn cull_passing(
+        &mut self,
+        boxes: &[Aabb],
+        job: &CullJob,
+        test: Option<&dyn PairTest>,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullReport, CullError> {
         let n = counted(boxes, EngineName::CpuSap)?;
+        let budget = &WordBudget::new(n, job.encoding, true, reply)?;
         let threads = if boxes.len() < PARALLEL_BOXES { 1 } else { job.threads.max(1) };
         let start = Instant::now();
         let (census, axis) = self.ingest(boxes);
@@ -141,16 +157,20 @@ impl Engine for SweepAndPrune {
 
         self.assign(solid, threads);
         let (ordered, isa, parts) = (&self.boxes, self.isa, self.tasks.len());
+        let gather = Gather { budget, test, order: ordered.order() };
         let run = |tasks: &mut [SweepTask]| {
             for task in tasks {
-                task.run(ordered, axis, solid as u32, isa);
+                task.run(ordered, &gather, axis, solid as u32, isa);
             }
         };
         in_parts(self.tasks.as_mut_slice(), parts, &run, &|(), ()| ());
         let executed = Instant::now();
 
         let sinks = self.tasks.iter().map(|task| &task.found);
-        let shape = publish(sinks, self.boxes.order(), job.encoding, threads > 1, reply)?;
+        let published = publish(sinks, &gather, job.encoding, threads > 1, reply);
+        let shape = published.inspect_err(|_| {
+            self.tasks.iter_mut().for_each(|task| task.found.give_back());
+        })?;
         let zero_words = match shape {
             MaskShape::Dense { .. } => 0,
             MaskShape::Sparse { bits, .. } => n.sparse_words_max() - bits.len,

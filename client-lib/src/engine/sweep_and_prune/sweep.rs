@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use crate::engine::AvailableIsa;
+use crate::engine::gather::Gather;
 use crate::engine::strips::{OrderedBoxes, STRIP_COLUMNS, StripBatch, WordSink};
 
 /// A range of positions and what was found in its rows. Memory is kept from frame to frame.
@@ -23,9 +24,18 @@ impl SweepTask {
         self.found.allocated_bytes() + self.batch.allocated_bytes()
     }
 
-    /// Finds the words of all rows. Boxes from position `solid` on overlap nothing.
-    pub fn run(&mut self, boxes: &OrderedBoxes, axis: usize, solid: u32, isa: AvailableIsa) {
+    /// Finds the words of all rows, until the budget is spent. Boxes from position `solid` on overlap
+    /// nothing.
+    pub fn run(
+        &mut self,
+        boxes: &OrderedBoxes,
+        gather: &Gather<'_>,
+        axis: usize,
+        solid: u32,
+        isa: AvailableIsa,
+    ) {
         self.found.clear();
+        self.batch.reset();
         let keys = boxes.keys();
         let (mins, maxs) = (keys[axis], keys[3 + axis]);
         for row in self.rows.clone() {
@@ -35,18 +45,22 @@ impl SweepTask {
             // strip at a time, and the test of the strip finds the place within.
             while start < solid && mins[start as usize] <= max {
                 if self.batch.room() == 0 {
-                    self.flush(boxes, isa);
+                    self.flush(boxes, gather, isa);
+                    if gather.budget.is_spent() {
+                        return;
+                    }
                 }
                 start = self.batch.push(row, start, solid.min(start + STRIP_COLUMNS as u32));
             }
         }
-        self.flush(boxes, isa);
+        self.flush(boxes, gather, isa);
+        self.found.finish(gather);
         self.compared = self.batch.take_compared();
     }
 
-    fn flush(&mut self, boxes: &OrderedBoxes, isa: AvailableIsa) {
+    fn flush(&mut self, boxes: &OrderedBoxes, gather: &Gather<'_>, isa: AvailableIsa) {
         self.batch.test(boxes, isa);
-        self.found.take(&self.batch, isa);
+        self.found.take(&self.batch, gather, isa);
         self.batch.clear();
     }
 }

@@ -2,19 +2,23 @@
 
 use std::sync::Arc;
 
+use pairmask::engine::RecentNeed;
+
 use super::device::Gpu;
 use super::error::GpuError;
 use super::memory::{Block, Home};
 
-/// A block that is made anew, larger, when more is asked of it.
+/// A block that is made anew, larger, when more is asked of it, and smaller when much less is for some
+/// dozens of frames.
 pub(super) struct Growing {
     home: Home,
     block: Option<Arc<Block>>,
+    need: RecentNeed,
 }
 
 impl Growing {
     pub(super) const fn new(home: Home) -> Self {
-        Self { home, block: None }
+        Self { home, block: None, need: RecentNeed::NONE }
     }
 
     /// A block of at least `bytes`. `replaced` is set if it is not the one of last time.
@@ -24,7 +28,9 @@ impl Growing {
         bytes: u64,
         replaced: &mut bool,
     ) -> Result<&Arc<Block>, GpuError> {
-        let kept = self.block.take().filter(|block| block.bytes() >= bytes);
+        let held = self.block.as_ref().map_or(0, |block| block.bytes());
+        let is_needed = !self.need.note(bytes as usize, || held as usize);
+        let kept = self.block.take().filter(|block| is_needed && block.bytes() >= bytes);
         let block = if let Some(block) = kept {
             block
         } else {

@@ -50,7 +50,10 @@ impl RowTask {
                 // Words come in the order of rows.
                 self.flush(scene);
                 self.compared += self.block.test(&scene.sorted.boxes, scene.isa);
-                self.found.take_block(&self.block, scene.isa);
+                self.found.take_block(&self.block, scene.gather, scene.isa);
+                if scene.is_over() {
+                    return;
+                }
             } else {
                 end = cell_end;
                 self.run_cells(scene, level, own, lines, x..x + 1, row..end, &[]);

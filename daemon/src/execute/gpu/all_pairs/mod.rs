@@ -16,7 +16,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use pairmask::aabb::AABB_BYTES;
-use pairmask::engine::{CullError, CullJob, CullReport, Engine, ReplyBuffer, ReserveError};
+use pairmask::engine::{CullError, CullJob, CullReport, Engine, ReplyBuffer};
 use pairmask::mask::{MaskShape, Span};
 use pairmask::precision::NarrowBoxes;
 use pairmask::{Aabb, BoxCount, Encoding, EngineName};
@@ -225,6 +225,9 @@ impl AllPairs {
     ) -> Result<CullReport, CullError> {
         let shape = MaskShape::dense(n);
         let words = n.dense_words();
+        if words > reply.limit_words() {
+            return Err(plan::refusal(words, reply.limit_words()).into());
+        }
         let start = Instant::now();
         let mut replaced = false;
         let boxes =
@@ -250,28 +253,32 @@ impl AllPairs {
         boxes: NarrowBoxes<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
+        let room = plan::room(n, reply.limit_words())?;
         let start = Instant::now();
         let mut replaced = false;
         let boxes =
             self.transfers.place_boxes(boxes, &mut replaced).map_err(|e| self.cull_error(&e))?;
         let ingested = start.elapsed();
         let possible = n.sparse_words_max();
-        let mut capacity = plan::first_capacity(n);
+        let mut capacity = plan::first_capacity(n).min(room);
         loop {
             if 4 * capacity > self.limits.binding_bytes {
-                return Err(CullError::Reserve(ReserveError::TooLarge {
-                    needed_bytes: 12 * capacity,
-                    limit_bytes: 3 * self.limits.binding_bytes,
-                }));
+                // More than this device writes at a time; a CPU engine may.
+                let needed_bytes = 12 * capacity;
+                return Err(CullError::DeviceMemory { engine: ENGINE, needed_bytes });
             }
-            let room = MaskShape::sparse(n, capacity, capacity, false);
-            let reserved = exactly(reply.reserve(room.extent_words())?, room.extent_words());
+            let whole = MaskShape::sparse(n, capacity, capacity, false);
+            let reserved = exactly(reply.reserve(whole.extent_words())?, whole.extent_words());
             let done = (|| {
                 let mask = self.transfers.place_mask(reserved, &mut replaced)?;
-                let outcome = self.run(n, &boxes, mask.part.clone(), room, capacity, replaced)?;
+                let outcome = self.run(n, &boxes, mask.part.clone(), whole, capacity, replaced)?;
                 Ok((outcome, mask))
             })();
             let (outcome, mask) = done.map_err(|e: GpuError| self.cull_error(&e))?;
+            if outcome.words > room {
+                let needed = MaskShape::sparse(n, outcome.words, outcome.words, false);
+                return Err(plan::refusal(needed.extent_words(), reply.limit_words()).into());
+            }
             if outcome.words > capacity {
                 // Counted, not written: come back with room for exactly that many.
                 capacity = outcome.words;

@@ -1,8 +1,13 @@
 //! How all pairs are cut up: tile shapes and bands. Pure, and tested without a GPU.
 
+use pairmask::engine::ReserveError;
+use pairmask::mask::MaskShape;
 use pairmask::{BoxCount, Encoding};
 use pairmask_shaders::RowsPerThread;
 use pairmask_shaders::constants::{BATCH_BOXES, PADDING, WORD_BITS};
+
+/// Bytes of a word of the reply.
+const WORD_BYTES: u64 = size_of::<u32>() as u64;
 
 /// Shape of the pairs stage's tiles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -167,11 +172,32 @@ pub fn bands(n: BoxCount, tuning: Tuning, encoding: Encoding, limits: &BandLimit
     bands
 }
 
-/// Words that a sparse reply has room for before its size is known: a function of n alone, so
-/// that the same boxes give the same bytes. Scenes with at most a few neighbours a box fit; others
+/// Words that a sparse reply has room for before its size is known, less where the reply holds less: a
+/// function of n and that limit alone, so that the same boxes give the same bytes. Scenes with at most a few neighbours a box fit; others
 /// cost a second run.
 pub fn first_capacity(n: BoxCount) -> u64 {
     (8 * u64::from(n.get())).min(n.sparse_words_max()).max(1)
+}
+
+/// Words that a sparse mask may have, at least 1: it stands without an order.
+///
+/// # Errors
+/// [`ReserveError::TooLarge`] where there is no room for a single word.
+pub fn room(n: BoxCount, limit_words: u64) -> Result<u64, ReserveError> {
+    match MaskShape::sparse_words_within(n, limit_words, false) {
+        None | Some(0) => {
+            Err(refusal(MaskShape::sparse(n, 1, 1, false).extent_words(), limit_words))
+        }
+        Some(room) => Ok(room),
+    }
+}
+
+/// The refusal of a mask that takes so many words of a reply, which has fewer.
+pub const fn refusal(words: u64, limit_words: u64) -> ReserveError {
+    ReserveError::TooLarge {
+        at_least_bytes: words.saturating_mul(WORD_BYTES),
+        limit_bytes: limit_words.saturating_mul(WORD_BYTES),
+    }
 }
 
 #[cfg(test)]

@@ -61,10 +61,14 @@ impl Segment {
 }
 
 impl ReplyBuffer for Segment {
+    fn limit_words(&self) -> u64 {
+        self.words().len() as u64
+    }
+
     fn reserve(&mut self, words: u64) -> Result<&mut [u32], ReserveError> {
         let limit_bytes = self.bytes() as u64;
         self.words_mut()
             .get_mut(..words as usize)
-            .ok_or(ReserveError::TooLarge { needed_bytes: 4 * words, limit_bytes })
+            .ok_or(ReserveError::TooLarge { at_least_bytes: 4 * words, limit_bytes })
     }
 }

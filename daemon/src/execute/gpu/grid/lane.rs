@@ -263,10 +263,10 @@ impl LaneState {
             let fault = GpuError::Driver(ash::vk::Result::ERROR_UNKNOWN);
             return Err(tools.gpu.cull_error(ENGINE, &fault));
         }
-        tools.last_words = words;
         if words > capacity {
             return Ok(Ended::Again { n, words });
         }
+        tools.last_words = words;
         let executed = start.elapsed();
         let sizes = Sizes::of(n);
         let shape = sizes.shape(words);

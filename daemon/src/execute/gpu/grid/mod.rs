@@ -36,7 +36,9 @@ use pairmask_shaders::{GridStage, Stage};
 
 use self::lane::{Ended, LaneState, Tools};
 use self::layout::Chooser;
+use self::plan::Sizes;
 use super::all_pairs::outcome::no_pairs;
+use super::all_pairs::plan::refusal;
 use super::device::{Gpu, LANES, Lane};
 use super::error::GpuError;
 use super::frame::{StepTime, Wait};
@@ -162,7 +164,10 @@ impl Grid {
         let lane = self.lanes.iter_mut().find(|lane| lane.is_free());
         let lane = lane.ok_or(unavailable("all of its lanes are taken"))?;
         self.gpu.health().check().map_err(|e| self.gpu.cull_error(ENGINE, &e))?;
-        let capacity = plan::capacity(n, self.tools.last_words);
+        // All pairs needs no room for an order.
+        let too_crowded = CullError::TooCrowded { engine: ENGINE };
+        let room = plan::room(n, reply.limit_words()).ok_or(too_crowded)?;
+        let capacity = plan::capacity(n, self.tools.last_words).min(room);
         lane.begin(&mut self.tools, n, boxes, reply, capacity, is_behind)?;
         Ok(lane.lane())
     }
@@ -188,7 +193,12 @@ impl Grid {
                 Ended::Report(report) => return Ok(report),
                 Ended::Again { n, words } => {
                     // Counted, not written: come back with room for that many.
-                    let capacity = plan::capacity(n, words);
+                    let limit = reply.limit_words();
+                    let room = plan::room(n, limit).filter(|room| words <= *room);
+                    let Some(room) = room else {
+                        return Err(refusal(Sizes::of(n).reply_words(words), limit).into());
+                    };
+                    let capacity = plan::capacity(n, words).min(room);
                     lane.begin(&mut self.tools, n, boxes, reply, capacity, false)?;
                 }
             }

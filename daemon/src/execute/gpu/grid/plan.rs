@@ -124,6 +124,14 @@ pub fn capacity(n: BoxCount, last_words: u64) -> u64 {
     rounded.min(n.sparse_words_max()).max(1)
 }
 
+/// The most words of a mask of `n` boxes in a reply of so many words; `None` where there is no room for
+/// a single one behind the order.
+pub fn room(n: BoxCount, limit_words: u64) -> Option<u64> {
+    let arrays = limit_words.checked_sub(Sizes::of(n).order_words())?;
+    let room = arrays / 3 / SECTION_ALIGN_WORDS * SECTION_ALIGN_WORDS;
+    (room > 0).then_some(room)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -151,6 +159,19 @@ mod tests {
             let sizes = Sizes::of(BoxCount::new(n as u32));
             assert!(sizes.records_bytes() <= binding_bytes, "{n}");
             assert!(sizes.table_bytes() <= binding_bytes.max(1 << 21), "{n}");
+        }
+    }
+
+    #[test]
+    fn a_reply_holds_the_words_that_there_is_room_for_and_no_more() {
+        for n in [2, 15, 16, 345, 100_000] {
+            let n = BoxCount::new(n);
+            let sizes = Sizes::of(n);
+            for limit in (sizes.reply_words(1)..).step_by(7).take(100) {
+                let room = room(n, limit).expect("a word at least");
+                assert!(sizes.reply_words(room) <= limit && sizes.reply_words(room + 1) > limit);
+            }
+            assert_eq!(room(n, sizes.reply_words(1) - 1), None);
         }
     }
 

@@ -1,0 +1,70 @@
+//! What the tasks of a frame gather words by: how many the reply holds, and which pairs count.
+
+use super::word_budget::WordBudget;
+
+/// A test of pairs beyond that of their boxes.
+pub(crate) trait PairTest: Sync {
+    /// The bits of a mask word whose pairs pass. `order` is the box index at each position, empty
+    /// where positions are indices.
+    fn passing(&self, row: u32, block: u32, bits: u32, order: &[u32]) -> u32;
+}
+
+/// What all tasks of a frame share.
+#[derive(Clone, Copy)]
+pub(crate) struct Gather<'a> {
+    /// Words that may be kept.
+    pub budget: &'a WordBudget,
+    /// Pairs of boxes that do not pass are not kept.
+    pub test: Option<&'a dyn PairTest>,
+    /// Box index at each position; empty where positions are indices.
+    pub order: &'a [u32],
+}
+
+impl Gather<'_> {
+    /// Keeps what passes the test of some words, if there is one: those without bits go, and the
+    /// others close up. Returns how many words stay at the front, and how many pairs went.
+    pub fn sift(&self, [rows, blocks, bits]: [&mut [u32]; 3]) -> (usize, u64) {
+        let Some(test) = self.test else { return (bits.len(), 0) };
+        let (mut kept, mut gone) = (0, 0);
+        for at in 0..bits.len() {
+            let (row, block, before) = (rows[at], blocks[at], bits[at]);
+            let passing = before & test.passing(row, block, before, self.order);
+            gone += u64::from((before ^ passing).count_ones());
+            (rows[kept], blocks[kept], bits[kept]) = (row, block, passing);
+            kept += usize::from(passing != 0);
+        }
+        (kept, gone)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::HeapReply;
+    use crate::mask::Encoding;
+    use crate::units::BoxCount;
+
+    struct EvenColumns;
+
+    impl PairTest for EvenColumns {
+        fn passing(&self, _: u32, _: u32, bits: u32, _: &[u32]) -> u32 {
+            bits & 0x5555_5555
+        }
+    }
+
+    #[test]
+    fn words_without_a_passing_pair_go_and_the_others_close_up() {
+        let reply = HeapReply::new();
+        let budget = WordBudget::new(BoxCount::new(70), Encoding::Sparse, false, &reply);
+        let budget = budget.expect("no limit");
+        let sift = |test: Option<&dyn PairTest>| {
+            let mut words = [[0, 1, 2], [1, 1, 2], [0b11, 0b10, 0b111]];
+            let [rows, blocks, bits] = &mut words;
+            let gather = Gather { budget: &budget, test, order: &[] };
+            let (kept, gone) = gather.sift([rows, blocks, bits]);
+            (words.map(|array| array[..kept].to_vec()), gone)
+        };
+        assert_eq!(sift(None), ([vec![0, 1, 2], vec![1, 1, 2], vec![3, 2, 7]], 0));
+        assert_eq!(sift(Some(&EvenColumns)), ([vec![0, 2], vec![1, 2], vec![1, 5]], 3));
+    }
+}
