@@ -3,6 +3,7 @@
 pub mod aabb;
 pub mod awake_pool;
 pub mod engine;
+pub mod floats;
 pub mod mask;
 pub mod oracle;
 pub mod pair_index;
