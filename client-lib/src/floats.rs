@@ -40,7 +40,9 @@ mod register {
     pub fn read() -> Control {
         let mut control: Control = 0;
         // SAFETY: writes four bytes to a place of four bytes, and nothing else.
-        unsafe { asm!("stmxcsr [{}]", in(reg) &raw mut control, options(nostack, preserves_flags)) };
+        unsafe {
+            asm!("stmxcsr [{}]", in(reg) &raw mut control, options(nostack, preserves_flags))
+        };
         control
     }
 

@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use super::Sphere;
 use super::all_pairs::{counted, zero_words};
+use super::bounds::bounds;
 use super::exact::Ball;
 use crate::aabb::Aabb;
 use crate::engine::strips::{WordSink, in_parts, part_count, publish};
@@ -12,6 +13,7 @@ use crate::engine::{
     CpuEngines, CullAnswer, CullError, CullReport, CullWish, HeapReply, ReplyBuffer, SkipMeter,
     nanoseconds_since,
 };
+use crate::floats;
 use crate::mask::{Encoding, EncodingChoice, MaskShape, Span};
 
 /// Fewest words of a task: below, handing it to another thread costs more than it saves.
@@ -118,12 +120,14 @@ impl SphereFilter {
     fn ingest(&mut self, spheres: &[Sphere]) {
         self.boxes.clear();
         self.balls.clear();
-        for sphere in spheres {
-            // Copied once: a client could write to it meanwhile.
-            let sphere = *sphere;
-            self.boxes.push(sphere.bounds());
-            self.balls.push(Ball::of(&sphere));
-        }
+        floats::with_default(|| {
+            for sphere in spheres {
+                // Copied once: a client could write to it meanwhile.
+                let sphere = *sphere;
+                self.boxes.push(bounds(&sphere));
+                self.balls.push(Ball::of(&sphere));
+            }
+        });
     }
 }
 

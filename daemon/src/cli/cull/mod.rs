@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use clap::{Args, ValueEnum};
 use pairmask::session::{ConnectError, FrameError, WaitError};
-use pairmask::{Aabb, Backend, EngineName, PairMask, PendingFrame, Session, Sphere};
+use pairmask::{Aabb, Backend, Bounds, EngineName, PairMask, PendingFrame, Session, Sphere};
 
 use self::explain::{Explanation, Planned};
 use self::files::FileError;
@@ -126,11 +126,11 @@ impl Cull {
             }
             RawScene::Spheres(spheres) => ask_spheres(&mut session, spheres),
         }?;
-        let Answered { mask, timings, planned } = answer(asked)?;
+        let Answered { mask, timings, planned, world } = answer(asked)?;
         progress.finish_and_clear();
 
         let explanation = planned.map(|planned| Explanation::new(&planned, &mask, timings.decode));
-        let report = CullReport::new(&mask, self.precision, &timings, explanation);
+        let report = CullReport::new(&mask, self.precision, &world, &timings, explanation);
         if let Some(path) = &self.pairs {
             files::write_pairs(path, &mask)?;
         }
@@ -195,6 +195,8 @@ struct Asked {
     submitted: Instant,
     frame: PendingFrame,
     planned: Option<Planned>,
+    /// Around the boxes, where a gap depends on where they are.
+    world: Bounds,
 }
 
 /// Its pairs, what each stage took, and what was planned.
@@ -202,6 +204,7 @@ struct Answered {
     mask: PairMask,
     timings: Timings,
     planned: Option<Planned>,
+    world: Bounds,
 }
 
 fn ask_boxes(
@@ -217,16 +220,19 @@ fn ask_boxes(
         let read = Instant::now();
         let planned = planner.map(|plan| plan(exact.boxes()));
         let submitted = Instant::now();
-        return Ok(Asked { start, read, submitted, frame: exact.submit()?, planned });
+        let world = Bounds::around(&[]);
+        return Ok(Asked { start, read, submitted, frame: exact.submit()?, planned, world });
     }
     let mut boxes = boxes.read()?;
+    let has_margin = matches!(precision, PrecisionChoice::Margin(_));
+    let world = Bounds::around(if has_margin { &boxes } else { &[] });
     precision.inflate(&mut boxes);
     let mut narrow = session.narrow_frame(boxes.len(), precision.precision(&boxes))?;
     narrow.fill(&boxes);
     let read = Instant::now();
     let planned = planner.map(|plan| plan(&boxes));
     let submitted = Instant::now();
-    Ok(Asked { start, read, submitted, frame: narrow.submit()?, planned })
+    Ok(Asked { start, read, submitted, frame: narrow.submit()?, planned, world })
 }
 
 fn ask_spheres(
@@ -237,11 +243,12 @@ fn ask_spheres(
     let mut frame = session.sphere_frame(spheres.len())?;
     spheres.read_into(frame.spheres_mut())?;
     let read = Instant::now();
-    Ok(Asked { start, read, submitted: read, frame: frame.submit()?, planned: None })
+    let (frame, world) = (frame.submit()?, Bounds::around(&[]));
+    Ok(Asked { start, read, submitted: read, frame, planned: None, world })
 }
 
 fn answer(asked: Asked) -> Result<Answered, CullCommandError> {
-    let Asked { start, read, submitted, frame, planned } = asked;
+    let Asked { start, read, submitted, frame, planned, world } = asked;
     let mask = frame.wait()?;
     let answered = Instant::now();
     let mut decoded = 0;
@@ -258,5 +265,5 @@ fn answer(asked: Asked) -> Result<Answered, CullCommandError> {
         decode: end - answered,
         total: (end - submitted) + (read - start),
     };
-    Ok(Answered { mask, timings, planned })
+    Ok(Answered { mask, timings, planned, world })
 }
