@@ -86,6 +86,7 @@
 pub mod aabb;
 pub mod awake_pool;
 pub mod engine;
+pub mod floats;
 mod interop;
 pub mod mask;
 pub mod oracle;

@@ -21,12 +21,17 @@
 //!   for each column. That leaves room for the rounding of the bound itself.
 //! * The conversion to f32 rounds outward.
 //!
+//! The proof is about rounding to nearest and about subnormals as they are, so all of it is computed
+//! with the default floating-point flags ([`crate::floats`]), whatever those of the caller's thread and
+//! of its rayon pool. Threads of different flags that update one frame write the same boxes.
+//!
 //! In all, a face moves by less than two units in the last place of f32 unless the terms cancel to a
 //! millionth of their size, and never inward.
 
 use rayon::prelude::*;
 
 use crate::aabb::{Aabb, BoxClass};
+use crate::floats;
 
 /// Boxes that one task of [`par_update_boxes`] updates at least: fewer take less time than to hand
 /// them to another thread.
@@ -123,29 +128,54 @@ fn lanes([x, y, z]: [f32; 3]) -> [f64; LANES] {
 /// Something that takes points from an object's space to the world's: a [`Placement`], a matrix as
 /// arrays, and with the features `glam` and `mint` the matrices of those crates.
 pub trait ToWorld {
-    /// The map itself.
+    /// The map itself, whatever the floating-point flags of this thread.
     fn world_matrix(&self) -> WorldMatrix;
+
+    /// The same on a thread with the default flags, so that a loop need not look at them for each
+    /// object.
+    #[doc(hidden)]
+    #[inline]
+    fn world_matrix_with_default_flags(&self) -> WorldMatrix {
+        self.world_matrix()
+    }
 }
+
+/// [`ToWorld::world_matrix`] for those who compute it with the default flags.
+macro_rules! world_matrix_whatever_the_flags {
+    () => {
+        #[inline]
+        fn world_matrix(&self) -> WorldMatrix {
+            $crate::floats::with_default(|| self.world_matrix_with_default_flags())
+        }
+    };
+}
+pub(crate) use world_matrix_whatever_the_flags;
 
 /// A 3×4 matrix by columns: the images of the three axes, then that of the origin.
 impl ToWorld for [[f32; 3]; 4] {
+    world_matrix_whatever_the_flags!();
+
     #[inline]
-    fn world_matrix(&self) -> WorldMatrix {
+    fn world_matrix_with_default_flags(&self) -> WorldMatrix {
         WorldMatrix::exact(*self)
     }
 }
 
 /// A 4×4 matrix by columns. The affine part: the bottom row is taken for 0 0 0 1.
 impl ToWorld for [[f32; 4]; 4] {
+    world_matrix_whatever_the_flags!();
+
     #[inline]
-    fn world_matrix(&self) -> WorldMatrix {
+    fn world_matrix_with_default_flags(&self) -> WorldMatrix {
         WorldMatrix::exact(self.map(|[x, y, z, _]| [x, y, z]))
     }
 }
 
 impl ToWorld for Placement {
+    world_matrix_whatever_the_flags!();
+
     #[inline]
-    fn world_matrix(&self) -> WorldMatrix {
+    fn world_matrix_with_default_flags(&self) -> WorldMatrix {
         let [x, y, z, w] = self.rotation.map(f64::from);
         let scale = self.scale.map(f64::from);
         let rotation = [
@@ -179,7 +209,13 @@ impl ToWorld for Placement {
 /// ```
 #[inline(always)]
 pub fn world_box<T: ToWorld>(local: &Aabb, transform: &T) -> Aabb {
-    let matrix = transform.world_matrix();
+    floats::with_default(|| world_box_with_default_flags(local, transform))
+}
+
+#[inline(always)]
+fn world_box_with_default_flags<T: ToWorld>(local: &Aabb, transform: &T) -> Aabb {
+    debug_assert!(floats::are_default(), "boxes are updated with the default flags");
+    let matrix = transform.world_matrix_with_default_flags();
     match local.class() {
         BoxClass::Solid if matrix.is_finite() => solid_world_box(local, &matrix),
         BoxClass::Empty => Aabb::EMPTY,
@@ -270,7 +306,7 @@ pub fn update_boxes<T: ToWorld>(
     out: &mut [Aabb],
 ) -> Result<(), UpdateError> {
     check_lengths(locals, transforms, out)?;
-    update_run(locals, transforms, out);
+    floats::with_default(|| update_run(locals, transforms, out));
     Ok(())
 }
 
@@ -290,7 +326,9 @@ pub fn par_update_boxes<T: ToWorld + Sync>(
     out.par_chunks_mut(boxes)
         .zip(locals.par_chunks(boxes))
         .zip(transforms.par_chunks(boxes))
-        .for_each(|((out, locals), transforms)| update_run(locals, transforms, out));
+        .for_each(|((out, locals), transforms)| {
+            floats::with_default(|| update_run(locals, transforms, out));
+        });
     Ok(())
 }
 
@@ -308,7 +346,7 @@ fn update_run<T: ToWorld>(locals: &[Aabb], transforms: &[T], out: &mut [Aabb]) {
     #[inline(always)]
     fn run<T: ToWorld>(locals: &[Aabb], transforms: &[T], out: &mut [Aabb]) {
         for ((local, transform), out) in locals.iter().zip(transforms).zip(out) {
-            *out = world_box(local, transform);
+            *out = world_box_with_default_flags(local, transform);
         }
     }
     #[cfg(target_arch = "x86_64")]

@@ -57,14 +57,23 @@ impl PrecisionChoice {
         }
     }
 
-    /// The gap on each axis below which boxes may be reported as a pair, where that is the same
-    /// all over the scene. `widening` is that of the form that was used.
-    pub fn gap_below(self, widening: &Widening) -> Option<[f64; 3]> {
+    /// The gap on each axis up to which boxes within `world` may be reported as a pair, where one number
+    /// says it. `widening` is that of the form that was used; `world` goes around the boxes that were
+    /// given.
+    pub fn gap_below(self, widening: &Widening, world: &Bounds) -> Option<[f64; 3]> {
         match (self, widening) {
-            (Self::Margin(margin), _) => Some([2.0 * f64::from(margin.get()); 3]),
+            (Self::Margin(margin), _) => {
+                // Steps of f32 are widest at the face that is farthest from 0.
+                let (low, high) = (world.low(), world.high());
+                let gap = |axis: usize| {
+                    let far = f64::from(low[axis].abs().max(high[axis].abs()));
+                    margin.gap_limit(widening, axis, far, far)
+                };
+                Some(std::array::from_fn(gap))
+            }
             (_, Widening::None) => Some([0.0; 3]),
-            (_, Widening::Cells(cell)) => Some(*cell),
-            (_, Widening::Relative { .. }) => None,
+            (_, Widening::Cells { size, .. }) => Some(*size),
+            (_, Widening::Relative { .. } | Widening::Origin(_)) => None,
         }
     }
 }
@@ -124,6 +133,20 @@ impl FromStr for PrecisionChoice {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_gap_of_a_margin_has_the_steps_of_f32_at_the_scene() {
+        let far = [0.0f32, 0.125].map(|gap| Aabb::from([1e6, 0.0, 0.0, 1e6 + gap, 1.0, 1.0]));
+        let apart = Aabb::from([1e6 + 0.25, 0.0, 0.0, 1e6 + 1.0, 1.0, 1.0]);
+        let choice: PrecisionChoice = "margin=0.001".parse().expect("a margin");
+        let mut sent = [far[1], apart];
+        choice.inflate(&mut sent);
+        assert!(sent[0].overlaps(&sent[1]), "an eighth of a unit apart, sixty times both margins");
+        let world = Bounds::around(&[far[0], far[1], apart]);
+        let gap = choice.gap_below(&Widening::None, &world).expect("a number");
+        assert!(gap[0] >= 0.125, "{gap:?}");
+        assert!((0.002..0.0021).contains(&gap[1]), "{gap:?}");
+    }
 
     #[test]
     fn names_parse_back() {

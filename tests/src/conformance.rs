@@ -1,10 +1,12 @@
 //! One suite for every engine, encoding and thread count: its mask against the oracle.
 //!
-//! It compares sets and names the first bad pair; equal counts prove nothing.
+//! It compares sets and names the first bad pair; equal counts prove nothing. Each frame is asked for by a
+//! thread of other floating-point flags, and culled by pool threads of yet others.
 
 use pairmask::Encoding;
 use pairmask::engine::{CullJob, Engine, HeapReply};
 pub use pairmask::oracle::check::{Mismatch, check_frame, check_pairs, check_reply};
+use pairmaskd::stress::{FloatFlags, MixedFlags};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::oracle;
@@ -24,10 +26,12 @@ pub struct Suite {
     pub threads: Vec<usize>,
     /// Seed of the scenes.
     pub seed: u64,
+    /// Floating-point flags of the caller and of its pool, frame by frame in turn.
+    pub flags: Vec<MixedFlags>,
 }
 
 impl Default for Suite {
-    /// 0 to 70 boxes, 345 and 1,234, both encodings, one thread.
+    /// 0 to 70 boxes, 345 and 1,234, both encodings, one thread, [`mixed_flags`].
     fn default() -> Self {
         Self {
             sizes: (0..=70).chain([345, 1234]).collect(),
@@ -35,13 +39,28 @@ impl Default for Suite {
             encodings: vec![Encoding::Dense, Encoding::Sparse],
             threads: vec![1],
             seed: 1,
+            flags: mixed_flags(),
         }
     }
 }
 
+/// Every flag of a caller beside a pool of other flags, of which two threads differ: 37 of them, so that
+/// neither sizes nor encodings nor thread counts keep step.
+pub fn mixed_flags() -> Vec<MixedFlags> {
+    let all: Vec<FloatFlags> = FloatFlags::all().collect();
+    let at = |i: usize| all[i % all.len()];
+    // 5, 7 and 11 are odd: each runs through all sixteen.
+    let mixed = |i: usize| MixedFlags {
+        caller: at(5 * i),
+        pool: [at(7 * i + i / 16), at(11 * i + 3)],
+        writers: [at(i), at(3 * i + 1), at(9 * i + 2)],
+    };
+    (0..37).map(mixed).collect()
+}
+
 /// A frame that an engine got wrong.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{engine}, scene '{scene}', {n} boxes, {encoding}, {threads} threads: {what}")]
+#[error("{engine}, scene '{scene}', {n} boxes, {encoding}, {threads} threads, {flags}: {what}")]
 pub struct Failure {
     /// The engine.
     pub engine: pairmask::EngineName,
@@ -53,6 +72,8 @@ pub struct Failure {
     pub encoding: Encoding,
     /// Threads.
     pub threads: usize,
+    /// Floating-point flags of caller and pool.
+    pub flags: MixedFlags,
     /// What is wrong.
     pub what: Mismatch,
 }
@@ -63,7 +84,7 @@ pub struct Failure {
 /// [`Failure`] names the first frame that the engine got wrong.
 ///
 /// # Panics
-/// When no thread pool can be had.
+/// When no thread pool can be had, or the suite has no flags.
 pub fn check_engine(engine: &mut dyn Engine, suite: &Suite) -> Result<usize, Box<Failure>> {
     let pools: Vec<(usize, ThreadPool)> = suite
         .threads
@@ -82,15 +103,18 @@ pub fn check_engine(engine: &mut dyn Engine, suite: &Suite) -> Result<usize, Box
             for &encoding in &suite.encodings {
                 for (threads, pool) in &pools {
                     let job = CullJob { encoding, threads: *threads };
-                    pool.install(|| check_frame(engine, &boxes, &truth, &job, &mut reply))
+                    let flags = suite.flags[frames % suite.flags.len()];
+                    flags
+                        .install(pool, || check_frame(engine, &boxes, &truth, &job, &mut reply))
                         .map_err(|what| Failure {
-                            engine: engine.name(),
-                            scene: scene.name(),
-                            n,
-                            encoding,
-                            threads: *threads,
-                            what,
-                        })?;
+                        engine: engine.name(),
+                        scene: scene.name(),
+                        n,
+                        encoding,
+                        threads: *threads,
+                        flags,
+                        what,
+                    })?;
                     frames += 1;
                 }
             }

@@ -6,7 +6,9 @@ use pairmask::oracle::{Pair, Truth};
 use pairmask::session::FrameInfo;
 use pairmask::{Encoding, PairMask, Session, Sphere};
 use pairmaskd::scene::Random;
+use pairmaskd::stress::MixedFlags;
 use pairmaskd::study::spheres::{families, oracle};
+use rayon::ThreadPool;
 
 /// `n` spheres where things go wrong: pairs that touch or miss touching by one ulp, all magnitudes,
 /// and all classes.
@@ -86,6 +88,25 @@ pub fn cull(session: &mut Session, spheres: &[Sphere]) -> PairMask {
     let mut frame = session.sphere_frame(spheres.len()).expect("memory for a frame");
     frame.spheres_mut().copy_from_slice(spheres);
     frame.submit().expect("a frame is sent").wait().expect("a frame is answered")
+}
+
+/// Culls spheres as a caller of floating-point flags on a pool of others; `writers` fill the frame.
+///
+/// # Panics
+/// When there is no answer.
+pub fn cull_flagged(
+    session: &mut Session,
+    spheres: &[Sphere],
+    flags: &MixedFlags,
+    pool: &ThreadPool,
+) -> PairMask {
+    flags.install(pool, || {
+        let mut frame = session.sphere_frame(spheres.len()).expect("memory for a frame");
+        for (i, slot) in frame.spheres_mut().iter_mut().enumerate() {
+            flags.writers[i % flags.writers.len()].run(|| *slot = spheres[i]);
+        }
+        frame.submit().expect("a frame is sent").wait().expect("a frame is answered")
+    })
 }
 
 /// Checks a mask with its report against the truth.

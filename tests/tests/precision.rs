@@ -194,7 +194,9 @@ fn the_comparator_catches_rounding_inward() {
 fn extra_pairs_are_no_farther_apart_than_said() {
     let boxes = Scene::new(SceneName::Uniform, 3000, 4).boxes().to_vec();
     let precision = Precision::Q8(Bounds::around(&boxes));
-    let Widening::Cells(cell) = precision.widening() else { panic!("{precision:?} has cells") };
+    let Widening::Cells { size: cell, .. } = precision.widening() else {
+        panic!("{precision:?} has cells")
+    };
     let exact = oracle::truth(&boxes).pairs;
     let mut extra = 0;
     for (a, b) in naive_modes::truth(&boxes, &precision).pairs {

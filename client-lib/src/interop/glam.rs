@@ -4,20 +4,24 @@ use glam::{Affine3A, Mat4, Vec3, Vec3A};
 
 use crate::aabb::Aabb;
 use crate::sphere::Sphere;
-use crate::update::{ToWorld, WorldMatrix};
+use crate::update::{ToWorld, WorldMatrix, world_matrix_whatever_the_flags};
 
 impl ToWorld for Affine3A {
+    world_matrix_whatever_the_flags!();
+
     #[inline]
-    fn world_matrix(&self) -> WorldMatrix {
-        self.to_cols_array_2d().world_matrix()
+    fn world_matrix_with_default_flags(&self) -> WorldMatrix {
+        self.to_cols_array_2d().world_matrix_with_default_flags()
     }
 }
 
 /// The affine part: the bottom row is taken for 0 0 0 1.
 impl ToWorld for Mat4 {
+    world_matrix_whatever_the_flags!();
+
     #[inline]
-    fn world_matrix(&self) -> WorldMatrix {
-        self.to_cols_array_2d().world_matrix()
+    fn world_matrix_with_default_flags(&self) -> WorldMatrix {
+        self.to_cols_array_2d().world_matrix_with_default_flags()
     }
 }
 

@@ -4,35 +4,43 @@ use mint::{ColumnMatrix3x4, ColumnMatrix4, Point3, RowMatrix3x4, RowMatrix4, Vec
 
 use crate::aabb::Aabb;
 use crate::sphere::Sphere;
-use crate::update::{ToWorld, WorldMatrix};
+use crate::update::{ToWorld, WorldMatrix, world_matrix_whatever_the_flags};
 
 impl ToWorld for ColumnMatrix3x4<f32> {
+    world_matrix_whatever_the_flags!();
+
     #[inline]
-    fn world_matrix(&self) -> WorldMatrix {
-        <[[f32; 3]; 4]>::from(*self).world_matrix()
+    fn world_matrix_with_default_flags(&self) -> WorldMatrix {
+        <[[f32; 3]; 4]>::from(*self).world_matrix_with_default_flags()
     }
 }
 
 impl ToWorld for RowMatrix3x4<f32> {
+    world_matrix_whatever_the_flags!();
+
     #[inline]
-    fn world_matrix(&self) -> WorldMatrix {
-        ColumnMatrix3x4::from(*self).world_matrix()
+    fn world_matrix_with_default_flags(&self) -> WorldMatrix {
+        ColumnMatrix3x4::from(*self).world_matrix_with_default_flags()
     }
 }
 
 /// The affine part: the bottom row is taken for 0 0 0 1.
 impl ToWorld for ColumnMatrix4<f32> {
+    world_matrix_whatever_the_flags!();
+
     #[inline]
-    fn world_matrix(&self) -> WorldMatrix {
-        <[[f32; 4]; 4]>::from(*self).world_matrix()
+    fn world_matrix_with_default_flags(&self) -> WorldMatrix {
+        <[[f32; 4]; 4]>::from(*self).world_matrix_with_default_flags()
     }
 }
 
 /// The affine part: the bottom row is taken for 0 0 0 1.
 impl ToWorld for RowMatrix4<f32> {
+    world_matrix_whatever_the_flags!();
+
     #[inline]
-    fn world_matrix(&self) -> WorldMatrix {
-        ColumnMatrix4::from(*self).world_matrix()
+    fn world_matrix_with_default_flags(&self) -> WorldMatrix {
+        ColumnMatrix4::from(*self).world_matrix_with_default_flags()
     }
 }
 

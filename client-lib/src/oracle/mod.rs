@@ -2,7 +2,8 @@
 //!
 //! It is the yardstick of the tests, of `pairmaskd stress` and of the daemon's auditor, and serves
 //! no client. It shares no code with the engines beyond the layout of a box. It compares f64: every
-//! f32 is one exactly. (A thread that takes subnormals for zero must not ask it.)
+//! f32 is one exactly. It judges threads of all floating-point flags and runs on them, so nothing here
+//! depends on those: f64 are compared by `total_cmp`, which looks at bits.
 //!
 //! [`naive_decoder`] reads masks as plainly, and [`check`] compares an engine's answer with the
 //! truth and names the first pair that is wrong. [`modes`] says what a precision mode may answer.
@@ -45,7 +46,25 @@ pub type Faces = [[f64; 3]; 2];
 
 /// The faces of a box.
 fn faces(b: &Aabb) -> Faces {
-    [b.min.map(f64::from), b.max.map(f64::from)]
+    [b.min.map(exact), b.max.map(exact)]
+}
+
+/// The f64 of the same value as an f32. A conversion would make zero of a subnormal on some threads: it
+/// is a whole number of 2⁻¹⁴⁹, and their product is exact.
+fn exact(x: f32) -> f64 {
+    let fraction = x.to_bits() & 0x007f_ffff;
+    let is_subnormal = x.to_bits() << 1 >> 24 == 0;
+    let magnitude = f64::from(fraction) * f64::from_bits((1023 - 149) << 52);
+    let subnormal = if x.is_sign_negative() { -magnitude } else { magnitude };
+    if is_subnormal { subnormal } else { f64::from(x) }
+}
+
+/// `x <= y` for numbers; false for NaN. Zeros of both signs are equal.
+fn at_most(x: f64, y: f64) -> bool {
+    // Bits of −0 are the sign alone.
+    let unsigned_zero = |x: f64| if x.to_bits() << 1 == 0 { 0.0f64 } else { x };
+    let order = unsigned_zero(x).total_cmp(&unsigned_zero(y));
+    !x.is_nan() && !y.is_nan() && order.is_le()
 }
 
 /// As [`truth`], for boxes given in f64.
@@ -93,14 +112,14 @@ impl Corners {
     /// The corners of a box given in f64.
     fn of_faces(faces: &Faces) -> Self {
         let [min, max] = faces;
-        let solid = (0..3).all(|axis| min[axis] <= max[axis]);
+        let solid = (0..3).all(|axis| at_most(min[axis], max[axis]));
         Self { solid: solid.then_some(*faces) }
     }
 
     /// Whether two boxes share a point.
     pub fn overlap(&self, other: &Self) -> bool {
         let (Some(p), Some(q)) = (&self.solid, &other.solid) else { return false };
-        (0..3).all(|axis| p[0][axis] <= q[1][axis] && q[0][axis] <= p[1][axis])
+        (0..3).all(|axis| at_most(p[0][axis], q[1][axis]) && at_most(q[0][axis], p[1][axis]))
     }
 }
 
@@ -143,6 +162,18 @@ mod tests {
         assert_eq!(truth.pairs, [(0, 1), (0, 3), (1, 2), (1, 3), (2, 3)]);
         assert_eq!((truth.census.empty, truth.census.invalid), (1, 1));
         assert_eq!(truth.census.named_invalid(), [5]);
+    }
+
+    #[test]
+    fn f64_are_those_of_f32_and_compared_as_numbers() {
+        for x in [0.0, -0.0, 1e-45, -1e-45, 1e-40, -1e-38, f32::MIN_POSITIVE, -2.5, f32::MAX] {
+            assert_eq!(exact(x).to_bits(), f64::from(x).to_bits(), "{x:e}");
+            for y in [0.0, -0.0, 1e-45, f32::NEG_INFINITY, f32::INFINITY, f32::NAN, -2.5] {
+                assert_eq!(at_most(exact(x), exact(y)), x <= y, "{x:e} {y:e}");
+                assert_eq!(at_most(exact(y), exact(x)), y <= x, "{y:e} {x:e}");
+            }
+        }
+        assert!(at_most(-5e-324, 0.0) && !at_most(5e-324, -0.0) && !at_most(f64::NAN, f64::NAN));
     }
 
     #[test]

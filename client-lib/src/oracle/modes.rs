@@ -2,18 +2,20 @@
 //! naively.
 //!
 //! Nothing of the library's conversions is used: cells are f64 arithmetic with `floor`, halves are
-//! searched for in a table of all of them, margins and origins are f64 sums.
+//! searched for in a table of all of them, margins and origins are f64 sums. That arithmetic is done with
+//! the default floating-point flags, since threads of any flags ask.
 
 use std::sync::LazyLock;
 
-use super::{Corners, Faces, Pair, Truth, faces, pairs_of, truth_of_faces};
+use super::{Corners, Faces, Pair, Truth, exact, faces, pairs_of, truth_of_faces};
 use crate::aabb::Aabb;
+use crate::floats;
 use crate::precision::{Bounds, Precision};
 
 /// What a mode answers: the pairs of the rounded boxes, and the census of the given ones.
 pub fn truth(boxes: &[Aabb], precision: &Precision) -> Truth {
     let round = |x: f32, axis: usize, up: bool| match precision {
-        Precision::Exact => f64::from(x),
+        Precision::Exact => exact(x),
         Precision::Q16(bounds) => cell(x, axis, bounds, 65_536.0),
         Precision::Q8(bounds) => cell(x, axis, bounds, 256.0),
         Precision::F16 => half(x, up),
@@ -34,12 +36,16 @@ pub fn truth_by(boxes: &[Aabb], round: impl Fn(f32, usize, bool) -> f64) -> Trut
 
 /// The pairs of boxes whose faces were rounded. What is not solid before has no pair after.
 fn rounded_pairs(boxes: &[Faces], round: impl Fn(f64, usize, bool) -> f64) -> Vec<Pair> {
+    floats::with_default(|| pairs_of(&rounded_corners(boxes, round)))
+}
+
+fn rounded_corners(boxes: &[Faces], round: impl Fn(f64, usize, bool) -> f64) -> Vec<Corners> {
     let rounded = |b: &Faces| {
         let side = |up: bool| std::array::from_fn(|axis| round(b[usize::from(up)][axis], axis, up));
         let solid = Corners::of_faces(b).solid.is_some();
         Corners { solid: solid.then(|| [side(false), side(true)]) }
     };
-    pairs_of(&boxes.iter().map(rounded).collect::<Vec<Corners>>())
+    boxes.iter().map(rounded).collect()
 }
 
 /// The pairs that must be in an answer, with the census, and those that may be. Both sorted; what
@@ -70,7 +76,7 @@ pub fn allowed(boxes: &[Aabb], precision: &Precision) -> Allowed {
 /// assert_eq!((allowed.must.pairs, allowed.may), (vec![(0, 1), (1, 2)], vec![(0, 1), (1, 2)]));
 /// ```
 pub fn allowed_by_margin(boxes: &[Aabb], margin: f32) -> Allowed {
-    let (given, margin) = (boxes.iter().map(faces).collect::<Vec<Faces>>(), f64::from(margin));
+    let (given, margin) = (boxes.iter().map(faces).collect::<Vec<Faces>>(), exact(margin));
     // A step of f64 inward of the sum, which may have been rounded outward; never inside the box.
     let least = |x: f64, _, up| {
         if up { (x + margin).next_down().max(x) } else { (x - margin).next_up().min(x) }
@@ -108,7 +114,9 @@ fn cell(x: f32, axis: usize, bounds: &Bounds, cells: f64) -> f64 {
 }
 
 /// All halves that are numbers, ±∞ included, in order.
-static HALVES: LazyLock<Vec<f64>> = LazyLock::new(|| {
+static HALVES: LazyLock<Vec<f64>> = LazyLock::new(|| floats::with_default(halves));
+
+fn halves() -> Vec<f64> {
     let positive = (0..=0x7c00u16).map(|bits| {
         let (exponent, fraction) = (i32::from(bits >> 10), f64::from(bits & 1023));
         match exponent {
@@ -120,7 +128,7 @@ static HALVES: LazyLock<Vec<f64>> = LazyLock::new(|| {
     let positive: Vec<f64> = positive.collect();
     let negative = positive.iter().rev().map(|x| -x);
     negative.chain(positive.iter().copied()).collect()
-});
+}
 
 /// The closest half on one side.
 fn half(x: f32, up: bool) -> f64 {

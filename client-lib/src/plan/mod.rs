@@ -47,6 +47,7 @@ pub use work::{Term, Work};
 
 use self::model::Model;
 use crate::engine::{EngineChoice, EngineName};
+use crate::floats;
 use crate::mask::{Encoding, EncodingChoice, ReadableEncodings};
 use crate::precision::BoxForm;
 
@@ -132,8 +133,18 @@ pub struct Plan {
 const INDIFFERENT_SHARE: f64 = 0.05;
 
 /// Chooses. Where the client insists on an engine that is not to be had, the plan names it all the
-/// same: that engine's own error says what is missing.
+/// same: that engine's own error says what is missing. The floating-point flags of this thread have no
+/// say.
 pub fn plan(
+    stats: &SceneStats,
+    capabilities: &Capabilities,
+    calibration: &Calibration,
+    wishes: &Wishes,
+) -> Plan {
+    floats::with_default(|| choose(stats, capabilities, calibration, wishes))
+}
+
+fn choose(
     stats: &SceneStats,
     capabilities: &Capabilities,
     calibration: &Calibration,

@@ -1,6 +1,7 @@
 //! What the plan knows of a scene: a few numbers from a sample of at most 96 boxes.
 
 use crate::aabb::{Aabb, BoxClass};
+use crate::floats;
 use crate::precision::NarrowBoxes;
 use crate::units::BoxCount;
 
@@ -53,9 +54,14 @@ pub struct SceneStats {
 }
 
 impl SceneStats {
-    /// Looks at a scene, whose boxes may be in any form. Allocates nothing.
+    /// Looks at a scene, whose boxes may be in any form. Allocates nothing, and sees the same whatever the
+    /// floating-point flags of this thread.
     pub fn of<'a>(boxes: impl Into<NarrowBoxes<'a>>, last_pairs: Option<u64>) -> Self {
         let boxes = boxes.into();
+        floats::with_default(|| Self::look(boxes, last_pairs))
+    }
+
+    fn look(boxes: NarrowBoxes<'_>, last_pairs: Option<u64>) -> Self {
         let n = boxes.len();
         let wanted = (n / SAMPLE_SHARE).clamp(SAMPLE_LEAST, SAMPLE_MOST).min(n);
         let mut sample = [Aabb::EMPTY; SAMPLE_MOST];

@@ -1,11 +1,18 @@
 //! The part of the world that quantised boxes tell apart.
+//!
+//! Corners are compared as integer keys, so that bounds are the same whatever the denormal flags of the
+//! threads that look at the boxes.
 
 use rayon::prelude::*;
 
-use crate::aabb::{Aabb, BoxClass};
+use crate::aabb::{Aabb, BoxClass, KeyBox, order_key};
 
 /// Boxes that one task of [`Bounds::around`] looks at: fewer take less time than a task costs.
 const TASK_BOXES: usize = 16_384;
+
+/// Keys of finite numbers.
+const FINITE_KEYS: std::ops::RangeInclusive<i32> =
+    order_key(f32::MIN.to_bits())..=order_key(f32::MAX.to_bits());
 
 /// Finite world bounds, `low <= high` on every axis.
 ///
@@ -48,7 +55,8 @@ impl Bounds {
         let (low, high) = (low.into(), high.into());
         for axis in 0..3 {
             let (low, high) = (low[axis], high[axis]);
-            if !(low.is_finite() && high.is_finite() && low <= high) {
+            let in_order = order_key(low.to_bits()) <= order_key(high.to_bits());
+            if !(low.is_finite() && high.is_finite() && in_order) {
                 return Err(BoundsError { axis, low, high });
             }
         }
@@ -62,10 +70,13 @@ impl Bounds {
         let found =
             boxes.par_chunks(TASK_BOXES).map(of).reduce(|| Extremes::NONE, |a, b| a.joined(&b));
         let Extremes { low, high } = found;
-        let axis = |axis: usize| {
-            if low[axis] <= high[axis] { (low[axis], high[axis]) } else { (0.0, 0.0) }
+        // The key of +0, and of no other number that stays, is 0.
+        let corner = |key: i32, axis: usize| {
+            let key = if low[axis] <= high[axis] { key } else { 0 };
+            f32::from_bits(order_key(key as u32) as u32)
         };
-        Self { low: std::array::from_fn(|a| axis(a).0), high: std::array::from_fn(|a| axis(a).1) }
+        let corner_of = |keys: [i32; 3]| std::array::from_fn(|axis| corner(keys[axis], axis));
+        Self { low: corner_of(low), high: corner_of(high) }
     }
 
     /// Lower corner.
@@ -79,22 +90,24 @@ impl Bounds {
     }
 }
 
-/// Smallest and largest finite coordinates so far.
+/// Keys of the smallest and largest finite coordinates so far.
 #[derive(Clone, Copy)]
 struct Extremes {
-    low: [f32; 3],
-    high: [f32; 3],
+    low: [i32; 3],
+    high: [i32; 3],
 }
 
 impl Extremes {
-    const NONE: Self = Self { low: [f32::INFINITY; 3], high: [f32::NEG_INFINITY; 3] };
+    const NONE: Self = Self { low: [i32::MAX; 3], high: [i32::MIN; 3] };
 
     fn with(mut self, b: &Aabb) -> Self {
-        if b.class() == BoxClass::Solid {
+        let (keys, class) = KeyBox::classify(b);
+        if class == BoxClass::Solid {
             for axis in 0..3 {
-                for x in [b.min[axis], b.max[axis]].into_iter().filter(|x| x.is_finite()) {
-                    self.low[axis] = self.low[axis].min(x);
-                    self.high[axis] = self.high[axis].max(x);
+                let faces = [keys.min[axis], keys.max[axis]].into_iter();
+                for key in faces.filter(|key| FINITE_KEYS.contains(key)) {
+                    self.low[axis] = self.low[axis].min(key);
+                    self.high[axis] = self.high[axis].max(key);
                 }
             }
         }

@@ -5,6 +5,7 @@ use std::fmt;
 use super::bounds::Bounds;
 use super::narrow::{BoxF16, BoxQ8, BoxQ16, Encoder};
 use super::quantize::Quantizer;
+use super::widening::Widening;
 use crate::aabb::{AABB_BYTES, Aabb};
 use crate::units::BoxCount;
 use crate::wire::SectionKind;
@@ -109,57 +110,17 @@ impl Precision {
         Encoder::new(self).write(boxes, bytes);
     }
 
-    /// How far apart two boxes may be that are reported as a pair.
+    /// How far apart two boxes may be that are reported as a pair: [`Widening::gap_limit`].
     pub fn widening(&self) -> Widening {
         match self {
             Self::Exact => Widening::None,
-            Self::Q16(bounds) => Widening::Cells(Quantizer::q16_of(bounds).cell_size()),
-            Self::Q8(bounds) => Widening::Cells(Quantizer::q8_of(bounds).cell_size()),
+            Self::Q16(bounds) => Self::cells(Quantizer::q16_of, *bounds),
+            Self::Q8(bounds) => Self::cells(Quantizer::q8_of, *bounds),
             Self::F16 => Widening::HALVES,
         }
     }
-}
 
-/// The gap, in units of the boxes, below which a pair that does not overlap may be reported.
-///
-/// Such a pair overlaps or has a smaller gap on *every* axis.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Widening {
-    /// No extra pair.
-    #[default]
-    None,
-    /// A cell on each axis, for boxes within the bounds. Boxes outside on one side count as
-    /// overlapping on that axis, whatever their gap.
-    Cells([f64; 3]),
-    /// A share of the larger coordinate's magnitude, and no less than so many units near zero.
-    /// Magnitudes above `beyond` count as infinite.
-    Relative {
-        /// Share of the magnitude.
-        share: f64,
-        /// Units, near zero.
-        least: f64,
-        /// Units.
-        beyond: f64,
-    },
-}
-
-impl Widening {
-    /// Halves have 11 significant bits and are multiples of 2⁻²⁴; both faces may move by one step.
-    const HALVES: Self =
-        Self::Relative { share: 1.0 / 512.0, least: 1.0 / 8_388_608.0, beyond: 65_504.0 };
-}
-
-impl fmt::Display for Widening {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::None => f.write_str("no extra pair"),
-            Self::Cells([x, y, z]) => write!(f, "gaps below {x:.4} x {y:.4} x {z:.4} units"),
-            Self::Relative { share, least, beyond } => {
-                write!(
-                    f,
-                    "gaps below {share} of the coordinate, or {least}; none seen beyond {beyond}"
-                )
-            }
-        }
+    fn cells(quantizer_of: fn(&Bounds) -> Quantizer, bounds: Bounds) -> Widening {
+        Widening::Cells { size: quantizer_of(&bounds).cell_size(), bounds }
     }
 }

@@ -5,11 +5,15 @@
 //! | mode | bytes a box | a pair may be reported although it has a gap of |
 //! |---|---|---|
 //! | [`Precision::Exact`] | 24 | none |
-//! | [`Precision::Q16`] | 12 | less than one cell, 1/65,536 of the bounds, on each axis |
-//! | [`Precision::Q8`] | 6 | less than one cell, 1/256 of the bounds, on each axis |
-//! | [`Precision::F16`] | 12 | less than 1/512 of the larger coordinate's magnitude, or 2⁻²³ |
-//! | [`Aabb::outward_from_f64`] | 24 | less than two units in the last place of the f32 |
-//! | [`Margined`](crate::session::Margined) | any | twice the margin, and what the form adds |
+//! | [`Precision::Q16`] | 12 | one cell, 1/65,536 of the bounds, on each axis; any gap beyond the bounds |
+//! | [`Precision::Q8`] | 6 | one cell, 1/256 of the bounds, on each axis; any gap beyond the bounds |
+//! | [`Precision::F16`] | 12 | 1/512 of the larger coordinate's magnitude, or 2⁻²³; any gap beyond ±65,504 |
+//! | [`Aabb::outward_from_f64`] | 24 | a step of f32 at each face, at its distance from the origin |
+//! | [`Margined`](crate::session::Margined) | any | twice the margin, two steps of f32 at each face, and what the form adds |
+//!
+//! A step of f32 at x is 2⁻²³ of x at most: 0.12 at 10⁶ units. [`Widening::gap_limit`] and
+//! [`Margin::gap_limit`](crate::session::Margin::gap_limit) give the gap for two faces, all of that
+//! included; `pairmaskd stress` holds every extra pair of every mode to it.
 //!
 //! # Why no pair is lost
 //!
@@ -19,6 +23,10 @@
 //! whatever overlaps still does. Every mode here is such a pair of functions, and each says why its
 //! are monotone. It follows that the whole frame must use the same ones: the same bounds, the same
 //! origin.
+//!
+//! The same functions also means that threads of different floating-point flags may write one frame.
+//! Where functions are computed in floats, that is done with the default flags
+//! ([`crate::floats`]); the others are integers, or float arithmetic that no flag changes.
 //!
 //! A box keeps its class in every form: an empty box stays empty and an invalid one invalid, so
 //! that the census is that of the boxes that were given.
@@ -31,12 +39,15 @@ mod narrow;
 mod origin;
 mod quantize;
 mod simd;
+mod widening;
 
 pub use bounds::{Bounds, BoundsError};
-pub use form::{BoxForm, Precision, Widening};
+pub use form::{BoxForm, Precision};
 pub(crate) use narrow::Encoder;
 pub use narrow::{BoxF16, BoxQ8, BoxQ16, ExpandScratch, NarrowBoxes};
 pub use quantize::Quantizer;
+pub use widening::Widening;
+pub(crate) use widening::{outward, step_of_f32};
 
 #[cfg(doc)]
 use crate::aabb::Aabb;

@@ -118,7 +118,7 @@ impl NarrowBox for BoxQ16 {
     }
     #[inline(always)]
     fn narrow(b: &Aabb, encoder: &Quantizer) -> Self {
-        encoder.q16(b)
+        encoder.q16_with_default_flags(b)
     }
     #[inline(always)]
     fn expand(&self) -> Aabb {
@@ -138,7 +138,7 @@ impl NarrowBox for BoxQ8 {
     }
     #[inline(always)]
     fn narrow(b: &Aabb, encoder: &Quantizer) -> Self {
-        encoder.q8(b)
+        encoder.q8_with_default_flags(b)
     }
     #[inline(always)]
     fn expand(&self) -> Aabb {

@@ -1,6 +1,7 @@
 //! World coordinates in f64 → boxes in f32 around an origin, rounded outward.
 
 use crate::aabb::Aabb;
+use crate::floats;
 
 impl Aabb {
     /// The box from `min` to `max`, given in f64, relative to `origin`: the tightest f32 box that
@@ -8,11 +9,11 @@ impl Aabb {
     ///
     /// f32 tells 64 m apart at 1e9 m. Taken relative to an origin in their midst, boxes keep their
     /// own precision. All boxes of a frame need the same origin: then no overlapping pair is lost.
-    /// A pair is extra only where its gap is below two units in the last place of the f32
-    /// coordinates.
+    /// A pair is extra only where its gap is below a step of f32 at each of its two faces, at their
+    /// distance from the origin ([`Widening::Origin`](crate::precision::Widening::Origin)).
     ///
-    /// `min > max` on an axis gives [`Aabb::EMPTY`], a NaN (also in `origin`, also an origin at
-    /// infinity) an invalid box, which a reply counts. Infinite coordinates stay infinite.
+    /// A NaN (also in `origin`, also an origin at infinity) gives an invalid box, which a reply counts;
+    /// otherwise `min > max` on an axis gives [`Aabb::EMPTY`]. Infinite coordinates stay infinite.
     ///
     /// # Why it contains the exact box
     ///
@@ -22,8 +23,8 @@ impl Aabb {
     /// difference is within half a step of d. Where r = d, the sign of e tells on which side the
     /// exact difference is.
     ///
-    /// And x ↦ r is monotone in x for min as for max, so that no pair is lost even on a thread that
-    /// flushes f64 subnormals, where e may be lost.
+    /// All of it is computed with the default floating-point flags, whatever those of this thread: the
+    /// boxes of a frame may come from several threads, and r is one function of x for all of them.
     ///
     /// ```
     /// use pairmask::Aabb;
@@ -37,22 +38,31 @@ impl Aabb {
         origin: impl Into<[f64; 3]>,
     ) -> Self {
         let (min, max, origin) = (min.into(), max.into(), origin.into());
-        let is_empty = (0..3).any(|axis| min[axis] > max[axis]);
-        if is_empty && !min.iter().chain(&max).any(|x| x.is_nan()) {
-            return Self::EMPTY;
-        }
-        Self {
-            min: std::array::from_fn(|axis| below(min[axis], origin[axis])),
-            max: std::array::from_fn(|axis| -below(-max[axis], -origin[axis])),
-        }
+        floats::with_default(|| outward_with_default_flags(min, max, origin))
     }
 }
 
-/// An f32 that is not above x − origin: the largest one, or the one before it.
+fn outward_with_default_flags(min: [f64; 3], max: [f64; 3], origin: [f64; 3]) -> Aabb {
+    let is_finite_origin = origin.iter().all(|x| x.is_finite());
+    if !is_finite_origin || min.iter().chain(&max).any(|x| x.is_nan()) {
+        return Aabb { min: [f32::NAN; 3], max: [f32::NAN; 3] };
+    }
+    if (0..3).any(|axis| min[axis] > max[axis]) {
+        return Aabb::EMPTY;
+    }
+    Aabb {
+        min: std::array::from_fn(|axis| below(min[axis], origin[axis])),
+        max: std::array::from_fn(|axis| -below(-max[axis], -origin[axis])),
+    }
+}
+
+/// An f32 that is not above x − origin: the largest one, or the one before it. `origin` is finite, and
+/// `x` no NaN.
 fn below(x: f64, origin: f64) -> f32 {
+    debug_assert!(floats::are_default(), "boxes are rounded with the default flags");
     let difference = x - origin;
     let rounded = difference as f32;
-    if x.is_infinite() || difference.is_nan() {
+    if x.is_infinite() {
         return rounded;
     }
     let is_above = match f64::from(rounded).partial_cmp(&difference) {
@@ -139,6 +149,11 @@ mod tests {
         assert_eq!(at(f64::NAN, 1.0, 0.0), BoxClass::Invalid);
         assert_eq!(at(0.0, 1.0, f64::NAN), BoxClass::Invalid);
         assert_eq!(at(f64::INFINITY, f64::INFINITY, f64::INFINITY), BoxClass::Invalid);
+        for origin in [f64::INFINITY, f64::NEG_INFINITY, f64::NAN] {
+            for (min, max) in [(0.0, 1.0), (f64::NEG_INFINITY, f64::INFINITY), (1.0, 0.0)] {
+                assert_eq!(at(min, max, origin), BoxClass::Invalid, "{min} to {max} from {origin}");
+            }
+        }
         assert_eq!(at(f64::NEG_INFINITY, f64::INFINITY, 7.0), BoxClass::Solid);
     }
 }

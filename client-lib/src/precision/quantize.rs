@@ -19,13 +19,16 @@
 //!   also ±∞, whose product by 0 is NaN and taken for 0;
 //! * the floor is exact.
 //!
-//! Nothing here depends on the thread's denormal flags: `widen` makes an f64 of a subnormal f32
-//! by integers, and differences and products of such f64 are 0 or far from f64's subnormals.
+//! The two functions must also be one and the same for all threads that write a frame. Denormal flags
+//! change nothing: `widen` makes an f64 of a subnormal f32 by integers, and differences and products
+//! of such f64 are 0 or far from f64's subnormals. The rounding mode does change differences and
+//! products, so cells are computed with the default flags ([`crate::floats`]).
 
 use super::bounds::Bounds;
 use super::exact::{GROUP_WORDS, Group, is_solid, widen, without_points};
 use super::narrow::{BoxQ8, BoxQ16};
 use crate::aabb::Aabb;
+use crate::floats;
 
 /// Cells of an axis in the form q16.
 const Q16_CELLS: f64 = 65_536.0;
@@ -70,6 +73,7 @@ impl Lanes {
     /// The cells of a group of solid boxes.
     #[inline(always)]
     fn cells(&self, group: &Group, last: f64) -> [i32; GROUP_WORDS] {
+        debug_assert!(floats::are_default(), "cells are computed with the default flags");
         let mut cells = [0; GROUP_WORDS];
         for at in 0..GROUP_WORDS {
             cells[at] = cell((widen(group[at]) - self.low[at]) * self.scale[at], last);
@@ -111,6 +115,10 @@ pub struct Quantizer {
 impl Quantizer {
     /// Cuts each axis of the bounds into `cells` cells.
     fn new(bounds: &Bounds, cells: f64) -> Self {
+        floats::with_default(|| Self::with_default_flags(bounds, cells))
+    }
+
+    fn with_default_flags(bounds: &Bounds, cells: f64) -> Self {
         let low = bounds.low().map(widen);
         let high = bounds.high().map(widen);
         let scale = std::array::from_fn(|axis| {
@@ -133,17 +141,25 @@ impl Quantizer {
     /// Size of a cell on each axis, units, rounded up: two boxes within the bounds that are
     /// reported as a pair have no gap as wide as that.
     pub fn cell_size(&self) -> [f64; 3] {
-        self.scale.map(|scale| if scale > 0.0 { ROUNDING / scale } else { 0.0 })
+        floats::with_default(|| {
+            self.scale.map(|scale| if scale > 0.0 { ROUNDING / scale } else { 0.0 })
+        })
     }
 
     #[inline(always)]
     fn cell(&self, axis: usize, x: f64, cells: f64) -> i32 {
+        debug_assert!(floats::are_default(), "cells are computed with the default flags");
         cell((x - self.low[axis]) * self.scale[axis], cells - 1.0)
     }
 
-    /// A box in 16-bit cells.
-    #[inline(always)]
+    /// A box in 16-bit cells: the same ones whatever the flags of this thread.
+    #[inline]
     pub fn q16(&self, b: &Aabb) -> BoxQ16 {
+        floats::with_default(|| self.q16_with_default_flags(b))
+    }
+
+    #[inline(always)]
+    pub(super) fn q16_with_default_flags(&self, b: &Aabb) -> BoxQ16 {
         let (min, max) = (b.min.map(widen), b.max.map(widen));
         if !is_solid(&min, &max) {
             return without_points(b, BoxQ16::EMPTY, BoxQ16::INVALID);
@@ -154,9 +170,14 @@ impl Quantizer {
         }
     }
 
-    /// A box in 8-bit cells.
-    #[inline(always)]
+    /// A box in 8-bit cells: the same ones whatever the flags of this thread.
+    #[inline]
     pub fn q8(&self, b: &Aabb) -> BoxQ8 {
+        floats::with_default(|| self.q8_with_default_flags(b))
+    }
+
+    #[inline(always)]
+    pub(super) fn q8_with_default_flags(&self, b: &Aabb) -> BoxQ8 {
         let (min, max) = (b.min.map(widen), b.max.map(widen));
         if !is_solid(&min, &max) {
             return without_points(b, BoxQ8::EMPTY, BoxQ8::INVALID);

@@ -6,6 +6,7 @@ use super::exact::{GROUP, Group, is_solid_group};
 use super::narrow::NarrowBox;
 use crate::aabb::Aabb;
 use crate::engine::{AvailableIsa, Isa};
+use crate::floats;
 
 #[inline(always)]
 fn narrow_loop<B: NarrowBox>(boxes: &[Aabb], encoder: &B::Encoder, out: &mut [B]) {
@@ -32,8 +33,13 @@ fn expand_loop<B: NarrowBox>(boxes: &[B], out: &mut [Aabb]) {
     }
 }
 
-/// Writes the narrow form of each box. Both slices are of one length.
+/// Writes the narrow form of each box, the same on every thread whatever its flags. Both slices are of
+/// one length.
 pub(super) fn narrow<B: NarrowBox>(boxes: &[Aabb], encoder: &B::Encoder, out: &mut [B]) {
+    floats::with_default(|| narrow_with_default_flags(boxes, encoder, out));
+}
+
+fn narrow_with_default_flags<B: NarrowBox>(boxes: &[Aabb], encoder: &B::Encoder, out: &mut [B]) {
     match AvailableIsa::best().get() {
         #[cfg(target_arch = "x86_64")]
         // SAFETY: an `AvailableIsa` of AVX-512 exists only where the CPU reported these features.
@@ -45,7 +51,8 @@ pub(super) fn narrow<B: NarrowBox>(boxes: &[Aabb], encoder: &B::Encoder, out: &m
     }
 }
 
-/// Writes the box that stands for each narrow one.
+/// Writes the box that stands for each narrow one. Cells and halves become f32 exactly, so that no flag
+/// of the thread changes one.
 pub(super) fn expand<B: NarrowBox>(boxes: &[B], out: &mut [Aabb]) {
     match AvailableIsa::best().get() {
         #[cfg(target_arch = "x86_64")]

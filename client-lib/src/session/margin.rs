@@ -6,15 +6,18 @@
 //!
 //! That a box lies within its inflated self is decided by comparing integer keys, so rounding has
 //! no part in the proof. Rounding decides only how long an answer is kept: inflated faces are
-//! rounded outward, so a box whose faces moved by no more than the margin is always within.
+//! rounded outward, so a box whose faces moved by no more than the margin is always within. They are
+//! computed with the default floating-point flags, since a box has to lie within its own inflated self:
+//! a thread that takes subnormals for zero would not see to that.
 
 use rayon::prelude::*;
 
 use super::Session;
 use super::error::{FrameError, WaitError};
 use super::pairs::PairMask;
-use crate::aabb::{Aabb, BoxClass, KeyBox};
-use crate::precision::Precision;
+use crate::aabb::{Aabb, BoxClass, KeyBox, order_key};
+use crate::floats;
+use crate::precision::{Precision, Widening, outward, step_of_f32};
 
 /// Boxes that one task looks at: fewer take less time than a task costs.
 const TASK_BOXES: usize = 16_384;
@@ -37,8 +40,9 @@ impl Margin {
     /// # Errors
     /// [`MarginError`] where it is negative, infinite or NaN.
     pub fn new(units: f32) -> Result<Self, MarginError> {
-        let error = MarginError { given: units };
-        if units.is_finite() && units >= 0.0 { Ok(Self(units)) } else { Err(error) }
+        // A comparison of floats would take a subnormal below 0 for 0 on some threads.
+        let is_margin = units.is_finite() && order_key(units.to_bits()) >= 0;
+        if is_margin { Ok(Self(units)) } else { Err(MarginError { given: units }) }
     }
 
     /// The number itself.
@@ -48,7 +52,24 @@ impl Margin {
 
     /// A box whose faces lie outward by the margin and up to two steps of f32 more. Empty and
     /// invalid boxes stay as they are.
+    ///
+    /// The inflated box is the same whatever the floating-point flags of this thread.
     pub fn inflate(self, b: &Aabb) -> Aabb {
+        floats::with_default(|| self.inflate_with_default_flags(b))
+    }
+
+    /// Boxes inflated, as many as both slices hold; with the default flags.
+    fn inflate_all(self, boxes: &[Aabb], out: &mut [Aabb]) {
+        floats::with_default(|| {
+            for (b, out) in boxes.iter().zip(out) {
+                *out = self.inflate_with_default_flags(b);
+            }
+        });
+    }
+
+    #[inline]
+    fn inflate_with_default_flags(self, b: &Aabb) -> Aabb {
+        debug_assert!(floats::are_default(), "boxes are inflated with the default flags");
         if b.class() != BoxClass::Solid {
             return *b;
         }
@@ -57,6 +78,45 @@ impl Margin {
             min: b.min.map(|x| (x - self.0).next_down()),
             max: b.max.map(|x| (x + self.0).next_up()),
         }
+    }
+
+    /// How far outward a face at `x` comes to lie at most: the margin and two steps of f32 there. Those
+    /// outweigh a small margin far from 0: at 10^6 units two steps are a quarter of a unit.
+    fn reach(self, x: f64) -> f64 {
+        let margin = f64::from(self.0);
+        2.0f64.mul_add(step_of_f32(x.abs() + margin), margin)
+    }
+
+    /// The largest gap that two boxes may have and still be a pair of the answer that was asked for
+    /// with them: on an axis on which one ends at `ends` and the other starts at `starts`, their boxes
+    /// being sent in a form that widens them by `form`. It is twice the margin, the steps of f32 that
+    /// inflated faces are rounded by, and what the form adds; infinite where a face is.
+    ///
+    /// While the answer is kept, boxes may move apart, each face by as much again; a box that shrinks
+    /// stays in the answer however small it becomes. [`Kept::exact_pairs`] goes by the boxes of now.
+    ///
+    /// ```
+    /// use pairmask::precision::Widening;
+    /// use pairmask::session::Margin;
+    /// let margin = Margin::new(0.001)?;
+    /// let gap_at = |x| margin.gap_limit(&Widening::None, 0, x, x);
+    /// assert!(gap_at(1.0) < 0.00201);
+    /// assert!(gap_at(1e6) > 0.25, "f32 has steps of a sixteenth there");
+    /// # Ok::<(), pairmask::session::MarginError>(())
+    /// ```
+    ///
+    /// # Panics
+    /// When there is no such axis.
+    pub fn gap_limit(self, form: &Widening, axis: usize, ends: f64, starts: f64) -> f64 {
+        floats::with_default(|| {
+            if ends.is_infinite() || starts.is_infinite() {
+                return f64::INFINITY;
+            }
+            let (end_reach, start_reach) = (self.reach(ends), self.reach(starts));
+            let form_gap =
+                form.gap_between(axis, [ends, ends + end_reach], [starts, starts - start_reach]);
+            outward(end_reach + start_reach + form_gap)
+        })
     }
 }
 
@@ -82,8 +142,9 @@ pub enum MarginedError {
 
 /// A session that asks only when something has moved by more than a margin.
 ///
-/// A mask is a superset of the overlapping pairs: those, and boxes whose gap is at most twice the
-/// margin and what the precision adds. [`Kept::exact_pairs`] sorts them out by the boxes of now.
+/// A mask is a superset of the overlapping pairs: those, and boxes whose gap was at most
+/// [`Margin::gap_limit`] when they were sent: twice the margin, steps of f32 and what the precision
+/// adds. [`Kept::exact_pairs`] sorts them out by the boxes of now.
 ///
 /// The kept mask is one of the three frames that a session has at a time.
 ///
@@ -193,8 +254,9 @@ impl Margined {
 
     fn ask(&mut self, boxes: &[Aabb]) -> Result<Answered, MarginedError> {
         let margin = self.margin;
-        let inflated = boxes.par_iter().with_min_len(TASK_BOXES).map(|b| margin.inflate(b));
-        inflated.collect_into_vec(&mut self.inflated);
+        self.inflated.resize(boxes.len(), Aabb::EMPTY);
+        let tasks = boxes.par_chunks(TASK_BOXES).zip(self.inflated.par_chunks_mut(TASK_BOXES));
+        tasks.for_each(|(boxes, out)| margin.inflate_all(boxes, out));
         let mut frame = self.session.narrow_frame(boxes.len(), self.precision)?;
         frame.fill(&self.inflated);
         let mask = frame.submit()?.wait()?;

@@ -4,7 +4,8 @@ use super::Sphere;
 use super::exact::widen;
 use crate::aabb::{Aabb, BoxClass};
 
-/// A box that holds the sphere.
+/// A box that holds the sphere. It does whatever the flags of the thread, and it is the same box where
+/// they are the default ones, with which callers call it.
 ///
 /// Why no pair is lost: spheres that overlap have |x₁ − x₂| ≤ d ≤ r₁ + r₂ on every axis, so the
 /// intervals [x − r, x + r] of real numbers meet, and so do intervals that hold those.

@@ -4,10 +4,12 @@ use std::time::Instant;
 
 use super::Sphere;
 use super::all_pairs::counted;
+use super::bounds::bounds;
 use super::exact::Ball;
 use crate::aabb::Aabb;
 use crate::engine::gather::PairTest;
 use crate::engine::{CpuEngines, CullAnswer, CullError, CullWish, ReplyBuffer, nanoseconds_since};
+use crate::floats;
 use crate::mask::{Encoding, EncodingChoice};
 
 /// Spheres through the box engines: exact, in O(n + pairs) where those are.
@@ -58,12 +60,14 @@ impl SphereFilter {
     fn ingest(&mut self, spheres: &[Sphere]) {
         self.boxes.clear();
         self.balls.clear();
-        for sphere in spheres {
-            // Copied once: a client could write to it meanwhile.
-            let sphere = *sphere;
-            self.boxes.push(sphere.bounds());
-            self.balls.push(Ball::of(&sphere));
-        }
+        floats::with_default(|| {
+            for sphere in spheres {
+                // Copied once: a client could write to it meanwhile.
+                let sphere = *sphere;
+                self.boxes.push(bounds(&sphere));
+                self.balls.push(Ball::of(&sphere));
+            }
+        });
     }
 
     /// Bytes of scratch that is kept from frame to frame, beside that of the box engines.

@@ -36,6 +36,7 @@ use bytemuck::{Pod, Zeroable};
 
 use self::exact::Ball;
 use crate::aabb::{Aabb, BoxClass, INFINITY_BITS};
+use crate::floats;
 
 /// A bounding sphere: `x y z radius`, 16 bytes, little-endian.
 ///
@@ -94,10 +95,11 @@ impl Sphere {
     }
 
     /// A box that holds the sphere, each face rounded outward by at most two steps of f32. Boxes of
-    /// spheres that overlap always overlap. What is empty or invalid gives such a box.
+    /// spheres that overlap always overlap. What is empty or invalid gives such a box. The flags of the
+    /// thread have no say.
     #[inline]
     pub fn bounds(&self) -> Aabb {
-        bounds::bounds(self)
+        floats::with_default(|| bounds::bounds(self))
     }
 }
 

@@ -19,9 +19,11 @@ Scenes are drawn to go wrong: subnormals, −0, faces one ulp apart, touching, t
 infinities, NaN in each slot, empty and flat boxes, unit boxes far from the origin, sixty decades of
 sizes, sorted and reversed, cell and quantisation borders, spheres that touch, and mixtures of
 those. Every engine, instruction set and encoding answers each, and every engine in every precision
-mode: what overlaps must be found, what the mode's definition adds may be. A wrong answer prints its
-case, the first wrong pair and why that pair is in the mask or not. What an engine leaves to another
-one, because too many boxes stand in one place, is counted as skipped.
+mode: what overlaps must be found, what the mode's definition adds may be, no farther apart than the
+mode states. The threads that call, those that cull and those that write boxes have any rounding modes
+and denormal flags. A wrong answer prints its case, the first wrong pair and why that pair is in the
+mask or not. What an engine leaves to another one, because too many boxes stand in one place, is
+counted as skipped.
 
 Examples:
   pairmaskd stress --seconds 600

@@ -87,8 +87,8 @@ impl<'a> SentBoxes<'a> {
                 },
                 rule: format!("{bounds}{}", precision.widening()),
                 cell_edges: match precision.widening() {
-                    Widening::Cells(edges) => Some(edges),
-                    Widening::None | Widening::Relative { .. } => None,
+                    Widening::Cells { size, .. } => Some(size),
+                    Widening::None | Widening::Relative { .. } | Widening::Origin(_) => None,
                 },
             }),
         }

@@ -6,6 +6,7 @@ use std::sync::OnceLock;
 use pairmask::Aabb;
 use pairmask::oracle::{Truth, truth};
 
+use super::flags::MixedFlags;
 use super::modes::{ModeCase, Usage};
 use super::spheres::SphereCase;
 use super::{changes, hard, scenes};
@@ -27,8 +28,10 @@ pub struct Case {
     pub recipe: String,
     /// The boxes.
     pub boxes: Vec<Aabb>,
-    /// By the oracle.
+    /// By the oracle, on a thread of the caller's flags.
     pub truth: Truth,
+    /// Floating-point flags of the threads that have to do with it.
+    pub flags: MixedFlags,
     spheres: OnceLock<SphereCase>,
     modes: [OnceLock<ModeCase>; Usage::ALL.len()],
 }
@@ -45,12 +48,21 @@ impl Case {
             // Writing to a string cannot fail.
             let _ = write!(recipe, ", {}", change.name);
         }
-        let mut truth = truth(&boxes);
+        let flags = MixedFlags::of_seed(seed);
+        let mut truth = flags.caller.run(|| truth(&boxes));
         while truth.pairs.len() > MOST_PAIRS {
             boxes.truncate(boxes.len() / 2);
-            truth = pairmask::oracle::truth(&boxes);
+            truth = flags.caller.run(|| pairmask::oracle::truth(&boxes));
         }
-        Self { seed, recipe, boxes, truth, spheres: OnceLock::new(), modes: Default::default() }
+        Self {
+            seed,
+            recipe,
+            boxes,
+            truth,
+            flags,
+            spheres: OnceLock::new(),
+            modes: Default::default(),
+        }
     }
 
     /// The spheres of the same seed; made when somebody asks, since their truth takes long.
@@ -60,7 +72,8 @@ impl Case {
 
     /// The boxes in one usage of a precision mode; made when somebody asks.
     pub fn in_mode(&self, usage: Usage) -> &ModeCase {
-        self.modes[usage as usize].get_or_init(|| ModeCase::new(self.seed, &self.boxes, usage))
+        self.modes[usage as usize]
+            .get_or_init(|| ModeCase::new(self.seed, &self.boxes, usage, &self.flags))
     }
 
     /// The seed of the next case of a run.

@@ -6,7 +6,11 @@
 //! why that pair is in the mask or not.
 //!
 //! Precision modes take part as subjects too ([`modes`]): what they must find is what overlaps, what
-//! they may find is what their definition adds.
+//! they may find is what their definition adds. No extra pair may have a larger gap than the mode
+//! states ([`gaps`]).
+//!
+//! Each case also has floating-point flags ([`MixedFlags`]) for the thread that asks, those of the pool
+//! and those that write boxes: nothing may depend on them.
 //!
 //! An engine may leave a crowded scene to another one ([`Outcome::Declined`]). That is no failure, but
 //! it is counted and printed: a run in which nobody answered proves nothing.
@@ -15,6 +19,8 @@
 
 mod case;
 mod changes;
+mod flags;
+mod gaps;
 pub mod hard;
 mod mode_subject;
 pub mod modes;
@@ -23,14 +29,17 @@ mod roster;
 pub mod scenes;
 mod spheres;
 mod subject;
+mod updates;
 
 pub use case::{CASE_SEED_BITS, Case};
+pub use flags::{FloatFlags, MixedFlags, Rounding};
 pub use mode_subject::ModeSubject;
 pub use modes::{Mode, ModeChoice};
 pub use report::{Failure, Skipped, StressReport};
 pub use roster::{Entrant, Roster};
 pub use spheres::{SphereCase, SphereSubject};
 pub use subject::{ExactSubject, Finding, Outcome, Subject, compare};
+pub use updates::UpdateSubject;
 
 use std::time::{Duration, Instant};
 
@@ -72,7 +81,7 @@ pub enum StressError {
     #[error(transparent)]
     Engine(#[from] CullError),
     /// What was chosen leaves nothing to run.
-    #[error("nothing to run: spheres are exact, and take part with --mode exact")]
+    #[error("nothing to run: spheres and updates take part with --mode exact only")]
     NoSubject,
     /// No threads for an engine.
     #[error("the engines' threads cannot be started: {0}")]
@@ -141,6 +150,7 @@ fn failure(case: &Case, subject: &dyn Subject, finding: Finding) -> Failure {
         ),
         boxes: boxes as u64,
         scene,
+        flags: case.flags.to_string(),
         what: finding.what,
         missed: finding.missed,
         extra: finding.extra,

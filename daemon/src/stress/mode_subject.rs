@@ -1,5 +1,5 @@
 //! Engines that are given boxes of a precision mode: all that overlaps must be found, and what the
-//! mode's definition adds may be.
+//! mode's definition adds may be, no farther apart than the mode states.
 
 use std::sync::Arc;
 
@@ -10,6 +10,8 @@ use pairmask::{Aabb, Encoding};
 use rayon::ThreadPool;
 
 use super::case::Case;
+use super::flags::MixedFlags;
+use super::gaps;
 use super::modes::{Mode, ModeCase, Sending, Usage};
 use super::subject::{Finding, Outcome, Subject, compare};
 use crate::explain::{Explanation, SentBoxes};
@@ -50,9 +52,13 @@ impl ModeSubject {
     }
 
     /// The answer; `None` where the engine leaves the scene to another one.
-    fn answer(&mut self, boxes: &[Aabb]) -> Result<Option<(CullReport, Vec<Pair>)>, Finding> {
+    fn answer(
+        &mut self,
+        boxes: &[Aabb],
+        flags: &MixedFlags,
+    ) -> Result<Option<(CullReport, Vec<Pair>)>, Finding> {
         let Self { engine, job, pool, reply, .. } = self;
-        let report = match pool.install(|| engine.cull(boxes, job, reply)) {
+        let report = match flags.install(pool, || engine.cull(boxes, job, reply)) {
             Err(CullError::TooCrowded { .. }) => return Ok(None),
             answer => answer.map_err(|error| Finding::other(&error))?,
         };
@@ -76,13 +82,15 @@ impl Subject for ModeSubject {
     }
 
     fn check(&mut self, case: &Case) -> Result<Outcome, Finding> {
+        let flags = case.flags;
         let case = case.in_mode(self.usage);
         if let Some(index) = case.written_unlike {
             let what = format!("box {index} becomes another one when it is written by itself");
             return Err(Finding::other(&what));
         }
         let inward = self.inward.then(|| rounded_inward(case));
-        let Some((report, got)) = self.answer(inward.as_deref().unwrap_or(&case.sent))? else {
+        let Some((report, got)) = self.answer(inward.as_deref().unwrap_or(&case.sent), &flags)?
+        else {
             return Ok(Outcome::Declined);
         };
         compare(&got, &case.allowed.must.pairs, &case.allowed.may).map_err(|mut finding| {
@@ -91,6 +99,10 @@ impl Subject for ModeSubject {
                 let (a, b) = (boxes[pair.0 as usize], boxes[pair.1 as usize]);
                 finding.what = format!("{}: {a:?} and {b:?} around {origin:?}", finding.what);
             }
+            finding
+        })?;
+        gaps::check(case, &got).map_err(|mut finding| {
+            finding.what = format!("{}: {}", self.usage, finding.what);
             finding
         })?;
         if report.pair_count != got.len() as u64 {

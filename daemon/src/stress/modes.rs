@@ -11,6 +11,7 @@ use pairmask::session::Margin;
 use pairmask::{Aabb, Bounds, Precision};
 
 use super::case::MOST_PAIRS;
+use super::flags::MixedFlags;
 use crate::precision::as_sent;
 use crate::scene::Random;
 
@@ -174,7 +175,8 @@ pub struct ModeCase {
     pub sending: Sending,
     /// The boxes that engines are given.
     pub sent: Vec<Aabb>,
-    /// The first box that is converted to something else when it is written by itself.
+    /// The first box that is converted to something else when it is written by itself, each box by a
+    /// thread of other floating-point flags.
     pub written_unlike: Option<usize>,
     /// What the answer may be.
     pub allowed: Allowed,
@@ -182,10 +184,10 @@ pub struct ModeCase {
 
 impl ModeCase {
     /// The boxes of a case in one usage.
-    pub fn new(seed: u64, boxes: &[Aabb], usage: Usage) -> Self {
+    pub fn new(seed: u64, boxes: &[Aabb], usage: Usage, flags: &MixedFlags) -> Self {
         let mut given = &boxes[..boxes.len().min(MOST_BOXES)];
         loop {
-            let case = Self::of_boxes(seed, given, usage);
+            let case = Self::of_boxes(seed, given, usage, flags);
             if case.allowed.may.len() <= MOST_PAIRS {
                 return case;
             }
@@ -193,7 +195,7 @@ impl ModeCase {
         }
     }
 
-    fn of_boxes(seed: u64, given: &[Aabb], usage: Usage) -> Self {
+    fn of_boxes(seed: u64, given: &[Aabb], usage: Usage, flags: &MixedFlags) -> Self {
         let random = &mut Random::new(seed ^ STREAM);
         let sending = match usage {
             Usage::Q16 => Sending::Narrow(Precision::Q16(Bounds::around(given))),
@@ -207,31 +209,33 @@ impl ModeCase {
                 Sending::World { boxes, origin }
             }
         };
-        let mut written_unlike = None;
-        let (sent, allowed) = match &sending {
-            Sending::Narrow(precision) => {
-                let sent = as_sent(precision, given);
-                written_unlike = alone_unlike(precision, given, &sent);
-                (sent, allowed(given, precision))
-            }
+        // All boxes by one call, and each by itself: the answer must not depend on who wrote which.
+        let n = given.len();
+        let (sent, alone, allowed) = match &sending {
+            Sending::Narrow(precision) => (
+                flags.caller.run(|| as_sent(precision, given)),
+                flags.written(n, |i| as_sent(precision, &given[i..=i])[0]),
+                flags.caller.run(|| allowed(given, precision)),
+            ),
             Sending::Inflated(margin) => (
                 given.iter().map(|b| margin.inflate(b)).collect(),
-                allowed_by_margin(given, margin.get()),
+                flags.written(n, |i| margin.inflate(&given[i])),
+                flags.caller.run(|| allowed_by_margin(given, margin.get())),
             ),
             Sending::World { boxes, origin } => {
                 let relative = |[min, max]: &Faces| Aabb::outward_from_f64(*min, *max, *origin);
-                (boxes.iter().map(relative).collect(), allowed_around_origin(boxes, *origin))
+                (
+                    boxes.iter().map(relative).collect(),
+                    flags.written(n, |i| relative(&boxes[i])),
+                    flags.caller.run(|| allowed_around_origin(boxes, *origin)),
+                )
             }
         };
+        let sent: Vec<Aabb> = sent;
+        let bits = |b: &Aabb| <[f32; 6]>::from(*b).map(f32::to_bits);
+        let written_unlike = sent.iter().zip(&alone).position(|(a, b)| bits(a) != bits(b));
         Self { given: given.to_vec(), sending, sent, written_unlike, allowed }
     }
-}
-
-/// The first box that comes out otherwise when it is converted by itself and not among others.
-fn alone_unlike(precision: &Precision, given: &[Aabb], sent: &[Aabb]) -> Option<usize> {
-    let bits = |b: &Aabb| <[f32; 6]>::from(*b).map(f32::to_bits);
-    let alone = |b: &Aabb| as_sent(precision, std::slice::from_ref(b));
-    given.iter().zip(sent).position(|(b, sent)| alone(b).iter().map(bits).ne([bits(sent)]))
 }
 
 /// Bounds between faces of the boxes, so that boxes lie within, outside, across and on them.

@@ -54,6 +54,8 @@ pub struct Failure {
     pub boxes: u64,
     /// How its scene was made.
     pub scene: String,
+    /// Floating-point flags of the threads that had to do with it.
+    pub flags: String,
     /// What is wrong.
     pub what: String,
     /// Pairs that were missing.
@@ -135,6 +137,7 @@ impl fmt::Display for Failure {
         writeln!(f, "  {}", self.what)?;
         writeln!(f, "  mode {}", self.mode)?;
         writeln!(f, "  {} boxes: {}", self.boxes, self.scene)?;
+        writeln!(f, "  floating-point flags: {}", self.flags)?;
         writeln!(f, "  again: {}", self.replay)?;
         if let Some(explain) = &self.explain {
             writeln!(f)?;

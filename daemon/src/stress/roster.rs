@@ -15,6 +15,7 @@ use super::mode_subject::ModeSubject;
 use super::modes::{Mode, ModeChoice, Usage};
 use super::spheres::SphereSubject;
 use super::subject::{ExactSubject, Subject};
+use super::updates::UpdateSubject;
 use crate::execute::gpu::{
     AllPairs, AllPairsOptions, Gpu, GpuChoice, Grid, GridOptions, HostImport, OpenError,
 };
@@ -29,6 +30,8 @@ pub enum Entrant {
     Engine(EngineName),
     /// The sphere engines, in every way.
     Spheres,
+    /// The update stage.
+    Updates,
 }
 
 impl FromStr for Entrant {
@@ -38,13 +41,14 @@ impl FromStr for Entrant {
         match s {
             "all" => Ok(Self::All),
             "spheres" => Ok(Self::Spheres),
+            "updates" => Ok(Self::Updates),
             _ => EngineName::ALL
                 .into_iter()
                 .find(|name| name.as_str() == s)
                 .map(Self::Engine)
                 .ok_or_else(|| UnknownName {
                     name: s.to_owned(),
-                    known: "all, cpu-brute, cpu-sap, cpu-grid, gpu-brute, gpu-grid, spheres",
+                    known: "all, cpu-brute, cpu-sap, cpu-grid, gpu-brute, gpu-grid, spheres, updates",
                 }),
         }
     }
@@ -56,6 +60,7 @@ impl fmt::Display for Entrant {
             Self::All => f.write_str("all"),
             Self::Engine(name) => name.fmt(f),
             Self::Spheres => f.write_str("spheres"),
+            Self::Updates => f.write_str("updates"),
         }
     }
 }
@@ -100,6 +105,12 @@ impl Roster {
         let spheres = self.entrants.iter().any(|e| [Entrant::All, Entrant::Spheres].contains(e));
         if spheres && self.has_mode(Mode::Exact) {
             subjects.extend(SphereSubject::all(&self.pools()?, self.is_lossy())?);
+        }
+        let updates = self.entrants.iter().any(|e| [Entrant::All, Entrant::Updates].contains(e));
+        if updates && self.has_mode(Mode::Exact) {
+            for pool in self.pools()? {
+                subjects.push(Box::new(UpdateSubject::new(&pool, self.is_lossy())));
+            }
         }
         if subjects.is_empty() {
             return Err(StressError::NoSubject);

@@ -11,6 +11,7 @@ use pairmask::{Encoding, EncodingChoice, EngineName};
 use rayon::ThreadPool;
 
 use super::case::Case;
+use super::flags::MixedFlags;
 use super::subject::{Finding, Outcome, Subject, compare};
 use crate::explain::Explanation;
 use crate::sabotage::lose_a_pair;
@@ -162,9 +163,9 @@ impl SphereSubject {
         Ok(subjects)
     }
 
-    fn answer(&mut self, spheres: &[Sphere]) -> Result<CullReport, CullError> {
+    fn answer(&mut self, spheres: &[Sphere], flags: &MixedFlags) -> Result<CullReport, CullError> {
         let Self { way, job, pool, reply, .. } = self;
-        pool.install(|| match way {
+        flags.install(pool, || match way {
             Way::AllPairs(_, engine) => engine.cull(spheres, job, reply),
             Way::Engines(engine, engines) => {
                 let encoding = EncodingChoice::Only(job.encoding);
@@ -191,7 +192,8 @@ impl Subject for SphereSubject {
 
     fn check(&mut self, case: &Case) -> Result<Outcome, Finding> {
         let SphereCase { spheres, pairs } = case.spheres();
-        let mut report = self.answer(spheres).map_err(|error| Finding::other(&error))?;
+        let mut report =
+            self.answer(spheres, &case.flags).map_err(|error| Finding::other(&error))?;
         let mut words = self.reply.words().to_vec();
         if self.broken {
             lose_a_pair(&mut words, &mut report);

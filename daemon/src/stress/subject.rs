@@ -6,11 +6,11 @@
 
 use std::sync::Arc;
 
+use pairmask::Encoding;
 use pairmask::engine::{CullError, CullJob, Engine, HeapReply};
 use pairmask::oracle::Pair;
 use pairmask::oracle::check::{Mismatch, check_frame};
 use pairmask::oracle::naive_decoder;
-use pairmask::{Aabb, Encoding};
 use rayon::ThreadPool;
 
 use super::case::Case;
@@ -83,8 +83,8 @@ impl Finding {
 /// # Errors
 /// [`Finding`] counts the wrong pairs and names the lowest.
 pub fn compare(got: &[Pair], must: &[Pair], may: &[Pair]) -> Result<(), Finding> {
-    let (missed, first_missed) = absent(must, got);
-    let (extra, first_extra) = absent(got, may);
+    let (missed, first_missed) = count(absent(must, got));
+    let (extra, first_extra) = count(absent(got, may));
     let (what, first) = match (first_missed, first_extra) {
         (None, None) => return Ok(()),
         (Some(pair), None) => (format!("pair {pair:?} is missing"), pair),
@@ -94,11 +94,15 @@ pub fn compare(got: &[Pair], must: &[Pair], may: &[Pair]) -> Result<(), Finding>
     Err(Finding { what, missed, extra, first: Some(first) })
 }
 
-/// How many of `these` are not in `those`, and the first of them.
-fn absent(these: &[Pair], those: &[Pair]) -> (u64, Option<Pair>) {
-    let mut missing = these.iter().filter(|pair| those.binary_search(pair).is_err());
-    let first = missing.next().copied();
-    (u64::from(first.is_some()) + missing.count() as u64, first)
+/// Those of `these` that are not in `those`. Both are sorted.
+pub(super) fn absent(these: &[Pair], those: &[Pair]) -> impl Iterator<Item = Pair> {
+    these.iter().filter(|pair| those.binary_search(pair).is_err()).copied()
+}
+
+/// How many pairs, and the first of them.
+fn count(mut pairs: impl Iterator<Item = Pair>) -> (u64, Option<Pair>) {
+    let first = pairs.next();
+    (u64::from(first.is_some()) + pairs.count() as u64, first)
 }
 
 /// An engine that must answer exactly.
@@ -131,11 +135,12 @@ impl ExactSubject {
     }
 
     /// All wrong pairs of the answer, where the mask can be read at all.
-    fn wrong_pairs(&mut self, boxes: &[Aabb], must: &[Pair]) -> Option<Finding> {
-        let report = self.engine.cull(boxes, &self.job, &mut self.reply).ok()?;
-        let words = self.reply.words();
-        let got = naive_decoder::decode(words, &report.shape, boxes.len() as u32).ok()?;
-        compare(&got, must, must).err()
+    fn wrong_pairs(&mut self, case: &Case) -> Option<Finding> {
+        let Self { engine, job, pool, reply, .. } = self;
+        let report = case.flags.install(pool, || engine.cull(&case.boxes, job, reply)).ok()?;
+        let n = case.boxes.len() as u32;
+        let got = naive_decoder::decode(reply.words(), &report.shape, n).ok()?;
+        compare(&got, &case.truth.pairs, &case.truth.pairs).err()
     }
 }
 
@@ -150,14 +155,15 @@ impl Subject for ExactSubject {
 
     fn check(&mut self, case: &Case) -> Result<Outcome, Finding> {
         let Self { engine, job, pool, reply, .. } = self;
-        let found =
-            pool.install(|| check_frame(engine.as_mut(), &case.boxes, &case.truth, job, reply));
+        let found = case
+            .flags
+            .install(pool, || check_frame(engine.as_mut(), &case.boxes, &case.truth, job, reply));
         let Err(mismatch) = found else { return Ok(Outcome::Right) };
         let finding = match mismatch {
             Mismatch::Cull(CullError::TooCrowded { .. }) => return Ok(Outcome::Declined),
             Mismatch::Missing(pair) | Mismatch::Extra(pair) => {
                 // The answer changes from run to run if it is not found again: that counts once.
-                self.wrong_pairs(&case.boxes, &case.truth.pairs).unwrap_or_else(|| Finding {
+                self.wrong_pairs(case).unwrap_or_else(|| Finding {
                     what: mismatch.to_string(),
                     missed: u64::from(matches!(mismatch, Mismatch::Missing(_))),
                     extra: u64::from(matches!(mismatch, Mismatch::Extra(_))),

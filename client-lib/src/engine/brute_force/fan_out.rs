@@ -1,15 +1,17 @@
 //! Tasks run on the calling thread's rayon pool, each with its own part of the reply.
 //!
-//! Halving with `join` needs no list of jobs, so that a steady frame allocates nothing.
+//! Halving with `join` needs no list of jobs, so that a steady frame allocates nothing. Each task runs
+//! with the default floating-point flags, whatever those of the thread that it falls to.
 
 use super::dense::first_word;
 use super::task::Task;
+use crate::floats;
 
 /// Runs `work` on every task.
 pub(super) fn for_each(tasks: &mut [Task], work: &(impl Fn(&mut Task) + Sync)) {
     match tasks {
         [] => {}
-        [task] => work(task),
+        [task] => floats::with_default(|| work(task)),
         many => {
             let (low, high) = many.split_at_mut(many.len() / 2);
             rayon::join(|| for_each(low, work), || for_each(high, work));
@@ -27,7 +29,7 @@ pub(super) fn for_each_window(
 ) {
     match tasks {
         [] => {}
-        [task] => work(task, words),
+        [task] => floats::with_default(|| work(task, words)),
         many => {
             let (low, high) = many.split_at_mut(many.len() / 2);
             let border = first_word(high[0].rows().start, n) - first_word(low[0].rows().start, n);

@@ -6,7 +6,14 @@
 //! cell(a) ≤ cell(b), in the f32 arithmetic that computes it. It is a chain of monotone steps:
 //! subtraction of a constant and multiplication with a positive constant (IEEE rounding is
 //! monotone), clamping between constants, and addition of [`ROUND`], which rounds to an integer.
-//! That holds far from the origin, for subnormals (flushed or not) and for infinities.
+//! That holds far from the origin, for subnormals and for infinities.
+//!
+//! And cell must be **one** function. The cell of a coordinate is computed by the thread that gives a
+//! box its home, and again by the thread that looks around a row. Two threads that round differently,
+//! or one of which flushes subnormals, have two functions: each is monotone, and a pair is lost between
+//! them. So all of this is computed with the default floating-point flags ([`crate::floats`]): layouts
+//! within one call of `with_default`, homes and rows within the parts of `in_parts`. Debug builds
+//! assert it.
 //!
 //! Let boxes a and b overlap: a.min ≤ b.max and b.min ≤ a.max. Then cell(a.min) ≤ cell(b.max) and
 //! cell(b.min) ≤ cell(a.max). A box is in a level only if there cell(max) − cell(min) ≤ 1, a test of
@@ -16,6 +23,8 @@
 //!
 //! for any a that overlaps b. How large a cell is in space, and how much rounding moved its border,
 //! do not enter. Folding cell numbers (see [`Axis::wrapped`]) keeps equal cells equal.
+
+use crate::floats;
 
 /// 1.5 · 2^23: adding it rounds a number of magnitude below 2^22 to an integer, which then stands
 /// in the low bits of the sum. One add instead of a floor and a conversion, on every machine alike.
@@ -73,6 +82,7 @@ impl Axis {
     }
 
     fn with_edge(start: f32, edge: f32) -> Self {
+        debug_assert!(floats::are_default(), "axes are made with the default flags");
         // An edge of 0 or without a finite inverse would make the step 0 · ∞ and lose monotony.
         let edge = if edge.is_finite() { edge.max(f32::MIN_POSITIVE) } else { f32::MAX };
         let start = if start.is_finite() { start } else { 0.0 };
@@ -91,6 +101,7 @@ impl Axis {
     /// Unfolded cell number. A NaN, which no solid box has, gets some cell.
     #[inline(always)]
     pub fn cell(&self, x: f32) -> i32 {
+        debug_assert!(floats::are_default(), "cells are computed with the default flags");
         let cells = (x - self.origin) * self.cells_per_unit;
         let clamped = cells.max(self.low).min(self.high);
         (clamped + ROUND).to_bits() as i32 - ROUND.to_bits() as i32

@@ -3,6 +3,7 @@
 use super::Grid;
 use super::layout::Layout;
 use crate::aabb::{Aabb, BoxClass};
+use crate::floats;
 
 /// Where a box stands in the grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,6 +44,10 @@ impl Grid {
     /// # Panics
     /// When `a` or `b` is no box of the scene.
     pub fn explain(boxes: &[Aabb], a: usize, b: usize) -> GridView {
+        floats::with_default(|| Self::view(boxes, a, b))
+    }
+
+    fn view(boxes: &[Aabb], a: usize, b: usize) -> GridView {
         let mut layout = Layout::default();
         layout.choose(boxes);
         let two = [boxes[a], boxes[b]];

@@ -6,6 +6,7 @@
 use super::axis::{Axis, CELL_LIMIT};
 use super::level::Level;
 use super::sample::{Density, Sample, SampledBox};
+use crate::floats;
 
 /// Time of one strip, as a unit: the others are relative to it.
 const STRIP_COST: f32 = 1.0;
@@ -63,8 +64,12 @@ struct Group {
 }
 
 impl Layout {
-    /// Chooses the levels for a scene.
+    /// Chooses the levels for a scene: the same ones whatever the flags of this thread.
     pub fn choose(&mut self, boxes: &[crate::Aabb]) {
+        floats::with_default(|| self.choose_levels(boxes));
+    }
+
+    fn choose_levels(&mut self, boxes: &[crate::Aabb]) {
         self.levels.clear();
         self.cell_count = 0;
         self.sample.take(boxes);

@@ -1,6 +1,9 @@
 //! Work in parts on the calling thread's rayon pool, each part with storage of its own.
 //!
-//! Halving with `join` needs no list of jobs, so that a steady frame allocates nothing.
+//! Halving with `join` needs no list of jobs, so that a steady frame allocates nothing. Each part runs
+//! with the default floating-point flags, whatever those of the thread that it falls to.
+
+use crate::floats;
 
 /// Parts a thread, so that a thread that is held up does not hold up the frame.
 const PARTS_PER_THREAD: usize = 8;
@@ -35,7 +38,8 @@ impl<T: Send> Split for &mut [T] {
     }
 }
 
-/// Runs `run` on `parts` contiguous parts of the work and joins the results in their order.
+/// Runs `run` on `parts` contiguous parts of the work and joins the results in their order. `join` is for
+/// whole numbers: it runs with the flags of whichever thread it falls to.
 pub(crate) fn in_parts<W: Split, R: Send>(
     work: W,
     parts: usize,
@@ -43,7 +47,7 @@ pub(crate) fn in_parts<W: Split, R: Send>(
     join: &(impl Fn(R, R) -> R + Sync),
 ) -> R {
     if parts <= 1 || work.len() <= 1 {
-        return run(work);
+        return floats::with_default(|| run(work));
     }
     let low_parts = parts / 2;
     let at = work.len() * low_parts / parts;

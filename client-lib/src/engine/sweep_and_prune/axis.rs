@@ -2,15 +2,19 @@
 
 use crate::aabb::order_key;
 use crate::engine::KeyColumns;
+use crate::floats;
 
 /// Boxes looked at: the spread is a rough guide, and any axis gives the same pairs.
 const SAMPLE: usize = 1_024;
 
 /// The axis with the largest variance of min coordinates against the mean edge: there the fewest
-/// boxes are in a window. Infinite coordinates do not count.
+/// boxes are in a window. Infinite coordinates do not count. Of the same boxes it is the same axis,
+/// whatever the flags of this thread, so that the reply is the same.
 pub(super) fn widest(columns: &KeyColumns) -> usize {
-    let spreads: [f64; 3] = std::array::from_fn(|axis| spread(columns, axis));
-    (0..3).fold(0, |widest, axis| if spreads[axis] > spreads[widest] { axis } else { widest })
+    floats::with_default(|| {
+        let spreads: [f64; 3] = std::array::from_fn(|axis| spread(columns, axis));
+        (0..3).fold(0, |widest, axis| if spreads[axis] > spreads[widest] { axis } else { widest })
+    })
 }
 
 /// Standard deviation of the min coordinates in units of the mean edge.

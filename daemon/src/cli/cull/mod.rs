@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use clap::{Args, ValueEnum};
 use pairmask::engine::EngineId;
 use pairmask::session::{ConnectError, FrameError, WaitError};
-use pairmask::{Aabb, Backend, PairMask, PendingFrame, Session, Sphere};
+use pairmask::{Aabb, Backend, Bounds, PairMask, PendingFrame, Session, Sphere};
 
 use self::explain::{Explanation, Planned};
 use self::files::ResultError;
@@ -143,11 +143,12 @@ impl Cull {
             }
             RawScene::Spheres(spheres) => ask_spheres(&mut session, spheres),
         }?;
-        let Answered { mask, timings, planned, look } = answer(asked)?;
+        let Answered { mask, timings, planned, look, world } = answer(asked)?;
 
         let explanation = planned.map(|planned| Explanation::new(&planned, &mask, timings.decode));
         let warnings = self.warnings(look, &mask);
-        let report = CullReport::new(&mask, self.precision, &timings, explanation, warnings);
+        let report =
+            CullReport::new(&mask, self.precision, &world, &timings, explanation, warnings);
         if let Some(path) = &self.pairs {
             files::write_pairs(path, &mask)?;
         }
@@ -254,6 +255,8 @@ struct Asked {
     frame: PendingFrame,
     planned: Option<Planned>,
     look: Look,
+    /// Around the boxes, where a gap depends on where they are.
+    world: Bounds,
 }
 
 /// Its pairs, what each stage took, and what was planned.
@@ -262,6 +265,7 @@ struct Answered {
     timings: Timings,
     planned: Option<Planned>,
     look: Look,
+    world: Bounds,
 }
 
 fn ask_boxes(
@@ -278,9 +282,12 @@ fn ask_boxes(
         let planned = planner.map(|plan| plan(exact.boxes()));
         let look = Look::at(exact.boxes());
         let submitted = Instant::now();
-        return Ok(Asked { start, read, submitted, frame: exact.submit()?, planned, look });
+        let world = Bounds::around(&[]);
+        return Ok(Asked { start, read, submitted, frame: exact.submit()?, planned, look, world });
     }
     let mut boxes = boxes.read()?;
+    let has_margin = matches!(precision, PrecisionChoice::Margin(_));
+    let world = Bounds::around(if has_margin { &boxes } else { &[] });
     precision.inflate(&mut boxes);
     let mut narrow = session.narrow_frame(boxes.len(), precision.precision(&boxes))?;
     narrow.fill(&boxes);
@@ -288,7 +295,7 @@ fn ask_boxes(
     let planned = planner.map(|plan| plan(&boxes));
     let look = Look::at(&boxes);
     let submitted = Instant::now();
-    Ok(Asked { start, read, submitted, frame: narrow.submit()?, planned, look })
+    Ok(Asked { start, read, submitted, frame: narrow.submit()?, planned, look, world })
 }
 
 fn ask_spheres(
@@ -301,11 +308,12 @@ fn ask_spheres(
     let read = Instant::now();
     let look = Look::at(frame.spheres_mut());
     let submitted = Instant::now();
-    Ok(Asked { start, read, submitted, frame: frame.submit()?, planned: None, look })
+    let (frame, world) = (frame.submit()?, Bounds::around(&[]));
+    Ok(Asked { start, read, submitted, frame, planned: None, look, world })
 }
 
 fn answer(asked: Asked) -> Result<Answered, CullCommandError> {
-    let Asked { start, read, submitted, frame, planned, look } = asked;
+    let Asked { start, read, submitted, frame, planned, look, world } = asked;
     let mask = frame.wait()?;
     let answered = Instant::now();
     let mut decoded = 0;
@@ -322,5 +330,5 @@ fn answer(asked: Asked) -> Result<Answered, CullCommandError> {
         decode: end - answered,
         total: (end - submitted) + (read - start),
     };
-    Ok(Answered { mask, timings, planned, look })
+    Ok(Answered { mask, timings, planned, look, world })
 }

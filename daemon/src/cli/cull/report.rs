@@ -3,7 +3,7 @@
 use std::fmt;
 use std::time::Duration;
 
-use pairmask::{ObjectForm, PairMask, ServedBy};
+use pairmask::{Bounds, ObjectForm, PairMask, ServedBy};
 use serde::Serialize;
 
 use super::explain::Explanation;
@@ -114,6 +114,7 @@ impl CullReport {
     pub fn new(
         mask: &PairMask,
         precision: PrecisionChoice,
+        world: &Bounds,
         timings: &Timings,
         explain: Option<Explanation>,
         warnings: Vec<String>,
@@ -136,7 +137,7 @@ impl CullReport {
             precision: precision.to_string(),
             box_form: info.form.to_string(),
             box_bytes: info.box_bytes,
-            gap_below: precision.gap_below(&info.widening),
+            gap_below: precision.gap_below(&info.widening, world),
             stages_ns: StagesNs {
                 read: ns(timings.read),
                 ingest: times.ingest_ns,

@@ -119,7 +119,10 @@ impl Gpu {
     /// [`OpenError`].
     pub fn open(choice: &GpuChoice, host_import: HostImport) -> Result<Arc<Self>, OpenError> {
         let (adapter, info) = AdapterList::find().take(choice)?;
-        Self::open_adapter(&adapter, info, host_import).map(Arc::new)
+        // Drivers start threads here, which inherit the floating-point flags of this one. A software
+        // adapter computes cells on them, so they must all have the same.
+        let open = || Self::open_adapter(&adapter, info, host_import).map(Arc::new);
+        pairmask::floats::with_default(open)
     }
 
     fn open_adapter(

@@ -9,7 +9,11 @@
 //! monotone), held between two constants, and [`ROUND`] added, which rounds to an integer. What
 //! WGSL does not promise (subnormals, infinities, NaN) is out of the way after the first step, so
 //! every driver computes the same cells; and were one to round differently, the order of the
-//! reply would differ and not its pairs.
+//! reply would differ and not its pairs. For that, one device must round in one way: cells are
+//! computed on it alone, once for homes and again for rows, and never on the host. A software adapter's
+//! threads inherit the flags of the thread that opens the device, which are the default ones
+//! ([`Gpu::open`](super::super::Gpu::open)). Origins and scales are numbers that the host writes into the
+//! layout, whatever they are.
 //!
 //! Let boxes a and b overlap: a.min ≤ b.max and b.min ≤ a.max. Then cell(a.min) ≤ cell(b.max) and
 //! cell(b.min) ≤ cell(a.max). A box is in a level only if there cell(max) − cell(min) ≤ 1, a test of

@@ -2,6 +2,7 @@
 //!
 //! The model below counts what a row looks at; it only steers. Any layout gives the same pairs.
 
+use pairmask::floats;
 use pairmask::precision::NarrowBoxes;
 use pairmask_shaders::constants::{GRID_LEVELS, PARKED};
 use pairmask_shaders::layouts::GridLayout;
@@ -72,8 +73,12 @@ pub(super) struct Chooser {
 }
 
 impl Chooser {
-    /// The layout for a scene.
+    /// The layout for a scene: the same one whatever the floating-point flags of this thread.
     pub fn choose(&mut self, boxes: NarrowBoxes<'_>) -> GridLayout {
+        floats::with_default(|| self.choose_levels(boxes))
+    }
+
+    fn choose_levels(&mut self, boxes: NarrowBoxes<'_>) -> GridLayout {
         self.sample.take(boxes);
         let n = boxes.len() as u32;
         let mut layout = GridLayout::default();
