@@ -234,7 +234,7 @@ fn worlds(boxes: &[Aabb]) -> Vec<[DVec3; 3]> {
 }
 
 /// Every function of the library's API that computes in floats for a caller. A new one belongs here.
-const ENTRY_POINTS: [EntryPoint; 19] = [
+const ENTRY_POINTS: [EntryPoint; 21] = [
     ("Aabb::class", |boxes| boxes.iter().map(|b| b.class() as u64).collect()),
     ("Aabb::overlaps", |boxes| {
         let with_all = |a: &Aabb| boxes.iter().filter(|b| a.overlaps(b)).count() as u64;
@@ -332,6 +332,19 @@ const ENTRY_POINTS: [EntryPoint; 19] = [
     ("Sphere::bounds", |boxes| {
         let of = |b: &Aabb| Sphere::new(b.min, b.max[0]).bounds();
         bits(&boxes.iter().map(of).collect::<Vec<Aabb>>())
+    }),
+    ("Sphere::class", |boxes| {
+        let radii = [-1e-45, -1e-39, -0.0, 0.0, 1e-45, -1.0];
+        let of = |b: &Aabb| radii.map(|radius| Sphere::new(b.min, radius).class() as u64);
+        boxes.iter().flat_map(of).collect()
+    }),
+    ("oracle of f64", |_| {
+        let numbers = [5e-324, -5e-324, 0.0, -0.0, 1e-310, -1e-310, 1.0];
+        let worlds: Vec<oracle::Faces> =
+            numbers.iter().flat_map(|x| numbers.map(|y| [[*x; 3], [y; 3]])).collect();
+        let truth = oracle::truth_of_faces(&worlds);
+        let pairs = truth.pairs.iter().map(|(a, b)| u64::from(*a) << 32 | u64::from(*b));
+        pairs.chain([u64::from(truth.census.empty)]).collect()
     }),
     ("Sphere::overlaps", |boxes| {
         let all: Vec<Sphere> = boxes.iter().map(|b| Sphere::new(b.min, b.max[1])).collect();

@@ -79,8 +79,9 @@ impl Sphere {
         let magnitude = |x: f32| x.to_bits() & 0x7fff_ffff;
         let invalid = self.center.iter().any(|x| magnitude(*x) >= INFINITY_BITS)
             || magnitude(self.radius) > INFINITY_BITS;
-        // Bits, not a comparison, so that a thread that flushes subnormals sees the same.
-        let empty = self.radius.is_sign_negative() && magnitude(self.radius) != 0;
+        // Bits above those of −0, not a comparison, so that a thread that flushes subnormals sees the
+        // same. (Of "the magnitude is not 0" compilers make a comparison of floats.)
+        let empty = self.radius.to_bits() > 0x8000_0000;
         match (invalid, empty) {
             (true, _) => BoxClass::Invalid,
             (false, true) => BoxClass::Empty,
