@@ -8,10 +8,10 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
+use glam::{DVec3, Quat, Vec3};
 use pairmask::engine::{
     BruteForce, CullJob, CullReport, CullWish, Engine, EngineChoice, Grid, HeapReply, SweepAndPrune,
 };
-use pairmask::glam::{DVec3, Quat, Vec3};
 use pairmask::oracle::modes::{self, Allowed};
 use pairmask::oracle::naive_decoder::decode;
 use pairmask::oracle::{self, Faces, Pair};

@@ -210,8 +210,6 @@ impl Display {
 
 #[cfg(test)]
 mod tests {
-    use pairmask::EngineName;
-
     use super::*;
 
     #[test]
