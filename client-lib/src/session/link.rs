@@ -17,10 +17,11 @@ use super::forms::KnownForms;
 use super::local::lock;
 use crate::precision::BoxForm;
 use crate::transport::{
-    Client, ClientPort, FRAMES_AT_A_TIME, OpenError, PendingResponse, Populated, ProcessWatch,
-    RequestLoan, ResponseSample, Services, Spinner, TransportError, assume_pages, foreign_owner,
+    CheckedResponse, Client, ClientPort, FRAMES_AT_A_TIME, OpenError, PendingResponse, Populated,
+    ProcessWatch, RequestLoan, ResponseSample, Segment, SegmentFiles, Services, Spinner,
+    TransportError, assume_pages, foreign_owner,
 };
-use crate::wire::{PAGE_BYTES, RequestHeader, Version, page_count};
+use crate::wire::{PAGE_BYTES, RequestHeader, ResponseHeader, Version, page_count};
 
 /// A waiter looks at the daemon's pulse this often, and at its own response even if another
 /// thread of the session took the wake-up.
@@ -48,6 +49,9 @@ pub(super) struct Link {
     cores: usize,
     frames: AtomicUsize,
     forms: KnownForms,
+    files: SegmentFiles,
+    /// The daemon's memory, once something came from there.
+    segment: Mutex<Option<(u128, Segment)>>,
 }
 
 impl std::fmt::Debug for Link {
@@ -138,6 +142,8 @@ impl Link {
             cores: std::thread::available_parallelism().map_or(1, usize::from),
             frames: AtomicUsize::new(0),
             forms: KnownForms::of(record.version),
+            files: SegmentFiles::new(&settings.dir, instance),
+            segment: Mutex::default(),
         };
         link.touch_chunks(pages);
         Ok(link)
@@ -195,6 +201,23 @@ impl Link {
             *lock(&self.populated) = Populated::default();
         }
         Ok(Arc::clone(&sized.port))
+    }
+
+    /// Checks a response against the daemon's segment, and copies its header; `None` where it does not
+    /// lie in there.
+    pub(super) fn check(
+        &self,
+        sample: ResponseSample,
+    ) -> Option<(ResponseHeader, CheckedResponse)> {
+        let (port, address) = (sample.origin().value(), CheckedResponse::address(&sample));
+        let mut known = lock(&self.segment);
+        let is_there =
+            known.as_ref().is_some_and(|(of, segment)| *of == port && segment.holds(address, 1));
+        if !is_there {
+            *known = self.files.find(port, address).map(|segment| (port, segment));
+        }
+        let (_, segment) = known.as_ref()?;
+        CheckedResponse::new(sample, segment)
     }
 
     /// Takes note of a frame that was answered.

@@ -284,16 +284,24 @@ impl InstanceLock {
             .map_err(io_error(&path))?;
         flock(&file, FlockOperation::NonBlockingLockExclusive).map_err(|errno| {
             if errno == rustix::io::Errno::WOULDBLOCK {
-                let pid = dir.read_record(name).map_or(0, |r| r.supervisor_pid);
+                let recorded = dir.read_record(name).map(|r| r.supervisor_pid);
+                let pid = recorded.or_else(|| lock_holder(&path)).unwrap_or(0);
                 InstanceError::AlreadyServed { name: name.clone(), pid }
             } else {
                 io_error(&path)(errno.into())
             }
         })?;
-        // For people who look into the directory; nobody reads it back.
+        // For people who look into the directory, and for errors before there is a record.
         let _ = writeln!(file, "{}", std::process::id());
         Ok(Self { _file: file })
     }
+}
+
+/// The process that took a lock last, as it wrote itself.
+fn lock_holder(path: &Path) -> Option<u32> {
+    let mut text = String::new();
+    File::open(path).ok()?.take(16).read_to_string(&mut text).ok()?;
+    text.lines().next()?.parse().ok()
 }
 
 /// Another user who serves an instance of this name under the default directory, if there is one.

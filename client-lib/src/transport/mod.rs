@@ -7,7 +7,9 @@ mod cleanup;
 mod instance;
 mod liveness;
 mod memory;
+mod message;
 mod pages;
+mod segment;
 mod services;
 mod spinner;
 
@@ -15,15 +17,18 @@ pub use cleanup::{clean_if_abandoned, remove_hollow_files};
 pub use instance::{
     DaemonRecord, InstanceError, InstanceLock, InstanceName, RuntimeDir, foreign_owner,
 };
-pub use liveness::ProcessWatch;
+pub use liveness::{ProcessWatch, process_name};
 pub use memory::{PopulateError, Populated, populate};
+pub use message::{CheckedRequest, CheckedResponse, ForgedRequest};
 pub use pages::{
     assume_pages, assume_response_pages, boxes_in, boxes_in_mut, bytes_in_mut, narrow_boxes_in,
     objects_in, spheres_in, spheres_in_mut, words_in, words_in_mut,
 };
+pub use segment::{Segment, SegmentFiles};
 pub use services::{
     ActiveRequest, Client, ClientNode, ClientPort, DaemonNode, FRAMES_AT_A_TIME, JANITOR_INTERVAL,
-    Limits, OpenError, PendingResponse, RequestLoan, ResponseLoan, ResponseSample, Server,
-    Services, TransportError, WakeClient, WakeDaemon, listener_name, quiet_transport_log,
+    Limits, OpenError, PORTS_PER_CLIENT, PendingResponse, RequestLoan, ResponseLoan,
+    ResponseSample, Sender, Server, Services, TransportError, WakeClient, WakeDaemon,
+    listener_name, quiet_transport_log,
 };
 pub use spinner::Spinner;
