@@ -70,9 +70,12 @@ impl Drop for Attacker {
     }
 }
 
+type Boxes = Vec<Aabb>;
+type IndexPairs = Vec<(u32, u32)>;
+
 /// Frames with their pairs, to be asked for again and again.
 struct Frames {
-    frames: Vec<(Vec<Aabb>, Vec<(u32, u32)>)>,
+    frames: Vec<(Boxes, IndexPairs)>,
     asked: usize,
 }
 
