@@ -58,10 +58,7 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
         .build()?;
 
     let gpu = open_gpu(&settings.gpu, settings.gpu_awake)?;
-    clean_if_abandoned(&settings.dir, &settings.instance)?;
-    settings.dir.ensure_transport_root(&settings.instance)?;
-    let janitor = Janitor::start(&settings.dir, &settings.instance)?;
-    let services = Services::serve(&settings.dir, &settings.instance, &settings.limits)?;
+    let (janitor, services) = open_services(settings)?;
     let server = open_server(&services, settings)?;
     let (wake, wake_clients) = services.wake_ports()?;
     let record = DaemonRecord {
@@ -96,6 +93,28 @@ fn bind_to(supervisor: u32) -> Result<(), ServeError> {
         .map_err(|e| ServeError::system("binding to the supervisor")(e.into()))?;
     let parent = rustix::process::getppid().map_or(0, |pid| pid.as_raw_nonzero().get() as u32);
     if parent == supervisor { Ok(()) } else { Err(ServeError::Orphaned { supervisor }) }
+}
+
+/// The services. A predecessor that was killed while it made them left half of them, which can be taken
+/// away as soon as it has died, and as long as we have no part in them.
+fn open_services(
+    settings: &ServeSettings,
+) -> Result<(Janitor, Services<ipc::Service>), ServeError> {
+    let give_up_at = Instant::now() + PREDECESSOR_DIES;
+    loop {
+        clean_if_abandoned(&settings.dir, &settings.instance)?;
+        settings.dir.ensure_transport_root(&settings.instance)?;
+        let janitor = Janitor::start(&settings.dir, &settings.instance)?;
+        match Services::serve(&settings.dir, &settings.instance, &settings.limits) {
+            Ok(services) => return Ok((janitor, services)),
+            Err(error) if Instant::now() < give_up_at => {
+                log::debug!("waiting for what a predecessor began: {error}");
+                drop(janitor);
+                std::thread::sleep(PREDECESSOR_LOOK);
+            }
+            Err(error) => return Err(error.into()),
+        }
+    }
 }
 
 /// The server port. A predecessor's may still be registered, and there can be one only: one that was
