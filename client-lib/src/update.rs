@@ -149,6 +149,7 @@ macro_rules! world_matrix_whatever_the_flags {
         }
     };
 }
+#[cfg(any(feature = "glam", feature = "mint"))]
 pub(crate) use world_matrix_whatever_the_flags;
 
 /// A 3×4 matrix by columns: the images of the three axes, then that of the origin.

@@ -1,6 +1,7 @@
 //! Oracle, conformance suite, fault tests and benches of pairmask.
 
 mod attack;
+pub mod attackers;
 pub mod conformance;
 pub mod daemon;
 pub mod gpu;

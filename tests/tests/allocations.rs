@@ -165,7 +165,8 @@ fn steady_frames_allocate_nothing() {
     let runtime_dir = settings.dir.clone();
     let daemon = std::thread::spawn(move || {
         MARKED.set(true);
-        work(&settings)
+        let parent = rustix::process::getppid().expect("a parent").as_raw_nonzero().get();
+        work(&settings, parent as u32)
     });
     eventually("the daemon serves", || runtime_dir.read_record(&InstanceName::default()));
 

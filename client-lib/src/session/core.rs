@@ -17,7 +17,7 @@ use crate::aabb::Aabb;
 use crate::engine::CullError;
 use crate::precision::Precision;
 use crate::units::BoxCount;
-use crate::wire::{Objects, ReplyFields, RequestHeader, StatusBody};
+use crate::wire::{Objects, ReplyError, ReplyFields, RequestHeader, StatusBody};
 
 /// A missing daemon is looked for this often at most: a look costs 10 µs, a connection 2 ms.
 const RECONNECT_INTERVAL: Duration = Duration::from_millis(100);
@@ -261,9 +261,10 @@ impl Core {
             .map_err(WaitError::from)?;
         match received {
             Received::Sample(sample) => {
-                let payload = bytemuck::cast_slice(sample.payload());
-                Ok(StatusBody::parse(sample.user_header(), &asked, payload)
-                    .map_err(WaitError::from)?)
+                let misplaced = ReplyError::Malformed { field: "place" };
+                let (header, response) = link.check(sample).ok_or(WaitError::from(misplaced))?;
+                let payload = bytemuck::cast_slice(response.pages());
+                Ok(StatusBody::parse(&header, &asked, payload).map_err(WaitError::from)?)
             }
             Received::Nothing => Err(WaitError::Timeout { waited: self.settings.deadline }.into()),
             Received::Dead => Err(WaitError::DaemonDied.into()),

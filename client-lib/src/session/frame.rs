@@ -139,7 +139,7 @@ impl<T: Object> Filling<T> {
     pub(super) fn objects_mut(&mut self) -> &mut [T] {
         match &mut self.memory {
             Some(FrameMemory::Shared(shared)) => {
-                T::in_pages_mut(shared.loan.payload_mut(), self.n).unwrap_or_default()
+                T::in_pages_mut(shared.loan.pages_mut(), self.n).unwrap_or_default()
             }
             Some(FrameMemory::Own(objects)) => objects,
             None => &mut [],
@@ -149,7 +149,7 @@ impl<T: Object> Filling<T> {
     pub(super) fn objects(&self) -> &[T] {
         match &self.memory {
             Some(FrameMemory::Shared(shared)) => {
-                T::in_pages(shared.loan.payload(), self.n).unwrap_or_default()
+                T::in_pages(shared.loan.pages(), self.n).unwrap_or_default()
             }
             Some(FrameMemory::Own(objects)) => objects,
             None => &[],
@@ -184,8 +184,7 @@ impl Filling<Aabb> {
     pub(super) fn narrow_memory(&mut self) -> NarrowMemory<'_> {
         match &mut self.memory {
             Some(FrameMemory::Shared(shared)) => {
-                let bytes =
-                    bytes_in_mut(shared.loan.payload_mut(), self.written.form.bytes(self.n));
+                let bytes = bytes_in_mut(shared.loan.pages_mut(), self.written.form.bytes(self.n));
                 NarrowMemory::Bytes(bytes.unwrap_or_default())
             }
             Some(FrameMemory::Own(boxes)) => NarrowMemory::Expanded(boxes),

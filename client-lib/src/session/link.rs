@@ -18,11 +18,11 @@ use super::forms::KnownForms;
 use super::local::lock;
 use crate::precision::BoxForm;
 use crate::transport::{
-    Client, ClientPort, FRAMES_AT_A_TIME, InstanceError, OpenError, PendingResponse, PopulateError,
-    Populated, ProcessWatch, RequestLoan, ResponseSample, Services, Spinner, TransportError,
-    assume_pages, foreign_owner, quiet_transport_log,
+    CheckedResponse, Client, ClientPort, FRAMES_AT_A_TIME, InstanceError, OpenError, OwnRequest,
+    PopulateError, Populated, ProcessWatch, ResponseSample, Segment, SegmentFiles, SentRequest,
+    Services, Spinner, TransportError, foreign_owner, quiet_transport_log,
 };
-use crate::wire::{PAGE_BYTES, ReplyError, RequestHeader, Version, page_count};
+use crate::wire::{PAGE_BYTES, ReplyError, RequestHeader, ResponseHeader, Version, page_count};
 
 /// A waiter looks at the daemon's pulse this often, and at its own response even if another
 /// thread of the session took the wake-up.
@@ -52,6 +52,9 @@ pub(super) struct Link {
     forms: KnownForms,
     /// Whether the log was told that answers of this daemon are no answers.
     told_refused: AtomicBool,
+    files: SegmentFiles,
+    /// The daemon's memory, once something came from there.
+    segment: Mutex<Option<(u128, Segment)>>,
 }
 
 impl std::fmt::Debug for Link {
@@ -85,7 +88,7 @@ impl Drop for Slot {
 
 /// Shared memory for a request, and the port that it belongs to.
 pub(super) struct SharedFrame {
-    pub loan: RequestLoan,
+    pub loan: OwnRequest,
     port: Arc<ClientPort>,
     pub slot: Slot,
 }
@@ -156,6 +159,8 @@ impl Link {
             frames: AtomicUsize::new(0),
             forms: KnownForms::of(record.version),
             told_refused: AtomicBool::new(false),
+            files: SegmentFiles::new(&settings.dir, instance),
+            segment: Mutex::default(),
         };
         link.touch_chunks(pages);
         Ok(link)
@@ -164,12 +169,11 @@ impl Link {
     /// Gives the chunks that frames will use their memory now, before the first frame is timed.
     fn touch_chunks(&self, pages: usize) {
         let port = &lock(&self.sized).port;
-        let loans: Vec<_> = (0..FRAMES_AT_A_TIME)
-            .map_while(|_| port.loan_slice_uninit(pages).ok().map(assume_pages))
-            .collect();
+        let loans: Vec<_> =
+            (0..FRAMES_AT_A_TIME).map_while(|_| OwnRequest::lend(port, pages).ok()).collect();
         for mut loan in loans {
             // Memory that is not to be had now is asked for, and missed, by the frame that needs it.
-            let _ = lock(&self.populated).ensure(loan.payload_mut());
+            let _ = lock(&self.populated).ensure(loan.pages_mut());
         }
     }
 
@@ -199,11 +203,8 @@ impl Link {
         let slot = Slot::take(self).ok_or(FrameError::TooManyFrames)?;
         let pages = pages_of(bytes);
         let port = self.port_for(pages)?;
-        let loan = port
-            .loan_slice_uninit(pages)
-            .map_err(|e| TransportError::new("lending memory for a request", &e))?;
-        let mut loan = assume_pages(loan);
-        lock(&self.populated).ensure(loan.payload_mut())?;
+        let mut loan = OwnRequest::lend(&port, pages)?;
+        lock(&self.populated).ensure(loan.pages_mut())?;
         Ok(SharedFrame { loan, port, slot })
     }
 
@@ -226,6 +227,23 @@ impl Link {
         Ok(Arc::clone(&sized.port))
     }
 
+    /// Checks a response against the daemon's segment, and copies its header; `None` where it does not
+    /// lie in there.
+    pub(super) fn check(
+        &self,
+        sample: ResponseSample,
+    ) -> Option<(ResponseHeader, CheckedResponse)> {
+        let (port, address) = (sample.origin().value(), CheckedResponse::address(&sample));
+        let mut known = lock(&self.segment);
+        let is_there =
+            known.as_ref().is_some_and(|(of, segment)| *of == port && segment.holds(address, 1));
+        if !is_there {
+            *known = self.files.find(port, address).map(|segment| (port, segment));
+        }
+        let (_, segment) = known.as_ref()?;
+        CheckedResponse::new(sample, segment)
+    }
+
     /// Takes note of a frame that was answered.
     pub(super) fn note_frame(&self, frame: Answered) {
         lock(&self.estimate).note(frame);
@@ -237,13 +255,13 @@ impl Link {
     /// expected end, then sleeps until woken.
     pub(super) fn receive(
         &self,
-        pending: &PendingResponse,
+        pending: &SentRequest,
         sent: Instant,
         n: u32,
         spin: Duration,
         deadline: Instant,
     ) -> Result<Received, TransportError> {
-        if let Some(sample) = take(pending)? {
+        if let Some(sample) = pending.receive()? {
             return Ok(Received::Sample(sample));
         }
         let (nap, expected, threads) = {
@@ -260,7 +278,7 @@ impl Link {
                     break;
                 }
                 std::thread::sleep(left.min(WAIT_SLICE));
-                if let Some(sample) = take(pending)? {
+                if let Some(sample) = pending.receive()? {
                     return Ok(Received::Sample(sample));
                 }
             }
@@ -269,7 +287,7 @@ impl Link {
             let spin_until = (Instant::now().max(sent + expected) + spin).min(deadline);
             let mut spinner = Spinner::default();
             while Instant::now() < spin_until {
-                if let Some(sample) = take(pending)? {
+                if let Some(sample) = pending.receive()? {
                     return Ok(Received::Sample(sample));
                 }
                 if threads < self.cores {
@@ -281,12 +299,12 @@ impl Link {
             }
         }
         loop {
-            if let Some(sample) = take(pending)? {
+            if let Some(sample) = pending.receive()? {
                 return Ok(Received::Sample(sample));
             }
             if !self.is_alive() {
                 // Its last act may have been to answer.
-                return Ok(take(pending)?.map_or(Received::Dead, Received::Sample));
+                return Ok(pending.receive()?.map_or(Received::Dead, Received::Sample));
             }
             if Instant::now() >= deadline {
                 return Ok(Received::Nothing);
@@ -312,10 +330,6 @@ pub(super) enum Received {
     Dead,
 }
 
-fn take(pending: &PendingResponse) -> Result<Option<ResponseSample>, TransportError> {
-    pending.receive().map_err(|e| TransportError::new("receiving a response", &e))
-}
-
 /// A request that could not be sent, with its memory where that was saved.
 pub(super) enum Unsent {
     Saved(SharedFrame),
@@ -324,20 +338,13 @@ pub(super) enum Unsent {
 
 impl SharedFrame {
     /// Sends the frame and wakes the daemon.
-    pub(super) fn send(
-        mut self,
-        header: &RequestHeader,
-    ) -> Result<(PendingResponse, Slot), Unsent> {
+    pub(super) fn send(self, header: &RequestHeader) -> Result<(SentRequest, Slot), Unsent> {
         // `send` drops the memory when it fails, and what fails is the connection to a daemon
         // that is gone or new. Try that part first, while the boxes are still ours.
         if self.port.update_connections().is_err() || !self.slot.link.is_alive() {
             return Err(Unsent::Saved(self));
         }
-        *self.loan.user_header_mut() = *header;
-        let pending = self
-            .loan
-            .send()
-            .map_err(|e| Unsent::Lost(TransportError::new("sending a request", &e)))?;
+        let pending = self.loan.send(header).map_err(Unsent::Lost)?;
         // A daemon that spins needs no waking, but only it knows; 50 ns while it does not sleep.
         // Should waking fail, the daemon still looks for requests at intervals.
         let _ = self.slot.link.notifier.notify();

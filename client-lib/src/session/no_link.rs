@@ -10,8 +10,10 @@ use super::builder::{Backend, Settings};
 use super::error::{ConnectError, FrameError};
 use super::estimate::Answered;
 use super::forms::KnownForms;
-use crate::transport::{Never, PendingResponse, RequestLoan, ResponseSample, TransportError};
-use crate::wire::{ReplyError, RequestHeader};
+use crate::transport::{
+    CheckedResponse, Never, OwnRequest, ResponseSample, SentRequest, TransportError,
+};
+use crate::wire::{ReplyError, RequestHeader, ResponseHeader};
 
 /// A connection to one daemon process.
 #[derive(Debug)]
@@ -24,7 +26,7 @@ pub(super) struct Slot {
 
 /// Shared memory for a request.
 pub(super) struct SharedFrame {
-    pub loan: RequestLoan,
+    pub loan: OwnRequest,
     pub slot: Slot,
 }
 
@@ -80,13 +82,20 @@ impl Link {
         match self.0 {}
     }
 
+    pub(super) const fn check(
+        &self,
+        _: ResponseSample,
+    ) -> Option<(ResponseHeader, CheckedResponse)> {
+        match self.0 {}
+    }
+
     pub(super) const fn note_frame(&self, _: Answered) {
         match self.0 {}
     }
 
     pub(super) const fn receive(
         &self,
-        _: &PendingResponse,
+        _: &SentRequest,
         _: Instant,
         _: u32,
         _: Duration,
@@ -97,7 +106,7 @@ impl Link {
 }
 
 impl SharedFrame {
-    pub(super) fn send(self, _: &RequestHeader) -> Result<(PendingResponse, Slot), Unsent> {
+    pub(super) fn send(self, _: &RequestHeader) -> Result<(SentRequest, Slot), Unsent> {
         match self.slot.link.0 {}
     }
 }

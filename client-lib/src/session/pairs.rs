@@ -8,7 +8,7 @@ use super::local::Local;
 use crate::engine::{Census, EngineId, HeapReply, SkipMeter};
 use crate::mask::{Encoding, MaskShape, MaskView, Pairs, ParPairs, Words};
 use crate::precision::Widening;
-use crate::transport::{PendingResponse, ResponseSample, words_in};
+use crate::transport::{CheckedResponse, SentRequest, words_in};
 use crate::units::BoxCount;
 use crate::wire::{ObjectForm, Reply, StageTimes};
 
@@ -60,7 +60,7 @@ pub struct FrameInfo {
 /// Where the words of a mask lie. A shared one keeps its request's channel: the transport would
 /// give it to the next request, whose response could then not be borrowed beside this one.
 pub(super) enum Storage {
-    Shared { sample: ResponseSample, _pending: PendingResponse, _slot: Slot },
+    Shared { response: CheckedResponse, _pending: SentRequest, _slot: Slot },
     Own { memory: HeapReply, home: Arc<Local> },
 }
 
@@ -129,7 +129,7 @@ impl PairMask {
     /// unspecified.
     pub fn reply_words(&self) -> &[u32] {
         match &self.storage {
-            Storage::Shared { sample, .. } => words_in(sample.payload()),
+            Storage::Shared { response, .. } => words_in(response.pages()),
             Storage::Own { memory, .. } => memory.words(),
         }
     }

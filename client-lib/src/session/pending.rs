@@ -11,10 +11,10 @@ use super::link::{Received, SharedFrame, Slot, Unsent};
 use super::pairs::{PairMask, ServedBy, Storage};
 use crate::engine::CullError;
 use crate::mask::MaskView;
-use crate::transport::{PendingResponse, ResponseSample, objects_in, words_in};
+use crate::transport::{CheckedResponse, SentRequest, objects_in, words_in};
 use crate::units::BoxCount;
 use crate::wire::{
-    Objects, PAGE_BYTES, Page, Reply, ReplyError, ReplyFields, RequestHeader, StatusCode,
+    Objects, Page, Reply, ReplyError, ReplyFields, RequestHeader, ResponseHeader, StatusCode,
 };
 
 /// A frame that was submitted. Dropping it gives the answer up.
@@ -44,7 +44,7 @@ enum State {
 /// A frame in the daemon's hands. Its boxes stay readable, so that they can be culled here should
 /// the daemon die.
 pub(super) struct Sent {
-    pending: PendingResponse,
+    pending: SentRequest,
     asked: ReplyFields,
     written: Written,
     at: Instant,
@@ -82,7 +82,7 @@ impl PendingFrame {
             }
             Err(Unsent::Saved(shared)) => {
                 core.lose(&link, Loss::Died)?;
-                let mask = cull_shared(&core, shared.loan.payload(), n, written)?;
+                let mask = cull_shared(&core, shared.loan.pages(), n, written)?;
                 Ok(Self::ready(mask, core))
             }
             Err(Unsent::Lost(error)) => {
@@ -154,7 +154,14 @@ impl Sent {
         match self.slot.link().receive(&self.pending, self.at, n, spin, deadline) {
             Ok(Received::Sample(sample)) => {
                 let answered_after = self.at.elapsed();
-                self.accept(sample, answered_after, core)
+                match self.slot.link().check(sample) {
+                    Some((header, response)) => {
+                        self.accept(&header, response, answered_after, core)
+                    }
+                    None => self
+                        .answer_refused(ReplyError::Malformed { field: "place" }, core)
+                        .map_err(|e| (e, None)),
+                }
             }
             Ok(Received::Nothing) => Err((WaitError::Timeout { waited: timeout }, Some(self))),
             Ok(Received::Dead) => self.stand_in(core, WaitError::DaemonDied),
@@ -165,14 +172,14 @@ impl Sent {
     #[allow(clippy::result_large_err)]
     fn accept(
         self,
-        sample: ResponseSample,
+        header: &ResponseHeader,
+        response: CheckedResponse,
         answered_after: Duration,
         core: &Core,
     ) -> Result<PairMask, (WaitError, Option<Self>)> {
-        let header = *sample.user_header();
-        let words = words_in(sample.payload());
-        let payload_bytes = (sample.payload().len() * PAGE_BYTES) as u64;
-        let checked = Reply::parse(&header, &self.asked, payload_bytes).and_then(|reply| {
+        let words = words_in(response.pages());
+        let payload_bytes = size_of_val(words) as u64;
+        let checked = Reply::parse(header, &self.asked, payload_bytes).and_then(|reply| {
             MaskView::new(self.asked.box_count, &reply.report.shape, words)
                 .map_err(|_| ReplyError::Malformed { field: "mask" })?;
             Ok(reply)
@@ -186,7 +193,7 @@ impl Sent {
                     took: Duration::from_nanos(reply.times.total_ns),
                     threads: reply.threads,
                 });
-                let storage = Storage::Shared { sample, _pending: pending, _slot: slot };
+                let storage = Storage::Shared { response, _pending: pending, _slot: slot };
                 Ok(PairMask::new(storage, &reply, ServedBy::Daemon, self.written))
             }
             Err(error) => self.answer_refused(error, core).map_err(|e| (e, None)),
@@ -227,8 +234,7 @@ impl Sent {
     }
 
     fn cull_here(&self, core: &Core) -> Result<PairMask, WaitError> {
-        let pages = self.pending.payload();
-        Ok(cull_shared(core, pages, self.asked.box_count, self.written)?)
+        Ok(cull_shared(core, self.pending.pages(), self.asked.box_count, self.written)?)
     }
 }
 

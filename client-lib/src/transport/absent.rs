@@ -13,7 +13,7 @@ pub use pages::{
 };
 pub use spinner::Spinner;
 
-use crate::wire::{Page, ResponseHeader};
+use crate::wire::Page;
 
 /// Nothing has this type. What holds it privately is made by nobody, and still looks like any other
 /// type to the code that names it.
@@ -29,41 +29,39 @@ pub enum PopulateError {}
 pub enum TransportError {}
 
 /// Shared memory for a request.
-pub struct RequestLoan(Never);
+pub struct OwnRequest(Never);
 
-impl RequestLoan {
+impl OwnRequest {
     /// Its pages.
-    pub const fn payload(&self) -> &[Page] {
+    pub const fn pages(&self) -> &[Page] {
         match self.0 {}
     }
 
     /// Its pages, to be written.
-    pub const fn payload_mut(&mut self) -> &mut [Page] {
+    pub const fn pages_mut(&mut self) -> &mut [Page] {
         match self.0 {}
     }
 }
 
 /// A request under way.
-pub struct PendingResponse(Never);
+pub struct SentRequest(Never);
 
-impl PendingResponse {
+impl SentRequest {
     /// The pages of the request.
-    pub const fn payload(&self) -> &[Page] {
+    pub const fn pages(&self) -> &[Page] {
         match self.0 {}
     }
 }
 
-/// A response in shared memory.
+/// A response in shared memory, as it came.
 pub struct ResponseSample(Never);
 
-impl ResponseSample {
-    /// Its header.
-    pub const fn user_header(&self) -> &ResponseHeader {
-        match self.0 {}
-    }
+/// A response in shared memory that was checked.
+pub struct CheckedResponse(Never);
 
+impl CheckedResponse {
     /// Its pages.
-    pub const fn payload(&self) -> &[Page] {
+    pub const fn pages(&self) -> &[Page] {
         match self.0 {}
     }
 }

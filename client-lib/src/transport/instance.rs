@@ -286,13 +286,14 @@ impl InstanceLock {
         file.set_permissions(fs::Permissions::from_mode(LOCK_MODE)).map_err(io_error(&path))?;
         flock(&file, FlockOperation::NonBlockingLockExclusive).map_err(|errno| {
             if errno == rustix::io::Errno::WOULDBLOCK {
-                let pid = dir.read_record(name).map_or(0, |r| r.supervisor_pid);
+                let recorded = dir.read_record(name).map(|r| r.supervisor_pid);
+                let pid = recorded.or_else(|| lock_holder(&path)).unwrap_or(0);
                 InstanceError::AlreadyServed { name: name.clone(), pid }
             } else {
                 io_error(&path)(errno.into())
             }
         })?;
-        // For people who look into the directory; nobody reads it back.
+        // For people who look into the directory, and for errors before there is a record.
         let _ = writeln!(file, "{}", std::process::id());
         Ok(Self { _file: file })
     }
@@ -300,6 +301,15 @@ impl InstanceLock {
 
 /// Mode of the lock: nobody else's business.
 const LOCK_MODE: u32 = 0o600;
+
+/// Bytes of the line in a lock that is read: a process id and no more.
+const HOLDER_BYTES: u64 = 16;
+
+/// The process that took a lock last, as it wrote itself.
+fn lock_holder(path: &Path) -> Option<u32> {
+    let text = String::from_utf8(read_own(path, HOLDER_BYTES).ok()??).ok()?;
+    text.lines().next()?.parse().ok()
+}
 
 #[cfg(test)]
 mod tests {

@@ -27,6 +27,14 @@ impl ProcessWatch {
     }
 }
 
+/// What a process calls itself, for people; `?` where it is gone.
+pub fn process_name(pid: u32) -> String {
+    // The name is whatever the process says: 16 bytes, of which only plain ones are shown.
+    let name = std::fs::read_to_string(format!("/proc/{pid}/comm")).unwrap_or_default();
+    let plain: String = name.chars().filter(|c| !c.is_control()).collect();
+    if plain.is_empty() { "?".to_owned() } else { plain }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

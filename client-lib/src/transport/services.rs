@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use iceoryx2::config::Config;
+use iceoryx2::identifiers::UniqueNodeId;
 use iceoryx2::node::{Node, NodeBuilder, NodeCreationFailure};
 use iceoryx2::port::client::Client as IceoryxClient;
 use iceoryx2::port::listener::Listener;
@@ -104,7 +105,7 @@ impl Default for Limits {
 /// masks: two under way overlap upload, computation and download; the third is filled meanwhile.
 pub const FRAMES_AT_A_TIME: usize = 3;
 /// Ports a client may hold: while it grows, the old port lives until its frames are answered.
-const PORTS_PER_CLIENT: usize = 2;
+pub const PORTS_PER_CLIENT: usize = 2;
 /// Responses beside those that clients may hold: a client that grows holds some on both ports.
 /// Where they do not suffice, a client is told that the daemon is out of memory.
 const SPARE_RESPONSES: usize = 4;
@@ -218,6 +219,45 @@ impl<S: Service> Services<S> {
         use iceoryx2::prelude::PortFactory;
         self.wake_client.dynamic_config().number_of_listeners()
     }
+
+    /// Calls `each` with the sender of every client port.
+    pub fn for_each_sender(&self, mut each: impl FnMut(Sender)) {
+        use iceoryx2::prelude::{CallbackProgression, PortFactory};
+        self.requests.dynamic_config().list_clients(|client| {
+            each(Sender {
+                port: client.client_id.value(),
+                session: client.node_id.value(),
+                process: process_of(client.node_id).unwrap_or(0),
+            });
+            CallbackProgression::Continue
+        });
+    }
+
+    /// The session whose listener has a client's token for a name, if one has.
+    pub fn session_named(&self, client_token: u64) -> Option<u128> {
+        use iceoryx2::prelude::{CallbackProgression, PortFactory};
+        let name = listener_name(client_token)?;
+        let mut found = None;
+        self.wake_client.dynamic_config().list_listeners(|listener| {
+            if listener.listener_name == name {
+                found = Some(listener.node_id.value());
+                return CallbackProgression::Stop;
+            }
+            CallbackProgression::Continue
+        });
+        found
+    }
+
+    /// The process whose server port is registered, if there is one.
+    pub fn serving_process(&self) -> Option<u32> {
+        use iceoryx2::prelude::{CallbackProgression, PortFactory};
+        let mut found = None;
+        self.requests.dynamic_config().list_servers(|server| {
+            found = process_of(server.node_id);
+            CallbackProgression::Stop
+        });
+        found
+    }
 }
 
 macro_rules! service_name {
@@ -326,6 +366,22 @@ impl Services<ipc::Service> {
             .map_err(|e| TransportError::new("creating the daemon's notifier", &e))?;
         Ok((listener, notifier))
     }
+}
+
+/// Who sends through a port, as the transport's own registers say.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sender {
+    /// The port. Never given to another one.
+    pub port: u128,
+    /// The session that the port belongs to: its node.
+    pub session: u128,
+    /// The process that the session is in; 0 where the register does not know.
+    pub process: u32,
+}
+
+/// The process that a node is in.
+fn process_of(node: UniqueNodeId) -> Option<u32> {
+    u32::try_from(node.pid::<ipc::Service>().ok()?.value()).ok()
 }
 
 impl Services<ipc_threadsafe::Service> {

@@ -27,7 +27,7 @@ pub struct RequestHeader {
     pub operation: u32,
     /// No flag is defined yet; unknown flags are ignored.
     pub flags: u32,
-    /// Names the client: its reply listener carries the same number.
+    /// Names the client: the listener of its node carries the same number. Else an echo.
     pub client_token: u64,
     /// The client's number of this frame, echoed in the response.
     pub frame: u64,

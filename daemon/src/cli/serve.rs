@@ -47,9 +47,10 @@ pub struct Serve {
     /// Lose a pair of most frames, to see that the auditor notices.
     #[arg(long, hide = true)]
     break_engine: bool,
-    /// Serve in this process: what a supervisor starts.
-    #[arg(long, hide = true)]
-    worker: bool,
+    /// Serve in this process, as long as its parent is the supervisor of this id: what a supervisor
+    /// starts.
+    #[arg(long, hide = true, value_name = "PID")]
+    worker: Option<u32>,
     /// End with the process of this id, and take the runtime directory along.
     #[arg(long, value_parser = whole::<u32>, hide = true, value_name = "PID")]
     private_to: Option<u32>,
@@ -58,14 +59,14 @@ pub struct Serve {
 impl Serve {
     /// Whether a supervisor started this process.
     pub const fn is_worker(&self) -> bool {
-        self.worker
+        self.worker.is_some()
     }
 
     /// Serves until told to stop.
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), CliError> {
         let settings = self.settings(place, config);
-        if self.worker {
-            return Ok(work(&settings)?);
+        if let Some(supervisor) = self.worker {
+            return Ok(work(&settings, supervisor)?);
         }
         match self.private_to {
             None => Ok(supervise(&settings)?),

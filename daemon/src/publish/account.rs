@@ -10,8 +10,8 @@ use pairmask::wire::{
 pub(super) struct Account {
     start: Instant,
     body: StatusBody,
-    /// Pairs in the last frame of each client, for the plan of its next.
-    last_pairs: Vec<(u64, u64)>,
+    /// Pairs in the last frame of each session, for the plan of its next.
+    last_pairs: Vec<(u128, u64)>,
     capacity: usize,
 }
 
@@ -22,7 +22,13 @@ impl Account {
         Self { start: Instant::now(), body, last_pairs, capacity: max_clients.max(1) }
     }
 
-    pub(super) fn note_frame(&mut self, fields: &ReplyFields, form: ObjectForm, pair_count: u64) {
+    pub(super) fn note_frame(
+        &mut self,
+        session: u128,
+        fields: &ReplyFields,
+        form: ObjectForm,
+        pair_count: u64,
+    ) {
         self.body.frames += 1;
         let objects = match form {
             ObjectForm::Boxes(_) => &mut self.body.boxes,
@@ -31,7 +37,7 @@ impl Account {
         *objects += u64::from(fields.box_count.get());
         self.body.pairs = self.body.pairs.saturating_add(pair_count);
         let mut known = self.last_pairs.iter_mut();
-        if let Some((_, pairs)) = known.find(|(token, _)| *token == fields.client_token) {
+        if let Some((_, pairs)) = known.find(|(noted, _)| *noted == session) {
             *pairs = pair_count;
             return;
         }
@@ -39,12 +45,12 @@ impl Account {
             // Clients that are gone fill the list; those that live are noted again.
             self.last_pairs.clear();
         }
-        self.last_pairs.push((fields.client_token, pair_count));
+        self.last_pairs.push((session, pair_count));
     }
 
-    /// Pairs in a client's last frame, where it had one.
-    pub(super) fn last_pairs(&self, client_token: u64) -> Option<u64> {
-        self.last_pairs.iter().find(|(token, _)| *token == client_token).map(|(_, pairs)| *pairs)
+    /// Pairs in a session's last frame, where it had one.
+    pub(super) fn last_pairs(&self, session: u128) -> Option<u64> {
+        self.last_pairs.iter().find(|(noted, _)| *noted == session).map(|(_, pairs)| *pairs)
     }
 
     pub(super) fn note_error(&mut self, fields: &ReplyFields, status: StatusCode) {

@@ -3,6 +3,7 @@
 use std::time::Instant;
 
 use pairmask::engine::CullAnswer;
+use pairmask::transport::Sender;
 use pairmask::wire::{
     Objects, ReplyFields, ResponseHeader, StageTimes, response_error, response_ok, response_status,
 };
@@ -34,9 +35,10 @@ pub(super) struct Desk {
 }
 
 impl Desk {
-    /// Sends the answer to a request that was taken in at `start`.
+    /// Sends the answer to a request of `sender` that was taken in at `start`.
     pub(super) fn publish(
         &mut self,
+        sender: Sender,
         fields: &ReplyFields,
         mut reply: LoanReply<'_>,
         said: Result<Said<'_>, Failure>,
@@ -57,7 +59,8 @@ impl Desk {
                 let total_ns = start.elapsed().as_nanos() as u64;
                 let times = StageTimes { total_ns, ..answer.times };
                 self.threads = answer.threads;
-                self.account.note_frame(fields, objects.form(), answer.report.pair_count);
+                let pair_count = answer.report.pair_count;
+                self.account.note_frame(sender.session, fields, objects.form(), pair_count);
                 response_ok(fields, answer.engine, answer.threads, &answer.report, &times)
             }
             Err(failure) => {
@@ -67,7 +70,7 @@ impl Desk {
             }
         };
         send(reply, &response);
-        self.wake_board.wake(fields.client_token);
+        self.wake_board.wake(sender, fields.client_token);
         if let Some((window, objects)) = audited {
             // The objects are ours to read as long as the request is.
             self.auditor.submit(window, objects);

@@ -6,6 +6,7 @@ mod loan_reply;
 mod wake;
 
 use std::collections::VecDeque;
+use std::rc::Rc;
 use std::time::Instant;
 
 use iceoryx2::service::ipc;
@@ -13,8 +14,8 @@ use pairmask::engine::{CullError, CullWish, ReserveError};
 use pairmask::mask::ReadableEncodings;
 use pairmask::precision::BoxForm;
 use pairmask::transport::{
-    ActiveRequest, Limits, Populated, ResponseLoan, Services, WakeClient, narrow_boxes_in,
-    objects_in, words_in_mut,
+    Limits, Populated, ResponseLoan, Services, WakeClient, narrow_boxes_in, objects_in,
+    words_in_mut,
 };
 use pairmask::units::BoxCount;
 use pairmask::wire::{Objects, PAGE_BYTES, Reject, ReplyFields, Request, StatusBody, StatusCode};
@@ -25,10 +26,11 @@ use self::loan_reply::LoanReply;
 use self::wake::WakeBoard;
 use crate::audit::Auditor;
 use crate::execute::{CullUnderWay, Executor, FRAMES_UNDER_WAY, Owner, Started};
+use crate::ingest::Incoming;
 
 /// A frame that the executor works on, and where its answer goes.
 struct Frame {
-    active: ActiveRequest,
+    incoming: Incoming,
     loan: Option<ResponseLoan>,
     cull: CullUnderWay,
     fields: ReplyFields,
@@ -44,7 +46,7 @@ pub struct Publisher {
     /// Oldest first.
     under_way: VecDeque<Frame>,
     desk: Desk,
-    services: Services<ipc::Service>,
+    services: Rc<Services<ipc::Service>>,
     populated: Populated,
     max_reply_bytes: u64,
 }
@@ -52,7 +54,7 @@ pub struct Publisher {
 impl Publisher {
     /// A publisher on these services.
     pub fn new(
-        services: Services<ipc::Service>,
+        services: Rc<Services<ipc::Service>>,
         wake_clients: WakeClient,
         limits: &Limits,
         executor: Executor,
@@ -111,17 +113,18 @@ impl Publisher {
     }
 
     /// Takes in one request, whatever it holds, and answers it now, or leaves it under way.
-    pub fn take(&mut self, active: ActiveRequest) {
+    pub fn take(&mut self, incoming: Incoming) {
         let start = Instant::now();
-        // Copied once: the client can write to it all the while.
-        let header = *active.user_header();
-        let payload_bytes = (active.payload().len() * PAGE_BYTES) as u64;
+        let (sender, request) = (incoming.sender, &incoming.request);
+        let header = *request.header();
+        let payload_bytes = size_of_val(request.pages()) as u64;
         let fields = ReplyFields {
             client_token: header.client_token,
             frame: header.frame,
             box_count: BoxCount::new(header.box_count),
         };
-        let mut reply = LoanReply::new(&active, &mut self.populated, self.max_reply_bytes);
+        let mut reply =
+            LoanReply::new(request.request(), &mut self.populated, self.max_reply_bytes);
         let said = match Request::parse(&header, payload_bytes) {
             Ok(Request::Cull {
                 box_count,
@@ -132,17 +135,17 @@ impl Publisher {
                 threads,
                 client_minor,
             }) => {
-                let last_pairs = self.desk.account.last_pairs(fields.client_token);
+                let last_pairs = self.desk.account.last_pairs(sender.session);
                 let readable = ReadableEncodings::at_minor(client_minor);
                 let wish = CullWish { engine, encoding, threads, last_pairs, readable };
-                let owner = Owner::Client(active.origin().value());
-                match objects_in(active.payload(), offset, form, box_count) {
+                let owner = Owner::Client(sender.port);
+                match objects_in(request.pages(), offset, form, box_count) {
                     Some(Objects::Boxes(boxes)) => {
                         match self.executor.begin(boxes, owner, &wish, &mut reply) {
                             Ok(Started::UnderWay(cull)) => {
                                 let (loan, form) = (reply.into_loan(), boxes.form());
                                 self.under_way.push_back(Frame {
-                                    active,
+                                    incoming,
                                     loan,
                                     cull,
                                     fields,
@@ -176,7 +179,7 @@ impl Publisher {
             }
             Err(reject) => Err(reject.into()),
         };
-        self.desk.publish(&fields, reply, said, start);
+        self.desk.publish(sender, &fields, reply, said, start);
     }
 
     /// Publishes the oldest frame under way if it has ended. Whether it had.
@@ -185,15 +188,17 @@ impl Publisher {
             return false;
         }
         let Some(frame) = self.under_way.pop_front() else { return false };
-        let Frame { active, loan, cull, fields, form, boxes_offset, start } = frame;
+        let Frame { incoming, loan, cull, fields, form, boxes_offset, start } = frame;
+        let Incoming { sender, request } = &incoming;
         let mut reply =
-            LoanReply::new(&active, &mut self.populated, self.max_reply_bytes).with_loan(loan);
-        let payload_bytes = (active.payload().len() * PAGE_BYTES) as u64;
-        let ended = narrow_boxes_in(active.payload(), boxes_offset, form, fields.box_count)
+            LoanReply::new(request.request(), &mut self.populated, self.max_reply_bytes)
+                .with_loan(loan);
+        let payload_bytes = size_of_val(request.pages()) as u64;
+        let ended = narrow_boxes_in(request.pages(), boxes_offset, form, fields.box_count)
             .ok_or_else(|| refused(fields.box_count, payload_bytes))
             .and_then(|boxes| Ok((boxes, self.executor.end(cull, boxes, &mut reply)?)));
         let said = ended.map(|(boxes, answer)| Said::Answer(Objects::Boxes(boxes), answer));
-        self.desk.publish(&fields, reply, said, start);
+        self.desk.publish(*sender, &fields, reply, said, start);
         true
     }
 }

@@ -70,6 +70,25 @@ pub enum ServeError {
         /// What the system said.
         source: std::io::Error,
     },
+    /// The supervisor ended before its worker could bind itself to it.
+    #[error("the supervisor, process {supervisor}, is gone: its worker does not serve without it")]
+    Orphaned {
+        /// The process that should have been the parent.
+        supervisor: u32,
+    },
+    /// A process that nobody supervises, or that does not die, still has the server port.
+    #[error(
+        "process {pid} ({name}) still serves instance '{instance}' and does not go: end it \
+         (kill -9 {pid}) and serve again"
+    )]
+    Blocked {
+        /// The instance.
+        instance: InstanceName,
+        /// The process in the way.
+        pid: u32,
+        /// What it calls itself.
+        name: String,
+    },
     /// The worker gave up before it served at all; it said why itself.
     #[error("the worker could not serve (exit code {code})")]
     Worker {

@@ -3,7 +3,7 @@
 use std::process::{Child, Command, ExitStatus};
 use std::time::{Duration, Instant};
 
-use pairmask::transport::{InstanceLock, clean_if_abandoned};
+use pairmask::transport::{InstanceError, InstanceLock, ProcessWatch, clean_if_abandoned};
 use rustix::process::{Pid, Signal, kill_process};
 use signal_hook::consts::{SIGCHLD, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
@@ -16,6 +16,10 @@ const FIRST_PAUSE: Duration = Duration::from_millis(20);
 const LONGEST_PAUSE: Duration = Duration::from_secs(2);
 /// A worker that lived this long did not crash in a row.
 const STEADY_AFTER: Duration = Duration::from_secs(10);
+/// How long to wait for the lock of a supervisor that is gone. One that lives is not waited for.
+const PREDECESSOR_LETS_GO: Duration = Duration::from_secs(1);
+/// Between two looks whether it has.
+const PREDECESSOR_LOOK: Duration = Duration::from_millis(5);
 /// A worker that was asked to stop has this long: more than its longest sleep and one frame.
 const STOP_WITHIN: Duration = Duration::from_secs(5);
 
@@ -24,11 +28,27 @@ const STOP_WITHIN: Duration = Duration::from_secs(5);
 /// # Errors
 /// [`ServeError`]; a worker that crashes is none.
 pub fn supervise(settings: &ServeSettings) -> Result<(), ServeError> {
-    let _lock = InstanceLock::acquire(&settings.dir, &settings.instance)?;
+    let _lock = acquire(settings)?;
     let result = keep_working(settings);
     settings.dir.remove_record(&settings.instance);
     clean_if_abandoned(&settings.dir, &settings.instance)?;
     result
+}
+
+/// Takes the right to serve. A predecessor that was killed while it started a worker holds it through
+/// that worker, until the worker has its own program: a moment that is waited for.
+fn acquire(settings: &ServeSettings) -> Result<InstanceLock, InstanceError> {
+    let give_up_at = Instant::now() + PREDECESSOR_LETS_GO;
+    loop {
+        match InstanceLock::acquire(&settings.dir, &settings.instance) {
+            Err(InstanceError::AlreadyServed { pid, .. })
+                if ProcessWatch::open(pid).is_none() && Instant::now() < give_up_at =>
+            {
+                std::thread::sleep(PREDECESSOR_LOOK);
+            }
+            done => return done,
+        }
+    }
 }
 
 fn keep_working(settings: &ServeSettings) -> Result<(), ServeError> {
@@ -65,7 +85,8 @@ fn spawn_worker(settings: &ServeSettings) -> Result<Child, ServeError> {
     let binary =
         std::env::current_exe().map_err(ServeError::system("finding the daemon's binary"))?;
     Command::new(binary)
-        .args(["serve", "--worker", "--instance", settings.instance.as_str()])
+        .args(["serve", "--worker", &std::process::id().to_string()])
+        .args(["--instance", settings.instance.as_str()])
         .args(["--spin-us", &settings.spin.as_micros().to_string()])
         .args(["--max-clients", &settings.limits.max_clients.to_string()])
         .args(["--max-reply-mib", &(settings.limits.max_reply_bytes >> 20).to_string()])

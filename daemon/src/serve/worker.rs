@@ -1,5 +1,6 @@
 //! The process that serves: receives requests, takes turns among clients, answers.
 
+use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -8,20 +9,20 @@ use iceoryx2::service::ipc;
 use pairmask::AwakePool;
 use pairmask::plan::{Calibration, CalibrationChoice, CalibrationOrigin};
 use pairmask::transport::{
-    Account, ActiveRequest, DaemonRecord, JANITOR_INTERVAL, Limits, Server, Services, Spinner,
-    TransportError, WakeDaemon, clean_if_abandoned, quiet_transport_log,
+    Account, DaemonRecord, JANITOR_INTERVAL, SegmentFiles, Server, Services, Spinner, WakeDaemon,
+    clean_if_abandoned, process_name, quiet_transport_log,
 };
 use pairmask::wire::{StatusBody, Version};
 use rustix::process::Signal;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
-use super::janitor::Janitor;
+use super::janitor::{Janitor, clean_up};
 use super::patience::Patience;
 use super::{ServeError, ServeSettings};
 use crate::audit::Auditor;
 use crate::execute::gpu::{GpuChoice, OpenError};
 use crate::execute::{Executor, GpuService};
-use crate::ingest::Inbox;
+use crate::ingest::{Gate, Inbox, Incoming};
 use crate::publish::Publisher;
 use crate::study::engines::glance;
 
@@ -34,20 +35,19 @@ const PREDECESSOR_DIES: Duration = Duration::from_secs(2);
 /// Between two looks whether it has.
 const PREDECESSOR_LOOK: Duration = Duration::from_millis(10);
 
-/// Serves an instance in this process until SIGINT or SIGTERM.
+/// Serves an instance in this process until SIGINT or SIGTERM, or until its parent, the process
+/// `supervisor`, ends.
 ///
 /// # Errors
-/// [`ServeError`] where the services cannot be made.
-pub fn work(settings: &ServeSettings) -> Result<(), ServeError> {
+/// [`ServeError`] where the services cannot be made, and where `supervisor` is not the parent.
+pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError> {
     quiet_transport_log();
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM] {
         signal_hook::flag::register(signal, Arc::clone(&stop))
             .map_err(ServeError::system("installing signal handlers"))?;
     }
-    // Without its supervisor a worker would hold the instance for ever.
-    rustix::process::set_parent_process_death_signal(Some(Signal::KILL))
-        .map_err(|e| ServeError::system("binding to the supervisor")(e.into()))?;
+    bind_to(supervisor)?;
     // This thread is one of the pool's own, so that an engine's parallel loops start without a
     // hand-over to another thread.
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
@@ -58,17 +58,12 @@ pub fn work(settings: &ServeSettings) -> Result<(), ServeError> {
         .build()?;
 
     let gpu = open_gpu(&settings.gpu, settings.gpu_awake)?;
-    clean_if_abandoned(&settings.dir, &settings.instance)?;
-    settings.dir.ensure_transport_root(&settings.instance)?;
-    settings.dir.check_shared_files(&settings.instance)?;
-    let janitor = Janitor::start(&settings.dir, &settings.instance)?;
-    let services = Services::serve(&settings.dir, &settings.instance, &settings.limits)?;
-    let server = open_server(&services, &settings.limits)?;
+    let (janitor, services) = open_services(settings)?;
+    let server = open_server(&services, settings)?;
     let (wake, wake_clients) = services.wake_ports()?;
     let record = DaemonRecord {
         worker_pid: std::process::id(),
-        supervisor_pid: rustix::process::getppid()
-            .map_or(0, |pid| pid.as_raw_nonzero().get() as u32),
+        supervisor_pid: supervisor,
         version: Version::CURRENT,
     };
     let account = Account::now(StatusBody { pid: record.worker_pid, ..StatusBody::default() });
@@ -82,29 +77,73 @@ pub fn work(settings: &ServeSettings) -> Result<(), ServeError> {
     let executor = Executor::new(gpu).with_calibration(calibration);
     let auditor =
         Auditor::start(settings.audit).map_err(ServeError::system("starting the auditor"))?;
+    let services = Rc::new(services);
+    let files = SegmentFiles::new(&settings.dir, &settings.instance);
+    let mut gate = Gate::new(Rc::clone(&services), files);
     let mut publisher = Publisher::new(services, wake_clients, &settings.limits, executor, auditor);
     publisher.break_engine(settings.break_engine);
-    serve(&server, &wake, &mut publisher, &janitor, settings, &stop);
+    serve(&server, &wake, &mut gate, &mut publisher, &janitor, settings, &stop);
     drop(janitor);
     log::info!("stopped serving '{}'", settings.instance);
     Ok(())
+}
+
+/// Ends this process with its supervisor: without one, a worker would hold the instance for ever.
+///
+/// The kernel tells of a parent's end from now on. One that ended before is told by the parent that
+/// this process has now.
+fn bind_to(supervisor: u32) -> Result<(), ServeError> {
+    rustix::process::set_parent_process_death_signal(Some(Signal::KILL))
+        .map_err(|e| ServeError::system("binding to the supervisor")(e.into()))?;
+    let parent = rustix::process::getppid().map_or(0, |pid| pid.as_raw_nonzero().get() as u32);
+    if parent == supervisor { Ok(()) } else { Err(ServeError::Orphaned { supervisor }) }
+}
+
+/// The services. A predecessor that was killed while it made them left half of them, which can be taken
+/// away as soon as it has died, and as long as we have no part in them.
+fn open_services(
+    settings: &ServeSettings,
+) -> Result<(Janitor, Services<ipc::Service>), ServeError> {
+    let give_up_at = Instant::now() + PREDECESSOR_DIES;
+    loop {
+        clean_if_abandoned(&settings.dir, &settings.instance)?;
+        settings.dir.ensure_transport_root(&settings.instance)?;
+        let janitor = Janitor::start(&settings.dir, &settings.instance)?;
+        match Services::serve(&settings.dir, &settings.instance, &settings.limits) {
+            Ok(services) => return Ok((janitor, services)),
+            Err(error) if Instant::now() < give_up_at => {
+                log::debug!("waiting for what a predecessor began: {error}");
+                drop(janitor);
+                std::thread::sleep(PREDECESSOR_LOOK);
+            }
+            Err(error) => return Err(error.into()),
+        }
+    }
 }
 
 /// The server port. A predecessor's may still be registered, and there can be one only: one that was
 /// killed with its supervisor takes a moment to die, and can be cleaned up only then.
 fn open_server(
     services: &Services<ipc::Service>,
-    limits: &Limits,
-) -> Result<Server, TransportError> {
+    settings: &ServeSettings,
+) -> Result<Server, ServeError> {
     let give_up_at = Instant::now() + PREDECESSOR_DIES;
     loop {
-        services.owner().try_cleanup_dead_nodes();
-        match services.server(limits) {
+        clean_up(services.owner());
+        match services.server(&settings.limits) {
             Err(error) if Instant::now() < give_up_at => {
                 log::debug!("waiting for a predecessor to go: {error}");
                 std::thread::sleep(PREDECESSOR_LOOK);
             }
-            done => return done,
+            Err(error) => {
+                let blocked = |process| ServeError::Blocked {
+                    instance: settings.instance.clone(),
+                    pid: process,
+                    name: process_name(process),
+                };
+                return Err(services.serving_process().map_or(error.into(), blocked));
+            }
+            Ok(server) => return Ok(server),
         }
     }
 }
@@ -145,6 +184,7 @@ fn open_gpu(choice: &GpuChoice, awake: Duration) -> Result<Option<GpuService>, O
 fn serve(
     server: &Server,
     wake: &WakeDaemon,
+    gate: &mut Gate,
     publisher: &mut Publisher,
     janitor: &Janitor,
     settings: &ServeSettings,
@@ -159,7 +199,7 @@ fn serve(
     let mut tidy_at = sleep_at;
     let mut spinner = Spinner::default();
     while !stop.load(Ordering::Relaxed) {
-        drain(server, &mut inbox);
+        drain(server, gate, &mut inbox);
         let mut answered = awake.work(|| publisher.publish_ended());
         if publisher.has_room()
             && let Some(request) = inbox.next()
@@ -172,6 +212,7 @@ fn serve(
         if now >= tidy_at {
             publisher.tidy();
             janitor.post(&Account::now(publisher.status()));
+            gate.tidy();
             tidy_at = now + JANITOR_INTERVAL;
         }
         if answered {
@@ -189,10 +230,18 @@ fn serve(
     }
 }
 
-fn drain(server: &Server, inbox: &mut Inbox<ActiveRequest>) {
-    while inbox.has_room() {
+fn drain(server: &Server, gate: &mut Gate, inbox: &mut Inbox<Incoming>) {
+    // As many as all clients may send at a time: a client that sends without end keeps nobody here.
+    for _ in 0..inbox.capacity() {
+        if !inbox.has_room() {
+            return;
+        }
         match server.receive() {
-            Ok(Some(request)) => inbox.put(request.user_header().client_token, request),
+            Ok(Some(request)) => {
+                if let Some(incoming) = gate.admit(request) {
+                    inbox.put(incoming.sender, incoming);
+                }
+            }
             Ok(None) => return,
             Err(error) => {
                 // A client that died while it connected; the janitor takes the rest away.

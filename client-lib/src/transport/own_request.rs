@@ -1,0 +1,87 @@
+//! Requests of ours, whose lengths are kept where nobody else can write to.
+//!
+//! The transport keeps the length of a request in shared memory and makes the payload's slice from it at
+//! each look. Any process of the same user can write there. A length made smaller would take objects,
+//! and so pairs, out of a frame without a word; a length made larger would lead outside.
+#![allow(unsafe_code)]
+
+use std::{ptr, slice};
+
+use super::message::payload_behind;
+use super::pages::assume_pages;
+use super::services::{ClientPort, PendingResponse, RequestLoan, ResponseSample, TransportError};
+use crate::wire::{Page, RequestHeader};
+
+/// Memory for a request.
+pub struct OwnRequest {
+    loan: RequestLoan,
+    pages: usize,
+}
+
+impl OwnRequest {
+    /// So many pages of a port's memory.
+    ///
+    /// # Errors
+    /// [`TransportError`] where the port has no such chunk left.
+    pub fn lend(port: &ClientPort, pages: usize) -> Result<Self, TransportError> {
+        let loan = port
+            .loan_slice_uninit(pages)
+            .map_err(|e| TransportError::new("lending memory for a request", &e))?;
+        Ok(Self { loan: assume_pages(loan), pages })
+    }
+
+    fn first_page(&self) -> usize {
+        payload_behind(ptr::from_ref(self.loan.user_header()))
+    }
+
+    /// Its pages, as many as were lent.
+    pub fn pages(&self) -> &[Page] {
+        // SAFETY: so many pages were lent at this place of a mapping, which stays as long as the loan
+        // is held; any bytes are a valid Page.
+        unsafe {
+            slice::from_raw_parts(ptr::with_exposed_provenance(self.first_page()), self.pages)
+        }
+    }
+
+    /// Its pages, to be written.
+    pub fn pages_mut(&mut self) -> &mut [Page] {
+        let first = ptr::with_exposed_provenance_mut(self.first_page());
+        // SAFETY: as in `pages`; the loan is ours alone until it is sent.
+        unsafe { slice::from_raw_parts_mut(first, self.pages) }
+    }
+
+    /// Sends it.
+    ///
+    /// # Errors
+    /// [`TransportError`]; the memory is gone then.
+    pub fn send(mut self, header: &RequestHeader) -> Result<SentRequest, TransportError> {
+        *self.loan.user_header_mut() = *header;
+        let first = self.first_page();
+        let pending = self.loan.send().map_err(|e| TransportError::new("sending a request", &e))?;
+        Ok(SentRequest { pending, first, pages: self.pages })
+    }
+}
+
+/// A request under way.
+pub struct SentRequest {
+    pending: PendingResponse,
+    /// Address of the first page.
+    first: usize,
+    pages: usize,
+}
+
+impl SentRequest {
+    /// The pages of the request.
+    pub fn pages(&self) -> &[Page] {
+        // SAFETY: as in `OwnRequest::pages`: the memory of a request is held until `pending` goes.
+        unsafe { slice::from_raw_parts(ptr::with_exposed_provenance(self.first), self.pages) }
+    }
+
+    /// The response, where it has come.
+    ///
+    /// # Errors
+    /// [`TransportError`].
+    pub fn receive(&self) -> Result<Option<ResponseSample>, TransportError> {
+        self.pending.receive().map_err(|e| TransportError::new("receiving a response", &e))
+    }
+}

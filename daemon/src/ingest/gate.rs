@@ -1,0 +1,123 @@
+//! What is let in: requests whose sender and length the transport and the kernel vouch for.
+
+use std::collections::VecDeque;
+use std::rc::Rc;
+
+use iceoryx2::service::ipc;
+use pairmask::transport::{
+    ActiveRequest, CheckedRequest, ForgedRequest, Segment, SegmentFiles, Sender, Services,
+};
+
+/// Forged requests that are kept, at most. A port has three requests at a time: one that forged as many
+/// is not heard of again until others did.
+const MOST_KEPT: usize = 48;
+
+/// A request that was let in.
+#[derive(Debug)]
+pub struct Incoming {
+    /// Who sent it.
+    pub sender: Sender,
+    /// What it says.
+    pub request: CheckedRequest,
+}
+
+/// A port that sent something.
+#[derive(Debug)]
+struct Port {
+    sender: Sender,
+    segment: Segment,
+    /// The last token that it was found to have a right to.
+    token: Option<u64>,
+}
+
+/// Lets requests in, or not.
+#[derive(Debug)]
+pub struct Gate {
+    services: Rc<Services<ipc::Service>>,
+    files: SegmentFiles,
+    ports: Vec<Port>,
+    /// Dropping a forged request would tell the client that it names that nobody answers.
+    kept: VecDeque<ActiveRequest>,
+}
+
+impl Gate {
+    /// For the clients of these services, whose segments are those files.
+    pub fn new(services: Rc<Services<ipc::Service>>, files: SegmentFiles) -> Self {
+        Self { services, files, ports: Vec::new(), kept: VecDeque::new() }
+    }
+
+    /// Checks a request. One that lies about where it comes from is not let in, and never answered.
+    pub fn admit(&mut self, request: ActiveRequest) -> Option<Incoming> {
+        match self.check(request) {
+            Ok(incoming) => Some(incoming),
+            Err(ForgedRequest { request }) => {
+                log::debug!("port {:x} forges requests", request.origin().value());
+                if self.kept.len() >= MOST_KEPT {
+                    self.kept.pop_front();
+                }
+                self.kept.push_back(request);
+                None
+            }
+        }
+    }
+
+    /// Forgets the ports that are gone.
+    pub fn tidy(&mut self) {
+        if self.ports.is_empty() {
+            return;
+        }
+        let ports = &mut self.ports;
+        let mut known = 0;
+        // Those that are still there come to the front.
+        self.services.for_each_sender(|sender| {
+            if let Some(at) = ports[known..].iter().position(|port| port.sender == sender) {
+                ports.swap(known, known + at);
+                known += 1;
+            }
+        });
+        ports.truncate(known);
+    }
+
+    fn check(&mut self, request: ActiveRequest) -> Result<Incoming, ForgedRequest> {
+        let address = CheckedRequest::address(&request);
+        let Some(port) = self.port(request.origin().value(), address) else {
+            return Err(ForgedRequest { request });
+        };
+        let (sender, token) = (port.sender, port.token);
+        let request = CheckedRequest::new(request, &port.segment)?;
+        let asked = Some(request.header().client_token);
+        if token != asked {
+            // A name of a listener is its session's: answers to it are nobody else's.
+            let owner = self.services.session_named(request.header().client_token);
+            if owner.is_some_and(|session| session != sender.session) {
+                return Err(request.into_forged());
+            }
+            if let Some(port) = self.ports.iter_mut().find(|port| port.sender == sender) {
+                port.token = asked;
+            }
+        }
+        Ok(Incoming { sender, request })
+    }
+
+    /// What is known of a port that sends from `address`; `None` where that is not in its segment.
+    fn port(&mut self, port: u128, address: usize) -> Option<&Port> {
+        let at = if let Some(at) = self.ports.iter().position(|known| known.sender.port == port) {
+            if !self.ports[at].segment.holds(address, 1) {
+                // Mapped anew, or forged.
+                self.ports[at].segment = self.files.find(port, address)?;
+            }
+            at
+        } else {
+            let segment = self.files.find(port, address)?;
+            let mut sender = Sender { port, session: port, process: 0 };
+            self.services.for_each_sender(|known| {
+                if known.port == port {
+                    sender = known;
+                }
+            });
+            self.ports.push(Port { sender, segment, token: None });
+            self.ports.len() - 1
+        };
+        self.ports.get(at)
+    }
+}

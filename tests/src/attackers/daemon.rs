@@ -1,0 +1,91 @@
+//! A daemon whose answers are longer than its memory.
+
+use std::error::Error;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use pairmask::mask::Encoding;
+use pairmask::transport::{
+    DaemonRecord, InstanceName, Limits, RuntimeDir, Services, assume_response_pages,
+};
+use pairmask::wire::{
+    RESPONSE_MAGIC, ResponseHeader, Section, SectionKind, StatusCode, VERSION_MAJOR, VERSION_MINOR,
+    Version,
+};
+
+use super::raw::{Dice, word, write};
+use super::{Tally, Until, count};
+
+/// Word of the number of pages in the transport's header of a response.
+const PAGE_COUNT: usize = 5;
+/// Pages that an answer really has.
+const PAGES: usize = 1;
+
+pub fn attack(until: &Until, tally: &mut Tally) -> Result<(), Box<dyn Error>> {
+    let (dir, name) = (RuntimeDir::from_env(), InstanceName::default());
+    let limits = Limits { max_reply_bytes: 4096, ..Limits::default() };
+    dir.ensure()?;
+    dir.ensure_transport_root(&name)?;
+    let services = Services::serve(&dir, &name, &limits)?;
+    let server = services.server(&limits)?;
+    let ports = services.wake_ports()?;
+    let record = DaemonRecord {
+        worker_pid: std::process::id(),
+        supervisor_pid: std::process::id(),
+        version: Version::CURRENT,
+    };
+    dir.write_record(&name, &record)?;
+    let mut dice = Dice::of_this_process();
+    while !until.is_over() {
+        let Ok(Some(request)) = server.receive() else {
+            std::thread::sleep(Duration::from_micros(50));
+            continue;
+        };
+        let asked = *request.user_header();
+        let Ok(loan) = request.loan_slice_uninit(PAGES) else { continue };
+        let mut loan = assume_response_pages(loan);
+        let pairs = u64::from(asked.box_count) * (u64::from(asked.box_count) - 1) / 2;
+        let bytes = pairs.div_ceil(32) * 4;
+        let mut header = ResponseHeader {
+            magic: RESPONSE_MAGIC,
+            version_major: VERSION_MAJOR,
+            version_minor: VERSION_MINOR,
+            status: StatusCode::Ok as u32,
+            client_token: asked.client_token,
+            frame: asked.frame,
+            box_count: asked.box_count,
+            engine: 1,
+            encoding: Encoding::Dense as u32,
+            pair_count: pairs,
+            ..ResponseHeader::default()
+        };
+        header.sections[0] = Section::required(SectionKind::DenseWords, 0, bytes);
+        *loan.user_header_mut() = header;
+        let pages = word(loan.header(), PAGE_COUNT);
+        let forged = match dice.below(4) {
+            0 => u64::MAX,
+            1 => (1 << 52) + bytes.div_ceil(4096),
+            _ => bytes.div_ceil(4096),
+        };
+        write(pages, forged);
+        if loan.send().is_err() {
+            continue;
+        }
+        count(tally, "rounds");
+        let _ = ports.1.notify();
+        // Forged at one look, true at the next: the memory is ours as long as the port is.
+        let is_over = AtomicBool::new(dice.below(2) == 0);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                while !is_over.load(Ordering::Relaxed) {
+                    write(pages, PAGES as u64);
+                    write(pages, forged);
+                }
+            });
+            std::thread::sleep(Duration::from_millis(1));
+            is_over.store(true, Ordering::Relaxed);
+        });
+    }
+    dir.remove_record(&name);
+    Ok(())
+}

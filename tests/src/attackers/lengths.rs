@@ -1,0 +1,64 @@
+//! A client that says that its payload is longer than its memory.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use pairmask::engine::EngineChoice;
+use pairmask::wire::StatusCode;
+
+use super::raw::{Dice, PAGE_COUNT, RawClient, answer, cull, word, write};
+use super::{Tally, Until, count};
+
+/// Pages of a chunk; the whole segment has a few of them.
+const PAGES: usize = 2;
+/// More boxes than the whole segment could hold.
+const TOO_MANY: [u32; 5] = [5_000, 20_000, 100_000, 1_000_000, 50_000_000];
+
+pub fn attack(until: &Until, tally: &mut Tally) {
+    let token = 1 << 41;
+    let mut dice = Dice::of_this_process();
+    let mut frame = 0;
+    while let Some(client) = RawClient::reconnect(token, PAGES, until) {
+        while !until.is_over() {
+            frame += 1;
+            let Some(mut loan) = client.loan(PAGES) else { break };
+            let n = TOO_MANY[dice.below(5) as usize];
+            let needed = u64::from(n) * 24 / 4096 + 1;
+            let forged = match dice.below(5) {
+                0 => u64::MAX,
+                // So many pages that their bytes, as a number of 64 bits, are none.
+                1 => 1 << 52,
+                2 => (1 << 52) + needed,
+                _ => needed,
+            };
+            *loan.user_header_mut() = cull(token, frame, n, EngineChoice::Auto);
+            let pages = word(loan.header(), PAGE_COUNT);
+            write(pages, forged);
+            let Some(pending) = client.send(loan) else { break };
+            let is_over = AtomicBool::new(dice.below(2) == 0);
+            let said = std::thread::scope(|scope| {
+                scope.spawn(|| {
+                    // True at one look, forged at the next.
+                    while !is_over.load(Ordering::Relaxed) {
+                        write(pages, PAGES as u64);
+                        write(pages, forged);
+                    }
+                });
+                let said = answer(&pending, Duration::from_millis(500));
+                is_over.store(true, Ordering::Relaxed);
+                said
+            });
+            write(pages, PAGES as u64);
+            count(tally, "rounds");
+            match said {
+                // There is no such memory: whatever was looked at was somebody else's.
+                Some(header) if header.status == StatusCode::Ok as u32 => count(tally, "outside"),
+                Some(_) => count(tally, "refused"),
+                None => {
+                    count(tally, "silent");
+                    break;
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,108 @@
+//! Processes that attack: each attack is one file, run by the binary `attacker MODE` until its input
+//! ends. They write to memory that they have mapped as clients, as a process of the same user can.
+
+mod channels;
+mod daemon;
+mod identities;
+mod lengths;
+pub mod raw;
+mod scribble;
+mod tokens;
+mod truncate;
+
+use std::collections::BTreeMap;
+use std::error::Error;
+use std::io::Read;
+use std::process::{Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// What an attacker counted, by name.
+pub type Tally = BTreeMap<String, u64>;
+
+/// Until when to attack.
+#[derive(Clone, Debug)]
+pub struct Until(Arc<AtomicBool>);
+
+impl Until {
+    /// Until the standard input ends.
+    fn input_ends() -> Self {
+        let ended = Arc::new(AtomicBool::new(false));
+        let tell = Arc::clone(&ended);
+        std::thread::spawn(move || {
+            let _ = std::io::stdin().read_to_end(&mut Vec::new());
+            tell.store(true, Ordering::Relaxed);
+        });
+        Self(ended)
+    }
+
+    /// Whether it is over.
+    pub fn is_over(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
+}
+
+/// Attacks in a mode until the input ends, and prints what was counted: `name=count` a line.
+///
+/// # Errors
+/// An unknown mode, or the end of an attack that cannot go on.
+pub fn run(mode: &str) -> Result<(), Box<dyn Error>> {
+    let until = Until::input_ends();
+    let mut tally = Tally::new();
+    match mode {
+        "tokens" => tokens::attack(1, tokens::Tokens::Next, &until, &mut tally),
+        "one-token" => tokens::attack(1, tokens::Tokens::Constant, &until, &mut tally),
+        "ports" => tokens::attack(8, tokens::Tokens::Constant, &until, &mut tally),
+        "lengths" => lengths::attack(&until, &mut tally),
+        "channels" | "scribble" | "truncate" => repeat_in_children(mode, &until, &mut tally)?,
+        "channels-once" => channels::attack(&mut tally),
+        "scribble-once" => scribble::attack(&mut tally),
+        "truncate-once" => truncate::attack(&mut tally),
+        "identities" => identities::attack(&until, &mut tally),
+        "daemon" => daemon::attack(&until, &mut tally)?,
+        _ => return Err(format!("unknown attack '{mode}'").into()),
+    }
+    for (name, count) in tally {
+        println!("{name}={count}");
+    }
+    Ok(())
+}
+
+/// Attacks that leave the attacker itself in ruins are one process a round: what it left behind is the
+/// daemon's to clean up.
+fn repeat_in_children(mode: &str, until: &Until, tally: &mut Tally) -> Result<(), Box<dyn Error>> {
+    let binary = std::env::current_exe()?;
+    while !until.is_over() {
+        let mut child = Command::new(&binary)
+            .arg(format!("{mode}-once"))
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()?;
+        let started = Instant::now();
+        while child.try_wait()?.is_none() {
+            if started.elapsed() > CHILD_PATIENCE {
+                child.kill()?;
+                count(tally, "killed");
+            }
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        let mut said = String::new();
+        if let Some(mut output) = child.stdout.take() {
+            output.read_to_string(&mut said)?;
+        }
+        for (name, counted) in said.lines().filter_map(|line| line.split_once('=')) {
+            *tally.entry(name.to_owned()).or_default() += counted.parse::<u64>()?;
+        }
+    }
+    Ok(())
+}
+
+/// A round takes a tenth of that; one that takes longer hangs in ruins of its own making.
+const CHILD_PATIENCE: Duration = Duration::from_secs(2);
+
+/// Counts one more.
+fn count(tally: &mut Tally, name: &str) {
+    *tally.entry(name.to_owned()).or_default() += 1;
+}

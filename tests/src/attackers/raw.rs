@@ -1,0 +1,139 @@
+//! A client that writes its own headers.
+#![allow(unsafe_code)]
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use iceoryx2::service::ipc_threadsafe;
+use pairmask::engine::EngineChoice;
+use pairmask::mask::EncodingChoice;
+use pairmask::precision::BoxForm;
+use pairmask::transport::{
+    Client, InstanceName, PendingResponse, RequestLoan, RuntimeDir, Services, assume_pages,
+};
+use pairmask::units::BoxCount;
+use pairmask::wire::{RequestHeader, ResponseHeader};
+
+/// The client's id, two words; as all words here, 8 bytes each, of the transport's header of a request.
+pub const CLIENT_ID: usize = 2;
+/// The channel that the answer is wanted on.
+pub const CHANNEL_ID: usize = 4;
+/// The number of the request.
+pub const REQUEST_ID: usize = 5;
+/// The length of the payload.
+pub const PAGE_COUNT: usize = 6;
+/// Bytes of that header.
+pub const SENT_BYTES: usize = 64;
+
+/// Ports of its own, and what they need.
+pub struct RawClient {
+    /// Its ports.
+    pub ports: Client,
+    /// What they are ports of.
+    pub services: Services<ipc_threadsafe::Service>,
+}
+
+impl RawClient {
+    /// Connects to the daemon of the environment's directory, if it serves.
+    pub fn connect(token: u64, pages: usize) -> Option<Self> {
+        Self::connect_at(&RuntimeDir::from_env(), token, pages)
+    }
+
+    /// As [`Self::connect`], in another directory.
+    pub fn connect_at(dir: &RuntimeDir, token: u64, pages: usize) -> Option<Self> {
+        let name = InstanceName::default();
+        dir.read_record(&name)?;
+        let services = Services::connect(dir, &name).ok()?;
+        let ports = services.client(token, pages).ok()?;
+        Some(Self { ports, services })
+    }
+
+    /// As [`Self::connect`], as soon as there is a daemon.
+    pub fn reconnect(token: u64, pages: usize, until: &super::Until) -> Option<Self> {
+        while !until.is_over() {
+            if let Some(client) = Self::connect(token, pages) {
+                return Some(client);
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        None
+    }
+
+    /// Memory for a request.
+    pub fn loan(&self, pages: usize) -> Option<RequestLoan> {
+        self.ports.port.loan_slice_uninit(pages).ok().map(assume_pages)
+    }
+
+    /// Sends it, and wakes the daemon.
+    pub fn send(&self, loan: RequestLoan) -> Option<PendingResponse> {
+        let pending = loan.send().ok()?;
+        let _ = self.ports.notifier.notify();
+        Some(pending)
+    }
+}
+
+/// The header of a request for the pairs of `n` plain boxes.
+pub fn cull(token: u64, frame: u64, n: u32, engine: EngineChoice) -> RequestHeader {
+    let n = BoxCount::new(n);
+    RequestHeader::cull(token, frame, n, BoxForm::F32, engine, EncodingChoice::Auto, Some(1))
+}
+
+/// The header of the answer, if one comes in time.
+pub fn answer(pending: &PendingResponse, within: Duration) -> Option<ResponseHeader> {
+    let give_up_at = Instant::now() + within;
+    loop {
+        if let Ok(Some(response)) = pending.receive() {
+            return Some(*response.user_header());
+        }
+        if Instant::now() >= give_up_at {
+            return None;
+        }
+        std::thread::sleep(Duration::from_micros(50));
+    }
+}
+
+/// The address of a word of a header that the transport lets us look at.
+pub fn word<H>(header: &H, index: usize) -> usize {
+    std::ptr::from_ref(header) as usize + 8 * index
+}
+
+/// Writes a word of our own shared memory.
+pub fn write(address: usize, value: u64) {
+    // SAFETY: whoever calls this has the address from a message of its own, which it still holds, and
+    // has that memory mapped for writing; others look at it as at any memory that is shared.
+    unsafe { std::ptr::with_exposed_provenance_mut::<u64>(address).write_volatile(value) }
+}
+
+/// Reads one.
+pub fn read(address: usize) -> u64 {
+    // SAFETY: as in `write`.
+    unsafe { std::ptr::with_exposed_provenance::<u64>(address).read_volatile() }
+}
+
+/// The file that a port's messages lie in.
+pub fn segment_file(port: u128) -> Option<PathBuf> {
+    let prefix = RuntimeDir::from_env().shm_prefix(&InstanceName::default());
+    let ending = format!("_{port}.data");
+    let is_its = |name: &str| name.starts_with(&prefix) && name.ends_with(&ending);
+    let mut files = std::fs::read_dir("/dev/shm").ok()?.flatten();
+    files.find(|file| file.file_name().to_str().is_some_and(is_its)).map(|file| file.path())
+}
+
+/// Pseudo-random numbers, for a choice among attacks.
+pub struct Dice(u64);
+
+impl Dice {
+    /// Others in each process.
+    pub fn of_this_process() -> Self {
+        Self(u64::from(std::process::id()) << 20 | 1)
+    }
+
+    /// The next number below `end`.
+    pub fn below(&mut self, end: u64) -> u64 {
+        // Xorshift.
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        self.0 % end
+    }
+}

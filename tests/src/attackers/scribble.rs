@@ -1,0 +1,58 @@
+//! A client that writes anything anywhere into the queues between it and the daemon.
+
+use std::fs;
+use std::os::unix::fs::FileExt;
+use std::time::Duration;
+
+use pairmask::engine::EngineChoice;
+
+use super::raw::{Dice, RawClient, answer, cull};
+use super::{Tally, count};
+
+pub fn attack(tally: &mut Tally) {
+    let token = 1 << 44;
+    let mut dice = Dice::of_this_process();
+    let Some(client) = RawClient::connect(token, 1) else { return };
+    let Some(mut loan) = client.loan(1) else { return };
+    *loan.user_header_mut() = cull(token, 1, 2, EngineChoice::Auto);
+    let Some(pending) = client.send(loan) else { return };
+    answer(&pending, Duration::from_millis(100));
+    let queues = own_queues(client.ports.port.id().value());
+    if queues.is_empty() {
+        return;
+    }
+    for _ in 0..16 {
+        let path = &queues[dice.below(queues.len() as u64) as usize];
+        let Ok(file) = fs::OpenOptions::new().write(true).open(path) else { continue };
+        let words = file.metadata().map_or(1, |data| data.len() / 8).max(1);
+        let value = match dice.below(4) {
+            0 => u64::MAX,
+            1 => 1,
+            2 => 1 << 40,
+            _ => dice.below(u64::MAX),
+        };
+        // The file may be gone, which is as well.
+        let _ = file.write_all_at(&value.to_ne_bytes(), 8 * dice.below(words));
+        count(tally, "words");
+        let _ = client.ports.notifier.notify();
+    }
+    std::thread::sleep(Duration::from_millis(20));
+    count(tally, "rounds");
+    // Its own queues are no longer what it could follow.
+    std::mem::forget((pending, client));
+}
+
+/// The files of the queues between a port and the daemon.
+fn own_queues(port: u128) -> Vec<String> {
+    let maps = fs::read_to_string("/proc/self/maps").unwrap_or_default();
+    let name = port.to_string();
+    let mut found: Vec<String> = maps
+        .lines()
+        .filter_map(|line| line.split_whitespace().nth(5))
+        .filter(|path| path.contains(&name) && path.contains(".connection"))
+        .map(str::to_owned)
+        .collect();
+    found.sort();
+    found.dedup();
+    found
+}

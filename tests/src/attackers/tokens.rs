@@ -1,0 +1,70 @@
+//! A client that keeps requests waiting on all its ports, under tokens of its choice.
+
+use std::collections::VecDeque;
+use std::time::{Duration, Instant};
+
+use pairmask::engine::{EngineChoice, EngineName};
+use pairmask::transport::PendingResponse;
+
+use super::raw::{RawClient, cull};
+use super::{Tally, Until, count};
+
+/// Boxes of a frame, all empty, and pages for them: a frame takes longer than a client's way back.
+const BOXES: u32 = 2_000;
+const PAGES: usize = 2_000 * 24 / 4096 + 1;
+/// Requests that a port has waiting.
+const AT_A_TIME: usize = 3;
+
+/// Which token a request has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Tokens {
+    /// The same always.
+    Constant,
+    /// The one after the last: the next that is served where tokens are served in a circle.
+    Next,
+}
+
+pub fn attack(ports: u64, tokens: Tokens, until: &Until, tally: &mut Tally) {
+    let mut next = 1 << 40;
+    let clients: Vec<RawClient> =
+        (0..ports).filter_map(|port| RawClient::connect(next + port, PAGES)).collect();
+    println!("connected={}", clients.len());
+    let mut waiting: Vec<VecDeque<PendingResponse>> =
+        clients.iter().map(|_| VecDeque::new()).collect();
+    let mut frame = 0;
+    while !until.is_over() {
+        let mut moved = false;
+        for (port, (client, waiting)) in clients.iter().zip(&mut waiting).enumerate() {
+            if waiting.front().is_some_and(|p| matches!(p.receive(), Ok(Some(_)))) {
+                waiting.pop_front();
+                count(tally, "answered");
+                moved = true;
+            }
+            while waiting.len() < AT_A_TIME {
+                let Some(mut loan) = client.loan(PAGES) else { break };
+                let token = match tokens {
+                    Tokens::Constant => next + port as u64,
+                    Tokens::Next => {
+                        next += 1;
+                        next
+                    }
+                };
+                frame += 1;
+                let engine = EngineChoice::Only(EngineName::CpuSap);
+                *loan.user_header_mut() = cull(token, frame, BOXES, engine);
+                let Some(pending) = client.send(loan) else { break };
+                waiting.push_back(pending);
+                moved = true;
+            }
+        }
+        if !moved {
+            std::thread::sleep(Duration::from_micros(20));
+        }
+    }
+    // What is under way is answered to nobody; the daemon has a moment to see that.
+    drop(waiting);
+    let end = Instant::now() + Duration::from_millis(50);
+    while Instant::now() < end {
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}

@@ -1,0 +1,33 @@
+//! A client that cuts its memory while the daemon reads it.
+
+use std::fs::OpenOptions;
+use std::time::Duration;
+
+use pairmask::engine::EngineChoice;
+
+use super::raw::{Dice, RawClient, answer, cull, segment_file};
+use super::{Tally, count};
+
+const BOXES: u32 = 20_000;
+const PAGES: usize = 20_000 * 24 / 4096 + 1;
+
+pub fn attack(tally: &mut Tally) {
+    let token = 1 << 45;
+    let mut dice = Dice::of_this_process();
+    let Some(client) = RawClient::connect(token, PAGES) else { return };
+    let Some(mut loan) = client.loan(PAGES) else { return };
+    *loan.user_header_mut() = cull(token, 1, BOXES, EngineChoice::Auto);
+    let Some(path) = segment_file(client.ports.port.id().value()) else { return };
+    let Some(pending) = client.send(loan) else { return };
+    std::thread::sleep(Duration::from_micros(dice.below(400)));
+    let Ok(file) = OpenOptions::new().write(true).open(path) else { return };
+    // The headers' page stays, so that we can hear the answer.
+    if file.set_len(4096 * (1 + dice.below(8))).is_ok() {
+        count(tally, "rounds");
+    }
+    if answer(&pending, Duration::from_millis(100)).is_some() {
+        count(tally, "answered");
+    }
+    // What is left of it may not be looked at.
+    std::mem::forget((pending, client));
+}

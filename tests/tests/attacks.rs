@@ -1,0 +1,462 @@
+//! Attacks, repeated: two seconds each, or as long as `PAIRMASK_ATTACK_SECONDS` says. Whatever an
+//! attacker does to memory that it has mapped, honest clients beside it have right answers, and the
+//! instance comes back.
+//!
+//! What each attack came to is printed (`--nocapture`).
+#![allow(clippy::unwrap_used)]
+
+use std::collections::BTreeMap;
+use std::io::Read;
+use std::process::{Child, ChildStderr, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use pairmask::engine::EngineChoice;
+use pairmask::session::WaitError;
+use pairmask::transport::{InstanceName, ProcessWatch, RuntimeDir, SegmentFiles, boxes_in_mut};
+use pairmask::units::BoxCount;
+use pairmask::wire::ReplyError;
+use pairmask::{Aabb, Backend, ServedBy, Session};
+use pairmask_tests::attack_time;
+use pairmask_tests::attackers::raw::{
+    CHANNEL_ID, CLIENT_ID, REQUEST_ID, RawClient, answer, cull, read, word, write,
+};
+use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
+use pairmask_tests::oracle;
+use pairmask_tests::stress_scenes;
+use rustix::process::{Pid, Signal, kill_process};
+
+const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
+const ATTACKER: &str = env!("CARGO_BIN_EXE_attacker");
+
+fn scene(n: u32, seed: u64) -> Vec<Aabb> {
+    stress_scenes::named("uniform").boxes(n, seed)
+}
+
+/// A process that attacks; killed when dropped.
+struct Attacker {
+    process: Child,
+    mode: &'static str,
+}
+
+impl Attacker {
+    fn start(dir: &std::path::Path, mode: &'static str) -> Self {
+        let process = Command::new(ATTACKER)
+            .arg(mode)
+            .env("PAIRMASK_RUNTIME_DIR", dir)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        Self { process, mode }
+    }
+
+    /// Ends the attack, and tells what the attacker counted.
+    fn end(mut self) -> BTreeMap<String, u64> {
+        drop(self.process.stdin.take());
+        let mut said = String::new();
+        self.process.stdout.take().unwrap().read_to_string(&mut said).unwrap();
+        let status = self.process.wait().unwrap();
+        assert!(status.success(), "attacker '{}': {status}", self.mode);
+        let counts = said.lines().map(|line| line.split_once('=').unwrap());
+        counts.map(|(name, count)| (name.to_owned(), count.parse().unwrap())).collect()
+    }
+}
+
+impl Drop for Attacker {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+type Boxes = Vec<Aabb>;
+type IndexPairs = Vec<(u32, u32)>;
+
+/// Frames with their pairs, to be asked for again and again.
+struct Frames {
+    frames: Vec<(Boxes, IndexPairs)>,
+    asked: usize,
+}
+
+impl Frames {
+    fn new(sizes: &[u32]) -> Self {
+        let with_pairs = |(seed, n): (usize, &u32)| {
+            let boxes = scene(*n, seed as u64);
+            let pairs = oracle::truth(&boxes).pairs;
+            (boxes, pairs)
+        };
+        Self { frames: sizes.iter().enumerate().map(with_pairs).collect(), asked: 0 }
+    }
+
+    /// Asks for the next, and compares its pairs.
+    fn check(&mut self, session: &mut Session) -> Result<ServedBy, WaitError> {
+        let (boxes, expected) = &self.frames[self.asked % self.frames.len()];
+        self.asked += 1;
+        let mut frame = session.frame(boxes.len()).unwrap();
+        frame.boxes_mut().copy_from_slice(boxes);
+        let mask = frame.submit().unwrap().wait()?;
+        let mut pairs = mask.to_vec();
+        pairs.sort_unstable();
+        assert!(pairs == *expected, "wrong answer {} of {} boxes", self.asked, boxes.len());
+        Ok(mask.info().served_by)
+    }
+}
+
+/// What an honest client lived through.
+#[derive(Debug, Default)]
+struct Lived {
+    there: u64,
+    here: u64,
+    restarts: u64,
+}
+
+/// Asks as a session that falls back for as long as attacks last; every answer is right. The daemon
+/// serves again when they are over.
+fn live_beside(mode: &'static str, max_clients: &str) -> (BTreeMap<String, u64>, Lived) {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--max-clients", max_clients]);
+    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
+    let mut frames = Frames::new(&[64, 500, 1500]);
+    let mut lived = Lived::default();
+    let mut worker = daemon.worker();
+    let attacker = Attacker::start(daemon.path(), mode);
+    let end = Instant::now() + attack_time();
+    while Instant::now() < end {
+        match frames.check(&mut session).unwrap() {
+            ServedBy::Daemon => lived.there += 1,
+            ServedBy::InProcess => lived.here += 1,
+        }
+        if let Some(record) = daemon.record()
+            && record.worker_pid != worker.as_raw_nonzero().get() as u32
+        {
+            worker = daemon.worker();
+            lived.restarts += 1;
+        }
+    }
+    let counts = attacker.end();
+    eventually("the daemon serves again", || {
+        (frames.check(&mut session).unwrap() == ServedBy::Daemon).then_some(())
+    });
+    println!("{mode}: {lived:?}, attacker {counts:?}");
+    (counts, lived)
+}
+
+#[test]
+fn lengths_beyond_a_segment_are_refused_and_kill_nobody() {
+    let (counts, lived) = live_beside("lengths", "16");
+    assert!(counts["rounds"] > 10, "{counts:?}");
+    assert_eq!(counts.get("outside"), None, "answered over memory of others: {counts:?}");
+    assert_eq!((lived.restarts, lived.here), (0, 0), "{lived:?}");
+}
+
+#[test]
+fn nobody_is_answered_by_a_request_in_his_name() {
+    let (counts, lived) = live_beside("identities", "16");
+    assert!(counts["rounds"] > 0 && lived.there > 10, "{lived:?}, {counts:?}");
+    // The transport never gives back a request of a client that there is not, and dies of 128 ports
+    // that were closed with such a request.
+    assert!(128 * lived.restarts <= counts["rounds"], "{lived:?}, {counts:?}");
+}
+
+/// The attacker is heard first, asks what the victim asks, and has nothing in its boxes.
+#[test]
+fn a_request_in_the_name_of_another_is_not_answered() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let connect = |token| {
+        let client = eventually("a connection", || RawClient::connect_at(&daemon.dir(), token, 2));
+        let mut loan = client.loan(1).unwrap();
+        *loan.user_header_mut() = cull(token, 0, 0, EngineChoice::Auto);
+        let pending = client.send(loan).unwrap();
+        answer(&pending, PATIENCE).unwrap();
+        client
+    };
+    let (attacker, victim) = (connect(1001), connect(77));
+    daemon.signal_worker(Signal::STOP);
+    let asked = cull(77, 5, 10, EngineChoice::Auto);
+    let send = |client: &RawClient, same: Aabb, words: &[(usize, u64)]| {
+        let mut loan = client.loan(2).unwrap();
+        boxes_in_mut(loan.payload_mut(), BoxCount::new(10)).unwrap().fill(same);
+        *loan.user_header_mut() = asked;
+        for (index, value) in words {
+            write(word(loan.header(), *index), *value);
+        }
+        client.send(loan).unwrap()
+    };
+    let honest = send(&victim, Aabb::new([0.0; 3], [1.0; 3]), &[]);
+    let words = [CLIENT_ID, CLIENT_ID + 1, CHANNEL_ID, REQUEST_ID]
+        .map(|index| (index, read(word(honest.header(), index))));
+    let forged = send(&attacker, Aabb::EMPTY, &words);
+    daemon.signal_worker(Signal::CONT);
+    let header = answer(&honest, PATIENCE).unwrap();
+    assert_eq!((header.frame, header.pair_count), (5, 45));
+    assert!(answer(&forged, Duration::from_millis(50)).is_none());
+}
+
+#[test]
+fn channels_that_there_are_not_kill_a_worker_at_most() {
+    let (counts, _) = live_beside("channels", "16");
+    assert!(counts["rounds"] > 0, "{counts:?}");
+}
+
+#[test]
+fn memory_cut_while_it_is_read_kills_a_worker_at_most() {
+    let (counts, _) = live_beside("truncate", "16");
+    assert!(counts["rounds"] > 0, "{counts:?}");
+}
+
+/// Anything in the queues: a worker may die of it, but not hang.
+#[test]
+fn scribbled_queues_kill_a_worker_at_most() {
+    let (counts, _) = live_beside("scribble", "16");
+    assert!(counts["rounds"] > 0, "{counts:?}");
+}
+
+/// How many frames an honest client has answered beside an attacker, and how many that one has.
+fn shares(mode: &'static str) -> (u64, u64) {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let long = Duration::from_secs(60) + 2 * attack_time();
+    let mut session = daemon.session().deadline(long).connect().unwrap();
+    let mut frames = Frames::new(&[64]);
+    let attacker = Attacker::start(daemon.path(), mode);
+    // It has its requests waiting when the count begins.
+    std::thread::sleep(Duration::from_millis(300));
+    let end = Instant::now() + attack_time();
+    let mut honest = 0;
+    // Asked one at a time, and given up with the attack: a starved client would wait for ever.
+    while Instant::now() < end {
+        let (boxes, expected) = &frames.frames[0];
+        let mut frame = session.frame(boxes.len()).unwrap();
+        frame.boxes_mut().copy_from_slice(boxes);
+        let left = end.saturating_duration_since(Instant::now());
+        match frame.submit().unwrap().wait_timeout(left) {
+            Ok(mask) => {
+                let mut pairs = mask.to_vec();
+                pairs.sort_unstable();
+                assert!(pairs == *expected, "a wrong answer");
+                honest += 1;
+            }
+            Err(WaitError::Timeout { .. }) => break,
+            Err(error) => panic!("{error}"),
+        }
+    }
+    let counts = attacker.end();
+    frames.check(&mut session).unwrap();
+    println!("{mode}: {honest} answers beside {counts:?}");
+    (honest, counts["answered"])
+}
+
+/// A turn each would be one answer beside one; a client that is late for its turn, because the machine
+/// is busy, has fewer.
+fn assert_fair(mode: &'static str) {
+    let (honest, hostile) = shares(mode);
+    assert!(hostile > 0, "the attacker asked for nothing");
+    assert!(4 * honest >= hostile, "{honest} answers beside {hostile}");
+}
+
+#[test]
+fn a_token_for_each_request_wins_no_turns() {
+    assert_fair("tokens");
+}
+
+#[test]
+fn many_ports_win_no_turns() {
+    assert_fair("ports");
+}
+
+#[test]
+fn an_answer_longer_than_its_memory_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let attacker = Attacker::start(dir.path(), "daemon");
+    let place = RuntimeDir::at(dir.path());
+    let connect = || {
+        Session::builder()
+            .runtime_dir(place.clone())
+            .backend(Backend::Daemon)
+            .deadline(Duration::from_secs(5))
+            .connect()
+            .ok()
+    };
+    let mut session = eventually("the hostile daemon serves", connect);
+    let end = Instant::now() + attack_time();
+    let mut refused = 0;
+    let mut accepted = 0;
+    let mut sizes = [5_000, 50_000, 300_000].into_iter().cycle();
+    while Instant::now() < end {
+        let mut frame = session.frame(sizes.next().unwrap()).unwrap();
+        frame.boxes_mut().fill(Aabb::EMPTY);
+        match frame.submit().unwrap().wait() {
+            // The whole of its segment has not so many bytes as the least of these masks.
+            Ok(mask) => accepted += u64::from(mask.reply_words().len() > 1),
+            Err(WaitError::Reply(ReplyError::Malformed { .. })) => refused += 1,
+            Err(error) => println!("daemon: {error}"),
+        }
+    }
+    let counts = attacker.end();
+    println!("daemon: {refused} refused, {accepted} accepted, attacker {counts:?}");
+    assert!(refused > 10 && accepted == 0, "{refused} refused, {accepted} accepted");
+    clean_up(dir.path());
+}
+
+/// A port's memory is found, and nothing beside it, nor that of another port.
+#[test]
+fn a_segment_reaches_as_far_as_its_file() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let connect = |token| RawClient::connect_at(&daemon.dir(), token, 80).unwrap();
+    let (one, other) = (connect(1), connect(2));
+    let mut loan = one.loan(80).unwrap();
+    let pages = loan.payload_mut();
+    let (start, bytes) = (pages.as_ptr() as usize, size_of_val(pages));
+    let files = SegmentFiles::new(&daemon.dir(), &InstanceName::default());
+    assert!(files.find(other.ports.port.id().value(), start).is_none(), "another's memory");
+    assert!(files.find(one.ports.port.id().value(), loan_on_heap()).is_none(), "no segment");
+    let segment = files.find(one.ports.port.id().value(), start).unwrap();
+    assert!(segment.holds(start, bytes) && segment.holds(start, 8));
+    assert!(!segment.holds(start, 1 << 30) && !segment.holds(start, usize::MAX));
+    assert!(!segment.holds(start - (1 << 30), 8) && !segment.holds(start + (1 << 30), 8));
+    let ending = format!("_{}.data", one.ports.port.id().value());
+    let mut files = daemon.shared_files().into_iter();
+    let path = files.find(|path| path.to_str().unwrap().ends_with(&ending)).unwrap();
+    std::fs::OpenOptions::new().write(true).open(path).unwrap().set_len(8192).unwrap();
+    assert!(!segment.holds(start, bytes), "cut short");
+    // What is left of it may not be looked at.
+    std::mem::forget(loan);
+}
+
+/// An address that is no shared memory.
+fn loan_on_heap() -> usize {
+    std::ptr::from_ref(&*Box::new(0u64)) as usize
+}
+
+fn pid(raw: u32) -> Pid {
+    Pid::from_raw(i32::try_from(raw).unwrap()).unwrap()
+}
+
+/// The worker that a supervisor has started, as soon as there is one.
+fn child_of(supervisor: u32) -> Option<u32> {
+    let path = format!("/proc/{supervisor}/task/{supervisor}/children");
+    std::fs::read_to_string(path).ok()?.split_whitespace().next()?.parse().ok()
+}
+
+fn serve(dir: &std::path::Path) -> Child {
+    Command::new(DAEMON)
+        .args(["serve", "--gpu", "none"])
+        .env("PAIRMASK_RUNTIME_DIR", dir)
+        .stdin(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap()
+}
+
+/// Starts a daemon where another was killed, and stops it when it has answered.
+fn check_that_it_serves(dir: &std::path::Path, frames: &mut Frames) {
+    let mut supervisor = serve(dir);
+    let place = RuntimeDir::at(dir);
+    let started = Instant::now();
+    let mut session = loop {
+        // The record may still be that of the daemon before, whose worker dies just now.
+        let record = place.read_record(&InstanceName::default());
+        let session = Session::builder().runtime_dir(place.clone()).backend(Backend::Daemon);
+        if record.is_some_and(|record| record.supervisor_pid == supervisor.id())
+            && let Ok(session) = session.connect()
+        {
+            break session;
+        }
+        if let Some(status) = supervisor.try_wait().unwrap() {
+            panic!("the next daemon ended ({status}): {}", said(supervisor.stderr.take()));
+        }
+        assert!(started.elapsed() < PATIENCE, "the next daemon does not serve");
+        std::thread::sleep(Duration::from_millis(2));
+    };
+    assert_eq!(frames.check(&mut session).unwrap(), ServedBy::Daemon);
+    drop(session);
+    kill_process(pid(supervisor.id()), Signal::TERM).unwrap();
+    supervisor.wait().unwrap();
+}
+
+fn clean_up(dir: &std::path::Path) {
+    let (place, name) = (RuntimeDir::at(dir), InstanceName::default());
+    for file in std::fs::read_dir("/dev/shm").unwrap().flatten() {
+        if file.file_name().to_string_lossy().starts_with(&place.shm_prefix(&name)) {
+            let _ = std::fs::remove_file(file.path());
+        }
+    }
+    let _ = std::fs::remove_dir_all(place.transport_root(&name));
+}
+
+/// The worker is stopped before it has asked to end with its supervisor, which ends meanwhile.
+#[test]
+fn a_worker_that_was_orphaned_before_it_was_bound_ends() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut frames = Frames::new(&[64]);
+    let end = Instant::now() + attack_time();
+    let mut rounds = 0;
+    while rounds == 0 || Instant::now() < end {
+        let mut supervisor = serve(dir.path());
+        let found = Instant::now();
+        let worker = loop {
+            if let Some(worker) = child_of(supervisor.id()) {
+                break worker;
+            }
+            assert!(found.elapsed() < PATIENCE, "no worker was started");
+        };
+        let watch = ProcessWatch::open(worker);
+        let _ = kill_process(pid(worker), Signal::STOP);
+        supervisor.kill().unwrap();
+        supervisor.wait().unwrap();
+        let _ = kill_process(pid(worker), Signal::CONT);
+        eventually("the orphan ends", || {
+            watch.as_ref().is_none_or(|watch| !watch.is_alive()).then_some(())
+        });
+        check_that_it_serves(dir.path(), &mut frames);
+        rounds += 1;
+    }
+    println!("orphans: {rounds} rounds");
+    clean_up(dir.path());
+}
+
+#[test]
+fn a_daemon_killed_while_it_starts_does_not_keep_the_next_from_serving() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut frames = Frames::new(&[64]);
+    let end = Instant::now() + attack_time();
+    let mut rounds = 0;
+    while Instant::now() < end {
+        let mut supervisor = serve(dir.path());
+        // From the first instruction to a worker that serves, by no step that the two share.
+        std::thread::sleep(Duration::from_micros(rounds * 7919 % 30_000));
+        supervisor.kill().unwrap();
+        supervisor.wait().unwrap();
+        check_that_it_serves(dir.path(), &mut frames);
+        rounds += 1;
+    }
+    println!("killed at the start: {rounds} rounds");
+    assert!(rounds > 0);
+    clean_up(dir.path());
+}
+
+/// A worker that nobody supervises holds the server port, but not the lock.
+#[test]
+fn a_process_that_blocks_an_instance_is_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut blocking = Command::new(DAEMON)
+        .args(["serve", "--gpu", "none", "--worker", &std::process::id().to_string()])
+        .env("PAIRMASK_RUNTIME_DIR", dir.path())
+        .spawn()
+        .unwrap();
+    let place = RuntimeDir::at(dir.path());
+    eventually("the worker serves", || place.read_record(&InstanceName::default()));
+    let mut refused = serve(dir.path());
+    let text = said(refused.stderr.take());
+    assert!(!refused.wait().unwrap().success());
+    let process = format!("process {} (pairmaskd", blocking.id());
+    assert!(text.contains(&process) && text.contains("kill -9"), "{text}");
+    blocking.kill().unwrap();
+    blocking.wait().unwrap();
+    check_that_it_serves(dir.path(), &mut Frames::new(&[64]));
+    clean_up(dir.path());
+}
+
+fn said(stderr: Option<ChildStderr>) -> String {
+    let mut text = String::new();
+    stderr.unwrap().read_to_string(&mut text).unwrap();
+    text
+}
