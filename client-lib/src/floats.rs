@@ -41,7 +41,7 @@ mod register {
         let mut control: Control = 0;
         // SAFETY: writes four bytes to a place of four bytes, and nothing else.
         unsafe {
-            asm!("stmxcsr [{}]", in(reg) &raw mut control, options(nostack, preserves_flags))
+            asm!("stmxcsr [{}]", in(reg) &raw mut control, options(nostack, preserves_flags));
         };
         control
     }

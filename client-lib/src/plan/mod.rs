@@ -141,16 +141,16 @@ pub fn plan(
     calibration: &Calibration,
     wishes: &Wishes,
 ) -> Plan {
-    floats::with_default(|| choose(stats, capabilities, calibration, wishes))
+    floats::with_default(|| choose(stats, capabilities, calibration, *wishes))
 }
 
 fn choose(
     stats: &SceneStats,
     capabilities: &Capabilities,
     calibration: &Calibration,
-    wishes: &Wishes,
+    wishes: Wishes,
 ) -> Plan {
-    let model = Model { stats, capabilities, calibration, wishes };
+    let model = Model { stats, capabilities, calibration, wishes: &wishes };
     let candidates = EngineName::ALL.map(|engine| model.candidate(engine));
     let chosen = match wishes.engine {
         EngineChoice::Only(engine) => candidates.iter().flatten().find(|c| c.engine == engine),
@@ -176,7 +176,7 @@ fn choose(
         predicted_ns: f64::INFINITY,
     };
     let Candidate { engine, encoding, threads, .. } = *chosen.unwrap_or(&fallback);
-    Plan { engine, encoding, threads, candidates, wishes: *wishes, stats: *stats }
+    Plan { engine, encoding, threads, candidates, wishes, stats: *stats }
 }
 
 #[cfg(test)]
