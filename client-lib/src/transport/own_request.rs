@@ -85,3 +85,53 @@ impl SentRequest {
         self.pending.receive().map_err(|e| TransportError::new("receiving a response", &e))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use iceoryx2::service::{ipc, ipc_threadsafe};
+
+    use super::*;
+    use crate::transport::{Limits, RuntimeDir, Services, clean_if_abandoned};
+
+    /// Where the transport's header of a request has the payload's length.
+    const LENGTH_BYTES: usize = 48;
+
+    /// Writes a length where another process would.
+    fn forge(loan: &RequestLoan, length: u64) {
+        let header = ptr::from_ref(loan.header()).expose_provenance();
+        // SAFETY: the place lies within the header, which is part of a shared mapping and 8-aligned.
+        unsafe {
+            ptr::with_exposed_provenance_mut::<u64>(header + LENGTH_BYTES).write_volatile(length);
+        }
+    }
+
+    #[test]
+    fn a_request_keeps_the_length_that_was_lent() {
+        let path = std::env::temp_dir().join(format!("pairmask-own-{}", std::process::id()));
+        let (dir, name) = (RuntimeDir::at(&path), "own".parse().expect("a name"));
+        dir.ensure().expect("a directory of our own");
+        let limits = Limits::default();
+        let services = Services::<ipc::Service>::serve(&dir, &name, &limits).expect("served");
+        let server = services.server(&limits).expect("a server");
+        let client_side =
+            Services::<ipc_threadsafe::Service>::connect(&dir, &name).expect("connected");
+        let client = client_side.client(1, 2).expect("a client");
+
+        let mut request = OwnRequest::lend(&client.port, 2).expect("two pages");
+        assert_eq!(request.loan.payload().as_ptr(), request.pages().as_ptr());
+        for forged in [0, 1, 2, 3] {
+            forge(&request.loan, forged);
+            assert_eq!(request.loan.payload().len() as u64, forged, "what the transport says");
+            assert_eq!((request.pages().len(), request.pages_mut().len()), (2, 2));
+        }
+        forge(&request.loan, 1);
+        let first = request.pages().as_ptr();
+        let sent = request.send(&RequestHeader::status(1, 1)).expect("sent");
+        assert_eq!(sent.pending.payload().len(), 1, "what the transport says");
+        assert_eq!((sent.pages().as_ptr(), sent.pages().len()), (first, 2));
+
+        drop((sent, client, client_side, server, services));
+        clean_if_abandoned(&dir, &name).expect("nobody is left");
+        std::fs::remove_dir_all(path).expect("the directory of our own");
+    }
+}

@@ -49,7 +49,7 @@ pub struct Serve {
     break_engine: bool,
     /// Serve in this process, as long as its parent is the supervisor of this id: what a supervisor
     /// starts.
-    #[arg(long, hide = true, value_name = "PID")]
+    #[arg(long, value_parser = whole::<u32>, hide = true, value_name = "PID")]
     worker: Option<u32>,
     /// End with the process of this id, and take the runtime directory along.
     #[arg(long, value_parser = whole::<u32>, hide = true, value_name = "PID")]

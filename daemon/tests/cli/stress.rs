@@ -46,8 +46,8 @@ fn a_broken_engine_is_caught_within_seconds_and_replayed() {
     assert!(report["missed"].as_u64().unwrap() > 0 && report["extra"] == 0, "{report}");
     let failure = &report["failures"][0];
     let fields = [
-        "case", "subject", "mode", "replay", "boxes", "scene", "what", "missed", "extra", "pair",
-        "explain",
+        "case", "subject", "mode", "replay", "boxes", "scene", "flags", "what", "missed", "extra",
+        "pair", "explain",
     ];
     assert_eq!(keys(failure), BTreeSet::from(fields));
     assert_eq!(failure["explain"]["overlaps"], true);
@@ -128,7 +128,8 @@ fn a_pair_is_explained() {
     assert_eq!((&why["mode"], &why["sent"]), (&"exact".into(), &Value::Null));
     let near = place.run(&["explain", file, "0", "1", "--precision", "q8", "--json"]).json();
     assert_eq!((&near["mode"], &near["overlaps"]), (&"q8".into(), &true.into()));
-    assert_eq!(keys(&near["sent"]), BTreeSet::from(["unit", "rule", "coordinates", "axes"]));
+    let sent = ["unit", "rule", "coordinates", "cell_edges", "axes"];
+    assert_eq!(keys(&near["sent"]), BTreeSet::from(sent));
     let text = place.run(&["explain", file, "0", "1", "--precision", "margin=0.5"]).stdout;
     assert!(text.contains("an extra pair of margin=0.5"), "{text}");
     let text = place.run(&["explain", file, "1", "0"]).stdout;
