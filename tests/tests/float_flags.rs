@@ -1,6 +1,7 @@
 //! Floating-point flags of threads: games and audio programs flush subnormals, others round downward,
 //! and a thread inherits the flags of the one that starts it. Whatever the flags of those who call, cull
 //! and write boxes, the answer is the same.
+#![allow(clippy::unwrap_used)]
 
 use glam::{Affine3A, DVec3, Mat4, Quat, Vec3};
 use pairmask::engine::{

@@ -4,6 +4,7 @@
 //!
 //! `stress` does the same with harder scenes and on GPUs; here nobody waits for a thread to wake, so that
 //! a minute has hundreds of thousands of answers. It goes on for [`attack_time`] and prints their number.
+#![allow(clippy::unwrap_used)]
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;

@@ -72,7 +72,7 @@ fn far_on_an_axis(pair: Pair, a: &Faces, b: &Faces, stated: &Stated<'_>) -> Opti
         }
         let stated = stated(axis, ends, starts);
         let is_within = difference_is_at_most(starts, ends, stated);
-        (!is_within).then(|| TooFar { pair, axis, gap: starts - ends, stated })
+        (!is_within).then_some(TooFar { pair, axis, gap: starts - ends, stated })
     })
 }
 

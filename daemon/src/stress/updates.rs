@@ -132,7 +132,7 @@ fn holds(world: &Aabb, local: &Aabb, by: [f32; 3]) -> bool {
 fn is_at_most(face: f64, x: f64, y: f64) -> bool {
     let sum = x + y;
     if face != sum || sum.is_infinite() {
-        return face < sum || face == sum;
+        return face <= sum;
     }
     let virtual_y = sum - x;
     let rounded_off = (x - (sum - virtual_y)) + (y - virtual_y);
