@@ -7,7 +7,7 @@
 //!
 //! Precision modes take part as subjects too ([`modes`]): what they must find is what overlaps, what
 //! they may find is what their definition adds. No extra pair may have a larger gap than the mode
-//! states ([`gaps`]).
+//! states (`gaps`).
 //!
 //! Each case also has floating-point flags ([`MixedFlags`]) for the thread that asks, those of the pool
 //! and those that write boxes: nothing may depend on them.
