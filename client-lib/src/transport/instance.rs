@@ -33,8 +33,13 @@ pub struct RuntimeDir {
 
 /// Creates a directory, and refuses one that others could change.
 fn ensure_own_dir(path: &Path, mode: u32, others: Others) -> Result<(), InstanceError> {
-    fs::DirBuilder::new().recursive(true).mode(mode).create(path).map_err(io_error(path))?;
-    check_directory(path, others)
+    match fs::DirBuilder::new().recursive(true).mode(mode).create(path) {
+        // Something else stands there, which the check names.
+        Err(error) if error.kind() != std::io::ErrorKind::AlreadyExists => {
+            Err(io_error(path)(error))
+        }
+        Ok(()) | Err(_) => check_directory(path, others),
+    }
 }
 
 /// Where the system keeps shared memory files.

@@ -88,7 +88,7 @@ pub enum InstanceError {
         pid: u32,
     },
     /// The file system said no.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {source}: set PAIRMASK_RUNTIME_DIR to a directory that you may write to", path.display())]
     Io {
         /// The file or directory.
         path: PathBuf,
