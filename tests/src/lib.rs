@@ -5,6 +5,7 @@ pub mod attackers;
 pub mod conformance;
 pub mod daemon;
 pub mod gpu;
+pub mod library_log;
 pub mod mask_writer;
 pub mod narrow;
 pub mod pair_scenes;

@@ -1,38 +1,21 @@
 //! Why frames are answered in process: the log and errors say the cause that it has.
 #![allow(clippy::unwrap_used)]
 
-use std::sync::Mutex;
 use std::time::Duration;
 
-use log::{LevelFilter, Log, Metadata, Record};
+use log::LevelFilter;
 use pairmask::session::{ConnectError, SessionBuilder, StatusError};
 use pairmask::transport::{DaemonRecord, InstanceName, RuntimeDir};
 use pairmask::wire::Version;
 use pairmask::{Aabb, Backend, ServedBy, Session};
 use pairmask_tests::daemon::TestDaemon;
+use pairmask_tests::library_log;
 use rustix::process::Signal;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
-/// Keeps what the library says.
-struct Kept(Mutex<Vec<String>>);
-
-static KEPT: Kept = Kept(Mutex::new(Vec::new()));
-
-impl Log for Kept {
-    fn enabled(&self, metadata: &Metadata<'_>) -> bool {
-        metadata.target().starts_with("pairmask::")
-    }
-    fn log(&self, record: &Record<'_>) {
-        if self.enabled(record.metadata()) {
-            self.0.lock().unwrap().push(record.args().to_string());
-        }
-    }
-    fn flush(&self) {}
-}
-
 fn said() -> Vec<String> {
-    std::mem::take(&mut KEPT.0.lock().unwrap())
+    library_log::said().into_iter().map(|(_, text)| text).collect()
 }
 
 fn frame(session: &mut Session) -> ServedBy {
@@ -60,8 +43,7 @@ fn check(builder: SessionBuilder, cause: fn(&ConnectError) -> bool, text: &str) 
 // One test: the log is one for the process.
 #[test]
 fn the_cause_is_named() {
-    log::set_logger(&KEPT).unwrap();
-    log::set_max_level(LevelFilter::Info);
+    library_log::keep(LevelFilter::Info);
     let dir = tempfile::tempdir().unwrap();
     let at = |dir: &RuntimeDir| Session::builder().runtime_dir(dir.clone());
     let empty = RuntimeDir::at(dir.path());

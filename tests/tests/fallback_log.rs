@@ -1,35 +1,13 @@
 //! A session that falls back says so once, and once more when it is back.
 #![allow(clippy::unwrap_used)]
 
-use std::sync::Mutex;
-
-use log::{Level, LevelFilter, Log, Metadata, Record};
+use log::{Level, LevelFilter};
 use pairmask::transport::InstanceName;
 use pairmask::{Backend, BoxForm, Precision, ServedBy, Session};
 use pairmask_tests::daemon::{TestDaemon, eventually};
+use pairmask_tests::library_log::{keep, said};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
-
-/// Keeps what the library says.
-struct Kept(Mutex<Vec<(Level, String)>>);
-
-static KEPT: Kept = Kept(Mutex::new(Vec::new()));
-
-impl Log for Kept {
-    fn enabled(&self, metadata: &Metadata<'_>) -> bool {
-        metadata.target().starts_with("pairmask::")
-    }
-    fn log(&self, record: &Record<'_>) {
-        if self.enabled(record.metadata()) {
-            self.0.lock().unwrap().push((record.level(), record.args().to_string()));
-        }
-    }
-    fn flush(&self) {}
-}
-
-fn said() -> Vec<(Level, String)> {
-    std::mem::take(&mut KEPT.0.lock().unwrap())
-}
 
 fn frames(session: &mut Session, count: usize) -> ServedBy {
     let mut last = ServedBy::InProcess;
@@ -43,8 +21,7 @@ fn frames(session: &mut Session, count: usize) -> ServedBy {
 
 #[test]
 fn falling_back_is_said_once() {
-    log::set_logger(&KEPT).unwrap();
-    log::set_max_level(LevelFilter::Info);
+    keep(LevelFilter::Info);
     let mut daemon = TestDaemon::start(DAEMON, &[]);
     let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
     assert_eq!(frames(&mut session, 10), ServedBy::Daemon);

@@ -2,10 +2,9 @@
 //! else is answered in process or is an error that names it.
 #![allow(clippy::unwrap_used)]
 
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use log::{LevelFilter, Log, Metadata, Record};
+use log::LevelFilter;
 use pairmask::engine::{Census, CullReport, EngineId, EngineName, EngineTimes, SkipMeter};
 use pairmask::mask::MaskShape;
 use pairmask::session::WaitError;
@@ -16,6 +15,7 @@ use pairmask::wire::{
 };
 use pairmask::{Aabb, Backend, PairMask, ServedBy, Session};
 use pairmask_tests::daemon::eventually;
+use pairmask_tests::library_log;
 use pairmask_tests::refuser::{answer_all, fields_of};
 
 const N: BoxCount = BoxCount::new(3);
@@ -66,23 +66,6 @@ fn beside(change: fn(&mut ResponseHeader), test: impl FnOnce(&RuntimeDir)) {
         }
     });
     clean_if_abandoned(dir, &InstanceName::default()).unwrap();
-}
-
-/// Keeps what the library warns of.
-struct Kept(Mutex<Vec<String>>);
-
-static KEPT: Kept = Kept(Mutex::new(Vec::new()));
-
-impl Log for Kept {
-    fn enabled(&self, metadata: &Metadata<'_>) -> bool {
-        metadata.target().starts_with("pairmask::")
-    }
-    fn log(&self, record: &Record<'_>) {
-        if self.enabled(record.metadata()) {
-            self.0.lock().unwrap().push(record.args().to_string());
-        }
-    }
-    fn flush(&self) {}
 }
 
 #[test]
@@ -148,8 +131,7 @@ const CASES: [Case; 10] = [
 
 #[test]
 fn what_is_no_answer_is_answered_in_process_or_named() {
-    log::set_logger(&KEPT).unwrap();
-    log::set_max_level(LevelFilter::Warn);
+    library_log::keep(LevelFilter::Warn);
     for (change, is_named, said) in CASES {
         beside(change, |dir| {
             let builder = Session::builder().runtime_dir(dir.clone());
@@ -160,15 +142,15 @@ fn what_is_no_answer_is_answered_in_process_or_named() {
             assert!(is_named(&error), "{said}: {error:?}");
 
             let mut session = builder.backend(Backend::Auto).connect().unwrap();
-            KEPT.0.lock().unwrap().clear();
+            library_log::said();
             for _ in 0..5 {
                 let mask = ask(&mut session).unwrap_or_else(|e| panic!("{said}: {e}"));
                 assert_eq!(mask.info().served_by, ServedBy::InProcess, "{said}");
                 assert_eq!(mask.to_vec(), [(0, 1)], "{said}");
             }
             // Other tests of this file have daemons that answer well, and warn of nothing.
-            let warned = KEPT.0.lock().unwrap().clone();
-            assert!(warned.len() == 1 && warned[0].contains(said), "{said}: {warned:?}");
+            let warned = library_log::said();
+            assert!(warned.len() == 1 && warned[0].1.contains(said), "{said}: {warned:?}");
         });
     }
 }

@@ -125,7 +125,9 @@ impl fmt::Display for Widening {
         match self {
             Self::None => f.write_str("no extra pair"),
             Self::Cells { size: [x, y, z], .. } => {
-                write!(f, "gaps below {x:.4} x {y:.4} x {z:.4} units within the bounds")
+                // The shortest digits of an f32: cells of a small world are far below 0.0001.
+                let [x, y, z] = [x, y, z].map(|size| *size as f32);
+                write!(f, "gaps below {x} x {y} x {z} units within the bounds")
             }
             Self::Relative { share, least, beyond } => {
                 write!(

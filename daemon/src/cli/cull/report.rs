@@ -169,7 +169,11 @@ impl fmt::Display for CullReport {
         write!(f, "precision  {}, {} bytes as {}", self.precision, self.box_bytes, self.box_form)?;
         match self.gap_below {
             Some([0.0, 0.0, 0.0]) => writeln!(f),
-            Some([x, y, z]) => writeln!(f, ", gaps below {x:.4} x {y:.4} x {z:.4} are not seen"),
+            Some(gaps) => {
+                // The shortest digits of an f32: cells of a small world are far below 0.0001.
+                let [x, y, z] = gaps.map(|gap| gap as f32);
+                writeln!(f, ", gaps below {x} x {y} x {z} are not seen")
+            }
             None => writeln!(f, ", gaps below 1/512 of a coordinate are not seen"),
         }?;
         writeln!(f, "mask       {}, {} bytes", self.encoding, self.mask_bytes)?;

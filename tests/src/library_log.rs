@@ -1,0 +1,36 @@
+//! What the library says to the log, kept for tests to look at.
+
+use std::sync::{Mutex, PoisonError};
+
+use log::{Level, LevelFilter, Log, Metadata, Record};
+
+struct Kept(Mutex<Vec<(Level, String)>>);
+
+static KEPT: Kept = Kept(Mutex::new(Vec::new()));
+
+impl Log for Kept {
+    fn enabled(&self, metadata: &Metadata<'_>) -> bool {
+        metadata.target().starts_with("pairmask::")
+    }
+    fn log(&self, record: &Record<'_>) {
+        if self.enabled(record.metadata()) {
+            let line = (record.level(), record.args().to_string());
+            self.0.lock().unwrap_or_else(PoisonError::into_inner).push(line);
+        }
+    }
+    fn flush(&self) {}
+}
+
+/// Keeps what the library says at this level and above, from now on.
+///
+/// # Panics
+/// When the process has a logger already.
+pub fn keep(level: LevelFilter) {
+    log::set_logger(&KEPT).expect("the process has no logger yet");
+    log::set_max_level(level);
+}
+
+/// What was said since this was asked last.
+pub fn said() -> Vec<(Level, String)> {
+    std::mem::take(&mut KEPT.0.lock().unwrap_or_else(PoisonError::into_inner))
+}
