@@ -22,26 +22,28 @@ use pairmaskd::scene::{Random, Scene, SceneName};
 use pairmaskd::stress::{FloatFlags, MixedFlags, Rounding};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-/// Enough that every CPU engine shares its rows out.
-const BOXES: usize = 4_200;
+/// Enough that every CPU engine shares boxes and rows out, and that a second thread takes part: with
+/// few, the caller has done all before the other wakes, and no flags are mixed.
+const BOXES: usize = 20_000;
 
 fn pool(threads: usize) -> ThreadPool {
     ThreadPoolBuilder::new().num_threads(threads).build().unwrap()
 }
 
-/// Boxes with edges of up to a tenth of `extent` in a cube of that extent.
+/// Boxes with edges of up to a fiftieth of `extent` in a cube of that extent.
 fn boxes_within(extent: f32, n: usize, seed: u64) -> Vec<Aabb> {
     let mut random = Random::new(seed);
     let one = |_| {
         let min: [f32; 3] = std::array::from_fn(|_| extent * random.unit());
-        let edges: [f32; 3] = std::array::from_fn(|_| 0.1 * extent * random.unit());
+        let edges: [f32; 3] = std::array::from_fn(|_| 0.02 * extent * random.unit());
         Aabb { min, max: std::array::from_fn(|axis| min[axis] + edges[axis]) }
     };
     (0..n).map(one).collect()
 }
 
-/// Extents at which coordinates and edges are subnormal, or their cells' edges are, or none.
-const EXTENTS: [f32; 5] = [1e-42, 3e-38, 4e-37, 100.0, 1e30];
+/// Extents at which coordinates and edges are subnormal, or edges of boxes and of cells are about the
+/// smallest normal number (there a thread that flushes has other cells next to the origin), or none.
+const EXTENTS: [f32; 6] = [1e-42, 3e-38, 3e-37, 6e-37, 100.0, 1e30];
 
 fn engines() -> [Box<dyn Engine>; 3] {
     [Box::new(BruteForce::new()), Box::new(SweepAndPrune::new()), Box::new(Grid::new())]

@@ -79,8 +79,10 @@ impl Lines {
         frame.around(&html! {
             @if let Some((at, name)) = level {
                 @let y = frame.y(at);
+                // Above the line, but not in the title.
+                @let name_y = if y - TAG_ROOM < AREA.top { y + TAG_ROOM } else { y - TAG_GAP };
                 line.level x1=(coordinate(AREA.left)) x2=(coordinate(END)) y1=(coordinate(y)) y2=(coordinate(y)) {}
-                text.tag x=(coordinate(END - 4.0)) y=(coordinate(y - 5.0)) text-anchor="end" { (name) }
+                text.tag x=(coordinate(END - 4.0)) y=(coordinate(name_y)) text-anchor="end" { (name) }
             }
             @for (class, line) in lines.iter().filter(|(_, line)| !line.points.is_empty()) {
                 path class=(format!("line {class}")) d=(path(line)) {}
@@ -94,6 +96,10 @@ impl Lines {
     }
 }
 
+/// Between a level and its name above it, px.
+const TAG_GAP: f64 = 5.0;
+/// What a level's name takes with its gap, px: a line of text.
+const TAG_ROOM: f64 = 14.0;
 /// How many ways of dashing the style has for lines of others.
 const DASHES: usize = 3;
 
@@ -145,6 +151,18 @@ mod tests {
         let svg = lines.draw_around(1.0, "as fast").render().into_string();
         assert!(svg.contains("as fast") && svg.matches("class=\"level\"").count() == 1, "{svg}");
         assert!(!lines.draw().render().into_string().contains("class=\"level\""));
+        // At the top of the plot the name stands under its line, not in the title.
+        let below = |level: f64| {
+            let svg = lines.draw_around(level, "as fast").render().into_string();
+            let number = |key: &str, after: &str| {
+                let text = &svg[svg.find(after).expect("a mark")..];
+                let from = text.find(key).expect("a place") + key.len();
+                let digits = text[from..].split('"').next().expect("a number");
+                digits.parse::<f64>().expect("a number")
+            };
+            number(" y=\"", "class=\"tag\"") > number(" y1=\"", "class=\"level\"")
+        };
+        assert!(below(1.0) && !below(0.3));
     }
 
     #[test]
