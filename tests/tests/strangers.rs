@@ -189,6 +189,9 @@ fn a_client_looks_through_all_directories_of_its_user() {
             command.env("XDG_RUNTIME_DIR", xdg);
         }
     };
+    let scene = own.path().join("boxes.f32");
+    let boxes = [Aabb::new([0.0; 3], [1.0; 3]), Aabb::new([0.5; 3], [2.0; 3])];
+    fs::write(&scene, bytemuck::cast_slice(&boxes)).unwrap();
     // In the directory of the login; and where there was none, asked by one that has a login.
     for (of_daemon, at) in [
         (Some(own.path()), own.path().join("pairmask")),
@@ -202,6 +205,9 @@ fn a_client_looks_through_all_directories_of_its_user() {
         let mut status = Command::new(DAEMON);
         run(status.args(["status", "--json"]), Some(own.path()));
         let output = status.output().unwrap();
+        let mut cull = Command::new(DAEMON);
+        run(cull.arg("cull").arg(&scene).args(["--backend", "daemon"]), Some(own.path()));
+        let culled = cull.output().unwrap();
         let mut second = Command::new(DAEMON);
         run(second.args(["serve", "--gpu", "none"]), Some(own.path()));
         let refused = second.output().unwrap();
@@ -210,6 +216,7 @@ fn a_client_looks_through_all_directories_of_its_user() {
         daemon.wait().unwrap();
         let _ = fs::remove_file(at.join(format!("{instance}.lock")));
         assert!(output.status.success(), "{output:?}");
+        assert!(culled.status.success(), "{}: {culled:?}", at.display());
         let said = String::from_utf8_lossy(&refused.stderr).into_owned();
         assert!(said.contains("already served"), "{}: {said}", at.display());
     }

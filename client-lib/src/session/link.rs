@@ -159,7 +159,7 @@ impl Link {
             frames: AtomicUsize::new(0),
             forms: KnownForms::of(record.version),
             told_refused: AtomicBool::new(false),
-            files: SegmentFiles::new(&settings.dir, instance),
+            files: SegmentFiles::new(&dir, instance),
             segment: Mutex::default(),
         };
         link.touch_chunks(pages);
