@@ -4,6 +4,7 @@ mod attack;
 pub mod attackers;
 pub mod conformance;
 pub mod daemon;
+pub mod frame_memory;
 pub mod gpu;
 pub mod library_log;
 pub mod mask_writer;

@@ -11,7 +11,7 @@ use super::error::CliError;
 use super::options::{DaemonOptions, Place};
 use super::whole::whole;
 use crate::audit::AuditRate;
-use crate::execute::gpu::awake::DEFAULT_HOLD;
+use crate::execute::gpu::DEFAULT_HOLD;
 use crate::serve::{DEFAULT_SPIN, ServeSettings, supervise, work};
 use crate::spawn;
 

@@ -6,9 +6,7 @@ use std::time::Duration;
 use serde::Serialize;
 
 use crate::execute::gpu::bench::grid::GridRow;
-use crate::execute::gpu::frame::{Command, Frame, Wait};
-use crate::execute::gpu::memory::{Block, Home, Part};
-use crate::execute::gpu::{Gpu, GpuError};
+use crate::execute::gpu::{Block, Command, Frame, Gpu, GpuError, Home, Part, Wait};
 
 /// What a device moves at most, by its copy engine, GB/s.
 #[derive(Clone, Copy, Debug, Serialize)]

@@ -220,6 +220,7 @@ impl Rig {
             Encoding::Dense => n.dense_words(),
             Encoding::Sparse => MaskShape::sparse(n, capacity, capacity, false).extent_words(),
         };
+        let imports = options.imports.clone();
         let mut rig = Self {
             engine: AllPairs::new(gpu, options)?,
             boxes: Segment::new(size_of_val(boxes))?,
@@ -227,9 +228,8 @@ impl Rig {
             imported: import,
         };
         rig.boxes.write(boxes);
-        for segment in [&rig.boxes, &rig.reply] {
-            let imported = import && rig.engine.import(segment.address(), segment.bytes()).is_ok();
-            rig.imported &= imported;
+        for segment in [&mut rig.boxes, &mut rig.reply] {
+            rig.imported &= import && segment.import(gpu, &imports).is_ok();
         }
         Ok(rig)
     }

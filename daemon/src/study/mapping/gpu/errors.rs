@@ -5,9 +5,7 @@ use pairmask_shaders::layouts::{MappingErrorsParams, MappingTally, RootParams, R
 use pairmask_shaders::mapping::{IdWidth, MappingStage, Root, Variant};
 
 use super::{Bench, WORD_IDS, zeroed};
-use crate::execute::gpu::GpuError;
-use crate::execute::gpu::frame::Command;
-use crate::execute::gpu::memory::{Block, Part};
+use crate::execute::gpu::{Block, Command, GpuError, Part};
 use crate::study::mapping::errors::{Coverage, Tally, counted};
 use crate::study::mapping::root_errors;
 

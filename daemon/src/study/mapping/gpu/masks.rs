@@ -9,9 +9,7 @@ use pairmask_shaders::mapping::{MappingStage, PairOutput};
 
 use super::times::median_ms;
 use super::{Bench, zeroed};
-use crate::execute::gpu::GpuError;
-use crate::execute::gpu::frame::Command;
-use crate::execute::gpu::memory::Part;
+use crate::execute::gpu::{Command, GpuError, Part};
 use crate::study::mapping::Budget;
 
 /// Who writes a word of the output.

@@ -13,10 +13,9 @@ use pairmask_shaders::Stage;
 use pairmask_shaders::constants::BATCH_BOXES;
 use pairmask_shaders::mapping::{IdWidth, MappingStage, Variant};
 
-use crate::execute::gpu::frame::{Command, Frame, Wait};
-use crate::execute::gpu::memory::{Block, Home, Part};
-use crate::execute::gpu::pipeline::Pipelines;
-use crate::execute::gpu::{Checks, Gpu, GpuError};
+use crate::execute::gpu::{
+    Block, Checks, Command, Frame, Gpu, GpuError, Home, Part, Pipelines, Wait,
+};
 
 /// A study frame that takes longer is given up: a thousand times what a GPU needs, and enough for
 /// a software adapter.
