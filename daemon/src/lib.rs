@@ -3,12 +3,14 @@
 
 pub mod audit;
 pub mod cli;
+mod clients;
 pub mod execute;
 pub mod explain;
 pub mod file_error;
 pub mod ingest;
 pub mod precision;
-pub mod publish;
+mod publish;
+pub mod requests;
 pub mod sabotage;
 pub mod scene;
 pub mod serve;

@@ -1,87 +1,103 @@
 //! Where answers go out: counted, sent, their client woken, some of them checked again.
 
-use std::time::Instant;
+use std::rc::Rc;
 
+use iceoryx2::service::ipc;
 use pairmask::engine::CullAnswer;
-use pairmask::transport::Sender;
+use pairmask::transport::Services;
 use pairmask::wire::{
-    Objects, ReplyFields, ResponseHeader, StageTimes, response_error, response_ok, response_status,
+    ResponseHeader, StageTimes, StatusBody, response_error, response_ok, response_status,
 };
 
-use super::Failure;
-use super::account::Account;
-use super::loan_reply::LoanReply;
-use super::wake::WakeBoard;
+use super::counters::Counters;
+use super::{OpenRequest, Refusal};
 use crate::audit::Auditor;
+use crate::clients::Clients;
 use crate::sabotage::lose_a_pair;
 
-/// What a request is answered with, when it is not refused.
-#[allow(clippy::large_enum_variant)] // A box would be an allocation in every frame.
-pub(super) enum Said<'a> {
-    /// The daemon's status, which the reply holds.
-    Status,
-    /// The pairs of these objects, whose mask the reply holds.
-    Answer(Objects<'a>, CullAnswer),
-}
-
 /// What every answer passes.
-pub(super) struct Desk {
-    pub(super) wake_board: WakeBoard,
-    pub(super) account: Account,
-    pub(super) auditor: Auditor,
-    pub(super) break_engine: bool,
+pub(crate) struct Outbox {
+    services: Rc<Services<ipc::Service>>,
+    clients: Clients,
+    counters: Counters,
+    auditor: Auditor,
+    break_engine: bool,
     /// Threads that the engine of the last answer could use.
-    pub(super) threads: usize,
+    threads: usize,
 }
 
-impl Desk {
-    /// Sends the answer to a request of `sender` that was taken in at `start`.
-    pub(super) fn publish(
-        &mut self,
-        sender: Sender,
-        fields: &ReplyFields,
-        mut reply: LoanReply<'_>,
-        said: Result<Said<'_>, Failure>,
-        start: Instant,
-    ) {
-        let mut audited = None;
-        let response = match said {
-            Ok(Said::Status) => response_status(fields),
-            Ok(Said::Answer(objects, mut answer)) => {
-                if self.break_engine {
-                    lose_a_pair(reply.words_mut(), &mut answer.report);
-                }
-                let shape = &answer.report.shape;
-                audited = self
-                    .auditor
-                    .draw(fields, objects.form(), shape, reply.words())
-                    .zip(Some(objects));
-                let total_ns = start.elapsed().as_nanos() as u64;
-                let times = StageTimes { total_ns, ..answer.times };
-                self.threads = answer.threads;
-                let pair_count = answer.report.pair_count;
-                self.account.note_frame(sender.session, fields, objects.form(), pair_count);
-                response_ok(fields, answer.engine, answer.threads, &answer.report, &times)
-            }
-            Err(failure) => {
-                log::debug!("client {:016x}: {}", fields.client_token, failure.text);
-                self.account.note_error(fields, failure.status);
-                response_error(fields, failure.status, failure.detail)
-            }
-        };
-        send(reply, &response);
-        self.wake_board.wake(sender, fields.client_token);
-        if let Some((window, objects)) = audited {
+impl Outbox {
+    /// To the clients of these services.
+    pub(crate) fn new(
+        services: Rc<Services<ipc::Service>>,
+        clients: Clients,
+        auditor: Auditor,
+    ) -> Self {
+        let counters = Counters::new();
+        Self { services, clients, counters, auditor, break_engine: false, threads: 1 }
+    }
+
+    /// Loses a pair of most frames from now on. For tests of the auditor.
+    pub(crate) fn break_engine(&mut self, broken: bool) {
+        self.break_engine = broken;
+    }
+
+    /// What the daemon keeps of its clients.
+    pub(crate) const fn clients(&self) -> &Clients {
+        &self.clients
+    }
+
+    /// What the daemon has done so far.
+    pub(crate) fn status(&self) -> StatusBody {
+        self.counters.body(self.services.client_count(), self.auditor.counts())
+    }
+
+    /// Threads that the engine of the last answer could use.
+    pub(crate) const fn threads(&self) -> usize {
+        self.threads
+    }
+
+    /// Answers with the pairs of the request's objects, whose mask its reply holds.
+    pub(crate) fn answer(&mut self, open: &mut OpenRequest, mut answer: CullAnswer) {
+        if self.break_engine {
+            lose_a_pair(open.words_mut(), &mut answer.report);
+        }
+        let (fields, report) = (*open.fields(), &answer.report);
+        let form = open.objects().form();
+        let audited = self.auditor.draw(&fields, form, &report.shape, open.words());
+        let total_ns = open.taken_at().elapsed().as_nanos() as u64;
+        let times = StageTimes { total_ns, ..answer.times };
+        self.threads = answer.threads;
+        self.counters.note_frame(&fields, form, report.pair_count);
+        self.clients.note_pairs(open.sender().session, report.pair_count);
+        let header = response_ok(&fields, answer.engine, answer.threads, report, &times);
+        self.send(open, &header);
+        if let Some(window) = audited {
             // The objects are ours to read as long as the request is.
-            self.auditor.submit(window, objects);
+            self.auditor.submit(window, open.objects());
         }
     }
-}
 
-fn send(reply: LoanReply<'_>, header: &ResponseHeader) {
-    // Without memory for even one page, or with a client that is gone, nobody can be told: the
-    // client's deadline ends its wait.
-    if let Err(error) = reply.send(header) {
-        log::debug!("sending a response: {error}");
+    /// Answers with the daemon's status, which the reply holds.
+    pub(crate) fn answer_status(&mut self, open: &mut OpenRequest) {
+        let header = response_status(open.fields());
+        self.send(open, &header);
+    }
+
+    /// Answers with an error.
+    pub(crate) fn refuse(&mut self, open: &mut OpenRequest, refusal: &Refusal) {
+        let fields = *open.fields();
+        log::debug!("client {:016x}: {}", fields.client_token, refusal.text);
+        self.counters.note_error(&fields, refusal.status);
+        self.send(open, &response_error(&fields, refusal.status, refusal.detail));
+    }
+
+    fn send(&mut self, open: &mut OpenRequest, header: &ResponseHeader) {
+        // Without memory for even one page, or with a client that is gone, nobody can be told: the
+        // client's deadline ends its wait.
+        if let Err(error) = open.send(header) {
+            log::debug!("sending a response: {error}");
+        }
+        self.clients.wake(open.sender(), open.fields().client_token);
     }
 }

@@ -1,0 +1,11 @@
+//! Answers on their way out: the memory of a reply, what goes with it, and who is told.
+
+mod counters;
+mod frame_memory;
+mod open_request;
+mod outbox;
+mod refusal;
+
+pub(crate) use open_request::{ObjectsPlace, OpenRequest, ReplyLender};
+pub(crate) use outbox::Outbox;
+pub(crate) use refusal::Refusal;
