@@ -8,13 +8,13 @@ use std::time::Duration;
 use super::Session;
 use super::core::Core;
 use super::error::ConnectError;
-use crate::engine::{EngineChoice, UnknownName};
-use crate::mask::EncodingChoice;
-use crate::plan::CalibrationChoice;
 #[cfg(feature = "daemon")]
 use crate::transport::RuntimeDir;
-use crate::transport::{InstanceError, InstanceName};
-use crate::units::BoxCount;
+use pairmask_core::engine::{EngineChoice, UnknownName};
+use pairmask_core::mask::EncodingChoice;
+use pairmask_core::plan::CalibrationChoice;
+use pairmask_core::units::BoxCount;
+use pairmask_wire::{InstanceError, InstanceName};
 
 /// Who finds the pairs. The results are identical.
 ///

@@ -2,9 +2,10 @@
 
 use std::time::Duration;
 
-use crate::engine::CullError;
-use crate::transport::{InstanceError, InstanceName, PopulateError, TransportError};
-use crate::wire::{ReplyError, Version};
+use crate::transport::{PopulateError, TransportError};
+use pairmask_core::engine::CullError;
+use pairmask_wire::{InstanceError, InstanceName};
+use pairmask_wire::{ReplyError, Version};
 
 /// Why there is no session.
 #[derive(Clone, Debug, thiserror::Error)]

@@ -15,9 +15,9 @@ use rayon::prelude::*;
 use super::Session;
 use super::error::{FrameError, WaitError};
 use super::pairs::PairMask;
-use crate::aabb::{Aabb, BoxClass, KeyBox, order_key};
-use crate::floats;
-use crate::precision::{Precision, Widening, outward, step_of_f32};
+use pairmask_core::aabb::{Aabb, BoxClass, KeyBox, order_key};
+use pairmask_core::floats;
+use pairmask_core::precision::{Precision, Widening, outward, step_of_f32};
 
 /// Boxes that one task looks at: fewer take less time than a task costs.
 const TASK_BOXES: usize = 16_384;

@@ -48,8 +48,8 @@ pub use sphere::SphereFrame;
 
 use std::sync::Arc;
 
-use crate::precision::Precision;
-use crate::wire::StatusBody;
+use pairmask_core::precision::Precision;
+use pairmask_wire::StatusBody;
 
 /// A client's connection to whoever finds its pairs.
 ///
@@ -110,7 +110,7 @@ impl Session {
     }
 
     /// As [`frame`](Self::frame), for bounding spheres, 16 bytes each, in place of boxes. The mask is
-    /// that of the spheres, exact: [`sphere`](crate::sphere) says what overlaps.
+    /// that of the spheres, exact: [`sphere`](pairmask_core::sphere) says what overlaps.
     ///
     /// A daemon that is too old to know spheres is no daemon for them: with [`Backend::Auto`] their
     /// frames are answered in process, which the log says once for each connection. Engines of a

@@ -13,7 +13,7 @@ use super::forms::KnownForms;
 use crate::transport::{
     CheckedResponse, Never, OwnRequest, ResponseSample, SentRequest, TransportError,
 };
-use crate::wire::{ReplyError, RequestHeader, ResponseHeader};
+use pairmask_wire::{ReplyError, RequestHeader, ResponseHeader};
 
 /// A connection to one daemon process.
 #[derive(Debug)]

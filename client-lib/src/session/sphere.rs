@@ -3,8 +3,8 @@
 use super::error::FrameError;
 use super::frame::Filling;
 use super::pending::PendingFrame;
-use crate::sphere::Sphere;
-use crate::units::BoxCount;
+use pairmask_core::sphere::Sphere;
+use pairmask_core::units::BoxCount;
 
 /// Memory for the spheres of one frame.
 ///
