@@ -120,10 +120,11 @@ impl SessionBuilder {
         self
     }
 
-    /// Where instances live; as [`RuntimeDir::from_env`] finds, unless set.
+    /// The directory where instances live; unless set, `$PAIRMASK_RUNTIME_DIR`, else `pairmask` in
+    /// `$XDG_RUNTIME_DIR`, else `/tmp/pairmask-UID`.
     #[cfg(feature = "daemon")]
-    pub fn runtime_dir(mut self, dir: RuntimeDir) -> Self {
-        self.settings.dir = dir;
+    pub fn runtime_dir(mut self, dir: impl Into<RuntimeDir>) -> Self {
+        self.settings.dir = dir.into();
         self
     }
 

@@ -36,6 +36,7 @@ impl ServedBy {
 
 /// What is known of an answered frame beside its pairs.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct FrameInfo {
     /// Who answered.
     pub served_by: ServedBy,

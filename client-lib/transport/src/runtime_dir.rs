@@ -80,6 +80,12 @@ impl RuntimeDir {
     }
 }
 
+impl<P: AsRef<Path>> From<P> for RuntimeDir {
+    fn from(path: P) -> Self {
+        Self::at(path.as_ref())
+    }
+}
+
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {

@@ -9,10 +9,10 @@
 //! | [`Precision::Q8`] | 6 | one cell, 1/256 of the bounds, on each axis; any gap beyond the bounds |
 //! | [`Precision::F16`] | 12 | 1/512 of the larger coordinate's magnitude, or 2⁻²³; any gap beyond ±65,504 |
 //! | [`Aabb::outward_from_f64`] | 24 | a step of f32 at each face, at its distance from the origin |
-//! | [`Margined`](crate::session::Margined) | any | twice the margin, two steps of f32 at each face, and what the form adds |
+//! | [`Margin`] | any | twice the margin, two steps of f32 at each face, and what the form adds |
 //!
 //! A step of f32 at x is 2⁻²³ of x at most: 0.12 at 10⁶ units. [`Widening::gap_limit`] and
-//! [`Margin::gap_limit`](crate::session::Margin::gap_limit) give the gap for two faces, all of that
+//! [`Margin::gap_limit`] give the gap for two faces, all of that
 //! included; `pairmaskd stress` holds every extra pair of every mode to it.
 //!
 //! # Why no pair is lost
@@ -35,6 +35,7 @@ mod bounds;
 mod exact;
 mod f16;
 mod form;
+mod margin;
 mod narrow;
 mod origin;
 mod quantize;
@@ -43,11 +44,10 @@ mod widening;
 
 pub use bounds::{Bounds, BoundsError};
 pub use form::{BoxForm, Precision};
-pub use narrow::Encoder;
-pub use narrow::{BoxF16, BoxQ8, BoxQ16, ExpandScratch, NarrowBoxes};
+pub use margin::{Margin, MarginError};
+pub use narrow::{BoxF16, BoxQ8, BoxQ16, Encoder, ExpandScratch, NarrowBoxes};
 pub use quantize::Quantizer;
 pub use widening::Widening;
-pub use widening::{outward, step_of_f32};
 
 #[cfg(doc)]
 use crate::aabb::Aabb;

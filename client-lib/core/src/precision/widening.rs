@@ -67,7 +67,7 @@ impl Widening {
 
     /// As [`gap_limit`](Self::gap_limit), for faces that are somewhere between two places, the second of
     /// which is farther outward. With the default flags, up to rounding.
-    pub fn gap_between(&self, axis: usize, ends: [f64; 2], starts: [f64; 2]) -> f64 {
+    pub(crate) fn gap_between(&self, axis: usize, ends: [f64; 2], starts: [f64; 2]) -> f64 {
         let common = match self {
             Self::Cells { size, .. } => size[axis],
             Self::None | Self::Relative { .. } | Self::Origin(_) => 0.0,
@@ -109,14 +109,14 @@ const LARGEST: f64 = f32::MAX as f64;
 
 /// The distance between neighbouring f32 of magnitude up to `x`, or more: 2⁻²³ of it, and 2⁻¹⁴⁹ at
 /// least. A millionth of that is added for `x` itself being rounded.
-pub fn step_of_f32(x: f64) -> f64 {
+pub(super) fn step_of_f32(x: f64) -> f64 {
     const SHARE: f64 = (1.0 + 1e-6) / (1u64 << 23) as f64;
     const LEAST: f64 = f64::from_bits((1023 - 149) << 52);
     (x.abs() * SHARE).max(LEAST)
 }
 
 /// A sum of a few terms, none below 0, moved up by more than rounding took from it.
-pub fn outward(sum: f64) -> f64 {
+pub(super) fn outward(sum: f64) -> f64 {
     sum * (1.0 + 16.0 * f64::EPSILON)
 }
 

@@ -17,7 +17,7 @@
 //! pair; [`SphereFilter`] lets a box engine find the candidates and tests those; [`SphereEngines`]
 //! chooses between the two. All write the same pair masks as the box engines do.
 //!
-//! Sessions take spheres in place of boxes: [`Session::sphere_frame`](crate::Session::sphere_frame).
+//! Sessions take spheres in place of boxes: `Session::sphere_frame`.
 
 mod all_pairs;
 mod bounds;
