@@ -5,16 +5,17 @@ use std::str::FromStr;
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::Session;
-use super::core::Core;
-use super::error::ConnectError;
-#[cfg(feature = "daemon")]
-use crate::transport::RuntimeDir;
 use pairmask_core::engine::{EngineChoice, UnknownName};
 use pairmask_core::mask::EncodingChoice;
 use pairmask_core::plan::CalibrationChoice;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{InstanceError, InstanceName};
+
+use super::Session;
+use super::core::Core;
+use super::error::ConnectError;
+#[cfg(feature = "daemon")]
+use crate::transport::RuntimeDir;
 
 /// Who finds the pairs. The results are identical.
 ///

@@ -2,10 +2,10 @@
 
 use std::time::Duration;
 
-use crate::transport::{PopulateError, TransportError};
 use pairmask_core::engine::CullError;
-use pairmask_wire::{InstanceError, InstanceName};
-use pairmask_wire::{ReplyError, Version};
+use pairmask_wire::{InstanceError, InstanceName, ReplyError, Version};
+
+use crate::transport::{PopulateError, TransportError};
 
 /// Why there is no session.
 #[derive(Clone, Debug, thiserror::Error)]

@@ -3,19 +3,18 @@
 use std::sync::Arc;
 
 use bytemuck::Pod;
+use pairmask_core::aabb::Aabb;
+use pairmask_core::objects::{ObjectForm, Objects};
+use pairmask_core::precision::{NarrowBoxes, Precision, Widening};
+use pairmask_core::sphere::Sphere;
+use pairmask_core::units::BoxCount;
+use pairmask_wire::{Page, boxes_in, boxes_in_mut, bytes_in_mut, spheres_in, spheres_in_mut};
 
 use super::core::Core;
 use super::error::FrameError;
 use super::link::SharedFrame;
 use super::local::Spares;
 use super::pending::PendingFrame;
-use pairmask_core::aabb::Aabb;
-use pairmask_core::objects::{ObjectForm, Objects};
-use pairmask_core::precision::{NarrowBoxes, Precision, Widening};
-use pairmask_core::sphere::Sphere;
-use pairmask_core::units::BoxCount;
-use pairmask_wire::Page;
-use pairmask_wire::{boxes_in, boxes_in_mut, bytes_in_mut, spheres_in, spheres_in_mut};
 
 /// Memory for the boxes of one frame.
 ///

@@ -10,6 +10,11 @@ use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::service::ipc_threadsafe;
+use pairmask_core::precision::BoxForm;
+use pairmask_core::spinner::Spinner;
+use pairmask_wire::{
+    InstanceError, PAGE_BYTES, ReplyError, RequestHeader, ResponseHeader, Version, page_count,
+};
 
 use super::builder::{Backend, Settings};
 use super::error::{ConnectError, FrameError};
@@ -21,10 +26,6 @@ use crate::transport::{
     Populated, ProcessWatch, ResponseSample, Segment, SegmentFiles, SentRequest, Services,
     TransportError, foreign_owner, quiet_transport_log,
 };
-use pairmask_core::precision::BoxForm;
-use pairmask_core::spinner::Spinner;
-use pairmask_wire::InstanceError;
-use pairmask_wire::{PAGE_BYTES, ReplyError, RequestHeader, ResponseHeader, Version, page_count};
 
 /// A waiter looks at the daemon's pulse this often, and at its own response even if another
 /// thread of the session took the wake-up.

@@ -2,9 +2,6 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use super::builder::Settings;
-use super::frame::Written;
-use super::pairs::{PairMask, ServedBy, Storage};
 use pairmask_core::aabb::Aabb;
 use pairmask_core::engine::{CpuEngines, CullError, CullWish, HeapReply};
 use pairmask_core::objects::Objects;
@@ -13,6 +10,10 @@ use pairmask_core::precision::ExpandScratch;
 use pairmask_core::sphere::{Sphere, SphereWays};
 use pairmask_core::units::BoxCount;
 use pairmask_wire::Reply;
+
+use super::builder::Settings;
+use super::frame::Written;
+use super::pairs::{PairMask, ServedBy, Storage};
 
 /// Buffers that are kept: two frames under way, one being filled, and as many masks held.
 const KEPT_BUFFERS: usize = 4;

@@ -7,13 +7,13 @@
 //! That a box lies within its inflated self is decided by comparing integer keys, so rounding has
 //! no part in the proof. Rounding decides only how long an answer is kept ([`Margin::inflate`]).
 
+use pairmask_core::aabb::{Aabb, KeyBox};
+use pairmask_core::precision::{Margin, Precision};
 use rayon::prelude::*;
 
 use super::Session;
 use super::error::{FrameError, WaitError};
 use super::pairs::PairMask;
-use pairmask_core::aabb::{Aabb, KeyBox};
-use pairmask_core::precision::{Margin, Precision};
 
 /// Boxes that one task looks at: fewer take less time than a task costs.
 const TASK_BOXES: usize = 16_384;

@@ -2,18 +2,17 @@
 
 use std::sync::Arc;
 
-use super::frame::Written;
-use super::link::Slot;
-use super::local::Local;
-use crate::transport::{CheckedResponse, SentRequest};
-use pairmask_core::engine::StageTimes;
-use pairmask_core::engine::{Census, EngineId, HeapReply, SkipMeter};
+use pairmask_core::engine::{Census, EngineId, HeapReply, SkipMeter, StageTimes};
 use pairmask_core::mask::{Encoding, MaskShape, MaskView, Pairs, ParPairs, Words};
 use pairmask_core::objects::ObjectForm;
 use pairmask_core::precision::Widening;
 use pairmask_core::units::BoxCount;
-use pairmask_wire::Reply;
-use pairmask_wire::words_in;
+use pairmask_wire::{Reply, words_in};
+
+use super::frame::Written;
+use super::link::Slot;
+use super::local::Local;
+use crate::transport::{CheckedResponse, SentRequest};
 
 /// Who answered a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

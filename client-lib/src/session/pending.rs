@@ -3,6 +3,15 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use pairmask_core::engine::CullError;
+use pairmask_core::mask::MaskView;
+use pairmask_core::objects::Objects;
+use pairmask_core::units::BoxCount;
+use pairmask_wire::{
+    Page, Reply, ReplyError, ReplyFields, RequestHeader, ResponseHeader, StatusCode, objects_in,
+    words_in,
+};
+
 use super::core::{Core, Loss};
 use super::error::{FrameError, WaitError};
 use super::estimate::Answered;
@@ -10,14 +19,6 @@ use super::frame::Written;
 use super::link::{Received, SharedFrame, Slot, Unsent};
 use super::pairs::{PairMask, ServedBy, Storage};
 use crate::transport::{CheckedResponse, SentRequest};
-use pairmask_core::engine::CullError;
-use pairmask_core::mask::MaskView;
-use pairmask_core::objects::Objects;
-use pairmask_core::units::BoxCount;
-use pairmask_wire::{
-    Page, Reply, ReplyError, ReplyFields, RequestHeader, ResponseHeader, StatusCode,
-};
-use pairmask_wire::{objects_in, words_in};
 
 /// A frame that was submitted. Dropping it gives the answer up.
 pub struct PendingFrame {

@@ -8,12 +8,11 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use bytemuck::{Pod, Zeroable};
+use pairmask_wire::{InstanceError, InstanceName, StatusBody};
 use rustix::time::{ClockId, clock_gettime};
 
 use crate::instance::RuntimeDir;
 use crate::trust::{read_own, replace_own};
-use pairmask_wire::StatusBody;
-use pairmask_wire::{InstanceError, InstanceName};
 
 /// "PMAC" in memory order.
 const MAGIC: u32 = u32::from_le_bytes(*b"PMAC");

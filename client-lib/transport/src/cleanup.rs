@@ -6,10 +6,10 @@ use std::time::Duration;
 use iceoryx2::node::{Node, NodeState};
 use iceoryx2::prelude::CallbackProgression;
 use iceoryx2::service::ipc;
+use pairmask_wire::InstanceName;
 
 use crate::instance::{RuntimeDir, SHM_DIR};
 use crate::services::{TransportError, config};
-use pairmask_wire::InstanceName;
 
 /// Removes everything of an instance where no process lives that uses it: before it is served, and
 /// after. Call with the instance's lock held and no record in place, so that no client connects

@@ -6,10 +6,11 @@ use std::io::Read;
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 
+use pairmask_wire::InstanceName;
+
 use crate::instance::{DaemonRecord, RECORD_BYTES, RuntimeDir};
 use crate::runtime_dir::{DEFAULT_PREFIX, USERS_RUN_DIR};
 use crate::trust::open_plain;
-use pairmask_wire::InstanceName;
 
 /// Another user who serves an instance of this name under a default directory, if there is one.
 pub fn foreign_owner(name: &InstanceName) -> Option<u32> {

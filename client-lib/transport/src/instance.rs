@@ -10,18 +10,14 @@ use std::fs::{self, File, OpenOptions};
 use std::io::Write;
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
+use pairmask_wire::{InstanceError, InstanceName, Version};
 use rustix::fs::{FlockOperation, flock};
 
 use crate::liveness::ProcessWatch;
-use crate::trust::{Others, check_directory, check_file, open_plain, read_own, replace_own};
-use pairmask_wire::Version;
-use pairmask_wire::{InstanceError, InstanceName};
-
-pub(super) fn io_error(path: &Path) -> impl FnOnce(std::io::Error) -> InstanceError + '_ {
-    move |source| InstanceError::Io { path: path.to_owned(), source: Arc::new(source) }
-}
+use crate::trust::{
+    Others, check_directory, check_file, io_error, open_plain, read_own, replace_own,
+};
 
 /// The directory that holds a user's instances.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -24,9 +24,10 @@ pub use foreign::foreign_owner;
 pub use instance::{DaemonRecord, InstanceLock, RuntimeDir};
 pub use liveness::{ProcessWatch, process_name};
 pub use loans::{assume_pages, assume_response_pages};
-pub use memory::{PopulateError, Populated, populate};
+pub use memory::{Populated, populate};
 pub use message::{CheckedRequest, CheckedResponse, ForgedRequest};
 pub use own_request::{OwnRequest, SentRequest};
+pub use room::PopulateError;
 pub use segment::{Segment, SegmentFiles};
 pub use services::{
     ActiveRequest, Client, ClientNode, ClientPort, DaemonNode, FRAMES_AT_A_TIME, JANITOR_INTERVAL,

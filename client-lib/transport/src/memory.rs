@@ -3,19 +3,11 @@
 
 use std::collections::HashMap;
 
+use pairmask_wire::PAGE_BYTES;
 use rustix::io::Errno;
 use rustix::mm::{Advice, madvise};
 
-use crate::room;
-use pairmask_wire::PAGE_BYTES;
-
-/// The system has no memory for these pages.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("no shared memory for {bytes} bytes: free space in /dev/shm or make it larger")]
-pub struct PopulateError {
-    /// Bytes asked for.
-    pub bytes: u64,
-}
+use crate::room::{self, PopulateError};
 
 /// Gives every page of `memory` a frame now, so that a full /dev/shm is an error here and not a
 /// SIGBUS at the first write, and so that no frame pays for page faults (24 MB cost 23 to 33 ms at

@@ -7,10 +7,10 @@
 use std::ptr;
 
 use iceoryx2::service::header::payload_header::PayloadHeader;
+use pairmask_wire::{PAGE_BYTES, Page, RequestHeader, ResponseHeader};
 
 use crate::segment::Segment;
 use crate::services::{ActiveRequest, ResponseSample};
-use pairmask_wire::{PAGE_BYTES, Page, RequestHeader, ResponseHeader};
 
 /// Where a payload begins, by the transport's own layout: with the first page behind the headers.
 pub(super) fn payload_behind<H>(user_header: *const H) -> usize {

@@ -7,10 +7,11 @@
 
 use std::{ptr, slice};
 
+use pairmask_wire::{Page, RequestHeader};
+
 use crate::loans::assume_pages;
 use crate::message::payload_behind;
 use crate::services::{ClientPort, PendingResponse, RequestLoan, ResponseSample, TransportError};
-use pairmask_wire::{Page, RequestHeader};
 
 /// Memory for a request.
 pub struct OwnRequest {

@@ -11,7 +11,14 @@
 use rustix::fs::{StatVfs, statvfs};
 
 use crate::instance::SHM_DIR;
-use crate::memory::PopulateError;
+
+/// The system has no memory for these pages.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("no shared memory for {bytes} bytes: free space in /dev/shm or make it larger")]
+pub struct PopulateError {
+    /// Bytes asked for.
+    pub bytes: u64,
+}
 
 /// Room that making ports takes at most: those of a client write to 10 pages, in the client and in
 /// the daemon, and a daemon's to 7. Three times that, for larger `--max-clients`.

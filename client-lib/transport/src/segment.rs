@@ -9,8 +9,9 @@
 use std::fs::{File, Metadata};
 use std::os::unix::fs::MetadataExt;
 
-use crate::instance::RuntimeDir;
 use pairmask_wire::InstanceName;
+
+use crate::instance::RuntimeDir;
 
 /// A message of this size has its segment's file measured again, bytes. Measuring takes up to 1 µs,
 /// which is 1 % of a frame of this size at most; smaller ones are held to what was measured first.

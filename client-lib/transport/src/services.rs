@@ -14,19 +14,17 @@ use iceoryx2::prelude::{
     AllocationStrategy, BackpressureStrategy, FileName, Path, SemanticString, ServiceName,
     SignalHandlingMode,
 };
-use iceoryx2::service::Service;
 use iceoryx2::service::builder::event::EventOpenOrCreateError;
 use iceoryx2::service::builder::request_response::{
     RequestResponseOpenError, RequestResponseOpenOrCreateError,
 };
 use iceoryx2::service::port_factory::client::ClientCreateError;
 use iceoryx2::service::port_factory::{event, request_response};
-use iceoryx2::service::{ipc, ipc_threadsafe};
+use iceoryx2::service::{Service, ipc, ipc_threadsafe};
+use pairmask_wire::{InstanceName, Page, RequestHeader, ResponseHeader};
 
 use crate::instance::RuntimeDir;
 use crate::room;
-use pairmask_wire::InstanceName;
-use pairmask_wire::{Page, RequestHeader, ResponseHeader};
 
 /// A node of a client. Sessions may move between threads.
 pub type ClientNode = Node<ipc_threadsafe::Service>;

@@ -5,11 +5,15 @@ use std::fs::{self, File, Metadata, OpenOptions};
 use std::io::{ErrorKind, Read};
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::Path;
+use std::sync::Arc;
 
+use pairmask_wire::InstanceError;
 use rustix::fs::OFlags;
 
-use crate::instance::io_error;
-use pairmask_wire::InstanceError;
+/// The error of a file that the system refuses.
+pub(super) fn io_error(path: &Path) -> impl FnOnce(std::io::Error) -> InstanceError + '_ {
+    move |source| InstanceError::Io { path: path.to_owned(), source: Arc::new(source) }
+}
 
 /// Mode bits of a file that others than its owner may write to.
 const OTHERS_WRITE: u32 = 0o022;

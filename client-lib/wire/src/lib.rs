@@ -13,6 +13,7 @@ mod reply;
 mod request;
 mod section;
 mod status;
+mod status_code;
 
 pub use name::{InstanceError, InstanceName};
 pub use page::{PAGE_BYTES, Page, page_count};
@@ -20,12 +21,11 @@ pub use pages::{
     boxes_in, boxes_in_mut, bytes_in_mut, narrow_boxes_in, objects_in, spheres_in, spheres_in_mut,
     words_in, words_in_mut,
 };
-pub use reply::{
-    Reply, ReplyError, ReplyFields, ResponseHeader, response_error, response_ok, response_status,
-};
+pub use reply::{Reply, ReplyError, ReplyFields, ResponseHeader, response_error, response_ok};
 pub use request::{Operation, Reject, Request, RequestHeader};
 pub use section::{SECTION_COUNT, Section, SectionKind};
-pub use status::{AuditCounts, LAST_ERRORS, RecordedError, StatusBody, StatusCode};
+pub use status::{AuditCounts, LAST_ERRORS, RecordedError, StatusBody, response_status};
+pub use status_code::StatusCode;
 
 use pairmask_core::objects::ObjectForm;
 use pairmask_core::precision::BoxForm;

@@ -1,7 +1,6 @@
 //! Pages as boxes, spheres and words.
 
 use bytemuck::{AnyBitPattern, Pod};
-
 use pairmask_core::aabb::Aabb;
 use pairmask_core::objects::{ObjectForm, Objects};
 use pairmask_core::precision::{BoxForm, NarrowBoxes};

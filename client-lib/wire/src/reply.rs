@@ -3,15 +3,15 @@
 use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
-
-use crate::section::{SECTION_COUNT, Section, SectionKind, find, find_unknown};
-use crate::status::{StatusBody, StatusCode};
-use crate::{RESPONSE_MAGIC, VERSION_MAJOR, VERSION_MINOR};
 use pairmask_core::engine::{
     Census, CullReport, EngineId, EngineName, NAMED_INVALID, SkipMeter, StageTimes,
 };
 use pairmask_core::mask::{Encoding, MaskShape, Span};
 use pairmask_core::units::BoxCount;
+
+use crate::section::{SECTION_COUNT, Section, SectionKind, find, find_unknown};
+use crate::status_code::StatusCode;
+use crate::{RESPONSE_MAGIC, VERSION_MAJOR, VERSION_MINOR};
 
 /// Header of a response, 432 bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
@@ -78,7 +78,8 @@ pub struct ReplyFields {
     pub box_count: BoxCount,
 }
 
-fn envelope(fields: &ReplyFields, status: StatusCode) -> ResponseHeader {
+/// A header with what every response echoes and nothing else.
+pub(crate) fn envelope(fields: &ReplyFields, status: StatusCode) -> ResponseHeader {
     ResponseHeader {
         magic: RESPONSE_MAGIC,
         version_major: VERSION_MAJOR,
@@ -132,14 +133,6 @@ pub fn response_ok(
             }
         }
     }
-    header
-}
-
-/// The header of an answered status request, its body at the start of the payload.
-pub fn response_status(fields: &ReplyFields) -> ResponseHeader {
-    let mut header = envelope(fields, StatusCode::Ok);
-    let bytes = size_of::<StatusBody>() as u64;
-    header.sections[0] = Section::required(SectionKind::Status, 0, bytes);
     header
 }
 

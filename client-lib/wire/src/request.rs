@@ -3,14 +3,14 @@
 use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
-
-use crate::section::{SECTION_COUNT, Section, SectionKind};
-use crate::status::StatusCode;
-use crate::{REQUEST_MAGIC, VERSION_MAJOR, VERSION_MINOR, Version};
 use pairmask_core::engine::{EngineChoice, EngineName};
 use pairmask_core::mask::{Encoding, EncodingChoice};
 use pairmask_core::objects::ObjectForm;
 use pairmask_core::units::BoxCount;
+
+use crate::section::{SECTION_COUNT, Section, SectionKind};
+use crate::status_code::StatusCode;
+use crate::{REQUEST_MAGIC, VERSION_MAJOR, VERSION_MINOR, Version};
 
 /// Header of a request, 272 bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]

@@ -1,66 +1,12 @@
-//! Status codes of responses, and the daemon's account of itself.
+//! What the daemon says of itself.
 
 use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::reply::{Reply, ReplyError, ReplyFields, ResponseHeader};
-use crate::section::{SectionKind, find};
-
-/// How a request went.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-#[repr(u32)]
-pub enum StatusCode {
-    /// Answered.
-    Ok = 0,
-    /// The request cannot be understood.
-    BadRequest = 1,
-    /// Another major version of the wire contract.
-    VersionMismatch = 2,
-    /// More boxes than the engine takes. `detail` holds the boxes given and allowed.
-    TooManyBoxes = 3,
-    /// The mask does not fit. `detail` holds the bytes needed and allowed.
-    ReplyTooLarge = 4,
-    /// The daemon has no shared memory left. `detail` holds the bytes needed.
-    OutOfMemory = 5,
-    /// The engine asked for is not to be had here. `detail` holds its number.
-    EngineUnavailable = 6,
-    /// The engine failed in a way that no other code names.
-    EngineFailed = 7,
-}
-
-impl StatusCode {
-    /// Every code, in the order of their numbers.
-    pub const ALL: [Self; 8] = [
-        Self::Ok,
-        Self::BadRequest,
-        Self::VersionMismatch,
-        Self::TooManyBoxes,
-        Self::ReplyTooLarge,
-        Self::OutOfMemory,
-        Self::EngineUnavailable,
-        Self::EngineFailed,
-    ];
-
-    /// The code of a wire number, if there is one.
-    pub fn from_wire(value: u32) -> Option<Self> {
-        Self::ALL.into_iter().find(|c| *c as u32 == value)
-    }
-
-    /// A short name for reports.
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Self::Ok => "ok",
-            Self::BadRequest => "bad-request",
-            Self::VersionMismatch => "version-mismatch",
-            Self::TooManyBoxes => "too-many-boxes",
-            Self::ReplyTooLarge => "reply-too-large",
-            Self::OutOfMemory => "out-of-memory",
-            Self::EngineUnavailable => "engine-unavailable",
-            Self::EngineFailed => "engine-failed",
-        }
-    }
-}
+use crate::reply::{Reply, ReplyError, ReplyFields, ResponseHeader, envelope};
+use crate::section::{Section, SectionKind, find};
+use crate::status_code::StatusCode;
 
 /// Errors that the daemon remembers.
 pub const LAST_ERRORS: usize = 8;
@@ -101,7 +47,7 @@ pub struct AuditCounts {
     pub extra: u64,
 }
 
-/// The daemon's account of itself: the payload of a status response.
+/// What the daemon says of itself: the payload of a status response.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 #[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("pairmask.StatusBody"))]
@@ -150,6 +96,14 @@ impl StatusBody {
         let start = section.offset as usize;
         Ok(bytemuck::pod_read_unaligned(&payload[start..start + size_of::<Self>()]))
     }
+}
+
+/// The header of an answered status request, its body at the start of the payload.
+pub fn response_status(fields: &ReplyFields) -> ResponseHeader {
+    let mut header = envelope(fields, StatusCode::Ok);
+    let bytes = size_of::<StatusBody>() as u64;
+    header.sections[0] = Section::required(SectionKind::Status, 0, bytes);
+    header
 }
 
 const _: () = assert!(size_of::<AuditCounts>() == 48);

@@ -3,20 +3,18 @@
 
 use bytemuck::Zeroable;
 use pairmask_core::Aabb;
-use pairmask_core::engine::StageTimes;
 use pairmask_core::engine::{
-    Census, CullReport, EngineChoice, EngineId, EngineName, EngineTimes, SkipMeter,
+    Census, CullReport, EngineChoice, EngineId, EngineName, EngineTimes, SkipMeter, StageTimes,
 };
 use pairmask_core::mask::{Encoding, EncodingChoice, MaskShape, MaskView};
 use pairmask_core::objects::ObjectForm;
 use pairmask_core::precision::{Bounds, BoxF16, BoxForm, Quantizer};
 use pairmask_core::sphere::Sphere;
 use pairmask_core::units::BoxCount;
-use pairmask_wire::objects_in;
 use pairmask_wire::{
     AuditCounts, LAST_ERRORS, Page, RecordedError, Reject, Reply, ReplyError, ReplyFields, Request,
     RequestHeader, ResponseHeader, Section, SectionKind, StatusBody, StatusCode, Version,
-    response_error, response_ok, response_status,
+    objects_in, response_error, response_ok, response_status,
 };
 use proptest::prelude::*;
 
