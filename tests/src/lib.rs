@@ -8,6 +8,7 @@ pub mod frame_memory;
 pub mod gpu;
 pub mod library_log;
 pub mod mask_writer;
+pub mod module_graph;
 pub mod narrow;
 pub mod pair_scenes;
 pub mod peers;
