@@ -121,6 +121,7 @@ impl Watcher {
     }
 
     fn word(&self, place: usize) -> *mut u32 {
-        self.0.pointer().as_ptr().cast::<u32>().wrapping_add(place)
+        let first: *mut u32 = self.0.pointer().as_ptr().cast();
+        first.wrapping_add(place)
     }
 }

@@ -6,6 +6,7 @@ use pairmask::engine::{CullError, CullJob, CullReport, Engine, Grid as CpuGrid, 
 use pairmask::mask::MaskShape;
 use pairmask::precision::NarrowBoxes;
 use pairmask::{Aabb, Bounds, BoxCount, Encoding, Precision};
+use pairmask_shaders::mirror;
 use pairmask_tests::conformance::{Suite, check_engine, check_reply};
 use pairmask_tests::daemon::eventually;
 use pairmask_tests::frame_memory::TestFrame;
@@ -14,7 +15,7 @@ use pairmask_tests::narrow::NarrowMemory;
 use pairmask_tests::oracle::{self, pair_set_hash};
 use pairmask_tests::{naive_decoder, stress_scenes};
 use pairmaskd::execute::gpu::{
-    Awake, Checks, DEFAULT_HOLD, Grid, GridOptions, HostImport, Upload, mirror,
+    Awake, Checks, DEFAULT_HOLD, Grid, GridOptions, HostImport, Upload, grid_layout,
 };
 
 fn engine(options: &GridOptions) -> Grid {
@@ -49,7 +50,7 @@ fn cull(engine: &mut dyn Engine, boxes: &[Aabb]) -> (CullReport, HeapReply) {
 fn check_bytes<'a>(engine: &mut Grid, boxes: impl Into<NarrowBoxes<'a>>, what: &str) {
     let boxes = boxes.into();
     let (report, reply) = cull_narrow(engine, boxes);
-    let mirrored = mirror::frame(boxes);
+    let mirrored = mirror::frame(&grid_layout(boxes), boxes);
     let MaskShape::Sparse { rows, blocks, bits, order } = report.shape else {
         panic!("{what}: not sparse")
     };

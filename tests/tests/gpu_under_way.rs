@@ -66,7 +66,9 @@ impl Rig {
 
 /// Nobody writes to a reply that was given back.
 fn stays_ours(watchers: &[Watcher]) {
-    watchers.iter().for_each(|watcher| watcher.fill(OURS));
+    for watcher in watchers {
+        watcher.fill(OURS);
+    }
     std::thread::sleep(A_WHILE);
     assert!(watchers.iter().all(|watcher| watcher.is_all(OURS)), "the GPU still writes");
 }

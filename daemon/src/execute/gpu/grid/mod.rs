@@ -13,14 +13,14 @@
 //! submission.
 //!
 //! Same boxes, same bytes: positions are by cell and index, words by row and block, and neither the
-//! order in which threads come nor earlier frames show. ([`mirror`] is the same on the CPU.)
+//! order in which threads come nor earlier frames show. ([`mirror`](pairmask_shaders::mirror) is the
+//! same on the CPU.)
 //!
 //! Scenes that crowd a cell beyond a budget, or dense masks, are the all-pairs engine's.
 
 mod axis;
 mod lane;
 mod layout;
-pub mod mirror;
 pub mod plan;
 mod sample;
 mod scratch;
@@ -33,6 +33,7 @@ use std::sync::Arc;
 use pairmask::engine::{CullError, CullJob, CullReport, Engine, ReplyBuffer};
 use pairmask::precision::NarrowBoxes;
 use pairmask::{Aabb, BoxCount, BoxForm, Encoding, EngineName};
+use pairmask_shaders::layouts::GridLayout;
 use pairmask_shaders::{GridStage, Stage};
 
 use self::lane::{Ended, Lane, Tools};
@@ -53,9 +54,14 @@ use crate::execute::frame_memory::Borrowed;
 
 pub use self::under_way::GridUnderWay;
 
+/// The levels that a scene gets. For measurements, and for the stages' mirror.
+pub fn grid_layout(boxes: NarrowBoxes<'_>) -> GridLayout {
+    Chooser::default().choose(boxes)
+}
+
 /// Cells that a scene gets, all levels together. For measurements.
 pub fn cell_count(boxes: &[Aabb]) -> u32 {
-    Chooser::default().choose(boxes.into()).cell_end
+    grid_layout(boxes.into()).cell_end
 }
 
 /// How the engine works. The default is what the daemon uses.
