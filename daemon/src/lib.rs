@@ -1,4 +1,4 @@
-//! The pairmask daemon as a library: ingest, execute, publish, and what the command line, the
+//! The pairmask daemon as a library: ingest, requests, execute, publish, and what the command line, the
 //! benches and the tests share.
 
 pub mod audit;
