@@ -15,7 +15,7 @@ use pairmask::sphere::Sphere;
 ///
 /// ```
 /// use pairmask::sphere::Sphere;
-/// use pairmaskd::study::spheres::oracle::overlap;
+/// use pairmaskd::audit::sphere_oracle::overlap;
 /// let a = Sphere::new([0.0, 0.0, 0.0], 1.0);
 /// assert!(overlap(&a, &Sphere::new([2.0, 3.0, 6.0], 6.0)));
 /// assert!(!overlap(&a, &Sphere::new([2.0, 3.0, 6.0], 6.0f32.next_down())));
@@ -80,33 +80,22 @@ fn whole(x: f32) -> BigInt {
     if x < 0.0 { -BigInt::from(magnitude) } else { BigInt::from(magnitude) }
 }
 
-/// The pairs of a scene of spheres, sorted.
-pub fn pairs(spheres: &[Sphere]) -> Vec<(u32, u32)> {
-    let n = spheres.len() as u32;
-    let all = (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b)));
-    all.filter(|&(a, b)| overlap(&spheres[a as usize], &spheres[b as usize])).collect()
-}
-
 #[cfg(test)]
 mod tests {
+    use pairmask_tests::spheres::hard_pairs;
+
     use super::*;
-    use crate::scene::Random;
-    use crate::study::spheres::families::ALL;
 
     #[test]
     fn both_ways_agree_and_both_are_taken() {
         let (mut like, mut unlike) = (0, 0);
-        for family in ALL {
-            let mut random = Random::new(11);
-            for _ in 0..2_000 {
-                let (a, b) = (family.make)(&mut random);
-                match overlap_of_like(&a, &b) {
-                    Some(overlaps) => {
-                        like += 1;
-                        assert_eq!(overlaps, overlap_of_any(&a, &b), "{a:?} {b:?}");
-                    }
-                    None => unlike += 1,
+        for (a, b) in hard_pairs(2_000, 11) {
+            match overlap_of_like(&a, &b) {
+                Some(overlaps) => {
+                    like += 1;
+                    assert_eq!(overlaps, overlap_of_any(&a, &b), "{a:?} {b:?}");
                 }
+                None => unlike += 1,
             }
         }
         assert!(like > 4_000 && unlike > 1_000, "{like} of like magnitude, {unlike} others");

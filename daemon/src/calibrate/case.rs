@@ -3,16 +3,15 @@
 //! The machine may be busy: what is compared runs in the same second, and the least of many frames
 //! counts.
 
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use pairmask::Encoding;
 use pairmask::engine::{AvailableIsa, EngineName, nanoseconds_since};
 use pairmask::plan::{CPU_ENGINES, Calibration, Capabilities, SceneStats, Wishes, Work, plan};
-use rayon::{ThreadPool, ThreadPoolBuilder};
 
-use super::EngineStudyError;
+use super::MeasureError;
 use super::lane::{Lane, LaneTimes, Way};
+use super::threads::Pools;
 use crate::scene::{Scene, SceneName};
 
 /// The scenes' seed: every run sees the same boxes move the same way.
@@ -59,26 +58,6 @@ pub struct CaseTimes {
     pub ways: Vec<(Way, LaneTimes)>,
 }
 
-/// Thread pools by their number of threads.
-pub struct Pools(Vec<Arc<ThreadPool>>);
-
-impl Pools {
-    /// One pool for each number of threads above 1.
-    ///
-    /// # Errors
-    /// [`EngineStudyError::Threads`].
-    pub fn new(threads: &[usize]) -> Result<Self, EngineStudyError> {
-        let more = threads.iter().filter(|threads| **threads > 1);
-        let pool = |n: &usize| Ok(Arc::new(ThreadPoolBuilder::new().num_threads(*n).build()?));
-        Ok(Self(more.map(pool).collect::<Result<_, EngineStudyError>>()?))
-    }
-
-    /// The pool of so many threads; `None` is the calling thread.
-    pub fn of(&self, threads: usize) -> Option<Arc<ThreadPool>> {
-        self.0.iter().find(|pool| pool.current_num_threads() == threads).cloned()
-    }
-}
-
 /// Which ways of a case are measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WaySet {
@@ -121,14 +100,14 @@ fn ways(stats: &SceneStats, threads: &[usize], set: WaySet) -> Vec<Way> {
 /// Measures a case.
 ///
 /// # Errors
-/// [`EngineStudyError`], also where two engines count different pairs.
+/// [`MeasureError`], also where two engines count different pairs.
 pub fn measure(
     case: Case,
     set: WaySet,
     threads: &[usize],
     pools: &Pools,
     effort: &Effort,
-) -> Result<CaseTimes, EngineStudyError> {
+) -> Result<CaseTimes, MeasureError> {
     let mut scene = Scene::new(case.scene, case.n, SEED);
     let mut stats = SceneStats::glance(scene.boxes(), None);
     let lane = |way: Way| Lane::new(way, pools.of(way.threads));
@@ -159,12 +138,12 @@ pub fn measure(
 }
 
 /// The number of pairs that all ways found.
-fn agreed_pairs(case: Case, lanes: &[Lane]) -> Result<Option<u64>, EngineStudyError> {
+fn agreed_pairs(case: Case, lanes: &[Lane]) -> Result<Option<u64>, MeasureError> {
     let mut counts = lanes.iter().map(|lane| (lane.way, lane.times.pair_count));
     let Some((first, pairs)) = counts.next() else { return Ok(None) };
     match counts.find(|(_, other)| *other != pairs) {
         None => Ok(Some(pairs)),
-        Some((second, other)) => Err(EngineStudyError::Disagree {
+        Some((second, other)) => Err(MeasureError::Disagree {
             scene: case.scene,
             n: case.n,
             first: first.engine,

@@ -31,7 +31,7 @@ const THREADED_BOXES: usize = 4_096;
 
 /// One measured time and what it is made of.
 #[derive(Clone, Copy, Debug)]
-pub struct Row {
+pub struct FitRow {
     /// Of which case.
     pub case: Case,
     /// In which way.
@@ -42,7 +42,7 @@ pub struct Row {
     pub measured_ns: f64,
 }
 
-impl Row {
+impl FitRow {
     fn work(&self) -> Option<Work> {
         Work::of(self.way.engine, self.way.encoding, &self.stats)
     }
@@ -55,9 +55,9 @@ impl Row {
 }
 
 /// The rows of measured cases.
-pub fn rows(cases: &[CaseTimes]) -> Vec<Row> {
+pub fn rows(cases: &[CaseTimes]) -> Vec<FitRow> {
     let rows = cases.iter().flat_map(|measured| {
-        measured.ways.iter().map(|(way, times)| Row {
+        measured.ways.iter().map(|(way, times)| FitRow {
             case: measured.case,
             way: *way,
             stats: measured.stats,
@@ -68,7 +68,7 @@ pub fn rows(cases: &[CaseTimes]) -> Vec<Row> {
 }
 
 /// The constants that rows tell of, beginning from `start`.
-pub fn fit(rows: &[Row], start: &Calibration) -> Calibration {
+pub fn fit(rows: &[FitRow], start: &Calibration) -> Calibration {
     let scaled = scale(rows, start);
     let ns = fit_terms(rows, &scaled.ns);
     let fitted = Calibration { ns, ..scaled };
@@ -78,7 +78,7 @@ pub fn fit(rows: &[Row], start: &Calibration) -> Calibration {
 
 /// The constants of `start`, each engine's multiplied by what its rows take more or less: enough
 /// for a machine that was only glanced at.
-pub fn scale(rows: &[Row], start: &Calibration) -> Calibration {
+pub fn scale(rows: &[FitRow], start: &Calibration) -> Calibration {
     let ratio_of = |wanted: Option<EngineName>| {
         let rows = rows.iter().filter(|row| row.way.threads == 1);
         let rows = rows.filter(|row| wanted.is_none_or(|engine| engine == row.way.engine));
@@ -107,9 +107,9 @@ fn median(mut values: Vec<f64>) -> Option<f64> {
 }
 
 /// Constants of the terms, relative to `start` in between.
-fn fit_terms(rows: &[Row], start: &[f64; TERMS]) -> [f64; TERMS] {
-    let singles: Vec<&Row> = rows.iter().filter(|row| row.way.threads == 1).collect();
-    let equation = |row: &&Row| match row.way.encoding {
+fn fit_terms(rows: &[FitRow], start: &[f64; TERMS]) -> [f64; TERMS] {
+    let singles: Vec<&FitRow> = rows.iter().filter(|row| row.way.threads == 1).collect();
+    let equation = |row: &&FitRow| match row.way.encoding {
         Encoding::Sparse => Equation::of_frame(row, start),
         Encoding::Dense => {
             let sparse = Way { encoding: Encoding::Sparse, ..row.way };
@@ -135,14 +135,14 @@ struct Equation {
 
 impl Equation {
     /// A frame takes what was measured.
-    fn of_frame(row: &Row, start: &[f64; TERMS]) -> Option<Self> {
+    fn of_frame(row: &FitRow, start: &[f64; TERMS]) -> Option<Self> {
         let work = row.work()?;
         let share = |t: usize| work.amounts()[t] * start[t] / row.measured_ns;
         Some(Self { share: std::array::from_fn(share), target: 1.0 })
     }
 
     /// A frame's dense mask takes so much more than its sparse one.
-    fn of_masks(dense: &Row, sparse: &Row, start: &[f64; TERMS]) -> Option<Self> {
+    fn of_masks(dense: &FitRow, sparse: &FitRow, start: &[f64; TERMS]) -> Option<Self> {
         let (more, less) = (dense.work()?, sparse.work()?);
         let unit = MASK_SHARE * sparse.measured_ns;
         let share = |t: usize| (more.amounts()[t] - less.amounts()[t]) * start[t] / unit;
@@ -190,16 +190,17 @@ fn weight(error: f64) -> f64 {
 
 /// What threads give an engine: t = one · (s + (1 − s)/T) + f · log2 T for every row of T threads
 /// beside the row of one.
-fn fit_threads(rows: &[Row], engine: EngineName, start: ThreadCost) -> ThreadCost {
-    let is_one = |row: &&Row| row.way.engine == engine && row.way.threads == 1;
-    let ones: Vec<&Row> = rows.iter().filter(is_one).collect();
+fn fit_threads(rows: &[FitRow], engine: EngineName, start: ThreadCost) -> ThreadCost {
+    let is_one = |row: &&FitRow| row.way.engine == engine && row.way.threads == 1;
+    let ones: Vec<&FitRow> = rows.iter().filter(is_one).collect();
     let more = rows.iter().filter(|row| {
         row.way.engine == engine && row.way.threads > 1 && row.case.n >= THREADED_BOXES
     });
     // (a, b, c): a · s + b · f = c, all divided by the measured time.
     let mut equations: Vec<[f64; 3]> = more
         .filter_map(|row| {
-            let twin = |one: &&&Row| one.case == row.case && one.way.encoding == row.way.encoding;
+            let twin =
+                |one: &&&FitRow| one.case == row.case && one.way.encoding == row.way.encoding;
             let one_ns = ones.iter().find(twin)?.measured_ns;
             let threads = row.way.threads as f64;
             let divided = row.measured_ns - one_ns / threads;
@@ -239,7 +240,7 @@ mod tests {
     use crate::scene::SceneName;
 
     /// Rows as a machine with the constants of `truth` would give them, some of them disturbed.
-    fn rows_of(truth: &Calibration, disturb: impl Fn(usize) -> f64) -> Vec<Row> {
+    fn rows_of(truth: &Calibration, disturb: impl Fn(usize) -> f64) -> Vec<FitRow> {
         let mut rows = Vec::new();
         for n in [64, 128, 300, 1_000, 2_000, 4_096, 10_000, 30_000, 100_000] {
             for (window_share, large_size, elongation, pairs) in
@@ -258,7 +259,7 @@ mod tests {
                         let case =
                             Case { scene: SceneName::Uniform, n: n as usize * 8 + rows.len() / 9 };
                         let way = Way { engine, encoding, threads };
-                        let mut row = Row { case, way, stats, measured_ns: 1.0 };
+                        let mut row = FitRow { case, way, stats, measured_ns: 1.0 };
                         row.measured_ns = row.predicted_ns(truth) * disturb(rows.len());
                         rows.push(row);
                     }
@@ -278,12 +279,12 @@ mod tests {
     }
 
     /// Half of the rows are predicted better than this.
-    fn median_ratio(rows: &[Row], calibration: &Calibration) -> f64 {
+    fn median_ratio(rows: &[FitRow], calibration: &Calibration) -> f64 {
         let ratios = rows.iter().map(|row| row.predicted_ns(calibration) / row.measured_ns);
         median(ratios.map(|ratio| ratio.max(1.0 / ratio)).collect()).unwrap_or(f64::INFINITY)
     }
 
-    fn worst_ratio(rows: &[Row], calibration: &Calibration) -> f64 {
+    fn worst_ratio(rows: &[FitRow], calibration: &Calibration) -> f64 {
         let ratios = rows.iter().map(|row| row.predicted_ns(calibration) / row.measured_ns);
         ratios.fold(1.0, |worst, ratio| worst.max(ratio).max(1.0 / ratio))
     }

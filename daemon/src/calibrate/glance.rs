@@ -4,8 +4,9 @@ use std::time::Duration;
 
 use pairmask::plan::Calibration;
 
-use super::case::{Case, Effort, Pools, WaySet, measure};
-use super::{EngineStudyError, fit};
+use super::case::{Case, Effort, WaySet, measure};
+use super::threads::Pools;
+use super::{MeasureError, fit};
 use crate::scene::SceneName;
 
 /// Scenes that are timed: one where all pairs are compared, one where the grid is at home.
@@ -21,8 +22,8 @@ const EFFORT: Effort = Effort { least_frames: 5, most_frames: 20, time: Duration
 /// from a GPU that is faster.
 ///
 /// # Errors
-/// [`EngineStudyError`].
-pub fn glance(start: &Calibration) -> Result<Calibration, EngineStudyError> {
+/// [`MeasureError`].
+pub fn glance(start: &Calibration) -> Result<Calibration, MeasureError> {
     let pools = Pools::new(&[])?;
     let cases = CASES.map(|case| measure(case, WaySet::Sparse, &[1], &pools, &EFFORT));
     let cases = cases.into_iter().collect::<Result<Vec<_>, _>>()?;

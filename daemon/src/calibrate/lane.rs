@@ -11,7 +11,7 @@ use pairmask::engine::{
 use pairmask::{Aabb, BoxCount, Encoding, MaskView};
 use rayon::ThreadPool;
 
-use super::EngineStudyError;
+use super::MeasureError;
 
 /// An engine, an encoding and a number of threads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -85,8 +85,8 @@ impl Lane {
     /// Culls and decodes one frame, and notes its times where it is not one of warming up.
     ///
     /// # Errors
-    /// [`EngineStudyError`], also where the mask does not hold the pairs that were counted.
-    pub fn frame(&mut self, boxes: &[Aabb], is_noted: bool) -> Result<(), EngineStudyError> {
+    /// [`MeasureError`], also where the mask does not hold the pairs that were counted.
+    pub fn frame(&mut self, boxes: &[Aabb], is_noted: bool) -> Result<(), MeasureError> {
         let job = CullJob { encoding: self.way.encoding, threads: self.way.threads };
         let (engine, reply) = (&mut self.engine, &mut self.reply);
         let mut cull = || -> Result<_, CullError> {
@@ -110,7 +110,7 @@ impl Lane {
         let decode_ns = nanoseconds_since(start);
         if decoded != report.pair_count {
             let (engine, counted) = (self.way.engine, report.pair_count);
-            return Err(EngineStudyError::Miscounted { engine, counted, decoded });
+            return Err(MeasureError::Miscounted { engine, counted, decoded });
         }
         self.times.pair_count = decoded;
         self.times.mask_bytes = report.shape.mask_bytes();

@@ -1,37 +1,35 @@
-//! What the CPU engines take on this machine: measured, fitted into the plan's constants, judged.
+//! The constants of the plan's cost model, measured on this machine.
+//!
+//! Cases (a scene of some size) are culled in every way that is worth its time ([`measure`]); a fit
+//! gives the constants from the times ([`fit`]). `pairmaskd calibrate` does all of it, a daemon that
+//! starts takes a short look ([`glance`]).
 
 mod case;
 mod fit;
 mod glance;
-mod judge;
 mod lane;
-mod updates;
+mod threads;
 
-pub use case::{Case, CaseTimes, Effort, Pools, WaySet, measure};
-pub use fit::{Row, fit, rows, scale};
+pub use case::{Case, CaseTimes, Effort, WaySet, measure};
+pub use fit::{FitRow, fit, rows, scale};
 pub use glance::glance;
-pub use judge::{Judgement, judge};
 pub use lane::{LaneTimes, Way};
-pub use updates::update_times;
+pub use threads::{Pools, core_count, thread_counts};
 
 use pairmask::engine::{CullError, EngineName};
 use pairmask::mask::MaskError;
-use pairmask::update::UpdateError;
 
 use crate::scene::SceneName;
 
 /// Why nothing was measured.
 #[derive(Debug, thiserror::Error)]
-pub enum EngineStudyError {
+pub enum MeasureError {
     /// An engine gave no mask.
     #[error(transparent)]
     Cull(#[from] CullError),
     /// No threads.
     #[error("the engines' threads cannot be started: {0}")]
     Threads(#[from] rayon::ThreadPoolBuildError),
-    /// Boxes and transforms do not belong together.
-    #[error(transparent)]
-    Update(#[from] UpdateError),
     /// An engine is broken: its mask is none.
     #[error("a mask cannot be read: {0}: please report this")]
     Mask(#[from] MaskError),

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::cli::build;
+use super::build;
 
 /// Machine, system and build of a measurement.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -27,8 +27,6 @@ impl Machine {
     /// This one.
     pub fn this() -> Self {
         let unknown = || "unknown".to_owned();
-        let mut command = vec!["pairmaskd".to_owned()];
-        command.extend(std::env::args_os().skip(1).map(|arg| arg.to_string_lossy().into_owned()));
         Self {
             cpu: value("/proc/cpuinfo", "model name", ':').unwrap_or_else(unknown),
             cores: std::thread::available_parallelism().map_or(1, usize::from),
@@ -37,9 +35,17 @@ impl Machine {
                 .map_or_else(|_| unknown(), |text| text.trim().to_owned()),
             toolchain: build::TOOLCHAIN.to_owned(),
             commit: build::COMMIT.to_owned(),
-            command: command.join(" "),
+            command: command_line(),
         }
     }
+}
+
+/// The program's name without its folder, and its arguments.
+pub fn command_line() -> String {
+    let mut words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
+    let program = words.next().unwrap_or_default();
+    let name = program.rsplit('/').next().unwrap_or_default().to_owned();
+    std::iter::once(name).chain(words).collect::<Vec<_>>().join(" ")
 }
 
 /// The first value of a key in a text file of lines.

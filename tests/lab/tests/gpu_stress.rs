@@ -3,9 +3,9 @@
 use std::time::Duration;
 
 use pairmask::EngineName;
+use pairmask_lab::sabotage::Sabotage;
+use pairmask_lab::stress::{Cases, Entrant, ModeChoice, Roster, StressReport, run};
 use pairmask_tests::gpu::choice;
-use pairmaskd::sabotage::Sabotage;
-use pairmaskd::stress::{Cases, Entrant, ModeChoice, Roster, StressReport, run};
 
 /// Long enough for a software adapter to meet what is broken many times over.
 const PATIENCE: Duration = Duration::from_secs(60);

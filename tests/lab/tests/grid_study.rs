@@ -1,8 +1,8 @@
 //! The grid study, on a software adapter: every figure is there, and the files are written.
 #![allow(clippy::unwrap_used)]
 
+use pairmask_lab::study::grid::{GridOptions, run_and_print};
 use pairmaskd::execute::gpu::GpuChoice;
-use pairmaskd::study::grid::{GridOptions, run_and_print};
 
 #[test]
 fn a_quick_study_fills_every_table_and_compares_every_mask() {

@@ -2,17 +2,17 @@
 
 use pairmask::pair_index::row_start;
 use pairmask::{Aabb, BoxCount, PairIndex};
-use pairmask_shaders::mapping::{IdWidth, PairOutput, Root, Variant};
-use pairmask_tests::gpu::open;
-use pairmaskd::execute::gpu::{Checks, GpuChoice, HostImport};
-use pairmaskd::study::mapping::gpu::errors::{Ids, count, count_roots};
-use pairmaskd::study::mapping::gpu::masks::{self, Writer};
-use pairmaskd::study::mapping::gpu::{Bench, pairs};
-use pairmaskd::study::mapping::mirror::{self, Mapped};
-use pairmaskd::study::mapping::plan::Plan;
-use pairmaskd::study::mapping::{
+use pairmask_lab::study::mapping::gpu::errors::{Ids, count, count_roots};
+use pairmask_lab::study::mapping::gpu::masks::{self, Writer};
+use pairmask_lab::study::mapping::gpu::{Bench, pairs};
+use pairmask_lab::study::mapping::mirror::{self, Mapped};
+use pairmask_lab::study::mapping::plan::Plan;
+use pairmask_lab::study::mapping::stage::{IdWidth, PairOutput, Root, Variant};
+use pairmask_lab::study::mapping::{
     MappingError, MappingOptions, errors, measure, report, root_errors, rows,
 };
+use pairmask_tests::gpu::open;
+use pairmaskd::execute::gpu::{Checks, GpuChoice, HostImport};
 
 fn bench() -> Bench {
     Bench::new(&open(HostImport::Never), Checks::On).unwrap_or_else(|error| panic!("{error}"))

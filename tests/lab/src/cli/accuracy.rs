@@ -1,4 +1,4 @@
-//! `bench accuracy`: run time against error, row by row.
+//! `accuracy`: run time against error, row by row.
 
 use std::fs;
 use std::num::NonZeroU32;
@@ -10,17 +10,20 @@ use indicatif::ProgressBar;
 use pairmask::engine::CullWish;
 use pairmask::session::ConnectError;
 use pairmask::{BoxCount, EngineChoice};
+use pairmaskd::cli::config::Config;
+use pairmaskd::cli::options::{CullOptions, DaemonOptions, Place};
+use pairmaskd::cli::output::{
+    OutputError, make_folder, print_json, print_text, progress_bar, spinner,
+};
+use pairmaskd::cli::target::Target;
+use pairmaskd::cli::whole::whole;
+use pairmaskd::execute::gpu::adapter::choose;
+use pairmaskd::execute::gpu::{GpuChoice, list_adapters};
+use pairmaskd::file_error::{Access, FileError};
+use pairmaskd::scene::SceneName;
+use pairmaskd::spawn::SpawnError;
+use pairmaskd::timed_client::TimedError;
 
-use super::target::Target;
-use crate::cli::config::Config;
-use crate::cli::options::{CullOptions, DaemonOptions, Place};
-use crate::cli::output::{OutputError, make_folder, print_json, print_text, progress_bar, spinner};
-use crate::cli::whole::whole;
-use crate::execute::gpu::adapter::choose;
-use crate::execute::gpu::{GpuChoice, list_adapters};
-use crate::file_error::{Access, FileError};
-use crate::scene::SceneName;
-use crate::spawn::SpawnError;
 use crate::study::accuracy::assertion::Assertion;
 use crate::study::accuracy::comparison::{common_rows, regressions};
 use crate::study::accuracy::measure::{self, Lengths, Subject};
@@ -30,7 +33,6 @@ use crate::study::accuracy::variants::{self, VariantChoice};
 use crate::study::accuracy::{report, table};
 use crate::study::machine::Machine;
 use crate::study::mapping::MappingError;
-use crate::timed_client::TimedError;
 
 /// Longer than any pause between two frames: whoever spins never sleeps in between.
 const SPIN: Duration = Duration::from_secs(1);
@@ -58,10 +60,10 @@ FIGURE=X, FIGURE<X or FIGURE<=X with the figures missed, extra, extra_ratio, p50
 frames), bytes_up, bytes_down, memory and the units ns, us, ms, s, %, KiB, MiB, GiB.
 
 Examples:
-  pairmaskd bench accuracy --scene uniform,pile --n 10000,100000
-  pairmaskd bench accuracy --n 1000 --mapping none --assert 'missed=0,p99<2ms'
-  pairmaskd bench accuracy --precision f64=1e6,plain-f32=1e6 --mapping none
-  pairmaskd bench accuracy --out before; ...; pairmaskd bench accuracy --compare before/accuracy.json")]
+  pairmask-lab accuracy --scene uniform,pile --n 10000,100000
+  pairmask-lab accuracy --n 1000 --mapping none --assert 'missed=0,p99<2ms'
+  pairmask-lab accuracy --precision f64=1e6,plain-f32=1e6 --mapping none
+  pairmask-lab accuracy --out before; ...; pairmask-lab accuracy --compare before/accuracy.json")]
 pub struct Accuracy {
     #[command(flatten)]
     options: CullOptions,
@@ -131,7 +133,7 @@ pub enum AccuracyError {
     Mapping(#[from] MappingError),
     #[error(transparent)]
     File(#[from] FileError),
-    #[error("{} is no report of `bench accuracy --json`: {source}", path.display())]
+    #[error("{} is no report of `accuracy --json`: {source}", path.display())]
     NoReport { path: PathBuf, source: serde_json::Error },
     #[error("{} and this report have no row in common: compare like with like", path.display())]
     NothingInCommon { path: PathBuf },

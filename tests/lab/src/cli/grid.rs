@@ -1,14 +1,14 @@
-//! `bench grid`: the grid study of Avril et al. 2012, stage by stage.
+//! `grid`: the grid study of Avril et al. 2012, stage by stage.
 
 use std::path::PathBuf;
 
 use clap::Args;
+use pairmaskd::cli::config::Config;
+use pairmaskd::cli::options::DaemonOptions;
+use pairmaskd::cli::output::{make_folder, print_text, spinner};
+use pairmaskd::cli::whole::whole;
 
-use super::BenchError;
-use crate::cli::config::Config;
-use crate::cli::options::DaemonOptions;
-use crate::cli::output::{make_folder, print_text, spinner};
-use crate::cli::whole::whole;
+use super::error::LabError;
 use crate::study::grid::{GridOptions, run_and_print};
 
 /// Numbers of boxes with --quick.
@@ -23,9 +23,9 @@ al. 2012; GPU time by stage against what its memory traffic takes at least. Ever
 last mask are compared with the CPU's. Needs a GPU; no daemon is between.
 
 Examples:
-  pairmaskd bench grid
-  pairmaskd bench grid --n 1000000,10000000 --out records     grid.json and grid.md
-  pairmaskd bench grid --gpu software --quick --json")]
+  pairmask-lab grid
+  pairmask-lab grid --n 1000000,10000000 --out records     grid.json and grid.md
+  pairmask-lab grid --gpu software --quick --json")]
 pub struct Grid {
     #[command(flatten)]
     options: DaemonOptions,
@@ -44,7 +44,7 @@ pub struct Grid {
 }
 
 impl Grid {
-    pub fn run(&self, config: &Config) -> Result<(), BenchError> {
+    pub fn run(&self, config: &Config) -> Result<(), LabError> {
         let options = GridOptions {
             gpu: self.options.gpu(config),
             counts: if self.quick { QUICK_COUNTS.to_vec() } else { self.n.clone() },

@@ -1,13 +1,13 @@
-//! `bench mapping`: the mapping function study of Avril et al. 2012, error beside time.
+//! `mapping`: the mapping function study of Avril et al. 2012, error beside time.
 
 use std::path::PathBuf;
 
 use clap::Args;
+use pairmaskd::cli::config::Config;
+use pairmaskd::cli::options::DaemonOptions;
+use pairmaskd::cli::output::{make_folder, print_text, spinner};
 
-use super::BenchError;
-use crate::cli::config::Config;
-use crate::cli::options::DaemonOptions;
-use crate::cli::output::{make_folder, print_text, spinner};
+use super::error::LabError;
 use crate::study::mapping::{MappingOptions, run_and_print};
 
 /// Error and time of the ways from a pair's number k to the pair (a, b), beside the paper's
@@ -21,9 +21,9 @@ Errors are counted on the CPU and the GPU, times taken by the GPU's own clock. W
 where there is no GPU, the CPU alone is measured. Without --quick it takes minutes.
 
 Examples:
-  pairmaskd bench mapping --quick
-  pairmaskd bench mapping --out records         mapping.csv, mapping.json and mapping.md
-  pairmaskd bench mapping --gpu software --json")]
+  pairmask-lab mapping --quick
+  pairmask-lab mapping --out records         mapping.csv, mapping.json and mapping.md
+  pairmask-lab mapping --gpu software --json")]
 pub struct Mapping {
     #[command(flatten)]
     options: DaemonOptions,
@@ -39,7 +39,7 @@ pub struct Mapping {
 }
 
 impl Mapping {
-    pub fn run(&self, config: &Config) -> Result<(), BenchError> {
+    pub fn run(&self, config: &Config) -> Result<(), LabError> {
         let options = MappingOptions {
             gpu: self.options.gpu(config),
             quick: self.quick,

@@ -1,4 +1,4 @@
-//! `bench plan`: the planned engine beside the best one, scene by scene.
+//! `plan`: the planned engine beside the best one, scene by scene.
 
 use std::fmt;
 use std::num::NonZeroUsize;
@@ -6,18 +6,18 @@ use std::time::Duration;
 
 use clap::Args;
 use pairmask::plan::Calibration;
+use pairmaskd::calibrate::{Case, Effort, Pools, WaySet, core_count, measure, thread_counts};
+use pairmaskd::cli::config::Config;
+use pairmaskd::cli::machine::Machine;
+use pairmaskd::cli::options::Place;
+use pairmaskd::cli::output::{print_json, print_text, progress_bar};
+use pairmaskd::cli::whole::whole;
+use pairmaskd::scene::SceneName;
 use serde::Serialize;
 
-use super::BenchError;
-use super::machine::Machine;
+use super::error::LabError;
 use super::scenes::SceneSizes;
-use crate::cli::calibrate::{core_count, thread_counts};
-use crate::cli::config::Config;
-use crate::cli::options::Place;
-use crate::cli::output::{print_json, print_text, progress_bar};
-use crate::cli::whole::whole;
-use crate::scene::SceneName;
-use crate::study::engines::{Case, Effort, Judgement, Pools, WaySet, judge, measure};
+use crate::study::judge::{Judgement, judge};
 
 /// Sizes unless others are named: dense where the fastest engine changes.
 const SIZES: [u32; 12] =
@@ -36,8 +36,8 @@ Frames count from boxes in place to the last pair decoded; the shortest one coun
 is marked. Without arguments it takes minutes.
 
 Examples:
-  pairmaskd bench plan --scene uniform,rods --n 64,1000,4096
-  pairmaskd bench plan --calibration built-in --json")]
+  pairmask-lab plan --scene uniform,rods --n 64,1000,4096
+  pairmask-lab plan --calibration built-in --json")]
 pub struct PlanBench {
     #[command(flatten)]
     what: SceneSizes,
@@ -49,17 +49,17 @@ pub struct PlanBench {
     json: bool,
 }
 
-/// The JSON object of `bench plan --json`. Fields may be added, never changed or taken away.
+/// The JSON object of `plan --json`. Fields may be added, never changed or taken away.
 #[derive(Debug, Serialize)]
-struct Report {
+struct PlanReport {
     machine: Machine,
     /// Where the constants are from.
     calibration: String,
-    rows: Vec<Row>,
+    rows: Vec<PlanRow>,
 }
 
 #[derive(Debug, Serialize)]
-struct Row {
+struct PlanRow {
     scene: &'static str,
     n: usize,
     threads: usize,
@@ -77,7 +77,7 @@ struct Row {
     best_ns: Option<u64>,
 }
 
-impl Row {
+impl PlanRow {
     fn new(case: Case, threads: usize, plan_ns: u64, found: Option<&Judgement>) -> Self {
         Self {
             scene: case.scene.as_str(),
@@ -103,7 +103,7 @@ impl Row {
 }
 
 impl PlanBench {
-    pub fn run(&self, place: &Place, config: &Config) -> Result<(), BenchError> {
+    pub fn run(&self, place: &Place, config: &Config) -> Result<(), LabError> {
         let machine = Machine::this();
         let (calibration, origin) = place.calibration(config).resolve();
         let mut allowed: Vec<usize> = self.threads.iter().map(|n| n.get()).collect();
@@ -114,7 +114,7 @@ impl PlanBench {
         let not_quadratic = SceneName::ALL.into_iter().filter(|scene| !scene.is_quadratic());
         let cases = self.what.cases(&not_quadratic.collect::<Vec<_>>(), &SIZES);
         let rows = rows(&cases, &allowed, &calibration)?;
-        let report = Report { machine, calibration: origin.to_string(), rows };
+        let report = PlanReport { machine, calibration: origin.to_string(), rows };
         if self.json { print_json(&report) } else { print_text(&report.to_string()) }?;
         Ok(())
     }
@@ -124,7 +124,7 @@ fn rows(
     cases: &[Case],
     allowed: &[usize],
     calibration: &Calibration,
-) -> Result<Vec<Row>, BenchError> {
+) -> Result<Vec<PlanRow>, LabError> {
     let most = allowed.iter().max().copied().unwrap_or(1);
     let mut lanes = thread_counts(most);
     lanes.extend(allowed);
@@ -137,7 +137,7 @@ fn rows(
         let measured = measure(*case, WaySet::All, &lanes, &pools, &EFFORT)?;
         for threads in allowed {
             let found = judge(&measured, *threads, calibration);
-            rows.push(Row::new(*case, *threads, measured.plan_ns, found.as_ref()));
+            rows.push(PlanRow::new(*case, *threads, measured.plan_ns, found.as_ref()));
         }
         progress.inc(1);
     }
@@ -145,7 +145,7 @@ fn rows(
     Ok(rows)
 }
 
-impl fmt::Display for Report {
+impl fmt::Display for PlanReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
@@ -166,7 +166,7 @@ impl fmt::Display for Report {
     }
 }
 
-impl fmt::Display for Row {
+impl fmt::Display for PlanRow {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let us = |ns: Option<u64>| ns.unwrap_or(0) as f64 / 1e3;
         let way = |engine: Option<&str>, encoding: Option<&str>, threads: Option<usize>| {

@@ -1,10 +1,9 @@
 //! Scenes and sizes of the benches that run engines in this process.
 
 use clap::Args;
-
-use crate::cli::whole::whole;
-use crate::scene::SceneName;
-use crate::study::engines::Case;
+use pairmaskd::calibrate::Case;
+use pairmaskd::cli::whole::whole;
+use pairmaskd::scene::SceneName;
 
 /// Most pairs of a scene where all boxes overlap: larger ones are left out.
 const MOST_QUADRATIC_PAIRS: u64 = 10_000_000;

@@ -1,10 +1,10 @@
-//! `bench spheres`: all pairs of spheres, and what plain f32 gets wrong.
+//! `spheres`: all pairs of spheres, and what plain f32 gets wrong.
 
 use clap::Args;
+use pairmaskd::cli::output::{print_json, print_text, progress_bar, spinner};
+use pairmaskd::cli::whole::whole;
 
-use super::BenchError;
-use crate::cli::output::{print_json, print_text, progress_bar, spinner};
-use crate::cli::whole::whole;
+use super::error::LabError;
 use crate::study::spheres::errors::pairs_decided;
 use crate::study::spheres::{SphereOptions, measure};
 
@@ -17,9 +17,9 @@ exact arithmetic: random pairs, near ties, and pairs that touch by construction 
 quadruples, scaled).
 
 Examples:
-  pairmaskd bench spheres
-  pairmaskd bench spheres --errors
-  pairmaskd bench spheres --errors 100000000     half a minute on two cores
+  pairmask-lab spheres
+  pairmask-lab spheres --errors
+  pairmask-lab spheres --errors 100000000     half a minute on two cores
 
 Exit status: 1 where the library itself decided a pair wrongly.")]
 pub struct Spheres {
@@ -39,7 +39,7 @@ pub struct Spheres {
 }
 
 impl Spheres {
-    pub fn run(&self) -> Result<(), BenchError> {
+    pub fn run(&self) -> Result<(), LabError> {
         let options = SphereOptions {
             speed: self.errors.is_none(),
             pairs: self.errors.unwrap_or(0),
@@ -53,6 +53,6 @@ impl Spheres {
         let report = measure(&options, |pairs| progress.inc(pairs));
         progress.finish_and_clear();
         if self.json { print_json(&report) } else { print_text(report.to_string().trim_end()) }?;
-        if report.is_exact() { Ok(()) } else { Err(BenchError::InexactSpheres) }
+        if report.is_exact() { Ok(()) } else { Err(LabError::InexactSpheres) }
     }
 }

@@ -4,11 +4,11 @@ use std::num::NonZeroUsize;
 use std::time::Duration;
 
 use clap::Args;
+use pairmaskd::cli::config::Config;
+use pairmaskd::cli::options::DaemonOptions;
+use pairmaskd::cli::output::{OutputError, print_json, print_text, progress_bar};
+use pairmaskd::cli::whole::whole;
 
-use super::config::Config;
-use super::options::DaemonOptions;
-use super::output::{OutputError, print_json, print_text, progress_bar};
-use super::whole::whole;
 use crate::sabotage::Sabotage;
 use crate::stress::{Cases, Entrant, ModeChoice, Roster, StressError, run};
 
@@ -26,10 +26,10 @@ mask or not. What an engine leaves to another one, because too many boxes stand 
 counted as skipped.
 
 Examples:
-  pairmaskd stress --seconds 600
-  pairmaskd stress --engine cpu-grid,gpu-grid --gpu software
-  pairmaskd stress --mode q8,f16                 these modes and not the exact engines
-  pairmaskd stress --case 12345                  one case again
+  pairmask-lab stress --seconds 600
+  pairmask-lab stress --engine cpu-grid,gpu-grid --gpu software
+  pairmask-lab stress --mode q8,f16                 these modes and not the exact engines
+  pairmask-lab stress --case 12345                  one case again
 
 Exit status: 0 where every answer was right, 1 where one was not.")]
 pub struct Stress {

@@ -6,15 +6,15 @@ use std::time::{Duration, Instant};
 use pairmask::engine::{CullJob, CullReport, Engine, Grid as CpuGrid, HeapReply};
 use pairmask::mask::{MaskShape, MaskView};
 use pairmask::{Aabb, BoxCount, Encoding};
+use pairmaskd::execute::gpu::device::{Gpu, LANES};
+use pairmaskd::execute::gpu::grid::cell_count;
+use pairmaskd::execute::gpu::grid::plan::Sizes;
+use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, Grid, GridOptions, SharedImports};
+use pairmaskd::scene::{Scene, SceneName};
 use serde::Serialize;
 
 use super::shared::Segment;
 use super::{BenchError, LEAST_FRAMES, percentile};
-use crate::execute::gpu::device::{Gpu, LANES};
-use crate::execute::gpu::grid::cell_count;
-use crate::execute::gpu::grid::plan::Sizes;
-use crate::execute::gpu::{AllPairs, AllPairsOptions, Grid, GridOptions, SharedImports};
-use crate::scene::{Scene, SceneName};
 
 /// The scenes of the anchors.
 pub const SCENES: [SceneName; 4] =

@@ -18,16 +18,14 @@ use pairmask::mask::MaskShape;
 use pairmask::plan::user_cache_folder;
 use pairmask::{Aabb, BoxCount, Encoding};
 use pairmask_shaders::RowsPerThread;
+use pairmaskd::execute::gpu::all_pairs::plan::{self, Tuning};
+use pairmaskd::execute::gpu::{
+    AllPairs, AllPairsOptions, Gpu, GpuChoice, GpuError, HostImport, OpenError, Upload,
+};
+use pairmaskd::scene::SceneName;
 use serde_json::json;
 
 use self::shared::Segment;
-use super::adapter::GpuChoice;
-use super::all_pairs::plan::{self, Tuning};
-use super::all_pairs::{AllPairs, AllPairsOptions};
-use super::device::{Gpu, HostImport};
-use super::error::{GpuError, OpenError};
-use super::transfers::Upload;
-use crate::scene::SceneName;
 
 /// What is measured.
 #[derive(Clone, Debug)]

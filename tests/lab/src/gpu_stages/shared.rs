@@ -6,8 +6,7 @@ use std::io;
 
 use pairmask::Aabb;
 use pairmask::engine::{ReplyBuffer, ReserveError};
-
-use crate::execute::gpu::import::ReadWriteMapping;
+use pairmaskd::execute::gpu::import::ReadWriteMapping;
 
 /// An anonymous shared segment.
 pub(super) struct Segment {

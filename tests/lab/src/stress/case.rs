@@ -5,12 +5,12 @@ use std::sync::OnceLock;
 
 use pairmask::Aabb;
 use pairmask::oracle::{Truth, truth};
+use pairmaskd::scene::Random;
 
 use super::flags::MixedFlags;
 use super::modes::{ModeCase, Usage};
 use super::spheres::SphereCase;
 use super::{changes, hard, scenes};
-use crate::scene::Random;
 
 /// Largest case seed: 48 bits, so that it is exact as a number of JSON everywhere.
 pub const CASE_SEED_BITS: u32 = 48;

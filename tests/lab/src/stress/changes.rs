@@ -1,9 +1,9 @@
 //! What is done to a scene after it was drawn: order, axes, magnitude, and boxes that are wrong.
 
 use pairmask::Aabb;
+use pairmaskd::scene::Random;
 
 use super::hard::{power_of_ten, ulps};
-use crate::scene::Random;
 
 /// A change to a scene.
 #[derive(Clone, Copy)]

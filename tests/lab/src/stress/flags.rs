@@ -6,9 +6,8 @@
 
 use std::fmt;
 
+use pairmaskd::scene::Random;
 use rayon::ThreadPool;
-
-use crate::scene::Random;
 
 /// How a thread rounds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

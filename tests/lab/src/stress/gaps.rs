@@ -93,8 +93,9 @@ fn difference_is_at_most(x: f64, y: f64, limit: f64) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use pairmaskd::scene::Random;
+
     use super::*;
-    use crate::scene::Random;
     use crate::stress::Case;
     use crate::stress::modes::Usage;
 

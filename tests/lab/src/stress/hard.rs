@@ -5,8 +5,7 @@
 //! across it.
 
 use pairmask::Aabb;
-
-use crate::scene::Random;
+use pairmaskd::scene::Random;
 
 /// A way to make a scene.
 #[derive(Clone, Copy)]

@@ -44,9 +44,8 @@ pub use updates::UpdateSubject;
 use std::time::{Duration, Instant};
 
 use pairmask::engine::CullError;
-
-use crate::execute::gpu::{GpuError, OpenError};
-use crate::scene::Random;
+use pairmaskd::execute::gpu::{GpuError, OpenError};
+use pairmaskd::scene::Random;
 
 /// Failures after which a run ends: more of them say nothing new.
 const MOST_FAILURES: usize = 10;
@@ -143,7 +142,7 @@ fn failure(case: &Case, subject: &dyn Subject, finding: Finding) -> Failure {
         subject: subject.name().to_owned(),
         mode: subject.mode().as_str(),
         replay: format!(
-            "pairmaskd stress --case {} --engine {} --mode {}",
+            "pairmask-lab stress --case {} --engine {} --mode {}",
             case.seed,
             subject.engine(),
             subject.mode()

@@ -7,6 +7,7 @@ use pairmask::engine::{CullError, CullJob, CullReport, Engine, HeapReply};
 use pairmask::oracle::Pair;
 use pairmask::oracle::naive_decoder::decode;
 use pairmask::{Aabb, Encoding};
+use pairmaskd::explain::{Explanation, SentBoxes};
 use rayon::ThreadPool;
 
 use super::case::Case;
@@ -14,7 +15,6 @@ use super::flags::MixedFlags;
 use super::gaps;
 use super::modes::{Mode, ModeCase, Sending, Usage};
 use super::subject::{Finding, Outcome, Subject, compare};
-use crate::explain::{Explanation, SentBoxes};
 use crate::sabotage::shrink;
 
 /// An engine in one usage of a mode.

@@ -9,11 +9,11 @@ use pairmask::oracle::Faces;
 use pairmask::oracle::modes::{Allowed, allowed, allowed_around_origin, allowed_by_margin};
 use pairmask::session::Margin;
 use pairmask::{Aabb, Bounds, Precision};
+use pairmaskd::precision::as_sent;
+use pairmaskd::scene::Random;
 
 use super::case::MOST_PAIRS;
 use super::flags::MixedFlags;
-use crate::precision::as_sent;
-use crate::scene::Random;
 
 /// Most boxes of a mode's scene: each mode has a truth of its own, by two loops, and what converts
 /// boxes works in groups of eight.

@@ -2,10 +2,10 @@
 
 use std::fmt;
 
+use pairmaskd::explain::Explanation;
 use serde::Serialize;
 
 use super::{Cases, Subject};
-use crate::explain::Explanation;
 
 /// The JSON object of `stress --json`. Fields may be added, never changed or taken away.
 #[derive(Clone, Debug, PartialEq, Serialize)]

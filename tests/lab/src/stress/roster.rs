@@ -8,6 +8,9 @@ use pairmask::Encoding;
 use pairmask::engine::{
     self, BruteForce, CullError, Engine, EngineName, Isa, SweepAndPrune, UnknownName,
 };
+use pairmaskd::execute::gpu::{
+    AllPairs, AllPairsOptions, Gpu, GpuChoice, Grid, GridOptions, HostImport, OpenError,
+};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use super::StressError;
@@ -16,9 +19,6 @@ use super::modes::{Mode, ModeChoice, Usage};
 use super::spheres::SphereSubject;
 use super::subject::{ExactSubject, Subject};
 use super::updates::UpdateSubject;
-use crate::execute::gpu::{
-    AllPairs, AllPairsOptions, Gpu, GpuChoice, Grid, GridOptions, HostImport, OpenError,
-};
 use crate::sabotage::{Sabotage, Spoiler, lose_a_pair};
 
 /// A value of `--engine`: one kind of subject, or all that there are.

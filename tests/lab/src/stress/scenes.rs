@@ -7,8 +7,7 @@
 use std::fmt;
 
 use pairmask::Aabb;
-
-use crate::scene::Random;
+use pairmaskd::scene::Random;
 
 /// A way to make boxes.
 #[derive(Clone, Copy)]

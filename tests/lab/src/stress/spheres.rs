@@ -8,14 +8,14 @@ use pairmask::oracle::Pair;
 use pairmask::oracle::naive_decoder::decode;
 use pairmask::sphere::{Sphere, SphereAllPairs, SphereEngines};
 use pairmask::{Encoding, EncodingChoice, EngineName};
+use pairmaskd::explain::Explanation;
+use pairmaskd::scene::Random;
 use rayon::ThreadPool;
 
 use super::case::Case;
 use super::flags::MixedFlags;
 use super::subject::{Finding, Outcome, Subject, compare};
-use crate::explain::Explanation;
 use crate::sabotage::lose_a_pair;
-use crate::scene::Random;
 use crate::study::spheres::families;
 use crate::study::spheres::oracle;
 

@@ -11,11 +11,11 @@ use pairmask::engine::{CullError, CullJob, Engine, HeapReply};
 use pairmask::oracle::Pair;
 use pairmask::oracle::check::{Mismatch, check_frame};
 use pairmask::oracle::naive_decoder;
+use pairmaskd::explain::Explanation;
 use rayon::ThreadPool;
 
 use super::case::Case;
 use super::modes::Mode;
-use crate::explain::Explanation;
 
 /// One way to find pairs, and what its answer may be.
 pub trait Subject {

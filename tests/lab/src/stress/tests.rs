@@ -4,7 +4,8 @@ use super::*;
 use pairmask::engine::{CullJob, CullReport, Engine, EngineName, ReplyBuffer};
 use pairmask::{Aabb, Encoding};
 
-use crate::execute::gpu::GpuChoice;
+use pairmaskd::execute::gpu::GpuChoice;
+
 use crate::sabotage::Sabotage;
 
 fn roster(broken: bool) -> Roster {

@@ -10,12 +10,12 @@ use glam::{Quat, Vec3};
 use pairmask::oracle::Pair;
 use pairmask::update::{Placement, par_update_boxes, update_boxes, world_box};
 use pairmask::{Aabb, BoxClass};
+use pairmaskd::explain::Explanation;
+use pairmaskd::scene::Random;
 use rayon::ThreadPool;
 
 use super::case::Case;
 use super::subject::{Finding, Outcome, Subject};
-use crate::explain::Explanation;
-use crate::scene::Random;
 
 /// Most boxes of a case: enough for several tasks of the pool.
 const MOST_BOXES: usize = 2_500;

@@ -1,9 +1,7 @@
 //! How good the plan's choice is: the planned way beside the best of all that were measured.
 
 use pairmask::plan::{Calibration, Capabilities, Plan, Wishes, plan};
-
-use super::case::{Case, CaseTimes};
-use super::lane::Way;
+use pairmaskd::calibrate::{Case, CaseTimes, Way};
 
 /// A plan, judged by what was measured.
 #[derive(Clone, Debug)]

@@ -2,9 +2,10 @@
 
 use std::fs;
 
+use pairmaskd::cli::build;
+use pairmaskd::cli::machine::command_line;
+use pairmaskd::execute::gpu::AdapterInfo;
 use serde::{Deserialize, Serialize};
-
-use crate::execute::gpu::AdapterInfo;
 
 /// Machine, build and command of a record.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -38,20 +39,12 @@ impl Machine {
             gpu: adapter.map(|a| a.name.clone()),
             driver: adapter.map(|a| a.driver.clone()),
             gpu_is_software: adapter.is_some_and(AdapterInfo::is_software),
-            rustc: env!("PAIRMASK_TOOLCHAIN").to_owned(),
+            rustc: build::TOOLCHAIN.to_owned(),
             optimised: !cfg!(debug_assertions),
-            commit: env!("PAIRMASK_COMMIT").to_owned(),
-            command: command(),
+            commit: build::COMMIT.to_owned(),
+            command: command_line(),
         }
     }
-}
-
-/// The program's name without its folder, and its arguments.
-fn command() -> String {
-    let mut words = std::env::args();
-    let program = words.next().unwrap_or_default();
-    let name = program.rsplit('/').next().unwrap_or_default().to_owned();
-    std::iter::once(name).chain(words).collect::<Vec<_>>().join(" ")
 }
 
 fn cpu_model() -> String {

@@ -6,25 +6,23 @@ use std::time::Instant;
 use glam::{Quat, Vec3};
 use pairmask::Aabb;
 use pairmask::engine::nanoseconds_since;
-use pairmask::update::{Placement, par_update_boxes, update_boxes};
-
-use super::EngineStudyError;
-use super::case::{Effort, Pools};
-use crate::scene::{Random, Scene, SceneName};
+use pairmask::update::{Placement, UpdateError, par_update_boxes, update_boxes};
+use pairmaskd::calibrate::{Effort, Pools};
+use pairmaskd::scene::{Random, Scene, SceneName};
 
 /// Times of `update_boxes` and `par_update_boxes`, ns a frame, for each number of threads.
 ///
 /// The objects have the sizes of a scene's boxes and turn about their centres.
 ///
 /// # Errors
-/// [`EngineStudyError::Update`]: none for slices of one length.
+/// [`UpdateError`]: none for slices of one length.
 pub fn update_times(
     scene: SceneName,
     n: usize,
     threads: &[usize],
     pools: &Pools,
     effort: &Effort,
-) -> Result<Vec<(usize, Vec<u64>)>, EngineStudyError> {
+) -> Result<Vec<(usize, Vec<u64>)>, UpdateError> {
     let scene = Scene::new(scene, n, 1);
     let mut random = Random::new(2);
     let (locals, placements): (Vec<Aabb>, Vec<Placement>) =
@@ -48,7 +46,7 @@ pub fn update_times(
                 Some(pool) => pool.install(|| {
                     let start = Instant::now();
                     par_update_boxes(locals, placements, out)?;
-                    Ok::<_, EngineStudyError>(nanoseconds_since(start))
+                    Ok::<_, UpdateError>(nanoseconds_since(start))
                 })?,
             };
             times.push(ns);

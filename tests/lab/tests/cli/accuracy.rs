@@ -1,4 +1,4 @@
-//! `bench accuracy`: its rows, its verdicts and its files.
+//! `accuracy`: its rows, its verdicts and its files.
 
 use std::collections::BTreeSet;
 
@@ -31,8 +31,7 @@ const FIELDS: [&str; 21] = [
 ];
 
 fn run(place: &Place, more: &[&str]) -> Finished {
-    let mut arguments =
-        vec!["bench", "accuracy", "--frames", "8", "--warm-up", "1", "--checked", "2"];
+    let mut arguments = vec!["accuracy", "--frames", "8", "--warm-up", "1", "--checked", "2"];
     arguments.extend(["--mapping", "far-end"]);
     arguments.extend(more);
     place.run(&arguments)

@@ -53,7 +53,7 @@ fn a_broken_engine_is_caught_within_seconds_and_replayed() {
     assert_eq!(failure["explain"]["overlaps"], true);
 
     let case = failure["case"].to_string();
-    let replay = format!("pairmaskd stress --case {case} --engine cpu-sap --mode exact");
+    let replay = format!("pairmask-lab stress --case {case} --engine cpu-sap --mode exact");
     assert_eq!(failure["replay"], replay);
     let again =
         ["stress", "--case", &case, "--engine", "cpu-sap", "--mode", "exact", "--break-engine"];

@@ -1,4 +1,4 @@
-//! `bench threads`: speed-up by threads of the papers' two stages.
+//! `threads`: speed-up by threads of the papers' two stages.
 
 mod paper;
 mod report;
@@ -9,16 +9,18 @@ use std::time::Duration;
 
 use clap::Args;
 use pairmask::EngineName;
+use pairmaskd::calibrate::{
+    Case, CaseTimes, Effort, Pools, WaySet, core_count, measure, thread_counts,
+};
+use pairmaskd::cli::machine::Machine;
+use pairmaskd::cli::output::{make_folder, print_json, print_text, progress_bar};
+use pairmaskd::cli::whole::whole;
+use pairmaskd::scene::SceneName;
 
-use self::report::{Report, Row, Stage};
-use super::BenchError;
-use super::machine::Machine;
-use super::scenes::SceneSizes;
-use crate::cli::calibrate::{core_count, thread_counts};
-use crate::cli::output::{make_folder, print_json, print_text, progress_bar};
-use crate::cli::whole::whole;
-use crate::scene::SceneName;
-use crate::study::engines::{Case, CaseTimes, Effort, Pools, WaySet, measure, update_times};
+use self::report::{Stage, ThreadsReport, ThreadsRow};
+use crate::cli::error::LabError;
+use crate::cli::scenes::SceneSizes;
+use crate::study::updates::update_times;
 
 /// Sizes beside the paper's own, unless others are named.
 const SIZES: [u32; 2] = [10_000, 100_000];
@@ -40,8 +42,8 @@ Without --scene and --n: the paper's three scenes and sizes, and uniform, torus 
 and 100,000 boxes. An engine that would take many times the fastest is left out.
 
 Examples:
-  pairmaskd bench threads
-  pairmaskd bench threads --threads 1,2,4,8 --scene cubes,balls --n 20000,1000000 --out speed-up")]
+  pairmask-lab threads
+  pairmask-lab threads --threads 1,2,4,8 --scene cubes,balls --n 20000,1000000 --out speed-up")]
 pub struct ThreadsBench {
     #[command(flatten)]
     what: SceneSizes,
@@ -60,7 +62,7 @@ pub struct ThreadsBench {
 }
 
 impl ThreadsBench {
-    pub fn run(&self) -> Result<(), BenchError> {
+    pub fn run(&self) -> Result<(), LabError> {
         make_folder(self.out.as_deref())?;
         let machine = Machine::this();
         let mut threads: Vec<usize> = self.threads.iter().map(|n| n.get()).collect();
@@ -77,14 +79,14 @@ impl ThreadsBench {
         let mut rows = Vec::new();
         for case in cases {
             let updates = update_times(case.scene, case.n, &threads, &pools, &EFFORT)?;
-            rows.extend(Row::series(Stage::UpdateAabbs, case, None, updates));
+            rows.extend(ThreadsRow::series(Stage::UpdateAabbs, case, None, updates));
             progress.inc(1);
             let measured = measure(case, WaySet::Sparse, &threads, &pools, &EFFORT)?;
             rows.extend(pair_rows(&measured));
             progress.inc(1);
         }
         progress.finish_and_clear();
-        let report = Report { machine, rows };
+        let report = ThreadsReport { machine, rows };
         if let Some(folder) = &self.out {
             report.write_files(folder)?;
         }
@@ -109,13 +111,18 @@ impl ThreadsBench {
 }
 
 /// Rows of the second stage: one for every engine and number of threads.
-fn pair_rows(measured: &CaseTimes) -> Vec<Row> {
+fn pair_rows(measured: &CaseTimes) -> Vec<ThreadsRow> {
     let mut rows = Vec::new();
     for engine in EngineName::ALL {
         let ways = measured.ways.iter().filter(|(way, _)| way.engine == engine);
         let series: Vec<_> =
             ways.map(|(way, times)| (way.threads, times.engine_ns.clone())).collect();
-        rows.extend(Row::series(Stage::OverlappingPairs, measured.case, Some(engine), series));
+        rows.extend(ThreadsRow::series(
+            Stage::OverlappingPairs,
+            measured.case,
+            Some(engine),
+            series,
+        ));
     }
     rows
 }

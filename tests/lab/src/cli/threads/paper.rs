@@ -1,8 +1,9 @@
 //! What Avril, Gouranton and Arnaldi 2014 (§4.2, Figures 5 and 7) give: ms on 1, 2, 4 and 8 cores
 //! of two Xeon X5482 at 3.2 GHz.
 
+use pairmaskd::scene::SceneName;
+
 use super::report::Stage;
-use crate::scene::SceneName;
 
 /// The paper's numbers of cores.
 const CORES: [usize; 4] = [1, 2, 4, 8];

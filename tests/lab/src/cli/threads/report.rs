@@ -5,14 +5,14 @@ use std::fs;
 use std::path::Path;
 
 use pairmask::EngineName;
+use pairmaskd::calibrate::Case;
+use pairmaskd::cli::machine::Machine;
+use pairmaskd::cli::output::OutputError;
+use pairmaskd::file_error::{Access, FileError};
 use serde::Serialize;
 
 use super::paper;
-use crate::cli::bench::BenchError;
-use crate::cli::bench::machine::Machine;
-use crate::cli::output::OutputError;
-use crate::file_error::{Access, FileError};
-use crate::study::engines::Case;
+use crate::cli::error::LabError;
 
 /// The papers' two stages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -33,18 +33,18 @@ impl Stage {
     }
 }
 
-/// The JSON object of `bench threads --json`. Fields may be added, never changed or taken away.
+/// The JSON object of `threads --json`. Fields may be added, never changed or taken away.
 #[derive(Debug, Serialize)]
-pub struct Report {
+pub struct ThreadsReport {
     /// What it was measured on.
     pub machine: Machine,
     /// One for every stage, scene, size, engine and number of threads.
-    pub rows: Vec<Row>,
+    pub rows: Vec<ThreadsRow>,
 }
 
 /// One number of threads.
 #[derive(Debug, Serialize)]
-pub struct Row {
+pub struct ThreadsRow {
     stage: Stage,
     scene: &'static str,
     n: usize,
@@ -61,7 +61,7 @@ pub struct Row {
     paper_speed_up: Option<f64>,
 }
 
-impl Row {
+impl ThreadsRow {
     /// The rows of one stage of a case: (threads, times), of which one has one thread.
     pub fn series(
         stage: Stage,
@@ -94,7 +94,7 @@ impl Row {
     }
 }
 
-impl Report {
+impl ThreadsReport {
     /// One line a row under a line of names.
     pub fn csv(&self) -> String {
         let mut text = "stage,scene,n,engine,threads,frames,least_ns,median_ns,speed_up,paper_ns,paper_speed_up\n".to_owned();
@@ -123,8 +123,8 @@ impl Report {
     /// Writes `threads.csv` and `threads.json` into a folder, which is made.
     ///
     /// # Errors
-    /// [`BenchError::Write`], [`BenchError::Output`].
-    pub fn write_files(&self, folder: &Path) -> Result<(), BenchError> {
+    /// [`LabError::Write`], [`LabError::Output`].
+    pub fn write_files(&self, folder: &Path) -> Result<(), LabError> {
         let json = serde_json::to_string_pretty(self).map_err(OutputError::from)? + "\n";
         fs::create_dir_all(folder)
             .and_then(|()| fs::write(folder.join("threads.csv"), self.csv()))
@@ -134,7 +134,7 @@ impl Report {
     }
 }
 
-impl fmt::Display for Report {
+impl fmt::Display for ThreadsReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "{}, {} cores; paper: two Xeon X5482", self.machine.cpu, self.machine.cores)?;
         write!(
@@ -174,14 +174,16 @@ impl fmt::Display for Report {
 
 #[cfg(test)]
 mod tests {
+    use pairmaskd::scene::SceneName;
+
     use super::*;
-    use crate::scene::SceneName;
 
     #[test]
     fn speed_ups_are_over_one_thread() {
         let case = Case { scene: SceneName::Cubes, n: 10 };
         let series = vec![(1, vec![500, 400, 900]), (2, vec![200, 300, 250])];
-        let rows = Row::series(Stage::OverlappingPairs, case, Some(EngineName::CpuSap), series);
+        let rows =
+            ThreadsRow::series(Stage::OverlappingPairs, case, Some(EngineName::CpuSap), series);
         assert_eq!((rows[0].speed_up, rows[1].speed_up), (1.0, 2.0));
         assert_eq!((rows[1].least_ns, rows[1].median_ns), (200, 250));
         assert_eq!(rows[1].paper_ns, Some(31_650_000));

@@ -5,13 +5,13 @@ use std::time::Duration;
 use pairmask::engine::{CullWish, EngineId};
 use pairmask::wire::StageTimes;
 use pairmask::{Aabb, PairMask, Session};
+use pairmaskd::precision::PrecisionChoice;
+use pairmaskd::timed_client::{TimedClient, TimedError, TimedFrame};
 
 use super::mode::StudyMode;
 use super::spheres::SphereClient;
 use super::truth::{self, Pair};
 use super::world::WorldClient;
-use crate::precision::PrecisionChoice;
-use crate::timed_client::{TimedClient, TimedError, TimedFrame};
 
 /// One way to answer the frames of a scene, and what its answers are to be.
 pub trait Contender {

@@ -4,14 +4,14 @@ use std::time::Duration;
 
 use pairmask::engine::CullWish;
 use pairmask::{EngineChoice, EngineName, Session};
+use pairmaskd::precision::PrecisionChoice;
+use pairmaskd::scene::{Scene, SceneName};
+use pairmaskd::timed_client::TimedError;
 
 use super::contender::{FrameFigures, contender};
 use super::mode::{Rounding, StudyMode, World};
 use super::rows::{AccuracyRow, AgainstBoxes, Percentiles, StageTimes};
 use super::truth::{self, Difference};
-use crate::precision::PrecisionChoice;
-use crate::scene::{Scene, SceneName};
-use crate::timed_client::TimedError;
 
 /// What a row is about.
 #[derive(Clone, Copy, Debug)]

@@ -6,7 +6,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use crate::precision::{PrecisionChoice, UnknownPrecision};
+use pairmaskd::precision::{PrecisionChoice, UnknownPrecision};
 
 /// A value of `--precision`.
 #[derive(Clone, Copy, Debug, PartialEq)]

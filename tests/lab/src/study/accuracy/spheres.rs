@@ -7,13 +7,13 @@ use pairmask::engine::{CullWish, EngineId, HeapReply};
 use pairmask::mask::MaskView;
 use pairmask::sphere::{SPHERE_BYTES, Sphere, SphereEngines};
 use pairmask::{Aabb, BoxClass, BoxCount, ServedBy};
+use pairmaskd::timed_client::TimedError;
 use rayon::prelude::*;
 
 use super::contender::{Answer, Contender, FrameFigures};
 use super::mode::Fit;
 use super::truth::{self, Pair, outward};
 use crate::study::spheres::oracle;
-use crate::timed_client::TimedError;
 
 /// Spheres of the boxes, culled in this process.
 pub struct SphereClient {
@@ -135,8 +135,9 @@ fn pairs(spheres: &[Sphere], engine: EngineId) -> Result<Vec<Pair>, TimedError> 
 
 #[cfg(test)]
 mod tests {
+    use pairmaskd::scene::{Random, Scene, SceneName};
+
     use super::*;
-    use crate::scene::{Random, Scene, SceneName};
 
     #[test]
     fn spheres_around_hold_the_box_and_spheres_within_are_held() {

@@ -2,8 +2,7 @@
 
 use pairmask::engine::EngineId;
 use pairmask::{Aabb, Backend, EngineChoice, EngineName, Session};
-
-use crate::timed_client::TimedError;
+use pairmaskd::timed_client::TimedError;
 
 /// A pair of box indices, the lower one first.
 pub type Pair = (u32, u32);
@@ -95,8 +94,9 @@ impl Difference {
 
 #[cfg(test)]
 mod tests {
+    use pairmaskd::scene::{Scene, SceneName};
+
     use super::*;
-    use crate::scene::{Scene, SceneName};
 
     #[test]
     fn differences_are_counted() {

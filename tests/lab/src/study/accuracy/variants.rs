@@ -7,11 +7,12 @@
 use std::fmt;
 use std::str::FromStr;
 
+use crate::study::mapping::stage::Variant;
 use pairmask::BoxCount;
-use pairmask_shaders::mapping::Variant;
 use serde::{Deserialize, Serialize};
 
-use crate::execute::gpu::{Checks, GpuChoice};
+use pairmaskd::execute::gpu::{Checks, GpuChoice};
+
 use crate::study::mapping::errors::Coverage;
 use crate::study::mapping::gpu::Bench;
 use crate::study::mapping::plan::Plan;
@@ -50,7 +51,7 @@ impl fmt::Display for VariantChoice {
 /// A name that is no way.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "'{0}' is no way to map pairs: choose all, none, or names of `bench mapping`, such as far-end, lazy or 'closed sqrt corrected'"
+    "'{0}' is no way to map pairs: choose all, none, or names of `mapping`, such as far-end, lazy or 'closed sqrt corrected'"
 )]
 pub struct UnknownVariant(String);
 

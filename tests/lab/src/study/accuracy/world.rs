@@ -4,11 +4,11 @@ use glam::{DVec3, Vec3};
 use pairmask::engine::EngineId;
 use pairmask::oracle::{Faces, truth_of_faces};
 use pairmask::{Aabb, Bounds, Session};
+use pairmaskd::timed_client::{Decoding, TimedClient, TimedError};
 
 use super::contender::{Answer, Contender, FrameFigures, sorted};
 use super::mode::{Rounding, World};
 use super::truth::{self, Pair, outward};
-use crate::timed_client::{Decoding, TimedClient, TimedError};
 
 /// Coordinates of the scene are multiplied by this on their way into the world, so that they lie
 /// between those that f32 has: else they would come out of the world as they went in.
@@ -93,9 +93,9 @@ fn pairs(boxes: &[Faces], origin: DVec3, engine: EngineId) -> Result<Vec<Pair>, 
 #[cfg(test)]
 mod tests {
     use pairmask::Backend;
+    use pairmaskd::scene::{Scene, SceneName};
 
     use super::*;
-    use crate::scene::{Scene, SceneName};
 
     fn client(offset: f64, rounding: Rounding, boxes: &[Aabb]) -> WorldClient {
         let session = Session::builder().backend(Backend::InProcess).connect();

@@ -3,12 +3,12 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use pairmaskd::execute::gpu::frame::{Command, Frame, Wait};
+use pairmaskd::execute::gpu::memory::{Block, Home, Part};
+use pairmaskd::execute::gpu::{Gpu, GpuError};
 use serde::Serialize;
 
-use crate::execute::gpu::bench::grid::GridRow;
-use crate::execute::gpu::frame::{Command, Frame, Wait};
-use crate::execute::gpu::memory::{Block, Home, Part};
-use crate::execute::gpu::{Gpu, GpuError};
+use crate::gpu_stages::grid::GridRow;
 
 /// What a device moves at most, by its copy engine, GB/s.
 #[derive(Clone, Copy, Debug, Serialize)]

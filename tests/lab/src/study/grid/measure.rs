@@ -8,16 +8,16 @@ use pairmask::Aabb;
 use pairmask::Encoding;
 use pairmask::engine::{CullJob, Engine, Grid as CpuGrid, HeapReply, SweepAndPrune};
 use pairmask::update::{Placement, par_update_boxes};
+use pairmaskd::execute::gpu::Gpu;
+use pairmaskd::scene::{Scene, SceneName};
 
 use super::floor::{self, Bandwidth};
 use super::{
     EnginesRow, GridError, GridOptions, GridReport, MovingRow, PartsRow, UnderWayRow, WithoutRow,
 };
-use crate::execute::gpu::Gpu;
-use crate::execute::gpu::bench::grid::{
+use crate::gpu_stages::grid::{
     FrameTimer, GridRow, SCENES, frames_a_second, measure as measure_scene,
 };
-use crate::scene::{Scene, SceneName};
 use crate::study::machine::Machine;
 
 /// The paper's scene: a column of objects of one size falls on a plane.

@@ -16,10 +16,11 @@ use serde::Serialize;
 
 pub use self::floor::{Bandwidth, StageRow};
 pub use self::report::markdown;
+use pairmaskd::execute::gpu::{Gpu, GpuChoice, GpuError, HostImport, OpenError};
+use pairmaskd::file_error::{Access, advice};
+
 use super::machine::Machine;
-use crate::execute::gpu::bench::{BenchError, grid::GridRow};
-use crate::execute::gpu::{Gpu, GpuChoice, GpuError, HostImport, OpenError};
-use crate::file_error::{Access, advice};
+use crate::gpu_stages::{BenchError, grid::GridRow};
 
 /// What is measured and where it goes.
 #[derive(Clone, Debug, Default)]

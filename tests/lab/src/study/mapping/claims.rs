@@ -1,6 +1,6 @@
 //! The paper's sentences, judged by the figures of a study.
 
-use pairmask_shaders::mapping::{Discriminant, Magic, Root, Steps, Variant};
+use crate::study::mapping::stage::{Discriminant, Magic, Root, Steps, Variant};
 use serde::Serialize;
 
 use super::MappingReport;

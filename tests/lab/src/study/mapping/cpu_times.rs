@@ -3,8 +3,8 @@
 use std::hint::black_box;
 use std::time::Instant;
 
+use crate::study::mapping::stage::{Root, Variant};
 use pairmask::BoxCount;
-use pairmask_shaders::mapping::{Root, Variant};
 use rayon::prelude::*;
 
 use super::Budget;

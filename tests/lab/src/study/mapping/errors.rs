@@ -3,9 +3,9 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use crate::study::mapping::stage::Variant;
 use pairmask::pair_index::row_start;
 use pairmask::{BoxCount, PairIndex};
-use pairmask_shaders::mapping::Variant;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -264,7 +264,7 @@ fn split_mix(i: u64) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use pairmask_shaders::mapping::{Discriminant, Magic, Root, Steps};
+    use crate::study::mapping::stage::{Discriminant, Magic, Root, Steps};
 
     use super::*;
 

@@ -4,9 +4,9 @@
 //! A variant answers with two box numbers, counted from 0, that need not be a pair: that is what
 //! the study counts. The paper counts boxes from 1, and so does the inside of [`closed`].
 
+use crate::study::mapping::stage::{Discriminant, Variant};
 use pairmask::pair_index::row_start;
 use pairmask::{BoxCount, PairIndex};
-use pairmask_shaders::mapping::{Discriminant, Variant};
 
 use super::roots::{RootVisitor, with_root};
 
@@ -210,8 +210,8 @@ impl MapVisitor for One {
 ///
 /// ```
 /// use pairmask::BoxCount;
-/// use pairmask_shaders::mapping::Variant;
-/// use pairmaskd::study::mapping::mirror::{Mapped, map};
+/// use crate::study::mapping::stage::Variant;
+/// use pairmask_lab::study::mapping::mirror::{Mapped, map};
 /// let n = BoxCount::new(5);
 /// for variant in Variant::all().filter(|v| *v != Variant::Lazy) {
 ///     assert_eq!(map(variant, n, 2), Mapped { a: 0, b: 3 }, "{variant}");

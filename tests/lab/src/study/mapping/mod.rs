@@ -18,6 +18,7 @@ pub mod claims;
 pub mod cpu_times;
 pub mod errors;
 pub mod gpu;
+pub mod layouts;
 pub mod mirror;
 pub mod paper;
 pub mod plan;
@@ -25,14 +26,15 @@ pub mod report;
 pub mod root_errors;
 pub mod roots;
 pub mod rows;
+pub mod stage;
 
 use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-use crate::execute::gpu::{Checks, Gpu, GpuChoice, GpuError, HostImport, OpenError};
-use crate::file_error::{Access, advice};
+use pairmaskd::execute::gpu::{Checks, Gpu, GpuChoice, GpuError, HostImport, OpenError};
+use pairmaskd::file_error::{Access, advice};
 
 use self::gpu::Bench;
 use self::plan::Plan;
@@ -115,10 +117,10 @@ pub fn run_and_print(
 /// [`MappingError`].
 ///
 /// ```no_run
-/// use pairmaskd::study::mapping::{MappingOptions, run};
+/// use pairmask_lab::study::mapping::{MappingOptions, run};
 /// let report = run(&MappingOptions { quick: true, ..Default::default() })?;
 /// assert!(!report.pair_errors.is_empty());
-/// # Ok::<(), pairmaskd::study::mapping::MappingError>(())
+/// # Ok::<(), pairmask_lab::study::mapping::MappingError>(())
 /// ```
 pub fn run(options: &MappingOptions) -> Result<MappingReport, MappingError> {
     run_and_print(options, &mut io::stdout().lock())

@@ -1,6 +1,6 @@
 //! The paper's own figures (Avril et al. 2012; Quadro FX 3600M, Core 2 Duo X7900).
 
-use pairmask_shaders::mapping::{Magic, PairOutput, Root, Steps};
+use crate::study::mapping::stage::{Magic, PairOutput, Root, Steps};
 
 /// Table 2: ms with a square root and the lazy way.
 pub fn table_2(n: u32) -> Option<(f64, f64)> {

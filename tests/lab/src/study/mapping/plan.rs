@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use pairmask_shaders::mapping::Variant;
+use crate::study::mapping::stage::Variant;
 
 use super::Budget;
 

@@ -1,6 +1,6 @@
 //! How often the integer part of an approximated root is wrong (Avril et al. 2012, table 3).
 
-use pairmask_shaders::mapping::Root;
+use crate::study::mapping::stage::Root;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -50,7 +50,7 @@ pub fn count(root: Root, count: u64) -> RootTally {
 
 #[cfg(test)]
 mod tests {
-    use pairmask_shaders::mapping::{Magic, Steps};
+    use crate::study::mapping::stage::{Magic, Steps};
 
     use super::*;
 

@@ -1,6 +1,6 @@
 //! Square roots in f32: built in, and by a first guess and Newton steps.
 
-use pairmask_shaders::mapping::{Magic, Root, Steps};
+use crate::study::mapping::stage::{Magic, Root, Steps};
 
 /// √x as x · 1/√x: a first guess from the bits of x, then `STEPS` steps of Newton.
 ///

@@ -2,8 +2,8 @@
 
 use std::fmt;
 
+use crate::study::mapping::stage::{Discriminant, PairOutput, Root, Variant};
 use pairmask::{Aabb, BoxCount};
-use pairmask_shaders::mapping::{Discriminant, PairOutput, Root, Variant};
 use serde::{Serialize, Serializer};
 
 use super::cpu_times::{self, Threads};
@@ -14,7 +14,7 @@ use super::gpu::{self, Bench};
 use super::plan::Plan;
 use super::root_errors::{self, RootTally};
 use super::{MappingError, MappingReport, claims, paper};
-use crate::execute::gpu::bench::uniform;
+use crate::gpu_stages::uniform;
 use crate::study::machine::Machine;
 
 /// Who computed.

@@ -8,6 +8,8 @@
 
 use std::fmt::{self, Write};
 
+use pairmask_shaders::{ComposeError, ComposedStage, compose, shared_part};
+
 /// First guesses of an inverse square root, subtracted from half the bits of the number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u32)]
@@ -104,7 +106,7 @@ impl Variant {
     /// Every variant, in the order of the report.
     ///
     /// ```
-    /// use pairmask_shaders::mapping::Variant;
+    /// use pairmask_lab::study::mapping::stage::Variant;
     /// let names: Vec<String> = Variant::all().map(|v| v.to_string()).collect();
     /// assert_eq!(names.len(), 25);
     /// assert_eq!(names[3], "closed carmack-1 corrected");
@@ -237,7 +239,8 @@ impl MappingStage {
         forms
     }
 
-    pub(crate) const fn label(self) -> &'static str {
+    /// The name of the file, of the pipeline and of the timing row.
+    pub const fn label(self) -> &'static str {
         match self {
             Self::Pairs(..) => "mapping_pairs",
             Self::Errors(..) => "mapping_errors",
@@ -249,23 +252,44 @@ impl MappingStage {
         }
     }
 
-    pub(crate) const fn binding_count(self) -> u32 {
+    /// Storage buffers that the stage binds, numbered from 0.
+    pub const fn binding_count(self) -> u32 {
         match self {
             Self::Pairs(..) | Self::Errors(..) | Self::Mask(_) | Self::MaskOr(_) => 2,
             Self::Time(..) | Self::RootErrors(_) | Self::RootTime(_) => 1,
         }
     }
 
-    pub(crate) const fn file(self) -> &'static str {
+    /// The file as it is.
+    const fn file(self) -> &'static str {
         match self {
-            Self::Pairs(..) => include_str!("../wgsl/mapping_pairs.wgsl"),
-            Self::Errors(..) => include_str!("../wgsl/mapping_errors.wgsl"),
-            Self::Time(..) => include_str!("../wgsl/mapping_time.wgsl"),
-            Self::RootErrors(_) => include_str!("../wgsl/mapping_root_errors.wgsl"),
-            Self::RootTime(_) => include_str!("../wgsl/mapping_root_time.wgsl"),
-            Self::Mask(_) => include_str!("../wgsl/mapping_mask.wgsl"),
-            Self::MaskOr(_) => include_str!("../wgsl/mapping_mask_or.wgsl"),
+            Self::Pairs(..) => include_str!("../../../shaders/mapping_pairs.wgsl"),
+            Self::Errors(..) => include_str!("../../../shaders/mapping_errors.wgsl"),
+            Self::Time(..) => include_str!("../../../shaders/mapping_time.wgsl"),
+            Self::RootErrors(_) => include_str!("../../../shaders/mapping_root_errors.wgsl"),
+            Self::RootTime(_) => include_str!("../../../shaders/mapping_root_time.wgsl"),
+            Self::Mask(_) => include_str!("../../../shaders/mapping_mask.wgsl"),
+            Self::MaskOr(_) => include_str!("../../../shaders/mapping_mask_or.wgsl"),
         }
+    }
+
+    /// The stage as one WGSL module, with its name and bindings.
+    ///
+    /// # Errors
+    /// [`ComposeError`].
+    pub fn composed(self) -> Result<ComposedStage, ComposeError> {
+        let unknown = |name: &str| ComposeError::UnknownImport {
+            stage: self.label(),
+            import: name.to_owned(),
+        };
+        let part = |name: &str| {
+            self.shared(name).or_else(|| shared_part(name)).ok_or_else(|| unknown(name))
+        };
+        Ok(ComposedStage {
+            label: self.label(),
+            binding_count: self.binding_count(),
+            wgsl: compose(self.file(), &part)?,
+        })
     }
 
     fn map(self) -> Option<(Variant, IdWidth)> {
@@ -287,17 +311,17 @@ impl MappingStage {
     }
 
     /// The shared part that `name` stands for in this stage, if it is one of the study's.
-    pub(crate) fn shared(self, name: &str) -> Option<String> {
+    fn shared(self, name: &str) -> Option<String> {
         Some(match name {
-            "pair_ids" => self.id_type()? + include_str!("../wgsl/shared/pair_ids.wgsl"),
+            "pair_ids" => self.id_type()? + include_str!("../../../shaders/shared/pair_ids.wgsl"),
             "map" => self.map_text()?,
             "root" => root_text(self.root()?),
-            "each_id" => include_str!("../wgsl/shared/each_id.wgsl").to_owned(),
-            "row_order" => include_str!("../wgsl/shared/row_order.wgsl").to_owned(),
+            "each_id" => include_str!("../../../shaders/shared/each_id.wgsl").to_owned(),
+            "row_order" => include_str!("../../../shaders/shared/row_order.wgsl").to_owned(),
             "mask_test" => {
                 let (Self::Mask(output) | Self::MaskOr(output)) = self else { return None };
                 format!("const PAIRS_PER_WORD: u32 = {}u;\n", output.pairs_per_word())
-                    + include_str!("../wgsl/shared/mask_test.wgsl")
+                    + include_str!("../../../shaders/shared/mask_test.wgsl")
             }
             _ => return None,
         })
@@ -324,12 +348,12 @@ impl MappingStage {
             let _ = writeln!(text, "const CORRECTED: bool = {corrected};\n");
         }
         text += match variant {
-            Variant::Closed { .. } => include_str!("../wgsl/shared/map_closed.wgsl"),
-            Variant::FarEnd => include_str!("../wgsl/shared/map_far_end.wgsl"),
-            Variant::RowSearch => include_str!("../wgsl/shared/map_row_search.wgsl"),
-            Variant::Fold => include_str!("../wgsl/shared/map_fold.wgsl"),
-            Variant::WordStep => include_str!("../wgsl/shared/map_word_step.wgsl"),
-            Variant::Lazy => include_str!("../wgsl/shared/map_lazy.wgsl"),
+            Variant::Closed { .. } => include_str!("../../../shaders/shared/map_closed.wgsl"),
+            Variant::FarEnd => include_str!("../../../shaders/shared/map_far_end.wgsl"),
+            Variant::RowSearch => include_str!("../../../shaders/shared/map_row_search.wgsl"),
+            Variant::Fold => include_str!("../../../shaders/shared/map_fold.wgsl"),
+            Variant::WordStep => include_str!("../../../shaders/shared/map_word_step.wgsl"),
+            Variant::Lazy => include_str!("../../../shaders/shared/map_lazy.wgsl"),
         };
         Some(text)
     }
@@ -337,12 +361,12 @@ impl MappingStage {
 
 fn root_text(root: Root) -> String {
     match root {
-        Root::BuiltIn => include_str!("../wgsl/shared/root_built_in.wgsl").to_owned(),
+        Root::BuiltIn => include_str!("../../../shaders/shared/root_built_in.wgsl").to_owned(),
         Root::Newton(magic, steps) => {
             format!(
                 "const ROOT_MAGIC: u32 = {:#x}u;\nconst NEWTON_STEPS: u32 = {}u;\n\n",
                 magic as u32, steps as u32
-            ) + include_str!("../wgsl/shared/root_newton.wgsl")
+            ) + include_str!("../../../shaders/shared/root_newton.wgsl")
         }
     }
 }

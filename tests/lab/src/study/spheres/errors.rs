@@ -1,12 +1,12 @@
 //! What ways to decide a pair of spheres get wrong, against exact arithmetic.
 
 use pairmask::sphere::Sphere;
+use pairmaskd::scene::Random;
 use rayon::prelude::*;
 use serde::Serialize;
 
 use super::families::{ALL, Family};
 use super::oracle::overlap;
-use crate::scene::Random;
 
 /// Pairs of one stream of random numbers.
 const CHUNK: u64 = 10_000;

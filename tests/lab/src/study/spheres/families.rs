@@ -1,8 +1,7 @@
 //! Pairs of spheres, by what makes them hard to decide.
 
 use pairmask::sphere::Sphere;
-
-use crate::scene::Random;
+use pairmaskd::scene::Random;
 
 /// A kind of pairs.
 #[derive(Clone, Copy)]

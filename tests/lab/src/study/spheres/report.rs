@@ -8,7 +8,7 @@ use super::errors::ErrorRow;
 use super::speed::SpeedRow;
 use crate::study::machine::Machine;
 
-/// The JSON object of `bench spheres --json`. Fields may be added, never changed or taken away.
+/// The JSON object of `spheres --json`. Fields may be added, never changed or taken away.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SphereReport {
     /// Where it was measured.

@@ -6,11 +6,11 @@ use std::time::{Duration, Instant};
 use pairmask::engine::{CullJob, CullWish, HeapReply};
 use pairmask::sphere::{Sphere, SphereAllPairs, SphereEngines};
 use pairmask::{Encoding, EncodingChoice};
+use pairmaskd::scene::{Scene, SceneName};
 use serde::Serialize;
 
 use super::errors::squared_f32;
 use super::paper::TABLE_1;
-use crate::scene::{Scene, SceneName};
 
 /// Numbers of spheres: the paper's, and on.
 const SIZES: [usize; 10] = [64, 128, 192, 256, 320, 1_000, 3_200, 10_000, 32_000, 100_000];

@@ -375,7 +375,7 @@ fn stage_table(rows: &[AccuracyRow]) -> Markup {
 
 #[cfg(test)]
 pub(super) mod tests {
-    use pairmask_shaders::mapping::Variant;
+    use crate::study::mapping::stage::Variant;
 
     use super::*;
     use crate::study::accuracy::rows::{self, Percentiles};
@@ -425,7 +425,7 @@ pub(super) mod tests {
         }
         assert!(page.contains("No pair was missed"));
         assert!(page.contains("bench &lt;accuracy&gt;"), "the command is escaped");
-        assert!(page.contains(env!("PAIRMASK_COMMIT")));
+        assert!(page.contains(pairmaskd::cli::build::COMMIT));
     }
 
     #[test]

@@ -1,13 +1,14 @@
 //! The error study on a device: the same counts as [`crate::study::mapping::errors`], by the
 //! device's own arithmetic.
 
-use pairmask_shaders::layouts::{MappingErrorsParams, MappingTally, RootParams, RootTally};
-use pairmask_shaders::mapping::{IdWidth, MappingStage, Root, Variant};
+use crate::study::mapping::layouts::{MappingErrorsParams, MappingTally, RootParams, RootTally};
+use crate::study::mapping::stage::{IdWidth, MappingStage, Root, Variant};
+
+use pairmaskd::execute::gpu::GpuError;
+use pairmaskd::execute::gpu::frame::Command;
+use pairmaskd::execute::gpu::memory::{Block, Part};
 
 use super::{Bench, WORD_IDS, zeroed};
-use crate::execute::gpu::GpuError;
-use crate::execute::gpu::frame::Command;
-use crate::execute::gpu::memory::{Block, Part};
 use crate::study::mapping::errors::{Coverage, Tally, counted};
 use crate::study::mapping::root_errors;
 

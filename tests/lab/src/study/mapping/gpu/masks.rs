@@ -1,17 +1,18 @@
 //! All pairs by the paper's mapping: one byte or one bit a pair, kernel and transfer
 //! (Avril et al. 2012, table 5, figures 3 and 4).
 
+use crate::study::mapping::layouts::MaskParams;
+use crate::study::mapping::stage::{MappingStage, PairOutput};
 use bytemuck::cast_slice;
 use pairmask::aabb::KeyBox;
 use pairmask::{Aabb, BoxCount};
-use pairmask_shaders::layouts::MaskParams;
-use pairmask_shaders::mapping::{MappingStage, PairOutput};
+
+use pairmaskd::execute::gpu::GpuError;
+use pairmaskd::execute::gpu::frame::Command;
+use pairmaskd::execute::gpu::memory::Part;
 
 use super::times::median_ms;
 use super::{Bench, zeroed};
-use crate::execute::gpu::GpuError;
-use crate::execute::gpu::frame::Command;
-use crate::execute::gpu::memory::Part;
 use crate::study::mapping::Budget;
 
 /// Who writes a word of the output.

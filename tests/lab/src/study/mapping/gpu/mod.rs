@@ -5,18 +5,20 @@ pub mod masks;
 pub mod pairs;
 pub mod times;
 
+use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-use bytemuck::{Pod, Zeroable};
-use pairmask_shaders::Stage;
 use pairmask_shaders::constants::BATCH_BOXES;
-use pairmask_shaders::mapping::{IdWidth, MappingStage, Variant};
 
-use crate::execute::gpu::frame::{Command, Frame, Wait};
-use crate::execute::gpu::memory::{Block, Home, Part};
-use crate::execute::gpu::pipeline::Pipelines;
-use crate::execute::gpu::{Checks, Gpu, GpuError};
+use crate::study::mapping::stage::{IdWidth, MappingStage, Variant};
+use bytemuck::{Pod, Zeroable};
+
+use pairmaskd::execute::gpu::error::StageFault;
+use pairmaskd::execute::gpu::frame::{Command, Frame, Wait};
+use pairmaskd::execute::gpu::memory::{Block, Home, Part};
+use pairmaskd::execute::gpu::pipeline::{Pipeline, Pipelines};
+use pairmaskd::execute::gpu::{Checks, Gpu, GpuError};
 
 /// A study frame that takes longer is given up: a thousand times what a GPU needs, and enough for
 /// a software adapter.
@@ -29,6 +31,7 @@ pub(super) const WORD_IDS: u64 = 32;
 pub struct Bench {
     gpu: Arc<Gpu>,
     pipelines: Pipelines,
+    made: HashMap<MappingStage, Arc<Pipeline>>,
 }
 
 impl Bench {
@@ -37,7 +40,11 @@ impl Bench {
     /// # Errors
     /// [`GpuError`].
     pub fn new(gpu: &Arc<Gpu>, checks: Checks) -> Result<Self, GpuError> {
-        Ok(Self { gpu: Arc::clone(gpu), pipelines: Pipelines::new(gpu, checks, None)? })
+        Ok(Self {
+            gpu: Arc::clone(gpu),
+            pipelines: Pipelines::new(gpu, checks, None)?,
+            made: HashMap::new(),
+        })
     }
 
     /// The device.
@@ -58,11 +65,24 @@ impl Bench {
         groups: [u32; 2],
     ) -> Result<Command, GpuError> {
         Ok(Command::Stage {
-            pipeline: self.pipelines.get(Stage::Mapping(stage))?,
+            pipeline: self.pipeline(stage)?,
             parts: blocks.iter().map(|block| Part::whole(block)).collect(),
             immediates: bytemuck::bytes_of(immediates).to_vec(),
             groups,
         })
+    }
+
+    /// The pipeline of a stage, compiled when first asked for.
+    fn pipeline(&mut self, stage: MappingStage) -> Result<Arc<Pipeline>, GpuError> {
+        if let Some(pipeline) = self.made.get(&stage) {
+            return Ok(Arc::clone(pipeline));
+        }
+        let composed = stage
+            .composed()
+            .map_err(|_| GpuError::Stage { stage: stage.label(), why: StageFault::Compose })?;
+        let pipeline = self.pipelines.compile(&composed)?;
+        self.made.insert(stage, Arc::clone(&pipeline));
+        Ok(pipeline)
     }
 
     /// Runs steps once and gives the nanoseconds of each by the GPU's clock.

@@ -1,10 +1,11 @@
 //! What a variant answers on a device, id by id: for comparison with the mirrors.
 
-use pairmask_shaders::layouts::MappingPairsParams;
-use pairmask_shaders::mapping::{IdWidth, MappingStage, Variant};
+use crate::study::mapping::layouts::MappingPairsParams;
+use crate::study::mapping::stage::{IdWidth, MappingStage, Variant};
+
+use pairmaskd::execute::gpu::GpuError;
 
 use super::{Bench, zeroed};
-use crate::execute::gpu::GpuError;
 use crate::study::mapping::mirror::Mapped;
 
 /// Maps `ids` on the device. Ids past the variant's last one have no meaning.

@@ -2,11 +2,12 @@
 
 use std::time::{Duration, Instant};
 
-use pairmask_shaders::layouts::{MappingTimeParams, RootParams};
-use pairmask_shaders::mapping::{IdWidth, MappingStage, Root, Variant};
+use crate::study::mapping::layouts::{MappingTimeParams, RootParams};
+use crate::study::mapping::stage::{IdWidth, MappingStage, Root, Variant};
+
+use pairmaskd::execute::gpu::GpuError;
 
 use super::{Bench, WORD_IDS};
-use crate::execute::gpu::GpuError;
 use crate::study::mapping::Budget;
 
 /// A sum that threads are not expected to have.

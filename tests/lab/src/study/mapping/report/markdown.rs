@@ -2,7 +2,7 @@
 
 use std::fmt::{Display, Write};
 
-use pairmask_shaders::mapping::{Root, Variant};
+use crate::study::mapping::stage::{Root, Variant};
 
 use super::super::claims::Verdict;
 use super::super::errors::Coverage;

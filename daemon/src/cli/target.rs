@@ -6,8 +6,8 @@ use pairmask::Backend;
 use pairmask::session::SessionBuilder;
 use pairmask::transport::{InstanceName, RuntimeDir};
 
-use crate::cli::config::Config;
-use crate::cli::options::{CullOptions, DaemonOptions, Place};
+use super::config::Config;
+use super::options::{CullOptions, DaemonOptions, Place};
 use crate::spawn::{PrivateDaemon, PrivateSettings, SpawnError};
 
 /// How long one frame may take: all pairs of a million boxes on one thread.
@@ -15,7 +15,9 @@ const DEADLINE: Duration = Duration::from_secs(600);
 
 /// Who is measured.
 pub struct Target {
+    /// The directory that holds the instance.
     pub dir: RuntimeDir,
+    /// The instance.
     pub instance: InstanceName,
     backend: Backend,
     /// Stopped with the measurement.
@@ -23,7 +25,11 @@ pub struct Target {
 }
 
 impl Target {
-    /// The instance that was named, else a daemon of its own that spins so long before it sleeps.
+    /// The instance that was named, else a daemon of its own that spins so long before it sleeps:
+    /// this process's own binary, as `serve`.
+    ///
+    /// # Errors
+    /// [`SpawnError`] where the daemon does not start.
     pub fn new(
         options: &CullOptions,
         daemon: &DaemonOptions,
