@@ -113,10 +113,7 @@ impl Command {
     /// Whether a setting of the configuration file means something for it: what reads none does not
     /// fail by a file that is wrong.
     const fn reads_config(&self) -> bool {
-        match self {
-            Self::Calibrate(_) | Self::Scene(_) | Self::Explain(_) => false,
-            _ => true,
-        }
+        !matches!(self, Self::Calibrate(_) | Self::Scene(_) | Self::Explain(_))
     }
 
     /// What is logged unless `PAIRMASK_LOG` says otherwise.
