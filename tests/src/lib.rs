@@ -9,6 +9,7 @@ pub mod daemon;
 pub mod gpu;
 pub mod library_log;
 pub mod mask_writer;
+pub mod module_graph;
 pub mod narrow;
 pub mod pair_scenes;
 pub mod peers;

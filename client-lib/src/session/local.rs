@@ -2,16 +2,18 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use pairmask_core::aabb::Aabb;
+use pairmask_core::engine::{CpuEngines, CullError, CullWish, HeapReply};
+use pairmask_core::objects::Objects;
+use pairmask_core::plan::CalibrationChoice;
+use pairmask_core::precision::ExpandScratch;
+use pairmask_core::sphere::{Sphere, SphereWays};
+use pairmask_core::units::BoxCount;
+use pairmask_wire::Reply;
+
 use super::builder::Settings;
 use super::frame::Written;
 use super::pairs::{PairMask, ServedBy, Storage};
-use crate::aabb::Aabb;
-use crate::engine::{CpuEngines, CullError, CullWish, HeapReply};
-use crate::plan::CalibrationChoice;
-use crate::precision::ExpandScratch;
-use crate::sphere::{Sphere, SphereWays};
-use crate::units::BoxCount;
-use crate::wire::{Objects, Reply};
 
 /// Buffers that are kept: two frames under way, one being filled, and as many masks held.
 const KEPT_BUFFERS: usize = 4;

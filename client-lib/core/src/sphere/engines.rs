@@ -1,0 +1,143 @@
+//! All sphere engines of a process, and the choice between them.
+
+use std::time::Instant;
+
+use super::{Sphere, SphereAllPairs, SphereFilter};
+use crate::engine::{
+    CpuEngines, CullAnswer, CullError, CullJob, CullWish, EngineChoice, EngineName, ReplyBuffer,
+    nanoseconds_since,
+};
+use crate::mask::{Encoding, EncodingChoice};
+
+/// Up to this many spheres every pair is tested: finding candidates first would take longer.
+const ALL_PAIRS_SPHERES: usize = 256;
+
+/// Up to this many spheres a dense mask is chosen where the client leaves it open: 16 KB.
+const DENSE_SPHERES: usize = 512;
+
+/// The sphere engines, with the scratch memory that they keep from frame to frame.
+///
+/// A request is answered as one for boxes is, by the same names: `cpu-brute` tests all pairs, the
+/// others find candidates among the spheres' bounds first.
+///
+/// ```
+/// use pairmask::engine::{CullWish, HeapReply};
+/// use pairmask::mask::MaskView;
+/// use pairmask::sphere::{Sphere, SphereEngines};
+/// use pairmask::BoxCount;
+///
+/// let spheres: Vec<Sphere> =
+///     (0..1_000).map(|i| Sphere::new([2.0 * i as f32, 0.0, 0.0], 1.0)).collect();
+/// let mut reply = HeapReply::new();
+/// let answer = SphereEngines::new().cull(&spheres, &CullWish::default(), &mut reply)?;
+/// let mask = MaskView::new(BoxCount::new(1_000), &answer.report.shape, reply.words());
+/// assert_eq!(mask.expect("as it was written").count(), 999, "each touches the next");
+/// # Ok::<(), pairmask::engine::CullError>(())
+/// ```
+#[derive(Default)]
+pub struct SphereEngines {
+    ways: SphereWays,
+    boxes: CpuEngines,
+}
+
+/// The ways to find pairs of spheres, for those who have box engines already: sessions and daemons
+/// answer frames of boxes and of spheres with the same ones.
+#[derive(Default)]
+pub struct SphereWays {
+    all_pairs: SphereAllPairs,
+    filter: SphereFilter,
+}
+
+impl SphereEngines {
+    /// Engines with empty scratch memory.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Finds the pairs of `spheres`.
+    ///
+    /// # Errors
+    /// [`CullError`], among them an engine that is not one of the CPU's.
+    pub fn cull(
+        &mut self,
+        spheres: &[Sphere],
+        wish: &CullWish,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullAnswer, CullError> {
+        self.ways.cull(&mut self.boxes, spheres, wish, reply)
+    }
+}
+
+impl SphereWays {
+    /// Finds the pairs of `spheres`. Where there are many, `boxes` finds the candidates among their
+    /// bounds.
+    ///
+    /// # Errors
+    /// [`CullError`], among them an engine that is not one of the CPU's.
+    pub fn cull(
+        &mut self,
+        boxes: &mut CpuEngines,
+        spheres: &[Sphere],
+        wish: &CullWish,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullAnswer, CullError> {
+        if let EngineChoice::Only(engine) = wish.engine
+            && engine.is_gpu()
+        {
+            let why = "spheres are culled by the engines of the CPU";
+            return Err(CullError::Unavailable { engine, why });
+        }
+        let (n, limit_words) = (spheres.len(), reply.limit_words());
+        let wish = wish.within(n, limit_words);
+        let encoding = match wish.encoding {
+            EncodingChoice::Only(encoding) => encoding,
+            EncodingChoice::Auto
+                if n <= DENSE_SPHERES && wish.readable.contains(Encoding::Dense) =>
+            {
+                Encoding::Dense
+            }
+            EncodingChoice::Auto => Encoding::Sparse,
+        };
+        match self.cull_in(boxes, spheres, &wish, encoding, reply) {
+            Err(error) => match wish.after(&error, n, limit_words) {
+                Some(dense) => self.cull_in(boxes, spheres, &dense, Encoding::Dense, reply),
+                None => Err(error),
+            },
+            done => done,
+        }
+    }
+
+    /// Bytes of scratch that is kept from frame to frame, beside that of the box engines.
+    pub fn scratch_bytes(&self) -> usize {
+        self.all_pairs.scratch_bytes() + self.filter.scratch_bytes()
+    }
+
+    fn cull_in(
+        &mut self,
+        boxes: &mut CpuEngines,
+        spheres: &[Sphere],
+        wish: &CullWish,
+        encoding: Encoding,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullAnswer, CullError> {
+        let all_pairs = match wish.engine {
+            EngineChoice::Auto => spheres.len() <= ALL_PAIRS_SPHERES,
+            EngineChoice::Only(engine) => engine == EngineName::CpuBrute,
+        };
+        if !all_pairs {
+            return self.filter.cull(boxes, spheres, wish, encoding, reply);
+        }
+        let start = Instant::now();
+        let pool = rayon::current_num_threads();
+        let threads = wish.threads.unwrap_or(pool).clamp(1, pool);
+        let report = self.all_pairs.cull(spheres, &CullJob { encoding, threads }, reply)?;
+        let times = crate::engine::StageTimes {
+            ingest_ns: report.times.ingest_ns,
+            plan_ns: 0,
+            execute_ns: report.times.execute_ns,
+            publish_ns: report.times.publish_ns,
+            total_ns: nanoseconds_since(start),
+        };
+        Ok(CullAnswer { engine: EngineName::CpuBrute, threads, report, times })
+    }
+}
