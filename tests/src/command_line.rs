@@ -12,6 +12,8 @@ use pairmask::Aabb;
 use serde_json::Value;
 use tempfile::TempDir;
 
+use crate::watchdog::within;
+
 /// Nothing here takes as long; a hang ends here.
 pub const PATIENCE: Duration = Duration::from_secs(120);
 
@@ -212,15 +214,8 @@ fn collect(stream: Option<impl Read + Send + 'static>) -> JoinHandle<String> {
 ///
 /// # Panics
 /// When it does not within [`PATIENCE`].
-pub fn eventually<T>(what: &str, mut check: impl FnMut() -> Option<T>) -> T {
-    let start = Instant::now();
-    loop {
-        if let Some(value) = check() {
-            return value;
-        }
-        assert!(start.elapsed() < PATIENCE, "waited {PATIENCE:?} in vain: {what}");
-        std::thread::sleep(Duration::from_millis(5));
-    }
+pub fn eventually<T>(what: &str, check: impl FnMut() -> Option<T>) -> T {
+    within(PATIENCE, what, check)
 }
 
 /// Names of an object's fields.

@@ -16,6 +16,7 @@ pub mod peers;
 pub mod refuser;
 pub mod session_engine;
 pub mod spheres;
+pub mod watchdog;
 
 pub use attack::attack_time;
 pub use pairmask::oracle;

@@ -112,7 +112,7 @@ mod tests {
             ("bench latency", "--runtime-dir", true),
             ("demo", "--config", true),
             ("demo", "--instance", false),
-            ("calibrate", "--calibration", false),
+            ("calibrate", "--runtime-dir", false),
         ] {
             let mut command = named(path).expect(path);
             let help = command.render_long_help().to_string();

@@ -27,7 +27,7 @@ use crate::scene::{Scene, SceneName};
 use crate::spawn::SpawnError;
 use crate::timed_client::{Decoders, Decoding, TimedClient, TimedError};
 
-/// Longer than any pause between two frames: whoever spins never sleeps in between.
+/// Longer than any pause between two frames: a spinning thread never sleeps in between.
 const SPIN: Duration = Duration::from_secs(1);
 /// The scene's seed: every run sees the same boxes move the same way.
 const SEED: u64 = 1;
@@ -99,7 +99,7 @@ pub enum Wait {
 impl Wait {
     const ALL: [Self; 2] = [Self::Spin, Self::Event];
 
-    /// How long whoever waits spins.
+    /// How long a waiting thread spins.
     const fn spin(self) -> Duration {
         match self {
             Self::Spin => SPIN,

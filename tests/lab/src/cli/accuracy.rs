@@ -34,7 +34,7 @@ use crate::study::accuracy::{report, table};
 use crate::study::machine::Machine;
 use crate::study::mapping::MappingError;
 
-/// Longer than any pause between two frames: whoever spins never sleeps in between.
+/// Longer than any pause between two frames: a spinning thread never sleeps in between.
 const SPIN: Duration = Duration::from_secs(1);
 
 /// Run time against error: scenes by sizes by precision modes by engines

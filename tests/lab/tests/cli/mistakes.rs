@@ -42,9 +42,10 @@ fn help_lists_what_works() {
 
 #[test]
 fn a_reader_that_has_gone_is_no_failure() {
+    let place = Place::new();
     let (reader, writer) = std::io::pipe().unwrap();
     drop(reader);
-    let mut command = Place::new().command(&["mapping", "--gpu", "none", "--quick"]);
+    let mut command = place.command(&["mapping", "--gpu", "none", "--quick"]);
     let finished = command.stdout(writer).stderr(Stdio::piped()).output().unwrap();
     let stderr = String::from_utf8_lossy(&finished.stderr);
     assert_eq!(finished.status.code(), Some(0), "{stderr}");

@@ -210,8 +210,8 @@ impl MapVisitor for One {
 ///
 /// ```
 /// use pairmask::BoxCount;
-/// use crate::study::mapping::stage::Variant;
 /// use pairmask_lab::study::mapping::mirror::{Mapped, map};
+/// use pairmask_lab::study::mapping::stage::Variant;
 /// let n = BoxCount::new(5);
 /// for variant in Variant::all().filter(|v| *v != Variant::Lazy) {
 ///     assert_eq!(map(variant, n, 2), Mapped { a: 0, b: 3 }, "{variant}");
