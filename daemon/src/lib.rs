@@ -2,6 +2,7 @@
 //! benches and the tests share.
 
 pub mod audit;
+pub mod calibrate;
 pub mod cli;
 mod clients;
 pub mod execute;
@@ -9,12 +10,9 @@ pub mod explain;
 pub mod file_error;
 pub mod ingest;
 pub mod precision;
-mod publish;
+pub mod publish;
 pub mod requests;
-pub mod sabotage;
 pub mod scene;
 pub mod serve;
 pub mod spawn;
-pub mod stress;
-pub mod study;
 pub mod timed_client;

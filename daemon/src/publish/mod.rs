@@ -7,5 +7,6 @@ mod outbox;
 mod refusal;
 
 pub(crate) use open_request::{ObjectsPlace, OpenRequest, ReplyLender};
+pub use outbox::AlterAnswer;
 pub(crate) use outbox::Outbox;
 pub(crate) use refusal::Refusal;

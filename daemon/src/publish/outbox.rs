@@ -3,7 +3,7 @@
 use std::rc::Rc;
 
 use iceoryx2::service::ipc;
-use pairmask::engine::CullAnswer;
+use pairmask::engine::{CullAnswer, CullReport};
 use pairmask::transport::Services;
 use pairmask::wire::{
     ResponseHeader, StageTimes, StatusBody, response_error, response_ok, response_status,
@@ -13,7 +13,10 @@ use super::counters::Counters;
 use super::{OpenRequest, Refusal};
 use crate::audit::Auditor;
 use crate::clients::Clients;
-use crate::sabotage::lose_a_pair;
+
+/// What changes the words of a finished answer and their report. A daemon that serves clients has
+/// none: tests show with it that the auditor notices a wrong answer.
+pub type AlterAnswer = fn(&mut [u32], &mut CullReport);
 
 /// What every answer passes.
 pub(crate) struct Outbox {
@@ -21,7 +24,8 @@ pub(crate) struct Outbox {
     clients: Clients,
     counters: Counters,
     auditor: Auditor,
-    break_engine: bool,
+    /// Changes every answer before it is counted and sent.
+    alter_answers: Option<AlterAnswer>,
     /// Threads that the engine of the last answer could use.
     threads: usize,
 }
@@ -34,12 +38,12 @@ impl Outbox {
         auditor: Auditor,
     ) -> Self {
         let counters = Counters::new();
-        Self { services, clients, counters, auditor, break_engine: false, threads: 1 }
+        Self { services, clients, counters, auditor, alter_answers: None, threads: 1 }
     }
 
-    /// Loses a pair of most frames from now on. For tests of the auditor.
-    pub(crate) fn break_engine(&mut self, broken: bool) {
-        self.break_engine = broken;
+    /// Changes every answer from now on, or none. For tests of the auditor.
+    pub(crate) fn alter_answers(&mut self, alter: Option<AlterAnswer>) {
+        self.alter_answers = alter;
     }
 
     /// What the daemon keeps of its clients.
@@ -59,8 +63,8 @@ impl Outbox {
 
     /// Answers with the pairs of the request's objects, whose mask its reply holds.
     pub(crate) fn answer(&mut self, open: &mut OpenRequest, mut answer: CullAnswer) {
-        if self.break_engine {
-            lose_a_pair(open.words_mut(), &mut answer.report);
+        if let Some(alter) = self.alter_answers {
+            alter(open.words_mut(), &mut answer.report);
         }
         let (fields, report) = (*open.fields(), &answer.report);
         let form = open.objects().form();

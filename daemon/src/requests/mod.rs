@@ -16,7 +16,7 @@ use crate::audit::Auditor;
 use crate::clients::Clients;
 use crate::execute::Executor;
 use crate::ingest::Incoming;
-use crate::publish::{ObjectsPlace, OpenRequest, Outbox, ReplyLender};
+use crate::publish::{AlterAnswer, ObjectsPlace, OpenRequest, Outbox, ReplyLender};
 
 /// Answers requests: one at a time, but for frames that a GPU takes its time for.
 pub struct Responder {
@@ -42,9 +42,9 @@ impl Responder {
         }
     }
 
-    /// Loses a pair of most frames from now on. For tests of the auditor.
-    pub fn break_engine(&mut self, broken: bool) {
-        self.outbox.break_engine(broken);
+    /// Changes every answer from now on, or none. For tests of the auditor.
+    pub fn alter_answers(&mut self, alter: Option<AlterAnswer>) {
+        self.outbox.alter_answers(alter);
     }
 
     /// Takes in one request, whatever it holds, and answers it now, or leaves it under way.

@@ -1,6 +1,6 @@
 //! The one naive oracle: two loops, one comparison, no keys, no SIMD, no index formula.
 //!
-//! It is the yardstick of the tests, of `pairmaskd stress` and of the daemon's auditor, and serves
+//! It is the yardstick of the tests, of `pairmask-lab stress` and of the daemon's auditor, and serves
 //! no client. It shares no code with the engines beyond the layout of a box. It compares f64: every
 //! f32 is one exactly. It judges threads of all floating-point flags and runs on them, so nothing here
 //! depends on those: f64 are compared as whole numbers of the same order.

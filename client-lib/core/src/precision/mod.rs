@@ -13,7 +13,7 @@
 //!
 //! A step of f32 at x is 2⁻²³ of x at most: 0.12 at 10⁶ units. [`Widening::gap_limit`] and
 //! [`Margin::gap_limit`] give the gap for two faces, all of that
-//! included; `pairmaskd stress` holds every extra pair of every mode to it.
+//! included; `pairmask-lab stress` holds every extra pair of every mode to it.
 //!
 //! # Why no pair is lost
 //!

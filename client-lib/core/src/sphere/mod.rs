@@ -3,7 +3,7 @@
 //! Two spheres overlap when d² ≤ (r₁ + r₂)², with d the distance of their centres, in the arithmetic
 //! of real numbers: no rounding, no overflow, no underflow. The all-pairs test is that of Suaib
 //! et al. 2015 (§III), decided exactly. What a plain f32 test gets wrong is measured by
-//! `pairmaskd bench spheres --errors`.
+//! `pairmask-lab spheres --errors`.
 //!
 //! * spheres are closed, so touching counts; a radius of ±0 is a point;
 //! * a radius below 0 (−∞ among them) makes a sphere **empty**: it overlaps nothing;

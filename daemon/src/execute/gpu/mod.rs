@@ -15,7 +15,6 @@
 mod adapter;
 mod all_pairs;
 mod awake;
-pub mod bench;
 mod device;
 mod error;
 mod frame;

@@ -1,0 +1,116 @@
+//! Shared memory as the daemon has it: boxes that a client wrote, a reply that it will read.
+#![allow(unsafe_code)]
+
+use std::fs::File;
+use std::io;
+
+use std::sync::Arc;
+
+use pairmask::Aabb;
+use pairmask::engine::{ReplyBuffer, ReserveError};
+use pairmask::precision::NarrowBoxes;
+use pairmaskd::execute::FrameMemory;
+use pairmaskd::execute::gpu::{Gpu, ImportError, ImportId, ReadWriteMapping, SharedImports};
+
+/// An anonymous shared segment.
+pub(super) struct Segment {
+    // Open as long as the mapping: an import finds the pages through it.
+    _file: File,
+    mapping: ReadWriteMapping,
+    /// Ends before the mapping does.
+    import: Option<(SharedImports, ImportId)>,
+}
+
+impl Segment {
+    pub(super) fn new(bytes: usize) -> io::Result<Self> {
+        let flags = rustix::fs::MemfdFlags::CLOEXEC;
+        let file = File::from(rustix::fs::memfd_create("pairmask-bench", flags)?);
+        file.set_len(bytes.max(1).next_multiple_of(4096) as u64)?;
+        let mapping = ReadWriteMapping::of_file(&file, 0, bytes)?;
+        let mut segment = Self { _file: file, mapping, import: None };
+        // First touch is no part of any measurement.
+        segment.words_mut().fill(0);
+        Ok(segment)
+    }
+
+    /// Imports it, for boxes and replies.
+    pub(super) fn import(
+        &mut self,
+        gpu: &Arc<Gpu>,
+        imports: &SharedImports,
+    ) -> Result<(), ImportError> {
+        let (address, bytes) = (self.address(), self.bytes());
+        // SAFETY: the mapping stays where it is until the segment is dropped, which forgets the
+        // import first.
+        let id = unsafe { imports.lock().import_replies(gpu, address, bytes) }?;
+        self.import = Some((imports.clone(), id));
+        Ok(())
+    }
+
+    fn address(&self) -> usize {
+        self.mapping.pointer().as_ptr() as usize
+    }
+
+    pub(super) fn bytes(&self) -> usize {
+        self.mapping.bytes()
+    }
+
+    pub(super) fn write(&mut self, boxes: &[Aabb]) {
+        let words: &[u32] = bytemuck::cast_slice(boxes);
+        self.words_mut()[..words.len()].copy_from_slice(words);
+    }
+
+    pub(super) fn boxes(&self, n: usize) -> &[Aabb] {
+        bytemuck::cast_slice(&self.words()[..n * (size_of::<Aabb>() / 4)])
+    }
+
+    pub(super) fn words(&self) -> &[u32] {
+        let start = self.mapping.pointer().as_ptr().cast();
+        // SAFETY: a live mapping of that many bytes, page-aligned; the GPU writes to it only
+        // within a frame, when no slice of it is in use.
+        unsafe { std::slice::from_raw_parts(start, self.bytes() / 4) }
+    }
+
+    fn words_mut(&mut self) -> &mut [u32] {
+        // SAFETY: as in `words`, and borrowed mutably.
+        unsafe {
+            std::slice::from_raw_parts_mut(self.mapping.pointer().as_ptr().cast(), self.bytes() / 4)
+        }
+    }
+}
+
+impl Drop for Segment {
+    fn drop(&mut self) {
+        if let Some((imports, id)) = self.import.take() {
+            imports.lock().forget(id);
+        }
+    }
+}
+
+/// The memory of a frame that is left under way.
+pub(super) struct SegmentFrame {
+    pub(super) n: usize,
+    pub(super) boxes: Segment,
+    pub(super) reply: Segment,
+}
+
+// SAFETY: mappings do not move with the values that own them, and nobody else refers into these. A
+// reply that was lent and imported is mapped until the segment is dropped, which forgets the import.
+unsafe impl FrameMemory for SegmentFrame {
+    fn with<R>(&mut self, work: impl FnOnce(NarrowBoxes<'_>, &mut dyn ReplyBuffer) -> R) -> R {
+        work(self.boxes.boxes(self.n).into(), &mut self.reply)
+    }
+}
+
+impl ReplyBuffer for Segment {
+    fn limit_words(&self) -> u64 {
+        self.words().len() as u64
+    }
+
+    fn reserve(&mut self, words: u64) -> Result<&mut [u32], ReserveError> {
+        let limit_bytes = self.bytes() as u64;
+        self.words_mut()
+            .get_mut(..words as usize)
+            .ok_or(ReserveError::TooLarge { at_least_bytes: 4 * words, limit_bytes })
+    }
+}
