@@ -1,16 +1,6 @@
 //! The clients that are remembered.
 
-use iceoryx2::port::notifier::ListenerKey;
-
-/// What is kept of a client. Everything that belongs to one session and outlives a request goes here.
-#[derive(Debug)]
-pub(super) struct Client {
-    session: u128,
-    /// What wakes it, once it was found.
-    pub(super) listener: Option<ListenerKey>,
-    /// Pairs in its last frame, once it had one.
-    pub(super) last_pairs: Option<u64>,
-}
+use super::client::Client;
 
 /// Clients by session, as many as may connect. They are few: each look is a walk along the list.
 #[derive(Debug)]
@@ -28,18 +18,18 @@ impl Known {
 
     /// A client that is remembered.
     pub(super) fn find(&self, session: u128) -> Option<&Client> {
-        self.clients.iter().find(|client| client.session == session)
+        self.clients.iter().find(|client| client.session() == session)
     }
 
     /// A client, remembered from now on. Clients that are gone fill the list: then all are forgotten,
     /// and those that live come back with their next request.
     pub(super) fn of(&mut self, session: u128) -> &mut Client {
-        let found = self.clients.iter().position(|client| client.session == session);
+        let found = self.clients.iter().position(|client| client.session() == session);
         let place = found.unwrap_or_else(|| {
             if self.clients.len() >= self.capacity {
                 self.clients.clear();
             }
-            self.clients.push(Client { session, listener: None, last_pairs: None });
+            self.clients.push(Client::new(session));
             self.clients.len() - 1
         });
         &mut self.clients[place]

@@ -1,10 +1,6 @@
-//! Requests in hand, and whose turn it is.
-
-mod gate;
+//! Requests that wait, and whose turn it is.
 
 use pairmask::transport::{FRAMES_AT_A_TIME, PORTS_PER_CLIENT, Sender};
-
-pub use gate::{Gate, Incoming};
 
 /// A request that waits, and the turns in which its process and its session wait.
 #[derive(Debug)]
