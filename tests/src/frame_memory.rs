@@ -32,7 +32,8 @@ impl TestFrame<HeapReply> {
 
 // SAFETY: the boxes, and the words of either reply, are in memory of their own that does not move with
 // its owner, to which nobody else has a reference. Heap memory is not shared; the mapping of a shared
-// reply stays until the reply is dropped, which ends its import before.
+// reply stays until the reply is dropped, which ends its import before. Tests give the latter to engines
+// that import nothing by themselves.
 unsafe impl FrameMemory for TestFrame<HeapReply> {
     fn with<R>(&mut self, work: impl FnOnce(NarrowBoxes<'_>, &mut dyn ReplyBuffer) -> R) -> R {
         work(self.boxes.boxes(), &mut self.reply)

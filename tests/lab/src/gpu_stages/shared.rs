@@ -95,7 +95,8 @@ pub(super) struct SegmentFrame {
 }
 
 // SAFETY: mappings do not move with the values that own them, and nobody else refers into these. A
-// reply that was lent and imported is mapped until the segment is dropped, which forgets the import.
+// reply that was lent and imported is mapped until the segment is dropped, which forgets the import;
+// the engine that is timed imports nothing by itself.
 unsafe impl FrameMemory for SegmentFrame {
     fn with<R>(&mut self, work: impl FnOnce(NarrowBoxes<'_>, &mut dyn ReplyBuffer) -> R) -> R {
         work(self.boxes.boxes(self.n).into(), &mut self.reply)

@@ -29,7 +29,7 @@ use self::scratch::Scratch;
 use self::steps::{Output, Recording};
 use super::device::{Gpu, QueueRole};
 use super::error::GpuError;
-use super::frame::{StepTime, Wait};
+use super::frame::{Frame, StepTime, Wait};
 use super::frame_cache::{FrameCache, FrameKey, Place};
 use super::growing::Growing;
 use super::import::{ImportError, ImportId};
@@ -207,13 +207,10 @@ impl AllPairs {
                 let boxes = (chunk == 0).then_some((&boxes.part, video_boxes.as_ref()));
                 recording.steps(pipelines, boxes, bands)
             })?;
-            let ended = frame.run(wait, patience(pairs_per_band * bands.len() as u64));
-            if frame.is_pending() && mask.is_reply {
-                end_process();
-            }
-            ended?;
+            let run = LentRun { frame, writes_reply: mask.is_reply };
+            run.frame.run(wait, patience(pairs_per_band * bands.len() as u64))?;
             if self.options.profiled {
-                self.step_times.extend(frame.step_times()?);
+                self.step_times.extend(run.frame.step_times()?);
             }
         }
         let batches = n.get().div_ceil(BATCH_BOXES) as usize;
@@ -329,6 +326,21 @@ impl AllPairs {
             _ if n.get() < 2 => no_pairs(n, boxes, job.encoding, reply),
             Encoding::Dense => self.cull_dense(n, boxes, reply),
             Encoding::Sparse => self.cull_sparse(n, boxes, reply),
+        }
+    }
+}
+
+/// A frame whose reply is lent for a call: however the call ends, the device is done with the reply.
+struct LentRun<'a> {
+    frame: &'a mut Frame,
+    /// Whether the device writes to the reply itself.
+    writes_reply: bool,
+}
+
+impl Drop for LentRun<'_> {
+    fn drop(&mut self) {
+        if !self.frame.settle() && self.writes_reply {
+            end_process();
         }
     }
 }
