@@ -84,10 +84,13 @@
 //! threads and a clock. The engines use AVX2, AVX-512 or NEON where the processor has them.
 
 pub mod aabb;
+mod aligned;
 pub mod awake_pool;
+pub mod dispatch;
 pub mod engine;
 pub mod floats;
 mod interop;
+mod isa;
 pub mod mask;
 pub mod oracle;
 pub mod pair_index;
@@ -95,12 +98,14 @@ pub mod plan;
 pub mod precision;
 pub mod session;
 pub mod sphere;
+mod stats;
 #[cfg(feature = "daemon")]
 pub mod transport;
 #[cfg(not(feature = "daemon"))]
 #[path = "transport/absent.rs"]
 mod transport;
 pub mod units;
+mod unknown_name;
 pub mod update;
 pub mod wire;
 

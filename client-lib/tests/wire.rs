@@ -3,6 +3,7 @@
 
 use bytemuck::Zeroable;
 use pairmask::Aabb;
+use pairmask::dispatch::StageTimes;
 use pairmask::engine::{
     Census, CullReport, EngineChoice, EngineId, EngineName, EngineTimes, SkipMeter,
 };
@@ -13,8 +14,8 @@ use pairmask::transport::objects_in;
 use pairmask::units::BoxCount;
 use pairmask::wire::{
     AuditCounts, LAST_ERRORS, ObjectForm, Page, RecordedError, Reject, Reply, ReplyError,
-    ReplyFields, Request, RequestHeader, ResponseHeader, Section, SectionKind, StageTimes,
-    StatusBody, StatusCode, Version, response_error, response_ok, response_status,
+    ReplyFields, Request, RequestHeader, ResponseHeader, Section, SectionKind, StatusBody,
+    StatusCode, Version, response_error, response_ok, response_status,
 };
 use proptest::prelude::*;
 

@@ -2,7 +2,7 @@
 //! tests lead here.
 
 use pairmask::engine::{
-    CullError, CullJob, CullReport, Engine, EngineName, HeapReply, ReplyBuffer,
+    CullError, CullInput, CullReport, Engine, EngineName, HeapReply, ReplyBuffer,
 };
 use pairmask::mask::MaskShape;
 use pairmask::{Aabb, BoxClass};
@@ -53,12 +53,11 @@ impl<S: FnMut(&mut [u32], &mut CullReport) + Send> Engine for Spoiler<S> {
 
     fn cull(
         &mut self,
-        boxes: &[Aabb],
-        job: &CullJob,
+        input: &CullInput<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
         let mut right = HeapReply::new();
-        let mut report = self.engine.cull(boxes, job, &mut right)?;
+        let mut report = self.engine.cull(input, &mut right)?;
         let right = right.words();
         let words = &mut reply.reserve(right.len() as u64)?[..right.len()];
         words.copy_from_slice(right);

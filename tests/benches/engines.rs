@@ -13,12 +13,13 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use pairmask::Aabb;
+use pairmask::dispatch::CullWish;
 use pairmask::engine::{
-    BruteForce, CullJob, CullReport, Engine, EngineName, EngineTimes, Grid, HeapReply, Isa,
+    BruteForce, CullInput, CullReport, Engine, EngineName, EngineTimes, Grid, HeapReply, Isa,
     SweepAndPrune,
 };
-use pairmask::mask::{Encoding, MaskShape};
-use pairmask::plan::{Calibration, Capabilities, SceneStats, Wishes, plan};
+use pairmask::mask::MaskShape;
+use pairmask::plan::{Calibration, Capabilities, SceneStats, plan};
 use pairmaskd::scene::{Scene, SceneName};
 
 /// Pairs above which a quadratic scene or engine is left out: minutes for no news.
@@ -205,12 +206,11 @@ fn run(name: SceneName, n: usize, options: &Options) -> bool {
     for frame in 0..options.frames + warm_up {
         let mut frame_hash = None;
         for lane in &mut lanes {
-            let job = CullJob { encoding: Encoding::Sparse, threads: lane.threads };
             let boxes = scene.boxes();
             let (engine, reply) = (&mut lane.engine, &mut lane.reply);
             let (report, elapsed) = lane.pool.install(|| {
                 let start = Instant::now();
-                let report = engine.cull(boxes, &job, reply);
+                let report = engine.cull(&CullInput::boxes(boxes).threads(lane.threads), reply);
                 (report, start.elapsed().as_nanos() as u64)
             });
             let report = match report {
@@ -278,7 +278,7 @@ fn judge_plan(
     let calibration = Calibration::built_in(Isa::best());
     for &threads in &options.threads {
         let capabilities = Capabilities { threads, gpu: None };
-        let plan = plan(&stats, &capabilities, &calibration, &Wishes::default());
+        let plan = plan(&stats, &capabilities, &calibration, &CullWish::default());
         let plan_us = start.elapsed().as_nanos() as f64 / 1e3;
         let least = |lane: &Lane| lane.total_ns.iter().min().copied().unwrap_or(u64::MAX) as f64;
         let best = lanes.iter().min_by(|a, b| least(a).total_cmp(&least(b)));

@@ -1,11 +1,11 @@
 //! A session as an engine, so that the conformance suite runs on every session backend too.
 
 use pairmask::engine::{
-    CullError, CullJob, CullReport, Engine, EngineChoice, EngineName, EngineTimes, ReplyBuffer,
+    CullError, CullInput, CullReport, Engine, EngineChoice, EngineName, EngineTimes, ReplyBuffer,
 };
 use pairmask::mask::EncodingChoice;
 use pairmask::session::SessionBuilder;
-use pairmask::{Aabb, Encoding, ServedBy, Session};
+use pairmask::{Encoding, ServedBy, Session};
 
 /// A session for each encoding, and who must serve it.
 #[derive(Debug)]
@@ -39,11 +39,11 @@ impl Engine for SessionEngine {
 
     fn cull(
         &mut self,
-        boxes: &[Aabb],
-        job: &CullJob,
+        input: &CullInput<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
-        let session = match job.encoding {
+        let (boxes, _) = input.f32_boxes(self.engine)?;
+        let session = match input.encoding {
             Encoding::Dense => &mut self.dense,
             Encoding::Sparse => &mut self.sparse,
         };

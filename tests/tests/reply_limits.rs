@@ -3,12 +3,13 @@
 
 use std::path::PathBuf;
 
+use pairmask::dispatch::{CpuEngines, CullWish, SphereEngines};
 use pairmask::engine::{
-    BruteForce, CpuEngines, CullError, CullJob, CullReport, CullWish, Engine, EngineChoice,
-    EngineName, Grid, HeapReply, ReplyBuffer, ReserveError, SweepAndPrune,
+    BruteForce, CullError, CullInput, CullReport, Engine, EngineChoice, EngineName, Grid,
+    HeapReply, ReplyBuffer, ReserveError, SweepAndPrune,
 };
 use pairmask::mask::{EncodingChoice, MaskShape};
-use pairmask::sphere::{SphereAllPairs, SphereEngines};
+use pairmask::sphere::SphereAllPairs;
 use pairmask::{Aabb, Bounds, BoxCount, Encoding, Precision, Session, Sphere};
 use pairmask_tests::daemon::{PATIENCE, TestDaemon};
 use pairmask_tests::gpu::open;
@@ -117,10 +118,15 @@ fn every_cpu_engine_takes_what_fits_and_no_word_more() {
             for encoding in [Encoding::Dense, Encoding::Sparse] {
                 for threads in [1, 3] {
                     let pool = ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-                    let job = CullJob { encoding, threads };
                     let what = format!("{scene}, {}, {encoding}, {threads}", engine.name());
-                    let mut cull =
-                        |reply: &mut Witness| pool.install(|| engine.cull(&boxes, &job, reply));
+                    let mut cull = |reply: &mut Witness| {
+                        pool.install(|| {
+                            engine.cull(
+                                &CullInput::boxes(&boxes).encoding(encoding).threads(threads),
+                                reply,
+                            )
+                        })
+                    };
                     let need = need_of(&mut cull);
                     check_limits(&what, boxes.len(), need, &below(need), &pairs, &mut cull);
                 }
@@ -140,10 +146,15 @@ fn spheres_take_what_fits_and_no_word_more() {
         for encoding in [Encoding::Dense, Encoding::Sparse] {
             for threads in [1, 3] {
                 let pool = ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-                let job = CullJob { encoding, threads };
                 let mut all_pairs = SphereAllPairs::new();
-                let mut cull =
-                    |reply: &mut Witness| pool.install(|| all_pairs.cull(spheres, &job, reply));
+                let mut cull = |reply: &mut Witness| {
+                    pool.install(|| {
+                        all_pairs.cull(
+                            &CullInput::spheres(spheres).encoding(encoding).threads(threads),
+                            reply,
+                        )
+                    })
+                };
                 let what = format!("{scene}, all pairs, {encoding}, {threads}");
                 let need = need_of(&mut cull);
                 check_limits(&what, spheres.len(), need, &below(need), pairs, &mut cull);
@@ -183,8 +194,7 @@ fn candidates_that_are_no_pairs_count_for_nothing() {
     let (n, mut reply) = (spheres.len(), Witness::without_limit());
     let pairs = 400 * 399 / 2;
     let boxes: Vec<Aabb> = spheres.iter().map(Sphere::bounds).collect();
-    let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
-    let candidates = Grid::new().cull(&boxes, &job, &mut reply).unwrap();
+    let candidates = Grid::new().cull(&CullInput::boxes(&boxes), &mut reply).unwrap();
     assert!(candidates.pair_count > 15 * pairs, "{}", candidates.pair_count);
     for engine in [EngineName::CpuSap, EngineName::CpuGrid] {
         let wish = CullWish {
@@ -233,8 +243,9 @@ fn all_pairs_on_a_gpu_takes_what_fits() {
         let memory = NarrowMemory::write(&precision, &boxes);
         let pairs = pairs_of(&memory);
         for encoding in [Encoding::Dense, Encoding::Sparse] {
-            let job = CullJob { encoding, threads: 1 };
-            let mut cull = |reply: &mut Witness| engine.cull_narrow(memory.boxes(), &job, reply);
+            let mut cull = |reply: &mut Witness| {
+                engine.cull(&CullInput::boxes(memory.boxes()).encoding(encoding), reply)
+            };
             let report = cull(&mut Witness::without_limit()).unwrap();
             let need = match report.shape {
                 MaskShape::Dense { .. } => report.shape.extent_words(),
@@ -255,8 +266,7 @@ fn the_grid_on_a_gpu_takes_what_fits() {
     for precision in forms() {
         let memory = NarrowMemory::write(&precision, &boxes);
         let pairs = pairs_of(&memory);
-        let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
-        let mut cull = |reply: &mut Witness| engine.cull_narrow(memory.boxes(), &job, reply);
+        let mut cull = |reply: &mut Witness| engine.cull(&CullInput::boxes(memory.boxes()), reply);
         let report = cull(&mut Witness::without_limit()).unwrap();
         let need = order_words + 3 * strides(&report);
         let limits = [need - 1, need - need / 8, need / 2, order_words + 48];

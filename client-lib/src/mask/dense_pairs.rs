@@ -6,7 +6,7 @@ mod avx512;
 use super::dense_words::DenseWords;
 use super::pair_buffer::{PairWriter, WORD_PAIRS};
 use super::word_flags::{Chunk, flags_of};
-use crate::engine::{AvailableIsa, Isa};
+use crate::isa::{AvailableIsa, Isa};
 use crate::pair_index::PairWalker;
 use crate::units::{BoxCount, PairIndex};
 

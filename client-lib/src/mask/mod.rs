@@ -35,8 +35,8 @@ pub use words::{AddressedWord, WordAddress, Words};
 use std::fmt;
 use std::str::FromStr;
 
-use crate::engine::UnknownName;
 use crate::units::BoxCount;
+use crate::unknown_name::UnknownName;
 
 /// How a mask is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -94,7 +94,7 @@ impl FromStr for EncodingChoice {
             "auto" => Ok(Self::Auto),
             "dense" => Ok(Self::Only(Encoding::Dense)),
             "sparse" => Ok(Self::Only(Encoding::Sparse)),
-            _ => Err(UnknownName { name: s.to_owned(), known: "auto, dense, sparse" }),
+            _ => Err(UnknownName { name: s.to_owned(), known: "auto, dense, sparse".into() }),
         }
     }
 }
@@ -202,6 +202,15 @@ impl MaskShape {
         match self {
             Self::Dense { .. } => Encoding::Dense,
             Self::Sparse { .. } => Encoding::Sparse,
+        }
+    }
+
+    /// Words of the mask of `n` boxes that are zero and were therefore not written, of an encoding
+    /// that leaves them out.
+    pub const fn zero_words(&self, n: BoxCount) -> u64 {
+        match self {
+            Self::Dense { .. } => 0,
+            Self::Sparse { bits, .. } => n.sparse_words_max().saturating_sub(bits.len),
         }
     }
 

@@ -9,9 +9,9 @@ mod vbmi2;
 use self::vbmi2::Vbmi2;
 use super::pair_buffer::{PairWriter, WORD_PAIRS};
 use super::sparse_words::{SparseWord, SparseWords};
-use crate::engine::AvailableIsa;
+use crate::isa::AvailableIsa;
 #[cfg(target_arch = "x86_64")]
-use crate::engine::Isa;
+use crate::isa::Isa;
 use crate::units::BoxCount;
 
 /// The pairs of the words of a sparse mask, in the order of the words, columns rising.

@@ -2,8 +2,7 @@
 
 use super::naive_decoder::{self, BadMask};
 use super::{Pair, Truth};
-use crate::aabb::Aabb;
-use crate::engine::{Census, CullError, CullJob, CullReport, Engine, EngineTimes, HeapReply};
+use crate::engine::{Census, CullError, CullInput, CullReport, Engine, EngineTimes, HeapReply};
 use crate::mask::Encoding;
 use crate::units::BoxCount;
 
@@ -76,15 +75,14 @@ pub enum Mismatch {
 /// [`Mismatch`] says what is wrong.
 pub fn check_frame(
     engine: &mut dyn Engine,
-    boxes: &[Aabb],
+    input: &CullInput<'_>,
     truth: &Truth,
-    job: &CullJob,
     reply: &mut HeapReply,
 ) -> Result<(), Mismatch> {
     let mut runs = Vec::with_capacity(POISON.len());
     for poison in POISON {
         reply.fill(poison);
-        let report = engine.cull(boxes, job, reply)?;
+        let report = engine.cull(input, reply)?;
         // Memory that the engine asked for just now comes zeroed: what it left unwritten there
         // would look right. The second run has the memory already.
         runs.push((report, naive_decoder::sections(reply.words(), &report.shape)?));
@@ -101,7 +99,7 @@ pub fn check_frame(
     if timeless(first) != timeless(second) {
         return Err(Mismatch::ReportNotDeterministic);
     }
-    check_reply(reply.words(), second, boxes.len() as u32, job.encoding, truth)
+    check_reply(reply.words(), second, input.objects.len() as u32, input.encoding, truth)
 }
 
 /// Checks a mask and its report against the truth.

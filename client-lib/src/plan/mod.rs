@@ -5,9 +5,8 @@
 //! least.
 //!
 //! ```
-//! use pairmask::engine::{EngineChoice, EngineName, Isa};
-//! use pairmask::mask::EncodingChoice;
-//! use pairmask::plan::{Calibration, Capabilities, SceneStats, Wishes, plan};
+//! use pairmask::engine::{EngineName, Isa};
+//! use pairmask::plan::{Calibration, Capabilities, CullWish, SceneStats, plan};
 //! use pairmask::Aabb;
 //!
 //! let boxes: Vec<Aabb> = (0..100_000)
@@ -19,7 +18,7 @@
 //! let stats = SceneStats::of(&boxes, None);
 //! let capabilities = Capabilities { threads: 2, gpu: None };
 //! let calibration = Calibration::built_in(Isa::Avx512);
-//! let plan = plan(&stats, &capabilities, &calibration, &Wishes::default());
+//! let plan = plan(&stats, &capabilities, &calibration, &CullWish::default());
 //! assert_eq!(plan.engine, EngineName::CpuGrid);
 //! println!("{}", plan.explain());
 //! ```
@@ -31,9 +30,10 @@ mod calibration_file;
 mod explain;
 mod machine;
 mod model;
-mod stats;
+mod options;
 mod work;
 
+pub use crate::stats::SceneStats;
 pub use calibration::{CPU_ENGINES, Calibration, ThreadCost};
 pub use calibration_choice::{CalibrationChoice, CalibrationOrigin};
 #[cfg(feature = "calibration-file")]
@@ -42,14 +42,14 @@ pub use calibration_file::{
     user_cache_folder,
 };
 pub use machine::MachineKey;
-pub use stats::SceneStats;
+pub use options::CullWish;
 pub use work::{Term, Work};
 
 use self::model::Model;
-use crate::engine::{EngineChoice, EngineName};
+use crate::engine::{CullInput, EngineChoice, EngineName};
 use crate::floats;
-use crate::mask::{Encoding, EncodingChoice, ReadableEncodings};
-use crate::precision::BoxForm;
+use crate::mask::{Encoding, EncodingChoice};
+use crate::precision::{BoxForm, NarrowBoxes};
 
 /// What a GPU takes, measured when it was opened.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -86,17 +86,6 @@ pub struct Capabilities {
     pub gpu: Option<GpuCost>,
 }
 
-/// What the client asked for.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Wishes {
-    /// An engine, or whichever is fastest.
-    pub engine: EngineChoice,
-    /// An encoding, or whichever is cheaper.
-    pub encoding: EncodingChoice,
-    /// Encodings that the client can read. One that it asks for by name is among them.
-    pub readable: ReadableEncodings,
-}
-
 /// One way to cull a frame, and what it would take.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Candidate {
@@ -122,9 +111,16 @@ pub struct Plan {
     /// Every engine that is to be had, in the order of [`EngineName::ALL`].
     pub candidates: [Option<Candidate>; EngineName::ALL.len()],
     /// What was asked for.
-    pub wishes: Wishes,
+    pub wish: CullWish,
     /// What it was planned from.
     pub stats: SceneStats,
+}
+
+impl Plan {
+    /// What the engine of the plan gets for these boxes, those that it was planned for.
+    pub fn input<'a>(&self, boxes: impl Into<NarrowBoxes<'a>>) -> CullInput<'a> {
+        CullInput::boxes(boxes).encoding(self.encoding).threads(self.threads)
+    }
 }
 
 /// Predictions that are larger by less than this share are the same: no prediction is as exact. The
@@ -139,20 +135,20 @@ pub fn plan(
     stats: &SceneStats,
     capabilities: &Capabilities,
     calibration: &Calibration,
-    wishes: &Wishes,
+    wish: &CullWish,
 ) -> Plan {
-    floats::with_default(|| choose(stats, capabilities, calibration, *wishes))
+    floats::with_default(|| choose(stats, capabilities, calibration, wish))
 }
 
 fn choose(
     stats: &SceneStats,
     capabilities: &Capabilities,
     calibration: &Calibration,
-    wishes: Wishes,
+    wish: &CullWish,
 ) -> Plan {
-    let model = Model { stats, capabilities, calibration, wishes: &wishes };
+    let model = Model { stats, capabilities, calibration, wish };
     let candidates = EngineName::ALL.map(|engine| model.candidate(engine));
-    let chosen = match wishes.engine {
+    let chosen = match wish.engine {
         EngineChoice::Only(engine) => candidates.iter().flatten().find(|c| c.engine == engine),
         EngineChoice::Auto => {
             let times = candidates.iter().flatten().map(|c| c.predicted_ns);
@@ -164,11 +160,11 @@ fn choose(
         }
     };
     let fallback = Candidate {
-        engine: match wishes.engine {
+        engine: match wish.engine {
             EngineChoice::Only(engine) => engine,
             EngineChoice::Auto => EngineName::CpuGrid,
         },
-        encoding: match wishes.encoding {
+        encoding: match wish.encoding {
             EncodingChoice::Only(encoding) => encoding,
             EncodingChoice::Auto => Encoding::Sparse,
         },
@@ -176,7 +172,7 @@ fn choose(
         predicted_ns: f64::INFINITY,
     };
     let Candidate { engine, encoding, threads, .. } = *chosen.unwrap_or(&fallback);
-    Plan { engine, encoding, threads, candidates, wishes, stats: *stats }
+    Plan { engine, encoding, threads, candidates, wish: *wish, stats: *stats }
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! The cost model: what every engine that is to be had would take for a frame.
 
-use super::{Calibration, Candidate, Capabilities, GpuCost, SceneStats, Wishes, Work};
+use super::{Calibration, Candidate, Capabilities, CullWish, GpuCost, SceneStats, Work};
 use crate::engine::EngineName;
 use crate::mask::{Encoding, EncodingChoice};
 
@@ -13,15 +13,15 @@ pub(super) struct Model<'a> {
     pub stats: &'a SceneStats,
     pub capabilities: &'a Capabilities,
     pub calibration: &'a Calibration,
-    pub wishes: &'a Wishes,
+    pub wish: &'a CullWish,
 }
 
 impl Model<'_> {
     /// The cheapest way to run an engine, if it is to be had.
     pub fn candidate(&self, engine: EngineName) -> Option<Candidate> {
         let ways = [Encoding::Sparse, Encoding::Dense].into_iter().filter(|encoding| {
-            let is_wanted = match self.wishes.encoding {
-                EncodingChoice::Auto => self.wishes.readable.contains(*encoding),
+            let is_wanted = match self.wish.encoding {
+                EncodingChoice::Auto => self.wish.readable.contains(*encoding),
                 EncodingChoice::Only(wanted) => wanted == *encoding,
             };
             // The GPU's grid writes sparse masks only.

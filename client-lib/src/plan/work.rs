@@ -6,10 +6,10 @@
 
 use std::fmt;
 
-use super::stats::SceneStats;
 use crate::engine::EngineName;
 use crate::engine::brute_force::BITMAP_BOXES;
 use crate::mask::Encoding;
+use crate::stats::SceneStats;
 
 /// A kind of work with a constant of its own, ns a unit on one thread.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

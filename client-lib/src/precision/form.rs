@@ -8,7 +8,6 @@ use super::quantize::Quantizer;
 use super::widening::Widening;
 use crate::aabb::{AABB_BYTES, Aabb};
 use crate::units::BoxCount;
-use crate::wire::SectionKind;
 
 /// The form of the boxes of a frame: how many bytes, and what they mean.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -51,16 +50,6 @@ impl BoxForm {
     /// Bytes of `n` boxes. Fits u64 for every count.
     pub const fn bytes(self, n: BoxCount) -> u64 {
         n.get() as u64 * self.box_bytes() as u64
-    }
-
-    /// The section that holds boxes of this form.
-    pub const fn section(self) -> SectionKind {
-        match self {
-            Self::F32 => SectionKind::Boxes,
-            Self::Q16 => SectionKind::BoxesQ16,
-            Self::Q8 => SectionKind::BoxesQ8,
-            Self::F16 => SectionKind::BoxesF16,
-        }
     }
 
     /// Whether the form is one that daemons of wire version 1.0 do not know.

@@ -6,10 +6,11 @@ use super::builder::Settings;
 use super::frame::Written;
 use super::pairs::{PairMask, ServedBy, Storage};
 use crate::aabb::Aabb;
-use crate::engine::{CpuEngines, CullError, CullWish, HeapReply};
+use crate::dispatch::{CpuEngines, CullWish, SphereWays};
+use crate::engine::{CullError, HeapReply};
 use crate::plan::CalibrationChoice;
 use crate::precision::ExpandScratch;
-use crate::sphere::{Sphere, SphereWays};
+use crate::sphere::Sphere;
 use crate::units::BoxCount;
 use crate::wire::{Objects, Reply};
 

@@ -5,12 +5,13 @@ use std::sync::Arc;
 use super::frame::Written;
 use super::link::Slot;
 use super::local::Local;
+use crate::dispatch::StageTimes;
 use crate::engine::{Census, EngineId, HeapReply, SkipMeter};
 use crate::mask::{Encoding, MaskShape, MaskView, Pairs, ParPairs, Words};
 use crate::precision::Widening;
 use crate::transport::{CheckedResponse, SentRequest, words_in};
 use crate::units::BoxCount;
-use crate::wire::{ObjectForm, Reply, StageTimes};
+use crate::wire::{ObjectForm, Reply};
 
 /// Who answered a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,7 +1,8 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::engine::{CullJob, CullWish, EngineChoice, EngineName, HeapReply, Isa};
+use crate::dispatch::{CullWish, SphereEngines};
+use crate::engine::{CullInput, EngineChoice, EngineName, HeapReply, Isa};
 use crate::mask::{Encoding, EncodingChoice};
 use crate::oracle::naive_decoder::decode;
 
@@ -99,8 +100,12 @@ fn every_engine_finds_the_pairs_of_the_definition() {
             }
             for kernel in &mut kernels {
                 for threads in [1, 4] {
-                    let job = CullJob { encoding, threads };
-                    let report = kernel.cull(&spheres, &job, &mut reply).expect("memory");
+                    let report = kernel
+                        .cull(
+                            &CullInput::spheres(&spheres).encoding(encoding).threads(threads),
+                            &mut reply,
+                        )
+                        .expect("memory");
                     let got = decode(reply.words(), &report.shape, n as u32);
                     assert_eq!(got.as_ref(), Ok(&expected), "{encoding}, {n}, {threads}");
                 }

@@ -16,8 +16,7 @@ mod status;
 pub use objects::{ObjectForm, Objects};
 pub use page::{PAGE_BYTES, Page, page_count};
 pub use reply::{
-    Reply, ReplyError, ReplyFields, ResponseHeader, StageTimes, response_error, response_ok,
-    response_status,
+    Reply, ReplyError, ReplyFields, ResponseHeader, response_error, response_ok, response_status,
 };
 pub use request::{Operation, Reject, Request, RequestHeader};
 pub use section::{SECTION_COUNT, Section, SectionKind};

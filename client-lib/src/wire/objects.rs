@@ -51,7 +51,10 @@ impl ObjectForm {
     /// The section that holds objects of this form.
     pub const fn section(self) -> SectionKind {
         match self {
-            Self::Boxes(form) => form.section(),
+            Self::Boxes(BoxForm::F32) => SectionKind::Boxes,
+            Self::Boxes(BoxForm::Q16) => SectionKind::BoxesQ16,
+            Self::Boxes(BoxForm::Q8) => SectionKind::BoxesQ8,
+            Self::Boxes(BoxForm::F16) => SectionKind::BoxesF16,
             Self::Spheres => SectionKind::Spheres,
         }
     }

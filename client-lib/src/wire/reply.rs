@@ -7,24 +7,10 @@ use iceoryx2::prelude::ZeroCopySend;
 use super::section::{SECTION_COUNT, Section, SectionKind, find, find_unknown};
 use super::status::{StatusBody, StatusCode};
 use super::{RESPONSE_MAGIC, VERSION_MAJOR, VERSION_MINOR};
+use crate::dispatch::StageTimes;
 use crate::engine::{Census, CullReport, EngineId, EngineName, NAMED_INVALID, SkipMeter};
 use crate::mask::{Encoding, MaskShape, Span};
 use crate::units::BoxCount;
-
-/// Time of a frame's stages in the daemon or in process, ns.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct StageTimes {
-    /// Boxes read and turned into the engine's form.
-    pub ingest_ns: u64,
-    /// Plan made.
-    pub plan_ns: u64,
-    /// Pairs tested.
-    pub execute_ns: u64,
-    /// Mask written.
-    pub publish_ns: u64,
-    /// From the request in hand to the response ready to be sent. At least the sum of the stages.
-    pub total_ns: u64,
-}
 
 /// Header of a response, 432 bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]

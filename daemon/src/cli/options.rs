@@ -4,7 +4,7 @@ use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use pairmask::engine::CullWish;
+use pairmask::dispatch::CullWish;
 use pairmask::plan::CalibrationChoice;
 use pairmask::session::SessionBuilder;
 use pairmask::transport::{InstanceName, RuntimeDir};

@@ -3,9 +3,9 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use pairmask::dispatch::nanoseconds_since;
 use pairmask::engine::{
-    CullError, CullJob, CullReport, Engine, EngineName, HeapReply, ReplyBuffer, ReserveError,
-    nanoseconds_since,
+    CullError, CullInput, CullReport, Engine, EngineName, HeapReply, ReplyBuffer, ReserveError,
 };
 use pairmask::plan::{GpuCost, Plan, user_cache_folder};
 use pairmask::precision::NarrowBoxes;
@@ -81,15 +81,14 @@ impl Engines {
         plan: &Plan,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<(CullReport, EngineName), CullError> {
-        let job = &CullJob { encoding: plan.encoding, threads: plan.threads };
         // A dense mask has a bit for all pairs, so all pairs is what makes it.
         if plan.engine == EngineName::GpuGrid && plan.encoding == Encoding::Sparse {
-            match self.grid.cull_narrow(boxes, job, reply) {
+            match self.grid.cull(&plan.input(boxes), reply) {
                 Err(CullError::TooCrowded { .. } | CullError::TooManyBoxes { .. }) => {}
                 done => return Ok((done?, EngineName::GpuGrid)),
             }
         }
-        Ok((self.all_pairs.cull_narrow(boxes, job, reply)?, EngineName::GpuBrute))
+        Ok((self.all_pairs.cull(&plan.input(boxes), reply)?, EngineName::GpuBrute))
     }
 
     /// Keeps the clocks up for the next frame.
@@ -269,8 +268,7 @@ impl GpuService {
         let mut noted = NotedReply { inner: reply, at: frame.reply_at };
         let done = match engines.grid.end(frame.lane, boxes, &mut noted) {
             Err(CullError::TooCrowded { .. }) => {
-                let job = &CullJob { encoding: plan.encoding, threads: plan.threads };
-                (engines.all_pairs.cull_narrow(boxes, job, &mut noted)?, EngineName::GpuBrute)
+                (engines.all_pairs.cull(&plan.input(boxes), &mut noted)?, EngineName::GpuBrute)
             }
             done => (done?, EngineName::GpuGrid),
         };
@@ -356,11 +354,10 @@ fn measure(engines: &mut Engines, grid: &GridOptions) -> Option<GpuCost> {
     };
     let boxes: Vec<Aabb> = (0..TIMED_GRID_BOXES).map(apart).collect();
     let mut reply = HeapReply::new();
-    let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
     let mut fastest_ns = |engine: &mut dyn Engine, n: usize| {
         let frame = |_| {
             let start = Instant::now();
-            engine.cull(&boxes[..n], &job, &mut reply).ok()?;
+            engine.cull(&CullInput::boxes(&boxes[..n]), &mut reply).ok()?;
             Some(nanoseconds_since(start) as f64)
         };
         (0..TIMED_FRAMES).map(frame).try_fold(f64::INFINITY, |least, ns| Some(least.min(ns?)))

@@ -2,10 +2,10 @@
 
 use std::time::Instant;
 
-use pairmask::engine::CullAnswer;
+use pairmask::dispatch::{CullAnswer, StageTimes};
 use pairmask::transport::Sender;
 use pairmask::wire::{
-    Objects, ReplyFields, ResponseHeader, StageTimes, response_error, response_ok, response_status,
+    Objects, ReplyFields, ResponseHeader, response_error, response_ok, response_status,
 };
 
 use super::Failure;

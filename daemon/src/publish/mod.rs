@@ -10,7 +10,8 @@ use std::rc::Rc;
 use std::time::Instant;
 
 use iceoryx2::service::ipc;
-use pairmask::engine::{CullError, CullWish, ReserveError};
+use pairmask::dispatch::CullWish;
+use pairmask::engine::{CullError, ReserveError};
 use pairmask::mask::ReadableEncodings;
 use pairmask::precision::BoxForm;
 use pairmask::transport::{

@@ -48,7 +48,9 @@ impl FromStr for Entrant {
                 .map(Self::Engine)
                 .ok_or_else(|| UnknownName {
                     name: s.to_owned(),
-                    known: "all, cpu-brute, cpu-sap, cpu-grid, gpu-brute, gpu-grid, spheres, updates",
+                    known:
+                        "all, cpu-brute, cpu-sap, cpu-grid, gpu-brute, gpu-grid, spheres, updates"
+                            .into(),
                 }),
         }
     }

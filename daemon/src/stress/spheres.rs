@@ -3,10 +3,11 @@
 
 use std::sync::Arc;
 
-use pairmask::engine::{CullError, CullJob, CullReport, CullWish, EngineChoice, HeapReply, Isa};
+use pairmask::dispatch::{CullWish, SphereEngines};
+use pairmask::engine::{CullError, CullInput, CullReport, EngineChoice, HeapReply, Isa};
 use pairmask::oracle::Pair;
 use pairmask::oracle::naive_decoder::decode;
-use pairmask::sphere::{Sphere, SphereAllPairs, SphereEngines};
+use pairmask::sphere::{Sphere, SphereAllPairs};
 use pairmask::{Encoding, EncodingChoice, EngineName};
 use rayon::ThreadPool;
 
@@ -112,7 +113,7 @@ pub enum Way {
 pub struct SphereSubject {
     name: String,
     way: Way,
-    job: CullJob,
+    encoding: Encoding,
     pool: Arc<ThreadPool>,
     reply: HeapReply,
     broken: bool,
@@ -130,7 +131,7 @@ impl SphereSubject {
         Self {
             name: format!("spheres {what}, {encoding}, {threads} thread{plural}"),
             way,
-            job: CullJob { encoding, threads },
+            encoding,
             pool: Arc::clone(pool),
             reply: HeapReply::new(),
             broken,
@@ -164,15 +165,17 @@ impl SphereSubject {
     }
 
     fn answer(&mut self, spheres: &[Sphere], flags: &MixedFlags) -> Result<CullReport, CullError> {
-        let Self { way, job, pool, reply, .. } = self;
+        let Self { way, encoding, pool, reply, .. } = self;
+        let threads = pool.current_num_threads();
+        let input = CullInput::spheres(spheres).encoding(*encoding).threads(threads);
         flags.install(pool, || match way {
-            Way::AllPairs(_, engine) => engine.cull(spheres, job, reply),
+            Way::AllPairs(_, engine) => engine.cull(&input, reply),
             Way::Engines(engine, engines) => {
-                let encoding = EncodingChoice::Only(job.encoding);
+                let encoding = EncodingChoice::Only(*encoding);
                 let wish = CullWish {
                     engine: *engine,
                     encoding,
-                    threads: Some(job.threads),
+                    threads: Some(threads),
                     ..CullWish::default()
                 };
                 engines.cull(spheres, &wish, reply).map(|answer| answer.report)

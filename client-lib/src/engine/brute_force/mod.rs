@@ -38,17 +38,14 @@ pub(crate) mod split;
 mod task;
 mod words;
 
-use std::time::Instant;
-
 use self::bitmaps::Bitmaps;
 use self::search::Scene;
 use self::task::Task;
-use crate::aabb::Aabb;
-use crate::engine::gather::{Gather, PairTest};
+use crate::engine::gather::Gather;
 use crate::engine::word_budget::WordBudget;
 use crate::engine::{
-    AvailableIsa, CullError, CullJob, CullReport, Engine, EngineName, EngineTimes, Isa, KeyColumns,
-    ReplyBuffer, SkipMeter, counted,
+    AvailableIsa, CullError, CullInput, CullReport, Engine, EngineName, Isa, KeyColumns,
+    ReplyBuffer, StageClock, available,
 };
 use crate::mask::{Encoding, MaskShape};
 use crate::units::BoxCount;
@@ -62,7 +59,7 @@ pub(crate) const BITMAP_BOXES: usize = 192;
 ///
 /// ```
 /// use pairmask::Aabb;
-/// use pairmask::engine::{BruteForce, CullJob, Engine, HeapReply};
+/// use pairmask::engine::{BruteForce, CullInput, Engine, HeapReply};
 /// use pairmask::mask::Encoding;
 ///
 /// let boxes = [
@@ -71,8 +68,8 @@ pub(crate) const BITMAP_BOXES: usize = 192;
 ///     Aabb::from([1.0, 0.0, 0.0, 2.0, 1.0, 1.0]),
 /// ];
 /// let mut reply = HeapReply::new();
-/// let job = CullJob { encoding: Encoding::Dense, threads: 1 };
-/// let report = BruteForce::new().cull(&boxes, &job, &mut reply)?;
+/// let input = CullInput::boxes(&boxes).encoding(Encoding::Dense);
+/// let report = BruteForce::new().cull(&input, &mut reply)?;
 /// assert_eq!(report.pair_count, 1);
 /// assert_eq!(reply.words(), [0b010], "pair 1 is (0, 2)");
 /// # Ok::<(), pairmask::engine::CullError>(())
@@ -106,7 +103,7 @@ impl BruteForce {
     /// # Errors
     /// [`CullError::Unavailable`] when this machine does not have it.
     pub fn with_isa(isa: Isa) -> Result<Self, CullError> {
-        let isa = AvailableIsa::for_engine(isa, EngineName::CpuBrute)?;
+        let isa = available(isa, EngineName::CpuBrute)?;
         Ok(Self { isa, ..Self::new() })
     }
 
@@ -136,13 +133,14 @@ impl BruteForce {
     fn run_sparse(
         &mut self,
         gather: &Gather<'_>,
+        clock: &mut StageClock,
         reply: &mut dyn ReplyBuffer,
-    ) -> Result<Published, CullError> {
+    ) -> Result<MaskShape, CullError> {
         let scene = scene(&self.columns, &self.bitmaps);
         let isa = self.isa;
         fan_out::for_each(&mut self.tasks, &|task| task.run_sparse(&scene, gather, isa));
         gather.budget.check()?;
-        let found_at = Instant::now();
+        clock.executed();
         let word_count = self.tasks.iter().map(|t| t.found().len() as u64).sum();
         let n = BoxCount::new(self.columns.len() as u32);
         let shape = MaskShape::sparse(n, word_count, word_count, false);
@@ -158,15 +156,16 @@ impl BruteForce {
                 }
             }
         }
-        Ok(Published { shape, found_at })
+        Ok(shape)
     }
 
     /// Writes each task's words where they belong, then the words that two tasks share.
     fn run_dense(
         &mut self,
         gather: &Gather<'_>,
+        clock: &mut StageClock,
         reply: &mut dyn ReplyBuffer,
-    ) -> Result<Published, CullError> {
+    ) -> Result<MaskShape, CullError> {
         let scene = scene(&self.columns, &self.bitmaps);
         let (isa, n) = (self.isa, scene.n);
         let shape = MaskShape::dense(BoxCount::new(n as u32));
@@ -175,22 +174,15 @@ impl BruteForce {
         fan_out::for_each_window(&mut self.tasks, words, n, &|task, window| {
             task.run_dense(&scene, gather, isa, window);
         });
-        let found_at = Instant::now();
+        clock.executed();
         for task in &self.tasks {
             let word = dense::first_word(task.rows().end, n) as usize;
             if let Some(word) = words.get_mut(word) {
                 *word |= task.carry;
             }
         }
-        Ok(Published { shape, found_at })
+        Ok(shape)
     }
-}
-
-/// A mask in the reply, and when the last of its words was found. Dense words are written as they
-/// are found, so that next to nothing comes after.
-struct Published {
-    shape: MaskShape,
-    found_at: Instant,
 }
 
 /// What the tasks search in.
@@ -207,59 +199,28 @@ impl Engine for BruteForce {
 
     fn cull(
         &mut self,
-        boxes: &[Aabb],
-        job: &CullJob,
+        input: &CullInput<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
-        self.cull_passing(boxes, job, None, reply)
-    }
-}
-
-impl BruteForce {
-    /// [`Engine::cull`], less the pairs that do not pass a test.
-    pub(crate) fn cull_passing(
-        &mut self,
-        boxes: &[Aabb],
-        job: &CullJob,
-        test: Option<&dyn PairTest>,
-        reply: &mut dyn ReplyBuffer,
-    ) -> Result<CullReport, CullError> {
-        let n = counted(boxes, EngineName::CpuBrute)?;
-        let budget = &WordBudget::new(n, job.encoding, false, reply)?;
-        let gather = &Gather { budget, test, order: &[] };
-        let start = Instant::now();
+        let (boxes, n) = input.f32_boxes(EngineName::CpuBrute)?;
+        let budget = &WordBudget::new(n, input.encoding, false, reply)?;
+        let gather = &Gather { budget, rules: input.rules, order: &[] };
+        let mut clock = StageClock::start();
         let census = self.columns.ingest(boxes, self.isa);
         if boxes.len() >= BITMAP_BOXES {
             dispatch::build(&mut self.bitmaps, &self.columns.words(), boxes.len(), self.isa);
         }
-        self.assign(job.threads);
-        let ingested = Instant::now();
-        let published = match job.encoding {
-            Encoding::Dense => self.run_dense(gather, reply),
-            Encoding::Sparse => self.run_sparse(gather, reply),
+        self.assign(input.threads);
+        clock.ingested();
+        let published = match input.encoding {
+            Encoding::Dense => self.run_dense(gather, &mut clock, reply),
+            Encoding::Sparse => self.run_sparse(gather, &mut clock, reply),
         };
-        let Published { shape, found_at } = published.inspect_err(|_| {
+        let shape = published.inspect_err(|_| {
             self.tasks.iter_mut().for_each(Task::give_back);
         })?;
-        let zero_words = match shape {
-            MaskShape::Dense { .. } => 0,
-            MaskShape::Sparse { bits, .. } => n.sparse_words_max() - bits.len,
-        };
-        let compared: u64 = self.tasks.iter().map(|t| t.compared).sum();
-        Ok(CullReport {
-            shape,
-            census,
-            pair_count: self.tasks.iter().map(|t| t.pair_count).sum(),
-            skipped: SkipMeter {
-                boxes: u64::from(census.empty) + u64::from(census.invalid),
-                pairs: n.pair_count() - compared,
-                zero_words,
-            },
-            times: EngineTimes {
-                ingest_ns: (ingested - start).as_nanos() as u64,
-                execute_ns: (found_at - ingested).as_nanos() as u64,
-                publish_ns: found_at.elapsed().as_nanos() as u64,
-            },
-        })
+        let pair_count = self.tasks.iter().map(|task| task.pair_count).sum();
+        let compared = self.tasks.iter().map(|task| task.compared).sum();
+        Ok(CullReport::new(n, shape, census, pair_count, compared, clock.published()))
     }
 }

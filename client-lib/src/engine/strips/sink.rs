@@ -238,9 +238,8 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::engine::HeapReply;
-    use crate::engine::gather::PairTest;
     use crate::engine::word_budget::WordBudget;
+    use crate::engine::{HeapReply, PairRules, PairTest};
     use crate::mask::Encoding;
     use crate::units::BoxCount;
 
@@ -290,7 +289,7 @@ mod tests {
         expected: &[[u32; 3]],
     ) {
         let budget = no_limit();
-        let gather = &Gather { budget: &budget, test, order: &[] };
+        let gather = &Gather { budget: &budget, rules: PairRules { test }, order: &[] };
         let pairs: u32 = expected.iter().map(|word| word[2].count_ones()).sum();
         for isa in Isa::ALL.into_iter().filter_map(AvailableIsa::new) {
             let mut sink = WordSink::default();
@@ -370,7 +369,8 @@ mod tests {
             }
         }
         let budget = no_limit();
-        let gather = &Gather { budget: &budget, test: Some(&FewPass), order: &[] };
+        let gather =
+            &Gather { budget: &budget, rules: PairRules { test: Some(&FewPass) }, order: &[] };
         let mut sink = WordSink::default();
         for row in 0..3_000 {
             for block in row / 32 + 1..94 {
@@ -385,7 +385,7 @@ mod tests {
     #[test]
     fn a_refused_sink_keeps_no_words() {
         let budget = no_limit();
-        let gather = &Gather { budget: &budget, test: None, order: &[] };
+        let gather = &Gather { budget: &budget, rules: PairRules::NONE, order: &[] };
         let mut sink = WordSink::default();
         let empty = sink.allocated_bytes();
         for row in 0..10_000 {

@@ -3,7 +3,8 @@
 use std::fmt;
 
 use clap::Args;
-use pairmask::engine::{CpuEngines, CullWish, HeapReply};
+use pairmask::dispatch::{CpuEngines, CullWish};
+use pairmask::engine::HeapReply;
 use pairmask::mask::EncodingChoice;
 use pairmask::plan::CPU_ENGINES;
 use pairmask::{BoxCount, Encoding, EngineChoice};

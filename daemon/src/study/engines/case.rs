@@ -7,8 +7,9 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use pairmask::Encoding;
-use pairmask::engine::{AvailableIsa, EngineName, nanoseconds_since};
-use pairmask::plan::{CPU_ENGINES, Calibration, Capabilities, SceneStats, Wishes, Work, plan};
+use pairmask::dispatch::{CullWish, nanoseconds_since};
+use pairmask::engine::{AvailableIsa, EngineName};
+use pairmask::plan::{CPU_ENGINES, Calibration, Capabilities, SceneStats, Work, plan};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use super::EngineStudyError;
@@ -150,7 +151,7 @@ pub fn measure(
         let pairs = agreed_pairs(case, &lanes)?;
         let planning = Instant::now();
         stats = SceneStats::glance(scene.boxes(), pairs);
-        std::hint::black_box(plan(&stats, &capabilities, &calibration, &Wishes::default()));
+        std::hint::black_box(plan(&stats, &capabilities, &calibration, &CullWish::default()));
         plan_ns = plan_ns.min(nanoseconds_since(planning));
         scene.step();
     }

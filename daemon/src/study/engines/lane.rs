@@ -4,9 +4,9 @@ use std::hint::black_box;
 use std::sync::Arc;
 use std::time::Instant;
 
+use pairmask::dispatch::nanoseconds_since;
 use pairmask::engine::{
-    BruteForce, CullError, CullJob, Engine, EngineName, Grid, HeapReply, SweepAndPrune,
-    nanoseconds_since,
+    BruteForce, CullError, CullInput, Engine, EngineName, Grid, HeapReply, SweepAndPrune,
 };
 use pairmask::{Aabb, BoxCount, Encoding, MaskView};
 use rayon::ThreadPool;
@@ -87,11 +87,13 @@ impl Lane {
     /// # Errors
     /// [`EngineStudyError`], also where the mask does not hold the pairs that were counted.
     pub fn frame(&mut self, boxes: &[Aabb], is_noted: bool) -> Result<(), EngineStudyError> {
-        let job = CullJob { encoding: self.way.encoding, threads: self.way.threads };
         let (engine, reply) = (&mut self.engine, &mut self.reply);
         let mut cull = || -> Result<_, CullError> {
             let start = Instant::now();
-            let report = engine.cull(boxes, &job, reply)?;
+            let report = engine.cull(
+                &CullInput::boxes(boxes).encoding(self.way.encoding).threads(self.way.threads),
+                reply,
+            )?;
             Ok((report, nanoseconds_since(start)))
         };
         let (report, engine_ns) = match &self.pool {

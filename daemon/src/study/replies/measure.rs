@@ -3,7 +3,8 @@
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
-use pairmask::engine::{CpuEngines, CullError, CullWish, EngineName, HeapReply, nanoseconds_since};
+use pairmask::dispatch::{CpuEngines, CullWish, nanoseconds_since};
+use pairmask::engine::{CullError, EngineName, HeapReply};
 use pairmask::mask::{EncodingChoice, MaskError};
 use pairmask::oracle::check::Mismatch;
 use pairmask::{BoxCount, Encoding, EngineChoice, MaskView};

@@ -13,7 +13,7 @@ use std::io::Write;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use pairmask::engine::{BruteForce, CullError, CullJob, CullReport, Engine, HeapReply};
+use pairmask::engine::{BruteForce, CullError, CullInput, CullReport, Engine, HeapReply};
 use pairmask::mask::MaskShape;
 use pairmask::plan::user_cache_folder;
 use pairmask::{Aabb, BoxCount, Encoding};
@@ -235,8 +235,7 @@ impl Rig {
     }
 
     fn frame(&mut self, n: usize, encoding: Encoding) -> Result<CullReport, CullError> {
-        let job = CullJob { encoding, threads: 1 };
-        self.engine.cull(self.boxes.boxes(n), &job, &mut self.reply)
+        self.engine.cull(&CullInput::boxes(self.boxes.boxes(n)).encoding(encoding), &mut self.reply)
     }
 }
 
@@ -329,8 +328,8 @@ fn check(gpu: &Arc<Gpu>, boxes: &[Aabb], out: &mut dyn Write) -> Result<(), Benc
         let report = rig.frame(boxes.len(), encoding)?;
         let mut cpu_reply = HeapReply::new();
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
-        let job = CullJob { encoding, threads };
-        let cpu = BruteForce::new().cull(boxes, &job, &mut cpu_reply)?;
+        let cpu = BruteForce::new()
+            .cull(&CullInput::boxes(boxes).encoding(encoding).threads(threads), &mut cpu_reply)?;
         let same =
             sections(&report.shape, rig.reply.words()) == sections(&cpu.shape, cpu_reply.words());
         if !same || report.pair_count != cpu.pair_count || report.census != cpu.census {

@@ -29,7 +29,7 @@ mod steps;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use pairmask::engine::{CullError, CullJob, CullReport, Engine, ReplyBuffer};
+use pairmask::engine::{CullError, CullInput, CullReport, Engine, ReplyBuffer};
 use pairmask::precision::NarrowBoxes;
 use pairmask::{Aabb, BoxCount, BoxForm, Encoding, EngineName};
 use pairmask_shaders::{GridStage, Stage};
@@ -204,28 +204,6 @@ impl Grid {
             }
         }
     }
-
-    /// [`Engine::cull`] of boxes in any form, which are read as they lie. The mask is that of the
-    /// f32 boxes that stand for them ([`NarrowBoxes::get`]).
-    ///
-    /// # Errors
-    /// [`CullError`], as [`Engine::cull`].
-    pub fn cull_narrow(
-        &mut self,
-        boxes: NarrowBoxes<'_>,
-        job: &CullJob,
-        reply: &mut dyn ReplyBuffer,
-    ) -> Result<CullReport, CullError> {
-        match BoxCount::of_len(boxes.len()) {
-            Some(n) if n.get() < 2 && job.encoding == Encoding::Sparse => {
-                no_pairs(n, boxes, job.encoding, reply)
-            }
-            _ => {
-                let lane = self.begin(boxes, job.encoding, reply)?;
-                self.end(lane, boxes, reply)
-            }
-        }
-    }
 }
 
 impl Engine for Grid {
@@ -233,14 +211,24 @@ impl Engine for Grid {
         ENGINE
     }
 
-    /// Dense masks are refused ([`CullError::Unavailable`]): they have all pairs' words, which the
-    /// all-pairs engine writes faster. Crowds are, too ([`CullError::TooCrowded`]).
+    /// Boxes in any form are read as they lie. The mask is that of the f32 boxes that stand for them
+    /// ([`NarrowBoxes::get`]). Dense masks are refused ([`CullError::Unavailable`]): they have all
+    /// pairs' words, which the all-pairs engine writes faster. Crowds are, too
+    /// ([`CullError::TooCrowded`]).
     fn cull(
         &mut self,
-        boxes: &[Aabb],
-        job: &CullJob,
+        input: &CullInput<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
-        self.cull_narrow(boxes.into(), job, reply)
+        let (boxes, encoding) = (input.objects, input.encoding);
+        match BoxCount::of_len(boxes.len()) {
+            Some(n) if n.get() < 2 && encoding == Encoding::Sparse => {
+                no_pairs(n, boxes, encoding, reply)
+            }
+            _ => {
+                let lane = self.begin(boxes, encoding, reply)?;
+                self.end(lane, boxes, reply)
+            }
+        }
     }
 }

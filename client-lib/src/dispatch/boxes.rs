@@ -2,99 +2,15 @@
 
 use std::time::Instant;
 
-use super::gather::PairTest;
-use super::scratch::RecentNeed;
-use super::{
-    AvailableIsa, BruteForce, CullError, CullJob, CullReport, EngineChoice, EngineName, Grid,
-    ReplyBuffer, ReserveError, SweepAndPrune,
-};
+use super::{CullAnswer, nanoseconds_since};
 use crate::aabb::Aabb;
-use crate::mask::{Encoding, EncodingChoice, ReadableEncodings};
-use crate::plan::{Calibration, Capabilities, GpuCost, Plan, SceneStats, Wishes, plan};
+use crate::engine::{
+    AvailableIsa, BruteForce, CullError, CullInput, CullReport, Engine, EngineChoice, EngineName,
+    Grid, RecentNeed, ReplyBuffer, SweepAndPrune,
+};
+use crate::plan::{Calibration, Capabilities, CullWish, GpuCost, Plan, SceneStats, plan};
 use crate::precision::NarrowBoxes;
 use crate::units::BoxCount;
-use crate::wire::StageTimes;
-
-/// What a client leaves open and what it insists on, and what is known of its last frame.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct CullWish {
-    /// Which engine.
-    pub engine: EngineChoice,
-    /// Which encoding.
-    pub encoding: EncodingChoice,
-    /// How many threads; `None` leaves it to the plan.
-    pub threads: Option<usize>,
-    /// Pairs of the client's last frame, for the plan. The answer does not depend on it.
-    pub last_pairs: Option<u64>,
-    /// Encodings that the client can read.
-    pub readable: ReadableEncodings,
-}
-
-impl CullWish {
-    /// The wish of a frame of `n` boxes whose reply holds at most `limit_words` words: where the
-    /// client left the encoding open and a dense mask does not fit, it is sparse.
-    #[must_use]
-    pub fn within(self, n: usize, limit_words: u64) -> Self {
-        let may_be_sparse =
-            self.encoding == EncodingChoice::Auto && self.readable.contains(Encoding::Sparse);
-        if may_be_sparse && !dense_fits(n, limit_words) {
-            return Self { encoding: EncodingChoice::Only(Encoding::Sparse), ..self };
-        }
-        self
-    }
-
-    /// The wish to try after `error`, if there is one: where the client left the encoding open, more
-    /// words were found than the reply holds, and a dense mask fits.
-    #[must_use]
-    pub fn after(self, error: &CullError, n: usize, limit_words: u64) -> Option<Self> {
-        let is_too_large = matches!(error, CullError::Reserve(ReserveError::TooLarge { .. }));
-        let dense = Self { encoding: EncodingChoice::Only(Encoding::Dense), ..self };
-        let is_open =
-            self.encoding == EncodingChoice::Auto && self.readable.contains(Encoding::Dense);
-        (is_too_large && is_open && dense_fits(n, limit_words)).then_some(dense)
-    }
-}
-
-/// Whether a reply of so many words holds the dense mask of `n` boxes.
-fn dense_fits(n: usize, limit_words: u64) -> bool {
-    BoxCount::of_len(n).is_some_and(|n| n.dense_words() <= limit_words)
-}
-
-/// An answered cull.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct CullAnswer {
-    /// Which engine answered.
-    pub engine: EngineName,
-    /// Threads that it could use.
-    pub threads: usize,
-    /// What it says of the frame.
-    pub report: CullReport,
-    /// Time by stage.
-    pub times: StageTimes,
-}
-
-impl CullAnswer {
-    /// The answer of an engine to a plan that was begun at `start` and took `plan_ns`.
-    pub fn new(plan: &Plan, report: CullReport, start: Instant, plan_ns: u64) -> Self {
-        Self {
-            engine: plan.engine,
-            threads: plan.threads,
-            report,
-            times: StageTimes {
-                ingest_ns: report.times.ingest_ns,
-                plan_ns,
-                execute_ns: report.times.execute_ns,
-                publish_ns: report.times.publish_ns,
-                total_ns: nanoseconds_since(start),
-            },
-        }
-    }
-}
-
-/// Nanoseconds since `start`; u64 holds 584 years of them.
-pub fn nanoseconds_since(start: Instant) -> u64 {
-    start.elapsed().as_nanos() as u64
-}
 
 /// All CPU engines, with the scratch memory and the order that they keep from frame to frame.
 pub struct CpuEngines {
@@ -164,50 +80,36 @@ impl CpuEngines {
         let pool = rayon::current_num_threads();
         let capabilities =
             Capabilities { threads: wish.threads.unwrap_or(pool).clamp(1, pool), gpu };
-        let wishes =
-            Wishes { engine: wish.engine, encoding: wish.encoding, readable: wish.readable };
         let stats = match (wish.engine, BoxCount::of_len(boxes.len())) {
             (EngineChoice::Only(engine), Some(n)) if engine.is_gpu() => {
                 SceneStats::unseen(n, wish.last_pairs)
             }
             _ => SceneStats::glance(boxes, wish.last_pairs),
         };
-        plan(&stats, &capabilities, &self.calibration, &wishes)
+        plan(&stats, &capabilities, &self.calibration, wish)
     }
 
-    /// Runs a plan for a CPU engine.
+    /// Runs a CPU engine.
     ///
     /// # Errors
     /// [`CullError`], among them an engine that is not one of the CPU's.
     pub fn run(
         &mut self,
-        plan: &Plan,
-        boxes: &[Aabb],
+        engine: EngineName,
+        input: &CullInput<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
-        self.run_passing(plan, boxes, None, reply)
-    }
-
-    /// [`Self::run`], less the pairs that do not pass a test.
-    pub(crate) fn run_passing(
-        &mut self,
-        plan: &Plan,
-        boxes: &[Aabb],
-        test: Option<&dyn PairTest>,
-        reply: &mut dyn ReplyBuffer,
-    ) -> Result<CullReport, CullError> {
-        let job = CullJob { encoding: plan.encoding, threads: plan.threads };
-        let done = match plan.engine {
-            EngineName::CpuBrute => self.brute_force.cull_passing(boxes, &job, test, reply),
-            EngineName::CpuSap => self.sweep_and_prune.cull_passing(boxes, &job, test, reply),
-            EngineName::CpuGrid => self.grid.cull_passing(boxes, &job, test, reply),
+        let done = match engine {
+            EngineName::CpuBrute => self.brute_force.cull(input, reply),
+            EngineName::CpuSap => self.sweep_and_prune.cull(input, reply),
+            EngineName::CpuGrid => self.grid.cull(input, reply),
             engine => Err(CullError::Unavailable { engine, why: "it needs a daemon with a GPU" }),
         };
         // Most words hold a pair each, of a dense mask too on its way. A refused frame has given its
         // words back.
-        let most = plan.stats.n.sparse_words_max();
+        let most = BoxCount::of_len(input.objects.len()).map_or(0, BoxCount::sparse_words_max);
         let words = done.as_ref().map_or(0, |report| report.pair_count.min(most)) as usize;
-        self.note_need(plan.engine, BOX_BYTES * boxes.len() + WORD_BYTES * words);
+        self.note_need(engine, BOX_BYTES * input.objects.len() + WORD_BYTES * words);
         done
     }
 
@@ -242,7 +144,7 @@ impl CpuEngines {
         let wish = wish.within(n, limit_words);
         let plan = self.plan(boxes, &wish, None);
         let plan_ns = nanoseconds_since(start);
-        match self.run(&plan, boxes, reply) {
+        match self.run(plan.engine, &plan.input(boxes), reply) {
             Ok(report) => Ok(CullAnswer::new(&plan, report, start, plan_ns)),
             Err(error) => match wish.after(&error, n, limit_words) {
                 Some(dense) => self.cull(boxes, &dense, reply),
