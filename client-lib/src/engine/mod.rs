@@ -8,6 +8,7 @@
 pub mod brute_force;
 mod census;
 mod choice;
+pub(crate) mod encode;
 mod error;
 pub(crate) mod gather;
 pub mod grid;
@@ -26,6 +27,7 @@ pub(crate) mod word_budget;
 pub use brute_force::BruteForce;
 pub use census::{Census, NAMED_INVALID};
 pub use choice::{EngineChoice, EngineId};
+pub use encode::write_no_pairs;
 pub use error::CullError;
 pub use grid::{Grid, GridPlace, GridView};
 pub use heap_reply::HeapReply;

@@ -197,6 +197,31 @@ impl MaskShape {
         Some(if after_two_more > whole { after_two_more.min(whole + align) } else { whole })
     }
 
+    /// The mask of `n` boxes and `word_count` words, with an order or not, in an encoding, at the
+    /// start of the reply.
+    pub const fn exact(encoding: Encoding, n: BoxCount, word_count: u64, with_order: bool) -> Self {
+        match encoding {
+            Encoding::Dense => Self::dense(n),
+            Encoding::Sparse => Self::sparse(n, word_count, word_count, with_order),
+        }
+    }
+
+    /// The most words of an engine that a reply of `limit_words` words holds in an encoding. `None`
+    /// where it does not even hold the mask without any.
+    ///
+    /// The words of a dense mask are not counted: its size follows from `n`.
+    pub fn words_within(
+        encoding: Encoding,
+        n: BoxCount,
+        limit_words: u64,
+        with_order: bool,
+    ) -> Option<u64> {
+        match encoding {
+            Encoding::Dense => (n.dense_words() <= limit_words).then_some(u64::MAX),
+            Encoding::Sparse => Self::sparse_words_within(n, limit_words, with_order),
+        }
+    }
+
     /// The encoding of this shape.
     pub const fn encoding(&self) -> Encoding {
         match self {

@@ -6,8 +6,9 @@ use super::Sphere;
 use super::columns::BallColumns;
 use super::kernel;
 use crate::engine::brute_force::split;
+use crate::engine::encode;
 use crate::engine::gather::Gather;
-use crate::engine::strips::{WordSink, in_parts, publish};
+use crate::engine::strips::{WordSink, in_parts};
 use crate::engine::word_budget::WordBudget;
 use crate::engine::{
     AvailableIsa, CullError, CullInput, CullReport, EngineName, Isa, ReplyBuffer, StageClock,
@@ -105,7 +106,7 @@ impl SphereAllPairs {
         clock.executed();
 
         let sinks = self.tasks.iter().map(|task| &task.found);
-        let published = publish(sinks, gather, input.encoding, parts > 1, reply);
+        let published = encode::write(sinks, gather, input.encoding, parts > 1, reply);
         let shape = published.inspect_err(|_| {
             self.tasks.iter_mut().for_each(|task| task.found.give_back());
         })?;

@@ -7,7 +7,7 @@
 //! ingest      boxes → keys, one array a coordinate            (engine::ingest)
 //! build       keys → buckets → bit strings; corners           (quantiles, bitmaps, corners)
 //! find        row's strings under AND → candidates → words    (search, candidates, words)
-//! publish     words → dense bits, or the three sparse arrays  (dense, here)
+//! publish     words → a mask, as they are found or at the end  (engine::encode)
 //! ```
 //!
 //! Below `BITMAP_BOXES` there are no bitmaps: every row is compared with every column at once. A
@@ -25,7 +25,6 @@ mod avx512;
 mod bitmaps;
 mod candidates;
 mod corners;
-mod dense;
 mod dispatch;
 mod fan_out;
 mod kernel;
@@ -41,6 +40,7 @@ mod words;
 use self::bitmaps::Bitmaps;
 use self::search::Scene;
 use self::task::Task;
+use crate::engine::encode::{self, DenseRows};
 use crate::engine::gather::Gather;
 use crate::engine::word_budget::WordBudget;
 use crate::engine::{
@@ -48,7 +48,6 @@ use crate::engine::{
     ReplyBuffer, StageClock, available,
 };
 use crate::mask::{Encoding, MaskShape};
-use crate::units::BoxCount;
 
 /// Fewest boxes for which bitmaps take less time to build than they save.
 pub(crate) const BITMAP_BOXES: usize = 192;
@@ -129,59 +128,50 @@ impl BruteForce {
         }
     }
 
-    /// Finds all words and writes them behind one another.
-    fn run_sparse(
+    /// Finds all words and writes them, while they are found where the encoding allows it.
+    fn publish(
         &mut self,
         gather: &Gather<'_>,
+        encoding: Encoding,
         clock: &mut StageClock,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<MaskShape, CullError> {
-        let scene = scene(&self.columns, &self.bitmaps);
-        let isa = self.isa;
-        fan_out::for_each(&mut self.tasks, &|task| task.run_sparse(&scene, gather, isa));
-        gather.budget.check()?;
-        clock.executed();
-        let word_count = self.tasks.iter().map(|t| t.found().len() as u64).sum();
-        let n = BoxCount::new(self.columns.len() as u32);
-        let shape = MaskShape::sparse(n, word_count, word_count, false);
-        let out = reply.reserve(shape.extent_words())?;
-        if let MaskShape::Sparse { rows, blocks, bits, .. } = shape {
-            for (array, span) in [rows, blocks, bits].into_iter().enumerate() {
-                let mut rest = &mut out[span.start as usize..][..span.len as usize];
-                for task in &self.tasks {
-                    let words = task.found().arrays()[array];
-                    let (here, later) = rest.split_at_mut(words.len());
-                    here.copy_from_slice(words);
-                    rest = later;
-                }
-            }
+        if let Some(mask) = encode::by_rows(encoding, gather.budget.n(), reply)? {
+            return Ok(self.run_into(mask, gather, clock));
         }
-        Ok(shape)
+        self.run(gather, encoding, clock, reply)
     }
 
-    /// Writes each task's words where they belong, then the words that two tasks share.
-    fn run_dense(
+    /// Finds all words and has them written.
+    fn run(
         &mut self,
         gather: &Gather<'_>,
+        encoding: Encoding,
         clock: &mut StageClock,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<MaskShape, CullError> {
-        let scene = scene(&self.columns, &self.bitmaps);
-        let (isa, n) = (self.isa, scene.n);
-        let shape = MaskShape::dense(BoxCount::new(n as u32));
-        let word_count = shape.extent_words();
-        let words = &mut reply.reserve(word_count)?[..word_count as usize];
-        fan_out::for_each_window(&mut self.tasks, words, n, &|task, window| {
-            task.run_dense(&scene, gather, isa, window);
+        let (scene, isa) = (scene(&self.columns, &self.bitmaps), self.isa);
+        fan_out::for_each(&mut self.tasks, &|task| task.run(&scene, gather, isa));
+        clock.executed();
+        encode::write(self.tasks.iter().map(Task::found), gather, encoding, false, reply)
+    }
+
+    /// Writes the words of each task where they belong, as they are found.
+    fn run_into(
+        &mut self,
+        mut mask: DenseRows<'_>,
+        gather: &Gather<'_>,
+        clock: &mut StageClock,
+    ) -> MaskShape {
+        let (scene, isa) = (scene(&self.columns, &self.bitmaps), self.isa);
+        fan_out::for_each_window(&mut self.tasks, mask.window(), &|task, window| {
+            task.run_into(&scene, gather, isa, window);
         });
         clock.executed();
         for task in &self.tasks {
-            let word = dense::first_word(task.rows().end, n) as usize;
-            if let Some(word) = words.get_mut(word) {
-                *word |= task.carry;
-            }
+            mask.add_carry(task.rows().end, task.carry);
         }
-        Ok(shape)
+        mask.shape()
     }
 }
 
@@ -212,13 +202,8 @@ impl Engine for BruteForce {
         }
         self.assign(input.threads);
         clock.ingested();
-        let published = match input.encoding {
-            Encoding::Dense => self.run_dense(gather, &mut clock, reply),
-            Encoding::Sparse => self.run_sparse(gather, &mut clock, reply),
-        };
-        let shape = published.inspect_err(|_| {
-            self.tasks.iter_mut().for_each(Task::give_back);
-        })?;
+        let published = self.publish(gather, input.encoding, &mut clock, reply);
+        let shape = published.inspect_err(|_| self.tasks.iter_mut().for_each(Task::give_back))?;
         let pair_count = self.tasks.iter().map(|task| task.pair_count).sum();
         let compared = self.tasks.iter().map(|task| task.compared).sum();
         Ok(CullReport::new(n, shape, census, pair_count, compared, clock.published()))

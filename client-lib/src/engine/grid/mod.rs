@@ -26,8 +26,9 @@ pub use self::explain::{GridPlace, GridView};
 use self::layout::Layout;
 use self::rows::{RowTask, Scene};
 use self::sort::SortedBoxes;
+use crate::engine::encode;
 use crate::engine::gather::Gather;
-use crate::engine::strips::{BLOCK_LANES, in_parts, part_count, publish};
+use crate::engine::strips::{BLOCK_LANES, in_parts, part_count};
 use crate::engine::word_budget::WordBudget;
 use crate::engine::{
     AvailableIsa, CullError, CullInput, CullReport, Engine, EngineName, Isa, ReplyBuffer,
@@ -139,7 +140,7 @@ impl Engine for Grid {
         clock.executed();
 
         let sinks = self.tasks.iter().map(|task| &task.found);
-        let published = publish(sinks, gather, input.encoding, threads > 1, reply);
+        let published = encode::write(sinks, gather, input.encoding, threads > 1, reply);
         let shape = published.inspect_err(|_| {
             self.tasks.iter_mut().for_each(|task| task.found.give_back());
         })?;

@@ -179,6 +179,7 @@ mod tests {
 
     use super::super::WordSink;
     use super::*;
+    use crate::engine::encode::FoundWords;
     use crate::engine::gather::Gather;
     use crate::engine::word_budget::WordBudget;
     use crate::engine::{HeapReply, PairRules};
@@ -259,7 +260,7 @@ mod tests {
                 sink.take_block(&block, gather, isa);
                 let mut pairs = Vec::new();
                 let mut addresses = Vec::new();
-                for [rows, blocks, bits] in sink.words() {
+                for [rows, blocks, bits] in sink.chunks() {
                     for ((&row, &block), &bits) in rows.iter().zip(blocks).zip(bits) {
                         prop_assert!(bits != 0);
                         addresses.push((row, block));

@@ -4,6 +4,7 @@ use super::hits::Hits;
 #[cfg(target_arch = "x86_64")]
 use super::words_avx512;
 use super::{RowBlock, StripBatch};
+use crate::engine::encode::FoundWords;
 use crate::engine::gather::Gather;
 use crate::engine::{AvailableIsa, Isa};
 
@@ -196,16 +197,6 @@ impl WordSink {
         self.used += 1;
     }
 
-    /// The words, chunk by chunk: rows, blocks and bits.
-    pub fn words(&self) -> impl Iterator<Item = [&[u32]; 3]> {
-        self.chunks[..self.used].iter().map(WordChunk::arrays)
-    }
-
-    /// Words.
-    pub fn word_count(&self) -> usize {
-        self.chunks[..self.used].iter().map(WordChunk::word_count).sum()
-    }
-
     /// Pairs of all hits.
     pub fn pair_count(&self) -> u64 {
         self.pair_count
@@ -214,6 +205,16 @@ impl WordSink {
     /// Bytes that are allocated for words and hits.
     pub fn allocated_bytes(&self) -> usize {
         self.chunks.len() * 3 * CHUNK_WORDS * size_of::<u32>() + self.hits.allocated_bytes()
+    }
+}
+
+impl FoundWords for WordSink {
+    fn chunks(&self) -> impl Iterator<Item = [&[u32]; 3]> {
+        self.chunks[..self.used].iter().map(WordChunk::arrays)
+    }
+
+    fn word_count(&self) -> usize {
+        self.chunks[..self.used].iter().map(WordChunk::word_count).sum()
     }
 }
 
@@ -301,7 +302,7 @@ mod tests {
                 }
                 sink.finish(gather);
                 let words: Vec<[u32; 3]> = sink
-                    .words()
+                    .chunks()
                     .flat_map(|[rows, blocks, bits]| {
                         (0..rows.len()).map(|i| [rows[i], blocks[i], bits[i]])
                     })

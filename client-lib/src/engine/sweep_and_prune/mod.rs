@@ -13,8 +13,9 @@ mod sweep;
 use self::order::SweepOrder;
 use self::sweep::SweepTask;
 use crate::aabb::Aabb;
+use crate::engine::encode;
 use crate::engine::gather::Gather;
-use crate::engine::strips::{OrderedBoxes, in_parts, part_count, publish};
+use crate::engine::strips::{OrderedBoxes, in_parts, part_count};
 use crate::engine::word_budget::WordBudget;
 use crate::engine::{
     AvailableIsa, Census, CullError, CullInput, CullReport, Engine, EngineName, Isa, KeyColumns,
@@ -147,7 +148,7 @@ impl Engine for SweepAndPrune {
         clock.executed();
 
         let sinks = self.tasks.iter().map(|task| &task.found);
-        let published = publish(sinks, &gather, input.encoding, threads > 1, reply);
+        let published = encode::write(sinks, &gather, input.encoding, threads > 1, reply);
         let shape = published.inspect_err(|_| {
             self.tasks.iter_mut().for_each(|task| task.found.give_back());
         })?;

@@ -3,7 +3,9 @@
 use std::time::Duration;
 
 use pairmask::aabb::KeyBox;
-use pairmask::engine::{Census, CullError, CullReport, EngineTimes, NAMED_INVALID, ReplyBuffer};
+use pairmask::engine::{
+    Census, CullError, CullReport, EngineTimes, NAMED_INVALID, ReplyBuffer, write_no_pairs,
+};
 use pairmask::mask::MaskShape;
 use pairmask::precision::NarrowBoxes;
 use pairmask::{BoxCount, Encoding, MaskWord};
@@ -54,11 +56,7 @@ pub(in crate::execute::gpu) fn no_pairs(
     for (b, index) in (0..boxes.len()).filter_map(|i| boxes.get(i)).zip(0..) {
         census.note(index, KeyBox::classify(&b).1);
     }
-    let shape = match encoding {
-        Encoding::Dense => MaskShape::dense(n),
-        Encoding::Sparse => MaskShape::sparse(n, 0, 0, false),
-    };
-    reply.reserve(shape.extent_words())?;
+    let shape = write_no_pairs(n, encoding, reply)?;
     let outcome = Outcome { census, words: 0, pairs: 0 };
     Ok(report(n, shape, &outcome, [Duration::ZERO; 3]))
 }
