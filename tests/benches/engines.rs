@@ -15,8 +15,7 @@ use std::time::Instant;
 use pairmask::Aabb;
 use pairmask::dispatch::CullWish;
 use pairmask::engine::{
-    BruteForce, CullInput, CullReport, Engine, EngineName, EngineTimes, Grid, HeapReply, Isa,
-    SweepAndPrune,
+    CullInput, CullReport, Engine, EngineName, EngineTimes, HeapReply, Isa, cpu_engine,
 };
 use pairmask::mask::MaskShape;
 use pairmask::plan::{Calibration, Capabilities, SceneStats, plan};
@@ -38,7 +37,7 @@ impl Options {
         let mut options = Self {
             sizes: vec![1_000, 10_000, 100_000],
             scenes: SceneName::ALL.into_iter().filter(|s| !s.is_quadratic()).collect(),
-            engines: vec![EngineName::CpuBrute, EngineName::CpuSap, EngineName::CpuGrid],
+            engines: EngineName::CPU.into(),
             threads: vec![1, 2],
             frames: 20,
         };
@@ -57,7 +56,7 @@ impl Options {
                 }
                 "--engine" => {
                     let find = |s: &str| {
-                        let found = EngineName::ALL.into_iter().find(|e| e.as_str() == s);
+                        let found = EngineName::from_name(s);
                         found.ok_or_else(|| format!("unknown engine '{s}'"))
                     };
                     options.engines = items().map(find).collect::<Result<_, _>>()?;
@@ -69,41 +68,15 @@ impl Options {
     }
 }
 
-/// An engine that says what memory it keeps.
-trait Scratch: Engine {
-    fn scratch_bytes(&self) -> usize;
-}
-
-macro_rules! scratch {
-    ($($engine:ty),*) => {
-        $(impl Scratch for $engine {
-            fn scratch_bytes(&self) -> usize {
-                <$engine>::scratch_bytes(self)
-            }
-        })*
-    };
-}
-
-scratch!(BruteForce, Grid, SweepAndPrune);
-
 /// One engine on one number of threads.
 struct Lane {
-    engine: Box<dyn Scratch>,
+    engine: Box<dyn Engine>,
     threads: usize,
     pool: rayon::ThreadPool,
     reply: HeapReply,
     total_ns: Vec<u64>,
     times: Vec<EngineTimes>,
     words: u64,
-}
-
-fn engine(name: EngineName) -> Option<Box<dyn Scratch>> {
-    match name {
-        EngineName::CpuBrute => Some(Box::new(BruteForce::new())),
-        EngineName::CpuGrid => Some(Box::new(Grid::new())),
-        EngineName::CpuSap => Some(Box::new(SweepAndPrune::new())),
-        _ => None,
-    }
 }
 
 /// Whether an engine that compares all pairs is worth its time here.
@@ -184,7 +157,9 @@ fn run(name: SceneName, n: usize, options: &Options) -> bool {
     for &engine_name in &options.engines {
         for &threads in &options.threads {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-            let (Some(engine), Ok(pool)) = (engine(engine_name), pool) else { continue };
+            let (Ok(engine), Ok(pool)) = (cpu_engine(engine_name, Isa::best()), pool) else {
+                continue;
+            };
             if worthwhile(engine_name, n) {
                 let (total_ns, times) = (Vec::new(), Vec::new());
                 lanes.push(Lane {

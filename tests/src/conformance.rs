@@ -36,7 +36,7 @@ impl Default for Suite {
         Self {
             sizes: (0..=70).chain([345, 1234]).collect(),
             quadratic_limit: 1234,
-            encodings: vec![Encoding::Dense, Encoding::Sparse],
+            encodings: Encoding::ALL.into(),
             threads: vec![1],
             seed: 1,
             flags: mixed_flags(),

@@ -11,7 +11,9 @@
 use std::thread;
 use std::time::{Duration, Instant};
 
-use pairmask::engine::{BruteForce, CullInput, Engine, Grid, HeapReply, SweepAndPrune};
+use pairmask::engine::{
+    CullInput, Engine, EngineName, Grid, HeapReply, Isa, SweepAndPrune, cpu_engine,
+};
 use pairmask::mask::MaskView;
 use pairmask::{Aabb, AwakePool, BoxCount};
 use pairmask_tests::conformance::check_pairs;
@@ -68,7 +70,10 @@ fn agreed(
 }
 
 fn all_engines() -> Vec<Box<dyn Engine>> {
-    vec![Box::new(BruteForce::new()), Box::new(SweepAndPrune::new()), Box::new(Grid::new())]
+    EngineName::CPU
+        .into_iter()
+        .map(|name| cpu_engine(name, Isa::best()).expect("of the CPU"))
+        .collect()
 }
 
 /// The pair set of each scene of 3,000 boxes, seed 7, after one step.

@@ -5,9 +5,7 @@
 
 use glam::{Affine3A, DVec3, Mat4, Quat, Vec3};
 use pairmask::dispatch::{CpuEngines, CullWish, SphereEngines};
-use pairmask::engine::{
-    BruteForce, CullInput, Engine, EngineChoice, Grid, HeapReply, SweepAndPrune,
-};
+use pairmask::engine::{CullInput, Engine, EngineChoice, HeapReply, Isa, cpu_engine};
 use pairmask::oracle::check::check_frame;
 use pairmask::oracle::{self, modes};
 use pairmask::plan::SceneStats;
@@ -46,8 +44,8 @@ fn boxes_within(extent: f32, n: usize, seed: u64) -> Vec<Aabb> {
 /// smallest normal number (there a thread that flushes has other cells next to the origin), or none.
 const EXTENTS: [f32; 6] = [1e-42, 3e-38, 3e-37, 6e-37, 100.0, 1e30];
 
-fn engines() -> [Box<dyn Engine>; 3] {
-    [Box::new(BruteForce::new()), Box::new(SweepAndPrune::new()), Box::new(Grid::new())]
+fn engines() -> impl Iterator<Item = Box<dyn Engine>> {
+    EngineName::CPU.into_iter().map(|name| cpu_engine(name, Isa::best()).unwrap())
 }
 
 /// Culls with every CPU engine, by callers and pools of the flags.
@@ -105,7 +103,7 @@ fn a_pool_that_a_flagged_thread_started_serves_plain_callers() {
             let truth = oracle::truth(&boxes);
             let mut session =
                 Session::builder().backend(Backend::InProcess).threads(2).connect().unwrap();
-            for engine in [EngineName::CpuGrid, EngineName::CpuSap, EngineName::CpuBrute] {
+            for engine in EngineName::CPU {
                 let wish = CullWish { engine: EngineChoice::Only(engine), ..CullWish::default() };
                 let mut reply = HeapReply::new();
                 let asked = || CpuEngines::new().cull(&boxes, &wish, &mut reply).unwrap();

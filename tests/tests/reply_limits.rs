@@ -5,8 +5,8 @@ use std::path::PathBuf;
 
 use pairmask::dispatch::{CpuEngines, CullWish, SphereEngines};
 use pairmask::engine::{
-    BruteForce, CullError, CullInput, CullReport, Engine, EngineChoice, EngineName, Grid,
-    HeapReply, ReplyBuffer, ReserveError, SweepAndPrune,
+    CullError, CullInput, CullReport, Engine, EngineChoice, EngineName, Grid, HeapReply, Isa,
+    ReplyBuffer, ReserveError, cpu_engine,
 };
 use pairmask::mask::{EncodingChoice, MaskShape};
 use pairmask::sphere::SphereAllPairs;
@@ -112,10 +112,9 @@ fn scenes() -> impl Iterator<Item = (&'static str, Vec<Aabb>)> {
 fn every_cpu_engine_takes_what_fits_and_no_word_more() {
     for (scene, boxes) in scenes() {
         let pairs = oracle::truth(&boxes).pairs;
-        let engines: [Box<dyn Engine>; 3] =
-            [Box::new(BruteForce::new()), Box::new(SweepAndPrune::new()), Box::new(Grid::new())];
-        for mut engine in engines {
-            for encoding in [Encoding::Dense, Encoding::Sparse] {
+        for name in EngineName::CPU {
+            let mut engine = cpu_engine(name, Isa::best()).unwrap();
+            for encoding in Encoding::ALL {
                 for threads in [1, 3] {
                     let pool = ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
                     let what = format!("{scene}, {}, {encoding}, {threads}", engine.name());
@@ -158,7 +157,7 @@ fn spheres_take_what_fits_and_no_word_more() {
                 let what = format!("{scene}, all pairs, {encoding}, {threads}");
                 let need = need_of(&mut cull);
                 check_limits(&what, spheres.len(), need, &below(need), pairs, &mut cull);
-                for engine in [EngineName::CpuBrute, EngineName::CpuSap, EngineName::CpuGrid] {
+                for engine in EngineName::CPU {
                     let wish = CullWish {
                         engine: EngineChoice::Only(engine),
                         encoding: EncodingChoice::Only(encoding),
@@ -297,14 +296,8 @@ fn an_open_encoding_is_one_that_fits() {
             )),
         ),
     ];
-    for engine in [
-        EngineChoice::Auto,
-        EngineChoice::Only(EngineName::CpuBrute),
-        EngineChoice::Only(EngineName::CpuSap),
-        EngineChoice::Only(EngineName::CpuGrid),
-        EngineChoice::Only(EngineName::GpuBrute),
-        EngineChoice::Only(EngineName::GpuGrid),
-    ] {
+    let named = EngineName::ALL.map(EngineChoice::Only);
+    for engine in [EngineChoice::Auto].into_iter().chain(named) {
         let is_gpu = matches!(engine, EngineChoice::Only(engine) if engine.is_gpu());
         // Where the last frame had no pairs, the plan expects a small sparse mask.
         for last_pairs in [None, Some(0)] {
@@ -364,7 +357,7 @@ fn scratch_that_frames_do_not_need_is_given_back() {
     let large = same(6_000);
     let small = same(10);
     let sparse = EncodingChoice::Only(Encoding::Sparse);
-    for engine in [EngineName::CpuBrute, EngineName::CpuSap, EngineName::CpuGrid] {
+    for engine in EngineName::CPU {
         let mut engines = CpuEngines::new();
         let engine = EngineChoice::Only(engine);
         let wish = CullWish { engine, encoding: sparse, threads: Some(1), ..CullWish::default() };
@@ -436,12 +429,8 @@ fn a_worker_with_a_limit_stays_within_a_few_times_of_it() {
     let n = 100_000;
     let boxes = same(n);
     let balls = vec![Sphere::new([0.0; 3], 1.0); n];
-    for engine in [
-        EngineChoice::Auto,
-        EngineChoice::Only(EngineName::CpuBrute),
-        EngineChoice::Only(EngineName::CpuSap),
-        EngineChoice::Only(EngineName::CpuGrid),
-    ] {
+    let named = EngineName::CPU.map(EngineChoice::Only);
+    for engine in [EngineChoice::Auto].into_iter().chain(named) {
         let daemon = TestDaemon::start(DAEMON, &["--max-reply-mib", "64"]);
         let mut session = daemon.session().engine(engine).deadline(PATIENCE).connect().unwrap();
         assert_eq!(count(&mut session, &boxes[..70]).unwrap(), 70 * 69 / 2);

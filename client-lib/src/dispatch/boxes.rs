@@ -5,8 +5,8 @@ use std::time::Instant;
 use super::{CullAnswer, nanoseconds_since};
 use crate::aabb::Aabb;
 use crate::engine::{
-    AvailableIsa, BruteForce, CullError, CullInput, CullReport, Engine, EngineChoice, EngineName,
-    Grid, RecentNeed, ReplyBuffer, SweepAndPrune,
+    AvailableIsa, CullError, CullInput, CullReport, Engine, EngineChoice, EngineName, RecentNeed,
+    ReplyBuffer, cpu_engines,
 };
 use crate::plan::{Calibration, Capabilities, CullWish, GpuCost, Plan, SceneStats, plan};
 use crate::precision::NarrowBoxes;
@@ -14,12 +14,15 @@ use crate::units::BoxCount;
 
 /// All CPU engines, with the scratch memory and the order that they keep from frame to frame.
 pub struct CpuEngines {
-    brute_force: BruteForce,
-    sweep_and_prune: SweepAndPrune,
-    grid: Grid,
+    engines: [Kept; EngineName::CPU.len()],
     calibration: Calibration,
-    /// Of `cpu-brute`, `cpu-sap` and `cpu-grid`.
-    needs: [RecentNeed; 3],
+}
+
+/// An engine that is kept warm, and the scratch that its frames have needed of late.
+struct Kept {
+    name: EngineName,
+    engine: Box<dyn Engine>,
+    need: RecentNeed,
 }
 
 /// Scratch that a frame takes, bytes a box: the most that an engine was seen to take (240, of
@@ -43,28 +46,24 @@ impl CpuEngines {
 
     /// Engines with empty scratch memory, whose plans compute with `calibration`.
     pub fn with_calibration(calibration: Calibration) -> Self {
-        Self {
-            brute_force: BruteForce::new(),
-            sweep_and_prune: SweepAndPrune::new(),
-            grid: Grid::new(),
-            calibration,
-            needs: [RecentNeed::default(); 3],
-        }
+        let isa = AvailableIsa::best();
+        let engines = cpu_engines(isa).map(|engine| Kept {
+            name: engine.name(),
+            engine,
+            need: RecentNeed::NONE,
+        });
+        Self { engines, calibration }
     }
 
     /// Gives the scratch of all engines back. Answers do not depend on it; the next frame takes
     /// longer.
     pub fn give_back(&mut self) {
-        self.brute_force = BruteForce::new();
-        self.sweep_and_prune = SweepAndPrune::new();
-        self.grid = Grid::new();
+        self.engines.iter_mut().for_each(|kept| kept.engine.give_back());
     }
 
     /// Bytes of scratch that all engines keep from frame to frame, beside boxes and replies.
     pub fn scratch_bytes(&self) -> usize {
-        self.brute_force.scratch_bytes()
-            + self.sweep_and_prune.scratch_bytes()
-            + self.grid.scratch_bytes()
+        self.engines.iter().map(|kept| kept.engine.scratch_bytes()).sum()
     }
 
     /// Plans a frame, among the CPU engines and a GPU if there is one. Boxes may be in any form: a
@@ -99,11 +98,10 @@ impl CpuEngines {
         input: &CullInput<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
-        let done = match engine {
-            EngineName::CpuBrute => self.brute_force.cull(input, reply),
-            EngineName::CpuSap => self.sweep_and_prune.cull(input, reply),
-            EngineName::CpuGrid => self.grid.cull(input, reply),
-            engine => Err(CullError::Unavailable { engine, why: "it needs a daemon with a GPU" }),
+        let kept = self.engines.iter_mut().find(|kept| kept.name == engine);
+        let done = match kept {
+            Some(kept) => kept.engine.cull(input, reply),
+            None => Err(CullError::Unavailable { engine, why: "it needs a daemon with a GPU" }),
         };
         // Most words hold a pair each, of a dense mask too on its way. A refused frame has given its
         // words back.
@@ -115,16 +113,11 @@ impl CpuEngines {
 
     /// Gives the scratch of engines back that much larger scenes left behind.
     fn note_need(&mut self, ran: EngineName, bytes: usize) {
-        let need = |engine| if engine == ran { bytes } else { 0 };
-        let [brute_force, sweep_and_prune, grid] = &mut self.needs;
-        if brute_force.note(need(EngineName::CpuBrute), || self.brute_force.scratch_bytes()) {
-            self.brute_force = BruteForce::new();
-        }
-        if sweep_and_prune.note(need(EngineName::CpuSap), || self.sweep_and_prune.scratch_bytes()) {
-            self.sweep_and_prune = SweepAndPrune::new();
-        }
-        if grid.note(need(EngineName::CpuGrid), || self.grid.scratch_bytes()) {
-            self.grid = Grid::new();
+        for Kept { name, engine, need } in &mut self.engines {
+            let needed = if *name == ran { bytes } else { 0 };
+            if need.note(needed, || engine.scratch_bytes()) {
+                engine.give_back();
+            }
         }
     }
 

@@ -4,18 +4,25 @@
 //! reports what it skipped. An engine reads each box where it lies, copies it once into its own
 //! keys, and writes its mask straight into memory that the caller hands out ([`ReplyBuffer`]):
 //! shared memory in the daemon, a pooled buffer in process.
+//!
+//! The list of all engines stands in this file. Whatever chooses among them, names or measures them,
+//! goes through it and their [descriptors](EngineDescriptor): the command line, plan, calibration,
+//! `stress`, the conformance suite. A new engine is a folder with a descriptor, and a line of the list.
 
 pub mod brute_force;
 mod census;
 mod choice;
+mod cost;
+mod descriptor;
 pub(crate) mod encode;
 mod error;
 pub(crate) mod gather;
+mod gpu;
 pub mod grid;
 mod heap_reply;
 pub mod ingest;
 mod input;
-mod name;
+mod list;
 mod reply;
 mod report;
 mod rules;
@@ -27,14 +34,17 @@ pub(crate) mod word_budget;
 pub use brute_force::BruteForce;
 pub use census::{Census, NAMED_INVALID};
 pub use choice::{EngineChoice, EngineId};
-pub use encode::write_no_pairs;
+pub use cost::CostTerm;
+pub use descriptor::{CpuEngine, EngineDescriptor, EnginePlace, GpuEngine, cpu_engine};
+pub use encode::{EncodingCost, encoding_cost, write_no_pairs};
 pub use error::CullError;
+pub use gpu::GpuCost;
 pub use grid::{Grid, GridPlace, GridView};
 pub use heap_reply::HeapReply;
 pub use ingest::KeyColumns;
 pub use input::CullInput;
 pub(crate) use input::counted;
-pub use name::EngineName;
+pub(crate) use list::cpu_engines;
 pub use reply::{ReplyBuffer, ReserveError};
 pub use report::{CullReport, EngineTimes, SkipMeter, StageClock};
 pub(crate) use rules::{PairRules, PairTest};
@@ -43,6 +53,19 @@ pub use sweep_and_prune::SweepAndPrune;
 
 pub use crate::isa::{AvailableIsa, Isa};
 pub use crate::unknown_name::UnknownName;
+
+list::engines! {
+    /// All pairs on the CPU, SIMD.
+    CpuBrute = 1 => brute_force::DESCRIPTOR,
+    /// Sweep and prune on the CPU.
+    CpuSap = 2 => sweep_and_prune::DESCRIPTOR,
+    /// Uniform grid with levels on the CPU.
+    CpuGrid = 3 => grid::DESCRIPTOR,
+    /// All pairs on the GPU.
+    GpuBrute = 4 => gpu::ALL_PAIRS,
+    /// Uniform grid with levels on the GPU.
+    GpuGrid = 5 => gpu::GRID,
+}
 
 /// `isa` for an engine that was asked to use it.
 ///
@@ -74,4 +97,13 @@ pub trait Engine: Send {
         input: &CullInput<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError>;
+
+    /// Bytes of scratch that the engine keeps from frame to frame, beside boxes and replies: 0 for one
+    /// that keeps nothing.
+    fn scratch_bytes(&self) -> usize {
+        0
+    }
+
+    /// Gives the scratch back. Answers do not depend on it; the next frame takes longer.
+    fn give_back(&mut self) {}
 }

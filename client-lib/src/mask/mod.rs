@@ -49,6 +49,9 @@ pub enum Encoding {
 }
 
 impl Encoding {
+    /// Every encoding, in the order of their numbers.
+    pub const ALL: [Self; 2] = [Self::Dense, Self::Sparse];
+
     /// The name on the command line and in reports.
     pub const fn as_str(self) -> &'static str {
         match self {
@@ -64,9 +67,17 @@ impl Encoding {
         }
     }
 
+    /// Its place in [`Self::ALL`].
+    pub const fn place(self) -> usize {
+        match self {
+            Self::Dense => 0,
+            Self::Sparse => 1,
+        }
+    }
+
     /// The encoding of a wire number, if there is one.
     pub fn from_wire(value: u32) -> Option<Self> {
-        [Self::Dense, Self::Sparse].into_iter().find(|e| *e as u32 == value)
+        Self::ALL.into_iter().find(|e| *e as u32 == value)
     }
 }
 
@@ -90,12 +101,14 @@ impl FromStr for EncodingChoice {
     type Err = UnknownName;
 
     fn from_str(s: &str) -> Result<Self, UnknownName> {
-        match s {
-            "auto" => Ok(Self::Auto),
-            "dense" => Ok(Self::Only(Encoding::Dense)),
-            "sparse" => Ok(Self::Only(Encoding::Sparse)),
-            _ => Err(UnknownName { name: s.to_owned(), known: "auto, dense, sparse".into() }),
+        if s == "auto" {
+            return Ok(Self::Auto);
         }
+        let named = Encoding::ALL.into_iter().find(|encoding| encoding.as_str() == s);
+        named.map(Self::Only).ok_or_else(|| UnknownName {
+            name: s.to_owned(),
+            known: format!("auto, {}", Encoding::ALL.map(Encoding::as_str).join(", ")).into(),
+        })
     }
 }
 

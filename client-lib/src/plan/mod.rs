@@ -31,10 +31,12 @@ mod explain;
 mod machine;
 mod model;
 mod options;
+mod term;
 mod work;
 
+pub use crate::engine::GpuCost;
 pub use crate::stats::SceneStats;
-pub use calibration::{CPU_ENGINES, Calibration, ThreadCost};
+pub use calibration::{Calibration, ThreadCost};
 pub use calibration_choice::{CalibrationChoice, CalibrationOrigin};
 #[cfg(feature = "calibration-file")]
 pub use calibration_file::{
@@ -43,39 +45,14 @@ pub use calibration_file::{
 };
 pub use machine::MachineKey;
 pub use options::CullWish;
-pub use work::{Term, Work};
+pub use term::Term;
+pub use work::Work;
 
 use self::model::Model;
 use crate::engine::{CullInput, EngineChoice, EngineName};
 use crate::floats;
 use crate::mask::{Encoding, EncodingChoice};
-use crate::precision::{BoxForm, NarrowBoxes};
-
-/// What a GPU takes, measured when it was opened.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct GpuCost {
-    /// A frame of no boxes: submit, wait, read back, ns.
-    pub fixed_ns: f64,
-    /// Boxes up, ns a box of f32.
-    pub ns_a_box: f64,
-    /// Each pair that all-pairs compares, ns.
-    pub ns_a_test: f64,
-    /// What the grid's stages take whatever the scene, more than those of all pairs, ns.
-    pub grid_fixed_ns: f64,
-    /// The grid's stages, ns a box; `None` where the GPU has no grid engine.
-    pub grid_ns_a_box: Option<f64>,
-    /// Each byte of the mask that comes down, ns.
-    pub ns_a_reply_byte: f64,
-}
-
-impl GpuCost {
-    /// The cost of frames whose boxes have a form: what comes up takes the time of its bytes.
-    #[must_use]
-    pub fn of_form(self, form: BoxForm) -> Self {
-        let share = form.box_bytes() as f64 / BoxForm::F32.box_bytes() as f64;
-        Self { ns_a_box: share * self.ns_a_box, ..self }
-    }
-}
+use crate::precision::NarrowBoxes;
 
 /// What can be used.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -5,7 +5,7 @@ use super::*;
 use crate::dispatch::CpuEngines;
 use crate::engine::Isa;
 use crate::mask::ReadableEncodings;
-use crate::precision::NarrowBoxes;
+use crate::precision::{BoxForm, NarrowBoxes};
 use crate::units::BoxCount;
 
 const GPU: GpuCost = GpuCost {
@@ -130,7 +130,7 @@ fn boxes_take_a_gpu_the_time_of_their_bytes() {
 fn the_encoding_is_the_cheaper_one() {
     assert_eq!(chosen(&stats(4096, 0.1), None, CullWish::default()).encoding, Encoding::Sparse);
     let mut calibration = Calibration::built_in(Isa::Avx512);
-    calibration.ns[Term::SparsePair as usize] = 50.0;
+    calibration.ns[Term::from_name("sparse-pair").expect("a term").index()] = 50.0;
     let capabilities = Capabilities { threads: 1, gpu: None };
     let encoding =
         |n| plan(&stats(n, 0.1), &capabilities, &calibration, &CullWish::default()).encoding;

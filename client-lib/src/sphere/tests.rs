@@ -83,11 +83,9 @@ fn every_engine_finds_the_pairs_of_the_definition() {
         let spheres = hard_spheres(n, 7 + n as u64);
         let expected = truth(&spheres);
         let census = |class| spheres.iter().filter(|s| s.class() == class).count() as u32;
-        for encoding in [Encoding::Dense, Encoding::Sparse] {
-            for engine in [EngineChoice::Auto].into_iter().chain(
-                [EngineName::CpuBrute, EngineName::CpuSap, EngineName::CpuGrid]
-                    .map(EngineChoice::Only),
-            ) {
+        for encoding in Encoding::ALL {
+            let named = EngineName::CPU.map(EngineChoice::Only);
+            for engine in [EngineChoice::Auto].into_iter().chain(named) {
                 let encoding_choice = EncodingChoice::Only(encoding);
                 let wish = CullWish { engine, encoding: encoding_choice, ..CullWish::default() };
                 let answer = engines.cull(&spheres, &wish, &mut reply).expect("memory");

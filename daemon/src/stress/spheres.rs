@@ -155,7 +155,9 @@ impl SphereSubject {
                 for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
                     add(Way::AllPairs(isa, SphereAllPairs::with_isa(isa)?));
                 }
-                for name in [EngineName::CpuSap, EngineName::CpuGrid] {
+                // `cpu-brute` is all pairs, as above.
+                let others = |name: &EngineName| *name != EngineName::CpuBrute;
+                for name in EngineName::CPU.into_iter().filter(others) {
                     add(Way::Engines(EngineChoice::Only(name), Box::default()));
                 }
                 add(Way::Engines(EngineChoice::Auto, Box::default()));

@@ -25,6 +25,7 @@ mod avx512;
 mod bitmaps;
 mod candidates;
 mod corners;
+mod cost;
 mod dispatch;
 mod fan_out;
 mod kernel;
@@ -44,13 +45,28 @@ use crate::engine::encode::{self, DenseRows};
 use crate::engine::gather::Gather;
 use crate::engine::word_budget::WordBudget;
 use crate::engine::{
-    AvailableIsa, CullError, CullInput, CullReport, Engine, EngineName, Isa, KeyColumns,
-    ReplyBuffer, StageClock, available,
+    AvailableIsa, CpuEngine, CullError, CullInput, CullReport, Engine, EngineDescriptor,
+    EngineName, EnginePlace, Isa, KeyColumns, ReplyBuffer, StageClock, available,
 };
 use crate::mask::{Encoding, MaskShape};
+use crate::precision::BoxForm;
 
 /// Fewest boxes for which bitmaps take less time to build than they save.
-pub(crate) const BITMAP_BOXES: usize = 192;
+const BITMAP_BOXES: usize = 192;
+
+/// `cpu-brute` in the list of engines.
+pub(super) const DESCRIPTOR: EngineDescriptor = EngineDescriptor {
+    name: "cpu-brute",
+    since_minor: 0,
+    forms: &[BoxForm::F32],
+    encodings: &Encoding::ALL,
+    has_order: false,
+    place: EnginePlace::Cpu(CpuEngine {
+        make: |isa| Box::new(BruteForce::on(isa)),
+        terms: cost::TERMS,
+        work: cost::work,
+    }),
+};
 
 /// The engine `cpu-brute`. Fastest for tiny scenes, and the reference for the others.
 ///
@@ -89,12 +105,12 @@ impl Default for BruteForce {
 impl BruteForce {
     /// The engine with the widest instruction set of this machine.
     pub fn new() -> Self {
-        Self {
-            isa: AvailableIsa::best(),
-            columns: KeyColumns::default(),
-            bitmaps: Bitmaps::default(),
-            tasks: Vec::new(),
-        }
+        Self::on(AvailableIsa::best())
+    }
+
+    /// The engine with one instruction set that this machine has.
+    fn on(isa: AvailableIsa) -> Self {
+        Self { isa, columns: KeyColumns::default(), bitmaps: Bitmaps::default(), tasks: Vec::new() }
     }
 
     /// The engine with one instruction set, for tests and measurements.
@@ -102,20 +118,12 @@ impl BruteForce {
     /// # Errors
     /// [`CullError::Unavailable`] when this machine does not have it.
     pub fn with_isa(isa: Isa) -> Result<Self, CullError> {
-        let isa = available(isa, EngineName::CpuBrute)?;
-        Ok(Self { isa, ..Self::new() })
+        available(isa, EngineName::CpuBrute).map(Self::on)
     }
 
     /// The instruction set in use.
     pub fn isa(&self) -> Isa {
         self.isa.get()
-    }
-
-    /// Bytes of scratch that the engine keeps from frame to frame, beside boxes and reply.
-    pub fn scratch_bytes(&self) -> usize {
-        self.columns.allocated_bytes()
-            + self.bitmaps.allocated_bytes()
-            + self.tasks.iter().map(Task::allocated_bytes).sum::<usize>()
     }
 
     /// Shares the rows out, one range a task.
@@ -207,5 +215,15 @@ impl Engine for BruteForce {
         let pair_count = self.tasks.iter().map(|task| task.pair_count).sum();
         let compared = self.tasks.iter().map(|task| task.compared).sum();
         Ok(CullReport::new(n, shape, census, pair_count, compared, clock.published()))
+    }
+
+    fn scratch_bytes(&self) -> usize {
+        self.columns.allocated_bytes()
+            + self.bitmaps.allocated_bytes()
+            + self.tasks.iter().map(Task::allocated_bytes).sum::<usize>()
+    }
+
+    fn give_back(&mut self) {
+        *self = Self::on(self.isa);
     }
 }

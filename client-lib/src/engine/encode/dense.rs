@@ -3,11 +3,32 @@
 //! Words of an engine that keeps the boxes' order are written window by window ([`DenseRows`]), those
 //! of any order pair by pair ([`write`]).
 
-use super::FoundWords;
+use super::{EncodingCost, FoundWords};
+use crate::engine::cost::terms;
 use crate::engine::gather::Gather;
-use crate::engine::{CullError, ReplyBuffer};
+use crate::engine::{CostTerm, CullError, ReplyBuffer};
 use crate::mask::MaskShape;
+use crate::stats::SceneStats;
 use crate::units::BoxCount;
+
+terms! {
+    /// A byte of the mask: written, and scanned by the client.
+    BYTE = CostTerm::new("dense-byte", 0.0479);
+    /// A pair.
+    PAIR = CostTerm::new("dense-pair", 4.5);
+    /// More for a pair of an engine that has an order of its own.
+    SCATTERED_PAIR = CostTerm::new("scattered-pair", 0.931);
+}
+
+/// What dense masks take.
+pub(super) const COST: EncodingCost = EncodingCost { terms: TERMS, work };
+
+fn work(stats: &SceneStats, has_order: bool, amounts: &mut [f64]) {
+    let pairs = stats.expected_pairs();
+    amounts[BYTE] = 4.0 * stats.n.dense_words() as f64;
+    amounts[PAIR] = pairs;
+    amounts[SCATTERED_PAIR] = if has_order { pairs } else { 0.0 };
+}
 
 /// Sets each pair's bit. The words of a dense mask are in box order and those of the tasks may be in
 /// another, so this writes all over the mask: right, and slower than row by row, which is why the plan

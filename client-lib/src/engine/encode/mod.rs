@@ -11,9 +11,29 @@ pub(crate) use dense::{DenseRows, DenseWindow};
 
 use super::gather::Gather;
 use super::word_budget::WordBudget;
-use super::{CullError, PairRules, ReplyBuffer};
+use super::{CostTerm, CullError, PairRules, ReplyBuffer};
 use crate::mask::{Encoding, MaskShape};
+use crate::stats::SceneStats;
 use crate::units::BoxCount;
+
+/// An encoding's share of the plan's cost model.
+#[derive(Clone, Copy, Debug)]
+pub struct EncodingCost {
+    /// Kinds of work that its masks take, from the words that an engine found to the pairs of the
+    /// client.
+    pub terms: &'static [CostTerm],
+    /// How much of each a frame holds, of an engine that has an order of its own or not: writes the
+    /// amounts to the places of the terms, which hold zeros.
+    pub work: fn(&SceneStats, bool, &mut [f64]),
+}
+
+/// What the masks of an encoding take.
+pub const fn encoding_cost(encoding: Encoding) -> &'static EncodingCost {
+    match encoding {
+        Encoding::Dense => &dense::COST,
+        Encoding::Sparse => &sparse::COST,
+    }
+}
 
 /// The words that a task found: non-zero, sorted by (row, block), each address once.
 pub(crate) trait FoundWords: Sync {

@@ -1,10 +1,29 @@
 //! The sparse encoding: the words of all tasks behind one another, in three arrays, and the order.
 
-use super::FoundWords;
+use super::{EncodingCost, FoundWords};
+use crate::engine::cost::terms;
 use crate::engine::gather::Gather;
 use crate::engine::strips::in_parts;
-use crate::engine::{CullError, ReplyBuffer};
+use crate::engine::{CostTerm, CullError, ReplyBuffer};
 use crate::mask::{MaskShape, SECTION_ALIGN_WORDS};
+use crate::stats::SceneStats;
+
+terms! {
+    /// A pair of boxes in their own order: kept, published, decoded.
+    PAIR = CostTerm::new("sparse-pair", 1.01);
+    /// More for a pair in an order of the engine's. Without the decoder by words, which needs
+    /// AVX-512 VBMI2, it was measured before there was one.
+    ORDERED_PAIR = CostTerm::avx512_or("ordered-pair", 0.0971, 0.77);
+}
+
+/// What sparse masks take.
+pub(super) const COST: EncodingCost = EncodingCost { terms: TERMS, work };
+
+fn work(stats: &SceneStats, has_order: bool, amounts: &mut [f64]) {
+    let pairs = stats.expected_pairs();
+    amounts[PAIR] = pairs;
+    amounts[ORDERED_PAIR] = if has_order { pairs } else { 0.0 };
+}
 
 /// Fewest words that are worth a second thread.
 const PARALLEL_WORDS: usize = 16 * 1024;

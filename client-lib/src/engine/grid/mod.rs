@@ -11,6 +11,7 @@
 mod axis;
 mod bucket;
 mod cell_strips;
+mod cost;
 mod explain;
 mod fetch;
 mod homes;
@@ -31,14 +32,30 @@ use crate::engine::gather::Gather;
 use crate::engine::strips::{BLOCK_LANES, in_parts, part_count};
 use crate::engine::word_budget::WordBudget;
 use crate::engine::{
-    AvailableIsa, CullError, CullInput, CullReport, Engine, EngineName, Isa, ReplyBuffer,
-    StageClock, available,
+    AvailableIsa, CpuEngine, CullError, CullInput, CullReport, Engine, EngineDescriptor,
+    EngineName, EnginePlace, Isa, ReplyBuffer, StageClock, available,
 };
+use crate::mask::Encoding;
+use crate::precision::BoxForm;
 
 /// Fewest rows of a task: below, handing it to another thread costs more than it saves.
 const TASK_ROWS: usize = 1_024;
 /// Fewest boxes that are worth a second thread.
 const PARALLEL_BOXES: usize = 2_048;
+
+/// `cpu-grid` in the list of engines.
+pub(super) const DESCRIPTOR: EngineDescriptor = EngineDescriptor {
+    name: "cpu-grid",
+    since_minor: 0,
+    forms: &[BoxForm::F32],
+    encodings: &Encoding::ALL,
+    has_order: true,
+    place: EnginePlace::Cpu(CpuEngine {
+        make: |isa| Box::new(Grid::on(isa)),
+        terms: cost::TERMS,
+        work: cost::work,
+    }),
+};
 
 /// The engine `cpu-grid`.
 ///
@@ -72,12 +89,12 @@ impl Default for Grid {
 impl Grid {
     /// The engine with the widest instruction set of this machine.
     pub fn new() -> Self {
-        Self {
-            isa: AvailableIsa::best(),
-            layout: Layout::default(),
-            sorted: SortedBoxes::default(),
-            tasks: Vec::new(),
-        }
+        Self::on(AvailableIsa::best())
+    }
+
+    /// The engine with one instruction set that this machine has.
+    fn on(isa: AvailableIsa) -> Self {
+        Self { isa, layout: Layout::default(), sorted: SortedBoxes::default(), tasks: Vec::new() }
     }
 
     /// The engine with one instruction set, for tests and measurements.
@@ -85,14 +102,7 @@ impl Grid {
     /// # Errors
     /// [`CullError::Unavailable`] when this machine does not have it.
     pub fn with_isa(isa: Isa) -> Result<Self, CullError> {
-        let isa = available(isa, EngineName::CpuGrid)?;
-        Ok(Self { isa, ..Self::new() })
-    }
-
-    /// Bytes of scratch that the engine keeps from frame to frame, beside boxes and reply.
-    pub fn scratch_bytes(&self) -> usize {
-        self.sorted.allocated_bytes()
-            + self.tasks.iter().map(RowTask::allocated_bytes).sum::<usize>()
+        available(isa, EngineName::CpuGrid).map(Self::on)
     }
 
     /// Shares the rows out, in whole blocks, so that no block depends on how many threads there are.
@@ -147,5 +157,14 @@ impl Engine for Grid {
         let pair_count = self.tasks.iter().map(|task| task.found.pair_count()).sum();
         let compared = self.tasks.iter().map(|task| task.compared).sum();
         Ok(CullReport::new(n, shape, census, pair_count, compared, clock.published()))
+    }
+
+    fn scratch_bytes(&self) -> usize {
+        self.sorted.allocated_bytes()
+            + self.tasks.iter().map(RowTask::allocated_bytes).sum::<usize>()
+    }
+
+    fn give_back(&mut self) {
+        *self = Self::on(self.isa);
     }
 }

@@ -7,6 +7,7 @@
 //! this the engine for scenes of few boxes of very unlike shapes.
 
 mod axis;
+mod cost;
 mod order;
 mod sweep;
 
@@ -18,14 +19,30 @@ use crate::engine::gather::Gather;
 use crate::engine::strips::{OrderedBoxes, in_parts, part_count};
 use crate::engine::word_budget::WordBudget;
 use crate::engine::{
-    AvailableIsa, Census, CullError, CullInput, CullReport, Engine, EngineName, Isa, KeyColumns,
-    ReplyBuffer, StageClock, available,
+    AvailableIsa, Census, CpuEngine, CullError, CullInput, CullReport, Engine, EngineDescriptor,
+    EngineName, EnginePlace, Isa, KeyColumns, ReplyBuffer, StageClock, available,
 };
+use crate::mask::Encoding;
+use crate::precision::BoxForm;
 
 /// Fewest rows of a task: below, handing it to another thread costs more than it saves.
 const TASK_ROWS: usize = 512;
 /// Fewest boxes that are worth a second thread.
 const PARALLEL_BOXES: usize = 1_024;
+
+/// `cpu-sap` in the list of engines.
+pub(super) const DESCRIPTOR: EngineDescriptor = EngineDescriptor {
+    name: "cpu-sap",
+    since_minor: 0,
+    forms: &[BoxForm::F32],
+    encodings: &Encoding::ALL,
+    has_order: true,
+    place: EnginePlace::Cpu(CpuEngine {
+        make: |isa| Box::new(SweepAndPrune::on(isa)),
+        terms: cost::TERMS,
+        work: cost::work,
+    }),
+};
 
 /// The engine `cpu-sap`.
 ///
@@ -60,8 +77,13 @@ impl Default for SweepAndPrune {
 impl SweepAndPrune {
     /// The engine with the widest instruction set of this machine.
     pub fn new() -> Self {
+        Self::on(AvailableIsa::best())
+    }
+
+    /// The engine with one instruction set that this machine has.
+    fn on(isa: AvailableIsa) -> Self {
         Self {
-            isa: AvailableIsa::best(),
+            isa,
             columns: KeyColumns::default(),
             order: SweepOrder::default(),
             boxes: OrderedBoxes::default(),
@@ -74,16 +96,7 @@ impl SweepAndPrune {
     /// # Errors
     /// [`CullError::Unavailable`] when this machine does not have it.
     pub fn with_isa(isa: Isa) -> Result<Self, CullError> {
-        let isa = available(isa, EngineName::CpuSap)?;
-        Ok(Self { isa, ..Self::new() })
-    }
-
-    /// Bytes of scratch that the engine keeps from frame to frame, beside boxes and reply.
-    pub fn scratch_bytes(&self) -> usize {
-        self.columns.allocated_bytes()
-            + self.order.allocated_bytes()
-            + self.boxes.allocated_bytes()
-            + self.tasks.iter().map(SweepTask::allocated_bytes).sum::<usize>()
+        available(isa, EngineName::CpuSap).map(Self::on)
     }
 
     /// Reads and sorts the boxes; returns the sweep axis.
@@ -155,5 +168,16 @@ impl Engine for SweepAndPrune {
         let pair_count = self.tasks.iter().map(|task| task.found.pair_count()).sum();
         let compared = self.tasks.iter().map(|task| task.compared).sum();
         Ok(CullReport::new(n, shape, census, pair_count, compared, clock.published()))
+    }
+
+    fn scratch_bytes(&self) -> usize {
+        self.columns.allocated_bytes()
+            + self.order.allocated_bytes()
+            + self.boxes.allocated_bytes()
+            + self.tasks.iter().map(SweepTask::allocated_bytes).sum::<usize>()
+    }
+
+    fn give_back(&mut self) {
+        *self = Self::on(self.isa);
     }
 }

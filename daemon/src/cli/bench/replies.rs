@@ -4,9 +4,8 @@ use std::fmt;
 
 use clap::Args;
 use pairmask::dispatch::{CpuEngines, CullWish};
-use pairmask::engine::HeapReply;
+use pairmask::engine::{EngineName, HeapReply};
 use pairmask::mask::EncodingChoice;
-use pairmask::plan::CPU_ENGINES;
 use pairmask::{BoxCount, Encoding, EngineChoice};
 use serde::Serialize;
 
@@ -121,7 +120,7 @@ fn rows_of(
     scene: &Scene,
     engines: &mut CpuEngines,
 ) -> Result<Vec<Row>, pairmask::engine::CullError> {
-    let mut choices: Vec<EngineChoice> = CPU_ENGINES.map(EngineChoice::Only).into();
+    let mut choices: Vec<EngineChoice> = EngineName::CPU.map(EngineChoice::Only).into();
     if case.n > EVERY_ENGINE_BOXES {
         choices = vec![EngineChoice::Auto];
     }

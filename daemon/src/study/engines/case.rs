@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use pairmask::Encoding;
 use pairmask::dispatch::{CullWish, nanoseconds_since};
 use pairmask::engine::{AvailableIsa, EngineName};
-use pairmask::plan::{CPU_ENGINES, Calibration, Capabilities, SceneStats, Work, plan};
+use pairmask::plan::{Calibration, Capabilities, SceneStats, Work, plan};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use super::EngineStudyError;
@@ -99,7 +99,7 @@ fn ways(stats: &SceneStats, threads: &[usize], set: WaySet) -> Vec<Way> {
     } else {
         &[Encoding::Sparse, Encoding::Dense]
     };
-    let ways = CPU_ENGINES.into_iter().flat_map(|engine| {
+    let ways = EngineName::CPU.into_iter().flat_map(|engine| {
         let encodings = encodings.iter();
         encodings.flat_map(move |encoding| {
             threads.iter().map(move |threads| Way {
@@ -112,7 +112,7 @@ fn ways(stats: &SceneStats, threads: &[usize], set: WaySet) -> Vec<Way> {
     let predicted_ns = |engine: EngineName| {
         Work::of(engine, Encoding::Sparse, stats).map_or(0.0, |work| calibration.time_ns(&work))
     };
-    let least = CPU_ENGINES.into_iter().map(predicted_ns).fold(f64::INFINITY, f64::min);
+    let least = EngineName::CPU.into_iter().map(predicted_ns).fold(f64::INFINITY, f64::min);
     let hopeless_ns = (HOPELESS * least).max(HOPELESS_NS);
     let is_wanted =
         |way: &Way| way.encoding == Encoding::Sparse || way.threads == 1 || set == WaySet::All;

@@ -5,9 +5,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use pairmask::dispatch::nanoseconds_since;
-use pairmask::engine::{
-    BruteForce, CullError, CullInput, Engine, EngineName, Grid, HeapReply, SweepAndPrune,
-};
+use pairmask::engine::{CullError, CullInput, Engine, EngineName, HeapReply, Isa, cpu_engine};
 use pairmask::{Aabb, BoxCount, Encoding, MaskView};
 use rayon::ThreadPool;
 
@@ -73,12 +71,7 @@ pub struct Lane {
 impl Lane {
     /// A lane with a fresh engine, `None` for a GPU's. More than one thread needs a pool of them.
     pub fn new(way: Way, pool: Option<Arc<ThreadPool>>) -> Option<Self> {
-        let engine: Box<dyn Engine> = match way.engine {
-            EngineName::CpuBrute => Box::new(BruteForce::new()),
-            EngineName::CpuSap => Box::new(SweepAndPrune::new()),
-            EngineName::CpuGrid => Box::new(Grid::new()),
-            EngineName::GpuBrute | EngineName::GpuGrid => return None,
-        };
+        let engine = cpu_engine(way.engine, Isa::best()).ok()?;
         Some(Self { way, times: LaneTimes::default(), engine, reply: HeapReply::new(), pool })
     }
 
