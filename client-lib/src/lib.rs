@@ -83,38 +83,38 @@
 //! With `daemon`: Linux, 64 bits, little-endian. Without it: wherever the standard library has
 //! threads and a clock. The engines use AVX2, AVX-512 or NEON where the processor has them.
 
-pub mod aabb;
-mod aligned;
-pub mod awake_pool;
-pub mod dispatch;
-pub mod engine;
-pub mod floats;
-mod interop;
-mod isa;
-pub mod mask;
-pub mod oracle;
-pub mod pair_index;
-pub mod plan;
-pub mod precision;
 pub mod session;
-pub mod sphere;
-mod stats;
-#[cfg(feature = "daemon")]
-pub mod transport;
 #[cfg(not(feature = "daemon"))]
-#[path = "transport/absent.rs"]
+#[path = "absent_transport.rs"]
 mod transport;
-pub mod units;
-mod unknown_name;
-pub mod update;
-pub mod wire;
+
+pub use pairmask_core::{
+    aabb, awake_pool, dispatch, engine, floats, mask, oracle, pair_index, plan, precision, sphere,
+    units, update,
+};
+/// The transport, and what of the wire contract went by its name.
+#[cfg(feature = "daemon")]
+pub mod transport {
+    pub use pairmask_core::spinner::Spinner;
+    pub use pairmask_transport::*;
+    pub use pairmask_wire::{
+        InstanceError, InstanceName, boxes_in, boxes_in_mut, bytes_in_mut, narrow_boxes_in,
+        objects_in, spheres_in, spheres_in_mut, words_in, words_in_mut,
+    };
+}
+/// The wire contract, and what of the core went by its name.
+pub mod wire {
+    pub use pairmask_core::dispatch::StageTimes;
+    pub use pairmask_core::objects::{ObjectForm, Objects};
+    pub use pairmask_wire::*;
+}
 
 pub use aabb::{Aabb, BoxClass};
 pub use awake_pool::AwakePool;
 pub use engine::{EngineChoice, EngineName};
 pub use mask::{Encoding, EncodingChoice, MaskView};
+pub use pairmask_core::objects::ObjectForm;
 pub use precision::{Bounds, BoxForm, Precision};
 pub use session::{Backend, Frame, PairMask, PendingFrame, ServedBy, Session};
 pub use sphere::Sphere;
 pub use units::{BoxCount, MaskWord, PairIndex};
-pub use wire::ObjectForm;

@@ -2,6 +2,7 @@
 //! benches and the tests share.
 
 pub mod audit;
+pub mod calibrate;
 pub mod cli;
 pub mod execute;
 pub mod explain;
@@ -9,10 +10,7 @@ pub mod file_error;
 pub mod ingest;
 pub mod precision;
 pub mod publish;
-pub mod sabotage;
 pub mod scene;
 pub mod serve;
 pub mod spawn;
-pub mod stress;
-pub mod study;
 pub mod timed_client;

@@ -80,6 +80,16 @@ pub enum SpawnError {
     },
 }
 
+impl SpawnError {
+    /// The exit code of a daemon that ended by itself before it served.
+    pub fn exit_code(&self) -> Option<i32> {
+        match self {
+            Self::Ended { status } => status.code(),
+            _ => None,
+        }
+    }
+}
+
 /// A running daemon, stopped when dropped.
 ///
 /// Keep it on the thread that started it, or on one that ends no later: the kernel takes the end

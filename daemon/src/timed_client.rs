@@ -1,4 +1,4 @@
-//! One client that is timed, frame by frame: for the command line's benches and the studies.
+//! One client that is timed, frame by frame: for the command line's benches and the laboratory.
 
 use std::hint::black_box;
 use std::num::NonZeroUsize;

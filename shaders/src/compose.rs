@@ -3,7 +3,6 @@
 use pairmask::BoxForm;
 
 use crate::constants::{self, MAX_STRIP_BLOCKS};
-use crate::mapping::MappingStage;
 
 /// Rows that a thread of the pairs stage holds in registers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -46,8 +45,6 @@ pub enum Stage {
     WriteSparse,
     /// A stage of the grid.
     Grid(GridStage),
-    /// A stage of the mapping study.
-    Mapping(MappingStage),
     /// Arithmetic that keeps the clocks up.
     Awake,
 }
@@ -122,6 +119,17 @@ pub enum ComposeError {
     StripBlocks(u32),
 }
 
+/// A stage as one WGSL module, and what a pipeline needs to know of it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ComposedStage {
+    /// The name of the file, of the pipeline and of the timing row.
+    pub label: &'static str,
+    /// Storage buffers of group 0 that it binds, numbered from 0.
+    pub binding_count: u32,
+    /// The module; its entry point is `main`.
+    pub wgsl: String,
+}
+
 /// The shared parts that are files of their own name.
 const SHARED: [(&str, &str); 7] = [
     ("order_keys", include_str!("../wgsl/shared/order_keys.wgsl")),
@@ -132,6 +140,50 @@ const SHARED: [(&str, &str); 7] = [
     ("grid_layout", include_str!("../wgsl/shared/grid_layout.wgsl")),
     ("scan", include_str!("../wgsl/shared/scan.wgsl")),
 ];
+
+/// A shared part that is the same in every stage: the constants, or a file of that name.
+pub fn shared_part(name: &str) -> Option<String> {
+    if name == "constants" {
+        return Some(constants::as_wgsl());
+    }
+    SHARED.iter().find(|(known, _)| *known == name).map(|(_, text)| (*text).to_owned())
+}
+
+/// Puts the shared parts in where `#import NAME` stands in `source`, each once. `part` gives the text
+/// of a name.
+///
+/// # Errors
+/// Those of `part`.
+pub fn compose(
+    source: &str,
+    part: &dyn Fn(&str) -> Result<String, ComposeError>,
+) -> Result<String, ComposeError> {
+    let mut text = String::new();
+    expand(source, part, &mut Vec::new(), &mut text)?;
+    Ok(text)
+}
+
+fn expand(
+    source: &str,
+    part: &dyn Fn(&str) -> Result<String, ComposeError>,
+    seen: &mut Vec<String>,
+    text: &mut String,
+) -> Result<(), ComposeError> {
+    for line in source.lines() {
+        match line.strip_prefix("#import ") {
+            Some(name) if seen.iter().any(|s| s == name) => {}
+            Some(name) => {
+                seen.push(name.to_owned());
+                expand(&part(name)?, part, seen, text)?;
+            }
+            None => {
+                text.push_str(line);
+                text.push('\n');
+            }
+        }
+    }
+    Ok(())
+}
 
 impl Stage {
     /// One of each stage of the engines, for f32 boxes, with the smallest form of the pairs stage.
@@ -157,7 +209,6 @@ impl Stage {
             Self::PackDense => "pack_dense",
             Self::WriteSparse => "write_sparse",
             Self::Grid(stage) => stage.label(),
-            Self::Mapping(stage) => stage.label(),
             Self::Awake => "awake",
         }
     }
@@ -168,7 +219,6 @@ impl Stage {
             Self::Keys(_) | Self::Pairs(_) | Self::PackDense => 4,
             Self::WriteSparse => 7,
             Self::Grid(stage) => stage.binding_count(),
-            Self::Mapping(stage) => stage.binding_count(),
             Self::Awake => 1,
         }
     }
@@ -181,7 +231,6 @@ impl Stage {
             Self::PackDense => include_str!("../wgsl/pack_dense.wgsl"),
             Self::WriteSparse => include_str!("../wgsl/write_sparse.wgsl"),
             Self::Grid(stage) => stage.file(),
-            Self::Mapping(stage) => stage.file(),
             Self::Awake => include_str!("../wgsl/awake.wgsl"),
         }
     }
@@ -199,10 +248,19 @@ impl Stage {
     /// # Ok::<(), pairmask_shaders::ComposeError>(())
     /// ```
     pub fn wgsl(self) -> Result<String, ComposeError> {
-        let mut text = String::new();
-        let mut seen = Vec::new();
-        self.expand(self.file(), &mut seen, &mut text)?;
-        Ok(text)
+        compose(self.file(), &|name| self.shared(name))
+    }
+
+    /// The stage as one WGSL module, with its name and bindings.
+    ///
+    /// # Errors
+    /// [`ComposeError`].
+    pub fn composed(self) -> Result<ComposedStage, ComposeError> {
+        Ok(ComposedStage {
+            label: self.label(),
+            binding_count: self.binding_count(),
+            wgsl: self.wgsl()?,
+        })
     }
 
     /// The form of the boxes that the stage reads, if it reads boxes in any.
@@ -213,32 +271,7 @@ impl Stage {
         }
     }
 
-    fn expand(
-        self,
-        source: &str,
-        seen: &mut Vec<String>,
-        text: &mut String,
-    ) -> Result<(), ComposeError> {
-        for line in source.lines() {
-            match line.strip_prefix("#import ") {
-                Some(name) if seen.iter().any(|s| s == name) => {}
-                Some(name) => {
-                    seen.push(name.to_owned());
-                    self.expand(&self.shared(name)?, seen, text)?;
-                }
-                None => {
-                    text.push_str(line);
-                    text.push('\n');
-                }
-            }
-        }
-        Ok(())
-    }
-
     fn shared(self, name: &str) -> Result<String, ComposeError> {
-        if let Some((_, text)) = SHARED.iter().find(|(known, _)| *known == name) {
-            return Ok((*text).to_owned());
-        }
         let unknown =
             || ComposeError::UnknownImport { stage: self.label(), import: name.to_owned() };
         match (name, self) {
@@ -269,8 +302,7 @@ impl Stage {
                 RowsPerThread::Four => include_str!("../wgsl/shared/rows_4.wgsl"),
             }
             .to_owned()),
-            (_, Self::Mapping(stage)) => stage.shared(name).ok_or_else(unknown),
-            _ => Err(unknown()),
+            _ => shared_part(name).ok_or_else(unknown),
         }
     }
 }
@@ -281,15 +313,14 @@ mod tests {
 
     #[test]
     fn shared_parts_come_once_and_unknown_ones_are_refused() {
-        let mut text = String::new();
         let twice = "#import batch\n#import batch\n";
-        Stage::PackDense.expand(twice, &mut Vec::new(), &mut text).expect("known");
+        let text = compose(twice, &|name| Stage::PackDense.shared(name)).expect("known");
         assert_eq!(text.matches("struct BatchReport").count(), 1);
         for (stage, label, import) in [
             (Stage::Keys(BoxForm::F16), "keys", "rows"),
             (Stage::PackDense, "pack_dense", "box_form"),
         ] {
-            let found = stage.expand(&format!("#import {import}\n"), &mut Vec::new(), &mut text);
+            let found = compose(&format!("#import {import}\n"), &|name| stage.shared(name));
             let unknown = ComposeError::UnknownImport { stage: label, import: import.into() };
             assert_eq!(found, Err(unknown));
         }

@@ -12,6 +12,8 @@
 pub mod compose;
 pub mod constants;
 pub mod layouts;
-pub mod mapping;
 
-pub use compose::{ComposeError, GridStage, PairsVariant, RowsPerThread, Stage};
+pub use compose::{
+    ComposeError, ComposedStage, GridStage, PairsVariant, RowsPerThread, Stage, compose,
+    shared_part,
+};

@@ -5,7 +5,7 @@
 use std::process::ExitCode;
 use std::time::Duration;
 
-use pairmaskd::execute::gpu::bench::{BenchOptions, run, run_grid};
+use pairmask_lab::gpu_stages::{BenchOptions, run, run_grid};
 
 fn main() -> ExitCode {
     let Some(options) = parse(std::env::args().skip(1)) else {

@@ -6,7 +6,7 @@
 use pairmask::Encoding;
 use pairmask::engine::{CullInput, Engine, HeapReply};
 pub use pairmask::oracle::check::{Mismatch, check_frame, check_pairs, check_reply};
-use pairmaskd::stress::{FloatFlags, MixedFlags};
+use pairmask_lab::stress::{FloatFlags, MixedFlags};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::oracle;

@@ -9,6 +9,8 @@ use pairmask::transport::{DaemonRecord, InstanceName, RuntimeDir};
 use pairmask::{Backend, ServedBy, Session};
 use rustix::process::{Pid, Signal, kill_process};
 
+use crate::watchdog::within;
+
 /// Nothing that a test waits for takes as long; a hang ends here.
 pub const PATIENCE: Duration = Duration::from_secs(30);
 
@@ -16,15 +18,8 @@ pub const PATIENCE: Duration = Duration::from_secs(30);
 ///
 /// # Panics
 /// When it does not within [`PATIENCE`].
-pub fn eventually<T>(what: &str, mut check: impl FnMut() -> Option<T>) -> T {
-    let start = Instant::now();
-    loop {
-        if let Some(value) = check() {
-            return value;
-        }
-        assert!(start.elapsed() < PATIENCE, "waited {PATIENCE:?} in vain: {what}");
-        std::thread::sleep(Duration::from_millis(5));
-    }
+pub fn eventually<T>(what: &str, check: impl FnMut() -> Option<T>) -> T {
+    within(PATIENCE, what, check)
 }
 
 /// Asks for a thousand frames while the daemon is killed again and again, and until it serves after

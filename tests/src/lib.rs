@@ -2,20 +2,25 @@
 
 mod attack;
 pub mod attackers;
+pub mod audited;
+pub mod command_line;
 pub mod conformance;
 pub mod daemon;
 pub mod gpu;
 pub mod library_log;
 pub mod mask_writer;
+pub mod module_graph;
 pub mod narrow;
 pub mod pair_scenes;
 pub mod peers;
 pub mod refuser;
 pub mod session_engine;
 pub mod spheres;
+pub mod watchdog;
 
 pub use attack::attack_time;
 pub use pairmask::oracle;
 pub use pairmask::oracle::modes as naive_modes;
 pub use pairmask::oracle::naive_decoder;
-pub use pairmaskd::stress::scenes as stress_scenes;
+pub use pairmask_lab::sabotage::lose_a_pair;
+pub use pairmask_lab::stress::{SphereCase, scenes as stress_scenes};

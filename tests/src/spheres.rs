@@ -5,9 +5,9 @@ use pairmask::oracle::check::{Mismatch, check_reply};
 use pairmask::oracle::{Pair, Truth};
 use pairmask::session::FrameInfo;
 use pairmask::{Encoding, PairMask, Session, Sphere};
+use pairmask_lab::stress::MixedFlags;
+use pairmask_lab::study::spheres::{families, oracle};
 use pairmaskd::scene::Random;
-use pairmaskd::stress::MixedFlags;
-use pairmaskd::study::spheres::{families, oracle};
 use rayon::ThreadPool;
 
 /// `n` spheres where things go wrong: pairs that touch or miss touching by one ulp, all magnitudes,
@@ -35,6 +35,15 @@ pub fn hard_scene(n: usize, seed: u64) -> Vec<Sphere> {
         }
     }
     spheres
+}
+
+/// `count` pairs of each family of pairs that are hard to decide, each family from the same seed.
+pub fn hard_pairs(count: usize, seed: u64) -> Vec<(Sphere, Sphere)> {
+    let of_family = |family: &families::Family| {
+        let mut random = Random::new(seed);
+        (0..count).map(|_| (family.make)(&mut random)).collect::<Vec<_>>()
+    };
+    families::ALL.iter().flat_map(of_family).collect()
 }
 
 /// The answer for `spheres`, by exact rational arithmetic: some microseconds a pair.

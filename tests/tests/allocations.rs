@@ -151,7 +151,7 @@ fn steady_frames_allocate_nothing() {
     let dir = tempfile::tempdir().unwrap();
     let settings = ServeSettings {
         audit: AuditRate::Off,
-        break_engine: false,
+        alter_answers: None,
         instance: InstanceName::default(),
         dir: RuntimeDir::at(dir.path()),
         limits: Limits::default(),

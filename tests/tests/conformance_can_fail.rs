@@ -5,11 +5,11 @@ use pairmask::engine::{
 };
 use pairmask::mask::MaskShape;
 use pairmask::{Aabb, Encoding, EngineName};
+use pairmask_lab::sabotage::Spoiler;
 use pairmask_tests::conformance::{Mismatch, Suite, check_engine, check_frame, check_pairs};
 use pairmask_tests::naive_decoder::BadMask;
 use pairmask_tests::oracle;
 use pairmask_tests::stress_scenes;
-use pairmaskd::sabotage::Spoiler;
 
 /// An engine that spoils a right answer.
 fn spoiler<S>(spoil: S) -> Spoiler<S> {

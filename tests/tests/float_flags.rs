@@ -14,11 +14,11 @@ use pairmask::session::{Margin, Margined};
 use pairmask::sphere::Sphere;
 use pairmask::update::{Placement, ToWorld, par_update_boxes, update_boxes, world_box};
 use pairmask::{Aabb, Backend, Bounds, EngineName, Precision, Session};
+use pairmask_lab::stress::{FloatFlags, MixedFlags, Rounding};
 use pairmask_tests::conformance::mixed_flags;
 use pairmask_tests::narrow::NarrowMemory;
 use pairmask_tests::spheres;
 use pairmaskd::scene::{Random, Scene, SceneName};
-use pairmaskd::stress::{FloatFlags, MixedFlags, Rounding};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 /// Enough that every CPU engine shares boxes and rows out, and that a second thread takes part: with

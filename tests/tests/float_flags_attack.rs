@@ -22,10 +22,10 @@ use pairmask::session::Margin;
 use pairmask::sphere::Sphere;
 use pairmask::update::{Placement, update_boxes, world_box};
 use pairmask::{Aabb, Bounds, Encoding, EngineName, Precision};
+use pairmask_lab::stress::{MixedFlags, compare};
 use pairmask_tests::{attack_time, spheres};
 use pairmaskd::precision::as_sent;
 use pairmaskd::scene::Random;
-use pairmaskd::stress::{MixedFlags, compare};
 use rayon::prelude::*;
 
 /// Scenes between two changes of the pool's flags.

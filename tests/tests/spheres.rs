@@ -13,12 +13,12 @@ use pairmask::{
     Aabb, Backend, BoxForm, Encoding, EncodingChoice, EngineChoice, ObjectForm, ServedBy, Session,
     Sphere,
 };
+use pairmask_lab::stress::SphereCase;
 use pairmask_tests::conformance::Mismatch;
 use pairmask_tests::daemon::{TestDaemon, eventually, outlive_kills};
 use pairmask_tests::refuser::refuse_all;
 use pairmask_tests::spheres::{check_mask, cull, hard_scene, truth, whole_scene};
 use pairmask_tests::{oracle, stress_scenes};
-use pairmaskd::stress::SphereCase;
 use rustix::process::Signal;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");

@@ -5,16 +5,17 @@ use std::str::FromStr;
 use std::sync::Arc;
 use std::time::Duration;
 
+use pairmask_core::engine::{EngineChoice, UnknownName};
+use pairmask_core::mask::EncodingChoice;
+use pairmask_core::plan::CalibrationChoice;
+use pairmask_core::units::BoxCount;
+use pairmask_wire::{InstanceError, InstanceName};
+
 use super::Session;
 use super::core::Core;
 use super::error::ConnectError;
-use crate::engine::{EngineChoice, UnknownName};
-use crate::mask::EncodingChoice;
-use crate::plan::CalibrationChoice;
 #[cfg(feature = "daemon")]
 use crate::transport::RuntimeDir;
-use crate::transport::{InstanceError, InstanceName};
-use crate::units::BoxCount;
 
 /// Who finds the pairs. The results are identical.
 ///
@@ -123,10 +124,11 @@ impl SessionBuilder {
         self
     }
 
-    /// Where instances live; as [`RuntimeDir::from_env`] finds, unless set.
+    /// The directory where instances live; unless set, `$PAIRMASK_RUNTIME_DIR`, else `pairmask` in
+    /// `$XDG_RUNTIME_DIR`, else `/tmp/pairmask-UID`.
     #[cfg(feature = "daemon")]
-    pub fn runtime_dir(mut self, dir: RuntimeDir) -> Self {
-        self.settings.dir = dir;
+    pub fn runtime_dir(mut self, dir: impl Into<RuntimeDir>) -> Self {
+        self.settings.dir = dir.into();
         self
     }
 

@@ -5,6 +5,13 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
+use pairmask_core::aabb::Aabb;
+use pairmask_core::engine::CullError;
+use pairmask_core::objects::Objects;
+use pairmask_core::precision::Precision;
+use pairmask_core::units::BoxCount;
+use pairmask_wire::{ReplyError, ReplyFields, RequestHeader, StatusBody};
+
 use super::builder::{Backend, Settings};
 use super::error::{ConnectError, FrameError, StatusError, WaitError};
 use super::frame::{Filling, Frame, FrameMemory, Object, Written};
@@ -13,11 +20,6 @@ use super::local::{Local, Spares, lock};
 use super::narrow::NarrowFrame;
 use super::pairs::{PairMask, ServedBy};
 use super::sphere::SphereFrame;
-use crate::aabb::Aabb;
-use crate::engine::CullError;
-use crate::precision::Precision;
-use crate::units::BoxCount;
-use crate::wire::{Objects, ReplyError, ReplyFields, RequestHeader, StatusBody};
 
 /// A missing daemon is looked for this often at most: a look costs 10 µs, a connection 2 ms.
 const RECONNECT_INTERVAL: Duration = Duration::from_millis(100);

@@ -2,12 +2,14 @@
 
 use std::time::Duration;
 
-use crate::engine::CullError;
-use crate::transport::{InstanceError, InstanceName, PopulateError, TransportError};
-use crate::wire::{ReplyError, Version};
+use pairmask_core::engine::CullError;
+use pairmask_wire::{InstanceError, InstanceName, ReplyError, Version};
+
+use crate::transport::{PopulateError, TransportError};
 
 /// Why there is no session.
 #[derive(Clone, Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum ConnectError {
     /// Nobody serves the instance.
     #[error(
@@ -72,6 +74,7 @@ pub enum ConnectError {
 
 /// Why there is no memory for a frame, or why it could not be submitted.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum FrameError {
     /// More boxes or spheres than an index can name.
     #[error("{n} boxes or spheres are too many: a frame holds at most {limit}")]
@@ -106,6 +109,7 @@ pub enum FrameError {
 
 /// Why a submitted frame has no answer.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum WaitError {
     /// The deadline passed. The frame is still under way and may be awaited again.
     #[error("no answer within {waited:?}: wait again, or check the daemon with `pairmaskd status`")]
@@ -132,6 +136,7 @@ pub enum WaitError {
 
 /// Why the daemon's status is not known.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum StatusError {
     /// No connection.
     #[error(transparent)]

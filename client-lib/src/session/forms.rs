@@ -2,8 +2,9 @@
 
 use std::sync::atomic::{AtomicBool, AtomicU16, Ordering};
 
-use crate::precision::{BoxForm, Precision};
-use crate::wire::{ObjectForm, Version};
+use pairmask_core::objects::ObjectForm;
+use pairmask_core::precision::{BoxForm, Precision};
+use pairmask_wire::{Version, since_minor};
 
 /// The forms of objects that the daemon of a connection knows, as far as known.
 #[derive(Debug)]
@@ -51,7 +52,7 @@ impl KnownForms {
     /// The daemon refused a form, whatever version it said it was: it knows neither that one nor
     /// those of later versions.
     pub(super) fn note_refused(&self, form: ObjectForm) {
-        let Some(before) = form.since_minor().checked_sub(1) else { return };
+        let Some(before) = since_minor(form).checked_sub(1) else { return };
         self.minor.fetch_min(before, Ordering::Relaxed);
         if let ObjectForm::Boxes(form) = form {
             self.say_exact(form);
@@ -59,7 +60,7 @@ impl KnownForms {
     }
 
     fn knows(&self, form: ObjectForm) -> bool {
-        form.since_minor() <= self.minor.load(Ordering::Relaxed)
+        since_minor(form) <= self.minor.load(Ordering::Relaxed)
     }
 
     fn say_exact(&self, form: BoxForm) {

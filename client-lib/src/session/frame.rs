@@ -3,23 +3,23 @@
 use std::sync::Arc;
 
 use bytemuck::Pod;
+use pairmask_core::aabb::Aabb;
+use pairmask_core::objects::{ObjectForm, Objects};
+use pairmask_core::precision::{NarrowBoxes, Precision, Widening};
+use pairmask_core::sphere::Sphere;
+use pairmask_core::units::BoxCount;
+use pairmask_wire::{Page, boxes_in, boxes_in_mut, bytes_in_mut, spheres_in, spheres_in_mut};
 
 use super::core::Core;
 use super::error::FrameError;
 use super::link::SharedFrame;
 use super::local::Spares;
 use super::pending::PendingFrame;
-use crate::aabb::Aabb;
-use crate::precision::{NarrowBoxes, Precision, Widening};
-use crate::sphere::Sphere;
-use crate::transport::{boxes_in, boxes_in_mut, bytes_in_mut, spheres_in, spheres_in_mut};
-use crate::units::BoxCount;
-use crate::wire::{ObjectForm, Objects, Page};
 
 /// Memory for the boxes of one frame.
 ///
 /// [`boxes_mut`](Frame::boxes_mut) is a plain slice in object order: index it, iterate it, hand
-/// chunks of it to rayon, or let [`update`](crate::update) write into it.
+/// chunks of it to rayon, or let [`update`](pairmask_core::update) write into it.
 #[derive(Debug)]
 pub struct Frame {
     filling: Filling<Aabb>,

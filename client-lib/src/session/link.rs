@@ -10,19 +10,22 @@ use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::service::ipc_threadsafe;
+use pairmask_core::precision::BoxForm;
+use pairmask_core::spinner::Spinner;
+use pairmask_wire::{
+    InstanceError, PAGE_BYTES, ReplyError, RequestHeader, ResponseHeader, Version, page_count,
+};
 
 use super::builder::{Backend, Settings};
 use super::error::{ConnectError, FrameError};
 use super::estimate::{Answered, Estimate};
 use super::forms::KnownForms;
 use super::local::lock;
-use crate::precision::BoxForm;
 use crate::transport::{
-    CheckedResponse, Client, ClientPort, FRAMES_AT_A_TIME, InstanceError, OpenError, OwnRequest,
-    PopulateError, Populated, ProcessWatch, ResponseSample, Segment, SegmentFiles, SentRequest,
-    Services, Spinner, TransportError, foreign_owner, quiet_transport_log,
+    CheckedResponse, Client, ClientPort, FRAMES_AT_A_TIME, OpenError, OwnRequest, PopulateError,
+    Populated, ProcessWatch, ResponseSample, Segment, SegmentFiles, SentRequest, Services,
+    TransportError, foreign_owner, quiet_transport_log,
 };
-use crate::wire::{PAGE_BYTES, ReplyError, RequestHeader, ResponseHeader, Version, page_count};
 
 /// A waiter looks at the daemon's pulse this often, and at its own response even if another
 /// thread of the session took the wake-up.

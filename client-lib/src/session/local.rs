@@ -2,17 +2,19 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use pairmask_core::aabb::Aabb;
+use pairmask_core::dispatch::{CpuEngines, CullWish, SphereWays};
+use pairmask_core::engine::{CullError, HeapReply};
+use pairmask_core::objects::Objects;
+use pairmask_core::plan::CalibrationChoice;
+use pairmask_core::precision::ExpandScratch;
+use pairmask_core::sphere::Sphere;
+use pairmask_core::units::BoxCount;
+use pairmask_wire::Reply;
+
 use super::builder::Settings;
 use super::frame::Written;
 use super::pairs::{PairMask, ServedBy, Storage};
-use crate::aabb::Aabb;
-use crate::dispatch::{CpuEngines, CullWish, SphereWays};
-use crate::engine::{CullError, HeapReply};
-use crate::plan::CalibrationChoice;
-use crate::precision::ExpandScratch;
-use crate::sphere::Sphere;
-use crate::units::BoxCount;
-use crate::wire::{Objects, Reply};
 
 /// Buffers that are kept: two frames under way, one being filled, and as many masks held.
 const KEPT_BUFFERS: usize = 4;

@@ -31,7 +31,7 @@ mod link;
 #[allow(dead_code)] // It has no value, so that nothing reads or makes one.
 mod link;
 mod local;
-mod margin;
+mod margined;
 mod narrow;
 mod pairs;
 mod pending;
@@ -40,16 +40,17 @@ mod sphere;
 pub use builder::{Backend, SessionBuilder};
 pub use error::{ConnectError, FrameError, StatusError, WaitError};
 pub use frame::Frame;
-pub use margin::{Kept, Margin, MarginError, MarginStats, Margined, MarginedError};
+pub use margined::{MarginStats, Margined, MarginedError, MarginedMask};
 pub use narrow::NarrowFrame;
+pub use pairmask_core::precision::{Margin, MarginError};
 pub use pairs::{FrameInfo, PairMask, ServedBy};
 pub use pending::PendingFrame;
 pub use sphere::SphereFrame;
 
 use std::sync::Arc;
 
-use crate::precision::Precision;
-use crate::wire::StatusBody;
+use pairmask_core::precision::Precision;
+use pairmask_wire::StatusBody;
 
 /// A client's connection to whoever finds its pairs.
 ///
@@ -110,7 +111,7 @@ impl Session {
     }
 
     /// As [`frame`](Self::frame), for bounding spheres, 16 bytes each, in place of boxes. The mask is
-    /// that of the spheres, exact: [`sphere`](crate::sphere) says what overlaps.
+    /// that of the spheres, exact: [`sphere`](pairmask_core::sphere) says what overlaps.
     ///
     /// A daemon that is too old to know spheres is no daemon for them: with [`Backend::Auto`] their
     /// frames are answered in process, which the log says once for each connection. Engines of a

@@ -1,11 +1,12 @@
 //! A frame whose boxes are written in a narrow form.
 
+use pairmask_core::aabb::Aabb;
+use pairmask_core::precision::{BoxForm, Encoder, Precision};
+use pairmask_core::units::BoxCount;
+
 use super::error::FrameError;
 use super::frame::{Filling, NarrowMemory};
 use super::pending::PendingFrame;
-use crate::aabb::Aabb;
-use crate::precision::{BoxForm, Encoder, Precision};
-use crate::units::BoxCount;
 
 /// Memory for the boxes of one frame, written box by box or all at once in the form of a
 /// [`Precision`].

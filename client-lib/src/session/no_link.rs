@@ -6,6 +6,8 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use pairmask_wire::{ReplyError, RequestHeader, ResponseHeader};
+
 use super::builder::{Backend, Settings};
 use super::error::{ConnectError, FrameError};
 use super::estimate::Answered;
@@ -13,7 +15,6 @@ use super::forms::KnownForms;
 use crate::transport::{
     CheckedResponse, Never, OwnRequest, ResponseSample, SentRequest, TransportError,
 };
-use crate::wire::{ReplyError, RequestHeader, ResponseHeader};
 
 /// A connection to one daemon process.
 #[derive(Debug)]

@@ -2,16 +2,18 @@
 
 use std::sync::Arc;
 
+use pairmask_core::dispatch::StageTimes;
+use pairmask_core::engine::{Census, EngineId, HeapReply, SkipMeter};
+use pairmask_core::mask::{Encoding, MaskShape, MaskView, Pairs, ParPairs, Words};
+use pairmask_core::objects::ObjectForm;
+use pairmask_core::precision::Widening;
+use pairmask_core::units::BoxCount;
+use pairmask_wire::{Reply, words_in};
+
 use super::frame::Written;
 use super::link::Slot;
 use super::local::Local;
-use crate::dispatch::StageTimes;
-use crate::engine::{Census, EngineId, HeapReply, SkipMeter};
-use crate::mask::{Encoding, MaskShape, MaskView, Pairs, ParPairs, Words};
-use crate::precision::Widening;
-use crate::transport::{CheckedResponse, SentRequest, words_in};
-use crate::units::BoxCount;
-use crate::wire::{ObjectForm, Reply};
+use crate::transport::{CheckedResponse, SentRequest};
 
 /// Who answered a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,6 +36,7 @@ impl ServedBy {
 
 /// What is known of an answered frame beside its pairs.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct FrameInfo {
     /// Who answered.
     pub served_by: ServedBy,

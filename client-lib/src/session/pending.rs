@@ -3,19 +3,22 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use pairmask_core::engine::CullError;
+use pairmask_core::mask::MaskView;
+use pairmask_core::objects::Objects;
+use pairmask_core::units::BoxCount;
+use pairmask_wire::{
+    Page, Reply, ReplyError, ReplyFields, RequestHeader, ResponseHeader, StatusCode, objects_in,
+    words_in,
+};
+
 use super::core::{Core, Loss};
 use super::error::{FrameError, WaitError};
 use super::estimate::Answered;
 use super::frame::Written;
 use super::link::{Received, SharedFrame, Slot, Unsent};
 use super::pairs::{PairMask, ServedBy, Storage};
-use crate::engine::CullError;
-use crate::mask::MaskView;
-use crate::transport::{CheckedResponse, SentRequest, objects_in, words_in};
-use crate::units::BoxCount;
-use crate::wire::{
-    Objects, Page, Reply, ReplyError, ReplyFields, RequestHeader, ResponseHeader, StatusCode,
-};
+use crate::transport::{CheckedResponse, SentRequest};
 
 /// A frame that was submitted. Dropping it gives the answer up.
 pub struct PendingFrame {
@@ -211,7 +214,7 @@ impl Sent {
         if !core.may_cull_here() {
             return Err(refused.into());
         }
-        if !is_bad_request || self.written.form.since_minor() == 0 {
+        if !is_bad_request || pairmask_wire::since_minor(self.written.form) == 0 {
             self.slot.link().say_refused(&refused);
         }
         match self.cull_here(core) {

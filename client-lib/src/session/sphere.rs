@@ -1,10 +1,11 @@
 //! A frame of bounding spheres.
 
+use pairmask_core::sphere::Sphere;
+use pairmask_core::units::BoxCount;
+
 use super::error::FrameError;
 use super::frame::Filling;
 use super::pending::PendingFrame;
-use crate::sphere::Sphere;
-use crate::units::BoxCount;
 
 /// Memory for the spheres of one frame.
 ///

@@ -2,8 +2,8 @@
 
 use pairmask::oracle::{Corners, Pair};
 
+use super::sphere_oracle;
 use super::window::Window;
-use crate::study::spheres::oracle;
 
 /// What a check found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -24,7 +24,7 @@ pub fn check(window: &Window) -> Outcome {
         let corners: Vec<Corners> = window.boxes().iter().map(Corners::of).collect();
         compare(window, &corners, Corners::overlap)
     } else {
-        compare(window, window.spheres(), oracle::overlap)
+        compare(window, window.spheres(), sphere_oracle::overlap)
     }
 }
 
@@ -66,10 +66,9 @@ mod tests {
     use super::super::window::{Reach, Span2};
 
     use super::*;
-    use crate::sabotage::lose_a_pair;
     use crate::scene::Random;
-    use crate::stress::SphereCase;
-    use crate::stress::scenes;
+    use pairmask_tests::stress_scenes as scenes;
+    use pairmask_tests::{SphereCase, lose_a_pair};
 
     fn frame(
         engine: &mut dyn Engine,

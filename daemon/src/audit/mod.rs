@@ -14,13 +14,15 @@
 //! submitted may spoil its own audit.
 //!
 //! ```text
-//! window      which rows and columns, and their bits           (pure)
-//! check       bits against the oracle                          (pure)
-//! thread      hands windows over and keeps the counts
+//! window         which rows and columns, and their bits           (pure)
+//! check          bits against the oracle                          (pure)
+//! sphere_oracle  two spheres, in exact rational arithmetic        (pure)
+//! thread         hands windows over and keeps the counts
 //! ```
 
 mod check;
 mod rate;
+pub mod sphere_oracle;
 mod thread;
 mod window;
 

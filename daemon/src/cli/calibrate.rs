@@ -10,14 +10,15 @@ use pairmask::engine::{EngineName, Isa};
 use pairmask::plan::{Calibration, MachineKey, Term, default_path, encode, store};
 use serde::Serialize;
 
-use super::bench::Machine;
+use super::machine::Machine;
 use super::output::{OutputError, print_json, print_text, progress_bar};
 use super::whole::whole;
+use crate::calibrate::{
+    Case, Effort, FitRow, MeasureError, Pools, WaySet, core_count, fit, measure, rows,
+    thread_counts,
+};
 use crate::file_error::{Access, FileError};
 use crate::scene::SceneName;
-use crate::study::engines::{
-    Case, Effort, EngineStudyError, Pools, Row, WaySet, fit, measure, rows,
-};
 
 /// Scenes whose shapes the cost model tells apart.
 const SCENES: [SceneName; 8] = [
@@ -80,7 +81,7 @@ pub struct Calibrate {
 #[derive(Debug, thiserror::Error)]
 pub enum CalibrateError {
     #[error(transparent)]
-    Study(#[from] EngineStudyError),
+    Measure(#[from] MeasureError),
     #[error("no cache directory: set HOME or XDG_CACHE_HOME, or name a file with --out")]
     NoFolder,
     #[error(transparent)]
@@ -115,17 +116,6 @@ struct Report {
 struct Threads {
     serial_share: f64,
     fan_out_ns: f64,
-}
-
-/// 1, 2, 4 … and `most`.
-pub fn thread_counts(most: usize) -> Vec<usize> {
-    let doubled = std::iter::successors(Some(1), |n| Some(2 * n)).take_while(|n| *n < most);
-    doubled.chain([most]).collect()
-}
-
-/// Threads that this process may use.
-pub fn core_count() -> usize {
-    std::thread::available_parallelism().map_or(1, usize::from)
 }
 
 /// Load of the last minute over the cores, where the system tells.
@@ -184,7 +174,7 @@ impl Calibrate {
 
     /// The rows of all cases; of a busy machine, whose other cores are not to be had, with one
     /// thread alone.
-    fn measure(&self, is_busy: bool) -> Result<Vec<Row>, CalibrateError> {
+    fn measure(&self, is_busy: bool) -> Result<Vec<FitRow>, CalibrateError> {
         let most = if is_busy { 1 } else { core_count() };
         let threads = thread_counts(self.threads.map_or(most, usize::from));
         let pools = Pools::new(&threads)?;
@@ -215,7 +205,7 @@ impl Calibrate {
 }
 
 /// The median over the rows of how many times too large or too small a prediction is, less 1.
-fn median_error(rows: &[Row], calibration: &Calibration) -> f64 {
+fn median_error(rows: &[FitRow], calibration: &Calibration) -> f64 {
     let mut errors: Vec<f64> = rows
         .iter()
         .map(|row| row.predicted_ns(calibration) / row.measured_ns)
@@ -245,18 +235,5 @@ impl fmt::Display for Report {
             write!(f, "\nkept in {}", file.display())?;
         }
         Ok(())
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::thread_counts;
-
-    #[test]
-    fn threads_double_up_to_the_most() {
-        assert_eq!(thread_counts(1), [1]);
-        assert_eq!(thread_counts(2), [1, 2]);
-        assert_eq!(thread_counts(6), [1, 2, 4, 6]);
-        assert_eq!(thread_counts(8), [1, 2, 4, 8]);
     }
 }

@@ -18,31 +18,31 @@ use crate::file_error::{Access, FileError};
 #[serde(deny_unknown_fields, rename_all = "kebab-case", default)]
 pub struct Config {
     #[serde(deserialize_with = "parsed")]
-    pub instance: Option<InstanceName>,
+    pub(super) instance: Option<InstanceName>,
     #[serde(deserialize_with = "parsed")]
-    pub runtime_dir: Option<PathBuf>,
+    pub(super) runtime_dir: Option<PathBuf>,
     #[serde(deserialize_with = "parsed")]
-    pub backend: Option<Backend>,
+    pub(super) backend: Option<Backend>,
     #[serde(deserialize_with = "parsed")]
-    pub engine: Option<EngineChoice>,
+    pub(super) engine: Option<EngineChoice>,
     #[serde(deserialize_with = "parsed")]
-    pub encoding: Option<EncodingChoice>,
+    pub(super) encoding: Option<EncodingChoice>,
     #[serde(deserialize_with = "number")]
-    pub threads: Option<std::num::NonZeroUsize>,
+    pub(super) threads: Option<std::num::NonZeroUsize>,
     #[serde(deserialize_with = "number")]
-    pub spin_us: Option<u64>,
+    pub(super) spin_us: Option<u64>,
     #[serde(deserialize_with = "number")]
-    pub max_clients: Option<std::num::NonZeroU16>,
+    pub(super) max_clients: Option<std::num::NonZeroU16>,
     #[serde(deserialize_with = "number")]
-    pub max_reply_mib: Option<std::num::NonZeroU32>,
+    pub(super) max_reply_mib: Option<std::num::NonZeroU32>,
     #[serde(deserialize_with = "parsed")]
-    pub gpu: Option<GpuChoice>,
+    pub(super) gpu: Option<GpuChoice>,
     #[serde(deserialize_with = "number")]
-    pub gpu_awake_ms: Option<u32>,
+    pub(super) gpu_awake_ms: Option<u32>,
     #[serde(deserialize_with = "parsed")]
-    pub calibration: Option<CalibrationChoice>,
+    pub(super) calibration: Option<CalibrationChoice>,
     #[serde(deserialize_with = "parsed")]
-    pub audit: Option<AuditRate>,
+    pub(super) audit: Option<AuditRate>,
 }
 
 /// Why there is no configuration.
@@ -56,7 +56,14 @@ pub enum ConfigError {
     ReadOwn(FileError),
     /// It is not TOML, or holds a key or value that means nothing.
     #[error("configuration {}, {}", path.display(), one_line(text, source))]
-    Parse { path: PathBuf, text: String, source: Box<toml::de::Error> },
+    Parse {
+        /// The file.
+        path: PathBuf,
+        /// What it holds.
+        text: String,
+        /// What the parser says.
+        source: Box<toml::de::Error>,
+    },
 }
 
 /// As much of a wrong line is quoted.
@@ -103,6 +110,9 @@ where
 
 impl Config {
     /// Reads the file that was named, else the user's own where there is one.
+    ///
+    /// # Errors
+    /// [`ConfigError`]; that nobody named a file and the user has none is no error.
     pub fn load(named: Option<&Path>) -> Result<Self, ConfigError> {
         let Some(path) = named.map(Path::to_owned).or_else(default_path) else {
             return Ok(Self::default());

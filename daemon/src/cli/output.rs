@@ -27,11 +27,17 @@ pub fn start_log(default_level: &str) {
 }
 
 /// One JSON document and a line's end on stdout.
+///
+/// # Errors
+/// [`OutputError`].
 pub fn print_json(value: &impl Serialize) -> Result<(), OutputError> {
     print_text(&serde_json::to_string_pretty(value)?)
 }
 
 /// Text and a line's end on stdout.
+///
+/// # Errors
+/// [`OutputError::Io`].
 pub fn print_text(text: &str) -> Result<(), OutputError> {
     let mut stdout = std::io::stdout().lock();
     writeln!(stdout, "{text}")?;
@@ -40,6 +46,9 @@ pub fn print_text(text: &str) -> Result<(), OutputError> {
 }
 
 /// Bytes on stdout.
+///
+/// # Errors
+/// [`OutputError::Io`].
 pub fn print_bytes(bytes: &[u8]) -> Result<(), OutputError> {
     let mut stdout = std::io::stdout().lock();
     stdout.write_all(bytes)?;
@@ -48,6 +57,9 @@ pub fn print_bytes(bytes: &[u8]) -> Result<(), OutputError> {
 }
 
 /// Makes the folder that results are for, before hours are spent on them.
+///
+/// # Errors
+/// [`FileError`], which names the folder.
 pub fn make_folder(folder: Option<&Path>) -> Result<(), FileError> {
     let made =
         |folder| std::fs::create_dir_all(folder).map_err(FileError::of(folder, Access::WriteInto));

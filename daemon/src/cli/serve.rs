@@ -7,12 +7,12 @@ use clap::Args;
 use pairmask::transport::Limits;
 
 use super::config::Config;
-use super::error::CliError;
 use super::options::{DaemonOptions, Place};
 use super::whole::whole;
 use crate::audit::AuditRate;
 use crate::execute::gpu::awake::DEFAULT_HOLD;
-use crate::serve::{DEFAULT_SPIN, ServeSettings, supervise, work};
+use crate::publish::AlterAnswer;
+use crate::serve::{DEFAULT_SPIN, ServeError, ServeSettings, supervise, work};
 use crate::spawn;
 
 /// Serve an instance until Ctrl-C or SIGTERM
@@ -44,9 +44,6 @@ pub struct Serve {
     /// [default: off]
     #[arg(long, env = "PAIRMASK_AUDIT", value_name = "RATE")]
     audit: Option<AuditRate>,
-    /// Lose a pair of most frames, to see that the auditor notices.
-    #[arg(long, hide = true)]
-    break_engine: bool,
     /// Serve in this process, as long as its parent is the supervisor of this id: what a supervisor
     /// starts.
     #[arg(long, value_parser = whole::<u32>, hide = true, value_name = "PID")]
@@ -62,15 +59,23 @@ impl Serve {
         self.worker.is_some()
     }
 
-    /// Serves until told to stop.
-    pub fn run(&self, place: &Place, config: &Config) -> Result<(), CliError> {
-        let settings = self.settings(place, config);
+    /// Serves until told to stop. `alter_answers` is for tests of the auditor.
+    ///
+    /// # Errors
+    /// [`ServeError`].
+    pub fn run(
+        &self,
+        place: &Place,
+        config: &Config,
+        alter_answers: Option<AlterAnswer>,
+    ) -> Result<(), ServeError> {
+        let settings = ServeSettings { alter_answers, ..self.settings(place, config) };
         if let Some(supervisor) = self.worker {
-            return Ok(work(&settings, supervisor)?);
+            return work(&settings, supervisor);
         }
         match self.private_to {
-            None => Ok(supervise(&settings)?),
-            Some(owner) => Ok(spawn::serve_private(&settings, owner)?),
+            None => supervise(&settings),
+            Some(owner) => spawn::serve_private(&settings, owner),
         }
     }
 
@@ -93,7 +98,7 @@ impl Serve {
             gpu_awake: gpu_awake_ms.map_or(DEFAULT_HOLD, |ms| Duration::from_millis(ms.into())),
             calibration: place.calibration(config),
             audit: self.audit.or(config.audit).unwrap_or_default(),
-            break_engine: self.break_engine,
+            alter_answers: None,
         }
     }
 }

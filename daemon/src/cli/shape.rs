@@ -6,47 +6,57 @@ use clap::{Arg, Command, CommandFactory};
 use super::Cli;
 use super::usage::is_blank;
 
-/// Settings that every command accepts, so that a script may say them before the command, and that
-/// these commands have no use for: their help does not list them.
-const WITHOUT_USE: [(&str, &[&str]); 12] = [
-    ("demo", &["instance", "runtime_dir"]),
-    ("calibrate", ALL),
-    ("scene", ALL),
-    ("explain", ALL),
-    ("status", &["calibration"]),
-    ("stress", &["instance", "runtime_dir", "calibration"]),
-    ("bench mapping", &["instance", "runtime_dir", "calibration"]),
-    ("bench grid", &["instance", "runtime_dir", "calibration"]),
-    ("bench plan", &["instance", "runtime_dir"]),
-    ("bench replies", &["instance", "runtime_dir"]),
-    ("bench threads", ALL),
-    ("bench spheres", ALL),
-];
-const ALL: &[&str] = &["instance", "runtime_dir", "config", "calibration"];
+/// What a program's commands have in common, and where they differ.
+#[derive(Clone, Copy, Debug)]
+pub struct Shape {
+    /// Settings that every command accepts, so that a script may say them before the command, and
+    /// that these commands have no use for: their help does not list them. Commands by their path
+    /// (`bench latency`), settings by their id.
+    pub without_use: &'static [(&'static str, &'static [&'static str])],
+    /// Commands that measure through a session: another default backend than `cull`.
+    pub measuring: &'static [&'static str],
+}
 
-/// Commands that measure through a session have another default than `cull`.
-const MEASURING: [&str; 2] = ["bench accuracy", "bench latency"];
+/// All settings that every command accepts.
+pub const ALL: &[&str] = &["instance", "runtime_dir", "config", "calibration"];
+
 const MEASURED_BACKEND: &str = "Who finds the pairs: daemon (one of its own unless an instance is \
                                 named), in-process, or auto (the daemon that serves, else this \
                                 process) [default: daemon]";
 
-/// The whole command line.
-pub fn command() -> Command {
-    let command = Cli::command();
-    let shared: Vec<Arg> =
-        command.get_arguments().filter(|arg| arg.is_global_set()).cloned().collect();
-    shaped(command, "", &shared)
+const PAIRMASKD: Shape = Shape {
+    without_use: &[
+        ("demo", &["instance", "runtime_dir"]),
+        ("calibrate", ALL),
+        ("scene", ALL),
+        ("explain", ALL),
+        ("status", &["calibration"]),
+    ],
+    measuring: &["bench latency"],
+};
+
+/// The whole command line of `pairmaskd`.
+pub(super) fn command() -> Command {
+    shaped(Cli::command(), &PAIRMASKD)
 }
 
-fn shaped(command: Command, path: &str, shared: &[Arg]) -> Command {
-    let without_use = WITHOUT_USE.iter().find(|(name, _)| *name == path);
+/// A derived command line, with what clap cannot be told by attributes: settings without use are
+/// not listed, negative numbers are values, variables that are set and blank count as not set.
+pub fn shaped(command: Command, shape: &Shape) -> Command {
+    let shared: Vec<Arg> =
+        command.get_arguments().filter(|arg| arg.is_global_set()).cloned().collect();
+    shaped_at(command, "", &shared, shape)
+}
+
+fn shaped_at(command: Command, path: &str, shared: &[Arg], shape: &Shape) -> Command {
+    let without_use = shape.without_use.iter().find(|(name, _)| *name == path);
     let hidden = shared
         .iter()
         .filter(|arg| without_use.is_some_and(|(_, ids)| ids.contains(&arg.get_id().as_str())));
     // clap hands a shared setting down to a command unless it has one of that name.
     let command = command.args(hidden.map(|arg| arg.clone().hide(true)));
     let command = command.mut_args(|arg| {
-        let arg = if MEASURING.contains(&path) && arg.get_id() == "backend" {
+        let arg = if shape.measuring.contains(&path) && arg.get_id() == "backend" {
             arg.help(MEASURED_BACKEND)
         } else {
             arg
@@ -58,7 +68,7 @@ fn shaped(command: Command, path: &str, shared: &[Arg]) -> Command {
     });
     command.mut_subcommands(|inner| {
         let path = format!("{path} {}", inner.get_name());
-        shaped(inner, path.trim_start(), shared)
+        shaped_at(inner, path.trim_start(), shared, shape)
     })
 }
 
@@ -87,7 +97,7 @@ mod tests {
         built.build();
         let mut found = Vec::new();
         leaves(&built, "", &mut found);
-        for (path, _) in WITHOUT_USE {
+        for (path, _) in PAIRMASKD.without_use {
             assert!(found.iter().any(|(name, _)| name == path), "no command {path}");
         }
         let named =
@@ -100,9 +110,9 @@ mod tests {
             ("scene", "--config", false),
             ("explain", "--instance", false),
             ("bench latency", "--runtime-dir", true),
-            ("bench grid", "--config", true),
-            ("bench grid", "--instance", false),
-            ("bench spheres", "--calibration", false),
+            ("demo", "--config", true),
+            ("demo", "--instance", false),
+            ("calibrate", "--runtime-dir", false),
         ] {
             let mut command = named(path).expect(path);
             let help = command.render_long_help().to_string();
@@ -112,7 +122,7 @@ mod tests {
             let error = super::command().try_get_matches_from(words).expect_err("help");
             assert_eq!(error.kind(), clap::error::ErrorKind::DisplayHelp, "{path} {flag}");
         }
-        for path in MEASURING {
+        for path in PAIRMASKD.measuring {
             let help = named(path).expect(path).render_help().to_string();
             assert!(help.contains("[default: daemon]"), "{help}");
         }

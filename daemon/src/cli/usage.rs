@@ -145,7 +145,14 @@ mod tests {
     fn each_kind_of_mistake_has_its_sentence() {
         for (line, expected) in [
             ("pairmaskd sing", "there is no command 'sing', but serve, cull, "),
-            ("pairmaskd bench", "a command is missing, one of accuracy, latency, "),
+            (
+                "pairmaskd bench",
+                "a command is missing, one of latency: see `pairmaskd bench --help`",
+            ),
+            (
+                "pairmaskd bench grid",
+                "there is no command 'grid', but latency: see `pairmaskd bench --help`",
+            ),
             ("pairmaskd cull", "<FILE> is missing: see `pairmaskd cull --help`"),
             ("pairmaskd cull x --frob", "'--frob' is not known here: see `pairmaskd cull --help`"),
             ("pairmaskd status --confi x", "'--confi' is not known here, did you mean --config?"),
@@ -153,17 +160,20 @@ mod tests {
             ("pairmaskd cull x --threads 0", "'0' for --threads: must be at least 1"),
             ("pairmaskd cull x --threads -3", "'-3' for --threads: must be at least 1"),
             ("pairmaskd cull x --shape cones", "'cones' for --shape: choose one of boxes, spheres"),
-            ("pairmaskd stress --case 1 --seed 2", "--case and --seed exclude each other"),
+            ("pairmaskd bench latency --n 1 --scene x", "--n and --scene exclude each other"),
             ("pairmaskd cull x --json --json", "--json is given more than once"),
             ("pairmaskd cull x --json=3", "--json takes no value like '3'"),
             ("pairmaskd explain x -1 2", "'-1' for <I>: must be at least 0"),
-            ("pairmaskd --instance cull bench grid --n x", "'x' for --n: must be a whole number"),
+            (
+                "pairmaskd --instance cull bench latency --n x",
+                "'x' for --n: must be a whole number",
+            ),
         ] {
             let text = say(line);
             assert!(text.starts_with(expected), "{line}: {text}");
             assert!(!text.contains('\n') && !text.contains("demo-client"), "{text}");
         }
-        let nested = say("pairmaskd --instance cull bench grid --n x");
-        assert!(nested.ends_with("see `pairmaskd bench grid --help`"), "{nested}");
+        let nested = say("pairmaskd --instance cull bench latency --n x");
+        assert!(nested.ends_with("see `pairmaskd bench latency --help`"), "{nested}");
     }
 }

@@ -37,10 +37,16 @@ pub enum WholeError {
     NoNumber,
     /// Below the smallest.
     #[error("must be at least {least}")]
-    TooSmall { least: u64 },
+    TooSmall {
+        /// The smallest.
+        least: u64,
+    },
     /// Above the largest.
     #[error("must be at most {most}")]
-    TooLarge { most: u64 },
+    TooLarge {
+        /// The largest.
+        most: u64,
+    },
 }
 
 /// Reads a whole number.

@@ -45,7 +45,7 @@ fn boxes_that_overlap_nothing_say_why() {
 
 #[test]
 fn an_explanation_agrees_with_the_box_type_on_every_pair() {
-    for scene in crate::stress::scenes::ALL {
+    for scene in pairmask_tests::stress_scenes::ALL {
         let boxes = scene.boxes(24, 3);
         for i in 0..24 {
             for j in 0..24 {

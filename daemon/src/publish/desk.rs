@@ -8,12 +8,11 @@ use pairmask::wire::{
     Objects, ReplyFields, ResponseHeader, response_error, response_ok, response_status,
 };
 
-use super::Failure;
 use super::account::Account;
 use super::loan_reply::LoanReply;
 use super::wake::WakeBoard;
+use super::{AlterAnswer, Failure};
 use crate::audit::Auditor;
-use crate::sabotage::lose_a_pair;
 
 /// What a request is answered with, when it is not refused.
 #[allow(clippy::large_enum_variant)] // A box would be an allocation in every frame.
@@ -29,7 +28,8 @@ pub(super) struct Desk {
     pub(super) wake_board: WakeBoard,
     pub(super) account: Account,
     pub(super) auditor: Auditor,
-    pub(super) break_engine: bool,
+    /// Changes every answer before it is counted and sent.
+    pub(super) alter_answers: Option<AlterAnswer>,
     /// Threads that the engine of the last answer could use.
     pub(super) threads: usize,
 }
@@ -48,8 +48,8 @@ impl Desk {
         let response = match said {
             Ok(Said::Status) => response_status(fields),
             Ok(Said::Answer(objects, mut answer)) => {
-                if self.break_engine {
-                    lose_a_pair(reply.words_mut(), &mut answer.report);
+                if let Some(alter) = self.alter_answers {
+                    alter(reply.words_mut(), &mut answer.report);
                 }
                 let shape = &answer.report.shape;
                 audited = self

@@ -11,7 +11,7 @@ use std::time::Instant;
 
 use iceoryx2::service::ipc;
 use pairmask::dispatch::CullWish;
-use pairmask::engine::{CullError, ReserveError};
+use pairmask::engine::{CullError, CullReport, ReserveError};
 use pairmask::mask::ReadableEncodings;
 use pairmask::precision::BoxForm;
 use pairmask::transport::{
@@ -39,6 +39,10 @@ struct Frame {
     boxes_offset: usize,
     start: Instant,
 }
+
+/// What changes the words of a finished answer and their report. A daemon that serves clients has
+/// none: tests show with it that the auditor notices a wrong answer.
+pub type AlterAnswer = fn(&mut [u32], &mut CullReport);
 
 /// Answers requests: one at a time, but for frames that a GPU takes its time for.
 pub struct Publisher {
@@ -68,7 +72,7 @@ impl Publisher {
                 wake_board: WakeBoard::new(wake_clients, limits.max_clients),
                 account: Account::new(limits.max_clients),
                 auditor,
-                break_engine: false,
+                alter_answers: None,
                 threads: 1,
             },
             services,
@@ -77,9 +81,9 @@ impl Publisher {
         }
     }
 
-    /// Loses a pair of most frames from now on. For tests of the auditor.
-    pub fn break_engine(&mut self, broken: bool) {
-        self.desk.break_engine = broken;
+    /// Changes every answer from now on, or none. For tests of the auditor.
+    pub fn alter_answers(&mut self, alter: Option<AlterAnswer>) {
+        self.desk.alter_answers = alter;
     }
 
     /// Gives up what belonged to clients that are gone; to be called now and then.

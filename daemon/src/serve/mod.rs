@@ -16,6 +16,7 @@ use std::time::Duration;
 
 use crate::audit::AuditRate;
 use crate::execute::gpu::{GpuChoice, OpenError};
+use crate::publish::AlterAnswer;
 use pairmask::plan::CalibrationChoice;
 use pairmask::transport::{InstanceError, InstanceName, Limits, RuntimeDir, TransportError};
 
@@ -39,8 +40,9 @@ pub struct ServeSettings {
     pub calibration: CalibrationChoice,
     /// Which frames are audited.
     pub audit: AuditRate,
-    /// Lose a pair of most frames, to see that the auditor notices. For tests.
-    pub break_engine: bool,
+    /// Changes every answer; `None` but in tests of the auditor. A supervisor cannot pass it on to
+    /// its worker: the binary that both run sets it.
+    pub alter_answers: Option<AlterAnswer>,
 }
 
 /// A worker that has served spins this long for the next request: a closed loop is answered

@@ -94,7 +94,6 @@ fn spawn_worker(settings: &ServeSettings) -> Result<Child, ServeError> {
         .args(["--gpu-awake-ms", &settings.gpu_awake.as_millis().to_string()])
         .args(["--calibration", &settings.calibration.to_string()])
         .args(["--audit", &settings.audit.to_string()])
-        .args(settings.break_engine.then_some("--break-engine"))
         .env("PAIRMASK_RUNTIME_DIR", settings.dir.path())
         // Mesa's layer that sorts adapters asks the user's display which one it runs on. A daemon
         // has no display to ask, and its user chooses by --gpu.

@@ -20,11 +20,11 @@ use super::janitor::{Janitor, clean_up};
 use super::patience::Patience;
 use super::{ServeError, ServeSettings};
 use crate::audit::Auditor;
+use crate::calibrate::glance;
 use crate::execute::gpu::{GpuChoice, OpenError};
 use crate::execute::{Executor, GpuService};
 use crate::ingest::{Gate, Inbox, Incoming};
 use crate::publish::Publisher;
-use crate::study::engines::glance;
 
 /// The longest sleep: how soon a stop signal, a request without a wake-up and the end of a client
 /// are noticed at the latest. Two wake-ups a second cost nothing that can be measured.
@@ -81,7 +81,7 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     let files = SegmentFiles::new(&settings.dir, &settings.instance);
     let mut gate = Gate::new(Rc::clone(&services), files);
     let mut publisher = Publisher::new(services, wake_clients, &settings.limits, executor, auditor);
-    publisher.break_engine(settings.break_engine);
+    publisher.alter_answers(settings.alter_answers);
     serve(&server, &wake, &mut gate, &mut publisher, &janitor, settings, &stop);
     drop(janitor);
     log::info!("stopped serving '{}'", settings.instance);

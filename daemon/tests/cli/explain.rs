@@ -1,8 +1,54 @@
 //! `explain`: a pair of boxes of a file.
 
-use pairmask_tests::stress_scenes;
+use std::collections::BTreeSet;
 
-use crate::support::Place;
+use pairmask::Aabb;
+use pairmask_tests::stress_scenes;
+use serde_json::Value;
+
+use crate::support::{Place, keys};
+
+#[test]
+fn a_pair_is_explained() {
+    let place = Place::new();
+    let apart = 1.0f32.next_up();
+    let boxes = [
+        Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]),
+        Aabb::from([apart, 0.0, 0.0, 2.0, 1.0, 1.0]),
+        Aabb::from([1.0, 0.0, f32::NEG_INFINITY, 2.0, 1.0, f32::NAN]),
+    ];
+    let file = place.boxes(&boxes);
+    let file = file.to_str().unwrap();
+    let why = place.run(&["explain", file, "0", "1", "--json"]).json();
+    let fields = [
+        "pair",
+        "boxes",
+        "overlaps",
+        "reason",
+        "mode",
+        "pair_index",
+        "box_reports",
+        "axes",
+        "sent",
+        "grid",
+    ];
+    assert_eq!(keys(&why), BTreeSet::from(fields));
+    assert_eq!((&why["overlaps"], &why["axes"][0]["gap_ulps"]), (&false.into(), &1.into()));
+    assert_eq!(why["axes"][0]["gap"], f64::from(apart) - 1.0);
+    assert_eq!((&why["mode"], &why["sent"]), (&"exact".into(), &Value::Null));
+    let near = place.run(&["explain", file, "0", "1", "--precision", "q8", "--json"]).json();
+    assert_eq!((&near["mode"], &near["overlaps"]), (&"q8".into(), &true.into()));
+    let sent = ["unit", "rule", "coordinates", "cell_edges", "axes"];
+    assert_eq!(keys(&near["sent"]), BTreeSet::from(sent));
+    let text = place.run(&["explain", file, "0", "1", "--precision", "margin=0.5"]).stdout;
+    assert!(text.contains("an extra pair of margin=0.5"), "{text}");
+    let text = place.run(&["explain", file, "1", "0"]).stdout;
+    assert!(text.contains("NOT in the mask") && text.contains("1 ulp"), "{text}");
+    let invalid = place.run(&["explain", file, "0", "2"]).stdout;
+    assert!(invalid.contains("box 2 has a NaN"), "{invalid}");
+    let unknown = place.run(&["explain", file, "0", "3"]);
+    assert!(unknown.error(1).contains("there is no box 3"), "{unknown:?}");
+}
 
 #[test]
 fn a_box_with_itself_is_a_plain_sentence() {

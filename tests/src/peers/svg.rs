@@ -3,7 +3,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use pairmaskd::study::plot::{Line, Lines, Plot, Unit, standalone};
+use pairmask_lab::study::plot::{Line, Lines, Plot, Unit, standalone};
 
 use super::line::{Comparison, Row};
 

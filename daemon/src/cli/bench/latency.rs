@@ -11,29 +11,23 @@ use pairmask::engine::UnknownName;
 use pairmask::session::{ConnectError, SessionBuilder};
 use pairmask::{Backend, BoxCount};
 
-use super::accuracy::AccuracyError;
 use super::closed_loop::{self, Lengths};
-use super::machine::Machine;
 use super::pin::{Cores, PinError};
-use super::report::{LatencyReport, Row};
-use super::target::Target;
+use super::report::{LatencyReport, LatencyRow};
 use crate::cli::config::Config;
+use crate::cli::machine::Machine;
 use crate::cli::options::{CullOptions, DaemonOptions, Place};
 use crate::cli::output::{OutputError, print_json, print_text, progress_bar, spinner};
 use crate::cli::raw_objects::{RawBoxes, RawObjectsError};
 use crate::cli::scene_look;
+use crate::cli::target::Target;
 use crate::cli::whole::whole;
-use crate::file_error::FileError;
 use crate::precision::PrecisionChoice;
 use crate::scene::{Scene, SceneName};
 use crate::spawn::SpawnError;
-use crate::study::engines::EngineStudyError;
-use crate::study::grid::GridError;
-use crate::study::mapping::MappingError;
-use crate::study::replies::ReplyStudyError;
 use crate::timed_client::{Decoders, Decoding, TimedClient, TimedError};
 
-/// Longer than any pause between two frames: whoever spins never sleeps in between.
+/// Longer than any pause between two frames: a spinning thread never sleeps in between.
 const SPIN: Duration = Duration::from_secs(1);
 /// The scene's seed: every run sees the same boxes move the same way.
 const SEED: u64 = 1;
@@ -105,7 +99,7 @@ pub enum Wait {
 impl Wait {
     const ALL: [Self; 2] = [Self::Spin, Self::Event];
 
-    /// How long whoever waits spins.
+    /// How long a waiting thread spins.
     const fn spin(self) -> Duration {
         match self {
             Self::Spin => SPIN,
@@ -150,40 +144,14 @@ pub enum BenchError {
     /// The daemon died, or came, in the middle: the row would mix two things.
     #[error("the daemon came or went during the measurement: name a --backend, and try again")]
     Changed,
-    #[error(transparent)]
-    Accuracy(#[from] AccuracyError),
-    #[error(transparent)]
-    Mapping(#[from] MappingError),
     /// There is no daemon to pin.
     #[error("--pin keeps a daemon on a core of its own: leave it out with --backend in-process")]
     PinAlone,
-    /// The report says in which family.
-    #[error("pairs of spheres were decided wrongly: please report this")]
-    InexactSpheres,
-    #[error(transparent)]
-    Engines(#[from] EngineStudyError),
-    #[error(transparent)]
-    Replies(#[from] ReplyStudyError),
-    /// No folder for the results.
-    #[error(transparent)]
-    Write(#[from] FileError),
-    #[error(transparent)]
-    Grid(#[from] GridError),
     /// No threads to decode with.
     #[error("the decoding threads cannot be started: {0}")]
     Threads(#[from] rayon::ThreadPoolBuildError),
     #[error(transparent)]
     Output(#[from] OutputError),
-}
-
-impl BenchError {
-    /// What kept a daemon from starting, where that is what happened.
-    pub const fn spawning(&self) -> Option<&SpawnError> {
-        match self {
-            Self::Spawn(error) | Self::Accuracy(AccuracyError::Spawn(error)) => Some(error),
-            _ => None,
-        }
-    }
 }
 
 impl Latency {
@@ -260,7 +228,7 @@ impl Latency {
         wait: Wait,
         decoding: &mut Decoding,
         session: SessionBuilder,
-    ) -> Result<Row, BenchError> {
+    ) -> Result<LatencyRow, BenchError> {
         let n = u32::try_from(scene.boxes().len()).unwrap_or(u32::MAX);
         let session = session.capacity(BoxCount::new(n)).connect()?;
         let mut client = TimedClient::new(session, precision, scene.boxes());
@@ -271,6 +239,6 @@ impl Latency {
         let measured = closed_loop::measure(&mut client, scene, &lengths, decoding, &progress)?;
         progress.finish_and_clear();
         let decode_threads = self.decode_threads.get();
-        Ok(Row::new(n, precision, wait, frames, &measured).decoded_by(decode_threads))
+        Ok(LatencyRow::new(n, precision, wait, frames, &measured).decoded_by(decode_threads))
     }
 }

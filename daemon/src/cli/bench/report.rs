@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 
 use super::closed_loop::Measured;
 use super::latency::Wait;
-use super::machine::Machine;
 use crate::cli::cull::backend_name;
+use crate::cli::machine::Machine;
 use crate::cli::percentiles::Percentiles;
 use crate::precision::PrecisionChoice;
 
@@ -17,12 +17,12 @@ pub struct LatencyReport {
     /// What it was measured on.
     pub machine: Machine,
     /// One for every wait and scene.
-    pub rows: Vec<Row>,
+    pub rows: Vec<LatencyRow>,
 }
 
 /// Latencies of one scene.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Row {
+pub struct LatencyRow {
     /// Boxes.
     pub n: u32,
     /// Who found the pairs: `daemon` or `in-process`.
@@ -56,7 +56,7 @@ pub struct Row {
     pub total_ns: Percentiles,
 }
 
-impl Row {
+impl LatencyRow {
     /// The row of a finished measurement.
     pub fn new(
         n: u32,
@@ -85,7 +85,7 @@ impl Row {
     }
 }
 
-impl Row {
+impl LatencyRow {
     /// The row of a measurement whose masks so many threads looked at.
     pub fn decoded_by(self, threads: usize) -> Self {
         Self { decode_threads: threads as u64, ..self }
@@ -108,7 +108,7 @@ impl fmt::Display for LatencyReport {
     }
 }
 
-impl fmt::Display for Row {
+impl fmt::Display for LatencyRow {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { n, backend, wait, engine, precision, frames, requests, .. } = self;
         write!(f, "{n} boxes, {backend} ({wait}), {engine}, {precision}, {frames} frames")?;

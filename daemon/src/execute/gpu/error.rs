@@ -73,6 +73,9 @@ pub enum StageFault {
     /// Not WGSL.
     #[error("the text does not parse")]
     Parse,
+    /// It binds other buffers than it is said to.
+    #[error("its bindings are not those that it is said to have")]
+    Bindings,
     /// Refused by the validator.
     #[error("the module is not valid")]
     Validate,

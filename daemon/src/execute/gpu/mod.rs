@@ -8,7 +8,6 @@
 pub mod adapter;
 pub mod all_pairs;
 pub mod awake;
-pub mod bench;
 pub mod device;
 pub mod error;
 pub mod frame;

@@ -9,10 +9,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use ash::vk;
-use pairmask_shaders::Stage;
+use pairmask_shaders::{ComposedStage, Stage};
 
 use super::device::Gpu;
-use super::error::GpuError;
+use super::error::{GpuError, StageFault};
 use super::shader::{self, Checks};
 
 /// Bytes of immediates that every Vulkan device has.
@@ -31,21 +31,22 @@ pub struct Pipeline {
 impl Pipeline {
     fn new(
         gpu: &Arc<Gpu>,
-        stage: Stage,
+        stage: &ComposedStage,
+        bounded_loops: bool,
         checks: Checks,
         cache: vk::PipelineCache,
     ) -> Result<Self, GpuError> {
-        let code = shader::spirv(stage, checks)?;
+        let code = shader::spirv(stage, bounded_loops, checks)?;
         let raw = gpu.raw();
         let mut made = Self {
             gpu: Arc::clone(gpu),
-            label: stage.label(),
-            binding_count: stage.binding_count(),
+            label: stage.label,
+            binding_count: stage.binding_count,
             set_layout: vk::DescriptorSetLayout::null(),
             layout: vk::PipelineLayout::null(),
             raw: vk::Pipeline::null(),
         };
-        let bindings: Vec<_> = (0..stage.binding_count())
+        let bindings: Vec<_> = (0..stage.binding_count)
             .map(|binding| {
                 vk::DescriptorSetLayoutBinding::default()
                     .binding(binding)
@@ -74,7 +75,7 @@ impl Pipeline {
             .module(module)
             .name(c"main");
         let info = vk::ComputePipelineCreateInfo::default().stage(stage_info).layout(made.layout);
-        // SAFETY: layout and module agree: the tests reflect the bindings and compare them.
+        // SAFETY: layout and module agree: `spirv` refuses a module with other bindings.
         let created = unsafe { raw.create_compute_pipelines(cache, &[info], None) };
         // SAFETY: a pipeline does not need its module once it is made.
         unsafe { raw.destroy_shader_module(module, None) };
@@ -149,9 +150,29 @@ impl Pipelines {
         if let Some(pipeline) = self.made.get(&stage) {
             return Ok(Arc::clone(pipeline));
         }
-        let pipeline = Arc::new(Pipeline::new(&self.gpu, stage, self.checks, self.cache)?);
+        let composed = stage
+            .composed()
+            .map_err(|_| GpuError::Stage { stage: stage.label(), why: StageFault::Compose })?;
+        let pipeline = self.compile_with(&composed, shader::has_bounded_loops(stage))?;
         self.made.insert(stage, Arc::clone(&pipeline));
         Ok(pipeline)
+    }
+
+    /// A pipeline of a stage that no engine has, compiled anew: for measurements, which keep it.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn compile(&self, stage: &ComposedStage) -> Result<Arc<Pipeline>, GpuError> {
+        self.compile_with(stage, false)
+    }
+
+    fn compile_with(
+        &self,
+        stage: &ComposedStage,
+        bounded_loops: bool,
+    ) -> Result<Arc<Pipeline>, GpuError> {
+        let made = Pipeline::new(&self.gpu, stage, bounded_loops, self.checks, self.cache)?;
+        Ok(Arc::new(made))
     }
 
     /// Writes the cache to disk. A failure costs the next start its speed and no more, so it is

@@ -1,0 +1,305 @@
+//! Threads of a rayon pool that stay awake from frame to frame.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Instant;
+
+use rayon::Yield;
+
+use crate::spinner::Spinner;
+
+/// Keeps the threads of a rayon pool from falling asleep between frames, and within them.
+///
+/// A thread of a pool that finds no work sleeps after 10 to 20 µs. To wake it takes 50 to 100 µs on
+/// a virtual machine, and a pool of many threads wakes in steps, one thread another: longer than
+/// small frames take in all. An `AwakePool` has threads of the pool look for work until the time
+/// that it was told last.
+///
+/// All calls come from one thread of the pool itself, see
+/// [`ThreadPoolBuilder::use_current_thread`](rayon::ThreadPoolBuilder::use_current_thread). A thread
+/// that looks for work offers its core to others all the while, but it does use it up: keep a pool
+/// awake while frames come closely, and no longer.
+///
+/// ```
+/// use std::time::{Duration, Instant};
+/// use pairmask::AwakePool;
+/// use rayon::prelude::*;
+///
+/// rayon::ThreadPoolBuilder::new().num_threads(2).use_current_thread().build_global()?;
+/// let mut awake = AwakePool::default();
+/// for frame in 0..3_u64 {
+///     let sum: u64 = awake.work(|| (0..1000_u64).into_par_iter().map(|x| x * frame).sum());
+///     assert_eq!(sum, 499_500 * frame);
+///     awake.keep_until(2, Instant::now() + Duration::from_micros(200));
+/// }
+/// # Ok::<(), rayon::ThreadPoolBuildError>(())
+/// ```
+#[derive(Debug, Default)]
+pub struct AwakePool {
+    watch: Option<Arc<Watch>>,
+}
+
+impl AwakePool {
+    /// Keeps so many `threads` of the current pool awake until `until`, in place of what was told
+    /// before; the calling thread is one of them. Wakes nobody where that time has passed, and does
+    /// nothing outside of a pool.
+    ///
+    /// The first call after a time without wakes the threads, which costs some µs; calls that
+    /// follow with as many threads cost nothing.
+    pub fn keep_until(&mut self, threads: usize, until: Instant) {
+        let Some(caller) = rayon::current_thread_index() else { return };
+        let others = threads.min(rayon::current_num_threads()).saturating_sub(1);
+        if let Some(watch) = &self.watch {
+            if watch.others == others && watch.extend(until) {
+                return;
+            }
+            watch.end();
+        }
+        if others == 0 || until <= Instant::now() {
+            return;
+        }
+        let watch = Arc::new(Watch::new(others, until));
+        let shared = Arc::clone(&watch);
+        rayon::spawn_broadcast(move |context| {
+            // The first threads beside the caller: which ones does not matter, how many does.
+            let index = context.index();
+            let is_wanted = index != caller && index - usize::from(index > caller) < others;
+            if is_wanted {
+                shared.attend();
+            }
+        });
+        self.watch = Some(watch);
+    }
+
+    /// Does work in the pool. All of it is to be done in such calls.
+    pub fn work<R>(&self, work: impl FnOnce() -> R) -> R {
+        let _working = self.watch.as_deref().map(Working::begin);
+        work()
+    }
+}
+
+impl Drop for AwakePool {
+    fn drop(&mut self) {
+        if let Some(watch) = &self.watch {
+            watch.end();
+        }
+    }
+}
+
+/// Work under way, however it ends.
+struct Working<'a>(&'a Watch);
+
+impl<'a> Working<'a> {
+    fn begin(watch: &'a Watch) -> Self {
+        // Whoever steals a part of the work sees this.
+        watch.is_working.store(true, Ordering::Release);
+        Self(watch)
+    }
+}
+
+impl Drop for Working<'_> {
+    fn drop(&mut self) {
+        self.0.is_working.store(false, Ordering::Release);
+    }
+}
+
+/// A time that has passed, and is extended no more.
+const OVER: u64 = 0;
+
+/// What the threads that stay awake share.
+#[derive(Debug)]
+struct Watch {
+    /// Threads beside the calling one.
+    others: usize,
+    began: Instant,
+    /// Nanoseconds after the beginning, or [`OVER`].
+    until: AtomicU64,
+    /// Whether there may be work under way.
+    is_working: AtomicBool,
+    /// Whether a thread came late and left.
+    is_incomplete: AtomicBool,
+}
+
+impl Watch {
+    fn new(others: usize, until: Instant) -> Self {
+        let began = Instant::now();
+        Self {
+            others,
+            began,
+            until: AtomicU64::new(nanoseconds(began, until)),
+            is_working: AtomicBool::new(false),
+            is_incomplete: AtomicBool::new(false),
+        }
+    }
+
+    /// Whether the threads stay until `until`. If not, they leave, and others may come.
+    fn extend(&self, until: Instant) -> bool {
+        let extended = |seen| (seen != OVER).then(|| nanoseconds(self.began, until));
+        !self.is_incomplete.load(Ordering::Relaxed)
+            && self.until.fetch_update(Ordering::Relaxed, Ordering::Relaxed, extended).is_ok()
+    }
+
+    fn end(&self) {
+        self.until.store(OVER, Ordering::Relaxed);
+    }
+
+    /// Whether the time has passed: for one thread, then for all.
+    fn is_over(&self) -> bool {
+        let seen = self.until.load(Ordering::Relaxed);
+        let is_late = || {
+            // Work that began in time has its threads to the end.
+            !self.is_working.load(Ordering::Relaxed)
+                && nanoseconds(self.began, Instant::now()) > seen
+        };
+        let close =
+            || self.until.compare_exchange(seen, OVER, Ordering::Relaxed, Ordering::Relaxed);
+        seen == OVER || is_late() && close().is_ok()
+    }
+
+    /// Looks for work of the pool until the time has passed.
+    fn attend(&self) {
+        // A thread that comes here in the middle of a frame may do so while a part of its own waits
+        // for another: the frame would wait for the end of the watch.
+        if self.is_working.load(Ordering::Acquire) {
+            self.is_incomplete.store(true, Ordering::Relaxed);
+            return;
+        }
+        let mut spinner = Spinner::default();
+        while !self.is_over() {
+            if rayon::yield_now() != Some(Yield::Executed) {
+                // Every time: whoever takes the frame's answer may want this core at once.
+                spinner.offer();
+            }
+        }
+    }
+}
+
+/// From `start` to `end`, at least 1 and so never [`OVER`]; 584 years hold them.
+fn nanoseconds(start: Instant, end: Instant) -> u64 {
+    u64::try_from(end.saturating_duration_since(start).as_nanos()).unwrap_or(u64::MAX).max(1)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::thread;
+    use std::time::Duration;
+
+    use rayon::ThreadPoolBuilder;
+    use rayon::prelude::*;
+
+    use super::*;
+
+    const LONG: Duration = Duration::from_secs(3600);
+
+    /// Runs a test on the first thread of a pool.
+    fn in_pool(threads: usize, test: impl FnOnce() + Send + 'static) {
+        let run = move || {
+            let _pool =
+                ThreadPoolBuilder::new().num_threads(threads).use_current_thread().build().unwrap();
+            test();
+        };
+        thread::spawn(run).join().unwrap();
+    }
+
+    /// Waits until no thread of the pool has a part in the watch any more.
+    fn await_end(watch: &Arc<Watch>) {
+        while Arc::strong_count(watch) > 1 {
+            // The calling thread has its part too, which is to do nothing.
+            rayon::yield_now();
+        }
+    }
+
+    #[test]
+    fn threads_stay_until_they_are_told_to_go() {
+        in_pool(3, || {
+            let mut awake = AwakePool::default();
+            awake.keep_until(3, Instant::now() + LONG);
+            let watch = Arc::clone(awake.watch.as_ref().unwrap());
+            awake.keep_until(3, Instant::now() + LONG);
+            assert!(Arc::ptr_eq(&watch, awake.watch.as_ref().unwrap()), "nobody is woken again");
+            drop(awake);
+            await_end(&watch);
+        });
+    }
+
+    #[test]
+    fn another_number_of_threads_is_another_watch() {
+        in_pool(3, || {
+            let mut awake = AwakePool::default();
+            awake.keep_until(3, Instant::now() + LONG);
+            let watch = awake.watch.clone().unwrap();
+            awake.keep_until(2, Instant::now() + LONG);
+            assert_eq!(awake.watch.as_ref().unwrap().others, 1);
+            // Those of the earlier watch leave.
+            await_end(&watch);
+            awake.keep_until(1, Instant::now() + LONG);
+            assert_eq!(awake.watch.as_ref().map(|watch| watch.extend(Instant::now())), Some(false));
+        });
+    }
+
+    #[test]
+    fn nobody_is_woken_for_a_time_that_has_passed() {
+        in_pool(2, || {
+            let mut awake = AwakePool::default();
+            awake.keep_until(2, Instant::now());
+            assert!(awake.watch.is_none());
+        });
+    }
+
+    #[test]
+    fn there_is_nobody_to_keep_awake_outside_of_a_pool() {
+        let mut awake = AwakePool::default();
+        awake.keep_until(8, Instant::now() + LONG);
+        assert!(awake.watch.is_none());
+        assert_eq!(awake.work(|| 7), 7);
+    }
+
+    #[test]
+    fn who_comes_in_the_middle_of_work_leaves_and_is_asked_again() {
+        let watch = Watch::new(1, Instant::now() + LONG);
+        watch.is_working.store(true, Ordering::Relaxed);
+        watch.attend();
+        assert!(!watch.extend(Instant::now() + LONG));
+    }
+
+    #[test]
+    fn work_that_began_in_time_has_its_threads_to_the_end() {
+        let watch = Watch::new(1, Instant::now());
+        watch.is_working.store(true, Ordering::Relaxed);
+        thread::sleep(Duration::from_millis(1));
+        assert!(!watch.is_over());
+        watch.is_working.store(false, Ordering::Relaxed);
+        assert!(watch.is_over());
+        assert!(!watch.extend(Instant::now() + LONG), "over for one is over for all");
+    }
+
+    #[test]
+    fn work_that_panics_is_over_too() {
+        in_pool(2, || {
+            let mut awake = AwakePool::default();
+            awake.keep_until(2, Instant::now() + LONG);
+            let work = || awake.work(|| panic!("as a test wants"));
+            assert!(std::panic::catch_unwind(std::panic::AssertUnwindSafe(work)).is_err());
+            assert!(!awake.watch.as_ref().unwrap().is_working.load(Ordering::Relaxed));
+        });
+    }
+
+    #[test]
+    fn work_is_done_whoever_is_awake() {
+        in_pool(4, || {
+            let mut awake = AwakePool::default();
+            let items: Vec<u64> = (0..2000).collect();
+            for frame in 0..500_u64 {
+                let sum: u64 = awake.work(|| items.par_iter().map(|item| item * frame).sum());
+                assert_eq!(sum, 1_999_000 * frame);
+                // From threads that are gone before the next frame to some that outlive it.
+                let until = Instant::now() + Duration::from_micros(frame % 7 * 30);
+                awake.keep_until(2 + frame as usize / 100 % 3, until);
+                if frame % 5 == 0 {
+                    thread::sleep(Duration::from_micros(100));
+                }
+            }
+        });
+    }
+}

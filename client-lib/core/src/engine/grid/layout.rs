@@ -1,0 +1,333 @@
+//! Which levels a scene gets, and how large their cells are: the papers' X, chosen from a sample.
+//!
+//! The model below knows what a row costs in strips ([`crate::engine::strips`]); it only steers.
+//! Any layout gives the same pairs.
+
+use super::axis::{Axis, CELL_LIMIT};
+use super::level::Level;
+use super::sample::{Density, Sample, SampledBox};
+use crate::aabb::Aabb;
+use crate::floats;
+
+/// Time of one strip, as a unit: the others are relative to it.
+const STRIP_COST: f32 = 1.0;
+/// Looking up the runs of a row in one finer level.
+const LEVEL_COST: f32 = 4.0;
+/// Looking up one line of cells there.
+const LINE_COST: f32 = 0.7;
+/// Looking up the runs of a cell that has boxes.
+const CELL_COST: f32 = 4.0;
+/// Passing by an empty cell.
+const EMPTY_CELL_COST: f32 = 0.25;
+/// Columns that a strip beyond the first of a run takes.
+const STRIP_COLUMNS: f32 = 16.0;
+
+/// Cells are at least this much longer than the longest edge of their boxes, so that rounding
+/// seldom sends a box of that length to a coarser level.
+const CELL_MARGIN: f32 = 1.001;
+/// Most cells of all levels, for each box: 4 bytes a cell.
+const CELLS_A_BOX: f32 = 2.0;
+/// Cells that a level may have however few its boxes are.
+const CELLS_LEAST: f32 = 512.0;
+/// Most cells of a level: with ten levels their numbers stay below [`super::homes::CELL_MASK`].
+const CELLS_MOST: f32 = 33_554_432.0;
+/// Each spare level's cells against those of the level before.
+const SPARE_GROWTH: f32 = 4.0;
+/// Most spare levels: 4^8 = 65,536 times the size of the largest box that the sample saw.
+const SPARE_MOST: usize = 8;
+
+/// Shares of the sample, by size, at which a level may end.
+const BORDERS: [f32; 5] = [0.5, 0.8, 0.9, 0.95, 0.98];
+/// Stretches of the sample between these.
+const SPANS: usize = BORDERS.len() + 1;
+
+/// The levels of a frame. Memory is kept from frame to frame.
+#[derive(Default)]
+pub(super) struct Layout {
+    /// Finest first. The last one takes everything.
+    pub levels: Vec<Level>,
+    /// Cells of all levels.
+    pub cell_count: u32,
+    sample: Sample,
+}
+
+/// Boxes `from..to` of the sample as one level: what the model needs of them.
+#[derive(Clone, Copy)]
+struct Group {
+    /// Share of all boxes.
+    share: f32,
+    mean_edges: [f32; 3],
+    cell_edges: [f32; 3],
+    /// Boxes of the group in the home cell of a box.
+    occupancy: f32,
+    /// Cost a box of the group, in its own level.
+    own_cost: f32,
+}
+
+impl Layout {
+    /// Chooses the levels for a scene: the same ones whatever the flags of this thread.
+    pub fn choose(&mut self, boxes: &[Aabb]) {
+        floats::with_default(|| self.choose_levels(boxes));
+    }
+
+    fn choose_levels(&mut self, boxes: &[Aabb]) {
+        self.levels.clear();
+        self.cell_count = 0;
+        self.sample.take(boxes);
+        let m = self.sample.boxes.len();
+        if m > 0 {
+            let density = self.sample.density();
+            for group in best_groups(&self.sample, &density).into_iter().flatten() {
+                let boxes = group.share * m as f32 * self.sample.weight;
+                let axes = axes(&self.sample, group.cell_edges, boxes);
+                self.append(axes);
+            }
+            self.append_spares(best_edges(&self.levels));
+        }
+        self.append(Level::EVERYTHING.axes);
+        // Coarse levels come first in the order of positions, because their boxes are the rows of
+        // pairs across levels.
+        for level in self.levels.iter_mut().rev() {
+            level.first_cell = self.cell_count;
+            self.cell_count += level.cell_count();
+        }
+    }
+
+    fn append(&mut self, axes: [Axis; 3]) {
+        self.levels.push(Level { axes, first_cell: 0 });
+    }
+
+    /// Coarser levels for the few boxes that are larger than any that the sample saw.
+    fn append_spares(&mut self, mut edges: [f32; 3]) {
+        for _ in 0..SPARE_MOST {
+            edges = edges.map(|e| e * SPARE_GROWTH);
+            if (0..3).all(|axis| edges[axis] >= self.sample.extent[axis]) {
+                return;
+            }
+            let spare = axes(&self.sample, edges, 0.0);
+            self.append(spare);
+        }
+    }
+}
+
+/// Cell edges of the coarsest level so far.
+fn best_edges(levels: &[Level]) -> [f32; 3] {
+    levels.last().map_or([1.0; 3], |level| level.axes.map(|a| a.edge()))
+}
+
+/// The cheapest way to share the sample among one to three levels, finest first.
+fn best_groups(sample: &Sample, density: &Density) -> [Option<Group>; 3] {
+    let m = sample.boxes.len();
+    if sample.alike {
+        return [Some(group(sample, density, &EdgeStats::of(&sample.boxes))), None, None];
+    }
+    let mut borders = [0; SPANS + 1];
+    for (border, share) in borders[1..].iter_mut().zip(BORDERS) {
+        *border = (share * m as f32) as usize;
+    }
+    borders[SPANS] = m;
+    let spans: [EdgeStats; SPANS] =
+        std::array::from_fn(|i| EdgeStats::of(&sample.boxes[borders[i]..borders[i + 1]]));
+    let mut memo = [[None; SPANS + 1]; SPANS + 1];
+    let mut between = |a: usize, b: usize| -> Option<Group> {
+        (borders[a] < borders[b]).then(|| {
+            *memo[a][b].get_or_insert_with(|| {
+                let edges = spans[a..b].iter().fold(EdgeStats::default(), EdgeStats::join);
+                group(sample, density, &edges)
+            })
+        })
+    };
+    let last = SPANS;
+    let mut best = [between(0, last), None, None];
+    let mut best_cost = total_cost(best);
+    for first in 1..last {
+        for second in first + 1..=last {
+            let third = if second == last { None } else { between(second, last) };
+            let groups = [between(0, first), between(first, second), third];
+            let cost = total_cost(groups);
+            if cost < best_cost {
+                (best, best_cost) = (groups, cost);
+            }
+        }
+    }
+    best
+}
+
+/// Cost a box of a set of levels.
+fn total_cost(groups: [Option<Group>; 3]) -> f32 {
+    let mut cost = 0.0;
+    for (i, coarse) in groups.iter().enumerate() {
+        let Some(coarse) = coarse else { continue };
+        let across: f32 = groups[..i].iter().flatten().map(|fine| cross_cost(coarse, fine)).sum();
+        cost += coarse.share * (coarse.own_cost + across);
+    }
+    cost
+}
+
+/// Edges of some boxes of the sample. Infinite ones are left to the level that takes everything.
+#[derive(Clone, Copy, Default)]
+struct EdgeStats {
+    box_count: usize,
+    sum: [f64; 3],
+    largest: [f32; 3],
+}
+
+impl EdgeStats {
+    fn of(boxes: &[SampledBox]) -> Self {
+        let mut stats = Self { box_count: boxes.len(), ..Self::default() };
+        for b in boxes {
+            for axis in 0..3 {
+                let edge = if b.edges[axis].is_finite() { b.edges[axis] } else { 0.0 };
+                stats.sum[axis] += f64::from(edge);
+                stats.largest[axis] = stats.largest[axis].max(edge);
+            }
+        }
+        stats
+    }
+
+    fn join(self, other: &Self) -> Self {
+        Self {
+            box_count: self.box_count + other.box_count,
+            sum: std::array::from_fn(|axis| self.sum[axis] + other.sum[axis]),
+            largest: std::array::from_fn(|axis| self.largest[axis].max(other.largest[axis])),
+        }
+    }
+}
+
+/// Boxes of the sample with these edges as a level with the cheapest cells.
+fn group(sample: &Sample, density: &Density, edges: &EdgeStats) -> Group {
+    let share = edges.box_count as f32 / sample.boxes.len() as f32;
+    let mean_edges = edges.sum.map(|sum| (sum / edges.box_count as f64) as f32);
+    let mut least_edges = edges.largest.map(|edge| edge * CELL_MARGIN);
+    for axis in 0..3 {
+        if least_edges[axis] < f32::MIN_POSITIVE {
+            // Flat boxes: any cell holds them, so start from what the scene has room for.
+            least_edges[axis] = (sample.extent[axis] / 4096.0).max(f32::MIN_POSITIVE);
+        }
+    }
+    let boxes = share * sample.weight * sample.boxes.len() as f32;
+    let model = GroupModel { sample, density, share, mean_edges, least_edges, boxes };
+    let (mut best, _) = model.best_of_growth(1.0);
+    let mut best_growth = 1.0f32;
+    let mut growth = 1.0f32;
+    // Doubled cells until they are crowded, or one for all: larger ones are no better.
+    loop {
+        growth *= 2.0;
+        let (candidate, last) = model.best_of_growth(growth);
+        if candidate.own_cost < best.own_cost {
+            (best, best_growth) = (candidate, growth);
+        }
+        if last || growth > 1e6 {
+            break;
+        }
+    }
+    for step in [std::f32::consts::SQRT_2, std::f32::consts::FRAC_1_SQRT_2] {
+        let (candidate, _) = model.best_of_growth((best_growth * step).max(1.0));
+        if candidate.own_cost < best.own_cost {
+            best = candidate;
+        }
+    }
+    best
+}
+
+/// What the cost of a group is computed from.
+struct GroupModel<'a> {
+    sample: &'a Sample,
+    density: &'a Density,
+    share: f32,
+    mean_edges: [f32; 3],
+    least_edges: [f32; 3],
+    /// Boxes of the group.
+    boxes: f32,
+}
+
+impl GroupModel<'_> {
+    /// The cheapest of cells that are `growth` times as long as the longest box and as narrow or
+    /// narrower along x; and whether all of them are crowded, or hold everything.
+    fn best_of_growth(&self, growth: f32) -> (Group, bool) {
+        let [least_x, least_y, least_z] = self.least_edges;
+        let mut best: Option<Group> = None;
+        let mut last = true;
+        for narrowing in [1.0, 0.5, 0.25] {
+            let cell_edges =
+                [least_x * (growth * narrowing).max(1.0), least_y * growth, least_z * growth];
+            let candidate = self.group(cell_edges);
+            let whole = (0..3).all(|axis| cell_edges[axis] >= self.sample.extent[axis]);
+            last &= whole || (candidate.occupancy > 4.0 * STRIP_COLUMNS);
+            if best.is_none_or(|best| candidate.own_cost < best.own_cost) {
+                best = Some(candidate);
+            }
+            if growth * narrowing <= 1.0 {
+                // The boxes are too long for narrower cells.
+                break;
+            }
+        }
+        (best.unwrap_or_else(|| self.group(self.least_edges)), last)
+    }
+
+    fn group(&self, cell_edges: [f32; 3]) -> Group {
+        let Self { share, mean_edges, .. } = *self;
+        let occupancy = share * self.density.in_cell(cell_edges);
+        let own_cost = self.own_cost(cell_edges, occupancy);
+        Group { share, mean_edges, cell_edges, occupancy, own_cost }
+    }
+
+    /// Cost of a box in its own level.
+    fn own_cost(&self, cell_edges: [f32; 3], occupancy: f32) -> f32 {
+        let extent = &self.sample.extent;
+        let cells_per_unit = cell_edges.map(|edge| 1.0 / edge);
+        // Probability that a box reaches into the next cell.
+        let [x, y, z] = std::array::from_fn(|axis| {
+            let whole = cell_edges[axis] > extent[axis];
+            if whole { 0.0 } else { (self.mean_edges[axis] * cells_per_unit[axis]).min(1.0) }
+        });
+        let own_run = strips(occupancy * (0.5 + x));
+        let other_run = strips(occupancy * (2.0 + x));
+        let other_lines = y + z * (2.0 + y);
+        let cells: f32 =
+            (0..3).map(|axis| (extent[axis] * cells_per_unit[axis]).max(1.0)).product();
+        STRIP_COST * (own_run + other_lines * other_run)
+            + CELL_COST / (1.0 + occupancy)
+            + EMPTY_CELL_COST * (cells / self.boxes).min(CELLS_A_BOX)
+    }
+}
+
+/// Strips of a run of `columns` on average: one if there is anything, more if it is long.
+fn strips(columns: f32) -> f32 {
+    columns / (0.7 + columns) + columns / STRIP_COLUMNS
+}
+
+/// Cost of a box of `coarse` in the level of `fine`.
+fn cross_cost(coarse: &Group, fine: &Group) -> f32 {
+    let cells = |axis: usize| 2.0 + coarse.mean_edges[axis] / fine.cell_edges[axis];
+    let lines = cells(1) * cells(2);
+    LEVEL_COST + lines * (LINE_COST + STRIP_COST * strips(fine.occupancy * cells(0)))
+}
+
+/// Axes of a level of cells of `edges` over the sample's bounds, for about `boxes` boxes.
+fn axes(sample: &Sample, edges: [f32; 3], boxes: f32) -> [Axis; 3] {
+    let limit = (boxes * CELLS_A_BOX).clamp(CELLS_LEAST, CELLS_MOST);
+    let mut counts: [f32; 3] = std::array::from_fn(|axis| {
+        (sample.extent[axis] / edges[axis]).floor().clamp(0.0, CELL_LIMIT - 1.0) + 1.0
+    });
+    if counts.iter().product::<f32>() <= limit {
+        return std::array::from_fn(|axis| {
+            Axis::clamped(sample.low[axis], edges[axis], counts[axis] as u32)
+        });
+    }
+    // Too wide for a table: fold. Axes of fewer than four cells would be their own neighbours on
+    // both sides, so they become one.
+    for count in &mut counts {
+        *count = (*count as u32).next_power_of_two() as f32;
+    }
+    while counts.iter().product::<f32>() > limit {
+        let widest = (0..3).fold(0, |a, b| if counts[b] > counts[a] { b } else { a });
+        counts[widest] *= 0.5;
+    }
+    std::array::from_fn(|axis| {
+        if counts[axis] < 4.0 {
+            return Axis::WHOLE;
+        }
+        Axis::wrapped(sample.low[axis], edges[axis], counts[axis] as u32)
+    })
+}

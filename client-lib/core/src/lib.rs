@@ -1,0 +1,32 @@
+//! The core of pairmask: boxes and spheres, masks, precision modes, engines, and the plan. It shares
+//! no memory and speaks to nobody; the crate `pairmask` has the sessions that do.
+
+pub mod aabb;
+mod aligned;
+pub mod awake_pool;
+pub mod dispatch;
+pub mod engine;
+pub mod floats;
+mod interop;
+mod isa;
+pub mod mask;
+pub mod objects;
+pub mod oracle;
+pub mod pair_index;
+pub mod plan;
+pub mod precision;
+pub mod sphere;
+pub mod spinner;
+mod stats;
+pub mod units;
+mod unknown_name;
+pub mod update;
+
+pub use aabb::{Aabb, BoxClass};
+pub use awake_pool::AwakePool;
+pub use engine::{EngineChoice, EngineName};
+pub use mask::{Encoding, EncodingChoice, MaskView};
+pub use objects::ObjectForm;
+pub use precision::{Bounds, BoxForm, Precision};
+pub use sphere::Sphere;
+pub use units::{BoxCount, MaskWord, PairIndex};

@@ -1,0 +1,79 @@
+//! What a frame takes, counted in units that one constant each gives a time.
+//!
+//! The cost model is a sum of products: a count of this module times a constant of the
+//! [`Calibration`](super::Calibration). A fit may therefore solve for all constants at once, and
+//! cannot drift from what the plan computes.
+
+use super::Term;
+use crate::engine::{EngineName, encoding_cost};
+use crate::mask::Encoding;
+use crate::stats::SceneStats;
+
+/// How much of each [`Term`] a frame holds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Work {
+    amounts: [f64; Term::ALL.len()],
+}
+
+impl Work {
+    /// The work of a CPU engine, `None` for a GPU's.
+    pub fn of(engine: EngineName, encoding: Encoding, stats: &SceneStats) -> Option<Self> {
+        let descriptor = engine.descriptor();
+        let cpu = descriptor.cpu()?;
+        let mut work = Self::of_mask(encoding, stats, descriptor.has_order);
+        let own = &mut work.amounts[Term::first_of(engine)..][..cpu.terms.len()];
+        (cpu.work)(stats, own);
+        Some(work)
+    }
+
+    /// The mask alone, of an engine that has an order of its own or keeps the boxes'.
+    pub fn of_mask(encoding: Encoding, stats: &SceneStats, has_order: bool) -> Self {
+        let cost = encoding_cost(encoding);
+        let mut amounts = [0.0; Term::ALL.len()];
+        let own = &mut amounts[Term::first_of_mask(encoding)..][..cost.terms.len()];
+        (cost.work)(stats, has_order, own);
+        Self { amounts }
+    }
+
+    /// How much of one term.
+    pub const fn amount(&self, term: Term) -> f64 {
+        self.amounts[term.index()]
+    }
+
+    /// All amounts, in the order of [`Term::ALL`].
+    pub const fn amounts(&self) -> &[f64; Term::ALL.len()] {
+        &self.amounts
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_term_is_work_of_some_engine_and_none_is_negative() {
+        let mut seen = [false; Term::ALL.len()];
+        for n in [0, 10, 1_000, 1_000_000] {
+            let stats = SceneStats {
+                solid_share: 1.0,
+                median_size: 1.0,
+                large_size: 100.0,
+                elongation: 50.0,
+                ..SceneStats::unseen(crate::units::BoxCount::new(n), None)
+            };
+            for engine in EngineName::ALL {
+                for encoding in Encoding::ALL {
+                    let Some(work) = Work::of(engine, encoding, &stats) else {
+                        assert!(engine.is_gpu());
+                        continue;
+                    };
+                    for (seen, amount) in seen.iter_mut().zip(work.amounts()) {
+                        assert!(amount.is_finite() && *amount >= 0.0, "{engine} {n}");
+                        *seen |= *amount > 0.0;
+                    }
+                }
+            }
+        }
+        assert_eq!(seen, [true; Term::ALL.len()]);
+    }
+}

@@ -1,0 +1,453 @@
+//! Narrow boxes as they lie in shared memory, and back to f32.
+
+use bytemuck::{Pod, Zeroable};
+use rayon::prelude::*;
+
+use super::exact::{GROUP, Group};
+use super::form::{BoxForm, Precision};
+use super::quantize::{Lanes, Quantizer};
+use super::{f16, simd};
+use crate::aabb::{AABB_BYTES, Aabb};
+use crate::aligned::AlignedBuffer;
+
+/// Boxes that one task converts at least: fewer take less time (10 to 40 µs) than a task costs.
+const TASK_BOXES: usize = 16_384;
+
+/// Six 16-bit cells: `min.x min.y min.z max.x max.y max.z`.
+///
+/// `min > max` on an axis means empty, as in f32. Of those boxes the ones with `min.x` 65,535 and
+/// `max.x` 0 are invalid (the sender's box had a NaN).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct BoxQ16 {
+    /// Cell of the smallest coordinate on each axis.
+    pub min: [u16; 3],
+    /// Cell of the largest coordinate on each axis.
+    pub max: [u16; 3],
+}
+
+/// Six 8-bit cells, as [`BoxQ16`] with 255 in place of 65,535.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct BoxQ8 {
+    /// Cell of the smallest coordinate on each axis.
+    pub min: [u8; 3],
+    /// Cell of the largest coordinate on each axis.
+    pub max: [u8; 3],
+}
+
+/// Six IEEE halves, as bits. Empty and invalid are what they are in f32.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct BoxF16 {
+    /// Half at or below the smallest coordinate on each axis.
+    pub min: [u16; 3],
+    /// Half at or above the largest coordinate on each axis.
+    pub max: [u16; 3],
+}
+
+const _: () = assert!(size_of::<BoxQ16>() == 12 && align_of::<BoxQ16>() == 2);
+const _: () = assert!(size_of::<BoxQ8>() == 6 && align_of::<BoxQ8>() == 1);
+const _: () = assert!(size_of::<BoxF16>() == 12 && align_of::<BoxF16>() == 2);
+
+impl BoxQ16 {
+    /// What empty boxes are written as.
+    pub const EMPTY: Self = Self { min: [1; 3], max: [0; 3] };
+    /// What invalid boxes are written as.
+    pub const INVALID: Self = Self { min: [u16::MAX; 3], max: [0; 3] };
+}
+
+impl BoxQ8 {
+    /// What empty boxes are written as.
+    pub const EMPTY: Self = Self { min: [1; 3], max: [0; 3] };
+    /// What invalid boxes are written as.
+    pub const INVALID: Self = Self { min: [u8::MAX; 3], max: [0; 3] };
+}
+
+impl BoxF16 {
+    /// What empty boxes are written as: from +∞ to −∞.
+    pub const EMPTY: Self = Self { min: [0x7c00; 3], max: [0xfc00; 3] };
+    /// What invalid boxes are written as: NaN throughout.
+    pub const INVALID: Self = Self { min: [0x7e00; 3], max: [0x7e00; 3] };
+}
+
+impl From<&Aabb> for BoxF16 {
+    #[inline]
+    fn from(b: &Aabb) -> Self {
+        f16::narrow(b)
+    }
+}
+
+/// Boxes that are narrowed before they are expanded: their narrow forms stay in the first-level
+/// cache.
+const ROUNDED_BOXES: usize = 256;
+
+/// A narrow form of a box.
+pub(super) trait NarrowBox: Pod + Send + Sync {
+    /// What boxes are made narrow by.
+    type Encoder: Copy + Send + Sync;
+    /// The same, laid out for groups.
+    type Lanes;
+    /// Lays an encoder out for groups.
+    fn lanes(encoder: &Self::Encoder) -> Self::Lanes;
+    /// The forms of a group of solid boxes.
+    fn narrow_group(group: &Group, lanes: &Self::Lanes) -> [Self; GROUP];
+    /// The form of a box.
+    fn narrow(b: &Aabb, encoder: &Self::Encoder) -> Self;
+    /// The box that stands for it: same class, and it overlaps the others as this form does. Exact.
+    fn expand(&self) -> Aabb;
+}
+
+/// Cells as f32. Integers up to 65,535 are f32 exactly.
+#[inline(always)]
+fn expand_cells<T: Copy + Into<f32>>(min: [T; 3], max: [T; 3], invalid: bool) -> Aabb {
+    let mut b = Aabb { min: min.map(Into::into), max: max.map(Into::into) };
+    b.min[0] = if invalid { f32::NAN } else { b.min[0] };
+    b
+}
+
+impl NarrowBox for BoxQ16 {
+    type Encoder = Quantizer;
+    type Lanes = Lanes;
+    fn lanes(encoder: &Quantizer) -> Lanes {
+        Lanes::new(encoder)
+    }
+    #[inline(always)]
+    fn narrow_group(group: &Group, lanes: &Lanes) -> [Self; GROUP] {
+        bytemuck::cast(lanes.q16(group))
+    }
+    #[inline(always)]
+    fn narrow(b: &Aabb, encoder: &Quantizer) -> Self {
+        encoder.q16_with_default_flags(b)
+    }
+    #[inline(always)]
+    fn expand(&self) -> Aabb {
+        expand_cells(self.min, self.max, self.min[0] == u16::MAX && self.max[0] == 0)
+    }
+}
+
+impl NarrowBox for BoxQ8 {
+    type Encoder = Quantizer;
+    type Lanes = Lanes;
+    fn lanes(encoder: &Quantizer) -> Lanes {
+        Lanes::new(encoder)
+    }
+    #[inline(always)]
+    fn narrow_group(group: &Group, lanes: &Lanes) -> [Self; GROUP] {
+        bytemuck::cast(lanes.q8(group))
+    }
+    #[inline(always)]
+    fn narrow(b: &Aabb, encoder: &Quantizer) -> Self {
+        encoder.q8_with_default_flags(b)
+    }
+    #[inline(always)]
+    fn expand(&self) -> Aabb {
+        expand_cells(self.min, self.max, self.min[0] == u8::MAX && self.max[0] == 0)
+    }
+}
+
+impl NarrowBox for BoxF16 {
+    type Encoder = ();
+    type Lanes = ();
+    fn lanes((): &()) {}
+    #[inline(always)]
+    fn narrow_group(group: &Group, (): &()) -> [Self; GROUP] {
+        bytemuck::cast(f16::narrow_group(group))
+    }
+    #[inline(always)]
+    fn narrow(b: &Aabb, (): &()) -> Self {
+        f16::narrow(b)
+    }
+    #[inline(always)]
+    fn expand(&self) -> Aabb {
+        Aabb { min: self.min.map(f16::expand), max: self.max.map(f16::expand) }
+    }
+}
+
+/// The boxes of a frame in whatever form they lie in memory.
+#[derive(Clone, Copy, Debug)]
+pub enum NarrowBoxes<'a> {
+    /// Not narrow at all.
+    F32(&'a [Aabb]),
+    /// 16-bit cells.
+    Q16(&'a [BoxQ16]),
+    /// 8-bit cells.
+    Q8(&'a [BoxQ8]),
+    /// Halves.
+    F16(&'a [BoxF16]),
+}
+
+/// f32 boxes, used where they lie.
+impl<'a, B: AsRef<[Aabb]> + ?Sized> From<&'a B> for NarrowBoxes<'a> {
+    fn from(boxes: &'a B) -> Self {
+        Self::F32(boxes.as_ref())
+    }
+}
+
+impl<'a> NarrowBoxes<'a> {
+    /// Bytes as boxes of a form; `None` where they are no whole number of boxes, or not aligned
+    /// for them.
+    pub fn new(form: BoxForm, bytes: &'a [u8]) -> Option<Self> {
+        match form {
+            BoxForm::F32 => bytemuck::try_cast_slice(bytes).ok().map(Self::F32),
+            BoxForm::Q16 => bytemuck::try_cast_slice(bytes).ok().map(Self::Q16),
+            BoxForm::Q8 => bytemuck::try_cast_slice(bytes).ok().map(Self::Q8),
+            BoxForm::F16 => bytemuck::try_cast_slice(bytes).ok().map(Self::F16),
+        }
+    }
+
+    /// Which form.
+    pub const fn form(&self) -> BoxForm {
+        match self {
+            Self::F32(_) => BoxForm::F32,
+            Self::Q16(_) => BoxForm::Q16,
+            Self::Q8(_) => BoxForm::Q8,
+            Self::F16(_) => BoxForm::F16,
+        }
+    }
+
+    /// Boxes.
+    pub const fn len(&self) -> usize {
+        match self {
+            Self::F32(boxes) => boxes.len(),
+            Self::Q16(boxes) => boxes.len(),
+            Self::Q8(boxes) => boxes.len(),
+            Self::F16(boxes) => boxes.len(),
+        }
+    }
+
+    /// Whether there are none.
+    pub const fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Their bytes: [`BoxForm::bytes`] of as many boxes.
+    pub fn as_bytes(&self) -> &'a [u8] {
+        match *self {
+            Self::F32(boxes) => bytemuck::cast_slice(boxes),
+            Self::Q16(boxes) => bytemuck::cast_slice(boxes),
+            Self::Q8(boxes) => bytemuck::cast_slice(boxes),
+            Self::F16(boxes) => bytemuck::cast_slice(boxes),
+        }
+    }
+
+    /// The f32 box that stands for one of them, as [`NarrowBoxes::expand`] has it; `None` beyond
+    /// the last.
+    pub fn get(&self, index: usize) -> Option<Aabb> {
+        match self {
+            Self::F32(boxes) => boxes.get(index).copied(),
+            Self::Q16(boxes) => boxes.get(index).map(NarrowBox::expand),
+            Self::Q8(boxes) => boxes.get(index).map(NarrowBox::expand),
+            Self::F16(boxes) => boxes.get(index).map(NarrowBox::expand),
+        }
+    }
+
+    /// The f32 boxes that stand for them, whose overlaps define the answer to the frame: cells as
+    /// they are numbered, halves by their value. f32 boxes are used where they lie; others are
+    /// converted into `scratch`, large scenes on the rayon pool if `parallel`.
+    ///
+    /// # Panics
+    /// When the system has no memory for 24 bytes a box (the first time that so many come).
+    pub fn expand(self, scratch: &'a mut ExpandScratch, parallel: bool) -> &'a [Aabb] {
+        if let Self::F32(boxes) = self {
+            return boxes;
+        }
+        scratch.0.resize(AABB_WORDS * self.len());
+        let out: &mut [Aabb] = bytemuck::cast_slice_mut(scratch.0.as_mut_slice());
+        match self {
+            Self::F32(_) => {}
+            Self::Q16(boxes) => expand_all(boxes, out, parallel),
+            Self::Q8(boxes) => expand_all(boxes, out, parallel),
+            Self::F16(boxes) => expand_all(boxes, out, parallel),
+        }
+        bytemuck::cast_slice(scratch.0.as_slice())
+    }
+}
+
+/// Memory for expanded boxes, kept from frame to frame.
+#[derive(Default)]
+pub struct ExpandScratch(AlignedBuffer<f32>);
+
+impl ExpandScratch {
+    /// Bytes that are allocated.
+    pub fn allocated_bytes(&self) -> usize {
+        self.0.allocated_bytes()
+    }
+}
+
+/// f32 of a box.
+const AABB_WORDS: usize = AABB_BYTES / size_of::<f32>();
+
+fn expand_all<B: NarrowBox>(boxes: &[B], out: &mut [Aabb], parallel: bool) {
+    if !parallel || boxes.len() < 2 * TASK_BOXES {
+        return simd::expand(boxes, out);
+    }
+    let tasks = boxes.par_chunks(TASK_BOXES).zip(out.par_chunks_mut(TASK_BOXES));
+    tasks.for_each(|(boxes, out)| simd::expand(boxes, out));
+}
+
+fn narrow_all<B: NarrowBox>(boxes: &[Aabb], encoder: &B::Encoder, out: &mut [B]) {
+    if boxes.len() < 2 * TASK_BOXES {
+        return simd::narrow(boxes, encoder, out);
+    }
+    let tasks = boxes.par_chunks(TASK_BOXES).zip(out.par_chunks_mut(TASK_BOXES));
+    tasks.for_each(|(boxes, out)| simd::narrow(boxes, encoder, out));
+}
+
+/// Narrows boxes and expands them again: what a daemon would make of them.
+fn round_all<B: NarrowBox>(boxes: &[Aabb], encoder: &B::Encoder, out: &mut [Aabb]) {
+    let round = |(boxes, out): (&[Aabb], &mut [Aabb])| {
+        let mut narrow = [B::zeroed(); ROUNDED_BOXES];
+        for (boxes, out) in boxes.chunks(ROUNDED_BOXES).zip(out.chunks_mut(ROUNDED_BOXES)) {
+            let narrow = &mut narrow[..boxes.len()];
+            simd::narrow(boxes, encoder, narrow);
+            simd::expand(narrow, out);
+        }
+    };
+    if boxes.len() < 2 * TASK_BOXES {
+        return round((boxes, out));
+    }
+    boxes.par_chunks(TASK_BOXES).zip(out.par_chunks_mut(TASK_BOXES)).for_each(round);
+}
+
+/// Writes boxes in the form of a precision.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Encoder {
+    /// As they are.
+    F32,
+    /// As u16 cells.
+    Q16(Quantizer),
+    /// As u8 cells.
+    Q8(Quantizer),
+    /// As IEEE halves.
+    F16,
+}
+
+impl Encoder {
+    /// The writer of a precision's form.
+    pub fn new(precision: &Precision) -> Self {
+        match precision {
+            Precision::Exact => Self::F32,
+            Precision::Q16(bounds) => Self::Q16(Quantizer::q16_of(bounds)),
+            Precision::Q8(bounds) => Self::Q8(Quantizer::q8_of(bounds)),
+            Precision::F16 => Self::F16,
+        }
+    }
+
+    /// Writes boxes into memory of their form, as many as both hold.
+    ///
+    /// `bytes` are the boxes' whole memory: of the length, and aligned, as the form asks.
+    pub fn write(&self, boxes: &[Aabb], bytes: &mut [u8]) {
+        match self {
+            Self::F32 => copy(boxes, bytemuck::cast_slice_mut(bytes)),
+            Self::Q16(q) => narrow_all::<BoxQ16>(boxes, q, bytemuck::cast_slice_mut(bytes)),
+            Self::Q8(q) => narrow_all::<BoxQ8>(boxes, q, bytemuck::cast_slice_mut(bytes)),
+            Self::F16 => narrow_all::<BoxF16>(boxes, &(), bytemuck::cast_slice_mut(bytes)),
+        }
+    }
+
+    /// Writes one box into the memory of one.
+    #[inline]
+    pub fn write_one(&self, b: &Aabb, bytes: &mut [u8]) {
+        match self {
+            Self::F32 => bytes.copy_from_slice(bytemuck::bytes_of(b)),
+            Self::Q16(q) => bytes.copy_from_slice(bytemuck::bytes_of(&q.q16(b))),
+            Self::Q8(q) => bytes.copy_from_slice(bytemuck::bytes_of(&q.q8(b))),
+            Self::F16 => bytes.copy_from_slice(bytemuck::bytes_of(&f16::narrow(b))),
+        }
+    }
+
+    /// Writes the boxes that stand for them ([`NarrowBoxes::expand`]), as many as both hold.
+    pub fn write_expanded(&self, boxes: &[Aabb], out: &mut [Aabb]) {
+        match self {
+            Self::F32 => copy(boxes, out),
+            Self::Q16(q) => round_all::<BoxQ16>(boxes, q, out),
+            Self::Q8(q) => round_all::<BoxQ8>(boxes, q, out),
+            Self::F16 => round_all::<BoxF16>(boxes, &(), out),
+        }
+    }
+}
+
+fn copy(boxes: &[Aabb], out: &mut [Aabb]) {
+    let n = boxes.len().min(out.len());
+    out[..n].copy_from_slice(&boxes[..n]);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::aabb::BoxClass;
+    use crate::precision::Bounds;
+
+    #[test]
+    fn reserved_patterns_expand_to_their_class() {
+        for (b, class) in [
+            (BoxQ16::EMPTY.expand(), BoxClass::Empty),
+            (BoxQ8::EMPTY.expand(), BoxClass::Empty),
+            (BoxF16::EMPTY.expand(), BoxClass::Empty),
+            (BoxQ16::INVALID.expand(), BoxClass::Invalid),
+            (BoxQ8::INVALID.expand(), BoxClass::Invalid),
+            (BoxF16::INVALID.expand(), BoxClass::Invalid),
+            (BoxQ16 { min: [u16::MAX; 3], max: [u16::MAX; 3] }.expand(), BoxClass::Solid),
+            (BoxQ16 { min: [0; 3], max: [0; 3] }.expand(), BoxClass::Solid),
+            (BoxQ8 { min: [255, 0, 0], max: [255; 3] }.expand(), BoxClass::Solid),
+        ] {
+            assert_eq!(b.class(), class, "{b:?}");
+        }
+    }
+
+    #[test]
+    fn every_way_to_write_gives_the_same_boxes() {
+        let bounds = Bounds::new([-10.0; 3], [10.0; 3]).expect("bounds");
+        let mut boxes: Vec<Aabb> = (0..70_001)
+            .map(|i| {
+                let x = (i * 37 % 1000) as f32 * 0.0213 - 11.0;
+                Aabb::from([x, -x, 0.5 * x, x + 0.7, 0.1 - x, 0.5 * x + 3.0])
+            })
+            .collect();
+        boxes[7] = Aabb::EMPTY;
+        boxes[40_000].max[1] = f32::NAN;
+        boxes[70_000].min[0] = f32::NEG_INFINITY;
+        let mut scratch = ExpandScratch::default();
+        for precision in
+            [Precision::Exact, Precision::Q16(bounds), Precision::Q8(bounds), Precision::F16]
+        {
+            let (form, encoder) = (precision.form(), Encoder::new(&precision));
+            for n in [0, 1, 7, 33, 1000, 70_001] {
+                let mut bytes = vec![0u8; n * form.box_bytes()];
+                // A Vec<u8> need not be aligned for wider words; this one has to be.
+                let mut words = vec![0u32; bytes.len().div_ceil(4)];
+                let all: &mut [u8] = bytemuck::cast_slice_mut(&mut words);
+                let memory = &mut all[..bytes.len()];
+                encoder.write(&boxes[..n], memory);
+                bytes.copy_from_slice(memory);
+                let mut direct = vec![Aabb::default(); n];
+                encoder.write_expanded(&boxes[..n], &mut direct);
+                for parallel in [false, true] {
+                    let view = NarrowBoxes::new(form, memory).expect("whole boxes");
+                    assert_eq!((view.form(), view.len()), (form, n));
+                    assert_eq!(view.as_bytes(), bytes);
+                    let expanded = view.expand(&mut scratch, parallel);
+                    let bits = |boxes: &[Aabb]| bytemuck::cast_slice::<Aabb, u32>(boxes).to_vec();
+                    assert_eq!(bits(expanded), bits(&direct), "{form}, {n} boxes");
+                    let alone: Vec<Aabb> = (0..n).filter_map(|i| view.get(i)).collect();
+                    assert_eq!(bits(&alone), bits(&direct), "{form}, {n} boxes one by one");
+                    for (i, (b, e)) in boxes.iter().zip(expanded).enumerate() {
+                        assert_eq!(b.class(), e.class(), "{form}, box {i}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn odd_lengths_are_no_boxes() {
+        let words = [0u32; 30];
+        let bytes: &[u8] = bytemuck::cast_slice(&words);
+        for form in BoxForm::ALL {
+            assert!(NarrowBoxes::new(form, &bytes[..=form.box_bytes()]).is_none(), "{form}");
+            assert!(NarrowBoxes::new(form, &bytes[..2 * form.box_bytes()]).is_some(), "{form}");
+        }
+        assert!(NarrowBoxes::new(BoxForm::Q16, &bytes[1..13]).is_none(), "not aligned");
+    }
+}

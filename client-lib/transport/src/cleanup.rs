@@ -1,0 +1,65 @@
+//! What dead processes left behind, and who takes it away: the daemon only.
+
+use std::fs;
+use std::time::Duration;
+
+use iceoryx2::node::{Node, NodeState};
+use iceoryx2::prelude::CallbackProgression;
+use iceoryx2::service::ipc;
+use pairmask_wire::InstanceName;
+
+use crate::instance::{RuntimeDir, SHM_DIR};
+use crate::services::{TransportError, config};
+
+/// Removes everything of an instance where no process lives that uses it: before it is served, and
+/// after. Call with the instance's lock held and no record in place, so that no client connects
+/// meanwhile.
+///
+/// # Errors
+/// [`TransportError`].
+pub fn clean_if_abandoned(dir: &RuntimeDir, name: &InstanceName) -> Result<(), TransportError> {
+    let config = config(dir, name)?;
+    let mut alive = false;
+    Node::<ipc::Service>::list(&config, |state| {
+        alive |= !matches!(state, NodeState::Dead(_));
+        CallbackProgression::Continue
+    })
+    .map_err(|e| TransportError::new("listing nodes", &e))?;
+    if alive {
+        return Ok(());
+    }
+    // Nothing is lost where a file stays: the services are then taken over instead of made anew.
+    let _ = fs::remove_dir_all(dir.transport_root(name));
+    for file in shared_files(dir, name) {
+        let _ = fs::remove_file(file.path());
+    }
+    Ok(())
+}
+
+/// A segment is without length for microseconds while it is made, so one that has been so for
+/// this long was cut by its owner.
+const HOLLOW_AFTER: Duration = Duration::from_secs(1);
+
+/// Removes files that somebody cut to nothing. The transport waits without end for such a file to
+/// be filled; one that is not there is an error that it can handle.
+pub fn remove_hollow_files(dir: &RuntimeDir, name: &InstanceName) {
+    for file in shared_files(dir, name) {
+        let is_hollow = file.metadata().is_ok_and(|data| {
+            let age = data.modified().ok().and_then(|at| at.elapsed().ok());
+            data.len() == 0 && age.is_some_and(|age| age > HOLLOW_AFTER)
+        });
+        if is_hollow {
+            // Its owner may take it away meanwhile, which is as well.
+            let _ = fs::remove_file(file.path());
+        }
+    }
+}
+
+/// Files of an instance in shared memory.
+fn shared_files(dir: &RuntimeDir, name: &InstanceName) -> impl Iterator<Item = fs::DirEntry> {
+    let prefix = dir.shm_prefix(name);
+    let is_ours = move |file: &fs::DirEntry| {
+        file.file_name().to_str().is_some_and(|f| f.starts_with(&prefix))
+    };
+    fs::read_dir(SHM_DIR).into_iter().flatten().flatten().filter(is_ours)
+}

@@ -1,0 +1,331 @@
+//! Where an instance lives on disk, who serves it, and how a second one is refused.
+//!
+//! A runtime directory ([`RuntimeDir::from_env`]) holds for each instance a lock file, held by the
+//! serving process for its life, a record that names the process and the wire version, and the
+//! daemon's account of itself. The kernel frees the lock however the process ends. All of it has to
+//! be ours: what another user could change is refused by both sides, before anything is opened.
+
+use std::fmt;
+use std::fs::{self, File, OpenOptions};
+use std::io::Write;
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
+use std::path::{Path, PathBuf};
+
+use pairmask_wire::{InstanceError, InstanceName, Version};
+use rustix::fs::{FlockOperation, flock};
+
+use crate::liveness::ProcessWatch;
+use crate::trust::{
+    Others, check_directory, check_file, io_error, open_plain, read_own, replace_own,
+};
+
+/// The directory that holds a user's instances.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RuntimeDir {
+    path: PathBuf,
+    /// Where a client looks too.
+    others: Vec<PathBuf>,
+}
+
+/// Creates a directory, and refuses one that others could change.
+fn ensure_own_dir(path: &Path, mode: u32, others: Others) -> Result<(), InstanceError> {
+    match fs::DirBuilder::new().recursive(true).mode(mode).create(path) {
+        // Something else stands there, which the check names.
+        Err(error) if error.kind() != std::io::ErrorKind::AlreadyExists => {
+            Err(io_error(path)(error))
+        }
+        Ok(()) | Err(_) => check_directory(path, others),
+    }
+}
+
+/// Where the system keeps shared memory files.
+pub(super) const SHM_DIR: &str = "/dev/shm";
+
+/// Bytes of a record that are read. A record is three short lines; more is not one of ours.
+pub(super) const RECORD_BYTES: u64 = 256;
+
+impl RuntimeDir {
+    /// A directory of the caller's choice.
+    pub fn at(path: impl Into<PathBuf>) -> Self {
+        Self { path: path.into(), others: Vec::new() }
+    }
+
+    /// The first of these, and the others to look into.
+    pub(super) fn first_of(mut candidates: Vec<PathBuf>) -> Self {
+        let others = candidates.split_off(candidates.len().min(1));
+        Self { path: candidates.pop().unwrap_or_default(), others }
+    }
+
+    /// The path.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// This directory and those where a client looks too, each on its own.
+    pub fn all(&self) -> impl Iterator<Item = Self> + '_ {
+        std::iter::once(&self.path).chain(&self.others).map(Self::at)
+    }
+
+    /// The directory where an instance is served: this one, unless its process lives in one of the
+    /// others and none here.
+    #[must_use]
+    pub fn serving(&self, name: &InstanceName) -> Self {
+        if self.others.is_empty() {
+            return self.clone();
+        }
+        let lives = |dir: &Self| {
+            dir.check().is_ok()
+                && dir.read_record(name).is_some_and(|r| ProcessWatch::open(r.worker_pid).is_some())
+        };
+        self.all().find(lives).unwrap_or_else(|| Self::at(&self.path))
+    }
+
+    /// Creates the directory, and refuses one that another user owns or may write to: he could
+    /// swap the files under us.
+    ///
+    /// # Errors
+    /// [`InstanceError`].
+    pub fn ensure(&self) -> Result<(), InstanceError> {
+        ensure_own_dir(&self.path, 0o755, Others::MayRead)
+    }
+
+    /// Whether the directory may be used, by a client that creates nothing.
+    ///
+    /// # Errors
+    /// [`InstanceError`], [`InstanceError::Io`] where there is none.
+    pub fn check(&self) -> Result<(), InstanceError> {
+        check_directory(&self.path, Others::MayRead)
+    }
+
+    /// Instances that have a record, dead or alive, by name.
+    pub fn instances(&self) -> Vec<(InstanceName, DaemonRecord)> {
+        let Ok(entries) = fs::read_dir(&self.path) else { return Vec::new() };
+        let mut found: Vec<_> = entries
+            .flatten()
+            .filter_map(|entry| {
+                let file_name = entry.file_name();
+                let name = file_name.to_str()?.strip_suffix(".daemon")?.parse().ok()?;
+                let record = self.read_record(&name)?;
+                Some((name, record))
+            })
+            .collect();
+        found.sort_by(|a, b| a.0.cmp(&b.0));
+        found
+    }
+
+    pub(super) fn file(&self, name: &InstanceName, suffix: &str) -> PathBuf {
+        self.path.join(format!("{name}{suffix}"))
+    }
+
+    /// Directory for the transport's own files of this instance. It lies in /tmp whatever the
+    /// runtime directory is: it holds sockets, whose paths have 107 bytes at most.
+    pub fn transport_root(&self, name: &InstanceName) -> PathBuf {
+        format!("/tmp/pairmask-{:012x}", self.hash(name)).into()
+    }
+
+    /// Prefix of the instance's files in /dev/shm, which all users and directories share.
+    pub fn shm_prefix(&self, name: &InstanceName) -> String {
+        format!("pairmask_{:012x}_", self.hash(name))
+    }
+
+    /// 48 bits of FNV-1a over directory and name: short, and the same in all processes and builds.
+    fn hash(&self, name: &InstanceName) -> u64 {
+        // One directory has many spellings.
+        let dir = fs::canonicalize(&self.path).unwrap_or_else(|_| self.path.clone());
+        let bytes = dir.as_os_str().as_encoded_bytes().iter().chain(b"\0");
+        let hash = bytes.chain(name.as_str().as_bytes()).fold(0xcbf2_9ce4_8422_2325_u64, |h, b| {
+            (h ^ u64::from(*b)).wrapping_mul(0x0000_0100_0000_01b3)
+        });
+        (hash ^ hash >> 48) & 0xffff_ffff_ffff
+    }
+
+    /// Creates the transport's directory, and refuses one that is not ours alone: the name can be
+    /// guessed, and whoever owns it could swap the sockets under us.
+    ///
+    /// # Errors
+    /// [`InstanceError`].
+    pub fn ensure_transport_root(&self, name: &InstanceName) -> Result<(), InstanceError> {
+        ensure_own_dir(&self.transport_root(name), 0o700, Others::MayNothing)
+    }
+
+    /// Checks that the transport's directory and its files in shared memory are ours.
+    ///
+    /// # Errors
+    /// [`InstanceError`], [`InstanceError::Io`] where nobody serves.
+    pub fn check_transport(&self, name: &InstanceName) -> Result<(), InstanceError> {
+        check_directory(&self.transport_root(name), Others::MayNothing)?;
+        self.check_shared_files(name)
+    }
+
+    /// Checks that the transport's files in shared memory are ours: their names can be guessed, and
+    /// whoever owns one that we map could cut it short under us.
+    ///
+    /// # Errors
+    /// [`InstanceError`].
+    pub fn check_shared_files(&self, name: &InstanceName) -> Result<(), InstanceError> {
+        let prefix = self.shm_prefix(name);
+        let own = rustix::process::geteuid().as_raw();
+        for entry in fs::read_dir(SHM_DIR).into_iter().flatten().flatten() {
+            if !entry.file_name().as_encoded_bytes().starts_with(prefix.as_bytes()) {
+                continue;
+            }
+            // One that is gone meanwhile is nobody's.
+            let Ok(data) = entry.metadata() else { continue };
+            if data.uid() != own {
+                return Err(InstanceError::Foreign { path: entry.path(), owner: data.uid() });
+            }
+            if !data.is_file() {
+                return Err(InstanceError::NotPlain {
+                    path: entry.path(),
+                    expected: "a plain file",
+                });
+            }
+        }
+        Ok(())
+    }
+
+    pub(super) fn record_file(&self, name: &InstanceName) -> PathBuf {
+        self.file(name, ".daemon")
+    }
+
+    /// The record of an instance, or `None` where there is none or it cannot be understood.
+    ///
+    /// # Errors
+    /// [`InstanceError`] where it is not ours.
+    pub fn record(&self, name: &InstanceName) -> Result<Option<DaemonRecord>, InstanceError> {
+        let bytes = read_own(&self.record_file(name), RECORD_BYTES)?;
+        Ok(bytes.and_then(|bytes| DaemonRecord::parse(std::str::from_utf8(&bytes).ok()?)))
+    }
+
+    /// As [`record`](Self::record), with `None` for one that is not ours too.
+    pub fn read_record(&self, name: &InstanceName) -> Option<DaemonRecord> {
+        self.record(name).ok().flatten()
+    }
+
+    /// Puts the record of an instance in place in one step.
+    ///
+    /// # Errors
+    /// [`InstanceError`].
+    pub fn write_record(
+        &self,
+        name: &InstanceName,
+        record: &DaemonRecord,
+    ) -> Result<(), InstanceError> {
+        let new = self.file(name, ".daemon.new");
+        replace_own(&new, &self.record_file(name), record.to_string().as_bytes())
+    }
+
+    /// Removes the record of an instance that stops, and its account.
+    pub fn remove_record(&self, name: &InstanceName) {
+        // Nothing is lost if they stay: readers find that their process is gone.
+        let _ = fs::remove_file(self.record_file(name));
+        let _ = fs::remove_file(self.account_file(name));
+    }
+}
+
+/// Who serves an instance.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DaemonRecord {
+    /// Process that answers requests. A new one after a crash.
+    pub worker_pid: u32,
+    /// Process that was started by the user and watches the worker.
+    pub supervisor_pid: u32,
+    /// Wire version that it speaks.
+    pub version: Version,
+}
+
+impl DaemonRecord {
+    /// Reads what [`Display`](fmt::Display) writes; `None` for anything else.
+    pub fn parse(text: &str) -> Option<Self> {
+        let mut lines = text.lines();
+        let mut value = |key: &str| lines.next()?.strip_prefix(key)?.strip_prefix('=');
+        let (worker, supervisor, version) =
+            (value("worker")?, value("supervisor")?, value("wire")?);
+        let (major, minor) = version.split_once('.')?;
+        Some(Self {
+            worker_pid: worker.parse().ok()?,
+            supervisor_pid: supervisor.parse().ok()?,
+            version: Version { major: major.parse().ok()?, minor: minor.parse().ok()? },
+        })
+    }
+}
+
+impl fmt::Display for DaemonRecord {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { worker_pid, supervisor_pid, version } = self;
+        writeln!(f, "worker={worker_pid}\nsupervisor={supervisor_pid}\nwire={version}")
+    }
+}
+
+/// The right to serve an instance, held until dropped or the process ends.
+#[derive(Debug)]
+pub struct InstanceLock {
+    _file: File,
+}
+
+impl InstanceLock {
+    /// Takes the right to serve `name`.
+    ///
+    /// # Errors
+    /// [`InstanceError::AlreadyServed`] when another process has it; else as [`RuntimeDir::ensure`].
+    pub fn acquire(dir: &RuntimeDir, name: &InstanceName) -> Result<Self, InstanceError> {
+        dir.ensure()?;
+        for other in dir.all().skip(1).filter(|other| other.check().is_ok()) {
+            // Clients would find one of the two only.
+            if let Some(record) = other.read_record(name)
+                && ProcessWatch::open(record.worker_pid).is_some()
+            {
+                let pid = record.supervisor_pid;
+                return Err(InstanceError::AlreadyServed { name: name.clone(), pid });
+            }
+        }
+        let path = dir.file(name, ".lock");
+        let mut options = OpenOptions::new();
+        let mut file = open_plain(&path, options.create(true).write(true).mode(LOCK_MODE))?;
+        check_file(&path, &file, Others::MayRead)?;
+        // Whoever may open the file may lock it, and keep us from serving.
+        file.set_permissions(fs::Permissions::from_mode(LOCK_MODE)).map_err(io_error(&path))?;
+        flock(&file, FlockOperation::NonBlockingLockExclusive).map_err(|errno| {
+            if errno == rustix::io::Errno::WOULDBLOCK {
+                let recorded = dir.read_record(name).map(|r| r.supervisor_pid);
+                let pid = recorded.or_else(|| lock_holder(&path)).unwrap_or(0);
+                InstanceError::AlreadyServed { name: name.clone(), pid }
+            } else {
+                io_error(&path)(errno.into())
+            }
+        })?;
+        // For people who look into the directory, and for errors before there is a record.
+        let _ = writeln!(file, "{}", std::process::id());
+        Ok(Self { _file: file })
+    }
+}
+
+/// Mode of the lock: nobody else's business.
+const LOCK_MODE: u32 = 0o600;
+
+/// Bytes of the line in a lock that is read: a process id and no more.
+const HOLDER_BYTES: u64 = 16;
+
+/// The process that took a lock last, as it wrote itself.
+fn lock_holder(path: &Path) -> Option<u32> {
+    let text = String::from_utf8(read_own(path, HOLDER_BYTES).ok()??).ok()?;
+    text.lines().next()?.parse().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn records_round_trip_and_junk_is_refused() {
+        let record = DaemonRecord {
+            worker_pid: 7,
+            supervisor_pid: 6,
+            version: Version { major: 1, minor: 3 },
+        };
+        assert_eq!(DaemonRecord::parse(&record.to_string()), Some(record));
+        for junk in ["", "worker=1", "worker=x\nsupervisor=2\nwire=1.0", "a=1\nb=2\nc=3"] {
+            assert_eq!(DaemonRecord::parse(junk), None, "{junk}");
+        }
+    }
+}

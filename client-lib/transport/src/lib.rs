@@ -1,0 +1,37 @@
+//! Transport: how a client and a daemon find each other and share memory (iceoryx2 0.10).
+//!
+//! Everything that both sides must agree on stands here: names, service settings, the instance's
+//! place on disk. The settings are those that measurements asked for; each says why.
+
+mod account_file;
+mod cleanup;
+mod foreign;
+mod instance;
+mod liveness;
+mod loans;
+mod memory;
+mod message;
+mod own_request;
+mod room;
+mod runtime_dir;
+mod segment;
+mod services;
+mod trust;
+
+pub use account_file::Account;
+pub use cleanup::{clean_if_abandoned, remove_hollow_files};
+pub use foreign::foreign_owner;
+pub use instance::{DaemonRecord, InstanceLock, RuntimeDir};
+pub use liveness::{ProcessWatch, process_name};
+pub use loans::{assume_pages, assume_response_pages};
+pub use memory::{Populated, populate};
+pub use message::{CheckedRequest, CheckedResponse, ForgedRequest};
+pub use own_request::{OwnRequest, SentRequest};
+pub use room::PopulateError;
+pub use segment::{Segment, SegmentFiles};
+pub use services::{
+    ActiveRequest, Client, ClientNode, ClientPort, DaemonNode, FRAMES_AT_A_TIME, JANITOR_INTERVAL,
+    Limits, OpenError, PORTS_PER_CLIENT, PendingResponse, RequestLoan, ResponseLoan,
+    ResponseSample, Sender, Server, Services, TransportError, WakeClient, WakeDaemon,
+    listener_name, quiet_transport_log,
+};

@@ -1,0 +1,63 @@
+//! Shared memory that exists before it is written to.
+#![allow(unsafe_code)]
+
+use std::collections::HashMap;
+
+use pairmask_wire::PAGE_BYTES;
+use rustix::io::Errno;
+use rustix::mm::{Advice, madvise};
+
+use crate::room::{self, PopulateError};
+
+/// Gives every page of `memory` a frame now, so that a full /dev/shm is an error here and not a
+/// SIGBUS at the first write, and so that no frame pays for page faults (24 MB cost 23 to 33 ms at
+/// first touch and 0.8 ms after).
+///
+/// # Errors
+/// [`PopulateError`] when there is no memory. A kernel before 5.14 knows no such call; then
+/// nothing is checked and pages come at first touch.
+pub fn populate<T>(memory: &mut [T]) -> Result<(), PopulateError> {
+    let bytes = size_of_val(memory);
+    let start = memory.as_mut_ptr() as usize;
+    let first_page = start & !(PAGE_BYTES - 1);
+    let length = (start + bytes).next_multiple_of(PAGE_BYTES) - first_page;
+    if bytes == 0 {
+        return Ok(());
+    }
+    // SAFETY: the range is the pages of a live exclusive slice; MADV_POPULATE_WRITE changes no
+    // byte of it, it only makes the pages present.
+    match unsafe { madvise(first_page as *mut _, length, Advice::LinuxPopulateWrite) } {
+        Ok(()) | Err(Errno::INVAL) => Ok(()),
+        Err(_) => Err(PopulateError { bytes: bytes as u64 }),
+    }
+}
+
+/// Remembers how much of each chunk has frames already, so that steady frames skip the call.
+///
+/// Chunks are recognised by their address: a port reuses few of them.
+#[derive(Debug, Default)]
+pub struct Populated {
+    bytes_at: HashMap<usize, usize>,
+}
+
+impl Populated {
+    /// As [`populate`], unless the chunk that starts at this address was populated as far before.
+    /// More than a page leaves some of /dev/shm free for what the transport writes by itself.
+    ///
+    /// # Errors
+    /// As [`populate`].
+    pub fn ensure<T>(&mut self, chunk: &mut [T]) -> Result<(), PopulateError> {
+        let (address, bytes) = (chunk.as_ptr() as usize, size_of_val(chunk));
+        let known = self.bytes_at.get(&address).copied().unwrap_or(0);
+        if known >= bytes {
+            return Ok(());
+        }
+        // A page may come out of the reserve: an answer that there is no memory needs one.
+        if bytes > PAGE_BYTES {
+            room::for_payload((bytes - known) as u64)?;
+        }
+        populate(chunk)?;
+        self.bytes_at.insert(address, bytes);
+        Ok(())
+    }
+}

@@ -1,0 +1,154 @@
+//! Messages of the other side: headers copied once, payloads held to the sender's segment.
+//!
+//! The transport makes a payload's slice from a length that stands in the sender's memory, anew at each
+//! look. Here it is read once, and checked before there is a slice.
+#![allow(unsafe_code)]
+
+use std::ptr;
+
+use iceoryx2::service::header::payload_header::PayloadHeader;
+use pairmask_wire::{PAGE_BYTES, Page, RequestHeader, ResponseHeader};
+
+use crate::segment::Segment;
+use crate::services::{ActiveRequest, ResponseSample};
+
+/// Where a payload begins, by the transport's own layout: with the first page behind the headers.
+pub(super) fn payload_behind<H>(user_header: *const H) -> usize {
+    (user_header as usize + size_of::<H>()).next_multiple_of(PAGE_BYTES)
+}
+
+/// Pages within a sender's segment.
+#[derive(Clone, Copy, Debug)]
+struct Payload {
+    address: usize,
+    pages: usize,
+}
+
+impl Payload {
+    /// The payload behind a user header; empty where so many pages would not lie within the segment.
+    fn behind<H>(user_header: *const H, pages: u64, segment: &Segment) -> Self {
+        let address = payload_behind(user_header);
+        let bytes = usize::try_from(pages).ok().and_then(|pages| pages.checked_mul(PAGE_BYTES));
+        match bytes {
+            Some(bytes) if segment.holds(address, bytes) => {
+                Self { address, pages: bytes / PAGE_BYTES }
+            }
+            _ => Self { address, pages: 0 },
+        }
+    }
+
+    /// The pages.
+    ///
+    /// # Safety
+    /// The message that the payload belongs to is held for as long.
+    unsafe fn pages<'a>(self) -> &'a [Page] {
+        let first = ptr::with_exposed_provenance(self.address);
+        // SAFETY: the pages lie within a shared mapping, as was checked, which stays as long as the
+        // message is held; they are aligned, and any bytes are a valid Page.
+        unsafe { std::slice::from_raw_parts(first, self.pages) }
+    }
+}
+
+/// Whether the transport's header and the user header, which follows it, lie within the segment.
+fn are_headers_within<T, H>(header: *const T, user_header: *const H, segment: &Segment) -> bool {
+    let (start, end) = (header as usize, user_header as usize + size_of::<H>());
+    end.checked_sub(start).is_some_and(|bytes| segment.holds(start, bytes))
+}
+
+/// A request that was checked: what it holds does not change in meaning any more, whatever its sender
+/// writes.
+#[derive(Debug)]
+pub struct CheckedRequest {
+    request: ActiveRequest,
+    header: RequestHeader,
+    payload: Payload,
+}
+
+/// A request that does not come from where it says. Its answer would go to somebody else, and so
+/// would the news that there is none: keep it from being dropped as long as that matters.
+#[derive(Debug)]
+pub struct ForgedRequest {
+    /// The request.
+    pub request: ActiveRequest,
+}
+
+impl CheckedRequest {
+    /// Where a request's headers begin, to find its segment by.
+    pub fn address(request: &ActiveRequest) -> usize {
+        ptr::from_ref(request.header()) as usize
+    }
+
+    /// Checks a request against the segment of its origin. A payload that leaves the segment counts as
+    /// empty.
+    ///
+    /// # Errors
+    /// [`ForgedRequest`] where the headers lie outside, or name another client than the origin.
+    pub fn new(request: ActiveRequest, segment: &Segment) -> Result<Self, ForgedRequest> {
+        let (sent, user) = (ptr::from_ref(request.header()), ptr::from_ref(request.user_header()));
+        if !are_headers_within(sent, user, segment) {
+            return Err(ForgedRequest { request });
+        }
+        // SAFETY: both lie within a mapped segment, as was checked, and any bytes are valid headers.
+        // The sender may write to them: volatile, so that they are read once and no more.
+        let (sent, header) = unsafe { (sent.read_volatile(), user.read_volatile()) };
+        if sent.client_id() != request.origin() {
+            return Err(ForgedRequest { request });
+        }
+        let payload = Payload::behind(user, sent.number_of_elements(), segment);
+        Ok(Self { request, header, payload })
+    }
+
+    /// The copied header.
+    pub const fn header(&self) -> &RequestHeader {
+        &self.header
+    }
+
+    /// The payload.
+    pub fn pages(&self) -> &[Page] {
+        // SAFETY: the request is held by `self`.
+        unsafe { self.payload.pages() }
+    }
+
+    /// A request that turned out not to be its sender's to make.
+    pub fn into_forged(self) -> ForgedRequest {
+        ForgedRequest { request: self.request }
+    }
+
+    /// The request, to be answered.
+    pub const fn request(&self) -> &ActiveRequest {
+        &self.request
+    }
+}
+
+/// As [`CheckedRequest`], for a response of a daemon.
+pub struct CheckedResponse {
+    // Held for its memory; what it says of itself is not looked at again.
+    _sample: ResponseSample,
+    payload: Payload,
+}
+
+impl CheckedResponse {
+    /// Where a response's headers begin, to find its segment by.
+    pub fn address(sample: &ResponseSample) -> usize {
+        ptr::from_ref(sample.header()) as usize
+    }
+
+    /// Checks a response against the segment of its origin, and copies its header. A payload that leaves
+    /// the segment counts as empty. `None` where the headers lie outside.
+    pub fn new(sample: ResponseSample, segment: &Segment) -> Option<(ResponseHeader, Self)> {
+        let (sent, user) = (ptr::from_ref(sample.header()), ptr::from_ref(sample.user_header()));
+        if !are_headers_within(sent, user, segment) {
+            return None;
+        }
+        // SAFETY: as in `CheckedRequest::new`.
+        let (sent, header) = unsafe { (sent.read_volatile(), user.read_volatile()) };
+        let payload = Payload::behind(user, sent.number_of_elements(), segment);
+        Some((header, Self { _sample: sample, payload }))
+    }
+
+    /// The payload.
+    pub fn pages(&self) -> &[Page] {
+        // SAFETY: the sample is held by `self`.
+        unsafe { self.payload.pages() }
+    }
+}

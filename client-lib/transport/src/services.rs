@@ -1,0 +1,478 @@
+//! The services of an instance and the ports on them.
+
+use std::time::Duration;
+
+use iceoryx2::config::Config;
+use iceoryx2::identifiers::UniqueNodeId;
+use iceoryx2::node::{Node, NodeBuilder, NodeCreationFailure};
+use iceoryx2::port::client::Client as IceoryxClient;
+use iceoryx2::port::listener::Listener;
+use iceoryx2::port::notifier::Notifier;
+use iceoryx2::port::port_name::PortName;
+use iceoryx2::port::server::Server as IceoryxServer;
+use iceoryx2::prelude::{
+    AllocationStrategy, BackpressureStrategy, FileName, Path, SemanticString, ServiceName,
+    SignalHandlingMode,
+};
+use iceoryx2::service::builder::event::EventOpenOrCreateError;
+use iceoryx2::service::builder::request_response::{
+    RequestResponseOpenError, RequestResponseOpenOrCreateError,
+};
+use iceoryx2::service::port_factory::client::ClientCreateError;
+use iceoryx2::service::port_factory::{event, request_response};
+use iceoryx2::service::{Service, ipc, ipc_threadsafe};
+use pairmask_wire::{InstanceName, Page, RequestHeader, ResponseHeader};
+
+use crate::instance::RuntimeDir;
+use crate::room;
+
+/// A node of a client. Sessions may move between threads.
+pub type ClientNode = Node<ipc_threadsafe::Service>;
+/// A node of the daemon, which serves from one thread.
+pub type DaemonNode = Node<ipc::Service>;
+/// The daemon's end of the request service.
+pub type Server = IceoryxServer<ipc::Service, [Page], RequestHeader, [Page], ResponseHeader>;
+/// A request in the daemon's hands.
+pub type ActiveRequest = iceoryx2::active_request::ActiveRequest<
+    ipc::Service,
+    [Page],
+    RequestHeader,
+    [Page],
+    ResponseHeader,
+>;
+/// Memory for a response, fresh from the port.
+pub(super) type UninitResponse = iceoryx2::response_mut_uninit::ResponseMutUninit<
+    ipc::Service,
+    [std::mem::MaybeUninit<Page>],
+    ResponseHeader,
+>;
+/// Memory for a response.
+pub type ResponseLoan = iceoryx2::response_mut::ResponseMut<ipc::Service, [Page], ResponseHeader>;
+/// A client's end of the request service.
+pub type ClientPort =
+    IceoryxClient<ipc_threadsafe::Service, [Page], RequestHeader, [Page], ResponseHeader>;
+/// Memory for a request, fresh from the port.
+pub(super) type UninitRequest = iceoryx2::request_mut_uninit::RequestMutUninit<
+    ipc_threadsafe::Service,
+    [std::mem::MaybeUninit<Page>],
+    RequestHeader,
+    [Page],
+    ResponseHeader,
+>;
+/// Memory for a request.
+pub type RequestLoan = iceoryx2::request_mut::RequestMut<
+    ipc_threadsafe::Service,
+    [Page],
+    RequestHeader,
+    [Page],
+    ResponseHeader,
+>;
+/// A request under way.
+pub type PendingResponse = iceoryx2::pending_response::PendingResponse<
+    ipc_threadsafe::Service,
+    [Page],
+    RequestHeader,
+    [Page],
+    ResponseHeader,
+>;
+/// A response in the client's hands.
+pub type ResponseSample =
+    iceoryx2::response::Response<ipc_threadsafe::Service, [Page], ResponseHeader>;
+
+/// The daemon's end of the wake-up from clients.
+pub type WakeDaemon = Listener<ipc::Service>;
+/// The daemon's end of the wake-up to clients.
+pub type WakeClient = Notifier<ipc::Service>;
+
+/// What an instance allows. Fixed by the daemon when it creates the services.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// Clients at a time. Each costs the daemon a mapping and a few kilobytes.
+    pub max_clients: usize,
+    /// Bytes of the largest mask. Address space, not memory: pages cost when they are touched.
+    pub max_reply_bytes: u64,
+}
+
+impl Default for Limits {
+    /// 16 clients; masks of 1 GiB: the dense mask of 131,000 boxes, sparse words of 80 million.
+    fn default() -> Self {
+        Self { max_clients: 16, max_reply_bytes: 1 << 30 }
+    }
+}
+
+/// Frames that a client may have at a time, in any mix of being filled, under way, and held as
+/// masks: two under way overlap upload, computation and download; the third is filled meanwhile.
+pub const FRAMES_AT_A_TIME: usize = 3;
+/// Ports a client may hold: while it grows, the old port lives until its frames are answered.
+pub const PORTS_PER_CLIENT: usize = 2;
+/// Responses beside those that clients may hold: a client that grows holds some on both ports.
+/// Where they do not suffice, a client is told that the daemon is out of memory.
+const SPARE_RESPONSES: usize = 4;
+/// Nodes of the daemon: the server's, the janitor's, and those of a predecessor not yet cleaned.
+const DAEMON_NODES: usize = 4;
+
+const REQUEST_SERVICE: &str = "pairmask/requests";
+const WAKE_DAEMON_SERVICE: &str = "pairmask/wake-daemon";
+const WAKE_CLIENT_SERVICE: &str = "pairmask/wake-client";
+
+/// Why a client has no connection.
+#[derive(Debug, thiserror::Error)]
+pub enum OpenError {
+    /// No daemon has created the services.
+    #[error("no daemon serves this instance")]
+    NotServed,
+    /// The services speak another layout.
+    #[error("the daemon's services have another layout")]
+    Incompatible,
+    /// Every client slot is taken.
+    #[error("the daemon already has all the clients that it may have")]
+    TooManyClients,
+    /// No shared memory.
+    #[error("no shared memory for a segment: free space in /dev/shm or make it larger")]
+    OutOfMemory,
+    /// The transport failed otherwise.
+    #[error(transparent)]
+    Transport(#[from] TransportError),
+}
+
+/// A step of the transport that failed.
+#[derive(Clone, Debug, thiserror::Error)]
+#[error("transport: {step} failed ({detail})")]
+pub struct TransportError {
+    /// What was tried.
+    pub step: &'static str,
+    /// The transport's own word for it.
+    pub detail: String,
+}
+
+impl TransportError {
+    /// A failed step with the transport's error.
+    pub fn new(step: &'static str, detail: &impl std::fmt::Debug) -> Self {
+        Self { step, detail: format!("{detail:?}") }
+    }
+}
+
+/// The three services of an instance, opened or created by one node.
+#[derive(Debug)]
+pub struct Services<S: Service> {
+    requests: request_response::PortFactory<S, [Page], RequestHeader, [Page], ResponseHeader>,
+    wake_daemon: event::PortFactory<S>,
+    wake_client: event::PortFactory<S>,
+    node: Node<S>,
+}
+
+/// A client's ports.
+#[derive(Debug)]
+pub struct Client {
+    /// Sends requests.
+    pub port: ClientPort,
+    /// Wakes the daemon.
+    pub notifier: Notifier<ipc_threadsafe::Service>,
+    /// Is woken by the daemon.
+    pub listener: Listener<ipc_threadsafe::Service>,
+}
+
+/// Keeps the transport's own log to what its `IOX2_LOG_LEVEL` asks for: a failed attempt to
+/// connect is an everyday event for us and comes back as a typed error.
+pub fn quiet_transport_log() {
+    iceoryx2::prelude::set_log_level_from_env_or(iceoryx2::prelude::LogLevel::Fatal);
+}
+
+/// Name of the listener that the daemon wakes for a client.
+pub fn listener_name(client_token: u64) -> Option<PortName> {
+    PortName::new(&format!("{client_token:016x}")).ok()
+}
+
+pub(super) fn config(dir: &RuntimeDir, name: &InstanceName) -> Result<Config, TransportError> {
+    let mut config = Config::default();
+    let bad = |e| TransportError::new("naming the transport's files", &e);
+    config.global.prefix = FileName::new(dir.shm_prefix(name).as_bytes()).map_err(bad)?;
+    let root = dir.transport_root(name);
+    let root = Path::new(root.as_os_str().as_encoded_bytes()).map_err(bad)?;
+    config.global.set_root_path(&root);
+    // Only the daemon's janitor cleans up: clients that clean while they start and stop race each
+    // other (68 of 200 killed clients left entries behind, against 11 with this).
+    config.global.node.cleanup_dead_nodes_on_creation = false;
+    config.global.node.cleanup_dead_nodes_on_destruction = false;
+    config.global.service.cleanup_dead_nodes_on_open = false;
+    Ok(config)
+}
+
+impl<S: Service> Services<S> {
+    fn node(dir: &RuntimeDir, name: &InstanceName) -> Result<Node<S>, TransportError> {
+        NodeBuilder::new()
+            .config(&config(dir, name)?)
+            // Signals belong to the program, not to its transport.
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create::<S>()
+            .map_err(|e: NodeCreationFailure| TransportError::new("creating a node", &e))
+    }
+
+    /// The node that holds the services.
+    pub fn owner(&self) -> &Node<S> {
+        &self.node
+    }
+
+    /// Clients that have a connection.
+    pub fn client_count(&self) -> usize {
+        use iceoryx2::prelude::PortFactory;
+        self.wake_client.dynamic_config().number_of_listeners()
+    }
+
+    /// Calls `each` with the sender of every client port.
+    pub fn for_each_sender(&self, mut each: impl FnMut(Sender)) {
+        use iceoryx2::prelude::{CallbackProgression, PortFactory};
+        self.requests.dynamic_config().list_clients(|client| {
+            each(Sender {
+                port: client.client_id.value(),
+                session: client.node_id.value(),
+                process: process_of(client.node_id).unwrap_or(0),
+            });
+            CallbackProgression::Continue
+        });
+    }
+
+    /// The session whose listener has a client's token for a name, if one has.
+    pub fn session_named(&self, client_token: u64) -> Option<u128> {
+        use iceoryx2::prelude::{CallbackProgression, PortFactory};
+        let name = listener_name(client_token)?;
+        let mut found = None;
+        self.wake_client.dynamic_config().list_listeners(|listener| {
+            if listener.listener_name == name {
+                found = Some(listener.node_id.value());
+                return CallbackProgression::Stop;
+            }
+            CallbackProgression::Continue
+        });
+        found
+    }
+
+    /// The process whose server port is registered, if there is one.
+    pub fn serving_process(&self) -> Option<u32> {
+        use iceoryx2::prelude::{CallbackProgression, PortFactory};
+        let mut found = None;
+        self.requests.dynamic_config().list_servers(|server| {
+            found = process_of(server.node_id);
+            CallbackProgression::Stop
+        });
+        found
+    }
+}
+
+macro_rules! service_name {
+    ($name:expr) => {
+        ServiceName::new($name).map_err(|e| TransportError::new("naming a service", &e))?
+    };
+}
+
+impl Services<ipc::Service> {
+    /// A node for the janitor thread.
+    ///
+    /// # Errors
+    /// [`TransportError`].
+    pub fn janitor_node(
+        dir: &RuntimeDir,
+        name: &InstanceName,
+    ) -> Result<DaemonNode, TransportError> {
+        Self::node(dir, name)
+    }
+
+    /// Creates the services, or takes over those of a daemon that died while clients live on.
+    ///
+    /// # Errors
+    /// [`TransportError`].
+    pub fn serve(
+        dir: &RuntimeDir,
+        name: &InstanceName,
+        limits: &Limits,
+    ) -> Result<Self, TransportError> {
+        room::for_ports()
+            .map_err(|full| TransportError { step: "making services", detail: full.to_string() })?;
+        let node = Self::node(dir, name)?;
+        let max_nodes = limits.max_clients + DAEMON_NODES;
+        let requests = node
+            .service_builder(&service_name!(REQUEST_SERVICE))
+            .request_response::<[Page], [Page]>()
+            .request_user_header::<RequestHeader>()
+            .response_user_header::<ResponseHeader>()
+            // Overflow would drop a frame; fire-and-forget would leave stale responses.
+            .enable_safe_overflow_for_requests(false)
+            .enable_safe_overflow_for_responses(false)
+            .enable_fire_and_forget_requests(false)
+            .max_servers(1)
+            .max_clients(limits.max_clients * PORTS_PER_CLIENT)
+            .max_nodes(max_nodes)
+            .max_active_requests_per_client(FRAMES_AT_A_TIME)
+            .max_loaned_requests(FRAMES_AT_A_TIME)
+            .max_response_buffer_size(1)
+            .max_borrowed_responses_per_pending_response(1)
+            .open_or_create()
+            .map_err(|e: RequestResponseOpenOrCreateError| {
+                TransportError::new("creating the request service", &e)
+            })?;
+        let event = |service: &str, notifiers, listeners| {
+            node.service_builder(&service_name!(service))
+                .event()
+                .max_nodes(max_nodes)
+                .max_notifiers(notifiers)
+                .max_listeners(listeners)
+                .open_or_create()
+                .map_err(|e: EventOpenOrCreateError| {
+                    TransportError::new("creating a wake-up service", &e)
+                })
+        };
+        // Two for the daemon's side: a predecessor's port may linger until it is cleaned.
+        let wake_daemon = event(WAKE_DAEMON_SERVICE, limits.max_clients, 2)?;
+        let wake_client = event(WAKE_CLIENT_SERVICE, 2, limits.max_clients)?;
+        Ok(Self { requests, wake_daemon, wake_client, node })
+    }
+
+    /// The server port. Its segment reserves address space for `limits.max_reply_bytes` a chunk.
+    ///
+    /// # Errors
+    /// [`TransportError`].
+    pub fn server(&self, limits: &Limits) -> Result<Server, TransportError> {
+        let pages = pairmask_wire::page_count(limits.max_reply_bytes);
+        let chunks = limits.max_clients * FRAMES_AT_A_TIME + SPARE_RESPONSES;
+        self.requests
+            .server_builder()
+            // The default blocks the daemon on a client that does not take its responses.
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            // Dynamic growth is broken for alignments over 8 bytes.
+            .allocation_strategy(AllocationStrategy::Static)
+            .initial_max_slice_len(usize::try_from(pages).unwrap_or(usize::MAX))
+            .max_loaned_responses_per_request(1)
+            // The transport's own worst case is twelve times this, 600 GiB of address space.
+            .override_response_preallocation(move |worst| worst.min(chunks))
+            .create()
+            .map_err(|e| TransportError::new("creating the server port", &e))
+    }
+
+    /// The listener that clients wake, and the notifier that wakes clients.
+    ///
+    /// # Errors
+    /// [`TransportError`].
+    pub fn wake_ports(&self) -> Result<(WakeDaemon, WakeClient), TransportError> {
+        let listener = self
+            .wake_daemon
+            .listener_builder()
+            .create()
+            .map_err(|e| TransportError::new("creating the daemon's listener", &e))?;
+        let notifier = self
+            .wake_client
+            .notifier_builder()
+            .create()
+            .map_err(|e| TransportError::new("creating the daemon's notifier", &e))?;
+        Ok((listener, notifier))
+    }
+}
+
+/// Who sends through a port, as the transport's own registers say.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sender {
+    /// The port. Never given to another one.
+    pub port: u128,
+    /// The session that the port belongs to: its node.
+    pub session: u128,
+    /// The process that the session is in; 0 where the register does not know.
+    pub process: u32,
+}
+
+/// The process that a node is in.
+fn process_of(node: UniqueNodeId) -> Option<u32> {
+    u32::try_from(node.pid::<ipc::Service>().ok()?.value()).ok()
+}
+
+impl Services<ipc_threadsafe::Service> {
+    /// Opens the services of a daemon.
+    ///
+    /// # Errors
+    /// [`OpenError`].
+    pub fn connect(dir: &RuntimeDir, name: &InstanceName) -> Result<Self, OpenError> {
+        use RequestResponseOpenError as E;
+        room::for_ports().map_err(|_| OpenError::OutOfMemory)?;
+        let node = Self::node(dir, name)?;
+        let requests = node
+            .service_builder(&service_name!(REQUEST_SERVICE))
+            .request_response::<[Page], [Page]>()
+            .request_user_header::<RequestHeader>()
+            .response_user_header::<ResponseHeader>()
+            .enable_safe_overflow_for_requests(false)
+            .enable_safe_overflow_for_responses(false)
+            .enable_fire_and_forget_requests(false)
+            .max_active_requests_per_client(FRAMES_AT_A_TIME)
+            .max_loaned_requests(FRAMES_AT_A_TIME)
+            .open()
+            .map_err(|e| match e {
+                E::DoesNotExist => OpenError::NotServed,
+                E::ExceedsMaxNumberOfNodes => OpenError::TooManyClients,
+                E::IncompatibleRequestOrResponseType
+                | E::VersionMismatch
+                | E::IncompatibleOverflowBehaviorForRequests
+                | E::IncompatibleOverflowBehaviorForResponses
+                | E::IncompatibleBehaviorForFireAndForgetRequests
+                | E::DoesNotSupportRequestedAmountOfClientRequestLoans
+                | E::DoesNotSupportRequestedAmountOfActiveRequestsPerClient => {
+                    OpenError::Incompatible
+                }
+                other => TransportError::new("opening the request service", &other).into(),
+            })?;
+        let event = |service: &str| -> Result<_, OpenError> {
+            node.service_builder(&service_name!(service)).event().open().map_err(|e| {
+                use iceoryx2::service::builder::event::EventOpenError as E;
+                match e {
+                    E::DoesNotExist => OpenError::NotServed,
+                    E::ExceedsMaxNumberOfNodes => OpenError::TooManyClients,
+                    other => TransportError::new("opening a wake-up service", &other).into(),
+                }
+            })
+        };
+        let wake_daemon = event(WAKE_DAEMON_SERVICE)?;
+        let wake_client = event(WAKE_CLIENT_SERVICE)?;
+        Ok(Self { requests, wake_daemon, wake_client, node })
+    }
+
+    /// A port whose chunks hold `max_pages` pages. To grow, make another port: the transport's own
+    /// growth is broken for alignments over 8 bytes.
+    ///
+    /// # Errors
+    /// [`OpenError`].
+    pub fn client_port(&self, max_pages: usize) -> Result<ClientPort, OpenError> {
+        room::for_ports().map_err(|_| OpenError::OutOfMemory)?;
+        self.requests
+            .client_builder()
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .allocation_strategy(AllocationStrategy::Static)
+            .initial_max_slice_len(max_pages)
+            .create()
+            .map_err(|e| match e {
+                ClientCreateError::ExceedsMaxSupportedClients => OpenError::TooManyClients,
+                ClientCreateError::UnableToCreateDataSegment => OpenError::OutOfMemory,
+                other => TransportError::new("creating the client port", &other).into(),
+            })
+    }
+
+    /// All ports of a client.
+    ///
+    /// # Errors
+    /// [`OpenError`].
+    pub fn client(&self, client_token: u64, max_pages: usize) -> Result<Client, OpenError> {
+        use iceoryx2::port::listener::ListenerCreateError;
+        use iceoryx2::port::notifier::NotifierCreateError;
+        let name = listener_name(client_token)
+            .ok_or_else(|| TransportError::new("naming the listener", &client_token))?;
+        let listener =
+            self.wake_client.listener_builder().name(&name).create().map_err(|e| match e {
+                ListenerCreateError::ExceedsMaxSupportedListeners => OpenError::TooManyClients,
+                other => TransportError::new("creating the listener", &other).into(),
+            })?;
+        let notifier = self.wake_daemon.notifier_builder().create().map_err(|e| match e {
+            NotifierCreateError::ExceedsMaxSupportedNotifiers => OpenError::TooManyClients,
+            other => OpenError::from(TransportError::new("creating the notifier", &other)),
+        })?;
+        Ok(Client { port: self.client_port(max_pages)?, notifier, listener })
+    }
+}
+
+/// How often the janitor looks for dead clients: their memory is back within a second.
+pub const JANITOR_INTERVAL: Duration = Duration::from_millis(500);

@@ -1,0 +1,220 @@
+//! Whose files are these? What another user can change is not used: he could swap the files under
+//! us, cut memory that we have mapped (SIGBUS), or answer what he likes.
+
+use std::fs::{self, File, Metadata, OpenOptions};
+use std::io::{ErrorKind, Read};
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
+use std::path::Path;
+use std::sync::Arc;
+
+use pairmask_wire::InstanceError;
+use rustix::fs::OFlags;
+
+/// The error of a file that the system refuses.
+pub(super) fn io_error(path: &Path) -> impl FnOnce(std::io::Error) -> InstanceError + '_ {
+    move |source| InstanceError::Io { path: path.to_owned(), source: Arc::new(source) }
+}
+
+/// Mode bits of a file that others than its owner may write to.
+const OTHERS_WRITE: u32 = 0o022;
+/// Mode bits of a file that others than its owner may use in any way.
+const OTHERS_USE: u32 = 0o077;
+
+/// What others may do with a file of ours.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Others {
+    /// Read it.
+    MayRead,
+    /// Nothing.
+    MayNothing,
+}
+
+impl Others {
+    const fn forbidden(self) -> u32 {
+        match self {
+            Self::MayRead => OTHERS_WRITE,
+            Self::MayNothing => OTHERS_USE,
+        }
+    }
+}
+
+/// Whether the process has a user's rights over what that user owns. Root's files are no exception:
+/// they are not ours unless we are root.
+fn is_own(data: &Metadata) -> bool {
+    data.uid() == rustix::process::geteuid().as_raw()
+}
+
+fn check(path: &Path, data: &Metadata, others: Others) -> Result<(), InstanceError> {
+    if !is_own(data) {
+        return Err(InstanceError::Foreign { path: path.to_owned(), owner: data.uid() });
+    }
+    let mode = data.mode() & 0o7777;
+    if mode & others.forbidden() != 0 {
+        return Err(InstanceError::Open { path: path.to_owned(), mode });
+    }
+    Ok(())
+}
+
+/// Checks that a directory is one, no link to one, and nobody else's.
+///
+/// # Errors
+/// [`InstanceError`], [`InstanceError::Io`] where there is none.
+pub(super) fn check_directory(path: &Path, others: Others) -> Result<(), InstanceError> {
+    let data = fs::symlink_metadata(path).map_err(io_error(path))?;
+    if data.is_symlink() && !is_own(&data) {
+        return Err(InstanceError::Foreign { path: path.to_owned(), owner: data.uid() });
+    }
+    if !data.is_dir() {
+        return Err(InstanceError::NotPlain { path: path.to_owned(), expected: "a directory" });
+    }
+    check(path, &data, others)
+}
+
+/// Checks that an open file is a plain one with one name at most, and nobody else's.
+///
+/// # Errors
+/// [`InstanceError`].
+pub(super) fn check_file(path: &Path, file: &File, others: Others) -> Result<(), InstanceError> {
+    let data = file.metadata().map_err(io_error(path))?;
+    check(path, &data, others)?;
+    // A file that was replaced since it was opened has no name any more, and is as good.
+    if !data.is_file() || data.nlink() > 1 {
+        return Err(InstanceError::NotPlain { path: path.to_owned(), expected: "a plain file" });
+    }
+    Ok(())
+}
+
+/// Opens as `options` say, and follows no link. Does not wait for the other end of a pipe.
+///
+/// # Errors
+/// [`InstanceError`].
+pub(super) fn open_plain(path: &Path, options: &mut OpenOptions) -> Result<File, InstanceError> {
+    let flags = OFlags::NOFOLLOW | OFlags::CLOEXEC | OFlags::NONBLOCK;
+    options.custom_flags(flags.bits() as i32).open(path).map_err(|error| {
+        // What `open` says of a link that it is not to follow.
+        if error.raw_os_error() == Some(rustix::io::Errno::LOOP.raw_os_error()) {
+            return InstanceError::NotPlain { path: path.to_owned(), expected: "a plain file" };
+        }
+        io_error(path)(error)
+    })
+}
+
+/// Reads a small file of ours; `None` where there is none.
+///
+/// # Errors
+/// [`InstanceError`].
+pub(super) fn read_own(path: &Path, most: u64) -> Result<Option<Vec<u8>>, InstanceError> {
+    let file = match open_plain(path, OpenOptions::new().read(true)) {
+        Ok(file) => file,
+        Err(InstanceError::Io { source, .. }) if source.kind() == ErrorKind::NotFound => {
+            return Ok(None);
+        }
+        // Whose it is says more than that it is closed to us, or a link.
+        Err(error) => {
+            return Err(match fs::symlink_metadata(path) {
+                Ok(data) if !is_own(&data) => {
+                    InstanceError::Foreign { path: path.to_owned(), owner: data.uid() }
+                }
+                _ => error,
+            });
+        }
+    };
+    check_file(path, &file, Others::MayRead)?;
+    let mut bytes = Vec::new();
+    file.take(most).read_to_end(&mut bytes).map_err(io_error(path))?;
+    Ok(Some(bytes))
+}
+
+/// Replaces a small file of ours in one step. Everybody may read it.
+///
+/// # Errors
+/// [`InstanceError`].
+pub(super) fn replace_own(new: &Path, path: &Path, bytes: &[u8]) -> Result<(), InstanceError> {
+    use std::io::Write;
+    let mut options = OpenOptions::new();
+    let mut file = open_plain(new, options.create(true).write(true).truncate(true).mode(0o644))?;
+    check_file(new, &file, Others::MayRead)?;
+    file.write_all(bytes).map_err(io_error(new))?;
+    fs::rename(new, path).map_err(io_error(path))
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::os::unix::fs::{PermissionsExt, symlink};
+    use std::path::PathBuf;
+
+    use super::*;
+
+    /// A directory of this test's own.
+    fn place(name: &str) -> PathBuf {
+        let path =
+            std::env::temp_dir().join(format!("pairmask-trust-{}-{name}", std::process::id()));
+        fs::create_dir_all(&path).unwrap();
+        fs::set_permissions(&path, PermissionsExt::from_mode(0o755)).unwrap();
+        path
+    }
+
+    #[test]
+    fn directories_that_others_may_write_to_and_links_are_refused() {
+        let dir = place("directories");
+        check_directory(&dir, Others::MayRead).unwrap();
+        assert!(matches!(
+            check_directory(&dir, Others::MayNothing),
+            Err(InstanceError::Open { mode: 0o755, .. })
+        ));
+        for mode in [0o775, 0o757, 0o777, 0o1777] {
+            fs::set_permissions(&dir, PermissionsExt::from_mode(mode)).unwrap();
+            let refused = check_directory(&dir, Others::MayRead).unwrap_err();
+            assert!(matches!(refused, InstanceError::Open { .. }), "{mode:o}: {refused}");
+        }
+        fs::set_permissions(&dir, PermissionsExt::from_mode(0o700)).unwrap();
+        check_directory(&dir, Others::MayNothing).unwrap();
+        let (link, file) = (dir.join("link"), dir.join("file"));
+        symlink(&dir, &link).unwrap();
+        fs::write(&file, "x").unwrap();
+        for path in [&link, &file] {
+            let refused = check_directory(path, Others::MayRead).unwrap_err();
+            assert!(matches!(refused, InstanceError::NotPlain { .. }), "{refused}");
+        }
+        fs::remove_dir_all(dir).unwrap();
+    }
+
+    #[test]
+    fn files_that_others_may_write_to_and_links_are_refused() {
+        let dir = place("files");
+        let (file, link, second) = (dir.join("file"), dir.join("link"), dir.join("second"));
+        assert_eq!(read_own(&file, 9).unwrap(), None);
+        replace_own(&dir.join("new"), &file, b"hello").unwrap();
+        assert_eq!(read_own(&file, 9).unwrap().unwrap(), b"hello");
+        assert_eq!(read_own(&file, 2).unwrap().unwrap(), b"he");
+        symlink(&file, &link).unwrap();
+        assert!(matches!(read_own(&link, 9), Err(InstanceError::NotPlain { .. })));
+        assert!(matches!(read_own(&dir, 9), Err(InstanceError::NotPlain { .. })));
+        // A record that is written does not go through a link.
+        fs::rename(&link, dir.join("new")).unwrap();
+        let refused = replace_own(&dir.join("new"), &second, b"bye").unwrap_err();
+        assert!(matches!(refused, InstanceError::NotPlain { .. }), "{refused}");
+        assert_eq!(fs::read(&file).unwrap(), b"hello");
+        fs::hard_link(&file, &second).unwrap();
+        assert!(matches!(read_own(&file, 9), Err(InstanceError::NotPlain { .. })));
+        fs::remove_file(&second).unwrap();
+        for mode in [0o664, 0o646] {
+            fs::set_permissions(&file, PermissionsExt::from_mode(mode)).unwrap();
+            assert!(matches!(read_own(&file, 9), Err(InstanceError::Open { .. })), "{mode:o}");
+        }
+        fs::remove_dir_all(dir).unwrap();
+    }
+
+    /// A reader that opened a pipe without a writer would wait for one without end.
+    #[test]
+    fn a_pipe_in_the_place_of_a_file_is_refused_at_once() {
+        let dir = place("pipe");
+        let pipe = dir.join("pipe");
+        let made = std::process::Command::new("mkfifo").arg(&pipe).status().unwrap();
+        assert!(made.success());
+        fs::set_permissions(&pipe, PermissionsExt::from_mode(0o600)).unwrap();
+        assert!(matches!(read_own(&pipe, 9), Err(InstanceError::NotPlain { .. })));
+        fs::remove_dir_all(dir).unwrap();
+    }
+}

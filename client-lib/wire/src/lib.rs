@@ -1,0 +1,74 @@
+//! The wire contract: what lies in shared memory, byte by byte. `WIRE.md` draws it.
+//!
+//! A request and a response are each a fixed *header* (the transport's user header) and a
+//! *payload* of whole pages. The header says by [`Section`]s what lies where in the payload.
+//! Everything is little-endian. Both sides treat the other's bytes as input from outside: a
+//! header is copied once, validated ([`Request::parse`], [`Reply::parse`]), and only the
+//! validated form is used.
+
+mod name;
+mod page;
+mod pages;
+mod reply;
+mod request;
+mod section;
+mod status;
+mod status_code;
+
+pub use name::{InstanceError, InstanceName};
+pub use page::{PAGE_BYTES, Page, page_count};
+pub use pages::{
+    boxes_in, boxes_in_mut, bytes_in_mut, narrow_boxes_in, objects_in, spheres_in, spheres_in_mut,
+    words_in, words_in_mut,
+};
+pub use reply::{Reply, ReplyError, ReplyFields, ResponseHeader, response_error, response_ok};
+pub use request::{Operation, Reject, Request, RequestHeader};
+pub use section::{SECTION_COUNT, Section, SectionKind};
+pub use status::{AuditCounts, LAST_ERRORS, RecordedError, StatusBody, response_status};
+pub use status_code::StatusCode;
+
+use pairmask_core::objects::ObjectForm;
+use pairmask_core::precision::BoxForm;
+
+/// Major version: a daemon answers only its own. Raised when an old reader would misread.
+pub const VERSION_MAJOR: u16 = 1;
+/// Minor version: raised when something is added that old readers may ignore.
+pub const VERSION_MINOR: u16 = 2;
+/// Minor version from which daemons know boxes in narrow forms.
+pub const NARROW_BOXES_MINOR: u16 = 1;
+/// Minor version from which daemons know spheres.
+pub const SPHERES_MINOR: u16 = 2;
+
+/// Minor version from which daemons know objects of a form.
+pub const fn since_minor(form: ObjectForm) -> u16 {
+    match form {
+        ObjectForm::Boxes(BoxForm::F32) => 0,
+        ObjectForm::Boxes(_) => NARROW_BOXES_MINOR,
+        ObjectForm::Spheres => SPHERES_MINOR,
+    }
+}
+
+/// "PMRQ" in memory order. A wrong magic means that the writer is not a pairmask client at all.
+pub const REQUEST_MAGIC: u32 = u32::from_le_bytes(*b"PMRQ");
+/// "PMRS" in memory order.
+pub const RESPONSE_MAGIC: u32 = u32::from_le_bytes(*b"PMRS");
+
+/// Version of the wire contract.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Version {
+    /// Must be equal on both sides.
+    pub major: u16,
+    /// May differ.
+    pub minor: u16,
+}
+
+impl Version {
+    /// The version that this build speaks.
+    pub const CURRENT: Self = Self { major: VERSION_MAJOR, minor: VERSION_MINOR };
+}
+
+impl std::fmt::Display for Version {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}.{}", self.major, self.minor)
+    }
+}

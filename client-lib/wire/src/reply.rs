@@ -1,0 +1,316 @@
+//! What the daemon answers.
+
+use bytemuck::{Pod, Zeroable};
+#[cfg(feature = "transport")]
+use iceoryx2::prelude::ZeroCopySend;
+use pairmask_core::dispatch::StageTimes;
+use pairmask_core::engine::{Census, CullReport, EngineId, EngineName, NAMED_INVALID, SkipMeter};
+use pairmask_core::mask::{Encoding, MaskShape, Span};
+use pairmask_core::units::BoxCount;
+
+use crate::section::{SECTION_COUNT, Section, SectionKind, find, find_unknown};
+use crate::status_code::StatusCode;
+use crate::{RESPONSE_MAGIC, VERSION_MAJOR, VERSION_MINOR};
+
+/// Header of a response, 432 bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("pairmask.ResponseHeader"))]
+pub struct ResponseHeader {
+    /// [`RESPONSE_MAGIC`].
+    pub magic: u32,
+    /// [`VERSION_MAJOR`].
+    pub version_major: u16,
+    /// [`VERSION_MINOR`].
+    pub version_minor: u16,
+    /// A [`StatusCode`].
+    pub status: u32,
+    /// No flag is defined yet.
+    pub flags: u32,
+    /// Echo of the request.
+    pub client_token: u64,
+    /// Echo of the request.
+    pub frame: u64,
+    /// Echo of the request.
+    pub box_count: u32,
+    /// The [`EngineName`] that answered, or the number of a later one.
+    pub engine: u32,
+    /// The [`Encoding`] of the mask.
+    pub encoding: u32,
+    /// Boxes with a NaN.
+    pub invalid: u32,
+    /// Boxes with `min > max`.
+    pub empty: u32,
+    /// Threads that the engine could use.
+    pub threads: u32,
+    /// Lowest indices of invalid boxes.
+    pub first_invalid: [u32; NAMED_INVALID],
+    /// Pairs in the mask.
+    pub pair_count: u64,
+    /// `SkipMeter`: boxes, pairs, zero words; the rest zero.
+    pub skipped: [u64; 6],
+    /// `StageTimes`: ingest, plan, execute, publish, total; the rest zero.
+    pub stages_ns: [u64; 8],
+    /// What is wrong in numbers, by status; else zero.
+    pub detail: [u64; 4],
+    /// What lies where in the payload.
+    pub sections: [Section; SECTION_COUNT],
+}
+
+const _: () = assert!(size_of::<ResponseHeader>() == 432 && align_of::<ResponseHeader>() == 8);
+
+impl Default for ResponseHeader {
+    /// All zero: what the transport writes before the daemon fills it in. Not a valid response.
+    fn default() -> Self {
+        Self::zeroed()
+    }
+}
+
+/// What every response echoes and tells, whatever its status.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ReplyFields {
+    /// Client named in the request.
+    pub client_token: u64,
+    /// Frame named in the request.
+    pub frame: u64,
+    /// Boxes in the request.
+    pub box_count: BoxCount,
+}
+
+/// A header with what every response echoes and nothing else.
+pub(crate) fn envelope(fields: &ReplyFields, status: StatusCode) -> ResponseHeader {
+    ResponseHeader {
+        magic: RESPONSE_MAGIC,
+        version_major: VERSION_MAJOR,
+        version_minor: VERSION_MINOR,
+        status: status as u32,
+        client_token: fields.client_token,
+        frame: fields.frame,
+        box_count: fields.box_count.get(),
+        ..ResponseHeader::zeroed()
+    }
+}
+
+/// The header of an answered cull.
+pub fn response_ok(
+    fields: &ReplyFields,
+    engine: EngineName,
+    threads: usize,
+    report: &CullReport,
+    times: &StageTimes,
+) -> ResponseHeader {
+    let mut header = ResponseHeader {
+        engine: engine as u32,
+        encoding: report.shape.encoding() as u32,
+        invalid: report.census.invalid,
+        empty: report.census.empty,
+        threads: u32::try_from(threads).unwrap_or(u32::MAX),
+        first_invalid: report.census.first_invalid,
+        pair_count: report.pair_count,
+        ..envelope(fields, StatusCode::Ok)
+    };
+    let skipped = &report.skipped;
+    header.skipped[..3].copy_from_slice(&[skipped.boxes, skipped.pairs, skipped.zero_words]);
+    header.stages_ns[..5].copy_from_slice(&[
+        times.ingest_ns,
+        times.plan_ns,
+        times.execute_ns,
+        times.publish_ns,
+        times.total_ns,
+    ]);
+    let section = |kind, span: Span| Section::required(kind, 4 * span.start, 4 * span.len);
+    match report.shape {
+        MaskShape::Dense { words } => {
+            header.sections[0] = section(SectionKind::DenseWords, words);
+        }
+        MaskShape::Sparse { rows, blocks, bits, order } => {
+            header.sections[0] = section(SectionKind::SparseRows, rows);
+            header.sections[1] = section(SectionKind::SparseBlocks, blocks);
+            header.sections[2] = section(SectionKind::SparseBits, bits);
+            if let Some(order) = order {
+                header.sections[3] = section(SectionKind::Order, order);
+            }
+        }
+    }
+    header
+}
+
+/// The header of a refused or failed request. `detail` is as the status says.
+pub fn response_error(
+    fields: &ReplyFields,
+    status: StatusCode,
+    detail: [u64; 2],
+) -> ResponseHeader {
+    let mut header = envelope(fields, status);
+    header.detail[..2].copy_from_slice(&detail);
+    header
+}
+
+/// A validated response to a cull.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Reply {
+    /// Boxes that were culled.
+    pub box_count: BoxCount,
+    /// Engine that answered, perhaps one that this build does not know.
+    pub engine: EngineId,
+    /// Threads that it could use.
+    pub threads: usize,
+    /// Shape, census, counts. Every span of the shape lies within the payload and has the length
+    /// that the encoding and the box count ask for.
+    pub report: CullReport,
+    /// Time by stage.
+    pub times: StageTimes,
+}
+
+/// What is wrong with a response.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ReplyError {
+    /// Not a pairmask response of this major version.
+    #[error("the response is not of wire version {VERSION_MAJOR}")]
+    Envelope,
+    /// It answers another request.
+    #[error("the response answers frame {found}, not {expected}")]
+    Frame {
+        /// Frame of the request.
+        expected: u64,
+        /// Frame of the response.
+        found: u64,
+    },
+    /// The daemon says that it could not answer.
+    #[error("the daemon answered '{}'", status.as_str())]
+    Status {
+        /// Its code.
+        status: StatusCode,
+        /// Its numbers.
+        detail: [u64; 2],
+    },
+    /// A status of a later version.
+    #[error(
+        "the daemon answered with status {found}, which this client does not know: install a newer pairmask"
+    )]
+    UnknownStatus {
+        /// Its number.
+        found: u32,
+    },
+    /// An encoding of a later version.
+    #[error(
+        "the mask has encoding {found}, which this client does not know: install a newer pairmask"
+    )]
+    UnknownEncoding {
+        /// Its number.
+        found: u32,
+    },
+    /// A required section of a later version.
+    #[error(
+        "the response requires section {found}, which this client does not know: install a newer pairmask"
+    )]
+    UnknownSection {
+        /// Its kind.
+        found: u32,
+    },
+    /// A number that cannot be, a section that is missing, doubled, too short or outside.
+    #[error("the response's {field} is malformed")]
+    Malformed {
+        /// What is wrong.
+        field: &'static str,
+    },
+}
+
+impl Reply {
+    /// Checks a copied header against the request's fields and the payload's length.
+    ///
+    /// # Errors
+    /// [`ReplyError`] with the first thing that is wrong.
+    pub fn parse(
+        header: &ResponseHeader,
+        asked: &ReplyFields,
+        payload_bytes: u64,
+    ) -> Result<Self, ReplyError> {
+        Self::check_envelope(header, asked)?;
+        let malformed = |field| ReplyError::Malformed { field };
+        if header.box_count != asked.box_count.get() {
+            return Err(malformed("box count"));
+        }
+        let shape = parse_shape(header, asked.box_count, payload_bytes)?;
+        let [boxes, pairs, zero_words, ..] = header.skipped;
+        let [ingest_ns, plan_ns, execute_ns, publish_ns, total_ns, ..] = header.stages_ns;
+        Ok(Self {
+            box_count: asked.box_count,
+            engine: EngineId::from_wire(header.engine),
+            threads: header.threads as usize,
+            report: CullReport {
+                shape,
+                census: Census {
+                    invalid: header.invalid,
+                    empty: header.empty,
+                    first_invalid: header.first_invalid,
+                },
+                pair_count: header.pair_count,
+                skipped: SkipMeter { boxes, pairs, zero_words },
+                times: pairmask_core::engine::EngineTimes { ingest_ns, execute_ns, publish_ns },
+            },
+            times: StageTimes { ingest_ns, plan_ns, execute_ns, publish_ns, total_ns },
+        })
+    }
+
+    /// Checks that a response is one of ours, answers this request, and is no error.
+    ///
+    /// # Errors
+    /// [`ReplyError`] with the first thing that is wrong.
+    pub fn check_envelope(header: &ResponseHeader, asked: &ReplyFields) -> Result<(), ReplyError> {
+        if header.magic != RESPONSE_MAGIC || header.version_major != VERSION_MAJOR {
+            return Err(ReplyError::Envelope);
+        }
+        if header.frame != asked.frame || header.client_token != asked.client_token {
+            return Err(ReplyError::Frame { expected: asked.frame, found: header.frame });
+        }
+        match StatusCode::from_wire(header.status) {
+            Some(StatusCode::Ok) => match find_unknown(&header.sections) {
+                None => Ok(()),
+                Some(found) => Err(ReplyError::UnknownSection { found }),
+            },
+            Some(status) => {
+                Err(ReplyError::Status { status, detail: [header.detail[0], header.detail[1]] })
+            }
+            None => Err(ReplyError::UnknownStatus { found: header.status }),
+        }
+    }
+}
+
+fn parse_shape(
+    header: &ResponseHeader,
+    n: BoxCount,
+    payload_bytes: u64,
+) -> Result<MaskShape, ReplyError> {
+    let span = |kind, field| {
+        let section = find(&header.sections, kind).ok_or(ReplyError::Malformed { field })?;
+        if !section.bytes.is_multiple_of(4) || !section.fits(payload_bytes) {
+            return Err(ReplyError::Malformed { field });
+        }
+        Ok(Span { start: section.offset / 4, len: section.bytes / 4 })
+    };
+    match Encoding::from_wire(header.encoding) {
+        Some(Encoding::Dense) => {
+            let words = span(SectionKind::DenseWords, "dense words")?;
+            if words.len != n.dense_words() {
+                return Err(ReplyError::Malformed { field: "dense words" });
+            }
+            Ok(MaskShape::Dense { words })
+        }
+        Some(Encoding::Sparse) => {
+            let rows = span(SectionKind::SparseRows, "sparse rows")?;
+            let blocks = span(SectionKind::SparseBlocks, "sparse blocks")?;
+            let bits = span(SectionKind::SparseBits, "sparse bits")?;
+            if rows.len != blocks.len || rows.len != bits.len {
+                return Err(ReplyError::Malformed { field: "sparse word count" });
+            }
+            let has_order = header.sections.iter().any(|s| s.kind == SectionKind::Order as u32);
+            let order = has_order.then(|| span(SectionKind::Order, "order")).transpose()?;
+            if order.is_some_and(|o| o.len != u64::from(n.get())) {
+                return Err(ReplyError::Malformed { field: "order" });
+            }
+            Ok(MaskShape::Sparse { rows, blocks, bits, order })
+        }
+        None => Err(ReplyError::UnknownEncoding { found: header.encoding }),
+    }
+}

@@ -1,0 +1,269 @@
+//! What a client asks.
+
+use bytemuck::{Pod, Zeroable};
+#[cfg(feature = "transport")]
+use iceoryx2::prelude::ZeroCopySend;
+use pairmask_core::engine::{EngineChoice, EngineName};
+use pairmask_core::mask::{Encoding, EncodingChoice};
+use pairmask_core::objects::ObjectForm;
+use pairmask_core::units::BoxCount;
+
+use crate::section::{SECTION_COUNT, Section, SectionKind};
+use crate::status_code::StatusCode;
+use crate::{REQUEST_MAGIC, VERSION_MAJOR, VERSION_MINOR, Version};
+
+/// Header of a request, 272 bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("pairmask.RequestHeader"))]
+pub struct RequestHeader {
+    /// [`REQUEST_MAGIC`].
+    pub magic: u32,
+    /// [`VERSION_MAJOR`].
+    pub version_major: u16,
+    /// [`VERSION_MINOR`].
+    pub version_minor: u16,
+    /// An [`Operation`].
+    pub operation: u32,
+    /// No flag is defined yet; unknown flags are ignored.
+    pub flags: u32,
+    /// Names the client: the listener of its node carries the same number. Else an echo.
+    pub client_token: u64,
+    /// The client's number of this frame, echoed in the response.
+    pub frame: u64,
+    /// Boxes or spheres in the scene.
+    pub box_count: u32,
+    /// An [`EngineName`], or 0 for the plan's choice.
+    pub engine: u32,
+    /// An [`Encoding`], or 0 for the plan's choice.
+    pub encoding: u32,
+    /// Threads that the engine may use, or 0 for the plan's choice.
+    pub threads: u32,
+    /// What lies where in the payload.
+    pub sections: [Section; SECTION_COUNT],
+    /// Zero; read by nobody yet.
+    pub reserved: [u64; 4],
+}
+
+const _: () = assert!(size_of::<RequestHeader>() == 272 && align_of::<RequestHeader>() == 8);
+
+impl Default for RequestHeader {
+    /// All zero: what the transport writes before the client fills it in. Not a valid request.
+    fn default() -> Self {
+        Self::zeroed()
+    }
+}
+
+/// What is asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Operation {
+    /// Find the overlapping pairs of the boxes or spheres.
+    Cull = 1,
+    /// Tell how the daemon does.
+    Status = 2,
+}
+
+/// A validated request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Request {
+    /// Find pairs.
+    Cull {
+        /// Boxes or spheres in the scene.
+        box_count: BoxCount,
+        /// Which of the two, and their form.
+        form: ObjectForm,
+        /// Offset of the objects in the payload, bytes; `form.bytes(box_count)` bytes from there
+        /// are within the payload.
+        offset: usize,
+        /// Which engine.
+        engine: EngineChoice,
+        /// Which encoding.
+        encoding: EncodingChoice,
+        /// How many threads; `None` leaves it to the plan.
+        threads: Option<usize>,
+        /// Minor wire version of the client: it may be older than this build, or newer. Nothing
+        /// that came with a later one may be in the answer.
+        client_minor: u16,
+    },
+    /// Tell status.
+    Status,
+}
+
+/// Why a request is refused, before any box is looked at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Reject {
+    /// Not a pairmask request.
+    #[error("the request's magic is {found:#010x}, not {REQUEST_MAGIC:#010x}")]
+    Magic {
+        /// What stood there.
+        found: u32,
+    },
+    /// Another major version.
+    #[error("the request speaks wire version {found}, this daemon {}", Version::CURRENT)]
+    Version {
+        /// The client's version.
+        found: Version,
+    },
+    /// No such operation.
+    #[error("unknown operation {found}")]
+    Operation {
+        /// What stood there.
+        found: u32,
+    },
+    /// No such engine.
+    #[error("unknown engine {found}")]
+    Engine {
+        /// What stood there.
+        found: u32,
+    },
+    /// No such encoding.
+    #[error("unknown encoding {found}")]
+    Encoding {
+        /// What stood there.
+        found: u32,
+    },
+    /// A required section of a kind that this build does not know.
+    #[error("unknown required section {found}")]
+    UnknownSection {
+        /// The kind.
+        found: u32,
+    },
+    /// The section of boxes or spheres is missing, doubled (in whatever forms), of the wrong length
+    /// or outside the payload.
+    #[error(
+        "the section of boxes or spheres does not hold {box_count} of them within {payload_bytes} bytes"
+    )]
+    Objects {
+        /// Boxes or spheres announced.
+        box_count: u32,
+        /// Bytes of the payload.
+        payload_bytes: u64,
+    },
+}
+
+impl Reject {
+    /// The status that the client is told.
+    pub const fn status(&self) -> StatusCode {
+        match self {
+            Self::Version { .. } => StatusCode::VersionMismatch,
+            _ => StatusCode::BadRequest,
+        }
+    }
+}
+
+impl RequestHeader {
+    fn envelope(operation: Operation, client_token: u64, frame: u64) -> Self {
+        Self {
+            magic: REQUEST_MAGIC,
+            version_major: VERSION_MAJOR,
+            version_minor: VERSION_MINOR,
+            operation: operation as u32,
+            client_token,
+            frame,
+            ..Self::zeroed()
+        }
+    }
+
+    /// A request to cull the `box_count` objects of a form at the start of the payload.
+    pub fn cull(
+        client_token: u64,
+        frame: u64,
+        box_count: BoxCount,
+        form: impl Into<ObjectForm>,
+        engine: EngineChoice,
+        encoding: EncodingChoice,
+        threads: Option<usize>,
+    ) -> Self {
+        let form = form.into();
+        let mut header = Self {
+            box_count: box_count.get(),
+            engine: match engine {
+                EngineChoice::Auto => 0,
+                EngineChoice::Only(name) => name as u32,
+            },
+            encoding: match encoding {
+                EncodingChoice::Auto => 0,
+                EncodingChoice::Only(encoding) => encoding as u32,
+            },
+            threads: threads.map_or(0, |t| u32::try_from(t).unwrap_or(u32::MAX)),
+            ..Self::envelope(Operation::Cull, client_token, frame)
+        };
+        header.sections[0] = Section::required(SectionKind::of(form), 0, form.bytes(box_count));
+        header
+    }
+
+    /// A request for the daemon's status.
+    pub fn status(client_token: u64, frame: u64) -> Self {
+        Self::envelope(Operation::Status, client_token, frame)
+    }
+}
+
+impl Request {
+    /// Checks a copied header against the payload's length.
+    ///
+    /// # Errors
+    /// [`Reject`] with the first thing that is wrong.
+    pub fn parse(header: &RequestHeader, payload_bytes: u64) -> Result<Self, Reject> {
+        if header.magic != REQUEST_MAGIC {
+            return Err(Reject::Magic { found: header.magic });
+        }
+        if header.version_major != VERSION_MAJOR {
+            let found = Version { major: header.version_major, minor: header.version_minor };
+            return Err(Reject::Version { found });
+        }
+        let unknown =
+            |s: &&Section| s.is_used() && s.flags & Section::REQUIRED != 0 && form_of(s).is_none();
+        if let Some(section) = header.sections.iter().find(unknown) {
+            return Err(Reject::UnknownSection { found: section.kind });
+        }
+        match header.operation {
+            op if op == Operation::Status as u32 => Ok(Self::Status),
+            op if op == Operation::Cull as u32 => Self::parse_cull(header, payload_bytes),
+            found => Err(Reject::Operation { found }),
+        }
+    }
+
+    fn parse_cull(header: &RequestHeader, payload_bytes: u64) -> Result<Self, Reject> {
+        let engine = match header.engine {
+            0 => EngineChoice::Auto,
+            found => {
+                EngineChoice::Only(EngineName::from_wire(found).ok_or(Reject::Engine { found })?)
+            }
+        };
+        let encoding = match header.encoding {
+            0 => EncodingChoice::Auto,
+            found => {
+                EncodingChoice::Only(Encoding::from_wire(found).ok_or(Reject::Encoding { found })?)
+            }
+        };
+        let box_count = BoxCount::new(header.box_count);
+        let wrong = Reject::Objects { box_count: header.box_count, payload_bytes };
+        let (form, section) = find_objects(&header.sections).ok_or(wrong)?;
+        if section.bytes != form.bytes(box_count) || !section.fits(payload_bytes) {
+            return Err(wrong);
+        }
+        Ok(Self::Cull {
+            box_count,
+            form,
+            offset: usize::try_from(section.offset).map_err(|_| wrong)?,
+            engine,
+            encoding,
+            threads: (header.threads != 0).then_some(header.threads as usize),
+            client_minor: header.version_minor,
+        })
+    }
+}
+
+/// The form of the objects in a section, or `None` where it holds something else.
+fn form_of(section: &Section) -> Option<ObjectForm> {
+    ObjectForm::ALL.into_iter().find(|form| SectionKind::of(*form) as u32 == section.kind)
+}
+
+/// The one section of boxes or spheres, or `None` where there is none, or more than one of whatever
+/// forms.
+fn find_objects(sections: &[Section; SECTION_COUNT]) -> Option<(ObjectForm, Section)> {
+    let mut found = sections.iter().filter_map(|s| Some((form_of(s)?, *s)));
+    let first = found.next()?;
+    found.next().is_none().then_some(first)
+}

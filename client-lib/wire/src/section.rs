@@ -1,0 +1,125 @@
+//! Sections: named byte ranges of a payload.
+
+use bytemuck::{Pod, Zeroable};
+#[cfg(feature = "transport")]
+use iceoryx2::prelude::ZeroCopySend;
+use pairmask_core::objects::ObjectForm;
+use pairmask_core::precision::BoxForm;
+
+/// Section slots in a header. Four are in use at most; the rest is room for later kinds.
+pub const SECTION_COUNT: usize = 8;
+
+/// A byte range of the payload and what it holds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("pairmask.Section"))]
+pub struct Section {
+    /// A [`SectionKind`], or 0 for an unused slot.
+    pub kind: u32,
+    /// [`Section::REQUIRED`] or 0.
+    pub flags: u32,
+    /// Offset from the start of the payload, bytes, a multiple of 4.
+    pub offset: u64,
+    /// Length in bytes.
+    pub bytes: u64,
+}
+
+const _: () = assert!(size_of::<Section>() == 24 && align_of::<Section>() == 8);
+
+/// What a section holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum SectionKind {
+    /// Boxes, f32, 24 bytes each, in object order.
+    Boxes = 1,
+    /// Words of a dense mask.
+    DenseWords = 2,
+    /// Row of each sparse word.
+    SparseRows = 3,
+    /// Column block of each sparse word.
+    SparseBlocks = 4,
+    /// Bits of each sparse word.
+    SparseBits = 5,
+    /// Box index at each position of a sparse mask.
+    Order = 6,
+    /// One `StatusBody`.
+    Status = 7,
+    /// Boxes, six u16 cells, 12 bytes each, in object order.
+    BoxesQ16 = 8,
+    /// Boxes, six u8 cells, 6 bytes each, in object order.
+    BoxesQ8 = 9,
+    /// Boxes, six IEEE halves, 12 bytes each, in object order.
+    BoxesF16 = 10,
+    /// Spheres, four f32, 16 bytes each, in object order.
+    Spheres = 11,
+}
+
+impl SectionKind {
+    /// Every kind, in the order of their numbers.
+    pub const ALL: [Self; 11] = [
+        Self::Boxes,
+        Self::DenseWords,
+        Self::SparseRows,
+        Self::SparseBlocks,
+        Self::SparseBits,
+        Self::Order,
+        Self::Status,
+        Self::BoxesQ16,
+        Self::BoxesQ8,
+        Self::BoxesF16,
+        Self::Spheres,
+    ];
+
+    /// The kind of a wire number, if there is one.
+    pub fn from_wire(value: u32) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| *kind as u32 == value)
+    }
+
+    /// The kind of the section that holds objects of a form.
+    pub const fn of(form: ObjectForm) -> Self {
+        match form {
+            ObjectForm::Boxes(BoxForm::F32) => Self::Boxes,
+            ObjectForm::Boxes(BoxForm::Q16) => Self::BoxesQ16,
+            ObjectForm::Boxes(BoxForm::Q8) => Self::BoxesQ8,
+            ObjectForm::Boxes(BoxForm::F16) => Self::BoxesF16,
+            ObjectForm::Spheres => Self::Spheres,
+        }
+    }
+}
+
+impl Section {
+    /// The reader must understand this section or refuse the whole message. Without it, a reader
+    /// that does not know the kind passes over it: that is how later minor versions add things.
+    pub const REQUIRED: u32 = 1;
+
+    /// A section that every reader must understand.
+    pub const fn required(kind: SectionKind, offset: u64, bytes: u64) -> Self {
+        Self { kind: kind as u32, flags: Self::REQUIRED, offset, bytes }
+    }
+
+    /// Whether the slot is in use.
+    pub const fn is_used(&self) -> bool {
+        self.kind != 0
+    }
+
+    /// Whether the range lies within a payload and is aligned for u32 words.
+    pub fn fits(&self, payload_bytes: u64) -> bool {
+        self.offset.is_multiple_of(4)
+            && self.offset.checked_add(self.bytes).is_some_and(|end| end <= payload_bytes)
+    }
+}
+
+/// The one section of `kind`, or `None` where it is missing or named twice.
+pub(crate) fn find(sections: &[Section; SECTION_COUNT], kind: SectionKind) -> Option<Section> {
+    let mut found = sections.iter().filter(|s| s.kind == kind as u32);
+    let first = found.next()?;
+    found.next().is_none().then_some(*first)
+}
+
+/// The first required section of a kind that this build does not know.
+pub(crate) fn find_unknown(sections: &[Section; SECTION_COUNT]) -> Option<u32> {
+    let is_unknown = |s: &&Section| {
+        s.is_used() && s.flags & Section::REQUIRED != 0 && SectionKind::from_wire(s.kind).is_none()
+    };
+    sections.iter().find(is_unknown).map(|s| s.kind)
+}

@@ -1,0 +1,110 @@
+//! What the daemon says of itself.
+
+use bytemuck::{Pod, Zeroable};
+#[cfg(feature = "transport")]
+use iceoryx2::prelude::ZeroCopySend;
+
+use crate::reply::{Reply, ReplyError, ReplyFields, ResponseHeader, envelope};
+use crate::section::{Section, SectionKind, find};
+use crate::status_code::StatusCode;
+
+/// Errors that the daemon remembers.
+pub const LAST_ERRORS: usize = 8;
+
+/// An error that the daemon gave to a client.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("pairmask.RecordedError"))]
+pub struct RecordedError {
+    /// Which client.
+    pub client_token: u64,
+    /// Which of its frames.
+    pub frame: u64,
+    /// Nanoseconds after the daemon's start.
+    pub at_ns: u64,
+    /// A [`StatusCode`].
+    pub status: u32,
+    /// Zero.
+    pub reserved: u32,
+}
+
+/// What the daemon's auditor found when it checked frames again.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("pairmask.AuditCounts"))]
+pub struct AuditCounts {
+    /// One frame in so many is checked; 0 for none.
+    pub one_in: u64,
+    /// Frames checked, wholly or in part.
+    pub frames: u64,
+    /// Frames drawn and not checked, since the auditor was still busy.
+    pub skipped: u64,
+    /// Pairs of boxes that were compared again.
+    pub pairs: u64,
+    /// Pairs among them that overlap and were not in the mask. Anything but 0 is a bug.
+    pub missed: u64,
+    /// Pairs among them that were in the mask and do not overlap. Anything but 0 is a bug.
+    pub extra: u64,
+}
+
+/// What the daemon says of itself: the payload of a status response.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("pairmask.StatusBody"))]
+pub struct StatusBody {
+    /// Process that serves.
+    pub pid: u32,
+    /// Clients that have a connection.
+    pub client_count: u32,
+    /// Nanoseconds since the process began to serve.
+    pub uptime_ns: u64,
+    /// Frames answered with a mask.
+    pub frames: u64,
+    /// Boxes in those frames.
+    pub boxes: u64,
+    /// Pairs in those frames.
+    pub pairs: u64,
+    /// Requests answered with an error.
+    pub errors: u64,
+    /// The last errors, newest first; unused slots are zero.
+    pub last_errors: [RecordedError; LAST_ERRORS],
+    /// What the auditor found.
+    pub audit: AuditCounts,
+    /// Spheres in those frames (since 1.2; zero before).
+    pub spheres: u64,
+    /// Zero.
+    pub reserved: u64,
+}
+
+impl StatusBody {
+    /// Checks a response to a status request and reads its body.
+    ///
+    /// # Errors
+    /// [`ReplyError`] where it is none.
+    pub fn parse(
+        header: &ResponseHeader,
+        asked: &ReplyFields,
+        payload: &[u8],
+    ) -> Result<Self, ReplyError> {
+        let header = *header;
+        Reply::check_envelope(&header, asked)?;
+        let malformed = ReplyError::Malformed { field: "status body" };
+        let section = find(&header.sections, SectionKind::Status).ok_or(malformed)?;
+        if section.bytes != size_of::<Self>() as u64 || !section.fits(payload.len() as u64) {
+            return Err(malformed);
+        }
+        let start = section.offset as usize;
+        Ok(bytemuck::pod_read_unaligned(&payload[start..start + size_of::<Self>()]))
+    }
+}
+
+/// The header of an answered status request, its body at the start of the payload.
+pub fn response_status(fields: &ReplyFields) -> ResponseHeader {
+    let mut header = envelope(fields, StatusCode::Ok);
+    let bytes = size_of::<StatusBody>() as u64;
+    header.sections[0] = Section::required(SectionKind::Status, 0, bytes);
+    header
+}
+
+const _: () = assert!(size_of::<AuditCounts>() == 48);
+const _: () = assert!(size_of::<StatusBody>() == 48 + LAST_ERRORS * 32 + 64);

@@ -1,0 +1,56 @@
+//! Status codes of responses.
+
+/// How a request went.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[repr(u32)]
+pub enum StatusCode {
+    /// Answered.
+    Ok = 0,
+    /// The request cannot be understood.
+    BadRequest = 1,
+    /// Another major version of the wire contract.
+    VersionMismatch = 2,
+    /// More boxes than the engine takes. `detail` holds the boxes given and allowed.
+    TooManyBoxes = 3,
+    /// The mask does not fit. `detail` holds the bytes needed and allowed.
+    ReplyTooLarge = 4,
+    /// The daemon has no shared memory left. `detail` holds the bytes needed.
+    OutOfMemory = 5,
+    /// The engine asked for is not to be had here. `detail` holds its number.
+    EngineUnavailable = 6,
+    /// The engine failed in a way that no other code names.
+    EngineFailed = 7,
+}
+
+impl StatusCode {
+    /// Every code, in the order of their numbers.
+    pub const ALL: [Self; 8] = [
+        Self::Ok,
+        Self::BadRequest,
+        Self::VersionMismatch,
+        Self::TooManyBoxes,
+        Self::ReplyTooLarge,
+        Self::OutOfMemory,
+        Self::EngineUnavailable,
+        Self::EngineFailed,
+    ];
+
+    /// The code of a wire number, if there is one.
+    pub fn from_wire(value: u32) -> Option<Self> {
+        Self::ALL.into_iter().find(|c| *c as u32 == value)
+    }
+
+    /// A short name for reports.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Ok => "ok",
+            Self::BadRequest => "bad-request",
+            Self::VersionMismatch => "version-mismatch",
+            Self::TooManyBoxes => "too-many-boxes",
+            Self::ReplyTooLarge => "reply-too-large",
+            Self::OutOfMemory => "out-of-memory",
+            Self::EngineUnavailable => "engine-unavailable",
+            Self::EngineFailed => "engine-failed",
+        }
+    }
+}

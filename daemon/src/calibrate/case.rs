@@ -1,0 +1,156 @@
+//! A scene of some size, culled in all ways, interleaved frame by frame.
+//!
+//! The machine may be busy: what is compared runs in the same second, and the least of many frames
+//! counts.
+
+use std::time::{Duration, Instant};
+
+use pairmask::Encoding;
+use pairmask::dispatch::{CullWish, nanoseconds_since};
+use pairmask::engine::{AvailableIsa, EngineName};
+use pairmask::plan::{Calibration, Capabilities, SceneStats, Work, plan};
+
+use super::MeasureError;
+use super::lane::{Lane, LaneTimes, Way};
+use super::threads::Pools;
+use crate::scene::{Scene, SceneName};
+
+/// The scenes' seed: every run sees the same boxes move the same way.
+const SEED: u64 = 1;
+/// Frames before anything is noted: memory is touched, orders settle.
+const WARM_UP: usize = 2;
+/// Largest scene whose dense mask is tried: 1 MiB, which no plan sends for a pair a box.
+const DENSE_BOXES: usize = 4_096;
+/// A way that is predicted to take so many times the fastest is left out …
+const HOPELESS: f64 = 12.0;
+/// … where it takes longer than this, ns.
+const HOPELESS_NS: f64 = 2.0e6;
+
+/// A named scene of some size.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Case {
+    /// Which scene.
+    pub scene: SceneName,
+    /// Boxes.
+    pub n: usize,
+}
+
+/// How long a case is measured.
+#[derive(Clone, Copy, Debug)]
+pub struct Effort {
+    /// Frames at least.
+    pub least_frames: usize,
+    /// Frames at most.
+    pub most_frames: usize,
+    /// No further frame begins after this time.
+    pub time: Duration,
+}
+
+/// What was measured of a case.
+#[derive(Clone, Debug)]
+pub struct CaseTimes {
+    /// Which one.
+    pub case: Case,
+    /// What the plan sees of its last frame.
+    pub stats: SceneStats,
+    /// The shortest look at the boxes and plan, ns.
+    pub plan_ns: u64,
+    /// Each way that was tried.
+    pub ways: Vec<(Way, LaneTimes)>,
+}
+
+/// Which ways of a case are measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WaySet {
+    /// Engines and threads, sparse.
+    Sparse,
+    /// Those, and dense masks on one thread where there are few boxes: what a fit needs.
+    Fit,
+    /// Dense masks on every number of threads too: whatever a plan may choose.
+    All,
+}
+
+/// Ways that are worth their time.
+fn ways(stats: &SceneStats, threads: &[usize], set: WaySet) -> Vec<Way> {
+    let calibration = Calibration::built_in(AvailableIsa::best().get());
+    let encodings: &[_] = if stats.n.len() > DENSE_BOXES || set == WaySet::Sparse {
+        &[Encoding::Sparse]
+    } else {
+        &[Encoding::Sparse, Encoding::Dense]
+    };
+    let ways = EngineName::CPU.into_iter().flat_map(|engine| {
+        let encodings = encodings.iter();
+        encodings.flat_map(move |encoding| {
+            threads.iter().map(move |threads| Way {
+                engine,
+                encoding: *encoding,
+                threads: *threads,
+            })
+        })
+    });
+    let predicted_ns = |engine: EngineName| {
+        Work::of(engine, Encoding::Sparse, stats).map_or(0.0, |work| calibration.time_ns(&work))
+    };
+    let least = EngineName::CPU.into_iter().map(predicted_ns).fold(f64::INFINITY, f64::min);
+    let hopeless_ns = (HOPELESS * least).max(HOPELESS_NS);
+    let is_wanted =
+        |way: &Way| way.encoding == Encoding::Sparse || way.threads == 1 || set == WaySet::All;
+    ways.filter(|way| is_wanted(way) && predicted_ns(way.engine) <= hopeless_ns).collect()
+}
+
+/// Measures a case.
+///
+/// # Errors
+/// [`MeasureError`], also where two engines count different pairs.
+pub fn measure(
+    case: Case,
+    set: WaySet,
+    threads: &[usize],
+    pools: &Pools,
+    effort: &Effort,
+) -> Result<CaseTimes, MeasureError> {
+    let mut scene = Scene::new(case.scene, case.n, SEED);
+    let mut stats = SceneStats::glance(scene.boxes(), None);
+    let lane = |way: Way| Lane::new(way, pools.of(way.threads));
+    let mut lanes: Vec<Lane> = ways(&stats, threads, set).into_iter().filter_map(lane).collect();
+    let capabilities =
+        Capabilities { threads: threads.iter().max().copied().unwrap_or(1), gpu: None };
+    let calibration = Calibration::built_in(AvailableIsa::best().get());
+    let mut plan_ns = u64::MAX;
+    let start = Instant::now();
+    for frame in 0..effort.most_frames + WARM_UP {
+        if frame >= effort.least_frames + WARM_UP && start.elapsed() > effort.time {
+            break;
+        }
+        // Each frame another way comes first, and finds the caches as the last one left them.
+        let count = lanes.len().max(1);
+        for turn in 0..lanes.len() {
+            lanes[(turn + frame) % count].frame(scene.boxes(), frame >= WARM_UP)?;
+        }
+        let pairs = agreed_pairs(case, &lanes)?;
+        let planning = Instant::now();
+        stats = SceneStats::glance(scene.boxes(), pairs);
+        std::hint::black_box(plan(&stats, &capabilities, &calibration, &CullWish::default()));
+        plan_ns = plan_ns.min(nanoseconds_since(planning));
+        scene.step();
+    }
+    let ways = lanes.into_iter().map(|lane| (lane.way, lane.times)).collect();
+    Ok(CaseTimes { case, stats, plan_ns, ways })
+}
+
+/// The number of pairs that all ways found.
+fn agreed_pairs(case: Case, lanes: &[Lane]) -> Result<Option<u64>, MeasureError> {
+    let mut counts = lanes.iter().map(|lane| (lane.way, lane.times.pair_count));
+    let Some((first, pairs)) = counts.next() else { return Ok(None) };
+    match counts.find(|(_, other)| *other != pairs) {
+        None => Ok(Some(pairs)),
+        Some((second, other)) => Err(MeasureError::Disagree {
+            scene: case.scene,
+            n: case.n,
+            first: first.engine,
+            pairs,
+            second: second.engine,
+            other,
+        }),
+    }
+}

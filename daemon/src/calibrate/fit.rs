@@ -1,0 +1,329 @@
+//! From measured times to the constants of the plan's cost model.
+//!
+//! The model is linear ([`Work`]), so one robust least-squares fit of relative errors gives all
+//! constants at once. Two things keep it sane on a busy machine: constants start from those of a
+//! known machine, scaled by how much faster or slower this one is, and are held to them where no
+//! measurement says otherwise; and a row that fits badly counts less.
+
+use pairmask::Encoding;
+use pairmask::engine::EngineName;
+use pairmask::plan::{Calibration, SceneStats, Term, ThreadCost, Work};
+
+use super::case::{Case, CaseTimes};
+use super::lane::Way;
+
+/// What a dense mask takes more than a sparse one of the same frame is fitted to this share of the
+/// frame: it is small beside the engine's time and would drown in that one's errors.
+const MASK_SHARE: f64 = 0.2;
+/// Terms of the model.
+const TERMS: usize = Term::ALL.len();
+/// How much the start counts, in rows of measurements: little, but more than nothing.
+const PRIOR_ROWS: f64 = 0.1;
+/// Constants stay within so many times the start, up and down.
+const PRIOR_FACTOR: f64 = 8.0;
+/// A relative error above this is taken for the noise's and counts linearly (Huber).
+const NOISE: f64 = 0.15;
+/// Rounds of weighing rows, and of descent along each constant within them.
+const ROUNDS: usize = 12;
+const DESCENTS: usize = 2_000;
+/// Fewest boxes of a row that tells of threads: below, engines use one whatever they may.
+const THREADED_BOXES: usize = 4_096;
+
+/// One measured time and what it is made of.
+#[derive(Clone, Copy, Debug)]
+pub struct FitRow {
+    /// Of which case.
+    pub case: Case,
+    /// In which way.
+    pub way: Way,
+    /// What the plan saw.
+    pub stats: SceneStats,
+    /// The shortest frame, engine and decode, ns.
+    pub measured_ns: f64,
+}
+
+impl FitRow {
+    fn work(&self) -> Option<Work> {
+        Work::of(self.way.engine, self.way.encoding, &self.stats)
+    }
+
+    /// What a calibration predicts, ns.
+    pub fn predicted_ns(&self, calibration: &Calibration) -> f64 {
+        let one_ns = self.work().map_or(0.0, |work| calibration.time_ns(&work));
+        calibration.threads_of(self.way.engine).on(self.way.threads, one_ns)
+    }
+}
+
+/// The rows of measured cases.
+pub fn rows(cases: &[CaseTimes]) -> Vec<FitRow> {
+    let rows = cases.iter().flat_map(|measured| {
+        measured.ways.iter().map(|(way, times)| FitRow {
+            case: measured.case,
+            way: *way,
+            stats: measured.stats,
+            measured_ns: times.least_ns() as f64,
+        })
+    });
+    rows.filter(|row| row.measured_ns > 0.0).collect()
+}
+
+/// The constants that rows tell of, beginning from `start`.
+pub fn fit(rows: &[FitRow], start: &Calibration) -> Calibration {
+    let scaled = scale(rows, start);
+    let ns = fit_terms(rows, &scaled.ns);
+    let fitted = Calibration { ns, ..scaled };
+    let threads = EngineName::CPU.map(|engine| fit_threads(rows, engine, start.threads_of(engine)));
+    Calibration { threads, ..fitted }
+}
+
+/// The constants of `start`, each engine's multiplied by what its rows take more or less: enough
+/// for a machine that was only glanced at.
+pub fn scale(rows: &[FitRow], start: &Calibration) -> Calibration {
+    let ratio_of = |wanted: Option<EngineName>| {
+        let rows = rows.iter().filter(|row| row.way.threads == 1);
+        let rows = rows.filter(|row| wanted.is_none_or(|engine| engine == row.way.engine));
+        median(rows.map(|row| row.measured_ns / row.predicted_ns(start)).collect())
+    };
+    let all = ratio_of(None).unwrap_or(1.0);
+    let mut calibration = *start;
+    for term in Term::ALL {
+        let ratio = term.owner().and_then(|engine| ratio_of(Some(engine))).unwrap_or(all);
+        calibration.ns[term.index()] *= ratio;
+    }
+    calibration
+}
+
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_unstable_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
+}
+
+/// Constants of the terms, relative to `start` in between.
+fn fit_terms(rows: &[FitRow], start: &[f64; TERMS]) -> [f64; TERMS] {
+    let singles: Vec<&FitRow> = rows.iter().filter(|row| row.way.threads == 1).collect();
+    let equation = |row: &&FitRow| match row.way.encoding {
+        Encoding::Sparse => Equation::of_frame(row, start),
+        Encoding::Dense => {
+            let sparse = Way { encoding: Encoding::Sparse, ..row.way };
+            let twin = singles.iter().find(|twin| twin.case == row.case && twin.way == sparse)?;
+            Equation::of_masks(row, twin, start)
+        }
+    };
+    let equations: Vec<Equation> = singles.iter().filter_map(equation).collect();
+    let mut x = [1.0; TERMS];
+    for _ in 0..ROUNDS {
+        let weights: Vec<f64> = equations.iter().map(|e| weight(e.error(&x))).collect();
+        descend(&equations, &weights, &mut x);
+    }
+    std::array::from_fn(|t| start[t] * x[t])
+}
+
+/// The sum of share[t] · x[t] is `target`, where x = 1 is the start. An error of 1 is as bad as a
+/// prediction of twice the time.
+struct Equation {
+    share: [f64; TERMS],
+    target: f64,
+}
+
+impl Equation {
+    /// A frame takes what was measured.
+    fn of_frame(row: &FitRow, start: &[f64; TERMS]) -> Option<Self> {
+        let work = row.work()?;
+        let share = |t: usize| work.amounts()[t] * start[t] / row.measured_ns;
+        Some(Self { share: std::array::from_fn(share), target: 1.0 })
+    }
+
+    /// A frame's dense mask takes so much more than its sparse one.
+    fn of_masks(dense: &FitRow, sparse: &FitRow, start: &[f64; TERMS]) -> Option<Self> {
+        let (more, less) = (dense.work()?, sparse.work()?);
+        let unit = MASK_SHARE * sparse.measured_ns;
+        let share = |t: usize| (more.amounts()[t] - less.amounts()[t]) * start[t] / unit;
+        let target = (dense.measured_ns - sparse.measured_ns) / unit;
+        Some(Self { share: std::array::from_fn(share), target })
+    }
+
+    fn error(&self, x: &[f64; TERMS]) -> f64 {
+        dot(&self.share, x) - self.target
+    }
+}
+
+/// Minimises the weighted squares of all rows and of the distance to the start, along one constant
+/// after the other.
+fn descend(equations: &[Equation], weights: &[f64], x: &mut [f64; TERMS]) {
+    let mut gram = [[0.0; TERMS]; TERMS];
+    let mut target = [PRIOR_ROWS; TERMS];
+    for (t, row) in gram.iter_mut().enumerate() {
+        row[t] = PRIOR_ROWS;
+    }
+    for (Equation { share, target: wanted }, weight) in equations.iter().zip(weights) {
+        for t in 0..TERMS {
+            target[t] += weight * share[t] * wanted;
+            for u in 0..TERMS {
+                gram[t][u] += weight * share[t] * share[u];
+            }
+        }
+    }
+    for _ in 0..DESCENTS {
+        for t in 0..TERMS {
+            let others = dot(&gram[t], x) - gram[t][t] * x[t];
+            x[t] = ((target[t] - others) / gram[t][t]).clamp(1.0 / PRIOR_FACTOR, PRIOR_FACTOR);
+        }
+    }
+}
+
+fn dot(a: &[f64; TERMS], b: &[f64; TERMS]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// How much a row counts whose relative error is `error`.
+fn weight(error: f64) -> f64 {
+    if error.abs() <= NOISE { 1.0 } else { NOISE / error.abs() }
+}
+
+/// What threads give an engine: t = one · (s + (1 − s)/T) + f · log2 T for every row of T threads
+/// beside the row of one.
+fn fit_threads(rows: &[FitRow], engine: EngineName, start: ThreadCost) -> ThreadCost {
+    let is_one = |row: &&FitRow| row.way.engine == engine && row.way.threads == 1;
+    let ones: Vec<&FitRow> = rows.iter().filter(is_one).collect();
+    let more = rows.iter().filter(|row| {
+        row.way.engine == engine && row.way.threads > 1 && row.case.n >= THREADED_BOXES
+    });
+    // (a, b, c): a · s + b · f = c, all divided by the measured time.
+    let mut equations: Vec<[f64; 3]> = more
+        .filter_map(|row| {
+            let twin =
+                |one: &&&FitRow| one.case == row.case && one.way.encoding == row.way.encoding;
+            let one_ns = ones.iter().find(twin)?.measured_ns;
+            let threads = row.way.threads as f64;
+            let divided = row.measured_ns - one_ns / threads;
+            let parallel = one_ns * (1.0 - 1.0 / threads);
+            Some([parallel, threads.log2(), divided].map(|x| x / row.measured_ns))
+        })
+        .collect();
+    if equations.is_empty() {
+        return start;
+    }
+    // The start, as two weak rows in the units of the rest.
+    equations.push([PRIOR_ROWS, 0.0, PRIOR_ROWS * start.serial_share]);
+    equations.push([0.0, PRIOR_ROWS / start.fan_out_ns.max(1.0), PRIOR_ROWS]);
+    let (mut s, mut f) = (start.serial_share, start.fan_out_ns);
+    for _ in 0..ROUNDS {
+        let weights: Vec<f64> =
+            equations.iter().map(|[a, b, c]| weight(a * s + b * f - c)).collect();
+        let sum = |of: fn(&[f64; 3]) -> f64| -> f64 {
+            equations.iter().zip(&weights).map(|(row, weight)| weight * of(row)).sum()
+        };
+        let (aa, ab, bb) = (sum(|r| r[0] * r[0]), sum(|r| r[0] * r[1]), sum(|r| r[1] * r[1]));
+        let (ac, bc) = (sum(|r| r[0] * r[2]), sum(|r| r[1] * r[2]));
+        for _ in 0..DESCENTS {
+            s = ((ac - ab * f) / aa.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+            f = ((bc - ab * s) / bb.max(f64::MIN_POSITIVE)).max(0.0);
+        }
+    }
+    ThreadCost { serial_share: s, fan_out_ns: f }
+}
+
+#[cfg(test)]
+mod tests {
+    use pairmask::BoxCount;
+    use pairmask::engine::Isa;
+
+    use super::*;
+    use crate::scene::SceneName;
+
+    /// Rows as a machine with the constants of `truth` would give them, some of them disturbed.
+    fn rows_of(truth: &Calibration, disturb: impl Fn(usize) -> f64) -> Vec<FitRow> {
+        let mut rows = Vec::new();
+        for n in [64, 128, 300, 1_000, 2_000, 4_096, 10_000, 30_000, 100_000] {
+            for (window_share, large_size, elongation, pairs) in
+                [(0.05, 1.0, 1.0, 1), (0.02, 20.0, 1.0, 2), (0.03, 1.0, 30.0, 7)]
+            {
+                for engine in EngineName::CPU {
+                    for (encoding, threads) in
+                        [(Encoding::Sparse, 1), (Encoding::Dense, 1), (Encoding::Sparse, 4)]
+                    {
+                        let stats = SceneStats {
+                            window_share,
+                            large_size,
+                            elongation,
+                            ..SceneStats::unseen(BoxCount::new(n), Some(u64::from(pairs * n)))
+                        };
+                        let case =
+                            Case { scene: SceneName::Uniform, n: n as usize * 8 + rows.len() / 9 };
+                        let way = Way { engine, encoding, threads };
+                        let mut row = FitRow { case, way, stats, measured_ns: 1.0 };
+                        row.measured_ns = row.predicted_ns(truth) * disturb(rows.len());
+                        rows.push(row);
+                    }
+                }
+            }
+        }
+        rows
+    }
+
+    fn slow_machine() -> Calibration {
+        let mut truth = Calibration::built_in(Isa::Avx512);
+        for (t, ns) in truth.ns.iter_mut().enumerate() {
+            *ns *= [2.5, 3.0, 2.0, 3.5][t % 4];
+        }
+        truth.threads =
+            [ThreadCost { serial_share: 0.3, fan_out_ns: 20_000.0 }; EngineName::CPU.len()];
+        truth
+    }
+
+    /// Half of the rows are predicted better than this.
+    fn median_ratio(rows: &[FitRow], calibration: &Calibration) -> f64 {
+        let ratios = rows.iter().map(|row| row.predicted_ns(calibration) / row.measured_ns);
+        median(ratios.map(|ratio| ratio.max(1.0 / ratio)).collect()).unwrap_or(f64::INFINITY)
+    }
+
+    fn worst_ratio(rows: &[FitRow], calibration: &Calibration) -> f64 {
+        let ratios = rows.iter().map(|row| row.predicted_ns(calibration) / row.measured_ns);
+        ratios.fold(1.0, |worst, ratio| worst.max(ratio).max(1.0 / ratio))
+    }
+
+    #[test]
+    fn the_constants_of_a_slower_machine_are_found() {
+        let truth = slow_machine();
+        let rows = rows_of(&truth, |_| 1.0);
+        let start = Calibration::built_in(Isa::Avx512);
+        assert!(worst_ratio(&rows, &start) > 2.0, "the start is wrong");
+        let found = fit(&rows, &start);
+        let (half, all) = (median_ratio(&rows, &found), worst_ratio(&rows, &found));
+        assert!(half < 1.05 && all < 1.5, "{half} {all} {found:?}");
+    }
+
+    #[test]
+    fn rows_that_a_busy_machine_spoilt_count_little() {
+        let truth = slow_machine();
+        let spoilt = rows_of(&truth, |row| if row % 7 == 0 { 6.0 } else { 1.0 });
+        let found = fit(&spoilt, &Calibration::built_in(Isa::Avx512));
+        let clean = rows_of(&truth, |_| 1.0);
+        let (half, all) = (median_ratio(&clean, &found), worst_ratio(&clean, &found));
+        assert!(half < 1.15 && all < 2.0, "{half} {all} {found:?}");
+    }
+
+    #[test]
+    fn without_rows_nothing_changes() {
+        let start = Calibration::built_in(Isa::Avx2);
+        let found = fit(&[], &start);
+        for (found, start) in found.ns.iter().zip(&start.ns) {
+            assert!((found / start - 1.0).abs() < 1e-9);
+        }
+        assert_eq!(found.threads, start.threads);
+    }
+
+    #[test]
+    fn a_glance_scales_each_engine() {
+        let start = Calibration::built_in(Isa::Avx512);
+        let mut twice = start;
+        for ns in &mut twice.ns {
+            *ns *= 2.0;
+        }
+        let rows: Vec<_> =
+            rows_of(&twice, |_| 1.0).into_iter().filter(|row| row.way.threads == 1).collect();
+        for (found, wanted) in scale(&rows, &start).ns.iter().zip(&twice.ns) {
+            assert!((found / wanted - 1.0).abs() < 1e-9);
+        }
+    }
+}

@@ -1,0 +1,118 @@
+//! One way to cull a frame, kept warm and timed frame by frame.
+
+use std::hint::black_box;
+use std::sync::Arc;
+use std::time::Instant;
+
+use pairmask::dispatch::nanoseconds_since;
+use pairmask::engine::{CullError, CullInput, Engine, EngineName, HeapReply, Isa, cpu_engine};
+use pairmask::{Aabb, BoxCount, Encoding, MaskView};
+use rayon::ThreadPool;
+
+use super::MeasureError;
+
+/// An engine, an encoding and a number of threads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Way {
+    /// A CPU engine.
+    pub engine: EngineName,
+    /// Encoding of the mask.
+    pub encoding: Encoding,
+    /// Threads, at least 1.
+    pub threads: usize,
+}
+
+/// Times of a way's frames, ns, and its last mask.
+#[derive(Clone, Debug, Default)]
+pub struct LaneTimes {
+    /// Boxes in place to mask in hand, every frame.
+    pub engine_ns: Vec<u64>,
+    /// Mask to the last pair on one thread, every frame.
+    pub decode_ns: Vec<u64>,
+    /// Pairs of the last frame.
+    pub pair_count: u64,
+    /// Bytes of the last mask.
+    pub mask_bytes: u64,
+}
+
+impl LaneTimes {
+    /// The shortest frame, engine and decode, ns.
+    pub fn least_ns(&self) -> u64 {
+        let frames = self.engine_ns.iter().zip(&self.decode_ns);
+        frames.map(|(engine, decode)| engine + decode).min().unwrap_or(0)
+    }
+
+    /// The shortest time in the engine, ns.
+    pub fn least_engine_ns(&self) -> u64 {
+        self.engine_ns.iter().min().copied().unwrap_or(0)
+    }
+
+    /// The median frame, engine and decode, ns.
+    pub fn median_ns(&self) -> u64 {
+        let frames = self.engine_ns.iter().zip(&self.decode_ns);
+        let mut frames: Vec<u64> = frames.map(|(engine, decode)| engine + decode).collect();
+        frames.sort_unstable();
+        frames.get(frames.len() / 2).copied().unwrap_or(0)
+    }
+}
+
+/// A way with its engine and its memory.
+pub struct Lane {
+    /// Which way.
+    pub way: Way,
+    /// What was measured.
+    pub times: LaneTimes,
+    engine: Box<dyn Engine>,
+    reply: HeapReply,
+    /// Where the engine runs; `None` is the calling thread.
+    pool: Option<Arc<ThreadPool>>,
+}
+
+impl Lane {
+    /// A lane with a fresh engine, `None` for a GPU's. More than one thread needs a pool of them.
+    pub fn new(way: Way, pool: Option<Arc<ThreadPool>>) -> Option<Self> {
+        let engine = cpu_engine(way.engine, Isa::best()).ok()?;
+        Some(Self { way, times: LaneTimes::default(), engine, reply: HeapReply::new(), pool })
+    }
+
+    /// Culls and decodes one frame, and notes its times where it is not one of warming up.
+    ///
+    /// # Errors
+    /// [`MeasureError`], also where the mask does not hold the pairs that were counted.
+    pub fn frame(&mut self, boxes: &[Aabb], is_noted: bool) -> Result<(), MeasureError> {
+        let (engine, reply) = (&mut self.engine, &mut self.reply);
+        let mut cull = || -> Result<_, CullError> {
+            let start = Instant::now();
+            let report = engine.cull(
+                &CullInput::boxes(boxes).encoding(self.way.encoding).threads(self.way.threads),
+                reply,
+            )?;
+            Ok((report, nanoseconds_since(start)))
+        };
+        let (report, engine_ns) = match &self.pool {
+            Some(pool) => pool.install(cull),
+            None => cull(),
+        }?;
+        let n = BoxCount::new(boxes.len() as u32);
+        let start = Instant::now();
+        let mask = MaskView::new(n, &report.shape, self.reply.words())?;
+        let (mut decoded, mut indices) = (0u64, 0);
+        mask.for_each(|a, b| {
+            decoded += 1;
+            indices ^= a ^ b;
+        });
+        black_box(indices);
+        let decode_ns = nanoseconds_since(start);
+        if decoded != report.pair_count {
+            let (engine, counted) = (self.way.engine, report.pair_count);
+            return Err(MeasureError::Miscounted { engine, counted, decoded });
+        }
+        self.times.pair_count = decoded;
+        self.times.mask_bytes = report.shape.mask_bytes();
+        if is_noted {
+            self.times.engine_ns.push(engine_ns);
+            self.times.decode_ns.push(decode_ns);
+        }
+        Ok(())
+    }
+}

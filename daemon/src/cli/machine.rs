@@ -1,0 +1,58 @@
+//! What a measurement was made on: a figure without it says nothing.
+
+use serde::{Deserialize, Serialize};
+
+use super::build;
+
+/// Machine, system and build of a measurement.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Machine {
+    /// Processor, as the system names it.
+    pub cpu: String,
+    /// Processors that this process may use.
+    pub cores: usize,
+    /// Distribution.
+    pub os: String,
+    /// Kernel release.
+    pub kernel: String,
+    /// Compiler of this build.
+    pub toolchain: String,
+    /// Commit of this build.
+    pub commit: String,
+    /// The command line, without the binary's path.
+    pub command: String,
+}
+
+impl Machine {
+    /// This one.
+    pub fn this() -> Self {
+        let unknown = || "unknown".to_owned();
+        Self {
+            cpu: value("/proc/cpuinfo", "model name", ':').unwrap_or_else(unknown),
+            cores: std::thread::available_parallelism().map_or(1, usize::from),
+            os: value("/etc/os-release", "PRETTY_NAME", '=').unwrap_or_else(unknown),
+            kernel: std::fs::read_to_string("/proc/sys/kernel/osrelease")
+                .map_or_else(|_| unknown(), |text| text.trim().to_owned()),
+            toolchain: build::TOOLCHAIN.to_owned(),
+            commit: build::COMMIT.to_owned(),
+            command: command_line(),
+        }
+    }
+}
+
+/// The program's name without its folder, and its arguments.
+pub fn command_line() -> String {
+    let mut words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
+    let program = words.next().unwrap_or_default();
+    let name = program.rsplit('/').next().unwrap_or_default().to_owned();
+    std::iter::once(name).chain(words).collect::<Vec<_>>().join(" ")
+}
+
+/// The first value of a key in a text file of lines.
+fn value(path: &str, key: &str, separator: char) -> Option<String> {
+    let text = std::fs::read_to_string(path).ok()?;
+    text.lines().find_map(|line| {
+        let (found, value) = line.split_once(separator)?;
+        (found.trim() == key).then(|| value.trim().trim_matches('"').to_owned())
+    })
+}

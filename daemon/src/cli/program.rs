@@ -1,0 +1,96 @@
+//! A program with a command line, from its arguments to its exit status. `pairmaskd` and the
+//! laboratory's binary run the same way.
+
+use std::error::Error;
+use std::ffi::OsString;
+use std::process::ExitCode;
+
+use clap::{Command, FromArgMatches};
+
+use super::output::{OutputError, print_aside};
+use super::{hush, usage};
+
+/// Exit status: it was tried and did not work, or nobody serves.
+pub const FAILED: u8 = 1;
+/// Exit status: the command line or the configuration is wrong; clap uses the same number.
+pub const USAGE: u8 = 2;
+
+/// A wrong command line, told in one line.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct WrongUsage(String);
+
+/// Why a command failed, as far as its program has to know.
+pub trait Failure: Error + From<WrongUsage> + From<OutputError> {
+    /// The exit status: [`FAILED`] or [`USAGE`].
+    fn exit_code(&self) -> u8;
+
+    /// Whether a process that was started here failed and said why on the same stderr: another line
+    /// would tell nothing.
+    fn was_said(&self) -> bool;
+}
+
+/// Whether a process of these programs that ended with `code` said why on stderr.
+pub fn says_why(code: Option<i32>) -> bool {
+    code.is_some_and(|code| [FAILED, USAGE].map(i32::from).contains(&code))
+}
+
+/// Parses the arguments of this process and runs what they ask for. A failure is one line on stderr
+/// that begins with the program's name.
+///
+/// Call it first in `main`: it says how the process is set up.
+pub fn run<C: FromArgMatches, E: Failure>(
+    command: &Command,
+    run: impl FnOnce(&C) -> Result<(), E>,
+) -> ExitCode {
+    hush::hush_drivers();
+    let arguments: Vec<OsString> = std::env::args_os().collect();
+    let done = parse(command, &arguments).and_then(|parsed| parsed.map_or(Ok(()), |cli| run(&cli)));
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) if is_closed_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) => {
+            if !error.was_said() {
+                let name = command.get_name();
+                print_aside(&format!("{name}: {}", on_one_line(&error.to_string())));
+            }
+            ExitCode::from(error.exit_code())
+        }
+    }
+}
+
+/// What was asked for; `None` where that was help or the version, which stand on stdout then.
+fn parse<C: FromArgMatches, E: Failure>(
+    command: &Command,
+    arguments: &[OsString],
+) -> Result<Option<C>, E> {
+    let matches = command.clone().try_get_matches_from(arguments);
+    match matches.and_then(|matches| C::from_arg_matches(&matches)) {
+        Ok(cli) => Ok(Some(cli)),
+        Err(error) if error.use_stderr() => {
+            Err(WrongUsage(usage::one_line(&error, command, arguments)).into())
+        }
+        Err(help) => {
+            help.print().map_err(OutputError::from)?;
+            Ok(None)
+        }
+    }
+}
+
+/// Names that users give may hold anything, and an error is one line.
+fn on_one_line(text: &str) -> String {
+    text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
+}
+
+/// Whether the reader of a result has gone (`| head`), which is no failure of ours.
+fn is_closed_pipe(error: &dyn Error) -> bool {
+    let mut cause = error.source();
+    while let Some(error) = cause {
+        let io = error.downcast_ref::<std::io::Error>();
+        if io.is_some_and(|error| error.kind() == std::io::ErrorKind::BrokenPipe) {
+            return true;
+        }
+        cause = error.source();
+    }
+    false
+}

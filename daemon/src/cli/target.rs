@@ -1,0 +1,90 @@
+//! Where the daemon of a measurement is, if there is one.
+
+use std::time::Duration;
+
+use pairmask::Backend;
+use pairmask::session::SessionBuilder;
+use pairmask::transport::{InstanceName, RuntimeDir};
+
+use super::config::Config;
+use super::options::{CullOptions, DaemonOptions, Place};
+use crate::spawn::{PrivateDaemon, PrivateSettings, SpawnError};
+
+/// How long one frame may take: all pairs of a million boxes on one thread.
+const DEADLINE: Duration = Duration::from_secs(600);
+
+/// Who is measured.
+pub struct Target {
+    /// The directory that holds the instance.
+    pub dir: RuntimeDir,
+    /// The instance.
+    pub instance: InstanceName,
+    backend: Backend,
+    /// Stopped with the measurement.
+    _daemon: Option<PrivateDaemon>,
+}
+
+impl Target {
+    /// The instance that was named, else a daemon of its own that spins so long before it sleeps:
+    /// this process's own binary, as `serve`.
+    ///
+    /// # Errors
+    /// [`SpawnError`] where the daemon does not start.
+    pub fn new(
+        options: &CullOptions,
+        daemon: &DaemonOptions,
+        spin: Duration,
+        place: &Place,
+        config: &Config,
+    ) -> Result<Self, SpawnError> {
+        let backend = options.backend(config, Backend::Daemon);
+        let named = place.named_instance(config);
+        if backend == Backend::Daemon && named.is_none() {
+            let settings = PrivateSettings { spin, ..daemon.private(place, config) };
+            let daemon = PrivateDaemon::start_self(&settings)?;
+            let (dir, instance) = (daemon.dir(), daemon.instance());
+            return Ok(Self { dir, instance, backend, _daemon: Some(daemon) });
+        }
+        let (dir, instance) = (place.runtime_dir(config), named.unwrap_or_default());
+        Ok(Self { dir, instance, backend, _daemon: None })
+    }
+
+    /// A session with it in the making, that waits as the daemon does.
+    pub fn session(&self, builder: SessionBuilder, spin: Duration) -> SessionBuilder {
+        builder
+            .runtime_dir(self.dir.clone())
+            .instance(self.instance.as_str())
+            .backend(self.backend)
+            .spin(spin)
+            .deadline(DEADLINE)
+    }
+
+    /// Resident memory of this process and of the daemon's, bytes. Shared pages count in both.
+    pub fn memory_bytes(&self) -> u64 {
+        let daemon = match self.backend {
+            Backend::InProcess => None,
+            Backend::Auto | Backend::Daemon => {
+                self.dir.serving(&self.instance).read_record(&self.instance)
+            }
+        };
+        let daemon = daemon.map_or(0, |record| resident_bytes(&record.worker_pid.to_string()));
+        resident_bytes("self") + daemon
+    }
+}
+
+/// `VmRSS` of a process; 0 where it is gone.
+fn resident_bytes(process: &str) -> u64 {
+    let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
+    let kib = line.and_then(|line| line.trim().strip_suffix(" kB")?.parse::<u64>().ok());
+    1024 * kib.unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn this_process_has_memory() {
+        assert!(super::resident_bytes("self") > 100_000);
+        assert_eq!(super::resident_bytes("nobody"), 0);
+    }
+}

@@ -1,0 +1,66 @@
+//! Why a measurement failed, and the exit status that says so.
+
+use pairmask::update::UpdateError;
+use pairmaskd::calibrate::MeasureError;
+use pairmaskd::cli::config::ConfigError;
+use pairmaskd::cli::output::OutputError;
+use pairmaskd::cli::program::{FAILED, Failure, USAGE, WrongUsage, says_why};
+use pairmaskd::file_error::FileError;
+use pairmaskd::serve::ServeError;
+
+use super::accuracy::AccuracyError;
+use super::stress::StressCommandError;
+use crate::study::grid::GridError;
+use crate::study::mapping::MappingError;
+
+/// Why a measurement failed.
+#[derive(Debug, thiserror::Error)]
+pub enum LabError {
+    /// In one line.
+    #[error(transparent)]
+    Usage(#[from] WrongUsage),
+    /// A result, help or the version was not printed.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    #[error(transparent)]
+    Stress(#[from] StressCommandError),
+    #[error(transparent)]
+    Accuracy(#[from] AccuracyError),
+    #[error(transparent)]
+    Mapping(#[from] MappingError),
+    #[error(transparent)]
+    Grid(#[from] GridError),
+    #[error(transparent)]
+    Measure(#[from] MeasureError),
+    /// Boxes and transforms do not belong together.
+    #[error(transparent)]
+    Update(#[from] UpdateError),
+    /// The report says in which family.
+    #[error("pairs of spheres were decided wrongly: please report this")]
+    InexactSpheres,
+    /// No folder for the results.
+    #[error(transparent)]
+    Write(#[from] FileError),
+    /// The daemon of a measurement.
+    #[error(transparent)]
+    Serve(#[from] ServeError),
+}
+
+impl Failure for LabError {
+    fn exit_code(&self) -> u8 {
+        match self {
+            Self::Usage(_) | Self::Config(_) => USAGE,
+            _ => FAILED,
+        }
+    }
+
+    fn was_said(&self) -> bool {
+        says_why(match self {
+            Self::Serve(ServeError::Worker { code }) => Some(*code),
+            Self::Accuracy(AccuracyError::Spawn(error)) => error.exit_code(),
+            _ => None,
+        })
+    }
+}

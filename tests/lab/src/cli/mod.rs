@@ -1,0 +1,92 @@
+//! The command line of the laboratory: one file a measurement. `README.md` documents files and JSON.
+//!
+//! Settings are looked for where `pairmaskd` looks for them: flag, environment (`PAIRMASK_*`),
+//! configuration file, default. Results go to stdout; progress, logs and errors to stderr.
+
+mod accuracy;
+mod error;
+mod grid;
+mod mapping;
+mod plan;
+mod scenes;
+mod shape;
+mod spheres;
+mod stress;
+mod threads;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+use pairmaskd::cli::config::Config;
+use pairmaskd::cli::options::Place;
+use pairmaskd::cli::{build, output, program, serve};
+
+use self::error::LabError;
+
+/// Measures and stresses the engines of pairmask.
+#[derive(Debug, Parser)]
+#[command(name = "pairmask-lab", version = build::version(), after_help = EXAMPLES)]
+struct Cli {
+    #[command(flatten)]
+    place: Place,
+    #[command(subcommand)]
+    command: Command,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  pairmask-lab stress --seconds 60             engines and modes against an oracle, on hard scenes
+  pairmask-lab accuracy --out report           precision modes: time beside extra pairs
+  pairmask-lab plan --n 1000,100000            the planned engine beside the best one
+  pairmask-lab threads --threads 1,2,4         speed-up by threads
+  pairmask-lab mapping --quick                 ways from a pair's number to the pair
+  pairmask-lab grid --gpu software --quick     the GPU's grid, stage by stage
+  pairmask-lab spheres --errors                what plain f32 gets wrong
+
+Exit status: 0 done; 1 it failed or a check failed; 2 the command line or configuration is wrong.";
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Stress(stress::Stress),
+    Accuracy(accuracy::Accuracy),
+    Mapping(mapping::Mapping),
+    Grid(grid::Grid),
+    Plan(plan::PlanBench),
+    Threads(threads::ThreadsBench),
+    Spheres(spheres::Spheres),
+    /// The daemon of a measurement: that of `pairmaskd`.
+    #[command(hide = true)]
+    Serve(serve::Serve),
+}
+
+/// Runs the command that the process was started with.
+///
+/// Call it first in `main`: it says how the process is set up.
+pub fn main() -> ExitCode {
+    program::run(&shape::command(), run)
+}
+
+fn run(cli: &Cli) -> Result<(), LabError> {
+    let Cli { place, command } = cli;
+    output::start_log("warn");
+    let config =
+        if command.reads_config() { Config::load(place.config_file())? } else { Config::default() };
+    match command {
+        Command::Stress(stress) => Ok(stress.run(&config)?),
+        Command::Accuracy(accuracy) => Ok(accuracy.run(place, &config)?),
+        Command::Mapping(mapping) => mapping.run(&config),
+        Command::Grid(grid) => grid.run(&config),
+        Command::Plan(plan) => plan.run(place, &config),
+        Command::Threads(threads) => threads.run(),
+        Command::Spheres(spheres) => spheres.run(),
+        Command::Serve(serve) => Ok(serve.run(place, &config, None)?),
+    }
+}
+
+impl Command {
+    /// Whether a setting of the configuration file means something for it: what reads none does not
+    /// fail by a file that is wrong. The process that starts a daemon passes every setting as a flag.
+    const fn reads_config(&self) -> bool {
+        !matches!(self, Self::Threads(_) | Self::Spheres(_) | Self::Serve(_))
+    }
+}

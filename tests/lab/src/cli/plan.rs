@@ -1,0 +1,196 @@
+//! `plan`: the planned engine beside the best one, scene by scene.
+
+use std::fmt;
+use std::num::NonZeroUsize;
+use std::time::Duration;
+
+use clap::Args;
+use pairmask::plan::Calibration;
+use pairmaskd::calibrate::{Case, Effort, Pools, WaySet, core_count, measure, thread_counts};
+use pairmaskd::cli::config::Config;
+use pairmaskd::cli::machine::Machine;
+use pairmaskd::cli::options::Place;
+use pairmaskd::cli::output::{print_json, print_text, progress_bar};
+use pairmaskd::cli::whole::whole;
+use pairmaskd::scene::SceneName;
+use serde::Serialize;
+
+use super::error::LabError;
+use super::scenes::SceneSizes;
+use crate::study::judge::{Judgement, judge};
+
+/// Sizes unless others are named: dense where the fastest engine changes.
+const SIZES: [u32; 12] =
+    [64, 128, 256, 500, 1_000, 2_000, 4_096, 10_000, 32_768, 100_000, 300_000, 1_000_000];
+/// A plan that takes longer than this, over the best way, is told apart.
+const LIMIT: f64 = 1.3;
+const EFFORT: Effort =
+    Effort { least_frames: 5, most_frames: 200, time: Duration::from_millis(200) };
+
+/// The planned engine beside the best one
+#[derive(Debug, Args)]
+#[command(after_help = "\
+All CPU engines cull the same moving boxes, interleaved, in process. The ratio is the time of the
+planned engine and of planning, over that of the fastest engine, encoding and number of threads.
+Frames count from boxes in place to the last pair decoded; the shortest one counts. Above 1.3 a row
+is marked. Without arguments it takes minutes.
+
+Examples:
+  pairmask-lab plan --scene uniform,rods --n 64,1000,4096
+  pairmask-lab plan --calibration built-in --json")]
+pub struct PlanBench {
+    #[command(flatten)]
+    what: SceneSizes,
+    /// Threads that the plan may use, each by itself [default: 1 and all cores]
+    #[arg(long, value_parser = whole::<NonZeroUsize>, value_name = "N,..", value_delimiter = ',')]
+    threads: Vec<NonZeroUsize>,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// The JSON object of `plan --json`. Fields may be added, never changed or taken away.
+#[derive(Debug, Serialize)]
+struct PlanReport {
+    machine: Machine,
+    /// Where the constants are from.
+    calibration: String,
+    rows: Vec<PlanRow>,
+}
+
+#[derive(Debug, Serialize)]
+struct PlanRow {
+    scene: &'static str,
+    n: usize,
+    threads: usize,
+    /// Null where the plan chose what was left out as hopeless: a miss.
+    ratio: Option<f64>,
+    engine: Option<&'static str>,
+    encoding: Option<&'static str>,
+    engine_threads: Option<usize>,
+    planned_ns: Option<u64>,
+    predicted_ns: Option<u64>,
+    plan_ns: u64,
+    best_engine: Option<&'static str>,
+    best_encoding: Option<&'static str>,
+    best_threads: Option<usize>,
+    best_ns: Option<u64>,
+}
+
+impl PlanRow {
+    fn new(case: Case, threads: usize, plan_ns: u64, found: Option<&Judgement>) -> Self {
+        Self {
+            scene: case.scene.as_str(),
+            n: case.n,
+            threads,
+            ratio: found.map(Judgement::ratio),
+            engine: found.map(|j| j.planned.engine.as_str()),
+            encoding: found.map(|j| j.planned.encoding.as_str()),
+            engine_threads: found.map(|j| j.planned.threads),
+            planned_ns: found.map(|j| j.planned_ns),
+            predicted_ns: found.map(|j| j.predicted_ns as u64),
+            plan_ns,
+            best_engine: found.map(|j| j.best.engine.as_str()),
+            best_encoding: found.map(|j| j.best.encoding.as_str()),
+            best_threads: found.map(|j| j.best.threads),
+            best_ns: found.map(|j| j.best_ns),
+        }
+    }
+
+    fn is_miss(&self) -> bool {
+        self.ratio.is_none_or(|ratio| ratio > LIMIT)
+    }
+}
+
+impl PlanBench {
+    pub fn run(&self, place: &Place, config: &Config) -> Result<(), LabError> {
+        let machine = Machine::this();
+        let (calibration, origin) = place.calibration(config).resolve();
+        let mut allowed: Vec<usize> = self.threads.iter().map(|n| n.get()).collect();
+        if allowed.is_empty() {
+            allowed = vec![1, core_count()];
+            allowed.dedup();
+        }
+        let not_quadratic = SceneName::ALL.into_iter().filter(|scene| !scene.is_quadratic());
+        let cases = self.what.cases(&not_quadratic.collect::<Vec<_>>(), &SIZES);
+        let rows = rows(&cases, &allowed, &calibration)?;
+        let report = PlanReport { machine, calibration: origin.to_string(), rows };
+        if self.json { print_json(&report) } else { print_text(&report.to_string()) }?;
+        Ok(())
+    }
+}
+
+fn rows(
+    cases: &[Case],
+    allowed: &[usize],
+    calibration: &Calibration,
+) -> Result<Vec<PlanRow>, LabError> {
+    let most = allowed.iter().max().copied().unwrap_or(1);
+    let mut lanes = thread_counts(most);
+    lanes.extend(allowed);
+    lanes.sort_unstable();
+    lanes.dedup();
+    let pools = Pools::new(&lanes)?;
+    let progress = progress_bar(cases.len() as u64, "measuring");
+    let mut rows = Vec::new();
+    for case in cases {
+        let measured = measure(*case, WaySet::All, &lanes, &pools, &EFFORT)?;
+        for threads in allowed {
+            let found = judge(&measured, *threads, calibration);
+            rows.push(PlanRow::new(*case, *threads, measured.plan_ns, found.as_ref()));
+        }
+        progress.inc(1);
+    }
+    progress.finish_and_clear();
+    Ok(rows)
+}
+
+impl fmt::Display for PlanReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{}, {} cores; constants: {}",
+            self.machine.cpu, self.machine.cores, self.calibration
+        )?;
+        writeln!(
+            f,
+            "{:>5} {:>9} {:>9} {:>2}  {:<22} {:>10} {:>10}  {:<22} {:>10} {:>9}",
+            "ratio", "scene", "n", "t", "planned", "µs", "predicted", "best", "µs", "plan µs"
+        )?;
+        for row in &self.rows {
+            writeln!(f, "{row}")?;
+        }
+        let misses = self.rows.iter().filter(|row| row.is_miss()).count();
+        let worst = self.rows.iter().filter_map(|row| row.ratio).fold(0.0, f64::max);
+        write!(f, "{misses} of {} above {LIMIT}; worst {worst:.2}", self.rows.len())
+    }
+}
+
+impl fmt::Display for PlanRow {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let us = |ns: Option<u64>| ns.unwrap_or(0) as f64 / 1e3;
+        let way = |engine: Option<&str>, encoding: Option<&str>, threads: Option<usize>| {
+            format!(
+                "{} {} {}",
+                engine.unwrap_or("?"),
+                encoding.unwrap_or("?"),
+                threads.unwrap_or(0)
+            )
+        };
+        write!(
+            f,
+            "{:>5.2} {:>9} {:>9} {:>2}  {:<22} {:>10.1} {:>10.1}  {:<22} {:>10.1} {:>9.1}{}",
+            self.ratio.unwrap_or(f64::INFINITY),
+            self.scene,
+            self.n,
+            self.threads,
+            way(self.engine, self.encoding, self.engine_threads),
+            us(self.planned_ns),
+            us(self.predicted_ns),
+            way(self.best_engine, self.best_encoding, self.best_threads),
+            us(self.best_ns),
+            self.plan_ns as f64 / 1e3,
+            if self.is_miss() { "  <" } else { "" },
+        )
+    }
+}

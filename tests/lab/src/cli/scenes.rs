@@ -1,0 +1,40 @@
+//! Scenes and sizes of the benches that run engines in this process.
+
+use clap::Args;
+use pairmaskd::calibrate::Case;
+use pairmaskd::cli::whole::whole;
+use pairmaskd::scene::SceneName;
+
+/// Most pairs of a scene where all boxes overlap: larger ones are left out.
+const MOST_QUADRATIC_PAIRS: u64 = 10_000_000;
+
+/// Which scenes, and how large.
+#[derive(Clone, Debug, Args)]
+pub struct SceneSizes {
+    /// Scenes, as `pairmaskd scene` names them [default: see above]
+    #[arg(long, value_name = "NAME,..", value_delimiter = ',')]
+    scene: Vec<SceneName>,
+    /// Numbers of boxes [default: see above]
+    #[arg(long, value_parser = whole::<u32>, value_name = "N,..", value_delimiter = ',')]
+    n: Vec<u32>,
+}
+
+impl SceneSizes {
+    /// Whether nobody named a scene or a size.
+    pub fn is_default(&self) -> bool {
+        self.scene.is_empty() && self.n.is_empty()
+    }
+
+    /// Every scene in every size; scenes whose pairs grow with the square only while they are few.
+    pub fn cases(&self, scenes: &[SceneName], sizes: &[u32]) -> Vec<Case> {
+        let scenes = if self.scene.is_empty() { scenes } else { &self.scene };
+        let sizes = if self.n.is_empty() { sizes } else { &self.n };
+        let cases = scenes
+            .iter()
+            .flat_map(|scene| sizes.iter().map(|n| Case { scene: *scene, n: *n as usize }));
+        let pairs = |case: &Case| pairmask::BoxCount::new(case.n as u32).pair_count();
+        cases
+            .filter(|case| !case.scene.is_quadratic() || pairs(case) <= MOST_QUADRATIC_PAIRS)
+            .collect()
+    }
+}

@@ -1,0 +1,351 @@
+//! What the grid's stages take on a device, and whole frames by the host's clock.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use pairmask::engine::{CullInput, CullReport, Engine, Grid as CpuGrid, HeapReply};
+use pairmask::mask::{MaskShape, MaskView};
+use pairmask::{Aabb, BoxCount, Encoding};
+use pairmaskd::execute::gpu::device::{Gpu, LANES};
+use pairmaskd::execute::gpu::grid::cell_count;
+use pairmaskd::execute::gpu::grid::plan::Sizes;
+use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, Grid, GridOptions, SharedImports};
+use pairmaskd::scene::{Scene, SceneName};
+use serde::Serialize;
+
+use super::shared::Segment;
+use super::{BenchError, LEAST_FRAMES, percentile};
+
+/// The scenes of the anchors.
+pub const SCENES: [SceneName; 4] =
+    [SceneName::Uniform, SceneName::Mixed, SceneName::Pile, SceneName::Plane];
+
+/// Frames from the same boxes.
+const ROUNDS: usize = 16;
+/// Words a box for which there is room.
+const WORDS_A_BOX: u64 = 20;
+
+/// A scene's measurement.
+#[derive(Clone, Debug, Serialize)]
+pub struct GridRow {
+    /// The scene.
+    pub scene: String,
+    /// Boxes.
+    pub n: u32,
+    /// Pairs of the last frame.
+    pub pairs: u64,
+    /// Mask words of the last frame.
+    pub words: u64,
+    /// Pairs compared.
+    pub compared: u64,
+    /// Cells of all levels.
+    pub cells: u32,
+    /// Bytes of the reply's sections.
+    pub mask_bytes: u64,
+    /// Whether boxes and reply were imported.
+    pub imported: bool,
+    /// GPU time by stage, median, µs.
+    pub stage_us: Vec<(String, f64)>,
+    /// Their sum.
+    pub gpu_us: f64,
+    /// Boxes in shared memory → mask in shared memory, median, µs.
+    pub frame_us: f64,
+    /// The same, 99 of 100.
+    pub frame_p99_us: f64,
+    /// Frames measured.
+    pub frames: usize,
+    /// Compared with the CPU's pairs.
+    pub checked: bool,
+}
+
+/// Measures a scene in motion.
+///
+/// # Errors
+/// [`BenchError`], also where a check fails.
+pub fn measure(
+    gpu: &Arc<Gpu>,
+    name: SceneName,
+    n: u32,
+    budget: Duration,
+    check: bool,
+) -> Result<GridRow, BenchError> {
+    let mut scene = Scene::new(name, n as usize, 1);
+    let mut rig = Rig::grid(gpu, scene.boxes(), false)?;
+    let mut report = rig.frame(n)?;
+    if check {
+        compare(&rig, &report, &scene, name)?;
+    }
+    let mut times = Vec::new();
+    let started = Instant::now();
+    // A device that pauses for the next frame's boxes lowers its clocks: a few frames from the same
+    // boxes, of which the last is measured, keep it at work. Sorting does not depend on the last
+    // frame's order, so a frame of boxes that stand costs what one of boxes that move does.
+    while times.len() < LEAST_FRAMES || started.elapsed() < budget {
+        scene.step();
+        rig.boxes.write(scene.boxes());
+        for round in 0..ROUNDS {
+            let start = Instant::now();
+            report = rig.frame(n)?;
+            if round > ROUNDS / 2 {
+                times.push(start.elapsed().as_secs_f64() * 1e6);
+            }
+        }
+    }
+    if check {
+        compare(&rig, &report, &scene, name)?;
+    }
+    let words = report.shape.mask_bytes().saturating_sub(4 * u64::from(n)) / 12;
+    let imported = rig.imported;
+    let frames = times.len();
+    let (frame_us, frame_p99_us) = (percentile(times.clone(), 50), percentile(times, 99));
+    drop(rig);
+    let stage_us = stages(gpu, &mut scene, budget / 2)?;
+    Ok(GridRow {
+        scene: name.to_string(),
+        n,
+        pairs: report.pair_count,
+        words,
+        cells: cell_count(scene.boxes()),
+        compared: BoxCount::new(n).pair_count() - report.skipped.pairs,
+        mask_bytes: report.shape.mask_bytes(),
+        imported,
+        gpu_us: stage_us.iter().map(|(_, us)| us).sum(),
+        stage_us,
+        frame_us,
+        frame_p99_us,
+        frames,
+        checked: check,
+    })
+}
+
+/// An engine with its shared memory.
+struct Rig<E> {
+    engine: E,
+    boxes: Segment,
+    reply: Segment,
+    imported: bool,
+}
+
+impl<E: Engine> Rig<E> {
+    fn new(
+        engine: E,
+        gpu: &Arc<Gpu>,
+        imports: &SharedImports,
+        boxes: &[Aabb],
+        reply_words: u64,
+    ) -> Result<Self, BenchError> {
+        let mut rig = Self {
+            engine,
+            boxes: Segment::new(size_of_val(boxes))?,
+            reply: Segment::new(4 * reply_words as usize)?,
+            imported: true,
+        };
+        for segment in [&rig.boxes, &rig.reply] {
+            if let Err(error) = imports.lock().import(gpu, segment.address(), segment.bytes()) {
+                log::warn!("staged: {error}");
+                rig.imported = false;
+            }
+        }
+        rig.boxes.write(boxes);
+        Ok(rig)
+    }
+
+    /// A frame of the first `n` boxes in shared memory.
+    fn frame(&mut self, n: u32) -> Result<CullReport, BenchError> {
+        Ok(self.engine.cull(&CullInput::boxes(self.boxes.boxes(n as usize)), &mut self.reply)?)
+    }
+}
+
+impl Rig<Grid> {
+    fn grid(gpu: &Arc<Gpu>, boxes: &[Aabb], profiled: bool) -> Result<Self, BenchError> {
+        let imports = SharedImports::default();
+        let options = GridOptions { profiled, imports: imports.clone(), ..GridOptions::default() };
+        let n = BoxCount::of_len(boxes.len()).unwrap_or_default();
+        let words = Sizes::of(n).reply_words(WORDS_A_BOX * u64::from(n.get()));
+        Self::new(Grid::new(gpu, &options)?, gpu, &imports, boxes, words)
+    }
+}
+
+/// A rig, whatever its engine.
+trait Frames {
+    fn run(&mut self, n: u32) -> Result<CullReport, BenchError>;
+    fn write(&mut self, boxes: &[Aabb]);
+}
+
+impl<E: Engine> Frames for Rig<E> {
+    fn run(&mut self, n: u32) -> Result<CullReport, BenchError> {
+        self.frame(n)
+    }
+
+    fn write(&mut self, boxes: &[Aabb]) {
+        self.boxes.write(boxes);
+    }
+}
+
+/// Whole frames of boxes that stand, by the host's clock.
+pub struct FrameTimer {
+    rig: Box<dyn Frames>,
+    n: u32,
+}
+
+impl FrameTimer {
+    /// Of the grid.
+    ///
+    /// # Errors
+    /// [`BenchError`].
+    pub fn grid(gpu: &Arc<Gpu>, boxes: &[Aabb]) -> Result<Self, BenchError> {
+        let rig = Box::new(Rig::grid(gpu, boxes, false)?);
+        Ok(Self { rig, n: boxes.len() as u32 })
+    }
+
+    /// Of all pairs.
+    ///
+    /// # Errors
+    /// [`BenchError`].
+    pub fn all_pairs(gpu: &Arc<Gpu>, boxes: &[Aabb]) -> Result<Self, BenchError> {
+        let imports = SharedImports::default();
+        let options = AllPairsOptions { imports: imports.clone(), ..AllPairsOptions::default() };
+        let n = BoxCount::of_len(boxes.len()).unwrap_or_default();
+        let capacity = WORDS_A_BOX * u64::from(n.get());
+        let words = MaskShape::sparse(n, capacity, capacity, false).extent_words();
+        let rig = Rig::new(AllPairs::new(gpu, options)?, gpu, &imports, boxes, words)?;
+        Ok(Self { rig: Box::new(rig), n: n.get() })
+    }
+
+    /// Other boxes, as many.
+    pub fn write(&mut self, boxes: &[Aabb]) {
+        self.rig.write(boxes);
+    }
+
+    /// Median of frames of a warm device, µs.
+    ///
+    /// # Errors
+    /// [`BenchError`].
+    pub fn median_us(&mut self, budget: Duration) -> Result<f64, BenchError> {
+        let mut times = Vec::new();
+        let started = Instant::now();
+        while times.len() < ROUNDS || started.elapsed() < budget {
+            let start = Instant::now();
+            self.rig.run(self.n)?;
+            times.push(start.elapsed().as_secs_f64() * 1e6);
+        }
+        // The first half warms up.
+        Ok(percentile(times.split_off(times.len() / 2), 50))
+    }
+}
+
+/// Frames a second of boxes that stand, with so many frames under way at a time (1 or 2).
+///
+/// # Errors
+/// [`BenchError`].
+pub fn frames_a_second(
+    gpu: &Arc<Gpu>,
+    boxes: &[Aabb],
+    under_way: usize,
+    budget: Duration,
+) -> Result<f64, BenchError> {
+    let mut first = Rig::grid(gpu, boxes, false)?;
+    let mut memory = Vec::new();
+    for _ in 0..under_way.clamp(1, LANES) {
+        let pair = [Segment::new(size_of_val(boxes))?, Segment::new(first.reply.bytes())?];
+        for segment in &pair {
+            first.imported &= first.engine.import(segment.address(), segment.bytes()).is_ok();
+        }
+        let [mut input, reply] = pair;
+        input.write(boxes);
+        memory.push((input, reply, None));
+    }
+    let (mut frames, mut started) = (0u32, Instant::now());
+    loop {
+        for (input, reply, lane) in &mut memory {
+            if let Some(lane) = lane.take() {
+                first.engine.end(lane, input.boxes(boxes.len()).into(), reply)?;
+                frames += 1;
+            }
+            *lane = Some(first.engine.begin(
+                input.boxes(boxes.len()).into(),
+                Encoding::Sparse,
+                reply,
+            )?);
+        }
+        if frames < ROUNDS as u32 {
+            // Blocks, recorded frames and clocks settle.
+            started = Instant::now();
+        } else if started.elapsed() > budget && frames > 2 * ROUNDS as u32 {
+            break;
+        }
+    }
+    let counted = f64::from(frames - ROUNDS as u32);
+    let seconds = started.elapsed().as_secs_f64();
+    for (input, reply, lane) in &mut memory {
+        if let Some(lane) = lane.take() {
+            first.engine.end(lane, input.boxes(boxes.len()).into(), reply)?;
+        }
+    }
+    Ok(counted / seconds)
+}
+
+/// GPU time by stage, medians, µs.
+fn stages(
+    gpu: &Arc<Gpu>,
+    scene: &mut Scene,
+    budget: Duration,
+) -> Result<Vec<(String, f64)>, BenchError> {
+    let mut rig = Rig::grid(gpu, scene.boxes(), true)?;
+    let mut times: Vec<(String, Vec<f64>)> = Vec::new();
+    let started = Instant::now();
+    let mut frames = 0;
+    while times.first().is_none_or(|(_, us)| us.len() < LEAST_FRAMES) || started.elapsed() < budget
+    {
+        if frames % ROUNDS == 0 {
+            scene.step();
+            rig.boxes.write(scene.boxes());
+        }
+        rig.frame(scene.boxes().len() as u32)?;
+        frames += 1;
+        if frames % ROUNDS <= ROUNDS / 2 {
+            continue;
+        }
+        for (place, step) in rig.engine.step_times().iter().enumerate() {
+            if times.len() <= place {
+                times.push((step.label.to_owned(), Vec::new()));
+            }
+            times[place].1.push(step.ns / 1e3);
+        }
+    }
+    Ok(times.into_iter().map(|(label, us)| (label, percentile(us, 50))).collect())
+}
+
+/// Compares the pairs with those of the CPU's grid: counts, and a hash that no order changes.
+fn compare(
+    rig: &Rig<Grid>,
+    report: &CullReport,
+    scene: &Scene,
+    name: SceneName,
+) -> Result<(), BenchError> {
+    let n = BoxCount::of_len(scene.boxes().len()).unwrap_or_default();
+    let threads = rayon::current_num_threads();
+    let mut reply = HeapReply::new();
+    let truth =
+        CpuGrid::new().cull(&CullInput::boxes(scene.boxes()).threads(threads), &mut reply)?;
+    let ours = pair_hash(n, report, rig.reply.words());
+    let same = ours.is_some()
+        && ours == pair_hash(n, &truth, reply.words())
+        && report.pair_count == truth.pair_count
+        && report.census == truth.census;
+    if same { Ok(()) } else { Err(BenchError::WrongPairs { n: n.get(), scene: name }) }
+}
+
+/// Sum over the pairs of a mixed number each, and how many there are; `None` for a bad mask.
+fn pair_hash(n: BoxCount, report: &CullReport, words: &[u32]) -> Option<(u64, u64)> {
+    let view = MaskView::new(n, &report.shape, words).ok()?;
+    view.verify().ok()?;
+    let (mut sum, mut count) = (0u64, 0u64);
+    view.for_each(|a, b| {
+        let pair = u64::from(a) << 32 | u64::from(b);
+        let mixed = (pair ^ pair >> 29).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        sum = sum.wrapping_add(mixed ^ mixed >> 32);
+        count += 1;
+    });
+    Some((sum, count))
+}

@@ -1,0 +1,173 @@
+//! One case: a seed, the scene that follows from it, and the truth.
+
+use std::fmt::Write;
+use std::sync::OnceLock;
+
+use pairmask::Aabb;
+use pairmask::oracle::{Truth, truth};
+use pairmaskd::scene::Random;
+
+use super::flags::MixedFlags;
+use super::modes::{ModeCase, Usage};
+use super::spheres::SphereCase;
+use super::{changes, hard, scenes};
+
+/// Largest case seed: 48 bits, so that it is exact as a number of JSON everywhere.
+pub const CASE_SEED_BITS: u32 = 48;
+
+/// Most pairs of a scene. A scene with more is halved until it has fewer: reading millions of bits
+/// naively takes seconds and finds no more than reading thousands.
+pub(super) const MOST_PAIRS: usize = 60_000;
+
+/// A scene, what was done to make it, and its truth.
+#[derive(Clone, Debug)]
+pub struct Case {
+    /// What everything follows from.
+    pub seed: u64,
+    /// How the scene was made, for people.
+    pub recipe: String,
+    /// The boxes.
+    pub boxes: Vec<Aabb>,
+    /// By the oracle, on a thread of the caller's flags.
+    pub truth: Truth,
+    /// Floating-point flags of the threads that have to do with it.
+    pub flags: MixedFlags,
+    spheres: OnceLock<SphereCase>,
+    modes: [OnceLock<ModeCase>; Usage::ALL.len()],
+}
+
+impl Case {
+    /// The case of a seed; the same on every machine.
+    pub fn new(seed: u64) -> Self {
+        let mut random = Random::new(seed);
+        let n = box_count(&mut random);
+        let (mut boxes, mut recipe) = compose(n, &mut random);
+        for _ in 0..random.below(4) {
+            let change = changes::ALL[random.below(changes::ALL.len() as u64) as usize];
+            (change.apply)(&mut boxes, &mut random);
+            // Writing to a string cannot fail.
+            let _ = write!(recipe, ", {}", change.name);
+        }
+        let flags = MixedFlags::of_seed(seed);
+        let mut truth = flags.caller.run(|| truth(&boxes));
+        while truth.pairs.len() > MOST_PAIRS {
+            boxes.truncate(boxes.len() / 2);
+            truth = flags.caller.run(|| pairmask::oracle::truth(&boxes));
+        }
+        Self {
+            seed,
+            recipe,
+            boxes,
+            truth,
+            flags,
+            spheres: OnceLock::new(),
+            modes: Default::default(),
+        }
+    }
+
+    /// The spheres of the same seed; made when somebody asks, since their truth takes long.
+    pub fn spheres(&self) -> &SphereCase {
+        self.spheres.get_or_init(|| SphereCase::new(self.seed))
+    }
+
+    /// The boxes in one usage of a precision mode; made when somebody asks.
+    pub fn in_mode(&self, usage: Usage) -> &ModeCase {
+        self.modes[usage as usize]
+            .get_or_init(|| ModeCase::new(self.seed, &self.boxes, usage, &self.flags))
+    }
+
+    /// The seed of the next case of a run.
+    pub fn next_seed(run: &mut Random) -> u64 {
+        run.bits() >> (u64::BITS - CASE_SEED_BITS)
+    }
+}
+
+/// How many boxes: few, or about a power of two, or about a multiple of what engines work in
+/// (strips of 16, words of 32, groups of 64 to 256, tasks of 1,024).
+fn box_count(random: &mut Random) -> usize {
+    let beside = |n: u64, random: &mut Random| (n + random.below(5)).saturating_sub(2) as usize;
+    match random.below(20) {
+        0..8 => random.below(71) as usize,
+        8..13 => {
+            let power = 1 << random.below(11);
+            beside(power, random)
+        }
+        13..18 => {
+            let unit = [16, 32, 48, 64, 96, 128, 192, 256][random.below(8) as usize];
+            let count = 1 + random.below(1 + 1_200 / unit);
+            beside(count * unit, random)
+        }
+        18 => 70 + random.below(1_400) as usize,
+        _ => {
+            let many = [1_536, 2_048, 2_304, 3_072, 4_096][random.below(5) as usize];
+            beside(many, random)
+        }
+    }
+}
+
+/// One scene of the two lists.
+fn draw(n: usize, random: &mut Random) -> (Vec<Aabb>, &'static str) {
+    let (plain, hard) = (scenes::ALL.len(), hard::ALL.len());
+    let which = random.below((plain + hard) as u64) as usize;
+    if let Some(scene) = scenes::ALL.get(which) {
+        return (scene.boxes(n as u32, random.bits()), scene.name());
+    }
+    let scene = hard::ALL[which - plain];
+    ((scene.make)(n, random), scene.name)
+}
+
+/// One scene, or two behind or through one another.
+fn compose(n: usize, random: &mut Random) -> (Vec<Aabb>, String) {
+    match random.below(5) {
+        0 => {
+            let (mut boxes, first) = draw(n / 2, random);
+            let (rest, second) = draw(n - n / 2, random);
+            boxes.extend(rest);
+            (boxes, format!("{first}, then {second}"))
+        }
+        1 => {
+            let ((mut boxes, first), (other, second)) = (draw(n, random), draw(n, random));
+            for (one, another) in boxes.iter_mut().zip(other) {
+                if random.below(3) == 0 {
+                    *one = another;
+                }
+            }
+            (boxes, format!("{first} mixed with {second}"))
+        }
+        _ => {
+            let (boxes, name) = draw(n, random);
+            (boxes, name.to_owned())
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+
+    #[test]
+    fn a_seed_gives_its_case_again() {
+        let mut run = Random::new(1);
+        for _ in 0..40 {
+            let seed = Case::next_seed(&mut run);
+            assert!(seed < 1 << CASE_SEED_BITS);
+            let (first, second) = (Case::new(seed), Case::new(seed));
+            assert_eq!(first.recipe, second.recipe);
+            let bytes = bytemuck::cast_slice::<Aabb, u8>;
+            assert_eq!(bytes(&first.boxes), bytes(&second.boxes), "{}", first.recipe);
+            assert!(first.truth.pairs.len() <= MOST_PAIRS);
+        }
+    }
+
+    #[test]
+    fn sizes_lie_around_the_borders_of_engines() {
+        let mut random = Random::new(2);
+        let sizes: BTreeSet<usize> = (0..4_000).map(|_| box_count(&mut random)).collect();
+        for n in [0, 1, 2, 31, 32, 33, 63, 64, 65, 255, 256, 257, 511, 512, 513, 1023, 1024, 1025] {
+            assert!(sizes.contains(&n), "{n} boxes were never drawn");
+        }
+        assert!(sizes.iter().any(|&n| n > 2_048), "nothing that is worth a second thread");
+    }
+}

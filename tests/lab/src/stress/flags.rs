@@ -1,0 +1,284 @@
+//! Floating-point flags of the threads that take part: games and audio programs set them, threads
+//! inherit them, and no answer may depend on them.
+//!
+//! Who calls, who works in the pool and who writes boxes are different threads. Each case has flags for
+//! each of them ([`MixedFlags`]).
+
+use std::fmt;
+
+use pairmaskd::scene::Random;
+use rayon::ThreadPool;
+
+/// How a thread rounds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Rounding {
+    /// To the nearest, ties to even: the default.
+    #[default]
+    Nearest,
+    /// Towards −∞.
+    Down,
+    /// Towards +∞.
+    Up,
+    /// Towards 0.
+    TowardZero,
+}
+
+impl Rounding {
+    /// Every mode.
+    pub const ALL: [Self; 4] = [Self::Nearest, Self::Down, Self::Up, Self::TowardZero];
+}
+
+/// The flags of a thread that change results.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct FloatFlags {
+    /// How it rounds.
+    pub rounding: Rounding,
+    /// Results that are subnormal become zero (FTZ).
+    pub flush_to_zero: bool,
+    /// Operands that are subnormal count as zero (DAZ). On aarch64 one flag does both.
+    pub denormals_are_zero: bool,
+}
+
+#[cfg(target_arch = "x86_64")]
+#[allow(unsafe_code)]
+mod register {
+    use std::arch::asm;
+
+    use super::{FloatFlags, Rounding};
+
+    pub type Control = u32;
+
+    /// All exceptions masked, all flags off.
+    const DEFAULT: Control = 0x1f80;
+
+    pub fn of(flags: FloatFlags) -> Control {
+        let rounding = match flags.rounding {
+            Rounding::Nearest => 0,
+            Rounding::Down => 1,
+            Rounding::Up => 2,
+            Rounding::TowardZero => 3,
+        };
+        let (ftz, daz) = (u32::from(flags.flush_to_zero), u32::from(flags.denormals_are_zero));
+        DEFAULT | rounding << 13 | ftz << 15 | daz << 6
+    }
+
+    pub fn read() -> Control {
+        let mut control: Control = 0;
+        // SAFETY: writes four bytes to a place of four bytes, and nothing else.
+        unsafe { asm!("stmxcsr [{}]", in(reg) &raw mut control, options(nostack)) };
+        control
+    }
+
+    pub fn write(control: Control) {
+        // SAFETY: reads four bytes; reserved bits are zero. Float arithmetic after it gives other
+        // results, which is what the callers are for.
+        unsafe { asm!("ldmxcsr [{}]", in(reg) &raw const control, options(nostack)) };
+    }
+}
+
+#[cfg(target_arch = "aarch64")]
+#[allow(unsafe_code)]
+mod register {
+    use std::arch::asm;
+
+    use super::{FloatFlags, Rounding};
+
+    pub type Control = u64;
+
+    pub fn of(flags: FloatFlags) -> Control {
+        let rounding = match flags.rounding {
+            Rounding::Nearest => 0,
+            Rounding::Up => 1,
+            Rounding::Down => 2,
+            Rounding::TowardZero => 3,
+        };
+        u64::from(flags.flush_to_zero || flags.denormals_are_zero) << 24 | rounding << 22
+    }
+
+    pub fn read() -> Control {
+        let control: Control;
+        // SAFETY: reads a register that every thread may read.
+        unsafe { asm!("mrs {}, fpcr", out(reg) control, options(nostack)) };
+        control
+    }
+
+    pub fn write(control: Control) {
+        // SAFETY: only bits that the architecture defines are set. Float arithmetic after it gives
+        // other results, which is what the callers are for.
+        unsafe { asm!("msr fpcr, {}", in(reg) control, options(nostack)) };
+    }
+}
+
+/// Other processors have no flags that this program knows.
+#[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
+mod register {
+    pub type Control = ();
+    pub fn of(_: super::FloatFlags) -> Control {}
+    pub fn read() -> Control {}
+    pub fn write((): Control) {}
+}
+
+/// Puts flags back when it goes.
+struct Restore(register::Control);
+
+impl Drop for Restore {
+    fn drop(&mut self) {
+        register::write(self.0);
+    }
+}
+
+impl FloatFlags {
+    /// What threads start with, and what Rust assumes.
+    pub const DEFAULT: Self =
+        Self { rounding: Rounding::Nearest, flush_to_zero: false, denormals_are_zero: false };
+
+    /// What games and audio programs set.
+    pub const FLUSHING: Self =
+        Self { rounding: Rounding::Nearest, flush_to_zero: true, denormals_are_zero: true };
+
+    /// All sixteen, the default first.
+    pub fn all() -> impl Iterator<Item = Self> {
+        (0..16usize).map(|i| Self {
+            rounding: Rounding::ALL[i / 4],
+            flush_to_zero: i & 1 != 0,
+            denormals_are_zero: i & 2 != 0,
+        })
+    }
+
+    /// Flags of a rounding mode.
+    pub const fn rounding(rounding: Rounding) -> Self {
+        Self { rounding, ..Self::DEFAULT }
+    }
+
+    /// Any of them; the default one time in four.
+    fn draw(random: &mut Random) -> Self {
+        let which = random.below(20) as usize;
+        Self::all().nth(which).unwrap_or(Self::DEFAULT)
+    }
+
+    /// Runs `work` as a host program's thread of these flags would, and puts this thread's back.
+    ///
+    /// Rust takes the default flags for granted: what `work` computes in floats itself, and does not
+    /// leave to a function that sees to its flags, is not defined to be anything.
+    pub fn run<R>(self, work: impl FnOnce() -> R) -> R {
+        #[inline(never)]
+        fn apart<R>(work: impl FnOnce() -> R) -> R {
+            work()
+        }
+        let _restore = Restore(register::read());
+        register::write(register::of(self));
+        std::hint::black_box(apart(std::hint::black_box(work)))
+    }
+
+    /// Gives this thread these flags until others are set: for threads that are used for nothing else.
+    pub fn set(self) {
+        register::write(register::of(self));
+    }
+}
+
+impl fmt::Display for FloatFlags {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self.rounding {
+            Rounding::Nearest => "nearest",
+            Rounding::Down => "down",
+            Rounding::Up => "up",
+            Rounding::TowardZero => "toward zero",
+        })?;
+        let flags = [(self.flush_to_zero, " ftz"), (self.denormals_are_zero, " daz")];
+        flags.iter().filter(|(is_set, _)| *is_set).try_for_each(|(_, name)| f.write_str(name))
+    }
+}
+
+/// Flags of all threads that have to do with a frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct MixedFlags {
+    /// The thread that asks.
+    pub caller: FloatFlags,
+    /// The pool's threads, in turn.
+    pub pool: [FloatFlags; 2],
+    /// The threads that write the boxes of a frame, in turn.
+    pub writers: [FloatFlags; 3],
+}
+
+/// Tells the flags' stream of random numbers from the boxes'.
+const STREAM: u64 = 0x464c_4147_5300;
+
+impl MixedFlags {
+    /// The same flags everywhere.
+    pub const fn all_of(flags: FloatFlags) -> Self {
+        Self { caller: flags, pool: [flags; 2], writers: [flags; 3] }
+    }
+
+    /// The flags of a case.
+    pub fn of_seed(seed: u64) -> Self {
+        let mut random = Random::new(seed ^ STREAM);
+        let mut draw = || FloatFlags::draw(&mut random);
+        Self {
+            caller: draw(),
+            pool: std::array::from_fn(|_| draw()),
+            writers: std::array::from_fn(|_| draw()),
+        }
+    }
+
+    /// Runs `work` on a thread of the pool that has the caller's flags, while all threads of the pool
+    /// have theirs. The pool keeps them.
+    pub fn install<R: Send>(&self, pool: &ThreadPool, work: impl FnOnce() -> R + Send) -> R {
+        pool.broadcast(|thread| self.pool[thread.index() % self.pool.len()].set());
+        pool.install(|| self.caller.run(work))
+    }
+
+    /// What `write` gives for 0 to n − 1, by the writers in turn.
+    pub fn written<T>(&self, n: usize, write: impl Fn(usize) -> T) -> Vec<T> {
+        let writer = |i: usize| self.writers[i % self.writers.len()];
+        (0..n).map(|i| writer(i).run(|| write(i))).collect()
+    }
+}
+
+impl fmt::Display for MixedFlags {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { caller, pool: [first, second], writers: [a, b, c] } = self;
+        write!(f, "caller {caller}; pool {first}, {second}; writers {a}, {b}, {c}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+    use std::hint::black_box;
+
+    use super::*;
+
+    #[test]
+    fn flags_change_results_and_are_put_back() {
+        let third = || (black_box(1.0f32) / black_box(3.0)).to_bits();
+        let minus_third = || (black_box(-1.0f32) / black_box(3.0)).to_bits();
+        let tiny = || (black_box(f32::MIN_POSITIVE) * black_box(0.5)).to_bits();
+        let summed = || (black_box(1e-40f32) + black_box(f32::MIN_POSITIVE)).to_bits();
+        let all = || [third(), minus_third(), tiny(), summed()];
+        let default = all();
+        let kinds: BTreeSet<[u32; 4]> = FloatFlags::all().map(|flags| flags.run(all)).collect();
+        // On aarch64 one flag flushes operands and results.
+        assert_eq!(kinds.len(), if cfg!(target_arch = "aarch64") { 8 } else { 16 });
+        assert_eq!(FloatFlags::DEFAULT.run(all), default);
+        assert_eq!(all(), default);
+        assert_eq!(FloatFlags::rounding(Rounding::Down).run(third), default[0] - 1);
+        assert_eq!(FloatFlags::FLUSHING.run(tiny), 0);
+    }
+
+    #[test]
+    fn pool_and_caller_have_flags_of_their_own() {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().expect("threads");
+        let flags = MixedFlags {
+            caller: FloatFlags::rounding(Rounding::Up),
+            pool: [FloatFlags::rounding(Rounding::Down), FloatFlags::DEFAULT],
+            ..MixedFlags::default()
+        };
+        let third = || (black_box(1.0f32) / black_box(3.0)).to_bits();
+        assert_eq!(flags.install(&pool, third), 0x3eaa_aaab);
+        let pool_thirds = pool.broadcast(|_| third());
+        assert_eq!(pool_thirds, [0x3eaa_aaaa, 0x3eaa_aaab]);
+        let drawn: BTreeSet<String> =
+            (0..200).map(|seed| MixedFlags::of_seed(seed).to_string()).collect();
+        assert!(drawn.len() > 190);
+    }
+}

@@ -1,0 +1,150 @@
+//! What a run found: for people, and as the JSON that `CLI.md` documents.
+
+use std::fmt;
+
+use pairmaskd::explain::Explanation;
+use serde::Serialize;
+
+use super::{Cases, Subject};
+
+/// The JSON object of `stress --json`. Fields may be added, never changed or taken away.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct StressReport {
+    /// Seed of the run, or of the one case.
+    pub seed: u64,
+    /// What took part.
+    pub subjects: Vec<String>,
+    /// Scenes checked.
+    pub cases: u64,
+    /// Cases times subjects.
+    pub answers: u64,
+    /// Of those, answers that an engine left to another one, by subject; the others were checked.
+    pub skipped: Vec<Skipped>,
+    /// Pairs that were missing, in all answers.
+    pub missed: u64,
+    /// Pairs that were too many, in all answers.
+    pub extra: u64,
+    /// Time, ns.
+    pub elapsed_ns: u64,
+    /// Answers that were wrong; the first ten, then a run ends.
+    pub failures: Vec<Failure>,
+}
+
+/// Answers that a subject did not give: too many boxes stood in one place.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Skipped {
+    /// Who.
+    pub subject: String,
+    /// How many.
+    pub answers: u64,
+}
+
+/// A wrong answer.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Failure {
+    /// Seed of the case.
+    pub case: u64,
+    /// Who answered.
+    pub subject: String,
+    /// Its precision mode.
+    pub mode: &'static str,
+    /// The command that does it again.
+    pub replay: String,
+    /// Boxes of the case.
+    pub boxes: u64,
+    /// How its scene was made.
+    pub scene: String,
+    /// Floating-point flags of the threads that had to do with it.
+    pub flags: String,
+    /// What is wrong.
+    pub what: String,
+    /// Pairs that were missing.
+    pub missed: u64,
+    /// Pairs that were too many.
+    pub extra: u64,
+    /// The first wrong pair, if it is about pairs.
+    pub pair: Option<[u32; 2]>,
+    /// Why that pair is in the mask or not.
+    pub explain: Option<Explanation>,
+}
+
+impl StressReport {
+    pub(super) fn new(cases: &Cases, subjects: &[Box<dyn Subject>]) -> Self {
+        let (Cases::Run { seed, .. } | Cases::One { seed }) = cases;
+        Self {
+            seed: *seed,
+            subjects: subjects.iter().map(|subject| subject.name().to_owned()).collect(),
+            cases: 0,
+            answers: 0,
+            skipped: Vec::new(),
+            missed: 0,
+            extra: 0,
+            elapsed_ns: 0,
+            failures: Vec::new(),
+        }
+    }
+
+    /// Notes that a subject left a case to others.
+    pub(super) fn skip(&mut self, subject: &str) {
+        match self.skipped.iter_mut().find(|skipped| skipped.subject == subject) {
+            Some(skipped) => skipped.answers += 1,
+            None => self.skipped.push(Skipped { subject: subject.to_owned(), answers: 1 }),
+        }
+    }
+
+    /// Answers that were checked.
+    pub fn checked(&self) -> u64 {
+        self.answers - self.skipped.iter().map(|skipped| skipped.answers).sum::<u64>()
+    }
+
+    /// Whether every answer was right, and there was one.
+    pub fn is_clean(&self) -> bool {
+        self.failures.is_empty() && self.checked() > 0
+    }
+}
+
+impl fmt::Display for StressReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for failure in &self.failures {
+            writeln!(f, "{failure}")?;
+        }
+        for Skipped { subject, answers } in &self.skipped {
+            writeln!(f, "skipped: {subject}: {answers} cases, too many boxes in one place")?;
+        }
+        let Self { seed, cases, answers, missed, extra, .. } = self;
+        let seconds = self.elapsed_ns as f64 / 1e9;
+        let minute = 60.0 * *cases as f64 / seconds.max(1e-9);
+        write!(f, "seed {seed}: {cases} cases × {} subjects", self.subjects.len())?;
+        write!(f, " = {answers} answers in {seconds:.1} s ({minute:.0} cases a minute); ")?;
+        let skipped = answers - self.checked();
+        if skipped > 0 {
+            write!(f, "{skipped} skipped, ")?;
+        }
+        if self.checked() == 0 {
+            write!(f, "nothing was checked")
+        } else if self.is_clean() {
+            write!(f, "0 missed, 0 extra")
+        } else {
+            let wrong = self.failures.len();
+            write!(f, "{wrong} wrong answers shown, {missed} missed and {extra} extra pairs")
+        }
+    }
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "WRONG: {}", self.subject)?;
+        writeln!(f, "  {}", self.what)?;
+        writeln!(f, "  mode {}", self.mode)?;
+        writeln!(f, "  {} boxes: {}", self.boxes, self.scene)?;
+        writeln!(f, "  floating-point flags: {}", self.flags)?;
+        writeln!(f, "  again: {}", self.replay)?;
+        if let Some(explain) = &self.explain {
+            writeln!(f)?;
+            for line in explain.to_string().lines() {
+                if line.is_empty() { writeln!(f)? } else { writeln!(f, "  {line}")? }
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,311 @@
+//! Seeded scenes that look for wrong answers: where floats, borders and box classes go wrong.
+//!
+//! Speed is measured on other scenes. Every scene here takes any number of boxes, gives the same
+//! boxes for the same seed on every machine, and uses no operation that rounds differently
+//! somewhere.
+
+use std::fmt;
+
+use pairmask::Aabb;
+use pairmaskd::scene::Random;
+
+/// A way to make boxes.
+#[derive(Clone, Copy)]
+pub struct StressScene {
+    name: &'static str,
+    overlaps: Overlaps,
+    make: fn(u32, u32, &mut Rng) -> Aabb,
+}
+
+/// How the number of pairs grows with the number of boxes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Overlaps {
+    /// About as many pairs as boxes.
+    Few,
+    /// A fixed share of all pairs.
+    Quadratic,
+}
+
+impl StressScene {
+    /// The name in messages.
+    pub fn name(&self) -> &'static str {
+        self.name
+    }
+
+    /// How many pairs to expect.
+    pub fn overlaps(&self) -> Overlaps {
+        self.overlaps
+    }
+
+    /// `n` boxes; the same for the same seed.
+    pub fn boxes(&self, n: u32, seed: u64) -> Vec<Aabb> {
+        let mut rng = Rng::new(seed ^ u64::from(n) << 32);
+        (0..n).map(|i| (self.make)(i, n, &mut rng)).collect()
+    }
+}
+
+impl fmt::Debug for StressScene {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "scene '{}'", self.name)
+    }
+}
+
+/// [`Random`], with the draws that the golden hashes of these scenes were taken from.
+pub struct Rng(Random);
+
+impl Rng {
+    /// A stream of its own for every seed.
+    pub fn new(seed: u64) -> Self {
+        Self(Random::new(seed))
+    }
+
+    /// 64 random bits.
+    pub fn bits(&mut self) -> u64 {
+        self.0.bits()
+    }
+
+    /// A number below `bound`, which must not be 0.
+    pub fn below(&mut self, bound: u32) -> u32 {
+        (self.bits() % u64::from(bound)) as u32
+    }
+
+    /// A number in 0..1 with 24 random bits.
+    pub fn unit(&mut self) -> f32 {
+        self.0.unit()
+    }
+
+    /// Three of [`Self::unit`].
+    pub fn point(&mut self) -> [f32; 3] {
+        std::array::from_fn(|_| self.unit())
+    }
+}
+
+/// All stress scenes.
+pub const ALL: &[StressScene] = &[
+    StressScene { name: "identical", overlaps: Overlaps::Quadratic, make: identical },
+    StressScene { name: "lattice", overlaps: Overlaps::Few, make: lattice },
+    StressScene { name: "empty mixed in", overlaps: Overlaps::Few, make: empty_mixed_in },
+    StressScene { name: "all empty", overlaps: Overlaps::Few, make: |_, _, _| Aabb::EMPTY },
+    StressScene { name: "nan in each slot", overlaps: Overlaps::Few, make: nan_slots },
+    StressScene { name: "infinite", overlaps: Overlaps::Quadratic, make: infinite },
+    StressScene { name: "signed zeroes", overlaps: Overlaps::Quadratic, make: signed_zeroes },
+    StressScene { name: "subnormals", overlaps: Overlaps::Quadratic, make: subnormals },
+    StressScene { name: "huge", overlaps: Overlaps::Quadratic, make: huge },
+    StressScene { name: "ulp-adjacent faces", overlaps: Overlaps::Quadratic, make: ulp_adjacent },
+    StressScene { name: "zero thickness", overlaps: Overlaps::Quadratic, make: zero_thickness },
+    StressScene { name: "random bits", overlaps: Overlaps::Quadratic, make: random_bits },
+    StressScene { name: "random key order", overlaps: Overlaps::Quadratic, make: sorted_bits },
+    StressScene { name: "uniform", overlaps: Overlaps::Few, make: uniform },
+    StressScene { name: "clustered", overlaps: Overlaps::Quadratic, make: clustered },
+    StressScene { name: "flat", overlaps: Overlaps::Few, make: flat },
+    StressScene { name: "sizes over 20 octaves", overlaps: Overlaps::Quadratic, make: mixed_sizes },
+    StressScene { name: "ground plane", overlaps: Overlaps::Few, make: ground_plane },
+    StressScene { name: "far from the origin", overlaps: Overlaps::Quadratic, make: far_away },
+];
+
+/// The scene of that name.
+///
+/// # Panics
+/// Where there is none.
+pub fn named(name: &str) -> &'static StressScene {
+    ALL.iter().find(|scene| scene.name == name).expect("a scene of that name")
+}
+
+fn boxed(min: [f32; 3], size: [f32; 3]) -> Aabb {
+    Aabb { min, max: std::array::from_fn(|axis| min[axis] + size[axis]) }
+}
+
+fn either_order(a: [f32; 3], b: [f32; 3]) -> Aabb {
+    let min = std::array::from_fn(|axis| if a[axis] < b[axis] { a[axis] } else { b[axis] });
+    let max = std::array::from_fn(|axis| if a[axis] < b[axis] { b[axis] } else { a[axis] });
+    Aabb { min, max }
+}
+
+fn identical(_: u32, _: u32, _: &mut Rng) -> Aabb {
+    Aabb::from([-1.5, 0.25, 3.0, -1.25, 0.5, 4.0])
+}
+
+/// Unit cubes of a cubic lattice: every face, edge and corner touches.
+fn lattice(i: u32, n: u32, _: &mut Rng) -> Aabb {
+    let side = (1..1625u32).find(|s| s.pow(3) >= n).unwrap_or(1625);
+    let at = [i % side, i / side % side, i / side / side];
+    boxed(at.map(|x| x as f32 - 2.0), [1.0; 3])
+}
+
+fn empty_mixed_in(i: u32, n: u32, rng: &mut Rng) -> Aabb {
+    let mut b = uniform(i, n, rng);
+    let axis = rng.below(3) as usize;
+    match rng.below(4) {
+        0 => b.min[axis] = b.max[axis].next_up(),
+        1 => b = Aabb::EMPTY,
+        _ => {}
+    }
+    b
+}
+
+/// One NaN, of either sign and either kind, that walks through the six slots; one box in seven has
+/// none.
+fn nan_slots(i: u32, n: u32, rng: &mut Rng) -> Aabb {
+    let mut slots = <[f32; 6]>::from(empty_mixed_in(i, n, rng));
+    let payload = [0x7fc0_0000, 0xffc0_0000, 0x7f80_0001, 0xff80_0001, 0x7fff_ffff, 0xffff_ffff];
+    if let Some(slot) = slots.get_mut((i % 7) as usize) {
+        *slot = f32::from_bits(payload[rng.below(6) as usize]);
+    }
+    Aabb::from(slots)
+}
+
+fn infinite(i: u32, n: u32, rng: &mut Rng) -> Aabb {
+    let mut b = uniform(i, n, rng);
+    for axis in 0..3 {
+        match rng.below(6) {
+            0 => b.min[axis] = f32::NEG_INFINITY,
+            1 => b.max[axis] = f32::INFINITY,
+            2 => (b.min[axis], b.max[axis]) = (f32::NEG_INFINITY, f32::INFINITY),
+            3 => (b.min[axis], b.max[axis]) = (f32::INFINITY, f32::INFINITY),
+            _ => {}
+        }
+    }
+    b
+}
+
+fn pick<const N: usize>(values: [f32; N], rng: &mut Rng) -> [f32; 3] {
+    std::array::from_fn(|_| values[rng.below(N as u32) as usize])
+}
+
+/// Faces at +0 and −0, in either order: a box from +0 to −0 is a point, not empty.
+fn signed_zeroes(_: u32, _: u32, rng: &mut Rng) -> Aabb {
+    let min = pick([0.0, -0.0, -1.0, 0.0, -0.0, 1e-45], rng);
+    let max = pick([0.0, -0.0, 1.0, 0.0, -0.0, -1e-45], rng);
+    Aabb { min, max }
+}
+
+/// Subnormal faces that touch or leave a gap of one subnormal.
+fn subnormals(_: u32, _: u32, rng: &mut Rng) -> Aabb {
+    let face = |rng: &mut Rng| f32::from_bits(rng.below(9) | rng.below(2) << 31);
+    let (a, b) = (std::array::from_fn(|_| face(rng)), std::array::from_fn(|_| face(rng)));
+    either_order(a, b)
+}
+
+fn huge(_: u32, _: u32, rng: &mut Rng) -> Aabb {
+    let faces = [-3e38, 3e38, f32::MIN, f32::MAX, -2.9e38, 2.9e38, 0.0, 1.0];
+    either_order(pick(faces, rng), pick(faces, rng))
+}
+
+/// Faces one unit in the last place apart, around powers of two, where the unit changes.
+fn ulp_adjacent(_: u32, _: u32, rng: &mut Rng) -> Aabb {
+    let face = |rng: &mut Rng| {
+        let at = [1.0f32, 2.0, -1.0, 1024.0, -0.5][rng.below(5) as usize];
+        f32::from_bits(at.to_bits() + rng.below(5) - 2)
+    };
+    let (a, b) = (std::array::from_fn(|_| face(rng)), std::array::from_fn(|_| face(rng)));
+    either_order(a, b)
+}
+
+fn zero_thickness(_: u32, _: u32, rng: &mut Rng) -> Aabb {
+    let corner = [rng.below(4), rng.below(4), rng.below(4)].map(|x| x as f32 * 0.1);
+    let mut size = [0.1 * rng.below(3) as f32, 0.1, 0.1];
+    size[rng.below(3) as usize] = 0.0;
+    boxed(corner, size)
+}
+
+fn random_bits(_: u32, _: u32, rng: &mut Rng) -> Aabb {
+    let slots: [f32; 6] = std::array::from_fn(|_| f32::from_bits(rng.bits() as u32));
+    Aabb::from(slots)
+}
+
+/// Random bits with the faces in order, so that most boxes are solid.
+fn sorted_bits(i: u32, n: u32, rng: &mut Rng) -> Aabb {
+    let b = random_bits(i, n, rng);
+    either_order(b.min, b.max)
+}
+
+/// Cubes at random, about one pair a box.
+fn uniform(_: u32, n: u32, rng: &mut Rng) -> Aabb {
+    let corner = rng.point().map(|x| 100.0 * x);
+    // Two cubes of edge s in a volume of V overlap with probability 8s³/V.
+    boxed(corner, [50.0 * inverse_cube_root_of_half(n); 3])
+}
+
+/// (n/2)^(−1/3) within 10 %, by halving: `cbrt` may differ from one libm to another.
+fn inverse_cube_root_of_half(n: u32) -> f32 {
+    let mut edge = 1.0f32;
+    while edge * edge * edge * n as f32 > 2.2 {
+        edge *= 0.9375;
+    }
+    edge
+}
+
+fn clustered(_: u32, n: u32, rng: &mut Rng) -> Aabb {
+    let center = [rng.below(3), rng.below(2), rng.below(5)].map(|x| 40.0 * x as f32 - 60.0);
+    let (p, q) = (rng.point(), rng.point());
+    let size = 4.0 * inverse_cube_root_of_half(n);
+    boxed(std::array::from_fn(|axis| center[axis] + 4.0 * (p[axis] + q[axis])), [size; 3])
+}
+
+/// A plane world: every box has the same height.
+fn flat(_: u32, n: u32, rng: &mut Rng) -> Aabb {
+    let p = rng.point();
+    let mut edge = 1.0f32;
+    while edge * edge * n as f32 > 2.0 {
+        edge *= 0.9375;
+    }
+    boxed([100.0 * p[0], 100.0 * p[1], 5.0], [50.0 * edge, 50.0 * edge, 1.0])
+}
+
+/// Edges from 2^−20 to 1 of the scene.
+fn mixed_sizes(_: u32, _: u32, rng: &mut Rng) -> Aabb {
+    let octave = f32::from_bits((127 - rng.below(21)) << 23);
+    boxed(rng.point(), rng.point().map(|x| octave * x))
+}
+
+/// Small boxes on one that is wider than all of them together, and infinite in depth.
+fn ground_plane(i: u32, n: u32, rng: &mut Rng) -> Aabb {
+    if i == n / 2 {
+        return Aabb { min: [-1e9, -1e9, f32::NEG_INFINITY], max: [1e9, 1e9, 0.0] };
+    }
+    uniform(i, n, rng)
+}
+
+/// Coordinates near 2^24, where one unit in the last place is 1 or 2.
+fn far_away(_: u32, _: u32, rng: &mut Rng) -> Aabb {
+    let corner = rng.point().map(|x| 16_777_216.0 + 16.0 * (x - 0.5));
+    boxed(corner, pick([0.0, 0.5, 1.0, 3.0], rng))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pairmask::BoxClass;
+
+    #[test]
+    fn the_same_seed_gives_the_same_boxes_and_another_seed_others() {
+        for scene in ALL {
+            let bits = |seed| -> Vec<u8> {
+                bytemuck::cast_slice::<Aabb, u8>(&scene.boxes(70, seed)).to_vec()
+            };
+            assert_eq!(bits(1), bits(1), "{scene:?}");
+        }
+        let uniform = ALL.iter().find(|s| s.name() == "uniform").expect("it is listed");
+        assert_ne!(uniform.boxes(70, 1), uniform.boxes(70, 2));
+    }
+
+    #[test]
+    fn scenes_hold_what_their_names_say() {
+        let named =
+            |name: &str| ALL.iter().find(|s| s.name() == name).expect("it is listed").boxes(345, 3);
+        let share = |boxes: &[Aabb], class| {
+            boxes.iter().filter(|b| b.class() == class).count() as f64 / boxes.len() as f64
+        };
+        assert!((0.2..0.7).contains(&share(&named("empty mixed in"), BoxClass::Empty)));
+        assert!(share(&named("nan in each slot"), BoxClass::Invalid) > 0.8);
+        assert!(share(&named("signed zeroes"), BoxClass::Solid) > 0.2);
+        assert!(named("subnormals").iter().all(|b| b.max[0].abs() < f32::MIN_POSITIVE));
+        assert!(share(&named("random key order"), BoxClass::Solid) > 0.9);
+        for (name, expected) in [("uniform", 345), ("flat", 345)] {
+            let pairs = pairmask::oracle::truth(&named(name)).pairs.len();
+            assert!((expected / 4..expected * 4).contains(&pairs), "{name}: {pairs} pairs");
+        }
+        let lattice = pairmask::oracle::truth(&named("lattice")).pairs.len();
+        assert!(lattice > 3 * 345, "corners touch: {lattice} pairs");
+    }
+}

@@ -1,0 +1,140 @@
+//! The update stage under stress: local boxes and placements → world boxes, by threads of all
+//! floating-point flags.
+//!
+//! Whoever writes a box, it must be the same box, bit for bit, as a thread of default flags writes; and
+//! where an object is only moved, which two-sum does without rounding, the box must hold the exact one.
+
+use std::sync::Arc;
+
+use glam::{Quat, Vec3};
+use pairmask::oracle::Pair;
+use pairmask::update::{Placement, par_update_boxes, update_boxes, world_box};
+use pairmask::{Aabb, BoxClass};
+use pairmaskd::explain::Explanation;
+use pairmaskd::scene::Random;
+use rayon::ThreadPool;
+
+use super::case::Case;
+use super::subject::{Finding, Outcome, Subject};
+
+/// Most boxes of a case: enough for several tasks of the pool.
+const MOST_BOXES: usize = 2_500;
+
+/// Tells the placements' stream of random numbers from the boxes'.
+const STREAM: u64 = 0x5550_4441_5445;
+
+/// The update stage on a pool.
+pub struct UpdateSubject {
+    name: String,
+    pool: Arc<ThreadPool>,
+    broken: bool,
+}
+
+impl UpdateSubject {
+    /// The stage on a pool. With `broken` each box shrinks a little, to see that it is noticed.
+    pub fn new(pool: &Arc<ThreadPool>, broken: bool) -> Self {
+        let threads = pool.current_num_threads();
+        let plural = if threads == 1 { "" } else { "s" };
+        let name = format!("update stage, {threads} thread{plural}");
+        Self { name, pool: Arc::clone(pool), broken }
+    }
+}
+
+impl Subject for UpdateSubject {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn engine(&self) -> &'static str {
+        "updates"
+    }
+
+    fn check(&mut self, case: &Case) -> Result<Outcome, Finding> {
+        let locals = &case.boxes[..case.boxes.len().min(MOST_BOXES)];
+        let placements = placements(case.seed, locals);
+        let flags = &case.flags;
+        let mut expected = vec![Aabb::EMPTY; locals.len()];
+        let written = update_boxes(locals, &placements, &mut expected);
+        written.map_err(|error| Finding::other(&error))?;
+
+        let mut by_pool = vec![Aabb::EMPTY; locals.len()];
+        let written =
+            flags.install(&self.pool, || par_update_boxes(locals, &placements, &mut by_pool));
+        written.map_err(|error| Finding::other(&error))?;
+        let mut by_caller = vec![Aabb::EMPTY; locals.len()];
+        let written = flags.caller.run(|| update_boxes(locals, &placements, &mut by_caller));
+        written.map_err(|error| Finding::other(&error))?;
+        let alone = flags.written(locals.len(), |i| world_box(&locals[i], &placements[i]));
+        if self.broken {
+            by_pool = by_pool.iter().map(crate::sabotage::shrink).collect();
+        }
+
+        for (who, got) in [("pool", &by_pool), ("caller", &by_caller), ("writers", &alone)] {
+            let bits = |b: &Aabb| <[f32; 6]>::from(*b).map(f32::to_bits);
+            let unlike = expected.iter().zip(got).position(|(a, b)| bits(a) != bits(b));
+            if let Some(i) = unlike {
+                return Err(Finding::other(&format!(
+                    "box {i} of the {who} is {:?}, and {:?} with the default flags: {:?} by {:?}",
+                    got[i], expected[i], locals[i], placements[i]
+                )));
+            }
+        }
+        let moved = |i: &usize| placements[*i].rotation == Placement::IDENTITY.rotation;
+        let inside = (0..locals.len())
+            .filter(moved)
+            .find(|i| !holds(&expected[*i], &locals[*i], placements[*i].translation));
+        inside.map_or(Ok(Outcome::Right), |i| {
+            Err(Finding::other(&format!(
+                "box {i}, {:?}, does not hold {:?} moved by {:?}",
+                expected[i], locals[i], placements[i].translation
+            )))
+        })
+    }
+
+    /// An explanation is about pairs.
+    fn explain(&self, _: &Case, _: Pair) -> Option<Explanation> {
+        None
+    }
+}
+
+/// A placement for each box: half of them only move it, by something of the order of its faces.
+fn placements(seed: u64, locals: &[Aabb]) -> Vec<Placement> {
+    let mut random = Random::new(seed ^ STREAM);
+    let of = |local: &Aabb| {
+        let scale = [1e-44, 1e-38, 1e-3, 1.0, 1e7][random.below(5) as usize];
+        let face = local.min[random.below(3) as usize];
+        let unit = if face.is_finite() && random.below(2) == 0 { face } else { scale };
+        let mut part = || unit * random.range(-2.0, 2.0).clamp(-1.0, 1.0);
+        let translation = [part(), part(), part()];
+        if random.below(2) == 0 {
+            return Placement { translation, ..Placement::IDENTITY };
+        }
+        let axis = Vec3::from_array(random.direction());
+        let rotation = Quat::from_axis_angle(axis, random.range(-4.0, 4.0)).to_array();
+        Placement { translation, rotation, scale: [random.range(0.1, 3.0); 3] }
+    };
+    locals.iter().map(of).collect()
+}
+
+/// Whether a world box holds a local one moved by `by`, in the arithmetic of real numbers.
+fn holds(world: &Aabb, local: &Aabb, by: [f32; 3]) -> bool {
+    if local.class() != BoxClass::Solid {
+        return local.class() == world.class();
+    }
+    (0..3).all(|axis| {
+        let by = f64::from(by[axis]);
+        is_at_most(f64::from(world.min[axis]), f64::from(local.min[axis]), by)
+            && is_at_most(-f64::from(world.max[axis]), -f64::from(local.max[axis]), -by)
+    })
+}
+
+/// Whether face ≤ x + y without rounding.
+fn is_at_most(face: f64, x: f64, y: f64) -> bool {
+    let sum = x + y;
+    if face != sum || sum.is_infinite() {
+        return face <= sum;
+    }
+    let virtual_y = sum - x;
+    let rounded_off = (x - (sum - virtual_y)) + (y - virtual_y);
+    rounded_off >= 0.0
+}

@@ -1,0 +1,127 @@
+//! Who finds the pairs of a row: boxes through a session, a world through a session, or spheres.
+
+use std::time::Duration;
+
+use pairmask::dispatch::{CullWish, StageTimes};
+use pairmask::engine::EngineId;
+use pairmask::{Aabb, PairMask, Session};
+use pairmaskd::precision::PrecisionChoice;
+use pairmaskd::timed_client::{TimedClient, TimedError, TimedFrame};
+
+use super::mode::StudyMode;
+use super::spheres::SphereClient;
+use super::truth::{self, Pair};
+use super::world::WorldClient;
+
+/// One way to answer the frames of a scene, and what its answers are to be.
+pub trait Contender {
+    /// Answers a frame of boxes. `pairs` are in the answer where they are wanted.
+    ///
+    /// # Errors
+    /// [`TimedError`].
+    fn frame(&mut self, boxes: &[Aabb], wants_pairs: bool) -> Result<Answer, TimedError>;
+
+    /// The pairs that the last frame has to have, sorted, found in another way than by `engine`.
+    ///
+    /// # Errors
+    /// [`TimedError`] where that way cannot answer.
+    fn truth(&self, boxes: &[Aabb], engine: EngineId) -> Result<Vec<Pair>, TimedError>;
+
+    /// Whether something else than the boxes is tested, so that the answers are worth a comparison
+    /// with the boxes' own pairs.
+    fn stands_for_boxes(&self) -> bool {
+        false
+    }
+}
+
+/// An answered frame.
+#[derive(Clone, Debug)]
+pub struct Answer {
+    /// Times and sizes.
+    pub figures: FrameFigures,
+    /// The pairs, sorted, if they were wanted.
+    pub pairs: Option<Vec<Pair>>,
+}
+
+/// Times and sizes of a frame.
+#[derive(Clone, Copy, Debug)]
+pub struct FrameFigures {
+    /// Who answered: `daemon` or `in-process`.
+    pub backend: &'static str,
+    /// Which engine.
+    pub engine: EngineId,
+    /// Whether it was asked for; else an earlier answer was good.
+    pub was_asked: bool,
+    /// What is to be culled, written in the form in which it is culled.
+    pub fill: Duration,
+    /// Submitted to mask in hand.
+    pub round_trip: Duration,
+    /// Every pair of the mask looked at once.
+    pub decode: Duration,
+    /// The engine's time by stage; zeros where the frame was not asked for.
+    pub stages: StageTimes,
+    /// Bytes of what was culled.
+    pub box_bytes: u64,
+    /// Bytes of the mask.
+    pub mask_bytes: u64,
+}
+
+impl From<&TimedFrame> for FrameFigures {
+    fn from(frame: &TimedFrame) -> Self {
+        let TimedFrame { info, was_asked, fill, round_trip, decode } = *frame;
+        Self {
+            backend: info.served_by.as_str(),
+            engine: info.engine,
+            was_asked,
+            fill,
+            round_trip,
+            decode,
+            stages: if was_asked { info.times } else { StageTimes::default() },
+            box_bytes: info.box_bytes,
+            mask_bytes: info.mask_bytes,
+        }
+    }
+}
+
+/// The contender of a mode. Spheres are culled in this process, by the engine of `wish`; all others
+/// in the session, which asks for its own.
+pub fn contender(
+    mode: StudyMode,
+    wish: &CullWish,
+    session: Session,
+    boxes: &[Aabb],
+) -> Box<dyn Contender> {
+    match mode {
+        StudyMode::Sent(precision) => Box::new(BoxClient::new(session, precision, boxes)),
+        StudyMode::World(world) => Box::new(WorldClient::new(session, world, boxes)),
+        StudyMode::Spheres(fit) => Box::new(SphereClient::new(fit, *wish)),
+    }
+}
+
+/// The scene's boxes in a precision.
+struct BoxClient(TimedClient);
+
+impl BoxClient {
+    fn new(session: Session, precision: PrecisionChoice, boxes: &[Aabb]) -> Self {
+        Self(TimedClient::new(session, precision, boxes))
+    }
+}
+
+impl Contender for BoxClient {
+    fn frame(&mut self, boxes: &[Aabb], wants_pairs: bool) -> Result<Answer, TimedError> {
+        let mut pairs = None;
+        let frame = self.0.frame(boxes, |mask| pairs = wants_pairs.then(|| sorted(mask)))?;
+        Ok(Answer { figures: FrameFigures::from(&frame), pairs })
+    }
+
+    fn truth(&self, boxes: &[Aabb], engine: EngineId) -> Result<Vec<Pair>, TimedError> {
+        truth::pairs(boxes, engine)
+    }
+}
+
+/// The pairs of a mask.
+pub(super) fn sorted(mask: &PairMask) -> Vec<Pair> {
+    let mut pairs = mask.to_vec();
+    pairs.sort_unstable();
+    pairs
+}

@@ -1,0 +1,130 @@
+//! The pairs of a scene, found in another way than those that are checked.
+
+use pairmask::engine::EngineId;
+use pairmask::{Aabb, Backend, EngineChoice, EngineName, Session};
+use pairmaskd::timed_client::TimedError;
+
+/// A pair of box indices, the lower one first.
+pub type Pair = (u32, u32);
+
+/// Most boxes that are compared each with each: 8 million comparisons take some 10 ms.
+pub const NAIVE_LIMIT: usize = 4096;
+
+/// The engine that larger scenes are checked with; another one where this is the one that is
+/// checked.
+const CHECKERS: [EngineName; 2] = [EngineName::CpuSap, EngineName::CpuGrid];
+
+/// The overlapping pairs, sorted. Small scenes are compared naively, each box with each, as f64;
+/// large ones go through an exact engine that is not `checked`.
+///
+/// # Errors
+/// [`TimedError`] where that engine cannot answer.
+pub fn pairs(boxes: &[Aabb], checked: EngineId) -> Result<Vec<Pair>, TimedError> {
+    if boxes.len() <= NAIVE_LIMIT {
+        return Ok(naive(boxes));
+    }
+    let engine = CHECKERS.into_iter().find(|e| checked != *e).unwrap_or(EngineName::CpuBrute);
+    let builder = Session::builder().backend(Backend::InProcess).engine(EngineChoice::Only(engine));
+    let mut session = builder.connect().map_err(pairmask::session::FrameError::from)?;
+    let mut frame = session.frame(boxes.len())?;
+    frame.boxes_mut().copy_from_slice(boxes);
+    let mut pairs = frame.submit()?.wait()?.to_vec();
+    pairs.sort_unstable();
+    Ok(pairs)
+}
+
+/// Every box with every other, by the rules of the wire contract and nothing else.
+fn naive(boxes: &[Aabb]) -> Vec<Pair> {
+    let corners = |b: &Aabb| {
+        let (min, max) = (b.min.map(f64::from), b.max.map(f64::from));
+        (0..3).all(|axis| min[axis] <= max[axis]).then_some((min, max))
+    };
+    let solid: Vec<_> = boxes.iter().map(corners).collect();
+    let mut pairs = Vec::new();
+    for (a, p) in solid.iter().enumerate() {
+        for (b, q) in solid.iter().enumerate().skip(a + 1) {
+            if let (Some(p), Some(q)) = (p, q)
+                && (0..3).all(|axis| p.0[axis] <= q.1[axis] && q.0[axis] <= p.1[axis])
+            {
+                pairs.push((a as u32, b as u32));
+            }
+        }
+    }
+    pairs
+}
+
+/// The f32 one step outward of the nearest one: beyond `x` on that side, or `x` at infinity. For
+/// boxes that are to be candidates of an exact test.
+pub fn outward(x: f64, up: bool) -> f32 {
+    let nearest = x as f32;
+    if up { nearest.next_up() } else { nearest.next_down() }
+}
+
+/// What one sorted list of pairs lacks, and what it has too much.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Difference {
+    /// Pairs of the truth.
+    pub true_pairs: u64,
+    /// Of those, how many were not reported.
+    pub missed: u64,
+    /// Reported pairs that the truth does not have.
+    pub extra: u64,
+}
+
+impl Difference {
+    /// Compares two sorted lists.
+    pub fn between(reported: &[Pair], truth: &[Pair]) -> Self {
+        let mut rest = reported.iter().peekable();
+        let mut found = 0;
+        for pair in truth {
+            while rest.next_if(|r| *r < pair).is_some() {}
+            found += u64::from(rest.next_if_eq(&pair).is_some());
+        }
+        let true_pairs = truth.len() as u64;
+        Self { true_pairs, missed: true_pairs - found, extra: reported.len() as u64 - found }
+    }
+
+    /// Adds those of another frame.
+    pub fn add(&mut self, other: &Self) {
+        self.true_pairs += other.true_pairs;
+        self.missed += other.missed;
+        self.extra += other.extra;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use pairmaskd::scene::{Scene, SceneName};
+
+    use super::*;
+
+    #[test]
+    fn differences_are_counted() {
+        let truth = [(0, 1), (0, 2), (4, 5)];
+        let count = |reported: &[Pair]| {
+            let found = Difference::between(reported, &truth);
+            assert_eq!(found.true_pairs, 3);
+            (found.missed, found.extra)
+        };
+        assert_eq!(count(&truth), (0, 0));
+        assert_eq!(count(&[]), (3, 0));
+        assert_eq!(count(&[(0, 1), (0, 3), (4, 5)]), (1, 1));
+        assert_eq!(count(&[(0, 0), (0, 1), (0, 2), (4, 5), (9, 10)]), (0, 2));
+    }
+
+    #[test]
+    fn outward_is_beyond() {
+        for x in [0.0, 1.0, -1.0 / 3.0, 1e-300, 1e300, f64::INFINITY, f64::NEG_INFINITY] {
+            assert!(f64::from(outward(x, false)) <= x && x <= f64::from(outward(x, true)), "{x}");
+        }
+        assert!(outward(1.0, true) > 1.0 && outward(1.0, false) < 1.0);
+    }
+
+    #[test]
+    fn both_ways_agree() -> Result<(), TimedError> {
+        let scene = Scene::new(SceneName::Pile, NAIVE_LIMIT + 1, 1);
+        let by_engine = pairs(scene.boxes(), EngineName::CpuGrid.into())?;
+        assert_eq!(by_engine, naive(scene.boxes()));
+        Ok(())
+    }
+}

@@ -1,0 +1,111 @@
+//! What a stage's memory traffic takes at least.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use pairmaskd::execute::gpu::frame::{Command, Frame, Wait};
+use pairmaskd::execute::gpu::memory::{Block, Home, Part};
+use pairmaskd::execute::gpu::{Gpu, GpuError};
+use serde::Serialize;
+
+use crate::gpu_stages::grid::GridRow;
+
+/// What a device moves at most, by its copy engine, GB/s.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Bandwidth {
+    /// Host memory → video memory.
+    pub up_gbs: f64,
+    /// Video memory → host memory.
+    pub down_gbs: f64,
+    /// Within video memory, read and written bytes together.
+    pub memory_gbs: f64,
+}
+
+/// Bytes of a copy that is timed: several times a second-level cache.
+const COPY_BYTES: u64 = 256 << 20;
+/// The same on a software adapter.
+const SOFTWARE_COPY_BYTES: u64 = 16 << 20;
+/// Copies of which the fastest counts.
+const COPIES: usize = 5;
+/// Longest wait for one.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+impl Bandwidth {
+    /// Times copies.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn measure(gpu: &Arc<Gpu>) -> Result<Self, GpuError> {
+        let software = gpu.info().is_software();
+        let bytes = if software { SOFTWARE_COPY_BYTES } else { COPY_BYTES };
+        let wait = if software { Wait::Block } else { Wait::Spin };
+        let block = |home| Block::new(gpu, home, bytes);
+        let (host, video, other) = (block(Home::Host)?, block(Home::Video)?, block(Home::Video)?);
+        let copy = |from: &Arc<Block>, to: &Arc<Block>| -> Result<f64, GpuError> {
+            let part = |block| Part::of(block, 0, bytes);
+            let mut frame = Frame::new(gpu, true)?;
+            frame.record(vec![Command::Copy { from: part(from), to: part(to) }])?;
+            let mut least_ns = f64::INFINITY;
+            for _ in 0..COPIES {
+                frame.run(wait, PATIENCE)?;
+                let ns: f64 = frame.step_times()?.iter().map(|step| step.ns).sum();
+                least_ns = least_ns.min(ns);
+            }
+            Ok(bytes as f64 / least_ns)
+        };
+        Ok(Self {
+            up_gbs: copy(&host, &video)?,
+            down_gbs: copy(&video, &host)?,
+            memory_gbs: 2.0 * copy(&video, &other)?,
+        })
+    }
+}
+
+/// A stage of a scene.
+#[derive(Clone, Debug, Serialize)]
+pub struct StageRow {
+    /// Boxes of the uniform scene.
+    pub n: u32,
+    /// The stage.
+    pub stage: String,
+    /// GPU time, µs.
+    pub us: f64,
+    /// Bytes that cross the link, at least.
+    pub link_bytes: u64,
+    /// Bytes of video memory read and written, at least.
+    pub memory_bytes: u64,
+    /// What both take at the device's bandwidth, whichever is longer, µs.
+    pub floor_us: f64,
+}
+
+/// The stages of a measured scene.
+pub fn stages(row: &GridRow, bandwidth: &Bandwidth) -> Vec<StageRow> {
+    let (n, cells, words) = (u64::from(row.n), u64::from(row.cells), row.words);
+    let stage = |(stage, us): &(String, f64)| {
+        // Up, down and video memory. Each box and each word counts once, each cell 4 bytes; what is
+        // read again (neighbours, crowded cells) is taken to come from a cache.
+        let (up, down, memory) = match stage.as_str() {
+            "grid_cells" => (24 * n, 0, 32 * n + 8 * n),
+            "grid_scan" => (0, 0, 8 * cells),
+            "grid_scatter" => (0, 0, 24 * n),
+            "grid_place" => (0, 0, 76 * n),
+            "grid_pairs" => (0, 4 * n, 32 * n + 4 * cells + 12 * words),
+            "grid_write" => (0, 12 * words, 12 * words + 4 * cells),
+            _ => (0, 0, 0),
+        };
+        let ns = [
+            up as f64 / bandwidth.up_gbs,
+            down as f64 / bandwidth.down_gbs,
+            memory as f64 / bandwidth.memory_gbs,
+        ];
+        StageRow {
+            n: row.n,
+            stage: stage.clone(),
+            us: *us,
+            link_bytes: up + down,
+            memory_bytes: memory,
+            floor_us: ns.into_iter().fold(0.0, f64::max) / 1e3,
+        }
+    };
+    row.stage_us.iter().map(stage).collect()
+}

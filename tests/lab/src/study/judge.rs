@@ -1,0 +1,57 @@
+//! How good the plan's choice is: the planned way beside the best of all that were measured.
+
+use pairmask::dispatch::CullWish;
+use pairmask::plan::{Calibration, Capabilities, Plan, plan};
+use pairmaskd::calibrate::{Case, CaseTimes, Way};
+
+/// A plan, judged by what was measured.
+#[derive(Clone, Debug)]
+pub struct Judgement {
+    /// Of which case.
+    pub case: Case,
+    /// Threads that the plan could use.
+    pub threads: usize,
+    /// What it chose.
+    pub planned: Way,
+    /// What was fastest.
+    pub best: Way,
+    /// What the planned way took, ns.
+    pub planned_ns: u64,
+    /// What it was predicted to take, ns.
+    pub predicted_ns: f64,
+    /// What the fastest took, ns.
+    pub best_ns: u64,
+    /// What planning took, ns.
+    pub plan_ns: u64,
+}
+
+impl Judgement {
+    /// Planning and the planned way together, over the fastest way without planning.
+    pub fn ratio(&self) -> f64 {
+        (self.planned_ns + self.plan_ns) as f64 / self.best_ns.max(1) as f64
+    }
+}
+
+/// Judges the plan of a measured case with a number of threads.
+///
+/// `None` where the planned way was not measured: it was left out as hopeless, which a plan that
+/// chooses it cannot be forgiven, so callers count it as a miss.
+pub fn judge(measured: &CaseTimes, threads: usize, calibration: &Calibration) -> Option<Judgement> {
+    let capabilities = Capabilities { threads, gpu: None };
+    let plan: Plan = plan(&measured.stats, &capabilities, calibration, &CullWish::default());
+    let allowed = measured.ways.iter().filter(|(way, _)| way.threads <= threads);
+    let (best, best_times) = allowed.min_by_key(|(_, times)| times.least_ns())?;
+    let planned = Way { engine: plan.engine, encoding: plan.encoding, threads: plan.threads };
+    let (_, planned_times) = measured.ways.iter().find(|(way, _)| *way == planned)?;
+    let candidate = plan.candidates.iter().flatten().find(|c| c.engine == plan.engine)?;
+    Some(Judgement {
+        case: measured.case,
+        threads,
+        planned,
+        best: *best,
+        planned_ns: planned_times.least_ns(),
+        predicted_ns: candidate.predicted_ns,
+        best_ns: best_times.least_ns(),
+        plan_ns: measured.plan_ns,
+    })
+}

@@ -1,0 +1,361 @@
+//! What the variants get wrong: ids mapped to another pair or to none, pairs missed, pairs tested
+//! more than once, rows off by how much.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use crate::study::mapping::stage::Variant;
+use pairmask::pair_index::row_start;
+use pairmask::{BoxCount, PairIndex};
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::mirror::{MapVisitor, Mapped, next_pair, truth, with_map};
+
+/// Counts over some ids.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Tally {
+    /// Ids looked at.
+    pub ids: u64,
+    /// Ids of them that the variant leaves out by itself (a ≥ b, the lazy way).
+    pub skipped: u64,
+    /// Ids mapped to another pair than their own, or to none.
+    pub wrong: u64,
+    /// Wrong ids that still name two different boxes, in either order.
+    pub wrong_named: u64,
+    /// Largest distance of a wrong id's row from its own.
+    pub largest_row_error: u64,
+    /// The smallest wrong id.
+    pub first_wrong: Option<u64>,
+}
+
+impl Tally {
+    /// Wrong ids as a share of those that are not left out.
+    pub fn wrong_share(&self) -> f64 {
+        self.wrong as f64 / (self.ids - self.skipped).max(1) as f64
+    }
+
+    fn note(&mut self, k: u64, n: BoxCount, mapped: Mapped, expected: (u32, u32)) {
+        if mapped != (Mapped { a: i64::from(expected.0), b: i64::from(expected.1) }) {
+            self.wrong += 1;
+            self.wrong_named += u64::from(mapped.named(n).is_some());
+            let off = mapped.a.abs_diff(i64::from(expected.0));
+            self.largest_row_error = self.largest_row_error.max(off);
+            self.first_wrong = Some(self.first_wrong.map_or(k, |first| first.min(k)));
+        }
+    }
+
+    pub(super) fn plus(self, other: Self) -> Self {
+        Self {
+            ids: self.ids + other.ids,
+            skipped: self.skipped + other.skipped,
+            wrong: self.wrong + other.wrong,
+            wrong_named: self.wrong_named + other.wrong_named,
+            largest_row_error: self.largest_row_error.max(other.largest_row_error),
+            first_wrong: [self.first_wrong, other.first_wrong].into_iter().flatten().min(),
+        }
+    }
+}
+
+/// What happens to the pairs when every id is used once, as shares of all pairs.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case", tag = "kind")]
+pub enum Coverage {
+    /// Counted over all ids.
+    Counted {
+        /// Share of pairs that no id names.
+        missed: f64,
+        /// Tests of a pair that was tested before, as a share of all pairs.
+        repeated: f64,
+    },
+    /// Bounds from the ids looked at. A pair can be missed only if its own id is wrong, and is
+    /// missed then unless another wrong id happens to name it.
+    Bounded {
+        /// Lower bound: wrong ids less those that still name two boxes.
+        missed_least: f64,
+        /// Upper bound: wrong ids.
+        missed_most: f64,
+        /// Upper bound: wrong ids that still name two boxes.
+        repeated_most: f64,
+    },
+}
+
+impl Coverage {
+    /// Bounds from a tally.
+    pub fn bounded(tally: &Tally) -> Self {
+        let tested = (tally.ids - tally.skipped).max(1) as f64;
+        Self::Bounded {
+            missed_least: (tally.wrong - tally.wrong_named) as f64 / tested,
+            missed_most: tally.wrong as f64 / tested,
+            repeated_most: tally.wrong_named as f64 / tested,
+        }
+    }
+}
+
+/// Ids of one parallel task.
+const CHUNK: u64 = 1 << 15;
+
+/// Every id of a variant.
+struct Exhaustive<'a> {
+    variant: Variant,
+    n: BoxCount,
+    /// A bit for each pair, in row order; set when it is named.
+    named: Option<&'a [AtomicU64]>,
+}
+
+impl MapVisitor for Exhaustive<'_> {
+    type Out = Tally;
+
+    fn visit(self, map: impl Fn(BoxCount, u64) -> Mapped + Copy + Sync) -> Tally {
+        let Self { variant, n, named } = self;
+        let total = variant.id_count(n.get());
+        let in_row_order = !matches!(variant, Variant::Fold | Variant::Lazy);
+        let chunk = |chunk: u64| {
+            let ids = chunk * CHUNK..total.min((chunk + 1) * CHUNK);
+            let mut tally = Tally { ids: ids.end - ids.start, ..Tally::default() };
+            let mut expected = truth(variant, n, ids.start);
+            for k in ids {
+                let mapped = map(n, k);
+                match expected {
+                    Some(pair) => tally.note(k, n, mapped, pair),
+                    None => tally.skipped += 1,
+                }
+                if let (Some(bits), Some(_), Some((a, b))) = (named, expected, mapped.named(n)) {
+                    let index = row_start(n, a) + u64::from(b - a - 1);
+                    bits[(index / 64) as usize].fetch_or(1 << (index % 64), Ordering::Relaxed);
+                }
+                expected = match expected {
+                    Some(pair) if in_row_order => Some(next_pair(n, pair)),
+                    _ if k + 1 < total => truth(variant, n, k + 1),
+                    _ => None,
+                };
+            }
+            tally
+        };
+        let chunks = total.div_ceil(CHUNK);
+        (0..chunks).into_par_iter().map(chunk).reduce(Tally::default, Tally::plus)
+    }
+}
+
+/// Every id of a variant, and what becomes of the pairs.
+pub fn exhaustive(variant: Variant, n: BoxCount) -> (Tally, Coverage) {
+    let pairs = n.pair_count();
+    if pairs == 0 {
+        return (Tally::default(), Coverage::Counted { missed: 0.0, repeated: 0.0 });
+    }
+    let tally = with_map(variant, Exhaustive { variant, n, named: None });
+    if tally.wrong == 0 {
+        // Each id names its own pair.
+        return (tally, Coverage::Counted { missed: 0.0, repeated: 0.0 });
+    }
+    let named: Vec<AtomicU64> = (0..pairs.div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
+    with_map(variant, Exhaustive { variant, n, named: Some(&named) });
+    let distinct: u64 =
+        named.par_iter().map(|word| u64::from(word.load(Ordering::Relaxed).count_ones())).sum();
+    (tally, counted(&tally, pairs, distinct))
+}
+
+/// Coverage from the number of different pairs named.
+pub fn counted(tally: &Tally, pairs: u64, distinct: u64) -> Coverage {
+    let tests = tally.ids - tally.skipped - (tally.wrong - tally.wrong_named);
+    Coverage::Counted {
+        missed: (pairs - distinct) as f64 / pairs as f64,
+        repeated: tests.saturating_sub(distinct) as f64 / pairs as f64,
+    }
+}
+
+/// Ids that an iterator of indices gives.
+struct Listed<F> {
+    variant: Variant,
+    n: BoxCount,
+    count: u64,
+    id: F,
+}
+
+impl<F: Fn(u64) -> u64 + Sync> MapVisitor for Listed<F> {
+    type Out = Tally;
+
+    fn visit(self, map: impl Fn(BoxCount, u64) -> Mapped + Copy + Sync) -> Tally {
+        let Self { variant, n, count, id } = self;
+        let chunk = |chunk: u64| {
+            let mut tally = Tally::default();
+            for i in chunk * CHUNK..count.min((chunk + 1) * CHUNK) {
+                let k = id(i);
+                tally.ids += 1;
+                match truth(variant, n, k) {
+                    Some(pair) => tally.note(k, n, map(n, k), pair),
+                    None => tally.skipped += 1,
+                }
+            }
+            tally
+        };
+        let chunks = count.div_ceil(CHUNK);
+        (0..chunks).into_par_iter().map(chunk).reduce(Tally::default, Tally::plus)
+    }
+}
+
+/// `count` ids chosen evenly at random, the same ones each time.
+pub fn sampled(variant: Variant, n: BoxCount, count: u64) -> Tally {
+    let total = variant.id_count(n.get());
+    if total == 0 {
+        return Tally::default();
+    }
+    // The top bits of a product spread a 64-bit random number over the ids without bias.
+    let id = move |i: u64| ((u128::from(split_mix(i)) * u128::from(total)) >> 64) as u64;
+    with_map(variant, Listed { variant, n, count, id })
+}
+
+/// The first and the last id of every row: where a root rounds to the wrong side first.
+pub fn around_rows(variant: Variant, n: BoxCount) -> Tally {
+    let Some(last_row) = n.get().checked_sub(2) else { return Tally::default() };
+    let id = move |i: u64| {
+        let row = (i / 2) as u32;
+        let (first, last) = (row_start(n, row), row_start(n, row + 1) - 1);
+        let k = if i.is_multiple_of(2) { first } else { last };
+        own_id(variant, n, k)
+    };
+    with_map(variant, Listed { variant, n, count: 2 * (u64::from(last_row) + 1), id })
+}
+
+/// The id that a variant gives to the pair of index k.
+fn own_id(variant: Variant, n: BoxCount, k: u64) -> u64 {
+    match (variant, PairIndex::new(k).pair(n)) {
+        (Variant::Lazy, Some((a, b))) => u64::from(a) * u64::from(n.get()) + u64::from(b),
+        // The fold's rows end elsewhere: any id will do, and these are spread evenly.
+        _ => k,
+    }
+}
+
+/// Fewest boxes, up to `limit`, for which some row starts or ends wrongly.
+pub fn first_wrong_count(variant: Variant, limit: u32) -> Option<u32> {
+    (2..=limit)
+        .into_par_iter()
+        .find_first(|n| with_map(variant, RowsOf { variant, n: BoxCount::new(*n) }))
+}
+
+/// Whether a row starts or ends wrongly.
+struct RowsOf {
+    variant: Variant,
+    n: BoxCount,
+}
+
+impl MapVisitor for RowsOf {
+    type Out = bool;
+
+    fn visit(self, map: impl Fn(BoxCount, u64) -> Mapped + Copy + Sync) -> bool {
+        let Self { variant, n } = self;
+        let wrong = |k: u64, pair: (u32, u32)| {
+            let k = own_id(variant, n, k);
+            map(n, k) != Mapped { a: i64::from(pair.0), b: i64::from(pair.1) }
+        };
+        (0..n.get() - 1).rev().any(|a| {
+            let (first, end) = (row_start(n, a), row_start(n, a + 1));
+            wrong(first, (a, a + 1)) || wrong(end - 1, (a, n.get() - 1))
+        })
+    }
+}
+
+/// `SplitMix64` (Steele, Lea and Flood 2014).
+fn split_mix(i: u64) -> u64 {
+    let z = i.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::study::mapping::stage::{Discriminant, Magic, Root, Steps};
+
+    use super::*;
+
+    const fn closed(root: Root, corrected: bool) -> Variant {
+        Variant::Closed { root, discriminant: Discriminant::Float, corrected }
+    }
+
+    const SQRT: Variant = closed(Root::BuiltIn, false);
+    const EXACT: Coverage = Coverage::Counted { missed: 0.0, repeated: 0.0 };
+
+    const fn boxes(n: u32) -> BoxCount {
+        BoxCount::new(n)
+    }
+
+    #[test]
+    fn the_closed_form_is_exact_to_4097_boxes_and_not_beyond() {
+        assert_eq!(first_wrong_count(SQRT, 4097), None);
+        assert_eq!(exhaustive(SQRT, boxes(4096)).0.wrong, 0);
+        for (n, first_wrong) in [(4098, 4096), (4113, 4111)] {
+            let (tally, coverage) = exhaustive(SQRT, boxes(n));
+            assert_eq!((tally.first_wrong, tally.largest_row_error), (Some(first_wrong), 1));
+            assert_ne!(coverage, EXACT);
+        }
+    }
+
+    #[test]
+    fn newtons_steps_have_known_shares_of_wrong_pairs() {
+        for (steps, wrong) in [(Steps::One, 0.80), (Steps::Two, 0.0031), (Steps::Three, 0.000_07)] {
+            let variant = closed(Root::Newton(Magic::Carmack, steps), false);
+            let share = exhaustive(variant, boxes(3000)).0.wrong_share();
+            assert!((share / wrong - 1.0).abs() < 0.05, "{variant}: {share}");
+        }
+    }
+
+    #[test]
+    fn one_row_too_many_is_corrected_and_two_are_not() {
+        let corrected = closed(Root::BuiltIn, true);
+        assert_eq!(exhaustive(corrected, boxes(8192)), {
+            let ids = boxes(8192).pair_count();
+            (Tally { ids, ..Tally::default() }, EXACT)
+        });
+        let tally = around_rows(corrected, boxes(16_384));
+        assert_eq!((tally.wrong > 0, tally.largest_row_error), (true, 2));
+        // From here on the last ids are past 2^24 and f32 does not hold them.
+        assert!((2..5_794).rev().step_by(97).all(|n| around_rows(corrected, boxes(n)).wrong == 0));
+        assert_eq!(around_rows(corrected, boxes(5_793)).wrong, 0);
+        assert!(around_rows(corrected, boxes(5_794)).wrong > 0);
+        let integer = Variant::Closed {
+            root: Root::BuiltIn,
+            discriminant: Discriminant::Integer,
+            corrected: true,
+        };
+        assert_eq!(around_rows(integer, boxes(100_000)).wrong, 0);
+    }
+
+    #[test]
+    fn exact_variants_have_nothing_wrong_at_any_size() {
+        for variant in
+            [Variant::FarEnd, Variant::RowSearch, Variant::Fold, Variant::WordStep, Variant::Lazy]
+        {
+            for n in (0..70).chain([345, 1234]).map(BoxCount::new) {
+                let (tally, coverage) = exhaustive(variant, n);
+                assert_eq!((tally.wrong, coverage), (0, EXACT), "{variant}, {n:?}");
+                assert_eq!(tally.ids - tally.skipped, n.pair_count(), "{variant}, {n:?}");
+            }
+            let large = boxes(300_000);
+            assert_eq!(around_rows(variant, large).wrong, 0, "{variant}");
+            assert_eq!(sampled(variant, large, 10_000).wrong, 0, "{variant}");
+        }
+    }
+
+    /// Coverage against a count by hand: two neighbours swapped for one wrong pair.
+    #[test]
+    fn a_repeated_pair_is_a_missed_pair_and_both_are_counted() {
+        let n = boxes(10);
+        let named: Vec<AtomicU64> = vec![AtomicU64::new(0)];
+        let visitor = Exhaustive { variant: Variant::RowSearch, n, named: Some(&named) };
+        let broken = |n, k| super::super::mirror::row_search(n, if k == 7 { 6 } else { k });
+        let tally = visitor.visit(broken);
+        assert_eq!((tally.wrong, tally.wrong_named, tally.first_wrong), (1, 1, Some(7)));
+        let distinct = u64::from(named[0].load(Ordering::Relaxed).count_ones());
+        let one = 1.0 / 45.0;
+        let coverage = counted(&tally, 45, distinct);
+        assert_eq!(coverage, Coverage::Counted { missed: one, repeated: one });
+    }
+
+    #[test]
+    fn a_sample_is_near_the_whole() {
+        let variant = closed(Root::Newton(Magic::Carmack, Steps::One), false);
+        let whole = exhaustive(variant, boxes(3000)).0.wrong_share();
+        let part = sampled(variant, boxes(3000), 100_000).wrong_share();
+        assert!((whole - part).abs() < 0.01, "{whole} and {part}");
+    }
+}

@@ -1,0 +1,136 @@
+//! Frames of spheres, timed.
+
+use std::hint::black_box;
+use std::time::{Duration, Instant};
+
+use pairmask::dispatch::{CullWish, SphereEngines};
+use pairmask::engine::{CullInput, HeapReply};
+use pairmask::sphere::{Sphere, SphereAllPairs};
+use pairmask::{Encoding, EncodingChoice};
+use pairmaskd::scene::{Scene, SceneName};
+use serde::Serialize;
+
+use super::errors::squared_f32;
+use super::paper::TABLE_1;
+
+/// Numbers of spheres: the paper's, and on.
+const SIZES: [usize; 10] = [64, 128, 192, 256, 320, 1_000, 3_200, 10_000, 32_000, 100_000];
+/// Numbers of a quick look.
+const QUICK_SIZES: usize = 6;
+
+/// Frames a second with so many spheres.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SpeedRow {
+    /// Spheres.
+    pub n: u64,
+    /// Pairs that overlap.
+    pub pairs: u64,
+    /// One pair after the other in plain f32, as the paper's sequential approach.
+    pub plain_fps: f64,
+    /// All pairs, exact, with SIMD, one thread.
+    pub sequential_fps: f64,
+    /// The same on all threads.
+    pub parallel_fps: f64,
+    /// Parallel against sequential.
+    pub speed_up: f64,
+    /// Whatever [`SphereEngines`] chooses, on all threads.
+    pub engines_fps: f64,
+    /// The paper's sequential approach.
+    pub paper_sequential_fps: Option<f64>,
+    /// The paper's parallel approach.
+    pub paper_parallel_fps: Option<f64>,
+    /// The paper's speed-up.
+    pub paper_speed_up: Option<f64>,
+}
+
+/// How long each figure is measured: at least three frames, and this, unless a frame is long.
+const BUDGET: Duration = Duration::from_millis(300);
+
+/// Times all sizes.
+pub fn measure(quick: bool, seed: u64) -> Vec<SpeedRow> {
+    let sizes = if quick { &SIZES[..QUICK_SIZES] } else { &SIZES[..] };
+    let budget = if quick { BUDGET / 30 } else { BUDGET };
+    sizes.iter().map(|n| row(*n, budget, seed)).collect()
+}
+
+/// Spheres in the boxes of a uniform scene: about half a pair a sphere.
+pub fn scene(n: usize, seed: u64) -> Vec<Sphere> {
+    let inscribed = |b: &pairmask::Aabb| {
+        let center = std::array::from_fn(|axis| 0.5 * (b.min[axis] + b.max[axis]));
+        Sphere::new(center, 0.5 * (b.max[0] - b.min[0]))
+    };
+    Scene::new(SceneName::Uniform, n, seed).boxes().iter().map(inscribed).collect()
+}
+
+fn row(n: usize, budget: Duration, seed: u64) -> SpeedRow {
+    let spheres = scene(n, seed);
+    let threads = rayon::current_num_threads();
+    let mut reply = HeapReply::new();
+    let mut found = Vec::new();
+    let plain_fps = frames_a_second(budget, || {
+        found.clear();
+        plain(black_box(&spheres), &mut found);
+    });
+    let mut all_pairs = SphereAllPairs::new();
+    let mut pairs = 0;
+    let mut with = |threads| {
+        frames_a_second(budget, || {
+            // Heap memory does not run out at this size; a report of 0 pairs would show it.
+            pairs = all_pairs
+                .cull(&CullInput::spheres(&spheres).threads(threads), &mut reply)
+                .map_or(0, |r| r.pair_count);
+        })
+    };
+    let (sequential_fps, parallel_fps) = (with(1), with(threads));
+    let mut engines = SphereEngines::new();
+    let encoding = EncodingChoice::Only(Encoding::Sparse);
+    let wish = CullWish { encoding, ..CullWish::default() };
+    let engines_fps = frames_a_second(budget, || {
+        let _ = black_box(engines.cull(&spheres, &wish, &mut reply));
+    });
+    let paper = TABLE_1.iter().find(|row| row.n as usize == n);
+    SpeedRow {
+        n: n as u64,
+        pairs,
+        plain_fps,
+        sequential_fps,
+        parallel_fps,
+        speed_up: parallel_fps / sequential_fps,
+        engines_fps,
+        paper_sequential_fps: paper.map(|row| row.sequential),
+        paper_parallel_fps: paper.map(|row| row.parallel),
+        paper_speed_up: paper.map(|row| row.speed_up),
+    }
+}
+
+/// The paper's algorithm 1, without the root: the pairs in a list.
+fn plain(spheres: &[Sphere], found: &mut Vec<(u32, u32)>) {
+    for (a, one) in spheres.iter().enumerate() {
+        for (b, other) in spheres.iter().enumerate().skip(a + 1) {
+            if squared_f32(one, other) {
+                found.push((a as u32, b as u32));
+            }
+        }
+    }
+}
+
+/// A frame that takes longer than this is run once.
+const LONG_FRAME: Duration = Duration::from_secs(1);
+
+/// From the median time of a frame. The first frame, which allocates, counts only if it is long.
+fn frames_a_second(budget: Duration, mut frame: impl FnMut()) -> f64 {
+    let start = Instant::now();
+    frame();
+    if start.elapsed() >= LONG_FRAME {
+        return 1.0 / start.elapsed().as_secs_f64();
+    }
+    let start = Instant::now();
+    let mut times = Vec::new();
+    while times.len() < 3 || (start.elapsed() < budget && times.len() < 100_000) {
+        let begin = Instant::now();
+        frame();
+        times.push(begin.elapsed());
+    }
+    times.sort_unstable();
+    1.0 / times[times.len() / 2].as_secs_f64().max(1e-9)
+}

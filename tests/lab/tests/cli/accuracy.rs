@@ -1,0 +1,155 @@
+//! `accuracy`: its rows, its verdicts and its files.
+
+use std::collections::BTreeSet;
+
+use serde_json::Value;
+
+use crate::support::{Finished, Place, keys};
+
+const FIELDS: [&str; 21] = [
+    "scene",
+    "n",
+    "mode",
+    "margin",
+    "offset",
+    "spheres",
+    "backend",
+    "engine",
+    "served_by_engine",
+    "frames",
+    "requests",
+    "times",
+    "bytes_up",
+    "bytes_down",
+    "checked_frames",
+    "true_pairs",
+    "missed",
+    "extra",
+    "extra_ratio",
+    "against_boxes",
+    "memory_bytes",
+];
+
+fn run(place: &Place, more: &[&str]) -> Finished {
+    let mut arguments = vec!["accuracy", "--frames", "8", "--warm-up", "1", "--checked", "2"];
+    arguments.extend(["--mapping", "far-end"]);
+    arguments.extend(more);
+    place.run(&arguments)
+}
+
+/// Modes that no session has: a world in f64, and spheres, which this process culls.
+const BESIDE: [&str; 3] = ["f64", "plain-f32", "spheres"];
+
+fn check_rows(report: &Value, expected: usize, backend: &str) {
+    assert_eq!(keys(report), BTreeSet::from(["machine", "seed", "rows", "pareto", "variants"]));
+    assert_eq!(keys(&report["pareto"]), BTreeSet::from(["axes", "modes", "nowhere"]));
+    let rows = report["rows"].as_array().unwrap();
+    assert_eq!(rows.len(), expected);
+    for row in rows {
+        assert_eq!(keys(row), BTreeSet::from(FIELDS));
+        assert_eq!((&row["missed"], &row["checked_frames"]), (&0.into(), &2.into()), "{row}");
+        let backend = if row["mode"] == "spheres" { "in-process" } else { backend };
+        assert_eq!((&row["backend"], &row["frames"]), (&backend.into(), &8.into()), "{row}");
+        assert!(row["true_pairs"].as_u64().unwrap() > 0 && row["memory_bytes"].as_u64() > Some(0));
+        assert_eq!(row["times"].as_object().unwrap().len(), 9, "{row}");
+        let is_exact = row["mode"] == "exact";
+        assert!(!is_exact || row["extra"] == 0, "{row}");
+        let margin = if row["mode"] == "margin" { 0.1.into() } else { Value::Null };
+        assert_eq!(row["margin"], margin, "{row}");
+        let mode = row["mode"].as_str().unwrap();
+        let is_world = ["f64", "plain-f32"].contains(&mode);
+        assert_eq!(row["offset"], if is_world { 1e9.into() } else { Value::Null }, "{row}");
+        let spheres = if mode == "spheres" { "circumscribed".into() } else { Value::Null };
+        assert_eq!(row["spheres"], spheres, "{row}");
+        assert_eq!(row["against_boxes"].is_object(), mode == "spheres", "{row}");
+        if mode == "spheres" {
+            assert!(row["extra"] == 0 && row["against_boxes"]["missed"] == 0, "{row}");
+            assert!(row["against_boxes"]["extra"].as_u64() > Some(0), "{row}");
+        }
+    }
+}
+
+#[test]
+fn rows_for_every_mode_scene_and_engine() {
+    let place = Place::new();
+    let scenes = ["--scene", "uniform,pile", "--n", "345", "--json"];
+    let report = run(&place, &scenes).json();
+    check_rows(&report, 2 * 8, "daemon");
+    for mode in BESIDE {
+        let rows = report["rows"].as_array().unwrap();
+        assert_eq!(rows.iter().filter(|row| row["mode"] == mode).count(), 2, "{mode}");
+    }
+    // What f32 alone makes of a scene so far out: nearly every box overlaps nearly every other.
+    let extra_of = |mode: &str| -> u64 {
+        let rows = report["rows"].as_array().unwrap().iter().filter(|row| row["mode"] == mode);
+        rows.map(|row| row["extra"].as_u64().unwrap()).sum()
+    };
+    assert!(extra_of("f64") * 1000 < extra_of("plain-f32"), "{report}");
+    let fields = BTreeSet::from(["mode", "settings", "disqualified", "on_front", "at"]);
+    for verdict in report["pareto"]["modes"].as_array().unwrap() {
+        assert_eq!(keys(verdict), fields, "{verdict}");
+        let nowhere = report["pareto"]["nowhere"].as_array().unwrap().contains(&verdict["mode"]);
+        assert_eq!(nowhere, verdict["on_front"] == 0, "{verdict}");
+    }
+    place.assert_clean(&[]);
+    let engines =
+        ["--backend", "in-process", "--precision", "q8", "--engines", "cpu-brute,cpu-sap,cpu-grid"];
+    check_rows(&run(&place, &[&scenes[..], &engines[..]].concat()).json(), 2 * 3, "in-process");
+}
+
+#[test]
+fn verdicts_and_files() {
+    let place = Place::new();
+    let base = ["--scene", "uniform", "--n", "345", "--backend", "in-process", "--precision", "q8"];
+    let with = |more: &[&str]| run(&place, &[&base[..], more].concat());
+    let kept = with(&["--assert", "missed=0,p99<600s", "--out", "before"]);
+    assert_eq!(kept.code, Some(0), "{kept:?}");
+    assert!(kept.stdout.contains("q8") && kept.stdout.contains("p99 ms"), "{kept:?}");
+    let broken = with(&["--assert", "missed=0,extra=0"]);
+    assert_eq!(broken.code, Some(1), "{broken:?}");
+    assert!(broken.stdout.contains("not kept: uniform 345 q8 in-process auto: extra=0"));
+    assert!(broken.stderr.contains("1 limits are not kept"), "{broken:?}");
+    assert_eq!(with(&["--assert", "quality=1"]).code, Some(2));
+    assert_eq!(with(&["--precision", "f64=-1"]).code, Some(2));
+    assert_eq!(with(&["--mapping", "guess"]).code, Some(2));
+
+    assert!(kept.stdout.contains("Nowhere on it: none"), "{kept:?}");
+    for (file, lines) in [("accuracy.csv", 2), ("mapping.csv", 2)] {
+        let csv = std::fs::read_to_string(place.file("before").join(file)).unwrap();
+        assert_eq!(csv.lines().count(), lines, "{csv}");
+    }
+    let page = std::fs::read_to_string(place.file("before").join("report.html")).unwrap();
+    assert!(page.contains("No pair was missed") && page.trim_end().ends_with("</html>"));
+    let path = place.file("before").join("accuracy.json");
+    let mut before: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+    check_rows(&before, 1, "in-process");
+    let [way] = &before["variants"].as_array().unwrap()[..] else { panic!("{before}") };
+    let fields = [
+        "variant",
+        "n",
+        "processor",
+        "ps_per_pair",
+        "is_complete",
+        "ids",
+        "wrong",
+        "wrong_share",
+        "missed_share",
+        "largest_row_error",
+    ];
+    assert_eq!(keys(way), BTreeSet::from(fields));
+    assert_eq!(
+        (&way["variant"], &way["n"], &way["wrong"]),
+        (&"far-end".into(), &345.into(), &0.into())
+    );
+    before["rows"][0]["times"]["total_ns"]["p50"] = 1.into();
+    before["rows"][0]["extra_ratio"] = 0.into();
+    std::fs::write(&path, before.to_string()).unwrap();
+    let worse = with(&["--compare", "before/accuracy.json"]);
+    assert_eq!(worse.code, Some(0), "{worse:?}");
+    for part in ["worse: uniform 345 q8", "p50", "extra pairs, were 0.000 %"] {
+        assert!(worse.stdout.contains(part), "{worse:?}");
+    }
+    let other = run(&place, &["--n", "10", "--compare", "before/accuracy.json"]);
+    assert!(other.error(1).contains("no row in common"), "{other:?}");
+    assert!(with(&["--compare", "absent.json"]).error(1).contains("absent.json"));
+}

@@ -1,0 +1,78 @@
+//! `plan` and `threads`: their JSON, and that figures agree.
+
+use std::collections::BTreeSet;
+
+use serde_json::Value;
+
+use crate::support::{Place, keys};
+
+fn rows(report: &Value) -> &[Value] {
+    assert_eq!(keys(&report["machine"]).len(), 7, "{report}");
+    report["rows"].as_array().unwrap()
+}
+
+#[test]
+fn the_plan_is_judged_scene_by_scene() {
+    let place = Place::new();
+    let arguments = ["plan", "--scene", "uniform,rods", "--n", "70,600", "--threads", "1"];
+    let report = place.run(&[&arguments[..], &["--json"]].concat()).json();
+    assert!(report["calibration"].as_str().unwrap().starts_with("built in"), "{report}");
+    assert_eq!(rows(&report).len(), 4);
+    for row in rows(&report) {
+        let ns = |name: &str| row[name].as_u64().unwrap();
+        assert_eq!((&row["threads"], &row["engine_threads"]), (&1.into(), &1.into()));
+        assert!(ns("planned_ns") >= ns("best_ns") && ns("best_ns") > 0, "{row}");
+        let ratio = (ns("planned_ns") + ns("plan_ns")) as f64 / ns("best_ns") as f64;
+        assert!((row["ratio"].as_f64().unwrap() - ratio).abs() < 1e-9, "{row}");
+    }
+    let text = place.run(&arguments).stdout;
+    assert!(text.contains("of 4 above 1.3"), "{text}");
+}
+
+#[test]
+fn speed_ups_stand_beside_the_papers() {
+    let place = Place::new();
+    let report = place
+        .run(&[
+            "threads",
+            "--scene",
+            "cubes,uniform",
+            "--n",
+            "300",
+            "--threads",
+            "2",
+            "--json",
+            "--out",
+            "figures",
+        ])
+        .json();
+    let fields = [
+        "stage",
+        "scene",
+        "n",
+        "engine",
+        "threads",
+        "frames",
+        "least_ns",
+        "median_ns",
+        "speed_up",
+        "paper_ns",
+        "paper_speed_up",
+    ];
+    // Two scenes, one or two threads: the first stage, and the second with three engines.
+    assert_eq!(rows(&report).len(), 2 * 2 * 4);
+    for row in rows(&report) {
+        assert_eq!(keys(row), BTreeSet::from(fields));
+        assert_eq!(row["engine"].is_null(), row["stage"] == "update-aabbs", "{row}");
+        assert_eq!(row["paper_ns"].is_null(), row["scene"] == "uniform", "{row}");
+        if row["threads"] == 1 {
+            assert_eq!(row["speed_up"], 1.0);
+        }
+    }
+    let csv = std::fs::read_to_string(place.file("figures/threads.csv")).unwrap();
+    assert_eq!(csv.lines().count(), 1 + rows(&report).len());
+    assert_eq!(csv.lines().next().unwrap().split(',').count(), fields.len());
+    assert!(csv.contains("update-aabbs,cubes,300,,2,"), "{csv}");
+    let written = std::fs::read_to_string(place.file("figures/threads.json")).unwrap();
+    assert_eq!(serde_json::from_str::<Value>(&written).unwrap(), report);
+}

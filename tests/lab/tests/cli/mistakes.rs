@@ -1,0 +1,65 @@
+//! Mistakes of whoever measures: each is one line on stderr that says what to do.
+
+use std::process::Stdio;
+
+use crate::support::Place;
+
+#[test]
+fn a_mistake_is_told_in_one_line() {
+    let place = Place::new();
+    place.boxes(&pairmask_tests::stress_scenes::named("uniform").boxes(70, 1));
+    for (line, code, expected) in [
+        ("", 2, "a command is missing, one of stress, accuracy"),
+        ("stress --case 1 --seed 2", 2, "--case and --seed exclude each other"),
+        ("grid --n x", 2, "'x' for --n: must be a whole number"),
+        ("accuracy --compare absent", 1, "absent: there is no such file"),
+        ("accuracy --out boxes.f32", 1, "boxes.f32: it is no directory"),
+        ("accuracy --gpu 99 --n 10 --mapping none", 1, "no GPU fits '99'"),
+        ("mapping --gpu none --quick --out boxes.f32", 1, "boxes.f32: it is no directory"),
+        ("stress --config absent", 2, "configuration absent: there is no such file"),
+    ] {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let finished = place.run(&words);
+        assert!(finished.error(code).contains(expected), "{line}: {finished:?}");
+        assert_eq!(finished.stdout, "", "{line}");
+    }
+}
+
+#[test]
+fn help_lists_what_works() {
+    let place = Place::new();
+    for (line, listed, absent) in [
+        ("stress --help", &["--gpu", "--config"][..], &["--instance", "--calibration"][..]),
+        ("grid --help", &["--gpu"], &["--instance"]),
+        ("--help", &["stress", "accuracy"], &["serve"]),
+    ] {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let help = place.run(&words).stdout;
+        assert!(listed.iter().all(|flag| help.contains(flag)), "{line}: {help}");
+        assert!(!absent.iter().any(|flag| help.contains(flag)), "{line}: {help}");
+    }
+}
+
+#[test]
+fn a_reader_that_has_gone_is_no_failure() {
+    let place = Place::new();
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let mut command = place.command(&["mapping", "--gpu", "none", "--quick"]);
+    let finished = command.stdout(writer).stderr(Stdio::piped()).output().unwrap();
+    let stderr = String::from_utf8_lossy(&finished.stderr);
+    assert_eq!(finished.status.code(), Some(0), "{stderr}");
+    assert!(!stderr.contains("Broken pipe") && !stderr.contains("panicked"), "{stderr}");
+}
+
+/// Mesa's layer complains of a missing display server on stderr. With `auto` the adapters are listed
+/// and none is opened: quick, and with or without a GPU.
+#[test]
+fn drivers_do_not_talk_to_the_user() {
+    let place = Place::new();
+    let line = "accuracy --scene uniform --n 10 --frames 1 --precision exact --mapping none \
+                --backend in-process --gpu auto";
+    let words: Vec<&str> = line.split_whitespace().collect();
+    let finished = place.run(&words);
+    assert_eq!((finished.code, finished.stderr.as_str()), (Some(0), ""));
+}

@@ -1,0 +1,24 @@
+//! `pairmask-lab`, and the daemon that loses pairs, as the tests run them.
+
+use pairmask_tests::command_line::{self, Program};
+
+pub use pairmask_tests::command_line::{Finished, keys};
+
+/// The laboratory's binary.
+pub struct PairmaskLab;
+
+impl Program for PairmaskLab {
+    const BINARY: &str = env!("CARGO_BIN_EXE_pairmask-lab");
+    const NAME: &str = "pairmask-lab";
+}
+
+/// A directory for one test of the laboratory.
+pub type Place = command_line::Place<PairmaskLab>;
+
+/// The daemon that loses a pair of most frames.
+pub struct LosingDaemon;
+
+impl Program for LosingDaemon {
+    const BINARY: &str = env!("CARGO_BIN_EXE_pairmaskd_losing_pairs");
+    const NAME: &str = "pairmaskd";
+}

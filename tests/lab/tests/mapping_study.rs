@@ -1,0 +1,224 @@
+//! The mapping study: WGSL against the Rust mirrors, and a report that has it all.
+
+use pairmask::pair_index::row_start;
+use pairmask::{Aabb, BoxCount, PairIndex};
+use pairmask_lab::study::mapping::gpu::errors::{Ids, count, count_roots};
+use pairmask_lab::study::mapping::gpu::masks::{self, Writer};
+use pairmask_lab::study::mapping::gpu::{Bench, pairs};
+use pairmask_lab::study::mapping::mirror::{self, Mapped};
+use pairmask_lab::study::mapping::plan::Plan;
+use pairmask_lab::study::mapping::stage::{IdWidth, PairOutput, Root, Variant};
+use pairmask_lab::study::mapping::{
+    MappingError, MappingOptions, errors, measure, report, root_errors, rows,
+};
+use pairmask_tests::gpu::open;
+use pairmaskd::execute::gpu::{Checks, GpuChoice, HostImport};
+
+fn bench() -> Bench {
+    Bench::new(&open(HostImport::Never), Checks::On).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// The first id that two lists of answers differ in by more than `rows` rows.
+fn first_difference(
+    ids: &[u64],
+    gpu: &[Mapped],
+    mirror: &[Mapped],
+    rows: u64,
+) -> Option<(u64, Mapped, Mapped)> {
+    assert_eq!((ids.len(), gpu.len()), (mirror.len(), mirror.len()));
+    let same = |a: &Mapped, b: &Mapped| a == b || (rows > 0 && a.a.abs_diff(b.a) <= rows);
+    let both = gpu.iter().zip(mirror);
+    ids.iter().zip(both).find(|(_, (a, b))| !same(a, b)).map(|(k, (a, b))| (*k, *a, *b))
+}
+
+/// Ids around the ends of rows near the first, the middle and the last, and some between.
+fn telling_ids(variant: Variant, n: u32) -> Vec<u64> {
+    let total = variant.id_count(n);
+    let boxes = BoxCount::new(n);
+    let rows = [0, 1, 2, n / 3, n / 2, n - n.min(40), n.saturating_sub(3), n.saturating_sub(2)];
+    let starts = rows.iter().flat_map(|row| {
+        let start = row_start(boxes, *row);
+        [start.saturating_sub(2), start.saturating_sub(1), start, start + 1]
+    });
+    let spread = (0..2000).map(|i| total / 2000 * i);
+    let mut ids: Vec<u64> = starts.chain(spread).chain([0, total - 1]).collect();
+    ids.retain(|k| *k < total);
+    ids
+}
+
+/// Rows that an f32 variant may differ by: a software adapter computes as the CPU does; a GPU may
+/// fuse operations and round its square root otherwise.
+fn rows_apart(bench: &Bench, variant: Variant, n: u32) -> u64 {
+    match variant {
+        Variant::Closed { .. } if !bench.gpu().info().is_software() => 2 + u64::from(n) / 2000,
+        _ => 0,
+    }
+}
+
+#[test]
+fn wgsl_variants_answer_as_their_mirrors() {
+    let mut bench = bench();
+    let int64 = bench.gpu().limits().int64;
+    let mut compared = 0;
+    for variant in Variant::all() {
+        for (n, width) in [
+            (2, IdWidth::Bits32),
+            (3, IdWidth::Bits32),
+            (70, IdWidth::Bits32),
+            (345, IdWidth::Bits64),
+            (4_113, IdWidth::Bits32),
+            (65_536, IdWidth::Bits32),
+            (92_682, IdWidth::of(variant, 92_682)),
+            (1_000_000, IdWidth::Bits64),
+        ] {
+            if width == IdWidth::Bits64 && !int64 {
+                continue;
+            }
+            let ids = telling_ids(variant, n);
+            let gpu = pairs::map(&mut bench, variant, width, n, &ids)
+                .unwrap_or_else(|error| panic!("{variant}, {n} boxes: {error}"));
+            let boxes = BoxCount::new(n);
+            let mirror: Vec<_> = ids.iter().map(|k| mirror::map(variant, boxes, *k)).collect();
+            let rows = rows_apart(&bench, variant, n);
+            let difference = first_difference(&ids, &gpu, &mirror, rows);
+            assert_eq!(difference, None, "{variant}, {n} boxes, {width:?}: id, GPU, mirror");
+            compared += ids.len();
+        }
+    }
+    assert!(compared > 25 * 4 * 2000, "{compared} ids were compared");
+}
+
+#[test]
+fn the_comparison_notices_one_wrong_pair() {
+    let n = BoxCount::new(70);
+    let ids: Vec<u64> = (0..n.pair_count()).collect();
+    let right: Vec<_> = ids.iter().map(|k| mirror::far_end(n, *k)).collect();
+    let mut wrong = right.clone();
+    assert_eq!(first_difference(&ids, &right, &wrong, 0), None);
+    wrong[77].b += 1;
+    assert_eq!(first_difference(&ids, &right, &wrong, 0), Some((77, right[77], wrong[77])));
+    wrong[77].a += 3;
+    assert_eq!(first_difference(&ids, &right, &wrong, 2), Some((77, right[77], wrong[77])));
+}
+
+#[test]
+fn the_gpu_counts_the_errors_that_the_cpu_counts() {
+    let mut bench = bench();
+    let software = bench.gpu().info().is_software();
+    for variant in Variant::all() {
+        for n in [2, 33, 345, 1000] {
+            let on_gpu = count(&mut bench, variant, n, Ids::All);
+            let (tally, coverage) =
+                on_gpu.unwrap_or_else(|error| panic!("{variant}: {error}")).expect("it fits");
+            let (mut expected, expected_coverage) = errors::exhaustive(variant, BoxCount::new(n));
+            // The GPU does not look for the first.
+            expected.first_wrong = None;
+            assert_eq!(tally.ids, variant.id_count(n), "{variant}, {n} boxes");
+            if software || expected.wrong == 0 {
+                assert_eq!(tally, expected, "{variant}, {n} boxes");
+                assert_eq!(coverage, expected_coverage, "{variant}, {n} boxes");
+            }
+        }
+    }
+    let around = count(&mut bench, rows::PAPERS_OWN, 4_113, Ids::AroundRows);
+    assert!(around.is_ok_and(|found| found.is_some_and(|(tally, _)| tally.wrong > 0)));
+}
+
+#[test]
+fn the_gpu_counts_wrong_roots_as_the_cpu_does() {
+    let mut bench = bench();
+    let software = bench.gpu().info().is_software();
+    for root in Root::all() {
+        let gpu = count_roots(&mut bench, root, 12_345).expect("runs").expect("it fits");
+        let cpu = root_errors::count(root, 12_345);
+        if software {
+            assert_eq!(gpu, cpu, "{root}");
+        } else {
+            let apart = gpu.other.abs_diff(cpu.other);
+            assert!(apart < 60, "{root}: {gpu:?} and {cpu:?}");
+        }
+    }
+}
+
+#[test]
+fn every_output_form_has_the_bits_of_the_overlaps() {
+    let mut bench = bench();
+    let boxes: Vec<Aabb> = pairmask_tests::stress_scenes::ALL[0].boxes(345, 5);
+    let n = BoxCount::new(345);
+    let budget = Plan::new(true, true, 1).gpu;
+    let mut forms = 0;
+    for writer in [Writer::ThreadAWord, Writer::ThreadAPair] {
+        for output in [PairOutput::Byte, PairOutput::Bit] {
+            let run = masks::run(&mut bench, output, writer, &boxes, &budget);
+            let run = run.expect("runs").expect("it fits");
+            let per_word = u64::from(output.pairs_per_word());
+            let mut hits = 0;
+            for k in 0..run.words.len() as u64 * per_word {
+                let shift = k % per_word * (32 / per_word);
+                let bit = run.words[(k / per_word) as usize] >> shift & 1 == 1;
+                let pair = PairIndex::new(k).pair(n);
+                let expected =
+                    pair.is_some_and(|(a, b)| boxes[a as usize].overlaps(&boxes[b as usize]));
+                assert_eq!(bit, expected, "{output:?}, {writer:?}, pair {k}");
+                hits += u64::from(bit);
+            }
+            assert!(hits > 0, "a scene without pairs shows nothing");
+            forms += 1;
+        }
+    }
+    assert_eq!(forms, 4);
+}
+
+#[test]
+fn a_report_has_a_row_for_every_variant_and_its_files_agree() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let choice = std::env::var("PAIRMASK_TEST_GPU").unwrap_or_else(|_| "software".into());
+    let gpu: GpuChoice = choice.parse().unwrap_or_default();
+    let options = MappingOptions { gpu, quick: true, ..MappingOptions::default() };
+    let made = measure(&options).unwrap_or_else(|error| panic!("{error}"));
+    let out = folder.path().join("deep").join("er");
+    report::write_files(&made, &out).unwrap_or_else(|error| panic!("{error}"));
+    let read = |name| std::fs::read_to_string(out.join(name)).expect("it was written");
+    let (csv, json, markdown) = (read("mapping.csv"), read("mapping.json"), read("mapping.md"));
+    for variant in Variant::all() {
+        let name = variant.to_string();
+        assert!(markdown.contains(&format!("| {name} |")), "{name}");
+        for processor in ["cpu", "gpu"] {
+            for table in ["errors", "table_2"] {
+                let start = format!("{table},\"{processor}\",{name},");
+                assert!(csv.lines().any(|line| line.starts_with(&start)), "{start}");
+            }
+        }
+    }
+    for root in Root::all() {
+        for table in ["table_3", "table_4"] {
+            assert!(csv.contains(&format!("{table},\"gpu\",{root},")), "{table}, {root}");
+        }
+    }
+    for (table, least) in [("table_5", 24), ("figure_4", 15)] {
+        let lines = csv.lines().filter(|line| line.starts_with(table)).count();
+        assert!(lines >= least, "{table}: {lines}");
+    }
+    let json: serde_json::Value = serde_json::from_str(&json).expect("it is JSON");
+    assert_eq!(json["claims"].as_array().map(Vec::len), Some(9));
+    let machine = &json["machine"];
+    for name in ["cpu", "gpu", "driver", "rustc", "commit", "command"] {
+        assert!(machine[name].as_str().is_some_and(|text| !text.is_empty()), "{name}: {machine}");
+    }
+    assert!(csv.lines().filter(|line| !line.starts_with('#')).all(|line| {
+        // A quoted processor may hold the one comma more.
+        let commas = line.replace("cpu, one thread", "").matches(',').count();
+        commas == 6
+    }));
+}
+
+#[test]
+fn without_a_gpu_the_cpu_alone_is_measured_and_a_missing_one_is_an_error() {
+    let options = MappingOptions { gpu: GpuChoice::None, quick: true, ..MappingOptions::default() };
+    let made = measure(&options).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!((made.machine.gpu, made.outputs.len()), (None, 0));
+    assert!(made.pair_errors.iter().all(|row| row.processor == rows::Processor::Cpu));
+    let gpu = GpuChoice::Name("no such adapter".into());
+    let missing = measure(&MappingOptions { gpu, quick: true, ..MappingOptions::default() });
+    assert!(matches!(missing, Err(MappingError::Open(_))));
+}

@@ -1,0 +1,227 @@
+//! Running a binary with a command line, with a watchdog, in a directory of its own.
+
+use std::collections::BTreeSet;
+use std::io::{Read, Write};
+use std::marker::PhantomData;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use pairmask::Aabb;
+use serde_json::Value;
+use tempfile::TempDir;
+
+use crate::watchdog::within;
+
+/// Nothing here takes as long; a hang ends here.
+pub const PATIENCE: Duration = Duration::from_secs(120);
+
+/// A binary with a command line.
+pub trait Program {
+    /// Where it is.
+    const BINARY: &str;
+    /// What it calls itself when it fails.
+    const NAME: &str;
+}
+
+/// What a finished process left.
+#[derive(Debug)]
+pub struct Finished {
+    /// What the program calls itself.
+    pub name: &'static str,
+    /// Its exit status, if it has one.
+    pub code: Option<i32>,
+    /// What it wrote to stdout.
+    pub stdout: String,
+    /// What it wrote to stderr.
+    pub stderr: String,
+}
+
+impl Finished {
+    /// The JSON document on stdout, of a process that succeeded.
+    ///
+    /// # Panics
+    /// Where it failed, or wrote anything else.
+    pub fn json(&self) -> Value {
+        assert_eq!(self.code, Some(0), "{self:?}");
+        serde_json::from_str(&self.stdout).unwrap_or_else(|e| panic!("{e}: {self:?}"))
+    }
+
+    /// The one line on stderr of a process that failed with `code`.
+    ///
+    /// # Panics
+    /// Where it ended otherwise, or wrote anything but one line that begins with its name.
+    pub fn error(&self, code: i32) -> &str {
+        assert_eq!(self.code, Some(code), "{self:?}");
+        let line = self.stderr.trim_end();
+        let told = line.strip_prefix(self.name).is_some_and(|rest| rest.starts_with(": "));
+        assert!(told && !line.contains('\n'), "{self:?}");
+        line
+    }
+}
+
+/// A directory for one test: files, instances, private daemons, configuration.
+pub struct Place<P> {
+    dir: TempDir,
+    program: PhantomData<P>,
+}
+
+impl<P: Program> Default for Place<P> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<P: Program> Place<P> {
+    /// An empty directory.
+    ///
+    /// # Panics
+    /// Where there is none to be had.
+    pub fn new() -> Self {
+        Self { dir: tempfile::tempdir().expect("a temporary directory"), program: PhantomData }
+    }
+
+    /// The directory.
+    pub fn path(&self) -> &Path {
+        self.dir.path()
+    }
+
+    /// A file in it.
+    pub fn file(&self, name: &str) -> PathBuf {
+        self.path().join(name)
+    }
+
+    /// Writes a file of boxes.
+    ///
+    /// # Panics
+    /// Where it cannot be written.
+    pub fn boxes(&self, boxes: &[Aabb]) -> PathBuf {
+        let path = self.file("boxes.f32");
+        std::fs::write(&path, bytemuck::cast_slice(boxes)).expect("the directory can be written");
+        path
+    }
+
+    /// The program with arguments, nothing of the caller's environment, and no GPU.
+    pub fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(P::BINARY);
+        command.args(arguments).current_dir(self.path()).env_clear();
+        command.env("PAIRMASK_GPU", "none");
+        command.env("PAIRMASK_RUNTIME_DIR", self.path());
+        command.env("TMPDIR", self.path()).env("XDG_CONFIG_HOME", self.path());
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        command
+    }
+
+    /// Runs it to its end.
+    ///
+    /// # Panics
+    /// Where it does not start, or hangs.
+    pub fn run(&self, arguments: &[&str]) -> Finished {
+        finish(self.command(arguments).spawn().expect("the program starts"), P::NAME)
+    }
+
+    /// Runs it to its end with `input` on stdin.
+    ///
+    /// # Panics
+    /// Where it does not start or read, or hangs.
+    pub fn run_with_input(&self, arguments: &[&str], input: &[u8]) -> Finished {
+        let child = self.command(arguments).stdin(Stdio::piped()).spawn();
+        let mut child = child.expect("the program starts");
+        // Small enough for the pipe: nobody has to read meanwhile.
+        child.stdin.take().expect("a pipe").write_all(input).expect("the pipe takes the input");
+        finish(child, P::NAME)
+    }
+
+    /// Names of what is in the directory.
+    ///
+    /// # Panics
+    /// Where it cannot be read.
+    pub fn entries(&self) -> BTreeSet<String> {
+        let entries = std::fs::read_dir(self.path()).expect("the directory can be read");
+        let name = |entry: std::io::Result<std::fs::DirEntry>| {
+            entry.expect("an entry").file_name().to_string_lossy().into_owned()
+        };
+        entries.map(name).collect()
+    }
+
+    /// Processes of the program whose command line or environment names the directory.
+    ///
+    /// # Panics
+    /// Without /proc.
+    pub fn processes(&self) -> Vec<String> {
+        let needle = self.path().to_string_lossy().into_owned();
+        let mut found = Vec::new();
+        for entry in std::fs::read_dir("/proc").expect("/proc").flatten() {
+            // Processes that end meanwhile, or belong to others, cannot be read.
+            let command = std::fs::read(entry.path().join("cmdline")).unwrap_or_default();
+            let environment = std::fs::read(entry.path().join("environ")).unwrap_or_default();
+            let command = String::from_utf8_lossy(&command).replace('\0', " ");
+            if command.contains(P::BINARY)
+                && (command.contains(&needle)
+                    || String::from_utf8_lossy(&environment).contains(&needle))
+            {
+                found.push(command);
+            }
+        }
+        found
+    }
+
+    /// Checks that whatever ran here has ended and cleaned up, but for `kept` files.
+    ///
+    /// # Panics
+    /// Where it has not.
+    pub fn assert_clean(&self, kept: &[&str]) {
+        eventually("processes end", || self.processes().is_empty().then_some(()));
+        let kept = kept.iter().map(ToString::to_string).collect();
+        assert_eq!(self.entries(), kept);
+    }
+}
+
+/// Waits for the end of a process of the program `name`, and kills it where it hangs.
+///
+/// # Panics
+/// Where it hangs, or its output is not piped.
+pub fn finish(mut child: Child, name: &'static str) -> Finished {
+    let stdout = collect(child.stdout.take());
+    let stderr = collect(child.stderr.take());
+    let text = |reader: JoinHandle<String>| reader.join().expect("output is text");
+    let start = Instant::now();
+    let status = loop {
+        if let Some(status) = child.try_wait().expect("a child of ours") {
+            break status;
+        }
+        if start.elapsed() > PATIENCE {
+            child.kill().expect("SIGKILL");
+            child.wait().expect("its end");
+            panic!("{name} hangs: {:?} {:?}", text(stdout), text(stderr));
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    };
+    Finished { name, code: status.code(), stdout: text(stdout), stderr: text(stderr) }
+}
+
+fn collect(stream: Option<impl Read + Send + 'static>) -> JoinHandle<String> {
+    let mut stream = stream.expect("output is piped");
+    std::thread::spawn(move || {
+        let mut text = String::new();
+        stream.read_to_string(&mut text).expect("output is text");
+        text
+    })
+}
+
+/// Waits until `check` gives something.
+///
+/// # Panics
+/// When it does not within [`PATIENCE`].
+pub fn eventually<T>(what: &str, check: impl FnMut() -> Option<T>) -> T {
+    within(PATIENCE, what, check)
+}
+
+/// Names of an object's fields.
+///
+/// # Panics
+/// Where it is no object.
+pub fn keys(value: &Value) -> BTreeSet<&str> {
+    value.as_object().expect("an object").keys().map(String::as_str).collect()
+}
