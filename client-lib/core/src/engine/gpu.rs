@@ -34,6 +34,7 @@ impl GpuCost {
 /// `gpu-brute`: all pairs.
 pub(super) const ALL_PAIRS: EngineDescriptor = EngineDescriptor {
     name: "gpu-brute",
+    wire_number: 4,
     since_minor: 0,
     forms: &BoxForm::ALL,
     encodings: &[Encoding::Dense, Encoding::Sparse],
@@ -45,6 +46,7 @@ pub(super) const ALL_PAIRS: EngineDescriptor = EngineDescriptor {
 /// makes it.
 pub(super) const GRID: EngineDescriptor = EngineDescriptor {
     name: "gpu-grid",
+    wire_number: 5,
     since_minor: 0,
     forms: &BoxForm::ALL,
     encodings: &[Encoding::Sparse],

@@ -5,9 +5,9 @@
 //! keys, and writes its mask straight into memory that the caller hands out ([`ReplyBuffer`]):
 //! shared memory in the daemon, a pooled buffer in process.
 //!
-//! The list of all engines stands in this file. Whatever chooses among them, names or measures them,
-//! goes through it and their [descriptors](EngineDescriptor): the command line, plan, calibration,
-//! `stress`, the conformance suite. A new engine is a folder with a descriptor, and a line of the list.
+//! `list.rs` names them all. Whatever chooses among engines, names or measures them, goes through that
+//! list and their [descriptors](EngineDescriptor): the command line, plan, calibration, `stress`, the
+//! conformance suite. A new engine is a folder with a descriptor, and a line of the list.
 
 pub mod brute_force;
 mod census;
@@ -23,6 +23,7 @@ mod heap_reply;
 pub mod ingest;
 mod input;
 mod list;
+mod name;
 mod reply;
 mod report;
 mod rules;
@@ -44,7 +45,8 @@ pub use heap_reply::HeapReply;
 pub use ingest::KeyColumns;
 pub use input::CullInput;
 pub(crate) use input::counted;
-pub(crate) use list::cpu_engines;
+pub use list::EngineName;
+pub(crate) use name::cpu_engines;
 pub use reply::{ReplyBuffer, ReserveError};
 pub use report::{CullReport, EngineTimes, SkipMeter, StageClock};
 pub(crate) use rules::{PairRules, PairTest};
@@ -53,19 +55,6 @@ pub use sweep_and_prune::SweepAndPrune;
 
 pub use crate::isa::{AvailableIsa, Isa};
 pub use crate::unknown_name::UnknownName;
-
-list::engines! {
-    /// All pairs on the CPU, SIMD.
-    CpuBrute = 1 => brute_force::DESCRIPTOR,
-    /// Sweep and prune on the CPU.
-    CpuSap = 2 => sweep_and_prune::DESCRIPTOR,
-    /// Uniform grid with levels on the CPU.
-    CpuGrid = 3 => grid::DESCRIPTOR,
-    /// All pairs on the GPU.
-    GpuBrute = 4 => gpu::ALL_PAIRS,
-    /// Uniform grid with levels on the GPU.
-    GpuGrid = 5 => gpu::GRID,
-}
 
 /// `isa` for an engine that was asked to use it.
 ///

@@ -57,6 +57,7 @@ const BITMAP_BOXES: usize = 192;
 /// `cpu-brute` in the list of engines.
 pub(super) const DESCRIPTOR: EngineDescriptor = EngineDescriptor {
     name: "cpu-brute",
+    wire_number: 1,
     since_minor: 0,
     forms: &[BoxForm::F32],
     encodings: &Encoding::ALL,

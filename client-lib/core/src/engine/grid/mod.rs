@@ -46,6 +46,7 @@ const PARALLEL_BOXES: usize = 2_048;
 /// `cpu-grid` in the list of engines.
 pub(super) const DESCRIPTOR: EngineDescriptor = EngineDescriptor {
     name: "cpu-grid",
+    wire_number: 3,
     since_minor: 0,
     forms: &[BoxForm::F32],
     encodings: &Encoding::ALL,

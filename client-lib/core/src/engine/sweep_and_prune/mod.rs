@@ -33,6 +33,7 @@ const PARALLEL_BOXES: usize = 1_024;
 /// `cpu-sap` in the list of engines.
 pub(super) const DESCRIPTOR: EngineDescriptor = EngineDescriptor {
     name: "cpu-sap",
+    wire_number: 2,
     since_minor: 0,
     forms: &[BoxForm::F32],
     encodings: &Encoding::ALL,
