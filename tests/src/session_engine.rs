@@ -10,8 +10,7 @@ use pairmask::{Encoding, ServedBy, Session};
 /// A session for each encoding, and who must serve it.
 #[derive(Debug)]
 pub struct SessionEngine {
-    dense: Session,
-    sparse: Session,
+    sessions: [Session; Encoding::ALL.len()],
     engine: EngineName,
     expected: ServedBy,
 }
@@ -27,8 +26,7 @@ impl SessionEngine {
             let builder = builder.clone().engine(EngineChoice::Only(engine));
             builder.encoding(EncodingChoice::Only(encoding)).connect().expect("a session")
         };
-        let (dense, sparse) = (connect(Encoding::Dense), connect(Encoding::Sparse));
-        Self { dense, sparse, engine, expected }
+        Self { sessions: Encoding::ALL.map(connect), engine, expected }
     }
 }
 
@@ -43,10 +41,7 @@ impl Engine for SessionEngine {
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
         let (boxes, _) = input.f32_boxes(self.engine)?;
-        let session = match input.encoding {
-            Encoding::Dense => &mut self.dense,
-            Encoding::Sparse => &mut self.sparse,
-        };
+        let session = &mut self.sessions[input.encoding.place()];
         let mut frame = session.frame(boxes.len()).expect("memory for a frame");
         frame.boxes_mut().copy_from_slice(boxes);
         let mask = frame.submit().expect("a frame is sent").wait().expect("a frame is answered");

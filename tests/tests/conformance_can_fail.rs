@@ -52,6 +52,7 @@ fn bits_start(report: &CullReport) -> usize {
     match report.shape {
         MaskShape::Sparse { bits, .. } => bits.start as usize,
         MaskShape::Dense { words } => words.start as usize,
+        shape => panic!("which words of {shape:?} are bits of pairs?"),
     }
 }
 

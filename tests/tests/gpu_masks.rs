@@ -178,8 +178,5 @@ fn large_masks_of_every_stress_scene_are_those_of_the_cpu_bit_by_bit() {
 
 /// The sections of a mask without an order.
 fn spans(shape: &MaskShape) -> Vec<Span> {
-    match *shape {
-        MaskShape::Dense { words } => vec![words],
-        MaskShape::Sparse { rows, blocks, bits, .. } => vec![rows, blocks, bits],
-    }
+    shape.spans().collect()
 }

@@ -102,12 +102,12 @@ fn median(mut values: Vec<f64>) -> Option<f64> {
 fn fit_terms(rows: &[FitRow], start: &[f64; TERMS]) -> [f64; TERMS] {
     let singles: Vec<&FitRow> = rows.iter().filter(|row| row.way.threads == 1).collect();
     let equation = |row: &&FitRow| match row.way.encoding {
-        Encoding::Sparse => Equation::of_frame(row, start),
         Encoding::Dense => {
             let sparse = Way { encoding: Encoding::Sparse, ..row.way };
             let twin = singles.iter().find(|twin| twin.case == row.case && twin.way == sparse)?;
             Equation::of_masks(row, twin, start)
         }
+        _ => Equation::of_frame(row, start),
     };
     let equations: Vec<Equation> = singles.iter().filter_map(equation).collect();
     let mut x = [1.0; TERMS];

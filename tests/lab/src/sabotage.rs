@@ -13,6 +13,7 @@ pub fn lose_a_pair(words: &mut [u32], report: &mut CullReport) {
     let bits = match &report.shape {
         MaskShape::Dense { words } => words,
         MaskShape::Sparse { bits, .. } => bits,
+        _ => return,
     };
     let (start, len) = (bits.start as usize, bits.len as usize);
     let bits = words.get_mut(start..).unwrap_or_default().iter_mut().take(len);

@@ -44,6 +44,27 @@ impl<'a> CullInput<'a> {
         CullInput::of(boxes.into())
     }
 
+    /// The boxes, for an engine that tests pairs by nothing else. Whatever it does not list in its
+    /// descriptor is refused.
+    ///
+    /// # Errors
+    /// [`CullError::Unavailable`] for rules that pairs have to pass, and for forms and encodings that
+    /// the engine does not have.
+    pub fn boxes_alone(&self, engine: EngineName) -> Result<NarrowBoxes<'a>, CullError> {
+        let unavailable = |why| Err(CullError::Unavailable { engine, why });
+        let descriptor = engine.descriptor();
+        if !descriptor.encodings.contains(&self.encoding) {
+            return unavailable("it does not write masks of this encoding");
+        }
+        if !descriptor.forms.contains(&self.objects.form()) {
+            return unavailable("it does not read boxes of this form");
+        }
+        if !self.rules.pass_all() {
+            return unavailable("it tests pairs by their boxes alone");
+        }
+        Ok(self.objects)
+    }
+
     /// The boxes, for an engine that reads them in f32 alone, and their number.
     ///
     /// # Errors

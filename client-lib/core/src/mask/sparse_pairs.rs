@@ -122,6 +122,7 @@ mod tests {
     use proptest::collection::vec;
     use proptest::prelude::*;
 
+    use super::super::encodings::PairSource;
     use super::super::pairs::Pairs;
     use super::*;
 
@@ -190,7 +191,7 @@ mod tests {
             for kernel in Kernel::all(AvailableIsa::best(), order.is_some()).into_iter().flatten() {
                 let words = SparseWords::new(&rows, &blocks, &bits);
                 let pairs = SparsePairs { n, order: order.as_deref(), words, kernel };
-                let pairs = Pairs::sparse(pairs);
+                let pairs = Pairs::of(PairSource::Sparse(pairs));
                 prop_assert_eq!(&pairs.clone().collect::<Vec<_>>(), &expected, "{:?}", kernel);
                 let folded = pairs.fold(Vec::new(), |mut all, pair| {
                     all.push(pair);

@@ -149,11 +149,10 @@ pub fn check_pairs(got: &[Pair], expected: &[Pair]) -> Result<(), Mismatch> {
 /// A meter cannot say that more was left out than there was, less what the answer needed.
 fn check_skips(report: &CullReport, n: BoxCount, truth: &Truth) -> Result<(), Mismatch> {
     let nothing = u64::from(truth.census.empty) + u64::from(truth.census.invalid);
-    let zero_words = match report.shape.encoding() {
-        Encoding::Dense => 0..=0,
-        // In another order the pairs fill fewer or more words, so that there is no lower bound.
-        Encoding::Sparse => 0..=n.sparse_words_max(),
-    };
+    // In another order the pairs fill fewer or more words, so that there is no lower bound. Only the
+    // sparse encoding leaves zeros out.
+    let is_sparse = report.shape.encoding() == Encoding::Sparse;
+    let zero_words = 0..=if is_sparse { n.sparse_words_max() } else { 0 };
     let meter = &report.skipped;
     for (what, got, possible) in [
         ("boxes", meter.boxes, nothing..=nothing),

@@ -214,10 +214,7 @@ impl Rig {
     ) -> Result<Self, BenchError> {
         let n = BoxCount::of_len(boxes.len()).unwrap_or_default();
         let capacity = plan::first_capacity(n);
-        let words = match encoding {
-            Encoding::Dense => n.dense_words(),
-            Encoding::Sparse => MaskShape::sparse(n, capacity, capacity, false).extent_words(),
-        };
+        let words = MaskShape::exact(encoding, n, capacity, false).extent_words();
         let mut rig = Self {
             engine: AllPairs::new(gpu, options)?,
             boxes: Segment::new(size_of_val(boxes))?,
@@ -344,12 +341,7 @@ fn check(gpu: &Arc<Gpu>, boxes: &[Aabb], out: &mut dyn Write) -> Result<(), Benc
 
 /// The words of each section; `None` where one is outside the reply.
 fn sections<'a>(shape: &MaskShape, reply: &'a [u32]) -> Vec<Option<&'a [u32]>> {
-    match shape {
-        MaskShape::Dense { words } => vec![words.of(reply)],
-        MaskShape::Sparse { rows, blocks, bits, .. } => {
-            [rows, blocks, bits].into_iter().map(|span| span.of(reply)).collect()
-        }
-    }
+    shape.spans().map(|span| span.of(reply)).collect()
 }
 
 fn percentile(mut values: Vec<f64>, percent: usize) -> f64 {

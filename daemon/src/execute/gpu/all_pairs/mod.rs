@@ -315,7 +315,7 @@ impl Engine for AllPairs {
         input: &CullInput<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
-        let (boxes, encoding) = (input.objects, input.encoding);
+        let (boxes, encoding) = (input.boxes_alone(ENGINE)?, input.encoding);
         let limit = plan::max_boxes(encoding, &self.limits);
         let n = BoxCount::of_len(boxes.len())
             .filter(|n| u64::from(n.get()) <= limit)
@@ -324,7 +324,7 @@ impl Engine for AllPairs {
         match encoding {
             _ if n.get() < 2 => no_pairs(n, boxes, encoding, reply),
             Encoding::Dense => self.cull_dense(n, boxes, reply),
-            Encoding::Sparse => self.cull_sparse(n, boxes, reply),
+            _ => self.cull_sparse(n, boxes, reply),
         }
     }
 }

@@ -220,7 +220,7 @@ impl Engine for Grid {
         input: &CullInput<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
-        let (boxes, encoding) = (input.objects, input.encoding);
+        let (boxes, encoding) = (input.boxes_alone(ENGINE)?, input.encoding);
         match BoxCount::of_len(boxes.len()) {
             Some(n) if n.get() < 2 && encoding == Encoding::Sparse => {
                 no_pairs(n, boxes, encoding, reply)
