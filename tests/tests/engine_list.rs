@@ -13,7 +13,7 @@ use pairmask_tests::narrow::NarrowMemory;
 use pairmask_tests::stress_scenes;
 
 /// The wire contract names every engine with its number.
-const WIRE: &str = include_str!("../../client-lib/WIRE.md");
+const WIRE: &str = include_str!("../../client-lib/wire/WIRE.md");
 
 fn engines() -> impl Iterator<Item = Box<dyn Engine>> {
     EngineName::CPU.into_iter().map(|name| cpu_engine(name, Isa::best()).expect("of the CPU"))
