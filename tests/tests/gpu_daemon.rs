@@ -5,7 +5,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use pairmask::engine::{CpuEngines, CullAnswer, CullWish, EngineChoice, EngineName, HeapReply};
+use pairmask::dispatch::{CpuEngines, CullAnswer, CullWish};
+use pairmask::engine::{EngineChoice, EngineName, HeapReply};
 use pairmask::mask::{EncodingChoice, MaskView};
 use pairmask::precision::NarrowBoxes;
 use pairmask::{Aabb, Bounds, BoxCount, Encoding, Precision, ServedBy, Session};

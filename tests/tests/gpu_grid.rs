@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use pairmask::engine::{CullError, CullJob, CullReport, Engine, Grid as CpuGrid, HeapReply};
+use pairmask::engine::{CullError, CullInput, CullReport, Engine, Grid as CpuGrid, HeapReply};
 use pairmask::mask::MaskShape;
 use pairmask::precision::NarrowBoxes;
 use pairmask::{Aabb, Bounds, BoxCount, Encoding, Precision};
@@ -33,7 +33,7 @@ fn run(engine: &mut Grid, suite: Suite) {
 fn cull_narrow(engine: &mut Grid, boxes: NarrowBoxes<'_>) -> (CullReport, HeapReply) {
     let mut reply = HeapReply::new();
     let report = engine
-        .cull_narrow(boxes, &CullJob { encoding: Encoding::Sparse, threads: 1 }, &mut reply)
+        .cull(&CullInput::boxes(boxes), &mut reply)
         .unwrap_or_else(|error| panic!("{} boxes: {error}", boxes.len()));
     (report, reply)
 }
@@ -41,7 +41,7 @@ fn cull_narrow(engine: &mut Grid, boxes: NarrowBoxes<'_>) -> (CullReport, HeapRe
 fn cull(engine: &mut dyn Engine, boxes: &[Aabb]) -> (CullReport, HeapReply) {
     let mut reply = HeapReply::new();
     let report = engine
-        .cull(boxes, &CullJob { encoding: Encoding::Sparse, threads: 1 }, &mut reply)
+        .cull(&CullInput::boxes(boxes), &mut reply)
         .unwrap_or_else(|error| panic!("{} boxes: {error}", boxes.len()));
     (report, reply)
 }
@@ -194,8 +194,7 @@ fn a_crowd_beyond_the_budget_is_refused_and_the_next_frame_is_served() {
     let mut engine = engine(&GridOptions::default());
     let crowd = vec![Aabb { min: [0.0; 3], max: [1.0; 3] }; 150_000];
     let mut reply = HeapReply::new();
-    let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
-    let refused = engine.cull(&crowd, &job, &mut reply);
+    let refused = engine.cull(&CullInput::boxes(&crowd), &mut reply);
     assert!(matches!(refused, Err(CullError::TooCrowded { .. })), "{refused:?}");
     let mut all = vec![Aabb { min: [f32::NEG_INFINITY; 3], max: [f32::INFINITY; 3] }; 40];
     all.extend(stress_scenes::named("uniform").boxes(3000, 5));
@@ -233,11 +232,10 @@ fn frames_in_a_row_with_other_levels_do_not_mix() {
     let scenes = names.map(|name| stress_scenes::named(name).boxes(43, 2));
     let truths = scenes.each_ref().map(|boxes| oracle::truth(boxes));
     let mut reply = HeapReply::new();
-    let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
     for round in 0..50 {
         let reports: Vec<_> = scenes
             .iter()
-            .map(|boxes| engine.cull(boxes, &job, &mut reply).expect("a frame"))
+            .map(|boxes| engine.cull(&CullInput::boxes(boxes), &mut reply).expect("a frame"))
             .collect();
         for ((report, truth), name) in reports.iter().zip(&truths).zip(names) {
             let counted = truth.pairs.len() as u64;

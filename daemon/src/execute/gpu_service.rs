@@ -3,8 +3,9 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use pairmask::dispatch::nanoseconds_since;
 use pairmask::engine::{
-    CullError, CullJob, CullReport, Engine, EngineName, HeapReply, ReplyBuffer, nanoseconds_since,
+    CullError, CullInput, CullReport, Engine, EngineName, HeapReply, ReplyBuffer,
 };
 use pairmask::plan::{GpuCost, Plan, user_cache_folder};
 use pairmask::precision::NarrowBoxes;
@@ -55,15 +56,14 @@ impl Engines {
         plan: &Plan,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<(CullReport, EngineName), CullError> {
-        let job = &CullJob { encoding: plan.encoding, threads: plan.threads };
         // A dense mask has a bit for all pairs, so all pairs is what makes it.
         if plan.engine == EngineName::GpuGrid && plan.encoding == Encoding::Sparse {
-            match self.grid.cull_narrow(boxes, job, reply) {
+            match self.grid.cull(&plan.input(boxes), reply) {
                 Err(CullError::TooCrowded { .. } | CullError::TooManyBoxes { .. }) => {}
                 done => return Ok((done?, EngineName::GpuGrid)),
             }
         }
-        Ok((self.all_pairs.cull_narrow(boxes, job, reply)?, EngineName::GpuBrute))
+        Ok((self.all_pairs.cull(&plan.input(boxes), reply)?, EngineName::GpuBrute))
     }
 
     /// Keeps the clocks up for the next frame.
@@ -241,9 +241,8 @@ impl GpuService {
         let mut memory = frame.give_up();
         let answered = match (ended, &mut memory) {
             (Err(CullError::TooCrowded { .. }), Some(memory)) => {
-                let job = &CullJob { encoding: plan.encoding, threads: plan.threads };
                 with_lent(memory, &mut lent, |boxes, reply| {
-                    engines.all_pairs.cull_narrow(boxes, job, reply)
+                    engines.all_pairs.cull(&plan.input(boxes), reply)
                 })
                 .map(|report| (report, EngineName::GpuBrute))
             }
@@ -295,11 +294,10 @@ fn measure(engines: &mut Engines, grid: &GridOptions) -> Option<GpuCost> {
     };
     let boxes: Vec<Aabb> = (0..TIMED_GRID_BOXES).map(apart).collect();
     let mut reply = HeapReply::new();
-    let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
     let mut fastest_ns = |engine: &mut dyn Engine, n: usize| {
         let frame = |_| {
             let start = Instant::now();
-            engine.cull(&boxes[..n], &job, &mut reply).ok()?;
+            engine.cull(&CullInput::boxes(&boxes[..n]), &mut reply).ok()?;
             Some(nanoseconds_since(start) as f64)
         };
         (0..TIMED_FRAMES).map(frame).try_fold(f64::INFINITY, |least, ns| Some(least.min(ns?)))

@@ -14,13 +14,10 @@ use std::time::{Duration, Instant};
 
 use pairmask::BoxForm;
 use pairmask::aabb::AABB_BYTES;
-use pairmask::engine::{
-    CpuEngines, CullAnswer, CullError, CullReport, CullWish, EngineChoice, EngineName, RecentNeed,
-    ReplyBuffer, nanoseconds_since,
-};
+use pairmask::dispatch::{CpuEngines, CullAnswer, CullWish, SphereWays, nanoseconds_since};
+use pairmask::engine::{CullError, CullReport, EngineChoice, EngineName, RecentNeed, ReplyBuffer};
 use pairmask::plan::{Calibration, GpuCost, Plan};
 use pairmask::precision::{ExpandScratch, NarrowBoxes};
-use pairmask::sphere::SphereWays;
 
 use self::frame_memory::{LentReply, with_lent};
 use self::gpu::GridUnderWay;
@@ -98,7 +95,8 @@ impl CpuSide {
         }
         let boxes = boxes.expand(&mut self.expanded, planned.wish.threads != Some(1));
         let expand_ns = nanoseconds_since(start);
-        let mut report = self.engines.run(&planned.plan, boxes, reply)?;
+        let mut report =
+            self.engines.run(planned.plan.engine, &planned.plan.input(boxes), reply)?;
         report.times.ingest_ns += expand_ns;
         let engine = planned.plan.engine;
         Ok(planned.answer(report, engine))

@@ -3,7 +3,8 @@
 use std::rc::Rc;
 
 use iceoryx2::service::ipc;
-use pairmask::engine::{CullAnswer, CullReport};
+use pairmask::dispatch::CullAnswer;
+use pairmask::engine::CullReport;
 use pairmask::transport::Services;
 use pairmask::wire::{
     ResponseHeader, StageTimes, StatusBody, response_error, response_ok, response_status,

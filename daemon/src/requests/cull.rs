@@ -2,7 +2,8 @@
 
 use std::collections::VecDeque;
 
-use pairmask::engine::{CullAnswer, CullError, CullWish, EngineChoice};
+use pairmask::dispatch::{CullAnswer, CullWish};
+use pairmask::engine::{CullError, EngineChoice};
 use pairmask::mask::{EncodingChoice, ReadableEncodings};
 use pairmask::wire::Objects;
 

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use clap::Args;
 use indicatif::ProgressBar;
-use pairmask::engine::CullWish;
+use pairmask::dispatch::CullWish;
 use pairmask::session::ConnectError;
 use pairmask::{BoxCount, EngineChoice};
 use pairmaskd::cli::config::Config;

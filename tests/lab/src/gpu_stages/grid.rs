@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use pairmask::engine::{CullJob, CullReport, Engine, Grid as CpuGrid, HeapReply};
+use pairmask::engine::{CullInput, CullReport, Engine, Grid as CpuGrid, HeapReply};
 use pairmask::mask::{MaskShape, MaskView};
 use pairmask::{Aabb, BoxCount, Encoding};
 use pairmaskd::execute::gpu::{
@@ -153,8 +153,7 @@ impl<E: Engine> Rig<E> {
 
     /// A frame of the first `n` boxes in shared memory.
     fn frame(&mut self, n: u32) -> Result<CullReport, BenchError> {
-        let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
-        Ok(self.engine.cull(self.boxes.boxes(n as usize), &job, &mut self.reply)?)
+        Ok(self.engine.cull(&CullInput::boxes(self.boxes.boxes(n as usize)), &mut self.reply)?)
     }
 }
 
@@ -332,8 +331,8 @@ fn compare(
     let n = BoxCount::of_len(scene.boxes().len()).unwrap_or_default();
     let threads = rayon::current_num_threads();
     let mut reply = HeapReply::new();
-    let job = CullJob { encoding: Encoding::Sparse, threads };
-    let truth = CpuGrid::new().cull(scene.boxes(), &job, &mut reply)?;
+    let truth =
+        CpuGrid::new().cull(&CullInput::boxes(scene.boxes()).threads(threads), &mut reply)?;
     let ours = pair_hash(n, report, rig.reply.words());
     let same = ours.is_some()
         && ours == pair_hash(n, &truth, reply.words())

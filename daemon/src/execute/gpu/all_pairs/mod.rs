@@ -16,10 +16,10 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use pairmask::aabb::AABB_BYTES;
-use pairmask::engine::{CullError, CullJob, CullReport, Engine, ReplyBuffer};
+use pairmask::engine::{CullError, CullInput, CullReport, Engine, ReplyBuffer};
 use pairmask::mask::{MaskShape, Span};
 use pairmask::precision::NarrowBoxes;
-use pairmask::{Aabb, BoxCount, Encoding, EngineName};
+use pairmask::{BoxCount, Encoding, EngineName};
 use pairmask_shaders::constants::BATCH_BOXES;
 use pairmask_shaders::layouts::BatchReport;
 
@@ -246,7 +246,7 @@ impl AllPairs {
         if !mask.is_reply {
             mask.part.block.read(mask.part.offset, reserved);
         }
-        Ok(report(shape, &outcome, 0, [ingested, executed, start.elapsed()]))
+        Ok(report(n, shape, &outcome, [ingested, executed, start.elapsed()]))
     }
 
     fn cull_sparse(
@@ -261,7 +261,6 @@ impl AllPairs {
         let boxes =
             self.transfers.place_boxes(boxes, &mut replaced).map_err(|e| self.cull_error(&e))?;
         let ingested = start.elapsed();
-        let possible = n.sparse_words_max();
         let mut capacity = plan::first_capacity(n).min(room);
         loop {
             if 4 * capacity > self.limits.binding_bytes {
@@ -297,36 +296,12 @@ impl AllPairs {
                     mask.part.block.read(mask.part.offset + 4 * section.start, to);
                 }
             }
-            let zero_words = possible - outcome.words;
-            return Ok(report(shape, &outcome, zero_words, [ingested, executed, start.elapsed()]));
+            return Ok(report(n, shape, &outcome, [ingested, executed, start.elapsed()]));
         }
     }
 
     fn cull_error(&self, error: &GpuError) -> CullError {
         self.gpu.cull_error(ENGINE, error)
-    }
-
-    /// [`Engine::cull`] of boxes in any form, which are read as they lie. The mask is that of the
-    /// f32 boxes that stand for them ([`NarrowBoxes::get`]).
-    ///
-    /// # Errors
-    /// [`CullError`].
-    pub fn cull_narrow(
-        &mut self,
-        boxes: NarrowBoxes<'_>,
-        job: &CullJob,
-        reply: &mut dyn ReplyBuffer,
-    ) -> Result<CullReport, CullError> {
-        let limit = plan::max_boxes(job.encoding, &self.limits);
-        let n = BoxCount::of_len(boxes.len())
-            .filter(|n| u64::from(n.get()) <= limit)
-            .ok_or(CullError::TooManyBoxes { engine: ENGINE, n: boxes.len() as u64, limit })?;
-        self.gpu.health().check().map_err(|e| self.cull_error(&e))?;
-        match job.encoding {
-            _ if n.get() < 2 => no_pairs(n, boxes, job.encoding, reply),
-            Encoding::Dense => self.cull_dense(n, boxes, reply),
-            Encoding::Sparse => self.cull_sparse(n, boxes, reply),
-        }
     }
 }
 
@@ -350,13 +325,24 @@ impl Engine for AllPairs {
         ENGINE
     }
 
+    /// Boxes in any form are read as they lie. The mask is that of the f32 boxes that stand for them
+    /// ([`NarrowBoxes::get`]).
     fn cull(
         &mut self,
-        boxes: &[Aabb],
-        job: &CullJob,
+        input: &CullInput<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
-        self.cull_narrow(boxes.into(), job, reply)
+        let (boxes, encoding) = (input.boxes_alone(ENGINE)?, input.encoding);
+        let limit = plan::max_boxes(encoding, &self.limits);
+        let n = BoxCount::of_len(boxes.len())
+            .filter(|n| u64::from(n.get()) <= limit)
+            .ok_or(CullError::TooManyBoxes { engine: ENGINE, n: boxes.len() as u64, limit })?;
+        self.gpu.health().check().map_err(|e| self.cull_error(&e))?;
+        match encoding {
+            _ if n.get() < 2 => no_pairs(n, boxes, encoding, reply),
+            Encoding::Dense => self.cull_dense(n, boxes, reply),
+            _ => self.cull_sparse(n, boxes, reply),
+        }
     }
 }
 

@@ -25,11 +25,11 @@ impl Tuning {
     /// strip (14 µs with strips of one block at 1,000 boxes, 7 with eight).
     pub const fn for_frame(n: BoxCount, encoding: Encoding) -> Self {
         let (rows, strip_blocks) = match (encoding, n.get()) {
-            (Encoding::Sparse, 0..20_000) => (RowsPerThread::One, 8),
             (Encoding::Dense, 0..2048) => (RowsPerThread::One, 1),
             (Encoding::Dense, 2048..8192) => (RowsPerThread::Two, 2),
             (Encoding::Dense, 8192..20_000) => (RowsPerThread::Four, 4),
             (_, 20_000..) => (RowsPerThread::Four, 8),
+            (_, 0..20_000) => (RowsPerThread::One, 8),
         };
         Self { rows, strip_blocks }
     }
@@ -127,7 +127,7 @@ pub fn max_boxes(encoding: Encoding, limits: &BandLimits) -> u64 {
         Encoding::Dense => {
             (DENSE_BAND_PAIRS / batch).min(limits.output_words * u64::from(WORD_BITS) / batch)
         }
-        Encoding::Sparse => u64::MAX,
+        _ => u64::MAX,
     };
     let most = keys.min(matrix).min(dense).min(MAX_BOXES);
     most / u64::from(PADDING) * u64::from(PADDING)
@@ -145,13 +145,13 @@ pub fn bands(n: BoxCount, tuning: Tuning, encoding: Encoding, limits: &BandLimit
         let blocks = (strip_end - strip0) * tuning.strip_blocks;
         let fitting = limits.matrix_words / u64::from(blocks) / batch * batch;
         let rows = match encoding {
-            Encoding::Sparse => fitting,
             // All rows at once need no row after them; otherwise leave room for a batch of them.
             Encoding::Dense => {
                 let fitting = if fitting >= left { fitting } else { fitting - batch };
                 let pairs = (DENSE_BAND_PAIRS - 1).min((limits.output_words - 1) * 32);
                 fitting.min(pairs / left / batch * batch)
             }
+            _ => fitting,
         };
         let owned_rows = rows.max(batch).min(left) as u32;
         let after = if encoding == Encoding::Dense && u64::from(owned_rows) < left {

@@ -70,12 +70,14 @@ impl Recording<'_> {
         }
         for band in bands {
             steps.push(self.pairs(pipelines, band)?);
-            steps.push(match self.output.shape {
-                MaskShape::Dense { .. } => self.pack_dense(pipelines, band)?,
+            match self.output.shape {
+                MaskShape::Dense { .. } => steps.push(self.pack_dense(pipelines, band)?),
                 MaskShape::Sparse { rows, blocks, bits, .. } => {
-                    self.write_sparse(pipelines, band, [rows, blocks, bits])?
+                    steps.push(self.write_sparse(pipelines, band, [rows, blocks, bits])?);
                 }
-            });
+                // The engine refuses what its descriptor does not list.
+                _ => {}
+            }
         }
         Ok(steps)
     }

@@ -3,9 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use pairmask::engine::{
-    Census, CullError, CullReport, EngineTimes, NAMED_INVALID, ReplyBuffer, SkipMeter,
-};
+use pairmask::engine::{Census, CullError, CullReport, EngineTimes, NAMED_INVALID, ReplyBuffer};
 use pairmask::mask::MaskShape;
 use pairmask::precision::NarrowBoxes;
 use pairmask::{BoxCount, Encoding, MaskWord};
@@ -287,21 +285,13 @@ impl Lane {
         }
         let census = census(&summary, &blocks.invalid, sizes.plane());
         let ns = |d: Duration| d.as_nanos() as u64;
-        Ok(Ended::Report(CullReport {
-            shape,
-            census,
-            pair_count: wide(summary.pairs),
-            skipped: SkipMeter {
-                boxes: u64::from(census.invalid) + u64::from(census.empty),
-                pairs: n.pair_count() - wide(summary.compared),
-                zero_words: n.sparse_words_max() - words,
-            },
-            times: EngineTimes {
-                ingest_ns: ns(ingested),
-                execute_ns: ns(executed.saturating_sub(ingested)),
-                publish_ns: ns(start.elapsed().saturating_sub(executed)),
-            },
-        }))
+        let times = EngineTimes {
+            ingest_ns: ns(ingested),
+            execute_ns: ns(executed.saturating_sub(ingested)),
+            publish_ns: ns(start.elapsed().saturating_sub(executed)),
+        };
+        let (pairs, compared) = (wide(summary.pairs), wide(summary.compared));
+        Ok(Ended::Report(CullReport::new(n, shape, census, pairs, compared, times)))
     }
 }
 

@@ -30,7 +30,7 @@ mod under_way;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use pairmask::engine::{CullError, CullJob, CullReport, Engine, ReplyBuffer};
+use pairmask::engine::{CullError, CullInput, CullReport, Engine, ReplyBuffer};
 use pairmask::precision::NarrowBoxes;
 use pairmask::{Aabb, BoxCount, BoxForm, Encoding, EngineName};
 use pairmask_shaders::layouts::GridLayout;
@@ -235,29 +235,6 @@ impl Grid {
             }
         }
     }
-
-    /// [`Engine::cull`] of boxes in any form, which are read as they lie. The mask is that of the
-    /// f32 boxes that stand for them ([`NarrowBoxes::get`]).
-    ///
-    /// # Errors
-    /// [`CullError`], as [`Engine::cull`].
-    pub fn cull_narrow(
-        &mut self,
-        boxes: NarrowBoxes<'_>,
-        job: &CullJob,
-        reply: &mut dyn ReplyBuffer,
-    ) -> Result<CullReport, CullError> {
-        match BoxCount::of_len(boxes.len()) {
-            Some(n) if n.get() < 2 && job.encoding == Encoding::Sparse => {
-                no_pairs(n, boxes, job.encoding, reply)
-            }
-            _ => {
-                let memory = Borrowed { boxes, reply };
-                let frame = self.begin(memory, job.encoding).map_err(|(error, _)| error)?;
-                self.end(frame).0
-            }
-        }
-    }
 }
 
 impl Engine for Grid {
@@ -265,14 +242,25 @@ impl Engine for Grid {
         ENGINE
     }
 
-    /// Dense masks are refused ([`CullError::Unavailable`]): they have all pairs' words, which the
-    /// all-pairs engine writes faster. Crowds are, too ([`CullError::TooCrowded`]).
+    /// Boxes in any form are read as they lie. The mask is that of the f32 boxes that stand for them
+    /// ([`NarrowBoxes::get`]). Dense masks are refused ([`CullError::Unavailable`]): they have all
+    /// pairs' words, which the all-pairs engine writes faster. Crowds are, too
+    /// ([`CullError::TooCrowded`]).
     fn cull(
         &mut self,
-        boxes: &[Aabb],
-        job: &CullJob,
+        input: &CullInput<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
-        self.cull_narrow(boxes.into(), job, reply)
+        let (boxes, encoding) = (input.boxes_alone(ENGINE)?, input.encoding);
+        match BoxCount::of_len(boxes.len()) {
+            Some(n) if n.get() < 2 && encoding == Encoding::Sparse => {
+                no_pairs(n, boxes, encoding, reply)
+            }
+            _ => {
+                let memory = Borrowed { boxes, reply };
+                let frame = self.begin(memory, encoding).map_err(|(error, _)| error)?;
+                self.end(frame).0
+            }
+        }
     }
 }
