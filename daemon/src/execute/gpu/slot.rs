@@ -1,7 +1,7 @@
 //! The place of the GPU in the daemon: there, lost, or being rebuilt.
 
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use super::device::Gpu;
@@ -16,7 +16,7 @@ const RETRY_AFTER: Duration = Duration::from_secs(1);
 enum State {
     Ready(Arc<Gpu>),
     Lost { since: Instant, retry_at: Instant },
-    Rebuilding { since: Instant, opened: Receiver<Result<Arc<Gpu>, OpenError>> },
+    Rebuilding { since: Instant, opening: JoinHandle<Result<Arc<Gpu>, OpenError>> },
 }
 
 /// A GPU that may go and come back. The owner asks before each frame ([`GpuSlot::ready`]) and
@@ -79,35 +79,51 @@ impl GpuSlot {
         if let State::Lost { since, retry_at } = self.state
             && now >= retry_at
         {
-            let (sender, opened) = channel();
             let open = Arc::clone(&self.open);
-            let started = std::thread::Builder::new()
-                .name("gpu-rebuild".into())
-                // The slot may be gone when the device is there: then nobody wants it.
-                .spawn(move || drop(sender.send(open())));
+            let started =
+                std::thread::Builder::new().name("gpu-rebuild".into()).spawn(move || open());
             self.state = match started {
-                Ok(_) => State::Rebuilding { since, opened },
+                Ok(opening) => State::Rebuilding { since, opening },
                 Err(error) => {
                     log::error!("no thread to rebuild the GPU on: {error}");
                     State::Lost { since, retry_at: now + RETRY_AFTER }
                 }
             };
         }
-        if let State::Rebuilding { since, opened } = &self.state {
-            let since = *since;
-            let retry = State::Lost { since, retry_at: now + RETRY_AFTER };
-            match opened.try_recv() {
-                Ok(Ok(gpu)) => {
-                    log::info!("the GPU {} is back after {:?}", gpu.info().name, now - since);
-                    self.state = State::Ready(gpu);
-                }
-                Ok(Err(error)) => {
-                    log::warn!("the GPU is not back yet: {error}");
-                    self.state = retry;
-                }
-                Err(TryRecvError::Disconnected) => self.state = retry,
-                Err(TryRecvError::Empty) => {}
-            }
+        if let State::Rebuilding { opening, .. } = &self.state
+            && opening.is_finished()
+        {
+            self.take_in(now);
         }
+    }
+    /// Takes in what the thread that opens a device came to.
+    fn take_in(&mut self, now: Instant) {
+        if !matches!(self.state, State::Rebuilding { .. }) {
+            return;
+        }
+        let lost = State::Lost { since: now, retry_at: now + RETRY_AFTER };
+        let State::Rebuilding { since, opening } = std::mem::replace(&mut self.state, lost) else {
+            return;
+        };
+        self.state = match opening.join() {
+            Ok(Ok(gpu)) => {
+                log::info!("the GPU {} is back after {:?}", gpu.info().name, now - since);
+                State::Ready(gpu)
+            }
+            failed => {
+                if let Ok(Err(error)) = failed {
+                    log::warn!("the GPU is not back yet: {error}");
+                }
+                State::Lost { since, retry_at: now + RETRY_AFTER }
+            }
+        };
+    }
+}
+
+impl Drop for GpuSlot {
+    /// Waits for a device that is being opened: a process that ends while a thread loads the driver
+    /// would unload it under that thread.
+    fn drop(&mut self) {
+        self.take_in(Instant::now());
     }
 }
