@@ -17,12 +17,9 @@ use pairmask_tests::gpu::open;
 use pairmask_tests::narrow::{CullNarrow, NarrowMemory, Narrowed};
 use pairmask_tests::stress_scenes::{Rng, StressScene};
 use pairmask_tests::{naive_modes, stress_scenes};
-use pairmaskd::execute::gpu::frame::{Command, Frame, Wait};
-use pairmaskd::execute::gpu::grid::plan::Sizes;
-use pairmaskd::execute::gpu::memory::{Block, Home, Part};
-use pairmaskd::execute::gpu::pipeline::Pipelines;
 use pairmaskd::execute::gpu::{
-    AllPairs, AllPairsOptions, Checks, Gpu, Grid, GridOptions, HostImport, Upload,
+    AllPairs, AllPairsOptions, Block, Checks, Command, Frame, Gpu, Grid, GridOptions, Home,
+    HostImport, Part, Pipelines, Sizes, Upload, Wait,
 };
 
 /// A watchdog, no measure of speed.

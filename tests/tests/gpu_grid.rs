@@ -6,15 +6,17 @@ use pairmask::engine::{CullError, CullInput, CullReport, Engine, Grid as CpuGrid
 use pairmask::mask::MaskShape;
 use pairmask::precision::NarrowBoxes;
 use pairmask::{Aabb, Bounds, BoxCount, Encoding, Precision};
+use pairmask_shaders::mirror;
 use pairmask_tests::conformance::{Suite, check_engine, check_reply};
 use pairmask_tests::daemon::eventually;
+use pairmask_tests::frame_memory::TestFrame;
 use pairmask_tests::gpu::open;
 use pairmask_tests::narrow::NarrowMemory;
 use pairmask_tests::oracle::{self, pair_set_hash};
 use pairmask_tests::{naive_decoder, stress_scenes};
-use pairmaskd::execute::gpu::awake::{Awake, DEFAULT_HOLD};
-use pairmaskd::execute::gpu::grid::mirror;
-use pairmaskd::execute::gpu::{Checks, Grid, GridOptions, HostImport, Upload};
+use pairmaskd::execute::gpu::{
+    Awake, Checks, DEFAULT_HOLD, Grid, GridOptions, HostImport, Upload, grid_layout,
+};
 
 fn engine(options: &GridOptions) -> Grid {
     Grid::new(&open(HostImport::IfPossible), options).unwrap_or_else(|error| panic!("{error}"))
@@ -48,7 +50,7 @@ fn cull(engine: &mut dyn Engine, boxes: &[Aabb]) -> (CullReport, HeapReply) {
 fn check_bytes<'a>(engine: &mut Grid, boxes: impl Into<NarrowBoxes<'a>>, what: &str) {
     let boxes = boxes.into();
     let (report, reply) = cull_narrow(engine, boxes);
-    let mirrored = mirror::frame(boxes);
+    let mirrored = mirror::frame(&grid_layout(boxes), boxes);
     let MaskShape::Sparse { rows, blocks, bits, order } = report.shape else {
         panic!("{what}: not sparse")
     };
@@ -253,15 +255,16 @@ fn frames_behind_each_other_keep_to_their_own_boxes() {
     let truths = scenes.each_ref().map(|boxes| oracle::truth(boxes));
     for round in 0..12 {
         let turns = [round % 3, (round + 1) % 3];
-        let mut replies = [HeapReply::new(), HeapReply::new()];
-        let lanes = [0, 1].map(|lane: usize| {
-            let boxes = (&scenes[turns[lane]]).into();
-            engine.begin(boxes, Encoding::Sparse, &mut replies[lane]).expect("a free lane")
+        let frames = turns.map(|turn| {
+            let memory = TestFrame::on_heap(&Precision::Exact, &scenes[turn]);
+            let frame = engine.begin(memory, Encoding::Sparse);
+            frame.map_err(|(error, _)| error).expect("a free lane")
         });
-        for ((lane, reply), turn) in lanes.into_iter().zip(&mut replies).zip(turns) {
-            let report = engine.end(lane, (&scenes[turn]).into(), reply).expect("a frame");
-            let truth = &truths[turn];
-            let checked = check_reply(reply.words(), &report, 1234, Encoding::Sparse, truth);
+        for (frame, turn) in frames.into_iter().zip(turns) {
+            let (report, memory) = engine.end(frame);
+            let (report, memory) = (report.expect("a frame"), memory.expect("an ended frame"));
+            let (words, truth) = (memory.reply.words(), &truths[turn]);
+            let checked = check_reply(words, &report, 1234, Encoding::Sparse, truth);
             assert_eq!(checked, Ok(()), "round {round}");
         }
     }

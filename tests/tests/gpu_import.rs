@@ -11,8 +11,10 @@ use pairmask_tests::gpu::{engine, open};
 use pairmask_tests::naive_decoder::sections;
 use pairmask_tests::narrow::NarrowMemory;
 use pairmask_tests::{naive_modes, oracle, stress_scenes};
-use pairmaskd::execute::gpu::import::{ImportError, ReadWriteMapping};
-use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, HostImport, Upload};
+use pairmaskd::execute::gpu::{
+    AllPairs, AllPairsOptions, HostImport, ImportError, ImportId, ReadWriteMapping, SharedImports,
+    Upload,
+};
 use rustix::mm::{MapFlags, ProtFlags};
 
 const PAGE: usize = 4096;
@@ -121,9 +123,9 @@ impl ReplyBuffer for SegmentReply<'_> {
     }
 }
 
-fn imported(engine: &mut AllPairs, segment: &Segment) -> pairmaskd::execute::gpu::import::ImportId {
+fn imported(engine: &mut AllPairs, segment: &Segment) -> ImportId {
     engine
-        .import(segment.seen as usize, segment.bytes)
+        .import_boxes(segment.seen as usize, segment.bytes)
         .unwrap_or_else(|error| panic!("shared memory must import here: {error}"))
 }
 
@@ -131,10 +133,15 @@ fn imported(engine: &mut AllPairs, segment: &Segment) -> pairmaskd::execute::gpu
 fn imported_and_staged_memory_give_the_same_bytes() {
     let boxes = Segment::new("boxes", 256 * PAGE, ProtFlags::READ);
     let reply = Segment::new("reply", 2048 * PAGE, ProtFlags::READ | ProtFlags::WRITE);
-    let mut zero_copy = engine(AllPairsOptions::default());
+    let imports = SharedImports::default();
+    let mut zero_copy = engine(AllPairsOptions { imports: imports.clone(), ..Default::default() });
     let mut staged = engine(AllPairsOptions::default());
     imported(&mut zero_copy, &boxes);
-    imported(&mut zero_copy, &reply);
+    // SAFETY: the segment is mapped until the end of this test, in which the engine writes to it last.
+    #[allow(unsafe_code)]
+    let writable =
+        unsafe { imports.lock().import_replies(zero_copy.gpu(), reply.seen as usize, reply.bytes) };
+    writable.unwrap_or_else(|error| panic!("shared memory must import here: {error}"));
     for n in [2u32, 33, 345, 1234, 4096] {
         for (scene, offset) in stress_scenes::ALL.iter().zip([0, PAGE, 3 * PAGE].iter().cycle()) {
             if n > 1234 && scene.overlaps() == stress_scenes::Overlaps::Quadratic {
@@ -228,7 +235,7 @@ fn without_the_extension_import_is_refused_and_staging_serves() {
     let gpu = open(HostImport::Never);
     let mut engine = AllPairs::new(&gpu, AllPairsOptions::default()).expect("an engine");
     let segment = Segment::new("refused", 16 * PAGE, ProtFlags::READ);
-    let refused = engine.import(segment.seen as usize, segment.bytes);
+    let refused = engine.import_boxes(segment.seen as usize, segment.bytes);
     assert!(matches!(refused, Err(ImportError::Gpu(_))), "{refused:?}");
     let scene = stress_scenes::ALL[0].boxes(345, 4);
     segment.write(0, &scene);
@@ -243,7 +250,7 @@ fn private_memory_is_not_imported() {
     let mut engine = engine(AllPairsOptions::default());
     let heap = vec![0u8; 64 * PAGE];
     assert!(matches!(
-        engine.import(heap.as_ptr() as usize, heap.len()),
+        engine.import_boxes(heap.as_ptr() as usize, heap.len()),
         Err(ImportError::Segment(_))
     ));
 }

@@ -8,8 +8,7 @@ use pairmask::engine::{CullError, CullInput, Engine, HeapReply};
 use pairmask_tests::conformance::check_reply;
 use pairmask_tests::gpu::open;
 use pairmask_tests::{oracle, stress_scenes};
-use pairmaskd::execute::gpu::slot::SlotState;
-use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, GpuSlot, HostImport};
+use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, GpuSlot, HostImport, SlotState};
 
 /// A watchdog, no measure of speed: opening a software device takes under a second.
 const GIVE_UP: Duration = Duration::from_secs(60);

@@ -9,8 +9,8 @@ use pairmask_tests::gpu::engine;
 use pairmask_tests::naive_decoder;
 use pairmask_tests::oracle::{self, pair_set_hash};
 use pairmask_tests::stress_scenes;
-use pairmaskd::execute::gpu::all_pairs::plan::{self, Tuning};
 use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, Checks, Upload};
+use pairmaskd::execute::gpu::{Tuning, first_capacity};
 
 const BOTH: [Encoding; 2] = [Encoding::Dense, Encoding::Sparse];
 
@@ -114,7 +114,7 @@ fn ten_thousand_boxes_have_the_pairs_of_the_oracle() {
 fn a_mask_larger_than_the_first_capacity_is_complete() {
     let boxes = vec![Aabb { min: [0.0; 3], max: [1.0; 3] }; 1248];
     let n = BoxCount::new(1248);
-    assert!(n.sparse_words_max() > plan::first_capacity(n), "or the test shows nothing");
+    assert!(n.sparse_words_max() > first_capacity(n), "or the test shows nothing");
     let mut engine = engine(AllPairsOptions::default());
     let (report, reply) = cull(&mut engine, &boxes, Encoding::Sparse);
     let truth = oracle::truth(&boxes);

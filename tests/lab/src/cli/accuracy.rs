@@ -17,8 +17,7 @@ use pairmaskd::cli::output::{
 };
 use pairmaskd::cli::target::Target;
 use pairmaskd::cli::whole::whole;
-use pairmaskd::execute::gpu::adapter::choose;
-use pairmaskd::execute::gpu::{GpuChoice, list_adapters};
+use pairmaskd::execute::gpu::{GpuChoice, choose, list_adapters};
 use pairmaskd::file_error::{Access, FileError};
 use pairmaskd::scene::SceneName;
 use pairmaskd::spawn::SpawnError;

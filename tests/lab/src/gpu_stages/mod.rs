@@ -18,9 +18,9 @@ use pairmask::mask::MaskShape;
 use pairmask::plan::user_cache_folder;
 use pairmask::{Aabb, BoxCount, Encoding};
 use pairmask_shaders::RowsPerThread;
-use pairmaskd::execute::gpu::all_pairs::plan::{self, Tuning};
 use pairmaskd::execute::gpu::{
-    AllPairs, AllPairsOptions, Gpu, GpuChoice, GpuError, HostImport, OpenError, Upload,
+    AllPairs, AllPairsOptions, Gpu, GpuChoice, GpuError, HostImport, OpenError, Tuning, Upload,
+    first_capacity,
 };
 use pairmaskd::scene::SceneName;
 use serde_json::json;
@@ -213,8 +213,9 @@ impl Rig {
         encoding: Encoding,
     ) -> Result<Self, BenchError> {
         let n = BoxCount::of_len(boxes.len()).unwrap_or_default();
-        let capacity = plan::first_capacity(n);
+        let capacity = first_capacity(n);
         let words = MaskShape::exact(encoding, n, capacity, false).extent_words();
+        let imports = options.imports.clone();
         let mut rig = Self {
             engine: AllPairs::new(gpu, options)?,
             boxes: Segment::new(size_of_val(boxes))?,
@@ -222,9 +223,8 @@ impl Rig {
             imported: import,
         };
         rig.boxes.write(boxes);
-        for segment in [&rig.boxes, &rig.reply] {
-            let imported = import && rig.engine.import(segment.address(), segment.bytes()).is_ok();
-            rig.imported &= imported;
+        for segment in [&mut rig.boxes, &mut rig.reply] {
+            rig.imported &= import && segment.import(gpu, &imports).is_ok();
         }
         Ok(rig)
     }

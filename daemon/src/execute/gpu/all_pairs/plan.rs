@@ -55,7 +55,7 @@ pub struct Band {
     pub owned_rows: u32,
     /// Rows of the matrix, whole batches: a dense band also needs the rows after its own, whose
     /// first pairs share a word with its last ones.
-    pub band_rows: u32,
+    pub matrix_rows: u32,
     /// First strip with a column after the first row.
     pub strip0: u32,
     /// One past the last strip.
@@ -67,12 +67,12 @@ pub struct Band {
 impl Band {
     /// Words of the band's matrix.
     pub const fn matrix_words(&self) -> u64 {
-        self.blocks as u64 * self.band_rows as u64
+        self.blocks as u64 * self.matrix_rows as u64
     }
 
     /// Words of the band's strip masks.
     pub const fn mask_words(&self) -> u64 {
-        (self.strip_end - self.strip0) as u64 * self.band_rows as u64
+        (self.strip_end - self.strip0) as u64 * self.matrix_rows as u64
     }
 
     /// Index of the band's first pair.
@@ -162,7 +162,7 @@ pub fn bands(n: BoxCount, tuning: Tuning, encoding: Encoding, limits: &BandLimit
         bands.push(Band {
             row0,
             owned_rows,
-            band_rows: owned_rows.next_multiple_of(BATCH_BOXES) + after,
+            matrix_rows: owned_rows.next_multiple_of(BATCH_BOXES) + after,
             strip0,
             strip_end,
             blocks,
@@ -222,7 +222,7 @@ mod tests {
             assert_eq!(band.row0, next_row, "{n} {encoding}");
             assert!(band.row0.is_multiple_of(BATCH_BOXES) && band.owned_rows > 0);
             assert!(band.matrix_words() <= limits.matrix_words, "{n} {encoding} {band:?}");
-            assert!(u64::from(band.row0 + band.band_rows) <= plane_words(count), "{band:?}");
+            assert!(u64::from(band.row0 + band.matrix_rows) <= plane_words(count), "{band:?}");
             assert!(band.strip0 * tuning.strip_columns() <= band.row0);
             assert!(band.strip_end * tuning.strip_columns() >= n);
             assert!(u64::from(band.strip_end * tuning.strip_columns()) <= plane_words(count));

@@ -14,11 +14,9 @@ use pairmask_shaders::constants::BATCH_BOXES;
 use crate::study::mapping::stage::{IdWidth, MappingStage, Variant};
 use bytemuck::{Pod, Zeroable};
 
-use pairmaskd::execute::gpu::error::StageFault;
-use pairmaskd::execute::gpu::frame::{Command, Frame, Wait};
-use pairmaskd::execute::gpu::memory::{Block, Home, Part};
-use pairmaskd::execute::gpu::pipeline::{Pipeline, Pipelines};
-use pairmaskd::execute::gpu::{Checks, Gpu, GpuError};
+use pairmaskd::execute::gpu::{
+    Block, Checks, Command, Frame, Gpu, GpuError, Home, Part, Pipeline, Pipelines, StageFault, Wait,
+};
 
 /// A study frame that takes longer is given up: a thousand times what a GPU needs, and enough for
 /// a software adapter.
