@@ -159,7 +159,7 @@ impl SphereWays {
         let mut plan = boxes.plan(bounds, &sparse, None);
         plan.encoding = encoding;
         let plan_ns = nanoseconds_since(plan_start);
-        let input = plan.input(bounds).rules(PairRules { test: Some(&balls) });
+        let input = plan.input(bounds).rules(PairRules::tested_by(&balls));
         let mut report = boxes.run(plan.engine, &input, reply)?;
         report.times.ingest_ns += bounds_ns;
         Ok(CullAnswer::new(&plan, report, start, plan_ns))

@@ -56,7 +56,11 @@ mod tests {
         let sift = |test: Option<&dyn PairTest>| {
             let mut words = [[0, 1, 2], [1, 1, 2], [0b11, 0b10, 0b111]];
             let [rows, blocks, bits] = &mut words;
-            let gather = Gather { budget: &budget, rules: PairRules { test }, order: &[] };
+            let gather = Gather {
+                budget: &budget,
+                rules: test.map_or(PairRules::NONE, PairRules::tested_by),
+                order: &[],
+            };
             let (kept, gone) = gather.sift([rows, blocks, bits]);
             (words.map(|array| array[..kept].to_vec()), gone)
         };

@@ -42,7 +42,7 @@ pub(super) use engines;
 impl EngineName {
     /// The engines of the CPU, in the order of [`Self::ALL`].
     pub const CPU: [Self; cpu_count()] = {
-        let mut cpu = [Self::CpuBrute; cpu_count()];
+        let mut cpu = [Self::ALL[0]; cpu_count()];
         let (mut i, mut count) = (0, 0);
         while i < Self::ALL.len() {
             if !Self::ALL[i].is_gpu() {
@@ -73,7 +73,7 @@ impl EngineName {
     ///
     /// ```
     /// use pairmask::EngineName;
-    /// assert!(EngineName::listed(" or ").ends_with("gpu-brute or gpu-grid"));
+    /// assert!(EngineName::listed(" or ").starts_with("cpu-brute, cpu-sap, "));
     /// ```
     pub fn listed(last: &str) -> String {
         let names = Self::ALL.map(Self::as_str);

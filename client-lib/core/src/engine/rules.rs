@@ -12,12 +12,17 @@ pub(crate) trait PairTest: Sync {
 #[derive(Clone, Copy)]
 pub(crate) struct PairRules<'a> {
     /// A test of each pair.
-    pub test: Option<&'a dyn PairTest>,
+    test: Option<&'a dyn PairTest>,
 }
 
-impl PairRules<'_> {
+impl<'a> PairRules<'a> {
     /// All pairs of boxes that overlap count.
     pub const NONE: Self = Self { test: None };
+
+    /// Pairs of boxes that overlap count where they pass a test.
+    pub const fn tested_by(test: &'a dyn PairTest) -> Self {
+        Self { test: Some(test) }
+    }
 
     /// Whether all pairs pass: then no word need be looked at.
     #[inline]

@@ -42,8 +42,7 @@ impl FromStr for Entrant {
             "updates" => Ok(Self::Updates),
             _ => EngineName::from_name(s).map(Self::Engine).ok_or_else(|| UnknownName {
                 name: s.to_owned(),
-                known: "all, cpu-brute, cpu-sap, cpu-grid, gpu-brute, gpu-grid, spheres, updates"
-                    .into(),
+                known: format!("all, {}, spheres, updates", EngineName::listed(", ")).into(),
             }),
         }
     }

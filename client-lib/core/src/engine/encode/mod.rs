@@ -18,7 +18,7 @@ use crate::units::BoxCount;
 
 /// An encoding's share of the plan's cost model.
 #[derive(Clone, Copy, Debug)]
-pub struct EncodingCost {
+pub(crate) struct EncodingCost {
     /// Kinds of work that its masks take, from the words that an engine found to the pairs of the
     /// client.
     pub terms: &'static [CostTerm],
@@ -28,7 +28,7 @@ pub struct EncodingCost {
 }
 
 /// What the masks of an encoding take.
-pub const fn encoding_cost(encoding: Encoding) -> &'static EncodingCost {
+pub(crate) const fn encoding_cost(encoding: Encoding) -> &'static EncodingCost {
     match encoding {
         Encoding::Dense => &dense::COST,
         Encoding::Sparse => &sparse::COST,

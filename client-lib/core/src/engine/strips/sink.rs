@@ -290,7 +290,11 @@ mod tests {
         expected: &[[u32; 3]],
     ) {
         let budget = no_limit();
-        let gather = &Gather { budget: &budget, rules: PairRules { test }, order: &[] };
+        let gather = &Gather {
+            budget: &budget,
+            rules: test.map_or(PairRules::NONE, PairRules::tested_by),
+            order: &[],
+        };
         let pairs: u32 = expected.iter().map(|word| word[2].count_ones()).sum();
         for isa in Isa::ALL.into_iter().filter_map(AvailableIsa::new) {
             let mut sink = WordSink::default();
@@ -370,8 +374,7 @@ mod tests {
             }
         }
         let budget = no_limit();
-        let gather =
-            &Gather { budget: &budget, rules: PairRules { test: Some(&FewPass) }, order: &[] };
+        let gather = &Gather { budget: &budget, rules: PairRules::tested_by(&FewPass), order: &[] };
         let mut sink = WordSink::default();
         for row in 0..3_000 {
             for block in row / 32 + 1..94 {
