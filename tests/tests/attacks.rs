@@ -141,7 +141,7 @@ fn live_beside(mode: &'static str, max_clients: &str) -> (BTreeMap<String, u64>,
 }
 
 #[test]
-fn lengths_beyond_a_segment_are_refused_and_kill_nobody() {
+fn lengths_beyond_a_segment_are_refused_and_kill_no_process() {
     let (counts, lived) = live_beside("lengths", "16");
     assert!(counts["rounds"] > 10, "{counts:?}");
     assert_eq!(counts.get("outside"), None, "answered over memory of others: {counts:?}");
@@ -149,7 +149,7 @@ fn lengths_beyond_a_segment_are_refused_and_kill_nobody() {
 }
 
 #[test]
-fn nobody_is_answered_by_a_request_in_his_name() {
+fn a_request_under_another_clients_id_is_not_answered() {
     let (counts, lived) = live_beside("identities", "16");
     assert!(counts["rounds"] > 0 && lived.there > 10, "{lived:?}, {counts:?}");
     // The transport never gives back a request of a client that there is not, and dies of 128 ports
@@ -192,7 +192,7 @@ fn a_request_in_the_name_of_another_is_not_answered() {
 }
 
 #[test]
-fn channels_that_there_are_not_kill_a_worker_at_most() {
+fn nonexistent_channels_kill_a_worker_at_most() {
     let (counts, _) = live_beside("channels", "16");
     assert!(counts["rounds"] > 0, "{counts:?}");
 }

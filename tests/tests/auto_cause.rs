@@ -15,7 +15,7 @@ use rustix::process::Signal;
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
 fn said() -> Vec<String> {
-    library_log::said().into_iter().map(|(_, text)| text).collect()
+    library_log::take_captured().into_iter().map(|(_, text)| text).collect()
 }
 
 fn frame(session: &mut Session) -> ServedBy {
@@ -43,7 +43,7 @@ fn check(builder: SessionBuilder, cause: fn(&ConnectError) -> bool, text: &str) 
 // One test: the log is one for the process.
 #[test]
 fn the_cause_is_named() {
-    library_log::keep(LevelFilter::Info);
+    library_log::capture(LevelFilter::Info);
     let dir = tempfile::tempdir().unwrap();
     let at = |dir: &RuntimeDir| Session::builder().runtime_dir(dir.clone());
     let empty = RuntimeDir::at(dir.path());

@@ -210,7 +210,7 @@ fn raw_request(
 }
 
 #[test]
-fn forged_requests_are_answered_and_harm_nobody() {
+fn forged_requests_are_answered_and_harm_no_client() {
     use pairmask::engine::EngineChoice;
     use pairmask::mask::EncodingChoice;
     use pairmask::precision::BoxForm;
@@ -254,7 +254,7 @@ fn forged_requests_are_answered_and_harm_nobody() {
 }
 
 #[test]
-fn forged_requests_of_spheres_are_answered_and_harm_nobody() {
+fn forged_requests_of_spheres_are_answered_and_harm_no_client() {
     use pairmask::engine::EngineChoice;
     use pairmask::mask::EncodingChoice;
     use pairmask::units::BoxCount;

@@ -320,16 +320,17 @@ const ENTRY_POINTS: [EntryPoint; 21] = [
     }),
     ("ToWorld::world_matrix", |boxes| {
         /// A matrix that somebody asked for earlier, on a thread of any flags.
-        struct Kept(pairmask::update::WorldMatrix);
-        impl ToWorld for Kept {
+        struct StoredMatrix(pairmask::update::WorldMatrix);
+        impl ToWorld for StoredMatrix {
             fn world_matrix(&self) -> pairmask::update::WorldMatrix {
                 self.0
             }
         }
         let placements = pairmask::floats::with_default(|| placements(boxes));
-        let kept: Vec<Kept> = placements.iter().map(|p| Kept(p.world_matrix())).collect();
+        let stored: Vec<StoredMatrix> =
+            placements.iter().map(|p| StoredMatrix(p.world_matrix())).collect();
         let mut world = vec![Aabb::EMPTY; boxes.len()];
-        update_boxes(boxes, &kept, &mut world).unwrap();
+        update_boxes(boxes, &stored, &mut world).unwrap();
         bits(&world)
     }),
     ("Sphere::bounds", |boxes| {

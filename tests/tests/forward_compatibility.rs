@@ -131,7 +131,7 @@ const CASES: [Case; 10] = [
 
 #[test]
 fn what_is_no_answer_is_answered_in_process_or_named() {
-    library_log::keep(LevelFilter::Warn);
+    library_log::capture(LevelFilter::Warn);
     for (change, is_named, said) in CASES {
         beside(change, |dir| {
             let builder = Session::builder().runtime_dir(dir.clone());
@@ -142,14 +142,14 @@ fn what_is_no_answer_is_answered_in_process_or_named() {
             assert!(is_named(&error), "{said}: {error:?}");
 
             let mut session = builder.backend(Backend::Auto).connect().unwrap();
-            library_log::said();
+            library_log::take_captured();
             for _ in 0..5 {
                 let mask = ask(&mut session).unwrap_or_else(|e| panic!("{said}: {e}"));
                 assert_eq!(mask.info().served_by, ServedBy::InProcess, "{said}");
                 assert_eq!(mask.to_vec(), [(0, 1)], "{said}");
             }
             // Other tests of this file have daemons that answer well, and warn of nothing.
-            let warned = library_log::said();
+            let warned = library_log::take_captured();
             assert!(warned.len() == 1 && warned[0].1.contains(said), "{said}: {warned:?}");
         });
     }

@@ -17,7 +17,7 @@ fn step_bytes() -> u64 {
 const MOST_BYTES: u64 = 512 << 10;
 
 #[test]
-fn whoever_connects_to_a_full_shm_is_served_or_told_and_nobody_dies() {
+fn connecting_to_a_full_shm_succeeds_or_is_a_typed_error_and_kills_no_process() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().display();
     // A namespace of its own with 8 MB of shared memory: daemon and clients in one. In the end there

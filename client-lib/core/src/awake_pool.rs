@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_is_woken_for_a_time_that_has_passed() {
+    fn no_thread_is_woken_for_a_time_that_has_passed() {
         in_pool(2, || {
             let mut awake = AwakePool::default();
             awake.keep_until(2, Instant::now());
@@ -248,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn there_is_nobody_to_keep_awake_outside_of_a_pool() {
+    fn outside_of_a_pool_no_thread_is_kept_awake() {
         let mut awake = AwakePool::default();
         awake.keep_until(8, Instant::now() + LONG);
         assert!(awake.watch.is_none());
@@ -256,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn who_comes_in_the_middle_of_work_leaves_and_is_asked_again() {
+    fn a_thread_that_comes_during_work_leaves_and_is_asked_again() {
         let watch = Watch::new(1, Instant::now() + LONG);
         watch.is_working.store(true, Ordering::Relaxed);
         watch.attend();
@@ -286,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn work_is_done_whoever_is_awake() {
+    fn work_is_done_whichever_threads_are_awake() {
         in_pool(4, || {
             let mut awake = AwakePool::default();
             let items: Vec<u64> = (0..2000).collect();

@@ -219,7 +219,7 @@ impl RuntimeDir {
     pub fn remove_record(&self, name: &InstanceName) {
         // Nothing is lost if they stay: readers find that their process is gone.
         let _ = fs::remove_file(self.record_file(name));
-        let _ = fs::remove_file(self.account_file(name));
+        let _ = fs::remove_file(self.status_file(name));
     }
 }
 

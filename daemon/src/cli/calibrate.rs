@@ -12,7 +12,7 @@ use serde::Serialize;
 
 use super::machine::Machine;
 use super::output::{OutputError, print_json, print_text, progress_bar};
-use super::whole::whole;
+use super::whole_number::whole_number;
 use crate::calibrate::{
     Case, Effort, FitRow, MeasureError, Pools, WaySet, core_count, fit, measure, rows,
     thread_counts,
@@ -70,7 +70,7 @@ pub struct Calibrate {
     #[arg(long)]
     quick: bool,
     /// Threads at most [default: all cores; one where the machine is busy]
-    #[arg(long, value_parser = whole::<std::num::NonZeroUsize>, value_name = "N")]
+    #[arg(long, value_parser = whole_number::<std::num::NonZeroUsize>, value_name = "N")]
     threads: Option<std::num::NonZeroUsize>,
     /// Print one JSON object
     #[arg(long)]

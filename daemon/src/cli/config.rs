@@ -8,7 +8,7 @@ use pairmask::transport::InstanceName;
 use pairmask::{Backend, EncodingChoice, EngineChoice};
 use serde::{Deserialize, Deserializer};
 
-use super::whole::{Whole, whole};
+use super::whole_number::{WholeNumber, whole_number};
 use crate::audit::AuditRate;
 use crate::execute::gpu::GpuChoice;
 use crate::file_error::{Access, FileError};
@@ -98,11 +98,11 @@ where
 fn number<'de, D, T>(deserializer: D) -> Result<Option<T>, D::Error>
 where
     D: Deserializer<'de>,
-    T: Whole,
+    T: WholeNumber,
 {
     match toml::Value::deserialize(deserializer)? {
         toml::Value::Integer(n) => {
-            whole(&n.to_string()).map(Some).map_err(serde::de::Error::custom)
+            whole_number(&n.to_string()).map(Some).map_err(serde::de::Error::custom)
         }
         _ => Err(serde::de::Error::custom("must be a whole number without quotes")),
     }

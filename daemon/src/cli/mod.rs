@@ -9,9 +9,9 @@ mod calibrate;
 pub mod config;
 mod cull;
 mod demo;
+mod driver_warnings;
 mod error;
 mod explain;
-mod hush;
 pub mod machine;
 pub mod options;
 pub mod output;
@@ -25,7 +25,7 @@ pub mod shape;
 mod status;
 pub mod target;
 pub mod usage;
-pub mod whole;
+pub mod whole_number;
 
 use std::process::ExitCode;
 

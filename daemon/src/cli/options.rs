@@ -11,7 +11,7 @@ use pairmask::transport::{InstanceName, RuntimeDir};
 use pairmask::{Backend, EncodingChoice, EngineChoice, Session};
 
 use super::config::Config;
-use super::whole::whole;
+use super::whole_number::whole_number;
 use crate::execute::gpu::GpuChoice;
 use crate::spawn::PrivateSettings;
 
@@ -99,7 +99,7 @@ pub struct CullOptions {
     #[arg(long, env = "PAIRMASK_ENCODING", value_name = "NAME")]
     encoding: Option<EncodingChoice>,
     /// Threads that an engine may use [default: the plan's choice]
-    #[arg(long, value_parser = whole::<NonZeroUsize>, env = "PAIRMASK_THREADS", value_name = "N")]
+    #[arg(long, value_parser = whole_number::<NonZeroUsize>, env = "PAIRMASK_THREADS", value_name = "N")]
     threads: Option<NonZeroUsize>,
 }
 

@@ -8,7 +8,7 @@ use std::process::ExitCode;
 use clap::{Command, FromArgMatches};
 
 use super::output::{OutputError, print_aside};
-use super::{hush, usage};
+use super::{driver_warnings, usage};
 
 /// Exit status: it was tried and did not work, or nobody serves.
 pub const FAILED: u8 = 1;
@@ -43,7 +43,7 @@ pub fn run<C: FromArgMatches, E: Failure>(
     command: &Command,
     run: impl FnOnce(&C) -> Result<(), E>,
 ) -> ExitCode {
-    hush::hush_drivers();
+    driver_warnings::silence();
     let arguments: Vec<OsString> = std::env::args_os().collect();
     let done = parse(command, &arguments).and_then(|parsed| parsed.map_or(Ok(()), |cli| run(&cli)));
     match done {

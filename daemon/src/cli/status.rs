@@ -279,13 +279,13 @@ fn ask(dir: &RuntimeDir, name: &InstanceName, record: &DaemonRecord) -> Answer {
         if !lives(record) {
             return Answer::Dead;
         }
-        let account = match dir.account(name) {
-            Ok(Some(account)) if account.body().pid == record.worker_pid => account,
+        let status = match dir.read_status(name) {
+            Ok(Some(status)) if status.body().pid == record.worker_pid => status,
             Ok(_) => return ask_over_wire(dir, name),
             Err(error) => return Answer::Silent(None, error.to_string()),
         };
-        let age = account.age();
-        let report = DaemonReport::of(account.body(), age);
+        let age = status.age();
+        let report = DaemonReport::of(status.body(), age);
         if age <= asked.elapsed() {
             return Answer::Alive(report);
         }

@@ -87,7 +87,7 @@ fn a_file_that_cannot_be_used_is_told_and_ignored() {
 }
 
 #[test]
-fn nothing_is_kept_where_nobody_knows_where() {
+fn calibration_without_a_place_to_keep_it_is_not_kept() {
     let place = Place::new();
     // A busy machine is a warning, and none of this test's business.
     let run = |arguments: &[&str]| {

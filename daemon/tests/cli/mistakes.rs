@@ -129,7 +129,7 @@ fn files_that_cannot_be_used_say_why_and_what_to_do() {
 }
 
 /// A user who is not the one that runs the tests, where those run as root.
-fn as_somebody_else(command: &mut std::process::Command) {
+fn as_another_user(command: &mut std::process::Command) {
     use std::os::unix::process::CommandExt;
     command.uid(65534);
 }
@@ -156,7 +156,7 @@ fn what_belongs_to_others_says_what_to_do() {
         command.env("XDG_CONFIG_HOME", place.path()).env("PAIRMASK_RUNTIME_DIR", place.path());
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         if may_read_all {
-            as_somebody_else(&mut command);
+            as_another_user(&mut command);
         }
         finish(command.spawn().unwrap())
     };

@@ -15,7 +15,7 @@ fn status(place: &Place, dir: &std::path::Path, more: &[&str]) -> Finished {
 }
 
 #[test]
-fn nobody_serves() {
+fn no_daemon_serves() {
     let place = Place::new();
     let finished = place.run(&["status"]);
     assert!(finished.error(1).contains("pairmaskd serve"), "{finished:?}");
@@ -152,17 +152,17 @@ fn a_daemon_with_all_the_clients_that_it_may_have_answers() {
     let pid = Pid::from_raw(i32::try_from(child.id()).unwrap()).unwrap();
     kill_process(pid, Signal::TERM).unwrap();
     child.wait().unwrap();
-    assert_eq!(dir.account(&"default".parse().unwrap()).unwrap(), None, "it was left behind");
+    assert_eq!(dir.read_status(&"default".parse().unwrap()).unwrap(), None, "it was left behind");
 }
 
 /// A daemon that keeps no account, as earlier ones: it is asked over the wire.
 #[test]
-fn a_daemon_without_an_account_is_asked() {
+fn a_daemon_without_a_status_file_is_asked() {
     let place = Place::new();
     let daemon = daemon();
     // A directory in the place of a new account, so that none can be written.
     let new = daemon.dir().path().join("default.account.new");
-    eventually("no account can be written", || std::fs::create_dir(&new).ok());
+    eventually("no status file can be written", || std::fs::create_dir(&new).ok());
     std::fs::remove_file(daemon.dir().path().join("default.account")).unwrap();
     let report = status(&place, daemon.dir().path(), &["--json"]).json();
     assert_eq!(report["instances"][0]["state"], "alive", "{report}");

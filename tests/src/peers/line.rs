@@ -53,7 +53,7 @@ pub struct Comparison {
 
 /// One of our lines against one peer.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Row {
+pub struct PeerRow {
     /// The scene.
     pub scene: SceneName,
     /// Boxes.
@@ -88,14 +88,14 @@ pub struct Row {
 
 impl Comparison {
     /// Our lines against each peer, the fastest first.
-    pub fn rows(&self) -> Vec<Row> {
+    pub fn rows(&self) -> Vec<PeerRow> {
         let mut rows = Vec::new();
         for ours in &self.lines {
             let Who::Ours { backend, engine } = &ours.who else { continue };
             let mut peers = self.best_of_each_peer(ours.threads);
             peers.sort_by_key(|(_, line)| (line.fault.is_some(), line.find.median_ns));
             for (place, (peer, theirs)) in peers.into_iter().enumerate() {
-                rows.push(Row {
+                rows.push(PeerRow {
                     scene: self.scene,
                     n: self.n,
                     threads: ours.threads,

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use serde_json::json;
 
-use super::line::{Comparison, Row, Who};
+use super::line::{Comparison, PeerRow, Who};
 use super::spread::Spread;
 
 /// What the head of every table says.
@@ -28,7 +28,7 @@ const fn yes_no(is: bool) -> &'static str {
 }
 
 /// The cells of a row, as text and Markdown show them.
-fn cells(row: &Row) -> [String; 13] {
+fn cells(row: &PeerRow) -> [String; 13] {
     [
         format!("{:.2}{}", row.ratio, if row.is_best_peer { "*" } else { "" }),
         format!("{:.2}", row.late_ratio),
@@ -120,7 +120,7 @@ pub fn csv(comparisons: &[Comparison]) -> String {
         peer_p90_ns,pairs,pairs_equal,best_peer\n"
         .to_owned();
     for row in comparisons.iter().flat_map(Comparison::rows) {
-        let Row { scene, n, threads, backend, engine, peer, peer_threads, pairs, .. } = &row;
+        let PeerRow { scene, n, threads, backend, engine, peer, peer_threads, pairs, .. } = &row;
         let of = |t: &Spread| format!("{},{},{},{}", t.median_ns, t.least_ns, t.p10_ns, t.p90_ns);
         let _ = writeln!(
             text,

@@ -41,7 +41,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_tally_forgets_order_and_nothing_else() {
+    fn a_tally_depends_on_all_but_the_order() {
         let of = Tally::of;
         assert_eq!(of(&[(0, 1), (2, 7)]), of(&[(7, 2), (1, 0)]));
         assert_eq!(of(&[(0, 1)]).plus(of(&[(2, 7)])), of(&[(0, 1), (2, 7)]));

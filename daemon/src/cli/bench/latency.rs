@@ -21,7 +21,7 @@ use crate::cli::output::{OutputError, print_json, print_text, progress_bar, spin
 use crate::cli::raw_objects::{RawBoxes, RawObjectsError};
 use crate::cli::scene_look;
 use crate::cli::target::Target;
-use crate::cli::whole::whole;
+use crate::cli::whole_number::whole_number;
 use crate::precision::PrecisionChoice;
 use crate::scene::{Scene, SceneName};
 use crate::spawn::SpawnError;
@@ -59,7 +59,7 @@ pub struct Latency {
     #[command(flatten)]
     daemon: DaemonOptions,
     /// Numbers of boxes of a uniform scene with about one pair a box
-    #[arg(long, value_parser = whole::<u32>, value_name = "N,..", value_delimiter = ',', default_values_t = [1000, 4096, 10_000])]
+    #[arg(long, value_parser = whole_number::<u32>, value_name = "N,..", value_delimiter = ',', default_values_t = [1000, 4096, 10_000])]
     n: Vec<u32>,
     /// File of boxes instead, each then moving 2 % of its size a frame
     #[arg(long, value_name = "FILE", conflicts_with = "n")]
@@ -68,13 +68,13 @@ pub struct Latency {
     #[arg(long, value_name = "MODE,..", value_delimiter = ',', default_values_t = [PrecisionChoice::Exact])]
     precision: Vec<PrecisionChoice>,
     /// Frames that are measured
-    #[arg(long, value_parser = whole::<NonZeroU64>, value_name = "N", default_value = "2000")]
+    #[arg(long, value_parser = whole_number::<NonZeroU64>, value_name = "N", default_value = "2000")]
     frames: NonZeroU64,
     /// Frames before those [default: a fifth of them, at least 20]
-    #[arg(long, value_parser = whole::<u64>, value_name = "N")]
+    #[arg(long, value_parser = whole_number::<u64>, value_name = "N")]
     warm_up: Option<u64>,
     /// Threads that look at the pairs of a mask
-    #[arg(long, value_parser = whole::<NonZeroUsize>, value_name = "N", default_value = "1")]
+    #[arg(long, value_parser = whole_number::<NonZeroUsize>, value_name = "N", default_value = "1")]
     decode_threads: NonZeroUsize,
     /// How client and daemon wait for each other: spin, event
     #[arg(long, value_name = "HOW,..", value_delimiter = ',', default_values_t = [Wait::Spin])]

@@ -18,7 +18,7 @@ pub use self::client::DemoClient;
 use super::config::Config;
 use super::options::{DaemonOptions, Place};
 use super::output::OutputError;
-use super::whole::whole;
+use super::whole_number::whole_number;
 use crate::spawn::{PrivateDaemon, SpawnError, own_binary};
 
 /// A client that is not done this long after its time hangs.
@@ -49,10 +49,10 @@ pub struct Demo {
 #[derive(Clone, Copy, Debug, Args)]
 pub struct DemoOptions {
     /// How long
-    #[arg(long, value_parser = whole::<NonZeroU64>, value_name = "N", default_value = "10")]
+    #[arg(long, value_parser = whole_number::<NonZeroU64>, value_name = "N", default_value = "10")]
     seconds: NonZeroU64,
     /// How many boxes
-    #[arg(long, value_parser = whole::<NonZeroU32>, value_name = "N", default_value = "2000")]
+    #[arg(long, value_parser = whole_number::<NonZeroU32>, value_name = "N", default_value = "2000")]
     boxes: NonZeroU32,
 }
 

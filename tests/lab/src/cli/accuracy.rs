@@ -16,7 +16,7 @@ use pairmaskd::cli::output::{
     OutputError, make_folder, print_json, print_text, progress_bar, spinner,
 };
 use pairmaskd::cli::target::Target;
-use pairmaskd::cli::whole::whole;
+use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::execute::gpu::adapter::choose;
 use pairmaskd::execute::gpu::{GpuChoice, list_adapters};
 use pairmaskd::file_error::{Access, FileError};
@@ -74,7 +74,7 @@ pub struct Accuracy {
         default_values_t = [SceneName::Uniform, SceneName::Mixed, SceneName::Pile, SceneName::Plane])]
     scene: Vec<SceneName>,
     /// Numbers of boxes
-    #[arg(long, value_parser = whole::<u32>, value_name = "N,..", value_delimiter = ',', default_values_t = [1000, 10_000, 100_000])]
+    #[arg(long, value_parser = whole_number::<u32>, value_name = "N,..", value_delimiter = ',', default_values_t = [1000, 10_000, 100_000])]
     n: Vec<u32>,
     /// exact, q16, q8, f16, margin=X, f64=X, plain-f32=X, spheres=circumscribed, spheres=inscribed
     #[arg(long, value_name = "MODE,..", value_delimiter = ',', default_values_t = default_modes())]
@@ -83,16 +83,16 @@ pub struct Accuracy {
     #[arg(long, value_name = "NAME,..", value_delimiter = ',')]
     engines: Vec<EngineChoice>,
     /// Frames that are timed
-    #[arg(long, value_parser = whole::<NonZeroU32>, value_name = "N", default_value = "100")]
+    #[arg(long, value_parser = whole_number::<NonZeroU32>, value_name = "N", default_value = "100")]
     frames: NonZeroU32,
     /// Frames before those
-    #[arg(long, value_parser = whole::<u32>, value_name = "N", default_value_t = 10)]
+    #[arg(long, value_parser = whole_number::<u32>, value_name = "N", default_value_t = 10)]
     warm_up: u32,
     /// Timed frames whose pairs are compared with the exact ones, after the clock has stopped
-    #[arg(long, value_parser = whole::<u32>, value_name = "N", default_value_t = 4)]
+    #[arg(long, value_parser = whole_number::<u32>, value_name = "N", default_value_t = 4)]
     checked: u32,
     /// Seed of the scenes
-    #[arg(long, value_parser = whole::<u64>, value_name = "N", default_value_t = 1)]
+    #[arg(long, value_parser = whole_number::<u64>, value_name = "N", default_value_t = 1)]
     seed: u64,
     /// Limits that every row has to keep, such as 'missed=0,p99<2ms'
     #[arg(long, value_name = "LIMITS")]

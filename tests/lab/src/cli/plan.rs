@@ -11,7 +11,7 @@ use pairmaskd::cli::config::Config;
 use pairmaskd::cli::machine::Machine;
 use pairmaskd::cli::options::Place;
 use pairmaskd::cli::output::{print_json, print_text, progress_bar};
-use pairmaskd::cli::whole::whole;
+use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::scene::SceneName;
 use serde::Serialize;
 
@@ -42,7 +42,7 @@ pub struct PlanBench {
     #[command(flatten)]
     what: SceneSizes,
     /// Threads that the plan may use, each by itself [default: 1 and all cores]
-    #[arg(long, value_parser = whole::<NonZeroUsize>, value_name = "N,..", value_delimiter = ',')]
+    #[arg(long, value_parser = whole_number::<NonZeroUsize>, value_name = "N,..", value_delimiter = ',')]
     threads: Vec<NonZeroUsize>,
     /// Print one JSON object
     #[arg(long)]

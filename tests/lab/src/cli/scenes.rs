@@ -2,7 +2,7 @@
 
 use clap::Args;
 use pairmaskd::calibrate::Case;
-use pairmaskd::cli::whole::whole;
+use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::scene::SceneName;
 
 /// Most pairs of a scene where all boxes overlap: larger ones are left out.
@@ -15,7 +15,7 @@ pub struct SceneSizes {
     #[arg(long, value_name = "NAME,..", value_delimiter = ',')]
     scene: Vec<SceneName>,
     /// Numbers of boxes [default: see above]
-    #[arg(long, value_parser = whole::<u32>, value_name = "N,..", value_delimiter = ',')]
+    #[arg(long, value_parser = whole_number::<u32>, value_name = "N,..", value_delimiter = ',')]
     n: Vec<u32>,
 }
 

@@ -7,7 +7,7 @@ use clap::Args;
 use pairmaskd::cli::config::Config;
 use pairmaskd::cli::options::DaemonOptions;
 use pairmaskd::cli::output::{OutputError, print_json, print_text, progress_bar};
-use pairmaskd::cli::whole::whole;
+use pairmaskd::cli::whole_number::whole_number;
 
 use crate::sabotage::Sabotage;
 use crate::stress::{Cases, Entrant, ModeChoice, Roster, StressError, run};
@@ -34,13 +34,13 @@ Examples:
 Exit status: 0 where every answer was right, 1 where one was not.")]
 pub struct Stress {
     /// Seed of the run: the same cases in the same order [default: from the clock]
-    #[arg(long, value_parser = whole::<u64>, value_name = "N", conflicts_with = "case")]
+    #[arg(long, value_parser = whole_number::<u64>, value_name = "N", conflicts_with = "case")]
     seed: Option<u64>,
     /// This case and no other
-    #[arg(long, value_parser = whole::<u64>, value_name = "N")]
+    #[arg(long, value_parser = whole_number::<u64>, value_name = "N")]
     case: Option<u64>,
     /// How long
-    #[arg(long, value_parser = whole::<u64>, value_name = "N", default_value_t = 10)]
+    #[arg(long, value_parser = whole_number::<u64>, value_name = "N", default_value_t = 10)]
     seconds: u64,
     /// all, cpu-brute, cpu-sap, cpu-grid, gpu-brute, gpu-grid, spheres; several with commas
     #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "all")]
@@ -49,7 +49,7 @@ pub struct Stress {
     #[arg(long, value_name = "MODES", value_delimiter = ',', default_value = "all")]
     mode: Vec<ModeChoice>,
     /// Most threads of an engine [default: all]
-    #[arg(long, value_parser = whole::<NonZeroUsize>, value_name = "N")]
+    #[arg(long, value_parser = whole_number::<NonZeroUsize>, value_name = "N")]
     threads: Option<NonZeroUsize>,
     #[command(flatten)]
     options: DaemonOptions,

@@ -106,7 +106,7 @@ fn what_is_left_to_others_is_counted_and_proves_nothing() {
 }
 
 #[test]
-fn a_run_of_nobody_is_not_clean() {
+fn a_run_without_answers_is_not_clean() {
     let report = run(&Cases::One { seed: 1 }, &mut [], |_, _| {});
     assert!(!report.is_clean());
 }

@@ -14,7 +14,7 @@ use pairmaskd::calibrate::{
 };
 use pairmaskd::cli::machine::Machine;
 use pairmaskd::cli::output::{make_folder, print_json, print_text, progress_bar};
-use pairmaskd::cli::whole::whole;
+use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::scene::SceneName;
 
 use self::report::{Stage, ThreadsReport, ThreadsRow};
@@ -48,7 +48,7 @@ pub struct ThreadsBench {
     #[command(flatten)]
     what: SceneSizes,
     /// Numbers of threads [default: 1, 2, 4 … all cores]
-    #[arg(long, value_parser = whole::<NonZeroUsize>, value_name = "N,..", value_delimiter = ',')]
+    #[arg(long, value_parser = whole_number::<NonZeroUsize>, value_name = "N,..", value_delimiter = ',')]
     threads: Vec<NonZeroUsize>,
     /// Folder for threads.csv and threads.json
     #[arg(long, value_name = "DIR")]

@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn of_no_rows_nothing_is_said() {
+    fn no_rows_make_no_sentence() {
         let pareto = Pareto::of(&[]);
         assert!(pareto.modes.is_empty() && pareto.to_string().ends_with("none"));
     }

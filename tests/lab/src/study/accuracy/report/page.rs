@@ -448,7 +448,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn frames_that_nobody_checked_are_not_called_right() {
+    fn unchecked_frames_are_not_called_right() {
         let page = page(vec![AccuracyRow { checked_frames: 0, ..row("exact", 2000, 0, 0) }]);
         assert!(page.contains("No frame was checked") && !page.contains("No pair was missed"));
     }

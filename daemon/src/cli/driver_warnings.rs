@@ -9,7 +9,7 @@ const NO_SORTING_LAYER: &str = "NODEVICE_SELECT";
 /// Switches that layer off for this process and those that it starts, unless the user decided. Call
 /// it first: where the process has other threads already, nothing is changed.
 #[allow(unsafe_code)]
-pub fn hush_drivers() {
+pub fn silence() {
     if std::env::var_os(NO_SORTING_LAYER).is_some() || !is_single_threaded() {
         return;
     }

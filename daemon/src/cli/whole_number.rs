@@ -4,23 +4,23 @@ use std::num::{IntErrorKind, NonZeroU16, NonZeroU32, NonZeroU64, NonZeroUsize, P
 use std::str::FromStr;
 
 /// A type of whole numbers.
-pub trait Whole: FromStr<Err = ParseIntError> {
+pub trait WholeNumber: FromStr<Err = ParseIntError> {
     /// The smallest.
     const LEAST: u64;
     /// The largest.
     const MOST: u64;
 }
 
-macro_rules! whole {
+macro_rules! impl_whole_number {
     ($($kind:ty: $least:literal to $most:expr;)*) => {
-        $(impl Whole for $kind {
+        $(impl WholeNumber for $kind {
             const LEAST: u64 = $least;
             const MOST: u64 = $most as u64;
         })*
     };
 }
 
-whole! {
+impl_whole_number! {
     u32: 0 to u32::MAX;
     u64: 0 to u64::MAX;
     NonZeroU16: 1 to u16::MAX;
@@ -31,7 +31,7 @@ whole! {
 
 /// What is wrong with a number.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum WholeError {
+pub enum WholeNumberError {
     /// It is none, or one with a fraction, an exponent or a unit.
     #[error("must be a whole number in digits alone, such as 1000")]
     NoNumber,
@@ -52,17 +52,19 @@ pub enum WholeError {
 /// Reads a whole number.
 ///
 /// # Errors
-/// [`WholeError`], which says what it must be.
-pub fn whole<T: Whole>(text: &str) -> Result<T, WholeError> {
+/// [`WholeNumberError`], which says what it must be.
+pub fn whole_number<T: WholeNumber>(text: &str) -> Result<T, WholeNumberError> {
     let is_negative = || {
         let digits = text.strip_prefix('-').unwrap_or_default();
         !digits.is_empty() && digits.bytes().all(|b| b.is_ascii_digit())
     };
     text.parse().map_err(|error: ParseIntError| match error.kind() {
-        IntErrorKind::Zero | IntErrorKind::NegOverflow => WholeError::TooSmall { least: T::LEAST },
-        IntErrorKind::PosOverflow => WholeError::TooLarge { most: T::MOST },
-        _ if is_negative() => WholeError::TooSmall { least: T::LEAST },
-        _ => WholeError::NoNumber,
+        IntErrorKind::Zero | IntErrorKind::NegOverflow => {
+            WholeNumberError::TooSmall { least: T::LEAST }
+        }
+        IntErrorKind::PosOverflow => WholeNumberError::TooLarge { most: T::MOST },
+        _ if is_negative() => WholeNumberError::TooSmall { least: T::LEAST },
+        _ => WholeNumberError::NoNumber,
     })
 }
 
@@ -72,15 +74,21 @@ mod tests {
 
     #[test]
     fn a_wrong_number_is_told_what_it_must_be() {
-        let least = |least| WholeError::TooSmall { least };
-        assert_eq!(whole::<u32>("7"), Ok(7));
-        assert_eq!(whole::<NonZeroUsize>("0"), Err(least(1)));
-        assert_eq!(whole::<NonZeroU64>("-1"), Err(least(1)));
-        assert_eq!(whole::<u32>("-1"), Err(least(0)));
-        assert_eq!(whole::<u32>("5000000000"), Err(WholeError::TooLarge { most: 4_294_967_295 }));
-        assert_eq!(whole::<NonZeroU16>("70000"), Err(WholeError::TooLarge { most: 65_535 }));
+        let least = |least| WholeNumberError::TooSmall { least };
+        assert_eq!(whole_number::<u32>("7"), Ok(7));
+        assert_eq!(whole_number::<NonZeroUsize>("0"), Err(least(1)));
+        assert_eq!(whole_number::<NonZeroU64>("-1"), Err(least(1)));
+        assert_eq!(whole_number::<u32>("-1"), Err(least(0)));
+        assert_eq!(
+            whole_number::<u32>("5000000000"),
+            Err(WholeNumberError::TooLarge { most: 4_294_967_295 })
+        );
+        assert_eq!(
+            whole_number::<NonZeroU16>("70000"),
+            Err(WholeNumberError::TooLarge { most: 65_535 })
+        );
         for text in ["", "x", "1e6", "1.5", "-", "10k", "1_000", "--2"] {
-            assert_eq!(whole::<u64>(text), Err(WholeError::NoNumber), "{text}");
+            assert_eq!(whole_number::<u64>(text), Err(WholeNumberError::NoNumber), "{text}");
         }
     }
 }

@@ -20,7 +20,7 @@ const MAGIC: u32 = u32::from_le_bytes(*b"PMAC");
 /// The daemon's account of itself, and when it gave it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
-pub struct Account {
+pub struct StatusFile {
     magic: u32,
     /// Length of this build's account; a later one may be longer.
     bytes: u32,
@@ -28,7 +28,7 @@ pub struct Account {
     body: StatusBody,
 }
 
-const _: () = assert!(size_of::<Account>() == 16 + size_of::<StatusBody>());
+const _: () = assert!(size_of::<StatusFile>() == 16 + size_of::<StatusBody>());
 
 /// The system's monotonic clock, which all processes share, ns.
 fn now_ns() -> u64 {
@@ -36,7 +36,7 @@ fn now_ns() -> u64 {
     Duration::new(now.tv_sec.unsigned_abs(), now.tv_nsec.unsigned_abs() as u32).as_nanos() as u64
 }
 
-impl Account {
+impl StatusFile {
     /// An account that is given now.
     pub fn now(body: StatusBody) -> Self {
         Self { magic: MAGIC, bytes: size_of::<Self>() as u32, noted_at_ns: now_ns(), body }
@@ -53,14 +53,14 @@ impl Account {
     }
 
     fn parse(bytes: &[u8]) -> Option<Self> {
-        let account: Self = bytemuck::pod_read_unaligned(bytes.get(..size_of::<Self>())?);
-        let is_one = account.magic == MAGIC && account.bytes as usize >= size_of::<Self>();
-        is_one.then_some(account)
+        let status: Self = bytemuck::pod_read_unaligned(bytes.get(..size_of::<Self>())?);
+        let is_one = status.magic == MAGIC && status.bytes as usize >= size_of::<Self>();
+        is_one.then_some(status)
     }
 }
 
 impl RuntimeDir {
-    pub(super) fn account_file(&self, name: &InstanceName) -> PathBuf {
+    pub(super) fn status_file(&self, name: &InstanceName) -> PathBuf {
         self.file(name, ".account")
     }
 
@@ -68,22 +68,22 @@ impl RuntimeDir {
     ///
     /// # Errors
     /// [`InstanceError`].
-    pub fn write_account(
+    pub fn write_status(
         &self,
         name: &InstanceName,
-        account: &Account,
+        status: &StatusFile,
     ) -> Result<(), InstanceError> {
         let new = self.file(name, ".account.new");
-        replace_own(&new, &self.account_file(name), bytemuck::bytes_of(account))
+        replace_own(&new, &self.status_file(name), bytemuck::bytes_of(status))
     }
 
     /// The account of an instance, or `None` where there is none or it cannot be understood.
     ///
     /// # Errors
     /// [`InstanceError`] where it is not ours.
-    pub fn account(&self, name: &InstanceName) -> Result<Option<Account>, InstanceError> {
-        let bytes = read_own(&self.account_file(name), size_of::<Account>() as u64)?;
-        Ok(bytes.as_deref().and_then(Account::parse))
+    pub fn read_status(&self, name: &InstanceName) -> Result<Option<StatusFile>, InstanceError> {
+        let bytes = read_own(&self.status_file(name), size_of::<StatusFile>() as u64)?;
+        Ok(bytes.as_deref().and_then(StatusFile::parse))
     }
 }
 
@@ -93,19 +93,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_account_round_trips_and_junk_is_none() {
-        let account = Account::now(StatusBody { frames: 7, ..StatusBody::default() });
-        let bytes = bytemuck::bytes_of(&account);
-        assert_eq!(Account::parse(bytes), Some(account));
+    fn a_status_file_round_trips_and_junk_is_none() {
+        let status = StatusFile::now(StatusBody { frames: 7, ..StatusBody::default() });
+        let bytes = bytemuck::bytes_of(&status);
+        assert_eq!(StatusFile::parse(bytes), Some(status));
         assert_eq!(
-            Account::parse(&[bytes, &[1; 64]].concat()),
-            Some(account),
+            StatusFile::parse(&[bytes, &[1; 64]].concat()),
+            Some(status),
             "a later, longer one"
         );
-        assert!(account.age() < Duration::from_secs(3600));
-        assert_eq!(Account::parse(&bytes[1..]), None);
-        assert_eq!(Account::parse(&bytes[..bytes.len() - 1]), None);
-        assert_eq!(Account::parse(&[]), None);
-        assert_eq!(Account::parse(&vec![0; bytes.len()]), None);
+        assert!(status.age() < Duration::from_secs(3600));
+        assert_eq!(StatusFile::parse(&bytes[1..]), None);
+        assert_eq!(StatusFile::parse(&bytes[..bytes.len() - 1]), None);
+        assert_eq!(StatusFile::parse(&[]), None);
+        assert_eq!(StatusFile::parse(&vec![0; bytes.len()]), None);
     }
 }
