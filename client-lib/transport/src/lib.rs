@@ -1,7 +1,7 @@
 //! Transport: how a client and a daemon find each other and share memory (iceoryx2 0.10).
 //!
-//! Everything that both sides must agree on stands here: names, service settings, the instance's
-//! place on disk. The settings are those that measurements asked for; each says why.
+//! This crate holds what both sides must agree on: names, service settings, the instance's place on
+//! disk. Each setting has its reason beside it.
 
 mod cleanup;
 mod foreign;

@@ -1,8 +1,8 @@
-//! The daemon's account of itself as a file of the runtime directory, so that `pairmaskd status`
-//! needs no client's slot, and can tell of a daemon that hangs.
+//! The daemon's status as a file of the runtime directory. `pairmaskd status` reads it without
+//! taking a client's slot, and recognises a daemon that hangs.
 //!
-//! The file is replaced as a whole, never mapped. It is read as anything from outside is: copied
-//! once and checked.
+//! The file is replaced as a whole, never mapped. A reader copies it once and checks the copy, as
+//! with any input from outside.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -17,12 +17,12 @@ use crate::trust::{read_own, replace_own};
 /// "PMAC" in memory order.
 const MAGIC: u32 = u32::from_le_bytes(*b"PMAC");
 
-/// The daemon's account of itself, and when it gave it.
+/// Contents of a status file: the daemon's status, and when it was written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct StatusFile {
     magic: u32,
-    /// Length of this build's account; a later one may be longer.
+    /// Length of this struct, bytes; a later version may be longer.
     bytes: u32,
     noted_at_ns: u64,
     body: StatusBody,
@@ -37,17 +37,17 @@ fn now_ns() -> u64 {
 }
 
 impl StatusFile {
-    /// An account that is given now.
+    /// A status file with the time of now.
     pub fn now(body: StatusBody) -> Self {
         Self { magic: MAGIC, bytes: size_of::<Self>() as u32, noted_at_ns: now_ns(), body }
     }
 
-    /// What the daemon said of itself.
+    /// The daemon's status.
     pub const fn body(&self) -> &StatusBody {
         &self.body
     }
 
-    /// How long ago; zero for one from the future.
+    /// How long ago it was written; zero for a time in the future.
     pub fn age(&self) -> Duration {
         Duration::from_nanos(now_ns().saturating_sub(self.noted_at_ns))
     }
@@ -64,7 +64,7 @@ impl RuntimeDir {
         self.file(name, ".account")
     }
 
-    /// Puts the account of an instance in place in one step.
+    /// Replaces the status file of an instance in one step.
     ///
     /// # Errors
     /// [`InstanceError`].
@@ -77,10 +77,10 @@ impl RuntimeDir {
         replace_own(&new, &self.status_file(name), bytemuck::bytes_of(status))
     }
 
-    /// The account of an instance, or `None` where there is none or it cannot be understood.
+    /// The status file of an instance, or `None` where there is none or it is malformed.
     ///
     /// # Errors
-    /// [`InstanceError`] where it is not ours.
+    /// [`InstanceError`] where the file is not this user's alone.
     pub fn read_status(&self, name: &InstanceName) -> Result<Option<StatusFile>, InstanceError> {
         let bytes = read_own(&self.status_file(name), size_of::<StatusFile>() as u64)?;
         Ok(bytes.as_deref().and_then(StatusFile::parse))

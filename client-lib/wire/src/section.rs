@@ -6,10 +6,10 @@ use iceoryx2::prelude::ZeroCopySend;
 use pairmask_core::objects::ObjectForm;
 use pairmask_core::precision::BoxForm;
 
-/// Section slots in a header. Four are in use at most; the rest is room for later kinds.
+/// Section slots in a header. At most four are in use; the rest is room for later kinds.
 pub const SECTION_COUNT: usize = 8;
 
-/// A byte range of the payload and what it holds.
+/// A byte range of the payload and the kind of its contents.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 #[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("pairmask.Section"))]
@@ -26,7 +26,7 @@ pub struct Section {
 
 const _: () = assert!(size_of::<Section>() == 24 && align_of::<Section>() == 8);
 
-/// What a section holds.
+/// The kind of a section's contents.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum SectionKind {
@@ -88,8 +88,8 @@ impl SectionKind {
 }
 
 impl Section {
-    /// The reader must understand this section or refuse the whole message. Without it, a reader
-    /// that does not know the kind passes over it: that is how later minor versions add things.
+    /// Flag: a reader that does not know the section's kind refuses the whole message. Without the
+    /// flag, such a reader ignores the section: that is how later minor versions add things.
     pub const REQUIRED: u32 = 1;
 
     /// A section that every reader must understand.

@@ -1,20 +1,20 @@
-//! What drivers would print on the user's terminal.
+//! Keeps warnings of graphics drivers off the user's terminal.
 
-/// Mesa's layer that sorts adapters asks the user's display which one it runs on, and complains on
-/// stderr where there is none to ask (`XDG_RUNTIME_DIR is invalid or not set`). Users choose by
-/// `--gpu`, and the daemon's worker is started with the same variable: a number in `--gpu` means the
-/// same adapter in every command.
+/// Variable that switches off Mesa's layer that sorts adapters. The layer asks the display which
+/// adapter it runs on, and warns on stderr where there is no display (`XDG_RUNTIME_DIR is invalid or
+/// not set`). Pairmask needs no sorting: users choose by `--gpu`. The daemon's worker inherits the
+/// variable, so that a number in `--gpu` means the same adapter in every command.
 const NO_SORTING_LAYER: &str = "NODEVICE_SELECT";
 
-/// Switches that layer off for this process and those that it starts, unless the user decided. Call
-/// it first: where the process has other threads already, nothing is changed.
+/// Switches the layer off for this process and its children, unless the user has set the variable.
+/// Call it first: it changes nothing in a process that has other threads.
 #[allow(unsafe_code)]
 pub fn silence() {
     if std::env::var_os(NO_SORTING_LAYER).is_some() || !is_single_threaded() {
         return;
     }
     // SAFETY: the environment may be changed while no other thread can read it. The kernel lists one
-    // thread for this process, which is the one that runs here, so that no other can start meanwhile.
+    // thread for this process, the one that runs here, so that no other can start meanwhile.
     unsafe { std::env::set_var(NO_SORTING_LAYER, "1") };
 }
 

@@ -39,7 +39,7 @@ pub struct Explain {
     json: bool,
 }
 
-/// Why there is no explanation.
+/// Why `explain` failed.
 #[derive(Debug, thiserror::Error)]
 pub enum ExplainCommandError {
     #[error(transparent)]

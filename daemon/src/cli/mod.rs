@@ -74,7 +74,7 @@ enum Command {
 
 /// Runs the command that the process was started with.
 ///
-/// Call it first in `main`: it says how the process is set up.
+/// Call it first in `main`: it sets the process up.
 pub fn main() -> ExitCode {
     program::run(&shape::command(), |cli| run(cli, None))
 }
@@ -91,7 +91,7 @@ fn run(cli: &Cli, alter_answers: Option<AlterAnswer>) -> Result<(), CliError> {
     if let Command::Serve(serve) = command
         && serve.is_worker()
     {
-        // Its supervisor read the configuration and passes every setting on as a flag.
+        // The supervisor has read the configuration and passes every setting on as a flag.
         return Ok(serve.run(place, &Config::default(), alter_answers)?);
     }
     let config =
@@ -110,13 +110,13 @@ fn run(cli: &Cli, alter_answers: Option<AlterAnswer>) -> Result<(), CliError> {
 }
 
 impl Command {
-    /// Whether a setting of the configuration file means something for it: what reads none does not
-    /// fail by a file that is wrong.
+    /// Whether the command uses a setting of the configuration file. A command that uses none does
+    /// not fail by a wrong file.
     const fn reads_config(&self) -> bool {
         !matches!(self, Self::Calibrate(_) | Self::Scene(_) | Self::Explain(_))
     }
 
-    /// What is logged unless `PAIRMASK_LOG` says otherwise.
+    /// The log level where `PAIRMASK_LOG` is not set.
     const fn log_level(&self) -> &'static str {
         match self {
             Self::Serve(_) => "info",

@@ -1,4 +1,4 @@
-//! Whole numbers of the command line and the configuration file, and what is wrong with one.
+//! Parsing of whole numbers for the command line and the configuration file.
 
 use std::num::{IntErrorKind, NonZeroU16, NonZeroU32, NonZeroU64, NonZeroUsize, ParseIntError};
 use std::str::FromStr;
@@ -29,10 +29,10 @@ impl_whole_number! {
     NonZeroUsize: 1 to usize::MAX;
 }
 
-/// What is wrong with a number.
+/// Why a text is refused as a number.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum WholeNumberError {
-    /// It is none, or one with a fraction, an exponent or a unit.
+    /// The text is no number, or has a fraction, an exponent or a unit.
     #[error("must be a whole number in digits alone, such as 1000")]
     NoNumber,
     /// Below the smallest.
@@ -49,10 +49,10 @@ pub enum WholeNumberError {
     },
 }
 
-/// Reads a whole number.
+/// Parses a whole number.
 ///
 /// # Errors
-/// [`WholeNumberError`], which says what it must be.
+/// [`WholeNumberError`], which states the allowed range.
 pub fn whole_number<T: WholeNumber>(text: &str) -> Result<T, WholeNumberError> {
     let is_negative = || {
         let digits = text.strip_prefix('-').unwrap_or_default();

@@ -1,4 +1,4 @@
-//! The thread that takes away what dead clients left, and writes the daemon's account of itself.
+//! The thread that takes away what dead clients left, and writes the daemon's status file.
 //!
 //! A cleanup takes up to 24 ms for a client with 46 MB: too long for the thread that serves.
 
@@ -34,7 +34,7 @@ impl Janitor {
         Ok(Self { stop, posted, thread: Some(thread) })
     }
 
-    /// Has the account written, by this thread and not by the one that serves.
+    /// Has the status file written, by this thread and not by the one that serves.
     pub(super) fn post(&self, status: &StatusFile) {
         *self.posted.lock().unwrap_or_else(PoisonError::into_inner) = Some(*status);
         if let Some(thread) = &self.thread {

@@ -42,7 +42,7 @@ pub fn write_pairs(path: &Path, mask: &PairMask) -> Result<(), ResultError> {
 }
 
 /// Writes the words of a dense mask; of a sparse one the order of the boxes, then the rows, the
-/// blocks and the bits of its words. The order comes first and is never left out, so that the
+/// blocks and the bits of its words. The order comes first and is always written, so that the
 /// number of words follows from the file's length. To stdout for `-`.
 ///
 /// # Errors
