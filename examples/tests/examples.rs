@@ -10,10 +10,10 @@ use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
 const MINIMAL_CLIENT: &str = env!("CARGO_BIN_EXE_minimal_client");
 const FALLING_BOXES: &str = env!("CARGO_BIN_EXE_falling_boxes");
 
-/// No example here takes as long; a hang ends here.
+/// An example that runs longer than this counts as hanging.
 const PATIENCE: Duration = Duration::from_secs(120);
 
-/// The daemon's binary: what `PAIRMASKD` names, else the one beside the examples.
+/// The daemon's binary: the path in `PAIRMASKD`, else the binary beside the examples.
 fn pairmaskd() -> PathBuf {
     let beside = || Path::new(MINIMAL_CLIENT).with_file_name("pairmaskd");
     let binary = std::env::var_os("PAIRMASKD").map_or_else(beside, PathBuf::from);
@@ -40,7 +40,7 @@ fn start(binary: &str, arguments: &[&str], dir: &Path) -> Child {
         .unwrap()
 }
 
-/// Waits for the end of an example, and kills it where it hangs. Its few lines fit into the pipes.
+/// Waits for the end of an example, and kills one that hangs. Its few lines fit into the pipes.
 fn finish(mut child: Child) -> Output {
     let start = Instant::now();
     while child.try_wait().unwrap().is_none() {
@@ -101,7 +101,7 @@ fn falling_boxes_pile_up_the_same_with_every_backend() {
     assert_eq!(here[0], "80 boxes, 400 frames, 0 of them by the daemon");
     assert_eq!(there[0], "80 boxes, 400 frames, 400 of them by the daemon");
     assert_eq!(whoever[0], there[0]);
-    // Pairs and the state of the world; frames a second are the machine's.
+    // The lines of pairs and of the world's state. The line between depends on the machine's speed.
     for line in [1, 3] {
         assert_eq!(here[line], there[line]);
         assert_eq!(here[line], whoever[line]);
@@ -122,7 +122,7 @@ fn falling_boxes_run_longer_than_the_daemon() {
     let daemon = daemon();
     let arguments = ["--boxes", "80", "--frames", "20000", "--backend", "auto"];
     let child = start(FALLING_BOXES, &arguments, daemon.dir().path());
-    // Somewhere in the middle, or before the start: the example goes on either way.
+    // The kill comes during the run or before its start: the example goes on in both cases.
     std::thread::sleep(Duration::from_millis(100));
     daemon.stop();
     let output = finish(child);

@@ -1,4 +1,4 @@
-//! What the library says to the log, kept for tests to look at.
+//! A logger that captures the library's log lines for tests.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -21,7 +21,7 @@ impl Log for CapturedLines {
     fn flush(&self) {}
 }
 
-/// Keeps what the library says at this level and above, from now on.
+/// Captures the library's log lines of this level and above from now on.
 ///
 /// # Panics
 /// When the process has a logger already.
@@ -30,7 +30,7 @@ pub fn capture(level: LevelFilter) {
     log::set_max_level(level);
 }
 
-/// What was said since this was asked last.
+/// Takes the lines that were captured since the last call.
 pub fn take_captured() -> Vec<(Level, String)> {
     std::mem::take(&mut CAPTURED.0.lock().unwrap_or_else(PoisonError::into_inner))
 }

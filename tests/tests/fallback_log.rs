@@ -1,4 +1,4 @@
-//! A session that falls back says so once, and once more when it is back.
+//! A session that falls back logs that once, and logs once when the daemon answers again.
 #![allow(clippy::unwrap_used)]
 
 use log::{Level, LevelFilter};
@@ -42,7 +42,7 @@ fn falling_back_is_said_once() {
     assert_eq!(back.len(), 1, "{back:?}");
     assert!(back[0].0 == Level::Info && back[0].1.contains("answers again"), "{back:?}");
 
-    // A daemon of wire 1.0 by its own word: narrow boxes go to it as f32.
+    // A daemon whose record says wire 1.0 gets narrow boxes as f32.
     let mut record = daemon.record().unwrap();
     record.version.minor = 0;
     daemon.dir().write_record(&InstanceName::default(), &record).unwrap();
@@ -56,7 +56,7 @@ fn falling_back_is_said_once() {
     assert_eq!(exact.len(), 1, "{exact:?}");
     assert!(exact[0].0 == Level::Warn && exact[0].1.contains("frames are exact"), "{exact:?}");
 
-    // Spheres stay here.
+    // Frames of spheres are answered in process.
     let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
     for _ in 0..10 {
         let mut frame = session.sphere_frame(2).unwrap();

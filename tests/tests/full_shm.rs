@@ -13,7 +13,7 @@ fn step_bytes() -> u64 {
     if attack_time().as_secs() >= 60 { 4096 } else { 8 * 4096 }
 }
 
-/// More than connecting and a frame take.
+/// More bytes than connecting and a frame take.
 const MOST_BYTES: u64 = 512 << 10;
 
 #[test]
@@ -42,7 +42,7 @@ fn connecting_to_a_full_shm_succeeds_or_is_a_typed_error_and_kills_no_process() 
     assert!(output.status.success(), "{said}{complaint}");
     let lines: Vec<&str> = said.lines().collect();
     assert_eq!(&lines[1..], ["served", "same worker"], "{said}{complaint}");
-    // Some of each, or the free sizes were the wrong ones.
+    // Every outcome has to occur, else the free sizes were chosen wrongly.
     for none in ["served 0,", "refused 0,", "process 0"] {
         assert!(!lines[0].contains(none), "{said}");
     }

@@ -7,7 +7,7 @@ use serde_json::json;
 use super::line::{Comparison, PeerRow, Who};
 use super::spread::Spread;
 
-/// What the head of every table says.
+/// The text above every table.
 pub const HEAD: &str = "\
 Ratio: our time over the peer's, medians. Time: boxes written to all pairs visited (ours: submit, \
 wait, decode; theirs: update from the boxes, visit every pair), µs, with the tenth and the \
@@ -78,7 +78,7 @@ pub fn text_head() -> String {
     text_line(&COLUMNS)
 }
 
-/// The rows of one comparison for a terminal, and what was wrong.
+/// The rows of one comparison for a terminal, and the mistakes found.
 pub fn text(comparison: &Comparison) -> String {
     let mut text: String = comparison.rows().iter().map(|row| text_line(&cells(row))).collect();
     for line in &comparison.lines {
@@ -104,7 +104,7 @@ fn name(who: &Who) -> String {
     }
 }
 
-/// All comparisons as one Markdown table, under what it says.
+/// All comparisons as one Markdown table below its text.
 pub fn markdown(comparisons: &[Comparison]) -> String {
     let mut text = format!("{HEAD}\n\n| {} |\n|{}\n", COLUMNS.join(" | "), "---|".repeat(13));
     for row in comparisons.iter().flat_map(Comparison::rows) {

@@ -79,7 +79,7 @@ fn way(backend: &str) -> String {
     }
 }
 
-/// Which engine, in words.
+/// The engine, in words.
 fn chooser(engine: &str) -> String {
     if engine == "auto" { "engine by the plan".to_owned() } else { format!("engine {engine}") }
 }

@@ -67,8 +67,8 @@ impl Margin {
     }
 
     /// The greatest distance by which a face at `x` is moved outward: the margin and two steps of f32
-    /// there. Far from 0 the steps are larger than a small margin: at 10^6 units two steps are an
-    /// eighth of a unit.
+    /// there. Far from 0 the steps are larger than a small margin: at 10^6 units two steps are up to
+    /// a quarter of a unit.
     fn reach(self, x: f64) -> f64 {
         let margin = f64::from(self.0);
         2.0f64.mul_add(step_of_f32(x.abs() + margin), margin)

@@ -34,7 +34,7 @@ use crate::study::accuracy::{report, table};
 use crate::study::machine::Machine;
 use crate::study::mapping::MappingError;
 
-/// Longer than any pause between two frames: a spinning thread never sleeps in between.
+/// Spin time of both sides. Longer than any pause between two frames, so that no thread sleeps.
 const SPIN: Duration = Duration::from_secs(1);
 
 /// Run time against error: scenes by sizes by precision modes by engines
@@ -120,7 +120,7 @@ fn default_modes() -> Vec<StudyMode> {
     names.iter().filter_map(|name| name.parse().ok()).collect()
 }
 
-/// Why nothing was measured, or what was found wrong.
+/// Why nothing was measured, or what the measurement found wrong.
 #[derive(Debug, thiserror::Error)]
 pub enum AccuracyError {
     #[error(transparent)]
@@ -146,9 +146,9 @@ pub enum AccuracyError {
 }
 
 impl Accuracy {
-    /// Measures every row, writes them down, and judges them.
+    /// Measures every row, writes the report, and checks it against limits and the old report.
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), AccuracyError> {
-        // Read before hours are spent.
+        // Read before the measurement, so that a wrong file fails at once.
         let old = self.compare.as_deref().map(read_report).transpose()?;
         make_folder(self.out.as_deref())?;
         let report = self.measure(place, config)?;
@@ -180,7 +180,7 @@ impl Accuracy {
         }
     }
 
-    /// Says something beside the report: below the table, or on stderr where stdout is for programs.
+    /// Prints lines beside the report: below the table, or on stderr where stdout is for programs.
     fn say(&self, lines: &[String]) -> Result<(), OutputError> {
         for line in lines {
             if self.json || self.csv {
@@ -240,7 +240,8 @@ impl Accuracy {
 
 /// This machine, with the adapter that a daemon of this choice uses.
 fn machine(choice: &GpuChoice) -> Machine {
-    // Drivers have much to say on stderr: nobody is asked for nothing.
+    // Listing adapters loads every driver, and some print on stderr: no driver is loaded where no
+    // GPU is used.
     let adapters = if *choice == GpuChoice::None { Vec::new() } else { list_adapters() };
     Machine::here(choose(choice, &adapters).and_then(|at| adapters.get(at)))
 }

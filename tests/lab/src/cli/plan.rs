@@ -19,10 +19,10 @@ use super::error::LabError;
 use super::scenes::SceneSizes;
 use crate::study::judge::{Judgement, judge};
 
-/// Sizes unless others are named: dense where the fastest engine changes.
+/// Default sizes: dense where the fastest engine changes.
 const SIZES: [u32; 12] =
     [64, 128, 256, 500, 1_000, 2_000, 4_096, 10_000, 32_768, 100_000, 300_000, 1_000_000];
-/// A plan that takes longer than this, over the best way, is told apart.
+/// A plan whose time over the best way's is above this is listed as bad.
 const LIMIT: f64 = 1.3;
 const EFFORT: Effort =
     Effort { least_frames: 5, most_frames: 200, time: Duration::from_millis(200) };
@@ -53,7 +53,7 @@ pub struct PlanBench {
 #[derive(Debug, Serialize)]
 struct PlanReport {
     machine: Machine,
-    /// Where the constants are from.
+    /// Origin of the constants.
     calibration: String,
     rows: Vec<PlanRow>,
 }
@@ -63,7 +63,8 @@ struct PlanRow {
     scene: &'static str,
     n: usize,
     threads: usize,
-    /// Null where the plan chose what was left out as hopeless: a miss.
+    /// Null where the plan chose a way that was not measured because its prediction was hopeless: a
+    /// miss.
     ratio: Option<f64>,
     engine: Option<&'static str>,
     encoding: Option<&'static str>,

@@ -56,7 +56,7 @@ pub struct Stress {
     /// Print one JSON object
     #[arg(long)]
     json: bool,
-    /// Break every engine (`lossy`) or mode (`inward`), to see that it is noticed.
+    /// Break every engine (`lossy`) or mode (`inward`), to test that the checks notice.
     #[arg(long, hide = true, num_args = 0..=1, require_equals = true, default_missing_value = "lossy")]
     break_engine: Option<Sabotage>,
 }
@@ -66,7 +66,7 @@ pub struct Stress {
 pub enum StressCommandError {
     #[error(transparent)]
     Stress(#[from] StressError),
-    /// The report says which.
+    /// The report names the answers.
     #[error("wrong answers: each can be had again with the command beside it")]
     Wrong,
     #[error(transparent)]
@@ -103,7 +103,7 @@ impl Stress {
     }
 }
 
-/// Another seed every time, short enough to be typed again.
+/// A seed from the clock, short enough to be typed again.
 fn seed_of_the_clock() -> u64 {
     let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
     now.map_or(1, |time| u64::from(time.subsec_micros()) + 1_000_000 * (time.as_secs() % 1_000))

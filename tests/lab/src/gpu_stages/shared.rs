@@ -1,4 +1,4 @@
-//! Shared memory as the daemon has it: boxes that a client wrote, a reply that it will read.
+//! Shared memory as the daemon has it: boxes that a client wrote, and the reply for it.
 #![allow(unsafe_code)]
 
 use std::fs::File;
@@ -10,7 +10,7 @@ use pairmaskd::execute::gpu::import::ReadWriteMapping;
 
 /// An anonymous shared segment.
 pub(super) struct Segment {
-    // Open as long as the mapping: an import finds the pages through it.
+    // Open as long as the mapping, since an import finds the pages through the file.
     _file: File,
     mapping: ReadWriteMapping,
 }
@@ -22,7 +22,7 @@ impl Segment {
         file.set_len(bytes.max(1).next_multiple_of(4096) as u64)?;
         let mapping = ReadWriteMapping::of_file(&file, 0, bytes)?;
         let mut segment = Self { _file: file, mapping };
-        // First touch is no part of any measurement.
+        // The first touch must not be in any measurement.
         segment.words_mut().fill(0);
         Ok(segment)
     }

@@ -68,7 +68,7 @@ fn a_broken_engine_is_caught_and_its_case_replayed() {
     assert!(run(&Cases::One { seed: failure.case }, &mut sound, |_, _| {}).is_clean());
 }
 
-/// Leaves every scene to others.
+/// A subject that declines every scene.
 struct Decliner;
 
 impl Engine for Decliner {

@@ -22,7 +22,7 @@ use crate::cli::error::LabError;
 use crate::cli::scenes::SceneSizes;
 use crate::study::updates::update_times;
 
-/// Sizes beside the paper's own, unless others are named.
+/// Default sizes beside the paper's own.
 const SIZES: [u32; 2] = [10_000, 100_000];
 /// Scenes of those sizes.
 const SCENES: [SceneName; 3] = [SceneName::Uniform, SceneName::Torus, SceneName::Letters];

@@ -20,8 +20,8 @@ use pairmaskd::execute::gpu::memory::{Block, Home, Part};
 use pairmaskd::execute::gpu::pipeline::{Pipeline, Pipelines};
 use pairmaskd::execute::gpu::{Checks, Gpu, GpuError};
 
-/// A study frame that takes longer is given up: a thousand times what a GPU needs, and enough for
-/// a software adapter.
+/// Time after which a study frame is given up: a thousand times a GPU's need, and enough for a
+/// software adapter.
 const PATIENCE: Duration = Duration::from_secs(120);
 
 /// Ids and numbers of a word.
