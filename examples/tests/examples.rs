@@ -72,8 +72,8 @@ fn check_minimal_client(text: &str, by: &str) {
 
 #[test]
 fn minimal_client_in_process() {
-    let nobody = tempfile::tempdir().unwrap();
-    let text = output(MINIMAL_CLIENT, &[], nobody.path());
+    let empty = tempfile::tempdir().unwrap();
+    let text = output(MINIMAL_CLIENT, &[], empty.path());
     check_minimal_client(&text, "InProcess");
 }
 
@@ -94,24 +94,24 @@ fn falling_boxes_pile_up_the_same_with_every_backend() {
         assert_eq!(lines.len(), 4, "{text}");
         lines
     };
-    let nobody = tempfile::tempdir().unwrap();
-    let here = run("in-process", nobody.path());
+    let empty = tempfile::tempdir().unwrap();
+    let here = run("in-process", empty.path());
     let there = run("daemon", daemon.dir().path());
-    let whoever = run("auto", daemon.dir().path());
+    let auto = run("auto", daemon.dir().path());
     assert_eq!(here[0], "80 boxes, 400 frames, 0 of them by the daemon");
     assert_eq!(there[0], "80 boxes, 400 frames, 400 of them by the daemon");
-    assert_eq!(whoever[0], there[0]);
+    assert_eq!(auto[0], there[0]);
     // The lines of pairs and of the world's state. The line between depends on the machine's speed.
     for line in [1, 3] {
         assert_eq!(here[line], there[line]);
-        assert_eq!(here[line], whoever[line]);
+        assert_eq!(here[line], auto[line]);
     }
 }
 
 #[test]
 fn falling_boxes_without_a_daemon_say_what_to_do() {
-    let nobody = tempfile::tempdir().unwrap();
-    let output = finish(start(FALLING_BOXES, &["--backend", "daemon"], nobody.path()));
+    let empty = tempfile::tempdir().unwrap();
+    let output = finish(start(FALLING_BOXES, &["--backend", "daemon"], empty.path()));
     assert!(!output.status.success());
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert!(stderr.contains("pairmaskd serve"), "{stderr}");

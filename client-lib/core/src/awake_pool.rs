@@ -218,7 +218,7 @@ mod tests {
             awake.keep_until(3, Instant::now() + LONG);
             let watch = Arc::clone(awake.watch.as_ref().unwrap());
             awake.keep_until(3, Instant::now() + LONG);
-            assert!(Arc::ptr_eq(&watch, awake.watch.as_ref().unwrap()), "nobody is woken again");
+            assert!(Arc::ptr_eq(&watch, awake.watch.as_ref().unwrap()), "no thread is woken again");
             drop(awake);
             await_end(&watch);
         });

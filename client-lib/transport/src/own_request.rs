@@ -132,7 +132,7 @@ mod tests {
         assert_eq!((sent.pages().as_ptr(), sent.pages().len()), (first, 2));
 
         drop((sent, client, client_side, server, services));
-        clean_if_abandoned(&dir, &name).expect("nobody is left");
+        clean_if_abandoned(&dir, &name).expect("no process is left");
         std::fs::remove_dir_all(path).expect("the directory of our own");
     }
 }

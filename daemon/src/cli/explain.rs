@@ -31,7 +31,7 @@ pub struct Explain {
     /// The other box
     #[arg(value_parser = whole_number::<u32>)]
     j: u32,
-    /// How precisely boxes are told apart: exact, q16, q8, f16 or margin=X
+    /// Precision of the boxes: exact, q16, q8, f16 or margin=X
     #[arg(long, value_name = "MODE", default_value_t)]
     precision: PrecisionChoice,
     /// Print one JSON object

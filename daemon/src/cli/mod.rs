@@ -56,7 +56,7 @@ Examples:
   pairmaskd calibrate                         measure this machine, for the plan
   pairmaskd explain boxes.f32 3 17            why two boxes are a pair or not
 
-Exit status: 0 done; 1 it failed, a check failed, or nobody serves; 2 the command line or configuration is wrong.";
+Exit status: 0 done; 1 it failed, a check failed, or no daemon serves; 2 the command line or configuration is wrong.";
 
 #[derive(Debug, Subcommand)]
 enum Command {

@@ -64,7 +64,7 @@ pub struct Latency {
     /// File of boxes instead, each then moving 2 % of its size a frame
     #[arg(long, value_name = "FILE", conflicts_with = "n")]
     scene: Option<PathBuf>,
-    /// How precisely boxes are told apart: exact, q16, q8, f16, margin=X; one row each
+    /// Precision of the boxes: exact, q16, q8, f16, margin=X; one row each
     #[arg(long, value_name = "MODE,..", value_delimiter = ',', default_values_t = [PrecisionChoice::Exact])]
     precision: Vec<PrecisionChoice>,
     /// Frames that are measured

@@ -31,7 +31,7 @@ pub struct LatencyRow {
     pub wait: String,
     /// The engine.
     pub engine: String,
-    /// How precisely boxes were told apart: `exact`, `q16`, `q8`, `f16` or `margin=X`.
+    /// Precision of the boxes: `exact`, `q16`, `q8`, `f16` or `margin=X`.
     pub precision: String,
     /// Bytes of the boxes of one request.
     pub box_bytes: u64,

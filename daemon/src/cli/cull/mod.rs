@@ -55,10 +55,10 @@ pub struct Cull {
     /// Start a daemon for this call and stop it afterwards; --backend and --instance are not used
     #[arg(long)]
     spawn: bool,
-    /// What the file holds. Spheres are always told apart exactly, by engines of the CPU
+    /// What the file holds. Spheres are always exact, by engines of the CPU
     #[arg(long, value_enum, default_value_t)]
     shape: Shape,
-    /// How precisely boxes are told apart: exact, q16, q8, f16 or margin=X. No pair is missed; all
+    /// Precision of the boxes: exact, q16, q8, f16 or margin=X. No pair is missed; all
     /// but exact may report pairs that are near
     #[arg(long, value_name = "MODE", default_value_t)]
     precision: PrecisionChoice,

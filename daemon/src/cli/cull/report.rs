@@ -44,7 +44,7 @@ pub struct CullReport {
     pub encoding: String,
     /// Bytes of the mask.
     pub mask_bytes: u64,
-    /// How precisely boxes were told apart: `exact`, `q16`, `q8`, `f16` or `margin=X`.
+    /// Precision of the boxes: `exact`, `q16`, `q8`, `f16` or `margin=X`.
     pub precision: String,
     /// Form in which the boxes were sent: `f32`, `q16`, `q8` or `f16`. An old daemon knows only
     /// `f32` and gets exact boxes. `spheres` for spheres.

@@ -1,4 +1,4 @@
-//! Mistakes of whoever measures: each is one line on stderr that says what to do.
+//! Mistakes of users: each is one line on stderr that says what to do.
 
 use std::process::Stdio;
 
