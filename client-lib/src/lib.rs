@@ -89,8 +89,8 @@ pub mod session;
 mod transport;
 
 pub use pairmask_core::{
-    aabb, awake_pool, engine, floats, mask, oracle, pair_index, plan, precision, sphere, units,
-    update,
+    aabb, awake_pool, dispatch, engine, floats, mask, oracle, pair_index, plan, precision, sphere,
+    units, update,
 };
 /// The transport, and the parts of the wire contract that are named under it.
 #[cfg(feature = "daemon")]
@@ -104,7 +104,7 @@ pub mod transport {
 }
 /// The wire contract, and the parts of the core that are named under it.
 pub mod wire {
-    pub use pairmask_core::engine::StageTimes;
+    pub use pairmask_core::dispatch::StageTimes;
     pub use pairmask_core::objects::{ObjectForm, Objects};
     pub use pairmask_wire::*;
 }

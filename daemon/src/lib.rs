@@ -1,15 +1,17 @@
-//! The pairmask daemon as a library: ingest, execute, publish, and what the command line, the
+//! The pairmask daemon as a library: ingest, requests, execute, publish, and what the command line, the
 //! benches and the tests share.
 
 pub mod audit;
 pub mod calibrate;
 pub mod cli;
+mod clients;
 pub mod execute;
 pub mod explain;
 pub mod file_error;
 pub mod ingest;
 pub mod precision;
 pub mod publish;
+pub mod requests;
 pub mod scene;
 pub mod serve;
 pub mod spawn;

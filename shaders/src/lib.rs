@@ -3,7 +3,8 @@
 //! One stage a file under `wgsl/`, shared parts under `wgsl/shared/`; a stage has one name
 //! everywhere: file, pipeline label, timing row. Numbers that Rust and WGSL both need are declared
 //! once, in [`constants`], and injected when a stage is composed ([`Stage::wgsl`]); structs that
-//! both sides touch are in [`layouts`], and a test compares them with what naga reflects. The
+//! both sides touch are in [`layouts`], and a test compares them with what naga reflects. What a stage
+//! leaves behind is computed on the CPU in [`mirror`], for the tests. The
 //! arrangement follows vello's shaders.
 //!
 //! All indices are proven in range by the plan that fills the parameters, because production runs
@@ -12,6 +13,7 @@
 pub mod compose;
 pub mod constants;
 pub mod layouts;
+pub mod mirror;
 
 pub use compose::{
     ComposeError, ComposedStage, GridStage, PairsVariant, RowsPerThread, Stage, compose,

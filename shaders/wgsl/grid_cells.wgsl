@@ -5,7 +5,7 @@
 // nothing, get cells by their index: PARKED consecutive boxes share one. Counting a box in its cell
 // gives it a slot there, in whatever order threads come; `grid_place` makes an order of it that does
 // not depend on that.
-// Mirror: `grid/mirror.rs`, `homes`.
+// Mirror: `mirror/grid_cells.rs`.
 
 #import constants
 #import box_batch

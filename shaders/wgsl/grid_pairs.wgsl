@@ -6,7 +6,7 @@
 // a row come out sorted. They are collected in workgroup memory as they come, put in order of
 // (row, block) and written to the block of found words, a stretch a batch; `grid_write` puts the
 // batches in order. A batch with more words than fit tests its rows a second time.
-// Mirror: `grid/mirror.rs`, `words`.
+// Mirror: `mirror/grid_pairs.rs`.
 
 #import constants
 #import order_keys

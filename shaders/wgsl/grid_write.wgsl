@@ -5,7 +5,7 @@
 // their alignment, so that the reply depends on the boxes alone and not on the room for it. On the
 // way the table of cells and the sums of the
 // scan are zeroed for the next frame: the link is what this stage waits for.
-// Mirror: `grid/mirror.rs`, `words`.
+// Mirror: none; it copies the words that `mirror/grid_pairs.rs` has.
 
 #import constants
 #import order_keys

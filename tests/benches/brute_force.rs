@@ -6,7 +6,7 @@
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
-use pairmask::engine::{BruteForce, CullJob, CullReport, Engine, HeapReply, Isa};
+use pairmask::engine::{BruteForce, CullInput, CullReport, Engine, HeapReply, Isa};
 use pairmask::units::BoxCount;
 use pairmask::{Aabb, Encoding};
 use pairmask_tests::stress_scenes;
@@ -60,8 +60,7 @@ fn main() {
                             encoding.as_str()
                         );
                         if filter.iter().all(|word| head.contains(word.as_str())) {
-                            let job = CullJob { encoding, threads };
-                            println!("{head}  {}", row(&mut engine, &boxes, &job));
+                            println!("{head}  {}", row(&mut engine, &boxes, encoding, threads));
                         }
                     }
                 }
@@ -70,13 +69,18 @@ fn main() {
     }
 }
 
-fn row(engine: &mut BruteForce, boxes: &[Aabb], job: &CullJob) -> String {
-    let pool = ThreadPoolBuilder::new().num_threads(job.threads).build().expect("a thread pool");
+fn row(engine: &mut BruteForce, boxes: &[Aabb], encoding: Encoding, threads: usize) -> String {
+    let pool = ThreadPoolBuilder::new().num_threads(threads).build().expect("a thread pool");
     pool.install(|| {
         let mut reply = HeapReply::new();
         let mut frame = || -> (u64, CullReport) {
             let start = Instant::now();
-            let report = engine.cull(black_box(boxes), job, &mut reply).expect("memory");
+            let report = engine
+                .cull(
+                    &CullInput::boxes(black_box(boxes)).encoding(encoding).threads(threads),
+                    &mut reply,
+                )
+                .expect("memory");
             black_box(reply.words());
             (start.elapsed().as_nanos() as u64, report)
         };

@@ -13,12 +13,12 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use pairmask::Aabb;
+use pairmask::dispatch::CullWish;
 use pairmask::engine::{
-    BruteForce, CullJob, CullReport, Engine, EngineName, EngineTimes, Grid, HeapReply, Isa,
-    SweepAndPrune,
+    CullInput, CullReport, Engine, EngineName, EngineTimes, HeapReply, Isa, cpu_engine,
 };
-use pairmask::mask::{Encoding, MaskShape};
-use pairmask::plan::{Calibration, Capabilities, SceneStats, Wishes, plan};
+use pairmask::mask::MaskShape;
+use pairmask::plan::{Calibration, Capabilities, SceneStats, plan};
 use pairmaskd::scene::{Scene, SceneName};
 
 /// Pairs above which a quadratic scene or engine is left out: it would take minutes and show
@@ -38,7 +38,7 @@ impl Options {
         let mut options = Self {
             sizes: vec![1_000, 10_000, 100_000],
             scenes: SceneName::ALL.into_iter().filter(|s| !s.is_quadratic()).collect(),
-            engines: vec![EngineName::CpuBrute, EngineName::CpuSap, EngineName::CpuGrid],
+            engines: EngineName::CPU.into(),
             threads: vec![1, 2],
             frames: 20,
         };
@@ -57,7 +57,7 @@ impl Options {
                 }
                 "--engine" => {
                     let find = |s: &str| {
-                        let found = EngineName::ALL.into_iter().find(|e| e.as_str() == s);
+                        let found = EngineName::from_name(s);
                         found.ok_or_else(|| format!("unknown engine '{s}'"))
                     };
                     options.engines = items().map(find).collect::<Result<_, _>>()?;
@@ -69,41 +69,15 @@ impl Options {
     }
 }
 
-/// An engine that reports the memory that it keeps.
-trait Scratch: Engine {
-    fn scratch_bytes(&self) -> usize;
-}
-
-macro_rules! scratch {
-    ($($engine:ty),*) => {
-        $(impl Scratch for $engine {
-            fn scratch_bytes(&self) -> usize {
-                <$engine>::scratch_bytes(self)
-            }
-        })*
-    };
-}
-
-scratch!(BruteForce, Grid, SweepAndPrune);
-
 /// One engine on one number of threads.
 struct Lane {
-    engine: Box<dyn Scratch>,
+    engine: Box<dyn Engine>,
     threads: usize,
     pool: rayon::ThreadPool,
     reply: HeapReply,
     total_ns: Vec<u64>,
     times: Vec<EngineTimes>,
     words: u64,
-}
-
-fn engine(name: EngineName) -> Option<Box<dyn Scratch>> {
-    match name {
-        EngineName::CpuBrute => Some(Box::new(BruteForce::new())),
-        EngineName::CpuGrid => Some(Box::new(Grid::new())),
-        EngineName::CpuSap => Some(Box::new(SweepAndPrune::new())),
-        _ => None,
-    }
 }
 
 /// Whether a case is small enough for an engine that compares all pairs.
@@ -184,7 +158,9 @@ fn run(name: SceneName, n: usize, options: &Options) -> bool {
     for &engine_name in &options.engines {
         for &threads in &options.threads {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-            let (Some(engine), Ok(pool)) = (engine(engine_name), pool) else { continue };
+            let (Ok(engine), Ok(pool)) = (cpu_engine(engine_name, Isa::best()), pool) else {
+                continue;
+            };
             if worthwhile(engine_name, n) {
                 let (total_ns, times) = (Vec::new(), Vec::new());
                 lanes.push(Lane {
@@ -206,12 +182,11 @@ fn run(name: SceneName, n: usize, options: &Options) -> bool {
     for frame in 0..options.frames + warm_up {
         let mut frame_hash = None;
         for lane in &mut lanes {
-            let job = CullJob { encoding: Encoding::Sparse, threads: lane.threads };
             let boxes = scene.boxes();
             let (engine, reply) = (&mut lane.engine, &mut lane.reply);
             let (report, elapsed) = lane.pool.install(|| {
                 let start = Instant::now();
-                let report = engine.cull(boxes, &job, reply);
+                let report = engine.cull(&CullInput::boxes(boxes).threads(lane.threads), reply);
                 (report, start.elapsed().as_nanos() as u64)
             });
             let report = match report {
@@ -279,7 +254,7 @@ fn judge_plan(
     let calibration = Calibration::built_in(Isa::best());
     for &threads in &options.threads {
         let capabilities = Capabilities { threads, gpu: None };
-        let plan = plan(&stats, &capabilities, &calibration, &Wishes::default());
+        let plan = plan(&stats, &capabilities, &calibration, &CullWish::default());
         let plan_us = start.elapsed().as_nanos() as f64 / 1e3;
         let least = |lane: &Lane| lane.total_ns.iter().min().copied().unwrap_or(u64::MAX) as f64;
         let best = lanes.iter().min_by(|a, b| least(a).total_cmp(&least(b)));

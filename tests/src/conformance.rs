@@ -4,7 +4,7 @@
 //! other floating-point flags, and pool threads of yet others.
 
 use pairmask::Encoding;
-use pairmask::engine::{CullJob, Engine, HeapReply};
+use pairmask::engine::{CullInput, Engine, HeapReply};
 pub use pairmask::oracle::check::{Mismatch, check_frame, check_pairs, check_reply};
 use pairmask_lab::stress::{FloatFlags, MixedFlags};
 use rayon::{ThreadPool, ThreadPoolBuilder};
@@ -36,7 +36,7 @@ impl Default for Suite {
         Self {
             sizes: (0..=70).chain([345, 1234]).collect(),
             quadratic_limit: 1234,
-            encodings: vec![Encoding::Dense, Encoding::Sparse],
+            encodings: Encoding::ALL.into(),
             threads: vec![1],
             seed: 1,
             flags: mixed_flags(),
@@ -102,19 +102,19 @@ pub fn check_engine(engine: &mut dyn Engine, suite: &Suite) -> Result<usize, Box
             let truth = oracle::truth(&boxes);
             for &encoding in &suite.encodings {
                 for (threads, pool) in &pools {
-                    let job = CullJob { encoding, threads: *threads };
+                    let input = CullInput::boxes(&boxes).encoding(encoding).threads(*threads);
                     let flags = suite.flags[frames % suite.flags.len()];
                     flags
-                        .install(pool, || check_frame(engine, &boxes, &truth, &job, &mut reply))
+                        .install(pool, || check_frame(engine, &input, &truth, &mut reply))
                         .map_err(|what| Failure {
-                        engine: engine.name(),
-                        scene: scene.name(),
-                        n,
-                        encoding,
-                        threads: *threads,
-                        flags,
-                        what,
-                    })?;
+                            engine: engine.name(),
+                            scene: scene.name(),
+                            n,
+                            encoding,
+                            threads: *threads,
+                            flags,
+                            what,
+                        })?;
                     frames += 1;
                 }
             }

@@ -1,6 +1,6 @@
 //! Boxes in narrow forms, and engines that read them.
 
-use pairmask::engine::{CullError, CullJob, CullReport, Engine, EngineName, ReplyBuffer};
+use pairmask::engine::{CullError, CullInput, CullReport, Engine, EngineName, ReplyBuffer};
 use pairmask::precision::NarrowBoxes;
 use pairmask::{Aabb, BoxForm, Precision};
 
@@ -54,7 +54,7 @@ impl NarrowMemory {
 
 /// A function that passes boxes of any form to an engine.
 pub type CullNarrow<E> =
-    fn(&mut E, NarrowBoxes<'_>, &CullJob, &mut dyn ReplyBuffer) -> Result<CullReport, CullError>;
+    fn(&mut E, &CullInput<'_>, &mut dyn ReplyBuffer) -> Result<CullReport, CullError>;
 
 /// An engine that gets boxes in a precision's form, as an [`Engine`] of f32 boxes.
 pub struct Narrowed<E> {
@@ -73,11 +73,11 @@ impl<E: Engine> Engine for Narrowed<E> {
 
     fn cull(
         &mut self,
-        boxes: &[Aabb],
-        job: &CullJob,
+        input: &CullInput<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
+        let (boxes, _) = input.f32_boxes(self.name())?;
         let memory = NarrowMemory::write(&self.precision, boxes);
-        (self.cull)(&mut self.engine, memory.boxes(), job, reply)
+        (self.cull)(&mut self.engine, &input.with_objects(memory.boxes()), reply)
     }
 }

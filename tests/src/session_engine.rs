@@ -1,17 +1,16 @@
 //! A session as an engine, so that the conformance suite runs on every session backend too.
 
 use pairmask::engine::{
-    CullError, CullJob, CullReport, Engine, EngineChoice, EngineName, EngineTimes, ReplyBuffer,
+    CullError, CullInput, CullReport, Engine, EngineChoice, EngineName, EngineTimes, ReplyBuffer,
 };
 use pairmask::mask::EncodingChoice;
 use pairmask::session::SessionBuilder;
-use pairmask::{Aabb, Encoding, ServedBy, Session};
+use pairmask::{Encoding, ServedBy, Session};
 
 /// A session for each encoding, and the side that must serve it.
 #[derive(Debug)]
 pub struct SessionEngine {
-    dense: Session,
-    sparse: Session,
+    sessions: [Session; Encoding::ALL.len()],
     engine: EngineName,
     expected: ServedBy,
 }
@@ -27,8 +26,7 @@ impl SessionEngine {
             let builder = builder.clone().engine(EngineChoice::Only(engine));
             builder.encoding(EncodingChoice::Only(encoding)).connect().expect("a session")
         };
-        let (dense, sparse) = (connect(Encoding::Dense), connect(Encoding::Sparse));
-        Self { dense, sparse, engine, expected }
+        Self { sessions: Encoding::ALL.map(connect), engine, expected }
     }
 }
 
@@ -39,14 +37,11 @@ impl Engine for SessionEngine {
 
     fn cull(
         &mut self,
-        boxes: &[Aabb],
-        job: &CullJob,
+        input: &CullInput<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
-        let session = match job.encoding {
-            Encoding::Dense => &mut self.dense,
-            Encoding::Sparse => &mut self.sparse,
-        };
+        let (boxes, _) = input.f32_boxes(self.engine)?;
+        let session = &mut self.sessions[input.encoding.place()];
         let mut frame = session.frame(boxes.len()).expect("memory for a frame");
         frame.boxes_mut().copy_from_slice(boxes);
         let mask = frame.submit().expect("a frame is sent").wait().expect("a frame is answered");

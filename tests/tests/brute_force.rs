@@ -1,6 +1,6 @@
 //! `cpu-brute`, every instruction set of this machine, through the conformance suite.
 
-use pairmask::engine::{BruteForce, CullJob, Engine, HeapReply, Isa};
+use pairmask::engine::{BruteForce, CullInput, Engine, HeapReply, Isa};
 use pairmask::{Aabb, Encoding};
 use pairmask_tests::conformance::{Suite, check_engine, check_frame};
 use pairmask_tests::naive_decoder;
@@ -46,10 +46,14 @@ fn conforms_on_large_scenes() {
 fn instruction_sets_rule_out_the_same_pairs() {
     for scene in stress_scenes::ALL {
         let boxes = scene.boxes(1234, 3);
-        let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
         let skipped: Vec<_> = engines()
             .iter_mut()
-            .map(|engine| engine.cull(&boxes, &job, &mut HeapReply::new()).expect("memory").skipped)
+            .map(|engine| {
+                engine
+                    .cull(&CullInput::boxes(&boxes), &mut HeapReply::new())
+                    .expect("memory")
+                    .skipped
+            })
             .collect();
         assert!(skipped.windows(2).all(|two| two[0] == two[1]), "{scene:?}: {skipped:?}");
         if scene.name() == "uniform" {
@@ -75,10 +79,10 @@ fn a_frame_does_not_depend_on_the_frames_before_it() {
     for n in [1234, 3, 0, 345, 64, 1234] {
         for scene in stress_scenes::ALL {
             let boxes = scene.boxes(n, 9);
-            let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
-            let report = engine.cull(&boxes, &job, &mut reply).expect("memory");
+            let report = engine.cull(&CullInput::boxes(&boxes), &mut reply).expect("memory");
             let used = pairs(&reply, &report, n);
-            let report = BruteForce::new().cull(&boxes, &job, &mut reply).expect("memory");
+            let report =
+                BruteForce::new().cull(&CullInput::boxes(&boxes), &mut reply).expect("memory");
             assert_eq!(used, pairs(&reply, &report, n), "{scene:?}, {n} boxes");
         }
     }
@@ -104,9 +108,8 @@ proptest! {
         let truth = oracle::truth(&boxes);
         for mut engine in engines() {
             for encoding in [Encoding::Dense, Encoding::Sparse] {
-                let job = CullJob { encoding, threads };
                 let checked =
-                    check_frame(&mut engine, &boxes, &truth, &job, &mut HeapReply::new());
+                    check_frame(&mut engine, &CullInput::boxes(&boxes).encoding(encoding).threads(threads), &truth, &mut HeapReply::new());
                 prop_assert_eq!(checked, Ok(()), "{}", engine.isa());
             }
         }
@@ -136,9 +139,14 @@ fn pair_sets_have_their_golden_hashes_on_every_thread_count() {
             for mut engine in engines() {
                 for encoding in [Encoding::Dense, Encoding::Sparse] {
                     let mut reply = HeapReply::new();
-                    let job = CullJob { encoding, threads };
-                    let report =
-                        pool.install(|| engine.cull(&boxes, &job, &mut reply)).expect("memory");
+                    let report = pool
+                        .install(|| {
+                            engine.cull(
+                                &CullInput::boxes(&boxes).encoding(encoding).threads(threads),
+                                &mut reply,
+                            )
+                        })
+                        .expect("memory");
                     let hash = pair_set_hash(&pairs(&reply, &report, n));
                     assert_eq!(hash, golden, "{}, {name}, {threads} threads", engine.isa());
                 }

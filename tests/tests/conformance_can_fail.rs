@@ -1,7 +1,7 @@
 //! Every comparator of the conformance suite notices the mistakes that it is for.
 
 use pairmask::engine::{
-    BruteForce, CullError, CullJob, CullReport, Engine, HeapReply, ReplyBuffer, ReserveError,
+    BruteForce, CullError, CullInput, CullReport, Engine, HeapReply, ReplyBuffer, ReserveError,
 };
 use pairmask::mask::MaskShape;
 use pairmask::{Aabb, Encoding, EngineName};
@@ -30,9 +30,13 @@ fn verdict(
     spoil: impl FnMut(&mut [u32], &mut CullReport) + Send,
 ) -> Result<(), Mismatch> {
     let boxes = boxes();
-    let job = CullJob { encoding, threads: 1 };
     let truth = oracle::truth(&boxes);
-    check_frame(&mut spoiler(spoil), &boxes, &truth, &job, &mut HeapReply::new())
+    check_frame(
+        &mut spoiler(spoil),
+        &CullInput::boxes(&boxes).encoding(encoding),
+        &truth,
+        &mut HeapReply::new(),
+    )
 }
 
 fn dense(spoil: impl FnMut(&mut [u32], &mut CullReport) + Send) -> Result<(), Mismatch> {
@@ -48,6 +52,7 @@ fn bits_start(report: &CullReport) -> usize {
     match report.shape {
         MaskShape::Sparse { bits, .. } => bits.start as usize,
         MaskShape::Dense { words } => words.start as usize,
+        shape => panic!("which words of {shape:?} are bits of pairs?"),
     }
 }
 
@@ -119,8 +124,9 @@ fn the_other_encoding_is_noticed() {
     let boxes = boxes();
     let truth = oracle::truth(&boxes);
     let mut reply = HeapReply::new();
-    let job = CullJob { encoding: Encoding::Dense, threads: 1 };
-    let report = BruteForce::new().cull(&boxes, &job, &mut reply).expect("memory");
+    let report = BruteForce::new()
+        .cull(&CullInput::boxes(&boxes).encoding(Encoding::Dense), &mut reply)
+        .expect("memory");
     let (n, asked) = (boxes.len() as u32, Encoding::Sparse);
     let other = pairmask_tests::conformance::check_reply(reply.words(), &report, n, asked, &truth);
     assert_eq!(other, Err(Mismatch::Encoding { asked, got: Encoding::Dense }));
@@ -177,11 +183,10 @@ fn a_word_that_is_not_written_is_noticed() {
         }
         fn cull(
             &mut self,
-            boxes: &[Aabb],
-            job: &CullJob,
+            input: &CullInput<'_>,
             reply: &mut dyn ReplyBuffer,
         ) -> Result<CullReport, CullError> {
-            let report = BruteForce::new().cull(boxes, job, &mut HeapReply::new())?;
+            let report = BruteForce::new().cull(input, &mut HeapReply::new())?;
             reply.reserve(report.shape.extent_words())?;
             Ok(report)
         }
@@ -190,9 +195,13 @@ fn a_word_that_is_not_written_is_noticed() {
     let boxes: Vec<Aabb> = (0..70)
         .map(|i| Aabb::from([2.0 * i as f32, 0.0, 0.0, 2.0 * i as f32 + 1.0, 1.0, 1.0]))
         .collect();
-    let job = CullJob { encoding: Encoding::Dense, threads: 1 };
     let truth = oracle::truth(&boxes);
-    let unwritten = check_frame(&mut Lazy, &boxes, &truth, &job, &mut HeapReply::new());
+    let unwritten = check_frame(
+        &mut Lazy,
+        &CullInput::boxes(&boxes).encoding(Encoding::Dense),
+        &truth,
+        &mut HeapReply::new(),
+    );
     assert_eq!(unwritten, Err(Mismatch::NotDeterministic(0)));
 }
 
@@ -208,8 +217,8 @@ fn an_engine_that_gives_no_answer_fails() {
             Err(ReserveError::OutOfMemory { needed_bytes: 4 * words })
         }
     }
-    let job = CullJob { encoding: Encoding::Dense, threads: 1 };
-    let refused = BruteForce::new().cull(&boxes(), &job, &mut Refuses);
+    let refused =
+        BruteForce::new().cull(&CullInput::boxes(&boxes()).encoding(Encoding::Dense), &mut Refuses);
     assert!(matches!(refused, Err(CullError::Reserve(ReserveError::OutOfMemory { .. }))));
 }
 

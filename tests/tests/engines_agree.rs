@@ -11,9 +11,11 @@
 use std::thread;
 use std::time::{Duration, Instant};
 
-use pairmask::engine::{BruteForce, CullJob, Engine, Grid, HeapReply, SweepAndPrune};
+use pairmask::engine::{
+    CullInput, Engine, EngineName, Grid, HeapReply, Isa, SweepAndPrune, cpu_engine,
+};
 use pairmask::mask::MaskView;
-use pairmask::{Aabb, AwakePool, BoxCount, Encoding};
+use pairmask::{Aabb, AwakePool, BoxCount};
 use pairmask_tests::conformance::check_pairs;
 use pairmask_tests::oracle::{Pair, pair_set_hash};
 use pairmaskd::scene::{Scene, SceneName};
@@ -34,8 +36,9 @@ fn pairs(engine: &mut dyn Engine, boxes: &[Aabb], pool: &ThreadPool) -> Vec<Pair
 /// The same, by the pool that the calling thread is in.
 fn pairs_here(engine: &mut dyn Engine, boxes: &[Aabb]) -> Vec<Pair> {
     let mut reply = HeapReply::new();
-    let job = CullJob { encoding: Encoding::Sparse, threads: rayon::current_num_threads() };
-    let report = engine.cull(boxes, &job, &mut reply).expect("memory");
+    let report = engine
+        .cull(&CullInput::boxes(boxes).threads(rayon::current_num_threads()), &mut reply)
+        .expect("memory");
     let n = BoxCount::of_len(boxes.len()).expect("indices are u32");
     let mask = MaskView::new(n, &report.shape, reply.words()).expect("a good mask");
     mask.verify().expect("a good mask");
@@ -67,7 +70,10 @@ fn agreed(
 }
 
 fn all_engines() -> Vec<Box<dyn Engine>> {
-    vec![Box::new(BruteForce::new()), Box::new(SweepAndPrune::new()), Box::new(Grid::new())]
+    EngineName::CPU
+        .into_iter()
+        .map(|name| cpu_engine(name, Isa::best()).expect("of the CPU"))
+        .collect()
 }
 
 /// The pair set of each scene of 3,000 boxes, seed 7, after one step.

@@ -4,17 +4,16 @@
 #![allow(clippy::unwrap_used)]
 
 use glam::{Affine3A, DVec3, Mat4, Quat, Vec3};
-use pairmask::engine::{
-    BruteForce, CpuEngines, CullJob, CullWish, Engine, EngineChoice, Grid, HeapReply, SweepAndPrune,
-};
+use pairmask::dispatch::{CpuEngines, CullWish, SphereEngines};
+use pairmask::engine::{CullInput, Engine, EngineChoice, HeapReply, Isa, cpu_engine};
 use pairmask::oracle::check::check_frame;
 use pairmask::oracle::{self, modes};
 use pairmask::plan::SceneStats;
 use pairmask::precision::{BoxF16, ExpandScratch, Quantizer, Widening};
 use pairmask::session::{Margin, Margined};
-use pairmask::sphere::{Sphere, SphereEngines};
+use pairmask::sphere::Sphere;
 use pairmask::update::{Placement, ToWorld, par_update_boxes, update_boxes, world_box};
-use pairmask::{Aabb, Backend, Bounds, Encoding, EngineName, Precision, Session};
+use pairmask::{Aabb, Backend, Bounds, EngineName, Precision, Session};
 use pairmask_lab::stress::{FloatFlags, MixedFlags, Rounding};
 use pairmask_tests::conformance::mixed_flags;
 use pairmask_tests::narrow::NarrowMemory;
@@ -45,20 +44,20 @@ fn boxes_within(extent: f32, n: usize, seed: u64) -> Vec<Aabb> {
 /// smallest normal number (there a thread that flushes has other cells next to the origin), or none.
 const EXTENTS: [f32; 6] = [1e-42, 3e-38, 3e-37, 6e-37, 100.0, 1e30];
 
-fn engines() -> [Box<dyn Engine>; 3] {
-    [Box::new(BruteForce::new()), Box::new(SweepAndPrune::new()), Box::new(Grid::new())]
+fn engines() -> impl Iterator<Item = Box<dyn Engine>> {
+    EngineName::CPU.into_iter().map(|name| cpu_engine(name, Isa::best()).unwrap())
 }
 
 /// Culls with every CPU engine, with callers and pools of `flags`.
 fn check(boxes: &[Aabb], flags: &[MixedFlags], pool: &ThreadPool) {
     let truth = oracle::truth(boxes);
     assert!(truth.pairs.len() > 1_000, "{} pairs", truth.pairs.len());
-    let job = CullJob { encoding: Encoding::Sparse, threads: pool.current_num_threads() };
+    let input = CullInput::boxes(boxes).threads(pool.current_num_threads());
     let mut reply = HeapReply::new();
     for mut engine in engines() {
         for flags in flags {
             flags
-                .install(pool, || check_frame(engine.as_mut(), boxes, &truth, &job, &mut reply))
+                .install(pool, || check_frame(engine.as_mut(), &input, &truth, &mut reply))
                 .unwrap_or_else(|wrong| panic!("{}, {flags}: {wrong}", engine.name()));
         }
     }
@@ -104,7 +103,7 @@ fn a_pool_that_a_flagged_thread_started_serves_plain_callers() {
             let truth = oracle::truth(&boxes);
             let mut session =
                 Session::builder().backend(Backend::InProcess).threads(2).connect().unwrap();
-            for engine in [EngineName::CpuGrid, EngineName::CpuSap, EngineName::CpuBrute] {
+            for engine in EngineName::CPU {
                 let wish = CullWish { engine: EngineChoice::Only(engine), ..CullWish::default() };
                 let mut reply = HeapReply::new();
                 let asked = || CpuEngines::new().cull(&boxes, &wish, &mut reply).unwrap();
@@ -397,12 +396,13 @@ fn every_entry_point_gives_the_same_whatever_the_flags() {
 fn replies_are_the_same_bytes_whatever_the_flags() {
     let pool = pool(2);
     let boxes = [boxes_within(3e-38, 2_100, 9), boxes_within(100.0, 2_100, 10)].concat();
-    let job = CullJob { encoding: Encoding::Sparse, threads: 2 };
     for mut engine in engines() {
         let mut expected: Option<Vec<u32>> = None;
         for flags in mixed_flags() {
             let mut reply = HeapReply::new();
-            flags.install(&pool, || engine.cull(&boxes, &job, &mut reply)).unwrap();
+            flags
+                .install(&pool, || engine.cull(&CullInput::boxes(&boxes).threads(2), &mut reply))
+                .unwrap();
             let words = reply.words().to_vec();
             assert!(*expected.get_or_insert_with(|| words.clone()) == words, "{flags}");
         }

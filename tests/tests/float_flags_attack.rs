@@ -11,15 +11,16 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 use glam::{DVec3, Quat, Vec3};
+use pairmask::dispatch::{CullWish, SphereEngines};
 use pairmask::engine::{
-    BruteForce, CullJob, CullReport, CullWish, Engine, EngineChoice, Grid, HeapReply, SweepAndPrune,
+    BruteForce, CullInput, CullReport, Engine, EngineChoice, Grid, HeapReply, SweepAndPrune,
 };
 use pairmask::oracle::modes::{self, Allowed};
 use pairmask::oracle::naive_decoder::decode;
 use pairmask::oracle::{self, Faces, Pair};
 use pairmask::precision::Widening;
 use pairmask::session::Margin;
-use pairmask::sphere::{Sphere, SphereEngines};
+use pairmask::sphere::Sphere;
 use pairmask::update::{Placement, update_boxes, world_box};
 use pairmask::{Aabb, Bounds, Encoding, EngineName, Precision};
 use pairmask_lab::stress::{MixedFlags, compare};
@@ -55,8 +56,9 @@ impl Engines {
     }
 
     fn pairs(&mut self, engine: usize, boxes: &[Aabb], encoding: Encoding) -> Vec<Pair> {
-        let job = CullJob { encoding, threads: 3 };
-        let report = self.boxes[engine].cull(boxes, &job, &mut self.reply).unwrap();
+        let report = self.boxes[engine]
+            .cull(&CullInput::boxes(boxes).encoding(encoding).threads(3), &mut self.reply)
+            .unwrap();
         self.decoded(&report, boxes.len())
     }
 

@@ -5,13 +5,14 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use log::LevelFilter;
+use pairmask::dispatch::StageTimes;
 use pairmask::engine::{Census, CullReport, EngineId, EngineName, EngineTimes, SkipMeter};
 use pairmask::mask::MaskShape;
 use pairmask::session::WaitError;
 use pairmask::transport::{InstanceName, RuntimeDir, clean_if_abandoned};
 use pairmask::units::BoxCount;
 use pairmask::wire::{
-    ReplyError, RequestHeader, ResponseHeader, Section, SectionKind, StageTimes, response_ok,
+    ReplyError, RequestHeader, ResponseHeader, Section, SectionKind, response_ok,
 };
 use pairmask::{Aabb, Backend, PairMask, ServedBy, Session};
 use pairmask_tests::daemon::eventually;

@@ -6,17 +6,19 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use pairmask::engine::{CpuEngines, CullAnswer, CullWish, EngineChoice, EngineName, HeapReply};
+use pairmask::dispatch::{CpuEngines, CullAnswer, CullWish};
+use pairmask::engine::{EngineChoice, EngineName, HeapReply};
 use pairmask::mask::{EncodingChoice, MaskView};
 use pairmask::precision::NarrowBoxes;
 use pairmask::{Aabb, Bounds, BoxCount, Encoding, Precision, ServedBy, Session};
 use pairmask_tests::conformance::{Suite, check_engine};
 use pairmask_tests::daemon::{PATIENCE, TestDaemon};
+use pairmask_tests::frame_memory::TestFrame;
 use pairmask_tests::narrow::NarrowMemory;
 use pairmask_tests::session_engine::SessionEngine;
 use pairmask_tests::{naive_modes, oracle, stress_scenes};
 use pairmaskd::execute::gpu::GpuChoice;
-use pairmaskd::execute::{Executor, GpuService, Owner, Started};
+use pairmaskd::execute::{CullUnderWay, Executor, GpuService, Owner};
 use pairmaskd::precision::as_sent;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
@@ -170,6 +172,39 @@ fn pairs_by_cpu(boxes: &[Aabb], precision: &Precision) -> Vec<(u32, u32)> {
     pairs_of(boxes.len() as u32, &answer, &reply)
 }
 
+fn begin(
+    executor: &mut Executor,
+    owner: Owner,
+    wish: &CullWish,
+    memory: TestFrame<HeapReply>,
+) -> CullUnderWay<TestFrame<HeapReply>> {
+    let planned = executor.plan(memory.boxes.boxes(), wish, u64::MAX);
+    assert!(executor.can_begin(&planned));
+    executor.begin(planned, owner, memory).unwrap_or_else(|_| panic!("answered at once"))
+}
+
+#[test]
+fn a_frame_outlives_its_executor() {
+    let mut executor = software_executor();
+    let boxes = stress_scenes::named("uniform").boxes(33_001, 3);
+    let wish = CullWish { engine: EngineChoice::Only(EngineName::GpuGrid), ..CullWish::default() };
+    let [first, second] = [0, 1].map(|owner| {
+        let memory = TestFrame::on_heap(&Precision::Exact, &boxes);
+        let token = Arc::clone(&memory.token);
+        (begin(&mut executor, Owner::Client(owner), &wish, memory), token)
+    });
+    drop(executor);
+    drop(first.0);
+    assert_eq!((Arc::strong_count(&first.1), Arc::strong_count(&second.1)), (1, 2));
+    // Nobody but a CPU engine is left to answer it.
+    let (answer, memory) = Executor::new(None).end(second.0);
+    let answer = answer.unwrap();
+    assert!(!answer.engine.is_gpu(), "by {}", answer.engine);
+    let found = pairs_of(33_001, &answer, &memory.unwrap().reply);
+    assert!(found == pairs_by_cpu(&boxes, &Precision::Exact));
+    assert_eq!(Arc::strong_count(&second.1), 1);
+}
+
 #[test]
 fn narrow_frames_are_left_under_way_and_outlive_their_device() {
     let mut executor = software_executor();
@@ -178,23 +213,19 @@ fn narrow_frames_are_left_under_way_and_outlive_their_device() {
     let wish = CullWish { engine: EngineChoice::Only(EngineName::GpuGrid), ..CullWish::default() };
     let [q16, q8, f16] = narrow_precisions(&boxes);
     for (pair, is_lost) in [([q16, q8], false), ([q8, f16], false), ([f16, q16], true)] {
-        let memories = pair.map(|precision| NarrowMemory::write(&precision, &boxes));
-        let mut replies = [HeapReply::new(), HeapReply::new()];
         let begun = [0, 1].map(|turn| {
-            let (memory, owner) = (memories[turn].boxes(), Owner::Client(turn as u128));
-            match executor.begin(memory, owner, &wish, &mut replies[turn]).unwrap() {
-                Started::UnderWay(cull) => cull,
-                Started::Answered(answer) => panic!("answered by {}", answer.engine),
-            }
+            let memory = TestFrame::on_heap(&pair[turn], &boxes);
+            begin(&mut executor, Owner::Client(turn as u128), &wish, memory)
         });
         if is_lost {
             executor.gpu().unwrap().device().expect("the device is there").destroy();
         }
         for (turn, cull) in begun.into_iter().enumerate() {
-            let answer = executor.end(cull, memories[turn].boxes(), &mut replies[turn]).unwrap();
+            let (answer, memory) = executor.end(cull);
+            let (answer, memory) = (answer.unwrap(), memory.unwrap());
             assert!(is_lost || answer.engine == EngineName::GpuGrid, "{}", answer.engine);
             let (ours, expected) =
-                (pairs_of(n, &answer, &replies[turn]), pairs_by_cpu(&boxes, &pair[turn]));
+                (pairs_of(n, &answer, &memory.reply), pairs_by_cpu(&boxes, &pair[turn]));
             // Not `assert_eq`, which would print thousands of pairs.
             assert!(ours == expected, "{:?}, by {}", pair[turn], answer.engine);
         }

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use bytemuck::{Pod, Zeroable, bytes_of};
 use pairmask::aabb::KeyBox;
-use pairmask::engine::{CullError, CullJob, CullReport, Engine, HeapReply};
+use pairmask::engine::{CullError, CullInput, CullReport, Engine, HeapReply};
 use pairmask::precision::NarrowBoxes;
 use pairmask::{Aabb, Bounds, BoxClass, BoxCount, BoxForm, Encoding, Precision};
 use pairmask_shaders::constants::{BATCH_BOXES, NO_LEVEL, PADDING, PARKED};
@@ -17,12 +17,9 @@ use pairmask_tests::gpu::open;
 use pairmask_tests::narrow::{CullNarrow, NarrowMemory, Narrowed};
 use pairmask_tests::stress_scenes::{Rng, StressScene};
 use pairmask_tests::{naive_modes, stress_scenes};
-use pairmaskd::execute::gpu::frame::{Command, Frame, Wait};
-use pairmaskd::execute::gpu::grid::plan::Sizes;
-use pairmaskd::execute::gpu::memory::{Block, Home, Part};
-use pairmaskd::execute::gpu::pipeline::Pipelines;
 use pairmaskd::execute::gpu::{
-    AllPairs, AllPairsOptions, Checks, Gpu, Grid, GridOptions, HostImport, Upload,
+    AllPairs, AllPairsOptions, Block, Checks, Command, Frame, Gpu, Grid, GridOptions, Home,
+    HostImport, Part, Pipelines, Sizes, Upload, Wait,
 };
 
 /// A watchdog, no measure of speed.
@@ -316,8 +313,8 @@ fn check_forms<E: Engine>(
                 engine.precision = precision;
                 let truth = naive_modes::truth(&boxes, &precision);
                 for encoding in encodings {
-                    let job = CullJob { encoding: *encoding, threads: 1 };
-                    check_frame(engine, &boxes, &truth, &job, &mut reply).unwrap_or_else(|what| {
+                    let input = CullInput::boxes(&boxes).encoding(*encoding);
+                    check_frame(engine, &input, &truth, &mut reply).unwrap_or_else(|what| {
                         panic!("{scene}, {n} boxes, {precision:?}, {encoding}: {what}")
                     });
                     frames += 1;
@@ -336,13 +333,13 @@ const FEW: [&str; 4] = ["uniform", "lattice", "empty mixed in", "nan in each slo
 fn all_pairs(options: AllPairsOptions) -> Narrowed<AllPairs> {
     let engine = AllPairs::new(&open(HostImport::IfPossible), options);
     let engine = engine.unwrap_or_else(|error| panic!("{error}"));
-    Narrowed { engine, cull: AllPairs::cull_narrow, precision: Precision::F16 }
+    Narrowed { engine, cull: AllPairs::cull, precision: Precision::F16 }
 }
 
 fn grid(options: &GridOptions) -> Narrowed<Grid> {
     let engine = Grid::new(&open(HostImport::IfPossible), options);
     let engine = engine.unwrap_or_else(|error| panic!("{error}"));
-    Narrowed { engine, cull: Grid::cull_narrow, precision: Precision::F16 }
+    Narrowed { engine, cull: Grid::cull, precision: Precision::F16 }
 }
 
 #[test]
@@ -389,7 +386,6 @@ fn checked_stages_and_every_way_up_answer_the_same() {
 #[test]
 fn a_recorded_frame_is_of_one_form() {
     let boxes = stress_scenes::named("uniform").boxes(345, 8);
-    let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
     let mut reply = HeapReply::new();
     let (mut all_pairs, mut grid) =
         (all_pairs(AllPairsOptions::default()), grid(&GridOptions::default()));
@@ -402,8 +398,8 @@ fn a_recorded_frame_is_of_one_form() {
                 let found = check_reply(reply.words(), &report, 345, Encoding::Sparse, &truth);
                 assert_eq!(found, Ok(()), "{precision:?}");
             };
-            check(all_pairs.engine.cull_narrow(memory.boxes(), &job, &mut reply), &reply);
-            check(grid.engine.cull_narrow(memory.boxes(), &job, &mut reply), &reply);
+            check(all_pairs.engine.cull(&CullInput::boxes(memory.boxes()), &mut reply), &reply);
+            check(grid.engine.cull(&CullInput::boxes(memory.boxes()), &mut reply), &reply);
         }
     }
 }
@@ -411,18 +407,17 @@ fn a_recorded_frame_is_of_one_form() {
 /// An engine that reads boxes of one form as those of another of the same size.
 #[test]
 fn a_form_taken_for_another_is_noticed() {
-    let as_halves: CullNarrow<Grid> = |engine, boxes, job, reply| {
-        let bytes = boxes.as_bytes();
+    let as_halves: CullNarrow<Grid> = |engine, input, reply| {
+        let bytes = input.objects.as_bytes();
         let halves = NarrowBoxes::new(BoxForm::F16, bytes).expect("as many bytes");
-        engine.cull_narrow(halves, job, reply)
+        engine.cull(&input.with_objects(halves), reply)
     };
     let mut wrong = Narrowed { cull: as_halves, ..grid(&GridOptions::default()) };
     let boxes = stress_scenes::named("lattice").boxes(345, 2);
     wrong.precision = Precision::Q16(Bounds::around(&boxes));
     let truth = naive_modes::truth(&boxes, &wrong.precision);
-    let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
     let mut reply = HeapReply::new();
-    let report = wrong.cull(&boxes, &job, &mut reply).expect("an answer");
+    let report = wrong.cull(&CullInput::boxes(&boxes), &mut reply).expect("an answer");
     let found = check_reply(reply.words(), &report, 345, Encoding::Sparse, &truth);
     let is_about_pairs = matches!(found, Err(Mismatch::Missing(_) | Mismatch::Extra(_)));
     assert!(is_about_pairs || matches!(found, Err(Mismatch::Census { .. })), "{found:?}");

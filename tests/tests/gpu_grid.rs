@@ -2,19 +2,21 @@
 
 use std::time::Duration;
 
-use pairmask::engine::{CullError, CullJob, CullReport, Engine, Grid as CpuGrid, HeapReply};
+use pairmask::engine::{CullError, CullInput, CullReport, Engine, Grid as CpuGrid, HeapReply};
 use pairmask::mask::MaskShape;
 use pairmask::precision::NarrowBoxes;
 use pairmask::{Aabb, Bounds, BoxCount, Encoding, Precision};
+use pairmask_shaders::mirror;
 use pairmask_tests::conformance::{Suite, check_engine, check_reply};
 use pairmask_tests::daemon::eventually;
+use pairmask_tests::frame_memory::TestFrame;
 use pairmask_tests::gpu::open;
 use pairmask_tests::narrow::NarrowMemory;
 use pairmask_tests::oracle::{self, pair_set_hash};
 use pairmask_tests::{naive_decoder, stress_scenes};
-use pairmaskd::execute::gpu::awake::{Awake, DEFAULT_HOLD};
-use pairmaskd::execute::gpu::grid::mirror;
-use pairmaskd::execute::gpu::{Checks, Grid, GridOptions, HostImport, Upload};
+use pairmaskd::execute::gpu::{
+    Awake, Checks, DEFAULT_HOLD, Grid, GridOptions, HostImport, Upload, grid_layout,
+};
 
 fn engine(options: &GridOptions) -> Grid {
     Grid::new(&open(HostImport::IfPossible), options).unwrap_or_else(|error| panic!("{error}"))
@@ -31,7 +33,7 @@ fn run(engine: &mut Grid, suite: Suite) {
 fn cull_narrow(engine: &mut Grid, boxes: NarrowBoxes<'_>) -> (CullReport, HeapReply) {
     let mut reply = HeapReply::new();
     let report = engine
-        .cull_narrow(boxes, &CullJob { encoding: Encoding::Sparse, threads: 1 }, &mut reply)
+        .cull(&CullInput::boxes(boxes), &mut reply)
         .unwrap_or_else(|error| panic!("{} boxes: {error}", boxes.len()));
     (report, reply)
 }
@@ -39,7 +41,7 @@ fn cull_narrow(engine: &mut Grid, boxes: NarrowBoxes<'_>) -> (CullReport, HeapRe
 fn cull(engine: &mut dyn Engine, boxes: &[Aabb]) -> (CullReport, HeapReply) {
     let mut reply = HeapReply::new();
     let report = engine
-        .cull(boxes, &CullJob { encoding: Encoding::Sparse, threads: 1 }, &mut reply)
+        .cull(&CullInput::boxes(boxes), &mut reply)
         .unwrap_or_else(|error| panic!("{} boxes: {error}", boxes.len()));
     (report, reply)
 }
@@ -48,7 +50,7 @@ fn cull(engine: &mut dyn Engine, boxes: &[Aabb]) -> (CullReport, HeapReply) {
 fn check_bytes<'a>(engine: &mut Grid, boxes: impl Into<NarrowBoxes<'a>>, what: &str) {
     let boxes = boxes.into();
     let (report, reply) = cull_narrow(engine, boxes);
-    let mirrored = mirror::frame(boxes);
+    let mirrored = mirror::frame(&grid_layout(boxes), boxes);
     let MaskShape::Sparse { rows, blocks, bits, order } = report.shape else {
         panic!("{what}: not sparse")
     };
@@ -192,8 +194,7 @@ fn a_crowd_beyond_the_budget_is_refused_and_the_next_frame_is_served() {
     let mut engine = engine(&GridOptions::default());
     let crowd = vec![Aabb { min: [0.0; 3], max: [1.0; 3] }; 150_000];
     let mut reply = HeapReply::new();
-    let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
-    let refused = engine.cull(&crowd, &job, &mut reply);
+    let refused = engine.cull(&CullInput::boxes(&crowd), &mut reply);
     assert!(matches!(refused, Err(CullError::TooCrowded { .. })), "{refused:?}");
     let mut all = vec![Aabb { min: [f32::NEG_INFINITY; 3], max: [f32::INFINITY; 3] }; 40];
     all.extend(stress_scenes::named("uniform").boxes(3000, 5));
@@ -231,11 +232,10 @@ fn frames_in_a_row_with_other_levels_do_not_mix() {
     let scenes = names.map(|name| stress_scenes::named(name).boxes(43, 2));
     let truths = scenes.each_ref().map(|boxes| oracle::truth(boxes));
     let mut reply = HeapReply::new();
-    let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
     for round in 0..50 {
         let reports: Vec<_> = scenes
             .iter()
-            .map(|boxes| engine.cull(boxes, &job, &mut reply).expect("a frame"))
+            .map(|boxes| engine.cull(&CullInput::boxes(boxes), &mut reply).expect("a frame"))
             .collect();
         for ((report, truth), name) in reports.iter().zip(&truths).zip(names) {
             let counted = truth.pairs.len() as u64;
@@ -255,15 +255,16 @@ fn frames_behind_each_other_keep_to_their_own_boxes() {
     let truths = scenes.each_ref().map(|boxes| oracle::truth(boxes));
     for round in 0..12 {
         let turns = [round % 3, (round + 1) % 3];
-        let mut replies = [HeapReply::new(), HeapReply::new()];
-        let lanes = [0, 1].map(|lane: usize| {
-            let boxes = (&scenes[turns[lane]]).into();
-            engine.begin(boxes, Encoding::Sparse, &mut replies[lane]).expect("a free lane")
+        let frames = turns.map(|turn| {
+            let memory = TestFrame::on_heap(&Precision::Exact, &scenes[turn]);
+            let frame = engine.begin(memory, Encoding::Sparse);
+            frame.map_err(|(error, _)| error).expect("a free lane")
         });
-        for ((lane, reply), turn) in lanes.into_iter().zip(&mut replies).zip(turns) {
-            let report = engine.end(lane, (&scenes[turn]).into(), reply).expect("a frame");
-            let truth = &truths[turn];
-            let checked = check_reply(reply.words(), &report, 1234, Encoding::Sparse, truth);
+        for (frame, turn) in frames.into_iter().zip(turns) {
+            let (report, memory) = engine.end(frame);
+            let (report, memory) = (report.expect("a frame"), memory.expect("an ended frame"));
+            let (words, truth) = (memory.reply.words(), &truths[turn]);
+            let checked = check_reply(words, &report, 1234, Encoding::Sparse, truth);
             assert_eq!(checked, Ok(()), "round {round}");
         }
     }

@@ -3,7 +3,7 @@
 use std::fs::{File, OpenOptions};
 use std::path::PathBuf;
 
-use pairmask::engine::{CullJob, Engine, HeapReply, ReplyBuffer, ReserveError};
+use pairmask::engine::{CullInput, Engine, HeapReply, ReplyBuffer, ReserveError};
 use pairmask::precision::NarrowBoxes;
 use pairmask::{Aabb, Bounds, BoxForm, Encoding, Precision};
 use pairmask_tests::conformance::check_reply;
@@ -11,8 +11,10 @@ use pairmask_tests::gpu::{engine, open};
 use pairmask_tests::naive_decoder::sections;
 use pairmask_tests::narrow::NarrowMemory;
 use pairmask_tests::{naive_modes, oracle, stress_scenes};
-use pairmaskd::execute::gpu::import::{ImportError, ReadWriteMapping};
-use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, HostImport, Upload};
+use pairmaskd::execute::gpu::{
+    AllPairs, AllPairsOptions, HostImport, ImportError, ImportId, ReadWriteMapping, SharedImports,
+    Upload,
+};
 use rustix::mm::{MapFlags, ProtFlags};
 
 const PAGE: usize = 4096;
@@ -121,9 +123,9 @@ impl ReplyBuffer for SegmentReply<'_> {
     }
 }
 
-fn imported(engine: &mut AllPairs, segment: &Segment) -> pairmaskd::execute::gpu::import::ImportId {
+fn imported(engine: &mut AllPairs, segment: &Segment) -> ImportId {
     engine
-        .import(segment.seen as usize, segment.bytes)
+        .import_boxes(segment.seen as usize, segment.bytes)
         .unwrap_or_else(|error| panic!("shared memory must import here: {error}"))
 }
 
@@ -131,10 +133,15 @@ fn imported(engine: &mut AllPairs, segment: &Segment) -> pairmaskd::execute::gpu
 fn imported_and_staged_memory_give_the_same_bytes() {
     let boxes = Segment::new("boxes", 256 * PAGE, ProtFlags::READ);
     let reply = Segment::new("reply", 2048 * PAGE, ProtFlags::READ | ProtFlags::WRITE);
-    let mut zero_copy = engine(AllPairsOptions::default());
+    let imports = SharedImports::default();
+    let mut zero_copy = engine(AllPairsOptions { imports: imports.clone(), ..Default::default() });
     let mut staged = engine(AllPairsOptions::default());
     imported(&mut zero_copy, &boxes);
-    imported(&mut zero_copy, &reply);
+    // SAFETY: the segment is mapped until the end of this test, in which the engine writes to it last.
+    #[allow(unsafe_code)]
+    let writable =
+        unsafe { imports.lock().import_replies(zero_copy.gpu(), reply.seen as usize, reply.bytes) };
+    writable.unwrap_or_else(|error| panic!("shared memory must import here: {error}"));
     for n in [2u32, 33, 345, 1234, 4096] {
         for (scene, offset) in stress_scenes::ALL.iter().zip([0, PAGE, 3 * PAGE].iter().cycle()) {
             if n > 1234 && scene.overlaps() == stress_scenes::Overlaps::Quadratic {
@@ -143,12 +150,15 @@ fn imported_and_staged_memory_give_the_same_bytes() {
             let scene_boxes = scene.boxes(n, 13);
             boxes.write(*offset, &scene_boxes);
             for encoding in [Encoding::Dense, Encoding::Sparse] {
-                let job = CullJob { encoding, threads: 1 };
                 let seen = boxes.boxes(*offset, n as usize);
                 let mut memory = SegmentReply(&reply, *offset);
-                let a = zero_copy.cull(seen, &job, &mut memory).expect("culls");
+                let a = zero_copy
+                    .cull(&CullInput::boxes(seen).encoding(encoding), &mut memory)
+                    .expect("culls");
                 let mut heap = HeapReply::new();
-                let b = staged.cull(&scene_boxes, &job, &mut heap).expect("culls");
+                let b = staged
+                    .cull(&CullInput::boxes(&scene_boxes).encoding(encoding), &mut heap)
+                    .expect("culls");
                 assert_eq!(a.shape, b.shape, "{scene:?}, {n}");
                 let written = reply.words(*offset);
                 let (a, b) = (sections(written, &a.shape), sections(heap.words(), &b.shape));
@@ -168,7 +178,6 @@ fn narrow_boxes_are_read_from_imported_memory() {
     // 213 boxes of 6 bytes end in the middle of the last word.
     let last = 256 * PAGE - 2 - 213 * BoxForm::Q8.box_bytes();
     assert!(last.is_multiple_of(256));
-    let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
     let mut reply = HeapReply::new();
     let places = [(2, 0), (33, PAGE), (345, 256), (1233, 3 * PAGE), (213, last), (5, PAGE + 6)];
     for (n, offset) in places {
@@ -181,7 +190,7 @@ fn narrow_boxes_are_read_from_imported_memory() {
             }
             segment.write(offset, NarrowMemory::write(&precision, &scene).boxes());
             let seen = segment.narrow(form, offset, n as usize);
-            let report = engine.cull_narrow(seen, &job, &mut reply).expect("culls");
+            let report = engine.cull(&CullInput::boxes(seen), &mut reply).expect("culls");
             let truth = naive_modes::truth(&scene, &precision);
             let found = check_reply(reply.words(), &report, n, Encoding::Sparse, &truth);
             assert_eq!(found, Ok(()), "{n} boxes at {offset}, {precision:?}");
@@ -193,13 +202,14 @@ fn narrow_boxes_are_read_from_imported_memory() {
 fn a_forgotten_import_is_staged_and_memory_at_the_same_address_is_read_anew() {
     let mut engine = engine(AllPairsOptions::default());
     let segment = Segment::new("forgotten", 16 * PAGE, ProtFlags::READ);
-    let job = CullJob { encoding: Encoding::Dense, threads: 1 };
     let id = imported(&mut engine, &segment);
     for seed in [1, 2] {
         let scene = stress_scenes::ALL[0].boxes(345, seed);
         segment.write(0, &scene);
         let mut reply = HeapReply::new();
-        let report = engine.cull(segment.boxes(0, 345), &job, &mut reply).expect("culls");
+        let report = engine
+            .cull(&CullInput::boxes(segment.boxes(0, 345)).encoding(Encoding::Dense), &mut reply)
+            .expect("culls");
         let truth = oracle::truth(&scene);
         assert_eq!(check_reply(reply.words(), &report, 345, Encoding::Dense, &truth), Ok(()));
         engine.forget(id);
@@ -213,9 +223,9 @@ fn boxes_off_the_binding_grid_are_staged() {
     imported(&mut engine, &segment);
     let scene = stress_scenes::ALL[0].boxes(345, 3);
     segment.write(PAGE + 4, &scene);
-    let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
     let mut reply = HeapReply::new();
-    let report = engine.cull(segment.boxes(PAGE + 4, 345), &job, &mut reply).expect("culls");
+    let report =
+        engine.cull(&CullInput::boxes(segment.boxes(PAGE + 4, 345)), &mut reply).expect("culls");
     let truth = oracle::truth(&scene);
     assert_eq!(check_reply(reply.words(), &report, 345, Encoding::Sparse, &truth), Ok(()));
 }
@@ -225,13 +235,12 @@ fn without_the_extension_import_is_refused_and_staging_serves() {
     let gpu = open(HostImport::Never);
     let mut engine = AllPairs::new(&gpu, AllPairsOptions::default()).expect("an engine");
     let segment = Segment::new("refused", 16 * PAGE, ProtFlags::READ);
-    let refused = engine.import(segment.seen as usize, segment.bytes);
+    let refused = engine.import_boxes(segment.seen as usize, segment.bytes);
     assert!(matches!(refused, Err(ImportError::Gpu(_))), "{refused:?}");
     let scene = stress_scenes::ALL[0].boxes(345, 4);
     segment.write(0, &scene);
-    let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
     let mut reply = HeapReply::new();
-    let report = engine.cull(segment.boxes(0, 345), &job, &mut reply).expect("culls");
+    let report = engine.cull(&CullInput::boxes(segment.boxes(0, 345)), &mut reply).expect("culls");
     let truth = oracle::truth(&scene);
     assert_eq!(check_reply(reply.words(), &report, 345, Encoding::Sparse, &truth), Ok(()));
 }
@@ -241,7 +250,7 @@ fn private_memory_is_not_imported() {
     let mut engine = engine(AllPairsOptions::default());
     let heap = vec![0u8; 64 * PAGE];
     assert!(matches!(
-        engine.import(heap.as_ptr() as usize, heap.len()),
+        engine.import_boxes(heap.as_ptr() as usize, heap.len()),
         Err(ImportError::Segment(_))
     ));
 }

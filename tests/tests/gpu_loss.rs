@@ -4,12 +4,11 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use pairmask::Encoding;
-use pairmask::engine::{CullError, CullJob, Engine, HeapReply};
+use pairmask::engine::{CullError, CullInput, Engine, HeapReply};
 use pairmask_tests::conformance::check_reply;
 use pairmask_tests::gpu::open;
 use pairmask_tests::{oracle, stress_scenes};
-use pairmaskd::execute::gpu::slot::SlotState;
-use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, GpuSlot, HostImport};
+use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, GpuSlot, HostImport, SlotState};
 
 /// A watchdog, no measure of speed: opening a software device takes under a second.
 const GIVE_UP: Duration = Duration::from_secs(60);
@@ -20,7 +19,6 @@ fn a_device_destroyed_under_load_is_a_typed_error_and_comes_back() {
         GpuSlot::new(open(HostImport::IfPossible), Arc::new(|| Ok(open(HostImport::IfPossible))));
     let boxes = stress_scenes::ALL[0].boxes(1234, 1);
     let truth = oracle::truth(&boxes);
-    let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
     for _ in 0..2 {
         let deadline = Instant::now() + GIVE_UP;
         let gpu = loop {
@@ -43,7 +41,7 @@ fn a_device_destroyed_under_load_is_a_typed_error_and_comes_back() {
         let error = loop {
             assert!(Instant::now() < deadline, "the loss was not noticed");
             let mut reply = HeapReply::new();
-            match engine.cull(&boxes, &job, &mut reply) {
+            match engine.cull(&CullInput::boxes(&boxes), &mut reply) {
                 Ok(report) => {
                     let right = check_reply(reply.words(), &report, 1234, Encoding::Sparse, &truth);
                     assert_eq!(right, Ok(()));
@@ -55,7 +53,7 @@ fn a_device_destroyed_under_load_is_a_typed_error_and_comes_back() {
         assert!(matches!(error, CullError::DeviceLost { .. }), "{error}");
         assert!(answers > 0, "the device was to go under load");
         destroyer.join().expect("it only destroys");
-        let again = engine.cull(&boxes, &job, &mut HeapReply::new());
+        let again = engine.cull(&CullInput::boxes(&boxes), &mut HeapReply::new());
         assert!(matches!(again, Err(CullError::DeviceLost { .. })), "lost stays lost");
         assert!(slot.ready().is_none(), "a lost device is not handed out");
     }

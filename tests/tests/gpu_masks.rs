@@ -1,6 +1,6 @@
 //! `gpu-brute` through the conformance suite, in every form that its frames can take.
 
-use pairmask::engine::{BruteForce, CullJob, CullReport, Engine, HeapReply};
+use pairmask::engine::{BruteForce, CullInput, CullReport, Engine, HeapReply};
 use pairmask::mask::{MaskShape, Span};
 use pairmask::{Aabb, BoxCount, Encoding};
 use pairmask_shaders::RowsPerThread;
@@ -9,8 +9,8 @@ use pairmask_tests::gpu::engine;
 use pairmask_tests::naive_decoder;
 use pairmask_tests::oracle::{self, pair_set_hash};
 use pairmask_tests::stress_scenes;
-use pairmaskd::execute::gpu::all_pairs::plan::{self, Tuning};
 use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, Checks, Upload};
+use pairmaskd::execute::gpu::{Tuning, first_capacity};
 
 const BOTH: [Encoding; 2] = [Encoding::Dense, Encoding::Sparse];
 
@@ -24,7 +24,7 @@ fn run(engine: &mut AllPairs, suite: &Suite) {
 fn cull(engine: &mut AllPairs, boxes: &[Aabb], encoding: Encoding) -> (CullReport, HeapReply) {
     let mut reply = HeapReply::new();
     let report = engine
-        .cull(boxes, &CullJob { encoding, threads: 1 }, &mut reply)
+        .cull(&CullInput::boxes(boxes).encoding(encoding), &mut reply)
         .unwrap_or_else(|error| panic!("{} boxes, {encoding}: {error}", boxes.len()));
     (report, reply)
 }
@@ -76,9 +76,8 @@ fn conforms_in_many_bands() {
     let boxes = stress_scenes::ALL[0].boxes(6000, 9);
     let truth = oracle::truth(&boxes);
     for encoding in BOTH {
-        let job = CullJob { encoding, threads: 1 };
         let mut reply = HeapReply::new();
-        check_frame(&mut narrow, &boxes, &truth, &job, &mut reply)
+        check_frame(&mut narrow, &CullInput::boxes(&boxes).encoding(encoding), &truth, &mut reply)
             .unwrap_or_else(|mismatch| panic!("{encoding}: {mismatch}"));
     }
 }
@@ -115,7 +114,7 @@ fn ten_thousand_boxes_have_the_pairs_of_the_oracle() {
 fn a_mask_larger_than_the_first_capacity_is_complete() {
     let boxes = vec![Aabb { min: [0.0; 3], max: [1.0; 3] }; 1248];
     let n = BoxCount::new(1248);
-    assert!(n.sparse_words_max() > plan::first_capacity(n), "or the test shows nothing");
+    assert!(n.sparse_words_max() > first_capacity(n), "or the test shows nothing");
     let mut engine = engine(AllPairsOptions::default());
     let (report, reply) = cull(&mut engine, &boxes, Encoding::Sparse);
     let truth = oracle::truth(&boxes);
@@ -163,8 +162,9 @@ fn large_masks_of_every_stress_scene_are_those_of_the_cpu_bit_by_bit() {
             for encoding in BOTH {
                 let (report, reply) = cull(&mut gpu, &boxes, encoding);
                 let mut expected = HeapReply::new();
-                let job = CullJob { encoding, threads: 1 };
-                let truth = cpu.cull(&boxes, &job, &mut expected).expect("memory for a mask");
+                let truth = cpu
+                    .cull(&CullInput::boxes(&boxes).encoding(encoding), &mut expected)
+                    .expect("memory for a mask");
                 assert_eq!(report.census, truth.census, "{scene:?}, {n} boxes, {encoding}");
                 assert_eq!(report.pair_count, truth.pair_count, "{scene:?}, {n} boxes");
                 for (ours, theirs) in spans(&report.shape).into_iter().zip(spans(&truth.shape)) {
@@ -178,8 +178,5 @@ fn large_masks_of_every_stress_scene_are_those_of_the_cpu_bit_by_bit() {
 
 /// The sections of a mask without an order.
 fn spans(shape: &MaskShape) -> Vec<Span> {
-    match *shape {
-        MaskShape::Dense { words } => vec![words],
-        MaskShape::Sparse { rows, blocks, bits, .. } => vec![rows, blocks, bits],
-    }
+    shape.spans().collect()
 }

@@ -1,7 +1,7 @@
 //! `cpu-grid`, every instruction set of this machine, through the conformance suite and over all
 //! scenes in motion.
 
-use pairmask::engine::{CullJob, Engine, Grid, HeapReply, Isa};
+use pairmask::engine::{CullInput, Engine, Grid, HeapReply, Isa};
 use pairmask::{Aabb, Encoding};
 use pairmask_tests::conformance::{Suite, check_engine, check_pairs, check_reply};
 use pairmask_tests::{naive_decoder, oracle, stress_scenes};
@@ -38,8 +38,11 @@ fn conforms_on_two_and_four_threads() {
 fn cull(engine: &mut Grid, boxes: &[Aabb], encoding: Encoding, threads: usize) -> Vec<u32> {
     let pool = ThreadPoolBuilder::new().num_threads(threads).build().expect("a thread pool");
     let mut reply = HeapReply::new();
-    let job = CullJob { encoding, threads };
-    let report = pool.install(|| engine.cull(boxes, &job, &mut reply)).expect("memory");
+    let report = pool
+        .install(|| {
+            engine.cull(&CullInput::boxes(boxes).encoding(encoding).threads(threads), &mut reply)
+        })
+        .expect("memory");
     naive_decoder::sections(reply.words(), &report.shape).expect("a good mask")
 }
 
@@ -55,9 +58,9 @@ fn every_scene_in_motion_gives_the_pairs_of_the_oracle() {
             let mut scene = Scene::new(name, n, 11);
             for frame in 0..3 {
                 let truth = oracle::truth(scene.boxes());
-                let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
-                let report = engine.cull(scene.boxes(), &job, &mut reply).expect("memory");
-                check_reply(reply.words(), &report, n as u32, job.encoding, &truth)
+                let report =
+                    engine.cull(&CullInput::boxes(scene.boxes()), &mut reply).expect("memory");
+                check_reply(reply.words(), &report, n as u32, Encoding::Sparse, &truth)
                     .unwrap_or_else(|e| panic!("{name}, {n} boxes, frame {frame}: {e}"));
                 (0..7).for_each(|_| scene.step());
             }
@@ -96,8 +99,7 @@ fn boxes_on_cell_borders_are_not_lost() {
                 .collect();
             let truth = oracle::truth(&boxes);
             let mut reply = HeapReply::new();
-            let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
-            let report = Grid::new().cull(&boxes, &job, &mut reply).expect("memory");
+            let report = Grid::new().cull(&CullInput::boxes(&boxes), &mut reply).expect("memory");
             let pairs = naive_decoder::decode(reply.words(), &report.shape, 1000).expect("a mask");
             check_pairs(&pairs, &truth.pairs).unwrap_or_else(|e| panic!("{origin} {step}: {e}"));
         }
@@ -118,10 +120,10 @@ fn clusters_far_apart_are_not_compared_with_each_other_box_by_box() {
         );
     }
     let mut reply = HeapReply::new();
-    let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
-    let report = Grid::new().cull(&boxes, &job, &mut reply).expect("memory");
+    let report = Grid::new().cull(&CullInput::boxes(&boxes), &mut reply).expect("memory");
     let n = boxes.len() as u32;
-    check_reply(reply.words(), &report, n, job.encoding, &oracle::truth(&boxes)).expect("right");
+    check_reply(reply.words(), &report, n, Encoding::Sparse, &oracle::truth(&boxes))
+        .expect("right");
     let all = u64::from(n) * u64::from(n - 1) / 2;
     let compared = all - report.skipped.pairs;
     // One cell a cluster would be 150, one cell for all 9,600.
@@ -134,8 +136,8 @@ fn no_scene_is_compared_all_with_all() {
         let n = 20_000;
         let scene = Scene::new(name, n, 3);
         let mut reply = HeapReply::new();
-        let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
-        let report = Grid::new().cull(scene.boxes(), &job, &mut reply).expect("memory");
+        let report =
+            Grid::new().cull(&CullInput::boxes(scene.boxes()), &mut reply).expect("memory");
         let compared = (n as u64 * (n as u64 - 1) / 2 - report.skipped.pairs) / n as u64;
         assert!(compared < 250, "{name}: {compared} comparisons a box");
     }

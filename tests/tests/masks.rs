@@ -109,6 +109,7 @@ fn the_comparison_notices_each_flipped_bit() {
         let bits = match mask.shape {
             MaskShape::Dense { words } => words,
             MaskShape::Sparse { bits, .. } => bits,
+            shape => panic!("which words of {shape:?} are bits of pairs?"),
         };
         for word in bits.start..bits.start + bits.len {
             let mut flipped = mask.clone();

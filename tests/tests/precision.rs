@@ -127,7 +127,7 @@ fn every_size_up_to_seventy() {
 #[test]
 fn every_scene_in_motion_by_every_engine() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    for engine in [EngineName::CpuBrute, EngineName::CpuSap, EngineName::CpuGrid] {
+    for engine in EngineName::CPU {
         let mut session = daemon.session().engine(EngineChoice::Only(engine)).connect().unwrap();
         for name in SceneName::ALL {
             let n = if name.is_quadratic() { 300 } else { 1234 };

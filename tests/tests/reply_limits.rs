@@ -3,12 +3,13 @@
 
 use std::path::PathBuf;
 
+use pairmask::dispatch::{CpuEngines, CullWish, SphereEngines};
 use pairmask::engine::{
-    BruteForce, CpuEngines, CullError, CullJob, CullReport, CullWish, Engine, EngineChoice,
-    EngineName, Grid, HeapReply, ReplyBuffer, ReserveError, SweepAndPrune,
+    CullError, CullInput, CullReport, Engine, EngineChoice, EngineName, Grid, HeapReply, Isa,
+    ReplyBuffer, ReserveError, cpu_engine,
 };
 use pairmask::mask::{EncodingChoice, MaskShape};
-use pairmask::sphere::{SphereAllPairs, SphereEngines};
+use pairmask::sphere::SphereAllPairs;
 use pairmask::{Aabb, Bounds, BoxCount, Encoding, Precision, Session, Sphere};
 use pairmask_tests::daemon::{PATIENCE, TestDaemon};
 use pairmask_tests::gpu::open;
@@ -112,16 +113,20 @@ fn scenes() -> impl Iterator<Item = (&'static str, Vec<Aabb>)> {
 fn every_cpu_engine_takes_what_fits_and_no_word_more() {
     for (scene, boxes) in scenes() {
         let pairs = oracle::truth(&boxes).pairs;
-        let engines: [Box<dyn Engine>; 3] =
-            [Box::new(BruteForce::new()), Box::new(SweepAndPrune::new()), Box::new(Grid::new())];
-        for mut engine in engines {
-            for encoding in [Encoding::Dense, Encoding::Sparse] {
+        for name in EngineName::CPU {
+            let mut engine = cpu_engine(name, Isa::best()).unwrap();
+            for encoding in Encoding::ALL {
                 for threads in [1, 3] {
                     let pool = ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-                    let job = CullJob { encoding, threads };
                     let what = format!("{scene}, {}, {encoding}, {threads}", engine.name());
-                    let mut cull =
-                        |reply: &mut Witness| pool.install(|| engine.cull(&boxes, &job, reply));
+                    let mut cull = |reply: &mut Witness| {
+                        pool.install(|| {
+                            engine.cull(
+                                &CullInput::boxes(&boxes).encoding(encoding).threads(threads),
+                                reply,
+                            )
+                        })
+                    };
                     let need = need_of(&mut cull);
                     check_limits(&what, boxes.len(), need, &below(need), &pairs, &mut cull);
                 }
@@ -141,14 +146,19 @@ fn spheres_take_what_fits_and_no_word_more() {
         for encoding in [Encoding::Dense, Encoding::Sparse] {
             for threads in [1, 3] {
                 let pool = ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-                let job = CullJob { encoding, threads };
                 let mut all_pairs = SphereAllPairs::new();
-                let mut cull =
-                    |reply: &mut Witness| pool.install(|| all_pairs.cull(spheres, &job, reply));
+                let mut cull = |reply: &mut Witness| {
+                    pool.install(|| {
+                        all_pairs.cull(
+                            &CullInput::spheres(spheres).encoding(encoding).threads(threads),
+                            reply,
+                        )
+                    })
+                };
                 let what = format!("{scene}, all pairs, {encoding}, {threads}");
                 let need = need_of(&mut cull);
                 check_limits(&what, spheres.len(), need, &below(need), pairs, &mut cull);
-                for engine in [EngineName::CpuBrute, EngineName::CpuSap, EngineName::CpuGrid] {
+                for engine in EngineName::CPU {
                     let wish = CullWish {
                         engine: EngineChoice::Only(engine),
                         encoding: EncodingChoice::Only(encoding),
@@ -185,8 +195,7 @@ fn candidates_that_are_no_pairs_count_for_nothing() {
     let (n, mut reply) = (spheres.len(), Witness::without_limit());
     let pairs = 400 * 399 / 2;
     let boxes: Vec<Aabb> = spheres.iter().map(Sphere::bounds).collect();
-    let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
-    let candidates = Grid::new().cull(&boxes, &job, &mut reply).unwrap();
+    let candidates = Grid::new().cull(&CullInput::boxes(&boxes), &mut reply).unwrap();
     assert!(candidates.pair_count > 15 * pairs, "{}", candidates.pair_count);
     for engine in [EngineName::CpuSap, EngineName::CpuGrid] {
         let wish = CullWish {
@@ -222,7 +231,7 @@ fn pairs_of(memory: &NarrowMemory) -> Vec<Pair> {
 fn strides(report: &CullReport) -> u64 {
     match report.shape {
         MaskShape::Sparse { bits, .. } => bits.len.next_multiple_of(16),
-        MaskShape::Dense { .. } => panic!("not sparse"),
+        _ => panic!("not sparse"),
     }
 }
 
@@ -235,12 +244,13 @@ fn all_pairs_on_a_gpu_takes_what_fits() {
         let memory = NarrowMemory::write(&precision, &boxes);
         let pairs = pairs_of(&memory);
         for encoding in [Encoding::Dense, Encoding::Sparse] {
-            let job = CullJob { encoding, threads: 1 };
-            let mut cull = |reply: &mut Witness| engine.cull_narrow(memory.boxes(), &job, reply);
+            let mut cull = |reply: &mut Witness| {
+                engine.cull(&CullInput::boxes(memory.boxes()).encoding(encoding), reply)
+            };
             let report = cull(&mut Witness::without_limit()).unwrap();
             let need = match report.shape {
-                MaskShape::Dense { .. } => report.shape.extent_words(),
                 MaskShape::Sparse { bits, .. } => 2 * strides(&report) + bits.len,
+                _ => report.shape.extent_words(),
             };
             let what = format!("{precision:?}, {encoding}");
             check_limits(&what, boxes.len(), need, &below(need), &pairs, &mut cull);
@@ -257,8 +267,7 @@ fn the_grid_on_a_gpu_takes_what_fits() {
     for precision in forms() {
         let memory = NarrowMemory::write(&precision, &boxes);
         let pairs = pairs_of(&memory);
-        let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
-        let mut cull = |reply: &mut Witness| engine.cull_narrow(memory.boxes(), &job, reply);
+        let mut cull = |reply: &mut Witness| engine.cull(&CullInput::boxes(memory.boxes()), reply);
         let report = cull(&mut Witness::without_limit()).unwrap();
         let need = order_words + 3 * strides(&report);
         let limits = [need - 1, need - need / 8, need / 2, order_words + 48];
@@ -289,14 +298,8 @@ fn an_open_encoding_is_one_that_fits() {
             )),
         ),
     ];
-    for engine in [
-        EngineChoice::Auto,
-        EngineChoice::Only(EngineName::CpuBrute),
-        EngineChoice::Only(EngineName::CpuSap),
-        EngineChoice::Only(EngineName::CpuGrid),
-        EngineChoice::Only(EngineName::GpuBrute),
-        EngineChoice::Only(EngineName::GpuGrid),
-    ] {
+    let named = EngineName::ALL.map(EngineChoice::Only);
+    for engine in [EngineChoice::Auto].into_iter().chain(named) {
         let is_gpu = matches!(engine, EngineChoice::Only(engine) if engine.is_gpu());
         // After a frame without pairs, the plan expects a small sparse mask.
         for last_pairs in [None, Some(0)] {
@@ -356,7 +359,7 @@ fn scratch_that_frames_do_not_need_is_given_back() {
     let large = same(6_000);
     let small = same(10);
     let sparse = EncodingChoice::Only(Encoding::Sparse);
-    for engine in [EngineName::CpuBrute, EngineName::CpuSap, EngineName::CpuGrid] {
+    for engine in EngineName::CPU {
         let mut engines = CpuEngines::new();
         let engine = EngineChoice::Only(engine);
         let wish = CullWish { engine, encoding: sparse, threads: Some(1), ..CullWish::default() };
@@ -428,12 +431,8 @@ fn a_worker_with_a_limit_stays_within_a_few_times_of_it() {
     let n = 100_000;
     let boxes = same(n);
     let balls = vec![Sphere::new([0.0; 3], 1.0); n];
-    for engine in [
-        EngineChoice::Auto,
-        EngineChoice::Only(EngineName::CpuBrute),
-        EngineChoice::Only(EngineName::CpuSap),
-        EngineChoice::Only(EngineName::CpuGrid),
-    ] {
+    let named = EngineName::CPU.map(EngineChoice::Only);
+    for engine in [EngineChoice::Auto].into_iter().chain(named) {
         let daemon = TestDaemon::start(DAEMON, &["--max-reply-mib", "64"]);
         let mut session = daemon.session().engine(engine).deadline(PATIENCE).connect().unwrap();
         assert_eq!(count(&mut session, &boxes[..70]).unwrap(), 70 * 69 / 2);

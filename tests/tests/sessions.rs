@@ -20,13 +20,10 @@ fn check(builder: &SessionBuilder, engine: EngineName, expected: ServedBy) {
     check_engine(&mut sessions, &large).unwrap();
 }
 
-const CPU_ENGINES: [EngineName; 3] =
-    [EngineName::CpuBrute, EngineName::CpuSap, EngineName::CpuGrid];
-
 #[test]
 fn through_the_daemon() {
     let daemon = TestDaemon::start(DAEMON, &[]);
-    for engine in CPU_ENGINES {
+    for engine in EngineName::CPU {
         check(&daemon.session(), engine, ServedBy::Daemon);
     }
 }
@@ -40,7 +37,7 @@ fn through_the_daemon_by_choice() {
 
 #[test]
 fn in_process() {
-    for engine in CPU_ENGINES {
+    for engine in EngineName::CPU {
         check(&Session::builder().backend(Backend::InProcess), engine, ServedBy::InProcess);
     }
 }

@@ -23,12 +23,9 @@ use rustix::process::Signal;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
-const ENGINES: [EngineChoice; 4] = [
-    EngineChoice::Auto,
-    EngineChoice::Only(EngineName::CpuBrute),
-    EngineChoice::Only(EngineName::CpuSap),
-    EngineChoice::Only(EngineName::CpuGrid),
-];
+fn engines() -> impl Iterator<Item = EngineChoice> {
+    [EngineChoice::Auto].into_iter().chain(EngineName::CPU.map(EngineChoice::Only))
+}
 
 /// A session of a backend, and the side that must serve it.
 struct Lane {
@@ -59,7 +56,7 @@ fn lanes(daemon: &TestDaemon) -> Vec<Lane> {
         (Backend::Auto, ServedBy::Daemon),
         (Backend::InProcess, ServedBy::InProcess),
     ] {
-        for engine in ENGINES {
+        for engine in engines() {
             // One session of Backend::Auto is enough to see that it takes the daemon.
             if backend == Backend::Auto && engine != EngineChoice::Auto {
                 continue;

@@ -2,7 +2,7 @@
 //! scenes in motion.
 
 use pairmask::Encoding;
-use pairmask::engine::{CullJob, Engine, HeapReply, Isa, SweepAndPrune};
+use pairmask::engine::{CullInput, Engine, HeapReply, Isa, SweepAndPrune};
 use pairmask_tests::conformance::{Suite, check_engine, check_reply};
 use pairmask_tests::{naive_decoder, oracle};
 use pairmaskd::scene::{Scene, SceneName};
@@ -42,9 +42,9 @@ fn every_scene_in_motion_gives_the_pairs_of_the_oracle() {
             let mut scene = Scene::new(name, n, 11);
             for frame in 0..3 {
                 let truth = oracle::truth(scene.boxes());
-                let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
-                let report = engine.cull(scene.boxes(), &job, &mut reply).expect("memory");
-                check_reply(reply.words(), &report, n as u32, job.encoding, &truth)
+                let report =
+                    engine.cull(&CullInput::boxes(scene.boxes()), &mut reply).expect("memory");
+                check_reply(reply.words(), &report, n as u32, Encoding::Sparse, &truth)
                     .unwrap_or_else(|e| panic!("{name}, {n} boxes, frame {frame}: {e}"));
                 scene.step();
             }
@@ -62,9 +62,11 @@ fn bytes_do_not_depend_on_threads_or_the_order_kept_from_earlier_frames() {
             let pool = ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
             let sections = |engine: &mut SweepAndPrune, threads: usize| {
                 let mut reply = HeapReply::new();
-                let job = CullJob { encoding: Encoding::Sparse, threads };
-                let report =
-                    pool.install(|| engine.cull(scene.boxes(), &job, &mut reply)).expect("memory");
+                let report = pool
+                    .install(|| {
+                        engine.cull(&CullInput::boxes(scene.boxes()).threads(threads), &mut reply)
+                    })
+                    .expect("memory");
                 naive_decoder::sections(reply.words(), &report.shape).expect("a good mask")
             };
             let expected = sections(&mut SweepAndPrune::new(), 1);

@@ -2,10 +2,13 @@
 //! no memory and speaks to nobody; the crate `pairmask` has the sessions that do.
 
 pub mod aabb;
+mod aligned;
 pub mod awake_pool;
+pub mod dispatch;
 pub mod engine;
 pub mod floats;
 mod interop;
+mod isa;
 pub mod mask;
 pub mod objects;
 pub mod oracle;
@@ -14,7 +17,9 @@ pub mod plan;
 pub mod precision;
 pub mod sphere;
 pub mod spinner;
+mod stats;
 pub mod units;
+mod unknown_name;
 pub mod update;
 
 pub use aabb::{Aabb, BoxClass};

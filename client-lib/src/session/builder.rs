@@ -49,7 +49,10 @@ impl FromStr for Backend {
         [Self::Auto, Self::Daemon, Self::InProcess]
             .into_iter()
             .find(|b| b.to_string() == s)
-            .ok_or_else(|| UnknownName { name: s.to_owned(), known: "auto, daemon, in-process" })
+            .ok_or_else(|| UnknownName {
+                name: s.to_owned(),
+                known: "auto, daemon, in-process".into(),
+            })
     }
 }
 

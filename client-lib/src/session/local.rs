@@ -3,11 +3,12 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use pairmask_core::aabb::Aabb;
-use pairmask_core::engine::{CpuEngines, CullError, CullWish, HeapReply};
+use pairmask_core::dispatch::{CpuEngines, CullWish, SphereWays};
+use pairmask_core::engine::{CullError, HeapReply};
 use pairmask_core::objects::Objects;
 use pairmask_core::plan::CalibrationChoice;
 use pairmask_core::precision::ExpandScratch;
-use pairmask_core::sphere::{Sphere, SphereWays};
+use pairmask_core::sphere::Sphere;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::Reply;
 

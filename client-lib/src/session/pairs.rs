@@ -2,7 +2,8 @@
 
 use std::sync::Arc;
 
-use pairmask_core::engine::{Census, EngineId, HeapReply, SkipMeter, StageTimes};
+use pairmask_core::dispatch::StageTimes;
+use pairmask_core::engine::{Census, EngineId, HeapReply, SkipMeter};
 use pairmask_core::mask::{Encoding, MaskShape, MaskView, Pairs, ParPairs, Words};
 use pairmask_core::objects::ObjectForm;
 use pairmask_core::precision::Widening;

@@ -3,13 +3,14 @@
 use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
-use pairmask_core::engine::{
-    Census, CullReport, EngineId, EngineName, NAMED_INVALID, SkipMeter, StageTimes,
-};
-use pairmask_core::mask::{Encoding, MaskShape, Span};
+use pairmask_core::dispatch::StageTimes;
+use pairmask_core::engine::{Census, CullReport, EngineId, EngineName, NAMED_INVALID, SkipMeter};
+use pairmask_core::mask::{Encoding, MaskShape};
 use pairmask_core::units::BoxCount;
 
-use crate::section::{SECTION_COUNT, Section, SectionKind, find, find_unknown};
+use crate::section::{
+    BadSections, SECTION_COUNT, Section, find_unknown, mask_sections, mask_shape,
+};
 use crate::status_code::StatusCode;
 use crate::{RESPONSE_MAGIC, VERSION_MAJOR, VERSION_MINOR};
 
@@ -119,20 +120,7 @@ pub fn response_ok(
         times.publish_ns,
         times.total_ns,
     ]);
-    let section = |kind, span: Span| Section::required(kind, 4 * span.start, 4 * span.len);
-    match report.shape {
-        MaskShape::Dense { words } => {
-            header.sections[0] = section(SectionKind::DenseWords, words);
-        }
-        MaskShape::Sparse { rows, blocks, bits, order } => {
-            header.sections[0] = section(SectionKind::SparseRows, rows);
-            header.sections[1] = section(SectionKind::SparseBlocks, blocks);
-            header.sections[2] = section(SectionKind::SparseBits, bits);
-            if let Some(order) = order {
-                header.sections[3] = section(SectionKind::Order, order);
-            }
-        }
-    }
+    header.sections = mask_sections(&report.shape);
     header
 }
 
@@ -284,35 +272,10 @@ fn parse_shape(
     n: BoxCount,
     payload_bytes: u64,
 ) -> Result<MaskShape, ReplyError> {
-    let span = |kind, field| {
-        let section = find(&header.sections, kind).ok_or(ReplyError::Malformed { field })?;
-        if !section.bytes.is_multiple_of(4) || !section.fits(payload_bytes) {
-            return Err(ReplyError::Malformed { field });
-        }
-        Ok(Span { start: section.offset / 4, len: section.bytes / 4 })
-    };
-    match Encoding::from_wire(header.encoding) {
-        Some(Encoding::Dense) => {
-            let words = span(SectionKind::DenseWords, "dense words")?;
-            if words.len != n.dense_words() {
-                return Err(ReplyError::Malformed { field: "dense words" });
-            }
-            Ok(MaskShape::Dense { words })
-        }
-        Some(Encoding::Sparse) => {
-            let rows = span(SectionKind::SparseRows, "sparse rows")?;
-            let blocks = span(SectionKind::SparseBlocks, "sparse blocks")?;
-            let bits = span(SectionKind::SparseBits, "sparse bits")?;
-            if rows.len != blocks.len || rows.len != bits.len {
-                return Err(ReplyError::Malformed { field: "sparse word count" });
-            }
-            let has_order = header.sections.iter().any(|s| s.kind == SectionKind::Order as u32);
-            let order = has_order.then(|| span(SectionKind::Order, "order")).transpose()?;
-            if order.is_some_and(|o| o.len != u64::from(n.get())) {
-                return Err(ReplyError::Malformed { field: "order" });
-            }
-            Ok(MaskShape::Sparse { rows, blocks, bits, order })
-        }
-        None => Err(ReplyError::UnknownEncoding { found: header.encoding }),
-    }
+    let unknown = ReplyError::UnknownEncoding { found: header.encoding };
+    let encoding = Encoding::from_wire(header.encoding).ok_or(unknown)?;
+    mask_shape(encoding, &header.sections, n, payload_bytes).map_err(|error| match error {
+        BadSections::UnknownEncoding => unknown,
+        BadSections::Malformed(field) => ReplyError::Malformed { field },
+    })
 }

@@ -3,8 +3,10 @@
 use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
+use pairmask_core::mask::{Encoding, MaskShape, Span};
 use pairmask_core::objects::ObjectForm;
 use pairmask_core::precision::BoxForm;
+use pairmask_core::units::BoxCount;
 
 /// Section slots in a header. At most four are in use; the rest is room for later kinds.
 pub const SECTION_COUNT: usize = 8;
@@ -122,4 +124,96 @@ pub(crate) fn find_unknown(sections: &[Section; SECTION_COUNT]) -> Option<u32> {
         s.is_used() && s.flags & Section::REQUIRED != 0 && SectionKind::from_wire(s.kind).is_none()
     };
     sections.iter().find(is_unknown).map(|s| s.kind)
+}
+
+/// The sections of a mask.
+pub(crate) fn mask_sections(shape: &MaskShape) -> [Section; SECTION_COUNT] {
+    let section = |kind, span: Span| Section::required(kind, 4 * span.start, 4 * span.len);
+    let mut sections = [Section::default(); SECTION_COUNT];
+    match *shape {
+        MaskShape::Dense { words } => {
+            sections[0] = section(SectionKind::DenseWords, words);
+        }
+        MaskShape::Sparse { rows, blocks, bits, order } => {
+            sections[0] = section(SectionKind::SparseRows, rows);
+            sections[1] = section(SectionKind::SparseBlocks, blocks);
+            sections[2] = section(SectionKind::SparseBits, bits);
+            if let Some(order) = order {
+                sections[3] = section(SectionKind::Order, order);
+            }
+        }
+        // An encoding of the core that the wire contract does not have: readers find no mask.
+        _ => {}
+    }
+    sections
+}
+
+/// Why sections are no mask.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum BadSections {
+    /// The wire contract does not have the encoding.
+    UnknownEncoding,
+    /// A section is missing, doubled, of a wrong length or outside of the payload: which one.
+    Malformed(&'static str),
+}
+
+/// Where the mask of `n` boxes lies in a payload, by sections that another process has written.
+pub(crate) fn mask_shape(
+    encoding: Encoding,
+    sections: &[Section; SECTION_COUNT],
+    n: BoxCount,
+    payload_bytes: u64,
+) -> Result<MaskShape, BadSections> {
+    let span = |kind, field| {
+        let section = find(sections, kind).ok_or(BadSections::Malformed(field))?;
+        if !section.bytes.is_multiple_of(4) || !section.fits(payload_bytes) {
+            return Err(BadSections::Malformed(field));
+        }
+        Ok(Span { start: section.offset / 4, len: section.bytes / 4 })
+    };
+    match encoding {
+        Encoding::Dense => {
+            let words = span(SectionKind::DenseWords, "dense words")?;
+            if words.len != n.dense_words() {
+                return Err(BadSections::Malformed("dense words"));
+            }
+            Ok(MaskShape::Dense { words })
+        }
+        Encoding::Sparse => {
+            let rows = span(SectionKind::SparseRows, "sparse rows")?;
+            let blocks = span(SectionKind::SparseBlocks, "sparse blocks")?;
+            let bits = span(SectionKind::SparseBits, "sparse bits")?;
+            if rows.len != blocks.len || rows.len != bits.len {
+                return Err(BadSections::Malformed("sparse word count"));
+            }
+            let has_order = sections.iter().any(|s| s.kind == SectionKind::Order as u32);
+            let order = has_order.then(|| span(SectionKind::Order, "order")).transpose()?;
+            if order.is_some_and(|order| order.len != u64::from(n.get())) {
+                return Err(BadSections::Malformed("order"));
+            }
+            Ok(MaskShape::Sparse { rows, blocks, bits, order })
+        }
+        _ => Err(BadSections::UnknownEncoding),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_encoding_has_sections_that_are_read_as_they_were_written() {
+        let n = BoxCount::new(100);
+        for encoding in Encoding::ALL {
+            for with_order in [false, true] {
+                let shape = MaskShape::exact(encoding, n, 7, with_order);
+                let sections = mask_sections(&shape);
+                assert_eq!(find_unknown(&sections), None);
+                let payload_bytes = 4 * shape.extent_words();
+                assert_eq!(mask_shape(encoding, &sections, n, payload_bytes), Ok(shape));
+                let short = mask_shape(encoding, &sections, n, payload_bytes - 4);
+                assert!(matches!(short, Err(BadSections::Malformed(_))), "{encoding}");
+            }
+        }
+    }
 }

@@ -3,8 +3,9 @@
 
 use bytemuck::Zeroable;
 use pairmask_core::Aabb;
+use pairmask_core::dispatch::StageTimes;
 use pairmask_core::engine::{
-    Census, CullReport, EngineChoice, EngineId, EngineName, EngineTimes, SkipMeter, StageTimes,
+    Census, CullReport, EngineChoice, EngineId, EngineName, EngineTimes, SkipMeter,
 };
 use pairmask_core::mask::{Encoding, EncodingChoice, MaskShape, MaskView};
 use pairmask_core::objects::ObjectForm;

@@ -54,13 +54,13 @@ fn compare<T>(window: &Window, objects: &[T], overlap: impl Fn(&T, &T) -> bool) 
 mod tests {
     use std::collections::BTreeSet;
 
-    use pairmask::engine::{BruteForce, CullJob, CullWish, Engine, Grid, HeapReply};
+    use pairmask::dispatch::{CullWish, SphereEngines};
+    use pairmask::engine::{BruteForce, CullInput, Engine, Grid, HeapReply};
     use pairmask::mask::{MaskShape, MaskView};
     use pairmask::oracle::truth;
     use pairmask::{Aabb, BoxCount, Encoding, EncodingChoice};
 
     use pairmask::precision::NarrowBoxes;
-    use pairmask::sphere::SphereEngines;
     use pairmask::wire::Objects;
 
     use super::super::window::{Reach, Span2};
@@ -76,8 +76,8 @@ mod tests {
         encoding: Encoding,
     ) -> (HeapReply, pairmask::engine::CullReport) {
         let mut reply = HeapReply::new();
-        let job = CullJob { encoding, threads: 1 };
-        let report = engine.cull(boxes, &job, &mut reply).expect("memory");
+        let report =
+            engine.cull(&CullInput::boxes(boxes).encoding(encoding), &mut reply).expect("memory");
         (reply, report)
     }
 

@@ -90,7 +90,7 @@ impl Auditor {
         reply: &[u32],
     ) -> Option<Box<Window>> {
         let running = self.running.as_mut()?;
-        if running.random.below(u64::from(running.one_in)) != 0 {
+        if running.random.below(u64::from(running.one_in)) != 0 || !Window::holds(shape) {
             return None;
         }
         let Ok(mut window) = running.free.try_recv() else {

@@ -91,7 +91,12 @@ pub struct Window {
 }
 
 impl Window {
-    /// Copies the bits of a span from a mask of `n` objects.
+    /// Whether a window can hold the bits of such a mask: words of other encodings are not audited.
+    pub const fn holds(shape: &MaskShape) -> bool {
+        matches!(shape, MaskShape::Dense { .. } | MaskShape::Sparse { .. })
+    }
+
+    /// Copies the bits of a span from a mask of `n` objects, one that a window [holds](Self::holds).
     pub fn take_mask(&mut self, n: u32, span: Span2, shape: &MaskShape, reply: &[u32]) {
         self.span = span;
         self.bits.clear();
@@ -115,6 +120,7 @@ impl Window {
                 }
                 self.take_sparse([rows, blocks, bits].map(|span| section(reply, span)));
             }
+            _ => {}
         }
     }
 

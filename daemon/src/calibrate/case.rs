@@ -6,8 +6,9 @@
 use std::time::{Duration, Instant};
 
 use pairmask::Encoding;
-use pairmask::engine::{AvailableIsa, EngineName, nanoseconds_since};
-use pairmask::plan::{CPU_ENGINES, Calibration, Capabilities, SceneStats, Wishes, Work, plan};
+use pairmask::dispatch::{CullWish, nanoseconds_since};
+use pairmask::engine::{AvailableIsa, EngineName};
+use pairmask::plan::{Calibration, Capabilities, SceneStats, Work, plan};
 
 use super::MeasureError;
 use super::lane::{Lane, LaneTimes, Way};
@@ -78,7 +79,7 @@ fn ways(stats: &SceneStats, threads: &[usize], set: WaySet) -> Vec<Way> {
     } else {
         &[Encoding::Sparse, Encoding::Dense]
     };
-    let ways = CPU_ENGINES.into_iter().flat_map(|engine| {
+    let ways = EngineName::CPU.into_iter().flat_map(|engine| {
         let encodings = encodings.iter();
         encodings.flat_map(move |encoding| {
             threads.iter().map(move |threads| Way {
@@ -91,7 +92,7 @@ fn ways(stats: &SceneStats, threads: &[usize], set: WaySet) -> Vec<Way> {
     let predicted_ns = |engine: EngineName| {
         Work::of(engine, Encoding::Sparse, stats).map_or(0.0, |work| calibration.time_ns(&work))
     };
-    let least = CPU_ENGINES.into_iter().map(predicted_ns).fold(f64::INFINITY, f64::min);
+    let least = EngineName::CPU.into_iter().map(predicted_ns).fold(f64::INFINITY, f64::min);
     let hopeless_ns = (HOPELESS * least).max(HOPELESS_NS);
     let is_wanted =
         |way: &Way| way.encoding == Encoding::Sparse || way.threads == 1 || set == WaySet::All;
@@ -131,7 +132,7 @@ pub fn measure(
         let pairs = agreed_pairs(case, &lanes)?;
         let planning = Instant::now();
         stats = SceneStats::glance(scene.boxes(), pairs);
-        std::hint::black_box(plan(&stats, &capabilities, &calibration, &Wishes::default()));
+        std::hint::black_box(plan(&stats, &capabilities, &calibration, &CullWish::default()));
         plan_ns = plan_ns.min(nanoseconds_since(planning));
         scene.step();
     }

@@ -7,7 +7,7 @@
 
 use pairmask::Encoding;
 use pairmask::engine::EngineName;
-use pairmask::plan::{CPU_ENGINES, Calibration, SceneStats, Term, ThreadCost, Work};
+use pairmask::plan::{Calibration, SceneStats, Term, ThreadCost, Work};
 
 use super::case::{Case, CaseTimes};
 use super::lane::Way;
@@ -74,7 +74,7 @@ pub fn fit(rows: &[FitRow], start: &Calibration) -> Calibration {
     let scaled = scale(rows, start);
     let ns = fit_terms(rows, &scaled.ns);
     let fitted = Calibration { ns, ..scaled };
-    let threads = CPU_ENGINES.map(|engine| fit_threads(rows, engine, start.threads_of(engine)));
+    let threads = EngineName::CPU.map(|engine| fit_threads(rows, engine, start.threads_of(engine)));
     Calibration { threads, ..fitted }
 }
 
@@ -89,18 +89,10 @@ pub fn scale(rows: &[FitRow], start: &Calibration) -> Calibration {
     let all = ratio_of(None).unwrap_or(1.0);
     let mut calibration = *start;
     for term in Term::ALL {
-        let ratio = owner(term).and_then(|engine| ratio_of(Some(engine))).unwrap_or(all);
-        calibration.ns[term as usize] *= ratio;
+        let ratio = term.owner().and_then(|engine| ratio_of(Some(engine))).unwrap_or(all);
+        calibration.ns[term.index()] *= ratio;
     }
     calibration
-}
-
-/// The engine that a term belongs to, `None` for the terms of masks, which all engines share.
-fn owner(term: Term) -> Option<EngineName> {
-    let name = term.as_str();
-    [("brute-", EngineName::CpuBrute), ("sap-", EngineName::CpuSap), ("grid-", EngineName::CpuGrid)]
-        .into_iter()
-        .find_map(|(prefix, engine)| name.starts_with(prefix).then_some(engine))
 }
 
 fn median(mut values: Vec<f64>) -> Option<f64> {
@@ -112,12 +104,12 @@ fn median(mut values: Vec<f64>) -> Option<f64> {
 fn fit_terms(rows: &[FitRow], start: &[f64; TERMS]) -> [f64; TERMS] {
     let singles: Vec<&FitRow> = rows.iter().filter(|row| row.way.threads == 1).collect();
     let equation = |row: &&FitRow| match row.way.encoding {
-        Encoding::Sparse => Equation::of_frame(row, start),
         Encoding::Dense => {
             let sparse = Way { encoding: Encoding::Sparse, ..row.way };
             let twin = singles.iter().find(|twin| twin.case == row.case && twin.way == sparse)?;
             Equation::of_masks(row, twin, start)
         }
+        _ => Equation::of_frame(row, start),
     };
     let equations: Vec<Equation> = singles.iter().filter_map(equation).collect();
     let mut x = [1.0; TERMS];
@@ -248,7 +240,7 @@ mod tests {
             for (window_share, large_size, elongation, pairs) in
                 [(0.05, 1.0, 1.0, 1), (0.02, 20.0, 1.0, 2), (0.03, 1.0, 30.0, 7)]
             {
-                for engine in CPU_ENGINES {
+                for engine in EngineName::CPU {
                     for (encoding, threads) in
                         [(Encoding::Sparse, 1), (Encoding::Dense, 1), (Encoding::Sparse, 4)]
                     {
@@ -276,7 +268,8 @@ mod tests {
         for (t, ns) in truth.ns.iter_mut().enumerate() {
             *ns *= [2.5, 3.0, 2.0, 3.5][t % 4];
         }
-        truth.threads = [ThreadCost { serial_share: 0.3, fan_out_ns: 20_000.0 }; CPU_ENGINES.len()];
+        truth.threads =
+            [ThreadCost { serial_share: 0.3, fan_out_ns: 20_000.0 }; EngineName::CPU.len()];
         truth
     }
 

@@ -4,10 +4,8 @@ use std::hint::black_box;
 use std::sync::Arc;
 use std::time::Instant;
 
-use pairmask::engine::{
-    BruteForce, CullError, CullJob, Engine, EngineName, Grid, HeapReply, SweepAndPrune,
-    nanoseconds_since,
-};
+use pairmask::dispatch::nanoseconds_since;
+use pairmask::engine::{CullError, CullInput, Engine, EngineName, HeapReply, Isa, cpu_engine};
 use pairmask::{Aabb, BoxCount, Encoding, MaskView};
 use rayon::ThreadPool;
 
@@ -73,12 +71,7 @@ pub struct Lane {
 impl Lane {
     /// A lane with a new engine, `None` for a GPU engine. More than one thread needs a pool.
     pub fn new(way: Way, pool: Option<Arc<ThreadPool>>) -> Option<Self> {
-        let engine: Box<dyn Engine> = match way.engine {
-            EngineName::CpuBrute => Box::new(BruteForce::new()),
-            EngineName::CpuSap => Box::new(SweepAndPrune::new()),
-            EngineName::CpuGrid => Box::new(Grid::new()),
-            EngineName::GpuBrute | EngineName::GpuGrid => return None,
-        };
+        let engine = cpu_engine(way.engine, Isa::best()).ok()?;
         Some(Self { way, times: LaneTimes::default(), engine, reply: HeapReply::new(), pool })
     }
 
@@ -87,11 +80,13 @@ impl Lane {
     /// # Errors
     /// [`MeasureError`], also where the mask does not hold as many pairs as the engine counted.
     pub fn frame(&mut self, boxes: &[Aabb], is_noted: bool) -> Result<(), MeasureError> {
-        let job = CullJob { encoding: self.way.encoding, threads: self.way.threads };
         let (engine, reply) = (&mut self.engine, &mut self.reply);
         let mut cull = || -> Result<_, CullError> {
             let start = Instant::now();
-            let report = engine.cull(boxes, &job, reply)?;
+            let report = engine.cull(
+                &CullInput::boxes(boxes).encoding(self.way.encoding).threads(self.way.threads),
+                reply,
+            )?;
             Ok((report, nanoseconds_since(start)))
         };
         let (report, engine_ns) = match &self.pool {

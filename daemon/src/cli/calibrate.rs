@@ -6,8 +6,8 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use pairmask::engine::Isa;
-use pairmask::plan::{CPU_ENGINES, Calibration, MachineKey, Term, default_path, encode, store};
+use pairmask::engine::{EngineName, Isa};
+use pairmask::plan::{Calibration, MachineKey, Term, default_path, encode, store};
 use serde::Serialize;
 
 use super::machine::Machine;
@@ -153,7 +153,7 @@ impl Calibrate {
             print_text(encode(&calibration, &machine).trim_end())?;
             return Ok(());
         }
-        let threads = CPU_ENGINES.map(|engine| {
+        let threads = EngineName::CPU.map(|engine| {
             let cost = calibration.threads_of(engine);
             let (serial_share, fan_out_ns) = (cost.serial_share, cost.fan_out_ns);
             (engine.as_str(), Threads { serial_share, fan_out_ns })

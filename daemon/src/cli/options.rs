@@ -4,11 +4,11 @@ use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use pairmask::engine::CullWish;
+use pairmask::dispatch::CullWish;
 use pairmask::plan::CalibrationChoice;
 use pairmask::session::SessionBuilder;
 use pairmask::transport::{InstanceName, RuntimeDir};
-use pairmask::{Backend, EncodingChoice, EngineChoice, Session};
+use pairmask::{Backend, EncodingChoice, EngineChoice, EngineName, Session};
 
 use super::config::Config;
 use super::whole_number::whole_number;
@@ -92,8 +92,12 @@ pub struct CullOptions {
     /// Who finds the pairs: auto, daemon, in-process [default: auto]
     #[arg(long, env = "PAIRMASK_BACKEND", value_name = "NAME")]
     backend: Option<Backend>,
-    /// auto, cpu-brute, cpu-sap, cpu-grid, gpu-brute or gpu-grid [default: auto]
-    #[arg(long, env = "PAIRMASK_ENGINE", value_name = "NAME")]
+    #[arg(
+        long,
+        env = "PAIRMASK_ENGINE",
+        value_name = "NAME",
+        help = format!("auto, {} [default: auto]", EngineName::listed(" or ")),
+    )]
     engine: Option<EngineChoice>,
     /// How the mask is written: auto, dense, sparse [default: auto]
     #[arg(long, env = "PAIRMASK_ENCODING", value_name = "NAME")]

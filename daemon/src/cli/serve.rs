@@ -10,7 +10,7 @@ use super::config::Config;
 use super::options::{DaemonOptions, Place};
 use super::whole_number::whole_number;
 use crate::audit::AuditRate;
-use crate::execute::gpu::awake::DEFAULT_HOLD;
+use crate::execute::gpu::DEFAULT_HOLD;
 use crate::publish::AlterAnswer;
 use crate::serve::{DEFAULT_SPIN, ServeError, ServeSettings, supervise, work};
 use crate::spawn;

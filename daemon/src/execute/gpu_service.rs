@@ -3,52 +3,27 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use pairmask::dispatch::nanoseconds_since;
 use pairmask::engine::{
-    CullError, CullJob, CullReport, Engine, EngineName, HeapReply, ReplyBuffer, ReserveError,
-    nanoseconds_since,
+    CullError, CullInput, CullReport, Engine, EngineName, HeapReply, ReplyBuffer,
 };
 use pairmask::plan::{GpuCost, Plan, user_cache_folder};
 use pairmask::precision::NarrowBoxes;
 use pairmask::{Aabb, Encoding};
 
-use super::gpu::awake::Awake;
-use super::gpu::device::{HostImport, Lane};
-use super::gpu::import::ImportId;
+use super::frame_memory::{FrameMemory, LentReply, with_lent};
 use super::gpu::{
-    AllPairs, AllPairsOptions, Gpu, GpuChoice, GpuError, GpuSlot, Grid, GridOptions, OpenError,
-    SharedImports,
+    AllPairs, AllPairsOptions, Awake, Block, Gpu, GpuChoice, GpuError, GpuSlot, Grid, GridOptions,
+    GridUnderWay, HostImport, OpenError, SharedImports,
 };
-
-/// Whose memory an address is: a client's port, or our own server port. Memory of one owner stays
-/// mapped at its address as long as the owner lives; that of another may come to lie there later.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Owner {
-    /// A client's port, by the transport's unique number.
-    Client(u128),
-    /// This process.
-    Daemon,
-}
-
-/// Memory that was offered to the GPU.
-struct Offered {
-    owner: Owner,
-    start: usize,
-    bytes: usize,
-    /// `None` where the driver or the system refused: the staged path serves, and nobody asks
-    /// again.
-    import: Option<ImportId>,
-}
-
-/// Pieces of memory that are remembered: three frames of each of some dozens of clients, and as
-/// many replies. The oldest is forgotten beyond, and imported again when it comes back.
-const OFFERED_LIMIT: usize = 128;
+use super::offers::{Offers, Owner};
 
 /// The engines of a device.
 struct Engines {
     all_pairs: AllPairs,
     grid: Grid,
-    /// Of both.
-    imports: SharedImports,
+    /// What both find imported.
+    offers: Offers,
     cost: Option<GpuCost>,
     awake: Option<Awake>,
 }
@@ -66,7 +41,7 @@ impl Engines {
         let mut engines = Self {
             all_pairs: AllPairs::new(gpu, all_pairs)?,
             grid: Grid::new(gpu, &grid)?,
-            imports,
+            offers: Offers::new(gpu, imports),
             cost: None,
             awake: Awake::start(gpu, hold)?,
         };
@@ -81,15 +56,14 @@ impl Engines {
         plan: &Plan,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<(CullReport, EngineName), CullError> {
-        let job = &CullJob { encoding: plan.encoding, threads: plan.threads };
         // A dense mask has a bit for all pairs, so all pairs is what makes it.
         if plan.engine == EngineName::GpuGrid && plan.encoding == Encoding::Sparse {
-            match self.grid.cull_narrow(boxes, job, reply) {
+            match self.grid.cull(&plan.input(boxes), reply) {
                 Err(CullError::TooCrowded { .. } | CullError::TooManyBoxes { .. }) => {}
                 done => return Ok((done?, EngineName::GpuGrid)),
             }
         }
-        Ok((self.all_pairs.cull_narrow(boxes, job, reply)?, EngineName::GpuBrute))
+        Ok((self.all_pairs.cull(&plan.input(boxes), reply)?, EngineName::GpuBrute))
     }
 
     /// Keeps the clocks up for the next frame.
@@ -99,11 +73,27 @@ impl Engines {
         }
     }
 
-    fn forget(&mut self, import: ImportId) {
-        let forgotten = self.imports.lock().forget(import);
-        if let Some(block) = forgotten {
-            self.all_pairs.drop_frames_of(&block);
-            self.grid.drop_frames_of(&block);
+    /// Imports the boxes of an owner, for the frame that they came with and those to come.
+    fn offer_boxes(&mut self, owner: Owner, boxes: NarrowBoxes<'_>) {
+        let forgotten = self.offers.boxes(owner, boxes);
+        self.drop_frames_of(&forgotten);
+    }
+
+    /// Imports the memory of a reply, for the frames to come.
+    fn offer_reply(&mut self, lent: LentReply) {
+        let forgotten = self.offers.reply(lent);
+        self.drop_frames_of(&forgotten);
+    }
+
+    fn tidy(&mut self) {
+        let forgotten = self.offers.tidy();
+        self.drop_frames_of(&forgotten);
+    }
+
+    fn drop_frames_of(&mut self, forgotten: &[Arc<Block>]) {
+        for block in forgotten {
+            self.all_pairs.drop_frames_of(block);
+            self.grid.drop_frames_of(block);
         }
     }
 }
@@ -114,19 +104,13 @@ pub struct GpuService {
     engines: Option<Engines>,
     /// How long the clocks are kept up after a frame.
     hold: Duration,
-    offered: Vec<Offered>,
 }
 
 /// How long a look at a software adapter's frame waits for the next.
 const SOFTWARE_REST: Duration = Duration::from_micros(200);
 
-/// A frame that the GPU works on while the daemon does something else.
-#[derive(Debug)]
-pub struct GpuFrame {
-    lane: Lane,
-    /// Where the mask goes.
-    reply_at: (usize, usize),
-}
+/// What the GPU answers: the report, and the engine that made it.
+type Answered = Result<(CullReport, EngineName), CullError>;
 
 /// Fewest boxes of a frame that is left to the GPU meanwhile. Where all pairs and the grid are equally
 /// fast on an H200: below, plans take all pairs, whose frames are not left under way.
@@ -145,8 +129,7 @@ impl GpuService {
         let open = Arc::new(move || Gpu::open(&choice, HostImport::IfPossible));
         let gpu = open()?;
         log::info!("GPU: {}", gpu.info().name);
-        let mut service =
-            Self { slot: GpuSlot::new(gpu, open), engines: None, hold, offered: Vec::new() };
+        let mut service = Self { slot: GpuSlot::new(gpu, open), engines: None, hold };
         // Compiling takes up to a second: now, not in the first frame.
         service.refresh();
         Ok(service)
@@ -166,14 +149,12 @@ impl GpuService {
     fn refresh(&mut self) -> bool {
         let Some(gpu) = self.slot.ready() else {
             self.engines = None;
-            self.offered.clear();
             return false;
         };
         if self.engines.as_ref().is_some_and(|e| Arc::ptr_eq(e.all_pairs.gpu(), &gpu)) {
             return true;
         }
         self.engines = None;
-        self.offered.clear();
         match Engines::new(&gpu, self.hold) {
             Ok(engines) => self.engines = Some(engines),
             Err(error) => {
@@ -202,16 +183,17 @@ impl GpuService {
         if !self.refresh() {
             return Err(lost);
         }
-        let memory = boxes.as_bytes();
-        self.offer(owner, memory.as_ptr() as usize, memory.len());
-        let mut noted = NotedReply { inner: reply, at: (0, 0) };
         let engines = self.engines.as_mut().ok_or(lost)?;
+        engines.offer_boxes(owner, boxes);
         engines.note_frame();
-        let done = engines.cull(boxes, plan, &mut noted)?;
-        // Imported when this frame is done, so that the next mask in the same memory needs no copy.
-        let (start, bytes) = noted.at;
-        self.offer(Owner::Daemon, start, bytes);
-        Ok(done)
+        engines.cull(boxes, plan, reply)
+    }
+
+    /// Imports the memory of a reply that the GPU wrote, so that the next mask in it needs no copy.
+    pub(super) fn offer_reply(&mut self, lent: LentReply) {
+        if let Some(engines) = &mut self.engines {
+            engines.offer_reply(lent);
+        }
     }
 
     /// Whether a frame of this plan may be left to the GPU ([`Self::begin`]).
@@ -224,59 +206,52 @@ impl GpuService {
             && plan.stats.n.get() >= least
     }
 
-    /// Starts a frame of boxes that belong to `owner`. They and the reply stay where they are until
-    /// [`Self::end`], or until the service is dropped.
+    /// Starts a frame of memory whose boxes belong to `owner`.
     ///
     /// # Errors
-    /// As [`Self::cull`]; nothing is under way then.
-    pub fn begin(
+    /// As [`Self::cull`], with the memory; nothing is under way then.
+    pub fn begin<M: FrameMemory>(
         &mut self,
-        boxes: NarrowBoxes<'_>,
+        mut memory: M,
         owner: Owner,
         plan: &Plan,
-        reply: &mut dyn ReplyBuffer,
-    ) -> Result<GpuFrame, CullError> {
+    ) -> Result<GridUnderWay<M>, (CullError, Option<M>)> {
         let lost = CullError::DeviceLost { engine: plan.engine };
-        if !self.refresh() {
-            return Err(lost);
-        }
-        let memory = boxes.as_bytes();
-        self.offer(owner, memory.as_ptr() as usize, memory.len());
-        let mut noted = NotedReply { inner: reply, at: (0, 0) };
-        let engines = self.engines.as_mut().ok_or(lost)?;
-        engines.note_frame();
-        let lane = engines.grid.begin(boxes, plan.encoding, &mut noted)?;
-        Ok(GpuFrame { lane, reply_at: noted.at })
-    }
-
-    /// Whether a frame has ended, so that [`Self::end`] does not wait.
-    pub fn has_ended(&self, frame: &GpuFrame) -> bool {
-        self.engines.as_ref().is_none_or(|engines| engines.grid.has_ended(frame.lane))
-    }
-
-    /// Waits for a frame. `boxes`, `plan` and `reply` are those that it began with.
-    ///
-    /// # Errors
-    /// As [`Self::cull`].
-    pub fn end(
-        &mut self,
-        frame: &GpuFrame,
-        boxes: NarrowBoxes<'_>,
-        plan: &Plan,
-        reply: &mut dyn ReplyBuffer,
-    ) -> Result<(CullReport, EngineName), CullError> {
-        let engines = self.engines.as_mut().ok_or(CullError::DeviceLost { engine: plan.engine })?;
-        let mut noted = NotedReply { inner: reply, at: frame.reply_at };
-        let done = match engines.grid.end(frame.lane, boxes, &mut noted) {
-            Err(CullError::TooCrowded { .. }) => {
-                let job = &CullJob { encoding: plan.encoding, threads: plan.threads };
-                (engines.all_pairs.cull_narrow(boxes, job, &mut noted)?, EngineName::GpuBrute)
-            }
-            done => (done?, EngineName::GpuGrid),
+        let is_there = self.refresh();
+        let Some(engines) = self.engines.as_mut().filter(|_| is_there) else {
+            return Err((lost, Some(memory)));
         };
-        let (start, bytes) = noted.at;
-        self.offer(Owner::Daemon, start, bytes);
-        Ok(done)
+        memory.with(|boxes, _| engines.offer_boxes(owner, boxes));
+        engines.note_frame();
+        engines.grid.begin(memory, plan.encoding)
+    }
+
+    /// Waits for a frame that was begun with `plan`, and gives its memory back. The memory is `None`
+    /// where the device keeps it, after [`CullError::DeviceLost`].
+    pub fn end<M: FrameMemory>(
+        &mut self,
+        mut frame: GridUnderWay<M>,
+        plan: &Plan,
+    ) -> (Answered, Option<M>) {
+        let Some(engines) = self.engines.as_mut() else {
+            return (Err(CullError::DeviceLost { engine: plan.engine }), frame.give_up());
+        };
+        let ended = engines.grid.wait_for(&mut frame);
+        let mut lent = frame.lent();
+        let mut memory = frame.give_up();
+        let answered = match (ended, &mut memory) {
+            (Err(CullError::TooCrowded { .. }), Some(memory)) => {
+                with_lent(memory, &mut lent, |boxes, reply| {
+                    engines.all_pairs.cull(&plan.input(boxes), reply)
+                })
+                .map(|report| (report, EngineName::GpuBrute))
+            }
+            (ended, _) => ended.map(|report| (report, EngineName::GpuGrid)),
+        };
+        if answered.is_ok() {
+            engines.offer_reply(lent);
+        }
+        (answered, memory)
     }
 
     /// Gives the core away for a moment where the GPU needs it: a software adapter's frames run on
@@ -289,48 +264,11 @@ impl GpuService {
         }
     }
 
-    /// Imports memory unless it is known. An import costs 0.2 to 10 ms, once for each chunk.
-    fn offer(&mut self, owner: Owner, start: usize, bytes: usize) {
-        let Some(engines) = self.engines.as_mut() else { return };
-        let end = start + bytes;
-        let known = |o: &Offered| o.owner == owner && o.start <= start && end <= o.start + o.bytes;
-        if bytes == 0 || self.offered.iter().any(known) {
-            return;
-        }
-        // Whatever else was known of these addresses is gone, or too short.
-        self.offered.retain(|o| {
-            let apart = end <= o.start || o.start + o.bytes <= start;
-            if !apart && let Some(import) = o.import {
-                engines.forget(import);
-            }
-            apart
-        });
-        if self.offered.len() >= OFFERED_LIMIT
-            && let Some(import) = self.offered.remove(0).import
-        {
-            engines.forget(import);
-        }
-        let import = match engines.all_pairs.import(start, bytes) {
-            Ok(import) => Some(import),
-            Err(error) => {
-                log::debug!("staging instead of importing: {error}");
-                None
-            }
-        };
-        self.offered.push(Offered { owner, start, bytes, import });
-    }
-
     /// Gives up memory whose owner is gone; to be called now and then.
     pub fn tidy(&mut self) {
-        let Some(engines) = self.engines.as_mut() else { return };
-        self.offered.retain(|offered| {
-            let Some(import) = offered.import else { return true };
-            let gone = engines.imports.lock().is_orphaned(import);
-            if gone {
-                engines.forget(import);
-            }
-            !gone
-        });
+        if let Some(engines) = &mut self.engines {
+            engines.tidy();
+        }
     }
 }
 
@@ -356,11 +294,10 @@ fn measure(engines: &mut Engines, grid: &GridOptions) -> Option<GpuCost> {
     };
     let boxes: Vec<Aabb> = (0..TIMED_GRID_BOXES).map(apart).collect();
     let mut reply = HeapReply::new();
-    let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
     let mut fastest_ns = |engine: &mut dyn Engine, n: usize| {
         let frame = |_| {
             let start = Instant::now();
-            engine.cull(&boxes[..n], &job, &mut reply).ok()?;
+            engine.cull(&CullInput::boxes(&boxes[..n]), &mut reply).ok()?;
             Some(nanoseconds_since(start) as f64)
         };
         (0..TIMED_FRAMES).map(frame).try_fold(f64::INFINITY, |least, ns| Some(least.min(ns?)))
@@ -392,22 +329,4 @@ fn measure(engines: &mut Engines, grid: &GridOptions) -> Option<GpuCost> {
         grid_ns_a_box: Some(a_box(rest_ns, least_rest_ns)),
         ns_a_reply_byte: LINK_NS_A_BYTE,
     })
-}
-
-/// Takes note of the memory that was reserved.
-struct NotedReply<'a> {
-    inner: &'a mut dyn ReplyBuffer,
-    at: (usize, usize),
-}
-
-impl ReplyBuffer for NotedReply<'_> {
-    fn limit_words(&self) -> u64 {
-        self.inner.limit_words()
-    }
-
-    fn reserve(&mut self, words: u64) -> Result<&mut [u32], ReserveError> {
-        let memory = self.inner.reserve(words)?;
-        self.at = (memory.as_ptr() as usize, size_of_val(memory));
-        Ok(memory)
-    }
 }

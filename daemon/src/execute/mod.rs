@@ -1,26 +1,30 @@
 //! Engines of the daemon: those of the client library, and the GPU.
 
+mod frame_memory;
 pub mod gpu;
 mod gpu_service;
+mod offers;
 mod spheres;
 
-pub use gpu_service::{GpuFrame, GpuService, Owner};
+pub use frame_memory::FrameMemory;
+pub use gpu_service::GpuService;
+pub use offers::Owner;
 
 use std::time::{Duration, Instant};
 
 use pairmask::BoxForm;
 use pairmask::aabb::AABB_BYTES;
-use pairmask::engine::{
-    CpuEngines, CullAnswer, CullError, CullReport, CullWish, EngineChoice, EngineName, RecentNeed,
-    ReplyBuffer, nanoseconds_since,
-};
+use pairmask::dispatch::{CpuEngines, CullAnswer, CullWish, SphereWays, nanoseconds_since};
+use pairmask::engine::{CullError, CullReport, EngineChoice, EngineName, RecentNeed, ReplyBuffer};
 use pairmask::plan::{Calibration, GpuCost, Plan};
 use pairmask::precision::{ExpandScratch, NarrowBoxes};
-use pairmask::sphere::SphereWays;
+
+use self::frame_memory::{LentReply, with_lent};
+use self::gpu::GridUnderWay;
 
 /// A frame with its plan.
 #[derive(Debug)]
-struct Planned {
+pub struct Planned {
     plan: Plan,
     wish: CullWish,
     start: Instant,
@@ -35,26 +39,27 @@ impl Planned {
     }
 }
 
-/// A frame that was begun.
-#[allow(clippy::large_enum_variant)] // A box would be an allocation in every frame.
+/// A frame that the GPU works on. Owns its memory; dropped, it waits for the GPU first.
 #[derive(Debug)]
-pub enum Started {
-    /// And is done.
-    Answered(CullAnswer),
-    /// And is to be ended.
-    UnderWay(CullUnderWay),
-}
-
-/// A frame that the GPU works on.
-#[derive(Debug)]
-pub struct CullUnderWay {
-    frame: GpuFrame,
+pub struct CullUnderWay<M: FrameMemory> {
+    frame: GridUnderWay<M>,
     owner: Owner,
     planned: Planned,
 }
 
+impl<M: FrameMemory> CullUnderWay<M> {
+    /// Whether it has ended, so that [`Executor::end`] does not wait.
+    pub fn has_ended(&self) -> bool {
+        self.frame.has_ended()
+    }
+}
+
+/// An answer or its error, with the memory of the frame. The memory is `None` where a device keeps it
+/// that never ends the frame: nothing can be answered then.
+pub type Ended<M> = (Result<CullAnswer, CullError>, Option<M>);
+
 /// Frames that may be under way at a time.
-pub const FRAMES_UNDER_WAY: usize = gpu::device::LANES;
+pub const FRAMES_UNDER_WAY: usize = gpu::LANES;
 
 /// The CPU engines, which take f32 boxes.
 #[derive(Default)]
@@ -90,7 +95,8 @@ impl CpuSide {
         }
         let boxes = boxes.expand(&mut self.expanded, planned.wish.threads != Some(1));
         let expand_ns = nanoseconds_since(start);
-        let mut report = self.engines.run(&planned.plan, boxes, reply)?;
+        let mut report =
+            self.engines.run(planned.plan.engine, &planned.plan.input(boxes), reply)?;
         report.times.ingest_ns += expand_ns;
         let engine = planned.plan.engine;
         Ok(planned.answer(report, engine))
@@ -172,67 +178,94 @@ impl Executor {
         wish: &CullWish,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
-        let wish = wish.within(boxes.len(), reply.limit_words());
-        let planned = self.plan(boxes, &wish);
-        let done = self.run(planned, boxes, owner, reply);
-        done.or_else(|error| self.run_dense(error, wish, boxes, owner, reply))
+        let planned = self.plan(boxes, wish, reply.limit_words());
+        self.run_or_dense(planned, boxes, owner, reply)
     }
 
-    /// As [`Self::cull`], but a frame that the GPU takes its time for may come back under way. Its
-    /// boxes and its reply stay where they are until [`Self::end`], or until the executor is
-    /// dropped.
+    /// Plans a frame of boxes whose reply has so many words at the most.
+    pub fn plan(&mut self, boxes: NarrowBoxes<'_>, wish: &CullWish, limit_words: u64) -> Planned {
+        self.plan_within(boxes, &wish.within(boxes.len(), limit_words))
+    }
+
+    /// Whether a frame is better left to the GPU ([`Self::begin`]) than waited for
+    /// ([`Self::run`]).
+    pub fn can_begin(&self, planned: &Planned) -> bool {
+        self.gpu.as_ref().is_some_and(|gpu| gpu.can_begin(&planned.plan))
+    }
+
+    /// Runs a plan for the boxes of this memory, which belong to `owner`, as [`Self::cull`]. The reply
+    /// that it lends is imported, so that a GPU writes the next one without a copy.
     ///
     /// # Errors
     /// [`CullError`].
-    pub fn begin(
+    pub fn run<M: FrameMemory>(
         &mut self,
-        boxes: NarrowBoxes<'_>,
+        planned: Planned,
         owner: Owner,
-        wish: &CullWish,
-        reply: &mut dyn ReplyBuffer,
-    ) -> Result<Started, CullError> {
-        let wish = wish.within(boxes.len(), reply.limit_words());
-        let planned = self.plan(boxes, &wish);
-        let done = match self.gpu.as_mut().filter(|gpu| gpu.can_begin(&planned.plan)) {
-            Some(gpu) => match gpu.begin(boxes, owner, &planned.plan, reply) {
-                Ok(frame) => {
-                    return Ok(Started::UnderWay(CullUnderWay { frame, owner, planned }));
-                }
-                Err(error) => self.cpu.run_after(error, planned, boxes, reply),
-            },
-            None => self.run(planned, boxes, owner, reply),
-        };
-        done.or_else(|error| self.run_dense(error, wish, boxes, owner, reply))
-            .map(Started::Answered)
+        memory: &mut M,
+    ) -> Result<CullAnswer, CullError> {
+        let mut lent = LentReply::default();
+        let answer = with_lent(memory, &mut lent, |boxes, reply| {
+            self.run_or_dense(planned, boxes, owner, reply)
+        })?;
+        if answer.engine.is_gpu()
+            && let Some(gpu) = &mut self.gpu
+        {
+            gpu.offer_reply(lent);
+        }
+        Ok(answer)
     }
 
-    /// Whether a frame has ended, so that [`Self::end`] does not wait.
-    pub fn has_ended(&self, cull: &CullUnderWay) -> bool {
-        self.gpu.as_ref().is_none_or(|gpu| gpu.has_ended(&cull.frame))
-    }
-
-    /// Waits for a frame. `boxes` and `reply` are those that it began with.
+    /// Leaves a frame of memory whose boxes belong to `owner` to the GPU. One that the GPU does not
+    /// take is answered at once.
     ///
     /// # Errors
-    /// [`CullError`].
-    pub fn end(
+    /// The answer, or the error of all engines, where nothing is under way.
+    #[allow(clippy::result_large_err)] // A box would be an allocation.
+    pub fn begin<M: FrameMemory>(
         &mut self,
-        cull: CullUnderWay,
-        boxes: NarrowBoxes<'_>,
-        reply: &mut dyn ReplyBuffer,
-    ) -> Result<CullAnswer, CullError> {
+        planned: Planned,
+        owner: Owner,
+        mut memory: M,
+    ) -> Result<CullUnderWay<M>, Ended<M>> {
+        let Some(gpu) = &mut self.gpu else {
+            return Err((self.run(planned, owner, &mut memory), Some(memory)));
+        };
+        match gpu.begin(memory, owner, &planned.plan) {
+            Ok(frame) => Ok(CullUnderWay { frame, owner, planned }),
+            Err((error, memory)) => Err(self.end_after(error, planned, owner, memory)),
+        }
+    }
+
+    /// Waits for a frame, and gives its memory back.
+    pub fn end<M: FrameMemory>(&mut self, cull: CullUnderWay<M>) -> Ended<M> {
         let CullUnderWay { frame, owner, planned } = cull;
-        let wish = planned.wish;
         let lost = CullError::DeviceLost { engine: planned.plan.engine };
-        let done = match &mut self.gpu {
-            Some(gpu) => gpu.end(&frame, boxes, &planned.plan, reply),
-            None => Err(lost),
+        let (done, memory) = match &mut self.gpu {
+            Some(gpu) => gpu.end(frame, &planned.plan),
+            None => (Err(lost), frame.give_up()),
         };
-        let done = match done {
-            Ok((report, engine)) => Ok(planned.answer(report, engine)),
-            Err(error) => self.cpu.run_after(error, planned, boxes, reply),
-        };
-        done.or_else(|error| self.run_dense(error, wish, boxes, owner, reply))
+        match done {
+            Ok((report, engine)) => (Ok(planned.answer(report, engine)), memory),
+            Err(error) => self.end_after(error, planned, owner, memory),
+        }
+    }
+
+    /// The answer to a frame that the GPU could not serve, where its memory is there.
+    fn end_after<M: FrameMemory>(
+        &mut self,
+        error: CullError,
+        planned: Planned,
+        owner: Owner,
+        memory: Option<M>,
+    ) -> Ended<M> {
+        let Some(mut memory) = memory else { return (Err(error), None) };
+        let wish = planned.wish;
+        let answer = memory.with(|boxes, reply| {
+            let done = self.cpu.run_after(error, planned, boxes, reply);
+            done.or_else(|error| self.run_dense(error, wish, boxes, owner, reply))
+        });
+        (answer, Some(memory))
     }
 
     /// Lets the GPU work for a moment.
@@ -267,7 +300,7 @@ impl Executor {
             + self.spheres.scratch_bytes()
     }
 
-    fn plan(&mut self, boxes: NarrowBoxes<'_>, wish: &CullWish) -> Planned {
+    fn plan_within(&mut self, boxes: NarrowBoxes<'_>, wish: &CullWish) -> Planned {
         let planned = self.cpu.plan(boxes, wish, self.gpu.as_ref().and_then(GpuService::cost));
         self.last_frame = Some(planned.start);
         if self.spheres_need.note(0, || self.spheres.scratch_bytes()) {
@@ -289,11 +322,23 @@ impl Executor {
         let Some(dense) = wish.after(&error, boxes.len(), reply.limit_words()) else {
             return Err(error);
         };
-        let planned = self.plan(boxes, &dense);
-        self.run(planned, boxes, owner, reply)
+        let planned = self.plan_within(boxes, &dense);
+        self.run_once(planned, boxes, owner, reply)
     }
 
-    fn run(
+    fn run_or_dense(
+        &mut self,
+        planned: Planned,
+        boxes: NarrowBoxes<'_>,
+        owner: Owner,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullAnswer, CullError> {
+        let wish = planned.wish;
+        let done = self.run_once(planned, boxes, owner, reply);
+        done.or_else(|error| self.run_dense(error, wish, boxes, owner, reply))
+    }
+
+    fn run_once(
         &mut self,
         planned: Planned,
         boxes: NarrowBoxes<'_>,

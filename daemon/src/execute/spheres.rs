@@ -7,8 +7,8 @@
 use std::time::Instant;
 
 use pairmask::Sphere;
-use pairmask::engine::{CullAnswer, CullError, CullWish, ReplyBuffer};
-use pairmask::sphere::SphereWays;
+use pairmask::dispatch::{CullAnswer, CullWish, SphereWays};
+use pairmask::engine::{CullError, ReplyBuffer};
 
 use super::Executor;
 

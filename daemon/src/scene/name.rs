@@ -95,7 +95,7 @@ impl FromStr for SceneName {
     fn from_str(s: &str) -> Result<Self, UnknownName> {
         Self::ALL.into_iter().find(|name| name.as_str() == s).ok_or_else(|| UnknownName {
             name: s.to_owned(),
-            known: "uniform, mixed, pile, plane, cubes, balls, skittles, torus, letters, one-cell, rods, giants, far, identical",
+            known: "uniform, mixed, pile, plane, cubes, balls, skittles, torus, letters, one-cell, rods, giants, far, identical".into(),
         })
     }
 }

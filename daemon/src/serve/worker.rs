@@ -24,7 +24,7 @@ use crate::calibrate::glance;
 use crate::execute::gpu::{GpuChoice, OpenError};
 use crate::execute::{Executor, GpuService};
 use crate::ingest::{Gate, Inbox, Incoming};
-use crate::publish::Publisher;
+use crate::requests::Responder;
 
 /// The longest sleep: how soon a stop signal, a request without a wake-up and the end of a client
 /// are noticed at the latest. Two wake-ups a second cost nothing that can be measured.
@@ -80,9 +80,9 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     let services = Rc::new(services);
     let files = SegmentFiles::new(&settings.dir, &settings.instance);
     let mut gate = Gate::new(Rc::clone(&services), files);
-    let mut publisher = Publisher::new(services, wake_clients, &settings.limits, executor, auditor);
-    publisher.alter_answers(settings.alter_answers);
-    serve(&server, &wake, &mut gate, &mut publisher, &janitor, settings, &stop);
+    let mut responder = Responder::new(services, wake_clients, &settings.limits, executor, auditor);
+    responder.alter_answers(settings.alter_answers);
+    serve(&server, &wake, &mut gate, &mut responder, &janitor, settings, &stop);
     drop(janitor);
     log::info!("stopped serving '{}'", settings.instance);
     Ok(())
@@ -185,7 +185,7 @@ fn serve(
     server: &Server,
     wake: &WakeDaemon,
     gate: &mut Gate,
-    publisher: &mut Publisher,
+    responder: &mut Responder,
     janitor: &Janitor,
     settings: &ServeSettings,
     stop: &AtomicBool,
@@ -200,26 +200,26 @@ fn serve(
     let mut spinner = Spinner::default();
     while !stop.load(Ordering::Relaxed) {
         drain(server, gate, &mut inbox);
-        let mut answered = awake.work(|| publisher.publish_ended());
-        if publisher.has_room()
+        let mut answered = awake.work(|| responder.publish_ended());
+        if responder.has_room()
             && let Some(request) = inbox.next()
         {
             patience.note_request(Instant::now());
-            awake.work(|| publisher.take(request));
+            awake.work(|| responder.take(request));
             answered = true;
         }
         let now = Instant::now();
         if now >= tidy_at {
-            publisher.tidy();
-            janitor.post(&StatusFile::now(publisher.status()));
+            responder.tidy();
+            janitor.post(&StatusFile::now(responder.status()));
             gate.tidy();
             tidy_at = now + JANITOR_INTERVAL;
         }
         if answered {
             sleep_at = now + patience.after_answer(now);
-            awake.keep_until(publisher.threads().min(most_awake), sleep_at);
-        } else if publisher.is_busy() {
-            publisher.rest();
+            awake.keep_until(responder.threads().min(most_awake), sleep_at);
+        } else if responder.is_busy() {
+            responder.rest();
         } else if now < sleep_at {
             spinner.turn();
         } else if let Err(error) = wake.timed_wait(|_| {}, LONGEST_SLEEP) {

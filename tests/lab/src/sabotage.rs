@@ -2,7 +2,7 @@
 //! tests use them.
 
 use pairmask::engine::{
-    CullError, CullJob, CullReport, Engine, EngineName, HeapReply, ReplyBuffer,
+    CullError, CullInput, CullReport, Engine, EngineName, HeapReply, ReplyBuffer,
 };
 use pairmask::mask::MaskShape;
 use pairmask::{Aabb, BoxClass};
@@ -13,6 +13,7 @@ pub fn lose_a_pair(words: &mut [u32], report: &mut CullReport) {
     let bits = match &report.shape {
         MaskShape::Dense { words } => words,
         MaskShape::Sparse { bits, .. } => bits,
+        _ => return,
     };
     let (start, len) = (bits.start as usize, bits.len as usize);
     let bits = words.get_mut(start..).unwrap_or_default().iter_mut().take(len);
@@ -53,12 +54,11 @@ impl<S: FnMut(&mut [u32], &mut CullReport) + Send> Engine for Spoiler<S> {
 
     fn cull(
         &mut self,
-        boxes: &[Aabb],
-        job: &CullJob,
+        input: &CullInput<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
         let mut right = HeapReply::new();
-        let mut report = self.engine.cull(boxes, job, &mut right)?;
+        let mut report = self.engine.cull(input, &mut right)?;
         let right = right.words();
         let words = &mut reply.reserve(right.len() as u64)?[..right.len()];
         words.copy_from_slice(right);

@@ -62,7 +62,7 @@ impl FromStr for PeerName {
     fn from_str(s: &str) -> Result<Self, UnknownName> {
         Self::ALL.into_iter().find(|name| name.as_str() == s).ok_or_else(|| UnknownName {
             name: s.to_owned(),
-            known: "parry-refit, parry-optimize, parry-rebuild, rapier, obvhs-refit, obvhs-rebuild, rstar",
+            known: "parry-refit, parry-optimize, parry-rebuild, rapier, obvhs-refit, obvhs-rebuild, rstar".into(),
         })
     }
 }

@@ -1,13 +1,7 @@
 //! What the tasks of a frame gather words by: how many the reply holds, and which pairs count.
 
+use super::PairRules;
 use super::word_budget::WordBudget;
-
-/// A test of pairs beyond that of their boxes.
-pub(crate) trait PairTest: Sync {
-    /// The bits of a mask word whose pairs pass. `order` is the box index at each position, empty
-    /// where positions are indices.
-    fn passing(&self, row: u32, block: u32, bits: u32, order: &[u32]) -> u32;
-}
 
 /// What all tasks of a frame share.
 #[derive(Clone, Copy)]
@@ -15,20 +9,22 @@ pub(crate) struct Gather<'a> {
     /// Words that may be kept.
     pub budget: &'a WordBudget,
     /// Pairs of boxes that do not pass are not kept.
-    pub test: Option<&'a dyn PairTest>,
+    pub rules: PairRules<'a>,
     /// Box index at each position; empty where positions are indices.
     pub order: &'a [u32],
 }
 
 impl Gather<'_> {
-    /// Keeps what passes the test of some words, if there is one: those without bits go, and the
+    /// Keeps what passes the rules of some words, if there are any: those without bits go, and the
     /// others close up. Returns how many words stay at the front, and how many pairs went.
     pub fn sift(&self, [rows, blocks, bits]: [&mut [u32]; 3]) -> (usize, u64) {
-        let Some(test) = self.test else { return (bits.len(), 0) };
+        if self.rules.pass_all() {
+            return (bits.len(), 0);
+        }
         let (mut kept, mut gone) = (0, 0);
         for at in 0..bits.len() {
             let (row, block, before) = (rows[at], blocks[at], bits[at]);
-            let passing = before & test.passing(row, block, before, self.order);
+            let passing = self.rules.passing(row, block, before, self.order);
             gone += u64::from((before ^ passing).count_ones());
             (rows[kept], blocks[kept], bits[kept]) = (row, block, passing);
             kept += usize::from(passing != 0);
@@ -40,7 +36,7 @@ impl Gather<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::engine::HeapReply;
+    use crate::engine::{HeapReply, PairTest};
     use crate::mask::Encoding;
     use crate::units::BoxCount;
 
@@ -60,7 +56,7 @@ mod tests {
         let sift = |test: Option<&dyn PairTest>| {
             let mut words = [[0, 1, 2], [1, 1, 2], [0b11, 0b10, 0b111]];
             let [rows, blocks, bits] = &mut words;
-            let gather = Gather { budget: &budget, test, order: &[] };
+            let gather = Gather { budget: &budget, rules: PairRules { test }, order: &[] };
             let (kept, gone) = gather.sift([rows, blocks, bits]);
             (words.map(|array| array[..kept].to_vec()), gone)
         };

@@ -1,6 +1,6 @@
 //! A reply buffer in the process's own memory: what the in-process session and the tests use.
 
-use crate::engine::aligned::{AlignedBuffer, NoMemory};
+use crate::aligned::{AlignedBuffer, NoMemory};
 use crate::engine::{RecentNeed, ReplyBuffer, ReserveError};
 
 /// Bytes of a word.
@@ -11,13 +11,13 @@ const WORD_BYTES: u64 = size_of::<u32>() as u64;
 ///
 /// ```
 /// use pairmask::Aabb;
-/// use pairmask::engine::{BruteForce, CullJob, Engine, HeapReply};
+/// use pairmask::engine::{BruteForce, CullInput, Engine, HeapReply};
 /// use pairmask::mask::Encoding;
 ///
 /// let boxes = [Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]); 3];
 /// let mut reply = HeapReply::new();
-/// let job = CullJob { encoding: Encoding::Dense, threads: 1 };
-/// let report = BruteForce::new().cull(&boxes, &job, &mut reply)?;
+/// let input = CullInput::boxes(&boxes).encoding(Encoding::Dense);
+/// let report = BruteForce::new().cull(&input, &mut reply)?;
 /// assert_eq!(report.pair_count, 3);
 /// assert_eq!(reply.words(), [0b111]);
 /// # Ok::<(), pairmask::engine::CullError>(())

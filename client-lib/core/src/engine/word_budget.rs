@@ -18,16 +18,14 @@ pub(crate) struct WordBudget {
     taken: AtomicU64,
     most: u64,
     n: BoxCount,
+    encoding: Encoding,
     with_order: bool,
     limit_words: u64,
 }
 
 impl WordBudget {
-    /// The budget of a mask of `n` boxes in memory of `reply`. A sparse mask of the engine has an
-    /// order or not.
-    ///
-    /// The words of a dense mask are not counted: its size follows from `n`, and the words that an
-    /// engine keeps on the way are at most a sparse mask without zeros, three times as much.
+    /// The budget of a mask of `n` boxes in memory of `reply`. The engine has an order of its own or
+    /// keeps that of the boxes.
     ///
     /// # Errors
     /// [`ReserveError::TooLarge`] where the reply has no room whatever the boxes are.
@@ -37,17 +35,21 @@ impl WordBudget {
         with_order: bool,
         reply: &dyn ReplyBuffer,
     ) -> Result<Self, ReserveError> {
-        let limit = reply.limit_words();
-        let budget =
-            |most| Self { taken: AtomicU64::new(0), most, n, with_order, limit_words: limit };
-        let most = match encoding {
-            Encoding::Dense => (n.dense_words() <= limit).then_some(u64::MAX),
-            Encoding::Sparse => MaskShape::sparse_words_within(n, limit, with_order),
-        };
-        most.map(budget).ok_or_else(|| match encoding {
-            Encoding::Dense => refusal(n.dense_words(), limit),
-            Encoding::Sparse => budget(0).refusal_of(0),
-        })
+        let limit_words = reply.limit_words();
+        let most = MaskShape::words_within(encoding, n, limit_words, with_order);
+        let taken = AtomicU64::new(0);
+        let budget = Self { taken, most: most.unwrap_or(0), n, encoding, with_order, limit_words };
+        if most.is_some() { Ok(budget) } else { Err(budget.refusal_of(0)) }
+    }
+
+    /// Boxes of the frame.
+    pub const fn n(&self) -> BoxCount {
+        self.n
+    }
+
+    /// Whether the engine has an order of its own.
+    pub const fn with_order(&self) -> bool {
+        self.with_order
     }
 
     /// Counts words that are kept. Whether the frame, with those of all tasks, is still within its
@@ -73,20 +75,14 @@ impl WordBudget {
         if self.is_spent() { Err(self.refusal_of(self.most + 1)) } else { Ok(()) }
     }
 
-    /// The refusal of a sparse mask of so many words or more.
+    /// The refusal of a mask of so many words or more.
     #[cold]
     fn refusal_of(&self, words: u64) -> ReserveError {
-        let mask = MaskShape::sparse(self.n, words, words, self.with_order);
-        refusal(mask.extent_words(), self.limit_words)
-    }
-}
-
-/// The refusal of a mask that takes so many words of a reply, or more, which has fewer.
-#[cold]
-const fn refusal(words: u64, limit_words: u64) -> ReserveError {
-    ReserveError::TooLarge {
-        at_least_bytes: words.saturating_mul(WORD_BYTES),
-        limit_bytes: limit_words.saturating_mul(WORD_BYTES),
+        let mask = MaskShape::exact(self.encoding, self.n, words, self.with_order);
+        ReserveError::TooLarge {
+            at_least_bytes: mask.extent_words().saturating_mul(WORD_BYTES),
+            limit_bytes: self.limit_words.saturating_mul(WORD_BYTES),
+        }
     }
 }
 

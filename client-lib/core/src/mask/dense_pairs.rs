@@ -6,7 +6,7 @@ mod avx512;
 use super::dense_words::DenseWords;
 use super::pair_buffer::{PairWriter, WORD_PAIRS};
 use super::word_flags::{Chunk, flags_of};
-use crate::engine::{AvailableIsa, Isa};
+use crate::isa::{AvailableIsa, Isa};
 use crate::pair_index::PairWalker;
 use crate::units::{BoxCount, PairIndex};
 
@@ -78,6 +78,7 @@ mod tests {
     use proptest::collection::vec;
     use proptest::prelude::*;
 
+    use super::super::encodings::PairSource;
     use super::super::pairs::Pairs;
     use super::*;
 
@@ -113,7 +114,7 @@ mod tests {
             for isa in Isa::ALL.into_iter().filter_map(AvailableIsa::new) {
                 // Tail bits are left in: the pair index drops what is behind the last pair.
                 let words = DenseWords::new(&words, 0..words.len(), u32::MAX);
-                let pairs = Pairs::dense(DensePairs { n, words, isa });
+                let pairs = Pairs::of(PairSource::Dense(DensePairs { n, words, isa }));
                 prop_assert_eq!(&pairs.clone().collect::<Vec<_>>(), &expected, "{}", isa.get());
                 let folded = pairs.fold(Vec::new(), |mut all, pair| {
                     all.push(pair);

@@ -7,10 +7,13 @@
 //! bit t names the pair of positions (row, 32·block + t), always with row < column. Positions are
 //! box indices, or, when the reply carries an `order`, indices into that order. Sorted by
 //! (row, block).
+//!
+//! All encodings stand in `encodings.rs`: what depends on them goes through it.
 
 mod dense;
 mod dense_pairs;
 mod dense_words;
+mod encodings;
 mod error;
 mod pair_buffer;
 mod pairs;
@@ -24,57 +27,18 @@ mod word_flags;
 mod words;
 
 pub use dense::DenseMask;
+pub use encodings::{Encoding, MaskShape, MaskView};
 pub use error::{MaskError, Section};
 pub use pairs::Pairs;
 pub use par_pairs::ParPairs;
 pub use readable::ReadableEncodings;
 pub use sparse::SparseMask;
-pub use view::MaskView;
 pub use words::{AddressedWord, WordAddress, Words};
 
 use std::fmt;
 use std::str::FromStr;
 
-use crate::engine::UnknownName;
-use crate::units::BoxCount;
-
-/// How a mask is written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-#[repr(u32)]
-pub enum Encoding {
-    /// One bit for every pair.
-    Dense = 1,
-    /// Non-zero 32-bit words with their addresses.
-    Sparse = 2,
-}
-
-impl Encoding {
-    /// The name on the command line and in reports.
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Self::Dense => "dense",
-            Self::Sparse => "sparse",
-        }
-    }
-
-    /// The minor wire version from which clients can read the encoding.
-    pub const fn since_minor(self) -> u16 {
-        match self {
-            Self::Dense | Self::Sparse => 0,
-        }
-    }
-
-    /// The encoding of a wire number, if there is one.
-    pub fn from_wire(value: u32) -> Option<Self> {
-        [Self::Dense, Self::Sparse].into_iter().find(|e| *e as u32 == value)
-    }
-}
-
-impl fmt::Display for Encoding {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.as_str())
-    }
-}
+use crate::unknown_name::UnknownName;
 
 /// A client's wish: one encoding, or whichever the plan finds cheaper.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -90,12 +54,14 @@ impl FromStr for EncodingChoice {
     type Err = UnknownName;
 
     fn from_str(s: &str) -> Result<Self, UnknownName> {
-        match s {
-            "auto" => Ok(Self::Auto),
-            "dense" => Ok(Self::Only(Encoding::Dense)),
-            "sparse" => Ok(Self::Only(Encoding::Sparse)),
-            _ => Err(UnknownName { name: s.to_owned(), known: "auto, dense, sparse" }),
+        if s == "auto" {
+            return Ok(Self::Auto);
         }
+        let named = Encoding::ALL.into_iter().find(|encoding| encoding.as_str() == s);
+        named.map(Self::Only).ok_or_else(|| UnknownName {
+            name: s.to_owned(),
+            known: format!("auto, {}", Encoding::ALL.map(Encoding::as_str).join(", ")).into(),
+        })
     }
 }
 
@@ -127,108 +93,3 @@ impl Span {
 
 /// Sections start on multiples of 16 words (64 bytes: a cache line, an AVX-512 register).
 pub const SECTION_ALIGN_WORDS: u64 = 16;
-
-/// Where the sections of a mask lie in a reply.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum MaskShape {
-    /// The words of a dense mask.
-    Dense {
-        /// All words.
-        words: Span,
-    },
-    /// The three arrays of a sparse mask and, unless the order is the identity, the order.
-    Sparse {
-        /// Row of each word.
-        rows: Span,
-        /// Column block of each word.
-        blocks: Span,
-        /// Bits of each word.
-        bits: Span,
-        /// Box index at each position.
-        order: Option<Span>,
-    },
-}
-
-impl MaskShape {
-    /// The dense mask of `n` boxes, at the start of the reply.
-    pub const fn dense(n: BoxCount) -> Self {
-        Self::Dense { words: Span { start: 0, len: n.dense_words() } }
-    }
-
-    /// A sparse mask with room for `capacity` words of which `word_count` are used, at the start
-    /// of the reply: `rows`, `blocks`, `bits`, then `order` of `n` positions if there is one.
-    ///
-    /// An engine that knows its size beforehand passes it twice.
-    pub const fn sparse(n: BoxCount, capacity: u64, word_count: u64, with_order: bool) -> Self {
-        let stride = capacity.next_multiple_of(SECTION_ALIGN_WORDS);
-        Self::Sparse {
-            rows: Span { start: 0, len: word_count },
-            blocks: Span { start: stride, len: word_count },
-            bits: Span { start: 2 * stride, len: word_count },
-            order: if with_order {
-                Some(Span { start: 3 * stride, len: n.get() as u64 })
-            } else {
-                None
-            },
-        }
-    }
-
-    /// The most words with which the [`Self::sparse`] mask of `n` boxes that knows its size takes
-    /// `limit_words` words of a reply or less. `None` where not even the mask without words does.
-    ///
-    /// ```
-    /// use pairmask::{BoxCount, mask::MaskShape};
-    ///
-    /// let n = BoxCount::new(100);
-    /// assert_eq!(MaskShape::sparse_words_within(n, 148, true), Some(16));
-    /// assert_eq!(MaskShape::sparse(n, 16, 16, true).extent_words(), 148);
-    /// assert_eq!(MaskShape::sparse_words_within(n, 99, true), None, "the order has 100 words");
-    /// ```
-    pub fn sparse_words_within(n: BoxCount, limit_words: u64, with_order: bool) -> Option<u64> {
-        let align = SECTION_ALIGN_WORDS;
-        if with_order {
-            // The order stands behind three whole strides.
-            let arrays = limit_words.checked_sub(u64::from(n.get()))?;
-            return Some(arrays / 3 / align * align);
-        }
-        // Only the first two arrays take whole strides.
-        let whole = limit_words / 3 / align * align;
-        let after_two_more = limit_words.saturating_sub(2 * (whole + align));
-        Some(if after_two_more > whole { after_two_more.min(whole + align) } else { whole })
-    }
-
-    /// The encoding of this shape.
-    pub const fn encoding(&self) -> Encoding {
-        match self {
-            Self::Dense { .. } => Encoding::Dense,
-            Self::Sparse { .. } => Encoding::Sparse,
-        }
-    }
-
-    /// Words of the reply from its start to the end of the last section. Saturates, since a shape
-    /// may come from another process.
-    pub fn extent_words(&self) -> u64 {
-        let end = |s: &Span| s.start.saturating_add(s.len);
-        match self {
-            Self::Dense { words } => end(words),
-            Self::Sparse { rows, blocks, bits, order } => {
-                [end(rows), end(blocks), end(bits), order.as_ref().map_or(0, end)]
-                    .into_iter()
-                    .max()
-                    .unwrap_or(0)
-            }
-        }
-    }
-
-    /// Bytes of the mask itself, without gaps between sections. Saturates likewise.
-    pub fn mask_bytes(&self) -> u64 {
-        let words = match self {
-            Self::Dense { words } => words.len,
-            Self::Sparse { rows, blocks, bits, order } => [rows, blocks, bits]
-                .into_iter()
-                .chain(order)
-                .fold(0, |sum: u64, span| sum.saturating_add(span.len)),
-        };
-        words.saturating_mul(4)
-    }
-}

@@ -4,9 +4,8 @@ use std::iter::FusedIterator;
 
 use rayon::iter::plumbing::Folder;
 
-use super::dense_pairs::DensePairs;
+use super::encodings::PairSource;
 use super::pair_buffer::PairBuffer;
-use super::sparse_pairs::SparsePairs;
 
 /// The pairs (a, b) of a mask, a < b < n, from [`MaskView::pairs`](super::MaskView::pairs).
 ///
@@ -15,22 +14,12 @@ use super::sparse_pairs::SparsePairs;
 #[derive(Clone)]
 pub struct Pairs<'a> {
     buffer: PairBuffer,
-    source: Source<'a>,
-}
-
-#[derive(Clone)]
-enum Source<'a> {
-    Dense(DensePairs<'a>),
-    Sparse(SparsePairs<'a>),
+    source: PairSource<'a>,
 }
 
 impl<'a> Pairs<'a> {
-    pub(super) fn dense(pairs: DensePairs<'a>) -> Self {
-        Self { buffer: PairBuffer::new(), source: Source::Dense(pairs) }
-    }
-
-    pub(super) fn sparse(pairs: SparsePairs<'a>) -> Self {
-        Self { buffer: PairBuffer::new(), source: Source::Sparse(pairs) }
+    pub(super) fn of(source: PairSource<'a>) -> Self {
+        Self { buffer: PairBuffer::new(), source }
     }
 
     /// Appends the pairs to a vector, a buffer at a time.
@@ -58,12 +47,7 @@ impl<'a> Pairs<'a> {
     /// Decodes the next pairs into the buffer. False at the end of the mask.
     #[inline(never)]
     fn refill(&mut self) -> bool {
-        let mut more = false;
-        match &mut self.source {
-            Source::Dense(pairs) => self.buffer.refill(|writer| more = pairs.write(writer)),
-            Source::Sparse(pairs) => self.buffer.refill(|writer| more = pairs.write(writer)),
-        }
-        more
+        self.source.refill(&mut self.buffer)
     }
 }
 

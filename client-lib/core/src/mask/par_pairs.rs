@@ -8,13 +8,6 @@ use rayon::iter::plumbing::{Folder as _, Reducer as _, UnindexedConsumer};
 use super::MaskView;
 use super::word_flags::CHUNK_WORDS;
 
-/// Smallest range of a dense mask worth a thread, words: 512 KiB, which one thread scans in 10 to
-/// 20 µs. Waking another thread takes as long, so smaller ranges would cost time.
-const DENSE_GRAIN_WORDS: usize = 2048 * CHUNK_WORDS;
-
-/// Smallest range of a sparse mask worth a thread, words: at about 1 ns a word some 15 µs, as above.
-const SPARSE_GRAIN_WORDS: usize = 1 << 14;
-
 /// The pairs of a mask as a parallel iterator, from
 /// [`MaskView::par_pairs`](super::MaskView::par_pairs).
 ///
@@ -64,11 +57,7 @@ fn drive<C: UnindexedConsumer<(u32, u32)>>(
 
 /// Ranges that a mask is shared out in.
 fn range_count(mask: &MaskView<'_>) -> usize {
-    let grain = match mask {
-        MaskView::Dense(_) => DENSE_GRAIN_WORDS,
-        MaskView::Sparse(_) => SPARSE_GRAIN_WORDS,
-    };
-    (mask.word_count() / grain).max(1)
+    (mask.word_count() / mask.grain_words()).max(1)
 }
 
 /// The words of one of them: all are about as long, and begin where a chunk does.

@@ -11,14 +11,14 @@ use super::Encoding;
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReadableEncodings {
-    dense: bool,
-    sparse: bool,
+    /// Whether each of [`Encoding::ALL`] is readable.
+    is_readable: [bool; Encoding::ALL.len()],
 }
 
 impl Default for ReadableEncodings {
     /// Those of this build: of a mask that stays in the process.
     fn default() -> Self {
-        Self { dense: true, sparse: true }
+        Self::by(|_| true)
     }
 }
 
@@ -30,14 +30,11 @@ impl ReadableEncodings {
 
     /// Those that a rule allows. Tests have rules of versions that are yet to come.
     pub(crate) fn by(is_readable: impl Fn(Encoding) -> bool) -> Self {
-        Self { dense: is_readable(Encoding::Dense), sparse: is_readable(Encoding::Sparse) }
+        Self { is_readable: Encoding::ALL.map(is_readable) }
     }
 
     /// Whether the client can read an encoding.
     pub const fn contains(self, encoding: Encoding) -> bool {
-        match encoding {
-            Encoding::Dense => self.dense,
-            Encoding::Sparse => self.sparse,
-        }
+        self.is_readable[encoding.place()]
     }
 }

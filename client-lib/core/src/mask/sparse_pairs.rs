@@ -9,9 +9,9 @@ mod vbmi2;
 use self::vbmi2::Vbmi2;
 use super::pair_buffer::{PairWriter, WORD_PAIRS};
 use super::sparse_words::{SparseWord, SparseWords};
-use crate::engine::AvailableIsa;
+use crate::isa::AvailableIsa;
 #[cfg(target_arch = "x86_64")]
-use crate::engine::Isa;
+use crate::isa::Isa;
 use crate::units::BoxCount;
 
 /// The pairs of the words of a sparse mask, in the order of the words, columns rising.
@@ -122,6 +122,7 @@ mod tests {
     use proptest::collection::vec;
     use proptest::prelude::*;
 
+    use super::super::encodings::PairSource;
     use super::super::pairs::Pairs;
     use super::*;
 
@@ -190,7 +191,7 @@ mod tests {
             for kernel in Kernel::all(AvailableIsa::best(), order.is_some()).into_iter().flatten() {
                 let words = SparseWords::new(&rows, &blocks, &bits);
                 let pairs = SparsePairs { n, order: order.as_deref(), words, kernel };
-                let pairs = Pairs::sparse(pairs);
+                let pairs = Pairs::of(PairSource::Sparse(pairs));
                 prop_assert_eq!(&pairs.clone().collect::<Vec<_>>(), &expected, "{:?}", kernel);
                 let folded = pairs.fold(Vec::new(), |mut all, pair| {
                     all.push(pair);

@@ -2,9 +2,8 @@
 
 use std::iter::FusedIterator;
 
-use super::dense_words::DenseWords;
-use super::sparse_words::SparseWords;
-use crate::units::{BoxCount, MaskWord, PairIndex};
+use super::encodings::WordSource;
+use crate::units::{MaskWord, PairIndex};
 
 /// Which pairs the 32 bits of a word are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -34,21 +33,11 @@ pub struct AddressedWord {
 
 /// The non-zero words of a mask, from [`MaskView::words`](super::MaskView::words).
 #[derive(Clone)]
-pub struct Words<'a>(WordsOf<'a>);
-
-#[derive(Clone)]
-enum WordsOf<'a> {
-    Dense(DenseWords<'a>),
-    Sparse(BoxCount, SparseWords<'a>),
-}
+pub struct Words<'a>(WordSource<'a>);
 
 impl<'a> Words<'a> {
-    pub(super) fn dense(words: DenseWords<'a>) -> Self {
-        Self(WordsOf::Dense(words))
-    }
-
-    pub(super) fn sparse(n: BoxCount, words: SparseWords<'a>) -> Self {
-        Self(WordsOf::Sparse(n, words))
+    pub(super) const fn of(source: WordSource<'a>) -> Self {
+        Self(source)
     }
 }
 
@@ -57,19 +46,7 @@ impl Iterator for Words<'_> {
 
     #[inline]
     fn next(&mut self) -> Option<AddressedWord> {
-        match &mut self.0 {
-            WordsOf::Dense(words) => words.next().map(|(number, bits)| AddressedWord {
-                address: WordAddress::Dense { first: PairIndex::new(32 * number as u64) },
-                bits: MaskWord(bits),
-            }),
-            WordsOf::Sparse(n, words) => {
-                let word = words.map(|word| word.without_strays(*n)).find(|word| word.bits != 0)?;
-                Some(AddressedWord {
-                    address: WordAddress::Sparse { row: word.row, block: word.block },
-                    bits: MaskWord(word.bits),
-                })
-            }
-        }
+        self.0.next()
     }
 }
 

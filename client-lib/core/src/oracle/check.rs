@@ -2,8 +2,7 @@
 
 use super::naive_decoder::{self, BadMask};
 use super::{Pair, Truth};
-use crate::aabb::Aabb;
-use crate::engine::{Census, CullError, CullJob, CullReport, Engine, EngineTimes, HeapReply};
+use crate::engine::{Census, CullError, CullInput, CullReport, Engine, EngineTimes, HeapReply};
 use crate::mask::Encoding;
 use crate::units::BoxCount;
 
@@ -76,15 +75,14 @@ pub enum Mismatch {
 /// [`Mismatch`] says what is wrong.
 pub fn check_frame(
     engine: &mut dyn Engine,
-    boxes: &[Aabb],
+    input: &CullInput<'_>,
     truth: &Truth,
-    job: &CullJob,
     reply: &mut HeapReply,
 ) -> Result<(), Mismatch> {
     let mut runs = Vec::with_capacity(POISON.len());
     for poison in POISON {
         reply.fill(poison);
-        let report = engine.cull(boxes, job, reply)?;
+        let report = engine.cull(input, reply)?;
         // New reply memory is zeroed, so that unwritten zero words would look right in the first
         // run. The second run reuses the memory.
         runs.push((report, naive_decoder::sections(reply.words(), &report.shape)?));
@@ -101,7 +99,7 @@ pub fn check_frame(
     if timeless(first) != timeless(second) {
         return Err(Mismatch::ReportNotDeterministic);
     }
-    check_reply(reply.words(), second, boxes.len() as u32, job.encoding, truth)
+    check_reply(reply.words(), second, input.objects.len() as u32, input.encoding, truth)
 }
 
 /// Checks a mask and its report against the truth.
@@ -151,12 +149,10 @@ pub fn check_pairs(got: &[Pair], expected: &[Pair]) -> Result<(), Mismatch> {
 /// Checks that a meter counts at most the work there was, less the work that the answer needed.
 fn check_skips(report: &CullReport, n: BoxCount, truth: &Truth) -> Result<(), Mismatch> {
     let nothing = u64::from(truth.census.empty) + u64::from(truth.census.invalid);
-    let zero_words = match report.shape.encoding() {
-        Encoding::Dense => 0..=0,
-        // Another order of boxes puts the pairs into fewer or more words, so that there is no lower
-        // bound.
-        Encoding::Sparse => 0..=n.sparse_words_max(),
-    };
+    // Another order of boxes puts the pairs into fewer or more words, so that there is no lower
+    // bound. Only the sparse encoding leaves zeros out.
+    let is_sparse = report.shape.encoding() == Encoding::Sparse;
+    let zero_words = 0..=if is_sparse { n.sparse_words_max() } else { 0 };
     let meter = &report.skipped;
     for (what, got, possible) in [
         ("boxes", meter.boxes, nothing..=nothing),

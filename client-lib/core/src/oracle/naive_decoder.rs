@@ -87,14 +87,8 @@ pub fn decode(reply: &[u32], shape: &MaskShape, n: u32) -> Result<Vec<Pair>, Bad
 /// # Errors
 /// [`BadMask`] when a section lies outside the reply.
 pub fn sections(reply: &[u32], shape: &MaskShape) -> Result<Vec<u32>, BadMask> {
-    let spans = match shape {
-        MaskShape::Dense { words } => vec![*words],
-        MaskShape::Sparse { rows, blocks, bits, order } => {
-            [*rows, *blocks, *bits].into_iter().chain(*order).collect()
-        }
-    };
     let mut words = Vec::new();
-    for span in spans {
+    for span in shape.spans() {
         words.extend_from_slice(section(reply, &span)?);
     }
     Ok(words)

@@ -11,10 +11,10 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::calibration::{CPU_ENGINES, Calibration, ThreadCost};
+use super::calibration::{Calibration, ThreadCost};
 use super::machine::MachineKey;
-use super::work::Term;
-use crate::engine::Isa;
+use super::term::Term;
+use crate::engine::{EngineName, Isa};
 
 /// Version of the file and of the cost model: one more whenever a term is added, or comes to mean
 /// something else.
@@ -99,7 +99,7 @@ struct Head {
 /// The text of a file.
 pub fn encode(calibration: &Calibration, machine: &MachineKey) -> String {
     let ns = Term::ALL.map(|term| (term.to_string(), calibration.ns(term)));
-    let threads = CPU_ENGINES.map(|engine| {
+    let threads = EngineName::CPU.map(|engine| {
         let ThreadCost { serial_share, fan_out_ns } = calibration.threads_of(engine);
         (engine.to_string(), Threads { serial_share, fan_out_ns })
     });
@@ -132,9 +132,9 @@ pub fn decode(text: &str, machine: &MachineKey) -> Result<Calibration, Calibrati
     for term in Term::ALL {
         let name = term.as_str();
         let value = *document.ns.get(name).ok_or(CalibrationError::Missing { name })?;
-        calibration.ns[term as usize] = within(name, value, MOST_NS)?;
+        calibration.ns[term.index()] = within(name, value, MOST_NS)?;
     }
-    for (engine, cost) in CPU_ENGINES.into_iter().zip(&mut calibration.threads) {
+    for (engine, cost) in EngineName::CPU.into_iter().zip(&mut calibration.threads) {
         let name = engine.as_str();
         let found = document.threads.get(name).ok_or(CalibrationError::Missing { name })?;
         cost.serial_share = within("serial-share", found.serial_share, 1.0)?;
@@ -207,7 +207,7 @@ mod tests {
     fn written() -> (Calibration, String) {
         let mut calibration = Calibration::built_in(Isa::Portable);
         calibration.ns[3] = 0.1 + 0.2;
-        calibration.ns[Term::GridBox as usize] = 112.0;
+        calibration.ns[Term::from_name("grid-box").expect("a term").index()] = 112.0;
         calibration.threads[1] = ThreadCost { serial_share: 1.0 / 3.0, fan_out_ns: 0.0 };
         let text = encode(&calibration, &MachineKey::this());
         (calibration, text)

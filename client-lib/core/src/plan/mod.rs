@@ -5,9 +5,8 @@
 //! least.
 //!
 //! ```
-//! use pairmask::engine::{EngineChoice, EngineName, Isa};
-//! use pairmask::mask::EncodingChoice;
-//! use pairmask::plan::{Calibration, Capabilities, SceneStats, Wishes, plan};
+//! use pairmask::engine::{EngineName, Isa};
+//! use pairmask::plan::{Calibration, Capabilities, CullWish, SceneStats, plan};
 //! use pairmask::Aabb;
 //!
 //! let boxes: Vec<Aabb> = (0..100_000)
@@ -19,7 +18,7 @@
 //! let stats = SceneStats::of(&boxes, None);
 //! let capabilities = Capabilities { threads: 2, gpu: None };
 //! let calibration = Calibration::built_in(Isa::Avx512);
-//! let plan = plan(&stats, &capabilities, &calibration, &Wishes::default());
+//! let plan = plan(&stats, &capabilities, &calibration, &CullWish::default());
 //! assert_eq!(plan.engine, EngineName::CpuGrid);
 //! println!("{}", plan.explain());
 //! ```
@@ -31,10 +30,13 @@ mod calibration_file;
 mod explain;
 mod machine;
 mod model;
-mod stats;
+mod options;
+mod term;
 mod work;
 
-pub use calibration::{CPU_ENGINES, Calibration, ThreadCost};
+pub use crate::engine::GpuCost;
+pub use crate::stats::SceneStats;
+pub use calibration::{Calibration, ThreadCost};
 pub use calibration_choice::{CalibrationChoice, CalibrationOrigin};
 #[cfg(feature = "calibration-file")]
 pub use calibration_file::{
@@ -42,40 +44,15 @@ pub use calibration_file::{
     user_cache_folder,
 };
 pub use machine::MachineKey;
-pub use stats::SceneStats;
-pub use work::{Term, Work};
+pub use options::CullWish;
+pub use term::Term;
+pub use work::Work;
 
 use self::model::Model;
-use crate::engine::{EngineChoice, EngineName};
+use crate::engine::{CullInput, EngineChoice, EngineName};
 use crate::floats;
-use crate::mask::{Encoding, EncodingChoice, ReadableEncodings};
-use crate::precision::BoxForm;
-
-/// What a GPU takes, measured when it was opened.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct GpuCost {
-    /// A frame of no boxes: submit, wait, read back, ns.
-    pub fixed_ns: f64,
-    /// Boxes up, ns a box of f32.
-    pub ns_a_box: f64,
-    /// Each pair that all-pairs compares, ns.
-    pub ns_a_test: f64,
-    /// What the grid's stages take whatever the scene, more than those of all pairs, ns.
-    pub grid_fixed_ns: f64,
-    /// The grid's stages, ns a box; `None` where the GPU has no grid engine.
-    pub grid_ns_a_box: Option<f64>,
-    /// Each byte of the mask that comes down, ns.
-    pub ns_a_reply_byte: f64,
-}
-
-impl GpuCost {
-    /// The cost of frames whose boxes have a form: what comes up takes the time of its bytes.
-    #[must_use]
-    pub fn of_form(self, form: BoxForm) -> Self {
-        let share = form.box_bytes() as f64 / BoxForm::F32.box_bytes() as f64;
-        Self { ns_a_box: share * self.ns_a_box, ..self }
-    }
-}
+use crate::mask::{Encoding, EncodingChoice};
+use crate::precision::NarrowBoxes;
 
 /// What can be used.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -84,17 +61,6 @@ pub struct Capabilities {
     pub threads: usize,
     /// The GPU, if there is one.
     pub gpu: Option<GpuCost>,
-}
-
-/// What the client asked for.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Wishes {
-    /// An engine, or whichever is fastest.
-    pub engine: EngineChoice,
-    /// An encoding, or whichever is cheaper.
-    pub encoding: EncodingChoice,
-    /// Encodings that the client can read. One that it asks for by name is among them.
-    pub readable: ReadableEncodings,
 }
 
 /// One way to cull a frame, and what it would take.
@@ -122,9 +88,16 @@ pub struct Plan {
     /// Every engine that is to be had, in the order of [`EngineName::ALL`].
     pub candidates: [Option<Candidate>; EngineName::ALL.len()],
     /// What was asked for.
-    pub wishes: Wishes,
+    pub wish: CullWish,
     /// What it was planned from.
     pub stats: SceneStats,
+}
+
+impl Plan {
+    /// What the engine of the plan gets for these boxes, those that it was planned for.
+    pub fn input<'a>(&self, boxes: impl Into<NarrowBoxes<'a>>) -> CullInput<'a> {
+        CullInput::boxes(boxes).encoding(self.encoding).threads(self.threads)
+    }
 }
 
 /// Predictions that are larger by less than this share are the same: no prediction is as exact. The
@@ -139,20 +112,20 @@ pub fn plan(
     stats: &SceneStats,
     capabilities: &Capabilities,
     calibration: &Calibration,
-    wishes: &Wishes,
+    wish: &CullWish,
 ) -> Plan {
-    floats::with_default(|| choose(stats, capabilities, calibration, *wishes))
+    floats::with_default(|| choose(stats, capabilities, calibration, wish))
 }
 
 fn choose(
     stats: &SceneStats,
     capabilities: &Capabilities,
     calibration: &Calibration,
-    wishes: Wishes,
+    wish: &CullWish,
 ) -> Plan {
-    let model = Model { stats, capabilities, calibration, wishes: &wishes };
+    let model = Model { stats, capabilities, calibration, wish };
     let candidates = EngineName::ALL.map(|engine| model.candidate(engine));
-    let chosen = match wishes.engine {
+    let chosen = match wish.engine {
         EngineChoice::Only(engine) => candidates.iter().flatten().find(|c| c.engine == engine),
         EngineChoice::Auto => {
             let times = candidates.iter().flatten().map(|c| c.predicted_ns);
@@ -164,11 +137,11 @@ fn choose(
         }
     };
     let fallback = Candidate {
-        engine: match wishes.engine {
+        engine: match wish.engine {
             EngineChoice::Only(engine) => engine,
             EngineChoice::Auto => EngineName::CpuGrid,
         },
-        encoding: match wishes.encoding {
+        encoding: match wish.encoding {
             EncodingChoice::Only(encoding) => encoding,
             EncodingChoice::Auto => Encoding::Sparse,
         },
@@ -176,7 +149,7 @@ fn choose(
         predicted_ns: f64::INFINITY,
     };
     let Candidate { engine, encoding, threads, .. } = *chosen.unwrap_or(&fallback);
-    Plan { engine, encoding, threads, candidates, wishes, stats: *stats }
+    Plan { engine, encoding, threads, candidates, wish: *wish, stats: *stats }
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! The cost model: what every engine that is to be had would take for a frame.
 
-use super::{Calibration, Candidate, Capabilities, GpuCost, SceneStats, Wishes, Work};
-use crate::engine::EngineName;
+use super::{Calibration, Candidate, Capabilities, CullWish, GpuCost, SceneStats, Work};
+use crate::engine::{EngineDescriptor, EngineName, EnginePlace};
 use crate::mask::{Encoding, EncodingChoice};
 
 /// Counting and placing sparse words takes a GPU so much longer than packing a small dense mask:
@@ -13,19 +13,19 @@ pub(super) struct Model<'a> {
     pub stats: &'a SceneStats,
     pub capabilities: &'a Capabilities,
     pub calibration: &'a Calibration,
-    pub wishes: &'a Wishes,
+    pub wish: &'a CullWish,
 }
 
 impl Model<'_> {
     /// The cheapest way to run an engine, if it is to be had.
     pub fn candidate(&self, engine: EngineName) -> Option<Candidate> {
-        let ways = [Encoding::Sparse, Encoding::Dense].into_iter().filter(|encoding| {
-            let is_wanted = match self.wishes.encoding {
-                EncodingChoice::Auto => self.wishes.readable.contains(*encoding),
+        // Of ways that take the same time the first is taken: sparse before dense.
+        let ways = Encoding::ALL.into_iter().rev().filter(|encoding| {
+            let is_wanted = match self.wish.encoding {
+                EncodingChoice::Auto => self.wish.readable.contains(*encoding),
                 EncodingChoice::Only(wanted) => wanted == *encoding,
             };
-            // The GPU's grid writes sparse masks only.
-            is_wanted && (engine, *encoding) != (EngineName::GpuGrid, Encoding::Dense)
+            is_wanted && engine.descriptor().encodings.contains(encoding)
         });
         let ways = ways.filter_map(|encoding| self.way(engine, encoding));
         ways.min_by(|a, b| a.predicted_ns.total_cmp(&b.predicted_ns))
@@ -47,20 +47,16 @@ impl Model<'_> {
     }
 
     fn gpu_ns(&self, engine: EngineName, encoding: Encoding) -> Option<f64> {
+        let EngineDescriptor { place: EnginePlace::Gpu(own), has_order, .. } = engine.descriptor()
+        else {
+            return None;
+        };
         let gpu: &GpuCost = self.capabilities.gpu.as_ref()?;
         let n = f64::from(self.stats.n.get());
-        let execute_ns = match engine {
-            EngineName::GpuBrute => gpu.ns_a_test * self.stats.n.pair_count() as f64,
-            EngineName::GpuGrid => gpu.grid_fixed_ns + gpu.grid_ns_a_box? * n,
-            EngineName::CpuBrute | EngineName::CpuSap | EngineName::CpuGrid => return None,
-        };
+        let execute_ns = (own.execute_ns)(gpu, self.stats)?;
         let reply_bytes = 4.0 * n + 12.0 * self.stats.expected_pairs();
-        let stage_ns = match encoding {
-            Encoding::Dense => 0.0,
-            Encoding::Sparse => GPU_SPARSE_STAGE_NS,
-        };
-        let is_ordered = engine == EngineName::GpuGrid;
-        let mask = Work::of_mask(encoding, self.stats, is_ordered);
+        let stage_ns = if encoding == Encoding::Sparse { GPU_SPARSE_STAGE_NS } else { 0.0 };
+        let mask = Work::of_mask(encoding, self.stats, *has_order);
         let boxes_ns = gpu.fixed_ns + gpu.ns_a_box * n;
         let reply_ns = gpu.ns_a_reply_byte * reply_bytes + stage_ns;
         Some(boxes_ns + execute_ns + reply_ns + self.calibration.time_ns(&mask))

@@ -2,8 +2,10 @@
 //! bench `engines`.
 
 use super::*;
-use crate::engine::{CpuEngines, CullWish, Isa};
-use crate::precision::NarrowBoxes;
+use crate::dispatch::CpuEngines;
+use crate::engine::Isa;
+use crate::mask::ReadableEncodings;
+use crate::precision::{BoxForm, NarrowBoxes};
 use crate::units::BoxCount;
 
 const GPU: GpuCost = GpuCost {
@@ -30,18 +32,18 @@ fn stats(n: u32, window_share: f32) -> SceneStats {
     }
 }
 
-fn chosen(stats: &SceneStats, gpu: Option<GpuCost>, wishes: Wishes) -> Plan {
+fn chosen(stats: &SceneStats, gpu: Option<GpuCost>, wish: CullWish) -> Plan {
     let capabilities = Capabilities { threads: 2, gpu };
-    plan(stats, &capabilities, &Calibration::built_in(Isa::Avx512), &wishes)
+    plan(stats, &capabilities, &Calibration::built_in(Isa::Avx512), &wish)
 }
 
 #[test]
 fn tiny_scenes_are_swept_or_compared_and_large_ones_go_to_the_grid() {
     for n in [0, 1, 64] {
-        assert_ne!(chosen(&stats(n, 0.1), None, Wishes::default()).engine, EngineName::CpuGrid);
+        assert_ne!(chosen(&stats(n, 0.1), None, CullWish::default()).engine, EngineName::CpuGrid);
     }
     for n in [10_000, 1_000_000] {
-        let plan = chosen(&stats(n, 0.02), None, Wishes::default());
+        let plan = chosen(&stats(n, 0.02), None, CullWish::default());
         assert_eq!((plan.engine, plan.encoding), (EngineName::CpuGrid, Encoding::Sparse));
         assert_eq!(plan.threads, 2);
     }
@@ -51,18 +53,18 @@ fn tiny_scenes_are_swept_or_compared_and_large_ones_go_to_the_grid() {
 fn a_scene_in_a_row_is_swept() {
     let mut stats = stats(20_000, 0.0001);
     stats.elongation = 80.0;
-    assert_eq!(chosen(&stats, None, Wishes::default()).engine, EngineName::CpuSap);
+    assert_eq!(chosen(&stats, None, CullWish::default()).engine, EngineName::CpuSap);
 }
 
 #[test]
 fn wishes_win_even_where_nothing_can_fulfil_them() {
     let engine = EngineChoice::Only(EngineName::CpuBrute);
-    let wishes =
-        Wishes { engine, encoding: EncodingChoice::Only(Encoding::Dense), ..Wishes::default() };
-    let plan = chosen(&stats(100_000, 0.02), None, wishes);
+    let wish =
+        CullWish { engine, encoding: EncodingChoice::Only(Encoding::Dense), ..CullWish::default() };
+    let plan = chosen(&stats(100_000, 0.02), None, wish);
     assert_eq!((plan.engine, plan.encoding), (EngineName::CpuBrute, Encoding::Dense));
     let engine = EngineChoice::Only(EngineName::GpuGrid);
-    let plan = chosen(&stats(10, 0.02), None, Wishes { engine, ..wishes });
+    let plan = chosen(&stats(10, 0.02), None, CullWish { engine, ..wish });
     assert_eq!((plan.engine, plan.encoding), (EngineName::GpuGrid, Encoding::Dense));
 }
 
@@ -75,10 +77,10 @@ fn an_encoding_that_is_newer_than_the_client_is_never_chosen() {
         {
             let of = |minor: u16| {
                 let readable = ReadableEncodings::by(|encoding| since(new, encoding) <= minor);
-                let wishes = Wishes { readable, ..Wishes::default() };
-                chosen(&stats(n, 0.1), Some(GPU), wishes)
+                let wish = CullWish { readable, ..CullWish::default() };
+                chosen(&stats(n, 0.1), Some(GPU), wish)
             };
-            assert_eq!(of(7), chosen(&stats(n, 0.1), Some(GPU), Wishes::default()), "{n} {new}");
+            assert_eq!(of(7), chosen(&stats(n, 0.1), Some(GPU), CullWish::default()), "{n} {new}");
             let plan = of(6);
             assert_eq!(plan.encoding, old, "{n} {new}");
             assert!(plan.candidates.iter().flatten().all(|c| c.encoding == old), "{n} {new}");
@@ -89,9 +91,12 @@ fn an_encoding_that_is_newer_than_the_client_is_never_chosen() {
 #[test]
 fn a_gpu_is_taken_where_it_is_faster_and_only_there() {
     let gpu = Some(GPU);
-    assert!(!chosen(&stats(500, 0.1), gpu, Wishes::default()).engine.is_gpu());
-    assert_eq!(chosen(&stats(1_000_000, 0.01), gpu, Wishes::default()).engine, EngineName::GpuGrid);
-    let grid = Wishes { engine: EngineChoice::Only(EngineName::GpuGrid), ..Wishes::default() };
+    assert!(!chosen(&stats(500, 0.1), gpu, CullWish::default()).engine.is_gpu());
+    assert_eq!(
+        chosen(&stats(1_000_000, 0.01), gpu, CullWish::default()).engine,
+        EngineName::GpuGrid
+    );
+    let grid = CullWish { engine: EngineChoice::Only(EngineName::GpuGrid), ..CullWish::default() };
     for n in [2, 64, 1_000] {
         assert_eq!(chosen(&stats(n, 1.0), gpu, grid).encoding, Encoding::Sparse, "{n}");
     }
@@ -123,19 +128,19 @@ fn boxes_take_a_gpu_the_time_of_their_bytes() {
 
 #[test]
 fn the_encoding_is_the_cheaper_one() {
-    assert_eq!(chosen(&stats(4096, 0.1), None, Wishes::default()).encoding, Encoding::Sparse);
+    assert_eq!(chosen(&stats(4096, 0.1), None, CullWish::default()).encoding, Encoding::Sparse);
     let mut calibration = Calibration::built_in(Isa::Avx512);
-    calibration.ns[Term::SparsePair as usize] = 50.0;
+    calibration.ns[Term::from_name("sparse-pair").expect("a term").index()] = 50.0;
     let capabilities = Capabilities { threads: 1, gpu: None };
     let encoding =
-        |n| plan(&stats(n, 0.1), &capabilities, &calibration, &Wishes::default()).encoding;
+        |n| plan(&stats(n, 0.1), &capabilities, &calibration, &CullWish::default()).encoding;
     assert_eq!(encoding(64), Encoding::Dense);
     assert_eq!(encoding(1_000_000), Encoding::Sparse, "62 GB of zeros");
 }
 
 #[test]
 fn the_explanation_names_every_candidate_and_the_choice() {
-    let text = chosen(&stats(5000, 0.1), None, Wishes::default()).explain().to_string();
+    let text = chosen(&stats(5000, 0.1), None, CullWish::default()).explain().to_string();
     for part in ["cpu-brute", "cpu-sap", "cpu-grid", "-> cpu-grid", "5000 boxes", "least predicted"]
     {
         assert!(text.contains(part), "{text}");

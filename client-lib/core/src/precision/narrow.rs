@@ -8,7 +8,7 @@ use super::form::{BoxForm, Precision};
 use super::quantize::{Lanes, Quantizer};
 use super::{f16, simd};
 use crate::aabb::{AABB_BYTES, Aabb};
-use crate::engine::aligned::AlignedBuffer;
+use crate::aligned::AlignedBuffer;
 
 /// Fewest boxes of a conversion task: fewer take less time (10 to 40 µs) than a task costs.
 const TASK_BOXES: usize = 16_384;

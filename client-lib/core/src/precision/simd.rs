@@ -5,8 +5,8 @@
 use super::exact::{GROUP, Group, is_solid_group};
 use super::narrow::NarrowBox;
 use crate::aabb::Aabb;
-use crate::engine::{AvailableIsa, Isa};
 use crate::floats;
+use crate::isa::{AvailableIsa, Isa};
 
 #[inline(always)]
 fn narrow_loop<B: NarrowBox>(boxes: &[Aabb], encoder: &B::Encoder, out: &mut [B]) {

@@ -1,35 +1,33 @@
 //! Every sphere against every sphere after it: the test of Suaib et al. 2015, exact, with SIMD.
 
 use std::ops::Range;
-use std::time::Instant;
 
 use super::Sphere;
 use super::columns::BallColumns;
 use super::kernel;
 use crate::engine::brute_force::split;
+use crate::engine::encode;
 use crate::engine::gather::Gather;
-use crate::engine::strips::{WordSink, in_parts, publish};
+use crate::engine::strips::{WordSink, in_parts};
 use crate::engine::word_budget::WordBudget;
 use crate::engine::{
-    AvailableIsa, CullError, CullJob, CullReport, EngineName, EngineTimes, Isa, ReplyBuffer,
-    SkipMeter,
+    AvailableIsa, CullError, CullInput, CullReport, EngineName, Isa, ReplyBuffer, StageClock,
+    available, counted,
 };
-use crate::mask::MaskShape;
-use crate::units::BoxCount;
 
 /// All pairs of spheres. Rows are shared out among threads, each with storage of its own.
 ///
 /// Its scratch is kept from frame to frame: a steady scene on one thread allocates nothing.
 ///
 /// ```
-/// use pairmask::engine::{CullJob, HeapReply};
+/// use pairmask::engine::{CullInput, HeapReply};
 /// use pairmask::mask::Encoding;
 /// use pairmask::sphere::{Sphere, SphereAllPairs};
 ///
 /// let spheres = [0.0, 2.0, 5.0].map(|x| Sphere::new([x, 0.0, 0.0], 1.0));
-/// let job = CullJob { encoding: Encoding::Dense, threads: 1 };
+/// let input = CullInput::spheres(&spheres).encoding(Encoding::Dense);
 /// let mut reply = HeapReply::new();
-/// let report = SphereAllPairs::new().cull(&spheres, &job, &mut reply)?;
+/// let report = SphereAllPairs::new().cull(&input, &mut reply)?;
 /// assert_eq!((report.pair_count, reply.words()[0]), (1, 0b001));
 /// # Ok::<(), pairmask::engine::CullError>(())
 /// ```
@@ -45,6 +43,13 @@ pub struct SphereAllPairs {
 struct Task {
     rows: Range<usize>,
     found: WordSink,
+}
+
+impl<'a> CullInput<'a, &'a [Sphere]> {
+    /// Spheres, with what [`CullInput::boxes`] has for the rest.
+    pub const fn spheres(spheres: &'a [Sphere]) -> Self {
+        Self::of(spheres)
+    }
 }
 
 impl Default for SphereAllPairs {
@@ -69,7 +74,7 @@ impl SphereAllPairs {
     /// # Errors
     /// [`CullError::Unavailable`] when this machine does not have it.
     pub fn with_isa(isa: Isa) -> Result<Self, CullError> {
-        let isa = AvailableIsa::for_engine(isa, EngineName::CpuBrute)?;
+        let isa = available(isa, EngineName::CpuBrute)?;
         Ok(Self { isa, ..Self::new() })
     }
 
@@ -80,43 +85,33 @@ impl SphereAllPairs {
     /// [`CullError`]; nothing is published then.
     pub fn cull(
         &mut self,
-        spheres: &[Sphere],
-        job: &CullJob,
+        input: &CullInput<'_, &[Sphere]>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
-        let n = counted(spheres)?;
-        let budget = &WordBudget::new(n, job.encoding, true, reply)?;
-        let start = Instant::now();
+        let spheres = input.objects;
+        let n = counted(spheres, EngineName::CpuBrute)?;
+        let budget = &WordBudget::new(n, input.encoding, true, reply)?;
+        let mut clock = StageClock::start();
         let census = self.columns.ingest(spheres);
         self.order.clear();
         self.order.extend(0..n.get());
-        self.assign(spheres.len(), job.threads);
-        let ingested = Instant::now();
+        self.assign(spheres.len(), input.threads);
+        clock.ingested();
 
         let (columns, isa, parts) = (&self.columns, self.isa, self.tasks.len());
-        let gather = &Gather { budget, test: None, order: &self.order };
+        let gather = &Gather { budget, rules: input.rules, order: &self.order };
         let run =
             |tasks: &mut [Task]| tasks.iter_mut().for_each(|task| task.run(columns, gather, isa));
         in_parts(self.tasks.as_mut_slice(), parts, &run, &|(), ()| ());
-        let executed = Instant::now();
+        clock.executed();
 
         let sinks = self.tasks.iter().map(|task| &task.found);
-        let published = publish(sinks, gather, job.encoding, parts > 1, reply);
+        let published = encode::write(sinks, gather, input.encoding, parts > 1, reply);
         let shape = published.inspect_err(|_| {
             self.tasks.iter_mut().for_each(|task| task.found.give_back());
         })?;
-        let nothing = u64::from(census.empty) + u64::from(census.invalid);
-        Ok(CullReport {
-            shape,
-            census,
-            pair_count: self.tasks.iter().map(|task| task.found.pair_count()).sum(),
-            skipped: SkipMeter { boxes: nothing, pairs: 0, zero_words: zero_words(n, &shape) },
-            times: EngineTimes {
-                ingest_ns: (ingested - start).as_nanos() as u64,
-                execute_ns: (executed - ingested).as_nanos() as u64,
-                publish_ns: executed.elapsed().as_nanos() as u64,
-            },
-        })
+        let pair_count = self.tasks.iter().map(|task| task.found.pair_count()).sum();
+        Ok(CullReport::new(n, shape, census, pair_count, n.pair_count(), clock.published()))
     }
 
     /// Bytes of scratch that the engine keeps from frame to frame, beside spheres and reply.
@@ -149,20 +144,5 @@ impl Task {
                 self.found.push(row, block + 1, (bits >> 32) as u32, gather);
             });
         }
-    }
-}
-
-/// The number of spheres, as every engine can index them.
-pub(super) fn counted(spheres: &[Sphere]) -> Result<BoxCount, CullError> {
-    let (engine, n) = (EngineName::CpuBrute, spheres.len() as u64);
-    let too_many = CullError::TooManyBoxes { engine, n, limit: u64::from(u32::MAX) };
-    BoxCount::of_len(spheres.len()).ok_or(too_many)
-}
-
-/// Words of a mask that are zero and were not written.
-pub(super) fn zero_words(n: BoxCount, shape: &MaskShape) -> u64 {
-    match shape {
-        MaskShape::Dense { .. } => 0,
-        MaskShape::Sparse { bits, .. } => n.sparse_words_max() - bits.len,
     }
 }

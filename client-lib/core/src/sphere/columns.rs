@@ -2,8 +2,8 @@
 
 use super::Sphere;
 use super::exact::Ball;
+use crate::aligned::AlignedBuffer;
 use crate::engine::Census;
-use crate::engine::aligned::AlignedBuffer;
 
 /// Columns that one 64-bit word covers: what the arrays are padded to.
 pub(super) const WORD_COLUMNS: usize = 64;

@@ -1,16 +1,11 @@
 //! Many spheres: a box engine finds the candidates among the spheres' bounds, and each is tested.
 
-use std::time::Instant;
-
 use super::Sphere;
-use super::all_pairs::counted;
 use super::bounds::bounds;
 use super::exact::Ball;
 use crate::aabb::Aabb;
-use crate::engine::gather::PairTest;
-use crate::engine::{CpuEngines, CullAnswer, CullError, CullWish, ReplyBuffer, nanoseconds_since};
+use crate::engine::{CullError, EngineName, PairTest, counted};
 use crate::floats;
-use crate::mask::{Encoding, EncodingChoice};
 
 /// Spheres through the box engines: exact, in O(n + pairs) where those are.
 ///
@@ -29,32 +24,17 @@ impl SphereFilter {
         Self::default()
     }
 
-    /// Writes the pair mask of `spheres` into memory of `reply`; `engines` find the candidates.
+    /// Takes spheres: their bounds, and the test that candidates among these have to pass.
     ///
     /// # Errors
-    /// [`CullError`]; nothing is published then.
-    pub fn cull(
+    /// [`CullError::TooManyBoxes`].
+    pub(crate) fn candidates(
         &mut self,
-        engines: &mut CpuEngines,
         spheres: &[Sphere],
-        wish: &CullWish,
-        encoding: Encoding,
-        reply: &mut dyn ReplyBuffer,
-    ) -> Result<CullAnswer, CullError> {
-        counted(spheres)?;
-        let start = Instant::now();
+    ) -> Result<(&[Aabb], Balls<'_>), CullError> {
+        counted(spheres, EngineName::CpuBrute)?;
         self.ingest(spheres);
-        let bounds_ns = nanoseconds_since(start);
-        // The engine that finds candidates soonest, whatever is made of them.
-        let sparse = CullWish { encoding: EncodingChoice::Only(Encoding::Sparse), ..*wish };
-        let plan_start = Instant::now();
-        let mut plan = engines.plan(&*self.boxes, &sparse, None);
-        plan.encoding = encoding;
-        let plan_ns = nanoseconds_since(plan_start);
-        let test: &dyn PairTest = &Balls(&self.balls);
-        let mut report = engines.run_passing(&plan, &self.boxes, Some(test), reply)?;
-        report.times.ingest_ns += bounds_ns;
-        Ok(CullAnswer::new(&plan, report, start, plan_ns))
+        Ok((&self.boxes, Balls(&self.balls)))
     }
 
     fn ingest(&mut self, spheres: &[Sphere]) {
@@ -71,13 +51,13 @@ impl SphereFilter {
     }
 
     /// Bytes of scratch that is kept from frame to frame, beside that of the box engines.
-    pub(super) fn scratch_bytes(&self) -> usize {
+    pub(crate) fn scratch_bytes(&self) -> usize {
         self.boxes.capacity() * size_of::<Aabb>() + self.balls.capacity() * size_of::<Ball>()
     }
 }
 
 /// The exact test of a pair of spheres.
-struct Balls<'a>(&'a [Ball]);
+pub(crate) struct Balls<'a>(&'a [Ball]);
 
 impl PairTest for Balls<'_> {
     fn passing(&self, row: u32, block: u32, bits: u32, order: &[u32]) -> u32 {

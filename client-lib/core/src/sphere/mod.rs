@@ -14,22 +14,20 @@
 //!   thread.
 //!
 //! The parts: `exact.rs` decides a pair ([`Sphere::overlaps`]); [`SphereAllPairs`] tests every
-//! pair; [`SphereFilter`] lets a box engine find the candidates and tests those; [`SphereEngines`]
-//! chooses between the two. All write the same pair masks as the box engines do.
+//! pair; [`SphereFilter`] lets a box engine find the candidates and tests those;
+//! [`SphereEngines`](crate::dispatch::SphereEngines) chooses between the two. All write the same pair masks as the box engines do.
 //!
 //! Sessions take spheres in place of boxes: `Session::sphere_frame`.
 
 mod all_pairs;
 mod bounds;
 mod columns;
-mod engines;
 mod exact;
 mod filter;
 mod fixed;
 mod kernel;
 
 pub use all_pairs::SphereAllPairs;
-pub use engines::{SphereEngines, SphereWays};
 pub use filter::SphereFilter;
 
 use bytemuck::{Pod, Zeroable};

@@ -1,7 +1,8 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::engine::{CullJob, CullWish, EngineChoice, EngineName, HeapReply, Isa};
+use crate::dispatch::{CullWish, SphereEngines};
+use crate::engine::{CullInput, EngineChoice, EngineName, HeapReply, Isa};
 use crate::mask::{Encoding, EncodingChoice};
 use crate::oracle::naive_decoder::decode;
 
@@ -82,11 +83,9 @@ fn every_engine_finds_the_pairs_of_the_definition() {
         let spheres = hard_spheres(n, 7 + n as u64);
         let expected = truth(&spheres);
         let census = |class| spheres.iter().filter(|s| s.class() == class).count() as u32;
-        for encoding in [Encoding::Dense, Encoding::Sparse] {
-            for engine in [EngineChoice::Auto].into_iter().chain(
-                [EngineName::CpuBrute, EngineName::CpuSap, EngineName::CpuGrid]
-                    .map(EngineChoice::Only),
-            ) {
+        for encoding in Encoding::ALL {
+            let named = EngineName::CPU.map(EngineChoice::Only);
+            for engine in [EngineChoice::Auto].into_iter().chain(named) {
                 let encoding_choice = EncodingChoice::Only(encoding);
                 let wish = CullWish { engine, encoding: encoding_choice, ..CullWish::default() };
                 let answer = engines.cull(&spheres, &wish, &mut reply).expect("memory");
@@ -99,8 +98,12 @@ fn every_engine_finds_the_pairs_of_the_definition() {
             }
             for kernel in &mut kernels {
                 for threads in [1, 4] {
-                    let job = CullJob { encoding, threads };
-                    let report = kernel.cull(&spheres, &job, &mut reply).expect("memory");
+                    let report = kernel
+                        .cull(
+                            &CullInput::spheres(&spheres).encoding(encoding).threads(threads),
+                            &mut reply,
+                        )
+                        .expect("memory");
                     let got = decode(reply.words(), &report.shape, n as u32);
                     assert_eq!(got.as_ref(), Ok(&expected), "{encoding}, {n}, {threads}");
                 }

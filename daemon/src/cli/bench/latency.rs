@@ -124,7 +124,7 @@ impl FromStr for Wait {
         Self::ALL
             .into_iter()
             .find(|wait| wait.to_string() == s)
-            .ok_or_else(|| UnknownName { name: s.to_owned(), known: "spin, event" })
+            .ok_or_else(|| UnknownName { name: s.to_owned(), known: "spin, event".into() })
     }
 }
 

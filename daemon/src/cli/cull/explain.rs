@@ -3,7 +3,7 @@
 use std::fmt;
 use std::time::Duration;
 
-use pairmask::engine::{CpuEngines, CullWish};
+use pairmask::dispatch::{CpuEngines, CullWish};
 use pairmask::plan::{CalibrationChoice, Plan, SceneStats};
 use pairmask::{Aabb, PairMask, ServedBy};
 use serde::Serialize;

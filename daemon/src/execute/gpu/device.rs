@@ -38,21 +38,6 @@ pub struct GpuLimits {
 /// Frames that may be under way at a time.
 pub const LANES: usize = 2;
 
-/// Which of the frames under way.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Lane {
-    /// The first, which lone frames take.
-    #[default]
-    First,
-    /// The second.
-    Second,
-}
-
-impl Lane {
-    /// Both.
-    pub const ALL: [Self; LANES] = [Self::First, Self::Second];
-}
-
 /// What a queue is for. Each role has a family of queues of its own, where the device has such, so
 /// that the work of one does not wait for another's. Two queues of one family would not do: on an
 /// H200 they take turns, 100 µs and more at a time.

@@ -1,4 +1,8 @@
 //! Frames: stages recorded once, submitted many times, waited for by spinning.
+//!
+//! A frame keeps its blocks, pipelines and device alive until the device is done with them. Memory
+//! that a block imports is another's: who lent it takes it back when [`Frame::is_pending`] says no,
+//! and not before.
 #![allow(unsafe_code)]
 
 use std::sync::Arc;
@@ -71,6 +75,10 @@ pub enum Wait {
 /// Most steps of a frame. Longer work is split, so that no submission runs into a watchdog.
 pub const MAX_STEPS: usize = 40;
 
+/// How long a frame that failed may take to end. A driver resets a device that hangs within seconds;
+/// what it does not end by then it never does.
+const LAST_PATIENCE: Duration = Duration::from_secs(10);
+
 /// Most buffers that a stage binds.
 const MAX_BINDINGS: u32 = 8;
 
@@ -104,7 +112,11 @@ impl Frame {
     ///
     /// # Errors
     /// [`GpuError`].
-    pub fn of_role(gpu: &Arc<Gpu>, role: QueueRole, profiled: bool) -> Result<Self, GpuError> {
+    pub(super) fn of_role(
+        gpu: &Arc<Gpu>,
+        role: QueueRole,
+        profiled: bool,
+    ) -> Result<Self, GpuError> {
         let raw = gpu.raw();
         let family = gpu.family(role).ok_or(GpuError::Lost)?;
         let mut frame = Self {
@@ -290,24 +302,24 @@ impl Frame {
     /// Submits the frame and waits for its end, `patience` at most.
     ///
     /// # Errors
-    /// [`GpuError::Lost`] when the device is gone, [`GpuError::Hung`] when time is up.
+    /// [`GpuError::Lost`] when the device is gone, [`GpuError::Hung`] when time is up, and what the
+    /// driver answers to the submission.
+    ///
+    /// # Panics
+    /// While it is under way.
     pub fn run(&mut self, wait: Wait, patience: Duration) -> Result<(), GpuError> {
-        self.submit()?;
+        self.submit_in(Order::Alone)?;
         self.end(wait, patience)
     }
 
-    /// Submits the frame. Nothing that it reads or writes may be touched until it has ended.
+    /// Submits the frame, before or after another frame of another queue. Nothing that it reads or
+    /// writes may be touched until it has ended.
     ///
     /// # Errors
     /// [`GpuError`].
     ///
     /// # Panics
     /// While it is under way: a fault of this crate.
-    pub fn submit(&mut self) -> Result<(), GpuError> {
-        self.submit_in(Order::Alone)
-    }
-
-    /// As [`Self::submit`], before or after another frame of another queue.
     pub(super) fn submit_in(&mut self, order: Order) -> Result<(), GpuError> {
         assert!(!self.pending, "a frame is under way once");
         // SAFETY: the frame is not pending, so its fence is not in use.
@@ -317,31 +329,37 @@ impl Frame {
         Ok(())
     }
 
-    /// Whether the frame is under way.
+    /// Whether the device may still read and write what the frame uses: the frame was submitted, and
+    /// nobody has seen its end.
     pub fn is_pending(&self) -> bool {
         self.pending
     }
 
     /// Whether a submitted frame has ended, or never will.
-    pub fn has_ended(&self) -> bool {
+    pub(super) fn has_ended(&self) -> bool {
         // SAFETY: the fence belongs to this device.
         !self.pending || unsafe { self.gpu.raw().get_fence_status(self.fence) } != Ok(false)
     }
 
     /// Waits for the end of a submitted frame, `patience` at most.
     ///
+    /// Where the wait fails, the frame is given [`LAST_PATIENCE`] more: a device that was given up
+    /// while it works must not write into memory that somebody takes back. One that does not end
+    /// even then stays pending, for ever.
+    ///
     /// # Errors
     /// [`GpuError::Lost`] when the device is gone, [`GpuError::Hung`] when time is up.
-    pub fn end(&mut self, wait: Wait, patience: Duration) -> Result<(), GpuError> {
-        let ended = self.wait(wait, patience);
-        // A device that was given up while it still works must not write into memory that the
-        // caller takes back: let the frame end first.
-        if ended == Err(GpuError::Lost) {
-            self.settle();
+    pub(super) fn end(&mut self, wait: Wait, patience: Duration) -> Result<(), GpuError> {
+        match self.wait(wait, patience) {
+            Ok(()) => {
+                self.pending = false;
+                self.gpu.health().check()
+            }
+            Err(error) => {
+                self.settle();
+                Err(error)
+            }
         }
-        ended?;
-        self.pending = false;
-        self.gpu.health().check()
     }
 
     fn wait(&self, wait: Wait, patience: Duration) -> Result<(), GpuError> {
@@ -380,12 +398,19 @@ impl Frame {
         }
     }
 
-    /// Waits, for a while, for a frame whose answer nobody wants any more.
-    fn settle(&mut self) {
-        let slice = Duration::from_secs(10).as_nanos() as u64;
-        // SAFETY: the fence belongs to this device. A device that is really lost answers at once.
+    /// Waits for a frame whose answer nobody wants any more, [`LAST_PATIENCE`] at most. Whether the
+    /// device is done with it, so that it may be submitted, and its memory taken back.
+    pub(super) fn settle(&mut self) -> bool {
+        if !self.pending {
+            return true;
+        }
+        let slice = LAST_PATIENCE.as_nanos() as u64;
+        // SAFETY: the fence belongs to this device.
         let settled = unsafe { self.gpu.raw().wait_for_fences(&[self.fence], true, slice) };
-        self.pending = settled == Err(vk::Result::TIMEOUT);
+        // A driver reports a loss, at once, when the device works no more. Any other error says
+        // nothing about the frame.
+        self.pending = !matches!(settled, Ok(()) | Err(vk::Result::ERROR_DEVICE_LOST));
+        !self.pending
     }
 
     /// Times of the last run, if the frame is profiled.
@@ -408,10 +433,7 @@ impl Frame {
 
 impl Drop for Frame {
     fn drop(&mut self) {
-        if self.pending {
-            self.settle();
-        }
-        if self.pending {
+        if !self.settle() {
             // The device hangs with our memory in its hands: leaking it is the only safe end.
             log::error!("a GPU frame never ended; its memory is left to the device");
             std::mem::forget(std::mem::take(&mut self.steps));

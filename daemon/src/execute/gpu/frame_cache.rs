@@ -89,6 +89,11 @@ impl FrameCache {
         self.frames.last_mut().map(|(_, frame)| frame)
     }
 
+    /// Waits for frames that are under way. Whether the device is done with all of them.
+    pub(super) fn settle(&mut self) -> bool {
+        self.frames.iter_mut().fold(true, |settled, (_, frame)| frame.settle() && settled)
+    }
+
     /// Drops all frames.
     pub(super) fn clear(&mut self) {
         self.frames.clear();

@@ -3,7 +3,11 @@
 //! The daemon maps a client's segment read-only, and NVIDIA's driver refuses read-only pages. So
 //! the file behind an address is looked up in `/proc/self/maps` and the same pages are mapped a
 //! second time, read-write, for the import alone. That mapping belongs to the import: it stays
-//! valid when the first one goes, but then shows a file nobody uses, so [`Imports::forget`] it.
+//! valid when the first one goes, but then shows a file nobody uses, so
+//! [`Imports::forget`] it.
+//!
+//! Stages read from every import. They write only to those that were imported for replies, which is
+//! `unsafe`: a reply is found by its address, so the address must not come to mean other memory.
 #![allow(unsafe_code)]
 
 use std::fs::{File, OpenOptions};
@@ -197,8 +201,18 @@ fn parse_line(line: &str) -> Option<(Segment, bool)> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct ImportId(u64);
 
+/// What stages do with imported memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Access {
+    /// They read it.
+    Read,
+    /// They read and write it.
+    Write,
+}
+
 struct Import {
     id: ImportId,
+    access: Access,
     // Address range as the rest of the process knows it.
     start: usize,
     end: usize,
@@ -225,19 +239,49 @@ pub enum ImportError {
 }
 
 impl Imports {
-    /// Imports the pages behind an address range of this process, which must be shared memory.
-    /// The range's pages become resident: import what is used, not a whole sparse segment.
+    /// Imports the pages behind an address range of this process, which must be shared memory, for
+    /// stages to read boxes from. The range's pages become resident: import what is used, not a
+    /// whole sparse segment.
     ///
-    /// The caller calls [`Self::forget`] when its mapping of the range ends; until then, bytes at
-    /// these addresses are taken to be these pages.
+    /// Until [`Self::forget`], boxes at these addresses are taken to be these pages. Where the
+    /// range is mapped anew before, frames read what lies in the former pages: a wrong answer, and
+    /// no harm to memory.
     ///
     /// # Errors
     /// [`ImportError`].
-    pub fn import(
+    pub fn import_boxes(
         &mut self,
         gpu: &Arc<Gpu>,
         address: usize,
         bytes: usize,
+    ) -> Result<ImportId, ImportError> {
+        self.import(gpu, address, bytes, Access::Read)
+    }
+
+    /// As [`Self::import_boxes`], for stages to write replies to as well.
+    ///
+    /// # Safety
+    /// Until [`Self::forget`], the range stays mapped to the pages that it is mapped to now,
+    /// or nobody hands out reply memory at these addresses. Otherwise a frame writes to pages that
+    /// its reply does not borrow.
+    ///
+    /// # Errors
+    /// [`ImportError`].
+    pub unsafe fn import_replies(
+        &mut self,
+        gpu: &Arc<Gpu>,
+        address: usize,
+        bytes: usize,
+    ) -> Result<ImportId, ImportError> {
+        self.import(gpu, address, bytes, Access::Write)
+    }
+
+    fn import(
+        &mut self,
+        gpu: &Arc<Gpu>,
+        address: usize,
+        bytes: usize,
+        access: Access,
     ) -> Result<ImportId, ImportError> {
         let mapping = ReadWriteMapping::behind(address, bytes)?;
         let start = address / PAGE_BYTES * PAGE_BYTES;
@@ -245,12 +289,17 @@ impl Imports {
         let block = Block::import(gpu, mapping)?;
         let id = ImportId(self.next);
         self.next += 1;
-        self.imports.push(Import { id, start, end, block });
+        self.imports.push(Import { id, access, start, end, block });
         Ok(id)
     }
 
-    /// Ends an import.
-    pub fn forget(&mut self, id: ImportId) -> Option<Arc<Block>> {
+    /// Ends an import: from now on nothing is found at its addresses.
+    pub fn forget(&mut self, id: ImportId) {
+        drop(self.take(id));
+    }
+
+    /// As [`Self::forget`], with the block of which recorded frames may still know.
+    pub(in crate::execute) fn take(&mut self, id: ImportId) -> Option<Arc<Block>> {
         let place = self.imports.iter().position(|i| i.id == id)?;
         Some(self.imports.swap_remove(place).block)
     }
@@ -260,10 +309,18 @@ impl Imports {
         self.imports.iter().any(|i| i.id == id && i.block.is_orphaned())
     }
 
-    /// The imported block behind an address range, and the offset of the range in it.
-    pub fn find(&self, address: usize, bytes: usize) -> Option<(&Arc<Block>, u64)> {
+    /// The imported block behind an address range, and the offset of the range in it. For writing,
+    /// only what was imported for replies is found.
+    pub(super) fn find(
+        &self,
+        address: usize,
+        bytes: usize,
+        access: Access,
+    ) -> Option<(&Arc<Block>, u64)> {
         let end = address.checked_add(bytes)?;
-        let import = self.imports.iter().find(|i| i.start <= address && end <= i.end)?;
+        let allows = |i: &Import| access == Access::Read || i.access == Access::Write;
+        let holds = |i: &Import| i.start <= address && end <= i.end;
+        let import = self.imports.iter().find(|i| holds(i) && allows(i))?;
         Some((&import.block, (address - import.start) as u64))
     }
 }

@@ -122,7 +122,7 @@ impl Block {
     /// # Errors
     /// [`GpuError::Driver`] where the driver refuses: files on disk, read-only pages, no
     /// extension.
-    pub fn import(gpu: &Arc<Gpu>, mapping: ReadWriteMapping) -> Result<Arc<Self>, GpuError> {
+    pub(super) fn import(gpu: &Arc<Gpu>, mapping: ReadWriteMapping) -> Result<Arc<Self>, GpuError> {
         let refused = GpuError::Driver(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE);
         let (Some(import), Some(align)) = (gpu.host_import(), gpu.limits().import_align_bytes)
         else {
@@ -179,13 +179,14 @@ impl Block {
             bytes,
             buffer,
             memory,
-            host: Some(host),
+            // The CPU sees these pages through its own mapping of them.
+            host: None,
             mapping: Some(mapping),
         }))
     }
 
     /// Where it lies.
-    pub fn home(&self) -> Home {
+    pub(super) fn home(&self) -> Home {
         self.home
     }
 
@@ -195,7 +196,7 @@ impl Block {
     }
 
     /// Whether it was imported from memory whose owner is gone.
-    pub fn is_orphaned(&self) -> bool {
+    pub(super) fn is_orphaned(&self) -> bool {
         self.mapping.as_ref().is_some_and(ReadWriteMapping::is_orphaned)
     }
 
@@ -206,7 +207,8 @@ impl Block {
     /// Copies `values` to byte `offset`. Call it between frames only.
     ///
     /// # Panics
-    /// Outside the block, or on a block that the CPU cannot see: a fault of this crate.
+    /// Outside the block, or on a block that the CPU does not see through it (video memory,
+    /// imports): a fault of this crate.
     pub fn write<T: Pod>(&self, offset: u64, values: &[T]) {
         let bytes: &[u8] = bytemuck::cast_slice(values);
         let to = self.host_range(offset, bytes.len());
@@ -307,12 +309,11 @@ impl Drop for BufferGuard<'_> {
 /// A range of a block.
 #[derive(Clone)]
 pub struct Part {
-    /// The block.
-    pub block: Arc<Block>,
+    pub(super) block: Arc<Block>,
     /// First byte.
-    pub offset: u64,
-    /// Bytes.
-    pub bytes: u64,
+    pub(super) offset: u64,
+    /// How many: the range lies within the block ([`Part::of`]).
+    pub(super) bytes: u64,
 }
 
 impl Part {
@@ -322,7 +323,13 @@ impl Part {
     }
 
     /// A range of a block.
+    ///
+    /// # Panics
+    /// Outside the block, where the GPU would read and write memory that is not the block's: a fault
+    /// of the caller.
     pub fn of(block: &Arc<Block>, offset: u64, bytes: u64) -> Self {
+        let end = offset.checked_add(bytes);
+        assert!(end.is_some_and(|end| end <= block.bytes), "a part lies within its block");
         Self { block: Arc::clone(block), offset, bytes }
     }
 }

@@ -1,33 +1,48 @@
 //! The GPU: adapter choice, device, memory, frames, and the engines that run on it.
 //!
 //! The way of a frame: boxes in imported shared memory (or staged) → stages of
-//! `pairmask-shaders`, recorded once ([`frame`]) → mask words in imported reply memory (or
+//! `pairmask-shaders`, recorded once ([`Frame`]) → mask words in imported reply memory (or
 //! staged). One thread owns an engine; a device that is lost is a typed error, after which
-//! [`slot`] rebuilds it while CPU engines serve.
+//! [`GpuSlot`] rebuilds it while CPU engines serve.
+//!
+//! The modules are private. What is public lets no device write to memory that Rust has taken back:
+//!
+//! * Engines are lent a reply for a call that does not return before the device is done with it, or
+//!   own it ([`GridUnderWay`]). Importing memory for replies is `unsafe`.
+//! * Frames that others record ([`Frame`], [`Command`]) use blocks that were allocated for them
+//!   ([`Block::new`]), which they keep. Those of engines and imports are not handed out.
 
-pub mod adapter;
-pub mod all_pairs;
-pub mod awake;
-pub mod device;
-pub mod error;
-pub mod frame;
+mod adapter;
+mod all_pairs;
+mod awake;
+mod device;
+mod error;
+mod frame;
 mod frame_cache;
-pub mod grid;
+mod grid;
 mod growing;
-pub mod health;
-pub mod import;
-pub mod memory;
-pub mod pipeline;
-pub mod shader;
-pub mod slot;
+mod health;
+mod import;
+mod memory;
+mod pipeline;
+mod shader;
+mod slot;
 mod transfers;
 mod upload_ahead;
 
-pub use adapter::{AdapterInfo, GpuChoice, list_adapters};
+pub use adapter::{AdapterInfo, GpuChoice, choose, list_adapters};
+pub use all_pairs::plan::{Tuning, first_capacity};
 pub use all_pairs::{AllPairs, AllPairsOptions};
-pub use device::{Gpu, HostImport};
-pub use error::{GpuError, OpenError};
-pub use grid::{Grid, GridOptions};
+pub use awake::{Awake, DEFAULT_HOLD};
+pub use device::{Gpu, GpuLimits, HostImport, LANES};
+pub use error::{GpuError, OpenError, StageFault};
+pub use frame::{Command, Frame, MAX_STEPS, StepTime, Wait};
+pub use grid::plan::Sizes;
+pub use grid::{Grid, GridOptions, GridUnderWay, cell_count, grid_layout};
+pub use health::DeviceHealth;
+pub use import::{ImportError, ImportId, Imports, ReadWriteMapping, SegmentError};
+pub use memory::{Block, Home, Part};
+pub use pipeline::{Pipeline, Pipelines};
 pub use shader::Checks;
-pub use slot::GpuSlot;
+pub use slot::{GpuSlot, Opener, SlotState};
 pub use transfers::{SharedImports, Upload};

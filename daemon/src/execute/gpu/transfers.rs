@@ -8,7 +8,7 @@ use pairmask::precision::NarrowBoxes;
 use super::device::Gpu;
 use super::error::GpuError;
 use super::growing::Growing;
-use super::import::Imports;
+use super::import::{Access, Imports};
 use super::memory::{Home, Part};
 
 /// How boxes reach the GPU.
@@ -105,7 +105,7 @@ impl Transfers {
             None => bytes <= limit && mappable,
         };
         if !stored_up_to(STORED_FIRST_BYTES)
-            && let Some(part) = self.imported(memory.as_ptr() as usize, bytes)
+            && let Some(part) = self.imported(memory.as_ptr() as usize, bytes, Access::Read)
         {
             return Ok(PlacedBoxes { part, form });
         }
@@ -123,7 +123,7 @@ impl Transfers {
         replaced: &mut bool,
     ) -> Result<MaskPlace, GpuError> {
         let bytes = size_of_val(mask) as u64;
-        if let Some(part) = self.imported(mask.as_ptr() as usize, bytes) {
+        if let Some(part) = self.imported(mask.as_ptr() as usize, bytes, Access::Write) {
             return Ok(MaskPlace { part, is_reply: true });
         }
         let block = self.staged_mask.at_least(&self.gpu, bytes, replaced)?;
@@ -131,9 +131,9 @@ impl Transfers {
     }
 
     /// The part of an imported block at an address, if it can be bound there.
-    fn imported(&self, address: usize, bytes: u64) -> Option<Part> {
+    fn imported(&self, address: usize, bytes: u64, access: Access) -> Option<Part> {
         let imports = self.imports();
-        let (block, offset) = imports.find(address, bytes as usize)?;
+        let (block, offset) = imports.find(address, bytes as usize, access)?;
         // Of words, however fine the device's own steps are.
         let align = self.gpu.limits().storage_offset_align_bytes.max(WORD_BYTES);
         offset.is_multiple_of(align).then(|| Part::of(block, offset, bytes))

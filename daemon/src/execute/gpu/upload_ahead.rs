@@ -121,17 +121,25 @@ impl UploadAhead {
         self.uploads.forget(block);
     }
 
-    /// Waits for what is under way, and drops it.
-    pub(super) fn clear(&mut self) {
-        self.uploads.clear();
+    /// Waits for what is under way. Whether the device is done with it.
+    pub(super) fn settle(&mut self) -> bool {
+        self.is_under_way = false;
+        self.uploads.settle()
+    }
+
+    /// Leaves the semaphore to a device that may wait for it for ever.
+    pub(super) fn abandon(&mut self) {
+        self.uploaded = vk::Semaphore::null();
     }
 }
 
 impl Drop for UploadAhead {
     fn drop(&mut self) {
-        self.uploads.clear();
-        // SAFETY: the uploads have ended; the frames that wait for it are dropped before (their
-        // lane's `drop`).
+        if !self.uploads.settle() {
+            self.abandon();
+        }
+        // SAFETY: the uploads have ended, and so have the frames that wait for it (their lane's
+        // `drop`), or nothing is destroyed: a null handle is ignored.
         unsafe { self.gpu.raw().destroy_semaphore(self.uploaded, None) };
     }
 }

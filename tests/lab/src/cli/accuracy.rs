@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use clap::Args;
 use indicatif::ProgressBar;
-use pairmask::engine::CullWish;
+use pairmask::dispatch::CullWish;
 use pairmask::session::ConnectError;
 use pairmask::{BoxCount, EngineChoice};
 use pairmaskd::cli::config::Config;
@@ -17,8 +17,7 @@ use pairmaskd::cli::output::{
 };
 use pairmaskd::cli::target::Target;
 use pairmaskd::cli::whole_number::whole_number;
-use pairmaskd::execute::gpu::adapter::choose;
-use pairmaskd::execute::gpu::{GpuChoice, list_adapters};
+use pairmaskd::execute::gpu::{GpuChoice, choose, list_adapters};
 use pairmaskd::file_error::{Access, FileError};
 use pairmaskd::scene::SceneName;
 use pairmaskd::spawn::SpawnError;

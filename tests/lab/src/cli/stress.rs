@@ -4,6 +4,7 @@ use std::num::NonZeroUsize;
 use std::time::Duration;
 
 use clap::Args;
+use pairmask::EngineName;
 use pairmaskd::cli::config::Config;
 use pairmaskd::cli::options::DaemonOptions;
 use pairmaskd::cli::output::{OutputError, print_json, print_text, progress_bar};
@@ -42,8 +43,13 @@ pub struct Stress {
     /// How long
     #[arg(long, value_parser = whole_number::<u64>, value_name = "N", default_value_t = 10)]
     seconds: u64,
-    /// all, cpu-brute, cpu-sap, cpu-grid, gpu-brute, gpu-grid, spheres; several with commas
-    #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "all")]
+    #[arg(
+        long,
+        value_name = "NAMES",
+        value_delimiter = ',',
+        default_value = "all",
+        help = format!("all, {}, spheres; several with commas", EngineName::listed(", ")),
+    )]
     engine: Vec<Entrant>,
     /// all, exact, q16, q8, f16, margin, f64; several with commas. Spheres are exact
     #[arg(long, value_name = "MODES", value_delimiter = ',', default_value = "all")]

@@ -1,19 +1,20 @@
 //! Times of the grid's stages on a device, and of whole frames by the host's clock.
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use pairmask::engine::{CullJob, CullReport, Engine, Grid as CpuGrid, HeapReply};
+use pairmask::engine::{CullInput, CullReport, Engine, Grid as CpuGrid, HeapReply};
 use pairmask::mask::{MaskShape, MaskView};
 use pairmask::{Aabb, BoxCount, Encoding};
-use pairmaskd::execute::gpu::device::{Gpu, LANES};
-use pairmaskd::execute::gpu::grid::cell_count;
-use pairmaskd::execute::gpu::grid::plan::Sizes;
-use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, Grid, GridOptions, SharedImports};
+use pairmaskd::execute::gpu::{
+    AllPairs, AllPairsOptions, Gpu, Grid, GridOptions, GridUnderWay, LANES, SharedImports, Sizes,
+    cell_count,
+};
 use pairmaskd::scene::{Scene, SceneName};
 use serde::Serialize;
 
-use super::shared::Segment;
+use super::shared::{Segment, SegmentFrame};
 use super::{BenchError, LEAST_FRAMES, percentile};
 
 /// The scenes of the anchors.
@@ -140,8 +141,8 @@ impl<E: Engine> Rig<E> {
             reply: Segment::new(4 * reply_words as usize)?,
             imported: true,
         };
-        for segment in [&rig.boxes, &rig.reply] {
-            if let Err(error) = imports.lock().import(gpu, segment.address(), segment.bytes()) {
+        for segment in [&mut rig.boxes, &mut rig.reply] {
+            if let Err(error) = segment.import(gpu, imports) {
                 log::warn!("staged: {error}");
                 rig.imported = false;
             }
@@ -152,8 +153,7 @@ impl<E: Engine> Rig<E> {
 
     /// A frame of the first `n` boxes in shared memory.
     fn frame(&mut self, n: u32) -> Result<CullReport, BenchError> {
-        let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
-        Ok(self.engine.cull(self.boxes.boxes(n as usize), &job, &mut self.reply)?)
+        Ok(self.engine.cull(&CullInput::boxes(self.boxes.boxes(n as usize)), &mut self.reply)?)
     }
 }
 
@@ -161,8 +161,7 @@ impl Rig<Grid> {
     fn grid(gpu: &Arc<Gpu>, boxes: &[Aabb], profiled: bool) -> Result<Self, BenchError> {
         let imports = SharedImports::default();
         let options = GridOptions { profiled, imports: imports.clone(), ..GridOptions::default() };
-        let n = BoxCount::of_len(boxes.len()).unwrap_or_default();
-        let words = Sizes::of(n).reply_words(WORDS_A_BOX * u64::from(n.get()));
+        let words = reply_words(boxes.len());
         Self::new(Grid::new(gpu, &options)?, gpu, &imports, boxes, words)
     }
 }
@@ -245,45 +244,50 @@ pub fn frames_a_second(
     under_way: usize,
     budget: Duration,
 ) -> Result<f64, BenchError> {
-    let mut first = Rig::grid(gpu, boxes, false)?;
-    let mut memory = Vec::new();
+    let imports = SharedImports::default();
+    let options = GridOptions { imports: imports.clone(), ..GridOptions::default() };
+    let mut grid = Grid::new(gpu, &options)?;
+    let mut under_way_now = VecDeque::new();
     for _ in 0..under_way.clamp(1, LANES) {
-        let pair = [Segment::new(size_of_val(boxes))?, Segment::new(first.reply.bytes())?];
-        for segment in &pair {
-            first.imported &= first.engine.import(segment.address(), segment.bytes()).is_ok();
+        let mut memory = SegmentFrame {
+            n: boxes.len(),
+            boxes: Segment::new(size_of_val(boxes))?,
+            reply: Segment::new(4 * reply_words(boxes.len()) as usize)?,
+        };
+        for segment in [&mut memory.boxes, &mut memory.reply] {
+            if let Err(error) = segment.import(gpu, &imports) {
+                log::warn!("staged: {error}");
+            }
         }
-        let [mut input, reply] = pair;
-        input.write(boxes);
-        memory.push((input, reply, None));
+        memory.boxes.write(boxes);
+        under_way_now.push_back(begin(&mut grid, memory)?);
     }
     let (mut frames, mut started) = (0u32, Instant::now());
-    loop {
-        for (input, reply, lane) in &mut memory {
-            if let Some(lane) = lane.take() {
-                first.engine.end(lane, input.boxes(boxes.len()).into(), reply)?;
-                frames += 1;
-            }
-            *lane = Some(first.engine.begin(
-                input.boxes(boxes.len()).into(),
-                Encoding::Sparse,
-                reply,
-            )?);
-        }
+    while let Some(frame) = under_way_now.pop_front() {
+        let (ended, memory) = grid.end(frame);
+        ended?;
+        frames += 1;
         if frames < ROUNDS as u32 {
             // The first part allocates blocks, records frames and raises clocks.
             started = Instant::now();
         } else if started.elapsed() > budget && frames > 2 * ROUNDS as u32 {
             break;
         }
-    }
-    let counted = f64::from(frames - ROUNDS as u32);
-    let seconds = started.elapsed().as_secs_f64();
-    for (input, reply, lane) in &mut memory {
-        if let Some(lane) = lane.take() {
-            first.engine.end(lane, input.boxes(boxes.len()).into(), reply)?;
+        if let Some(memory) = memory {
+            under_way_now.push_back(begin(&mut grid, memory)?);
         }
     }
-    Ok(counted / seconds)
+    Ok(f64::from(frames - ROUNDS as u32) / started.elapsed().as_secs_f64())
+}
+
+fn begin(grid: &mut Grid, memory: SegmentFrame) -> Result<GridUnderWay<SegmentFrame>, BenchError> {
+    Ok(grid.begin(memory, Encoding::Sparse).map_err(|(error, _)| error)?)
+}
+
+/// Words of a reply that every scene of the bench fits in.
+fn reply_words(n: usize) -> u64 {
+    let n = BoxCount::of_len(n).unwrap_or_default();
+    Sizes::of(n).reply_words(WORDS_A_BOX * u64::from(n.get()))
 }
 
 /// GPU time by stage, medians, µs.
@@ -328,8 +332,8 @@ fn compare(
     let n = BoxCount::of_len(scene.boxes().len()).unwrap_or_default();
     let threads = rayon::current_num_threads();
     let mut reply = HeapReply::new();
-    let job = CullJob { encoding: Encoding::Sparse, threads };
-    let truth = CpuGrid::new().cull(scene.boxes(), &job, &mut reply)?;
+    let truth =
+        CpuGrid::new().cull(&CullInput::boxes(scene.boxes()).threads(threads), &mut reply)?;
     let ours = pair_hash(n, report, rig.reply.words());
     let same = ours.is_some()
         && ours == pair_hash(n, &truth, reply.words())

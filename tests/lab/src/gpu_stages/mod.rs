@@ -13,14 +13,14 @@ use std::io::Write;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use pairmask::engine::{BruteForce, CullError, CullJob, CullReport, Engine, HeapReply};
+use pairmask::engine::{BruteForce, CullError, CullInput, CullReport, Engine, HeapReply};
 use pairmask::mask::MaskShape;
 use pairmask::plan::user_cache_folder;
 use pairmask::{Aabb, BoxCount, Encoding};
 use pairmask_shaders::RowsPerThread;
-use pairmaskd::execute::gpu::all_pairs::plan::{self, Tuning};
 use pairmaskd::execute::gpu::{
-    AllPairs, AllPairsOptions, Gpu, GpuChoice, GpuError, HostImport, OpenError, Upload,
+    AllPairs, AllPairsOptions, Gpu, GpuChoice, GpuError, HostImport, OpenError, Tuning, Upload,
+    first_capacity,
 };
 use pairmaskd::scene::SceneName;
 use serde_json::json;
@@ -213,11 +213,9 @@ impl Rig {
         encoding: Encoding,
     ) -> Result<Self, BenchError> {
         let n = BoxCount::of_len(boxes.len()).unwrap_or_default();
-        let capacity = plan::first_capacity(n);
-        let words = match encoding {
-            Encoding::Dense => n.dense_words(),
-            Encoding::Sparse => MaskShape::sparse(n, capacity, capacity, false).extent_words(),
-        };
+        let capacity = first_capacity(n);
+        let words = MaskShape::exact(encoding, n, capacity, false).extent_words();
+        let imports = options.imports.clone();
         let mut rig = Self {
             engine: AllPairs::new(gpu, options)?,
             boxes: Segment::new(size_of_val(boxes))?,
@@ -225,16 +223,14 @@ impl Rig {
             imported: import,
         };
         rig.boxes.write(boxes);
-        for segment in [&rig.boxes, &rig.reply] {
-            let imported = import && rig.engine.import(segment.address(), segment.bytes()).is_ok();
-            rig.imported &= imported;
+        for segment in [&mut rig.boxes, &mut rig.reply] {
+            rig.imported &= import && segment.import(gpu, &imports).is_ok();
         }
         Ok(rig)
     }
 
     fn frame(&mut self, n: usize, encoding: Encoding) -> Result<CullReport, CullError> {
-        let job = CullJob { encoding, threads: 1 };
-        self.engine.cull(self.boxes.boxes(n), &job, &mut self.reply)
+        self.engine.cull(&CullInput::boxes(self.boxes.boxes(n)).encoding(encoding), &mut self.reply)
     }
 }
 
@@ -327,8 +323,8 @@ fn check(gpu: &Arc<Gpu>, boxes: &[Aabb], out: &mut dyn Write) -> Result<(), Benc
         let report = rig.frame(boxes.len(), encoding)?;
         let mut cpu_reply = HeapReply::new();
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
-        let job = CullJob { encoding, threads };
-        let cpu = BruteForce::new().cull(boxes, &job, &mut cpu_reply)?;
+        let cpu = BruteForce::new()
+            .cull(&CullInput::boxes(boxes).encoding(encoding).threads(threads), &mut cpu_reply)?;
         let same =
             sections(&report.shape, rig.reply.words()) == sections(&cpu.shape, cpu_reply.words());
         if !same || report.pair_count != cpu.pair_count || report.census != cpu.census {
@@ -345,12 +341,7 @@ fn check(gpu: &Arc<Gpu>, boxes: &[Aabb], out: &mut dyn Write) -> Result<(), Benc
 
 /// The words of each section; `None` where one is outside the reply.
 fn sections<'a>(shape: &MaskShape, reply: &'a [u32]) -> Vec<Option<&'a [u32]>> {
-    match shape {
-        MaskShape::Dense { words } => vec![words.of(reply)],
-        MaskShape::Sparse { rows, blocks, bits, .. } => {
-            [rows, blocks, bits].into_iter().map(|span| span.of(reply)).collect()
-        }
-    }
+    shape.spans().map(|span| span.of(reply)).collect()
 }
 
 fn percentile(mut values: Vec<f64>, percent: usize) -> f64 {

@@ -4,15 +4,21 @@
 use std::fs::File;
 use std::io;
 
+use std::sync::Arc;
+
 use pairmask::Aabb;
 use pairmask::engine::{ReplyBuffer, ReserveError};
-use pairmaskd::execute::gpu::import::ReadWriteMapping;
+use pairmask::precision::NarrowBoxes;
+use pairmaskd::execute::FrameMemory;
+use pairmaskd::execute::gpu::{Gpu, ImportError, ImportId, ReadWriteMapping, SharedImports};
 
 /// An anonymous shared segment.
 pub(super) struct Segment {
     // Open as long as the mapping, since an import finds the pages through the file.
     _file: File,
     mapping: ReadWriteMapping,
+    /// Ends before the mapping does.
+    import: Option<(SharedImports, ImportId)>,
 }
 
 impl Segment {
@@ -21,13 +27,27 @@ impl Segment {
         let file = File::from(rustix::fs::memfd_create("pairmask-bench", flags)?);
         file.set_len(bytes.max(1).next_multiple_of(4096) as u64)?;
         let mapping = ReadWriteMapping::of_file(&file, 0, bytes)?;
-        let mut segment = Self { _file: file, mapping };
+        let mut segment = Self { _file: file, mapping, import: None };
         // The first touch must not be in any measurement.
         segment.words_mut().fill(0);
         Ok(segment)
     }
 
-    pub(super) fn address(&self) -> usize {
+    /// Imports it, for boxes and replies.
+    pub(super) fn import(
+        &mut self,
+        gpu: &Arc<Gpu>,
+        imports: &SharedImports,
+    ) -> Result<(), ImportError> {
+        let (address, bytes) = (self.address(), self.bytes());
+        // SAFETY: the mapping stays where it is until the segment is dropped, which forgets the
+        // import first.
+        let id = unsafe { imports.lock().import_replies(gpu, address, bytes) }?;
+        self.import = Some((imports.clone(), id));
+        Ok(())
+    }
+
+    fn address(&self) -> usize {
         self.mapping.pointer().as_ptr() as usize
     }
 
@@ -56,6 +76,30 @@ impl Segment {
         unsafe {
             std::slice::from_raw_parts_mut(self.mapping.pointer().as_ptr().cast(), self.bytes() / 4)
         }
+    }
+}
+
+impl Drop for Segment {
+    fn drop(&mut self) {
+        if let Some((imports, id)) = self.import.take() {
+            imports.lock().forget(id);
+        }
+    }
+}
+
+/// The memory of a frame that is left under way.
+pub(super) struct SegmentFrame {
+    pub(super) n: usize,
+    pub(super) boxes: Segment,
+    pub(super) reply: Segment,
+}
+
+// SAFETY: mappings do not move with the values that own them, and nobody else refers into these. A
+// reply that was lent and imported is mapped until the segment is dropped, which forgets the import;
+// the engine that is timed imports nothing by itself.
+unsafe impl FrameMemory for SegmentFrame {
+    fn with<R>(&mut self, work: impl FnOnce(NarrowBoxes<'_>, &mut dyn ReplyBuffer) -> R) -> R {
+        work(self.boxes.boxes(self.n).into(), &mut self.reply)
     }
 }
 

@@ -3,10 +3,10 @@
 
 use std::sync::Arc;
 
-use pairmask::engine::{CullError, CullJob, CullReport, Engine, HeapReply};
+use pairmask::Aabb;
+use pairmask::engine::{CullError, CullInput, CullReport, Engine, HeapReply};
 use pairmask::oracle::Pair;
 use pairmask::oracle::naive_decoder::decode;
-use pairmask::{Aabb, Encoding};
 use pairmaskd::explain::{Explanation, SentBoxes};
 use rayon::ThreadPool;
 
@@ -22,7 +22,6 @@ pub struct ModeSubject {
     name: String,
     usage: Usage,
     engine: Box<dyn Engine>,
-    job: CullJob,
     pool: Arc<ThreadPool>,
     reply: HeapReply,
     inward: bool,
@@ -43,8 +42,6 @@ impl ModeSubject {
             name: format!("{}{variant}, {usage}", engine.name()),
             usage,
             engine,
-            // The exact subjects test the encodings: masks do not depend on modes.
-            job: CullJob { encoding: Encoding::Sparse, threads: pool.current_num_threads() },
             pool: Arc::clone(pool),
             reply: HeapReply::new(),
             inward,
@@ -57,8 +54,10 @@ impl ModeSubject {
         boxes: &[Aabb],
         flags: &MixedFlags,
     ) -> Result<Option<(CullReport, Vec<Pair>)>, Finding> {
-        let Self { engine, job, pool, reply, .. } = self;
-        let report = match flags.install(pool, || engine.cull(boxes, job, reply)) {
+        let Self { engine, pool, reply, .. } = self;
+        // Encodings are the business of the exact subjects: masks know nothing of modes.
+        let input = CullInput::boxes(boxes).threads(pool.current_num_threads());
+        let report = match flags.install(pool, || engine.cull(&input, reply)) {
             Err(CullError::TooCrowded { .. }) => return Ok(None),
             answer => answer.map_err(|error| Finding::other(&error))?,
         };

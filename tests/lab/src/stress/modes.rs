@@ -83,7 +83,7 @@ impl FromStr for ModeChoice {
 
     fn from_str(s: &str) -> Result<Self, UnknownName> {
         let mode = || Mode::ALL.into_iter().find(|mode| mode.as_str() == s).map(Self::Only);
-        let known = "all, exact, q16, q8, f16, margin, f64";
+        let known = "all, exact, q16, q8, f16, margin, f64".into();
         let all = (s == "all").then_some(Self::All);
         all.or_else(mode).ok_or_else(|| UnknownName { name: s.to_owned(), known })
     }

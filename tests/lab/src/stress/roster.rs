@@ -5,9 +5,7 @@ use std::str::FromStr;
 use std::sync::Arc;
 
 use pairmask::Encoding;
-use pairmask::engine::{
-    self, BruteForce, CullError, Engine, EngineName, Isa, SweepAndPrune, UnknownName,
-};
+use pairmask::engine::{Engine, EngineName, Isa, UnknownName, cpu_engine};
 use pairmaskd::execute::gpu::{
     AllPairs, AllPairsOptions, Gpu, GpuChoice, Grid, GridOptions, HostImport, OpenError,
 };
@@ -42,14 +40,11 @@ impl FromStr for Entrant {
             "all" => Ok(Self::All),
             "spheres" => Ok(Self::Spheres),
             "updates" => Ok(Self::Updates),
-            _ => EngineName::ALL
-                .into_iter()
-                .find(|name| name.as_str() == s)
-                .map(Self::Engine)
-                .ok_or_else(|| UnknownName {
-                    name: s.to_owned(),
-                    known: "all, cpu-brute, cpu-sap, cpu-grid, gpu-brute, gpu-grid, spheres, updates",
-                }),
+            _ => EngineName::from_name(s).map(Self::Engine).ok_or_else(|| UnknownName {
+                name: s.to_owned(),
+                known: "all, cpu-brute, cpu-sap, cpu-grid, gpu-brute, gpu-grid, spheres, updates"
+                    .into(),
+            }),
         }
     }
 }
@@ -95,7 +90,7 @@ impl Roster {
     /// [`StressError`] where a named one cannot be made.
     pub fn subjects(&self) -> Result<Vec<Box<dyn Subject>>, StressError> {
         let mut subjects = Vec::new();
-        for name in EngineName::ALL.into_iter().filter(|name| !name.is_gpu()) {
+        for name in EngineName::CPU {
             if self.has(name) {
                 self.add_cpu(name, &mut subjects)?;
             }
@@ -146,7 +141,7 @@ impl Roster {
         }
         for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
             for pool in &pools {
-                for encoding in [Encoding::Dense, Encoding::Sparse] {
+                for encoding in Encoding::ALL {
                     let engine = cpu_engine(name, isa)?;
                     self.add(engine, isa.as_str(), encoding, pool, subjects);
                 }
@@ -265,14 +260,6 @@ impl Roster {
     fn maybe_lossy(&self, engine: Box<dyn Engine>) -> Box<dyn Engine> {
         if self.is_lossy() { Box::new(Spoiler { engine, spoil: lose_a_pair }) } else { engine }
     }
-}
-
-fn cpu_engine(name: EngineName, isa: Isa) -> Result<Box<dyn Engine>, CullError> {
-    Ok(match name {
-        EngineName::CpuBrute => Box::new(BruteForce::with_isa(isa)?),
-        EngineName::CpuSap => Box::new(SweepAndPrune::with_isa(isa)?),
-        _ => Box::new(engine::Grid::with_isa(isa)?),
-    })
 }
 
 fn pool(threads: usize) -> Result<Arc<ThreadPool>, StressError> {

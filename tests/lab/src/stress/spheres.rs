@@ -3,10 +3,11 @@
 
 use std::sync::Arc;
 
-use pairmask::engine::{CullError, CullJob, CullReport, CullWish, EngineChoice, HeapReply, Isa};
+use pairmask::dispatch::{CullWish, SphereEngines};
+use pairmask::engine::{CullError, CullInput, CullReport, EngineChoice, HeapReply, Isa};
 use pairmask::oracle::Pair;
 use pairmask::oracle::naive_decoder::decode;
-use pairmask::sphere::{Sphere, SphereAllPairs, SphereEngines};
+use pairmask::sphere::{Sphere, SphereAllPairs};
 use pairmask::{Encoding, EncodingChoice, EngineName};
 use pairmaskd::explain::Explanation;
 use pairmaskd::scene::Random;
@@ -112,7 +113,7 @@ pub enum Way {
 pub struct SphereSubject {
     name: String,
     way: Way,
-    job: CullJob,
+    encoding: Encoding,
     pool: Arc<ThreadPool>,
     reply: HeapReply,
     broken: bool,
@@ -130,7 +131,7 @@ impl SphereSubject {
         Self {
             name: format!("spheres {what}, {encoding}, {threads} thread{plural}"),
             way,
-            job: CullJob { encoding, threads },
+            encoding,
             pool: Arc::clone(pool),
             reply: HeapReply::new(),
             broken,
@@ -154,7 +155,9 @@ impl SphereSubject {
                 for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
                     add(Way::AllPairs(isa, SphereAllPairs::with_isa(isa)?));
                 }
-                for name in [EngineName::CpuSap, EngineName::CpuGrid] {
+                // `cpu-brute` is all pairs, as above.
+                let others = |name: &EngineName| *name != EngineName::CpuBrute;
+                for name in EngineName::CPU.into_iter().filter(others) {
                     add(Way::Engines(EngineChoice::Only(name), Box::default()));
                 }
                 add(Way::Engines(EngineChoice::Auto, Box::default()));
@@ -164,15 +167,17 @@ impl SphereSubject {
     }
 
     fn answer(&mut self, spheres: &[Sphere], flags: &MixedFlags) -> Result<CullReport, CullError> {
-        let Self { way, job, pool, reply, .. } = self;
+        let Self { way, encoding, pool, reply, .. } = self;
+        let threads = pool.current_num_threads();
+        let input = CullInput::spheres(spheres).encoding(*encoding).threads(threads);
         flags.install(pool, || match way {
-            Way::AllPairs(_, engine) => engine.cull(spheres, job, reply),
+            Way::AllPairs(_, engine) => engine.cull(&input, reply),
             Way::Engines(engine, engines) => {
-                let encoding = EncodingChoice::Only(job.encoding);
+                let encoding = EncodingChoice::Only(*encoding);
                 let wish = CullWish {
                     engine: *engine,
                     encoding,
-                    threads: Some(job.threads),
+                    threads: Some(threads),
                     ..CullWish::default()
                 };
                 engines.cull(spheres, &wish, reply).map(|answer| answer.report)

@@ -8,7 +8,7 @@
 use std::sync::Arc;
 
 use pairmask::Encoding;
-use pairmask::engine::{CullError, CullJob, Engine, HeapReply};
+use pairmask::engine::{CullError, CullInput, Engine, HeapReply};
 use pairmask::oracle::Pair;
 use pairmask::oracle::check::{Mismatch, check_frame};
 use pairmask::oracle::naive_decoder;
@@ -110,7 +110,7 @@ fn count(mut pairs: impl Iterator<Item = Pair>) -> (u64, Option<Pair>) {
 pub struct ExactSubject {
     name: String,
     engine: Box<dyn Engine>,
-    job: CullJob,
+    encoding: Encoding,
     pool: Arc<ThreadPool>,
     reply: HeapReply,
 }
@@ -129,7 +129,7 @@ impl ExactSubject {
         Self {
             name: format!("{} {variant}, {encoding}, {threads} thread{plural}", engine.name()),
             engine,
-            job: CullJob { encoding, threads },
+            encoding,
             pool: Arc::clone(pool),
             reply: HeapReply::new(),
         }
@@ -137,12 +137,18 @@ impl ExactSubject {
 
     /// All wrong pairs of the answer, if the mask can be decoded.
     fn wrong_pairs(&mut self, case: &Case) -> Option<Finding> {
-        let Self { engine, job, pool, reply, .. } = self;
-        let report = case.flags.install(pool, || engine.cull(&case.boxes, job, reply)).ok()?;
+        let Self { engine, encoding, pool, reply, .. } = self;
+        let input = input(case, *encoding, pool);
+        let report = case.flags.install(pool, || engine.cull(&input, reply)).ok()?;
         let n = case.boxes.len() as u32;
         let got = naive_decoder::decode(reply.words(), &report.shape, n).ok()?;
         compare(&got, &case.truth.pairs, &case.truth.pairs).err()
     }
+}
+
+/// What an engine gets for a case, on a pool whose threads it may use.
+fn input<'a>(case: &'a Case, encoding: Encoding, pool: &ThreadPool) -> CullInput<'a> {
+    CullInput::boxes(&case.boxes).encoding(encoding).threads(pool.current_num_threads())
 }
 
 impl Subject for ExactSubject {
@@ -155,10 +161,10 @@ impl Subject for ExactSubject {
     }
 
     fn check(&mut self, case: &Case) -> Result<Outcome, Finding> {
-        let Self { engine, job, pool, reply, .. } = self;
-        let found = case
-            .flags
-            .install(pool, || check_frame(engine.as_mut(), &case.boxes, &case.truth, job, reply));
+        let Self { engine, encoding, pool, reply, .. } = self;
+        let input = input(case, *encoding, pool);
+        let found =
+            case.flags.install(pool, || check_frame(engine.as_mut(), &input, &case.truth, reply));
         let Err(mismatch) = found else { return Ok(Outcome::Right) };
         let finding = match mismatch {
             Mismatch::Cull(CullError::TooCrowded { .. }) => return Ok(Outcome::Declined),

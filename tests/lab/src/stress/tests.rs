@@ -1,8 +1,8 @@
 use std::sync::Arc;
 
 use super::*;
-use pairmask::engine::{CullJob, CullReport, Engine, EngineName, ReplyBuffer};
-use pairmask::{Aabb, Encoding};
+use pairmask::Encoding;
+use pairmask::engine::{CullInput, CullReport, Engine, EngineName, ReplyBuffer};
 
 use pairmaskd::execute::gpu::GpuChoice;
 
@@ -78,8 +78,7 @@ impl Engine for Decliner {
 
     fn cull(
         &mut self,
-        _: &[Aabb],
-        _: &CullJob,
+        _: &CullInput<'_>,
         _: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
         Err(CullError::TooCrowded { engine: self.name() })

@@ -1,6 +1,7 @@
 //! Judges the plan's choice: the planned way beside the fastest measured one.
 
-use pairmask::plan::{Calibration, Capabilities, Plan, Wishes, plan};
+use pairmask::dispatch::CullWish;
+use pairmask::plan::{Calibration, Capabilities, Plan, plan};
 use pairmaskd::calibrate::{Case, CaseTimes, Way};
 
 /// A judged plan.
@@ -37,7 +38,7 @@ impl Judgement {
 /// not choose such a way, so callers count it as a miss.
 pub fn judge(measured: &CaseTimes, threads: usize, calibration: &Calibration) -> Option<Judgement> {
     let capabilities = Capabilities { threads, gpu: None };
-    let plan: Plan = plan(&measured.stats, &capabilities, calibration, &Wishes::default());
+    let plan: Plan = plan(&measured.stats, &capabilities, calibration, &CullWish::default());
     let allowed = measured.ways.iter().filter(|(way, _)| way.threads <= threads);
     let (best, best_times) = allowed.min_by_key(|(_, times)| times.least_ns())?;
     let planned = Way { engine: plan.engine, encoding: plan.encoding, threads: plan.threads };

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use glam::{Quat, Vec3};
 use pairmask::Aabb;
-use pairmask::engine::nanoseconds_since;
+use pairmask::dispatch::nanoseconds_since;
 use pairmask::update::{Placement, UpdateError, par_update_boxes, update_boxes};
 use pairmaskd::calibrate::{Effort, Pools};
 use pairmaskd::scene::{Random, Scene, SceneName};

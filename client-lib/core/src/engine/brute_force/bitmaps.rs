@@ -13,7 +13,7 @@
 use super::corners::{Corners, corners_of};
 use super::kernel::Kernel;
 use super::quantiles::Borders;
-use crate::engine::aligned::AlignedBuffer;
+use crate::aligned::AlignedBuffer;
 use crate::engine::ingest::{ColumnWords, WORD_COLUMNS};
 
 /// Buckets an axis. More rule out more and fill the cache: a scene of 4,096 boxes has 196 kB of

@@ -3,8 +3,8 @@
 //! Halving with `join` needs no list of jobs, so that a steady frame allocates nothing. Each task runs
 //! with the default floating-point flags, whatever those of the thread that it falls to.
 
-use super::dense::first_word;
 use super::task::Task;
+use crate::engine::encode::DenseWindow;
 use crate::floats;
 
 /// Runs `work` on every task.
@@ -19,24 +19,22 @@ pub(super) fn for_each(tasks: &mut [Task], work: &(impl Fn(&mut Task) + Sync)) {
     }
 }
 
-/// Runs `work` on every task with its window of a dense mask of n boxes. `words` starts at the
-/// first word of the first task and ends where the last task's window does.
+/// Runs `work` on every task with the part of `window` that holds its rows; the window is that of the
+/// rows of all tasks.
 pub(super) fn for_each_window(
     tasks: &mut [Task],
-    words: &mut [u32],
-    n: usize,
-    work: &(impl Fn(&mut Task, &mut [u32]) + Sync),
+    window: DenseWindow<'_>,
+    work: &(impl Fn(&mut Task, DenseWindow<'_>) + Sync),
 ) {
     match tasks {
         [] => {}
-        [task] => floats::with_default(|| work(task, words)),
+        [task] => floats::with_default(|| work(task, window)),
         many => {
             let (low, high) = many.split_at_mut(many.len() / 2);
-            let border = first_word(high[0].rows().start, n) - first_word(low[0].rows().start, n);
-            let (low_words, high_words) = words.split_at_mut(border as usize);
+            let (low_rows, high_rows) = window.split_at_row(high[0].rows().start);
             rayon::join(
-                || for_each_window(low, low_words, n, work),
-                || for_each_window(high, high_words, n, work),
+                || for_each_window(low, low_rows, work),
+                || for_each_window(high, high_rows, work),
             );
         }
     }

@@ -7,7 +7,7 @@
 //! ingest      boxes → keys, one array a coordinate            (engine::ingest)
 //! build       keys → buckets → bit strings; corners           (quantiles, bitmaps, corners)
 //! find        row's strings under AND → candidates → words    (search, candidates, words)
-//! publish     words → dense bits, or the three sparse arrays  (dense, here)
+//! publish     words → a mask, as they are found or at the end  (engine::encode)
 //! ```
 //!
 //! Below `BITMAP_BOXES` there are no bitmaps: every row is compared with every column at once. A
@@ -25,7 +25,7 @@ mod avx512;
 mod bitmaps;
 mod candidates;
 mod corners;
-mod dense;
+mod cost;
 mod dispatch;
 mod fan_out;
 mod kernel;
@@ -38,23 +38,36 @@ pub(crate) mod split;
 mod task;
 mod words;
 
-use std::time::Instant;
-
 use self::bitmaps::Bitmaps;
 use self::search::Scene;
 use self::task::Task;
-use crate::aabb::Aabb;
-use crate::engine::gather::{Gather, PairTest};
+use crate::engine::encode::{self, DenseRows};
+use crate::engine::gather::Gather;
 use crate::engine::word_budget::WordBudget;
 use crate::engine::{
-    AvailableIsa, CullError, CullJob, CullReport, Engine, EngineName, EngineTimes, Isa, KeyColumns,
-    ReplyBuffer, SkipMeter, counted,
+    AvailableIsa, CpuEngine, CullError, CullInput, CullReport, Engine, EngineDescriptor,
+    EngineName, EnginePlace, Isa, KeyColumns, ReplyBuffer, StageClock, available,
 };
 use crate::mask::{Encoding, MaskShape};
-use crate::units::BoxCount;
+use crate::precision::BoxForm;
 
 /// Fewest boxes for which bitmaps take less time to build than they save.
-pub(crate) const BITMAP_BOXES: usize = 192;
+const BITMAP_BOXES: usize = 192;
+
+/// `cpu-brute` in the list of engines.
+pub(super) const DESCRIPTOR: EngineDescriptor = EngineDescriptor {
+    name: "cpu-brute",
+    wire_number: 1,
+    since_minor: 0,
+    forms: &[BoxForm::F32],
+    encodings: &Encoding::ALL,
+    has_order: false,
+    place: EnginePlace::Cpu(CpuEngine {
+        make: |isa| Box::new(BruteForce::on(isa)),
+        terms: cost::TERMS,
+        work: cost::work,
+    }),
+};
 
 /// The engine `cpu-brute`. Fastest for tiny scenes, and the reference for the others.
 ///
@@ -62,7 +75,7 @@ pub(crate) const BITMAP_BOXES: usize = 192;
 ///
 /// ```
 /// use pairmask::Aabb;
-/// use pairmask::engine::{BruteForce, CullJob, Engine, HeapReply};
+/// use pairmask::engine::{BruteForce, CullInput, Engine, HeapReply};
 /// use pairmask::mask::Encoding;
 ///
 /// let boxes = [
@@ -71,8 +84,8 @@ pub(crate) const BITMAP_BOXES: usize = 192;
 ///     Aabb::from([1.0, 0.0, 0.0, 2.0, 1.0, 1.0]),
 /// ];
 /// let mut reply = HeapReply::new();
-/// let job = CullJob { encoding: Encoding::Dense, threads: 1 };
-/// let report = BruteForce::new().cull(&boxes, &job, &mut reply)?;
+/// let input = CullInput::boxes(&boxes).encoding(Encoding::Dense);
+/// let report = BruteForce::new().cull(&input, &mut reply)?;
 /// assert_eq!(report.pair_count, 1);
 /// assert_eq!(reply.words(), [0b010], "pair 1 is (0, 2)");
 /// # Ok::<(), pairmask::engine::CullError>(())
@@ -93,12 +106,12 @@ impl Default for BruteForce {
 impl BruteForce {
     /// The engine with the widest instruction set of this machine.
     pub fn new() -> Self {
-        Self {
-            isa: AvailableIsa::best(),
-            columns: KeyColumns::default(),
-            bitmaps: Bitmaps::default(),
-            tasks: Vec::new(),
-        }
+        Self::on(AvailableIsa::best())
+    }
+
+    /// The engine with one instruction set that this machine has.
+    fn on(isa: AvailableIsa) -> Self {
+        Self { isa, columns: KeyColumns::default(), bitmaps: Bitmaps::default(), tasks: Vec::new() }
     }
 
     /// The engine with one instruction set, for tests and measurements.
@@ -106,20 +119,12 @@ impl BruteForce {
     /// # Errors
     /// [`CullError::Unavailable`] when this machine does not have it.
     pub fn with_isa(isa: Isa) -> Result<Self, CullError> {
-        let isa = AvailableIsa::for_engine(isa, EngineName::CpuBrute)?;
-        Ok(Self { isa, ..Self::new() })
+        available(isa, EngineName::CpuBrute).map(Self::on)
     }
 
     /// The instruction set in use.
     pub fn isa(&self) -> Isa {
         self.isa.get()
-    }
-
-    /// Bytes of scratch that the engine keeps from frame to frame, beside boxes and reply.
-    pub fn scratch_bytes(&self) -> usize {
-        self.columns.allocated_bytes()
-            + self.bitmaps.allocated_bytes()
-            + self.tasks.iter().map(Task::allocated_bytes).sum::<usize>()
     }
 
     /// Shares the rows out, one range a task.
@@ -132,65 +137,51 @@ impl BruteForce {
         }
     }
 
-    /// Finds all words and writes them behind one another.
-    fn run_sparse(
+    /// Finds all words and writes them, while they are found where the encoding allows it.
+    fn publish(
         &mut self,
         gather: &Gather<'_>,
+        encoding: Encoding,
+        clock: &mut StageClock,
         reply: &mut dyn ReplyBuffer,
-    ) -> Result<Published, CullError> {
-        let scene = scene(&self.columns, &self.bitmaps);
-        let isa = self.isa;
-        fan_out::for_each(&mut self.tasks, &|task| task.run_sparse(&scene, gather, isa));
-        gather.budget.check()?;
-        let found_at = Instant::now();
-        let word_count = self.tasks.iter().map(|t| t.found().len() as u64).sum();
-        let n = BoxCount::new(self.columns.len() as u32);
-        let shape = MaskShape::sparse(n, word_count, word_count, false);
-        let out = reply.reserve(shape.extent_words())?;
-        if let MaskShape::Sparse { rows, blocks, bits, .. } = shape {
-            for (array, span) in [rows, blocks, bits].into_iter().enumerate() {
-                let mut rest = &mut out[span.start as usize..][..span.len as usize];
-                for task in &self.tasks {
-                    let words = task.found().arrays()[array];
-                    let (here, later) = rest.split_at_mut(words.len());
-                    here.copy_from_slice(words);
-                    rest = later;
-                }
-            }
+    ) -> Result<MaskShape, CullError> {
+        if let Some(mask) = encode::by_rows(encoding, gather.budget.n(), reply)? {
+            return Ok(self.run_into(mask, gather, clock));
         }
-        Ok(Published { shape, found_at })
+        self.run(gather, encoding, clock, reply)
     }
 
-    /// Writes each task's words where they belong, then the words that two tasks share.
-    fn run_dense(
+    /// Finds all words and has them written.
+    fn run(
         &mut self,
         gather: &Gather<'_>,
+        encoding: Encoding,
+        clock: &mut StageClock,
         reply: &mut dyn ReplyBuffer,
-    ) -> Result<Published, CullError> {
-        let scene = scene(&self.columns, &self.bitmaps);
-        let (isa, n) = (self.isa, scene.n);
-        let shape = MaskShape::dense(BoxCount::new(n as u32));
-        let word_count = shape.extent_words();
-        let words = &mut reply.reserve(word_count)?[..word_count as usize];
-        fan_out::for_each_window(&mut self.tasks, words, n, &|task, window| {
-            task.run_dense(&scene, gather, isa, window);
+    ) -> Result<MaskShape, CullError> {
+        let (scene, isa) = (scene(&self.columns, &self.bitmaps), self.isa);
+        fan_out::for_each(&mut self.tasks, &|task| task.run(&scene, gather, isa));
+        clock.executed();
+        encode::write(self.tasks.iter().map(Task::found), gather, encoding, false, reply)
+    }
+
+    /// Writes the words of each task where they belong, as they are found.
+    fn run_into(
+        &mut self,
+        mut mask: DenseRows<'_>,
+        gather: &Gather<'_>,
+        clock: &mut StageClock,
+    ) -> MaskShape {
+        let (scene, isa) = (scene(&self.columns, &self.bitmaps), self.isa);
+        fan_out::for_each_window(&mut self.tasks, mask.window(), &|task, window| {
+            task.run_into(&scene, gather, isa, window);
         });
-        let found_at = Instant::now();
+        clock.executed();
         for task in &self.tasks {
-            let word = dense::first_word(task.rows().end, n) as usize;
-            if let Some(word) = words.get_mut(word) {
-                *word |= task.carry;
-            }
+            mask.add_carry(task.rows().end, task.carry);
         }
-        Ok(Published { shape, found_at })
+        mask.shape()
     }
-}
-
-/// A mask in the reply, and when the last of its words was found. Dense words are written as they
-/// are found, so that next to nothing comes after.
-struct Published {
-    shape: MaskShape,
-    found_at: Instant,
 }
 
 /// What the tasks search in.
@@ -207,59 +198,33 @@ impl Engine for BruteForce {
 
     fn cull(
         &mut self,
-        boxes: &[Aabb],
-        job: &CullJob,
+        input: &CullInput<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
-        self.cull_passing(boxes, job, None, reply)
-    }
-}
-
-impl BruteForce {
-    /// [`Engine::cull`], less the pairs that do not pass a test.
-    pub(crate) fn cull_passing(
-        &mut self,
-        boxes: &[Aabb],
-        job: &CullJob,
-        test: Option<&dyn PairTest>,
-        reply: &mut dyn ReplyBuffer,
-    ) -> Result<CullReport, CullError> {
-        let n = counted(boxes, EngineName::CpuBrute)?;
-        let budget = &WordBudget::new(n, job.encoding, false, reply)?;
-        let gather = &Gather { budget, test, order: &[] };
-        let start = Instant::now();
+        let (boxes, n) = input.f32_boxes(EngineName::CpuBrute)?;
+        let budget = &WordBudget::new(n, input.encoding, false, reply)?;
+        let gather = &Gather { budget, rules: input.rules, order: &[] };
+        let mut clock = StageClock::start();
         let census = self.columns.ingest(boxes, self.isa);
         if boxes.len() >= BITMAP_BOXES {
             dispatch::build(&mut self.bitmaps, &self.columns.words(), boxes.len(), self.isa);
         }
-        self.assign(job.threads);
-        let ingested = Instant::now();
-        let published = match job.encoding {
-            Encoding::Dense => self.run_dense(gather, reply),
-            Encoding::Sparse => self.run_sparse(gather, reply),
-        };
-        let Published { shape, found_at } = published.inspect_err(|_| {
-            self.tasks.iter_mut().for_each(Task::give_back);
-        })?;
-        let zero_words = match shape {
-            MaskShape::Dense { .. } => 0,
-            MaskShape::Sparse { bits, .. } => n.sparse_words_max() - bits.len,
-        };
-        let compared: u64 = self.tasks.iter().map(|t| t.compared).sum();
-        Ok(CullReport {
-            shape,
-            census,
-            pair_count: self.tasks.iter().map(|t| t.pair_count).sum(),
-            skipped: SkipMeter {
-                boxes: u64::from(census.empty) + u64::from(census.invalid),
-                pairs: n.pair_count() - compared,
-                zero_words,
-            },
-            times: EngineTimes {
-                ingest_ns: (ingested - start).as_nanos() as u64,
-                execute_ns: (found_at - ingested).as_nanos() as u64,
-                publish_ns: found_at.elapsed().as_nanos() as u64,
-            },
-        })
+        self.assign(input.threads);
+        clock.ingested();
+        let published = self.publish(gather, input.encoding, &mut clock, reply);
+        let shape = published.inspect_err(|_| self.tasks.iter_mut().for_each(Task::give_back))?;
+        let pair_count = self.tasks.iter().map(|task| task.pair_count).sum();
+        let compared = self.tasks.iter().map(|task| task.compared).sum();
+        Ok(CullReport::new(n, shape, census, pair_count, compared, clock.published()))
+    }
+
+    fn scratch_bytes(&self) -> usize {
+        self.columns.allocated_bytes()
+            + self.bitmaps.allocated_bytes()
+            + self.tasks.iter().map(Task::allocated_bytes).sum::<usize>()
+    }
+
+    fn give_back(&mut self) {
+        *self = Self::on(self.isa);
     }
 }

@@ -3,11 +3,11 @@
 use std::ops::Range;
 
 use super::candidates::Candidates;
-use super::dense::{DenseWindow, first_word};
 use super::dispatch;
 use super::search::Scene;
 use super::words::WordList;
 use crate::engine::AvailableIsa;
+use crate::engine::encode::DenseWindow;
 use crate::engine::gather::Gather;
 
 /// Rows that go through all stages together: few enough that what one stage leaves is still in the
@@ -24,7 +24,7 @@ pub(super) struct Task {
     pub compared: u64,
     /// Pairs found.
     pub pair_count: u64,
-    /// Bits for the dense word after this task's window.
+    /// Bits for the word after this task's window.
     pub carry: u32,
 }
 
@@ -46,13 +46,13 @@ impl Task {
         self.rows.clone()
     }
 
-    /// The words found, sparse encoding.
+    /// The words found, where they are kept.
     pub fn found(&self) -> &WordList {
         &self.found
     }
 
     /// Finds the words of all rows and keeps them, until the budget is spent.
-    pub fn run_sparse(&mut self, scene: &Scene<'_>, gather: &Gather<'_>, isa: AvailableIsa) {
+    pub fn run(&mut self, scene: &Scene<'_>, gather: &Gather<'_>, isa: AvailableIsa) {
         for rows in batches(self.rows.clone()) {
             let before = self.found.len();
             self.compared +=
@@ -70,23 +70,22 @@ impl Task {
         self.found = WordList::default();
     }
 
-    /// Finds the words of all rows and writes them into `words`, the window of this task.
-    pub fn run_dense(
+    /// Finds the words of all rows and writes them into the window of this task.
+    pub fn run_into(
         &mut self,
         scene: &Scene<'_>,
         gather: &Gather<'_>,
         isa: AvailableIsa,
-        words: &mut [u32],
+        mut window: DenseWindow<'_>,
     ) {
-        let first_word = first_word(self.rows.start, scene.n);
-        let mut window = DenseWindow::new(words, first_word, scene.n);
+        window.clear();
         for rows in batches(self.rows.clone()) {
             self.found.clear();
             self.compared +=
                 dispatch::find(scene, rows, &mut self.candidates, &mut self.found, isa);
             self.found.sift(0, gather);
             self.pair_count += self.found.pair_count();
-            window.write(&self.found);
+            window.write(self.found.arrays());
         }
         self.carry = window.carry();
     }

@@ -1,5 +1,6 @@
 //! Mask words as they are found: non-zero, sorted by (row, block).
 
+use crate::engine::encode::FoundWords;
 use crate::engine::gather::Gather;
 
 /// Non-zero 32-bit mask words in the three arrays of the sparse encoding.
@@ -13,6 +14,16 @@ pub(super) struct WordList {
     bits: Vec<u32>,
     len: usize,
     pair_count: u64,
+}
+
+impl FoundWords for WordList {
+    fn chunks(&self) -> impl Iterator<Item = [&[u32]; 3]> {
+        std::iter::once(self.arrays())
+    }
+
+    fn word_count(&self) -> usize {
+        self.len
+    }
 }
 
 impl WordList {

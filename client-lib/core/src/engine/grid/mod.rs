@@ -11,6 +11,7 @@
 mod axis;
 mod bucket;
 mod cell_strips;
+mod cost;
 mod explain;
 mod fetch;
 mod homes;
@@ -22,26 +23,40 @@ mod sample;
 mod sort;
 mod tile;
 
-use std::time::Instant;
-
 pub use self::explain::{GridPlace, GridView};
 use self::layout::Layout;
 use self::rows::{RowTask, Scene};
 use self::sort::SortedBoxes;
-use crate::aabb::Aabb;
-use crate::engine::gather::{Gather, PairTest};
-use crate::engine::strips::{BLOCK_LANES, in_parts, part_count, publish};
+use crate::engine::encode;
+use crate::engine::gather::Gather;
+use crate::engine::strips::{BLOCK_LANES, in_parts, part_count};
 use crate::engine::word_budget::WordBudget;
 use crate::engine::{
-    AvailableIsa, CullError, CullJob, CullReport, Engine, EngineName, EngineTimes, Isa,
-    ReplyBuffer, SkipMeter, counted,
+    AvailableIsa, CpuEngine, CullError, CullInput, CullReport, Engine, EngineDescriptor,
+    EngineName, EnginePlace, Isa, ReplyBuffer, StageClock, available,
 };
-use crate::mask::MaskShape;
+use crate::mask::Encoding;
+use crate::precision::BoxForm;
 
 /// Fewest rows of a task: below, handing it to another thread costs more than it saves.
 const TASK_ROWS: usize = 1_024;
 /// Fewest boxes that are worth a second thread.
 const PARALLEL_BOXES: usize = 2_048;
+
+/// `cpu-grid` in the list of engines.
+pub(super) const DESCRIPTOR: EngineDescriptor = EngineDescriptor {
+    name: "cpu-grid",
+    wire_number: 3,
+    since_minor: 0,
+    forms: &[BoxForm::F32],
+    encodings: &Encoding::ALL,
+    has_order: true,
+    place: EnginePlace::Cpu(CpuEngine {
+        make: |isa| Box::new(Grid::on(isa)),
+        terms: cost::TERMS,
+        work: cost::work,
+    }),
+};
 
 /// The engine `cpu-grid`.
 ///
@@ -49,15 +64,13 @@ const PARALLEL_BOXES: usize = 2_048;
 ///
 /// ```
 /// use pairmask::Aabb;
-/// use pairmask::engine::{CullJob, Engine, Grid, HeapReply};
-/// use pairmask::mask::Encoding;
+/// use pairmask::engine::{CullInput, Engine, Grid, HeapReply};
 ///
 /// let boxes: Vec<Aabb> = (0..1_000)
 ///     .map(|i| Aabb::from([i as f32, 0.0, 0.0, i as f32 + 1.0, 1.0, 1.0]))
 ///     .collect();
 /// let mut reply = HeapReply::new();
-/// let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
-/// let report = Grid::new().cull(&boxes, &job, &mut reply)?;
+/// let report = Grid::new().cull(&CullInput::boxes(&boxes), &mut reply)?;
 /// assert_eq!(report.pair_count, 999, "each box touches the next");
 /// # Ok::<(), pairmask::engine::CullError>(())
 /// ```
@@ -77,12 +90,12 @@ impl Default for Grid {
 impl Grid {
     /// The engine with the widest instruction set of this machine.
     pub fn new() -> Self {
-        Self {
-            isa: AvailableIsa::best(),
-            layout: Layout::default(),
-            sorted: SortedBoxes::default(),
-            tasks: Vec::new(),
-        }
+        Self::on(AvailableIsa::best())
+    }
+
+    /// The engine with one instruction set that this machine has.
+    fn on(isa: AvailableIsa) -> Self {
+        Self { isa, layout: Layout::default(), sorted: SortedBoxes::default(), tasks: Vec::new() }
     }
 
     /// The engine with one instruction set, for tests and measurements.
@@ -90,14 +103,7 @@ impl Grid {
     /// # Errors
     /// [`CullError::Unavailable`] when this machine does not have it.
     pub fn with_isa(isa: Isa) -> Result<Self, CullError> {
-        let isa = AvailableIsa::for_engine(isa, EngineName::CpuGrid)?;
-        Ok(Self { isa, ..Self::new() })
-    }
-
-    /// Bytes of scratch that the engine keeps from frame to frame, beside boxes and reply.
-    pub fn scratch_bytes(&self) -> usize {
-        self.sorted.allocated_bytes()
-            + self.tasks.iter().map(RowTask::allocated_bytes).sum::<usize>()
+        available(isa, EngineName::CpuGrid).map(Self::on)
     }
 
     /// Shares the rows out, in whole blocks, so that no block depends on how many threads there are.
@@ -123,65 +129,43 @@ impl Engine for Grid {
 
     fn cull(
         &mut self,
-        boxes: &[Aabb],
-        job: &CullJob,
+        input: &CullInput<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
-        self.cull_passing(boxes, job, None, reply)
-    }
-}
-
-impl Grid {
-    /// [`Engine::cull`], less the pairs that do not pass a test.
-    pub(crate) fn cull_passing(
-        &mut self,
-        boxes: &[Aabb],
-        job: &CullJob,
-        test: Option<&dyn PairTest>,
-        reply: &mut dyn ReplyBuffer,
-    ) -> Result<CullReport, CullError> {
-        let n = counted(boxes, EngineName::CpuGrid)?;
-        let budget = &WordBudget::new(n, job.encoding, true, reply)?;
-        let threads = if boxes.len() < PARALLEL_BOXES { 1 } else { job.threads.max(1) };
-        let start = Instant::now();
+        let (boxes, n) = input.f32_boxes(EngineName::CpuGrid)?;
+        let budget = &WordBudget::new(n, input.encoding, true, reply)?;
+        let threads = if boxes.len() < PARALLEL_BOXES { 1 } else { input.threads.max(1) };
+        let mut clock = StageClock::start();
         self.layout.choose(boxes);
         let levels = self.layout.levels.as_slice();
         let census = self.sorted.sort(boxes, levels, self.layout.cell_count, threads, self.isa);
-        let ingested = Instant::now();
+        clock.ingested();
 
         self.assign(threads);
-        let gather = &Gather { budget, test, order: self.sorted.boxes.order() };
+        let gather = &Gather { budget, rules: input.rules, order: self.sorted.boxes.order() };
         let levels = &self.layout.levels;
         let scene = Scene { sorted: &self.sorted, levels, gather, isa: self.isa };
         let parts = self.tasks.len();
         let run = |tasks: &mut [RowTask]| tasks.iter_mut().for_each(|task| task.run(scene));
         in_parts(self.tasks.as_mut_slice(), parts, &run, &|(), ()| ());
-        let executed = Instant::now();
+        clock.executed();
 
         let sinks = self.tasks.iter().map(|task| &task.found);
-        let published = publish(sinks, gather, job.encoding, threads > 1, reply);
+        let published = encode::write(sinks, gather, input.encoding, threads > 1, reply);
         let shape = published.inspect_err(|_| {
             self.tasks.iter_mut().for_each(|task| task.found.give_back());
         })?;
-        let zero_words = match shape {
-            MaskShape::Dense { .. } => 0,
-            MaskShape::Sparse { bits, .. } => n.sparse_words_max() - bits.len,
-        };
-        let compared: u64 = self.tasks.iter().map(|task| task.compared).sum();
-        Ok(CullReport {
-            shape,
-            census,
-            pair_count: self.tasks.iter().map(|task| task.found.pair_count()).sum(),
-            skipped: SkipMeter {
-                boxes: u64::from(census.empty) + u64::from(census.invalid),
-                pairs: n.pair_count() - compared,
-                zero_words,
-            },
-            times: EngineTimes {
-                ingest_ns: (ingested - start).as_nanos() as u64,
-                execute_ns: (executed - ingested).as_nanos() as u64,
-                publish_ns: executed.elapsed().as_nanos() as u64,
-            },
-        })
+        let pair_count = self.tasks.iter().map(|task| task.found.pair_count()).sum();
+        let compared = self.tasks.iter().map(|task| task.compared).sum();
+        Ok(CullReport::new(n, shape, census, pair_count, compared, clock.published()))
+    }
+
+    fn scratch_bytes(&self) -> usize {
+        self.sorted.allocated_bytes()
+            + self.tasks.iter().map(RowTask::allocated_bytes).sum::<usize>()
+    }
+
+    fn give_back(&mut self) {
+        *self = Self::on(self.isa);
     }
 }

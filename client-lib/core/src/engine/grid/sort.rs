@@ -11,7 +11,7 @@ use super::bucket::Buckets;
 use super::level::{Level, Reach};
 use super::tile::{Record, Tiles};
 use crate::aabb::Aabb;
-use crate::engine::aligned::AlignedBuffer;
+use crate::aligned::AlignedBuffer;
 use crate::engine::strips::OrderedBoxes;
 use crate::engine::{AvailableIsa, Census};
 

@@ -13,7 +13,7 @@ mod portable;
 pub(crate) use avx512::order_keys;
 
 use crate::aabb::{Aabb, KeyBox};
-use crate::engine::aligned::AlignedBuffer;
+use crate::aligned::AlignedBuffer;
 use crate::engine::{AvailableIsa, Census};
 #[cfg(target_arch = "x86_64")]
 use crate::engine::{Isa, NAMED_INVALID};

@@ -179,9 +179,10 @@ mod tests {
 
     use super::super::WordSink;
     use super::*;
-    use crate::engine::HeapReply;
+    use crate::engine::encode::FoundWords;
     use crate::engine::gather::Gather;
     use crate::engine::word_budget::WordBudget;
+    use crate::engine::{HeapReply, PairRules};
     use crate::mask::Encoding;
     use crate::units::BoxCount;
 
@@ -251,7 +252,7 @@ mod tests {
             let n = BoxCount::new(N as u32);
             let budget = WordBudget::new(n, Encoding::Sparse, true, &HeapReply::new());
             let budget = budget.expect("no limit");
-            let gather = &Gather { budget: &budget, test: None, order: &[] };
+            let gather = &Gather { budget: &budget, rules: PairRules::NONE, order: &[] };
             for isa in Isa::ALL.into_iter().filter_map(AvailableIsa::new) {
                 let Some((mut block, _)) = block(&case) else { return Ok(()) };
                 compared.insert(block.test(&boxes, isa));
@@ -259,7 +260,7 @@ mod tests {
                 sink.take_block(&block, gather, isa);
                 let mut pairs = Vec::new();
                 let mut addresses = Vec::new();
-                for [rows, blocks, bits] in sink.words() {
+                for [rows, blocks, bits] in sink.chunks() {
                     for ((&row, &block), &bits) in rows.iter().zip(blocks).zip(bits) {
                         prop_assert!(bits != 0);
                         addresses.push((row, block));

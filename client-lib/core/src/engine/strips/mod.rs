@@ -25,7 +25,6 @@ mod fan_out;
 mod hits;
 mod ordered;
 mod portable;
-mod publish;
 mod sink;
 #[cfg(target_arch = "x86_64")]
 mod words_avx512;
@@ -34,5 +33,4 @@ pub(crate) use batch::{GROUP, STRIP_COLUMNS, StripBatch, StripGroup};
 pub(crate) use block::{BLOCK_LANES, RowBlock, RowSet};
 pub(crate) use fan_out::{Split, in_parts, part_count};
 pub(crate) use ordered::{KeyArraysMut, OrderedBoxes};
-pub(crate) use publish::publish;
 pub(crate) use sink::WordSink;

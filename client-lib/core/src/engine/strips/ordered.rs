@@ -2,7 +2,7 @@
 
 use super::STRIP_COLUMNS;
 use crate::aabb::KeyBox;
-use crate::engine::aligned::AlignedBuffer;
+use crate::aligned::AlignedBuffer;
 
 /// The six key arrays, in wire order: min x, y, z, max x, y, z.
 pub(crate) type KeyArrays<'a> = [&'a [i32]; 6];

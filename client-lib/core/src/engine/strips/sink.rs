@@ -4,6 +4,7 @@ use super::hits::Hits;
 #[cfg(target_arch = "x86_64")]
 use super::words_avx512;
 use super::{RowBlock, StripBatch};
+use crate::engine::encode::FoundWords;
 use crate::engine::gather::Gather;
 use crate::engine::{AvailableIsa, Isa};
 
@@ -196,16 +197,6 @@ impl WordSink {
         self.used += 1;
     }
 
-    /// The words, chunk by chunk: rows, blocks and bits.
-    pub fn words(&self) -> impl Iterator<Item = [&[u32]; 3]> {
-        self.chunks[..self.used].iter().map(WordChunk::arrays)
-    }
-
-    /// Words.
-    pub fn word_count(&self) -> usize {
-        self.chunks[..self.used].iter().map(WordChunk::word_count).sum()
-    }
-
     /// Pairs of all hits.
     pub fn pair_count(&self) -> u64 {
         self.pair_count
@@ -214,6 +205,16 @@ impl WordSink {
     /// Bytes that are allocated for words and hits.
     pub fn allocated_bytes(&self) -> usize {
         self.chunks.len() * 3 * CHUNK_WORDS * size_of::<u32>() + self.hits.allocated_bytes()
+    }
+}
+
+impl FoundWords for WordSink {
+    fn chunks(&self) -> impl Iterator<Item = [&[u32]; 3]> {
+        self.chunks[..self.used].iter().map(WordChunk::arrays)
+    }
+
+    fn word_count(&self) -> usize {
+        self.chunks[..self.used].iter().map(WordChunk::word_count).sum()
     }
 }
 
@@ -238,9 +239,8 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::engine::HeapReply;
-    use crate::engine::gather::PairTest;
     use crate::engine::word_budget::WordBudget;
+    use crate::engine::{HeapReply, PairRules, PairTest};
     use crate::mask::Encoding;
     use crate::units::BoxCount;
 
@@ -290,7 +290,7 @@ mod tests {
         expected: &[[u32; 3]],
     ) {
         let budget = no_limit();
-        let gather = &Gather { budget: &budget, test, order: &[] };
+        let gather = &Gather { budget: &budget, rules: PairRules { test }, order: &[] };
         let pairs: u32 = expected.iter().map(|word| word[2].count_ones()).sum();
         for isa in Isa::ALL.into_iter().filter_map(AvailableIsa::new) {
             let mut sink = WordSink::default();
@@ -302,7 +302,7 @@ mod tests {
                 }
                 sink.finish(gather);
                 let words: Vec<[u32; 3]> = sink
-                    .words()
+                    .chunks()
                     .flat_map(|[rows, blocks, bits]| {
                         (0..rows.len()).map(|i| [rows[i], blocks[i], bits[i]])
                     })
@@ -370,7 +370,8 @@ mod tests {
             }
         }
         let budget = no_limit();
-        let gather = &Gather { budget: &budget, test: Some(&FewPass), order: &[] };
+        let gather =
+            &Gather { budget: &budget, rules: PairRules { test: Some(&FewPass) }, order: &[] };
         let mut sink = WordSink::default();
         for row in 0..3_000 {
             for block in row / 32 + 1..94 {
@@ -385,7 +386,7 @@ mod tests {
     #[test]
     fn a_refused_sink_keeps_no_words() {
         let budget = no_limit();
-        let gather = &Gather { budget: &budget, test: None, order: &[] };
+        let gather = &Gather { budget: &budget, rules: PairRules::NONE, order: &[] };
         let mut sink = WordSink::default();
         let empty = sink.allocated_bytes();
         for row in 0..10_000 {

@@ -7,27 +7,43 @@
 //! this the engine for scenes of few boxes of very unlike shapes.
 
 mod axis;
+mod cost;
 mod order;
 mod sweep;
-
-use std::time::Instant;
 
 use self::order::SweepOrder;
 use self::sweep::SweepTask;
 use crate::aabb::Aabb;
-use crate::engine::gather::{Gather, PairTest};
-use crate::engine::strips::{OrderedBoxes, in_parts, part_count, publish};
+use crate::engine::encode;
+use crate::engine::gather::Gather;
+use crate::engine::strips::{OrderedBoxes, in_parts, part_count};
 use crate::engine::word_budget::WordBudget;
 use crate::engine::{
-    AvailableIsa, Census, CullError, CullJob, CullReport, Engine, EngineName, EngineTimes, Isa,
-    KeyColumns, ReplyBuffer, SkipMeter, counted,
+    AvailableIsa, Census, CpuEngine, CullError, CullInput, CullReport, Engine, EngineDescriptor,
+    EngineName, EnginePlace, Isa, KeyColumns, ReplyBuffer, StageClock, available,
 };
-use crate::mask::MaskShape;
+use crate::mask::Encoding;
+use crate::precision::BoxForm;
 
 /// Fewest rows of a task: below, handing it to another thread costs more than it saves.
 const TASK_ROWS: usize = 512;
 /// Fewest boxes that are worth a second thread.
 const PARALLEL_BOXES: usize = 1_024;
+
+/// `cpu-sap` in the list of engines.
+pub(super) const DESCRIPTOR: EngineDescriptor = EngineDescriptor {
+    name: "cpu-sap",
+    wire_number: 2,
+    since_minor: 0,
+    forms: &[BoxForm::F32],
+    encodings: &Encoding::ALL,
+    has_order: true,
+    place: EnginePlace::Cpu(CpuEngine {
+        make: |isa| Box::new(SweepAndPrune::on(isa)),
+        terms: cost::TERMS,
+        work: cost::work,
+    }),
+};
 
 /// The engine `cpu-sap`.
 ///
@@ -35,15 +51,13 @@ const PARALLEL_BOXES: usize = 1_024;
 ///
 /// ```
 /// use pairmask::Aabb;
-/// use pairmask::engine::{CullJob, Engine, HeapReply, SweepAndPrune};
-/// use pairmask::mask::Encoding;
+/// use pairmask::engine::{CullInput, Engine, HeapReply, SweepAndPrune};
 ///
 /// let boxes: Vec<Aabb> = (0..100)
 ///     .map(|i| Aabb::from([i as f32, 0.0, 0.0, i as f32 + 1.0, 1.0, 1.0]))
 ///     .collect();
 /// let mut reply = HeapReply::new();
-/// let job = CullJob { encoding: Encoding::Sparse, threads: 1 };
-/// let report = SweepAndPrune::new().cull(&boxes, &job, &mut reply)?;
+/// let report = SweepAndPrune::new().cull(&CullInput::boxes(&boxes), &mut reply)?;
 /// assert_eq!(report.pair_count, 99, "each box touches the next");
 /// # Ok::<(), pairmask::engine::CullError>(())
 /// ```
@@ -64,8 +78,13 @@ impl Default for SweepAndPrune {
 impl SweepAndPrune {
     /// The engine with the widest instruction set of this machine.
     pub fn new() -> Self {
+        Self::on(AvailableIsa::best())
+    }
+
+    /// The engine with one instruction set that this machine has.
+    fn on(isa: AvailableIsa) -> Self {
         Self {
-            isa: AvailableIsa::best(),
+            isa,
             columns: KeyColumns::default(),
             order: SweepOrder::default(),
             boxes: OrderedBoxes::default(),
@@ -78,16 +97,7 @@ impl SweepAndPrune {
     /// # Errors
     /// [`CullError::Unavailable`] when this machine does not have it.
     pub fn with_isa(isa: Isa) -> Result<Self, CullError> {
-        let isa = AvailableIsa::for_engine(isa, EngineName::CpuSap)?;
-        Ok(Self { isa, ..Self::new() })
-    }
-
-    /// Bytes of scratch that the engine keeps from frame to frame, beside boxes and reply.
-    pub fn scratch_bytes(&self) -> usize {
-        self.columns.allocated_bytes()
-            + self.order.allocated_bytes()
-            + self.boxes.allocated_bytes()
-            + self.tasks.iter().map(SweepTask::allocated_bytes).sum::<usize>()
+        available(isa, EngineName::CpuSap).map(Self::on)
     }
 
     /// Reads and sorts the boxes; returns the sweep axis.
@@ -129,63 +139,46 @@ impl Engine for SweepAndPrune {
 
     fn cull(
         &mut self,
-        boxes: &[Aabb],
-        job: &CullJob,
+        input: &CullInput<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
-        self.cull_passing(boxes, job, None, reply)
-    }
-}
-
-impl SweepAndPrune {
-    /// [`Engine::cull`], less the pairs that do not pass a test.
-    pub(crate) fn cull_passing(
-        &mut self,
-        boxes: &[Aabb],
-        job: &CullJob,
-        test: Option<&dyn PairTest>,
-        reply: &mut dyn ReplyBuffer,
-    ) -> Result<CullReport, CullError> {
-        let n = counted(boxes, EngineName::CpuSap)?;
-        let budget = &WordBudget::new(n, job.encoding, true, reply)?;
-        let threads = if boxes.len() < PARALLEL_BOXES { 1 } else { job.threads.max(1) };
-        let start = Instant::now();
+        let (boxes, n) = input.f32_boxes(EngineName::CpuSap)?;
+        let budget = &WordBudget::new(n, input.encoding, true, reply)?;
+        let threads = if boxes.len() < PARALLEL_BOXES { 1 } else { input.threads.max(1) };
+        let mut clock = StageClock::start();
         let (census, axis) = self.ingest(boxes);
-        let nothing = u64::from(census.empty) + u64::from(census.invalid);
-        let solid = boxes.len() - nothing as usize;
-        let ingested = Instant::now();
+        let solid = boxes.len() - (census.empty + census.invalid) as usize;
+        clock.ingested();
 
         self.assign(solid, threads);
         let (ordered, isa, parts) = (&self.boxes, self.isa, self.tasks.len());
-        let gather = Gather { budget, test, order: ordered.order() };
+        let gather = Gather { budget, rules: input.rules, order: ordered.order() };
         let run = |tasks: &mut [SweepTask]| {
             for task in tasks {
                 task.run(ordered, &gather, axis, solid as u32, isa);
             }
         };
         in_parts(self.tasks.as_mut_slice(), parts, &run, &|(), ()| ());
-        let executed = Instant::now();
+        clock.executed();
 
         let sinks = self.tasks.iter().map(|task| &task.found);
-        let published = publish(sinks, &gather, job.encoding, threads > 1, reply);
+        let published = encode::write(sinks, &gather, input.encoding, threads > 1, reply);
         let shape = published.inspect_err(|_| {
             self.tasks.iter_mut().for_each(|task| task.found.give_back());
         })?;
-        let zero_words = match shape {
-            MaskShape::Dense { .. } => 0,
-            MaskShape::Sparse { bits, .. } => n.sparse_words_max() - bits.len,
-        };
-        let compared: u64 = self.tasks.iter().map(|task| task.compared).sum();
-        Ok(CullReport {
-            shape,
-            census,
-            pair_count: self.tasks.iter().map(|task| task.found.pair_count()).sum(),
-            skipped: SkipMeter { boxes: nothing, pairs: n.pair_count() - compared, zero_words },
-            times: EngineTimes {
-                ingest_ns: (ingested - start).as_nanos() as u64,
-                execute_ns: (executed - ingested).as_nanos() as u64,
-                publish_ns: executed.elapsed().as_nanos() as u64,
-            },
-        })
+        let pair_count = self.tasks.iter().map(|task| task.found.pair_count()).sum();
+        let compared = self.tasks.iter().map(|task| task.compared).sum();
+        Ok(CullReport::new(n, shape, census, pair_count, compared, clock.published()))
+    }
+
+    fn scratch_bytes(&self) -> usize {
+        self.columns.allocated_bytes()
+            + self.order.allocated_bytes()
+            + self.boxes.allocated_bytes()
+            + self.tasks.iter().map(SweepTask::allocated_bytes).sum::<usize>()
+    }
+
+    fn give_back(&mut self) {
+        *self = Self::on(self.isa);
     }
 }

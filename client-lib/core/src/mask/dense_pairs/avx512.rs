@@ -7,7 +7,7 @@ use std::arch::x86_64::{_mm512_loadu_si512, _mm512_test_epi32_mask};
 use super::super::pair_buffer::PairWriter;
 use super::super::word_flags::{CHUNK_WORDS, Chunk};
 use super::DensePairs;
-use crate::engine::{AvailableIsa, Isa};
+use crate::isa::{AvailableIsa, Isa};
 
 /// [`DensePairs::write_with`] with AVX-512.
 #[inline]

@@ -16,10 +16,10 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use pairmask::aabb::AABB_BYTES;
-use pairmask::engine::{CullError, CullJob, CullReport, Engine, ReplyBuffer};
+use pairmask::engine::{CullError, CullInput, CullReport, Engine, ReplyBuffer};
 use pairmask::mask::{MaskShape, Span};
 use pairmask::precision::NarrowBoxes;
-use pairmask::{Aabb, BoxCount, Encoding, EngineName};
+use pairmask::{BoxCount, Encoding, EngineName};
 use pairmask_shaders::constants::BATCH_BOXES;
 use pairmask_shaders::layouts::BatchReport;
 
@@ -29,14 +29,15 @@ use self::scratch::Scratch;
 use self::steps::{Output, Recording};
 use super::device::{Gpu, QueueRole};
 use super::error::GpuError;
-use super::frame::{StepTime, Wait};
+use super::frame::{Frame, StepTime, Wait};
 use super::frame_cache::{FrameCache, FrameKey, Place};
 use super::growing::Growing;
 use super::import::{ImportError, ImportId};
 use super::memory::{Block, Home, Part};
 use super::pipeline::Pipelines;
 use super::shader::Checks;
-use super::transfers::{PlacedBoxes, SharedImports, Transfers, Upload};
+use super::transfers::{MaskPlace, PlacedBoxes, SharedImports, Transfers, Upload};
+use crate::execute::frame_memory::end_process;
 
 /// How the engine works. The default is what the daemon uses.
 #[derive(Clone, Default)]
@@ -122,25 +123,25 @@ impl AllPairs {
         &self.gpu
     }
 
-    /// Imports shared memory at an address range of this process, so that boxes or replies within
-    /// it need no copy. See [`super::import::Imports::import`].
+    /// Imports shared memory at an address range of this process, so that boxes within it need no
+    /// copy. See [`Imports::import_boxes`](super::import::Imports::import_boxes).
     ///
     /// # Errors
     /// [`ImportError`]; the staged path serves then.
-    pub fn import(&mut self, address: usize, bytes: usize) -> Result<ImportId, ImportError> {
-        self.transfers.imports().import(&self.gpu, address, bytes)
+    pub fn import_boxes(&mut self, address: usize, bytes: usize) -> Result<ImportId, ImportError> {
+        self.transfers.imports().import_boxes(&self.gpu, address, bytes)
     }
 
     /// Ends an import. Call it when the mapping of the range ends.
     pub fn forget(&mut self, id: ImportId) {
-        let forgotten = self.transfers.imports().forget(id);
+        let forgotten = self.transfers.imports().take(id);
         if let Some(block) = forgotten {
             self.drop_frames_of(&block);
         }
     }
 
     /// Drops what was recorded for an import that has ended.
-    pub fn drop_frames_of(&mut self, block: &Arc<Block>) {
+    pub(in crate::execute) fn drop_frames_of(&mut self, block: &Arc<Block>) {
         self.frames.forget(block);
     }
 
@@ -160,7 +161,7 @@ impl AllPairs {
         &mut self,
         n: BoxCount,
         boxes: &PlacedBoxes,
-        mask: Part,
+        mask: &MaskPlace,
         shape: MaskShape,
         capacity: u64,
         mut replaced: bool,
@@ -179,7 +180,7 @@ impl AllPairs {
         if replaced {
             self.frames.clear();
         }
-        let output = Output { mask, shape, capacity };
+        let output = Output { mask: mask.part.clone(), shape, capacity };
         self.step_times.clear();
         let wait = self.wait();
         let pairs_per_band = n.pair_count() / bands.len().max(1) as u64;
@@ -206,9 +207,10 @@ impl AllPairs {
                 let boxes = (chunk == 0).then_some((&boxes.part, video_boxes.as_ref()));
                 recording.steps(pipelines, boxes, bands)
             })?;
-            frame.run(wait, patience(pairs_per_band * bands.len() as u64))?;
+            let run = LentRun { frame, writes_reply: mask.is_reply };
+            run.frame.run(wait, patience(pairs_per_band * bands.len() as u64))?;
             if self.options.profiled {
-                self.step_times.extend(frame.step_times()?);
+                self.step_times.extend(run.frame.step_times()?);
             }
         }
         let batches = n.get().div_ceil(BATCH_BOXES) as usize;
@@ -236,7 +238,7 @@ impl AllPairs {
         let reserved = exactly(reply.reserve(words)?, words);
         let done = (|| {
             let mask = self.transfers.place_mask(reserved, &mut replaced)?;
-            let outcome = self.run(n, &boxes, mask.part.clone(), shape, 0, replaced)?;
+            let outcome = self.run(n, &boxes, &mask, shape, 0, replaced)?;
             Ok((outcome, mask))
         })();
         let (outcome, mask) = done.map_err(|e: GpuError| self.cull_error(&e))?;
@@ -244,7 +246,7 @@ impl AllPairs {
         if !mask.is_reply {
             mask.part.block.read(mask.part.offset, reserved);
         }
-        Ok(report(shape, &outcome, 0, [ingested, executed, start.elapsed()]))
+        Ok(report(n, shape, &outcome, [ingested, executed, start.elapsed()]))
     }
 
     fn cull_sparse(
@@ -259,7 +261,6 @@ impl AllPairs {
         let boxes =
             self.transfers.place_boxes(boxes, &mut replaced).map_err(|e| self.cull_error(&e))?;
         let ingested = start.elapsed();
-        let possible = n.sparse_words_max();
         let mut capacity = plan::first_capacity(n).min(room);
         loop {
             if 4 * capacity > self.limits.binding_bytes {
@@ -271,7 +272,7 @@ impl AllPairs {
             let reserved = exactly(reply.reserve(whole.extent_words())?, whole.extent_words());
             let done = (|| {
                 let mask = self.transfers.place_mask(reserved, &mut replaced)?;
-                let outcome = self.run(n, &boxes, mask.part.clone(), whole, capacity, replaced)?;
+                let outcome = self.run(n, &boxes, &mask, whole, capacity, replaced)?;
                 Ok((outcome, mask))
             })();
             let (outcome, mask) = done.map_err(|e: GpuError| self.cull_error(&e))?;
@@ -295,35 +296,26 @@ impl AllPairs {
                     mask.part.block.read(mask.part.offset + 4 * section.start, to);
                 }
             }
-            let zero_words = possible - outcome.words;
-            return Ok(report(shape, &outcome, zero_words, [ingested, executed, start.elapsed()]));
+            return Ok(report(n, shape, &outcome, [ingested, executed, start.elapsed()]));
         }
     }
 
     fn cull_error(&self, error: &GpuError) -> CullError {
         self.gpu.cull_error(ENGINE, error)
     }
+}
 
-    /// [`Engine::cull`] of boxes in any form, which are read as they lie. The mask is that of the
-    /// f32 boxes that stand for them ([`NarrowBoxes::get`]).
-    ///
-    /// # Errors
-    /// [`CullError`].
-    pub fn cull_narrow(
-        &mut self,
-        boxes: NarrowBoxes<'_>,
-        job: &CullJob,
-        reply: &mut dyn ReplyBuffer,
-    ) -> Result<CullReport, CullError> {
-        let limit = plan::max_boxes(job.encoding, &self.limits);
-        let n = BoxCount::of_len(boxes.len())
-            .filter(|n| u64::from(n.get()) <= limit)
-            .ok_or(CullError::TooManyBoxes { engine: ENGINE, n: boxes.len() as u64, limit })?;
-        self.gpu.health().check().map_err(|e| self.cull_error(&e))?;
-        match job.encoding {
-            _ if n.get() < 2 => no_pairs(n, boxes, job.encoding, reply),
-            Encoding::Dense => self.cull_dense(n, boxes, reply),
-            Encoding::Sparse => self.cull_sparse(n, boxes, reply),
+/// A frame whose reply is lent for a call: however the call ends, the device is done with the reply.
+struct LentRun<'a> {
+    frame: &'a mut Frame,
+    /// Whether the device writes to the reply itself.
+    writes_reply: bool,
+}
+
+impl Drop for LentRun<'_> {
+    fn drop(&mut self) {
+        if !self.frame.settle() && self.writes_reply {
+            end_process();
         }
     }
 }
@@ -333,13 +325,24 @@ impl Engine for AllPairs {
         ENGINE
     }
 
+    /// Boxes in any form are read as they lie. The mask is that of the f32 boxes that stand for them
+    /// ([`NarrowBoxes::get`]).
     fn cull(
         &mut self,
-        boxes: &[Aabb],
-        job: &CullJob,
+        input: &CullInput<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
-        self.cull_narrow(boxes.into(), job, reply)
+        let (boxes, encoding) = (input.boxes_alone(ENGINE)?, input.encoding);
+        let limit = plan::max_boxes(encoding, &self.limits);
+        let n = BoxCount::of_len(boxes.len())
+            .filter(|n| u64::from(n.get()) <= limit)
+            .ok_or(CullError::TooManyBoxes { engine: ENGINE, n: boxes.len() as u64, limit })?;
+        self.gpu.health().check().map_err(|e| self.cull_error(&e))?;
+        match encoding {
+            _ if n.get() < 2 => no_pairs(n, boxes, encoding, reply),
+            Encoding::Dense => self.cull_dense(n, boxes, reply),
+            _ => self.cull_sparse(n, boxes, reply),
+        }
     }
 }
 

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use pairmask::aabb::KeyBox;
 use pairmask::engine::{
-    Census, CullError, CullReport, EngineTimes, NAMED_INVALID, ReplyBuffer, SkipMeter,
+    Census, CullError, CullReport, EngineTimes, NAMED_INVALID, ReplyBuffer, write_no_pairs,
 };
 use pairmask::mask::MaskShape;
 use pairmask::precision::NarrowBoxes;
@@ -56,38 +56,26 @@ pub(in crate::execute::gpu) fn no_pairs(
     for (b, index) in (0..boxes.len()).filter_map(|i| boxes.get(i)).zip(0..) {
         census.note(index, KeyBox::classify(&b).1);
     }
-    let shape = match encoding {
-        Encoding::Dense => MaskShape::dense(n),
-        Encoding::Sparse => MaskShape::sparse(n, 0, 0, false),
-    };
-    reply.reserve(shape.extent_words())?;
+    let shape = write_no_pairs(n, encoding, reply)?;
     let outcome = Outcome { census, words: 0, pairs: 0 };
-    Ok(report(shape, &outcome, 0, [Duration::ZERO; 3]))
+    Ok(report(n, shape, &outcome, [Duration::ZERO; 3]))
 }
 
 /// The report of a frame; the times are since its start.
 pub(in crate::execute::gpu) fn report(
+    n: BoxCount,
     shape: MaskShape,
     outcome: &Outcome,
-    zero_words: u64,
     [ingested, executed, published]: [Duration; 3],
 ) -> CullReport {
     let ns = |d: Duration| d.as_nanos() as u64;
-    CullReport {
-        shape,
-        census: outcome.census,
-        pair_count: outcome.pairs,
-        skipped: SkipMeter {
-            boxes: u64::from(outcome.census.invalid) + u64::from(outcome.census.empty),
-            pairs: 0,
-            zero_words,
-        },
-        times: EngineTimes {
-            ingest_ns: ns(ingested),
-            execute_ns: ns(executed.saturating_sub(ingested)),
-            publish_ns: ns(published.saturating_sub(executed)),
-        },
-    }
+    let times = EngineTimes {
+        ingest_ns: ns(ingested),
+        execute_ns: ns(executed.saturating_sub(ingested)),
+        publish_ns: ns(published.saturating_sub(executed)),
+    };
+    // Every pair is compared.
+    CullReport::new(n, shape, outcome.census, outcome.pairs, n.pair_count(), times)
 }
 
 #[cfg(test)]

@@ -25,11 +25,11 @@ impl Tuning {
     /// strip (14 µs with strips of one block at 1,000 boxes, 7 with eight).
     pub const fn for_frame(n: BoxCount, encoding: Encoding) -> Self {
         let (rows, strip_blocks) = match (encoding, n.get()) {
-            (Encoding::Sparse, 0..20_000) => (RowsPerThread::One, 8),
             (Encoding::Dense, 0..2048) => (RowsPerThread::One, 1),
             (Encoding::Dense, 2048..8192) => (RowsPerThread::Two, 2),
             (Encoding::Dense, 8192..20_000) => (RowsPerThread::Four, 4),
             (_, 20_000..) => (RowsPerThread::Four, 8),
+            (_, 0..20_000) => (RowsPerThread::One, 8),
         };
         Self { rows, strip_blocks }
     }
@@ -55,7 +55,7 @@ pub struct Band {
     pub owned_rows: u32,
     /// Rows of the matrix, whole batches: a dense band also needs the rows after its own, whose
     /// first pairs share a word with its last ones.
-    pub band_rows: u32,
+    pub matrix_rows: u32,
     /// First strip with a column after the first row.
     pub strip0: u32,
     /// One past the last strip.
@@ -67,12 +67,12 @@ pub struct Band {
 impl Band {
     /// Words of the band's matrix.
     pub const fn matrix_words(&self) -> u64 {
-        self.blocks as u64 * self.band_rows as u64
+        self.blocks as u64 * self.matrix_rows as u64
     }
 
     /// Words of the band's strip masks.
     pub const fn mask_words(&self) -> u64 {
-        (self.strip_end - self.strip0) as u64 * self.band_rows as u64
+        (self.strip_end - self.strip0) as u64 * self.matrix_rows as u64
     }
 
     /// Index of the band's first pair.
@@ -127,7 +127,7 @@ pub fn max_boxes(encoding: Encoding, limits: &BandLimits) -> u64 {
         Encoding::Dense => {
             (DENSE_BAND_PAIRS / batch).min(limits.output_words * u64::from(WORD_BITS) / batch)
         }
-        Encoding::Sparse => u64::MAX,
+        _ => u64::MAX,
     };
     let most = keys.min(matrix).min(dense).min(MAX_BOXES);
     most / u64::from(PADDING) * u64::from(PADDING)
@@ -145,13 +145,13 @@ pub fn bands(n: BoxCount, tuning: Tuning, encoding: Encoding, limits: &BandLimit
         let blocks = (strip_end - strip0) * tuning.strip_blocks;
         let fitting = limits.matrix_words / u64::from(blocks) / batch * batch;
         let rows = match encoding {
-            Encoding::Sparse => fitting,
             // All rows at once need no row after them; otherwise leave room for a batch of them.
             Encoding::Dense => {
                 let fitting = if fitting >= left { fitting } else { fitting - batch };
                 let pairs = (DENSE_BAND_PAIRS - 1).min((limits.output_words - 1) * 32);
                 fitting.min(pairs / left / batch * batch)
             }
+            _ => fitting,
         };
         let owned_rows = rows.max(batch).min(left) as u32;
         let after = if encoding == Encoding::Dense && u64::from(owned_rows) < left {
@@ -162,7 +162,7 @@ pub fn bands(n: BoxCount, tuning: Tuning, encoding: Encoding, limits: &BandLimit
         bands.push(Band {
             row0,
             owned_rows,
-            band_rows: owned_rows.next_multiple_of(BATCH_BOXES) + after,
+            matrix_rows: owned_rows.next_multiple_of(BATCH_BOXES) + after,
             strip0,
             strip_end,
             blocks,
@@ -222,7 +222,7 @@ mod tests {
             assert_eq!(band.row0, next_row, "{n} {encoding}");
             assert!(band.row0.is_multiple_of(BATCH_BOXES) && band.owned_rows > 0);
             assert!(band.matrix_words() <= limits.matrix_words, "{n} {encoding} {band:?}");
-            assert!(u64::from(band.row0 + band.band_rows) <= plane_words(count), "{band:?}");
+            assert!(u64::from(band.row0 + band.matrix_rows) <= plane_words(count), "{band:?}");
             assert!(band.strip0 * tuning.strip_columns() <= band.row0);
             assert!(band.strip_end * tuning.strip_columns() >= n);
             assert!(u64::from(band.strip_end * tuning.strip_columns()) <= plane_words(count));

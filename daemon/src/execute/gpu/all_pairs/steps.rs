@@ -70,12 +70,14 @@ impl Recording<'_> {
         }
         for band in bands {
             steps.push(self.pairs(pipelines, band)?);
-            steps.push(match self.output.shape {
-                MaskShape::Dense { .. } => self.pack_dense(pipelines, band)?,
+            match self.output.shape {
+                MaskShape::Dense { .. } => steps.push(self.pack_dense(pipelines, band)?),
                 MaskShape::Sparse { rows, blocks, bits, .. } => {
-                    self.write_sparse(pipelines, band, [rows, blocks, bits])?
+                    steps.push(self.write_sparse(pipelines, band, [rows, blocks, bits])?);
                 }
-            });
+                // The engine refuses what its descriptor does not list.
+                _ => {}
+            }
         }
         Ok(steps)
     }
@@ -108,7 +110,7 @@ impl Recording<'_> {
         let params = PairsParams {
             plane_words: plane_words(self.n) as u32,
             row0: band.row0,
-            band_rows: band.band_rows,
+            band_rows: band.matrix_rows,
             strip0: band.strip0,
             counted_end: band.row0 + band.owned_rows,
         };
@@ -123,7 +125,7 @@ impl Recording<'_> {
                 Part::whole(&s.totals),
             ],
             immediates: bytemuck::bytes_of(&params).to_vec(),
-            groups: [band.band_rows / tile_rows, band.strip_end - band.strip0],
+            groups: [band.matrix_rows / tile_rows, band.strip_end - band.strip0],
         })
     }
 
@@ -135,7 +137,7 @@ impl Recording<'_> {
     ) -> Result<Command, GpuError> {
         let params = WriteParams {
             row0: band.row0,
-            band_rows: band.band_rows,
+            band_rows: band.matrix_rows,
             strip0: band.strip0,
             strip_end: band.strip_end,
             strip_blocks: self.tuning.strip_blocks,
@@ -173,7 +175,7 @@ impl Recording<'_> {
             n: self.n.get(),
             row0: band.row0,
             owned_rows: band.owned_rows,
-            band_rows: band.band_rows,
+            band_rows: band.matrix_rows,
             block0: band.strip0 * self.tuning.strip_blocks,
             word_count,
             first_bit: (32 * words.start - band.first_pair(self.n)) as u32,

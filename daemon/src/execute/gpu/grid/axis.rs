@@ -1,4 +1,6 @@
-//! From a coordinate to a cell number: the mirror of `shared/grid_layout.wgsl`.
+//! The axes of a level, and the proof of the way from a coordinate to a cell number, which
+//! `shared/grid_layout.wgsl` has for the device and [`grid_layout`](pairmask_shaders::mirror::grid_layout) for the
+//! CPU.
 //!
 //! # Why no pair is lost to rounding
 //!
@@ -6,7 +8,7 @@
 //! cell(a) ≤ cell(b), in the f32 arithmetic that computes it. It is a chain of monotone steps:
 //! numbers below 2^−60 become 0 and those beyond ±2^60 are held there, both by their bits; a
 //! constant is subtracted, the difference multiplied with a positive constant (IEEE rounding is
-//! monotone), held between two constants, and [`ROUND`] added, which rounds to an integer. What
+//! monotone), held between two constants, and 1.5 · 2^23 added, which rounds to an integer. What
 //! WGSL does not promise (subnormals, infinities, NaN) is out of the way after the first step, so
 //! every driver computes the same cells; and were one to round differently, the order of the
 //! reply would differ and not its pairs. For that, one device must round in one way: cells are
@@ -25,28 +27,13 @@
 //! boxes. Folding keeps equal cells equal; a folded axis has at least four cells, so that the three
 //! around a box are different ones and no pair is looked at twice.
 
-use pairmask::aabb::KeyBox;
 use pairmask_shaders::layouts::GridLevel;
-
-/// 1.5 · 2^23: adding it rounds a number of magnitude below 2^22 to an integer.
-const ROUND: f32 = 12_582_912.0;
-/// Bits of 2^−60 and 2^60: between them no step meets a subnormal or an infinity.
-const TINY_BITS: u32 = 0x2180_0000;
-const HUGE_BITS: u32 = 0x5d80_0000;
-const SIGN_BIT: u32 = 0x8000_0000;
+use pairmask_shaders::mirror::grid_layout::{TINY_BITS, plain};
 
 /// Largest magnitude of a cell number; what lies beyond shares the outermost cell.
 pub(super) const CELL_LIMIT: f32 = 2_097_152.0;
 /// Fewest cells of a folded axis.
 pub(super) const FOLDED_LEAST: u32 = 4;
-
-/// The number without what WGSL does not promise.
-pub(super) fn plain(x: f32) -> f32 {
-    let bits = x.to_bits();
-    let magnitude = bits & !SIGN_BIT;
-    let held = if magnitude < TINY_BITS { 0 } else { magnitude.min(HUGE_BITS) };
-    f32::from_bits(held | (bits & SIGN_BIT))
-}
 
 /// The cells of one axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -103,23 +90,12 @@ pub(super) fn level([x, y, z]: [Axis; 3], first_cell: u32) -> GridLevel {
     }
 }
 
-/// Unfolded cell number of a coordinate.
-pub(super) fn cell(level: &GridLevel, axis: usize, x: f32) -> i32 {
-    let cells = (plain(x) - level.origin[axis]) * level.scale[axis];
-    let held = cells.max(level.low[axis]).min(level.high[axis]);
-    (held + ROUND).to_bits() as i32 - ROUND.to_bits() as i32
-}
-
-/// The coordinates of a key box, min and max: the map to keys is its own inverse, but for −0.
-pub(super) fn coordinates(keys: &KeyBox) -> [[f32; 3]; 2] {
-    let of = |key: i32| f32::from_bits(pairmask::aabb::order_key(key as u32) as u32);
-    [keys.min.map(of), keys.max.map(of)]
-}
-
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use pairmask_shaders::mirror::grid_layout::cell;
     use pairmask_tests::stress_scenes::Rng;
+
+    use super::*;
 
     fn levels() -> Vec<GridLevel> {
         let mut levels = Vec::new();

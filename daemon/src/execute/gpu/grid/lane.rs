@@ -1,11 +1,9 @@
-//! A frame of the grid under way, and the blocks that belong to it.
+//! A lane: one frame at a time, and the blocks and recorded frames that belong to it.
 
-use std::sync::{Arc, MutexGuard};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use pairmask::engine::{
-    Census, CullError, CullReport, EngineTimes, NAMED_INVALID, ReplyBuffer, SkipMeter,
-};
+use pairmask::engine::{Census, CullError, CullReport, EngineTimes, NAMED_INVALID, ReplyBuffer};
 use pairmask::mask::MaskShape;
 use pairmask::precision::NarrowBoxes;
 use pairmask::{BoxCount, Encoding, MaskWord};
@@ -16,11 +14,10 @@ use super::plan::{self, Sizes};
 use super::scratch::{Blocks, Scratch};
 use super::steps::Recording;
 use super::{ENGINE, GridOptions};
-use crate::execute::gpu::device::{Gpu, Lane, Order, QueueRole};
+use crate::execute::gpu::device::{Gpu, Order, QueueRole};
 use crate::execute::gpu::error::GpuError;
 use crate::execute::gpu::frame::{Command, Frame, StepTime, Wait};
 use crate::execute::gpu::frame_cache::{FrameCache, FrameKey, Place};
-use crate::execute::gpu::import::Imports;
 use crate::execute::gpu::memory::{Block, Part};
 use crate::execute::gpu::pipeline::Pipelines;
 use crate::execute::gpu::transfers::{MaskPlace, PlacedBoxes, Transfers};
@@ -35,6 +32,8 @@ pub(super) struct Tools {
     /// on it.
     pub(super) last_words: u64,
     pub(super) profiled: bool,
+    /// Times of the last frame's steps, if frames are profiled.
+    pub(super) step_times: Vec<StepTime>,
     pub(super) poison: Option<u32>,
     pub(super) wait: Wait,
     /// Most bytes that a stage sees of a block.
@@ -74,34 +73,27 @@ struct BoxesWay<'a> {
 }
 
 /// A lane with its blocks and recorded frames.
-pub(super) struct LaneState {
-    lane: Lane,
+pub(super) struct Lane {
     transfers: Transfers,
     ahead: Option<UploadAhead>,
     scratch: Scratch,
     frames: FrameCache,
     /// Whether the blocks that must be zero between frames may not be.
     unclean: bool,
+    /// There until a frame's end was seen.
     under_way: Option<UnderWay>,
-    step_times: Vec<StepTime>,
 }
 
-impl LaneState {
-    pub(super) fn new(lane: Lane, gpu: &Arc<Gpu>, options: &GridOptions) -> Result<Self, GpuError> {
+impl Lane {
+    pub(super) fn new(gpu: &Arc<Gpu>, options: &GridOptions) -> Result<Self, GpuError> {
         Ok(Self {
-            lane,
             transfers: Transfers::new(Arc::clone(gpu), options.imports.clone(), options.upload),
             ahead: UploadAhead::new(gpu, options.upload)?,
             scratch: Scratch::new(gpu),
             frames: FrameCache::new(QueueRole::Frames),
             unclean: true,
             under_way: None,
-            step_times: Vec::new(),
         })
-    }
-
-    pub(super) fn imports(&self) -> MutexGuard<'_, Imports> {
-        self.transfers.imports()
     }
 
     pub(super) fn drop_frames_of(&mut self, block: &Arc<Block>) {
@@ -109,14 +101,6 @@ impl LaneState {
         if let Some(ahead) = &mut self.ahead {
             ahead.forget(block);
         }
-    }
-
-    pub(super) fn step_times(&self) -> &[StepTime] {
-        &self.step_times
-    }
-
-    pub(super) fn lane(&self) -> Lane {
-        self.lane
     }
 
     /// Whether no frame is under way.
@@ -164,6 +148,33 @@ impl LaneState {
         })();
         self.under_way = Some(submitted.map_err(|e: GpuError| tools.gpu.cull_error(ENGINE, &e))?);
         Ok(())
+    }
+
+    fn wait(&mut self, tools: &mut Tools) -> Result<(), GpuError> {
+        let (Some(began), Some(frame)) = (&self.under_way, self.frames.last_mut()) else {
+            return Err(GpuError::Lost);
+        };
+        let patience = patience(&tools.gpu, began.n);
+        frame.end(tools.wait, patience)?;
+        if let Some(ahead) = &mut self.ahead {
+            ahead.end(patience)?;
+        }
+        if tools.profiled {
+            tools.step_times = frame.step_times()?;
+        }
+        Ok(())
+    }
+
+    /// Waits for the end of what is under way, if anything is, and forgets it. `false` where the
+    /// device may write to the reply for ever.
+    pub(super) fn give_up(&mut self) -> bool {
+        let writes_reply = self.under_way.take().is_some_and(|frame| frame.mask.is_reply);
+        self.settle() || !writes_reply
+    }
+
+    fn settle(&mut self) -> bool {
+        let frames = self.frames.settle();
+        self.ahead.as_mut().is_none_or(UploadAhead::settle) && frames
     }
 
     /// The blocks of a frame, zeroed where they must be.
@@ -228,27 +239,18 @@ impl LaneState {
         frame.submit_in(order)
     }
 
-    /// Waits for the frame under way.
+    /// Waits for the frame under way. After an error the device may still work on it
+    /// ([`Self::give_up`]).
     pub(super) fn end(
         &mut self,
         tools: &mut Tools,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<Ended, CullError> {
-        let lost = || CullError::DeviceLost { engine: ENGINE };
-        let (Some(began), Some(frame)) = (self.under_way.take(), self.frames.last_mut()) else {
-            return Err(lost());
+        self.wait(tools).map_err(|e| tools.gpu.cull_error(ENGINE, &e))?;
+        let Some(UnderWay { n, capacity, mask, blocks, start, ingested }) = self.under_way.take()
+        else {
+            return Err(CullError::DeviceLost { engine: ENGINE });
         };
-        let UnderWay { n, capacity, mask, blocks, start, ingested } = began;
-        let ended = frame.end(tools.wait, patience(&tools.gpu, n)).and_then(|()| {
-            if let Some(ahead) = &mut self.ahead {
-                ahead.end(patience(&tools.gpu, n))?;
-            }
-            if tools.profiled {
-                self.step_times = frame.step_times()?;
-            }
-            Ok(())
-        });
-        ended.map_err(|e| tools.gpu.cull_error(ENGINE, &e))?;
         self.unclean = false;
         let mut summary = [GridSummary::default()];
         blocks.summary.read(0, &mut summary);
@@ -283,31 +285,23 @@ impl LaneState {
         }
         let census = census(&summary, &blocks.invalid, sizes.plane());
         let ns = |d: Duration| d.as_nanos() as u64;
-        Ok(Ended::Report(CullReport {
-            shape,
-            census,
-            pair_count: wide(summary.pairs),
-            skipped: SkipMeter {
-                boxes: u64::from(census.invalid) + u64::from(census.empty),
-                pairs: n.pair_count() - wide(summary.compared),
-                zero_words: n.sparse_words_max() - words,
-            },
-            times: EngineTimes {
-                ingest_ns: ns(ingested),
-                execute_ns: ns(executed.saturating_sub(ingested)),
-                publish_ns: ns(start.elapsed().saturating_sub(executed)),
-            },
-        }))
+        let times = EngineTimes {
+            ingest_ns: ns(ingested),
+            execute_ns: ns(executed.saturating_sub(ingested)),
+            publish_ns: ns(start.elapsed().saturating_sub(executed)),
+        };
+        let (pairs, compared) = (wide(summary.pairs), wide(summary.compared));
+        Ok(Ended::Report(CullReport::new(n, shape, census, pairs, compared, times)))
     }
 }
 
-impl Drop for LaneState {
+impl Drop for Lane {
     fn drop(&mut self) {
-        // The reply's memory goes back to its owner: a frame that writes to it must end first, which
-        // dropping it waits for.
-        self.frames.clear();
-        if let Some(ahead) = &mut self.ahead {
-            ahead.clear();
+        // Frames that wait for an upload end before its semaphore is destroyed.
+        if !self.settle()
+            && let Some(ahead) = &mut self.ahead
+        {
+            ahead.abandon();
         }
     }
 }

@@ -13,44 +13,55 @@
 //! submission.
 //!
 //! Same boxes, same bytes: positions are by cell and index, words by row and block, and neither the
-//! order in which threads come nor earlier frames show. ([`mirror`] is the same on the CPU.)
+//! order in which threads come nor earlier frames show. ([`mirror`](pairmask_shaders::mirror) is the
+//! same on the CPU.)
 //!
 //! Scenes that crowd a cell beyond a budget, or dense masks, are the all-pairs engine's.
 
 mod axis;
 mod lane;
 mod layout;
-pub mod mirror;
 pub mod plan;
 mod sample;
 mod scratch;
 mod steps;
+mod under_way;
 
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use pairmask::engine::{CullError, CullJob, CullReport, Engine, ReplyBuffer};
+use pairmask::engine::{CullError, CullInput, CullReport, Engine, ReplyBuffer};
 use pairmask::precision::NarrowBoxes;
 use pairmask::{Aabb, BoxCount, BoxForm, Encoding, EngineName};
+use pairmask_shaders::layouts::GridLayout;
 use pairmask_shaders::{GridStage, Stage};
 
-use self::lane::{Ended, LaneState, Tools};
+use self::lane::{Ended, Lane, Tools};
 use self::layout::Chooser;
 use self::plan::Sizes;
+use self::under_way::SharedLane;
 use super::all_pairs::outcome::no_pairs;
 use super::all_pairs::plan::refusal;
-use super::device::{Gpu, LANES, Lane};
+use super::device::{Gpu, LANES};
 use super::error::GpuError;
 use super::frame::{StepTime, Wait};
-use super::import::{ImportError, ImportId};
 use super::memory::Block;
 use super::pipeline::Pipelines;
 use super::shader::Checks;
 use super::transfers::{SharedImports, Upload};
+use crate::execute::FrameMemory;
+use crate::execute::frame_memory::Borrowed;
+
+pub use self::under_way::GridUnderWay;
+
+/// The levels that a scene gets. For measurements, and for the stages' mirror.
+pub fn grid_layout(boxes: NarrowBoxes<'_>) -> GridLayout {
+    Chooser::default().choose(boxes)
+}
 
 /// Cells that a scene gets, all levels together. For measurements.
 pub fn cell_count(boxes: &[Aabb]) -> u32 {
-    Chooser::default().choose(boxes.into()).cell_end
+    grid_layout(boxes.into()).cell_end
 }
 
 /// How the engine works. The default is what the daemon uses.
@@ -76,11 +87,11 @@ pub struct GridOptions {
 const ENGINE: EngineName = EngineName::GpuGrid;
 
 /// The engine. One thread uses it, for one frame at a time ([`Engine::cull`]) or for one in each
-/// lane ([`Grid::begin`], [`Grid::end`]).
+/// lane ([`Grid::begin`], [`Grid::end`]), in whatever order they end.
 pub struct Grid {
     gpu: Arc<Gpu>,
     tools: Tools,
-    lanes: [LaneState; LANES],
+    lanes: [SharedLane; LANES],
 }
 
 impl Grid {
@@ -94,8 +105,8 @@ impl Grid {
             pipelines.get(Stage::Grid(stage))?;
         }
         pipelines.save();
-        let [first, second] = Lane::ALL.map(|lane| LaneState::new(lane, gpu, options));
-        let lanes = [first?, second?];
+        let lane = || Lane::new(gpu, options).map(SharedLane::new);
+        let lanes = [lane()?, lane()?];
         let software = gpu.info().is_software();
         Ok(Self {
             gpu: Arc::clone(gpu),
@@ -105,6 +116,7 @@ impl Grid {
                 chooser: Chooser::default(),
                 last_words: 0,
                 profiled: options.profiled,
+                step_times: Vec::new(),
                 poison: options.poison,
                 wait: options.wait.unwrap_or(if software { Wait::Block } else { Wait::Spin }),
                 binding_bytes: gpu.limits().storage_binding_bytes.min(1 << 31),
@@ -118,76 +130,95 @@ impl Grid {
         &self.gpu
     }
 
-    /// Imports shared memory at an address range of this process, so that boxes or replies within
-    /// it need no copy. See [`super::import::Imports::import`].
-    ///
-    /// # Errors
-    /// [`ImportError`]; the staged path serves then.
-    pub fn import(&mut self, address: usize, bytes: usize) -> Result<ImportId, ImportError> {
-        self.lanes[0].imports().import(&self.gpu, address, bytes)
-    }
-
     /// Drops what was recorded for an import that has ended.
-    pub fn drop_frames_of(&mut self, block: &Arc<Block>) {
-        for lane in &mut self.lanes {
-            lane.drop_frames_of(block);
+    pub(in crate::execute) fn drop_frames_of(&mut self, block: &Arc<Block>) {
+        for lane in &self.lanes {
+            lane.lock().drop_frames_of(block);
         }
     }
 
     /// Times of the last frame's steps, in order, if the engine is profiled.
     pub fn step_times(&self) -> &[StepTime] {
-        self.lanes[0].step_times()
+        &self.tools.step_times
     }
 
-    /// Starts a frame in a free lane. Until [`Grid::end`] is called for it, the boxes and the memory
-    /// that `reply` handed out belong to the GPU: whoever frees them earlier must drop the engine
-    /// first.
+    /// Starts a frame of memory in a free lane.
     ///
     /// # Errors
-    /// [`CullError`], as [`Engine::cull`]; nothing is under way then.
+    /// [`CullError`], as [`Engine::cull`], with the memory: nothing is under way then.
     /// [`CullError::Unavailable`] where all lanes are taken.
-    pub fn begin(
+    pub fn begin<M: FrameMemory>(
         &mut self,
+        memory: M,
+        encoding: Encoding,
+    ) -> Result<GridUnderWay<M>, (CullError, Option<M>)> {
+        let is_behind = self.lanes.iter().any(|lane| !lane.lock().is_free());
+        let Some(lane) = self.lanes.iter().find(|lane| lane.lock().is_free()).cloned() else {
+            let why = "all of its lanes are taken";
+            return Err((CullError::Unavailable { engine: ENGINE, why }, Some(memory)));
+        };
+        let mut frame = GridUnderWay::new(lane, memory);
+        let begun =
+            frame.with(|lane, boxes, reply| self.begin_in(lane, boxes, encoding, reply, is_behind));
+        match begun {
+            Ok(()) => Ok(frame),
+            Err(error) => Err((error, frame.give_up())),
+        }
+    }
+
+    fn begin_in(
+        &mut self,
+        lane: &mut Lane,
         boxes: NarrowBoxes<'_>,
         encoding: Encoding,
         reply: &mut dyn ReplyBuffer,
-    ) -> Result<Lane, CullError> {
+        is_behind: bool,
+    ) -> Result<(), CullError> {
         let limit = plan::max_boxes(self.tools.binding_bytes);
         let n = BoxCount::of_len(boxes.len())
             .filter(|n| u64::from(n.get()) <= limit)
             .ok_or(CullError::TooManyBoxes { engine: ENGINE, n: boxes.len() as u64, limit })?;
-        let unavailable = |why| CullError::Unavailable { engine: ENGINE, why };
         if encoding == Encoding::Dense {
-            return Err(unavailable("dense masks are all pairs'"));
+            let why = "dense masks are all pairs'";
+            return Err(CullError::Unavailable { engine: ENGINE, why });
         }
-        let is_behind = self.lanes.iter().any(|lane| !lane.is_free());
-        let lane = self.lanes.iter_mut().find(|lane| lane.is_free());
-        let lane = lane.ok_or(unavailable("all of its lanes are taken"))?;
         self.gpu.health().check().map_err(|e| self.gpu.cull_error(ENGINE, &e))?;
         // All pairs needs no room for an order.
         let too_crowded = CullError::TooCrowded { engine: ENGINE };
         let room = plan::room(n, reply.limit_words()).ok_or(too_crowded)?;
         let capacity = plan::capacity(n, self.tools.last_words).min(room);
-        lane.begin(&mut self.tools, n, boxes, reply, capacity, is_behind)?;
-        Ok(lane.lane())
+        lane.begin(&mut self.tools, n, boxes, reply, capacity, is_behind)
     }
 
-    /// Whether the frame of a lane has ended, so that [`Grid::end`] does not wait.
-    pub fn has_ended(&self, lane: Lane) -> bool {
-        self.lanes[lane as usize].has_ended()
-    }
-
-    /// Waits for the frame of a lane. `boxes` and `reply` are those that it began with.
+    /// Waits for a frame and gives its memory back. The memory is `None` where the GPU keeps it, after
+    /// [`CullError::DeviceLost`]. A frame of another engine is given up: its device is gone.
     ///
     /// # Errors
     /// [`CullError`], as [`Engine::cull`].
-    pub fn end(
+    pub fn end<M: FrameMemory>(
         &mut self,
-        lane: Lane,
+        mut frame: GridUnderWay<M>,
+    ) -> (Result<CullReport, CullError>, Option<M>) {
+        (self.wait_for(&mut frame), frame.give_up())
+    }
+
+    /// As [`Self::end`], but the frame keeps the memory.
+    pub(in crate::execute) fn wait_for<M: FrameMemory>(
+        &mut self,
+        frame: &mut GridUnderWay<M>,
+    ) -> Result<CullReport, CullError> {
+        if !self.lanes.iter().any(|lane| frame.is_in(lane)) {
+            return Err(CullError::DeviceLost { engine: ENGINE });
+        }
+        frame.with(|lane, boxes, reply| self.end_in(lane, boxes, reply))
+    }
+
+    fn end_in(
+        &mut self,
+        lane: &mut Lane,
         boxes: NarrowBoxes<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
-        let lane = &mut self.lanes[lane as usize];
         loop {
             match lane.end(&mut self.tools, reply)? {
                 Ended::Report(report) => return Ok(report),
@@ -204,28 +235,6 @@ impl Grid {
             }
         }
     }
-
-    /// [`Engine::cull`] of boxes in any form, which are read as they lie. The mask is that of the
-    /// f32 boxes that stand for them ([`NarrowBoxes::get`]).
-    ///
-    /// # Errors
-    /// [`CullError`], as [`Engine::cull`].
-    pub fn cull_narrow(
-        &mut self,
-        boxes: NarrowBoxes<'_>,
-        job: &CullJob,
-        reply: &mut dyn ReplyBuffer,
-    ) -> Result<CullReport, CullError> {
-        match BoxCount::of_len(boxes.len()) {
-            Some(n) if n.get() < 2 && job.encoding == Encoding::Sparse => {
-                no_pairs(n, boxes, job.encoding, reply)
-            }
-            _ => {
-                let lane = self.begin(boxes, job.encoding, reply)?;
-                self.end(lane, boxes, reply)
-            }
-        }
-    }
 }
 
 impl Engine for Grid {
@@ -233,14 +242,25 @@ impl Engine for Grid {
         ENGINE
     }
 
-    /// Dense masks are refused ([`CullError::Unavailable`]): they have all pairs' words, which the
-    /// all-pairs engine writes faster. Crowds are, too ([`CullError::TooCrowded`]).
+    /// Boxes in any form are read as they lie. The mask is that of the f32 boxes that stand for them
+    /// ([`NarrowBoxes::get`]). Dense masks are refused ([`CullError::Unavailable`]): they have all
+    /// pairs' words, which the all-pairs engine writes faster. Crowds are, too
+    /// ([`CullError::TooCrowded`]).
     fn cull(
         &mut self,
-        boxes: &[Aabb],
-        job: &CullJob,
+        input: &CullInput<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
-        self.cull_narrow(boxes.into(), job, reply)
+        let (boxes, encoding) = (input.boxes_alone(ENGINE)?, input.encoding);
+        match BoxCount::of_len(boxes.len()) {
+            Some(n) if n.get() < 2 && encoding == Encoding::Sparse => {
+                no_pairs(n, boxes, encoding, reply)
+            }
+            _ => {
+                let memory = Borrowed { boxes, reply };
+                let frame = self.begin(memory, encoding).map_err(|(error, _)| error)?;
+                self.end(frame).0
+            }
+        }
     }
 }

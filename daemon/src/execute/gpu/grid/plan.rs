@@ -36,7 +36,7 @@ pub struct Sizes {
 }
 
 impl Sizes {
-    /// Of a frame of `n` boxes, at most [`MAX_BOXES`].
+    /// Of a frame of `n` boxes, at most 65,535 batches of them.
     pub const fn of(n: BoxCount) -> Self {
         let n = n.get();
         let batches = n.div_ceil(BATCH_BOXES);

@@ -4,8 +4,7 @@
 
 use pairmask::precision::NarrowBoxes;
 use pairmask::{Aabb, BoxClass};
-
-use super::axis::plain;
+use pairmask_shaders::mirror::grid_layout::plain;
 
 /// Boxes looked at: 256 see a share of 2 % of a scene with 99 % certainty, and take 5 to 10 µs to
 /// fetch from a large scene.

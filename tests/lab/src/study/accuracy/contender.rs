@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use pairmask::engine::{CullWish, EngineId};
-use pairmask::wire::StageTimes;
+use pairmask::dispatch::{CullWish, StageTimes};
+use pairmask::engine::EngineId;
 use pairmask::{Aabb, PairMask, Session};
 use pairmaskd::precision::PrecisionChoice;
 use pairmaskd::timed_client::{TimedClient, TimedError, TimedFrame};

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use pairmask::engine::CullWish;
+use pairmask::dispatch::CullWish;
 use pairmask::{EngineChoice, EngineName, Session};
 use pairmaskd::precision::PrecisionChoice;
 use pairmaskd::scene::{Scene, SceneName};

@@ -3,9 +3,10 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use pairmask::engine::{CullWish, EngineId, HeapReply};
+use pairmask::dispatch::{CullWish, SphereEngines};
+use pairmask::engine::{EngineId, HeapReply};
 use pairmask::mask::MaskView;
-use pairmask::sphere::{SPHERE_BYTES, Sphere, SphereEngines};
+use pairmask::sphere::{SPHERE_BYTES, Sphere};
 use pairmask::{Aabb, BoxClass, BoxCount, ServedBy};
 use pairmaskd::timed_client::TimedError;
 use rayon::prelude::*;

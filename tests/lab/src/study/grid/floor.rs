@@ -3,9 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use pairmaskd::execute::gpu::frame::{Command, Frame, Wait};
-use pairmaskd::execute::gpu::memory::{Block, Home, Part};
-use pairmaskd::execute::gpu::{Gpu, GpuError};
+use pairmaskd::execute::gpu::{Block, Command, Frame, Gpu, GpuError, Home, Part, Wait};
 use serde::Serialize;
 
 use crate::gpu_stages::grid::GridRow;

@@ -5,8 +5,7 @@ use std::time::{Duration, Instant};
 
 use glam::{Quat, Vec3};
 use pairmask::Aabb;
-use pairmask::Encoding;
-use pairmask::engine::{CullJob, Engine, Grid as CpuGrid, HeapReply, SweepAndPrune};
+use pairmask::engine::{CullInput, Engine, Grid as CpuGrid, HeapReply, SweepAndPrune};
 use pairmask::update::{Placement, par_update_boxes};
 use pairmaskd::execute::gpu::Gpu;
 use pairmaskd::scene::{Scene, SceneName};
@@ -130,12 +129,12 @@ fn update_ms(n: u32, budget: Duration) -> f64 {
 
 fn engines_row(row: &GridRow, budget: Duration) -> EnginesRow {
     let boxes = Scene::new(PAPER_SCENE, row.n as usize, SEED).boxes().to_vec();
-    let job = CullJob { encoding: Encoding::Sparse, threads: rayon::current_num_threads() };
     let mut reply = HeapReply::new();
     let mut time = |engine: &mut dyn Engine| {
         median_ms(budget, || {
             // A heap reply is refused only without memory; then the time means nothing.
-            let _ = engine.cull(&boxes, &job, &mut reply);
+            let _ = engine
+                .cull(&CullInput::boxes(&boxes).threads(rayon::current_num_threads()), &mut reply);
         })
     };
     EnginesRow {

@@ -3,8 +3,9 @@
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
-use pairmask::engine::{CullJob, CullWish, HeapReply};
-use pairmask::sphere::{Sphere, SphereAllPairs, SphereEngines};
+use pairmask::dispatch::{CullWish, SphereEngines};
+use pairmask::engine::{CullInput, HeapReply};
+use pairmask::sphere::{Sphere, SphereAllPairs};
 use pairmask::{Encoding, EncodingChoice};
 use pairmaskd::scene::{Scene, SceneName};
 use serde::Serialize;
@@ -73,10 +74,11 @@ fn row(n: usize, budget: Duration, seed: u64) -> SpeedRow {
     let mut all_pairs = SphereAllPairs::new();
     let mut pairs = 0;
     let mut with = |threads| {
-        let job = CullJob { encoding: Encoding::Sparse, threads };
         frames_a_second(budget, || {
             // Heap memory does not run out at this size; a report of 0 pairs would show it.
-            pairs = all_pairs.cull(&spheres, &job, &mut reply).map_or(0, |r| r.pair_count);
+            pairs = all_pairs
+                .cull(&CullInput::spheres(&spheres).threads(threads), &mut reply)
+                .map_or(0, |r| r.pair_count);
         })
     };
     let (sequential_fps, parallel_fps) = (with(1), with(threads));

@@ -4,9 +4,7 @@
 use crate::study::mapping::layouts::{MappingErrorsParams, MappingTally, RootParams, RootTally};
 use crate::study::mapping::stage::{IdWidth, MappingStage, Root, Variant};
 
-use pairmaskd::execute::gpu::GpuError;
-use pairmaskd::execute::gpu::frame::Command;
-use pairmaskd::execute::gpu::memory::{Block, Part};
+use pairmaskd::execute::gpu::{Block, Command, GpuError, Part};
 
 use super::{Bench, WORD_IDS, zeroed};
 use crate::study::mapping::errors::{Coverage, Tally, counted};

@@ -7,9 +7,7 @@ use bytemuck::cast_slice;
 use pairmask::aabb::KeyBox;
 use pairmask::{Aabb, BoxCount};
 
-use pairmaskd::execute::gpu::GpuError;
-use pairmaskd::execute::gpu::frame::Command;
-use pairmaskd::execute::gpu::memory::Part;
+use pairmaskd::execute::gpu::{Command, GpuError, Part};
 
 use super::times::median_ms;
 use super::{Bench, zeroed};

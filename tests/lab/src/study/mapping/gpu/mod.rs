@@ -14,11 +14,9 @@ use pairmask_shaders::constants::BATCH_BOXES;
 use crate::study::mapping::stage::{IdWidth, MappingStage, Variant};
 use bytemuck::{Pod, Zeroable};
 
-use pairmaskd::execute::gpu::error::StageFault;
-use pairmaskd::execute::gpu::frame::{Command, Frame, Wait};
-use pairmaskd::execute::gpu::memory::{Block, Home, Part};
-use pairmaskd::execute::gpu::pipeline::{Pipeline, Pipelines};
-use pairmaskd::execute::gpu::{Checks, Gpu, GpuError};
+use pairmaskd::execute::gpu::{
+    Block, Checks, Command, Frame, Gpu, GpuError, Home, Part, Pipeline, Pipelines, StageFault, Wait,
+};
 
 /// Time after which a study frame is given up: a thousand times a GPU's need, and enough for a
 /// software adapter.

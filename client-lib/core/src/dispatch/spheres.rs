@@ -2,12 +2,10 @@
 
 use std::time::Instant;
 
-use super::{Sphere, SphereAllPairs, SphereFilter};
-use crate::engine::{
-    CpuEngines, CullAnswer, CullError, CullJob, CullWish, EngineChoice, EngineName, ReplyBuffer,
-    nanoseconds_since,
-};
+use super::{CpuEngines, CullAnswer, CullWish, StageTimes, nanoseconds_since};
+use crate::engine::{CullError, CullInput, EngineChoice, EngineName, PairRules, ReplyBuffer};
 use crate::mask::{Encoding, EncodingChoice};
+use crate::sphere::{Sphere, SphereAllPairs, SphereFilter};
 
 /// Up to this many spheres every pair is tested: finding candidates first would take longer.
 const ALL_PAIRS_SPHERES: usize = 256;
@@ -21,9 +19,10 @@ const DENSE_SPHERES: usize = 512;
 /// others find candidates among the spheres' bounds first.
 ///
 /// ```
-/// use pairmask::engine::{CullWish, HeapReply};
+/// use pairmask::dispatch::{CullWish, SphereEngines};
+/// use pairmask::engine::HeapReply;
 /// use pairmask::mask::MaskView;
-/// use pairmask::sphere::{Sphere, SphereEngines};
+/// use pairmask::sphere::Sphere;
 /// use pairmask::BoxCount;
 ///
 /// let spheres: Vec<Sphere> =
@@ -125,13 +124,14 @@ impl SphereWays {
             EngineChoice::Only(engine) => engine == EngineName::CpuBrute,
         };
         if !all_pairs {
-            return self.filter.cull(boxes, spheres, wish, encoding, reply);
+            return self.cull_candidates(boxes, spheres, wish, encoding, reply);
         }
         let start = Instant::now();
         let pool = rayon::current_num_threads();
         let threads = wish.threads.unwrap_or(pool).clamp(1, pool);
-        let report = self.all_pairs.cull(spheres, &CullJob { encoding, threads }, reply)?;
-        let times = crate::engine::StageTimes {
+        let input = CullInput::spheres(spheres).encoding(encoding).threads(threads);
+        let report = self.all_pairs.cull(&input, reply)?;
+        let times = StageTimes {
             ingest_ns: report.times.ingest_ns,
             plan_ns: 0,
             execute_ns: report.times.execute_ns,
@@ -139,5 +139,29 @@ impl SphereWays {
             total_ns: nanoseconds_since(start),
         };
         Ok(CullAnswer { engine: EngineName::CpuBrute, threads, report, times })
+    }
+
+    /// A box engine finds the candidates among the bounds, and its tasks test each.
+    fn cull_candidates(
+        &mut self,
+        boxes: &mut CpuEngines,
+        spheres: &[Sphere],
+        wish: &CullWish,
+        encoding: Encoding,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullAnswer, CullError> {
+        let start = Instant::now();
+        let (bounds, balls) = self.filter.candidates(spheres)?;
+        let bounds_ns = nanoseconds_since(start);
+        // The engine that finds candidates soonest, whatever is made of them.
+        let sparse = CullWish { encoding: EncodingChoice::Only(Encoding::Sparse), ..*wish };
+        let plan_start = Instant::now();
+        let mut plan = boxes.plan(bounds, &sparse, None);
+        plan.encoding = encoding;
+        let plan_ns = nanoseconds_since(plan_start);
+        let input = plan.input(bounds).rules(PairRules { test: Some(&balls) });
+        let mut report = boxes.run(plan.engine, &input, reply)?;
+        report.times.ingest_ns += bounds_ns;
+        Ok(CullAnswer::new(&plan, report, start, plan_ns))
     }
 }

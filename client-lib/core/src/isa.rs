@@ -2,8 +2,6 @@
 
 use std::fmt;
 
-use super::{CullError, EngineName};
-
 /// An instruction set that the CPU engines have kernels for.
 ///
 /// ```
@@ -90,15 +88,6 @@ impl AvailableIsa {
     /// `isa`, if this machine has it.
     pub fn new(isa: Isa) -> Option<Self> {
         isa.is_available().then_some(Self(isa))
-    }
-
-    /// `isa` for an engine that was asked to use it.
-    ///
-    /// # Errors
-    /// [`CullError::Unavailable`] when this machine does not have it.
-    pub(crate) fn for_engine(isa: Isa, engine: EngineName) -> Result<Self, CullError> {
-        let why = "this processor lacks the instruction set asked for";
-        Self::new(isa).ok_or(CullError::Unavailable { engine, why })
     }
 
     /// Which one it is.

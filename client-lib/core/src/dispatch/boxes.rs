@@ -1,0 +1,148 @@
+//! The CPU engines of a process, kept warm, and the choice among them.
+
+use std::time::Instant;
+
+use super::{CullAnswer, nanoseconds_since};
+use crate::aabb::Aabb;
+use crate::engine::{
+    AvailableIsa, CullError, CullInput, CullReport, Engine, EngineChoice, EngineName, RecentNeed,
+    ReplyBuffer, cpu_engines,
+};
+use crate::plan::{Calibration, Capabilities, CullWish, GpuCost, Plan, SceneStats, plan};
+use crate::precision::NarrowBoxes;
+use crate::units::BoxCount;
+
+/// All CPU engines, with the scratch memory and the order that they keep from frame to frame.
+pub struct CpuEngines {
+    engines: [Kept; EngineName::CPU.len()],
+    calibration: Calibration,
+}
+
+/// An engine that is kept warm, and the scratch that its frames have needed of late.
+struct Kept {
+    name: EngineName,
+    engine: Box<dyn Engine>,
+    need: RecentNeed,
+}
+
+/// Scratch that a frame takes, bytes a box: the most that an engine was seen to take (240, of
+/// `cpu-brute` on two threads), rounded up.
+const BOX_BYTES: usize = 256;
+/// Scratch that a frame takes, bytes a word of its mask: three arrays, which grow by doubling.
+const WORD_BYTES: usize = 24;
+
+impl Default for CpuEngines {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl CpuEngines {
+    /// Engines with empty scratch memory and the built-in calibration of this machine's
+    /// instruction set.
+    pub fn new() -> Self {
+        Self::with_calibration(Calibration::built_in(AvailableIsa::best().get()))
+    }
+
+    /// Engines with empty scratch memory, whose plans compute with `calibration`.
+    pub fn with_calibration(calibration: Calibration) -> Self {
+        let isa = AvailableIsa::best();
+        let engines = cpu_engines(isa).map(|engine| Kept {
+            name: engine.name(),
+            engine,
+            need: RecentNeed::NONE,
+        });
+        Self { engines, calibration }
+    }
+
+    /// Gives the scratch of all engines back. Answers do not depend on it; the next frame takes
+    /// longer.
+    pub fn give_back(&mut self) {
+        self.engines.iter_mut().for_each(|kept| kept.engine.give_back());
+    }
+
+    /// Bytes of scratch that all engines keep from frame to frame, beside boxes and replies.
+    pub fn scratch_bytes(&self) -> usize {
+        self.engines.iter().map(|kept| kept.engine.scratch_bytes()).sum()
+    }
+
+    /// Plans a frame, among the CPU engines and a GPU if there is one. Boxes may be in any form: a
+    /// few are looked at, and none is expanded.
+    pub fn plan<'a>(
+        &self,
+        boxes: impl Into<NarrowBoxes<'a>>,
+        wish: &CullWish,
+        gpu: Option<GpuCost>,
+    ) -> Plan {
+        let boxes = boxes.into();
+        let gpu = gpu.map(|cost| cost.of_form(boxes.form()));
+        let pool = rayon::current_num_threads();
+        let capabilities =
+            Capabilities { threads: wish.threads.unwrap_or(pool).clamp(1, pool), gpu };
+        let stats = match (wish.engine, BoxCount::of_len(boxes.len())) {
+            (EngineChoice::Only(engine), Some(n)) if engine.is_gpu() => {
+                SceneStats::unseen(n, wish.last_pairs)
+            }
+            _ => SceneStats::glance(boxes, wish.last_pairs),
+        };
+        plan(&stats, &capabilities, &self.calibration, wish)
+    }
+
+    /// Runs a CPU engine.
+    ///
+    /// # Errors
+    /// [`CullError`], among them an engine that is not one of the CPU's.
+    pub fn run(
+        &mut self,
+        engine: EngineName,
+        input: &CullInput<'_>,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullReport, CullError> {
+        let kept = self.engines.iter_mut().find(|kept| kept.name == engine);
+        let done = match kept {
+            Some(kept) => kept.engine.cull(input, reply),
+            None => Err(CullError::Unavailable { engine, why: "it needs a daemon with a GPU" }),
+        };
+        // Most words hold a pair each, of a dense mask too on its way. A refused frame has given its
+        // words back.
+        let most = BoxCount::of_len(input.objects.len()).map_or(0, BoxCount::sparse_words_max);
+        let words = done.as_ref().map_or(0, |report| report.pair_count.min(most)) as usize;
+        self.note_need(engine, BOX_BYTES * input.objects.len() + WORD_BYTES * words);
+        done
+    }
+
+    /// Gives the scratch of engines back that much larger scenes left behind.
+    fn note_need(&mut self, ran: EngineName, bytes: usize) {
+        for Kept { name, engine, need } in &mut self.engines {
+            let needed = if *name == ran { bytes } else { 0 };
+            if need.note(needed, || engine.scratch_bytes()) {
+                engine.give_back();
+            }
+        }
+    }
+
+    /// Plans a frame among the CPU engines and finds its pairs. Where the encoding is left open, a
+    /// mask that fits into the reply in either encoding is found.
+    ///
+    /// # Errors
+    /// As [`run`](Self::run).
+    pub fn cull(
+        &mut self,
+        boxes: &[Aabb],
+        wish: &CullWish,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullAnswer, CullError> {
+        let start = Instant::now();
+        let (n, limit_words) = (boxes.len(), reply.limit_words());
+        let wish = wish.within(n, limit_words);
+        let plan = self.plan(boxes, &wish, None);
+        let plan_ns = nanoseconds_since(start);
+        match self.run(plan.engine, &plan.input(boxes), reply) {
+            Ok(report) => Ok(CullAnswer::new(&plan, report, start, plan_ns)),
+            Err(error) => match wish.after(&error, n, limit_words) {
+                Some(dense) => self.cull(boxes, &dense, reply),
+                None => Err(error),
+            },
+        }
+    }
+}

@@ -1,0 +1,11 @@
+//! From a client's wish to an answer: the plan, the engine that it names, and the times of both.
+
+mod answer;
+mod boxes;
+mod spheres;
+
+pub use answer::{CullAnswer, StageTimes, nanoseconds_since};
+pub use boxes::CpuEngines;
+pub use spheres::{SphereEngines, SphereWays};
+
+pub use crate::plan::CullWish;

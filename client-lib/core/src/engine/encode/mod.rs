@@ -1,0 +1,113 @@
+//! Words to masks: what the tasks of a frame found, written into the reply in an encoding.
+//!
+//! Engines know words alone: non-zero, by rising row and column block. [`write`] makes a mask of any
+//! encoding from those of all tasks. An encoding in which a range of rows has words of its own can be
+//! written while the rows are searched, without keeping what is found: [`by_rows`].
+
+mod dense;
+mod sparse;
+
+pub(crate) use dense::{DenseRows, DenseWindow};
+
+use super::gather::Gather;
+use super::word_budget::WordBudget;
+use super::{CostTerm, CullError, PairRules, ReplyBuffer};
+use crate::mask::{Encoding, MaskShape};
+use crate::stats::SceneStats;
+use crate::units::BoxCount;
+
+/// An encoding's share of the plan's cost model.
+#[derive(Clone, Copy, Debug)]
+pub struct EncodingCost {
+    /// Kinds of work that its masks take, from the words that an engine found to the pairs of the
+    /// client.
+    pub terms: &'static [CostTerm],
+    /// How much of each a frame holds, of an engine that has an order of its own or not: writes the
+    /// amounts to the places of the terms, which hold zeros.
+    pub work: fn(&SceneStats, bool, &mut [f64]),
+}
+
+/// What the masks of an encoding take.
+pub const fn encoding_cost(encoding: Encoding) -> &'static EncodingCost {
+    match encoding {
+        Encoding::Dense => &dense::COST,
+        Encoding::Sparse => &sparse::COST,
+    }
+}
+
+/// The words that a task found: non-zero, sorted by (row, block), each address once.
+pub(crate) trait FoundWords: Sync {
+    /// Rows, blocks and bits, some words at a time.
+    fn chunks(&self) -> impl Iterator<Item = [&[u32]; 3]>;
+
+    /// Words in all chunks.
+    fn word_count(&self) -> usize;
+}
+
+/// Writes the mask and says where it lies.
+///
+/// `tasks` hold the words of rising, disjoint ranges of rows, which they gathered by `gather`. With
+/// `parallel`, the rayon pool of this thread takes part where there is enough to write.
+///
+/// # Errors
+/// [`CullError::Reserve`] when the reply has no room: the words are then not all.
+pub(crate) fn write<'a, W, T>(
+    tasks: T,
+    gather: &Gather<'_>,
+    encoding: Encoding,
+    parallel: bool,
+    reply: &mut dyn ReplyBuffer,
+) -> Result<MaskShape, CullError>
+where
+    W: FoundWords + 'a,
+    T: Iterator<Item = &'a W> + Clone + Send + Sync,
+{
+    gather.budget.check()?;
+    match encoding {
+        Encoding::Dense => dense::write(tasks, gather, reply),
+        Encoding::Sparse => sparse::write(&tasks, gather, parallel, reply),
+    }
+}
+
+/// The mask of `n` boxes in memory of `reply`, to be written row by row; `None` for an encoding in
+/// which no range of rows has words of its own.
+///
+/// # Errors
+/// [`CullError::Reserve`] when the reply has no room.
+pub(crate) fn by_rows(
+    encoding: Encoding,
+    n: BoxCount,
+    reply: &mut dyn ReplyBuffer,
+) -> Result<Option<DenseRows<'_>>, CullError> {
+    match encoding {
+        Encoding::Dense => DenseRows::reserve(n, reply).map(Some),
+        Encoding::Sparse => Ok(None),
+    }
+}
+
+/// Writes the mask of `n` boxes, in their own order, of which no two overlap.
+///
+/// # Errors
+/// [`CullError::Reserve`] when the reply has no room.
+pub fn write_no_pairs(
+    n: BoxCount,
+    encoding: Encoding,
+    reply: &mut dyn ReplyBuffer,
+) -> Result<MaskShape, CullError> {
+    let budget = &WordBudget::new(n, encoding, false, reply)?;
+    let gather = &Gather { budget, rules: PairRules::NONE, order: &[] };
+    write(std::iter::empty::<&NoWords>(), gather, encoding, false, reply)
+}
+
+/// No words.
+struct NoWords;
+
+impl FoundWords for NoWords {
+    fn chunks(&self) -> impl Iterator<Item = [&[u32]; 3]> {
+        std::iter::empty()
+    }
+
+    fn word_count(&self) -> usize {
+        0
+    }
+}

@@ -1,0 +1,400 @@
+//! All encodings: their names, the shapes of their masks, and their decoders. What depends on the
+//! encoding of a mask is decided here; each decoder has files of its own.
+
+use std::fmt;
+use std::ops::Range;
+
+use super::dense_pairs::DensePairs;
+use super::dense_words::DenseWords;
+use super::pair_buffer::PairBuffer;
+use super::sparse_pairs::SparsePairs;
+use super::sparse_words::SparseWords;
+use super::word_flags::CHUNK_WORDS;
+use super::{
+    AddressedWord, DenseMask, MaskError, Pairs, SECTION_ALIGN_WORDS, Span, SparseMask, WordAddress,
+    Words,
+};
+use crate::units::{BoxCount, MaskWord, PairIndex};
+
+/// How a mask is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[repr(u32)]
+#[non_exhaustive]
+pub enum Encoding {
+    /// One bit for every pair.
+    Dense = 1,
+    /// Non-zero 32-bit words with their addresses.
+    Sparse = 2,
+}
+
+impl Encoding {
+    /// Every encoding, in the order of their numbers.
+    pub const ALL: [Self; 2] = [Self::Dense, Self::Sparse];
+
+    /// The name on the command line and in reports.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Dense => "dense",
+            Self::Sparse => "sparse",
+        }
+    }
+
+    /// The minor wire version from which clients can read the encoding.
+    pub const fn since_minor(self) -> u16 {
+        match self {
+            Self::Dense | Self::Sparse => 0,
+        }
+    }
+
+    /// Its place in [`Self::ALL`].
+    pub const fn place(self) -> usize {
+        match self {
+            Self::Dense => 0,
+            Self::Sparse => 1,
+        }
+    }
+
+    /// The encoding of a wire number, if there is one.
+    pub fn from_wire(value: u32) -> Option<Self> {
+        Self::ALL.into_iter().find(|e| *e as u32 == value)
+    }
+}
+
+impl fmt::Display for Encoding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.as_str())
+    }
+}
+
+/// Where the sections of a mask lie in a reply.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum MaskShape {
+    /// The words of a dense mask.
+    Dense {
+        /// All words.
+        words: Span,
+    },
+    /// The three arrays of a sparse mask and, unless the order is the identity, the order.
+    Sparse {
+        /// Row of each word.
+        rows: Span,
+        /// Column block of each word.
+        blocks: Span,
+        /// Bits of each word.
+        bits: Span,
+        /// Box index at each position.
+        order: Option<Span>,
+    },
+}
+
+impl MaskShape {
+    /// The dense mask of `n` boxes, at the start of the reply.
+    pub const fn dense(n: BoxCount) -> Self {
+        Self::Dense { words: Span { start: 0, len: n.dense_words() } }
+    }
+
+    /// A sparse mask with room for `capacity` words of which `word_count` are used, at the start
+    /// of the reply: `rows`, `blocks`, `bits`, then `order` of `n` positions if there is one.
+    ///
+    /// An engine that knows its size beforehand passes it twice.
+    pub const fn sparse(n: BoxCount, capacity: u64, word_count: u64, with_order: bool) -> Self {
+        let stride = capacity.next_multiple_of(SECTION_ALIGN_WORDS);
+        Self::Sparse {
+            rows: Span { start: 0, len: word_count },
+            blocks: Span { start: stride, len: word_count },
+            bits: Span { start: 2 * stride, len: word_count },
+            order: if with_order {
+                Some(Span { start: 3 * stride, len: n.get() as u64 })
+            } else {
+                None
+            },
+        }
+    }
+
+    /// The most words with which the [`Self::sparse`] mask of `n` boxes that knows its size takes
+    /// `limit_words` words of a reply or less. `None` where not even the mask without words does.
+    ///
+    /// ```
+    /// use pairmask::{BoxCount, mask::MaskShape};
+    ///
+    /// let n = BoxCount::new(100);
+    /// assert_eq!(MaskShape::sparse_words_within(n, 148, true), Some(16));
+    /// assert_eq!(MaskShape::sparse(n, 16, 16, true).extent_words(), 148);
+    /// assert_eq!(MaskShape::sparse_words_within(n, 99, true), None, "the order has 100 words");
+    /// ```
+    pub fn sparse_words_within(n: BoxCount, limit_words: u64, with_order: bool) -> Option<u64> {
+        let align = SECTION_ALIGN_WORDS;
+        if with_order {
+            // The order stands behind three whole strides.
+            let arrays = limit_words.checked_sub(u64::from(n.get()))?;
+            return Some(arrays / 3 / align * align);
+        }
+        // Only the first two arrays take whole strides.
+        let whole = limit_words / 3 / align * align;
+        let after_two_more = limit_words.saturating_sub(2 * (whole + align));
+        Some(if after_two_more > whole { after_two_more.min(whole + align) } else { whole })
+    }
+
+    /// The mask of `n` boxes and `word_count` words, with an order or not, in an encoding, at the
+    /// start of the reply.
+    pub const fn exact(encoding: Encoding, n: BoxCount, word_count: u64, with_order: bool) -> Self {
+        match encoding {
+            Encoding::Dense => Self::dense(n),
+            Encoding::Sparse => Self::sparse(n, word_count, word_count, with_order),
+        }
+    }
+
+    /// The most words of an engine that a reply of `limit_words` words holds in an encoding. `None`
+    /// where it does not even hold the mask without any.
+    ///
+    /// The words of a dense mask are not counted: its size follows from `n`.
+    pub fn words_within(
+        encoding: Encoding,
+        n: BoxCount,
+        limit_words: u64,
+        with_order: bool,
+    ) -> Option<u64> {
+        match encoding {
+            Encoding::Dense => (n.dense_words() <= limit_words).then_some(u64::MAX),
+            Encoding::Sparse => Self::sparse_words_within(n, limit_words, with_order),
+        }
+    }
+
+    /// The encoding of this shape.
+    pub const fn encoding(&self) -> Encoding {
+        match self {
+            Self::Dense { .. } => Encoding::Dense,
+            Self::Sparse { .. } => Encoding::Sparse,
+        }
+    }
+
+    /// Words of the mask of `n` boxes that are zero and were therefore not written, of an encoding
+    /// that leaves them out.
+    pub const fn zero_words(&self, n: BoxCount) -> u64 {
+        match self {
+            Self::Dense { .. } => 0,
+            Self::Sparse { bits, .. } => n.sparse_words_max().saturating_sub(bits.len),
+        }
+    }
+
+    /// All sections, in the order in which replies hold them.
+    pub fn spans(&self) -> impl Iterator<Item = Span> + use<> {
+        let spans = match *self {
+            Self::Dense { words } => [Some(words), None, None, None],
+            Self::Sparse { rows, blocks, bits, order } => {
+                [Some(rows), Some(blocks), Some(bits), order]
+            }
+        };
+        spans.into_iter().flatten()
+    }
+
+    /// Words of the reply from its start to the end of the last section. Saturates, since a shape
+    /// may come from another process.
+    pub fn extent_words(&self) -> u64 {
+        self.spans().map(|span| span.start.saturating_add(span.len)).max().unwrap_or(0)
+    }
+
+    /// Bytes of the mask itself, without gaps between sections. Saturates likewise.
+    pub fn mask_bytes(&self) -> u64 {
+        self.spans().fold(0, |sum: u64, span| sum.saturating_add(span.len)).saturating_mul(4)
+    }
+}
+
+/// A pair mask in a reply, of any encoding: nothing is copied.
+///
+/// The reply is data from another process. [`MaskView::new`] checks in O(1) that the sections lie
+/// in the reply and have the right lengths. Whatever the bytes, decoding then never panics, ends,
+/// and gives only pairs with a < b < n: bits that name no pair of boxes are dropped.
+/// [`MaskView::verify`] says whether there are any. Words are read where they lie and when they are
+/// needed, so whoever published the reply must leave it alone while a view lives.
+///
+/// ```
+/// use pairmask::BoxCount;
+/// use pairmask::mask::{MaskShape, MaskView};
+/// // Boxes 0 to 3. Bit k is pair k of (0,1) (0,2) (0,3) (1,2) (1,3) (2,3).
+/// let n = BoxCount::new(4);
+/// let reply = [0b10_0001];
+/// let mask = MaskView::new(n, &MaskShape::dense(n), &reply)?;
+/// assert_eq!(mask.to_vec(), [(0, 1), (2, 3)]);
+/// assert!(mask.contains(3, 2));
+///
+/// // The same pairs as two words (row, block, bits), with room for 16.
+/// let mut reply = [0; 48];
+/// (reply[0], reply[16], reply[32]) = (0, 0, 0b0010);
+/// (reply[1], reply[17], reply[33]) = (2, 0, 0b1000);
+/// let mask = MaskView::new(n, &MaskShape::sparse(n, 2, 2, false), &reply)?;
+/// assert_eq!(mask.to_vec(), [(0, 1), (2, 3)]);
+/// mask.verify()?;
+/// # Ok::<(), pairmask::mask::MaskError>(())
+/// ```
+#[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
+pub enum MaskView<'a> {
+    /// One bit for every pair.
+    Dense(DenseMask<'a>),
+    /// Non-zero words with their addresses.
+    Sparse(SparseMask<'a>),
+}
+
+impl<'a> MaskView<'a> {
+    /// The mask of `n` boxes that lies in `reply` as `shape` says.
+    ///
+    /// # Errors
+    /// [`MaskError`] where a section leaves the reply or a length is wrong.
+    pub fn new(n: BoxCount, shape: &MaskShape, reply: &'a [u32]) -> Result<Self, MaskError> {
+        match shape {
+            MaskShape::Dense { words } => DenseMask::new(n, words, reply).map(Self::Dense),
+            MaskShape::Sparse { rows, blocks, bits, order } => {
+                SparseMask::new(n, [rows, blocks, bits], order.as_ref(), reply).map(Self::Sparse)
+            }
+        }
+    }
+
+    /// Number of boxes.
+    #[inline]
+    pub const fn n(&self) -> BoxCount {
+        match self {
+            Self::Dense(mask) => mask.n(),
+            Self::Sparse(mask) => mask.n(),
+        }
+    }
+
+    /// How the mask is written.
+    #[inline]
+    pub const fn encoding(&self) -> Encoding {
+        match self {
+            Self::Dense(_) => Encoding::Dense,
+            Self::Sparse(_) => Encoding::Sparse,
+        }
+    }
+
+    /// Number of pairs: a pass over the words.
+    ///
+    /// Never less than the iterators give. It is more only where an order is malformed, since the
+    /// order is not read here.
+    #[must_use]
+    pub fn count(&self) -> u64 {
+        match self {
+            Self::Dense(mask) => mask.count(),
+            Self::Sparse(mask) => mask.count(),
+        }
+    }
+
+    /// Whether boxes `a` and `b`, in any order, are a pair of the mask. False for equal and for
+    /// unknown boxes.
+    ///
+    /// Dense: one AND. Sparse: a binary search, behind an O(n) search if there is an order.
+    #[inline]
+    #[must_use]
+    pub fn contains(&self, a: u32, b: u32) -> bool {
+        match self {
+            Self::Dense(mask) => mask.contains(a, b),
+            Self::Sparse(mask) => mask.contains(a, b),
+        }
+    }
+
+    /// The non-zero words with their addresses, without bits that name no pair.
+    #[inline]
+    #[must_use]
+    pub fn words(&self) -> Words<'a> {
+        match self {
+            Self::Dense(mask) => Words::of(WordSource::Dense(mask.words_in(0..self.word_count()))),
+            Self::Sparse(mask) => {
+                let words = mask.words_in(0..self.word_count());
+                Words::of(WordSource::Sparse(mask.n(), words))
+            }
+        }
+    }
+
+    /// Checks every rule of the encoding, in O(words) and, with an order, O(n).
+    ///
+    /// Not needed for safety. A mask that passes holds what its bits say, no more and no less.
+    ///
+    /// # Errors
+    /// The first rule broken, and where: [`MaskError`].
+    pub fn verify(&self) -> Result<(), MaskError> {
+        match self {
+            Self::Dense(mask) => mask.verify(),
+            Self::Sparse(mask) => mask.verify(),
+        }
+    }
+
+    /// Words of the mask as it lies in the reply.
+    pub(super) fn word_count(&self) -> usize {
+        match self {
+            Self::Dense(mask) => mask.as_words().len(),
+            Self::Sparse(mask) => mask.word_count(),
+        }
+    }
+
+    /// The pairs of a range of words.
+    pub(super) fn pairs_in(&self, range: Range<usize>) -> Pairs<'a> {
+        match self {
+            Self::Dense(mask) => Pairs::of(PairSource::Dense(mask.pairs_in(range))),
+            Self::Sparse(mask) => Pairs::of(PairSource::Sparse(mask.pairs_in(range))),
+        }
+    }
+
+    /// Words of the smallest range that is worth a thread.
+    pub(super) const fn grain_words(&self) -> usize {
+        match self {
+            Self::Dense(_) => DENSE_GRAIN_WORDS,
+            Self::Sparse(_) => SPARSE_GRAIN_WORDS,
+        }
+    }
+}
+
+/// Smallest range of a dense mask worth a thread, words: 512 KiB, which one thread scans in 10 to
+/// 20 µs. Waking another thread takes as long, so smaller ranges would cost time.
+const DENSE_GRAIN_WORDS: usize = 2048 * CHUNK_WORDS;
+
+/// Smallest range of a sparse mask worth a thread, words: at about 1 ns a word some 15 µs, as above.
+const SPARSE_GRAIN_WORDS: usize = 1 << 14;
+
+/// Where the pairs of a mask come from.
+#[derive(Clone)]
+pub(super) enum PairSource<'a> {
+    Dense(DensePairs<'a>),
+    Sparse(SparsePairs<'a>),
+}
+
+impl PairSource<'_> {
+    /// Decodes the next pairs into a buffer. False at the end of the mask.
+    #[inline(always)]
+    pub fn refill(&mut self, buffer: &mut PairBuffer) -> bool {
+        let mut more = false;
+        match self {
+            Self::Dense(pairs) => buffer.refill(|writer| more = pairs.write(writer)),
+            Self::Sparse(pairs) => buffer.refill(|writer| more = pairs.write(writer)),
+        }
+        more
+    }
+}
+
+/// Where the words of a mask come from.
+#[derive(Clone)]
+pub(super) enum WordSource<'a> {
+    Dense(DenseWords<'a>),
+    Sparse(BoxCount, SparseWords<'a>),
+}
+
+impl WordSource<'_> {
+    /// The next word that is not zero.
+    #[inline]
+    pub fn next(&mut self) -> Option<AddressedWord> {
+        match self {
+            Self::Dense(words) => words.next().map(|(number, bits)| AddressedWord {
+                address: WordAddress::Dense { first: PairIndex::new(32 * number as u64) },
+                bits: MaskWord(bits),
+            }),
+            Self::Sparse(n, words) => {
+                let word = words.map(|word| word.without_strays(*n)).find(|word| word.bits != 0)?;
+                Some(AddressedWord {
+                    address: WordAddress::Sparse { row: word.row, block: word.block },
+                    bits: MaskWord(word.bits),
+                })
+            }
+        }
+    }
+}

@@ -1,0 +1,67 @@
+//! The clients that are remembered.
+
+use super::client::Client;
+
+/// Clients by session, as many as may connect. They are few: each look is a walk along the list.
+#[derive(Debug)]
+pub(super) struct Known {
+    clients: Vec<Client>,
+    capacity: usize,
+}
+
+impl Known {
+    /// Room for so many clients, and one at the least.
+    pub(super) fn new(max_clients: usize) -> Self {
+        let capacity = max_clients.max(1);
+        Self { clients: Vec::with_capacity(capacity), capacity }
+    }
+
+    /// A client that is remembered.
+    pub(super) fn find(&self, session: u128) -> Option<&Client> {
+        self.clients.iter().find(|client| client.session() == session)
+    }
+
+    /// A client, remembered from now on. Clients that are gone fill the list: then all are forgotten,
+    /// and those that live come back with their next request.
+    pub(super) fn of(&mut self, session: u128) -> &mut Client {
+        let found = self.clients.iter().position(|client| client.session() == session);
+        let place = found.unwrap_or_else(|| {
+            if self.clients.len() >= self.capacity {
+                self.clients.clear();
+            }
+            self.clients.push(Client::new(session));
+            self.clients.len() - 1
+        });
+        &mut self.clients[place]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn clients_are_remembered_one_by_one() {
+        let mut known = Known::new(3);
+        for session in [1, 2, 1] {
+            let client = known.of(session);
+            client.last_pairs = Some(client.last_pairs.unwrap_or(0) + session as u64);
+        }
+        let pairs = |known: &Known, session| known.find(session).and_then(|c| c.last_pairs);
+        assert_eq!([1, 2, 3].map(|session| pairs(&known, session)), [Some(2), Some(2), None]);
+    }
+
+    #[test]
+    fn a_full_list_forgets_and_never_grows() {
+        for max_clients in [0, 1, 4] {
+            let mut known = Known::new(max_clients);
+            let room = known.clients.capacity();
+            for session in 0..20 {
+                known.of(session).last_pairs = Some(7);
+                assert!(known.clients.len() <= max_clients.max(1));
+                assert!(known.find(session).is_some_and(|client| client.last_pairs == Some(7)));
+            }
+            assert_eq!(known.clients.capacity(), room, "no allocation");
+        }
+    }
+}

@@ -1,0 +1,109 @@
+//! Memory that a frame reads and writes.
+//!
+//! A GPU works on a frame while the daemon does something else, so the frame owns its memory until
+//! the device is done: a value that can be moved, dropped and forgotten, and none of it lets the
+//! device write to memory that is somebody else's again.
+#![allow(unsafe_code)]
+
+use pairmask::engine::{ReplyBuffer, ReserveError};
+use pairmask::precision::NarrowBoxes;
+
+/// The boxes of a frame and the memory of its reply, in one value.
+///
+/// # Safety
+/// As long as the value lives, wherever it is moved:
+///
+/// * [`Self::with`] hands out boxes at the same address, as many and of the same form each time.
+/// * The memory that the reply lent last stays mapped where it is, and nobody but [`Self::with`] gets
+///   a reference into it, until the reply is asked for memory again or the value is dropped. It stays
+///   so for ever when [`Self::abandon`] returns.
+///
+/// Shared memory that a reply lends is mapped to the same pages as long as the engines live that the
+/// value is given to, longer than the value itself: GPUs import it for the frames to come.
+pub unsafe trait FrameMemory {
+    /// Gives boxes and reply to `work`.
+    fn with<R>(&mut self, work: impl FnOnce(NarrowBoxes<'_>, &mut dyn ReplyBuffer) -> R) -> R;
+
+    /// Leaves the memory to a device that may write to it for ever.
+    fn abandon(self)
+    where
+        Self: Sized,
+    {
+        std::mem::forget(self);
+    }
+}
+
+/// Memory that the reply of a [`FrameMemory`] lent, by its address. Only [`with_lent`] makes one, so
+/// what that trait promises of such memory holds for it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct LentReply {
+    start: usize,
+    bytes: usize,
+}
+
+impl LentReply {
+    /// First byte.
+    pub(super) const fn start(self) -> usize {
+        self.start
+    }
+
+    /// Size; 0 where nothing was lent.
+    pub(super) const fn bytes(self) -> usize {
+        self.bytes
+    }
+}
+
+/// As [`FrameMemory::with`]; notes in `lent` what `work` asked the reply for last, and leaves it as it
+/// is where `work` asked for nothing.
+pub(super) fn with_lent<M: FrameMemory, R>(
+    memory: &mut M,
+    lent: &mut LentReply,
+    work: impl FnOnce(NarrowBoxes<'_>, &mut dyn ReplyBuffer) -> R,
+) -> R {
+    memory.with(|boxes, reply| work(boxes, &mut NotedReply { inner: reply, lent }))
+}
+
+/// Takes note of the memory that was reserved.
+struct NotedReply<'a> {
+    inner: &'a mut dyn ReplyBuffer,
+    lent: &'a mut LentReply,
+}
+
+impl ReplyBuffer for NotedReply<'_> {
+    fn limit_words(&self) -> u64 {
+        self.inner.limit_words()
+    }
+
+    fn reserve(&mut self, words: u64) -> Result<&mut [u32], ReserveError> {
+        let memory = self.inner.reserve(words)?;
+        *self.lent = LentReply { start: memory.as_ptr() as usize, bytes: size_of_val(memory) };
+        Ok(memory)
+    }
+}
+
+/// Boxes and a reply that somebody lends for the time of a call. A device that never ends the frame
+/// ends the process instead: the call can neither return nor keep what is not its own.
+pub(super) struct Borrowed<'a> {
+    pub(super) boxes: NarrowBoxes<'a>,
+    pub(super) reply: &'a mut dyn ReplyBuffer,
+}
+
+// SAFETY: both are borrowed as long as the value lives: the boxes do not change their place, and what
+// the reply lent can be reached through `reply` alone. `abandon` does not return. It is given to the
+// engines themselves, which import nothing; the importer vouches for what they find.
+unsafe impl FrameMemory for Borrowed<'_> {
+    fn with<R>(&mut self, work: impl FnOnce(NarrowBoxes<'_>, &mut dyn ReplyBuffer) -> R) -> R {
+        work(self.boxes, self.reply)
+    }
+
+    fn abandon(self) {
+        end_process()
+    }
+}
+
+/// Ends a process whose memory a device may write to for ever. In the daemon that is the worker, and
+/// the supervisor starts another.
+pub(super) fn end_process() -> ! {
+    log::error!("a GPU frame never ended, and its reply is borrowed: this process ends");
+    std::process::abort()
+}

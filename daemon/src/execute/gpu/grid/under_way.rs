@@ -1,0 +1,105 @@
+//! A frame of the grid that the GPU works on, with the memory that it reads and writes.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use pairmask::engine::{CullError, ReplyBuffer};
+use pairmask::precision::NarrowBoxes;
+
+use super::ENGINE;
+use super::lane::Lane;
+use crate::execute::FrameMemory;
+use crate::execute::frame_memory::{LentReply, with_lent};
+
+/// A lane that its engine and the frame in it share. The frame outlives the engine where it must.
+#[derive(Clone)]
+pub(super) struct SharedLane(Arc<Mutex<Lane>>);
+
+impl SharedLane {
+    pub(super) fn new(lane: Lane) -> Self {
+        Self(Arc::new(Mutex::new(lane)))
+    }
+
+    /// The lane, for as long as the guard lives. One thread uses an engine and its frames, so nobody
+    /// waits here; after a panic the frame is given up with whatever it had.
+    pub(super) fn lock(&self) -> MutexGuard<'_, Lane> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// A frame under way. Owns the memory that the GPU reads and writes, and gives it back when the GPU is
+/// done, to [`Grid::end`](super::Grid::end) or to its own drop, which waits as well. Where the GPU is
+/// never done, the memory stays with it ([`FrameMemory::abandon`]).
+///
+/// The engine may be dropped before.
+#[must_use = "dropping a frame under way waits for it and loses its answer"]
+pub struct GridUnderWay<M: FrameMemory> {
+    lane: SharedLane,
+    /// There until it was given back.
+    memory: Option<M>,
+    /// Where the mask goes.
+    lent: LentReply,
+}
+
+impl<M: FrameMemory> GridUnderWay<M> {
+    /// Takes a free lane and the memory of its next frame, which [`Self::with`] starts.
+    pub(super) fn new(lane: SharedLane, memory: M) -> Self {
+        Self { lane, memory: Some(memory), lent: LentReply::default() }
+    }
+
+    /// Gives the lane, the boxes and the reply to `work`.
+    pub(super) fn with<R>(
+        &mut self,
+        work: impl FnOnce(&mut Lane, NarrowBoxes<'_>, &mut dyn ReplyBuffer) -> Result<R, CullError>,
+    ) -> Result<R, CullError> {
+        let lost = CullError::DeviceLost { engine: ENGINE };
+        let memory = self.memory.as_mut().ok_or(lost)?;
+        let mut lane = self.lane.lock();
+        with_lent(memory, &mut self.lent, |boxes, reply| work(&mut lane, boxes, reply))
+    }
+
+    /// Whether it is in that lane.
+    pub(super) fn is_in(&self, lane: &SharedLane) -> bool {
+        Arc::ptr_eq(&self.lane.0, &lane.0)
+    }
+
+    /// The memory that its reply lent last.
+    pub(in crate::execute) fn lent(&self) -> LentReply {
+        self.lent
+    }
+
+    /// Whether the GPU is done with it, or never will be: ending it does not wait.
+    pub fn has_ended(&self) -> bool {
+        self.lane.lock().has_ended()
+    }
+
+    /// Waits for the GPU and takes the memory back, without an answer. `None` where the GPU keeps
+    /// it.
+    pub fn give_up(mut self) -> Option<M> {
+        self.take_back()
+    }
+
+    fn take_back(&mut self) -> Option<M> {
+        let is_free = self.lane.lock().give_up();
+        let memory = self.memory.take()?;
+        if is_free {
+            return Some(memory);
+        }
+        log::error!("a GPU frame never ended; its request and reply are left to the device");
+        memory.abandon();
+        None
+    }
+}
+
+impl<M: FrameMemory> Drop for GridUnderWay<M> {
+    fn drop(&mut self) {
+        if self.memory.is_some() {
+            drop(self.take_back());
+        }
+    }
+}
+
+impl<M: FrameMemory> std::fmt::Debug for GridUnderWay<M> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("GridUnderWay").finish_non_exhaustive()
+    }
+}

@@ -1,0 +1,218 @@
+//! A request that waits for its answer, and the shared memory of that answer, lent when its size is
+//! known.
+
+use std::cell::RefCell;
+use std::rc::Rc;
+use std::time::Instant;
+
+use pairmask::BoxForm;
+use pairmask::engine::{ReplyBuffer, ReserveError};
+use pairmask::precision::NarrowBoxes;
+use pairmask::transport::{
+    ActiveRequest, CheckedRequest, Populated, ResponseLoan, Sender, TransportError,
+    assume_response_pages, objects_in, words_in, words_in_mut,
+};
+use pairmask::units::BoxCount;
+use pairmask::wire::{
+    ObjectForm, Objects, Reject, ReplyFields, Request, ResponseHeader, page_count,
+};
+
+use crate::ingest::Incoming;
+
+/// Bytes of a word of a mask.
+const WORD_BYTES: u64 = size_of::<u32>() as u64;
+
+/// Where the objects of a scene lie in the payload.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ObjectsPlace {
+    /// First byte.
+    pub(crate) offset: usize,
+    /// Boxes in one of their forms, or spheres.
+    pub(crate) form: ObjectForm,
+    /// How many.
+    pub(crate) count: BoxCount,
+}
+
+impl ObjectsPlace {
+    /// Of a request that has no scene.
+    const NONE: Self =
+        Self { offset: 0, form: ObjectForm::Boxes(BoxForm::F32), count: BoxCount::new(0) };
+}
+
+/// What lends the memory of replies.
+#[derive(Debug)]
+pub(crate) struct ReplyLender {
+    populated: RefCell<Populated>,
+    limit_bytes: u64,
+}
+
+impl ReplyLender {
+    /// Lends at most `limit_bytes` a reply.
+    pub(crate) fn new(limit_bytes: u64) -> Self {
+        Self { populated: RefCell::default(), limit_bytes }
+    }
+}
+
+/// A request in hand. Dropped without an answer, it leaves its client to its deadline.
+pub(crate) struct OpenRequest {
+    incoming: Incoming,
+    fields: ReplyFields,
+    taken_at: Instant,
+    objects: ObjectsPlace,
+    loan: Option<ResponseLoan>,
+    lender: Rc<ReplyLender>,
+}
+
+impl OpenRequest {
+    /// Takes a request in. Its time counts from now.
+    pub(crate) fn new(incoming: Incoming, lender: Rc<ReplyLender>) -> Self {
+        let taken_at = Instant::now();
+        let header = incoming.request.header();
+        let fields = ReplyFields {
+            client_token: header.client_token,
+            frame: header.frame,
+            box_count: BoxCount::new(header.box_count),
+        };
+        Self { incoming, fields, taken_at, objects: ObjectsPlace::NONE, loan: None, lender }
+    }
+
+    /// Validates what it asks for.
+    ///
+    /// # Errors
+    /// [`Reject`].
+    pub(crate) fn parse(&self) -> Result<Request, Reject> {
+        Request::parse(self.request().header(), self.payload_bytes())
+    }
+
+    /// Notes where its scene lies.
+    ///
+    /// # Errors
+    /// [`Reject::Objects`] where the objects are not all in the payload.
+    pub(crate) fn place_objects(&mut self, place: ObjectsPlace) -> Result<(), Reject> {
+        let ObjectsPlace { offset, form, count } = place;
+        if objects_in(self.request().pages(), offset, form, count).is_none() {
+            let payload_bytes = self.payload_bytes();
+            return Err(Reject::Objects { box_count: count.get(), payload_bytes });
+        }
+        self.objects = place;
+        Ok(())
+    }
+
+    /// Who sent it.
+    pub(crate) const fn sender(&self) -> Sender {
+        self.incoming.sender
+    }
+
+    /// What its answer echoes.
+    pub(crate) const fn fields(&self) -> &ReplyFields {
+        &self.fields
+    }
+
+    /// When it was taken in.
+    pub(crate) const fn taken_at(&self) -> Instant {
+        self.taken_at
+    }
+
+    /// The most words of its reply.
+    pub(crate) fn limit_words(&self) -> u64 {
+        self.lender.limit_bytes / WORD_BYTES
+    }
+
+    /// The objects of its scene; none before they were placed.
+    pub(crate) fn objects(&self) -> Objects<'_> {
+        objects_at(&self.incoming.request, self.objects)
+    }
+
+    /// The objects and the memory of the reply.
+    pub(crate) fn parts(&mut self) -> (Objects<'_>, LoanReply<'_>) {
+        let Self { incoming, objects, loan, lender, .. } = self;
+        let request = incoming.request.request();
+        (objects_at(&incoming.request, *objects), LoanReply { request, loan, lender })
+    }
+
+    /// Puts a few bytes that are not a mask.
+    ///
+    /// # Errors
+    /// [`ReserveError`].
+    pub(crate) fn put(&mut self, bytes: &[u8]) -> Result<(), ReserveError> {
+        let (_, mut reply) = self.parts();
+        let words = reply.reserve((bytes.len() as u64).div_ceil(WORD_BYTES))?;
+        bytemuck::cast_slice_mut::<u32, u8>(words)[..bytes.len()].copy_from_slice(bytes);
+        Ok(())
+    }
+
+    /// What was written; nothing before memory was reserved.
+    pub(crate) fn words(&self) -> &[u32] {
+        self.loan.as_ref().map_or(&[], |loan| words_in(loan.payload()))
+    }
+
+    /// What was written, to be changed.
+    pub(crate) fn words_mut(&mut self) -> &mut [u32] {
+        self.loan.as_mut().map_or(&mut [], response_words)
+    }
+
+    /// Sends what was written. Where nothing was, one page goes with the header: the transport has
+    /// no empty payload.
+    ///
+    /// # Errors
+    /// [`TransportError`].
+    pub(crate) fn send(&mut self, header: &ResponseHeader) -> Result<(), TransportError> {
+        if self.loan.is_none() {
+            let (_, mut reply) = self.parts();
+            reply.reserve(0).map_err(|e| TransportError::new("lending a response", &e))?;
+        }
+        let Some(mut loan) = self.loan.take() else { return Ok(()) };
+        *loan.user_header_mut() = *header;
+        loan.send().map_err(|e| TransportError::new("sending a response", &e))
+    }
+
+    fn request(&self) -> &CheckedRequest {
+        &self.incoming.request
+    }
+
+    fn payload_bytes(&self) -> u64 {
+        size_of_val(self.request().pages()) as u64
+    }
+}
+
+fn objects_at(request: &CheckedRequest, place: ObjectsPlace) -> Objects<'_> {
+    let ObjectsPlace { offset, form, count } = place;
+    // They are there: they were when they were placed, and the payload's length is a copy.
+    objects_in(request.pages(), offset, form, count)
+        .unwrap_or(Objects::Boxes(NarrowBoxes::F32(&[])))
+}
+
+/// The memory of a request's reply.
+pub(crate) struct LoanReply<'a> {
+    request: &'a ActiveRequest,
+    loan: &'a mut Option<ResponseLoan>,
+    lender: &'a ReplyLender,
+}
+
+impl ReplyBuffer for LoanReply<'_> {
+    fn limit_words(&self) -> u64 {
+        self.lender.limit_bytes / WORD_BYTES
+    }
+
+    fn reserve(&mut self, words: u64) -> Result<&mut [u32], ReserveError> {
+        let limit_bytes = self.lender.limit_bytes;
+        let needed_bytes = words.saturating_mul(WORD_BYTES);
+        if needed_bytes > limit_bytes {
+            return Err(ReserveError::TooLarge { at_least_bytes: needed_bytes, limit_bytes });
+        }
+        let out_of_memory = ReserveError::OutOfMemory { needed_bytes };
+        // A request has one loan at a time: the old one goes back first.
+        *self.loan = None;
+        let pages = usize::try_from(page_count(needed_bytes)).map_err(|_| out_of_memory)?;
+        let loan = self.request.loan_slice_uninit(pages).map_err(|_| out_of_memory)?;
+        let mut loan = assume_response_pages(loan);
+        let mut populated = self.lender.populated.borrow_mut();
+        populated.ensure(loan.payload_mut()).map_err(|_| out_of_memory)?;
+        Ok(response_words(self.loan.insert(loan)))
+    }
+}
+
+/// The words of a response's memory.
+fn response_words(loan: &mut ResponseLoan) -> &mut [u32] {
+    words_in_mut(loan.payload_mut())
+}

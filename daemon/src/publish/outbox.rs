@@ -1,0 +1,108 @@
+//! Where answers go out: counted, sent, their client woken, some of them checked again.
+
+use std::rc::Rc;
+
+use iceoryx2::service::ipc;
+use pairmask::dispatch::CullAnswer;
+use pairmask::engine::CullReport;
+use pairmask::transport::Services;
+use pairmask::wire::{
+    ResponseHeader, StageTimes, StatusBody, response_error, response_ok, response_status,
+};
+
+use super::counters::Counters;
+use super::{OpenRequest, Refusal};
+use crate::audit::Auditor;
+use crate::clients::Clients;
+
+/// What changes the words of a finished answer and their report. A daemon that serves clients has
+/// none: tests show with it that the auditor notices a wrong answer.
+pub type AlterAnswer = fn(&mut [u32], &mut CullReport);
+
+/// What every answer passes.
+pub(crate) struct Outbox {
+    services: Rc<Services<ipc::Service>>,
+    clients: Clients,
+    counters: Counters,
+    auditor: Auditor,
+    /// Changes every answer before it is counted and sent.
+    alter_answers: Option<AlterAnswer>,
+    /// Threads that the engine of the last answer could use.
+    threads: usize,
+}
+
+impl Outbox {
+    /// To the clients of these services.
+    pub(crate) fn new(
+        services: Rc<Services<ipc::Service>>,
+        clients: Clients,
+        auditor: Auditor,
+    ) -> Self {
+        let counters = Counters::new();
+        Self { services, clients, counters, auditor, alter_answers: None, threads: 1 }
+    }
+
+    /// Changes every answer from now on, or none. For tests of the auditor.
+    pub(crate) fn alter_answers(&mut self, alter: Option<AlterAnswer>) {
+        self.alter_answers = alter;
+    }
+
+    /// What the daemon keeps of its clients.
+    pub(crate) const fn clients(&self) -> &Clients {
+        &self.clients
+    }
+
+    /// What the daemon has done so far.
+    pub(crate) fn status(&self) -> StatusBody {
+        self.counters.body(self.services.client_count(), self.auditor.counts())
+    }
+
+    /// Threads that the engine of the last answer could use.
+    pub(crate) const fn threads(&self) -> usize {
+        self.threads
+    }
+
+    /// Answers with the pairs of the request's objects, whose mask its reply holds.
+    pub(crate) fn answer(&mut self, open: &mut OpenRequest, mut answer: CullAnswer) {
+        if let Some(alter) = self.alter_answers {
+            alter(open.words_mut(), &mut answer.report);
+        }
+        let (fields, report) = (*open.fields(), &answer.report);
+        let form = open.objects().form();
+        let audited = self.auditor.draw(&fields, form, &report.shape, open.words());
+        let total_ns = open.taken_at().elapsed().as_nanos() as u64;
+        let times = StageTimes { total_ns, ..answer.times };
+        self.threads = answer.threads;
+        self.counters.note_frame(&fields, form, report.pair_count);
+        self.clients.note_pairs(open.sender().session, report.pair_count);
+        let header = response_ok(&fields, answer.engine, answer.threads, report, &times);
+        self.send(open, &header);
+        if let Some(window) = audited {
+            // The objects are ours to read as long as the request is.
+            self.auditor.submit(window, open.objects());
+        }
+    }
+
+    /// Answers with the daemon's status, which the reply holds.
+    pub(crate) fn answer_status(&mut self, open: &mut OpenRequest) {
+        let header = response_status(open.fields());
+        self.send(open, &header);
+    }
+
+    /// Answers with an error.
+    pub(crate) fn refuse(&mut self, open: &mut OpenRequest, refusal: &Refusal) {
+        let fields = *open.fields();
+        log::debug!("client {:016x}: {}", fields.client_token, refusal.text);
+        self.counters.note_error(&fields, refusal.status);
+        self.send(open, &response_error(&fields, refusal.status, refusal.detail));
+    }
+
+    fn send(&mut self, open: &mut OpenRequest, header: &ResponseHeader) {
+        // Without memory for even one page, or with a client that is gone, nobody can be told: the
+        // client's deadline ends its wait.
+        if let Err(error) = open.send(header) {
+            log::debug!("sending a response: {error}");
+        }
+        self.clients.wake(open.sender(), open.fields().client_token);
+    }
+}

@@ -1,0 +1,16 @@
+//! Requests for the daemon's status.
+
+use pairmask::engine::CullError;
+use pairmask::wire::{PAGE_BYTES, StatusBody};
+
+use crate::publish::{OpenRequest, Outbox};
+
+const _: () = assert!(size_of::<StatusBody>() <= PAGE_BYTES, "a status fits one page");
+
+/// Tells how the daemon does.
+pub(super) fn answer(open: &mut OpenRequest, outbox: &mut Outbox) {
+    match open.put(bytemuck::bytes_of(&outbox.status())) {
+        Ok(()) => outbox.answer_status(open),
+        Err(error) => outbox.refuse(open, &CullError::from(error).into()),
+    }
+}

@@ -1,0 +1,45 @@
+//! The grid's stages on the CPU: what each leaves behind, word for word.
+//!
+//! One file a stage, named like its shader. Slow and plain. The tests compare the GPU's reply with
+//! it, byte by byte. Two stages have none of their own: `grid_scatter` leaves the boxes of a cell in
+//! any order, which `grid_place` settles, and `grid_write` copies the words of `grid_pairs` as they
+//! are.
+
+mod grid_cells;
+pub mod grid_layout;
+mod grid_pairs;
+mod grid_place;
+mod grid_scan;
+
+use pairmask::aabb::{BoxClass, KeyBox};
+use pairmask::precision::NarrowBoxes;
+
+pub use self::grid_cells::Home;
+use crate::layouts::GridLayout;
+
+/// What a frame leaves behind.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Mirrored {
+    /// Home of each box.
+    pub homes: Vec<Home>,
+    /// First position of each cell, then n.
+    pub starts: Vec<u32>,
+    /// Box at each position.
+    pub order: Vec<u32>,
+    /// Row, column block and bits of each non-zero word.
+    pub words: Vec<[u32; 3]>,
+    /// Pairs compared.
+    pub compared: u64,
+}
+
+/// All stages, for a layout that the host chose.
+pub fn frame(layout: &GridLayout, boxes: NarrowBoxes<'_>) -> Mirrored {
+    let expanded = (0..boxes.len()).filter_map(|i| boxes.get(i));
+    let keys: Vec<(KeyBox, BoxClass)> = expanded.map(|b| KeyBox::classify(&b)).collect();
+    let homes = grid_cells::homes(layout, &keys);
+    let starts = grid_scan::starts(layout, &homes);
+    let order = grid_place::order(&homes);
+    let mut mirrored = Mirrored { homes, starts, order, ..Mirrored::default() };
+    grid_pairs::words(layout, &keys, &mut mirrored);
+    mirrored
+}

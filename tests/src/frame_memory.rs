@@ -1,0 +1,128 @@
+//! Memory of frames that are left to a GPU: on the heap, and shared so that the GPU writes to it.
+#![allow(unsafe_code)]
+
+use std::fs::File;
+use std::sync::Arc;
+
+use pairmask::engine::{HeapReply, ReplyBuffer, ReserveError};
+use pairmask::precision::NarrowBoxes;
+use pairmask::{Aabb, Precision};
+use pairmaskd::execute::FrameMemory;
+use pairmaskd::execute::gpu::{Gpu, ImportId, ReadWriteMapping, SharedImports};
+
+use crate::narrow::NarrowMemory;
+
+/// Boxes and a reply, and a token that tells whether they still are: [`Arc::strong_count`].
+pub struct TestFrame<R> {
+    /// The boxes.
+    pub boxes: NarrowMemory,
+    /// The reply.
+    pub reply: R,
+    /// Dropped with the memory.
+    pub token: Arc<()>,
+}
+
+impl TestFrame<HeapReply> {
+    /// Boxes in a precision, with a reply on the heap.
+    pub fn on_heap(precision: &Precision, boxes: &[Aabb]) -> Self {
+        let boxes = NarrowMemory::write(precision, boxes);
+        Self { boxes, reply: HeapReply::new(), token: Arc::default() }
+    }
+}
+
+// SAFETY: the boxes, and the words of either reply, are in memory of their own that does not move with
+// its owner, to which nobody else has a reference. Heap memory is not shared; the mapping of a shared
+// reply stays until the reply is dropped, which ends its import before. Tests give the latter to engines
+// that import nothing by themselves.
+unsafe impl FrameMemory for TestFrame<HeapReply> {
+    fn with<R>(&mut self, work: impl FnOnce(NarrowBoxes<'_>, &mut dyn ReplyBuffer) -> R) -> R {
+        work(self.boxes.boxes(), &mut self.reply)
+    }
+}
+
+// SAFETY: as above.
+unsafe impl FrameMemory for TestFrame<SharedReply> {
+    fn with<R>(&mut self, work: impl FnOnce(NarrowBoxes<'_>, &mut dyn ReplyBuffer) -> R) -> R {
+        work(self.boxes.boxes(), &mut self.reply)
+    }
+}
+
+/// A reply in shared memory that a GPU has imported.
+pub struct SharedReply {
+    imports: SharedImports,
+    import: ImportId,
+    mapping: ReadWriteMapping,
+}
+
+impl SharedReply {
+    /// A reply of so many pages, and another view of the same pages.
+    ///
+    /// # Panics
+    /// Where the GPU does not import it.
+    pub fn new(gpu: &Arc<Gpu>, imports: &SharedImports, pages: usize) -> (Self, Watcher) {
+        let flags = rustix::fs::MemfdFlags::CLOEXEC;
+        let file = rustix::fs::memfd_create("pairmask-test-reply", flags).expect("a memfd");
+        let (file, bytes) = (File::from(file), pages * 4096);
+        file.set_len(bytes as u64).expect("room");
+        let map = || ReadWriteMapping::of_file(&file, 0, bytes).expect("maps");
+        let mapping = map();
+        let address = mapping.pointer().as_ptr() as usize;
+        // SAFETY: the mapping stays where it is until the reply is dropped, which forgets the import.
+        let import = unsafe { imports.lock().import_replies(gpu, address, bytes) };
+        let import = import.unwrap_or_else(|error| panic!("shared memory imports: {error}"));
+        (Self { imports: imports.clone(), import, mapping }, Watcher(map()))
+    }
+
+    /// All of it.
+    pub fn words(&self) -> &[u32] {
+        let first = self.mapping.pointer().as_ptr().cast();
+        // SAFETY: a live mapping of whole pages; the GPU writes to it within a frame alone, which
+        // owns this reply.
+        unsafe { std::slice::from_raw_parts(first, self.mapping.bytes() / 4) }
+    }
+}
+
+impl Drop for SharedReply {
+    fn drop(&mut self) {
+        self.imports.lock().forget(self.import);
+    }
+}
+
+impl ReplyBuffer for SharedReply {
+    fn limit_words(&self) -> u64 {
+        (self.mapping.bytes() / 4) as u64
+    }
+
+    fn reserve(&mut self, words: u64) -> Result<&mut [u32], ReserveError> {
+        let limit_bytes = self.mapping.bytes() as u64;
+        let first = self.mapping.pointer().as_ptr().cast();
+        // SAFETY: as in `words`, and borrowed mutably.
+        let all = unsafe { std::slice::from_raw_parts_mut(first, self.mapping.bytes() / 4) };
+        let refused = ReserveError::TooLarge { at_least_bytes: 4 * words, limit_bytes };
+        all.get_mut(..words as usize).ok_or(refused)
+    }
+}
+
+/// Another view of a reply's pages, which outlives the reply.
+pub struct Watcher(ReadWriteMapping);
+
+impl Watcher {
+    /// Overwrites all words with one.
+    pub fn fill(&self, word: u32) {
+        for place in 0..self.0.bytes() / 4 {
+            // SAFETY: within a live mapping, aligned.
+            unsafe { self.word(place).write_volatile(word) };
+        }
+    }
+
+    /// Whether all words are this one.
+    pub fn is_all(&self, word: u32) -> bool {
+        // SAFETY: as in `fill`.
+        (0..self.0.bytes() / 4).all(|place| unsafe { self.word(place).read_volatile() } == word)
+    }
+
+    fn word(&self, place: usize) -> *mut u32 {
+        let first: *mut u32 = self.0.pointer().as_ptr().cast();
+        first.wrapping_add(place)
+    }
+}
