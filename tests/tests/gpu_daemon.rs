@@ -196,7 +196,7 @@ fn a_frame_outlives_its_executor() {
     drop(executor);
     drop(first.0);
     assert_eq!((Arc::strong_count(&first.1), Arc::strong_count(&second.1)), (1, 2));
-    // Nobody but a CPU engine is left to answer it.
+    // Only a CPU engine is left to answer it.
     let (answer, memory) = Executor::new(None).end(second.0);
     let answer = answer.unwrap();
     assert!(!answer.engine.is_gpu(), "by {}", answer.engine);

@@ -148,12 +148,12 @@ pub(crate) fn mask_sections(shape: &MaskShape) -> [Section; SECTION_COUNT] {
     sections
 }
 
-/// Why sections are no mask.
+/// Why sections are refused as a mask.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum BadSections {
     /// The wire contract does not have the encoding.
     UnknownEncoding,
-    /// A section is missing, doubled, of a wrong length or outside of the payload: which one.
+    /// The section that is missing, doubled, of a wrong length or outside of the payload.
     Malformed(&'static str),
 }
 

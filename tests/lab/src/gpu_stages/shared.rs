@@ -17,7 +17,7 @@ pub(super) struct Segment {
     // Open as long as the mapping, since an import finds the pages through the file.
     _file: File,
     mapping: ReadWriteMapping,
-    /// Ends before the mapping does.
+    /// The import of the mapping; it ends before the mapping does.
     import: Option<(SharedImports, ImportId)>,
 }
 
@@ -33,7 +33,7 @@ impl Segment {
         Ok(segment)
     }
 
-    /// Imports it, for boxes and replies.
+    /// Imports the segment, for boxes and replies.
     pub(super) fn import(
         &mut self,
         gpu: &Arc<Gpu>,
@@ -94,9 +94,9 @@ pub(super) struct SegmentFrame {
     pub(super) reply: Segment,
 }
 
-// SAFETY: mappings do not move with the values that own them, and nobody else refers into these. A
-// reply that was lent and imported is mapped until the segment is dropped, which forgets the import;
-// the engine that is timed imports nothing by itself.
+// SAFETY: mappings do not move with the values that own them, and no other reference into these
+// exists. A reply that was lent and imported is mapped until the segment is dropped, which forgets
+// the import; the engine that is timed imports nothing by itself.
 unsafe impl FrameMemory for SegmentFrame {
     fn with<R>(&mut self, work: impl FnOnce(NarrowBoxes<'_>, &mut dyn ReplyBuffer) -> R) -> R {
         work(self.boxes.boxes(self.n).into(), &mut self.reply)

@@ -55,7 +55,7 @@ impl ModeSubject {
         flags: &MixedFlags,
     ) -> Result<Option<(CullReport, Vec<Pair>)>, Finding> {
         let Self { engine, pool, reply, .. } = self;
-        // Encodings are the business of the exact subjects: masks know nothing of modes.
+        // The exact subjects test the encodings: masks do not depend on modes.
         let input = CullInput::boxes(boxes).threads(pool.current_num_threads());
         let report = match flags.install(pool, || engine.cull(&input, reply)) {
             Err(CullError::TooCrowded { .. }) => return Ok(None),

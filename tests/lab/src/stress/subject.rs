@@ -146,7 +146,7 @@ impl ExactSubject {
     }
 }
 
-/// What an engine gets for a case, on a pool whose threads it may use.
+/// The input of an engine for a case, on a pool whose threads it may use.
 fn input<'a>(case: &'a Case, encoding: Encoding, pool: &ThreadPool) -> CullInput<'a> {
     CullInput::boxes(&case.boxes).encoding(encoding).threads(pool.current_num_threads())
 }
