@@ -7,7 +7,7 @@ const SHORTEST_NAP: Duration = Duration::from_micros(250);
 /// The nap ends this long before the expected end: the delay of a late wake-up on a busy machine.
 const WAKE_MARGIN: Duration = Duration::from_micros(120);
 /// The nap of a long frame ends this share of the frame before its expected end: frame times vary
-/// by as much, and an answer that comes during the nap waits for its end.
+/// by as much, and an answer that comes during the nap is taken only when the nap ends.
 const WAKE_SHARE: u32 = 16;
 /// Scenes whose box counts differ by more than a quarter are not compared.
 const SIMILAR: u32 = 4;

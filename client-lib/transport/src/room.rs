@@ -37,7 +37,7 @@ fn free_bytes(of: &StatVfs) -> Option<u64> {
     (of.f_blocks != 0).then(|| of.f_bavail.saturating_mul(of.f_frsize))
 }
 
-/// Checks that shared memory has `bytes` free bytes, and `more` beside them.
+/// Checks that shared memory has `bytes` + `more` free bytes.
 fn check(bytes: u64, more: u64) -> Result<(), PopulateError> {
     // Without figures of the file system nothing is refused here: the transport's own error says
     // more.
