@@ -1,4 +1,4 @@
-//! Records what this build was made from, for `--version` and for benchmark records.
+//! Records toolchain and commit of this build, for `--version` and for benchmark records.
 
 use std::process::Command;
 
@@ -18,7 +18,7 @@ fn main() {
     }
 }
 
-/// What a command says, or `unknown` where it cannot be run or fails.
+/// The first line of a command's output, or `unknown` where it cannot be run or fails.
 fn first_line(command: &mut Command) -> String {
     command
         .output()

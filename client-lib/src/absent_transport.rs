@@ -1,20 +1,20 @@
 //! What sessions name of the transport in a build without the feature `daemon`.
 //!
-//! Errors and memory of the transport have no value here, so that the code of sessions is one.
+//! Its types have no value: no error and no memory of the transport exists. The code of sessions is
+//! the same with a transport and without.
 #![allow(dead_code)] // A build without a transport needs the names only.
 
 use pairmask_wire::Page;
 
-/// Nothing has this type. What holds it privately is made by nobody, and still looks like any other
-/// type to the code that names it.
+/// A type without a value. A struct with a private field of it can be named and never made.
 #[derive(Clone, Copy, Debug)]
 pub enum Never {}
 
-/// No shared memory: never here.
+/// Missing shared memory: never made in this build.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PopulateError {}
 
-/// A step of the transport that failed: never here.
+/// A step of the transport that failed: never made in this build.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum TransportError {}
 

@@ -22,8 +22,8 @@
 //! # }
 //! ```
 //!
-//! Boxes are closed: touching counts. No pair is lost and none is added, whoever answers; [`aabb`]
-//! says what overlaps.
+//! Boxes are closed: touching counts. Daemon and in-process engines find the same pairs, none lost
+//! and none added; [`aabb`] says what overlaps.
 //!
 //! # The way of a frame
 //!
@@ -34,16 +34,16 @@
 //! | submit, wait | [`PendingFrame`]: the frame is under way while you do something else | [`session`] |
 //! | decode | [`PairMask`]: [`pairs`](PairMask::pairs), [`par_pairs`](PairMask::par_pairs), [`contains`](PairMask::contains); [`words`](PairMask::words) for AND masks of your own | [`mask`] |
 //!
-//! Beneath lie the engines ([`engine`], [`sphere`]), their choice ([`plan`]), the numbering of pairs
-//! ([`pair_index`]), the naive answer that all are held to ([`oracle`]), and the bytes in shared memory
-//! ([`wire`]). Engines can be used without a session.
+//! Below the sessions are the engines ([`engine`], [`sphere`]), their choice ([`plan`]), the numbering
+//! of pairs ([`pair_index`]), the naive answer that every engine is tested against ([`oracle`]), and
+//! the bytes in shared memory ([`wire`]). Engines can be used without a session.
 //!
 //! # Which session
 //!
 //! Who answers ([`Backend`]; the pairs are the same):
 //!
-//! * [`Backend::Auto`], unless you say otherwise: the daemon where one serves, else this process. It
-//!   comes back to the daemon by itself; a daemon that dies costs no frame.
+//! * [`Backend::Auto`], unless you say otherwise: the daemon where one serves, else this process.
+//!   The session returns to the daemon by itself; a daemon that dies costs no frame.
 //! * [`Backend::InProcess`]: the CPU engines of this library. For tests, tools, and platforms without
 //!   a daemon.
 //! * [`Backend::Daemon`]: the daemon or a typed error. For measurements, and where the engine's
@@ -62,8 +62,8 @@
 //!
 //! # Vectors and matrices
 //!
-//! The interface has plain arrays, and takes whatever becomes one: `[f32; 3]`, and the vectors of
-//! glam (any version), nalgebra and mint. Matrices are arrays by columns, which
+//! The interface has plain arrays, and takes every type that converts into one: `[f32; 3]`, and the
+//! vectors of glam (any version), nalgebra and mint. Matrices are arrays by columns, which
 //! `to_cols_array_2d()` of glam gives.
 //!
 //! # Features
@@ -92,7 +92,7 @@ pub use pairmask_core::{
     aabb, awake_pool, dispatch, engine, floats, mask, oracle, pair_index, plan, precision, sphere,
     units, update,
 };
-/// The transport, and what of the wire contract went by its name.
+/// The transport, and the parts of the wire contract that are named under it.
 #[cfg(feature = "daemon")]
 pub mod transport {
     pub use pairmask_core::spinner::Spinner;
@@ -102,7 +102,7 @@ pub mod transport {
         objects_in, spheres_in, spheres_in_mut, words_in, words_in_mut,
     };
 }
-/// The wire contract, and what of the core went by its name.
+/// The wire contract, and the parts of the core that are named under it.
 pub mod wire {
     pub use pairmask_core::dispatch::StageTimes;
     pub use pairmask_core::objects::{ObjectForm, Objects};

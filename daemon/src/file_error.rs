@@ -1,10 +1,10 @@
-//! Why a file cannot be used, and what to do about it, in words.
+//! Errors of files, with advice in words.
 
 use std::fmt;
 use std::io::{self, ErrorKind};
 use std::path::PathBuf;
 
-/// What was to be done with a file.
+/// The access to a file that failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Access {
     /// Read it.
@@ -21,20 +21,20 @@ pub enum Access {
 pub struct FileError {
     /// The file, as it was named.
     pub path: PathBuf,
-    /// What was to be done with it.
+    /// The access that failed.
     pub access: Access,
-    /// What the system said.
+    /// The system's error.
     pub source: io::Error,
 }
 
 impl FileError {
-    /// For `map_err`: the error of a file that was to be read or written.
+    /// For `map_err`: wraps the system's error on a file.
     pub fn of(path: impl Into<PathBuf>, access: Access) -> impl FnOnce(io::Error) -> Self {
         move |source| Self { path: path.into(), access, source }
     }
 }
 
-/// What is wrong, and what to do: the end of a sentence that begins with the file's name.
+/// The problem and the advice: the end of a sentence that begins with the file's name.
 ///
 /// ```
 /// use std::io::{Error, ErrorKind};
@@ -66,7 +66,7 @@ pub fn advice(access: Access, error: &io::Error) -> impl fmt::Display {
     text.to_owned()
 }
 
-/// What the system said, without the number that it has for it.
+/// The system's message without the error number.
 fn without_number(error: &io::Error) -> String {
     let text = error.to_string();
     text.split(" (os error").next().unwrap_or_default().to_owned()

@@ -23,7 +23,7 @@ pub enum PrecisionChoice {
     Margin(Margin),
 }
 
-/// What stands before the number of a margin.
+/// Prefix of a margin's number.
 const MARGIN_PREFIX: &str = "margin=";
 
 impl PrecisionChoice {
@@ -48,7 +48,7 @@ impl PrecisionChoice {
         }
     }
 
-    /// Boxes as they are to be sent.
+    /// Inflates boxes by the margin, if the choice is one.
     pub fn inflate(self, boxes: &mut [Aabb]) {
         if let Self::Margin(margin) = self {
             for b in boxes {
@@ -58,12 +58,11 @@ impl PrecisionChoice {
     }
 
     /// The gap on each axis up to which boxes within `world` may be reported as a pair, where one number
-    /// says it. `widening` is that of the form that was used; `world` goes around the boxes that were
-    /// given.
+    /// states it. `widening` is that of the form in use; `world` is the bounds of the boxes.
     pub fn gap_below(self, widening: &Widening, world: &Bounds) -> Option<[f64; 3]> {
         match (self, widening) {
             (Self::Margin(margin), _) => {
-                // Steps of f32 are widest at the face that is farthest from 0.
+                // Steps of f32 are largest at the face that is farthest from 0.
                 let (low, high) = (world.low(), world.high());
                 let gap = |axis: usize| {
                     let far = f64::from(low[axis].abs().max(high[axis].abs()));
@@ -87,7 +86,7 @@ impl fmt::Display for PrecisionChoice {
     }
 }
 
-/// The f32 boxes that stand for `boxes` once they were sent in a precision: what engines are given.
+/// The f32 boxes that engines get for `boxes` sent with a precision.
 ///
 /// # Panics
 /// When the system has no memory for the boxes.
@@ -101,7 +100,7 @@ impl fmt::Display for PrecisionChoice {
 /// ```
 pub fn as_sent(precision: &Precision, boxes: &[Aabb]) -> Vec<Aabb> {
     let bytes = boxes.len() * precision.form().box_bytes();
-    // Words, since narrow boxes are aligned to more than a byte.
+    // Allocated as words: narrow boxes need more than byte alignment.
     let mut words = vec![0u32; bytes.div_ceil(size_of::<u32>())];
     let memory: &mut [u8] = &mut bytemuck::cast_slice_mut(&mut words)[..bytes];
     precision.write(boxes, memory);
@@ -110,7 +109,7 @@ pub fn as_sent(precision: &Precision, boxes: &[Aabb]) -> Vec<Aabb> {
     narrow.expand(&mut scratch, false).to_vec()
 }
 
-/// A name that is no precision.
+/// The text names no precision.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("'{0}' is no precision: choose one of exact, q16, q8, f16, margin=X with X >= 0 in units")]
 pub struct UnknownPrecision(String);

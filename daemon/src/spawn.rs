@@ -1,4 +1,4 @@
-//! A daemon process of one's own: private directory, gone with its owner.
+//! A private daemon: a process with a private directory that ends with its owner.
 //!
 //! For commands, tests and programs that need a daemon for a while and must leave nothing behind.
 //! The daemon ends when [`PrivateDaemon`] is dropped, and by itself when its owner dies.
@@ -19,23 +19,25 @@ use tempfile::TempDir;
 use crate::execute::gpu::GpuChoice;
 use crate::serve::{DEFAULT_SPIN, ServeError, ServeSettings, supervise};
 
-/// A daemon that does not answer within this time will not: it takes 50 ms on an idle machine.
+/// A daemon that does not answer within this time counts as failed: starting takes 50 ms on an idle
+/// machine.
 const START_WITHIN: Duration = Duration::from_secs(20);
 /// A daemon that was asked to stop is killed after this time. Its supervisor gives the worker 5 s.
 const STOP_WITHIN: Duration = Duration::from_secs(8);
-/// Pause between two looks at a process that starts or stops.
+/// Time between two checks of a process that starts or stops.
 const LOOK_INTERVAL: Duration = Duration::from_millis(2);
-/// Not `pairmask-`, with which the default directories of users begin, which are looked through.
+/// Prefix of the private directory's name. Not `pairmask-`, with which the users' default
+/// directories begin: those are searched for instances.
 const DIR_PREFIX: &str = ".pairmask.";
 
-/// What a private daemon should be like.
+/// Settings of a private daemon.
 #[derive(Clone, Debug)]
 pub struct PrivateSettings {
-    /// What the instance allows.
+    /// The limits of the instance.
     pub limits: Limits,
     /// How long the worker spins for the next request before it sleeps.
     pub spin: Duration,
-    /// Which GPU.
+    /// The GPU to use.
     pub gpu: GpuChoice,
     /// The constants that plans compute with.
     pub calibration: CalibrationChoice,
@@ -52,27 +54,27 @@ impl Default for PrivateSettings {
     }
 }
 
-/// Why there is no private daemon.
+/// Why a private daemon did not start.
 #[derive(Debug, thiserror::Error)]
 pub enum SpawnError {
-    /// No directory for it.
+    /// No private directory could be created.
     #[error("no temporary directory for a daemon: {0} (set TMPDIR to one that can be written)")]
     Dir(#[source] io::Error),
-    /// Its process does not start, or cannot be watched.
+    /// The process does not start, or cannot be watched.
     #[error("starting {}: {source}", binary.display())]
     Start {
         /// The daemon's binary.
         binary: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: io::Error,
     },
-    /// It ended before it served; it said why on stderr.
+    /// The daemon ended before it served, and printed the reason on stderr.
     #[error("the daemon ended before it served ({status}); see its own message")]
     Ended {
-        /// How it ended.
+        /// Its exit status.
         status: ExitStatus,
     },
-    /// It runs and does not answer.
+    /// The daemon runs and does not answer.
     #[error("the daemon does not answer within {START_WITHIN:?}: {source}")]
     Silent {
         /// The last attempt to connect.
@@ -92,8 +94,8 @@ impl SpawnError {
 
 /// A running daemon, stopped when dropped.
 ///
-/// Keep it on the thread that started it, or on one that ends no later: the kernel takes the end
-/// of the starting thread for the end of the owner.
+/// Keep it on the thread that started it, or on one that ends no later: the kernel treats the end
+/// of the starting thread as the end of the owner.
 ///
 /// ```no_run
 /// use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
@@ -129,9 +131,10 @@ impl PrivateDaemon {
             .args(["--calibration", &settings.calibration.to_string()])
             .arg("--runtime-dir")
             .arg(dir.path())
-            // That it serves and stops is no news to whoever asked for it.
+            // Messages that it serves or stops say nothing new to its owner.
             .env("PAIRMASK_LOG", std::env::var_os("PAIRMASK_LOG").unwrap_or("warn".into()))
-            // A Ctrl-C is for the owner: a daemon that stops first spoils the owner's last frame.
+            // Only the owner gets a Ctrl-C: a daemon that stops first spoils the owner's last
+            // frame.
             .process_group(0)
             .stdin(Stdio::null())
             .stdout(Stdio::null())
@@ -142,8 +145,8 @@ impl PrivateDaemon {
         Ok(daemon)
     }
 
-    /// Starts the binary that this process runs, as its own daemon: for the command line, whose
-    /// binary is the daemon's.
+    /// Starts this process's own binary as a daemon: for the command line, whose binary is the
+    /// daemon's.
     ///
     /// # Errors
     /// [`SpawnError`].
@@ -168,17 +171,17 @@ impl PrivateDaemon {
         }
     }
 
-    /// The directory that its clients need.
+    /// The runtime directory, for clients.
     pub fn dir(&self) -> RuntimeDir {
         RuntimeDir::at(self.dir.path())
     }
 
-    /// The name that it serves under in that directory.
+    /// The name of the instance in that directory.
     pub fn instance(&self) -> InstanceName {
         InstanceName::default()
     }
 
-    /// A session in the making, with this daemon and no other.
+    /// A session builder for this daemon.
     pub fn session(&self) -> SessionBuilder {
         Session::builder()
             .instance(self.instance().as_str())
@@ -186,19 +189,19 @@ impl PrivateDaemon {
             .backend(Backend::Daemon)
     }
 
-    /// Who serves now, if anybody.
+    /// The record of the processes that serve now, if any.
     pub fn record(&self) -> Option<DaemonRecord> {
         self.dir().read_record(&self.instance())
     }
 
-    /// Asks it to stop and waits until it has: its exit status, or that of the SIGKILL that it
-    /// took.
+    /// Asks the daemon to stop and waits for its end. Returns its exit status, or that of a SIGKILL
+    /// if it did not stop in time.
     pub fn stop(mut self) -> ExitStatus {
         self.stop_now()
     }
 
     fn stop_now(&mut self) -> ExitStatus {
-        // Where the process is gone already, there is nobody to tell.
+        // Sending fails if the process has ended already, which is what is wanted.
         if let Some(pid) = i32::try_from(self.child.id()).ok().and_then(Pid::from_raw)
             && matches!(self.child.try_wait(), Ok(None))
         {
@@ -222,31 +225,31 @@ impl Drop for PrivateDaemon {
     }
 }
 
-/// The binary that this process runs.
+/// Path of this process's binary.
 pub(crate) fn own_binary() -> Result<PathBuf, SpawnError> {
     std::env::current_exe()
         .map_err(|source| SpawnError::Start { binary: "/proc/self/exe".into(), source })
 }
 
-/// What `serve --private-to OWNER` does: serves until told to stop or the owner dies, then
-/// removes the runtime directory.
+/// Runs `serve --private-to OWNER`: serves until a signal or the owner's death, then removes the
+/// runtime directory.
 pub(crate) fn serve_private(settings: &ServeSettings, owner: u32) -> Result<(), ServeError> {
     set_parent_process_death_signal(Some(Signal::TERM)).map_err(|errno| ServeError::System {
         step: "binding to the owner",
         source: errno.into(),
     })?;
-    // The owner may have died before the signal was asked for: it never comes then.
+    // If the owner died before the signal was requested, the signal never comes.
     let is_owned = getppid().is_some_and(|pid| pid.as_raw_nonzero().get().unsigned_abs() == owner);
     let result = if is_owned { supervise(settings) } else { Ok(()) };
     remove_private_dir(settings.dir.path());
     result
 }
 
-/// Removes a directory that [`PrivateDaemon::start`] made, and no other, whatever was passed.
+/// Removes a directory that [`PrivateDaemon::start`] made. Leaves any other path alone.
 fn remove_private_dir(path: &Path) {
     let name = path.file_name().and_then(std::ffi::OsStr::to_str).unwrap_or_default();
     if name.starts_with(DIR_PREFIX) {
-        // The owner removes it too: whoever comes second finds nothing.
+        // The owner removes it too: the second of the two finds nothing.
         let _ = std::fs::remove_dir_all(path);
     }
 }

@@ -1,4 +1,4 @@
-//! One client that is timed, frame by frame: for the command line's benches and the laboratory.
+//! A client whose frames are timed: for the command line's benches and the laboratory.
 
 use std::hint::black_box;
 use std::num::NonZeroUsize;
@@ -14,34 +14,35 @@ use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
 
 use crate::precision::PrecisionChoice;
 
-/// Who asks, and how boxes are written.
+/// The session, and the form in which boxes are written.
 #[derive(Debug)]
 pub enum TimedClient {
     /// Copies f32 boxes.
     Exact(Session),
     /// Writes a narrow form.
     Narrow(Session, Precision),
-    /// Asks when something has moved.
+    /// Makes a request only when a box has moved by more than the margin.
     Margined(Box<Margined>),
 }
 
-/// Who looks at the pairs of a mask.
+/// The threads that decode a mask.
 #[derive(Debug, Default)]
 pub enum Decoding {
-    /// The thread that asked.
+    /// The thread that submitted the frame.
     #[default]
     Serial,
-    /// It and others.
+    /// That thread and others.
     Parallel(Decoders),
 }
 
-/// How long decoding threads stay awake for an answer: longer than frames of ten million boxes take.
+/// How long decoding threads stay awake for an answer: longer than a frame of ten million boxes
+/// takes.
 const READY: Duration = Duration::from_millis(20);
 
-/// A pool that the thread which made it belongs to, as long as that lives.
+/// A pool of decoding threads, of which the thread that made it is one.
 #[derive(Debug)]
 pub struct Decoders {
-    /// Threads that wait for answers awake.
+    /// Threads that are kept awake while a frame is under way.
     kept_awake: usize,
     awake: AwakePool,
     _pool: ThreadPool,
@@ -55,14 +56,14 @@ impl Decoders {
     pub fn start(threads: NonZeroUsize) -> Result<Self, ThreadPoolBuildError> {
         let threads = threads.get();
         let cores = thread::available_parallelism().map_or(1, usize::from);
-        // Where the daemon has no core of its own, whoever waits for its answer stands in its way.
+        // Where all cores decode, a thread that waits awake would take a core from the daemon.
         let kept_awake = if threads < cores { threads } else { 1 };
         let pool = ThreadPoolBuilder::new().num_threads(threads).use_current_thread().build()?;
         Ok(Self { kept_awake, awake: AwakePool::default(), _pool: pool })
     }
 }
 
-/// Pairs that were looked at, and their indices, so that no look is for nothing.
+/// Number of visited pairs and a sum of their indices, so that the compiler keeps the visits.
 #[derive(Clone, Copy, Default)]
 struct Looked {
     pairs: u64,
@@ -80,7 +81,7 @@ impl Looked {
 }
 
 impl Decoding {
-    /// Has the threads ready for an answer.
+    /// Keeps the threads awake for an answer.
     fn expect(&mut self) {
         if let Self::Parallel(decoders) = self {
             decoders.awake.keep_until(decoders.kept_awake, Instant::now() + READY);
@@ -102,30 +103,30 @@ impl Decoding {
     }
 }
 
-/// A frame's times, and who answered.
+/// The times of a frame, and facts about its answer.
 #[derive(Clone, Copy, Debug)]
 pub struct TimedFrame {
-    /// What is known of the answer.
+    /// Facts about the answer.
     pub info: FrameInfo,
-    /// Whether it was asked for: else an earlier answer was good.
+    /// Whether a request was made: else an earlier answer held.
     pub was_asked: bool,
-    /// Memory borrowed and the boxes written into it; zero with a margin, where that is part of the
-    /// round trip.
+    /// Time to borrow memory and write the boxes into it; zero with a margin, where it is part of
+    /// the round trip.
     pub fill: Duration,
-    /// Boxes submitted to mask in hand.
+    /// From submission to the mask.
     pub round_trip: Duration,
-    /// Every pair of the mask looked at once.
+    /// Time to visit every pair of the mask once.
     pub decode: Duration,
 }
 
 impl TimedFrame {
-    /// The engine's part of the round trip, ns; 0 where nobody was asked.
+    /// The engine's part of the round trip, ns; 0 where no request was made.
     pub const fn engine_ns(&self) -> u64 {
         if self.was_asked { self.info.times.total_ns } else { 0 }
     }
 }
 
-/// Why a frame has no time.
+/// Why a frame could not be timed.
 #[derive(Debug, thiserror::Error)]
 pub enum TimedError {
     /// The frame could not be sent.
@@ -134,7 +135,7 @@ pub enum TimedError {
     /// The frame was not answered.
     #[error(transparent)]
     Wait(#[from] WaitError),
-    /// One or the other, with a margin.
+    /// Either of these, with a margin.
     #[error(transparent)]
     Margined(#[from] MarginedError),
     /// An engine without a session could not answer.
@@ -146,15 +147,15 @@ pub enum TimedError {
     /// An engine is broken.
     #[error("a frame has {counted} pairs and its mask holds {decoded}: please report this")]
     Miscounted {
-        /// As the engine counted.
+        /// The engine's count.
         counted: u64,
-        /// In the mask.
+        /// Pairs in the mask.
         decoded: u64,
     },
 }
 
 impl TimedClient {
-    /// A client that writes boxes as asked; bounds are those of `boxes`.
+    /// A client that writes boxes with a precision; its bounds are those of `boxes`.
     pub fn new(session: Session, precision: PrecisionChoice, boxes: &[Aabb]) -> Self {
         match precision {
             PrecisionChoice::Exact => Self::Exact(session),
@@ -165,8 +166,8 @@ impl TimedClient {
         }
     }
 
-    /// A frame of `n` boxes that `write` writes where they are sent from. `look` gets the mask after
-    /// the clock has stopped.
+    /// Runs a frame of `n` boxes that `write` writes into the frame's memory. `look` gets the mask
+    /// after the clock has stopped.
     ///
     /// # Errors
     /// [`TimedError`].
@@ -189,7 +190,7 @@ impl TimedClient {
         Ok(timed)
     }
 
-    /// A frame of boxes. `look` gets the mask after the clock has stopped.
+    /// Runs a frame of boxes. `look` gets the mask after the clock has stopped.
     ///
     /// # Errors
     /// [`TimedError`].
@@ -201,7 +202,7 @@ impl TimedClient {
         self.frame_decoded(boxes, &mut Decoding::Serial, look)
     }
 
-    /// As [`Self::frame`], its pairs looked at by others.
+    /// As [`Self::frame`], decoded by the threads of `decoding`.
     ///
     /// # Errors
     /// [`TimedError`].
@@ -239,7 +240,7 @@ impl TimedClient {
     }
 }
 
-/// Looks at every pair. The times are those at which the frame began, was filled, was answered.
+/// Visits every pair. The times are those at which the frame began, was filled and was answered.
 fn decode(
     mask: &PairMask,
     decoding: &mut Decoding,

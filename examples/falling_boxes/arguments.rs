@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use pairmask::Backend;
 
-/// What to simulate, and who finds the pairs.
+/// The size of the simulation and the backend that finds the pairs.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Arguments {
     pub backend: Backend,
@@ -13,12 +13,12 @@ pub struct Arguments {
     pub frames: u64,
 }
 
-/// A command line that means nothing.
+/// A wrong command line.
 #[derive(Debug, PartialEq, Eq)]
 pub enum ArgumentError {
     /// Not one of the flags.
     Unknown { flag: String },
-    /// A flag without a value, or with one that means nothing.
+    /// A flag without a value, or with a wrong one.
     Value { flag: String, why: String },
 }
 

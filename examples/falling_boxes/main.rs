@@ -14,7 +14,7 @@ use arguments::Arguments;
 use world::World;
 
 fn main() -> ExitCode {
-    // The session says once, in the log, when it falls back to this process.
+    // The session logs once when it falls back to this process.
     env_logger::init();
     match run() {
         Ok(()) => ExitCode::SUCCESS,
@@ -38,8 +38,8 @@ fn run() -> Result<(), Box<dyn std::error::Error>> {
         let mut frame = session.frame(world.len())?;
         world.write_boxes(frame.boxes_mut());
         let mask = frame.submit()?.wait()?;
-        // Engines give the same pairs, each in an order of its own. Pushes depend on the order, so
-        // sort them: the world is then the same whoever answers.
+        // Engines find the same pairs in different orders. Pushes depend on the order, so the pairs
+        // are sorted: the world is then the same with every backend.
         pairs.clear();
         pairs.extend(mask.pairs());
         pairs.sort_unstable();

@@ -7,9 +7,9 @@ use pairmask::Aabb;
 const TIME_STEP: f32 = 1.0 / 60.0;
 /// m/s².
 const GRAVITY: Vec3 = Vec3::new(0.0, -9.81, 0.0);
-/// Half edge of the floor, m, for each of which the square root of the number of boxes is taken.
+/// Half edge of the floor over the square root of the number of boxes, m.
 const ROOM_PER_BOX: f32 = 0.4;
-/// Share of an overlap that is taken away in a frame. All of it at once makes heaps tremble.
+/// Share of an overlap that is removed in a frame. Removing all of it at once makes heaps tremble.
 const PUSH_SHARE: f32 = 0.4;
 
 /// Boxes of half edge 0.4 m with a velocity each.
@@ -17,7 +17,7 @@ pub struct World {
     centres: Vec<Vec3>,
     velocities: Vec<Vec3>,
     room: f32,
-    /// Overlaps of the last frame: the deepest, m.
+    /// The deepest overlap of the last frame, m.
     overlap: f32,
 }
 
@@ -28,7 +28,8 @@ impl World {
     /// `n` boxes in the air.
     pub fn new(n: u32) -> Self {
         let room = ROOM_PER_BOX * (n as f32).sqrt() + 1.0;
-        // Multiples of the golden ratio and of its square: spread evenly, the same every time.
+        // Multiples of the golden ratio and of its square: evenly spread, and the same in every
+        // run.
         let spread = |i: u32, step: f32| (i as f32 * step).fract() * 2.0 - 1.0;
         let centre = |i| {
             let side = room - HALF.x;
@@ -55,12 +56,12 @@ impl World {
             *velocity += GRAVITY * TIME_STEP;
             let wanted = *centre + *velocity * TIME_STEP;
             *centre = wanted.clamp(low, high);
-            // Whatever hits the floor or a wall loses that part of its speed.
+            // A box that hits the floor or a wall loses its speed on that axis.
             *velocity = Vec3::select(centre.cmpeq(wanted), *velocity, Vec3::ZERO);
         }
     }
 
-    /// Writes the boxes of this frame where they are wanted.
+    /// Writes the boxes of this frame into `boxes`.
     pub fn write_boxes(&self, boxes: &mut [Aabb]) {
         for (slot, centre) in boxes.iter_mut().zip(&self.centres) {
             *slot = Aabb::from_center_half(*centre, HALF);
@@ -77,11 +78,11 @@ impl World {
             let axis = overlap.min_position();
             self.overlap = self.overlap.max(overlap[axis]);
             let direction = if apart[axis] < 0.0 { -1.0 } else { 1.0 };
-            // An earlier pair of this frame may have parted them: nothing to push then.
+            // An earlier pair of this frame may have parted the boxes: the push is then 0.
             let push = 0.5 * PUSH_SHARE * overlap[axis].max(0.0) * direction;
             self.centres[a][axis] -= push;
             self.centres[b][axis] += push;
-            // Boxes that close in on each other go on at the same speed.
+            // Boxes that approach each other get the same speed.
             let (va, vb) = (self.velocities[a][axis], self.velocities[b][axis]);
             if (va - vb) * direction > 0.0 {
                 self.velocities[a][axis] = 0.5 * (va + vb);

@@ -8,7 +8,7 @@ fn main() -> ExitCode {
     match run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            // Errors are written to be read: each says what is wrong and what to do.
+            // Error texts are for users: each says what is wrong and what to do.
             eprintln!("minimal_client: {error}");
             ExitCode::FAILURE
         }
@@ -16,7 +16,7 @@ fn main() -> ExitCode {
 }
 
 fn run() -> Result<(), Box<dyn std::error::Error>> {
-    // With nothing said, the session takes the daemon where one answers, else this process.
+    // By default the session uses the daemon if one answers, else this process.
     let mut session = Session::builder().connect()?;
 
     // The frame lies in shared memory where a daemon serves: the boxes are written in place.

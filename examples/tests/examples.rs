@@ -10,10 +10,10 @@ use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
 const MINIMAL_CLIENT: &str = env!("CARGO_BIN_EXE_minimal_client");
 const FALLING_BOXES: &str = env!("CARGO_BIN_EXE_falling_boxes");
 
-/// No example here takes as long; a hang ends here.
+/// An example that runs longer than this counts as hanging.
 const PATIENCE: Duration = Duration::from_secs(120);
 
-/// The daemon's binary: what `PAIRMASKD` names, else the one beside the examples.
+/// The daemon's binary: the path in `PAIRMASKD`, else the binary beside the examples.
 fn pairmaskd() -> PathBuf {
     let beside = || Path::new(MINIMAL_CLIENT).with_file_name("pairmaskd");
     let binary = std::env::var_os("PAIRMASKD").map_or_else(beside, PathBuf::from);
@@ -40,7 +40,7 @@ fn start(binary: &str, arguments: &[&str], dir: &Path) -> Child {
         .unwrap()
 }
 
-/// Waits for the end of an example, and kills it where it hangs. Its few lines fit into the pipes.
+/// Waits for the end of an example, and kills one that hangs. Its few lines fit into the pipes.
 fn finish(mut child: Child) -> Output {
     let start = Instant::now();
     while child.try_wait().unwrap().is_none() {
@@ -72,8 +72,8 @@ fn check_minimal_client(text: &str, by: &str) {
 
 #[test]
 fn minimal_client_in_process() {
-    let nobody = tempfile::tempdir().unwrap();
-    let text = output(MINIMAL_CLIENT, &[], nobody.path());
+    let empty = tempfile::tempdir().unwrap();
+    let text = output(MINIMAL_CLIENT, &[], empty.path());
     check_minimal_client(&text, "InProcess");
 }
 
@@ -94,24 +94,24 @@ fn falling_boxes_pile_up_the_same_with_every_backend() {
         assert_eq!(lines.len(), 4, "{text}");
         lines
     };
-    let nobody = tempfile::tempdir().unwrap();
-    let here = run("in-process", nobody.path());
+    let empty = tempfile::tempdir().unwrap();
+    let here = run("in-process", empty.path());
     let there = run("daemon", daemon.dir().path());
-    let whoever = run("auto", daemon.dir().path());
+    let auto = run("auto", daemon.dir().path());
     assert_eq!(here[0], "80 boxes, 400 frames, 0 of them by the daemon");
     assert_eq!(there[0], "80 boxes, 400 frames, 400 of them by the daemon");
-    assert_eq!(whoever[0], there[0]);
-    // Pairs and the state of the world; frames a second are the machine's.
+    assert_eq!(auto[0], there[0]);
+    // The lines of pairs and of the world's state. The line between depends on the machine's speed.
     for line in [1, 3] {
         assert_eq!(here[line], there[line]);
-        assert_eq!(here[line], whoever[line]);
+        assert_eq!(here[line], auto[line]);
     }
 }
 
 #[test]
 fn falling_boxes_without_a_daemon_say_what_to_do() {
-    let nobody = tempfile::tempdir().unwrap();
-    let output = finish(start(FALLING_BOXES, &["--backend", "daemon"], nobody.path()));
+    let empty = tempfile::tempdir().unwrap();
+    let output = finish(start(FALLING_BOXES, &["--backend", "daemon"], empty.path()));
     assert!(!output.status.success());
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert!(stderr.contains("pairmaskd serve"), "{stderr}");
@@ -122,7 +122,7 @@ fn falling_boxes_run_longer_than_the_daemon() {
     let daemon = daemon();
     let arguments = ["--boxes", "80", "--frames", "20000", "--backend", "auto"];
     let child = start(FALLING_BOXES, &arguments, daemon.dir().path());
-    // Somewhere in the middle, or before the start: the example goes on either way.
+    // The kill comes during the run or before its start: the example goes on in both cases.
     std::thread::sleep(Duration::from_millis(100));
     daemon.stop();
     let output = finish(child);

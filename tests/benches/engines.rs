@@ -21,7 +21,8 @@ use pairmask::mask::MaskShape;
 use pairmask::plan::{Calibration, Capabilities, SceneStats, plan};
 use pairmaskd::scene::{Scene, SceneName};
 
-/// Pairs above which a quadratic scene or engine is left out: minutes for no news.
+/// Pairs above which a quadratic scene or engine is left out: it would take minutes and show
+/// nothing new.
 const MOST_TESTS: f64 = 2.0e10;
 
 struct Options {
@@ -79,7 +80,7 @@ struct Lane {
     words: u64,
 }
 
-/// Whether an engine that compares all pairs is worth its time here.
+/// Whether a case is small enough for an engine that compares all pairs.
 fn worthwhile(name: EngineName, n: usize) -> bool {
     let n = n as f64;
     match name {
@@ -151,7 +152,7 @@ fn main() -> ExitCode {
     if equal { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// One scene and size; whether all pair sets were equal.
+/// Runs one scene and size. Returns whether all pair sets were equal.
 fn run(name: SceneName, n: usize, options: &Options) -> bool {
     let mut lanes = Vec::new();
     for &engine_name in &options.engines {

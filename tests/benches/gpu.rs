@@ -1,4 +1,4 @@
-//! Prints what the GPU engine does on a device. Needs a Vulkan driver and nothing else.
+//! Measures the GPU engines on a device. Needs only a Vulkan driver.
 //!
 //! `gpu [--gpu auto|software|INDEX|NAME] [--n 1000,4096] [--ms 500] [--sweep] [--no-check | --check-only]`
 

@@ -1,4 +1,4 @@
-//! Narrow forms: what writing and expanding them costs beside copying f32 boxes, one thread.
+//! Narrow forms: time to write and expand them, beside copying f32 boxes, on one thread.
 //!
 //! Least times of interleaved rounds, ns a box. `cargo bench -p pairmask-tests --bench precision`.
 #![allow(clippy::unwrap_used, missing_docs)]

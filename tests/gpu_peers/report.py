@@ -1,6 +1,6 @@
 """The rows as a Markdown table, and the ratio to the best peer."""
 
-# A row whose list is not the exact set is nobody's best peer.
+# A row whose list is not the exact set is never the best peer.
 
 # Ours, in the order of the table of ratios.
 OURS = (

@@ -1,4 +1,4 @@
-//! A daemon whose auditor checks every frame, and what it says of some.
+//! A daemon whose auditor checks every frame, and its report on some frames.
 
 use pairmask::transport::RuntimeDir;
 use pairmask::{Aabb, Backend, Encoding, EncodingChoice, Session, Sphere};
@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use crate::command_line::{Place, Program, eventually, finish};
 
-/// What frames are made of.
+/// The objects of frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Shape {
     /// Boxes.
@@ -16,8 +16,8 @@ pub enum Shape {
     Spheres,
 }
 
-/// What `status --json` says of the auditor of a daemon after five frames of 40 objects that all
-/// overlap, and the daemon's log.
+/// The auditor's counts by `status --json` after five frames of 40 objects that all overlap, and
+/// the daemon's log.
 ///
 /// # Panics
 /// Where the daemon does not start, answer or stop.

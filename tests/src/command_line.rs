@@ -1,4 +1,4 @@
-//! Running a binary with a command line, with a watchdog, in a directory of its own.
+//! Runs a binary with a command line, under a watchdog, in a directory of its own.
 
 use std::collections::BTreeSet;
 use std::io::{Read, Write};
@@ -14,27 +14,27 @@ use tempfile::TempDir;
 
 use crate::watchdog::within;
 
-/// Nothing here takes as long; a hang ends here.
+/// A process that runs longer than this counts as hanging.
 pub const PATIENCE: Duration = Duration::from_secs(120);
 
 /// A binary with a command line.
 pub trait Program {
-    /// Where it is.
+    /// Path of the binary.
     const BINARY: &str;
-    /// What it calls itself when it fails.
+    /// The program's name in its error messages.
     const NAME: &str;
 }
 
-/// What a finished process left.
+/// The results of a finished process.
 #[derive(Debug)]
 pub struct Finished {
-    /// What the program calls itself.
+    /// The program's name in its error messages.
     pub name: &'static str,
     /// Its exit status, if it has one.
     pub code: Option<i32>,
-    /// What it wrote to stdout.
+    /// Its output on stdout.
     pub stdout: String,
-    /// What it wrote to stderr.
+    /// Its output on stderr.
     pub stderr: String,
 }
 
@@ -42,7 +42,7 @@ impl Finished {
     /// The JSON document on stdout, of a process that succeeded.
     ///
     /// # Panics
-    /// Where it failed, or wrote anything else.
+    /// When the process failed, or wrote other text.
     pub fn json(&self) -> Value {
         assert_eq!(self.code, Some(0), "{self:?}");
         serde_json::from_str(&self.stdout).unwrap_or_else(|e| panic!("{e}: {self:?}"))
@@ -51,7 +51,8 @@ impl Finished {
     /// The one line on stderr of a process that failed with `code`.
     ///
     /// # Panics
-    /// Where it ended otherwise, or wrote anything but one line that begins with its name.
+    /// When the process ended otherwise, or wrote other text than one line that begins with its
+    /// name.
     pub fn error(&self, code: i32) -> &str {
         assert_eq!(self.code, Some(code), "{self:?}");
         let line = self.stderr.trim_end();
@@ -77,7 +78,7 @@ impl<P: Program> Place<P> {
     /// An empty directory.
     ///
     /// # Panics
-    /// Where there is none to be had.
+    /// When none can be created.
     pub fn new() -> Self {
         Self { dir: tempfile::tempdir().expect("a temporary directory"), program: PhantomData }
     }
@@ -102,7 +103,7 @@ impl<P: Program> Place<P> {
         path
     }
 
-    /// The program with arguments, nothing of the caller's environment, and no GPU.
+    /// A command of the program with arguments, an empty environment, and no GPU.
     pub fn command(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(P::BINARY);
         command.args(arguments).current_dir(self.path()).env_clear();
@@ -128,12 +129,12 @@ impl<P: Program> Place<P> {
     pub fn run_with_input(&self, arguments: &[&str], input: &[u8]) -> Finished {
         let child = self.command(arguments).stdin(Stdio::piped()).spawn();
         let mut child = child.expect("the program starts");
-        // Small enough for the pipe: nobody has to read meanwhile.
+        // The input fits into the pipe, so that writing does not wait for the reader.
         child.stdin.take().expect("a pipe").write_all(input).expect("the pipe takes the input");
         finish(child, P::NAME)
     }
 
-    /// Names of what is in the directory.
+    /// Names of the directory's entries.
     ///
     /// # Panics
     /// Where it cannot be read.
@@ -167,7 +168,7 @@ impl<P: Program> Place<P> {
         found
     }
 
-    /// Checks that whatever ran here has ended and cleaned up, but for `kept` files.
+    /// Checks that all processes of this directory have ended and left only the files `kept`.
     ///
     /// # Panics
     /// Where it has not.
@@ -178,7 +179,7 @@ impl<P: Program> Place<P> {
     }
 }
 
-/// Waits for the end of a process of the program `name`, and kills it where it hangs.
+/// Waits for the end of a process of the program `name`, and kills one that hangs.
 ///
 /// # Panics
 /// Where it hangs, or its output is not piped.

@@ -1,7 +1,7 @@
-//! One suite for every engine, encoding and thread count: its mask against the oracle.
+//! One suite for every engine, encoding and thread count: it compares masks with the oracle.
 //!
-//! It compares sets and names the first bad pair; equal counts prove nothing. Each frame is asked for by a
-//! thread of other floating-point flags, and culled by pool threads of yet others.
+//! It compares sets and names the first bad pair; equal counts prove nothing. Each frame has a caller of
+//! other floating-point flags, and pool threads of yet others.
 
 use pairmask::Encoding;
 use pairmask::engine::{CullInput, Engine, HeapReply};
@@ -12,7 +12,7 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use crate::oracle;
 use crate::stress_scenes::{self, Overlaps};
 
-/// What an engine is put through.
+/// The frames on which an engine is tested.
 #[derive(Clone, Debug)]
 pub struct Suite {
     /// Numbers of boxes.
@@ -44,8 +44,8 @@ impl Default for Suite {
     }
 }
 
-/// Every flag of a caller beside a pool of other flags, of which two threads differ: 37 of them, so that
-/// neither sizes nor encodings nor thread counts keep step.
+/// Callers of all flags, each with a pool of other flags, two of whose threads differ. There are 37
+/// mixtures, so that their cycle falls together with none of sizes, encodings or thread counts.
 pub fn mixed_flags() -> Vec<MixedFlags> {
     let all: Vec<FloatFlags> = FloatFlags::all().collect();
     let at = |i: usize| all[i % all.len()];
@@ -74,7 +74,7 @@ pub struct Failure {
     pub threads: usize,
     /// Floating-point flags of caller and pool.
     pub flags: MixedFlags,
-    /// What is wrong.
+    /// The mistake.
     pub what: Mismatch,
 }
 

@@ -1,4 +1,4 @@
-//! A daemon of the test's own: private directory, stopped when dropped.
+//! A private daemon of a test: it has its own directory, and stops when dropped.
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -11,7 +11,7 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use crate::watchdog::within;
 
-/// Nothing that a test waits for takes as long; a hang ends here.
+/// A wait that takes longer than this counts as a hang.
 pub const PATIENCE: Duration = Duration::from_secs(30);
 
 /// Waits until `check` gives something.
@@ -22,17 +22,17 @@ pub fn eventually<T>(what: &str, check: impl FnMut() -> Option<T>) -> T {
     within(PATIENCE, what, check)
 }
 
-/// Asks for a thousand frames while the daemon is killed again and again, and until it serves after
-/// that. `frame` asks for frame `i`, checks the answer and says whose it is.
+/// Submits a thousand frames while the daemon is killed repeatedly, and more until the daemon
+/// serves again. `frame` submits frame `i`, checks the answer, and returns what served it.
 ///
 /// # Panics
-/// When either side answered too few, or the session does not come back to the daemon.
+/// When daemon or process answered too few frames, or the session does not return to the daemon.
 pub fn outlive_kills(daemon: &mut TestDaemon, mut frame: impl FnMut(usize) -> ServedBy) {
     let (mut here, mut there) = (0, 0);
     for i in 0..1000 {
         match i {
-            // In turn: the worker alone, which its supervisor replaces; the whole daemon, which
-            // stays away for a while; in mid-frame, since the killer is not in step with us.
+            // In turn, the worker alone is killed, which its supervisor replaces, or the whole
+            // daemon, which stays away for a while. The kills come at any time of a frame.
             100 | 500 => daemon.signal_worker(Signal::KILL),
             200 | 600 => daemon.kill(),
             300 | 700 => daemon.restart(),
@@ -101,12 +101,12 @@ impl TestDaemon {
         self.dir.path()
     }
 
-    /// A session in the making, with this daemon and no other.
+    /// A session builder for this daemon.
     pub fn session(&self) -> SessionBuilder {
         Session::builder().runtime_dir(self.dir()).backend(Backend::Daemon)
     }
 
-    /// Who serves now, if anybody.
+    /// The record of the processes that serve now, if any.
     pub fn record(&self) -> Option<DaemonRecord> {
         self.dir().read_record(&InstanceName::default())
     }
@@ -114,7 +114,7 @@ impl TestDaemon {
     /// The process that serves now.
     ///
     /// # Panics
-    /// When nobody serves for long.
+    /// When no daemon serves within [`PATIENCE`].
     pub fn worker(&self) -> Pid {
         let record = eventually("the daemon has a worker", || self.record());
         Pid::from_raw(i32::try_from(record.worker_pid).expect("a pid")).expect("not zero")
@@ -123,7 +123,7 @@ impl TestDaemon {
     /// Sends the worker a signal.
     ///
     /// # Panics
-    /// When it is gone.
+    /// When the worker is gone.
     pub fn signal_worker(&self, signal: Signal) {
         kill_process(self.worker(), signal).expect("the worker lives");
     }
@@ -132,7 +132,7 @@ impl TestDaemon {
     /// the worker with it.
     ///
     /// # Panics
-    /// When it is not running.
+    /// When the daemon is not running.
     pub fn kill(&mut self) {
         let mut supervisor = self.supervisor.take().expect("the daemon is running");
         supervisor.kill().expect("SIGKILL");

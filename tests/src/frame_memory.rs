@@ -12,7 +12,7 @@ use pairmaskd::execute::gpu::{Gpu, ImportId, ReadWriteMapping, SharedImports};
 
 use crate::narrow::NarrowMemory;
 
-/// Boxes and a reply, and a token that tells whether they still are: [`Arc::strong_count`].
+/// Boxes and a reply, with a token whose [`Arc::strong_count`] shows whether they still exist.
 pub struct TestFrame<R> {
     /// The boxes.
     pub boxes: NarrowMemory,
@@ -31,7 +31,7 @@ impl TestFrame<HeapReply> {
 }
 
 // SAFETY: the boxes, and the words of either reply, are in memory of their own that does not move with
-// its owner, to which nobody else has a reference. Heap memory is not shared; the mapping of a shared
+// its owner, to which no other reference exists. Heap memory is not shared; the mapping of a shared
 // reply stays until the reply is dropped, which ends its import before. Tests give the latter to engines
 // that import nothing by themselves.
 unsafe impl FrameMemory for TestFrame<HeapReply> {
@@ -55,10 +55,10 @@ pub struct SharedReply {
 }
 
 impl SharedReply {
-    /// A reply of so many pages, and another view of the same pages.
+    /// A reply of `pages` pages, and another view of the same pages.
     ///
     /// # Panics
-    /// Where the GPU does not import it.
+    /// When the GPU does not import the reply.
     pub fn new(gpu: &Arc<Gpu>, imports: &SharedImports, pages: usize) -> (Self, Watcher) {
         let flags = rustix::fs::MemfdFlags::CLOEXEC;
         let file = rustix::fs::memfd_create("pairmask-test-reply", flags).expect("a memfd");
@@ -73,7 +73,7 @@ impl SharedReply {
         (Self { imports: imports.clone(), import, mapping }, Watcher(map()))
     }
 
-    /// All of it.
+    /// All words of the reply.
     pub fn words(&self) -> &[u32] {
         let first = self.mapping.pointer().as_ptr().cast();
         // SAFETY: a live mapping of whole pages; the GPU writes to it within a frame alone, which

@@ -1,4 +1,4 @@
-//! What the GPU tests share: a device, and an engine on it.
+//! Device and engine of the GPU tests.
 
 use std::sync::Arc;
 

@@ -1,14 +1,14 @@
-//! What the library says to the log, kept for tests to look at.
+//! A logger that captures the library's log lines for tests.
 
 use std::sync::{Mutex, PoisonError};
 
 use log::{Level, LevelFilter, Log, Metadata, Record};
 
-struct Kept(Mutex<Vec<(Level, String)>>);
+struct CapturedLines(Mutex<Vec<(Level, String)>>);
 
-static KEPT: Kept = Kept(Mutex::new(Vec::new()));
+static CAPTURED: CapturedLines = CapturedLines(Mutex::new(Vec::new()));
 
-impl Log for Kept {
+impl Log for CapturedLines {
     fn enabled(&self, metadata: &Metadata<'_>) -> bool {
         metadata.target().starts_with("pairmask::")
     }
@@ -21,16 +21,16 @@ impl Log for Kept {
     fn flush(&self) {}
 }
 
-/// Keeps what the library says at this level and above, from now on.
+/// Captures the library's log lines of this level and above from now on.
 ///
 /// # Panics
 /// When the process has a logger already.
-pub fn keep(level: LevelFilter) {
-    log::set_logger(&KEPT).expect("the process has no logger yet");
+pub fn capture(level: LevelFilter) {
+    log::set_logger(&CAPTURED).expect("the process has no logger yet");
     log::set_max_level(level);
 }
 
-/// What was said since this was asked last.
-pub fn said() -> Vec<(Level, String)> {
-    std::mem::take(&mut KEPT.0.lock().unwrap_or_else(PoisonError::into_inner))
+/// Takes the lines that were captured since the last call.
+pub fn take_captured() -> Vec<(Level, String)> {
+    std::mem::take(&mut CAPTURED.0.lock().unwrap_or_else(PoisonError::into_inner))
 }

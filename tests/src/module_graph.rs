@@ -1,7 +1,7 @@
-//! Which modules of a crate use which others, read from its source.
+//! The graph of which modules of a crate use which others, read from its source.
 //!
-//! A crate stays a set of layers as long as its top-level modules have no cycle: then there is an
-//! order in which each uses only those before it. The compiler does not ask for one.
+//! The top-level modules of a crate are layers if they have no cycle: then there is an order in
+//! which each uses only those before it. The compiler does not check that.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -14,10 +14,10 @@ pub struct ModuleGraph {
 }
 
 impl ModuleGraph {
-    /// The graph of the crate whose `lib.rs` lies in `src`. Tests and comments count for nothing.
+    /// The graph of the crate whose `lib.rs` lies in `src`, without tests and comments.
     ///
     /// # Errors
-    /// What the file system said.
+    /// The file system's error.
     pub fn of_crate(src: &Path) -> io::Result<Self> {
         let mut graph = Self::default();
         for entry in fs::read_dir(src)? {
@@ -30,7 +30,7 @@ impl ModuleGraph {
         Ok(graph)
     }
 
-    /// Adds what a file, or all files of a folder, say that `module` uses.
+    /// Adds the modules that a file, or all files of a folder, of `module` use.
     fn read(&mut self, module: &str, path: &Path) -> io::Result<()> {
         if path.is_dir() {
             for entry in fs::read_dir(path)? {
@@ -42,7 +42,7 @@ impl ModuleGraph {
         Ok(())
     }
 
-    /// Adds what some source text says that `module` uses.
+    /// Adds the modules that source text of `module` uses.
     pub fn add(&mut self, module: &str, source: &str) {
         let uses = self.uses.entry(module.to_owned()).or_default();
         // By convention the tests of a file stand at its end.
@@ -71,7 +71,7 @@ impl ModuleGraph {
     /// The modules in an order in which each uses only those before it.
     ///
     /// # Errors
-    /// The modules that have none, since they use each other in a circle, and those that use them.
+    /// The modules that use each other in a cycle, and those that use them.
     pub fn layers(&self) -> Result<Vec<&str>, Vec<&str>> {
         let mut order: Vec<&str> = Vec::new();
         loop {

@@ -14,14 +14,14 @@ pub struct NarrowMemory {
 }
 
 impl NarrowMemory {
-    /// What a client writes of boxes in a precision.
+    /// Boxes as a client writes them in a precision.
     pub fn write(precision: &Precision, boxes: &[Aabb]) -> Self {
         let mut memory = Self::zeroed(precision.form(), boxes.len());
         precision.write(boxes, memory.bytes_mut());
         memory
     }
 
-    /// Boxes of a form by their coordinates' bits, of which the low ones count.
+    /// Boxes of a form from the low bits of `boxes`' coordinates.
     pub fn of_bits(form: BoxForm, boxes: &[[u32; 6]]) -> Self {
         let mut memory = Self::zeroed(form, boxes.len());
         let width = form.box_bytes() / 6;
@@ -46,23 +46,23 @@ impl NarrowMemory {
         NarrowBoxes::new(self.form, &bytes[..self.bytes]).expect("whole boxes, aligned")
     }
 
-    /// Their bytes, to be changed.
+    /// Their bytes, writable.
     pub fn bytes_mut(&mut self) -> &mut [u8] {
         &mut bytemuck::cast_slice_mut(&mut self.words)[..self.bytes]
     }
 }
 
-/// How an engine is given boxes of any form.
+/// A function that passes boxes of any form to an engine.
 pub type CullNarrow<E> =
     fn(&mut E, &CullInput<'_>, &mut dyn ReplyBuffer) -> Result<CullReport, CullError>;
 
-/// An engine that is given boxes in a precision's form, as an engine of its own.
+/// An engine that gets boxes in a precision's form, as an [`Engine`] of f32 boxes.
 pub struct Narrowed<E> {
-    /// Who answers.
+    /// The engine.
     pub engine: E,
-    /// How it is asked.
+    /// The call of the engine.
     pub cull: CullNarrow<E>,
-    /// What the boxes are made of.
+    /// The precision of the boxes.
     pub precision: Precision,
 }
 

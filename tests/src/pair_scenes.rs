@@ -1,4 +1,4 @@
-//! Sets of pairs that look like those of scenes, without any boxes.
+//! Sets of pairs with the structure of real scenes, without boxes.
 
 use std::collections::BTreeSet;
 

@@ -1,4 +1,4 @@
-//! Daemons in a test's own process that answer as the test says.
+//! Daemons in a test's own process, with answers that the test chooses.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -12,7 +12,7 @@ use pairmask::wire::{
     ReplyFields, RequestHeader, ResponseHeader, StatusCode, Version, response_error,
 };
 
-/// What every response to a request echoes.
+/// The fields of a request that every response echoes.
 pub fn fields_of(header: &RequestHeader) -> ReplyFields {
     ReplyFields {
         client_token: header.client_token,
@@ -21,8 +21,8 @@ pub fn fields_of(header: &RequestHeader) -> ReplyFields {
     }
 }
 
-/// Answers every request until `stop` with what `answer` writes into one page and gives back, and
-/// says that it is of this build's version.
+/// Answers every request until `stop`: `answer` writes one page and returns the header. The daemon
+/// states this build's version.
 ///
 /// # Panics
 /// When the services cannot be made.
@@ -53,8 +53,8 @@ pub fn answer_all(
     }
 }
 
-/// Refuses every request until `stop`, as a daemon does that does not know a required section, and
-/// says all the same that it is of this build's version.
+/// Refuses every request until `stop`, as a daemon does that does not know a required section. It
+/// still states this build's version.
 ///
 /// # Panics
 /// When the services cannot be made.

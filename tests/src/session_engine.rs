@@ -7,7 +7,7 @@ use pairmask::mask::EncodingChoice;
 use pairmask::session::SessionBuilder;
 use pairmask::{Encoding, ServedBy, Session};
 
-/// A session for each encoding, and who must serve it.
+/// A session for each encoding, and the side that must serve it.
 #[derive(Debug)]
 pub struct SessionEngine {
     sessions: [Session; Encoding::ALL.len()],
@@ -16,8 +16,8 @@ pub struct SessionEngine {
 }
 
 impl SessionEngine {
-    /// Sessions as `builder` describes them, with one engine: the plan may take another for the
-    /// second run of a frame, whose bytes then differ. Every frame must be served by `expected`.
+    /// Sessions of `builder`, with one engine: the plan might choose another for the second run of
+    /// a frame, whose bytes would then differ. Every frame must be served by `expected`.
     ///
     /// # Panics
     /// When a session cannot be made.

@@ -1,4 +1,4 @@
-//! Scenes of spheres, what the answer to them is, and sessions held to it.
+//! Scenes of spheres, their right answers, and checks of sessions against them.
 
 use pairmask::engine::{Census, CullReport, EngineTimes, NAMED_INVALID};
 use pairmask::oracle::check::{Mismatch, check_reply};
@@ -10,8 +10,8 @@ use pairmask_lab::study::spheres::{families, oracle};
 use pairmaskd::scene::Random;
 use rayon::ThreadPool;
 
-/// `n` spheres where things go wrong: pairs that touch or miss touching by one ulp, all magnitudes,
-/// and all classes.
+/// `n` spheres that are hard to decide: pairs that touch or miss touching by one ulp, all
+/// magnitudes, and all classes.
 pub fn hard_scene(n: usize, seed: u64) -> Vec<Sphere> {
     let mut random = Random::new(seed ^ n as u64);
     let mut spheres = Vec::with_capacity(n + 1);
@@ -99,7 +99,8 @@ pub fn cull(session: &mut Session, spheres: &[Sphere]) -> PairMask {
     frame.submit().expect("a frame is sent").wait().expect("a frame is answered")
 }
 
-/// Culls spheres as a caller of floating-point flags on a pool of others; `writers` fill the frame.
+/// Culls spheres as a caller of `flags`, on a pool of other flags; threads of yet other flags fill
+/// the frame.
 ///
 /// # Panics
 /// When there is no answer.

@@ -1,8 +1,8 @@
 //! Steady frames allocate nothing on the heap: client, daemon and in process.
 //!
-//! The transport makes three small objects of its own for each request, whatever is sent (two in
-//! the server, one in the client). So frames through the daemon are held against bare requests
-//! over the same services: not one allocation more.
+//! The transport makes three small objects for each request (two in the server, one in the client).
+//! So frames through the daemon are compared with bare requests over the same services: they may
+//! have no allocation more.
 #![allow(unsafe_code, clippy::unwrap_used)]
 
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -26,7 +26,7 @@ use pairmaskd::execute::gpu::GpuChoice;
 use pairmaskd::serve::{ServeSettings, work};
 use rustix::process::{Signal, getpid, kill_process};
 
-/// Counts what marked threads allocate while counting is on.
+/// Counts allocations of marked threads while counting is on.
 struct Counting;
 
 static ON: AtomicBool = AtomicBool::new(false);
@@ -41,7 +41,7 @@ fn note() {
     }
 }
 
-// SAFETY: every call goes to the system allocator as it came; counting touches no memory of it.
+// SAFETY: every call goes to the system allocator unchanged; counting touches no memory of it.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         note();
@@ -73,8 +73,8 @@ fn counted(work: impl FnOnce()) -> u64 {
     COUNT.load(Ordering::Relaxed) - before
 }
 
-/// The least that one of three times `work` allocates. What every frame allocates shows in all
-/// three; the pool's queues, which make room now and then when work is stolen, in few.
+/// The least number of allocations of three runs of `work`. An allocation in every frame shows in
+/// all three; growth of the pool's queues, which happens rarely when work is stolen, in few.
 fn steady(mut work: impl FnMut()) -> u64 {
     (0..3).map(|_| counted(&mut work)).min().unwrap_or_default()
 }
@@ -139,7 +139,7 @@ fn bare_transport(count: usize) -> u64 {
     allocations
 }
 
-/// One test, since the counter and the signal handlers are the process's.
+/// One test: counter and signal handlers are one for the process.
 #[test]
 fn steady_frames_allocate_nothing() {
     MARKED.set(true);

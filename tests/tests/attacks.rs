@@ -1,8 +1,8 @@
-//! Attacks, repeated: two seconds each, or as long as `PAIRMASK_ATTACK_SECONDS` says. Whatever an
-//! attacker does to memory that it has mapped, honest clients beside it have right answers, and the
-//! instance comes back.
+//! Attacks, repeated for two seconds each or for `PAIRMASK_ATTACK_SECONDS`. Whatever an attacker
+//! writes to memory that it has mapped, honest clients beside it get right answers, and the
+//! instance serves again.
 //!
-//! What each attack came to is printed (`--nocapture`).
+//! Each test prints its counts (`--nocapture`).
 #![allow(clippy::unwrap_used)]
 
 use std::collections::BTreeMap;
@@ -50,7 +50,7 @@ impl Attacker {
         Self { process, mode }
     }
 
-    /// Ends the attack, and tells what the attacker counted.
+    /// Ends the attack and returns the attacker's counts.
     fn end(mut self) -> BTreeMap<String, u64> {
         drop(self.process.stdin.take());
         let mut said = String::new();
@@ -72,7 +72,7 @@ impl Drop for Attacker {
 type Boxes = Vec<Aabb>;
 type IndexPairs = Vec<(u32, u32)>;
 
-/// Frames with their pairs, to be asked for again and again.
+/// Frames with their pairs, which a client submits in turn.
 struct Frames {
     frames: Vec<(Boxes, IndexPairs)>,
     asked: usize,
@@ -88,7 +88,7 @@ impl Frames {
         Self { frames: sizes.iter().enumerate().map(with_pairs).collect(), asked: 0 }
     }
 
-    /// Asks for the next, and compares its pairs.
+    /// Submits the next frame and compares its pairs.
     fn check(&mut self, session: &mut Session) -> Result<ServedBy, WaitError> {
         let (boxes, expected) = &self.frames[self.asked % self.frames.len()];
         self.asked += 1;
@@ -102,7 +102,7 @@ impl Frames {
     }
 }
 
-/// What an honest client lived through.
+/// Counts of an honest client beside an attack.
 #[derive(Debug, Default)]
 struct Lived {
     there: u64,
@@ -110,8 +110,8 @@ struct Lived {
     restarts: u64,
 }
 
-/// Asks as a session that falls back for as long as attacks last; every answer is right. The daemon
-/// serves again when they are over.
+/// Submits frames from a session that falls back, as long as the attacks last, and checks that
+/// every answer is right. Waits until the daemon serves again after the attacks.
 fn live_beside(mode: &'static str, max_clients: &str) -> (BTreeMap<String, u64>, Lived) {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--max-clients", max_clients]);
     let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
@@ -141,7 +141,7 @@ fn live_beside(mode: &'static str, max_clients: &str) -> (BTreeMap<String, u64>,
 }
 
 #[test]
-fn lengths_beyond_a_segment_are_refused_and_kill_nobody() {
+fn lengths_beyond_a_segment_are_refused_and_kill_no_process() {
     let (counts, lived) = live_beside("lengths", "16");
     assert!(counts["rounds"] > 10, "{counts:?}");
     assert_eq!(counts.get("outside"), None, "answered over memory of others: {counts:?}");
@@ -149,15 +149,15 @@ fn lengths_beyond_a_segment_are_refused_and_kill_nobody() {
 }
 
 #[test]
-fn nobody_is_answered_by_a_request_in_his_name() {
+fn a_request_under_another_clients_id_is_not_answered() {
     let (counts, lived) = live_beside("identities", "16");
     assert!(counts["rounds"] > 0 && lived.there > 10, "{lived:?}, {counts:?}");
-    // The transport never gives back a request of a client that there is not, and dies of 128 ports
-    // that were closed with such a request.
+    // The transport never frees a request of a client that does not exist, and panics after 128
+    // ports were closed with such a request.
     assert!(128 * lived.restarts <= counts["rounds"], "{lived:?}, {counts:?}");
 }
 
-/// The attacker is heard first, asks what the victim asks, and has nothing in its boxes.
+/// The attacker's copy of the victim's request, with empty boxes, arrives before the victim's.
 #[test]
 fn a_request_in_the_name_of_another_is_not_answered() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
@@ -192,7 +192,7 @@ fn a_request_in_the_name_of_another_is_not_answered() {
 }
 
 #[test]
-fn channels_that_there_are_not_kill_a_worker_at_most() {
+fn nonexistent_channels_kill_a_worker_at_most() {
     let (counts, _) = live_beside("channels", "16");
     assert!(counts["rounds"] > 0, "{counts:?}");
 }
@@ -203,25 +203,26 @@ fn memory_cut_while_it_is_read_kills_a_worker_at_most() {
     assert!(counts["rounds"] > 0, "{counts:?}");
 }
 
-/// Anything in the queues: a worker may die of it, but not hang.
+/// Random words in the queues may kill a worker, but not make it hang.
 #[test]
 fn scribbled_queues_kill_a_worker_at_most() {
     let (counts, _) = live_beside("scribble", "16");
     assert!(counts["rounds"] > 0, "{counts:?}");
 }
 
-/// How many frames an honest client has answered beside an attacker, and how many that one has.
+/// Frames answered to an honest client beside an attacker, and to the attacker.
 fn shares(mode: &'static str) -> (u64, u64) {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
     let long = Duration::from_secs(60) + 2 * attack_time();
     let mut session = daemon.session().deadline(long).connect().unwrap();
     let mut frames = Frames::new(&[64]);
     let attacker = Attacker::start(daemon.path(), mode);
-    // It has its requests waiting when the count begins.
+    // The attacker's requests wait when the count begins.
     std::thread::sleep(Duration::from_millis(300));
     let end = Instant::now() + attack_time();
     let mut honest = 0;
-    // Asked one at a time, and given up with the attack: a starved client would wait for ever.
+    // Frames are submitted one at a time and given up with the attack: a starved client would wait
+    // for ever.
     while Instant::now() < end {
         let (boxes, expected) = &frames.frames[0];
         let mut frame = session.frame(boxes.len()).unwrap();
@@ -244,8 +245,8 @@ fn shares(mode: &'static str) -> (u64, u64) {
     (honest, counts["answered"])
 }
 
-/// A turn each would be one answer beside one; a client that is late for its turn, because the machine
-/// is busy, has fewer.
+/// With fair turns both would get the same number of answers; a client that is late for its turn,
+/// because the machine is busy, gets fewer.
 fn assert_fair(mode: &'static str) {
     let (honest, hostile) = shares(mode);
     assert!(hostile > 0, "the attacker asked for nothing");
@@ -296,7 +297,7 @@ fn an_answer_longer_than_its_memory_is_refused() {
     clean_up(dir.path());
 }
 
-/// A port's memory is found, and nothing beside it, nor that of another port.
+/// A port's memory is found, but neither memory beside it nor another port's.
 #[test]
 fn a_segment_reaches_as_far_as_its_file() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
@@ -317,11 +318,11 @@ fn a_segment_reaches_as_far_as_its_file() {
     let path = files.find(|path| path.to_str().unwrap().ends_with(&ending)).unwrap();
     std::fs::OpenOptions::new().write(true).open(path).unwrap().set_len(8192).unwrap();
     assert!(!segment.holds(start, bytes), "cut short");
-    // What is left of it may not be looked at.
+    // The rest of the memory must not be touched, not even to drop it.
     std::mem::forget(loan);
 }
 
-/// An address that is no shared memory.
+/// An address on the heap, outside of shared memory.
 fn loan_on_heap() -> usize {
     std::ptr::from_ref(&*Box::new(0u64)) as usize
 }
@@ -352,7 +353,7 @@ fn check_that_it_serves(dir: &std::path::Path, frames: &mut Frames) {
     let place = RuntimeDir::at(dir);
     let started = Instant::now();
     let mut session = loop {
-        // The record may still be that of the daemon before, whose worker dies just now.
+        // The record may still be that of the daemon before, whose worker is just ending.
         let record = place.read_record(&InstanceName::default());
         let session = Session::builder().runtime_dir(place.clone()).backend(Backend::Daemon);
         if record.is_some_and(|record| record.supervisor_pid == supervisor.id())
@@ -382,7 +383,7 @@ fn clean_up(dir: &std::path::Path) {
     let _ = std::fs::remove_dir_all(place.transport_root(&name));
 }
 
-/// The worker is stopped before it has asked to end with its supervisor, which ends meanwhile.
+/// The worker is stopped before it is bound to its supervisor, which ends meanwhile.
 #[test]
 fn a_worker_that_was_orphaned_before_it_was_bound_ends() {
     let dir = tempfile::tempdir().unwrap();
@@ -421,7 +422,7 @@ fn a_daemon_killed_while_it_starts_does_not_keep_the_next_from_serving() {
     let mut rounds = 0;
     while Instant::now() < end {
         let mut supervisor = serve(dir.path());
-        // From the first instruction to a worker that serves, by no step that the two share.
+        // The kill comes at varying times between the first instruction and a serving worker.
         std::thread::sleep(Duration::from_micros(rounds * 7919 % 30_000));
         supervisor.kill().unwrap();
         supervisor.wait().unwrap();
@@ -433,7 +434,7 @@ fn a_daemon_killed_while_it_starts_does_not_keep_the_next_from_serving() {
     clean_up(dir.path());
 }
 
-/// A worker that nobody supervises holds the server port, but not the lock.
+/// A worker without a supervisor holds the server port, but not the lock.
 #[test]
 fn a_process_that_blocks_an_instance_is_named() {
     let dir = tempfile::tempdir().unwrap();

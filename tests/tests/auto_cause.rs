@@ -1,4 +1,4 @@
-//! Why frames are answered in process: the log and errors say the cause that it has.
+//! The log and errors name the cause for which frames are answered in process.
 #![allow(clippy::unwrap_used)]
 
 use std::time::Duration;
@@ -15,7 +15,7 @@ use rustix::process::Signal;
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
 fn said() -> Vec<String> {
-    library_log::said().into_iter().map(|(_, text)| text).collect()
+    library_log::take_captured().into_iter().map(|(_, text)| text).collect()
 }
 
 fn frame(session: &mut Session) -> ServedBy {
@@ -24,7 +24,8 @@ fn frame(session: &mut Session) -> ServedBy {
     frame.submit().unwrap().wait().unwrap().info().served_by
 }
 
-/// A session that falls back says why, once; so do errors, between two attempts too.
+/// Checks that a session that falls back logs the cause once, and that errors name it, between two
+/// attempts too.
 fn check(builder: SessionBuilder, cause: fn(&ConnectError) -> bool, text: &str) {
     said();
     let mut session = builder.backend(Backend::Auto).connect().unwrap();
@@ -40,10 +41,10 @@ fn check(builder: SessionBuilder, cause: fn(&ConnectError) -> bool, text: &str) 
     assert!(!said[0].contains("Backend::Auto"), "it is used already: {said:?}");
 }
 
-// One test: the log is one for the process.
+// One test: a process has only one log.
 #[test]
 fn the_cause_is_named() {
-    library_log::keep(LevelFilter::Info);
+    library_log::capture(LevelFilter::Info);
     let dir = tempfile::tempdir().unwrap();
     let at = |dir: &RuntimeDir| Session::builder().runtime_dir(dir.clone());
     let empty = RuntimeDir::at(dir.path());
@@ -56,7 +57,7 @@ fn the_cause_is_named() {
     check(daemon.session(), is_full, "all the clients that it may have");
     drop(first);
 
-    // A daemon that hangs is one all the same.
+    // A daemon that hangs still counts as serving.
     said();
     let deadline = Duration::from_millis(100);
     let mut session = daemon.session().backend(Backend::Auto).deadline(deadline).connect().unwrap();

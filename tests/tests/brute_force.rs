@@ -95,8 +95,8 @@ fn pairs(reply: &HeapReply, report: &pairmask::engine::CullReport, n: u32) -> Ve
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// Coordinates from a handful of numbers touch and coincide all the time. Up to 300 boxes cross
-    /// the number from which on bitmaps are built.
+    /// Coordinates from few numbers often touch and coincide. The sizes, up to 300 boxes, lie on
+    /// both sides of the number from which on bitmaps are built.
     #[test]
     fn any_boxes_give_the_pairs_of_the_oracle(
         boxes in prop::collection::vec(prop::array::uniform6(-4i8..5), 0..300),

@@ -1,4 +1,4 @@
-//! Every comparator of the conformance suite notices what it is there for.
+//! Every comparator of the conformance suite notices the mistakes that it is for.
 
 use pairmask::engine::{
     BruteForce, CullError, CullInput, CullReport, Engine, HeapReply, ReplyBuffer, ReserveError,
@@ -24,7 +24,7 @@ fn boxes() -> Vec<Aabb> {
     boxes
 }
 
-/// What the suite says of a spoilt answer.
+/// The suite's verdict on a spoilt answer.
 fn verdict(
     encoding: Encoding,
     spoil: impl FnMut(&mut [u32], &mut CullReport) + Send,
@@ -175,7 +175,7 @@ fn a_second_run_that_differs_is_noticed() {
 
 #[test]
 fn a_word_that_is_not_written_is_noticed() {
-    /// Answers with memory as it was handed out.
+    /// Leaves the reply memory as it was handed out.
     struct Lazy;
     impl Engine for Lazy {
         fn name(&self) -> EngineName {

@@ -1,4 +1,4 @@
-//! What the documents promise of themselves: links lead somewhere, and the tour is short.
+//! Checks of the documents: the targets of links exist, and the tour is short.
 
 use std::path::{Path, PathBuf};
 use std::{fs, io};
@@ -10,7 +10,7 @@ fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
-/// All Markdown files below a folder; those of builds and hidden folders are not ours.
+/// All Markdown files below a folder; without those of builds and hidden folders.
 fn documents(folder: &Path, found: &mut Vec<PathBuf>) -> io::Result<()> {
     for entry in fs::read_dir(folder)? {
         let path = entry?.path();

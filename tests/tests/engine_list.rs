@@ -1,5 +1,5 @@
-//! The list of engines keeps its promises: names and numbers that tell them apart, descriptors that say
-//! what the engines do, and answers that are right.
+//! Checks of the list of engines: unique names and numbers, descriptors that agree with the engines,
+//! and right answers.
 
 use std::collections::BTreeSet;
 

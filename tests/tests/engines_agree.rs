@@ -1,8 +1,8 @@
 //! The CPU engines against each other, pair by pair: every scene, every thread count.
 //!
-//! The oracle compares all boxes with all and is hopeless for large scenes; there the engines, which
-//! have next to nothing in common, are each other's yardstick. The small sizes run with every
-//! `cargo test`, the large ones, in minutes, by
+//! The oracle compares all boxes with all and is too slow for large scenes. There the engines, which
+//! share hardly any code, are compared with each other. The small sizes run with every `cargo test`,
+//! the large ones, in minutes, by
 //!
 //! ```text
 //! cargo test --workspace --release --test engines_agree -- --ignored
@@ -105,8 +105,8 @@ fn pair_sets_have_their_golden_hashes_on_every_engine_and_thread_count() {
     assert_eq!(hashes, GOLDEN);
 }
 
-/// As the daemon works where it has cores enough: frame after frame, its threads awake in between for
-/// longer or shorter than the pause.
+/// As in a daemon with enough cores: frame after frame, with threads awake in between for longer or
+/// shorter than the pause.
 #[test]
 fn threads_that_are_kept_awake_find_the_golden_pairs() {
     let golden = GOLDEN.map(|(name, hash)| {
@@ -158,7 +158,7 @@ fn engines_agree_on_a_hundred_thousand_boxes() {
 #[test]
 #[ignore = "minutes: run in release, see the head of this file"]
 fn engines_agree_on_a_million_boxes() {
-    // All pairs of a million boxes are 5·10^11: `cpu-brute` has its say at a hundred thousand.
+    // A million boxes have 5·10^11 pairs: `cpu-brute` runs only up to a hundred thousand boxes.
     let mut engines: Vec<Box<dyn Engine>> =
         vec![Box::new(Grid::new()), Box::new(SweepAndPrune::new())];
     for name in SceneName::ALL.into_iter().filter(|name| !name.is_quadratic()) {

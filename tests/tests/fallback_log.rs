@@ -1,11 +1,11 @@
-//! A session that falls back says so once, and once more when it is back.
+//! A session that falls back logs that once, and logs once when the daemon answers again.
 #![allow(clippy::unwrap_used)]
 
 use log::{Level, LevelFilter};
 use pairmask::transport::InstanceName;
 use pairmask::{Backend, BoxForm, Precision, ServedBy, Session};
 use pairmask_tests::daemon::{TestDaemon, eventually};
-use pairmask_tests::library_log::{keep, said};
+use pairmask_tests::library_log::{capture, take_captured};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
@@ -21,15 +21,15 @@ fn frames(session: &mut Session, count: usize) -> ServedBy {
 
 #[test]
 fn falling_back_is_said_once() {
-    keep(LevelFilter::Info);
+    capture(LevelFilter::Info);
     let mut daemon = TestDaemon::start(DAEMON, &[]);
     let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
     assert_eq!(frames(&mut session, 10), ServedBy::Daemon);
-    assert_eq!(said(), []);
+    assert_eq!(take_captured(), []);
 
     daemon.kill();
     assert_eq!(frames(&mut session, 100), ServedBy::InProcess);
-    let lost = said();
+    let lost = take_captured();
     assert_eq!(lost.len(), 1, "{lost:?}");
     assert!(lost[0].0 == Level::Warn && lost[0].1.contains("answered in process"), "{lost:?}");
 
@@ -38,11 +38,11 @@ fn falling_back_is_said_once() {
         (frames(&mut session, 1) == ServedBy::Daemon).then_some(())
     });
     assert_eq!(frames(&mut session, 100), ServedBy::Daemon);
-    let back = said();
+    let back = take_captured();
     assert_eq!(back.len(), 1, "{back:?}");
     assert!(back[0].0 == Level::Info && back[0].1.contains("answers again"), "{back:?}");
 
-    // A daemon of wire 1.0 by its own word: narrow boxes go to it as f32.
+    // A daemon whose record says wire 1.0 gets narrow boxes as f32.
     let mut record = daemon.record().unwrap();
     record.version.minor = 0;
     daemon.dir().write_record(&InstanceName::default(), &record).unwrap();
@@ -52,11 +52,11 @@ fn falling_back_is_said_once() {
         frame.fill(&[pairmask::Aabb::EMPTY; 2]);
         assert_eq!(frame.submit().unwrap().wait().unwrap().info().form, BoxForm::F32.into());
     }
-    let exact = said();
+    let exact = take_captured();
     assert_eq!(exact.len(), 1, "{exact:?}");
     assert!(exact[0].0 == Level::Warn && exact[0].1.contains("frames are exact"), "{exact:?}");
 
-    // Spheres stay here.
+    // Frames of spheres are answered in process.
     let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
     for _ in 0..10 {
         let mut frame = session.sphere_frame(2).unwrap();
@@ -65,7 +65,7 @@ fn falling_back_is_said_once() {
         assert_eq!(mask.info().served_by, ServedBy::InProcess);
         assert_eq!(frames(&mut session, 1), ServedBy::Daemon);
     }
-    let spheres = said();
+    let spheres = take_captured();
     assert_eq!(spheres.len(), 1, "{spheres:?}");
     let (level, said) = &spheres[0];
     assert!(*level == Level::Warn && said.contains("does not know spheres"), "{spheres:?}");

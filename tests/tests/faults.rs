@@ -1,4 +1,5 @@
-//! Processes that die, lie or run out of memory. The other side goes on with right answers.
+//! Processes that die, forge messages or run out of memory. The other side goes on with right
+//! answers.
 #![allow(clippy::unwrap_used)]
 
 use std::io::{BufRead, BufReader, Write};
@@ -20,7 +21,7 @@ use rustix::process::Signal;
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 const FAULT_CLIENT: &str = env!("CARGO_BIN_EXE_fault_client");
 
-/// Submits a frame and compares with the oracle. Returns who served it.
+/// Submits a frame and compares with the oracle. Returns what served it.
 fn check_frame(session: &mut Session, boxes: &[Aabb]) -> ServedBy {
     let mut frame = session.frame(boxes.len()).unwrap();
     frame.boxes_mut().copy_from_slice(boxes);
@@ -35,14 +36,14 @@ fn scene(n: usize, seed: u64) -> Vec<Aabb> {
     stress_scenes::named("uniform").boxes(n as u32, seed)
 }
 
-/// A client that comes to grief; killed when dropped.
+/// A client process that fails on purpose; killed when dropped.
 struct FaultClient {
     process: Child,
     said: BufReader<ChildStdout>,
 }
 
 impl FaultClient {
-    /// Starts it; it has had one frame answered then.
+    /// Starts the client and waits until it has had one frame answered.
     fn start(daemon: &TestDaemon, mode: &str) -> Self {
         Self::start_with(daemon, mode, "auto")
     }
@@ -61,7 +62,7 @@ impl FaultClient {
         client
     }
 
-    /// Lets it do its deed.
+    /// Lets the client cause its fault.
     fn go(&mut self) {
         self.process.stdin.take().unwrap().write_all(b"go\n").unwrap();
         self.expect("ready\n");
@@ -162,8 +163,8 @@ fn a_truncated_segment_kills_a_worker_at_most() {
     truncate_a_segment("cpu-brute");
 }
 
-/// A driver in software reads the boxes as the CPU does, and dies as it does; a real GPU's kernel
-/// reads what is left.
+/// A software driver reads the boxes on the CPU and dies of the SIGBUS; a real GPU reads the rest
+/// of the memory.
 #[test]
 fn a_segment_truncated_under_the_gpu_kills_a_worker_at_most() {
     truncate_a_segment("gpu-brute");
@@ -189,7 +190,7 @@ fn truncate_a_segment(engine: &str) {
     });
 }
 
-/// Sends raw headers over the transport and hands back the response's.
+/// Sends raw headers over the transport and returns the response's header.
 fn raw_request(
     daemon: &TestDaemon,
     headers: &[pairmask::wire::RequestHeader],
@@ -210,7 +211,7 @@ fn raw_request(
 }
 
 #[test]
-fn forged_requests_are_answered_and_harm_nobody() {
+fn forged_requests_are_answered_and_harm_no_client() {
     use pairmask::engine::EngineChoice;
     use pairmask::mask::EncodingChoice;
     use pairmask::precision::BoxForm;
@@ -254,7 +255,7 @@ fn forged_requests_are_answered_and_harm_nobody() {
 }
 
 #[test]
-fn forged_requests_of_spheres_are_answered_and_harm_nobody() {
+fn forged_requests_of_spheres_are_answered_and_harm_no_client() {
     use pairmask::engine::EngineChoice;
     use pairmask::mask::EncodingChoice;
     use pairmask::units::BoxCount;
@@ -279,7 +280,7 @@ fn forged_requests_of_spheres_are_answered_and_harm_nobody() {
     };
     let headers = [
         of(10),
-        // All that fit two pages, and one more.
+        // As many as fit into two pages, and one more.
         of(512),
         of(513),
         of(u32::MAX),
@@ -363,7 +364,8 @@ fn a_missing_daemon_and_another_version_are_told_apart() {
 fn another_users_daemon_is_named() {
     const NOBODY: u32 = 65_534;
     if !rustix::process::geteuid().is_root() {
-        // Without root there is no second user to be; root's directory is one that is not ours.
+        // Without root the test cannot act as a second user: root's directory stands for another
+        // user's.
         let refused = RuntimeDir::at("/").ensure().unwrap_err();
         assert!(refused.to_string().contains("belongs to user 0"), "{refused}");
         return;
@@ -375,8 +377,8 @@ fn another_users_daemon_is_named() {
     let reachable = tempfile::tempdir().unwrap();
     permit(reachable.path(), 0o755);
     let client = reachable.path().join("fault_client");
-    // By a process of its own: a test that forks while we have the copy open for writing would keep
-    // it open, and what is open for writing cannot be run.
+    // The copy is made by another process: if this one did, a test that forks meanwhile would keep
+    // the file open for writing, and such a file cannot be executed.
     assert!(
         Command::new("cp")
             .args([FAULT_CLIENT.as_ref(), client.as_path()])
@@ -386,7 +388,7 @@ fn another_users_daemon_is_named() {
     );
     permit(&client, 0o755);
     let record = daemon.path().join("default.daemon");
-    // Directory and record as a usual umask leaves them, as a strict one does, and in between.
+    // Modes of directory and record by a usual umask, by a strict one, and in between.
     for (dir_mode, record_mode) in [(0o755, 0o644), (0o755, 0o600), (0o700, 0o600)] {
         permit(&record, record_mode);
         permit(daemon.path(), dir_mode);

@@ -1,6 +1,6 @@
 //! Floating-point flags of threads: games and audio programs flush subnormals, others round downward,
-//! and a thread inherits the flags of the one that starts it. Whatever the flags of those who call, cull
-//! and write boxes, the answer is the same.
+//! and a thread inherits the flags of the one that starts it. The answer does not depend on the flags of
+//! the threads that call, cull and write boxes.
 #![allow(clippy::unwrap_used)]
 
 use glam::{Affine3A, DVec3, Mat4, Quat, Vec3};
@@ -21,8 +21,8 @@ use pairmask_tests::spheres;
 use pairmaskd::scene::{Random, Scene, SceneName};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-/// Enough that every CPU engine shares boxes and rows out, and that a second thread takes part: with
-/// few, the caller has done all before the other wakes, and no flags are mixed.
+/// Enough boxes for every CPU engine to use several tasks, and for a second thread to take part:
+/// with few, the caller finishes before the other wakes, and no flags are mixed.
 const BOXES: usize = 20_000;
 
 fn pool(threads: usize) -> ThreadPool {
@@ -48,7 +48,7 @@ fn engines() -> impl Iterator<Item = Box<dyn Engine>> {
     EngineName::CPU.into_iter().map(|name| cpu_engine(name, Isa::best()).unwrap())
 }
 
-/// Culls with every CPU engine, by callers and pools of the flags.
+/// Culls with every CPU engine, with callers and pools of `flags`.
 fn check(boxes: &[Aabb], flags: &[MixedFlags], pool: &ThreadPool) {
     let truth = oracle::truth(boxes);
     assert!(truth.pairs.len() > 1_000, "{} pairs", truth.pairs.len());
@@ -63,7 +63,7 @@ fn check(boxes: &[Aabb], flags: &[MixedFlags], pool: &ThreadPool) {
     }
 }
 
-/// A caller of one kind before a pool of another.
+/// A caller with one kind of flags and a pool with another.
 fn mixed(caller: FloatFlags, pool: FloatFlags) -> MixedFlags {
     MixedFlags { caller, pool: [pool; 2], ..MixedFlags::default() }
 }
@@ -158,7 +158,7 @@ fn spheres_are_found_through_the_boxes_of_any_thread() {
     }
 }
 
-/// Boxes with all that a float can be.
+/// Boxes with floats of every class and magnitude.
 fn hard_boxes() -> Vec<Aabb> {
     let mut random = Random::new(6);
     let mut boxes: Vec<Aabb> = EXTENTS.iter().flat_map(|e| boxes_within(*e, 60, 7)).collect();
@@ -194,7 +194,7 @@ fn placements(boxes: &[Aabb]) -> Vec<Placement> {
     boxes.iter().map(of).collect()
 }
 
-/// A function that computes in floats on the thread that calls it, and what came out as bits.
+/// A function that computes in floats on the calling thread, with its result as bits.
 type EntryPoint = (&'static str, fn(&[Aabb]) -> Vec<u64>);
 
 fn precisions(boxes: &[Aabb]) -> [Precision; 3] {
@@ -211,7 +211,7 @@ fn sent(precision: &Precision, boxes: &[Aabb]) -> Vec<u64> {
 
 fn matrices(boxes: &[Aabb]) -> Vec<Affine3A> {
     let of = |p: &Placement| {
-        // By bits: glam would compute a matrix in the flags of this thread.
+        // Written as entries: glam would compute a matrix with this thread's flags.
         let column = |x: f32| Vec3::new(x, 0.25 + x, -x);
         Affine3A::from_cols(
             column(p.rotation[0]).into(),
@@ -318,17 +318,18 @@ const ENTRY_POINTS: [EntryPoint; 21] = [
         bits(&world)
     }),
     ("ToWorld::world_matrix", |boxes| {
-        /// A matrix that somebody asked for earlier, on a thread of any flags.
-        struct Kept(pairmask::update::WorldMatrix);
-        impl ToWorld for Kept {
+        /// A matrix that was computed earlier, on a thread of any flags.
+        struct StoredMatrix(pairmask::update::WorldMatrix);
+        impl ToWorld for StoredMatrix {
             fn world_matrix(&self) -> pairmask::update::WorldMatrix {
                 self.0
             }
         }
         let placements = pairmask::floats::with_default(|| placements(boxes));
-        let kept: Vec<Kept> = placements.iter().map(|p| Kept(p.world_matrix())).collect();
+        let stored: Vec<StoredMatrix> =
+            placements.iter().map(|p| StoredMatrix(p.world_matrix())).collect();
         let mut world = vec![Aabb::EMPTY; boxes.len()];
-        update_boxes(boxes, &kept, &mut world).unwrap();
+        update_boxes(boxes, &stored, &mut world).unwrap();
         bits(&world)
     }),
     ("Sphere::bounds", |boxes| {

@@ -1,9 +1,10 @@
-//! Small scenes by the thousand under mixed floating-point flags: caller × pool × writers, all CPU
+//! Thousands of small scenes under mixed floating-point flags: caller × pool × writers, all CPU
 //! engines, all precision modes, spheres, the update stage. No pair is missed, and no extra pair is
 //! farther apart than its mode states.
 //!
-//! `stress` does the same with harder scenes and on GPUs; here nobody waits for a thread to wake, so that
-//! a minute has hundreds of thousands of answers. It goes on for [`attack_time`] and prints their number.
+//! `stress` does the same with harder scenes and on GPUs. Here no thread waits for another to wake, so
+//! that a minute has hundreds of thousands of answers. The test runs for [`attack_time`] and prints their
+//! number.
 #![allow(clippy::unwrap_used)]
 
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -31,10 +32,10 @@ use rayon::prelude::*;
 /// Scenes between two changes of the pool's flags.
 const ROUND: u64 = 512;
 
-/// One scene in so many has rows for several threads, which take tasks from each other.
+/// One scene in this many has rows for several threads, which take tasks from each other.
 const LARGE_ONE_IN: u64 = 128;
 
-/// What one thread answers with.
+/// The engines of one thread.
 struct Engines {
     boxes: [Box<dyn Engine>; 3],
     spheres: SphereEngines,
@@ -85,10 +86,10 @@ fn scene(random: &mut Random) -> Vec<Aabb> {
     (0..n).map(one).collect()
 }
 
-/// All of a scene's answers; how many there were.
+/// Checks all answers to a scene; returns their number.
 fn attack(engines: &mut Engines, seed: u64) -> u64 {
     let random = &mut Random::new(seed);
-    // The scene is made with the flags that its seed means.
+    // The scene is made with the default flags, so that it depends only on its seed.
     let boxes = pairmask::floats::with_default(|| scene(random));
     let flags = MixedFlags::of_seed(seed);
     let encoding = [Encoding::Dense, Encoding::Sparse][random.below(2) as usize];

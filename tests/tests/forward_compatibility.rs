@@ -1,5 +1,5 @@
-//! Answers of later daemons, and answers that are none: what can be read is served, and everything
-//! else is answered in process or is an error that names it.
+//! Answers of later daemons, and malformed answers. A mask that this build can read is served. Any
+//! other answer leads to an answer in process, or to an error that names the cause.
 #![allow(clippy::unwrap_used)]
 
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -59,7 +59,7 @@ fn beside(change: fn(&mut ResponseHeader), test: impl FnOnce(&RuntimeDir)) {
         };
         scope.spawn(move || answer_all(dir, stop, changed));
         eventually("it serves", || dir.read_record(&InstanceName::default()));
-        // A failed test stops the daemon too, and does not wait for it without end.
+        // A failed test stops the daemon too, and does not wait for it for ever.
         let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| test(dir)));
         stop.store(true, Ordering::Relaxed);
         if let Err(panic) = result {
@@ -101,10 +101,10 @@ fn sections_that_may_be_passed_over_are() {
     );
 }
 
-/// What to change in the right answer, and what the error of it says.
+/// A change of the right answer, and the error that it leads to.
 type Case = (fn(&mut ResponseHeader), fn(&ReplyError) -> bool, &'static str);
 
-/// Every kind of answer that is none, from a later daemon or a broken one.
+/// Every kind of malformed or unknown answer, of a later daemon or a broken one.
 const CASES: [Case; 10] = [
     (|h| h.status = 55, |e| matches!(e, ReplyError::UnknownStatus { found: 55 }), "status 55"),
     (
@@ -132,7 +132,7 @@ const CASES: [Case; 10] = [
 
 #[test]
 fn what_is_no_answer_is_answered_in_process_or_named() {
-    library_log::keep(LevelFilter::Warn);
+    library_log::capture(LevelFilter::Warn);
     for (change, is_named, said) in CASES {
         beside(change, |dir| {
             let builder = Session::builder().runtime_dir(dir.clone());
@@ -143,14 +143,14 @@ fn what_is_no_answer_is_answered_in_process_or_named() {
             assert!(is_named(&error), "{said}: {error:?}");
 
             let mut session = builder.backend(Backend::Auto).connect().unwrap();
-            library_log::said();
+            library_log::take_captured();
             for _ in 0..5 {
                 let mask = ask(&mut session).unwrap_or_else(|e| panic!("{said}: {e}"));
                 assert_eq!(mask.info().served_by, ServedBy::InProcess, "{said}");
                 assert_eq!(mask.to_vec(), [(0, 1)], "{said}");
             }
-            // Other tests of this file have daemons that answer well, and warn of nothing.
-            let warned = library_log::said();
+            // Other tests of this file have daemons with right answers, which log no warning.
+            let warned = library_log::take_captured();
             assert!(warned.len() == 1 && warned[0].1.contains(said), "{said}: {warned:?}");
         });
     }

@@ -13,11 +13,11 @@ fn step_bytes() -> u64 {
     if attack_time().as_secs() >= 60 { 4096 } else { 8 * 4096 }
 }
 
-/// More than connecting and a frame take.
+/// More bytes than connecting and a frame take.
 const MOST_BYTES: u64 = 512 << 10;
 
 #[test]
-fn whoever_connects_to_a_full_shm_is_served_or_told_and_nobody_dies() {
+fn connecting_to_a_full_shm_succeeds_or_is_a_typed_error_and_kills_no_process() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().display();
     // A namespace of its own with 8 MB of shared memory: daemon and clients in one. In the end there
@@ -42,7 +42,7 @@ fn whoever_connects_to_a_full_shm_is_served_or_told_and_nobody_dies() {
     assert!(output.status.success(), "{said}{complaint}");
     let lines: Vec<&str> = said.lines().collect();
     assert_eq!(&lines[1..], ["served", "same worker"], "{said}{complaint}");
-    // Some of each, or the free sizes were the wrong ones.
+    // Every outcome has to occur, else the free sizes were chosen wrongly.
     for none in ["served 0,", "refused 0,", "process 0"] {
         assert!(!lines[0].contains(none), "{said}");
     }

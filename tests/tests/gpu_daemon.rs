@@ -1,4 +1,5 @@
-//! The GPU behind the daemon, on a software adapter. Fails, never skips, where there is none.
+//! The GPU behind the daemon, on a software adapter. Without an adapter the tests fail, and are
+//! never skipped.
 #![allow(clippy::unwrap_used)]
 
 use std::sync::Arc;
@@ -92,7 +93,8 @@ fn frames_under_way_at_a_time_do_not_mix() {
 fn clients_come_and_go_and_grow() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
     let scene = stress_scenes::named("uniform");
-    // A client's segment is often mapped where the last one's was: an import must not outlive it.
+    // A client's segment is often mapped at the address of the last client's: an import must not
+    // outlive its segment.
     for client in 0..6u64 {
         let capacity = BoxCount::new(64);
         let mut session = daemon.session().engine(GPU).capacity(capacity).connect().unwrap();
@@ -160,7 +162,8 @@ fn narrow_boxes_are_culled_on_the_gpu() {
     }
 }
 
-/// The pairs of boxes as they were sent: the CPU's grid, which the oracle vouches for, is fast enough.
+/// The pairs of boxes as they were sent, by `cpu-grid`, which is fast enough and is tested against the
+/// oracle.
 fn pairs_by_cpu(boxes: &[Aabb], precision: &Precision) -> Vec<(u32, u32)> {
     let mut reply = HeapReply::new();
     let wish = CullWish { engine: EngineChoice::Only(EngineName::CpuGrid), ..CullWish::default() };
@@ -193,7 +196,7 @@ fn a_frame_outlives_its_executor() {
     drop(executor);
     drop(first.0);
     assert_eq!((Arc::strong_count(&first.1), Arc::strong_count(&second.1)), (1, 2));
-    // Nobody but a CPU engine is left to answer it.
+    // Only a CPU engine is left to answer it.
     let (answer, memory) = Executor::new(None).end(second.0);
     let answer = answer.unwrap();
     assert!(!answer.engine.is_gpu(), "by {}", answer.engine);
@@ -223,11 +226,11 @@ fn narrow_frames_are_left_under_way_and_outlive_their_device() {
             assert!(is_lost || answer.engine == EngineName::GpuGrid, "{}", answer.engine);
             let (ours, expected) =
                 (pairs_of(n, &answer, &memory.reply), pairs_by_cpu(&boxes, &pair[turn]));
-            // Not `assert_eq`: nobody reads thousands of pairs.
+            // Not `assert_eq`, which would print thousands of pairs.
             assert!(ours == expected, "{:?}, by {}", pair[turn], answer.engine);
         }
     }
-    // Nothing serves but the CPU now, or the device that is there again.
+    // Now the CPU serves, or the device that was opened again.
     let memory = NarrowMemory::write(&q8, &boxes);
     let mut reply = HeapReply::new();
     let answer = executor.cull(memory.boxes(), Owner::Client(0), &wish, &mut reply).unwrap();

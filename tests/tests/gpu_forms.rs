@@ -1,5 +1,5 @@
-//! Boxes in every form as the GPU reads them: the first stages against the library's own way from a
-//! form to f32, pattern by pattern, and whole frames against the modes' definitions.
+//! Boxes in every form as the GPU reads them: the first stages against the library's conversion to
+//! f32, pattern by pattern, and whole frames against the modes' definitions.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -25,7 +25,7 @@ use pairmaskd::execute::gpu::{
 /// A watchdog, no measure of speed.
 const PATIENCE: Duration = Duration::from_secs(120);
 
-/// What a first stage made of boxes.
+/// The output of a first stage.
 #[derive(Clone, Debug, PartialEq)]
 struct Seen {
     /// Keys of every box.
@@ -100,7 +100,7 @@ impl Bench {
         frame.run(Wait::Block, PATIENCE).expect("ends");
     }
 
-    /// What `keys` makes of boxes.
+    /// The output of the stage `keys`.
     fn keys(&mut self, boxes: NarrowBoxes<'_>) -> Seen {
         let n = boxes.len() as u32;
         let plane_words = n.next_multiple_of(PADDING);
@@ -131,7 +131,7 @@ impl Bench {
         }
     }
 
-    /// What `grid_cells` makes of boxes, on a grid without levels.
+    /// The output of the stage `grid_cells`, on a grid without levels.
     fn cells(&mut self, boxes: NarrowBoxes<'_>) -> Seen {
         let n = boxes.len() as u32;
         let sizes = Sizes::of(BoxCount::new(n));
@@ -183,7 +183,7 @@ fn bits(words: &[u32], n: u32) -> Vec<bool> {
     (0..n).map(|i| words[i as usize / 32] >> (i % 32) & 1 == 1).collect()
 }
 
-/// A form's smallest and largest coordinate, and those where a conversion could go wrong.
+/// A form's smallest and largest coordinates, and coordinates that are hard to convert.
 fn special(form: BoxForm) -> (u32, u32, Vec<u32>) {
     match form {
         BoxForm::F32 => {
@@ -204,7 +204,7 @@ fn special(form: BoxForm) -> (u32, u32, Vec<u32>) {
 }
 
 /// Boxes that have every number of a form of 16 bits or fewer at each place, all pairs of special
-/// ones as min.x and max.x (which say what is invalid), and anything.
+/// ones as min.x and max.x (which mark invalid boxes), and random ones.
 fn patterns(form: BoxForm) -> Vec<[u32; 6]> {
     let (least, largest, special) = special(form);
     let all = [least, least, least, largest, largest, largest];
@@ -327,7 +327,7 @@ fn check_forms<E: Engine>(
 
 const BOTH: [Encoding; 2] = [Encoding::Dense, Encoding::Sparse];
 
-/// Scenes that have boxes of every class, faces that touch, and no more pairs than an oracle likes.
+/// Scenes with boxes of every class, touching faces, and few enough pairs for the oracle.
 const FEW: [&str; 4] = ["uniform", "lattice", "empty mixed in", "nan in each slot"];
 
 fn all_pairs(options: AllPairsOptions) -> Narrowed<AllPairs> {
@@ -404,7 +404,7 @@ fn a_recorded_frame_is_of_one_form() {
     }
 }
 
-/// An engine that takes boxes of one form for those of another of the same size.
+/// An engine that reads boxes of one form as those of another of the same size.
 #[test]
 fn a_form_taken_for_another_is_noticed() {
     let as_halves: CullNarrow<Grid> = |engine, input, reply| {

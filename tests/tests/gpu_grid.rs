@@ -55,7 +55,7 @@ fn check_bytes<'a>(engine: &mut Grid, boxes: impl Into<NarrowBoxes<'a>>, what: &
         panic!("{what}: not sparse")
     };
     let order = order.expect("a grid has an order");
-    // Not `assert_eq`: nobody reads thousands of numbers.
+    // Not `assert_eq`, which would print thousands of numbers.
     assert!(order.of(reply.words()) == Some(&mirrored.order[..]), "{what}: order");
     for (section, place) in [rows, blocks, bits].into_iter().zip(0..) {
         let expected: Vec<u32> = mirrored.words.iter().map(|word| word[place]).collect();
@@ -131,7 +131,7 @@ fn every_form_has_the_bytes_of_the_mirror() {
     }
 }
 
-/// The oracle is too slow here; the CPU's grid, which it vouches for, is not.
+/// The oracle is too slow here; `cpu-grid` is fast enough, and tested against the oracle.
 #[test]
 fn large_scenes_have_the_pairs_of_the_cpu_grid() {
     let mut gpu = engine(&GridOptions::default());
@@ -244,8 +244,8 @@ fn frames_in_a_row_with_other_levels_do_not_mix() {
     }
 }
 
-/// A frame behind another has its boxes copied meanwhile. Forced, so that a device without a queue
-/// for copies does the same on the queue that it has.
+/// The boxes of a frame are copied while the frame before it runs. This is forced here, so that a
+/// device without a queue for copies does the same on its one queue.
 #[test]
 fn frames_behind_each_other_keep_to_their_own_boxes() {
     let upload = Some(Upload::DmaCopy);

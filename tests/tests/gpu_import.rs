@@ -168,7 +168,7 @@ fn imported_and_staged_memory_give_the_same_bytes() {
     }
 }
 
-/// Small scenes too are read where they lie, and no word beyond the segment's last is.
+/// Small scenes are imported too, and no word beyond the segment's end is read.
 #[test]
 fn narrow_boxes_are_read_from_imported_memory() {
     let upload = Some(Upload::KernelReads);

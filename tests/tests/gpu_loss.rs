@@ -1,4 +1,4 @@
-//! A device that goes under load: no wrong answer, a typed error, and a way back.
+//! A device that is lost under load: no wrong answer, a typed error, and recovery.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};

@@ -151,7 +151,7 @@ fn pair_sets_have_the_golden_hashes_of_the_cpu_engines() {
     }
 }
 
-/// The oracle is too slow here; the CPU's brute force, which it vouches for, is not.
+/// The oracle is too slow here; `cpu-brute` is fast enough, and tested against the oracle.
 #[test]
 fn large_masks_of_every_stress_scene_are_those_of_the_cpu_bit_by_bit() {
     let mut gpu = engine(AllPairsOptions::default());

@@ -1,5 +1,5 @@
-//! Frames that a GPU works on own their memory: it comes back when the GPU is done, and not before,
-//! whatever is dropped, lost or forgotten meanwhile.
+//! Frames under way on a GPU own their memory: it is given back when the GPU is done and not
+//! before, whatever is dropped, lost or forgotten meanwhile.
 #![allow(clippy::unwrap_used)]
 
 use std::sync::Arc;
@@ -18,12 +18,12 @@ use pairmaskd::execute::gpu::{Gpu, Grid, GridOptions, GridUnderWay, HostImport, 
 const MANY: u32 = 20_000;
 /// Pages that hold its reply.
 const PAGES: usize = 1024;
-/// What is written over a reply that was given back.
+/// Pattern that is written over a reply that was given back.
 const OURS: u32 = 0x6d69_6e65;
 /// Longer than a frame of [`MANY`] boxes takes on a busy machine.
 const A_WHILE: Duration = Duration::from_millis(300);
 
-/// A device, an engine on it and what both find imported.
+/// A device, an engine on it, and the imports that both use.
 struct Rig {
     gpu: Arc<Gpu>,
     grid: Grid,
@@ -51,7 +51,7 @@ impl Rig {
         (frame.map_err(|(error, _)| error).unwrap(), watcher, token)
     }
 
-    /// A frame of few boxes is what the oracle says.
+    /// Checks a frame of few boxes against the oracle.
     fn serves(&mut self) {
         let boxes = stress_scenes::named("uniform").boxes(345, 5);
         let memory = TestFrame::on_heap(&Precision::Exact, &boxes);
@@ -64,7 +64,7 @@ impl Rig {
     }
 }
 
-/// Nobody writes to a reply that was given back.
+/// A reply that was given back is not written to.
 fn stays_ours(watchers: &[Watcher]) {
     for watcher in watchers {
         watcher.fill(OURS);

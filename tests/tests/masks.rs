@@ -1,4 +1,4 @@
-//! Masks: what is written is what is decoded, whichever way, and no bytes do harm.
+//! Masks: every decoder gives the pairs that were written, and decoding any bytes is safe.
 
 use std::collections::BTreeSet;
 
@@ -13,7 +13,7 @@ use proptest::option;
 use proptest::prelude::*;
 use rayon::iter::ParallelIterator;
 
-/// Every size near nothing, and two large ones off all multiples.
+/// All small sizes, and two large ones that are no multiples.
 fn sizes() -> impl Iterator<Item = BoxCount> {
     (0..=70).chain([345, 1_234]).map(BoxCount::new)
 }
@@ -28,7 +28,7 @@ fn view(mask: &WrittenMask) -> MaskView<'_> {
     MaskView::new(mask.n, &mask.shape, &mask.reply).expect("the writer's own shape")
 }
 
-/// Whether all that a mask gives is exactly `expected`: which way is the first that does not.
+/// Compares all ways to decode a mask with `expected`; returns the first that differs.
 fn first_wrong_way(mask: &WrittenMask, expected: &[Pair]) -> Option<&'static str> {
     let view = view(mask);
     let sorted = |mut pairs: Vec<Pair>| {
@@ -221,14 +221,14 @@ fn verify_names_each_broken_rule() {
     assert_eq!(broken(&dense, 24, 0x1fff), Err(MaskError::TailBits { bits: 0x1000 }));
 }
 
-/// A span that mostly fits a reply of some hundred words, and now and then is anything.
+/// A span that mostly fits a reply of some hundred words, and is sometimes arbitrary.
 fn span(len: impl Strategy<Value = u64> + 'static) -> impl Strategy<Value = Span> {
     let start = prop_oneof![9 => 0u64..64, 1 => any::<u64>()];
     let len = prop_oneof![15 => len.boxed(), 1 => any::<u64>().boxed()];
     (start, len).prop_map(|(start, len)| Span { start, len })
 }
 
-/// Any shape, most of them right enough to be decoded.
+/// Arbitrary shapes, most of which can be decoded.
 fn shape(n: u32) -> impl Strategy<Value = MaskShape> {
     let dense = span(Just(BoxCount::new(n).dense_words()));
     let sparse = (0u64..150).prop_flat_map(move |len| {
@@ -243,7 +243,8 @@ fn shape(n: u32) -> impl Strategy<Value = MaskShape> {
     ]
 }
 
-/// Words of a reply: small numbers that pass for rows and blocks, single bits, and anything.
+/// Words of a reply: small numbers that are valid rows and blocks, single bits, and arbitrary
+/// words.
 fn reply() -> impl Strategy<Value = Vec<u32>> {
     let word = prop_oneof![
         4 => 0u32..70,
@@ -289,7 +290,7 @@ proptest! {
             }
         }
         if n > 1_000 {
-            return Ok(()); // The naive decoder would spell out an order of billions.
+            return Ok(()); // The naive decoder would write out an order of billions.
         }
         match (clean, naive_decoder::decode(&reply, &shape, n)) {
             (Ok(()), Ok(naive)) => prop_assert_eq!(found.into_iter().collect::<Vec<_>>(), naive),

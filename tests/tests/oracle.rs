@@ -1,4 +1,4 @@
-//! The oracle against the box type, two ways to say the same.
+//! The oracle against the box type: two definitions of overlap agree.
 
 use pairmask_tests::oracle::truth;
 use pairmask_tests::stress_scenes;

@@ -23,7 +23,7 @@ use pairmaskd::scene::{Scene, SceneName};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
-/// Bounds that scenes lie in, reach out of, and do not meet at all.
+/// Bounds that contain the scenes, cut them, and lie apart from them.
 fn all_bounds(boxes: &[Aabb]) -> Vec<Bounds> {
     let corners = |low: f32, high: f32| Bounds::new([low; 3], [high; 3]).unwrap();
     vec![
@@ -172,7 +172,7 @@ fn the_comparator_catches_rounding_inward() {
     let (exact, expected) =
         (oracle::truth(&boxes), naive_modes::truth(&boxes, &Precision::Q8(bounds)));
     assert_eq!(missed(&expected.pairs, &exact.pairs), []);
-    // Min to the next cell border and max to the one before: boxes that touch come apart.
+    // Min to the next cell border and max to the one before: touching boxes are separated.
     let inward = naive_modes::truth_by(&boxes, |x, axis, up| {
         let (low, high) = (f64::from(bounds.low()[axis]), f64::from(bounds.high()[axis]));
         let position = (f64::from(x) - low) * 256.0 / (high - low);
@@ -180,7 +180,7 @@ fn the_comparator_catches_rounding_inward() {
     });
     assert!(!missed(&inward.pairs, &exact.pairs).is_empty());
     assert!(matches!(check_pairs(&inward.pairs, &expected.pairs), Err(Mismatch::Missing(_))));
-    // One border further out than the mode says: nothing is missed, and more is extra.
+    // One border farther outward than the mode rounds: no pair is missed, and more pairs are extra.
     let outward = naive_modes::truth_by(&boxes, |x, axis, up| {
         let (low, high) = (f64::from(bounds.low()[axis]), f64::from(bounds.high()[axis]));
         let position = (f64::from(x) - low) * 256.0 / (high - low);

@@ -1,4 +1,4 @@
-//! A reply limit bounds what engines find and keep, and refuses nothing that fits.
+//! A reply limit bounds the memory of engines, and refuses no mask that fits.
 #![allow(clippy::unwrap_used)]
 
 use std::path::PathBuf;
@@ -24,7 +24,7 @@ use rayon::ThreadPoolBuilder;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
-/// A reply that remembers what was taken of it.
+/// A reply that records its reservations.
 struct Witness {
     inner: HeapReply,
     /// Words of the largest reservation that was granted.
@@ -62,7 +62,7 @@ impl ReplyBuffer for Witness {
 /// One way to cull one scene.
 type Cull<'a> = &'a mut dyn FnMut(&mut Witness) -> Result<CullReport, CullError>;
 
-/// Whether a mask was refused for its size, in numbers that are true.
+/// Whether a mask was refused for its size, with true numbers in the error.
 fn is_refused(result: &Result<CullReport, CullError>, limit_words: u64, need_words: u64) -> bool {
     match result {
         Err(CullError::Reserve(ReserveError::TooLarge { at_least_bytes, limit_bytes })) => {
@@ -73,8 +73,9 @@ fn is_refused(result: &Result<CullReport, CullError>, limit_words: u64, need_wor
     }
 }
 
-/// Holds a way to cull to limits: with room for the `need` words of its mask it finds `pairs`, with
-/// less room it refuses, reserves nothing beyond, and finds the pairs the next time.
+/// Checks a way to cull at several limits. With room for the `need` words of its mask it finds
+/// `pairs`. With less room it refuses, reserves nothing beyond the limit, and finds the pairs the
+/// next time.
 fn check_limits(what: &str, n: usize, need: u64, limits: &[u64], pairs: &[Pair], cull: Cull<'_>) {
     for &limit in limits {
         assert!(limit < need, "{what}: the scene is too small to be refused");
@@ -177,7 +178,8 @@ fn spheres_take_what_fits_and_no_word_more() {
     }
 }
 
-/// Large spheres that all touch each other's bounds' corners, and none of the many small ones there.
+/// Large spheres whose bounds overlap at the corners, where many small spheres lie that no large one
+/// touches.
 fn corners() -> Vec<Sphere> {
     let large = (0..400).map(|i| Sphere::new([i as f32 / 1e4, 0.0, 0.0], 10.0));
     let small = (0..4_000).map(|i| {
@@ -218,7 +220,7 @@ fn forms() -> [Precision; 4] {
     [Precision::Exact, Precision::Q16(bounds), Precision::Q8(bounds), Precision::F16]
 }
 
-/// The pairs of boxes as a GPU sees them.
+/// The pairs of boxes in the form that a GPU reads.
 fn pairs_of(memory: &NarrowMemory) -> Vec<Pair> {
     let boxes = memory.boxes();
     let expanded: Vec<Aabb> = (0..boxes.len()).filter_map(|i| boxes.get(i)).collect();
@@ -299,7 +301,7 @@ fn an_open_encoding_is_one_that_fits() {
     let named = EngineName::ALL.map(EngineChoice::Only);
     for engine in [EngineChoice::Auto].into_iter().chain(named) {
         let is_gpu = matches!(engine, EngineChoice::Only(engine) if engine.is_gpu());
-        // Where the last frame had no pairs, the plan expects a small sparse mask.
+        // After a frame without pairs, the plan expects a small sparse mask.
         for last_pairs in [None, Some(0)] {
             let wish = CullWish { engine, last_pairs, threads: Some(1), ..CullWish::default() };
             let check = |what: &str, cull: Cull<'_>| {

@@ -1,4 +1,4 @@
-//! Every session backend gives what the oracle says: every engine, dense and sparse, every scene.
+//! Every session backend has the oracle's answers: every engine, dense and sparse, every scene.
 #![allow(clippy::unwrap_used)]
 
 use pairmask::engine::EngineName;

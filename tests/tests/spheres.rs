@@ -1,5 +1,5 @@
-//! Frames of spheres: every session backend gives what exact arithmetic says, whatever happens to
-//! the daemon.
+//! Frames of spheres: every session backend has the answers of exact arithmetic, also when the
+//! daemon dies.
 #![allow(clippy::unwrap_used)]
 
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -27,7 +27,7 @@ fn engines() -> impl Iterator<Item = EngineChoice> {
     [EngineChoice::Auto].into_iter().chain(EngineName::CPU.map(EngineChoice::Only))
 }
 
-/// A session of a backend, and who must serve it.
+/// A session of a backend, and the side that must serve it.
 struct Lane {
     session: Session,
     encoding: Encoding,
@@ -147,7 +147,7 @@ fn the_comparator_notices_an_ulp_and_a_class() {
     assert_eq!(verdict(&less, &less), Ok(()));
     assert_eq!(verdict(&touching, &less), Err(Mismatch::Extra((0, 1))));
     assert_eq!(verdict(&less, &touching), Err(Mismatch::Missing((0, 1))));
-    // What touches nothing is told from what is empty or invalid by the census alone.
+    // Only the census tells spheres that touch no other from empty and invalid ones.
     let apart = |radius| vec![Sphere::new([0.0; 3], 1.0), Sphere::new([9.0, 0.0, 0.0], radius)];
     for wrong in [-1.0, f32::NAN] {
         let verdict = verdict(&apart(1.0), &apart(wrong));
@@ -308,7 +308,7 @@ fn the_daemon_counts_spheres_apart() {
     assert_eq!((status.frames, status.boxes, status.spheres, status.pairs), (2, 3, 5, 10));
 }
 
-/// Submits spheres and checks the answer. Returns who served it.
+/// Submits spheres and checks the answer. Returns what served it.
 fn check_frame(session: &mut Session, scene: &(Vec<Sphere>, oracle::Truth)) -> ServedBy {
     let mask = cull(session, &scene.0);
     assert_eq!(check_mask(&mask, mask.encoding(), &scene.1), Ok(()));

@@ -14,14 +14,14 @@ use pairmask_tests::daemon::TestDaemon;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
-/// A user that we are not.
+/// Id of a user other than the tests' own.
 const NOBODY: u32 = 65_534;
 
 fn connect(daemon: &TestDaemon) -> Result<Session, ConnectError> {
     daemon.session().connect()
 }
 
-/// With [`Backend::Auto`], whatever is wrong there: pairs, at once, by this process.
+/// Checks that [`Backend::Auto`] answers at once in process, whatever is wrong with the files.
 fn check_auto(daemon: &TestDaemon, what: &str) {
     let start = Instant::now();
     let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
@@ -38,7 +38,7 @@ fn set_mode(path: &Path, mode: u32) {
     fs::set_permissions(path, Permissions::from_mode(mode)).unwrap();
 }
 
-/// The places of an instance.
+/// The paths of an instance.
 fn places(daemon: &TestDaemon) -> [PathBuf; 3] {
     let name = InstanceName::default();
     let root = daemon.dir().transport_root(&name);
@@ -107,7 +107,7 @@ fn what_another_user_owns_is_not_used_by_a_client() {
     }
 }
 
-/// A file in shared memory of another user with a name of ours: it could be one that we map.
+/// Another user's file in shared memory with a name of this user's instance: a client could map it.
 #[test]
 fn a_strangers_file_in_shared_memory_keeps_clients_and_daemons_away() {
     if !rustix::process::geteuid().is_root() {
@@ -129,7 +129,7 @@ fn a_strangers_file_in_shared_memory_keeps_clients_and_daemons_away() {
     daemon.kill();
 }
 
-/// Without root there is no second user to be: root's directory is one that is not ours.
+/// Without root the test cannot act as a second user: root's directory stands for another user's.
 fn not_without_root() {
     let refused = RuntimeDir::at("/").check().unwrap_err();
     assert!(matches!(refused, InstanceError::Foreign { owner: 0, .. }), "{refused}");
@@ -144,7 +144,7 @@ fn a_daemon_refuses_places_that_others_may_change() {
     drop(acquire(&dir).unwrap());
     let lock = dir.join("default.lock");
     assert_eq!(fs::metadata(&lock).unwrap().mode() & 0o7777, 0o600);
-    // One of an earlier version, which everybody could open, and so hold.
+    // The lock of an earlier version, which every user could open, and so hold.
     set_mode(&lock, 0o644);
     drop(acquire(&dir).unwrap());
     assert_eq!(fs::metadata(&lock).unwrap().mode() & 0o7777, 0o600);

@@ -3,7 +3,7 @@
 //! The meaning is fixed for every engine, driver and thread count:
 //!
 //! * boxes are closed, so touching counts;
-//! * −0.0 equals +0.0, subnormals are the numbers they are, ±infinity is a valid coordinate;
+//! * −0.0 equals +0.0, subnormals keep their values, ±infinity is a valid coordinate;
 //! * a box with `min > max` on any axis is [`BoxClass::Empty`] and overlaps nothing;
 //! * a box with a NaN is [`BoxClass::Invalid`] and overlaps nothing.
 //!
@@ -33,25 +33,25 @@ pub struct Aabb {
 pub const AABB_BYTES: usize = 24;
 const _: () = assert!(size_of::<Aabb>() == AABB_BYTES && align_of::<Aabb>() == 4);
 
-/// What a box is, before any pair is looked at.
+/// The class of a box, which decides whether it can overlap anything.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BoxClass {
     /// Has at least one point.
     Solid,
-    /// `min > max` on some axis: a slot that is switched off.
+    /// `min > max` on some axis: an unused slot.
     Empty,
     /// Has a NaN. NaN wins over empty.
     Invalid,
 }
 
 impl Aabb {
-    /// A switched-off slot: overlaps nothing, not even itself.
+    /// An unused slot: overlaps nothing, not even itself.
     pub const EMPTY: Self = Self { min: [f32::INFINITY; 3], max: [f32::NEG_INFINITY; 3] };
 
     /// The box between two corners, as they are (no sorting: `min > max` means empty).
     ///
-    /// Corners are arrays, or whatever becomes one: vectors of glam in any version, of nalgebra, of
-    /// mint. In a `const`, write the two fields.
+    /// Corners are arrays, or types that convert into one: vectors of glam in any version, of
+    /// nalgebra, of mint. In a `const`, write the two fields.
     #[inline]
     pub fn new(min: impl Into<[f32; 3]>, max: impl Into<[f32; 3]>) -> Self {
         Self { min: min.into(), max: max.into() }
@@ -114,8 +114,8 @@ pub const INFINITY_BITS: u32 = 0x7f80_0000;
 
 /// Maps the bits of an f32 to an i32 that orders as the numbers do, −0 and +0 to the same key.
 ///
-/// NaN must be sorted out before ([`KeyBox::classify`]). Keys of numbers lie within
-/// ±`0x7f80_0000`, so `i32::MIN` and `i32::MAX` are free for boxes that overlap nothing.
+/// The caller has to exclude NaN ([`KeyBox::classify`]). Keys of numbers lie within ±`0x7f80_0000`,
+/// so `i32::MIN` and `i32::MAX` are free for boxes that overlap nothing.
 #[inline]
 pub const fn order_key(bits: u32) -> i32 {
     let bits = if bits == 0x8000_0000 { 0 } else { bits };

@@ -8,17 +8,16 @@ use rayon::Yield;
 
 use crate::spinner::Spinner;
 
-/// Keeps the threads of a rayon pool from falling asleep between frames, and within them.
+/// Keeps threads of a rayon pool awake between and within frames.
 ///
-/// A thread of a pool that finds no work sleeps after 10 to 20 µs. To wake it takes 50 to 100 µs on
-/// a virtual machine, and a pool of many threads wakes in steps, one thread another: longer than
-/// small frames take in all. An `AwakePool` has threads of the pool look for work until the time
-/// that it was told last.
+/// A thread of a pool that finds no work sleeps after 10 to 20 µs. Waking it takes 50 to 100 µs on
+/// a virtual machine, and the threads of a large pool wake one after the other: longer than a whole
+/// small frame takes. An `AwakePool` has threads of the pool look for work until a deadline.
 ///
 /// All calls come from one thread of the pool itself, see
 /// [`ThreadPoolBuilder::use_current_thread`](rayon::ThreadPoolBuilder::use_current_thread). A thread
-/// that looks for work offers its core to others all the while, but it does use it up: keep a pool
-/// awake while frames come closely, and no longer.
+/// that looks for work yields its core in each round, but uses it fully while no other thread wants
+/// it: keep a pool awake only while frames follow each other closely.
 ///
 /// ```
 /// use std::time::{Duration, Instant};
@@ -40,12 +39,12 @@ pub struct AwakePool {
 }
 
 impl AwakePool {
-    /// Keeps so many `threads` of the current pool awake until `until`, in place of what was told
-    /// before; the calling thread is one of them. Wakes nobody where that time has passed, and does
-    /// nothing outside of a pool.
+    /// Keeps `threads` threads of the current pool awake until `until`, in place of the last call's
+    /// number and time. The calling thread is one of them. Wakes no thread if `until` has passed,
+    /// and does nothing outside of a pool.
     ///
-    /// The first call after a time without wakes the threads, which costs some µs; calls that
-    /// follow with as many threads cost nothing.
+    /// The first call, and one after the time has passed, wakes the threads, which costs some µs.
+    /// Further calls with as many threads cost nothing.
     pub fn keep_until(&mut self, threads: usize, until: Instant) {
         let Some(caller) = rayon::current_thread_index() else { return };
         let others = threads.min(rayon::current_num_threads()).saturating_sub(1);
@@ -61,7 +60,7 @@ impl AwakePool {
         let watch = Arc::new(Watch::new(others, until));
         let shared = Arc::clone(&watch);
         rayon::spawn_broadcast(move |context| {
-            // The first threads beside the caller: which ones does not matter, how many does.
+            // The first threads beside the caller: only their number matters.
             let index = context.index();
             let is_wanted = index != caller && index - usize::from(index > caller) < others;
             if is_wanted {
@@ -71,7 +70,7 @@ impl AwakePool {
         self.watch = Some(watch);
     }
 
-    /// Does work in the pool. All of it is to be done in such calls.
+    /// Does work in the pool. All work of the pool has to be done in such calls.
     pub fn work<R>(&self, work: impl FnOnce() -> R) -> R {
         let _working = self.watch.as_deref().map(Working::begin);
         work()
@@ -86,12 +85,12 @@ impl Drop for AwakePool {
     }
 }
 
-/// Work under way, however it ends.
+/// Marks work as under way until it is dropped, after a panic too.
 struct Working<'a>(&'a Watch);
 
 impl<'a> Working<'a> {
     fn begin(watch: &'a Watch) -> Self {
-        // Whoever steals a part of the work sees this.
+        // A thread that steals a part of the work sees this store.
         watch.is_working.store(true, Ordering::Release);
         Self(watch)
     }
@@ -103,10 +102,10 @@ impl Drop for Working<'_> {
     }
 }
 
-/// A time that has passed, and is extended no more.
+/// Value of `until` after the time has passed: it is not extended any more.
 const OVER: u64 = 0;
 
-/// What the threads that stay awake share.
+/// State that the awake threads share.
 #[derive(Debug)]
 struct Watch {
     /// Threads beside the calling one.
@@ -114,9 +113,9 @@ struct Watch {
     began: Instant,
     /// Nanoseconds after the beginning, or [`OVER`].
     until: AtomicU64,
-    /// Whether there may be work under way.
+    /// Whether work may be under way.
     is_working: AtomicBool,
-    /// Whether a thread came late and left.
+    /// Whether a thread came during work and left.
     is_incomplete: AtomicBool,
 }
 
@@ -132,7 +131,8 @@ impl Watch {
         }
     }
 
-    /// Whether the threads stay until `until`. If not, they leave, and others may come.
+    /// Extends the time to `until`. Returns false if the threads leave: then new ones have to be
+    /// started.
     fn extend(&self, until: Instant) -> bool {
         let extended = |seen| (seen != OVER).then(|| nanoseconds(self.began, until));
         !self.is_incomplete.load(Ordering::Relaxed)
@@ -143,11 +143,11 @@ impl Watch {
         self.until.store(OVER, Ordering::Relaxed);
     }
 
-    /// Whether the time has passed: for one thread, then for all.
+    /// Whether the time has passed. Once it has for one thread, it has for all.
     fn is_over(&self) -> bool {
         let seen = self.until.load(Ordering::Relaxed);
         let is_late = || {
-            // Work that began in time has its threads to the end.
+            // Work that began in time keeps its threads to its end.
             !self.is_working.load(Ordering::Relaxed)
                 && nanoseconds(self.began, Instant::now()) > seen
         };
@@ -158,8 +158,8 @@ impl Watch {
 
     /// Looks for work of the pool until the time has passed.
     fn attend(&self) {
-        // A thread that comes here in the middle of a frame may do so while a part of its own waits
-        // for another: the frame would wait for the end of the watch.
+        // A thread that comes here during a frame may hold a part of the frame that waits for
+        // another thread. If it stayed, the frame would wait until the threads leave.
         if self.is_working.load(Ordering::Acquire) {
             self.is_incomplete.store(true, Ordering::Relaxed);
             return;
@@ -167,7 +167,8 @@ impl Watch {
         let mut spinner = Spinner::default();
         while !self.is_over() {
             if rayon::yield_now() != Some(Yield::Executed) {
-                // Every time: whoever takes the frame's answer may want this core at once.
+                // The core is yielded in every round: the thread that takes the frame's answer may
+                // want it at once.
                 spinner.offer();
             }
         }
@@ -202,10 +203,10 @@ mod tests {
         thread::spawn(run).join().unwrap();
     }
 
-    /// Waits until no thread of the pool has a part in the watch any more.
+    /// Waits until no other thread holds the watch any more.
     fn await_end(watch: &Arc<Watch>) {
         while Arc::strong_count(watch) > 1 {
-            // The calling thread has its part too, which is to do nothing.
+            // The calling thread has a task of the watch too, which does nothing.
             rayon::yield_now();
         }
     }
@@ -217,7 +218,7 @@ mod tests {
             awake.keep_until(3, Instant::now() + LONG);
             let watch = Arc::clone(awake.watch.as_ref().unwrap());
             awake.keep_until(3, Instant::now() + LONG);
-            assert!(Arc::ptr_eq(&watch, awake.watch.as_ref().unwrap()), "nobody is woken again");
+            assert!(Arc::ptr_eq(&watch, awake.watch.as_ref().unwrap()), "no thread is woken again");
             drop(awake);
             await_end(&watch);
         });
@@ -231,7 +232,7 @@ mod tests {
             let watch = awake.watch.clone().unwrap();
             awake.keep_until(2, Instant::now() + LONG);
             assert_eq!(awake.watch.as_ref().unwrap().others, 1);
-            // Those of the earlier watch leave.
+            // The threads of the earlier watch leave.
             await_end(&watch);
             awake.keep_until(1, Instant::now() + LONG);
             assert_eq!(awake.watch.as_ref().map(|watch| watch.extend(Instant::now())), Some(false));
@@ -239,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_is_woken_for_a_time_that_has_passed() {
+    fn no_thread_is_woken_for_a_time_that_has_passed() {
         in_pool(2, || {
             let mut awake = AwakePool::default();
             awake.keep_until(2, Instant::now());
@@ -248,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn there_is_nobody_to_keep_awake_outside_of_a_pool() {
+    fn outside_of_a_pool_no_thread_is_kept_awake() {
         let mut awake = AwakePool::default();
         awake.keep_until(8, Instant::now() + LONG);
         assert!(awake.watch.is_none());
@@ -256,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn who_comes_in_the_middle_of_work_leaves_and_is_asked_again() {
+    fn a_thread_that_comes_during_work_leaves_and_is_asked_again() {
         let watch = Watch::new(1, Instant::now() + LONG);
         watch.is_working.store(true, Ordering::Relaxed);
         watch.attend();
@@ -286,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn work_is_done_whoever_is_awake() {
+    fn work_is_done_whichever_threads_are_awake() {
         in_pool(4, || {
             let mut awake = AwakePool::default();
             let items: Vec<u64> = (0..2000).collect();

@@ -1,4 +1,4 @@
-//! Floating-point flags of threads: the one place that looks at them.
+//! Floating-point flags of threads. Only this module reads and sets them.
 //!
 //! Every thread has a rounding mode and flags that make subnormals zero (MXCSR on x86-64, FPCR on
 //! aarch64). Games and audio programs set them, and a thread inherits those of the thread that starts
@@ -15,11 +15,12 @@
 //!
 //! * Work of several threads goes through [`in_parts`](crate::engine) or a loop of rayon whose body is
 //!   a call of [`with_default`]: a task inherits nothing from who handed it out.
-//! * A call of [`with_default`] holds no `join`: a rayon thread that waits runs other people's tasks,
-//!   which are entitled to their own flags, and may leave others behind.
+//! * A call of [`with_default`] holds no `join`: a rayon thread that waits runs foreign tasks, which
+//!   expect the thread's own flags and may change them.
 //! * Float code that relies on it says so by `debug_assert!(floats::are_default())`.
 //!
-//! Where the flags are what they should be, which is nearly always, this reads one register.
+//! Where the flags are the default ones, which is nearly always, [`with_default`] reads one
+//! register.
 
 use std::hint::black_box;
 
@@ -90,7 +91,7 @@ mod register {
     }
 }
 
-/// Other processors: threads are taken to have the default flags.
+/// Other processors: threads are assumed to have the default flags.
 #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
 mod register {
     pub const DEFAULT: Control = ();
@@ -102,7 +103,7 @@ mod register {
     pub fn write((): Control) {}
 }
 
-/// Whether this thread rounds to nearest and takes subnormals as they are.
+/// Whether this thread rounds to nearest and keeps subnormals.
 #[inline]
 pub fn are_default() -> bool {
     register::is_default(register::read())
@@ -122,7 +123,7 @@ pub fn with_default<R>(work: impl FnOnce() -> R) -> R {
     if register::is_default(given) { work() } else { with_default_in_place_of(given, work) }
 }
 
-/// Puts flags back when it goes.
+/// Puts the flags back when dropped.
 struct Restore(register::Control);
 
 impl Drop for Restore {
@@ -131,11 +132,11 @@ impl Drop for Restore {
     }
 }
 
-/// The rare case, out of the way of the usual one.
+/// The rare case of other flags, out of line.
 ///
-/// The compiler takes float arithmetic for independent of the register, and could move it across the
-/// instruction that writes it. So the work stands in a function that is not inlined; what goes in
-/// and what comes out pass through `black_box`, which the compiler takes to change them, so that the
+/// The compiler treats float arithmetic as independent of the register, and could move it across the
+/// instruction that writes it. The work therefore runs in a function that is not inlined. Its input
+/// and output pass through `black_box`, which the compiler must assume to change them, so that the
 /// call can neither begin before the flags are set nor end after they are put back.
 #[cold]
 #[inline(never)]
@@ -160,7 +161,7 @@ mod tests {
     #[cfg(target_arch = "aarch64")]
     const DOWNWARD_FLUSHED: register::Control = 1 << 24 | 2 << 22;
 
-    /// Runs `work` on a thread of its own, whose flags nobody else sees.
+    /// Runs `work` on a new thread with other flags, so that no other test's thread has them.
     fn on_a_flagged_thread<R: Send>(work: impl FnOnce() -> R + Send) -> R {
         std::thread::scope(|scope| {
             let flagged = move || {
@@ -203,7 +204,7 @@ mod tests {
 
     #[test]
     fn pure_work_is_not_moved_out() {
-        // Nothing but numbers goes in and out: the compiler is free to move it as far as it may.
+        // Only numbers go in and out: the compiler is as free to move the work as it can be.
         let (x, y) = (black_box(1.0f32), black_box(3.0f32));
         let (flagged, default) = on_a_flagged_thread(move || (x / y, with_default(|| x / y)));
         assert_eq!((flagged.to_bits(), default.to_bits()), (0x3eaa_aaaa, 0x3eaa_aaab));

@@ -1,15 +1,15 @@
-//! Spinning for another process that may want the same core.
+//! Spinning on a core that the awaited process may want.
 
 use std::thread::yield_now;
 
-/// Rounds of spinning between two offers of the core, 3 to 5 µs: an offer that nobody takes costs
-/// 0.3 µs.
+/// Rounds between two yields of the core, 3 to 5 µs. A yield that no thread takes costs 0.3 µs.
 const ROUNDS: u32 = 32;
 
-/// Spins, and now and then offers the core to whoever wants it.
+/// Spins, and yields the core every few µs.
 ///
-/// Whoever is woken is often put on the core of the one who woke it. Two that spin for each other
-/// there would hold each other up until the scheduler moves one of them, which takes milliseconds.
+/// The scheduler often puts a woken thread on the core of the thread that woke it. Two threads that
+/// spin for each other on one core would block each other until the scheduler moves one of them,
+/// which takes milliseconds.
 ///
 /// ```
 /// use pairmask::transport::Spinner;
@@ -25,7 +25,7 @@ pub struct Spinner {
 }
 
 impl Spinner {
-    /// One round.
+    /// Spins one round.
     pub fn turn(&mut self) {
         self.round += 1;
         if self.round.is_multiple_of(ROUNDS) {
@@ -35,7 +35,7 @@ impl Spinner {
         }
     }
 
-    /// One round that offers the core, for those who know that it is wanted.
+    /// Yields the core at once: for a caller that knows that another thread wants it.
     pub fn offer(&mut self) {
         self.round = 0;
         yield_now();

@@ -1,4 +1,4 @@
-//! Numbers with a meaning: counts and indices that must not be confused.
+//! Types for counts and indices, so that they cannot be confused.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -27,7 +27,7 @@ impl BoxCount {
         self.0 as usize
     }
 
-    /// No boxes at all.
+    /// Whether the count is 0.
     pub const fn is_empty(self) -> bool {
         self.0 == 0
     }
@@ -86,7 +86,7 @@ impl MaskWord {
         self.0.count_ones()
     }
 
-    /// No pair in this word.
+    /// Whether no bit is set.
     pub const fn is_zero(self) -> bool {
         self.0 == 0
     }

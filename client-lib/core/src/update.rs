@@ -33,11 +33,11 @@ use rayon::prelude::*;
 use crate::aabb::{Aabb, BoxClass};
 use crate::floats;
 
-/// Boxes that one task of [`par_update_boxes`] updates at least: fewer take less time than to hand
-/// them to another thread.
+/// Fewest boxes of a task of [`par_update_boxes`]: fewer take less time than handing them to
+/// another thread.
 const PARALLEL_BOXES: usize = 1024;
 
-/// 8u: what a face moves outward, as a share of the sum of its terms' magnitudes.
+/// 8u: the distance by which a face moves outward, as a share of the sum of its terms' magnitudes.
 const FACE_ERROR: f64 = 8.0 * UNIT_ROUNDOFF;
 
 /// Lanes of a row of numbers: three axes and one of zeroes, which makes them a SIMD register.
@@ -46,10 +46,10 @@ const LANES: usize = 4;
 /// Half a unit in the last place of 1.0 in f64.
 const UNIT_ROUNDOFF: f64 = f64::EPSILON / 2.0;
 
-/// Why no box was updated.
+/// Why boxes were not updated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum UpdateError {
-    /// The slices do not belong together.
+    /// The slices differ in length.
     #[error(
         "{locals} local boxes, {transforms} transforms and room for {out} world boxes: give as many of each"
     )]
@@ -66,31 +66,31 @@ pub enum UpdateError {
 /// Translation, rotation and scale of an object: a point p goes to `rotation · (scale · p) +
 /// translation`.
 ///
-/// The rotation is a quaternion, used as it is. If it is not of unit length, points go where its
-/// matrix takes them.
+/// The rotation is a quaternion and is not normalised: one that is not of unit length scales points
+/// as its matrix does.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placement {
     /// Where the object's origin lies.
     pub translation: [f32; 3],
-    /// How it is turned: `x y z w`, w the real part.
+    /// Rotation, a quaternion `x y z w`, w the real part.
     pub rotation: [f32; 4],
-    /// Its size on its own axes.
+    /// Scale on the object's own axes.
     pub scale: [f32; 3],
 }
 
 impl Placement {
-    /// An object of its own size at the origin, not turned.
+    /// No scale, rotation or translation.
     pub const IDENTITY: Self =
         Self { translation: [0.0; 3], rotation: [0.0, 0.0, 0.0, 1.0], scale: [1.0; 3] };
 
-    /// An object of its own size.
+    /// A placement without scale.
     #[inline]
     pub fn rigid(translation: impl Into<[f32; 3]>, rotation: impl Into<[f32; 4]>) -> Self {
         Self { translation: translation.into(), rotation: rotation.into(), ..Self::IDENTITY }
     }
 }
 
-/// The affine map of a transform, with what its entries may be off by.
+/// The affine map of a transform, with bounds of its entries' errors.
 #[derive(Clone, Copy, Debug)]
 pub struct WorldMatrix {
     /// Columns of the linear part.
@@ -102,7 +102,7 @@ pub struct WorldMatrix {
 }
 
 impl WorldMatrix {
-    /// A matrix whose entries are meant exactly.
+    /// A matrix with exact entries.
     #[inline]
     fn exact([x, y, z, translation]: [[f32; 3]; 4]) -> Self {
         Self {
@@ -125,13 +125,13 @@ fn lanes([x, y, z]: [f32; 3]) -> [f64; LANES] {
     [x, y, z, 0.0].map(f64::from)
 }
 
-/// Something that takes points from an object's space to the world's: a [`Placement`], a matrix as
-/// arrays, and with the features `glam` and `mint` the matrices of those crates.
+/// A map from an object's space to the world's: a [`Placement`], a matrix as arrays, and with the
+/// features `glam` and `mint` the matrices of those crates.
 pub trait ToWorld {
-    /// The map itself, whatever the floating-point flags of this thread.
+    /// The map, independent of the floating-point flags of this thread.
     fn world_matrix(&self) -> WorldMatrix;
 
-    /// The same on a thread with the default flags, so that a loop need not look at them for each
+    /// The same on a thread with the default flags, so that a loop does not read the flags for each
     /// object.
     #[doc(hidden)]
     #[inline]
@@ -140,7 +140,7 @@ pub trait ToWorld {
     }
 }
 
-/// [`ToWorld::world_matrix`] for those who compute it with the default flags.
+/// Implements [`ToWorld::world_matrix`] for types that compute it with the default flags.
 macro_rules! world_matrix_whatever_the_flags {
     () => {
         #[inline]
@@ -233,8 +233,8 @@ fn solid_world_box(local: &Aabb, matrix: &WorldMatrix) -> Aabb {
     }
 }
 
-/// A product in which zero wins over infinity: an axis that does not reach the other is none of
-/// its business, however far the box extends along it.
+/// A product in which zero times infinity is zero: an axis with a zero entry adds nothing, however
+/// far the box extends along it.
 fn product_or_zero(entry: f64, coordinate: f64) -> f64 {
     if entry == 0.0 { 0.0 } else { entry * coordinate }
 }
@@ -266,13 +266,13 @@ fn box_of_products(local: &Aabb, matrix: &WorldMatrix, product: impl Fn(f64, f64
     Aabb { min: [x, y, z], max: [u, v, w] }
 }
 
-/// The largest f32 that is not above `x`. Infinity less infinity, a face that nobody knows, is
-/// taken for the farthest.
+/// The largest f32 that is not above `x`. Infinity less infinity, an unknown face, counts as the
+/// farthest.
 #[inline(always)]
 fn round_down(x: f64) -> f32 {
     let near = x as f32;
-    // The neighbour below by integer arithmetic: whether to take it is a coin toss, on which
-    // `next_down` would branch. A conversion keeps the sign, so that "above" never means +0.0.
+    // The neighbour below by integer arithmetic: `next_down` would branch on a condition that no
+    // predictor can guess. The conversion keeps the sign, so that "above" never means +0.0.
     let flip = |bits: i32| bits ^ (((bits >> 31) as u32) >> 1) as i32;
     let above = i32::from(f64::from(near) > x);
     let down = f32::from_bits(flip(flip(near.to_bits() as i32) - above) as u32);
@@ -341,8 +341,8 @@ fn check_lengths<T>(locals: &[Aabb], transforms: &[T], out: &[Aabb]) -> Result<(
     Err(UpdateError::LengthMismatch { locals, transforms, out })
 }
 
-/// The loop itself, compiled for AVX2 too where the processor has it. The boxes are the same: no
-/// instruction set fuses or reorders what is written here.
+/// The loop, also compiled for AVX2. The boxes are the same: no instruction set fuses or reorders
+/// these operations.
 fn update_run<T: ToWorld>(locals: &[Aabb], transforms: &[T], out: &mut [Aabb]) {
     #[inline(always)]
     fn run<T: ToWorld>(locals: &[Aabb], transforms: &[T], out: &mut [Aabb]) {

@@ -1,4 +1,4 @@
-//! What a session should be like.
+//! The settings of a session, and the builder that connects it.
 
 use std::fmt;
 use std::str::FromStr;
@@ -17,13 +17,13 @@ use super::error::ConnectError;
 #[cfg(feature = "daemon")]
 use crate::transport::RuntimeDir;
 
-/// Who finds the pairs. The results are identical.
+/// Where the pairs are found. The results are identical.
 ///
 /// A build without the feature `daemon` answers in process: there `Auto` is `InProcess`, and a
 /// session that insists on `Daemon` gets [`ConnectError::NotBuiltIn`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Backend {
-    /// The daemon where one answers, else in process. Comes back to the daemon by itself.
+    /// The daemon where one answers, else in process. The session returns to the daemon by itself.
     #[default]
     Auto,
     /// The daemon, or an error.
@@ -57,7 +57,8 @@ impl FromStr for Backend {
 }
 
 /// How long a waiting client spins beyond the time when it expects the answer, before it sleeps. A
-/// spin answers within 1 µs and holds a core; a sleeper is woken in 3 to 70 µs.
+/// spinning thread sees the answer within 1 µs and holds a core; a sleeping one is woken in 3 to 70
+/// µs.
 const DEFAULT_SPIN: Duration = Duration::from_micros(50);
 /// How long [`PendingFrame::wait`](super::PendingFrame::wait) waits for a daemon that lives but
 /// does not answer. No scene that fits a default reply takes as long.
@@ -111,14 +112,14 @@ impl Default for SessionBuilder {
 }
 
 impl SessionBuilder {
-    /// The instance to connect to; `default` unless set. [`connect`](Self::connect) tells if it is
-    /// no name.
+    /// The instance to connect to; `default` unless set. [`connect`](Self::connect) returns an
+    /// error if it is not a valid name.
     pub fn instance(mut self, name: &str) -> Self {
         self.instance = name.parse().map_err(|_| name.to_owned());
         self
     }
 
-    /// Who finds the pairs; [`Backend::Auto`] unless set.
+    /// Where the pairs are found; [`Backend::Auto`] unless set.
     pub fn backend(mut self, backend: Backend) -> Self {
         self.settings.backend = backend;
         self
@@ -172,7 +173,7 @@ impl SessionBuilder {
         self
     }
 
-    /// Boxes that the first segment should hold, to spare the growth later.
+    /// Boxes that the first segment should hold: a segment that is large enough never has to grow.
     pub fn capacity(mut self, boxes: BoxCount) -> Self {
         self.settings.capacity = boxes;
         self
@@ -181,7 +182,7 @@ impl SessionBuilder {
     /// Makes the session.
     ///
     /// # Errors
-    /// [`ConnectError`]. With [`Backend::Auto`] a missing daemon is none.
+    /// [`ConnectError`]. With [`Backend::Auto`] a missing daemon is no error.
     pub fn connect(mut self) -> Result<Session, ConnectError> {
         self.settings.instance = self.instance.map_err(|name| InstanceError::Name { name })?;
         Ok(Session { core: Arc::new(Core::new(self.settings)?) })

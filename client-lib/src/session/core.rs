@@ -1,4 +1,5 @@
-//! What the frames of a session share: settings, engines, and the connection as it comes and goes.
+//! What the frames of a session share: settings, engines, and the connection, which may be lost and
+//! made again.
 
 use std::mem::{Discriminant, discriminant};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -23,7 +24,7 @@ use super::sphere::SphereFrame;
 
 /// A missing daemon is looked for this often at most: a look costs 10 µs, a connection 2 ms.
 const RECONNECT_INTERVAL: Duration = Duration::from_millis(100);
-/// A daemon that lives but did not answer in time is left alone this long.
+/// A daemon that lives but did not answer in time is asked nothing for this long.
 const SILENCE_INTERVAL: Duration = Duration::from_secs(2);
 
 /// How a daemon was lost.
@@ -37,13 +38,13 @@ pub(super) enum Loss {
 struct Connection {
     link: Option<Arc<Link>>,
     retry_at: Option<Instant>,
-    /// Why there is none, for as long as nobody looks again.
+    /// Why there is no connection, until the next attempt.
     cause: Option<ConnectError>,
-    /// The kinds of causes for which the log was told that frames are answered in process.
+    /// The kinds of causes for which the log already says that frames are answered in process.
     told: Vec<Kind>,
 }
 
-/// What kind an error is, whatever its numbers.
+/// The variants of an error without their fields.
 type Kind = (Discriminant<FrameError>, Option<Discriminant<ConnectError>>);
 
 fn kind_of(error: &FrameError) -> Kind {
@@ -137,7 +138,8 @@ impl Core {
         Ok(SphereFrame::new(Filling::new(n, memory, Written::SPHERES, Arc::clone(self))))
     }
 
-    /// A frame of boxes, and the precision that whoever serves it knows.
+    /// A frame of boxes, and the precision that it is written with: the one asked for, or exact
+    /// where the daemon does not know that.
     fn box_frame(
         self: &Arc<Self>,
         n: usize,
@@ -157,7 +159,8 @@ impl Core {
         Ok((Filling::new(n, memory, written, Arc::clone(self)), precision))
     }
 
-    /// Memory for `n` objects: what `shared` gives, or our own, as the backend says.
+    /// Memory for `n` objects, as the backend asks: shared memory from `shared`, or this process's
+    /// own.
     fn memory<T: Object>(
         &self,
         n: BoxCount,
@@ -170,7 +173,7 @@ impl Core {
             Backend::Auto => match shared() {
                 Ok(shared) => Ok(FrameMemory::Shared(shared)),
                 Err(FrameError::TooManyFrames) => Err(FrameError::TooManyFrames),
-                // The log was told, and frames of boxes still go to the daemon.
+                // The log already says so, and frames of boxes still go to the daemon.
                 Err(FrameError::SpheresUnknown) => Ok(own()),
                 Err(error) => {
                     self.say_in_process(&error);
@@ -180,7 +183,7 @@ impl Core {
         }
     }
 
-    /// The connection, made anew if it was lost and the time has come.
+    /// The connection. A lost one is made again once its interval has passed.
     fn link(&self) -> Result<Arc<Link>, ConnectError> {
         let mut connection = lock(&self.connection);
         if let Some(link) = &connection.link {
@@ -205,7 +208,7 @@ impl Core {
         Ok(link)
     }
 
-    /// Gives a connection up. Frames that are under way on it are answered here.
+    /// Gives a connection up. Frames that are under way on it are answered in process.
     pub(super) fn lose(&self, lost: &Arc<Link>, how: Loss) -> Result<(), FrameError> {
         let (cause, retry_at) = match how {
             Loss::Died => (self.no_daemon(), None),
@@ -234,7 +237,8 @@ impl Core {
         ConnectError::NoDaemon { instance: self.settings.instance.clone() }
     }
 
-    /// Tells the log, once for each kind of cause until the daemon answers again.
+    /// Logs that frames are answered in process, once for each kind of cause until the daemon
+    /// answers again.
     fn say_in_process(&self, why: &FrameError) {
         let told = &mut lock(&self.connection).told;
         if !told.contains(&kind_of(why)) {
@@ -274,7 +278,7 @@ impl Core {
     }
 }
 
-/// The number of objects of a frame, as an index can name them.
+/// The number of objects of a frame, checked against the largest index.
 fn counted(n: usize) -> Result<BoxCount, FrameError> {
     let too_many = FrameError::TooManyBoxes { n, limit: u64::from(u32::MAX) };
     BoxCount::of_len(n).ok_or(too_many)

@@ -1,4 +1,4 @@
-//! One error enum for each thing that a session does.
+//! One error enum for each operation of a session.
 
 use std::time::Duration;
 
@@ -11,7 +11,7 @@ use crate::transport::{PopulateError, TransportError};
 #[derive(Clone, Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ConnectError {
-    /// Nobody serves the instance.
+    /// No daemon serves the instance.
     #[error(
         "no daemon serves instance '{instance}': start one with `pairmaskd serve --instance {instance}`"
     )]
@@ -24,8 +24,8 @@ pub enum ConnectError {
         "this build has no daemon backend: enable pairmask's feature `daemon`, or use Backend::InProcess"
     )]
     NotBuiltIn,
-    /// The daemon lives and did not answer within the session's deadline. It is left alone for a
-    /// while.
+    /// The daemon lives and did not answer within the session's deadline. The session asks it
+    /// nothing for 2 s.
     #[error(
         "the daemon of instance '{instance}' did not answer in time: look at it with `pairmaskd status --instance {instance}`"
     )]
@@ -33,7 +33,7 @@ pub enum ConnectError {
         /// The instance.
         instance: InstanceName,
     },
-    /// The instance is another user's, and its memory is closed to us.
+    /// The instance is another user's, and its memory is closed to this user.
     #[error(
         "instance '{instance}' belongs to user {uid}: run as that user, or start a daemon of your own, with PAIRMASK_RUNTIME_DIR set to a directory of your own"
     )]
@@ -61,7 +61,7 @@ pub enum ConnectError {
         /// The instance.
         instance: InstanceName,
     },
-    /// No shared memory for our segment.
+    /// No shared memory for the client's segment.
     #[error("no shared memory for a segment: free space in /dev/shm or make it larger")]
     OutOfMemory,
     /// The instance's directory cannot be used.
@@ -96,7 +96,7 @@ pub enum FrameError {
     /// There is no daemon any more ([`Backend::Daemon`](super::Backend::Daemon) only).
     #[error(transparent)]
     Connect(#[from] ConnectError),
-    /// A full /dev/shm.
+    /// /dev/shm is full.
     #[error(transparent)]
     OutOfMemory(#[from] PopulateError),
     /// The transport failed.
@@ -117,13 +117,13 @@ pub enum WaitError {
         /// How long this call waited.
         waited: Duration,
     },
-    /// The pairs were given out before.
+    /// The pairs of the frame were taken before.
     #[error("the pairs of this frame were taken already")]
     Taken,
     /// The daemon died.
     #[error("the daemon died before it answered: ask again, or start it with `pairmaskd serve`")]
     DaemonDied,
-    /// The daemon answered with an error, or with something that is no answer.
+    /// The daemon answered with an error, or with a response that is malformed.
     #[error(transparent)]
     Reply(#[from] ReplyError),
     /// The transport failed.
@@ -141,7 +141,7 @@ pub enum StatusError {
     /// No connection.
     #[error(transparent)]
     Connect(#[from] ConnectError),
-    /// The question could not be put.
+    /// The request could not be sent.
     #[error(transparent)]
     Frame(#[from] FrameError),
     /// No answer.

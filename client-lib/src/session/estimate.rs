@@ -4,12 +4,12 @@ use std::time::Duration;
 
 /// Frames shorter than this are not slept through: a wake-up costs 50 µs and more.
 const SHORTEST_NAP: Duration = Duration::from_micros(250);
-/// The nap ends this much before the expected end, the time of a late wake-up on a busy machine.
+/// The nap ends this long before the expected end: the delay of a late wake-up on a busy machine.
 const WAKE_MARGIN: Duration = Duration::from_micros(120);
-/// Or, of long frames, this share of them before it: they vary by as much, and an answer
-/// that comes during the nap waits for its end.
+/// The nap of a long frame ends this share of the frame before its expected end: frame times vary
+/// by as much, and an answer that comes during the nap is taken only when the nap ends.
 const WAKE_SHARE: u32 = 16;
-/// Scenes that differ by more than a quarter in boxes say nothing of each other.
+/// Scenes whose box counts differ by more than a quarter are not compared.
 const SIMILAR: u32 = 4;
 
 /// A frame that was answered.
@@ -17,19 +17,19 @@ const SIMILAR: u32 = 4;
 pub(super) struct Answered {
     /// Boxes.
     pub n: u32,
-    /// Submitted to in hand, however late this client woke up.
+    /// Time from submission to the answer in hand, a late wake-up of this client included.
     pub round_trip: Duration,
-    /// What the daemon says that it took.
+    /// Time that the frame took by the daemon's own report.
     pub took: Duration,
     /// Threads that its engine used.
     pub threads: usize,
 }
 
-/// Frames of one session: the shortest of late, aged so that it follows the scene.
+/// The estimate of one session: the shortest recent frame, aged so that it follows the scene.
 ///
-/// A nap goes by what the daemon took, since a client that woke up late would sleep longer the next
-/// time. Spinning goes by the round trip: where both sides have fallen asleep before each other, the
-/// client has to outlast the daemon's waking up.
+/// The nap goes by the time that the daemon reports: by the round trip, a client that woke up late
+/// would sleep longer the next time. Spinning goes by the round trip: where both sides sleep too
+/// early, the client has to spin until the daemon has woken up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Estimate {
     n: u32,
@@ -38,17 +38,17 @@ pub(super) struct Estimate {
     threads: usize,
 }
 
-/// The shortest of late: a shorter one counts at once, of a longer one a sixteenth of the difference,
-/// so that one slow frame in many stretches nothing.
+/// The aged shortest time: a shorter frame replaces it at once, a longer one adds a sixteenth of the
+/// difference, so that one slow frame in many hardly changes it.
 fn aged(known: Duration, new: Duration) -> Duration {
     if new < known { new } else { known + new.saturating_sub(known) / 16 }
 }
 
 impl Estimate {
-    /// Takes note of a frame.
+    /// Updates the estimate by an answered frame.
     pub(super) fn note(&mut self, frame: Answered) {
         let Answered { n, round_trip, took, threads } = frame;
-        // No more than it did: the daemon's word is another process's.
+        // At most the round trip: the daemon's figure is input from another process.
         let took = took.min(round_trip);
         *self = if self.covers(n) {
             Self {
@@ -62,8 +62,8 @@ impl Estimate {
         };
     }
 
-    /// How long to sleep after a submission of `n` boxes; zero where nothing is known or the
-    /// frame is short.
+    /// How long to sleep after a submission of `n` boxes; zero without an estimate and for short
+    /// frames.
     pub(super) fn nap(&self, n: u32) -> Duration {
         if !self.covers(n) || self.took < SHORTEST_NAP {
             return Duration::ZERO;
@@ -71,12 +71,12 @@ impl Estimate {
         self.took.saturating_sub(WAKE_MARGIN.max(self.took / WAKE_SHARE))
     }
 
-    /// After how long the answer to `n` boxes is expected; zero where nothing is known.
+    /// The expected round trip of `n` boxes; zero without an estimate.
     pub(super) fn round_trip(&self, n: u32) -> Duration {
         if self.covers(n) { self.round_trip } else { Duration::ZERO }
     }
 
-    /// Threads that the engine is expected to use on `n` boxes; zero where nothing is known.
+    /// Threads that the engine is expected to use on `n` boxes; zero without an estimate.
     pub(super) fn threads(&self, n: u32) -> usize {
         if self.covers(n) { self.threads } else { 0 }
     }
@@ -125,7 +125,7 @@ mod tests {
         estimate.note(Answered { round_trip: 5 * MS, ..frame(1000, MS) });
         assert_eq!(estimate.nap(1000) + WAKE_MARGIN, MS);
         assert_eq!(estimate.round_trip(1000), 5 * MS);
-        // Nor does a daemon that says too much.
+        // Nor does a daemon that reports too long a time.
         estimate.note(Answered { took: Duration::MAX, ..frame(10, MS) });
         assert_eq!(estimate.nap(10) + WAKE_MARGIN, MS);
     }

@@ -1,4 +1,4 @@
-//! What a daemon can be asked for: an older one knows fewer forms of objects.
+//! The forms of objects that a daemon can be sent: an older daemon knows fewer.
 
 use std::sync::atomic::{AtomicBool, AtomicU16, Ordering};
 
@@ -6,19 +6,19 @@ use pairmask_core::objects::ObjectForm;
 use pairmask_core::precision::{BoxForm, Precision};
 use pairmask_wire::{Version, since_minor};
 
-/// The forms of objects that the daemon of a connection knows, as far as known.
+/// The forms of objects that the daemon of a connection knows.
 #[derive(Debug)]
 pub(super) struct KnownForms {
-    /// The minor wire version up to which it does.
+    /// The minor wire version up to which the daemon knows forms.
     minor: AtomicU16,
-    /// Whether the log was told that frames are exact.
+    /// Whether the log says that frames are exact.
     told_exact: AtomicBool,
-    /// Whether the log was told that spheres stay here.
+    /// Whether the log says that frames of spheres are answered in process.
     told_spheres: AtomicBool,
 }
 
 impl KnownForms {
-    /// Those of a daemon by the version that it says it is.
+    /// The forms of a daemon, by the version that it states.
     pub(super) const fn of(version: Version) -> Self {
         Self {
             minor: AtomicU16::new(version.minor),
@@ -32,15 +32,15 @@ impl KnownForms {
         self.knows(ObjectForm::Spheres)
     }
 
-    /// Tells the log once that frames of spheres are answered here.
+    /// Logs once that frames of spheres are answered in process.
     pub(super) fn say_spheres_stay(&self) {
         if !self.told_spheres.swap(true, Ordering::Relaxed) {
             log::warn!("the daemon does not know spheres: their frames are answered in process");
         }
     }
 
-    /// The precision that the daemon can be asked for: an older one gets exact boxes, and the log is
-    /// told once.
+    /// The precision that the daemon can be sent: an older daemon gets exact boxes, which is logged
+    /// once.
     pub(super) fn agree(&self, asked: Precision) -> Precision {
         if self.knows(asked.form().into()) {
             return asked;
@@ -49,8 +49,8 @@ impl KnownForms {
         Precision::Exact
     }
 
-    /// The daemon refused a form, whatever version it said it was: it knows neither that one nor
-    /// those of later versions.
+    /// Notes that the daemon refused a form, whatever version it stated: that form and those of
+    /// later versions are not sent again.
     pub(super) fn note_refused(&self, form: ObjectForm) {
         let Some(before) = since_minor(form).checked_sub(1) else { return };
         self.minor.fetch_min(before, Ordering::Relaxed);

@@ -25,7 +25,7 @@ pub struct Frame {
     filling: Filling<Aabb>,
 }
 
-/// In which form the objects of a frame are written, and what that may add.
+/// The form in which the objects of a frame are written, and the extra pairs that it may add.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Written {
     pub form: ObjectForm,
@@ -33,24 +33,24 @@ pub(super) struct Written {
 }
 
 impl Written {
-    /// Spheres, as they are.
+    /// Spheres, exact.
     pub(super) const SPHERES: Self = Self { form: ObjectForm::Spheres, widening: Widening::None };
 
-    /// Boxes of a precision.
+    /// Boxes written with a precision.
     pub(super) fn by(precision: &Precision) -> Self {
         Self { form: precision.form().into(), widening: precision.widening() }
     }
 }
 
-/// What frames are filled with.
+/// A kind of object that frames are filled with: boxes or spheres.
 pub(super) trait Object: Pod + Default {
     /// The first `n` objects of a payload.
     fn in_pages(pages: &[Page], n: BoxCount) -> Option<&[Self]>;
-    /// As [`in_pages`](Self::in_pages), to be written.
+    /// As [`in_pages`](Self::in_pages), writable.
     fn in_pages_mut(pages: &mut [Page], n: BoxCount) -> Option<&mut [Self]>;
-    /// Objects in this process's memory, to be culled.
+    /// Objects in this process's memory as input of an engine.
     fn as_objects(own: &[Self]) -> Objects<'_>;
-    /// Spare memory for them.
+    /// The shelf of spare buffers for these objects.
     fn spares(spares: &Spares) -> &super::local::Shelf<Vec<Self>>;
 }
 
@@ -88,15 +88,16 @@ impl Object for Sphere {
 pub(super) enum FrameMemory<T> {
     /// In shared memory, in the form of the frame.
     Shared(SharedFrame),
-    /// Here. Boxes of a narrow form lie here as the f32 boxes that stand for them.
+    /// In this process's memory. Boxes of a narrow form are kept as the f32 boxes that they stand
+    /// for.
     Own(Vec<T>),
 }
 
 /// Memory that boxes of a narrow form are written into.
 pub(super) enum NarrowMemory<'a> {
-    /// In their form.
+    /// Bytes in the narrow form.
     Bytes(&'a mut [u8]),
-    /// As the boxes that stand for them.
+    /// The f32 boxes that the narrow ones stand for.
     Expanded(&'a mut [Aabb]),
 }
 
@@ -226,7 +227,7 @@ impl Frame {
     /// Asks for the pairs. In process they are found before this returns.
     ///
     /// # Errors
-    /// [`FrameError`]; the frame is given up then.
+    /// [`FrameError`]; the frame's memory is gone then.
     pub fn submit(self) -> Result<PendingFrame, FrameError> {
         self.filling.submit()
     }

@@ -27,11 +27,11 @@ use crate::transport::{
     TransportError, foreign_owner, quiet_transport_log,
 };
 
-/// A waiter looks at the daemon's pulse this often, and at its own response even if another
-/// thread of the session took the wake-up.
+/// A waiting thread checks this often whether the daemon lives, and whether its response has come:
+/// another thread of the session may have taken the wake-up.
 pub(super) const WAIT_SLICE: Duration = Duration::from_millis(2);
 
-/// Port and size of the chunks that it lends.
+/// A port and the size of the chunks that it lends.
 #[derive(Debug)]
 struct SizedPort {
     port: Arc<ClientPort>,
@@ -53,10 +53,10 @@ pub(super) struct Link {
     cores: usize,
     frames: AtomicUsize,
     forms: KnownForms,
-    /// Whether the log was told that answers of this daemon are no answers.
+    /// Whether the log says that responses of this daemon are refused.
     told_refused: AtomicBool,
     files: SegmentFiles,
-    /// The daemon's memory, once something came from there.
+    /// The daemon's segment, known from the first response on.
     segment: Mutex<Option<(u128, Segment)>>,
 }
 
@@ -66,7 +66,8 @@ impl std::fmt::Debug for Link {
     }
 }
 
-/// One of the frames that a client may have at a time, from its loan to the end of its mask.
+/// One of the frames that a client may have at a time. It is taken with the loan and given back
+/// with the mask.
 pub(super) struct Slot {
     link: Arc<Link>,
 }
@@ -101,14 +102,15 @@ fn pages_of(bytes: u64) -> usize {
 }
 
 impl Link {
-    /// The backend for one that was asked for: any, in a build with a transport.
+    /// The backend that a session uses for the one asked for: in a build with a transport, the
+    /// same.
     #[allow(clippy::unnecessary_wraps)] // A build without one refuses a backend.
     pub(super) fn backend(asked: Backend) -> Result<Backend, ConnectError> {
         quiet_transport_log();
         Ok(asked)
     }
 
-    /// Connects to whoever serves the instance now.
+    /// Connects to the daemon that serves the instance now.
     pub(super) fn open(settings: &Settings) -> Result<Self, ConnectError> {
         let instance = &settings.instance;
         let dir = settings.dir.serving(instance);
@@ -116,7 +118,8 @@ impl Link {
             Some(uid) => ConnectError::OtherUser { instance: instance.clone(), uid },
             None => ConnectError::NoDaemon { instance: instance.clone() },
         };
-        // What is not ours is not opened: its owner could stall us, or cut our memory short.
+        // Another user's files are not opened: their owner could stall this process, or truncate
+        // memory that it has mapped.
         let not_ours = |error| match error {
             InstanceError::Foreign { path, owner } if path.starts_with(dir.path()) => {
                 ConnectError::OtherUser { instance: instance.clone(), uid: owner }
@@ -147,7 +150,7 @@ impl Link {
         let connected = Services::<ipc_threadsafe::Service>::connect(&dir, instance)
             .and_then(|services| Ok((services.client(token, pages)?, services)));
         let (Client { port, notifier, listener }, services) = connected.map_err(open)?;
-        // The connection's own files were made meanwhile.
+        // The connection has created files of its own since the first check.
         dir.check_shared_files(instance).map_err(not_ours)?;
         let link = Self {
             token,
@@ -169,13 +172,13 @@ impl Link {
         Ok(link)
     }
 
-    /// Gives the chunks that frames will use their memory now, before the first frame is timed.
+    /// Populates the chunks that frames will use, before the first frame is timed.
     fn touch_chunks(&self, pages: usize) {
         let port = &lock(&self.sized).port;
         let loans: Vec<_> =
             (0..FRAMES_AT_A_TIME).map_while(|_| OwnRequest::lend(port, pages).ok()).collect();
         for mut loan in loans {
-            // Memory that is not to be had now is asked for, and missed, by the frame that needs it.
+            // Missing memory is an error of the frame that needs it, not of the connection.
             let _ = lock(&self.populated).ensure(loan.pages_mut());
         }
     }
@@ -188,20 +191,20 @@ impl Link {
         self.daemon.is_alive()
     }
 
-    /// What the daemon can be asked for.
+    /// The forms of objects that the daemon can be sent.
     pub(super) const fn forms(&self) -> &KnownForms {
         &self.forms
     }
 
-    /// Tells the log once that a frame is answered in process, since what the daemon answered is
-    /// an error or no answer.
+    /// Logs once that a frame is answered in process, because the daemon's response is an error or
+    /// malformed.
     pub(super) fn say_refused(&self, why: &ReplyError) {
         if !self.told_refused.swap(true, Ordering::Relaxed) {
             log::warn!("a frame is answered in process, and others may be: {why}");
         }
     }
 
-    /// Memory for so many bytes of objects, all of it present.
+    /// Memory for `bytes` bytes of objects, populated.
     pub(super) fn loan(self: &Arc<Self>, bytes: u64) -> Result<SharedFrame, FrameError> {
         let slot = Slot::take(self).ok_or(FrameError::TooManyFrames)?;
         let pages = pages_of(bytes);
@@ -224,7 +227,8 @@ impl Link {
                 other => TransportError::new("making a larger segment", &other).into(),
             })?;
             *sized = SizedPort { port: Arc::new(port), pages: grown };
-            // Its chunks are new memory, perhaps at addresses that were populated before.
+            // The new port's chunks are new memory, perhaps at addresses that were populated
+            // before.
             *lock(&self.populated) = Populated::default();
         }
         Ok(Arc::clone(&sized.port))
@@ -247,12 +251,12 @@ impl Link {
         CheckedResponse::new(sample, segment)
     }
 
-    /// Takes note of a frame that was answered.
+    /// Updates the estimate by an answered frame.
     pub(super) fn note_frame(&self, frame: Answered) {
         lock(&self.estimate).note(frame);
     }
 
-    /// Waits for the response to `pending` until `deadline`; `None` where it does not come.
+    /// Waits for the response to `pending` until `deadline`.
     ///
     /// Naps through most of a frame that is expected to be long, spins until `spin` after its
     /// expected end, then sleeps until woken.
@@ -272,8 +276,9 @@ impl Link {
             (estimate.nap(n), estimate.round_trip(n), estimate.threads(n))
         };
         if !spin.is_zero() {
-            // By the system's fine clock. The listener's wait ends with a tick of the coarse one (1
-            // to 10 ms): whoever naps by it is woken by the answer, 50 µs after it came.
+            // The nap goes by the system's fine clock. The listener's wait ends with a tick of the
+            // coarse clock (1 to 10 ms): a client that naps by it is woken by the answer, 50 µs
+            // late.
             let wake_at = (sent + nap).min(deadline);
             loop {
                 let left = wake_at.saturating_duration_since(Instant::now());
@@ -285,8 +290,8 @@ impl Link {
                     return Ok(Received::Sample(sample));
                 }
             }
-            // A frame that is nearly there is worth more than the core: falling asleep just before
-            // it comes costs a wake-up on each side, frame after frame.
+            // Near its expected end a frame is worth a core: a client that falls asleep just before
+            // the answer costs a wake-up on each side, frame after frame.
             let spin_until = (Instant::now().max(sent + expected) + spin).min(deadline);
             let mut spinner = Spinner::default();
             while Instant::now() < spin_until {
@@ -306,7 +311,7 @@ impl Link {
                 return Ok(Received::Sample(sample));
             }
             if !self.is_alive() {
-                // Its last act may have been to answer.
+                // The daemon may have answered before it died.
                 return Ok(pending.receive()?.map_or(Received::Dead, Received::Sample));
             }
             if Instant::now() >= deadline {
@@ -326,14 +331,14 @@ impl Link {
     }
 }
 
-/// What came of waiting.
+/// The result of waiting for a response.
 pub(super) enum Received {
     Sample(ResponseSample),
     Nothing,
     Dead,
 }
 
-/// A request that could not be sent, with its memory where that was saved.
+/// A request that could not be sent, with its memory where that is kept.
 pub(super) enum Unsent {
     Saved(SharedFrame),
     Lost(TransportError),
@@ -342,14 +347,15 @@ pub(super) enum Unsent {
 impl SharedFrame {
     /// Sends the frame and wakes the daemon.
     pub(super) fn send(self, header: &RequestHeader) -> Result<(SentRequest, Slot), Unsent> {
-        // `send` drops the memory when it fails, and what fails is the connection to a daemon
-        // that is gone or new. Try that part first, while the boxes are still ours.
+        // `send` drops the memory when it fails, and it fails where the daemon is gone or new. The
+        // connection is updated first, while the session still owns the boxes.
         if self.port.update_connections().is_err() || !self.slot.link.is_alive() {
             return Err(Unsent::Saved(self));
         }
         let pending = self.loan.send(header).map_err(Unsent::Lost)?;
-        // A daemon that spins needs no waking, but only it knows; 50 ns while it does not sleep.
-        // Should waking fail, the daemon still looks for requests at intervals.
+        // A spinning daemon needs no wake-up, but the client cannot see whether it spins. A
+        // notification costs 50 ns while the daemon is awake. If it fails, the daemon still looks
+        // for requests at intervals.
         let _ = self.slot.link.notifier.notify();
         Ok((pending, self.slot))
     }

@@ -1,4 +1,4 @@
-//! The in-process side: engines and buffers that are used again and again.
+//! The in-process side of a session: engines, and buffers that are reused.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -16,7 +16,8 @@ use super::builder::Settings;
 use super::frame::Written;
 use super::pairs::{PairMask, ServedBy, Storage};
 
-/// Buffers that are kept: two frames under way, one being filled, and as many masks held.
+/// Buffers of each kind that are kept for reuse: those of two frames under way and of one being
+/// filled, and one of a mask that is held.
 const KEPT_BUFFERS: usize = 4;
 
 /// Engines and spare buffers of one session.
@@ -27,20 +28,20 @@ pub(super) struct Local {
     last_pairs: Mutex<Option<u64>>,
 }
 
-/// The engines for boxes, and the ways from spheres to them.
+/// The engines for boxes and for spheres.
 struct Engines {
     boxes: CpuEngines,
     spheres: SphereWays,
 }
 
-/// Spare memory for the objects of frames.
+/// Spare buffers for the objects of frames.
 #[derive(Default)]
 pub(super) struct Spares {
     pub boxes: Shelf<Vec<Aabb>>,
     pub spheres: Shelf<Vec<Sphere>>,
 }
 
-/// A few things that wait to be used again.
+/// A few buffers for reuse.
 pub(super) struct Shelf<T>(Mutex<Vec<T>>);
 
 impl<T> Default for Shelf<T> {
@@ -54,7 +55,7 @@ impl<T: Default> Shelf<T> {
         lock(&self.0).pop().unwrap_or_default()
     }
 
-    /// Keeps a thing, unless there are enough.
+    /// Keeps a buffer, unless [`KEPT_BUFFERS`] are kept.
     pub(super) fn give(&self, item: T) {
         let mut kept = lock(&self.0);
         if kept.len() < KEPT_BUFFERS {
@@ -64,7 +65,7 @@ impl<T: Default> Shelf<T> {
 }
 
 impl<T: Clone + Default> Shelf<Vec<T>> {
-    /// Memory for `n` things, contents unspecified.
+    /// Memory for `n` items, contents unspecified.
     pub(super) fn take_sized(&self, n: BoxCount) -> Vec<T> {
         let mut things = self.take();
         things.resize(n.len(), T::default());
@@ -78,7 +79,8 @@ impl std::fmt::Debug for Local {
     }
 }
 
-/// A panic in an engine leaves scratch memory behind that the next frame overwrites: go on.
+/// Locks a mutex, a poisoned one too: the next frame overwrites the scratch memory that a panicking
+/// engine left.
 pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -103,7 +105,7 @@ impl Local {
         self.replies.give(reply);
     }
 
-    /// Finds the pairs here and now.
+    /// Finds the pairs with the engines of this process.
     pub(super) fn cull(
         self: &Arc<Self>,
         objects: Objects<'_>,

@@ -15,16 +15,16 @@ use super::Session;
 use super::error::{FrameError, WaitError};
 use super::pairs::PairMask;
 
-/// Boxes that one task looks at: fewer take less time than a task costs.
+/// Boxes that one task compares: fewer take less time than a task costs.
 const TASK_BOXES: usize = 16_384;
 
-/// What margins have spared so far.
+/// Frames that were requested, and frames that an earlier answer served.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct MarginStats {
-    /// Frames that were asked for.
+    /// Frames for which a request was made.
     pub requests: u64,
-    /// Frames that the last answer was good for.
+    /// Frames that the last answer served.
     pub skipped: u64,
 }
 
@@ -42,9 +42,9 @@ pub enum MarginedError {
 
 /// A session that asks only when something has moved by more than a margin.
 ///
-/// A mask is a superset of the overlapping pairs: those, and boxes whose gap was at most
-/// [`Margin::gap_limit`] when they were sent: twice the margin, steps of f32 and what the precision
-/// adds. [`MarginedMask::exact_pairs`] sorts them out by the boxes of now.
+/// A mask is a superset of the overlapping pairs: it has those, and pairs of boxes whose gap was at
+/// most [`Margin::gap_limit`] when they were sent: twice the margin, steps of f32 and what the
+/// precision adds. [`MarginedMask::exact_pairs`] tests each pair with the boxes of now.
 ///
 /// The kept mask is one of the three frames that a session has at a time.
 ///
@@ -74,12 +74,12 @@ pub struct Margined {
     precision: Precision,
     inflated: Vec<Aabb>,
     answered: Option<Answered>,
-    /// Memory of an answer that was given up.
+    /// Memory of a discarded answer, for the next one.
     spare_keys: Vec<KeyBox>,
     stats: MarginStats,
 }
 
-/// The last answer, and the inflated boxes that it is the answer to.
+/// The last answer, and the inflated boxes that were sent for it.
 #[derive(Debug)]
 struct Answered {
     mask: PairMask,
@@ -87,9 +87,9 @@ struct Answered {
 }
 
 impl Answered {
-    /// Whether every box lies within its inflated self. A box that has become empty or invalid
-    /// lies within anything; one that was, and is solid now, within nothing: the keys of
-    /// [`KeyBox::NOTHING`] say so by themselves.
+    /// Whether every box lies within its inflated self. A box that has become empty or invalid lies
+    /// within every box. A box that was empty or invalid and is solid now lies within none. The
+    /// keys of [`KeyBox::NOTHING`] give both without a special case.
     fn covers(&self, boxes: &[Aabb]) -> bool {
         let within = |(old, b): (&KeyBox, &Aabb)| {
             let now = KeyBox::from(b);
@@ -127,8 +127,8 @@ impl Margined {
         self
     }
 
-    /// The pairs that overlap among `boxes`, and some that are near: by the last answer where that
-    /// is good for them, else by a new one.
+    /// The pairs that overlap among `boxes`, and some that are near: from the last answer where
+    /// every box lies within its inflated self, else from a new one.
     ///
     /// # Errors
     /// [`MarginedError`]. The last answer is kept.
@@ -166,12 +166,12 @@ impl Margined {
         Ok(Answered { mask, keys })
     }
 
-    /// Gives the kept answer up, so that the next frame is asked for.
+    /// Discards the kept answer, so that the next frame makes a request.
     pub fn forget(&mut self) {
         self.answered = None;
     }
 
-    /// What was spared so far.
+    /// Requests made and saved so far.
     pub const fn stats(&self) -> MarginStats {
         self.stats
     }
@@ -181,13 +181,13 @@ impl Margined {
         self.margin
     }
 
-    /// The session, to be asked for its daemon's status for one.
+    /// The session, for instance to ask for its daemon's status.
     pub const fn session_mut(&mut self) -> &mut Session {
         &mut self.session
     }
 }
 
-/// An answer that holds for the boxes of now, whenever it was given.
+/// An answer that holds for the boxes of now; it may be an earlier frame's.
 #[derive(Clone, Copy, Debug)]
 pub struct MarginedMask<'a> {
     mask: &'a PairMask,

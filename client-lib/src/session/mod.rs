@@ -1,4 +1,4 @@
-//! Sessions: one API over shared memory, in process, or whichever answers.
+//! Sessions: one API over the daemon through shared memory and over the engines in process.
 //!
 //! ```
 //! use pairmask::{Aabb, Backend, Session};
@@ -52,7 +52,7 @@ use std::sync::Arc;
 use pairmask_core::precision::Precision;
 use pairmask_wire::StatusBody;
 
-/// A client's connection to whoever finds its pairs.
+/// A client's connection to a daemon or to the engines of this process.
 ///
 /// A session may be moved between threads, and its pending frames may be awaited on others.
 #[derive(Debug)]
@@ -73,17 +73,17 @@ impl Session {
     /// masks.
     ///
     /// # Errors
-    /// [`FrameError`]. With [`Backend::Auto`] a daemon that is gone or full is none: the frame is
-    /// then answered in process.
+    /// [`FrameError`]. With [`Backend::Auto`] a daemon that is gone or full is no error: the frame
+    /// is then answered in process.
     pub fn frame(&mut self, n: usize) -> Result<Frame, FrameError> {
         self.core.frame(n)
     }
 
     /// As [`frame`](Self::frame), for boxes that are written with less precision and fewer bytes.
-    /// What that may add to the answer is said by [`Precision`]; it never lacks a pair.
+    /// [`Precision`] states which pairs that may add; no pair is missed.
     ///
-    /// A daemon that is too old to know the form gets exact boxes: the log says so once for each
-    /// connection, and [`FrameInfo::form`] for each frame.
+    /// A daemon that is too old to know the form gets exact boxes. The log says so once a
+    /// connection, and [`FrameInfo::form`] says so for each frame.
     ///
     /// ```
     /// use pairmask::{Aabb, Backend, Bounds, Precision, Session};
@@ -113,9 +113,9 @@ impl Session {
     /// As [`frame`](Self::frame), for bounding spheres, 16 bytes each, in place of boxes. The mask is
     /// that of the spheres, exact: [`sphere`](pairmask_core::sphere) says what overlaps.
     ///
-    /// A daemon that is too old to know spheres is no daemon for them: with [`Backend::Auto`] their
-    /// frames are answered in process, which the log says once for each connection. Engines of a
-    /// GPU take no spheres: where one is asked for by name, a frame of spheres fails.
+    /// A daemon that is too old to know spheres gets none: with [`Backend::Auto`] their frames are
+    /// answered in process, which the log says once a connection. GPU engines take no spheres: a
+    /// frame of spheres fails where a GPU engine is asked for by name.
     ///
     /// ```
     /// use pairmask::{Backend, Session, Sphere};
@@ -138,12 +138,12 @@ impl Session {
         self.core.sphere_frame(n)
     }
 
-    /// Who would serve the next frame, as far as known now.
+    /// What would serve the next frame by the present state: the daemon or this process.
     pub fn served_by(&self) -> ServedBy {
         self.core.served_by()
     }
 
-    /// Asks the daemon how it does.
+    /// Asks the daemon for its status.
     ///
     /// # Errors
     /// [`StatusError`], also where the session has no daemon.

@@ -11,8 +11,8 @@ use super::pending::PendingFrame;
 /// Memory for the boxes of one frame, written box by box or all at once in the form of a
 /// [`Precision`].
 ///
-/// The narrow form is what lies in shared memory; no f32 boxes are kept. In process there is nobody
-/// to read it: boxes are rounded in the same way, so that the answer is the same.
+/// Shared memory holds the narrow form; no f32 boxes are kept. A frame in process holds f32 boxes
+/// that are rounded in the same way, so that the answer is the same.
 #[derive(Debug)]
 pub struct NarrowFrame {
     filling: Filling<Aabb>,
@@ -41,7 +41,7 @@ impl NarrowFrame {
         &self.precision
     }
 
-    /// The form that they take.
+    /// The form of the boxes.
     pub const fn form(&self) -> BoxForm {
         self.precision.form()
     }
@@ -78,7 +78,7 @@ impl NarrowFrame {
     /// Asks for the pairs. In process they are found before this returns.
     ///
     /// # Errors
-    /// [`FrameError`]; the frame is given up then.
+    /// [`FrameError`]; the frame's memory is gone then.
     pub fn submit(self) -> Result<PendingFrame, FrameError> {
         self.filling.submit()
     }

@@ -1,7 +1,6 @@
-//! The connection of a build without the feature `daemon`: there is none.
+//! Stands in for `link.rs` in a build without the feature `daemon`: there is no connection.
 //!
-//! Nothing makes a value of these types, so that the code of sessions is one, with a transport and
-//! without.
+//! These types have no value. The code of sessions is the same with a transport and without.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -31,7 +30,7 @@ pub(super) struct SharedFrame {
     pub slot: Slot,
 }
 
-/// What came of waiting.
+/// The result of waiting for a response.
 pub(super) enum Received {
     Sample(ResponseSample),
     Nothing,
@@ -51,7 +50,8 @@ impl Slot {
 }
 
 impl Link {
-    /// The backend for one that was asked for: without a daemon, frames are answered in process.
+    /// The backend that a session uses for the one asked for: without a transport, frames are
+    /// answered in process.
     pub(super) const fn backend(asked: Backend) -> Result<Backend, ConnectError> {
         match asked {
             Backend::Auto | Backend::InProcess => Ok(Backend::InProcess),

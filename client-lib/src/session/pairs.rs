@@ -1,4 +1,4 @@
-//! The answer to a frame: a pair mask where it lies, and what is known of it.
+//! The answer to a frame: a pair mask in the memory it was written to, and facts about the frame.
 
 use std::sync::Arc;
 
@@ -15,7 +15,7 @@ use super::link::Slot;
 use super::local::Local;
 use crate::transport::{CheckedResponse, SentRequest};
 
-/// Who answered a frame.
+/// What answered a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ServedBy {
     /// The daemon, through shared memory.
@@ -34,19 +34,19 @@ impl ServedBy {
     }
 }
 
-/// What is known of an answered frame beside its pairs.
+/// Facts about an answered frame beside its pairs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct FrameInfo {
-    /// Who answered.
+    /// What answered.
     pub served_by: ServedBy,
-    /// Which engine, perhaps one of a later daemon that this build does not know.
+    /// The engine. It may be one of a later daemon that this build does not know.
     pub engine: EngineId,
-    /// Threads that it could use.
+    /// Threads that the engine could use.
     pub threads: usize,
     /// Boxes that overlap nothing.
     pub census: Census,
-    /// Work left out.
+    /// Work that the engine skipped.
     pub skipped: SkipMeter,
     /// Time by stage, without the way to the daemon and back.
     pub times: StageTimes,
@@ -61,8 +61,9 @@ pub struct FrameInfo {
     pub widening: Widening,
 }
 
-/// Where the words of a mask lie. A shared one keeps its request's channel: the transport would
-/// give it to the next request, whose response could then not be borrowed beside this one.
+/// Where the words of a mask lie. A mask in shared memory keeps its request's channel. The
+/// transport would give a free channel to the next request, whose response could then not be
+/// borrowed beside this one.
 pub(super) enum Storage {
     Shared { response: CheckedResponse, _pending: SentRequest, _slot: Slot },
     Own { memory: HeapReply, home: Arc<Local> },
@@ -138,7 +139,7 @@ impl PairMask {
         }
     }
 
-    /// The mask as a view, to be decoded in other ways than the shortcuts here.
+    /// The mask as a view, for other ways to decode it than the methods of this type.
     ///
     /// # Panics
     /// Never: the shape was checked against the memory when the mask was made, and neither changes.
@@ -152,7 +153,7 @@ impl PairMask {
         self.n
     }
 
-    /// What is known of the frame beside its pairs.
+    /// Facts about the frame beside its pairs.
     pub const fn info(&self) -> &FrameInfo {
         &self.info
     }
@@ -162,7 +163,7 @@ impl PairMask {
         self.shape.encoding()
     }
 
-    /// Number of pairs, as whoever served the frame counted them.
+    /// Number of pairs, as counted by the engine.
     pub const fn count(&self) -> u64 {
         self.pair_count
     }

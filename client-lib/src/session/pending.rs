@@ -20,7 +20,7 @@ use super::link::{Received, SharedFrame, Slot, Unsent};
 use super::pairs::{PairMask, ServedBy, Storage};
 use crate::transport::{CheckedResponse, SentRequest};
 
-/// A frame that was submitted. Dropping it gives the answer up.
+/// A frame that was submitted. Dropping it discards the answer.
 pub struct PendingFrame {
     state: State,
     core: Arc<Core>,
@@ -44,8 +44,8 @@ enum State {
     Taken,
 }
 
-/// A frame in the daemon's hands. Its boxes stay readable, so that they can be culled here should
-/// the daemon die.
+/// A frame that the daemon works on. Its boxes stay readable, so that this process can cull them if
+/// the daemon dies.
 pub(super) struct Sent {
     pending: SentRequest,
     asked: ReplyFields,
@@ -89,7 +89,7 @@ impl PendingFrame {
                 Ok(Self::ready(mask, core))
             }
             Err(Unsent::Lost(error)) => {
-                // The memory is gone with the failed call: an error even for Backend::Auto.
+                // The failed call dropped the memory: an error even for `Backend::Auto`.
                 let _ = core.lose(&link, Loss::Died);
                 Err(error.into())
             }
@@ -99,8 +99,8 @@ impl PendingFrame {
     /// Waits for the pairs, as long as the session's deadline allows.
     ///
     /// # Errors
-    /// [`WaitError`]. With [`Backend::Auto`](super::Backend::Auto), whatever happens to the daemon
-    /// is none: the frame is answered in process.
+    /// [`WaitError`]. With [`Backend::Auto`](super::Backend::Auto), no failure of the daemon is an
+    /// error: the frame is then answered in process.
     pub fn wait(mut self) -> Result<PairMask, WaitError> {
         let deadline = self.core.settings().deadline;
         match self.wait_timeout(deadline) {
@@ -115,10 +115,10 @@ impl PendingFrame {
         }
     }
 
-    /// The pairs if they are there.
+    /// The pairs if the answer has come.
     ///
     /// # Errors
-    /// [`WaitError`], [`WaitError::Taken`] where they were given out before.
+    /// [`WaitError`], [`WaitError::Taken`] where the pairs were taken before.
     pub fn try_take(&mut self) -> Result<Option<PairMask>, WaitError> {
         match self.wait_timeout(Duration::ZERO) {
             Err(WaitError::Timeout { .. }) => Ok(None),
@@ -129,7 +129,8 @@ impl PendingFrame {
     /// Waits for the pairs, at most `timeout`.
     ///
     /// # Errors
-    /// [`WaitError::Timeout`] when it passed: the frame is still under way. Else [`WaitError`].
+    /// [`WaitError::Timeout`] when `timeout` passed: the frame is still under way. Else
+    /// [`WaitError`].
     pub fn wait_timeout(&mut self, timeout: Duration) -> Result<PairMask, WaitError> {
         let result = match std::mem::replace(&mut self.state, State::Taken) {
             State::Ready(mask) => return Ok(mask),
@@ -149,7 +150,7 @@ impl PendingFrame {
 }
 
 impl Sent {
-    #[allow(clippy::result_large_err)] // The frame goes back into its owner, never up a call chain.
+    #[allow(clippy::result_large_err)] // The error holds the frame, which its caller puts back.
     fn wait(self, core: &Core, timeout: Duration) -> Result<PairMask, (WaitError, Option<Self>)> {
         let deadline = Instant::now() + timeout;
         let spin = core.settings().spin;
@@ -203,12 +204,13 @@ impl Sent {
         }
     }
 
-    /// The daemon's answer is an error, or none at all: answer here where that is allowed.
+    /// The daemon's response is an error or malformed: answers in process where the backend allows
+    /// that.
     fn answer_refused(&self, refused: ReplyError, core: &Core) -> Result<PairMask, WaitError> {
         let is_bad_request =
             matches!(refused, ReplyError::Status { status: StatusCode::BadRequest, .. });
         if is_bad_request {
-            // The next frame is not asked for in a form that the daemon may not know.
+            // The next frame is not sent in a form that the daemon may not know.
             self.slot.link().forms().note_refused(self.written.form);
         }
         if !core.may_cull_here() {
@@ -218,13 +220,13 @@ impl Sent {
             self.slot.link().say_refused(&refused);
         }
         match self.cull_here(core) {
-            // An engine that only the daemon has: what the daemon said is the cause.
+            // Only the daemon has the engine: its own error is the cause to report.
             Err(WaitError::Cull(CullError::Unavailable { .. })) => Err(refused.into()),
             answer => answer,
         }
     }
 
-    /// The daemon is gone: answer here, or say so.
+    /// The daemon is gone: answers in process, or returns the error.
     #[allow(clippy::result_large_err)]
     fn stand_in(
         self,
@@ -241,7 +243,7 @@ impl Sent {
     }
 }
 
-/// Finds the pairs of the objects in a request's memory here.
+/// Finds the pairs of the objects in a request's memory with the engines of this process.
 fn cull_shared(
     core: &Core,
     pages: &[Page],
@@ -249,6 +251,6 @@ fn cull_shared(
     written: Written,
 ) -> Result<PairMask, CullError> {
     let objects = objects_in(pages, 0, written.form, n);
-    // The memory was lent for exactly these objects: there is no other case.
+    // The memory was lent for exactly these objects, so that `objects` is never `None`.
     core.cull_here(objects.unwrap_or(Objects::Spheres(&[])), written)
 }

@@ -49,7 +49,7 @@ impl SphereFrame {
     /// Asks for the pairs. In process they are found before this returns.
     ///
     /// # Errors
-    /// [`FrameError`]; the frame is given up then.
+    /// [`FrameError`]; the frame's memory is gone then.
     pub fn submit(self) -> Result<PendingFrame, FrameError> {
         self.filling.submit()
     }

@@ -1,4 +1,4 @@
-//! What dead processes left behind, and who takes it away: the daemon only.
+//! Removal of files that dead processes left. Only the daemon removes any.
 
 use std::fs;
 use std::time::Duration;
@@ -11,9 +11,8 @@ use pairmask_wire::InstanceName;
 use crate::instance::{RuntimeDir, SHM_DIR};
 use crate::services::{TransportError, config};
 
-/// Removes everything of an instance where no process lives that uses it: before it is served, and
-/// after. Call with the instance's lock held and no record in place, so that no client connects
-/// meanwhile.
+/// Removes all files of an instance that no living process uses: before it is served, and after.
+/// Call with the instance's lock held and no record in place, so that no client connects meanwhile.
 ///
 /// # Errors
 /// [`TransportError`].
@@ -28,7 +27,8 @@ pub fn clean_if_abandoned(dir: &RuntimeDir, name: &InstanceName) -> Result<(), T
     if alive {
         return Ok(());
     }
-    // Nothing is lost where a file stays: the services are then taken over instead of made anew.
+    // A file that cannot be removed does no harm: the services are then taken over instead of
+    // created.
     let _ = fs::remove_dir_all(dir.transport_root(name));
     for file in shared_files(dir, name) {
         let _ = fs::remove_file(file.path());
@@ -36,12 +36,12 @@ pub fn clean_if_abandoned(dir: &RuntimeDir, name: &InstanceName) -> Result<(), T
     Ok(())
 }
 
-/// A segment is without length for microseconds while it is made, so one that has been so for
-/// this long was cut by its owner.
+/// A new segment has no length for microseconds. One without length for this long was truncated by
+/// its owner.
 const HOLLOW_AFTER: Duration = Duration::from_secs(1);
 
-/// Removes files that somebody cut to nothing. The transport waits without end for such a file to
-/// be filled; one that is not there is an error that it can handle.
+/// Removes files of length 0. The transport waits for such a file without end; a missing file is an
+/// error that it handles.
 pub fn remove_hollow_files(dir: &RuntimeDir, name: &InstanceName) {
     for file in shared_files(dir, name) {
         let is_hollow = file.metadata().is_ok_and(|data| {
@@ -49,7 +49,7 @@ pub fn remove_hollow_files(dir: &RuntimeDir, name: &InstanceName) {
             data.len() == 0 && age.is_some_and(|age| age > HOLLOW_AFTER)
         });
         if is_hollow {
-            // Its owner may take it away meanwhile, which is as well.
+            // Its owner may remove it at the same time: the result is the same.
             let _ = fs::remove_file(file.path());
         }
     }

@@ -1,5 +1,5 @@
-//! Other users' daemons: a hint for whoever finds none of his own. Nothing that is read here is
-//! trusted; it only makes an error say more.
+//! Other users' daemons: a hint in the error of a client that finds no daemon of its own user.
+//! Nothing that is read here is trusted.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::Read;
@@ -12,7 +12,8 @@ use crate::instance::{DaemonRecord, RECORD_BYTES, RuntimeDir};
 use crate::runtime_dir::{DEFAULT_PREFIX, USERS_RUN_DIR};
 use crate::trust::open_plain;
 
-/// Another user who serves an instance of this name under a default directory, if there is one.
+/// The id of another user who serves an instance of this name in a default directory, if there is
+/// one.
 pub fn foreign_owner(name: &InstanceName) -> Option<u32> {
     let own = rustix::process::geteuid().as_raw();
     in_tmp(name, own).or_else(|| in_run(name, own))
@@ -39,8 +40,8 @@ fn in_tmp(name: &InstanceName, own: u32) -> Option<u32> {
     })
 }
 
-/// Another user's run directory is closed to us, but where its daemon keeps the transport's files is
-/// known, and that can be seen.
+/// Looks for the transport's directory of another user's daemon. The user's run directory itself is
+/// closed to this user; the transport's directory has a known path in /tmp and is visible.
 fn in_run(name: &InstanceName, own: u32) -> Option<u32> {
     fs::read_dir(USERS_RUN_DIR).ok()?.flatten().find_map(|entry| {
         let user: u32 = entry.file_name().to_str()?.parse().ok()?;

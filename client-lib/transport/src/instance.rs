@@ -1,9 +1,10 @@
-//! Where an instance lives on disk, who serves it, and how a second one is refused.
+//! The files of an instance on disk, the process that serves it, and how a second daemon is
+//! refused.
 //!
 //! A runtime directory ([`RuntimeDir::from_env`]) holds for each instance a lock file, held by the
 //! serving process for its life, a record that names the process and the wire version, and the
-//! daemon's account of itself. The kernel frees the lock however the process ends. All of it has to
-//! be ours: what another user could change is refused by both sides, before anything is opened.
+//! daemon's status file. The kernel frees the lock however the process ends. All of it has to be
+//! the user's own: both sides refuse files that another user could change, before they open any.
 
 use std::fmt;
 use std::fs::{self, File, OpenOptions};
@@ -23,14 +24,14 @@ use crate::trust::{
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RuntimeDir {
     path: PathBuf,
-    /// Where a client looks too.
+    /// Further directories where a client looks.
     others: Vec<PathBuf>,
 }
 
-/// Creates a directory, and refuses one that others could change.
+/// Creates a directory, or checks that no other user can change the one that exists.
 fn ensure_own_dir(path: &Path, mode: u32, others: Others) -> Result<(), InstanceError> {
     match fs::DirBuilder::new().recursive(true).mode(mode).create(path) {
-        // Something else stands there, which the check names.
+        // Something exists at the path: the check below names what is wrong with it.
         Err(error) if error.kind() != std::io::ErrorKind::AlreadyExists => {
             Err(io_error(path)(error))
         }
@@ -41,7 +42,7 @@ fn ensure_own_dir(path: &Path, mode: u32, others: Others) -> Result<(), Instance
 /// Where the system keeps shared memory files.
 pub(super) const SHM_DIR: &str = "/dev/shm";
 
-/// Bytes of a record that are read. A record is three short lines; more is not one of ours.
+/// Bytes of a record that are read. A record is three short lines; a longer file is no record.
 pub(super) const RECORD_BYTES: u64 = 256;
 
 impl RuntimeDir {
@@ -50,7 +51,7 @@ impl RuntimeDir {
         Self { path: path.into(), others: Vec::new() }
     }
 
-    /// The first of these, and the others to look into.
+    /// The first candidate, with the others as further directories for clients.
     pub(super) fn first_of(mut candidates: Vec<PathBuf>) -> Self {
         let others = candidates.split_off(candidates.len().min(1));
         Self { path: candidates.pop().unwrap_or_default(), others }
@@ -61,13 +62,13 @@ impl RuntimeDir {
         &self.path
     }
 
-    /// This directory and those where a client looks too, each on its own.
+    /// This directory and the further ones where a client looks, each alone.
     pub fn all(&self) -> impl Iterator<Item = Self> + '_ {
         std::iter::once(&self.path).chain(&self.others).map(Self::at)
     }
 
-    /// The directory where an instance is served: this one, unless its process lives in one of the
-    /// others and none here.
+    /// The directory where an instance is served: this one, unless a living process serves it in
+    /// another one and none does here.
     #[must_use]
     pub fn serving(&self, name: &InstanceName) -> Self {
         if self.others.is_empty() {
@@ -80,8 +81,8 @@ impl RuntimeDir {
         self.all().find(lives).unwrap_or_else(|| Self::at(&self.path))
     }
 
-    /// Creates the directory, and refuses one that another user owns or may write to: he could
-    /// swap the files under us.
+    /// Creates the directory. Refuses one that another user owns or may write to: that user could
+    /// replace the files in it.
     ///
     /// # Errors
     /// [`InstanceError`].
@@ -89,7 +90,7 @@ impl RuntimeDir {
         ensure_own_dir(&self.path, 0o755, Others::MayRead)
     }
 
-    /// Whether the directory may be used, by a client that creates nothing.
+    /// Checks the directory for a client, which creates nothing.
     ///
     /// # Errors
     /// [`InstanceError`], [`InstanceError::Io`] where there is none.
@@ -97,7 +98,7 @@ impl RuntimeDir {
         check_directory(&self.path, Others::MayRead)
     }
 
-    /// Instances that have a record, dead or alive, by name.
+    /// Instances that have a record, of a living process or not, by name.
     pub fn instances(&self) -> Vec<(InstanceName, DaemonRecord)> {
         let Ok(entries) = fs::read_dir(&self.path) else { return Vec::new() };
         let mut found: Vec<_> = entries
@@ -128,9 +129,9 @@ impl RuntimeDir {
         format!("pairmask_{:012x}_", self.hash(name))
     }
 
-    /// 48 bits of FNV-1a over directory and name: short, and the same in all processes and builds.
+    /// 48 bits of FNV-1a over directory and name: short, and equal in all processes and builds.
     fn hash(&self, name: &InstanceName) -> u64 {
-        // One directory has many spellings.
+        // One directory has many paths.
         let dir = fs::canonicalize(&self.path).unwrap_or_else(|_| self.path.clone());
         let bytes = dir.as_os_str().as_encoded_bytes().iter().chain(b"\0");
         let hash = bytes.chain(name.as_str().as_bytes()).fold(0xcbf2_9ce4_8422_2325_u64, |h, b| {
@@ -139,8 +140,8 @@ impl RuntimeDir {
         (hash ^ hash >> 48) & 0xffff_ffff_ffff
     }
 
-    /// Creates the transport's directory, and refuses one that is not ours alone: the name can be
-    /// guessed, and whoever owns it could swap the sockets under us.
+    /// Creates the transport's directory. Refuses one that others own or may use: its name can be
+    /// guessed, and its owner could replace the sockets in it.
     ///
     /// # Errors
     /// [`InstanceError`].
@@ -148,17 +149,17 @@ impl RuntimeDir {
         ensure_own_dir(&self.transport_root(name), 0o700, Others::MayNothing)
     }
 
-    /// Checks that the transport's directory and its files in shared memory are ours.
+    /// Checks that the transport's directory and its files in shared memory are the user's own.
     ///
     /// # Errors
-    /// [`InstanceError`], [`InstanceError::Io`] where nobody serves.
+    /// [`InstanceError`], [`InstanceError::Io`] where no daemon serves.
     pub fn check_transport(&self, name: &InstanceName) -> Result<(), InstanceError> {
         check_directory(&self.transport_root(name), Others::MayNothing)?;
         self.check_shared_files(name)
     }
 
-    /// Checks that the transport's files in shared memory are ours: their names can be guessed, and
-    /// whoever owns one that we map could cut it short under us.
+    /// Checks that the transport's files in shared memory are the user's own: their names can be
+    /// guessed, and the owner of a mapped file can truncate it (SIGBUS in this process).
     ///
     /// # Errors
     /// [`InstanceError`].
@@ -169,7 +170,7 @@ impl RuntimeDir {
             if !entry.file_name().as_encoded_bytes().starts_with(prefix.as_bytes()) {
                 continue;
             }
-            // One that is gone meanwhile is nobody's.
+            // The file was removed meanwhile.
             let Ok(data) = entry.metadata() else { continue };
             if data.uid() != own {
                 return Err(InstanceError::Foreign { path: entry.path(), owner: data.uid() });
@@ -188,21 +189,21 @@ impl RuntimeDir {
         self.file(name, ".daemon")
     }
 
-    /// The record of an instance, or `None` where there is none or it cannot be understood.
+    /// The record of an instance, or `None` where there is none or it is malformed.
     ///
     /// # Errors
-    /// [`InstanceError`] where it is not ours.
+    /// [`InstanceError`] where the file is not this user's alone.
     pub fn record(&self, name: &InstanceName) -> Result<Option<DaemonRecord>, InstanceError> {
         let bytes = read_own(&self.record_file(name), RECORD_BYTES)?;
         Ok(bytes.and_then(|bytes| DaemonRecord::parse(std::str::from_utf8(&bytes).ok()?)))
     }
 
-    /// As [`record`](Self::record), with `None` for one that is not ours too.
+    /// As [`record`](Self::record), with `None` also for a file that is not this user's alone.
     pub fn read_record(&self, name: &InstanceName) -> Option<DaemonRecord> {
         self.record(name).ok().flatten()
     }
 
-    /// Puts the record of an instance in place in one step.
+    /// Replaces the record of an instance in one step.
     ///
     /// # Errors
     /// [`InstanceError`].
@@ -215,27 +216,27 @@ impl RuntimeDir {
         replace_own(&new, &self.record_file(name), record.to_string().as_bytes())
     }
 
-    /// Removes the record of an instance that stops, and its account.
+    /// Removes the record and the status file of an instance that stops.
     pub fn remove_record(&self, name: &InstanceName) {
-        // Nothing is lost if they stay: readers find that their process is gone.
+        // Files that cannot be removed do no harm: readers find that their process is gone.
         let _ = fs::remove_file(self.record_file(name));
-        let _ = fs::remove_file(self.account_file(name));
+        let _ = fs::remove_file(self.status_file(name));
     }
 }
 
-/// Who serves an instance.
+/// The processes that serve an instance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DaemonRecord {
-    /// Process that answers requests. A new one after a crash.
+    /// Worker: the process that answers requests. Another one after a crash.
     pub worker_pid: u32,
-    /// Process that was started by the user and watches the worker.
+    /// Supervisor: the process that the user started. It restarts the worker.
     pub supervisor_pid: u32,
-    /// Wire version that it speaks.
+    /// Wire version of the daemon.
     pub version: Version,
 }
 
 impl DaemonRecord {
-    /// Reads what [`Display`](fmt::Display) writes; `None` for anything else.
+    /// Parses the text that [`Display`](fmt::Display) writes; `None` for any other text.
     pub fn parse(text: &str) -> Option<Self> {
         let mut lines = text.lines();
         let mut value = |key: &str| lines.next()?.strip_prefix(key)?.strip_prefix('=');
@@ -271,7 +272,7 @@ impl InstanceLock {
     pub fn acquire(dir: &RuntimeDir, name: &InstanceName) -> Result<Self, InstanceError> {
         dir.ensure()?;
         for other in dir.all().skip(1).filter(|other| other.check().is_ok()) {
-            // Clients would find one of the two only.
+            // Clients would find only one of two daemons.
             if let Some(record) = other.read_record(name)
                 && ProcessWatch::open(record.worker_pid).is_some()
             {
@@ -283,7 +284,7 @@ impl InstanceLock {
         let mut options = OpenOptions::new();
         let mut file = open_plain(&path, options.create(true).write(true).mode(LOCK_MODE))?;
         check_file(&path, &file, Others::MayRead)?;
-        // Whoever may open the file may lock it, and keep us from serving.
+        // A user who may open the file may lock it, and so keep this one from serving.
         file.set_permissions(fs::Permissions::from_mode(LOCK_MODE)).map_err(io_error(&path))?;
         flock(&file, FlockOperation::NonBlockingLockExclusive).map_err(|errno| {
             if errno == rustix::io::Errno::WOULDBLOCK {
@@ -294,19 +295,19 @@ impl InstanceLock {
                 io_error(&path)(errno.into())
             }
         })?;
-        // For people who look into the directory, and for errors before there is a record.
+        // The process id is for people, and for errors before there is a record.
         let _ = writeln!(file, "{}", std::process::id());
         Ok(Self { _file: file })
     }
 }
 
-/// Mode of the lock: nobody else's business.
+/// Mode of the lock: no access for other users.
 const LOCK_MODE: u32 = 0o600;
 
-/// Bytes of the line in a lock that is read: a process id and no more.
+/// Bytes of a lock that are read: the line with a process id.
 const HOLDER_BYTES: u64 = 16;
 
-/// The process that took a lock last, as it wrote itself.
+/// The id that the last holder of a lock wrote into it.
 fn lock_holder(path: &Path) -> Option<u32> {
     let text = String::from_utf8(read_own(path, HOLDER_BYTES).ok()??).ok()?;
     text.lines().next()?.parse().ok()

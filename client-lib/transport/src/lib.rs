@@ -1,9 +1,8 @@
 //! Transport: how a client and a daemon find each other and share memory (iceoryx2 0.10).
 //!
-//! Everything that both sides must agree on stands here: names, service settings, the instance's
-//! place on disk. The settings are those that measurements asked for; each says why.
+//! This crate holds what both sides must agree on: names, service settings, the instance's place on
+//! disk. Each setting has its reason beside it.
 
-mod account_file;
 mod cleanup;
 mod foreign;
 mod instance;
@@ -16,9 +15,9 @@ mod room;
 mod runtime_dir;
 mod segment;
 mod services;
+mod status_file;
 mod trust;
 
-pub use account_file::Account;
 pub use cleanup::{clean_if_abandoned, remove_hollow_files};
 pub use foreign::foreign_owner;
 pub use instance::{DaemonRecord, InstanceLock, RuntimeDir};
@@ -35,3 +34,4 @@ pub use services::{
     ResponseSample, Sender, Server, Services, TransportError, WakeClient, WakeDaemon,
     listener_name, quiet_transport_log,
 };
+pub use status_file::StatusFile;

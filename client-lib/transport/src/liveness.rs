@@ -1,4 +1,4 @@
-//! Is that process still there? A question that shared memory cannot answer.
+//! Whether a process lives, asked of the kernel: shared memory does not show a death.
 
 use std::os::fd::OwnedFd;
 
@@ -12,7 +12,7 @@ pub struct ProcessWatch {
 }
 
 impl ProcessWatch {
-    /// Begins to watch; `None` where no such process lives.
+    /// Opens a pidfd; `None` where no such process lives.
     pub fn open(pid: u32) -> Option<Self> {
         let pid = Pid::from_raw(i32::try_from(pid).ok()?)?;
         let watch = Self { pidfd: pidfd_open(pid, PidfdFlags::empty()).ok()? };
@@ -27,9 +27,9 @@ impl ProcessWatch {
     }
 }
 
-/// What a process calls itself, for people; `?` where it is gone.
+/// The name of a process, for messages; `?` where it is gone.
 pub fn process_name(pid: u32) -> String {
-    // The name is whatever the process says: 16 bytes, of which only plain ones are shown.
+    // A process chooses its name freely, up to 16 bytes: only printable ones are shown.
     let name = std::fs::read_to_string(format!("/proc/{pid}/comm")).unwrap_or_default();
     let plain: String = name.chars().filter(|c| !c.is_control()).collect();
     if plain.is_empty() { "?".to_owned() } else { plain }

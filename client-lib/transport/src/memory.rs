@@ -1,4 +1,4 @@
-//! Shared memory that exists before it is written to.
+//! Population of shared memory before it is written to.
 #![allow(unsafe_code)]
 
 use std::collections::HashMap;
@@ -9,13 +9,13 @@ use rustix::mm::{Advice, madvise};
 
 use crate::room::{self, PopulateError};
 
-/// Gives every page of `memory` a frame now, so that a full /dev/shm is an error here and not a
-/// SIGBUS at the first write, and so that no frame pays for page faults (24 MB cost 23 to 33 ms at
-/// first touch and 0.8 ms after).
+/// Makes every page of `memory` present. A full /dev/shm is then an error here and not a SIGBUS at
+/// the first write, and no frame pays for page faults (24 MB cost 23 to 33 ms at first touch and
+/// 0.8 ms after).
 ///
 /// # Errors
-/// [`PopulateError`] when there is no memory. A kernel before 5.14 knows no such call; then
-/// nothing is checked and pages come at first touch.
+/// [`PopulateError`] when there is no memory. A kernel before 5.14 has no such call: then nothing
+/// is checked, and pages become present at first touch.
 pub fn populate<T>(memory: &mut [T]) -> Result<(), PopulateError> {
     let bytes = size_of_val(memory);
     let start = memory.as_mut_ptr() as usize;
@@ -32,17 +32,17 @@ pub fn populate<T>(memory: &mut [T]) -> Result<(), PopulateError> {
     }
 }
 
-/// Remembers how much of each chunk has frames already, so that steady frames skip the call.
+/// How much of each chunk is populated, so that steady frames skip the call.
 ///
-/// Chunks are recognised by their address: a port reuses few of them.
+/// Chunks are told apart by their addresses: a port reuses few of them.
 #[derive(Debug, Default)]
 pub struct Populated {
     bytes_at: HashMap<usize, usize>,
 }
 
 impl Populated {
-    /// As [`populate`], unless the chunk that starts at this address was populated as far before.
-    /// More than a page leaves some of /dev/shm free for what the transport writes by itself.
+    /// As [`populate`], unless as much of the chunk at this address was populated before. Chunks of
+    /// more than a page leave a reserve of /dev/shm free for the pages that the transport writes.
     ///
     /// # Errors
     /// As [`populate`].
@@ -52,7 +52,7 @@ impl Populated {
         if known >= bytes {
             return Ok(());
         }
-        // A page may come out of the reserve: an answer that there is no memory needs one.
+        // A single page may come out of the reserve: the reply that there is no memory needs one.
         if bytes > PAGE_BYTES {
             room::for_payload((bytes - known) as u64)?;
         }

@@ -1,7 +1,8 @@
-//! Messages of the other side: headers copied once, payloads held to the sender's segment.
+//! Messages of the other side: headers are copied once, payloads are checked against the sender's
+//! segment.
 //!
-//! The transport makes a payload's slice from a length that stands in the sender's memory, anew at each
-//! look. Here it is read once, and checked before there is a slice.
+//! The transport makes a payload's slice from a length in the sender's memory, which it reads again at
+//! each access. This module reads the length once, and checks it before it makes a slice.
 #![allow(unsafe_code)]
 
 use std::ptr;
@@ -12,7 +13,7 @@ use pairmask_wire::{PAGE_BYTES, Page, RequestHeader, ResponseHeader};
 use crate::segment::Segment;
 use crate::services::{ActiveRequest, ResponseSample};
 
-/// Where a payload begins, by the transport's own layout: with the first page behind the headers.
+/// Address of a payload by the transport's layout: the first page boundary behind the headers.
 pub(super) fn payload_behind<H>(user_header: *const H) -> usize {
     (user_header as usize + size_of::<H>()).next_multiple_of(PAGE_BYTES)
 }
@@ -25,7 +26,7 @@ struct Payload {
 }
 
 impl Payload {
-    /// The payload behind a user header; empty where so many pages would not lie within the segment.
+    /// The payload behind a user header; empty where `pages` pages would not lie within the segment.
     fn behind<H>(user_header: *const H, pages: u64, segment: &Segment) -> Self {
         let address = payload_behind(user_header);
         let bytes = usize::try_from(pages).ok().and_then(|pages| pages.checked_mul(PAGE_BYTES));
@@ -40,7 +41,7 @@ impl Payload {
     /// The pages.
     ///
     /// # Safety
-    /// The message that the payload belongs to is held for as long.
+    /// The message that the payload belongs to is held during `'a`.
     unsafe fn pages<'a>(self) -> &'a [Page] {
         let first = ptr::with_exposed_provenance(self.address);
         // SAFETY: the pages lie within a shared mapping, as was checked, which stays as long as the
@@ -55,8 +56,8 @@ fn are_headers_within<T, H>(header: *const T, user_header: *const H, segment: &S
     end.checked_sub(start).is_some_and(|bytes| segment.holds(start, bytes))
 }
 
-/// A request that was checked: what it holds does not change in meaning any more, whatever its sender
-/// writes.
+/// A request that was checked. Its header is a copy and its length is fixed, whatever its sender
+/// writes later.
 #[derive(Debug)]
 pub struct CheckedRequest {
     request: ActiveRequest,
@@ -64,8 +65,9 @@ pub struct CheckedRequest {
     payload: Payload,
 }
 
-/// A request that does not come from where it says. Its answer would go to somebody else, and so
-/// would the news that there is none: keep it from being dropped as long as that matters.
+/// A request that names another client than its sender. The transport would send its answer to that
+/// client, and so would it the notice of a dropped request: hold the request as long as that client
+/// may wait.
 #[derive(Debug)]
 pub struct ForgedRequest {
     /// The request.
@@ -73,16 +75,17 @@ pub struct ForgedRequest {
 }
 
 impl CheckedRequest {
-    /// Where a request's headers begin, to find its segment by.
+    /// Address of a request's headers, by which its segment is found.
     pub fn address(request: &ActiveRequest) -> usize {
         ptr::from_ref(request.header()) as usize
     }
 
-    /// Checks a request against the segment of its origin. A payload that leaves the segment counts as
+    /// Checks a request against its sender's segment. A payload that leaves the segment counts as
     /// empty.
     ///
     /// # Errors
-    /// [`ForgedRequest`] where the headers lie outside, or name another client than the origin.
+    /// [`ForgedRequest`] where the headers lie outside of the segment, or name another client than
+    /// the sender.
     pub fn new(request: ActiveRequest, segment: &Segment) -> Result<Self, ForgedRequest> {
         let (sent, user) = (ptr::from_ref(request.header()), ptr::from_ref(request.user_header()));
         if !are_headers_within(sent, user, segment) {
@@ -109,7 +112,7 @@ impl CheckedRequest {
         unsafe { self.payload.pages() }
     }
 
-    /// A request that turned out not to be its sender's to make.
+    /// The request as one that later checks found to be forged.
     pub fn into_forged(self) -> ForgedRequest {
         ForgedRequest { request: self.request }
     }
@@ -120,21 +123,21 @@ impl CheckedRequest {
     }
 }
 
-/// As [`CheckedRequest`], for a response of a daemon.
+/// As [`CheckedRequest`], for a daemon's response.
 pub struct CheckedResponse {
-    // Held for its memory; what it says of itself is not looked at again.
+    // Held for its memory; its header is not read again.
     _sample: ResponseSample,
     payload: Payload,
 }
 
 impl CheckedResponse {
-    /// Where a response's headers begin, to find its segment by.
+    /// Address of a response's headers, by which its segment is found.
     pub fn address(sample: &ResponseSample) -> usize {
         ptr::from_ref(sample.header()) as usize
     }
 
-    /// Checks a response against the segment of its origin, and copies its header. A payload that leaves
-    /// the segment counts as empty. `None` where the headers lie outside.
+    /// Checks a response against the daemon's segment, and copies its header. A payload that leaves the
+    /// segment counts as empty. `None` where the headers lie outside of the segment.
     pub fn new(sample: ResponseSample, segment: &Segment) -> Option<(ResponseHeader, Self)> {
         let (sent, user) = (ptr::from_ref(sample.header()), ptr::from_ref(sample.user_header()));
         if !are_headers_within(sent, user, segment) {

@@ -1,8 +1,8 @@
-//! Requests of ours, whose lengths are kept where nobody else can write to.
+//! Requests of this process, whose lengths are kept in private memory.
 //!
 //! The transport keeps the length of a request in shared memory and makes the payload's slice from it at
-//! each look. Any process of the same user can write there. A length made smaller would take objects,
-//! and so pairs, out of a frame without a word; a length made larger would lead outside.
+//! each access. Any process of the same user can write there. A smaller length would silently take
+//! objects, and so pairs, out of a frame; a larger one would reach outside of the memory.
 #![allow(unsafe_code)]
 
 use std::{ptr, slice};
@@ -20,7 +20,7 @@ pub struct OwnRequest {
 }
 
 impl OwnRequest {
-    /// So many pages of a port's memory.
+    /// Borrows `pages` pages of a port's memory.
     ///
     /// # Errors
     /// [`TransportError`] where the port has no such chunk left.
@@ -35,7 +35,7 @@ impl OwnRequest {
         payload_behind(ptr::from_ref(self.loan.user_header()))
     }
 
-    /// Its pages, as many as were lent.
+    /// The pages, as many as were lent.
     pub fn pages(&self) -> &[Page] {
         // SAFETY: so many pages were lent at this place of a mapping, which stays as long as the loan
         // is held; any bytes are a valid Page.
@@ -44,14 +44,14 @@ impl OwnRequest {
         }
     }
 
-    /// Its pages, to be written.
+    /// The pages, writable.
     pub fn pages_mut(&mut self) -> &mut [Page] {
         let first = ptr::with_exposed_provenance_mut(self.first_page());
-        // SAFETY: as in `pages`; the loan is ours alone until it is sent.
+        // SAFETY: as in `pages`; this process alone uses the loan until it is sent.
         unsafe { slice::from_raw_parts_mut(first, self.pages) }
     }
 
-    /// Sends it.
+    /// Sends the request.
     ///
     /// # Errors
     /// [`TransportError`]; the memory is gone then.
@@ -78,7 +78,7 @@ impl SentRequest {
         unsafe { slice::from_raw_parts(ptr::with_exposed_provenance(self.first), self.pages) }
     }
 
-    /// The response, where it has come.
+    /// The response, if it has come.
     ///
     /// # Errors
     /// [`TransportError`].
@@ -94,10 +94,10 @@ mod tests {
     use super::*;
     use crate::{Limits, RuntimeDir, Services, clean_if_abandoned};
 
-    /// Where the transport's header of a request has the payload's length.
+    /// Offset of the payload's length in the transport's header of a request, bytes.
     const LENGTH_BYTES: usize = 48;
 
-    /// Writes a length where another process would.
+    /// Writes a length as another process could.
     fn forge(loan: &RequestLoan, length: u64) {
         let header = ptr::from_ref(loan.header()).expose_provenance();
         // SAFETY: the place lies within the header, which is part of a shared mapping and 8-aligned.
@@ -132,7 +132,7 @@ mod tests {
         assert_eq!((sent.pages().as_ptr(), sent.pages().len()), (first, 2));
 
         drop((sent, client, client_side, server, services));
-        clean_if_abandoned(&dir, &name).expect("nobody is left");
+        clean_if_abandoned(&dir, &name).expect("no process is left");
         std::fs::remove_dir_all(path).expect("the directory of our own");
     }
 }

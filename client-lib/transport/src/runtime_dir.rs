@@ -1,4 +1,4 @@
-//! Which directories hold a user's instances, when nobody says.
+//! The directories that hold a user's instances by default.
 //!
 //! A daemon takes the first of its candidates; a client looks through all of its own, since the two
 //! may have been started with different environments (a service, a shell, a container).
@@ -8,18 +8,18 @@ use std::path::{Path, PathBuf};
 use crate::instance::RuntimeDir;
 use crate::trust::{Others, check_directory};
 
-/// Environment variable that names another runtime directory, and no other.
+/// Environment variable that names the one runtime directory to use.
 const RUNTIME_DIR_VARIABLE: &str = "PAIRMASK_RUNTIME_DIR";
-/// The user's own directory for such things, by the XDG base directory specification.
+/// Environment variable of the user's run directory, by the XDG base directory specification.
 const XDG_VARIABLE: &str = "XDG_RUNTIME_DIR";
-/// Our directory in it.
+/// Pairmask's directory in the user's run directory.
 const XDG_FOLDER: &str = "pairmask";
 /// Where the system keeps users' own directories.
 pub(super) const USERS_RUN_DIR: &str = "/run/user";
-/// The directory of those who have none of their own, less the user's number.
+/// The runtime directory of users without a run directory, less the user's id.
 pub(super) const DEFAULT_PREFIX: &str = "/tmp/pairmask-";
 
-/// What a process of a user knows of where directories are.
+/// The inputs of the choice: environment and user id.
 struct Surroundings {
     named: Option<PathBuf>,
     xdg: Option<PathBuf>,
@@ -41,7 +41,7 @@ impl Surroundings {
         }
     }
 
-    /// The directories in the order in which they are looked through. A daemon uses the first.
+    /// The directories in the order in which a client looks through them. A daemon uses the first.
     fn candidates(self) -> Vec<PathBuf> {
         if let Some(named) = self.named {
             return vec![named];
@@ -50,8 +50,9 @@ impl Surroundings {
             |path: &PathBuf| path.is_absolute() && check_directory(path, Others::MayRead).is_ok();
         let xdg = self.xdg.filter(is_usable);
         let in_tmp = PathBuf::from(format!("{DEFAULT_PREFIX}{}", self.user));
-        // A process without the variable looks into the usual place all the same, but last: it does
-        // not begin to serve there, where the system may take the directory away with the login.
+        // A process without the variable looks into the usual run directory too, but last: a daemon
+        // must not serve there, because the system may remove that directory when the user logs
+        // out.
         let run = Some(self.run).filter(is_usable).map(|path| path.join(XDG_FOLDER));
         let mut found: Vec<PathBuf> = Vec::new();
         let all = xdg.map(|path| path.join(XDG_FOLDER)).into_iter().chain([in_tmp]).chain(run);
@@ -66,15 +67,15 @@ impl Surroundings {
 
 impl RuntimeDir {
     /// `$PAIRMASK_RUNTIME_DIR`; else `pairmask` in `$XDG_RUNTIME_DIR`, where that is set and a
-    /// directory of our own; else `/tmp/pairmask-UID`.
+    /// directory of the user's own; else `/tmp/pairmask-UID`.
     ///
-    /// Where nobody named one, a client whose instance is not there looks into the other two, and
-    /// into `/run/user/UID/pairmask`.
+    /// Without `$PAIRMASK_RUNTIME_DIR`, a client looks through all of the others, and last into
+    /// `/run/user/UID/pairmask`.
     pub fn from_env() -> Self {
         Self::first_of(Surroundings::of_process().candidates())
     }
 
-    /// The directory of another user whose own directory this is.
+    /// The runtime directory in another user's run directory.
     pub(super) fn of_user_run_dir(path: &Path) -> Self {
         Self::at(path.join(XDG_FOLDER))
     }
@@ -116,7 +117,7 @@ mod tests {
         assert_eq!(candidates(None, Some(&own), &nowhere), [ours.clone(), in_tmp.to_owned()]);
         assert_eq!(candidates(None, Some(&own), &own), [ours.clone(), in_tmp.to_owned()]);
         assert_eq!(candidates(None, None, &own), [in_tmp.to_owned(), ours.clone()]);
-        // One that is not there, or relative, or open to others, counts as not set.
+        // A directory that does not exist, is relative, or is open to others, counts as not set.
         assert_eq!(candidates(None, Some(&nowhere), &nowhere), [in_tmp]);
         assert_eq!(candidates(None, Some(Path::new(".")), &nowhere), [in_tmp]);
         fs::set_permissions(&own, PermissionsExt::from_mode(0o777)).unwrap();

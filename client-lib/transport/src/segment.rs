@@ -1,10 +1,11 @@
-//! How far the memory of a sender reaches.
+//! Bounds of a sender's shared memory, by the kernel.
 //!
-//! Lengths and places that stand in shared memory are what the sender says. How large its segment is,
-//! and where it is mapped, the kernel says: whatever is read of a message is held to that first.
+//! Lengths and offsets in shared memory are the sender's claims. The kernel gives the size of the
+//! sender's segment and its address in this process. Every part of a message is checked against those
+//! before it is read.
 //!
-//! A segment that its owner cuts after it was looked at still kills whoever reads it (SIGBUS): nothing
-//! but the system could forbid that.
+//! A segment that its owner truncates after the check still kills the process that reads it (SIGBUS).
+//! Only the system could forbid that.
 
 use std::fs::{File, Metadata};
 use std::os::unix::fs::MetadataExt;
@@ -13,28 +14,29 @@ use pairmask_wire::InstanceName;
 
 use crate::instance::RuntimeDir;
 
-/// A message of this size has its segment's file measured again, bytes. Measuring takes up to 1 µs,
-/// which is 1 % of a frame of this size at most; smaller ones are held to what was measured first.
+/// Messages of this many bytes or more have the size of their segment's file read again. That takes
+/// up to 1 µs, at most 1 % of such a frame. Smaller messages are checked against the size that was
+/// read first.
 const MEASURED_AGAIN_BYTES: usize = 256 << 10;
 
-/// Where the segments of an instance's ports are.
+/// Names of the segment files of an instance's ports.
 #[derive(Clone, Debug)]
 pub struct SegmentFiles {
     prefix: String,
 }
 
 impl SegmentFiles {
-    /// Those of an instance.
+    /// The segment files of an instance.
     pub fn new(dir: &RuntimeDir, name: &InstanceName) -> Self {
         Self { prefix: format!("/dev/shm/{}", dir.shm_prefix(name)) }
     }
 
-    /// The segment of a port, as it is mapped around `address` of this process; `None` where that
-    /// address belongs to something else.
+    /// The segment of a port, mapped around `address` in this process; `None` where that address
+    /// belongs to another mapping.
     ///
-    /// Reads the process's table of mappings: 50 µs and more, once a port.
+    /// Reads the process's table of mappings: 50 µs or more, once a port.
     pub fn find(&self, port: u128, address: usize) -> Option<Segment> {
-        // Between prefix and port stands what the transport makes of the kind of the file.
+        // Between prefix and port the transport writes the kind of the file.
         let ending = format!("_{port}.data");
         let maps = std::fs::read_to_string("/proc/self/maps").ok()?;
         let mapping = maps
@@ -45,7 +47,8 @@ impl SegmentFiles {
         if !path.starts_with(&self.prefix) || !path.ends_with(&ending) {
             return None;
         }
-        // A port that was closed meanwhile has no name any more, and the mapping is all there is.
+        // The file of a port that was closed meanwhile has no name any more: only the mapping gives
+        // its size.
         let found = File::open(path).ok().and_then(|file| Some((file.metadata().ok()?, file)));
         let Some((data, file)) = found.filter(|(data, _)| data.ino() == inode) else {
             return Some(Segment { start, end, file_offset, file: None });
@@ -82,7 +85,7 @@ impl<'a> Mapping<'a> {
     }
 }
 
-/// The memory of one port, as this process has it mapped.
+/// The memory of one port, as mapped in this process.
 #[derive(Debug)]
 pub struct Segment {
     start: usize,

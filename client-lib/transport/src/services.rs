@@ -32,7 +32,7 @@ pub type ClientNode = Node<ipc_threadsafe::Service>;
 pub type DaemonNode = Node<ipc::Service>;
 /// The daemon's end of the request service.
 pub type Server = IceoryxServer<ipc::Service, [Page], RequestHeader, [Page], ResponseHeader>;
-/// A request in the daemon's hands.
+/// A request that the daemon has received.
 pub type ActiveRequest = iceoryx2::active_request::ActiveRequest<
     ipc::Service,
     [Page],
@@ -75,16 +75,16 @@ pub type PendingResponse = iceoryx2::pending_response::PendingResponse<
     [Page],
     ResponseHeader,
 >;
-/// A response in the client's hands.
+/// A response that the client has received.
 pub type ResponseSample =
     iceoryx2::response::Response<ipc_threadsafe::Service, [Page], ResponseHeader>;
 
-/// The daemon's end of the wake-up from clients.
+/// The listener by which clients wake the daemon.
 pub type WakeDaemon = Listener<ipc::Service>;
-/// The daemon's end of the wake-up to clients.
+/// The notifier by which the daemon wakes clients.
 pub type WakeClient = Notifier<ipc::Service>;
 
-/// What an instance allows. Fixed by the daemon when it creates the services.
+/// Limits of an instance. The daemon fixes them when it creates the services.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
     /// Clients at a time. Each costs the daemon a mapping and a few kilobytes.
@@ -94,7 +94,7 @@ pub struct Limits {
 }
 
 impl Default for Limits {
-    /// 16 clients; masks of 1 GiB: the dense mask of 131,000 boxes, sparse words of 80 million.
+    /// 16 clients; masks of 1 GiB: the dense mask of 131,000 boxes, or 80 million sparse words.
     fn default() -> Self {
         Self { max_clients: 16, max_reply_bytes: 1 << 30 }
     }
@@ -105,8 +105,8 @@ impl Default for Limits {
 pub const FRAMES_AT_A_TIME: usize = 3;
 /// Ports a client may hold: while it grows, the old port lives until its frames are answered.
 pub const PORTS_PER_CLIENT: usize = 2;
-/// Responses beside those that clients may hold: a client that grows holds some on both ports.
-/// Where they do not suffice, a client is told that the daemon is out of memory.
+/// Response chunks beside those that clients may hold: a growing client holds some on both ports.
+/// When they are used up, a client gets the status out-of-memory.
 const SPARE_RESPONSES: usize = 4;
 /// Nodes of the daemon: the server's, the janitor's, and those of a predecessor not yet cleaned.
 const DAEMON_NODES: usize = 4;
@@ -115,7 +115,7 @@ const REQUEST_SERVICE: &str = "pairmask/requests";
 const WAKE_DAEMON_SERVICE: &str = "pairmask/wake-daemon";
 const WAKE_CLIENT_SERVICE: &str = "pairmask/wake-client";
 
-/// Why a client has no connection.
+/// Why a client cannot connect.
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
     /// No daemon has created the services.
@@ -130,7 +130,7 @@ pub enum OpenError {
     /// No shared memory.
     #[error("no shared memory for a segment: free space in /dev/shm or make it larger")]
     OutOfMemory,
-    /// The transport failed otherwise.
+    /// The transport failed in another way.
     #[error(transparent)]
     Transport(#[from] TransportError),
 }
@@ -139,14 +139,14 @@ pub enum OpenError {
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("transport: {step} failed ({detail})")]
 pub struct TransportError {
-    /// What was tried.
+    /// The step that was tried.
     pub step: &'static str,
-    /// The transport's own word for it.
+    /// The transport's own error, as text.
     pub detail: String,
 }
 
 impl TransportError {
-    /// A failed step with the transport's error.
+    /// An error of a step, with the transport's error.
     pub fn new(step: &'static str, detail: &impl std::fmt::Debug) -> Self {
         Self { step, detail: format!("{detail:?}") }
     }
@@ -172,8 +172,8 @@ pub struct Client {
     pub listener: Listener<ipc_threadsafe::Service>,
 }
 
-/// Keeps the transport's own log to what its `IOX2_LOG_LEVEL` asks for: a failed attempt to
-/// connect is an everyday event for us and comes back as a typed error.
+/// Limits the transport's log to the level in `IOX2_LOG_LEVEL`: a failed attempt to connect is an
+/// everyday event here, and a typed error.
 pub fn quiet_transport_log() {
     iceoryx2::prelude::set_log_level_from_env_or(iceoryx2::prelude::LogLevel::Fatal);
 }
@@ -202,7 +202,7 @@ impl<S: Service> Services<S> {
     fn node(dir: &RuntimeDir, name: &InstanceName) -> Result<Node<S>, TransportError> {
         NodeBuilder::new()
             .config(&config(dir, name)?)
-            // Signals belong to the program, not to its transport.
+            // The program handles signals, not the transport.
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<S>()
             .map_err(|e: NodeCreationFailure| TransportError::new("creating a node", &e))
@@ -213,7 +213,7 @@ impl<S: Service> Services<S> {
         &self.node
     }
 
-    /// Clients that have a connection.
+    /// Number of clients that are connected.
     pub fn client_count(&self) -> usize {
         use iceoryx2::prelude::PortFactory;
         self.wake_client.dynamic_config().number_of_listeners()
@@ -232,7 +232,7 @@ impl<S: Service> Services<S> {
         });
     }
 
-    /// The session whose listener has a client's token for a name, if one has.
+    /// The session whose listener is named by a client's token, if there is one.
     pub fn session_named(&self, client_token: u64) -> Option<u128> {
         use iceoryx2::prelude::{CallbackProgression, PortFactory};
         let name = listener_name(client_token)?;
@@ -321,7 +321,7 @@ impl Services<ipc::Service> {
                     TransportError::new("creating a wake-up service", &e)
                 })
         };
-        // Two for the daemon's side: a predecessor's port may linger until it is cleaned.
+        // Two on the daemon's side: a predecessor's port may remain until the janitor removes it.
         let wake_daemon = event(WAKE_DAEMON_SERVICE, limits.max_clients, 2)?;
         let wake_client = event(WAKE_CLIENT_SERVICE, 2, limits.max_clients)?;
         Ok(Self { requests, wake_daemon, wake_client, node })
@@ -336,7 +336,7 @@ impl Services<ipc::Service> {
         let chunks = limits.max_clients * FRAMES_AT_A_TIME + SPARE_RESPONSES;
         self.requests
             .server_builder()
-            // The default blocks the daemon on a client that does not take its responses.
+            // The default blocks the daemon when a client does not take its responses.
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             // Dynamic growth is broken for alignments over 8 bytes.
             .allocation_strategy(AllocationStrategy::Static)
@@ -367,18 +367,18 @@ impl Services<ipc::Service> {
     }
 }
 
-/// Who sends through a port, as the transport's own registers say.
+/// The sender behind a port, by the transport's registers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sender {
-    /// The port. Never given to another one.
+    /// Id of the port. It is never used again.
     pub port: u128,
-    /// The session that the port belongs to: its node.
+    /// Id of the session (node) that the port belongs to.
     pub session: u128,
-    /// The process that the session is in; 0 where the register does not know.
+    /// Id of the session's process; 0 where the register has none.
     pub process: u32,
 }
 
-/// The process that a node is in.
+/// Id of the process of a node.
 fn process_of(node: UniqueNodeId) -> Option<u32> {
     u32::try_from(node.pid::<ipc::Service>().ok()?.value()).ok()
 }
@@ -474,5 +474,5 @@ impl Services<ipc_threadsafe::Service> {
     }
 }
 
-/// How often the janitor looks for dead clients: their memory is back within a second.
+/// Time between two rounds of the janitor: a dead client's memory is free again within a second.
 pub const JANITOR_INTERVAL: Duration = Duration::from_millis(500);

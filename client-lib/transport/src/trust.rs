@@ -1,5 +1,5 @@
-//! Whose files are these? What another user can change is not used: he could swap the files under
-//! us, cut memory that we have mapped (SIGBUS), or answer what he likes.
+//! Checks of owner, mode and links. A file that another user can change is not used: that user
+//! could replace it, truncate memory that this process has mapped (SIGBUS), or forge answers.
 
 use std::fs::{self, File, Metadata, OpenOptions};
 use std::io::{ErrorKind, Read};
@@ -10,17 +10,17 @@ use std::sync::Arc;
 use pairmask_wire::InstanceError;
 use rustix::fs::OFlags;
 
-/// The error of a file that the system refuses.
+/// Wraps the system's error on a file.
 pub(super) fn io_error(path: &Path) -> impl FnOnce(std::io::Error) -> InstanceError + '_ {
     move |source| InstanceError::Io { path: path.to_owned(), source: Arc::new(source) }
 }
 
-/// Mode bits of a file that others than its owner may write to.
+/// Mode bits: users other than the owner may write.
 const OTHERS_WRITE: u32 = 0o022;
-/// Mode bits of a file that others than its owner may use in any way.
+/// Mode bits: users other than the owner may do anything.
 const OTHERS_USE: u32 = 0o077;
 
-/// What others may do with a file of ours.
+/// What other users may do with a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Others {
     /// Read it.
@@ -38,8 +38,8 @@ impl Others {
     }
 }
 
-/// Whether the process has a user's rights over what that user owns. Root's files are no exception:
-/// they are not ours unless we are root.
+/// Whether a file is owned by the process's effective user. Root's files are no exception: only
+/// root uses them.
 fn is_own(data: &Metadata) -> bool {
     data.uid() == rustix::process::geteuid().as_raw()
 }
@@ -55,7 +55,7 @@ fn check(path: &Path, data: &Metadata, others: Others) -> Result<(), InstanceErr
     Ok(())
 }
 
-/// Checks that a directory is one, no link to one, and nobody else's.
+/// Checks that a path is a directory and no link, and that it is the user's own.
 ///
 /// # Errors
 /// [`InstanceError`], [`InstanceError::Io`] where there is none.
@@ -70,28 +70,28 @@ pub(super) fn check_directory(path: &Path, others: Others) -> Result<(), Instanc
     check(path, &data, others)
 }
 
-/// Checks that an open file is a plain one with one name at most, and nobody else's.
+/// Checks that an open file is a plain one with one name at most, and that it is the user's own.
 ///
 /// # Errors
 /// [`InstanceError`].
 pub(super) fn check_file(path: &Path, file: &File, others: Others) -> Result<(), InstanceError> {
     let data = file.metadata().map_err(io_error(path))?;
     check(path, &data, others)?;
-    // A file that was replaced since it was opened has no name any more, and is as good.
+    // A file that was replaced since it was opened has no name any more, and is valid.
     if !data.is_file() || data.nlink() > 1 {
         return Err(InstanceError::NotPlain { path: path.to_owned(), expected: "a plain file" });
     }
     Ok(())
 }
 
-/// Opens as `options` say, and follows no link. Does not wait for the other end of a pipe.
+/// Opens a file by `options`, follows no link, and does not wait for the other end of a pipe.
 ///
 /// # Errors
 /// [`InstanceError`].
 pub(super) fn open_plain(path: &Path, options: &mut OpenOptions) -> Result<File, InstanceError> {
     let flags = OFlags::NOFOLLOW | OFlags::CLOEXEC | OFlags::NONBLOCK;
     options.custom_flags(flags.bits() as i32).open(path).map_err(|error| {
-        // What `open` says of a link that it is not to follow.
+        // The error of `open` for a link that it must not follow.
         if error.raw_os_error() == Some(rustix::io::Errno::LOOP.raw_os_error()) {
             return InstanceError::NotPlain { path: path.to_owned(), expected: "a plain file" };
         }
@@ -99,7 +99,7 @@ pub(super) fn open_plain(path: &Path, options: &mut OpenOptions) -> Result<File,
     })
 }
 
-/// Reads a small file of ours; `None` where there is none.
+/// Reads a small file of the user's own; `None` where there is none.
 ///
 /// # Errors
 /// [`InstanceError`].
@@ -109,7 +109,7 @@ pub(super) fn read_own(path: &Path, most: u64) -> Result<Option<Vec<u8>>, Instan
         Err(InstanceError::Io { source, .. }) if source.kind() == ErrorKind::NotFound => {
             return Ok(None);
         }
-        // Whose it is says more than that it is closed to us, or a link.
+        // An error that names the owner says more than one that names a missing right or a link.
         Err(error) => {
             return Err(match fs::symlink_metadata(path) {
                 Ok(data) if !is_own(&data) => {
@@ -125,7 +125,7 @@ pub(super) fn read_own(path: &Path, most: u64) -> Result<Option<Vec<u8>>, Instan
     Ok(Some(bytes))
 }
 
-/// Replaces a small file of ours in one step. Everybody may read it.
+/// Replaces a small file in one step. All users may read it.
 ///
 /// # Errors
 /// [`InstanceError`].
@@ -191,7 +191,7 @@ mod tests {
         symlink(&file, &link).unwrap();
         assert!(matches!(read_own(&link, 9), Err(InstanceError::NotPlain { .. })));
         assert!(matches!(read_own(&dir, 9), Err(InstanceError::NotPlain { .. })));
-        // A record that is written does not go through a link.
+        // Writing a record follows no link.
         fs::rename(&link, dir.join("new")).unwrap();
         let refused = replace_own(&dir.join("new"), &second, b"bye").unwrap_err();
         assert!(matches!(refused, InstanceError::NotPlain { .. }), "{refused}");

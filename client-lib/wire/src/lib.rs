@@ -1,10 +1,10 @@
 //! The wire contract: what lies in shared memory, byte by byte. `WIRE.md` draws it.
 //!
-//! A request and a response are each a fixed *header* (the transport's user header) and a
-//! *payload* of whole pages. The header says by [`Section`]s what lies where in the payload.
-//! Everything is little-endian. Both sides treat the other's bytes as input from outside: a
-//! header is copied once, validated ([`Request::parse`], [`Reply::parse`]), and only the
-//! validated form is used.
+//! A request and a response are each a fixed *header* (the transport's user header) and a *payload*
+//! of whole pages. The header says by [`Section`]s what lies where in the payload. Everything is
+//! little-endian. Each side treats the other's bytes as input from outside: it copies a header
+//! once, validates the copy ([`Request::parse`], [`Reply::parse`]), and uses only the validated
+//! form.
 
 mod name;
 mod page;
@@ -30,9 +30,10 @@ pub use status_code::StatusCode;
 use pairmask_core::objects::ObjectForm;
 use pairmask_core::precision::BoxForm;
 
-/// Major version: a daemon answers only its own. Raised when an old reader would misread.
+/// Major version. A daemon answers only requests of its own. Raised when an old reader would
+/// misread a message.
 pub const VERSION_MAJOR: u16 = 1;
-/// Minor version: raised when something is added that old readers may ignore.
+/// Minor version. Raised when something is added that old readers may ignore.
 pub const VERSION_MINOR: u16 = 2;
 /// Minor version from which daemons know boxes in narrow forms.
 pub const NARROW_BOXES_MINOR: u16 = 1;
@@ -48,7 +49,7 @@ pub const fn since_minor(form: ObjectForm) -> u16 {
     }
 }
 
-/// "PMRQ" in memory order. A wrong magic means that the writer is not a pairmask client at all.
+/// "PMRQ" in memory order. A wrong magic means that the writer is no pairmask client.
 pub const REQUEST_MAGIC: u32 = u32::from_le_bytes(*b"PMRQ");
 /// "PMRS" in memory order.
 pub const RESPONSE_MAGIC: u32 = u32::from_le_bytes(*b"PMRS");

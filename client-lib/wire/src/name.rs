@@ -1,4 +1,4 @@
-//! Names of instances, and what can be wrong with one or with its place on disk.
+//! Names of instances, and the errors of a name or of an instance's place on disk.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -47,21 +47,21 @@ impl FromStr for InstanceName {
 /// Why an instance's place on disk cannot be used.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum InstanceError {
-    /// Not a name.
+    /// Not a valid name.
     #[error("instance name '{name}' is not 1 to 32 of a-z, 0-9, '-' and '_'")]
     Name {
         /// What was given.
         name: String,
     },
-    /// Somebody else owns the directory, or a file in it, or one of the transport's.
+    /// Another user owns the directory, a file in it, or a file of the transport.
     #[error("{} belongs to user {owner}, not to you: set PAIRMASK_RUNTIME_DIR to a directory of your own", path.display())]
     Foreign {
-        /// What is not ours.
+        /// The directory or file.
         path: PathBuf,
         /// Its owner's user id.
         owner: u32,
     },
-    /// Others may change it.
+    /// Other users may change a directory or file.
     #[error("{} is open to other users (mode {mode:o}): take their rights away with chmod, or set PAIRMASK_RUNTIME_DIR to a directory of your own", path.display())]
     Open {
         /// The directory or file.
@@ -69,12 +69,12 @@ pub enum InstanceError {
         /// Its mode.
         mode: u32,
     },
-    /// A link, or something else that is not to stand there.
+    /// The path is a link, or not of the expected kind.
     #[error("{} is not {expected}: remove it, or set PAIRMASK_RUNTIME_DIR to another directory", path.display())]
     NotPlain {
-        /// What stands there.
+        /// The path.
         path: PathBuf,
-        /// What is to stand there.
+        /// The expected kind.
         expected: &'static str,
     },
     /// A daemon already serves this instance.
@@ -84,15 +84,15 @@ pub enum InstanceError {
     AlreadyServed {
         /// The instance.
         name: InstanceName,
-        /// Its process, 0 if it has not said yet.
+        /// Its process; 0 while that is not known.
         pid: u32,
     },
-    /// The file system said no.
+    /// The file system refused.
     #[error("{}: {source}: set PAIRMASK_RUNTIME_DIR to a directory that you may write to", path.display())]
     Io {
         /// The file or directory.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: Arc<std::io::Error>,
     },
 }

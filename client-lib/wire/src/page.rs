@@ -1,7 +1,7 @@
 //! The payload element: a page, so that payloads are page-aligned in both processes.
 //!
-//! Host-pointer import on the GPU needs that alignment, and a smaller element with a page
-//! alignment would reserve a page each.
+//! Host-pointer import on the GPU needs that alignment. A smaller element with page alignment would
+//! take a page each.
 
 use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "transport")]
@@ -25,7 +25,7 @@ impl std::fmt::Debug for Page {
     }
 }
 
-/// Pages that hold `bytes` bytes, at least one: the transport has no empty payload.
+/// Pages for `bytes` bytes, at least one: the transport has no empty payload.
 pub const fn page_count(bytes: u64) -> u64 {
     let pages = bytes.div_ceil(PAGE_BYTES as u64);
     if pages == 0 { 1 } else { pages }

@@ -1,4 +1,4 @@
-//! What the daemon answers.
+//! Responses of the daemon.
 
 use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "transport")]
@@ -53,7 +53,7 @@ pub struct ResponseHeader {
     pub skipped: [u64; 6],
     /// `StageTimes`: ingest, plan, execute, publish, total; the rest zero.
     pub stages_ns: [u64; 8],
-    /// What is wrong in numbers, by status; else zero.
+    /// Numbers of an error, by status; else zero.
     pub detail: [u64; 4],
     /// What lies where in the payload.
     pub sections: [Section; SECTION_COUNT],
@@ -62,13 +62,13 @@ pub struct ResponseHeader {
 const _: () = assert!(size_of::<ResponseHeader>() == 432 && align_of::<ResponseHeader>() == 8);
 
 impl Default for ResponseHeader {
-    /// All zero: what the transport writes before the daemon fills it in. Not a valid response.
+    /// All zero, as the transport writes it before the daemon fills it in. Not a valid response.
     fn default() -> Self {
         Self::zeroed()
     }
 }
 
-/// What every response echoes and tells, whatever its status.
+/// Fields of the request that every response echoes, whatever its status.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReplyFields {
     /// Client named in the request.
@@ -79,7 +79,7 @@ pub struct ReplyFields {
     pub box_count: BoxCount,
 }
 
-/// A header with what every response echoes and nothing else.
+/// A header with the echoed fields and the status, else zero.
 pub(crate) fn envelope(fields: &ReplyFields, status: StatusCode) -> ResponseHeader {
     ResponseHeader {
         magic: RESPONSE_MAGIC,
@@ -124,7 +124,7 @@ pub fn response_ok(
     header
 }
 
-/// The header of a refused or failed request. `detail` is as the status says.
+/// The header of a refused or failed request. The status defines `detail`.
 pub fn response_error(
     fields: &ReplyFields,
     status: StatusCode,
@@ -140,9 +140,9 @@ pub fn response_error(
 pub struct Reply {
     /// Boxes that were culled.
     pub box_count: BoxCount,
-    /// Engine that answered, perhaps one that this build does not know.
+    /// Engine that answered; it may be one that this build does not know.
     pub engine: EngineId,
-    /// Threads that it could use.
+    /// Threads that the engine could use.
     pub threads: usize,
     /// Shape, census, counts. Every span of the shape lies within the payload and has the length
     /// that the encoding and the box count ask for.
@@ -151,13 +151,13 @@ pub struct Reply {
     pub times: StageTimes,
 }
 
-/// What is wrong with a response.
+/// Why a response is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ReplyError {
     /// Not a pairmask response of this major version.
     #[error("the response is not of wire version {VERSION_MAJOR}")]
     Envelope,
-    /// It answers another request.
+    /// The response answers another request.
     #[error("the response answers frame {found}, not {expected}")]
     Frame {
         /// Frame of the request.
@@ -165,7 +165,7 @@ pub enum ReplyError {
         /// Frame of the response.
         found: u64,
     },
-    /// The daemon says that it could not answer.
+    /// The daemon reports an error.
     #[error("the daemon answered '{}'", status.as_str())]
     Status {
         /// Its code.
@@ -197,10 +197,11 @@ pub enum ReplyError {
         /// Its kind.
         found: u32,
     },
-    /// A number that cannot be, a section that is missing, doubled, too short or outside.
+    /// An impossible number, or a section that is missing, doubled, too short or outside of the
+    /// payload.
     #[error("the response's {field} is malformed")]
     Malformed {
-        /// What is wrong.
+        /// The field.
         field: &'static str,
     },
 }
@@ -242,7 +243,7 @@ impl Reply {
         })
     }
 
-    /// Checks that a response is one of ours, answers this request, and is no error.
+    /// Checks magic, version and echoed fields of a response, and that its status is ok.
     ///
     /// # Errors
     /// [`ReplyError`] with the first thing that is wrong.

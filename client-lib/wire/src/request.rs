@@ -1,4 +1,4 @@
-//! What a client asks.
+//! Requests of a client.
 
 use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "transport")]
@@ -27,7 +27,8 @@ pub struct RequestHeader {
     pub operation: u32,
     /// No flag is defined yet; unknown flags are ignored.
     pub flags: u32,
-    /// Names the client: the listener of its node carries the same number. Else an echo.
+    /// Names the client: the listener of its node has the same number as its name. Apart from that
+    /// an echo.
     pub client_token: u64,
     /// The client's number of this frame, echoed in the response.
     pub frame: u64,
@@ -41,26 +42,26 @@ pub struct RequestHeader {
     pub threads: u32,
     /// What lies where in the payload.
     pub sections: [Section; SECTION_COUNT],
-    /// Zero; read by nobody yet.
+    /// Zero; no version reads it yet.
     pub reserved: [u64; 4],
 }
 
 const _: () = assert!(size_of::<RequestHeader>() == 272 && align_of::<RequestHeader>() == 8);
 
 impl Default for RequestHeader {
-    /// All zero: what the transport writes before the client fills it in. Not a valid request.
+    /// All zero, as the transport writes it before the client fills it in. Not a valid request.
     fn default() -> Self {
         Self::zeroed()
     }
 }
 
-/// What is asked for.
+/// The operation that a request asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Operation {
     /// Find the overlapping pairs of the boxes or spheres.
     Cull = 1,
-    /// Tell how the daemon does.
+    /// Report the daemon's status.
     Status = 2,
 }
 
@@ -71,26 +72,26 @@ pub enum Request {
     Cull {
         /// Boxes or spheres in the scene.
         box_count: BoxCount,
-        /// Which of the two, and their form.
+        /// Boxes or spheres, and their form.
         form: ObjectForm,
         /// Offset of the objects in the payload, bytes; `form.bytes(box_count)` bytes from there
         /// are within the payload.
         offset: usize,
-        /// Which engine.
+        /// The engine asked for.
         engine: EngineChoice,
-        /// Which encoding.
+        /// The encoding asked for.
         encoding: EncodingChoice,
-        /// How many threads; `None` leaves it to the plan.
+        /// Threads that the engine may use; `None` leaves the number to the plan.
         threads: Option<usize>,
-        /// Minor wire version of the client: it may be older than this build, or newer. Nothing
-        /// that came with a later one may be in the answer.
+        /// Minor wire version of the client, older or newer than this build. The answer may hold
+        /// nothing that a later minor version added.
         client_minor: u16,
     },
-    /// Tell status.
+    /// Report the status.
     Status,
 }
 
-/// Why a request is refused, before any box is looked at.
+/// Why a request is refused, before any box is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Reject {
     /// Not a pairmask request.
@@ -129,8 +130,8 @@ pub enum Reject {
         /// The kind.
         found: u32,
     },
-    /// The section of boxes or spheres is missing, doubled (in whatever forms), of the wrong length
-    /// or outside the payload.
+    /// The section of boxes or spheres is missing, doubled (in the same form or in two), of the
+    /// wrong length or outside of the payload.
     #[error(
         "the section of boxes or spheres does not hold {box_count} of them within {payload_bytes} bytes"
     )]
@@ -143,7 +144,7 @@ pub enum Reject {
 }
 
 impl Reject {
-    /// The status that the client is told.
+    /// The status of the response.
     pub const fn status(&self) -> StatusCode {
         match self {
             Self::Version { .. } => StatusCode::VersionMismatch,
@@ -255,12 +256,12 @@ impl Request {
     }
 }
 
-/// The form of the objects in a section, or `None` where it holds something else.
+/// The form of the objects in a section, or `None` where it holds no objects.
 fn form_of(section: &Section) -> Option<ObjectForm> {
     ObjectForm::ALL.into_iter().find(|form| SectionKind::of(*form) as u32 == section.kind)
 }
 
-/// The one section of boxes or spheres, or `None` where there is none, or more than one of whatever
+/// The one section of boxes or spheres, or `None` where there is none, or more than one in any
 /// forms.
 fn find_objects(sections: &[Section; SECTION_COUNT]) -> Option<(ObjectForm, Section)> {
     let mut found = sections.iter().filter_map(|s| Some((form_of(s)?, *s)));

@@ -8,10 +8,10 @@ use pairmask_core::objects::ObjectForm;
 use pairmask_core::precision::BoxForm;
 use pairmask_core::units::BoxCount;
 
-/// Section slots in a header. Four are in use at most; the rest is room for later kinds.
+/// Section slots in a header. At most four are in use; the rest is room for later kinds.
 pub const SECTION_COUNT: usize = 8;
 
-/// A byte range of the payload and what it holds.
+/// A byte range of the payload and the kind of its contents.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 #[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("pairmask.Section"))]
@@ -28,7 +28,7 @@ pub struct Section {
 
 const _: () = assert!(size_of::<Section>() == 24 && align_of::<Section>() == 8);
 
-/// What a section holds.
+/// The kind of a section's contents.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum SectionKind {
@@ -90,8 +90,8 @@ impl SectionKind {
 }
 
 impl Section {
-    /// The reader must understand this section or refuse the whole message. Without it, a reader
-    /// that does not know the kind passes over it: that is how later minor versions add things.
+    /// Flag: a reader that does not know the section's kind refuses the whole message. Without the
+    /// flag, such a reader ignores the section: that is how later minor versions add things.
     pub const REQUIRED: u32 = 1;
 
     /// A section that every reader must understand.
@@ -148,12 +148,12 @@ pub(crate) fn mask_sections(shape: &MaskShape) -> [Section; SECTION_COUNT] {
     sections
 }
 
-/// Why sections are no mask.
+/// Why sections are refused as a mask.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum BadSections {
     /// The wire contract does not have the encoding.
     UnknownEncoding,
-    /// A section is missing, doubled, of a wrong length or outside of the payload: which one.
+    /// The section that is missing, doubled, of a wrong length or outside of the payload.
     Malformed(&'static str),
 }
 

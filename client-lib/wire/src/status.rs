@@ -1,4 +1,4 @@
-//! What the daemon says of itself.
+//! The daemon's status.
 
 use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "transport")]
@@ -8,17 +8,17 @@ use crate::reply::{Reply, ReplyError, ReplyFields, ResponseHeader, envelope};
 use crate::section::{Section, SectionKind, find};
 use crate::status_code::StatusCode;
 
-/// Errors that the daemon remembers.
+/// Number of errors that the daemon keeps.
 pub const LAST_ERRORS: usize = 8;
 
-/// An error that the daemon gave to a client.
+/// A request that the daemon answered with an error.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 #[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("pairmask.RecordedError"))]
 pub struct RecordedError {
-    /// Which client.
+    /// Token of the client.
     pub client_token: u64,
-    /// Which of its frames.
+    /// The client's number of the frame.
     pub frame: u64,
     /// Nanoseconds after the daemon's start.
     pub at_ns: u64,
@@ -28,7 +28,7 @@ pub struct RecordedError {
     pub reserved: u32,
 }
 
-/// What the daemon's auditor found when it checked frames again.
+/// Results of the daemon's auditor, which checks a share of the frames again.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 #[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("pairmask.AuditCounts"))]
@@ -47,14 +47,14 @@ pub struct AuditCounts {
     pub extra: u64,
 }
 
-/// What the daemon says of itself: the payload of a status response.
+/// The daemon's status: the payload of a status response.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 #[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("pairmask.StatusBody"))]
 pub struct StatusBody {
-    /// Process that serves.
+    /// Id of the process that serves.
     pub pid: u32,
-    /// Clients that have a connection.
+    /// Number of clients that are connected.
     pub client_count: u32,
     /// Nanoseconds since the process began to serve.
     pub uptime_ns: u64,
@@ -68,7 +68,7 @@ pub struct StatusBody {
     pub errors: u64,
     /// The last errors, newest first; unused slots are zero.
     pub last_errors: [RecordedError; LAST_ERRORS],
-    /// What the auditor found.
+    /// The auditor's counts.
     pub audit: AuditCounts,
     /// Spheres in those frames (since 1.2; zero before).
     pub spheres: u64,
@@ -80,7 +80,7 @@ impl StatusBody {
     /// Checks a response to a status request and reads its body.
     ///
     /// # Errors
-    /// [`ReplyError`] where it is none.
+    /// [`ReplyError`] where the response is not a valid status.
     pub fn parse(
         header: &ResponseHeader,
         asked: &ReplyFields,

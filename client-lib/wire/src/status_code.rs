@@ -1,12 +1,12 @@
 //! Status codes of responses.
 
-/// How a request went.
+/// Outcome of a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u32)]
 pub enum StatusCode {
     /// Answered.
     Ok = 0,
-    /// The request cannot be understood.
+    /// The request is malformed.
     BadRequest = 1,
     /// Another major version of the wire contract.
     VersionMismatch = 2,
@@ -16,7 +16,7 @@ pub enum StatusCode {
     ReplyTooLarge = 4,
     /// The daemon has no shared memory left. `detail` holds the bytes needed.
     OutOfMemory = 5,
-    /// The engine asked for is not to be had here. `detail` holds its number.
+    /// The engine asked for is not available. `detail` holds its number.
     EngineUnavailable = 6,
     /// The engine failed in a way that no other code names.
     EngineFailed = 7,

@@ -1,4 +1,4 @@
-//! The wire contract: golden bytes, and whatever bytes come from the other side.
+//! The wire contract: golden bytes, and arbitrary bytes from the other side.
 #![allow(clippy::unwrap_used, clippy::missing_panics_doc)]
 
 use bytemuck::Zeroable;
@@ -406,7 +406,7 @@ fn mutated<const BYTES: usize>(valid: [u8; BYTES]) -> impl Strategy<Value = [u8;
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(20_000))]
 
-    /// Whatever is accepted lies within the payload.
+    /// Every accepted request lies within the payload.
     #[test]
     fn fuzz_request(
         bytes in prop::sample::select(&ObjectForm::ALL[..])
@@ -433,7 +433,7 @@ proptest! {
         }
     }
 
-    /// Whatever is accepted makes a view, and the view decodes without harm.
+    /// Every accepted response makes a view, and decoding the view is safe.
     #[test]
     fn fuzz_response(
         bytes in prop_oneof![

@@ -1,11 +1,11 @@
-//! A window against the oracle.
+//! Compares a window of a mask with the oracle.
 
 use pairmask::oracle::{Corners, Pair};
 
 use super::sphere_oracle;
 use super::window::Window;
 
-/// What a check found.
+/// The result of a check.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Outcome {
     /// Pairs compared.
@@ -28,7 +28,7 @@ pub fn check(window: &Window) -> Outcome {
     }
 }
 
-/// `objects` are those of the rows, then those of the columns.
+/// `objects` holds the objects of the rows, then those of the columns.
 fn compare<T>(window: &Window, objects: &[T], overlap: impl Fn(&T, &T) -> bool) -> Outcome {
     let span = window.span();
     let (rows, columns) = objects.split_at(span.rows.len().min(objects.len()));
@@ -139,7 +139,7 @@ mod tests {
                 assert_eq!((outcome.missed, outcome.extra), (1, 0));
                 assert_eq!(outcome.first.as_ref(), Some(lost[0]));
 
-                // The same mask for boxes of which one has gone.
+                // The same mask, with one box moved away.
                 let mut moved = boxes.clone();
                 moved[lost[0].0 as usize] = Aabb::EMPTY;
                 let (_, right) = frame(engine.as_mut(), &boxes, encoding);

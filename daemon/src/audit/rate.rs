@@ -1,10 +1,10 @@
-//! Which share of the frames is checked.
+//! The share of the frames that the auditor checks.
 
 use std::fmt;
 use std::num::NonZeroU32;
 use std::str::FromStr;
 
-/// No frame, or one in so many, drawn at random.
+/// No frame, or one in N, drawn at random.
 ///
 /// ```
 /// use pairmaskd::audit::AuditRate;
@@ -16,11 +16,11 @@ pub enum AuditRate {
     /// None.
     #[default]
     Off,
-    /// One in so many.
+    /// One in N.
     OneIn(NonZeroU32),
 }
 
-/// It is no rate.
+/// The text is no rate.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("'{0}' is no rate of audits: write 1/1000 for one frame in a thousand, or off")]
 pub struct BadRate(String);

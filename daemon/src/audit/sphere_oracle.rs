@@ -1,12 +1,13 @@
-//! Exact rational arithmetic, plain: what the client library's decision is held to.
+//! Overlap of spheres in plain exact rational arithmetic, the reference for the client library's
+//! decision.
 //!
 //! Every finite f32 is a whole number of 2^−149, so that a common denominator of 2^298 makes the
-//! rational numbers d² and (r₁ + r₂)² whole. It shares no code with `pairmask::sphere` beyond the
-//! layout of a sphere.
+//! rational numbers d² and (r₁ + r₂)² whole. This module shares no code with `pairmask::sphere`
+//! beyond the layout of a sphere.
 //!
 //! Where the eight numbers of a pair are of like magnitude, a coarser common denominator makes them
 //! whole within 64 bits and their squares within 128; that is most pairs. All others take integers of
-//! any size, to which the tests hold the former.
+//! any size; the tests compare both ways.
 
 use num_bigint::{BigInt, BigUint};
 use pairmask::sphere::Sphere;
@@ -31,8 +32,8 @@ pub fn overlap(a: &Sphere, b: &Sphere) -> bool {
     overlap_of_like(a, b).unwrap_or_else(|| overlap_of_any(a, b))
 }
 
-/// Widest range of exponents within which [`overlap_of_like`] computes: then whole numbers are below
-/// 2^(24 + 36), differences and sums of two below 2^61, and a sum of three squares below 2^124.
+/// Widest range of exponents that [`overlap_of_like`] takes. Whole numbers are then below 2^(24 +
+/// 36), differences and sums of two below 2^61, and a sum of three squares below 2^124.
 const LIKE_EXPONENTS: u32 = 36;
 
 /// Whether two solid, finite spheres share a point; `None` where their numbers are not of like

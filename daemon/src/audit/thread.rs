@@ -17,7 +17,7 @@ use crate::scene::Random;
 /// Windows in circulation: one being checked while the next is filled.
 const WINDOWS: usize = 2;
 
-/// The lowest priority there is: the auditor runs when nobody else wants the core.
+/// The lowest priority of the system: the auditor runs when no other thread wants the core.
 const NICE: i32 = 19;
 
 /// Draws frames, copies windows of them and has them checked. Without a rate it does nothing.
@@ -28,16 +28,16 @@ pub struct Auditor {
 struct Running {
     one_in: u32,
     random: Random,
-    /// Windows that nobody uses.
+    /// Windows that are free.
     free: Receiver<Box<Window>>,
-    /// Windows to be checked; `None` once it is over.
+    /// Windows to be checked; `None` once the auditor stops.
     full: Option<SyncSender<Box<Window>>>,
     skipped: u64,
     found: Arc<Found>,
     thread: Option<JoinHandle<()>>,
 }
 
-/// What the thread found so far.
+/// The counts of the thread.
 #[derive(Default)]
 struct Found {
     frames: AtomicU64,
@@ -50,13 +50,13 @@ impl Auditor {
     /// Starts the thread, if there is a rate.
     ///
     /// # Errors
-    /// The system's, where it has no thread left.
+    /// The system's error, where it starts no thread.
     pub fn start(rate: AuditRate) -> io::Result<Self> {
         let AuditRate::OneIn(one_in) = rate else { return Ok(Self { running: None }) };
         let (full, to_check) = sync_channel::<Box<Window>>(WINDOWS);
         let (back, free) = sync_channel(WINDOWS);
         for _ in 0..WINDOWS {
-            // There is room for all of them.
+            // The channel has room for all windows.
             let _ = back.try_send(Box::default());
         }
         let found = Arc::new(Found::default());
@@ -64,7 +64,8 @@ impl Auditor {
         let thread = std::thread::Builder::new()
             .name("auditor".into())
             .spawn(move || check_all(&to_check, &back, &told))?;
-        // Another seed for every process: frames that come in a rhythm are drawn evenly all the same.
+        // Each process has its own seed, and draws are random: frames in a rhythm are drawn evenly
+        // too.
         let random = Random::new(u64::from(std::process::id()));
         Ok(Self {
             running: Some(Running {
@@ -79,8 +80,8 @@ impl Auditor {
         })
     }
 
-    /// Draws lots; where the frame is to be checked, copies what will be overwritten once the reply
-    /// is sent. Give the window to [`Auditor::submit`] afterwards.
+    /// Draws whether the frame is checked. If it is, copies the part of the mask that may be
+    /// overwritten once the reply is sent. Give the window to [`Auditor::submit`] afterwards.
     pub fn draw(
         &mut self,
         fields: &ReplyFields,
@@ -109,11 +110,11 @@ impl Auditor {
             return;
         };
         window.take_objects(objects);
-        // There is room for all windows; a thread that panicked takes none.
+        // The channel has room for all windows; a thread that panicked receives none.
         let _ = full.try_send(window);
     }
 
-    /// What was found so far.
+    /// The auditor's counts.
     pub fn counts(&self) -> AuditCounts {
         let Some(running) = &self.running else { return AuditCounts::default() };
         let found = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
@@ -130,10 +131,10 @@ impl Auditor {
 
 impl Drop for Running {
     fn drop(&mut self) {
-        // Without a sender the thread ends after the window in hand.
+        // Without a sender the thread ends after its present window.
         self.full = None;
         if let Some(thread) = self.thread.take() {
-            // An auditor that panicked has nothing left to tell.
+            // The panic message of the thread was printed already.
             let _ = thread.join();
         }
     }
@@ -146,7 +147,7 @@ fn check_all(windows: &Receiver<Box<Window>>, back: &SyncSender<Box<Window>>, fo
     while let Ok(window) = windows.recv() {
         let outcome = check(&window);
         note(&window, &outcome, found);
-        // There is room; on the way out nobody takes it.
+        // The channel has room. When the auditor stops, it has no receiver.
         let _ = back.try_send(window);
     }
 }
@@ -156,12 +157,12 @@ fn note(window: &Window, outcome: &Outcome, found: &Found) {
     let before = found.missed.fetch_add(missed, Ordering::Relaxed)
         + found.extra.fetch_add(extra, Ordering::Relaxed);
     found.pairs.fetch_add(pairs, Ordering::Relaxed);
-    // Last, so that whoever sees the frame counted sees what was found in it.
+    // Counted last: a reader that sees this frame counted sees its results too.
     found.frames.fetch_add(1, Ordering::Relaxed);
     if let Some(pair) = first
         && before == 0
     {
-        // Once: a broken engine would fill the log. The counts go on.
+        // Logged once: a broken engine would fill the log. The counts go on.
         let Window { client_token, frame, .. } = window;
         log::error!(
             "audit: frame {frame} of client {client_token:016x} has {missed} missed and {extra} \

@@ -1,4 +1,4 @@
-//! A window of a mask: some rows against some columns, and the bits that an engine gave them.
+//! A window of a mask: some rows, some columns, and the engine's bits of their pairs.
 
 use std::ops::Range;
 
@@ -15,17 +15,17 @@ pub struct Reach {
     pub tests: u64,
     /// Most columns of a window, a multiple of 32.
     columns: u32,
-    /// Objects of which every pair is checked: they have no more than `tests`.
+    /// Largest frame of which every pair is checked, objects: it has at most `tests` pairs.
     whole_frame: u32,
 }
 
 impl Reach {
-    /// Of boxes: 256 KiB of bits, 0.8 MB of columns, and some 10 ms of the oracle.
+    /// Limits for boxes: 256 KiB of bits, 0.8 MB of columns, and about 10 ms of the oracle.
     pub const BOXES: Self = Self { tests: 1 << 21, columns: 1 << 15, whole_frame: 2048 };
-    /// Of spheres, whose oracle takes a microsecond a pair: some 30 ms of it.
+    /// Limits for spheres, whose oracle takes a microsecond a pair: about 30 ms of it.
     pub const SPHERES: Self = Self { tests: 1 << 15, columns: 1 << 12, whole_frame: 256 };
 
-    /// Of objects of a form.
+    /// The limits for objects of a form.
     pub const fn of(form: ObjectForm) -> Self {
         match form {
             ObjectForm::Boxes(_) => Self::BOXES,
@@ -71,7 +71,7 @@ impl Span2 {
     }
 }
 
-/// What is to be checked. Its memory is used again and again.
+/// A window to be checked. Its memory is reused.
 #[derive(Debug, Default)]
 pub struct Window {
     span: Span2,
@@ -80,13 +80,13 @@ pub struct Window {
     bits: Vec<u32>,
     /// Index of the object at each row, then at each column.
     indices: Vec<u32>,
-    /// The boxes of those; none in a frame of spheres.
+    /// The boxes at `indices`; none in a frame of spheres.
     boxes: Vec<Aabb>,
-    /// The spheres of those; none in a frame of boxes.
+    /// The spheres at `indices`; none in a frame of boxes.
     spheres: Vec<Sphere>,
-    /// Whose frame it was, for the log.
+    /// Token of the client, for the log.
     pub client_token: u64,
-    /// Which of its frames.
+    /// The client's number of the frame.
     pub frame: u64,
 }
 
@@ -112,7 +112,7 @@ impl Window {
                 match order {
                     Some(order) => {
                         let order = section(reply, order);
-                        // An order that is too short names boxes that are not there.
+                        // A position beyond a too short order becomes an index without an object.
                         let index = |p: u32| order.get(p as usize).copied().unwrap_or(u32::MAX);
                         self.indices.extend(positions.map(index));
                     }
@@ -124,7 +124,8 @@ impl Window {
         }
     }
 
-    /// Copies the objects, boxes as their form defines them; one that is not there is empty.
+    /// Copies the objects, boxes as their form defines them. An index without an object counts as
+    /// empty.
     pub fn take_objects(&mut self, objects: Objects<'_>) {
         self.boxes.clear();
         self.spheres.clear();
@@ -151,7 +152,7 @@ impl Window {
                 if from > last {
                     continue;
                 }
-                // Up to 32 bits from two words of the string, moved to where the columns are.
+                // Up to 32 bits from two words of the bit string, shifted to the columns' places.
                 let k = start + u64::from(from - row - 1);
                 let two = word(k) | word(k + 32) << 32;
                 let count = last - from + 1;
@@ -178,7 +179,7 @@ impl Window {
         }
     }
 
-    /// Which rows and columns.
+    /// The rows and columns.
     pub(super) const fn span(&self) -> &Span2 {
         &self.span
     }

@@ -1,7 +1,7 @@
-//! A scene of some size, culled in all ways, interleaved frame by frame.
+//! A case: a scene of some size, culled in several ways that are interleaved frame by frame.
 //!
-//! The machine may be busy: what is compared runs in the same second, and the least of many frames
-//! counts.
+//! The machine may be busy: ways that are compared run in the same second, and the shortest of many
+//! frames counts.
 
 use std::time::{Duration, Instant};
 
@@ -15,62 +15,63 @@ use super::lane::{Lane, LaneTimes, Way};
 use super::threads::Pools;
 use crate::scene::{Scene, SceneName};
 
-/// The scenes' seed: every run sees the same boxes move the same way.
+/// Seed of the scenes: every run has the same boxes and motions.
 const SEED: u64 = 1;
-/// Frames before anything is noted: memory is touched, orders settle.
+/// Frames before the first measured one: they touch memory and settle orders.
 const WARM_UP: usize = 2;
-/// Largest scene whose dense mask is tried: 1 MiB, which no plan sends for a pair a box.
+/// Largest scene whose dense mask is measured, boxes: the mask has 1 MiB, and no plan chooses it
+/// for one pair a box.
 const DENSE_BOXES: usize = 4_096;
-/// A way that is predicted to take so many times the fastest is left out …
+/// A way is left out when its prediction is this many times the fastest …
 const HOPELESS: f64 = 12.0;
-/// … where it takes longer than this, ns.
+/// … and above this, ns.
 const HOPELESS_NS: f64 = 2.0e6;
 
 /// A named scene of some size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Case {
-    /// Which scene.
+    /// The scene.
     pub scene: SceneName,
     /// Boxes.
     pub n: usize,
 }
 
-/// How long a case is measured.
+/// Limits of the frames and the time that a case is measured.
 #[derive(Clone, Copy, Debug)]
 pub struct Effort {
-    /// Frames at least.
+    /// Least number of frames.
     pub least_frames: usize,
-    /// Frames at most.
+    /// Greatest number of frames.
     pub most_frames: usize,
     /// No further frame begins after this time.
     pub time: Duration,
 }
 
-/// What was measured of a case.
+/// The measurements of a case.
 #[derive(Clone, Debug)]
 pub struct CaseTimes {
-    /// Which one.
+    /// The case.
     pub case: Case,
-    /// What the plan sees of its last frame.
+    /// Statistics of the last frame, as the plan gets them.
     pub stats: SceneStats,
-    /// The shortest look at the boxes and plan, ns.
+    /// The shortest time of statistics and plan, ns.
     pub plan_ns: u64,
-    /// Each way that was tried.
+    /// The times of each measured way.
     pub ways: Vec<(Way, LaneTimes)>,
 }
 
-/// Which ways of a case are measured.
+/// The set of ways in which a case is measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WaySet {
     /// Engines and threads, sparse.
     Sparse,
-    /// Those, and dense masks on one thread where there are few boxes: what a fit needs.
+    /// As `Sparse`, and dense masks on one thread for few boxes: the rows that a fit needs.
     Fit,
-    /// Dense masks on every number of threads too: whatever a plan may choose.
+    /// As `Fit`, and dense masks on every number of threads: all ways that a plan may choose.
     All,
 }
 
-/// Ways that are worth their time.
+/// The ways of a set, without those of [`HOPELESS`] predictions.
 fn ways(stats: &SceneStats, threads: &[usize], set: WaySet) -> Vec<Way> {
     let calibration = Calibration::built_in(AvailableIsa::best().get());
     let encodings: &[_] = if stats.n.len() > DENSE_BOXES || set == WaySet::Sparse {
@@ -122,7 +123,8 @@ pub fn measure(
         if frame >= effort.least_frames + WARM_UP && start.elapsed() > effort.time {
             break;
         }
-        // Each frame another way comes first, and finds the caches as the last one left them.
+        // Each frame starts with another way, so that each way runs first equally often: the first
+        // finds the caches as the last frame left them.
         let count = lanes.len().max(1);
         for turn in 0..lanes.len() {
             lanes[(turn + frame) % count].frame(scene.boxes(), frame >= WARM_UP)?;

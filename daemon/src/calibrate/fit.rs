@@ -1,9 +1,9 @@
-//! From measured times to the constants of the plan's cost model.
+//! The fit: from measured times to the constants of the plan's cost model.
 //!
 //! The model is linear ([`Work`]), so one robust least-squares fit of relative errors gives all
-//! constants at once. Two things keep it sane on a busy machine: constants start from those of a
-//! known machine, scaled by how much faster or slower this one is, and are held to them where no
-//! measurement says otherwise; and a row that fits badly counts less.
+//! constants at once. Two rules keep it robust on a busy machine. Constants start from those of a
+//! known machine, scaled by how much faster or slower this one is, and stay near them where no
+//! measurement says otherwise. A row that fits badly counts less.
 
 use pairmask::Encoding;
 use pairmask::engine::EngineName;
@@ -12,31 +12,33 @@ use pairmask::plan::{Calibration, SceneStats, Term, ThreadCost, Work};
 use super::case::{Case, CaseTimes};
 use super::lane::Way;
 
-/// What a dense mask takes more than a sparse one of the same frame is fitted to this share of the
-/// frame: it is small beside the engine's time and would drown in that one's errors.
+/// The extra time of a dense mask over a sparse one of the same frame is a row of its own, relative
+/// to this share of the frame's time: beside the engine's whole time it would vanish in that one's
+/// errors.
 const MASK_SHARE: f64 = 0.2;
 /// Terms of the model.
 const TERMS: usize = Term::ALL.len();
-/// How much the start counts, in rows of measurements: little, but more than nothing.
+/// Weight of the start constants, in rows of measurements: low, but above zero.
 const PRIOR_ROWS: f64 = 0.1;
-/// Constants stay within so many times the start, up and down.
+/// A constant stays within this factor of its start, up and down.
 const PRIOR_FACTOR: f64 = 8.0;
-/// A relative error above this is taken for the noise's and counts linearly (Huber).
+/// A relative error above this counts as noise: linearly, not squared (Huber).
 const NOISE: f64 = 0.15;
-/// Rounds of weighing rows, and of descent along each constant within them.
+/// Rounds of weighting rows, and of descent along each constant within a round.
 const ROUNDS: usize = 12;
 const DESCENTS: usize = 2_000;
-/// Fewest boxes of a row that tells of threads: below, engines use one whatever they may.
+/// Fewest boxes of a row for the fit of threads: below, engines use one thread however many they
+/// may.
 const THREADED_BOXES: usize = 4_096;
 
-/// One measured time and what it is made of.
+/// One measured time and its inputs.
 #[derive(Clone, Copy, Debug)]
 pub struct FitRow {
-    /// Of which case.
+    /// The case.
     pub case: Case,
-    /// In which way.
+    /// The way.
     pub way: Way,
-    /// What the plan saw.
+    /// The plan's statistics.
     pub stats: SceneStats,
     /// The shortest frame, engine and decode, ns.
     pub measured_ns: f64,
@@ -47,7 +49,7 @@ impl FitRow {
         Work::of(self.way.engine, self.way.encoding, &self.stats)
     }
 
-    /// What a calibration predicts, ns.
+    /// The time that a calibration predicts, ns.
     pub fn predicted_ns(&self, calibration: &Calibration) -> f64 {
         let one_ns = self.work().map_or(0.0, |work| calibration.time_ns(&work));
         calibration.threads_of(self.way.engine).on(self.way.threads, one_ns)
@@ -67,7 +69,7 @@ pub fn rows(cases: &[CaseTimes]) -> Vec<FitRow> {
     rows.filter(|row| row.measured_ns > 0.0).collect()
 }
 
-/// The constants that rows tell of, beginning from `start`.
+/// Fits the constants to rows, beginning from `start`.
 pub fn fit(rows: &[FitRow], start: &Calibration) -> Calibration {
     let scaled = scale(rows, start);
     let ns = fit_terms(rows, &scaled.ns);
@@ -76,8 +78,8 @@ pub fn fit(rows: &[FitRow], start: &Calibration) -> Calibration {
     Calibration { threads, ..fitted }
 }
 
-/// The constants of `start`, each engine's multiplied by what its rows take more or less: enough
-/// for a machine that was only glanced at.
+/// The constants of `start`, each engine's multiplied by the ratio of its measured times to its
+/// predicted ones: enough after a short measurement.
 pub fn scale(rows: &[FitRow], start: &Calibration) -> Calibration {
     let ratio_of = |wanted: Option<EngineName>| {
         let rows = rows.iter().filter(|row| row.way.threads == 1);
@@ -98,7 +100,7 @@ fn median(mut values: Vec<f64>) -> Option<f64> {
     values.get(values.len() / 2).copied()
 }
 
-/// Constants of the terms, relative to `start` in between.
+/// The constants of the terms; relative to `start` during the fit.
 fn fit_terms(rows: &[FitRow], start: &[f64; TERMS]) -> [f64; TERMS] {
     let singles: Vec<&FitRow> = rows.iter().filter(|row| row.way.threads == 1).collect();
     let equation = |row: &&FitRow| match row.way.encoding {
@@ -126,14 +128,14 @@ struct Equation {
 }
 
 impl Equation {
-    /// A frame takes what was measured.
+    /// The equation that a frame takes its measured time.
     fn of_frame(row: &FitRow, start: &[f64; TERMS]) -> Option<Self> {
         let work = row.work()?;
         let share = |t: usize| work.amounts()[t] * start[t] / row.measured_ns;
         Some(Self { share: std::array::from_fn(share), target: 1.0 })
     }
 
-    /// A frame's dense mask takes so much more than its sparse one.
+    /// The equation of the extra time of a frame's dense mask over its sparse one.
     fn of_masks(dense: &FitRow, sparse: &FitRow, start: &[f64; TERMS]) -> Option<Self> {
         let (more, less) = (dense.work()?, sparse.work()?);
         let unit = MASK_SHARE * sparse.measured_ns;
@@ -147,8 +149,8 @@ impl Equation {
     }
 }
 
-/// Minimises the weighted squares of all rows and of the distance to the start, along one constant
-/// after the other.
+/// Minimises the weighted squares of all rows and of the distance to the start, one constant after
+/// the other.
 fn descend(equations: &[Equation], weights: &[f64], x: &mut [f64; TERMS]) {
     let mut gram = [[0.0; TERMS]; TERMS];
     let mut target = [PRIOR_ROWS; TERMS];
@@ -175,13 +177,13 @@ fn dot(a: &[f64; TERMS], b: &[f64; TERMS]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// How much a row counts whose relative error is `error`.
+/// Weight of a row whose relative error is `error`.
 fn weight(error: f64) -> f64 {
     if error.abs() <= NOISE { 1.0 } else { NOISE / error.abs() }
 }
 
-/// What threads give an engine: t = one · (s + (1 − s)/T) + f · log2 T for every row of T threads
-/// beside the row of one.
+/// The gain of an engine by threads: t = one · (s + (1 − s)/T) + f · log2 T for every row of T
+/// threads beside the row of one.
 fn fit_threads(rows: &[FitRow], engine: EngineName, start: ThreadCost) -> ThreadCost {
     let is_one = |row: &&FitRow| row.way.engine == engine && row.way.threads == 1;
     let ones: Vec<&FitRow> = rows.iter().filter(is_one).collect();
@@ -203,7 +205,7 @@ fn fit_threads(rows: &[FitRow], engine: EngineName, start: ThreadCost) -> Thread
     if equations.is_empty() {
         return start;
     }
-    // The start, as two weak rows in the units of the rest.
+    // The start constants as two rows of low weight, in the units of the other rows.
     equations.push([PRIOR_ROWS, 0.0, PRIOR_ROWS * start.serial_share]);
     equations.push([0.0, PRIOR_ROWS / start.fan_out_ns.max(1.0), PRIOR_ROWS]);
     let (mut s, mut f) = (start.serial_share, start.fan_out_ns);
@@ -231,7 +233,7 @@ mod tests {
     use super::*;
     use crate::scene::SceneName;
 
-    /// Rows as a machine with the constants of `truth` would give them, some of them disturbed.
+    /// Rows of a machine with the constants of `truth`, some of them disturbed.
     fn rows_of(truth: &Calibration, disturb: impl Fn(usize) -> f64) -> Vec<FitRow> {
         let mut rows = Vec::new();
         for n in [64, 128, 300, 1_000, 2_000, 4_096, 10_000, 30_000, 100_000] {
@@ -271,7 +273,7 @@ mod tests {
         truth
     }
 
-    /// Half of the rows are predicted better than this.
+    /// The median of the predictions' errors.
     fn median_ratio(rows: &[FitRow], calibration: &Calibration) -> f64 {
         let ratios = rows.iter().map(|row| row.predicted_ns(calibration) / row.measured_ns);
         median(ratios.map(|ratio| ratio.max(1.0 / ratio)).collect()).unwrap_or(f64::INFINITY)

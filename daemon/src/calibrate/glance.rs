@@ -1,4 +1,4 @@
-//! A look at the machine when a daemon starts.
+//! A short measurement of the machine when a daemon starts.
 
 use std::time::Duration;
 
@@ -9,17 +9,17 @@ use super::threads::Pools;
 use super::{MeasureError, fit};
 use crate::scene::SceneName;
 
-/// Scenes that are timed: one where all pairs are compared, one where the grid is at home.
+/// Scenes that are timed: one small enough to compare all pairs, one that suits the grid.
 const CASES: [Case; 2] =
     [Case { scene: SceneName::Uniform, n: 512 }, Case { scene: SceneName::Uniform, n: 4_096 }];
-/// 15 ms in all on a machine like that of the built-in constants.
+/// Limits of a case; 15 ms in all on the machine of the built-in constants.
 const EFFORT: Effort = Effort { least_frames: 5, most_frames: 20, time: Duration::from_millis(5) };
 
-/// The constants of `start` scaled to this machine: each engine by itself, one thread. Shapes of
-/// scenes and the gain of threads are left to `pairmaskd calibrate`.
+/// The constants of `start` scaled to this machine: each engine by itself, one thread. `pairmaskd
+/// calibrate` measures shapes of scenes and the gain of threads.
 ///
-/// A CPU that is twice as slow as that of the built-in constants would otherwise take frames away
-/// from a GPU that is faster.
+/// Without it, the plan would give frames to a CPU twice as slow as that of the built-in constants
+/// where the GPU is faster.
 ///
 /// # Errors
 /// [`MeasureError`].

@@ -1,4 +1,4 @@
-//! One way to cull a frame, kept warm and timed frame by frame.
+//! A lane: one way to cull a frame, with its engine kept warm, timed frame by frame.
 
 use std::hint::black_box;
 use std::sync::Arc;
@@ -25,9 +25,9 @@ pub struct Way {
 /// Times of a way's frames, ns, and its last mask.
 #[derive(Clone, Debug, Default)]
 pub struct LaneTimes {
-    /// Boxes in place to mask in hand, every frame.
+    /// From the boxes in memory to the mask, every frame.
     pub engine_ns: Vec<u64>,
-    /// Mask to the last pair on one thread, every frame.
+    /// From the mask to the last pair on one thread, every frame.
     pub decode_ns: Vec<u64>,
     /// Pairs of the last frame.
     pub pair_count: u64,
@@ -58,9 +58,9 @@ impl LaneTimes {
 
 /// A way with its engine and its memory.
 pub struct Lane {
-    /// Which way.
+    /// The way.
     pub way: Way,
-    /// What was measured.
+    /// Its times.
     pub times: LaneTimes,
     engine: Box<dyn Engine>,
     reply: HeapReply,
@@ -69,16 +69,16 @@ pub struct Lane {
 }
 
 impl Lane {
-    /// A lane with a fresh engine, `None` for a GPU's. More than one thread needs a pool of them.
+    /// A lane with a new engine, `None` for a GPU engine. More than one thread needs a pool.
     pub fn new(way: Way, pool: Option<Arc<ThreadPool>>) -> Option<Self> {
         let engine = cpu_engine(way.engine, Isa::best()).ok()?;
         Some(Self { way, times: LaneTimes::default(), engine, reply: HeapReply::new(), pool })
     }
 
-    /// Culls and decodes one frame, and notes its times where it is not one of warming up.
+    /// Culls and decodes one frame, and stores its times if `is_noted`.
     ///
     /// # Errors
-    /// [`MeasureError`], also where the mask does not hold the pairs that were counted.
+    /// [`MeasureError`], also where the mask does not hold as many pairs as the engine counted.
     pub fn frame(&mut self, boxes: &[Aabb], is_noted: bool) -> Result<(), MeasureError> {
         let (engine, reply) = (&mut self.engine, &mut self.reply);
         let mut cull = || -> Result<_, CullError> {

@@ -1,8 +1,8 @@
 //! The constants of the plan's cost model, measured on this machine.
 //!
-//! Cases (a scene of some size) are culled in every way that is worth its time ([`measure`]); a fit
-//! gives the constants from the times ([`fit`]). `pairmaskd calibrate` does all of it, a daemon that
-//! starts takes a short look ([`glance`]).
+//! [`measure`] culls cases (a scene of some size each) in several ways; [`fit`] gives the constants
+//! from the times. `pairmaskd calibrate` does both. A daemon that starts takes a short measurement
+//! ([`glance`]).
 
 mod case;
 mod fit;
@@ -21,34 +21,34 @@ use pairmask::mask::MaskError;
 
 use crate::scene::SceneName;
 
-/// Why nothing was measured.
+/// Why a measurement failed.
 #[derive(Debug, thiserror::Error)]
 pub enum MeasureError {
-    /// An engine gave no mask.
+    /// An engine failed.
     #[error(transparent)]
     Cull(#[from] CullError),
-    /// No threads.
+    /// The system started no threads.
     #[error("the engines' threads cannot be started: {0}")]
     Threads(#[from] rayon::ThreadPoolBuildError),
-    /// An engine is broken: its mask is none.
+    /// An engine is broken: its mask is malformed.
     #[error("a mask cannot be read: {0}: please report this")]
     Mask(#[from] MaskError),
-    /// An engine is broken: the number that it gives is not that of the bits that it set.
+    /// An engine is broken: its count of pairs is not the number of bits in its mask.
     #[error("{engine} counted {counted} pairs and its mask holds {decoded}: please report this")]
     Miscounted {
         /// The engine.
         engine: EngineName,
-        /// What it says.
+        /// Pairs that it counted.
         counted: u64,
-        /// What it wrote.
+        /// Pairs in its mask.
         decoded: u64,
     },
-    /// An engine is broken: another finds other pairs.
+    /// An engine is broken: two engines find different numbers of pairs.
     #[error(
         "{first} finds {pairs} pairs in {n} boxes of {scene} and {second} {other}: please report this"
     )]
     Disagree {
-        /// Which scene.
+        /// The scene.
         scene: SceneName,
         /// Boxes.
         n: usize,

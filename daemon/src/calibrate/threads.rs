@@ -1,4 +1,4 @@
-//! Numbers of threads that are measured, and the pools of them.
+//! The numbers of threads that are measured, and their pools.
 
 use std::sync::Arc;
 
@@ -17,7 +17,7 @@ pub fn core_count() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }
 
-/// Thread pools by their number of threads.
+/// Thread pools, one for each number of threads.
 pub struct Pools(Vec<Arc<ThreadPool>>);
 
 impl Pools {
@@ -31,7 +31,7 @@ impl Pools {
         Ok(Self(more.map(pool).collect::<Result<_, MeasureError>>()?))
     }
 
-    /// The pool of so many threads; `None` is the calling thread.
+    /// The pool of `threads` threads; `None` is the calling thread.
     pub fn of(&self, threads: usize) -> Option<Arc<ThreadPool>> {
         self.0.iter().find(|pool| pool.current_num_threads() == threads).cloned()
     }

@@ -1,4 +1,4 @@
-//! What this build was made from.
+//! Toolchain and commit of this build.
 
 use std::sync::LazyLock;
 

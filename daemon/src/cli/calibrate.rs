@@ -12,7 +12,7 @@ use serde::Serialize;
 
 use super::machine::Machine;
 use super::output::{OutputError, print_json, print_text, progress_bar};
-use super::whole::whole;
+use super::whole_number::whole_number;
 use crate::calibrate::{
     Case, Effort, FitRow, MeasureError, Pools, WaySet, core_count, fit, measure, rows,
     thread_counts,
@@ -34,17 +34,18 @@ const SCENES: [SceneName; 8] = [
 /// Sizes, dense where the fastest engine changes.
 const SIZES: [usize; 12] =
     [64, 128, 180, 256, 512, 1_000, 1_500, 2_000, 3_000, 4_096, 8_192, 16_384];
-/// Sizes beyond, of two scenes: what becomes of a scene that no cache holds.
+/// Larger sizes, of two scenes: scenes that no cache holds.
 const LARGE_SIZES: [usize; 3] = [65_536, 131_072, 524_288];
 const LARGE_SCENES: [SceneName; 2] = [SceneName::Uniform, SceneName::Pile];
-/// What `--quick` measures instead.
+/// The scenes of `--quick`.
 const QUICK_SCENES: [SceneName; 3] = [SceneName::Uniform, SceneName::Mixed, SceneName::Pile];
 const QUICK_SIZES: [usize; 5] = [64, 256, 1_000, 2_000, 8_192];
 
 const EFFORT: Effort = Effort { least_frames: 5, most_frames: 60, time: Duration::from_millis(60) };
 const QUICK_EFFORT: Effort =
     Effort { least_frames: 3, most_frames: 20, time: Duration::from_millis(15) };
-/// Load above this share of the cores is told: other processes' time would be taken for ours.
+/// A load above this share of the cores is warned of: measured times would hold other processes'
+/// work.
 const BUSY_SHARE: f64 = 0.5;
 
 /// Measure what engines take on this machine, for the plan
@@ -70,14 +71,14 @@ pub struct Calibrate {
     #[arg(long)]
     quick: bool,
     /// Threads at most [default: all cores; one where the machine is busy]
-    #[arg(long, value_parser = whole::<std::num::NonZeroUsize>, value_name = "N")]
+    #[arg(long, value_parser = whole_number::<std::num::NonZeroUsize>, value_name = "N")]
     threads: Option<std::num::NonZeroUsize>,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
 }
 
-/// Why there are no constants.
+/// Why no constants were measured.
 #[derive(Debug, thiserror::Error)]
 pub enum CalibrateError {
     #[error(transparent)]
@@ -94,11 +95,11 @@ pub enum CalibrateError {
 #[derive(Debug, Serialize)]
 struct Report {
     machine: Machine,
-    /// What the constants belong to.
+    /// Key of the machine that the constants belong to.
     key: String,
-    /// Where they are kept, if they are.
+    /// The file that the constants were written to, if any.
     file: Option<PathBuf>,
-    /// Processes that wanted a core when it began, over the cores.
+    /// Processes that wanted a core at the start, over the cores.
     load_share: Option<f64>,
     /// ns a unit, by term.
     ns: BTreeMap<&'static str, f64>,
@@ -118,7 +119,7 @@ struct Threads {
     fan_out_ns: f64,
 }
 
-/// Load of the last minute over the cores, where the system tells.
+/// Load of the last minute over the cores, where the system reports it.
 fn load_share() -> Option<f64> {
     let text = std::fs::read_to_string("/proc/loadavg").ok()?;
     let load: f64 = text.split_whitespace().next()?.parse().ok()?;
@@ -126,7 +127,7 @@ fn load_share() -> Option<f64> {
 }
 
 impl Calibrate {
-    /// Measures, fits, keeps.
+    /// Measures, fits, and writes the constants.
     pub fn run(&self) -> Result<(), CalibrateError> {
         let machine = MachineKey::this();
         let path = match (&self.out, self.dry_run) {
@@ -172,8 +173,8 @@ impl Calibrate {
         Ok(())
     }
 
-    /// The rows of all cases; of a busy machine, whose other cores are not to be had, with one
-    /// thread alone.
+    /// The rows of all cases. On a busy machine, whose other cores are in use, only one thread is
+    /// measured.
     fn measure(&self, is_busy: bool) -> Result<Vec<FitRow>, CalibrateError> {
         let most = if is_busy { 1 } else { core_count() };
         let threads = thread_counts(self.threads.map_or(most, usize::from));
@@ -204,7 +205,7 @@ impl Calibrate {
     }
 }
 
-/// The median over the rows of how many times too large or too small a prediction is, less 1.
+/// The median over the rows of the factor by which a prediction is too large or too small, less 1.
 fn median_error(rows: &[FitRow], calibration: &Calibration) -> f64 {
     let mut errors: Vec<f64> = rows
         .iter()

@@ -8,7 +8,7 @@ use pairmask::transport::InstanceName;
 use pairmask::{Backend, EncodingChoice, EngineChoice};
 use serde::{Deserialize, Deserializer};
 
-use super::whole::{Whole, whole};
+use super::whole_number::{WholeNumber, whole_number};
 use crate::audit::AuditRate;
 use crate::execute::gpu::GpuChoice;
 use crate::file_error::{Access, FileError};
@@ -45,34 +45,34 @@ pub struct Config {
     pub(super) audit: Option<AuditRate>,
 }
 
-/// Why there is no configuration.
+/// Why the configuration cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
-    /// The file was named and cannot be read.
+    /// A file that the user named cannot be read.
     #[error("configuration {0}")]
     Read(FileError),
-    /// The user's own file is there and cannot be read, and nobody named it.
+    /// The user's default file exists and cannot be read.
     #[error("your configuration {0}; or name another by --config, /dev/null for none")]
     ReadOwn(FileError),
-    /// It is not TOML, or holds a key or value that means nothing.
+    /// The file is not TOML, or has an unknown key or a wrong value.
     #[error("configuration {}, {}", path.display(), one_line(text, source))]
     Parse {
         /// The file.
         path: PathBuf,
-        /// What it holds.
+        /// Its contents.
         text: String,
-        /// What the parser says.
+        /// The parser's error.
         source: Box<toml::de::Error>,
     },
 }
 
-/// As much of a wrong line is quoted.
+/// Most characters of a wrong line that are quoted.
 const QUOTED_CHARS: usize = 60;
 
-/// Where in `text` and what, without the excerpt that would spread it over several lines.
+/// The place in `text` and the mistake, without the parser's excerpt of several lines.
 fn one_line(text: &str, error: &toml::de::Error) -> String {
     let what = error.message().replace('\n', " ");
-    // Of the parser's words these are about the language that this program is written in.
+    // The parser's words for Rust types mean nothing to users.
     let what = what.replace("unknown field", "unknown key");
     let what = what.replace(", expected one of", ", the keys are");
     let start = error.span().map_or(0, |span| span.start.min(text.len()));
@@ -82,7 +82,7 @@ fn one_line(text: &str, error: &toml::de::Error) -> String {
     format!("line {} ({}): {what}", number + 1, line.trim())
 }
 
-/// A value that has a name, read as the command line reads it.
+/// A named value, parsed as on the command line.
 fn parsed<'de, D, T>(deserializer: D) -> Result<Option<T>, D::Error>
 where
     D: Deserializer<'de>,
@@ -94,25 +94,25 @@ where
     }
 }
 
-/// A whole number, held to the limits of the command line.
+/// A whole number within the limits of the command line.
 fn number<'de, D, T>(deserializer: D) -> Result<Option<T>, D::Error>
 where
     D: Deserializer<'de>,
-    T: Whole,
+    T: WholeNumber,
 {
     match toml::Value::deserialize(deserializer)? {
         toml::Value::Integer(n) => {
-            whole(&n.to_string()).map(Some).map_err(serde::de::Error::custom)
+            whole_number(&n.to_string()).map(Some).map_err(serde::de::Error::custom)
         }
         _ => Err(serde::de::Error::custom("must be a whole number without quotes")),
     }
 }
 
 impl Config {
-    /// Reads the file that was named, else the user's own where there is one.
+    /// Reads the file that the user named, else the user's default file if it exists.
     ///
     /// # Errors
-    /// [`ConfigError`]; that nobody named a file and the user has none is no error.
+    /// [`ConfigError`]. A missing default file is no error.
     pub fn load(named: Option<&Path>) -> Result<Self, ConfigError> {
         let Some(path) = named.map(Path::to_owned).or_else(default_path) else {
             return Ok(Self::default());

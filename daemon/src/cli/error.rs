@@ -1,4 +1,4 @@
-//! Why a command failed, and the exit status that says so.
+//! Errors of the commands, and their exit status.
 
 use super::bench::BenchError;
 use super::calibrate::CalibrateError;
@@ -15,10 +15,10 @@ use crate::serve::ServeError;
 /// Why a command failed.
 #[derive(Debug, thiserror::Error)]
 pub enum CliError {
-    /// In one line.
+    /// The command line is wrong.
     #[error(transparent)]
     Usage(#[from] WrongUsage),
-    /// Help or the version was not printed.
+    /// Help or version could not be printed.
     #[error(transparent)]
     Output(#[from] OutputError),
     #[error(transparent)]

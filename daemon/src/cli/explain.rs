@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::output::{OutputError, print_json, print_text, spinner};
 use super::raw_objects::{RawBoxes, RawObjectsError};
-use super::whole::whole;
+use super::whole_number::whole_number;
 use crate::explain::{ExplainError, Explanation, SentBoxes};
 use crate::precision::PrecisionChoice;
 
@@ -26,12 +26,12 @@ pub struct Explain {
     #[arg(value_name = "FILE")]
     boxes: PathBuf,
     /// One box
-    #[arg(value_parser = whole::<u32>)]
+    #[arg(value_parser = whole_number::<u32>)]
     i: u32,
     /// The other box
-    #[arg(value_parser = whole::<u32>)]
+    #[arg(value_parser = whole_number::<u32>)]
     j: u32,
-    /// How precisely boxes are told apart: exact, q16, q8, f16 or margin=X
+    /// Precision of the boxes: exact, q16, q8, f16 or margin=X
     #[arg(long, value_name = "MODE", default_value_t)]
     precision: PrecisionChoice,
     /// Print one JSON object
@@ -39,7 +39,7 @@ pub struct Explain {
     json: bool,
 }
 
-/// Why there is no explanation.
+/// Why `explain` failed.
 #[derive(Debug, thiserror::Error)]
 pub enum ExplainCommandError {
     #[error(transparent)]

@@ -1,4 +1,4 @@
-//! What a measurement was made on: a figure without it says nothing.
+//! Machine and build of a measurement, without which its figures mean nothing.
 
 use serde::{Deserialize, Serialize};
 
@@ -24,7 +24,7 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// This one.
+    /// The machine, the build and the command line of this process.
     pub fn this() -> Self {
         let unknown = || "unknown".to_owned();
         Self {

@@ -9,9 +9,9 @@ mod calibrate;
 pub mod config;
 mod cull;
 mod demo;
+mod driver_warnings;
 mod error;
 mod explain;
-mod hush;
 pub mod machine;
 pub mod options;
 pub mod output;
@@ -25,7 +25,7 @@ pub mod shape;
 mod status;
 pub mod target;
 pub mod usage;
-pub mod whole;
+pub mod whole_number;
 
 use std::process::ExitCode;
 
@@ -56,7 +56,7 @@ Examples:
   pairmaskd calibrate                         measure this machine, for the plan
   pairmaskd explain boxes.f32 3 17            why two boxes are a pair or not
 
-Exit status: 0 done; 1 it failed, a check failed, or nobody serves; 2 the command line or configuration is wrong.";
+Exit status: 0 done; 1 it failed, a check failed, or no daemon serves; 2 the command line or configuration is wrong.";
 
 #[derive(Debug, Subcommand)]
 enum Command {
@@ -74,7 +74,7 @@ enum Command {
 
 /// Runs the command that the process was started with.
 ///
-/// Call it first in `main`: it says how the process is set up.
+/// Call it first in `main`: it sets the process up.
 pub fn main() -> ExitCode {
     program::run(&shape::command(), |cli| run(cli, None))
 }
@@ -91,7 +91,7 @@ fn run(cli: &Cli, alter_answers: Option<AlterAnswer>) -> Result<(), CliError> {
     if let Command::Serve(serve) = command
         && serve.is_worker()
     {
-        // Its supervisor read the configuration and passes every setting on as a flag.
+        // The supervisor has read the configuration and passes every setting on as a flag.
         return Ok(serve.run(place, &Config::default(), alter_answers)?);
     }
     let config =
@@ -110,13 +110,13 @@ fn run(cli: &Cli, alter_answers: Option<AlterAnswer>) -> Result<(), CliError> {
 }
 
 impl Command {
-    /// Whether a setting of the configuration file means something for it: what reads none does not
-    /// fail by a file that is wrong.
+    /// Whether the command uses a setting of the configuration file. A command that uses none does
+    /// not fail by a wrong file.
     const fn reads_config(&self) -> bool {
         !matches!(self, Self::Calibrate(_) | Self::Scene(_) | Self::Explain(_))
     }
 
-    /// What is logged unless `PAIRMASK_LOG` says otherwise.
+    /// The log level where `PAIRMASK_LOG` is not set.
     const fn log_level(&self) -> &'static str {
         match self {
             Self::Serve(_) => "info",

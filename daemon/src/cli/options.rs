@@ -11,11 +11,11 @@ use pairmask::transport::{InstanceName, RuntimeDir};
 use pairmask::{Backend, EncodingChoice, EngineChoice, EngineName, Session};
 
 use super::config::Config;
-use super::whole::whole;
+use super::whole_number::whole_number;
 use crate::execute::gpu::GpuChoice;
 use crate::spawn::PrivateSettings;
 
-/// Which instance, where instances live, and where settings and constants are from.
+/// Instance, runtime directory, configuration file and calibration.
 #[derive(Clone, Debug, Args)]
 pub struct Place {
     /// Name of the instance [default: default]
@@ -38,12 +38,12 @@ impl Place {
         self.instance.clone().or_else(|| config.instance.clone())
     }
 
-    /// The instance that is meant.
+    /// The instance to use.
     pub fn instance(&self, config: &Config) -> InstanceName {
         self.named_instance(config).unwrap_or_default()
     }
 
-    /// The directory that holds it.
+    /// The directory that holds the instance.
     pub fn runtime_dir(&self, config: &Config) -> RuntimeDir {
         let named = self.runtime_dir.as_ref().or(config.runtime_dir.as_ref());
         named
@@ -56,13 +56,13 @@ impl Place {
         self.calibration.clone().or_else(|| config.calibration.clone()).unwrap_or_default()
     }
 
-    /// The configuration file that was named.
+    /// The configuration file that the user named, if any.
     pub fn config_file(&self) -> Option<&Path> {
         self.config.as_deref().filter(|path| !path.as_os_str().is_empty())
     }
 }
 
-/// What a daemon or a study that is started here may use.
+/// Resources of a daemon or study that this command starts.
 #[derive(Clone, Debug, Args)]
 pub struct DaemonOptions {
     /// GPU of what is started: auto, none, software, a number or a name [default: auto]
@@ -71,7 +71,7 @@ pub struct DaemonOptions {
 }
 
 impl DaemonOptions {
-    /// The GPU that is meant.
+    /// The GPU to use.
     pub fn gpu(&self, config: &Config) -> GpuChoice {
         self.gpu.clone().or_else(|| config.gpu.clone()).unwrap_or_default()
     }
@@ -86,7 +86,7 @@ impl DaemonOptions {
     }
 }
 
-/// Who finds the pairs, and how.
+/// Backend, engine, encoding and threads of a frame.
 #[derive(Clone, Debug, Args)]
 pub struct CullOptions {
     /// Who finds the pairs: auto, daemon, in-process [default: auto]
@@ -103,17 +103,17 @@ pub struct CullOptions {
     #[arg(long, env = "PAIRMASK_ENCODING", value_name = "NAME")]
     encoding: Option<EncodingChoice>,
     /// Threads that an engine may use [default: the plan's choice]
-    #[arg(long, value_parser = whole::<NonZeroUsize>, env = "PAIRMASK_THREADS", value_name = "N")]
+    #[arg(long, value_parser = whole_number::<NonZeroUsize>, env = "PAIRMASK_THREADS", value_name = "N")]
     threads: Option<NonZeroUsize>,
 }
 
 impl CullOptions {
-    /// The backend, or `default` where nobody named one.
+    /// The backend, or `default` where none is set.
     pub fn backend(&self, config: &Config, default: Backend) -> Backend {
         self.backend.or(config.backend).unwrap_or(default)
     }
 
-    /// What is asked of the plan.
+    /// The options of a frame as the plan gets them.
     pub fn wish(&self, config: &Config) -> CullWish {
         CullWish {
             engine: self.engine(config),
@@ -123,12 +123,12 @@ impl CullOptions {
         }
     }
 
-    /// The engine that is meant.
+    /// The engine to use.
     pub fn engine(&self, config: &Config) -> EngineChoice {
         self.engine.or(config.engine).unwrap_or_default()
     }
 
-    /// A session in the making with everything but its place and its backend.
+    /// A session builder with all settings but the backend.
     pub fn session(&self, place: &Place, config: &Config) -> SessionBuilder {
         let wish = self.wish(config);
         let builder = Session::builder()

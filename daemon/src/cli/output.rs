@@ -1,4 +1,4 @@
-//! Where results, logs and progress go.
+//! Output of results, logs and progress.
 
 use std::io::{IsTerminal, Write};
 use std::path::Path;
@@ -15,7 +15,7 @@ pub enum OutputError {
     /// stdout is closed or full.
     #[error("standard output: {}", advice(Access::Write, .0))]
     Io(#[from] std::io::Error),
-    /// It has no JSON form.
+    /// The result cannot be written as JSON.
     #[error("writing the result as JSON: {0}")]
     Json(#[from] serde_json::Error),
 }
@@ -26,7 +26,7 @@ pub fn start_log(default_level: &str) {
     env_logger::Builder::from_env(env).format_target(false).init();
 }
 
-/// One JSON document and a line's end on stdout.
+/// Prints one JSON document and a line's end on stdout.
 ///
 /// # Errors
 /// [`OutputError`].
@@ -34,7 +34,7 @@ pub fn print_json(value: &impl Serialize) -> Result<(), OutputError> {
     print_text(&serde_json::to_string_pretty(value)?)
 }
 
-/// Text and a line's end on stdout.
+/// Prints text and a line's end on stdout.
 ///
 /// # Errors
 /// [`OutputError::Io`].
@@ -45,7 +45,7 @@ pub fn print_text(text: &str) -> Result<(), OutputError> {
     Ok(())
 }
 
-/// Bytes on stdout.
+/// Writes bytes to stdout.
 ///
 /// # Errors
 /// [`OutputError::Io`].
@@ -56,7 +56,7 @@ pub fn print_bytes(bytes: &[u8]) -> Result<(), OutputError> {
     Ok(())
 }
 
-/// Makes the folder that results are for, before hours are spent on them.
+/// Creates the folder of the results before a long run, so that a wrong name fails at once.
 ///
 /// # Errors
 /// [`FileError`], which names the folder.
@@ -66,18 +66,18 @@ pub fn make_folder(folder: Option<&Path>) -> Result<(), FileError> {
     folder.map_or(Ok(()), made)
 }
 
-/// Text and a line's end on stderr, as far as somebody takes it.
+/// Prints text and a line's end on stderr, if stderr can be written to.
 pub fn print_aside(text: &str) {
-    // Where stderr is closed or full, nobody is left to be told.
+    // No output is left on which a closed or full stderr could be reported.
     let _ = writeln!(std::io::stderr(), "{text}");
 }
 
-/// Whether a name for a file that is to be written means stdout.
+/// Whether the name of an output file means stdout.
 pub fn is_stdout(path: &Path) -> bool {
     path == Path::new("-")
 }
 
-/// Nanoseconds with a unit that suits them.
+/// A time as text, with a suitable unit.
 pub fn time_text(ns: u64) -> String {
     match ns {
         0..1_000 => format!("{ns} ns"),
@@ -87,12 +87,12 @@ pub fn time_text(ns: u64) -> String {
     }
 }
 
-/// Whether somebody watches stderr.
+/// Whether stderr is a terminal.
 pub fn is_watched() -> bool {
     std::io::stderr().is_terminal()
 }
 
-/// A bar over `len` steps on stderr where somebody watches it, else nothing.
+/// A progress bar over `len` steps on stderr if it is a terminal, else nothing.
 pub fn progress_bar(len: u64, what: &str) -> ProgressBar {
     if !is_watched() {
         return ProgressBar::hidden();
@@ -105,12 +105,12 @@ pub fn progress_bar(len: u64, what: &str) -> ProgressBar {
         .with_finish(ProgressFinish::AndClear)
 }
 
-/// A line on stderr that shows work under way where somebody watches it, else nothing.
+/// A line on stderr that shows work under way if it is a terminal, else nothing.
 pub fn spinner(what: &str) -> ProgressBar {
     if !is_watched() {
         return ProgressBar::hidden();
     }
-    // An error ends it, too: what it drew is then cleared away.
+    // An early return by an error ends the spinner too: its line is then cleared.
     let spinner = ProgressBar::new_spinner()
         .with_message(what.to_owned())
         .with_finish(ProgressFinish::AndClear);

@@ -3,7 +3,7 @@
 use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
 
-/// The longest latency that is told from a longer one: an hour.
+/// The longest latency that is recorded, an hour; longer ones count as this.
 const LONGEST_NS: u64 = 3_600_000_000_000;
 /// Significant digits. Three cost 300 kB a histogram and err by 0.1 % at most.
 const DIGITS: u8 = 3;
@@ -23,7 +23,7 @@ pub struct Percentiles {
 pub struct Recorder(Histogram<u64>);
 
 impl Recorder {
-    /// No latency yet.
+    /// An empty histogram.
     ///
     /// # Panics
     /// Never: the bounds are constants, and valid.
@@ -37,7 +37,7 @@ impl Recorder {
         self.0.saturating_record(ns);
     }
 
-    /// Forgets everything.
+    /// Removes all latencies.
     pub fn clear(&mut self) {
         self.0.reset();
     }

@@ -1,5 +1,5 @@
 //! A program with a command line, from its arguments to its exit status. `pairmaskd` and the
-//! laboratory's binary run the same way.
+//! laboratory's binary share it.
 
 use std::error::Error;
 use std::ffi::OsString;
@@ -8,29 +8,29 @@ use std::process::ExitCode;
 use clap::{Command, FromArgMatches};
 
 use super::output::{OutputError, print_aside};
-use super::{hush, usage};
+use super::{driver_warnings, usage};
 
-/// Exit status: it was tried and did not work, or nobody serves.
+/// Exit status: the command failed, or no daemon serves.
 pub const FAILED: u8 = 1;
 /// Exit status: the command line or the configuration is wrong; clap uses the same number.
 pub const USAGE: u8 = 2;
 
-/// A wrong command line, told in one line.
+/// A wrong command line, as one line of text.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct WrongUsage(String);
 
-/// Why a command failed, as far as its program has to know.
+/// What the program has to know of a command's error.
 pub trait Failure: Error + From<WrongUsage> + From<OutputError> {
     /// The exit status: [`FAILED`] or [`USAGE`].
     fn exit_code(&self) -> u8;
 
-    /// Whether a process that was started here failed and said why on the same stderr: another line
-    /// would tell nothing.
+    /// Whether a child process failed and printed the reason on the same stderr: a second line
+    /// would add nothing.
     fn was_said(&self) -> bool;
 }
 
-/// Whether a process of these programs that ended with `code` said why on stderr.
+/// Whether a child process of these programs that ended with `code` printed the reason on stderr.
 pub fn says_why(code: Option<i32>) -> bool {
     code.is_some_and(|code| [FAILED, USAGE].map(i32::from).contains(&code))
 }
@@ -38,12 +38,12 @@ pub fn says_why(code: Option<i32>) -> bool {
 /// Parses the arguments of this process and runs what they ask for. A failure is one line on stderr
 /// that begins with the program's name.
 ///
-/// Call it first in `main`: it says how the process is set up.
+/// Call it first in `main`: it sets the process up.
 pub fn run<C: FromArgMatches, E: Failure>(
     command: &Command,
     run: impl FnOnce(&C) -> Result<(), E>,
 ) -> ExitCode {
-    hush::hush_drivers();
+    driver_warnings::silence();
     let arguments: Vec<OsString> = std::env::args_os().collect();
     let done = parse(command, &arguments).and_then(|parsed| parsed.map_or(Ok(()), |cli| run(&cli)));
     match done {
@@ -59,7 +59,8 @@ pub fn run<C: FromArgMatches, E: Failure>(
     }
 }
 
-/// What was asked for; `None` where that was help or the version, which stand on stdout then.
+/// The parsed arguments; `None` where they ask for help or version, which are then printed on
+/// stdout.
 fn parse<C: FromArgMatches, E: Failure>(
     command: &Command,
     arguments: &[OsString],
@@ -77,12 +78,13 @@ fn parse<C: FromArgMatches, E: Failure>(
     }
 }
 
-/// Names that users give may hold anything, and an error is one line.
+/// Replaces control characters by spaces: an error is one line, and names that users give may hold
+/// any character.
 fn on_one_line(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
 }
 
-/// Whether the reader of a result has gone (`| head`), which is no failure of ours.
+/// Whether the reader of stdout has gone (`| head`), which is no failure of the command.
 fn is_closed_pipe(error: &dyn Error) -> bool {
     let mut cause = error.source();
     while let Some(error) = cause {

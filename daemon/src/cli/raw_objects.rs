@@ -16,9 +16,9 @@ const _: () = assert!(cfg!(target_endian = "little"), "objects are read as they 
 /// Name that stands for stdin.
 const STDIN: &str = "-";
 
-/// What a file may hold.
+/// A kind of object that files hold.
 pub trait RawObject: Pod + Default {
-    /// More than one of them, in words.
+    /// The plural, for messages.
     const PLURAL: &'static str;
 }
 
@@ -33,10 +33,10 @@ impl RawObject for Sphere {
 /// Why a file cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum RawObjectsError {
-    /// The system said no.
+    /// The system refused.
     #[error(transparent)]
     Io(#[from] FileError),
-    /// Its size is not a multiple of an object's.
+    /// The file's size is not a multiple of an object's.
     #[error(
         "{} has {bytes} bytes, which is {} {plural} of {each} bytes and {} bytes more: is it truncated, or no file of {plural}?",
         path.display(), bytes / each, bytes % each
@@ -44,7 +44,7 @@ pub enum RawObjectsError {
     OddSize { path: PathBuf, bytes: u64, each: u64, plural: &'static str },
 }
 
-/// A file of objects whose number is known, not yet read where that can wait.
+/// An open file of objects whose number is known. A regular file is not read yet.
 #[derive(Debug)]
 pub struct RawObjects<T> {
     path: PathBuf,
@@ -58,9 +58,9 @@ pub type RawBoxes = RawObjects<Aabb>;
 
 #[derive(Debug)]
 enum Source {
-    /// A regular file: read straight to where the objects are wanted.
+    /// A regular file, read later straight into the objects' memory.
     File(File),
-    /// A pipe: its size was only known at its end.
+    /// A pipe, read as a whole: its size was known only at its end.
     Bytes(Vec<u8>),
 }
 
@@ -101,8 +101,7 @@ impl<T: RawObject> RawObjects<T> {
         self.len
     }
 
-    /// Reads the objects to where they are wanted: `objects` has room for [`RawObjects::len`] of
-    /// them.
+    /// Reads the objects into `objects`, which holds [`RawObjects::len`] of them.
     ///
     /// # Errors
     /// [`RawObjectsError::Io`], also where the file has become shorter.
@@ -116,7 +115,7 @@ impl<T: RawObject> RawObjects<T> {
         .map_err(|source| FileError::of(path, Access::Read)(source).into())
     }
 
-    /// Reads the objects into memory of their own.
+    /// Reads the objects into new memory.
     ///
     /// # Errors
     /// As [`RawObjects::read_into`].

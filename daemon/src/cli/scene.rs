@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::output::{OutputError, is_stdout, print_bytes, spinner};
-use super::whole::whole;
+use super::whole_number::whole_number;
 use crate::file_error::{Access, FileError};
 use crate::scene::{Scene as Boxes, SceneName};
 
@@ -25,12 +25,12 @@ pub struct Scene {
     /// far or identical
     name: SceneName,
     /// Number of boxes
-    #[arg(value_parser = whole::<u32>)]
+    #[arg(value_parser = whole_number::<u32>)]
     n: u32,
     /// File to write, `-` for stdout
     out: PathBuf,
     /// Another seed gives other boxes of the same kind
-    #[arg(long, value_parser = whole::<u64>, default_value_t = 1)]
+    #[arg(long, value_parser = whole_number::<u64>, default_value_t = 1)]
     seed: u64,
 }
 

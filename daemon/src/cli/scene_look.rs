@@ -1,17 +1,18 @@
-//! Whether a file is the scene that it was said to be: what is worth a warning and no error.
+//! Checks whether a file looks like the objects that the command line names. A doubt is a warning,
+//! no error.
 
 use pairmask::{Aabb, BoxClass, Sphere};
 
-/// So many words of a file are looked at, in the form of boxes and in that of spheres. A multiple of
-/// the words of both; a look takes microseconds.
+/// Words of a file that are checked, as boxes and as spheres. A multiple of both sizes; the check
+/// takes microseconds.
 const LOOKED_AT_WORDS: usize = 12 * 1024;
-/// Fewer objects than this may look like anything.
+/// Fewest objects to check: fewer may look like either shape by chance.
 const LEAST_OBJECTS: usize = 8;
-/// The share of well-formed objects from which on a file reads as a file of them. Words of a file of
-/// the other shape are in order by chance: one box in eight.
+/// A file looks like a shape if this share of its objects is well formed. Of a file of the other
+/// shape, one box in eight is well formed by chance.
 const WELL_FORMED: f64 = 0.95;
 
-/// What the words of a file look like, whatever they were said to be.
+/// The shapes that the words of a file look like.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Look {
     reads_as_boxes: bool,
@@ -28,7 +29,7 @@ pub struct Useless {
 }
 
 impl Look {
-    /// Looks at the first of `objects`, which are all of a file.
+    /// Checks the first of `objects`, which are those of a whole file.
     pub fn at<T: bytemuck::Pod>(objects: &[T]) -> Self {
         let words: &[f32] = bytemuck::cast_slice(objects);
         let looked_at = &words[..words.len().min(LOOKED_AT_WORDS)];
@@ -47,7 +48,7 @@ impl Look {
         }
     }
 
-    /// What is odd about `n` boxes.
+    /// The warning about a file of `n` boxes, if any.
     pub fn warning_of_boxes(self, n: u32, useless: Useless) -> Option<String> {
         let Useless { empty, invalid } = useless;
         let count = u64::from(empty) + u64::from(invalid);
@@ -69,7 +70,7 @@ impl Look {
         }
     }
 
-    /// What is odd about `n` spheres.
+    /// The warning about a file of `n` spheres, if any.
     pub fn warning_of_spheres(self, n: u32, useless: Useless) -> Option<String> {
         let Useless { empty, invalid } = useless;
         let hint = "the file reads as boxes: try it without --shape spheres";
@@ -85,7 +86,7 @@ impl Look {
     }
 }
 
-/// What is odd about boxes that are at hand.
+/// The warning about boxes in memory, if any.
 pub fn of_boxes(boxes: &[Aabb]) -> Option<String> {
     let count = |class| boxes.iter().filter(|one| one.class() == class).count() as u32;
     let useless = Useless { empty: count(BoxClass::Empty), invalid: count(BoxClass::Invalid) };

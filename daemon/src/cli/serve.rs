@@ -8,7 +8,7 @@ use pairmask::transport::Limits;
 
 use super::config::Config;
 use super::options::{DaemonOptions, Place};
-use super::whole::whole;
+use super::whole_number::whole_number;
 use crate::audit::AuditRate;
 use crate::execute::gpu::DEFAULT_HOLD;
 use crate::publish::AlterAnswer;
@@ -27,18 +27,18 @@ A second daemon for the same instance is refused. A daemon without work sleeps."
 pub struct Serve {
     /// How long to spin for the next request before sleeping, µs; longer for a client that comes back
     /// within 1 ms; 0 never spins [default: 50]
-    #[arg(long, value_parser = whole::<u64>, env = "PAIRMASK_SPIN_US", value_name = "N")]
+    #[arg(long, value_parser = whole_number::<u64>, env = "PAIRMASK_SPIN_US", value_name = "N")]
     spin_us: Option<u64>,
     /// Clients at a time [default: 16]
-    #[arg(long, value_parser = whole::<NonZeroU16>, env = "PAIRMASK_MAX_CLIENTS", value_name = "N")]
+    #[arg(long, value_parser = whole_number::<NonZeroU16>, env = "PAIRMASK_MAX_CLIENTS", value_name = "N")]
     max_clients: Option<NonZeroU16>,
     /// The largest mask, MiB [default: 1024]
-    #[arg(long, value_parser = whole::<NonZeroU32>, env = "PAIRMASK_MAX_REPLY_MIB", value_name = "N")]
+    #[arg(long, value_parser = whole_number::<NonZeroU32>, env = "PAIRMASK_MAX_REPLY_MIB", value_name = "N")]
     max_reply_mib: Option<NonZeroU32>,
     #[command(flatten)]
     options: DaemonOptions,
     /// How long the GPU's clocks are kept up after a frame, ms; 0 leaves them alone [default: 250]
-    #[arg(long, value_parser = whole::<u32>, env = "PAIRMASK_GPU_AWAKE_MS", value_name = "N")]
+    #[arg(long, value_parser = whole_number::<u32>, env = "PAIRMASK_GPU_AWAKE_MS", value_name = "N")]
     gpu_awake_ms: Option<u32>,
     /// Check a share of the frames again with a naive oracle, in the background: 1/N or off
     /// [default: off]
@@ -46,10 +46,10 @@ pub struct Serve {
     audit: Option<AuditRate>,
     /// Serve in this process, as long as its parent is the supervisor of this id: what a supervisor
     /// starts.
-    #[arg(long, value_parser = whole::<u32>, hide = true, value_name = "PID")]
+    #[arg(long, value_parser = whole_number::<u32>, hide = true, value_name = "PID")]
     worker: Option<u32>,
     /// End with the process of this id, and take the runtime directory along.
-    #[arg(long, value_parser = whole::<u32>, hide = true, value_name = "PID")]
+    #[arg(long, value_parser = whole_number::<u32>, hide = true, value_name = "PID")]
     private_to: Option<u32>,
 }
 

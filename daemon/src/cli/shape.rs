@@ -1,4 +1,4 @@
-//! The command line as clap is given it: what the derived one lacks.
+//! Changes to the derived command line that clap has no attributes for.
 
 use clap::builder::Resettable;
 use clap::{Arg, Command, CommandFactory};
@@ -6,14 +6,15 @@ use clap::{Arg, Command, CommandFactory};
 use super::Cli;
 use super::usage::is_blank;
 
-/// What a program's commands have in common, and where they differ.
+/// The properties of a program's commands that the changes depend on.
 #[derive(Clone, Copy, Debug)]
 pub struct Shape {
-    /// Settings that every command accepts, so that a script may say them before the command, and
-    /// that these commands have no use for: their help does not list them. Commands by their path
-    /// (`bench latency`), settings by their id.
+    /// Settings that a command accepts and does not use. Every command accepts the shared settings,
+    /// so that a script may write them before the command; the help of a command lists only those
+    /// that it uses. Commands by their path (`bench latency`), settings by their id.
     pub without_use: &'static [(&'static str, &'static [&'static str])],
-    /// Commands that measure through a session: another default backend than `cull`.
+    /// Commands that measure through a session: their default backend is another than that of
+    /// `cull`.
     pub measuring: &'static [&'static str],
 }
 
@@ -40,8 +41,8 @@ pub(super) fn command() -> Command {
     shaped(Cli::command(), &PAIRMASKD)
 }
 
-/// A derived command line, with what clap cannot be told by attributes: settings without use are
-/// not listed, negative numbers are values, variables that are set and blank count as not set.
+/// Changes a derived command line: unused settings are not listed, negative numbers are values, and
+/// blank variables count as not set.
 pub fn shaped(command: Command, shape: &Shape) -> Command {
     let shared: Vec<Arg> =
         command.get_arguments().filter(|arg| arg.is_global_set()).cloned().collect();
@@ -53,7 +54,7 @@ fn shaped_at(command: Command, path: &str, shared: &[Arg], shape: &Shape) -> Com
     let hidden = shared
         .iter()
         .filter(|arg| without_use.is_some_and(|(_, ids)| ids.contains(&arg.get_id().as_str())));
-    // clap hands a shared setting down to a command unless it has one of that name.
+    // clap passes a shared setting on to a command unless the command has one of that name.
     let command = command.args(hidden.map(|arg| arg.clone().hide(true)));
     let command = command.mut_args(|arg| {
         let arg = if shape.measuring.contains(&path) && arg.get_id() == "backend" {
@@ -61,7 +62,7 @@ fn shaped_at(command: Command, path: &str, shared: &[Arg], shape: &Shape) -> Com
         } else {
             arg
         };
-        // `--threads -1` is a wrong number and no unknown flag.
+        // `--threads -1` is a wrong number, not an unknown flag.
         let takes_values = arg.get_action().takes_values();
         let arg = if takes_values { arg.allow_negative_numbers(true) } else { arg };
         if arg.get_env().is_some_and(is_blank) { arg.env(Resettable::Reset) } else { arg }
@@ -128,8 +129,7 @@ mod tests {
         }
     }
 
-    /// No number that a user can get wrong is answered in the words of the language that the program
-    /// is written in.
+    /// No message about a wrong number has Rust's words.
     #[test]
     fn every_number_says_what_it_must_be() {
         let mut built = command();

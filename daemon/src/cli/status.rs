@@ -1,4 +1,4 @@
-//! `status`: who serves, and how it goes.
+//! `status`: the instances of a runtime directory and the status of their daemons.
 
 use std::fmt::Write;
 use std::io::ErrorKind;
@@ -15,10 +15,10 @@ use super::config::Config;
 use super::options::Place;
 use super::output::{OutputError, print_json, print_text, time_text};
 
-/// A daemon that lives writes its account within a second, or after the frame that it works on.
-/// This is longer than most frames take, and short enough for somebody who waits at a terminal.
+/// A living daemon writes its status file within a second, or after the frame that it works on.
+/// This is longer than most frames take, and short for a user who waits.
 const DEADLINE: Duration = Duration::from_secs(3);
-/// Between two looks at the account.
+/// Time between two reads of the status file.
 const LOOK: Duration = Duration::from_millis(10);
 
 /// Show instances: version, clients, frames, last errors
@@ -35,16 +35,16 @@ pub struct Status {
     json: bool,
 }
 
-/// Why there is no status.
+/// Why `status` failed.
 #[derive(Debug, thiserror::Error)]
 pub enum StatusCommandError {
-    /// Nobody answers.
+    /// No daemon answers.
     #[error("no daemon answers under {}: start one with `pairmaskd serve`", dir.path().display())]
     NoDaemon { dir: RuntimeDir },
-    /// Nobody answers for the instance that was asked for.
+    /// No daemon answers for the instance that was asked for.
     #[error("no daemon of instance '{instance}' answers under {}: start one with `pairmaskd serve --instance {instance}`", dir.path().display())]
     NoInstance { instance: InstanceName, dir: RuntimeDir },
-    /// The directory is not ours.
+    /// The directory cannot be trusted or read.
     #[error(transparent)]
     Place(#[from] InstanceError),
     #[error(transparent)]
@@ -54,7 +54,7 @@ pub enum StatusCommandError {
 /// The JSON object of `status --json`. Fields may be added, never changed or taken away.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 struct StatusReport {
-    /// The directory that was looked through.
+    /// The directory that was searched.
     runtime_dir: String,
     /// Its instances, by name.
     instances: Vec<InstanceReport>,
@@ -67,25 +67,24 @@ struct InstanceReport {
     state: State,
     /// Wire version, `major.minor`.
     version: String,
-    /// Process that serves.
+    /// Id of the worker.
     pid: u32,
-    /// Process that watches it.
+    /// Id of the supervisor.
     supervisor_pid: u32,
-    /// What the daemon says of itself, or what it said last where it is silent; null where it is
-    /// dead.
+    /// The daemon's counters, the last known ones where it is silent; null where it is dead.
     daemon: Option<DaemonReport>,
-    /// Why it does not answer; null where it does.
+    /// Why the daemon does not answer; null where it does.
     problem: Option<String>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 enum State {
-    /// It answers.
+    /// The daemon answers.
     Alive,
-    /// Its process lives and does not answer.
+    /// The worker lives and does not answer.
     Silent,
-    /// Its process is gone and left its record behind.
+    /// The worker is gone and its record is left.
     Dead,
 }
 
@@ -101,11 +100,11 @@ impl State {
 
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 struct DaemonReport {
-    /// How long ago it said so.
+    /// Age of these figures.
     age_ns: u64,
-    /// Time since it began to serve.
+    /// Time since the worker began to serve.
     uptime_ns: u64,
-    /// Clients that have a connection.
+    /// Number of clients that are connected.
     clients: u32,
     /// Frames answered with a mask.
     frames: u64,
@@ -119,13 +118,13 @@ struct DaemonReport {
     errors: u64,
     /// The last of them, newest first.
     last_errors: Vec<ErrorReport>,
-    /// What the auditor found; null where there is none (`serve --audit`).
+    /// The auditor's counts; null without an auditor (`serve --audit`).
     audit: Option<AuditReport>,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 struct AuditReport {
-    /// One frame in so many is checked.
+    /// One frame in this many is checked.
     one_in: u64,
     /// Frames checked.
     frames: u64,
@@ -141,7 +140,7 @@ struct AuditReport {
 
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 struct ErrorReport {
-    /// What was wrong.
+    /// The status of the response.
     status: String,
     /// How long ago.
     ago_ns: u64,
@@ -186,7 +185,7 @@ impl StatusReport {
                 match found.iter_mut().find(|(_, known, _)| *known == name) {
                     _ if !is_wanted => {}
                     None => found.push((dir.clone(), name, record)),
-                    // Of two, the one that clients find.
+                    // Of two records of one name, the one that clients find.
                     Some(known) if !lives(&known.2) && lives(&record) => {
                         *known = (dir.clone(), name, record);
                     }
@@ -259,10 +258,10 @@ impl InstanceReport {
     }
 }
 
-/// What a daemon says.
+/// What was learned of a daemon.
 enum Answer {
     Alive(DaemonReport),
-    /// What it said last, and why it is taken for silent.
+    /// The last known figures, and why the daemon counts as silent.
     Silent(Option<DaemonReport>, String),
     Dead,
 }
@@ -271,21 +270,21 @@ fn lives(record: &DaemonRecord) -> bool {
     ProcessWatch::open(record.worker_pid).is_some()
 }
 
-/// Waits until the daemon gives an account that is newer than the question. That takes no client's
-/// slot from it.
+/// Waits until the daemon writes a status file that is newer than the question. That takes no
+/// client's slot.
 fn ask(dir: &RuntimeDir, name: &InstanceName, record: &DaemonRecord) -> Answer {
     let asked = Instant::now();
     loop {
         if !lives(record) {
             return Answer::Dead;
         }
-        let account = match dir.account(name) {
-            Ok(Some(account)) if account.body().pid == record.worker_pid => account,
+        let status = match dir.read_status(name) {
+            Ok(Some(status)) if status.body().pid == record.worker_pid => status,
             Ok(_) => return ask_over_wire(dir, name),
             Err(error) => return Answer::Silent(None, error.to_string()),
         };
-        let age = account.age();
-        let report = DaemonReport::of(account.body(), age);
+        let age = status.age();
+        let report = DaemonReport::of(status.body(), age);
         if age <= asked.elapsed() {
             return Answer::Alive(report);
         }
@@ -300,7 +299,8 @@ fn ask(dir: &RuntimeDir, name: &InstanceName, record: &DaemonRecord) -> Answer {
     }
 }
 
-/// Asks a daemon that keeps no account: it is of an earlier version, or could not write one.
+/// Asks a daemon without a status file over the wire: it is of an earlier version, or could not
+/// write one.
 fn ask_over_wire(dir: &RuntimeDir, name: &InstanceName) -> Answer {
     let ask = || -> Result<StatusBody, StatusError> {
         Session::builder()
@@ -313,7 +313,7 @@ fn ask_over_wire(dir: &RuntimeDir, name: &InstanceName) -> Answer {
     };
     match ask() {
         Ok(body) => {
-            // The question itself came through a connection.
+            // The question itself takes one connection.
             let client_count = body.client_count.saturating_sub(1);
             Answer::Alive(DaemonReport::of(&StatusBody { client_count, ..body }, Duration::ZERO))
         }

@@ -1,4 +1,4 @@
-//! Where the daemon of a measurement is, if there is one.
+//! The daemon that a measurement uses, if any.
 
 use std::time::Duration;
 
@@ -13,20 +13,20 @@ use crate::spawn::{PrivateDaemon, PrivateSettings, SpawnError};
 /// How long one frame may take: all pairs of a million boxes on one thread.
 const DEADLINE: Duration = Duration::from_secs(600);
 
-/// Who is measured.
+/// The instance that is measured.
 pub struct Target {
     /// The directory that holds the instance.
     pub dir: RuntimeDir,
     /// The instance.
     pub instance: InstanceName,
     backend: Backend,
-    /// Stopped with the measurement.
+    /// A daemon of the measurement's own, stopped with it.
     _daemon: Option<PrivateDaemon>,
 }
 
 impl Target {
-    /// The instance that was named, else a daemon of its own that spins so long before it sleeps:
-    /// this process's own binary, as `serve`.
+    /// The instance that the user named, else a new private daemon: this process's binary as
+    /// `serve`, which spins for `spin` before it sleeps.
     ///
     /// # Errors
     /// [`SpawnError`] where the daemon does not start.
@@ -49,7 +49,7 @@ impl Target {
         Ok(Self { dir, instance, backend, _daemon: None })
     }
 
-    /// A session with it in the making, that waits as the daemon does.
+    /// A session builder for the instance, with the daemon's spin time.
     pub fn session(&self, builder: SessionBuilder, spin: Duration) -> SessionBuilder {
         builder
             .runtime_dir(self.dir.clone())

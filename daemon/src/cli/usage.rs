@@ -1,4 +1,4 @@
-//! A wrong command line, told in one line: clap would take three to seven.
+//! Messages about a wrong command line in one line: clap's have three to seven.
 
 use std::error::Error as _;
 use std::ffi::{OsStr, OsString};
@@ -6,7 +6,7 @@ use std::ffi::{OsStr, OsString};
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Command, Error};
 
-/// What is wrong with `arguments`, and which help says more.
+/// The mistake in `arguments`, and the help that says more.
 pub fn one_line(error: &Error, command: &Command, arguments: &[OsString]) -> String {
     let path = command_path(command, arguments);
     let innermost = path.last().copied().unwrap_or(command);
@@ -15,7 +15,7 @@ pub fn one_line(error: &Error, command: &Command, arguments: &[OsString]) -> Str
     format!("{what}: see `{} --help`", names.join(" "))
 }
 
-/// The command that is meant, after those that hold it.
+/// The command that the arguments name, after its parents.
 fn command_path<'a>(command: &'a Command, arguments: &[OsString]) -> Vec<&'a Command> {
     let mut path = vec![command];
     let mut innermost = command;
@@ -31,7 +31,7 @@ fn command_path<'a>(command: &'a Command, arguments: &[OsString]) -> Vec<&'a Com
     path
 }
 
-/// Whether a flag before the command has its value in the next word.
+/// Whether a word before the command is a flag with its value in the next word.
 fn takes_value(command: &Command, word: &str) -> bool {
     let flag = command.get_arguments().find(|arg| word.strip_prefix("--") == arg.get_long());
     flag.is_some_and(|arg| arg.get_long().is_some() && arg.get_action().takes_values())
@@ -78,7 +78,7 @@ fn what(error: &Error, command: &Command, arguments: &[OsString]) -> String {
     }
 }
 
-/// The value that is wrong, and where it is from: a flag, or a variable that nobody typed.
+/// The wrong value and its origin: a flag, or an environment variable.
 fn given(flag: &str, value: &str, command: &Command, arguments: &[OsString]) -> String {
     let flag = bare(flag);
     let long = flag.strip_prefix("--");
@@ -104,7 +104,7 @@ fn visible_commands(command: &Command) -> String {
     visible.map(Command::get_name).collect::<Vec<_>>().join(", ")
 }
 
-/// A flag without the name of its value; a value without a flag as it is.
+/// A flag without the name of its value; a value without a flag unchanged.
 fn bare(flag: &str) -> &str {
     if flag.starts_with('-') { flag.split([' ', '=', '[']).next().unwrap_or(flag) } else { flag }
 }
@@ -117,14 +117,14 @@ fn words(value: &ContextValue) -> String {
     }
 }
 
-/// What is left of an error of another kind.
+/// The first line of an error of another kind.
 fn first_line(error: &Error) -> String {
     let text = error.to_string();
     let line = text.lines().next().unwrap_or_default();
     line.strip_prefix("error: ").unwrap_or(line).to_owned()
 }
 
-/// Whether a variable is there and says nothing, which counts as not set.
+/// Whether a variable is blank, which counts as not set.
 pub fn is_blank(variable: &OsStr) -> bool {
     std::env::var_os(variable).is_some_and(|value| value.is_empty())
 }

@@ -4,15 +4,15 @@ use pairmask::Aabb;
 use pairmask::aabb::order_key;
 use serde::Serialize;
 
-/// How two intervals stand.
+/// How two intervals relate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Separation {
-    /// They share more than a point.
+    /// The intervals share more than a point.
     Overlapping,
-    /// They share one point.
+    /// The intervals share one point.
     Touching,
-    /// They share none.
+    /// The intervals share no point.
     Apart,
 }
 
@@ -21,16 +21,16 @@ pub enum Separation {
 pub struct AxisReport {
     /// `x`, `y` or `z`.
     pub axis: &'static str,
-    /// How the intervals stand.
+    /// How the intervals relate.
     pub state: Separation,
-    /// From the end of the one that ends first to the start of the other; below 0, how far they
-    /// overlap. Null where that is not finite.
+    /// Distance from the end of the interval that ends first to the start of the other, units.
+    /// Below 0 the length of the overlap. Null where that is not finite.
     pub gap: Option<f64>,
-    /// The same as a number of f32 from one to the other: 1 is the least gap there is.
+    /// The same distance in steps of f32: 1 is the smallest gap.
     pub gap_ulps: i64,
-    /// Where the later one starts.
+    /// Start of the later interval.
     pub starts: String,
-    /// Where the one that ends first ends.
+    /// End of the interval that ends first.
     pub ends: String,
 }
 
@@ -41,7 +41,7 @@ impl AxisReport {
         let starts = if key(a.min[axis]) >= key(b.min[axis]) { a.min[axis] } else { b.min[axis] };
         let ends = if key(a.max[axis]) <= key(b.max[axis]) { a.max[axis] } else { b.max[axis] };
         let gap_ulps = key(starts) - key(ends);
-        // Exact unless their exponents lie more than 28 apart, and then to 53 bits.
+        // Exact unless the exponents differ by more than 28, and then to 53 bits.
         let gap = f64::from(starts) - f64::from(ends);
         Self {
             axis: ["x", "y", "z"][axis],
@@ -66,7 +66,7 @@ impl AxisReport {
     }
 }
 
-/// A number as people write it: seven digits, plain where that is short, else with an exponent.
+/// A number as text: seven digits, plain where that is short, else with an exponent.
 pub(super) fn number(x: f64) -> String {
     let x = format!("{x:.6e}").parse().unwrap_or(x);
     if x == 0.0 || (1e-4..1e9).contains(&x.abs()) { format!("{x}") } else { format!("{x:e}") }

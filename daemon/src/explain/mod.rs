@@ -1,5 +1,5 @@
-//! Why a pair of boxes is in the mask or not: classes, the gap on each axis in units and in ulps,
-//! what a precision mode makes of the two, and the cells that `cpu-grid` puts them into.
+//! Explains why a pair of boxes is in the mask or not: classes, the gap on each axis in units and
+//! in ulps, the boxes in a precision mode's form, and their cells in `cpu-grid`.
 
 mod gap;
 mod sent;
@@ -15,7 +15,7 @@ use serde::Serialize;
 /// The JSON object of `explain --json`. Fields may be added, never changed or taken away.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Explanation {
-    /// The two boxes, as they were named.
+    /// The indices of the two boxes, in the order given.
     pub pair: [u32; 2],
     /// Boxes of the scene.
     pub boxes: u32,
@@ -23,24 +23,24 @@ pub struct Explanation {
     pub overlaps: bool,
     /// Why, in one sentence.
     pub reason: String,
-    /// What boxes are compared by: `exact`, or the name of a precision mode.
+    /// `exact`, or the name of the precision mode.
     pub mode: String,
-    /// The pair's number k, which is its bit in a dense mask; null for a box with itself.
+    /// The pair index k, the pair's bit in a dense mask; null for a box with itself.
     pub pair_index: Option<u64>,
     /// The two boxes.
     pub box_reports: [BoxReport; 2],
     /// The three axes; null unless both boxes are solid.
     pub axes: Option<[AxisReport; 3]>,
-    /// What the mode makes of the two; null for `exact`.
+    /// The two boxes in the mode's form; null for `exact`.
     pub sent: Option<SentReport>,
-    /// How `cpu-grid` sees the two, as they are sent.
+    /// The two boxes in the grid of `cpu-grid`, as they are sent.
     pub grid: GridReport,
 }
 
 /// One of the two boxes.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BoxReport {
-    /// Its number.
+    /// Its index.
     pub index: u32,
     /// `solid`, `empty` or `invalid`.
     pub class: &'static str,
@@ -50,18 +50,18 @@ pub struct BoxReport {
     pub bits: [String; 6],
 }
 
-/// How `cpu-grid` sees the two.
+/// The two boxes in the grid of `cpu-grid`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct GridReport {
     /// Levels of the scene.
     pub levels: u32,
-    /// Whether the two are close enough to be compared.
+    /// Whether `cpu-grid` compares the two boxes.
     pub compared: bool,
-    /// Where the boxes stand; null for one that overlaps nothing.
+    /// The cells of each box; null for one that overlaps nothing.
     pub places: [Option<PlaceReport>; 2],
 }
 
-/// Where a box stands in the grid.
+/// The cells of a box in the grid.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PlaceReport {
     /// Its level, 0 for the finest.
@@ -70,17 +70,18 @@ pub struct PlaceReport {
     pub first_cell: [i32; 3],
     /// The cell of its max corner.
     pub last_cell: [i32; 3],
-    /// Edges of a cell, about: in units, or in cells of the mode where boxes are sent as cells.
+    /// Approximate edges of a cell: in units, or in cells of the mode where boxes are sent as
+    /// cells.
     pub cell_edges: [f32; 3],
 }
 
-/// The pair cannot be explained.
+/// Why a pair cannot be explained.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ExplainError {
-    /// There is no such box.
+    /// The scene has no box of that index.
     #[error("there is no box {index}: the scene has {boxes}, numbered from 0")]
     NoSuchBox {
-        /// The number given.
+        /// The index given.
         index: u32,
         /// Boxes of the scene.
         boxes: usize,
@@ -106,7 +107,7 @@ impl Explanation {
         Self::of_sent(boxes, &SentBoxes::exact(boxes), i, j)
     }
 
-    /// Explains boxes `i` and `j` of a scene that is sent in another form.
+    /// Explains boxes `i` and `j` of a scene that is sent with a precision mode.
     ///
     /// ```
     /// use pairmask::Aabb;

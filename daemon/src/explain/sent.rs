@@ -1,4 +1,4 @@
-//! What a precision mode makes of the two boxes.
+//! The two boxes in the form that a precision mode sends.
 
 use std::borrow::Cow;
 
@@ -10,30 +10,30 @@ use serde::Serialize;
 use super::{AxisReport, axes};
 use crate::precision::{PrecisionChoice, as_sent};
 
-/// The boxes of a scene as engines are given them, and why they are what they are.
+/// The boxes of a scene as engines get them, and the precision mode that made them.
 #[derive(Clone, Debug)]
 pub struct SentBoxes<'a> {
     boxes: Cow<'a, [Aabb]>,
     mode: String,
-    /// `None` where boxes are sent as they are.
+    /// `None` where boxes are sent unchanged.
     form: Option<Form>,
 }
 
 #[derive(Clone, Debug)]
 struct Form {
-    /// What coordinates are.
+    /// The unit of the coordinates.
     unit: &'static str,
     rule: String,
     /// Edges of a cell, units; `None` where coordinates are no cells.
     cell_edges: Option<[f64; 3]>,
 }
 
-/// What a mode makes of the two boxes.
+/// The two boxes in a mode's form.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SentReport {
-    /// What coordinates are: `cells`, `halves` or `f32`.
+    /// The unit of the coordinates: `cells`, `halves` or `f32`.
     pub unit: &'static str,
-    /// What the mode does and what it may add, in words.
+    /// What the mode does, and which extra pairs it may add, in words.
     pub rule: String,
     /// Six coordinates of each box as text: cells by their numbers, others in units.
     pub coordinates: [[String; 6]; 2],
@@ -44,12 +44,12 @@ pub struct SentReport {
 }
 
 impl<'a> SentBoxes<'a> {
-    /// Boxes that are sent as they are.
+    /// Boxes that are sent unchanged.
     pub fn exact(boxes: &'a [Aabb]) -> Self {
         Self { boxes: Cow::Borrowed(boxes), mode: "exact".to_owned(), form: None }
     }
 
-    /// Boxes in the precision that was chosen, cells being those of the bounds of all boxes.
+    /// Boxes in a precision; cells divide the bounds of all boxes.
     pub fn of(choice: PrecisionChoice, boxes: &'a [Aabb]) -> Self {
         match choice {
             PrecisionChoice::Exact => Self::exact(boxes),
@@ -66,7 +66,7 @@ impl<'a> SentBoxes<'a> {
         }
     }
 
-    /// What [`as_sent`] gave for a precision.
+    /// The boxes that [`as_sent`] returns for a precision.
     pub fn narrow(precision: &Precision, sent: impl Into<Cow<'a, [Aabb]>>) -> Self {
         let bounds = match precision {
             Precision::Q16(bounds) | Precision::Q8(bounds) => {
@@ -108,7 +108,7 @@ impl<'a> SentBoxes<'a> {
         Self { boxes: Cow::Borrowed(sent), mode: "f64".to_owned(), form }
     }
 
-    /// The boxes that engines are given.
+    /// The boxes that engines get.
     pub fn boxes(&self) -> &[Aabb] {
         &self.boxes
     }
@@ -117,7 +117,7 @@ impl<'a> SentBoxes<'a> {
         &self.mode
     }
 
-    /// What the mode changes about the reason, as the end of its sentence.
+    /// The effect of the mode on the answer, as the end of the reason's sentence.
     pub(super) fn verdict(&self, overlaps: bool, overlaps_sent: bool) -> String {
         let Some(Form { unit, .. }) = self.form else { return String::new() };
         let (mode, sent) = (&self.mode, if unit == "f32" { "sent faces" } else { unit });

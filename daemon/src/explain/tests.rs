@@ -132,7 +132,7 @@ fn gaps_of_cells_are_told_in_cells_and_in_units() {
     let text = cells.to_string();
     assert!(text.contains(&format!("x  apart by {gap} cells (")), "{text}");
     assert!(text.contains("apart by 1 units ("), "{text}");
-    // The grid counts in cells of the mode, and tells of units all the same.
+    // The grid counts in cells of the mode, and the text has units too.
     let line = |text: &str| text.lines().find(|l| l.contains(" of about ")).map(str::to_owned);
     assert!(line(&text).is_some_and(|line| line.ends_with(" units")), "{text}");
     let halves = explain("f16");

@@ -1,4 +1,4 @@
-//! The explanation for people.
+//! The explanation as text.
 
 use std::fmt;
 
@@ -45,7 +45,7 @@ impl fmt::Display for Explanation {
     }
 }
 
-/// What there is to say of one box that was named twice.
+/// The text for one box that was named twice.
 fn with_itself(f: &mut fmt::Formatter<'_>, explanation: &Explanation) -> fmt::Result {
     let Explanation { pair: [i, _], boxes, box_reports: [one, _], sent, grid, .. } = explanation;
     writeln!(
@@ -113,7 +113,7 @@ fn sent_lines(
     Ok(())
 }
 
-/// One of the two boxes as it is sent: the one at `place`, which has the number `index`.
+/// The line of one of the two boxes as it is sent: the box at `place`, of index `index`.
 fn sent_line(
     f: &mut fmt::Formatter<'_>,
     sent: &SentReport,
@@ -135,8 +135,8 @@ fn ulps(count: i64) -> String {
     }
 }
 
-/// Where a box stands in the grid. `mode_cells` are the edges of a cell of the mode, in which the grid
-/// then counts.
+/// The line of a box's cells in the grid. `mode_cells` holds the edges of a cell of the mode, the
+/// grid's unit in modes of cells.
 fn place_line(
     f: &mut fmt::Formatter<'_>,
     grid: &GridReport,

@@ -1,8 +1,8 @@
 //! The papers' scenes: columns of objects that fall on a plane.
 //!
-//! Avril et al. 2009 and 2014 let cubes, balls, skittles, tori and letters fall. What the broad
-//! phase sees of an object is the box around it, so each kind is a box of its proportions turned
-//! at random. The lower half of a column has landed and lies close; the upper half still falls.
+//! Avril et al. 2009 and 2014 let cubes, balls, skittles, tori and letters fall. The broad phase
+//! gets only the box around an object, so each kind is a box of its proportions turned at random.
+//! The lower half of a column has landed and is packed closely; the upper half still falls.
 
 use super::{Random, STEP_SHARE, Scene, Walls, around, mean_edge};
 
@@ -46,7 +46,7 @@ pub(super) fn falling(
         let level = landing / column_count;
         landing += 1;
         let [x, y, z] = random.direction();
-        // Those in the air go down together; those that have landed are jostled.
+        // Falling objects move down together; landed ones are jostled.
         let direction = if level < landed { [x, y, z.abs() * 0.1] } else { [0.0, 0.0, -1.0] };
         direction.map(|d| d * step)
     })
@@ -56,8 +56,8 @@ pub(super) fn falling(
 fn turned(edges: [f32; 3], random: &mut Random) -> [f32; 3] {
     let x = random.direction();
     let d = random.direction();
-    // Gram-Schmidt; the two directions are parallel with probability 0 and nearly so rarely: then
-    // the box is a little off its proportions, which no test relies on.
+    // Gram-Schmidt. The two directions are parallel with probability 0. Where they are nearly
+    // parallel, the box is a little off its proportions, which no test relies on.
     let dot = x[0] * d[0] + x[1] * d[1] + x[2] * d[2];
     let y = std::array::from_fn::<f32, 3, _>(|i| d[i] - dot * x[i]);
     let length = (y[0] * y[0] + y[1] * y[1] + y[2] * y[2]).sqrt().max(1e-3);

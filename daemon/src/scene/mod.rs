@@ -1,9 +1,9 @@
 //! Seeded scenes in motion, for the command line, the benches and the tests.
 //!
 //! The same name, n and seed give the same boxes and the same motion, frame by frame, on every
-//! machine with IEEE floats. The four scenes of the anchors are held to their pairs a box by a
-//! test; the papers' scenes follow Avril et al. (2009 to 2014): columns of like or unlike objects
-//! that fall on a plane.
+//! machine with IEEE floats. A test checks the pairs a box of the four scenes of the anchors; the
+//! papers' scenes follow Avril et al. (2009 to 2014): columns of like or unlike objects that fall
+//! on a plane.
 //!
 //! ```
 //! use pairmaskd::scene::{Scene, SceneName};
@@ -70,7 +70,7 @@ impl Scene {
         &self.boxes
     }
 
-    /// Goes on to the next frame. Allocates nothing.
+    /// Moves the boxes to the next frame. Allocates nothing.
     pub fn step(&mut self) {
         motion::advance(&mut self.boxes, &mut self.velocities, &self.walls);
     }

@@ -8,7 +8,7 @@ use pairmask::Aabb;
 /// crosses its own length in under a second.
 pub const STEP_SHARE: f32 = 0.02;
 
-/// Where boxes turn round.
+/// The walls at which boxes turn round.
 #[derive(Clone, Debug)]
 pub enum Walls {
     /// Every box stays between the same two corners (of its centre).
@@ -18,8 +18,8 @@ pub enum Walls {
         /// Highest centre.
         high: [f32; 3],
     },
-    /// Every box stays within `radius` of its own first centre on each axis: the shape of the
-    /// scene, a heap for one, lasts.
+    /// Every box stays within `radius` of its own first centre on each axis, so that the scene
+    /// keeps its shape, for instance a heap.
     Cage {
         /// First centres.
         home: Vec<[f32; 3]>,
@@ -68,7 +68,8 @@ pub fn advance(boxes: &mut [Aabb], velocities: &mut [[f32; 3]], walls: &Walls) {
 fn reflect(b: &mut Aabb, v: &mut [f32; 3], low: &[f32; 3], high: &[f32; 3]) {
     for axis in 0..3 {
         let centre = 0.5 * b.min[axis] + 0.5 * b.max[axis] + v[axis];
-        // Inwards, not just turned: a box that starts outside comes back in and stays.
+        // The velocity is set inwards, not just reversed: a box that starts outside comes back in
+        // and stays.
         let speed = v[axis].abs();
         let turned = if centre > high[axis] { -speed } else { v[axis] };
         v[axis] = if centre < low[axis] { speed } else { turned };

@@ -1,4 +1,4 @@
-//! Scenes are what their names say, and stay so while they move.
+//! Scenes have the properties of their names, and keep them while they move.
 
 use super::*;
 

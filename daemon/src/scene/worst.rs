@@ -1,4 +1,4 @@
-//! Scenes that make broad phases fall off a cliff.
+//! Worst cases: scenes on which broad phases become much slower.
 
 use pairmask::Aabb;
 
@@ -16,7 +16,7 @@ pub(super) fn one_cell(n: usize, random: &mut Random) -> Scene {
         let side = |bit: usize| if corner >> bit & 1 == 0 { -far } else { far };
         *b = around([side(0), side(1), side(2)], [1.0; 3]);
     }
-    // They stay where they are: walls would bring them home.
+    // The outliers do not move: walls would bring them back to the scene.
     for v in &mut scene.velocities[n - outliers..] {
         *v = [0.0; 3];
     }
@@ -42,8 +42,8 @@ pub(super) fn rods(n: usize, random: &mut Random) -> Scene {
     Scene::drifting(boxes, Walls::Scene { low: [0.0; 3], high: [side; 3] }, random)
 }
 
-/// Dust of the density of `uniform`; in a thousand boxes one is a tenth of the scene wide (at most
-/// 16 of them); one is an infinite ground, and one covers everything.
+/// Dust of the density of `uniform`; one box in a thousand is a tenth of the scene wide (at most 16
+/// of them), one is an infinite ground, and one covers everything.
 pub(super) fn giants(n: usize, random: &mut Random) -> Scene {
     let mut scene = spread::uniform(n, random);
     let side = (4.0 * n as f32).cbrt();

@@ -1,4 +1,4 @@
-//! The thread that takes away what dead clients left, and writes the daemon's account of itself.
+//! The thread that takes away what dead clients left, and writes the daemon's status file.
 //!
 //! A cleanup takes up to 24 ms for a client with 46 MB: too long for the thread that serves.
 
@@ -8,7 +8,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
 use pairmask::transport::{
-    Account, DaemonNode, InstanceName, JANITOR_INTERVAL, RuntimeDir, Services, remove_hollow_files,
+    DaemonNode, InstanceName, JANITOR_INTERVAL, RuntimeDir, Services, StatusFile,
+    remove_hollow_files,
 };
 
 use super::ServeError;
@@ -16,7 +17,7 @@ use super::ServeError;
 /// Stops and joins its thread when dropped.
 pub(super) struct Janitor {
     stop: Arc<AtomicBool>,
-    posted: Arc<Mutex<Option<Account>>>,
+    posted: Arc<Mutex<Option<StatusFile>>>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -33,9 +34,9 @@ impl Janitor {
         Ok(Self { stop, posted, thread: Some(thread) })
     }
 
-    /// Has the account written, by this thread and not by the one that serves.
-    pub(super) fn post(&self, account: &Account) {
-        *self.posted.lock().unwrap_or_else(PoisonError::into_inner) = Some(*account);
+    /// Has the status file written, by this thread and not by the one that serves.
+    pub(super) fn post(&self, status: &StatusFile) {
+        *self.posted.lock().unwrap_or_else(PoisonError::into_inner) = Some(*status);
         if let Some(thread) = &self.thread {
             thread.thread().unpark();
         }
@@ -67,15 +68,15 @@ fn sweep(
     dir: &RuntimeDir,
     instance: &InstanceName,
     stop: &AtomicBool,
-    posted: &Mutex<Option<Account>>,
+    posted: &Mutex<Option<StatusFile>>,
 ) {
     let node = Services::janitor_node(dir, instance)
         .inspect_err(|error| log::error!("dead clients will not be cleaned up: {error}"))
         .ok();
     let mut is_told = false;
     while !stop.load(Ordering::Relaxed) {
-        let account = posted.lock().unwrap_or_else(PoisonError::into_inner).take();
-        if let Some(Err(error)) = account.map(|account| dir.write_account(instance, &account))
+        let status = posted.lock().unwrap_or_else(PoisonError::into_inner).take();
+        if let Some(Err(error)) = status.map(|status| dir.write_status(instance, &status))
             && !std::mem::replace(&mut is_told, true)
         {
             log::warn!("`pairmaskd status` will not know of this daemon: {error}");

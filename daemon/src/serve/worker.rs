@@ -9,8 +9,8 @@ use iceoryx2::service::ipc;
 use pairmask::AwakePool;
 use pairmask::plan::{Calibration, CalibrationChoice, CalibrationOrigin};
 use pairmask::transport::{
-    Account, DaemonRecord, JANITOR_INTERVAL, SegmentFiles, Server, Services, Spinner, WakeDaemon,
-    clean_if_abandoned, process_name, quiet_transport_log,
+    DaemonRecord, JANITOR_INTERVAL, SegmentFiles, Server, Services, Spinner, StatusFile,
+    WakeDaemon, clean_if_abandoned, process_name, quiet_transport_log,
 };
 use pairmask::wire::{StatusBody, Version};
 use rustix::process::Signal;
@@ -66,8 +66,8 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
         supervisor_pid: supervisor,
         version: Version::CURRENT,
     };
-    let account = Account::now(StatusBody { pid: record.worker_pid, ..StatusBody::default() });
-    if let Err(error) = settings.dir.write_account(&settings.instance, &account) {
+    let status = StatusFile::now(StatusBody { pid: record.worker_pid, ..StatusBody::default() });
+    if let Err(error) = settings.dir.write_status(&settings.instance, &status) {
         log::warn!("`pairmaskd status` will have to connect: {error}");
     }
     settings.dir.write_record(&settings.instance, &record)?;
@@ -211,7 +211,7 @@ fn serve(
         let now = Instant::now();
         if now >= tidy_at {
             responder.tidy();
-            janitor.post(&Account::now(responder.status()));
+            janitor.post(&StatusFile::now(responder.status()));
             gate.tidy();
             tidy_at = now + JANITOR_INTERVAL;
         }

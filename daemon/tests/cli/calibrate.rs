@@ -24,7 +24,7 @@ fn run_with_cache(place: &Place, arguments: &[&str]) -> Finished {
     finish(command.spawn().unwrap())
 }
 
-/// What `cull --explain` says of the constants, and stderr.
+/// The constants' origin by `cull --explain`, and stderr.
 fn used(place: &Place, more: &[&str]) -> (String, String) {
     let mut arguments = vec!["cull", "boxes.f32", "--backend", "in-process", "--explain", "--json"];
     arguments.extend(more);
@@ -88,9 +88,9 @@ fn a_file_that_cannot_be_used_is_told_and_ignored() {
 }
 
 #[test]
-fn nothing_is_kept_where_nobody_knows_where() {
+fn calibration_without_a_place_to_keep_it_is_not_kept() {
     let place = Place::new();
-    // A busy machine is a warning, and none of this test's business.
+    // A busy machine is a warning, which this test ignores.
     let run = |arguments: &[&str]| {
         finish(place.command(arguments).env("PAIRMASK_LOG", "error").spawn().unwrap())
     };

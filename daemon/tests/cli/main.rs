@@ -1,4 +1,5 @@
-//! The binary, as its users run it: output, files, exit status, signals. Nothing is left behind.
+//! Tests of the binary as users run it: output, files, exit status, signals, and that no file is
+//! left behind.
 #![allow(clippy::unwrap_used)]
 
 mod audit;

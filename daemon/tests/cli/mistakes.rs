@@ -1,5 +1,4 @@
-//! What a newcomer gets wrong: each mistake is one line on stderr that says what to do, and nothing
-//! of the language that the program is written in.
+//! Mistakes of newcomers: each is one line on stderr that says what to do, without words of Rust.
 
 use std::fs::{File, Permissions};
 use std::os::unix::fs::PermissionsExt;
@@ -11,7 +10,7 @@ use pairmask_tests::stress_scenes;
 
 use crate::support::{Finished, Place, finish};
 
-/// What no user should have to read.
+/// Words that no message may have.
 const JARGON: [&str; 12] = [
     "number would be zero",
     "non-zero type",
@@ -122,14 +121,14 @@ fn files_that_cannot_be_used_say_why_and_what_to_do() {
     ] {
         let words: Vec<&str> = line.split_whitespace().collect();
         let mut command = place.command(&words);
-        // That the machine is busy is a warning of its own.
+        // A busy machine would be warned of too.
         let finished = finish(command.env("PAIRMASK_LOG", "error").spawn().unwrap());
         check(&finished, 1, expected, &line);
     }
 }
 
-/// A user who is not the one that runs the tests, where those run as root.
-fn as_somebody_else(command: &mut std::process::Command) {
+/// Has a command run as another user than the tests' own, root.
+fn as_another_user(command: &mut std::process::Command) {
     use std::os::unix::process::CommandExt;
     command.uid(65534);
 }
@@ -145,7 +144,7 @@ fn what_belongs_to_others_says_what_to_do() {
     lock(place.path(), 0o755).unwrap();
     lock(&place.file("boxes.f32"), 0).unwrap();
     lock(&own.join("config.toml"), 0).unwrap();
-    // Root may read what nobody may.
+    // Root may read files without any read permission.
     let may_read_all = File::open(place.file("boxes.f32")).is_ok();
     let binary = place.file("pairmaskd");
     std::fs::copy(crate::support::PAIRMASKD, &binary).unwrap();
@@ -156,7 +155,7 @@ fn what_belongs_to_others_says_what_to_do() {
         command.env("XDG_CONFIG_HOME", place.path()).env("PAIRMASK_RUNTIME_DIR", place.path());
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         if may_read_all {
-            as_somebody_else(&mut command);
+            as_another_user(&mut command);
         }
         finish(command.spawn().unwrap())
     };
@@ -194,7 +193,7 @@ fn a_wrong_configuration_is_told_with_its_line() {
     std::fs::write(place.file("config.toml"), [0xff, 0xfe]).unwrap();
     check(&place.run(&["status", "--config", "config.toml"]), 2, "it is no text", &"bytes");
     check(&place.run(&["status", "--config", "."]), 2, ".: it is a directory", &"directory");
-    // What reads no setting does not fail by a wrong one.
+    // A command that uses no setting does not fail by a wrong one.
     let mut command = place.command(&["scene", "uniform", "9", "o"]);
     command.env("PAIRMASK_CONFIG", "config.toml");
     assert_eq!(finish(command.spawn().unwrap()).code, Some(0));

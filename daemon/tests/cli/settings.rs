@@ -14,7 +14,7 @@ fn flag_then_environment_then_file_then_default() {
     place.boxes(&[Aabb::EMPTY; 3]);
     let cull = ["cull", "boxes.f32", "--json"];
     let encoding = |finished: Finished| finished.json()["encoding"].as_str().unwrap().to_owned();
-    // Nobody serves: the default, auto, falls back.
+    // No daemon serves: the default backend, auto, falls back.
     assert_eq!(backend_of(&place.run(&cull)), "in-process");
     std::fs::create_dir(place.file("pairmask")).unwrap();
     let file = place.file("pairmask/config.toml");

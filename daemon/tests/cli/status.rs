@@ -1,4 +1,4 @@
-//! `status`: nobody, somebody, and somebody who died.
+//! `status`: no daemon, a living one, and one that died.
 
 use std::collections::BTreeSet;
 
@@ -15,7 +15,7 @@ fn status(place: &Place, dir: &std::path::Path, more: &[&str]) -> Finished {
 }
 
 #[test]
-fn nobody_serves() {
+fn no_daemon_serves() {
     let place = Place::new();
     let finished = place.run(&["status"]);
     assert!(finished.error(1).contains("pairmaskd serve"), "{finished:?}");
@@ -109,7 +109,7 @@ fn a_killed_daemon_is_dead() {
     assert_eq!(report["instances"][0]["state"], "dead");
     assert_eq!(report["instances"][0]["daemon"], Value::Null);
     assert_eq!(report["instances"][0]["pid"], record.worker_pid);
-    // Nobody serves here again, which would take away what the dead left in shared memory.
+    // No daemon serves here again and removes the files that the dead one left in shared memory.
     pairmask::transport::clean_if_abandoned(&dir, &"default".parse().unwrap()).unwrap();
 }
 
@@ -127,7 +127,7 @@ fn a_hanging_daemon_is_silent() {
     let instance = &report["instances"][0];
     assert_eq!(instance["state"], "silent");
     assert!(instance["problem"].as_str().unwrap().contains("instance 'default'"), "{report}");
-    // What it said last, and how long ago: it was given three seconds at least.
+    // The last known figures and their age: the command waited three seconds at least.
     assert_eq!(instance["daemon"]["errors"], 0);
     assert!(instance["daemon"]["age_ns"].as_u64().unwrap() >= 3_000_000_000, "{report}");
 }
@@ -152,17 +152,17 @@ fn a_daemon_with_all_the_clients_that_it_may_have_answers() {
     let pid = Pid::from_raw(i32::try_from(child.id()).unwrap()).unwrap();
     kill_process(pid, Signal::TERM).unwrap();
     child.wait().unwrap();
-    assert_eq!(dir.account(&"default".parse().unwrap()).unwrap(), None, "it was left behind");
+    assert_eq!(dir.read_status(&"default".parse().unwrap()).unwrap(), None, "it was left behind");
 }
 
-/// A daemon that keeps no account, as earlier ones: it is asked over the wire.
+/// A daemon without a status file, as earlier versions have none, is asked over the wire.
 #[test]
-fn a_daemon_without_an_account_is_asked() {
+fn a_daemon_without_a_status_file_is_asked() {
     let place = Place::new();
     let daemon = daemon();
-    // A directory in the place of a new account, so that none can be written.
+    // A directory in the place of a new status file, so that none can be written.
     let new = daemon.dir().path().join("default.account.new");
-    eventually("no account can be written", || std::fs::create_dir(&new).ok());
+    eventually("no status file can be written", || std::fs::create_dir(&new).ok());
     std::fs::remove_file(daemon.dir().path().join("default.account")).unwrap();
     let report = status(&place, daemon.dir().path(), &["--json"]).json();
     assert_eq!(report["instances"][0]["state"], "alive", "{report}");

@@ -20,7 +20,7 @@ use crate::options::{Clock, Options};
 
 /// How long one frame may take. No scene takes as long.
 const DEADLINE: Duration = Duration::from_secs(600);
-/// From the daemon's last look for a frame to its sleep, with room.
+/// Time from the daemon's last poll for a frame to its sleep, with room.
 const FALLING_ASLEEP: Duration = Duration::from_millis(1);
 
 /// All contenders, ours first.
@@ -69,8 +69,8 @@ fn session(
     builder.deadline(DEADLINE).capacity(BoxCount::new(n)).connect()
 }
 
-/// Threads of a lane's own, also where it is one: a thread that ran all the others' turns too would
-/// be the last that a busy machine's scheduler wakes.
+/// A lane's own threads, also for one thread: the scheduler of a busy machine wakes last the thread
+/// that ran most, and a shared thread would run all lanes' turns.
 fn pool(threads: usize) -> Result<ThreadPool, rayon::ThreadPoolBuildError> {
     ThreadPoolBuilder::new().num_threads(threads).build()
 }

@@ -1,4 +1,4 @@
-//! Turns: every contender sees every frame, a few at a time.
+//! Turns: every contender runs every frame, a few frames at a time.
 
 use std::time::Duration;
 
@@ -19,11 +19,11 @@ use crate::options::{Clock, Options};
 const SWEEP_BOXES: usize = 200_000;
 /// Up to this many boxes the naive oracle is the reference: 50 million tests, a tenth of a second.
 const ORACLE_BOXES: usize = 10_000;
-/// Sets are compared after each of so many turns, and after the last.
+/// Turns between two comparisons of sets; they are compared after the last turn too.
 const TURNS_BETWEEN_CHECKS: usize = 10;
 
-/// A peer that has run for so long in all is left out of the rest: on some scenes one takes seconds a
-/// frame where others take milliseconds.
+/// A peer that has run for this long in all is left out of the other turns: on some scenes one peer
+/// takes seconds a frame where others take milliseconds.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// A contender and its times.
@@ -39,7 +39,7 @@ pub struct Lane {
     spent: Duration,
 }
 
-/// What a turn left behind.
+/// The results of a turn.
 struct Turn {
     find_ns: Vec<u64>,
     write_ns: Vec<u64>,
@@ -168,10 +168,10 @@ pub fn measure(
                 lane.note(|| format!("turn {turn}: {difference}"));
             }
         }
-        // Between the turns whose sets are compared: everybody against our first lane, whose sets
-        // are the reference's.
+        // Between the turns whose sets are compared, tallies are compared with those of our first
+        // lane, whose sets equal the reference.
         for (lane, found) in lanes.iter_mut().zip(&tallies) {
-            // Fewer where a peer was given up.
+            // Fewer tallies where a peer was given up.
             let ours = tallies.first().and_then(|ours| ours.get(..found.len()));
             if ours != Some(found) {
                 lane.note(|| format!("turn {turn}: other pairs than ours were visited"));

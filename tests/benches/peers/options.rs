@@ -32,7 +32,7 @@ Examples:
   cargo bench --workspace --features pairmask-tests/peers --bench peers -- --scene all --out target/peers
 
 A ratio below 1 means that we are faster. A peer that misses a pair (scenes with infinite boxes)
-is listed and is nobody's best peer. Exit status 1: our own pairs are wrong."
+is listed and is never the best peer. Exit status 1: our own pairs are wrong."
 )]
 // Four ways to print, each a flag of its own, and cargo's.
 #[allow(clippy::struct_excessive_bools)]
@@ -63,8 +63,8 @@ pub struct Options {
     /// Our engines; `auto` is the plan
     #[arg(long, value_name = "NAME,..", value_delimiter = ',', default_values_t = [EngineChoice::Auto])]
     pub engine: Vec<EngineChoice>,
-    /// How long the daemon spins for the next frame; nobody else is timed before it sleeps. Longer
-    /// than the default of `serve` helps where cores are free, and hurts where they are not
+    /// How long the daemon spins for the next frame; no other contender is timed before it sleeps.
+    /// Longer than the default of `serve` helps where cores are free, and hurts where they are not
     #[arg(long, value_name = "US", default_value_t = 50)]
     pub daemon_spin_us: u64,
     /// GPU of the daemon; none compares CPUs
@@ -97,17 +97,17 @@ pub struct Options {
     bench: bool,
 }
 
-/// What is counted.
+/// The clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Clock {
-    /// Time as it passes.
+    /// Wall-clock time.
     Wall,
     /// CPU time of the thread.
     Cpu,
 }
 
 impl Clock {
-    /// Since some moment that stays the same, of the calling thread where it is a thread's.
+    /// Time since a fixed moment; with [`Clock::Cpu`] the CPU time of the calling thread.
     pub fn now(self) -> Duration {
         let id = match self {
             Self::Wall => ClockId::Monotonic,
@@ -159,7 +159,7 @@ pub enum Format {
 }
 
 impl Options {
-    /// How results are printed: as a table unless told otherwise.
+    /// The format of the results; a table by default.
     pub const fn format(&self) -> Format {
         match self {
             Self { json: true, .. } => Format::Json,

@@ -1,11 +1,11 @@
-//! The laboratory of pairmask: measurements that settle a choice, and engines put to the test.
-//! Nothing that serves a client depends on it.
+//! The laboratory of pairmask: measurements on which choices rest, and stress tests of engines. No
+//! code that serves a client depends on it.
 //!
 //! ```text
 //! study       measurements beside the papers' figures, one folder a question
 //! gpu_stages  the GPU engines' stages, by the GPU's clock
 //! stress      hard scenes, every engine and mode against the oracle
-//! sabotage    engines broken on purpose, to see that all of it notices
+//! sabotage    engines broken on purpose, to test that the checks notice
 //! cli         the binary `pairmask-lab`
 //! ```
 

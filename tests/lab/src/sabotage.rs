@@ -1,5 +1,5 @@
-//! Engines broken on purpose, to see that `stress` and the auditor notice. Only hidden flags and
-//! tests lead here.
+//! Engines broken on purpose, to test that `stress` and the auditor notice. Only hidden flags and
+//! tests use them.
 
 use pairmask::engine::{
     CullError, CullInput, CullReport, Engine, EngineName, HeapReply, ReplyBuffer,
@@ -8,7 +8,7 @@ use pairmask::mask::MaskShape;
 use pairmask::{Aabb, BoxClass};
 
 /// Takes one pair out of a mask and out of its report. A mask whose words hold one pair each stays
-/// as it is: nothing but a pair is to be wrong, and a sparse word may not become zero.
+/// unchanged: only a pair must be wrong, and a sparse word must not become zero.
 pub fn lose_a_pair(words: &mut [u32], report: &mut CullReport) {
     let bits = match &report.shape {
         MaskShape::Dense { words } => words,
@@ -23,7 +23,7 @@ pub fn lose_a_pair(words: &mut [u32], report: &mut CullReport) {
     }
 }
 
-/// What is broken on purpose.
+/// The part that is broken on purpose.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Sabotage {
     /// Every engine loses a pair of most frames.
@@ -41,9 +41,9 @@ pub fn shrink(b: &Aabb) -> Aabb {
 
 /// An engine whose right answers are spoilt.
 pub struct Spoiler<S> {
-    /// Who answers.
+    /// The engine that answers.
     pub engine: Box<dyn Engine>,
-    /// What is done to the reply and its report, [`lose_a_pair`] for one.
+    /// The change of the reply and its report, for instance [`lose_a_pair`].
     pub spoil: S,
 }
 

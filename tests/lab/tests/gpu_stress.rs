@@ -7,7 +7,7 @@ use pairmask_lab::sabotage::Sabotage;
 use pairmask_lab::stress::{Cases, Entrant, ModeChoice, Roster, StressReport, run};
 use pairmask_tests::gpu::choice;
 
-/// Long enough for a software adapter to meet what is broken many times over.
+/// Long enough for a software adapter to meet the broken part many times.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 fn stress(engine: EngineName, sabotage: Option<Sabotage>, cases: &Cases) -> StressReport {

@@ -1,4 +1,4 @@
-//! The mapping study: WGSL against the Rust mirrors, and a report that has it all.
+//! The mapping study: WGSL against the Rust mirrors, and a complete report.
 
 use pairmask::pair_index::row_start;
 use pairmask::{Aabb, BoxCount, PairIndex};
@@ -111,7 +111,7 @@ fn the_gpu_counts_the_errors_that_the_cpu_counts() {
             let (tally, coverage) =
                 on_gpu.unwrap_or_else(|error| panic!("{variant}: {error}")).expect("it fits");
             let (mut expected, expected_coverage) = errors::exhaustive(variant, BoxCount::new(n));
-            // The GPU does not look for the first.
+            // The GPU does not report the first wrong id.
             expected.first_wrong = None;
             assert_eq!(tally.ids, variant.id_count(n), "{variant}, {n} boxes");
             if software || expected.wrong == 0 {

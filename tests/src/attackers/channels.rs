@@ -1,4 +1,4 @@
-//! A client that asks for its answer on a channel that there is not.
+//! A client that asks for its answer on a channel that does not exist.
 
 use std::time::Duration;
 

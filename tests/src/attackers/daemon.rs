@@ -1,4 +1,4 @@
-//! A daemon whose answers are longer than its memory.
+//! A daemon that states lengths of answers beyond its memory.
 
 use std::error::Error;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -73,7 +73,8 @@ pub fn attack(until: &Until, tally: &mut Tally) -> Result<(), Box<dyn Error>> {
         }
         count(tally, "rounds");
         let _ = ports.1.notify();
-        // Forged at one look, true at the next: the memory is ours as long as the port is.
+        // The length alternates between forged and true while clients read it. The memory is this
+        // process's as long as the port lives.
         let is_over = AtomicBool::new(dice.below(2) == 0);
         std::thread::scope(|scope| {
             scope.spawn(|| {

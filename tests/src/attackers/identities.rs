@@ -1,5 +1,6 @@
-//! A client that asks in another's name, for an answer that the other takes for its own: it reads the
-//! other's request in shared memory, and sends one that says the same, with nothing in its boxes.
+//! A client that sends requests under another client's id, so that the other takes the answer for its
+//! own. It reads the other's request in shared memory and sends a copy of the header with empty
+//! boxes.
 
 use std::fs;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -15,11 +16,11 @@ use super::raw::{
 };
 use super::{Tally, Until, count};
 
-/// Boxes of a request of ours: as many as the victims ask for, or more.
+/// Boxes of the attacker's requests: at least as many as the victims send.
 const BOXES: u32 = 2_000;
 const PAGES: usize = 2_000 * 24 / 4096 + 1;
 
-/// A request of somebody else's.
+/// A request of another client, as read in shared memory.
 struct Seen {
     port: u128,
     channel: u64,
@@ -39,7 +40,8 @@ pub fn attack(until: &Until, tally: &mut Tally) {
         });
         let begun = Instant::now();
         let mut last = 0;
-        // A port that was found out is of no use; another is made now and then.
+        // The daemon ignores a port that it has recognised as forging; so the attacker makes a new
+        // one every 20 ms.
         while !until.is_over() && begun.elapsed() < Duration::from_millis(20) {
             let requests = victims.iter().flat_map(|port| seen(*port));
             let Some(seen) = requests.max_by_key(|seen| seen.header.frame) else { continue };
@@ -69,7 +71,7 @@ pub fn attack(until: &Until, tally: &mut Tally) {
             });
             let Some(pending) = client.send(loan) else { break };
             count(tally, "rounds");
-            // Theirs at one look, ours at the next.
+            // The id alternates between the victim's and the attacker's while the daemon reads it.
             let is_over = AtomicBool::new(false);
             std::thread::scope(|scope| {
                 scope.spawn(|| {
@@ -91,7 +93,7 @@ pub fn attack(until: &Until, tally: &mut Tally) {
     }
 }
 
-/// What stands in another port's memory.
+/// The requests in another port's memory.
 fn seen(port: u128) -> Vec<Seen> {
     let Some(bytes) = segment_file(port).and_then(|file| fs::read(file).ok()) else {
         return Vec::new();

@@ -1,4 +1,4 @@
-//! A client that says that its payload is longer than its memory.
+//! A client that states a length of its payload beyond its memory.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -26,7 +26,7 @@ pub fn attack(until: &Until, tally: &mut Tally) {
             let needed = u64::from(n) * 24 / 4096 + 1;
             let forged = match dice.below(5) {
                 0 => u64::MAX,
-                // So many pages that their bytes, as a number of 64 bits, are none.
+                // A number of pages whose bytes overflow 64 bits to 0.
                 1 => 1 << 52,
                 2 => (1 << 52) + needed,
                 _ => needed,
@@ -38,7 +38,7 @@ pub fn attack(until: &Until, tally: &mut Tally) {
             let is_over = AtomicBool::new(dice.below(2) == 0);
             let said = std::thread::scope(|scope| {
                 scope.spawn(|| {
-                    // True at one look, forged at the next.
+                    // The length alternates between true and forged while the daemon reads it.
                     while !is_over.load(Ordering::Relaxed) {
                         write(pages, PAGES as u64);
                         write(pages, forged);
@@ -51,7 +51,7 @@ pub fn attack(until: &Until, tally: &mut Tally) {
             write(pages, PAGES as u64);
             count(tally, "rounds");
             match said {
-                // There is no such memory: whatever was looked at was somebody else's.
+                // The attacker has no such memory: the daemon must have read another client's.
                 Some(header) if header.status == StatusCode::Ok as u32 => count(tally, "outside"),
                 Some(_) => count(tally, "refused"),
                 None => {

@@ -1,5 +1,6 @@
-//! Processes that attack: each attack is one file, run by the binary `attacker MODE` until its input
-//! ends. They write to memory that they have mapped as clients, as a process of the same user can.
+//! Attacking processes: each attack is one file, run by the binary `attacker MODE` until its input
+//! ends. An attacker writes to memory that it has mapped as a client, as any process of the same
+//! user can.
 
 mod channels;
 mod daemon;
@@ -18,15 +19,15 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// What an attacker counted, by name.
+/// Counts of an attacker, by name.
 pub type Tally = BTreeMap<String, u64>;
 
-/// Until when to attack.
+/// The end of an attack.
 #[derive(Clone, Debug)]
 pub struct Until(Arc<AtomicBool>);
 
 impl Until {
-    /// Until the standard input ends.
+    /// An attack until the standard input ends.
     fn input_ends() -> Self {
         let ended = Arc::new(AtomicBool::new(false));
         let tell = Arc::clone(&ended);
@@ -37,13 +38,13 @@ impl Until {
         Self(ended)
     }
 
-    /// Whether it is over.
+    /// Whether the attack is over.
     pub fn is_over(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
 }
 
-/// Attacks in a mode until the input ends, and prints what was counted: `name=count` a line.
+/// Attacks in a mode until the input ends, and prints the counts: `name=count` a line.
 ///
 /// # Errors
 /// An unknown mode, or the end of an attack that cannot go on.
@@ -69,8 +70,8 @@ pub fn run(mode: &str) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Attacks that leave the attacker itself in ruins are one process a round: what it left behind is the
-/// daemon's to clean up.
+/// Runs each round in a child process, for attacks that break the attacker's own memory. The daemon
+/// cleans up after the children.
 fn repeat_in_children(mode: &str, until: &Until, tally: &mut Tally) -> Result<(), Box<dyn Error>> {
     let binary = std::env::current_exe()?;
     while !until.is_over() {
@@ -99,10 +100,10 @@ fn repeat_in_children(mode: &str, until: &Until, tally: &mut Tally) -> Result<()
     Ok(())
 }
 
-/// A round takes a tenth of that; one that takes longer hangs in ruins of its own making.
+/// A child that runs longer hangs in memory that it broke itself; a round takes a tenth of this.
 const CHILD_PATIENCE: Duration = Duration::from_secs(2);
 
-/// Counts one more.
+/// Adds one to a count.
 fn count(tally: &mut Tally, name: &str) {
     *tally.entry(name.to_owned()).or_default() += 1;
 }

@@ -14,22 +14,23 @@ use pairmask::transport::{
 use pairmask::units::BoxCount;
 use pairmask::wire::{RequestHeader, ResponseHeader};
 
-/// The client's id, two words; as all words here, 8 bytes each, of the transport's header of a request.
+/// Index of the client's id, two words, in the transport's header of a request. All indices here count
+/// words of 8 bytes of that header.
 pub const CLIENT_ID: usize = 2;
-/// The channel that the answer is wanted on.
+/// Index of the channel on which the answer is expected.
 pub const CHANNEL_ID: usize = 4;
-/// The number of the request.
+/// Index of the request's number.
 pub const REQUEST_ID: usize = 5;
-/// The length of the payload.
+/// Index of the payload's length.
 pub const PAGE_COUNT: usize = 6;
 /// Bytes of that header.
 pub const SENT_BYTES: usize = 64;
 
-/// Ports of its own, and what they need.
+/// The ports of a client, and the services that they belong to.
 pub struct RawClient {
     /// Its ports.
     pub ports: Client,
-    /// What they are ports of.
+    /// The services of the ports.
     pub services: Services<ipc_threadsafe::Service>,
 }
 
@@ -64,7 +65,7 @@ impl RawClient {
         self.ports.port.loan_slice_uninit(pages).ok().map(assume_pages)
     }
 
-    /// Sends it, and wakes the daemon.
+    /// Sends a request, and wakes the daemon.
     pub fn send(&self, loan: RequestLoan) -> Option<PendingResponse> {
         let pending = loan.send().ok()?;
         let _ = self.ports.notifier.notify();
@@ -92,25 +93,25 @@ pub fn answer(pending: &PendingResponse, within: Duration) -> Option<ResponseHea
     }
 }
 
-/// The address of a word of a header that the transport lets us look at.
+/// The address of a word of a header.
 pub fn word<H>(header: &H, index: usize) -> usize {
     std::ptr::from_ref(header) as usize + 8 * index
 }
 
-/// Writes a word of our own shared memory.
+/// Writes a word of this process's own shared memory.
 pub fn write(address: usize, value: u64) {
-    // SAFETY: whoever calls this has the address from a message of its own, which it still holds, and
-    // has that memory mapped for writing; others look at it as at any memory that is shared.
+    // SAFETY: callers take the address from a message of their own, which they still hold, and whose
+    // memory is mapped for writing; other processes treat it as shared memory.
     unsafe { std::ptr::with_exposed_provenance_mut::<u64>(address).write_volatile(value) }
 }
 
-/// Reads one.
+/// Reads a word of this process's own shared memory.
 pub fn read(address: usize) -> u64 {
     // SAFETY: as in `write`.
     unsafe { std::ptr::with_exposed_provenance::<u64>(address).read_volatile() }
 }
 
-/// The file that a port's messages lie in.
+/// The file of a port's segment.
 pub fn segment_file(port: u128) -> Option<PathBuf> {
     let prefix = RuntimeDir::from_env().shm_prefix(&InstanceName::default());
     let ending = format!("_{port}.data");
@@ -123,7 +124,7 @@ pub fn segment_file(port: u128) -> Option<PathBuf> {
 pub struct Dice(u64);
 
 impl Dice {
-    /// Others in each process.
+    /// A generator with a seed of its own for each process.
     pub fn of_this_process() -> Self {
         Self(u64::from(std::process::id()) << 20 | 1)
     }

@@ -1,4 +1,4 @@
-//! A client that writes anything anywhere into the queues between it and the daemon.
+//! A client that writes random words at random places of the queues between it and the daemon.
 
 use std::fs;
 use std::os::unix::fs::FileExt;
@@ -31,14 +31,14 @@ pub fn attack(tally: &mut Tally) {
             2 => 1 << 40,
             _ => dice.below(u64::MAX),
         };
-        // The file may be gone, which is as well.
+        // The file may be gone; the write may then fail.
         let _ = file.write_all_at(&value.to_ne_bytes(), 8 * dice.below(words));
         count(tally, "words");
         let _ = client.ports.notifier.notify();
     }
     std::thread::sleep(Duration::from_millis(20));
     count(tally, "rounds");
-    // Its own queues are no longer what it could follow.
+    // The client must not use its own queues any more, not even to drop them.
     std::mem::forget((pending, client));
 }
 

@@ -12,15 +12,16 @@ use super::{Tally, Until, count};
 /// Boxes of a frame, all empty, and pages for them: a frame takes longer than a client's way back.
 const BOXES: u32 = 2_000;
 const PAGES: usize = 2_000 * 24 / 4096 + 1;
-/// Requests that a port has waiting.
+/// Requests that wait at a port.
 const AT_A_TIME: usize = 3;
 
-/// Which token a request has.
+/// The choice of a request's token.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Tokens {
-    /// The same always.
+    /// Always the same token.
     Constant,
-    /// The one after the last: the next that is served where tokens are served in a circle.
+    /// The token after the last one: it would be served next by a daemon that serves tokens in a
+    /// circle.
     Next,
 }
 
@@ -61,7 +62,7 @@ pub fn attack(ports: u64, tokens: Tokens, until: &Until, tally: &mut Tally) {
             std::thread::sleep(Duration::from_micros(20));
         }
     }
-    // What is under way is answered to nobody; the daemon has a moment to see that.
+    // The answers of requests under way are dropped; the daemon gets a moment to notice.
     drop(waiting);
     let end = Instant::now() + Duration::from_millis(50);
     while Instant::now() < end {

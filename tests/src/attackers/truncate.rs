@@ -1,4 +1,4 @@
-//! A client that cuts its memory while the daemon reads it.
+//! A client that truncates its segment while the daemon reads it.
 
 use std::fs::OpenOptions;
 use std::time::Duration;
@@ -21,13 +21,13 @@ pub fn attack(tally: &mut Tally) {
     let Some(pending) = client.send(loan) else { return };
     std::thread::sleep(Duration::from_micros(dice.below(400)));
     let Ok(file) = OpenOptions::new().write(true).open(path) else { return };
-    // The headers' page stays, so that we can hear the answer.
+    // The headers' page stays, so that the attacker can receive the answer.
     if file.set_len(4096 * (1 + dice.below(8))).is_ok() {
         count(tally, "rounds");
     }
     if answer(&pending, Duration::from_millis(100)).is_some() {
         count(tally, "answered");
     }
-    // What is left of it may not be looked at.
+    // The rest of the memory must not be touched, not even to drop it.
     std::mem::forget((pending, client));
 }

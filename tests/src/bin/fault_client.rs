@@ -1,9 +1,9 @@
-//! A client that comes to grief on purpose. `fault_client MODE [ENGINE]`, with the daemon's directory in
-//! `PAIRMASK_RUNTIME_DIR`. Has a frame answered, prints `connected`, waits for a line, does its
-//! deed, prints `ready`, and sleeps until it is killed.
+//! A client that fails on purpose. `fault_client MODE [ENGINE]`, with the daemon's directory in
+//! `PAIRMASK_RUNTIME_DIR`. It has one frame answered, prints `connected`, waits for a line, causes its
+//! fault, prints `ready`, and sleeps until it is killed.
 //!
 //! * `loan` holds a half-filled frame;
-//! * `pending` has two frames under way that nobody takes;
+//! * `pending` has two frames under way and never takes their answers;
 //! * `truncate` cuts its own segment short while the daemon (stopped by the test) has a request;
 //!
 //! Three modes print what they find and end:
@@ -88,7 +88,7 @@ fn fill_spheres(session: &mut Session, n: usize) -> Result<(), FrameError> {
     session.sphere_frame(n).map(|mut frame| frame.spheres_mut().fill(Sphere::EMPTY))
 }
 
-/// Says so, and holds on until killed.
+/// Prints `ready`, and holds its memory until killed.
 fn ready<T>(_held: T) -> Result<(), Box<dyn Error>> {
     println!("ready");
     std::io::stdout().flush()?;
@@ -97,7 +97,8 @@ fn ready<T>(_held: T) -> Result<(), Box<dyn Error>> {
     }
 }
 
-/// Cuts every segment that this process maps for writing. Touching a frame afterwards is death.
+/// Cuts every segment that this process maps for writing. Touching a frame afterwards kills this
+/// process.
 fn truncate_own_segments() -> Result<(), Box<dyn Error>> {
     let maps = fs::read_to_string("/proc/self/maps")?;
     let mut cut = 0;

@@ -1,10 +1,11 @@
 //! Clients that connect while shared memory is nearly full. `squeezed_client STEP_BYTES MOST_BYTES`,
-//! with a daemon's directory in `PAIRMASK_RUNTIME_DIR`, in a mount namespace whose /dev/shm is small
-//! and nobody else's.
+//! with a daemon's directory in `PAIRMASK_RUNTIME_DIR`, in a mount namespace with a small /dev/shm
+//! of its own.
 //!
-//! For every free size from 0 to `MOST_BYTES` in steps, fills the rest and starts a client of each
-//! backend, which connects and asks for a frame. Each has to end by itself: with the right pairs, or
-//! with an error that says what is missing. Prints how many of each there were.
+//! For every free size from 0 to `MOST_BYTES` in steps, it fills the rest and starts a client of
+//! each backend, which connects and submits a frame. Each client has to end by itself: with the
+//! right pairs, or with an error that names the missing memory. The binary prints the number of each
+//! outcome.
 
 use std::error::Error;
 use std::fs::{File, remove_file};
@@ -17,11 +18,11 @@ use pairmask::{Aabb, Backend, ServedBy, Session};
 const FILLER: &str = "/dev/shm/filler";
 /// Boxes of a frame: two pages of them.
 const BOXES: usize = 300;
-/// What a client prints that connected and got its pairs.
+/// Output of a client that the daemon served.
 const SERVED: &str = "served";
-/// What a client prints that was told what is missing.
+/// Output of a client that got an error about missing memory.
 const REFUSED: &str = "refused";
-/// What a client prints that found its pairs itself.
+/// Output of a client that found its pairs in process.
 const IN_PROCESS: &str = "in process";
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -36,7 +37,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
 }
 
-/// Connects and asks for a frame.
+/// Connects and submits a frame.
 fn ask(backend: Backend) -> Result<&'static str, Box<dyn Error>> {
     let mut session = match Session::builder().backend(backend).connect() {
         Ok(session) => session,
@@ -99,9 +100,9 @@ fn squeeze(step: u64, most: u64) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Fills shared memory but for so many bytes.
+/// Fills shared memory up to `free` bytes.
 fn leave(free: u64) -> Result<(), Box<dyn Error>> {
-    // What is there without it is known only then.
+    // The free size is known only without the filler file.
     let _ = remove_file(FILLER);
     let space = rustix::fs::statvfs("/dev/shm")?;
     let available = space.f_bavail * space.f_frsize;

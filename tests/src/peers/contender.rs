@@ -1,17 +1,17 @@
-//! What is compared: something that takes the boxes of a frame and visits every pair.
+//! A contender of the comparison: it takes the boxes of a frame and visits every pair.
 
 use pairmask::Aabb;
 
 use super::tally::Tally;
 use crate::oracle::Pair;
 
-/// Why a contender has no pairs for a frame.
+/// Why a contender failed on a frame.
 #[derive(Debug, thiserror::Error)]
 #[error("{name}: {reason}")]
 pub struct ContenderError {
-    /// Who.
+    /// The contender.
     pub name: String,
-    /// What it said.
+    /// Its error.
     pub reason: String,
 }
 
@@ -20,8 +20,8 @@ pub struct ContenderError {
 /// A frame is `write`, then `find`, both on the threads that it was made for. The clock runs
 /// during `find`, and by itself during `write`.
 pub trait Contender: Send {
-    /// Puts the boxes where the contender's user would have written them in the first place.
-    /// Nothing for a library that reads the boxes of its user.
+    /// Writes the boxes to where a user of the contender would write them. Does nothing for a
+    /// library that reads its user's boxes.
     ///
     /// # Errors
     /// [`ContenderError`].
@@ -43,11 +43,11 @@ pub trait Contender: Send {
     /// [`ContenderError`].
     fn pairs(&mut self, boxes: &[Aabb]) -> Result<Vec<Pair>, ContenderError>;
 
-    /// Which engine found the pairs of the last frame, where there is a choice.
+    /// The engine that found the pairs of the last frame, where there is a choice.
     fn engine(&self) -> Option<String> {
         None
     }
 
-    /// Rests until what this contender left running (a spinning daemon) disturbs nobody.
+    /// Rests until this contender's threads (a spinning daemon) disturb no other contender.
     fn settle(&self) {}
 }

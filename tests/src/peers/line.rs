@@ -1,11 +1,11 @@
-//! What was measured of one scene and size, and the rows that compare it.
+//! Measurements of one scene and size, and the rows that compare them.
 
 use pairmaskd::scene::SceneName;
 
 use super::peer_name::PeerName;
 use super::spread::Spread;
 
-/// Who was measured.
+/// The contender that was measured.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Who {
     /// A session.
@@ -22,19 +22,19 @@ pub enum Who {
 /// One contender on a number of threads.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Line {
-    /// Who.
+    /// The contender.
     pub who: Who,
-    /// Threads that it could use.
+    /// Threads that the contender could use.
     pub threads: usize,
-    /// Boxes written to pairs visited, all frames.
+    /// Time from written boxes to visited pairs, all frames.
     pub find: Spread,
-    /// The same, last tenth of the frames: what drift made of it.
+    /// The same over the last tenth of the frames, which shows drift.
     pub late: Spread,
-    /// Boxes written.
+    /// Time to write the boxes.
     pub write: Spread,
-    /// Whether it took so long that it was left out of most frames.
+    /// Whether the contender was so slow that it was left out of most frames.
     pub is_given_up: bool,
-    /// What was wrong with its pairs.
+    /// The mistake in its pairs, if any.
     pub fault: Option<String>,
 }
 
@@ -53,18 +53,19 @@ pub struct Comparison {
 
 /// One of our lines against one peer.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Row {
+pub struct PeerRow {
     /// The scene.
     pub scene: SceneName,
     /// Boxes.
     pub n: usize,
-    /// Threads that either side could use. A peer that is faster on fewer counts with that time.
+    /// Threads that each side could use. A peer that is faster on fewer threads counts with that
+    /// time.
     pub threads: usize,
     /// Ours.
     pub backend: &'static str,
     /// Ours.
     pub engine: String,
-    /// Ours, boxes written to pairs visited.
+    /// Ours, from written boxes to visited pairs.
     pub ours: Spread,
     /// Ours, the writing.
     pub write: Spread,
@@ -72,7 +73,7 @@ pub struct Row {
     pub peer: PeerName,
     /// The peer's, with its best number of threads up to `threads`.
     pub theirs: Spread,
-    /// Threads of that.
+    /// The number of threads of `theirs`.
     pub peer_threads: usize,
     /// Ours over theirs, medians.
     pub ratio: f64,
@@ -88,14 +89,14 @@ pub struct Row {
 
 impl Comparison {
     /// Our lines against each peer, the fastest first.
-    pub fn rows(&self) -> Vec<Row> {
+    pub fn rows(&self) -> Vec<PeerRow> {
         let mut rows = Vec::new();
         for ours in &self.lines {
             let Who::Ours { backend, engine } = &ours.who else { continue };
             let mut peers = self.best_of_each_peer(ours.threads);
             peers.sort_by_key(|(_, line)| (line.fault.is_some(), line.find.median_ns));
             for (place, (peer, theirs)) in peers.into_iter().enumerate() {
-                rows.push(Row {
+                rows.push(PeerRow {
                     scene: self.scene,
                     n: self.n,
                     threads: ours.threads,

@@ -1,9 +1,9 @@
 //! The comparison with other broad phases: same boxes, same frames, one process, pair sets
 //! compared.
 //!
-//! The other libraries are optional dependencies behind the feature `peers`; what is here without
-//! it needs none of them, so that its tests run with all others. The bench is
-//! `cargo bench --workspace --features pairmask-tests/peers --bench peers -- --help`.
+//! The other libraries are optional dependencies behind the feature `peers`. The modules without
+//! the feature need none of them, so that their tests run with all others. The bench is `cargo
+//! bench --workspace --features pairmask-tests/peers --bench peers -- --help`.
 
 pub mod contender;
 pub mod line;

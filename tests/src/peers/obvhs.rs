@@ -1,7 +1,7 @@
 //! obvhs's two-way hierarchy, traversed against itself.
 //!
-//! The library has box queries only. One a leaf takes three times as long as this traversal over its
-//! public nodes, which is what a user in want of all pairs would write.
+//! The library has only box queries. One query a leaf takes three times as long as this traversal
+//! over its public nodes, which a user who needs all pairs would write.
 
 use glam::Vec3A;
 use obvhs::aabb::Aabb as ObvhsBox;
@@ -50,7 +50,7 @@ impl Obvhs {
             upkeep,
             threads,
         };
-        // A tree that stays is worth a better build than one for a single frame.
+        // A tree that is kept is built better than one for a single frame.
         let (distance, passes) = match upkeep {
             Upkeep::Refit => (PlocSearchDistance::Medium, 2),
             Upkeep::Rebuild => (PlocSearchDistance::Minimum, 0),
@@ -136,7 +136,7 @@ impl Obvhs {
         tally
     }
 
-    /// The root's task in many, and the pairs met on the way.
+    /// The root's task cut into many, and the pairs met while cutting.
     fn cut(&self) -> (Vec<Task>, Tally) {
         let mut tally = Tally::default();
         let mut tasks = vec![ROOT];
@@ -151,7 +151,7 @@ impl Obvhs {
     }
 }
 
-/// Two nodes whose leaves are to be paired; twice the same: the pairs within it.
+/// Two nodes whose leaves are paired; the same node twice stands for the pairs within it.
 #[derive(Clone, Copy)]
 struct Task(u32, u32);
 

@@ -25,7 +25,7 @@ pub struct Ours {
 }
 
 impl Ours {
-    /// A session that may use `threads` threads, and after whose turn nobody is timed for `rest`.
+    /// A session that may use `threads` threads. After its turn no contender is timed for `rest`.
     pub const fn new(session: Session, threads: usize, rest: Duration) -> Self {
         Self { session, threads, rest, written: None, mask: None }
     }

@@ -8,7 +8,7 @@ pub enum Difference {
     /// A pair is missing.
     #[error("the pair ({}, {}) is missing", .0.0, .0.1)]
     Missing(Pair),
-    /// A pair should not be there.
+    /// A pair of the list is no pair of the scene.
     #[error("the pair ({}, {}) is no pair of the scene", .0.0, .0.1)]
     Extra(Pair),
     /// A pair is there more than once.
@@ -21,7 +21,7 @@ pub enum Difference {
 pub struct PairSet(Vec<Pair>);
 
 impl PairSet {
-    /// The set of these pairs, whatever their order.
+    /// The set of these pairs, in any order.
     ///
     /// # Errors
     /// [`Difference::Twice`] names a pair that is listed again.
@@ -86,10 +86,10 @@ mod tests {
         assert_eq!(check(&[(0, 1), (3, 4)]), Err(Difference::Missing((2, 5))));
         assert_eq!(check(&[(0, 1), (2, 5), (3, 4), (6, 7)]), Err(Difference::Extra((6, 7))));
         assert_eq!(check(&[(0, 1), (0, 2), (2, 5), (3, 4)]), Err(Difference::Extra((0, 2))));
-        // As many pairs, and one bit of an index is another.
+        // The same number of pairs, with one bit of an index changed.
         assert_eq!(check(&[(0, 1), (2, 5), (3, 5)]), Err(Difference::Missing((3, 4))));
         assert_eq!(check(&[(0, 1), (2, 4), (3, 4)]), Err(Difference::Extra((2, 4))));
-        // As many pairs, one of them twice.
+        // The same number of pairs, one of them twice.
         assert_eq!(check(&[(0, 1), (2, 5), (5, 2)]), Err(Difference::Twice((2, 5))));
         assert_eq!(PairSet::default().check(vec![(1, 2)]), Err(Difference::Extra((1, 2))));
     }

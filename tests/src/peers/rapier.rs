@@ -29,7 +29,7 @@ pub struct Rapier {
 }
 
 impl Rapier {
-    /// A broad phase of `n` boxes yet to come.
+    /// A broad phase for `n` boxes that are not set yet.
     pub fn new(n: usize) -> Self {
         let mut colliders = ColliderSet::new();
         let collider =

@@ -4,10 +4,10 @@ use std::fmt::Write as _;
 
 use serde_json::json;
 
-use super::line::{Comparison, Row, Who};
+use super::line::{Comparison, PeerRow, Who};
 use super::spread::Spread;
 
-/// What the head of every table says.
+/// The text above every table.
 pub const HEAD: &str = "\
 Ratio: our time over the peer's, medians. Time: boxes written to all pairs visited (ours: submit, \
 wait, decode; theirs: update from the boxes, visit every pair), µs, with the tenth and the \
@@ -28,7 +28,7 @@ const fn yes_no(is: bool) -> &'static str {
 }
 
 /// The cells of a row, as text and Markdown show them.
-fn cells(row: &Row) -> [String; 13] {
+fn cells(row: &PeerRow) -> [String; 13] {
     [
         format!("{:.2}{}", row.ratio, if row.is_best_peer { "*" } else { "" }),
         format!("{:.2}", row.late_ratio),
@@ -78,7 +78,7 @@ pub fn text_head() -> String {
     text_line(&COLUMNS)
 }
 
-/// The rows of one comparison for a terminal, and what was wrong.
+/// The rows of one comparison for a terminal, and the mistakes found.
 pub fn text(comparison: &Comparison) -> String {
     let mut text: String = comparison.rows().iter().map(|row| text_line(&cells(row))).collect();
     for line in &comparison.lines {
@@ -104,7 +104,7 @@ fn name(who: &Who) -> String {
     }
 }
 
-/// All comparisons as one Markdown table, under what it says.
+/// All comparisons as one Markdown table below its text.
 pub fn markdown(comparisons: &[Comparison]) -> String {
     let mut text = format!("{HEAD}\n\n| {} |\n|{}\n", COLUMNS.join(" | "), "---|".repeat(13));
     for row in comparisons.iter().flat_map(Comparison::rows) {
@@ -120,7 +120,7 @@ pub fn csv(comparisons: &[Comparison]) -> String {
         peer_p90_ns,pairs,pairs_equal,best_peer\n"
         .to_owned();
     for row in comparisons.iter().flat_map(Comparison::rows) {
-        let Row { scene, n, threads, backend, engine, peer, peer_threads, pairs, .. } = &row;
+        let PeerRow { scene, n, threads, backend, engine, peer, peer_threads, pairs, .. } = &row;
         let of = |t: &Spread| format!("{},{},{},{}", t.median_ns, t.least_ns, t.p10_ns, t.p90_ns);
         let _ = writeln!(
             text,

@@ -1,7 +1,6 @@
 //! Times of many frames in four numbers.
 
-/// Median, and how far the frames spread around it, ns. On a machine that others use too, the
-/// least is the steadier number.
+/// Median and spread of frame times, ns. On a shared machine the least is the steadiest number.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Spread {
     /// The fastest frame.

@@ -5,14 +5,14 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use pairmask_lab::study::plot::{Line, Lines, Plot, Unit, standalone};
 
-use super::line::{Comparison, Row};
+use super::line::{Comparison, PeerRow};
 
 /// The plots, as an SVG file.
 pub fn plot(comparisons: &[Comparison]) -> String {
-    let rows: Vec<Row> =
+    let rows: Vec<PeerRow> =
         comparisons.iter().flat_map(Comparison::rows).filter(|row| row.is_best_peer).collect();
     let most_threads = rows.iter().map(|row| row.threads).max().unwrap_or(1);
-    let rows: Vec<Row> = rows.into_iter().filter(|row| row.threads == most_threads).collect();
+    let rows: Vec<PeerRow> = rows.into_iter().filter(|row| row.threads == most_threads).collect();
     let panels: BTreeSet<(&str, &str)> = rows.iter().map(panel).collect();
     let plots: Vec<Plot> = panels
         .into_iter()
@@ -79,12 +79,12 @@ fn way(backend: &str) -> String {
     }
 }
 
-/// Which engine, in words.
+/// The engine, in words.
 fn chooser(engine: &str) -> String {
     if engine == "auto" { "engine by the plan".to_owned() } else { format!("engine {engine}") }
 }
 
 /// Backend, and the engine that was asked for.
-fn panel(row: &Row) -> (&'static str, &str) {
+fn panel(row: &PeerRow) -> (&'static str, &str) {
     (row.backend, row.engine.split(':').next().unwrap_or_default())
 }

@@ -1,14 +1,15 @@
-//! What a consumer does with a pair, in every timed frame of every contender: the least that still
+//! The work of a consumer on a pair, equal in every timed frame of every contender: the least that
 //! needs both indices.
 
 use crate::oracle::Pair;
 
-/// Pairs visited: how many, and a sum that depends on each but on no order.
+/// Visited pairs: their number, and a sum that depends on each pair but not on the order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Tally {
     /// Pairs.
     pub count: u64,
-    /// Sum of a ^ b. It misses what sets compared pair by pair show; it costs less than 1 ns.
+    /// Sum of a ^ b, less than 1 ns a pair. Different sets may have the same sum; a comparison of
+    /// sets, pair by pair, is done apart.
     pub sum: u64,
 }
 
@@ -29,7 +30,7 @@ impl Tally {
         self.sum += u64::from(a ^ b);
     }
 
-    /// With another part of the pairs.
+    /// The tally of two parts of the pairs together.
     #[must_use]
     pub const fn plus(self, other: Self) -> Self {
         Self { count: self.count + other.count, sum: self.sum + other.sum }
@@ -41,7 +42,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_tally_forgets_order_and_nothing_else() {
+    fn a_tally_depends_on_all_but_the_order() {
         let of = Tally::of;
         assert_eq!(of(&[(0, 1), (2, 7)]), of(&[(7, 2), (1, 0)]));
         assert_eq!(of(&[(0, 1)]).plus(of(&[(2, 7)])), of(&[(0, 1), (2, 7)]));

@@ -1,5 +1,5 @@
-//! Every peer against the oracle, over moving boxes: a comparison with a library that is driven the
-//! wrong way would flatter us.
+//! Every peer against the oracle, over moving boxes: a library that is used wrongly would make
+//! Pairmask look too good.
 
 use pairmaskd::scene::{Scene, SceneName};
 use rayon::ThreadPoolBuilder;

@@ -1,8 +1,8 @@
-//! Types of mathematics crates as ours.
+//! Conversions of types of mathematics crates.
 //!
-//! Corners and centres need nothing from here: constructors take `impl Into<[f32; 3]>`, which the
-//! vectors of such crates are in any version. What has no array form of its own, a pair of vectors
-//! or a matrix, is converted here, each crate behind a feature of its name.
+//! Corners and centres need no conversion: constructors take `impl Into<[f32; 3]>`, which the
+//! vectors of such crates implement in any version. This module converts pairs of vectors and
+//! matrices, each crate behind a feature of its name.
 
 #[cfg(feature = "glam")]
 mod glam;

@@ -1,4 +1,4 @@
-//! An engine's answer against the truth: sets of pairs, never only their numbers.
+//! Compares an engine's answer with the truth: sets of pairs, never only their numbers.
 
 use super::naive_decoder::{self, BadMask};
 use super::{Pair, Truth};
@@ -9,10 +9,10 @@ use crate::units::BoxCount;
 /// Words that reply memory is filled with before the first and the second run of a frame.
 const POISON: [u32; 2] = [0xa5a5_a5a5, 0x5a5a_5a5a];
 
-/// What is wrong with the answer to one frame.
+/// The first mistake in the answer to one frame.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Mismatch {
-    /// The engine gave no answer.
+    /// The engine failed.
     #[error(transparent)]
     Cull(#[from] CullError),
     /// The mask breaks a rule of its encoding.
@@ -83,8 +83,8 @@ pub fn check_frame(
     for poison in POISON {
         reply.fill(poison);
         let report = engine.cull(input, reply)?;
-        // Memory that the engine asked for just now comes zeroed: what it left unwritten there
-        // would look right. The second run has the memory already.
+        // New reply memory is zeroed, so that unwritten zero words would look right in the first
+        // run. The second run reuses the memory.
         runs.push((report, naive_decoder::sections(reply.words(), &report.shape)?));
     }
     let [(first, first_words), (second, second_words)] = &runs[..] else {
@@ -146,11 +146,11 @@ pub fn check_pairs(got: &[Pair], expected: &[Pair]) -> Result<(), Mismatch> {
     next.map_or(Ok(()), |extra| Err(Mismatch::Extra(*extra)))
 }
 
-/// A meter cannot say that more was left out than there was, less what the answer needed.
+/// Checks that a meter counts at most the work there was, less the work that the answer needed.
 fn check_skips(report: &CullReport, n: BoxCount, truth: &Truth) -> Result<(), Mismatch> {
     let nothing = u64::from(truth.census.empty) + u64::from(truth.census.invalid);
-    // In another order the pairs fill fewer or more words, so that there is no lower bound. Only the
-    // sparse encoding leaves zeros out.
+    // Another order of boxes puts the pairs into fewer or more words, so that there is no lower
+    // bound. Only the sparse encoding leaves zeros out.
     let is_sparse = report.shape.encoding() == Encoding::Sparse;
     let zero_words = 0..=if is_sparse { n.sparse_words_max() } else { 0 };
     let meter = &report.skipped;

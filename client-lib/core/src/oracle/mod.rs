@@ -1,12 +1,13 @@
 //! The one naive oracle: two loops, one comparison, no keys, no SIMD, no index formula.
 //!
-//! It is the yardstick of the tests, of `pairmask-lab stress` and of the daemon's auditor, and serves
-//! no client. It shares no code with the engines beyond the layout of a box. It compares f64: every
-//! f32 is one exactly. It judges threads of all floating-point flags and runs on them, so nothing here
-//! depends on those: f64 are compared as whole numbers of the same order.
+//! It is the reference of the tests, of `pairmask-lab stress` and of the daemon's auditor, and answers
+//! no client. It shares no code with the engines beyond the layout of a box. It compares f64, which
+//! hold every f32 exactly. It runs on threads of all floating-point flags, so nothing here depends on
+//! those: f64 are compared as whole numbers of the same order.
 //!
-//! [`naive_decoder`] reads masks as plainly, and [`check`] compares an engine's answer with the
-//! truth and names the first pair that is wrong. [`modes`] says what a precision mode may answer.
+//! [`naive_decoder`] decodes masks as plainly. [`check`] compares an engine's answer with the truth
+//! and names the first wrong pair. [`modes`] gives the pairs that a precision mode must and may
+//! report.
 
 pub mod check;
 pub mod modes;
@@ -18,12 +19,12 @@ use crate::engine::{Census, NAMED_INVALID};
 /// A pair of box indices, the lower one first.
 pub type Pair = (u32, u32);
 
-/// What the answer to a scene is.
+/// The right answer to a scene.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Truth {
     /// Overlapping pairs, sorted.
     pub pairs: Vec<Pair>,
-    /// Boxes that overlap nothing by their own fault.
+    /// Counts of empty and invalid boxes.
     pub census: Census,
 }
 
@@ -41,7 +42,7 @@ pub fn truth(boxes: &[Aabb]) -> Truth {
     truth_of_faces(&boxes.iter().map(faces).collect::<Vec<Faces>>())
 }
 
-/// Min and max of a box in f64, in which every f32 is itself.
+/// Min and max of a box in f64, which holds every f32 exactly.
 pub type Faces = [[f64; 3]; 2];
 
 /// The faces of a box.
@@ -49,8 +50,8 @@ fn faces(b: &Aabb) -> Faces {
     [b.min.map(exact), b.max.map(exact)]
 }
 
-/// The f64 of the same value as an f32. A conversion would make zero of a subnormal on some threads: it
-/// is a whole number of 2⁻¹⁴⁹, and their product is exact.
+/// The f64 of the same value as an f32. A conversion would make a subnormal zero on some threads; a
+/// subnormal is a whole number times 2⁻¹⁴⁹, and that product is exact.
 fn exact(x: f32) -> f64 {
     let fraction = x.to_bits() & 0x007f_ffff;
     let is_subnormal = x.to_bits() << 1 >> 24 == 0;
@@ -61,8 +62,8 @@ fn exact(x: f32) -> f64 {
 
 /// `x <= y` for numbers; false for NaN. Zeros of both signs are equal.
 fn at_most(x: f64, y: f64) -> bool {
-    // Compilers make a comparison of floats of `bits << 1 == 0`, which a subnormal then passes on some
-    // threads; so zeros are not asked for. Both of them are 0 here, and −∞ has the least number.
+    // Compilers turn `bits << 1 == 0` into a comparison of floats, which a subnormal passes on some
+    // threads. So there is no test for zero: both zeros get rank 0, and −∞ gets the least rank.
     let rank = |x: f64| {
         let bits = x.to_bits() as i64;
         if bits < 0 { i64::MIN - bits } else { bits }

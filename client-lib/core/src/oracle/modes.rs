@@ -1,9 +1,9 @@
-//! Precision modes by their definitions: which pairs each mode has to report and which it may, found
+//! Precision modes by their definitions: the pairs that each mode must and may report, found
 //! naively.
 //!
-//! Nothing of the library's conversions is used: cells are f64 arithmetic with `floor`, halves are
-//! searched for in a table of all of them, margins and origins are f64 sums. That arithmetic is done with
-//! the default floating-point flags, since threads of any flags ask.
+//! This module uses none of the library's conversions: cells are f64 arithmetic with `floor`, halves are
+//! looked up in a table of all of them, margins and origins are f64 sums. The arithmetic runs with the
+//! default floating-point flags, because callers may have any.
 
 use std::sync::LazyLock;
 
@@ -12,7 +12,7 @@ use crate::aabb::Aabb;
 use crate::floats;
 use crate::precision::{Bounds, Precision};
 
-/// What a mode answers: the pairs of the rounded boxes, and the census of the given ones.
+/// The answer of a mode: the pairs of the rounded boxes, and the census of the given ones.
 pub fn truth(boxes: &[Aabb], precision: &Precision) -> Truth {
     let round = |x: f32, axis: usize, up: bool| match precision {
         Precision::Exact => exact(x),
@@ -29,12 +29,12 @@ pub fn truth(boxes: &[Aabb], precision: &Precision) -> Truth {
 /// With 2^32 boxes or more.
 pub fn truth_by(boxes: &[Aabb], round: impl Fn(f32, usize, bool) -> f64) -> Truth {
     let given: Vec<Faces> = boxes.iter().map(faces).collect();
-    // A coordinate of the rounded faces is that of an f32: the way back loses nothing.
+    // Every given coordinate is an f32: the conversion back is exact.
     let pairs = rounded_pairs(&given, |x, axis, up| round(x as f32, axis, up));
     Truth { pairs, census: super::census(&given) }
 }
 
-/// The pairs of boxes whose faces were rounded. What is not solid before has no pair after.
+/// The pairs of boxes whose faces were rounded. A box that is not solid before has no pair after.
 fn rounded_pairs(boxes: &[Faces], round: impl Fn(f64, usize, bool) -> f64) -> Vec<Pair> {
     floats::with_default(|| pairs_of(&rounded_corners(boxes, round)))
 }
@@ -48,8 +48,8 @@ fn rounded_corners(boxes: &[Faces], round: impl Fn(f64, usize, bool) -> f64) -> 
     boxes.iter().map(rounded).collect()
 }
 
-/// The pairs that must be in an answer, with the census, and those that may be. Both sorted; what
-/// must be is part of what may be.
+/// The pairs that must be in an answer, with the census, and those that may be. Both are sorted,
+/// and `may` contains `must`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Allowed {
     /// The least answer.
@@ -58,15 +58,15 @@ pub struct Allowed {
     pub may: Vec<Pair>,
 }
 
-/// What boxes in a narrow form may answer: the overlapping pairs at least, those of the rounded
-/// boxes at most.
+/// The allowed answers for boxes in a narrow form: the overlapping pairs at least, those of the
+/// rounded boxes at most.
 pub fn allowed(boxes: &[Aabb], precision: &Precision) -> Allowed {
     Allowed { must: super::truth(boxes), may: truth(boxes, precision).pairs }
 }
 
-/// What boxes inflated by a margin may answer. Every pair is in it that could come to overlap while
-/// faces move by no more than the margin, and none whose faces lie farther outward than the margin
-/// and two steps of f32.
+/// The allowed answers for boxes inflated by a margin. They contain every pair that can come to
+/// overlap while faces move by no more than the margin, and no pair that needs faces farther
+/// outward than the margin and two steps of f32.
 ///
 /// ```
 /// use pairmask::Aabb;
@@ -77,7 +77,8 @@ pub fn allowed(boxes: &[Aabb], precision: &Precision) -> Allowed {
 /// ```
 pub fn allowed_by_margin(boxes: &[Aabb], margin: f32) -> Allowed {
     let (given, margin) = (boxes.iter().map(faces).collect::<Vec<Faces>>(), exact(margin));
-    // A step of f64 inward of the sum, which may have been rounded outward; never inside the box.
+    // One step of f64 inward of the sum, because the sum may have been rounded outward; never
+    // inside the box.
     let least = |x: f64, _, up| {
         if up { (x + margin).next_down().max(x) } else { (x - margin).next_up().min(x) }
     };
@@ -88,14 +89,16 @@ pub fn allowed_by_margin(boxes: &[Aabb], margin: f32) -> Allowed {
     }
 }
 
-/// What boxes of a world in f64, sent in f32 relative to an origin, may answer: the overlapping
-/// pairs at least; at most those of the tightest f32 boxes, each face one step farther out.
+/// The allowed answers for boxes of a world in f64 that are sent in f32 relative to an origin: the
+/// overlapping pairs at least; at most those of the tightest f32 boxes, each face one step farther
+/// outward.
 pub fn allowed_around_origin(boxes: &[Faces], origin: [f64; 3]) -> Allowed {
     let most = |x: f64, axis: usize, up| beyond(x - origin[axis], up, 2);
     Allowed { must: truth_of_faces(boxes), may: rounded_pairs(boxes, most) }
 }
 
-/// The f32 that is so many steps outward of a number, the closest one on that side being the first.
+/// The f32 that is `steps` steps outward of a number. The first step leads to the closest f32 on
+/// that side.
 fn beyond(x: f64, up: bool, steps: u32) -> f64 {
     let nearest = x as f32;
     let step = if up { f32::next_up } else { f32::next_down };

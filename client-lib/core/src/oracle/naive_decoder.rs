@@ -1,12 +1,12 @@
-//! Masks decoded as slowly and plainly as their definition reads, with every rule checked.
+//! A decoder of masks that follows their definition literally and checks every rule.
 //!
-//! It shares no code with the production decoder, so that the two cannot be wrong together.
+//! It shares no code with the production decoder, so that both do not share a mistake.
 
 use crate::mask::{MaskShape, SECTION_ALIGN_WORDS, Span};
 
 use super::Pair;
 
-/// What is wrong with a mask, before its pairs are compared with anything.
+/// The rule of its encoding that a mask breaks.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BadMask {
     /// A section reaches past the reserved words.
@@ -29,28 +29,28 @@ pub enum BadMask {
     /// The arrays of a sparse mask differ in length, or the order is not of n positions.
     #[error("the arrays of the sparse mask do not fit each other: {0:?}")]
     SparseSize(MaskShape),
-    /// A sparse word that should not have been sent.
+    /// A sparse word without a set bit.
     #[error("sparse word {0} is zero")]
     ZeroWord(usize),
     /// Sparse words out of order, or one address twice.
     #[error("sparse word {0} does not come after the word before it")]
     Unsorted(usize),
-    /// A bit of a sparse word for a column that is no position, or not after the row.
+    /// A bit of a sparse word in a column that does not exist, or is not after the row.
     #[error("sparse word {word}: row {row}, column {column} of {n}")]
     Column {
         /// The word.
         word: usize,
         /// Its row.
         row: u32,
-        /// The column named.
+        /// The column.
         column: u64,
-        /// Positions that there are.
+        /// Number of positions.
         n: u32,
     },
-    /// An order that names a box twice, or one that is not there.
+    /// An order that has a box twice, or one that does not exist.
     #[error("the order is not a permutation: position {0} holds {1}")]
     Order(usize, u32),
-    /// A pair named twice.
+    /// A pair that the mask has twice.
     #[error("pair {0:?} is named twice")]
     Doubled(Pair),
 }
@@ -82,7 +82,7 @@ pub fn decode(reply: &[u32], shape: &MaskShape, n: u32) -> Result<Vec<Pair>, Bad
     }
 }
 
-/// The words of every section, behind one another: what two runs must agree on.
+/// The words of all sections, one section after the other: two runs must agree on them.
 ///
 /// # Errors
 /// [`BadMask`] when a section lies outside the reply.

@@ -1,4 +1,5 @@
-//! The inverse against counting, against u128 arithmetic, and against a comparator that can fail.
+//! Tests of the inverse against counting and against u128 arithmetic, with a comparator that is
+//! shown to fail.
 
 use proptest::prelude::*;
 use rayon::prelude::*;
@@ -8,7 +9,7 @@ use crate::units::{BoxCount, PairIndex};
 
 type Pair = (u32, u32);
 
-/// Where an inverse disagrees with the truth.
+/// A place where an inverse disagrees with the truth.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Mismatch {
     n: u32,
@@ -17,8 +18,8 @@ struct Mismatch {
     found: Option<Pair>,
 }
 
-/// Walks the pairs of `n` boxes by counting and holds each against `inverse`, and the index past
-/// the last pair against `None`.
+/// Counts through the pairs of `n` boxes and compares each with `inverse`, and the index past the
+/// last pair with `None`.
 fn first_mismatch(n: u32, inverse: impl Fn(BoxCount, u64) -> Option<Pair>) -> Option<Mismatch> {
     let count = BoxCount::new(n);
     let check = |k, expected| {

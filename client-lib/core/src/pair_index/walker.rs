@@ -48,7 +48,7 @@ impl PairWalker {
         let mut a = self.a as u64;
         let mut b = self.b as u64 + distance as u64;
         while b >= end {
-            // What sticks out of row a goes on at (a + 1, a + 2).
+            // The part beyond row a continues at (a + 1, a + 2).
             b = b - end + a + 2;
             a += 1;
             if a + 1 >= end {

@@ -1,13 +1,13 @@
-//! The part of the world that quantised boxes tell apart.
+//! World bounds: within them quantised boxes keep their positions to a cell.
 //!
-//! Corners are compared as integer keys, so that bounds are the same whatever the denormal flags of the
-//! threads that look at the boxes.
+//! Corners are compared as integer keys, so that the bounds do not depend on the denormal flags of
+//! threads.
 
 use rayon::prelude::*;
 
 use crate::aabb::{Aabb, BoxClass, KeyBox, order_key};
 
-/// Boxes that one task of [`Bounds::around`] looks at: fewer take less time than a task costs.
+/// Boxes that one task of [`Bounds::around`] reads: fewer take less time than a task costs.
 const TASK_BOXES: usize = 16_384;
 
 /// Keys of finite numbers.
@@ -16,9 +16,9 @@ const FINITE_KEYS: std::ops::RangeInclusive<i32> =
 
 /// Finite world bounds, `low <= high` on every axis.
 ///
-/// Whatever lies outside is taken to lie in the outermost cells: no pair is lost, but two boxes
-/// outside on one side cannot be told apart on that axis, however far they are from each other.
-/// On an axis where `low == high` all boxes overlap.
+/// Coordinates outside count as lying in the outermost cells. No pair is lost, but two boxes
+/// outside on the same side overlap on that axis, however far they are from each other. On an axis
+/// where `low == high` all boxes overlap.
 ///
 /// ```
 /// use pairmask::precision::Bounds;
@@ -32,7 +32,7 @@ pub struct Bounds {
     high: [f32; 3],
 }
 
-/// Why two corners are no bounds.
+/// Why two corners are refused as bounds.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error(
     "bounds from {low} to {high} on axis {axis}: give finite corners, the lower one first, or Bounds::around the boxes"
@@ -70,7 +70,7 @@ impl Bounds {
         let found =
             boxes.par_chunks(TASK_BOXES).map(of).reduce(|| Extremes::NONE, |a, b| a.joined(&b));
         let Extremes { low, high } = found;
-        // The key of +0, and of no other number that stays, is 0.
+        // Only the key of +0 is 0.
         let corner = |key: i32, axis: usize| {
             let key = if low[axis] <= high[axis] { key } else { 0 };
             f32::from_bits(order_key(key as u32) as u32)

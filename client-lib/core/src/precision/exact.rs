@@ -1,7 +1,9 @@
-//! f32 as exact f64, and the class of a box by them: fast, and the same on every thread.
+//! Conversion of f32 to exact f64, and the class of a box by them: fast, and the same on every
+//! thread.
 //!
-//! A thread that takes subnormals for zero (as audio and game threads often do) would compare and
-//! convert them as zero; two threads that fill one frame would then not fit together.
+//! A thread that treats subnormals as zero (as audio and game threads often do) would compare and
+//! convert them as zero. Two threads that fill one frame could then round the same coordinate
+//! differently.
 
 use crate::aabb::{Aabb, BoxClass};
 
@@ -10,8 +12,8 @@ const SUBNORMAL_UNIT: f64 = f64::from_bits((1023 - 149) << 52);
 /// Bits of the smallest f32 that is not subnormal.
 const LEAST_NORMAL: u32 = 0x0080_0000;
 
-/// The same number as an f64, whatever the thread's denormal flags are. The f64 of an f32 is never
-/// subnormal, so that no flag can touch it either.
+/// The same number as an f64, independent of the thread's denormal flags. The f64 of an f32 is
+/// never subnormal, so that no flag changes it.
 #[inline(always)]
 pub(super) fn widen(x: f32) -> f64 {
     let bits = x.to_bits();
@@ -25,7 +27,7 @@ pub(super) fn widen(x: f32) -> f64 {
 pub(super) fn is_solid(min: &[f64; 3], max: &[f64; 3]) -> bool {
     let mut solid = true;
     for axis in 0..3 {
-        // No short circuit: a branch each would cost more.
+        // Without short circuit: a branch for each axis would cost more.
         solid &= min[axis] <= max[axis];
     }
     solid
@@ -40,7 +42,7 @@ pub(super) type Group = [f32; GROUP_WORDS];
 
 /// Whether every box of a group is solid.
 ///
-/// Plain loops over arrays of one length: what compilers turn into whole registers.
+/// Plain loops over arrays of one length: compilers turn them into SIMD code.
 #[inline(always)]
 pub(super) fn is_solid_group(group: &Group) -> bool {
     let mut wide = [0.0; GROUP_WORDS];
@@ -59,7 +61,7 @@ pub(super) fn is_solid_group(group: &Group) -> bool {
     wrong == 0
 }
 
-/// What a box that is not solid is written as.
+/// The form of a box that is not solid.
 #[cold]
 pub(super) fn without_points<B>(b: &Aabb, empty: B, invalid: B) -> B {
     if b.class() == BoxClass::Invalid { invalid } else { empty }

@@ -1,5 +1,5 @@
-//! IEEE half precision, rounded outward, by integers alone: neither the thread's denormal flags nor
-//! its rounding mode have a say.
+//! IEEE half precision, rounded outward, by integers alone: it depends neither on the thread's
+//! denormal flags nor on its rounding mode.
 //!
 //! Both directions are monotone, since each gives the closest half on its side: the largest one
 //! that is not above x, the smallest one that is not below it. Beyond ±65,504, the largest half, x
@@ -27,8 +27,8 @@ fn magnitude(bits: u32, away: bool) -> u16 {
     // raises the exponent, up to infinity.
     let normal = bits.wrapping_sub(BIAS_GAP);
     let normal = (normal >> DROPPED) + u32::from(away && normal & ((1 << DROPPED) - 1) != 0);
-    // Subnormal halves are multiples of 2⁻²⁴: shift the significand, its leading one included.
-    // A shift past its 24 bits leaves nothing of it; 31 stands for all such.
+    // Subnormal halves are multiples of 2⁻²⁴: shift the significand, its leading one included. A
+    // shift past its 24 bits leaves 0; 31 stands for all such shifts.
     let exponent = bits >> 23;
     let significand = (bits & 0x007f_ffff) | u32::from(exponent != 0) << 23;
     let shift = 126u32.saturating_sub(exponent.max(1)).min(31);
@@ -44,7 +44,7 @@ fn magnitude(bits: u32, away: bool) -> u16 {
     }
 }
 
-/// The half of a number on the far side of it: downwards for a min, upwards for a max.
+/// The closest half outward of a number: downwards for a min, upwards for a max.
 #[inline(always)]
 fn half(x: f32, up: bool) -> u16 {
     let bits = x.to_bits();

@@ -1,4 +1,4 @@
-//! What a client asks for, and the form in which its boxes then lie in shared memory.
+//! Precisions that a client asks for, and the forms of boxes in shared memory that belong to them.
 
 use std::fmt;
 
@@ -9,7 +9,7 @@ use super::widening::Widening;
 use crate::aabb::{AABB_BYTES, Aabb};
 use crate::units::BoxCount;
 
-/// The form of the boxes of a frame: how many bytes, and what they mean.
+/// The form of the boxes of a frame: the number and the meaning of their bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum BoxForm {
     /// Six f32, 24 bytes: [`Aabb`](crate::aabb::Aabb).
@@ -64,7 +64,7 @@ impl fmt::Display for BoxForm {
     }
 }
 
-/// How precisely the boxes of a frame are told apart. No mode misses a pair.
+/// The precision of the boxes of a frame. No mode misses a pair.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Precision {
     /// f32, no extra pair.
@@ -79,7 +79,7 @@ pub enum Precision {
 }
 
 impl Precision {
-    /// The form that boxes take.
+    /// The form of the boxes.
     pub const fn form(&self) -> BoxForm {
         match self {
             Self::Exact => BoxForm::F32,
@@ -89,8 +89,8 @@ impl Precision {
         }
     }
 
-    /// Writes boxes in this form, large scenes on the rayon pool. Sessions do so by themselves; this
-    /// is for those who speak the wire contract on their own.
+    /// Writes boxes in this form, large scenes on the rayon pool. Sessions do this by themselves;
+    /// this function is for programs that implement the wire contract.
     ///
     /// # Panics
     /// When `bytes` are not [`BoxForm::bytes`] of as many boxes, or not aligned to 4 bytes.

@@ -1,8 +1,8 @@
-//! Margins: boxes inflated so that an answer stays good while nothing moves far.
+//! Margins: boxes are inflated so that an answer stays valid while no box moves far.
 //!
 //! Inflated faces are rounded outward, so that a box whose faces moved by no more than the margin
 //! lies within its inflated self. They are computed with the default floating-point flags: a thread
-//! that takes subnormals for zero would not see to that.
+//! that treats subnormals as zero would round some of them inward.
 
 use super::widening::{Widening, outward, step_of_f32};
 use crate::aabb::{Aabb, BoxClass, order_key};
@@ -12,21 +12,21 @@ use crate::floats;
 #[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd)]
 pub struct Margin(f32);
 
-/// Why a number is no margin.
+/// Why a number is refused as a margin.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error("a margin of {given}: give a finite number that is not negative")]
 pub struct MarginError {
-    /// What was given.
+    /// The number.
     pub given: f32,
 }
 
 impl Margin {
-    /// A margin of so many units.
+    /// A margin of `units` units.
     ///
     /// # Errors
     /// [`MarginError`] where it is negative, infinite or NaN.
     pub fn new(units: f32) -> Result<Self, MarginError> {
-        // A comparison of floats would take a subnormal below 0 for 0 on some threads.
+        // A comparison of floats would treat a subnormal below 0 as 0 on some threads.
         let is_margin = units.is_finite() && order_key(units.to_bits()) >= 0;
         if is_margin { Ok(Self(units)) } else { Err(MarginError { given: units }) }
     }
@@ -66,20 +66,21 @@ impl Margin {
         }
     }
 
-    /// How far outward a face at `x` comes to lie at most: the margin and two steps of f32 there. Those
-    /// outweigh a small margin far from 0: at 10^6 units two steps are a quarter of a unit.
+    /// The greatest distance by which a face at `x` is moved outward: the margin and two steps of f32
+    /// there. Far from 0 the steps are larger than a small margin: at 10^6 units two steps are up to
+    /// a quarter of a unit.
     fn reach(self, x: f64) -> f64 {
         let margin = f64::from(self.0);
         2.0f64.mul_add(step_of_f32(x.abs() + margin), margin)
     }
 
-    /// The largest gap that two boxes may have and still be a pair of the answer that was asked for
-    /// with them: on an axis on which one ends at `ends` and the other starts at `starts`, their boxes
-    /// being sent in a form that widens them by `form`. It is twice the margin, the steps of f32 that
-    /// inflated faces are rounded by, and what the form adds; infinite where a face is.
+    /// The largest gap of two boxes that are a pair of the answer to them, on an axis on which one
+    /// ends at `ends` and the other starts at `starts`; `form` is the widening of the form in which
+    /// they are sent. It is the sum of twice the margin, the steps of f32 by which inflated faces are
+    /// rounded, and the widening of the form; infinite where a face is.
     ///
-    /// While the answer is kept, boxes may move apart, each face by as much again; a box that shrinks
-    /// stays in the answer however small it becomes. `MarginedMask::exact_pairs` of a session goes by the boxes of now.
+    /// While the answer is kept, boxes may move apart, each face by as much again. A box that shrinks stays in the
+    /// answer however small it becomes. `MarginedMask::exact_pairs` of a session tests the boxes of now.
     ///
     /// ```
     /// use pairmask_core::precision::{Margin, Widening};
@@ -122,14 +123,15 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(20_000))]
 
-        /// A face that moved by the margin at most, in exact arithmetic, is within.
+        /// A face that moved by at most the margin, in exact arithmetic, lies within the inflated
+        /// box.
         #[test]
         fn inflated_boxes_reach_as_far_as_the_margin(
             x in -1e6f32..1e6, by in prop_oneof![0.0f32..10.0, 0.0f32..1e-30], share in -1.0f64..=1.0,
         ) {
             let inflated = Margin(by).inflate(&Aabb { min: [x; 3], max: [x; 3] });
             let moved = f64::from(x) + share * f64::from(by);
-            // The sum may have been rounded outward; what is truly within is inward of it.
+            // The sum may have been rounded outward; a face that is truly within lies inward of it.
             let (low, high) = (f64::from(inflated.min[0]), f64::from(inflated.max[0]));
             prop_assert!(low <= moved.max(f64::from(x) - f64::from(by)));
             prop_assert!(high >= moved.min(f64::from(x) + f64::from(by)));

@@ -1,6 +1,6 @@
-//! Precision modes: fewer bytes or fewer requests for extra pairs, and never a missed one.
+//! Precision modes: they save bytes or requests, may add extra pairs, and never miss a pair.
 //!
-//! Exact is the default. The other modes, each with what it promises:
+//! Exact is the default. The modes and their guarantees:
 //!
 //! | mode | bytes a box | a pair may be reported although it has a gap of |
 //! |---|---|---|
@@ -20,13 +20,13 @@
 //! Two boxes overlap on an axis when `a.min <= b.max` and `b.min <= a.max`. Send every min through
 //! one function f and every max through one function g, both monotone (x <= y gives f(x) <= f(y)),
 //! with f(x) <= g(x) for every x. Then `a.min <= b.max` gives f(a.min) <= f(b.max) <= g(b.max), so
-//! whatever overlaps still does. Every mode here is such a pair of functions, and each says why its
-//! are monotone. It follows that the whole frame must use the same ones: the same bounds, the same
-//! origin.
+//! boxes that overlap still do. Every mode here is such a pair of functions, and the docs of each
+//! prove that they are monotone. It follows that the whole frame must use the same ones: the same
+//! bounds, the same origin.
 //!
-//! The same functions also means that threads of different floating-point flags may write one frame.
-//! Where functions are computed in floats, that is done with the default flags
-//! ([`crate::floats`]); the others are integers, or float arithmetic that no flag changes.
+//! The functions are also the same for threads of different floating-point flags, which may write
+//! one frame. Functions in floats are computed with the default flags ([`crate::floats`]); the
+//! others use integers, or float arithmetic that no flag changes.
 //!
 //! A box keeps its class in every form: an empty box stays empty and an invalid one invalid, so
 //! that the census is that of the boxes that were given.

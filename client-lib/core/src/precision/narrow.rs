@@ -1,4 +1,4 @@
-//! Narrow boxes as they lie in shared memory, and back to f32.
+//! Boxes of narrow forms as they lie in shared memory, and their conversion from and to f32.
 
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
@@ -10,7 +10,7 @@ use super::{f16, simd};
 use crate::aabb::{AABB_BYTES, Aabb};
 use crate::aligned::AlignedBuffer;
 
-/// Boxes that one task converts at least: fewer take less time (10 to 40 µs) than a task costs.
+/// Fewest boxes of a conversion task: fewer take less time (10 to 40 µs) than a task costs.
 const TASK_BOXES: usize = 16_384;
 
 /// Six 16-bit cells: `min.x min.y min.z max.x max.y max.z`.
@@ -36,7 +36,7 @@ pub struct BoxQ8 {
     pub max: [u8; 3],
 }
 
-/// Six IEEE halves, as bits. Empty and invalid are what they are in f32.
+/// Six IEEE halves, as bits. Empty and invalid are defined as in f32.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct BoxF16 {
@@ -65,9 +65,9 @@ impl BoxQ8 {
 }
 
 impl BoxF16 {
-    /// What empty boxes are written as: from +∞ to −∞.
+    /// The form of empty boxes: from +∞ to −∞.
     pub const EMPTY: Self = Self { min: [0x7c00; 3], max: [0xfc00; 3] };
-    /// What invalid boxes are written as: NaN throughout.
+    /// The form of invalid boxes: NaN throughout.
     pub const INVALID: Self = Self { min: [0x7e00; 3], max: [0x7e00; 3] };
 }
 
@@ -84,9 +84,9 @@ const ROUNDED_BOXES: usize = 256;
 
 /// A narrow form of a box.
 pub(super) trait NarrowBox: Pod + Send + Sync {
-    /// What boxes are made narrow by.
+    /// The data that the conversion to this form needs.
     type Encoder: Copy + Send + Sync;
-    /// The same, laid out for groups.
+    /// The encoder's data, laid out for groups.
     type Lanes;
     /// Lays an encoder out for groups.
     fn lanes(encoder: &Self::Encoder) -> Self::Lanes;
@@ -94,7 +94,7 @@ pub(super) trait NarrowBox: Pod + Send + Sync {
     fn narrow_group(group: &Group, lanes: &Self::Lanes) -> [Self; GROUP];
     /// The form of a box.
     fn narrow(b: &Aabb, encoder: &Self::Encoder) -> Self;
-    /// The box that stands for it: same class, and it overlaps the others as this form does. Exact.
+    /// The f32 box that stands for it: of the same class, and with the same overlaps. Exact.
     fn expand(&self) -> Aabb;
 }
 
@@ -164,10 +164,10 @@ impl NarrowBox for BoxF16 {
     }
 }
 
-/// The boxes of a frame in whatever form they lie in memory.
+/// The boxes of a frame in memory, in any form.
 #[derive(Clone, Copy, Debug)]
 pub enum NarrowBoxes<'a> {
-    /// Not narrow at all.
+    /// f32 boxes.
     F32(&'a [Aabb]),
     /// 16-bit cells.
     Q16(&'a [BoxQ16]),
@@ -196,7 +196,7 @@ impl<'a> NarrowBoxes<'a> {
         }
     }
 
-    /// Which form.
+    /// The form.
     pub const fn form(&self) -> BoxForm {
         match self {
             Self::F32(_) => BoxForm::F32,
@@ -206,7 +206,7 @@ impl<'a> NarrowBoxes<'a> {
         }
     }
 
-    /// Boxes.
+    /// Number of boxes.
     pub const fn len(&self) -> usize {
         match self {
             Self::F32(boxes) => boxes.len(),
@@ -216,7 +216,7 @@ impl<'a> NarrowBoxes<'a> {
         }
     }
 
-    /// Whether there are none.
+    /// Whether there are no boxes.
     pub const fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -247,7 +247,8 @@ impl<'a> NarrowBoxes<'a> {
     /// converted into `scratch`, large scenes on the rayon pool if `parallel`.
     ///
     /// # Panics
-    /// When the system has no memory for 24 bytes a box (the first time that so many come).
+    /// When the system has no memory for 24 bytes a box; `scratch` grows when more boxes come than
+    /// before.
     pub fn expand(self, scratch: &'a mut ExpandScratch, parallel: bool) -> &'a [Aabb] {
         if let Self::F32(boxes) = self {
             return boxes;
@@ -294,7 +295,7 @@ fn narrow_all<B: NarrowBox>(boxes: &[Aabb], encoder: &B::Encoder, out: &mut [B])
     tasks.for_each(|(boxes, out)| simd::narrow(boxes, encoder, out));
 }
 
-/// Narrows boxes and expands them again: what a daemon would make of them.
+/// Narrows boxes and expands them again, as client and daemon do together.
 fn round_all<B: NarrowBox>(boxes: &[Aabb], encoder: &B::Encoder, out: &mut [Aabb]) {
     let round = |(boxes, out): (&[Aabb], &mut [Aabb])| {
         let mut narrow = [B::zeroed(); ROUNDED_BOXES];
@@ -415,7 +416,7 @@ mod tests {
             let (form, encoder) = (precision.form(), Encoder::new(&precision));
             for n in [0, 1, 7, 33, 1000, 70_001] {
                 let mut bytes = vec![0u8; n * form.box_bytes()];
-                // A Vec<u8> need not be aligned for wider words; this one has to be.
+                // A `Vec<u8>` is not always aligned for wider words.
                 let mut words = vec![0u32; bytes.len().div_ceil(4)];
                 let all: &mut [u8] = bytemuck::cast_slice_mut(&mut words);
                 let memory = &mut all[..bytes.len()];

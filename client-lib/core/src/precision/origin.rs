@@ -7,10 +7,10 @@ impl Aabb {
     /// The box from `min` to `max`, given in f64, relative to `origin`: the tightest f32 box that
     /// contains it, up to one unit in the last place.
     ///
-    /// f32 tells 64 m apart at 1e9 m. Taken relative to an origin in their midst, boxes keep their
-    /// own precision. All boxes of a frame need the same origin: then no overlapping pair is lost.
-    /// A pair is extra only where its gap is below a step of f32 at each of its two faces, at their
-    /// distance from the origin ([`Widening::Origin`](crate::precision::Widening::Origin)).
+    /// Steps of f32 are 64 m at 1e9 m. Relative to an origin near them, boxes keep their precision.
+    /// All boxes of a frame need the same origin: then no overlapping pair is lost. A pair is extra
+    /// only where its gap is below a step of f32 at each of its two faces, at their distance from
+    /// the origin ([`Widening::Origin`](crate::precision::Widening::Origin)).
     ///
     /// A NaN (also in `origin`, also an origin at infinity) gives an invalid box, which a reply counts;
     /// otherwise `min > max` on an axis gives [`Aabb::EMPTY`]. Infinite coordinates stay infinite.

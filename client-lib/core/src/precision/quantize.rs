@@ -14,7 +14,7 @@
 //! * x is made an f64, which is exact;
 //! * a difference and a product that IEEE 754 rounds correctly are monotone in x, since exact
 //!   difference and product by `scale >= 0` are, and rounding is;
-//! * it is cut off at both ends: −∞ and whatever is below the bounds is cell 0, +∞ and whatever is
+//! * it is cut off at both ends: −∞ and every number below the bounds is cell 0, +∞ and every number
 //!   above is the last cell. Where the bounds have no width, `scale` is 0 and every x is cell 0,
 //!   also ±∞, whose product by 0 is NaN and taken for 0;
 //! * the floor is exact.
@@ -195,7 +195,7 @@ mod tests {
 
     use super::*;
 
-    /// Any f32 that is a number, extremes more often than chance has them.
+    /// Any f32 that is a number, with extremes more often than by chance.
     fn number() -> impl Strategy<Value = f32> {
         prop_oneof![
             4 => any::<u32>().prop_map(f32::from_bits).prop_filter("a number", |x| !x.is_nan()),
@@ -299,7 +299,7 @@ mod tests {
         let quantizer = Quantizer::new(&bounds, Q8_CELLS);
         let b = Aabb::from([-128.5, -128.0, 0.0f32.next_down(), 0.0, 127.0f32.next_down(), 128.0]);
         assert_eq!(quantizer.q8(&b), BoxQ8 { min: [0, 0, 128], max: [128, 254, 255] });
-        // −1e-45 + 128 rounds to 128: one cell later than exact arithmetic has it, for min and max.
+        // −1e-45 + 128 rounds to 128: one cell later than in exact arithmetic, for min and max.
         assert_eq!(quantizer.cell_size().map(f64::round), [1.0; 3]);
     }
 }

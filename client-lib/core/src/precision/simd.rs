@@ -33,8 +33,8 @@ fn expand_loop<B: NarrowBox>(boxes: &[B], out: &mut [Aabb]) {
     }
 }
 
-/// Writes the narrow form of each box, the same on every thread whatever its flags. Both slices are of
-/// one length.
+/// Writes the narrow form of each box, independent of the thread's flags. Both slices are of one
+/// length.
 pub(super) fn narrow<B: NarrowBox>(boxes: &[Aabb], encoder: &B::Encoder, out: &mut [B]) {
     floats::with_default(|| narrow_with_default_flags(boxes, encoder, out));
 }

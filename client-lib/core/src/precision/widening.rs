@@ -1,10 +1,10 @@
-//! How far apart two boxes may be that a mode reports as a pair.
+//! The largest gap of two boxes that a mode reports as a pair.
 //!
 //! On one axis a pair is reported when the face where one box ends, moved outward, reaches the face
 //! where the other starts, moved outward too. So the gap of a reported pair is at most the sum of both
-//! moves, and each mode says how far it moves a face at a coordinate. Steps of f32 and of halves grow
-//! with the coordinate; beyond the range that a form tells apart there is no limit at all. That is why
-//! a gap is a function of the two faces, and no number.
+//! moves, and each mode defines how far it moves a face at a coordinate. Steps of f32 and of halves
+//! grow with the coordinate, and beyond the range of a form there is no limit. So the gap is a
+//! function of the two faces, not one number.
 
 use std::fmt;
 
@@ -25,10 +25,10 @@ pub enum Widening {
     Cells {
         /// Size of a cell on each axis, rounded up.
         size: [f64; 3],
-        /// What is cut into cells.
+        /// The bounds that are cut into cells.
         bounds: Bounds,
     },
-    /// A share of the larger coordinate's magnitude, and no less than so many units near zero.
+    /// A share of the larger coordinate's magnitude, and at least `least` units near zero.
     /// Magnitudes above `beyond` count as infinite.
     Relative {
         /// Share of the magnitude.
@@ -65,8 +65,8 @@ impl Widening {
         floats::with_default(|| outward(self.gap_between(axis, [ends; 2], [starts; 2])))
     }
 
-    /// As [`gap_limit`](Self::gap_limit), for faces that are somewhere between two places, the second of
-    /// which is farther outward. With the default flags, up to rounding.
+    /// As [`gap_limit`](Self::gap_limit), for faces between two places each, the second of which is
+    /// farther outward. With the default flags, up to rounding.
     pub(crate) fn gap_between(&self, axis: usize, ends: [f64; 2], starts: [f64; 2]) -> f64 {
         let common = match self {
             Self::Cells { size, .. } => size[axis],
@@ -90,7 +90,7 @@ impl Widening {
         }
     }
 
-    /// How far beyond the range of the form a face at `x` lies: so much of a gap it does not see.
+    /// Distance of a face at `x` beyond the form's range: the form does not see that part of a gap.
     fn untold(&self, axis: usize, x: f64) -> f64 {
         let (x, low, high) = match self {
             Self::None => return 0.0,
@@ -108,14 +108,14 @@ impl Widening {
 const LARGEST: f64 = f32::MAX as f64;
 
 /// The distance between neighbouring f32 of magnitude up to `x`, or more: 2⁻²³ of it, and 2⁻¹⁴⁹ at
-/// least. A millionth of that is added for `x` itself being rounded.
+/// least. A millionth of that is added because `x` itself is rounded.
 pub(super) fn step_of_f32(x: f64) -> f64 {
     const SHARE: f64 = (1.0 + 1e-6) / (1u64 << 23) as f64;
     const LEAST: f64 = f64::from_bits((1023 - 149) << 52);
     (x.abs() * SHARE).max(LEAST)
 }
 
-/// A sum of a few terms, none below 0, moved up by more than rounding took from it.
+/// A sum of a few terms, none below 0, moved up by more than its rounding error.
 pub(super) fn outward(sum: f64) -> f64 {
     sum * (1.0 + 16.0 * f64::EPSILON)
 }
@@ -173,7 +173,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(20_000))]
 
-        /// Two faces that halves do not tell apart are no farther apart than said, wherever they are.
+        /// Two faces that halves do not tell apart are no farther apart than the limit, at any place.
         #[test]
         fn halves_keep_to_their_limit(bits in any::<u32>(), by in 0u32..20_000) {
             let ends = f32::from_bits(bits);

@@ -126,8 +126,8 @@ proptest! {
     }
 }
 
-/// `rotation · (scale · p) + translation` by cross products, not by a matrix, in f64; and how large
-/// the numbers were on the way.
+/// `rotation · (scale · p) + translation` by cross products, not by a matrix, in f64; and the
+/// largest magnitude of the intermediate numbers.
 fn turned(placement: &Placement, p: [f32; 3]) -> ([f64; 3], f64) {
     let wide = |v: [f32; 3]| glam::DVec3::from_array(v.map(f64::from));
     let (v, translation) = (wide(p) * wide(placement.scale), wide(placement.translation));

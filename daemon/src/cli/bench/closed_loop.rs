@@ -1,4 +1,4 @@
-//! The measured loop: nothing in it but the frame and the clock.
+//! The measured loop: it holds only the frame and the clock.
 
 use std::time::Duration;
 
@@ -12,27 +12,28 @@ use crate::cli::percentiles::Recorder;
 use crate::scene::Scene;
 use crate::timed_client::{Decoding, TimedClient, TimedFrame};
 
-/// The progress bar moves this often: seldom enough to cost nothing beside a frame.
+/// Frames between two moves of the progress bar: its cost is then nothing beside that of the
+/// frames.
 const FRAMES_PER_TICK: u64 = 64;
 
-/// How many frames.
+/// The numbers of frames.
 #[derive(Clone, Copy, Debug)]
 pub struct Lengths {
-    /// Before anything is recorded: memory is touched, estimates settle, clocks rise.
+    /// Frames before the first recorded one: memory is touched, estimates settle, clocks rise.
     pub warm_up: u64,
-    /// Recorded.
+    /// Recorded frames.
     pub frames: u64,
 }
 
-/// Latencies by stage, and who caused them.
+/// Latencies by stage, and the engine they belong to.
 #[derive(Debug)]
 pub struct Measured {
     pub served_by: ServedBy,
-    /// The engine of every frame, or none where the plan chose now this one, now that one.
+    /// The engine of every frame; `None` where frames had different engines.
     pub engine: Option<EngineId>,
     /// Bytes of the boxes of a frame.
     pub box_bytes: u64,
-    /// Frames that were asked for.
+    /// Frames for which a request was made.
     pub requests: u64,
     pub fill: Recorder,
     pub round_trip: Recorder,
@@ -45,7 +46,7 @@ pub struct Measured {
 /// Runs frames of a scene in motion.
 ///
 /// # Errors
-/// [`BenchError`], also where frames were not all served alike.
+/// [`BenchError`], also where the daemon served some frames and this process others.
 pub fn measure(
     client: &mut TimedClient,
     mut scene: Scene,
@@ -53,7 +54,7 @@ pub fn measure(
     decoding: &mut Decoding,
     progress: &ProgressBar,
 ) -> Result<Measured, BenchError> {
-    // Whoever serves this frame has to serve them all.
+    // The backend of this frame has to serve all frames.
     let mut measured = Measured::of(&client.frame_decoded(scene.boxes(), decoding, |_| ())?.info);
     for frame in 1..=lengths.warm_up + lengths.frames {
         scene.step();

@@ -21,15 +21,15 @@ use crate::cli::output::{OutputError, print_json, print_text, progress_bar, spin
 use crate::cli::raw_objects::{RawBoxes, RawObjectsError};
 use crate::cli::scene_look;
 use crate::cli::target::Target;
-use crate::cli::whole::whole;
+use crate::cli::whole_number::whole_number;
 use crate::precision::PrecisionChoice;
 use crate::scene::{Scene, SceneName};
 use crate::spawn::SpawnError;
 use crate::timed_client::{Decoders, Decoding, TimedClient, TimedError};
 
-/// Longer than any pause between two frames: a spinning thread never sleeps in between.
+/// Spin time of both sides. Longer than any pause between two frames, so that no thread sleeps.
 const SPIN: Duration = Duration::from_secs(1);
-/// The scene's seed: every run sees the same boxes move the same way.
+/// Seed of the scene: every run has the same boxes and motions.
 const SEED: u64 = 1;
 
 /// Latency of frames in a closed loop, by stage
@@ -59,22 +59,22 @@ pub struct Latency {
     #[command(flatten)]
     daemon: DaemonOptions,
     /// Numbers of boxes of a uniform scene with about one pair a box
-    #[arg(long, value_parser = whole::<u32>, value_name = "N,..", value_delimiter = ',', default_values_t = [1000, 4096, 10_000])]
+    #[arg(long, value_parser = whole_number::<u32>, value_name = "N,..", value_delimiter = ',', default_values_t = [1000, 4096, 10_000])]
     n: Vec<u32>,
     /// File of boxes instead, each then moving 2 % of its size a frame
     #[arg(long, value_name = "FILE", conflicts_with = "n")]
     scene: Option<PathBuf>,
-    /// How precisely boxes are told apart: exact, q16, q8, f16, margin=X; one row each
+    /// Precision of the boxes: exact, q16, q8, f16, margin=X; one row each
     #[arg(long, value_name = "MODE,..", value_delimiter = ',', default_values_t = [PrecisionChoice::Exact])]
     precision: Vec<PrecisionChoice>,
     /// Frames that are measured
-    #[arg(long, value_parser = whole::<NonZeroU64>, value_name = "N", default_value = "2000")]
+    #[arg(long, value_parser = whole_number::<NonZeroU64>, value_name = "N", default_value = "2000")]
     frames: NonZeroU64,
     /// Frames before those [default: a fifth of them, at least 20]
-    #[arg(long, value_parser = whole::<u64>, value_name = "N")]
+    #[arg(long, value_parser = whole_number::<u64>, value_name = "N")]
     warm_up: Option<u64>,
     /// Threads that look at the pairs of a mask
-    #[arg(long, value_parser = whole::<NonZeroUsize>, value_name = "N", default_value = "1")]
+    #[arg(long, value_parser = whole_number::<NonZeroUsize>, value_name = "N", default_value = "1")]
     decode_threads: NonZeroUsize,
     /// How client and daemon wait for each other: spin, event
     #[arg(long, value_name = "HOW,..", value_delimiter = ',', default_values_t = [Wait::Spin])]
@@ -90,9 +90,9 @@ pub struct Latency {
 /// How the two sides wait for each other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wait {
-    /// Both hold a core.
+    /// Both spin and hold a core each.
     Spin,
-    /// Both sleep at once, and are woken.
+    /// Both sleep without spinning, and are woken.
     Event,
 }
 
@@ -128,7 +128,7 @@ impl FromStr for Wait {
     }
 }
 
-/// Why nothing was measured.
+/// Why a measurement failed.
 #[derive(Debug, thiserror::Error)]
 pub enum BenchError {
     #[error(transparent)]
@@ -141,13 +141,13 @@ pub enum BenchError {
     Timed(#[from] TimedError),
     #[error(transparent)]
     Pin(#[from] PinError),
-    /// The daemon died, or came, in the middle: the row would mix two things.
+    /// The daemon died or started during the measurement: the row would mix two backends.
     #[error("the daemon came or went during the measurement: name a --backend, and try again")]
     Changed,
     /// There is no daemon to pin.
     #[error("--pin keeps a daemon on a core of its own: leave it out with --backend in-process")]
     PinAlone,
-    /// No threads to decode with.
+    /// The system started no decoding threads.
     #[error("the decoding threads cannot be started: {0}")]
     Threads(#[from] rayon::ThreadPoolBuildError),
     #[error(transparent)]
@@ -161,7 +161,8 @@ impl Latency {
         let making = spinner("making scenes");
         let scenes = self.scenes()?;
         making.finish_and_clear();
-        // Before any thread is pinned: one counts the cores that may be used, the others inherit them.
+        // Before any thread is pinned: this counts the cores of the process, and threads that start
+        // later inherit them.
         let machine = Machine::this();
         let mut decoding = self.decoding()?;
         let cores = self.pin.then(Cores::of_this_thread).transpose()?;
@@ -194,14 +195,13 @@ impl Latency {
         Ok(())
     }
 
-    /// Whether the options go together.
+    /// Checks that the options do not contradict each other.
     fn check(&self, config: &Config) -> Result<(), BenchError> {
         let is_alone = self.options.backend(config, Backend::Daemon) == Backend::InProcess;
         if self.pin && is_alone { Err(BenchError::PinAlone) } else { Ok(()) }
     }
 
-    /// Threads that look at masks, and are awake while frames are under way. The others have no
-    /// cores of their own.
+    /// The threads that decode masks. They are kept awake while frames are under way.
     fn decoding(&self) -> Result<Decoding, BenchError> {
         Ok(match self.decode_threads.get() {
             1 => Decoding::Serial,

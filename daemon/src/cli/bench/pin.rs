@@ -1,4 +1,4 @@
-//! Client and daemon on a core each: without it the scheduler's moves are in the figures.
+//! Pins client and daemon to a core each, so that the figures are free of the scheduler's moves.
 
 use pairmask::transport::{InstanceName, RuntimeDir};
 use rustix::process::Pid;
@@ -7,7 +7,7 @@ use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 /// Why threads were not pinned.
 #[derive(Debug, thiserror::Error)]
 pub enum PinError {
-    /// One core cannot be shared by two that spin.
+    /// Two spinning threads cannot share one core.
     #[error("--pin needs two cores, one for the client and one for the daemon: leave it out")]
     TooFewCores,
     /// No daemon to pin.
@@ -16,7 +16,7 @@ pub enum PinError {
         /// The instance.
         instance: InstanceName,
     },
-    /// The system said no.
+    /// The system refused.
     #[error("--pin: {0}")]
     System(#[from] rustix::io::Errno),
 }

@@ -1,4 +1,4 @@
-//! What a measurement says: for people, and as the JSON that `CLI.md` documents.
+//! The report of a measurement: as text, and as the JSON that `CLI.md` documents.
 
 use std::fmt;
 
@@ -14,9 +14,9 @@ use crate::precision::PrecisionChoice;
 /// The JSON object of `bench latency --json`. Fields may be added, never changed or taken away.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LatencyReport {
-    /// What it was measured on.
+    /// The machine of the measurement.
     pub machine: Machine,
-    /// One for every wait and scene.
+    /// One row for every wait, scene and precision.
     pub rows: Vec<LatencyRow>,
 }
 
@@ -25,32 +25,32 @@ pub struct LatencyReport {
 pub struct LatencyRow {
     /// Boxes.
     pub n: u32,
-    /// Who found the pairs: `daemon` or `in-process`.
+    /// Where the pairs were found: `daemon` or `in-process`.
     pub backend: String,
     /// How both sides waited: `spin` or `event`.
     pub wait: String,
-    /// Which engine.
+    /// The engine.
     pub engine: String,
-    /// How precisely boxes were told apart: `exact`, `q16`, `q8`, `f16` or `margin=X`.
+    /// Precision of the boxes: `exact`, `q16`, `q8`, `f16` or `margin=X`.
     pub precision: String,
     /// Bytes of the boxes of one request.
     pub box_bytes: u64,
     /// Frames measured.
     pub frames: u64,
-    /// Frames that were asked for; `margin=X` answers the others from an earlier mask.
+    /// Frames for which a request was made; `margin=X` answers the others from an earlier mask.
     pub requests: u64,
-    /// Memory borrowed and the boxes written into it.
+    /// Time to borrow memory and write the boxes into it.
     pub fill_ns: Percentiles,
-    /// Boxes submitted to mask in hand.
+    /// From submission to the mask.
     pub round_trip_ns: Percentiles,
-    /// The engine's part of it.
+    /// The engine's part of the round trip.
     pub engine_ns: Percentiles,
-    /// The rest of it, frame by frame.
+    /// The round trip less the engine's part, frame by frame.
     pub added_ns: Percentiles,
-    /// Threads that looked at the pairs; 1 in records of older versions.
+    /// Threads that decoded the pairs; 1 in records of older versions.
     #[serde(default = "one")]
     pub decode_threads: u64,
-    /// Every pair of the mask looked at once.
+    /// Time to visit every pair of the mask once.
     pub decode_ns: Percentiles,
     /// Fill, round trip and decode.
     pub total_ns: Percentiles,
@@ -86,7 +86,7 @@ impl LatencyRow {
 }
 
 impl LatencyRow {
-    /// The row of a measurement whose masks so many threads looked at.
+    /// The row of a measurement whose masks `threads` threads decoded.
     pub fn decoded_by(self, threads: usize) -> Self {
         Self { decode_threads: threads as u64, ..self }
     }

@@ -1,4 +1,4 @@
-//! `cull --explain`: why this engine, and how well its time was predicted.
+//! `cull --explain`: why the plan chose the engine, and how well it predicted the time.
 
 use std::fmt;
 use std::time::Duration;
@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use crate::cli::output::time_text;
 
-/// A plan made beside the one that is followed, of the same boxes and wishes.
+/// A second plan of the same frame, made for the report.
 pub struct Planned {
     plan: Plan,
     calibration: String,
@@ -29,22 +29,22 @@ impl Planned {
 /// away.
 #[derive(Clone, Debug, Serialize)]
 pub struct Explanation {
-    /// What the plan saw of the boxes.
+    /// The plan's statistics of the boxes.
     stats: Stats,
-    /// Where the constants of the cost model are from.
+    /// Origin of the cost model's constants.
     calibration: String,
     /// Every engine that was considered, with its best encoding and number of threads.
     candidates: Vec<Candidate>,
-    /// What was chosen, as the candidates are, and why.
+    /// The engine that was chosen.
     engine: &'static str,
     encoding: &'static str,
     threads: usize,
     why: &'static str,
-    /// What the chosen one was predicted to take, ns; null where it was not to be had here.
+    /// Predicted time of the chosen engine, ns; null where this process does not have the engine.
     predicted_ns: Option<u64>,
-    /// What the answer took, without planning: engine and decode, ns.
+    /// Measured time of engine and decode, without planning, ns.
     measured_ns: u64,
-    /// What is not known here, if anything.
+    /// What this process cannot know about the answer, if anything.
     note: Option<String>,
     #[serde(skip)]
     text: String,
@@ -53,8 +53,8 @@ pub struct Explanation {
 #[derive(Clone, Debug, Serialize)]
 struct Stats {
     boxes: u32,
-    /// False where there are so few boxes that a look costs more than it gains: the rest is then
-    /// assumed.
+    /// False for so few boxes that measuring them costs more than it gains: the other figures are
+    /// then assumed.
     looked_at: bool,
     solid_share: f32,
     median_size: f32,

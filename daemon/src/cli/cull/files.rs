@@ -42,9 +42,9 @@ pub fn write_pairs(path: &Path, mask: &PairMask) -> Result<(), ResultError> {
 }
 
 /// Writes the words of a dense mask; of a sparse one the order of the boxes, then the rows, the
-/// blocks and the bits of its words. The order comes first and is never left out, so that the
-/// number of words follows from the file's length. Of any other mask its sections, as they lie in the
-/// reply. To stdout for `-`.
+/// blocks and the bits of its words. The order comes first and is always written, so that the
+/// number of words follows from the file's length. Of any other mask the sections, as they lie in
+/// the reply. To stdout for `-`.
 ///
 /// # Errors
 /// [`ResultError`].

@@ -55,10 +55,10 @@ pub struct Cull {
     /// Start a daemon for this call and stop it afterwards; --backend and --instance are not used
     #[arg(long)]
     spawn: bool,
-    /// What the file holds. Spheres are always told apart exactly, by engines of the CPU
+    /// What the file holds. Spheres are always exact, by engines of the CPU
     #[arg(long, value_enum, default_value_t)]
     shape: Shape,
-    /// How precisely boxes are told apart: exact, q16, q8, f16 or margin=X. No pair is missed; all
+    /// Precision of the boxes: exact, q16, q8, f16 or margin=X. No pair is missed; all
     /// but exact may report pairs that are near
     #[arg(long, value_name = "MODE", default_value_t)]
     precision: PrecisionChoice,
@@ -76,7 +76,7 @@ pub struct Cull {
     json: bool,
 }
 
-/// What a file holds.
+/// The kind of objects in a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 enum Shape {
     #[default]
@@ -84,13 +84,13 @@ enum Shape {
     Spheres,
 }
 
-/// Why there are no pairs.
+/// Why `cull` failed.
 #[derive(Debug, thiserror::Error)]
 pub enum CullCommandError {
-    /// The command line asks for two things that do not go together.
+    /// Two options contradict each other.
     #[error("{flag} is about boxes: leave it out with --shape spheres")]
     AboutBoxes { flag: &'static str },
-    /// Two results for stdout would be one that nobody can read.
+    /// Two results on stdout could not be told apart.
     #[error("{first} and {second} would both write to stdout: name a file for one of them")]
     TwoOnStdout { first: &'static str, second: &'static str },
     /// The second would overwrite the first.
@@ -106,7 +106,7 @@ pub enum CullCommandError {
     Frame(#[from] FrameError),
     #[error(transparent)]
     Wait(#[from] WaitError),
-    /// An engine is broken: the number that it gives is not that of the bits that it set.
+    /// An engine is broken: its count of pairs is not the number of bits in its mask.
     #[error("{engine} counted {counted} pairs and its mask holds {decoded}: please report this")]
     Miscounted { engine: EngineId, counted: u64, decoded: u64 },
     #[error(transparent)]
@@ -123,7 +123,7 @@ impl CullCommandError {
 }
 
 impl Cull {
-    /// Reads, culls, decodes, writes.
+    /// Reads the file, culls, decodes, and writes the results.
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), CullCommandError> {
         self.check()?;
         let scene = self.open()?;
@@ -167,7 +167,7 @@ impl Cull {
         Ok(())
     }
 
-    /// Whether the options go together.
+    /// Checks that the options do not contradict each other.
     fn check(&self) -> Result<(), CullCommandError> {
         let is_precise = self.precision == PrecisionChoice::Exact;
         for (flag, allowed) in [("--precision", is_precise), ("--explain", !self.explain)] {
@@ -232,7 +232,7 @@ impl Cull {
     }
 }
 
-/// The file that was named.
+/// The input file, opened.
 enum RawScene {
     Boxes(RawBoxes),
     Spheres(RawObjects<Sphere>),
@@ -247,7 +247,7 @@ impl fmt::Display for RawScene {
     }
 }
 
-/// A frame that was read and sent.
+/// A frame that was read and submitted.
 struct Asked {
     start: Instant,
     read: Instant,
@@ -255,11 +255,11 @@ struct Asked {
     frame: PendingFrame,
     planned: Option<Planned>,
     look: Look,
-    /// Around the boxes, where a gap depends on where they are.
+    /// Bounds of the boxes, where a gap depends on their coordinates.
     world: Bounds,
 }
 
-/// Its pairs, what each stage took, and what was planned.
+/// An answered frame: its pairs, the time of each stage, and the plan.
 struct Answered {
     mask: PairMask,
     timings: Timings,

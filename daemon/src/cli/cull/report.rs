@@ -1,4 +1,4 @@
-//! What `cull` says of a frame: for people, and as the JSON that `CLI.md` documents.
+//! The report of `cull` on a frame: as text, and as the JSON that `CLI.md` documents.
 
 use std::fmt;
 use std::time::Duration;
@@ -10,14 +10,14 @@ use super::explain::Explanation;
 use crate::cli::output::time_text;
 use crate::precision::PrecisionChoice;
 
-/// What was measured around the call.
+/// Times that the command measures itself.
 #[derive(Clone, Copy, Debug)]
 pub struct Timings {
-    /// File to boxes in place.
+    /// From the file to the boxes in the frame's memory.
     pub read: Duration,
-    /// Boxes in place to mask in hand.
+    /// From the boxes in the frame's memory to the mask.
     pub round_trip: Duration,
-    /// Mask to the last pair.
+    /// From the mask to the last pair.
     pub decode: Duration,
     /// All of it.
     pub total: Duration,
@@ -26,7 +26,7 @@ pub struct Timings {
 /// The JSON object of `cull --json`. Fields may be added, never changed or taken away.
 #[derive(Clone, Debug, Serialize)]
 pub struct CullReport {
-    /// What the file holds: `boxes` or `spheres`.
+    /// The objects of the file: `boxes` or `spheres`.
     pub shape: &'static str,
     /// Boxes or spheres in the file.
     pub boxes: u32,
@@ -36,18 +36,18 @@ pub struct CullReport {
     pub invalid: u32,
     /// Boxes with `min > max`; spheres with a radius below 0.
     pub empty: u32,
-    /// Who found the pairs: `daemon` or `in-process`.
+    /// Where the pairs were found: `daemon` or `in-process`.
     pub backend: String,
-    /// Which engine.
+    /// The engine.
     pub engine: String,
     /// `dense` or `sparse`.
     pub encoding: String,
     /// Bytes of the mask.
     pub mask_bytes: u64,
-    /// How precisely boxes were told apart: `exact`, `q16`, `q8`, `f16` or `margin=X`.
+    /// Precision of the boxes: `exact`, `q16`, `q8`, `f16` or `margin=X`.
     pub precision: String,
-    /// Form in which the boxes were sent: `f32`, `q16`, `q8` or `f16`. An old daemon knows `f32`
-    /// only, and is asked exactly. `spheres` for spheres.
+    /// Form in which the boxes were sent: `f32`, `q16`, `q8` or `f16`. An old daemon knows only
+    /// `f32` and gets exact boxes. `spheres` for spheres.
     pub box_form: String,
     /// Bytes of the boxes in that form.
     pub box_bytes: u64,
@@ -56,22 +56,23 @@ pub struct CullReport {
     pub gap_below: Option<[f64; 3]>,
     /// Time by stage.
     pub stages_ns: StagesNs,
-    /// From the first look at the file to the last pair, ns. Neither starting a daemon nor
-    /// connecting nor writing files is in it.
+    /// From opening the file to the last pair, ns, without starting a daemon, connecting and
+    /// writing files.
     pub total_ns: u64,
-    /// Work left out.
+    /// Work that the engine skipped.
     pub skipped: Skipped,
-    /// Why this engine, where that was asked.
+    /// The explanation of the engine, with `--explain`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub explain: Option<Explanation>,
-    /// What is odd about the file, in sentences: it may not be the scene that it was said to be.
+    /// Warnings about the file, as sentences: it may not hold the objects that the command line
+    /// names.
     pub warnings: Vec<String>,
 }
 
 /// Times of a frame, ns. `round_trip` holds `engine`, which holds the four stages before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct StagesNs {
-    /// File to boxes in place.
+    /// From the file to the boxes in the frame's memory.
     pub read: u64,
     /// Boxes turned into the engine's form.
     pub ingest: u64,
@@ -83,13 +84,13 @@ pub struct StagesNs {
     pub publish: u64,
     /// All of the engine's time.
     pub engine: u64,
-    /// Boxes in place to mask in hand.
+    /// From the boxes in the frame's memory to the mask.
     pub round_trip: u64,
-    /// Mask to the last pair.
+    /// From the mask to the last pair.
     pub decode: u64,
 }
 
-/// What the engine did not have to do.
+/// Work that the engine skipped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Skipped {
     /// Boxes that overlap nothing by themselves.
@@ -110,7 +111,7 @@ const fn ns(duration: Duration) -> u64 {
 }
 
 impl CullReport {
-    /// What is to be said of a mask.
+    /// The report of a mask.
     pub fn new(
         mask: &PairMask,
         precision: PrecisionChoice,

@@ -1,15 +1,15 @@
-//! The demo's own check: every pair compared, as the definition says and no other way.
+//! The demo's own check: it compares every pair by the definition of overlap.
 
 use std::fmt;
 
 use pairmask::Aabb;
 
-/// A pair that an answer has wrong.
+/// A pair that an answer gets wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BadPair {
-    /// These boxes overlap and the answer does not say so.
+    /// The boxes overlap and the answer lacks the pair.
     Missing(u32, u32),
-    /// The answer names these boxes and they do not overlap, or it names them twice.
+    /// The answer has the pair and the boxes do not overlap, or it has the pair twice.
     Extra(u32, u32),
 }
 
@@ -22,14 +22,14 @@ impl fmt::Display for BadPair {
     }
 }
 
-/// Closed overlap of boxes without NaN, in floats: nothing is shared with the engines, which
+/// Closed overlap of boxes without NaN, in floats: the check shares no code with the engines, which
 /// compare integer keys. An empty box overlaps nothing, since it does not even overlap itself.
 fn overlap(a: &Aabb, b: &Aabb) -> bool {
     let meet = |p: &Aabb, q: &Aabb| (0..3).all(|x| p.min[x] <= q.max[x] && q.min[x] <= p.max[x]);
     meet(a, b) && meet(a, a) && meet(b, b)
 }
 
-/// The first pair, in order, that an answer has wrong. Compares all n(n − 1)/2.
+/// The first pair, in order, that an answer gets wrong. Compares all n(n − 1)/2.
 pub fn first_bad_pair(boxes: &[Aabb], mut answer: Vec<(u32, u32)>) -> Option<BadPair> {
     answer.sort_unstable();
     let mut answered = answer.into_iter().peekable();
@@ -42,7 +42,7 @@ pub fn first_bad_pair(boxes: &[Aabb], mut answer: Vec<(u32, u32)>) -> Option<Bad
             }
         }
     }
-    // What is left was not reached in order: named twice, backwards or of no box.
+    // A pair that is left was not reached in order: it is a duplicate, reversed, or names no box.
     answered.next().map(|(a, b)| BadPair::Extra(a, b))
 }
 

@@ -15,7 +15,7 @@ use super::{DemoError, DemoOptions, stop_flag};
 use crate::cli::config::Config;
 use crate::cli::options::Place;
 
-/// A frame is checked this often. All pairs of 10,000 boxes take 0.1 s.
+/// Time between two checked frames. A check of all pairs of 10,000 boxes takes 0.1 s.
 const CHECK_INTERVAL: Duration = Duration::from_millis(500);
 
 /// The client process of `demo`.
@@ -28,16 +28,16 @@ pub struct DemoClient {
 /// Asks a client to end early.
 pub(super) fn ask_to_stop(client: &Child) {
     if let Some(pid) = i32::try_from(client.id()).ok().and_then(Pid::from_raw) {
-        // It may just have ended: then there is nobody to tell.
+        // Sending fails if the client has just ended, which is what is wanted.
         let _ = kill_process(pid, Signal::TERM);
     }
 }
 
 impl DemoClient {
-    /// Runs frames until the time is over.
+    /// Runs frames until the demo's time is over.
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), DemoError> {
         let stop = stop_flag()?;
-        // Whoever started the demo may be killed; this process would go on unseen.
+        // If the demo's process is killed, this process has to end with it.
         set_parent_process_death_signal(Some(Signal::KILL))
             .map_err(|errno| DemoError::system("binding to the demo")(errno.into()))?;
         let mut session = connect(place, config)?;
@@ -59,8 +59,7 @@ impl DemoClient {
     }
 }
 
-/// A session that falls back to this process, so that a daemon that is killed for fun does not end
-/// the demo; but one that starts with the daemon.
+/// A session that starts with the daemon, and falls back to this process if the daemon is killed.
 fn connect(place: &Place, config: &Config) -> Result<Session, DemoError> {
     let builder = || {
         Session::builder()
@@ -71,7 +70,7 @@ fn connect(place: &Place, config: &Config) -> Result<Session, DemoError> {
     Ok(builder().backend(Backend::Auto).connect()?)
 }
 
-/// One frame; the first wrong pair of it where it is checked.
+/// Runs one frame. Returns its first wrong pair if the frame is checked.
 fn run_frame(
     session: &mut Session,
     world: &mut World,

@@ -1,4 +1,4 @@
-//! What the demo shows: a line that is rewritten where somebody watches, else a line a second.
+//! The demo's output: one line that is rewritten on a terminal, else a line a second.
 
 use std::time::{Duration, Instant};
 
@@ -10,11 +10,11 @@ use super::check::BadPair;
 use crate::cli::output::{OutputError, is_watched, print_text, time_text};
 use crate::cli::percentiles::Recorder;
 
-/// The display changes this often: figures that change faster cannot be read.
+/// Time between two changes of the line on a terminal: faster figures cannot be read.
 const LIVE_INTERVAL: Duration = Duration::from_millis(250);
 const PLAIN_INTERVAL: Duration = Duration::from_secs(1);
 
-/// What happened so far.
+/// Counts of the whole run.
 #[derive(Debug)]
 pub struct Progress {
     start: Instant,
@@ -29,7 +29,7 @@ pub struct Progress {
     first_wrong: Option<(u64, BadPair)>,
 }
 
-/// What happened since the display last changed.
+/// Counts since the display last changed.
 #[derive(Debug)]
 struct Recent {
     since: Instant,
@@ -63,7 +63,7 @@ impl Recent {
 }
 
 impl Progress {
-    /// Nothing yet.
+    /// Counts of zero.
     pub fn new() -> Self {
         Self {
             start: Instant::now(),
@@ -112,7 +112,7 @@ impl Progress {
         }
     }
 
-    /// An error where a checked frame was wrong.
+    /// Returns an error if a checked frame was wrong.
     pub fn verdict(&self) -> Result<(), DemoError> {
         match self.wrong {
             0 => Ok(()),
@@ -154,13 +154,13 @@ impl Progress {
 /// The display itself.
 #[derive(Debug)]
 pub struct Display {
-    /// The line on the terminal, if somebody watches.
+    /// The line on the terminal, if stderr is one.
     live: Option<ProgressBar>,
     due: Instant,
 }
 
 impl Display {
-    /// Nothing shown yet.
+    /// A display that shows nothing yet.
     pub fn new() -> Self {
         let live = is_watched().then(|| {
             let style = ProgressStyle::with_template("{spinner} {msg}");
@@ -176,7 +176,7 @@ impl Display {
         if self.live.is_some() { LIVE_INTERVAL } else { PLAIN_INTERVAL }
     }
 
-    /// Shows the latest figures where the time has come.
+    /// Shows the latest figures if the interval has passed.
     pub fn update(&mut self, progress: &mut Progress) -> Result<(), OutputError> {
         if Instant::now() < self.due {
             return Ok(());

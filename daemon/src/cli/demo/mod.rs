@@ -18,12 +18,12 @@ pub use self::client::DemoClient;
 use super::config::Config;
 use super::options::{DaemonOptions, Place};
 use super::output::OutputError;
-use super::whole::whole;
+use super::whole_number::whole_number;
 use crate::spawn::{PrivateDaemon, SpawnError, own_binary};
 
-/// A client that is not done this long after its time hangs.
+/// A client that still runs this long after its time counts as hanging.
 const PATIENCE: Duration = Duration::from_secs(60);
-/// Pause between two looks at the client.
+/// Time between two checks whether the client has ended.
 const LOOK_INTERVAL: Duration = Duration::from_millis(20);
 
 /// Run a daemon and a client with falling boxes for a while
@@ -49,10 +49,10 @@ pub struct Demo {
 #[derive(Clone, Copy, Debug, Args)]
 pub struct DemoOptions {
     /// How long
-    #[arg(long, value_parser = whole::<NonZeroU64>, value_name = "N", default_value = "10")]
+    #[arg(long, value_parser = whole_number::<NonZeroU64>, value_name = "N", default_value = "10")]
     seconds: NonZeroU64,
     /// How many boxes
-    #[arg(long, value_parser = whole::<NonZeroU32>, value_name = "N", default_value = "2000")]
+    #[arg(long, value_parser = whole_number::<NonZeroU32>, value_name = "N", default_value = "2000")]
     boxes: NonZeroU32,
 }
 
@@ -67,13 +67,13 @@ impl DemoOptions {
 pub enum DemoError {
     #[error(transparent)]
     Spawn(#[from] SpawnError),
-    /// No client process, or no handler for Ctrl-C.
+    /// The client process or the handler for Ctrl-C could not be set up.
     #[error("{step}: {source}")]
     System { step: &'static str, source: std::io::Error },
-    /// The client said why itself.
+    /// The client failed and printed the reason.
     #[error("the client process failed ({status})")]
     Client { status: ExitStatus },
-    /// The client hangs.
+    /// The client did not end in time.
     #[error("the client process was not done {PATIENCE:?} after its time")]
     Hangs,
     /// A sample was wrong.
@@ -119,7 +119,7 @@ impl Demo {
     }
 }
 
-/// Is set by Ctrl-C and SIGTERM: the demo then ends early, with its summary.
+/// A flag that Ctrl-C and SIGTERM set: the demo then ends early, with its summary.
 fn stop_flag() -> Result<Arc<AtomicBool>, DemoError> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
@@ -129,7 +129,7 @@ fn stop_flag() -> Result<Arc<AtomicBool>, DemoError> {
     Ok(stop)
 }
 
-/// Waits for the client's end. Passes on a wish to stop; kills it where it hangs.
+/// Waits for the client's end. Passes on a request to stop, and kills a client that hangs.
 fn wait_for(
     mut client: Child,
     patience: Duration,

@@ -1,21 +1,21 @@
 //! Falling boxes: just enough physics to need the pairs.
 //!
-//! Every frame, gravity moves the boxes, the daemon says which overlap, and each overlapping pair
-//! is pushed apart along the axis on which it overlaps least. Boxes that have lain for long fall
-//! again from the top, so that there is always motion.
+//! In every frame gravity moves the boxes, the daemon finds the overlapping pairs, and each pair is
+//! pushed apart along the axis on which it overlaps least. Boxes fall again from the top after a
+//! while, so that there is always motion.
 
 use glam::Vec3;
 use pairmask::Aabb;
 
 use crate::scene::Random;
 
-/// One frame, s. Frames run as fast as they can; the world does not care.
+/// Time of the world between two frames, s. Frames run as fast as they can.
 const TIME_STEP: f32 = 1.0 / 120.0;
 /// m/s².
 const GRAVITY: Vec3 = Vec3::new(0.0, -9.81, 0.0);
-/// Share of the speed that is left after a bounce. A higher one never settles.
+/// Share of the speed that is left after a bounce. With a higher one boxes never come to rest.
 const BOUNCE: f32 = 0.2;
-/// Share of an overlap that is taken away in a frame. All of it at once makes heaps tremble.
+/// Share of an overlap that is removed in a frame. Removing all of it at once makes heaps tremble.
 const PUSH_SHARE: f32 = 0.4;
 /// Frames between two falls of a box: about eight seconds of the world's time.
 const LIFE_FRAMES: usize = 1000;
@@ -28,7 +28,7 @@ pub struct World {
     halves: Vec<Vec3>,
     /// Half edge of the floor.
     room: f32,
-    /// Where boxes start to fall.
+    /// Height from which boxes fall.
     top: f32,
     frame: usize,
     random: Random,
@@ -64,14 +64,14 @@ impl World {
         self.centres.len()
     }
 
-    /// Writes the boxes where the daemon reads them.
+    /// Writes the boxes into a frame's memory.
     pub fn write_boxes(&self, boxes: &mut [Aabb]) {
         for ((slot, centre), half) in boxes.iter_mut().zip(&self.centres).zip(&self.halves) {
             *slot = Aabb::from_center_half(*centre, *half);
         }
     }
 
-    /// Pushes overlapping pairs apart and goes on to the next frame.
+    /// Pushes overlapping pairs apart and advances the world by one frame.
     pub fn step(&mut self, pairs: impl Iterator<Item = (u32, u32)>) {
         for (a, b) in pairs {
             self.push_apart(a as usize, b as usize);
@@ -85,13 +85,13 @@ impl World {
         self.frame += 1;
     }
 
-    /// Two boxes of the same mass meet on the axis of their smallest overlap.
+    /// Resolves the collision of two boxes of equal mass on the axis of their smallest overlap.
     fn push_apart(&mut self, a: usize, b: usize) {
         let apart = self.centres[b] - self.centres[a];
         let overlap = self.halves[a] + self.halves[b] - apart.abs();
         let axis = overlap.min_position();
         if overlap[axis] <= 0.0 {
-            // An earlier pair of this frame moved them apart.
+            // An earlier pair of this frame has moved the boxes apart.
             return;
         }
         let direction = if apart[axis] < 0.0 { -1.0 } else { 1.0 };
@@ -120,7 +120,7 @@ impl World {
         }
     }
 
-    /// Boxes take turns to fall anew, each after [`LIFE_FRAMES`].
+    /// Drops boxes again in turn, each after [`LIFE_FRAMES`].
     fn drop_the_oldest(&mut self) {
         let n = self.len();
         let turn = self.frame % LIFE_FRAMES;

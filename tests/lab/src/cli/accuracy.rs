@@ -16,7 +16,7 @@ use pairmaskd::cli::output::{
     OutputError, make_folder, print_json, print_text, progress_bar, spinner,
 };
 use pairmaskd::cli::target::Target;
-use pairmaskd::cli::whole::whole;
+use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::execute::gpu::{GpuChoice, choose, list_adapters};
 use pairmaskd::file_error::{Access, FileError};
 use pairmaskd::scene::SceneName;
@@ -33,7 +33,7 @@ use crate::study::accuracy::{report, table};
 use crate::study::machine::Machine;
 use crate::study::mapping::MappingError;
 
-/// Longer than any pause between two frames: a spinning thread never sleeps in between.
+/// Spin time of both sides. Longer than any pause between two frames, so that no thread sleeps.
 const SPIN: Duration = Duration::from_secs(1);
 
 /// Run time against error: scenes by sizes by precision modes by engines
@@ -73,7 +73,7 @@ pub struct Accuracy {
         default_values_t = [SceneName::Uniform, SceneName::Mixed, SceneName::Pile, SceneName::Plane])]
     scene: Vec<SceneName>,
     /// Numbers of boxes
-    #[arg(long, value_parser = whole::<u32>, value_name = "N,..", value_delimiter = ',', default_values_t = [1000, 10_000, 100_000])]
+    #[arg(long, value_parser = whole_number::<u32>, value_name = "N,..", value_delimiter = ',', default_values_t = [1000, 10_000, 100_000])]
     n: Vec<u32>,
     /// exact, q16, q8, f16, margin=X, f64=X, plain-f32=X, spheres=circumscribed, spheres=inscribed
     #[arg(long, value_name = "MODE,..", value_delimiter = ',', default_values_t = default_modes())]
@@ -82,16 +82,16 @@ pub struct Accuracy {
     #[arg(long, value_name = "NAME,..", value_delimiter = ',')]
     engines: Vec<EngineChoice>,
     /// Frames that are timed
-    #[arg(long, value_parser = whole::<NonZeroU32>, value_name = "N", default_value = "100")]
+    #[arg(long, value_parser = whole_number::<NonZeroU32>, value_name = "N", default_value = "100")]
     frames: NonZeroU32,
     /// Frames before those
-    #[arg(long, value_parser = whole::<u32>, value_name = "N", default_value_t = 10)]
+    #[arg(long, value_parser = whole_number::<u32>, value_name = "N", default_value_t = 10)]
     warm_up: u32,
     /// Timed frames whose pairs are compared with the exact ones, after the clock has stopped
-    #[arg(long, value_parser = whole::<u32>, value_name = "N", default_value_t = 4)]
+    #[arg(long, value_parser = whole_number::<u32>, value_name = "N", default_value_t = 4)]
     checked: u32,
     /// Seed of the scenes
-    #[arg(long, value_parser = whole::<u64>, value_name = "N", default_value_t = 1)]
+    #[arg(long, value_parser = whole_number::<u64>, value_name = "N", default_value_t = 1)]
     seed: u64,
     /// Limits that every row has to keep, such as 'missed=0,p99<2ms'
     #[arg(long, value_name = "LIMITS")]
@@ -119,7 +119,7 @@ fn default_modes() -> Vec<StudyMode> {
     names.iter().filter_map(|name| name.parse().ok()).collect()
 }
 
-/// Why nothing was measured, or what was found wrong.
+/// Why nothing was measured, or what the measurement found wrong.
 #[derive(Debug, thiserror::Error)]
 pub enum AccuracyError {
     #[error(transparent)]
@@ -145,9 +145,9 @@ pub enum AccuracyError {
 }
 
 impl Accuracy {
-    /// Measures every row, writes them down, and judges them.
+    /// Measures every row, writes the report, and checks it against limits and the old report.
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), AccuracyError> {
-        // Read before hours are spent.
+        // Read before the measurement, so that a wrong file fails at once.
         let old = self.compare.as_deref().map(read_report).transpose()?;
         make_folder(self.out.as_deref())?;
         let report = self.measure(place, config)?;
@@ -179,7 +179,7 @@ impl Accuracy {
         }
     }
 
-    /// Says something beside the report: below the table, or on stderr where stdout is for programs.
+    /// Prints lines beside the report: below the table, or on stderr where stdout is for programs.
     fn say(&self, lines: &[String]) -> Result<(), OutputError> {
         for line in lines {
             if self.json || self.csv {
@@ -239,7 +239,8 @@ impl Accuracy {
 
 /// This machine, with the adapter that a daemon of this choice uses.
 fn machine(choice: &GpuChoice) -> Machine {
-    // Drivers have much to say on stderr: nobody is asked for nothing.
+    // Listing adapters loads every driver, and some print on stderr: no driver is loaded where no
+    // GPU is used.
     let adapters = if *choice == GpuChoice::None { Vec::new() } else { list_adapters() };
     Machine::here(choose(choice, &adapters).and_then(|at| adapters.get(at)))
 }

@@ -1,4 +1,4 @@
-//! Why a measurement failed, and the exit status that says so.
+//! Errors of measurements, and their exit status.
 
 use pairmask::update::UpdateError;
 use pairmaskd::calibrate::MeasureError;
@@ -16,10 +16,10 @@ use crate::study::mapping::MappingError;
 /// Why a measurement failed.
 #[derive(Debug, thiserror::Error)]
 pub enum LabError {
-    /// In one line.
+    /// The command line is wrong.
     #[error(transparent)]
     Usage(#[from] WrongUsage),
-    /// A result, help or the version was not printed.
+    /// A result, help or the version could not be printed.
     #[error(transparent)]
     Output(#[from] OutputError),
     #[error(transparent)]
@@ -34,16 +34,16 @@ pub enum LabError {
     Grid(#[from] GridError),
     #[error(transparent)]
     Measure(#[from] MeasureError),
-    /// Boxes and transforms do not belong together.
+    /// Boxes and transforms differ in number.
     #[error(transparent)]
     Update(#[from] UpdateError),
-    /// The report says in which family.
+    /// The report names the family.
     #[error("pairs of spheres were decided wrongly: please report this")]
     InexactSpheres,
-    /// No folder for the results.
+    /// The folder of the results could not be created.
     #[error(transparent)]
     Write(#[from] FileError),
-    /// The daemon of a measurement.
+    /// The daemon of a measurement did not start.
     #[error(transparent)]
     Serve(#[from] ServeError),
 }

@@ -6,7 +6,7 @@ use clap::Args;
 use pairmaskd::cli::config::Config;
 use pairmaskd::cli::options::DaemonOptions;
 use pairmaskd::cli::output::{make_folder, print_text, spinner};
-use pairmaskd::cli::whole::whole;
+use pairmaskd::cli::whole_number::whole_number;
 
 use super::error::LabError;
 use crate::study::grid::{GridOptions, run_and_print};
@@ -30,7 +30,7 @@ pub struct Grid {
     #[command(flatten)]
     options: DaemonOptions,
     /// Numbers of boxes
-    #[arg(long, value_parser = whole::<u32>, value_name = "N,..", value_delimiter = ',', default_values_t = [1_000, 10_000, 100_000, 1_000_000])]
+    #[arg(long, value_parser = whole_number::<u32>, value_name = "N,..", value_delimiter = ',', default_values_t = [1_000, 10_000, 100_000, 1_000_000])]
     n: Vec<u32>,
     /// Small scenes and few runs: seconds, for a look. Times mean little
     #[arg(long, conflicts_with = "n")]

@@ -61,7 +61,7 @@ enum Command {
 
 /// Runs the command that the process was started with.
 ///
-/// Call it first in `main`: it says how the process is set up.
+/// Call it first in `main`: it sets the process up.
 pub fn main() -> ExitCode {
     program::run(&shape::command(), run)
 }
@@ -84,8 +84,8 @@ fn run(cli: &Cli) -> Result<(), LabError> {
 }
 
 impl Command {
-    /// Whether a setting of the configuration file means something for it: what reads none does not
-    /// fail by a file that is wrong. The process that starts a daemon passes every setting as a flag.
+    /// Whether the command uses a setting of the configuration file. A command that uses none does
+    /// not fail by a wrong file. The process that starts a daemon passes every setting as a flag.
     const fn reads_config(&self) -> bool {
         !matches!(self, Self::Threads(_) | Self::Spheres(_) | Self::Serve(_))
     }

@@ -11,7 +11,7 @@ use pairmaskd::cli::config::Config;
 use pairmaskd::cli::machine::Machine;
 use pairmaskd::cli::options::Place;
 use pairmaskd::cli::output::{print_json, print_text, progress_bar};
-use pairmaskd::cli::whole::whole;
+use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::scene::SceneName;
 use serde::Serialize;
 
@@ -19,10 +19,10 @@ use super::error::LabError;
 use super::scenes::SceneSizes;
 use crate::study::judge::{Judgement, judge};
 
-/// Sizes unless others are named: dense where the fastest engine changes.
+/// Default sizes: dense where the fastest engine changes.
 const SIZES: [u32; 12] =
     [64, 128, 256, 500, 1_000, 2_000, 4_096, 10_000, 32_768, 100_000, 300_000, 1_000_000];
-/// A plan that takes longer than this, over the best way, is told apart.
+/// A plan whose time over the best way's is above this is listed as bad.
 const LIMIT: f64 = 1.3;
 const EFFORT: Effort =
     Effort { least_frames: 5, most_frames: 200, time: Duration::from_millis(200) };
@@ -42,7 +42,7 @@ pub struct PlanBench {
     #[command(flatten)]
     what: SceneSizes,
     /// Threads that the plan may use, each by itself [default: 1 and all cores]
-    #[arg(long, value_parser = whole::<NonZeroUsize>, value_name = "N,..", value_delimiter = ',')]
+    #[arg(long, value_parser = whole_number::<NonZeroUsize>, value_name = "N,..", value_delimiter = ',')]
     threads: Vec<NonZeroUsize>,
     /// Print one JSON object
     #[arg(long)]
@@ -53,7 +53,7 @@ pub struct PlanBench {
 #[derive(Debug, Serialize)]
 struct PlanReport {
     machine: Machine,
-    /// Where the constants are from.
+    /// Origin of the constants.
     calibration: String,
     rows: Vec<PlanRow>,
 }
@@ -63,7 +63,8 @@ struct PlanRow {
     scene: &'static str,
     n: usize,
     threads: usize,
-    /// Null where the plan chose what was left out as hopeless: a miss.
+    /// Null where the plan chose a way that was not measured because its prediction was hopeless: a
+    /// miss.
     ratio: Option<f64>,
     engine: Option<&'static str>,
     encoding: Option<&'static str>,

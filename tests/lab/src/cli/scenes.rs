@@ -2,30 +2,31 @@
 
 use clap::Args;
 use pairmaskd::calibrate::Case;
-use pairmaskd::cli::whole::whole;
+use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::scene::SceneName;
 
 /// Most pairs of a scene where all boxes overlap: larger ones are left out.
 const MOST_QUADRATIC_PAIRS: u64 = 10_000_000;
 
-/// Which scenes, and how large.
+/// The scenes and their sizes.
 #[derive(Clone, Debug, Args)]
 pub struct SceneSizes {
     /// Scenes, as `pairmaskd scene` names them [default: see above]
     #[arg(long, value_name = "NAME,..", value_delimiter = ',')]
     scene: Vec<SceneName>,
     /// Numbers of boxes [default: see above]
-    #[arg(long, value_parser = whole::<u32>, value_name = "N,..", value_delimiter = ',')]
+    #[arg(long, value_parser = whole_number::<u32>, value_name = "N,..", value_delimiter = ',')]
     n: Vec<u32>,
 }
 
 impl SceneSizes {
-    /// Whether nobody named a scene or a size.
+    /// Whether neither scenes nor sizes are named.
     pub fn is_default(&self) -> bool {
         self.scene.is_empty() && self.n.is_empty()
     }
 
-    /// Every scene in every size; scenes whose pairs grow with the square only while they are few.
+    /// Every scene in every size. Scenes whose pairs grow with the square of n are left out at
+    /// sizes with more than [`MOST_QUADRATIC_PAIRS`].
     pub fn cases(&self, scenes: &[SceneName], sizes: &[u32]) -> Vec<Case> {
         let scenes = if self.scene.is_empty() { scenes } else { &self.scene };
         let sizes = if self.n.is_empty() { sizes } else { &self.n };

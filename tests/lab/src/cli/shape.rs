@@ -1,4 +1,4 @@
-//! The command line as clap is given it.
+//! Changes to the derived command line that clap has no attributes for.
 
 use clap::{Command, CommandFactory};
 use pairmaskd::cli::shape::{ALL, Shape, shaped};
@@ -62,8 +62,7 @@ mod tests {
         assert!(help("accuracy").contains("[default: daemon]"), "{}", help("accuracy"));
     }
 
-    /// No number that a user can get wrong is answered in the words of the language that the program
-    /// is written in.
+    /// No message about a wrong number has Rust's words.
     #[test]
     fn every_number_says_what_it_must_be() {
         let mut built = command();

@@ -2,7 +2,7 @@
 
 use clap::Args;
 use pairmaskd::cli::output::{print_json, print_text, progress_bar, spinner};
-use pairmaskd::cli::whole::whole;
+use pairmaskd::cli::whole_number::whole_number;
 
 use super::error::LabError;
 use crate::study::spheres::errors::pairs_decided;
@@ -25,13 +25,13 @@ Exit status: 1 where the library itself decided a pair wrongly.")]
 pub struct Spheres {
     /// Count wrong decisions instead: of so many random pairs, a hundredth as many that touch, and
     /// as many that nearly do [default: 1000000]
-    #[arg(long, value_parser = whole::<u64>, value_name = "PAIRS", num_args = 0..=1, default_missing_value = "1000000")]
+    #[arg(long, value_parser = whole_number::<u64>, value_name = "PAIRS", num_args = 0..=1, default_missing_value = "1000000")]
     errors: Option<u64>,
     /// Few spheres and few frames: a second, for a look. Times mean little
     #[arg(long)]
     quick: bool,
     /// Seed of scenes and pairs
-    #[arg(long, value_parser = whole::<u64>, value_name = "N", default_value_t = 1)]
+    #[arg(long, value_parser = whole_number::<u64>, value_name = "N", default_value_t = 1)]
     seed: u64,
     /// Print one JSON object
     #[arg(long)]

@@ -8,7 +8,7 @@ use pairmask::EngineName;
 use pairmaskd::cli::config::Config;
 use pairmaskd::cli::options::DaemonOptions;
 use pairmaskd::cli::output::{OutputError, print_json, print_text, progress_bar};
-use pairmaskd::cli::whole::whole;
+use pairmaskd::cli::whole_number::whole_number;
 
 use crate::sabotage::Sabotage;
 use crate::stress::{Cases, Entrant, ModeChoice, Roster, StressError, run};
@@ -35,13 +35,13 @@ Examples:
 Exit status: 0 where every answer was right, 1 where one was not.")]
 pub struct Stress {
     /// Seed of the run: the same cases in the same order [default: from the clock]
-    #[arg(long, value_parser = whole::<u64>, value_name = "N", conflicts_with = "case")]
+    #[arg(long, value_parser = whole_number::<u64>, value_name = "N", conflicts_with = "case")]
     seed: Option<u64>,
     /// This case and no other
-    #[arg(long, value_parser = whole::<u64>, value_name = "N")]
+    #[arg(long, value_parser = whole_number::<u64>, value_name = "N")]
     case: Option<u64>,
     /// How long
-    #[arg(long, value_parser = whole::<u64>, value_name = "N", default_value_t = 10)]
+    #[arg(long, value_parser = whole_number::<u64>, value_name = "N", default_value_t = 10)]
     seconds: u64,
     #[arg(
         long,
@@ -55,14 +55,14 @@ pub struct Stress {
     #[arg(long, value_name = "MODES", value_delimiter = ',', default_value = "all")]
     mode: Vec<ModeChoice>,
     /// Most threads of an engine [default: all]
-    #[arg(long, value_parser = whole::<NonZeroUsize>, value_name = "N")]
+    #[arg(long, value_parser = whole_number::<NonZeroUsize>, value_name = "N")]
     threads: Option<NonZeroUsize>,
     #[command(flatten)]
     options: DaemonOptions,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
-    /// Break every engine (`lossy`) or mode (`inward`), to see that it is noticed.
+    /// Break every engine (`lossy`) or mode (`inward`), to test that the checks notice.
     #[arg(long, hide = true, num_args = 0..=1, require_equals = true, default_missing_value = "lossy")]
     break_engine: Option<Sabotage>,
 }
@@ -72,7 +72,7 @@ pub struct Stress {
 pub enum StressCommandError {
     #[error(transparent)]
     Stress(#[from] StressError),
-    /// The report says which.
+    /// The report names the answers.
     #[error("wrong answers: each can be had again with the command beside it")]
     Wrong,
     #[error(transparent)]
@@ -109,7 +109,7 @@ impl Stress {
     }
 }
 
-/// Another seed every time, short enough to be typed again.
+/// A seed from the clock, short enough to be typed again.
 fn seed_of_the_clock() -> u64 {
     let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
     now.map_or(1, |time| u64::from(time.subsec_micros()) + 1_000_000 * (time.as_secs() % 1_000))

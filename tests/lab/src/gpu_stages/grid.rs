@@ -1,4 +1,4 @@
-//! What the grid's stages take on a device, and whole frames by the host's clock.
+//! Times of the grid's stages on a device, and of whole frames by the host's clock.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -23,7 +23,7 @@ pub const SCENES: [SceneName; 4] =
 
 /// Frames from the same boxes.
 const ROUNDS: usize = 16;
-/// Words a box for which there is room.
+/// Words a box that the reply has room for.
 const WORDS_A_BOX: u64 = 20;
 
 /// A scene's measurement.
@@ -78,9 +78,9 @@ pub fn measure(
     }
     let mut times = Vec::new();
     let started = Instant::now();
-    // A device that pauses for the next frame's boxes lowers its clocks: a few frames from the same
-    // boxes, of which the last is measured, keep it at work. Sorting does not depend on the last
-    // frame's order, so a frame of boxes that stand costs what one of boxes that move does.
+    // A device that waits for the next frame's boxes lowers its clocks. So each step runs a few
+    // frames of the same boxes and measures the last. Sorting does not depend on the last frame's
+    // order, so a frame of unmoved boxes costs as much as one of moved boxes.
     while times.len() < LEAST_FRAMES || started.elapsed() < budget {
         scene.step();
         rig.boxes.write(scene.boxes());
@@ -166,7 +166,7 @@ impl Rig<Grid> {
     }
 }
 
-/// A rig, whatever its engine.
+/// A rig of any engine.
 trait Frames {
     fn run(&mut self, n: u32) -> Result<CullReport, BenchError>;
     fn write(&mut self, boxes: &[Aabb]);
@@ -182,7 +182,7 @@ impl<E: Engine> Frames for Rig<E> {
     }
 }
 
-/// Whole frames of boxes that stand, by the host's clock.
+/// Times of whole frames of unmoved boxes, by the host's clock.
 pub struct FrameTimer {
     rig: Box<dyn Frames>,
     n: u32,
@@ -212,7 +212,7 @@ impl FrameTimer {
         Ok(Self { rig: Box::new(rig), n: n.get() })
     }
 
-    /// Other boxes, as many.
+    /// Replaces the boxes by as many others.
     pub fn write(&mut self, boxes: &[Aabb]) {
         self.rig.write(boxes);
     }
@@ -234,7 +234,7 @@ impl FrameTimer {
     }
 }
 
-/// Frames a second of boxes that stand, with so many frames under way at a time (1 or 2).
+/// Frames a second of unmoved boxes, with 1 or 2 frames under way at a time.
 ///
 /// # Errors
 /// [`BenchError`].
@@ -268,7 +268,7 @@ pub fn frames_a_second(
         ended?;
         frames += 1;
         if frames < ROUNDS as u32 {
-            // Blocks, recorded frames and clocks settle.
+            // The first part allocates blocks, records frames and raises clocks.
             started = Instant::now();
         } else if started.elapsed() > budget && frames > 2 * ROUNDS as u32 {
             break;
@@ -321,7 +321,8 @@ fn stages(
     Ok(times.into_iter().map(|(label, us)| (label, percentile(us, 50))).collect())
 }
 
-/// Compares the pairs with those of the CPU's grid: counts, and a hash that no order changes.
+/// Compares the pairs with those of the CPU's grid: counts, and a hash that does not depend on the
+/// order.
 fn compare(
     rig: &Rig<Grid>,
     report: &CullReport,
@@ -341,7 +342,7 @@ fn compare(
     if same { Ok(()) } else { Err(BenchError::WrongPairs { n: n.get(), scene: name }) }
 }
 
-/// Sum over the pairs of a mixed number each, and how many there are; `None` for a bad mask.
+/// Sum of a hash of each pair, and the number of pairs; `None` for a malformed mask.
 fn pair_hash(n: BoxCount, report: &CullReport, words: &[u32]) -> Option<(u64, u64)> {
     let view = MaskView::new(n, &report.shape, words).ok()?;
     view.verify().ok()?;

@@ -27,14 +27,14 @@ use serde_json::json;
 
 use self::shared::Segment;
 
-/// What is measured.
+/// Options of a run.
 #[derive(Clone, Debug)]
 pub struct BenchOptions {
     /// The GPU.
     pub gpu: GpuChoice,
     /// Numbers of boxes.
     pub counts: Vec<u32>,
-    /// Time for each measurement; at least [`LEAST_FRAMES`] frames run whatever it is.
+    /// Time for each measurement; at least [`LEAST_FRAMES`] frames run.
     pub budget: Duration,
     /// Also measure every tile shape.
     pub sweep: bool,
@@ -57,25 +57,25 @@ impl Default for BenchOptions {
     }
 }
 
-/// Fewer frames have no percentiles.
+/// Fewest frames with percentiles.
 pub const LEAST_FRAMES: usize = 3;
 
 /// Frames before a measurement starts: memory is touched, clocks are up, frames are recorded.
 const WARM_UP_FRAMES: usize = 20;
 
-/// The bench did not end.
+/// Why the bench failed.
 #[derive(Debug, thiserror::Error)]
 pub enum BenchError {
     /// No GPU.
     #[error(transparent)]
     Open(#[from] OpenError),
-    /// No engine on it.
+    /// The engine could not be made.
     #[error(transparent)]
     Gpu(#[from] GpuError),
     /// A frame failed.
     #[error(transparent)]
     Cull(#[from] CullError),
-    /// No memory, or nowhere to print.
+    /// No memory, or the output could not be written.
     #[error(transparent)]
     Io(#[from] std::io::Error),
     /// The pairs of the GPU's grid are not the CPU's.
@@ -169,13 +169,13 @@ pub fn run_grid(options: &BenchOptions, out: &mut dyn Write) -> Result<(), Bench
     Ok(())
 }
 
-/// Ways of the boxes that are measured. The way no longer shows where the pairs take milliseconds.
+/// Uploads that are measured. Their difference does not show where the pairs take milliseconds.
 fn uploads(n: u32, imported: bool) -> &'static [Option<Upload>] {
     const ALL: [Option<Upload>; 4] = [
         None,
         Some(Upload::KernelReads),
         Some(Upload::DmaCopy),
-        // Imported boxes are where they are: the CPU stores none.
+        // Imported boxes are read in place: the CPU copies none.
         Some(Upload::MappedVideo),
     ];
     match (n, imported) {
@@ -185,7 +185,7 @@ fn uploads(n: u32, imported: bool) -> &'static [Option<Upload>] {
     }
 }
 
-/// Dense masks of more boxes take longer to move than to make.
+/// Dense masks of more boxes take longer to transfer than to compute.
 const DENSE_LIMIT: u32 = 40_000;
 
 /// Dense masks of more boxes are not even checked: 900 MB. Pair indices leave u32 at 92,683 boxes.
@@ -291,11 +291,11 @@ fn latency(
     let mut frames = 0;
     let mut warm_up = WARM_UP_FRAMES;
     while times.len() < LEAST_FRAMES || started.elapsed() < options.budget {
-        // Frames of seconds need no warming up.
+        // Frames that take seconds need no warm-up.
         if started.elapsed() > options.budget {
             warm_up = warm_up.min(1);
         }
-        // A client writes its boxes anew each frame; that is not timed.
+        // A client writes its boxes in each frame; that is not timed.
         rig.boxes.write(boxes);
         let start = Instant::now();
         report = rig.frame(boxes.len(), encoding)?;

@@ -1,4 +1,4 @@
-//! Shared memory as the daemon has it: boxes that a client wrote, a reply that it will read.
+//! Shared memory as the daemon has it: boxes that a client wrote, and the reply for it.
 #![allow(unsafe_code)]
 
 use std::fs::File;
@@ -14,10 +14,10 @@ use pairmaskd::execute::gpu::{Gpu, ImportError, ImportId, ReadWriteMapping, Shar
 
 /// An anonymous shared segment.
 pub(super) struct Segment {
-    // Open as long as the mapping: an import finds the pages through it.
+    // Open as long as the mapping, since an import finds the pages through the file.
     _file: File,
     mapping: ReadWriteMapping,
-    /// Ends before the mapping does.
+    /// The import of the mapping; it ends before the mapping does.
     import: Option<(SharedImports, ImportId)>,
 }
 
@@ -28,12 +28,12 @@ impl Segment {
         file.set_len(bytes.max(1).next_multiple_of(4096) as u64)?;
         let mapping = ReadWriteMapping::of_file(&file, 0, bytes)?;
         let mut segment = Self { _file: file, mapping, import: None };
-        // First touch is no part of any measurement.
+        // The first touch must not be in any measurement.
         segment.words_mut().fill(0);
         Ok(segment)
     }
 
-    /// Imports it, for boxes and replies.
+    /// Imports the segment, for boxes and replies.
     pub(super) fn import(
         &mut self,
         gpu: &Arc<Gpu>,
@@ -94,9 +94,9 @@ pub(super) struct SegmentFrame {
     pub(super) reply: Segment,
 }
 
-// SAFETY: mappings do not move with the values that own them, and nobody else refers into these. A
-// reply that was lent and imported is mapped until the segment is dropped, which forgets the import;
-// the engine that is timed imports nothing by itself.
+// SAFETY: mappings do not move with the values that own them, and no other reference into these
+// exists. A reply that was lent and imported is mapped until the segment is dropped, which forgets
+// the import; the engine that is timed imports nothing by itself.
 unsafe impl FrameMemory for SegmentFrame {
     fn with<R>(&mut self, work: impl FnOnce(NarrowBoxes<'_>, &mut dyn ReplyBuffer) -> R) -> R {
         work(self.boxes.boxes(self.n).into(), &mut self.reply)

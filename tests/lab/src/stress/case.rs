@@ -19,18 +19,18 @@ pub const CASE_SEED_BITS: u32 = 48;
 /// naively takes seconds and finds no more than reading thousands.
 pub(super) const MOST_PAIRS: usize = 60_000;
 
-/// A scene, what was done to make it, and its truth.
+/// A scene, how it was made, and its truth.
 #[derive(Clone, Debug)]
 pub struct Case {
-    /// What everything follows from.
+    /// The seed, which determines the whole case.
     pub seed: u64,
-    /// How the scene was made, for people.
+    /// How the scene was made, as text.
     pub recipe: String,
     /// The boxes.
     pub boxes: Vec<Aabb>,
     /// By the oracle, on a thread of the caller's flags.
     pub truth: Truth,
-    /// Floating-point flags of the threads that have to do with it.
+    /// Floating-point flags of the threads that take part.
     pub flags: MixedFlags,
     spheres: OnceLock<SphereCase>,
     modes: [OnceLock<ModeCase>; Usage::ALL.len()],
@@ -65,12 +65,12 @@ impl Case {
         }
     }
 
-    /// The spheres of the same seed; made when somebody asks, since their truth takes long.
+    /// The spheres of the same seed, made on first use, because their truth takes long.
     pub fn spheres(&self) -> &SphereCase {
         self.spheres.get_or_init(|| SphereCase::new(self.seed))
     }
 
-    /// The boxes in one usage of a precision mode; made when somebody asks.
+    /// The boxes in one usage of a precision mode, made on first use.
     pub fn in_mode(&self, usage: Usage) -> &ModeCase {
         self.modes[usage as usize]
             .get_or_init(|| ModeCase::new(self.seed, &self.boxes, usage, &self.flags))
@@ -82,8 +82,8 @@ impl Case {
     }
 }
 
-/// How many boxes: few, or about a power of two, or about a multiple of what engines work in
-/// (strips of 16, words of 32, groups of 64 to 256, tasks of 1,024).
+/// Number of boxes: few, or near a power of two, or near a multiple of the engines' units (strips
+/// of 16, words of 32, groups of 64 to 256, tasks of 1,024).
 fn box_count(random: &mut Random) -> usize {
     let beside = |n: u64, random: &mut Random| (n + random.below(5)).saturating_sub(2) as usize;
     match random.below(20) {
@@ -116,7 +116,7 @@ fn draw(n: usize, random: &mut Random) -> (Vec<Aabb>, &'static str) {
     ((scene.make)(n, random), scene.name)
 }
 
-/// One scene, or two behind or through one another.
+/// One scene, or two scenes one after the other or interleaved.
 fn compose(n: usize, random: &mut Random) -> (Vec<Aabb>, String) {
     match random.below(5) {
         0 => {

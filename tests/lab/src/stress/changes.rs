@@ -1,4 +1,4 @@
-//! What is done to a scene after it was drawn: order, axes, magnitude, and boxes that are wrong.
+//! Changes to a scene after it was drawn: order, axes, magnitude, and empty or invalid boxes.
 
 use pairmask::Aabb;
 use pairmaskd::scene::Random;
@@ -95,7 +95,7 @@ fn some(
     }
 }
 
-/// Lets boxes begin where others end, or one ulp before or after.
+/// Moves faces of boxes to where others end, or one ulp before or after.
 fn copy_faces(boxes: &mut [Aabb], random: &mut Random) {
     let n = boxes.len();
     for i in 0..n {

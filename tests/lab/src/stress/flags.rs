@@ -1,15 +1,15 @@
 //! Floating-point flags of the threads that take part: games and audio programs set them, threads
 //! inherit them, and no answer may depend on them.
 //!
-//! Who calls, who works in the pool and who writes boxes are different threads. Each case has flags for
-//! each of them ([`MixedFlags`]).
+//! The caller, the threads of the pool and the writers of boxes are different threads. Each case has
+//! flags for each of them ([`MixedFlags`]).
 
 use std::fmt;
 
 use pairmaskd::scene::Random;
 use rayon::ThreadPool;
 
-/// How a thread rounds.
+/// The rounding mode of a thread.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Rounding {
     /// To the nearest, ties to even: the default.
@@ -31,7 +31,7 @@ impl Rounding {
 /// The flags of a thread that change results.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FloatFlags {
-    /// How it rounds.
+    /// Rounding mode.
     pub rounding: Rounding,
     /// Results that are subnormal become zero (FTZ).
     pub flush_to_zero: bool,
@@ -109,7 +109,7 @@ mod register {
     }
 }
 
-/// Other processors have no flags that this program knows.
+/// Other processors: this program knows no flags of theirs.
 #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
 mod register {
     pub type Control = ();
@@ -118,7 +118,7 @@ mod register {
     pub fn write((): Control) {}
 }
 
-/// Puts flags back when it goes.
+/// Puts the flags back when dropped.
 struct Restore(register::Control);
 
 impl Drop for Restore {
@@ -128,11 +128,11 @@ impl Drop for Restore {
 }
 
 impl FloatFlags {
-    /// What threads start with, and what Rust assumes.
+    /// The flags that threads start with, and that Rust assumes.
     pub const DEFAULT: Self =
         Self { rounding: Rounding::Nearest, flush_to_zero: false, denormals_are_zero: false };
 
-    /// What games and audio programs set.
+    /// The flags that games and audio programs set.
     pub const FLUSHING: Self =
         Self { rounding: Rounding::Nearest, flush_to_zero: true, denormals_are_zero: true };
 
@@ -150,16 +150,17 @@ impl FloatFlags {
         Self { rounding, ..Self::DEFAULT }
     }
 
-    /// Any of them; the default one time in four.
+    /// Random flags; the default ones one time in four.
     fn draw(random: &mut Random) -> Self {
         let which = random.below(20) as usize;
         Self::all().nth(which).unwrap_or(Self::DEFAULT)
     }
 
-    /// Runs `work` as a host program's thread of these flags would, and puts this thread's back.
+    /// Runs `work` with these flags, as on a host program's thread, and puts this thread's flags
+    /// back.
     ///
-    /// Rust takes the default flags for granted: what `work` computes in floats itself, and does not
-    /// leave to a function that sees to its flags, is not defined to be anything.
+    /// Rust assumes the default flags: results of float arithmetic in `work` itself, outside of
+    /// functions that set their own flags, are not defined.
     pub fn run<R>(self, work: impl FnOnce() -> R) -> R {
         #[inline(never)]
         fn apart<R>(work: impl FnOnce() -> R) -> R {
@@ -170,7 +171,7 @@ impl FloatFlags {
         std::hint::black_box(apart(std::hint::black_box(work)))
     }
 
-    /// Gives this thread these flags until others are set: for threads that are used for nothing else.
+    /// Sets the flags of this thread for good: for threads that have no other use.
     pub fn set(self) {
         register::write(register::of(self));
     }
@@ -189,10 +190,10 @@ impl fmt::Display for FloatFlags {
     }
 }
 
-/// Flags of all threads that have to do with a frame.
+/// Flags of all threads that take part in a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MixedFlags {
-    /// The thread that asks.
+    /// The calling thread.
     pub caller: FloatFlags,
     /// The pool's threads, in turn.
     pub pool: [FloatFlags; 2],
@@ -200,7 +201,7 @@ pub struct MixedFlags {
     pub writers: [FloatFlags; 3],
 }
 
-/// Tells the flags' stream of random numbers from the boxes'.
+/// Makes the random numbers of flags independent of those of boxes.
 const STREAM: u64 = 0x464c_4147_5300;
 
 impl MixedFlags {
@@ -220,14 +221,14 @@ impl MixedFlags {
         }
     }
 
-    /// Runs `work` on a thread of the pool that has the caller's flags, while all threads of the pool
-    /// have theirs. The pool keeps them.
+    /// Gives all threads of the pool their flags, and runs `work` on one of them with the caller's
+    /// flags. The pool keeps its flags.
     pub fn install<R: Send>(&self, pool: &ThreadPool, work: impl FnOnce() -> R + Send) -> R {
         pool.broadcast(|thread| self.pool[thread.index() % self.pool.len()].set());
         pool.install(|| self.caller.run(work))
     }
 
-    /// What `write` gives for 0 to n − 1, by the writers in turn.
+    /// The results of `write` for 0 to n − 1, computed by the writers in turn.
     pub fn written<T>(&self, n: usize, write: impl Fn(usize) -> T) -> Vec<T> {
         let writer = |i: usize| self.writers[i % self.writers.len()];
         (0..n).map(|i| writer(i).run(|| write(i))).collect()

@@ -1,9 +1,8 @@
-//! The gap that a mode states, held against the extra pairs of an answer.
+//! Compares the extra pairs of an answer with the gap that the mode states.
 //!
 //! A mode may report pairs that do not overlap, and states how far apart those may be
-//! ([`Widening::gap_limit`], [`Margin::gap_limit`](pairmask::session::Margin::gap_limit)). A stated gap
-//! that is too small is a lie about every pair beyond it, so each extra pair is measured: its real gap,
-//! without rounding, on each axis.
+//! ([`Widening::gap_limit`], [`Margin::gap_limit`](pairmask::session::Margin::gap_limit)). So the real
+//! gap of each extra pair is measured on each axis, without rounding: none may be above the stated one.
 
 use pairmask::oracle::{Faces, Pair};
 use pairmask::precision::Widening;
@@ -11,20 +10,20 @@ use pairmask::precision::Widening;
 use super::modes::{ModeCase, Sending};
 use super::subject::{Finding, absent};
 
-/// What a mode states: the largest gap on an axis, where one box ends and the other starts.
+/// The stated gap of a mode: the largest on an axis, given where one box ends and the other starts.
 pub(super) type Stated<'a> = dyn Fn(usize, f64, f64) -> f64 + 'a;
 
-/// An extra pair farther apart than stated.
+/// An extra pair with a larger gap than stated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct TooFar {
     pub pair: Pair,
     pub axis: usize,
-    /// Rounded, for people.
+    /// The gap, rounded, for messages.
     pub gap: f64,
     pub stated: f64,
 }
 
-/// Measures the extra pairs of an answer by what the mode of the case states.
+/// Compares the extra pairs of an answer with the gap that the case's mode states.
 pub(super) fn check(case: &ModeCase, got: &[Pair]) -> Result<(), Finding> {
     let extra = absent(got, &case.allowed.must.pairs);
     let far = match &case.sending {
@@ -85,7 +84,7 @@ fn difference_is_at_most(x: f64, y: f64, limit: f64) -> bool {
     if difference != limit || difference.is_infinite() {
         return difference < limit;
     }
-    // The difference rounds to the limit: what was rounded off decides (two-sum, Knuth).
+    // The difference rounds to the limit: the rounding error decides (two-sum, Knuth).
     let virtual_y = x - difference;
     let virtual_x = difference + virtual_y;
     (x - virtual_x) + (virtual_y - y) <= 0.0
@@ -119,7 +118,7 @@ mod tests {
             for _ in 0..150 {
                 let case = Case::new(Case::next_seed(&mut run));
                 let case = case.in_mode(usage);
-                // What an engine answers: the pairs of the boxes that were sent.
+                // An engine's answer: the pairs of the boxes that were sent.
                 let got = pairmask::oracle::truth(&case.sent).pairs;
                 assert_eq!(check(case, &got), Ok(()), "{usage}");
                 let extra = || absent(&got, &case.allowed.must.pairs);

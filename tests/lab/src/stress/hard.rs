@@ -1,4 +1,5 @@
-//! Scenes for `stress` alone: whole scenes at a time, so that boxes can be aimed at each other.
+//! Scenes for `stress` alone. They are drawn as a whole, so that faces can be placed relative to
+//! other boxes.
 //!
 //! Where [`super::scenes`] draws boxes one by one, these draw a border first (a cell of a grid, a
 //! step of a quantisation, the last bit of a coordinate) and then put faces on it, beside it and
@@ -12,7 +13,7 @@ use pairmaskd::scene::Random;
 pub struct HardScene {
     /// The name in messages.
     pub name: &'static str,
-    /// Makes so many boxes.
+    /// Makes a number of boxes.
     pub make: fn(usize, &mut Random) -> Vec<Aabb>,
 }
 
@@ -162,9 +163,9 @@ fn all_equal(n: usize, random: &mut Random) -> Vec<Aabb> {
     boxes(n, |_| one)
 }
 
-/// Cubes whose faces lie on, beside and across the borders that cells as long as they are would
-/// have. The grid makes its cells 0.1 % longer than the longest edge and starts them at the lowest
-/// corner, so both lattices are drawn.
+/// Cubes whose faces lie on, beside and across the borders of cells of the cubes' own length. The
+/// grid makes its cells 0.1 % longer than the longest edge and starts them at the lowest corner, so
+/// both lattices are drawn.
 fn grid_borders(n: usize, random: &mut Random) -> Vec<Aabb> {
     let edge = [1.0f32, 0.7, 1e-20, 3e10][random.below(4) as usize];
     let cell = [edge, edge * 1.001, edge * 2.0][random.below(3) as usize];
@@ -192,7 +193,7 @@ fn quantisation_borders(n: usize, random: &mut Random) -> Vec<Aabb> {
     let base = random.below(u64::from(steps) - 16) as u32;
     boxes(n, |i| {
         if i < 2 {
-            // The corners of the scene, so that the bounds are what was drawn.
+            // The corners of the scene, so that its bounds are those that were drawn.
             return [[if i == 0 { low } else { high }; 2]; 3];
         }
         std::array::from_fn(|_| {
@@ -221,7 +222,7 @@ fn powers_of_two(n: usize, random: &mut Random) -> Vec<Aabb> {
     })
 }
 
-/// Boxes that differ on one axis only: every other axis says nothing.
+/// Boxes that differ on one axis only: on the other axes all overlap.
 fn stack(n: usize, random: &mut Random) -> Vec<Aabb> {
     let axis = random.below(3) as usize;
     let spacing = [0.5f32, 1.0, 1.0f32.next_up(), 3.0][random.below(4) as usize];
@@ -296,7 +297,8 @@ mod tests {
 
     #[test]
     fn pairs_are_on_the_edge() {
-        // Moving every face out by an ulp must change what overlaps, or nothing was aimed at.
+        // Moving every face out by an ulp must change the pairs, else the scene does not test
+        // borders.
         for name in ["chain of touching boxes", "grid borders", "quantisation borders"] {
             let scene = ALL.iter().find(|s| s.name == name).expect("it is listed");
             let boxes = (scene.make)(345, &mut Random::new(4));

@@ -1,21 +1,22 @@
-//! Thousands of hard scenes a minute, every engine against the oracle on each.
+//! Stress: thousands of hard scenes a minute, each answered by every engine and compared with the
+//! oracle.
 //!
-//! A run has a seed, which gives each case a seed of its own, from which all of the case follows:
-//! the number of boxes, one or two scenes ([`scenes`], [`hard`]), up to three changes. Each
-//! [`Subject`] answers every case. A wrong answer names the case's seed, the first wrong pair and
-//! why that pair is in the mask or not.
+//! A run's seed gives each case a seed of its own. The case's seed determines the number of boxes,
+//! one or two scenes ([`scenes`], [`hard`]) and up to three changes. Each [`Subject`] answers every
+//! case. A wrong answer names the case's seed, the first wrong pair and why that pair is in the
+//! mask or not.
 //!
-//! Precision modes take part as subjects too ([`modes`]): what they must find is what overlaps, what
-//! they may find is what their definition adds. No extra pair may have a larger gap than the mode
+//! Precision modes take part as subjects too ([`modes`]): they must find the overlapping pairs and
+//! may find those that their definition adds. No extra pair may have a larger gap than the mode
 //! states (`gaps`).
 //!
-//! Each case also has floating-point flags ([`MixedFlags`]) for the thread that asks, those of the pool
-//! and those that write boxes: nothing may depend on them.
+//! Each case also has floating-point flags ([`MixedFlags`]) for the caller, the pool's threads and the
+//! writers of boxes: no answer may depend on them.
 //!
 //! An engine may leave a crowded scene to another one ([`Outcome::Declined`]). That is no failure, but
-//! it is counted and printed: a run in which nobody answered proves nothing.
+//! it is counted and printed: a run without answers proves nothing.
 //!
-//! Another way to find pairs takes part by implementing [`Subject`] and standing in `roster.rs`.
+//! To add another way to find pairs, implement [`Subject`] and list it in `roster.rs`.
 
 mod case;
 mod changes;
@@ -50,12 +51,12 @@ use pairmaskd::scene::Random;
 /// Failures after which a run ends: more of them say nothing new.
 const MOST_FAILURES: usize = 10;
 
-/// What to run.
+/// The cases to run.
 #[derive(Clone, Debug)]
 pub enum Cases {
     /// Case after case, until the time is over.
     Run {
-        /// What the cases follow from.
+        /// The seed, which determines the cases.
         seed: u64,
         /// How long.
         time: Duration,
@@ -67,10 +68,10 @@ pub enum Cases {
     },
 }
 
-/// The run did not end, or did not begin.
+/// Why a run failed or did not begin.
 #[derive(Debug, thiserror::Error)]
 pub enum StressError {
-    /// The GPU that was asked for is not there.
+    /// The GPU that was asked for does not exist.
     #[error(transparent)]
     Open(#[from] OpenError),
     /// The GPU engine cannot be made.
@@ -79,7 +80,7 @@ pub enum StressError {
     /// An engine cannot be made.
     #[error(transparent)]
     Engine(#[from] CullError),
-    /// What was chosen leaves nothing to run.
+    /// No subject has both the chosen engine and the chosen mode.
     #[error("nothing to run: spheres and updates take part with --mode exact only")]
     NoSubject,
     /// No threads for an engine.
@@ -100,7 +101,7 @@ pub fn run(
         Cases::One { seed } => check_case(&Case::new(seed), subjects, &mut report),
         Cases::Run { seed, time } => {
             let mut seeds = Random::new(seed);
-            // A run that checks nothing proves nothing: there is always one case.
+            // At least one case runs: a run that checks nothing proves nothing.
             loop {
                 check_case(&Case::new(Case::next_seed(&mut seeds)), subjects, &mut report);
                 watch(report.cases, start.elapsed());

@@ -1,5 +1,5 @@
-//! Engines that are given boxes of a precision mode: all that overlaps must be found, and what the
-//! mode's definition adds may be, no farther apart than the mode states.
+//! Engines on boxes of a precision mode: the answer must have the overlapping pairs, and may have
+//! those that the mode's definition adds, with gaps up to the stated one.
 
 use std::sync::Arc;
 
@@ -29,8 +29,8 @@ pub struct ModeSubject {
 
 impl ModeSubject {
     /// An engine in one usage, on a pool whose threads it may use. With `inward` boxes are rounded
-    /// the wrong way, to see that it is noticed. `variant` tells it from other subjects of the same
-    /// engine.
+    /// the wrong way, to test that the checks notice. `variant` distinguishes it from other
+    /// subjects of the same engine.
     pub fn new(
         engine: Box<dyn Engine>,
         variant: &str,
@@ -55,7 +55,7 @@ impl ModeSubject {
         flags: &MixedFlags,
     ) -> Result<Option<(CullReport, Vec<Pair>)>, Finding> {
         let Self { engine, pool, reply, .. } = self;
-        // Encodings are the business of the exact subjects: masks know nothing of modes.
+        // The exact subjects test the encodings: masks do not depend on modes.
         let input = CullInput::boxes(boxes).threads(pool.current_num_threads());
         let report = match flags.install(pool, || engine.cull(&input, reply)) {
             Err(CullError::TooCrowded { .. }) => return Ok(None),
@@ -122,7 +122,7 @@ impl Subject for ModeSubject {
 
     fn explain(&self, case: &Case, (i, j): Pair) -> Option<Explanation> {
         let case = case.in_mode(self.usage);
-        // An explanation begins with f32 boxes: of a world, with those that were sent.
+        // An explanation begins with f32 boxes; for a world, with those that were sent.
         let (given, sent) = match &case.sending {
             Sending::Narrow(precision) => (&case.given, SentBoxes::narrow(precision, &case.sent)),
             Sending::Inflated(margin) => (&case.given, SentBoxes::inflated(*margin, &case.sent)),
@@ -132,7 +132,7 @@ impl Subject for ModeSubject {
     }
 }
 
-/// What would be sent if faces were rounded inward where they are to go outward.
+/// The boxes to send with faces rounded inward instead of outward.
 fn rounded_inward(case: &ModeCase) -> Vec<Aabb> {
     let boxes = match case.sending {
         Sending::Inflated(_) => &case.given,

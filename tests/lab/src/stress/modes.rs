@@ -1,5 +1,4 @@
-//! A case as the precision modes see it: the boxes that a client would send, and what the answer to
-//! them may be.
+//! A case in a precision mode: the boxes that a client would send, and the allowed answers to them.
 
 use std::fmt;
 use std::str::FromStr;
@@ -15,11 +14,11 @@ use pairmaskd::scene::Random;
 use super::case::MOST_PAIRS;
 use super::flags::MixedFlags;
 
-/// Most boxes of a mode's scene: each mode has a truth of its own, by two loops, and what converts
-/// boxes works in groups of eight.
+/// Most boxes of a mode's scene: each mode has a truth of its own, by two loops, and conversions
+/// work in groups of eight.
 const MOST_BOXES: usize = 1_100;
 
-/// Tells the modes' stream of random numbers from the boxes'.
+/// Makes the random numbers of modes independent of those of boxes.
 const STREAM: u64 = 0x4d4f_4445_5300;
 
 /// A precision mode as `--mode` names it.
@@ -130,7 +129,7 @@ impl Usage {
         Self::F64,
     ];
 
-    /// Whose usage it is.
+    /// The mode.
     pub const fn mode(self) -> Mode {
         match self {
             Self::Q16 | Self::Q16SmallBounds => Mode::Q16,
@@ -149,7 +148,7 @@ impl fmt::Display for Usage {
     }
 }
 
-/// What boxes were sent for, with what belongs to it.
+/// The way in which boxes were sent, with its parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Sending {
     /// Narrow forms.
@@ -160,7 +159,7 @@ pub enum Sending {
     World {
         /// The boxes.
         boxes: Vec<Faces>,
-        /// What they are relative to.
+        /// The origin that the sent boxes are relative to.
         origin: [f64; 3],
     },
 }
@@ -168,17 +167,17 @@ pub enum Sending {
 /// A case in one usage of a mode.
 #[derive(Clone, Debug)]
 pub struct ModeCase {
-    /// The boxes that were given: the first ones of the case. For a world, the f32 boxes that it was
-    /// made of.
+    /// The given boxes: the first ones of the case. For a world, the f32 boxes that it was made
+    /// from.
     pub given: Vec<Aabb>,
     /// How they were sent.
     pub sending: Sending,
-    /// The boxes that engines are given.
+    /// The boxes that engines get.
     pub sent: Vec<Aabb>,
-    /// The first box that is converted to something else when it is written by itself, each box by a
-    /// thread of other floating-point flags.
+    /// The first box that is converted differently when each box is written by itself, on threads of
+    /// different floating-point flags.
     pub written_unlike: Option<usize>,
-    /// What the answer may be.
+    /// The allowed answers.
     pub allowed: Allowed,
 }
 
@@ -209,7 +208,8 @@ impl ModeCase {
                 Sending::World { boxes, origin }
             }
         };
-        // All boxes by one call, and each by itself: the answer must not depend on who wrote which.
+        // All boxes in one call, and each by itself: the result must not depend on the writing
+        // thread.
         let n = given.len();
         let (sent, alone, allowed) = match &sending {
             Sending::Narrow(precision) => (
@@ -251,7 +251,7 @@ fn small_bounds(boxes: &[Aabb], random: &mut Random) -> Bounds {
         let (a, b) = (face(axis).unwrap_or(low[axis]), face(axis).unwrap_or(high[axis]));
         (low[axis], high[axis]) = (a.min(b), a.max(b));
     }
-    // Faces that are numbers are bounds; the answer for others is the whole scene.
+    // Faces that are no numbers are no bounds: then the bounds are those of the whole scene.
     Bounds::new(low, high).unwrap_or(around)
 }
 

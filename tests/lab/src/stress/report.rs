@@ -1,4 +1,4 @@
-//! What a run found: for people, and as the JSON that `CLI.md` documents.
+//! The report of a run: as text, and as the JSON that the README documents.
 
 use std::fmt;
 
@@ -12,13 +12,13 @@ use super::{Cases, Subject};
 pub struct StressReport {
     /// Seed of the run, or of the one case.
     pub seed: u64,
-    /// What took part.
+    /// The subjects that took part.
     pub subjects: Vec<String>,
     /// Scenes checked.
     pub cases: u64,
     /// Cases times subjects.
     pub answers: u64,
-    /// Of those, answers that an engine left to another one, by subject; the others were checked.
+    /// Answers that an engine left to another one, by subject; all others were checked.
     pub skipped: Vec<Skipped>,
     /// Pairs that were missing, in all answers.
     pub missed: u64,
@@ -30,12 +30,12 @@ pub struct StressReport {
     pub failures: Vec<Failure>,
 }
 
-/// Answers that a subject did not give: too many boxes stood in one place.
+/// Answers that a subject declined because too many boxes lay in one place.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Skipped {
-    /// Who.
+    /// The subject.
     pub subject: String,
-    /// How many.
+    /// Number of answers.
     pub answers: u64,
 }
 
@@ -44,19 +44,19 @@ pub struct Skipped {
 pub struct Failure {
     /// Seed of the case.
     pub case: u64,
-    /// Who answered.
+    /// The subject that answered.
     pub subject: String,
     /// Its precision mode.
     pub mode: &'static str,
-    /// The command that does it again.
+    /// The command that runs the case again.
     pub replay: String,
     /// Boxes of the case.
     pub boxes: u64,
     /// How its scene was made.
     pub scene: String,
-    /// Floating-point flags of the threads that had to do with it.
+    /// Floating-point flags of the threads that took part.
     pub flags: String,
-    /// What is wrong.
+    /// The mistake.
     pub what: String,
     /// Pairs that were missing.
     pub missed: u64,
@@ -84,7 +84,7 @@ impl StressReport {
         }
     }
 
-    /// Notes that a subject left a case to others.
+    /// Counts a case that a subject left to others.
     pub(super) fn skip(&mut self, subject: &str) {
         match self.skipped.iter_mut().find(|skipped| skipped.subject == subject) {
             Some(skipped) => skipped.answers += 1,
@@ -97,7 +97,7 @@ impl StressReport {
         self.answers - self.skipped.iter().map(|skipped| skipped.answers).sum::<u64>()
     }
 
-    /// Whether every answer was right, and there was one.
+    /// Whether there was an answer, and all answers were right.
     pub fn is_clean(&self) -> bool {
         self.failures.is_empty() && self.checked() > 0
     }

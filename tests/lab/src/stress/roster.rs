@@ -1,4 +1,4 @@
-//! Which subjects take part.
+//! The subjects that take part.
 
 use std::fmt;
 use std::str::FromStr;
@@ -19,10 +19,10 @@ use super::subject::{ExactSubject, Subject};
 use super::updates::UpdateSubject;
 use crate::sabotage::{Sabotage, Spoiler, lose_a_pair};
 
-/// A value of `--engine`: one kind of subject, or all that there are.
+/// A value of `--engine`: one kind of subject, or all.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Entrant {
-    /// Everything that this machine has.
+    /// All subjects that this machine can run.
     All,
     /// One engine, with every instruction set and encoding.
     Engine(EngineName),
@@ -59,33 +59,34 @@ impl fmt::Display for Entrant {
     }
 }
 
-/// Who takes part, and with what.
+/// The subjects of a run, and their settings.
 #[derive(Clone, Debug)]
 pub struct Roster {
-    /// Which subjects.
+    /// The kinds of subjects.
     pub entrants: Vec<Entrant>,
-    /// In which precision modes.
+    /// The precision modes.
     pub modes: Vec<ModeChoice>,
     /// Most threads of an engine; each takes part with one thread as well.
     pub threads: usize,
-    /// GPU of those that need one. [`Entrant::All`] goes without where there is none.
+    /// The GPU. [`Entrant::All`] leaves GPU engines out on a machine without a GPU.
     pub gpu: GpuChoice,
-    /// Break every engine or mode, to see that it is noticed.
+    /// Break every engine or mode, to test that the checks notice.
     pub sabotage: Option<Sabotage>,
 }
 
-/// Matrix of a band so small that scenes of more than about 2,000 boxes have several bands: 512 rows,
-/// the fewest that a band may have, of up to 8,192 boxes, more than any case has.
+/// Bytes of a band's matrix, so small that scenes of more than about 2,000 boxes have several bands:
+/// 512 rows, the fewest that a band may have, of up to 8,192 boxes, more than any case has.
 const SMALL_MATRIX_BYTES: u64 = 512 * (8_192 / 32) * 4;
 
-/// Pattern that fills the second grid's new video memory: a word that no stage wrote must not show.
+/// Pattern that fills the second grid's new video memory: a word that no stage wrote must not reach
+/// an answer.
 const POISON: u32 = 0xa5a5_a5a5;
 
 impl Roster {
     /// The subjects, ready to run.
     ///
     /// # Errors
-    /// [`StressError`] where one that was named is not to be had.
+    /// [`StressError`] where a named one cannot be made.
     pub fn subjects(&self) -> Result<Vec<Box<dyn Subject>>, StressError> {
         let mut subjects = Vec::new();
         for name in EngineName::CPU {
@@ -161,7 +162,7 @@ impl Roster {
         let named =
             self.entrants.iter().any(|e| matches!(e, Entrant::Engine(name) if name.is_gpu()));
         if self.gpu == GpuChoice::None {
-            // Not even a look: listing adapters takes time and loads every driver.
+            // Adapters are not even listed: that takes time and loads every driver.
             return if named { Err(OpenError::SwitchedOff.into()) } else { Ok(()) };
         }
         let gpu = match Gpu::open(&self.gpu, HostImport::IfPossible) {
@@ -205,7 +206,7 @@ impl Roster {
         Ok(())
     }
 
-    /// Sparse masks only: it has no others.
+    /// The engine has sparse masks only.
     fn add_gpu_grid(
         &self,
         gpu: &Arc<Gpu>,
@@ -239,7 +240,7 @@ impl Roster {
         subjects.push(Box::new(ExactSubject::new(engine, variant, encoding, pool)));
     }
 
-    /// An engine of its own for every usage of a mode other than exact.
+    /// Adds a subject with its own engine for every usage of a mode other than exact.
     fn add_modes(
         &self,
         variant: &str,

@@ -1,8 +1,8 @@
-//! Seeded scenes that look for wrong answers: where floats, borders and box classes go wrong.
+//! Seeded scenes that provoke wrong answers: extreme floats, borders and box classes.
 //!
 //! Speed is measured on other scenes. Every scene here takes any number of boxes, gives the same
-//! boxes for the same seed on every machine, and uses no operation that rounds differently
-//! somewhere.
+//! boxes for the same seed on every machine, and uses only operations that round alike on all
+//! machines.
 
 use std::fmt;
 
@@ -32,7 +32,7 @@ impl StressScene {
         self.name
     }
 
-    /// How many pairs to expect.
+    /// The expected growth of the number of pairs.
     pub fn overlaps(&self) -> Overlaps {
         self.overlaps
     }
@@ -50,7 +50,7 @@ impl fmt::Debug for StressScene {
     }
 }
 
-/// [`Random`], with the draws that the golden hashes of these scenes were taken from.
+/// [`Random`], with the draws on which the golden hashes of these scenes rest.
 pub struct Rng(Random);
 
 impl Rng {
@@ -258,7 +258,7 @@ fn mixed_sizes(_: u32, _: u32, rng: &mut Rng) -> Aabb {
     boxed(rng.point(), rng.point().map(|x| octave * x))
 }
 
-/// Small boxes on one that is wider than all of them together, and infinite in depth.
+/// Small boxes on one box that is wider than all of them together, and infinite in depth.
 fn ground_plane(i: u32, n: u32, rng: &mut Rng) -> Aabb {
     if i == n / 2 {
         return Aabb { min: [-1e9, -1e9, f32::NEG_INFINITY], max: [1e9, 1e9, 0.0] };

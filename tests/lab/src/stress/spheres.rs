@@ -29,7 +29,7 @@ pub struct SphereCase {
     pub pairs: Vec<Pair>,
 }
 
-/// Tells the spheres' stream of random numbers from the boxes'.
+/// Makes the random numbers of spheres independent of those of boxes.
 const STREAM: u64 = 0x5048_4552_4553;
 
 impl SphereCase {
@@ -39,7 +39,7 @@ impl SphereCase {
         let n = match random.below(8) {
             0..6 => random.below(71),
             6 => 126 + random.below(5),
-            // Enough that the engines look for candidates first.
+            // Enough spheres for the engines to look for candidates first.
             _ => 255 + random.below(10),
         } as usize;
         let mut spheres: Vec<Sphere> = match random.below(3) {
@@ -82,7 +82,7 @@ fn of_families(n: usize, random: &mut Random) -> Vec<Sphere> {
     spheres
 }
 
-/// Empty, invalid, endless and point-like spheres among the others.
+/// Replaces some spheres by empty, invalid, infinite and point-like ones.
 fn spoil(spheres: &mut [Sphere], random: &mut Random) {
     for sphere in spheres {
         let axis = random.below(3) as usize;
@@ -101,7 +101,7 @@ fn spoil(spheres: &mut [Sphere], random: &mut Random) {
     }
 }
 
-/// Which way pairs of spheres are found.
+/// A way to find pairs of spheres.
 pub enum Way {
     /// All pairs with one instruction set.
     AllPairs(Isa, SphereAllPairs),
@@ -141,7 +141,7 @@ impl SphereSubject {
     /// Every way on every pool.
     ///
     /// # Errors
-    /// [`CullError`]; none for instruction sets that are there.
+    /// [`CullError`]; never for instruction sets that the machine has.
     pub fn all(
         pools: &[Arc<ThreadPool>],
         broken: bool,
@@ -238,7 +238,7 @@ mod tests {
 
     #[test]
     fn cases_hold_pairs_that_touch() {
-        // An ulp less of every radius must lose pairs, or nothing was aimed at.
+        // An ulp less of every radius must lose pairs, else the scene does not test touching.
         let mut lost = 0;
         for seed in 0..40 {
             let SphereCase { spheres, pairs } = SphereCase::new(seed);

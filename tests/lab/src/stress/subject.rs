@@ -1,8 +1,9 @@
-//! What is put to the test: an engine with an instruction set, an encoding and a thread count, or
-//! whatever else gives pairs.
+//! A subject of the test: an engine with an instruction set, an encoding and a thread count, or any
+//! other way to find pairs.
 //!
-//! A subject may answer more than the truth where that is its contract (a mode that rounds boxes
-//! outward), never less: [`compare`] takes the pairs that must be there and those that may be.
+//! A subject may report more pairs than the truth where its contract allows that (a mode that
+//! rounds boxes outward), never fewer: [`compare`] takes the pairs that must be in the answer and
+//! those that may be.
 
 use std::sync::Arc;
 
@@ -17,9 +18,9 @@ use rayon::ThreadPool;
 use super::case::Case;
 use super::modes::Mode;
 
-/// One way to find pairs, and what its answer may be.
+/// A way to find pairs, and the check of its answers.
 pub trait Subject {
-    /// What it is, for people: engine, instruction set, encoding, threads.
+    /// Name for messages: engine, instruction set, encoding, threads.
     fn name(&self) -> &str;
 
     /// The value of `--engine` that runs it.
@@ -33,31 +34,31 @@ pub trait Subject {
     /// Answers a case and checks the answer.
     ///
     /// # Errors
-    /// [`Finding`] says what is wrong with it.
+    /// [`Finding`] with the mistake.
     fn check(&mut self, case: &Case) -> Result<Outcome, Finding>;
 
-    /// What of the case it answered: how many, and how they were made.
+    /// The part of the case that it answered: number of objects, and how they were made.
     fn scene(&self, case: &Case) -> (usize, String) {
         (case.boxes.len(), case.recipe.clone())
     }
 
-    /// Why a pair of the case must be in the answer or not, where that can be told.
+    /// Explains why a pair of the case must be in the answer or not, where that is possible.
     fn explain(&self, case: &Case, (i, j): Pair) -> Option<Explanation> {
         Explanation::of(&case.boxes, i, j).ok()
     }
 }
 
-/// What became of a case that nothing is wrong with.
+/// The outcome of a case without a mistake.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
     /// Answered, and the answer is right.
     Right,
-    /// Not answered: the engine left a scene with too many boxes in one place to another one
-    /// ([`CullError::TooCrowded`]), as it may.
+    /// Not answered: the engine left a scene with too many boxes in one place to another engine
+    /// ([`CullError::TooCrowded`]), which is allowed.
     Declined,
 }
 
-/// What is wrong with an answer.
+/// A mistake in an answer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Finding {
     /// In words.
@@ -99,7 +100,7 @@ pub(super) fn absent(these: &[Pair], those: &[Pair]) -> impl Iterator<Item = Pai
     these.iter().filter(|pair| those.binary_search(pair).is_err()).copied()
 }
 
-/// How many pairs, and the first of them.
+/// The number of pairs, and the first of them.
 fn count(mut pairs: impl Iterator<Item = Pair>) -> (u64, Option<Pair>) {
     let first = pairs.next();
     (u64::from(first.is_some()) + pairs.count() as u64, first)
@@ -115,8 +116,8 @@ pub struct ExactSubject {
 }
 
 impl ExactSubject {
-    /// An engine with an encoding, on a pool whose threads it may use. `variant` tells it from other
-    /// subjects of the same engine.
+    /// An engine with an encoding, on a pool whose threads it may use. `variant` distinguishes it
+    /// from other subjects of the same engine.
     pub fn new(
         engine: Box<dyn Engine>,
         variant: &str,
@@ -134,7 +135,7 @@ impl ExactSubject {
         }
     }
 
-    /// All wrong pairs of the answer, where the mask can be read at all.
+    /// All wrong pairs of the answer, if the mask can be decoded.
     fn wrong_pairs(&mut self, case: &Case) -> Option<Finding> {
         let Self { engine, encoding, pool, reply, .. } = self;
         let input = input(case, *encoding, pool);
@@ -145,7 +146,7 @@ impl ExactSubject {
     }
 }
 
-/// What an engine gets for a case, on a pool whose threads it may use.
+/// The input of an engine for a case, on a pool whose threads it may use.
 fn input<'a>(case: &'a Case, encoding: Encoding, pool: &ThreadPool) -> CullInput<'a> {
     CullInput::boxes(&case.boxes).encoding(encoding).threads(pool.current_num_threads())
 }
@@ -168,7 +169,8 @@ impl Subject for ExactSubject {
         let finding = match mismatch {
             Mismatch::Cull(CullError::TooCrowded { .. }) => return Ok(Outcome::Declined),
             Mismatch::Missing(pair) | Mismatch::Extra(pair) => {
-                // The answer changes from run to run if it is not found again: that counts once.
+                // Without wrong pairs in the second run, the answer changes from run to run: that
+                // counts as one mistake.
                 self.wrong_pairs(case).unwrap_or_else(|| Finding {
                     what: mismatch.to_string(),
                     missed: u64::from(matches!(mismatch, Mismatch::Missing(_))),

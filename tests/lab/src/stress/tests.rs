@@ -68,7 +68,7 @@ fn a_broken_engine_is_caught_and_its_case_replayed() {
     assert!(run(&Cases::One { seed: failure.case }, &mut sound, |_, _| {}).is_clean());
 }
 
-/// Leaves every scene to others.
+/// A subject that declines every scene.
 struct Decliner;
 
 impl Engine for Decliner {
@@ -105,7 +105,7 @@ fn what_is_left_to_others_is_counted_and_proves_nothing() {
 }
 
 #[test]
-fn a_run_of_nobody_is_not_clean() {
+fn a_run_without_answers_is_not_clean() {
     let report = run(&Cases::One { seed: 1 }, &mut [], |_, _| {});
     assert!(!report.is_clean());
 }

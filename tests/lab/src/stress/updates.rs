@@ -1,8 +1,8 @@
 //! The update stage under stress: local boxes and placements → world boxes, by threads of all
 //! floating-point flags.
 //!
-//! Whoever writes a box, it must be the same box, bit for bit, as a thread of default flags writes; and
-//! where an object is only moved, which two-sum does without rounding, the box must hold the exact one.
+//! Every thread must write the same box, bit for bit, as a thread of default flags. Where an object is
+//! only moved, the exact box is computed by two-sum, and the box must contain it.
 
 use std::sync::Arc;
 
@@ -20,7 +20,7 @@ use super::subject::{Finding, Outcome, Subject};
 /// Most boxes of a case: enough for several tasks of the pool.
 const MOST_BOXES: usize = 2_500;
 
-/// Tells the placements' stream of random numbers from the boxes'.
+/// Makes the random numbers of placements independent of those of boxes.
 const STREAM: u64 = 0x5550_4441_5445;
 
 /// The update stage on a pool.
@@ -31,7 +31,8 @@ pub struct UpdateSubject {
 }
 
 impl UpdateSubject {
-    /// The stage on a pool. With `broken` each box shrinks a little, to see that it is noticed.
+    /// The stage on a pool. With `broken` each box shrinks a little, to test that the checks
+    /// notice.
     pub fn new(pool: &Arc<ThreadPool>, broken: bool) -> Self {
         let threads = pool.current_num_threads();
         let plural = if threads == 1 { "" } else { "s" };
@@ -97,7 +98,8 @@ impl Subject for UpdateSubject {
     }
 }
 
-/// A placement for each box: half of them only move it, by something of the order of its faces.
+/// A placement for each box: half of them only move it, by a distance of the order of its faces'
+/// coordinates.
 fn placements(seed: u64, locals: &[Aabb]) -> Vec<Placement> {
     let mut random = Random::new(seed ^ STREAM);
     let of = |local: &Aabb| {

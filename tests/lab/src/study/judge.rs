@@ -1,27 +1,27 @@
-//! How good the plan's choice is: the planned way beside the best of all that were measured.
+//! Judges the plan's choice: the planned way beside the fastest measured one.
 
 use pairmask::dispatch::CullWish;
 use pairmask::plan::{Calibration, Capabilities, Plan, plan};
 use pairmaskd::calibrate::{Case, CaseTimes, Way};
 
-/// A plan, judged by what was measured.
+/// A judged plan.
 #[derive(Clone, Debug)]
 pub struct Judgement {
-    /// Of which case.
+    /// The case.
     pub case: Case,
     /// Threads that the plan could use.
     pub threads: usize,
-    /// What it chose.
+    /// The way that it chose.
     pub planned: Way,
-    /// What was fastest.
+    /// The fastest way.
     pub best: Way,
-    /// What the planned way took, ns.
+    /// Time of the planned way, ns.
     pub planned_ns: u64,
-    /// What it was predicted to take, ns.
+    /// Predicted time of the planned way, ns.
     pub predicted_ns: f64,
-    /// What the fastest took, ns.
+    /// Time of the fastest way, ns.
     pub best_ns: u64,
-    /// What planning took, ns.
+    /// Time of planning, ns.
     pub plan_ns: u64,
 }
 
@@ -34,8 +34,8 @@ impl Judgement {
 
 /// Judges the plan of a measured case with a number of threads.
 ///
-/// `None` where the planned way was not measured: it was left out as hopeless, which a plan that
-/// chooses it cannot be forgiven, so callers count it as a miss.
+/// `None` where the planned way was not measured because its prediction was hopeless. A plan must
+/// not choose such a way, so callers count it as a miss.
 pub fn judge(measured: &CaseTimes, threads: usize, calibration: &Calibration) -> Option<Judgement> {
     let capabilities = Capabilities { threads, gpu: None };
     let plan: Plan = plan(&measured.stats, &capabilities, calibration, &CullWish::default());

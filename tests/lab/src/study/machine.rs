@@ -1,4 +1,4 @@
-//! What a study ran on.
+//! The machine and build of a study.
 
 use std::fs;
 
@@ -18,11 +18,11 @@ pub struct Machine {
     pub gpu: Option<String>,
     /// Its driver.
     pub driver: Option<String>,
-    /// Whether it is a software adapter: then its times are the CPU's.
+    /// Whether it is a software adapter: its times are then those of the CPU.
     pub gpu_is_software: bool,
     /// Compiler of this build.
     pub rustc: String,
-    /// Whether the build is optimised; figures of a debug build compare nothing.
+    /// Whether the build is optimised; figures of a debug build mean nothing.
     pub optimised: bool,
     /// Commit of this build, with `-dirty` if the tree had changes.
     pub commit: String,

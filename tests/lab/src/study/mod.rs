@@ -1,4 +1,4 @@
-//! Studies: measurements that settle a choice, apart from anything that serves a client.
+//! Studies: measurements on which choices rest. No code that serves a client depends on them.
 
 pub mod accuracy;
 pub mod grid;

@@ -56,7 +56,7 @@ pub fn update_times(
     Ok(times)
 }
 
-/// An object whose world box is about `world`, and where it is.
+/// An object whose world box is about `world`, and its placement.
 fn object(world: &Aabb, random: &mut Random) -> (Aabb, Placement) {
     let (min, max) = (Vec3::from_array(world.min), Vec3::from_array(world.max));
     let half = (max - min) * 0.5;

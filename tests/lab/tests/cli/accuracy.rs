@@ -79,7 +79,8 @@ fn rows_for_every_mode_scene_and_engine() {
         let rows = report["rows"].as_array().unwrap();
         assert_eq!(rows.iter().filter(|row| row["mode"] == mode).count(), 2, "{mode}");
     }
-    // What f32 alone makes of a scene so far out: nearly every box overlaps nearly every other.
+    // Rounded to the nearest f32 so far from the origin, nearly every box overlaps nearly every
+    // other.
     let extra_of = |mode: &str| -> u64 {
         let rows = report["rows"].as_array().unwrap().iter().filter(|row| row["mode"] == mode);
         rows.map(|row| row["extra"].as_u64().unwrap()).sum()

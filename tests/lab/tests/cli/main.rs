@@ -1,4 +1,5 @@
-//! The binary, as its users run it: output, files, exit status. Nothing is left behind.
+//! Tests of the binary as users run it: output, files, exit status, and that no file is left
+//! behind.
 #![allow(clippy::unwrap_used)]
 
 mod accuracy;

@@ -1,4 +1,4 @@
-//! Mistakes of whoever measures: each is one line on stderr that says what to do.
+//! Mistakes of users: each is one line on stderr that says what to do.
 
 use std::process::Stdio;
 
@@ -55,7 +55,7 @@ fn a_reader_that_has_gone_is_no_failure() {
 /// Mesa's layer complains of a missing display server on stderr. With `auto` the adapters are listed
 /// and none is opened: quick, and with or without a GPU.
 #[test]
-fn drivers_do_not_talk_to_the_user() {
+fn driver_warnings_are_not_shown() {
     let place = Place::new();
     let line = "accuracy --scene uniform --n 10 --frames 1 --precision exact --mapping none \
                 --backend in-process --gpu auto";

@@ -1,4 +1,4 @@
-//! `stress`: right engines pass, a broken one is caught and told about.
+//! `stress`: right engines pass, a broken one is caught and reported.
 
 use std::collections::BTreeSet;
 
@@ -90,8 +90,8 @@ fn an_engine_that_is_not_there_is_an_error() {
     let place = Place::new();
     assert_eq!(place.run(&["stress", "--engine", "nobody"]).code, Some(2));
     assert_eq!(place.run(&["stress", "--mode", "q17"]).code, Some(2));
-    let nobody = place.run(&["stress", "--engine", "spheres", "--mode", "q16"]);
-    assert!(nobody.error(1).contains("nothing to run"), "{nobody:?}");
+    let without_subject = place.run(&["stress", "--engine", "spheres", "--mode", "q16"]);
+    assert!(without_subject.error(1).contains("nothing to run"), "{without_subject:?}");
     for engine in ["gpu-brute", "gpu-grid"] {
         place.run(&["stress", "--engine", engine, "--gpu", "none"]).error(1);
     }

@@ -14,7 +14,7 @@ use pairmaskd::calibrate::{
 };
 use pairmaskd::cli::machine::Machine;
 use pairmaskd::cli::output::{make_folder, print_json, print_text, progress_bar};
-use pairmaskd::cli::whole::whole;
+use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::scene::SceneName;
 
 use self::report::{Stage, ThreadsReport, ThreadsRow};
@@ -22,7 +22,7 @@ use crate::cli::error::LabError;
 use crate::cli::scenes::SceneSizes;
 use crate::study::updates::update_times;
 
-/// Sizes beside the paper's own, unless others are named.
+/// Default sizes beside the paper's own.
 const SIZES: [u32; 2] = [10_000, 100_000];
 /// Scenes of those sizes.
 const SCENES: [SceneName; 3] = [SceneName::Uniform, SceneName::Torus, SceneName::Letters];
@@ -48,7 +48,7 @@ pub struct ThreadsBench {
     #[command(flatten)]
     what: SceneSizes,
     /// Numbers of threads [default: 1, 2, 4 … all cores]
-    #[arg(long, value_parser = whole::<NonZeroUsize>, value_name = "N,..", value_delimiter = ',')]
+    #[arg(long, value_parser = whole_number::<NonZeroUsize>, value_name = "N,..", value_delimiter = ',')]
     threads: Vec<NonZeroUsize>,
     /// Folder for threads.csv and threads.json
     #[arg(long, value_name = "DIR")]

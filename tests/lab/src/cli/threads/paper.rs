@@ -1,4 +1,4 @@
-//! What Avril, Gouranton and Arnaldi 2014 (§4.2, Figures 5 and 7) give: ms on 1, 2, 4 and 8 cores
+//! Figures of Avril, Gouranton and Arnaldi 2014 (§4.2, Figures 5 and 7): ms on 1, 2, 4 and 8 cores
 //! of two Xeon X5482 at 3.2 GHz.
 
 use pairmaskd::scene::SceneName;
@@ -10,9 +10,9 @@ const CORES: [usize; 4] = [1, 2, 4, 8];
 
 /// One scene of the paper.
 pub struct PaperScene {
-    /// What falls.
+    /// The falling objects.
     pub scene: SceneName,
-    /// How many.
+    /// Number of objects.
     pub n: usize,
     /// Figure 5, ms.
     update_ms: [f64; 4],
@@ -42,7 +42,7 @@ pub const SCENES: [PaperScene; 3] = [
     },
 ];
 
-/// The paper's time, ns, and speed-up over one core for a stage of a scene, whatever its size.
+/// The paper's time, ns, and speed-up over one core for a stage of a scene, at the paper's size.
 pub fn figures(stage: Stage, scene: SceneName, threads: usize) -> Option<(u64, f64)> {
     let found = SCENES.iter().find(|paper| paper.scene == scene)?;
     let column = CORES.iter().position(|cores| *cores == threads)?;

@@ -1,4 +1,4 @@
-//! Speed-ups: for people, as CSV, and as the JSON that `CLI.md` documents.
+//! Speed-ups as text, as CSV, and as the JSON that the README documents.
 
 use std::fmt::{self, Write as _};
 use std::fs;
@@ -36,7 +36,7 @@ impl Stage {
 /// The JSON object of `threads --json`. Fields may be added, never changed or taken away.
 #[derive(Debug, Serialize)]
 pub struct ThreadsReport {
-    /// What it was measured on.
+    /// The machine of the measurement.
     pub machine: Machine,
     /// One for every stage, scene, size, engine and number of threads.
     pub rows: Vec<ThreadsRow>,

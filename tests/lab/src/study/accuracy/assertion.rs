@@ -73,14 +73,14 @@ struct Limit {
     text: String,
 }
 
-/// A limit that cannot be understood.
+/// Why a limit is refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "'{0}' is no limit: write FIGURE=X, FIGURE<X or FIGURE<=X; figures are missed, extra, extra_ratio, p50, p99, bytes_up, bytes_down, memory; X may end in ns, us, ms, s, %, KiB, MiB or GiB"
 )]
 pub struct BadLimit(String);
 
-/// Ends of a value, and what they multiply it by.
+/// Suffixes of a value, and their factors.
 const UNITS: [(&str, f64); 8] = [
     ("ns", 1.0),
     ("us", 1e3),
@@ -130,7 +130,8 @@ impl fmt::Display for Assertion {
 
 impl Assertion {
     /// One line for each limit that a row does not keep. Rows of which no frame was checked keep no
-    /// limit on pairs. Plain rounding to f32 is there as a warning, and has none to keep.
+    /// limit on pairs. Rows of plain rounding to f32, which stand there as a warning, are not
+    /// limited.
     pub fn failures(&self, rows: &[AccuracyRow]) -> Vec<String> {
         let mut failures = Vec::new();
         for row in rows.iter().filter(|row| row.mode != PLAIN_F32) {

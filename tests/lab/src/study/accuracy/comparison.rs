@@ -1,4 +1,4 @@
-//! `--compare OLD.json`: what has become slower or wronger.
+//! `--compare OLD.json`: rows that have become slower or less exact.
 
 use super::rows::{AccuracyReport, AccuracyRow};
 
@@ -10,7 +10,7 @@ const SLOWER: f64 = 1.15;
 pub struct Regression {
     /// The row.
     pub name: String,
-    /// How.
+    /// How it has become worse.
     pub what: Worse,
 }
 
@@ -19,23 +19,23 @@ pub struct Regression {
 pub enum Worse {
     /// Medians of a whole frame, ns.
     Slower {
-        /// Then.
+        /// In the old report.
         old: u64,
-        /// Now.
+        /// In the new report.
         new: u64,
     },
     /// Missed pairs.
     Missed {
-        /// Then.
+        /// In the old report.
         old: u64,
-        /// Now.
+        /// In the new report.
         new: u64,
     },
     /// Extra pairs for each exact one; infinite where there is no exact one.
     Extra {
-        /// Then.
+        /// In the old report.
         old: f64,
-        /// Now.
+        /// In the new report.
         new: f64,
     },
 }
@@ -56,7 +56,7 @@ impl std::fmt::Display for Regression {
     }
 }
 
-/// What is worse in `new` than in `old`, over the rows that both have.
+/// The rows of both reports that are worse in `new` than in `old`.
 pub fn regressions(new: &AccuracyReport, old: &AccuracyReport) -> Vec<Regression> {
     let mut found = Vec::new();
     for (new, old) in pairs_of_rows(new, old) {

@@ -1,4 +1,4 @@
-//! Who finds the pairs of a row: boxes through a session, a world through a session, or spheres.
+//! The contenders of a row: boxes through a session, a world through a session, or spheres.
 
 use std::time::Duration;
 
@@ -13,22 +13,22 @@ use super::spheres::SphereClient;
 use super::truth::{self, Pair};
 use super::world::WorldClient;
 
-/// One way to answer the frames of a scene, and what its answers are to be.
+/// A way to answer the frames of a scene, and its right answers.
 pub trait Contender {
-    /// Answers a frame of boxes. `pairs` are in the answer where they are wanted.
+    /// Answers a frame of boxes. The answer has `pairs` if `wants_pairs`.
     ///
     /// # Errors
     /// [`TimedError`].
     fn frame(&mut self, boxes: &[Aabb], wants_pairs: bool) -> Result<Answer, TimedError>;
 
-    /// The pairs that the last frame has to have, sorted, found in another way than by `engine`.
+    /// The right pairs of the last frame, sorted, found in another way than by `engine`.
     ///
     /// # Errors
     /// [`TimedError`] where that way cannot answer.
     fn truth(&self, boxes: &[Aabb], engine: EngineId) -> Result<Vec<Pair>, TimedError>;
 
-    /// Whether something else than the boxes is tested, so that the answers are worth a comparison
-    /// with the boxes' own pairs.
+    /// Whether other objects stand for the boxes, so that the answers are also compared with the
+    /// boxes' own pairs.
     fn stands_for_boxes(&self) -> bool {
         false
     }
@@ -46,21 +46,21 @@ pub struct Answer {
 /// Times and sizes of a frame.
 #[derive(Clone, Copy, Debug)]
 pub struct FrameFigures {
-    /// Who answered: `daemon` or `in-process`.
+    /// What answered: `daemon` or `in-process`.
     pub backend: &'static str,
-    /// Which engine.
+    /// The engine.
     pub engine: EngineId,
-    /// Whether it was asked for; else an earlier answer was good.
+    /// Whether a request was made; else an earlier answer held.
     pub was_asked: bool,
-    /// What is to be culled, written in the form in which it is culled.
+    /// Time to write the objects in the form in which they are culled.
     pub fill: Duration,
-    /// Submitted to mask in hand.
+    /// From submission to the mask.
     pub round_trip: Duration,
-    /// Every pair of the mask looked at once.
+    /// Time to visit every pair of the mask once.
     pub decode: Duration,
-    /// The engine's time by stage; zeros where the frame was not asked for.
+    /// The engine's time by stage; zeros where no request was made.
     pub stages: StageTimes,
-    /// Bytes of what was culled.
+    /// Bytes of the objects that were culled.
     pub box_bytes: u64,
     /// Bytes of the mask.
     pub mask_bytes: u64,
@@ -84,7 +84,7 @@ impl From<&TimedFrame> for FrameFigures {
 }
 
 /// The contender of a mode. Spheres are culled in this process, by the engine of `wish`; all others
-/// in the session, which asks for its own.
+/// in the session, which has its own choice of engine.
 pub fn contender(
     mode: StudyMode,
     wish: &CullWish,

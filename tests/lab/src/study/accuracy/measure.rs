@@ -13,7 +13,7 @@ use super::mode::{Rounding, StudyMode, World};
 use super::rows::{AccuracyRow, AgainstBoxes, Percentiles, StageTimes};
 use super::truth::{self, Difference};
 
-/// What a row is about.
+/// The subject of a row.
 #[derive(Clone, Copy, Debug)]
 pub struct Subject {
     /// The scene.
@@ -28,14 +28,14 @@ pub struct Subject {
     pub seed: u64,
 }
 
-/// How many frames.
+/// Numbers of frames.
 #[derive(Clone, Copy, Debug)]
 pub struct Lengths {
-    /// Before anything is recorded.
+    /// Frames before the first recorded one.
     pub warm_up: u32,
-    /// Recorded.
+    /// Recorded frames.
     pub frames: u32,
-    /// Of those, how many are checked against the truth: the first, and others at even intervals.
+    /// Recorded frames that are checked against the truth: the first, and others at even intervals.
     pub checked: u32,
 }
 
@@ -46,7 +46,7 @@ impl Lengths {
     }
 }
 
-/// Runs a row in a session that asks for what the subject wishes.
+/// Runs a row in a session with the subject's choice of engine.
 ///
 /// # Errors
 /// [`TimedError`].
@@ -82,7 +82,7 @@ pub fn row(
         }
     }
     let (margin, offset, spheres) = match subject.mode {
-        // The number as people write it: 0.1, and not the f64 that an f32 of 0.1 is.
+        // The shortest number, 0.1, not the f64 value of the f32 0.1.
         StudyMode::Sent(PrecisionChoice::Margin(margin)) => {
             (margin.get().to_string().parse().ok(), None, None)
         }
@@ -140,8 +140,8 @@ pub fn is_reasonable(subject: &Subject) -> bool {
 /// Most boxes that are compared each with each on a CPU: 5·10⁸ tests, some 0.1 s a frame.
 const BRUTE_LIMIT: u32 = 32_768;
 
-/// Most boxes of a world that are rounded to f32 as they are: far out nearly all of them overlap, and
-/// 5·10⁷ pairs of a checked frame take 400 MB.
+/// Most boxes of a world that are rounded to the nearest f32: far from the origin nearly all of them
+/// overlap, and 5·10⁷ pairs of a checked frame take 400 MB.
 const PLAIN_LIMIT: u32 = 10_000;
 
 /// Times of all frames, stage by stage.
@@ -192,7 +192,7 @@ impl Record {
     }
 }
 
-/// By nearest rank: a time that was measured, not one between two.
+/// Percentiles by nearest rank: each is a measured time.
 fn percentiles(times: &mut [u64]) -> Percentiles {
     times.sort_unstable();
     let at = |percent: usize| {

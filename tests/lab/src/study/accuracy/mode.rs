@@ -1,7 +1,7 @@
-//! What a row is about: a precision mode of the sessions, or one of three things beside them.
+//! The subjects of rows: a precision mode of the sessions, or one of three others.
 //!
-//! Beside: the scene in a world of f64 coordinates, far from their origin; the same rounded to f32
-//! without any care, as it is often done; and bounding spheres in place of the boxes.
+//! The others: the scene in a world of f64 coordinates, far from their origin; the same rounded to
+//! the nearest f32, as is often done; and bounding spheres in place of the boxes.
 
 use std::fmt;
 use std::str::FromStr;
@@ -40,9 +40,9 @@ pub enum Rounding {
 /// How a sphere stands for a box.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fit {
-    /// Around the box: what overlaps as boxes does as spheres.
+    /// Around the box: boxes that overlap have spheres that overlap.
     Circumscribed,
-    /// Within the box: what overlaps as spheres does as boxes.
+    /// Within the box: spheres that overlap have boxes that overlap.
     Inscribed,
 }
 
@@ -58,7 +58,7 @@ impl Fit {
     }
 }
 
-/// Distance from the origin where nobody gives one: f32 tells 64 units apart there.
+/// Default distance from the origin: steps of f32 are 64 units there.
 const FAR: f64 = 1e9;
 
 const F64: &str = "f64";

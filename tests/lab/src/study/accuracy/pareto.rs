@@ -1,5 +1,5 @@
-//! Which modes are worth having: a mode that is nowhere on the Pareto front of time, extra pairs and
-//! bytes is beaten wherever it was measured.
+//! The Pareto front of time, extra pairs and bytes. A mode that is nowhere on it is beaten in every
+//! setting that was measured.
 
 use std::fmt;
 
@@ -9,13 +9,13 @@ use super::rows::AccuracyRow;
 use super::setting::{Setting, settings};
 use crate::study::plot::pareto_front;
 
-/// What is compared: the smaller, the better.
+/// The axes of the front: smaller is better.
 const AXES: [&str; 3] = ["p50", "extra_ratio", "bytes_up"];
 
-/// What the rows say of every mode.
+/// The verdicts on the modes of a report.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Pareto {
-    /// What is compared: median of a whole frame, extra pairs a true pair, bytes up.
+    /// The axes: median of a whole frame, extra pairs a true pair, bytes up.
     pub axes: Vec<String>,
     /// One for every mode.
     pub modes: Vec<ModeVerdict>,
@@ -23,22 +23,22 @@ pub struct Pareto {
     pub nowhere: Vec<String>,
 }
 
-/// How a mode did over all settings.
+/// The results of a mode over all settings.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ModeVerdict {
     /// The mode as the command line has it.
     pub mode: String,
     /// Settings (scene, size, distance from the origin) in which it was measured.
     pub settings: u64,
-    /// Those of them in which it missed a pair or was not checked, and cannot win.
+    /// Settings in which it missed a pair or was not checked, and cannot be on the front.
     pub disqualified: u64,
-    /// Those of them in which one of its rows is on the front.
+    /// Settings in which one of its rows is on the front.
     pub on_front: u64,
-    /// Which those are.
+    /// The names of the settings in `on_front`.
     pub at: Vec<String>,
 }
 
-/// Time, extra pairs and bytes up of a row that may stand in a comparison.
+/// Time, extra pairs and bytes up of a row that may be compared.
 pub fn costs(row: &AccuracyRow) -> Option<[f64; AXES.len()]> {
     Some([row.times.total_ns.p50 as f64, row.error()?, row.bytes_up as f64])
 }
@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn of_no_rows_nothing_is_said() {
+    fn no_rows_make_no_sentence() {
         let pareto = Pareto::of(&[]);
         assert!(pareto.modes.is_empty() && pareto.to_string().ends_with("none"));
     }

@@ -1,4 +1,4 @@
-//! The figures of the accuracy study: what is written as JSON and read back to be compared.
+//! The figures of the accuracy study, as written to JSON and read back for comparison.
 //!
 //! Fields may be added, never changed or taken away. Times are integers, nanoseconds.
 
@@ -8,10 +8,10 @@ use super::pareto::Pareto;
 use super::variants::VariantRow;
 use crate::study::machine::Machine;
 
-/// Everything that one run of the study found.
+/// The results of one run of the study.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AccuracyReport {
-    /// What it ran on, and the command line.
+    /// The machine, and the command line.
     pub machine: Machine,
     /// Seed of the scenes.
     pub seed: u64,
@@ -54,7 +54,7 @@ pub struct Percentiles {
 /// `fill`, `round_trip` and `decode`. Percentiles do not add up; stages of one frame do.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct StageTimes {
-    /// Memory borrowed and the boxes written into it, in the form of the mode.
+    /// Time to borrow memory and write the boxes into it, in the form of the mode.
     pub fill_ns: Percentiles,
     /// Boxes turned into the engine's form.
     pub ingest_ns: Percentiles,
@@ -66,9 +66,9 @@ pub struct StageTimes {
     pub publish_ns: Percentiles,
     /// All of the engine's time.
     pub engine_ns: Percentiles,
-    /// Boxes submitted to mask in hand.
+    /// From submission to the mask.
     pub round_trip_ns: Percentiles,
-    /// Every pair of the mask looked at once.
+    /// Time to visit every pair of the mask once.
     pub decode_ns: Percentiles,
     /// The whole frame.
     pub total_ns: Percentiles,
@@ -107,7 +107,7 @@ pub struct AccuracyRow {
     pub offset: Option<f64>,
     /// Of the mode `spheres`: `circumscribed` or `inscribed`; else null.
     pub spheres: Option<String>,
-    /// Who found the pairs: `daemon` or `in-process`.
+    /// Where the pairs were found: `daemon` or `in-process`.
     pub backend: String,
     /// The engine that was asked for, `auto` where the plan chose.
     pub engine: String,
@@ -115,7 +115,7 @@ pub struct AccuracyRow {
     pub served_by_engine: String,
     /// Frames that were timed.
     pub frames: u64,
-    /// Frames that were asked for; the others were answered by a mask that was kept.
+    /// Frames for which a request was made; the others were answered by a kept mask.
     pub requests: u64,
     /// Times over all timed frames, those without a request included.
     pub times: StageTimes,
@@ -140,12 +140,12 @@ pub struct AccuracyRow {
     pub memory_bytes: u64,
 }
 
-/// Pairs of something that stands for boxes, against those of the boxes.
+/// Pairs of objects that stand for boxes, against the boxes' pairs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AgainstBoxes {
     /// The boxes' pairs.
     pub true_pairs: u64,
-    /// Of those, how many were not reported.
+    /// Pairs of the boxes that were not reported.
     pub missed: u64,
     /// Reported pairs that are not the boxes'.
     pub extra: u64,
@@ -154,7 +154,7 @@ pub struct AgainstBoxes {
 }
 
 impl AccuracyRow {
-    /// What tells rows of two reports to be about the same thing.
+    /// The key by which rows of two reports are matched.
     pub fn key(&self) -> (&str, u32, String, &str, &str) {
         (&self.scene, self.n, self.mode_text(), &self.backend, &self.engine)
     }
@@ -170,16 +170,16 @@ impl AccuracyRow {
         }
     }
 
-    /// Extra pairs a pair, as somebody has them who asks for the pairs of the boxes: of spheres
-    /// against the boxes'. `None` where a pair was missed, none was looked at, or there is nothing
-    /// to divide by.
+    /// Extra pairs for each true one, for a user who wants the pairs of the boxes: spheres are
+    /// compared with the boxes' pairs. `None` where a pair was missed, no frame was checked, or
+    /// there is no true pair.
     pub fn error(&self) -> Option<f64> {
         let missed = self.missed + self.against_boxes.map_or(0, |boxes| boxes.missed);
         let ratio = self.against_boxes.map_or(self.extra_ratio, |boxes| boxes.extra_ratio);
         ratio.filter(|_| missed == 0 && self.checked_frames > 0)
     }
 
-    /// What the row is about, for messages.
+    /// Name of the row, for messages.
     pub fn name(&self) -> String {
         let Self { scene, n, backend, engine, .. } = self;
         format!("{scene} {n} {} {backend} {engine}", self.mode_text())

@@ -1,24 +1,25 @@
-//! Rows that answer the same question: one scene, one size, one place.
+//! Settings: rows that answer the same question, of one scene, one size and one distance from the
+//! origin.
 
 use super::rows::AccuracyRow;
 use crate::study::plot::Unit;
 
-/// What a setting is about.
+/// A setting with its rows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Setting<'a> {
     /// The scene.
     pub scene: &'a str,
     /// Boxes.
     pub n: u32,
-    /// How far it lies from the origin of a world in f64, if it does: a question of its own, which
-    /// f32 boxes of the scene do not answer.
+    /// Distance from the origin of a world in f64, if any. Rows of f32 boxes do not belong to such
+    /// a setting.
     pub offset: Option<f64>,
     /// Its rows, in the order in which they were measured.
     pub rows: Vec<&'a AccuracyRow>,
 }
 
 impl Setting<'_> {
-    /// For people.
+    /// Title for reports.
     pub fn title(&self) -> String {
         let far =
             self.offset.map_or_else(String::new, |offset| format!(", {offset:e} from the origin"));

@@ -26,7 +26,7 @@ pub struct SphereClient {
 }
 
 impl SphereClient {
-    /// A client whose spheres lie so to their boxes.
+    /// A client with spheres of a fit.
     pub fn new(fit: Fit, wish: CullWish) -> Self {
         let (engines, spheres, reply) = Default::default();
         Self { fit, wish, engines, spheres, reply }
@@ -34,7 +34,7 @@ impl SphereClient {
 }
 
 impl Contender for SphereClient {
-    /// Making spheres of boxes is the fill.
+    /// The fill is the time to make spheres of the boxes.
     fn frame(&mut self, boxes: &[Aabb], wants_pairs: bool) -> Result<Answer, TimedError> {
         let start = Instant::now();
         self.spheres.clear();
@@ -84,8 +84,8 @@ impl Contender for SphereClient {
     }
 }
 
-/// The sphere of a box. Around: it holds the box. Within: the box holds it. What is empty or invalid
-/// stays so; a face at infinity makes the sphere around it all of space.
+/// The sphere of a box. Around: it holds the box. Within: the box holds it. Empty and invalid boxes
+/// become spheres of the same class. The sphere around a box with an infinite face is all of space.
 pub fn sphere(b: &Aabb, fit: Fit) -> Sphere {
     match b.class() {
         BoxClass::Empty => return Sphere::EMPTY,
@@ -95,7 +95,7 @@ pub fn sphere(b: &Aabb, fit: Fit) -> Sphere {
     let center: [f32; 3] = std::array::from_fn(|axis| {
         let (min, max) = (b.min[axis], b.max[axis]);
         let middle = min.midpoint(max);
-        // Finite, and in the box, whatever is at infinity.
+        // A finite point within the box, also if faces are infinite.
         if middle.is_finite() { middle } else { 0f32.clamp(min, max).clamp(f32::MIN, f32::MAX) }
     });
     // f64 holds the difference of two f32 to 2^−53 of it, far below a step of f32.
@@ -116,8 +116,8 @@ pub fn sphere(b: &Aabb, fit: Fit) -> Sphere {
     Sphere::new(center, radius)
 }
 
-/// The pairs of spheres, exactly: each with each, or, of a large scene, among the pairs of boxes that
-/// are wider by a step on each side.
+/// The exact pairs of spheres: each compared with each; in a large scene, candidates are the pairs of
+/// boxes that are wider by a step on each side.
 fn pairs(spheres: &[Sphere], engine: EngineId) -> Result<Vec<Pair>, TimedError> {
     if spheres.len() <= truth::NAIVE_LIMIT {
         return Ok(oracle::pairs(spheres));

@@ -1,4 +1,4 @@
-//! The report for people, and as CSV.
+//! The report as text and as CSV.
 
 use std::fmt::Write;
 
@@ -89,7 +89,7 @@ fn variants_text(rows: &[VariantRow]) -> String {
     );
     for row in rows {
         let ps = row.ps_per_pair.map_or("-".to_owned(), |ps| format!("{ps:.0}"));
-        // A sample says only how many pairs are missed at most.
+        // A sample gives only an upper bound of the missed pairs.
         let at_most = if row.missed_share[0] < row.missed_share[1] { "<" } else { "" };
         let _ = write!(
             text,

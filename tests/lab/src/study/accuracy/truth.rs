@@ -1,4 +1,4 @@
-//! The pairs of a scene, found in another way than those that are checked.
+//! The right pairs of a scene, found in another way than the answers that are checked.
 
 use pairmask::engine::EngineId;
 use pairmask::{Aabb, Backend, EngineChoice, EngineName, Session};
@@ -10,8 +10,7 @@ pub type Pair = (u32, u32);
 /// Most boxes that are compared each with each: 8 million comparisons take some 10 ms.
 pub const NAIVE_LIMIT: usize = 4096;
 
-/// The engine that larger scenes are checked with; another one where this is the one that is
-/// checked.
+/// The engine that checks larger scenes, and the one that checks that engine.
 const CHECKERS: [EngineName; 2] = [EngineName::CpuSap, EngineName::CpuGrid];
 
 /// The overlapping pairs, sorted. Small scenes are compared naively, each box with each, as f64;
@@ -33,7 +32,7 @@ pub fn pairs(boxes: &[Aabb], checked: EngineId) -> Result<Vec<Pair>, TimedError>
     Ok(pairs)
 }
 
-/// Every box with every other, by the rules of the wire contract and nothing else.
+/// Compares every box with every other, directly by the rules of the wire contract.
 fn naive(boxes: &[Aabb]) -> Vec<Pair> {
     let corners = |b: &Aabb| {
         let (min, max) = (b.min.map(f64::from), b.max.map(f64::from));
@@ -54,18 +53,18 @@ fn naive(boxes: &[Aabb]) -> Vec<Pair> {
 }
 
 /// The f32 one step outward of the nearest one: beyond `x` on that side, or `x` at infinity. For
-/// boxes that are to be candidates of an exact test.
+/// boxes that give the candidates of an exact test.
 pub fn outward(x: f64, up: bool) -> f32 {
     let nearest = x as f32;
     if up { nearest.next_up() } else { nearest.next_down() }
 }
 
-/// What one sorted list of pairs lacks, and what it has too much.
+/// Counts of the pairs that a sorted list lacks and of those that it has too many.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Difference {
     /// Pairs of the truth.
     pub true_pairs: u64,
-    /// Of those, how many were not reported.
+    /// Pairs of the truth that were not reported.
     pub missed: u64,
     /// Reported pairs that the truth does not have.
     pub extra: u64,
@@ -84,7 +83,7 @@ impl Difference {
         Self { true_pairs, missed: true_pairs - found, extra: reported.len() as u64 - found }
     }
 
-    /// Adds those of another frame.
+    /// Adds the counts of another frame.
     pub fn add(&mut self, other: &Self) {
         self.true_pairs += other.true_pairs;
         self.missed += other.missed;

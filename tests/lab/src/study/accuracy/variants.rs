@@ -2,7 +2,7 @@
 //! error, beside the modes of the same report.
 //!
 //! These ways serve no client: production is exact for every n. The mapping study
-//! ([`crate::study::mapping`]) has them in full; this is its part that an accuracy report shows.
+//! ([`crate::study::mapping`]) has all their figures; an accuracy report shows this part.
 
 use std::fmt;
 use std::str::FromStr;
@@ -79,17 +79,17 @@ pub struct VariantRow {
     pub n: u32,
     /// `cpu` (one thread) or `gpu`.
     pub processor: String,
-    /// Time a pair, picoseconds; null where it was beyond the device.
+    /// Time a pair, picoseconds; null where the device cannot run it.
     pub ps_per_pair: Option<f64>,
-    /// Whether every number was looked at; else a sample, and the first and last of every row.
+    /// Whether every number was checked; else a sample, and the first and last of every row.
     pub is_complete: bool,
-    /// Numbers looked at, those of a sample.
+    /// Numbers that were checked in the sample.
     pub ids: u64,
-    /// Of those, how many become another pair, or none.
+    /// Checked numbers that become another pair, or none.
     pub wrong: u64,
     /// Share of wrong numbers; at least that of the ends of rows, where errors begin.
     pub wrong_share: f64,
-    /// Share of pairs that no number becomes: at least so many, and at most.
+    /// Bounds of the share of pairs that no number becomes: least and greatest.
     pub missed_share: [f64; 2],
     /// Largest distance of a wrong row from its own.
     pub largest_row_error: u64,
@@ -129,7 +129,7 @@ pub fn measure(
 /// A row of the report from one of errors and the times.
 fn row(error: &PairErrorRow, times: &[MapTimeRow]) -> VariantRow {
     let PairErrorRow { processor, variant, n, scope, tally, coverage, row_ends } = *error;
-    // Errors are the same on all threads; the time of one says what the arithmetic costs.
+    // Errors are the same on all threads; the time on one thread is the cost of the arithmetic.
     let timed_on = if processor == Processor::Gpu { Processor::Gpu } else { Processor::CpuThread };
     let is_its = |t: &&MapTimeRow| (t.processor, t.variant, t.n) == (timed_on, variant, n);
     let time = times.iter().find(is_its);

@@ -10,21 +10,21 @@ use super::contender::{Answer, Contender, FrameFigures, sorted};
 use super::mode::{Rounding, World};
 use super::truth::{self, Pair, outward};
 
-/// Coordinates of the scene are multiplied by this on their way into the world, so that they lie
-/// between those that f32 has: else they would come out of the world as they went in.
+/// Factor of the scene's coordinates in the world. It moves them between f32 numbers: otherwise
+/// they would be exact f32 again relative to the origin.
 const STRETCH: f64 = 1.0 + 1e-7;
 
 /// A client of such a world.
 pub struct WorldClient {
     session: Session,
     world: World,
-    /// What f32 boxes are relative to: the middle of the scene as it was at first.
+    /// The origin of the f32 boxes: the middle of the first frame's scene.
     origin: DVec3,
     boxes: Vec<Faces>,
 }
 
 impl WorldClient {
-    /// A client whose scene is `boxes` at first.
+    /// A client whose first frame's scene is `boxes`.
     pub fn new(session: Session, world: World, boxes: &[Aabb]) -> Self {
         let around = Bounds::around(boxes);
         let corner = |corner| Vec3::from_array(corner).as_dvec3();
@@ -40,7 +40,7 @@ impl WorldClient {
 }
 
 impl Contender for WorldClient {
-    /// The world's boxes are the client's own and stand ready; making f32 of them is timed.
+    /// The world's boxes exist before the clock starts; their conversion to f32 is timed.
     fn frame(&mut self, boxes: &[Aabb], wants_pairs: bool) -> Result<Answer, TimedError> {
         self.place(boxes);
         let Self { session, world, origin, boxes } = self;
@@ -68,8 +68,8 @@ impl Contender for WorldClient {
     }
 }
 
-/// The pairs of a world, as f64: each with each, or, of a large one, among the pairs of f32 boxes that
-/// are wider by a step on each side.
+/// The pairs of a world in f64: each box compared with each; in a large world, candidates are the
+/// pairs of f32 boxes that are wider by a step on each side.
 fn pairs(boxes: &[Faces], origin: DVec3, engine: EngineId) -> Result<Vec<Pair>, TimedError> {
     if boxes.len() <= truth::NAIVE_LIMIT {
         return Ok(truth_of_faces(boxes).pairs);

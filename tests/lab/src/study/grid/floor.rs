@@ -1,4 +1,4 @@
-//! What a stage's memory traffic takes at least.
+//! Lower bounds of stages' times by their memory traffic.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use crate::gpu_stages::grid::GridRow;
 
-/// What a device moves at most, by its copy engine, GB/s.
+/// Highest bandwidths of a device, by its copy engine, GB/s.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Bandwidth {
     /// Host memory → video memory.
@@ -72,7 +72,7 @@ pub struct StageRow {
     pub link_bytes: u64,
     /// Bytes of video memory read and written, at least.
     pub memory_bytes: u64,
-    /// What both take at the device's bandwidth, whichever is longer, µs.
+    /// The longer of both transfers at the device's bandwidth, µs.
     pub floor_us: f64,
 }
 
@@ -80,8 +80,8 @@ pub struct StageRow {
 pub fn stages(row: &GridRow, bandwidth: &Bandwidth) -> Vec<StageRow> {
     let (n, cells, words) = (u64::from(row.n), u64::from(row.cells), row.words);
     let stage = |(stage, us): &(String, f64)| {
-        // Up, down and video memory. Each box and each word counts once, each cell 4 bytes; what is
-        // read again (neighbours, crowded cells) is taken to come from a cache.
+        // Up, down and video memory. Each box and each word counts once, each cell 4 bytes;
+        // repeated reads (neighbours, crowded cells) are assumed to hit a cache.
         let (up, down, memory) = match stage.as_str() {
             "grid_cells" => (24 * n, 0, 32 * n + 8 * n),
             "grid_scan" => (0, 0, 8 * cells),

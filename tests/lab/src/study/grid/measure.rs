@@ -114,7 +114,7 @@ fn parts_row(row: &GridRow, budget: Duration) -> PartsRow {
     }
 }
 
-/// Boxes of rigid bodies in world space: what a client does before it submits.
+/// Time to make the world boxes of rigid bodies, as a client does before it submits.
 fn update_ms(n: u32, budget: Duration) -> f64 {
     let at = |i: u32| Vec3::new(i as f32, 0.5 * i as f32, 0.25 * i as f32);
     let placements: Vec<Placement> =
@@ -122,7 +122,7 @@ fn update_ms(n: u32, budget: Duration) -> f64 {
     let locals = vec![Aabb::new(Vec3::splat(-0.5), Vec3::splat(0.5)); n as usize];
     let mut out = vec![Aabb::EMPTY; n as usize];
     median_ms(budget, || {
-        // The lengths are the same, so it cannot fail.
+        // The slices have equal lengths, so that this cannot fail.
         let _ = par_update_boxes(&locals, &placements, &mut out);
     })
 }
@@ -132,7 +132,7 @@ fn engines_row(row: &GridRow, budget: Duration) -> EnginesRow {
     let mut reply = HeapReply::new();
     let mut time = |engine: &mut dyn Engine| {
         median_ms(budget, || {
-            // A heap reply is refused only where there is no memory; then the time says nothing.
+            // A heap reply is refused only without memory; then the time means nothing.
             let _ = engine
                 .cull(&CullInput::boxes(&boxes).threads(rayon::current_num_threads()), &mut reply);
         })

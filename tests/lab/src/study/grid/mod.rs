@@ -1,4 +1,4 @@
-//! The grid study: what the grid costs, stage by stage, and where it pays.
+//! The grid study: the cost of the grid, stage by stage, and the sizes from which on it pays.
 //!
 //! Source: Q. Avril, V. Gouranton, B. Arnaldi, "Fast collision culling in large-scale environments
 //! using GPU mapping function", EGPGV 2012, §4 to §6: tables 6 and 7, figures 5 and 6, measured
@@ -22,14 +22,14 @@ use pairmaskd::file_error::{Access, advice};
 use super::machine::Machine;
 use crate::gpu_stages::{BenchError, grid::GridRow};
 
-/// What is measured and where it goes.
+/// Options of the study.
 #[derive(Clone, Debug, Default)]
 pub struct GridOptions {
     /// The GPU.
     pub gpu: GpuChoice,
     /// Numbers of boxes of table 6, figure 5 and the stages.
     pub counts: Vec<u32>,
-    /// Short runs and small figures: seconds, for a look. Times mean little.
+    /// Short runs of small scenes, in seconds. Times mean little.
     pub quick: bool,
     /// Folder for `grid.json` and `grid.md`; made if it is not there.
     pub out: Option<PathBuf>,
@@ -37,10 +37,10 @@ pub struct GridOptions {
     pub json: bool,
 }
 
-/// The study did not end.
+/// Why the study failed.
 #[derive(Debug, thiserror::Error)]
 pub enum GridError {
-    /// The GPU that was asked for is not there.
+    /// The GPU that was asked for does not exist.
     #[error(transparent)]
     Open(#[from] OpenError),
     /// The GPU failed on the way.
@@ -52,9 +52,9 @@ pub enum GridError {
     /// The report could not be written.
     #[error("{}: {}", folder.display(), advice(Access::WriteInto, error))]
     Write {
-        /// Where to.
+        /// The folder.
         folder: PathBuf,
-        /// Why not.
+        /// The system's error.
         error: io::Error,
     },
     /// The report could not be printed.
@@ -68,19 +68,19 @@ pub enum GridError {
 /// All figures of a study. Fields that begin with `paper_` are the paper's.
 #[derive(Clone, Debug, Serialize)]
 pub struct GridReport {
-    /// What it ran on.
+    /// The machine of the study.
     pub machine: Machine,
-    /// What the device moves at most.
+    /// The device's highest bandwidths.
     pub bandwidth: Bandwidth,
     /// Scenes in motion: stages and whole frames, every first and last mask compared with the CPU's.
     pub scenes: Vec<GridRow>,
-    /// GPU time by stage against what its memory traffic takes at least.
+    /// GPU time by stage beside the lower bound by its memory traffic.
     pub stages: Vec<StageRow>,
     /// Table 6.
     pub parts: Vec<PartsRow>,
     /// Table 7.
     pub with_and_without: Vec<WithoutRow>,
-    /// Fewest boxes, of those looked at, from which on the grid is faster than all pairs.
+    /// Fewest boxes, of the measured sizes, from which on the grid is faster than all pairs.
     pub crossing: Option<u32>,
     /// Figure 5.
     pub engines: Vec<EnginesRow>,
@@ -146,7 +146,8 @@ pub struct MovingRow {
     pub frame_ms: f64,
 }
 
-/// What a second frame under way gains: one crosses the link up while the other's mask comes down.
+/// Gain of a second frame under way: the boxes of one cross the link up while the other's mask
+/// comes down.
 #[derive(Clone, Debug, Serialize)]
 pub struct UnderWayRow {
     /// Boxes of the uniform scene.

@@ -1,4 +1,4 @@
-//! The paper's sentences, judged by the figures of a study.
+//! The paper's claims, judged by the figures of a study.
 
 use crate::study::mapping::stage::{Discriminant, Magic, Root, Steps, Variant};
 use serde::Serialize;
@@ -6,24 +6,24 @@ use serde::Serialize;
 use super::MappingReport;
 use super::rows::{MapTimeRow, OutputRow, PAPERS_OWN, PairErrorRow, Processor, RootErrorRow};
 
-/// Whether a sentence of the paper is true here.
+/// Whether a claim of the paper holds here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// It holds in all that was measured.
+    /// The claim holds in all measurements.
     Holds,
-    /// It breaks somewhere.
+    /// The claim fails in some measurement.
     Breaks,
-    /// Nothing was measured that could tell.
+    /// No measurement of the study can decide.
     NotMeasured,
 }
 
-/// A sentence and what the figures say.
+/// A claim and its verdict.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Claim {
-    /// Where in the paper.
+    /// Its place in the paper.
     pub place: &'static str,
-    /// The sentence, in our words.
+    /// The claim, paraphrased.
     pub claim: &'static str,
     /// Whether it holds.
     pub verdict: Verdict,
@@ -31,7 +31,7 @@ pub struct Claim {
     pub evidence: String,
 }
 
-/// Judges every sentence.
+/// Judges every claim.
 pub(super) fn judge(report: &MappingReport) -> Vec<Claim> {
     vec![
         closed_form(report),

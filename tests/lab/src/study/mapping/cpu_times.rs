@@ -14,7 +14,7 @@ use super::roots::{RootVisitor, with_root};
 /// Ids of a task.
 const CHUNK: u64 = 1 << 15;
 
-/// Most ids that are timed: more take no less time each.
+/// Most ids that are timed: with more, the time of each stays the same.
 const MOST: u64 = 1 << 26;
 
 /// One thread or all of them.
@@ -26,8 +26,8 @@ pub enum Threads {
     All,
 }
 
-/// Time to map every id of `n` boxes, in ms. Past 2^26 ids (2^23 on one thread) the time of so
-/// many, spread evenly, is scaled up.
+/// Time to map every id of `n` boxes, in ms. Past 2^26 ids (2^23 on one thread) only that many are
+/// timed, evenly spread, and the time is scaled up.
 pub fn map_all(variant: Variant, n: BoxCount, threads: Threads, budget: &Budget) -> Option<f64> {
     let total = variant.id_count(n.get());
     if total == 0 {
@@ -67,7 +67,7 @@ impl MapVisitor for Timed<'_> {
         timed(total, threads, budget, |first, end| {
             (first..end).fold(0, |sum: u64, k| {
                 let Mapped { a, b } = map(n, k);
-                // The lazy way's test of the pair is part of its work.
+                // The test of the pair is part of the lazy way's work.
                 if a < b { sum.wrapping_add((a ^ b) as u64) } else { sum }
             })
         })

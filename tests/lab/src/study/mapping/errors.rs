@@ -1,5 +1,5 @@
-//! What the variants get wrong: ids mapped to another pair or to none, pairs missed, pairs tested
-//! more than once, rows off by how much.
+//! Errors of the variants: ids mapped to another pair or to none, pairs missed, pairs tested more
+//! than once, and the distance of wrong rows.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -14,9 +14,9 @@ use super::mirror::{MapVisitor, Mapped, next_pair, truth, with_map};
 /// Counts over some ids.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Tally {
-    /// Ids looked at.
+    /// Ids that were checked.
     pub ids: u64,
-    /// Ids of them that the variant leaves out by itself (a ≥ b, the lazy way).
+    /// Checked ids that the variant leaves out by itself (a ≥ b, the lazy way).
     pub skipped: u64,
     /// Ids mapped to another pair than their own, or to none.
     pub wrong: u64,
@@ -56,7 +56,7 @@ impl Tally {
     }
 }
 
-/// What happens to the pairs when every id is used once, as shares of all pairs.
+/// Coverage of the pairs when every id is used once, as shares of all pairs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case", tag = "kind")]
 pub enum Coverage {
@@ -67,8 +67,8 @@ pub enum Coverage {
         /// Tests of a pair that was tested before, as a share of all pairs.
         repeated: f64,
     },
-    /// Bounds from the ids looked at. A pair can be missed only if its own id is wrong, and is
-    /// missed then unless another wrong id happens to name it.
+    /// Bounds from the checked ids. A pair can be missed only if its own id is wrong, and is missed
+    /// then unless another wrong id happens to name it.
     Bounded {
         /// Lower bound: wrong ids less those that still name two boxes.
         missed_least: f64,
@@ -136,7 +136,7 @@ impl MapVisitor for Exhaustive<'_> {
     }
 }
 
-/// Every id of a variant, and what becomes of the pairs.
+/// Checks every id of a variant, and counts the coverage of the pairs.
 pub fn exhaustive(variant: Variant, n: BoxCount) -> (Tally, Coverage) {
     let pairs = n.pair_count();
     if pairs == 0 {
@@ -163,7 +163,7 @@ pub fn counted(tally: &Tally, pairs: u64, distinct: u64) -> Coverage {
     }
 }
 
-/// Ids that an iterator of indices gives.
+/// Ids from an iterator of indices.
 struct Listed<F> {
     variant: Variant,
     n: BoxCount,
@@ -193,7 +193,7 @@ impl<F: Fn(u64) -> u64 + Sync> MapVisitor for Listed<F> {
     }
 }
 
-/// `count` ids chosen evenly at random, the same ones each time.
+/// Checks `count` ids chosen evenly at random, the same ones in each run.
 pub fn sampled(variant: Variant, n: BoxCount, count: u64) -> Tally {
     let total = variant.id_count(n.get());
     if total == 0 {
@@ -204,7 +204,7 @@ pub fn sampled(variant: Variant, n: BoxCount, count: u64) -> Tally {
     with_map(variant, Listed { variant, n, count, id })
 }
 
-/// The first and the last id of every row: where a root rounds to the wrong side first.
+/// Checks the first and the last id of every row, where wrong rounding of a root shows first.
 pub fn around_rows(variant: Variant, n: BoxCount) -> Tally {
     let Some(last_row) = n.get().checked_sub(2) else { return Tally::default() };
     let id = move |i: u64| {
@@ -220,7 +220,7 @@ pub fn around_rows(variant: Variant, n: BoxCount) -> Tally {
 fn own_id(variant: Variant, n: BoxCount, k: u64) -> u64 {
     match (variant, PairIndex::new(k).pair(n)) {
         (Variant::Lazy, Some((a, b))) => u64::from(a) * u64::from(n.get()) + u64::from(b),
-        // The fold's rows end elsewhere: any id will do, and these are spread evenly.
+        // The fold's rows end at other ids. Any ids are good for it, and these are evenly spread.
         _ => k,
     }
 }
@@ -336,7 +336,7 @@ mod tests {
         }
     }
 
-    /// Coverage against a count by hand: two neighbours swapped for one wrong pair.
+    /// Coverage against a count by hand, with two neighbours replaced by one wrong pair.
     #[test]
     fn a_repeated_pair_is_a_missed_pair_and_both_are_counted() {
         let n = boxes(10);

@@ -1,5 +1,4 @@
-//! Structs that both Rust and the study's stages touch. A test compares each with what naga
-//! reflects.
+//! Structs that Rust and the study's stages share. A test compares each with naga's reflection.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -51,11 +50,11 @@ pub struct MappingErrorsParams {
     pub mark: u32,
 }
 
-/// What the `mapping_errors` stage counts.
+/// Counts of the `mapping_errors` stage.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct MappingTally {
-    /// Ids looked at.
+    /// Ids that were checked.
     pub ids: u32,
     /// Ids that the variant leaves out.
     pub skipped: u32,
@@ -83,7 +82,7 @@ pub struct RootParams {
     pub never: u32,
 }
 
-/// What the `mapping_root_errors` stage counts.
+/// Counts of the `mapping_root_errors` stage.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct RootTally {

@@ -1,8 +1,8 @@
 //! The variants in Rust, stage-faithful to the WGSL of the same name: same f32 operations in the
 //! same order, integers of 64 bits.
 //!
-//! A variant answers with two box numbers, counted from 0, that need not be a pair: that is what
-//! the study counts. The paper counts boxes from 1, and so does the inside of [`closed`].
+//! A variant answers with two box numbers, counted from 0, that need not be a pair: the study
+//! counts those that are none. The paper counts boxes from 1, and so does the inside of [`closed`].
 
 use crate::study::mapping::stage::{Discriminant, Variant};
 use pairmask::pair_index::row_start;
@@ -10,7 +10,7 @@ use pairmask::{BoxCount, PairIndex};
 
 use super::roots::{RootVisitor, with_root};
 
-/// What a variant makes of an id: a pair if 0 ≤ a < b < n.
+/// A variant's answer to an id: a pair if 0 ≤ a < b < n.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Mapped {
     /// Row.
@@ -24,8 +24,8 @@ impl Mapped {
         Self { a: i64::from(a), b: i64::from(b) }
     }
 
-    /// The two boxes in ascending order, if they are two boxes: a kernel that tests (b, a) has
-    /// tested (a, b).
+    /// The two boxes in ascending order, if they are two different ones: a kernel that tests (b, a)
+    /// has tested (a, b).
     pub fn named(self, n: BoxCount) -> Option<(u32, u32)> {
         let (a, b) = (self.a.min(self.b), self.a.max(self.b));
         (a >= 0 && a < b && b < i64::from(n.get())).then_some((a as u32, b as u32))
@@ -44,7 +44,7 @@ pub fn closed<const INTEGER: bool, const CORRECTED: bool>(
         8.0 * (n.pair_count() - k) as f32 + 1.0
     } else {
         let m = n.get() as f32;
-        // Rounding can make it negative near the last pair: that counts as 0 on every device.
+        // Rounding can make it negative near the last pair; it then counts as 0 on every device.
         (4.0 * m * m - 4.0 * m - 8.0 * k as f32 + 1.0).max(0.0)
     };
     let last = i64::from(n.get());
@@ -155,12 +155,12 @@ pub fn truth(variant: Variant, n: BoxCount, k: u64) -> Option<(u32, u32)> {
     }
 }
 
-/// What is done with a variant, for all variants, each with its own copy of the code.
+/// Work on a variant, compiled separately for each variant.
 pub trait MapVisitor {
-    /// What comes out.
+    /// The result.
     type Out;
 
-    /// Does it. `n` must be at least 2 wherever the map is called.
+    /// Does the work. `n` must be at least 2 wherever the map is called.
     fn visit(self, map: impl Fn(BoxCount, u64) -> Mapped + Copy + Sync) -> Self::Out;
 }
 

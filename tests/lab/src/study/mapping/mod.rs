@@ -1,15 +1,15 @@
-//! The mapping function study: how a thread number k becomes a pair (a, b), what each way costs
-//! and what each gets wrong.
+//! The mapping function study: ways from a thread number k to a pair (a, b), with the time and the
+//! errors of each.
 //!
 //! Source: Q. Avril, V. Gouranton, B. Arnaldi, "Fast collision culling in large-scale environments
 //! using GPU mapping function", EGPGV 2012, §3: tables 2 to 5 and figure 4. The paper numbers boxes
 //! from 1, this crate from 0; k is the same number in both. Ways that the paper does not have
 //! (from the far end, integer searches, folding) are measured beside its own.
 //!
-//! The parts: [`mirror`] and [`roots`] are the variants, pure; [`errors`] and [`root_errors`]
-//! count what they get wrong on the CPU; [`gpu`] counts and times on a device; [`cpu_times`] times
-//! on the CPU; [`plan`] says what is measured, [`rows`] holds the figures with the paper's
-//! ([`paper`]), [`claims`] judges the paper's sentences by them, [`report`] writes them down.
+//! The parts: [`mirror`] and [`roots`] are the variants, pure; [`errors`] and [`root_errors`] count
+//! their errors on the CPU; [`gpu`] counts and times on a device; [`cpu_times`] times on the CPU;
+//! [`plan`] lists the measurements, [`rows`] holds the figures with the paper's ([`paper`]),
+//! [`claims`] judges the paper's sentences by them, [`report`] writes them down.
 //!
 //! No variant here serves a client. Production uses `pairmask::pair_index` on the host, which is
 //! proven exact for every n, and integer searches within a band on the GPU (`pack_dense`).
@@ -41,13 +41,13 @@ use self::plan::Plan;
 pub use self::report::MappingReport;
 use super::machine::Machine;
 
-/// What is measured and where it goes.
+/// Options of the study.
 #[derive(Clone, Debug, Default)]
 pub struct MappingOptions {
     /// The GPU. With [`GpuChoice::None`], and with [`GpuChoice::Auto`] on a machine without one,
     /// the CPU alone is measured.
     pub gpu: GpuChoice,
-    /// Small sizes and few runs: seconds, for a look and for tests. Times mean little.
+    /// Small sizes and few runs, in seconds, for tests. Times mean little.
     pub quick: bool,
     /// Folder for `mapping.csv`, `mapping.json` and `mapping.md`; made if it is not there.
     pub out: Option<PathBuf>,
@@ -55,10 +55,10 @@ pub struct MappingOptions {
     pub json: bool,
 }
 
-/// The study did not end.
+/// Why the study failed.
 #[derive(Debug, thiserror::Error)]
 pub enum MappingError {
-    /// The GPU that was asked for is not there.
+    /// The GPU that was asked for does not exist.
     #[error(transparent)]
     Open(#[from] OpenError),
     /// The GPU failed on the way.
@@ -67,9 +67,9 @@ pub enum MappingError {
     /// The report could not be written.
     #[error("{}: {}", folder.display(), advice(Access::WriteInto, error))]
     Write {
-        /// Where to.
+        /// The folder.
         folder: PathBuf,
-        /// Why not.
+        /// The system's error.
         error: io::Error,
     },
     /// The report could not be printed.
@@ -80,7 +80,7 @@ pub enum MappingError {
     Json(#[from] serde_json::Error),
 }
 
-/// How long a measurement may take.
+/// Limits of a measurement's time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Budget {
     /// Runs are repeated for this long, three times at least.
@@ -139,10 +139,11 @@ pub fn measure(options: &MappingOptions) -> Result<MappingReport, MappingError> 
     rows::measure(machine, &plan, bench)
 }
 
-/// The GPU of a study; `None` where there is to be none, or none was named and there is none.
+/// The GPU of a study; `None` with [`GpuChoice::None`], and with [`GpuChoice::Auto`] on a machine
+/// without one.
 pub(in crate::study) fn open(choice: &GpuChoice) -> Result<Option<Arc<Gpu>>, OpenError> {
     if *choice == GpuChoice::None {
-        // Not even a look: listing adapters loads every driver, and some of them talk.
+        // Adapters are not even listed: that loads every driver, and some print on stderr.
         return Ok(None);
     }
     match Gpu::open(choice, HostImport::Never) {

@@ -1,4 +1,4 @@
-//! What is measured: pure, from the machine's kind.
+//! The plan of the study, a pure function of the machine's kind.
 
 use std::time::Duration;
 
@@ -17,13 +17,13 @@ pub struct Plan {
     pub error_counts: Vec<u32>,
     /// Largest of them that is counted id by id on the CPU.
     pub exhaustive_cpu: u32,
-    /// And on the GPU.
+    /// Largest of them that is counted id by id on the GPU.
     pub exhaustive_gpu: u32,
     /// Ids of a sample on the CPU.
     pub sample_ids: u64,
     /// Words of 32 ids of a sample on the GPU.
     pub sample_words: u32,
-    /// Numbers of boxes up to which the first wrong one is looked for.
+    /// Most boxes in the search for the first wrong number of boxes.
     pub first_wrong_limit: u32,
     /// Numbers of boxes whose ids are mapped by every variant, for time (the paper's table 2
     /// among them).
@@ -34,17 +34,17 @@ pub struct Plan {
     pub output_counts: Vec<u32>,
     /// Numbers of boxes of figure 4.
     pub growth_counts: Vec<u32>,
-    /// For each time on the CPU.
+    /// Budget of each measurement on the CPU.
     pub cpu: Budget,
-    /// For each time on the GPU.
+    /// Budget of each measurement on the GPU.
     pub gpu: Budget,
 }
 
-/// Threads from which a machine counts as large.
+/// Fewest threads of a machine that counts as large.
 const MANY_THREADS: usize = 8;
 
 impl Plan {
-    /// The plan for a machine. `software` means that the GPU is none.
+    /// The plan for a machine. `software` means that the adapter is a software one.
     pub fn new(quick: bool, software: bool, threads: usize) -> Self {
         let tens = |from: u32, to: u32| (from..=to).map(|e| 10u64.pow(e)).collect();
         let budget = |time_ms, longest_ms, most_cpu_ids| Budget {

@@ -9,7 +9,7 @@ use super::roots::{RootVisitor, with_root};
 /// Wrong integer parts among the roots of 1 to `count`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct RootTally {
-    /// Numbers looked at.
+    /// Numbers that were checked.
     pub count: u64,
     /// Integer parts other than the built-in root's, which is what the paper counts.
     pub other: u64,

@@ -15,13 +15,13 @@ pub fn newton<const MAGIC: u32, const STEPS: u32>(x: f32) -> f32 {
     x * y
 }
 
-/// What is done with a root, for all roots. Each gets its own copy of the code, with the root
-/// inlined, so that times are those of the root.
+/// Work on a root, compiled separately for each root with the root inlined, so that times are those
+/// of the root.
 pub trait RootVisitor {
-    /// What comes out.
+    /// The result.
     type Out;
 
-    /// Does it.
+    /// Does the work.
     fn visit(self, root: impl Fn(f32) -> f32 + Copy + Sync) -> Self::Out;
 }
 

@@ -17,7 +17,7 @@ use super::{MappingError, MappingReport, claims, paper};
 use crate::gpu_stages::uniform;
 use crate::study::machine::Machine;
 
-/// Who computed.
+/// The processor that computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Processor {
@@ -64,7 +64,7 @@ impl RootErrorRow {
     }
 }
 
-/// Which ids an error row looked at.
+/// The ids that an error row checked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Scope {
@@ -74,7 +74,7 @@ pub enum Scope {
     Sample,
 }
 
-/// What a variant gets wrong for n boxes.
+/// The errors of a variant for n boxes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PairErrorRow {
     /// Who.
@@ -84,7 +84,7 @@ pub struct PairErrorRow {
     pub variant: Variant,
     /// Boxes.
     pub n: u32,
-    /// Which ids `tally` is of.
+    /// The ids of `tally`.
     pub scope: Scope,
     /// The counts.
     pub tally: Tally,
@@ -95,7 +95,7 @@ pub struct PairErrorRow {
 }
 
 impl PairErrorRow {
-    /// Whether any id looked at is wrong.
+    /// Whether any checked id is wrong.
     pub fn is_wrong(&self) -> bool {
         self.tally.wrong > 0 || self.row_ends.is_some_and(|tally| tally.wrong > 0)
     }
@@ -114,7 +114,7 @@ pub struct FirstWrongRow {
     pub variant: Variant,
     /// Fewest boxes; `None` if there are none up to `limit`.
     pub n: Option<u32>,
-    /// Numbers of boxes looked at.
+    /// Largest number of boxes that was checked.
     pub limit: u32,
 }
 
@@ -135,7 +135,7 @@ pub struct MapTimeRow {
 }
 
 impl MapTimeRow {
-    /// Picoseconds for each pair, which is fair to ways that waste ids.
+    /// Picoseconds for each pair, so that ways with a different number of ids compare.
     pub fn ps_per_pair(&self) -> Option<f64> {
         Some(self.ms? * 1e9 / BoxCount::new(self.n).pair_count() as f64)
     }
@@ -241,7 +241,7 @@ fn root_errors(
     Ok(rows)
 }
 
-/// What the variants of the plan get wrong.
+/// The errors of the plan's variants.
 pub(in crate::study) fn pair_errors(
     plan: &Plan,
     mut bench: Option<&mut Bench>,
@@ -298,7 +298,7 @@ fn first_wrong(plan: &Plan) -> Vec<FirstWrongRow> {
 pub const PAPERS_OWN: Variant =
     Variant::Closed { root: Root::BuiltIn, discriminant: Discriminant::Float, corrected: false };
 
-/// How long the variants of the plan take.
+/// The times of the plan's variants.
 pub(in crate::study) fn map_times(
     plan: &Plan,
     mut bench: Option<&mut Bench>,

@@ -39,7 +39,7 @@ impl Steps {
     pub const ALL: [Self; 4] = [Self::One, Self::Two, Self::Three, Self::Four];
 }
 
-/// How a square root is taken.
+/// The way to compute a square root.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Root {
     /// The language's: correctly rounded on CPUs, nearly so on GPUs.
@@ -68,7 +68,7 @@ impl fmt::Display for Root {
     }
 }
 
-/// How the closed form gets 4n² − 4n − 8k + 1.
+/// The way to compute the discriminant 4n² − 4n − 8k + 1 of the closed form.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Discriminant {
     /// In f32, term by term as the paper writes it: large terms cancel.
@@ -165,7 +165,7 @@ impl IdWidth {
     }
 }
 
-/// What the output study writes for each pair.
+/// The output of a pair in the output study.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum PairOutput {
     /// One byte.
@@ -191,11 +191,11 @@ pub enum MappingStage {
     Pairs(Variant, IdWidth),
     /// Wrong ids and named pairs, counted.
     Errors(Variant, IdWidth),
-    /// Ids mapped and nothing kept.
+    /// Ids mapped, without output.
     Time(Variant, IdWidth),
     /// Wrong integer parts of roots, counted.
     RootErrors(Root),
-    /// Roots taken and nothing kept.
+    /// Roots computed, without output.
     RootTime(Root),
     /// All pairs of boxes; one thread a word of output.
     Mask(PairOutput),

@@ -1,4 +1,4 @@
-//! Stacked bars: where the time goes.
+//! Stacked bars: a total by its parts.
 
 use maud::html;
 

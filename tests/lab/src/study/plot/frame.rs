@@ -17,14 +17,14 @@ const TOP: f64 = 34.0;
 const BOTTOM: f64 = 54.0;
 /// Height of a row of the key.
 const KEY_ROW: f64 = 20.0;
-/// Width of a character, about, at the size that phones get: what is laid out by it does not collide
-/// at the smaller size of other screens either.
+/// Approximate width of a character at the font size of phones. A layout by it has no collisions at
+/// the smaller font size of other screens either.
 pub(super) const CHAR_WIDTH: f64 = 8.8;
 /// Where the x axis ends.
 pub(super) const END: f64 = WIDTH - RIGHT;
 /// From the end of a label to the start of the next one, at least.
 const LABEL_GAP: f64 = 6.0;
-/// Where marks and the names beside them stand.
+/// The area of the marks and the names beside them.
 pub(super) const AREA: Area =
     Area { left: LEFT, top: TOP - 4.0, right: WIDTH - 4.0, bottom: HEIGHT - BOTTOM };
 

@@ -1,4 +1,4 @@
-//! The Pareto front: what nothing beats on all axes.
+//! The Pareto front: the points that no other point beats on all axes.
 
 /// For each point, whether it is on the front: no other point is at most as large on every axis and
 /// smaller on one. Equal points are on the front together; a NaN never is.

@@ -1,4 +1,4 @@
-//! Lines over a logarithmic plane: how something scales.
+//! Lines on logarithmic axes, for plots of scaling.
 
 use maud::html;
 
@@ -12,7 +12,7 @@ use super::{Plot, series_class};
 pub struct Line {
     /// Its name in the key.
     pub name: String,
-    /// Where it goes, in order.
+    /// Its points, in order.
     pub points: Vec<(f64, f64)>,
 }
 
@@ -39,12 +39,12 @@ impl Lines {
         self.draw_beside(&[])
     }
 
-    /// The plot, with lines of somebody else beside: grey and dashed.
+    /// The plot, with other authors' lines for comparison: grey and dashed.
     pub fn draw_beside(&self, others: &[Line]) -> Plot {
         self.draw_all(others, None)
     }
 
-    /// The plot, with a level across it that parts good from bad, and its name.
+    /// The plot, with a horizontal line at `level`, which separates good from bad, and its name.
     pub fn draw_around(&self, level: f64, name: &str) -> Plot {
         self.draw_all(&[], Some((level, name)))
     }
@@ -100,10 +100,10 @@ impl Lines {
 const TAG_GAP: f64 = 5.0;
 /// What a level's name takes with its gap, px: a line of text.
 const TAG_ROOM: f64 = 14.0;
-/// How many ways of dashing the style has for lines of others.
+/// Number of dash patterns that the style has for other authors' lines.
 const DASHES: usize = 3;
 
-/// The class of a line of somebody else.
+/// The class of another author's line.
 fn other_class(line: usize) -> String {
     format!("other o{}", line % DASHES)
 }
@@ -151,7 +151,7 @@ mod tests {
         let svg = lines.draw_around(1.0, "as fast").render().into_string();
         assert!(svg.contains("as fast") && svg.matches("class=\"level\"").count() == 1, "{svg}");
         assert!(!lines.draw().render().into_string().contains("class=\"level\""));
-        // At the top of the plot the name stands under its line, not in the title.
+        // Near the top of the plot the name stands below its line, not in the title.
         let below = |level: f64| {
             let svg = lines.draw_around(level, "as fast").render().into_string();
             let number = |key: &str, after: &str| {

@@ -3,7 +3,7 @@
 //!
 //! A [`Plot`] is one `<svg>` element without outside resources. Colours come from the classes of
 //! [`STYLE`], which follow the reader's light or dark theme; [`standalone`] makes a file of plots.
-//! Every mark carries a `<title>`, so that a pointer that rests on it reads the figure.
+//! Every mark has a `<title>`, so that a tooltip shows its figure.
 
 mod bars;
 mod frame;

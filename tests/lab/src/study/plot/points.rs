@@ -1,4 +1,5 @@
-//! Points on a logarithmic plane with their Pareto front: what one axis buys on the other.
+//! Points on logarithmic axes with their Pareto front: the cost on one axis against that on the
+//! other.
 
 use maud::html;
 
@@ -18,9 +19,9 @@ pub struct Point {
     pub y: f64,
     /// A third cost, which no axis shows; the same for all points where there is none.
     pub hidden: f64,
-    /// What stands beside it if nothing beats it, or where there are few points.
+    /// Name beside the point, shown if no point beats it, or where there are few points.
     pub tag: String,
-    /// What a pointer that rests on it reads, before the two numbers.
+    /// Text of the point's tooltip, before the two numbers.
     pub label: String,
 }
 
@@ -35,8 +36,8 @@ pub struct Group {
     pub points: Vec<Point>,
 }
 
-/// Points on logarithmic axes. The front of the two axes is drawn through its points; points that only
-/// their hidden cost saves are hollow; those that are beaten are grey.
+/// Points on logarithmic axes. The front of the two axes is drawn through its points; points that are
+/// on the front only by their hidden cost are hollow; beaten points are grey.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Points {
     /// Title.
@@ -53,11 +54,11 @@ pub struct Points {
     pub groups: Vec<Group>,
 }
 
-/// How a point stands among the others.
+/// The standing of a point among the others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Standing {
     Beaten,
-    /// By its hidden cost alone.
+    /// On the front by its hidden cost alone.
     Saved,
     OnFront,
 }
@@ -79,7 +80,7 @@ impl Points {
                 (true, false) => Standing::Saved,
                 (true, true) => Standing::OnFront,
             });
-        // The winners are drawn last, above those they beat.
+        // Points on the front are drawn last, above the points that they beat.
         let mut marks: Vec<_> = all.iter().copied().zip(standings).collect();
         marks.sort_by_key(|(_, standing)| *standing);
         let frame = Frame {
@@ -131,7 +132,7 @@ struct Tag<'a> {
     text: &'a str,
 }
 
-/// Most points of which the beaten ones have names, too.
+/// Most points of a plot in which beaten points have names too.
 const MOST_TAGS: usize = 12;
 
 /// Names beside those points that have one and room for it, the best first.
@@ -162,8 +163,8 @@ fn tags<'a>(
         .collect()
 }
 
-/// The corners of the front as a staircase, in SVG units: between two of its points nothing better is
-/// known than the left one.
+/// The corners of the front as a staircase, in SVG units: between two of its points, the left one is
+/// the best known.
 fn staircase(frame: &Frame<'_>, places: &[[f64; 2]], on_front: &[bool]) -> Vec<[f64; 2]> {
     let mut front: Vec<[f64; 2]> =
         places.iter().zip(on_front).filter(|(_, wins)| **wins).map(|(p, _)| *p).collect();

@@ -1,4 +1,4 @@
-//! Ranges over a logarithmic plane: how something scales, and how much it varies at each point.
+//! Ranges on logarithmic axes, for plots of scaling with the variation at each point.
 
 use maud::html;
 
@@ -7,7 +7,7 @@ use super::scale::Scale;
 use super::unit::Unit;
 use super::{Plot, series_class};
 
-/// One series: what is usual at the lower end of each range, what is rare at the upper one.
+/// One series: the lower end of each range is a usual value, the upper end a rare one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Range {
     /// Its name in the key.

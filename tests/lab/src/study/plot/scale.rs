@@ -1,4 +1,4 @@
-//! Where a value stands along an axis.
+//! Scales: the place of a value along an axis.
 
 use super::unit::Unit;
 
@@ -29,7 +29,7 @@ pub enum Scale {
 pub struct Tick {
     /// Where, from 0 to 1.
     pub at: f64,
-    /// What stands there.
+    /// The label.
     pub label: String,
 }
 
@@ -58,14 +58,14 @@ impl Scale {
         if largest <= 0.0 {
             return Self::Log { from: 0.1, to: 1.0, zero };
         }
-        // A round number may come out a rounding error beside the value it is.
+        // A computed round number may differ from the exact one by a rounding error.
         let nearly = 1.0 + 1e-9;
         let from = round_numbers(least).filter(|r| *r <= least * nearly).last();
         let to = round_numbers(largest).find(|r| *r * nearly >= largest && *r > least * nearly);
         Self::Log { from: from.unwrap_or(least), to: to.unwrap_or(largest * 10.0), zero }
     }
 
-    /// Where a value stands, from 0 to 1. Values outside stand at the ends.
+    /// The place of a value, from 0 to 1. Values outside of the scale have the place of its end.
     pub fn place(&self, value: f64) -> f64 {
         match *self {
             Self::Linear { end } => (value / end).clamp(0.0, 1.0),

@@ -1,8 +1,8 @@
-//! Names beside points, where there is room for them.
+//! Placement of names beside points, where there is room.
 
 use super::frame::{AREA, CHAR_WIDTH};
 
-/// A name that wants to stand beside its point.
+/// A name to place beside its point.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Wish<'a> {
     /// The point, in SVG units.
@@ -11,7 +11,7 @@ pub(super) struct Wish<'a> {
     pub(super) text: &'a str,
 }
 
-/// Where a name stands.
+/// The place of a name.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Place {
     pub(super) x: f64,
@@ -19,7 +19,7 @@ pub(super) struct Place {
     pub(super) anchor: &'static str,
 }
 
-/// Something that no name may cover, in SVG units.
+/// An area that no name may cover, in SVG units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Area {
     pub(super) left: f64,
@@ -30,7 +30,7 @@ pub(super) struct Area {
 
 /// Half of a point with its edge.
 const POINT: f64 = 6.0;
-/// A name's height above its base line and below it, at the size that phones get.
+/// Height of a name above its base line, at the font size of phones.
 const ASCENT: f64 = 11.0;
 const DESCENT: f64 = 3.0;
 /// Names are set a little smaller than the text by which [`CHAR_WIDTH`] goes.
@@ -59,12 +59,12 @@ impl Area {
             && other.top < self.bottom
     }
 
-    /// What a point covers.
+    /// The area of a point.
     pub(super) fn of_point([x, y]: [f64; 2]) -> Self {
         Self { left: x - POINT, top: y - POINT, right: x + POINT, bottom: y + POINT }
     }
 
-    /// What a level or upright line between two points covers.
+    /// The area of a horizontal or vertical line between two points.
     pub(super) fn of_line([x, y]: [f64; 2], [u, v]: [f64; 2]) -> Self {
         Self {
             left: x.min(u) - 1.0,
@@ -74,7 +74,7 @@ impl Area {
         }
     }
 
-    /// What a name covers.
+    /// The area of a name.
     pub(super) fn of_text(place: &Place, text: &str) -> Self {
         let width = TAG_CHAR_WIDTH * text.chars().count() as f64;
         let left = match place.anchor {
@@ -93,8 +93,8 @@ impl Area {
     }
 }
 
-/// A place for each name where there is one: beside its point, off all `points` and the names before
-/// it, and off `lines` where that can be had.
+/// A place for each name, or `None`: beside its point, off all `points` and the names before it, and
+/// off `lines` if possible.
 pub(super) fn place(wishes: &[Wish<'_>], points: &[Area], lines: &[Area]) -> Vec<Option<Place>> {
     let mut taken = points.to_vec();
     let mut places = Vec::new();

@@ -1,6 +1,6 @@
-//! Numbers as people read them.
+//! Numbers as text for readers.
 
-/// What a number on an axis counts.
+/// The unit of the numbers on an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unit {
     /// Time, ns.

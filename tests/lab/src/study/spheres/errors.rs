@@ -1,4 +1,4 @@
-//! What ways to decide a pair of spheres get wrong, against exact arithmetic.
+//! Errors of ways to decide a pair of spheres, found by exact arithmetic.
 
 use pairmask::sphere::Sphere;
 use pairmaskd::scene::Random;
@@ -18,7 +18,7 @@ pub struct ErrorRow {
     pub family: &'static str,
     /// Pairs decided.
     pub pairs: u64,
-    /// Of those, pairs that overlap.
+    /// Decided pairs that overlap.
     pub overlapping: u64,
     /// Pairs that the client library decides wrongly.
     pub exact_wrong: u64,
@@ -76,8 +76,8 @@ pub fn root_f32(a: &Sphere, b: &Sphere) -> bool {
     distance_squared(a, b).sqrt() <= a.radius + b.radius
 }
 
-/// Decides `pairs` pairs of a family in every way. The same for the same seed, whatever the threads.
-/// `watch` is told how many more are decided, by whichever thread decided them.
+/// Decides `pairs` pairs of a family in every way. The result depends on the seed, not on the
+/// threads. The deciding threads call `watch` with the number of further decided pairs.
 pub fn count_errors(
     family: &Family,
     pairs: u64,
@@ -111,7 +111,7 @@ pub fn pairs_decided(pairs: u64) -> u64 {
 }
 
 /// All families: `pairs` pairs in the random ones together, a hundredth of them in each tangent one.
-/// `watch` is told how many more are decided.
+/// `watch` is called with the number of further decided pairs.
 pub fn measure(pairs: u64, seed: u64, watch: impl Fn(u64) + Sync) -> Vec<ErrorRow> {
     ALL.iter().map(|family| count_errors(family, share(family, pairs), seed, &watch)).collect()
 }

@@ -1,4 +1,4 @@
-//! Pairs of spheres, by what makes them hard to decide.
+//! Families of sphere pairs, each hard to decide for its own reason.
 
 use pairmask::sphere::Sphere;
 use pairmaskd::scene::Random;

@@ -1,4 +1,4 @@
-//! The study for people, and as the JSON that `CLI.md` documents.
+//! The study as text, and as the JSON that the README documents.
 
 use std::fmt;
 
@@ -11,7 +11,7 @@ use crate::study::machine::Machine;
 /// The JSON object of `spheres --json`. Fields may be added, never changed or taken away.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SphereReport {
-    /// Where it was measured.
+    /// The machine of the measurement.
     pub machine: Machine,
     /// Frames a second by number of spheres.
     pub speed: Vec<SpeedRow>,

@@ -13,12 +13,12 @@ use serde::Serialize;
 use super::errors::squared_f32;
 use super::paper::TABLE_1;
 
-/// Numbers of spheres: the paper's, and on.
+/// Numbers of spheres: the paper's, and larger ones.
 const SIZES: [usize; 10] = [64, 128, 192, 256, 320, 1_000, 3_200, 10_000, 32_000, 100_000];
 /// Numbers of a quick look.
 const QUICK_SIZES: usize = 6;
 
-/// Frames a second with so many spheres.
+/// Frames a second for a number of spheres.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SpeedRow {
     /// Spheres.
@@ -33,7 +33,7 @@ pub struct SpeedRow {
     pub parallel_fps: f64,
     /// Parallel against sequential.
     pub speed_up: f64,
-    /// Whatever [`SphereEngines`] chooses, on all threads.
+    /// The choice of [`SphereEngines`], on all threads.
     pub engines_fps: f64,
     /// The paper's sequential approach.
     pub paper_sequential_fps: Option<f64>,

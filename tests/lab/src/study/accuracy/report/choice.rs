@@ -1,4 +1,4 @@
-//! What to choose: each mode with what it is for, beside what it cost and gained in these rows.
+//! The choice of a mode: the use of each, beside its cost and gain in these rows.
 
 use maud::{Markup, html};
 
@@ -18,7 +18,7 @@ struct Choice {
     time: Option<[f64; 2]>,
     /// Settings in which it is faster than `exact` with some engine, of those where both were measured.
     faster: [usize; 2],
-    /// Most extra pairs for each true one; `None` where nobody knows, or a pair was missed.
+    /// Most extra pairs for each true one; `None` where no frame was checked, or a pair was missed.
     extra: Option<f64>,
     /// Pairs missed, of boxes.
     missed: u64,
@@ -26,7 +26,7 @@ struct Choice {
     box_bytes: Option<u64>,
 }
 
-/// When a mode is the one to choose.
+/// The case in which a mode is the one to choose.
 fn when(kind: &str) -> &'static str {
     match kind {
         "exact" => "in doubt. No pair is extra, and nothing else is to be known about the scene.",
@@ -124,7 +124,7 @@ fn breakable(mode: &str) -> Markup {
     }
 }
 
-/// What these rows say for it.
+/// The figures of these rows for a choice.
 fn here(choice: &Choice) -> Markup {
     let [faster, of] = choice.faster;
     html! {

@@ -1,4 +1,4 @@
-//! From rows to plots.
+//! Plots from rows.
 
 use std::collections::BTreeMap;
 
@@ -20,7 +20,7 @@ pub(super) fn engine_name(row: &AccuracyRow) -> String {
     format!("{answered}, {}", row.backend)
 }
 
-/// A row's mode and engine, for what a pointer reads.
+/// A row's mode and engine, for tooltips.
 fn row_name(row: &AccuracyRow) -> String {
     format!("{}, {}", row.mode_text(), engine_name(row))
 }
@@ -50,8 +50,8 @@ pub(super) fn speed_against_error(setting: &Setting<'_>, all: &[String]) -> Poin
     }
 }
 
-/// Families of the papers' mapping functions, by how their names begin; what is left searches, folds or
-/// divides, with integers alone.
+/// Families of the papers' mapping functions, by the beginnings of their names. The others search, fold
+/// or divide, with integers alone.
 const FAMILIES: [(&str, &str); 5] = [
     ("closed sqrt", "square root"),
     ("closed carmack", "Carmack's root"),
@@ -105,8 +105,9 @@ pub(super) fn mapping_settings(rows: &[VariantRow]) -> Vec<Vec<&VariantRow>> {
     settings.into_values().collect()
 }
 
-/// Medians of the stages in one setting, a bar for every row. What the same scene takes in f64, far
-/// from the origin, stands below; plain rounding is no way to do it, and would dwarf the others.
+/// Medians of the stages in one setting, a bar for every row. The bars of the same scene in f64,
+/// far from the origin, follow below. Plain rounding is left out: it is no valid mode, and its bars
+/// would dwarf the others.
 pub(super) fn stages(setting: &Setting<'_>, all: &[Setting<'_>]) -> Bars {
     let is_same = |other: &&Setting<'_>| (other.scene, other.n) == (setting.scene, setting.n);
     let far = all.iter().filter(is_same).filter(|other| other.offset.is_some());
@@ -178,7 +179,7 @@ pub(super) fn scaling(scene: &str, rows: &[AccuracyRow]) -> Lines {
 }
 
 /// Percentiles of one scene over n by one engine, a series a mode. `all` are the modes of the report,
-/// which give each its colour. Worlds far from the origin are another question, and not in it.
+/// which give each its colour. Worlds far from the origin are another question and are left out.
 pub(super) fn percentiles(
     scene: &str,
     engine: &str,

@@ -36,7 +36,7 @@ pub fn html(report: &AccuracyReport) -> String {
     let scenes = in_order(report.rows.iter().map(|row| row.scene.as_str()));
     let engines = in_order(report.rows.iter().map(|row| row.engine.as_str()));
     let papers = paper_lines();
-    // Whether a plot of the rows near the origin would show something.
+    // Whether a plot of the rows near the origin would have points.
     let has = |is_its: &dyn Fn(&AccuracyRow) -> bool| {
         report.rows.iter().any(|row| row.offset.is_none() && is_its(row))
     };
@@ -136,7 +136,7 @@ pub fn html(report: &AccuracyReport) -> String {
     .into_string()
 }
 
-/// Each once, in the order in which they come.
+/// Each name once, in the order of first occurrence.
 fn in_order<'a>(names: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
     let mut seen = BTreeSet::new();
     names.filter(|name| seen.insert(*name)).collect()
@@ -211,7 +211,7 @@ fn verdicts(pareto: &Pareto) -> Markup {
     }
 }
 
-/// Scenes far from the origin of a world in f64: two ways beside each other say it better than plots.
+/// Scenes far from the origin of a world in f64: a table of the two ways is clearer than plots.
 fn worlds(settings: &[Setting<'_>]) -> Markup {
     let ns = |ns: u64| Unit::Nanoseconds.text(ns as f64);
     let worlds: Vec<_> = settings.iter().filter(|s| s.offset.is_some()).collect();
@@ -245,7 +245,7 @@ fn worlds(settings: &[Setting<'_>]) -> Markup {
     }
 }
 
-/// What spheres need to be read rightly.
+/// The note on how to read the rows of spheres.
 fn sphere_note(rows: &[AccuracyRow]) -> Markup {
     html! {
         @if rows.iter().any(|row| row.mode == "spheres") {
@@ -448,7 +448,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn frames_that_nobody_checked_are_not_called_right() {
+    fn unchecked_frames_are_not_called_right() {
         let page = page(vec![AccuracyRow { checked_frames: 0, ..row("exact", 2000, 0, 0) }]);
         assert!(page.contains("No frame was checked") && !page.contains("No pair was missed"));
     }

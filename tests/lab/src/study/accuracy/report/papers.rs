@@ -1,4 +1,4 @@
-//! What the papers measured, to stand beside our lines. All moving boxes, whole frame, ns.
+//! The papers' measurements, for comparison. All boxes moving, whole frame, ns.
 
 /// A paper's line: name, then (boxes, ns).
 pub(super) struct PaperLine {

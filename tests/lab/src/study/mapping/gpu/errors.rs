@@ -10,7 +10,7 @@ use super::{Bench, WORD_IDS, zeroed};
 use crate::study::mapping::errors::{Coverage, Tally, counted};
 use crate::study::mapping::root_errors;
 
-/// Which ids of a variant are looked at.
+/// The ids of a variant that are checked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ids {
     /// All of them.

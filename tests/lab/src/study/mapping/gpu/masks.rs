@@ -13,7 +13,7 @@ use super::times::median_ms;
 use super::{Bench, zeroed};
 use crate::study::mapping::Budget;
 
-/// Who writes a word of the output.
+/// The threads that write a word of the output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Writer {
     /// One thread computes all pairs of the word.

@@ -18,8 +18,8 @@ use pairmaskd::execute::gpu::{
     Block, Checks, Command, Frame, Gpu, GpuError, Home, Part, Pipeline, Pipelines, StageFault, Wait,
 };
 
-/// A study frame that takes longer is given up: a thousand times what a GPU needs, and enough for
-/// a software adapter.
+/// Time after which a study frame is given up: a thousand times a GPU's need, and enough for a
+/// software adapter.
 const PATIENCE: Duration = Duration::from_secs(120);
 
 /// Ids and numbers of a word.

@@ -1,4 +1,4 @@
-//! What a variant answers on a device, id by id: for comparison with the mirrors.
+//! The answers of a variant on a device, id by id, for comparison with the mirrors.
 
 use crate::study::mapping::layouts::MappingPairsParams;
 use crate::study::mapping::stage::{IdWidth, MappingStage, Variant};

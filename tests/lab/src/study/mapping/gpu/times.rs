@@ -10,7 +10,7 @@ use pairmaskd::execute::gpu::GpuError;
 use super::{Bench, WORD_IDS};
 use crate::study::mapping::Budget;
 
-/// A sum that threads are not expected to have.
+/// A sum that no thread is expected to have.
 const NEVER: u32 = 0xdead_beef;
 
 /// Time to map every id of `n` boxes, in ms. `None` where they do not fit the device.
@@ -59,7 +59,7 @@ pub fn roots(
     timed(bench, MappingStage::RootTime(root), words, groups, budget, &sized)
 }
 
-/// Words of a trial run that tells whether the whole one fits the budget.
+/// Words of a trial run, from which it is estimated whether the whole run fits the budget.
 const TRIAL_WORDS: u64 = 1 << 15;
 
 /// Median time of a stage; `None` when it would take longer than the budget allows.

@@ -1,4 +1,4 @@
-//! One line a figure: what a spreadsheet or a plot takes.
+//! The report as CSV: one line a figure, for spreadsheets and plots.
 
 use std::fmt::{Display, Write};
 

@@ -21,9 +21,9 @@ pub use markdown::markdown;
 /// All figures of a study.
 #[derive(Clone, Debug, Serialize)]
 pub struct MappingReport {
-    /// What it ran on.
+    /// The machine of the study.
     pub machine: Machine,
-    /// The paper's sentences, judged.
+    /// The paper's claims, judged.
     pub claims: Vec<Claim>,
     /// Table 3.
     pub root_errors: Vec<RootErrorRow>,

@@ -1,0 +1,111 @@
+//! The daemon's status as a file of the runtime directory. `pairmaskd status` reads it without
+//! taking a client's slot, and recognises a daemon that hangs.
+//!
+//! The file is replaced as a whole, never mapped. A reader copies it once and checks the copy, as
+//! with any input from outside.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use bytemuck::{Pod, Zeroable};
+use pairmask_wire::{InstanceError, InstanceName, StatusBody};
+use rustix::time::{ClockId, clock_gettime};
+
+use crate::instance::RuntimeDir;
+use crate::trust::{read_own, replace_own};
+
+/// "PMAC" in memory order.
+const MAGIC: u32 = u32::from_le_bytes(*b"PMAC");
+
+/// Contents of a status file: the daemon's status, and when it was written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct StatusFile {
+    magic: u32,
+    /// Length of this struct, bytes; a later version may be longer.
+    bytes: u32,
+    noted_at_ns: u64,
+    body: StatusBody,
+}
+
+const _: () = assert!(size_of::<StatusFile>() == 16 + size_of::<StatusBody>());
+
+/// The system's monotonic clock, which all processes share, ns.
+fn now_ns() -> u64 {
+    let now = clock_gettime(ClockId::Monotonic);
+    Duration::new(now.tv_sec.unsigned_abs(), now.tv_nsec.unsigned_abs() as u32).as_nanos() as u64
+}
+
+impl StatusFile {
+    /// A status file with the time of now.
+    pub fn now(body: StatusBody) -> Self {
+        Self { magic: MAGIC, bytes: size_of::<Self>() as u32, noted_at_ns: now_ns(), body }
+    }
+
+    /// The daemon's status.
+    pub const fn body(&self) -> &StatusBody {
+        &self.body
+    }
+
+    /// How long ago it was written; zero for a time in the future.
+    pub fn age(&self) -> Duration {
+        Duration::from_nanos(now_ns().saturating_sub(self.noted_at_ns))
+    }
+
+    fn parse(bytes: &[u8]) -> Option<Self> {
+        let status: Self = bytemuck::pod_read_unaligned(bytes.get(..size_of::<Self>())?);
+        let is_one = status.magic == MAGIC && status.bytes as usize >= size_of::<Self>();
+        is_one.then_some(status)
+    }
+}
+
+impl RuntimeDir {
+    pub(super) fn status_file(&self, name: &InstanceName) -> PathBuf {
+        self.file(name, ".account")
+    }
+
+    /// Replaces the status file of an instance in one step.
+    ///
+    /// # Errors
+    /// [`InstanceError`].
+    pub fn write_status(
+        &self,
+        name: &InstanceName,
+        status: &StatusFile,
+    ) -> Result<(), InstanceError> {
+        let new = self.file(name, ".account.new");
+        replace_own(&new, &self.status_file(name), bytemuck::bytes_of(status))
+    }
+
+    /// The status file of an instance, or `None` where there is none or it is malformed.
+    ///
+    /// # Errors
+    /// [`InstanceError`] where the file is not this user's alone.
+    pub fn read_status(&self, name: &InstanceName) -> Result<Option<StatusFile>, InstanceError> {
+        let bytes = read_own(&self.status_file(name), size_of::<StatusFile>() as u64)?;
+        Ok(bytes.as_deref().and_then(StatusFile::parse))
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_status_file_round_trips_and_junk_is_none() {
+        let status = StatusFile::now(StatusBody { frames: 7, ..StatusBody::default() });
+        let bytes = bytemuck::bytes_of(&status);
+        assert_eq!(StatusFile::parse(bytes), Some(status));
+        assert_eq!(
+            StatusFile::parse(&[bytes, &[1; 64]].concat()),
+            Some(status),
+            "a later, longer one"
+        );
+        assert!(status.age() < Duration::from_secs(3600));
+        assert_eq!(StatusFile::parse(&bytes[1..]), None);
+        assert_eq!(StatusFile::parse(&bytes[..bytes.len() - 1]), None);
+        assert_eq!(StatusFile::parse(&[]), None);
+        assert_eq!(StatusFile::parse(&vec![0; bytes.len()]), None);
+    }
+}

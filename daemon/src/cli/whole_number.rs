@@ -1,0 +1,94 @@
+//! Parsing of whole numbers for the command line and the configuration file.
+
+use std::num::{IntErrorKind, NonZeroU16, NonZeroU32, NonZeroU64, NonZeroUsize, ParseIntError};
+use std::str::FromStr;
+
+/// A type of whole numbers.
+pub trait WholeNumber: FromStr<Err = ParseIntError> {
+    /// The smallest.
+    const LEAST: u64;
+    /// The largest.
+    const MOST: u64;
+}
+
+macro_rules! impl_whole_number {
+    ($($kind:ty: $least:literal to $most:expr;)*) => {
+        $(impl WholeNumber for $kind {
+            const LEAST: u64 = $least;
+            const MOST: u64 = $most as u64;
+        })*
+    };
+}
+
+impl_whole_number! {
+    u32: 0 to u32::MAX;
+    u64: 0 to u64::MAX;
+    NonZeroU16: 1 to u16::MAX;
+    NonZeroU32: 1 to u32::MAX;
+    NonZeroU64: 1 to u64::MAX;
+    NonZeroUsize: 1 to usize::MAX;
+}
+
+/// Why a text is refused as a number.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum WholeNumberError {
+    /// The text is no number, or has a fraction, an exponent or a unit.
+    #[error("must be a whole number in digits alone, such as 1000")]
+    NoNumber,
+    /// Below the smallest.
+    #[error("must be at least {least}")]
+    TooSmall {
+        /// The smallest.
+        least: u64,
+    },
+    /// Above the largest.
+    #[error("must be at most {most}")]
+    TooLarge {
+        /// The largest.
+        most: u64,
+    },
+}
+
+/// Parses a whole number.
+///
+/// # Errors
+/// [`WholeNumberError`], which states the allowed range.
+pub fn whole_number<T: WholeNumber>(text: &str) -> Result<T, WholeNumberError> {
+    let is_negative = || {
+        let digits = text.strip_prefix('-').unwrap_or_default();
+        !digits.is_empty() && digits.bytes().all(|b| b.is_ascii_digit())
+    };
+    text.parse().map_err(|error: ParseIntError| match error.kind() {
+        IntErrorKind::Zero | IntErrorKind::NegOverflow => {
+            WholeNumberError::TooSmall { least: T::LEAST }
+        }
+        IntErrorKind::PosOverflow => WholeNumberError::TooLarge { most: T::MOST },
+        _ if is_negative() => WholeNumberError::TooSmall { least: T::LEAST },
+        _ => WholeNumberError::NoNumber,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_wrong_number_is_told_what_it_must_be() {
+        let least = |least| WholeNumberError::TooSmall { least };
+        assert_eq!(whole_number::<u32>("7"), Ok(7));
+        assert_eq!(whole_number::<NonZeroUsize>("0"), Err(least(1)));
+        assert_eq!(whole_number::<NonZeroU64>("-1"), Err(least(1)));
+        assert_eq!(whole_number::<u32>("-1"), Err(least(0)));
+        assert_eq!(
+            whole_number::<u32>("5000000000"),
+            Err(WholeNumberError::TooLarge { most: 4_294_967_295 })
+        );
+        assert_eq!(
+            whole_number::<NonZeroU16>("70000"),
+            Err(WholeNumberError::TooLarge { most: 65_535 })
+        );
+        for text in ["", "x", "1e6", "1.5", "-", "10k", "1_000", "--2"] {
+            assert_eq!(whole_number::<u64>(text), Err(WholeNumberError::NoNumber), "{text}");
+        }
+    }
+}
