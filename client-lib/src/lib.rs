@@ -22,21 +22,21 @@
 //! # }
 //! ```
 //!
-//! Boxes are closed: touching counts. Daemon and in-process engines find the same pairs, none lost
-//! and none added; [`aabb`] says what overlaps.
+//! Boxes are closed: touching counts. A box with `min > max` on some axis is empty, one with a NaN is
+//! invalid, and neither overlaps anything; infinities are coordinates. Daemon and in-process engines
+//! find the same pairs, none lost and none added.
 //!
 //! # The way of a frame
 //!
-//! | step | what | where |
-//! |---|---|---|
-//! | connect | [`Session`], made by a [`SessionBuilder`](session::SessionBuilder) | [`session`] |
-//! | fill | [`Frame::boxes_mut`]: a plain slice of [`Aabb`], in the order of your objects; [`update`] writes it from local boxes and transforms | [`aabb`], [`update`] |
-//! | submit, wait | [`PendingFrame`]: the frame is under way while you do something else | [`session`] |
-//! | decode | [`PairMask`]: [`pairs`](PairMask::pairs), [`par_pairs`](PairMask::par_pairs), [`contains`](PairMask::contains); [`words`](PairMask::words) for AND masks of your own | [`mask`] |
+//! | step | what |
+//! |---|---|
+//! | connect | [`Session`], made by a [`SessionBuilder`] |
+//! | fill | [`Frame::boxes_mut`]: a plain slice of [`Aabb`], in the order of your objects; [`update`] writes it from local boxes and transforms |
+//! | submit, wait | [`PendingFrame`]: the frame is under way while you do something else |
+//! | decode | [`PairMask`]: [`pairs`](PairMask::pairs), [`par_pairs`](PairMask::par_pairs), [`contains`](PairMask::contains); [`words`](PairMask::words) for AND masks of your own ([`mask`]) |
 //!
-//! Below the sessions are the engines ([`engine`], [`sphere`]), their choice ([`plan`]), the numbering
-//! of pairs ([`pair_index`]), the naive answer that every engine is tested against ([`oracle`]), and
-//! the bytes in shared memory ([`wire`]). Engines can be used without a session.
+//! Engines, the plan and the wire contract are in the crates `pairmask-core`, `pairmask-wire` and
+//! `pairmask-transport`. Engines can be used without a session.
 //!
 //! # Which session
 //!
@@ -56,7 +56,7 @@
 //! | [`Session::frame`] | 24 | boxes in f32, exact |
 //! | [`Session::narrow_frame`] | 12 or 6 | boxes with less [`Precision`]: fewer bytes, some extra pairs, none missed |
 //! | [`Session::sphere_frame`] | 16 | bounding spheres in place of boxes, exact |
-//! | [`Margined`](session::Margined) | as above | scenes that move little: a request only when a box has moved by more than a margin |
+//! | [`Margined`] | as above | scenes that move little: a request only when a box has moved by more than a margin |
 //!
 //! Worlds in f64 go through [`Aabb::outward_from_f64`], relative to an origin.
 //!
@@ -83,38 +83,27 @@
 //! With `daemon`: Linux, 64 bits, little-endian. Without it: wherever the standard library has
 //! threads and a clock. The engines use AVX2, AVX-512 or NEON where the processor has them.
 
-pub mod session;
+mod session;
 #[cfg(not(feature = "daemon"))]
 #[path = "absent_transport.rs"]
 mod transport;
-
-pub use pairmask_core::{
-    aabb, awake_pool, dispatch, engine, floats, mask, oracle, pair_index, plan, precision, sphere,
-    units, update,
-};
-/// The transport, and the parts of the wire contract that are named under it.
 #[cfg(feature = "daemon")]
-pub mod transport {
-    pub use pairmask_core::spinner::Spinner;
-    pub use pairmask_transport::*;
-    pub use pairmask_wire::{
-        InstanceError, InstanceName, boxes_in, boxes_in_mut, bytes_in_mut, narrow_boxes_in,
-        objects_in, spheres_in, spheres_in_mut, words_in, words_in_mut,
-    };
-}
-/// The wire contract, and the parts of the core that are named under it.
-pub mod wire {
-    pub use pairmask_core::dispatch::StageTimes;
-    pub use pairmask_core::objects::{ObjectForm, Objects};
-    pub use pairmask_wire::*;
-}
+use pairmask_transport as transport;
 
-pub use aabb::{Aabb, BoxClass};
-pub use awake_pool::AwakePool;
-pub use engine::{EngineChoice, EngineName};
-pub use mask::{Encoding, EncodingChoice, MaskView};
-pub use pairmask_core::objects::ObjectForm;
-pub use precision::{Bounds, BoxForm, Precision};
-pub use session::{Backend, Frame, PairMask, PendingFrame, ServedBy, Session};
-pub use sphere::Sphere;
-pub use units::{BoxCount, MaskWord, PairIndex};
+pub mod error;
+pub mod info;
+pub mod mask;
+pub use pairmask_core::update;
+
+pub use pairmask_core::aabb::Aabb;
+pub use pairmask_core::engine::{EngineChoice, EngineId, EngineName};
+pub use pairmask_core::mask::{Encoding, EncodingChoice};
+pub use pairmask_core::plan::CalibrationChoice;
+pub use pairmask_core::precision::{Bounds, Margin, Precision};
+pub use pairmask_core::sphere::Sphere;
+pub use pairmask_core::units::BoxCount;
+pub use pairmask_wire::{InstanceName, StatusBody as DaemonStatus};
+pub use session::{
+    Backend, ConnectError, Frame, FrameError, FrameInfo, Margined, MarginedMask, NarrowFrame,
+    PairMask, PendingFrame, ServedBy, Session, SessionBuilder, SphereFrame, StatusError, WaitError,
+};

@@ -1,8 +1,12 @@
 //! Sessions in process, in every build: with a transport and without.
 #![allow(clippy::unwrap_used, clippy::missing_panics_doc)]
 
-use pairmask::session::{ConnectError, Margin, Margined, SessionBuilder};
-use pairmask::{Aabb, Backend, Bounds, BoxForm, Precision, ServedBy, Session, Sphere, oracle};
+use pairmask::info::BoxForm;
+use pairmask::{
+    Aabb, Backend, Bounds, ConnectError, Margin, Margined, Precision, ServedBy, Session,
+    SessionBuilder, Sphere,
+};
+use pairmask_core::oracle;
 
 /// Boxes a scene, on both sides of the sizes at which engines change.
 const SIZES: [usize; 4] = [0, 3, 345, 1234];

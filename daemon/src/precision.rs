@@ -3,9 +3,8 @@
 use std::fmt;
 use std::str::FromStr;
 
-use pairmask::precision::{ExpandScratch, NarrowBoxes, Widening};
-use pairmask::session::Margin;
-use pairmask::{Aabb, Bounds, Precision};
+use pairmask_core::precision::{BoxSlice, ExpandScratch, Margin, Widening};
+use pairmask_core::{Aabb, Bounds, Precision};
 
 /// The modes by name. The names are part of the command line's contract.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -92,7 +91,7 @@ impl fmt::Display for PrecisionChoice {
 /// When the system has no memory for the boxes.
 ///
 /// ```
-/// use pairmask::{Aabb, Precision};
+/// use pairmask_core::{Aabb, Precision};
 /// use pairmaskd::precision::as_sent;
 /// let third = Aabb::from([0.0, 0.0, 0.0, 1.0 / 3.0, 1.0, 1.0]);
 /// assert_eq!(as_sent(&Precision::Exact, &[third]), [third]);
@@ -105,7 +104,7 @@ pub fn as_sent(precision: &Precision, boxes: &[Aabb]) -> Vec<Aabb> {
     let memory: &mut [u8] = &mut bytemuck::cast_slice_mut(&mut words)[..bytes];
     precision.write(boxes, memory);
     let mut scratch = ExpandScratch::default();
-    let narrow = NarrowBoxes::new(precision.form(), memory).expect("whole boxes, aligned");
+    let narrow = BoxSlice::new(precision.form(), memory).expect("whole boxes, aligned");
     narrow.expand(&mut scratch, false).to_vec()
 }
 

@@ -9,10 +9,10 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-use pairmask::plan::CalibrationChoice;
-use pairmask::session::{ConnectError, SessionBuilder};
-use pairmask::transport::{DaemonRecord, InstanceName, Limits, RuntimeDir};
-use pairmask::{Backend, Session};
+use pairmask::{Backend, ConnectError, Session, SessionBuilder};
+use pairmask_core::plan::CalibrationChoice;
+use pairmask_transport::{DaemonRecord, Limits, RuntimeDir};
+use pairmask_wire::InstanceName;
 use rustix::process::{Pid, Signal, getppid, kill_process, set_parent_process_death_signal};
 use tempfile::TempDir;
 

@@ -5,10 +5,11 @@ use std::num::NonZeroUsize;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use pairmask::engine::CullError;
-use pairmask::mask::MaskError;
-use pairmask::session::{FrameError, FrameInfo, Margined, MarginedError, WaitError};
-use pairmask::{Aabb, AwakePool, PairMask, Precision, Session};
+use pairmask::error::MarginedError;
+use pairmask::{FrameError, FrameInfo, Margined, PairMask, Session, WaitError};
+use pairmask_core::engine::CullError;
+use pairmask_core::mask::MaskError;
+use pairmask_core::{Aabb, AwakePool, Precision};
 use rayon::iter::ParallelIterator;
 use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
 

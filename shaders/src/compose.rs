@@ -1,6 +1,6 @@
 //! Stages as WGSL text: shared parts put in where `#import NAME` stands, each once.
 
-use pairmask::BoxForm;
+use pairmask_core::BoxForm;
 
 use crate::constants::{self, MAX_STRIP_BLOCKS};
 
@@ -241,7 +241,7 @@ impl Stage {
     /// [`ComposeError`].
     ///
     /// ```
-    /// use pairmask::BoxForm;
+    /// use pairmask_core::BoxForm;
     /// use pairmask_shaders::Stage;
     /// let text = Stage::Keys(BoxForm::Q8).wgsl()?;
     /// assert!(text.contains("fn order_key"), "the shared part is in");

@@ -60,7 +60,7 @@ const _: () =
 const _: () = assert!(PADDING.is_multiple_of(BATCH_BOXES));
 const _: () = assert!(BATCH_BOXES.is_multiple_of(4), "a batch of any form is whole words");
 const _: () = assert!(BATCH_BOXES.is_multiple_of(4 * PAIRS_WORKGROUP));
-const _: () = assert!(pairmask::aabb::AABB_BYTES == BOX_WORDS as usize * 4);
+const _: () = assert!(pairmask_core::aabb::AABB_BYTES == BOX_WORDS as usize * 4);
 
 /// The constants as WGSL, what `#import constants` stands for.
 pub(crate) fn as_wgsl() -> String {
@@ -71,7 +71,7 @@ pub(crate) fn as_wgsl() -> String {
         ("BOX_WORDS", BOX_WORDS),
         ("PAIRS_WORKGROUP", PAIRS_WORKGROUP),
         ("WINDOW_WORDS", WINDOW_WORDS),
-        ("SECTION_ALIGN", pairmask::mask::SECTION_ALIGN_WORDS as u32),
+        ("SECTION_ALIGN", pairmask_core::mask::SECTION_ALIGN_WORDS as u32),
         ("GRID_LEVELS", GRID_LEVELS),
         ("PARKED", PARKED),
         ("SCAN_CELLS", SCAN_CELLS),

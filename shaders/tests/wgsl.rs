@@ -5,7 +5,7 @@ use std::mem::offset_of;
 use std::path::Path;
 
 use naga::valid::{Capabilities, ValidationFlags, Validator};
-use pairmask::BoxForm;
+use pairmask_core::BoxForm;
 use pairmask_shaders::constants::{BATCH_BOXES, MAX_STRIP_BLOCKS, PAIRS_WORKGROUP};
 use pairmask_shaders::layouts::{
     AwakeParams, BatchReport, BatchTotals, GridLayout, GridLevel, GridParams, GridSummary,

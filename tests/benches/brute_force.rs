@@ -6,9 +6,9 @@
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
-use pairmask::engine::{BruteForce, CullInput, CullReport, Engine, HeapReply, Isa};
-use pairmask::units::BoxCount;
-use pairmask::{Aabb, Encoding};
+use pairmask_core::engine::{BruteForce, CullInput, CullReport, Engine, HeapReply, Isa};
+use pairmask_core::units::BoxCount;
+use pairmask_core::{Aabb, Encoding};
 use pairmask_tests::stress_scenes;
 use rayon::ThreadPoolBuilder;
 

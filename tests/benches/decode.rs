@@ -7,8 +7,8 @@
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
-use pairmask::BoxCount;
-use pairmask::mask::MaskView;
+use pairmask_core::BoxCount;
+use pairmask_core::mask::MaskView;
 use pairmask_tests::mask_writer::{WrittenMask, write_dense, write_sparse};
 use pairmask_tests::oracle::Pair;
 use pairmask_tests::pair_scenes::{

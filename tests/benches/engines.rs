@@ -12,13 +12,13 @@
 use std::process::ExitCode;
 use std::time::Instant;
 
-use pairmask::Aabb;
-use pairmask::dispatch::CullWish;
-use pairmask::engine::{
+use pairmask_core::Aabb;
+use pairmask_core::dispatch::CullOptions;
+use pairmask_core::engine::{
     CullInput, CullReport, Engine, EngineName, EngineTimes, HeapReply, Isa, cpu_engine,
 };
-use pairmask::mask::MaskShape;
-use pairmask::plan::{Calibration, Capabilities, SceneStats, plan};
+use pairmask_core::mask::MaskShape;
+use pairmask_core::plan::{Calibration, Capabilities, SceneStats, plan};
 use pairmaskd::scene::{Scene, SceneName};
 
 /// Pairs above which a quadratic scene or engine is left out: it would take minutes and show
@@ -254,7 +254,7 @@ fn judge_plan(
     let calibration = Calibration::built_in(Isa::best());
     for &threads in &options.threads {
         let capabilities = Capabilities { threads, gpu: None };
-        let plan = plan(&stats, &capabilities, &calibration, &CullWish::default());
+        let plan = plan(&stats, &capabilities, &calibration, &CullOptions::default());
         let plan_us = start.elapsed().as_nanos() as f64 / 1e3;
         let least = |lane: &Lane| lane.total_ns.iter().min().copied().unwrap_or(u64::MAX) as f64;
         let best = lanes.iter().min_by(|a, b| least(a).total_cmp(&least(b)));

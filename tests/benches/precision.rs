@@ -6,9 +6,9 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use pairmask::precision::{ExpandScratch, NarrowBoxes};
-use pairmask::session::Margin;
-use pairmask::{Aabb, Backend, Bounds, BoxForm, Precision, Session};
+use pairmask::{Backend, Session};
+use pairmask_core::precision::{BoxSlice, ExpandScratch, Margin};
+use pairmask_core::{Aabb, Bounds, BoxForm, Precision};
 use pairmaskd::scene::{Scene, SceneName};
 
 /// Boxes: few enough to stay on one thread, and in the second-level cache.
@@ -47,7 +47,7 @@ fn main() {
             let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut words);
             time(format!("write {form}"), &mut || precision.write(boxes, black_box(bytes)));
             time(format!("expand {form}"), &mut || {
-                let view = NarrowBoxes::new(form, black_box(bytes)).unwrap();
+                let view = BoxSlice::new(form, black_box(bytes)).unwrap();
                 black_box(view.expand(&mut scratch, false));
             });
         }

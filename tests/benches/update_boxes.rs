@@ -6,8 +6,8 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use glam::{Affine3A, Quat, Vec3};
-use pairmask::Aabb;
-use pairmask::update::{Placement, ToWorld, par_update_boxes, update_boxes};
+use pairmask_core::Aabb;
+use pairmask_core::update::{Placement, ToWorld, par_update_boxes, update_boxes};
 use pairmask_tests::stress_scenes::Rng;
 
 /// Frames a row.

@@ -1,7 +1,8 @@
 //! A daemon whose auditor checks every frame, and its report on some frames.
 
-use pairmask::transport::RuntimeDir;
-use pairmask::{Aabb, Backend, Encoding, EncodingChoice, Session, Sphere};
+use pairmask::{Backend, Session};
+use pairmask_core::{Aabb, Encoding, EncodingChoice, Sphere};
+use pairmask_transport::RuntimeDir;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 

@@ -8,7 +8,7 @@ use std::process::{Child, Command, Stdio};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use pairmask::Aabb;
+use pairmask_core::Aabb;
 use serde_json::Value;
 use tempfile::TempDir;
 

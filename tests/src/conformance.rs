@@ -3,9 +3,9 @@
 //! It compares sets and names the first bad pair; equal counts prove nothing. Each frame has a caller of
 //! other floating-point flags, and pool threads of yet others.
 
-use pairmask::Encoding;
-use pairmask::engine::{CullInput, Engine, HeapReply};
-pub use pairmask::oracle::check::{Mismatch, check_frame, check_pairs, check_reply};
+use pairmask_core::Encoding;
+use pairmask_core::engine::{CullInput, Engine, HeapReply};
+pub use pairmask_core::oracle::check::{Mismatch, check_frame, check_pairs, check_reply};
 use pairmask_lab::stress::{FloatFlags, MixedFlags};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
@@ -63,7 +63,7 @@ pub fn mixed_flags() -> Vec<MixedFlags> {
 #[error("{engine}, scene '{scene}', {n} boxes, {encoding}, {threads} threads, {flags}: {what}")]
 pub struct Failure {
     /// The engine.
-    pub engine: pairmask::EngineName,
+    pub engine: pairmask_core::EngineName,
     /// The scene.
     pub scene: &'static str,
     /// Boxes.

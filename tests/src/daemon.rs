@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use pairmask::session::SessionBuilder;
-use pairmask::transport::{DaemonRecord, InstanceName, RuntimeDir};
-use pairmask::{Backend, ServedBy, Session};
+use pairmask::{Backend, ServedBy, Session, SessionBuilder};
+use pairmask_transport::{DaemonRecord, RuntimeDir};
+use pairmask_wire::InstanceName;
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::watchdog::within;

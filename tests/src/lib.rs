@@ -20,8 +20,8 @@ pub mod spheres;
 pub mod watchdog;
 
 pub use attack::attack_time;
-pub use pairmask::oracle;
-pub use pairmask::oracle::modes as naive_modes;
-pub use pairmask::oracle::naive_decoder;
+pub use pairmask_core::oracle;
+pub use pairmask_core::oracle::modes as naive_modes;
+pub use pairmask_core::oracle::naive_decoder;
 pub use pairmask_lab::sabotage::lose_a_pair;
 pub use pairmask_lab::stress::{SphereCase, scenes as stress_scenes};

@@ -1,7 +1,7 @@
 //! Replies from lists of pairs: the naive writers that the decoders are tested against.
 
-use pairmask::BoxCount;
-use pairmask::mask::MaskShape;
+use pairmask_core::BoxCount;
+use pairmask_core::mask::MaskShape;
 
 use crate::oracle::Pair;
 

@@ -1,8 +1,8 @@
 //! Boxes in narrow forms, and engines that read them.
 
-use pairmask::engine::{CullError, CullInput, CullReport, Engine, EngineName, ReplyBuffer};
-use pairmask::precision::NarrowBoxes;
-use pairmask::{Aabb, BoxForm, Precision};
+use pairmask_core::engine::{CullError, CullInput, CullReport, Engine, EngineName, ReplyBuffer};
+use pairmask_core::precision::BoxSlice;
+use pairmask_core::{Aabb, BoxForm, Precision};
 
 /// Boxes of one form in memory of their own.
 #[derive(Clone, Debug)]
@@ -41,9 +41,9 @@ impl NarrowMemory {
     ///
     /// # Panics
     /// Never: the memory holds whole boxes, aligned.
-    pub fn boxes(&self) -> NarrowBoxes<'_> {
+    pub fn boxes(&self) -> BoxSlice<'_> {
         let bytes: &[u8] = bytemuck::cast_slice(&self.words);
-        NarrowBoxes::new(self.form, &bytes[..self.bytes]).expect("whole boxes, aligned")
+        BoxSlice::new(self.form, &bytes[..self.bytes]).expect("whole boxes, aligned")
     }
 
     /// Their bytes, writable.

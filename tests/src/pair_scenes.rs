@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use pairmask::BoxCount;
+use pairmask_core::BoxCount;
 
 use crate::oracle::Pair;
 use crate::stress_scenes::Rng;

@@ -4,12 +4,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use iceoryx2::service::ipc;
-use pairmask::transport::{
-    DaemonRecord, InstanceName, Limits, RuntimeDir, Services, assume_response_pages, words_in_mut,
-};
-use pairmask::units::BoxCount;
-use pairmask::wire::{
-    ReplyFields, RequestHeader, ResponseHeader, StatusCode, Version, response_error,
+use pairmask_core::units::BoxCount;
+use pairmask_transport::{DaemonRecord, Limits, RuntimeDir, Services, assume_response_pages};
+use pairmask_wire::{
+    InstanceName, ReplyFields, RequestHeader, ResponseHeader, StatusCode, Version, response_error,
+    words_in_mut,
 };
 
 /// The fields of a request that every response echoes.

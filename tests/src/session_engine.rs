@@ -1,11 +1,11 @@
 //! A session as an engine, so that the conformance suite runs on every session backend too.
 
-use pairmask::engine::{
+use pairmask::{ServedBy, Session, SessionBuilder};
+use pairmask_core::Encoding;
+use pairmask_core::engine::{
     CullError, CullInput, CullReport, Engine, EngineChoice, EngineName, EngineTimes, ReplyBuffer,
 };
-use pairmask::mask::EncodingChoice;
-use pairmask::session::SessionBuilder;
-use pairmask::{Encoding, ServedBy, Session};
+use pairmask_core::mask::EncodingChoice;
 
 /// A session for each encoding, and the side that must serve it.
 #[derive(Debug)]

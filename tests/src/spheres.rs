@@ -1,10 +1,10 @@
 //! Scenes of spheres, their right answers, and checks of sessions against them.
 
-use pairmask::engine::{Census, CullReport, EngineTimes, NAMED_INVALID};
-use pairmask::oracle::check::{Mismatch, check_reply};
-use pairmask::oracle::{Pair, Truth};
-use pairmask::session::FrameInfo;
-use pairmask::{Encoding, PairMask, Session, Sphere};
+use pairmask::{FrameInfo, PairMask, Session};
+use pairmask_core::engine::{Census, CullReport, EngineTimes, NAMED_INVALID};
+use pairmask_core::oracle::check::{Mismatch, check_reply};
+use pairmask_core::oracle::{Pair, Truth};
+use pairmask_core::{Encoding, Sphere};
 use pairmask_lab::stress::MixedFlags;
 use pairmask_lab::study::spheres::{families, oracle};
 use pairmaskd::scene::Random;

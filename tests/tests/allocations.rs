@@ -11,16 +11,17 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
 use iceoryx2::service::{ipc, ipc_threadsafe};
-use pairmask::mask::{Encoding, EncodingChoice};
-use pairmask::plan::CalibrationChoice;
-use pairmask::transport::{
-    InstanceName, Limits, RuntimeDir, Services, assume_pages, assume_response_pages,
-    clean_if_abandoned,
-};
-use pairmask::{Backend, Bounds, EngineChoice, EngineName, Precision, Session, Sphere};
+use pairmask::{Backend, Session};
+use pairmask_core::mask::{Encoding, EncodingChoice};
+use pairmask_core::plan::CalibrationChoice;
+use pairmask_core::{Bounds, EngineChoice, EngineName, Precision, Sphere};
 use pairmask_tests::daemon::eventually;
 use pairmask_tests::spheres::whole_scene;
 use pairmask_tests::stress_scenes;
+use pairmask_transport::{
+    Limits, RuntimeDir, Services, assume_pages, assume_response_pages, clean_if_abandoned,
+};
+use pairmask_wire::InstanceName;
 use pairmaskd::audit::AuditRate;
 use pairmaskd::execute::gpu::GpuChoice;
 use pairmaskd::serve::{ServeSettings, work};
@@ -79,7 +80,7 @@ fn steady(mut work: impl FnMut()) -> u64 {
     (0..3).map(|_| counted(&mut work)).min().unwrap_or_default()
 }
 
-fn frames(session: &mut Session, scenes: &[Vec<pairmask::Aabb>], count: usize) -> u64 {
+fn frames(session: &mut Session, scenes: &[Vec<pairmask_core::Aabb>], count: usize) -> u64 {
     let mut pairs = 0;
     for i in 0..count {
         let boxes = &scenes[i % scenes.len()];
@@ -91,7 +92,7 @@ fn frames(session: &mut Session, scenes: &[Vec<pairmask::Aabb>], count: usize) -
     pairs
 }
 
-fn narrow_frames(session: &mut Session, scenes: &[Vec<pairmask::Aabb>], count: usize) -> u64 {
+fn narrow_frames(session: &mut Session, scenes: &[Vec<pairmask_core::Aabb>], count: usize) -> u64 {
     let bounds = Bounds::new([0.0; 3], [100.0; 3]).unwrap();
     let mut pairs = 0;
     for i in 0..count {

@@ -10,19 +10,17 @@ use std::io::Read;
 use std::process::{Child, ChildStderr, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use pairmask::engine::EngineChoice;
-use pairmask::session::WaitError;
-use pairmask::transport::{InstanceName, ProcessWatch, RuntimeDir, SegmentFiles, boxes_in_mut};
-use pairmask::units::BoxCount;
-use pairmask::wire::ReplyError;
-use pairmask::{Aabb, Backend, ServedBy, Session};
-use pairmask_tests::attack_time;
+use pairmask::{Backend, ServedBy, Session, WaitError};
+use pairmask_core::Aabb;
+use pairmask_core::engine::EngineChoice;
+use pairmask_core::units::BoxCount;
 use pairmask_tests::attackers::raw::{
     CHANNEL_ID, CLIENT_ID, REQUEST_ID, RawClient, answer, cull, read, word, write,
 };
 use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
-use pairmask_tests::oracle;
-use pairmask_tests::stress_scenes;
+use pairmask_tests::{attack_time, oracle, stress_scenes};
+use pairmask_transport::{ProcessWatch, RuntimeDir, SegmentFiles};
+use pairmask_wire::{InstanceName, ReplyError, boxes_in_mut};
 use rustix::process::{Pid, Signal, kill_process};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");

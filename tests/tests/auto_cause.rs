@@ -4,12 +4,12 @@
 use std::time::Duration;
 
 use log::LevelFilter;
-use pairmask::session::{ConnectError, SessionBuilder, StatusError};
-use pairmask::transport::{DaemonRecord, InstanceName, RuntimeDir};
-use pairmask::wire::Version;
-use pairmask::{Aabb, Backend, ServedBy, Session};
+use pairmask::{Backend, ConnectError, ServedBy, Session, SessionBuilder, StatusError};
+use pairmask_core::Aabb;
 use pairmask_tests::daemon::TestDaemon;
 use pairmask_tests::library_log;
+use pairmask_transport::{DaemonRecord, RuntimeDir};
+use pairmask_wire::{InstanceName, Version};
 use rustix::process::Signal;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");

@@ -1,11 +1,10 @@
 //! `cpu-brute`, every instruction set of this machine, through the conformance suite.
 
-use pairmask::engine::{BruteForce, CullInput, Engine, HeapReply, Isa};
-use pairmask::{Aabb, Encoding};
+use pairmask_core::engine::{BruteForce, CullInput, Engine, HeapReply, Isa};
+use pairmask_core::{Aabb, Encoding};
 use pairmask_tests::conformance::{Suite, check_engine, check_frame};
-use pairmask_tests::naive_decoder;
 use pairmask_tests::oracle::{self, pair_set_hash};
-use pairmask_tests::stress_scenes;
+use pairmask_tests::{naive_decoder, stress_scenes};
 use proptest::prelude::*;
 use rayon::ThreadPoolBuilder;
 
@@ -88,7 +87,11 @@ fn a_frame_does_not_depend_on_the_frames_before_it() {
     }
 }
 
-fn pairs(reply: &HeapReply, report: &pairmask::engine::CullReport, n: u32) -> Vec<oracle::Pair> {
+fn pairs(
+    reply: &HeapReply,
+    report: &pairmask_core::engine::CullReport,
+    n: u32,
+) -> Vec<oracle::Pair> {
     naive_decoder::decode(reply.words(), &report.shape, n).expect("a good mask")
 }
 

@@ -1,15 +1,14 @@
 //! Every comparator of the conformance suite notices the mistakes that it is for.
 
-use pairmask::engine::{
+use pairmask_core::engine::{
     BruteForce, CullError, CullInput, CullReport, Engine, HeapReply, ReplyBuffer, ReserveError,
 };
-use pairmask::mask::MaskShape;
-use pairmask::{Aabb, Encoding, EngineName};
+use pairmask_core::mask::MaskShape;
+use pairmask_core::{Aabb, Encoding, EngineName};
 use pairmask_lab::sabotage::Spoiler;
 use pairmask_tests::conformance::{Mismatch, Suite, check_engine, check_frame, check_pairs};
 use pairmask_tests::naive_decoder::BadMask;
-use pairmask_tests::oracle;
-use pairmask_tests::stress_scenes;
+use pairmask_tests::{oracle, stress_scenes};
 
 /// An engine that spoils a right answer.
 fn spoiler<S>(spoil: S) -> Spoiler<S> {

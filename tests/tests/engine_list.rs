@@ -3,14 +3,14 @@
 
 use std::collections::BTreeSet;
 
-use pairmask::engine::{CullError, CullInput, Engine, EngineName, HeapReply, Isa, cpu_engine};
-use pairmask::mask::MaskShape;
-use pairmask::plan::Term;
-use pairmask::wire::VERSION_MINOR;
-use pairmask::{BoxForm, Encoding, Precision};
+use pairmask_core::engine::{CullError, CullInput, Engine, EngineName, HeapReply, Isa, cpu_engine};
+use pairmask_core::mask::MaskShape;
+use pairmask_core::plan::Term;
+use pairmask_core::{BoxForm, Encoding, Precision};
 use pairmask_tests::conformance::{Suite, check_engine};
 use pairmask_tests::narrow::NarrowMemory;
 use pairmask_tests::stress_scenes;
+use pairmask_wire::VERSION_MINOR;
 
 /// The wire contract names every engine with its number.
 const WIRE: &str = include_str!("../../client-lib/wire/WIRE.md");

@@ -11,11 +11,11 @@
 use std::thread;
 use std::time::{Duration, Instant};
 
-use pairmask::engine::{
+use pairmask_core::engine::{
     CullInput, Engine, EngineName, Grid, HeapReply, Isa, SweepAndPrune, cpu_engine,
 };
-use pairmask::mask::MaskView;
-use pairmask::{Aabb, AwakePool, BoxCount};
+use pairmask_core::mask::MaskView;
+use pairmask_core::{Aabb, AwakePool, BoxCount};
 use pairmask_tests::conformance::check_pairs;
 use pairmask_tests::oracle::{Pair, pair_set_hash};
 use pairmaskd::scene::{Scene, SceneName};

@@ -2,10 +2,11 @@
 #![allow(clippy::unwrap_used)]
 
 use log::{Level, LevelFilter};
-use pairmask::transport::InstanceName;
-use pairmask::{Backend, BoxForm, Precision, ServedBy, Session};
+use pairmask::{Backend, ServedBy, Session};
+use pairmask_core::{BoxForm, Precision};
 use pairmask_tests::daemon::{TestDaemon, eventually};
 use pairmask_tests::library_log::{capture, take_captured};
+use pairmask_wire::InstanceName;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
@@ -13,7 +14,7 @@ fn frames(session: &mut Session, count: usize) -> ServedBy {
     let mut last = ServedBy::InProcess;
     for _ in 0..count {
         let mut frame = session.frame(2).unwrap();
-        frame.boxes_mut().fill(pairmask::Aabb::EMPTY);
+        frame.boxes_mut().fill(pairmask_core::Aabb::EMPTY);
         last = frame.submit().unwrap().wait().unwrap().info().served_by;
     }
     last
@@ -49,7 +50,7 @@ fn falling_back_is_said_once() {
     let mut session = daemon.session().connect().unwrap();
     for _ in 0..10 {
         let mut frame = session.narrow_frame(2, Precision::F16).unwrap();
-        frame.fill(&[pairmask::Aabb::EMPTY; 2]);
+        frame.fill(&[pairmask_core::Aabb::EMPTY; 2]);
         assert_eq!(frame.submit().unwrap().wait().unwrap().info().form, BoxForm::F32.into());
     }
     let exact = take_captured();
@@ -60,7 +61,7 @@ fn falling_back_is_said_once() {
     let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
     for _ in 0..10 {
         let mut frame = session.sphere_frame(2).unwrap();
-        frame.spheres_mut().fill(pairmask::Sphere::EMPTY);
+        frame.spheres_mut().fill(pairmask_core::Sphere::EMPTY);
         let mask = frame.submit().unwrap().wait().unwrap();
         assert_eq!(mask.info().served_by, ServedBy::InProcess);
         assert_eq!(frames(&mut session, 1), ServedBy::Daemon);

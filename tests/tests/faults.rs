@@ -9,13 +9,12 @@ use std::path::Path;
 use std::process::{Child, ChildStdout, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use pairmask::session::{ConnectError, FrameError};
-use pairmask::transport::{DaemonRecord, InstanceName, RuntimeDir, Services};
-use pairmask::wire::{ResponseHeader, StatusCode, Version};
-use pairmask::{Aabb, Backend, ServedBy, Session};
+use pairmask::{Backend, ConnectError, FrameError, ServedBy, Session};
+use pairmask_core::Aabb;
 use pairmask_tests::daemon::{TestDaemon, eventually, outlive_kills};
-use pairmask_tests::oracle;
-use pairmask_tests::stress_scenes;
+use pairmask_tests::{oracle, stress_scenes};
+use pairmask_transport::{DaemonRecord, RuntimeDir, Services};
+use pairmask_wire::{InstanceName, ResponseHeader, StatusCode, Version};
 use rustix::process::Signal;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
@@ -193,7 +192,7 @@ fn truncate_a_segment(engine: &str) {
 /// Sends raw headers over the transport and returns the response's header.
 fn raw_request(
     daemon: &TestDaemon,
-    headers: &[pairmask::wire::RequestHeader],
+    headers: &[pairmask_wire::RequestHeader],
 ) -> Vec<ResponseHeader> {
     let services = Services::connect(&daemon.dir(), &InstanceName::default()).unwrap();
     let client = services.client(77, 4).unwrap();
@@ -201,7 +200,7 @@ fn raw_request(
         .iter()
         .map(|header| {
             let mut loan =
-                pairmask::transport::assume_pages(client.port.loan_slice_uninit(2).unwrap());
+                pairmask_transport::assume_pages(client.port.loan_slice_uninit(2).unwrap());
             *loan.user_header_mut() = *header;
             let pending = loan.send().unwrap();
             client.notifier.notify().unwrap();
@@ -212,11 +211,11 @@ fn raw_request(
 
 #[test]
 fn forged_requests_are_answered_and_harm_no_client() {
-    use pairmask::engine::EngineChoice;
-    use pairmask::mask::EncodingChoice;
-    use pairmask::precision::BoxForm;
-    use pairmask::units::BoxCount;
-    use pairmask::wire::RequestHeader;
+    use pairmask_core::engine::EngineChoice;
+    use pairmask_core::mask::EncodingChoice;
+    use pairmask_core::precision::BoxForm;
+    use pairmask_core::units::BoxCount;
+    use pairmask_wire::RequestHeader;
     let daemon = TestDaemon::start(DAEMON, &[]);
     let worker = daemon.worker();
     let valid = RequestHeader::cull(
@@ -256,10 +255,11 @@ fn forged_requests_are_answered_and_harm_no_client() {
 
 #[test]
 fn forged_requests_of_spheres_are_answered_and_harm_no_client() {
-    use pairmask::engine::EngineChoice;
-    use pairmask::mask::EncodingChoice;
-    use pairmask::units::BoxCount;
-    use pairmask::wire::{ObjectForm, RequestHeader};
+    use pairmask_core::engine::EngineChoice;
+    use pairmask_core::mask::EncodingChoice;
+    use pairmask_core::objects::ObjectForm;
+    use pairmask_core::units::BoxCount;
+    use pairmask_wire::RequestHeader;
     let daemon = TestDaemon::start(DAEMON, &[]);
     let worker = daemon.worker();
     let of = |n| {
@@ -446,7 +446,7 @@ fn three_frames_at_a_time_and_no_fourth() {
 #[test]
 fn a_scene_may_grow_past_its_segment() {
     let daemon = TestDaemon::start(DAEMON, &[]);
-    let capacity = pairmask::BoxCount::new(100);
+    let capacity = pairmask_core::BoxCount::new(100);
     let mut session = daemon.session().capacity(capacity).connect().unwrap();
     for n in [10, 100, 500, 3000, 12, 6000] {
         assert_eq!(check_frame(&mut session, &scene(n, 7)), ServedBy::Daemon, "{n} boxes");

@@ -4,16 +4,16 @@
 #![allow(clippy::unwrap_used)]
 
 use glam::{Affine3A, DVec3, Mat4, Quat, Vec3};
-use pairmask::dispatch::{CpuEngines, CullWish, SphereEngines};
-use pairmask::engine::{CullInput, Engine, EngineChoice, HeapReply, Isa, cpu_engine};
-use pairmask::oracle::check::check_frame;
-use pairmask::oracle::{self, modes};
-use pairmask::plan::SceneStats;
-use pairmask::precision::{BoxF16, ExpandScratch, Quantizer, Widening};
-use pairmask::session::{Margin, Margined};
-use pairmask::sphere::Sphere;
-use pairmask::update::{Placement, ToWorld, par_update_boxes, update_boxes, world_box};
-use pairmask::{Aabb, Backend, Bounds, EngineName, Precision, Session};
+use pairmask::{Backend, Margined, Session};
+use pairmask_core::dispatch::{CpuEngines, CullOptions, SphereEngines};
+use pairmask_core::engine::{CullInput, Engine, EngineChoice, HeapReply, Isa, cpu_engine};
+use pairmask_core::oracle::check::check_frame;
+use pairmask_core::oracle::modes;
+use pairmask_core::plan::SceneStats;
+use pairmask_core::precision::{BoxF16, ExpandScratch, Margin, Quantizer, Widening};
+use pairmask_core::sphere::Sphere;
+use pairmask_core::update::{Placement, ToWorld, par_update_boxes, update_boxes, world_box};
+use pairmask_core::{Aabb, Bounds, EngineName, Precision, oracle};
 use pairmask_lab::stress::{FloatFlags, MixedFlags, Rounding};
 use pairmask_tests::conformance::mixed_flags;
 use pairmask_tests::narrow::NarrowMemory;
@@ -104,7 +104,8 @@ fn a_pool_that_a_flagged_thread_started_serves_plain_callers() {
             let mut session =
                 Session::builder().backend(Backend::InProcess).threads(2).connect().unwrap();
             for engine in EngineName::CPU {
-                let wish = CullWish { engine: EngineChoice::Only(engine), ..CullWish::default() };
+                let wish =
+                    CullOptions { engine: EngineChoice::Only(engine), ..CullOptions::default() };
                 let mut reply = HeapReply::new();
                 let asked = || CpuEngines::new().cull(&boxes, &wish, &mut reply).unwrap();
                 let answer = pool.install(|| FloatFlags::DEFAULT.run(asked));
@@ -138,10 +139,10 @@ fn spheres_are_found_through_the_boxes_of_any_thread() {
         for engine in [EngineName::CpuGrid, EngineName::CpuSap] {
             let mut engines = SphereEngines::new();
             let mut reply = HeapReply::new();
-            let wish = CullWish {
+            let wish = CullOptions {
                 engine: EngineChoice::Only(engine),
                 threads: Some(2),
-                ..CullWish::default()
+                ..CullOptions::default()
             };
             for flags in mixed_flags() {
                 let answer = flags.install(&pool, || engines.cull(&scene, &wish, &mut reply));
@@ -220,7 +221,7 @@ fn matrices(boxes: &[Aabb]) -> Vec<Affine3A> {
             p.translation.into(),
         )
     };
-    pairmask::floats::with_default(|| placements(boxes).iter().map(of).collect())
+    pairmask_core::floats::with_default(|| placements(boxes).iter().map(of).collect())
 }
 
 /// Min, max and origin of boxes in f64, near the origin and a thousand million units away from it, some
@@ -273,7 +274,7 @@ const ENTRY_POINTS: [EntryPoint; 21] = [
         boxes.iter().flat_map(halves).map(u64::from).collect()
     }),
     ("Aabb::outward_from_f64", |boxes| {
-        let worlds = pairmask::floats::with_default(|| worlds(boxes));
+        let worlds = pairmask_core::floats::with_default(|| worlds(boxes));
         let outward = worlds.iter().map(|[min, max, o]| Aabb::outward_from_f64(*min, *max, *o));
         bits(&outward.collect::<Vec<Aabb>>())
     }),
@@ -299,7 +300,7 @@ const ENTRY_POINTS: [EntryPoint; 21] = [
         all.flat_map(limits).map(f64::to_bits).collect()
     }),
     ("world_box", |boxes| {
-        let placements = pairmask::floats::with_default(|| placements(boxes));
+        let placements = pairmask_core::floats::with_default(|| placements(boxes));
         let world = boxes.iter().zip(&placements).map(|(b, p)| world_box(b, p));
         bits(&world.collect::<Vec<Aabb>>())
     }),
@@ -310,7 +311,7 @@ const ENTRY_POINTS: [EntryPoint; 21] = [
         bits(&world)
     }),
     ("par_update_boxes", |boxes| {
-        let matrices: Vec<Mat4> = pairmask::floats::with_default(|| {
+        let matrices: Vec<Mat4> = pairmask_core::floats::with_default(|| {
             matrices(boxes).iter().map(|m| (*m).into()).collect()
         });
         let mut world = vec![Aabb::EMPTY; boxes.len()];
@@ -319,13 +320,13 @@ const ENTRY_POINTS: [EntryPoint; 21] = [
     }),
     ("ToWorld::world_matrix", |boxes| {
         /// A matrix that was computed earlier, on a thread of any flags.
-        struct StoredMatrix(pairmask::update::WorldMatrix);
+        struct StoredMatrix(pairmask_core::update::WorldMatrix);
         impl ToWorld for StoredMatrix {
-            fn world_matrix(&self) -> pairmask::update::WorldMatrix {
+            fn world_matrix(&self) -> pairmask_core::update::WorldMatrix {
                 self.0
             }
         }
-        let placements = pairmask::floats::with_default(|| placements(boxes));
+        let placements = pairmask_core::floats::with_default(|| placements(boxes));
         let stored: Vec<StoredMatrix> =
             placements.iter().map(|p| StoredMatrix(p.world_matrix())).collect();
         let mut world = vec![Aabb::EMPTY; boxes.len()];

@@ -11,18 +11,17 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 use glam::{DVec3, Quat, Vec3};
-use pairmask::dispatch::{CullWish, SphereEngines};
-use pairmask::engine::{
+use pairmask_core::dispatch::{CullOptions, SphereEngines};
+use pairmask_core::engine::{
     BruteForce, CullInput, CullReport, Engine, EngineChoice, Grid, HeapReply, SweepAndPrune,
 };
-use pairmask::oracle::modes::{self, Allowed};
-use pairmask::oracle::naive_decoder::decode;
-use pairmask::oracle::{self, Faces, Pair};
-use pairmask::precision::Widening;
-use pairmask::session::Margin;
-use pairmask::sphere::Sphere;
-use pairmask::update::{Placement, update_boxes, world_box};
-use pairmask::{Aabb, Bounds, Encoding, EngineName, Precision};
+use pairmask_core::oracle::modes::Allowed;
+use pairmask_core::oracle::naive_decoder::decode;
+use pairmask_core::oracle::{Faces, Pair, modes};
+use pairmask_core::precision::{Margin, Widening};
+use pairmask_core::sphere::Sphere;
+use pairmask_core::update::{Placement, update_boxes, world_box};
+use pairmask_core::{Aabb, Bounds, Encoding, EngineName, Precision, oracle};
 use pairmask_lab::stress::{MixedFlags, compare};
 use pairmask_tests::{attack_time, spheres};
 use pairmaskd::precision::as_sent;
@@ -90,7 +89,7 @@ fn scene(random: &mut Random) -> Vec<Aabb> {
 fn attack(engines: &mut Engines, seed: u64) -> u64 {
     let random = &mut Random::new(seed);
     // The scene is made with the default flags, so that it depends only on its seed.
-    let boxes = pairmask::floats::with_default(|| scene(random));
+    let boxes = pairmask_core::floats::with_default(|| scene(random));
     let flags = MixedFlags::of_seed(seed);
     let encoding = [Encoding::Dense, Encoding::Sparse][random.below(2) as usize];
     let truth = flags.caller.run(|| oracle::truth(&boxes)).pairs;
@@ -115,7 +114,8 @@ fn modes_of(
     random: &mut Random,
 ) -> u64 {
     let exact = |b: &Aabb| [b.min, b.max].map(|side| side.map(f64::from));
-    let faces: Vec<Faces> = pairmask::floats::with_default(|| boxes.iter().map(exact).collect());
+    let faces: Vec<Faces> =
+        pairmask_core::floats::with_default(|| boxes.iter().map(exact).collect());
     let around = flags.caller.run(|| Bounds::around(boxes));
     let narrow = [Precision::Q16(around), Precision::Q8(around), Precision::F16];
     for precision in narrow {
@@ -136,7 +136,8 @@ fn modes_of(
     let far = [0.0, 1e9, 1e-20][random.below(3) as usize];
     let origin = [far, -far, 0.0];
     let away = |b: &Faces| b.map(|side| std::array::from_fn(|axis| side[axis] + origin[axis]));
-    let world: Vec<Faces> = pairmask::floats::with_default(|| faces.iter().map(away).collect());
+    let world: Vec<Faces> =
+        pairmask_core::floats::with_default(|| faces.iter().map(away).collect());
     let sent = flags.written(world.len(), |i| {
         let [min, max] = world[i].map(DVec3::from_array);
         Aabb::outward_from_f64(min, max, DVec3::from_array(origin))
@@ -161,7 +162,7 @@ fn check_mode(
     let got = flags.caller.run(|| engines.pairs(engine, sent, Encoding::Sparse));
     let must = &allowed.must.pairs;
     assert_eq!(compare(&got, must, &allowed.may), Ok(()), "seed {seed}, {flags}");
-    pairmask::floats::with_default(|| {
+    pairmask_core::floats::with_default(|| {
         for (i, j) in got.iter().filter(|pair| must.binary_search(pair).is_err()) {
             let (a, b) = (&faces[*i as usize], &faces[*j as usize]);
             for axis in 0..3 {
@@ -177,7 +178,7 @@ fn check_mode(
 /// Whole spheres times a power of two, by all pairs and through a box engine.
 fn spheres_of(engines: &mut Engines, seed: u64, flags: &MixedFlags, random: &mut Random) {
     let exponent = [-140, -130, -127, 0, 90][random.below(5) as usize];
-    let (scene, truth) = pairmask::floats::with_default(|| {
+    let (scene, truth) = pairmask_core::floats::with_default(|| {
         let (whole, truth) = spheres::whole_scene(30 + random.below(30) as usize, 14, seed);
         let scaled = |x: f32| (f64::from(x) * 2.0f64.powi(exponent)) as f32;
         let scaled = |s: &Sphere| Sphere::new(s.center.map(scaled), scaled(s.radius));
@@ -185,7 +186,7 @@ fn spheres_of(engines: &mut Engines, seed: u64, flags: &MixedFlags, random: &mut
     });
     let through = [EngineName::CpuSap, EngineName::CpuGrid][random.below(2) as usize];
     for engine in [EngineName::CpuBrute, through] {
-        let wish = CullWish { engine: EngineChoice::Only(engine), ..CullWish::default() };
+        let wish = CullOptions { engine: EngineChoice::Only(engine), ..CullOptions::default() };
         let answer = flags.caller.run(|| engines.spheres.cull(&scene, &wish, &mut engines.reply));
         let got = engines.decoded(&answer.unwrap().report, scene.len());
         let found = compare(&got, &truth.pairs, &truth.pairs);
@@ -195,7 +196,7 @@ fn spheres_of(engines: &mut Engines, seed: u64, flags: &MixedFlags, random: &mut
 
 /// World boxes by threads of all flags against those of a thread of default flags.
 fn updates_of(seed: u64, locals: &[Aabb], flags: &MixedFlags, random: &mut Random) {
-    let (placements, expected) = pairmask::floats::with_default(|| {
+    let (placements, expected) = pairmask_core::floats::with_default(|| {
         let axis = Vec3::from_array(random.direction());
         let turn = Quat::from_axis_angle(axis, random.range(-3.0, 3.0));
         let by = |b: &Aabb| Placement::rigid(Vec3::from_array(b.max) * 0.3, turn);

@@ -5,19 +5,19 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use log::LevelFilter;
-use pairmask::dispatch::StageTimes;
-use pairmask::engine::{Census, CullReport, EngineId, EngineName, EngineTimes, SkipMeter};
-use pairmask::mask::MaskShape;
-use pairmask::session::WaitError;
-use pairmask::transport::{InstanceName, RuntimeDir, clean_if_abandoned};
-use pairmask::units::BoxCount;
-use pairmask::wire::{
-    ReplyError, RequestHeader, ResponseHeader, Section, SectionKind, response_ok,
-};
-use pairmask::{Aabb, Backend, PairMask, ServedBy, Session};
+use pairmask::{Backend, PairMask, ServedBy, Session, WaitError};
+use pairmask_core::Aabb;
+use pairmask_core::dispatch::StageTimes;
+use pairmask_core::engine::{Census, CullReport, EngineId, EngineName, EngineTimes, SkipMeter};
+use pairmask_core::mask::MaskShape;
+use pairmask_core::units::BoxCount;
 use pairmask_tests::daemon::eventually;
 use pairmask_tests::library_log;
 use pairmask_tests::refuser::{answer_all, fields_of};
+use pairmask_transport::{RuntimeDir, clean_if_abandoned};
+use pairmask_wire::{
+    InstanceName, ReplyError, RequestHeader, ResponseHeader, Section, SectionKind, response_ok,
+};
 
 const N: BoxCount = BoxCount::new(3);
 

@@ -6,11 +6,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use pairmask::dispatch::{CpuEngines, CullAnswer, CullWish};
-use pairmask::engine::{EngineChoice, EngineName, HeapReply};
-use pairmask::mask::{EncodingChoice, MaskView};
-use pairmask::precision::NarrowBoxes;
-use pairmask::{Aabb, Bounds, BoxCount, Encoding, Precision, ServedBy, Session};
+use pairmask::{ServedBy, Session};
+use pairmask_core::dispatch::{CpuEngines, CullAnswer, CullOptions};
+use pairmask_core::engine::{EngineChoice, EngineName, HeapReply};
+use pairmask_core::mask::{EncodingChoice, MaskView};
+use pairmask_core::precision::BoxSlice;
+use pairmask_core::{Aabb, Bounds, BoxCount, Encoding, Precision};
 use pairmask_tests::conformance::{Suite, check_engine};
 use pairmask_tests::daemon::{PATIENCE, TestDaemon};
 use pairmask_tests::frame_memory::TestFrame;
@@ -147,10 +148,10 @@ fn narrow_boxes_are_culled_on_the_gpu() {
         for precision in narrow_precisions(&boxes) {
             let memory = NarrowMemory::write(&precision, &boxes);
             for engine in [EngineName::GpuBrute, EngineName::GpuGrid] {
-                let wish = CullWish {
+                let wish = CullOptions {
                     engine: EngineChoice::Only(engine),
                     encoding: EncodingChoice::Only(Encoding::Sparse),
-                    ..CullWish::default()
+                    ..CullOptions::default()
                 };
                 let owner = Owner::Client(1);
                 let answer = executor.cull(memory.boxes(), owner, &wish, &mut reply).unwrap();
@@ -166,7 +167,8 @@ fn narrow_boxes_are_culled_on_the_gpu() {
 /// oracle.
 fn pairs_by_cpu(boxes: &[Aabb], precision: &Precision) -> Vec<(u32, u32)> {
     let mut reply = HeapReply::new();
-    let wish = CullWish { engine: EngineChoice::Only(EngineName::CpuGrid), ..CullWish::default() };
+    let wish =
+        CullOptions { engine: EngineChoice::Only(EngineName::CpuGrid), ..CullOptions::default() };
     let sent = as_sent(precision, boxes);
     let answer = CpuEngines::new().cull(&sent, &wish, &mut reply).unwrap();
     pairs_of(boxes.len() as u32, &answer, &reply)
@@ -175,7 +177,7 @@ fn pairs_by_cpu(boxes: &[Aabb], precision: &Precision) -> Vec<(u32, u32)> {
 fn begin(
     executor: &mut Executor,
     owner: Owner,
-    wish: &CullWish,
+    wish: &CullOptions,
     memory: TestFrame<HeapReply>,
 ) -> CullUnderWay<TestFrame<HeapReply>> {
     let planned = executor.plan(memory.boxes.boxes(), wish, u64::MAX);
@@ -187,7 +189,8 @@ fn begin(
 fn a_frame_outlives_its_executor() {
     let mut executor = software_executor();
     let boxes = stress_scenes::named("uniform").boxes(33_001, 3);
-    let wish = CullWish { engine: EngineChoice::Only(EngineName::GpuGrid), ..CullWish::default() };
+    let wish =
+        CullOptions { engine: EngineChoice::Only(EngineName::GpuGrid), ..CullOptions::default() };
     let [first, second] = [0, 1].map(|owner| {
         let memory = TestFrame::on_heap(&Precision::Exact, &boxes);
         let token = Arc::clone(&memory.token);
@@ -210,7 +213,8 @@ fn narrow_frames_are_left_under_way_and_outlive_their_device() {
     let mut executor = software_executor();
     let n = 33_001;
     let boxes = stress_scenes::named("uniform").boxes(n, 3);
-    let wish = CullWish { engine: EngineChoice::Only(EngineName::GpuGrid), ..CullWish::default() };
+    let wish =
+        CullOptions { engine: EngineChoice::Only(EngineName::GpuGrid), ..CullOptions::default() };
     let [q16, q8, f16] = narrow_precisions(&boxes);
     for (pair, is_lost) in [([q16, q8], false), ([q8, f16], false), ([f16, q16], true)] {
         let begun = [0, 1].map(|turn| {
@@ -244,13 +248,13 @@ fn a_device_destroyed_under_load_costs_no_answer_and_comes_back() {
     let expected = oracle::truth(&boxes).pairs;
     let mut reply = HeapReply::new();
     let mut cull = |executor: &mut Executor, encoding| {
-        let wish = CullWish {
+        let wish = CullOptions {
             engine: GPU,
             encoding: EncodingChoice::Only(encoding),
-            ..CullWish::default()
+            ..CullOptions::default()
         };
         let answer =
-            executor.cull(NarrowBoxes::F32(&boxes), Owner::Client(1), &wish, &mut reply).unwrap();
+            executor.cull(BoxSlice::F32(&boxes), Owner::Client(1), &wish, &mut reply).unwrap();
         let n = BoxCount::new(boxes.len() as u32);
         let mut pairs = MaskView::new(n, &answer.report.shape, reply.words()).unwrap().to_vec();
         pairs.sort_unstable();

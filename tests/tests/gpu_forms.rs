@@ -5,10 +5,10 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use bytemuck::{Pod, Zeroable, bytes_of};
-use pairmask::aabb::KeyBox;
-use pairmask::engine::{CullError, CullInput, CullReport, Engine, HeapReply};
-use pairmask::precision::NarrowBoxes;
-use pairmask::{Aabb, Bounds, BoxClass, BoxCount, BoxForm, Encoding, Precision};
+use pairmask_core::aabb::KeyBox;
+use pairmask_core::engine::{CullError, CullInput, CullReport, Engine, HeapReply};
+use pairmask_core::precision::BoxSlice;
+use pairmask_core::{Aabb, Bounds, BoxClass, BoxCount, BoxForm, Encoding, Precision};
 use pairmask_shaders::constants::{BATCH_BOXES, NO_LEVEL, PADDING, PARKED};
 use pairmask_shaders::layouts::{BatchReport, BatchTotals, GridLayout, GridTotals, KeysParams};
 use pairmask_shaders::{GridStage, Stage};
@@ -38,7 +38,7 @@ struct Seen {
 
 impl Seen {
     /// By the library, box by box.
-    fn expected(boxes: NarrowBoxes<'_>) -> Self {
+    fn expected(boxes: BoxSlice<'_>) -> Self {
         let expanded = (0..boxes.len()).filter_map(|i| boxes.get(i));
         let classified: Vec<_> = expanded.map(|b| KeyBox::classify(&b)).collect();
         let of = |class: BoxClass| classified.iter().map(move |(_, c)| *c == class);
@@ -86,7 +86,7 @@ impl Bench {
     }
 
     /// The boxes, bound to the end of the word that the last one ends in.
-    fn boxes(&self, boxes: NarrowBoxes<'_>) -> Part {
+    fn boxes(&self, boxes: BoxSlice<'_>) -> Part {
         let size = (boxes.as_bytes().len() as u64).next_multiple_of(4);
         Part::of(&self.holding(boxes.as_bytes(), size), 0, size)
     }
@@ -101,7 +101,7 @@ impl Bench {
     }
 
     /// The output of the stage `keys`.
-    fn keys(&mut self, boxes: NarrowBoxes<'_>) -> Seen {
+    fn keys(&mut self, boxes: BoxSlice<'_>) -> Seen {
         let n = boxes.len() as u32;
         let plane_words = n.next_multiple_of(PADDING);
         let batches = plane_words / BATCH_BOXES;
@@ -132,7 +132,7 @@ impl Bench {
     }
 
     /// The output of the stage `grid_cells`, on a grid without levels.
-    fn cells(&mut self, boxes: NarrowBoxes<'_>) -> Seen {
+    fn cells(&mut self, boxes: BoxSlice<'_>) -> Seen {
         let n = boxes.len() as u32;
         let sizes = Sizes::of(BoxCount::new(n));
         let first_nothing = n / PARKED + 1;
@@ -409,7 +409,7 @@ fn a_recorded_frame_is_of_one_form() {
 fn a_form_taken_for_another_is_noticed() {
     let as_halves: CullNarrow<Grid> = |engine, input, reply| {
         let bytes = input.objects.as_bytes();
-        let halves = NarrowBoxes::new(BoxForm::F16, bytes).expect("as many bytes");
+        let halves = BoxSlice::new(BoxForm::F16, bytes).expect("as many bytes");
         engine.cull(&input.with_objects(halves), reply)
     };
     let mut wrong = Narrowed { cull: as_halves, ..grid(&GridOptions::default()) };

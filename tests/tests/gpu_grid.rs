@@ -2,10 +2,10 @@
 
 use std::time::Duration;
 
-use pairmask::engine::{CullError, CullInput, CullReport, Engine, Grid as CpuGrid, HeapReply};
-use pairmask::mask::MaskShape;
-use pairmask::precision::NarrowBoxes;
-use pairmask::{Aabb, Bounds, BoxCount, Encoding, Precision};
+use pairmask_core::engine::{CullError, CullInput, CullReport, Engine, Grid as CpuGrid, HeapReply};
+use pairmask_core::mask::MaskShape;
+use pairmask_core::precision::BoxSlice;
+use pairmask_core::{Aabb, Bounds, BoxCount, Encoding, Precision};
 use pairmask_shaders::mirror;
 use pairmask_tests::conformance::{Suite, check_engine, check_reply};
 use pairmask_tests::daemon::eventually;
@@ -30,7 +30,7 @@ fn run(engine: &mut Grid, suite: Suite) {
     }
 }
 
-fn cull_narrow(engine: &mut Grid, boxes: NarrowBoxes<'_>) -> (CullReport, HeapReply) {
+fn cull_narrow(engine: &mut Grid, boxes: BoxSlice<'_>) -> (CullReport, HeapReply) {
     let mut reply = HeapReply::new();
     let report = engine
         .cull(&CullInput::boxes(boxes), &mut reply)
@@ -47,7 +47,7 @@ fn cull(engine: &mut dyn Engine, boxes: &[Aabb]) -> (CullReport, HeapReply) {
 }
 
 /// Compares the reply with the mirror's, section by section.
-fn check_bytes<'a>(engine: &mut Grid, boxes: impl Into<NarrowBoxes<'a>>, what: &str) {
+fn check_bytes<'a>(engine: &mut Grid, boxes: impl Into<BoxSlice<'a>>, what: &str) {
     let boxes = boxes.into();
     let (report, reply) = cull_narrow(engine, boxes);
     let mirrored = mirror::frame(&grid_layout(boxes), boxes);

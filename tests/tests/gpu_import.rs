@@ -3,9 +3,9 @@
 use std::fs::{File, OpenOptions};
 use std::path::PathBuf;
 
-use pairmask::engine::{CullInput, Engine, HeapReply, ReplyBuffer, ReserveError};
-use pairmask::precision::NarrowBoxes;
-use pairmask::{Aabb, Bounds, BoxForm, Encoding, Precision};
+use pairmask_core::engine::{CullInput, Engine, HeapReply, ReplyBuffer, ReserveError};
+use pairmask_core::precision::BoxSlice;
+use pairmask_core::{Aabb, Bounds, BoxForm, Encoding, Precision};
 use pairmask_tests::conformance::check_reply;
 use pairmask_tests::gpu::{engine, open};
 use pairmask_tests::naive_decoder::sections;
@@ -43,7 +43,7 @@ impl Segment {
         Self { path, writer, seen, bytes }
     }
 
-    fn write<'a>(&self, offset: usize, boxes: impl Into<NarrowBoxes<'a>>) {
+    fn write<'a>(&self, offset: usize, boxes: impl Into<BoxSlice<'a>>) {
         let bytes = boxes.into().as_bytes();
         assert!(offset + bytes.len() <= self.bytes);
         let to = self.writer.pointer().as_ptr();
@@ -69,18 +69,18 @@ impl Segment {
 
     fn boxes(&self, offset: usize, n: usize) -> &[Aabb] {
         match self.narrow(BoxForm::F32, offset, n) {
-            NarrowBoxes::F32(boxes) => boxes,
+            BoxSlice::F32(boxes) => boxes,
             other => panic!("{:?} for f32", other.form()),
         }
     }
 
-    fn narrow(&self, form: BoxForm, offset: usize, n: usize) -> NarrowBoxes<'_> {
+    fn narrow(&self, form: BoxForm, offset: usize, n: usize) -> BoxSlice<'_> {
         let bytes = n * form.box_bytes();
         assert!(offset + bytes <= self.bytes);
         // SAFETY: in range (above); written only by `write`, never while this lives.
         #[allow(unsafe_code)]
         let bytes = unsafe { std::slice::from_raw_parts(self.seen.add(offset), bytes) };
-        NarrowBoxes::new(form, bytes).expect("an aligned offset")
+        BoxSlice::new(form, bytes).expect("an aligned offset")
     }
 }
 

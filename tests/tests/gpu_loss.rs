@@ -3,8 +3,8 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use pairmask::Encoding;
-use pairmask::engine::{CullError, CullInput, Engine, HeapReply};
+use pairmask_core::Encoding;
+use pairmask_core::engine::{CullError, CullInput, Engine, HeapReply};
 use pairmask_tests::conformance::check_reply;
 use pairmask_tests::gpu::open;
 use pairmask_tests::{oracle, stress_scenes};

@@ -1,16 +1,14 @@
 //! `gpu-brute` through the conformance suite, in every form that its frames can take.
 
-use pairmask::engine::{BruteForce, CullInput, CullReport, Engine, HeapReply};
-use pairmask::mask::{MaskShape, Span};
-use pairmask::{Aabb, BoxCount, Encoding};
+use pairmask_core::engine::{BruteForce, CullInput, CullReport, Engine, HeapReply};
+use pairmask_core::mask::{MaskShape, Span};
+use pairmask_core::{Aabb, BoxCount, Encoding};
 use pairmask_shaders::RowsPerThread;
 use pairmask_tests::conformance::{Suite, check_engine, check_frame, check_reply};
 use pairmask_tests::gpu::engine;
-use pairmask_tests::naive_decoder;
 use pairmask_tests::oracle::{self, pair_set_hash};
-use pairmask_tests::stress_scenes;
-use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, Checks, Upload};
-use pairmaskd::execute::gpu::{Tuning, first_capacity};
+use pairmask_tests::{naive_decoder, stress_scenes};
+use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, Checks, Tuning, Upload, first_capacity};
 
 const BOTH: [Encoding; 2] = [Encoding::Dense, Encoding::Sparse];
 

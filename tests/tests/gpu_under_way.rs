@@ -5,8 +5,8 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use pairmask::engine::{CullError, HeapReply};
-use pairmask::{Aabb, Encoding, Precision};
+use pairmask_core::engine::{CullError, HeapReply};
+use pairmask_core::{Aabb, Encoding, Precision};
 use pairmask_tests::conformance::check_reply;
 use pairmask_tests::frame_memory::{SharedReply, TestFrame, Watcher};
 use pairmask_tests::gpu::open;

@@ -1,8 +1,8 @@
 //! `cpu-grid`, every instruction set of this machine, through the conformance suite and over all
 //! scenes in motion.
 
-use pairmask::engine::{CullInput, Engine, Grid, HeapReply, Isa};
-use pairmask::{Aabb, Encoding};
+use pairmask_core::engine::{CullInput, Engine, Grid, HeapReply, Isa};
+use pairmask_core::{Aabb, Encoding};
 use pairmask_tests::conformance::{Suite, check_engine, check_pairs, check_reply};
 use pairmask_tests::{naive_decoder, oracle, stress_scenes};
 use pairmaskd::scene::{Scene, SceneName};

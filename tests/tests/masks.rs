@@ -2,8 +2,8 @@
 
 use std::collections::BTreeSet;
 
-use pairmask::BoxCount;
-use pairmask::mask::{MaskError, MaskShape, MaskView, Section, Span, WordAddress};
+use pairmask_core::BoxCount;
+use pairmask_core::mask::{MaskError, MaskShape, MaskView, Section, Span, WordAddress};
 use pairmask_tests::mask_writer::{WrittenMask, write_dense, write_sparse};
 use pairmask_tests::naive_decoder;
 use pairmask_tests::oracle::Pair;

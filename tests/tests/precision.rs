@@ -4,21 +4,18 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use glam::DVec3;
-use pairmask::engine::EngineName;
-use pairmask::precision::Widening;
-use pairmask::session::{Margin, Margined, WaitError};
-use pairmask::transport::{InstanceName, RuntimeDir, clean_if_abandoned};
-use pairmask::wire::{ReplyError, Version};
-use pairmask::{
-    Aabb, Backend, Bounds, BoxForm, Encoding, EncodingChoice, EngineChoice, Precision, ServedBy,
-    Session,
-};
+use pairmask::{Backend, Margined, ServedBy, Session, WaitError};
+use pairmask_core::engine::EngineName;
+use pairmask_core::precision::{Margin, Widening};
+use pairmask_core::{Aabb, Bounds, BoxForm, Encoding, EncodingChoice, EngineChoice, Precision};
 use pairmask_tests::conformance::{Mismatch, check_pairs};
 use pairmask_tests::daemon::{TestDaemon, eventually};
 use pairmask_tests::naive_modes::{self, missed};
 use pairmask_tests::refuser::refuse_all;
 use pairmask_tests::stress_scenes::Rng;
 use pairmask_tests::{oracle, stress_scenes};
+use pairmask_transport::{RuntimeDir, clean_if_abandoned};
+use pairmask_wire::{InstanceName, ReplyError, Version};
 use pairmaskd::scene::{Scene, SceneName};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");

@@ -3,14 +3,15 @@
 
 use std::path::PathBuf;
 
-use pairmask::dispatch::{CpuEngines, CullWish, SphereEngines};
-use pairmask::engine::{
+use pairmask::Session;
+use pairmask_core::dispatch::{CpuEngines, CullOptions, SphereEngines};
+use pairmask_core::engine::{
     CullError, CullInput, CullReport, Engine, EngineChoice, EngineName, Grid, HeapReply, Isa,
     ReplyBuffer, ReserveError, cpu_engine,
 };
-use pairmask::mask::{EncodingChoice, MaskShape};
-use pairmask::sphere::SphereAllPairs;
-use pairmask::{Aabb, Bounds, BoxCount, Encoding, Precision, Session, Sphere};
+use pairmask_core::mask::{EncodingChoice, MaskShape};
+use pairmask_core::sphere::SphereAllPairs;
+use pairmask_core::{Aabb, Bounds, BoxCount, Encoding, Precision, Sphere};
 use pairmask_tests::daemon::{PATIENCE, TestDaemon};
 use pairmask_tests::gpu::open;
 use pairmask_tests::narrow::NarrowMemory;
@@ -159,11 +160,11 @@ fn spheres_take_what_fits_and_no_word_more() {
                 let need = need_of(&mut cull);
                 check_limits(&what, spheres.len(), need, &below(need), pairs, &mut cull);
                 for engine in EngineName::CPU {
-                    let wish = CullWish {
+                    let wish = CullOptions {
                         engine: EngineChoice::Only(engine),
                         encoding: EncodingChoice::Only(encoding),
                         threads: Some(threads),
-                        ..CullWish::default()
+                        ..CullOptions::default()
                     };
                     let mut engines = SphereEngines::new();
                     let mut cull = |reply: &mut Witness| {
@@ -198,11 +199,11 @@ fn candidates_that_are_no_pairs_count_for_nothing() {
     let candidates = Grid::new().cull(&CullInput::boxes(&boxes), &mut reply).unwrap();
     assert!(candidates.pair_count > 15 * pairs, "{}", candidates.pair_count);
     for engine in [EngineName::CpuSap, EngineName::CpuGrid] {
-        let wish = CullWish {
+        let wish = CullOptions {
             engine: EngineChoice::Only(engine),
             encoding: EncodingChoice::Only(Encoding::Sparse),
             threads: Some(1),
-            ..CullWish::default()
+            ..CullOptions::default()
         };
         // The words of 400 spheres that follow each other in the order, and the order.
         let room = 3 * (400 * 400 / 32) + n as u64;
@@ -303,7 +304,8 @@ fn an_open_encoding_is_one_that_fits() {
         let is_gpu = matches!(engine, EngineChoice::Only(engine) if engine.is_gpu());
         // After a frame without pairs, the plan expects a small sparse mask.
         for last_pairs in [None, Some(0)] {
-            let wish = CullWish { engine, last_pairs, threads: Some(1), ..CullWish::default() };
+            let wish =
+                CullOptions { engine, last_pairs, threads: Some(1), ..CullOptions::default() };
             let check = |what: &str, cull: Cull<'_>| {
                 let what = format!("{what}, {engine}, {last_pairs:?}");
                 let mut reply = Witness::with_limit(dense);
@@ -339,7 +341,7 @@ fn a_sparse_mask_is_found_where_a_dense_one_does_not_fit() {
         .map(|i| Aabb::from([3.0 * i as f32, 0.0, 0.0, 3.0 * i as f32 + 1.0, 1.0, 1.0]))
         .collect();
     let balls: Vec<Sphere> = boxes.iter().map(|b| Sphere::new(b.min, 1.0)).collect();
-    let wish = CullWish { threads: Some(1), ..CullWish::default() };
+    let wish = CullOptions { threads: Some(1), ..CullOptions::default() };
     let limit = BoxCount::new(300).dense_words() - 1;
     let check = |what: &str, cull: Cull<'_>| {
         let report =
@@ -362,7 +364,8 @@ fn scratch_that_frames_do_not_need_is_given_back() {
     for engine in EngineName::CPU {
         let mut engines = CpuEngines::new();
         let engine = EngineChoice::Only(engine);
-        let wish = CullWish { engine, encoding: sparse, threads: Some(1), ..CullWish::default() };
+        let wish =
+            CullOptions { engine, encoding: sparse, threads: Some(1), ..CullOptions::default() };
         let mut reply = HeapReply::new();
         // 560,000 words.
         engines.cull(&large, &wish, &mut reply).unwrap();
@@ -373,7 +376,7 @@ fn scratch_that_frames_do_not_need_is_given_back() {
         engines.cull(&large, &wish, &mut reply).unwrap();
         assert!(engines.scratch_bytes() > 6 * MIB, "{engine}: {}", engines.scratch_bytes());
         for _ in 0..2 * 64 {
-            engines.cull(&small, &CullWish::default(), &mut reply).unwrap();
+            engines.cull(&small, &CullOptions::default(), &mut reply).unwrap();
         }
         assert!(engines.scratch_bytes() < MIB, "{engine}: {}", engines.scratch_bytes());
         engines.cull(&large, &wish, &mut reply).unwrap();
@@ -388,7 +391,7 @@ fn an_executor_gives_back_what_other_kinds_of_frames_needed() {
     let mut executor = Executor::new(None);
     let mut reply = HeapReply::new();
     let boxes = same(10);
-    let wish = CullWish { threads: Some(1), ..CullWish::default() };
+    let wish = CullOptions { threads: Some(1), ..CullOptions::default() };
     let empty = |executor: &mut Executor, reply: &mut HeapReply| {
         for _ in 0..2 * 64 {
             executor.cull(boxes.as_slice().into(), Owner::Daemon, &wish, reply).unwrap();
@@ -418,7 +421,7 @@ fn peak_bytes(pid: u32) -> u64 {
     line.trim().trim_end_matches(" kB").parse::<u64>().unwrap() << 10
 }
 
-fn count(session: &mut Session, boxes: &[Aabb]) -> Result<u64, pairmask::session::WaitError> {
+fn count(session: &mut Session, boxes: &[Aabb]) -> Result<u64, pairmask::WaitError> {
     let mut frame = session.frame(boxes.len()).unwrap();
     frame.boxes_mut().copy_from_slice(boxes);
     Ok(frame.submit().unwrap().wait()?.count())

@@ -1,9 +1,8 @@
 //! Every session backend has the oracle's answers: every engine, dense and sparse, every scene.
 #![allow(clippy::unwrap_used)]
 
-use pairmask::engine::EngineName;
-use pairmask::session::{SessionBuilder, WaitError};
-use pairmask::{Backend, ServedBy, Session};
+use pairmask::{Backend, ServedBy, Session, SessionBuilder, WaitError};
+use pairmask_core::engine::EngineName;
 use pairmask_tests::conformance::{Suite, check_engine};
 use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
 use pairmask_tests::session_engine::SessionEngine;

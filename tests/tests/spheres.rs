@@ -4,21 +4,18 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use pairmask::engine::{CullError, EngineName};
-use pairmask::precision::Widening;
-use pairmask::session::{FrameError, FrameInfo, WaitError};
-use pairmask::transport::{InstanceName, RuntimeDir, clean_if_abandoned};
-use pairmask::wire::{ReplyError, StatusCode, Version};
-use pairmask::{
-    Aabb, Backend, BoxForm, Encoding, EncodingChoice, EngineChoice, ObjectForm, ServedBy, Session,
-    Sphere,
-};
+use pairmask::{Backend, FrameError, FrameInfo, ServedBy, Session, WaitError};
+use pairmask_core::engine::{CullError, EngineName};
+use pairmask_core::precision::Widening;
+use pairmask_core::{Aabb, BoxForm, Encoding, EncodingChoice, EngineChoice, ObjectForm, Sphere};
 use pairmask_lab::stress::SphereCase;
 use pairmask_tests::conformance::Mismatch;
 use pairmask_tests::daemon::{TestDaemon, eventually, outlive_kills};
 use pairmask_tests::refuser::refuse_all;
 use pairmask_tests::spheres::{check_mask, cull, hard_scene, truth, whole_scene};
 use pairmask_tests::{oracle, stress_scenes};
+use pairmask_transport::{RuntimeDir, clean_if_abandoned};
+use pairmask_wire::{InstanceName, ReplyError, StatusCode, Version};
 use rustix::process::Signal;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
@@ -192,7 +189,7 @@ fn an_older_daemon_gets_no_spheres() {
     let current = daemon.record().unwrap();
     for minor in [0, 1] {
         let older = Version { minor, ..current.version };
-        let record = pairmask::transport::DaemonRecord { version: older, ..current };
+        let record = pairmask_transport::DaemonRecord { version: older, ..current };
         daemon.dir().write_record(&InstanceName::default(), &record).unwrap();
         let mut session = daemon.session().connect().unwrap();
         assert!(matches!(session.sphere_frame(3).unwrap_err(), FrameError::SpheresUnknown));

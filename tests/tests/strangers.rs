@@ -7,10 +7,11 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use pairmask::session::ConnectError;
-use pairmask::transport::{InstanceError, InstanceLock, InstanceName, RuntimeDir};
-use pairmask::{Aabb, Backend, ServedBy, Session};
+use pairmask::{Backend, ConnectError, ServedBy, Session};
+use pairmask_core::Aabb;
 use pairmask_tests::daemon::TestDaemon;
+use pairmask_transport::{InstanceLock, RuntimeDir};
+use pairmask_wire::{InstanceError, InstanceName};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 

@@ -1,8 +1,8 @@
 //! `cpu-sap`, every instruction set of this machine, through the conformance suite and over all
 //! scenes in motion.
 
-use pairmask::Encoding;
-use pairmask::engine::{CullInput, Engine, HeapReply, Isa, SweepAndPrune};
+use pairmask_core::Encoding;
+use pairmask_core::engine::{CullInput, Engine, HeapReply, Isa, SweepAndPrune};
 use pairmask_tests::conformance::{Suite, check_engine, check_reply};
 use pairmask_tests::{naive_decoder, oracle};
 use pairmaskd::scene::{Scene, SceneName};

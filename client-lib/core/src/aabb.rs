@@ -15,7 +15,7 @@ use bytemuck::{Pod, Zeroable};
 /// An axis-aligned box as it lies in shared memory: `min.x min.y min.z max.x max.y max.z`, 24 bytes.
 ///
 /// ```
-/// use pairmask::Aabb;
+/// use pairmask_core::Aabb;
 /// let a = Aabb::new([0.0, 0.0, 0.0], [1.0, 1.0, 1.0]);
 /// let b = Aabb::from([1.0, 0.0, 0.0, 2.0, 1.0, 1.0]);
 /// assert!(a.overlaps(&b), "touching counts");

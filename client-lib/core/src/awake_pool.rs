@@ -21,7 +21,7 @@ use crate::spinner::Spinner;
 ///
 /// ```
 /// use std::time::{Duration, Instant};
-/// use pairmask::AwakePool;
+/// use pairmask_core::AwakePool;
 /// use rayon::prelude::*;
 ///
 /// rayon::ThreadPoolBuilder::new().num_threads(2).use_current_thread().build_global()?;

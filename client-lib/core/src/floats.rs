@@ -114,7 +114,7 @@ pub fn are_default() -> bool {
 /// `work` must not wait for other tasks of a rayon pool: see the rules at the head of this module.
 ///
 /// ```
-/// let third = pairmask::floats::with_default(|| 1.0f32 / 3.0);
+/// let third = pairmask_core::floats::with_default(|| 1.0f32 / 3.0);
 /// assert_eq!(third.to_bits(), 0x3eaa_aaab, "rounded to nearest, whatever the caller's flags");
 /// ```
 #[inline(always)]

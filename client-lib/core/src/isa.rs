@@ -5,7 +5,7 @@ use std::fmt;
 /// An instruction set that the CPU engines have kernels for.
 ///
 /// ```
-/// use pairmask::engine::Isa;
+/// use pairmask_core::engine::Isa;
 /// assert!(Isa::Portable.is_available());
 /// assert!(Isa::best().is_available());
 /// ```

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::precision::{BoxForm, NarrowBoxes};
+use crate::precision::{BoxForm, BoxSlice};
 use crate::sphere::{SPHERE_BYTES, Sphere};
 use crate::units::BoxCount;
 
@@ -63,7 +63,7 @@ impl fmt::Display for ObjectForm {
 #[derive(Clone, Copy, Debug)]
 pub enum Objects<'a> {
     /// Boxes in one of their forms.
-    Boxes(NarrowBoxes<'a>),
+    Boxes(BoxSlice<'a>),
     /// Spheres.
     Spheres(&'a [Sphere]),
 }
@@ -73,7 +73,7 @@ impl<'a> Objects<'a> {
     /// for them.
     pub fn new(form: ObjectForm, bytes: &'a [u8]) -> Option<Self> {
         match form {
-            ObjectForm::Boxes(form) => NarrowBoxes::new(form, bytes).map(Self::Boxes),
+            ObjectForm::Boxes(form) => BoxSlice::new(form, bytes).map(Self::Boxes),
             ObjectForm::Spheres => bytemuck::try_cast_slice(bytes).ok().map(Self::Spheres),
         }
     }

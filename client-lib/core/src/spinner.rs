@@ -12,7 +12,7 @@ const ROUNDS: u32 = 32;
 /// which takes milliseconds.
 ///
 /// ```
-/// use pairmask::transport::Spinner;
+/// use pairmask_core::spinner::Spinner;
 /// let mut spinner = Spinner::default();
 /// for _ in 0..100 {
 ///     // Look whether the other side has answered, then

@@ -2,7 +2,7 @@
 
 use crate::aabb::{Aabb, BoxClass};
 use crate::floats;
-use crate::precision::NarrowBoxes;
+use crate::precision::BoxSlice;
 use crate::units::BoxCount;
 
 /// Most boxes looked at: 10 to 20 µs, in scenes whose culling takes twenty times that or more. Large
@@ -21,8 +21,8 @@ const UNSEEN_WINDOW_SHARE: f32 = 0.03;
 /// Statistics of a frame.
 ///
 /// ```
-/// use pairmask::Aabb;
-/// use pairmask::plan::SceneStats;
+/// use pairmask_core::Aabb;
+/// use pairmask_core::plan::SceneStats;
 /// let boxes = [Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]); 100];
 /// let stats = SceneStats::of(&boxes, None);
 /// assert_eq!(stats.n.get(), 100);
@@ -56,12 +56,12 @@ pub struct SceneStats {
 impl SceneStats {
     /// Looks at a scene, whose boxes may be in any form. Allocates nothing, and sees the same whatever the
     /// floating-point flags of this thread.
-    pub fn of<'a>(boxes: impl Into<NarrowBoxes<'a>>, last_pairs: Option<u64>) -> Self {
+    pub fn of<'a>(boxes: impl Into<BoxSlice<'a>>, last_pairs: Option<u64>) -> Self {
         let boxes = boxes.into();
         floats::with_default(|| Self::look(boxes, last_pairs))
     }
 
-    fn look(boxes: NarrowBoxes<'_>, last_pairs: Option<u64>) -> Self {
+    fn look(boxes: BoxSlice<'_>, last_pairs: Option<u64>) -> Self {
         let n = boxes.len();
         let wanted = (n / SAMPLE_SHARE).clamp(SAMPLE_LEAST, SAMPLE_MOST).min(n);
         let mut sample = [Aabb::EMPTY; SAMPLE_MOST];
@@ -92,7 +92,7 @@ impl SceneStats {
 
     /// Looks at a scene where the look is worth its time: not at so few boxes that culling them
     /// takes no longer. Allocates nothing.
-    pub fn glance<'a>(boxes: impl Into<NarrowBoxes<'a>>, last_pairs: Option<u64>) -> Self {
+    pub fn glance<'a>(boxes: impl Into<BoxSlice<'a>>, last_pairs: Option<u64>) -> Self {
         let boxes = boxes.into();
         match BoxCount::of_len(boxes.len()) {
             Some(n) if boxes.len() < LOOK_BOXES => Self::unseen(n, last_pairs),

@@ -199,8 +199,8 @@ impl ToWorld for Placement {
 /// invalid box, which a cull then counts and names.
 ///
 /// ```
-/// use pairmask::Aabb;
-/// use pairmask::update::world_box;
+/// use pairmask_core::Aabb;
+/// use pairmask_core::update::world_box;
 ///
 /// let local = Aabb::new([-1.0; 3], [1.0; 3]);
 /// let (sin, cos) = std::f32::consts::FRAC_PI_4.sin_cos();
@@ -291,15 +291,15 @@ fn round_up(x: f64) -> f32 {
 /// [`UpdateError::LengthMismatch`] when the slices differ in length; nothing is written then.
 ///
 /// ```
-/// use pairmask::Aabb;
-/// use pairmask::update::{Placement, update_boxes};
+/// use pairmask_core::Aabb;
+/// use pairmask_core::update::{Placement, update_boxes};
 ///
 /// let locals = [Aabb::new([0.0; 3], [1.0; 3]); 2];
 /// let at = |x| Placement { translation: [x, 0.0, 0.0], ..Placement::IDENTITY };
 /// let mut world = [Aabb::EMPTY; 2];
 /// update_boxes(&locals, &[at(0.0), at(0.5)], &mut world)?;
 /// assert!(world[0].overlaps(&world[1]));
-/// # Ok::<(), pairmask::update::UpdateError>(())
+/// # Ok::<(), pairmask_core::update::UpdateError>(())
 /// ```
 pub fn update_boxes<T: ToWorld>(
     locals: &[Aabb],

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use bytemuck::Pod;
 use pairmask_core::aabb::Aabb;
 use pairmask_core::objects::{ObjectForm, Objects};
-use pairmask_core::precision::{NarrowBoxes, Precision, Widening};
+use pairmask_core::precision::{BoxSlice, Precision, Widening};
 use pairmask_core::sphere::Sphere;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{Page, boxes_in, boxes_in_mut, bytes_in_mut, spheres_in, spheres_in_mut};
@@ -62,7 +62,7 @@ impl Object for Aabb {
         boxes_in_mut(pages, n)
     }
     fn as_objects(own: &[Self]) -> Objects<'_> {
-        Objects::Boxes(NarrowBoxes::F32(own))
+        Objects::Boxes(BoxSlice::F32(own))
     }
     fn spares(spares: &Spares) -> &super::local::Shelf<Vec<Self>> {
         &spares.boxes

@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use pairmask_core::aabb::Aabb;
-use pairmask_core::dispatch::{CpuEngines, CullWish, SphereWays};
+use pairmask_core::dispatch::{CpuEngines, CullOptions, SphereWays};
 use pairmask_core::engine::{CullError, HeapReply};
 use pairmask_core::objects::Objects;
 use pairmask_core::plan::CalibrationChoice;
@@ -113,12 +113,12 @@ impl Local {
         settings: &Settings,
     ) -> Result<PairMask, CullError> {
         let mut memory = self.replies.take();
-        let wish = CullWish {
+        let wish = CullOptions {
             engine: settings.engine,
             encoding: settings.encoding,
             threads: settings.threads,
             last_pairs: *lock(&self.last_pairs),
-            ..CullWish::default()
+            ..CullOptions::default()
         };
         let Engines { boxes, spheres } = &mut *lock(&self.engines);
         let answer = match objects {

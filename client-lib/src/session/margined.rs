@@ -49,8 +49,10 @@ pub enum MarginedError {
 /// The kept mask is one of the three frames that a session has at a time.
 ///
 /// ```
-/// use pairmask::session::{Margin, Margined};
-/// use pairmask::{Aabb, Backend, Session};
+/// use pairmask_core::precision::Margin;
+/// use pairmask::Margined;
+/// use pairmask_core::Aabb;
+/// use pairmask::{Backend, Session};
 ///
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
 /// let session = Session::builder().backend(Backend::InProcess).connect()?;

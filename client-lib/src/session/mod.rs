@@ -1,7 +1,8 @@
 //! Sessions: one API over the daemon through shared memory and over the engines in process.
 //!
 //! ```
-//! use pairmask::{Aabb, Backend, Session};
+//! use pairmask_core::Aabb;
+//! use pairmask::{Backend, Session};
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let mut session = Session::builder().backend(Backend::InProcess).connect()?;
@@ -42,7 +43,6 @@ pub use error::{ConnectError, FrameError, StatusError, WaitError};
 pub use frame::Frame;
 pub use margined::{MarginStats, Margined, MarginedError, MarginedMask};
 pub use narrow::NarrowFrame;
-pub use pairmask_core::precision::{Margin, MarginError};
 pub use pairs::{FrameInfo, PairMask, ServedBy};
 pub use pending::PendingFrame;
 pub use sphere::SphereFrame;
@@ -86,7 +86,8 @@ impl Session {
     /// connection, and [`FrameInfo::form`] says so for each frame.
     ///
     /// ```
-    /// use pairmask::{Aabb, Backend, Bounds, Precision, Session};
+    /// use pairmask_core::{Aabb, Bounds, Precision};
+    /// use pairmask::{Backend, Session};
     ///
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
     /// let world = Bounds::new([-100.0; 3], [100.0; 3])?;
@@ -118,7 +119,8 @@ impl Session {
     /// frame of spheres fails where a GPU engine is asked for by name.
     ///
     /// ```
-    /// use pairmask::{Backend, Session, Sphere};
+    /// use pairmask::{Backend, Session};
+    /// use pairmask_core::Sphere;
     ///
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
     /// let mut session = Session::builder().backend(Backend::InProcess).connect()?;

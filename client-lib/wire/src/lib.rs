@@ -18,7 +18,7 @@ mod status_code;
 pub use name::{InstanceError, InstanceName};
 pub use page::{PAGE_BYTES, Page, page_count};
 pub use pages::{
-    boxes_in, boxes_in_mut, bytes_in_mut, narrow_boxes_in, objects_in, spheres_in, spheres_in_mut,
+    box_slice_in, boxes_in, boxes_in_mut, bytes_in_mut, objects_in, spheres_in, spheres_in_mut,
     words_in, words_in_mut,
 };
 pub use reply::{Reply, ReplyError, ReplyFields, ResponseHeader, response_error, response_ok};

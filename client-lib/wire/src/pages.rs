@@ -3,7 +3,7 @@
 use bytemuck::{AnyBitPattern, Pod};
 use pairmask_core::aabb::Aabb;
 use pairmask_core::objects::{ObjectForm, Objects};
-use pairmask_core::precision::{BoxForm, NarrowBoxes};
+use pairmask_core::precision::{BoxForm, BoxSlice};
 use pairmask_core::sphere::Sphere;
 use pairmask_core::units::BoxCount;
 
@@ -41,12 +41,12 @@ fn plain_in_mut<T: Pod>(pages: &mut [Page], n: BoxCount) -> Option<&mut [T]> {
 }
 
 /// As [`boxes_in`], for boxes of any form.
-pub fn narrow_boxes_in(
+pub fn box_slice_in(
     pages: &[Page],
     offset: usize,
     form: BoxForm,
     n: BoxCount,
-) -> Option<NarrowBoxes<'_>> {
+) -> Option<BoxSlice<'_>> {
     match objects_in(pages, offset, form.into(), n)? {
         Objects::Boxes(boxes) => Some(boxes),
         Objects::Spheres(_) => None,

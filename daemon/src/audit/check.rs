@@ -1,6 +1,6 @@
 //! Compares a window of a mask with the oracle.
 
-use pairmask::oracle::{Corners, Pair};
+use pairmask_core::oracle::{Corners, Pair};
 
 use super::sphere_oracle;
 use super::window::Window;
@@ -54,27 +54,24 @@ fn compare<T>(window: &Window, objects: &[T], overlap: impl Fn(&T, &T) -> bool) 
 mod tests {
     use std::collections::BTreeSet;
 
-    use pairmask::dispatch::{CullWish, SphereEngines};
-    use pairmask::engine::{BruteForce, CullInput, Engine, Grid, HeapReply};
-    use pairmask::mask::{MaskShape, MaskView};
-    use pairmask::oracle::truth;
-    use pairmask::{Aabb, BoxCount, Encoding, EncodingChoice};
-
-    use pairmask::precision::NarrowBoxes;
-    use pairmask::wire::Objects;
+    use pairmask_core::dispatch::{CullOptions, SphereEngines};
+    use pairmask_core::engine::{BruteForce, CullInput, Engine, Grid, HeapReply};
+    use pairmask_core::mask::{MaskShape, MaskView};
+    use pairmask_core::objects::Objects;
+    use pairmask_core::oracle::truth;
+    use pairmask_core::precision::BoxSlice;
+    use pairmask_core::{Aabb, BoxCount, Encoding, EncodingChoice};
+    use pairmask_tests::{SphereCase, lose_a_pair, stress_scenes as scenes};
 
     use super::super::window::{Reach, Span2};
-
     use super::*;
     use crate::scene::Random;
-    use pairmask_tests::stress_scenes as scenes;
-    use pairmask_tests::{SphereCase, lose_a_pair};
 
     fn frame(
         engine: &mut dyn Engine,
         boxes: &[Aabb],
         encoding: Encoding,
-    ) -> (HeapReply, pairmask::engine::CullReport) {
+    ) -> (HeapReply, pairmask_core::engine::CullReport) {
         let mut reply = HeapReply::new();
         let report =
             engine.cull(&CullInput::boxes(boxes).encoding(encoding), &mut reply).expect("memory");
@@ -84,7 +81,7 @@ mod tests {
     fn audit(boxes: &[Aabb], span: Span2, shape: &MaskShape, reply: &[u32]) -> Outcome {
         let mut window = Window::default();
         window.take_mask(boxes.len() as u32, span, shape, reply);
-        window.take_objects(Objects::Boxes(NarrowBoxes::F32(boxes)));
+        window.take_objects(Objects::Boxes(BoxSlice::F32(boxes)));
         check(&window)
     }
 
@@ -200,8 +197,10 @@ mod tests {
             let SphereCase { spheres, .. } = SphereCase::new(seed);
             let n = spheres.len() as u32;
             for encoding in [Encoding::Dense, Encoding::Sparse] {
-                let wish =
-                    CullWish { encoding: EncodingChoice::Only(encoding), ..CullWish::default() };
+                let wish = CullOptions {
+                    encoding: EncodingChoice::Only(encoding),
+                    ..CullOptions::default()
+                };
                 let mut reply = HeapReply::new();
                 let mut report = engines.cull(&spheres, &wish, &mut reply).expect("memory").report;
                 let mut words = reply.words().to_vec();

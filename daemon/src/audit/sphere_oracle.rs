@@ -2,7 +2,7 @@
 //! decision.
 //!
 //! Every finite f32 is a whole number of 2^−149, so that a common denominator of 2^298 makes the
-//! rational numbers d² and (r₁ + r₂)² whole. This module shares no code with `pairmask::sphere`
+//! rational numbers d² and (r₁ + r₂)² whole. This module shares no code with `pairmask_core::sphere`
 //! beyond the layout of a sphere.
 //!
 //! Where the eight numbers of a pair are of like magnitude, a coarser common denominator makes them
@@ -10,12 +10,12 @@
 //! any size; the tests compare both ways.
 
 use num_bigint::{BigInt, BigUint};
-use pairmask::sphere::Sphere;
+use pairmask_core::sphere::Sphere;
 
-/// Whether two spheres share a point, by the rules of [`pairmask::sphere`].
+/// Whether two spheres share a point, by the rules of [`pairmask_core::sphere`].
 ///
 /// ```
-/// use pairmask::sphere::Sphere;
+/// use pairmask_core::sphere::Sphere;
 /// use pairmaskd::audit::sphere_oracle::overlap;
 /// let a = Sphere::new([0.0, 0.0, 0.0], 1.0);
 /// assert!(overlap(&a, &Sphere::new([2.0, 3.0, 6.0], 6.0)));

@@ -6,8 +6,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
-use pairmask::mask::MaskShape;
-use pairmask::wire::{AuditCounts, ObjectForm, Objects, ReplyFields};
+use pairmask_core::mask::MaskShape;
+use pairmask_core::objects::{ObjectForm, Objects};
+use pairmask_wire::{AuditCounts, ReplyFields};
 
 use super::check::{Outcome, check};
 use super::rate::AuditRate;

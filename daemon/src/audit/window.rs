@@ -2,9 +2,9 @@
 
 use std::ops::Range;
 
-use pairmask::mask::{MaskShape, Span};
-use pairmask::wire::{ObjectForm, Objects};
-use pairmask::{Aabb, BoxCount, Sphere, pair_index};
+use pairmask_core::mask::{MaskShape, Span};
+use pairmask_core::objects::{ObjectForm, Objects};
+use pairmask_core::{Aabb, BoxCount, Sphere, pair_index};
 
 use crate::scene::Random;
 

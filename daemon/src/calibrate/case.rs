@@ -5,10 +5,10 @@
 
 use std::time::{Duration, Instant};
 
-use pairmask::Encoding;
-use pairmask::dispatch::{CullWish, nanoseconds_since};
-use pairmask::engine::{AvailableIsa, EngineName};
-use pairmask::plan::{Calibration, Capabilities, SceneStats, Work, plan};
+use pairmask_core::Encoding;
+use pairmask_core::dispatch::{CullOptions, nanoseconds_since};
+use pairmask_core::engine::{AvailableIsa, EngineName};
+use pairmask_core::plan::{Calibration, Capabilities, SceneStats, Work, plan};
 
 use super::MeasureError;
 use super::lane::{Lane, LaneTimes, Way};
@@ -132,7 +132,7 @@ pub fn measure(
         let pairs = agreed_pairs(case, &lanes)?;
         let planning = Instant::now();
         stats = SceneStats::glance(scene.boxes(), pairs);
-        std::hint::black_box(plan(&stats, &capabilities, &calibration, &CullWish::default()));
+        std::hint::black_box(plan(&stats, &capabilities, &calibration, &CullOptions::default()));
         plan_ns = plan_ns.min(nanoseconds_since(planning));
         scene.step();
     }

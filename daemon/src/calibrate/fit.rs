@@ -5,9 +5,9 @@
 //! known machine, scaled by how much faster or slower this one is, and stay near them where no
 //! measurement says otherwise. A row that fits badly counts less.
 
-use pairmask::Encoding;
-use pairmask::engine::EngineName;
-use pairmask::plan::{Calibration, SceneStats, Term, ThreadCost, Work};
+use pairmask_core::Encoding;
+use pairmask_core::engine::EngineName;
+use pairmask_core::plan::{Calibration, SceneStats, Term, ThreadCost, Work};
 
 use super::case::{Case, CaseTimes};
 use super::lane::Way;
@@ -227,8 +227,8 @@ fn fit_threads(rows: &[FitRow], engine: EngineName, start: ThreadCost) -> Thread
 
 #[cfg(test)]
 mod tests {
-    use pairmask::BoxCount;
-    use pairmask::engine::Isa;
+    use pairmask_core::BoxCount;
+    use pairmask_core::engine::Isa;
 
     use super::*;
     use crate::scene::SceneName;

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use pairmask::plan::Calibration;
+use pairmask_core::plan::Calibration;
 
 use super::case::{Case, Effort, WaySet, measure};
 use super::threads::Pools;

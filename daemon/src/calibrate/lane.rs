@@ -4,9 +4,9 @@ use std::hint::black_box;
 use std::sync::Arc;
 use std::time::Instant;
 
-use pairmask::dispatch::nanoseconds_since;
-use pairmask::engine::{CullError, CullInput, Engine, EngineName, HeapReply, Isa, cpu_engine};
-use pairmask::{Aabb, BoxCount, Encoding, MaskView};
+use pairmask_core::dispatch::nanoseconds_since;
+use pairmask_core::engine::{CullError, CullInput, Engine, EngineName, HeapReply, Isa, cpu_engine};
+use pairmask_core::{Aabb, BoxCount, Encoding, MaskView};
 use rayon::ThreadPool;
 
 use super::MeasureError;

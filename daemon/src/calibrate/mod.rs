@@ -16,8 +16,8 @@ pub use glance::glance;
 pub use lane::{LaneTimes, Way};
 pub use threads::{Pools, core_count, thread_counts};
 
-use pairmask::engine::{CullError, EngineName};
-use pairmask::mask::MaskError;
+use pairmask_core::engine::{CullError, EngineName};
+use pairmask_core::mask::MaskError;
 
 use crate::scene::SceneName;
 

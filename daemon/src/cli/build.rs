@@ -2,7 +2,7 @@
 
 use std::sync::LazyLock;
 
-use pairmask::wire::Version;
+use pairmask_wire::Version;
 
 /// The compiler, as `rustc --version` names itself.
 pub const TOOLCHAIN: &str = env!("PAIRMASK_TOOLCHAIN");

@@ -6,8 +6,8 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use pairmask::engine::{EngineName, Isa};
-use pairmask::plan::{Calibration, MachineKey, Term, default_path, encode, store};
+use pairmask_core::engine::{EngineName, Isa};
+use pairmask_core::plan::{Calibration, MachineKey, Term, default_path, encode, store};
 use serde::Serialize;
 
 use super::machine::Machine;

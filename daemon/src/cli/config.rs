@@ -3,9 +3,10 @@
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use pairmask::plan::CalibrationChoice;
-use pairmask::transport::InstanceName;
-use pairmask::{Backend, EncodingChoice, EngineChoice};
+use pairmask::Backend;
+use pairmask_core::plan::CalibrationChoice;
+use pairmask_core::{EncodingChoice, EngineChoice};
+use pairmask_wire::InstanceName;
 use serde::{Deserialize, Deserializer};
 
 use super::whole_number::{WholeNumber, whole_number};
@@ -142,7 +143,7 @@ fn default_path() -> Option<PathBuf> {
 
 #[cfg(test)]
 mod tests {
-    use pairmask::Encoding;
+    use pairmask_core::Encoding;
 
     use super::*;
 

@@ -4,11 +4,12 @@ use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use pairmask::dispatch::CullWish;
-use pairmask::plan::CalibrationChoice;
-use pairmask::session::SessionBuilder;
-use pairmask::transport::{InstanceName, RuntimeDir};
-use pairmask::{Backend, EncodingChoice, EngineChoice, EngineName, Session};
+use pairmask::{Backend, Session, SessionBuilder};
+use pairmask_core::dispatch::CullOptions;
+use pairmask_core::plan::CalibrationChoice;
+use pairmask_core::{EncodingChoice, EngineChoice, EngineName};
+use pairmask_transport::RuntimeDir;
+use pairmask_wire::InstanceName;
 
 use super::config::Config;
 use super::whole_number::whole_number;
@@ -88,7 +89,7 @@ impl DaemonOptions {
 
 /// Backend, engine, encoding and threads of a frame.
 #[derive(Clone, Debug, Args)]
-pub struct CullOptions {
+pub struct CullFlags {
     /// Who finds the pairs: auto, daemon, in-process [default: auto]
     #[arg(long, env = "PAIRMASK_BACKEND", value_name = "NAME")]
     backend: Option<Backend>,
@@ -107,19 +108,19 @@ pub struct CullOptions {
     threads: Option<NonZeroUsize>,
 }
 
-impl CullOptions {
+impl CullFlags {
     /// The backend, or `default` where none is set.
     pub fn backend(&self, config: &Config, default: Backend) -> Backend {
         self.backend.or(config.backend).unwrap_or(default)
     }
 
     /// The options of a frame as the plan gets them.
-    pub fn wish(&self, config: &Config) -> CullWish {
-        CullWish {
+    pub fn cull_options(&self, config: &Config) -> CullOptions {
+        CullOptions {
             engine: self.engine(config),
             encoding: self.encoding.or(config.encoding).unwrap_or_default(),
             threads: self.threads.or(config.threads).map(NonZeroUsize::get),
-            ..CullWish::default()
+            ..CullOptions::default()
         }
     }
 
@@ -130,7 +131,7 @@ impl CullOptions {
 
     /// A session builder with all settings but the backend.
     pub fn session(&self, place: &Place, config: &Config) -> SessionBuilder {
-        let wish = self.wish(config);
+        let wish = self.cull_options(config);
         let builder = Session::builder()
             .calibration(place.calibration(config))
             .engine(wish.engine)

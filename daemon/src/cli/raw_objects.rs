@@ -7,7 +7,7 @@ use std::marker::PhantomData;
 use std::path::{Path, PathBuf};
 
 use bytemuck::Pod;
-use pairmask::{Aabb, Sphere};
+use pairmask_core::{Aabb, Sphere};
 
 use crate::file_error::{Access, FileError};
 

@@ -1,7 +1,7 @@
 //! Checks whether a file looks like the objects that the command line names. A doubt is a warning,
 //! no error.
 
-use pairmask::{Aabb, BoxClass, Sphere};
+use pairmask_core::{Aabb, BoxClass, Sphere};
 
 /// Words of a file that are checked, as boxes and as spheres. A multiple of both sizes; the check
 /// takes microseconds.

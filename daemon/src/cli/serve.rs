@@ -4,7 +4,7 @@ use std::num::{NonZeroU16, NonZeroU32};
 use std::time::Duration;
 
 use clap::Args;
-use pairmask::transport::Limits;
+use pairmask_transport::Limits;
 
 use super::config::Config;
 use super::options::{DaemonOptions, Place};

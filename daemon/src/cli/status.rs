@@ -5,10 +5,11 @@ use std::io::ErrorKind;
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use pairmask::session::StatusError;
-use pairmask::transport::{DaemonRecord, InstanceError, InstanceName, ProcessWatch, RuntimeDir};
-use pairmask::wire::{AuditCounts, RecordedError, StatusBody, StatusCode};
-use pairmask::{Backend, Session};
+use pairmask::{Backend, Session, StatusError};
+use pairmask_transport::{DaemonRecord, ProcessWatch, RuntimeDir};
+use pairmask_wire::{
+    AuditCounts, InstanceError, InstanceName, RecordedError, StatusBody, StatusCode,
+};
 use serde::{Deserialize, Serialize};
 
 use super::config::Config;

@@ -2,12 +2,12 @@
 
 use std::time::Duration;
 
-use pairmask::Backend;
-use pairmask::session::SessionBuilder;
-use pairmask::transport::{InstanceName, RuntimeDir};
+use pairmask::{Backend, SessionBuilder};
+use pairmask_transport::RuntimeDir;
+use pairmask_wire::InstanceName;
 
 use super::config::Config;
-use super::options::{CullOptions, DaemonOptions, Place};
+use super::options::{CullFlags, DaemonOptions, Place};
 use crate::spawn::{PrivateDaemon, PrivateSettings, SpawnError};
 
 /// How long one frame may take: all pairs of a million boxes on one thread.
@@ -31,7 +31,7 @@ impl Target {
     /// # Errors
     /// [`SpawnError`] where the daemon does not start.
     pub fn new(
-        options: &CullOptions,
+        options: &CullFlags,
         daemon: &DaemonOptions,
         spin: Duration,
         place: &Place,

@@ -2,7 +2,7 @@
 
 use iceoryx2::port::notifier::ListenerKey;
 use iceoryx2::prelude::CallbackProgression;
-use pairmask::transport::{WakeClient, listener_name};
+use pairmask_transport::{WakeClient, listener_name};
 
 /// What is kept of a client. Everything that belongs to one session and outlives a request goes here.
 #[derive(Debug)]

@@ -6,7 +6,7 @@
 mod client;
 mod known;
 
-use pairmask::transport::{Sender, WakeClient};
+use pairmask_transport::{Sender, WakeClient};
 
 use self::known::Known;
 

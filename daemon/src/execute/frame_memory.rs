@@ -5,8 +5,8 @@
 //! device write to memory that is somebody else's again.
 #![allow(unsafe_code)]
 
-use pairmask::engine::{ReplyBuffer, ReserveError};
-use pairmask::precision::NarrowBoxes;
+use pairmask_core::engine::{ReplyBuffer, ReserveError};
+use pairmask_core::precision::BoxSlice;
 
 /// The boxes of a frame and the memory of its reply, in one value.
 ///
@@ -22,7 +22,7 @@ use pairmask::precision::NarrowBoxes;
 /// value is given to, longer than the value itself: GPUs import it for the frames to come.
 pub unsafe trait FrameMemory {
     /// Gives boxes and reply to `work`.
-    fn with<R>(&mut self, work: impl FnOnce(NarrowBoxes<'_>, &mut dyn ReplyBuffer) -> R) -> R;
+    fn with<R>(&mut self, work: impl FnOnce(BoxSlice<'_>, &mut dyn ReplyBuffer) -> R) -> R;
 
     /// Leaves the memory to a device that may write to it for ever.
     fn abandon(self)
@@ -58,7 +58,7 @@ impl LentReply {
 pub(super) fn with_lent<M: FrameMemory, R>(
     memory: &mut M,
     lent: &mut LentReply,
-    work: impl FnOnce(NarrowBoxes<'_>, &mut dyn ReplyBuffer) -> R,
+    work: impl FnOnce(BoxSlice<'_>, &mut dyn ReplyBuffer) -> R,
 ) -> R {
     memory.with(|boxes, reply| work(boxes, &mut NotedReply { inner: reply, lent }))
 }
@@ -84,7 +84,7 @@ impl ReplyBuffer for NotedReply<'_> {
 /// Boxes and a reply that somebody lends for the time of a call. A device that never ends the frame
 /// ends the process instead: the call can neither return nor keep what is not its own.
 pub(super) struct Borrowed<'a> {
-    pub(super) boxes: NarrowBoxes<'a>,
+    pub(super) boxes: BoxSlice<'a>,
     pub(super) reply: &'a mut dyn ReplyBuffer,
 }
 
@@ -92,7 +92,7 @@ pub(super) struct Borrowed<'a> {
 // the reply lent can be reached through `reply` alone. `abandon` does not return. It is given to the
 // engines themselves, which import nothing; the importer vouches for what they find.
 unsafe impl FrameMemory for Borrowed<'_> {
-    fn with<R>(&mut self, work: impl FnOnce(NarrowBoxes<'_>, &mut dyn ReplyBuffer) -> R) -> R {
+    fn with<R>(&mut self, work: impl FnOnce(BoxSlice<'_>, &mut dyn ReplyBuffer) -> R) -> R {
         work(self.boxes, self.reply)
     }
 

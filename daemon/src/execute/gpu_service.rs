@@ -3,13 +3,13 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use pairmask::dispatch::nanoseconds_since;
-use pairmask::engine::{
+use pairmask_core::dispatch::nanoseconds_since;
+use pairmask_core::engine::{
     CullError, CullInput, CullReport, Engine, EngineName, HeapReply, ReplyBuffer,
 };
-use pairmask::plan::{GpuCost, Plan, user_cache_folder};
-use pairmask::precision::NarrowBoxes;
-use pairmask::{Aabb, Encoding};
+use pairmask_core::plan::{GpuCost, Plan, user_cache_folder};
+use pairmask_core::precision::BoxSlice;
+use pairmask_core::{Aabb, Encoding};
 
 use super::frame_memory::{FrameMemory, LentReply, with_lent};
 use super::gpu::{
@@ -52,7 +52,7 @@ impl Engines {
     /// Runs the engine of a plan, or the one that can do what it cannot.
     fn cull(
         &mut self,
-        boxes: NarrowBoxes<'_>,
+        boxes: BoxSlice<'_>,
         plan: &Plan,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<(CullReport, EngineName), CullError> {
@@ -74,7 +74,7 @@ impl Engines {
     }
 
     /// Imports the boxes of an owner, for the frame that they came with and those to come.
-    fn offer_boxes(&mut self, owner: Owner, boxes: NarrowBoxes<'_>) {
+    fn offer_boxes(&mut self, owner: Owner, boxes: BoxSlice<'_>) {
         let forgotten = self.offers.boxes(owner, boxes);
         self.drop_frames_of(&forgotten);
     }
@@ -171,7 +171,7 @@ impl GpuService {
     /// [`CullError::DeviceLost`] and [`CullError::DeviceMemory`] leave the frame to the CPU.
     pub fn cull(
         &mut self,
-        boxes: NarrowBoxes<'_>,
+        boxes: BoxSlice<'_>,
         owner: Owner,
         plan: &Plan,
         reply: &mut dyn ReplyBuffer,

@@ -12,12 +12,14 @@ pub use offers::Owner;
 
 use std::time::{Duration, Instant};
 
-use pairmask::BoxForm;
-use pairmask::aabb::AABB_BYTES;
-use pairmask::dispatch::{CpuEngines, CullAnswer, CullWish, SphereWays, nanoseconds_since};
-use pairmask::engine::{CullError, CullReport, EngineChoice, EngineName, RecentNeed, ReplyBuffer};
-use pairmask::plan::{Calibration, GpuCost, Plan};
-use pairmask::precision::{ExpandScratch, NarrowBoxes};
+use pairmask_core::BoxForm;
+use pairmask_core::aabb::AABB_BYTES;
+use pairmask_core::dispatch::{CpuEngines, CullAnswer, CullOptions, SphereWays, nanoseconds_since};
+use pairmask_core::engine::{
+    CullError, CullReport, EngineChoice, EngineName, RecentNeed, ReplyBuffer,
+};
+use pairmask_core::plan::{Calibration, GpuCost, Plan};
+use pairmask_core::precision::{BoxSlice, ExpandScratch};
 
 use self::frame_memory::{LentReply, with_lent};
 use self::gpu::GridUnderWay;
@@ -26,7 +28,7 @@ use self::gpu::GridUnderWay;
 #[derive(Debug)]
 pub struct Planned {
     plan: Plan,
-    wish: CullWish,
+    wish: CullOptions,
     start: Instant,
     plan_ns: u64,
 }
@@ -72,7 +74,7 @@ struct CpuSide {
 
 impl CpuSide {
     /// Begins a frame with its plan.
-    fn plan(&self, boxes: NarrowBoxes<'_>, wish: &CullWish, gpu: Option<GpuCost>) -> Planned {
+    fn plan(&self, boxes: BoxSlice<'_>, wish: &CullOptions, gpu: Option<GpuCost>) -> Planned {
         let start = Instant::now();
         let plan = self.engines.plan(boxes, wish, gpu);
         let plan_ns = nanoseconds_since(start);
@@ -85,7 +87,7 @@ impl CpuSide {
     fn run(
         &mut self,
         planned: Planned,
-        boxes: NarrowBoxes<'_>,
+        boxes: BoxSlice<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
         let start = Instant::now();
@@ -107,14 +109,14 @@ impl CpuSide {
         &mut self,
         error: CullError,
         mut planned: Planned,
-        boxes: NarrowBoxes<'_>,
+        boxes: BoxSlice<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
         match error {
             CullError::DeviceLost { .. }
             | CullError::DeviceMemory { .. }
             | CullError::TooCrowded { .. } => {
-                let wish = CullWish { engine: EngineChoice::Auto, ..planned.wish };
+                let wish = CullOptions { engine: EngineChoice::Auto, ..planned.wish };
                 planned.plan = self.engines.plan(boxes, &wish, None);
                 self.run(planned, boxes, reply)
             }
@@ -173,9 +175,9 @@ impl Executor {
     /// [`CullError`].
     pub fn cull(
         &mut self,
-        boxes: NarrowBoxes<'_>,
+        boxes: BoxSlice<'_>,
         owner: Owner,
-        wish: &CullWish,
+        wish: &CullOptions,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
         let planned = self.plan(boxes, wish, reply.limit_words());
@@ -183,7 +185,7 @@ impl Executor {
     }
 
     /// Plans a frame of boxes whose reply has so many words at the most.
-    pub fn plan(&mut self, boxes: NarrowBoxes<'_>, wish: &CullWish, limit_words: u64) -> Planned {
+    pub fn plan(&mut self, boxes: BoxSlice<'_>, wish: &CullOptions, limit_words: u64) -> Planned {
         self.plan_within(boxes, &wish.within(boxes.len(), limit_words))
     }
 
@@ -300,7 +302,7 @@ impl Executor {
             + self.spheres.scratch_bytes()
     }
 
-    fn plan_within(&mut self, boxes: NarrowBoxes<'_>, wish: &CullWish) -> Planned {
+    fn plan_within(&mut self, boxes: BoxSlice<'_>, wish: &CullOptions) -> Planned {
         let planned = self.cpu.plan(boxes, wish, self.gpu.as_ref().and_then(GpuService::cost));
         self.last_frame = Some(planned.start);
         if self.spheres_need.note(0, || self.spheres.scratch_bytes()) {
@@ -314,8 +316,8 @@ impl Executor {
     fn run_dense(
         &mut self,
         error: CullError,
-        wish: CullWish,
-        boxes: NarrowBoxes<'_>,
+        wish: CullOptions,
+        boxes: BoxSlice<'_>,
         owner: Owner,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
@@ -329,7 +331,7 @@ impl Executor {
     fn run_or_dense(
         &mut self,
         planned: Planned,
-        boxes: NarrowBoxes<'_>,
+        boxes: BoxSlice<'_>,
         owner: Owner,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
@@ -341,7 +343,7 @@ impl Executor {
     fn run_once(
         &mut self,
         planned: Planned,
-        boxes: NarrowBoxes<'_>,
+        boxes: BoxSlice<'_>,
         owner: Owner,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {

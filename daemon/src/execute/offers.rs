@@ -6,7 +6,7 @@
 
 use std::sync::Arc;
 
-use pairmask::precision::NarrowBoxes;
+use pairmask_core::precision::BoxSlice;
 
 use super::frame_memory::LentReply;
 use super::gpu::{Block, Gpu, ImportError, ImportId, SharedImports};
@@ -53,7 +53,7 @@ impl Offers {
 
     /// Imports the boxes of an owner unless they are known.
     #[must_use]
-    pub(super) fn boxes(&mut self, owner: Owner, boxes: NarrowBoxes<'_>) -> Forgotten {
+    pub(super) fn boxes(&mut self, owner: Owner, boxes: BoxSlice<'_>) -> Forgotten {
         let memory = boxes.as_bytes();
         let (start, bytes) = (memory.as_ptr() as usize, memory.len());
         self.offer(owner, start, bytes, |offers| {

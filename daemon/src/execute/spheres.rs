@@ -6,9 +6,9 @@
 
 use std::time::Instant;
 
-use pairmask::Sphere;
-use pairmask::dispatch::{CullAnswer, CullWish, SphereWays};
-use pairmask::engine::{CullError, ReplyBuffer};
+use pairmask_core::Sphere;
+use pairmask_core::dispatch::{CullAnswer, CullOptions, SphereWays};
+use pairmask_core::engine::{CullError, ReplyBuffer};
 
 use super::Executor;
 
@@ -26,7 +26,7 @@ impl Executor {
     pub fn cull_spheres(
         &mut self,
         spheres: &[Sphere],
-        wish: &CullWish,
+        wish: &CullOptions,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
         self.last_frame = Some(Instant::now());

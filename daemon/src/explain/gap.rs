@@ -1,7 +1,7 @@
 //! The gap between two boxes on one axis, in units and in steps of f32.
 
-use pairmask::Aabb;
-use pairmask::aabb::order_key;
+use pairmask_core::Aabb;
+use pairmask_core::aabb::order_key;
 use serde::Serialize;
 
 /// How two intervals relate.

@@ -8,8 +8,8 @@ mod text;
 pub use gap::{AxisReport, Separation};
 pub use sent::{SentBoxes, SentReport};
 
-use pairmask::engine::{Grid, GridPlace};
-use pairmask::{Aabb, BoxClass, BoxCount, PairIndex};
+use pairmask_core::engine::{Grid, GridPlace};
+use pairmask_core::{Aabb, BoxClass, BoxCount, PairIndex};
 use serde::Serialize;
 
 /// The JSON object of `explain --json`. Fields may be added, never changed or taken away.
@@ -92,7 +92,7 @@ impl Explanation {
     /// Explains boxes `i` and `j` of a scene.
     ///
     /// ```
-    /// use pairmask::Aabb;
+    /// use pairmask_core::Aabb;
     /// use pairmaskd::explain::Explanation;
     /// let boxes = [0.0, 2.0].map(|x| Aabb::from([x, 0.0, 0.0, x + 1.0, 1.0, 1.0]));
     /// let why = Explanation::of(&boxes, 0, 1)?;
@@ -110,7 +110,7 @@ impl Explanation {
     /// Explains boxes `i` and `j` of a scene that is sent with a precision mode.
     ///
     /// ```
-    /// use pairmask::Aabb;
+    /// use pairmask_core::Aabb;
     /// use pairmaskd::explain::{Explanation, SentBoxes};
     /// let boxes = [0.0, 2.0, 9.0].map(|x| Aabb::from([x, 0.0, 0.0, x + 1.999, 1.0, 1.0]));
     /// let sent = "q8".parse()?;

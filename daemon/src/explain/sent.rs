@@ -2,9 +2,8 @@
 
 use std::borrow::Cow;
 
-use pairmask::precision::Widening;
-use pairmask::session::Margin;
-use pairmask::{Aabb, BoxForm, Precision};
+use pairmask_core::precision::{Margin, Widening};
+use pairmask_core::{Aabb, BoxForm, Precision};
 use serde::Serialize;
 
 use super::{AxisReport, axes};

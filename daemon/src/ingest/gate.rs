@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::rc::Rc;
 
 use iceoryx2::service::ipc;
-use pairmask::transport::{
+use pairmask_transport::{
     ActiveRequest, CheckedRequest, ForgedRequest, Segment, SegmentFiles, Sender, Services,
 };
 

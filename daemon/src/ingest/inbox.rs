@@ -1,6 +1,6 @@
 //! Requests that wait, and whose turn it is.
 
-use pairmask::transport::{FRAMES_AT_A_TIME, PORTS_PER_CLIENT, Sender};
+use pairmask_transport::{FRAMES_AT_A_TIME, PORTS_PER_CLIENT, Sender};
 
 /// A request that waits, and the turns in which its process and its session wait.
 #[derive(Debug)]
@@ -19,7 +19,7 @@ struct Waiting<R> {
 /// one turn of each other process.
 ///
 /// ```
-/// use pairmask::transport::Sender;
+/// use pairmask_transport::Sender;
 /// let mut inbox = pairmaskd::ingest::Inbox::new(2);
 /// let from = |process, port| Sender { port, session: port, process };
 /// for (sender, request) in [

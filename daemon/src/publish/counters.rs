@@ -2,9 +2,8 @@
 
 use std::time::Instant;
 
-use pairmask::wire::{
-    AuditCounts, LAST_ERRORS, ObjectForm, RecordedError, ReplyFields, StatusBody, StatusCode,
-};
+use pairmask_core::objects::ObjectForm;
+use pairmask_wire::{AuditCounts, LAST_ERRORS, RecordedError, ReplyFields, StatusBody, StatusCode};
 
 /// Counters since the worker began to serve.
 pub(super) struct Counters {

@@ -1,9 +1,9 @@
 //! A request and the loan of its reply as the memory of a frame.
 #![allow(unsafe_code)]
 
-use pairmask::engine::ReplyBuffer;
-use pairmask::precision::NarrowBoxes;
-use pairmask::wire::Objects;
+use pairmask_core::engine::ReplyBuffer;
+use pairmask_core::objects::Objects;
+use pairmask_core::precision::BoxSlice;
 
 use super::OpenRequest;
 use crate::execute::FrameMemory;
@@ -15,11 +15,11 @@ use crate::execute::FrameMemory;
 // the value back first. The segment of replies belongs to the server port, which a worker holds longer
 // than its engines, and which never maps it anew (`transport::services`: a static allocation).
 unsafe impl FrameMemory for OpenRequest {
-    fn with<R>(&mut self, work: impl FnOnce(NarrowBoxes<'_>, &mut dyn ReplyBuffer) -> R) -> R {
+    fn with<R>(&mut self, work: impl FnOnce(BoxSlice<'_>, &mut dyn ReplyBuffer) -> R) -> R {
         let (objects, mut reply) = self.parts();
         let boxes = match objects {
             Objects::Boxes(boxes) => boxes,
-            Objects::Spheres(_) => NarrowBoxes::F32(&[]),
+            Objects::Spheres(_) => BoxSlice::F32(&[]),
         };
         work(boxes, &mut reply)
     }

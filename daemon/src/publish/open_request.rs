@@ -5,16 +5,17 @@ use std::cell::RefCell;
 use std::rc::Rc;
 use std::time::Instant;
 
-use pairmask::BoxForm;
-use pairmask::engine::{ReplyBuffer, ReserveError};
-use pairmask::precision::NarrowBoxes;
-use pairmask::transport::{
+use pairmask_core::BoxForm;
+use pairmask_core::engine::{ReplyBuffer, ReserveError};
+use pairmask_core::objects::{ObjectForm, Objects};
+use pairmask_core::precision::BoxSlice;
+use pairmask_core::units::BoxCount;
+use pairmask_transport::{
     ActiveRequest, CheckedRequest, Populated, ResponseLoan, Sender, TransportError,
-    assume_response_pages, objects_in, words_in, words_in_mut,
+    assume_response_pages,
 };
-use pairmask::units::BoxCount;
-use pairmask::wire::{
-    ObjectForm, Objects, Reject, ReplyFields, Request, ResponseHeader, page_count,
+use pairmask_wire::{
+    Reject, ReplyFields, Request, ResponseHeader, objects_in, page_count, words_in, words_in_mut,
 };
 
 use crate::ingest::Incoming;
@@ -178,8 +179,7 @@ impl OpenRequest {
 fn objects_at(request: &CheckedRequest, place: ObjectsPlace) -> Objects<'_> {
     let ObjectsPlace { offset, form, count } = place;
     // They are there: they were when they were placed, and the payload's length is a copy.
-    objects_in(request.pages(), offset, form, count)
-        .unwrap_or(Objects::Boxes(NarrowBoxes::F32(&[])))
+    objects_in(request.pages(), offset, form, count).unwrap_or(Objects::Boxes(BoxSlice::F32(&[])))
 }
 
 /// The memory of a request's reply.

@@ -3,12 +3,10 @@
 use std::rc::Rc;
 
 use iceoryx2::service::ipc;
-use pairmask::dispatch::CullAnswer;
-use pairmask::engine::CullReport;
-use pairmask::transport::Services;
-use pairmask::wire::{
-    ResponseHeader, StageTimes, StatusBody, response_error, response_ok, response_status,
-};
+use pairmask_core::dispatch::{CullAnswer, StageTimes};
+use pairmask_core::engine::CullReport;
+use pairmask_transport::Services;
+use pairmask_wire::{ResponseHeader, StatusBody, response_error, response_ok, response_status};
 
 use super::counters::Counters;
 use super::{OpenRequest, Refusal};

@@ -1,7 +1,7 @@
 //! Requests that get an error for an answer.
 
-use pairmask::engine::{CullError, ReserveError};
-use pairmask::wire::{Reject, StatusCode};
+use pairmask_core::engine::{CullError, ReserveError};
+use pairmask_wire::{Reject, StatusCode};
 
 /// Why a request is not answered with what it asks for, as its client is told.
 #[derive(Debug)]

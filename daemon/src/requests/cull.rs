@@ -2,10 +2,10 @@
 
 use std::collections::VecDeque;
 
-use pairmask::dispatch::{CullAnswer, CullWish};
-use pairmask::engine::{CullError, EngineChoice};
-use pairmask::mask::{EncodingChoice, ReadableEncodings};
-use pairmask::wire::Objects;
+use pairmask_core::dispatch::{CullAnswer, CullOptions};
+use pairmask_core::engine::{CullError, EngineChoice};
+use pairmask_core::mask::{EncodingChoice, ReadableEncodings};
+use pairmask_core::objects::Objects;
 
 use crate::execute::{CullUnderWay, Ended, Executor, FRAMES_UNDER_WAY, Owner};
 use crate::publish::{ObjectsPlace, OpenRequest, Outbox};
@@ -69,7 +69,7 @@ impl Culls {
             return outbox.refuse(&mut open, &reject.into());
         }
         let sender = open.sender();
-        let wish = CullWish {
+        let wish = CullOptions {
             engine: request.engine,
             encoding: request.encoding,
             threads: request.threads,

@@ -8,8 +8,8 @@ mod status;
 use std::rc::Rc;
 
 use iceoryx2::service::ipc;
-use pairmask::transport::{Limits, Services, WakeClient};
-use pairmask::wire::{Request, StatusBody};
+use pairmask_transport::{Limits, Services, WakeClient};
+use pairmask_wire::{Request, StatusBody};
 
 use self::cull::{CullRequest, Culls};
 use crate::audit::Auditor;

@@ -1,7 +1,7 @@
 //! Requests for the daemon's status.
 
-use pairmask::engine::CullError;
-use pairmask::wire::{PAGE_BYTES, StatusBody};
+use pairmask_core::engine::CullError;
+use pairmask_wire::{PAGE_BYTES, StatusBody};
 
 use crate::publish::{OpenRequest, Outbox};
 

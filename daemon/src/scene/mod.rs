@@ -24,7 +24,7 @@ pub use motion::{STEP_SHARE, Walls};
 pub use name::SceneName;
 pub use random::Random;
 
-use pairmask::Aabb;
+use pairmask_core::Aabb;
 
 /// Boxes and how they move.
 #[derive(Clone, Debug)]

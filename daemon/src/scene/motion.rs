@@ -1,6 +1,6 @@
 //! How boxes move from frame to frame: in place, without allocation.
 
-use pairmask::Aabb;
+use pairmask_core::Aabb;
 
 /// Share of a box's size that it moves in a frame.
 ///

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use pairmask::engine::UnknownName;
+use pairmask_core::engine::UnknownName;
 
 /// A kind of scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

@@ -45,7 +45,7 @@ fn every_scene_has_n_solid_boxes_at_any_n_and_frame() {
             for _ in 0..20 {
                 assert_eq!(scene.boxes().len(), n, "{name}");
                 assert!(
-                    scene.boxes().iter().all(|b| b.class() == pairmask::BoxClass::Solid),
+                    scene.boxes().iter().all(|b| b.class() == pairmask_core::BoxClass::Solid),
                     "{name}"
                 );
                 scene.step();

@@ -1,6 +1,6 @@
 //! Worst cases: scenes on which broad phases become much slower.
 
-use pairmask::Aabb;
+use pairmask_core::Aabb;
 
 use super::{Random, Scene, Walls, around, spread};
 

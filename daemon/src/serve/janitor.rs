@@ -7,10 +7,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
-use pairmask::transport::{
-    DaemonNode, InstanceName, JANITOR_INTERVAL, RuntimeDir, Services, StatusFile,
-    remove_hollow_files,
+use pairmask_transport::{
+    DaemonNode, JANITOR_INTERVAL, RuntimeDir, Services, StatusFile, remove_hollow_files,
 };
+use pairmask_wire::InstanceName;
 
 use super::ServeError;
 

@@ -14,11 +14,13 @@ pub use worker::work;
 
 use std::time::Duration;
 
+use pairmask_core::plan::CalibrationChoice;
+use pairmask_transport::{Limits, RuntimeDir, TransportError};
+use pairmask_wire::{InstanceError, InstanceName};
+
 use crate::audit::AuditRate;
 use crate::execute::gpu::{GpuChoice, OpenError};
 use crate::publish::AlterAnswer;
-use pairmask::plan::CalibrationChoice;
-use pairmask::transport::{InstanceError, InstanceName, Limits, RuntimeDir, TransportError};
 
 /// How to serve an instance.
 #[derive(Clone, Debug)]

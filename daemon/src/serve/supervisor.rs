@@ -3,7 +3,8 @@
 use std::process::{Child, Command, ExitStatus};
 use std::time::{Duration, Instant};
 
-use pairmask::transport::{InstanceError, InstanceLock, ProcessWatch, clean_if_abandoned};
+use pairmask_transport::{InstanceLock, ProcessWatch, clean_if_abandoned};
+use pairmask_wire::InstanceError;
 use rustix::process::{Pid, Signal, kill_process};
 use signal_hook::consts::{SIGCHLD, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;

@@ -6,13 +6,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use iceoryx2::service::ipc;
-use pairmask::AwakePool;
-use pairmask::plan::{Calibration, CalibrationChoice, CalibrationOrigin};
-use pairmask::transport::{
-    DaemonRecord, JANITOR_INTERVAL, SegmentFiles, Server, Services, Spinner, StatusFile,
-    WakeDaemon, clean_if_abandoned, process_name, quiet_transport_log,
+use pairmask_core::AwakePool;
+use pairmask_core::plan::{Calibration, CalibrationChoice, CalibrationOrigin};
+use pairmask_core::spinner::Spinner;
+use pairmask_transport::{
+    DaemonRecord, JANITOR_INTERVAL, SegmentFiles, Server, Services, StatusFile, WakeDaemon,
+    clean_if_abandoned, process_name, quiet_transport_log,
 };
-use pairmask::wire::{StatusBody, Version};
+use pairmask_wire::{StatusBody, Version};
 use rustix::process::Signal;
 use signal_hook::consts::{SIGINT, SIGTERM};
 

@@ -1,6 +1,6 @@
 //! `serve --audit`: frames are checked again, and right ones pass.
 
-use pairmask::Encoding;
+use pairmask_core::Encoding;
 use pairmask_tests::audited::{Shape, audit};
 
 use crate::support::{Pairmaskd, Place};

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
-use pairmask::EngineName;
+use pairmask_core::EngineName;
 use pairmask_tests::stress_scenes;
 
 use crate::support::{Finished, Place, finish, keys};

@@ -2,10 +2,9 @@
 
 use std::collections::BTreeSet;
 
-use pairmask::Aabb;
+use pairmask_core::Aabb;
 use pairmask_tests::oracle::{self, Pair};
-use pairmask_tests::spheres;
-use pairmask_tests::stress_scenes;
+use pairmask_tests::{spheres, stress_scenes};
 
 use crate::support::{Place, daemon, keys, words};
 

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use pairmask::Aabb;
+use pairmask_core::Aabb;
 use pairmask_tests::stress_scenes;
 use serde_json::Value;
 

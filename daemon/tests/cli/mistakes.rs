@@ -5,7 +5,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::Stdio;
 
-use pairmask::Aabb;
+use pairmask_core::Aabb;
 use pairmask_tests::stress_scenes;
 
 use crate::support::{Finished, Place, finish};

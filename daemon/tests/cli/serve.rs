@@ -2,7 +2,8 @@
 
 use std::process::Child;
 
-use pairmask::transport::{InstanceName, RuntimeDir};
+use pairmask_transport::RuntimeDir;
+use pairmask_wire::InstanceName;
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::support::{Finished, Place, eventually, finish};

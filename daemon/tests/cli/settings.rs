@@ -1,6 +1,6 @@
 //! Flag before environment before file before default; and what the command line refuses.
 
-use pairmask::Aabb;
+use pairmask_core::Aabb;
 
 use crate::support::{Finished, Place, finish};
 

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use pairmask::Aabb;
+use pairmask_core::Aabb;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 
@@ -69,7 +69,7 @@ fn a_daemon_tells_what_it_did() {
     assert!(text.stdout.contains("default: alive"), "{text:?}");
     assert!(text.stdout.contains("3 frames, 12 boxes, 18 pairs"), "{text:?}");
     let mut frame = session.sphere_frame(5).unwrap();
-    frame.spheres_mut().fill(pairmask::Sphere::EMPTY);
+    frame.spheres_mut().fill(pairmask_core::Sphere::EMPTY);
     frame.submit().unwrap().wait().unwrap();
     let text = status(&place, daemon.dir().path(), &[]);
     assert!(text.stdout.contains("4 frames, 12 boxes, 5 spheres, 18 pairs"), "{text:?}");
@@ -98,7 +98,7 @@ fn refused_requests_are_remembered() {
 fn a_killed_daemon_is_dead() {
     let place = Place::new();
     let mut child = place.command(&["serve"]).spawn().unwrap();
-    let dir = pairmask::transport::RuntimeDir::at(place.path());
+    let dir = pairmask_transport::RuntimeDir::at(place.path());
     let record = eventually("the daemon serves", || dir.read_record(&"default".parse().unwrap()));
     child.kill().unwrap();
     child.wait().unwrap();
@@ -110,7 +110,7 @@ fn a_killed_daemon_is_dead() {
     assert_eq!(report["instances"][0]["daemon"], Value::Null);
     assert_eq!(report["instances"][0]["pid"], record.worker_pid);
     // No daemon serves here again and removes the files that the dead one left in shared memory.
-    pairmask::transport::clean_if_abandoned(&dir, &"default".parse().unwrap()).unwrap();
+    pairmask_transport::clean_if_abandoned(&dir, &"default".parse().unwrap()).unwrap();
 }
 
 #[test]
@@ -136,7 +136,7 @@ fn a_hanging_daemon_is_silent() {
 fn a_daemon_with_all_the_clients_that_it_may_have_answers() {
     let place = Place::new();
     let mut child = place.command(&["serve", "--max-clients", "1"]).spawn().unwrap();
-    let dir = pairmask::transport::RuntimeDir::at(place.path());
+    let dir = pairmask_transport::RuntimeDir::at(place.path());
     eventually("the daemon serves", || dir.read_record(&"default".parse().unwrap()));
     let builder = pairmask::Session::builder().runtime_dir(dir.clone());
     let mut session = builder.backend(pairmask::Backend::Daemon).connect().unwrap();

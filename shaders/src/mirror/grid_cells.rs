@@ -1,6 +1,6 @@
 //! `grid_cells`: the home cell of each box.
 
-use pairmask::aabb::{BoxClass, KeyBox};
+use pairmask_core::aabb::{BoxClass, KeyBox};
 
 use super::grid_layout::{cell, coordinates, folded};
 use crate::constants::{NO_LEVEL, PARKED};

@@ -3,7 +3,7 @@
 //! The same f32 steps as on the device; why no pair is lost to their rounding stands where the host
 //! chooses the axes.
 
-use pairmask::aabb::{KeyBox, order_key};
+use pairmask_core::aabb::{KeyBox, order_key};
 
 use crate::layouts::GridLevel;
 

@@ -1,6 +1,6 @@
 //! `grid_pairs`: the words of each row.
 
-use pairmask::aabb::{BoxClass, KeyBox};
+use pairmask_core::aabb::{BoxClass, KeyBox};
 
 use super::Mirrored;
 use super::grid_layout::{cell, coordinates, folded};

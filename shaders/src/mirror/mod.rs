@@ -11,8 +11,8 @@ mod grid_pairs;
 mod grid_place;
 mod grid_scan;
 
-use pairmask::aabb::{BoxClass, KeyBox};
-use pairmask::precision::NarrowBoxes;
+use pairmask_core::aabb::{BoxClass, KeyBox};
+use pairmask_core::precision::BoxSlice;
 
 pub use self::grid_cells::Home;
 use crate::layouts::GridLayout;
@@ -33,7 +33,7 @@ pub struct Mirrored {
 }
 
 /// All stages, for a layout that the host chose.
-pub fn frame(layout: &GridLayout, boxes: NarrowBoxes<'_>) -> Mirrored {
+pub fn frame(layout: &GridLayout, boxes: BoxSlice<'_>) -> Mirrored {
     let expanded = (0..boxes.len()).filter_map(|i| boxes.get(i));
     let keys: Vec<(KeyBox, BoxClass)> = expanded.map(|b| KeyBox::classify(&b)).collect();
     let homes = grid_cells::homes(layout, &keys);

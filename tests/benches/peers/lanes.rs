@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use pairmask::session::ConnectError;
-use pairmask::{Aabb, Backend, BoxCount, EngineChoice, Session};
+use pairmask::{Backend, ConnectError, Session};
+use pairmask_core::{Aabb, BoxCount, EngineChoice};
 use pairmask_tests::peers::contender::Contender;
 use pairmask_tests::peers::line::Who;
 use pairmask_tests::peers::obvhs::{self, Obvhs};

@@ -11,12 +11,11 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use clap::Parser;
+use options::{Format, Options};
 use pairmask_tests::peers::line::Comparison;
 use pairmask_tests::peers::{report, svg};
 use pairmaskd::scene::Scene;
 use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
-
-use options::{Format, Options};
 
 /// The daemon's own main, which cargo builds beside this bench.
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");

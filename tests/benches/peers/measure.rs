@@ -2,7 +2,8 @@
 
 use std::time::Duration;
 
-use pairmask::{Aabb, Backend, EngineChoice, EngineName, Session};
+use pairmask::{Backend, Session};
+use pairmask_core::{Aabb, EngineChoice, EngineName};
 use pairmask_tests::oracle;
 use pairmask_tests::peers::contender::{Contender, ContenderError};
 use pairmask_tests::peers::line::{Comparison, Line, Who};

@@ -5,8 +5,8 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use clap::Parser;
-use pairmask::EngineChoice;
-use pairmask::engine::UnknownName;
+use pairmask_core::EngineChoice;
+use pairmask_core::engine::UnknownName;
 use pairmask_tests::peers::peer_name::PeerName;
 use pairmaskd::execute::gpu::GpuChoice;
 use pairmaskd::scene::SceneName;

@@ -1,11 +1,11 @@
 //! Engines broken on purpose, to test that `stress` and the auditor notice. Only hidden flags and
 //! tests use them.
 
-use pairmask::engine::{
+use pairmask_core::engine::{
     CullError, CullInput, CullReport, Engine, EngineName, HeapReply, ReplyBuffer,
 };
-use pairmask::mask::MaskShape;
-use pairmask::{Aabb, BoxClass};
+use pairmask_core::mask::MaskShape;
+use pairmask_core::{Aabb, BoxClass};
 
 /// Takes one pair out of a mask and out of its report. A mask whose words hold one pair each stays
 /// unchanged: only a pair must be wrong, and a sparse word must not become zero.

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use pairmask::EngineName;
+use pairmask_core::EngineName;
 use pairmask_lab::sabotage::Sabotage;
 use pairmask_lab::stress::{Cases, Entrant, ModeChoice, Roster, StressReport, run};
 use pairmask_tests::gpu::choice;

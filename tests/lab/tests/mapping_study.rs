@@ -1,7 +1,7 @@
 //! The mapping study: WGSL against the Rust mirrors, and a complete report.
 
-use pairmask::pair_index::row_start;
-use pairmask::{Aabb, BoxCount, PairIndex};
+use pairmask_core::pair_index::row_start;
+use pairmask_core::{Aabb, BoxCount, PairIndex};
 use pairmask_lab::study::mapping::gpu::errors::{Ids, count, count_roots};
 use pairmask_lab::study::mapping::gpu::masks::{self, Writer};
 use pairmask_lab::study::mapping::gpu::{Bench, pairs};

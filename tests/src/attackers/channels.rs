@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use pairmask::engine::EngineChoice;
+use pairmask_core::engine::EngineChoice;
 
 use super::raw::{CHANNEL_ID, RawClient, answer, cull, word, write};
 use super::{Tally, count};

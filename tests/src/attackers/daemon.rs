@@ -4,13 +4,11 @@ use std::error::Error;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use pairmask::mask::Encoding;
-use pairmask::transport::{
-    DaemonRecord, InstanceName, Limits, RuntimeDir, Services, assume_response_pages,
-};
-use pairmask::wire::{
-    RESPONSE_MAGIC, ResponseHeader, Section, SectionKind, StatusCode, VERSION_MAJOR, VERSION_MINOR,
-    Version,
+use pairmask_core::mask::Encoding;
+use pairmask_transport::{DaemonRecord, Limits, RuntimeDir, Services, assume_response_pages};
+use pairmask_wire::{
+    InstanceName, RESPONSE_MAGIC, ResponseHeader, Section, SectionKind, StatusCode, VERSION_MAJOR,
+    VERSION_MINOR, Version,
 };
 
 use super::raw::{Dice, word, write};

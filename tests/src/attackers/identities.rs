@@ -6,10 +6,9 @@ use std::fs;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use pairmask::Aabb;
-use pairmask::transport::boxes_in_mut;
-use pairmask::units::BoxCount;
-use pairmask::wire::{REQUEST_MAGIC, RequestHeader};
+use pairmask_core::Aabb;
+use pairmask_core::units::BoxCount;
+use pairmask_wire::{REQUEST_MAGIC, RequestHeader, boxes_in_mut};
 
 use super::raw::{
     CHANNEL_ID, CLIENT_ID, REQUEST_ID, RawClient, SENT_BYTES, read, segment_file, word, write,

@@ -3,8 +3,8 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use pairmask::engine::EngineChoice;
-use pairmask::wire::StatusCode;
+use pairmask_core::engine::EngineChoice;
+use pairmask_wire::StatusCode;
 
 use super::raw::{Dice, PAGE_COUNT, RawClient, answer, cull, word, write};
 use super::{Tally, Until, count};

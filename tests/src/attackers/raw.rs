@@ -5,14 +5,14 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use iceoryx2::service::ipc_threadsafe;
-use pairmask::engine::EngineChoice;
-use pairmask::mask::EncodingChoice;
-use pairmask::precision::BoxForm;
-use pairmask::transport::{
-    Client, InstanceName, PendingResponse, RequestLoan, RuntimeDir, Services, assume_pages,
+use pairmask_core::engine::EngineChoice;
+use pairmask_core::mask::EncodingChoice;
+use pairmask_core::precision::BoxForm;
+use pairmask_core::units::BoxCount;
+use pairmask_transport::{
+    Client, PendingResponse, RequestLoan, RuntimeDir, Services, assume_pages,
 };
-use pairmask::units::BoxCount;
-use pairmask::wire::{RequestHeader, ResponseHeader};
+use pairmask_wire::{InstanceName, RequestHeader, ResponseHeader};
 
 /// Index of the client's id, two words, in the transport's header of a request. All indices here count
 /// words of 8 bytes of that header.

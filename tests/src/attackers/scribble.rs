@@ -4,7 +4,7 @@ use std::fs;
 use std::os::unix::fs::FileExt;
 use std::time::Duration;
 
-use pairmask::engine::EngineChoice;
+use pairmask_core::engine::EngineChoice;
 
 use super::raw::{Dice, RawClient, answer, cull};
 use super::{Tally, count};

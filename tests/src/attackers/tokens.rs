@@ -3,8 +3,8 @@
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-use pairmask::engine::{EngineChoice, EngineName};
-use pairmask::transport::PendingResponse;
+use pairmask_core::engine::{EngineChoice, EngineName};
+use pairmask_transport::PendingResponse;
 
 use super::raw::{RawClient, cull};
 use super::{Tally, Until, count};

@@ -3,7 +3,7 @@
 use std::fs::OpenOptions;
 use std::time::Duration;
 
-use pairmask::engine::EngineChoice;
+use pairmask_core::engine::EngineChoice;
 
 use super::raw::{Dice, RawClient, answer, cull, segment_file};
 use super::{Tally, count};

@@ -16,8 +16,8 @@ use std::fs::{self, OpenOptions};
 use std::io::Write;
 use std::time::Duration;
 
-use pairmask::session::FrameError;
-use pairmask::{Aabb, Backend, EngineChoice, Session, Sphere};
+use pairmask::{Backend, FrameError, Session};
+use pairmask_core::{Aabb, EngineChoice, Sphere};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mode = std::env::args().nth(1).unwrap_or_default();

@@ -12,8 +12,8 @@ use std::fs::{File, remove_file};
 use std::os::unix::process::ExitStatusExt;
 use std::process::Command;
 
-use pairmask::session::ConnectError;
-use pairmask::{Aabb, Backend, ServedBy, Session};
+use pairmask::{Backend, ConnectError, ServedBy, Session};
+use pairmask_core::Aabb;
 
 const FILLER: &str = "/dev/shm/filler";
 /// Boxes of a frame: two pages of them.

@@ -1,6 +1,6 @@
 //! A contender of the comparison: it takes the boxes of a frame and visits every pair.
 
-use pairmask::Aabb;
+use pairmask_core::Aabb;
 
 use super::tally::Tally;
 use crate::oracle::Pair;

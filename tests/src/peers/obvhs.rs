@@ -8,7 +8,7 @@ use obvhs::aabb::Aabb as ObvhsBox;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::node::Bvh2Node;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
-use pairmask::Aabb;
+use pairmask_core::Aabb;
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 
 use super::contender::{Contender, ContenderError};

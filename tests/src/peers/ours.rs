@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use pairmask::session::{Frame, PairMask};
-use pairmask::{Aabb, Session};
+use pairmask::{Frame, PairMask, Session};
+use pairmask_core::Aabb;
 use rayon::iter::ParallelIterator;
 
 use super::contender::{Contender, ContenderError};

@@ -1,6 +1,6 @@
 //! parry3d's bounding volume hierarchy, traversed against itself.
 
-use pairmask::Aabb;
+use pairmask_core::Aabb;
 use parry3d::bounding_volume::Aabb as ParryBox;
 use parry3d::math::Vector;
 use parry3d::partitioning::{Bvh, BvhBuildStrategy, BvhLeafUpdateStatus, BvhWorkspace};

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use pairmask::engine::UnknownName;
+use pairmask_core::engine::UnknownName;
 
 /// A library, and one way of its users to keep it up to date.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]

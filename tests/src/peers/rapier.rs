@@ -4,7 +4,7 @@
 //! when they begin and end, so its user keeps the list; here that list is filtered by the boxes
 //! themselves, so that sets compare. Colliders have no body and all their types may collide.
 
-use pairmask::Aabb;
+use pairmask_core::Aabb;
 use rapier3d::math::Vector;
 use rapier3d::parry::bounding_volume::Aabb as ParryBox;
 use rapier3d::prelude::{

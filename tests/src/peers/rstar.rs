@@ -1,6 +1,6 @@
 //! rstar's R*-tree, bulk-loaded each frame.
 
-use pairmask::Aabb;
+use pairmask_core::Aabb;
 use rayon::iter::ParallelIterator;
 use rayon::slice::ParallelSlice;
 use rstar::{AABB, RTree, RTreeObject};

@@ -8,8 +8,8 @@ use crate::engine::{
     AvailableIsa, CullError, CullInput, CullReport, Engine, EngineChoice, EngineName, RecentNeed,
     ReplyBuffer, cpu_engines,
 };
-use crate::plan::{Calibration, Capabilities, CullWish, GpuCost, Plan, SceneStats, plan};
-use crate::precision::NarrowBoxes;
+use crate::plan::{Calibration, Capabilities, CullOptions, GpuCost, Plan, SceneStats, plan};
+use crate::precision::BoxSlice;
 use crate::units::BoxCount;
 
 /// All CPU engines, with the scratch memory and the order that they keep from frame to frame.
@@ -70,8 +70,8 @@ impl CpuEngines {
     /// few are looked at, and none is expanded.
     pub fn plan<'a>(
         &self,
-        boxes: impl Into<NarrowBoxes<'a>>,
-        wish: &CullWish,
+        boxes: impl Into<BoxSlice<'a>>,
+        wish: &CullOptions,
         gpu: Option<GpuCost>,
     ) -> Plan {
         let boxes = boxes.into();
@@ -129,7 +129,7 @@ impl CpuEngines {
     pub fn cull(
         &mut self,
         boxes: &[Aabb],
-        wish: &CullWish,
+        wish: &CullOptions,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
         let start = Instant::now();

@@ -8,4 +8,4 @@ pub use answer::{CullAnswer, StageTimes, nanoseconds_since};
 pub use boxes::CpuEngines;
 pub use spheres::{SphereEngines, SphereWays};
 
-pub use crate::plan::CullWish;
+pub use crate::plan::CullOptions;

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use super::{CpuEngines, CullAnswer, CullWish, StageTimes, nanoseconds_since};
+use super::{CpuEngines, CullAnswer, CullOptions, StageTimes, nanoseconds_since};
 use crate::engine::{CullError, CullInput, EngineChoice, EngineName, PairRules, ReplyBuffer};
 use crate::mask::{Encoding, EncodingChoice};
 use crate::sphere::{Sphere, SphereAllPairs, SphereFilter};
@@ -19,19 +19,19 @@ const DENSE_SPHERES: usize = 512;
 /// others find candidates among the spheres' bounds first.
 ///
 /// ```
-/// use pairmask::dispatch::{CullWish, SphereEngines};
-/// use pairmask::engine::HeapReply;
-/// use pairmask::mask::MaskView;
-/// use pairmask::sphere::Sphere;
-/// use pairmask::BoxCount;
+/// use pairmask_core::dispatch::{CullOptions, SphereEngines};
+/// use pairmask_core::engine::HeapReply;
+/// use pairmask_core::mask::MaskView;
+/// use pairmask_core::sphere::Sphere;
+/// use pairmask_core::BoxCount;
 ///
 /// let spheres: Vec<Sphere> =
 ///     (0..1_000).map(|i| Sphere::new([2.0 * i as f32, 0.0, 0.0], 1.0)).collect();
 /// let mut reply = HeapReply::new();
-/// let answer = SphereEngines::new().cull(&spheres, &CullWish::default(), &mut reply)?;
+/// let answer = SphereEngines::new().cull(&spheres, &CullOptions::default(), &mut reply)?;
 /// let mask = MaskView::new(BoxCount::new(1_000), &answer.report.shape, reply.words());
 /// assert_eq!(mask.expect("as it was written").count(), 999, "each touches the next");
-/// # Ok::<(), pairmask::engine::CullError>(())
+/// # Ok::<(), pairmask_core::engine::CullError>(())
 /// ```
 #[derive(Default)]
 pub struct SphereEngines {
@@ -60,7 +60,7 @@ impl SphereEngines {
     pub fn cull(
         &mut self,
         spheres: &[Sphere],
-        wish: &CullWish,
+        wish: &CullOptions,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
         self.ways.cull(&mut self.boxes, spheres, wish, reply)
@@ -77,7 +77,7 @@ impl SphereWays {
         &mut self,
         boxes: &mut CpuEngines,
         spheres: &[Sphere],
-        wish: &CullWish,
+        wish: &CullOptions,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
         if let EngineChoice::Only(engine) = wish.engine
@@ -115,7 +115,7 @@ impl SphereWays {
         &mut self,
         boxes: &mut CpuEngines,
         spheres: &[Sphere],
-        wish: &CullWish,
+        wish: &CullOptions,
         encoding: Encoding,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
@@ -146,7 +146,7 @@ impl SphereWays {
         &mut self,
         boxes: &mut CpuEngines,
         spheres: &[Sphere],
-        wish: &CullWish,
+        wish: &CullOptions,
         encoding: Encoding,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
@@ -154,7 +154,7 @@ impl SphereWays {
         let (bounds, balls) = self.filter.candidates(spheres)?;
         let bounds_ns = nanoseconds_since(start);
         // The engine that finds candidates soonest, whatever is made of them.
-        let sparse = CullWish { encoding: EncodingChoice::Only(Encoding::Sparse), ..*wish };
+        let sparse = CullOptions { encoding: EncodingChoice::Only(Encoding::Sparse), ..*wish };
         let plan_start = Instant::now();
         let mut plan = boxes.plan(bounds, &sparse, None);
         plan.encoding = encoding;

@@ -67,11 +67,11 @@ impl EngineDescriptor {
 /// A CPU engine with one instruction set and empty scratch memory.
 ///
 /// ```
-/// use pairmask::engine::{EngineName, Isa, cpu_engine};
+/// use pairmask_core::engine::{EngineName, Isa, cpu_engine};
 /// for name in EngineName::CPU {
 ///     assert_eq!(cpu_engine(name, Isa::best())?.name(), name);
 /// }
-/// # Ok::<(), pairmask::engine::CullError>(())
+/// # Ok::<(), pairmask_core::engine::CullError>(())
 /// ```
 ///
 /// # Errors

@@ -3,12 +3,12 @@
 use super::{CullError, EngineName, PairRules};
 use crate::aabb::Aabb;
 use crate::mask::Encoding;
-use crate::precision::NarrowBoxes;
+use crate::precision::BoxSlice;
 use crate::units::BoxCount;
 
 /// What an engine gets for a frame: objects, what counts as a pair of them, and how to answer.
 ///
-/// An engine for boxes takes them in any form ([`NarrowBoxes`]). Engines for other objects take
+/// An engine for boxes takes them in any form ([`BoxSlice`]). Engines for other objects take
 /// those: the type says which.
 ///
 /// An attribute of the objects that every engine has to honour (a group for each box, for one) is a
@@ -16,8 +16,8 @@ use crate::units::BoxCount;
 /// each word passes them there.
 ///
 /// ```
-/// use pairmask::engine::CullInput;
-/// use pairmask::{Aabb, Encoding};
+/// use pairmask_core::engine::CullInput;
+/// use pairmask_core::{Aabb, Encoding};
 ///
 /// let boxes = [Aabb::EMPTY; 3];
 /// let input = CullInput::boxes(&boxes).encoding(Encoding::Dense).threads(2);
@@ -25,7 +25,7 @@ use crate::units::BoxCount;
 /// ```
 #[derive(Clone, Copy)]
 #[non_exhaustive]
-pub struct CullInput<'a, Objects = NarrowBoxes<'a>> {
+pub struct CullInput<'a, Objects = BoxSlice<'a>> {
     /// What is culled.
     pub objects: Objects,
     /// Encoding of the mask.
@@ -40,7 +40,7 @@ pub struct CullInput<'a, Objects = NarrowBoxes<'a>> {
 impl<'a> CullInput<'a> {
     /// Boxes in any form: a slice of [`Aabb`], or narrow ones. The mask is sparse, and the engine has
     /// one thread, unless told otherwise.
-    pub fn boxes(boxes: impl Into<NarrowBoxes<'a>>) -> Self {
+    pub fn boxes(boxes: impl Into<BoxSlice<'a>>) -> Self {
         CullInput::of(boxes.into())
     }
 
@@ -50,7 +50,7 @@ impl<'a> CullInput<'a> {
     /// # Errors
     /// [`CullError::Unavailable`] for rules that pairs have to pass, and for forms and encodings that
     /// the engine does not have.
-    pub fn boxes_alone(&self, engine: EngineName) -> Result<NarrowBoxes<'a>, CullError> {
+    pub fn boxes_alone(&self, engine: EngineName) -> Result<BoxSlice<'a>, CullError> {
         let unavailable = |why| Err(CullError::Unavailable { engine, why });
         let descriptor = engine.descriptor();
         if !descriptor.encodings.contains(&self.encoding) {
@@ -70,7 +70,7 @@ impl<'a> CullInput<'a> {
     /// # Errors
     /// [`CullError::Unavailable`] for narrow boxes; [`CullError::TooManyBoxes`].
     pub fn f32_boxes(&self, engine: EngineName) -> Result<(&'a [Aabb], BoxCount), CullError> {
-        let NarrowBoxes::F32(boxes) = self.objects else {
+        let BoxSlice::F32(boxes) = self.objects else {
             let why = "it reads boxes in f32 alone";
             return Err(CullError::Unavailable { engine, why });
         };

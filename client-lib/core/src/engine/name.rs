@@ -72,7 +72,7 @@ impl EngineName {
     /// All names for a text, the last one after `last`: ", " or " or ".
     ///
     /// ```
-    /// use pairmask::EngineName;
+    /// use pairmask_core::EngineName;
     /// assert!(EngineName::listed(" or ").starts_with("cpu-brute, cpu-sap, "));
     /// ```
     pub fn listed(last: &str) -> String {

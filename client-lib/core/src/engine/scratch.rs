@@ -15,7 +15,7 @@ const SPARE: usize = 2;
 /// when to give it back.
 ///
 /// ```
-/// use pairmask::engine::RecentNeed;
+/// use pairmask_core::engine::RecentNeed;
 ///
 /// let mut need = RecentNeed::default();
 /// let mut scratch = vec![0u8; 100 << 20];

@@ -116,7 +116,8 @@ impl MaskShape {
     /// `limit_words` words of a reply or less. `None` where not even the mask without words does.
     ///
     /// ```
-    /// use pairmask::{BoxCount, mask::MaskShape};
+    /// use pairmask_core::BoxCount;
+    /// use pairmask_core::mask::MaskShape;
     ///
     /// let n = BoxCount::new(100);
     /// assert_eq!(MaskShape::sparse_words_within(n, 148, true), Some(16));
@@ -210,8 +211,8 @@ impl MaskShape {
 /// needed, so whoever published the reply must leave it alone while a view lives.
 ///
 /// ```
-/// use pairmask::BoxCount;
-/// use pairmask::mask::{MaskShape, MaskView};
+/// use pairmask_core::BoxCount;
+/// use pairmask_core::mask::{MaskShape, MaskView};
 /// // Boxes 0 to 3. Bit k is pair k of (0,1) (0,2) (0,3) (1,2) (1,3) (2,3).
 /// let n = BoxCount::new(4);
 /// let reply = [0b10_0001];
@@ -226,7 +227,7 @@ impl MaskShape {
 /// let mask = MaskView::new(n, &MaskShape::sparse(n, 2, 2, false), &reply)?;
 /// assert_eq!(mask.to_vec(), [(0, 1), (2, 3)]);
 /// mask.verify()?;
-/// # Ok::<(), pairmask::mask::MaskError>(())
+/// # Ok::<(), pairmask_core::mask::MaskError>(())
 /// ```
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]

@@ -6,7 +6,7 @@ use super::Encoding;
 /// mask for it chooses among these.
 ///
 /// ```
-/// use pairmask::mask::{Encoding, ReadableEncodings};
+/// use pairmask_core::mask::{Encoding, ReadableEncodings};
 /// assert!(ReadableEncodings::at_minor(0).contains(Encoding::Sparse));
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

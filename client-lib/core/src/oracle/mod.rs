@@ -31,9 +31,9 @@ pub struct Truth {
 /// The answer for `boxes`, by comparing every box with every other.
 ///
 /// ```
-/// use pairmask::Aabb;
+/// use pairmask_core::Aabb;
 /// let boxes = [Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]); 3];
-/// assert_eq!(pairmask::oracle::truth(&boxes).pairs, [(0, 1), (0, 2), (1, 2)]);
+/// assert_eq!(pairmask_core::oracle::truth(&boxes).pairs, [(0, 1), (0, 2), (1, 2)]);
 /// ```
 ///
 /// # Panics
@@ -96,7 +96,8 @@ fn pairs_of(corners: &[Corners]) -> Vec<Pair> {
 /// A box as the oracle compares it.
 ///
 /// ```
-/// use pairmask::{Aabb, oracle::Corners};
+/// use pairmask_core::Aabb;
+/// use pairmask_core::oracle::Corners;
 /// let [a, b] = [0.0, 1.0].map(|x| Corners::of(&Aabb::from([x, 0.0, 0.0, x + 1.0, 1.0, 1.0])));
 /// assert!(a.overlap(&b), "touching counts");
 /// assert!(!a.overlap(&Corners::of(&Aabb::EMPTY)));

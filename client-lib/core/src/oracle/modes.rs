@@ -69,8 +69,8 @@ pub fn allowed(boxes: &[Aabb], precision: &Precision) -> Allowed {
 /// outward than the margin and two steps of f32.
 ///
 /// ```
-/// use pairmask::Aabb;
-/// use pairmask::oracle::modes::allowed_by_margin;
+/// use pairmask_core::Aabb;
+/// use pairmask_core::oracle::modes::allowed_by_margin;
 /// let boxes = [0.0, 1.5, 2.75].map(|x| Aabb::from([x, 0.0, 0.0, x + 1.0, 1.0, 1.0]));
 /// let allowed = allowed_by_margin(&boxes, 0.25 + 1e-6);
 /// assert_eq!((allowed.must.pairs, allowed.may), (vec![(0, 1), (1, 2)], vec![(0, 1), (1, 2)]));

@@ -60,7 +60,7 @@ impl PairIndex {
     /// Index of pair (a, b) among `n` boxes, or `None` unless a < b < n.
     ///
     /// ```
-    /// use pairmask::{BoxCount, PairIndex};
+    /// use pairmask_core::{BoxCount, PairIndex};
     /// let n = BoxCount::new(5);
     /// let k = PairIndex::of(n, 1, 3).unwrap();
     /// assert_eq!(k.get(), 5, "row 0 holds pairs 0 to 3; row 1 starts with (1, 2)");

@@ -8,8 +8,8 @@ use crate::units::{BoxCount, PairIndex};
 /// consecutive pairs mostly lie in one row, and then a step is one addition.
 ///
 /// ```
-/// use pairmask::{BoxCount, PairIndex};
-/// use pairmask::pair_index::PairWalker;
+/// use pairmask_core::{BoxCount, PairIndex};
+/// use pairmask_core::pair_index::PairWalker;
 /// let mut walker = PairWalker::start(BoxCount::new(4), PairIndex::new(2)).unwrap();
 /// assert_eq!(walker.pair(), (0, 3));
 /// walker = walker.advance(1).unwrap();

@@ -5,9 +5,9 @@
 //! least.
 //!
 //! ```
-//! use pairmask::engine::{EngineName, Isa};
-//! use pairmask::plan::{Calibration, Capabilities, CullWish, SceneStats, plan};
-//! use pairmask::Aabb;
+//! use pairmask_core::engine::{EngineName, Isa};
+//! use pairmask_core::plan::{Calibration, Capabilities, CullOptions, SceneStats, plan};
+//! use pairmask_core::Aabb;
 //!
 //! let boxes: Vec<Aabb> = (0..100_000)
 //!     .map(|i| {
@@ -18,7 +18,7 @@
 //! let stats = SceneStats::of(&boxes, None);
 //! let capabilities = Capabilities { threads: 2, gpu: None };
 //! let calibration = Calibration::built_in(Isa::Avx512);
-//! let plan = plan(&stats, &capabilities, &calibration, &CullWish::default());
+//! let plan = plan(&stats, &capabilities, &calibration, &CullOptions::default());
 //! assert_eq!(plan.engine, EngineName::CpuGrid);
 //! println!("{}", plan.explain());
 //! ```
@@ -44,7 +44,7 @@ pub use calibration_file::{
     user_cache_folder,
 };
 pub use machine::MachineKey;
-pub use options::CullWish;
+pub use options::CullOptions;
 pub use term::Term;
 pub use work::Work;
 
@@ -52,7 +52,7 @@ use self::model::Model;
 use crate::engine::{CullInput, EngineChoice, EngineName};
 use crate::floats;
 use crate::mask::{Encoding, EncodingChoice};
-use crate::precision::NarrowBoxes;
+use crate::precision::BoxSlice;
 
 /// What can be used.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -88,14 +88,14 @@ pub struct Plan {
     /// Every engine that is to be had, in the order of [`EngineName::ALL`].
     pub candidates: [Option<Candidate>; EngineName::ALL.len()],
     /// What was asked for.
-    pub wish: CullWish,
+    pub wish: CullOptions,
     /// What it was planned from.
     pub stats: SceneStats,
 }
 
 impl Plan {
     /// What the engine of the plan gets for these boxes, those that it was planned for.
-    pub fn input<'a>(&self, boxes: impl Into<NarrowBoxes<'a>>) -> CullInput<'a> {
+    pub fn input<'a>(&self, boxes: impl Into<BoxSlice<'a>>) -> CullInput<'a> {
         CullInput::boxes(boxes).encoding(self.encoding).threads(self.threads)
     }
 }
@@ -112,7 +112,7 @@ pub fn plan(
     stats: &SceneStats,
     capabilities: &Capabilities,
     calibration: &Calibration,
-    wish: &CullWish,
+    wish: &CullOptions,
 ) -> Plan {
     floats::with_default(|| choose(stats, capabilities, calibration, wish))
 }
@@ -121,7 +121,7 @@ fn choose(
     stats: &SceneStats,
     capabilities: &Capabilities,
     calibration: &Calibration,
-    wish: &CullWish,
+    wish: &CullOptions,
 ) -> Plan {
     let model = Model { stats, capabilities, calibration, wish };
     let candidates = EngineName::ALL.map(|engine| model.candidate(engine));

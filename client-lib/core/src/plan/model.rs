@@ -1,6 +1,6 @@
 //! The cost model: what every engine that is to be had would take for a frame.
 
-use super::{Calibration, Candidate, Capabilities, CullWish, GpuCost, SceneStats, Work};
+use super::{Calibration, Candidate, Capabilities, CullOptions, GpuCost, SceneStats, Work};
 use crate::engine::{EngineDescriptor, EngineName, EnginePlace};
 use crate::mask::{Encoding, EncodingChoice};
 
@@ -13,7 +13,7 @@ pub(super) struct Model<'a> {
     pub stats: &'a SceneStats,
     pub capabilities: &'a Capabilities,
     pub calibration: &'a Calibration,
-    pub wish: &'a CullWish,
+    pub wish: &'a CullOptions,
 }
 
 impl Model<'_> {

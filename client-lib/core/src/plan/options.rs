@@ -6,7 +6,7 @@ use crate::units::BoxCount;
 
 /// What a client leaves open and what it insists on, and what is known of its last frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct CullWish {
+pub struct CullOptions {
     /// Which engine.
     pub engine: EngineChoice,
     /// Which encoding.
@@ -19,7 +19,7 @@ pub struct CullWish {
     pub readable: ReadableEncodings,
 }
 
-impl CullWish {
+impl CullOptions {
     /// The wish of a frame of `n` boxes whose reply holds at most `limit_words` words: where the
     /// client left the encoding open and a dense mask does not fit, it is sparse.
     #[must_use]

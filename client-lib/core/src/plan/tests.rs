@@ -5,7 +5,7 @@ use super::*;
 use crate::dispatch::CpuEngines;
 use crate::engine::Isa;
 use crate::mask::ReadableEncodings;
-use crate::precision::{BoxForm, NarrowBoxes};
+use crate::precision::{BoxForm, BoxSlice};
 use crate::units::BoxCount;
 
 const GPU: GpuCost = GpuCost {
@@ -32,7 +32,7 @@ fn stats(n: u32, window_share: f32) -> SceneStats {
     }
 }
 
-fn chosen(stats: &SceneStats, gpu: Option<GpuCost>, wish: CullWish) -> Plan {
+fn chosen(stats: &SceneStats, gpu: Option<GpuCost>, wish: CullOptions) -> Plan {
     let capabilities = Capabilities { threads: 2, gpu };
     plan(stats, &capabilities, &Calibration::built_in(Isa::Avx512), &wish)
 }
@@ -40,10 +40,13 @@ fn chosen(stats: &SceneStats, gpu: Option<GpuCost>, wish: CullWish) -> Plan {
 #[test]
 fn tiny_scenes_are_swept_or_compared_and_large_ones_go_to_the_grid() {
     for n in [0, 1, 64] {
-        assert_ne!(chosen(&stats(n, 0.1), None, CullWish::default()).engine, EngineName::CpuGrid);
+        assert_ne!(
+            chosen(&stats(n, 0.1), None, CullOptions::default()).engine,
+            EngineName::CpuGrid
+        );
     }
     for n in [10_000, 1_000_000] {
-        let plan = chosen(&stats(n, 0.02), None, CullWish::default());
+        let plan = chosen(&stats(n, 0.02), None, CullOptions::default());
         assert_eq!((plan.engine, plan.encoding), (EngineName::CpuGrid, Encoding::Sparse));
         assert_eq!(plan.threads, 2);
     }
@@ -53,18 +56,21 @@ fn tiny_scenes_are_swept_or_compared_and_large_ones_go_to_the_grid() {
 fn a_scene_in_a_row_is_swept() {
     let mut stats = stats(20_000, 0.0001);
     stats.elongation = 80.0;
-    assert_eq!(chosen(&stats, None, CullWish::default()).engine, EngineName::CpuSap);
+    assert_eq!(chosen(&stats, None, CullOptions::default()).engine, EngineName::CpuSap);
 }
 
 #[test]
 fn wishes_win_even_where_nothing_can_fulfil_them() {
     let engine = EngineChoice::Only(EngineName::CpuBrute);
-    let wish =
-        CullWish { engine, encoding: EncodingChoice::Only(Encoding::Dense), ..CullWish::default() };
+    let wish = CullOptions {
+        engine,
+        encoding: EncodingChoice::Only(Encoding::Dense),
+        ..CullOptions::default()
+    };
     let plan = chosen(&stats(100_000, 0.02), None, wish);
     assert_eq!((plan.engine, plan.encoding), (EngineName::CpuBrute, Encoding::Dense));
     let engine = EngineChoice::Only(EngineName::GpuGrid);
-    let plan = chosen(&stats(10, 0.02), None, CullWish { engine, ..wish });
+    let plan = chosen(&stats(10, 0.02), None, CullOptions { engine, ..wish });
     assert_eq!((plan.engine, plan.encoding), (EngineName::GpuGrid, Encoding::Dense));
 }
 
@@ -77,10 +83,14 @@ fn an_encoding_that_is_newer_than_the_client_is_never_chosen() {
         {
             let of = |minor: u16| {
                 let readable = ReadableEncodings::by(|encoding| since(new, encoding) <= minor);
-                let wish = CullWish { readable, ..CullWish::default() };
+                let wish = CullOptions { readable, ..CullOptions::default() };
                 chosen(&stats(n, 0.1), Some(GPU), wish)
             };
-            assert_eq!(of(7), chosen(&stats(n, 0.1), Some(GPU), CullWish::default()), "{n} {new}");
+            assert_eq!(
+                of(7),
+                chosen(&stats(n, 0.1), Some(GPU), CullOptions::default()),
+                "{n} {new}"
+            );
             let plan = of(6);
             assert_eq!(plan.encoding, old, "{n} {new}");
             assert!(plan.candidates.iter().flatten().all(|c| c.encoding == old), "{n} {new}");
@@ -91,12 +101,13 @@ fn an_encoding_that_is_newer_than_the_client_is_never_chosen() {
 #[test]
 fn a_gpu_is_taken_where_it_is_faster_and_only_there() {
     let gpu = Some(GPU);
-    assert!(!chosen(&stats(500, 0.1), gpu, CullWish::default()).engine.is_gpu());
+    assert!(!chosen(&stats(500, 0.1), gpu, CullOptions::default()).engine.is_gpu());
     assert_eq!(
-        chosen(&stats(1_000_000, 0.01), gpu, CullWish::default()).engine,
+        chosen(&stats(1_000_000, 0.01), gpu, CullOptions::default()).engine,
         EngineName::GpuGrid
     );
-    let grid = CullWish { engine: EngineChoice::Only(EngineName::GpuGrid), ..CullWish::default() };
+    let grid =
+        CullOptions { engine: EngineChoice::Only(EngineName::GpuGrid), ..CullOptions::default() };
     for n in [2, 64, 1_000] {
         assert_eq!(chosen(&stats(n, 1.0), gpu, grid).encoding, Encoding::Sparse, "{n}");
     }
@@ -108,13 +119,13 @@ fn boxes_take_a_gpu_the_time_of_their_bytes() {
     let memory = vec![0u32; 6 * n];
     let boxes = |form: BoxForm| {
         let bytes: &[u8] = bytemuck::cast_slice(&memory);
-        NarrowBoxes::new(form, &bytes[..n * form.box_bytes()]).expect("whole boxes")
+        BoxSlice::new(form, &bytes[..n * form.box_bytes()]).expect("whole boxes")
     };
     // No box is looked at, so that all but the way up is the same.
     let engines = CpuEngines::with_calibration(Calibration::built_in(Isa::Avx512));
     let predicted = |form| {
         let wish =
-            CullWish { engine: EngineChoice::Only(EngineName::GpuGrid), ..Default::default() };
+            CullOptions { engine: EngineChoice::Only(EngineName::GpuGrid), ..Default::default() };
         let plan = engines.plan(boxes(form), &wish, Some(GPU));
         plan.candidates.into_iter().flatten().find(|c| c.engine == plan.engine)
     };
@@ -128,19 +139,19 @@ fn boxes_take_a_gpu_the_time_of_their_bytes() {
 
 #[test]
 fn the_encoding_is_the_cheaper_one() {
-    assert_eq!(chosen(&stats(4096, 0.1), None, CullWish::default()).encoding, Encoding::Sparse);
+    assert_eq!(chosen(&stats(4096, 0.1), None, CullOptions::default()).encoding, Encoding::Sparse);
     let mut calibration = Calibration::built_in(Isa::Avx512);
     calibration.ns[Term::from_name("sparse-pair").expect("a term").index()] = 50.0;
     let capabilities = Capabilities { threads: 1, gpu: None };
     let encoding =
-        |n| plan(&stats(n, 0.1), &capabilities, &calibration, &CullWish::default()).encoding;
+        |n| plan(&stats(n, 0.1), &capabilities, &calibration, &CullOptions::default()).encoding;
     assert_eq!(encoding(64), Encoding::Dense);
     assert_eq!(encoding(1_000_000), Encoding::Sparse, "62 GB of zeros");
 }
 
 #[test]
 fn the_explanation_names_every_candidate_and_the_choice() {
-    let text = chosen(&stats(5000, 0.1), None, CullWish::default()).explain().to_string();
+    let text = chosen(&stats(5000, 0.1), None, CullOptions::default()).explain().to_string();
     for part in ["cpu-brute", "cpu-sap", "cpu-grid", "-> cpu-grid", "5000 boxes", "least predicted"]
     {
         assert!(text.contains(part), "{text}");

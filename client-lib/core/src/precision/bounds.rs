@@ -21,10 +21,10 @@ const FINITE_KEYS: std::ops::RangeInclusive<i32> =
 /// where `low == high` all boxes overlap.
 ///
 /// ```
-/// use pairmask::precision::Bounds;
+/// use pairmask_core::precision::Bounds;
 /// let world = Bounds::new([-500.0; 3], [500.0; 3])?;
 /// assert!(Bounds::new([1.0; 3], [0.0; 3]).is_err());
-/// # Ok::<(), pairmask::precision::BoundsError>(())
+/// # Ok::<(), pairmask_core::precision::BoundsError>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {

@@ -45,7 +45,7 @@ mod widening;
 pub use bounds::{Bounds, BoundsError};
 pub use form::{BoxForm, Precision};
 pub use margin::{Margin, MarginError};
-pub use narrow::{BoxF16, BoxQ8, BoxQ16, Encoder, ExpandScratch, NarrowBoxes};
+pub use narrow::{BoxF16, BoxQ8, BoxQ16, BoxSlice, Encoder, ExpandScratch};
 pub use quantize::Quantizer;
 pub use widening::Widening;
 

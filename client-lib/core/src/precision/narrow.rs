@@ -166,7 +166,7 @@ impl NarrowBox for BoxF16 {
 
 /// The boxes of a frame in memory, in any form.
 #[derive(Clone, Copy, Debug)]
-pub enum NarrowBoxes<'a> {
+pub enum BoxSlice<'a> {
     /// f32 boxes.
     F32(&'a [Aabb]),
     /// 16-bit cells.
@@ -178,13 +178,13 @@ pub enum NarrowBoxes<'a> {
 }
 
 /// f32 boxes, used where they lie.
-impl<'a, B: AsRef<[Aabb]> + ?Sized> From<&'a B> for NarrowBoxes<'a> {
+impl<'a, B: AsRef<[Aabb]> + ?Sized> From<&'a B> for BoxSlice<'a> {
     fn from(boxes: &'a B) -> Self {
         Self::F32(boxes.as_ref())
     }
 }
 
-impl<'a> NarrowBoxes<'a> {
+impl<'a> BoxSlice<'a> {
     /// Bytes as boxes of a form; `None` where they are no whole number of boxes, or not aligned
     /// for them.
     pub fn new(form: BoxForm, bytes: &'a [u8]) -> Option<Self> {
@@ -231,7 +231,7 @@ impl<'a> NarrowBoxes<'a> {
         }
     }
 
-    /// The f32 box that stands for one of them, as [`NarrowBoxes::expand`] has it; `None` beyond
+    /// The f32 box that stands for one of them, as [`BoxSlice::expand`] has it; `None` beyond
     /// the last.
     pub fn get(&self, index: usize) -> Option<Aabb> {
         match self {
@@ -358,7 +358,7 @@ impl Encoder {
         }
     }
 
-    /// Writes the boxes that stand for them ([`NarrowBoxes::expand`]), as many as both hold.
+    /// Writes the boxes that stand for them ([`BoxSlice::expand`]), as many as both hold.
     pub fn write_expanded(&self, boxes: &[Aabb], out: &mut [Aabb]) {
         match self {
             Self::F32 => copy(boxes, out),
@@ -425,7 +425,7 @@ mod tests {
                 let mut direct = vec![Aabb::default(); n];
                 encoder.write_expanded(&boxes[..n], &mut direct);
                 for parallel in [false, true] {
-                    let view = NarrowBoxes::new(form, memory).expect("whole boxes");
+                    let view = BoxSlice::new(form, memory).expect("whole boxes");
                     assert_eq!((view.form(), view.len()), (form, n));
                     assert_eq!(view.as_bytes(), bytes);
                     let expanded = view.expand(&mut scratch, parallel);
@@ -446,9 +446,9 @@ mod tests {
         let words = [0u32; 30];
         let bytes: &[u8] = bytemuck::cast_slice(&words);
         for form in BoxForm::ALL {
-            assert!(NarrowBoxes::new(form, &bytes[..=form.box_bytes()]).is_none(), "{form}");
-            assert!(NarrowBoxes::new(form, &bytes[..2 * form.box_bytes()]).is_some(), "{form}");
+            assert!(BoxSlice::new(form, &bytes[..=form.box_bytes()]).is_none(), "{form}");
+            assert!(BoxSlice::new(form, &bytes[..2 * form.box_bytes()]).is_some(), "{form}");
         }
-        assert!(NarrowBoxes::new(BoxForm::Q16, &bytes[1..13]).is_none(), "not aligned");
+        assert!(BoxSlice::new(BoxForm::Q16, &bytes[1..13]).is_none(), "not aligned");
     }
 }

@@ -27,7 +27,7 @@ impl Aabb {
     /// boxes of a frame may come from several threads, and r is one function of x for all of them.
     ///
     /// ```
-    /// use pairmask::Aabb;
+    /// use pairmask_core::Aabb;
     /// let (min, max, origin) = ([1e9 + 0.25; 3], [1e9 + 1.25; 3], [1e9; 3]);
     /// let b = Aabb::outward_from_f64(min, max, origin);
     /// assert_eq!(b, Aabb::from([0.25, 0.25, 0.25, 1.25, 1.25, 1.25]));

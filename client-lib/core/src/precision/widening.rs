@@ -53,7 +53,7 @@ impl Widening {
     /// one of them ends at `ends` and the other starts at `starts`. Infinite where there is no limit.
     ///
     /// ```
-    /// use pairmask::Precision;
+    /// use pairmask_core::Precision;
     /// let halves = Precision::F16.widening();
     /// assert!(halves.gap_limit(0, 1000.0, 1001.0) < 2.0);
     /// assert!(halves.gap_limit(0, 70_000.0, 1e30) > 9e29, "halves end at 65,504");

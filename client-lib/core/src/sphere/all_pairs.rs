@@ -20,16 +20,16 @@ use crate::engine::{
 /// Its scratch is kept from frame to frame: a steady scene on one thread allocates nothing.
 ///
 /// ```
-/// use pairmask::engine::{CullInput, HeapReply};
-/// use pairmask::mask::Encoding;
-/// use pairmask::sphere::{Sphere, SphereAllPairs};
+/// use pairmask_core::engine::{CullInput, HeapReply};
+/// use pairmask_core::mask::Encoding;
+/// use pairmask_core::sphere::{Sphere, SphereAllPairs};
 ///
 /// let spheres = [0.0, 2.0, 5.0].map(|x| Sphere::new([x, 0.0, 0.0], 1.0));
 /// let input = CullInput::spheres(&spheres).encoding(Encoding::Dense);
 /// let mut reply = HeapReply::new();
 /// let report = SphereAllPairs::new().cull(&input, &mut reply)?;
 /// assert_eq!((report.pair_count, reply.words()[0]), (1, 0b001));
-/// # Ok::<(), pairmask::engine::CullError>(())
+/// # Ok::<(), pairmask_core::engine::CullError>(())
 /// ```
 pub struct SphereAllPairs {
     isa: AvailableIsa,

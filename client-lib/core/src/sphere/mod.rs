@@ -39,7 +39,7 @@ use crate::floats;
 /// A bounding sphere: `x y z radius`, 16 bytes, little-endian.
 ///
 /// ```
-/// use pairmask::sphere::Sphere;
+/// use pairmask_core::sphere::Sphere;
 /// let a = Sphere::new([0.0, 0.0, 0.0], 1.0);
 /// let b = Sphere::new([2.0, 3.0, 6.0], 6.0);
 /// assert!(a.overlaps(&b), "7 apart, radii 1 and 6: touching counts");

@@ -1,7 +1,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::dispatch::{CullWish, SphereEngines};
+use crate::dispatch::{CullOptions, SphereEngines};
 use crate::engine::{CullInput, EngineChoice, EngineName, HeapReply, Isa};
 use crate::mask::{Encoding, EncodingChoice};
 use crate::oracle::naive_decoder::decode;
@@ -87,7 +87,8 @@ fn every_engine_finds_the_pairs_of_the_definition() {
             let named = EngineName::CPU.map(EngineChoice::Only);
             for engine in [EngineChoice::Auto].into_iter().chain(named) {
                 let encoding_choice = EncodingChoice::Only(encoding);
-                let wish = CullWish { engine, encoding: encoding_choice, ..CullWish::default() };
+                let wish =
+                    CullOptions { engine, encoding: encoding_choice, ..CullOptions::default() };
                 let answer = engines.cull(&spheres, &wish, &mut reply).expect("memory");
                 let got = decode(reply.words(), &answer.report.shape, n as u32);
                 assert_eq!(got.as_ref(), Ok(&expected), "{engine}, {encoding}, {n}");
@@ -115,7 +116,7 @@ fn every_engine_finds_the_pairs_of_the_definition() {
 #[test]
 fn a_gpu_is_not_to_be_had_here() {
     let engine = EngineChoice::Only(EngineName::GpuBrute);
-    let wish = CullWish { engine, ..CullWish::default() };
+    let wish = CullOptions { engine, ..CullOptions::default() };
     let spheres = [Sphere::EMPTY; 2];
     let refused = SphereEngines::new().cull(&spheres, &wish, &mut HeapReply::new());
     assert!(matches!(refused, Err(crate::engine::CullError::Unavailable { .. })));

@@ -3,9 +3,8 @@
 use std::time::Duration;
 
 use indicatif::ProgressBar;
-use pairmask::ServedBy;
-use pairmask::engine::EngineId;
-use pairmask::session::FrameInfo;
+use pairmask::{FrameInfo, ServedBy};
+use pairmask_core::engine::EngineId;
 
 use super::latency::BenchError;
 use crate::cli::percentiles::Recorder;

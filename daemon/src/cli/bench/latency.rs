@@ -7,16 +7,16 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use clap::Args;
-use pairmask::engine::UnknownName;
-use pairmask::session::{ConnectError, SessionBuilder};
-use pairmask::{Backend, BoxCount};
+use pairmask::{Backend, ConnectError, SessionBuilder};
+use pairmask_core::BoxCount;
+use pairmask_core::engine::UnknownName;
 
 use super::closed_loop::{self, Lengths};
 use super::pin::{Cores, PinError};
 use super::report::{LatencyReport, LatencyRow};
 use crate::cli::config::Config;
 use crate::cli::machine::Machine;
-use crate::cli::options::{CullOptions, DaemonOptions, Place};
+use crate::cli::options::{CullFlags, DaemonOptions, Place};
 use crate::cli::output::{OutputError, print_json, print_text, progress_bar, spinner};
 use crate::cli::raw_objects::{RawBoxes, RawObjectsError};
 use crate::cli::scene_look;
@@ -55,7 +55,7 @@ Examples:
   pairmaskd bench latency --backend in-process --engine cpu-brute --threads 1")]
 pub struct Latency {
     #[command(flatten)]
-    options: CullOptions,
+    options: CullFlags,
     #[command(flatten)]
     daemon: DaemonOptions,
     /// Numbers of boxes of a uniform scene with about one pair a box

@@ -1,6 +1,7 @@
 //! Pins client and daemon to a core each, so that the figures are free of the scheduler's moves.
 
-use pairmask::transport::{InstanceName, RuntimeDir};
+use pairmask_transport::RuntimeDir;
+use pairmask_wire::InstanceName;
 use rustix::process::Pid;
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 

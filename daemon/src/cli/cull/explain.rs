@@ -3,9 +3,10 @@
 use std::fmt;
 use std::time::Duration;
 
-use pairmask::dispatch::{CpuEngines, CullWish};
-use pairmask::plan::{CalibrationChoice, Plan, SceneStats};
-use pairmask::{Aabb, PairMask, ServedBy};
+use pairmask::{PairMask, ServedBy};
+use pairmask_core::Aabb;
+use pairmask_core::dispatch::{CpuEngines, CullOptions};
+use pairmask_core::plan::{CalibrationChoice, Plan, SceneStats};
 use serde::Serialize;
 
 use crate::cli::output::time_text;
@@ -18,7 +19,7 @@ pub struct Planned {
 
 impl Planned {
     /// Plans a frame as an in-process session does, and a daemon without a GPU.
-    pub fn new(boxes: &[Aabb], wish: &CullWish, calibration: &CalibrationChoice) -> Self {
+    pub fn new(boxes: &[Aabb], wish: &CullOptions, calibration: &CalibrationChoice) -> Self {
         let (calibration, origin) = calibration.resolve();
         let plan = CpuEngines::with_calibration(calibration).plan(boxes, wish, None);
         Self { plan, calibration: origin.to_string() }

@@ -5,7 +5,7 @@ use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
 use pairmask::PairMask;
-use pairmask::mask::{MaskView, WordAddress};
+use pairmask_core::mask::{MaskView, WordAddress};
 use rayon::slice::ParallelSliceMut;
 
 use crate::cli::output::{OutputError, is_stdout};

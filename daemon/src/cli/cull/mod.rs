@@ -9,16 +9,16 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use clap::{Args, ValueEnum};
-use pairmask::engine::EngineId;
-use pairmask::session::{ConnectError, FrameError, WaitError};
-use pairmask::{Aabb, Backend, Bounds, PairMask, PendingFrame, Session, Sphere};
+use pairmask::{Backend, ConnectError, FrameError, PairMask, PendingFrame, Session, WaitError};
+use pairmask_core::engine::EngineId;
+use pairmask_core::{Aabb, Bounds, Sphere};
 
 use self::explain::{Explanation, Planned};
 use self::files::ResultError;
 pub use self::report::backend_name;
 use self::report::{CullReport, Timings};
 use super::config::Config;
-use super::options::{CullOptions, DaemonOptions, Place};
+use super::options::{CullFlags, DaemonOptions, Place};
 use super::output::{OutputError, is_stdout, print_aside, print_json, print_text, spinner};
 use super::raw_objects::{RawBoxes, RawObjects, RawObjectsError};
 use super::scene_look::{Look, Useless};
@@ -49,7 +49,7 @@ pub struct Cull {
     #[arg(value_name = "FILE")]
     file: PathBuf,
     #[command(flatten)]
-    options: CullOptions,
+    options: CullFlags,
     #[command(flatten)]
     daemon: DaemonOptions,
     /// Start a daemon for this call and stop it afterwards; --backend and --instance are not used
@@ -136,7 +136,7 @@ impl Cull {
             RawScene::Boxes(boxes) => {
                 let planner = self.explain.then(|| {
                     let (wish, calibration) =
-                        (self.options.wish(config), place.calibration(config));
+                        (self.options.cull_options(config), place.calibration(config));
                     move |boxes: &[Aabb]| Planned::new(boxes, &wish, &calibration)
                 });
                 ask_boxes(&mut session, boxes, self.precision, planner)

@@ -3,7 +3,8 @@
 use std::fmt;
 use std::time::Duration;
 
-use pairmask::{Bounds, ObjectForm, PairMask, ServedBy};
+use pairmask::{PairMask, ServedBy};
+use pairmask_core::{Bounds, ObjectForm};
 use serde::Serialize;
 
 use super::explain::Explanation;

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use pairmask::Aabb;
+use pairmask_core::Aabb;
 
 /// A pair that an answer gets wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -5,7 +5,8 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use pairmask::{Aabb, Backend, ServedBy, Session};
+use pairmask::{Backend, ServedBy, Session};
+use pairmask_core::Aabb;
 use rustix::process::{Pid, Signal, kill_process, set_parent_process_death_signal};
 
 use super::check::{self, BadPair};

@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
-use pairmask::engine::EngineId;
+use pairmask_core::engine::EngineId;
 
 use super::DemoError;
 use super::check::BadPair;
@@ -218,7 +218,7 @@ mod tests {
         progress.note_frame(
             3,
             Duration::from_micros(40),
-            pairmask::EngineName::CpuBrute.into(),
+            pairmask_core::EngineName::CpuBrute.into(),
             false,
         );
         progress.note_check(None);
@@ -227,7 +227,7 @@ mod tests {
         progress.note_frame(
             3,
             Duration::from_micros(40),
-            pairmask::EngineName::CpuBrute.into(),
+            pairmask_core::EngineName::CpuBrute.into(),
             false,
         );
         progress.note_check(Some(BadPair::Missing(3, 9)));

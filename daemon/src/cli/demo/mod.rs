@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use pairmask::session::{ConnectError, FrameError, WaitError};
+use pairmask::{ConnectError, FrameError, WaitError};
 
 pub use self::client::DemoClient;
 use super::config::Config;

@@ -5,7 +5,7 @@
 //! while, so that there is always motion.
 
 use glam::Vec3;
-use pairmask::Aabb;
+use pairmask_core::Aabb;
 
 use crate::scene::Random;
 

@@ -8,8 +8,8 @@
 use std::sync::{Arc, Mutex};
 
 use ash::vk;
-use pairmask::EngineName;
-use pairmask::engine::CullError;
+use pairmask_core::EngineName;
+use pairmask_core::engine::CullError;
 use wgpu::hal::vulkan;
 
 use super::adapter::{AdapterInfo, AdapterList, GpuChoice};
@@ -107,7 +107,7 @@ impl Gpu {
         // Drivers start threads here, which inherit the floating-point flags of this one. A software
         // adapter computes cells on them, so they must all have the same.
         let open = || Self::open_adapter(&adapter, info, host_import).map(Arc::new);
-        pairmask::floats::with_default(open)
+        pairmask_core::floats::with_default(open)
     }
 
     fn open_adapter(

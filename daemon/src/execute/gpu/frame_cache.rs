@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use pairmask::{BoxForm, Encoding};
+use pairmask_core::{BoxForm, Encoding};
 
 use super::device::{Gpu, QueueRole};
 use super::error::GpuError;

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use pairmask::engine::RecentNeed;
+use pairmask_core::engine::RecentNeed;
 
 use super::device::Gpu;
 use super::error::GpuError;

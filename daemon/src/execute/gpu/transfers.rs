@@ -2,8 +2,8 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use pairmask::BoxForm;
-use pairmask::precision::NarrowBoxes;
+use pairmask_core::BoxForm;
+use pairmask_core::precision::BoxSlice;
 
 use super::device::Gpu;
 use super::error::GpuError;
@@ -92,7 +92,7 @@ impl Transfers {
     /// Brings the boxes where the GPU sees them, as they are. `replaced` is set if a block was.
     pub(super) fn place_boxes(
         &mut self,
-        boxes: NarrowBoxes<'_>,
+        boxes: BoxSlice<'_>,
         replaced: &mut bool,
     ) -> Result<PlacedBoxes, GpuError> {
         let (form, memory) = (boxes.form(), boxes.as_bytes());

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use ash::vk;
-use pairmask::Encoding;
+use pairmask_core::Encoding;
 
 use super::device::{Gpu, Order, QueueRole};
 use super::error::GpuError;

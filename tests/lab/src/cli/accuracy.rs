@@ -7,11 +7,11 @@ use std::time::Duration;
 
 use clap::Args;
 use indicatif::ProgressBar;
-use pairmask::dispatch::CullWish;
-use pairmask::session::ConnectError;
-use pairmask::{BoxCount, EngineChoice};
+use pairmask::ConnectError;
+use pairmask_core::dispatch::CullOptions;
+use pairmask_core::{BoxCount, EngineChoice};
 use pairmaskd::cli::config::Config;
-use pairmaskd::cli::options::{CullOptions, DaemonOptions, Place};
+use pairmaskd::cli::options::{CullFlags, DaemonOptions, Place};
 use pairmaskd::cli::output::{
     OutputError, make_folder, print_json, print_text, progress_bar, spinner,
 };
@@ -65,7 +65,7 @@ Examples:
   pairmask-lab accuracy --out before; ...; pairmask-lab accuracy --compare before/accuracy.json")]
 pub struct Accuracy {
     #[command(flatten)]
-    options: CullOptions,
+    options: CullFlags,
     #[command(flatten)]
     daemon: DaemonOptions,
     /// Scenes
@@ -201,7 +201,7 @@ impl Accuracy {
             for &n in &self.n {
                 for &mode in &self.precision {
                     for &engine in &engines {
-                        let wish = CullWish { engine, ..self.options.wish(config) };
+                        let wish = CullOptions { engine, ..self.options.cull_options(config) };
                         subjects.push(Subject { scene, n, mode, wish, seed: self.seed });
                     }
                 }

@@ -1,6 +1,6 @@
 //! Errors of measurements, and their exit status.
 
-use pairmask::update::UpdateError;
+use pairmask_core::update::UpdateError;
 use pairmaskd::calibrate::MeasureError;
 use pairmaskd::cli::config::ConfigError;
 use pairmaskd::cli::output::OutputError;

@@ -5,7 +5,7 @@ use std::num::NonZeroUsize;
 use std::time::Duration;
 
 use clap::Args;
-use pairmask::plan::Calibration;
+use pairmask_core::plan::Calibration;
 use pairmaskd::calibrate::{Case, Effort, Pools, WaySet, core_count, measure, thread_counts};
 use pairmaskd::cli::config::Config;
 use pairmaskd::cli::machine::Machine;

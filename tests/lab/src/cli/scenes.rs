@@ -33,7 +33,7 @@ impl SceneSizes {
         let cases = scenes
             .iter()
             .flat_map(|scene| sizes.iter().map(|n| Case { scene: *scene, n: *n as usize }));
-        let pairs = |case: &Case| pairmask::BoxCount::new(case.n as u32).pair_count();
+        let pairs = |case: &Case| pairmask_core::BoxCount::new(case.n as u32).pair_count();
         cases
             .filter(|case| !case.scene.is_quadratic() || pairs(case) <= MOST_QUADRATIC_PAIRS)
             .collect()

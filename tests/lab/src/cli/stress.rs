@@ -4,7 +4,7 @@ use std::num::NonZeroUsize;
 use std::time::Duration;
 
 use clap::Args;
-use pairmask::EngineName;
+use pairmask_core::EngineName;
 use pairmaskd::cli::config::Config;
 use pairmaskd::cli::options::DaemonOptions;
 use pairmaskd::cli::output::{OutputError, print_json, print_text, progress_bar};

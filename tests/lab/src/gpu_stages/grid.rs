@@ -4,9 +4,9 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use pairmask::engine::{CullInput, CullReport, Engine, Grid as CpuGrid, HeapReply};
-use pairmask::mask::{MaskShape, MaskView};
-use pairmask::{Aabb, BoxCount, Encoding};
+use pairmask_core::engine::{CullInput, CullReport, Engine, Grid as CpuGrid, HeapReply};
+use pairmask_core::mask::{MaskShape, MaskView};
+use pairmask_core::{Aabb, BoxCount, Encoding};
 use pairmaskd::execute::gpu::{
     AllPairs, AllPairsOptions, Gpu, Grid, GridOptions, GridUnderWay, LANES, SharedImports, Sizes,
     cell_count,

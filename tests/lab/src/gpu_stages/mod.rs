@@ -13,10 +13,10 @@ use std::io::Write;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use pairmask::engine::{BruteForce, CullError, CullInput, CullReport, Engine, HeapReply};
-use pairmask::mask::MaskShape;
-use pairmask::plan::user_cache_folder;
-use pairmask::{Aabb, BoxCount, Encoding};
+use pairmask_core::engine::{BruteForce, CullError, CullInput, CullReport, Engine, HeapReply};
+use pairmask_core::mask::MaskShape;
+use pairmask_core::plan::user_cache_folder;
+use pairmask_core::{Aabb, BoxCount, Encoding};
 use pairmask_shaders::RowsPerThread;
 use pairmaskd::execute::gpu::{
     AllPairs, AllPairsOptions, Gpu, GpuChoice, GpuError, HostImport, OpenError, Tuning, Upload,

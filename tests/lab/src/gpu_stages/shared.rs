@@ -3,12 +3,11 @@
 
 use std::fs::File;
 use std::io;
-
 use std::sync::Arc;
 
-use pairmask::Aabb;
-use pairmask::engine::{ReplyBuffer, ReserveError};
-use pairmask::precision::NarrowBoxes;
+use pairmask_core::Aabb;
+use pairmask_core::engine::{ReplyBuffer, ReserveError};
+use pairmask_core::precision::BoxSlice;
 use pairmaskd::execute::FrameMemory;
 use pairmaskd::execute::gpu::{Gpu, ImportError, ImportId, ReadWriteMapping, SharedImports};
 
@@ -98,7 +97,7 @@ pub(super) struct SegmentFrame {
 // exists. A reply that was lent and imported is mapped until the segment is dropped, which forgets
 // the import; the engine that is timed imports nothing by itself.
 unsafe impl FrameMemory for SegmentFrame {
-    fn with<R>(&mut self, work: impl FnOnce(NarrowBoxes<'_>, &mut dyn ReplyBuffer) -> R) -> R {
+    fn with<R>(&mut self, work: impl FnOnce(BoxSlice<'_>, &mut dyn ReplyBuffer) -> R) -> R {
         work(self.boxes.boxes(self.n).into(), &mut self.reply)
     }
 }

@@ -3,8 +3,8 @@
 use std::fmt::Write;
 use std::sync::OnceLock;
 
-use pairmask::Aabb;
-use pairmask::oracle::{Truth, truth};
+use pairmask_core::Aabb;
+use pairmask_core::oracle::{Truth, truth};
 use pairmaskd::scene::Random;
 
 use super::flags::MixedFlags;
@@ -52,7 +52,7 @@ impl Case {
         let mut truth = flags.caller.run(|| truth(&boxes));
         while truth.pairs.len() > MOST_PAIRS {
             boxes.truncate(boxes.len() / 2);
-            truth = flags.caller.run(|| pairmask::oracle::truth(&boxes));
+            truth = flags.caller.run(|| pairmask_core::oracle::truth(&boxes));
         }
         Self {
             seed,

@@ -1,6 +1,6 @@
 //! Changes to a scene after it was drawn: order, axes, magnitude, and empty or invalid boxes.
 
-use pairmask::Aabb;
+use pairmask_core::Aabb;
 use pairmaskd::scene::Random;
 
 use super::hard::{power_of_ten, ulps};
@@ -167,8 +167,9 @@ fn make_infinite(boxes: &mut [Aabb], random: &mut Random) {
 
 #[cfg(test)]
 mod tests {
+    use pairmask_core::BoxClass;
+
     use super::*;
-    use pairmask::BoxClass;
 
     fn changed(name: &str) -> (Vec<Aabb>, Vec<Aabb>) {
         let before = super::super::scenes::named("uniform").boxes(345, 1);
@@ -202,7 +203,7 @@ mod tests {
         assert!(share("empty boxes", BoxClass::Empty) > 30);
         assert!(share("NaN in some slots", BoxClass::Invalid) > 30);
         let (before, after) = changed("mirrored");
-        let pairs = |boxes: &[Aabb]| pairmask::oracle::truth(boxes).pairs;
+        let pairs = |boxes: &[Aabb]| pairmask_core::oracle::truth(boxes).pairs;
         assert_eq!(pairs(&before), pairs(&after), "a mirror keeps every pair");
     }
 }

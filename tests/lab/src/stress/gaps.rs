@@ -1,11 +1,11 @@
 //! Compares the extra pairs of an answer with the gap that the mode states.
 //!
 //! A mode may report pairs that do not overlap, and states how far apart those may be
-//! ([`Widening::gap_limit`], [`Margin::gap_limit`](pairmask::session::Margin::gap_limit)). So the real
+//! ([`Widening::gap_limit`], [`Margin::gap_limit`](pairmask_core::precision::Margin::gap_limit)). So the real
 //! gap of each extra pair is measured on each axis, without rounding: none may be above the stated one.
 
-use pairmask::oracle::{Faces, Pair};
-use pairmask::precision::Widening;
+use pairmask_core::oracle::{Faces, Pair};
+use pairmask_core::precision::Widening;
 
 use super::modes::{ModeCase, Sending};
 use super::subject::{Finding, absent};
@@ -119,7 +119,7 @@ mod tests {
                 let case = Case::new(Case::next_seed(&mut run));
                 let case = case.in_mode(usage);
                 // An engine's answer: the pairs of the boxes that were sent.
-                let got = pairmask::oracle::truth(&case.sent).pairs;
+                let got = pairmask_core::oracle::truth(&case.sent).pairs;
                 assert_eq!(check(case, &got), Ok(()), "{usage}");
                 let extra = || absent(&got, &case.allowed.must.pairs);
                 measured += extra().count();

@@ -5,7 +5,7 @@
 //! step of a quantisation, the last bit of a coordinate) and then put faces on it, beside it and
 //! across it.
 
-use pairmask::Aabb;
+use pairmask_core::Aabb;
 use pairmaskd::scene::Random;
 
 /// A way to make a scene.
@@ -289,7 +289,8 @@ mod tests {
                 assert_eq!(first.len(), n, "{}", scene.name);
                 let bytes = bytemuck::cast_slice::<Aabb, u8>;
                 assert_eq!(bytes(&first), bytes(&second), "{}", scene.name);
-                let solid = first.iter().filter(|b| b.class() == pairmask::BoxClass::Solid).count();
+                let solid =
+                    first.iter().filter(|b| b.class() == pairmask_core::BoxClass::Solid).count();
                 assert!(solid * 10 >= n * 8, "{}: {solid} of {n} are solid", scene.name);
             }
         }
@@ -306,7 +307,7 @@ mod tests {
                 .iter()
                 .map(|b| Aabb { min: b.min.map(f32::next_down), max: b.max.map(f32::next_up) })
                 .collect();
-            let pairs = |boxes: &[Aabb]| pairmask::oracle::truth(boxes).pairs.len();
+            let pairs = |boxes: &[Aabb]| pairmask_core::oracle::truth(boxes).pairs.len();
             assert!(pairs(&wider) > pairs(&boxes), "{name}");
         }
     }

@@ -44,7 +44,7 @@ pub use updates::UpdateSubject;
 
 use std::time::{Duration, Instant};
 
-use pairmask::engine::CullError;
+use pairmask_core::engine::CullError;
 use pairmaskd::execute::gpu::{GpuError, OpenError};
 use pairmaskd::scene::Random;
 

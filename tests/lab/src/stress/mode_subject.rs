@@ -3,10 +3,10 @@
 
 use std::sync::Arc;
 
-use pairmask::Aabb;
-use pairmask::engine::{CullError, CullInput, CullReport, Engine, HeapReply};
-use pairmask::oracle::Pair;
-use pairmask::oracle::naive_decoder::decode;
+use pairmask_core::Aabb;
+use pairmask_core::engine::{CullError, CullInput, CullReport, Engine, HeapReply};
+use pairmask_core::oracle::Pair;
+use pairmask_core::oracle::naive_decoder::decode;
 use pairmaskd::explain::{Explanation, SentBoxes};
 use rayon::ThreadPool;
 

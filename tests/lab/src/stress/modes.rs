@@ -3,11 +3,11 @@
 use std::fmt;
 use std::str::FromStr;
 
-use pairmask::engine::UnknownName;
-use pairmask::oracle::Faces;
-use pairmask::oracle::modes::{Allowed, allowed, allowed_around_origin, allowed_by_margin};
-use pairmask::session::Margin;
-use pairmask::{Aabb, Bounds, Precision};
+use pairmask_core::engine::UnknownName;
+use pairmask_core::oracle::Faces;
+use pairmask_core::oracle::modes::{Allowed, allowed, allowed_around_origin, allowed_by_margin};
+use pairmask_core::precision::Margin;
+use pairmask_core::{Aabb, Bounds, Precision};
 use pairmaskd::precision::as_sent;
 use pairmaskd::scene::Random;
 

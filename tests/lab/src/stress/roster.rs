@@ -4,8 +4,8 @@ use std::fmt;
 use std::str::FromStr;
 use std::sync::Arc;
 
-use pairmask::Encoding;
-use pairmask::engine::{Engine, EngineName, Isa, UnknownName, cpu_engine};
+use pairmask_core::Encoding;
+use pairmask_core::engine::{Engine, EngineName, Isa, UnknownName, cpu_engine};
 use pairmaskd::execute::gpu::{
     AllPairs, AllPairsOptions, Gpu, GpuChoice, Grid, GridOptions, HostImport, OpenError,
 };

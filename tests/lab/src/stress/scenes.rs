@@ -6,7 +6,7 @@
 
 use std::fmt;
 
-use pairmask::Aabb;
+use pairmask_core::Aabb;
 use pairmaskd::scene::Random;
 
 /// A way to make boxes.
@@ -274,8 +274,9 @@ fn far_away(_: u32, _: u32, rng: &mut Rng) -> Aabb {
 
 #[cfg(test)]
 mod tests {
+    use pairmask_core::BoxClass;
+
     use super::*;
-    use pairmask::BoxClass;
 
     #[test]
     fn the_same_seed_gives_the_same_boxes_and_another_seed_others() {
@@ -302,10 +303,10 @@ mod tests {
         assert!(named("subnormals").iter().all(|b| b.max[0].abs() < f32::MIN_POSITIVE));
         assert!(share(&named("random key order"), BoxClass::Solid) > 0.9);
         for (name, expected) in [("uniform", 345), ("flat", 345)] {
-            let pairs = pairmask::oracle::truth(&named(name)).pairs.len();
+            let pairs = pairmask_core::oracle::truth(&named(name)).pairs.len();
             assert!((expected / 4..expected * 4).contains(&pairs), "{name}: {pairs} pairs");
         }
-        let lattice = pairmask::oracle::truth(&named("lattice")).pairs.len();
+        let lattice = pairmask_core::oracle::truth(&named("lattice")).pairs.len();
         assert!(lattice > 3 * 345, "corners touch: {lattice} pairs");
     }
 }

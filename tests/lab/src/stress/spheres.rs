@@ -3,12 +3,12 @@
 
 use std::sync::Arc;
 
-use pairmask::dispatch::{CullWish, SphereEngines};
-use pairmask::engine::{CullError, CullInput, CullReport, EngineChoice, HeapReply, Isa};
-use pairmask::oracle::Pair;
-use pairmask::oracle::naive_decoder::decode;
-use pairmask::sphere::{Sphere, SphereAllPairs};
-use pairmask::{Encoding, EncodingChoice, EngineName};
+use pairmask_core::dispatch::{CullOptions, SphereEngines};
+use pairmask_core::engine::{CullError, CullInput, CullReport, EngineChoice, HeapReply, Isa};
+use pairmask_core::oracle::Pair;
+use pairmask_core::oracle::naive_decoder::decode;
+use pairmask_core::sphere::{Sphere, SphereAllPairs};
+use pairmask_core::{Encoding, EncodingChoice, EngineName};
 use pairmaskd::explain::Explanation;
 use pairmaskd::scene::Random;
 use rayon::ThreadPool;
@@ -17,8 +17,7 @@ use super::case::Case;
 use super::flags::MixedFlags;
 use super::subject::{Finding, Outcome, Subject, compare};
 use crate::sabotage::lose_a_pair;
-use crate::study::spheres::families;
-use crate::study::spheres::oracle;
+use crate::study::spheres::{families, oracle};
 
 /// The spheres of a case and their pairs.
 #[derive(Clone, Debug)]
@@ -174,11 +173,11 @@ impl SphereSubject {
             Way::AllPairs(_, engine) => engine.cull(&input, reply),
             Way::Engines(engine, engines) => {
                 let encoding = EncodingChoice::Only(*encoding);
-                let wish = CullWish {
+                let wish = CullOptions {
                     engine: *engine,
                     encoding,
                     threads: Some(threads),
-                    ..CullWish::default()
+                    ..CullOptions::default()
                 };
                 engines.cull(spheres, &wish, reply).map(|answer| answer.report)
             }

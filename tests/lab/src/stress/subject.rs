@@ -7,11 +7,10 @@
 
 use std::sync::Arc;
 
-use pairmask::Encoding;
-use pairmask::engine::{CullError, CullInput, Engine, HeapReply};
-use pairmask::oracle::Pair;
-use pairmask::oracle::check::{Mismatch, check_frame};
-use pairmask::oracle::naive_decoder;
+use pairmask_core::Encoding;
+use pairmask_core::engine::{CullError, CullInput, Engine, HeapReply};
+use pairmask_core::oracle::check::{Mismatch, check_frame};
+use pairmask_core::oracle::{Pair, naive_decoder};
 use pairmaskd::explain::Explanation;
 use rayon::ThreadPool;
 

@@ -1,11 +1,10 @@
 use std::sync::Arc;
 
-use super::*;
-use pairmask::Encoding;
-use pairmask::engine::{CullInput, CullReport, Engine, EngineName, ReplyBuffer};
-
+use pairmask_core::Encoding;
+use pairmask_core::engine::{CullInput, CullReport, Engine, EngineName, ReplyBuffer};
 use pairmaskd::execute::gpu::GpuChoice;
 
+use super::*;
 use crate::sabotage::Sabotage;
 
 fn roster(broken: bool) -> Roster {

@@ -7,9 +7,9 @@
 use std::sync::Arc;
 
 use glam::{Quat, Vec3};
-use pairmask::oracle::Pair;
-use pairmask::update::{Placement, par_update_boxes, update_boxes, world_box};
-use pairmask::{Aabb, BoxClass};
+use pairmask_core::oracle::Pair;
+use pairmask_core::update::{Placement, par_update_boxes, update_boxes, world_box};
+use pairmask_core::{Aabb, BoxClass};
 use pairmaskd::explain::Explanation;
 use pairmaskd::scene::Random;
 use rayon::ThreadPool;

@@ -1,7 +1,7 @@
 //! Judges the plan's choice: the planned way beside the fastest measured one.
 
-use pairmask::dispatch::CullWish;
-use pairmask::plan::{Calibration, Capabilities, Plan, plan};
+use pairmask_core::dispatch::CullOptions;
+use pairmask_core::plan::{Calibration, Capabilities, Plan, plan};
 use pairmaskd::calibrate::{Case, CaseTimes, Way};
 
 /// A judged plan.
@@ -38,7 +38,7 @@ impl Judgement {
 /// not choose such a way, so callers count it as a miss.
 pub fn judge(measured: &CaseTimes, threads: usize, calibration: &Calibration) -> Option<Judgement> {
     let capabilities = Capabilities { threads, gpu: None };
-    let plan: Plan = plan(&measured.stats, &capabilities, calibration, &CullWish::default());
+    let plan: Plan = plan(&measured.stats, &capabilities, calibration, &CullOptions::default());
     let allowed = measured.ways.iter().filter(|(way, _)| way.threads <= threads);
     let (best, best_times) = allowed.min_by_key(|(_, times)| times.least_ns())?;
     let planned = Way { engine: plan.engine, encoding: plan.encoding, threads: plan.threads };

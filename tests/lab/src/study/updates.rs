@@ -4,9 +4,9 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use glam::{Quat, Vec3};
-use pairmask::Aabb;
-use pairmask::dispatch::nanoseconds_since;
-use pairmask::update::{Placement, UpdateError, par_update_boxes, update_boxes};
+use pairmask_core::Aabb;
+use pairmask_core::dispatch::nanoseconds_since;
+use pairmask_core::update::{Placement, UpdateError, par_update_boxes, update_boxes};
 use pairmaskd::calibrate::{Effort, Pools};
 use pairmaskd::scene::{Random, Scene, SceneName};
 

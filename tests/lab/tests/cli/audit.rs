@@ -1,6 +1,6 @@
 //! The daemon's auditor, end to end: it notices a daemon that loses pairs.
 
-use pairmask::Encoding;
+use pairmask_core::Encoding;
 use pairmask_tests::audited::{Shape, audit};
 
 use crate::support::LosingDaemon;

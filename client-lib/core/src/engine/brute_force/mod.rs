@@ -74,9 +74,9 @@ pub(super) const DESCRIPTOR: EngineDescriptor = EngineDescriptor {
 /// Its scratch is kept from frame to frame: a steady scene on one thread allocates nothing.
 ///
 /// ```
-/// use pairmask::Aabb;
-/// use pairmask::engine::{BruteForce, CullInput, Engine, HeapReply};
-/// use pairmask::mask::Encoding;
+/// use pairmask_core::Aabb;
+/// use pairmask_core::engine::{BruteForce, CullInput, Engine, HeapReply};
+/// use pairmask_core::mask::Encoding;
 ///
 /// let boxes = [
 ///     Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]),
@@ -88,7 +88,7 @@ pub(super) const DESCRIPTOR: EngineDescriptor = EngineDescriptor {
 /// let report = BruteForce::new().cull(&input, &mut reply)?;
 /// assert_eq!(report.pair_count, 1);
 /// assert_eq!(reply.words(), [0b010], "pair 1 is (0, 2)");
-/// # Ok::<(), pairmask::engine::CullError>(())
+/// # Ok::<(), pairmask_core::engine::CullError>(())
 /// ```
 pub struct BruteForce {
     isa: AvailableIsa,

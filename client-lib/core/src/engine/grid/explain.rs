@@ -34,7 +34,8 @@ impl Grid {
     /// Where the engine puts boxes `a` and `b` of a scene, by the functions that it culls with.
     ///
     /// ```
-    /// use pairmask::{Aabb, engine::Grid};
+    /// use pairmask_core::Aabb;
+    /// use pairmask_core::engine::Grid;
     /// let boxes: Vec<Aabb> =
     ///     (0..100).map(|i| Aabb::from([i as f32, 0.0, 0.0, i as f32 + 0.5, 1.0, 1.0])).collect();
     /// assert!(Grid::explain(&boxes, 3, 3).neighbours);

@@ -63,8 +63,8 @@ pub(super) const DESCRIPTOR: EngineDescriptor = EngineDescriptor {
 /// Its scratch is kept from frame to frame: a steady scene allocates nothing.
 ///
 /// ```
-/// use pairmask::Aabb;
-/// use pairmask::engine::{CullInput, Engine, Grid, HeapReply};
+/// use pairmask_core::Aabb;
+/// use pairmask_core::engine::{CullInput, Engine, Grid, HeapReply};
 ///
 /// let boxes: Vec<Aabb> = (0..1_000)
 ///     .map(|i| Aabb::from([i as f32, 0.0, 0.0, i as f32 + 1.0, 1.0, 1.0]))
@@ -72,7 +72,7 @@ pub(super) const DESCRIPTOR: EngineDescriptor = EngineDescriptor {
 /// let mut reply = HeapReply::new();
 /// let report = Grid::new().cull(&CullInput::boxes(&boxes), &mut reply)?;
 /// assert_eq!(report.pair_count, 999, "each box touches the next");
-/// # Ok::<(), pairmask::engine::CullError>(())
+/// # Ok::<(), pairmask_core::engine::CullError>(())
 /// ```
 pub struct Grid {
     isa: AvailableIsa,

@@ -27,8 +27,8 @@ pub const WORD_COLUMNS: usize = 64;
 /// what empty and invalid boxes become. Memory is kept from frame to frame.
 ///
 /// ```
-/// use pairmask::Aabb;
-/// use pairmask::engine::{AvailableIsa, KeyColumns};
+/// use pairmask_core::Aabb;
+/// use pairmask_core::engine::{AvailableIsa, KeyColumns};
 ///
 /// let mut columns = KeyColumns::default();
 /// let boxes = [Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]), Aabb::EMPTY];

@@ -50,8 +50,8 @@ pub(super) const DESCRIPTOR: EngineDescriptor = EngineDescriptor {
 /// Its scratch and its order are kept from frame to frame: a steady scene allocates nothing.
 ///
 /// ```
-/// use pairmask::Aabb;
-/// use pairmask::engine::{CullInput, Engine, HeapReply, SweepAndPrune};
+/// use pairmask_core::Aabb;
+/// use pairmask_core::engine::{CullInput, Engine, HeapReply, SweepAndPrune};
 ///
 /// let boxes: Vec<Aabb> = (0..100)
 ///     .map(|i| Aabb::from([i as f32, 0.0, 0.0, i as f32 + 1.0, 1.0, 1.0]))
@@ -59,7 +59,7 @@ pub(super) const DESCRIPTOR: EngineDescriptor = EngineDescriptor {
 /// let mut reply = HeapReply::new();
 /// let report = SweepAndPrune::new().cull(&CullInput::boxes(&boxes), &mut reply)?;
 /// assert_eq!(report.pair_count, 99, "each box touches the next");
-/// # Ok::<(), pairmask::engine::CullError>(())
+/// # Ok::<(), pairmask_core::engine::CullError>(())
 /// ```
 pub struct SweepAndPrune {
     isa: AvailableIsa,

@@ -15,11 +15,11 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use pairmask::aabb::AABB_BYTES;
-use pairmask::engine::{CullError, CullInput, CullReport, Engine, ReplyBuffer};
-use pairmask::mask::{MaskShape, Span};
-use pairmask::precision::NarrowBoxes;
-use pairmask::{BoxCount, Encoding, EngineName};
+use pairmask_core::aabb::AABB_BYTES;
+use pairmask_core::engine::{CullError, CullInput, CullReport, Engine, ReplyBuffer};
+use pairmask_core::mask::{MaskShape, Span};
+use pairmask_core::precision::BoxSlice;
+use pairmask_core::{BoxCount, Encoding, EngineName};
 use pairmask_shaders::constants::BATCH_BOXES;
 use pairmask_shaders::layouts::BatchReport;
 
@@ -222,7 +222,7 @@ impl AllPairs {
     fn cull_dense(
         &mut self,
         n: BoxCount,
-        boxes: NarrowBoxes<'_>,
+        boxes: BoxSlice<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
         let shape = MaskShape::dense(n);
@@ -252,7 +252,7 @@ impl AllPairs {
     fn cull_sparse(
         &mut self,
         n: BoxCount,
-        boxes: NarrowBoxes<'_>,
+        boxes: BoxSlice<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
         let room = plan::room(n, reply.limit_words())?;
@@ -326,7 +326,7 @@ impl Engine for AllPairs {
     }
 
     /// Boxes in any form are read as they lie. The mask is that of the f32 boxes that stand for them
-    /// ([`NarrowBoxes::get`]).
+    /// ([`BoxSlice::get`]).
     fn cull(
         &mut self,
         input: &CullInput<'_>,

@@ -2,13 +2,13 @@
 
 use std::time::Duration;
 
-use pairmask::aabb::KeyBox;
-use pairmask::engine::{
+use pairmask_core::aabb::KeyBox;
+use pairmask_core::engine::{
     Census, CullError, CullReport, EngineTimes, NAMED_INVALID, ReplyBuffer, write_no_pairs,
 };
-use pairmask::mask::MaskShape;
-use pairmask::precision::NarrowBoxes;
-use pairmask::{BoxCount, Encoding, MaskWord};
+use pairmask_core::mask::MaskShape;
+use pairmask_core::precision::BoxSlice;
+use pairmask_core::{BoxCount, Encoding, MaskWord};
 use pairmask_shaders::constants::BATCH_BOXES;
 use pairmask_shaders::layouts::BatchReport;
 
@@ -48,7 +48,7 @@ impl Outcome {
 /// The answer for fewer than two boxes: nothing for a GPU to do.
 pub(in crate::execute::gpu) fn no_pairs(
     n: BoxCount,
-    boxes: NarrowBoxes<'_>,
+    boxes: BoxSlice<'_>,
     encoding: Encoding,
     reply: &mut dyn ReplyBuffer,
 ) -> Result<CullReport, CullError> {

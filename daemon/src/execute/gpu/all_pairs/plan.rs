@@ -1,8 +1,8 @@
 //! How all pairs are cut up: tile shapes and bands. Pure, and tested without a GPU.
 
-use pairmask::engine::ReserveError;
-use pairmask::mask::MaskShape;
-use pairmask::{BoxCount, Encoding};
+use pairmask_core::engine::ReserveError;
+use pairmask_core::mask::MaskShape;
+use pairmask_core::{BoxCount, Encoding};
 use pairmask_shaders::RowsPerThread;
 use pairmask_shaders::constants::{BATCH_BOXES, PADDING, WORD_BITS};
 

@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use pairmask_core::BoxCount;
+use pairmask_shaders::constants::BATCH_BOXES;
 use pairmask_shaders::layouts::{BatchReport, BatchTotals};
 
 use super::plan::{Band, plane_words};
@@ -9,8 +11,6 @@ use crate::execute::gpu::device::Gpu;
 use crate::execute::gpu::error::GpuError;
 use crate::execute::gpu::growing::Growing;
 use crate::execute::gpu::memory::{Block, Home};
-use pairmask::BoxCount;
-use pairmask_shaders::constants::BATCH_BOXES;
 
 /// All blocks between the stages.
 pub(super) struct Scratch {

@@ -1,7 +1,7 @@
 //! The stages of a frame with what they bind.
 
-use pairmask::mask::{MaskShape, Span};
-use pairmask::{BoxCount, BoxForm};
+use pairmask_core::mask::{MaskShape, Span};
+use pairmask_core::{BoxCount, BoxForm};
 use pairmask_shaders::constants::{BATCH_BOXES, PAIRS_WORKGROUP};
 use pairmask_shaders::layouts::{KeysParams, PackParams, PairsParams, WriteParams};
 use pairmask_shaders::{PairsVariant, Stage};

@@ -3,10 +3,12 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use pairmask::engine::{Census, CullError, CullReport, EngineTimes, NAMED_INVALID, ReplyBuffer};
-use pairmask::mask::MaskShape;
-use pairmask::precision::NarrowBoxes;
-use pairmask::{BoxCount, Encoding, MaskWord};
+use pairmask_core::engine::{
+    Census, CullError, CullReport, EngineTimes, NAMED_INVALID, ReplyBuffer,
+};
+use pairmask_core::mask::MaskShape;
+use pairmask_core::precision::BoxSlice;
+use pairmask_core::{BoxCount, Encoding, MaskWord};
 use pairmask_shaders::layouts::GridSummary;
 
 use super::layout::Chooser;
@@ -118,7 +120,7 @@ impl Lane {
         &mut self,
         tools: &mut Tools,
         n: BoxCount,
-        boxes: NarrowBoxes<'_>,
+        boxes: BoxSlice<'_>,
         reply: &mut dyn ReplyBuffer,
         capacity: u64,
         is_behind: bool,

@@ -2,8 +2,8 @@
 //!
 //! The model below counts what a row looks at; it only steers. Any layout gives the same pairs.
 
-use pairmask::floats;
-use pairmask::precision::NarrowBoxes;
+use pairmask_core::floats;
+use pairmask_core::precision::BoxSlice;
 use pairmask_shaders::constants::{GRID_LEVELS, PARKED};
 use pairmask_shaders::layouts::GridLayout;
 
@@ -74,11 +74,11 @@ pub(super) struct Chooser {
 
 impl Chooser {
     /// The layout for a scene: the same one whatever the floating-point flags of this thread.
-    pub fn choose(&mut self, boxes: NarrowBoxes<'_>) -> GridLayout {
+    pub fn choose(&mut self, boxes: BoxSlice<'_>) -> GridLayout {
         floats::with_default(|| self.choose_levels(boxes))
     }
 
-    fn choose_levels(&mut self, boxes: NarrowBoxes<'_>) -> GridLayout {
+    fn choose_levels(&mut self, boxes: BoxSlice<'_>) -> GridLayout {
         self.sample.take(boxes);
         let n = boxes.len() as u32;
         let mut layout = GridLayout::default();
@@ -240,15 +240,16 @@ fn axes(sample: &Sample, edges: [f32; 3], boxes: f32, room: u64) -> [Axis; 3] {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use pairmask_tests::stress_scenes;
+
+    use super::*;
 
     #[test]
     fn every_layout_fits_the_table_and_has_a_level_for_what_the_sample_saw() {
         let mut chooser = Chooser::default();
         for scene in stress_scenes::ALL {
             for n in (0..70).chain([345, 1234, 20_000]) {
-                let layout = chooser.choose(NarrowBoxes::F32(&scene.boxes(n, 7)));
+                let layout = chooser.choose(BoxSlice::F32(&scene.boxes(n, 7)));
                 assert!(u64::from(layout.cell_end) < cells_most(n), "{scene:?}, {n} boxes");
                 let mut next = 0;
                 for level in &layout.levels[..layout.level_count as usize] {

@@ -30,9 +30,9 @@ mod under_way;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use pairmask::engine::{CullError, CullInput, CullReport, Engine, ReplyBuffer};
-use pairmask::precision::NarrowBoxes;
-use pairmask::{Aabb, BoxCount, BoxForm, Encoding, EngineName};
+use pairmask_core::engine::{CullError, CullInput, CullReport, Engine, ReplyBuffer};
+use pairmask_core::precision::BoxSlice;
+use pairmask_core::{Aabb, BoxCount, BoxForm, Encoding, EngineName};
 use pairmask_shaders::layouts::GridLayout;
 use pairmask_shaders::{GridStage, Stage};
 
@@ -55,7 +55,7 @@ use crate::execute::frame_memory::Borrowed;
 pub use self::under_way::GridUnderWay;
 
 /// The levels that a scene gets. For measurements, and for the stages' mirror.
-pub fn grid_layout(boxes: NarrowBoxes<'_>) -> GridLayout {
+pub fn grid_layout(boxes: BoxSlice<'_>) -> GridLayout {
     Chooser::default().choose(boxes)
 }
 
@@ -169,7 +169,7 @@ impl Grid {
     fn begin_in(
         &mut self,
         lane: &mut Lane,
-        boxes: NarrowBoxes<'_>,
+        boxes: BoxSlice<'_>,
         encoding: Encoding,
         reply: &mut dyn ReplyBuffer,
         is_behind: bool,
@@ -216,7 +216,7 @@ impl Grid {
     fn end_in(
         &mut self,
         lane: &mut Lane,
-        boxes: NarrowBoxes<'_>,
+        boxes: BoxSlice<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
         loop {
@@ -243,7 +243,7 @@ impl Engine for Grid {
     }
 
     /// Boxes in any form are read as they lie. The mask is that of the f32 boxes that stand for them
-    /// ([`NarrowBoxes::get`]). Dense masks are refused ([`CullError::Unavailable`]): they have all
+    /// ([`BoxSlice::get`]). Dense masks are refused ([`CullError::Unavailable`]): they have all
     /// pairs' words, which the all-pairs engine writes faster. Crowds are, too
     /// ([`CullError::TooCrowded`]).
     fn cull(

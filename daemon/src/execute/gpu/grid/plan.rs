@@ -1,8 +1,8 @@
 //! Sizes of a frame's buffers and dispatches. Pure: functions of the number of boxes and the room
 //! in the reply.
 
-use pairmask::BoxCount;
-use pairmask::mask::{MaskShape, SECTION_ALIGN_WORDS, Span};
+use pairmask_core::BoxCount;
+use pairmask_core::mask::{MaskShape, SECTION_ALIGN_WORDS, Span};
 use pairmask_shaders::constants::{
     BATCH_BOXES, CONTROL_HEADER_WORDS, SCAN_CELLS, SUPER_BATCHES, SUPERS_MOST,
 };

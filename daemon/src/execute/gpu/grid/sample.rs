@@ -2,8 +2,8 @@
 //!
 //! A pure function of the boxes, so that the same boxes give the same bytes whatever came before.
 
-use pairmask::precision::NarrowBoxes;
-use pairmask::{Aabb, BoxClass};
+use pairmask_core::precision::BoxSlice;
+use pairmask_core::{Aabb, BoxClass};
 use pairmask_shaders::mirror::grid_layout::plain;
 
 /// Boxes looked at: 256 see a share of 2 % of a scene with 99 % certainty, and take 5 to 10 µs to
@@ -37,7 +37,7 @@ pub(super) struct Sample {
 
 impl Sample {
     /// Looks at a scene.
-    pub fn take(&mut self, boxes: NarrowBoxes<'_>) {
+    pub fn take(&mut self, boxes: BoxSlice<'_>) {
         let n = boxes.len();
         let wanted = n.min(SAMPLE);
         self.boxes.clear();

@@ -2,8 +2,8 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use pairmask::engine::{CullError, ReplyBuffer};
-use pairmask::precision::NarrowBoxes;
+use pairmask_core::engine::{CullError, ReplyBuffer};
+use pairmask_core::precision::BoxSlice;
 
 use super::ENGINE;
 use super::lane::Lane;
@@ -49,7 +49,7 @@ impl<M: FrameMemory> GridUnderWay<M> {
     /// Gives the lane, the boxes and the reply to `work`.
     pub(super) fn with<R>(
         &mut self,
-        work: impl FnOnce(&mut Lane, NarrowBoxes<'_>, &mut dyn ReplyBuffer) -> Result<R, CullError>,
+        work: impl FnOnce(&mut Lane, BoxSlice<'_>, &mut dyn ReplyBuffer) -> Result<R, CullError>,
     ) -> Result<R, CullError> {
         let lost = CullError::DeviceLost { engine: ENGINE };
         let memory = self.memory.as_mut().ok_or(lost)?;

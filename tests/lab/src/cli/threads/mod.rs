@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use pairmask::EngineName;
+use pairmask_core::EngineName;
 use pairmaskd::calibrate::{
     Case, CaseTimes, Effort, Pools, WaySet, core_count, measure, thread_counts,
 };

@@ -4,7 +4,7 @@ use std::fmt::{self, Write as _};
 use std::fs;
 use std::path::Path;
 
-use pairmask::EngineName;
+use pairmask_core::EngineName;
 use pairmaskd::calibrate::Case;
 use pairmaskd::cli::machine::Machine;
 use pairmaskd::cli::output::OutputError;

@@ -2,9 +2,10 @@
 
 use std::time::Duration;
 
-use pairmask::dispatch::{CullWish, StageTimes};
-use pairmask::engine::EngineId;
-use pairmask::{Aabb, PairMask, Session};
+use pairmask::{PairMask, Session};
+use pairmask_core::Aabb;
+use pairmask_core::dispatch::{CullOptions, StageTimes};
+use pairmask_core::engine::EngineId;
 use pairmaskd::precision::PrecisionChoice;
 use pairmaskd::timed_client::{TimedClient, TimedError, TimedFrame};
 
@@ -87,7 +88,7 @@ impl From<&TimedFrame> for FrameFigures {
 /// in the session, which has its own choice of engine.
 pub fn contender(
     mode: StudyMode,
-    wish: &CullWish,
+    wish: &CullOptions,
     session: Session,
     boxes: &[Aabb],
 ) -> Box<dyn Contender> {

@@ -2,8 +2,9 @@
 
 use std::time::Duration;
 
-use pairmask::dispatch::CullWish;
-use pairmask::{EngineChoice, EngineName, Session};
+use pairmask::Session;
+use pairmask_core::dispatch::CullOptions;
+use pairmask_core::{EngineChoice, EngineName};
 use pairmaskd::precision::PrecisionChoice;
 use pairmaskd::scene::{Scene, SceneName};
 use pairmaskd::timed_client::TimedError;
@@ -23,7 +24,7 @@ pub struct Subject {
     /// The mode.
     pub mode: StudyMode,
     /// The engine, encoding and threads that are asked for.
-    pub wish: CullWish,
+    pub wish: CullOptions,
     /// Seed of the scene.
     pub seed: u64,
 }
@@ -218,14 +219,14 @@ mod tests {
 
     fn subject(n: u32, mode: &str) -> Subject {
         let mode = mode.parse().unwrap_or_else(|e| panic!("{e}"));
-        Subject { scene: SceneName::Pile, n, mode, wish: CullWish::default(), seed: 1 }
+        Subject { scene: SceneName::Pile, n, mode, wish: CullOptions::default(), seed: 1 }
     }
 
     #[test]
     fn what_takes_too_long_or_cannot_be_is_left_out() {
         let is_in = |n, mode, engine: &str| {
             let engine = engine.parse().unwrap_or_else(|e| panic!("{e}"));
-            let wish = CullWish { engine, ..CullWish::default() };
+            let wish = CullOptions { engine, ..CullOptions::default() };
             is_reasonable(&Subject { wish, ..subject(n, mode) })
         };
         for (n, mode, engine) in [

@@ -31,7 +31,7 @@ pub struct World {
 /// How boxes of a world become f32.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rounding {
-    /// Relative to an origin among them, outward ([`pairmask::Aabb::outward_from_f64`]).
+    /// Relative to an origin among them, outward ([`pairmask_core::Aabb::outward_from_f64`]).
     ByOrigin,
     /// To the nearest f32, as they are.
     Plain,

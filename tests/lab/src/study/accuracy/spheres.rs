@@ -3,11 +3,12 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use pairmask::dispatch::{CullWish, SphereEngines};
-use pairmask::engine::{EngineId, HeapReply};
-use pairmask::mask::MaskView;
-use pairmask::sphere::{SPHERE_BYTES, Sphere};
-use pairmask::{Aabb, BoxClass, BoxCount, ServedBy};
+use pairmask::ServedBy;
+use pairmask_core::dispatch::{CullOptions, SphereEngines};
+use pairmask_core::engine::{EngineId, HeapReply};
+use pairmask_core::mask::MaskView;
+use pairmask_core::sphere::{SPHERE_BYTES, Sphere};
+use pairmask_core::{Aabb, BoxClass, BoxCount};
 use pairmaskd::timed_client::TimedError;
 use rayon::prelude::*;
 
@@ -19,7 +20,7 @@ use crate::study::spheres::oracle;
 /// Spheres of the boxes, culled in this process.
 pub struct SphereClient {
     fit: Fit,
-    wish: CullWish,
+    wish: CullOptions,
     engines: SphereEngines,
     spheres: Vec<Sphere>,
     reply: HeapReply,
@@ -27,7 +28,7 @@ pub struct SphereClient {
 
 impl SphereClient {
     /// A client with spheres of a fit.
-    pub fn new(fit: Fit, wish: CullWish) -> Self {
+    pub fn new(fit: Fit, wish: CullOptions) -> Self {
         let (engines, spheres, reply) = Default::default();
         Self { fit, wish, engines, spheres, reply }
     }
@@ -181,7 +182,10 @@ mod tests {
         spheres[7] = Sphere::EMPTY;
         spheres[8].radius = f32::INFINITY;
         spheres[9].center[1] = f32::NAN;
-        assert_eq!(pairs(&spheres, pairmask::EngineName::CpuSap.into())?, oracle::pairs(&spheres));
+        assert_eq!(
+            pairs(&spheres, pairmask_core::EngineName::CpuSap.into())?,
+            oracle::pairs(&spheres)
+        );
         Ok(())
     }
 
@@ -189,7 +193,7 @@ mod tests {
     fn masks_have_the_spheres_pairs() -> Result<(), TimedError> {
         let scene = Scene::new(SceneName::Pile, 700, 1);
         for fit in [Fit::Circumscribed, Fit::Inscribed] {
-            let mut client = SphereClient::new(fit, CullWish::default());
+            let mut client = SphereClient::new(fit, CullOptions::default());
             let answer = client.frame(scene.boxes(), true)?;
             let truth = client.truth(scene.boxes(), answer.figures.engine)?;
             assert_eq!(answer.pairs.as_ref(), Some(&truth));

@@ -1,7 +1,8 @@
 //! The right pairs of a scene, found in another way than the answers that are checked.
 
-use pairmask::engine::EngineId;
-use pairmask::{Aabb, Backend, EngineChoice, EngineName, Session};
+use pairmask::{Backend, Session};
+use pairmask_core::engine::EngineId;
+use pairmask_core::{Aabb, EngineChoice, EngineName};
 use pairmaskd::timed_client::TimedError;
 
 /// A pair of box indices, the lower one first.
@@ -24,7 +25,7 @@ pub fn pairs(boxes: &[Aabb], checked: EngineId) -> Result<Vec<Pair>, TimedError>
     }
     let engine = CHECKERS.into_iter().find(|e| checked != *e).unwrap_or(EngineName::CpuBrute);
     let builder = Session::builder().backend(Backend::InProcess).engine(EngineChoice::Only(engine));
-    let mut session = builder.connect().map_err(pairmask::session::FrameError::from)?;
+    let mut session = builder.connect().map_err(pairmask::FrameError::from)?;
     let mut frame = session.frame(boxes.len())?;
     frame.boxes_mut().copy_from_slice(boxes);
     let mut pairs = frame.submit()?.wait()?.to_vec();

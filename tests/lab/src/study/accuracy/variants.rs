@@ -7,11 +7,9 @@
 use std::fmt;
 use std::str::FromStr;
 
-use crate::study::mapping::stage::Variant;
-use pairmask::BoxCount;
-use serde::{Deserialize, Serialize};
-
+use pairmask_core::BoxCount;
 use pairmaskd::execute::gpu::{Checks, GpuChoice};
+use serde::{Deserialize, Serialize};
 
 use crate::study::mapping::errors::Coverage;
 use crate::study::mapping::gpu::Bench;
@@ -19,6 +17,7 @@ use crate::study::mapping::plan::Plan;
 use crate::study::mapping::rows::{
     MapTimeRow, PairErrorRow, Processor, Scope, map_times, pair_errors,
 };
+use crate::study::mapping::stage::Variant;
 use crate::study::mapping::{self, MappingError};
 
 /// A value of `--mapping`.

@@ -1,9 +1,10 @@
 //! The scene in a world of f64 coordinates, far from their origin.
 
 use glam::{DVec3, Vec3};
-use pairmask::engine::EngineId;
-use pairmask::oracle::{Faces, truth_of_faces};
-use pairmask::{Aabb, Bounds, Session};
+use pairmask::Session;
+use pairmask_core::engine::EngineId;
+use pairmask_core::oracle::{Faces, truth_of_faces};
+use pairmask_core::{Aabb, Bounds};
 use pairmaskd::timed_client::{Decoding, TimedClient, TimedError};
 
 use super::contender::{Answer, Contender, FrameFigures, sorted};
@@ -130,7 +131,7 @@ mod tests {
         let scene = Scene::new(SceneName::Mixed, truth::NAIVE_LIMIT + 1, 1);
         let mut client = client(1e9, Rounding::ByOrigin, scene.boxes());
         client.place(scene.boxes());
-        let by_engine = client.truth(scene.boxes(), pairmask::EngineName::CpuGrid.into())?;
+        let by_engine = client.truth(scene.boxes(), pairmask_core::EngineName::CpuGrid.into())?;
         assert_eq!(by_engine, truth_of_faces(&client.boxes).pairs);
         Ok(())
     }

@@ -4,9 +4,9 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use glam::{Quat, Vec3};
-use pairmask::Aabb;
-use pairmask::engine::{CullInput, Engine, Grid as CpuGrid, HeapReply, SweepAndPrune};
-use pairmask::update::{Placement, par_update_boxes};
+use pairmask_core::Aabb;
+use pairmask_core::engine::{CullInput, Engine, Grid as CpuGrid, HeapReply, SweepAndPrune};
+use pairmask_core::update::{Placement, par_update_boxes};
 use pairmaskd::execute::gpu::Gpu;
 use pairmaskd::scene::{Scene, SceneName};
 

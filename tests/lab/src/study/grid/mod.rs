@@ -20,7 +20,8 @@ use pairmaskd::execute::gpu::{Gpu, GpuChoice, GpuError, HostImport, OpenError};
 use pairmaskd::file_error::{Access, advice};
 
 use super::machine::Machine;
-use crate::gpu_stages::{BenchError, grid::GridRow};
+use crate::gpu_stages::BenchError;
+use crate::gpu_stages::grid::GridRow;
 
 /// Options of the study.
 #[derive(Clone, Debug, Default)]

@@ -3,13 +3,13 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use crate::study::mapping::stage::{Root, Variant};
-use pairmask::BoxCount;
+use pairmask_core::BoxCount;
 use rayon::prelude::*;
 
 use super::Budget;
 use super::mirror::{MapVisitor, Mapped, next_pair, row_search, with_map};
 use super::roots::{RootVisitor, with_root};
+use crate::study::mapping::stage::{Root, Variant};
 
 /// Ids of a task.
 const CHUNK: u64 = 1 << 15;

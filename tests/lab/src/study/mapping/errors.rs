@@ -3,13 +3,13 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use crate::study::mapping::stage::Variant;
-use pairmask::pair_index::row_start;
-use pairmask::{BoxCount, PairIndex};
+use pairmask_core::pair_index::row_start;
+use pairmask_core::{BoxCount, PairIndex};
 use rayon::prelude::*;
 use serde::Serialize;
 
 use super::mirror::{MapVisitor, Mapped, next_pair, truth, with_map};
+use crate::study::mapping::stage::Variant;
 
 /// Counts over some ids.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]

@@ -4,11 +4,11 @@
 //! A variant answers with two box numbers, counted from 0, that need not be a pair: the study
 //! counts those that are none. The paper counts boxes from 1, and so does the inside of [`closed`].
 
-use crate::study::mapping::stage::{Discriminant, Variant};
-use pairmask::pair_index::row_start;
-use pairmask::{BoxCount, PairIndex};
+use pairmask_core::pair_index::row_start;
+use pairmask_core::{BoxCount, PairIndex};
 
 use super::roots::{RootVisitor, with_root};
+use crate::study::mapping::stage::{Discriminant, Variant};
 
 /// A variant's answer to an id: a pair if 0 ≤ a < b < n.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -209,7 +209,7 @@ impl MapVisitor for One {
 /// With fewer than two boxes, or an id past the last one.
 ///
 /// ```
-/// use pairmask::BoxCount;
+/// use pairmask_core::BoxCount;
 /// use pairmask_lab::study::mapping::mirror::{Mapped, map};
 /// use pairmask_lab::study::mapping::stage::Variant;
 /// let n = BoxCount::new(5);
@@ -224,8 +224,9 @@ pub fn map(variant: Variant, n: BoxCount, k: u64) -> Mapped {
 
 #[cfg(test)]
 mod tests {
+    use pairmask_core::pair_index::PairWalker;
+
     use super::*;
-    use pairmask::pair_index::PairWalker;
 
     #[test]
     fn exact_variants_are_the_pair_index() {

@@ -11,7 +11,7 @@
 //! [`plan`] lists the measurements, [`rows`] holds the figures with the paper's ([`paper`]),
 //! [`claims`] judges the paper's sentences by them, [`report`] writes them down.
 //!
-//! No variant here serves a client. Production uses `pairmask::pair_index` on the host, which is
+//! No variant here serves a client. Production uses `pairmask_core::pair_index` on the host, which is
 //! proven exact for every n, and integer searches within a band on the GPU (`pack_dense`).
 
 pub mod claims;

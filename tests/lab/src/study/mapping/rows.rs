@@ -2,8 +2,7 @@
 
 use std::fmt;
 
-use crate::study::mapping::stage::{Discriminant, PairOutput, Root, Variant};
-use pairmask::{Aabb, BoxCount};
+use pairmask_core::{Aabb, BoxCount};
 use serde::{Serialize, Serializer};
 
 use super::cpu_times::{self, Threads};
@@ -16,6 +15,7 @@ use super::root_errors::{self, RootTally};
 use super::{MappingError, MappingReport, claims, paper};
 use crate::gpu_stages::uniform;
 use crate::study::machine::Machine;
+use crate::study::mapping::stage::{Discriminant, PairOutput, Root, Variant};
 
 /// The processor that computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

@@ -4,7 +4,7 @@
 //! environments using GPU mapping function", EGPGV 2012, §3 (closed form, corrections, lazy way,
 //! table 3's constants); C. Lomont, "Fast inverse square root", 2003; C. A. Navarro et al. on
 //! folding a triangle. None of these stages serves a client: production uses
-//! `pairmask::pair_index` and integer searches only.
+//! `pairmask_core::pair_index` and integer searches only.
 
 use std::fmt::{self, Write};
 

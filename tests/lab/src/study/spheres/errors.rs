@@ -1,6 +1,6 @@
 //! Errors of ways to decide a pair of spheres, found by exact arithmetic.
 
-use pairmask::sphere::Sphere;
+use pairmask_core::sphere::Sphere;
 use pairmaskd::scene::Random;
 use rayon::prelude::*;
 use serde::Serialize;

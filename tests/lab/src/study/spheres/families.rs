@@ -1,6 +1,6 @@
 //! Families of sphere pairs, each hard to decide for its own reason.
 
-use pairmask::sphere::Sphere;
+use pairmask_core::sphere::Sphere;
 use pairmaskd::scene::Random;
 
 /// A kind of pairs.

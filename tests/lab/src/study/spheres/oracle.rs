@@ -1,6 +1,6 @@
 //! The auditor's exact decision, for all pairs of a scene.
 
-use pairmask::sphere::Sphere;
+use pairmask_core::sphere::Sphere;
 
 pub use pairmaskd::audit::sphere_oracle::overlap;
 

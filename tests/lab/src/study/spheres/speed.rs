@@ -3,10 +3,10 @@
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
-use pairmask::dispatch::{CullWish, SphereEngines};
-use pairmask::engine::{CullInput, HeapReply};
-use pairmask::sphere::{Sphere, SphereAllPairs};
-use pairmask::{Encoding, EncodingChoice};
+use pairmask_core::dispatch::{CullOptions, SphereEngines};
+use pairmask_core::engine::{CullInput, HeapReply};
+use pairmask_core::sphere::{Sphere, SphereAllPairs};
+use pairmask_core::{Encoding, EncodingChoice};
 use pairmaskd::scene::{Scene, SceneName};
 use serde::Serialize;
 
@@ -55,7 +55,7 @@ pub fn measure(quick: bool, seed: u64) -> Vec<SpeedRow> {
 
 /// Spheres in the boxes of a uniform scene: about half a pair a sphere.
 pub fn scene(n: usize, seed: u64) -> Vec<Sphere> {
-    let inscribed = |b: &pairmask::Aabb| {
+    let inscribed = |b: &pairmask_core::Aabb| {
         let center = std::array::from_fn(|axis| 0.5 * (b.min[axis] + b.max[axis]));
         Sphere::new(center, 0.5 * (b.max[0] - b.min[0]))
     };
@@ -84,7 +84,7 @@ fn row(n: usize, budget: Duration, seed: u64) -> SpeedRow {
     let (sequential_fps, parallel_fps) = (with(1), with(threads));
     let mut engines = SphereEngines::new();
     let encoding = EncodingChoice::Only(Encoding::Sparse);
-    let wish = CullWish { encoding, ..CullWish::default() };
+    let wish = CullOptions { encoding, ..CullOptions::default() };
     let engines_fps = frames_a_second(budget, || {
         let _ = black_box(engines.cull(&spheres, &wish, &mut reply));
     });

@@ -1,14 +1,13 @@
 //! The error study on a device: the same counts as [`crate::study::mapping::errors`], by the
 //! device's own arithmetic.
 
-use crate::study::mapping::layouts::{MappingErrorsParams, MappingTally, RootParams, RootTally};
-use crate::study::mapping::stage::{IdWidth, MappingStage, Root, Variant};
-
 use pairmaskd::execute::gpu::{Block, Command, GpuError, Part};
 
 use super::{Bench, WORD_IDS, zeroed};
 use crate::study::mapping::errors::{Coverage, Tally, counted};
+use crate::study::mapping::layouts::{MappingErrorsParams, MappingTally, RootParams, RootTally};
 use crate::study::mapping::root_errors;
+use crate::study::mapping::stage::{IdWidth, MappingStage, Root, Variant};
 
 /// The ids of a variant that are checked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,17 +1,16 @@
 //! All pairs by the paper's mapping: one byte or one bit a pair, kernel and transfer
 //! (Avril et al. 2012, table 5, figures 3 and 4).
 
-use crate::study::mapping::layouts::MaskParams;
-use crate::study::mapping::stage::{MappingStage, PairOutput};
 use bytemuck::cast_slice;
-use pairmask::aabb::KeyBox;
-use pairmask::{Aabb, BoxCount};
-
+use pairmask_core::aabb::KeyBox;
+use pairmask_core::{Aabb, BoxCount};
 use pairmaskd::execute::gpu::{Command, GpuError, Part};
 
 use super::times::median_ms;
 use super::{Bench, zeroed};
 use crate::study::mapping::Budget;
+use crate::study::mapping::layouts::MaskParams;
+use crate::study::mapping::stage::{MappingStage, PairOutput};
 
 /// The threads that write a word of the output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

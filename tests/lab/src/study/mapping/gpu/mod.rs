@@ -9,14 +9,13 @@ use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-use pairmask_shaders::constants::BATCH_BOXES;
-
-use crate::study::mapping::stage::{IdWidth, MappingStage, Variant};
 use bytemuck::{Pod, Zeroable};
-
+use pairmask_shaders::constants::BATCH_BOXES;
 use pairmaskd::execute::gpu::{
     Block, Checks, Command, Frame, Gpu, GpuError, Home, Part, Pipeline, Pipelines, StageFault, Wait,
 };
+
+use crate::study::mapping::stage::{IdWidth, MappingStage, Variant};
 
 /// Time after which a study frame is given up: a thousand times a GPU's need, and enough for a
 /// software adapter.

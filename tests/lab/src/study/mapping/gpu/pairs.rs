@@ -1,12 +1,11 @@
 //! The answers of a variant on a device, id by id, for comparison with the mirrors.
 
-use crate::study::mapping::layouts::MappingPairsParams;
-use crate::study::mapping::stage::{IdWidth, MappingStage, Variant};
-
 use pairmaskd::execute::gpu::GpuError;
 
 use super::{Bench, zeroed};
+use crate::study::mapping::layouts::MappingPairsParams;
 use crate::study::mapping::mirror::Mapped;
+use crate::study::mapping::stage::{IdWidth, MappingStage, Variant};
 
 /// Maps `ids` on the device. Ids past the variant's last one have no meaning.
 ///

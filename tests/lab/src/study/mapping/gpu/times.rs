@@ -2,13 +2,12 @@
 
 use std::time::{Duration, Instant};
 
-use crate::study::mapping::layouts::{MappingTimeParams, RootParams};
-use crate::study::mapping::stage::{IdWidth, MappingStage, Root, Variant};
-
 use pairmaskd::execute::gpu::GpuError;
 
 use super::{Bench, WORD_IDS};
 use crate::study::mapping::Budget;
+use crate::study::mapping::layouts::{MappingTimeParams, RootParams};
+use crate::study::mapping::stage::{IdWidth, MappingStage, Root, Variant};
 
 /// A sum that no thread is expected to have.
 const NEVER: u32 = 0xdead_beef;
