@@ -104,10 +104,10 @@ fn a_pool_that_a_flagged_thread_started_serves_plain_callers() {
             let mut session =
                 Session::builder().backend(Backend::InProcess).threads(2).connect().unwrap();
             for engine in EngineName::CPU {
-                let wish =
+                let options =
                     CullOptions { engine: EngineChoice::Only(engine), ..CullOptions::default() };
                 let mut reply = HeapReply::new();
-                let asked = || CpuEngines::new().cull(&boxes, &wish, &mut reply).unwrap();
+                let asked = || CpuEngines::new().cull(&boxes, &options, &mut reply).unwrap();
                 let answer = pool.install(|| FloatFlags::DEFAULT.run(asked));
                 assert_eq!(answer.report.pair_count, truth.pairs.len() as u64, "{engine}, {flags}");
             }
@@ -139,13 +139,13 @@ fn spheres_are_found_through_the_boxes_of_any_thread() {
         for engine in [EngineName::CpuGrid, EngineName::CpuSap] {
             let mut engines = SphereEngines::new();
             let mut reply = HeapReply::new();
-            let wish = CullOptions {
+            let options = CullOptions {
                 engine: EngineChoice::Only(engine),
                 threads: Some(2),
                 ..CullOptions::default()
             };
             for flags in mixed_flags() {
-                let answer = flags.install(&pool, || engines.cull(&scene, &wish, &mut reply));
+                let answer = flags.install(&pool, || engines.cull(&scene, &options, &mut reply));
                 let count = answer.unwrap().report.pair_count;
                 assert_eq!(count, truth.pairs.len() as u64, "{engine}, {exponent}, {flags}");
             }

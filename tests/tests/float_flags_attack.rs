@@ -186,8 +186,9 @@ fn spheres_of(engines: &mut Engines, seed: u64, flags: &MixedFlags, random: &mut
     });
     let through = [EngineName::CpuSap, EngineName::CpuGrid][random.below(2) as usize];
     for engine in [EngineName::CpuBrute, through] {
-        let wish = CullOptions { engine: EngineChoice::Only(engine), ..CullOptions::default() };
-        let answer = flags.caller.run(|| engines.spheres.cull(&scene, &wish, &mut engines.reply));
+        let options = CullOptions { engine: EngineChoice::Only(engine), ..CullOptions::default() };
+        let answer =
+            flags.caller.run(|| engines.spheres.cull(&scene, &options, &mut engines.reply));
         let got = engines.decoded(&answer.unwrap().report, scene.len());
         let found = compare(&got, &truth.pairs, &truth.pairs);
         assert_eq!(found, Ok(()), "seed {seed}, {flags}, spheres by {engine}");

@@ -148,13 +148,13 @@ fn narrow_boxes_are_culled_on_the_gpu() {
         for precision in narrow_precisions(&boxes) {
             let memory = NarrowMemory::write(&precision, &boxes);
             for engine in [EngineName::GpuBrute, EngineName::GpuGrid] {
-                let wish = CullOptions {
+                let options = CullOptions {
                     engine: EngineChoice::Only(engine),
                     encoding: EncodingChoice::Only(Encoding::Sparse),
                     ..CullOptions::default()
                 };
                 let owner = Owner::Client(1);
-                let answer = executor.cull(memory.boxes(), owner, &wish, &mut reply).unwrap();
+                let answer = executor.cull(memory.boxes(), owner, &options, &mut reply).unwrap();
                 assert_eq!(answer.engine, engine);
                 let expected = naive_modes::truth(&boxes, &precision).pairs;
                 assert_eq!(pairs_of(n, &answer, &reply), expected, "{n} boxes, {precision:?}");
@@ -167,20 +167,20 @@ fn narrow_boxes_are_culled_on_the_gpu() {
 /// oracle.
 fn pairs_by_cpu(boxes: &[Aabb], precision: &Precision) -> Vec<(u32, u32)> {
     let mut reply = HeapReply::new();
-    let wish =
+    let options =
         CullOptions { engine: EngineChoice::Only(EngineName::CpuGrid), ..CullOptions::default() };
     let sent = as_sent(precision, boxes);
-    let answer = CpuEngines::new().cull(&sent, &wish, &mut reply).unwrap();
+    let answer = CpuEngines::new().cull(&sent, &options, &mut reply).unwrap();
     pairs_of(boxes.len() as u32, &answer, &reply)
 }
 
 fn begin(
     executor: &mut Executor,
     owner: Owner,
-    wish: &CullOptions,
+    options: &CullOptions,
     memory: TestFrame<HeapReply>,
 ) -> CullUnderWay<TestFrame<HeapReply>> {
-    let planned = executor.plan(memory.boxes.boxes(), wish, u64::MAX);
+    let planned = executor.plan(memory.boxes.boxes(), options, u64::MAX);
     assert!(executor.can_begin(&planned));
     executor.begin(planned, owner, memory).unwrap_or_else(|_| panic!("answered at once"))
 }
@@ -189,12 +189,12 @@ fn begin(
 fn a_frame_outlives_its_executor() {
     let mut executor = software_executor();
     let boxes = stress_scenes::named("uniform").boxes(33_001, 3);
-    let wish =
+    let options =
         CullOptions { engine: EngineChoice::Only(EngineName::GpuGrid), ..CullOptions::default() };
     let [first, second] = [0, 1].map(|owner| {
         let memory = TestFrame::on_heap(&Precision::Exact, &boxes);
         let token = Arc::clone(&memory.token);
-        (begin(&mut executor, Owner::Client(owner), &wish, memory), token)
+        (begin(&mut executor, Owner::Client(owner), &options, memory), token)
     });
     drop(executor);
     drop(first.0);
@@ -213,13 +213,13 @@ fn narrow_frames_are_left_under_way_and_outlive_their_device() {
     let mut executor = software_executor();
     let n = 33_001;
     let boxes = stress_scenes::named("uniform").boxes(n, 3);
-    let wish =
+    let options =
         CullOptions { engine: EngineChoice::Only(EngineName::GpuGrid), ..CullOptions::default() };
     let [q16, q8, f16] = narrow_precisions(&boxes);
     for (pair, is_lost) in [([q16, q8], false), ([q8, f16], false), ([f16, q16], true)] {
         let begun = [0, 1].map(|turn| {
             let memory = TestFrame::on_heap(&pair[turn], &boxes);
-            begin(&mut executor, Owner::Client(turn as u128), &wish, memory)
+            begin(&mut executor, Owner::Client(turn as u128), &options, memory)
         });
         if is_lost {
             executor.gpu().unwrap().device().expect("the device is there").destroy();
@@ -237,7 +237,7 @@ fn narrow_frames_are_left_under_way_and_outlive_their_device() {
     // Now the CPU serves, or the device that was opened again.
     let memory = NarrowMemory::write(&q8, &boxes);
     let mut reply = HeapReply::new();
-    let answer = executor.cull(memory.boxes(), Owner::Client(0), &wish, &mut reply).unwrap();
+    let answer = executor.cull(memory.boxes(), Owner::Client(0), &options, &mut reply).unwrap();
     assert!(pairs_of(n, &answer, &reply) == pairs_by_cpu(&boxes, &q8), "by {}", answer.engine);
 }
 
@@ -248,13 +248,13 @@ fn a_device_destroyed_under_load_costs_no_answer_and_comes_back() {
     let expected = oracle::truth(&boxes).pairs;
     let mut reply = HeapReply::new();
     let mut cull = |executor: &mut Executor, encoding| {
-        let wish = CullOptions {
+        let options = CullOptions {
             engine: GPU,
             encoding: EncodingChoice::Only(encoding),
             ..CullOptions::default()
         };
         let answer =
-            executor.cull(BoxSlice::F32(&boxes), Owner::Client(1), &wish, &mut reply).unwrap();
+            executor.cull(BoxSlice::F32(&boxes), Owner::Client(1), &options, &mut reply).unwrap();
         let n = BoxCount::new(boxes.len() as u32);
         let mut pairs = MaskView::new(n, &answer.report.shape, reply.words()).unwrap().to_vec();
         pairs.sort_unstable();

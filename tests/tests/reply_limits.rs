@@ -160,7 +160,7 @@ fn spheres_take_what_fits_and_no_word_more() {
                 let need = need_of(&mut cull);
                 check_limits(&what, spheres.len(), need, &below(need), pairs, &mut cull);
                 for engine in EngineName::CPU {
-                    let wish = CullOptions {
+                    let options = CullOptions {
                         engine: EngineChoice::Only(engine),
                         encoding: EncodingChoice::Only(encoding),
                         threads: Some(threads),
@@ -168,7 +168,7 @@ fn spheres_take_what_fits_and_no_word_more() {
                     };
                     let mut engines = SphereEngines::new();
                     let mut cull = |reply: &mut Witness| {
-                        pool.install(|| Ok(engines.cull(spheres, &wish, reply)?.report))
+                        pool.install(|| Ok(engines.cull(spheres, &options, reply)?.report))
                     };
                     let what = format!("{scene}, {engine}, {encoding}, {threads}");
                     let need = need_of(&mut cull);
@@ -199,7 +199,7 @@ fn candidates_that_are_no_pairs_count_for_nothing() {
     let candidates = Grid::new().cull(&CullInput::boxes(&boxes), &mut reply).unwrap();
     assert!(candidates.pair_count > 15 * pairs, "{}", candidates.pair_count);
     for engine in [EngineName::CpuSap, EngineName::CpuGrid] {
-        let wish = CullOptions {
+        let options = CullOptions {
             engine: EngineChoice::Only(engine),
             encoding: EncodingChoice::Only(Encoding::Sparse),
             threads: Some(1),
@@ -208,7 +208,7 @@ fn candidates_that_are_no_pairs_count_for_nothing() {
         // The words of 400 spheres that follow each other in the order, and the order.
         let room = 3 * (400 * 400 / 32) + n as u64;
         let mut reply = Witness::with_limit(room);
-        let answer = SphereEngines::new().cull(&spheres, &wish, &mut reply);
+        let answer = SphereEngines::new().cull(&spheres, &options, &mut reply);
         let report = answer.unwrap_or_else(|e| panic!("{engine}: {e}")).report;
         assert_eq!(report.pair_count, pairs, "{engine}");
         assert_eq!(reply.pairs(&report.shape, n).len() as u64, pairs, "{engine}");
@@ -304,7 +304,7 @@ fn an_open_encoding_is_one_that_fits() {
         let is_gpu = matches!(engine, EngineChoice::Only(engine) if engine.is_gpu());
         // After a frame without pairs, the plan expects a small sparse mask.
         for last_pairs in [None, Some(0)] {
-            let wish =
+            let options =
                 CullOptions { engine, last_pairs, threads: Some(1), ..CullOptions::default() };
             let check = |what: &str, cull: Cull<'_>| {
                 let what = format!("{what}, {engine}, {last_pairs:?}");
@@ -319,16 +319,20 @@ fn an_open_encoding_is_one_that_fits() {
             for (name, executor) in &mut executors {
                 if *name == "GPU" || !is_gpu {
                     check(name, &mut |reply| {
-                        let answer =
-                            executor.cull(boxes.as_slice().into(), Owner::Daemon, &wish, reply)?;
+                        let answer = executor.cull(
+                            boxes.as_slice().into(),
+                            Owner::Daemon,
+                            &options,
+                            reply,
+                        )?;
                         Ok(answer.report)
                     });
                 }
             }
             if !is_gpu {
                 let (mut cpu, mut ways) = (CpuEngines::new(), SphereEngines::new());
-                check("boxes", &mut |reply| Ok(cpu.cull(&boxes, &wish, reply)?.report));
-                check("spheres", &mut |reply| Ok(ways.cull(&balls, &wish, reply)?.report));
+                check("boxes", &mut |reply| Ok(cpu.cull(&boxes, &options, reply)?.report));
+                check("spheres", &mut |reply| Ok(ways.cull(&balls, &options, reply)?.report));
             }
         }
     }
@@ -341,7 +345,7 @@ fn a_sparse_mask_is_found_where_a_dense_one_does_not_fit() {
         .map(|i| Aabb::from([3.0 * i as f32, 0.0, 0.0, 3.0 * i as f32 + 1.0, 1.0, 1.0]))
         .collect();
     let balls: Vec<Sphere> = boxes.iter().map(|b| Sphere::new(b.min, 1.0)).collect();
-    let wish = CullOptions { threads: Some(1), ..CullOptions::default() };
+    let options = CullOptions { threads: Some(1), ..CullOptions::default() };
     let limit = BoxCount::new(300).dense_words() - 1;
     let check = |what: &str, cull: Cull<'_>| {
         let report =
@@ -350,9 +354,9 @@ fn a_sparse_mask_is_found_where_a_dense_one_does_not_fit() {
     };
     let mut executor = Executor::new(None);
     check("executor", &mut |reply| {
-        Ok(executor.cull(boxes.as_slice().into(), Owner::Daemon, &wish, reply)?.report)
+        Ok(executor.cull(boxes.as_slice().into(), Owner::Daemon, &options, reply)?.report)
     });
-    check("spheres", &mut |reply| Ok(SphereEngines::new().cull(&balls, &wish, reply)?.report));
+    check("spheres", &mut |reply| Ok(SphereEngines::new().cull(&balls, &options, reply)?.report));
 }
 
 #[test]
@@ -364,22 +368,22 @@ fn scratch_that_frames_do_not_need_is_given_back() {
     for engine in EngineName::CPU {
         let mut engines = CpuEngines::new();
         let engine = EngineChoice::Only(engine);
-        let wish =
+        let options =
             CullOptions { engine, encoding: sparse, threads: Some(1), ..CullOptions::default() };
         let mut reply = HeapReply::new();
         // 560,000 words.
-        engines.cull(&large, &wish, &mut reply).unwrap();
+        engines.cull(&large, &options, &mut reply).unwrap();
         assert!(engines.scratch_bytes() > 6 * MIB, "{engine}: {}", engines.scratch_bytes());
         let mut limited = HeapReply::with_limit_bytes(4 * MIB as u64);
-        engines.cull(&large, &wish, &mut limited).unwrap_err();
+        engines.cull(&large, &options, &mut limited).unwrap_err();
         assert!(engines.scratch_bytes() < 2 * MIB, "{engine}: {}", engines.scratch_bytes());
-        engines.cull(&large, &wish, &mut reply).unwrap();
+        engines.cull(&large, &options, &mut reply).unwrap();
         assert!(engines.scratch_bytes() > 6 * MIB, "{engine}: {}", engines.scratch_bytes());
         for _ in 0..2 * 64 {
             engines.cull(&small, &CullOptions::default(), &mut reply).unwrap();
         }
         assert!(engines.scratch_bytes() < MIB, "{engine}: {}", engines.scratch_bytes());
-        engines.cull(&large, &wish, &mut reply).unwrap();
+        engines.cull(&large, &options, &mut reply).unwrap();
         engines.give_back();
         assert!(engines.scratch_bytes() < MIB / 8, "{engine}: {}", engines.scratch_bytes());
     }
@@ -391,24 +395,24 @@ fn an_executor_gives_back_what_other_kinds_of_frames_needed() {
     let mut executor = Executor::new(None);
     let mut reply = HeapReply::new();
     let boxes = same(10);
-    let wish = CullOptions { threads: Some(1), ..CullOptions::default() };
+    let options = CullOptions { threads: Some(1), ..CullOptions::default() };
     let empty = |executor: &mut Executor, reply: &mut HeapReply| {
         for _ in 0..2 * 64 {
-            executor.cull(boxes.as_slice().into(), Owner::Daemon, &wish, reply).unwrap();
+            executor.cull(boxes.as_slice().into(), Owner::Daemon, &options, reply).unwrap();
         }
         assert!(executor.scratch_bytes() < MIB, "{}", executor.scratch_bytes());
     };
     let balls: Vec<Sphere> =
         (0..50_000).map(|i| Sphere::new([3.0 * i as f32, 0.0, 0.0], 1.0)).collect();
-    executor.cull_spheres(&balls, &wish, &mut reply).unwrap();
+    executor.cull_spheres(&balls, &options, &mut reply).unwrap();
     assert!(executor.scratch_bytes() > 2 * MIB, "{}", executor.scratch_bytes());
     empty(&mut executor, &mut reply);
     let apart: Vec<Aabb> = balls.iter().map(Sphere::bounds).collect();
     let narrow = NarrowMemory::write(&Precision::F16, &apart);
-    executor.cull(narrow.boxes(), Owner::Daemon, &wish, &mut reply).unwrap();
+    executor.cull(narrow.boxes(), Owner::Daemon, &options, &mut reply).unwrap();
     assert!(executor.scratch_bytes() > MIB, "{}", executor.scratch_bytes());
     empty(&mut executor, &mut reply);
-    executor.cull_spheres(&balls, &wish, &mut reply).unwrap();
+    executor.cull_spheres(&balls, &options, &mut reply).unwrap();
     executor.give_back();
     assert!(executor.scratch_bytes() < MIB / 8, "{}", executor.scratch_bytes());
 }

@@ -113,7 +113,7 @@ impl Local {
         settings: &Settings,
     ) -> Result<PairMask, CullError> {
         let mut memory = self.replies.take();
-        let wish = CullOptions {
+        let options = CullOptions {
             engine: settings.engine,
             encoding: settings.encoding,
             threads: settings.threads,
@@ -124,9 +124,9 @@ impl Local {
         let answer = match objects {
             Objects::Boxes(narrow) => {
                 let mut scratch = ExpandScratch::default();
-                boxes.cull(narrow.expand(&mut scratch, true), &wish, &mut memory)
+                boxes.cull(narrow.expand(&mut scratch, true), &options, &mut memory)
             }
-            Objects::Spheres(these) => spheres.cull(boxes, these, &wish, &mut memory),
+            Objects::Spheres(these) => spheres.cull(boxes, these, &options, &mut memory),
         }?;
         *lock(&self.last_pairs) = Some(answer.report.pair_count);
         let reply = Reply {

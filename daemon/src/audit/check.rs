@@ -197,12 +197,13 @@ mod tests {
             let SphereCase { spheres, .. } = SphereCase::new(seed);
             let n = spheres.len() as u32;
             for encoding in [Encoding::Dense, Encoding::Sparse] {
-                let wish = CullOptions {
+                let options = CullOptions {
                     encoding: EncodingChoice::Only(encoding),
                     ..CullOptions::default()
                 };
                 let mut reply = HeapReply::new();
-                let mut report = engines.cull(&spheres, &wish, &mut reply).expect("memory").report;
+                let mut report =
+                    engines.cull(&spheres, &options, &mut reply).expect("memory").report;
                 let mut words = reply.words().to_vec();
                 let span = Span2::draw(n, Reach::SPHERES, &mut random);
                 let whole = u64::from(n) <= 256;

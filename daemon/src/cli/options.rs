@@ -131,12 +131,12 @@ impl CullFlags {
 
     /// A session builder with all settings but the backend.
     pub fn session(&self, place: &Place, config: &Config) -> SessionBuilder {
-        let wish = self.cull_options(config);
+        let cull_options = self.cull_options(config);
         let builder = Session::builder()
             .calibration(place.calibration(config))
-            .engine(wish.engine)
-            .encoding(wish.encoding);
-        match wish.threads {
+            .engine(cull_options.engine)
+            .encoding(cull_options.encoding);
+        match cull_options.threads {
             Some(threads) => builder.threads(threads),
             None => builder,
         }

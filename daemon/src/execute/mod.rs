@@ -28,7 +28,7 @@ use self::gpu::GridUnderWay;
 #[derive(Debug)]
 pub struct Planned {
     plan: Plan,
-    wish: CullOptions,
+    options: CullOptions,
     start: Instant,
     plan_ns: u64,
 }
@@ -74,12 +74,12 @@ struct CpuSide {
 
 impl CpuSide {
     /// Begins a frame with its plan.
-    fn plan(&self, boxes: BoxSlice<'_>, wish: &CullOptions, gpu: Option<GpuCost>) -> Planned {
+    fn plan(&self, boxes: BoxSlice<'_>, options: &CullOptions, gpu: Option<GpuCost>) -> Planned {
         let start = Instant::now();
-        let plan = self.engines.plan(boxes, wish, gpu);
+        let plan = self.engines.plan(boxes, options, gpu);
         let plan_ns = nanoseconds_since(start);
         log::debug!("{}", plan.explain());
-        Planned { plan, wish: *wish, start, plan_ns }
+        Planned { plan, options: *options, start, plan_ns }
     }
 
     /// Runs a plan for a CPU engine. Boxes in a narrow form are expanded first, which counts as
@@ -95,7 +95,7 @@ impl CpuSide {
         if self.expanded_need.note(expanded, || self.expanded.allocated_bytes()) {
             self.expanded = ExpandScratch::default();
         }
-        let boxes = boxes.expand(&mut self.expanded, planned.wish.threads != Some(1));
+        let boxes = boxes.expand(&mut self.expanded, planned.options.threads != Some(1));
         let expand_ns = nanoseconds_since(start);
         let mut report =
             self.engines.run(planned.plan.engine, &planned.plan.input(boxes), reply)?;
@@ -116,8 +116,8 @@ impl CpuSide {
             CullError::DeviceLost { .. }
             | CullError::DeviceMemory { .. }
             | CullError::TooCrowded { .. } => {
-                let wish = CullOptions { engine: EngineChoice::Auto, ..planned.wish };
-                planned.plan = self.engines.plan(boxes, &wish, None);
+                let options = CullOptions { engine: EngineChoice::Auto, ..planned.options };
+                planned.plan = self.engines.plan(boxes, &options, None);
                 self.run(planned, boxes, reply)
             }
             error => Err(error),
@@ -177,16 +177,21 @@ impl Executor {
         &mut self,
         boxes: BoxSlice<'_>,
         owner: Owner,
-        wish: &CullOptions,
+        options: &CullOptions,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
-        let planned = self.plan(boxes, wish, reply.limit_words());
+        let planned = self.plan(boxes, options, reply.limit_words());
         self.run_or_dense(planned, boxes, owner, reply)
     }
 
     /// Plans a frame of boxes whose reply has so many words at the most.
-    pub fn plan(&mut self, boxes: BoxSlice<'_>, wish: &CullOptions, limit_words: u64) -> Planned {
-        self.plan_within(boxes, &wish.within(boxes.len(), limit_words))
+    pub fn plan(
+        &mut self,
+        boxes: BoxSlice<'_>,
+        options: &CullOptions,
+        limit_words: u64,
+    ) -> Planned {
+        self.plan_within(boxes, &options.within(boxes.len(), limit_words))
     }
 
     /// Whether a frame is better left to the GPU ([`Self::begin`]) than waited for
@@ -262,10 +267,10 @@ impl Executor {
         memory: Option<M>,
     ) -> Ended<M> {
         let Some(mut memory) = memory else { return (Err(error), None) };
-        let wish = planned.wish;
+        let options = planned.options;
         let answer = memory.with(|boxes, reply| {
             let done = self.cpu.run_after(error, planned, boxes, reply);
-            done.or_else(|error| self.run_dense(error, wish, boxes, owner, reply))
+            done.or_else(|error| self.run_dense(error, options, boxes, owner, reply))
         });
         (answer, Some(memory))
     }
@@ -302,8 +307,8 @@ impl Executor {
             + self.spheres.scratch_bytes()
     }
 
-    fn plan_within(&mut self, boxes: BoxSlice<'_>, wish: &CullOptions) -> Planned {
-        let planned = self.cpu.plan(boxes, wish, self.gpu.as_ref().and_then(GpuService::cost));
+    fn plan_within(&mut self, boxes: BoxSlice<'_>, options: &CullOptions) -> Planned {
+        let planned = self.cpu.plan(boxes, options, self.gpu.as_ref().and_then(GpuService::cost));
         self.last_frame = Some(planned.start);
         if self.spheres_need.note(0, || self.spheres.scratch_bytes()) {
             self.spheres = SphereWays::default();
@@ -316,12 +321,12 @@ impl Executor {
     fn run_dense(
         &mut self,
         error: CullError,
-        wish: CullOptions,
+        options: CullOptions,
         boxes: BoxSlice<'_>,
         owner: Owner,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
-        let Some(dense) = wish.after(&error, boxes.len(), reply.limit_words()) else {
+        let Some(dense) = options.after(&error, boxes.len(), reply.limit_words()) else {
             return Err(error);
         };
         let planned = self.plan_within(boxes, &dense);
@@ -335,9 +340,9 @@ impl Executor {
         owner: Owner,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
-        let wish = planned.wish;
+        let options = planned.options;
         let done = self.run_once(planned, boxes, owner, reply);
-        done.or_else(|error| self.run_dense(error, wish, boxes, owner, reply))
+        done.or_else(|error| self.run_dense(error, options, boxes, owner, reply))
     }
 
     fn run_once(

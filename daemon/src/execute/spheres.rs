@@ -26,11 +26,11 @@ impl Executor {
     pub fn cull_spheres(
         &mut self,
         spheres: &[Sphere],
-        wish: &CullOptions,
+        options: &CullOptions,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
         self.last_frame = Some(Instant::now());
-        let answer = self.spheres.cull(&mut self.cpu.engines, spheres, wish, reply);
+        let answer = self.spheres.cull(&mut self.cpu.engines, spheres, options, reply);
         let pairs = answer.as_ref().map_or(0, |answer| answer.report.pair_count);
         let needed = SPHERE_SCRATCH_BYTES * spheres.len() + PAIR_SCRATCH_BYTES * pairs as usize;
         if self.spheres_need.note(needed, || self.spheres.scratch_bytes()) {

@@ -69,7 +69,7 @@ impl Culls {
             return outbox.refuse(&mut open, &reject.into());
         }
         let sender = open.sender();
-        let wish = CullOptions {
+        let options = CullOptions {
             engine: request.engine,
             encoding: request.encoding,
             threads: request.threads,
@@ -80,12 +80,12 @@ impl Culls {
         let boxes = match open.parts() {
             (Objects::Boxes(boxes), _) => boxes,
             (Objects::Spheres(spheres), mut reply) => {
-                let answer = self.executor.cull_spheres(spheres, &wish, &mut reply);
+                let answer = self.executor.cull_spheres(spheres, &options, &mut reply);
                 return publish(&mut open, answer, outbox);
             }
         };
         let owner = Owner::Client(sender.port);
-        let planned = self.executor.plan(boxes, &wish, limit_words);
+        let planned = self.executor.plan(boxes, &options, limit_words);
         if self.executor.can_begin(&planned) {
             match self.executor.begin(planned, owner, open) {
                 Ok(cull) => self.under_way.push_back(cull),

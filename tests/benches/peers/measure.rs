@@ -111,7 +111,7 @@ impl Lane {
 
     fn line(self) -> Line {
         let who = match (self.who, self.contender.engine()) {
-            (Who::Ours { backend, engine: wish }, Some(engine)) if wish == "auto" => {
+            (Who::Ours { backend, engine: asked }, Some(engine)) if asked == "auto" => {
                 Who::Ours { backend, engine: format!("auto:{engine}") }
             }
             (who, _) => who,

@@ -71,21 +71,21 @@ impl CpuEngines {
     pub fn plan<'a>(
         &self,
         boxes: impl Into<BoxSlice<'a>>,
-        wish: &CullOptions,
+        options: &CullOptions,
         gpu: Option<GpuCost>,
     ) -> Plan {
         let boxes = boxes.into();
         let gpu = gpu.map(|cost| cost.of_form(boxes.form()));
         let pool = rayon::current_num_threads();
         let capabilities =
-            Capabilities { threads: wish.threads.unwrap_or(pool).clamp(1, pool), gpu };
-        let stats = match (wish.engine, BoxCount::of_len(boxes.len())) {
+            Capabilities { threads: options.threads.unwrap_or(pool).clamp(1, pool), gpu };
+        let stats = match (options.engine, BoxCount::of_len(boxes.len())) {
             (EngineChoice::Only(engine), Some(n)) if engine.is_gpu() => {
-                SceneStats::unseen(n, wish.last_pairs)
+                SceneStats::unseen(n, options.last_pairs)
             }
-            _ => SceneStats::glance(boxes, wish.last_pairs),
+            _ => SceneStats::glance(boxes, options.last_pairs),
         };
-        plan(&stats, &capabilities, &self.calibration, wish)
+        plan(&stats, &capabilities, &self.calibration, options)
     }
 
     /// Runs a CPU engine.
@@ -129,17 +129,17 @@ impl CpuEngines {
     pub fn cull(
         &mut self,
         boxes: &[Aabb],
-        wish: &CullOptions,
+        options: &CullOptions,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
         let start = Instant::now();
         let (n, limit_words) = (boxes.len(), reply.limit_words());
-        let wish = wish.within(n, limit_words);
-        let plan = self.plan(boxes, &wish, None);
+        let options = options.within(n, limit_words);
+        let plan = self.plan(boxes, &options, None);
         let plan_ns = nanoseconds_since(start);
         match self.run(plan.engine, &plan.input(boxes), reply) {
             Ok(report) => Ok(CullAnswer::new(&plan, report, start, plan_ns)),
-            Err(error) => match wish.after(&error, n, limit_words) {
+            Err(error) => match options.after(&error, n, limit_words) {
                 Some(dense) => self.cull(boxes, &dense, reply),
                 None => Err(error),
             },

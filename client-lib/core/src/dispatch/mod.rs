@@ -1,4 +1,4 @@
-//! From a client's wish to an answer: the plan, the engine that it names, and the times of both.
+//! From a client's options to an answer: the plan, the engine that it names, and the times of both.
 
 mod answer;
 mod boxes;

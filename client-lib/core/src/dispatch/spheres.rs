@@ -60,10 +60,10 @@ impl SphereEngines {
     pub fn cull(
         &mut self,
         spheres: &[Sphere],
-        wish: &CullOptions,
+        options: &CullOptions,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
-        self.ways.cull(&mut self.boxes, spheres, wish, reply)
+        self.ways.cull(&mut self.boxes, spheres, options, reply)
     }
 }
 
@@ -77,28 +77,28 @@ impl SphereWays {
         &mut self,
         boxes: &mut CpuEngines,
         spheres: &[Sphere],
-        wish: &CullOptions,
+        options: &CullOptions,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
-        if let EngineChoice::Only(engine) = wish.engine
+        if let EngineChoice::Only(engine) = options.engine
             && engine.is_gpu()
         {
             let why = "spheres are culled by the engines of the CPU";
             return Err(CullError::Unavailable { engine, why });
         }
         let (n, limit_words) = (spheres.len(), reply.limit_words());
-        let wish = wish.within(n, limit_words);
-        let encoding = match wish.encoding {
+        let options = options.within(n, limit_words);
+        let encoding = match options.encoding {
             EncodingChoice::Only(encoding) => encoding,
             EncodingChoice::Auto
-                if n <= DENSE_SPHERES && wish.readable.contains(Encoding::Dense) =>
+                if n <= DENSE_SPHERES && options.readable.contains(Encoding::Dense) =>
             {
                 Encoding::Dense
             }
             EncodingChoice::Auto => Encoding::Sparse,
         };
-        match self.cull_in(boxes, spheres, &wish, encoding, reply) {
-            Err(error) => match wish.after(&error, n, limit_words) {
+        match self.cull_in(boxes, spheres, &options, encoding, reply) {
+            Err(error) => match options.after(&error, n, limit_words) {
                 Some(dense) => self.cull_in(boxes, spheres, &dense, Encoding::Dense, reply),
                 None => Err(error),
             },
@@ -115,20 +115,20 @@ impl SphereWays {
         &mut self,
         boxes: &mut CpuEngines,
         spheres: &[Sphere],
-        wish: &CullOptions,
+        options: &CullOptions,
         encoding: Encoding,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
-        let all_pairs = match wish.engine {
+        let all_pairs = match options.engine {
             EngineChoice::Auto => spheres.len() <= ALL_PAIRS_SPHERES,
             EngineChoice::Only(engine) => engine == EngineName::CpuBrute,
         };
         if !all_pairs {
-            return self.cull_candidates(boxes, spheres, wish, encoding, reply);
+            return self.cull_candidates(boxes, spheres, options, encoding, reply);
         }
         let start = Instant::now();
         let pool = rayon::current_num_threads();
-        let threads = wish.threads.unwrap_or(pool).clamp(1, pool);
+        let threads = options.threads.unwrap_or(pool).clamp(1, pool);
         let input = CullInput::spheres(spheres).encoding(encoding).threads(threads);
         let report = self.all_pairs.cull(&input, reply)?;
         let times = StageTimes {
@@ -146,7 +146,7 @@ impl SphereWays {
         &mut self,
         boxes: &mut CpuEngines,
         spheres: &[Sphere],
-        wish: &CullOptions,
+        options: &CullOptions,
         encoding: Encoding,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
@@ -154,7 +154,7 @@ impl SphereWays {
         let (bounds, balls) = self.filter.candidates(spheres)?;
         let bounds_ns = nanoseconds_since(start);
         // The engine that finds candidates soonest, whatever is made of them.
-        let sparse = CullOptions { encoding: EncodingChoice::Only(Encoding::Sparse), ..*wish };
+        let sparse = CullOptions { encoding: EncodingChoice::Only(Encoding::Sparse), ..*options };
         let plan_start = Instant::now();
         let mut plan = boxes.plan(bounds, &sparse, None);
         plan.encoding = encoding;

@@ -52,7 +52,7 @@ impl fmt::Display for EngineId {
     }
 }
 
-/// A client's wish: one engine, or whichever the plan finds fastest.
+/// A client's options: one engine, or whichever the plan finds fastest.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum EngineChoice {
     /// The plan chooses.

@@ -40,7 +40,7 @@ use std::str::FromStr;
 
 use crate::unknown_name::UnknownName;
 
-/// A client's wish: one encoding, or whichever the plan finds cheaper.
+/// A client's options: one encoding, or whichever the plan finds cheaper.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum EncodingChoice {
     /// The plan chooses.

@@ -8,7 +8,7 @@ use crate::engine::EngineChoice;
 impl Plan {
     /// Why this engine, in three words.
     pub const fn why(&self) -> &'static str {
-        match self.wish.engine {
+        match self.options.engine {
             EngineChoice::Auto => "least predicted time",
             EngineChoice::Only(_) => "asked for",
         }

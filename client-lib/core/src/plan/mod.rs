@@ -88,7 +88,7 @@ pub struct Plan {
     /// Every engine that is to be had, in the order of [`EngineName::ALL`].
     pub candidates: [Option<Candidate>; EngineName::ALL.len()],
     /// What was asked for.
-    pub wish: CullOptions,
+    pub options: CullOptions,
     /// What it was planned from.
     pub stats: SceneStats,
 }
@@ -112,20 +112,20 @@ pub fn plan(
     stats: &SceneStats,
     capabilities: &Capabilities,
     calibration: &Calibration,
-    wish: &CullOptions,
+    options: &CullOptions,
 ) -> Plan {
-    floats::with_default(|| choose(stats, capabilities, calibration, wish))
+    floats::with_default(|| choose(stats, capabilities, calibration, options))
 }
 
 fn choose(
     stats: &SceneStats,
     capabilities: &Capabilities,
     calibration: &Calibration,
-    wish: &CullOptions,
+    options: &CullOptions,
 ) -> Plan {
-    let model = Model { stats, capabilities, calibration, wish };
+    let model = Model { stats, capabilities, calibration, options };
     let candidates = EngineName::ALL.map(|engine| model.candidate(engine));
-    let chosen = match wish.engine {
+    let chosen = match options.engine {
         EngineChoice::Only(engine) => candidates.iter().flatten().find(|c| c.engine == engine),
         EngineChoice::Auto => {
             let times = candidates.iter().flatten().map(|c| c.predicted_ns);
@@ -137,11 +137,11 @@ fn choose(
         }
     };
     let fallback = Candidate {
-        engine: match wish.engine {
+        engine: match options.engine {
             EngineChoice::Only(engine) => engine,
             EngineChoice::Auto => EngineName::CpuGrid,
         },
-        encoding: match wish.encoding {
+        encoding: match options.encoding {
             EncodingChoice::Only(encoding) => encoding,
             EncodingChoice::Auto => Encoding::Sparse,
         },
@@ -149,7 +149,7 @@ fn choose(
         predicted_ns: f64::INFINITY,
     };
     let Candidate { engine, encoding, threads, .. } = *chosen.unwrap_or(&fallback);
-    Plan { engine, encoding, threads, candidates, wish: *wish, stats: *stats }
+    Plan { engine, encoding, threads, candidates, options: *options, stats: *stats }
 }
 
 #[cfg(test)]

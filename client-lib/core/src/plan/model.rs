@@ -13,7 +13,7 @@ pub(super) struct Model<'a> {
     pub stats: &'a SceneStats,
     pub capabilities: &'a Capabilities,
     pub calibration: &'a Calibration,
-    pub wish: &'a CullOptions,
+    pub options: &'a CullOptions,
 }
 
 impl Model<'_> {
@@ -21,8 +21,8 @@ impl Model<'_> {
     pub fn candidate(&self, engine: EngineName) -> Option<Candidate> {
         // Of ways that take the same time the first is taken: sparse before dense.
         let ways = Encoding::ALL.into_iter().rev().filter(|encoding| {
-            let is_wanted = match self.wish.encoding {
-                EncodingChoice::Auto => self.wish.readable.contains(*encoding),
+            let is_wanted = match self.options.encoding {
+                EncodingChoice::Auto => self.options.readable.contains(*encoding),
                 EncodingChoice::Only(wanted) => wanted == *encoding,
             };
             is_wanted && engine.descriptor().encodings.contains(encoding)

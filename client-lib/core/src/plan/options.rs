@@ -20,7 +20,7 @@ pub struct CullOptions {
 }
 
 impl CullOptions {
-    /// The wish of a frame of `n` boxes whose reply holds at most `limit_words` words: where the
+    /// The options of a frame of `n` boxes whose reply holds at most `limit_words` words: where the
     /// client left the encoding open and a dense mask does not fit, it is sparse.
     #[must_use]
     pub fn within(self, n: usize, limit_words: u64) -> Self {
@@ -32,7 +32,7 @@ impl CullOptions {
         self
     }
 
-    /// The wish to try after `error`, if there is one: where the client left the encoding open, more
+    /// The options to try after `error`, if there is one: where the client left the encoding open, more
     /// words were found than the reply holds, and a dense mask fits.
     #[must_use]
     pub fn after(self, error: &CullError, n: usize, limit_words: u64) -> Option<Self> {

@@ -32,9 +32,9 @@ fn stats(n: u32, window_share: f32) -> SceneStats {
     }
 }
 
-fn chosen(stats: &SceneStats, gpu: Option<GpuCost>, wish: CullOptions) -> Plan {
+fn chosen(stats: &SceneStats, gpu: Option<GpuCost>, options: CullOptions) -> Plan {
     let capabilities = Capabilities { threads: 2, gpu };
-    plan(stats, &capabilities, &Calibration::built_in(Isa::Avx512), &wish)
+    plan(stats, &capabilities, &Calibration::built_in(Isa::Avx512), &options)
 }
 
 #[test]
@@ -62,15 +62,15 @@ fn a_scene_in_a_row_is_swept() {
 #[test]
 fn wishes_win_even_where_nothing_can_fulfil_them() {
     let engine = EngineChoice::Only(EngineName::CpuBrute);
-    let wish = CullOptions {
+    let options = CullOptions {
         engine,
         encoding: EncodingChoice::Only(Encoding::Dense),
         ..CullOptions::default()
     };
-    let plan = chosen(&stats(100_000, 0.02), None, wish);
+    let plan = chosen(&stats(100_000, 0.02), None, options);
     assert_eq!((plan.engine, plan.encoding), (EngineName::CpuBrute, Encoding::Dense));
     let engine = EngineChoice::Only(EngineName::GpuGrid);
-    let plan = chosen(&stats(10, 0.02), None, CullOptions { engine, ..wish });
+    let plan = chosen(&stats(10, 0.02), None, CullOptions { engine, ..options });
     assert_eq!((plan.engine, plan.encoding), (EngineName::GpuGrid, Encoding::Dense));
 }
 
@@ -83,8 +83,8 @@ fn an_encoding_that_is_newer_than_the_client_is_never_chosen() {
         {
             let of = |minor: u16| {
                 let readable = ReadableEncodings::by(|encoding| since(new, encoding) <= minor);
-                let wish = CullOptions { readable, ..CullOptions::default() };
-                chosen(&stats(n, 0.1), Some(GPU), wish)
+                let options = CullOptions { readable, ..CullOptions::default() };
+                chosen(&stats(n, 0.1), Some(GPU), options)
             };
             assert_eq!(
                 of(7),
@@ -124,9 +124,9 @@ fn boxes_take_a_gpu_the_time_of_their_bytes() {
     // No box is looked at, so that all but the way up is the same.
     let engines = CpuEngines::with_calibration(Calibration::built_in(Isa::Avx512));
     let predicted = |form| {
-        let wish =
+        let options =
             CullOptions { engine: EngineChoice::Only(EngineName::GpuGrid), ..Default::default() };
-        let plan = engines.plan(boxes(form), &wish, Some(GPU));
+        let plan = engines.plan(boxes(form), &options, Some(GPU));
         plan.candidates.into_iter().flatten().find(|c| c.engine == plan.engine)
     };
     let exact = predicted(BoxForm::F32).expect("there is a GPU").predicted_ns;

@@ -87,9 +87,9 @@ fn every_engine_finds_the_pairs_of_the_definition() {
             let named = EngineName::CPU.map(EngineChoice::Only);
             for engine in [EngineChoice::Auto].into_iter().chain(named) {
                 let encoding_choice = EncodingChoice::Only(encoding);
-                let wish =
+                let options =
                     CullOptions { engine, encoding: encoding_choice, ..CullOptions::default() };
-                let answer = engines.cull(&spheres, &wish, &mut reply).expect("memory");
+                let answer = engines.cull(&spheres, &options, &mut reply).expect("memory");
                 let got = decode(reply.words(), &answer.report.shape, n as u32);
                 assert_eq!(got.as_ref(), Ok(&expected), "{engine}, {encoding}, {n}");
                 assert_eq!(answer.report.pair_count, expected.len() as u64);
@@ -116,9 +116,9 @@ fn every_engine_finds_the_pairs_of_the_definition() {
 #[test]
 fn a_gpu_is_not_to_be_had_here() {
     let engine = EngineChoice::Only(EngineName::GpuBrute);
-    let wish = CullOptions { engine, ..CullOptions::default() };
+    let options = CullOptions { engine, ..CullOptions::default() };
     let spheres = [Sphere::EMPTY; 2];
-    let refused = SphereEngines::new().cull(&spheres, &wish, &mut HeapReply::new());
+    let refused = SphereEngines::new().cull(&spheres, &options, &mut HeapReply::new());
     assert!(matches!(refused, Err(crate::engine::CullError::Unavailable { .. })));
 }
 

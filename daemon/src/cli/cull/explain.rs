@@ -19,9 +19,9 @@ pub struct Planned {
 
 impl Planned {
     /// Plans a frame as an in-process session does, and a daemon without a GPU.
-    pub fn new(boxes: &[Aabb], wish: &CullOptions, calibration: &CalibrationChoice) -> Self {
+    pub fn new(boxes: &[Aabb], options: &CullOptions, calibration: &CalibrationChoice) -> Self {
         let (calibration, origin) = calibration.resolve();
-        let plan = CpuEngines::with_calibration(calibration).plan(boxes, wish, None);
+        let plan = CpuEngines::with_calibration(calibration).plan(boxes, options, None);
         Self { plan, calibration: origin.to_string() }
     }
 }

@@ -135,9 +135,9 @@ impl Cull {
         let asked = match scene {
             RawScene::Boxes(boxes) => {
                 let planner = self.explain.then(|| {
-                    let (wish, calibration) =
+                    let (cull_options, calibration) =
                         (self.options.cull_options(config), place.calibration(config));
-                    move |boxes: &[Aabb]| Planned::new(boxes, &wish, &calibration)
+                    move |boxes: &[Aabb]| Planned::new(boxes, &cull_options, &calibration)
                 });
                 ask_boxes(&mut session, boxes, self.precision, planner)
             }

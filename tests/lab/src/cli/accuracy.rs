@@ -201,8 +201,8 @@ impl Accuracy {
             for &n in &self.n {
                 for &mode in &self.precision {
                     for &engine in &engines {
-                        let wish = CullOptions { engine, ..self.options.cull_options(config) };
-                        subjects.push(Subject { scene, n, mode, wish, seed: self.seed });
+                        let options = CullOptions { engine, ..self.options.cull_options(config) };
+                        subjects.push(Subject { scene, n, mode, options, seed: self.seed });
                     }
                 }
             }
@@ -223,7 +223,7 @@ impl Accuracy {
         let progress: ProgressBar = progress_bar(subjects.len() as u64, "rows");
         let mut rows = Vec::new();
         for subject in &subjects {
-            let builder = self.options.session(place, config).engine(subject.wish.engine);
+            let builder = self.options.session(place, config).engine(subject.options.engine);
             let builder = target.session(builder, SPIN).capacity(BoxCount::new(subject.n));
             let memory_bytes = || target.memory_bytes();
             rows.push(measure::row(builder.connect()?, subject, &lengths, memory_bytes)?);

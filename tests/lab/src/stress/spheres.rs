@@ -104,7 +104,7 @@ fn spoil(spheres: &mut [Sphere], random: &mut Random) {
 pub enum Way {
     /// All pairs with one instruction set.
     AllPairs(Isa, SphereAllPairs),
-    /// Through the engine that a wish names.
+    /// Through the engine that a frame's options names.
     Engines(EngineChoice, Box<SphereEngines>),
 }
 
@@ -173,13 +173,13 @@ impl SphereSubject {
             Way::AllPairs(_, engine) => engine.cull(&input, reply),
             Way::Engines(engine, engines) => {
                 let encoding = EncodingChoice::Only(*encoding);
-                let wish = CullOptions {
+                let options = CullOptions {
                     engine: *engine,
                     encoding,
                     threads: Some(threads),
                     ..CullOptions::default()
                 };
-                engines.cull(spheres, &wish, reply).map(|answer| answer.report)
+                engines.cull(spheres, &options, reply).map(|answer| answer.report)
             }
         })
     }

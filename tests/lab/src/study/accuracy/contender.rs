@@ -84,18 +84,18 @@ impl From<&TimedFrame> for FrameFigures {
     }
 }
 
-/// The contender of a mode. Spheres are culled in this process, by the engine of `wish`; all others
+/// The contender of a mode. Spheres are culled in this process, by the engine of `options`; all others
 /// in the session, which has its own choice of engine.
 pub fn contender(
     mode: StudyMode,
-    wish: &CullOptions,
+    options: &CullOptions,
     session: Session,
     boxes: &[Aabb],
 ) -> Box<dyn Contender> {
     match mode {
         StudyMode::Sent(precision) => Box::new(BoxClient::new(session, precision, boxes)),
         StudyMode::World(world) => Box::new(WorldClient::new(session, world, boxes)),
-        StudyMode::Spheres(fit) => Box::new(SphereClient::new(fit, *wish)),
+        StudyMode::Spheres(fit) => Box::new(SphereClient::new(fit, *options)),
     }
 }
 

@@ -24,7 +24,7 @@ pub struct Subject {
     /// The mode.
     pub mode: StudyMode,
     /// The engine, encoding and threads that are asked for.
-    pub wish: CullOptions,
+    pub options: CullOptions,
     /// Seed of the scene.
     pub seed: u64,
 }
@@ -58,7 +58,7 @@ pub fn row(
     memory_bytes: impl FnOnce() -> u64,
 ) -> Result<AccuracyRow, TimedError> {
     let mut scene = Scene::new(subject.scene, subject.n as usize, subject.seed);
-    let mut contender = contender(subject.mode, &subject.wish, session, scene.boxes());
+    let mut contender = contender(subject.mode, &subject.options, session, scene.boxes());
     let mut last = contender.frame(scene.boxes(), false)?.figures;
     for _ in 0..lengths.warm_up {
         scene.step();
@@ -99,7 +99,7 @@ pub fn row(
         offset,
         spheres,
         backend: last.backend.to_owned(),
-        engine: subject.wish.engine.to_string(),
+        engine: subject.options.engine.to_string(),
         served_by_engine: last.engine.to_string(),
         frames: u64::from(lengths.frames),
         requests: record.requests,
@@ -123,7 +123,7 @@ pub fn row(
 
 /// Whether an engine can take a subject at all, and in reasonable time.
 pub fn is_reasonable(subject: &Subject) -> bool {
-    let (engine, mode) = (subject.wish.engine, subject.mode);
+    let (engine, mode) = (subject.options.engine, subject.mode);
     // No GPU engine takes spheres.
     let is_able = match engine {
         EngineChoice::Only(name) if name.is_gpu() => !matches!(mode, StudyMode::Spheres(_)),
@@ -219,15 +219,15 @@ mod tests {
 
     fn subject(n: u32, mode: &str) -> Subject {
         let mode = mode.parse().unwrap_or_else(|e| panic!("{e}"));
-        Subject { scene: SceneName::Pile, n, mode, wish: CullOptions::default(), seed: 1 }
+        Subject { scene: SceneName::Pile, n, mode, options: CullOptions::default(), seed: 1 }
     }
 
     #[test]
     fn what_takes_too_long_or_cannot_be_is_left_out() {
         let is_in = |n, mode, engine: &str| {
             let engine = engine.parse().unwrap_or_else(|e| panic!("{e}"));
-            let wish = CullOptions { engine, ..CullOptions::default() };
-            is_reasonable(&Subject { wish, ..subject(n, mode) })
+            let options = CullOptions { engine, ..CullOptions::default() };
+            is_reasonable(&Subject { options, ..subject(n, mode) })
         };
         for (n, mode, engine) in [
             (1_000_000, "exact", "cpu-grid"),

@@ -20,7 +20,7 @@ use crate::study::spheres::oracle;
 /// Spheres of the boxes, culled in this process.
 pub struct SphereClient {
     fit: Fit,
-    wish: CullOptions,
+    options: CullOptions,
     engines: SphereEngines,
     spheres: Vec<Sphere>,
     reply: HeapReply,
@@ -28,9 +28,9 @@ pub struct SphereClient {
 
 impl SphereClient {
     /// A client with spheres of a fit.
-    pub fn new(fit: Fit, wish: CullOptions) -> Self {
+    pub fn new(fit: Fit, options: CullOptions) -> Self {
         let (engines, spheres, reply) = Default::default();
-        Self { fit, wish, engines, spheres, reply }
+        Self { fit, options, engines, spheres, reply }
     }
 }
 
@@ -41,9 +41,9 @@ impl Contender for SphereClient {
         self.spheres.clear();
         self.spheres.extend(boxes.iter().map(|b| sphere(b, self.fit)));
         let filled = Instant::now();
-        let answer = self.engines.cull(&self.spheres, &self.wish, &mut self.reply)?;
+        let answer = self.engines.cull(&self.spheres, &self.options, &mut self.reply)?;
         let answered = Instant::now();
-        self.wish.last_pairs = Some(answer.report.pair_count);
+        self.options.last_pairs = Some(answer.report.pair_count);
         let n = BoxCount::new(boxes.len() as u32);
         let mask = MaskView::new(n, &answer.report.shape, self.reply.words())?;
         let (mut decoded, mut indices) = (0, 0);

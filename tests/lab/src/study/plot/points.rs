@@ -149,11 +149,11 @@ fn tags<'a>(
         .map(|((_, point), standing)| (*point, *standing))
         .collect();
     tagged.sort_by_key(|(_, standing)| std::cmp::Reverse(*standing));
-    let wishes: Vec<Wish<'_>> =
+    let options: Vec<Wish<'_>> =
         tagged.iter().map(|(point, _)| Wish { at: at(point), text: &point.tag }).collect();
     let points: Vec<Area> = marks.iter().map(|((_, point), _)| Area::of_point(at(point))).collect();
     let lines: Vec<Area> = front.windows(2).map(|ends| Area::of_line(ends[0], ends[1])).collect();
-    tags::place(&wishes, &points, &lines)
+    tags::place(&options, &points, &lines)
         .into_iter()
         .zip(tagged)
         .filter_map(|(place, (point, standing))| {

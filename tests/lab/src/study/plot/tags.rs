@@ -95,10 +95,10 @@ impl Area {
 
 /// A place for each name, or `None`: beside its point, off all `points` and the names before it, and
 /// off `lines` if possible.
-pub(super) fn place(wishes: &[Wish<'_>], points: &[Area], lines: &[Area]) -> Vec<Option<Place>> {
+pub(super) fn place(options: &[Wish<'_>], points: &[Area], lines: &[Area]) -> Vec<Option<Place>> {
     let mut taken = points.to_vec();
     let mut places = Vec::new();
-    for Wish { at: [x, y], text } in wishes {
+    for Wish { at: [x, y], text } in options {
         let free = |avoided: &[Area]| {
             OFFSETS.iter().find_map(|(dx, dy, anchor)| {
                 let place = Place { x: x + dx, y: y + dy, anchor };
@@ -122,11 +122,11 @@ mod tests {
     fn names_cover_neither_each_other_nor_points_nor_lines() {
         let at: Vec<[f64; 2]> =
             (0..6).map(|i| [300.0 + 4.0 * f64::from(i), 200.0 + 3.0 * f64::from(i)]).collect();
-        let wishes: Vec<Wish<'_>> =
+        let options: Vec<Wish<'_>> =
             at.iter().map(|at| Wish { at: *at, text: "margin=0.1" }).collect();
         let points: Vec<Area> = at.iter().copied().map(Area::of_point).collect();
         let line = Area::of_line([320.0, 100.0], [320.0, 300.0]);
-        let places = place(&wishes, &points, &[line]);
+        let places = place(&options, &points, &[line]);
         let areas: Vec<Area> =
             places.iter().flatten().map(|place| Area::of_text(place, "margin=0.1")).collect();
         assert!(areas.len() >= 4, "{places:?}");
@@ -139,19 +139,19 @@ mod tests {
 
     #[test]
     fn a_name_without_room_is_left_out() {
-        let wish = Wish { at: [300.0, 200.0], text: "name" };
+        let options = Wish { at: [300.0, 200.0], text: "name" };
         let everywhere = Area { left: 0.0, top: 0.0, right: 1e3, bottom: 1e3 };
-        assert_eq!(place(&[wish], &[everywhere], &[]), [None]);
+        assert_eq!(place(&[options], &[everywhere], &[]), [None]);
         assert!(
-            place(&[wish], &[], &[everywhere])[0].is_some(),
+            place(&[options], &[], &[everywhere])[0].is_some(),
             "a line is crossed for want of room"
         );
     }
 
     #[test]
     fn a_name_at_the_right_edge_stands_left_of_its_point() {
-        let wish = Wish { at: [AREA.right - 2.0, 200.0], text: "spheres" };
-        let point = Area::of_point(wish.at);
-        assert_eq!(place(&[wish], &[point], &[])[0].map(|place| place.anchor), Some("end"));
+        let options = Wish { at: [AREA.right - 2.0, 200.0], text: "spheres" };
+        let point = Area::of_point(options.at);
+        assert_eq!(place(&[options], &[point], &[])[0].map(|place| place.anchor), Some("end"));
     }
 }

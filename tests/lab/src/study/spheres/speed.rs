@@ -84,9 +84,9 @@ fn row(n: usize, budget: Duration, seed: u64) -> SpeedRow {
     let (sequential_fps, parallel_fps) = (with(1), with(threads));
     let mut engines = SphereEngines::new();
     let encoding = EncodingChoice::Only(Encoding::Sparse);
-    let wish = CullOptions { encoding, ..CullOptions::default() };
+    let options = CullOptions { encoding, ..CullOptions::default() };
     let engines_fps = frames_a_second(budget, || {
-        let _ = black_box(engines.cull(&spheres, &wish, &mut reply));
+        let _ = black_box(engines.cull(&spheres, &options, &mut reply));
     });
     let paper = TABLE_1.iter().find(|row| row.n as usize == n);
     SpeedRow {
