@@ -51,7 +51,7 @@ impl Calibration {
 
     /// What work takes on one thread, ns.
     pub fn time_ns(&self, work: &Work) -> f64 {
-        work.amounts().iter().zip(&self.ns).map(|(amount, ns)| amount * ns).sum()
+        work.times(&self.ns)
     }
 
     /// What threads give an engine; a GPU's engine is not divided.

@@ -13,6 +13,8 @@ use crate::stats::SceneStats;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Work {
     amounts: [f64; Term::ALL.len()],
+    /// First place and number of the terms of the engine and of the mask. All others are zero.
+    spans: [(usize, usize); 2],
 }
 
 impl Work {
@@ -21,8 +23,9 @@ impl Work {
         let descriptor = engine.descriptor();
         let cpu = descriptor.cpu()?;
         let mut work = Self::of_mask(encoding, stats, descriptor.has_order);
-        let own = &mut work.amounts[Term::first_of(engine)..][..cpu.terms.len()];
-        (cpu.work)(stats, own);
+        let (first, len) = (Term::first_of(engine), cpu.terms.len());
+        (cpu.work)(stats, &mut work.amounts[first..first + len]);
+        work.spans[0] = (first, len);
         Some(work)
     }
 
@@ -30,9 +33,16 @@ impl Work {
     pub fn of_mask(encoding: Encoding, stats: &SceneStats, has_order: bool) -> Self {
         let cost = encoding_cost(encoding);
         let mut amounts = [0.0; Term::ALL.len()];
-        let own = &mut amounts[Term::first_of_mask(encoding)..][..cost.terms.len()];
-        (cost.work)(stats, has_order, own);
-        Self { amounts }
+        let (first, len) = (Term::first_of_mask(encoding), cost.terms.len());
+        (cost.work)(stats, has_order, &mut amounts[first..first + len]);
+        Self { amounts, spans: [(0, 0), (first, len)] }
+    }
+
+    /// The sum of all amounts, each times the constant at its place. Terms that the frame does not
+    /// hold are passed over: they would add zero, and plans of small scenes count every ns.
+    pub fn times(&self, constants: &[f64; Term::ALL.len()]) -> f64 {
+        let terms = self.spans.iter().flat_map(|&(first, len)| first..first + len);
+        terms.map(|place| self.amounts[place] * constants[place]).sum()
     }
 
     /// How much of one term.
