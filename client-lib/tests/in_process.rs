@@ -99,7 +99,7 @@ fn names_of_instances_are_checked_in_every_build() {
 #[test]
 #[cfg(not(feature = "daemon"))]
 fn without_a_transport_auto_is_in_process() {
-    use pairmask::session::StatusError;
+    use pairmask::StatusError;
 
     let mut session = Session::builder().connect().unwrap();
     assert_eq!(session.served_by(), ServedBy::InProcess);
@@ -121,8 +121,8 @@ fn without_a_transport_a_daemon_is_a_typed_error() {
 #[test]
 #[cfg(not(feature = "calibration-file"))]
 fn without_files_plans_compute_with_the_built_in_constants() {
-    use pairmask::engine::Isa;
-    use pairmask::plan::{CalibrationChoice, CalibrationOrigin};
+    use pairmask_core::engine::Isa;
+    use pairmask_core::plan::{CalibrationChoice, CalibrationOrigin};
     for choice in [CalibrationChoice::Auto, CalibrationChoice::File("some/where".into())] {
         assert_eq!(choice.resolve().1, CalibrationOrigin::BuiltIn(Isa::best()));
     }
