@@ -1,4 +1,4 @@
-// awake: arithmetic that nobody needs, so that the device keeps its clocks up between frames.
+// awake: arithmetic without a result, so that the device keeps its clocks up between frames.
 //
 // One workgroup; a thread's chain of dependent steps takes as long as it has rounds. The compiler
 // cannot drop them, since it does not know the sum that decides what is written.

@@ -1,5 +1,5 @@
 //! The core of pairmask: boxes and spheres, masks, precision modes, engines, and the plan. It shares
-//! no memory and speaks to nobody; the crate `pairmask` has the sessions that do.
+//! no memory with other processes; the sessions that do are in the crate `pairmask`.
 
 pub mod aabb;
 mod aligned;

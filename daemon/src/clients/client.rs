@@ -25,7 +25,7 @@ impl Client {
         self.session
     }
 
-    /// Wakes it, by the listener of its session that bears this token, and nobody else. About 50 ns
+    /// Wakes this client alone, by the listener of its session that bears this token. About 50 ns
     /// while it does not sleep.
     pub(super) fn wake(&mut self, notifier: &WakeClient, client_token: u64) {
         if let Some(listener) = &self.listener

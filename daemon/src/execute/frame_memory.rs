@@ -1,8 +1,8 @@
 //! Memory that a frame reads and writes.
 //!
 //! A GPU works on a frame while the daemon does something else, so the frame owns its memory until
-//! the device is done: a value that can be moved, dropped and forgotten, and none of it lets the
-//! device write to memory that is somebody else's again.
+//! the device is done: a value that can be moved, dropped and forgotten without the device ever
+//! writing to memory that has another owner by then.
 #![allow(unsafe_code)]
 
 use pairmask_core::engine::{ReplyBuffer, ReserveError};
@@ -14,8 +14,8 @@ use pairmask_core::precision::BoxSlice;
 /// As long as the value lives, wherever it is moved:
 ///
 /// * [`Self::with`] hands out boxes at the same address, as many and of the same form each time.
-/// * The memory that the reply lent last stays mapped where it is, and nobody but [`Self::with`] gets
-///   a reference into it, until the reply is asked for memory again or the value is dropped. It stays
+/// * The memory that the reply lent last stays mapped where it is, and only [`Self::with`] gives
+///   references into it, until the reply is asked for memory again or the value is dropped. It stays
 ///   so for ever when [`Self::abandon`] returns.
 ///
 /// Shared memory that a reply lends is mapped to the same pages as long as the engines live that the
@@ -81,7 +81,7 @@ impl ReplyBuffer for NotedReply<'_> {
     }
 }
 
-/// Boxes and a reply that somebody lends for the time of a call. A device that never ends the frame
+/// Boxes and a reply that the caller lends for the time of a call. A device that never ends the frame
 /// ends the process instead: the call can neither return nor keep what is not its own.
 pub(super) struct Borrowed<'a> {
     pub(super) boxes: BoxSlice<'a>,

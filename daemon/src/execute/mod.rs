@@ -135,7 +135,7 @@ pub struct Executor {
     last_frame: Option<Instant>,
 }
 
-/// How long nobody may send a frame before the engines' scratch is given back: longer than a game's
+/// Time without a frame after which the engines' scratch is given back: longer than a game's
 /// menus or a level that loads. The frame after takes a few ms longer.
 const IDLE: Duration = Duration::from_secs(10);
 

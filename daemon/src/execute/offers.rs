@@ -26,8 +26,8 @@ struct Offered {
     owner: Owner,
     start: usize,
     bytes: usize,
-    /// `None` where the driver or the system refused: the staged path serves, and nobody asks
-    /// again.
+    /// `None` where the driver or the system refused: the staged path serves, and the import is
+    /// not tried again.
     import: Option<ImportId>,
 }
 

@@ -36,14 +36,15 @@ pub struct Gate {
     services: Rc<Services<ipc::Service>>,
     files: SegmentFiles,
     ports: Vec<Port>,
-    /// Dropping a forged request would tell the client that it names that nobody answers.
-    kept: VecDeque<ActiveRequest>,
+    /// Forged requests. Dropping one would tell the client that it names that its request has no
+    /// server any more.
+    forged: VecDeque<ActiveRequest>,
 }
 
 impl Gate {
     /// For the clients of these services, whose segments are those files.
     pub fn new(services: Rc<Services<ipc::Service>>, files: SegmentFiles) -> Self {
-        Self { services, files, ports: Vec::new(), kept: VecDeque::new() }
+        Self { services, files, ports: Vec::new(), forged: VecDeque::new() }
     }
 
     /// Checks a request. One that lies about where it comes from is not let in, and never answered.
@@ -52,10 +53,10 @@ impl Gate {
             Ok(incoming) => Some(incoming),
             Err(ForgedRequest { request }) => {
                 log::debug!("port {:x} forges requests", request.origin().value());
-                if self.kept.len() >= MOST_KEPT {
-                    self.kept.pop_front();
+                if self.forged.len() >= MOST_KEPT {
+                    self.forged.pop_front();
                 }
-                self.kept.push_back(request);
+                self.forged.push_back(request);
                 None
             }
         }
@@ -87,7 +88,7 @@ impl Gate {
         let request = CheckedRequest::new(request, &port.segment)?;
         let asked = Some(request.header().client_token);
         if token != asked {
-            // A name of a listener is its session's: answers to it are nobody else's.
+            // A listener's name belongs to its session: only that session may ask for answers to it.
             let owner = self.services.session_named(request.header().client_token);
             if owner.is_some_and(|session| session != sender.session) {
                 return Err(request.into_forged());

@@ -15,8 +15,8 @@ struct Waiting<R> {
 /// Requests that wait for an answer. Processes take turns, whatever they say and however many ports
 /// they have; so do the sessions of a process; a session's own requests keep their order.
 ///
-/// Whoever is served, or begins to wait, goes to the end of the line: nobody waits for longer than
-/// one turn of each other process.
+/// A process that was served, or begins to wait, goes to the end of the line: it waits for one turn
+/// of each other process at most.
 ///
 /// ```
 /// use pairmask_transport::Sender;
@@ -43,8 +43,8 @@ pub struct Inbox<R> {
 }
 
 impl<R> Inbox<R> {
-    /// Room for all requests that `max_clients` may have under way: nobody can fill it, and those
-    /// beside it are received all the same.
+    /// Room for all requests that `max_clients` may have under way: one client cannot fill it, and
+    /// requests of others are received all the same.
     pub fn new(max_clients: usize) -> Self {
         let capacity = max_clients.max(1) * PORTS_PER_CLIENT * FRAMES_AT_A_TIME;
         Self { waiting: Vec::with_capacity(capacity), capacity, last_turn: 0 }

@@ -96,7 +96,7 @@ impl Outbox {
     }
 
     fn send(&mut self, open: &mut OpenRequest, header: &ResponseHeader) {
-        // Without memory for even one page, or with a client that is gone, nobody can be told: the
+        // Where there is no memory for one page, or the client is gone, no response can be sent: the
         // client's deadline ends its wait.
         if let Err(error) = open.send(header) {
             log::debug!("sending a response: {error}");

@@ -80,7 +80,7 @@ pub enum ServeError {
         /// The process that should have been the parent.
         supervisor: u32,
     },
-    /// A process that nobody supervises, or that does not die, still has the server port.
+    /// A process without a supervisor, or one that does not die, still has the server port.
     #[error(
         "process {pid} ({name}) still serves instance '{instance}' and does not go: end it \
          (kill -9 {pid}) and serve again"

@@ -119,7 +119,7 @@ fn watch(worker: &mut Child, signals: &mut Signals) -> Result<Option<ExitStatus>
 
 fn stop(worker: &mut Child) -> Result<(), ServeError> {
     if let Some(pid) = i32::try_from(worker.id()).ok().and_then(Pid::from_raw) {
-        // It may have ended by itself meanwhile: then there is nobody to tell.
+        // A worker that has ended by itself meanwhile needs no signal.
         let _ = kill_process(pid, Signal::TERM);
     }
     let deadline = Instant::now() + STOP_WITHIN;

@@ -232,7 +232,7 @@ fn serve(
 }
 
 fn drain(server: &Server, gate: &mut Gate, inbox: &mut Inbox<Incoming>) {
-    // As many as all clients may send at a time: a client that sends without end keeps nobody here.
+    // As many as all clients may send at a time: a client that sends without end does not keep the loop here.
     for _ in 0..inbox.capacity() {
         if !inbox.has_room() {
             return;

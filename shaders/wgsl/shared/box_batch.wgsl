@@ -35,7 +35,7 @@ var<workgroup> empty_count: atomic<u32>;
 
 // Brings a batch of n boxes to workgroup memory. All lanes call it; it ends with a barrier.
 fn load_batch(batch: u32, lane: u32, n: u32) {
-    // Boxes of 6 bytes may end within a word. Its other half is bound, and nobody looks at it.
+    // Boxes of 6 bytes may end within a word. Its other half is bound and not looked at.
     let word_count = (n * BOX_BYTES + 3u) / 4u;
     // Neighbouring lanes read neighbouring words: over the link every byte crosses once.
     for (var i = lane; i < RAW_WORDS; i += BATCH_BOXES) {

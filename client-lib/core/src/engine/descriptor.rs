@@ -7,7 +7,7 @@ use crate::mask::Encoding;
 use crate::precision::BoxForm;
 use crate::stats::SceneStats;
 
-/// An engine, as whoever chooses one sees it.
+/// An engine, as the command line, the plan and dispatch see it.
 #[derive(Clone, Copy, Debug)]
 pub struct EngineDescriptor {
     /// The name on the command line and in reports.

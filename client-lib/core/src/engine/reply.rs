@@ -1,6 +1,6 @@
-//! Where masks are written: memory that whoever publishes them hands out.
+//! Where masks are written: memory of the session or daemon that publishes them.
 
-/// Memory for a mask, handed out by whoever publishes it.
+/// Memory for a mask, lent by the session or daemon that publishes it.
 pub trait ReplyBuffer {
     /// The most words that [`Self::reserve`] ever lends; `u64::MAX` where memory is the only limit.
     /// It is known before a frame and stays the same throughout it: engines stop looking for pairs
@@ -24,7 +24,7 @@ pub enum ReserveError {
     )]
     TooLarge {
         /// Bytes that the mask needs at the least. A search ends when it has found more than a reply
-        /// holds, so that nobody knows how many more it needs.
+        /// holds, so that the rest is not known.
         at_least_bytes: u64,
         /// Bytes of the largest reply.
         limit_bytes: u64,

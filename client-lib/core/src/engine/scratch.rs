@@ -11,8 +11,8 @@ const LEAST_BYTES: usize = 1 << 20;
 /// Scratch up to so many times the need stays, so that scenes may come and go in size.
 const SPARE: usize = 2;
 
-/// The most that a frame has needed of late: whoever keeps scratch memory from frame to frame asks it
-/// when to give it back.
+/// The most that a frame has needed of late. It says when scratch memory that is kept from frame to
+/// frame should be given back.
 ///
 /// ```
 /// use pairmask_core::engine::RecentNeed;

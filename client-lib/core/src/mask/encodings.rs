@@ -208,7 +208,7 @@ impl MaskShape {
 /// in the reply and have the right lengths. Whatever the bytes, decoding then never panics, ends,
 /// and gives only pairs with a < b < n: bits that name no pair of boxes are dropped.
 /// [`MaskView::verify`] says whether there are any. Words are read where they lie and when they are
-/// needed, so whoever published the reply must leave it alone while a view lives.
+/// needed, so the publisher of the reply must not change it while a view lives.
 ///
 /// ```
 /// use pairmask_core::BoxCount;

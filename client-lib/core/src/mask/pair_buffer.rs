@@ -1,4 +1,4 @@
-//! A few pairs between the decoder and whoever takes them.
+//! A few pairs between the decoder and its consumer.
 //!
 //! Most words hold one bit, some two or more, and no branch predictor can tell which: a loop over
 //! the bits of each word, with the consumer's code inside, spends most of its time on wrong

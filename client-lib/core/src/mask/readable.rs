@@ -2,8 +2,8 @@
 
 use super::Encoding;
 
-/// The encodings that a client can read, by the minor wire version that it speaks. Whoever plans a
-/// mask for it chooses among these.
+/// The encodings that a client can read, by the minor wire version that it speaks. The plan
+/// of a frame chooses among these.
 ///
 /// ```
 /// use pairmask_core::mask::{Encoding, ReadableEncodings};

@@ -64,7 +64,7 @@ impl<'a> SparseMask<'a> {
     /// Whether the mask names the pair of boxes `a` and `b`, in any order of the two.
     ///
     /// A binary search by row and block; with an order, first an O(n) search for the positions of
-    /// both boxes, so whoever asks often walks the pairs once instead. False for equal and for
+    /// both boxes, so a caller with many questions walks the pairs once instead. False for equal and for
     /// unknown boxes. In a mask that `verify` rejects, a pair may go unfound.
     #[must_use]
     pub fn contains(&self, a: u32, b: u32) -> bool {

@@ -8,7 +8,7 @@ use super::error::OpenError;
 /// The user's choice of GPU.
 ///
 /// ```
-/// use pairmaskd::execute::gpu::adapter::GpuChoice;
+/// use pairmaskd::execute::gpu::GpuChoice;
 /// assert_eq!("auto".parse(), Ok(GpuChoice::Auto));
 /// assert_eq!("1".parse(), Ok(GpuChoice::Index(1)));
 /// assert_eq!("H200".parse(), Ok(GpuChoice::Name("H200".into())));

@@ -25,7 +25,7 @@ use super::shader::Checks;
 pub const DEFAULT_HOLD: Duration = Duration::from_millis(250);
 
 /// Steps of a dispatch: 0.6 ms on an H200. Shorter ones wake their thread more often, longer ones
-/// hold up whoever stops it.
+/// delay its end.
 const ROUNDS: u32 = 100_000;
 /// How long a dispatch may take before the device counts as hung.
 const PATIENCE: Duration = Duration::from_secs(10);

@@ -391,7 +391,7 @@ fn find_memory_type(
     fits(needed | wished).or_else(|| fits(needed)).map(|(_, i)| i)
 }
 
-/// Has wgpu tell of a loss, and of errors nobody waits for (which would panic otherwise).
+/// Has wgpu report a loss, and errors outside of any call (which would panic otherwise).
 fn watch(device: &wgpu::Device, health: &Arc<DeviceHealth>) {
     let lost = Arc::clone(health);
     device.set_device_lost_callback(move |reason, message| {

@@ -211,7 +211,7 @@ impl Frame {
     /// What came before is done, and visible to what comes after.
     fn barrier(&self, next: vk::PipelineStageFlags, access: vk::AccessFlags) {
         if self.role == QueueRole::Upload {
-            // Such a queue knows no stage but copies, and its one copy has nobody to wait for: the
+            // Such a queue knows no stage but copies, and its one copy waits for nothing: the
             // semaphore orders it before the frame.
             return;
         }
@@ -330,7 +330,7 @@ impl Frame {
     }
 
     /// Whether the device may still read and write what the frame uses: the frame was submitted, and
-    /// nobody has seen its end.
+    /// its end was not seen yet.
     pub fn is_pending(&self) -> bool {
         self.pending
     }
@@ -344,7 +344,7 @@ impl Frame {
     /// Waits for the end of a submitted frame, `patience` at most.
     ///
     /// Where the wait fails, the frame is given [`LAST_PATIENCE`] more: a device that was given up
-    /// while it works must not write into memory that somebody takes back. One that does not end
+    /// while it works must not write into memory that its owner takes back. One that does not end
     /// even then stays pending, for ever.
     ///
     /// # Errors
@@ -398,7 +398,7 @@ impl Frame {
         }
     }
 
-    /// Waits for a frame whose answer nobody wants any more, [`LAST_PATIENCE`] at most. Whether the
+    /// Waits for a frame whose answer is not wanted any more, [`LAST_PATIENCE`] at most. Whether the
     /// device is done with it, so that it may be submitted, and its memory taken back.
     pub(super) fn settle(&mut self) -> bool {
         if !self.pending {

@@ -4,8 +4,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::error::GpuError;
 
-/// Set once, by whoever notices first: the driver's answer to a call, wgpu's lost callback, or an
-/// error nobody waited for.
+/// Set once, by the first of these to notice: the driver's answer to a call, wgpu's lost callback, or
+/// an error that came outside of any call.
 #[derive(Debug, Default)]
 pub struct DeviceHealth {
     lost: AtomicBool,

@@ -3,7 +3,7 @@
 //! The daemon maps a client's segment read-only, and NVIDIA's driver refuses read-only pages. So
 //! the file behind an address is looked up in `/proc/self/maps` and the same pages are mapped a
 //! second time, read-write, for the import alone. That mapping belongs to the import: it stays
-//! valid when the first one goes, but then shows a file nobody uses, so
+//! valid when the first one goes, but then shows a file that is not in use, so
 //! [`Imports::forget`] it.
 //!
 //! Stages read from every import. They write only to those that were imported for replies, which is
@@ -262,7 +262,7 @@ impl Imports {
     ///
     /// # Safety
     /// Until [`Self::forget`], the range stays mapped to the pages that it is mapped to now,
-    /// or nobody hands out reply memory at these addresses. Otherwise a frame writes to pages that
+    /// or no reply lends memory at these addresses. Otherwise a frame writes to pages that
     /// its reply does not borrow.
     ///
     /// # Errors

@@ -1,7 +1,7 @@
 //! Memory that a GPU sees: in video memory, in host memory, or imported from a mapping.
 //!
-//! The CPU touches a block only between frames: whoever submits a frame waits for its end before
-//! it reads or writes, so neither side sees the other's half-written bytes.
+//! The CPU touches a block only between frames: an engine that submits a frame waits for its end
+//! before it reads or writes, so neither side sees the other's half-written bytes.
 #![allow(unsafe_code)]
 
 use std::ptr::NonNull;

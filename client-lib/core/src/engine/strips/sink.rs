@@ -128,7 +128,7 @@ impl WordSink {
 
     /// Adds the hits of a tested batch. Batches must come in rising order of (row, start).
     ///
-    /// Full chunks count against the budget. Whoever searches on after it is spent wastes time.
+    /// Full chunks count against the budget. A task that searches on after it is spent wastes time.
     pub fn take(&mut self, batch: &StripBatch, gather: &Gather<'_>, isa: AvailableIsa) {
         self.pair_count += self.hits.collect(batch, isa);
         let mut done = 0;

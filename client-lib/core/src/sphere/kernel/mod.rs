@@ -19,7 +19,7 @@ pub(super) struct Verdict {
     pub ties: u64,
 }
 
-/// Whoever takes the words of a row that are not zero: word number and bits.
+/// A consumer of the non-zero words of a row: word number and bits.
 pub(super) trait Take: FnMut(usize, u64) {}
 impl<F: FnMut(usize, u64)> Take for F {}
 

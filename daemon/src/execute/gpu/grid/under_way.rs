@@ -19,8 +19,8 @@ impl SharedLane {
         Self(Arc::new(Mutex::new(lane)))
     }
 
-    /// The lane, for as long as the guard lives. One thread uses an engine and its frames, so nobody
-    /// waits here; after a panic the frame is given up with whatever it had.
+    /// The lane, for as long as the guard lives. One thread uses an engine and its frames, so no
+    /// thread waits here; after a panic the frame is given up with whatever it had.
     pub(super) fn lock(&self) -> MutexGuard<'_, Lane> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
