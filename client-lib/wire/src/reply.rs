@@ -153,6 +153,7 @@ pub struct Reply {
 
 /// Why a response is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum ReplyError {
     /// Not a pairmask response of this major version.
     #[error("the response is not of wire version {VERSION_MAJOR}")]

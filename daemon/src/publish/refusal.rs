@@ -35,6 +35,8 @@ impl From<CullError> for Refusal {
             CullError::DeviceLost { engine }
             | CullError::DeviceMemory { engine, .. }
             | CullError::TooCrowded { engine } => (StatusCode::EngineFailed, [engine as u64, 0]),
+            // An error that this match does not know yet names no engine: 0 is none.
+            _ => (StatusCode::EngineFailed, [0; 2]),
         };
         Self { status, detail, text: error.to_string() }
     }

@@ -4,6 +4,7 @@ use super::{EngineName, ReserveError};
 
 /// Why an engine gave no answer.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum CullError {
     /// No memory for the mask.
     #[error(transparent)]

@@ -10,6 +10,7 @@ macro_rules! engines {
         /// The engines by name. Numbers are part of the wire contract, names of the command line's.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
         #[repr(u32)]
+        #[non_exhaustive]
         pub enum EngineName {
             $($(#[$doc])* $name = $descriptor.wire_number,)+
         }
