@@ -27,14 +27,16 @@ pub use section::{SECTION_COUNT, Section, SectionKind};
 pub use status::{AuditCounts, LAST_ERRORS, RecordedError, StatusBody, response_status};
 pub use status_code::StatusCode;
 
+use pairmask_core::mask::Encoding;
 use pairmask_core::objects::ObjectForm;
 use pairmask_core::precision::BoxForm;
 
 /// Major version. A daemon answers only requests of its own. Raised when an old reader would
 /// misread a message.
 pub const VERSION_MAJOR: u16 = 1;
-/// Minor version. Raised when something is added that old readers may ignore.
-pub const VERSION_MINOR: u16 = 2;
+/// Minor version: that of the newest form of objects or encoding of masks. Old readers may ignore what
+/// a minor version adds.
+pub const VERSION_MINOR: u16 = newest_minor();
 /// Minor version from which daemons know boxes in narrow forms.
 pub const NARROW_BOXES_MINOR: u16 = 1;
 /// Minor version from which daemons know spheres.
@@ -47,6 +49,23 @@ pub const fn since_minor(form: ObjectForm) -> u16 {
         ObjectForm::Boxes(_) => NARROW_BOXES_MINOR,
         ObjectForm::Spheres => SPHERES_MINOR,
     }
+}
+
+/// The largest minor version that a form or an encoding needs.
+const fn newest_minor() -> u16 {
+    let (mut newest, mut i) = (0, 0);
+    while i < ObjectForm::ALL.len() {
+        let since = since_minor(ObjectForm::ALL[i]);
+        newest = if since > newest { since } else { newest };
+        i += 1;
+    }
+    i = 0;
+    while i < Encoding::ALL.len() {
+        let since = Encoding::ALL[i].since_minor();
+        newest = if since > newest { since } else { newest };
+        i += 1;
+    }
+    newest
 }
 
 /// "PMRQ" in memory order. A wrong magic means that the writer is no pairmask client.

@@ -8,31 +8,23 @@
 //! box indices, or, when the reply carries an `order`, indices into that order. Sorted by
 //! (row, block).
 //!
-//! All encodings stand in `encodings.rs`: what depends on them goes through it.
+//! All encodings stand in `encodings`: what depends on them goes through it.
 
-mod dense;
-mod dense_pairs;
-mod dense_words;
 mod encodings;
 mod error;
 mod pair_buffer;
 mod pairs;
 mod par_pairs;
 mod readable;
-mod sparse;
-mod sparse_pairs;
-mod sparse_words;
 mod view;
 mod word_flags;
 mod words;
 
-pub use dense::DenseMask;
-pub use encodings::{Encoding, MaskShape, MaskView};
+pub use encodings::*;
 pub use error::{MaskError, Section};
 pub use pairs::Pairs;
 pub use par_pairs::ParPairs;
 pub use readable::ReadableEncodings;
-pub use sparse::SparseMask;
 pub use words::{AddressedWord, WordAddress, Words};
 
 use std::fmt;

@@ -74,15 +74,15 @@ fn wishes_win_even_where_nothing_can_fulfil_them() {
     assert_eq!((plan.engine, plan.encoding), (EngineName::GpuGrid, Encoding::Dense));
 }
 
-/// A made-up history: one encoding is as old as the wire, the other came with 1.7.
+/// A made-up history: one encoding is as old as the wire, all others came with 1.7.
 #[test]
 fn an_encoding_that_is_newer_than_the_client_is_never_chosen() {
-    let since = |new, encoding| if encoding == new { 7 } else { 0 };
+    let since = |old, encoding| if encoding == old { 0 } else { 7 };
     for n in [10, 500, 4096, 100_000] {
         for (new, old) in [(Encoding::Sparse, Encoding::Dense), (Encoding::Dense, Encoding::Sparse)]
         {
             let of = |minor: u16| {
-                let readable = ReadableEncodings::by(|encoding| since(new, encoding) <= minor);
+                let readable = ReadableEncodings::by(|encoding| since(old, encoding) <= minor);
                 let options = CullOptions { readable, ..CullOptions::default() };
                 chosen(&stats(n, 0.1), Some(GPU), options)
             };

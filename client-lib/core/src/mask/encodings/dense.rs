@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use super::dense_pairs::DensePairs;
 use super::dense_words::DenseWords;
-use super::{MaskError, Section, Span};
+use crate::mask::{MaskError, Section, Span};
 use crate::units::{BoxCount, PairIndex};
 
 /// A dense mask, lengths checked: bit k%32 of word k/32 is pair k (Avril et al. 2012, §3.4).

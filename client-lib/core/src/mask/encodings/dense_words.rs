@@ -3,11 +3,11 @@
 use std::iter::FusedIterator;
 use std::ops::Range;
 
-use super::word_flags::{CHUNK_WORDS, Chunk, flags_of};
+use crate::mask::word_flags::{CHUNK_WORDS, Chunk, flags_of};
 
 /// The non-zero words of a range of a dense mask, each with its number in the mask.
 #[derive(Clone)]
-pub(super) struct DenseWords<'a> {
+pub(in crate::mask) struct DenseWords<'a> {
     /// The chunk in hand, of [`CHUNK_WORDS`] or, at the end of the range, fewer.
     chunk: &'a [u32],
     /// Number of the chunk's first word.

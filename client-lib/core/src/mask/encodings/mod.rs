@@ -1,19 +1,26 @@
 //! All encodings: their names, the shapes of their masks, and their decoders. What depends on the
 //! encoding of a mask is decided here; each decoder has files of its own.
 
+mod dense;
+mod dense_pairs;
+mod dense_words;
+mod sparse;
+mod sparse_pairs;
+mod sparse_words;
+
+pub use self::dense::DenseMask;
+pub use self::sparse::SparseMask;
+
 use std::fmt;
 use std::ops::Range;
 
-use super::dense_pairs::DensePairs;
-use super::dense_words::DenseWords;
+use self::dense_pairs::DensePairs;
+use self::dense_words::DenseWords;
+use self::sparse_pairs::SparsePairs;
+use self::sparse_words::SparseWords;
 use super::pair_buffer::PairBuffer;
-use super::sparse_pairs::SparsePairs;
-use super::sparse_words::SparseWords;
 use super::word_flags::CHUNK_WORDS;
-use super::{
-    AddressedWord, DenseMask, MaskError, Pairs, SECTION_ALIGN_WORDS, Span, SparseMask, WordAddress,
-    Words,
-};
+use super::{AddressedWord, MaskError, Pairs, SECTION_ALIGN_WORDS, Span, WordAddress, Words};
 use crate::units::{BoxCount, MaskWord, PairIndex};
 
 /// How a mask is written.

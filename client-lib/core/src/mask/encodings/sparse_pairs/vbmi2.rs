@@ -10,10 +10,10 @@
 
 use std::arch::x86_64::*;
 
-use super::super::pair_buffer::{PairWriter, WORD_PAIRS};
 use super::super::sparse_words::{SparseWord, SparseWords};
 use super::SparsePairs;
 use crate::isa::{AvailableIsa, Isa};
+use crate::mask::pair_buffer::{PairWriter, WORD_PAIRS};
 use crate::units::BoxCount;
 
 /// Words whose stray bits are taken away together: the lanes of a register.

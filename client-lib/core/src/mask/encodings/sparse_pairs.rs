@@ -7,16 +7,16 @@ mod vbmi2;
 
 #[cfg(target_arch = "x86_64")]
 use self::vbmi2::Vbmi2;
-use super::pair_buffer::{PairWriter, WORD_PAIRS};
 use super::sparse_words::{SparseWord, SparseWords};
 use crate::isa::AvailableIsa;
 #[cfg(target_arch = "x86_64")]
 use crate::isa::Isa;
+use crate::mask::pair_buffer::{PairWriter, WORD_PAIRS};
 use crate::units::BoxCount;
 
 /// The pairs of the words of a sparse mask, in the order of the words, columns rising.
 #[derive(Clone)]
-pub(super) struct SparsePairs<'a> {
+pub(in crate::mask) struct SparsePairs<'a> {
     n: BoxCount,
     /// `n` positions, where there is one.
     order: Option<&'a [u32]>,
@@ -122,9 +122,9 @@ mod tests {
     use proptest::collection::vec;
     use proptest::prelude::*;
 
-    use super::super::encodings::PairSource;
-    use super::super::pairs::Pairs;
+    use super::super::PairSource;
     use super::*;
+    use crate::mask::Pairs;
 
     /// The pairs by definition, one bit after the other in u64.
     fn naive(n: BoxCount, words: &[(u32, u32, u32)], order: Option<&[u32]>) -> Vec<(u32, u32)> {

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use super::sparse_pairs::SparsePairs;
 use super::sparse_words::SparseWords;
-use super::{MaskError, Section, Span};
+use crate::mask::{MaskError, Section, Span};
 use crate::units::BoxCount;
 
 /// A sparse mask, lengths checked: see the [module's head](crate::mask).

@@ -6,7 +6,7 @@ use crate::units::BoxCount;
 
 /// A word of a sparse mask: bit t is the pair of positions (row, 32·block + t).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct SparseWord {
+pub(in crate::mask) struct SparseWord {
     pub row: u32,
     pub block: u32,
     pub bits: u32,
@@ -41,7 +41,7 @@ impl SparseWord {
 
 /// Words of a sparse mask as they lie in the reply: three slices of one length.
 #[derive(Clone)]
-pub(super) struct SparseWords<'a> {
+pub(in crate::mask) struct SparseWords<'a> {
     rows: &'a [u32],
     blocks: &'a [u32],
     bits: &'a [u32],

@@ -4,15 +4,15 @@
 mod avx512;
 
 use super::dense_words::DenseWords;
-use super::pair_buffer::{PairWriter, WORD_PAIRS};
-use super::word_flags::{Chunk, flags_of};
 use crate::isa::{AvailableIsa, Isa};
+use crate::mask::pair_buffer::{PairWriter, WORD_PAIRS};
+use crate::mask::word_flags::{Chunk, flags_of};
 use crate::pair_index::PairWalker;
 use crate::units::{BoxCount, PairIndex};
 
 /// The pairs of the words of a dense mask, in index order.
 #[derive(Clone)]
-pub(super) struct DensePairs<'a> {
+pub(in crate::mask) struct DensePairs<'a> {
     n: BoxCount,
     words: DenseWords<'a>,
     isa: AvailableIsa,
@@ -78,9 +78,9 @@ mod tests {
     use proptest::collection::vec;
     use proptest::prelude::*;
 
-    use super::super::encodings::PairSource;
-    use super::super::pairs::Pairs;
+    use super::super::PairSource;
     use super::*;
+    use crate::mask::Pairs;
 
     /// The pairs by definition: counting.
     fn naive(n: u32, words: &[u32]) -> Vec<(u32, u32)> {

@@ -4,10 +4,10 @@
 
 use std::arch::x86_64::{_mm512_loadu_si512, _mm512_test_epi32_mask};
 
-use super::super::pair_buffer::PairWriter;
-use super::super::word_flags::{CHUNK_WORDS, Chunk};
 use super::DensePairs;
 use crate::isa::{AvailableIsa, Isa};
+use crate::mask::pair_buffer::PairWriter;
+use crate::mask::word_flags::{CHUNK_WORDS, Chunk};
 
 /// [`DensePairs::write_with`] with AVX-512.
 #[inline]
