@@ -22,7 +22,7 @@ pub use pages::{
     words_in, words_in_mut,
 };
 pub use reply::{Reply, ReplyError, ReplyFields, ResponseHeader, response_error, response_ok};
-pub use request::{Operation, Reject, Request, RequestHeader};
+pub use request::{CullRequest, Operation, Reject, Request, RequestHeader, ScenePlace};
 pub use section::{SECTION_COUNT, Section, SectionKind};
 pub use status::{AuditCounts, LAST_ERRORS, RecordedError, StatusBody, response_status};
 pub use status_code::StatusCode;

@@ -5,9 +5,11 @@ use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 use pairmask_core::engine::{EngineChoice, EngineName};
 use pairmask_core::mask::{Encoding, EncodingChoice};
-use pairmask_core::objects::ObjectForm;
+use pairmask_core::objects::{ObjectForm, Objects};
 use pairmask_core::units::BoxCount;
 
+use crate::page::Page;
+use crate::pages::objects_in;
 use crate::section::{SECTION_COUNT, Section, SectionKind};
 use crate::status_code::StatusCode;
 use crate::{REQUEST_MAGIC, VERSION_MAJOR, VERSION_MINOR, Version};
@@ -65,28 +67,46 @@ pub enum Operation {
     Status = 2,
 }
 
+/// Where the objects of a scene lie in a payload, and what they are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ScenePlace {
+    /// Boxes or spheres, and their form.
+    pub form: ObjectForm,
+    /// How many.
+    pub count: BoxCount,
+    /// Offset of the objects in the payload, bytes; `form.bytes(count)` bytes from there are within
+    /// a payload that the place was validated against.
+    pub offset: usize,
+}
+
+impl ScenePlace {
+    /// The objects, or `None` where they are not all in the payload.
+    pub fn objects_in(self, pages: &[Page]) -> Option<Objects<'_>> {
+        objects_in(pages, self.offset, self.form, self.count)
+    }
+}
+
+/// A validated request for the pairs of a scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CullRequest {
+    /// The scene.
+    pub scene: ScenePlace,
+    /// The engine asked for.
+    pub engine: EngineChoice,
+    /// The encoding asked for.
+    pub encoding: EncodingChoice,
+    /// Threads that the engine may use; `None` leaves the number to the plan.
+    pub threads: Option<usize>,
+    /// Minor wire version of the client, older or newer than this build. The answer may hold nothing
+    /// that a later minor version added.
+    pub client_minor: u16,
+}
+
 /// A validated request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Request {
     /// Find pairs.
-    Cull {
-        /// Boxes or spheres in the scene.
-        box_count: BoxCount,
-        /// Boxes or spheres, and their form.
-        form: ObjectForm,
-        /// Offset of the objects in the payload, bytes; `form.bytes(box_count)` bytes from there
-        /// are within the payload.
-        offset: usize,
-        /// The engine asked for.
-        engine: EngineChoice,
-        /// The encoding asked for.
-        encoding: EncodingChoice,
-        /// Threads that the engine may use; `None` leaves the number to the plan.
-        threads: Option<usize>,
-        /// Minor wire version of the client, older or newer than this build. The answer may hold
-        /// nothing that a later minor version added.
-        client_minor: u16,
-    },
+    Cull(CullRequest),
     /// Report the status.
     Status,
 }
@@ -244,15 +264,14 @@ impl Request {
         if section.bytes != form.bytes(box_count) || !section.fits(payload_bytes) {
             return Err(wrong);
         }
-        Ok(Self::Cull {
-            box_count,
-            form,
-            offset: usize::try_from(section.offset).map_err(|_| wrong)?,
+        let offset = usize::try_from(section.offset).map_err(|_| wrong)?;
+        Ok(Self::Cull(CullRequest {
+            scene: ScenePlace { form, count: box_count, offset },
             engine,
             encoding,
             threads: (header.threads != 0).then_some(header.threads as usize),
             client_minor: header.version_minor,
-        })
+        }))
     }
 }
 

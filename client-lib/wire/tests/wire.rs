@@ -13,9 +13,9 @@ use pairmask_core::precision::{Bounds, BoxF16, BoxForm, Quantizer};
 use pairmask_core::sphere::Sphere;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
-    AuditCounts, LAST_ERRORS, Page, RecordedError, Reject, Reply, ReplyError, ReplyFields, Request,
-    RequestHeader, ResponseHeader, Section, SectionKind, StatusBody, StatusCode, Version,
-    objects_in, response_error, response_ok, response_status,
+    AuditCounts, CullRequest, LAST_ERRORS, Page, RecordedError, Reject, Reply, ReplyError,
+    ReplyFields, Request, RequestHeader, ResponseHeader, ScenePlace, Section, SectionKind,
+    StatusBody, StatusCode, Version, response_error, response_ok, response_status,
 };
 use proptest::prelude::*;
 
@@ -195,15 +195,13 @@ fn a_request_round_trips() {
         let parsed = Request::parse(&request_of(form), 4096).unwrap();
         assert_eq!(
             parsed,
-            Request::Cull {
-                box_count: N,
-                form,
-                offset: 0,
+            Request::Cull(CullRequest {
+                scene: ScenePlace { form, count: N, offset: 0 },
                 engine: EngineChoice::Only(EngineName::CpuBrute),
                 encoding: EncodingChoice::Only(Encoding::Sparse),
                 threads: Some(2),
                 client_minor: Version::CURRENT.minor,
-            }
+            })
         );
     }
     let status = RequestHeader::status(1, 2);
@@ -217,7 +215,7 @@ fn the_minor_version_of_a_client_is_kept() {
         let header = RequestHeader { version_minor: minor, ..request() };
         let parsed = Request::parse(&header, 4096);
         assert!(
-            matches!(parsed, Ok(Request::Cull { client_minor, .. }) if client_minor == minor),
+            matches!(parsed, Ok(Request::Cull(cull)) if cull.client_minor == minor),
             "{minor}: {parsed:?}"
         );
     }
@@ -415,21 +413,22 @@ proptest! {
     ) {
         let header: RequestHeader = bytemuck::cast(bytes);
         let payload_bytes = payload_pages * 4096;
-        if let Ok(Request::Cull { box_count, form, offset, .. }) =
+        if let Ok(Request::Cull(CullRequest { scene, .. })) =
             Request::parse(&header, payload_bytes)
         {
+            let ScenePlace { form, count, offset } = scene;
             let object_bytes = match form {
                 ObjectForm::Boxes(BoxForm::F32) => 24,
                 ObjectForm::Boxes(BoxForm::Q16 | BoxForm::F16) => 12,
                 ObjectForm::Boxes(BoxForm::Q8) => 6,
                 ObjectForm::Spheres => 16,
             };
-            let end = offset as u64 + object_bytes * u64::from(box_count.get());
+            let end = offset as u64 + object_bytes * u64::from(count.get());
             prop_assert!(end <= payload_bytes);
             prop_assert_eq!(offset % 4, 0);
             let pages: Vec<Page> = vec![Page::zeroed(); payload_pages as usize];
-            let view = objects_in(&pages, offset, form, box_count);
-            prop_assert_eq!(view.map(|v| (v.form(), v.len())), Some((form, box_count.len())));
+            let view = scene.objects_in(&pages);
+            prop_assert_eq!(view.map(|v| (v.form(), v.len())), Some((form, count.len())));
         }
     }
 

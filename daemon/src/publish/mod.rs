@@ -6,7 +6,7 @@ mod open_request;
 mod outbox;
 mod refusal;
 
-pub(crate) use open_request::{ObjectsPlace, OpenRequest, ReplyLender};
+pub(crate) use open_request::{OpenRequest, ReplyLender};
 pub use outbox::AlterAnswer;
 pub(crate) use outbox::Outbox;
 pub(crate) use refusal::Refusal;

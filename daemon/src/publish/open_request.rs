@@ -15,7 +15,7 @@ use pairmask_transport::{
     assume_response_pages,
 };
 use pairmask_wire::{
-    Reject, ReplyFields, Request, ResponseHeader, objects_in, page_count, words_in, words_in_mut,
+    Reject, ReplyFields, Request, ResponseHeader, ScenePlace, page_count, words_in, words_in_mut,
 };
 
 use crate::ingest::Incoming;
@@ -23,22 +23,9 @@ use crate::ingest::Incoming;
 /// Bytes of a word of a mask.
 const WORD_BYTES: u64 = size_of::<u32>() as u64;
 
-/// Where the objects of a scene lie in the payload.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct ObjectsPlace {
-    /// First byte.
-    pub(crate) offset: usize,
-    /// Boxes in one of their forms, or spheres.
-    pub(crate) form: ObjectForm,
-    /// How many.
-    pub(crate) count: BoxCount,
-}
-
-impl ObjectsPlace {
-    /// Of a request that has no scene.
-    const NONE: Self =
-        Self { offset: 0, form: ObjectForm::Boxes(BoxForm::F32), count: BoxCount::new(0) };
-}
+/// The scene of a request that has none.
+const NO_SCENE: ScenePlace =
+    ScenePlace { offset: 0, form: ObjectForm::Boxes(BoxForm::F32), count: BoxCount::new(0) };
 
 /// What lends the memory of replies.
 #[derive(Debug)]
@@ -59,7 +46,7 @@ pub(crate) struct OpenRequest {
     incoming: Incoming,
     fields: ReplyFields,
     taken_at: Instant,
-    objects: ObjectsPlace,
+    scene: ScenePlace,
     loan: Option<ResponseLoan>,
     lender: Rc<ReplyLender>,
 }
@@ -74,7 +61,7 @@ impl OpenRequest {
             frame: header.frame,
             box_count: BoxCount::new(header.box_count),
         };
-        Self { incoming, fields, taken_at, objects: ObjectsPlace::NONE, loan: None, lender }
+        Self { incoming, fields, taken_at, scene: NO_SCENE, loan: None, lender }
     }
 
     /// Validates what it asks for.
@@ -89,13 +76,12 @@ impl OpenRequest {
     ///
     /// # Errors
     /// [`Reject::Objects`] where the objects are not all in the payload.
-    pub(crate) fn place_objects(&mut self, place: ObjectsPlace) -> Result<(), Reject> {
-        let ObjectsPlace { offset, form, count } = place;
-        if objects_in(self.request().pages(), offset, form, count).is_none() {
+    pub(crate) fn place_scene(&mut self, scene: ScenePlace) -> Result<(), Reject> {
+        if scene.objects_in(self.request().pages()).is_none() {
             let payload_bytes = self.payload_bytes();
-            return Err(Reject::Objects { box_count: count.get(), payload_bytes });
+            return Err(Reject::Objects { box_count: scene.count.get(), payload_bytes });
         }
-        self.objects = place;
+        self.scene = scene;
         Ok(())
     }
 
@@ -121,14 +107,14 @@ impl OpenRequest {
 
     /// The objects of its scene; none before they were placed.
     pub(crate) fn objects(&self) -> Objects<'_> {
-        objects_at(&self.incoming.request, self.objects)
+        objects_at(&self.incoming.request, self.scene)
     }
 
     /// The objects and the memory of the reply.
     pub(crate) fn parts(&mut self) -> (Objects<'_>, LoanReply<'_>) {
-        let Self { incoming, objects, loan, lender, .. } = self;
+        let Self { incoming, scene, loan, lender, .. } = self;
         let request = incoming.request.request();
-        (objects_at(&incoming.request, *objects), LoanReply { request, loan, lender })
+        (objects_at(&incoming.request, *scene), LoanReply { request, loan, lender })
     }
 
     /// Puts a few bytes that are not a mask.
@@ -176,10 +162,9 @@ impl OpenRequest {
     }
 }
 
-fn objects_at(request: &CheckedRequest, place: ObjectsPlace) -> Objects<'_> {
-    let ObjectsPlace { offset, form, count } = place;
+fn objects_at(request: &CheckedRequest, scene: ScenePlace) -> Objects<'_> {
     // They are there: they were when they were placed, and the payload's length is a copy.
-    objects_in(request.pages(), offset, form, count).unwrap_or(Objects::Boxes(BoxSlice::F32(&[])))
+    scene.objects_in(request.pages()).unwrap_or(Objects::Boxes(BoxSlice::F32(&[])))
 }
 
 /// The memory of a request's reply.

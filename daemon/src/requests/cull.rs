@@ -3,27 +3,13 @@
 use std::collections::VecDeque;
 
 use pairmask_core::dispatch::{CullAnswer, CullOptions};
-use pairmask_core::engine::{CullError, EngineChoice};
-use pairmask_core::mask::{EncodingChoice, ReadableEncodings};
+use pairmask_core::engine::CullError;
+use pairmask_core::mask::ReadableEncodings;
 use pairmask_core::objects::Objects;
+use pairmask_wire::CullRequest;
 
 use crate::execute::{CullUnderWay, Ended, Executor, FRAMES_UNDER_WAY, Owner};
-use crate::publish::{ObjectsPlace, OpenRequest, Outbox};
-
-/// What is asked for, validated.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct CullRequest {
-    /// Where the scene lies.
-    pub(super) objects: ObjectsPlace,
-    /// Which engine.
-    pub(super) engine: EngineChoice,
-    /// Which encoding.
-    pub(super) encoding: EncodingChoice,
-    /// How many threads; `None` leaves it to the plan.
-    pub(super) threads: Option<usize>,
-    /// Minor wire version of the client.
-    pub(super) client_minor: u16,
-}
+use crate::publish::{OpenRequest, Outbox};
 
 /// The engines, and the frames that they have not ended yet.
 pub(super) struct Culls {
@@ -65,7 +51,7 @@ impl Culls {
         request: &CullRequest,
         outbox: &mut Outbox,
     ) {
-        if let Err(reject) = open.place_objects(request.objects) {
+        if let Err(reject) = open.place_scene(request.scene) {
             return outbox.refuse(&mut open, &reject.into());
         }
         let sender = open.sender();

@@ -11,12 +11,12 @@ use iceoryx2::service::ipc;
 use pairmask_transport::{Limits, Services, WakeClient};
 use pairmask_wire::{Request, StatusBody};
 
-use self::cull::{CullRequest, Culls};
+use self::cull::Culls;
 use crate::audit::Auditor;
 use crate::clients::Clients;
 use crate::execute::Executor;
 use crate::ingest::Incoming;
-use crate::publish::{AlterAnswer, ObjectsPlace, OpenRequest, Outbox, ReplyLender};
+use crate::publish::{AlterAnswer, OpenRequest, Outbox, ReplyLender};
 
 /// Answers requests: one at a time, but for frames that a GPU takes its time for.
 pub struct Responder {
@@ -51,19 +51,7 @@ impl Responder {
     pub fn take(&mut self, incoming: Incoming) {
         let mut open = OpenRequest::new(incoming, Rc::clone(&self.lender));
         match open.parse() {
-            Ok(Request::Cull {
-                box_count,
-                form,
-                offset,
-                engine,
-                encoding,
-                threads,
-                client_minor,
-            }) => {
-                let objects = ObjectsPlace { offset, form, count: box_count };
-                let request = CullRequest { objects, engine, encoding, threads, client_minor };
-                self.culls.take(open, &request, &mut self.outbox);
-            }
+            Ok(Request::Cull(request)) => self.culls.take(open, &request, &mut self.outbox),
             Ok(Request::Status) => status::answer(&mut open, &mut self.outbox),
             Err(reject) => self.outbox.refuse(&mut open, &reject.into()),
         }
