@@ -27,6 +27,7 @@ pub use section::{SECTION_COUNT, Section, SectionKind};
 pub use status::{AuditCounts, LAST_ERRORS, RecordedError, StatusBody, response_status};
 pub use status_code::StatusCode;
 
+use pairmask_core::engine::EngineName;
 use pairmask_core::mask::Encoding;
 use pairmask_core::objects::ObjectForm;
 use pairmask_core::precision::BoxForm;
@@ -34,7 +35,7 @@ use pairmask_core::precision::BoxForm;
 /// Major version. A daemon answers only requests of its own. Raised when an old reader would
 /// misread a message.
 pub const VERSION_MAJOR: u16 = 1;
-/// Minor version: that of the newest form of objects or encoding of masks. Old readers may ignore what
+/// Minor version: that of the newest form of objects, encoding of masks or engine. Old readers may ignore what
 /// a minor version adds.
 pub const VERSION_MINOR: u16 = newest_minor();
 /// Minor version from which daemons know boxes in narrow forms.
@@ -51,21 +52,29 @@ pub const fn since_minor(form: ObjectForm) -> u16 {
     }
 }
 
-/// The largest minor version that a form or an encoding needs.
+/// The largest minor version that a form, an encoding or an engine needs.
 const fn newest_minor() -> u16 {
     let (mut newest, mut i) = (0, 0);
     while i < ObjectForm::ALL.len() {
-        let since = since_minor(ObjectForm::ALL[i]);
-        newest = if since > newest { since } else { newest };
+        newest = later(newest, since_minor(ObjectForm::ALL[i]));
         i += 1;
     }
     i = 0;
     while i < Encoding::ALL.len() {
-        let since = Encoding::ALL[i].since_minor();
-        newest = if since > newest { since } else { newest };
+        newest = later(newest, Encoding::ALL[i].since_minor());
+        i += 1;
+    }
+    i = 0;
+    while i < EngineName::ALL.len() {
+        newest = later(newest, EngineName::ALL[i].descriptor().since_minor);
         i += 1;
     }
     newest
+}
+
+/// The larger of two minor versions.
+const fn later(a: u16, b: u16) -> u16 {
+    if a > b { a } else { b }
 }
 
 /// "PMRQ" in memory order. A wrong magic means that the writer is no pairmask client.
