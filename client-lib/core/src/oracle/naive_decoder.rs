@@ -74,6 +74,7 @@ pub fn decode(reply: &[u32], shape: &MaskShape, n: u32) -> Result<Vec<Pair>, Bad
             let arrays = [section(reply, rows)?, section(reply, blocks)?, section(reply, bits)?];
             decode_sparse(arrays, &order)?
         }
+        MaskShape::List { pairs } => decode_list(section(reply, pairs)?, n)?,
     };
     pairs.sort_unstable();
     match pairs.windows(2).find(|w| w[0] == w[1]) {
@@ -159,6 +160,21 @@ fn decode_sparse([rows, blocks, bits]: [&[u32]; 3], order: &[u32]) -> Result<Vec
             let (a, b) = (order[row as usize], order[column as usize]);
             pairs.push((a.min(b), a.max(b)));
         }
+    }
+    Ok(pairs)
+}
+
+fn decode_list(words: &[u32], n: u32) -> Result<Vec<Pair>, BadMask> {
+    let mut pairs = Vec::new();
+    for at in (0..words.len()).step_by(2) {
+        let (a, b) = (words[at], words.get(at + 1).copied().unwrap_or(0));
+        if a >= b || b >= n {
+            return Err(BadMask::Column { word: at / 2, row: a, column: u64::from(b), n });
+        }
+        if pairs.last().is_some_and(|before| *before >= (a, b)) {
+            return Err(BadMask::Unsorted(at / 2));
+        }
+        pairs.push((a, b));
     }
     Ok(pairs)
 }
