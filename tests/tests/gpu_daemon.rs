@@ -38,7 +38,9 @@ fn sessions_get_what_the_oracle_says_from_the_grid() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
     let mut sessions = SessionEngine::new(&daemon.session(), EngineName::GpuGrid, ServedBy::Daemon);
     let sizes = (0..70).step_by(7).chain([345, 1234]).collect();
-    let suite = Suite { sizes, encodings: vec![Encoding::Sparse], ..Suite::default() };
+    let encodings = EngineName::GpuGrid.descriptor().encodings.to_vec();
+    assert_eq!(encodings, [Encoding::Sparse, Encoding::List]);
+    let suite = Suite { sizes, encodings, ..Suite::default() };
     check_engine(&mut sessions, &suite).unwrap();
 }
 
