@@ -69,8 +69,8 @@ const _: () = assert!(PADDING.is_multiple_of(BATCH_BOXES));
 const _: () = assert!(BATCH_BOXES.is_multiple_of(4), "a batch of any form is whole words");
 const _: () = assert!(BATCH_BOXES <= 256, "a row of a batch and a place share a word of a window");
 const _: () = assert!(
-    WINDOW_WORDS.is_power_of_two() && WINDOW_WORDS.is_multiple_of(BATCH_BOXES),
-    "`write_list` halves a window, and gives each lane as many of its words"
+    WINDOW_WORDS == 1024 && WINDOW_WORDS.is_multiple_of(BATCH_BOXES),
+    "`write_list` searches a window in ten steps, and gives each lane as many of its words"
 );
 const _: () = assert!(BATCH_BOXES.is_multiple_of(4 * PAIRS_WORKGROUP));
 const _: () = assert!(pairmask_core::aabb::AABB_BYTES == BOX_WORDS as usize * 4);

@@ -45,32 +45,58 @@ fn number_pairs(lane: u32, used: u32) -> u32 {
     return scan[BATCH_BOXES - 1u];
 }
 
-// The word that pair `number` of the window is of: the last that starts at or before it. As many steps
-// for each lane.
-fn word_of(number: u32, used: u32) -> u32 {
-    var word = 0u;
-    for (var reach = WINDOW_WORDS / 2u; reach > 0u; reach /= 2u) {
-        if (word + reach < used && window_starts[word + reach] <= number) {
-            word += reach;
-        }
+// The searches are straight code, as many steps for each lane: no subgroup diverges, and lavapipe ends
+// all loops of a thread after 65,535 rounds together.
+
+// `word`, or the word `reach` further if that starts at or before pair `number` of the window.
+fn nearer_word(word: u32, reach: u32, number: u32, used: u32) -> u32 {
+    let other = word + reach;
+    if (other < used && window_starts[other] <= number) {
+        return other;
     }
     return word;
 }
 
-// Place of the set bit of `bits` that `number` set bits come before.
-fn bit_of(bits: u32, number: u32) -> u32 {
-    var rest = bits;
-    var left = number;
-    var place = 0u;
-    for (var width = 16u; width > 0u; width /= 2u) {
-        let below = countOneBits(rest & ((1u << width) - 1u));
-        if (left >= below) {
-            left -= below;
-            rest >>= width;
-            place += width;
-        }
+// The word that pair `number` of the window is of: the last that starts at or before it.
+fn word_of(number: u32, used: u32) -> u32 {
+    var word = nearer_word(0u, 512u, number, used);
+    word = nearer_word(word, 256u, number, used);
+    word = nearer_word(word, 128u, number, used);
+    word = nearer_word(word, 64u, number, used);
+    word = nearer_word(word, 32u, number, used);
+    word = nearer_word(word, 16u, number, used);
+    word = nearer_word(word, 8u, number, used);
+    word = nearer_word(word, 4u, number, used);
+    word = nearer_word(word, 2u, number, used);
+    return nearer_word(word, 1u, number, used);
+}
+
+// What is left of a search for a set bit.
+struct BitSearch {
+    // The bits from `place` on.
+    bits: u32,
+    // Set bits among them before the one that is looked for.
+    before: u32,
+    // Bits passed over.
+    place: u32,
+}
+
+// Passes over the next `width` bits if the one that is looked for is not among them.
+fn nearer_bit(search: BitSearch, width: u32) -> BitSearch {
+    let below = countOneBits(search.bits & ((1u << width) - 1u));
+    if (search.before < below) {
+        return search;
     }
-    return place;
+    return BitSearch(search.bits >> width, search.before - below, search.place + width);
+}
+
+// Place of the set bit of `bits` that `before` set bits come before.
+fn bit_of(bits: u32, before: u32) -> u32 {
+    var search = nearer_bit(BitSearch(bits, before, 0u), 16u);
+    search = nearer_bit(search, 8u);
+    search = nearer_bit(search, 4u);
+    search = nearer_bit(search, 2u);
+    return nearer_bit(search, 1u).place;
 }
 
 @compute @workgroup_size(BATCH_BOXES)
