@@ -28,15 +28,13 @@ fn request() -> RequestHeader {
 }
 
 fn request_of(form: impl Into<ObjectForm>) -> RequestHeader {
-    RequestHeader::cull(
-        ASKED.client_token,
-        ASKED.frame,
-        N,
-        form,
-        EngineChoice::Only(EngineName::CpuBrute),
-        EncodingChoice::Only(Encoding::Sparse),
-        Some(2),
-    )
+    let request = CullRequest {
+        engine: EngineChoice::Only(EngineName::CpuBrute),
+        encoding: EncodingChoice::Only(Encoding::Sparse),
+        threads: Some(2),
+        ..CullRequest::of(ScenePlace::first(form, N))
+    };
+    RequestHeader::cull(ASKED.client_token, ASKED.frame, &request)
 }
 
 fn report(shape: MaskShape) -> CullReport {

@@ -164,7 +164,7 @@ impl OpenRequest {
 
 fn objects_at(request: &CheckedRequest, scene: ScenePlace) -> Objects<'_> {
     // They are there: they were when they were placed, and the payload's length is a copy.
-    scene.objects_in(request.pages()).unwrap_or(Objects::Boxes(BoxSlice::F32(&[])))
+    scene.objects_in(request.pages()).unwrap_or(Objects::Boxes(BoxSlice::default()))
 }
 
 /// The memory of a request's reply.
