@@ -6,6 +6,7 @@ use iceoryx2::prelude::ZeroCopySend;
 use pairmask_core::engine::{EngineChoice, EngineName};
 use pairmask_core::mask::{Encoding, EncodingChoice};
 use pairmask_core::objects::{ObjectForm, Objects};
+use pairmask_core::precision::BoxForm;
 use pairmask_core::units::BoxCount;
 
 use crate::page::Page;
@@ -82,6 +83,10 @@ pub struct ScenePlace {
 }
 
 impl ScenePlace {
+    /// No boxes.
+    pub const EMPTY: Self =
+        Self { form: ObjectForm::Boxes(BoxForm::F32), count: BoxCount::new(0), offset: 0 };
+
     /// `count` objects of a form at the start of a payload.
     pub fn first(form: impl Into<ObjectForm>, count: BoxCount) -> Self {
         Self { form: form.into(), count, offset: 0 }
