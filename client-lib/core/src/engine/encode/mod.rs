@@ -44,6 +44,9 @@ pub(crate) trait FoundWords: Sync {
 
     /// Words in all chunks.
     fn word_count(&self) -> usize;
+
+    /// Set bits of these words.
+    fn pair_count(&self) -> u64;
 }
 
 /// Writes the mask and says where it lies.
@@ -68,7 +71,7 @@ where
     match encoding {
         Encoding::Dense => dense::write(tasks, gather, reply),
         Encoding::Sparse => sparse::write(&tasks, gather, parallel, reply),
-        Encoding::List => list::write(tasks, gather, reply),
+        Encoding::List => list::write(&tasks, gather, parallel, reply),
     }
 }
 
@@ -111,6 +114,10 @@ impl FoundWords for NoWords {
     }
 
     fn word_count(&self) -> usize {
+        0
+    }
+
+    fn pair_count(&self) -> u64 {
         0
     }
 }
