@@ -68,6 +68,29 @@ impl PairWriter<'_> {
         self.end + pairs <= CAPACITY
     }
 
+    /// Pairs that fit.
+    #[inline(always)]
+    pub const fn room(&self) -> usize {
+        CAPACITY - self.end
+    }
+
+    /// Adds those of some pairs that are pairs of `n`, smaller first. There must be room for all.
+    ///
+    /// Another process may write to `pairs` at any time. They are copied first, and what was copied
+    /// is what is checked and given out.
+    #[inline(always)]
+    pub fn put_checked(&mut self, pairs: &[[u32; 2]], n: BoxCount) {
+        let end = self.end + pairs.len();
+        if let Some(room) = self.pairs.get_mut(self.end..end) {
+            room.copy_from_slice(pairs);
+            self.end = end;
+        }
+        // The copy, not the memory that it was made from, is looked at from here on: to the compiler
+        // it may hold anything.
+        std::hint::black_box(&mut *self.pairs);
+        self.drop_strays(n);
+    }
+
     /// Adds a pair if it is real, without a branch. There must be room.
     #[inline(always)]
     pub const fn put_if(&mut self, real: bool, (a, b): (u32, u32)) {

@@ -5,6 +5,7 @@
 //! written while the rows are searched, without keeping what is found: [`by_rows`].
 
 mod dense;
+mod list;
 mod sparse;
 
 pub(crate) use dense::{DenseRows, DenseWindow};
@@ -32,6 +33,7 @@ pub(crate) const fn encoding_cost(encoding: Encoding) -> &'static EncodingCost {
     match encoding {
         Encoding::Dense => &dense::COST,
         Encoding::Sparse => &sparse::COST,
+        Encoding::List => &list::COST,
     }
 }
 
@@ -42,6 +44,9 @@ pub(crate) trait FoundWords: Sync {
 
     /// Words in all chunks.
     fn word_count(&self) -> usize;
+
+    /// Set bits of these words.
+    fn pair_count(&self) -> u64;
 }
 
 /// Writes the mask and says where it lies.
@@ -66,6 +71,7 @@ where
     match encoding {
         Encoding::Dense => dense::write(tasks, gather, reply),
         Encoding::Sparse => sparse::write(&tasks, gather, parallel, reply),
+        Encoding::List => list::write(&tasks, gather, parallel, reply),
     }
 }
 
@@ -81,7 +87,7 @@ pub(crate) fn by_rows(
 ) -> Result<Option<DenseRows<'_>>, CullError> {
     match encoding {
         Encoding::Dense => DenseRows::reserve(n, reply).map(Some),
-        Encoding::Sparse => Ok(None),
+        Encoding::Sparse | Encoding::List => Ok(None),
     }
 }
 
@@ -108,6 +114,10 @@ impl FoundWords for NoWords {
     }
 
     fn word_count(&self) -> usize {
+        0
+    }
+
+    fn pair_count(&self) -> u64 {
         0
     }
 }
