@@ -76,6 +76,7 @@ pub(super) struct Settings {
     pub engine: EngineChoice,
     pub encoding: EncodingChoice,
     pub threads: Option<usize>,
+    pub visit_threads: Option<usize>,
     pub calibration: CalibrationChoice,
     pub spin: Duration,
     pub deadline: Duration,
@@ -102,6 +103,7 @@ impl Default for SessionBuilder {
                 engine: EngineChoice::Auto,
                 encoding: EncodingChoice::Auto,
                 threads: None,
+                visit_threads: None,
                 calibration: CalibrationChoice::Auto,
                 spin: DEFAULT_SPIN,
                 deadline: DEFAULT_DEADLINE,
@@ -149,6 +151,14 @@ impl SessionBuilder {
     /// Threads that an engine may use; the plan's choice unless set.
     pub fn threads(mut self, threads: usize) -> Self {
         self.settings.threads = Some(threads.max(1));
+        self
+    }
+
+    /// Threads with which pairs are visited ([`PairMask::par_pairs`](super::PairMask::par_pairs)); one
+    /// unless set. The plan weighs the time of visiting against that of finding the pairs: which
+    /// engine and which encoding are best depends on it. The pairs do not.
+    pub fn visit_threads(mut self, threads: usize) -> Self {
+        self.settings.visit_threads = Some(threads.max(1));
         self
     }
 

@@ -117,6 +117,7 @@ impl Local {
             engine: settings.engine,
             encoding: settings.encoding,
             threads: settings.threads,
+            visit_threads: settings.visit_threads,
             last_pairs: *lock(&self.last_pairs),
             ..CullOptions::default()
         };

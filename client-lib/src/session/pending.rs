@@ -73,6 +73,7 @@ impl PendingFrame {
             engine: settings.engine,
             encoding: settings.encoding,
             threads: settings.threads,
+            visit_threads: settings.visit_threads,
             ..CullRequest::of(written.scene(n))
         };
         let header = RequestHeader::cull(asked.client_token, asked.frame, &request);

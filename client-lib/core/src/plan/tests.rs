@@ -15,6 +15,7 @@ const GPU: GpuCost = GpuCost {
     grid_fixed_ns: 10_000.0,
     grid_ns_a_box: Some(0.2),
     ns_a_reply_byte: 0.05,
+    ns_a_visited_byte: 0.05,
 };
 
 fn stats(n: u32, window_share: f32) -> SceneStats {
