@@ -75,7 +75,7 @@ impl PendingFrame {
             n,
             written.form,
             settings.engine,
-            settings.encoding,
+            link.encodings().agree(settings.encoding),
             settings.threads,
         );
         let at = Instant::now();

@@ -139,8 +139,8 @@ impl CpuEngines {
         let plan_ns = nanoseconds_since(start);
         match self.run(plan.engine, &plan.input(boxes), reply) {
             Ok(report) => Ok(CullAnswer::new(&plan, report, start, plan_ns)),
-            Err(error) => match options.after(&error, n, limit_words) {
-                Some(dense) => self.cull(boxes, &dense, reply),
+            Err(error) => match options.after(plan.encoding, &error, n, limit_words) {
+                Some(other) => self.cull(boxes, &other, reply),
                 None => Err(error),
             },
         }

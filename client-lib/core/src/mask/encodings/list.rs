@@ -57,7 +57,8 @@ impl<'a> ListMask<'a> {
     pub fn contains(&self, a: u32, b: u32) -> bool {
         let wanted = [a.min(b), a.max(b)];
         // A stretch without a branch is vector code.
-        let is_in = |pairs: &[[u32; 2]]| pairs.iter().fold(false, |is, pair| is | (*pair == wanted));
+        let is_in =
+            |pairs: &[[u32; 2]]| pairs.iter().fold(false, |is, pair| is | (*pair == wanted));
         is_pair(wanted, self.n) && self.pairs.chunks(STRETCH).any(is_in)
     }
 

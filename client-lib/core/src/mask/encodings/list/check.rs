@@ -86,6 +86,9 @@ mod tests {
         assert_eq!(verify(n, &[[4, 5], [0, 1]]), not_a_pair(0, 4, 5));
         let again = Err(MaskError::PairAgain { a: 1, b: 3 });
         assert_eq!(verify(n, &[[1, 3], [0, 2], [1, 3]]), again);
-        assert_eq!(verify(BoxCount::new(0), &[[0, 0]]), Err(MaskError::NotAPair { number: 0, a: 0, b: 0, n: 0 }));
+        assert_eq!(
+            verify(BoxCount::new(0), &[[0, 0]]),
+            Err(MaskError::NotAPair { number: 0, a: 0, b: 0, n: 0 })
+        );
     }
 }
