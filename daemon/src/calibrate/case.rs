@@ -65,19 +65,19 @@ pub struct CaseTimes {
 pub enum WaySet {
     /// Engines and threads, sparse.
     Sparse,
-    /// As `Sparse`, and dense masks on one thread for few boxes: the rows that a fit needs.
+    /// As `Sparse`, and on one thread lists, and dense masks for few boxes: the rows that a fit needs.
     Fit,
-    /// As `Fit`, and dense masks on every number of threads: all ways that a plan may choose.
+    /// As `Fit`, with every number of threads: all ways that a plan may choose.
     All,
 }
 
 /// The ways of a set, without those of [`HOPELESS`] predictions.
 fn ways(stats: &SceneStats, threads: &[usize], set: WaySet) -> Vec<Way> {
     let calibration = Calibration::built_in(AvailableIsa::best().get());
-    let encodings: &[_] = if stats.n.len() > DENSE_BOXES || set == WaySet::Sparse {
-        &[Encoding::Sparse]
-    } else {
-        &[Encoding::Sparse, Encoding::Dense]
+    let encodings: &[_] = match set {
+        WaySet::Sparse => &[Encoding::Sparse],
+        _ if stats.n.len() > DENSE_BOXES => &[Encoding::Sparse, Encoding::List],
+        _ => &[Encoding::Sparse, Encoding::List, Encoding::Dense],
     };
     let ways = EngineName::CPU.into_iter().flat_map(|engine| {
         let encodings = encodings.iter();

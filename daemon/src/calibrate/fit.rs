@@ -12,7 +12,7 @@ use pairmask_core::plan::{Calibration, SceneStats, Term, ThreadCost, Work};
 use super::case::{Case, CaseTimes};
 use super::lane::Way;
 
-/// The extra time of a dense mask over a sparse one of the same frame is a row of its own, relative
+/// The extra time of another mask over a sparse one of the same frame is a row of its own, relative
 /// to this share of the frame's time: beside the engine's whole time it would vanish in that one's
 /// errors.
 const MASK_SHARE: f64 = 0.2;
@@ -104,7 +104,7 @@ fn median(mut values: Vec<f64>) -> Option<f64> {
 fn fit_terms(rows: &[FitRow], start: &[f64; TERMS]) -> [f64; TERMS] {
     let singles: Vec<&FitRow> = rows.iter().filter(|row| row.way.threads == 1).collect();
     let equation = |row: &&FitRow| match row.way.encoding {
-        Encoding::Dense => {
+        Encoding::Dense | Encoding::List => {
             let sparse = Way { encoding: Encoding::Sparse, ..row.way };
             let twin = singles.iter().find(|twin| twin.case == row.case && twin.way == sparse)?;
             Equation::of_masks(row, twin, start)
@@ -135,12 +135,12 @@ impl Equation {
         Some(Self { share: std::array::from_fn(share), target: 1.0 })
     }
 
-    /// The equation of the extra time of a frame's dense mask over its sparse one.
-    fn of_masks(dense: &FitRow, sparse: &FitRow, start: &[f64; TERMS]) -> Option<Self> {
-        let (more, less) = (dense.work()?, sparse.work()?);
+    /// The equation of the extra time of a frame's other mask over its sparse one.
+    fn of_masks(other: &FitRow, sparse: &FitRow, start: &[f64; TERMS]) -> Option<Self> {
+        let (more, less) = (other.work()?, sparse.work()?);
         let unit = MASK_SHARE * sparse.measured_ns;
         let share = |t: usize| (more.amounts()[t] - less.amounts()[t]) * start[t] / unit;
-        let target = (dense.measured_ns - sparse.measured_ns) / unit;
+        let target = (other.measured_ns - sparse.measured_ns) / unit;
         Some(Self { share: std::array::from_fn(share), target })
     }
 
@@ -241,9 +241,12 @@ mod tests {
                 [(0.05, 1.0, 1.0, 1), (0.02, 20.0, 1.0, 2), (0.03, 1.0, 30.0, 7)]
             {
                 for engine in EngineName::CPU {
-                    for (encoding, threads) in
-                        [(Encoding::Sparse, 1), (Encoding::Dense, 1), (Encoding::Sparse, 4)]
-                    {
+                    for (encoding, threads) in [
+                        (Encoding::Sparse, 1),
+                        (Encoding::Dense, 1),
+                        (Encoding::List, 1),
+                        (Encoding::Sparse, 4),
+                    ] {
                         let stats = SceneStats {
                             window_share,
                             large_size,
@@ -251,7 +254,7 @@ mod tests {
                             ..SceneStats::unseen(BoxCount::new(n), Some(u64::from(pairs * n)))
                         };
                         let case =
-                            Case { scene: SceneName::Uniform, n: n as usize * 8 + rows.len() / 9 };
+                            Case { scene: SceneName::Uniform, n: n as usize * 8 + rows.len() / 12 };
                         let way = Way { engine, encoding, threads };
                         let mut row = FitRow { case, way, stats, measured_ns: 1.0 };
                         row.measured_ns = row.predicted_ns(truth) * disturb(rows.len());

@@ -122,7 +122,7 @@ impl CpuEngines {
     }
 
     /// Plans a frame among the CPU engines and finds its pairs. Where the encoding is left open, a
-    /// mask that fits into the reply in either encoding is found.
+    /// mask that fits into the reply in any encoding is found.
     ///
     /// # Errors
     /// As [`run`](Self::run).
