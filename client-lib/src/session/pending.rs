@@ -71,7 +71,7 @@ impl PendingFrame {
             ReplyFields { client_token: link.token(), frame: core.next_frame(), box_count: n };
         let request = CullRequest {
             engine: settings.engine,
-            encoding: settings.encoding,
+            encoding: link.encodings().agree(settings.encoding),
             threads: settings.threads,
             visit_threads: settings.visit_threads,
             ..CullRequest::of(written.scene(n))

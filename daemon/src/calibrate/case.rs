@@ -68,7 +68,7 @@ pub enum WaySet {
     /// As `Sparse`, lists likewise, and dense masks on one thread for few boxes: the rows that a fit
     /// needs.
     Fit,
-    /// As `Fit`, and dense masks on every number of threads: all ways that a plan may choose.
+    /// As `Fit`, with every number of threads: all ways that a plan may choose.
     All,
 }
 

@@ -121,7 +121,7 @@ impl CpuEngines {
     }
 
     /// Plans a frame among the CPU engines and finds its pairs. Where the encoding is left open, a
-    /// mask that fits into the reply in either encoding is found.
+    /// mask that fits into the reply in any encoding is found.
     ///
     /// # Errors
     /// As [`run`](Self::run). Boxes in narrow forms are to be expanded first
@@ -140,8 +140,8 @@ impl CpuEngines {
         let plan_ns = nanoseconds_since(start);
         match self.run(plan.engine, &plan.input(boxes), reply) {
             Ok(report) => Ok(CullAnswer::new(&plan, report, start, plan_ns)),
-            Err(error) => match options.after(&error, n, limit_words) {
-                Some(dense) => self.cull(boxes, &dense, reply),
+            Err(error) => match options.after(plan.encoding, &error, n, limit_words) {
+                Some(other) => self.cull(boxes, &other, reply),
                 None => Err(error),
             },
         }

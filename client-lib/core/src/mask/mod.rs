@@ -16,6 +16,7 @@
 mod encodings;
 mod error;
 mod pair_buffer;
+mod pair_check;
 mod pairs;
 mod par_pairs;
 mod readable;

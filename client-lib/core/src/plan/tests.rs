@@ -100,6 +100,47 @@ fn an_encoding_that_is_newer_than_the_client_is_never_chosen() {
 }
 
 #[test]
+fn a_client_of_wire_1_2_gets_no_list() {
+    let mut calibration = Calibration::built_in(Isa::Avx512);
+    calibration.ns[Term::from_name("list-pair").expect("a term").index()] = 0.0;
+    let chosen = |minor: u16| {
+        let readable = ReadableEncodings::at_minor(minor);
+        let options = CullOptions { readable, ..CullOptions::default() };
+        let capabilities = Capabilities { threads: 2, gpu: None };
+        plan(&stats(100_000, 0.02), &capabilities, &calibration, &options).encoding
+    };
+    for minor in 0..3 {
+        assert_ne!(chosen(minor), Encoding::List, "1.{minor}");
+    }
+    assert_eq!(chosen(3), Encoding::List, "a list that costs nothing");
+}
+
+#[test]
+fn what_does_not_fit_is_tried_in_another_encoding() {
+    use crate::engine::{CullError, ReserveError};
+    let too_large =
+        CullError::Reserve(ReserveError::TooLarge { at_least_bytes: 9, limit_bytes: 8 });
+    let other = CullError::Reserve(ReserveError::OutOfMemory { needed_bytes: 9 });
+    let open = CullOptions::default();
+    let dense = BoxCount::new(1_000).dense_words();
+    let after = |options: CullOptions, tried, error: &CullError, limit| {
+        options.after(tried, error, 1_000, limit).map(|options| options.encoding)
+    };
+    let only = |encoding| Some(EncodingChoice::Only(encoding));
+    for tried in [Encoding::Sparse, Encoding::List] {
+        assert_eq!(after(open, tried, &too_large, dense), only(Encoding::Dense));
+        assert_eq!(after(open, tried, &other, dense), None);
+        let asked = CullOptions { encoding: EncodingChoice::Only(tried), ..open };
+        assert_eq!(after(asked, tried, &too_large, dense), None);
+    }
+    let small = open.within(1_000, dense - 1);
+    assert!(!small.readable.contains(Encoding::Dense) && small.encoding == EncodingChoice::Auto);
+    assert_eq!(open.within(1_000, dense), open);
+    assert_eq!(after(small, Encoding::List, &too_large, dense - 1), only(Encoding::Sparse));
+    assert_eq!(after(small, Encoding::Sparse, &too_large, dense - 1), None);
+}
+
+#[test]
 fn a_gpu_is_taken_where_it_is_faster_and_only_there() {
     let gpu = Some(GPU);
     assert!(!chosen(&stats(500, 0.1), gpu, CullOptions::default()).engine.is_gpu());

@@ -13,9 +13,9 @@ terms! {
     /// A list.
     LIST = CostTerm::new("list", 40.0);
     /// A pair of boxes in their own order: kept, and written.
-    PAIR = CostTerm::new("list-pair", 1.0);
+    PAIR = CostTerm::new("list-pair", 0.8);
     /// More for a pair in an order of the engine's, of which two boxes are looked up.
-    ORDERED_PAIR = CostTerm::new("ordered-list-pair", 0.5);
+    ORDERED_PAIR = CostTerm::new("list-ordered-pair", 0.5);
 }
 
 /// What lists take.

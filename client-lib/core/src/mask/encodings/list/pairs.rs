@@ -1,6 +1,7 @@
 //! Pairs of a list, checked.
 
 use super::is_pair;
+use crate::isa::AvailableIsa;
 use crate::mask::pair_buffer::PairWriter;
 use crate::mask::{AddressedWord, WordAddress};
 use crate::units::{BoxCount, MaskWord};
@@ -10,11 +11,12 @@ use crate::units::{BoxCount, MaskWord};
 pub(in crate::mask) struct ListPairs<'a> {
     n: BoxCount,
     rest: &'a [[u32; 2]],
+    isa: AvailableIsa,
 }
 
 impl<'a> ListPairs<'a> {
-    pub const fn new(n: BoxCount, rest: &'a [[u32; 2]]) -> Self {
-        Self { n, rest }
+    pub fn new(n: BoxCount, rest: &'a [[u32; 2]]) -> Self {
+        Self { n, rest, isa: AvailableIsa::best() }
     }
 
     /// Puts pairs until there is no more room. False at the end of the list.
@@ -22,7 +24,7 @@ impl<'a> ListPairs<'a> {
     pub fn write(&mut self, writer: &mut PairWriter) -> bool {
         let (next, rest) = self.rest.split_at(writer.room().min(self.rest.len()));
         self.rest = rest;
-        writer.put_checked(next, self.n);
+        writer.put_checked(next, self.n, self.isa);
         !next.is_empty()
     }
 
