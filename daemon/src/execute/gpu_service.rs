@@ -57,7 +57,7 @@ impl Engines {
         reply: &mut dyn ReplyBuffer,
     ) -> Result<(CullReport, EngineName), CullError> {
         // A dense mask has a bit for all pairs, so all pairs is what makes it.
-        if plan.engine == EngineName::GpuGrid && plan.encoding == Encoding::Sparse {
+        if plan.engine == EngineName::GpuGrid && plan.encoding != Encoding::Dense {
             match self.grid.cull(&plan.input(boxes), reply) {
                 Err(CullError::TooCrowded { .. } | CullError::TooManyBoxes { .. }) => {}
                 done => return Ok((done?, EngineName::GpuGrid)),
@@ -206,7 +206,7 @@ impl GpuService {
         let software = engines.grid.gpu().info().is_software();
         let least = if software { UNDER_WAY_SOFTWARE_BOXES } else { UNDER_WAY_BOXES };
         plan.engine == EngineName::GpuGrid
-            && plan.encoding == Encoding::Sparse
+            && plan.encoding != Encoding::Dense
             && plan.stats.n.get() >= least
     }
 

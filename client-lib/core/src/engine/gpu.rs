@@ -40,7 +40,7 @@ pub(super) const ALL_PAIRS: EngineDescriptor = EngineDescriptor {
     wire_number: 4,
     since_minor: 0,
     forms: &BoxForm::ALL,
-    encodings: &[Encoding::Dense, Encoding::Sparse],
+    encodings: &[Encoding::Dense, Encoding::Sparse, Encoding::List],
     has_order: false,
     place: EnginePlace::Gpu(GpuEngine { execute_ns: all_pairs_ns }),
 };
@@ -52,7 +52,7 @@ pub(super) const GRID: EngineDescriptor = EngineDescriptor {
     wire_number: 5,
     since_minor: 0,
     forms: &BoxForm::ALL,
-    encodings: &[Encoding::Sparse],
+    encodings: &[Encoding::Sparse, Encoding::List],
     has_order: true,
     place: EnginePlace::Gpu(GpuEngine { execute_ns: grid_ns }),
 };
