@@ -197,7 +197,8 @@ impl Sent {
                     threads: reply.threads,
                 });
                 let storage = Storage::Shared { response, _pending: pending, _slot: slot };
-                Ok(PairMask::new(storage, &reply, ServedBy::Daemon, self.written))
+                let isa = core.settings().isa;
+                Ok(PairMask::new(storage, &reply, ServedBy::Daemon, self.written, isa))
             }
             Err(error) => self.answer_refused(error, core).map_err(|e| (e, None)),
         }

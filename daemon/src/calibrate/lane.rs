@@ -5,7 +5,9 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use pairmask_core::dispatch::nanoseconds_since;
-use pairmask_core::engine::{CullError, CullInput, Engine, EngineName, HeapReply, Isa, cpu_engine};
+use pairmask_core::engine::{
+    AvailableIsa, CullError, CullInput, Engine, EngineName, HeapReply, cpu_engine,
+};
 use pairmask_core::{Aabb, BoxCount, Encoding, MaskView};
 use rayon::ThreadPool;
 use rayon::iter::ParallelIterator;
@@ -71,6 +73,7 @@ pub struct Lane {
     /// Its times.
     pub times: LaneTimes,
     engine: Box<dyn Engine>,
+    isa: AvailableIsa,
     reply: HeapReply,
     /// Where the engine runs; `None` is the calling thread.
     pool: Option<Arc<ThreadPool>>,
@@ -78,9 +81,10 @@ pub struct Lane {
 
 impl Lane {
     /// A lane with a new engine, `None` for a GPU engine. More than one thread needs a pool.
-    pub fn new(way: Way, pool: Option<Arc<ThreadPool>>) -> Option<Self> {
-        let engine = cpu_engine(way.engine, Isa::best()).ok()?;
-        Some(Self { way, times: LaneTimes::default(), engine, reply: HeapReply::new(), pool })
+    pub fn new(way: Way, pool: Option<Arc<ThreadPool>>, isa: AvailableIsa) -> Option<Self> {
+        let engine = cpu_engine(way.engine, isa.get()).ok()?;
+        let (times, reply) = (LaneTimes::default(), HeapReply::new());
+        Some(Self { way, times, engine, isa, reply, pool })
     }
 
     /// Culls and decodes one frame, and stores its times if `is_noted`.
@@ -103,7 +107,7 @@ impl Lane {
         }?;
         let n = BoxCount::new(boxes.len() as u32);
         let start = Instant::now();
-        let mask = MaskView::new(n, &report.shape, self.reply.words())?;
+        let mask = MaskView::new(n, &report.shape, self.reply.words())?.with_isa(self.isa);
         let (mut decoded, mut indices) = (0u64, 0);
         mask.for_each(|a, b| {
             decoded += 1;

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use pairmask_core::engine::{EngineName, Isa};
+use pairmask_core::engine::{AvailableIsa, EngineName};
 use pairmask_core::plan::{Calibration, MachineKey, Term, default_path, encode, store};
 use serde::Serialize;
 
@@ -59,6 +59,7 @@ sessions from their next start on. It takes 10 to 30 seconds; let the machine be
 Examples:
   pairmaskd calibrate
   pairmaskd calibrate --dry-run --json          measure, keep nothing
+  pairmaskd calibrate --isa avx2                 for daemons and sessions that use AVX2
   pairmaskd calibrate --out world.toml          then serve --calibration world.toml")]
 pub struct Calibrate {
     /// Keep the constants in this file instead
@@ -127,9 +128,9 @@ fn load_share() -> Option<f64> {
 }
 
 impl Calibrate {
-    /// Measures, fits, and writes the constants.
-    pub fn run(&self) -> Result<(), CalibrateError> {
-        let machine = MachineKey::this();
+    /// Measures, fits, and writes the constants of an instruction set.
+    pub fn run(&self, isa: AvailableIsa) -> Result<(), CalibrateError> {
+        let machine = MachineKey::with_isa(isa.get());
         let path = match (&self.out, self.dry_run) {
             (_, true) => None,
             (Some(path), _) => Some(path.clone()),
@@ -143,8 +144,8 @@ impl Calibrate {
             );
         }
         let is_busy = load_share.is_some_and(|share| share > BUSY_SHARE);
-        let rows = self.measure(is_busy)?;
-        let built_in = Calibration::built_in(Isa::best());
+        let rows = self.measure(is_busy, isa)?;
+        let built_in = Calibration::built_in(isa.get());
         let calibration = fit(&rows, &built_in);
         if let Some(path) = &path {
             store(path, &calibration, &machine).map_err(FileError::of(path, Access::Write))?;
@@ -178,7 +179,7 @@ impl Calibrate {
 
     /// The rows of all cases. On a busy machine, whose other cores are in use, only one thread is
     /// measured.
-    fn measure(&self, is_busy: bool) -> Result<Vec<FitRow>, CalibrateError> {
+    fn measure(&self, is_busy: bool, isa: AvailableIsa) -> Result<Vec<FitRow>, CalibrateError> {
         let most = if is_busy { 1 } else { core_count() };
         let threads = thread_counts(self.threads.map_or(most, usize::from));
         let pools = Pools::new(&threads)?;
@@ -186,7 +187,7 @@ impl Calibrate {
         let progress = progress_bar(cases.len() as u64, "measuring");
         let mut measured = Vec::new();
         for case in cases {
-            measured.push(measure(case, WaySet::Fit, &threads, &pools, &effort)?);
+            measured.push(measure(case, WaySet::Fit, &threads, &pools, &effort, isa)?);
             progress.inc(1);
         }
         progress.finish_and_clear();

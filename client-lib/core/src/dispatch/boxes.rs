@@ -45,7 +45,11 @@ impl CpuEngines {
 
     /// Engines with empty scratch memory, whose plans compute with `calibration`.
     pub fn with_calibration(calibration: Calibration) -> Self {
-        let isa = AvailableIsa::best();
+        Self::on(AvailableIsa::best(), calibration)
+    }
+
+    /// The same with one instruction set in place of the widest.
+    pub fn on(isa: AvailableIsa, calibration: Calibration) -> Self {
         let engines = cpu_engines(isa).map(|engine| Kept {
             name: engine.name(),
             engine,

@@ -5,6 +5,7 @@ use std::ops::Range;
 
 use super::sparse_pairs::SparsePairs;
 use super::sparse_words::SparseWords;
+use crate::isa::AvailableIsa;
 use crate::mask::{MaskError, MaskView, Section, Span};
 use crate::units::BoxCount;
 
@@ -18,6 +19,7 @@ pub struct SparseMask<'a> {
     bits: &'a [u32],
     /// `n` positions, where there is one.
     order: Option<&'a [u32]>,
+    isa: AvailableIsa,
 }
 
 impl<'a> SparseMask<'a> {
@@ -40,6 +42,7 @@ impl<'a> SparseMask<'a> {
             blocks: Section::Blocks.of(blocks, reply)?,
             bits: Section::Bits.of(bits, reply)?,
             order: order.map(|order| Section::Order.of(order, reply)).transpose()?,
+            isa: AvailableIsa::best(),
         })
     }
 
@@ -48,7 +51,12 @@ impl<'a> SparseMask<'a> {
     pub(crate) fn of_found(n: BoxCount, words: [&'a [u32]; 3], order: Option<&'a [u32]>) -> Self {
         let len = words.map(<[u32]>::len).into_iter().min().unwrap_or(0);
         let [rows, blocks, bits] = words.map(|array| &array[..len]);
-        Self { n, rows, blocks, bits, order }
+        Self { n, rows, blocks, bits, order, isa: AvailableIsa::best() }
+    }
+
+    /// The same mask, decoded with one instruction set.
+    pub(super) const fn with_isa(self, isa: AvailableIsa) -> Self {
+        Self { isa, ..self }
     }
 
     /// Number of boxes.
@@ -118,7 +126,7 @@ impl<'a> SparseMask<'a> {
 
     /// The pairs of a range of words.
     pub(super) fn pairs_in(&self, range: Range<usize>) -> SparsePairs<'a> {
-        SparsePairs::new(self.n, self.order, self.words_in(range))
+        SparsePairs::new(self.n, self.order, self.words_in(range), self.isa)
     }
 
     /// Checks every rule of the encoding.
