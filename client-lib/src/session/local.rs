@@ -122,9 +122,9 @@ impl Local {
         };
         let Engines { boxes, spheres } = &mut *lock(&self.engines);
         let answer = match objects {
-            Objects::Boxes(narrow) => {
+            Objects::Boxes(these) => {
                 let mut scratch = ExpandScratch::default();
-                boxes.cull(narrow.expand(&mut scratch, true), &options, &mut memory)
+                boxes.cull(these.expand(&mut scratch, true), &options, &mut memory)
             }
             Objects::Spheres(these) => spheres.cull(boxes, these, &options, &mut memory),
         }?;

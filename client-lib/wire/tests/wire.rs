@@ -28,15 +28,13 @@ fn request() -> RequestHeader {
 }
 
 fn request_of(form: impl Into<ObjectForm>) -> RequestHeader {
-    RequestHeader::cull(
-        ASKED.client_token,
-        ASKED.frame,
-        N,
-        form,
-        EngineChoice::Only(EngineName::CpuBrute),
-        EncodingChoice::Only(Encoding::Sparse),
-        Some(2),
-    )
+    let request = CullRequest {
+        engine: EngineChoice::Only(EngineName::CpuBrute),
+        encoding: EncodingChoice::Only(Encoding::Sparse),
+        threads: Some(2),
+        ..CullRequest::of(ScenePlace::first(form, N))
+    };
+    RequestHeader::cull(ASKED.client_token, ASKED.frame, &request)
 }
 
 fn report(shape: MaskShape) -> CullReport {
@@ -196,7 +194,7 @@ fn a_request_round_trips() {
         assert_eq!(
             parsed,
             Request::Cull(CullRequest {
-                scene: ScenePlace { form, count: N, offset: 0 },
+                scene: ScenePlace::first(form, N),
                 engine: EngineChoice::Only(EngineName::CpuBrute),
                 encoding: EncodingChoice::Only(Encoding::Sparse),
                 threads: Some(2),
@@ -416,7 +414,7 @@ proptest! {
         if let Ok(Request::Cull(CullRequest { scene, .. })) =
             Request::parse(&header, payload_bytes)
         {
-            let ScenePlace { form, count, offset } = scene;
+            let ScenePlace { form, count, offset, .. } = scene;
             let object_bytes = match form {
                 ObjectForm::Boxes(BoxForm::F32) => 24,
                 ObjectForm::Boxes(BoxForm::Q16 | BoxForm::F16) => 12,

@@ -3,7 +3,6 @@
 use std::time::Instant;
 
 use super::{CullAnswer, nanoseconds_since};
-use crate::aabb::Aabb;
 use crate::engine::{
     AvailableIsa, CullError, CullInput, CullReport, Engine, EngineChoice, EngineName, RecentNeed,
     ReplyBuffer, cpu_engines,
@@ -125,14 +124,16 @@ impl CpuEngines {
     /// mask that fits into the reply in either encoding is found.
     ///
     /// # Errors
-    /// As [`run`](Self::run).
-    pub fn cull(
+    /// As [`run`](Self::run). Boxes in narrow forms are to be expanded first
+    /// ([`BoxSlice::expand`]): the engines of the CPU read f32 alone.
+    pub fn cull<'a>(
         &mut self,
-        boxes: &[Aabb],
+        boxes: impl Into<BoxSlice<'a>>,
         options: &CullOptions,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
         let start = Instant::now();
+        let boxes = boxes.into();
         let (n, limit_words) = (boxes.len(), reply.limit_words());
         let options = options.within(n, limit_words);
         let plan = self.plan(boxes, &options, None);
