@@ -210,7 +210,7 @@ mod tests {
             ("dense-pair", 2.0),
             ("scattered-pair", 0.931),
             ("sparse-pair", 0.5),
-            ("list-pair", 1.0),
+            ("list-pair", 0.8),
             ("dense-visit-byte", 0.024),
             ("sparse-visit-pair", 0.6),
             ("ordered-visit-pair", 0.3),

@@ -292,6 +292,7 @@ impl<'a> MaskView<'a> {
         match self {
             Self::Dense(mask) => Self::Dense(mask.with_isa(isa)),
             Self::Sparse(mask) => Self::Sparse(mask.with_isa(isa)),
+            Self::List(mask) => Self::List(mask.with_isa(isa)),
         }
     }
 
