@@ -207,7 +207,7 @@ fn precisions(boxes: &[Aabb]) -> [Precision; 3] {
 fn sent(precision: &Precision, boxes: &[Aabb]) -> Vec<u64> {
     let memory = NarrowMemory::write(precision, boxes);
     let mut scratch = ExpandScratch::default();
-    bits(memory.boxes().expand(&mut scratch, false))
+    bits(memory.boxes().expand(&mut scratch, false).as_f32().expect("of f32"))
 }
 
 fn matrices(boxes: &[Aabb]) -> Vec<Affine3A> {

@@ -283,7 +283,7 @@ fn a_device_destroyed_under_load_costs_no_answer_and_comes_back() {
             ..CullOptions::default()
         };
         let answer =
-            executor.cull(BoxSlice::F32(&boxes), Owner::Client(1), &options, &mut reply).unwrap();
+            executor.cull(BoxSlice::from(&boxes), Owner::Client(1), &options, &mut reply).unwrap();
         let n = BoxCount::new(boxes.len() as u32);
         let mut pairs = MaskView::new(n, &answer.report.shape, reply.words()).unwrap().to_vec();
         pairs.sort_unstable();

@@ -68,10 +68,7 @@ impl Segment {
     }
 
     fn boxes(&self, offset: usize, n: usize) -> &[Aabb] {
-        match self.narrow(BoxForm::F32, offset, n) {
-            BoxSlice::F32(boxes) => boxes,
-            other => panic!("{:?} for f32", other.form()),
-        }
+        self.narrow(BoxForm::F32, offset, n).as_f32().expect("of f32")
     }
 
     fn narrow(&self, form: BoxForm, offset: usize, n: usize) -> BoxSlice<'_> {

@@ -144,7 +144,7 @@ fn spheres_take_what_fits_and_no_word_more() {
     let scenes: [(&str, Vec<Sphere>, Vec<Pair>); 2] =
         [("identical", same, all(1_234)), ("many", many, truth.pairs)];
     for (scene, spheres, pairs) in &scenes {
-        for encoding in [Encoding::Dense, Encoding::Sparse] {
+        for encoding in Encoding::ALL {
             for threads in [1, 3] {
                 let pool = ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
                 let mut all_pairs = SphereAllPairs::new();

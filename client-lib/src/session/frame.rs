@@ -5,10 +5,12 @@ use std::sync::Arc;
 use bytemuck::Pod;
 use pairmask_core::aabb::Aabb;
 use pairmask_core::objects::{ObjectForm, Objects};
-use pairmask_core::precision::{BoxSlice, Precision, Widening};
+use pairmask_core::precision::{Precision, Widening};
 use pairmask_core::sphere::Sphere;
 use pairmask_core::units::BoxCount;
-use pairmask_wire::{Page, boxes_in, boxes_in_mut, bytes_in_mut, spheres_in, spheres_in_mut};
+use pairmask_wire::{
+    Page, ScenePlace, boxes_in, boxes_in_mut, bytes_in_mut, since_minor, spheres_in, spheres_in_mut,
+};
 
 use super::core::Core;
 use super::error::FrameError;
@@ -40,6 +42,16 @@ impl Written {
     pub(super) fn by(precision: &Precision) -> Self {
         Self { form: precision.form().into(), widening: precision.widening() }
     }
+
+    /// Where all of it lies in the memory of a frame of `n` objects.
+    pub(super) fn scene(self, n: BoxCount) -> ScenePlace {
+        ScenePlace::first(self.form, n)
+    }
+
+    /// Minor wire version from which daemons know all of it.
+    pub(super) const fn since_minor(self) -> u16 {
+        since_minor(self.form)
+    }
 }
 
 /// A kind of object that frames are filled with: boxes or spheres.
@@ -62,7 +74,7 @@ impl Object for Aabb {
         boxes_in_mut(pages, n)
     }
     fn as_objects(own: &[Self]) -> Objects<'_> {
-        Objects::Boxes(BoxSlice::F32(own))
+        Objects::Boxes(own.into())
     }
     fn spares(spares: &Spares) -> &super::local::Shelf<Vec<Self>> {
         &spares.boxes

@@ -179,6 +179,10 @@ impl GpuService {
         if !plan.engine.is_gpu() {
             return Err(CullError::Unavailable { engine: plan.engine, why: "no such GPU engine" });
         }
+        if !plan.engine.descriptor().encodings.contains(&plan.encoding) {
+            let why = "it does not write masks of this encoding";
+            return Err(CullError::Unavailable { engine: plan.engine, why });
+        }
         let lost = CullError::DeviceLost { engine: plan.engine };
         if !self.refresh() {
             return Err(lost);
@@ -286,6 +290,10 @@ const TIMED_FRAMES: usize = 4;
 /// to 52).
 const LINK_NS_A_BYTE: f64 = 0.04;
 
+/// More for a byte that a client reads of memory that the device wrote: one thread of a Xeon reads
+/// cold memory at 14 GB/s, and what a decoder takes without waiting for memory comes off.
+const FAR_NS_A_BYTE: f64 = 0.04;
+
 /// Times small frames on a device that was just opened.
 fn measure(engines: &mut Engines, grid: &GridOptions) -> Option<GpuCost> {
     let apart = |i: usize| {
@@ -328,5 +336,6 @@ fn measure(engines: &mut Engines, grid: &GridOptions) -> Option<GpuCost> {
         grid_fixed_ns: (grid_least_ns - fixed_ns).max(0.0),
         grid_ns_a_box: Some(a_box(rest_ns, least_rest_ns)),
         ns_a_reply_byte: LINK_NS_A_BYTE,
+        ns_a_visited_byte: FAR_NS_A_BYTE,
     })
 }

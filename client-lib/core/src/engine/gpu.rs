@@ -20,6 +20,9 @@ pub struct GpuCost {
     pub grid_ns_a_box: Option<f64>,
     /// Each byte of the mask that comes down, ns.
     pub ns_a_reply_byte: f64,
+    /// More for a client that visits a mask in memory that the device wrote, which no cache of a
+    /// core holds, ns a byte.
+    pub ns_a_visited_byte: f64,
 }
 
 impl GpuCost {

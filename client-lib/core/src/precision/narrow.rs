@@ -164,23 +164,33 @@ impl NarrowBox for BoxF16 {
     }
 }
 
-/// The boxes of a frame in memory, in any form.
+/// The boxes of a frame in memory, in any form. What else each box has for all engines to honour
+/// belongs here beside its numbers: wherever boxes go, it goes with them.
 #[derive(Clone, Copy, Debug)]
-pub enum BoxSlice<'a> {
-    /// f32 boxes.
+pub struct BoxSlice<'a> {
+    numbers: Numbers<'a>,
+}
+
+/// The numbers of boxes, in any form.
+#[derive(Clone, Copy, Debug)]
+enum Numbers<'a> {
     F32(&'a [Aabb]),
-    /// 16-bit cells.
     Q16(&'a [BoxQ16]),
-    /// 8-bit cells.
     Q8(&'a [BoxQ8]),
-    /// Halves.
     F16(&'a [BoxF16]),
 }
 
 /// f32 boxes, used where they lie.
 impl<'a, B: AsRef<[Aabb]> + ?Sized> From<&'a B> for BoxSlice<'a> {
     fn from(boxes: &'a B) -> Self {
-        Self::F32(boxes.as_ref())
+        Self { numbers: Numbers::F32(boxes.as_ref()) }
+    }
+}
+
+impl Default for BoxSlice<'_> {
+    /// No boxes.
+    fn default() -> Self {
+        Self { numbers: Numbers::F32(&[]) }
     }
 }
 
@@ -188,31 +198,32 @@ impl<'a> BoxSlice<'a> {
     /// Bytes as boxes of a form; `None` where they are no whole number of boxes, or not aligned
     /// for them.
     pub fn new(form: BoxForm, bytes: &'a [u8]) -> Option<Self> {
-        match form {
-            BoxForm::F32 => bytemuck::try_cast_slice(bytes).ok().map(Self::F32),
-            BoxForm::Q16 => bytemuck::try_cast_slice(bytes).ok().map(Self::Q16),
-            BoxForm::Q8 => bytemuck::try_cast_slice(bytes).ok().map(Self::Q8),
-            BoxForm::F16 => bytemuck::try_cast_slice(bytes).ok().map(Self::F16),
-        }
+        let numbers = match form {
+            BoxForm::F32 => bytemuck::try_cast_slice(bytes).ok().map(Numbers::F32),
+            BoxForm::Q16 => bytemuck::try_cast_slice(bytes).ok().map(Numbers::Q16),
+            BoxForm::Q8 => bytemuck::try_cast_slice(bytes).ok().map(Numbers::Q8),
+            BoxForm::F16 => bytemuck::try_cast_slice(bytes).ok().map(Numbers::F16),
+        };
+        numbers.map(|numbers| Self { numbers })
     }
 
     /// The form.
     pub const fn form(&self) -> BoxForm {
-        match self {
-            Self::F32(_) => BoxForm::F32,
-            Self::Q16(_) => BoxForm::Q16,
-            Self::Q8(_) => BoxForm::Q8,
-            Self::F16(_) => BoxForm::F16,
+        match self.numbers {
+            Numbers::F32(_) => BoxForm::F32,
+            Numbers::Q16(_) => BoxForm::Q16,
+            Numbers::Q8(_) => BoxForm::Q8,
+            Numbers::F16(_) => BoxForm::F16,
         }
     }
 
     /// Number of boxes.
     pub const fn len(&self) -> usize {
-        match self {
-            Self::F32(boxes) => boxes.len(),
-            Self::Q16(boxes) => boxes.len(),
-            Self::Q8(boxes) => boxes.len(),
-            Self::F16(boxes) => boxes.len(),
+        match self.numbers {
+            Numbers::F32(boxes) => boxes.len(),
+            Numbers::Q16(boxes) => boxes.len(),
+            Numbers::Q8(boxes) => boxes.len(),
+            Numbers::F16(boxes) => boxes.len(),
         }
     }
 
@@ -221,47 +232,56 @@ impl<'a> BoxSlice<'a> {
         self.len() == 0
     }
 
+    /// The boxes where they lie, if they are of f32.
+    pub const fn as_f32(&self) -> Option<&'a [Aabb]> {
+        match self.numbers {
+            Numbers::F32(boxes) => Some(boxes),
+            _ => None,
+        }
+    }
+
     /// Their bytes: [`BoxForm::bytes`] of as many boxes.
     pub fn as_bytes(&self) -> &'a [u8] {
-        match *self {
-            Self::F32(boxes) => bytemuck::cast_slice(boxes),
-            Self::Q16(boxes) => bytemuck::cast_slice(boxes),
-            Self::Q8(boxes) => bytemuck::cast_slice(boxes),
-            Self::F16(boxes) => bytemuck::cast_slice(boxes),
+        match self.numbers {
+            Numbers::F32(boxes) => bytemuck::cast_slice(boxes),
+            Numbers::Q16(boxes) => bytemuck::cast_slice(boxes),
+            Numbers::Q8(boxes) => bytemuck::cast_slice(boxes),
+            Numbers::F16(boxes) => bytemuck::cast_slice(boxes),
         }
     }
 
     /// The f32 box that stands for one of them, as [`BoxSlice::expand`] has it; `None` beyond
     /// the last.
     pub fn get(&self, index: usize) -> Option<Aabb> {
-        match self {
-            Self::F32(boxes) => boxes.get(index).copied(),
-            Self::Q16(boxes) => boxes.get(index).map(NarrowBox::expand),
-            Self::Q8(boxes) => boxes.get(index).map(NarrowBox::expand),
-            Self::F16(boxes) => boxes.get(index).map(NarrowBox::expand),
+        match self.numbers {
+            Numbers::F32(boxes) => boxes.get(index).copied(),
+            Numbers::Q16(boxes) => boxes.get(index).map(NarrowBox::expand),
+            Numbers::Q8(boxes) => boxes.get(index).map(NarrowBox::expand),
+            Numbers::F16(boxes) => boxes.get(index).map(NarrowBox::expand),
         }
     }
 
-    /// The f32 boxes that stand for them, whose overlaps define the answer to the frame: cells as
-    /// they are numbered, halves by their value. f32 boxes are used where they lie; others are
-    /// converted into `scratch`, large scenes on the rayon pool if `parallel`.
+    /// The same boxes in f32, whose overlaps define the answer to the frame: cells as they are
+    /// numbered, halves by their value. f32 boxes are used where they lie; others are converted
+    /// into `scratch`, large scenes on the rayon pool if `parallel`.
     ///
     /// # Panics
     /// When the system has no memory for 24 bytes a box; `scratch` grows when more boxes come than
     /// before.
-    pub fn expand(self, scratch: &'a mut ExpandScratch, parallel: bool) -> &'a [Aabb] {
-        if let Self::F32(boxes) = self {
-            return boxes;
+    #[must_use]
+    pub fn expand(self, scratch: &'a mut ExpandScratch, parallel: bool) -> Self {
+        if self.as_f32().is_some() {
+            return self;
         }
         scratch.0.resize(AABB_WORDS * self.len());
         let out: &mut [Aabb] = bytemuck::cast_slice_mut(scratch.0.as_mut_slice());
-        match self {
-            Self::F32(_) => {}
-            Self::Q16(boxes) => expand_all(boxes, out, parallel),
-            Self::Q8(boxes) => expand_all(boxes, out, parallel),
-            Self::F16(boxes) => expand_all(boxes, out, parallel),
+        match self.numbers {
+            Numbers::F32(_) => {}
+            Numbers::Q16(boxes) => expand_all(boxes, out, parallel),
+            Numbers::Q8(boxes) => expand_all(boxes, out, parallel),
+            Numbers::F16(boxes) => expand_all(boxes, out, parallel),
         }
-        bytemuck::cast_slice(scratch.0.as_slice())
+        Self { numbers: Numbers::F32(bytemuck::cast_slice(scratch.0.as_slice())) }
     }
 }
 
@@ -429,6 +449,7 @@ mod tests {
                     assert_eq!((view.form(), view.len()), (form, n));
                     assert_eq!(view.as_bytes(), bytes);
                     let expanded = view.expand(&mut scratch, parallel);
+                    let expanded = expanded.as_f32().expect("of f32 now");
                     let bits = |boxes: &[Aabb]| bytemuck::cast_slice::<Aabb, u32>(boxes).to_vec();
                     assert_eq!(bits(expanded), bits(&direct), "{form}, {n} boxes");
                     let alone: Vec<Aabb> = (0..n).filter_map(|i| view.get(i)).collect();

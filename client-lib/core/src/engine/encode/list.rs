@@ -1,51 +1,144 @@
-//! The list encoding: the pairs themselves, smaller index first, sorted.
+//! The list encoding: the pairs of boxes themselves, in the order of the words of all tasks.
 
-use super::{EncodingCost, FoundWords};
+use super::{EncodingCost, FoundWords, MaskWork};
 use crate::engine::cost::terms;
 use crate::engine::gather::Gather;
+use crate::engine::strips::{Split, in_parts};
 use crate::engine::{CostTerm, CullError, ReplyBuffer};
-use crate::mask::MaskShape;
+use crate::mask::{MaskShape, SparseMask};
 use crate::stats::SceneStats;
+use crate::units::BoxCount;
 
 terms! {
-    /// A pair: written, sorted, copied by the client.
-    PAIR = CostTerm::new("list-pair", 60.0);
+    /// A list.
+    LIST = CostTerm::new("list", 40.0);
+    /// A pair of boxes in their own order: kept, and written.
+    PAIR = CostTerm::new("list-pair", 0.8);
+    /// More for a pair in an order of the engine's, of which two boxes are looked up.
+    ORDERED_PAIR = CostTerm::new("list-ordered-pair", 0.5);
 }
 
 /// What lists take.
-pub(super) const COST: EncodingCost = EncodingCost { terms: TERMS, work };
+pub(super) const COST: EncodingCost = EncodingCost {
+    write: MaskWork { terms: TERMS, amounts },
+    visit: MaskWork { terms: visit::TERMS, amounts: visit::amounts },
+    bytes: |stats, _| PAIR_BYTES * stats.expected_pairs(),
+};
 
-fn work(stats: &SceneStats, _has_order: bool, amounts: &mut [f64]) {
-    // One more, so that a scene without pairs has a sparse mask.
-    amounts[PAIR] = stats.expected_pairs() + 1.0;
+/// Bytes of a pair.
+const PAIR_BYTES: f64 = 8.0;
+
+fn amounts(stats: &SceneStats, has_order: bool, amounts: &mut [f64]) {
+    let pairs = stats.expected_pairs();
+    amounts[LIST] = 1.0;
+    amounts[PAIR] = pairs;
+    amounts[ORDERED_PAIR] = if has_order { pairs } else { 0.0 };
 }
 
-/// Writes the pairs of the words of all tasks, and sorts them.
-pub(super) fn write<'a, W: FoundWords + 'a>(
-    tasks: impl Iterator<Item = &'a W> + Clone,
+/// What the client does.
+mod visit {
+    use super::{CostTerm, SceneStats, terms};
+
+    terms! {
+        /// A list.
+        LIST = CostTerm::new("list-visit", 40.0);
+        /// A pair.
+        PAIR = CostTerm::by_lanes("list-visit-pair", 0.3);
+    }
+
+    pub(super) fn amounts(stats: &SceneStats, _: bool, amounts: &mut [f64]) {
+        amounts[LIST] = 1.0;
+        amounts[PAIR] = stats.expected_pairs();
+    }
+}
+
+/// Fewest pairs that are worth a second thread: some 10 µs of work.
+const PARALLEL_PAIRS: u64 = 8 * 1024;
+
+/// Writes the pairs of the words of all tasks and says where they lie.
+///
+/// Each task knows its number of pairs, so that each has its place before any is written: the bytes do
+/// not depend on which thread writes them.
+pub(super) fn write<'a, W, T>(
+    tasks: &T,
     gather: &Gather<'_>,
+    parallel: bool,
     reply: &mut dyn ReplyBuffer,
-) -> Result<MaskShape, CullError> {
-    let words = || {
-        tasks.clone().flat_map(FoundWords::chunks).flat_map(|[rows, blocks, bits]| {
-            rows.iter().zip(blocks).zip(bits).map(|((row, block), bits)| (*row, *block, *bits))
-        })
-    };
-    let pair_count = words().map(|(_, _, bits)| u64::from(bits.count_ones())).sum();
+) -> Result<MaskShape, CullError>
+where
+    W: FoundWords + 'a,
+    T: Iterator<Item = &'a W> + Clone + Send + Sync,
+{
+    let pair_count = tasks.clone().map(FoundWords::pair_count).sum();
     let shape = MaskShape::list(pair_count);
     let (out, _) = reply.reserve(shape.extent_words())?.as_chunks_mut();
-    let out = &mut out[..pair_count as usize];
-    let index = |position: u32| gather.order.get(position as usize).copied().unwrap_or(position);
-    let pairs = words().flat_map(|(row, block, bits)| {
-        let columns = (0..32).filter(move |t| bits >> t & 1 != 0).map(move |t| 32 * block + t);
-        columns.map(move |column| (row, column))
-    });
-    for (slot, (row, column)) in out.iter_mut().zip(pairs) {
-        let (a, b) = (index(row), index(column));
-        *slot = [a.min(b), a.max(b)];
-    }
-    out.sort_unstable();
+    let task_count = tasks.clone().count();
+    let all = Part { tasks, first: 0, task_count, out: &mut out[..pair_count as usize] };
+    let parts = if parallel && pair_count >= PARALLEL_PAIRS { task_count } else { 1 };
+    let names = Names { n: gather.budget.n(), order: gather.order };
+    in_parts(all, parts, &|part: Part<'_, T>| part.write(names), &|(), ()| ());
     Ok(shape)
+}
+
+/// The boxes at the positions of words.
+#[derive(Clone, Copy)]
+struct Names<'a> {
+    n: BoxCount,
+    /// Box index at each position; empty where positions are indices.
+    order: &'a [u32],
+}
+
+/// Some tasks in sequence, and the room for exactly their pairs.
+struct Part<'a, T> {
+    tasks: &'a T,
+    first: usize,
+    task_count: usize,
+    out: &'a mut [[u32; 2]],
+}
+
+impl<'a, W, T> Part<'_, T>
+where
+    W: FoundWords + 'a,
+    T: Iterator<Item = &'a W> + Clone,
+{
+    /// The tasks from one of the part on.
+    fn tasks(&self, from: usize, count: usize) -> impl Iterator<Item = &'a W> + use<'a, W, T> {
+        self.tasks.clone().skip(self.first + from).take(count)
+    }
+
+    fn write(self, names: Names<'_>) {
+        let tasks = self.tasks(0, self.task_count);
+        let mut rest = self.out;
+        for words in tasks.flat_map(FoundWords::chunks) {
+            let order = Some(names.order).filter(|order| !order.is_empty());
+            SparseMask::of_found(names.n, words, order).for_each_slice(|pairs| {
+                let (here, later) = std::mem::take(&mut rest).split_at_mut(pairs.len());
+                here.copy_from_slice(pairs);
+                rest = later;
+            });
+        }
+        debug_assert!(rest.is_empty(), "a task's count of pairs is that of its words' bits");
+    }
+}
+
+impl<'a, W, T> Split for Part<'_, T>
+where
+    W: FoundWords + 'a,
+    T: Iterator<Item = &'a W> + Clone + Send + Sync,
+{
+    fn len(&self) -> usize {
+        self.task_count
+    }
+
+    fn split_at(self, at: usize) -> (Self, Self) {
+        let pairs: u64 = self.tasks(0, at).map(FoundWords::pair_count).sum();
+        let (low, high) = self.out.split_at_mut(pairs as usize);
+        let Self { tasks, first, task_count, .. } = self;
+        (
+            Self { tasks, first, task_count: at, out: low },
+            Self { tasks, first: first + at, task_count: task_count - at, out: high },
+        )
+    }
 }
 
 #[cfg(test)]
@@ -75,7 +168,9 @@ mod tests {
                 let mask = MaskView::new(BoxCount::new(345), &report.shape, reply.words());
                 let mask = mask.expect("a list");
                 assert_eq!(mask.verify(), Ok(()));
-                assert_eq!(mask.to_vec(), expected, "{name}");
+                let mut pairs = mask.to_vec();
+                pairs.sort_unstable();
+                assert_eq!(pairs, expected, "{name}");
                 assert_eq!(mask.count(), expected.len() as u64);
                 assert_eq!(mask.words().count(), expected.len());
                 for a in 0..345 {

@@ -1,24 +1,36 @@
-//! List masks: the pairs themselves.
+//! Lists: the pairs themselves.
+
+mod check;
+mod pairs;
+
+pub(in crate::mask) use self::pairs::ListPairs;
 
 use std::fmt;
 use std::ops::Range;
 
-use crate::mask::pair_buffer::PairWriter;
-use crate::mask::{AddressedWord, MaskError, Section, Span, WordAddress};
-use crate::units::{BoxCount, MaskWord};
+use crate::isa::AvailableIsa;
+use crate::mask::{MaskError, Section, Span};
+use crate::units::BoxCount;
 
-/// A list of pairs, smaller index first, sorted.
+/// A list of pairs, smaller index first, in the order in which the engine found them.
 #[derive(Clone, Copy)]
 pub struct ListMask<'a> {
     n: BoxCount,
     pairs: &'a [[u32; 2]],
+    isa: AvailableIsa,
 }
 
 impl<'a> ListMask<'a> {
     pub(super) fn new(n: BoxCount, pairs: &Span, reply: &'a [u32]) -> Result<Self, MaskError> {
-        // The wire contract refuses an odd word at the end; here it is no pair.
-        let (pairs, _) = Section::Words.of(pairs, reply)?.as_chunks();
-        Ok(Self { n, pairs })
+        match Section::Pairs.of(pairs, reply)?.as_chunks() {
+            (pairs, []) => Ok(Self { n, pairs, isa: AvailableIsa::best() }),
+            _ => Err(MaskError::HalfPair { words: pairs.len }),
+        }
+    }
+
+    /// The same list, read with one instruction set.
+    pub(super) const fn with_isa(self, isa: AvailableIsa) -> Self {
+        Self { isa, ..self }
     }
 
     /// Number of boxes.
@@ -33,44 +45,57 @@ impl<'a> ListMask<'a> {
         self.pairs.len()
     }
 
-    /// Whether the list is empty.
+    /// Whether the list holds nothing, not even a malformed pair.
     #[inline]
     pub const fn is_empty(&self) -> bool {
         self.pairs.is_empty()
     }
 
-    /// Whether the mask names the pair of boxes `a` and `b`, in any order: a binary search. In a mask
-    /// that `verify` rejects, a pair may go unfound.
+    /// The list as it lies in the reply. Another process may have written anything there:
+    /// [`MaskView::for_each_slice`](crate::mask::MaskView::for_each_slice) gives checked pairs.
+    #[inline]
+    pub const fn as_pairs(&self) -> &'a [[u32; 2]] {
+        self.pairs
+    }
+
+    /// Whether the list names the pair of boxes `a` and `b`, in any order of the two: a pass over the
+    /// list, which ends at the pair.
     #[must_use]
     pub fn contains(&self, a: u32, b: u32) -> bool {
-        let pair = [a.min(b), a.max(b)];
-        is_pair(pair, self.n) && self.pairs.binary_search(&pair).is_ok()
+        let wanted = [a.min(b), a.max(b)];
+        // A stretch without a branch is vector code.
+        let is_in =
+            |pairs: &[[u32; 2]]| pairs.iter().fold(false, |is, pair| is | (*pair == wanted));
+        is_pair(wanted, self.n) && self.pairs.chunks(STRETCH).any(is_in)
     }
 
-    /// Number of pairs.
+    /// Number of well-formed pairs.
     #[must_use]
     pub fn count(&self) -> u64 {
-        self.pairs.iter().filter(|pair| is_pair(**pair, self.n)).count() as u64
+        let count = |pairs: &[[u32; 2]]| {
+            pairs.iter().fold(0, |sum: u32, pair| sum + u32::from(is_pair(*pair, self.n)))
+        };
+        self.pairs.chunks(STRETCH).map(|pairs| u64::from(count(pairs))).sum()
     }
 
-    /// The pairs of a range.
+    /// The pairs of a range of the list.
     pub(super) fn pairs_in(&self, range: Range<usize>) -> ListPairs<'a> {
-        ListPairs { n: self.n, rest: self.pairs.get(range).unwrap_or(&[]) }
+        ListPairs::new(self.n, self.pairs.get(range).unwrap_or(&[]), self.isa)
     }
 
     /// Checks every rule of the encoding.
     pub(super) fn verify(&self) -> Result<(), MaskError> {
-        let mut before = None;
-        for (number, [a, b]) in (0u64..).zip(self.pairs.iter().copied()) {
-            if !is_pair([a, b], self.n) {
-                return Err(MaskError::NoSuchPair { word: number, row: a, bits: 1 << (b % 32) });
-            }
-            if before.replace([a, b]).is_some_and(|before| before >= [a, b]) {
-                return Err(MaskError::NotSorted { word: number });
-            }
-        }
-        Ok(())
+        check::verify(self.n, self.pairs)
     }
+}
+
+/// Pairs that are looked at without a branch: 4 KiB, so that a search ends soon after its pair.
+const STRETCH: usize = 512;
+
+/// Whether two indices are a pair of `n` boxes, smaller first.
+#[inline(always)]
+const fn is_pair([a, b]: [u32; 2], n: BoxCount) -> bool {
+    (a < b) & (b < n.get())
 }
 
 impl fmt::Debug for ListMask<'_> {
@@ -78,43 +103,4 @@ impl fmt::Debug for ListMask<'_> {
         let (n, pairs) = (self.n.get(), self.pairs.len());
         f.debug_struct("ListMask").field("n", &n).field("pairs", &pairs).finish()
     }
-}
-
-/// The pairs of a list that were not yet taken.
-#[derive(Clone)]
-pub(in crate::mask) struct ListPairs<'a> {
-    n: BoxCount,
-    rest: &'a [[u32; 2]],
-}
-
-impl ListPairs<'_> {
-    /// Puts pairs until there is no more room. False at the end of the list.
-    #[inline]
-    pub fn write(&mut self, writer: &mut PairWriter) -> bool {
-        let more = !self.rest.is_empty();
-        while let Some((pair, after)) = self.rest.split_first()
-            && writer.has_room_for(1)
-        {
-            writer.put_if(is_pair(*pair, self.n), (*pair).into());
-            self.rest = after;
-        }
-        more
-    }
-
-    /// The next pair, as a word of one bit.
-    pub fn next_word(&mut self) -> Option<AddressedWord> {
-        loop {
-            let (&[row, column], after) = self.rest.split_first()?;
-            self.rest = after;
-            if is_pair([row, column], self.n) {
-                let address = WordAddress::Sparse { row, block: column / 32 };
-                return Some(AddressedWord { address, bits: MaskWord(1 << (column % 32)) });
-            }
-        }
-    }
-}
-
-/// Whether two indices are a pair of `n` boxes, smaller first.
-fn is_pair([a, b]: [u32; 2], n: BoxCount) -> bool {
-    a < b && b < n.get()
 }

@@ -24,6 +24,7 @@ use self::sparse_words::SparseWords;
 use super::pair_buffer::PairBuffer;
 use super::word_flags::CHUNK_WORDS;
 use super::{AddressedWord, MaskError, Pairs, SECTION_ALIGN_WORDS, Span, WordAddress, Words};
+use crate::isa::AvailableIsa;
 use crate::units::{BoxCount, MaskWord, PairIndex};
 
 /// How a mask is written.
@@ -101,7 +102,7 @@ pub enum MaskShape {
         /// Box index at each position.
         order: Option<Span>,
     },
-    /// The pairs of a list, two words each.
+    /// The pairs of a list, smaller index first, two words each.
     List {
         /// All pairs.
         pairs: Span,
@@ -162,19 +163,18 @@ impl MaskShape {
         Some(if after_two_more > whole { after_two_more.min(whole + align) } else { whole })
     }
 
-    /// The mask of `n` boxes and `word_count` words, with an order or not, in an encoding, at the
-    /// start of the reply.
+    /// The mask of `n` boxes and `word_count` words (pairs of a list), with an order or not, in an
+    /// encoding, at the start of the reply.
     pub const fn exact(encoding: Encoding, n: BoxCount, word_count: u64, with_order: bool) -> Self {
         match encoding {
             Encoding::Dense => Self::dense(n),
             Encoding::Sparse => Self::sparse(n, word_count, word_count, with_order),
-            // A word has a pair or more.
             Encoding::List => Self::list(word_count),
         }
     }
 
-    /// The most words of an engine that a reply of `limit_words` words holds in an encoding. `None`
-    /// where it does not even hold the mask without any.
+    /// The most words of an engine, or pairs for a list, that a reply of `limit_words` words holds in
+    /// an encoding. `None` where it does not even hold the mask without any.
     ///
     /// The words of a dense mask are not counted: its size follows from `n`.
     pub fn words_within(
@@ -285,6 +285,17 @@ impl<'a> MaskView<'a> {
         }
     }
 
+    /// The same mask, decoded with one instruction set in place of the widest. The pairs and their
+    /// order do not depend on it.
+    #[must_use]
+    pub const fn with_isa(self, isa: AvailableIsa) -> Self {
+        match self {
+            Self::Dense(mask) => Self::Dense(mask.with_isa(isa)),
+            Self::Sparse(mask) => Self::Sparse(mask.with_isa(isa)),
+            Self::List(mask) => Self::List(mask.with_isa(isa)),
+        }
+    }
+
     /// Number of boxes.
     #[inline]
     pub const fn n(&self) -> BoxCount {
@@ -322,7 +333,7 @@ impl<'a> MaskView<'a> {
     /// unknown boxes.
     ///
     /// Dense: one AND. Sparse: a binary search, behind an O(n) search if there is an order. List: a
-    /// binary search.
+    /// pass over the list.
     #[inline]
     #[must_use]
     pub fn contains(&self, a: u32, b: u32) -> bool {
@@ -333,7 +344,8 @@ impl<'a> MaskView<'a> {
         }
     }
 
-    /// The non-zero words with their addresses, without bits that name no pair.
+    /// The non-zero words with their addresses, without bits that name no pair. Each pair of a list is
+    /// a word of its own, in the order of the list.
     #[inline]
     #[must_use]
     pub fn words(&self) -> Words<'a> {
@@ -347,7 +359,8 @@ impl<'a> MaskView<'a> {
         }
     }
 
-    /// Checks every rule of the encoding, in O(words) and, with an order, O(n).
+    /// Checks every rule of the encoding, in O(words) and, with an order, O(n). Of a list, in a copy of
+    /// it and as much memory again.
     ///
     /// Not needed for safety. A mask that passes holds what its bits say, no more and no less.
     ///
@@ -379,11 +392,12 @@ impl<'a> MaskView<'a> {
         }
     }
 
-    /// Words of the smallest range that is worth a thread.
+    /// Words, or pairs of a list, of the smallest range that is worth a thread.
     pub(super) const fn grain_words(&self) -> usize {
         match self {
             Self::Dense(_) => DENSE_GRAIN_WORDS,
-            Self::Sparse(_) | Self::List(_) => SPARSE_GRAIN_WORDS,
+            Self::Sparse(_) => SPARSE_GRAIN_WORDS,
+            Self::List(_) => LIST_GRAIN_PAIRS,
         }
     }
 }
@@ -394,6 +408,9 @@ const DENSE_GRAIN_WORDS: usize = 2048 * CHUNK_WORDS;
 
 /// Smallest range of a sparse mask worth a thread, words: at about 1 ns a word some 15 µs, as above.
 const SPARSE_GRAIN_WORDS: usize = 1 << 14;
+
+/// Smallest range of a list worth a thread, pairs: 256 KiB, some 15 µs as above.
+const LIST_GRAIN_PAIRS: usize = 1 << 15;
 
 /// Where the pairs of a mask come from.
 #[derive(Clone)]
