@@ -9,6 +9,7 @@ use super::quantize::{Lanes, Quantizer};
 use super::{f16, simd};
 use crate::aabb::{AABB_BYTES, Aabb};
 use crate::aligned::AlignedBuffer;
+use crate::write::{BoxSource, par_write_boxes};
 
 /// Fewest boxes of a conversion task: fewer take less time (10 to 40 µs) than a task costs.
 const TASK_BOXES: usize = 16_384;
@@ -78,9 +79,9 @@ impl From<&Aabb> for BoxF16 {
     }
 }
 
-/// Boxes that are narrowed before they are expanded: their narrow forms stay in the first-level
-/// cache.
-const ROUNDED_BOXES: usize = 256;
+/// Boxes that are made before they are narrowed, or narrowed before they are expanded: they stay in the
+/// first-level cache (6 KiB).
+const STAGED_BOXES: usize = 256;
 
 /// A narrow form of a box.
 pub(super) trait NarrowBox: Pod + Send + Sync {
@@ -307,28 +308,63 @@ fn expand_all<B: NarrowBox>(boxes: &[B], out: &mut [Aabb], parallel: bool) {
     tasks.for_each(|(boxes, out)| simd::expand(boxes, out));
 }
 
-fn narrow_all<B: NarrowBox>(boxes: &[Aabb], encoder: &B::Encoder, out: &mut [B]) {
-    if boxes.len() < 2 * TASK_BOXES {
-        return simd::narrow(boxes, encoder, out);
+/// Converts as many boxes as both hold, large scenes on the rayon pool.
+fn convert_all<S: BoxSource + Sync + ?Sized, T: Send>(
+    source: &S,
+    out: &mut [T],
+    convert: impl Fn(&[Aabb], &mut [T]) + Sync,
+) {
+    let n = source.len().min(out.len());
+    let task_boxes = TASK_BOXES.min(S::TASK_BOXES).max(1);
+    if n < 2 * task_boxes {
+        return convert_part(source, 0, &mut out[..n], &convert);
     }
-    let tasks = boxes.par_chunks(TASK_BOXES).zip(out.par_chunks_mut(TASK_BOXES));
-    tasks.for_each(|(boxes, out)| simd::narrow(boxes, encoder, out));
+    out[..n]
+        .par_chunks_mut(task_boxes)
+        .enumerate()
+        .for_each(|(task, out)| convert_part(source, task * task_boxes, out, &convert));
+}
+
+/// Converts the boxes from `first` on: where they lie, or as they are made.
+fn convert_part<S: BoxSource + ?Sized, T>(
+    source: &S,
+    first: usize,
+    out: &mut [T],
+    convert: &impl Fn(&[Aabb], &mut [T]),
+) {
+    if let Some(boxes) = source.as_boxes() {
+        return convert(&boxes[first..][..out.len()], out);
+    }
+    let mut boxes = [Aabb::EMPTY; STAGED_BOXES];
+    for (k, out) in out.chunks_mut(STAGED_BOXES).enumerate() {
+        let boxes = &mut boxes[..out.len()];
+        source.write_range(first + k * STAGED_BOXES, boxes);
+        convert(boxes, out);
+    }
+}
+
+fn narrow_all<B: NarrowBox>(
+    source: &(impl BoxSource + Sync + ?Sized),
+    encoder: &B::Encoder,
+    out: &mut [B],
+) {
+    convert_all(source, out, |boxes, out| simd::narrow(boxes, encoder, out));
 }
 
 /// Narrows boxes and expands them again, as client and daemon do together.
-fn round_all<B: NarrowBox>(boxes: &[Aabb], encoder: &B::Encoder, out: &mut [Aabb]) {
-    let round = |(boxes, out): (&[Aabb], &mut [Aabb])| {
-        let mut narrow = [B::zeroed(); ROUNDED_BOXES];
-        for (boxes, out) in boxes.chunks(ROUNDED_BOXES).zip(out.chunks_mut(ROUNDED_BOXES)) {
+fn round_all<B: NarrowBox>(
+    source: &(impl BoxSource + Sync + ?Sized),
+    encoder: &B::Encoder,
+    out: &mut [Aabb],
+) {
+    convert_all(source, out, |boxes, out| {
+        let mut narrow = [B::zeroed(); STAGED_BOXES];
+        for (boxes, out) in boxes.chunks(STAGED_BOXES).zip(out.chunks_mut(STAGED_BOXES)) {
             let narrow = &mut narrow[..boxes.len()];
             simd::narrow(boxes, encoder, narrow);
             simd::expand(narrow, out);
         }
-    };
-    if boxes.len() < 2 * TASK_BOXES {
-        return round((boxes, out));
-    }
-    boxes.par_chunks(TASK_BOXES).zip(out.par_chunks_mut(TASK_BOXES)).for_each(round);
+    });
 }
 
 /// Writes boxes in the form of a precision.
@@ -358,7 +394,7 @@ impl Encoder {
     /// Writes boxes into memory of their form, as many as both hold.
     ///
     /// `bytes` are the boxes' whole memory: of the length, and aligned, as the form asks.
-    pub fn write(&self, boxes: &[Aabb], bytes: &mut [u8]) {
+    pub fn write(&self, boxes: &(impl BoxSource + Sync + ?Sized), bytes: &mut [u8]) {
         match self {
             Self::F32 => copy(boxes, bytemuck::cast_slice_mut(bytes)),
             Self::Q16(q) => narrow_all::<BoxQ16>(boxes, q, bytemuck::cast_slice_mut(bytes)),
@@ -379,7 +415,7 @@ impl Encoder {
     }
 
     /// Writes the boxes that stand for them ([`BoxSlice::expand`]), as many as both hold.
-    pub fn write_expanded(&self, boxes: &[Aabb], out: &mut [Aabb]) {
+    pub fn write_expanded(&self, boxes: &(impl BoxSource + Sync + ?Sized), out: &mut [Aabb]) {
         match self {
             Self::F32 => copy(boxes, out),
             Self::Q16(q) => round_all::<BoxQ16>(boxes, q, out),
@@ -389,9 +425,12 @@ impl Encoder {
     }
 }
 
-fn copy(boxes: &[Aabb], out: &mut [Aabb]) {
-    let n = boxes.len().min(out.len());
-    out[..n].copy_from_slice(&boxes[..n]);
+fn copy(source: &(impl BoxSource + Sync + ?Sized), out: &mut [Aabb]) {
+    if source.len() == out.len() {
+        return par_write_boxes(source, out);
+    }
+    let n = source.len().min(out.len());
+    source.write_range(0, &mut out[..n]);
 }
 
 #[cfg(test)]
@@ -399,6 +438,7 @@ mod tests {
     use super::*;
     use crate::aabb::BoxClass;
     use crate::precision::Bounds;
+    use crate::write::MinMax;
 
     #[test]
     fn reserved_patterns_expand_to_their_class() {
@@ -444,6 +484,19 @@ mod tests {
                 bytes.copy_from_slice(memory);
                 let mut direct = vec![Aabb::default(); n];
                 encoder.write_expanded(&boxes[..n], &mut direct);
+                // The same from a source that makes its boxes.
+                let [min, max] = [|b: &Aabb| b.min, |b: &Aabb| b.max]
+                    .map(|corner| boxes[..n].iter().map(corner).collect::<Vec<_>>());
+                let source = MinMax::points(&min, &max);
+                memory.fill(0xa5);
+                encoder.write(&source, memory);
+                assert_eq!(memory, bytes, "{form}, {n} boxes of a source");
+                let mut from_source = vec![Aabb::default(); n];
+                encoder.write_expanded(&source, &mut from_source);
+                assert!(
+                    bytemuck::cast_slice::<_, u8>(&from_source)
+                        == bytemuck::cast_slice::<_, u8>(&direct)
+                );
                 for parallel in [false, true] {
                     let view = BoxSlice::new(form, memory).expect("whole boxes");
                     assert_eq!((view.form(), view.len()), (form, n));
