@@ -180,29 +180,6 @@ fn boxes_take_a_gpu_the_time_of_their_bytes() {
     }
 }
 
-/// Of a list a GPU sends names down, and no order.
-#[test]
-fn a_list_takes_a_gpu_the_bytes_of_its_pairs() {
-    let mut calibration = Calibration::built_in(Isa::Avx512);
-    calibration.ns = [0.0; Term::ALL.len()];
-    let capabilities = Capabilities { threads: 1, gpu: Some(GPU) };
-    let stats = stats(100_000, 0.01);
-    for engine in [EngineName::GpuBrute, EngineName::GpuGrid] {
-        let predicted_ns = |encoding| {
-            let engine = EngineChoice::Only(engine);
-            let encoding = EncodingChoice::Only(encoding);
-            let options = CullOptions { engine, encoding, ..CullOptions::default() };
-            let plan = plan(&stats, &capabilities, &calibration, &options);
-            let planned = plan.candidates.into_iter().flatten().find(|c| c.engine == plan.engine);
-            planned.expect("there is a GPU").predicted_ns
-        };
-        // As many pairs as boxes: 16 bytes each, and 8.
-        let saved = predicted_ns(Encoding::Sparse) - predicted_ns(Encoding::List);
-        let expected = GPU.ns_a_reply_byte * 8.0 * 100_000.0;
-        assert!((saved - expected).abs() < 1e-3, "{engine}: {saved} ns");
-    }
-}
-
 #[test]
 fn the_encoding_is_the_cheaper_one() {
     let capabilities = Capabilities { threads: 1, gpu: None };
