@@ -296,13 +296,13 @@ impl<'a> MaskView<'a> {
         }
     }
 
-    /// The same sparse mask, decoded by one kernel: for benches that compare them. `None` for a dense
+    /// The same sparse mask, decoded by one kernel: for benches that compare them. `None` for another
     /// mask, and where there is no such kernel, the machine lacks it, or it needs an order.
     #[doc(hidden)]
     #[must_use]
     pub fn with_sparse_kernel(self, name: &str) -> Option<Self> {
         match self {
-            Self::Dense(_) => None,
+            Self::Dense(_) | Self::List(_) => None,
             Self::Sparse(mask) => mask.with_kernel(name).map(Self::Sparse),
         }
     }

@@ -51,7 +51,8 @@ impl<'a> SparseMask<'a> {
     pub(crate) fn of_found(n: BoxCount, words: [&'a [u32]; 3], order: Option<&'a [u32]>) -> Self {
         let len = words.map(<[u32]>::len).into_iter().min().unwrap_or(0);
         let [rows, blocks, bits] = words.map(|array| &array[..len]);
-        Self { n, rows, blocks, bits, order, isa: AvailableIsa::best() }
+        let kernel = Kernel::of(AvailableIsa::best(), order.is_some());
+        Self { n, rows, blocks, bits, order, kernel }
     }
 
     /// The same mask, decoded with one instruction set.
