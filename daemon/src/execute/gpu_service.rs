@@ -179,10 +179,6 @@ impl GpuService {
         if !plan.engine.is_gpu() {
             return Err(CullError::Unavailable { engine: plan.engine, why: "no such GPU engine" });
         }
-        if !plan.engine.descriptor().encodings.contains(&plan.encoding) {
-            let why = "it does not write masks of this encoding";
-            return Err(CullError::Unavailable { engine: plan.engine, why });
-        }
         let lost = CullError::DeviceLost { engine: plan.engine };
         if !self.refresh() {
             return Err(lost);
