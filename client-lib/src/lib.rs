@@ -97,7 +97,7 @@ pub use pairmask_core::update;
 pub use pairmask_core::write;
 
 pub use pairmask_core::aabb::Aabb;
-pub use pairmask_core::engine::{EngineChoice, EngineId, EngineName};
+pub use pairmask_core::engine::{AvailableIsa, EngineChoice, EngineId, EngineName, Isa, IsaError};
 pub use pairmask_core::mask::{Encoding, EncodingChoice};
 pub use pairmask_core::plan::CalibrationChoice;
 pub use pairmask_core::precision::{Bounds, Margin, Precision};

@@ -12,6 +12,7 @@ use std::time::Duration;
 
 use iceoryx2::service::{ipc, ipc_threadsafe};
 use pairmask::{Backend, Session};
+use pairmask_core::engine::AvailableIsa;
 use pairmask_core::mask::{Encoding, EncodingChoice};
 use pairmask_core::plan::CalibrationChoice;
 use pairmask_core::{Bounds, EngineChoice, EngineName, Precision, Sphere};
@@ -165,6 +166,7 @@ fn steady_frames_allocate_nothing() {
         gpu: GpuChoice::None,
         gpu_awake: Duration::ZERO,
         calibration: CalibrationChoice::BuiltIn,
+        isa: AvailableIsa::best(),
     };
     let runtime_dir = settings.dir.clone();
     let daemon = std::thread::spawn(move || {
@@ -178,7 +180,7 @@ fn steady_frames_allocate_nothing() {
         (0..4).map(|seed| stress_scenes::named("uniform").boxes(1000, seed)).collect();
     let spheres: Vec<_> = (0..4).map(|seed| whole_scene(1000, 25, seed).0).collect();
     for backend in [Backend::InProcess, Backend::Daemon] {
-        for encoding in [Encoding::Dense, Encoding::Sparse] {
+        for encoding in Encoding::ALL {
             // In process, one thread: a pool takes work from outside through a queue of rayon's
             // that allocates a block every 63 frames. The daemon's frames start within its pool.
             let threads = if backend == Backend::Daemon { 2 } else { 1 };

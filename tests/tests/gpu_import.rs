@@ -146,7 +146,7 @@ fn imported_and_staged_memory_give_the_same_bytes() {
             }
             let scene_boxes = scene.boxes(n, 13);
             boxes.write(*offset, &scene_boxes);
-            for encoding in [Encoding::Dense, Encoding::Sparse] {
+            for encoding in Encoding::ALL {
                 let seen = boxes.boxes(*offset, n as usize);
                 let mut memory = SegmentReply(&reply, *offset);
                 let a = zero_copy

@@ -1,4 +1,4 @@
-//! Every session backend has the oracle's answers: every engine, dense and sparse, every scene.
+//! Every session backend has the oracle's answers: every engine, encoding and scene.
 #![allow(clippy::unwrap_used)]
 
 use pairmask::write::CenterHalf;

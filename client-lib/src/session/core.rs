@@ -66,7 +66,7 @@ pub(super) struct Core {
 impl Core {
     pub(super) fn new(mut settings: Settings) -> Result<Self, ConnectError> {
         settings.backend = Link::backend(settings.backend)?;
-        let local = Arc::new(Local::new(&settings.calibration));
+        let local = Arc::new(Local::new(settings.isa, &settings.calibration));
         let core =
             Self { settings, local, connection: Mutex::default(), frames: AtomicU64::new(0) };
         match core.settings.backend {

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use pairmask_core::engine::CullError;
+use pairmask_core::engine::{CullError, IsaError};
 use pairmask_wire::{InstanceError, InstanceName, ReplyError, Version};
 
 use crate::transport::{PopulateError, TransportError};
@@ -64,6 +64,9 @@ pub enum ConnectError {
     /// No shared memory for the client's segment.
     #[error("no shared memory for a segment: free space in /dev/shm or make it larger")]
     OutOfMemory,
+    /// The instruction set that `PAIRMASK_ISA` names cannot be used.
+    #[error("PAIRMASK_ISA: {0}")]
+    Isa(#[from] IsaError),
     /// The instance's directory cannot be used.
     #[error(transparent)]
     Instance(#[from] InstanceError),

@@ -19,6 +19,8 @@
 
 mod builder;
 mod core;
+#[cfg_attr(not(feature = "daemon"), allow(dead_code))]
+mod encodings;
 mod error;
 #[cfg_attr(not(feature = "daemon"), allow(dead_code))]
 mod estimate;

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use pairmask_core::dispatch::StageTimes;
-use pairmask_core::engine::{Census, EngineId, HeapReply, SkipMeter};
+use pairmask_core::engine::{AvailableIsa, Census, EngineId, HeapReply, SkipMeter};
 use pairmask_core::mask::{Encoding, MaskShape, MaskView, Pairs, ParPairs, Words};
 use pairmask_core::objects::ObjectForm;
 use pairmask_core::precision::Widening;
@@ -75,6 +75,8 @@ pub struct PairMask {
     shape: MaskShape,
     pair_count: u64,
     info: FrameInfo,
+    /// Decodes the mask.
+    isa: AvailableIsa,
     storage: Storage,
 }
 
@@ -103,6 +105,7 @@ impl PairMask {
         reply: &Reply,
         served_by: ServedBy,
         written: Written,
+        isa: AvailableIsa,
     ) -> Self {
         let Reply { box_count, engine, threads, report, times } = *reply;
         Self {
@@ -121,6 +124,7 @@ impl PairMask {
                 box_bytes: written.form.bytes(box_count),
                 widening: written.widening,
             },
+            isa,
             storage,
         }
     }
@@ -146,6 +150,7 @@ impl PairMask {
     pub fn view(&self) -> MaskView<'_> {
         MaskView::new(self.n, &self.shape, self.reply_words())
             .expect("the shape was checked when the mask was made")
+            .with_isa(self.isa)
     }
 
     /// Boxes or spheres of the frame.
@@ -168,7 +173,8 @@ impl PairMask {
         self.pair_count
     }
 
-    /// Whether boxes (or spheres) `a` and `b` overlap. One AND in a dense mask; a search in a sparse one.
+    /// Whether boxes (or spheres) `a` and `b` overlap. One AND in a dense mask; a search in a sparse one
+    /// and in a list.
     pub fn contains(&self, a: u32, b: u32) -> bool {
         self.view().contains(a, b)
     }
@@ -176,6 +182,17 @@ impl PairMask {
     /// All pairs (a, b), a < b, one at a time.
     pub fn pairs(&self) -> Pairs<'_> {
         self.view().pairs()
+    }
+
+    /// Calls `f(a, b)` for each pair, a < b: the fastest way through a mask on one thread.
+    pub fn for_each(&self, f: impl FnMut(u32, u32)) {
+        self.view().for_each(f);
+    }
+
+    /// Calls `f` with slices of pairs [a, b], a < b, until all were seen: see
+    /// [`MaskView::for_each_slice`].
+    pub fn for_each_slice(&self, f: impl FnMut(&[[u32; 2]])) {
+        self.view().for_each_slice(f);
     }
 
     /// All pairs, on the rayon pool.

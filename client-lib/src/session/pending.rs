@@ -71,8 +71,9 @@ impl PendingFrame {
             ReplyFields { client_token: link.token(), frame: core.next_frame(), box_count: n };
         let request = CullRequest {
             engine: settings.engine,
-            encoding: settings.encoding,
+            encoding: link.encodings().agree(settings.encoding),
             threads: settings.threads,
+            visit_threads: settings.visit_threads,
             ..CullRequest::of(written.scene(n))
         };
         let header = RequestHeader::cull(asked.client_token, asked.frame, &request);
@@ -196,7 +197,8 @@ impl Sent {
                     threads: reply.threads,
                 });
                 let storage = Storage::Shared { response, _pending: pending, _slot: slot };
-                Ok(PairMask::new(storage, &reply, ServedBy::Daemon, self.written))
+                let isa = core.settings().isa;
+                Ok(PairMask::new(storage, &reply, ServedBy::Daemon, self.written, isa))
             }
             Err(error) => self.answer_refused(error, core).map_err(|e| (e, None)),
         }

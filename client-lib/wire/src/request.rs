@@ -45,8 +45,13 @@ pub struct RequestHeader {
     pub threads: u32,
     /// What lies where in the payload.
     pub sections: [Section; SECTION_COUNT],
+    /// Threads with which the client visits the pairs, or 0 for one (since 1.3; a hint, which older
+    /// readers ignore).
+    pub visit_threads: u32,
     /// Zero; no version reads it yet.
-    pub reserved: [u64; 4],
+    pub reserved_word: u32,
+    /// Zero; no version reads it yet.
+    pub reserved: [u64; 3],
 }
 
 const _: () = assert!(size_of::<RequestHeader>() == 272 && align_of::<RequestHeader>() == 8);
@@ -123,6 +128,8 @@ pub struct CullRequest {
     pub encoding: EncodingChoice,
     /// Threads that the engine may use; `None` leaves the number to the plan.
     pub threads: Option<usize>,
+    /// Threads with which the client visits the pairs, for the plan; `None` is one.
+    pub visit_threads: Option<usize>,
     /// Minor wire version of the client, older or newer than this build. The answer may hold nothing
     /// that a later minor version added.
     pub client_minor: u16,
@@ -136,6 +143,7 @@ impl CullRequest {
             engine: EngineChoice::Auto,
             encoding: EncodingChoice::Auto,
             threads: None,
+            visit_threads: None,
             client_minor: VERSION_MINOR,
         }
     }
@@ -227,7 +235,10 @@ impl RequestHeader {
 
     /// A request to cull a scene, with what the client asks for.
     pub fn cull(client_token: u64, frame: u64, request: &CullRequest) -> Self {
-        let CullRequest { scene, engine, encoding, threads, client_minor } = *request;
+        let CullRequest { scene, engine, encoding, threads, visit_threads, client_minor } =
+            *request;
+        let number =
+            |threads: Option<usize>| threads.map_or(0, |t| u32::try_from(t).unwrap_or(u32::MAX));
         Self {
             version_minor: client_minor,
             box_count: scene.count.get(),
@@ -239,7 +250,8 @@ impl RequestHeader {
                 EncodingChoice::Auto => 0,
                 EncodingChoice::Only(encoding) => encoding as u32,
             },
-            threads: threads.map_or(0, |t| u32::try_from(t).unwrap_or(u32::MAX)),
+            threads: number(threads),
+            visit_threads: number(visit_threads),
             sections: scene.sections(),
             ..Self::envelope(Operation::Cull, client_token, frame)
         }
@@ -296,11 +308,13 @@ impl Request {
             return Err(wrong);
         }
         let offset = usize::try_from(section.offset).map_err(|_| wrong)?;
+        let some = |threads: u32| (threads != 0).then_some(threads as usize);
         Ok(Self::Cull(CullRequest {
             scene: ScenePlace { form, count: box_count, offset },
             engine,
             encoding,
-            threads: (header.threads != 0).then_some(header.threads as usize),
+            threads: some(header.threads),
+            visit_threads: some(header.visit_threads),
             client_minor: header.version_minor,
         }))
     }

@@ -16,8 +16,9 @@ use pairmask_core::BoxForm;
 use pairmask_core::aabb::AABB_BYTES;
 use pairmask_core::dispatch::{CpuEngines, CullAnswer, CullOptions, SphereWays, nanoseconds_since};
 use pairmask_core::engine::{
-    CullError, CullReport, EngineChoice, EngineName, RecentNeed, ReplyBuffer,
+    AvailableIsa, CullError, CullReport, EngineChoice, EngineName, RecentNeed, ReplyBuffer,
 };
+use pairmask_core::mask::Encoding;
 use pairmask_core::plan::{Calibration, GpuCost, Plan};
 use pairmask_core::precision::{BoxSlice, ExpandScratch};
 
@@ -151,11 +152,12 @@ impl Executor {
         }
     }
 
-    /// The same engines, whose plans compute with `calibration`.
+    /// The same with CPU engines that use `isa` and whose plans compute with `calibration`.
     #[must_use]
-    pub fn with_calibration(self, calibration: Calibration) -> Self {
-        let engines = CpuEngines::with_calibration(calibration);
-        Self { cpu: CpuSide { engines, ..self.cpu }, ..self }
+    pub fn with_engines(self, isa: AvailableIsa, calibration: Calibration) -> Self {
+        let engines = CpuEngines::on(isa, calibration);
+        let spheres = SphereWays::on(isa);
+        Self { cpu: CpuSide { engines, ..self.cpu }, spheres, ..self }
     }
 
     /// The GPU, if this daemon has one.
@@ -169,7 +171,7 @@ impl Executor {
     ///
     /// A GPU that is lost, or has no memory for the scene, leaves the frame to the CPU: the answer
     /// is the same. A scene that crowds the GPU's grid goes to all pairs. Where the client left the
-    /// encoding open, a mask that fits into the reply in either encoding is found.
+    /// encoding open, a mask that fits into the reply in any encoding is found.
     ///
     /// # Errors
     /// [`CullError`].
@@ -181,7 +183,7 @@ impl Executor {
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
         let planned = self.plan(boxes, options, reply.limit_words());
-        self.run_or_dense(planned, boxes, owner, reply)
+        self.run_or_other(planned, boxes, owner, reply)
     }
 
     /// Plans a frame of boxes whose reply has so many words at the most.
@@ -213,7 +215,7 @@ impl Executor {
     ) -> Result<CullAnswer, CullError> {
         let mut lent = LentReply::default();
         let answer = with_lent(memory, &mut lent, |boxes, reply| {
-            self.run_or_dense(planned, boxes, owner, reply)
+            self.run_or_other(planned, boxes, owner, reply)
         })?;
         if answer.engine.is_gpu()
             && let Some(gpu) = &mut self.gpu
@@ -267,10 +269,10 @@ impl Executor {
         memory: Option<M>,
     ) -> Ended<M> {
         let Some(mut memory) = memory else { return (Err(error), None) };
-        let options = planned.options;
+        let (options, tried) = (planned.options, planned.plan.encoding);
         let answer = memory.with(|boxes, reply| {
             let done = self.cpu.run_after(error, planned, boxes, reply);
-            done.or_else(|error| self.run_dense(error, options, boxes, owner, reply))
+            done.or_else(|error| self.run_other(error, options, tried, boxes, owner, reply))
         });
         (answer, Some(memory))
     }
@@ -316,33 +318,34 @@ impl Executor {
         planned
     }
 
-    /// The dense mask of a frame whose sparse one does not fit, where the client takes either; else the
-    /// error.
-    fn run_dense(
+    /// The mask of a frame in another encoding than one that does not fit, where the client takes
+    /// either; else the error.
+    fn run_other(
         &mut self,
         error: CullError,
         options: CullOptions,
+        tried: Encoding,
         boxes: BoxSlice<'_>,
         owner: Owner,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
-        let Some(dense) = options.after(&error, boxes.len(), reply.limit_words()) else {
+        let Some(other) = options.after(tried, &error, boxes.len(), reply.limit_words()) else {
             return Err(error);
         };
-        let planned = self.plan_within(boxes, &dense);
+        let planned = self.plan_within(boxes, &other);
         self.run_once(planned, boxes, owner, reply)
     }
 
-    fn run_or_dense(
+    fn run_or_other(
         &mut self,
         planned: Planned,
         boxes: BoxSlice<'_>,
         owner: Owner,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
-        let options = planned.options;
+        let (options, tried) = (planned.options, planned.plan.encoding);
         let done = self.run_once(planned, boxes, owner, reply);
-        done.or_else(|error| self.run_dense(error, options, boxes, owner, reply))
+        done.or_else(|error| self.run_other(error, options, tried, boxes, owner, reply))
     }
 
     fn run_once(

@@ -45,7 +45,11 @@ impl CpuEngines {
 
     /// Engines with empty scratch memory, whose plans compute with `calibration`.
     pub fn with_calibration(calibration: Calibration) -> Self {
-        let isa = AvailableIsa::best();
+        Self::on(AvailableIsa::best(), calibration)
+    }
+
+    /// The same with one instruction set in place of the widest.
+    pub fn on(isa: AvailableIsa, calibration: Calibration) -> Self {
         let engines = cpu_engines(isa).map(|engine| Kept {
             name: engine.name(),
             engine,
@@ -121,7 +125,7 @@ impl CpuEngines {
     }
 
     /// Plans a frame among the CPU engines and finds its pairs. Where the encoding is left open, a
-    /// mask that fits into the reply in either encoding is found.
+    /// mask that fits into the reply in any encoding is found.
     ///
     /// # Errors
     /// As [`run`](Self::run). Boxes in narrow forms are to be expanded first
@@ -140,8 +144,8 @@ impl CpuEngines {
         let plan_ns = nanoseconds_since(start);
         match self.run(plan.engine, &plan.input(boxes), reply) {
             Ok(report) => Ok(CullAnswer::new(&plan, report, start, plan_ns)),
-            Err(error) => match options.after(&error, n, limit_words) {
-                Some(dense) => self.cull(boxes, &dense, reply),
+            Err(error) => match options.after(plan.encoding, &error, n, limit_words) {
+                Some(other) => self.cull(boxes, &other, reply),
                 None => Err(error),
             },
         }

@@ -231,7 +231,8 @@ impl Latency {
         session: SessionBuilder,
     ) -> Result<LatencyRow, BenchError> {
         let n = u32::try_from(scene.boxes().len()).unwrap_or(u32::MAX);
-        let session = session.capacity(BoxCount::new(n)).connect()?;
+        let visit_threads = self.decode_threads.get();
+        let session = session.capacity(BoxCount::new(n)).visit_threads(visit_threads).connect()?;
         let mut client = TimedClient::new(session, precision, scene.boxes());
         let frames = self.frames.get();
         let warm_up = self.warm_up.unwrap_or_else(|| (frames / 5).max(20));

@@ -5,7 +5,8 @@ use std::ops::Range;
 
 use super::sparse_pairs::SparsePairs;
 use super::sparse_words::SparseWords;
-use crate::mask::{MaskError, Section, Span};
+use crate::isa::AvailableIsa;
+use crate::mask::{MaskError, MaskView, Section, Span};
 use crate::units::BoxCount;
 
 /// A sparse mask, lengths checked: see the [module's head](crate::mask).
@@ -18,6 +19,7 @@ pub struct SparseMask<'a> {
     bits: &'a [u32],
     /// `n` positions, where there is one.
     order: Option<&'a [u32]>,
+    isa: AvailableIsa,
 }
 
 impl<'a> SparseMask<'a> {
@@ -40,7 +42,21 @@ impl<'a> SparseMask<'a> {
             blocks: Section::Blocks.of(blocks, reply)?,
             bits: Section::Bits.of(bits, reply)?,
             order: order.map(|order| Section::Order.of(order, reply)).transpose()?,
+            isa: AvailableIsa::best(),
         })
+    }
+
+    /// A mask of words that an engine of this process has found, with its order if it has one: the box
+    /// at each of `n` positions. Arrays of different lengths are cut to the shortest.
+    pub(crate) fn of_found(n: BoxCount, words: [&'a [u32]; 3], order: Option<&'a [u32]>) -> Self {
+        let len = words.map(<[u32]>::len).into_iter().min().unwrap_or(0);
+        let [rows, blocks, bits] = words.map(|array| &array[..len]);
+        Self { n, rows, blocks, bits, order, isa: AvailableIsa::best() }
+    }
+
+    /// The same mask, decoded with one instruction set.
+    pub(super) const fn with_isa(self, isa: AvailableIsa) -> Self {
+        Self { isa, ..self }
     }
 
     /// Number of boxes.
@@ -96,6 +112,12 @@ impl<'a> SparseMask<'a> {
             .fold(0, |sum, word| sum + u64::from(word.without_strays(self.n).bits.count_ones()))
     }
 
+    /// Calls `f` with slices of pairs of boxes, in the order of the words.
+    #[inline]
+    pub(crate) fn for_each_slice(&self, f: impl FnMut(&[[u32; 2]])) {
+        MaskView::Sparse(*self).for_each_slice(f);
+    }
+
     /// The words of a range, strays included.
     pub(super) fn words_in(&self, range: Range<usize>) -> SparseWords<'a> {
         let of = |section: &'a [u32]| section.get(range.clone()).unwrap_or(&[]);
@@ -104,7 +126,7 @@ impl<'a> SparseMask<'a> {
 
     /// The pairs of a range of words.
     pub(super) fn pairs_in(&self, range: Range<usize>) -> SparsePairs<'a> {
-        SparsePairs::new(self.n, self.order, self.words_in(range))
+        SparsePairs::new(self.n, self.order, self.words_in(range), self.isa)
     }
 
     /// Checks every rule of the encoding.

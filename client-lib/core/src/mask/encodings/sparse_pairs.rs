@@ -53,8 +53,13 @@ impl Kernel {
 }
 
 impl<'a> SparsePairs<'a> {
-    pub fn new(n: BoxCount, order: Option<&'a [u32]>, words: SparseWords<'a>) -> Self {
-        let kernels = Kernel::all(AvailableIsa::best(), order.is_some());
+    pub fn new(
+        n: BoxCount,
+        order: Option<&'a [u32]>,
+        words: SparseWords<'a>,
+        isa: AvailableIsa,
+    ) -> Self {
+        let kernels = Kernel::all(isa, order.is_some());
         let kernel = kernels.into_iter().flatten().next().unwrap_or(Kernel::Portable);
         Self { n, order, words, kernel }
     }
