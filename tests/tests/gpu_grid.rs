@@ -83,7 +83,7 @@ fn check_words(engine: &mut Grid, boxes: BoxSlice<'_>, mirrored: &Mirrored, what
 #[should_panic(expected = "one pair the other way round: pairs")]
 fn the_comparator_notices_one_pair_the_other_way_round() {
     let boxes = stress_scenes::named("uniform").boxes(345, 21);
-    let boxes = BoxSlice::F32(&boxes);
+    let boxes = BoxSlice::from(&boxes);
     let mut mirrored = mirror::frame(&grid_layout(boxes), boxes);
     mirrored.pairs.last_mut().expect("some overlap").reverse();
     let mut engine = engine(&GridOptions::default());

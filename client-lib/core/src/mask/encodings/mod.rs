@@ -288,11 +288,22 @@ impl<'a> MaskView<'a> {
     /// The same mask, decoded with one instruction set in place of the widest. The pairs and their
     /// order do not depend on it.
     #[must_use]
-    pub const fn with_isa(self, isa: AvailableIsa) -> Self {
+    pub fn with_isa(self, isa: AvailableIsa) -> Self {
         match self {
             Self::Dense(mask) => Self::Dense(mask.with_isa(isa)),
             Self::Sparse(mask) => Self::Sparse(mask.with_isa(isa)),
             Self::List(mask) => Self::List(mask.with_isa(isa)),
+        }
+    }
+
+    /// The same sparse mask, decoded by one kernel: for benches that compare them. `None` for another
+    /// mask, and where there is no such kernel, the machine lacks it, or it needs an order.
+    #[doc(hidden)]
+    #[must_use]
+    pub fn with_sparse_kernel(self, name: &str) -> Option<Self> {
+        match self {
+            Self::Dense(_) | Self::List(_) => None,
+            Self::Sparse(mask) => mask.with_kernel(name).map(Self::Sparse),
         }
     }
 
