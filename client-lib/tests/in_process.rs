@@ -3,8 +3,8 @@
 
 use pairmask::info::BoxForm;
 use pairmask::{
-    Aabb, Backend, Bounds, ConnectError, Margin, Margined, Precision, ServedBy, Session,
-    SessionBuilder, Sphere,
+    Aabb, AvailableIsa, Backend, Bounds, ConnectError, Encoding, EncodingChoice, Isa, Margin,
+    Margined, Precision, ServedBy, Session, SessionBuilder, Sphere,
 };
 use pairmask_core::oracle;
 
@@ -121,9 +121,30 @@ fn without_a_transport_a_daemon_is_a_typed_error() {
 #[test]
 #[cfg(not(feature = "calibration-file"))]
 fn without_files_plans_compute_with_the_built_in_constants() {
-    use pairmask_core::engine::Isa;
     use pairmask_core::plan::{CalibrationChoice, CalibrationOrigin};
     for choice in [CalibrationChoice::Auto, CalibrationChoice::File("some/where".into())] {
-        assert_eq!(choice.resolve().1, CalibrationOrigin::BuiltIn(Isa::best()));
+        let origin = choice.resolve(AvailableIsa::best()).1;
+        assert_eq!(origin, CalibrationOrigin::BuiltIn(Isa::best()));
+    }
+}
+
+#[test]
+fn every_instruction_set_gives_the_same_pairs_in_the_same_order() {
+    for n in SIZES {
+        let boxes = scene(n);
+        for encoding in Encoding::ALL {
+            let mut found = Isa::ALL.into_iter().filter_map(AvailableIsa::new).map(|isa| {
+                let encoding = EncodingChoice::Only(encoding);
+                let builder = Session::builder().backend(Backend::InProcess).encoding(encoding);
+                let mut session = builder.isa(isa).connect().unwrap();
+                let mut frame = session.frame(n).unwrap();
+                frame.boxes_mut().copy_from_slice(&boxes);
+                let mask = frame.submit().unwrap().wait().unwrap();
+                assert_eq!(mask.pairs().collect::<Vec<_>>(), mask.to_vec());
+                mask.to_vec()
+            });
+            let first = found.next().unwrap();
+            assert!(found.all(|pairs| pairs == first), "{n} boxes, {encoding}");
+        }
     }
 }

@@ -10,6 +10,7 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use pairmask::{Backend, ConnectError, Session, SessionBuilder};
+use pairmask_core::engine::AvailableIsa;
 use pairmask_core::plan::CalibrationChoice;
 use pairmask_transport::{DaemonRecord, Limits, RuntimeDir};
 use pairmask_wire::InstanceName;
@@ -41,6 +42,8 @@ pub struct PrivateSettings {
     pub gpu: GpuChoice,
     /// The constants that plans compute with.
     pub calibration: CalibrationChoice,
+    /// The instruction set of the CPU's engines.
+    pub isa: AvailableIsa,
 }
 
 impl Default for PrivateSettings {
@@ -50,6 +53,7 @@ impl Default for PrivateSettings {
             spin: DEFAULT_SPIN,
             gpu: GpuChoice::default(),
             calibration: CalibrationChoice::default(),
+            isa: AvailableIsa::best(),
         }
     }
 }
@@ -129,6 +133,7 @@ impl PrivateDaemon {
             .args(["--max-reply-mib", &(limits.max_reply_bytes >> 20).to_string()])
             .args(["--gpu", &settings.gpu.to_string()])
             .args(["--calibration", &settings.calibration.to_string()])
+            .args(["--isa", &settings.isa.to_string()])
             .arg("--runtime-dir")
             .arg(dir.path())
             // Messages that it serves or stops say nothing new to its owner.

@@ -12,6 +12,7 @@ use std::time::Duration;
 
 use iceoryx2::service::{ipc, ipc_threadsafe};
 use pairmask::{Backend, Session};
+use pairmask_core::engine::AvailableIsa;
 use pairmask_core::mask::{Encoding, EncodingChoice};
 use pairmask_core::plan::CalibrationChoice;
 use pairmask_core::{Bounds, EngineChoice, EngineName, Precision, Sphere};
@@ -165,6 +166,7 @@ fn steady_frames_allocate_nothing() {
         gpu: GpuChoice::None,
         gpu_awake: Duration::ZERO,
         calibration: CalibrationChoice::BuiltIn,
+        isa: AvailableIsa::best(),
     };
     let runtime_dir = settings.dir.clone();
     let daemon = std::thread::spawn(move || {

@@ -1,6 +1,9 @@
 //! Instruction sets: which ones this machine has, asked once.
 
 use std::fmt;
+use std::str::FromStr;
+
+use crate::unknown_name::UnknownName;
 
 /// An instruction set that the CPU engines have kernels for.
 ///
@@ -76,8 +79,31 @@ impl fmt::Display for Isa {
 ///
 /// Only [`Isa::is_available`] mints one, so holding it is what makes a call into a
 /// `target_feature` kernel sound.
+///
+/// ```
+/// use pairmask_core::engine::AvailableIsa;
+/// let isa: AvailableIsa = "portable".parse()?;
+/// assert_eq!(isa.to_string(), "portable");
+/// # Ok::<(), pairmask_core::engine::IsaError>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AvailableIsa(Isa);
+
+/// Why an instruction set that was asked for by name is not used.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum IsaError {
+    /// There is none of that name.
+    #[error(transparent)]
+    Unknown(#[from] UnknownName),
+    /// This machine does not have it.
+    #[error("this processor lacks {asked}: the widest set that it has is {widest}")]
+    Missing {
+        /// The set that was asked for.
+        asked: Isa,
+        /// The widest one of this machine.
+        widest: Isa,
+    },
+}
 
 impl AvailableIsa {
     /// The widest instruction set of this machine.
@@ -93,5 +119,51 @@ impl AvailableIsa {
     /// Which one it is.
     pub fn get(self) -> Isa {
         self.0
+    }
+}
+
+impl fmt::Display for AvailableIsa {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.fmt(f)
+    }
+}
+
+impl FromStr for Isa {
+    type Err = UnknownName;
+
+    fn from_str(s: &str) -> Result<Self, UnknownName> {
+        Self::ALL.into_iter().find(|isa| isa.as_str() == s).ok_or_else(|| UnknownName {
+            name: s.to_owned(),
+            known: Self::ALL.map(Self::as_str).join(", ").into(),
+        })
+    }
+}
+
+impl FromStr for AvailableIsa {
+    type Err = IsaError;
+
+    fn from_str(s: &str) -> Result<Self, IsaError> {
+        let asked: Isa = s.parse()?;
+        Self::new(asked).ok_or(IsaError::Missing { asked, widest: Isa::best() })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_is_a_set_of_this_machine_or_a_typed_error() {
+        for isa in Isa::ALL {
+            assert_eq!(isa.to_string().parse(), Ok(isa));
+            let parsed = isa.to_string().parse::<AvailableIsa>();
+            let expected =
+                AvailableIsa::new(isa).ok_or(IsaError::Missing { asked: isa, widest: Isa::best() });
+            assert_eq!(parsed, expected);
+        }
+        for wrong in ["", "AVX2", "avx", "avx2 "] {
+            assert!(matches!(wrong.parse::<AvailableIsa>(), Err(IsaError::Unknown(_))), "{wrong}");
+        }
+        assert!(Isa::ALL.iter().any(|isa| !isa.is_available()), "no machine has all");
     }
 }

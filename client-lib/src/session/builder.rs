@@ -1,11 +1,12 @@
 //! The settings of a session, and the builder that connects it.
 
+use std::ffi::OsStr;
 use std::fmt;
 use std::str::FromStr;
 use std::sync::Arc;
 use std::time::Duration;
 
-use pairmask_core::engine::{EngineChoice, UnknownName};
+use pairmask_core::engine::{AvailableIsa, EngineChoice, IsaError, UnknownName};
 use pairmask_core::mask::EncodingChoice;
 use pairmask_core::plan::CalibrationChoice;
 use pairmask_core::units::BoxCount;
@@ -76,6 +77,8 @@ pub(super) struct Settings {
     pub engine: EngineChoice,
     pub encoding: EncodingChoice,
     pub threads: Option<usize>,
+    pub visit_threads: Option<usize>,
+    pub isa: AvailableIsa,
     pub calibration: CalibrationChoice,
     pub spin: Duration,
     pub deadline: Duration,
@@ -88,12 +91,22 @@ pub(super) struct Settings {
 pub struct SessionBuilder {
     settings: Settings,
     instance: Result<InstanceName, String>,
+    isa: Result<AvailableIsa, IsaError>,
+}
+
+/// The instruction set that the value of `PAIRMASK_ISA` names, else the widest of this machine.
+fn isa_named(value: Option<&OsStr>) -> Result<AvailableIsa, IsaError> {
+    match value.filter(|name| !name.is_empty()) {
+        Some(name) => name.to_string_lossy().parse(),
+        None => Ok(AvailableIsa::best()),
+    }
 }
 
 impl Default for SessionBuilder {
     fn default() -> Self {
         Self {
             instance: Ok(InstanceName::default()),
+            isa: isa_named(std::env::var_os("PAIRMASK_ISA").as_deref()),
             settings: Settings {
                 backend: Backend::default(),
                 instance: InstanceName::default(),
@@ -102,6 +115,8 @@ impl Default for SessionBuilder {
                 engine: EngineChoice::Auto,
                 encoding: EncodingChoice::Auto,
                 threads: None,
+                visit_threads: None,
+                isa: AvailableIsa::best(),
                 calibration: CalibrationChoice::Auto,
                 spin: DEFAULT_SPIN,
                 deadline: DEFAULT_DEADLINE,
@@ -152,6 +167,22 @@ impl SessionBuilder {
         self
     }
 
+    /// Threads with which pairs are visited ([`PairMask::par_pairs`](super::PairMask::par_pairs)); one
+    /// unless set. The plan weighs the time of visiting against that of finding the pairs: which
+    /// engine and which encoding are best depends on it. The pairs do not.
+    pub fn visit_threads(mut self, threads: usize) -> Self {
+        self.settings.visit_threads = Some(threads.max(1));
+        self
+    }
+
+    /// The instruction set that engines of this process and decoders use: for measurements and tests;
+    /// unless set, the one that `$PAIRMASK_ISA` names, else the widest of this machine. Pairs do not
+    /// depend on it. A daemon has a setting of its own.
+    pub fn isa(mut self, isa: AvailableIsa) -> Self {
+        self.isa = Ok(isa);
+        self
+    }
+
     /// The constants that plans of the in-process backend compute with; those that
     /// `pairmaskd calibrate` kept for this machine, else the built-in ones, unless set.
     pub fn calibration(mut self, choice: CalibrationChoice) -> Self {
@@ -184,7 +215,33 @@ impl SessionBuilder {
     /// # Errors
     /// [`ConnectError`]. With [`Backend::Auto`] a missing daemon is no error.
     pub fn connect(mut self) -> Result<Session, ConnectError> {
+        self.settings.isa = self.isa?;
         self.settings.instance = self.instance.map_err(|name| InstanceError::Name { name })?;
         Ok(Session { core: Arc::new(Core::new(self.settings)?) })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use pairmask_core::engine::Isa;
+
+    use super::*;
+
+    #[test]
+    fn the_environment_names_a_set_of_this_machine_or_the_session_fails() {
+        let named = |value: Option<&str>| isa_named(value.map(OsStr::new));
+        assert_eq!(named(None), Ok(AvailableIsa::best()));
+        assert_eq!(named(Some("")), Ok(AvailableIsa::best()), "blank counts as not set");
+        assert_eq!(named(Some("portable")).map(AvailableIsa::get), Ok(Isa::Portable));
+        let missing = Isa::ALL.into_iter().find(|isa| !isa.is_available()).expect("none has all");
+        for wrong in ["fast", missing.as_str()] {
+            let isa = named(Some(wrong));
+            assert!(isa.is_err(), "{wrong}");
+            let builder = SessionBuilder { isa, ..SessionBuilder::default() };
+            let builder = builder.backend(Backend::InProcess);
+            let error = builder.clone().connect().expect_err(wrong);
+            assert!(matches!(error, ConnectError::Isa(_)), "{error}");
+            assert!(builder.isa(AvailableIsa::best()).connect().is_ok(), "a setting goes first");
+        }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use pairmask_core::engine::CullError;
+use pairmask_core::engine::{CullError, IsaError};
 use pairmask_wire::{InstanceError, InstanceName, ReplyError, Version};
 
 use crate::transport::{PopulateError, TransportError};
@@ -64,6 +64,9 @@ pub enum ConnectError {
     /// No shared memory for the client's segment.
     #[error("no shared memory for a segment: free space in /dev/shm or make it larger")]
     OutOfMemory,
+    /// The instruction set that `PAIRMASK_ISA` names cannot be used.
+    #[error("PAIRMASK_ISA: {0}")]
+    Isa(#[from] IsaError),
     /// The instance's directory cannot be used.
     #[error(transparent)]
     Instance(#[from] InstanceError),
@@ -84,12 +87,15 @@ pub enum FrameError {
         /// How many are allowed.
         limit: u64,
     },
-    /// The daemon is older than frames of spheres
-    /// ([`Backend::Daemon`](super::Backend::Daemon) only).
+    /// The daemon is older than what the frame needs ([`Backend::Daemon`](super::Backend::Daemon)
+    /// only).
     #[error(
-        "the daemon is too old to know spheres: install a newer pairmaskd, or use Backend::Auto"
+        "the daemon is too old to know {what}: install a newer pairmaskd, or use Backend::Auto"
     )]
-    SpheresUnknown,
+    DaemonTooOld {
+        /// What it does not know: spheres, for one.
+        what: &'static str,
+    },
     /// Too many frames are under way.
     #[error("three frames are being filled, under way or held as masks: drop one before the next")]
     TooManyFrames,

@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use pairmask_core::aabb::Aabb;
 use pairmask_core::dispatch::{CpuEngines, CullOptions, SphereWays};
-use pairmask_core::engine::{CullError, HeapReply};
+use pairmask_core::engine::{AvailableIsa, CullError, HeapReply};
 use pairmask_core::objects::Objects;
 use pairmask_core::plan::CalibrationChoice;
 use pairmask_core::precision::ExpandScratch;
@@ -86,11 +86,11 @@ pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Local {
-    pub(super) fn new(calibration: &CalibrationChoice) -> Self {
-        let (calibration, _) = calibration.resolve();
-        let boxes = CpuEngines::with_calibration(calibration);
+    pub(super) fn new(isa: AvailableIsa, calibration: &CalibrationChoice) -> Self {
+        let (calibration, _) = calibration.resolve(isa);
+        let boxes = CpuEngines::on(isa, calibration);
         Self {
-            engines: Mutex::new(Engines { boxes, spheres: SphereWays::default() }),
+            engines: Mutex::new(Engines { boxes, spheres: SphereWays::on(isa) }),
             replies: Shelf::default(),
             spares: Spares::default(),
             last_pairs: Mutex::default(),
@@ -117,14 +117,15 @@ impl Local {
             engine: settings.engine,
             encoding: settings.encoding,
             threads: settings.threads,
+            visit_threads: settings.visit_threads,
             last_pairs: *lock(&self.last_pairs),
             ..CullOptions::default()
         };
         let Engines { boxes, spheres } = &mut *lock(&self.engines);
         let answer = match objects {
-            Objects::Boxes(narrow) => {
+            Objects::Boxes(these) => {
                 let mut scratch = ExpandScratch::default();
-                boxes.cull(narrow.expand(&mut scratch, true), &options, &mut memory)
+                boxes.cull(these.expand(&mut scratch, true), &options, &mut memory)
             }
             Objects::Spheres(these) => spheres.cull(boxes, these, &options, &mut memory),
         }?;
@@ -137,6 +138,6 @@ impl Local {
             times: answer.times,
         };
         let storage = Storage::Own { memory, home: Arc::clone(self) };
-        Ok(PairMask::new(storage, &reply, ServedBy::InProcess, written))
+        Ok(PairMask::new(storage, &reply, ServedBy::InProcess, written, settings.isa))
     }
 }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use pairmask_core::dispatch::StageTimes;
-use pairmask_core::engine::{Census, EngineId, HeapReply, SkipMeter};
+use pairmask_core::engine::{AvailableIsa, Census, EngineId, HeapReply, SkipMeter};
 use pairmask_core::mask::{Encoding, MaskShape, MaskView, Pairs, ParPairs, Words};
 use pairmask_core::objects::ObjectForm;
 use pairmask_core::precision::Widening;
@@ -75,6 +75,8 @@ pub struct PairMask {
     shape: MaskShape,
     pair_count: u64,
     info: FrameInfo,
+    /// Decodes the mask.
+    isa: AvailableIsa,
     storage: Storage,
 }
 
@@ -103,6 +105,7 @@ impl PairMask {
         reply: &Reply,
         served_by: ServedBy,
         written: Written,
+        isa: AvailableIsa,
     ) -> Self {
         let Reply { box_count, engine, threads, report, times } = *reply;
         Self {
@@ -121,6 +124,7 @@ impl PairMask {
                 box_bytes: written.form.bytes(box_count),
                 widening: written.widening,
             },
+            isa,
             storage,
         }
     }
@@ -146,6 +150,7 @@ impl PairMask {
     pub fn view(&self) -> MaskView<'_> {
         MaskView::new(self.n, &self.shape, self.reply_words())
             .expect("the shape was checked when the mask was made")
+            .with_isa(self.isa)
     }
 
     /// Boxes or spheres of the frame.

@@ -28,15 +28,14 @@ fn request() -> RequestHeader {
 }
 
 fn request_of(form: impl Into<ObjectForm>) -> RequestHeader {
-    RequestHeader::cull(
-        ASKED.client_token,
-        ASKED.frame,
-        N,
-        form,
-        EngineChoice::Only(EngineName::CpuBrute),
-        EncodingChoice::Only(Encoding::Sparse),
-        Some(2),
-    )
+    let request = CullRequest {
+        engine: EngineChoice::Only(EngineName::CpuBrute),
+        encoding: EncodingChoice::Only(Encoding::Sparse),
+        threads: Some(2),
+        visit_threads: Some(8),
+        ..CullRequest::of(ScenePlace::first(form, N))
+    };
+    RequestHeader::cull(ASKED.client_token, ASKED.frame, &request)
 }
 
 fn report(shape: MaskShape) -> CullReport {
@@ -96,7 +95,9 @@ fn golden_request() {
             .u64(&[0x1122_3344_5566_7788, 9])
             .u32(&[100, 1, 2, 2])
             .section(kind, 0, bytes)
-            .zeros(7 * 24 + 32);
+            .zeros(7 * 24)
+            .u32(&[8, 0])
+            .zeros(24);
         assert_eq!(bytemuck::bytes_of(&request_of(form)), expected.0, "{form}");
     }
 }
@@ -246,10 +247,11 @@ fn a_request_round_trips() {
         assert_eq!(
             parsed,
             Request::Cull(CullRequest {
-                scene: ScenePlace { form, count: N, offset: 0 },
+                scene: ScenePlace::first(form, N),
                 engine: EngineChoice::Only(EngineName::CpuBrute),
                 encoding: EncodingChoice::Only(Encoding::Sparse),
                 threads: Some(2),
+                visit_threads: Some(8),
                 client_minor: Version::CURRENT.minor,
             })
         );
@@ -385,7 +387,7 @@ fn a_later_minor_version_may_add_what_old_readers_pass_over() {
     let mut header = request();
     header.version_minor = 7;
     header.flags = 0xffff_ffff;
-    header.reserved = [1; 4];
+    (header.reserved_word, header.reserved) = (1, [1; 3]);
     header.sections[5] = Section { kind: 77, flags: 0, offset: u64::MAX, bytes: u64::MAX };
     assert!(Request::parse(&header, 4096).is_ok());
 }
@@ -466,7 +468,7 @@ proptest! {
         if let Ok(Request::Cull(CullRequest { scene, .. })) =
             Request::parse(&header, payload_bytes)
         {
-            let ScenePlace { form, count, offset } = scene;
+            let ScenePlace { form, count, offset, .. } = scene;
             let object_bytes = match form {
                 ObjectForm::Boxes(BoxForm::F32) => 24,
                 ObjectForm::Boxes(BoxForm::Q16 | BoxForm::F16) => 12,

@@ -59,7 +59,6 @@ mod tests {
     use pairmask_core::mask::{MaskShape, MaskView};
     use pairmask_core::objects::Objects;
     use pairmask_core::oracle::truth;
-    use pairmask_core::precision::BoxSlice;
     use pairmask_core::{Aabb, BoxCount, Encoding, EncodingChoice};
     use pairmask_tests::{SphereCase, lose_a_pair, stress_scenes as scenes};
 
@@ -81,7 +80,7 @@ mod tests {
     fn audit(boxes: &[Aabb], span: Span2, shape: &MaskShape, reply: &[u32]) -> Outcome {
         let mut window = Window::default();
         window.take_mask(boxes.len() as u32, span, shape, reply);
-        window.take_objects(Objects::Boxes(BoxSlice::F32(boxes)));
+        window.take_objects(Objects::Boxes(boxes.into()));
         check(&window)
     }
 

@@ -65,15 +65,16 @@ pub struct CaseTimes {
 pub enum WaySet {
     /// Engines and threads, sparse.
     Sparse,
-    /// As `Sparse`, and on one thread lists, and dense masks for few boxes: the rows that a fit needs.
+    /// As `Sparse`, lists likewise, and dense masks on one thread for few boxes: the rows that a fit
+    /// needs.
     Fit,
     /// As `Fit`, with every number of threads: all ways that a plan may choose.
     All,
 }
 
 /// The ways of a set, without those of [`HOPELESS`] predictions.
-fn ways(stats: &SceneStats, threads: &[usize], set: WaySet) -> Vec<Way> {
-    let calibration = Calibration::built_in(AvailableIsa::best().get());
+fn ways(stats: &SceneStats, threads: &[usize], set: WaySet, isa: AvailableIsa) -> Vec<Way> {
+    let calibration = Calibration::built_in(isa.get());
     let encodings: &[_] = match set {
         WaySet::Sparse => &[Encoding::Sparse],
         _ if stats.n.len() > DENSE_BOXES => &[Encoding::Sparse, Encoding::List],
@@ -95,11 +96,11 @@ fn ways(stats: &SceneStats, threads: &[usize], set: WaySet) -> Vec<Way> {
     let least = EngineName::CPU.into_iter().map(predicted_ns).fold(f64::INFINITY, f64::min);
     let hopeless_ns = (HOPELESS * least).max(HOPELESS_NS);
     let is_wanted =
-        |way: &Way| way.encoding == Encoding::Sparse || way.threads == 1 || set == WaySet::All;
+        |way: &Way| way.encoding != Encoding::Dense || way.threads == 1 || set == WaySet::All;
     ways.filter(|way| is_wanted(way) && predicted_ns(way.engine) <= hopeless_ns).collect()
 }
 
-/// Measures a case.
+/// Measures a case with engines and decoders that use `isa`.
 ///
 /// # Errors
 /// [`MeasureError`], also where two engines count different pairs.
@@ -109,14 +110,16 @@ pub fn measure(
     threads: &[usize],
     pools: &Pools,
     effort: &Effort,
+    isa: AvailableIsa,
 ) -> Result<CaseTimes, MeasureError> {
     let mut scene = Scene::new(case.scene, case.n, SEED);
     let mut stats = SceneStats::glance(scene.boxes(), None);
-    let lane = |way: Way| Lane::new(way, pools.of(way.threads));
-    let mut lanes: Vec<Lane> = ways(&stats, threads, set).into_iter().filter_map(lane).collect();
+    let lane = |way: Way| Lane::new(way, pools.of(way.threads), isa);
+    let mut lanes: Vec<Lane> =
+        ways(&stats, threads, set, isa).into_iter().filter_map(lane).collect();
     let capabilities =
         Capabilities { threads: threads.iter().max().copied().unwrap_or(1), gpu: None };
-    let calibration = Calibration::built_in(AvailableIsa::best().get());
+    let calibration = Calibration::built_in(isa.get());
     let mut plan_ns = u64::MAX;
     let start = Instant::now();
     for frame in 0..effort.most_frames + WARM_UP {

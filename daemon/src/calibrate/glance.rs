@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use pairmask_core::engine::AvailableIsa;
 use pairmask_core::plan::Calibration;
 
 use super::case::{Case, Effort, WaySet, measure};
@@ -15,7 +16,7 @@ const CASES: [Case; 2] =
 /// Limits of a case; 15 ms in all on the machine of the built-in constants.
 const EFFORT: Effort = Effort { least_frames: 5, most_frames: 20, time: Duration::from_millis(5) };
 
-/// The constants of `start` scaled to this machine: each engine by itself, one thread. `pairmaskd
+/// The constants of `start` scaled to this machine and `isa`: each engine by itself, one thread. `pairmaskd
 /// calibrate` measures shapes of scenes and the gain of threads.
 ///
 /// Without it, the plan would give frames to a CPU twice as slow as that of the built-in constants
@@ -23,9 +24,9 @@ const EFFORT: Effort = Effort { least_frames: 5, most_frames: 20, time: Duration
 ///
 /// # Errors
 /// [`MeasureError`].
-pub fn glance(start: &Calibration) -> Result<Calibration, MeasureError> {
+pub fn glance(start: &Calibration, isa: AvailableIsa) -> Result<Calibration, MeasureError> {
     let pools = Pools::new(&[])?;
-    let cases = CASES.map(|case| measure(case, WaySet::Sparse, &[1], &pools, &EFFORT));
+    let cases = CASES.map(|case| measure(case, WaySet::Sparse, &[1], &pools, &EFFORT, isa));
     let cases = cases.into_iter().collect::<Result<Vec<_>, _>>()?;
     Ok(fit::scale(&fit::rows(&cases), start))
 }

@@ -5,9 +5,12 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use pairmask_core::dispatch::nanoseconds_since;
-use pairmask_core::engine::{CullError, CullInput, Engine, EngineName, HeapReply, Isa, cpu_engine};
+use pairmask_core::engine::{
+    AvailableIsa, CullError, CullInput, Engine, EngineName, HeapReply, cpu_engine,
+};
 use pairmask_core::{Aabb, BoxCount, Encoding, MaskView};
 use rayon::ThreadPool;
+use rayon::iter::ParallelIterator;
 
 use super::MeasureError;
 
@@ -29,6 +32,8 @@ pub struct LaneTimes {
     pub engine_ns: Vec<u64>,
     /// From the mask to the last pair on one thread, every frame.
     pub decode_ns: Vec<u64>,
+    /// The same on the way's threads, every frame.
+    pub visit_ns: Vec<u64>,
     /// Pairs of the last frame.
     pub pair_count: u64,
     /// Bytes of the last mask.
@@ -47,6 +52,11 @@ impl LaneTimes {
         self.engine_ns.iter().min().copied().unwrap_or(0)
     }
 
+    /// The shortest time of visiting the pairs on the way's threads, ns.
+    pub fn least_visit_ns(&self) -> u64 {
+        self.visit_ns.iter().min().copied().unwrap_or(0)
+    }
+
     /// The median frame, engine and decode, ns.
     pub fn median_ns(&self) -> u64 {
         let frames = self.engine_ns.iter().zip(&self.decode_ns);
@@ -63,6 +73,7 @@ pub struct Lane {
     /// Its times.
     pub times: LaneTimes,
     engine: Box<dyn Engine>,
+    isa: AvailableIsa,
     reply: HeapReply,
     /// Where the engine runs; `None` is the calling thread.
     pool: Option<Arc<ThreadPool>>,
@@ -70,9 +81,10 @@ pub struct Lane {
 
 impl Lane {
     /// A lane with a new engine, `None` for a GPU engine. More than one thread needs a pool.
-    pub fn new(way: Way, pool: Option<Arc<ThreadPool>>) -> Option<Self> {
-        let engine = cpu_engine(way.engine, Isa::best()).ok()?;
-        Some(Self { way, times: LaneTimes::default(), engine, reply: HeapReply::new(), pool })
+    pub fn new(way: Way, pool: Option<Arc<ThreadPool>>, isa: AvailableIsa) -> Option<Self> {
+        let engine = cpu_engine(way.engine, isa.get()).ok()?;
+        let (times, reply) = (LaneTimes::default(), HeapReply::new());
+        Some(Self { way, times, engine, isa, reply, pool })
     }
 
     /// Culls and decodes one frame, and stores its times if `is_noted`.
@@ -95,7 +107,7 @@ impl Lane {
         }?;
         let n = BoxCount::new(boxes.len() as u32);
         let start = Instant::now();
-        let mask = MaskView::new(n, &report.shape, self.reply.words())?;
+        let mask = MaskView::new(n, &report.shape, self.reply.words())?.with_isa(self.isa);
         let (mut decoded, mut indices) = (0u64, 0);
         mask.for_each(|a, b| {
             decoded += 1;
@@ -103,6 +115,15 @@ impl Lane {
         });
         black_box(indices);
         let decode_ns = nanoseconds_since(start);
+        let visit_ns = match &self.pool {
+            Some(pool) => pool.install(|| {
+                let start = Instant::now();
+                let indices = mask.par_pairs().map(|(a, b)| a ^ b).reduce(|| 0, |a, b| a ^ b);
+                black_box(indices);
+                nanoseconds_since(start)
+            }),
+            None => decode_ns,
+        };
         if decoded != report.pair_count {
             let (engine, counted) = (self.way.engine, report.pair_count);
             return Err(MeasureError::Miscounted { engine, counted, decoded });
@@ -112,6 +133,7 @@ impl Lane {
         if is_noted {
             self.times.engine_ns.push(engine_ns);
             self.times.decode_ns.push(decode_ns);
+            self.times.visit_ns.push(visit_ns);
         }
         Ok(())
     }

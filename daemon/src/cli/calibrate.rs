@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use pairmask_core::engine::{EngineName, Isa};
+use pairmask_core::engine::{AvailableIsa, EngineName};
 use pairmask_core::plan::{Calibration, MachineKey, Term, default_path, encode, store};
 use serde::Serialize;
 
@@ -59,6 +59,7 @@ sessions from their next start on. It takes 10 to 30 seconds; let the machine be
 Examples:
   pairmaskd calibrate
   pairmaskd calibrate --dry-run --json          measure, keep nothing
+  pairmaskd calibrate --isa avx2                 for daemons and sessions that use AVX2
   pairmaskd calibrate --out world.toml          then serve --calibration world.toml")]
 pub struct Calibrate {
     /// Keep the constants in this file instead
@@ -103,7 +104,7 @@ struct Report {
     load_share: Option<f64>,
     /// ns a unit, by term.
     ns: BTreeMap<&'static str, f64>,
-    /// By engine.
+    /// By engine, and of a client that visits pairs.
     threads: BTreeMap<&'static str, Threads>,
     /// Times measured.
     rows: usize,
@@ -127,9 +128,9 @@ fn load_share() -> Option<f64> {
 }
 
 impl Calibrate {
-    /// Measures, fits, and writes the constants.
-    pub fn run(&self) -> Result<(), CalibrateError> {
-        let machine = MachineKey::this();
+    /// Measures, fits, and writes the constants of an instruction set.
+    pub fn run(&self, isa: AvailableIsa) -> Result<(), CalibrateError> {
+        let machine = MachineKey::with_isa(isa.get());
         let path = match (&self.out, self.dry_run) {
             (_, true) => None,
             (Some(path), _) => Some(path.clone()),
@@ -143,8 +144,8 @@ impl Calibrate {
             );
         }
         let is_busy = load_share.is_some_and(|share| share > BUSY_SHARE);
-        let rows = self.measure(is_busy)?;
-        let built_in = Calibration::built_in(Isa::best());
+        let rows = self.measure(is_busy, isa)?;
+        let built_in = Calibration::built_in(isa.get());
         let calibration = fit(&rows, &built_in);
         if let Some(path) = &path {
             store(path, &calibration, &machine).map_err(FileError::of(path, Access::Write))?;
@@ -153,18 +154,21 @@ impl Calibrate {
             print_text(encode(&calibration, &machine).trim_end())?;
             return Ok(());
         }
-        let threads = EngineName::CPU.map(|engine| {
-            let cost = calibration.threads_of(engine);
-            let (serial_share, fan_out_ns) = (cost.serial_share, cost.fan_out_ns);
-            (engine.as_str(), Threads { serial_share, fan_out_ns })
-        });
+        let threads = EngineName::CPU
+            .map(|engine| (engine.as_str(), calibration.threads_of(engine)))
+            .into_iter()
+            .chain([("visit", calibration.visit_threads)])
+            .map(|(name, cost)| {
+                let (serial_share, fan_out_ns) = (cost.serial_share, cost.fan_out_ns);
+                (name, Threads { serial_share, fan_out_ns })
+            });
         let report = Report {
             machine: Machine::this(),
             key: machine.to_string(),
             file: path,
             load_share,
             ns: Term::ALL.map(|term| (term.as_str(), calibration.ns(term))).into(),
-            threads: threads.into(),
+            threads: threads.collect(),
             rows: rows.len(),
             median_error: median_error(&rows, &calibration),
             built_in_median_error: median_error(&rows, &built_in),
@@ -175,7 +179,7 @@ impl Calibrate {
 
     /// The rows of all cases. On a busy machine, whose other cores are in use, only one thread is
     /// measured.
-    fn measure(&self, is_busy: bool) -> Result<Vec<FitRow>, CalibrateError> {
+    fn measure(&self, is_busy: bool, isa: AvailableIsa) -> Result<Vec<FitRow>, CalibrateError> {
         let most = if is_busy { 1 } else { core_count() };
         let threads = thread_counts(self.threads.map_or(most, usize::from));
         let pools = Pools::new(&threads)?;
@@ -183,7 +187,7 @@ impl Calibrate {
         let progress = progress_bar(cases.len() as u64, "measuring");
         let mut measured = Vec::new();
         for case in cases {
-            measured.push(measure(case, WaySet::Fit, &threads, &pools, &effort)?);
+            measured.push(measure(case, WaySet::Fit, &threads, &pools, &effort, isa)?);
             progress.inc(1);
         }
         progress.finish_and_clear();

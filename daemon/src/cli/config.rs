@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use pairmask::Backend;
+use pairmask::{AvailableIsa, Backend};
 use pairmask_core::plan::CalibrationChoice;
 use pairmask_core::{EncodingChoice, EngineChoice};
 use pairmask_wire::InstanceName;
@@ -42,6 +42,8 @@ pub struct Config {
     pub(super) gpu_awake_ms: Option<u32>,
     #[serde(deserialize_with = "parsed")]
     pub(super) calibration: Option<CalibrationChoice>,
+    #[serde(deserialize_with = "parsed")]
+    pub(super) isa: Option<AvailableIsa>,
     #[serde(deserialize_with = "parsed")]
     pub(super) audit: Option<AuditRate>,
 }
@@ -152,7 +154,7 @@ mod tests {
         let config: Config = toml::from_str(
             "instance = 'world'\nbackend = 'in-process'\nencoding = 'sparse'\n\
              threads = 2\nspin-us = 0\nmax-clients = 3\nmax-reply-mib = 64\nruntime-dir = '/run/x'\n\
-             gpu = 'none'\ngpu-awake-ms = 0\ncalibration = 'built-in'",
+             gpu = 'none'\ngpu-awake-ms = 0\ncalibration = 'built-in'\nisa = 'portable'",
         )
         .expect("every key is known");
         assert_eq!(config.instance.as_ref().map(InstanceName::as_str), Some("world"));
@@ -161,6 +163,7 @@ mod tests {
         assert_eq!(config.spin_us, Some(0));
         assert_eq!(config.gpu_awake_ms, Some(0));
         assert_eq!(config.calibration, Some(CalibrationChoice::BuiltIn));
+        assert_eq!(config.isa, AvailableIsa::new(pairmask::Isa::Portable));
         assert_eq!(config.engine, None);
     }
 

@@ -102,7 +102,7 @@ fn run(cli: &Cli, alter_answers: Option<AlterAnswer>) -> Result<(), CliError> {
         Command::Demo(demo) => Ok(demo.run(place, &config)?),
         Command::DemoClient(client) => Ok(client.run(place, &config)?),
         Command::Bench(bench) => Ok(bench.run(place, &config)?),
-        Command::Calibrate(calibrate) => Ok(calibrate.run()?),
+        Command::Calibrate(calibrate) => Ok(calibrate.run(place.isa(&config))?),
         Command::Scene(scene) => Ok(scene.run()?),
         Command::Status(status) => Ok(status.run(place, &config)?),
         Command::Explain(explain) => Ok(explain.run()?),

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use pairmask::{Backend, Session, SessionBuilder};
 use pairmask_core::dispatch::CullOptions;
+use pairmask_core::engine::AvailableIsa;
 use pairmask_core::plan::CalibrationChoice;
 use pairmask_core::{EncodingChoice, EngineChoice, EngineName};
 use pairmask_transport::RuntimeDir;
@@ -16,7 +17,7 @@ use super::whole_number::whole_number;
 use crate::execute::gpu::GpuChoice;
 use crate::spawn::PrivateSettings;
 
-/// Instance, runtime directory, configuration file and calibration.
+/// Instance, runtime directory, configuration file, calibration and instruction set.
 #[derive(Clone, Debug, Args)]
 pub struct Place {
     /// Name of the instance [default: default]
@@ -31,6 +32,9 @@ pub struct Place {
     /// Constants of the plan's cost model: auto, built-in or a file [default: auto]
     #[arg(long, global = true, env = "PAIRMASK_CALIBRATION", value_name = "FILE")]
     calibration: Option<CalibrationChoice>,
+    /// Instruction set of engines and decoders: avx512, avx2, neon, portable [default: the widest]
+    #[arg(long, global = true, env = "PAIRMASK_ISA", value_name = "NAME")]
+    isa: Option<AvailableIsa>,
 }
 
 impl Place {
@@ -55,6 +59,11 @@ impl Place {
     /// The constants that plans compute with.
     pub fn calibration(&self, config: &Config) -> CalibrationChoice {
         self.calibration.clone().or_else(|| config.calibration.clone()).unwrap_or_default()
+    }
+
+    /// The instruction set that engines and decoders use.
+    pub fn isa(&self, config: &Config) -> AvailableIsa {
+        self.isa.or(config.isa).unwrap_or_else(AvailableIsa::best)
     }
 
     /// The configuration file that the user named, if any.
@@ -82,6 +91,7 @@ impl DaemonOptions {
         PrivateSettings {
             gpu: self.gpu(config),
             calibration: place.calibration(config),
+            isa: place.isa(config),
             ..PrivateSettings::default()
         }
     }
@@ -134,6 +144,7 @@ impl CullFlags {
         let cull_options = self.cull_options(config);
         let builder = Session::builder()
             .calibration(place.calibration(config))
+            .isa(place.isa(config))
             .engine(cull_options.engine)
             .encoding(cull_options.encoding);
         match cull_options.threads {

@@ -19,7 +19,7 @@ pub struct Shape {
 }
 
 /// All settings that every command accepts.
-pub const ALL: &[&str] = &["instance", "runtime_dir", "config", "calibration"];
+pub const ALL: &[&str] = &["instance", "runtime_dir", "config", "calibration", "isa"];
 
 const MEASURED_BACKEND: &str = "Who finds the pairs: daemon (one of its own unless an instance is \
                                 named), in-process, or auto (the daemon that serves, else this \
@@ -28,10 +28,10 @@ const MEASURED_BACKEND: &str = "Who finds the pairs: daemon (one of its own unle
 const PAIRMASKD: Shape = Shape {
     without_use: &[
         ("demo", &["instance", "runtime_dir"]),
-        ("calibrate", ALL),
+        ("calibrate", &["instance", "runtime_dir", "config", "calibration"]),
         ("scene", ALL),
         ("explain", ALL),
-        ("status", &["calibration"]),
+        ("status", &["calibration", "isa"]),
     ],
     measuring: &["bench latency"],
 };
@@ -114,6 +114,9 @@ mod tests {
             ("demo", "--config", true),
             ("demo", "--instance", false),
             ("calibrate", "--runtime-dir", false),
+            ("calibrate", "--isa", true),
+            ("cull", "--isa", true),
+            ("status", "--isa", false),
         ] {
             let mut command = named(path).expect(path);
             let help = command.render_long_help().to_string();

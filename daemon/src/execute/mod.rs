@@ -16,7 +16,7 @@ use pairmask_core::BoxForm;
 use pairmask_core::aabb::AABB_BYTES;
 use pairmask_core::dispatch::{CpuEngines, CullAnswer, CullOptions, SphereWays, nanoseconds_since};
 use pairmask_core::engine::{
-    CullError, CullReport, EngineChoice, EngineName, RecentNeed, ReplyBuffer,
+    AvailableIsa, CullError, CullReport, EngineChoice, EngineName, RecentNeed, ReplyBuffer,
 };
 use pairmask_core::mask::Encoding;
 use pairmask_core::plan::{Calibration, GpuCost, Plan};
@@ -152,11 +152,12 @@ impl Executor {
         }
     }
 
-    /// The same engines, whose plans compute with `calibration`.
+    /// The same with CPU engines that use `isa` and whose plans compute with `calibration`.
     #[must_use]
-    pub fn with_calibration(self, calibration: Calibration) -> Self {
-        let engines = CpuEngines::with_calibration(calibration);
-        Self { cpu: CpuSide { engines, ..self.cpu }, ..self }
+    pub fn with_engines(self, isa: AvailableIsa, calibration: Calibration) -> Self {
+        let engines = CpuEngines::on(isa, calibration);
+        let spheres = SphereWays::on(isa);
+        Self { cpu: CpuSide { engines, ..self.cpu }, spheres, ..self }
     }
 
     /// The GPU, if this daemon has one.

@@ -14,6 +14,7 @@ pub use worker::work;
 
 use std::time::Duration;
 
+use pairmask_core::engine::AvailableIsa;
 use pairmask_core::plan::CalibrationChoice;
 use pairmask_transport::{Limits, RuntimeDir, TransportError};
 use pairmask_wire::{InstanceError, InstanceName};
@@ -40,6 +41,8 @@ pub struct ServeSettings {
     pub gpu_awake: Duration,
     /// The constants that plans compute with.
     pub calibration: CalibrationChoice,
+    /// The instruction set of the CPU's engines.
+    pub isa: AvailableIsa,
     /// Which frames are audited.
     pub audit: AuditRate,
     /// Changes every answer; `None` but in tests of the auditor. A supervisor cannot pass it on to

@@ -94,6 +94,7 @@ fn spawn_worker(settings: &ServeSettings) -> Result<Child, ServeError> {
         .args(["--gpu", &settings.gpu.to_string()])
         .args(["--gpu-awake-ms", &settings.gpu_awake.as_millis().to_string()])
         .args(["--calibration", &settings.calibration.to_string()])
+        .args(["--isa", &settings.isa.to_string()])
         .args(["--audit", &settings.audit.to_string()])
         .env("PAIRMASK_RUNTIME_DIR", settings.dir.path())
         // Mesa's layer that sorts adapters asks the user's display which one it runs on. A daemon

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use iceoryx2::service::ipc;
 use pairmask_core::AwakePool;
+use pairmask_core::engine::AvailableIsa;
 use pairmask_core::plan::{Calibration, CalibrationChoice, CalibrationOrigin};
 use pairmask_core::spinner::Spinner;
 use pairmask_transport::{
@@ -74,8 +75,8 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     settings.dir.write_record(&settings.instance, &record)?;
     log::info!("serving '{}' with {threads} threads", settings.instance);
 
-    let calibration = constants(&settings.calibration, gpu.is_some());
-    let executor = Executor::new(gpu).with_calibration(calibration);
+    let calibration = constants(&settings.calibration, settings.isa, gpu.is_some());
+    let executor = Executor::new(gpu).with_engines(settings.isa, calibration);
     let auditor =
         Auditor::start(settings.audit).map_err(ServeError::system("starting the auditor"))?;
     let services = Rc::new(services);
@@ -153,14 +154,14 @@ fn open_server(
 ///
 /// Beside a GPU, whose times are measured, built-in times of the CPU's engines are those of another
 /// machine: they are scaled by a short look at this one.
-fn constants(choice: &CalibrationChoice, has_gpu: bool) -> Calibration {
-    let (calibration, origin) = choice.resolve();
+fn constants(choice: &CalibrationChoice, isa: AvailableIsa, has_gpu: bool) -> Calibration {
+    let (calibration, origin) = choice.resolve(isa);
     log::info!("planning with constants: {origin}");
     let is_built_in = matches!(origin, CalibrationOrigin::BuiltIn(_));
     if !has_gpu || !is_built_in || *choice == CalibrationChoice::BuiltIn {
         return calibration;
     }
-    glance(&calibration).unwrap_or_else(|error| {
+    glance(&calibration, isa).unwrap_or_else(|error| {
         log::warn!("planning with built-in constants as they are: {error}");
         calibration
     })

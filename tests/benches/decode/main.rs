@@ -3,6 +3,9 @@
 //! Medians of many runs, warm; those of an engine's masks (`engine, SCENE`) cold. Every row prints the time of one decode, ns for each pair and GB/s
 //! over the bytes of the mask (its order included). The reference rows say what the memory and the
 //! consumer alone cost on this machine in this run, so that ratios hold on a noisy one.
+//!
+//! `PAIRMASK_SPARSE_KERNEL` (`plain`, `avx2`, `avx512`, `vbmi2`) has sparse masks decoded by one kernel;
+//! what it cannot decode is left out.
 
 mod engine_masks;
 mod neighbours;
@@ -73,8 +76,14 @@ fn one_a_box(n: BoxCount) -> Vec<Pair> {
 
 /// All ways through one mask.
 fn decode(title: &str, written: &WrittenMask, expected: usize) {
-    println!("\n{title}");
     let mask = MaskView::new(written.n, &written.shape, &written.reply).expect("shape and reply");
+    let Some(mask) = (match std::env::var("PAIRMASK_SPARSE_KERNEL") {
+        Ok(kernel) => mask.with_sparse_kernel(&kernel),
+        Err(_) => Some(mask),
+    }) else {
+        return;
+    };
+    println!("\n{title}");
     assert_eq!(mask.pairs().count(), expected, "a bench of a wrong decoder measures nothing");
     let row = |name: &str, median: Duration| {
         let ns = median.as_secs_f64() * 1e9;

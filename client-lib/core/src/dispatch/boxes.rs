@@ -3,7 +3,6 @@
 use std::time::Instant;
 
 use super::{CullAnswer, nanoseconds_since};
-use crate::aabb::Aabb;
 use crate::engine::{
     AvailableIsa, CullError, CullInput, CullReport, Engine, EngineChoice, EngineName, RecentNeed,
     ReplyBuffer, cpu_engines,
@@ -46,7 +45,11 @@ impl CpuEngines {
 
     /// Engines with empty scratch memory, whose plans compute with `calibration`.
     pub fn with_calibration(calibration: Calibration) -> Self {
-        let isa = AvailableIsa::best();
+        Self::on(AvailableIsa::best(), calibration)
+    }
+
+    /// The same with one instruction set in place of the widest.
+    pub fn on(isa: AvailableIsa, calibration: Calibration) -> Self {
         let engines = cpu_engines(isa).map(|engine| Kept {
             name: engine.name(),
             engine,
@@ -125,14 +128,16 @@ impl CpuEngines {
     /// mask that fits into the reply in any encoding is found.
     ///
     /// # Errors
-    /// As [`run`](Self::run).
-    pub fn cull(
+    /// As [`run`](Self::run). Boxes in narrow forms are to be expanded first
+    /// ([`BoxSlice::expand`]): the engines of the CPU read f32 alone.
+    pub fn cull<'a>(
         &mut self,
-        boxes: &[Aabb],
+        boxes: impl Into<BoxSlice<'a>>,
         options: &CullOptions,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
         let start = Instant::now();
+        let boxes = boxes.into();
         let (n, limit_words) = (boxes.len(), reply.limit_words());
         let options = options.within(n, limit_words);
         let plan = self.plan(boxes, &options, None);

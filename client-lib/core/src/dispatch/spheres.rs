@@ -3,7 +3,9 @@
 use std::time::Instant;
 
 use super::{CpuEngines, CullAnswer, CullOptions, StageTimes, nanoseconds_since};
-use crate::engine::{CullError, CullInput, EngineChoice, EngineName, PairRules, ReplyBuffer};
+use crate::engine::{
+    AvailableIsa, CullError, CullInput, EngineChoice, EngineName, PairRules, ReplyBuffer,
+};
 use crate::mask::{Encoding, EncodingChoice};
 use crate::sphere::{Sphere, SphereAllPairs, SphereFilter};
 
@@ -68,6 +70,11 @@ impl SphereEngines {
 }
 
 impl SphereWays {
+    /// The ways with one instruction set in place of the widest, with empty scratch memory.
+    pub fn on(isa: AvailableIsa) -> Self {
+        Self { all_pairs: SphereAllPairs::on(isa), filter: SphereFilter::default() }
+    }
+
     /// Finds the pairs of `spheres`. Where there are many, `boxes` finds the candidates among their
     /// bounds.
     ///

@@ -54,7 +54,7 @@ pub(crate) use rules::{PairRules, PairTest};
 pub use scratch::RecentNeed;
 pub use sweep_and_prune::SweepAndPrune;
 
-pub use crate::isa::{AvailableIsa, Isa};
+pub use crate::isa::{AvailableIsa, Isa, IsaError};
 pub use crate::unknown_name::UnknownName;
 
 /// `isa` for an engine that was asked to use it.

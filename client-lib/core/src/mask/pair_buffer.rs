@@ -11,7 +11,7 @@ use crate::units::BoxCount;
 
 /// Pairs in a buffer: 2 KiB, so that it stays in the first-level cache and costs little to set up
 /// for a mask of a few words. A power of two, so that an index is kept within by a mask.
-const CAPACITY: usize = 256;
+pub(super) const CAPACITY: usize = 256;
 
 /// Most pairs of a word: the room that it needs.
 pub(super) const WORD_PAIRS: usize = u32::BITS as usize;
@@ -140,7 +140,23 @@ impl PairWriter<'_> {
         // Two passes: the first only waits for memory, with nothing to guess wrong, and the second
         // is vector code.
         look_up(order, written.as_flattened_mut());
-        for [a, b] in written {
+        self.put_smaller_first();
+    }
+
+    /// Puts pairs of boxes into the empty buffer, smaller first: the first `count` of rows and columns.
+    #[inline(always)]
+    pub fn put_all(&mut self, rows: &[u32; CAPACITY], columns: &[u32; CAPACITY], count: usize) {
+        self.end = count.min(CAPACITY);
+        let written = self.pairs.get_mut(..self.end).unwrap_or(&mut []);
+        for (pair, (row, column)) in written.iter_mut().zip(rows.iter().zip(columns)) {
+            *pair = [*row.min(column), *row.max(column)];
+        }
+    }
+
+    /// Brings the two of each pair into order.
+    #[inline(always)]
+    pub fn put_smaller_first(&mut self) {
+        for [a, b] in self.pairs.get_mut(..self.end).unwrap_or(&mut []) {
             (*a, *b) = ((*a).min(*b), (*a).max(*b));
         }
     }

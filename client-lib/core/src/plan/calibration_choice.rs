@@ -9,7 +9,7 @@ use super::calibration::Calibration;
 use super::calibration_file::{default_path, load};
 #[cfg(feature = "calibration-file")]
 use super::machine::MachineKey;
-use crate::engine::Isa;
+use crate::engine::{AvailableIsa, Isa};
 
 /// Which constants a plan computes with.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -64,29 +64,29 @@ impl fmt::Display for CalibrationOrigin {
 }
 
 impl CalibrationChoice {
-    /// The constants, and where they are from. A file that cannot be used is named in the log, and
-    /// the built-in constants stand in: so it is with every file in a build without the feature
-    /// `calibration-file`.
-    pub fn resolve(&self) -> (Calibration, CalibrationOrigin) {
-        let isa = Isa::best();
+    /// The constants of engines that use `isa`, and where they are from. A file that cannot be used
+    /// is named in the log, and the built-in constants stand in: so it is with every file in a build
+    /// without the feature `calibration-file`.
+    pub fn resolve(&self, isa: AvailableIsa) -> (Calibration, CalibrationOrigin) {
+        let isa = isa.get();
         let kept = match self {
             Self::BuiltIn => None,
-            Self::Auto => kept_for_this_machine(),
-            Self::File(path) => kept_in(path),
+            Self::Auto => kept_for_this_machine(isa),
+            Self::File(path) => kept_in(path, isa),
         };
         kept.unwrap_or_else(|| (Calibration::built_in(isa), CalibrationOrigin::BuiltIn(isa)))
     }
 }
 
 #[cfg(feature = "calibration-file")]
-fn kept_for_this_machine() -> Option<(Calibration, CalibrationOrigin)> {
-    let path = default_path(&MachineKey::this())?;
-    if path.exists() { kept_in(&path) } else { None }
+fn kept_for_this_machine(isa: Isa) -> Option<(Calibration, CalibrationOrigin)> {
+    let path = default_path(&MachineKey::with_isa(isa))?;
+    if path.exists() { kept_in(&path, isa) } else { None }
 }
 
 #[cfg(feature = "calibration-file")]
-fn kept_in(path: &Path) -> Option<(Calibration, CalibrationOrigin)> {
-    match load(path, &MachineKey::this()) {
+fn kept_in(path: &Path, isa: Isa) -> Option<(Calibration, CalibrationOrigin)> {
+    match load(path, &MachineKey::with_isa(isa)) {
         Ok(calibration) => Some((calibration, CalibrationOrigin::File(path.to_owned()))),
         Err(error) => {
             log::warn!("calibration {} is not used: {error}", path.display());
@@ -96,12 +96,12 @@ fn kept_in(path: &Path) -> Option<(Calibration, CalibrationOrigin)> {
 }
 
 #[cfg(not(feature = "calibration-file"))]
-const fn kept_for_this_machine() -> Option<(Calibration, CalibrationOrigin)> {
+const fn kept_for_this_machine(_: Isa) -> Option<(Calibration, CalibrationOrigin)> {
     None
 }
 
 #[cfg(not(feature = "calibration-file"))]
-fn kept_in(path: &Path) -> Option<(Calibration, CalibrationOrigin)> {
+fn kept_in(path: &Path, _: Isa) -> Option<(Calibration, CalibrationOrigin)> {
     log::warn!("calibration {} is not used: this build reads no files", path.display());
     None
 }
@@ -116,6 +116,8 @@ mod tests {
         for choice in [CalibrationChoice::Auto, CalibrationChoice::BuiltIn, file.clone()] {
             assert_eq!(choice.to_string().parse(), Ok(choice));
         }
-        assert_eq!(file.resolve().1, CalibrationOrigin::BuiltIn(Isa::best()));
+        for isa in Isa::ALL.into_iter().filter_map(AvailableIsa::new) {
+            assert_eq!(file.resolve(isa).1, CalibrationOrigin::BuiltIn(isa.get()));
+        }
     }
 }

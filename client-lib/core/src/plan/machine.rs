@@ -28,15 +28,20 @@ const FIELDS: [&str; 9] = [
 pub struct MachineKey(String);
 
 impl MachineKey {
-    /// The key of this machine, as far as this process may use it.
+    /// The key of this machine with its widest instruction set, as far as this process may use it.
     pub fn this() -> Self {
+        Self::with_isa(Isa::best())
+    }
+
+    /// The same for engines that use another of its instruction sets.
+    pub fn with_isa(isa: Isa) -> Self {
         let mut cpuinfo = Vec::new();
         // Without it the key says less, and so do all keys of such a machine.
         if let Ok(file) = File::open("/proc/cpuinfo") {
             let _ = file.take(FIRST_PROCESSOR_BYTES).read_to_end(&mut cpuinfo);
         }
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
-        Self::new(&String::from_utf8_lossy(&cpuinfo), Isa::best(), cores)
+        Self::new(&String::from_utf8_lossy(&cpuinfo), isa, cores)
     }
 
     fn new(cpuinfo: &str, isa: Isa, cores: usize) -> Self {

@@ -13,6 +13,8 @@ pub struct CullOptions {
     pub encoding: EncodingChoice,
     /// How many threads; `None` leaves it to the plan.
     pub threads: Option<usize>,
+    /// Threads with which the client visits the pairs; `None` is one.
+    pub visit_threads: Option<usize>,
     /// Pairs of the client's last frame, for the plan. The answer does not depend on it.
     pub last_pairs: Option<u64>,
     /// Encodings that the client can read.

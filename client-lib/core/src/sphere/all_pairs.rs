@@ -61,12 +61,12 @@ impl Default for SphereAllPairs {
 impl SphereAllPairs {
     /// The engine with the widest instruction set of this machine.
     pub fn new() -> Self {
-        Self {
-            isa: AvailableIsa::best(),
-            columns: BallColumns::default(),
-            order: Vec::new(),
-            tasks: Vec::new(),
-        }
+        Self::on(AvailableIsa::best())
+    }
+
+    /// The engine with one instruction set that this machine has.
+    pub(crate) fn on(isa: AvailableIsa) -> Self {
+        Self { isa, columns: BallColumns::default(), order: Vec::new(), tasks: Vec::new() }
     }
 
     /// The engine with one instruction set, for tests and measurements.
@@ -74,8 +74,7 @@ impl SphereAllPairs {
     /// # Errors
     /// [`CullError::Unavailable`] when this machine does not have it.
     pub fn with_isa(isa: Isa) -> Result<Self, CullError> {
-        let isa = available(isa, EngineName::CpuBrute)?;
-        Ok(Self { isa, ..Self::new() })
+        available(isa, EngineName::CpuBrute).map(Self::on)
     }
 
     /// Writes the pair mask of `spheres` into memory of `reply`. A sparse mask has an order, which

@@ -6,6 +6,7 @@ use std::time::Duration;
 use pairmask::{PairMask, ServedBy};
 use pairmask_core::Aabb;
 use pairmask_core::dispatch::{CpuEngines, CullOptions};
+use pairmask_core::engine::AvailableIsa;
 use pairmask_core::plan::{CalibrationChoice, Plan, SceneStats};
 use serde::Serialize;
 
@@ -19,9 +20,14 @@ pub struct Planned {
 
 impl Planned {
     /// Plans a frame as an in-process session does, and a daemon without a GPU.
-    pub fn new(boxes: &[Aabb], options: &CullOptions, calibration: &CalibrationChoice) -> Self {
-        let (calibration, origin) = calibration.resolve();
-        let plan = CpuEngines::with_calibration(calibration).plan(boxes, options, None);
+    pub fn new(
+        boxes: &[Aabb],
+        options: &CullOptions,
+        calibration: &CalibrationChoice,
+        isa: AvailableIsa,
+    ) -> Self {
+        let (calibration, origin) = calibration.resolve(isa);
+        let plan = CpuEngines::on(isa, calibration).plan(boxes, options, None);
         Self { plan, calibration: origin.to_string() }
     }
 }

@@ -137,7 +137,8 @@ impl Cull {
                 let planner = self.explain.then(|| {
                     let (cull_options, calibration) =
                         (self.options.cull_options(config), place.calibration(config));
-                    move |boxes: &[Aabb]| Planned::new(boxes, &cull_options, &calibration)
+                    let isa = place.isa(config);
+                    move |boxes: &[Aabb]| Planned::new(boxes, &cull_options, &calibration, isa)
                 });
                 ask_boxes(&mut session, boxes, self.precision, planner)
             }

@@ -5,6 +5,7 @@ use std::num::NonZeroUsize;
 use std::time::Duration;
 
 use clap::Args;
+use pairmask_core::engine::AvailableIsa;
 use pairmask_core::plan::Calibration;
 use pairmaskd::calibrate::{Case, Effort, Pools, WaySet, core_count, measure, thread_counts};
 use pairmaskd::cli::config::Config;
@@ -105,8 +106,8 @@ impl PlanRow {
 
 impl PlanBench {
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), LabError> {
-        let machine = Machine::this();
-        let (calibration, origin) = place.calibration(config).resolve();
+        let (machine, isa) = (Machine::this(), place.isa(config));
+        let (calibration, origin) = place.calibration(config).resolve(isa);
         let mut allowed: Vec<usize> = self.threads.iter().map(|n| n.get()).collect();
         if allowed.is_empty() {
             allowed = vec![1, core_count()];
@@ -114,7 +115,7 @@ impl PlanBench {
         }
         let not_quadratic = SceneName::ALL.into_iter().filter(|scene| !scene.is_quadratic());
         let cases = self.what.cases(&not_quadratic.collect::<Vec<_>>(), &SIZES);
-        let rows = rows(&cases, &allowed, &calibration)?;
+        let rows = rows(&cases, &allowed, &calibration, isa)?;
         let report = PlanReport { machine, calibration: origin.to_string(), rows };
         if self.json { print_json(&report) } else { print_text(&report.to_string()) }?;
         Ok(())
@@ -125,6 +126,7 @@ fn rows(
     cases: &[Case],
     allowed: &[usize],
     calibration: &Calibration,
+    isa: AvailableIsa,
 ) -> Result<Vec<PlanRow>, LabError> {
     let most = allowed.iter().max().copied().unwrap_or(1);
     let mut lanes = thread_counts(most);
@@ -135,7 +137,7 @@ fn rows(
     let progress = progress_bar(cases.len() as u64, "measuring");
     let mut rows = Vec::new();
     for case in cases {
-        let measured = measure(*case, WaySet::All, &lanes, &pools, &EFFORT)?;
+        let measured = measure(*case, WaySet::All, &lanes, &pools, &EFFORT, isa)?;
         for threads in allowed {
             let found = judge(&measured, *threads, calibration);
             rows.push(PlanRow::new(*case, *threads, measured.plan_ns, found.as_ref()));

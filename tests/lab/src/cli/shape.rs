@@ -7,9 +7,9 @@ use super::Cli;
 
 const PAIRMASK_LAB: Shape = Shape {
     without_use: &[
-        ("stress", &["instance", "runtime_dir", "calibration"]),
-        ("mapping", &["instance", "runtime_dir", "calibration"]),
-        ("grid", &["instance", "runtime_dir", "calibration"]),
+        ("stress", &["instance", "runtime_dir", "calibration", "isa"]),
+        ("mapping", &["instance", "runtime_dir", "calibration", "isa"]),
+        ("grid", &["instance", "runtime_dir", "calibration", "isa"]),
         ("plan", &["instance", "runtime_dir"]),
         ("threads", ALL),
         ("spheres", ALL),

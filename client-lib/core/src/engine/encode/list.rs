@@ -1,6 +1,6 @@
 //! The list encoding: the pairs of boxes themselves, in the order of the words of all tasks.
 
-use super::{EncodingCost, FoundWords};
+use super::{EncodingCost, FoundWords, MaskWork};
 use crate::engine::cost::terms;
 use crate::engine::gather::Gather;
 use crate::engine::strips::{Split, in_parts};
@@ -10,21 +10,46 @@ use crate::stats::SceneStats;
 use crate::units::BoxCount;
 
 terms! {
-    /// A pair of boxes in their own order: kept, written, read by the client.
-    PAIR = CostTerm::new("list-pair", 1.5);
-    /// More for a pair in an order of the engine's, whose boxes are looked up. As for sparse masks,
-    /// whose decoder writes lists.
-    ORDERED_PAIR = CostTerm::avx512_or("list-ordered-pair", 0.0971, 0.77);
+    /// A list.
+    LIST = CostTerm::new("list", 40.0);
+    /// A pair of boxes in their own order: kept, and written.
+    PAIR = CostTerm::new("list-pair", 0.8);
+    /// More for a pair in an order of the engine's, of which two boxes are looked up.
+    ORDERED_PAIR = CostTerm::new("list-ordered-pair", 0.5);
 }
 
 /// What lists take.
-pub(super) const COST: EncodingCost = EncodingCost { terms: TERMS, work };
+pub(super) const COST: EncodingCost = EncodingCost {
+    write: MaskWork { terms: TERMS, amounts },
+    visit: MaskWork { terms: visit::TERMS, amounts: visit::amounts },
+    bytes: |stats, _| PAIR_BYTES * stats.expected_pairs(),
+};
 
-fn work(stats: &SceneStats, has_order: bool, amounts: &mut [f64]) {
+/// Bytes of a pair.
+const PAIR_BYTES: f64 = 8.0;
+
+fn amounts(stats: &SceneStats, has_order: bool, amounts: &mut [f64]) {
     let pairs = stats.expected_pairs();
-    // One more, so that a scene without pairs has a sparse mask.
-    amounts[PAIR] = pairs + 1.0;
+    amounts[LIST] = 1.0;
+    amounts[PAIR] = pairs;
     amounts[ORDERED_PAIR] = if has_order { pairs } else { 0.0 };
+}
+
+/// What the client does.
+mod visit {
+    use super::{CostTerm, SceneStats, terms};
+
+    terms! {
+        /// A list.
+        LIST = CostTerm::new("list-visit", 40.0);
+        /// A pair.
+        PAIR = CostTerm::by_lanes("list-visit-pair", 0.3);
+    }
+
+    pub(super) fn amounts(stats: &SceneStats, _: bool, amounts: &mut [f64]) {
+        amounts[LIST] = 1.0;
+        amounts[PAIR] = stats.expected_pairs();
+    }
 }
 
 /// Fewest pairs that are worth a second thread: some 10 µs of work.

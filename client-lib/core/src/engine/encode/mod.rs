@@ -20,12 +20,22 @@ use crate::units::BoxCount;
 /// An encoding's share of the plan's cost model.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct EncodingCost {
-    /// Kinds of work that its masks take, from the words that an engine found to the pairs of the
-    /// client.
+    /// From the words that an engine of the CPU found to the mask. The engine's threads share it.
+    pub write: MaskWork,
+    /// From the mask to each pair in the client's hands. The client's threads share it.
+    pub visit: MaskWork,
+    /// Bytes of the mask, of an engine that has an order of its own or not.
+    pub bytes: fn(&SceneStats, bool) -> f64,
+}
+
+/// Work that a mask takes, of some kinds.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct MaskWork {
+    /// The kinds.
     pub terms: &'static [CostTerm],
     /// How much of each a frame holds, of an engine that has an order of its own or not: writes the
     /// amounts to the places of the terms, which hold zeros.
-    pub work: fn(&SceneStats, bool, &mut [f64]),
+    pub amounts: fn(&SceneStats, bool, &mut [f64]),
 }
 
 /// What the masks of an encoding take.

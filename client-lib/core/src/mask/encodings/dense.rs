@@ -5,6 +5,7 @@ use std::ops::Range;
 
 use super::dense_pairs::DensePairs;
 use super::dense_words::DenseWords;
+use crate::isa::AvailableIsa;
 use crate::mask::{MaskError, Section, Span};
 use crate::units::{BoxCount, PairIndex};
 
@@ -14,6 +15,7 @@ pub struct DenseMask<'a> {
     n: BoxCount,
     /// Exactly `n.dense_words()` words.
     words: &'a [u32],
+    isa: AvailableIsa,
 }
 
 impl<'a> DenseMask<'a> {
@@ -22,7 +24,12 @@ impl<'a> DenseMask<'a> {
             let expected = n.dense_words();
             return Err(MaskError::DenseLength { n: n.get(), expected, found: words.len });
         }
-        Ok(Self { n, words: Section::Words.of(words, reply)? })
+        Ok(Self { n, words: Section::Words.of(words, reply)?, isa: AvailableIsa::best() })
+    }
+
+    /// The same mask, decoded with one instruction set.
+    pub(super) const fn with_isa(self, isa: AvailableIsa) -> Self {
+        Self { isa, ..self }
     }
 
     /// Number of boxes.
@@ -71,7 +78,7 @@ impl<'a> DenseMask<'a> {
 
     /// The pairs of a range of words.
     pub(super) fn pairs_in(&self, range: Range<usize>) -> DensePairs<'a> {
-        DensePairs::new(self.n, self.words_in(range))
+        DensePairs::new(self.n, self.words_in(range), self.isa)
     }
 
     /// Checks every rule of the encoding.

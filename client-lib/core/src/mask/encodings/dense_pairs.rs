@@ -19,8 +19,8 @@ pub(in crate::mask) struct DensePairs<'a> {
 }
 
 impl<'a> DensePairs<'a> {
-    pub fn new(n: BoxCount, words: DenseWords<'a>) -> Self {
-        Self { n, words, isa: AvailableIsa::best() }
+    pub const fn new(n: BoxCount, words: DenseWords<'a>, isa: AvailableIsa) -> Self {
+        Self { n, words, isa }
     }
 
     /// Puts the pairs of words until there is no more room. False at the end of the mask.

@@ -8,6 +8,7 @@ pub(in crate::mask) use self::pairs::ListPairs;
 use std::fmt;
 use std::ops::Range;
 
+use crate::isa::AvailableIsa;
 use crate::mask::{MaskError, Section, Span};
 use crate::units::BoxCount;
 
@@ -16,14 +17,20 @@ use crate::units::BoxCount;
 pub struct ListMask<'a> {
     n: BoxCount,
     pairs: &'a [[u32; 2]],
+    isa: AvailableIsa,
 }
 
 impl<'a> ListMask<'a> {
     pub(super) fn new(n: BoxCount, pairs: &Span, reply: &'a [u32]) -> Result<Self, MaskError> {
         match Section::Pairs.of(pairs, reply)?.as_chunks() {
-            (pairs, []) => Ok(Self { n, pairs }),
+            (pairs, []) => Ok(Self { n, pairs, isa: AvailableIsa::best() }),
             _ => Err(MaskError::HalfPair { words: pairs.len }),
         }
+    }
+
+    /// The same list, read with one instruction set.
+    pub(super) const fn with_isa(self, isa: AvailableIsa) -> Self {
+        Self { isa, ..self }
     }
 
     /// Number of boxes.
@@ -73,7 +80,7 @@ impl<'a> ListMask<'a> {
 
     /// The pairs of a range of the list.
     pub(super) fn pairs_in(&self, range: Range<usize>) -> ListPairs<'a> {
-        ListPairs::new(self.n, self.pairs.get(range).unwrap_or(&[]))
+        ListPairs::new(self.n, self.pairs.get(range).unwrap_or(&[]), self.isa)
     }
 
     /// Checks every rule of the encoding.

@@ -24,6 +24,7 @@ use self::sparse_words::SparseWords;
 use super::pair_buffer::PairBuffer;
 use super::word_flags::CHUNK_WORDS;
 use super::{AddressedWord, MaskError, Pairs, SECTION_ALIGN_WORDS, Span, WordAddress, Words};
+use crate::isa::AvailableIsa;
 use crate::units::{BoxCount, MaskWord, PairIndex};
 
 /// How a mask is written.
@@ -281,6 +282,28 @@ impl<'a> MaskView<'a> {
                 SparseMask::new(n, [rows, blocks, bits], order.as_ref(), reply).map(Self::Sparse)
             }
             MaskShape::List { pairs } => ListMask::new(n, pairs, reply).map(Self::List),
+        }
+    }
+
+    /// The same mask, decoded with one instruction set in place of the widest. The pairs and their
+    /// order do not depend on it.
+    #[must_use]
+    pub fn with_isa(self, isa: AvailableIsa) -> Self {
+        match self {
+            Self::Dense(mask) => Self::Dense(mask.with_isa(isa)),
+            Self::Sparse(mask) => Self::Sparse(mask.with_isa(isa)),
+            Self::List(mask) => Self::List(mask.with_isa(isa)),
+        }
+    }
+
+    /// The same sparse mask, decoded by one kernel: for benches that compare them. `None` for another
+    /// mask, and where there is no such kernel, the machine lacks it, or it needs an order.
+    #[doc(hidden)]
+    #[must_use]
+    pub fn with_sparse_kernel(self, name: &str) -> Option<Self> {
+        match self {
+            Self::Dense(_) | Self::List(_) => None,
+            Self::Sparse(mask) => mask.with_kernel(name).map(Self::Sparse),
         }
     }
 

@@ -3,8 +3,9 @@
 use std::fmt;
 use std::ops::Range;
 
-use super::sparse_pairs::SparsePairs;
+use super::sparse_pairs::{Kernel, SparsePairs};
 use super::sparse_words::SparseWords;
+use crate::isa::AvailableIsa;
 use crate::mask::{MaskError, MaskView, Section, Span};
 use crate::units::BoxCount;
 
@@ -18,6 +19,7 @@ pub struct SparseMask<'a> {
     bits: &'a [u32],
     /// `n` positions, where there is one.
     order: Option<&'a [u32]>,
+    kernel: Kernel,
 }
 
 impl<'a> SparseMask<'a> {
@@ -40,6 +42,7 @@ impl<'a> SparseMask<'a> {
             blocks: Section::Blocks.of(blocks, reply)?,
             bits: Section::Bits.of(bits, reply)?,
             order: order.map(|order| Section::Order.of(order, reply)).transpose()?,
+            kernel: Kernel::of(AvailableIsa::best(), order.is_some()),
         })
     }
 
@@ -48,7 +51,20 @@ impl<'a> SparseMask<'a> {
     pub(crate) fn of_found(n: BoxCount, words: [&'a [u32]; 3], order: Option<&'a [u32]>) -> Self {
         let len = words.map(<[u32]>::len).into_iter().min().unwrap_or(0);
         let [rows, blocks, bits] = words.map(|array| &array[..len]);
-        Self { n, rows, blocks, bits, order }
+        let kernel = Kernel::of(AvailableIsa::best(), order.is_some());
+        Self { n, rows, blocks, bits, order, kernel }
+    }
+
+    /// The same mask, decoded with one instruction set.
+    pub(super) fn with_isa(self, isa: AvailableIsa) -> Self {
+        Self { kernel: Kernel::of(isa, self.order.is_some()), ..self }
+    }
+
+    /// The same mask, decoded by the kernel of a name that this machine can run.
+    pub(super) fn with_kernel(self, name: &str) -> Option<Self> {
+        let all = Kernel::all(self.order.is_some());
+        let (_, kernel) = all.into_iter().find(|(known, _)| *known == name)?;
+        Some(Self { kernel, ..self })
     }
 
     /// Number of boxes.
@@ -118,7 +134,7 @@ impl<'a> SparseMask<'a> {
 
     /// The pairs of a range of words.
     pub(super) fn pairs_in(&self, range: Range<usize>) -> SparsePairs<'a> {
-        SparsePairs::new(self.n, self.order, self.words_in(range))
+        SparsePairs::new(self.n, self.order, self.words_in(range), self.kernel)
     }
 
     /// Checks every rule of the encoding.

@@ -1,17 +1,18 @@
 //! Pairs of a sparse mask, with and without an order.
 
 #[cfg(target_arch = "x86_64")]
+mod avx2;
+#[cfg(target_arch = "x86_64")]
 mod avx512;
+mod by_word;
 #[cfg(target_arch = "x86_64")]
 mod vbmi2;
 
 #[cfg(target_arch = "x86_64")]
 use self::vbmi2::Vbmi2;
-use super::sparse_words::{SparseWord, SparseWords};
-use crate::isa::AvailableIsa;
-#[cfg(target_arch = "x86_64")]
-use crate::isa::Isa;
-use crate::mask::pair_buffer::{PairWriter, WORD_PAIRS};
+use super::sparse_words::SparseWords;
+use crate::isa::{AvailableIsa, Isa};
+use crate::mask::pair_buffer::PairWriter;
 use crate::units::BoxCount;
 
 /// The pairs of the words of a sparse mask, in the order of the words, columns rising.
@@ -26,36 +27,61 @@ pub(in crate::mask) struct SparsePairs<'a> {
 
 /// How words become pairs.
 #[derive(Clone, Copy, Debug)]
-enum Kernel {
-    Portable,
+pub(in crate::mask::encodings) enum Kernel {
+    /// [`by_word`], compiled for every machine of its architecture: all that NEON needs is in it.
+    Plain,
+    /// The same, compiled for AVX2.
+    #[cfg(target_arch = "x86_64")]
+    Avx2(AvailableIsa),
+    /// Sixteen words at a time, then a look-up of each position.
     #[cfg(target_arch = "x86_64")]
     Avx512(AvailableIsa),
-    /// Of masks with an order only.
+    /// Word by word; of masks with an order only.
     #[cfg(target_arch = "x86_64")]
     Vbmi2(Vbmi2),
 }
 
 impl Kernel {
-    /// Those of a machine and a mask, fastest first. The last one is always there.
-    fn all(isa: AvailableIsa, has_order: bool) -> [Option<Self>; 3] {
+    /// The fastest one of an instruction set and a mask.
+    pub fn of(isa: AvailableIsa, has_order: bool) -> Self {
+        match isa.get() {
+            #[cfg(target_arch = "x86_64")]
+            Isa::Avx512 => match Vbmi2::new(isa).filter(|_| has_order) {
+                Some(proof) => Self::Vbmi2(proof),
+                None => Self::Avx512(isa),
+            },
+            #[cfg(target_arch = "x86_64")]
+            Isa::Avx2 => Self::Avx2(isa),
+            _ => {
+                let _ = has_order;
+                Self::Plain
+            }
+        }
+    }
+
+    /// Each one that this machine can run on a mask, and its name.
+    pub fn all(has_order: bool) -> Vec<(&'static str, Self)> {
+        let mut all = vec![("plain", Self::Plain)];
         #[cfg(target_arch = "x86_64")]
         {
-            let vbmi2 = if has_order { Vbmi2::new(isa) } else { None };
-            let avx512 = (isa.get() == Isa::Avx512).then_some(Self::Avx512(isa));
-            [vbmi2.map(Self::Vbmi2), avx512, Some(Self::Portable)]
+            let avx512 = AvailableIsa::new(Isa::Avx512);
+            all.extend(AvailableIsa::new(Isa::Avx2).map(|isa| ("avx2", Self::Avx2(isa))));
+            all.extend(avx512.map(|isa| ("avx512", Self::Avx512(isa))));
+            let vbmi2 = avx512.filter(|_| has_order).and_then(Vbmi2::new);
+            all.extend(vbmi2.map(|proof| ("vbmi2", Self::Vbmi2(proof))));
         }
-        #[cfg(not(target_arch = "x86_64"))]
-        {
-            let _ = (isa, has_order);
-            [None, None, Some(Self::Portable)]
-        }
+        let _ = has_order;
+        all
     }
 }
 
 impl<'a> SparsePairs<'a> {
-    pub fn new(n: BoxCount, order: Option<&'a [u32]>, words: SparseWords<'a>) -> Self {
-        let kernels = Kernel::all(AvailableIsa::best(), order.is_some());
-        let kernel = kernels.into_iter().flatten().next().unwrap_or(Kernel::Portable);
+    pub(in crate::mask::encodings) const fn new(
+        n: BoxCount,
+        order: Option<&'a [u32]>,
+        words: SparseWords<'a>,
+        kernel: Kernel,
+    ) -> Self {
         Self { n, order, words, kernel }
     }
 
@@ -68,52 +94,21 @@ impl<'a> SparsePairs<'a> {
             (Kernel::Vbmi2(proof), Some(order)) => vbmi2::write(self, order, writer, proof),
             #[cfg(target_arch = "x86_64")]
             (Kernel::Avx512(isa), _) => avx512::write(self, writer, isa),
-            _ => self.write_portable(writer),
+            #[cfg(target_arch = "x86_64")]
+            (Kernel::Avx2(isa), _) => avx2::write(self, writer, isa),
+            _ => by_word::run(self, writer),
         };
         rest.map(|rest| self.words = rest).is_some()
     }
 
-    /// Puts the pairs of words, one word after the other. The words left over, or `None` at the
-    /// end.
-    fn write_portable(&self, writer: &mut PairWriter) -> Option<SparseWords<'a>> {
-        let (word, mut rest) = self.words.split_first()?;
-        put_word(word, writer);
-        while writer.has_room_for(WORD_PAIRS) {
-            let Some((word, after)) = rest.split_first() else { break };
-            put_word(word, writer);
-            rest = after;
-        }
-        writer.drop_strays(self.n);
-        self.name_boxes(writer);
-        Some(rest)
-    }
-
     /// Turns positions into boxes.
+    #[cfg(target_arch = "x86_64")]
     #[inline(always)]
     fn name_boxes(&self, writer: &mut PairWriter) {
         if let Some(order) = self.order {
             writer.name_boxes(order);
             writer.drop_strays(self.n);
         }
-    }
-}
-
-/// Adds the pairs of positions of a word, strays included.
-#[inline(always)]
-fn put_word(word: SparseWord, writer: &mut PairWriter) {
-    // A block behind the last column that there can be: position 2^32 − 1 is never a box.
-    let first_column = if word.block < 1 << 27 { word.block << 5 } else { u32::MAX };
-    // The or keeps a zero word, which is not put, from asking for its lowest bit.
-    let lowest = |bits: u32| (word.row, first_column | (bits | 1 << 31).trailing_zeros());
-    let mut bits = word.bits;
-    // Two without a branch: few words have more, and those that do are worth a wrong guess.
-    for _ in 0..2 {
-        writer.put_if(bits != 0, lowest(bits));
-        bits &= bits.wrapping_sub(1);
-    }
-    while bits != 0 {
-        writer.put_if(true, lowest(bits));
-        bits &= bits - 1;
     }
 }
 
@@ -188,16 +183,16 @@ mod tests {
             let column = |i: fn(&(u32, u32, u32)) -> u32| words.iter().map(i).collect::<Vec<_>>();
             let (rows, blocks, bits) = (column(|w| w.0), column(|w| w.1), column(|w| w.2));
             let expected = naive(n, &words, order.as_deref());
-            for kernel in Kernel::all(AvailableIsa::best(), order.is_some()).into_iter().flatten() {
+            for (name, kernel) in Kernel::all(order.is_some()) {
                 let words = SparseWords::new(&rows, &blocks, &bits);
                 let pairs = SparsePairs { n, order: order.as_deref(), words, kernel };
                 let pairs = Pairs::of(PairSource::Sparse(pairs));
-                prop_assert_eq!(&pairs.clone().collect::<Vec<_>>(), &expected, "{:?}", kernel);
+                prop_assert_eq!(&pairs.clone().collect::<Vec<_>>(), &expected, "{}", name);
                 let folded = pairs.fold(Vec::new(), |mut all, pair| {
                     all.push(pair);
                     all
                 });
-                prop_assert_eq!(&folded, &expected, "{:?}", kernel);
+                prop_assert_eq!(&folded, &expected, "{}", name);
             }
         }
     }

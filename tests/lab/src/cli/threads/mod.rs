@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use clap::Args;
 use pairmask_core::EngineName;
+use pairmask_core::engine::AvailableIsa;
 use pairmaskd::calibrate::{
     Case, CaseTimes, Effort, Pools, WaySet, core_count, measure, thread_counts,
 };
@@ -76,12 +77,12 @@ impl ThreadsBench {
         let pools = Pools::new(&threads)?;
         let cases = self.cases();
         let progress = progress_bar(2 * cases.len() as u64, "measuring");
-        let mut rows = Vec::new();
+        let (mut rows, isa) = (Vec::new(), AvailableIsa::best());
         for case in cases {
             let updates = update_times(case.scene, case.n, &threads, &pools, &EFFORT)?;
             rows.extend(ThreadsRow::series(Stage::UpdateAabbs, case, None, updates));
             progress.inc(1);
-            let measured = measure(case, WaySet::Sparse, &threads, &pools, &EFFORT)?;
+            let measured = measure(case, WaySet::Sparse, &threads, &pools, &EFFORT, isa)?;
             rows.extend(pair_rows(&measured));
             progress.inc(1);
         }

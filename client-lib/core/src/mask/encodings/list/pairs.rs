@@ -15,8 +15,8 @@ pub(in crate::mask) struct ListPairs<'a> {
 }
 
 impl<'a> ListPairs<'a> {
-    pub fn new(n: BoxCount, rest: &'a [[u32; 2]]) -> Self {
-        Self { n, rest, isa: AvailableIsa::best() }
+    pub fn new(n: BoxCount, rest: &'a [[u32; 2]], isa: AvailableIsa) -> Self {
+        Self { n, rest, isa }
     }
 
     /// Puts pairs until there is no more room. False at the end of the list.

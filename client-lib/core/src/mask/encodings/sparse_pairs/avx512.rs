@@ -22,7 +22,7 @@ const STEP: usize = 16;
 /// Room of a step whose words are spread over lanes. Those with more bits see to it themselves.
 const STEP_ROOM: usize = STEP * 8;
 
-/// [`SparsePairs::write_portable`] with AVX-512.
+/// [`by_word::run`](super::by_word::run) with AVX-512.
 #[inline]
 pub(super) fn write<'a>(
     pairs: &SparsePairs<'a>,
