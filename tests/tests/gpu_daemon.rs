@@ -180,7 +180,7 @@ fn a_list_beyond_the_device_comes_from_the_cpu() {
             encoding: EncodingChoice::Only(Encoding::List),
             ..CullOptions::default()
         };
-        let boxes = BoxSlice::F32(&boxes);
+        let boxes = BoxSlice::from(&boxes);
         let answer = executor.cull(boxes, Owner::Daemon, &options, &mut reply).unwrap();
         assert!(!answer.engine.is_gpu(), "{}", answer.engine);
         assert_eq!(answer.report.pair_count, pairs);
