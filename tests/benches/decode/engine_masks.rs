@@ -5,13 +5,15 @@
 use pairmask_core::engine::{CullInput, Engine, Grid, HeapReply};
 use pairmask_core::mask::{MaskShape, MaskView};
 use pairmask_core::{Aabb, BoxCount, Encoding};
-use pairmaskd::scene::{Scene, SceneName};
+use pairmaskd::scene::{self, SceneName};
 
 use crate::median_of;
 use crate::neighbours::Neighbours;
 
-/// Scenes with a name, boxes made from their number.
-const SCENES: [(&str, fn(usize) -> Vec<Aabb>); 6] = [
+/// A name, and boxes by their number.
+type Scene = (&'static str, fn(usize) -> Vec<Aabb>);
+
+const SCENES: [Scene; 6] = [
     ("uniform", |n| named(SceneName::Uniform, n)),
     ("mixed", |n| named(SceneName::Mixed, n)),
     ("pile", |n| named(SceneName::Pile, n)),
@@ -40,7 +42,7 @@ fn crowd(n: usize) -> Vec<Aabb> {
 }
 
 fn named(name: SceneName, n: usize) -> Vec<Aabb> {
-    Scene::new(name, n, 1).boxes().to_vec()
+    scene::Scene::new(name, n, 1).boxes().to_vec()
 }
 
 /// Prints a row for each scene and size whose title has the filter in it.

@@ -70,7 +70,9 @@ impl View<'_> {
                 of_box = more;
                 let copy = &mut buffer[..some.len()];
                 copy.copy_from_slice(some);
-                if copy.iter().fold(true, |good, b| good & (*b < self.n) & (*b != name)) {
+                // A sum: a branch on each partner would cost more than the comparisons.
+                let strays = copy.iter().map(|b| u32::from(*b >= self.n) + u32::from(*b == name));
+                if strays.sum::<u32>() == 0 {
                     f(name, copy);
                 }
             }
@@ -80,7 +82,9 @@ impl View<'_> {
     /// Calls `f` with each pair, smaller index first.
     pub fn for_each(&self, mut f: impl FnMut(u32, u32)) {
         self.for_each_group(|a, partners| {
-            partners.iter().for_each(|b| f(a.min(*b), a.max(*b)));
+            for b in partners {
+                f(a.min(*b), a.max(*b));
+            }
         });
     }
 }
