@@ -141,6 +141,9 @@ fn every_instruction_set_gives_the_same_pairs_in_the_same_order() {
                 frame.boxes_mut().copy_from_slice(&boxes);
                 let mask = frame.submit().unwrap().wait().unwrap();
                 assert_eq!(mask.pairs().collect::<Vec<_>>(), mask.to_vec());
+                let mut slices = Vec::new();
+                mask.for_each_slice(|pairs| slices.extend(pairs.iter().map(|&[a, b]| (a, b))));
+                assert_eq!(slices, mask.to_vec());
                 mask.to_vec()
             });
             let first = found.next().unwrap();

@@ -75,10 +75,12 @@ fn bytes_do_not_depend_on_threads_or_earlier_frames() {
         for n in [2500, 20_000] {
             let mut scene = Scene::new(name, n, 3);
             scene.step();
-            let expected = cull(&mut Grid::new(), scene.boxes(), Encoding::Sparse, 1);
-            for threads in [1, 2, 4] {
-                let got = cull(&mut used, scene.boxes(), Encoding::Sparse, threads);
-                assert!(got == expected, "{name}, {n} boxes, {threads} threads");
+            for encoding in [Encoding::Sparse, Encoding::List] {
+                let expected = cull(&mut Grid::new(), scene.boxes(), encoding, 1);
+                for threads in [1, 2, 4] {
+                    let got = cull(&mut used, scene.boxes(), encoding, threads);
+                    assert!(got == expected, "{name}, {n}, {encoding}, {threads} threads");
+                }
             }
         }
     }

@@ -310,6 +310,11 @@ proptest! {
         let mut slices = Vec::new();
         mask.for_each_slice(|some| slices.extend(some.iter().map(|&[a, b]| (a, b))));
         prop_assert_eq!(&slices, &pairs);
+        if let MaskView::List(list) = mask {
+            let mut slices = Vec::new();
+            list.for_each_slice_in_place(|some| slices.extend(some.iter().map(|&[a, b]| (a, b))));
+            prop_assert_eq!(&slices, &pairs);
+        }
         prop_assert_eq!(mask.is_empty(), pairs.is_empty());
         let bits: u64 = mask.words().map(|word| u64::from(word.bits.count())).sum();
         prop_assert_eq!(mask.count(), bits);

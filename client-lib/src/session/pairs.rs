@@ -190,9 +190,12 @@ impl PairMask {
     }
 
     /// Calls `f` with slices of pairs [a, b], a < b, until all were seen: see
-    /// [`MaskView::for_each_slice`].
+    /// [`MaskView::for_each_slice`]. Those of a list in this process's own memory are not copied.
     pub fn for_each_slice(&self, f: impl FnMut(&[[u32; 2]])) {
-        self.view().for_each_slice(f);
+        match (&self.storage, self.view()) {
+            (Storage::Own { .. }, MaskView::List(list)) => list.for_each_slice_in_place(f),
+            (_, view) => view.for_each_slice(f),
+        }
     }
 
     /// All pairs, on the rayon pool.

@@ -12,9 +12,14 @@ use pairmask_core::{Aabb, BoxClass};
 pub fn lose_a_pair(words: &mut [u32], report: &mut CullReport) {
     let bits = match &mut report.shape {
         MaskShape::List { pairs } => {
-            let lost = pairs.len.min(2) / 2;
-            pairs.len -= 2 * lost;
-            report.pair_count = report.pair_count.saturating_sub(lost);
+            // The last pair takes the place of one in the middle.
+            let (start, count) = (pairs.start as usize, pairs.len as usize / 2);
+            if let Some(last) = count.checked_sub(1) {
+                let last = start + 2 * last;
+                words.copy_within(last..last + 2, start + 2 * (count / 2));
+                pairs.len -= 2;
+                report.pair_count = report.pair_count.saturating_sub(1);
+            }
             return;
         }
         MaskShape::Dense { words } => words,

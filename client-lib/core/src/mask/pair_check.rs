@@ -1,5 +1,7 @@
 //! Whether some pairs are pairs of the boxes there are, as fast as the first-level cache is read.
 #![allow(unsafe_code)]
+// `&` instead of `&&`: a branch on each pair costs more than the second operand.
+#![allow(clippy::needless_bitwise_bool)]
 
 use crate::isa::{AvailableIsa, Isa};
 use crate::units::BoxCount;

@@ -9,6 +9,7 @@ use std::fmt;
 use std::ops::Range;
 
 use crate::isa::AvailableIsa;
+use crate::mask::pair_check::are_pairs;
 use crate::mask::{MaskError, Section, Span};
 use crate::units::BoxCount;
 
@@ -58,14 +59,29 @@ impl<'a> ListMask<'a> {
         self.pairs
     }
 
+    /// [`MaskView::for_each_slice`](crate::mask::MaskView::for_each_slice) without a copy: the slices
+    /// lie in the list itself, and are checked there before they are given out. So it is for memory that
+    /// no other process can write to, which might change a pair after it was looked at.
+    pub fn for_each_slice_in_place(&self, mut f: impl FnMut(&'a [[u32; 2]])) {
+        for some in self.pairs.chunks(STRETCH) {
+            if are_pairs(some, self.n, self.isa) {
+                f(some);
+            } else {
+                let runs = some.split(|pair| !is_pair(*pair, self.n));
+                runs.filter(|run| !run.is_empty()).for_each(&mut f);
+            }
+        }
+    }
+
     /// Whether the list names the pair of boxes `a` and `b`, in any order of the two: a pass over the
     /// list, which ends at the pair.
     #[must_use]
     pub fn contains(&self, a: u32, b: u32) -> bool {
         let wanted = [a.min(b), a.max(b)];
         // A stretch without a branch is vector code.
-        let is_in =
-            |pairs: &[[u32; 2]]| pairs.iter().fold(false, |is, pair| is | (*pair == wanted));
+        let is_in = |pairs: &[[u32; 2]]| {
+            pairs.iter().map(|pair| u32::from(*pair == wanted)).sum::<u32>() != 0
+        };
         is_pair(wanted, self.n) && self.pairs.chunks(STRETCH).any(is_in)
     }
 
