@@ -27,6 +27,10 @@ mod ordered;
 mod portable;
 mod sink;
 #[cfg(target_arch = "x86_64")]
+mod squeeze_avx2;
+#[cfg(target_arch = "x86_64")]
+mod words_avx2;
+#[cfg(target_arch = "x86_64")]
 mod words_avx512;
 
 pub(crate) use batch::{GROUP, STRIP_COLUMNS, StripBatch, StripGroup};

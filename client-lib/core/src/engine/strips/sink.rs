@@ -1,9 +1,9 @@
 //! Hits to mask words: sorted by (row, block), none of them zero, each address once.
 
 use super::hits::Hits;
-#[cfg(target_arch = "x86_64")]
-use super::words_avx512;
 use super::{RowBlock, StripBatch};
+#[cfg(target_arch = "x86_64")]
+use super::{words_avx2, words_avx512};
 use crate::engine::encode::FoundWords;
 use crate::engine::gather::Gather;
 use crate::engine::{AvailableIsa, Isa};
@@ -138,6 +138,8 @@ impl WordSink {
             done = match isa.get() {
                 #[cfg(target_arch = "x86_64")]
                 Isa::Avx512 => words_avx512::append(&self.hits, done, chunk, isa),
+                #[cfg(target_arch = "x86_64")]
+                Isa::Avx2 => words_avx2::append(&self.hits, done, chunk, isa),
                 _ => append(&self.hits, done, chunk),
             };
         }
