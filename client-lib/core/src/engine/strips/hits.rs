@@ -4,7 +4,9 @@ use super::StripBatch;
 use super::batch::{BATCH_STRIPS, STRIP_COLUMNS};
 #[cfg(target_arch = "x86_64")]
 use super::{words_avx2, words_avx512};
-use crate::engine::{AvailableIsa, Isa};
+use crate::engine::AvailableIsa;
+#[cfg(target_arch = "x86_64")]
+use crate::engine::Isa;
 
 /// Room for a register behind the last hit.
 pub(super) const HITS_ALLOCATED: usize = BATCH_STRIPS + STRIP_COLUMNS;

@@ -23,6 +23,8 @@ mod block;
 mod block_avx512;
 mod fan_out;
 mod hits;
+#[cfg(target_arch = "aarch64")]
+mod neon;
 mod ordered;
 mod portable;
 mod sink;

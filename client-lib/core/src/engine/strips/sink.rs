@@ -4,9 +4,11 @@ use super::hits::Hits;
 use super::{RowBlock, StripBatch};
 #[cfg(target_arch = "x86_64")]
 use super::{words_avx2, words_avx512};
+use crate::engine::AvailableIsa;
+#[cfg(target_arch = "x86_64")]
+use crate::engine::Isa;
 use crate::engine::encode::FoundWords;
 use crate::engine::gather::Gather;
-use crate::engine::{AvailableIsa, Isa};
 
 /// Words of a chunk, 12 KiB: large enough that [`STEP_ROOM`] left empty is a twentieth of it, small
 /// enough that the last, half empty one of each task is nothing against the boxes of the task.

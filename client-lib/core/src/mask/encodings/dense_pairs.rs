@@ -4,7 +4,9 @@
 mod avx512;
 
 use super::dense_words::DenseWords;
-use crate::isa::{AvailableIsa, Isa};
+use crate::isa::AvailableIsa;
+#[cfg(target_arch = "x86_64")]
+use crate::isa::Isa;
 use crate::mask::pair_buffer::{PairWriter, WORD_PAIRS};
 use crate::mask::word_flags::{Chunk, flags_of};
 use crate::pair_index::PairWalker;
