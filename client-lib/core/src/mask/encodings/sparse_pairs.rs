@@ -103,7 +103,7 @@ impl<'a> SparsePairs<'a> {
             (Kernel::Avx512(isa), _) => avx512::write(self, writer, isa),
             #[cfg(target_arch = "x86_64")]
             (Kernel::Avx2(isa), _) => avx2::write(self, writer, isa),
-            _ => by_word::run(self, writer),
+            _ => by_word::write(self, writer),
         };
         rest.map(|rest| self.words = rest).is_some()
     }

@@ -75,9 +75,7 @@ fn run<'a, const FETCH_AHEAD: bool>(
     while writer.has_room_for(WORD_ROOM)
         && let Some((step, rest)) = words.split_first_chunk::<STEP>()
     {
-        if FETCH_AHEAD
-            && let Some(blocks) = words.blocks_from::<STEP>(AHEAD)
-        {
+        if FETCH_AHEAD && let Some(blocks) = words.blocks_from::<STEP>(AHEAD) {
             fetch_names(order, blocks);
         }
         let [rows, blocks, bits] = without_strays(pairs.n, step);
