@@ -31,7 +31,7 @@
 //! | step | what |
 //! |---|---|
 //! | connect | [`Session`], made by a [`SessionBuilder`] |
-//! | fill | [`Frame::boxes_mut`]: a plain slice of [`Aabb`], in the order of your objects; [`update`] writes it from local boxes and transforms |
+//! | fill | [`Frame::write`]: a slice of [`Aabb`], arrays of corners or of centres and half extents ([`write`]), or local boxes and transforms ([`update`]); or write in place, [`Frame::boxes_mut`] |
 //! | submit, wait | [`PendingFrame`]: the frame is under way while you do something else |
 //! | decode | [`PairMask`]: [`pairs`](PairMask::pairs), [`par_pairs`](PairMask::par_pairs), [`contains`](PairMask::contains); [`words`](PairMask::words) for AND masks of your own ([`mask`]) |
 //!
@@ -94,6 +94,7 @@ pub mod error;
 pub mod info;
 pub mod mask;
 pub use pairmask_core::update;
+pub use pairmask_core::write;
 
 pub use pairmask_core::aabb::Aabb;
 pub use pairmask_core::engine::{AvailableIsa, EngineChoice, EngineId, EngineName, Isa, IsaError};

@@ -2,6 +2,7 @@
 
 pub use pairmask_core::awake_pool::AwakePool;
 pub use pairmask_core::mask::{
-    AddressedWord, DenseMask, MaskShape, MaskView, Pairs, ParPairs, SparseMask, WordAddress, Words,
+    AddressedWord, DenseMask, ListMask, MaskShape, MaskView, Pairs, ParPairs, SparseMask,
+    WordAddress, Words,
 };
 pub use pairmask_core::units::{MaskWord, PairIndex};

@@ -105,7 +105,7 @@ pub fn as_sent(precision: &Precision, boxes: &[Aabb]) -> Vec<Aabb> {
     precision.write(boxes, memory);
     let mut scratch = ExpandScratch::default();
     let narrow = BoxSlice::new(precision.form(), memory).expect("whole boxes, aligned");
-    narrow.expand(&mut scratch, false).to_vec()
+    narrow.expand(&mut scratch, false).as_f32().expect("expanded to f32").to_vec()
 }
 
 /// The text names no precision.

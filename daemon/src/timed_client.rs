@@ -9,6 +9,7 @@ use pairmask::error::MarginedError;
 use pairmask::{FrameError, FrameInfo, Margined, PairMask, Session, WaitError};
 use pairmask_core::engine::CullError;
 use pairmask_core::mask::MaskError;
+use pairmask_core::write::{par_write_boxes, write_boxes};
 use pairmask_core::{Aabb, AwakePool, Precision};
 use rayon::iter::ParallelIterator;
 use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
@@ -18,7 +19,7 @@ use crate::precision::PrecisionChoice;
 /// The session, and the form in which boxes are written.
 #[derive(Debug)]
 pub enum TimedClient {
-    /// Copies f32 boxes.
+    /// Writes f32 boxes.
     Exact(Session),
     /// Writes a narrow form.
     Narrow(Session, Precision),
@@ -26,7 +27,7 @@ pub enum TimedClient {
     Margined(Box<Margined>),
 }
 
-/// The threads that decode a mask.
+/// The threads of the client, which write exact boxes and decode masks.
 #[derive(Debug, Default)]
 pub enum Decoding {
     /// The thread that submitted the frame.
@@ -82,6 +83,14 @@ impl Looked {
 }
 
 impl Decoding {
+    /// Writes boxes into the memory of a frame.
+    fn write(&self, boxes: &[Aabb], out: &mut [Aabb]) {
+        match self {
+            Self::Serial => write_boxes(boxes, out),
+            Self::Parallel(decoders) => decoders.awake.work(|| par_write_boxes(boxes, out)),
+        }
+    }
+
     /// Keeps the threads awake for an answer.
     fn expect(&mut self) {
         if let Self::Parallel(decoders) = self {
@@ -179,10 +188,20 @@ impl TimedClient {
         decoding: &mut Decoding,
         look: impl FnOnce(&PairMask),
     ) -> Result<TimedFrame, TimedError> {
+        Self::exact_frame(session, n, |_, out| write(out), decoding, look)
+    }
+
+    fn exact_frame(
+        session: &mut Session,
+        n: usize,
+        write: impl FnOnce(&Decoding, &mut [Aabb]),
+        decoding: &mut Decoding,
+        look: impl FnOnce(&PairMask),
+    ) -> Result<TimedFrame, TimedError> {
         decoding.expect();
         let start = Instant::now();
         let mut frame = session.frame(n)?;
-        write(frame.boxes_mut());
+        write(decoding, frame.boxes_mut());
         let filled = Instant::now();
         let mask = frame.submit()?.wait()?;
         let times = [start, filled, Instant::now()];
@@ -217,8 +236,8 @@ impl TimedClient {
         let start = Instant::now();
         let (pending, filled) = match self {
             Self::Exact(session) => {
-                let copy = |to: &mut [Aabb]| to.copy_from_slice(boxes);
-                return Self::written_frame(session, boxes.len(), copy, decoding, look);
+                let write = |threads: &Decoding, out: &mut [Aabb]| threads.write(boxes, out);
+                return Self::exact_frame(session, boxes.len(), write, decoding, look);
             }
             Self::Narrow(session, precision) => {
                 let mut frame = session.narrow_frame(boxes.len(), *precision)?;

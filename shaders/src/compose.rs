@@ -1,6 +1,6 @@
 //! Stages as WGSL text: shared parts put in where `#import NAME` stands, each once.
 
-use pairmask_core::BoxForm;
+use pairmask_core::{BoxForm, Encoding};
 
 use crate::constants::{self, MAX_STRIP_BLOCKS};
 
@@ -43,10 +43,43 @@ pub enum Stage {
     PackDense,
     /// Matrix to non-zero words.
     WriteSparse,
+    /// Matrix to pairs.
+    WriteList,
     /// A stage of the grid.
     Grid(GridStage),
     /// Arithmetic that keeps the clocks up.
     Awake,
+}
+
+/// What the grid finds and writes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Found {
+    /// Non-zero mask words in an order of the grid's: a sparse mask.
+    Words,
+    /// Pairs of boxes: a list.
+    Pairs,
+}
+
+impl Found {
+    /// Both of them.
+    pub const ALL: [Self; 2] = [Self::Words, Self::Pairs];
+
+    /// What a mask of an encoding is made of; `None` where the grid has none of that encoding.
+    pub const fn of(encoding: Encoding) -> Option<Self> {
+        match encoding {
+            Encoding::Sparse => Some(Self::Words),
+            Encoding::List => Some(Self::Pairs),
+            _ => None,
+        }
+    }
+
+    /// The encoding of its masks.
+    pub const fn encoding(self) -> Encoding {
+        match self {
+            Self::Words => Encoding::Sparse,
+            Self::Pairs => Encoding::List,
+        }
+    }
 }
 
 /// The stages of the grid, in the order of a frame.
@@ -61,15 +94,16 @@ pub enum GridStage {
     /// Boxes to their positions.
     Place,
     /// Rows against the cells around them.
-    Pairs,
-    /// Words to the reply.
-    Write,
+    Pairs(Found),
+    /// What was found to the reply.
+    Write(Found),
 }
 
 impl GridStage {
     /// All of a frame of boxes of one form, in order.
-    pub const fn of_frame(form: BoxForm) -> [Self; 6] {
-        [Self::Cells(form), Self::Scan, Self::Scatter, Self::Place, Self::Pairs, Self::Write]
+    pub const fn of_frame(form: BoxForm, found: Found) -> [Self; 6] {
+        let (pairs, write) = (Self::Pairs(found), Self::Write(found));
+        [Self::Cells(form), Self::Scan, Self::Scatter, Self::Place, pairs, write]
     }
 
     const fn label(self) -> &'static str {
@@ -78,8 +112,8 @@ impl GridStage {
             Self::Scan => "grid_scan",
             Self::Scatter => "grid_scatter",
             Self::Place => "grid_place",
-            Self::Pairs => "grid_pairs",
-            Self::Write => "grid_write",
+            Self::Pairs(_) => "grid_pairs",
+            Self::Write(_) => "grid_write",
         }
     }
 
@@ -87,7 +121,9 @@ impl GridStage {
         match self {
             Self::Scan | Self::Scatter => 3,
             Self::Place => 5,
-            Self::Cells(_) | Self::Pairs | Self::Write => 7,
+            // It has no order to write.
+            Self::Pairs(Found::Pairs) => 6,
+            Self::Cells(_) | Self::Pairs(Found::Words) | Self::Write(_) => 7,
         }
     }
 
@@ -97,8 +133,8 @@ impl GridStage {
             Self::Scan => include_str!("../wgsl/grid_scan.wgsl"),
             Self::Scatter => include_str!("../wgsl/grid_scatter.wgsl"),
             Self::Place => include_str!("../wgsl/grid_place.wgsl"),
-            Self::Pairs => include_str!("../wgsl/grid_pairs.wgsl"),
-            Self::Write => include_str!("../wgsl/grid_write.wgsl"),
+            Self::Pairs(_) => include_str!("../wgsl/grid_pairs.wgsl"),
+            Self::Write(_) => include_str!("../wgsl/grid_write.wgsl"),
         }
     }
 }
@@ -131,11 +167,12 @@ pub struct ComposedStage {
 }
 
 /// The shared parts that are files of their own name.
-const SHARED: [(&str, &str); 7] = [
+const SHARED: [(&str, &str); 8] = [
     ("order_keys", include_str!("../wgsl/shared/order_keys.wgsl")),
     ("box_batch", include_str!("../wgsl/shared/box_batch.wgsl")),
     ("cells", include_str!("../wgsl/shared/cells.wgsl")),
     ("batch", include_str!("../wgsl/shared/batch.wgsl")),
+    ("band_words", include_str!("../wgsl/shared/band_words.wgsl")),
     ("grid_params", include_str!("../wgsl/shared/grid_params.wgsl")),
     ("grid_layout", include_str!("../wgsl/shared/grid_layout.wgsl")),
     ("scan", include_str!("../wgsl/shared/scan.wgsl")),
@@ -186,18 +223,20 @@ fn expand(
 }
 
 impl Stage {
-    /// One of each stage of the engines, for f32 boxes, with the smallest form of the pairs stage.
-    pub const ALL: [Self; 11] = [
+    /// One of each stage of the engines, for f32 boxes and sparse masks, with the smallest form of the
+    /// pairs stage.
+    pub const ALL: [Self; 12] = [
         Self::Keys(BoxForm::F32),
         Self::Pairs(PairsVariant { rows: RowsPerThread::One, strip_blocks: 1, store_zeros: true }),
         Self::PackDense,
         Self::WriteSparse,
+        Self::WriteList,
         Self::Grid(GridStage::Cells(BoxForm::F32)),
         Self::Grid(GridStage::Scan),
         Self::Grid(GridStage::Scatter),
         Self::Grid(GridStage::Place),
-        Self::Grid(GridStage::Pairs),
-        Self::Grid(GridStage::Write),
+        Self::Grid(GridStage::Pairs(Found::Words)),
+        Self::Grid(GridStage::Write(Found::Words)),
         Self::Awake,
     ];
 
@@ -208,6 +247,7 @@ impl Stage {
             Self::Pairs(_) => "pairs",
             Self::PackDense => "pack_dense",
             Self::WriteSparse => "write_sparse",
+            Self::WriteList => "write_list",
             Self::Grid(stage) => stage.label(),
             Self::Awake => "awake",
         }
@@ -218,6 +258,7 @@ impl Stage {
         match self {
             Self::Keys(_) | Self::Pairs(_) | Self::PackDense => 4,
             Self::WriteSparse => 7,
+            Self::WriteList => 5,
             Self::Grid(stage) => stage.binding_count(),
             Self::Awake => 1,
         }
@@ -230,6 +271,7 @@ impl Stage {
             Self::Pairs(_) => include_str!("../wgsl/pairs.wgsl"),
             Self::PackDense => include_str!("../wgsl/pack_dense.wgsl"),
             Self::WriteSparse => include_str!("../wgsl/write_sparse.wgsl"),
+            Self::WriteList => include_str!("../wgsl/write_list.wgsl"),
             Self::Grid(stage) => stage.file(),
             Self::Awake => include_str!("../wgsl/awake.wgsl"),
         }
@@ -302,6 +344,16 @@ impl Stage {
                 RowsPerThread::Four => include_str!("../wgsl/shared/rows_4.wgsl"),
             }
             .to_owned()),
+            ("found", Self::Grid(GridStage::Pairs(found))) => Ok(match found {
+                Found::Words => include_str!("../wgsl/shared/found_words.wgsl"),
+                Found::Pairs => include_str!("../wgsl/shared/found_pairs.wgsl"),
+            }
+            .to_owned()),
+            ("written", Self::Grid(GridStage::Write(found))) => Ok(match found {
+                Found::Words => include_str!("../wgsl/shared/written_words.wgsl"),
+                Found::Pairs => include_str!("../wgsl/shared/written_pairs.wgsl"),
+            }
+            .to_owned()),
             _ => shared_part(name).ok_or_else(unknown),
         }
     }
@@ -319,6 +371,8 @@ mod tests {
         for (stage, label, import) in [
             (Stage::Keys(BoxForm::F16), "keys", "rows"),
             (Stage::PackDense, "pack_dense", "box_form"),
+            (Stage::WriteList, "write_list", "found"),
+            (Stage::Grid(GridStage::Pairs(Found::Pairs)), "grid_pairs", "written"),
         ] {
             let found = compose(&format!("#import {import}\n"), &|name| stage.shared(name));
             let unknown = ComposeError::UnknownImport { stage: label, import: import.into() };

@@ -18,6 +18,14 @@ pub const PAIRS_WORKGROUP: u32 = 64;
 /// this many words, 12 KiB of the 16 KiB that every device has.
 pub const WINDOW_WORDS: u32 = 1024;
 
+/// Pairs that a batch of the grid collects in workgroup memory, six a row: two arrays of this many
+/// words, 12 KiB of the 16 KiB. A batch with more tests its rows twice.
+pub const WINDOW_PAIRS: u32 = 1536;
+
+/// Pairs of a list in a line of 128 bytes, the largest piece of a reply that a subgroup writes across
+/// the link at once: less than a line costs as much as a line.
+pub const LINE_PAIRS: u32 = 16;
+
 /// Rows and columns are padded to a multiple of this, so that no stage checks whether one exists:
 /// the largest strip of columns, and a multiple of a batch.
 pub const PADDING: u32 = 512;
@@ -59,6 +67,11 @@ const _: () =
     assert!(SUPER_BATCHES <= BATCH_BOXES, "a thread adds up at most one batch of its own");
 const _: () = assert!(PADDING.is_multiple_of(BATCH_BOXES));
 const _: () = assert!(BATCH_BOXES.is_multiple_of(4), "a batch of any form is whole words");
+const _: () = assert!(BATCH_BOXES <= 256, "a row of a batch and a place share a word of a window");
+const _: () = assert!(
+    WINDOW_WORDS == 1024 && WINDOW_WORDS.is_multiple_of(BATCH_BOXES),
+    "`write_list` searches a window in ten steps, and gives each lane as many of its words"
+);
 const _: () = assert!(BATCH_BOXES.is_multiple_of(4 * PAIRS_WORKGROUP));
 const _: () = assert!(pairmask_core::aabb::AABB_BYTES == BOX_WORDS as usize * 4);
 
@@ -71,6 +84,8 @@ pub(crate) fn as_wgsl() -> String {
         ("BOX_WORDS", BOX_WORDS),
         ("PAIRS_WORKGROUP", PAIRS_WORKGROUP),
         ("WINDOW_WORDS", WINDOW_WORDS),
+        ("WINDOW_PAIRS", WINDOW_PAIRS),
+        ("LINE_PAIRS", LINE_PAIRS),
         ("SECTION_ALIGN", pairmask_core::mask::SECTION_ALIGN_WORDS as u32),
         ("GRID_LEVELS", GRID_LEVELS),
         ("PARKED", PARKED),

@@ -69,7 +69,7 @@ pub struct PairsParams {
     pub counted_end: u32,
 }
 
-/// Parameters of the `write_sparse` stage.
+/// Parameters of the stages `write_sparse` and `write_list`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct WriteParams {
@@ -83,7 +83,7 @@ pub struct WriteParams {
     pub strip_end: u32,
     /// Column blocks of a strip.
     pub strip_blocks: u32,
-    /// Words that the reply has room for.
+    /// Words, or pairs of a list, that the reply has room for.
     pub capacity: u32,
 }
 
@@ -125,9 +125,9 @@ pub struct GridParams {
     pub super_count: u32,
     /// Workgroups of the scan.
     pub sum_count: u32,
-    /// Words that the reply has room for.
+    /// Mask words, or pairs, that the reply has room for.
     pub capacity: u32,
-    /// Words of the reply before its mask words: the order, rounded up.
+    /// Words of a sparse reply before its mask words: the order, rounded up.
     pub order_words: u32,
     /// Most work in crowded cells, in 2^20 tests.
     pub budget: u32,
@@ -183,13 +183,13 @@ pub struct GridLayout {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct GridTotals {
-    /// Non-zero mask words of its rows.
-    pub words: u32,
+    /// What its rows found: non-zero mask words, or pairs.
+    pub items: u32,
     /// Pairs of its rows.
     pub pairs: u32,
     /// Pairs compared for its rows.
     pub compared: u32,
-    /// First of its words in the block of found words.
+    /// First of its items in the block of found items.
     pub base: u32,
     /// Its boxes with `min > max` on some axis.
     pub empty: u32,
@@ -203,8 +203,8 @@ pub struct GridTotals {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct GridSummary {
-    /// Non-zero mask words.
-    pub words: [u32; 2],
+    /// What was found: non-zero mask words, or pairs.
+    pub items: [u32; 2],
     /// Pairs.
     pub pairs: [u32; 2],
     /// Pairs compared.

@@ -16,6 +16,6 @@ pub mod layouts;
 pub mod mirror;
 
 pub use compose::{
-    ComposeError, ComposedStage, GridStage, PairsVariant, RowsPerThread, Stage, compose,
+    ComposeError, ComposedStage, Found, GridStage, PairsVariant, RowsPerThread, Stage, compose,
     shared_part,
 };

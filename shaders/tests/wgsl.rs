@@ -11,20 +11,21 @@ use pairmask_shaders::layouts::{
     AwakeParams, BatchReport, BatchTotals, GridLayout, GridLevel, GridParams, GridSummary,
     GridTotals, KeysParams, PackParams, PairsParams, WriteParams,
 };
-use pairmask_shaders::{GridStage, PairsVariant, RowsPerThread, Stage};
+use pairmask_shaders::{Found, GridStage, PairsVariant, RowsPerThread, Stage};
 
 const KEYS: Stage = Stage::Keys(BoxForm::F32);
 
-fn grid_stages() -> [Stage; 6] {
-    GridStage::of_frame(BoxForm::F32).map(Stage::Grid)
+fn grid_stages(found: Found) -> [Stage; 6] {
+    GridStage::of_frame(BoxForm::F32, found).map(Stage::Grid)
 }
 
 /// Every form that a stage is compiled in.
 fn all_forms() -> Vec<Stage> {
-    let mut forms = vec![Stage::PackDense, Stage::WriteSparse, Stage::Awake];
+    let mut forms = vec![Stage::PackDense, Stage::WriteSparse, Stage::WriteList, Stage::Awake];
     forms.extend(BoxForm::ALL.map(Stage::Keys));
     forms.extend(BoxForm::ALL.map(|form| Stage::Grid(GridStage::Cells(form))));
-    forms.extend(grid_stages().into_iter().skip(1));
+    forms.extend(grid_stages(Found::Words).into_iter().skip(1));
+    forms.extend(grid_stages(Found::Pairs).into_iter().skip(4));
     for rows in RowsPerThread::ALL {
         for store_zeros in [false, true] {
             let strips = (0..).map(|log| 1 << log).take_while(|strip| *strip <= MAX_STRIP_BLOCKS);
@@ -45,7 +46,7 @@ fn module(stage: Stage) -> naga::Module {
 #[test]
 fn every_form_of_every_stage_validates() {
     let forms = all_forms();
-    assert_eq!(forms.len(), 3 + 4 + 4 + 5 + 3 * 2 * 5);
+    assert_eq!(forms.len(), 4 + 4 + 4 + 5 + 2 + 3 * 2 * 5);
     for stage in forms {
         let module = module(stage);
         let capabilities = Capabilities::IMMEDIATES;
@@ -84,6 +85,11 @@ fn every_file_belongs_to_a_stage() {
         "boxes_q8",
         "boxes_f16",
         "batch",
+        "band_words",
+        "found_words",
+        "found_pairs",
+        "written_words",
+        "written_pairs",
         "grid_params",
         "grid_layout",
         "scan",
@@ -150,9 +156,11 @@ fn structs_lie_in_memory_as_in_rust() {
     same_layout!(pairs, PairsParams, "PairsParams" {
         plane_words, row0, band_rows, strip0, counted_end
     });
-    same_layout!(Stage::WriteSparse, WriteParams, "WriteParams" {
-        row0, band_rows, strip0, strip_end, strip_blocks, capacity
-    });
+    for stage in [Stage::WriteSparse, Stage::WriteList] {
+        same_layout!(stage, WriteParams, "WriteParams" {
+            row0, band_rows, strip0, strip_end, strip_blocks, capacity
+        });
+    }
     same_layout!(Stage::PackDense, PackParams, "PackParams" {
         n, row0, owned_rows, band_rows, block0, word_count, first_bit, out_offset, groups_x
     });
@@ -160,15 +168,16 @@ fn structs_lie_in_memory_as_in_rust() {
 
 #[test]
 fn structs_of_the_grid_lie_in_memory_as_in_rust() {
-    for stage in grid_stages() {
+    for stage in Found::ALL.into_iter().flat_map(grid_stages) {
         same_layout!(stage, GridParams, "GridParams" {
             n, plane, batch_count, super_count, sum_count, capacity, order_words, budget
         });
     }
-    let [cells, _, _, _, pairs, write] = grid_stages();
-    for stage in [cells, pairs, write] {
+    let [cells, _, _, _, pairs, write] = grid_stages(Found::Words);
+    let [_, _, _, _, listed_pairs, listed_write] = grid_stages(Found::Pairs);
+    for stage in [cells, pairs, write, listed_pairs, listed_write] {
         same_layout!(stage, GridTotals, "GridTotals" {
-            words, pairs, compared, base, empty, invalid, padding
+            items, pairs, compared, base, empty, invalid, padding
         });
         same_layout!(stage, GridLayout, "GridLayout" {
             level_count, first_giant, first_nothing, cell_end, levels
@@ -178,9 +187,11 @@ fn structs_of_the_grid_lie_in_memory_as_in_rust() {
             padding_fold, count, wraps
         });
     }
-    same_layout!(write, GridSummary, "GridSummary" {
-        words, pairs, compared, empty, invalid, work, giant_work, padding
-    });
+    for stage in [write, listed_write] {
+        same_layout!(stage, GridSummary, "GridSummary" {
+            items, pairs, compared, empty, invalid, work, giant_work, padding
+        });
+    }
 }
 
 #[test]

@@ -1,11 +1,12 @@
-// grid_pairs: each row against the later boxes of the cells around it, 32 positions to a word.
+// grid_pairs: each row against the later boxes of the cells around it: mask words, or pairs of boxes.
 //
 // One row a thread. In its own level a row looks at its own line of cells from itself on and at the
 // later ones of the eight lines around; in each coarser level at all cells that a box overlapping
-// it can have its min corner in; and at all giants. Runs come by rising position, so the words of
-// a row come out sorted. They are collected in workgroup memory as they come, put in order of
-// (row, block) and written to the block of found words, a stretch a batch; `grid_write` puts the
-// batches in order. A batch with more words than fit tests its rows a second time.
+// it can have its min corner in; and at all giants. Runs come by rising position, so what a row
+// finds comes out sorted. The items, words or pairs (`found_words`, `found_pairs`), are collected in
+// workgroup memory as they come, put in order of the rows and written to the block of found items, a
+// stretch a batch; `grid_write` puts the batches in order. A batch with more items than fit tests its
+// rows a second time.
 // Mirror: `mirror/grid_pairs.rs`.
 
 #import constants
@@ -13,64 +14,37 @@
 #import grid_params
 #import grid_layout
 #import scan
+#import found
 
 @group(0) @binding(0) var<storage, read> grid: GridLayout;
 @group(0) @binding(1) var<storage, read> table: array<u32>;
 @group(0) @binding(2) var<storage, read> sorted: array<vec4<i32>>;
 @group(0) @binding(3) var<storage, read_write> totals: array<GridTotals>;
 @group(0) @binding(4) var<storage, read_write> control: array<atomic<u32>>;
-// Three sections of `capacity` words: rows, blocks, bits.
-@group(0) @binding(5) var<storage, read_write> found: array<u32>;
-// The reply: it starts with the order.
-@group(0) @binding(6) var<storage, read_write> reply: array<u32>;
+// Bindings from 5 on: the block of found items, of `found`.
 
 var<workgroup> level_starts: array<u32, GRID_LEVELS>;
 var<workgroup> level_ends: array<u32, GRID_LEVELS>;
 var<workgroup> used_levels: atomic<u32>;
-var<workgroup> words_seen: atomic<u32>;
+var<workgroup> items_seen: atomic<u32>;
 var<workgroup> pair_sum: atomic<u32>;
 var<workgroup> compared_sum: atomic<u32>;
 var<workgroup> batch_base: u32;
-// Row in the batch << 24 | number of the word in its row; block; bits.
-var<workgroup> window_places: array<u32, WINDOW_WORDS>;
-var<workgroup> window_blocks: array<u32, WINDOW_WORDS>;
-var<workgroup> window_bits: array<u32, WINDOW_WORDS>;
+// Row in the batch << 24 | number of the item in its row.
+var<workgroup> window_places: array<u32, WINDOW_ITEMS>;
 
 // The row at hand.
 var<private> row: u32;
 var<private> row_lane: u32;
 var<private> row_lo: vec3<i32>;
 var<private> row_hi: vec3<i32>;
-// The word at hand, how many the row had before it, and pairs and tests of the row.
-var<private> block: u32;
-var<private> bits: u32;
-var<private> word_count: u32;
+// Items, pairs and tests of the row.
+var<private> item_count: u32;
 var<private> pair_count: u32;
 var<private> compared: u32;
-// Second time: the row's words go to here in the block of found words, at once.
+// Second time: the row's items go to here in the block of found items, at once.
 var<private> again: bool;
 var<private> place: u32;
-
-fn finish_word() {
-    if (bits == 0u) {
-        return;
-    }
-    if (again) {
-        found[place + word_count] = row;
-        found[params.capacity + place + word_count] = block;
-        found[2u * params.capacity + place + word_count] = bits;
-    } else {
-        let at = atomicAdd(&words_seen, 1u);
-        if (at < WINDOW_WORDS) {
-            window_places[at] = (row_lane << 24u) | word_count;
-            window_blocks[at] = block;
-            window_bits[at] = bits;
-        }
-    }
-    word_count += 1u;
-    pair_count += countOneBits(bits);
-    bits = 0u;
-}
 
 // Tests the row against the positions start .. end.
 fn test_run(start: u32, table_end: u32) {
@@ -82,11 +56,7 @@ fn test_run(start: u32, table_end: u32) {
         if (all(a.xyz <= row_hi) & (row_lo.x <= a.w)) {
             let b = sorted[2u * p + 1u];
             if (all(row_lo.yz <= b.xy)) {
-                if (p / 32u != block) {
-                    finish_word();
-                    block = p / 32u;
-                }
-                bits |= 1u << (p % 32u);
+                note_overlap(p, bitcast<u32>(b.z));
             }
         }
     }
@@ -142,11 +112,10 @@ fn test_level(index: u32, is_own: bool) {
 }
 
 fn test_row(own_level: u32) {
-    block = 0xffffffffu;
-    bits = 0u;
-    word_count = 0u;
+    item_count = 0u;
     pair_count = 0u;
     compared = 0u;
+    begin_row();
     var levels = atomicLoad(&used_levels) & (0xffffffffu << own_level);
     while (levels != 0u) {
         let level = countTrailingZeros(levels);
@@ -155,7 +124,7 @@ fn test_row(own_level: u32) {
     }
     let giants = table[grid.first_giant];
     test_run(max(giants, row + 1u), table[grid.first_nothing]);
-    finish_word();
+    end_row();
 }
 
 @compute @workgroup_size(BATCH_BOXES)
@@ -163,7 +132,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     let batch = group.x;
     if (lane == 0u) {
         atomicStore(&used_levels, 0u);
-        atomicStore(&words_seen, 0u);
+        atomicStore(&items_seen, 0u);
         atomicStore(&pair_sum, 0u);
         atomicStore(&compared_sum, 0u);
     }
@@ -183,7 +152,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     row = batch * BATCH_BOXES + lane;
     row_lane = lane;
     again = false;
-    word_count = 0u;
+    item_count = 0u;
     var own_level = NO_LEVEL;
     if (row < params.n && within_budget) {
         let a = sorted[2u * row];
@@ -191,7 +160,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         row_lo = a.xyz;
         row_hi = vec3<i32>(a.w, b.xy);
         own_level = bitcast<u32>(b.w);
-        reply[row] = bitcast<u32>(b.z);
+        name_row(bitcast<u32>(b.z));
         if (own_level != NO_LEVEL) {
             test_row(own_level);
             if (pair_count != 0u) {
@@ -200,42 +169,40 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
             atomicAdd(&compared_sum, compared);
         }
     }
-    let own = word_count;
+    let own = item_count;
 
     scan[lane] = own;
     workgroupBarrier();
     sum_up(lane);
-    let batch_words = scan[BATCH_BOXES - 1u];
+    let batch_items = scan[BATCH_BOXES - 1u];
     let own_start = scan[lane] - own;
     if (lane == 0u) {
         var base = 0u;
-        if (batch_words != 0u) {
-            base = atomicAdd(&control[CURSOR], batch_words);
-            atomicAdd(&control[SUPERS + batch / SUPER_BATCHES], batch_words);
+        if (batch_items != 0u) {
+            base = atomicAdd(&control[CURSOR], batch_items);
+            atomicAdd(&control[SUPERS + batch / SUPER_BATCHES], batch_items);
         }
         batch_base = base;
-        totals[batch].words = batch_words;
+        totals[batch].items = batch_items;
         totals[batch].pairs = atomicLoad(&pair_sum);
         totals[batch].compared = atomicLoad(&compared_sum);
         totals[batch].base = base;
     }
     workgroupBarrier();
     let base = batch_base;
-    // Words that do not fit are counted only: the host comes back with room for all.
-    if (batch_words == 0u || base > params.capacity || batch_words > params.capacity - base) {
+    // Items that do not fit are counted only: the host comes back with room for all.
+    if (batch_items == 0u || base > params.capacity || batch_items > params.capacity - base) {
         return;
     }
-    if (batch_words <= WINDOW_WORDS) {
-        for (var i = lane; i < batch_words; i += BATCH_BOXES) {
+    if (batch_items <= WINDOW_ITEMS) {
+        for (var i = lane; i < batch_items; i += BATCH_BOXES) {
             let of_lane = window_places[i] >> 24u;
             var before = 0u;
             if (of_lane > 0u) {
                 before = scan[of_lane - 1u];
             }
             let at = base + before + (window_places[i] & 0xffffffu);
-            found[at] = batch * BATCH_BOXES + of_lane;
-            found[params.capacity + at] = window_blocks[i];
-            found[2u * params.capacity + at] = window_bits[i];
+            store_item(i, at, batch, of_lane);
         }
     } else if (own != 0u) {
         again = true;

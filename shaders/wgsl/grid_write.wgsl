@@ -1,20 +1,20 @@
-// grid_write: the found words to the reply, in order of (row, column block), and the frame's sums.
+// grid_write: the found items, words or pairs, to the reply, in order of the rows, and the frame's sums.
 //
-// One workgroup a batch of rows: the words of earlier batches are added up from the totals, so each
-// word's place is known before it is written. Sections follow each other without gaps but those of
-// their alignment, so that the reply depends on the boxes alone and not on the room for it. On the
-// way the table of cells and the sums of the
-// scan are zeroed for the next frame: the link is what this stage waits for.
-// Mirror: none; it copies the words that `mirror/grid_pairs.rs` has.
+// One workgroup a batch of rows: the items of earlier batches are added up from the totals, so each
+// item's place is known before it is written (`written_words`, `written_pairs`). On the way the table
+// of cells and the sums of the scan are zeroed for the next frame: the link is what this stage waits
+// for.
+// Mirror: none; it copies the items that `mirror/grid_pairs.rs` has.
 
 #import constants
 #import order_keys
 #import grid_params
 #import grid_layout
+#import written
 
 struct GridSummary {
     // 64 bits each, low span first.
-    words: vec2<u32>,
+    items: vec2<u32>,
     pairs: vec2<u32>,
     compared: vec2<u32>,
     empty: u32,
@@ -29,8 +29,7 @@ struct GridSummary {
 @group(0) @binding(1) var<storage, read_write> table: array<u32>;
 @group(0) @binding(2) var<storage, read> totals: array<GridTotals>;
 @group(0) @binding(3) var<storage, read_write> control: array<u32>;
-@group(0) @binding(4) var<storage, read> found: array<u32>;
-@group(0) @binding(5) var<storage, read_write> reply: array<u32>;
+// Bindings 4 and 5: the block of found items and the reply, of `written`.
 @group(0) @binding(6) var<storage, read_write> summary: GridSummary;
 
 var<workgroup> earlier_sum: atomic<u32>;
@@ -56,13 +55,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     var earlier = 0u;
     var total = 0u;
     for (var i = lane; i < params.super_count; i += BATCH_BOXES) {
-        let words = control[SUPERS + i];
-        total += words;
-        earlier += select(0u, words, i < super_batch);
+        let items = control[SUPERS + i];
+        total += items;
+        earlier += select(0u, items, i < super_batch);
     }
     let in_super = super_batch * SUPER_BATCHES + lane;
     if (in_super < batch) {
-        earlier += totals[in_super].words;
+        earlier += totals[in_super].items;
     }
     if (earlier != 0u) {
         atomicAdd(&earlier_sum, earlier);
@@ -74,23 +73,12 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
 
     let first = atomicLoad(&earlier_sum);
     let base = totals[batch].base;
-    let words = totals[batch].words;
+    let items = totals[batch].items;
     // All or nothing: the host comes back where there is no room for all. (A total beyond 32 bits
     // may look small here, but then some batch did not fit, and the host has the true one.)
-    let all_words = atomicLoad(&total_sum);
-    if (all_words <= params.capacity && base <= all_words && words <= all_words - base) {
-        let stride = (all_words + SECTION_ALIGN - 1u) / SECTION_ALIGN * SECTION_ALIGN;
-        let reply_rows = params.order_words;
-        let reply_blocks = reply_rows + stride;
-        let reply_bits = reply_blocks + stride;
-        for (var i = lane; i < words; i += BATCH_BOXES) {
-            let place = first + i;
-            if (place < all_words) {
-                reply[reply_rows + place] = found[base + i];
-                reply[reply_blocks + place] = found[params.capacity + base + i];
-                reply[reply_bits + place] = found[2u * params.capacity + base + i];
-            }
-        }
+    let all_items = atomicLoad(&total_sum);
+    if (all_items <= params.capacity && base <= all_items && items <= all_items - base) {
+        write_items(lane, base, first, items, all_items);
     }
     let thread = batch * BATCH_BOXES + lane;
     let thread_count = params.batch_count * BATCH_BOXES;
@@ -114,21 +102,21 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         table[grid.first_giant] = 0u;
         table[grid.first_nothing] = 0u;
     }
-    var word_sum = vec2<u32>(0u);
+    var item_sum = vec2<u32>(0u);
     var pair_sum = vec2<u32>(0u);
     var compared_sum = vec2<u32>(0u);
     var empty = 0u;
     var invalid = 0u;
     for (var i = lane; i < params.batch_count; i += BATCH_BOXES) {
         let one = totals[i];
-        word_sum = add64(word_sum, vec2<u32>(one.words, 0u));
+        item_sum = add64(item_sum, vec2<u32>(one.items, 0u));
         pair_sum = add64(pair_sum, vec2<u32>(one.pairs, 0u));
         compared_sum = add64(compared_sum, vec2<u32>(one.compared, 0u));
         empty += one.empty;
         invalid += one.invalid;
     }
-    sums[0][lane] = word_sum.x;
-    sums[1][lane] = word_sum.y;
+    sums[0][lane] = item_sum.x;
+    sums[1][lane] = item_sum.y;
     sums[2][lane] = pair_sum.x;
     sums[3][lane] = pair_sum.y;
     sums[4][lane] = compared_sum.x;
@@ -151,7 +139,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         }
     }
     if (lane == 0u) {
-        summary.words = vec2<u32>(sums[0][0], sums[1][0]);
+        summary.items = vec2<u32>(sums[0][0], sums[1][0]);
         summary.pairs = vec2<u32>(sums[2][0], sums[3][0]);
         summary.compared = vec2<u32>(sums[4][0], sums[5][0]);
         summary.empty = sums[6][0];

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use pairmask_core::BoxCount;
 use pairmask_core::mask::MaskView;
-use pairmask_tests::mask_writer::{WrittenMask, write_dense, write_sparse};
+use pairmask_tests::mask_writer::{WrittenMask, write_dense, write_list, write_sparse};
 use pairmask_tests::oracle::Pair;
 use pairmask_tests::pair_scenes::{
     all_pairs, grid_like_pairs, random_order, random_pairs, renamed,
@@ -38,6 +38,7 @@ fn main() {
             let order = random_order(n, 2);
             let ordered = write_sparse(n, &renamed(&pairs, &order), Some(&order));
             decode(&format!("{title}, random order"), &ordered, pairs.len());
+            decode(&format!("{title}, list"), &write_list(n, &pairs), pairs.len());
         }
     }
 }
@@ -105,6 +106,16 @@ fn decode(title: &str, written: &WrittenMask, expected: usize) {
         median_of(|| {
             let mut sum = 0u64;
             mask.for_each(|a, b| sum += u64::from(a ^ b));
+            sum
+        }),
+    );
+    row(
+        "for_each_slice, sum",
+        median_of(|| {
+            let mut sum = 0u64;
+            mask.for_each_slice(|pairs| {
+                sum += pairs.iter().map(|[a, b]| u64::from(a ^ b)).sum::<u64>();
+            });
             sum
         }),
     );

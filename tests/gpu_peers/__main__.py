@@ -1,6 +1,7 @@
 """Whole frames of Pairmask, NVIDIA Warp and Newton on one machine; see README.md."""
 
 import argparse
+import itertools
 import json
 import subprocess
 import sys
@@ -37,6 +38,12 @@ def parse():
     parser.add_argument("--warm-up", type=int, default=20, help="frames before those")
     parser.add_argument("--split-frames", type=int, default=20, help="frames after, timed by stage")
     parser.add_argument(
+        "--decode-threads",
+        type=sizes,
+        default=sizes("1,8"),
+        help="threads of Pairmask's client, each number a row; peers' lists are visited by one",
+    )
+    parser.add_argument(
         "--calibrate",
         action="store_true",
         help="measure Pairmask a second time, after `pairmaskd calibrate` (kept apart from the user's)",
@@ -52,31 +59,15 @@ def commit():
     return done.stdout.strip() or None
 
 
-def our_row(pairmask, name, backend, scene_name, n, boxes, options):
+def our_row(pairmask, name, ours, scene_name, n, boxes, options):
     """A row of ours, and the machine as `pairmaskd` names it."""
     row = {"contender": name, "scene": scene_name, "n": n}
+    backend, threads = ours
     try:
-        found, timed = pairmask.latency(boxes, backend, options.frames, options.warm_up)
+        found, timed = pairmask.latency(boxes, backend, options.frames, options.warm_up, threads)
     except RuntimeError as error:
         return None, row | {"error": str(error)}
-
-
-    def ms(stage):
-        return round(timed[f"{stage}_ns"]["p50"] / 1e6, 4)
-
-    return found, row | {
-        "frames": timed["frames"],
-        "engine": timed["engine"],
-        "write_ms": ms("fill"),
-        "device_ms": ms("round_trip"),
-        "engine_ms": ms("engine"),
-        "copy_ms": None,
-        "visit_ms": ms("decode"),
-        # The medians' sum: the bench has no percentiles of the two together without the writing.
-        "total_ms": round(ms("round_trip") + ms("decode"), 4),
-        "with_write_ms": ms("total"),
-        "error": None,
-    }
+    return found, row | report.our_times(timed)
 
 
 def peer_rows(contender, files, options):
@@ -101,9 +92,9 @@ def our_rows(pairmask, suffix, files, options):
     """All rows of ours, and the machine as `pairmaskd` names it; None where it answered none."""
     rows, found_machine = [], None
     for (scene, n), boxes in files.items():
-        for backend in ("daemon", "in-process"):
-            name = f"pairmask-{backend}{suffix}"
-            found, row = our_row(pairmask, name, backend, scene, n, boxes, options)
+        for ours in itertools.product(("daemon", "in-process"), options.decode_threads):
+            name = report.our_name(*ours, suffix)
+            found, row = our_row(pairmask, name, ours, scene, n, boxes, options)
             found_machine = found or found_machine
             rows.append(row)
             print(f"{scene} {n} {name}: {row['error'] or row['total_ms']}", flush=True)

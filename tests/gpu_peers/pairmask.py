@@ -42,12 +42,12 @@ class Pairmask:
         """Measures this machine for the plan. Returns what it says."""
         return json.loads(self._run("calibrate", "--json"))
 
-    def latency(self, boxes, backend, frames, warm_up):
-        """`bench latency` of a file of boxes, one decode thread: its machine and its row."""
+    def latency(self, boxes, backend, frames, warm_up, threads):
+        """`bench latency` of a file of boxes, for a client of `threads` threads: its machine and its row."""
         report = json.loads(
             self._run(
                 *("bench", "latency", "--scene", boxes, "--backend", backend),
-                *("--frames", frames, "--warm-up", warm_up, "--decode-threads", 1, "--json"),
+                *("--frames", frames, "--warm-up", warm_up, "--decode-threads", threads, "--json"),
             )
         )
         return report["machine"], report["rows"][0]

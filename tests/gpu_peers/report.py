@@ -2,13 +2,40 @@
 
 # A row whose list is not the exact set is never the best peer.
 
-# Ours, in the order of the table of ratios.
-OURS = (
-    "pairmask-daemon",
-    "pairmask-daemon-calibrated",
-    "pairmask-in-process",
-    "pairmask-in-process-calibrated",
-)
+OURS = "pairmask-"
+
+
+def our_name(backend, threads, suffix):
+    """The name of a contender of ours: `pairmask-daemon`, `pairmask-daemon-8-threads-calibrated`."""
+    of_threads = "" if threads == 1 else f"-{threads}-threads"
+    return f"{OURS}{backend}{of_threads}{suffix}"
+
+
+def our_times(timed):
+    """The times of a row of `bench latency --json`, in the columns of all contenders."""
+
+    def ms(stage):
+        return round(timed[f"{stage}_ns"]["p50"] / 1e6, 4)
+
+    return {
+        "frames": timed["frames"],
+        "engine": timed["engine"],
+        "decode_threads": timed["decode_threads"],
+        "write_ms": ms("fill"),
+        "device_ms": ms("round_trip"),
+        "engine_ms": ms("engine"),
+        "copy_ms": None,
+        "visit_ms": ms("decode"),
+        "total_ms": ms("answer"),
+        "with_write_ms": ms("total"),
+        "error": None,
+    }
+
+
+def contenders(rows):
+    """Contenders of the rows, each once, ours first, in their order."""
+    names = dict.fromkeys(row["contender"] for row in rows)
+    return sorted(names, key=lambda name: not name.startswith(OURS))
 
 
 def is_exact(row):
@@ -17,7 +44,7 @@ def is_exact(row):
 
 
 def is_ours(row):
-    return row["contender"].startswith("pairmask-")
+    return row["contender"].startswith(OURS)
 
 
 def settings(rows):
@@ -74,16 +101,19 @@ def number(ms):
     return "–" if ms is None else f"{ms:.3f}"
 
 
+def table(head, lines):
+    """A Markdown table of lists of cells."""
+    return ["| " + " | ".join(cells) + " |" for cells in (head, ["---"] * len(head), *lines)]
+
+
 def ratio_table(found, rows, value, ratio, best):
     """A line for every scene and size: our ratios, our times in brackets, and the best peer's."""
-    lines = [
-        "| scene | boxes | daemon | daemon, calibrated | in process | in process, calibrated | best peer |",
-        "|---|---|---|---|---|---|---|",
-    ]
+    names = [name for name in contenders(rows) if name.startswith(OURS)]
+    lines = []
     for scene, n in settings(rows):
         ours = {row["ours"]: row for row in found if (row["scene"], row["n"]) == (scene, n)}
         cells = [f"{scene}", f"{n:,}"]
-        for name in OURS:
+        for name in names:
             row = ours.get(name)
             if row is None:
                 cells.append("–")
@@ -92,8 +122,27 @@ def ratio_table(found, rows, value, ratio, best):
             cells.append(f"{share} ({number(row[value])})")
         any_row = next(iter(ours.values()), None)
         cells.append("–" if any_row is None else best(any_row))
-        lines.append(f"| {' | '.join(cells)} |")
-    return lines
+        lines.append(cells)
+    heads = [name.removeprefix(OURS).replace("-", " ") for name in names]
+    return table(["scene", "boxes", *heads, "best peer"], lines)
+
+
+def totals_table(rows):
+    """A line for every scene and size: the total of every contender; a list that lost pairs in brackets."""
+    by_setting = {(row["scene"], row["n"], row["contender"]): row for row in rows}
+    names = contenders(rows)
+
+    def cell(row):
+        if row is None or row["error"] is not None:
+            return "–"
+        text = number(row["total_ms"])
+        return text if is_ours(row) or is_exact(row) else f"({text})"
+
+    lines = [
+        [scene, f"{n:,}", *(cell(by_setting.get((scene, n, name))) for name in names)]
+        for scene, n in settings(rows)
+    ]
+    return table(["scene", "boxes", *(name.removeprefix(OURS) for name in names)], lines)
 
 
 def markdown(report):
@@ -109,7 +158,8 @@ def markdown(report):
         "",
         "Medians, ms. Total: boxes in place (shared memory; pinned memory) → every pair visited by one thread; "
         "writing the boxes there stands beside it, and in the last total. Of Pairmask, device is the round trip, "
-        "there is no copy (the mask lies where the client reads it), and the total is the sum of the two medians. "
+        "and there is no copy: the mask lies where the client reads it. Rows with a number of threads have a "
+        "client that visits on as many. "
         "Stages of the peers were timed in frames of their own, with a wait after each.",
         "",
         "## Our time over the best peer's",
@@ -135,6 +185,12 @@ def markdown(report):
         ),
     ]
     lines += [
+        "",
+        "## Boxes in place → every pair visited",
+        "",
+        "In brackets: pairs were lost, extra or repeated.",
+        "",
+        *totals_table(rows),
         "",
         "## All rows",
         "",

@@ -92,7 +92,25 @@ class Report(unittest.TestCase):
         rows = list(self.ROWS)
         text = report.markdown({"machine": machine, "rows": rows, "ratios": report.ratios(rows)})
         self.assertIn("**3 of 10 lost**, no error", text)
-        self.assertIn("| uniform | 1,000 | **0.50** (2.000) | – | – | – | warp-refit (4.000) |", text)
+        self.assertIn("| scene | boxes | daemon | best peer |", text)
+        self.assertIn("| uniform | 1,000 | **0.50** (2.000) | warp-refit (4.000) |", text)
+        self.assertIn("| scene | boxes | daemon | warp-refit | newton-sap |", text)
+        self.assertIn("| uniform | 1,000 | 2.000 | 4.000 | (1.000) |", text)
+
+    def test_our_total_is_the_answer_and_not_the_writing(self):
+        stages = {"fill": 5e5, "round_trip": 1e6, "engine": 9e5, "decode": 2e6, "answer": 3.1e6, "total": 3.7e6}
+        timed = {f"{stage}_ns": {"p50": int(ns)} for stage, ns in stages.items()}
+        times = report.our_times(timed | {"frames": 40, "engine": "gpu-grid", "decode_threads": 8})
+        self.assertEqual((times["total_ms"], times["with_write_ms"], times["write_ms"]), (3.1, 3.7, 0.5))
+        self.assertEqual((times["device_ms"], times["visit_ms"], times["copy_ms"]), (1.0, 2.0, None))
+
+    def test_rows_of_ours_are_named_by_backend_threads_and_calibration(self):
+        self.assertEqual(report.our_name("daemon", 1, ""), "pairmask-daemon")
+        self.assertEqual(
+            report.our_name("in-process", 8, "-calibrated"), "pairmask-in-process-8-threads-calibrated"
+        )
+        names = report.contenders([row("warp-refit", 1.0), row("pairmask-daemon", 1.0)])
+        self.assertEqual(names, ["pairmask-daemon", "warp-refit"])
 
 
 if __name__ == "__main__":

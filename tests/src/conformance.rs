@@ -31,7 +31,7 @@ pub struct Suite {
 }
 
 impl Default for Suite {
-    /// 0 to 70 boxes, 345 and 1,234, both encodings, one thread, [`mixed_flags`].
+    /// 0 to 70 boxes, 345 and 1,234, every encoding, one thread, [`mixed_flags`].
     fn default() -> Self {
         Self {
             sizes: (0..=70).chain([345, 1234]).collect(),

@@ -78,3 +78,16 @@ pub fn write_sparse(n: BoxCount, pairs: &[Pair], order: Option<&[u32]>) -> Writt
     }
     WrittenMask { n, shape, reply }
 }
+
+/// The list of `pairs`, in the order given.
+///
+/// # Panics
+/// Where a pair is not a < b < n.
+pub fn write_list(n: BoxCount, pairs: &[Pair]) -> WrittenMask {
+    let mut reply = Vec::with_capacity(2 * pairs.len());
+    for &(a, b) in pairs {
+        assert!(a < b && b < n.get(), "({a}, {b}) is no pair of {} boxes", n.get());
+        reply.extend([a, b]);
+    }
+    WrittenMask { n, shape: MaskShape::list(pairs.len() as u64), reply }
+}

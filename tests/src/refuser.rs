@@ -28,6 +28,19 @@ pub fn fields_of(header: &RequestHeader) -> ReplyFields {
 pub fn answer_all(
     dir: &RuntimeDir,
     stop: &AtomicBool,
+    answer: impl FnMut(&RequestHeader, &mut [u32]) -> ResponseHeader,
+) {
+    answer_all_as(Version::CURRENT, dir, stop, answer);
+}
+
+/// As [`answer_all`], by a daemon that states another version.
+///
+/// # Panics
+/// When the services cannot be made.
+pub fn answer_all_as(
+    version: Version,
+    dir: &RuntimeDir,
+    stop: &AtomicBool,
     mut answer: impl FnMut(&RequestHeader, &mut [u32]) -> ResponseHeader,
 ) {
     let (name, limits) = (InstanceName::default(), Limits::default());
@@ -35,7 +48,7 @@ pub fn answer_all(
     let services = Services::<ipc::Service>::serve(dir, &name, &limits).expect("services");
     let server = services.server(&limits).expect("a server");
     let pid = std::process::id();
-    let record = DaemonRecord { worker_pid: pid, supervisor_pid: pid, version: Version::CURRENT };
+    let record = DaemonRecord { worker_pid: pid, supervisor_pid: pid, version };
     dir.write_record(&name, &record).expect("a record");
     while !stop.load(Ordering::Relaxed) {
         if let Some(request) = server.receive().expect("the services work") {

@@ -180,7 +180,7 @@ fn steady_frames_allocate_nothing() {
         (0..4).map(|seed| stress_scenes::named("uniform").boxes(1000, seed)).collect();
     let spheres: Vec<_> = (0..4).map(|seed| whole_scene(1000, 25, seed).0).collect();
     for backend in [Backend::InProcess, Backend::Daemon] {
-        for encoding in [Encoding::Dense, Encoding::Sparse] {
+        for encoding in Encoding::ALL {
             // In process, one thread: a pool takes work from outside through a queue of rayon's
             // that allocates a block every 63 frames. The daemon's frames start within its pool.
             let threads = if backend == Backend::Daemon { 2 } else { 1 };

@@ -11,9 +11,11 @@ use std::process::{Child, ChildStderr, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use pairmask::{Backend, ServedBy, Session, WaitError};
-use pairmask_core::Aabb;
 use pairmask_core::engine::EngineChoice;
+use pairmask_core::mask::WordAddress;
 use pairmask_core::units::BoxCount;
+use pairmask_core::{Aabb, Encoding, EncodingChoice};
+use pairmask_tests::attackers::lists::PAIRS;
 use pairmask_tests::attackers::raw::{
     CHANNEL_ID, CLIENT_ID, REQUEST_ID, RawClient, answer, cull, read, word, write,
 };
@@ -21,6 +23,7 @@ use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
 use pairmask_tests::{attack_time, oracle, stress_scenes};
 use pairmask_transport::{ProcessWatch, RuntimeDir, SegmentFiles};
 use pairmask_wire::{InstanceName, ReplyError, boxes_in_mut};
+use rayon::iter::ParallelIterator;
 use rustix::process::{Pid, Signal, kill_process};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
@@ -292,6 +295,56 @@ fn an_answer_longer_than_its_memory_is_refused() {
     let counts = attacker.end();
     println!("daemon: {refused} refused, {accepted} accepted, attacker {counts:?}");
     assert!(refused > 10 && accepted == 0, "{refused} refused, {accepted} accepted");
+    clean_up(dir.path());
+}
+
+#[test]
+fn a_list_that_changes_while_it_is_read_names_no_box_that_is_not_there() {
+    let dir = tempfile::tempdir().unwrap();
+    let attacker = Attacker::start(dir.path(), "lists");
+    let place = RuntimeDir::at(dir.path());
+    let connect = || {
+        Session::builder()
+            .runtime_dir(place.clone())
+            .backend(Backend::Daemon)
+            .encoding(EncodingChoice::Only(Encoding::List))
+            .deadline(Duration::from_secs(5))
+            .connect()
+            .ok()
+    };
+    let mut session = eventually("the hostile daemon serves", connect);
+    let n = PAIRS as u32 + 1;
+    let is_pair = |(a, b): (u32, u32)| a < b && b < n;
+    let end = Instant::now() + attack_time();
+    let (mut looks, mut dropped, mut broken) = (0, 0, 0);
+    while Instant::now() < end {
+        let mut frame = session.frame(n as usize).unwrap();
+        frame.boxes_mut().fill(Aabb::EMPTY);
+        let mask = frame.submit().unwrap().wait().unwrap();
+        for _ in 0..100 {
+            let mut seen = 0;
+            mask.for_each(|a, b| {
+                assert!(is_pair((a, b)), "({a}, {b})");
+                seen += 1;
+            });
+            mask.for_each_slice(|pairs| assert!(pairs.iter().all(|&[a, b]| is_pair((a, b)))));
+            assert!(mask.pairs().all(is_pair) && mask.par_pairs().all(is_pair));
+            assert!(mask.to_vec().into_iter().all(is_pair));
+            for word in mask.words() {
+                let WordAddress::Sparse { row, block } = word.address else { panic!("{word:?}") };
+                assert_eq!(word.bits.count(), 1);
+                assert!(is_pair((row, 32 * block + word.bits.0.trailing_zeros())), "{word:?}");
+            }
+            let view = mask.view();
+            assert!(view.count() <= PAIRS && !view.contains(n, 0) && !view.contains(3, 3));
+            looks += 1;
+            dropped += u64::from(seen < PAIRS);
+            broken += u64::from(view.verify().is_err());
+        }
+    }
+    let counts = attacker.end();
+    println!("lists: {looks} looks, {dropped} with less, {broken} broken, attacker {counts:?}");
+    assert!(dropped > 10 && broken > 10 && dropped < looks, "{dropped}, {broken} of {looks}");
     clean_up(dir.path());
 }
 

@@ -110,7 +110,7 @@ proptest! {
             boxes.into_iter().map(|b| Aabb::from(b.map(|x| f32::from(x) * step))).collect();
         let truth = oracle::truth(&boxes);
         for mut engine in engines() {
-            for encoding in [Encoding::Dense, Encoding::Sparse] {
+            for encoding in Encoding::ALL {
                 let checked =
                     check_frame(&mut engine, &CullInput::boxes(&boxes).encoding(encoding).threads(threads), &truth, &mut HeapReply::new());
                 prop_assert_eq!(checked, Ok(()), "{}", engine.isa());
@@ -140,7 +140,7 @@ fn pair_sets_have_their_golden_hashes_on_every_thread_count() {
         for threads in [1, 2, 4] {
             let pool = ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
             for mut engine in engines() {
-                for encoding in [Encoding::Dense, Encoding::Sparse] {
+                for encoding in Encoding::ALL {
                     let mut reply = HeapReply::new();
                     let report = pool
                         .install(|| {

@@ -46,6 +46,10 @@ fn sparse(spoil: impl FnMut(&mut [u32], &mut CullReport) + Send) -> Result<(), M
     verdict(Encoding::Sparse, spoil)
 }
 
+fn list(spoil: impl FnMut(&mut [u32], &mut CullReport) + Send) -> Result<(), Mismatch> {
+    verdict(Encoding::List, spoil)
+}
+
 /// First word of the `bits` section.
 fn bits_start(report: &CullReport) -> usize {
     match report.shape {
@@ -59,6 +63,7 @@ fn bits_start(report: &CullReport) -> usize {
 fn a_right_answer_passes() {
     assert_eq!(dense(|_, _| {}), Ok(()));
     assert_eq!(sparse(|_, _| {}), Ok(()));
+    assert_eq!(list(|_, _| {}), Ok(()));
 }
 
 #[test]
@@ -103,6 +108,37 @@ fn a_pair_that_is_named_twice_is_noticed() {
         }
     });
     assert_eq!(doubled, Err(Mismatch::Mask(BadMask::Unsorted(1))));
+}
+
+#[test]
+fn a_spoilt_list_is_noticed() {
+    let dropped = list(|_, report| {
+        if let MaskShape::List { pairs } = &mut report.shape {
+            pairs.len -= 2;
+        }
+    });
+    assert!(matches!(dropped, Err(Mismatch::Missing(_))), "{dropped:?}");
+    let half = list(|_, report| {
+        if let MaskShape::List { pairs } = &mut report.shape {
+            pairs.len -= 1;
+        }
+    });
+    assert!(matches!(half, Err(Mismatch::Mask(BadMask::HalfPair(_)))), "{half:?}");
+    let doubled = list(|words, _| words.copy_within(0..2, 2));
+    assert!(matches!(doubled, Err(Mismatch::Mask(BadMask::Doubled(_)))), "{doubled:?}");
+    let turned = list(|words, _| words.swap(2, 3));
+    assert!(
+        matches!(turned, Err(Mismatch::Mask(BadMask::NotAPair { number: 1, .. }))),
+        "{turned:?}"
+    );
+    let beyond = list(|words, _| words[1] = 345);
+    assert!(
+        matches!(beyond, Err(Mismatch::Mask(BadMask::NotAPair { number: 0, .. }))),
+        "{beyond:?}"
+    );
+    // Box 7 is empty, and overlaps nothing.
+    let made_up = list(|words, _| words[..2].copy_from_slice(&[7, 8]));
+    assert!(matches!(made_up, Err(Mismatch::Missing(_) | Mismatch::Extra(_))), "{made_up:?}");
 }
 
 #[test]

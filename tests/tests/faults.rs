@@ -211,22 +211,13 @@ fn raw_request(
 
 #[test]
 fn forged_requests_are_answered_and_harm_no_client() {
-    use pairmask_core::engine::EngineChoice;
-    use pairmask_core::mask::EncodingChoice;
     use pairmask_core::precision::BoxForm;
     use pairmask_core::units::BoxCount;
-    use pairmask_wire::RequestHeader;
+    use pairmask_wire::{CullRequest, RequestHeader, ScenePlace};
     let daemon = TestDaemon::start(DAEMON, &[]);
     let worker = daemon.worker();
-    let valid = RequestHeader::cull(
-        77,
-        1,
-        BoxCount::new(10),
-        BoxForm::F32,
-        EngineChoice::Auto,
-        EncodingChoice::Auto,
-        None,
-    );
+    let scene = ScenePlace::first(BoxForm::F32, BoxCount::new(10));
+    let valid = RequestHeader::cull(77, 1, &CullRequest::of(scene));
     let forged = |change: &dyn Fn(&mut RequestHeader)| {
         let mut header = valid;
         change(&mut header);
@@ -255,23 +246,14 @@ fn forged_requests_are_answered_and_harm_no_client() {
 
 #[test]
 fn forged_requests_of_spheres_are_answered_and_harm_no_client() {
-    use pairmask_core::engine::EngineChoice;
-    use pairmask_core::mask::EncodingChoice;
     use pairmask_core::objects::ObjectForm;
     use pairmask_core::units::BoxCount;
-    use pairmask_wire::RequestHeader;
+    use pairmask_wire::{CullRequest, RequestHeader, ScenePlace};
     let daemon = TestDaemon::start(DAEMON, &[]);
     let worker = daemon.worker();
     let of = |n| {
-        RequestHeader::cull(
-            77,
-            1,
-            BoxCount::new(n),
-            ObjectForm::Spheres,
-            EngineChoice::Auto,
-            EncodingChoice::Auto,
-            None,
-        )
+        let scene = ScenePlace::first(ObjectForm::Spheres, BoxCount::new(n));
+        RequestHeader::cull(77, 1, &CullRequest::of(scene))
     };
     let forged = |change: &dyn Fn(&mut RequestHeader)| {
         let mut header = of(10);

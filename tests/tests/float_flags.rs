@@ -13,6 +13,7 @@ use pairmask_core::plan::SceneStats;
 use pairmask_core::precision::{BoxF16, ExpandScratch, Margin, Quantizer, Widening};
 use pairmask_core::sphere::Sphere;
 use pairmask_core::update::{Placement, ToWorld, par_update_boxes, update_boxes, world_box};
+use pairmask_core::write::{CenterHalf, par_write_boxes, write_boxes};
 use pairmask_core::{Aabb, Bounds, EngineName, Precision, oracle};
 use pairmask_lab::stress::{FloatFlags, MixedFlags, Rounding};
 use pairmask_tests::conformance::mixed_flags;
@@ -207,7 +208,7 @@ fn precisions(boxes: &[Aabb]) -> [Precision; 3] {
 fn sent(precision: &Precision, boxes: &[Aabb]) -> Vec<u64> {
     let memory = NarrowMemory::write(precision, boxes);
     let mut scratch = ExpandScratch::default();
-    bits(memory.boxes().expand(&mut scratch, false))
+    bits(memory.boxes().expand(&mut scratch, false).as_f32().expect("of f32"))
 }
 
 fn matrices(boxes: &[Aabb]) -> Vec<Affine3A> {
@@ -237,7 +238,7 @@ fn worlds(boxes: &[Aabb]) -> Vec<[DVec3; 3]> {
 }
 
 /// Every function of the library's API that computes in floats for a caller. A new one belongs here.
-const ENTRY_POINTS: [EntryPoint; 21] = [
+const ENTRY_POINTS: [EntryPoint; 23] = [
     ("Aabb::class", |boxes| boxes.iter().map(|b| b.class() as u64).collect()),
     ("Aabb::overlaps", |boxes| {
         let with_all = |a: &Aabb| boxes.iter().filter(|b| a.overlaps(b)).count() as u64;
@@ -317,6 +318,23 @@ const ENTRY_POINTS: [EntryPoint; 21] = [
         let mut world = vec![Aabb::EMPTY; boxes.len()];
         par_update_boxes(boxes, &matrices, &mut world).unwrap();
         bits(&world)
+    }),
+    ("write_boxes", |boxes| {
+        let mut around = vec![Aabb::EMPTY; boxes.len()];
+        let columns = [0, 1, 2].map(|axis| boxes.iter().map(|b| b.min[axis]).collect::<Vec<_>>());
+        let columns = columns.each_ref().map(Vec::as_slice);
+        write_boxes(
+            &CenterHalf::columns(columns, [columns[2], columns[0], columns[1]]),
+            &mut around,
+        );
+        bits(&around)
+    }),
+    ("par_write_boxes", |boxes| {
+        let mut around = vec![Aabb::EMPTY; boxes.len()];
+        let [min, max] = [|b: &Aabb| b.min, |b: &Aabb| b.max]
+            .map(|corner| boxes.iter().map(corner).collect::<Vec<_>>());
+        par_write_boxes(&CenterHalf::points(&min, &max), &mut around);
+        bits(&around)
     }),
     ("ToWorld::world_matrix", |boxes| {
         /// A matrix that was computed earlier, on a thread of any flags.

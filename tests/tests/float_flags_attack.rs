@@ -91,7 +91,7 @@ fn attack(engines: &mut Engines, seed: u64) -> u64 {
     // The scene is made with the default flags, so that it depends only on its seed.
     let boxes = pairmask_core::floats::with_default(|| scene(random));
     let flags = MixedFlags::of_seed(seed);
-    let encoding = [Encoding::Dense, Encoding::Sparse][random.below(2) as usize];
+    let encoding = Encoding::ALL[random.below(3) as usize];
     let truth = flags.caller.run(|| oracle::truth(&boxes)).pairs;
     for engine in 0..3 {
         let got = flags.caller.run(|| engines.pairs(engine, &boxes, encoding));

@@ -9,14 +9,15 @@ use pairmask::{Backend, PairMask, ServedBy, Session, WaitError};
 use pairmask_core::Aabb;
 use pairmask_core::dispatch::StageTimes;
 use pairmask_core::engine::{Census, CullReport, EngineId, EngineName, EngineTimes, SkipMeter};
-use pairmask_core::mask::MaskShape;
+use pairmask_core::mask::{Encoding, EncodingChoice, MaskShape};
 use pairmask_core::units::BoxCount;
 use pairmask_tests::daemon::eventually;
 use pairmask_tests::library_log;
-use pairmask_tests::refuser::{answer_all, fields_of};
+use pairmask_tests::refuser::{answer_all_as, fields_of};
 use pairmask_transport::{RuntimeDir, clean_if_abandoned};
 use pairmask_wire::{
-    InstanceName, ReplyError, RequestHeader, ResponseHeader, Section, SectionKind, response_ok,
+    InstanceName, ReplyError, RequestHeader, ResponseHeader, Section, SectionKind, Version,
+    response_ok,
 };
 
 const N: BoxCount = BoxCount::new(3);
@@ -47,17 +48,26 @@ fn ask(session: &mut Session) -> Result<PairMask, WaitError> {
 
 /// Runs `test` beside a daemon that gives the right answer, changed.
 fn beside(change: fn(&mut ResponseHeader), test: impl FnOnce(&RuntimeDir)) {
+    let changed = move |header: &RequestHeader, words: &mut [u32]| {
+        let mut response = right(header, words);
+        change(&mut response);
+        response
+    };
+    beside_daemon(Version::CURRENT, changed, test);
+}
+
+/// Runs `test` beside a daemon of a version.
+fn beside_daemon(
+    version: Version,
+    answer: impl FnMut(&RequestHeader, &mut [u32]) -> ResponseHeader + Send,
+    test: impl FnOnce(&RuntimeDir),
+) {
     let dir = tempfile::tempdir().unwrap();
     let dir = RuntimeDir::at(dir.path());
     let stop = AtomicBool::new(false);
     let (stop, dir) = (&stop, &dir);
     std::thread::scope(|scope| {
-        let changed = move |header: &RequestHeader, words: &mut [u32]| {
-            let mut response = right(header, words);
-            change(&mut response);
-            response
-        };
-        scope.spawn(move || answer_all(dir, stop, changed));
+        scope.spawn(move || answer_all_as(version, dir, stop, answer));
         eventually("it serves", || dir.read_record(&InstanceName::default()));
         // A failed test stops the daemon too, and does not wait for it for ever.
         let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| test(dir)));
@@ -154,4 +164,84 @@ fn what_is_no_answer_is_answered_in_process_or_named() {
             assert!(warned.len() == 1 && warned[0].1.contains(said), "{said}: {warned:?}");
         });
     }
+}
+
+/// The right answer as a list.
+fn right_list(header: &RequestHeader, words: &mut [u32]) -> ResponseHeader {
+    let mut response = right(header, words);
+    words[..2].copy_from_slice(&[0, 1]);
+    response.encoding = Encoding::List as u32;
+    response.sections[0] = Section::required(SectionKind::ListPairs, 0, 8);
+    response
+}
+
+#[test]
+fn a_list_is_asked_for_and_read() {
+    let asked_for_a_list = |header: &RequestHeader, words: &mut [u32]| {
+        assert_eq!(header.encoding, Encoding::List as u32);
+        right_list(header, words)
+    };
+    beside_daemon(Version::CURRENT, asked_for_a_list, |dir| {
+        let builder = Session::builder().runtime_dir(dir.clone()).backend(Backend::Daemon);
+        let builder = builder.encoding(EncodingChoice::Only(Encoding::List));
+        let mask = ask(&mut builder.connect().unwrap()).unwrap();
+        assert_eq!((mask.encoding(), mask.to_vec()), (Encoding::List, vec![(0, 1)]));
+        assert!(mask.contains(1, 0) && !mask.contains(1, 2));
+    });
+}
+
+#[test]
+fn a_list_whose_pairs_are_none_gives_none() {
+    // Three entries: a box that is not there, a pair the wrong way round, a pair.
+    let forged = |header: &RequestHeader, words: &mut [u32]| {
+        let mut response = right_list(header, words);
+        words[..6].copy_from_slice(&[0, 3, 2, 1, 0, 2]);
+        response.sections[0].bytes = 24;
+        response
+    };
+    beside_daemon(Version::CURRENT, forged, |dir| {
+        let builder = Session::builder().runtime_dir(dir.clone()).backend(Backend::Daemon);
+        let mask = ask(&mut builder.connect().unwrap()).unwrap();
+        assert_eq!(mask.to_vec(), [(0, 2)]);
+        assert_eq!(mask.view().count(), 1);
+        assert!(mask.view().verify().is_err());
+    });
+}
+
+#[test]
+fn a_list_that_is_malformed_is_named() {
+    let cases: [fn(&mut ResponseHeader); 4] = [
+        |h| h.sections[0].bytes = 4,
+        |h| h.sections[0].bytes = 1 << 40,
+        |h| h.sections[0].offset = u64::MAX - 7,
+        |h| h.sections[0].kind = SectionKind::DenseWords as u32,
+    ];
+    for change in cases {
+        let forged = move |header: &RequestHeader, words: &mut [u32]| {
+            let mut response = right_list(header, words);
+            change(&mut response);
+            response
+        };
+        beside_daemon(Version::CURRENT, forged, |dir| {
+            let builder = Session::builder().runtime_dir(dir.clone()).backend(Backend::Daemon);
+            let error = ask(&mut builder.connect().unwrap()).unwrap_err();
+            assert!(matches!(error, WaitError::Reply(ReplyError::Malformed { .. })), "{error:?}");
+            assert!(error.to_string().contains("list pairs"), "{error}");
+        });
+    }
+}
+
+#[test]
+fn a_daemon_that_does_not_know_lists_is_left_to_choose() {
+    let old = Version { minor: 2, ..Version::CURRENT };
+    let choosing = |header: &RequestHeader, words: &mut [u32]| {
+        assert_eq!(header.encoding, 0, "such a daemon refuses the number of a list");
+        right(header, words)
+    };
+    beside_daemon(old, choosing, |dir| {
+        let builder = Session::builder().runtime_dir(dir.clone()).backend(Backend::Daemon);
+        let builder = builder.encoding(EncodingChoice::Only(Encoding::List));
+        let mask = ask(&mut builder.connect().unwrap()).unwrap();
+        assert_eq!((mask.encoding(), mask.to_vec()), (Encoding::Dense, vec![(0, 1)]));
+    });
 }

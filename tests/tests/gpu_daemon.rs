@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use pairmask::{ServedBy, Session};
 use pairmask_core::dispatch::{CpuEngines, CullAnswer, CullOptions};
 use pairmask_core::engine::{EngineChoice, EngineName, HeapReply};
-use pairmask_core::mask::{EncodingChoice, MaskView};
+use pairmask_core::mask::{EncodingChoice, MaskShape, MaskView};
 use pairmask_core::precision::BoxSlice;
 use pairmask_core::{Aabb, Bounds, BoxCount, Encoding, Precision};
 use pairmask_tests::conformance::{Suite, check_engine};
@@ -38,7 +38,9 @@ fn sessions_get_what_the_oracle_says_from_the_grid() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
     let mut sessions = SessionEngine::new(&daemon.session(), EngineName::GpuGrid, ServedBy::Daemon);
     let sizes = (0..70).step_by(7).chain([345, 1234]).collect();
-    let suite = Suite { sizes, encodings: vec![Encoding::Sparse], ..Suite::default() };
+    let encodings = EngineName::GpuGrid.descriptor().encodings.to_vec();
+    assert_eq!(encodings, [Encoding::Sparse, Encoding::List]);
+    let suite = Suite { sizes, encodings, ..Suite::default() };
     check_engine(&mut sessions, &suite).unwrap();
 }
 
@@ -163,6 +165,29 @@ fn narrow_boxes_are_culled_on_the_gpu() {
     }
 }
 
+/// A list of more bytes than one binding of the device shows.
+#[test]
+fn a_list_beyond_the_device_comes_from_the_cpu() {
+    let mut executor = software_executor();
+    let boxes = vec![Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]); 6_000];
+    let pairs = 6_000 * 5_999 / 2;
+    let device = executor.gpu().unwrap().device().unwrap();
+    assert!(device.limits().storage_binding_bytes < 8 * pairs, "or the test shows nothing");
+    let mut reply = HeapReply::new();
+    for engine in [EngineName::GpuBrute, EngineName::GpuGrid] {
+        let options = CullOptions {
+            engine: EngineChoice::Only(engine),
+            encoding: EncodingChoice::Only(Encoding::List),
+            ..CullOptions::default()
+        };
+        let boxes = BoxSlice::from(&boxes);
+        let answer = executor.cull(boxes, Owner::Daemon, &options, &mut reply).unwrap();
+        assert!(!answer.engine.is_gpu(), "{}", answer.engine);
+        assert_eq!(answer.report.pair_count, pairs);
+        assert_eq!(answer.report.shape, MaskShape::list(pairs));
+    }
+}
+
 /// The pairs of boxes as they were sent, by `cpu-grid`, which is fast enough and is tested against the
 /// oracle.
 fn pairs_by_cpu(boxes: &[Aabb], precision: &Precision) -> Vec<(u32, u32)> {
@@ -254,7 +279,7 @@ fn a_device_destroyed_under_load_costs_no_answer_and_comes_back() {
             ..CullOptions::default()
         };
         let answer =
-            executor.cull(BoxSlice::F32(&boxes), Owner::Client(1), &options, &mut reply).unwrap();
+            executor.cull(BoxSlice::from(&boxes), Owner::Client(1), &options, &mut reply).unwrap();
         let n = BoxCount::new(boxes.len() as u32);
         let mut pairs = MaskView::new(n, &answer.report.shape, reply.words()).unwrap().to_vec();
         pairs.sort_unstable();

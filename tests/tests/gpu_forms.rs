@@ -11,15 +11,15 @@ use pairmask_core::precision::BoxSlice;
 use pairmask_core::{Aabb, Bounds, BoxClass, BoxCount, BoxForm, Encoding, Precision};
 use pairmask_shaders::constants::{BATCH_BOXES, NO_LEVEL, PADDING, PARKED};
 use pairmask_shaders::layouts::{BatchReport, BatchTotals, GridLayout, GridTotals, KeysParams};
-use pairmask_shaders::{GridStage, Stage};
+use pairmask_shaders::{Found, GridStage, Stage};
 use pairmask_tests::conformance::{Mismatch, check_frame, check_reply};
 use pairmask_tests::gpu::open;
 use pairmask_tests::narrow::{CullNarrow, NarrowMemory, Narrowed};
 use pairmask_tests::stress_scenes::{Rng, StressScene};
 use pairmask_tests::{naive_modes, stress_scenes};
 use pairmaskd::execute::gpu::{
-    AllPairs, AllPairsOptions, Block, Checks, Command, Frame, Gpu, Grid, GridOptions, Home,
-    HostImport, Part, Pipelines, Sizes, Upload, Wait,
+    AllPairs, AllPairsOptions, Block, Capacity, Checks, Command, Frame, Gpu, Grid, GridOptions,
+    Home, HostImport, Part, Pipelines, Sizes, Upload, Wait,
 };
 
 /// A watchdog, no measure of speed.
@@ -148,7 +148,8 @@ impl Bench {
             .chain([&layout, &table, &control, &records, &totals, &invalid].map(Part::whole))
             .collect();
         let stage = Stage::Grid(GridStage::Cells(boxes.form()));
-        self.run(stage, parts, &sizes.params(1), sizes.batches);
+        let capacity = Capacity { found: Found::Words, items: 1 };
+        self.run(stage, parts, &sizes.params(capacity), sizes.batches);
         let records: Vec<[i32; 4]> = read(&records, 2 * sizes.plane() as usize);
         let totals: Vec<GridTotals> = read(&totals, sizes.batches as usize);
         let (first, second) = records.split_at(sizes.plane() as usize);
@@ -325,7 +326,8 @@ fn check_forms<E: Engine>(
     frames
 }
 
-const BOTH: [Encoding; 2] = [Encoding::Dense, Encoding::Sparse];
+/// What the grid answers in.
+const LISTED: [Encoding; 2] = [Encoding::Sparse, Encoding::List];
 
 /// Scenes with boxes of every class, touching faces, and few enough pairs for the oracle.
 const FEW: [&str; 4] = ["uniform", "lattice", "empty mixed in", "nan in each slot"];
@@ -345,26 +347,26 @@ fn grid(options: &GridOptions) -> Narrowed<Grid> {
 #[test]
 fn both_engines_answer_every_form_as_it_is_defined_at_every_small_size() {
     let sizes: Vec<u32> = (0..=70).collect();
-    let found = check_forms(&mut all_pairs(AllPairsOptions::default()), &BOTH, &FEW, &sizes);
+    let found =
+        check_forms(&mut all_pairs(AllPairsOptions::default()), &Encoding::ALL, &FEW, &sizes);
+    assert_eq!(found, 4 * 71 * 5 * 3);
+    let found = check_forms(&mut grid(&GridOptions::default()), &LISTED, &FEW, &sizes);
     assert_eq!(found, 4 * 71 * 5 * 2);
-    let sparse = [Encoding::Sparse];
-    let found = check_forms(&mut grid(&GridOptions::default()), &sparse, &FEW, &sizes);
-    assert_eq!(found, 4 * 71 * 5);
 }
 
 #[test]
 fn both_engines_answer_every_form_of_every_scene() {
     let scenes: Vec<&str> = stress_scenes::ALL.iter().map(StressScene::name).collect();
     let sizes = [2, 257, 345];
-    check_forms(&mut all_pairs(AllPairsOptions::default()), &BOTH, &scenes, &sizes);
-    check_forms(&mut grid(&GridOptions::default()), &[Encoding::Sparse], &scenes, &sizes);
+    check_forms(&mut all_pairs(AllPairsOptions::default()), &Encoding::ALL, &scenes, &sizes);
+    check_forms(&mut grid(&GridOptions::default()), &LISTED, &scenes, &sizes);
 }
 
 #[test]
 fn both_engines_answer_every_form_of_odd_large_scenes() {
     let sizes = [511, 513, 1233, 4097];
-    check_forms(&mut all_pairs(AllPairsOptions::default()), &BOTH, &FEW, &sizes);
-    check_forms(&mut grid(&GridOptions::default()), &[Encoding::Sparse], &FEW, &sizes);
+    check_forms(&mut all_pairs(AllPairsOptions::default()), &Encoding::ALL, &FEW, &sizes);
+    check_forms(&mut grid(&GridOptions::default()), &LISTED, &FEW, &sizes);
 }
 
 #[test]
@@ -374,9 +376,9 @@ fn checked_stages_and_every_way_up_answer_the_same() {
         for checks in [Checks::Off, Checks::On] {
             let upload = Some(upload);
             let options = AllPairsOptions { checks, upload, ..AllPairsOptions::default() };
-            check_forms(&mut all_pairs(options), &BOTH, &FEW, &sizes);
+            check_forms(&mut all_pairs(options), &Encoding::ALL, &FEW, &sizes);
             let options = GridOptions { checks, upload, ..GridOptions::default() };
-            check_forms(&mut grid(&options), &[Encoding::Sparse], &FEW, &sizes);
+            check_forms(&mut grid(&options), &LISTED, &FEW, &sizes);
         }
     }
 }

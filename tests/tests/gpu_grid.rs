@@ -6,7 +6,8 @@ use pairmask_core::engine::{CullError, CullInput, CullReport, Engine, Grid as Cp
 use pairmask_core::mask::MaskShape;
 use pairmask_core::precision::BoxSlice;
 use pairmask_core::{Aabb, Bounds, BoxCount, Encoding, Precision};
-use pairmask_shaders::mirror;
+use pairmask_shaders::constants::{BATCH_BOXES, WINDOW_PAIRS};
+use pairmask_shaders::mirror::{self, Mirrored};
 use pairmask_tests::conformance::{Suite, check_engine, check_reply};
 use pairmask_tests::daemon::eventually;
 use pairmask_tests::frame_memory::TestFrame;
@@ -22,35 +23,48 @@ fn engine(options: &GridOptions) -> Grid {
     Grid::new(&open(HostImport::IfPossible), options).unwrap_or_else(|error| panic!("{error}"))
 }
 
+/// What the grid answers in.
+const LISTED: [Encoding; 2] = [Encoding::Sparse, Encoding::List];
+
 fn run(engine: &mut Grid, suite: Suite) {
-    let suite = Suite { encodings: vec![Encoding::Sparse], ..suite };
+    let suite = Suite { encodings: LISTED.into(), ..suite };
     match check_engine(engine, &suite) {
         Ok(frames) => assert!(frames > 0, "the suite ran nothing"),
         Err(failure) => panic!("{failure}"),
     }
 }
 
-fn cull_narrow(engine: &mut Grid, boxes: BoxSlice<'_>) -> (CullReport, HeapReply) {
+fn cull<'a>(
+    engine: &mut dyn Engine,
+    boxes: impl Into<BoxSlice<'a>>,
+    encoding: Encoding,
+) -> (CullReport, HeapReply) {
+    let boxes = boxes.into();
     let mut reply = HeapReply::new();
     let report = engine
-        .cull(&CullInput::boxes(boxes), &mut reply)
-        .unwrap_or_else(|error| panic!("{} boxes: {error}", boxes.len()));
+        .cull(&CullInput::boxes(boxes).encoding(encoding), &mut reply)
+        .unwrap_or_else(|error| panic!("{} boxes, {encoding}: {error}", boxes.len()));
     (report, reply)
 }
 
-fn cull(engine: &mut dyn Engine, boxes: &[Aabb]) -> (CullReport, HeapReply) {
-    let mut reply = HeapReply::new();
-    let report = engine
-        .cull(&CullInput::boxes(boxes), &mut reply)
-        .unwrap_or_else(|error| panic!("{} boxes: {error}", boxes.len()));
-    (report, reply)
-}
-
-/// Compares the reply with the mirror's, section by section.
+/// Compares the replies with the mirror's, section by section.
 fn check_bytes<'a>(engine: &mut Grid, boxes: impl Into<BoxSlice<'a>>, what: &str) {
     let boxes = boxes.into();
-    let (report, reply) = cull_narrow(engine, boxes);
     let mirrored = mirror::frame(&grid_layout(boxes), boxes);
+    check_words(engine, boxes, &mirrored, what);
+    check_list(engine, boxes, &mirrored, what);
+}
+
+fn check_list(engine: &mut Grid, boxes: BoxSlice<'_>, mirrored: &Mirrored, what: &str) {
+    let (report, reply) = cull(engine, boxes, Encoding::List);
+    let MaskShape::List { pairs } = report.shape else { panic!("{what}: no list") };
+    assert!(pairs.of(reply.words()) == Some(mirrored.pairs.as_flattened()), "{what}: pairs");
+    let n = BoxCount::new(boxes.len() as u32);
+    assert_eq!(n.pair_count() - report.skipped.pairs, mirrored.compared, "{what}: tests");
+}
+
+fn check_words(engine: &mut Grid, boxes: BoxSlice<'_>, mirrored: &Mirrored, what: &str) {
+    let (report, reply) = cull(engine, boxes, Encoding::Sparse);
     let MaskShape::Sparse { rows, blocks, bits, order } = report.shape else {
         panic!("{what}: not sparse")
     };
@@ -63,6 +77,17 @@ fn check_bytes<'a>(engine: &mut Grid, boxes: impl Into<BoxSlice<'a>>, what: &str
     }
     let n = BoxCount::new(boxes.len() as u32);
     assert_eq!(n.pair_count() - report.skipped.pairs, mirrored.compared, "{what}: tests");
+}
+
+#[test]
+#[should_panic(expected = "one pair the other way round: pairs")]
+fn the_comparator_notices_one_pair_the_other_way_round() {
+    let boxes = stress_scenes::named("uniform").boxes(345, 21);
+    let boxes = BoxSlice::from(&boxes);
+    let mut mirrored = mirror::frame(&grid_layout(boxes), boxes);
+    mirrored.pairs.last_mut().expect("some overlap").reverse();
+    let mut engine = engine(&GridOptions::default());
+    check_list(&mut engine, boxes, &mirrored, "one pair the other way round");
 }
 
 #[test]
@@ -135,22 +160,27 @@ fn every_form_has_the_bytes_of_the_mirror() {
 #[test]
 fn large_scenes_have_the_pairs_of_the_cpu_grid() {
     let mut gpu = engine(&GridOptions::default());
+    let binding = gpu.gpu().limits().storage_binding_bytes;
     let mut cpu = CpuGrid::new();
     for scene in stress_scenes::ALL {
         let quadratic = scene.overlaps() == stress_scenes::Overlaps::Quadratic;
         for n in if quadratic { [3000, 6000] } else { [10_000, 20_000] } {
             let boxes = scene.boxes(n, 13);
-            let (report, reply) = cull(&mut gpu, &boxes);
-            let (expected, expected_reply) = cull(&mut cpu, &boxes);
+            let (expected, expected_reply) = cull(&mut cpu, &boxes, Encoding::Sparse);
             let sorted = |report: &CullReport, reply: &HeapReply| {
                 naive_decoder::decode(reply.words(), &report.shape, n).expect("a good mask")
             };
-            assert_eq!(report.census, expected.census, "{scene:?}, {n} boxes");
-            assert_eq!(report.pair_count, expected.pair_count, "{scene:?}, {n} boxes");
-            assert!(
-                sorted(&report, &reply) == sorted(&expected, &expected_reply),
-                "{scene:?}, {n} boxes"
-            );
+            let pairs = sorted(&expected, &expected_reply);
+            for encoding in LISTED {
+                if encoding == Encoding::List && 8 * pairs.len() as u64 > binding {
+                    continue;
+                }
+                let (report, reply) = cull(&mut gpu, &boxes, encoding);
+                let what = format!("{scene:?}, {n} boxes, {encoding}");
+                assert_eq!(report.census, expected.census, "{what}");
+                assert_eq!(report.pair_count, expected.pair_count, "{what}");
+                assert!(sorted(&report, &reply) == pairs, "{what}");
+            }
         }
     }
 }
@@ -183,9 +213,11 @@ fn worst_cases_are_slower_and_not_wrong() {
     let one_cell = vec![Aabb { min: [0.0; 3], max: [1.0; 3] }; 2500];
     for (name, boxes) in [("rods", rods(4000)), ("giants", giants(4000)), ("one cell", one_cell)] {
         let truth = oracle::truth(&boxes);
-        let (report, reply) = cull(&mut engine, &boxes);
-        check_reply(reply.words(), &report, boxes.len() as u32, Encoding::Sparse, &truth)
-            .unwrap_or_else(|mismatch| panic!("{name}: {mismatch}"));
+        for encoding in LISTED {
+            let (report, reply) = cull(&mut engine, &boxes, encoding);
+            check_reply(reply.words(), &report, boxes.len() as u32, encoding, &truth)
+                .unwrap_or_else(|mismatch| panic!("{name}, {encoding}: {mismatch}"));
+        }
     }
 }
 
@@ -194,8 +226,10 @@ fn a_crowd_beyond_the_budget_is_refused_and_the_next_frame_is_served() {
     let mut engine = engine(&GridOptions::default());
     let crowd = vec![Aabb { min: [0.0; 3], max: [1.0; 3] }; 150_000];
     let mut reply = HeapReply::new();
-    let refused = engine.cull(&CullInput::boxes(&crowd), &mut reply);
-    assert!(matches!(refused, Err(CullError::TooCrowded { .. })), "{refused:?}");
+    for encoding in LISTED {
+        let refused = engine.cull(&CullInput::boxes(&crowd).encoding(encoding), &mut reply);
+        assert!(matches!(refused, Err(CullError::TooCrowded { .. })), "{refused:?}");
+    }
     let mut all = vec![Aabb { min: [f32::NEG_INFINITY; 3], max: [f32::INFINITY; 3] }; 40];
     all.extend(stress_scenes::named("uniform").boxes(3000, 5));
     check_bytes(&mut engine, &all, "after a crowd");
@@ -206,11 +240,57 @@ fn a_mask_larger_than_its_first_allocation_is_complete() {
     let boxes = stress_scenes::named("identical").boxes(1248, 1);
     let mut engine = engine(&GridOptions::default());
     let truth = oracle::truth(&boxes);
-    for _ in 0..2 {
-        let (report, reply) = cull(&mut engine, &boxes);
-        assert_eq!(check_reply(reply.words(), &report, 1248, Encoding::Sparse, &truth), Ok(()));
+    for encoding in [LISTED, LISTED].as_flattened() {
+        let (report, reply) = cull(&mut engine, &boxes, *encoding);
+        assert_eq!(check_reply(reply.words(), &report, 1248, *encoding, &truth), Ok(()));
         assert_eq!(report.pair_count, BoxCount::new(1248).pair_count());
     }
+}
+
+/// Pairs a row around those that a batch's window in workgroup memory holds on average, so that batches
+/// of both kinds follow each other.
+#[test]
+fn lists_of_batches_with_and_without_room_have_the_bytes_of_the_mirror() {
+    let a_row = WINDOW_PAIRS / BATCH_BOXES;
+    for checks in [Checks::Off, Checks::On] {
+        let mut engine = engine(&GridOptions { checks, ..GridOptions::default() });
+        for neighbours in [a_row - 1, a_row, a_row + 1, 5 * a_row] {
+            for n in [255, 256, 257, 1234, 4097] {
+                let boxes = chain(n, neighbours);
+                let what = format!("{n} boxes of {neighbours} neighbours");
+                check_bytes(&mut engine, &boxes, &what);
+            }
+        }
+    }
+}
+
+/// Boxes along a line, each of which overlaps so many after it.
+fn chain(n: u32, neighbours: u32) -> Vec<Aabb> {
+    let at = |i: u32| [i as f32, 0.0, 0.0];
+    (0..n).map(|i| Aabb { min: at(i), max: at(i + neighbours) }).collect()
+}
+
+/// The largest list that a device binds, and one that it does not.
+#[test]
+fn a_list_beyond_a_binding_is_left_to_all_pairs() {
+    let mut engine = engine(&GridOptions::default());
+    let binding = engine.gpu().limits().storage_binding_bytes;
+    if binding > 128 << 20 {
+        // The scene would be another, and its list gigabytes.
+        return;
+    }
+    let fits = |n: u64| 8 * (n * (n - 1) / 2) <= binding;
+    let most = (2..).take_while(|n| fits(*n)).last().expect("two boxes do");
+    let same = |n: u64| vec![Aabb { min: [0.0; 3], max: [1.0; 3] }; n as usize];
+    let mut reply = HeapReply::new();
+    let mut frame = |n| {
+        let boxes = same(n);
+        engine.cull(&CullInput::boxes(&boxes).encoding(Encoding::List), &mut reply)
+    };
+    assert!(matches!(frame(most + 1), Err(CullError::TooCrowded { .. })));
+    let report = frame(most).expect("a list");
+    assert_eq!(report.pair_count, most * (most - 1) / 2);
+    assert_eq!(report.shape, MaskShape::list(report.pair_count));
 }
 
 #[test]
@@ -235,7 +315,11 @@ fn frames_in_a_row_with_other_levels_do_not_mix() {
     for round in 0..50 {
         let reports: Vec<_> = scenes
             .iter()
-            .map(|boxes| engine.cull(&CullInput::boxes(boxes), &mut reply).expect("a frame"))
+            .zip(LISTED.iter().cycle())
+            .map(|(boxes, encoding)| {
+                let input = CullInput::boxes(boxes).encoding(*encoding);
+                engine.cull(&input, &mut reply).expect("a frame")
+            })
             .collect();
         for ((report, truth), name) in reports.iter().zip(&truths).zip(names) {
             let counted = truth.pairs.len() as u64;
@@ -257,14 +341,15 @@ fn frames_behind_each_other_keep_to_their_own_boxes() {
         let turns = [round % 3, (round + 1) % 3];
         let frames = turns.map(|turn| {
             let memory = TestFrame::on_heap(&Precision::Exact, &scenes[turn]);
-            let frame = engine.begin(memory, Encoding::Sparse);
+            let frame = engine.begin(memory, LISTED[turn % 2]);
             frame.map_err(|(error, _)| error).expect("a free lane")
         });
         for (frame, turn) in frames.into_iter().zip(turns) {
+            let encoding = LISTED[turn % 2];
             let (report, memory) = engine.end(frame);
             let (report, memory) = (report.expect("a frame"), memory.expect("an ended frame"));
             let (words, truth) = (memory.reply.words(), &truths[turn]);
-            let checked = check_reply(words, &report, 1234, Encoding::Sparse, truth);
+            let checked = check_reply(words, &report, 1234, encoding, truth);
             assert_eq!(checked, Ok(()), "round {round}");
         }
     }
@@ -302,8 +387,12 @@ fn pair_sets_have_the_golden_hashes_of_the_cpu_engines() {
         ("clustered", 345, 0x3ba3_86e6_9d94_3338),
         ("infinite", 345, 0xd9cb_dfd5_5986_0507),
     ] {
-        let (report, reply) = cull(&mut engine, &stress_scenes::named(name).boxes(n, 42));
-        let pairs = naive_decoder::decode(reply.words(), &report.shape, n).expect("a good mask");
-        assert_eq!(pair_set_hash(&pairs), golden, "{name}");
+        let boxes = stress_scenes::named(name).boxes(n, 42);
+        for encoding in LISTED {
+            let (report, reply) = cull(&mut engine, &boxes, encoding);
+            let pairs = naive_decoder::decode(reply.words(), &report.shape, n);
+            let pairs = pairs.expect("a good mask");
+            assert_eq!(pair_set_hash(&pairs), golden, "{name}, {encoding}");
+        }
     }
 }

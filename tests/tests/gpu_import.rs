@@ -68,10 +68,7 @@ impl Segment {
     }
 
     fn boxes(&self, offset: usize, n: usize) -> &[Aabb] {
-        match self.narrow(BoxForm::F32, offset, n) {
-            BoxSlice::F32(boxes) => boxes,
-            other => panic!("{:?} for f32", other.form()),
-        }
+        self.narrow(BoxForm::F32, offset, n).as_f32().expect("of f32")
     }
 
     fn narrow(&self, form: BoxForm, offset: usize, n: usize) -> BoxSlice<'_> {
@@ -149,7 +146,7 @@ fn imported_and_staged_memory_give_the_same_bytes() {
             }
             let scene_boxes = scene.boxes(n, 13);
             boxes.write(*offset, &scene_boxes);
-            for encoding in [Encoding::Dense, Encoding::Sparse] {
+            for encoding in Encoding::ALL {
                 let seen = boxes.boxes(*offset, n as usize);
                 let mut memory = SegmentReply(&reply, *offset);
                 let a = zero_copy

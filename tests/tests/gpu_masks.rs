@@ -8,9 +8,7 @@ use pairmask_tests::conformance::{Suite, check_engine, check_frame, check_reply}
 use pairmask_tests::gpu::engine;
 use pairmask_tests::oracle::{self, pair_set_hash};
 use pairmask_tests::{naive_decoder, stress_scenes};
-use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, Checks, Tuning, Upload, first_capacity};
-
-const BOTH: [Encoding; 2] = [Encoding::Dense, Encoding::Sparse];
+use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, Checks, Counted, Tuning, Upload};
 
 fn run(engine: &mut AllPairs, suite: &Suite) {
     match check_engine(engine, suite) {
@@ -25,6 +23,12 @@ fn cull(engine: &mut AllPairs, boxes: &[Aabb], encoding: Encoding) -> (CullRepor
         .cull(&CullInput::boxes(boxes).encoding(encoding), &mut reply)
         .unwrap_or_else(|error| panic!("{} boxes, {encoding}: {error}", boxes.len()));
     (report, reply)
+}
+
+/// Encodings in which the device writes a mask of so many pairs: the list is one binding.
+fn encodings_of(engine: &AllPairs, pairs: u64) -> impl Iterator<Item = Encoding> + use<> {
+    let is_bound = 8 * pairs <= engine.gpu().limits().storage_binding_bytes;
+    Encoding::ALL.into_iter().filter(move |encoding| *encoding != Encoding::List || is_bound)
 }
 
 #[test]
@@ -51,7 +55,7 @@ fn checked_and_unchecked_stages_give_the_same_bytes() {
     let mut checked = engine(AllPairsOptions { checks: Checks::On, ..Default::default() });
     let mut unchecked = engine(AllPairsOptions::default());
     for scene in stress_scenes::ALL {
-        for encoding in BOTH {
+        for encoding in Encoding::ALL {
             let boxes = scene.boxes(345, 11);
             let (a, b) =
                 (cull(&mut checked, &boxes, encoding), cull(&mut unchecked, &boxes, encoding));
@@ -71,12 +75,15 @@ fn conforms_in_many_bands() {
     let mut narrow = engine(AllPairsOptions { matrix_bytes, ..Default::default() });
     let suite = Suite { sizes: vec![70, 257, 700, 1234], ..Suite::default() };
     run(&mut narrow, &suite);
-    let boxes = stress_scenes::ALL[0].boxes(6000, 9);
-    let truth = oracle::truth(&boxes);
-    for encoding in BOTH {
-        let mut reply = HeapReply::new();
-        check_frame(&mut narrow, &CullInput::boxes(&boxes).encoding(encoding), &truth, &mut reply)
-            .unwrap_or_else(|mismatch| panic!("{encoding}: {mismatch}"));
+    for scene in [&stress_scenes::ALL[0], stress_scenes::named("uniform")] {
+        let boxes = scene.boxes(6000, 9);
+        let truth = oracle::truth(&boxes);
+        for encoding in encodings_of(&narrow, truth.pairs.len() as u64) {
+            let mut reply = HeapReply::new();
+            let input = CullInput::boxes(&boxes).encoding(encoding);
+            check_frame(&mut narrow, &input, &truth, &mut reply)
+                .unwrap_or_else(|mismatch| panic!("{scene:?}, {encoding}: {mismatch}"));
+        }
     }
 }
 
@@ -97,14 +104,16 @@ fn conforms_with_every_tile_shape_and_upload() {
 
 #[test]
 fn ten_thousand_boxes_have_the_pairs_of_the_oracle() {
-    let boxes = stress_scenes::ALL[0].boxes(10_000, 6);
-    let truth = oracle::truth(&boxes);
-    assert!(!truth.pairs.is_empty());
     let mut engine = engine(AllPairsOptions::default());
-    for encoding in BOTH {
-        let (report, reply) = cull(&mut engine, &boxes, encoding);
-        check_reply(reply.words(), &report, 10_000, encoding, &truth)
-            .unwrap_or_else(|mismatch| panic!("{encoding}: {mismatch}"));
+    for scene in [&stress_scenes::ALL[0], stress_scenes::named("uniform")] {
+        let boxes = scene.boxes(10_000, 6);
+        let truth = oracle::truth(&boxes);
+        assert!(!truth.pairs.is_empty());
+        for encoding in encodings_of(&engine, truth.pairs.len() as u64) {
+            let (report, reply) = cull(&mut engine, &boxes, encoding);
+            check_reply(reply.words(), &report, 10_000, encoding, &truth)
+                .unwrap_or_else(|mismatch| panic!("{scene:?}, {encoding}: {mismatch}"));
+        }
     }
 }
 
@@ -112,19 +121,39 @@ fn ten_thousand_boxes_have_the_pairs_of_the_oracle() {
 fn a_mask_larger_than_the_first_capacity_is_complete() {
     let boxes = vec![Aabb { min: [0.0; 3], max: [1.0; 3] }; 1248];
     let n = BoxCount::new(1248);
-    assert!(n.sparse_words_max() > first_capacity(n), "or the test shows nothing");
+    assert!(n.sparse_words_max() > Counted::Sparse.first_capacity(n), "or the test shows nothing");
     let mut engine = engine(AllPairsOptions::default());
-    let (report, reply) = cull(&mut engine, &boxes, Encoding::Sparse);
     let truth = oracle::truth(&boxes);
-    assert_eq!(check_reply(reply.words(), &report, 1248, Encoding::Sparse, &truth), Ok(()));
-    assert_eq!((report.pair_count, report.skipped.zero_words), (n.pair_count(), 0));
+    for encoding in [Encoding::Sparse, Encoding::List] {
+        let (report, reply) = cull(&mut engine, &boxes, encoding);
+        assert_eq!(check_reply(reply.words(), &report, 1248, encoding, &truth), Ok(()));
+        assert_eq!((report.pair_count, report.skipped.zero_words), (n.pair_count(), 0));
+    }
+}
+
+/// Every word of a batch is full, so that a batch has several windows of words.
+#[test]
+fn a_list_of_full_words_has_the_bytes_of_the_cpu() {
+    let mut gpu = engine(AllPairsOptions::default());
+    let mut cpu = BruteForce::new();
+    for n in [33, 256, 257, 1233, 3001, 5_001] {
+        let boxes = vec![Aabb { min: [0.0; 3], max: [1.0; 3] }; n];
+        let (report, reply) = cull(&mut gpu, &boxes, Encoding::List);
+        let mut expected = HeapReply::new();
+        let input = CullInput::boxes(&boxes).encoding(Encoding::List);
+        let truth = cpu.cull(&input, &mut expected).expect("memory for a mask");
+        assert_eq!(report.shape, truth.shape, "{n} boxes");
+        let words =
+            |reply: &HeapReply| reply.words()[..report.shape.extent_words() as usize].to_vec();
+        assert!(words(&reply) == words(&expected), "{n} boxes");
+    }
 }
 
 #[test]
 fn a_frame_does_not_depend_on_the_frames_before_it() {
     let mut engine = engine(AllPairsOptions::default());
     for n in [1234, 3, 0, 345, 64, 1, 1234, 345] {
-        for (scene, encoding) in stress_scenes::ALL.iter().zip(BOTH.iter().cycle()) {
+        for (scene, encoding) in stress_scenes::ALL.iter().zip(Encoding::ALL.iter().cycle()) {
             let boxes = scene.boxes(n, 9);
             let (report, reply) = cull(&mut engine, &boxes, *encoding);
             let truth = oracle::truth(&boxes);
@@ -157,7 +186,8 @@ fn large_masks_of_every_stress_scene_are_those_of_the_cpu_bit_by_bit() {
     for n in [4096, 10_000] {
         for scene in stress_scenes::ALL {
             let boxes = scene.boxes(n, 13);
-            for encoding in BOTH {
+            let sparse = cull(&mut gpu, &boxes, Encoding::Sparse).0;
+            for encoding in encodings_of(&gpu, sparse.pair_count) {
                 let (report, reply) = cull(&mut gpu, &boxes, encoding);
                 let mut expected = HeapReply::new();
                 let truth = cpu

@@ -43,11 +43,18 @@ impl Rig {
 
     /// Begins a frame whose reply the GPU writes itself.
     fn begin(&mut self) -> (GridUnderWay<TestFrame<SharedReply>>, Watcher, Arc<()>) {
+        self.begin_in(Encoding::Sparse)
+    }
+
+    fn begin_in(
+        &mut self,
+        encoding: Encoding,
+    ) -> (GridUnderWay<TestFrame<SharedReply>>, Watcher, Arc<()>) {
         let (reply, watcher) = SharedReply::new(&self.gpu, &self.imports, PAGES);
         let boxes = NarrowMemory::write(&Precision::Exact, &self.scene);
         let token = Arc::default();
         let memory = TestFrame { boxes, reply, token: Arc::clone(&token) };
-        let frame = self.grid.begin(memory, Encoding::Sparse);
+        let frame = self.grid.begin(memory, encoding);
         (frame.map_err(|(error, _)| error).unwrap(), watcher, token)
     }
 
@@ -84,6 +91,21 @@ fn the_gpu_writes_a_reply_that_is_imported_and_the_comparator_notices() {
     let words = memory.reply.words();
     let last = report.shape.extent_words() as usize - 1;
     assert!(words[..=last].iter().any(|word| *word != OURS));
+}
+
+#[test]
+fn a_list_is_written_where_its_reply_lies_with_the_bytes_of_a_staged_one() {
+    let mut rig = Rig::new();
+    let (frame, _, _) = rig.begin_in(Encoding::List);
+    let staged = TestFrame::on_heap(&Precision::Exact, &rig.scene);
+    let staged = rig.grid.begin(staged, Encoding::List).map_err(|(error, _)| error).unwrap();
+    let (report, memory) = rig.grid.end(frame);
+    let (staged_report, staged) = rig.grid.end(staged);
+    let (report, staged_report) = (report.unwrap(), staged_report.unwrap());
+    assert!(report.pair_count > 0 && report.shape == staged_report.shape);
+    let (memory, staged) = (memory.unwrap(), staged.unwrap());
+    let used = report.shape.extent_words() as usize;
+    assert!(memory.reply.words()[..used] == staged.reply.words()[..used]);
 }
 
 #[test]

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use pairmask_core::BoxCount;
 use pairmask_core::mask::{MaskError, MaskShape, MaskView, Section, Span, WordAddress};
-use pairmask_tests::mask_writer::{WrittenMask, write_dense, write_sparse};
+use pairmask_tests::mask_writer::{WrittenMask, write_dense, write_list, write_sparse};
 use pairmask_tests::naive_decoder;
 use pairmask_tests::oracle::Pair;
 use pairmask_tests::pair_scenes::{all_pairs, random_order, random_pairs, renamed};
@@ -18,10 +18,17 @@ fn sizes() -> impl Iterator<Item = BoxCount> {
     (0..=70).chain([345, 1_234]).map(BoxCount::new)
 }
 
-/// The pairs in both encodings, the sparse one with and without an order.
-fn all_encodings(n: BoxCount, pairs: &[Pair]) -> [WrittenMask; 3] {
+/// The pairs in all encodings: sparse with and without an order, and listed in no order.
+fn all_encodings(n: BoxCount, pairs: &[Pair]) -> [WrittenMask; 4] {
     let order = random_order(n, 7);
-    [write_dense(n, pairs), write_sparse(n, pairs, None), write_sparse(n, pairs, Some(&order))]
+    let places = random_order(BoxCount::new(pairs.len() as u32), 8);
+    let shuffled: Vec<Pair> = places.iter().map(|place| pairs[*place as usize]).collect();
+    [
+        write_dense(n, pairs),
+        write_sparse(n, pairs, None),
+        write_sparse(n, pairs, Some(&order)),
+        write_list(n, &shuffled),
+    ]
 }
 
 fn view(mask: &WrittenMask) -> MaskView<'_> {
@@ -40,6 +47,12 @@ fn first_wrong_way(mask: &WrittenMask, expected: &[Pair]) -> Option<&'static str
     view.for_each(|a, b| each.push((a, b)));
     let mut halves: Vec<Pair> = view.pairs().take(listed.len() / 2).collect();
     halves.extend(view.pairs().skip(listed.len() / 2));
+    let mut slices = Vec::new();
+    let mut no_slice_is_empty = true;
+    view.for_each_slice(|pairs| {
+        no_slice_is_empty &= !pairs.is_empty();
+        slices.extend(pairs.iter().map(|&[a, b]| (a, b)));
+    });
     let word_bits: u32 = view.words().map(|word| word.bits.count()).sum();
     let found: BTreeSet<Pair> = listed.iter().copied().collect();
     let probe = |a: u32, b: u32| {
@@ -51,6 +64,7 @@ fn first_wrong_way(mask: &WrittenMask, expected: &[Pair]) -> Option<&'static str
         ("to_vec", sorted(listed.clone()) == expected),
         ("for_each", each == listed),
         ("pairs in halves", halves == listed),
+        ("for_each_slice", no_slice_is_empty && slices == listed),
         ("par_pairs", view.par_pairs().collect::<Vec<_>>() == listed),
         ("count", view.count() == expected.len() as u64),
         ("is_empty", view.is_empty() == expected.is_empty()),
@@ -109,6 +123,7 @@ fn the_comparison_notices_each_flipped_bit() {
         let bits = match mask.shape {
             MaskShape::Dense { words } => words,
             MaskShape::Sparse { bits, .. } => bits,
+            MaskShape::List { pairs } => pairs,
             shape => panic!("which words of {shape:?} are bits of pairs?"),
         };
         for word in bits.start..bits.start + bits.len {
@@ -133,6 +148,7 @@ fn pairs_come_in_the_order_of_the_index_or_the_words() {
         .map(|(a, b)| (a.min(b), a.max(b)))
         .collect();
     assert_eq!(view(&ordered).to_vec(), named);
+    assert_eq!(view(&write_list(n, &named)).to_vec(), named);
 }
 
 #[test]
@@ -144,6 +160,9 @@ fn words_come_with_their_addresses() {
     let at = |row, block| WordAddress::Sparse { row, block };
     assert_eq!(addresses, [(at(0, 0), 1 << 1), (at(0, 1), 1 << 8), (at(1, 2), 1 << 5)]);
     let dense = write_dense(n, &pairs);
+    let list = write_list(n, &[(1, 69), (0, 40)]);
+    let addresses: Vec<_> = view(&list).words().map(|word| (word.address, word.bits.0)).collect();
+    assert_eq!(addresses, [(at(1, 2), 1 << 5), (at(0, 1), 1 << 8)]);
     let firsts: Vec<_> = view(&dense)
         .words()
         .map(|word| match word.address {
@@ -187,6 +206,12 @@ fn shapes_that_do_not_fit_are_refused() {
         Some(MaskError::OrderLength { n: 40, found: 39 })
     );
     assert_eq!(new(sparse(3, Some(span(48, 40))), 87), outside(Section::Order, span(48, 40), 87));
+    let list = |pairs| MaskShape::List { pairs };
+    assert_eq!(new(list(span(1, 6)), 7), None);
+    assert_eq!(new(list(span(1, 5)), 7), Some(MaskError::HalfPair { words: 5 }));
+    assert_eq!(new(list(span(1, 6)), 6), outside(Section::Pairs, span(1, 6), 6));
+    let huge = span(u64::MAX, u64::MAX);
+    assert_eq!(new(list(huge), 7), outside(Section::Pairs, huge, 7));
 }
 
 #[test]
@@ -219,6 +244,13 @@ fn verify_names_each_broken_rule() {
     let dense = write_dense(n, &pairs);
     assert_eq!(broken(&dense, 24, 0xfff), Ok(()));
     assert_eq!(broken(&dense, 24, 0x1fff), Err(MaskError::TailBits { bits: 0x1000 }));
+    let list = write_list(n, &[(3, 4), (0, 33), (0, 1)]);
+    assert_eq!(broken(&list, 0, 2), Ok(()));
+    let not_a_pair = |number, a, b| Err(MaskError::NotAPair { number, a, b, n: 40 });
+    assert_eq!(broken(&list, 0, 4), not_a_pair(0, 4, 4));
+    assert_eq!(broken(&list, 3, 40), not_a_pair(1, 0, 40));
+    assert_eq!(broken(&list, 4, 2), not_a_pair(2, 2, 1));
+    assert_eq!(broken(&list, 5, 33), Err(MaskError::PairAgain { a: 0, b: 33 }));
 }
 
 /// A span that mostly fits a reply of some hundred words, and is sometimes arbitrary.
@@ -240,6 +272,7 @@ fn shape(n: u32) -> impl Strategy<Value = MaskShape> {
         2 => sparse.prop_map(|([rows, blocks, bits], order)| {
             MaskShape::Sparse { rows, blocks, bits, order }
         }),
+        2 => span((0u64..150).prop_map(|pairs| 2 * pairs)).prop_map(|pairs| MaskShape::List { pairs }),
     ]
 }
 
@@ -274,6 +307,9 @@ proptest! {
         }
         prop_assert_eq!(&mask.to_vec(), &pairs);
         prop_assert_eq!(&mask.par_pairs().collect::<Vec<_>>(), &pairs);
+        let mut slices = Vec::new();
+        mask.for_each_slice(|some| slices.extend(some.iter().map(|&[a, b]| (a, b))));
+        prop_assert_eq!(&slices, &pairs);
         prop_assert_eq!(mask.is_empty(), pairs.is_empty());
         let bits: u64 = mask.words().map(|word| u64::from(word.bits.count())).sum();
         prop_assert_eq!(mask.count(), bits);

@@ -144,7 +144,7 @@ fn spheres_take_what_fits_and_no_word_more() {
     let scenes: [(&str, Vec<Sphere>, Vec<Pair>); 2] =
         [("identical", same, all(1_234)), ("many", many, truth.pairs)];
     for (scene, spheres, pairs) in &scenes {
-        for encoding in [Encoding::Dense, Encoding::Sparse] {
+        for encoding in Encoding::ALL {
             for threads in [1, 3] {
                 let pool = ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
                 let mut all_pairs = SphereAllPairs::new();
@@ -236,6 +236,11 @@ fn strides(report: &CullReport) -> u64 {
     }
 }
 
+/// Limits below the words of a list: near, far, and without room for one pair.
+fn below_a_list(need: u64) -> [u64; 5] {
+    [need - 1, need - need / 8, need / 2, 2, 1]
+}
+
 #[test]
 fn all_pairs_on_a_gpu_takes_what_fits() {
     let gpu = open(HostImport::IfPossible);
@@ -244,7 +249,7 @@ fn all_pairs_on_a_gpu_takes_what_fits() {
     for precision in forms() {
         let memory = NarrowMemory::write(&precision, &boxes);
         let pairs = pairs_of(&memory);
-        for encoding in [Encoding::Dense, Encoding::Sparse] {
+        for encoding in Encoding::ALL {
             let mut cull = |reply: &mut Witness| {
                 engine.cull(&CullInput::boxes(memory.boxes()).encoding(encoding), reply)
             };
@@ -268,6 +273,19 @@ fn the_grid_on_a_gpu_takes_what_fits() {
     for precision in forms() {
         let memory = NarrowMemory::write(&precision, &boxes);
         let pairs = pairs_of(&memory);
+        let mut list = |reply: &mut Witness| {
+            engine.cull(&CullInput::boxes(memory.boxes()).encoding(Encoding::List), reply)
+        };
+        let need = 2 * pairs.len() as u64;
+        let limits = below_a_list(need);
+        check_limits(
+            &format!("{precision:?}, list"),
+            boxes.len(),
+            need,
+            &limits,
+            &pairs,
+            &mut list,
+        );
         let mut cull = |reply: &mut Witness| engine.cull(&CullInput::boxes(memory.boxes()), reply);
         let report = cull(&mut Witness::without_limit()).unwrap();
         let need = order_words + 3 * strides(&report);

@@ -1,7 +1,11 @@
-//! Every session backend has the oracle's answers: every engine, dense and sparse, every scene.
+//! Every session backend has the oracle's answers: every engine, encoding and scene.
 #![allow(clippy::unwrap_used)]
 
-use pairmask::{Backend, ServedBy, Session, SessionBuilder, WaitError};
+use pairmask::write::CenterHalf;
+use pairmask::{
+    Aabb, Backend, Bounds, Frame, NarrowFrame, Precision, ServedBy, Session, SessionBuilder,
+    WaitError,
+};
 use pairmask_core::engine::EngineName;
 use pairmask_tests::conformance::{Suite, check_engine};
 use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
@@ -73,6 +77,72 @@ fn a_frame_is_taken_once_in_whichever_way() {
         assert!(matches!(first.try_take(), Err(WaitError::Taken)));
         assert!(matches!(second.wait(), Err(WaitError::Taken)));
     }
+}
+
+#[test]
+fn a_frame_from_arrays_of_any_layout_holds_their_boxes() {
+    let daemon = TestDaemon::start(DAEMON, &[]);
+    // The last is written past the caches.
+    for n in [0, 1, 33, 1235, 400_001] {
+        let center: Vec<_> =
+            (0..n).map(|i| [1, 3, 7].map(|k| (i * k % 1009) as f32 * 0.71)).collect();
+        let half: Vec<_> = (0..n).map(|i| [(i % 5) as f32 * 0.17, 0.5, 0.3]).collect();
+        let boxes: Vec<_> =
+            center.iter().zip(&half).map(|(c, h)| Aabb::from_center_half(*c, *h)).collect();
+        let columns = |points: &[[f32; 3]]| {
+            [0, 1, 2].map(|axis| points.iter().map(|p| p[axis]).collect::<Vec<_>>())
+        };
+        let (center_columns, half_columns) = (columns(&center), columns(&half));
+        for backend in [Backend::Daemon, Backend::InProcess] {
+            let mut session = daemon.session().backend(backend).connect().unwrap();
+            let mut written = |write: &dyn Fn(&mut Frame)| {
+                let mut frame = session.frame(n).unwrap();
+                assert_eq!(frame.is_shared(), backend == Backend::Daemon);
+                frame.boxes_mut().fill(Aabb::EMPTY);
+                write(&mut frame);
+                assert!(frame.boxes() == boxes, "{n} boxes, {backend:?}");
+                if n < 2000 {
+                    let mut pairs = frame.submit().unwrap().wait().unwrap().to_vec();
+                    pairs.sort_unstable();
+                    assert_eq!(pairs, oracle::truth(&boxes).pairs);
+                }
+            };
+            written(&|frame| frame.write(&boxes));
+            written(&|frame| frame.write(boxes.as_slice()));
+            written(&|frame| frame.write(&CenterHalf::points(&center, &half)));
+            written(&|frame| {
+                let [center, half] = [&center_columns, &half_columns]
+                    .map(|columns| columns.each_ref().map(Vec::as_slice));
+                frame.write(&CenterHalf::columns(center, half));
+            });
+        }
+    }
+}
+
+#[test]
+fn narrow_frames_take_what_exact_ones_take() {
+    let mut session = Session::builder().backend(Backend::InProcess).connect().unwrap();
+    let center: Vec<_> = (0..345).map(|i| [i as f32, (i % 9) as f32, 0.0]).collect();
+    let half = vec![[0.6f32, 0.8, 1.0]; 345];
+    let boxes: Vec<_> = center.iter().map(|c| Aabb::from_center_half(*c, half[0])).collect();
+    for precision in [Precision::Exact, Precision::F16, Precision::Q8(Bounds::around(&boxes))] {
+        let mut pairs = |fill: &dyn Fn(&mut NarrowFrame)| {
+            let mut frame = session.narrow_frame(345, precision).unwrap();
+            fill(&mut frame);
+            frame.submit().unwrap().wait().unwrap().to_vec()
+        };
+        let expected = pairs(&|frame| frame.fill(&boxes));
+        assert!(expected.len() > 344, "neighbours overlap");
+        assert_eq!(pairs(&|frame| frame.fill(&CenterHalf::points(&center, &half))), expected);
+    }
+}
+
+#[test]
+fn too_few_boxes_are_a_panic() {
+    let mut session = Session::builder().backend(Backend::InProcess).connect().unwrap();
+    let mut frame = session.frame(3).unwrap();
+    let write = std::panic::AssertUnwindSafe(|| frame.write(&[Aabb::EMPTY; 2]));
+    assert!(std::panic::catch_unwind(write).is_err());
 }
 
 #[test]

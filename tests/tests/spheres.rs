@@ -192,7 +192,10 @@ fn an_older_daemon_gets_no_spheres() {
         let record = pairmask_transport::DaemonRecord { version: older, ..current };
         daemon.dir().write_record(&InstanceName::default(), &record).unwrap();
         let mut session = daemon.session().connect().unwrap();
-        assert!(matches!(session.sphere_frame(3).unwrap_err(), FrameError::SpheresUnknown));
+        assert!(matches!(
+            session.sphere_frame(3).unwrap_err(),
+            FrameError::DaemonTooOld { what: "spheres" }
+        ));
         let sparse = EncodingChoice::Only(Encoding::Sparse);
         let builder = daemon.session().backend(Backend::Auto).encoding(sparse);
         let mut session = builder.connect().unwrap();
@@ -233,7 +236,7 @@ fn a_daemon_that_refuses_spheres_is_not_asked_again() {
                 assert!(!next.unwrap().is_shared());
             } else {
                 assert!(matches!(answer, Err(WaitError::Reply(ReplyError::Status { .. }))));
-                assert!(matches!(next, Err(FrameError::SpheresUnknown)));
+                assert!(matches!(next, Err(FrameError::DaemonTooOld { what: "spheres" })));
             }
             assert!(session.frame(1).unwrap().is_shared(), "boxes are asked for all the same");
         }

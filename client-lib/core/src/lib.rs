@@ -21,6 +21,7 @@ mod stats;
 pub mod units;
 mod unknown_name;
 pub mod update;
+pub mod write;
 
 pub use aabb::{Aabb, BoxClass};
 pub use awake_pool::AwakePool;

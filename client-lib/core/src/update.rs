@@ -28,14 +28,9 @@
 //! In all, a face moves by less than two units in the last place of f32 unless the terms cancel to a
 //! millionth of their size, and never inward.
 
-use rayon::prelude::*;
-
 use crate::aabb::{Aabb, BoxClass};
 use crate::floats;
-
-/// Fewest boxes of a task of [`par_update_boxes`]: fewer take less time than handing them to
-/// another thread.
-const PARALLEL_BOXES: usize = 1024;
+use crate::write::{BoxSource, par_write_boxes, write_boxes};
 
 /// 8u: the distance by which a face moves outward, as a share of the sum of its terms' magnitudes.
 const FACE_ERROR: f64 = 8.0 * UNIT_ROUNDOFF;
@@ -307,7 +302,7 @@ pub fn update_boxes<T: ToWorld>(
     out: &mut [Aabb],
 ) -> Result<(), UpdateError> {
     check_lengths(locals, transforms, out)?;
-    floats::with_default(|| update_run(locals, transforms, out));
+    write_boxes(&Transformed { locals, transforms }, out);
     Ok(())
 }
 
@@ -323,14 +318,42 @@ pub fn par_update_boxes<T: ToWorld + Sync>(
     out: &mut [Aabb],
 ) -> Result<(), UpdateError> {
     check_lengths(locals, transforms, out)?;
-    let boxes = out.len().div_ceil(rayon::current_num_threads()).max(PARALLEL_BOXES);
-    out.par_chunks_mut(boxes)
-        .zip(locals.par_chunks(boxes))
-        .zip(transforms.par_chunks(boxes))
-        .for_each(|((out, locals), transforms)| {
-            floats::with_default(|| update_run(locals, transforms, out));
-        });
+    par_write_boxes(&Transformed { locals, transforms }, out);
     Ok(())
+}
+
+/// Local boxes and as many transforms: a source of world boxes for frames and for
+/// [`par_write_boxes`].
+#[derive(Clone, Copy, Debug)]
+pub struct Transformed<'a, T> {
+    locals: &'a [Aabb],
+    transforms: &'a [T],
+}
+
+impl<'a, T: ToWorld> Transformed<'a, T> {
+    /// The world box of every object.
+    ///
+    /// # Panics
+    /// When the slices differ in length.
+    pub fn new(locals: &'a [Aabb], transforms: &'a [T]) -> Self {
+        assert_eq!(locals.len(), transforms.len(), "as many transforms as local boxes");
+        Self { locals, transforms }
+    }
+}
+
+impl<T: ToWorld> BoxSource for Transformed<'_, T> {
+    /// A box takes more than ten times as long as one that is copied: as long a task as theirs.
+    const TASK_BOXES: usize = 1024;
+
+    fn len(&self) -> usize {
+        self.locals.len()
+    }
+
+    fn write_range(&self, first: usize, out: &mut [Aabb]) {
+        let (locals, transforms) =
+            (&self.locals[first..][..out.len()], &self.transforms[first..][..out.len()]);
+        floats::with_default(|| update_run(locals, transforms, out));
+    }
 }
 
 fn check_lengths<T>(locals: &[Aabb], transforms: &[T], out: &[Aabb]) -> Result<(), UpdateError> {

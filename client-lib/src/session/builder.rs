@@ -77,6 +77,7 @@ pub(super) struct Settings {
     pub engine: EngineChoice,
     pub encoding: EncodingChoice,
     pub threads: Option<usize>,
+    pub visit_threads: Option<usize>,
     pub isa: AvailableIsa,
     pub calibration: CalibrationChoice,
     pub spin: Duration,
@@ -114,6 +115,7 @@ impl Default for SessionBuilder {
                 engine: EngineChoice::Auto,
                 encoding: EncodingChoice::Auto,
                 threads: None,
+                visit_threads: None,
                 isa: AvailableIsa::best(),
                 calibration: CalibrationChoice::Auto,
                 spin: DEFAULT_SPIN,
@@ -162,6 +164,14 @@ impl SessionBuilder {
     /// Threads that an engine may use; the plan's choice unless set.
     pub fn threads(mut self, threads: usize) -> Self {
         self.settings.threads = Some(threads.max(1));
+        self
+    }
+
+    /// Threads with which pairs are visited ([`PairMask::par_pairs`](super::PairMask::par_pairs)); one
+    /// unless set. The plan weighs the time of visiting against that of finding the pairs: which
+    /// engine and which encoding are best depends on it. The pairs do not.
+    pub fn visit_threads(mut self, threads: usize) -> Self {
+        self.settings.visit_threads = Some(threads.max(1));
         self
     }
 

@@ -125,14 +125,8 @@ impl Core {
     pub(super) fn sphere_frame(self: &Arc<Self>, n: usize) -> Result<SphereFrame, FrameError> {
         let n = counted(n)?;
         let shared = || {
-            let link = self.link()?;
-            if !link.forms().knows_spheres() {
-                if self.may_cull_here() {
-                    link.forms().say_spheres_stay();
-                }
-                return Err(FrameError::SpheresUnknown);
-            }
-            link.loan(Written::SPHERES.form.bytes(n))
+            let link = self.link_that_knows(Written::SPHERES, "spheres")?;
+            link.loan(Written::SPHERES.scene(n).payload_bytes())
         };
         let memory = self.memory(n, shared)?;
         Ok(SphereFrame::new(Filling::new(n, memory, Written::SPHERES, Arc::clone(self))))
@@ -150,7 +144,7 @@ impl Core {
         let shared = || {
             let link = self.link()?;
             let agreed = link.forms().agree(asked);
-            let shared = link.loan(agreed.form().bytes(n))?;
+            let shared = link.loan(Written::by(&agreed).scene(n).payload_bytes())?;
             precision = agreed;
             Ok(shared)
         };
@@ -174,13 +168,30 @@ impl Core {
                 Ok(shared) => Ok(FrameMemory::Shared(shared)),
                 Err(FrameError::TooManyFrames) => Err(FrameError::TooManyFrames),
                 // The log already says so, and frames of boxes still go to the daemon.
-                Err(FrameError::SpheresUnknown) => Ok(own()),
+                Err(FrameError::DaemonTooOld { .. }) => Ok(own()),
                 Err(error) => {
                     self.say_in_process(&error);
                     Ok(own())
                 }
             },
         }
+    }
+
+    /// The connection, where its daemon knows how a frame is written.
+    fn link_that_knows(
+        &self,
+        written: Written,
+        what: &'static str,
+    ) -> Result<Arc<Link>, FrameError> {
+        let link = self.link()?;
+        let since_minor = written.since_minor();
+        if link.forms().knows(since_minor) {
+            return Ok(link);
+        }
+        if self.may_cull_here() {
+            link.forms().say_stay(since_minor, what);
+        }
+        Err(FrameError::DaemonTooOld { what })
     }
 
     /// The connection. A lost one is made again once its interval has passed.

@@ -87,12 +87,15 @@ pub enum FrameError {
         /// How many are allowed.
         limit: u64,
     },
-    /// The daemon is older than frames of spheres
-    /// ([`Backend::Daemon`](super::Backend::Daemon) only).
+    /// The daemon is older than what the frame needs ([`Backend::Daemon`](super::Backend::Daemon)
+    /// only).
     #[error(
-        "the daemon is too old to know spheres: install a newer pairmaskd, or use Backend::Auto"
+        "the daemon is too old to know {what}: install a newer pairmaskd, or use Backend::Auto"
     )]
-    SpheresUnknown,
+    DaemonTooOld {
+        /// What it does not know: spheres, for one.
+        what: &'static str,
+    },
     /// Too many frames are under way.
     #[error("three frames are being filled, under way or held as masks: drop one before the next")]
     TooManyFrames,

@@ -1,10 +1,12 @@
 //! The forms of objects that a daemon can be sent: an older daemon knows fewer.
 
-use std::sync::atomic::{AtomicBool, AtomicU16, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU16, AtomicU64, Ordering};
 
 use pairmask_core::objects::ObjectForm;
 use pairmask_core::precision::{BoxForm, Precision};
 use pairmask_wire::{Version, since_minor};
+
+use super::frame::Written;
 
 /// The forms of objects that the daemon of a connection knows.
 #[derive(Debug)]
@@ -13,8 +15,8 @@ pub(super) struct KnownForms {
     minor: AtomicU16,
     /// Whether the log says that frames are exact.
     told_exact: AtomicBool,
-    /// Whether the log says that frames of spheres are answered in process.
-    told_spheres: AtomicBool,
+    /// The minor versions, a bit each, of which the log says that such frames are answered in process.
+    told_stay: AtomicU64,
 }
 
 impl KnownForms {
@@ -23,44 +25,43 @@ impl KnownForms {
         Self {
             minor: AtomicU16::new(version.minor),
             told_exact: AtomicBool::new(false),
-            told_spheres: AtomicBool::new(false),
+            told_stay: AtomicU64::new(0),
         }
     }
 
-    /// Whether the daemon knows spheres.
-    pub(super) fn knows_spheres(&self) -> bool {
-        self.knows(ObjectForm::Spheres)
+    /// Whether the daemon knows what a minor version added.
+    pub(super) fn knows(&self, since_minor: u16) -> bool {
+        since_minor <= self.minor.load(Ordering::Relaxed)
     }
 
-    /// Logs once that frames of spheres are answered in process.
-    pub(super) fn say_spheres_stay(&self) {
-        if !self.told_spheres.swap(true, Ordering::Relaxed) {
-            log::warn!("the daemon does not know spheres: their frames are answered in process");
+    /// Logs once that frames with what a minor version added are answered in process.
+    pub(super) fn say_stay(&self, since_minor: u16, what: &'static str) {
+        let told = 1 << (since_minor % u64::BITS as u16);
+        if self.told_stay.fetch_or(told, Ordering::Relaxed) & told == 0 {
+            log::warn!("the daemon does not know {what}: their frames are answered in process");
         }
     }
 
     /// The precision that the daemon can be sent: an older daemon gets exact boxes, which is logged
     /// once.
     pub(super) fn agree(&self, asked: Precision) -> Precision {
-        if self.knows(asked.form().into()) {
+        if self.knows(since_minor(asked.form().into())) {
             return asked;
         }
         self.say_exact(asked.form());
         Precision::Exact
     }
 
-    /// Notes that the daemon refused a form, whatever version it stated: that form and those of
-    /// later versions are not sent again.
-    pub(super) fn note_refused(&self, form: ObjectForm) {
-        let Some(before) = since_minor(form).checked_sub(1) else { return };
+    /// Notes that the daemon refused how a frame was written, whatever version it stated: that and
+    /// what later versions added are not sent again.
+    pub(super) fn note_refused(&self, written: Written) {
+        let Some(before) = written.since_minor().checked_sub(1) else { return };
         self.minor.fetch_min(before, Ordering::Relaxed);
-        if let ObjectForm::Boxes(form) = form {
+        if let ObjectForm::Boxes(form) = written.form
+            && form.is_narrow()
+        {
             self.say_exact(form);
         }
-    }
-
-    fn knows(&self, form: ObjectForm) -> bool {
-        since_minor(form) <= self.minor.load(Ordering::Relaxed)
     }
 
     fn say_exact(&self, form: BoxForm) {
@@ -79,22 +80,24 @@ mod tests {
         let [old, narrow, new] =
             [0, 1, 2].map(|minor| KnownForms::of(Version { minor, ..Version::CURRENT }));
         for form in ObjectForm::ALL {
-            assert!(new.knows(form), "{form}");
-            assert_eq!(narrow.knows(form), form != ObjectForm::Spheres, "{form}");
-            assert_eq!(old.knows(form), form == BoxForm::F32.into(), "{form}");
+            let since = since_minor(form);
+            assert!(new.knows(since), "{form}");
+            assert_eq!(narrow.knows(since), form != ObjectForm::Spheres, "{form}");
+            assert_eq!(old.knows(since), form == BoxForm::F32.into(), "{form}");
         }
     }
 
     #[test]
     fn a_form_that_was_refused_is_not_asked_for_again() {
         let known = KnownForms::of(Version::CURRENT);
-        known.note_refused(BoxForm::F32.into());
-        assert!(known.knows_spheres(), "every daemon knows f32: another thing was wrong");
-        known.note_refused(ObjectForm::Spheres);
-        assert!(!known.knows_spheres());
+        let spheres = Written::SPHERES.since_minor();
+        known.note_refused(Written::by(&Precision::Exact));
+        assert!(known.knows(spheres), "every daemon knows f32: another thing was wrong");
+        known.note_refused(Written::SPHERES);
+        assert!(!known.knows(spheres));
         assert_eq!(known.agree(Precision::F16), Precision::F16);
-        known.note_refused(BoxForm::F16.into());
+        known.note_refused(Written::by(&Precision::F16));
         assert_eq!(known.agree(Precision::F16), Precision::Exact);
-        assert!(known.knows(BoxForm::F32.into()) && !known.knows_spheres());
+        assert!(known.knows(0) && !known.knows(spheres));
     }
 }

@@ -5,10 +5,13 @@ use std::sync::Arc;
 use bytemuck::Pod;
 use pairmask_core::aabb::Aabb;
 use pairmask_core::objects::{ObjectForm, Objects};
-use pairmask_core::precision::{BoxSlice, Precision, Widening};
+use pairmask_core::precision::{Precision, Widening};
 use pairmask_core::sphere::Sphere;
 use pairmask_core::units::BoxCount;
-use pairmask_wire::{Page, boxes_in, boxes_in_mut, bytes_in_mut, spheres_in, spheres_in_mut};
+use pairmask_core::write::{BoxSource, par_write_boxes};
+use pairmask_wire::{
+    Page, ScenePlace, boxes_in, boxes_in_mut, bytes_in_mut, since_minor, spheres_in, spheres_in_mut,
+};
 
 use super::core::Core;
 use super::error::FrameError;
@@ -18,6 +21,7 @@ use super::pending::PendingFrame;
 
 /// Memory for the boxes of one frame.
 ///
+/// [`write`](Frame::write) takes all boxes at once, from a slice or from arrays in other layouts.
 /// [`boxes_mut`](Frame::boxes_mut) is a plain slice in object order: index it, iterate it, hand
 /// chunks of it to rayon, or let [`update`](pairmask_core::update) write into it.
 #[derive(Debug)]
@@ -39,6 +43,16 @@ impl Written {
     /// Boxes written with a precision.
     pub(super) fn by(precision: &Precision) -> Self {
         Self { form: precision.form().into(), widening: precision.widening() }
+    }
+
+    /// Where all of it lies in the memory of a frame of `n` objects.
+    pub(super) fn scene(self, n: BoxCount) -> ScenePlace {
+        ScenePlace::first(self.form, n)
+    }
+
+    /// Minor wire version from which daemons know all of it.
+    pub(super) const fn since_minor(self) -> u16 {
+        since_minor(self.form)
     }
 }
 
@@ -62,7 +76,7 @@ impl Object for Aabb {
         boxes_in_mut(pages, n)
     }
     fn as_objects(own: &[Self]) -> Objects<'_> {
-        Objects::Boxes(BoxSlice::F32(own))
+        Objects::Boxes(own.into())
     }
     fn spares(spares: &Spares) -> &super::local::Shelf<Vec<Self>> {
         &spares.boxes
@@ -207,6 +221,38 @@ impl Frame {
     /// Whether the boxes lie in shared memory.
     pub const fn is_shared(&self) -> bool {
         self.filling.is_shared()
+    }
+
+    /// Writes every box: a slice of boxes, or a source of [`write`](pairmask_core::write), such as
+    /// arrays of centres and half extents.
+    ///
+    /// Large frames are written past the caches and on the calling thread's rayon pool, which is
+    /// faster than a copy into [`boxes_mut`](Self::boxes_mut).
+    ///
+    /// ```
+    /// use pairmask::write::{CenterHalf, MinMax};
+    /// use pairmask::{Aabb, Session};
+    ///
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// # let mut session = Session::builder().backend(pairmask::Backend::InProcess).connect()?;
+    /// let mut frame = session.frame(2)?;
+    /// frame.write(&[Aabb::new([0.0; 3], [1.0; 3]), Aabb::new([1.0; 3], [2.0; 3])]);
+    ///
+    /// let (centers, halves) = ([[0.5; 3], [1.5; 3]], [[0.5; 3]; 2]);
+    /// frame.write(&CenterHalf::points(&centers, &halves));
+    ///
+    /// let (low, high) = ([0.0, 1.0], [1.0, 2.0]);
+    /// frame.write(&MinMax::columns([&low; 3], [&high; 3]));
+    /// assert_eq!(frame.submit()?.wait()?.count(), 1);
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Panics
+    /// When `boxes` are not as many as the frame has.
+    pub fn write(&mut self, boxes: &(impl BoxSource + Sync + ?Sized)) {
+        assert_eq!(boxes.len(), self.n().len(), "as many boxes as the frame has");
+        par_write_boxes(boxes, self.boxes_mut());
     }
 
     /// The boxes, contents unspecified until written.

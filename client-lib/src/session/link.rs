@@ -17,6 +17,7 @@ use pairmask_wire::{
 };
 
 use super::builder::{Backend, Settings};
+use super::encodings::KnownEncodings;
 use super::error::{ConnectError, FrameError};
 use super::estimate::{Answered, Estimate};
 use super::forms::KnownForms;
@@ -53,6 +54,7 @@ pub(super) struct Link {
     cores: usize,
     frames: AtomicUsize,
     forms: KnownForms,
+    encodings: KnownEncodings,
     /// Whether the log says that responses of this daemon are refused.
     told_refused: AtomicBool,
     files: SegmentFiles,
@@ -164,6 +166,7 @@ impl Link {
             cores: std::thread::available_parallelism().map_or(1, usize::from),
             frames: AtomicUsize::new(0),
             forms: KnownForms::of(record.version),
+            encodings: KnownEncodings::of(record.version),
             told_refused: AtomicBool::new(false),
             files: SegmentFiles::new(&dir, instance),
             segment: Mutex::default(),
@@ -194,6 +197,11 @@ impl Link {
     /// The forms of objects that the daemon can be sent.
     pub(super) const fn forms(&self) -> &KnownForms {
         &self.forms
+    }
+
+    /// The encodings that the daemon can be asked for.
+    pub(super) const fn encodings(&self) -> &KnownEncodings {
+        &self.encodings
     }
 
     /// Logs once that a frame is answered in process, because the daemon's response is an error or

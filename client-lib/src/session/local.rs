@@ -117,14 +117,15 @@ impl Local {
             engine: settings.engine,
             encoding: settings.encoding,
             threads: settings.threads,
+            visit_threads: settings.visit_threads,
             last_pairs: *lock(&self.last_pairs),
             ..CullOptions::default()
         };
         let Engines { boxes, spheres } = &mut *lock(&self.engines);
         let answer = match objects {
-            Objects::Boxes(narrow) => {
+            Objects::Boxes(these) => {
                 let mut scratch = ExpandScratch::default();
-                boxes.cull(narrow.expand(&mut scratch, true), &options, &mut memory)
+                boxes.cull(these.expand(&mut scratch, true), &options, &mut memory)
             }
             Objects::Spheres(these) => spheres.cull(boxes, these, &options, &mut memory),
         }?;

@@ -19,6 +19,8 @@
 
 mod builder;
 mod core;
+#[cfg_attr(not(feature = "daemon"), allow(dead_code))]
+mod encodings;
 mod error;
 #[cfg_attr(not(feature = "daemon"), allow(dead_code))]
 mod estimate;
@@ -135,7 +137,7 @@ impl Session {
     /// ```
     ///
     /// # Errors
-    /// As [`frame`](Self::frame), and [`FrameError::SpheresUnknown`] with [`Backend::Daemon`].
+    /// As [`frame`](Self::frame), and [`FrameError::DaemonTooOld`] with [`Backend::Daemon`].
     pub fn sphere_frame(&mut self, n: usize) -> Result<SphereFrame, FrameError> {
         self.core.sphere_frame(n)
     }

@@ -3,6 +3,7 @@
 use pairmask_core::aabb::Aabb;
 use pairmask_core::precision::{BoxForm, Encoder, Precision};
 use pairmask_core::units::BoxCount;
+use pairmask_core::write::BoxSource;
 
 use super::error::FrameError;
 use super::frame::{Filling, NarrowMemory};
@@ -63,11 +64,13 @@ impl NarrowFrame {
         }
     }
 
-    /// Writes every box, large scenes on the rayon pool.
+    /// Writes every box, large scenes on the rayon pool: a slice, or what [`Frame::write`] takes.
+    ///
+    /// [`Frame::write`]: super::frame::Frame::write
     ///
     /// # Panics
     /// When `boxes` are not as many as the frame has.
-    pub fn fill(&mut self, boxes: &[Aabb]) {
+    pub fn fill(&mut self, boxes: &(impl BoxSource + Sync + ?Sized)) {
         assert_eq!(boxes.len(), self.n().len(), "as many boxes as the frame has");
         match self.filling.narrow_memory() {
             NarrowMemory::Bytes(bytes) => self.encoder.write(boxes, bytes),

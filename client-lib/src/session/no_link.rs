@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use pairmask_wire::{ReplyError, RequestHeader, ResponseHeader};
 
 use super::builder::{Backend, Settings};
+use super::encodings::KnownEncodings;
 use super::error::{ConnectError, FrameError};
 use super::estimate::Answered;
 use super::forms::KnownForms;
@@ -72,6 +73,10 @@ impl Link {
     }
 
     pub(super) const fn forms(&self) -> &KnownForms {
+        match self.0 {}
+    }
+
+    pub(super) const fn encodings(&self) -> &KnownEncodings {
         match self.0 {}
     }
 

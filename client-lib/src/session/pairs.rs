@@ -173,7 +173,8 @@ impl PairMask {
         self.pair_count
     }
 
-    /// Whether boxes (or spheres) `a` and `b` overlap. One AND in a dense mask; a search in a sparse one.
+    /// Whether boxes (or spheres) `a` and `b` overlap. One AND in a dense mask; a search in a sparse one
+    /// and in a list.
     pub fn contains(&self, a: u32, b: u32) -> bool {
         self.view().contains(a, b)
     }
@@ -181,6 +182,17 @@ impl PairMask {
     /// All pairs (a, b), a < b, one at a time.
     pub fn pairs(&self) -> Pairs<'_> {
         self.view().pairs()
+    }
+
+    /// Calls `f(a, b)` for each pair, a < b: the fastest way through a mask on one thread.
+    pub fn for_each(&self, f: impl FnMut(u32, u32)) {
+        self.view().for_each(f);
+    }
+
+    /// Calls `f` with slices of pairs [a, b], a < b, until all were seen: see
+    /// [`MaskView::for_each_slice`].
+    pub fn for_each_slice(&self, f: impl FnMut(&[[u32; 2]])) {
+        self.view().for_each_slice(f);
     }
 
     /// All pairs, on the rayon pool.

@@ -8,7 +8,7 @@ use pairmask_core::mask::MaskView;
 use pairmask_core::objects::Objects;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
-    Page, Reply, ReplyError, ReplyFields, RequestHeader, ResponseHeader, StatusCode, objects_in,
+    CullRequest, Page, Reply, ReplyError, ReplyFields, RequestHeader, ResponseHeader, StatusCode,
     words_in,
 };
 
@@ -69,15 +69,14 @@ impl PendingFrame {
         let settings = core.settings();
         let asked =
             ReplyFields { client_token: link.token(), frame: core.next_frame(), box_count: n };
-        let header = RequestHeader::cull(
-            asked.client_token,
-            asked.frame,
-            n,
-            written.form,
-            settings.engine,
-            settings.encoding,
-            settings.threads,
-        );
+        let request = CullRequest {
+            engine: settings.engine,
+            encoding: link.encodings().agree(settings.encoding),
+            threads: settings.threads,
+            visit_threads: settings.visit_threads,
+            ..CullRequest::of(written.scene(n))
+        };
+        let header = RequestHeader::cull(asked.client_token, asked.frame, &request);
         let at = Instant::now();
         match shared.send(&header) {
             Ok((pending, slot)) => {
@@ -212,12 +211,12 @@ impl Sent {
             matches!(refused, ReplyError::Status { status: StatusCode::BadRequest, .. });
         if is_bad_request {
             // The next frame is not sent in a form that the daemon may not know.
-            self.slot.link().forms().note_refused(self.written.form);
+            self.slot.link().forms().note_refused(self.written);
         }
         if !core.may_cull_here() {
             return Err(refused.into());
         }
-        if !is_bad_request || pairmask_wire::since_minor(self.written.form) == 0 {
+        if !is_bad_request || self.written.since_minor() == 0 {
             self.slot.link().say_refused(&refused);
         }
         match self.cull_here(core) {
@@ -251,7 +250,7 @@ fn cull_shared(
     n: BoxCount,
     written: Written,
 ) -> Result<PairMask, CullError> {
-    let objects = objects_in(pages, 0, written.form, n);
+    let objects = written.scene(n).objects_in(pages);
     // The memory was lent for exactly these objects, so that `objects` is never `None`.
     core.cull_here(objects.unwrap_or(Objects::Spheres(&[])), written)
 }

@@ -6,6 +6,7 @@ use iceoryx2::prelude::ZeroCopySend;
 use pairmask_core::engine::{EngineChoice, EngineName};
 use pairmask_core::mask::{Encoding, EncodingChoice};
 use pairmask_core::objects::{ObjectForm, Objects};
+use pairmask_core::precision::BoxForm;
 use pairmask_core::units::BoxCount;
 
 use crate::page::Page;
@@ -44,8 +45,13 @@ pub struct RequestHeader {
     pub threads: u32,
     /// What lies where in the payload.
     pub sections: [Section; SECTION_COUNT],
+    /// Threads with which the client visits the pairs, or 0 for one (since 1.3; a hint, which older
+    /// readers ignore).
+    pub visit_threads: u32,
     /// Zero; no version reads it yet.
-    pub reserved: [u64; 4],
+    pub reserved_word: u32,
+    /// Zero; no version reads it yet.
+    pub reserved: [u64; 3],
 }
 
 const _: () = assert!(size_of::<RequestHeader>() == 272 && align_of::<RequestHeader>() == 8);
@@ -67,7 +73,9 @@ pub enum Operation {
     Status = 2,
 }
 
-/// Where the objects of a scene lie in a payload, and what they are.
+/// Where the objects of a scene lie in a payload, and what they are. What else each object has for all
+/// engines to honour belongs here: its place, its section, and what [`ScenePlace::objects_in`] makes of
+/// it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ScenePlace {
     /// Boxes or spheres, and their form.
@@ -80,13 +88,36 @@ pub struct ScenePlace {
 }
 
 impl ScenePlace {
+    /// No boxes.
+    pub const EMPTY: Self =
+        Self { form: ObjectForm::Boxes(BoxForm::F32), count: BoxCount::new(0), offset: 0 };
+
+    /// `count` objects of a form at the start of a payload.
+    pub fn first(form: impl Into<ObjectForm>, count: BoxCount) -> Self {
+        Self { form: form.into(), count, offset: 0 }
+    }
+
+    /// Bytes of a payload that holds the scene.
+    pub const fn payload_bytes(self) -> u64 {
+        self.offset as u64 + self.form.bytes(self.count)
+    }
+
+    /// The sections that say so in a header.
+    fn sections(self) -> [Section; SECTION_COUNT] {
+        let (kind, bytes) = (SectionKind::of(self.form), self.form.bytes(self.count));
+        let mut sections = [Section::default(); SECTION_COUNT];
+        sections[0] = Section::required(kind, self.offset as u64, bytes);
+        sections
+    }
+
     /// The objects, or `None` where they are not all in the payload.
     pub fn objects_in(self, pages: &[Page]) -> Option<Objects<'_>> {
         objects_in(pages, self.offset, self.form, self.count)
     }
 }
 
-/// A validated request for the pairs of a scene.
+/// A request for the pairs of a scene: what a client says in a header, and what a daemon has validated
+/// of one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CullRequest {
     /// The scene.
@@ -97,9 +128,25 @@ pub struct CullRequest {
     pub encoding: EncodingChoice,
     /// Threads that the engine may use; `None` leaves the number to the plan.
     pub threads: Option<usize>,
+    /// Threads with which the client visits the pairs, for the plan; `None` is one.
+    pub visit_threads: Option<usize>,
     /// Minor wire version of the client, older or newer than this build. The answer may hold nothing
     /// that a later minor version added.
     pub client_minor: u16,
+}
+
+impl CullRequest {
+    /// A request of this build that leaves all choices to the plan.
+    pub const fn of(scene: ScenePlace) -> Self {
+        Self {
+            scene,
+            engine: EngineChoice::Auto,
+            encoding: EncodingChoice::Auto,
+            threads: None,
+            visit_threads: None,
+            client_minor: VERSION_MINOR,
+        }
+    }
 }
 
 /// A validated request.
@@ -186,19 +233,15 @@ impl RequestHeader {
         }
     }
 
-    /// A request to cull the `box_count` objects of a form at the start of the payload.
-    pub fn cull(
-        client_token: u64,
-        frame: u64,
-        box_count: BoxCount,
-        form: impl Into<ObjectForm>,
-        engine: EngineChoice,
-        encoding: EncodingChoice,
-        threads: Option<usize>,
-    ) -> Self {
-        let form = form.into();
-        let mut header = Self {
-            box_count: box_count.get(),
+    /// A request to cull a scene, with what the client asks for.
+    pub fn cull(client_token: u64, frame: u64, request: &CullRequest) -> Self {
+        let CullRequest { scene, engine, encoding, threads, visit_threads, client_minor } =
+            *request;
+        let number =
+            |threads: Option<usize>| threads.map_or(0, |t| u32::try_from(t).unwrap_or(u32::MAX));
+        Self {
+            version_minor: client_minor,
+            box_count: scene.count.get(),
             engine: match engine {
                 EngineChoice::Auto => 0,
                 EngineChoice::Only(name) => name as u32,
@@ -207,11 +250,11 @@ impl RequestHeader {
                 EncodingChoice::Auto => 0,
                 EncodingChoice::Only(encoding) => encoding as u32,
             },
-            threads: threads.map_or(0, |t| u32::try_from(t).unwrap_or(u32::MAX)),
+            threads: number(threads),
+            visit_threads: number(visit_threads),
+            sections: scene.sections(),
             ..Self::envelope(Operation::Cull, client_token, frame)
-        };
-        header.sections[0] = Section::required(SectionKind::of(form), 0, form.bytes(box_count));
-        header
+        }
     }
 
     /// A request for the daemon's status.
@@ -265,11 +308,13 @@ impl Request {
             return Err(wrong);
         }
         let offset = usize::try_from(section.offset).map_err(|_| wrong)?;
+        let some = |threads: u32| (threads != 0).then_some(threads as usize);
         Ok(Self::Cull(CullRequest {
             scene: ScenePlace { form, count: box_count, offset },
             engine,
             encoding,
-            threads: (header.threads != 0).then_some(header.threads as usize),
+            threads: some(header.threads),
+            visit_threads: some(header.visit_threads),
             client_minor: header.version_minor,
         }))
     }

@@ -54,11 +54,13 @@ pub enum SectionKind {
     BoxesF16 = 10,
     /// Spheres, four f32, 16 bytes each, in object order.
     Spheres = 11,
+    /// Pairs of box indices of a list.
+    ListPairs = 12,
 }
 
 impl SectionKind {
     /// Every kind, in the order of their numbers.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::Boxes,
         Self::DenseWords,
         Self::SparseRows,
@@ -70,6 +72,7 @@ impl SectionKind {
         Self::BoxesQ8,
         Self::BoxesF16,
         Self::Spheres,
+        Self::ListPairs,
     ];
 
     /// The kind of a wire number, if there is one.
@@ -142,6 +145,7 @@ pub(crate) fn mask_sections(shape: &MaskShape) -> [Section; SECTION_COUNT] {
                 sections[3] = section(SectionKind::Order, order);
             }
         }
+        MaskShape::List { pairs } => sections[0] = section(SectionKind::ListPairs, pairs),
         // An encoding of the core that the wire contract does not have: readers find no mask.
         _ => {}
     }
@@ -192,6 +196,13 @@ pub(crate) fn mask_shape(
                 return Err(BadSections::Malformed("order"));
             }
             Ok(MaskShape::Sparse { rows, blocks, bits, order })
+        }
+        Encoding::List => {
+            let pairs = span(SectionKind::ListPairs, "list pairs")?;
+            if !pairs.len.is_multiple_of(2) {
+                return Err(BadSections::Malformed("list pairs"));
+            }
+            Ok(MaskShape::List { pairs })
         }
         _ => Err(BadSections::UnknownEncoding),
     }

@@ -28,15 +28,14 @@ fn request() -> RequestHeader {
 }
 
 fn request_of(form: impl Into<ObjectForm>) -> RequestHeader {
-    RequestHeader::cull(
-        ASKED.client_token,
-        ASKED.frame,
-        N,
-        form,
-        EngineChoice::Only(EngineName::CpuBrute),
-        EncodingChoice::Only(Encoding::Sparse),
-        Some(2),
-    )
+    let request = CullRequest {
+        engine: EngineChoice::Only(EngineName::CpuBrute),
+        encoding: EncodingChoice::Only(Encoding::Sparse),
+        threads: Some(2),
+        visit_threads: Some(8),
+        ..CullRequest::of(ScenePlace::first(form, N))
+    };
+    RequestHeader::cull(ASKED.client_token, ASKED.frame, &request)
 }
 
 fn report(shape: MaskShape) -> CullReport {
@@ -91,12 +90,14 @@ fn golden_request() {
         (ObjectForm::Boxes(BoxForm::F16), 10, 1200),
         (ObjectForm::Spheres, 11, 1600),
     ] {
-        let expected = Bytes(b"PMRQ\x01\x00\x02\x00".to_vec())
+        let expected = Bytes(b"PMRQ\x01\x00\x03\x00".to_vec())
             .u32(&[1, 0])
             .u64(&[0x1122_3344_5566_7788, 9])
             .u32(&[100, 1, 2, 2])
             .section(kind, 0, bytes)
-            .zeros(7 * 24 + 32);
+            .zeros(7 * 24)
+            .u32(&[8, 0])
+            .zeros(24);
         assert_eq!(bytemuck::bytes_of(&request_of(form)), expected.0, "{form}");
     }
 }
@@ -144,7 +145,7 @@ fn golden_spheres() {
 fn golden_response() {
     // 7 words of room: sections start on multiples of 16 words, that is 64 bytes.
     let shape = MaskShape::sparse(N, 7, 5, true);
-    let expected = Bytes(b"PMRS\x01\x00\x02\x00".to_vec())
+    let expected = Bytes(b"PMRS\x01\x00\x03\x00".to_vec())
         .u32(&[0, 0])
         .u64(&[0x1122_3344_5566_7788, 9])
         .u32(&[100, 1, 2, 1, 2, 2])
@@ -159,6 +160,56 @@ fn golden_response() {
         .section(6, 192, 400)
         .zeros(4 * 24);
     assert_eq!(bytemuck::bytes_of(&response(shape)), expected.0);
+}
+
+#[test]
+fn golden_list_response() {
+    let expected = Bytes(b"PMRS\x01\x00\x03\x00".to_vec())
+        .u32(&[0, 0])
+        .u64(&[0x1122_3344_5566_7788, 9])
+        .u32(&[100, 1, 3, 1, 2, 2])
+        .u32(&[5, 0, 0, 0, 0, 0, 0, 0])
+        .u64(&[3])
+        .u64(&[3, 4, 5, 0, 0, 0])
+        .u64(&[10, 20, 30, 40, 110, 0, 0, 0])
+        .u64(&[0; 4])
+        .section(12, 0, 24)
+        .zeros(7 * 24);
+    let header = response(MaskShape::list(3));
+    assert_eq!(bytemuck::bytes_of(&header), expected.0);
+    // The payload, as WIRE.md has it: in the order of the engine.
+    let words = [4, 9, 0, 99, 0, 1];
+    let reply = Reply::parse(&header, &ASKED, 24).unwrap();
+    let view = MaskView::new(N, &reply.report.shape, &words).unwrap();
+    assert_eq!(view.to_vec(), [(4, 9), (0, 99), (0, 1)]);
+    assert_eq!(view.verify(), Ok(()));
+}
+
+#[test]
+fn forged_lists_are_refused() {
+    let forge = |change: fn(&mut ResponseHeader)| {
+        let mut header = response(MaskShape::list(3));
+        change(&mut header);
+        Reply::parse(&header, &ASKED, 4096)
+    };
+    assert!(forge(|_| {}).is_ok());
+    let longest = forge(|h| h.sections[0].bytes = 4096);
+    assert_eq!(longest.map(|reply| reply.report.shape), Ok(MaskShape::list(512)));
+    for change in [
+        // Half a pair, and less than a word.
+        (|h| h.sections[0].bytes = 20) as fn(&mut ResponseHeader),
+        |h| h.sections[0].bytes = 23,
+        |h| h.sections[0].bytes = 4104,
+        |h| h.sections[0].bytes = u64::MAX - 7,
+        |h| h.sections[0].offset = 2,
+        |h| h.sections[0].offset = u64::MAX - 7,
+        |h| h.sections[0].kind = SectionKind::DenseWords as u32,
+        |h| h.sections[1] = h.sections[0],
+        |h| h.encoding = Encoding::Sparse as u32,
+        |h| h.encoding = Encoding::Dense as u32,
+    ] {
+        assert!(matches!(forge(change), Err(ReplyError::Malformed { .. })));
+    }
 }
 
 #[test]
@@ -196,10 +247,11 @@ fn a_request_round_trips() {
         assert_eq!(
             parsed,
             Request::Cull(CullRequest {
-                scene: ScenePlace { form, count: N, offset: 0 },
+                scene: ScenePlace::first(form, N),
                 engine: EngineChoice::Only(EngineName::CpuBrute),
                 encoding: EncodingChoice::Only(Encoding::Sparse),
                 threads: Some(2),
+                visit_threads: Some(8),
                 client_minor: Version::CURRENT.minor,
             })
         );
@@ -335,7 +387,7 @@ fn a_later_minor_version_may_add_what_old_readers_pass_over() {
     let mut header = request();
     header.version_minor = 7;
     header.flags = 0xffff_ffff;
-    header.reserved = [1; 4];
+    (header.reserved_word, header.reserved) = (1, [1; 3]);
     header.sections[5] = Section { kind: 77, flags: 0, offset: u64::MAX, bytes: u64::MAX };
     assert!(Request::parse(&header, 4096).is_ok());
 }
@@ -416,7 +468,7 @@ proptest! {
         if let Ok(Request::Cull(CullRequest { scene, .. })) =
             Request::parse(&header, payload_bytes)
         {
-            let ScenePlace { form, count, offset } = scene;
+            let ScenePlace { form, count, offset, .. } = scene;
             let object_bytes = match form {
                 ObjectForm::Boxes(BoxForm::F32) => 24,
                 ObjectForm::Boxes(BoxForm::Q16 | BoxForm::F16) => 12,
@@ -438,6 +490,7 @@ proptest! {
         bytes in prop_oneof![
             mutated::<432>(bytemuck::cast(response(MaskShape::sparse(N, 7, 5, true)))),
             mutated::<432>(bytemuck::cast(response(MaskShape::dense(N)))),
+            mutated::<432>(bytemuck::cast(response(MaskShape::list(30)))),
         ],
         payload in proptest::collection::vec(any::<u32>(), 0..400),
     ) {

@@ -59,7 +59,6 @@ mod tests {
     use pairmask_core::mask::{MaskShape, MaskView};
     use pairmask_core::objects::Objects;
     use pairmask_core::oracle::truth;
-    use pairmask_core::precision::BoxSlice;
     use pairmask_core::{Aabb, BoxCount, Encoding, EncodingChoice};
     use pairmask_tests::{SphereCase, lose_a_pair, stress_scenes as scenes};
 
@@ -81,7 +80,7 @@ mod tests {
     fn audit(boxes: &[Aabb], span: Span2, shape: &MaskShape, reply: &[u32]) -> Outcome {
         let mut window = Window::default();
         window.take_mask(boxes.len() as u32, span, shape, reply);
-        window.take_objects(Objects::Boxes(BoxSlice::F32(boxes)));
+        window.take_objects(Objects::Boxes(boxes.into()));
         check(&window)
     }
 
@@ -96,7 +95,7 @@ mod tests {
             for scene in scenes::ALL {
                 let boxes = scene.boxes(n, 3);
                 for mut engine in engines() {
-                    for encoding in [Encoding::Dense, Encoding::Sparse] {
+                    for encoding in Encoding::ALL {
                         let (reply, report) = frame(engine.as_mut(), &boxes, encoding);
                         let below = |bound: u32, random: &mut Random| {
                             random.below(u64::from(bound) + 1) as u32
@@ -122,7 +121,7 @@ mod tests {
         let boxes = scenes::named("clustered").boxes(345, 1);
         let all = truth(&boxes).pairs;
         for mut engine in engines() {
-            for encoding in [Encoding::Dense, Encoding::Sparse] {
+            for encoding in Encoding::ALL {
                 let (mut reply, mut report) = frame(engine.as_mut(), &boxes, encoding);
                 let mut words = reply.words().to_vec();
                 lose_a_pair(&mut words, &mut report);
@@ -175,7 +174,7 @@ mod tests {
         let mut random = Random::new(5);
         let mut pairs = 0;
         for mut engine in engines() {
-            for encoding in [Encoding::Dense, Encoding::Sparse] {
+            for encoding in Encoding::ALL {
                 let (reply, report) = frame(engine.as_mut(), &boxes, encoding);
                 for _ in 0..3 {
                     let span = Span2::draw(5_000, Reach::BOXES, &mut random);
@@ -196,7 +195,7 @@ mod tests {
         for seed in 0..60 {
             let SphereCase { spheres, .. } = SphereCase::new(seed);
             let n = spheres.len() as u32;
-            for encoding in [Encoding::Dense, Encoding::Sparse] {
+            for encoding in Encoding::ALL {
                 let options = CullOptions {
                     encoding: EncodingChoice::Only(encoding),
                     ..CullOptions::default()

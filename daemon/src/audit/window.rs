@@ -34,7 +34,7 @@ impl Reach {
     }
 }
 
-/// Rows and columns, as positions in the mask's order.
+/// Rows and columns, as positions in the mask's order; as indices of objects where it has none.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Span2 {
     /// Rows.
@@ -91,9 +91,9 @@ pub struct Window {
 }
 
 impl Window {
-    /// Whether a window can hold the bits of such a mask: words of other encodings are not audited.
+    /// Whether a window can hold the bits of such a mask: other encodings are not audited.
     pub const fn holds(shape: &MaskShape) -> bool {
-        matches!(shape, MaskShape::Dense { .. } | MaskShape::Sparse { .. })
+        matches!(shape, MaskShape::Dense { .. } | MaskShape::Sparse { .. } | MaskShape::List { .. })
     }
 
     /// Copies the bits of a span from a mask of `n` objects, one that a window [holds](Self::holds).
@@ -119,6 +119,10 @@ impl Window {
                     None => self.indices.extend(positions),
                 }
                 self.take_sparse([rows, blocks, bits].map(|span| section(reply, span)));
+            }
+            MaskShape::List { pairs } => {
+                self.indices.extend(self.span.rows.clone().chain(self.span.columns.clone()));
+                self.take_list(section(reply, pairs));
             }
             _ => {}
         }
@@ -175,6 +179,18 @@ impl Window {
             let column = block.wrapping_sub(first_block) as usize;
             if column < stride && self.span.rows.contains(&row) {
                 self.bits[(row - self.span.rows.start) as usize * stride + column] |= bits;
+            }
+        }
+    }
+
+    /// A list says nothing of where a pair of the span stands, so all of it is looked at: at some tenths
+    /// of a nanosecond a pair, less than the oracle takes for the window.
+    fn take_list(&mut self, list: &[u32]) {
+        let stride = self.span.row_words();
+        for &[row, column] in list.as_chunks().0 {
+            if self.span.rows.contains(&row) && self.span.columns.contains(&column) {
+                let (row, column) = (row - self.span.rows.start, column - self.span.columns.start);
+                self.bits[row as usize * stride + column as usize / 32] |= 1 << (column % 32);
             }
         }
     }

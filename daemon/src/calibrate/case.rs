@@ -65,19 +65,20 @@ pub struct CaseTimes {
 pub enum WaySet {
     /// Engines and threads, sparse.
     Sparse,
-    /// As `Sparse`, and dense masks on one thread for few boxes: the rows that a fit needs.
+    /// As `Sparse`, lists likewise, and dense masks on one thread for few boxes: the rows that a fit
+    /// needs.
     Fit,
-    /// As `Fit`, and dense masks on every number of threads: all ways that a plan may choose.
+    /// As `Fit`, with every number of threads: all ways that a plan may choose.
     All,
 }
 
 /// The ways of a set, without those of [`HOPELESS`] predictions.
 fn ways(stats: &SceneStats, threads: &[usize], set: WaySet, isa: AvailableIsa) -> Vec<Way> {
     let calibration = Calibration::built_in(isa.get());
-    let encodings: &[_] = if stats.n.len() > DENSE_BOXES || set == WaySet::Sparse {
-        &[Encoding::Sparse]
-    } else {
-        &[Encoding::Sparse, Encoding::Dense]
+    let encodings: &[_] = match set {
+        WaySet::Sparse => &[Encoding::Sparse],
+        _ if stats.n.len() > DENSE_BOXES => &[Encoding::Sparse, Encoding::List],
+        _ => &[Encoding::Sparse, Encoding::List, Encoding::Dense],
     };
     let ways = EngineName::CPU.into_iter().flat_map(|engine| {
         let encodings = encodings.iter();
@@ -95,7 +96,7 @@ fn ways(stats: &SceneStats, threads: &[usize], set: WaySet, isa: AvailableIsa) -
     let least = EngineName::CPU.into_iter().map(predicted_ns).fold(f64::INFINITY, f64::min);
     let hopeless_ns = (HOPELESS * least).max(HOPELESS_NS);
     let is_wanted =
-        |way: &Way| way.encoding == Encoding::Sparse || way.threads == 1 || set == WaySet::All;
+        |way: &Way| way.encoding != Encoding::Dense || way.threads == 1 || set == WaySet::All;
     ways.filter(|way| is_wanted(way) && predicted_ns(way.engine) <= hopeless_ns).collect()
 }
 

@@ -12,9 +12,9 @@ use pairmask_core::plan::{Calibration, SceneStats, Term, ThreadCost, Work};
 use super::case::{Case, CaseTimes};
 use super::lane::Way;
 
-/// The extra time of a dense mask over a sparse one of the same frame is a row of its own, relative
-/// to this share of the frame's time: beside the engine's whole time it would vanish in that one's
-/// errors.
+/// The extra time that another mask takes the engine over a sparse one of the same frame is a row of
+/// its own, relative to this share of the engine's time: beside the whole of it, it would vanish in
+/// that one's errors.
 const MASK_SHARE: f64 = 0.2;
 /// Terms of the model.
 const TERMS: usize = Term::ALL.len();
@@ -31,6 +31,15 @@ const DESCENTS: usize = 2_000;
 /// may.
 const THREADED_BOXES: usize = 4_096;
 
+/// The part of a frame that a row measures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FramePart {
+    /// The engine's: from boxes to mask.
+    Cull,
+    /// The client's: from the mask to each pair, on as many threads as the engine has.
+    Visit,
+}
+
 /// One measured time and its inputs.
 #[derive(Clone, Copy, Debug)]
 pub struct FitRow {
@@ -38,32 +47,54 @@ pub struct FitRow {
     pub case: Case,
     /// The way.
     pub way: Way,
+    /// What of the frame.
+    pub part: FramePart,
     /// The plan's statistics.
     pub stats: SceneStats,
-    /// The shortest frame, engine and decode, ns.
+    /// The shortest time, ns.
     pub measured_ns: f64,
 }
 
 impl FitRow {
     fn work(&self) -> Option<Work> {
-        Work::of(self.way.engine, self.way.encoding, &self.stats)
+        let Way { engine, encoding, .. } = self.way;
+        match self.part {
+            FramePart::Cull => Work::of(engine, encoding, &self.stats),
+            FramePart::Visit => Some(Work::of_visit(engine, encoding, &self.stats)),
+        }
     }
 
     /// The time that a calibration predicts, ns.
     pub fn predicted_ns(&self, calibration: &Calibration) -> f64 {
         let one_ns = self.work().map_or(0.0, |work| calibration.time_ns(&work));
-        calibration.threads_of(self.way.engine).on(self.way.threads, one_ns)
+        let threads = match self.part {
+            FramePart::Cull => calibration.threads_of(self.way.engine),
+            FramePart::Visit => calibration.visit_threads,
+        };
+        threads.on(self.way.threads, one_ns)
+    }
+
+    /// Whose work it is: an engine's; `None` for the client's.
+    fn owner(&self) -> Option<EngineName> {
+        (self.part == FramePart::Cull).then_some(self.way.engine)
     }
 }
 
 /// The rows of measured cases.
 pub fn rows(cases: &[CaseTimes]) -> Vec<FitRow> {
     let rows = cases.iter().flat_map(|measured| {
-        measured.ways.iter().map(|(way, times)| FitRow {
-            case: measured.case,
-            way: *way,
-            stats: measured.stats,
-            measured_ns: times.least_ns() as f64,
+        measured.ways.iter().flat_map(|(way, times)| {
+            let parts = [
+                (FramePart::Cull, times.least_engine_ns()),
+                (FramePart::Visit, times.least_visit_ns()),
+            ];
+            parts.map(|(part, ns)| FitRow {
+                case: measured.case,
+                way: *way,
+                part,
+                stats: measured.stats,
+                measured_ns: ns as f64,
+            })
         })
     });
     rows.filter(|row| row.measured_ns > 0.0).collect()
@@ -74,22 +105,23 @@ pub fn fit(rows: &[FitRow], start: &Calibration) -> Calibration {
     let scaled = scale(rows, start);
     let ns = fit_terms(rows, &scaled.ns);
     let fitted = Calibration { ns, ..scaled };
-    let threads = EngineName::CPU.map(|engine| fit_threads(rows, engine, start.threads_of(engine)));
-    Calibration { threads, ..fitted }
+    let threads =
+        EngineName::CPU.map(|engine| fit_threads(rows, Some(engine), start.threads_of(engine)));
+    let visit_threads = fit_threads(rows, None, start.visit_threads);
+    Calibration { threads, visit_threads, ..fitted }
 }
 
 /// The constants of `start`, each engine's multiplied by the ratio of its measured times to its
-/// predicted ones: enough after a short measurement.
+/// predicted ones, and those of masks by that of visiting them: enough after a short measurement.
 pub fn scale(rows: &[FitRow], start: &Calibration) -> Calibration {
-    let ratio_of = |wanted: Option<EngineName>| {
-        let rows = rows.iter().filter(|row| row.way.threads == 1);
-        let rows = rows.filter(|row| wanted.is_none_or(|engine| engine == row.way.engine));
+    let ratio_of = |wanted: &dyn Fn(&FitRow) -> bool| {
+        let rows = rows.iter().filter(|row| row.way.threads == 1 && wanted(row));
         median(rows.map(|row| row.measured_ns / row.predicted_ns(start)).collect())
     };
-    let all = ratio_of(None).unwrap_or(1.0);
+    let all = ratio_of(&|_| true).unwrap_or(1.0);
     let mut calibration = *start;
     for term in Term::ALL {
-        let ratio = term.owner().and_then(|engine| ratio_of(Some(engine))).unwrap_or(all);
+        let ratio = ratio_of(&|row| row.owner() == term.owner()).unwrap_or(all);
         calibration.ns[term.index()] *= ratio;
     }
     calibration
@@ -103,13 +135,14 @@ fn median(mut values: Vec<f64>) -> Option<f64> {
 /// The constants of the terms; relative to `start` during the fit.
 fn fit_terms(rows: &[FitRow], start: &[f64; TERMS]) -> [f64; TERMS] {
     let singles: Vec<&FitRow> = rows.iter().filter(|row| row.way.threads == 1).collect();
-    let equation = |row: &&FitRow| match row.way.encoding {
-        Encoding::Dense => {
+    let equation = |row: &&FitRow| match (row.part, row.way.encoding) {
+        (FramePart::Visit, _) | (_, Encoding::Sparse) => Equation::of_part(row, start),
+        (FramePart::Cull, _) => {
             let sparse = Way { encoding: Encoding::Sparse, ..row.way };
-            let twin = singles.iter().find(|twin| twin.case == row.case && twin.way == sparse)?;
+            let mut culls = singles.iter().filter(|row| row.part == FramePart::Cull);
+            let twin = culls.find(|twin| twin.case == row.case && twin.way == sparse)?;
             Equation::of_masks(row, twin, start)
         }
-        _ => Equation::of_frame(row, start),
     };
     let equations: Vec<Equation> = singles.iter().filter_map(equation).collect();
     let mut x = [1.0; TERMS];
@@ -128,19 +161,19 @@ struct Equation {
 }
 
 impl Equation {
-    /// The equation that a frame takes its measured time.
-    fn of_frame(row: &FitRow, start: &[f64; TERMS]) -> Option<Self> {
+    /// The equation that a part of a frame takes its measured time.
+    fn of_part(row: &FitRow, start: &[f64; TERMS]) -> Option<Self> {
         let work = row.work()?;
         let share = |t: usize| work.amounts()[t] * start[t] / row.measured_ns;
         Some(Self { share: std::array::from_fn(share), target: 1.0 })
     }
 
-    /// The equation of the extra time of a frame's dense mask over its sparse one.
-    fn of_masks(dense: &FitRow, sparse: &FitRow, start: &[f64; TERMS]) -> Option<Self> {
-        let (more, less) = (dense.work()?, sparse.work()?);
+    /// The equation of the extra time that a mask takes its engine over a sparse one of the frame.
+    fn of_masks(other: &FitRow, sparse: &FitRow, start: &[f64; TERMS]) -> Option<Self> {
+        let (more, less) = (other.work()?, sparse.work()?);
         let unit = MASK_SHARE * sparse.measured_ns;
         let share = |t: usize| (more.amounts()[t] - less.amounts()[t]) * start[t] / unit;
-        let target = (dense.measured_ns - sparse.measured_ns) / unit;
+        let target = (other.measured_ns - sparse.measured_ns) / unit;
         Some(Self { share: std::array::from_fn(share), target })
     }
 
@@ -182,19 +215,17 @@ fn weight(error: f64) -> f64 {
     if error.abs() <= NOISE { 1.0 } else { NOISE / error.abs() }
 }
 
-/// The gain of an engine by threads: t = one · (s + (1 − s)/T) + f · log2 T for every row of T
+/// The gain of an engine, or of the client, by threads: t = one · (s + (1 − s)/T) + f · log2 T for every row of T
 /// threads beside the row of one.
-fn fit_threads(rows: &[FitRow], engine: EngineName, start: ThreadCost) -> ThreadCost {
-    let is_one = |row: &&FitRow| row.way.engine == engine && row.way.threads == 1;
-    let ones: Vec<&FitRow> = rows.iter().filter(is_one).collect();
-    let more = rows.iter().filter(|row| {
-        row.way.engine == engine && row.way.threads > 1 && row.case.n >= THREADED_BOXES
-    });
+fn fit_threads(rows: &[FitRow], owner: Option<EngineName>, start: ThreadCost) -> ThreadCost {
+    let of_owner = || rows.iter().filter(|row| row.owner() == owner);
+    let ones: Vec<&FitRow> = of_owner().filter(|row| row.way.threads == 1).collect();
+    let more = of_owner().filter(|row| row.way.threads > 1 && row.case.n >= THREADED_BOXES);
     // (a, b, c): a · s + b · f = c, all divided by the measured time.
     let mut equations: Vec<[f64; 3]> = more
         .filter_map(|row| {
-            let twin =
-                |one: &&&FitRow| one.case == row.case && one.way.encoding == row.way.encoding;
+            let one_way = Way { threads: 1, ..row.way };
+            let twin = |one: &&&FitRow| one.case == row.case && one.way == one_way;
             let one_ns = ones.iter().find(twin)?.measured_ns;
             let threads = row.way.threads as f64;
             let divided = row.measured_ns - one_ns / threads;
@@ -241,9 +272,12 @@ mod tests {
                 [(0.05, 1.0, 1.0, 1), (0.02, 20.0, 1.0, 2), (0.03, 1.0, 30.0, 7)]
             {
                 for engine in EngineName::CPU {
-                    for (encoding, threads) in
-                        [(Encoding::Sparse, 1), (Encoding::Dense, 1), (Encoding::Sparse, 4)]
-                    {
+                    for (encoding, threads) in [
+                        (Encoding::Sparse, 1),
+                        (Encoding::Dense, 1),
+                        (Encoding::List, 1),
+                        (Encoding::Sparse, 4),
+                    ] {
                         let stats = SceneStats {
                             window_share,
                             large_size,
@@ -251,11 +285,13 @@ mod tests {
                             ..SceneStats::unseen(BoxCount::new(n), Some(u64::from(pairs * n)))
                         };
                         let case =
-                            Case { scene: SceneName::Uniform, n: n as usize * 8 + rows.len() / 9 };
+                            Case { scene: SceneName::Uniform, n: n as usize * 8 + rows.len() / 24 };
                         let way = Way { engine, encoding, threads };
-                        let mut row = FitRow { case, way, stats, measured_ns: 1.0 };
-                        row.measured_ns = row.predicted_ns(truth) * disturb(rows.len());
-                        rows.push(row);
+                        for part in [FramePart::Cull, FramePart::Visit] {
+                            let mut row = FitRow { case, way, part, stats, measured_ns: 1.0 };
+                            row.measured_ns = row.predicted_ns(truth) * disturb(rows.len());
+                            rows.push(row);
+                        }
                     }
                 }
             }
@@ -268,8 +304,9 @@ mod tests {
         for (t, ns) in truth.ns.iter_mut().enumerate() {
             *ns *= [2.5, 3.0, 2.0, 3.5][t % 4];
         }
-        truth.threads =
-            [ThreadCost { serial_share: 0.3, fan_out_ns: 20_000.0 }; EngineName::CPU.len()];
+        let threads = ThreadCost { serial_share: 0.3, fan_out_ns: 20_000.0 };
+        truth.threads = [threads; EngineName::CPU.len()];
+        truth.visit_threads = threads;
         truth
     }
 

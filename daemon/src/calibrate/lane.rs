@@ -10,6 +10,7 @@ use pairmask_core::engine::{
 };
 use pairmask_core::{Aabb, BoxCount, Encoding, MaskView};
 use rayon::ThreadPool;
+use rayon::iter::ParallelIterator;
 
 use super::MeasureError;
 
@@ -31,6 +32,8 @@ pub struct LaneTimes {
     pub engine_ns: Vec<u64>,
     /// From the mask to the last pair on one thread, every frame.
     pub decode_ns: Vec<u64>,
+    /// The same on the way's threads, every frame.
+    pub visit_ns: Vec<u64>,
     /// Pairs of the last frame.
     pub pair_count: u64,
     /// Bytes of the last mask.
@@ -47,6 +50,11 @@ impl LaneTimes {
     /// The shortest time in the engine, ns.
     pub fn least_engine_ns(&self) -> u64 {
         self.engine_ns.iter().min().copied().unwrap_or(0)
+    }
+
+    /// The shortest time of visiting the pairs on the way's threads, ns.
+    pub fn least_visit_ns(&self) -> u64 {
+        self.visit_ns.iter().min().copied().unwrap_or(0)
     }
 
     /// The median frame, engine and decode, ns.
@@ -107,6 +115,15 @@ impl Lane {
         });
         black_box(indices);
         let decode_ns = nanoseconds_since(start);
+        let visit_ns = match &self.pool {
+            Some(pool) => pool.install(|| {
+                let start = Instant::now();
+                let indices = mask.par_pairs().map(|(a, b)| a ^ b).reduce(|| 0, |a, b| a ^ b);
+                black_box(indices);
+                nanoseconds_since(start)
+            }),
+            None => decode_ns,
+        };
         if decoded != report.pair_count {
             let (engine, counted) = (self.way.engine, report.pair_count);
             return Err(MeasureError::Miscounted { engine, counted, decoded });
@@ -116,6 +133,7 @@ impl Lane {
         if is_noted {
             self.times.engine_ns.push(engine_ns);
             self.times.decode_ns.push(decode_ns);
+            self.times.visit_ns.push(visit_ns);
         }
         Ok(())
     }

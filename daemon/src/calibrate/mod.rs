@@ -11,7 +11,7 @@ mod lane;
 mod threads;
 
 pub use case::{Case, CaseTimes, Effort, WaySet, measure};
-pub use fit::{FitRow, fit, rows, scale};
+pub use fit::{FitRow, FramePart, fit, rows, scale};
 pub use glance::glance;
 pub use lane::{LaneTimes, Way};
 pub use threads::{Pools, core_count, thread_counts};

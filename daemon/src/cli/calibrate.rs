@@ -104,7 +104,7 @@ struct Report {
     load_share: Option<f64>,
     /// ns a unit, by term.
     ns: BTreeMap<&'static str, f64>,
-    /// By engine.
+    /// By engine, and of a client that visits pairs.
     threads: BTreeMap<&'static str, Threads>,
     /// Times measured.
     rows: usize,
@@ -154,18 +154,21 @@ impl Calibrate {
             print_text(encode(&calibration, &machine).trim_end())?;
             return Ok(());
         }
-        let threads = EngineName::CPU.map(|engine| {
-            let cost = calibration.threads_of(engine);
-            let (serial_share, fan_out_ns) = (cost.serial_share, cost.fan_out_ns);
-            (engine.as_str(), Threads { serial_share, fan_out_ns })
-        });
+        let threads = EngineName::CPU
+            .map(|engine| (engine.as_str(), calibration.threads_of(engine)))
+            .into_iter()
+            .chain([("visit", calibration.visit_threads)])
+            .map(|(name, cost)| {
+                let (serial_share, fan_out_ns) = (cost.serial_share, cost.fan_out_ns);
+                (name, Threads { serial_share, fan_out_ns })
+            });
         let report = Report {
             machine: Machine::this(),
             key: machine.to_string(),
             file: path,
             load_share,
             ns: Term::ALL.map(|term| (term.as_str(), calibration.ns(term))).into(),
-            threads: threads.into(),
+            threads: threads.collect(),
             rows: rows.len(),
             median_error: median_error(&rows, &calibration),
             built_in_median_error: median_error(&rows, &built_in),

@@ -110,7 +110,7 @@ pub struct CullFlags {
         help = format!("auto, {} [default: auto]", EngineName::listed(" or ")),
     )]
     engine: Option<EngineChoice>,
-    /// How the mask is written: auto, dense, sparse [default: auto]
+    /// How the mask is written: auto, dense, sparse, list [default: auto]
     #[arg(long, env = "PAIRMASK_ENCODING", value_name = "NAME")]
     encoding: Option<EncodingChoice>,
     /// Threads that an engine may use [default: the plan's choice]

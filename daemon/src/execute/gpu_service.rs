@@ -57,7 +57,7 @@ impl Engines {
         reply: &mut dyn ReplyBuffer,
     ) -> Result<(CullReport, EngineName), CullError> {
         // A dense mask has a bit for all pairs, so all pairs is what makes it.
-        if plan.engine == EngineName::GpuGrid && plan.encoding == Encoding::Sparse {
+        if plan.engine == EngineName::GpuGrid && plan.encoding != Encoding::Dense {
             match self.grid.cull(&plan.input(boxes), reply) {
                 Err(CullError::TooCrowded { .. } | CullError::TooManyBoxes { .. }) => {}
                 done => return Ok((done?, EngineName::GpuGrid)),
@@ -179,6 +179,10 @@ impl GpuService {
         if !plan.engine.is_gpu() {
             return Err(CullError::Unavailable { engine: plan.engine, why: "no such GPU engine" });
         }
+        if !plan.engine.descriptor().encodings.contains(&plan.encoding) {
+            let why = "it does not write masks of this encoding";
+            return Err(CullError::Unavailable { engine: plan.engine, why });
+        }
         let lost = CullError::DeviceLost { engine: plan.engine };
         if !self.refresh() {
             return Err(lost);
@@ -202,7 +206,7 @@ impl GpuService {
         let software = engines.grid.gpu().info().is_software();
         let least = if software { UNDER_WAY_SOFTWARE_BOXES } else { UNDER_WAY_BOXES };
         plan.engine == EngineName::GpuGrid
-            && plan.encoding == Encoding::Sparse
+            && plan.encoding != Encoding::Dense
             && plan.stats.n.get() >= least
     }
 
@@ -286,6 +290,10 @@ const TIMED_FRAMES: usize = 4;
 /// to 52).
 const LINK_NS_A_BYTE: f64 = 0.04;
 
+/// More for a byte that a client reads of memory that the device wrote: one thread of a Xeon reads
+/// cold memory at 14 GB/s, and what a decoder takes without waiting for memory comes off.
+const FAR_NS_A_BYTE: f64 = 0.04;
+
 /// Times small frames on a device that was just opened.
 fn measure(engines: &mut Engines, grid: &GridOptions) -> Option<GpuCost> {
     let apart = |i: usize| {
@@ -328,5 +336,6 @@ fn measure(engines: &mut Engines, grid: &GridOptions) -> Option<GpuCost> {
         grid_fixed_ns: (grid_least_ns - fixed_ns).max(0.0),
         grid_ns_a_box: Some(a_box(rest_ns, least_rest_ns)),
         ns_a_reply_byte: LINK_NS_A_BYTE,
+        ns_a_visited_byte: FAR_NS_A_BYTE,
     })
 }

@@ -18,6 +18,7 @@ use pairmask_core::dispatch::{CpuEngines, CullAnswer, CullOptions, SphereWays, n
 use pairmask_core::engine::{
     AvailableIsa, CullError, CullReport, EngineChoice, EngineName, RecentNeed, ReplyBuffer,
 };
+use pairmask_core::mask::Encoding;
 use pairmask_core::plan::{Calibration, GpuCost, Plan};
 use pairmask_core::precision::{BoxSlice, ExpandScratch};
 
@@ -170,7 +171,7 @@ impl Executor {
     ///
     /// A GPU that is lost, or has no memory for the scene, leaves the frame to the CPU: the answer
     /// is the same. A scene that crowds the GPU's grid goes to all pairs. Where the client left the
-    /// encoding open, a mask that fits into the reply in either encoding is found.
+    /// encoding open, a mask that fits into the reply in any encoding is found.
     ///
     /// # Errors
     /// [`CullError`].
@@ -182,7 +183,7 @@ impl Executor {
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
         let planned = self.plan(boxes, options, reply.limit_words());
-        self.run_or_dense(planned, boxes, owner, reply)
+        self.run_or_other(planned, boxes, owner, reply)
     }
 
     /// Plans a frame of boxes whose reply has so many words at the most.
@@ -214,7 +215,7 @@ impl Executor {
     ) -> Result<CullAnswer, CullError> {
         let mut lent = LentReply::default();
         let answer = with_lent(memory, &mut lent, |boxes, reply| {
-            self.run_or_dense(planned, boxes, owner, reply)
+            self.run_or_other(planned, boxes, owner, reply)
         })?;
         if answer.engine.is_gpu()
             && let Some(gpu) = &mut self.gpu
@@ -268,10 +269,10 @@ impl Executor {
         memory: Option<M>,
     ) -> Ended<M> {
         let Some(mut memory) = memory else { return (Err(error), None) };
-        let options = planned.options;
+        let (options, tried) = (planned.options, planned.plan.encoding);
         let answer = memory.with(|boxes, reply| {
             let done = self.cpu.run_after(error, planned, boxes, reply);
-            done.or_else(|error| self.run_dense(error, options, boxes, owner, reply))
+            done.or_else(|error| self.run_other(error, options, tried, boxes, owner, reply))
         });
         (answer, Some(memory))
     }
@@ -317,33 +318,34 @@ impl Executor {
         planned
     }
 
-    /// The dense mask of a frame whose sparse one does not fit, where the client takes either; else the
-    /// error.
-    fn run_dense(
+    /// The mask of a frame in another encoding than one that does not fit, where the client takes
+    /// either; else the error.
+    fn run_other(
         &mut self,
         error: CullError,
         options: CullOptions,
+        tried: Encoding,
         boxes: BoxSlice<'_>,
         owner: Owner,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
-        let Some(dense) = options.after(&error, boxes.len(), reply.limit_words()) else {
+        let Some(other) = options.after(tried, &error, boxes.len(), reply.limit_words()) else {
             return Err(error);
         };
-        let planned = self.plan_within(boxes, &dense);
+        let planned = self.plan_within(boxes, &other);
         self.run_once(planned, boxes, owner, reply)
     }
 
-    fn run_or_dense(
+    fn run_or_other(
         &mut self,
         planned: Planned,
         boxes: BoxSlice<'_>,
         owner: Owner,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
-        let options = planned.options;
+        let (options, tried) = (planned.options, planned.plan.encoding);
         let done = self.run_once(planned, boxes, owner, reply);
-        done.or_else(|error| self.run_dense(error, options, boxes, owner, reply))
+        done.or_else(|error| self.run_other(error, options, tried, boxes, owner, reply))
     }
 
     fn run_once(

@@ -19,7 +19,7 @@ unsafe impl FrameMemory for OpenRequest {
         let (objects, mut reply) = self.parts();
         let boxes = match objects {
             Objects::Boxes(boxes) => boxes,
-            Objects::Spheres(_) => BoxSlice::F32(&[]),
+            Objects::Spheres(_) => BoxSlice::default(),
         };
         work(boxes, &mut reply)
     }

@@ -5,9 +5,8 @@ use std::cell::RefCell;
 use std::rc::Rc;
 use std::time::Instant;
 
-use pairmask_core::BoxForm;
 use pairmask_core::engine::{ReplyBuffer, ReserveError};
-use pairmask_core::objects::{ObjectForm, Objects};
+use pairmask_core::objects::Objects;
 use pairmask_core::precision::BoxSlice;
 use pairmask_core::units::BoxCount;
 use pairmask_transport::{
@@ -22,10 +21,6 @@ use crate::ingest::Incoming;
 
 /// Bytes of a word of a mask.
 const WORD_BYTES: u64 = size_of::<u32>() as u64;
-
-/// The scene of a request that has none.
-const NO_SCENE: ScenePlace =
-    ScenePlace { offset: 0, form: ObjectForm::Boxes(BoxForm::F32), count: BoxCount::new(0) };
 
 /// What lends the memory of replies.
 #[derive(Debug)]
@@ -61,7 +56,7 @@ impl OpenRequest {
             frame: header.frame,
             box_count: BoxCount::new(header.box_count),
         };
-        Self { incoming, fields, taken_at, scene: NO_SCENE, loan: None, lender }
+        Self { incoming, fields, taken_at, scene: ScenePlace::EMPTY, loan: None, lender }
     }
 
     /// Validates what it asks for.
@@ -164,7 +159,7 @@ impl OpenRequest {
 
 fn objects_at(request: &CheckedRequest, scene: ScenePlace) -> Objects<'_> {
     // They are there: they were when they were placed, and the payload's length is a copy.
-    scene.objects_in(request.pages()).unwrap_or(Objects::Boxes(BoxSlice::F32(&[])))
+    scene.objects_in(request.pages()).unwrap_or(Objects::Boxes(BoxSlice::default()))
 }
 
 /// The memory of a request's reply.

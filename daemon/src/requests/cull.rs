@@ -59,6 +59,7 @@ impl Culls {
             engine: request.engine,
             encoding: request.encoding,
             threads: request.threads,
+            visit_threads: request.visit_threads,
             last_pairs: outbox.clients().last_pairs(sender.session),
             readable: ReadableEncodings::at_minor(request.client_minor),
         };

@@ -7,8 +7,9 @@ use serde_json::Value;
 
 use crate::support::{Place, keys};
 
-const STAGES: [&str; 6] =
-    ["fill_ns", "round_trip_ns", "engine_ns", "added_ns", "decode_ns", "total_ns"];
+/// In the order in which they are printed: the whole frame first.
+const STAGES: [&str; 7] =
+    ["total_ns", "fill_ns", "answer_ns", "round_trip_ns", "engine_ns", "added_ns", "decode_ns"];
 
 fn check_row(row: &Value, n: u32, backend: &str, wait: &str) {
     let mut fields = BTreeSet::from(["n", "backend", "wait", "engine", "frames"]);
@@ -25,7 +26,10 @@ fn check_row(row: &Value, n: u32, backend: &str, wait: &str) {
     }
     let longest = |stage: &str| row[stage]["max"].as_u64().unwrap();
     assert!(longest("engine_ns") <= longest("round_trip_ns"), "{row}");
-    assert!(longest("round_trip_ns") <= longest("total_ns"), "{row}");
+    assert!(longest("round_trip_ns") <= longest("answer_ns"), "{row}");
+    assert!(longest("decode_ns") <= longest("answer_ns"), "{row}");
+    assert!(longest("answer_ns") <= longest("total_ns"), "{row}");
+    assert!(longest("fill_ns") <= longest("total_ns"), "{row}");
     assert!(longest("round_trip_ns") > 0);
 }
 
@@ -45,7 +49,10 @@ fn rows_for_every_wait_and_scene() {
         "spin,event",
         "--json",
     ];
-    let report = place.run(&arguments).json();
+    let finished = place.run(&arguments);
+    let report = finished.json();
+    let places = STAGES.map(|stage| finished.stdout.find(&format!("\"{stage}\"")));
+    assert!(places.is_sorted(), "{finished:?}");
     assert_eq!(keys(&report), BTreeSet::from(["machine", "rows"]));
     let machine = &report["machine"];
     let fields = ["cpu", "cores", "os", "kernel", "toolchain", "commit", "command"];
@@ -133,6 +140,30 @@ fn text_has_a_table_for_each_row() {
     for part in ["10 boxes, in-process", "20 boxes, in-process", "p99.9", "decode"] {
         assert!(finished.stdout.contains(part), "{finished:?}");
     }
+    let (_, table) = finished.stdout.split_once("µs").unwrap();
+    let first = table.lines().nth(1).unwrap();
+    assert!(first.starts_with("total"), "{finished:?}");
+}
+
+#[test]
+fn several_threads_of_the_client_write_and_visit() {
+    let place = Place::new();
+    let report = place.run(&[
+        "bench",
+        "latency",
+        "--n",
+        "40000",
+        "--frames",
+        "12",
+        "--warm-up",
+        "0",
+        "--decode-threads",
+        "2",
+        "--json",
+    ]);
+    let row = &report.json()["rows"][0];
+    check_row(row, 40_000, "daemon", "spin");
+    assert_eq!(row["decode_threads"], 2);
 }
 
 #[test]

@@ -66,6 +66,15 @@ fn sparse_pairs(words: &[u32], n: u32) -> Vec<Pair> {
     pairs
 }
 
+/// The pairs of a list, sorted.
+fn list_pairs(words: &[u32], n: u32) -> Vec<Pair> {
+    let (pairs, rest) = words.as_chunks::<2>();
+    assert!(rest.is_empty() && pairs.iter().all(|[a, b]| a < b && *b < n));
+    let mut pairs: Vec<Pair> = pairs.iter().map(|&[a, b]| (a, b)).collect();
+    pairs.sort_unstable();
+    pairs
+}
+
 #[test]
 fn pairs_and_masks_are_those_of_the_oracle() {
     let place = Place::new();
@@ -76,7 +85,7 @@ fn pairs_and_masks_are_those_of_the_oracle() {
     let daemon = daemon();
     let dir = daemon.dir().path().to_owned();
     for backend in ["in-process", "daemon"] {
-        for encoding in ["dense", "sparse"] {
+        for encoding in ["dense", "sparse", "list"] {
             let report = place
                 .run(&[
                     "cull",
@@ -103,7 +112,11 @@ fn pairs_and_masks_are_those_of_the_oracle() {
             assert_eq!(report["encoding"], encoding);
             assert_eq!(pairs_of(&words(&place.file("pairs"))), truth.pairs, "{backend} {encoding}");
             let mask = words(&place.file("mask"));
-            let decode = if encoding == "dense" { dense_pairs } else { sparse_pairs };
+            let decode = match encoding {
+                "dense" => dense_pairs,
+                "sparse" => sparse_pairs,
+                _ => list_pairs,
+            };
             assert_eq!(decode(&mask, n), truth.pairs, "{backend} {encoding}");
         }
     }
@@ -118,9 +131,11 @@ fn spheres_are_those_of_their_oracle() {
     std::fs::write(place.file("spheres.f32"), bytemuck::cast_slice(&scene)).unwrap();
     let cull = ["cull", "spheres.f32", "--shape", "spheres"];
     for backend in ["--spawn", "--backend=in-process"] {
-        for (encoding, decode) in
-            [("dense", dense_pairs as fn(&[u32], u32) -> Vec<Pair>), ("sparse", sparse_pairs)]
-        {
+        for (encoding, decode) in [
+            ("dense", dense_pairs as fn(&[u32], u32) -> Vec<Pair>),
+            ("sparse", sparse_pairs),
+            ("list", list_pairs),
+        ] {
             let more = ["--encoding", encoding, "--pairs", "pairs", "--mask", "mask", "--json"];
             let report = place.run(&[&cull[..], &[backend], &more].concat()).json();
             assert_eq!(keys(&report), BTreeSet::from(FIELDS));

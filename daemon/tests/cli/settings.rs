@@ -54,9 +54,11 @@ fn an_instruction_set_is_forced_by_flag_environment_or_file() {
     assert_eq!(place.run(&spawn).json()["pairs"], 3);
 
     let missing = Isa::ALL.into_iter().find(|isa| !isa.is_available()).unwrap();
-    let error = place.run(&["cull", "boxes.f32", "--isa", missing.as_str()]).error(2);
+    let finished = place.run(&["cull", "boxes.f32", "--isa", missing.as_str()]);
+    let error = finished.error(2);
     assert!(error.contains("this processor lacks"), "{error}");
-    let error = place.run(&["cull", "boxes.f32", "--isa", "fast"]).error(2);
+    let finished = place.run(&["cull", "boxes.f32", "--isa", "fast"]);
+    let error = finished.error(2);
     assert!(error.contains("portable"), "the names are listed: {error}");
 }
 

@@ -1,4 +1,4 @@
-//! `grid_pairs`: the words of each row.
+//! `grid_pairs`: the words of each row, and its pairs.
 
 use pairmask_core::aabb::{BoxClass, KeyBox};
 
@@ -7,9 +7,9 @@ use super::grid_layout::{cell, coordinates, folded};
 use crate::constants::NO_LEVEL;
 use crate::layouts::{GridLayout, GridLevel};
 
-/// Words by row and block, and how many pairs were compared for them.
-pub(super) fn words(layout: &GridLayout, keys: &[(KeyBox, BoxClass)], mirrored: &mut Mirrored) {
-    let Mirrored { homes, starts, order, words, compared } = mirrored;
+/// Words by row and block, pairs by row and column, and how many pairs were compared for them.
+pub(super) fn find(layout: &GridLayout, keys: &[(KeyBox, BoxClass)], mirrored: &mut Mirrored) {
+    let Mirrored { homes, starts, order, words, pairs, compared } = mirrored;
     let start = |cell: u32| starts[cell as usize];
     let giants = start(layout.first_giant)..start(layout.first_nothing);
     for (index, row) in order.iter().zip(0..) {
@@ -30,9 +30,11 @@ pub(super) fn words(layout: &GridLayout, keys: &[(KeyBox, BoxClass)], mirrored: 
         );
         for column in runs.into_iter().flatten() {
             *compared += 1;
-            if !key.overlaps(&keys[order[column as usize] as usize].0) {
+            let other = order[column as usize];
+            if !key.overlaps(&keys[other as usize].0) {
                 continue;
             }
+            pairs.push([*index.min(&other), *index.max(&other)]);
             let (block, bit) = (column / 32, 1 << (column % 32));
             match words.last_mut() {
                 Some([r, b, bits]) if (*r, *b) == (row, block) => *bits |= bit,

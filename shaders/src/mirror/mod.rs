@@ -2,8 +2,8 @@
 //!
 //! One file a stage, named like its shader. Slow and plain. The tests compare the GPU's reply with
 //! it, byte by byte. Two stages have none of their own: `grid_scatter` leaves the boxes of a cell in
-//! any order, which `grid_place` settles, and `grid_write` copies the words of `grid_pairs` as they
-//! are.
+//! any order, which `grid_place` settles, and `grid_write` copies the words or pairs of `grid_pairs` as
+//! they are.
 
 mod grid_cells;
 pub mod grid_layout;
@@ -28,6 +28,8 @@ pub struct Mirrored {
     pub order: Vec<u32>,
     /// Row, column block and bits of each non-zero word.
     pub words: Vec<[u32; 3]>,
+    /// The pairs of a list, in the order of those words: smaller and larger box.
+    pub pairs: Vec<[u32; 2]>,
     /// Pairs compared.
     pub compared: u64,
 }
@@ -40,6 +42,6 @@ pub fn frame(layout: &GridLayout, boxes: BoxSlice<'_>) -> Mirrored {
     let starts = grid_scan::starts(layout, &homes);
     let order = grid_place::order(&homes);
     let mut mirrored = Mirrored { homes, starts, order, ..Mirrored::default() };
-    grid_pairs::words(layout, &keys, &mut mirrored);
+    grid_pairs::find(layout, &keys, &mut mirrored);
     mirrored
 }

@@ -11,9 +11,9 @@ struct GridParams {
     super_count: u32,
     // Workgroups of the scan.
     sum_count: u32,
-    // Words that the reply, and the block of found words, have room for.
+    // Items (mask words or pairs) that the reply, and the block of found items, have room for.
     capacity: u32,
-    // Words of the reply before its mask words: the order, rounded up.
+    // Words of a sparse reply before its mask words: the order, rounded up.
     order_words: u32,
     // Crowded cells beyond this many 2^20 tests are left to another engine.
     budget: u32,
@@ -28,16 +28,16 @@ const WORK: u32 = 1u;
 const SUPERS: u32 = CONTROL_HEADER_WORDS;
 const SUMS: u32 = SUPERS + SUPERS_MOST;
 
-// What is known of a batch: words, pairs, compared and base of its 256 rows (positions); empty and
+// What is known of a batch: items, pairs, compared and base of its 256 rows (positions); empty and
 // invalid of its 256 boxes.
 struct GridTotals {
-    // Non-zero mask words.
-    words: u32,
+    // What its rows found: non-zero mask words, or pairs.
+    items: u32,
     // Overlapping pairs.
     pairs: u32,
     // Pairs that were compared.
     compared: u32,
-    // First of its words in the block of found words.
+    // First of its items in the block of found items.
     base: u32,
     // Boxes with min > max on some axis.
     empty: u32,

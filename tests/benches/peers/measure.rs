@@ -33,7 +33,7 @@ pub struct Lane {
     pub threads: usize,
     pub contender: Box<dyn Contender>,
     pub pool: ThreadPool,
-    find_ns: Vec<u64>,
+    frame_ns: Vec<u64>,
     write_ns: Vec<u64>,
     fault: Option<String>,
     /// All its frames so far.
@@ -42,7 +42,7 @@ pub struct Lane {
 
 /// The results of a turn.
 struct Turn {
-    find_ns: Vec<u64>,
+    frame_ns: Vec<u64>,
     write_ns: Vec<u64>,
     tallies: Vec<Tally>,
     pairs: Option<Vec<(u32, u32)>>,
@@ -50,13 +50,13 @@ struct Turn {
 
 impl Lane {
     pub fn new(who: Who, threads: usize, contender: Box<dyn Contender>, pool: ThreadPool) -> Self {
-        let (find_ns, write_ns) = (Vec::new(), Vec::new());
+        let (frame_ns, write_ns) = (Vec::new(), Vec::new());
         Self {
             who,
             threads,
             contender,
             pool,
-            find_ns,
+            frame_ns,
             write_ns,
             fault: None,
             spent: Duration::ZERO,
@@ -73,7 +73,8 @@ impl Lane {
         let is_peer = matches!(self.who, Who::Peer(_));
         let contender = &mut self.contender;
         let run = || {
-            let mut turn = Turn { find_ns: vec![], write_ns: vec![], tallies: vec![], pairs: None };
+            let mut turn =
+                Turn { frame_ns: vec![], write_ns: vec![], tallies: vec![], pairs: None };
             let began = clock.now();
             for boxes in frames {
                 let start = clock.now();
@@ -82,7 +83,7 @@ impl Lane {
                 let tally = contender.find(boxes)?;
                 let found = clock.now();
                 turn.write_ns.push(written.saturating_sub(start).as_nanos() as u64);
-                turn.find_ns.push(found.saturating_sub(written).as_nanos() as u64);
+                turn.frame_ns.push(found.saturating_sub(start).as_nanos() as u64);
                 turn.tallies.push(tally);
                 if is_peer && found.saturating_sub(began) > left {
                     return Ok(turn);
@@ -95,8 +96,8 @@ impl Lane {
         };
         let turn = self.pool.install(run);
         self.contender.settle();
-        if let Ok(Turn { find_ns, write_ns, .. }) = &turn {
-            self.spent += Duration::from_nanos(find_ns.iter().chain(write_ns).sum());
+        if let Ok(Turn { frame_ns, .. }) = &turn {
+            self.spent += Duration::from_nanos(frame_ns.iter().sum());
         }
         turn
     }
@@ -116,12 +117,12 @@ impl Lane {
             }
             (who, _) => who,
         };
-        let late = self.find_ns.len() - self.find_ns.len() / 10;
+        let late = self.frame_ns.len() - self.frame_ns.len() / 10;
         Line {
             threads: self.threads,
-            find: Spread::of(&self.find_ns),
+            frame: Spread::of(&self.frame_ns),
             is_given_up: matches!(who, Who::Peer(_)) && self.spent > PATIENCE,
-            late: Spread::of(self.find_ns.get(late..).unwrap_or_default()),
+            late: Spread::of(self.frame_ns.get(late..).unwrap_or_default()),
             write: Spread::of(&self.write_ns),
             fault: self.fault,
             who,
@@ -159,8 +160,8 @@ pub fn measure(
                 continue;
             };
             let result = lane.turn(&frames, options.clock, with_pairs)?;
-            let uncounted = usize::from(result.find_ns.len() > 1);
-            lane.find_ns.extend_from_slice(result.find_ns.get(uncounted..).unwrap_or_default());
+            let uncounted = usize::from(result.frame_ns.len() > 1);
+            lane.frame_ns.extend_from_slice(result.frame_ns.get(uncounted..).unwrap_or_default());
             lane.write_ns.extend_from_slice(result.write_ns.get(uncounted..).unwrap_or_default());
             tallies[index] = result.tallies;
             if let (Some(truth), Some(found)) = (&truth, result.pairs)
@@ -196,6 +197,6 @@ fn reference(boxes: &[Aabb]) -> Result<PairSet, Box<dyn std::error::Error>> {
     let builder = Session::builder().backend(Backend::InProcess);
     let mut session = builder.engine(EngineChoice::Only(engine)).connect()?;
     let mut frame = session.frame(boxes.len())?;
-    frame.boxes_mut().copy_from_slice(boxes);
+    frame.write(boxes);
     Ok(PairSet::new(frame.submit()?.wait()?.to_vec())?)
 }

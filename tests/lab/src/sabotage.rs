@@ -10,7 +10,13 @@ use pairmask_core::{Aabb, BoxClass};
 /// Takes one pair out of a mask and out of its report. A mask whose words hold one pair each stays
 /// unchanged: only a pair must be wrong, and a sparse word must not become zero.
 pub fn lose_a_pair(words: &mut [u32], report: &mut CullReport) {
-    let bits = match &report.shape {
+    let bits = match &mut report.shape {
+        MaskShape::List { pairs } => {
+            let lost = pairs.len.min(2) / 2;
+            pairs.len -= 2 * lost;
+            report.pair_count = report.pair_count.saturating_sub(lost);
+            return;
+        }
         MaskShape::Dense { words } => words,
         MaskShape::Sparse { bits, .. } => bits,
         _ => return,

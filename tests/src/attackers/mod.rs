@@ -6,6 +6,7 @@ mod channels;
 mod daemon;
 mod identities;
 mod lengths;
+pub mod lists;
 pub mod raw;
 mod scribble;
 mod tokens;
@@ -62,6 +63,7 @@ pub fn run(mode: &str) -> Result<(), Box<dyn Error>> {
         "truncate-once" => truncate::attack(&mut tally),
         "identities" => identities::attack(&until, &mut tally),
         "daemon" => daemon::attack(&until, &mut tally)?,
+        "lists" => lists::attack(&until, &mut tally)?,
         _ => return Err(format!("unknown attack '{mode}'").into()),
     }
     for (name, count) in tally {

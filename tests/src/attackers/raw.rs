@@ -6,13 +6,12 @@ use std::time::{Duration, Instant};
 
 use iceoryx2::service::ipc_threadsafe;
 use pairmask_core::engine::EngineChoice;
-use pairmask_core::mask::EncodingChoice;
 use pairmask_core::precision::BoxForm;
 use pairmask_core::units::BoxCount;
 use pairmask_transport::{
     Client, PendingResponse, RequestLoan, RuntimeDir, Services, assume_pages,
 };
-use pairmask_wire::{InstanceName, RequestHeader, ResponseHeader};
+use pairmask_wire::{CullRequest, InstanceName, RequestHeader, ResponseHeader, ScenePlace};
 
 /// Index of the client's id, two words, in the transport's header of a request. All indices here count
 /// words of 8 bytes of that header.
@@ -75,8 +74,9 @@ impl RawClient {
 
 /// The header of a request for the pairs of `n` plain boxes.
 pub fn cull(token: u64, frame: u64, n: u32, engine: EngineChoice) -> RequestHeader {
-    let n = BoxCount::new(n);
-    RequestHeader::cull(token, frame, n, BoxForm::F32, engine, EncodingChoice::Auto, Some(1))
+    let scene = ScenePlace::first(BoxForm::F32, BoxCount::new(n));
+    let request = CullRequest { engine, threads: Some(1), ..CullRequest::of(scene) };
+    RequestHeader::cull(token, frame, &request)
 }
 
 /// The header of the answer, if one comes in time.

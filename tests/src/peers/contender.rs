@@ -17,8 +17,8 @@ pub struct ContenderError {
 
 /// A library, set up in one way, on a number of threads.
 ///
-/// A frame is `write`, then `find`, both on the threads that it was made for. The clock runs
-/// during `find`, and by itself during `write`.
+/// A frame is `write`, then `find`, both on the threads that it was made for. The clock runs during
+/// both, and `write` is shown by itself too.
 pub trait Contender: Send {
     /// Writes the boxes to where a user of the contender would write them. Does nothing for a
     /// library that reads its user's boxes.

@@ -26,11 +26,12 @@ pub struct Line {
     pub who: Who,
     /// Threads that the contender could use.
     pub threads: usize,
-    /// Time from written boxes to visited pairs, all frames.
-    pub find: Spread,
+    /// Time of a whole frame, from the user's boxes to visited pairs, all frames.
+    pub frame: Spread,
     /// The same over the last tenth of the frames, which shows drift.
     pub late: Spread,
-    /// Time to write the boxes.
+    /// The part of `frame` that writes the boxes where they can be read; 0 for peers, whose update
+    /// reads the user's boxes.
     pub write: Spread,
     /// Whether the contender was so slow that it was left out of most frames.
     pub is_given_up: bool,
@@ -65,7 +66,7 @@ pub struct PeerRow {
     pub backend: &'static str,
     /// Ours.
     pub engine: String,
-    /// Ours, from written boxes to visited pairs.
+    /// Ours: boxes written, pairs found and visited.
     pub ours: Spread,
     /// Ours, the writing.
     pub write: Spread,
@@ -94,7 +95,7 @@ impl Comparison {
         for ours in &self.lines {
             let Who::Ours { backend, engine } = &ours.who else { continue };
             let mut peers = self.best_of_each_peer(ours.threads);
-            peers.sort_by_key(|(_, line)| (line.fault.is_some(), line.find.median_ns));
+            peers.sort_by_key(|(_, line)| (line.fault.is_some(), line.frame.median_ns));
             for (place, (peer, theirs)) in peers.into_iter().enumerate() {
                 rows.push(PeerRow {
                     scene: self.scene,
@@ -102,12 +103,12 @@ impl Comparison {
                     threads: ours.threads,
                     backend,
                     engine: engine.clone(),
-                    ours: ours.find,
+                    ours: ours.frame,
                     write: ours.write,
                     peer,
-                    theirs: theirs.find,
+                    theirs: theirs.frame,
                     peer_threads: theirs.threads,
-                    ratio: ratio(&ours.find, &theirs.find),
+                    ratio: ratio(&ours.frame, &theirs.frame),
                     late_ratio: ratio(&ours.late, &theirs.late),
                     pairs: self.pairs,
                     pairs_equal: ours.fault.is_none() && theirs.fault.is_none(),
@@ -133,7 +134,7 @@ impl Comparison {
                     .lines
                     .iter()
                     .filter(is_it)
-                    .min_by_key(|line| (line.fault.is_some(), line.find.median_ns));
+                    .min_by_key(|line| (line.fault.is_some(), line.frame.median_ns));
                 best.map(|line| (name, line))
             })
             .collect()
@@ -149,10 +150,10 @@ pub(super) mod tests {
     use super::*;
 
     fn line(who: Who, threads: usize, median_ns: u64, fault: Option<&str>) -> Line {
-        let find = Spread { median_ns, ..Spread::default() };
+        let frame = Spread { median_ns, ..Spread::default() };
         let fault = fault.map(str::to_owned);
-        let (late, write) = (find, Spread::default());
-        Line { who, threads, find, late, write, is_given_up: false, fault }
+        let (late, write) = (frame, Spread::default());
+        Line { who, threads, frame, late, write, is_given_up: false, fault }
     }
 
     /// Two of our lines, a peer that is faster on one thread, one that is slower, and the fastest,

@@ -40,7 +40,7 @@ impl Contender for Ours {
         // A client holds the mask of a frame until it has the next one's boxes.
         self.mask = None;
         let mut frame = self.session.frame(boxes.len()).map_err(failed)?;
-        frame.boxes_mut().copy_from_slice(boxes);
+        frame.write(boxes);
         self.written = Some(frame);
         Ok(())
     }

@@ -9,10 +9,10 @@ use super::spread::Spread;
 
 /// The text above every table.
 pub const HEAD: &str = "\
-Ratio: our time over the peer's, medians. Time: boxes written to all pairs visited (ours: submit, \
-wait, decode; theirs: update from the boxes, visit every pair), µs, with the tenth and the \
-nine-tenth of the frames in brackets. Write: our boxes into the session's memory, µs, not part of \
-the ratio. Late: ratio over the last tenth of the frames. A peer's time is that of its best number \
+Ratio: our time over the peer's, medians. Time: from the user's boxes to all pairs visited (ours: \
+write, submit, wait, decode; theirs: update from the boxes, visit every pair), µs, with the tenth and \
+the nine-tenth of the frames in brackets. Write: the part of ours that writes the boxes into the \
+session's memory, µs. Late: ratio over the last tenth of the frames. A peer's time is that of its best number \
 of threads (behind t) up to ours. * marks the best peer that returned every pair.";
 
 fn us(ns: u64) -> f64 {

@@ -3,7 +3,6 @@
 use std::time::Instant;
 
 use super::{CullAnswer, nanoseconds_since};
-use crate::aabb::Aabb;
 use crate::engine::{
     AvailableIsa, CullError, CullInput, CullReport, Engine, EngineChoice, EngineName, RecentNeed,
     ReplyBuffer, cpu_engines,
@@ -126,25 +125,27 @@ impl CpuEngines {
     }
 
     /// Plans a frame among the CPU engines and finds its pairs. Where the encoding is left open, a
-    /// mask that fits into the reply in either encoding is found.
+    /// mask that fits into the reply in any encoding is found.
     ///
     /// # Errors
-    /// As [`run`](Self::run).
-    pub fn cull(
+    /// As [`run`](Self::run). Boxes in narrow forms are to be expanded first
+    /// ([`BoxSlice::expand`]): the engines of the CPU read f32 alone.
+    pub fn cull<'a>(
         &mut self,
-        boxes: &[Aabb],
+        boxes: impl Into<BoxSlice<'a>>,
         options: &CullOptions,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
         let start = Instant::now();
+        let boxes = boxes.into();
         let (n, limit_words) = (boxes.len(), reply.limit_words());
         let options = options.within(n, limit_words);
         let plan = self.plan(boxes, &options, None);
         let plan_ns = nanoseconds_since(start);
         match self.run(plan.engine, &plan.input(boxes), reply) {
             Ok(report) => Ok(CullAnswer::new(&plan, report, start, plan_ns)),
-            Err(error) => match options.after(&error, n, limit_words) {
-                Some(dense) => self.cull(boxes, &dense, reply),
+            Err(error) => match options.after(plan.encoding, &error, n, limit_words) {
+                Some(other) => self.cull(boxes, &other, reply),
                 None => Err(error),
             },
         }

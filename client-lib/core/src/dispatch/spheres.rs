@@ -105,7 +105,7 @@ impl SphereWays {
             EncodingChoice::Auto => Encoding::Sparse,
         };
         match self.cull_in(boxes, spheres, &options, encoding, reply) {
-            Err(error) => match options.after(&error, n, limit_words) {
+            Err(error) => match options.after(encoding, &error, n, limit_words) {
                 Some(dense) => self.cull_in(boxes, spheres, &dense, Encoding::Dense, reply),
                 None => Err(error),
             },

@@ -20,6 +20,9 @@ pub struct GpuCost {
     pub grid_ns_a_box: Option<f64>,
     /// Each byte of the mask that comes down, ns.
     pub ns_a_reply_byte: f64,
+    /// More for a client that visits a mask in memory that the device wrote, which no cache of a
+    /// core holds, ns a byte.
+    pub ns_a_visited_byte: f64,
 }
 
 impl GpuCost {
@@ -37,7 +40,7 @@ pub(super) const ALL_PAIRS: EngineDescriptor = EngineDescriptor {
     wire_number: 4,
     since_minor: 0,
     forms: &BoxForm::ALL,
-    encodings: &[Encoding::Dense, Encoding::Sparse],
+    encodings: &[Encoding::Dense, Encoding::Sparse, Encoding::List],
     has_order: false,
     place: EnginePlace::Gpu(GpuEngine { execute_ns: all_pairs_ns }),
 };
@@ -49,7 +52,7 @@ pub(super) const GRID: EngineDescriptor = EngineDescriptor {
     wire_number: 5,
     since_minor: 0,
     forms: &BoxForm::ALL,
-    encodings: &[Encoding::Sparse],
+    encodings: &[Encoding::Sparse, Encoding::List],
     has_order: true,
     place: EnginePlace::Gpu(GpuEngine { execute_ns: grid_ns }),
 };

@@ -70,7 +70,7 @@ impl<'a> CullInput<'a> {
     /// # Errors
     /// [`CullError::Unavailable`] for narrow boxes; [`CullError::TooManyBoxes`].
     pub fn f32_boxes(&self, engine: EngineName) -> Result<(&'a [Aabb], BoxCount), CullError> {
-        let BoxSlice::F32(boxes) = self.objects else {
+        let Some(boxes) = self.objects.as_f32() else {
             let why = "it reads boxes in f32 alone";
             return Err(CullError::Unavailable { engine, why });
         };

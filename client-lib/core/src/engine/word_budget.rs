@@ -1,4 +1,5 @@
-//! How many words a frame may find: what the reply holds, shared by all of the frame's tasks.
+//! How many words, or pairs, a frame may find: what the reply holds, shared by all of the frame's
+//! tasks.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -9,7 +10,7 @@ use crate::units::BoxCount;
 /// Bytes of a word of the reply.
 const WORD_BYTES: u64 = size_of::<u32>() as u64;
 
-/// The words that the tasks of a frame may still keep.
+/// The words that the tasks of a frame may still keep; for a list, the pairs.
 ///
 /// Tasks take words in lots (a full chunk, the words of some rows), so that counting costs nothing
 /// beside finding them. A search therefore ends a lot a task after the first word beyond. What is
@@ -52,13 +53,16 @@ impl WordBudget {
         self.with_order
     }
 
-    /// Counts words that are kept. Whether the frame, with those of all tasks, is still within its
-    /// budget.
+    /// Counts words that are kept, by their bits. Whether the frame, with those of all tasks, is still
+    /// within its budget.
     #[inline]
-    pub fn take(&self, words: usize) -> bool {
+    pub fn take(&self, bits: &[u32]) -> bool {
+        let count = match self.encoding {
+            Encoding::Dense | Encoding::Sparse => bits.len() as u64,
+            Encoding::List => bits.iter().map(|bits| u64::from(bits.count_ones())).sum(),
+        };
         // Relaxed: a number that stops a search, and that nothing is read by.
-        let words = words as u64;
-        self.taken.fetch_add(words, Ordering::Relaxed).saturating_add(words) <= self.most
+        self.taken.fetch_add(count, Ordering::Relaxed).saturating_add(count) <= self.most
     }
 
     /// Whether more was found than the reply holds: then no more need be.
@@ -75,7 +79,7 @@ impl WordBudget {
         if self.is_spent() { Err(self.refusal_of(self.most + 1)) } else { Ok(()) }
     }
 
-    /// The refusal of a mask of so many words or more.
+    /// The refusal of a mask of so many words (pairs of a list) or more.
     #[cold]
     fn refusal_of(&self, words: u64) -> ReserveError {
         let mask = MaskShape::exact(self.encoding, self.n, words, self.with_order);
@@ -117,14 +121,28 @@ mod tests {
         let n = BoxCount::new(1_000);
         let reply = HeapReply::with_limit_bytes(4 * (3 * 64 + 1_000));
         let budget = WordBudget::new(n, Encoding::Sparse, true, &reply).expect("room for 64");
-        assert!(budget.take(40) && budget.take(24) && !budget.is_spent());
+        assert!(budget.take(&[1; 40]) && budget.take(&[3; 24]) && !budget.is_spent());
         assert_eq!(budget.check(), Ok(()));
-        assert!(!budget.take(1) && budget.is_spent());
+        assert!(!budget.take(&[1]) && budget.is_spent());
         let refusal = ReserveError::TooLarge {
             at_least_bytes: 4 * (3 * 80 + 1_000),
             limit_bytes: 4 * (3 * 64 + 1_000),
         };
         assert_eq!(budget.check(), Err(refusal), "65 words take the room of 80");
+    }
+
+    #[test]
+    fn of_a_list_pairs_count_and_not_words() {
+        let n = BoxCount::new(1_000);
+        let reply = HeapReply::with_limit_bytes(8 * 100 + 4);
+        let budget = WordBudget::new(n, Encoding::List, true, &reply).expect("room for 100");
+        assert!(budget.take(&[u32::MAX; 3]) && budget.take(&[1; 4]) && !budget.is_spent());
+        assert_eq!(budget.check(), Ok(()));
+        assert!(!budget.take(&[0b1000]) && budget.is_spent());
+        let refusal = ReserveError::TooLarge { at_least_bytes: 8 * 101, limit_bytes: 8 * 100 + 4 };
+        assert_eq!(budget.check(), Err(refusal));
+        let nothing = HeapReply::with_limit_bytes(0);
+        assert!(WordBudget::new(n, Encoding::List, true, &nothing).is_ok(), "there may be no pair");
     }
 
     #[test]
@@ -148,9 +166,14 @@ mod tests {
     fn without_a_limit_a_budget_is_all_words_there_can_be() {
         for n in [0, 1, 70, u32::MAX] {
             let n = BoxCount::new(n);
-            for encoding in [Encoding::Dense, Encoding::Sparse] {
+            for encoding in Encoding::ALL {
                 let budget = WordBudget::new(n, encoding, true, &HeapReply::new()).expect("room");
-                assert!(budget.take(n.sparse_words_max() as usize));
+                assert_eq!(budget.check(), Ok(()));
+                let most = match encoding {
+                    Encoding::List => n.pair_count(),
+                    Encoding::Dense | Encoding::Sparse => n.sparse_words_max(),
+                };
+                assert!(budget.most >= most, "{encoding}");
             }
         }
     }

@@ -17,6 +17,8 @@ pub enum Section {
     Bits,
     /// Box indices by position.
     Order,
+    /// The pairs of a list.
+    Pairs,
 }
 
 impl fmt::Display for Section {
@@ -27,11 +29,13 @@ impl fmt::Display for Section {
             Self::Blocks => "blocks",
             Self::Bits => "bits",
             Self::Order => "order",
+            Self::Pairs => "pairs",
         })
     }
 }
 
-/// Why a reply is no mask of so many boxes. Word numbers count from the start of their section.
+/// Why a reply is no mask of so many boxes. Numbers of words and pairs count from the start of their
+/// section.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum MaskError {
     /// A section ends behind the reply.
@@ -132,5 +136,31 @@ pub enum MaskError {
         position: u32,
         /// The box.
         index: u32,
+    },
+    /// A pair of a list is two words.
+    #[error("a list of {words} words ends with half a pair")]
+    HalfPair {
+        /// Words of the section.
+        words: u64,
+    },
+    /// A list holds only pairs of boxes, smaller index first.
+    #[error("pair {number} of the list is ({a}, {b}): no pair of {n} boxes, smaller first")]
+    NotAPair {
+        /// Number of the pair.
+        number: u64,
+        /// Its first index.
+        a: u32,
+        /// Its second index.
+        b: u32,
+        /// Boxes of the scene.
+        n: u32,
+    },
+    /// A list names a pair once.
+    #[error("the list names the pair ({a}, {b}) more than once")]
+    PairAgain {
+        /// The smaller index.
+        a: u32,
+        /// The larger index.
+        b: u32,
     },
 }

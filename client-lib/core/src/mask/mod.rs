@@ -1,4 +1,4 @@
-//! Pair masks: one bit a pair, dense or sparse.
+//! Pair masks: one bit a pair, dense or sparse, or the pairs themselves.
 //!
 //! **Dense** (Avril et al. 2012, §3.4): bit k of the string is pair k in row order; word k/32,
 //! bit k%32; tail bits are zero.
@@ -8,11 +8,15 @@
 //! box indices, or, when the reply carries an `order`, indices into that order. Sorted by
 //! (row, block).
 //!
+//! **List**: the pairs of box indices themselves, smaller first, in the order in which the engine
+//! found them, each once.
+//!
 //! All encodings stand in `encodings`: what depends on them goes through it.
 
 mod encodings;
 mod error;
 mod pair_buffer;
+mod pair_check;
 mod pairs;
 mod par_pairs;
 mod readable;

@@ -5,6 +5,8 @@
 //! guesses. The decoders therefore write pairs here first, unconditionally, and only count on
 //! where the pair was real. The consumer then takes them in a loop that is easy to predict.
 
+use super::pair_check::{are_pairs, plain};
+use crate::isa::AvailableIsa;
 use crate::units::BoxCount;
 
 /// Pairs in a buffer: 2 KiB, so that it stays in the first-level cache and costs little to set up
@@ -68,6 +70,32 @@ impl PairWriter<'_> {
         self.end + pairs <= CAPACITY
     }
 
+    /// Pairs that fit.
+    #[inline(always)]
+    pub const fn room(&self) -> usize {
+        CAPACITY - self.end
+    }
+
+    /// Adds those of some pairs that are pairs of `n`, smaller first. There must be room for all.
+    ///
+    /// Another process may write to `pairs` at any time. They are copied first, and what was copied
+    /// is what is checked and given out.
+    #[inline(always)]
+    pub fn put_checked(&mut self, pairs: &[[u32; 2]], n: BoxCount, isa: AvailableIsa) {
+        let start = self.end;
+        let end = start + pairs.len();
+        if let Some(room) = self.pairs.get_mut(self.end..end) {
+            room.copy_from_slice(pairs);
+            self.end = end;
+        }
+        // The copy, not the memory that it was made from, is looked at from here on: to the compiler
+        // it may hold anything.
+        std::hint::black_box(&mut *self.pairs);
+        if !are_pairs(self.pairs.get(start..self.end).unwrap_or(&[]), n, isa) {
+            self.drop_strays(n);
+        }
+    }
+
     /// Adds a pair if it is real, without a branch. There must be room.
     #[inline(always)]
     pub const fn put_if(&mut self, real: bool, (a, b): (u32, u32)) {
@@ -94,7 +122,7 @@ impl PairWriter<'_> {
     pub fn drop_strays(&mut self, n: BoxCount) {
         let is_pair = |[a, b]: [u32; 2]| (a < b) & (b < n.get());
         let written = self.pairs.get_mut(..self.end).unwrap_or(&mut []);
-        if written.iter().fold(true, |clean, pair| clean & is_pair(*pair)) {
+        if plain(written, n) {
             return;
         }
         let mut kept = 0;

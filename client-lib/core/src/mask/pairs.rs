@@ -22,14 +22,25 @@ impl<'a> Pairs<'a> {
         Self { buffer: PairBuffer::new(), source }
     }
 
-    /// Appends the pairs to a vector, a buffer at a time.
-    pub(super) fn append_to(mut self, pairs: &mut Vec<(u32, u32)>) {
+    /// Calls `f` with some of the pairs that are left, again and again until there are no more.
+    ///
+    /// See [`MaskView::for_each_slice`](super::MaskView::for_each_slice).
+    #[inline]
+    pub fn for_each_slice(mut self, mut f: impl FnMut(&[[u32; 2]])) {
         loop {
-            pairs.extend(self.buffer.as_slice().iter().map(|&[a, b]| (a, b)));
+            match self.buffer.as_slice() {
+                [] => {}
+                some => f(some),
+            }
             if !self.refill() {
                 return;
             }
         }
+    }
+
+    /// Appends the pairs to a vector, a buffer at a time.
+    pub(super) fn append_to(self, pairs: &mut Vec<(u32, u32)>) {
+        self.for_each_slice(|some| pairs.extend(some.iter().map(|&[a, b]| (a, b))));
     }
 
     /// Hands the pairs to a folder, which is asked once a buffer whether it has enough.

@@ -33,6 +33,13 @@ impl ReadableEncodings {
         Self { is_readable: Encoding::ALL.map(is_readable) }
     }
 
+    /// These without one.
+    #[must_use]
+    pub fn without(mut self, encoding: Encoding) -> Self {
+        self.is_readable[encoding.place()] = false;
+        self
+    }
+
     /// Whether the client can read an encoding.
     pub const fn contains(self, encoding: Encoding) -> bool {
         self.is_readable[encoding.place()]

@@ -50,6 +50,19 @@ pub enum BadMask {
     /// An order that has a box twice, or one that does not exist.
     #[error("the order is not a permutation: position {0} holds {1}")]
     Order(usize, u32),
+    /// A list that ends with half a pair.
+    #[error("a list of {0} words, two of which are a pair")]
+    HalfPair(usize),
+    /// An entry of a list that is no pair of the boxes, smaller index first.
+    #[error("entry {number} of the list is {pair:?}, of {n} boxes")]
+    NotAPair {
+        /// The entry.
+        number: usize,
+        /// What stands there.
+        pair: Pair,
+        /// Number of boxes.
+        n: u32,
+    },
     /// A pair that the mask has twice.
     #[error("pair {0:?} is named twice")]
     Doubled(Pair),
@@ -74,6 +87,7 @@ pub fn decode(reply: &[u32], shape: &MaskShape, n: u32) -> Result<Vec<Pair>, Bad
             let arrays = [section(reply, rows)?, section(reply, blocks)?, section(reply, bits)?];
             decode_sparse(arrays, &order)?
         }
+        MaskShape::List { pairs } => decode_list(section(reply, pairs)?, n)?,
     };
     pairs.sort_unstable();
     match pairs.windows(2).find(|w| w[0] == w[1]) {
@@ -163,6 +177,21 @@ fn decode_sparse([rows, blocks, bits]: [&[u32]; 3], order: &[u32]) -> Result<Vec
     Ok(pairs)
 }
 
+fn decode_list(words: &[u32], n: u32) -> Result<Vec<Pair>, BadMask> {
+    if !words.len().is_multiple_of(2) {
+        return Err(BadMask::HalfPair(words.len()));
+    }
+    let mut pairs = Vec::new();
+    for number in 0..words.len() / 2 {
+        let pair = (words[2 * number], words[2 * number + 1]);
+        if pair.0 >= pair.1 || pair.1 >= n {
+            return Err(BadMask::NotAPair { number, pair, n });
+        }
+        pairs.push(pair);
+    }
+    Ok(pairs)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -224,6 +253,22 @@ mod tests {
         assert_eq!(decode(&[0b100_0001], &shape, 4), Err(BadMask::DirtyTail(0b100_0001)));
         let wrong = BadMask::DenseSize { words: 1, pairs: 36 };
         assert_eq!(decode(&[0], &shape, 9), Err(wrong));
+    }
+
+    #[test]
+    fn every_rule_of_a_list_can_be_broken() {
+        let list = |words: &[u32]| {
+            let pairs = Span { start: 0, len: words.len() as u64 };
+            decode(words, &MaskShape::List { pairs }, N)
+        };
+        assert_eq!(list(&[]), Ok(vec![]));
+        assert_eq!(list(&[3, 4, 0, 33, 0, 1]), Ok(vec![(0, 1), (0, 33), (3, 4)]));
+        assert_eq!(list(&[3, 4, 0]), Err(BadMask::HalfPair(3)));
+        let no_pair = |number, pair| Err(BadMask::NotAPair { number, pair, n: N });
+        assert_eq!(list(&[3, 4, 7, 7]), no_pair(1, (7, 7)));
+        assert_eq!(list(&[3, 4, 8, 7]), no_pair(1, (8, 7)));
+        assert_eq!(list(&[3, 40, 7, 8]), no_pair(0, (3, 40)));
+        assert_eq!(list(&[3, 4, 0, 33, 3, 4]), Err(BadMask::Doubled((3, 4))));
     }
 
     #[test]

@@ -30,6 +30,8 @@ pub struct Calibration {
     pub ns: [f64; Term::ALL.len()],
     /// What threads give each of [`EngineName::CPU`].
     pub threads: [ThreadCost; EngineName::CPU.len()],
+    /// What threads give a client that visits the pairs of a mask.
+    pub visit_threads: ThreadCost,
 }
 
 /// What threads give an engine on one core of an AMD EPYC 9004: a guess, held to be fair for two idle
@@ -41,7 +43,8 @@ impl Calibration {
     /// tests of pairs scaled by the lanes of narrower sets.
     pub fn built_in(isa: Isa) -> Self {
         let ns = Term::ALL.map(|term| term.built_in_ns(isa));
-        Self { ns, threads: [BUILT_IN_THREADS; EngineName::CPU.len()] }
+        let threads = [BUILT_IN_THREADS; EngineName::CPU.len()];
+        Self { ns, threads, visit_threads: BUILT_IN_THREADS }
     }
 
     /// ns a unit of a term.

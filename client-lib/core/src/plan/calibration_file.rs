@@ -18,7 +18,7 @@ use crate::engine::{EngineName, Isa};
 
 /// Version of the file and of the cost model: one more whenever a term is added, or comes to mean
 /// something else.
-pub const CALIBRATION_VERSION: u32 = 1;
+pub const CALIBRATION_VERSION: u32 = 2;
 /// Bytes of the largest file that is read: 30 times what one has.
 const MOST_BYTES: u64 = 65_536;
 /// The longest time that a unit of work may have, ns: a frame, or a fan-out, of 0.1 s.
@@ -79,6 +79,8 @@ struct Document {
     ns: BTreeMap<String, f64>,
     /// By engine.
     threads: BTreeMap<String, Threads>,
+    /// Of a client that visits pairs.
+    visit: Threads,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -86,6 +88,19 @@ struct Document {
 struct Threads {
     serial_share: f64,
     fan_out_ns: f64,
+}
+
+impl Threads {
+    const fn of(ThreadCost { serial_share, fan_out_ns }: ThreadCost) -> Self {
+        Self { serial_share, fan_out_ns }
+    }
+
+    fn checked(&self) -> Result<ThreadCost, CalibrationError> {
+        Ok(ThreadCost {
+            serial_share: within("serial-share", self.serial_share, 1.0)?,
+            fan_out_ns: within("fan-out-ns", self.fan_out_ns, MOST_NS)?,
+        })
+    }
 }
 
 /// The version alone, which other versions have too.
@@ -99,16 +114,15 @@ struct Head {
 /// The text of a file.
 pub fn encode(calibration: &Calibration, machine: &MachineKey) -> String {
     let ns = Term::ALL.map(|term| (term.to_string(), calibration.ns(term)));
-    let threads = EngineName::CPU.map(|engine| {
-        let ThreadCost { serial_share, fan_out_ns } = calibration.threads_of(engine);
-        (engine.to_string(), Threads { serial_share, fan_out_ns })
-    });
+    let threads = EngineName::CPU
+        .map(|engine| (engine.to_string(), Threads::of(calibration.threads_of(engine))));
     let document = Document {
         version: CALIBRATION_VERSION,
         release: env!("CARGO_PKG_VERSION").to_owned(),
         machine: machine.to_string(),
         ns: ns.into(),
         threads: threads.into(),
+        visit: Threads::of(calibration.visit_threads),
     };
     let head = "# Constants of the plan's cost model, by `pairmaskd calibrate`. ns: each unit of work on one\n# thread.\n";
     // Strings, numbers and maps of them always have a TOML form.
@@ -137,9 +151,9 @@ pub fn decode(text: &str, machine: &MachineKey) -> Result<Calibration, Calibrati
     for (engine, cost) in EngineName::CPU.into_iter().zip(&mut calibration.threads) {
         let name = engine.as_str();
         let found = document.threads.get(name).ok_or(CalibrationError::Missing { name })?;
-        cost.serial_share = within("serial-share", found.serial_share, 1.0)?;
-        cost.fan_out_ns = within("fan-out-ns", found.fan_out_ns, MOST_NS)?;
+        *cost = found.checked()?;
     }
+    calibration.visit_threads = document.visit.checked()?;
     Ok(calibration)
 }
 
@@ -236,7 +250,7 @@ mod tests {
             assert!(text.contains(from), "{text}");
             decode(&text.replacen(from, to, 1), &MachineKey::this()).expect_err(to).to_string()
         };
-        assert!(edited("version = 1", "version = 2").contains("version 2"));
+        assert!(edited("version = 2", "version = 1").contains("version 1"));
         assert!(edited("release = \"", "release = \"9").contains("pairmaskd calibrate"));
         assert!(edited("machine = \"", "machine = \"other ").contains("another machine (other "));
         assert!(edited("sap-box = ", "sap-crate = ").contains("sap-box"));

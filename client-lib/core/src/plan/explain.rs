@@ -49,11 +49,12 @@ impl fmt::Display for Explanation<'_> {
             let mark = if candidate.engine == *engine { "->" } else { "  " };
             writeln!(
                 f,
-                "{mark} {:<10} {:<6} {} threads  {:>12.1} µs predicted",
+                "{mark} {:<10} {:<6} {} threads  {:>12.1} µs predicted, {:.1} of them to visit the pairs",
                 candidate.engine.as_str(),
                 candidate.encoding.as_str(),
                 candidate.threads,
                 candidate.predicted_ns / 1e3,
+                candidate.visit_ns / 1e3,
             )?;
         }
         write!(f, "{engine}, {encoding}, {threads} threads: {}", self.0.why())

@@ -1,8 +1,9 @@
 //! The plan: from statistics and capabilities to an engine, an encoding and a number of threads.
 //!
 //! A pure function, so that it is tested without a GPU and can explain itself. It predicts the
-//! time of every engine that is to be had ([`Calibration`] holds the constants) and takes the
-//! least.
+//! time of the whole frame, from boxes written to every pair visited by the client's threads, for
+//! every engine that is to be had and every encoding ([`Calibration`] holds the constants), and takes
+//! the least.
 //!
 //! ```
 //! use pairmask_core::engine::{EngineName, Isa};
@@ -72,8 +73,10 @@ pub struct Candidate {
     pub encoding: Encoding,
     /// Threads.
     pub threads: usize,
-    /// Predicted time, ns.
+    /// Predicted time of the whole frame, from boxes written to every pair visited, ns.
     pub predicted_ns: f64,
+    /// The client's part of it, which visits the pairs, ns.
+    pub visit_ns: f64,
 }
 
 /// What to do with a frame.
@@ -147,6 +150,7 @@ fn choose(
         },
         threads: 1,
         predicted_ns: f64::INFINITY,
+        visit_ns: 0.0,
     };
     let Candidate { engine, encoding, threads, .. } = *chosen.unwrap_or(&fallback);
     Plan { engine, encoding, threads, candidates, options: *options, stats: *stats }

@@ -1,12 +1,12 @@
 //! The cost model: what every engine that is to be had would take for a frame.
 
 use super::{Calibration, Candidate, Capabilities, CullOptions, GpuCost, SceneStats, Work};
-use crate::engine::{EngineDescriptor, EngineName, EnginePlace};
+use crate::engine::{EngineName, EnginePlace, encoding_cost};
 use crate::mask::{Encoding, EncodingChoice};
 
-/// Counting and placing sparse words takes a GPU so much longer than packing a small dense mask:
-/// 14.5 µs against 8.6 for both its stages at 1,000 boxes on an H200.
-const GPU_SPARSE_STAGE_NS: f64 = 5_500.0;
+/// Counting and placing sparse words, or pairs of a list, takes a GPU so much longer than packing a
+/// small dense mask: 14.5 µs against 8.6 for both its stages at 1,000 boxes on an H200.
+const GPU_COUNTED_STAGE_NS: f64 = 5_500.0;
 
 /// The cost model of one frame.
 pub(super) struct Model<'a> {
@@ -32,11 +32,12 @@ impl Model<'_> {
     }
 
     fn way(&self, engine: EngineName, encoding: Encoding) -> Option<Candidate> {
-        let (predicted_ns, threads) = match Work::of(engine, encoding, self.stats) {
+        let (cull_ns, threads) = match Work::of(engine, encoding, self.stats) {
             Some(work) => self.on_threads(engine, self.calibration.time_ns(&work)),
             None => (self.gpu_ns(engine, encoding)?, 1),
         };
-        Some(Candidate { engine, encoding, threads, predicted_ns })
+        let visit_ns = self.visit_ns(engine, encoding);
+        Some(Candidate { engine, encoding, threads, predicted_ns: cull_ns + visit_ns, visit_ns })
     }
 
     /// One thread or all of them.
@@ -46,19 +47,31 @@ impl Model<'_> {
         if threads > 1 && all_ns < one_ns { (all_ns, threads) } else { (one_ns, 1) }
     }
 
-    fn gpu_ns(&self, engine: EngineName, encoding: Encoding) -> Option<f64> {
-        let EngineDescriptor { place: EnginePlace::Gpu(own), has_order, .. } = engine.descriptor()
-        else {
-            return None;
+    /// The client's part. Its further threads are of use where there is enough to visit.
+    fn visit_ns(&self, engine: EngineName, encoding: Encoding) -> f64 {
+        let visit = Work::of_visit(engine, encoding, self.stats);
+        let far_ns = match self.capabilities.gpu {
+            Some(gpu) if engine.is_gpu() => {
+                gpu.ns_a_visited_byte * self.mask_bytes(engine, encoding)
+            }
+            _ => 0.0,
         };
+        let one_ns = self.calibration.time_ns(&visit) + far_ns;
+        let threads = self.options.visit_threads.unwrap_or(1);
+        self.calibration.visit_threads.on(threads, one_ns).min(one_ns)
+    }
+
+    fn mask_bytes(&self, engine: EngineName, encoding: Encoding) -> f64 {
+        (encoding_cost(encoding).bytes)(self.stats, engine.descriptor().has_order)
+    }
+
+    fn gpu_ns(&self, engine: EngineName, encoding: Encoding) -> Option<f64> {
+        let EnginePlace::Gpu(own) = engine.descriptor().place else { return None };
         let gpu: &GpuCost = self.capabilities.gpu.as_ref()?;
-        let n = f64::from(self.stats.n.get());
         let execute_ns = (own.execute_ns)(gpu, self.stats)?;
-        let reply_bytes = 4.0 * n + 12.0 * self.stats.expected_pairs();
-        let stage_ns = if encoding == Encoding::Sparse { GPU_SPARSE_STAGE_NS } else { 0.0 };
-        let mask = Work::of_mask(encoding, self.stats, *has_order);
-        let boxes_ns = gpu.fixed_ns + gpu.ns_a_box * n;
-        let reply_ns = gpu.ns_a_reply_byte * reply_bytes + stage_ns;
-        Some(boxes_ns + execute_ns + reply_ns + self.calibration.time_ns(&mask))
+        let stage_ns = if encoding == Encoding::Dense { 0.0 } else { GPU_COUNTED_STAGE_NS };
+        let boxes_ns = gpu.fixed_ns + gpu.ns_a_box * f64::from(self.stats.n.get());
+        let reply_ns = gpu.ns_a_reply_byte * self.mask_bytes(engine, encoding) + stage_ns;
+        Some(boxes_ns + execute_ns + reply_ns)
     }
 }

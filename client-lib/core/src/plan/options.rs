@@ -13,6 +13,8 @@ pub struct CullOptions {
     pub encoding: EncodingChoice,
     /// How many threads; `None` leaves it to the plan.
     pub threads: Option<usize>,
+    /// Threads with which the client visits the pairs; `None` is one.
+    pub visit_threads: Option<usize>,
     /// Pairs of the client's last frame, for the plan. The answer does not depend on it.
     pub last_pairs: Option<u64>,
     /// Encodings that the client can read.
@@ -21,26 +23,38 @@ pub struct CullOptions {
 
 impl CullOptions {
     /// The options of a frame of `n` boxes whose reply holds at most `limit_words` words: where the
-    /// client left the encoding open and a dense mask does not fit, it is sparse.
+    /// client left the encoding open and a dense mask does not fit, it is another.
     #[must_use]
     pub fn within(self, n: usize, limit_words: u64) -> Self {
         let may_be_sparse =
             self.encoding == EncodingChoice::Auto && self.readable.contains(Encoding::Sparse);
         if may_be_sparse && !dense_fits(n, limit_words) {
-            return Self { encoding: EncodingChoice::Only(Encoding::Sparse), ..self };
+            return Self { readable: self.readable.without(Encoding::Dense), ..self };
         }
         self
     }
 
-    /// The options to try after `error`, if there is one: where the client left the encoding open, more
-    /// words were found than the reply holds, and a dense mask fits.
+    /// The options to try after `error` of a mask in an encoding, if there are any: where the client
+    /// left the encoding open and more was found than the reply holds. A dense mask, where that fits;
+    /// else a sparse one after a list, since its words hold up to 32 pairs each.
     #[must_use]
-    pub fn after(self, error: &CullError, n: usize, limit_words: u64) -> Option<Self> {
+    pub fn after(
+        self,
+        tried: Encoding,
+        error: &CullError,
+        n: usize,
+        limit_words: u64,
+    ) -> Option<Self> {
         let is_too_large = matches!(error, CullError::Reserve(ReserveError::TooLarge { .. }));
-        let dense = Self { encoding: EncodingChoice::Only(Encoding::Dense), ..self };
-        let is_open =
-            self.encoding == EncodingChoice::Auto && self.readable.contains(Encoding::Dense);
-        (is_too_large && is_open && dense_fits(n, limit_words)).then_some(dense)
+        if !is_too_large || self.encoding != EncodingChoice::Auto {
+            return None;
+        }
+        let only = |encoding| Self { encoding: EncodingChoice::Only(encoding), ..self };
+        if self.readable.contains(Encoding::Dense) && dense_fits(n, limit_words) {
+            return Some(only(Encoding::Dense));
+        }
+        let is_smaller = tried == Encoding::List && self.readable.contains(Encoding::Sparse);
+        is_smaller.then(|| only(Encoding::Sparse))
     }
 }
 

@@ -1,4 +1,5 @@
-//! All terms of the cost model: those of every CPU engine, then those of every encoding.
+//! All terms of the cost model: those of every CPU engine, then those of every encoding, to be written
+//! and to be visited.
 
 use std::fmt;
 
@@ -19,7 +20,7 @@ struct Declared {
 }
 
 /// Terms of all engines and encodings.
-const COUNT: usize = first_of_encoding(Encoding::ALL.len());
+const COUNT: usize = first_of_encoding(Encoding::ALL.len(), Side::Write);
 
 /// All terms, by their places.
 const DECLARED: [Declared; COUNT] = {
@@ -36,15 +37,30 @@ const DECLARED: [Declared; COUNT] = {
     }
     i = 0;
     while i < Encoding::ALL.len() {
-        let (terms, mut t) = (encoding_cost(Encoding::ALL[i]).terms, 0);
-        while t < terms.len() {
-            all[at] = Declared { term: terms[t], owner: None };
+        let cost = encoding_cost(Encoding::ALL[i]);
+        let mut t = 0;
+        while t < cost.write.terms.len() {
+            all[at] = Declared { term: cost.write.terms[t], owner: None };
+            (at, t) = (at + 1, t + 1);
+        }
+        t = 0;
+        while t < cost.visit.terms.len() {
+            all[at] = Declared { term: cost.visit.terms[t], owner: None };
             (at, t) = (at + 1, t + 1);
         }
         i += 1;
     }
     all
 };
+
+/// Who has work with a mask.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Side {
+    /// The engine, which writes it.
+    Write,
+    /// The client, which visits its pairs.
+    Visit,
+}
 
 /// Terms of engine `i` of the list; a GPU's has none.
 const fn terms_of_engine(i: usize) -> &'static [CostTerm] {
@@ -65,12 +81,12 @@ const FIRST_OF_ENGINES: [usize; EngineName::ALL.len()] = {
     firsts
 };
 
-/// Place of the first term of each encoding.
-const FIRST_OF_ENCODINGS: [usize; Encoding::ALL.len()] = {
-    let mut firsts = [0; Encoding::ALL.len()];
+/// Places of the first terms of each encoding, for either side.
+const FIRST_OF_ENCODINGS: [[usize; 2]; Encoding::ALL.len()] = {
+    let mut firsts = [[0; 2]; Encoding::ALL.len()];
     let mut i = 0;
     while i < firsts.len() {
-        firsts[i] = first_of_encoding(i);
+        firsts[i] = [first_of_encoding(i, Side::Write), first_of_encoding(i, Side::Visit)];
         i += 1;
     }
     firsts
@@ -86,14 +102,18 @@ const fn first_of_engine(i: usize) -> usize {
     first
 }
 
-/// Place of the first term of encoding `i` of the list.
-const fn first_of_encoding(i: usize) -> usize {
+/// Place of the first term of encoding `i` of the list, for a side.
+const fn first_of_encoding(i: usize, side: Side) -> usize {
     let (mut first, mut before) = (first_of_engine(EngineName::ALL.len()), 0);
     while before < i {
-        first += encoding_cost(Encoding::ALL[before]).terms.len();
+        let cost = encoding_cost(Encoding::ALL[before]);
+        first += cost.write.terms.len() + cost.visit.terms.len();
         before += 1;
     }
-    first
+    match side {
+        Side::Write => first,
+        Side::Visit => first + encoding_cost(Encoding::ALL[i]).write.terms.len(),
+    }
 }
 
 impl Term {
@@ -138,9 +158,9 @@ impl Term {
         FIRST_OF_ENGINES[engine.place()]
     }
 
-    /// Place of the first term of an encoding.
-    pub(super) const fn first_of_mask(encoding: Encoding) -> usize {
-        FIRST_OF_ENCODINGS[encoding.place()]
+    /// Place of the first term of an encoding, for a side.
+    pub(super) const fn first_of_mask(encoding: Encoding, side: Side) -> usize {
+        FIRST_OF_ENCODINGS[encoding.place()][side as usize]
     }
 }
 
@@ -186,11 +206,15 @@ mod tests {
             ("grid-spill", 2.93),
             ("grid-doubling", 2.98),
             ("grid-elongation", 0.938),
-            ("dense-byte", 0.0479),
-            ("dense-pair", 4.5),
+            ("dense-byte", 0.024),
+            ("dense-pair", 2.0),
             ("scattered-pair", 0.931),
-            ("sparse-pair", 1.01),
-            ("ordered-pair", 0.0971),
+            ("sparse-pair", 0.5),
+            ("list-pair", 0.8),
+            ("dense-visit-byte", 0.024),
+            ("sparse-visit-pair", 0.6),
+            ("ordered-visit-pair", 0.3),
+            ("list-visit-pair", 0.3),
         ];
         for term in expected {
             assert!(declared.contains(&term), "{term:?}");

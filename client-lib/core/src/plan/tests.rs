@@ -15,6 +15,7 @@ const GPU: GpuCost = GpuCost {
     grid_fixed_ns: 10_000.0,
     grid_ns_a_box: Some(0.2),
     ns_a_reply_byte: 0.05,
+    ns_a_visited_byte: 0.05,
 };
 
 fn stats(n: u32, window_share: f32) -> SceneStats {
@@ -47,7 +48,8 @@ fn tiny_scenes_are_swept_or_compared_and_large_ones_go_to_the_grid() {
     }
     for n in [10_000, 1_000_000] {
         let plan = chosen(&stats(n, 0.02), None, CullOptions::default());
-        assert_eq!((plan.engine, plan.encoding), (EngineName::CpuGrid, Encoding::Sparse));
+        assert_eq!(plan.engine, EngineName::CpuGrid);
+        assert_ne!(plan.encoding, Encoding::Dense);
         assert_eq!(plan.threads, 2);
     }
 }
@@ -99,6 +101,47 @@ fn an_encoding_that_is_newer_than_the_client_is_never_chosen() {
 }
 
 #[test]
+fn a_client_of_wire_1_2_gets_no_list() {
+    let mut calibration = Calibration::built_in(Isa::Avx512);
+    calibration.ns[Term::from_name("list-pair").expect("a term").index()] = 0.0;
+    let chosen = |minor: u16| {
+        let readable = ReadableEncodings::at_minor(minor);
+        let options = CullOptions { readable, ..CullOptions::default() };
+        let capabilities = Capabilities { threads: 2, gpu: None };
+        plan(&stats(100_000, 0.02), &capabilities, &calibration, &options).encoding
+    };
+    for minor in 0..3 {
+        assert_ne!(chosen(minor), Encoding::List, "1.{minor}");
+    }
+    assert_eq!(chosen(3), Encoding::List, "a list that costs nothing");
+}
+
+#[test]
+fn what_does_not_fit_is_tried_in_another_encoding() {
+    use crate::engine::{CullError, ReserveError};
+    let too_large =
+        CullError::Reserve(ReserveError::TooLarge { at_least_bytes: 9, limit_bytes: 8 });
+    let other = CullError::Reserve(ReserveError::OutOfMemory { needed_bytes: 9 });
+    let open = CullOptions::default();
+    let dense = BoxCount::new(1_000).dense_words();
+    let after = |options: CullOptions, tried, error: &CullError, limit| {
+        options.after(tried, error, 1_000, limit).map(|options| options.encoding)
+    };
+    let only = |encoding| Some(EncodingChoice::Only(encoding));
+    for tried in [Encoding::Sparse, Encoding::List] {
+        assert_eq!(after(open, tried, &too_large, dense), only(Encoding::Dense));
+        assert_eq!(after(open, tried, &other, dense), None);
+        let asked = CullOptions { encoding: EncodingChoice::Only(tried), ..open };
+        assert_eq!(after(asked, tried, &too_large, dense), None);
+    }
+    let small = open.within(1_000, dense - 1);
+    assert!(!small.readable.contains(Encoding::Dense) && small.encoding == EncodingChoice::Auto);
+    assert_eq!(open.within(1_000, dense), open);
+    assert_eq!(after(small, Encoding::List, &too_large, dense - 1), only(Encoding::Sparse));
+    assert_eq!(after(small, Encoding::Sparse, &too_large, dense - 1), None);
+}
+
+#[test]
 fn a_gpu_is_taken_where_it_is_faster_and_only_there() {
     let gpu = Some(GPU);
     assert!(!chosen(&stats(500, 0.1), gpu, CullOptions::default()).engine.is_gpu());
@@ -109,7 +152,7 @@ fn a_gpu_is_taken_where_it_is_faster_and_only_there() {
     let grid =
         CullOptions { engine: EngineChoice::Only(EngineName::GpuGrid), ..CullOptions::default() };
     for n in [2, 64, 1_000] {
-        assert_eq!(chosen(&stats(n, 1.0), gpu, grid).encoding, Encoding::Sparse, "{n}");
+        assert_ne!(chosen(&stats(n, 1.0), gpu, grid).encoding, Encoding::Dense, "{n}");
     }
 }
 
@@ -139,14 +182,46 @@ fn boxes_take_a_gpu_the_time_of_their_bytes() {
 
 #[test]
 fn the_encoding_is_the_cheaper_one() {
-    assert_eq!(chosen(&stats(4096, 0.1), None, CullOptions::default()).encoding, Encoding::Sparse);
-    let mut calibration = Calibration::built_in(Isa::Avx512);
-    calibration.ns[Term::from_name("sparse-pair").expect("a term").index()] = 50.0;
     let capabilities = Capabilities { threads: 1, gpu: None };
-    let encoding =
-        |n| plan(&stats(n, 0.1), &capabilities, &calibration, &CullOptions::default()).encoding;
-    assert_eq!(encoding(64), Encoding::Dense);
-    assert_eq!(encoding(1_000_000), Encoding::Sparse, "62 GB of zeros");
+    let encoding = |n, dear: &[&str]| {
+        let mut calibration = Calibration::built_in(Isa::Avx512);
+        for name in dear {
+            calibration.ns[Term::from_name(name).expect("a term").index()] = 50.0;
+        }
+        plan(&stats(n, 0.1), &capabilities, &calibration, &CullOptions::default()).encoding
+    };
+    for n in [4096, 1_000_000] {
+        assert_eq!(encoding(n, &["list-visit-pair"]), Encoding::Sparse);
+        assert_eq!(encoding(n, &["sparse-visit-pair"]), Encoding::List);
+    }
+    let both = ["list-visit-pair", "sparse-visit-pair"];
+    assert_eq!(encoding(64, &both), Encoding::Dense);
+    assert_ne!(encoding(1_000_000, &both), Encoding::Dense, "62 GB of zeros");
+}
+
+/// What a client does by itself counts as what an engine does: with more threads, it prefers what they
+/// visit sooner.
+#[test]
+fn threads_that_visit_pairs_count() {
+    let many = stats(1_000_000, 0.01);
+    let visit_ns = |visit_threads: Option<usize>| {
+        let sparse = EncodingChoice::Only(Encoding::Sparse);
+        let options = CullOptions { visit_threads, encoding: sparse, ..CullOptions::default() };
+        let plan = chosen(&many, Some(GPU), options);
+        let candidate = plan.candidates.into_iter().flatten().find(|c| c.engine == plan.engine);
+        let Candidate { predicted_ns, visit_ns, .. } = candidate.expect("the chosen one");
+        assert!(visit_ns > 0.0 && visit_ns < predicted_ns);
+        visit_ns
+    };
+    assert_eq!(visit_ns(None).to_bits(), visit_ns(Some(1)).to_bits());
+    assert!(visit_ns(Some(8)) < 0.3 * visit_ns(Some(1)));
+    let of = |gpu| {
+        let engine = EngineChoice::Only(EngineName::GpuGrid);
+        chosen(&many, Some(gpu), CullOptions { engine, ..CullOptions::default() })
+    };
+    let far = GpuCost { ns_a_visited_byte: 5.0, ..GPU };
+    assert!(of(far).candidates[4].expect("asked for").visit_ns > 0.0);
+    assert_eq!(of(far).encoding, Encoding::List, "fewest bytes");
 }
 
 #[test]

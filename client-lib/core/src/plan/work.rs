@@ -4,12 +4,12 @@
 //! [`Calibration`](super::Calibration). A fit may therefore solve for all constants at once, and
 //! cannot drift from what the plan computes.
 
-use super::Term;
+use super::term::{Side, Term};
 use crate::engine::{EngineName, encoding_cost};
 use crate::mask::Encoding;
 use crate::stats::SceneStats;
 
-/// How much of each [`Term`] a frame holds.
+/// How much of each [`Term`] a part of a frame holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Work {
     amounts: [f64; Term::ALL.len()],
@@ -18,23 +18,32 @@ pub struct Work {
 }
 
 impl Work {
-    /// The work of a CPU engine, `None` for a GPU's.
+    /// The work of a CPU engine, from boxes to mask; `None` for a GPU's.
     pub fn of(engine: EngineName, encoding: Encoding, stats: &SceneStats) -> Option<Self> {
         let descriptor = engine.descriptor();
         let cpu = descriptor.cpu()?;
-        let mut work = Self::of_mask(encoding, stats, descriptor.has_order);
+        let mut work = Self::of_mask(encoding, Side::Write, stats, descriptor.has_order);
         let (first, len) = (Term::first_of(engine), cpu.terms.len());
         (cpu.work)(stats, &mut work.amounts[first..first + len]);
         work.spans[0] = (first, len);
         Some(work)
     }
 
+    /// The work of a client that visits every pair of an engine's mask.
+    pub fn of_visit(engine: EngineName, encoding: Encoding, stats: &SceneStats) -> Self {
+        Self::of_mask(encoding, Side::Visit, stats, engine.descriptor().has_order)
+    }
+
     /// The mask alone, of an engine that has an order of its own or keeps the boxes'.
-    pub fn of_mask(encoding: Encoding, stats: &SceneStats, has_order: bool) -> Self {
+    fn of_mask(encoding: Encoding, side: Side, stats: &SceneStats, has_order: bool) -> Self {
         let cost = encoding_cost(encoding);
+        let mask = match side {
+            Side::Write => &cost.write,
+            Side::Visit => &cost.visit,
+        };
         let mut amounts = [0.0; Term::ALL.len()];
-        let (first, len) = (Term::first_of_mask(encoding), cost.terms.len());
-        (cost.work)(stats, has_order, &mut amounts[first..first + len]);
+        let (first, len) = (Term::first_of_mask(encoding, side), mask.terms.len());
+        (mask.amounts)(stats, has_order, &mut amounts[first..first + len]);
         Self { amounts, spans: [(0, 0), (first, len)] }
     }
 
@@ -73,13 +82,14 @@ mod tests {
             };
             for engine in EngineName::ALL {
                 for encoding in Encoding::ALL {
-                    let Some(work) = Work::of(engine, encoding, &stats) else {
-                        assert!(engine.is_gpu());
-                        continue;
-                    };
-                    for (seen, amount) in seen.iter_mut().zip(work.amounts()) {
-                        assert!(amount.is_finite() && *amount >= 0.0, "{engine} {n}");
-                        *seen |= *amount > 0.0;
+                    let cull = Work::of(engine, encoding, &stats);
+                    assert_eq!(cull.is_none(), engine.is_gpu());
+                    let visit = Work::of_visit(engine, encoding, &stats);
+                    for work in cull.iter().chain([&visit]) {
+                        for (seen, amount) in seen.iter_mut().zip(work.amounts()) {
+                            assert!(amount.is_finite() && *amount >= 0.0, "{engine} {n}");
+                            *seen |= *amount > 0.0;
+                        }
                     }
                 }
             }

@@ -9,6 +9,7 @@ use super::quantize::{Lanes, Quantizer};
 use super::{f16, simd};
 use crate::aabb::{AABB_BYTES, Aabb};
 use crate::aligned::AlignedBuffer;
+use crate::write::{BoxSource, par_write_boxes};
 
 /// Fewest boxes of a conversion task: fewer take less time (10 to 40 µs) than a task costs.
 const TASK_BOXES: usize = 16_384;
@@ -78,9 +79,9 @@ impl From<&Aabb> for BoxF16 {
     }
 }
 
-/// Boxes that are narrowed before they are expanded: their narrow forms stay in the first-level
-/// cache.
-const ROUNDED_BOXES: usize = 256;
+/// Boxes that are made before they are narrowed, or narrowed before they are expanded: they stay in the
+/// first-level cache (6 KiB).
+const STAGED_BOXES: usize = 256;
 
 /// A narrow form of a box.
 pub(super) trait NarrowBox: Pod + Send + Sync {
@@ -164,23 +165,33 @@ impl NarrowBox for BoxF16 {
     }
 }
 
-/// The boxes of a frame in memory, in any form.
+/// The boxes of a frame in memory, in any form. What else each box has for all engines to honour
+/// belongs here beside its numbers: wherever boxes go, it goes with them.
 #[derive(Clone, Copy, Debug)]
-pub enum BoxSlice<'a> {
-    /// f32 boxes.
+pub struct BoxSlice<'a> {
+    numbers: Numbers<'a>,
+}
+
+/// The numbers of boxes, in any form.
+#[derive(Clone, Copy, Debug)]
+enum Numbers<'a> {
     F32(&'a [Aabb]),
-    /// 16-bit cells.
     Q16(&'a [BoxQ16]),
-    /// 8-bit cells.
     Q8(&'a [BoxQ8]),
-    /// Halves.
     F16(&'a [BoxF16]),
 }
 
 /// f32 boxes, used where they lie.
 impl<'a, B: AsRef<[Aabb]> + ?Sized> From<&'a B> for BoxSlice<'a> {
     fn from(boxes: &'a B) -> Self {
-        Self::F32(boxes.as_ref())
+        Self { numbers: Numbers::F32(boxes.as_ref()) }
+    }
+}
+
+impl Default for BoxSlice<'_> {
+    /// No boxes.
+    fn default() -> Self {
+        Self { numbers: Numbers::F32(&[]) }
     }
 }
 
@@ -188,31 +199,32 @@ impl<'a> BoxSlice<'a> {
     /// Bytes as boxes of a form; `None` where they are no whole number of boxes, or not aligned
     /// for them.
     pub fn new(form: BoxForm, bytes: &'a [u8]) -> Option<Self> {
-        match form {
-            BoxForm::F32 => bytemuck::try_cast_slice(bytes).ok().map(Self::F32),
-            BoxForm::Q16 => bytemuck::try_cast_slice(bytes).ok().map(Self::Q16),
-            BoxForm::Q8 => bytemuck::try_cast_slice(bytes).ok().map(Self::Q8),
-            BoxForm::F16 => bytemuck::try_cast_slice(bytes).ok().map(Self::F16),
-        }
+        let numbers = match form {
+            BoxForm::F32 => bytemuck::try_cast_slice(bytes).ok().map(Numbers::F32),
+            BoxForm::Q16 => bytemuck::try_cast_slice(bytes).ok().map(Numbers::Q16),
+            BoxForm::Q8 => bytemuck::try_cast_slice(bytes).ok().map(Numbers::Q8),
+            BoxForm::F16 => bytemuck::try_cast_slice(bytes).ok().map(Numbers::F16),
+        };
+        numbers.map(|numbers| Self { numbers })
     }
 
     /// The form.
     pub const fn form(&self) -> BoxForm {
-        match self {
-            Self::F32(_) => BoxForm::F32,
-            Self::Q16(_) => BoxForm::Q16,
-            Self::Q8(_) => BoxForm::Q8,
-            Self::F16(_) => BoxForm::F16,
+        match self.numbers {
+            Numbers::F32(_) => BoxForm::F32,
+            Numbers::Q16(_) => BoxForm::Q16,
+            Numbers::Q8(_) => BoxForm::Q8,
+            Numbers::F16(_) => BoxForm::F16,
         }
     }
 
     /// Number of boxes.
     pub const fn len(&self) -> usize {
-        match self {
-            Self::F32(boxes) => boxes.len(),
-            Self::Q16(boxes) => boxes.len(),
-            Self::Q8(boxes) => boxes.len(),
-            Self::F16(boxes) => boxes.len(),
+        match self.numbers {
+            Numbers::F32(boxes) => boxes.len(),
+            Numbers::Q16(boxes) => boxes.len(),
+            Numbers::Q8(boxes) => boxes.len(),
+            Numbers::F16(boxes) => boxes.len(),
         }
     }
 
@@ -221,47 +233,56 @@ impl<'a> BoxSlice<'a> {
         self.len() == 0
     }
 
+    /// The boxes where they lie, if they are of f32.
+    pub const fn as_f32(&self) -> Option<&'a [Aabb]> {
+        match self.numbers {
+            Numbers::F32(boxes) => Some(boxes),
+            _ => None,
+        }
+    }
+
     /// Their bytes: [`BoxForm::bytes`] of as many boxes.
     pub fn as_bytes(&self) -> &'a [u8] {
-        match *self {
-            Self::F32(boxes) => bytemuck::cast_slice(boxes),
-            Self::Q16(boxes) => bytemuck::cast_slice(boxes),
-            Self::Q8(boxes) => bytemuck::cast_slice(boxes),
-            Self::F16(boxes) => bytemuck::cast_slice(boxes),
+        match self.numbers {
+            Numbers::F32(boxes) => bytemuck::cast_slice(boxes),
+            Numbers::Q16(boxes) => bytemuck::cast_slice(boxes),
+            Numbers::Q8(boxes) => bytemuck::cast_slice(boxes),
+            Numbers::F16(boxes) => bytemuck::cast_slice(boxes),
         }
     }
 
     /// The f32 box that stands for one of them, as [`BoxSlice::expand`] has it; `None` beyond
     /// the last.
     pub fn get(&self, index: usize) -> Option<Aabb> {
-        match self {
-            Self::F32(boxes) => boxes.get(index).copied(),
-            Self::Q16(boxes) => boxes.get(index).map(NarrowBox::expand),
-            Self::Q8(boxes) => boxes.get(index).map(NarrowBox::expand),
-            Self::F16(boxes) => boxes.get(index).map(NarrowBox::expand),
+        match self.numbers {
+            Numbers::F32(boxes) => boxes.get(index).copied(),
+            Numbers::Q16(boxes) => boxes.get(index).map(NarrowBox::expand),
+            Numbers::Q8(boxes) => boxes.get(index).map(NarrowBox::expand),
+            Numbers::F16(boxes) => boxes.get(index).map(NarrowBox::expand),
         }
     }
 
-    /// The f32 boxes that stand for them, whose overlaps define the answer to the frame: cells as
-    /// they are numbered, halves by their value. f32 boxes are used where they lie; others are
-    /// converted into `scratch`, large scenes on the rayon pool if `parallel`.
+    /// The same boxes in f32, whose overlaps define the answer to the frame: cells as they are
+    /// numbered, halves by their value. f32 boxes are used where they lie; others are converted
+    /// into `scratch`, large scenes on the rayon pool if `parallel`.
     ///
     /// # Panics
     /// When the system has no memory for 24 bytes a box; `scratch` grows when more boxes come than
     /// before.
-    pub fn expand(self, scratch: &'a mut ExpandScratch, parallel: bool) -> &'a [Aabb] {
-        if let Self::F32(boxes) = self {
-            return boxes;
+    #[must_use]
+    pub fn expand(self, scratch: &'a mut ExpandScratch, parallel: bool) -> Self {
+        if self.as_f32().is_some() {
+            return self;
         }
         scratch.0.resize(AABB_WORDS * self.len());
         let out: &mut [Aabb] = bytemuck::cast_slice_mut(scratch.0.as_mut_slice());
-        match self {
-            Self::F32(_) => {}
-            Self::Q16(boxes) => expand_all(boxes, out, parallel),
-            Self::Q8(boxes) => expand_all(boxes, out, parallel),
-            Self::F16(boxes) => expand_all(boxes, out, parallel),
+        match self.numbers {
+            Numbers::F32(_) => {}
+            Numbers::Q16(boxes) => expand_all(boxes, out, parallel),
+            Numbers::Q8(boxes) => expand_all(boxes, out, parallel),
+            Numbers::F16(boxes) => expand_all(boxes, out, parallel),
         }
-        bytemuck::cast_slice(scratch.0.as_slice())
+        Self { numbers: Numbers::F32(bytemuck::cast_slice(scratch.0.as_slice())) }
     }
 }
 
@@ -287,28 +308,63 @@ fn expand_all<B: NarrowBox>(boxes: &[B], out: &mut [Aabb], parallel: bool) {
     tasks.for_each(|(boxes, out)| simd::expand(boxes, out));
 }
 
-fn narrow_all<B: NarrowBox>(boxes: &[Aabb], encoder: &B::Encoder, out: &mut [B]) {
-    if boxes.len() < 2 * TASK_BOXES {
-        return simd::narrow(boxes, encoder, out);
+/// Converts as many boxes as both hold, large scenes on the rayon pool.
+fn convert_all<S: BoxSource + Sync + ?Sized, T: Send>(
+    source: &S,
+    out: &mut [T],
+    convert: impl Fn(&[Aabb], &mut [T]) + Sync,
+) {
+    let n = source.len().min(out.len());
+    let task_boxes = TASK_BOXES.min(S::TASK_BOXES).max(1);
+    if n < 2 * task_boxes {
+        return convert_part(source, 0, &mut out[..n], &convert);
     }
-    let tasks = boxes.par_chunks(TASK_BOXES).zip(out.par_chunks_mut(TASK_BOXES));
-    tasks.for_each(|(boxes, out)| simd::narrow(boxes, encoder, out));
+    out[..n]
+        .par_chunks_mut(task_boxes)
+        .enumerate()
+        .for_each(|(task, out)| convert_part(source, task * task_boxes, out, &convert));
+}
+
+/// Converts the boxes from `first` on: where they lie, or as they are made.
+fn convert_part<S: BoxSource + ?Sized, T>(
+    source: &S,
+    first: usize,
+    out: &mut [T],
+    convert: &impl Fn(&[Aabb], &mut [T]),
+) {
+    if let Some(boxes) = source.as_boxes() {
+        return convert(&boxes[first..][..out.len()], out);
+    }
+    let mut boxes = [Aabb::EMPTY; STAGED_BOXES];
+    for (k, out) in out.chunks_mut(STAGED_BOXES).enumerate() {
+        let boxes = &mut boxes[..out.len()];
+        source.write_range(first + k * STAGED_BOXES, boxes);
+        convert(boxes, out);
+    }
+}
+
+fn narrow_all<B: NarrowBox>(
+    source: &(impl BoxSource + Sync + ?Sized),
+    encoder: &B::Encoder,
+    out: &mut [B],
+) {
+    convert_all(source, out, |boxes, out| simd::narrow(boxes, encoder, out));
 }
 
 /// Narrows boxes and expands them again, as client and daemon do together.
-fn round_all<B: NarrowBox>(boxes: &[Aabb], encoder: &B::Encoder, out: &mut [Aabb]) {
-    let round = |(boxes, out): (&[Aabb], &mut [Aabb])| {
-        let mut narrow = [B::zeroed(); ROUNDED_BOXES];
-        for (boxes, out) in boxes.chunks(ROUNDED_BOXES).zip(out.chunks_mut(ROUNDED_BOXES)) {
+fn round_all<B: NarrowBox>(
+    source: &(impl BoxSource + Sync + ?Sized),
+    encoder: &B::Encoder,
+    out: &mut [Aabb],
+) {
+    convert_all(source, out, |boxes, out| {
+        let mut narrow = [B::zeroed(); STAGED_BOXES];
+        for (boxes, out) in boxes.chunks(STAGED_BOXES).zip(out.chunks_mut(STAGED_BOXES)) {
             let narrow = &mut narrow[..boxes.len()];
             simd::narrow(boxes, encoder, narrow);
             simd::expand(narrow, out);
         }
-    };
-    if boxes.len() < 2 * TASK_BOXES {
-        return round((boxes, out));
-    }
-    boxes.par_chunks(TASK_BOXES).zip(out.par_chunks_mut(TASK_BOXES)).for_each(round);
+    });
 }
 
 /// Writes boxes in the form of a precision.
@@ -338,7 +394,7 @@ impl Encoder {
     /// Writes boxes into memory of their form, as many as both hold.
     ///
     /// `bytes` are the boxes' whole memory: of the length, and aligned, as the form asks.
-    pub fn write(&self, boxes: &[Aabb], bytes: &mut [u8]) {
+    pub fn write(&self, boxes: &(impl BoxSource + Sync + ?Sized), bytes: &mut [u8]) {
         match self {
             Self::F32 => copy(boxes, bytemuck::cast_slice_mut(bytes)),
             Self::Q16(q) => narrow_all::<BoxQ16>(boxes, q, bytemuck::cast_slice_mut(bytes)),
@@ -359,7 +415,7 @@ impl Encoder {
     }
 
     /// Writes the boxes that stand for them ([`BoxSlice::expand`]), as many as both hold.
-    pub fn write_expanded(&self, boxes: &[Aabb], out: &mut [Aabb]) {
+    pub fn write_expanded(&self, boxes: &(impl BoxSource + Sync + ?Sized), out: &mut [Aabb]) {
         match self {
             Self::F32 => copy(boxes, out),
             Self::Q16(q) => round_all::<BoxQ16>(boxes, q, out),
@@ -369,9 +425,12 @@ impl Encoder {
     }
 }
 
-fn copy(boxes: &[Aabb], out: &mut [Aabb]) {
-    let n = boxes.len().min(out.len());
-    out[..n].copy_from_slice(&boxes[..n]);
+fn copy(source: &(impl BoxSource + Sync + ?Sized), out: &mut [Aabb]) {
+    if source.len() == out.len() {
+        return par_write_boxes(source, out);
+    }
+    let n = source.len().min(out.len());
+    source.write_range(0, &mut out[..n]);
 }
 
 #[cfg(test)]
@@ -379,6 +438,7 @@ mod tests {
     use super::*;
     use crate::aabb::BoxClass;
     use crate::precision::Bounds;
+    use crate::write::MinMax;
 
     #[test]
     fn reserved_patterns_expand_to_their_class() {
@@ -424,11 +484,25 @@ mod tests {
                 bytes.copy_from_slice(memory);
                 let mut direct = vec![Aabb::default(); n];
                 encoder.write_expanded(&boxes[..n], &mut direct);
+                // The same from a source that makes its boxes.
+                let [min, max] = [|b: &Aabb| b.min, |b: &Aabb| b.max]
+                    .map(|corner| boxes[..n].iter().map(corner).collect::<Vec<_>>());
+                let source = MinMax::points(&min, &max);
+                memory.fill(0xa5);
+                encoder.write(&source, memory);
+                assert_eq!(memory, bytes, "{form}, {n} boxes of a source");
+                let mut from_source = vec![Aabb::default(); n];
+                encoder.write_expanded(&source, &mut from_source);
+                assert!(
+                    bytemuck::cast_slice::<_, u8>(&from_source)
+                        == bytemuck::cast_slice::<_, u8>(&direct)
+                );
                 for parallel in [false, true] {
                     let view = BoxSlice::new(form, memory).expect("whole boxes");
                     assert_eq!((view.form(), view.len()), (form, n));
                     assert_eq!(view.as_bytes(), bytes);
                     let expanded = view.expand(&mut scratch, parallel);
+                    let expanded = expanded.as_f32().expect("of f32 now");
                     let bits = |boxes: &[Aabb]| bytemuck::cast_slice::<Aabb, u32>(boxes).to_vec();
                     assert_eq!(bits(expanded), bits(&direct), "{form}, {n} boxes");
                     let alone: Vec<Aabb> = (0..n).filter_map(|i| view.get(i)).collect();

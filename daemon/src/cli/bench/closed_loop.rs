@@ -34,12 +34,13 @@ pub struct Measured {
     pub box_bytes: u64,
     /// Frames for which a request was made.
     pub requests: u64,
+    pub total: Recorder,
     pub fill: Recorder,
+    pub answer: Recorder,
     pub round_trip: Recorder,
     pub engine_time: Recorder,
     pub added: Recorder,
     pub decode: Recorder,
-    pub total: Recorder,
 }
 
 /// Runs frames of a scene in motion.
@@ -79,12 +80,13 @@ impl Measured {
             engine: Some(info.engine),
             box_bytes: info.box_bytes,
             requests: 0,
+            total: Recorder::new(),
             fill: Recorder::new(),
+            answer: Recorder::new(),
             round_trip: Recorder::new(),
             engine_time: Recorder::new(),
             added: Recorder::new(),
             decode: Recorder::new(),
-            total: Recorder::new(),
         }
     }
 
@@ -98,12 +100,13 @@ impl Measured {
         }
         let engine_ns = times.engine_ns();
         self.requests += u64::from(times.was_asked);
+        self.total.record(ns(times.fill + times.round_trip + times.decode));
         self.fill.record(ns(times.fill));
+        self.answer.record(ns(times.round_trip + times.decode));
         self.round_trip.record(ns(times.round_trip));
         self.engine_time.record(engine_ns);
         self.added.record(ns(times.round_trip).saturating_sub(engine_ns));
         self.decode.record(ns(times.decode));
-        self.total.record(ns(times.fill + times.round_trip + times.decode));
         Ok(())
     }
 }

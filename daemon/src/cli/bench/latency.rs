@@ -35,13 +35,14 @@ const SEED: u64 = 1;
 /// Latency of frames in a closed loop, by stage
 #[derive(Debug, Args)]
 #[command(after_help = "\
-The boxes move from frame to frame, untimed. Stages of a frame:
-  fill        memory borrowed and the boxes written into it
-  round trip  boxes submitted to mask in hand
-  engine      the engine's own part of the round trip
-  added       the rest of the round trip: the way there and back
-  decode      every pair of the mask looked at once
-  total       fill, round trip and decode
+The boxes move from frame to frame, untimed. Times of a frame, the whole first, then its parts:
+  total         fill and answer
+    fill        memory borrowed and the boxes written into it
+    answer      boxes submitted to every pair looked at
+      round trip  boxes submitted to mask in hand
+        engine    the engine's own part of the round trip
+        added     the rest of the round trip: the way there and back
+      decode      every pair of the mask looked at once
 With --precision, writing the boxes in their form is part of fill. With margin=X, looking whether
 boxes have moved, inflating and writing them is part of the round trip.
 
@@ -73,7 +74,7 @@ pub struct Latency {
     /// Frames before those [default: a fifth of them, at least 20]
     #[arg(long, value_parser = whole_number::<u64>, value_name = "N")]
     warm_up: Option<u64>,
-    /// Threads that look at the pairs of a mask
+    /// Threads of the client: they look at the pairs of a mask, and write exact boxes
     #[arg(long, value_parser = whole_number::<NonZeroUsize>, value_name = "N", default_value = "1")]
     decode_threads: NonZeroUsize,
     /// How client and daemon wait for each other: spin, event
@@ -201,7 +202,7 @@ impl Latency {
         if self.pin && is_alone { Err(BenchError::PinAlone) } else { Ok(()) }
     }
 
-    /// The threads that decode masks. They are kept awake while frames are under way.
+    /// The threads of the client. They are kept awake while frames are under way.
     fn decoding(&self) -> Result<Decoding, BenchError> {
         Ok(match self.decode_threads.get() {
             1 => Decoding::Serial,
@@ -230,7 +231,8 @@ impl Latency {
         session: SessionBuilder,
     ) -> Result<LatencyRow, BenchError> {
         let n = u32::try_from(scene.boxes().len()).unwrap_or(u32::MAX);
-        let session = session.capacity(BoxCount::new(n)).connect()?;
+        let visit_threads = self.decode_threads.get();
+        let session = session.capacity(BoxCount::new(n)).visit_threads(visit_threads).connect()?;
         let mut client = TimedClient::new(session, precision, scene.boxes());
         let frames = self.frames.get();
         let warm_up = self.warm_up.unwrap_or_else(|| (frames / 5).max(20));

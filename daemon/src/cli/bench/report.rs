@@ -39,21 +39,26 @@ pub struct LatencyRow {
     pub frames: u64,
     /// Frames for which a request was made; `margin=X` answers the others from an earlier mask.
     pub requests: u64,
+    /// Threads of the client, which wrote exact boxes and visited the pairs; 1 in records of older
+    /// versions.
+    #[serde(default = "one")]
+    pub decode_threads: u64,
+    /// Fill and answer: the whole frame, frame by frame.
+    pub total_ns: Percentiles,
     /// Time to borrow memory and write the boxes into it.
     pub fill_ns: Percentiles,
+    /// Round trip and decode: from boxes written to the last pair visited. Zeros in records of older
+    /// versions.
+    #[serde(default)]
+    pub answer_ns: Percentiles,
     /// From submission to the mask.
     pub round_trip_ns: Percentiles,
     /// The engine's part of the round trip.
     pub engine_ns: Percentiles,
     /// The round trip less the engine's part, frame by frame.
     pub added_ns: Percentiles,
-    /// Threads that decoded the pairs; 1 in records of older versions.
-    #[serde(default = "one")]
-    pub decode_threads: u64,
     /// Time to visit every pair of the mask once.
     pub decode_ns: Percentiles,
-    /// Fill, round trip and decode.
-    pub total_ns: Percentiles,
 }
 
 impl LatencyRow {
@@ -74,19 +79,20 @@ impl LatencyRow {
             box_bytes: measured.box_bytes,
             frames,
             requests: measured.requests,
+            decode_threads: 1,
+            total_ns: measured.total.percentiles(),
             fill_ns: measured.fill.percentiles(),
+            answer_ns: measured.answer.percentiles(),
             round_trip_ns: measured.round_trip.percentiles(),
             engine_ns: measured.engine_time.percentiles(),
             added_ns: measured.added.percentiles(),
-            decode_threads: 1,
             decode_ns: measured.decode.percentiles(),
-            total_ns: measured.total.percentiles(),
         }
     }
 }
 
 impl LatencyRow {
-    /// The row of a measurement whose masks `threads` threads decoded.
+    /// The row of a measurement with a client of `threads` threads.
     pub fn decoded_by(self, threads: usize) -> Self {
         Self { decode_threads: threads as u64, ..self }
     }
@@ -113,20 +119,21 @@ impl fmt::Display for LatencyRow {
         let Self { n, backend, wait, engine, precision, frames, requests, .. } = self;
         write!(f, "{n} boxes, {backend} ({wait}), {engine}, {precision}, {frames} frames")?;
         if requests == frames { writeln!(f) } else { writeln!(f, ", {requests} asked for") }?;
-        write!(f, "{:<12}", "µs")?;
+        write!(f, "{:<14}", "µs")?;
         for head in ["p50", "p90", "p99", "p99.9", "max"] {
             write!(f, "{head:>12}")?;
         }
         for (stage, found) in [
-            ("fill", &self.fill_ns),
-            ("round trip", &self.round_trip_ns),
-            ("  engine", &self.engine_ns),
-            ("  added", &self.added_ns),
-            ("decode", &self.decode_ns),
             ("total", &self.total_ns),
+            ("  fill", &self.fill_ns),
+            ("  answer", &self.answer_ns),
+            ("    round trip", &self.round_trip_ns),
+            ("      engine", &self.engine_ns),
+            ("      added", &self.added_ns),
+            ("    decode", &self.decode_ns),
         ] {
             let Percentiles { p50, p90, p99, p999, max } = found;
-            write!(f, "\n{stage:<12}")?;
+            write!(f, "\n{stage:<14}")?;
             for ns in [p50, p90, p99, p999, max] {
                 write!(f, "{:>12.2}", *ns as f64 / 1e3)?;
             }

@@ -43,8 +43,8 @@ pub fn write_pairs(path: &Path, mask: &PairMask) -> Result<(), ResultError> {
 
 /// Writes the words of a dense mask; of a sparse one the order of the boxes, then the rows, the
 /// blocks and the bits of its words. The order comes first and is always written, so that the
-/// number of words follows from the file's length. Of any other mask the sections, as they lie in
-/// the reply. To stdout for `-`.
+/// number of words follows from the file's length; of a list its pairs, in its own order. Of any
+/// other mask the sections, as they lie in the reply. To stdout for `-`.
 ///
 /// # Errors
 /// [`ResultError`].
@@ -66,6 +66,15 @@ pub fn write_mask(path: &Path, mask: &PairMask) -> Result<(), ResultError> {
             write_words(file, addresses().map(|(row, _)| row))?;
             write_words(file, addresses().map(|(_, block)| block))?;
             write_words(file, view.words().map(|word| word.bits.0))
+        }
+        MaskView::List(_) => {
+            let mut done = Ok(());
+            view.for_each_slice(|pairs| {
+                if done.is_ok() {
+                    done = file.write_all(bytemuck::cast_slice(pairs));
+                }
+            });
+            done
         }
         _ => {
             let sections = mask.shape().spans().filter_map(|span| span.of(mask.reply_words()));

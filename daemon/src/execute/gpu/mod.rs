@@ -31,13 +31,13 @@ mod transfers;
 mod upload_ahead;
 
 pub use adapter::{AdapterInfo, GpuChoice, choose, list_adapters};
-pub use all_pairs::plan::{Tuning, first_capacity};
+pub use all_pairs::plan::{Counted, Tuning};
 pub use all_pairs::{AllPairs, AllPairsOptions};
 pub use awake::{Awake, DEFAULT_HOLD};
 pub use device::{Gpu, GpuLimits, HostImport, LANES};
 pub use error::{GpuError, OpenError, StageFault};
 pub use frame::{Command, Frame, MAX_STEPS, StepTime, Wait};
-pub use grid::plan::Sizes;
+pub use grid::plan::{Capacity, Sizes};
 pub use grid::{Grid, GridOptions, GridUnderWay, cell_count, grid_layout};
 pub use health::DeviceHealth;
 pub use import::{ImportError, ImportId, Imports, ReadWriteMapping, SegmentError};

@@ -11,23 +11,25 @@ use super::error::{GpuError, StageFault};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Checks {
     /// No checks: 1.4 to 2.2 times faster. Every index is in range by the plan. Loops of the grid's
-    /// stages stay bounded.
+    /// stages and of `write_list` stay bounded.
     #[default]
     Off,
     /// Indices are held within range and loops bounded. For tests: the answer must be the same.
     On,
 }
 
-/// Stages whose loops are bounded in production too (a counter a loop; the cost does not show).
+/// Stages whose loops are bounded in production too (a counter a loop; the cost does not show in the
+/// grid's).
 ///
 /// Every loop of the grid ends by itself. All the same, on an H200 (driver 580.159.04) `grid_pairs`
 /// with unbounded loops lost words of some scenes, the same ones each time (9 of 57 of the stress
 /// scene `huge` with 43 boxes), and never ended on others (a mixed scene of 1,000). With bounded
 /// loops and no other check it has every byte of its mirror; with checked indices and unbounded
 /// loops it has not. So it is the driver's compiler that takes nested loops of different lengths
-/// in one subgroup wrongly, and a counter that it cannot see through keeps it from doing so.
+/// in one subgroup wrongly, and a counter that it cannot see through keeps it from doing so. The loops
+/// of `write_list` are such loops too.
 pub(super) const fn has_bounded_loops(stage: Stage) -> bool {
-    matches!(stage, Stage::Grid(_))
+    matches!(stage, Stage::Grid(_) | Stage::WriteList)
 }
 
 /// Compiles a stage, with bounded loops where `bounded_loops` or the checks ask for them.

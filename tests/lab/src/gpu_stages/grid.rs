@@ -7,9 +7,10 @@ use std::time::{Duration, Instant};
 use pairmask_core::engine::{CullInput, CullReport, Engine, Grid as CpuGrid, HeapReply};
 use pairmask_core::mask::{MaskShape, MaskView};
 use pairmask_core::{Aabb, BoxCount, Encoding};
+use pairmask_shaders::Found;
 use pairmaskd::execute::gpu::{
-    AllPairs, AllPairsOptions, Gpu, Grid, GridOptions, GridUnderWay, LANES, SharedImports, Sizes,
-    cell_count,
+    AllPairs, AllPairsOptions, Capacity, Gpu, Grid, GridOptions, GridUnderWay, LANES,
+    SharedImports, Sizes, cell_count,
 };
 use pairmaskd::scene::{Scene, SceneName};
 use serde::Serialize;
@@ -23,7 +24,7 @@ pub const SCENES: [SceneName; 4] =
 
 /// Frames from the same boxes.
 const ROUNDS: usize = 16;
-/// Words a box that the reply has room for.
+/// Mask words a box that the reply has room for: 30 pairs of a list.
 const WORDS_A_BOX: u64 = 20;
 
 /// A scene's measurement.
@@ -33,9 +34,11 @@ pub struct GridRow {
     pub scene: String,
     /// Boxes.
     pub n: u32,
+    /// Encoding of the masks.
+    pub encoding: &'static str,
     /// Pairs of the last frame.
     pub pairs: u64,
-    /// Mask words of the last frame.
+    /// Mask words of the last frame; 0 of a list.
     pub words: u64,
     /// Pairs compared.
     pub compared: u64,
@@ -67,11 +70,12 @@ pub fn measure(
     gpu: &Arc<Gpu>,
     name: SceneName,
     n: u32,
+    encoding: Encoding,
     budget: Duration,
     check: bool,
 ) -> Result<GridRow, BenchError> {
     let mut scene = Scene::new(name, n as usize, 1);
-    let mut rig = Rig::grid(gpu, scene.boxes(), false)?;
+    let mut rig = Rig::grid(gpu, scene.boxes(), encoding, false)?;
     let mut report = rig.frame(n)?;
     if check {
         compare(&rig, &report, &scene, name)?;
@@ -95,15 +99,19 @@ pub fn measure(
     if check {
         compare(&rig, &report, &scene, name)?;
     }
-    let words = report.shape.mask_bytes().saturating_sub(4 * u64::from(n)) / 12;
+    let words = match report.shape {
+        MaskShape::Sparse { bits, .. } => bits.len,
+        _ => 0,
+    };
     let imported = rig.imported;
     let frames = times.len();
     let (frame_us, frame_p99_us) = (percentile(times.clone(), 50), percentile(times, 99));
     drop(rig);
-    let stage_us = stages(gpu, &mut scene, budget / 2)?;
+    let stage_us = stages(gpu, &mut scene, encoding, budget / 2)?;
     Ok(GridRow {
         scene: name.to_string(),
         n,
+        encoding: encoding.as_str(),
         pairs: report.pair_count,
         words,
         cells: cell_count(scene.boxes()),
@@ -122,6 +130,7 @@ pub fn measure(
 /// An engine with its shared memory.
 struct Rig<E> {
     engine: E,
+    encoding: Encoding,
     boxes: Segment,
     reply: Segment,
     imported: bool,
@@ -134,9 +143,11 @@ impl<E: Engine> Rig<E> {
         imports: &SharedImports,
         boxes: &[Aabb],
         reply_words: u64,
+        encoding: Encoding,
     ) -> Result<Self, BenchError> {
         let mut rig = Self {
             engine,
+            encoding,
             boxes: Segment::new(size_of_val(boxes))?,
             reply: Segment::new(4 * reply_words as usize)?,
             imported: true,
@@ -153,16 +164,23 @@ impl<E: Engine> Rig<E> {
 
     /// A frame of the first `n` boxes in shared memory.
     fn frame(&mut self, n: u32) -> Result<CullReport, BenchError> {
-        Ok(self.engine.cull(&CullInput::boxes(self.boxes.boxes(n as usize)), &mut self.reply)?)
+        let boxes = self.boxes.boxes(n as usize);
+        let input = CullInput::boxes(boxes).encoding(self.encoding);
+        Ok(self.engine.cull(&input, &mut self.reply)?)
     }
 }
 
 impl Rig<Grid> {
-    fn grid(gpu: &Arc<Gpu>, boxes: &[Aabb], profiled: bool) -> Result<Self, BenchError> {
+    fn grid(
+        gpu: &Arc<Gpu>,
+        boxes: &[Aabb],
+        encoding: Encoding,
+        profiled: bool,
+    ) -> Result<Self, BenchError> {
         let imports = SharedImports::default();
         let options = GridOptions { profiled, imports: imports.clone(), ..GridOptions::default() };
         let words = reply_words(boxes.len());
-        Self::new(Grid::new(gpu, &options)?, gpu, &imports, boxes, words)
+        Self::new(Grid::new(gpu, &options)?, gpu, &imports, boxes, words, encoding)
     }
 }
 
@@ -194,7 +212,7 @@ impl FrameTimer {
     /// # Errors
     /// [`BenchError`].
     pub fn grid(gpu: &Arc<Gpu>, boxes: &[Aabb]) -> Result<Self, BenchError> {
-        let rig = Box::new(Rig::grid(gpu, boxes, false)?);
+        let rig = Box::new(Rig::grid(gpu, boxes, Encoding::Sparse, false)?);
         Ok(Self { rig, n: boxes.len() as u32 })
     }
 
@@ -208,7 +226,8 @@ impl FrameTimer {
         let n = BoxCount::of_len(boxes.len()).unwrap_or_default();
         let capacity = WORDS_A_BOX * u64::from(n.get());
         let words = MaskShape::sparse(n, capacity, capacity, false).extent_words();
-        let rig = Rig::new(AllPairs::new(gpu, options)?, gpu, &imports, boxes, words)?;
+        let engine = AllPairs::new(gpu, options)?;
+        let rig = Rig::new(engine, gpu, &imports, boxes, words, Encoding::Sparse)?;
         Ok(Self { rig: Box::new(rig), n: n.get() })
     }
 
@@ -287,16 +306,18 @@ fn begin(grid: &mut Grid, memory: SegmentFrame) -> Result<GridUnderWay<SegmentFr
 /// Words of a reply that every scene of the bench fits in.
 fn reply_words(n: usize) -> u64 {
     let n = BoxCount::of_len(n).unwrap_or_default();
-    Sizes::of(n).reply_words(WORDS_A_BOX * u64::from(n.get()))
+    let items = WORDS_A_BOX * u64::from(n.get());
+    Sizes::of(n).reply_words(Capacity { found: Found::Words, items })
 }
 
 /// GPU time by stage, medians, µs.
 fn stages(
     gpu: &Arc<Gpu>,
     scene: &mut Scene,
+    encoding: Encoding,
     budget: Duration,
 ) -> Result<Vec<(String, f64)>, BenchError> {
-    let mut rig = Rig::grid(gpu, scene.boxes(), true)?;
+    let mut rig = Rig::grid(gpu, scene.boxes(), encoding, true)?;
     let mut times: Vec<(String, Vec<f64>)> = Vec::new();
     let started = Instant::now();
     let mut frames = 0;

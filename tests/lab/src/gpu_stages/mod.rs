@@ -19,8 +19,8 @@ use pairmask_core::plan::user_cache_folder;
 use pairmask_core::{Aabb, BoxCount, Encoding};
 use pairmask_shaders::RowsPerThread;
 use pairmaskd::execute::gpu::{
-    AllPairs, AllPairsOptions, Gpu, GpuChoice, GpuError, HostImport, OpenError, Tuning, Upload,
-    first_capacity,
+    AllPairs, AllPairsOptions, Counted, Gpu, GpuChoice, GpuError, HostImport, OpenError, Tuning,
+    Upload,
 };
 use pairmaskd::scene::SceneName;
 use serde_json::json;
@@ -159,11 +159,15 @@ pub fn run_grid(options: &BenchOptions, out: &mut dyn Write) -> Result<(), Bench
     let gpu = Gpu::open(&options.gpu, HostImport::IfPossible)?;
     for &n in &options.counts {
         for scene in grid::SCENES {
-            match grid::measure(&gpu, scene, n, options.budget, options.check) {
-                Ok(row) => writeln!(out, "{}", serde_json::to_string(&row).unwrap_or_default())?,
-                Err(error) => writeln!(out, "{scene} {n}: {error}")?,
+            for encoding in [Encoding::Sparse, Encoding::List] {
+                match grid::measure(&gpu, scene, n, encoding, options.budget, options.check) {
+                    Ok(row) => {
+                        writeln!(out, "{}", serde_json::to_string(&row).unwrap_or_default())?;
+                    }
+                    Err(error) => writeln!(out, "{scene} {n} {encoding}: {error}")?,
+                }
+                out.flush()?;
             }
-            out.flush()?;
         }
     }
     Ok(())
@@ -193,7 +197,7 @@ const DENSE_CHECK_LIMIT: u32 = 120_000;
 
 fn encodings(n: u32, dense_limit: u32) -> impl Iterator<Item = Encoding> {
     let dense = (n <= dense_limit).then_some(Encoding::Dense);
-    dense.into_iter().chain([Encoding::Sparse])
+    dense.into_iter().chain([Encoding::Sparse, Encoding::List])
 }
 
 /// An engine with its shared memory.
@@ -213,7 +217,7 @@ impl Rig {
         encoding: Encoding,
     ) -> Result<Self, BenchError> {
         let n = BoxCount::of_len(boxes.len()).unwrap_or_default();
-        let capacity = first_capacity(n);
+        let capacity = Counted::Sparse.first_capacity(n);
         let words = MaskShape::exact(encoding, n, capacity, false).extent_words();
         let imports = options.imports.clone();
         let mut rig = Self {

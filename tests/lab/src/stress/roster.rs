@@ -196,7 +196,7 @@ impl Roster {
             return Ok(());
         }
         for (variant, matrix_bytes) in [("", None), (", many bands", Some(SMALL_MATRIX_BYTES))] {
-            for encoding in [Encoding::Dense, Encoding::Sparse] {
+            for encoding in Encoding::ALL {
                 let options = AllPairsOptions { matrix_bytes, ..AllPairsOptions::default() };
                 let engine = AllPairs::new(gpu, options)?;
                 let variant = format!("on {}{variant}", gpu.info().name);
@@ -206,7 +206,6 @@ impl Roster {
         Ok(())
     }
 
-    /// The engine has sparse masks only.
     fn add_gpu_grid(
         &self,
         gpu: &Arc<Gpu>,
@@ -221,9 +220,11 @@ impl Roster {
             return Ok(());
         }
         for (variant, poison) in [("", None), (", poisoned memory", Some(POISON))] {
-            let engine = Grid::new(gpu, &GridOptions { poison, ..GridOptions::default() })?;
-            let variant = format!("on {}{variant}", gpu.info().name);
-            self.add(Box::new(engine), &variant, Encoding::Sparse, pool, subjects);
+            for encoding in EngineName::GpuGrid.descriptor().encodings {
+                let engine = Grid::new(gpu, &GridOptions { poison, ..GridOptions::default() })?;
+                let variant = format!("on {}{variant}", gpu.info().name);
+                self.add(Box::new(engine), &variant, *encoding, pool, subjects);
+            }
         }
         Ok(())
     }

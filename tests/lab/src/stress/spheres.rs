@@ -147,7 +147,7 @@ impl SphereSubject {
     ) -> Result<Vec<Box<dyn Subject>>, CullError> {
         let mut subjects: Vec<Box<dyn Subject>> = Vec::new();
         for pool in pools {
-            for encoding in [Encoding::Dense, Encoding::Sparse] {
+            for encoding in Encoding::ALL {
                 let mut add = |way| {
                     subjects.push(Box::new(Self::new(way, encoding, pool, broken)));
                 };

@@ -58,7 +58,7 @@ impl Task {
             self.compared +=
                 dispatch::find(scene, rows, &mut self.candidates, &mut self.found, isa);
             self.found.sift(before, gather);
-            if !gather.budget.take(self.found.len() - before) {
+            if !gather.budget.take(&self.found.arrays()[2][before..]) {
                 return;
             }
         }

@@ -24,6 +24,10 @@ impl FoundWords for WordList {
     fn word_count(&self) -> usize {
         self.len
     }
+
+    fn pair_count(&self) -> u64 {
+        self.pair_count
+    }
 }
 
 impl WordList {

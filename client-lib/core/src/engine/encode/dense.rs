@@ -3,7 +3,7 @@
 //! Words of an engine that keeps the boxes' order are written window by window ([`DenseRows`]), those
 //! of any order pair by pair ([`write`]).
 
-use super::{EncodingCost, FoundWords};
+use super::{EncodingCost, FoundWords, MaskWork};
 use crate::engine::cost::terms;
 use crate::engine::gather::Gather;
 use crate::engine::{CostTerm, CullError, ReplyBuffer};
@@ -12,22 +12,50 @@ use crate::stats::SceneStats;
 use crate::units::BoxCount;
 
 terms! {
-    /// A byte of the mask: written, and scanned by the client.
-    BYTE = CostTerm::new("dense-byte", 0.0479);
+    /// A byte of the mask.
+    BYTE = CostTerm::new("dense-byte", 0.024);
     /// A pair.
-    PAIR = CostTerm::new("dense-pair", 4.5);
+    PAIR = CostTerm::new("dense-pair", 2.0);
     /// More for a pair of an engine that has an order of its own.
     SCATTERED_PAIR = CostTerm::new("scattered-pair", 0.931);
 }
 
 /// What dense masks take.
-pub(super) const COST: EncodingCost = EncodingCost { terms: TERMS, work };
+pub(super) const COST: EncodingCost = EncodingCost {
+    write: MaskWork { terms: TERMS, amounts },
+    visit: MaskWork { terms: visit::TERMS, amounts: visit::amounts },
+    bytes: |stats, _| bytes(stats),
+};
 
-fn work(stats: &SceneStats, has_order: bool, amounts: &mut [f64]) {
+fn bytes(stats: &SceneStats) -> f64 {
+    4.0 * stats.n.dense_words() as f64
+}
+
+fn amounts(stats: &SceneStats, has_order: bool, amounts: &mut [f64]) {
     let pairs = stats.expected_pairs();
-    amounts[BYTE] = 4.0 * stats.n.dense_words() as f64;
+    amounts[BYTE] = bytes(stats);
     amounts[PAIR] = pairs;
     amounts[SCATTERED_PAIR] = if has_order { pairs } else { 0.0 };
+}
+
+/// What the client does.
+mod visit {
+    use super::{CostTerm, SceneStats, bytes, terms};
+
+    terms! {
+        /// A mask.
+        MASK = CostTerm::new("dense-visit", 40.0);
+        /// A byte that is scanned.
+        BYTE = CostTerm::new("dense-visit-byte", 0.024);
+        /// A pair.
+        PAIR = CostTerm::new("dense-visit-pair", 2.5);
+    }
+
+    pub(super) fn amounts(stats: &SceneStats, _: bool, amounts: &mut [f64]) {
+        amounts[MASK] = 1.0;
+        amounts[BYTE] = bytes(stats);
+        amounts[PAIR] = stats.expected_pairs();
+    }
 }
 
 /// Sets each pair's bit. The words of a dense mask are in box order and those of the tasks may be in

@@ -5,6 +5,7 @@
 //! written while the rows are searched, without keeping what is found: [`by_rows`].
 
 mod dense;
+mod list;
 mod sparse;
 
 pub(crate) use dense::{DenseRows, DenseWindow};
@@ -19,12 +20,22 @@ use crate::units::BoxCount;
 /// An encoding's share of the plan's cost model.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct EncodingCost {
-    /// Kinds of work that its masks take, from the words that an engine found to the pairs of the
-    /// client.
+    /// From the words that an engine of the CPU found to the mask. The engine's threads share it.
+    pub write: MaskWork,
+    /// From the mask to each pair in the client's hands. The client's threads share it.
+    pub visit: MaskWork,
+    /// Bytes of the mask, of an engine that has an order of its own or not.
+    pub bytes: fn(&SceneStats, bool) -> f64,
+}
+
+/// Work that a mask takes, of some kinds.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct MaskWork {
+    /// The kinds.
     pub terms: &'static [CostTerm],
     /// How much of each a frame holds, of an engine that has an order of its own or not: writes the
     /// amounts to the places of the terms, which hold zeros.
-    pub work: fn(&SceneStats, bool, &mut [f64]),
+    pub amounts: fn(&SceneStats, bool, &mut [f64]),
 }
 
 /// What the masks of an encoding take.
@@ -32,6 +43,7 @@ pub(crate) const fn encoding_cost(encoding: Encoding) -> &'static EncodingCost {
     match encoding {
         Encoding::Dense => &dense::COST,
         Encoding::Sparse => &sparse::COST,
+        Encoding::List => &list::COST,
     }
 }
 
@@ -42,6 +54,9 @@ pub(crate) trait FoundWords: Sync {
 
     /// Words in all chunks.
     fn word_count(&self) -> usize;
+
+    /// Set bits of these words.
+    fn pair_count(&self) -> u64;
 }
 
 /// Writes the mask and says where it lies.
@@ -66,6 +81,7 @@ where
     match encoding {
         Encoding::Dense => dense::write(tasks, gather, reply),
         Encoding::Sparse => sparse::write(&tasks, gather, parallel, reply),
+        Encoding::List => list::write(&tasks, gather, parallel, reply),
     }
 }
 
@@ -81,7 +97,7 @@ pub(crate) fn by_rows(
 ) -> Result<Option<DenseRows<'_>>, CullError> {
     match encoding {
         Encoding::Dense => DenseRows::reserve(n, reply).map(Some),
-        Encoding::Sparse => Ok(None),
+        Encoding::Sparse | Encoding::List => Ok(None),
     }
 }
 
@@ -108,6 +124,10 @@ impl FoundWords for NoWords {
     }
 
     fn word_count(&self) -> usize {
+        0
+    }
+
+    fn pair_count(&self) -> u64 {
         0
     }
 }

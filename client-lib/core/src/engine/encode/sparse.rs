@@ -1,6 +1,6 @@
 //! The sparse encoding: the words of all tasks behind one another, in three arrays, and the order.
 
-use super::{EncodingCost, FoundWords};
+use super::{EncodingCost, FoundWords, MaskWork};
 use crate::engine::cost::terms;
 use crate::engine::gather::Gather;
 use crate::engine::strips::in_parts;
@@ -9,20 +9,51 @@ use crate::mask::{MaskShape, SECTION_ALIGN_WORDS};
 use crate::stats::SceneStats;
 
 terms! {
-    /// A pair of boxes in their own order: kept, published, decoded.
-    PAIR = CostTerm::new("sparse-pair", 1.01);
-    /// More for a pair in an order of the engine's. Without the decoder by words, which needs
-    /// AVX-512 VBMI2, it was measured before there was one.
-    ORDERED_PAIR = CostTerm::avx512_or("ordered-pair", 0.0971, 0.77);
+    /// A pair: kept, and written.
+    PAIR = CostTerm::new("sparse-pair", 0.5);
 }
 
 /// What sparse masks take.
-pub(super) const COST: EncodingCost = EncodingCost { terms: TERMS, work };
+pub(super) const COST: EncodingCost = EncodingCost {
+    write: MaskWork { terms: TERMS, amounts },
+    visit: MaskWork { terms: visit::TERMS, amounts: visit::amounts },
+    bytes,
+};
 
-fn work(stats: &SceneStats, has_order: bool, amounts: &mut [f64]) {
-    let pairs = stats.expected_pairs();
-    amounts[PAIR] = pairs;
-    amounts[ORDERED_PAIR] = if has_order { pairs } else { 0.0 };
+/// Bytes of a word: row, block and bits.
+const WORD_BYTES: f64 = 12.0;
+/// Bytes of a box in the order.
+const ORDER_BYTES: f64 = 4.0;
+
+/// Words hold about a pair each.
+fn bytes(stats: &SceneStats, has_order: bool) -> f64 {
+    let order = if has_order { ORDER_BYTES * f64::from(stats.n.get()) } else { 0.0 };
+    WORD_BYTES * stats.expected_pairs() + order
+}
+
+fn amounts(stats: &SceneStats, _: bool, amounts: &mut [f64]) {
+    amounts[PAIR] = stats.expected_pairs();
+}
+
+/// What the client does.
+mod visit {
+    use super::{CostTerm, SceneStats, terms};
+
+    terms! {
+        /// A mask.
+        MASK = CostTerm::new("sparse-visit", 40.0);
+        /// A pair of boxes in their own order.
+        PAIR = CostTerm::new("sparse-visit-pair", 0.6);
+        /// More for a pair in an order of the engine's.
+        ORDERED_PAIR = CostTerm::avx512_or("ordered-visit-pair", 0.3, 0.9);
+    }
+
+    pub(super) fn amounts(stats: &SceneStats, has_order: bool, amounts: &mut [f64]) {
+        let pairs = stats.expected_pairs();
+        amounts[MASK] = 1.0;
+        amounts[PAIR] = pairs;
+        amounts[ORDERED_PAIR] = if has_order { pairs } else { 0.0 };
+    }
 }
 
 /// Fewest words that are worth a second thread.

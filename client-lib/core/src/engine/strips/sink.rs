@@ -192,7 +192,7 @@ impl WordSink {
                 full.put(word);
                 return;
             }
-            gather.budget.take(full.word_count());
+            gather.budget.take(full.arrays()[2]);
         }
         if self.chunks.len() == self.used {
             self.chunks.push(WordChunk::new());
@@ -219,6 +219,10 @@ impl FoundWords for WordSink {
 
     fn word_count(&self) -> usize {
         self.chunks[..self.used].iter().map(WordChunk::word_count).sum()
+    }
+
+    fn pair_count(&self) -> u64 {
+        self.pair_count
     }
 }
 

@@ -4,11 +4,13 @@
 mod dense;
 mod dense_pairs;
 mod dense_words;
+mod list;
 mod sparse;
 mod sparse_pairs;
 mod sparse_words;
 
 pub use self::dense::DenseMask;
+pub use self::list::ListMask;
 pub use self::sparse::SparseMask;
 
 use std::fmt;
@@ -16,6 +18,7 @@ use std::ops::Range;
 
 use self::dense_pairs::DensePairs;
 use self::dense_words::DenseWords;
+use self::list::ListPairs;
 use self::sparse_pairs::SparsePairs;
 use self::sparse_words::SparseWords;
 use super::pair_buffer::PairBuffer;
@@ -33,17 +36,20 @@ pub enum Encoding {
     Dense = 1,
     /// Non-zero 32-bit words with their addresses.
     Sparse = 2,
+    /// Pairs of box indices.
+    List = 3,
 }
 
 impl Encoding {
     /// Every encoding, in the order of their numbers.
-    pub const ALL: [Self; 2] = [Self::Dense, Self::Sparse];
+    pub const ALL: [Self; 3] = [Self::Dense, Self::Sparse, Self::List];
 
     /// The name on the command line and in reports.
     pub const fn as_str(self) -> &'static str {
         match self {
             Self::Dense => "dense",
             Self::Sparse => "sparse",
+            Self::List => "list",
         }
     }
 
@@ -51,6 +57,7 @@ impl Encoding {
     pub const fn since_minor(self) -> u16 {
         match self {
             Self::Dense | Self::Sparse => 0,
+            Self::List => 3,
         }
     }
 
@@ -59,6 +66,7 @@ impl Encoding {
         match self {
             Self::Dense => 0,
             Self::Sparse => 1,
+            Self::List => 2,
         }
     }
 
@@ -94,12 +102,22 @@ pub enum MaskShape {
         /// Box index at each position.
         order: Option<Span>,
     },
+    /// The pairs of a list, smaller index first, two words each.
+    List {
+        /// All pairs.
+        pairs: Span,
+    },
 }
 
 impl MaskShape {
     /// The dense mask of `n` boxes, at the start of the reply.
     pub const fn dense(n: BoxCount) -> Self {
         Self::Dense { words: Span { start: 0, len: n.dense_words() } }
+    }
+
+    /// A list of so many pairs, at the start of the reply.
+    pub const fn list(pair_count: u64) -> Self {
+        Self::List { pairs: Span { start: 0, len: pair_count.saturating_mul(2) } }
     }
 
     /// A sparse mask with room for `capacity` words of which `word_count` are used, at the start
@@ -145,17 +163,18 @@ impl MaskShape {
         Some(if after_two_more > whole { after_two_more.min(whole + align) } else { whole })
     }
 
-    /// The mask of `n` boxes and `word_count` words, with an order or not, in an encoding, at the
-    /// start of the reply.
+    /// The mask of `n` boxes and `word_count` words (pairs of a list), with an order or not, in an
+    /// encoding, at the start of the reply.
     pub const fn exact(encoding: Encoding, n: BoxCount, word_count: u64, with_order: bool) -> Self {
         match encoding {
             Encoding::Dense => Self::dense(n),
             Encoding::Sparse => Self::sparse(n, word_count, word_count, with_order),
+            Encoding::List => Self::list(word_count),
         }
     }
 
-    /// The most words of an engine that a reply of `limit_words` words holds in an encoding. `None`
-    /// where it does not even hold the mask without any.
+    /// The most words of an engine, or pairs for a list, that a reply of `limit_words` words holds in
+    /// an encoding. `None` where it does not even hold the mask without any.
     ///
     /// The words of a dense mask are not counted: its size follows from `n`.
     pub fn words_within(
@@ -167,6 +186,7 @@ impl MaskShape {
         match encoding {
             Encoding::Dense => (n.dense_words() <= limit_words).then_some(u64::MAX),
             Encoding::Sparse => Self::sparse_words_within(n, limit_words, with_order),
+            Encoding::List => Some(limit_words / 2),
         }
     }
 
@@ -175,6 +195,7 @@ impl MaskShape {
         match self {
             Self::Dense { .. } => Encoding::Dense,
             Self::Sparse { .. } => Encoding::Sparse,
+            Self::List { .. } => Encoding::List,
         }
     }
 
@@ -182,7 +203,7 @@ impl MaskShape {
     /// that leaves them out.
     pub const fn zero_words(&self, n: BoxCount) -> u64 {
         match self {
-            Self::Dense { .. } => 0,
+            Self::Dense { .. } | Self::List { .. } => 0,
             Self::Sparse { bits, .. } => n.sparse_words_max().saturating_sub(bits.len),
         }
     }
@@ -194,6 +215,7 @@ impl MaskShape {
             Self::Sparse { rows, blocks, bits, order } => {
                 [Some(rows), Some(blocks), Some(bits), order]
             }
+            Self::List { pairs } => [Some(pairs), None, None, None],
         };
         spans.into_iter().flatten()
     }
@@ -244,6 +266,8 @@ pub enum MaskView<'a> {
     Dense(DenseMask<'a>),
     /// Non-zero words with their addresses.
     Sparse(SparseMask<'a>),
+    /// Pairs of box indices.
+    List(ListMask<'a>),
 }
 
 impl<'a> MaskView<'a> {
@@ -257,6 +281,7 @@ impl<'a> MaskView<'a> {
             MaskShape::Sparse { rows, blocks, bits, order } => {
                 SparseMask::new(n, [rows, blocks, bits], order.as_ref(), reply).map(Self::Sparse)
             }
+            MaskShape::List { pairs } => ListMask::new(n, pairs, reply).map(Self::List),
         }
     }
 
@@ -267,16 +292,17 @@ impl<'a> MaskView<'a> {
         match self {
             Self::Dense(mask) => Self::Dense(mask.with_isa(isa)),
             Self::Sparse(mask) => Self::Sparse(mask.with_isa(isa)),
+            Self::List(mask) => Self::List(mask.with_isa(isa)),
         }
     }
 
-    /// The same sparse mask, decoded by one kernel: for benches that compare them. `None` for a dense
+    /// The same sparse mask, decoded by one kernel: for benches that compare them. `None` for another
     /// mask, and where there is no such kernel, the machine lacks it, or it needs an order.
     #[doc(hidden)]
     #[must_use]
     pub fn with_sparse_kernel(self, name: &str) -> Option<Self> {
         match self {
-            Self::Dense(_) => None,
+            Self::Dense(_) | Self::List(_) => None,
             Self::Sparse(mask) => mask.with_kernel(name).map(Self::Sparse),
         }
     }
@@ -287,6 +313,7 @@ impl<'a> MaskView<'a> {
         match self {
             Self::Dense(mask) => mask.n(),
             Self::Sparse(mask) => mask.n(),
+            Self::List(mask) => mask.n(),
         }
     }
 
@@ -296,6 +323,7 @@ impl<'a> MaskView<'a> {
         match self {
             Self::Dense(_) => Encoding::Dense,
             Self::Sparse(_) => Encoding::Sparse,
+            Self::List(_) => Encoding::List,
         }
     }
 
@@ -308,23 +336,27 @@ impl<'a> MaskView<'a> {
         match self {
             Self::Dense(mask) => mask.count(),
             Self::Sparse(mask) => mask.count(),
+            Self::List(mask) => mask.count(),
         }
     }
 
     /// Whether boxes `a` and `b`, in any order, are a pair of the mask. False for equal and for
     /// unknown boxes.
     ///
-    /// Dense: one AND. Sparse: a binary search, behind an O(n) search if there is an order.
+    /// Dense: one AND. Sparse: a binary search, behind an O(n) search if there is an order. List: a
+    /// pass over the list.
     #[inline]
     #[must_use]
     pub fn contains(&self, a: u32, b: u32) -> bool {
         match self {
             Self::Dense(mask) => mask.contains(a, b),
             Self::Sparse(mask) => mask.contains(a, b),
+            Self::List(mask) => mask.contains(a, b),
         }
     }
 
-    /// The non-zero words with their addresses, without bits that name no pair.
+    /// The non-zero words with their addresses, without bits that name no pair. Each pair of a list is
+    /// a word of its own, in the order of the list.
     #[inline]
     #[must_use]
     pub fn words(&self) -> Words<'a> {
@@ -334,10 +366,12 @@ impl<'a> MaskView<'a> {
                 let words = mask.words_in(0..self.word_count());
                 Words::of(WordSource::Sparse(mask.n(), words))
             }
+            Self::List(mask) => Words::of(WordSource::List(mask.pairs_in(0..mask.len()))),
         }
     }
 
-    /// Checks every rule of the encoding, in O(words) and, with an order, O(n).
+    /// Checks every rule of the encoding, in O(words) and, with an order, O(n). Of a list, in a copy of
+    /// it and as much memory again.
     ///
     /// Not needed for safety. A mask that passes holds what its bits say, no more and no less.
     ///
@@ -347,14 +381,16 @@ impl<'a> MaskView<'a> {
         match self {
             Self::Dense(mask) => mask.verify(),
             Self::Sparse(mask) => mask.verify(),
+            Self::List(mask) => mask.verify(),
         }
     }
 
-    /// Words of the mask as it lies in the reply.
+    /// Words of the mask as it lies in the reply, or pairs of a list.
     pub(super) fn word_count(&self) -> usize {
         match self {
             Self::Dense(mask) => mask.as_words().len(),
             Self::Sparse(mask) => mask.word_count(),
+            Self::List(mask) => mask.len(),
         }
     }
 
@@ -363,14 +399,16 @@ impl<'a> MaskView<'a> {
         match self {
             Self::Dense(mask) => Pairs::of(PairSource::Dense(mask.pairs_in(range))),
             Self::Sparse(mask) => Pairs::of(PairSource::Sparse(mask.pairs_in(range))),
+            Self::List(mask) => Pairs::of(PairSource::List(mask.pairs_in(range))),
         }
     }
 
-    /// Words of the smallest range that is worth a thread.
+    /// Words, or pairs of a list, of the smallest range that is worth a thread.
     pub(super) const fn grain_words(&self) -> usize {
         match self {
             Self::Dense(_) => DENSE_GRAIN_WORDS,
             Self::Sparse(_) => SPARSE_GRAIN_WORDS,
+            Self::List(_) => LIST_GRAIN_PAIRS,
         }
     }
 }
@@ -382,11 +420,15 @@ const DENSE_GRAIN_WORDS: usize = 2048 * CHUNK_WORDS;
 /// Smallest range of a sparse mask worth a thread, words: at about 1 ns a word some 15 µs, as above.
 const SPARSE_GRAIN_WORDS: usize = 1 << 14;
 
+/// Smallest range of a list worth a thread, pairs: 256 KiB, some 15 µs as above.
+const LIST_GRAIN_PAIRS: usize = 1 << 15;
+
 /// Where the pairs of a mask come from.
 #[derive(Clone)]
 pub(super) enum PairSource<'a> {
     Dense(DensePairs<'a>),
     Sparse(SparsePairs<'a>),
+    List(ListPairs<'a>),
 }
 
 impl PairSource<'_> {
@@ -397,6 +439,7 @@ impl PairSource<'_> {
         match self {
             Self::Dense(pairs) => buffer.refill(|writer| more = pairs.write(writer)),
             Self::Sparse(pairs) => buffer.refill(|writer| more = pairs.write(writer)),
+            Self::List(pairs) => buffer.refill(|writer| more = pairs.write(writer)),
         }
         more
     }
@@ -407,6 +450,7 @@ impl PairSource<'_> {
 pub(super) enum WordSource<'a> {
     Dense(DenseWords<'a>),
     Sparse(BoxCount, SparseWords<'a>),
+    List(ListPairs<'a>),
 }
 
 impl WordSource<'_> {
@@ -425,6 +469,7 @@ impl WordSource<'_> {
                     bits: MaskWord(word.bits),
                 })
             }
+            Self::List(pairs) => pairs.next_word(),
         }
     }
 }

@@ -6,7 +6,7 @@ use std::ops::Range;
 use super::sparse_pairs::{Kernel, SparsePairs};
 use super::sparse_words::SparseWords;
 use crate::isa::AvailableIsa;
-use crate::mask::{MaskError, Section, Span};
+use crate::mask::{MaskError, MaskView, Section, Span};
 use crate::units::BoxCount;
 
 /// A sparse mask, lengths checked: see the [module's head](crate::mask).
@@ -44,6 +44,15 @@ impl<'a> SparseMask<'a> {
             order: order.map(|order| Section::Order.of(order, reply)).transpose()?,
             kernel: Kernel::of(AvailableIsa::best(), order.is_some()),
         })
+    }
+
+    /// A mask of words that an engine of this process has found, with its order if it has one: the box
+    /// at each of `n` positions. Arrays of different lengths are cut to the shortest.
+    pub(crate) fn of_found(n: BoxCount, words: [&'a [u32]; 3], order: Option<&'a [u32]>) -> Self {
+        let len = words.map(<[u32]>::len).into_iter().min().unwrap_or(0);
+        let [rows, blocks, bits] = words.map(|array| &array[..len]);
+        let kernel = Kernel::of(AvailableIsa::best(), order.is_some());
+        Self { n, rows, blocks, bits, order, kernel }
     }
 
     /// The same mask, decoded with one instruction set.
@@ -109,6 +118,12 @@ impl<'a> SparseMask<'a> {
     pub fn count(&self) -> u64 {
         self.words_in(0..self.bits.len())
             .fold(0, |sum, word| sum + u64::from(word.without_strays(self.n).bits.count_ones()))
+    }
+
+    /// Calls `f` with slices of pairs of boxes, in the order of the words.
+    #[inline]
+    pub(crate) fn for_each_slice(&self, f: impl FnMut(&[[u32; 2]])) {
+        MaskView::Sparse(*self).for_each_slice(f);
     }
 
     /// The words of a range, strays included.

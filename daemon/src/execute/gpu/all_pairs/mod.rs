@@ -1,6 +1,6 @@
 //! Engine `gpu-brute`: all pairs on the GPU.
 //!
-//! Stages: `keys` → for each band `pairs` → `pack_dense` or `write_sparse`. The kernels read the
+//! Stages: `keys` → for each band `pairs` → `pack_dense`, `write_sparse` or `write_list`. The kernels read the
 //! boxes where they lie and write the mask where the client reads it, when both are imported;
 //! other memory is staged, and the bytes are the same. The all-pairs test and the dense string are
 //! Avril et al. 2012, §3; their float mapping function is replaced by an integer search once a
@@ -24,7 +24,7 @@ use pairmask_shaders::constants::BATCH_BOXES;
 use pairmask_shaders::layouts::BatchReport;
 
 use self::outcome::{Outcome, no_pairs, report};
-use self::plan::{BandLimits, Tuning};
+use self::plan::{BandLimits, Counted, Tuning};
 use self::scratch::Scratch;
 use self::steps::{Output, Recording};
 use super::device::{Gpu, QueueRole};
@@ -249,26 +249,27 @@ impl AllPairs {
         Ok(report(n, shape, &outcome, [ingested, executed, start.elapsed()]))
     }
 
-    fn cull_sparse(
+    fn cull_counted(
         &mut self,
         n: BoxCount,
         boxes: BoxSlice<'_>,
+        counted: Counted,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
-        let room = plan::room(n, reply.limit_words())?;
+        let room = counted.room(n, reply.limit_words())?;
         let start = Instant::now();
         let mut replaced = false;
         let boxes =
             self.transfers.place_boxes(boxes, &mut replaced).map_err(|e| self.cull_error(&e))?;
         let ingested = start.elapsed();
-        let mut capacity = plan::first_capacity(n).min(room);
+        let mut capacity = counted.first_capacity(n).min(room);
         loop {
-            if 4 * capacity > self.limits.binding_bytes {
+            let whole = counted.shape(n, capacity, capacity);
+            if counted.section_bytes(capacity) > self.limits.binding_bytes {
                 // More than this device writes at a time; a CPU engine may.
-                let needed_bytes = 12 * capacity;
+                let needed_bytes = whole.mask_bytes();
                 return Err(CullError::DeviceMemory { engine: ENGINE, needed_bytes });
             }
-            let whole = MaskShape::sparse(n, capacity, capacity, false);
             let reserved = exactly(reply.reserve(whole.extent_words())?, whole.extent_words());
             let done = (|| {
                 let mask = self.transfers.place_mask(reserved, &mut replaced)?;
@@ -276,22 +277,20 @@ impl AllPairs {
                 Ok((outcome, mask))
             })();
             let (outcome, mask) = done.map_err(|e: GpuError| self.cull_error(&e))?;
-            if outcome.words > room {
-                let needed = MaskShape::sparse(n, outcome.words, outcome.words, false);
-                return Err(plan::refusal(needed.extent_words(), reply.limit_words()).into());
+            let items = outcome.items(counted);
+            if items > room {
+                return Err(plan::refusal(counted.words(n, items), reply.limit_words()).into());
             }
-            if outcome.words > capacity {
+            if items > capacity {
                 // Counted, not written: come back with room for exactly that many.
-                capacity = outcome.words;
+                capacity = items;
                 replaced = false;
                 continue;
             }
             let executed = start.elapsed();
-            let shape = MaskShape::sparse(n, capacity, outcome.words, false);
-            if !mask.is_reply
-                && let MaskShape::Sparse { rows, blocks, bits, .. } = shape
-            {
-                for section in [rows, blocks, bits] {
+            let shape = counted.shape(n, capacity, items);
+            if !mask.is_reply {
+                for section in shape.spans() {
                     let to = &mut reserved[span(section)];
                     mask.part.block.read(mask.part.offset + 4 * section.start, to);
                 }
@@ -341,7 +340,8 @@ impl Engine for AllPairs {
         match encoding {
             _ if n.get() < 2 => no_pairs(n, boxes, encoding, reply),
             Encoding::Dense => self.cull_dense(n, boxes, reply),
-            _ => self.cull_sparse(n, boxes, reply),
+            Encoding::List => self.cull_counted(n, boxes, Counted::List, reply),
+            _ => self.cull_counted(n, boxes, Counted::Sparse, reply),
         }
     }
 }

@@ -12,6 +12,8 @@ use pairmask_core::{BoxCount, Encoding, MaskWord};
 use pairmask_shaders::constants::BATCH_BOXES;
 use pairmask_shaders::layouts::BatchReport;
 
+use super::plan::Counted;
+
 /// What a run said, summed over its batches.
 #[derive(Debug, PartialEq, Eq)]
 pub(in crate::execute::gpu) struct Outcome {
@@ -42,6 +44,14 @@ impl Outcome {
             }
         }
         outcome
+    }
+
+    /// What a mask of a kind holds: words, or pairs.
+    pub(in crate::execute::gpu) const fn items(&self, counted: Counted) -> u64 {
+        match counted {
+            Counted::Sparse => self.words,
+            Counted::List => self.pairs,
+        }
     }
 }
 

@@ -172,23 +172,61 @@ pub fn bands(n: BoxCount, tuning: Tuning, encoding: Encoding, limits: &BandLimit
     bands
 }
 
-/// Words that a sparse reply has room for before its size is known, less where the reply holds less: a
-/// function of n and that limit alone, so that the same boxes give the same bytes. Scenes with at most a few neighbours a box fit; others
-/// cost a second run.
-pub fn first_capacity(n: BoxCount) -> u64 {
-    (8 * u64::from(n.get())).min(n.sparse_words_max()).max(1)
+/// A mask whose size is known when it was found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Counted {
+    /// A sparse mask, without an order, of mask words.
+    Sparse,
+    /// A list, of pairs.
+    List,
 }
 
-/// Words that a sparse mask may have, at least 1: it stands without an order.
-///
-/// # Errors
-/// [`ReserveError::TooLarge`] where there is no room for a single word.
-pub fn room(n: BoxCount, limit_words: u64) -> Result<u64, ReserveError> {
-    match MaskShape::sparse_words_within(n, limit_words, false) {
-        None | Some(0) => {
-            Err(refusal(MaskShape::sparse(n, 1, 1, false).extent_words(), limit_words))
+impl Counted {
+    /// The mask with room for `capacity` items (mask words, pairs), of which `items` are used.
+    pub const fn shape(self, n: BoxCount, capacity: u64, items: u64) -> MaskShape {
+        match self {
+            Self::Sparse => MaskShape::sparse(n, capacity, items, false),
+            Self::List => MaskShape::list(items),
         }
-        Some(room) => Ok(room),
+    }
+
+    /// Words of a reply that such a mask takes.
+    pub fn words(self, n: BoxCount, items: u64) -> u64 {
+        self.shape(n, items, items).extent_words()
+    }
+
+    /// Bytes of the largest of its sections, each of which is one binding.
+    pub const fn section_bytes(self, items: u64) -> u64 {
+        match self {
+            Self::Sparse => WORD_BYTES * items,
+            Self::List => 2 * WORD_BYTES * items,
+        }
+    }
+
+    /// Items that a reply has room for before its size is known, less where the reply holds less: a
+    /// function of n and that limit alone, so that the same boxes give the same bytes. Scenes with at
+    /// most a few neighbours a box fit; others cost a second run.
+    pub fn first_capacity(self, n: BoxCount) -> u64 {
+        let most = match self {
+            Self::Sparse => n.sparse_words_max(),
+            Self::List => n.pair_count(),
+        };
+        (8 * u64::from(n.get())).min(most).max(1)
+    }
+
+    /// Items that the mask may have, at least 1.
+    ///
+    /// # Errors
+    /// [`ReserveError::TooLarge`] where there is no room for a single one.
+    pub fn room(self, n: BoxCount, limit_words: u64) -> Result<u64, ReserveError> {
+        let room = match self {
+            Self::Sparse => MaskShape::sparse_words_within(n, limit_words, false),
+            Self::List => Some(limit_words / 2),
+        };
+        match room {
+            None | Some(0) => Err(refusal(self.words(n, 1), limit_words)),
+            Some(room) => Ok(room),
+        }
     }
 }
 
@@ -243,7 +281,7 @@ mod tests {
 
     #[test]
     fn bands_cover_every_row_and_word_once_within_the_limits() {
-        for encoding in [Encoding::Dense, Encoding::Sparse] {
+        for encoding in Encoding::ALL {
             for n in (1..70).chain([255, 256, 257, 345, 511, 513, 1234, 2047, 4096]) {
                 check(n, encoding, &TINY);
                 check(n, encoding, &LAVAPIPE);
@@ -261,8 +299,30 @@ mod tests {
 
     #[test]
     fn the_first_capacity_depends_on_the_count_alone_and_fits_the_triangle() {
-        assert_eq!(first_capacity(BoxCount::new(0)), 1, "an empty section cannot be bound");
-        assert_eq!(first_capacity(BoxCount::new(64)), BoxCount::new(64).sparse_words_max());
-        assert_eq!(first_capacity(BoxCount::new(10_000)), 80_000);
+        for counted in [Counted::Sparse, Counted::List] {
+            let first = |n| counted.first_capacity(BoxCount::new(n));
+            assert_eq!(first(0), 1, "an empty section cannot be bound");
+            assert_eq!(first(10_000), 80_000);
+        }
+        let n = BoxCount::new(16);
+        assert_eq!(Counted::Sparse.first_capacity(n), n.sparse_words_max());
+        assert_eq!(Counted::List.first_capacity(n), n.pair_count());
+    }
+
+    #[test]
+    fn a_reply_holds_the_items_that_there_is_room_for_and_no_more() {
+        let n = BoxCount::new(1_000);
+        for counted in [Counted::Sparse, Counted::List] {
+            let least = counted.words(n, 1);
+            for limit in (least..).step_by(7).take(100) {
+                let room = counted.room(n, limit).expect("an item at least");
+                assert!(counted.words(n, room) <= limit, "{counted:?}, {limit}");
+                assert!(counted.words(n, room + 1) > limit, "{counted:?}, {limit}");
+                let shape = counted.shape(n, room, room);
+                let largest = shape.spans().map(|span| 4 * span.len).max();
+                assert_eq!(largest, Some(counted.section_bytes(room)), "{counted:?}");
+            }
+            assert_eq!(counted.room(n, least - 1), Err(refusal(least, least - 1)), "{counted:?}");
+        }
     }
 }

@@ -1,7 +1,7 @@
 //! The stages of a frame with what they bind.
 
 use pairmask_core::mask::{MaskShape, Span};
-use pairmask_core::{BoxCount, BoxForm};
+use pairmask_core::{BoxCount, BoxForm, Encoding};
 use pairmask_shaders::constants::{BATCH_BOXES, PAIRS_WORKGROUP};
 use pairmask_shaders::layouts::{KeysParams, PackParams, PairsParams, WriteParams};
 use pairmask_shaders::{PairsVariant, Stage};
@@ -25,7 +25,7 @@ pub(super) fn stages_of(tunings: &[Tuning]) -> impl Iterator<Item = Stage> {
         [true, false].map(|store_zeros| Stage::Pairs(variant(*tuning, store_zeros)))
     });
     let keys = BoxForm::ALL.into_iter().map(Stage::Keys);
-    keys.chain([Stage::PackDense, Stage::WriteSparse]).chain(pairs)
+    keys.chain([Stage::PackDense, Stage::WriteSparse, Stage::WriteList]).chain(pairs)
 }
 
 fn variant(tuning: Tuning, store_zeros: bool) -> PairsVariant {
@@ -36,9 +36,9 @@ fn variant(tuning: Tuning, store_zeros: bool) -> PairsVariant {
 pub(super) struct Output {
     /// The reserved memory.
     pub(super) mask: Part,
-    /// The sections in it; a sparse shape at its full capacity.
+    /// The sections in it; a sparse mask or a list at its full capacity.
     pub(super) shape: MaskShape,
-    /// Words that a sparse mask has room for.
+    /// Words that a sparse mask has room for, or pairs that a list has.
     pub(super) capacity: u64,
 }
 
@@ -70,14 +70,10 @@ impl Recording<'_> {
         }
         for band in bands {
             steps.push(self.pairs(pipelines, band)?);
-            match self.output.shape {
-                MaskShape::Dense { .. } => steps.push(self.pack_dense(pipelines, band)?),
-                MaskShape::Sparse { rows, blocks, bits, .. } => {
-                    steps.push(self.write_sparse(pipelines, band, [rows, blocks, bits])?);
-                }
-                // The engine refuses what its descriptor does not list.
-                _ => {}
-            }
+            steps.push(match self.output.shape {
+                MaskShape::Dense { .. } => self.pack_dense(pipelines, band)?,
+                shape => self.write(pipelines, band, shape)?,
+            });
         }
         Ok(steps)
     }
@@ -129,12 +125,17 @@ impl Recording<'_> {
         })
     }
 
-    fn write_sparse(
+    /// The words of a sparse mask, or the pairs of a list, to their sections.
+    fn write(
         &self,
         pipelines: &mut Pipelines,
         band: &Band,
-        sections: [Span; 3],
+        shape: MaskShape,
     ) -> Result<Command, GpuError> {
+        let stage = match shape.encoding() {
+            Encoding::List => Stage::WriteList,
+            _ => Stage::WriteSparse,
+        };
         let params = WriteParams {
             row0: band.row0,
             band_rows: band.matrix_rows,
@@ -147,17 +148,16 @@ impl Recording<'_> {
         let mask = &self.output.mask;
         let section =
             |span: Span| Part::of(&mask.block, mask.offset + 4 * span.start, 4 * span.len);
+        let mut parts = vec![
+            Part::of(&s.matrix, 0, 4 * band.matrix_words()),
+            Part::of(&s.masks, 0, 4 * band.mask_words()),
+            Part::whole(&s.totals),
+            Part::whole(&s.reports),
+        ];
+        parts.extend(shape.spans().map(section));
         Ok(Command::Stage {
-            pipeline: pipelines.get(Stage::WriteSparse)?,
-            parts: vec![
-                Part::of(&s.matrix, 0, 4 * band.matrix_words()),
-                Part::of(&s.masks, 0, 4 * band.mask_words()),
-                Part::whole(&s.totals),
-                Part::whole(&s.reports),
-                section(sections[0]),
-                section(sections[1]),
-                section(sections[2]),
-            ],
+            pipeline: pipelines.get(stage)?,
+            parts,
             immediates: bytemuck::bytes_of(&params).to_vec(),
             groups: [band.owned_rows.div_ceil(BATCH_BOXES), 1],
         })

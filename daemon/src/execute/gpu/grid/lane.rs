@@ -6,13 +6,13 @@ use std::time::{Duration, Instant};
 use pairmask_core::engine::{
     Census, CullError, CullReport, EngineTimes, NAMED_INVALID, ReplyBuffer,
 };
-use pairmask_core::mask::MaskShape;
 use pairmask_core::precision::BoxSlice;
-use pairmask_core::{BoxCount, Encoding, MaskWord};
+use pairmask_core::{BoxCount, MaskWord};
+use pairmask_shaders::Found;
 use pairmask_shaders::layouts::GridSummary;
 
 use super::layout::Chooser;
-use super::plan::{self, Sizes};
+use super::plan::{self, Capacity, LastFound, Sizes};
 use super::scratch::{Blocks, Scratch};
 use super::steps::Recording;
 use super::{ENGINE, GridOptions};
@@ -30,9 +30,9 @@ pub(super) struct Tools {
     pub(super) gpu: Arc<Gpu>,
     pub(super) pipelines: Pipelines,
     pub(super) chooser: Chooser,
-    /// Words of the last frame: what the next one's reply gets room for. The answer does not depend
+    /// What the last frames found: what the next one's reply gets room for. The answer does not depend
     /// on it.
-    pub(super) last_words: u64,
+    pub(super) last_found: LastFound,
     pub(super) profiled: bool,
     /// Times of the last frame's steps, if frames are profiled.
     pub(super) step_times: Vec<StepTime>,
@@ -50,15 +50,17 @@ pub(super) enum Ended {
     Again {
         /// Boxes.
         n: BoxCount,
-        /// Words of the mask.
-        words: u64,
+        /// What was looked for.
+        found: Found,
+        /// Words, or pairs, of the mask.
+        items: u64,
     },
 }
 
 /// A frame under way.
 struct UnderWay {
     n: BoxCount,
-    capacity: u64,
+    capacity: Capacity,
     mask: MaskPlace,
     blocks: Blocks,
     start: Instant,
@@ -114,15 +116,15 @@ impl Lane {
         self.frames.last().is_none_or(Frame::has_ended)
     }
 
-    /// Submits a frame with room for `capacity` words. `is_behind` another one, its boxes are
-    /// brought to video memory meanwhile.
+    /// Submits a frame with room for `capacity`. `is_behind` another one, its boxes are brought to
+    /// video memory meanwhile.
     pub(super) fn begin(
         &mut self,
         tools: &mut Tools,
         n: BoxCount,
         boxes: BoxSlice<'_>,
         reply: &mut dyn ReplyBuffer,
-        capacity: u64,
+        capacity: Capacity,
         is_behind: bool,
     ) -> Result<(), CullError> {
         assert!(self.under_way.is_none(), "one frame a lane");
@@ -184,7 +186,7 @@ impl Lane {
         &mut self,
         tools: &Tools,
         sizes: &Sizes,
-        capacity: u64,
+        capacity: Capacity,
         mut replaced: bool,
     ) -> Result<Blocks, GpuError> {
         let gpu = &tools.gpu;
@@ -212,7 +214,7 @@ impl Lane {
         &mut self,
         tools: &mut Tools,
         sizes: Sizes,
-        capacity: u64,
+        capacity: Capacity,
         blocks: &Blocks,
         boxes: BoxesWay<'_>,
         reply: &Part,
@@ -221,14 +223,13 @@ impl Lane {
         let key = FrameKey {
             n: sizes.n,
             form: read.form,
-            encoding: Encoding::Sparse,
-            capacity,
+            encoding: capacity.found.encoding(),
+            capacity: capacity.items,
             chunk: 0,
             input: Place::of(&read.part),
             output: Place::of(reply),
         };
-        let recording =
-            Recording { sizes, params: sizes.params(capacity as u32), blocks, boxes: read, reply };
+        let recording = Recording { sizes, capacity, blocks, boxes: read, reply };
         let pipelines = &mut tools.pipelines;
         let frame =
             self.frames.frame(&tools.gpu, key, tools.profiled, || recording.steps(pipelines))?;
@@ -261,25 +262,23 @@ impl Lane {
             return Err(CullError::TooCrowded { engine: ENGINE });
         }
         let wide = |[low, high]: [u32; 2]| u64::from(low) | u64::from(high) << 32;
-        let words = wide(summary.words);
-        if words > n.sparse_words_max() || wide(summary.compared) > n.pair_count() {
+        let (items, found) = (wide(summary.items), capacity.found);
+        if items > plan::most_items(n, found) || wide(summary.compared) > n.pair_count() {
             // No scene has as many: the device does not do what the stages say.
             let fault = GpuError::Driver(ash::vk::Result::ERROR_UNKNOWN);
             return Err(tools.gpu.cull_error(ENGINE, &fault));
         }
-        if words > capacity {
-            return Ok(Ended::Again { n, words });
+        if items > capacity.items {
+            return Ok(Ended::Again { n, found, items });
         }
-        tools.last_words = words;
+        tools.last_found.note(found, items, wide(summary.pairs));
         let executed = start.elapsed();
         let sizes = Sizes::of(n);
-        let shape = sizes.shape(words);
-        if !mask.is_reply
-            && let MaskShape::Sparse { rows, blocks, bits, order } = shape
-        {
+        let shape = sizes.shape(found, items);
+        if !mask.is_reply {
             let room = sizes.reply_words(capacity);
             let reserved = &mut reply.reserve(room)?[..room as usize];
-            for section in [rows, blocks, bits].into_iter().chain(order) {
+            for section in shape.spans() {
                 let start = section.start as usize;
                 let to = &mut reserved[start..start + section.len as usize];
                 mask.part.block.read(mask.part.offset + 4 * section.start, to);

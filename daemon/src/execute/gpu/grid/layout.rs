@@ -249,7 +249,7 @@ mod tests {
         let mut chooser = Chooser::default();
         for scene in stress_scenes::ALL {
             for n in (0..70).chain([345, 1234, 20_000]) {
-                let layout = chooser.choose(BoxSlice::F32(&scene.boxes(n, 7)));
+                let layout = chooser.choose(BoxSlice::from(&scene.boxes(n, 7)));
                 assert!(u64::from(layout.cell_end) < cells_most(n), "{scene:?}, {n} boxes");
                 let mut next = 0;
                 for level in &layout.levels[..layout.level_count as usize] {

@@ -6,14 +6,15 @@
 //!
 //! > `grid_cells` → `grid_scan` → `grid_scatter` → `grid_place` → `grid_pairs` → `grid_write`
 //!
-//! The first reads the boxes across the link, in whatever form they are; the last two write the
-//! reply across it. What the dispatches depend on is known before: the levels come from a sample of
+//! The first reads the boxes across the link, in whatever form they are; the last writes the reply
+//! across it, and the one before the order of a sparse one. A list names the boxes and has no order. What
+//! the dispatches depend on is known before: the levels come from a sample of
 //! the boxes on the CPU (`layout`), sizes from their number ([`plan`]). So nothing waits for the
 //! host in between. Only a reply that turns out larger than its allocation takes a second
 //! submission.
 //!
-//! Same boxes, same bytes: positions are by cell and index, words by row and block, and neither the
-//! order in which threads come nor earlier frames show. ([`mirror`](pairmask_shaders::mirror) is the
+//! Same boxes, same bytes: positions are by cell and index, words by row and block, pairs by the
+//! positions of their boxes, and neither the order in which threads come nor earlier frames show. ([`mirror`](pairmask_shaders::mirror) is the
 //! same on the CPU.)
 //!
 //! Scenes that crowd a cell beyond a budget, or dense masks, are the all-pairs engine's.
@@ -34,11 +35,11 @@ use pairmask_core::engine::{CullError, CullInput, CullReport, Engine, ReplyBuffe
 use pairmask_core::precision::BoxSlice;
 use pairmask_core::{Aabb, BoxCount, BoxForm, Encoding, EngineName};
 use pairmask_shaders::layouts::GridLayout;
-use pairmask_shaders::{GridStage, Stage};
+use pairmask_shaders::{Found, GridStage, Stage};
 
 use self::lane::{Ended, Lane, Tools};
 use self::layout::Chooser;
-use self::plan::Sizes;
+use self::plan::{Capacity, LastFound, Sizes};
 use self::under_way::SharedLane;
 use super::all_pairs::outcome::no_pairs;
 use super::all_pairs::plan::refusal;
@@ -101,8 +102,10 @@ impl Grid {
     /// [`GpuError`].
     pub fn new(gpu: &Arc<Gpu>, options: &GridOptions) -> Result<Self, GpuError> {
         let mut pipelines = Pipelines::new(gpu, options.checks, options.cache_folder.as_deref())?;
-        for stage in BoxForm::ALL.into_iter().flat_map(GridStage::of_frame) {
-            pipelines.get(Stage::Grid(stage))?;
+        for found in Found::ALL {
+            for stage in BoxForm::ALL.into_iter().flat_map(|f| GridStage::of_frame(f, found)) {
+                pipelines.get(Stage::Grid(stage))?;
+            }
         }
         pipelines.save();
         let lane = || Lane::new(gpu, options).map(SharedLane::new);
@@ -114,7 +117,7 @@ impl Grid {
                 gpu: Arc::clone(gpu),
                 pipelines,
                 chooser: Chooser::default(),
-                last_words: 0,
+                last_found: LastFound::default(),
                 profiled: options.profiled,
                 step_times: Vec::new(),
                 poison: options.poison,
@@ -178,15 +181,13 @@ impl Grid {
         let n = BoxCount::of_len(boxes.len())
             .filter(|n| u64::from(n.get()) <= limit)
             .ok_or(CullError::TooManyBoxes { engine: ENGINE, n: boxes.len() as u64, limit })?;
-        if encoding == Encoding::Dense {
-            let why = "dense masks are all pairs'";
-            return Err(CullError::Unavailable { engine: ENGINE, why });
-        }
+        let why = "dense masks are all pairs'";
+        let unavailable = CullError::Unavailable { engine: ENGINE, why };
+        let found = Found::of(encoding).ok_or(unavailable)?;
         self.gpu.health().check().map_err(|e| self.gpu.cull_error(ENGINE, &e))?;
-        // All pairs needs no room for an order.
-        let too_crowded = CullError::TooCrowded { engine: ENGINE };
-        let room = plan::room(n, reply.limit_words()).ok_or(too_crowded)?;
-        let capacity = plan::capacity(n, self.tools.last_words).min(room);
+        let limit = reply.limit_words();
+        let room = plan::room(n, found, limit).ok_or_else(|| no_room(n, found, limit))?;
+        let capacity = Capacity::expected(n, found, self.tools.last_found.of(found), room);
         lane.begin(&mut self.tools, n, boxes, reply, capacity, is_behind)
     }
 
@@ -222,14 +223,15 @@ impl Grid {
         loop {
             match lane.end(&mut self.tools, reply)? {
                 Ended::Report(report) => return Ok(report),
-                Ended::Again { n, words } => {
+                Ended::Again { n, found, items } => {
                     // Counted, not written: come back with room for that many.
                     let limit = reply.limit_words();
-                    let room = plan::room(n, limit).filter(|room| words <= *room);
+                    let room = plan::room(n, found, limit).filter(|room| items <= *room);
                     let Some(room) = room else {
-                        return Err(refusal(Sizes::of(n).reply_words(words), limit).into());
+                        let needed = Sizes::of(n).reply_words(Capacity { found, items });
+                        return Err(refusal(needed, limit).into());
                     };
-                    let capacity = plan::capacity(n, words).min(room);
+                    let capacity = Capacity::expected(n, found, items, room);
                     lane.begin(&mut self.tools, n, boxes, reply, capacity, false)?;
                 }
             }
@@ -253,7 +255,7 @@ impl Engine for Grid {
     ) -> Result<CullReport, CullError> {
         let (boxes, encoding) = (input.boxes_alone(ENGINE)?, input.encoding);
         match BoxCount::of_len(boxes.len()) {
-            Some(n) if n.get() < 2 && encoding == Encoding::Sparse => {
+            Some(n) if n.get() < 2 && Found::of(encoding).is_some() => {
                 no_pairs(n, boxes, encoding, reply)
             }
             _ => {
@@ -261,6 +263,18 @@ impl Engine for Grid {
                 let frame = self.begin(memory, encoding).map_err(|(error, _)| error)?;
                 self.end(frame).0
             }
+        }
+    }
+}
+
+/// The refusal of a reply without room for a single mask word or pair.
+fn no_room(n: BoxCount, found: Found, limit_words: u64) -> CullError {
+    match found {
+        // All pairs needs no room for an order.
+        Found::Words => CullError::TooCrowded { engine: ENGINE },
+        Found::Pairs => {
+            let needed = Sizes::of(n).reply_words(Capacity { found, items: 1 });
+            refusal(needed, limit_words).into()
         }
     }
 }

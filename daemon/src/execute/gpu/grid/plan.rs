@@ -1,8 +1,9 @@
-//! Sizes of a frame's buffers and dispatches. Pure: functions of the number of boxes and the room
-//! in the reply.
+//! Sizes of a frame's buffers and dispatches. Pure: functions of the number of boxes, of what is to be
+//! found and of the room in the reply.
 
 use pairmask_core::BoxCount;
 use pairmask_core::mask::{MaskShape, SECTION_ALIGN_WORDS, Span};
+use pairmask_shaders::Found;
 use pairmask_shaders::constants::{
     BATCH_BOXES, CONTROL_HEADER_WORDS, SCAN_CELLS, SUPER_BATCHES, SUPERS_MOST,
 };
@@ -18,9 +19,15 @@ pub const MAX_BOXES: u64 = 65_535 * BATCH_BOXES as u64;
 /// tens of milliseconds. More is left to the all-pairs engine, which does such scenes faster.
 const BUDGET: u32 = 1 << 14;
 
-/// Words that a reply has room for before its size is known, for each box; a scene that had more
-/// last time gets more.
-const WORDS_A_BOX: u64 = 2;
+/// Mask words, or pairs, that a reply has room for before its size is known, for each box; a scene that
+/// had more last time gets more.
+const ITEMS_A_BOX: u64 = 2;
+
+/// Words of a pair in a list.
+const PAIR_WORDS: u64 = 2;
+
+/// Words of a mask word with its row and block.
+const SPARSE_WORDS: u64 = 3;
 
 /// Sizes that follow from the number of boxes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,37 +72,46 @@ impl Sizes {
         32 * self.plane() as u64
     }
 
-    /// Words of the order at the start of the reply, rounded up.
+    /// Words of the order at the start of a sparse reply, rounded up.
     pub const fn order_words(&self) -> u64 {
         (self.n as u64).next_multiple_of(SECTION_ALIGN_WORDS)
     }
 
-    /// Words of a reply with room for `capacity` mask words.
-    pub const fn reply_words(&self, capacity: u64) -> u64 {
-        self.order_words() + 3 * capacity.next_multiple_of(SECTION_ALIGN_WORDS)
-    }
-
-    /// Where a mask of so many words lies: a function of the scene, whatever room there was.
-    pub const fn shape(&self, words: u64) -> MaskShape {
-        let stride = words.next_multiple_of(SECTION_ALIGN_WORDS);
-        let rows = self.order_words();
-        MaskShape::Sparse {
-            rows: Span { start: rows, len: words },
-            blocks: Span { start: rows + stride, len: words },
-            bits: Span { start: rows + 2 * stride, len: words },
-            order: Some(Span { start: 0, len: self.n as u64 }),
+    /// Words of a reply with room for `capacity`.
+    pub const fn reply_words(&self, capacity: Capacity) -> u64 {
+        let Capacity { found, items } = capacity;
+        match found {
+            Found::Words => {
+                self.order_words() + SPARSE_WORDS * items.next_multiple_of(SECTION_ALIGN_WORDS)
+            }
+            Found::Pairs => PAIR_WORDS * items,
         }
     }
 
-    /// What every stage is told.
-    pub const fn params(&self, capacity: u32) -> GridParams {
+    /// Where a mask of `items` words or pairs lies: a function of the scene, whatever room there was.
+    pub const fn shape(&self, found: Found, items: u64) -> MaskShape {
+        let stride = items.next_multiple_of(SECTION_ALIGN_WORDS);
+        let rows = self.order_words();
+        match found {
+            Found::Words => MaskShape::Sparse {
+                rows: Span { start: rows, len: items },
+                blocks: Span { start: rows + stride, len: items },
+                bits: Span { start: rows + 2 * stride, len: items },
+                order: Some(Span { start: 0, len: self.n as u64 }),
+            },
+            Found::Pairs => MaskShape::list(items),
+        }
+    }
+
+    /// What every stage is told. The capacity's reply fits a binding.
+    pub const fn params(&self, capacity: Capacity) -> GridParams {
         GridParams {
             n: self.n,
             plane: self.plane(),
             batch_count: self.batches,
             super_count: self.supers,
             sum_count: self.sums,
-            capacity,
+            capacity: capacity.items as u32,
             order_words: self.order_words() as u32,
             budget: BUDGET,
         }
@@ -115,21 +131,80 @@ pub const fn max_boxes(binding_bytes: u64) -> u64 {
     if most > u32::MAX as u64 { u32::MAX as u64 } else { most }
 }
 
-/// Words that the reply gets room for: two a box, and a quarter more than `last_words`, as many as
-/// the last frame had.
-pub fn capacity(n: BoxCount, last_words: u64) -> u64 {
-    let wanted = (WORDS_A_BOX * u64::from(n.get())).max(last_words + last_words / 4);
-    // Whole pages' worth, so that a slowly growing scene does not record a frame anew each time.
-    let rounded = wanted.next_multiple_of(u64::from(n.get()).next_power_of_two().max(1024));
-    rounded.min(n.sparse_words_max()).max(1)
+/// What a frame finds, and how much of it the reply and the block of found items have room for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Capacity {
+    /// What is found.
+    pub found: Found,
+    /// Mask words, or pairs. At least 1: an empty block cannot be bound.
+    pub items: u64,
 }
 
-/// The most words of a mask of `n` boxes in a reply of so many words; `None` where there is no room for
-/// a single one behind the order.
-pub fn room(n: BoxCount, limit_words: u64) -> Option<u64> {
-    let arrays = limit_words.checked_sub(Sizes::of(n).order_words())?;
-    let room = arrays / 3 / SECTION_ALIGN_WORDS * SECTION_ALIGN_WORDS;
+impl Capacity {
+    /// Two items a box, and a quarter more than `last_items`, as many as the last frame had; `room` at
+    /// the most.
+    pub fn expected(n: BoxCount, found: Found, last_items: u64, room: u64) -> Self {
+        let boxes = u64::from(n.get());
+        let wanted = (ITEMS_A_BOX * boxes).max(last_items + last_items / 4);
+        // Whole pages' worth, so that a slowly growing scene does not record a frame anew each time.
+        let rounded = wanted.next_multiple_of(boxes.next_power_of_two().max(1024));
+        Self { found, items: rounded.min(most_items(n, found)).min(room).max(1) }
+    }
+
+    /// Bytes of the block of found items.
+    pub const fn found_bytes(&self) -> u64 {
+        let words = match self.found {
+            Found::Words => SPARSE_WORDS,
+            Found::Pairs => PAIR_WORDS,
+        };
+        4 * words * self.items
+    }
+}
+
+/// The most mask words, or pairs, that a scene of `n` boxes can have.
+pub const fn most_items(n: BoxCount, found: Found) -> u64 {
+    match found {
+        Found::Words => n.sparse_words_max(),
+        Found::Pairs => n.pair_count(),
+    }
+}
+
+/// The most mask words, or pairs, of `n` boxes in a reply of so many words; `None` where there is no
+/// room for a single one (behind the order).
+pub fn room(n: BoxCount, found: Found, limit_words: u64) -> Option<u64> {
+    let room = match found {
+        Found::Words => {
+            let arrays = limit_words.checked_sub(Sizes::of(n).order_words())?;
+            arrays / SPARSE_WORDS / SECTION_ALIGN_WORDS * SECTION_ALIGN_WORDS
+        }
+        Found::Pairs => limit_words / PAIR_WORDS,
+    };
     (room > 0).then_some(room)
+}
+
+/// What the last frames found, which the next one's reply gets room for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LastFound {
+    words: u64,
+    pairs: u64,
+}
+
+impl LastFound {
+    /// Items of the last frame of a kind.
+    pub const fn of(&self, found: Found) -> u64 {
+        match found {
+            Found::Words => self.words,
+            Found::Pairs => self.pairs,
+        }
+    }
+
+    /// Notes a frame. The pairs are known whatever was found.
+    pub const fn note(&mut self, found: Found, items: u64, pairs: u64) {
+        self.pairs = pairs;
+        if matches!(found, Found::Words) {
+            self.words = items;
+        }
+    }
 }
 
 #[cfg(test)]
@@ -163,23 +238,52 @@ mod tests {
     }
 
     #[test]
-    fn a_reply_holds_the_words_that_there_is_room_for_and_no_more() {
-        for n in [2, 15, 16, 345, 100_000] {
+    fn a_reply_holds_the_items_that_there_is_room_for_and_no_more() {
+        for (n, found) in
+            [2, 15, 16, 345, 100_000].into_iter().flat_map(|n| Found::ALL.map(|found| (n, found)))
+        {
             let n = BoxCount::new(n);
-            let sizes = Sizes::of(n);
-            for limit in (sizes.reply_words(1)..).step_by(7).take(100) {
-                let room = room(n, limit).expect("a word at least");
-                assert!(sizes.reply_words(room) <= limit && sizes.reply_words(room + 1) > limit);
+            let words = |items| Sizes::of(n).reply_words(Capacity { found, items });
+            for limit in (words(1)..).step_by(7).take(100) {
+                let room = room(n, found, limit).expect("an item at least");
+                assert!(words(room) <= limit && words(room + 1) > limit, "{found:?}");
             }
-            assert_eq!(room(n, sizes.reply_words(1) - 1), None);
+            assert_eq!(room(n, found, words(1) - 1), None, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn the_mask_lies_within_the_reply_that_has_room_for_it() {
+        for (n, found) in [2, 17, 345].into_iter().flat_map(|n| Found::ALL.map(|f| (n, f))) {
+            let (n, sizes) = (BoxCount::new(n), Sizes::of(BoxCount::new(n)));
+            for items in (0..most_items(n, found)).step_by(13) {
+                let shape = sizes.shape(found, items);
+                assert_eq!(shape.encoding(), found.encoding());
+                let capacity = Capacity { found, items };
+                assert!(shape.extent_words() <= sizes.reply_words(capacity), "{found:?}, {items}");
+                assert!(capacity.found_bytes() <= 4 * sizes.reply_words(capacity), "{found:?}");
+            }
         }
     }
 
     #[test]
     fn the_capacity_grows_with_the_last_frame_and_never_beyond_what_is_possible() {
-        let n = BoxCount::new(10_000);
-        assert!(capacity(n, 0) >= 20_000 && capacity(n, 40_000) >= 50_000);
-        assert_eq!(capacity(n, u64::from(u32::MAX)), n.sparse_words_max());
-        assert_eq!(capacity(BoxCount::new(2), 0), BoxCount::new(2).sparse_words_max());
+        for found in Found::ALL {
+            let items = |n, last| Capacity::expected(n, found, last, u64::MAX).items;
+            let n = BoxCount::new(10_000);
+            assert!(items(n, 0) >= 20_000 && items(n, 40_000) >= 50_000);
+            assert_eq!(items(n, u64::from(u32::MAX)), most_items(n, found));
+            assert_eq!(items(BoxCount::new(2), 0), 1);
+            assert_eq!(Capacity::expected(n, found, 0, 7).items, 7);
+        }
+    }
+
+    #[test]
+    fn a_frame_of_one_kind_leaves_the_words_of_the_other() {
+        let mut last = LastFound::default();
+        last.note(Found::Words, 70, 90);
+        assert_eq!((last.of(Found::Words), last.of(Found::Pairs)), (70, 90));
+        last.note(Found::Pairs, 20, 20);
+        assert_eq!((last.of(Found::Words), last.of(Found::Pairs)), (70, 20));
     }
 }

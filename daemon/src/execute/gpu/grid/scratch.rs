@@ -5,7 +5,7 @@ use std::sync::Arc;
 use pairmask_shaders::constants::BATCH_BOXES;
 use pairmask_shaders::layouts::{GridLayout, GridSummary, GridTotals};
 
-use super::plan::Sizes;
+use super::plan::{Capacity, Sizes};
 use crate::execute::gpu::device::Gpu;
 use crate::execute::gpu::error::GpuError;
 use crate::execute::gpu::growing::Growing;
@@ -77,7 +77,7 @@ impl Scratch {
         &mut self,
         gpu: &Arc<Gpu>,
         sizes: &Sizes,
-        capacity: u64,
+        capacity: Capacity,
         replaced: &mut bool,
         unclean: &mut bool,
     ) -> Result<Blocks, GpuError> {
@@ -98,7 +98,7 @@ impl Scratch {
             sorted: block(&mut self.sorted, sizes.records_bytes())?,
             totals: block(&mut self.totals, batches * size_of::<GridTotals>() as u64)?,
             invalid: block(&mut self.invalid, batches * u64::from(BATCH_BOXES) / 8)?,
-            found: block(&mut self.found, 12 * capacity)?,
+            found: block(&mut self.found, capacity.found_bytes())?,
             summary: block(&mut self.summary, size_of::<GridSummary>() as u64)?,
         })
     }

@@ -2,10 +2,9 @@
 
 use std::sync::Arc;
 
-use pairmask_shaders::layouts::GridParams;
-use pairmask_shaders::{GridStage, Stage};
+use pairmask_shaders::{Found, GridStage, Stage};
 
-use super::plan::Sizes;
+use super::plan::{Capacity, Sizes};
 use super::scratch::Blocks;
 use crate::execute::gpu::error::GpuError;
 use crate::execute::gpu::frame::Command;
@@ -16,7 +15,7 @@ use crate::execute::gpu::transfers::PlacedBoxes;
 /// What the steps of a frame have in common.
 pub(super) struct Recording<'a> {
     pub(super) sizes: Sizes,
-    pub(super) params: GridParams,
+    pub(super) capacity: Capacity,
     pub(super) blocks: &'a Blocks,
     /// Where the boxes are.
     pub(super) boxes: &'a PlacedBoxes,
@@ -27,13 +26,13 @@ pub(super) struct Recording<'a> {
 impl Recording<'_> {
     /// All steps, in order.
     pub(super) fn steps(&self, pipelines: &mut Pipelines) -> Result<Vec<Command>, GpuError> {
-        let stages = GridStage::of_frame(self.boxes.form).into_iter();
-        stages.map(|stage| self.step(pipelines, stage)).collect()
+        let stages = GridStage::of_frame(self.boxes.form, self.capacity.found);
+        stages.into_iter().map(|stage| self.step(pipelines, stage)).collect()
     }
 
     fn step(&self, pipelines: &mut Pipelines, stage: GridStage) -> Result<Command, GpuError> {
         let b = self.blocks;
-        let found = || Part::of(&b.found, 0, 12 * u64::from(self.params.capacity));
+        let found = || Part::of(&b.found, 0, self.capacity.found_bytes());
         let (parts, groups) = match stage {
             GridStage::Cells(_) => (
                 vec![
@@ -64,19 +63,22 @@ impl Recording<'_> {
                 ],
                 self.sizes.batches,
             ),
-            GridStage::Pairs => (
-                vec![
+            GridStage::Pairs(what) => {
+                let mut parts = vec![
                     Part::whole(&b.layout),
                     self.table(),
                     self.records(&b.sorted),
                     Part::whole(&b.totals),
                     Part::whole(&b.control),
                     found(),
-                    self.reply.clone(),
-                ],
-                self.sizes.batches,
-            ),
-            GridStage::Write => (
+                ];
+                if what == Found::Words {
+                    // The order goes down.
+                    parts.push(self.reply.clone());
+                }
+                (parts, self.sizes.batches)
+            }
+            GridStage::Write(_) => (
                 vec![
                     Part::whole(&b.layout),
                     self.table(),
@@ -92,7 +94,7 @@ impl Recording<'_> {
         Ok(Command::Stage {
             pipeline: pipelines.get(Stage::Grid(stage))?,
             parts,
-            immediates: bytemuck::bytes_of(&self.params).to_vec(),
+            immediates: bytemuck::bytes_of(&self.sizes.params(self.capacity)).to_vec(),
             groups: [groups, 1],
         })
     }

@@ -4,9 +4,9 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use glam::{Quat, Vec3};
-use pairmask_core::Aabb;
 use pairmask_core::engine::{CullInput, Engine, Grid as CpuGrid, HeapReply, SweepAndPrune};
 use pairmask_core::update::{Placement, par_update_boxes};
+use pairmask_core::{Aabb, Encoding};
 use pairmaskd::execute::gpu::Gpu;
 use pairmaskd::scene::{Scene, SceneName};
 
@@ -56,13 +56,13 @@ pub(super) fn measure(gpu: &Arc<Gpu>, options: &GridOptions) -> Result<GridRepor
     let mut under_way = Vec::new();
     for &n in &options.counts {
         for name in SCENES {
-            let row = measure_scene(gpu, name, n, budget, true)?;
+            let row = measure_scene(gpu, name, n, Encoding::Sparse, budget, true)?;
             if name == SceneName::Uniform {
                 stages.extend(floor::stages(&row, &bandwidth));
             }
             scenes.push(row);
         }
-        let row = measure_scene(gpu, PAPER_SCENE, n, budget, true)?;
+        let row = measure_scene(gpu, PAPER_SCENE, n, Encoding::Sparse, budget, true)?;
         parts.push(parts_row(&row, budget));
         engines.push(engines_row(&row, budget));
         under_way.push(under_way_row(gpu, n, budget)?);

@@ -1,0 +1,199 @@
+//! The list encoding: the pairs of boxes themselves, in the order of the words of all tasks.
+
+use super::{EncodingCost, FoundWords, MaskWork};
+use crate::engine::cost::terms;
+use crate::engine::gather::Gather;
+use crate::engine::strips::{Split, in_parts};
+use crate::engine::{CostTerm, CullError, ReplyBuffer};
+use crate::mask::{MaskShape, SparseMask};
+use crate::stats::SceneStats;
+use crate::units::BoxCount;
+
+terms! {
+    /// A list.
+    LIST = CostTerm::new("list", 40.0);
+    /// A pair of boxes in their own order: kept, and written.
+    PAIR = CostTerm::new("list-pair", 0.8);
+    /// More for a pair in an order of the engine's, of which two boxes are looked up.
+    ORDERED_PAIR = CostTerm::new("list-ordered-pair", 0.5);
+}
+
+/// What lists take.
+pub(super) const COST: EncodingCost = EncodingCost {
+    write: MaskWork { terms: TERMS, amounts },
+    visit: MaskWork { terms: visit::TERMS, amounts: visit::amounts },
+    bytes: |stats, _| PAIR_BYTES * stats.expected_pairs(),
+};
+
+/// Bytes of a pair.
+const PAIR_BYTES: f64 = 8.0;
+
+fn amounts(stats: &SceneStats, has_order: bool, amounts: &mut [f64]) {
+    let pairs = stats.expected_pairs();
+    amounts[LIST] = 1.0;
+    amounts[PAIR] = pairs;
+    amounts[ORDERED_PAIR] = if has_order { pairs } else { 0.0 };
+}
+
+/// What the client does.
+mod visit {
+    use super::{CostTerm, SceneStats, terms};
+
+    terms! {
+        /// A list.
+        LIST = CostTerm::new("list-visit", 40.0);
+        /// A pair.
+        PAIR = CostTerm::by_lanes("list-visit-pair", 0.3);
+    }
+
+    pub(super) fn amounts(stats: &SceneStats, _: bool, amounts: &mut [f64]) {
+        amounts[LIST] = 1.0;
+        amounts[PAIR] = stats.expected_pairs();
+    }
+}
+
+/// Fewest pairs that are worth a second thread: some 10 µs of work.
+const PARALLEL_PAIRS: u64 = 8 * 1024;
+
+/// Writes the pairs of the words of all tasks and says where they lie.
+///
+/// Each task knows its number of pairs, so that each has its place before any is written: the bytes do
+/// not depend on which thread writes them.
+pub(super) fn write<'a, W, T>(
+    tasks: &T,
+    gather: &Gather<'_>,
+    parallel: bool,
+    reply: &mut dyn ReplyBuffer,
+) -> Result<MaskShape, CullError>
+where
+    W: FoundWords + 'a,
+    T: Iterator<Item = &'a W> + Clone + Send + Sync,
+{
+    let pair_count = tasks.clone().map(FoundWords::pair_count).sum();
+    let shape = MaskShape::list(pair_count);
+    let (out, _) = reply.reserve(shape.extent_words())?.as_chunks_mut();
+    let task_count = tasks.clone().count();
+    let all = Part { tasks, first: 0, task_count, out: &mut out[..pair_count as usize] };
+    let parts = if parallel && pair_count >= PARALLEL_PAIRS { task_count } else { 1 };
+    let names = Names { n: gather.budget.n(), order: gather.order };
+    in_parts(all, parts, &|part: Part<'_, T>| part.write(names), &|(), ()| ());
+    Ok(shape)
+}
+
+/// The boxes at the positions of words.
+#[derive(Clone, Copy)]
+struct Names<'a> {
+    n: BoxCount,
+    /// Box index at each position; empty where positions are indices.
+    order: &'a [u32],
+}
+
+/// Some tasks in sequence, and the room for exactly their pairs.
+struct Part<'a, T> {
+    tasks: &'a T,
+    first: usize,
+    task_count: usize,
+    out: &'a mut [[u32; 2]],
+}
+
+impl<'a, W, T> Part<'_, T>
+where
+    W: FoundWords + 'a,
+    T: Iterator<Item = &'a W> + Clone,
+{
+    /// The tasks from one of the part on.
+    fn tasks(&self, from: usize, count: usize) -> impl Iterator<Item = &'a W> + use<'a, W, T> {
+        self.tasks.clone().skip(self.first + from).take(count)
+    }
+
+    fn write(self, names: Names<'_>) {
+        let tasks = self.tasks(0, self.task_count);
+        let mut rest = self.out;
+        for words in tasks.flat_map(FoundWords::chunks) {
+            let order = Some(names.order).filter(|order| !order.is_empty());
+            SparseMask::of_found(names.n, words, order).for_each_slice(|pairs| {
+                let (here, later) = std::mem::take(&mut rest).split_at_mut(pairs.len());
+                here.copy_from_slice(pairs);
+                rest = later;
+            });
+        }
+        debug_assert!(rest.is_empty(), "a task's count of pairs is that of its words' bits");
+    }
+}
+
+impl<'a, W, T> Split for Part<'_, T>
+where
+    W: FoundWords + 'a,
+    T: Iterator<Item = &'a W> + Clone + Send + Sync,
+{
+    fn len(&self) -> usize {
+        self.task_count
+    }
+
+    fn split_at(self, at: usize) -> (Self, Self) {
+        let pairs: u64 = self.tasks(0, at).map(FoundWords::pair_count).sum();
+        let (low, high) = self.out.split_at_mut(pairs as usize);
+        let Self { tasks, first, task_count, .. } = self;
+        (
+            Self { tasks, first, task_count: at, out: low },
+            Self { tasks, first: first + at, task_count: task_count - at, out: high },
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::engine::{CullInput, EngineName, HeapReply, Isa, ReplyBuffer, cpu_engine};
+    use crate::mask::{Encoding, MaskView};
+    use crate::units::BoxCount;
+    use crate::{Aabb, oracle};
+
+    #[test]
+    fn a_small_scene_comes_back_as_a_list() {
+        let boxes: Vec<Aabb> = (0..345)
+            .map(|i| {
+                let [x, y, z] = [i * 37 % 29, i * 53 % 31, i * 71 % 23].map(|x| x as f32);
+                Aabb::from([x, y, z, x + 4.0, y + 5.0, z + 6.0])
+            })
+            .collect();
+        let expected = oracle::truth(&boxes).pairs;
+        assert!(expected.len() > 300);
+        for name in EngineName::CPU {
+            let mut engine = cpu_engine(name, Isa::best()).expect("of the CPU");
+            for threads in [1, 2] {
+                let mut reply = HeapReply::new();
+                let input = CullInput::boxes(&boxes).encoding(Encoding::List).threads(threads);
+                let report = engine.cull(&input, &mut reply).expect("a list");
+                assert_eq!(report.shape.encoding(), Encoding::List);
+                let mask = MaskView::new(BoxCount::new(345), &report.shape, reply.words());
+                let mask = mask.expect("a list");
+                assert_eq!(mask.verify(), Ok(()));
+                let mut pairs = mask.to_vec();
+                pairs.sort_unstable();
+                assert_eq!(pairs, expected, "{name}");
+                assert_eq!(mask.count(), expected.len() as u64);
+                assert_eq!(mask.words().count(), expected.len());
+                for a in 0..345 {
+                    for b in 0..345 {
+                        let is_pair = expected.contains(&(a.min(b), a.max(b)));
+                        assert_eq!(mask.contains(a, b), is_pair, "{a} {b}");
+                    }
+                }
+                let naive = oracle::naive_decoder::decode(reply.words(), &report.shape, 345);
+                assert_eq!(naive.as_ref(), Ok(&expected));
+            }
+        }
+    }
+
+    #[test]
+    fn a_list_that_does_not_fit_is_refused() {
+        let boxes = [Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]); 40];
+        for name in EngineName::CPU {
+            let mut engine = cpu_engine(name, Isa::best()).expect("of the CPU");
+            let mut reply = HeapReply::with_limit_bytes(8 * 779);
+            assert!(reply.limit_words() == 2 * 779);
+            let input = CullInput::boxes(&boxes).encoding(Encoding::List);
+            assert!(engine.cull(&input, &mut reply).is_err(), "{name}: 780 pairs");
+        }
+    }
+}

@@ -1,0 +1,61 @@
+//! Whether some pairs are pairs of the boxes there are, as fast as the first-level cache is read.
+#![allow(unsafe_code)]
+
+use crate::isa::{AvailableIsa, Isa};
+use crate::units::BoxCount;
+
+/// Whether all of `pairs` are pairs of `n` boxes, smaller index first.
+#[inline]
+pub(super) fn are_pairs(pairs: &[[u32; 2]], n: BoxCount, isa: AvailableIsa) -> bool {
+    match isa.get() {
+        // SAFETY: an `AvailableIsa` of AVX-512 exists only where the CPU reported these features.
+        #[cfg(target_arch = "x86_64")]
+        Isa::Avx512 => unsafe { avx512(pairs, n) },
+        // SAFETY: an `AvailableIsa` of AVX2 exists only where the CPU reported it.
+        #[cfg(target_arch = "x86_64")]
+        Isa::Avx2 => unsafe { avx2(pairs, n) },
+        _ => plain(pairs, n),
+    }
+}
+
+/// Vector code of whatever instruction set its caller is compiled for: no branch on any single pair.
+#[inline(always)]
+pub(super) fn plain(pairs: &[[u32; 2]], n: BoxCount) -> bool {
+    pairs.iter().fold(true, |all, [a, b]| all & (a < b) & (*b < n.get()))
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2")]
+fn avx512(pairs: &[[u32; 2]], n: BoxCount) -> bool {
+    plain(pairs, n)
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn avx2(pairs: &[[u32; 2]], n: BoxCount) -> bool {
+    plain(pairs, n)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_instruction_set_sees_each_stray() {
+        for isa in Isa::ALL.into_iter().filter_map(AvailableIsa::new) {
+            for len in (0..70).chain([256, 345]) {
+                let n = BoxCount::new(1_234);
+                let mut pairs: Vec<[u32; 2]> = (0..len).map(|i| [i, 1_233 - i]).collect();
+                assert!(are_pairs(&pairs, n, isa), "{isa:?} {len}");
+                for at in 0..pairs.len() {
+                    for stray in [[5, 5], [6, 5], [0, 1_234], [u32::MAX - 1, u32::MAX]] {
+                        let good = std::mem::replace(&mut pairs[at], stray);
+                        assert!(!are_pairs(&pairs, n, isa), "{isa:?} {at} of {len}: {stray:?}");
+                        pairs[at] = good;
+                    }
+                }
+                assert!(len == 0 || !are_pairs(&pairs, BoxCount::new(0), isa));
+            }
+        }
+    }
+}
