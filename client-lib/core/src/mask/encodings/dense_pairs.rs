@@ -1,6 +1,8 @@
 //! Pairs of a dense mask: one inverse of the pair index a word, then stepping.
 
 #[cfg(target_arch = "x86_64")]
+mod avx2;
+#[cfg(target_arch = "x86_64")]
 mod avx512;
 
 use super::dense_words::DenseWords;
@@ -31,6 +33,8 @@ impl<'a> DensePairs<'a> {
         match self.isa.get() {
             #[cfg(target_arch = "x86_64")]
             Isa::Avx512 => avx512::write(self, writer, self.isa),
+            #[cfg(target_arch = "x86_64")]
+            Isa::Avx2 => avx2::write(self, writer, self.isa),
             _ => self.write_with(writer, flags_of),
         }
     }
