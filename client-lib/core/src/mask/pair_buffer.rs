@@ -105,6 +105,7 @@ impl PairWriter<'_> {
     }
 
     /// Adds the first `count` of `N` pairs. There must be room for `N`.
+    #[cfg(target_arch = "x86_64")]
     #[inline(always)]
     pub fn put_first_of<const N: usize>(&mut self, count: usize, pairs: [[u32; 2]; N]) {
         debug_assert!(count <= N && self.has_room_for(N));
@@ -134,13 +135,16 @@ impl PairWriter<'_> {
 
     /// Turns pairs of positions into pairs of the boxes there, smaller first. A position that the
     /// order does not have becomes box 2^32 − 1, which there never is.
+    #[cfg(target_arch = "x86_64")]
     #[inline(always)]
     pub fn name_boxes(&mut self, order: &[u32]) {
         let written = self.pairs.get_mut(..self.end).unwrap_or(&mut []);
         // Two passes: the first only waits for memory, with nothing to guess wrong, and the second
         // is vector code.
         look_up(order, written.as_flattened_mut());
-        self.put_smaller_first();
+        for [a, b] in written {
+            (*a, *b) = ((*a).min(*b), (*a).max(*b));
+        }
     }
 
     /// Puts pairs of boxes into the empty buffer, smaller first: the first `count` of rows and columns.
@@ -152,20 +156,13 @@ impl PairWriter<'_> {
             *pair = [*row.min(column), *row.max(column)];
         }
     }
-
-    /// Brings the two of each pair into order.
-    #[inline(always)]
-    pub fn put_smaller_first(&mut self) {
-        for [a, b] in self.pairs.get_mut(..self.end).unwrap_or(&mut []) {
-            (*a, *b) = ((*a).min(*b), (*a).max(*b));
-        }
-    }
 }
 
 /// Replaces each position by the box there.
 ///
 /// A function of its own, so that it is not compiled for AVX-512 along with its caller: gather
 /// instructions take longer than the loads that they stand for on half of the machines.
+#[cfg(target_arch = "x86_64")]
 #[inline(never)]
 fn look_up(order: &[u32], positions: &mut [u32]) {
     for position in positions {

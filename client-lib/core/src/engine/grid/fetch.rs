@@ -1,14 +1,18 @@
 //! Boxes out of their records, into the order of their cells.
 
 #[cfg(target_arch = "x86_64")]
+mod avx2;
+#[cfg(target_arch = "x86_64")]
 mod avx512;
 
 use super::homes::REACH_SHIFT;
 use super::level::Reach;
 use super::tile::Record;
 use crate::aabb::{Aabb, order_key};
+use crate::engine::AvailableIsa;
+#[cfg(target_arch = "x86_64")]
+use crate::engine::Isa;
 use crate::engine::strips::KeyArraysMut;
-use crate::engine::{AvailableIsa, Isa};
 
 /// Each position's box out of its record, whose number `order` holds. All are of one length.
 pub(super) fn fetch(
@@ -21,6 +25,8 @@ pub(super) fn fetch(
     let done = match isa.get() {
         #[cfg(target_arch = "x86_64")]
         Isa::Avx512 => avx512::fetch(records, keys, order, reach, isa),
+        #[cfg(target_arch = "x86_64")]
+        Isa::Avx2 => avx2::fetch(records, keys, order, reach, isa),
         _ => 0,
     };
     let mut rest = keys.each_mut().map(|array| &mut array[done..]);

@@ -107,7 +107,7 @@ fn lanes(mask: __m256i) -> u32 {
 /// `order_key` of `crate::aabb`, 8 at a time.
 #[inline]
 #[target_feature(enable = "avx2")]
-fn order_keys(bits: __m256i) -> __m256i {
+pub(crate) fn order_keys(bits: __m256i) -> __m256i {
     let minus_zero = _mm256_cmpeq_epi32(bits, _mm256_set1_epi32(i32::MIN));
     let flip = _mm256_srli_epi32::<1>(_mm256_srai_epi32::<31>(bits));
     _mm256_andnot_si256(minus_zero, _mm256_xor_si256(bits, flip))

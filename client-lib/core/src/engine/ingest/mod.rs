@@ -10,6 +10,8 @@ mod avx512;
 mod portable;
 
 #[cfg(target_arch = "x86_64")]
+pub(crate) use avx2::order_keys as order_keys_avx2;
+#[cfg(target_arch = "x86_64")]
 pub(crate) use avx512::order_keys;
 
 use crate::aabb::{Aabb, KeyBox};

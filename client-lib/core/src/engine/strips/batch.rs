@@ -1,5 +1,7 @@
 //! A batch of strips and the kernels that test it.
 
+#[cfg(target_arch = "aarch64")]
+use super::neon;
 use super::ordered::{KeyArrays, OrderedBoxes};
 use super::portable;
 #[cfg(target_arch = "x86_64")]
@@ -110,6 +112,8 @@ impl StripBatch {
             Isa::Avx512 => avx512::test(&keys, rows, starts, lanes, isa),
             #[cfg(target_arch = "x86_64")]
             Isa::Avx2 => avx2::test(&keys, rows, starts, lanes, isa),
+            #[cfg(target_arch = "aarch64")]
+            Isa::Neon => neon::test(&keys, rows, starts, lanes),
             _ => portable::test(&keys, rows, starts, lanes),
         };
     }
@@ -120,6 +124,7 @@ impl StripBatch {
     }
 
     /// [`Self::strips`] by 16, the last ones filled up with strips that are none.
+    #[cfg(target_arch = "x86_64")]
     pub(super) fn padded_strips(&self) -> (By16<'_, u32>, By16<'_, u32>, By16<'_, u16>) {
         let end = self.len.next_multiple_of(STRIP_COLUMNS).min(BATCH_STRIPS);
         (
@@ -146,12 +151,14 @@ impl StripBatch {
     }
 
     /// Strips.
+    #[cfg(target_arch = "x86_64")]
     pub(super) fn len(&self) -> usize {
         self.len
     }
 }
 
 /// Strips of a batch, 16 at a time.
+#[cfg(target_arch = "x86_64")]
 pub(super) type By16<'a, T> = &'a [[T; STRIP_COLUMNS]];
 
 /// Whether a kernel may read the keys of all rows and 16 columns from all starts.

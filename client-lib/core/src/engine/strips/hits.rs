@@ -3,8 +3,10 @@
 use super::StripBatch;
 use super::batch::{BATCH_STRIPS, STRIP_COLUMNS};
 #[cfg(target_arch = "x86_64")]
-use super::words_avx512;
-use crate::engine::{AvailableIsa, Isa};
+use super::{words_avx2, words_avx512};
+use crate::engine::AvailableIsa;
+#[cfg(target_arch = "x86_64")]
+use crate::engine::Isa;
 
 /// Room for a register behind the last hit.
 pub(super) const HITS_ALLOCATED: usize = BATCH_STRIPS + STRIP_COLUMNS;
@@ -30,21 +32,20 @@ impl Default for Hits {
 impl Hits {
     /// Replaces the hits by those of a batch; returns how many pairs they are.
     pub fn collect(&mut self, batch: &StripBatch, isa: AvailableIsa) -> u64 {
-        let pairs = match isa.get() {
+        let (len, pairs) = match isa.get() {
             #[cfg(target_arch = "x86_64")]
-            Isa::Avx512 => {
-                let (len, pairs) = words_avx512::collect(batch, self, isa);
-                self.len = len;
-                pairs
-            }
+            Isa::Avx512 => words_avx512::collect(batch, self, isa),
+            #[cfg(target_arch = "x86_64")]
+            Isa::Avx2 => words_avx2::collect(batch, self, isa),
             _ => self.collect_portable(batch),
         };
+        self.len = len;
         self.bits[self.len..][..STRIP_COLUMNS].fill(0);
         pairs
     }
 
     /// Whether a strip has a hit is a coin toss: all are copied and those without are overwritten.
-    fn collect_portable(&mut self, batch: &StripBatch) -> u64 {
+    fn collect_portable(&mut self, batch: &StripBatch) -> (usize, u64) {
         let (rows, starts, lanes) = batch.strips();
         let (mut len, mut pairs) = (0, 0);
         for ((&row, &start), &lanes) in rows.iter().zip(starts).zip(lanes) {
@@ -53,8 +54,7 @@ impl Hits {
             len += usize::from(lanes != 0);
             pairs += u64::from(lanes.count_ones());
         }
-        self.len = len;
-        pairs
+        (len, pairs)
     }
 
     /// Row, start and bits of a hit.

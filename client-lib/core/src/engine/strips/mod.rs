@@ -23,9 +23,15 @@ mod block;
 mod block_avx512;
 mod fan_out;
 mod hits;
+#[cfg(target_arch = "aarch64")]
+mod neon;
 mod ordered;
 mod portable;
 mod sink;
+#[cfg(target_arch = "x86_64")]
+mod squeeze_avx2;
+#[cfg(target_arch = "x86_64")]
+mod words_avx2;
 #[cfg(target_arch = "x86_64")]
 mod words_avx512;
 

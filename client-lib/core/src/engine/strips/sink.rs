@@ -1,12 +1,14 @@
 //! Hits to mask words: sorted by (row, block), none of them zero, each address once.
 
 use super::hits::Hits;
-#[cfg(target_arch = "x86_64")]
-use super::words_avx512;
 use super::{RowBlock, StripBatch};
+#[cfg(target_arch = "x86_64")]
+use super::{words_avx2, words_avx512};
+use crate::engine::AvailableIsa;
+#[cfg(target_arch = "x86_64")]
+use crate::engine::Isa;
 use crate::engine::encode::FoundWords;
 use crate::engine::gather::Gather;
-use crate::engine::{AvailableIsa, Isa};
 
 /// Words of a chunk, 12 KiB: large enough that [`STEP_ROOM`] left empty is a twentieth of it, small
 /// enough that the last, half empty one of each task is nothing against the boxes of the task.
@@ -138,6 +140,8 @@ impl WordSink {
             done = match isa.get() {
                 #[cfg(target_arch = "x86_64")]
                 Isa::Avx512 => words_avx512::append(&self.hits, done, chunk, isa),
+                #[cfg(target_arch = "x86_64")]
+                Isa::Avx2 => words_avx2::append(&self.hits, done, chunk, isa),
                 _ => append(&self.hits, done, chunk),
             };
         }

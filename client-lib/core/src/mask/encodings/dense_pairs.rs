@@ -1,10 +1,14 @@
 //! Pairs of a dense mask: one inverse of the pair index a word, then stepping.
 
 #[cfg(target_arch = "x86_64")]
+mod avx2;
+#[cfg(target_arch = "x86_64")]
 mod avx512;
 
 use super::dense_words::DenseWords;
-use crate::isa::{AvailableIsa, Isa};
+use crate::isa::AvailableIsa;
+#[cfg(target_arch = "x86_64")]
+use crate::isa::Isa;
 use crate::mask::pair_buffer::{PairWriter, WORD_PAIRS};
 use crate::mask::word_flags::{Chunk, flags_of};
 use crate::pair_index::PairWalker;
@@ -29,6 +33,8 @@ impl<'a> DensePairs<'a> {
         match self.isa.get() {
             #[cfg(target_arch = "x86_64")]
             Isa::Avx512 => avx512::write(self, writer, self.isa),
+            #[cfg(target_arch = "x86_64")]
+            Isa::Avx2 => avx2::write(self, writer, self.isa),
             _ => self.write_with(writer, flags_of),
         }
     }

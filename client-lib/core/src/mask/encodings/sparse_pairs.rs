@@ -11,7 +11,9 @@ mod vbmi2;
 #[cfg(target_arch = "x86_64")]
 use self::vbmi2::Vbmi2;
 use super::sparse_words::SparseWords;
-use crate::isa::{AvailableIsa, Isa};
+use crate::isa::AvailableIsa;
+#[cfg(target_arch = "x86_64")]
+use crate::isa::Isa;
 use crate::mask::pair_buffer::PairWriter;
 use crate::units::BoxCount;
 
@@ -61,17 +63,22 @@ impl Kernel {
 
     /// Each one that this machine can run on a mask, and its name.
     pub fn all(has_order: bool) -> Vec<(&'static str, Self)> {
-        let mut all = vec![("plain", Self::Plain)];
+        let plain = ("plain", Self::Plain);
         #[cfg(target_arch = "x86_64")]
         {
+            let mut all = vec![plain];
             let avx512 = AvailableIsa::new(Isa::Avx512);
             all.extend(AvailableIsa::new(Isa::Avx2).map(|isa| ("avx2", Self::Avx2(isa))));
             all.extend(avx512.map(|isa| ("avx512", Self::Avx512(isa))));
             let vbmi2 = avx512.filter(|_| has_order).and_then(Vbmi2::new);
             all.extend(vbmi2.map(|proof| ("vbmi2", Self::Vbmi2(proof))));
+            all
         }
-        let _ = has_order;
-        all
+        #[cfg(not(target_arch = "x86_64"))]
+        {
+            let _ = has_order;
+            vec![plain]
+        }
     }
 }
 
@@ -96,7 +103,7 @@ impl<'a> SparsePairs<'a> {
             (Kernel::Avx512(isa), _) => avx512::write(self, writer, isa),
             #[cfg(target_arch = "x86_64")]
             (Kernel::Avx2(isa), _) => avx2::write(self, writer, isa),
-            _ => by_word::run(self, writer),
+            _ => by_word::write(self, writer),
         };
         rest.map(|rest| self.words = rest).is_some()
     }

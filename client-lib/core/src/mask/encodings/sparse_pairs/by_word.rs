@@ -142,6 +142,16 @@ const fn has_room(len: usize) -> bool {
     len + WORD_PAIRS <= CAPACITY
 }
 
+/// [`run`], compiled for every machine of the architecture. A function of its own: its arrays would be on
+/// the stack of the other kernels too.
+#[inline(never)]
+pub(super) fn write<'a>(
+    pairs: &SparsePairs<'a>,
+    writer: &mut PairWriter,
+) -> Option<SparseWords<'a>> {
+    run(pairs, writer)
+}
+
 /// Puts the pairs of words until there is no more room. The words left over, or `None` at the end.
 #[inline(always)]
 pub(super) fn run<'a>(pairs: &SparsePairs<'a>, writer: &mut PairWriter) -> Option<SparseWords<'a>> {

@@ -54,11 +54,17 @@ pub(super) fn write<'a>(
 ) -> Option<SparseWords<'a>> {
     assert!(order.len() >= pairs.n.len(), "the view has seen a box for each position");
     // SAFETY: the proof is only made where the machine has these features.
-    unsafe { run(pairs, order, writer) }
+    unsafe {
+        if order.len() >= LARGE_ORDER {
+            run::<true>(pairs, order, writer)
+        } else {
+            run::<false>(pairs, order, writer)
+        }
+    }
 }
 
 #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx512vbmi2,popcnt,bmi1,bmi2")]
-fn run<'a>(
+fn run<'a, const FETCH_AHEAD: bool>(
     pairs: &SparsePairs<'a>,
     order: &[u32],
     writer: &mut PairWriter,
@@ -69,9 +75,7 @@ fn run<'a>(
     while writer.has_room_for(WORD_ROOM)
         && let Some((step, rest)) = words.split_first_chunk::<STEP>()
     {
-        if order.len() >= LARGE_ORDER
-            && let Some(blocks) = words.blocks_from::<STEP>(AHEAD)
-        {
+        if FETCH_AHEAD && let Some(blocks) = words.blocks_from::<STEP>(AHEAD) {
             fetch_names(order, blocks);
         }
         let [rows, blocks, bits] = without_strays(pairs.n, step);
