@@ -31,7 +31,7 @@
 //! | step | what |
 //! |---|---|
 //! | connect | [`Session`], made by a [`SessionBuilder`] |
-//! | fill | [`Frame::write`]: a slice of [`Aabb`], arrays of corners or of centres and half extents ([`write`]), or local boxes and transforms ([`update`]); or write in place, [`Frame::boxes_mut`] |
+//! | fill | [`Frame::write`]: a slice of [`Aabb`], arrays of corners or of centres and half extents ([`write`](mod@write)), or local boxes and transforms ([`update`]); or write in place, [`Frame::boxes_mut`] |
 //! | submit, wait | [`PendingFrame`]: the frame is under way while you do something else |
 //! | decode | [`PairMask`]: [`pairs`](PairMask::pairs), [`par_pairs`](PairMask::par_pairs), [`contains`](PairMask::contains); [`words`](PairMask::words) for AND masks of your own ([`mask`]) |
 //!

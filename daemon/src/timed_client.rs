@@ -73,6 +73,11 @@ struct Looked {
 }
 
 impl Looked {
+    fn of(pairs: &[[u32; 2]]) -> Self {
+        let indices = pairs.iter().fold(0, |indices, [a, b]| indices ^ a ^ b);
+        Self { pairs: pairs.len() as u64, indices }
+    }
+
     const fn at(self, (a, b): (u32, u32)) -> Self {
         Self { pairs: self.pairs + 1, indices: self.indices ^ a ^ b }
     }
@@ -102,7 +107,7 @@ impl Decoding {
         match self {
             Self::Serial => {
                 let mut looked = Looked::default();
-                mask.view().for_each(|a, b| looked = looked.at((a, b)));
+                mask.for_each_slice(|pairs| looked = looked.and(Looked::of(pairs)));
                 looked
             }
             Self::Parallel(decoders) => decoders.awake.work(|| {

@@ -18,10 +18,6 @@ pub const PAIRS_WORKGROUP: u32 = 64;
 /// this many words, 12 KiB of the 16 KiB that every device has.
 pub const WINDOW_WORDS: u32 = 1024;
 
-/// Pairs that a batch of the grid collects in workgroup memory, six a row: two arrays of this many
-/// words, 12 KiB of the 16 KiB. A batch with more tests its rows twice.
-pub const WINDOW_PAIRS: u32 = 1536;
-
 /// Pairs of a list in a line of 128 bytes, the largest piece of a reply that a subgroup writes across
 /// the link at once: less than a line costs as much as a line.
 pub const LINE_PAIRS: u32 = 16;
@@ -84,7 +80,6 @@ pub(crate) fn as_wgsl() -> String {
         ("BOX_WORDS", BOX_WORDS),
         ("PAIRS_WORKGROUP", PAIRS_WORKGROUP),
         ("WINDOW_WORDS", WINDOW_WORDS),
-        ("WINDOW_PAIRS", WINDOW_PAIRS),
         ("LINE_PAIRS", LINE_PAIRS),
         ("SECTION_ALIGN", pairmask_core::mask::SECTION_ALIGN_WORDS as u32),
         ("GRID_LEVELS", GRID_LEVELS),

@@ -1,12 +1,12 @@
-// grid_pairs: each row against the later boxes of the cells around it: mask words, or pairs of boxes.
+// grid_pairs: each row against the later boxes of the cells around it, 32 positions to a word.
 //
 // One row a thread. In its own level a row looks at its own line of cells from itself on and at the
 // later ones of the eight lines around; in each coarser level at all cells that a box overlapping
-// it can have its min corner in; and at all giants. Runs come by rising position, so what a row
-// finds comes out sorted. The items, words or pairs (`found_words`, `found_pairs`), are collected in
-// workgroup memory as they come, put in order of the rows and written to the block of found items, a
-// stretch a batch; `grid_write` puts the batches in order. A batch with more items than fit tests its
-// rows a second time.
+// it can have its min corner in; and at all giants. Runs come by rising position, so the words of
+// a row come out sorted. They are collected in workgroup memory as they come, put in order of
+// (row, block) and written to the block of found items, a stretch a batch; `grid_write` puts the
+// batches in order. Items are the words themselves or their pairs (`found_words`, `found_pairs`). A
+// batch with more words than fit tests its rows a second time.
 // Mirror: `mirror/grid_pairs.rs`.
 
 #import constants
@@ -26,25 +26,48 @@
 var<workgroup> level_starts: array<u32, GRID_LEVELS>;
 var<workgroup> level_ends: array<u32, GRID_LEVELS>;
 var<workgroup> used_levels: atomic<u32>;
-var<workgroup> items_seen: atomic<u32>;
+var<workgroup> words_seen: atomic<u32>;
 var<workgroup> pair_sum: atomic<u32>;
 var<workgroup> compared_sum: atomic<u32>;
 var<workgroup> batch_base: u32;
-// Row in the batch << 24 | number of the item in its row.
-var<workgroup> window_places: array<u32, WINDOW_ITEMS>;
+// Row in the batch << 24 | items of the row before the word; block; bits.
+var<workgroup> window_places: array<u32, WINDOW_WORDS>;
+var<workgroup> window_blocks: array<u32, WINDOW_WORDS>;
+var<workgroup> window_bits: array<u32, WINDOW_WORDS>;
 
 // The row at hand.
 var<private> row: u32;
 var<private> row_lane: u32;
 var<private> row_lo: vec3<i32>;
 var<private> row_hi: vec3<i32>;
-// Items, pairs and tests of the row.
+// The word at hand, items that the row had before it, and pairs and tests of the row.
+var<private> block: u32;
+var<private> bits: u32;
 var<private> item_count: u32;
 var<private> pair_count: u32;
 var<private> compared: u32;
 // Second time: the row's items go to here in the block of found items, at once.
 var<private> again: bool;
 var<private> place: u32;
+
+fn finish_word() {
+    if (bits == 0u) {
+        return;
+    }
+    if (again) {
+        store_word(place + item_count, row, row_lane, block, bits);
+    } else {
+        let at = atomicAdd(&words_seen, 1u);
+        if (at < WINDOW_WORDS) {
+            window_places[at] = (row_lane << 24u) | item_count;
+            window_blocks[at] = block;
+            window_bits[at] = bits;
+        }
+    }
+    item_count += items_of(bits);
+    pair_count += countOneBits(bits);
+    bits = 0u;
+}
 
 // Tests the row against the positions start .. end.
 fn test_run(start: u32, table_end: u32) {
@@ -56,7 +79,11 @@ fn test_run(start: u32, table_end: u32) {
         if (all(a.xyz <= row_hi) & (row_lo.x <= a.w)) {
             let b = sorted[2u * p + 1u];
             if (all(row_lo.yz <= b.xy)) {
-                note_overlap(p, bitcast<u32>(b.z));
+                if (p / 32u != block) {
+                    finish_word();
+                    block = p / 32u;
+                }
+                bits |= 1u << (p % 32u);
             }
         }
     }
@@ -112,10 +139,11 @@ fn test_level(index: u32, is_own: bool) {
 }
 
 fn test_row(own_level: u32) {
+    block = 0xffffffffu;
+    bits = 0u;
     item_count = 0u;
     pair_count = 0u;
     compared = 0u;
-    begin_row();
     var levels = atomicLoad(&used_levels) & (0xffffffffu << own_level);
     while (levels != 0u) {
         let level = countTrailingZeros(levels);
@@ -124,7 +152,7 @@ fn test_row(own_level: u32) {
     }
     let giants = table[grid.first_giant];
     test_run(max(giants, row + 1u), table[grid.first_nothing]);
-    end_row();
+    finish_word();
 }
 
 @compute @workgroup_size(BATCH_BOXES)
@@ -132,7 +160,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     let batch = group.x;
     if (lane == 0u) {
         atomicStore(&used_levels, 0u);
-        atomicStore(&items_seen, 0u);
+        atomicStore(&words_seen, 0u);
         atomicStore(&pair_sum, 0u);
         atomicStore(&compared_sum, 0u);
     }
@@ -194,15 +222,17 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     if (batch_items == 0u || base > params.capacity || batch_items > params.capacity - base) {
         return;
     }
-    if (batch_items <= WINDOW_ITEMS) {
-        for (var i = lane; i < batch_items; i += BATCH_BOXES) {
+    let batch_words = atomicLoad(&words_seen);
+    if (batch_words <= WINDOW_WORDS) {
+        for (var i = lane; i < batch_words; i += BATCH_BOXES) {
             let of_lane = window_places[i] >> 24u;
             var before = 0u;
             if (of_lane > 0u) {
                 before = scan[of_lane - 1u];
             }
             let at = base + before + (window_places[i] & 0xffffffu);
-            store_item(i, at, batch, of_lane);
+            let of_row = batch * BATCH_BOXES + of_lane;
+            store_word(at, of_row, of_lane, window_blocks[i], window_bits[i]);
         }
     } else if (own != 0u) {
         again = true;

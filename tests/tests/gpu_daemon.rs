@@ -58,14 +58,18 @@ fn a_dense_mask_of_the_grid_comes_from_all_pairs() {
     assert_eq!(mask.count(), oracle::truth(&boxes).pairs.len() as u64);
 }
 
-/// Frames large enough to be left under way: two clients with two each, in any order and form.
+/// Frames large enough to be left under way: two clients with two each, in any order and form, of which
+/// one asks for lists.
 #[test]
 fn frames_under_way_at_a_time_do_not_mix() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
     let grid = EngineChoice::Only(EngineName::GpuGrid);
     let n = 33_001;
-    let mut sessions: Vec<Session> =
-        (0..2).map(|_| daemon.session().engine(grid).connect().unwrap()).collect();
+    let encodings = [Encoding::Sparse, Encoding::List];
+    let mut sessions: [Session; 2] = encodings.map(|encoding| {
+        let encoding = EncodingChoice::Only(encoding);
+        daemon.session().engine(grid).encoding(encoding).connect().unwrap()
+    });
     let scenes: Vec<_> =
         (0..4).map(|seed| stress_scenes::named("uniform").boxes(n, seed)).collect();
     let [q16, q8, f16] = narrow_precisions(&scenes[0]);

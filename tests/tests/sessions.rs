@@ -132,7 +132,7 @@ fn narrow_frames_take_what_exact_ones_take() {
             frame.submit().unwrap().wait().unwrap().to_vec()
         };
         let expected = pairs(&|frame| frame.fill(&boxes));
-        assert!(expected.len() > 344, "neighbours overlap");
+        assert!(expected.len() > 300, "most neighbours overlap");
         assert_eq!(pairs(&|frame| frame.fill(&CenterHalf::points(&center, &half))), expected);
     }
 }

@@ -179,12 +179,6 @@ impl GpuService {
         if !plan.engine.is_gpu() {
             return Err(CullError::Unavailable { engine: plan.engine, why: "no such GPU engine" });
         }
-        // All pairs stands in for the grid.
-        let writes = |engine: EngineName| engine.descriptor().encodings.contains(&plan.encoding);
-        if !writes(plan.engine) && !writes(EngineName::GpuBrute) {
-            let why = "no engine of the GPU writes masks of this encoding";
-            return Err(CullError::Unavailable { engine: plan.engine, why });
-        }
         let lost = CullError::DeviceLost { engine: plan.engine };
         if !self.refresh() {
             return Err(lost);

@@ -66,7 +66,7 @@ fn session(
 ) -> Result<Session, ConnectError> {
     let n = u32::try_from(boxes.len()).unwrap_or(u32::MAX);
     let builder = daemon.session().backend(backend).engine(engine).threads(threads);
-    builder.deadline(DEADLINE).capacity(BoxCount::new(n)).connect()
+    builder.visit_threads(threads).deadline(DEADLINE).capacity(BoxCount::new(n)).connect()
 }
 
 /// A lane's own threads, also for one thread: the scheduler of a busy machine wakes last the thread

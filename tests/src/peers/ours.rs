@@ -56,7 +56,7 @@ impl Contender for Ours {
             mask.par_pairs().fold(Tally::default, visited).reduce(Tally::default, Tally::plus)
         } else {
             let mut tally = Tally::default();
-            mask.view().for_each(|a, b| tally.visit(a, b));
+            mask.for_each_slice(|pairs| pairs.iter().for_each(|&[a, b]| tally.visit(a, b)));
             tally
         };
         self.mask = Some(mask);

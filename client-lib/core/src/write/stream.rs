@@ -1,4 +1,4 @@
-//! Non-temporal copies, the only `unsafe` of writing boxes.
+//! Non-temporal copies.
 #![allow(unsafe_code)]
 
 use bytemuck::{Pod, Zeroable};

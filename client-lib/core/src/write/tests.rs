@@ -49,7 +49,7 @@ fn bits(boxes: &[Aabb]) -> Vec<[u32; 6]> {
 fn ways(n: usize) -> impl Iterator<Item = (Way, AvailableIsa)> {
     let isas: Vec<_> = Isa::ALL.into_iter().filter_map(AvailableIsa::new).collect();
     [Stores::Cached, Stores::Streaming].into_iter().flat_map(move |stores| {
-        let ways = [n.max(1), 40, 1000].map(|part_boxes| Way { stores, part_boxes });
+        let ways = [n, 40, 1000].map(|part_boxes| Way { stores, part_boxes });
         let isas = isas.clone();
         ways.into_iter().flat_map(move |way| isas.clone().into_iter().map(move |isa| (way, isa)))
     })

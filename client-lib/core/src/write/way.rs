@@ -42,7 +42,7 @@ impl Stores {
 pub struct Way {
     /// The stores.
     pub stores: Stores,
-    /// Boxes of a part, at least 1. One part is written by the calling thread, several by its rayon pool.
+    /// Boxes of a part; 0 counts as 1. One part is written by the calling thread, several by its rayon pool.
     pub part_boxes: usize,
 }
 
