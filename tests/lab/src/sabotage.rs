@@ -12,11 +12,13 @@ use pairmask_core::{Aabb, BoxClass};
 pub fn lose_a_pair(words: &mut [u32], report: &mut CullReport) {
     let bits = match &mut report.shape {
         MaskShape::List { pairs } => {
-            // The last pair takes the place of one in the middle.
-            let (start, count) = (pairs.start as usize, pairs.len as usize / 2);
-            if let Some(last) = count.checked_sub(1) {
-                let last = start + 2 * last;
-                words.copy_within(last..last + 2, start + 2 * (count / 2));
+            // One whose first box has another pair, too, as with words below; the last pair takes its
+            // place.
+            let (start, len) = (pairs.start as usize, pairs.len as usize);
+            let list = words.get_mut(start..start + len).unwrap_or_default().as_chunks_mut().0;
+            let lost = list.windows(2).rposition(|two: &[[u32; 2]]| two[0][0] == two[1][0]);
+            if let (Some(lost), Some(&last)) = (lost, list.last()) {
+                list[lost] = last;
                 pairs.len -= 2;
                 report.pair_count = report.pair_count.saturating_sub(1);
             }
