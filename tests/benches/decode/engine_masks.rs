@@ -7,8 +7,8 @@ use pairmask_core::mask::{MaskShape, MaskView};
 use pairmask_core::{Aabb, BoxCount, Encoding};
 use pairmaskd::scene::{self, SceneName};
 
-use crate::median_of;
 use crate::neighbours::Neighbours;
+use crate::{by_named_kernel, median_of};
 
 /// A name, and boxes by their number.
 type Scene = (&'static str, fn(usize) -> Vec<Aabb>);
@@ -133,7 +133,9 @@ impl Copies {
     }
 
     fn view(&self, copy: usize) -> MaskView<'_> {
-        MaskView::new(self.n, &self.shape, &self.all[copy]).expect("the engine's own shape")
+        let mask = MaskView::new(self.n, &self.shape, &self.all[copy]);
+        let mask = mask.expect("the engine's own shape");
+        by_named_kernel(mask).unwrap_or(mask)
     }
 
     /// Median time of a visit, ns, each of another copy than the last.

@@ -15,6 +15,7 @@
 
 mod encodings;
 mod error;
+mod fetch_ahead;
 mod pair_buffer;
 mod pair_check;
 mod pairs;

@@ -5,6 +5,7 @@
 //! guesses. The decoders therefore write pairs here first, unconditionally, and only count on
 //! where the pair was real. The consumer then takes them in a loop that is easy to predict.
 
+use super::fetch_ahead;
 use super::pair_check::{are_pairs, plain};
 use crate::isa::AvailableIsa;
 use crate::units::BoxCount;
@@ -85,7 +86,7 @@ impl PairWriter<'_> {
         let start = self.end;
         let end = start + pairs.len();
         if let Some(room) = self.pairs.get_mut(self.end..end) {
-            room.copy_from_slice(pairs);
+            fetch_ahead::copy(pairs, room, isa);
             self.end = end;
         }
         // The copy, not the memory that it was made from, is looked at from here on: to the compiler
