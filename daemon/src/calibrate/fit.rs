@@ -215,7 +215,7 @@ fn weight(error: f64) -> f64 {
     if error.abs() <= NOISE { 1.0 } else { NOISE / error.abs() }
 }
 
-/// The gain of an engine, or of the client, by threads: t = one · (s + (1 − s)/T) + f · log2 T for every row of T
+/// The gain of an engine, or of the client, by threads: t = one · (s + (1 − s)/T) + f · (T − 1) for every row of T
 /// threads beside the row of one.
 fn fit_threads(rows: &[FitRow], owner: Option<EngineName>, start: ThreadCost) -> ThreadCost {
     let of_owner = || rows.iter().filter(|row| row.owner() == owner);
@@ -230,7 +230,7 @@ fn fit_threads(rows: &[FitRow], owner: Option<EngineName>, start: ThreadCost) ->
             let threads = row.way.threads as f64;
             let divided = row.measured_ns - one_ns / threads;
             let parallel = one_ns * (1.0 - 1.0 / threads);
-            Some([parallel, threads.log2(), divided].map(|x| x / row.measured_ns))
+            Some([parallel, threads - 1.0, divided].map(|x| x / row.measured_ns))
         })
         .collect();
     if equations.is_empty() {

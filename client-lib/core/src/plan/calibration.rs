@@ -8,8 +8,8 @@ use crate::engine::{EngineName, Isa};
 pub struct ThreadCost {
     /// Share of the engine's time on one thread that further threads do not shorten, 0 to 1.
     pub serial_share: f64,
-    /// Handing work to a second thread and waiting for it, ns a frame; as much again for every
-    /// doubling of the threads.
+    /// Handing work to a further thread and waiting for it, ns a frame: threads wake one after the
+    /// other.
     pub fan_out_ns: f64,
 }
 
@@ -18,7 +18,7 @@ impl ThreadCost {
     pub fn on(&self, threads: usize, one_ns: f64) -> f64 {
         let threads = threads.max(1) as f64;
         let shared = one_ns * (self.serial_share + (1.0 - self.serial_share) / threads);
-        shared + self.fan_out_ns * threads.log2()
+        shared + self.fan_out_ns * (threads - 1.0)
     }
 }
 
@@ -73,7 +73,7 @@ mod tests {
         let cost = ThreadCost { serial_share: 0.25, fan_out_ns: 10.0 };
         assert_eq!(cost.on(1, 1000.0), 1000.0);
         assert_eq!(cost.on(2, 1000.0), 635.0);
-        assert_eq!(cost.on(4, 1000.0), 457.5);
+        assert_eq!(cost.on(4, 1000.0), 467.5);
         assert_eq!(cost.on(0, 1000.0), 1000.0);
     }
 }

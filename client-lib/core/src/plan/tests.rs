@@ -199,6 +199,32 @@ fn the_encoding_is_the_cheaper_one() {
     assert_ne!(encoding(1_000_000, &both), Encoding::Dense, "62 GB of zeros");
 }
 
+/// What is planned without a look must be what a look would have planned.
+#[test]
+fn a_look_that_is_spared_would_have_changed_nothing() {
+    let calibration = Calibration::built_in(Isa::Avx512);
+    let capabilities = Capabilities { threads: 16, gpu: Some(GPU) };
+    let options = CullOptions::default();
+    let mut spared = 0;
+    for n in [10, 1_000, 10_000, 30_000, 100_000, 1_000_000] {
+        let at_best = SceneStats::at_best(BoxCount::new(n), Some(u64::from(n)));
+        let at_best = plan(&at_best, &capabilities, &calibration, &options);
+        if !at_best.engine.is_gpu() {
+            continue;
+        }
+        spared += 1;
+        for (window_share, solid_share, large_size, elongation) in
+            [(0.0, 0.0, 1.0, 1.0), (0.0001, 1.0, 1.0, 80.0), (0.5, 0.1, 1.0e6, 1.0)]
+        {
+            let seen = SceneStats { solid_share, large_size, elongation, ..stats(n, window_share) };
+            let planned = plan(&seen, &capabilities, &calibration, &options);
+            let chosen = |plan: &Plan| (plan.engine, plan.encoding, plan.threads);
+            assert_eq!(chosen(&planned), chosen(&at_best), "{n}");
+        }
+    }
+    assert!(spared >= 2, "{spared} of six");
+}
+
 /// What a client does by itself counts as what an engine does: with more threads, it prefers what they
 /// visit sooner.
 #[test]

@@ -13,11 +13,11 @@ use crate::units::BoxCount;
 
 terms! {
     /// A byte of the mask.
-    BYTE = CostTerm::new("dense-byte", 0.024);
+    BYTE = CostTerm::new("dense-byte", 0.0178);
     /// A pair.
-    PAIR = CostTerm::new("dense-pair", 2.0);
+    PAIR = CostTerm::new("dense-pair", 1.16);
     /// More for a pair of an engine that has an order of its own.
-    SCATTERED_PAIR = CostTerm::new("scattered-pair", 0.931);
+    SCATTERED_PAIR = CostTerm::new("scattered-pair", 1.54);
 }
 
 /// What dense masks take.
@@ -44,11 +44,11 @@ mod visit {
 
     terms! {
         /// A mask.
-        MASK = CostTerm::new("dense-visit", 40.0);
+        MASK = CostTerm::new("dense-visit", 101.0);
         /// A byte that is scanned.
-        BYTE = CostTerm::new("dense-visit-byte", 0.024);
+        BYTE = CostTerm::new("dense-visit-byte", 0.0351);
         /// A pair.
-        PAIR = CostTerm::new("dense-visit-pair", 2.5);
+        PAIR = CostTerm::new("dense-visit-pair", 3.33);
     }
 
     pub(super) fn amounts(stats: &SceneStats, _: bool, amounts: &mut [f64]) {

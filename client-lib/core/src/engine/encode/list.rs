@@ -11,11 +11,11 @@ use crate::units::BoxCount;
 
 terms! {
     /// A list.
-    LIST = CostTerm::new("list", 40.0);
+    LIST = CostTerm::new("list", 70.2);
     /// A pair of boxes in their own order: kept, and written.
-    PAIR = CostTerm::new("list-pair", 0.8);
+    PAIR = CostTerm::new("list-pair", 1.26);
     /// More for a pair in an order of the engine's, of which two boxes are looked up.
-    ORDERED_PAIR = CostTerm::new("list-ordered-pair", 0.5);
+    ORDERED_PAIR = CostTerm::avx512_or("list-ordered-pair", 0.102, 0.7);
 }
 
 /// What lists take.
@@ -41,9 +41,9 @@ mod visit {
 
     terms! {
         /// A list.
-        LIST = CostTerm::new("list-visit", 40.0);
+        LIST = CostTerm::new("list-visit", 87.3);
         /// A pair.
-        PAIR = CostTerm::by_lanes("list-visit-pair", 0.3);
+        PAIR = CostTerm::by_lanes("list-visit-pair", 0.365);
     }
 
     pub(super) fn amounts(stats: &SceneStats, _: bool, amounts: &mut [f64]) {

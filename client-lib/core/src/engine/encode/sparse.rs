@@ -10,7 +10,7 @@ use crate::stats::SceneStats;
 
 terms! {
     /// A pair: kept, and written.
-    PAIR = CostTerm::new("sparse-pair", 0.5);
+    PAIR = CostTerm::new("sparse-pair", 0.395);
 }
 
 /// What sparse masks take.
@@ -41,11 +41,11 @@ mod visit {
 
     terms! {
         /// A mask.
-        MASK = CostTerm::new("sparse-visit", 40.0);
+        MASK = CostTerm::new("sparse-visit", 122.0);
         /// A pair of boxes in their own order.
-        PAIR = CostTerm::new("sparse-visit-pair", 0.6);
+        PAIR = CostTerm::new("sparse-visit-pair", 1.15);
         /// More for a pair in an order of the engine's.
-        ORDERED_PAIR = CostTerm::avx512_or("ordered-visit-pair", 0.3, 0.9);
+        ORDERED_PAIR = CostTerm::avx512_or("ordered-visit-pair", 0.486, 1.2);
     }
 
     pub(super) fn amounts(stats: &SceneStats, has_order: bool, amounts: &mut [f64]) {
