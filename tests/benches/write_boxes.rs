@@ -30,8 +30,8 @@ fn main() {
     let named: Vec<usize> = std::env::args().filter_map(|size| size.parse().ok()).collect();
     let sizes = if named.is_empty() { SIZES.to_vec() } else { named };
     let cores = std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
-    let threads: Vec<usize> =
-        (0..).map(|k| 1 << k).take_while(|threads| *threads <= cores).collect();
+    let doubled = |threads: &usize| Some(2 * threads).filter(|threads| *threads <= cores);
+    let threads: Vec<usize> = std::iter::successors(Some(1), doubled).collect();
     println!(
         "{:<16} {:>9} {:>7} {:<9} {:>9} {:>7}",
         "source", "n", "threads", "stores", "median ms", "GB/s"
