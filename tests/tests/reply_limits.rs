@@ -357,7 +357,7 @@ fn an_open_encoding_is_one_that_fits() {
 }
 
 #[test]
-fn a_sparse_mask_is_found_where_a_dense_one_does_not_fit() {
+fn another_mask_is_found_where_a_dense_one_does_not_fit() {
     // 300 boxes far apart: the plan would take the dense mask of so few.
     let boxes: Vec<Aabb> = (0..300)
         .map(|i| Aabb::from([3.0 * i as f32, 0.0, 0.0, 3.0 * i as f32 + 1.0, 1.0, 1.0]))
@@ -368,7 +368,8 @@ fn a_sparse_mask_is_found_where_a_dense_one_does_not_fit() {
     let check = |what: &str, cull: Cull<'_>| {
         let report =
             cull(&mut Witness::with_limit(limit)).unwrap_or_else(|e| panic!("{what}: {e}"));
-        assert_eq!((report.shape.encoding(), report.pair_count), (Encoding::Sparse, 0), "{what}");
+        assert_ne!(report.shape.encoding(), Encoding::Dense, "{what}");
+        assert_eq!(report.pair_count, 0, "{what}");
     };
     let mut executor = Executor::new(None);
     check("executor", &mut |reply| {
