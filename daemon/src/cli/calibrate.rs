@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use clap::Args;
 use pairmask_core::engine::{AvailableIsa, EngineName};
-use pairmask_core::plan::{Calibration, MachineKey, Term, default_path, encode, store};
+use pairmask_core::plan::{Calibration, MachineKey, Term, ThreadCost, default_path, encode, store};
 use serde::Serialize;
 
 use super::machine::Machine;
@@ -104,8 +104,10 @@ struct Report {
     load_share: Option<f64>,
     /// ns a unit, by term.
     ns: BTreeMap<&'static str, f64>,
-    /// By engine, and of a client that visits pairs.
+    /// By engine.
     threads: BTreeMap<&'static str, Threads>,
+    /// Of a client that visits pairs.
+    visit: Threads,
     /// Times measured.
     rows: usize,
     /// Predicted over measured of all rows: half of them are nearer to 1.
@@ -154,21 +156,17 @@ impl Calibrate {
             print_text(encode(&calibration, &machine).trim_end())?;
             return Ok(());
         }
-        let threads = EngineName::CPU
-            .map(|engine| (engine.as_str(), calibration.threads_of(engine)))
-            .into_iter()
-            .chain([("visit", calibration.visit_threads)])
-            .map(|(name, cost)| {
-                let (serial_share, fan_out_ns) = (cost.serial_share, cost.fan_out_ns);
-                (name, Threads { serial_share, fan_out_ns })
-            });
+        let of = |ThreadCost { serial_share, fan_out_ns }| Threads { serial_share, fan_out_ns };
+        let threads =
+            EngineName::CPU.map(|engine| (engine.as_str(), of(calibration.threads_of(engine))));
         let report = Report {
             machine: Machine::this(),
             key: machine.to_string(),
             file: path,
             load_share,
             ns: Term::ALL.map(|term| (term.as_str(), calibration.ns(term))).into(),
-            threads: threads.collect(),
+            threads: threads.into(),
+            visit: of(calibration.visit_threads),
             rows: rows.len(),
             median_error: median_error(&rows, &calibration),
             built_in_median_error: median_error(&rows, &built_in),
@@ -226,8 +224,9 @@ impl fmt::Display for Report {
         for (term, ns) in &self.ns {
             writeln!(f, "{term:<20} {ns:>12.4} ns")?;
         }
-        for (engine, Threads { serial_share, fan_out_ns }) in &self.threads {
-            writeln!(f, "{engine:<20} {serial_share:>12.2} serial, {fan_out_ns:.0} ns to fan out")?;
+        let all = self.threads.iter().map(|(engine, threads)| (*engine, threads));
+        for (who, Threads { serial_share, fan_out_ns }) in all.chain([("visit", &self.visit)]) {
+            writeln!(f, "{who:<20} {serial_share:>12.2} serial, {fan_out_ns:.0} ns to fan out")?;
         }
         write!(
             f,

@@ -47,6 +47,7 @@ fn constants_are_kept_for_this_machine_and_used() {
         "load_share",
         "ns",
         "threads",
+        "visit",
         "rows",
         "median_error",
         "built_in_median_error",
@@ -72,7 +73,7 @@ fn a_file_that_cannot_be_used_is_told_and_ignored() {
     let text = finished.stdout;
     for (damaged, named) in [
         (text.replacen("machine = \"", "machine = \"not ", 1), "another machine"),
-        (text.replacen("version = 1", "version = 77", 1), "version 77"),
+        (text.replacen("version = 2", "version = 77", 1), "version 77"),
         (text.replacen("[ns]", "[ms]", 1), "no calibration"),
         ("\0\u{7f}".to_owned(), "no calibration"),
     ] {
