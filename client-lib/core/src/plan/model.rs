@@ -1,6 +1,7 @@
 //! The cost model: what every engine that is to be had would take for a frame.
 
-use super::{Calibration, Candidate, Capabilities, CullOptions, GpuCost, SceneStats, Work};
+use super::term::Side;
+use super::{Calibration, Candidate, Capabilities, CullOptions, GpuCost, SceneStats, work};
 use crate::engine::{EngineName, EnginePlace, encoding_cost};
 use crate::mask::{Encoding, EncodingChoice};
 
@@ -32,8 +33,9 @@ impl Model<'_> {
     }
 
     fn way(&self, engine: EngineName, encoding: Encoding) -> Option<Candidate> {
-        let (cull_ns, threads) = match Work::of(engine, encoding, self.stats) {
-            Some(work) => self.on_threads(engine, self.calibration.time_ns(&work)),
+        let constants = &self.calibration.ns;
+        let (cull_ns, threads) = match work::cull_ns(engine, encoding, self.stats, constants) {
+            Some(one_ns) => self.on_threads(engine, one_ns),
             None => (self.gpu_ns(engine, encoding)?, 1),
         };
         let visit_ns = self.visit_ns(engine, encoding);
@@ -49,16 +51,21 @@ impl Model<'_> {
 
     /// The client's part. Its further threads are of use where there is enough to visit.
     fn visit_ns(&self, engine: EngineName, encoding: Encoding) -> f64 {
-        let visit = Work::of_visit(engine, encoding, self.stats);
+        let constants = &self.calibration.ns;
+        let visit_ns = work::mask_ns(engine, encoding, Side::Visit, self.stats, constants);
         let far_ns = match self.capabilities.gpu {
             Some(gpu) if engine.is_gpu() => {
                 gpu.ns_a_visited_byte * self.mask_bytes(engine, encoding)
             }
             _ => 0.0,
         };
-        let one_ns = self.calibration.time_ns(&visit) + far_ns;
-        let threads = self.options.visit_threads.unwrap_or(1);
-        self.calibration.visit_threads.on(threads, one_ns).min(one_ns)
+        let one_ns = visit_ns + far_ns;
+        match self.options.visit_threads {
+            Some(threads) if threads > 1 => {
+                self.calibration.visit_threads.on(threads, one_ns).min(one_ns)
+            }
+            _ => one_ns,
+        }
     }
 
     fn mask_bytes(&self, engine: EngineName, encoding: Encoding) -> f64 {

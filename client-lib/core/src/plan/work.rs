@@ -9,6 +9,48 @@ use crate::engine::{EngineName, encoding_cost};
 use crate::mask::Encoding;
 use crate::stats::SceneStats;
 
+/// Most terms of an engine, or of one side of an encoding.
+const MOST_TERMS: usize = 8;
+
+/// The time of an engine from boxes to mask on one thread, ns; `None` for a GPU's. As [`Work::of`] has
+/// it, without the terms of all others: plans of small scenes count every ns.
+pub(super) fn cull_ns(
+    engine: EngineName,
+    encoding: Encoding,
+    stats: &SceneStats,
+    constants: &[f64; Term::ALL.len()],
+) -> Option<f64> {
+    let cpu = engine.descriptor().cpu()?;
+    let mut amounts = [0.0; MOST_TERMS];
+    let amounts = &mut amounts[..cpu.terms.len()];
+    (cpu.work)(stats, amounts);
+    let engine_ns = dot(amounts, &constants[Term::first_of(engine)..]);
+    Some(engine_ns + mask_ns(engine, encoding, Side::Write, stats, constants))
+}
+
+/// The time of one side with a mask of an engine, on one thread, ns.
+pub(super) fn mask_ns(
+    engine: EngineName,
+    encoding: Encoding,
+    side: Side,
+    stats: &SceneStats,
+    constants: &[f64; Term::ALL.len()],
+) -> f64 {
+    let cost = encoding_cost(encoding);
+    let mask = match side {
+        Side::Write => &cost.write,
+        Side::Visit => &cost.visit,
+    };
+    let mut amounts = [0.0; MOST_TERMS];
+    let amounts = &mut amounts[..mask.terms.len()];
+    (mask.amounts)(stats, engine.descriptor().has_order, amounts);
+    dot(amounts, &constants[Term::first_of_mask(encoding, side)..])
+}
+
+fn dot(amounts: &[f64], constants: &[f64]) -> f64 {
+    amounts.iter().zip(constants).map(|(amount, ns)| amount * ns).sum()
+}
+
 /// How much of each [`Term`] a part of a frame holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Work {
@@ -85,6 +127,12 @@ mod tests {
                     let cull = Work::of(engine, encoding, &stats);
                     assert_eq!(cull.is_none(), engine.is_gpu());
                     let visit = Work::of_visit(engine, encoding, &stats);
+                    let ns = Term::ALL.map(|term| 1.0 + term.index() as f64);
+                    let near = |a: f64, b: f64| (a - b).abs() <= 1e-12 * a.abs();
+                    let short = cull_ns(engine, encoding, &stats, &ns);
+                    assert!(near(short.unwrap_or(0.0), cull.map_or(0.0, |work| work.times(&ns))));
+                    let short = mask_ns(engine, encoding, Side::Visit, &stats, &ns);
+                    assert!(near(short, visit.times(&ns)), "{engine} {encoding}");
                     for work in cull.iter().chain([&visit]) {
                         for (seen, amount) in seen.iter_mut().zip(work.amounts()) {
                             assert!(amount.is_finite() && *amount >= 0.0, "{engine} {n}");
