@@ -5,7 +5,7 @@
 //! cannot drift from what the plan computes.
 
 use super::term::{Side, Term};
-use crate::engine::{EngineName, encoding_cost};
+use crate::engine::{EngineName, MaskWork, encoding_cost};
 use crate::mask::Encoding;
 use crate::stats::SceneStats;
 
@@ -36,15 +36,20 @@ pub(super) fn mask_ns(
     stats: &SceneStats,
     constants: &[f64; Term::ALL.len()],
 ) -> f64 {
-    let cost = encoding_cost(encoding);
-    let mask = match side {
-        Side::Write => &cost.write,
-        Side::Visit => &cost.visit,
-    };
+    let mask = mask_work(encoding, side);
     let mut amounts = [0.0; MOST_TERMS];
     let amounts = &mut amounts[..mask.terms.len()];
     (mask.amounts)(stats, engine.descriptor().has_order, amounts);
     dot(amounts, &constants[Term::first_of_mask(encoding, side)..])
+}
+
+/// What one side has to do with a mask.
+const fn mask_work(encoding: Encoding, side: Side) -> &'static MaskWork {
+    let cost = encoding_cost(encoding);
+    match side {
+        Side::Write => &cost.write,
+        Side::Visit => &cost.visit,
+    }
 }
 
 fn dot(amounts: &[f64], constants: &[f64]) -> f64 {
@@ -55,8 +60,6 @@ fn dot(amounts: &[f64], constants: &[f64]) -> f64 {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Work {
     amounts: [f64; Term::ALL.len()],
-    /// First place and number of the terms of the engine and of the mask. All others are zero.
-    spans: [(usize, usize); 2],
 }
 
 impl Work {
@@ -67,7 +70,6 @@ impl Work {
         let mut work = Self::of_mask(encoding, Side::Write, stats, descriptor.has_order);
         let (first, len) = (Term::first_of(engine), cpu.terms.len());
         (cpu.work)(stats, &mut work.amounts[first..first + len]);
-        work.spans[0] = (first, len);
         Some(work)
     }
 
@@ -78,22 +80,16 @@ impl Work {
 
     /// The mask alone, of an engine that has an order of its own or keeps the boxes'.
     fn of_mask(encoding: Encoding, side: Side, stats: &SceneStats, has_order: bool) -> Self {
-        let cost = encoding_cost(encoding);
-        let mask = match side {
-            Side::Write => &cost.write,
-            Side::Visit => &cost.visit,
-        };
+        let mask = mask_work(encoding, side);
         let mut amounts = [0.0; Term::ALL.len()];
         let (first, len) = (Term::first_of_mask(encoding, side), mask.terms.len());
         (mask.amounts)(stats, has_order, &mut amounts[first..first + len]);
-        Self { amounts, spans: [(0, 0), (first, len)] }
+        Self { amounts }
     }
 
-    /// The sum of all amounts, each times the constant at its place. Terms that the frame does not
-    /// hold are passed over: they would add zero, and plans of small scenes count every ns.
+    /// The sum of all amounts, each times the constant at its place.
     pub fn times(&self, constants: &[f64; Term::ALL.len()]) -> f64 {
-        let terms = self.spans.iter().flat_map(|&(first, len)| first..first + len);
-        terms.map(|place| self.amounts[place] * constants[place]).sum()
+        dot(&self.amounts, constants)
     }
 
     /// How much of one term.
