@@ -1,4 +1,5 @@
-//! Boxes of narrow forms as they lie in shared memory, and their conversion from and to f32.
+//! Boxes of narrow forms as they lie in shared memory, and their conversion from and to f32. One file,
+//! since every form goes through the same trait and loops; a fifth of it is tests.
 
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
