@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use iceoryx2::service::ipc;
+use iceoryx2::service::ipc_threadsafe;
 use pairmask_core::units::BoxCount;
 use pairmask_transport::{DaemonRecord, Limits, RuntimeDir, Services, assume_response_pages};
 use pairmask_wire::{
@@ -45,7 +45,7 @@ pub fn answer_all_as(
 ) {
     let (name, limits) = (InstanceName::default(), Limits::default());
     dir.ensure_transport_root(&name).expect("the transport's directory");
-    let services = Services::<ipc::Service>::serve(dir, &name, &limits).expect("services");
+    let services = Services::<ipc_threadsafe::Service>::serve(dir, &name, &limits).expect("services");
     let server = services.server(&limits).expect("a server");
     let pid = std::process::id();
     let record = DaemonRecord { worker_pid: pid, supervisor_pid: pid, version };

@@ -10,7 +10,7 @@ use std::cell::Cell;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
-use iceoryx2::service::{ipc, ipc_threadsafe};
+use iceoryx2::service::ipc_threadsafe;
 use pairmask::{Backend, Session};
 use pairmask_core::engine::AvailableIsa;
 use pairmask_core::mask::{Encoding, EncodingChoice};
@@ -125,7 +125,7 @@ fn bare_transport(count: usize) -> u64 {
     let dir = tempfile::tempdir().unwrap();
     let dir = RuntimeDir::at(dir.path());
     let (name, limits) = ("bare".parse().unwrap(), Limits::default());
-    let services = Services::<ipc::Service>::serve(&dir, &name, &limits).unwrap();
+    let services = Services::<ipc_threadsafe::Service>::serve(&dir, &name, &limits).unwrap();
     let server = services.server(&limits).unwrap();
     let client_side = Services::<ipc_threadsafe::Service>::connect(&dir, &name).unwrap();
     let client = client_side.client(1, 8).unwrap();

@@ -17,13 +17,14 @@ mod segment;
 mod services;
 mod status_file;
 mod trust;
+mod turn;
 
 pub use cleanup::{clean_if_abandoned, remove_hollow_files};
 pub use foreign::foreign_owner;
 pub use instance::{DaemonRecord, InstanceLock, RuntimeDir};
 pub use liveness::{ProcessWatch, process_name};
 pub use loans::{assume_pages, assume_response_pages};
-pub use memory::{Populated, populate};
+pub use memory::{Populated, SharedPopulated, populate};
 pub use message::{CheckedRequest, CheckedResponse, ForgedRequest};
 pub use own_request::{OwnRequest, SentRequest};
 pub use room::PopulateError;
@@ -35,3 +36,4 @@ pub use services::{
     listener_name, quiet_transport_log,
 };
 pub use status_file::StatusFile;
+pub use turn::PortTurn;

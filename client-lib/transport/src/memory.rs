@@ -2,6 +2,7 @@
 #![allow(unsafe_code)]
 
 use std::collections::HashMap;
+use std::sync::{Mutex, PoisonError};
 
 use pairmask_wire::PAGE_BYTES;
 use rustix::io::Errno;
@@ -47,17 +48,55 @@ impl Populated {
     /// # Errors
     /// As [`populate`].
     pub fn ensure<T>(&mut self, chunk: &mut [T]) -> Result<(), PopulateError> {
-        let (address, bytes) = (chunk.as_ptr() as usize, size_of_val(chunk));
-        let known = self.bytes_at.get(&address).copied().unwrap_or(0);
-        if known >= bytes {
-            return Ok(());
-        }
-        // A single page may come out of the reserve: the reply that there is no memory needs one.
-        if bytes > PAGE_BYTES {
-            room::for_payload((bytes - known) as u64)?;
-        }
-        populate(chunk)?;
-        self.bytes_at.insert(address, bytes);
+        let known_bytes = self.known_bytes(chunk);
+        populate_beyond(chunk, known_bytes)?;
+        self.note(chunk);
         Ok(())
     }
+
+    /// Bytes that are known to be populated of the chunk at this address.
+    fn known_bytes<T>(&self, chunk: &[T]) -> usize {
+        self.bytes_at.get(&(chunk.as_ptr() as usize)).copied().unwrap_or(0)
+    }
+
+    /// Notes that a chunk is populated.
+    fn note<T>(&mut self, chunk: &[T]) {
+        let bytes = self.bytes_at.entry(chunk.as_ptr() as usize).or_default();
+        *bytes = size_of_val(chunk).max(*bytes);
+    }
+}
+
+/// [`Populated`] for several threads, each with chunks of its own at a time. While one populates a
+/// chunk, which may take tens of milliseconds, the others do not wait.
+#[derive(Debug, Default)]
+pub struct SharedPopulated(Mutex<Populated>);
+
+impl SharedPopulated {
+    /// As [`Populated::ensure`].
+    ///
+    /// # Errors
+    /// As [`populate`].
+    pub fn ensure<T>(&self, chunk: &mut [T]) -> Result<(), PopulateError> {
+        let known = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let known_bytes = known().known_bytes(chunk);
+        if known_bytes >= size_of_val(chunk) {
+            return Ok(());
+        }
+        populate_beyond(chunk, known_bytes)?;
+        known().note(chunk);
+        Ok(())
+    }
+}
+
+/// Populates a chunk of which `known_bytes` are.
+fn populate_beyond<T>(chunk: &mut [T], known_bytes: usize) -> Result<(), PopulateError> {
+    let bytes = size_of_val(chunk);
+    if known_bytes >= bytes {
+        return Ok(());
+    }
+    // A single page may come out of the reserve: the reply that there is no memory needs one.
+    if bytes > PAGE_BYTES {
+        room::for_payload((bytes - known_bytes) as u64)?;
+    }
+    populate(chunk)
 }

@@ -89,7 +89,7 @@ impl SentRequest {
 
 #[cfg(test)]
 mod tests {
-    use iceoryx2::service::{ipc, ipc_threadsafe};
+    use iceoryx2::service::ipc_threadsafe;
 
     use super::*;
     use crate::{Limits, RuntimeDir, Services, clean_if_abandoned};
@@ -112,7 +112,7 @@ mod tests {
         let (dir, name) = (RuntimeDir::at(&path), "own".parse().expect("a name"));
         dir.ensure().expect("a directory of our own");
         let limits = Limits::default();
-        let services = Services::<ipc::Service>::serve(&dir, &name, &limits).expect("served");
+        let services = Services::<ipc_threadsafe::Service>::serve(&dir, &name, &limits).expect("served");
         let server = services.server(&limits).expect("a server");
         let client_side =
             Services::<ipc_threadsafe::Service>::connect(&dir, &name).expect("connected");

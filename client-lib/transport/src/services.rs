@@ -20,7 +20,7 @@ use iceoryx2::service::builder::request_response::{
 };
 use iceoryx2::service::port_factory::client::ClientCreateError;
 use iceoryx2::service::port_factory::{event, request_response};
-use iceoryx2::service::{Service, ipc, ipc_threadsafe};
+use iceoryx2::service::{Service, ipc_threadsafe};
 use pairmask_wire::{InstanceName, Page, RequestHeader, ResponseHeader};
 
 use crate::instance::RuntimeDir;
@@ -28,13 +28,15 @@ use crate::room;
 
 /// A node of a client. Sessions may move between threads.
 pub type ClientNode = Node<ipc_threadsafe::Service>;
-/// A node of the daemon, which serves from one thread.
-pub type DaemonNode = Node<ipc::Service>;
-/// The daemon's end of the request service.
-pub type Server = IceoryxServer<ipc::Service, [Page], RequestHeader, [Page], ResponseHeader>;
+/// A node of the daemon, which serves from several threads.
+pub type DaemonNode = Node<ipc_threadsafe::Service>;
+/// The daemon's end of the request service. Its threads take turns at it, see
+/// [`PortTurn`](crate::PortTurn).
+pub type Server =
+    IceoryxServer<ipc_threadsafe::Service, [Page], RequestHeader, [Page], ResponseHeader>;
 /// A request that the daemon has received.
 pub type ActiveRequest = iceoryx2::active_request::ActiveRequest<
-    ipc::Service,
+    ipc_threadsafe::Service,
     [Page],
     RequestHeader,
     [Page],
@@ -42,12 +44,13 @@ pub type ActiveRequest = iceoryx2::active_request::ActiveRequest<
 >;
 /// Memory for a response, fresh from the port.
 pub(super) type UninitResponse = iceoryx2::response_mut_uninit::ResponseMutUninit<
-    ipc::Service,
+    ipc_threadsafe::Service,
     [std::mem::MaybeUninit<Page>],
     ResponseHeader,
 >;
 /// Memory for a response.
-pub type ResponseLoan = iceoryx2::response_mut::ResponseMut<ipc::Service, [Page], ResponseHeader>;
+pub type ResponseLoan =
+    iceoryx2::response_mut::ResponseMut<ipc_threadsafe::Service, [Page], ResponseHeader>;
 /// A client's end of the request service.
 pub type ClientPort =
     IceoryxClient<ipc_threadsafe::Service, [Page], RequestHeader, [Page], ResponseHeader>;
@@ -80,9 +83,9 @@ pub type ResponseSample =
     iceoryx2::response::Response<ipc_threadsafe::Service, [Page], ResponseHeader>;
 
 /// The listener by which clients wake the daemon.
-pub type WakeDaemon = Listener<ipc::Service>;
+pub type WakeDaemon = Listener<ipc_threadsafe::Service>;
 /// The notifier by which the daemon wakes clients.
-pub type WakeClient = Notifier<ipc::Service>;
+pub type WakeClient = Notifier<ipc_threadsafe::Service>;
 
 /// Limits of an instance. The daemon fixes them when it creates the services.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -265,7 +268,7 @@ macro_rules! service_name {
     };
 }
 
-impl Services<ipc::Service> {
+impl Services<ipc_threadsafe::Service> {
     /// A node for the janitor thread.
     ///
     /// # Errors
@@ -380,7 +383,7 @@ pub struct Sender {
 
 /// Id of the process of a node.
 fn process_of(node: UniqueNodeId) -> Option<u32> {
-    u32::try_from(node.pid::<ipc::Service>().ok()?.value()).ok()
+    u32::try_from(node.pid::<ipc_threadsafe::Service>().ok()?.value()).ok()
 }
 
 impl Services<ipc_threadsafe::Service> {

@@ -1,7 +1,7 @@
 //! The thread that checks windows, and the hand-over to it.
 
 use std::io;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
@@ -28,14 +28,19 @@ pub struct Auditor {
 
 struct Running {
     one_in: u32,
+    lots: Mutex<Lots>,
+    /// Windows to be checked; `None` once the auditor stops.
+    full: Option<SyncSender<Box<Window>>>,
+    found: Arc<Found>,
+    thread: Option<JoinHandle<()>>,
+}
+
+/// What frames are drawn with.
+struct Lots {
     random: Random,
     /// Windows that are free.
     free: Receiver<Box<Window>>,
-    /// Windows to be checked; `None` once the auditor stops.
-    full: Option<SyncSender<Box<Window>>>,
     skipped: u64,
-    found: Arc<Found>,
-    thread: Option<JoinHandle<()>>,
 }
 
 /// The counts of the thread.
@@ -71,10 +76,8 @@ impl Auditor {
         Ok(Self {
             running: Some(Running {
                 one_in: one_in.get(),
-                random,
-                free,
+                lots: Mutex::new(Lots { random, free, skipped: 0 }),
                 full: Some(full),
-                skipped: 0,
                 found,
                 thread: Some(thread),
             }),
@@ -84,29 +87,32 @@ impl Auditor {
     /// Draws whether the frame is checked. If it is, copies the part of the mask that may be
     /// overwritten once the reply is sent. Give the window to [`Auditor::submit`] afterwards.
     pub fn draw(
-        &mut self,
+        &self,
         fields: &ReplyFields,
         form: ObjectForm,
         shape: &MaskShape,
         reply: &[u32],
     ) -> Option<Box<Window>> {
-        let running = self.running.as_mut()?;
-        if running.random.below(u64::from(running.one_in)) != 0 || !Window::holds(shape) {
-            return None;
-        }
-        let Ok(mut window) = running.free.try_recv() else {
-            running.skipped += 1;
-            return None;
-        };
+        let running = self.running.as_ref()?;
         let n = fields.box_count.get();
-        let span = Span2::draw(n, Reach::of(form), &mut running.random);
+        let (mut window, span) = {
+            let mut lots = running.lots.lock().unwrap_or_else(PoisonError::into_inner);
+            if lots.random.below(u64::from(running.one_in)) != 0 || !Window::holds(shape) {
+                return None;
+            }
+            let Ok(window) = lots.free.try_recv() else {
+                lots.skipped += 1;
+                return None;
+            };
+            (window, Span2::draw(n, Reach::of(form), &mut lots.random))
+        };
         window.take_mask(n, span, shape, reply);
         (window.client_token, window.frame) = (fields.client_token, fields.frame);
         Some(window)
     }
 
     /// Copies the objects of a window and has it checked.
-    pub fn submit(&mut self, mut window: Box<Window>, objects: Objects<'_>) {
+    pub fn submit(&self, mut window: Box<Window>, objects: Objects<'_>) {
         let Some(full) = self.running.as_ref().and_then(|running| running.full.as_ref()) else {
             return;
         };
@@ -122,7 +128,7 @@ impl Auditor {
         AuditCounts {
             one_in: u64::from(running.one_in),
             frames: found(&running.found.frames),
-            skipped: running.skipped,
+            skipped: running.lots.lock().unwrap_or_else(PoisonError::into_inner).skipped,
             pairs: found(&running.found.pairs),
             missed: found(&running.found.missed),
             extra: found(&running.found.extra),

@@ -3,7 +3,6 @@
 use super::client::Client;
 
 /// Clients by session, as many as may connect. They are few: each look is a walk along the list.
-#[derive(Debug)]
 pub(super) struct Known {
     clients: Vec<Client>,
     capacity: usize,
@@ -19,6 +18,16 @@ impl Known {
     /// A client that is remembered.
     pub(super) fn find(&self, session: u128) -> Option<&Client> {
         self.clients.iter().find(|client| client.session() == session)
+    }
+
+    /// The clients that are remembered.
+    pub(super) fn iter_mut(&mut self) -> impl Iterator<Item = &mut Client> {
+        self.clients.iter_mut()
+    }
+
+    /// Forgets clients that are gone.
+    pub(super) fn retain(&mut self, lives: impl Fn(u128) -> bool) {
+        self.clients.retain(|client| lives(client.session()));
     }
 
     /// A client, remembered from now on. Clients that are gone fill the list: then all are forgotten,

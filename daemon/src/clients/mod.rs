@@ -6,34 +6,89 @@
 mod client;
 mod known;
 
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
 use pairmask_transport::{Sender, WakeClient};
 
+use self::client::find_listener;
+pub(crate) use self::client::FrameWork;
 use self::known::Known;
+use crate::execute::Executor;
+
+/// Work that is expected of an object where nothing is known of its session: what the engines take
+/// on one core where boxes overlap few others, or less. A scene that takes longer is known after a frame.
+const WORK_AN_OBJECT: Duration = Duration::from_nanos(100);
 
 /// The clients, and the port that wakes them.
 pub(crate) struct Clients {
     notifier: WakeClient,
-    known: Known,
+    known: Mutex<Known>,
 }
 
 impl Clients {
     /// Of an instance that at most `max_clients` connect to.
     pub(crate) fn new(notifier: WakeClient, max_clients: usize) -> Self {
-        Self { notifier, known: Known::new(max_clients) }
+        Self { notifier, known: Mutex::new(Known::new(max_clients)) }
     }
 
     /// Pairs in a session's last frame, for the plan of its next; `None` where it had none.
     pub(crate) fn last_pairs(&self, session: u128) -> Option<u64> {
-        self.known.find(session)?.last_pairs
+        self.known().find(session)?.last_pairs
     }
 
     /// Notes the pairs of a session's frame.
-    pub(crate) fn note_pairs(&mut self, session: u128, pair_count: u64) {
-        self.known.of(session).last_pairs = Some(pair_count);
+    pub(crate) fn note_pairs(&self, session: u128, pair_count: u64) {
+        self.known().of(session).last_pairs = Some(pair_count);
     }
 
-    /// Wakes the client that sent a request with this token.
-    pub(crate) fn wake(&mut self, sender: Sender, client_token: u64) {
-        self.known.of(sender.session).wake(&self.notifier, client_token);
+    /// Notes what a session's frame took.
+    pub(crate) fn note_work(&self, session: u128, work: FrameWork) {
+        self.known().of(session).last_work = Some(work);
+    }
+
+    /// Work that is expected of a session's frame of so many objects: as its last one, and more in
+    /// proportion where it has more objects.
+    pub(crate) fn expected_work(&self, session: u128, objects: u32) -> Duration {
+        match self.known().find(session).and_then(|client| client.last_work) {
+            Some(last) => last.work.mul_f64(f64::from(objects).max(1.0) / f64::from(last.objects).max(1.0)),
+            None => WORK_AN_OBJECT * objects,
+        }
+    }
+
+    /// Takes a session's engines, which no other thread has meanwhile. `None` where it has none yet.
+    pub(crate) fn take_engines(&self, session: u128) -> Option<Box<Executor>> {
+        self.known().of(session).engines.take()
+    }
+
+    /// Keeps a session's engines for its next frame.
+    pub(crate) fn keep_engines(&self, session: u128, engines: Box<Executor>) {
+        self.known().of(session).engines = Some(engines);
+    }
+
+    /// Wakes the client that sent a request with this token, and no other: by the listener of its
+    /// session that bears the token. About 50 ns while it does not sleep.
+    pub(crate) fn wake(&self, sender: Sender, client_token: u64) {
+        let known = self.known().of(sender.session).listener;
+        let wakes = |listener| self.notifier.notify_single_listener(&listener).is_ok();
+        if known.is_some_and(wakes) {
+            return;
+        }
+        let found = find_listener(&self.notifier, sender.session, client_token);
+        // A client that went away between these lines needs no waking.
+        let _ = found.is_some_and(wakes);
+        self.known().of(sender.session).listener = found;
+    }
+
+    /// Forgets sessions that are gone, and has engines give up scratch that has not been used for long;
+    /// to be called now and then.
+    pub(crate) fn tidy(&self, lives: impl Fn(u128) -> bool) {
+        let mut known = self.known();
+        known.retain(lives);
+        known.iter_mut().filter_map(|client| client.engines.as_mut()).for_each(|e| e.tidy());
+    }
+
+    fn known(&self) -> MutexGuard<'_, Known> {
+        self.known.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

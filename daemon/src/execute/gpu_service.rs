@@ -106,9 +106,6 @@ pub struct GpuService {
     hold: Duration,
 }
 
-/// How long a look at a software adapter's frame waits for the next.
-const SOFTWARE_REST: Duration = Duration::from_micros(200);
-
 /// What the GPU answers: the report, and the engine that made it.
 type Answered = Result<(CullReport, EngineName), CullError>;
 
@@ -196,11 +193,15 @@ impl GpuService {
         }
     }
 
-    /// Whether a frame of this plan may be left to the GPU ([`Self::begin`]).
-    pub fn can_begin(&self, plan: &Plan) -> bool {
-        let Some(engines) = &self.engines else { return false };
-        let software = engines.grid.gpu().info().is_software();
-        let least = if software { UNDER_WAY_SOFTWARE_BOXES } else { UNDER_WAY_BOXES };
+    /// Fewest boxes of a frame that may be left to the GPU ([`Self::begin`]); `None` where there is no
+    /// device now.
+    pub(super) fn under_way_boxes(&self) -> Option<u32> {
+        self.engines.as_ref()?;
+        Some(if self.is_software() { UNDER_WAY_SOFTWARE_BOXES } else { UNDER_WAY_BOXES })
+    }
+
+    /// Whether a frame of this plan may be left to a GPU that takes `least` boxes or more.
+    pub(super) fn can_begin(plan: &Plan, least: u32) -> bool {
         plan.engine == EngineName::GpuGrid
             && plan.encoding != Encoding::Dense
             && plan.stats.n.get() >= least
@@ -254,14 +255,9 @@ impl GpuService {
         (answered, memory)
     }
 
-    /// Gives the core away for a moment where the GPU needs it: a software adapter's frames run on
-    /// the same cores as this.
-    pub fn rest(&mut self) {
-        if self.device().is_some_and(|gpu| gpu.info().is_software()) {
-            std::thread::sleep(SOFTWARE_REST);
-        } else {
-            std::hint::spin_loop();
-        }
+    /// Whether the device of now is a software adapter, whose frames run on the CPU's cores.
+    pub(super) fn is_software(&self) -> bool {
+        self.engines.as_ref().is_some_and(|engines| engines.grid.gpu().info().is_software())
     }
 
     /// Gives up memory whose owner is gone; to be called now and then.

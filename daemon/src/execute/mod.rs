@@ -1,15 +1,19 @@
 //! Engines of the daemon: those of the client library, and the GPU.
 
+mod engine_pool;
 mod frame_memory;
 pub mod gpu;
 mod gpu_service;
 mod offers;
+mod shared_gpu;
 mod spheres;
 
+pub use engine_pool::EnginePool;
 pub use frame_memory::FrameMemory;
 pub use gpu_service::GpuService;
 pub use offers::Owner;
 
+use std::sync::{Arc, MutexGuard};
 use std::time::{Duration, Instant};
 
 use pairmask_core::BoxForm;
@@ -24,6 +28,7 @@ use pairmask_core::precision::{BoxSlice, ExpandScratch};
 
 use self::frame_memory::{LentReply, with_lent};
 use self::gpu::GridUnderWay;
+use self::shared_gpu::{Queued, SharedGpu};
 
 /// A frame with its plan.
 #[derive(Debug)]
@@ -32,14 +37,27 @@ pub struct Planned {
     options: CullOptions,
     start: Instant,
     plan_ns: u64,
+    one_core_ns: Option<u64>,
 }
 
 impl Planned {
+    /// What the frame is predicted to take on one core, where the plan has several threads; `None` where
+    /// it has one, or a GPU.
+    pub fn on_one_core(&self) -> Option<Duration> {
+        self.one_core_ns.map(Duration::from_nanos)
+    }
+
     /// The answer of `engine`, which need not be the plan's.
     fn answer(mut self, report: CullReport, engine: EngineName) -> CullAnswer {
         self.plan.engine = engine;
         CullAnswer::new(&self.plan, report, self.start, self.plan_ns)
     }
+}
+
+/// Predicted time of a plan without the client's part, ns.
+fn engine_ns(plan: &Plan) -> u64 {
+    let chosen = plan.candidates.iter().flatten().find(|c| c.engine == plan.engine);
+    chosen.map_or(0.0, |c| c.predicted_ns - c.visit_ns) as u64
 }
 
 /// A frame that the GPU works on. Owns its memory; dropped, it waits for the GPU first.
@@ -48,6 +66,7 @@ pub struct CullUnderWay<M: FrameMemory> {
     frame: GridUnderWay<M>,
     owner: Owner,
     planned: Planned,
+    queued: Queued,
 }
 
 impl<M: FrameMemory> CullUnderWay<M> {
@@ -80,7 +99,11 @@ impl CpuSide {
         let plan = self.engines.plan(boxes, options, gpu);
         let plan_ns = nanoseconds_since(start);
         log::debug!("{}", plan.explain());
-        Planned { plan, options: *options, start, plan_ns }
+        let one_core_ns = (plan.threads > 1 && !plan.engine.is_gpu()).then(|| {
+            let one_core = self.engines.plan(boxes, &CullOptions { threads: Some(1), ..*options }, None);
+            engine_ns(&one_core)
+        });
+        Planned { plan, options: *options, start, plan_ns, one_core_ns }
     }
 
     /// Runs a plan for a CPU engine. Boxes in a narrow form are expanded first, which counts as
@@ -126,12 +149,70 @@ impl CpuSide {
     }
 }
 
-/// All engines that this daemon has.
+/// The GPU that executors share, if there is one.
+#[derive(Clone)]
+pub struct GpuShare(Option<Arc<SharedGpu>>);
+
+impl GpuShare {
+    /// Lets the GPU work for a moment.
+    pub fn rest(&self) {
+        if let Some(gpu) = &self.0 {
+            gpu.rest();
+        }
+    }
+
+    /// Gives up what the GPU keeps of clients that are gone; to be called now and then.
+    pub fn tidy(&self) {
+        if let Some(gpu) = &self.0 {
+            gpu.lock().tidy();
+        }
+    }
+
+    /// Waits for a frame, and gives its memory back.
+    ///
+    /// # Errors
+    /// The frame, where the GPU could not serve it: [`Executor::answer`] does.
+    #[allow(clippy::result_large_err)] // A box would be an allocation.
+    pub fn end<M: FrameMemory>(&self, cull: CullUnderWay<M>) -> Result<Ended<M>, Unserved<M>> {
+        let CullUnderWay { frame, owner, planned, queued } = cull;
+        let lost = CullError::DeviceLost { engine: planned.plan.engine };
+        let (done, memory) = match &self.0 {
+            Some(gpu) => gpu.with(|gpu| gpu.end(frame, &planned.plan)),
+            None => (Err(lost), frame.give_up()),
+        };
+        drop(queued);
+        match done {
+            Ok((report, engine)) => Ok((Ok(planned.answer(report, engine)), memory)),
+            Err(error) => Err(Unserved { error, planned, owner, memory }),
+        }
+    }
+}
+
+/// A frame that the GPU could not serve.
+#[derive(Debug)]
+pub struct Unserved<M> {
+    error: CullError,
+    planned: Planned,
+    owner: Owner,
+    memory: Option<M>,
+}
+
+impl<M> Unserved<M> {
+    /// Threads that the CPU's engines may use for it; `None` leaves it to the plan.
+    pub fn threads(&self) -> Option<usize> {
+        self.planned.options.threads
+    }
+}
+
+/// The engines of a session: CPU engines with the state that they keep from frame to frame, and the GPU,
+/// which all sessions share.
 pub struct Executor {
     cpu: CpuSide,
     spheres: SphereWays,
     spheres_need: RecentNeed,
-    gpu: Option<GpuService>,
+    gpu: Option<Arc<SharedGpu>>,
+    isa: AvailableIsa,
+    calibration: Option<Calibration>,
     /// When the last frame began, until its scratch is given back.
     last_frame: Option<Instant>,
 }
@@ -147,7 +228,9 @@ impl Executor {
             cpu: CpuSide::default(),
             spheres: SphereWays::default(),
             spheres_need: RecentNeed::default(),
-            gpu,
+            gpu: gpu.map(|gpu| Arc::new(SharedGpu::new(gpu))),
+            isa: AvailableIsa::best(),
+            calibration: None,
             last_frame: None,
         }
     }
@@ -157,12 +240,23 @@ impl Executor {
     pub fn with_engines(self, isa: AvailableIsa, calibration: Calibration) -> Self {
         let engines = CpuEngines::on(isa, calibration);
         let spheres = SphereWays::on(isa);
-        Self { cpu: CpuSide { engines, ..self.cpu }, spheres, ..self }
+        let calibration = Some(calibration);
+        Self { cpu: CpuSide { engines, ..self.cpu }, spheres, isa, calibration, ..self }
     }
 
-    /// The GPU, if this daemon has one.
-    pub fn gpu(&mut self) -> Option<&mut GpuService> {
-        self.gpu.as_mut()
+    /// Engines of another session: the same, with no state yet, beside the same GPU.
+    #[must_use]
+    pub fn beside(&self) -> Self {
+        let other = Self { gpu: self.gpu.clone(), ..Self::new(None) };
+        match self.calibration {
+            Some(calibration) => other.with_engines(self.isa, calibration),
+            None => other,
+        }
+    }
+
+    /// The GPU, if this daemon has one, as soon as no other session uses it.
+    pub fn gpu(&self) -> Option<MutexGuard<'_, GpuService>> {
+        self.gpu.as_ref().map(|gpu| gpu.lock())
     }
 
     /// Plans a frame of boxes that belong to `owner`, and finds its pairs. The GPU reads boxes in
@@ -199,7 +293,7 @@ impl Executor {
     /// Whether a frame is better left to the GPU ([`Self::begin`]) than waited for
     /// ([`Self::run`]).
     pub fn can_begin(&self, planned: &Planned) -> bool {
-        self.gpu.as_ref().is_some_and(|gpu| gpu.can_begin(&planned.plan))
+        self.gpu.as_ref().is_some_and(|gpu| gpu.outlook().can_begin(&planned.plan))
     }
 
     /// Runs a plan for the boxes of this memory, which belong to `owner`, as [`Self::cull`]. The reply
@@ -218,9 +312,9 @@ impl Executor {
             self.run_or_other(planned, boxes, owner, reply)
         })?;
         if answer.engine.is_gpu()
-            && let Some(gpu) = &mut self.gpu
+            && let Some(gpu) = &self.gpu
         {
-            gpu.offer_reply(lent);
+            gpu.lock().offer_reply(lent);
         }
         Ok(answer)
     }
@@ -237,27 +331,33 @@ impl Executor {
         owner: Owner,
         mut memory: M,
     ) -> Result<CullUnderWay<M>, Ended<M>> {
-        let Some(gpu) = &mut self.gpu else {
+        let Some(gpu) = &self.gpu else {
             return Err((self.run(planned, owner, &mut memory), Some(memory)));
         };
-        match gpu.begin(memory, owner, &planned.plan) {
-            Ok(frame) => Ok(CullUnderWay { frame, owner, planned }),
+        let queued = gpu.queue(&planned.plan);
+        match gpu.with(|gpu| gpu.begin(memory, owner, &planned.plan)) {
+            Ok(frame) => Ok(CullUnderWay { frame, owner, planned, queued }),
             Err((error, memory)) => Err(self.end_after(error, planned, owner, memory)),
         }
     }
 
     /// Waits for a frame, and gives its memory back.
     pub fn end<M: FrameMemory>(&mut self, cull: CullUnderWay<M>) -> Ended<M> {
-        let CullUnderWay { frame, owner, planned } = cull;
-        let lost = CullError::DeviceLost { engine: planned.plan.engine };
-        let (done, memory) = match &mut self.gpu {
-            Some(gpu) => gpu.end(frame, &planned.plan),
-            None => (Err(lost), frame.give_up()),
-        };
-        match done {
-            Ok((report, engine)) => (Ok(planned.answer(report, engine)), memory),
-            Err(error) => self.end_after(error, planned, owner, memory),
+        match self.gpu_share().end(cull) {
+            Ok(ended) => ended,
+            Err(unserved) => self.answer(unserved),
         }
+    }
+
+    /// The GPU alone, for a thread that ends frames of several sessions.
+    pub fn gpu_share(&self) -> GpuShare {
+        GpuShare(self.gpu.clone())
+    }
+
+    /// Answers a frame that the GPU could not serve, where its memory is there.
+    pub fn answer<M: FrameMemory>(&mut self, unserved: Unserved<M>) -> Ended<M> {
+        let Unserved { error, planned, owner, memory } = unserved;
+        self.end_after(error, planned, owner, memory)
     }
 
     /// The answer to a frame that the GPU could not serve, where its memory is there.
@@ -277,21 +377,10 @@ impl Executor {
         (answer, Some(memory))
     }
 
-    /// Lets the GPU work for a moment.
-    pub fn rest(&mut self) {
-        if let Some(gpu) = &mut self.gpu {
-            gpu.rest();
-        }
-    }
-
-    /// Gives up what belonged to clients that are gone, and scratch memory where no frame has come for
-    /// long; to be called now and then.
+    /// Gives scratch memory up where no frame has come for long; to be called now and then.
     pub fn tidy(&mut self) {
         if self.last_frame.take_if(|last| last.elapsed() >= IDLE).is_some() {
             self.give_back();
-        }
-        if let Some(gpu) = &mut self.gpu {
-            gpu.tidy();
         }
     }
 
@@ -310,7 +399,8 @@ impl Executor {
     }
 
     fn plan_within(&mut self, boxes: BoxSlice<'_>, options: &CullOptions) -> Planned {
-        let planned = self.cpu.plan(boxes, options, self.gpu.as_ref().and_then(GpuService::cost));
+        let gpu = self.gpu.as_ref().and_then(|gpu| gpu.cost());
+        let planned = self.cpu.plan(boxes, options, gpu);
         self.last_frame = Some(planned.start);
         if self.spheres_need.note(0, || self.spheres.scratch_bytes()) {
             self.spheres = SphereWays::default();
@@ -359,8 +449,11 @@ impl Executor {
         if !engine.is_gpu() {
             return self.cpu.run(planned, boxes, reply);
         }
-        let done = match &mut self.gpu {
-            Some(gpu) => gpu.cull(boxes, owner, &planned.plan, reply),
+        let done = match &self.gpu {
+            Some(gpu) => {
+                let _queued = gpu.queue(&planned.plan);
+                gpu.with(|gpu| gpu.cull(boxes, owner, &planned.plan, reply))
+            }
             None => Err(CullError::Unavailable {
                 engine,
                 why: "this daemon has no GPU (see `pairmaskd serve --gpu`)",

@@ -1,9 +1,9 @@
 //! What is let in: requests whose sender and length the transport and the kernel vouch for.
 
 use std::collections::VecDeque;
-use std::rc::Rc;
+use std::sync::Arc;
 
-use iceoryx2::service::ipc;
+use iceoryx2::service::ipc_threadsafe;
 use pairmask_transport::{
     ActiveRequest, CheckedRequest, ForgedRequest, Segment, SegmentFiles, Sender, Services,
 };
@@ -33,7 +33,7 @@ struct Port {
 /// Lets requests in, or not.
 #[derive(Debug)]
 pub struct Gate {
-    services: Rc<Services<ipc::Service>>,
+    services: Arc<Services<ipc_threadsafe::Service>>,
     files: SegmentFiles,
     ports: Vec<Port>,
     /// Forged requests. Dropping one would tell the client that it names that its request has no
@@ -43,7 +43,7 @@ pub struct Gate {
 
 impl Gate {
     /// For the clients of these services, whose segments are those files.
-    pub fn new(services: Rc<Services<ipc::Service>>, files: SegmentFiles) -> Self {
+    pub fn new(services: Arc<Services<ipc_threadsafe::Service>>, files: SegmentFiles) -> Self {
         Self { services, files, ports: Vec::new(), forged: VecDeque::new() }
     }
 

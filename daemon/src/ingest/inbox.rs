@@ -1,42 +1,76 @@
 //! Requests that wait, and whose turn it is.
 
+use std::time::Duration;
+
 use pairmask_transport::{FRAMES_AT_A_TIME, PORTS_PER_CLIENT, Sender};
+
+/// A frame that is expected to take more work than this, on one core, is large: large frames are served
+/// one at a time, by all threads of the engines. Below, a frame has a core to itself: to share it out
+/// would gain less than the frames of other clients lose.
+pub const LARGE_WORK: Duration = Duration::from_millis(2);
 
 /// A request that waits, and the turns in which its process and its session wait.
 #[derive(Debug)]
 struct Waiting<R> {
-    process: u32,
-    session: u128,
+    sender: Sender,
     process_turn: u64,
     session_turn: u64,
+    work: Duration,
     request: R,
 }
 
-/// Requests that wait for an answer. Processes take turns, whatever they say and however many ports
-/// they have; so do the sessions of a process; a session's own requests keep their order.
+/// A session whose frame is being served.
+#[derive(Debug)]
+struct Serving {
+    sender: Sender,
+    is_large: bool,
+}
+
+/// What a process has used, counted from where the [clock](Inbox::clock) stood when it came.
+#[derive(Debug)]
+struct Account {
+    process: u32,
+    used: Duration,
+}
+
+/// Requests that wait for an answer, and the sessions that are being answered.
 ///
-/// A process that was served, or begins to wait, goes to the end of the line: it waits for one turn
-/// of each other process at most.
+/// Processes share the time of those who serve, whatever they say and however many ports they have: of
+/// two that wait, the one is next that has used less; of equals, the one that has waited longer. A
+/// process that has been away has no time saved up. The sessions of a process take turns; a session has
+/// one frame served at a time, and its requests keep their order. Large frames are served one at a
+/// time ([`LARGE_WORK`]).
 ///
 /// ```
+/// use std::time::Duration;
 /// use pairmask_transport::Sender;
 /// let mut inbox = pairmaskd::ingest::Inbox::new(2);
 /// let from = |process, port| Sender { port, session: port, process };
+/// let work = Duration::from_micros(10);
 /// for (sender, request) in [
 ///     (from(7, 1), "a"),
 ///     (from(7, 1), "b"),
 ///     (from(7, 2), "c"),
 ///     (from(9, 3), "d"),
 /// ] {
-///     inbox.put(sender, request);
+///     inbox.put(sender, work, request);
 /// }
-/// let order: Vec<&str> = std::iter::from_fn(|| inbox.next()).collect();
+/// let mut order = Vec::new();
+/// while let Some((sender, request)) = inbox.next() {
+///     order.push(request);
+///     inbox.note_served(sender, work);
+/// }
 /// assert_eq!(order, ["a", "d", "c", "b"]);
 /// ```
 #[derive(Debug)]
 pub struct Inbox<R> {
     /// Oldest first.
     waiting: Vec<Waiting<R>>,
+    serving: Vec<Serving>,
+    accounts: Vec<Account>,
+    /// What the process had used that was served last: where those begin that come from now on. (The
+    /// virtual time of start-time fair queueing: Goyal, Vin, Cheng, 1996.)
+    clock: Duration,
     capacity: usize,
     /// Number of the turn at the end of the line.
     last_turn: u64,
@@ -47,51 +81,105 @@ impl<R> Inbox<R> {
     /// requests of others are received all the same.
     pub fn new(max_clients: usize) -> Self {
         let capacity = max_clients.max(1) * PORTS_PER_CLIENT * FRAMES_AT_A_TIME;
-        Self { waiting: Vec::with_capacity(capacity), capacity, last_turn: 0 }
+        Self {
+            waiting: Vec::with_capacity(capacity),
+            serving: Vec::with_capacity(capacity),
+            accounts: Vec::with_capacity(capacity),
+            clock: Duration::ZERO,
+            capacity,
+            last_turn: 0,
+        }
     }
 
     /// Requests that it has room for.
-    pub const fn capacity(&self) -> usize {
-        self.capacity
+    pub fn room(&self) -> usize {
+        self.capacity.saturating_sub(self.waiting.len())
     }
 
-    /// Whether another request may be put in without growing.
-    pub fn has_room(&self) -> bool {
-        self.waiting.len() < self.capacity
+    /// Sessions that are being served.
+    pub fn serving(&self) -> usize {
+        self.serving.len()
     }
 
-    /// Takes in a request.
-    pub fn put(&mut self, sender: Sender, request: R) {
+    /// Takes in a request that is expected to take so much work: time on one core.
+    pub fn put(&mut self, sender: Sender, work: Duration, request: R) {
         let Sender { session, process, .. } = sender;
-        let of_process = self.waiting.iter().find(|w| w.process == process);
+        self.open_account(process);
+        let of_process = self.waiting.iter().find(|w| w.sender.process == process);
         let process_turn = of_process.map(|w| w.process_turn);
-        let of_session = self.waiting.iter().find(|w| w.process == process && w.session == session);
+        let of_session =
+            self.waiting.iter().find(|w| (w.sender.process, w.sender.session) == (process, session));
         let session_turn = of_session.map(|w| w.session_turn);
         self.last_turn += 1;
         self.waiting.push(Waiting {
-            process,
-            session,
+            sender,
             process_turn: process_turn.unwrap_or(self.last_turn),
             session_turn: session_turn.unwrap_or(self.last_turn),
+            work,
             request,
         });
     }
 
-    /// The oldest request of the session whose turn it is.
+    /// The oldest request of the session whose turn it is, of those that can be served beside what is
+    /// being served. Its session has no other one served until [`Self::note_served`].
     #[allow(clippy::should_implement_trait)] // An iterator would borrow the inbox between turns.
-    pub fn next(&mut self) -> Option<R> {
+    pub fn next(&mut self) -> Option<(Sender, R)> {
+        let is_large_served = self.serving.iter().any(|serving| serving.is_large);
+        let can_be_served = |w: &Waiting<R>| {
+            let is_served = self.serving.iter().any(|s| s.sender.session == w.sender.session);
+            !is_served && !(is_large_served && w.work > LARGE_WORK)
+        };
         // `min_by_key` keeps the first of equals: the oldest of that session.
-        let turns = self.waiting.iter().enumerate();
-        let (turn, _) = turns.min_by_key(|(_, w)| (w.process_turn, w.session_turn))?;
+        let turns = self.waiting.iter().enumerate().filter(|(_, w)| can_be_served(w));
+        let (turn, _) = turns.min_by_key(|(_, w)| {
+            (self.used_by(w.sender.process), w.process_turn, w.session_turn)
+        })?;
         let served = self.waiting.remove(turn);
         self.last_turn += 1;
-        for left in self.waiting.iter_mut().filter(|w| w.process == served.process) {
+        let Sender { process, session, .. } = served.sender;
+        for left in self.waiting.iter_mut().filter(|w| w.sender.process == process) {
             left.process_turn = self.last_turn;
-            if left.session == served.session {
+            if left.sender.session == session {
                 left.session_turn = self.last_turn;
             }
         }
-        Some(served.request)
+        self.clock = self.used_by(process).max(self.clock);
+        self.serving.push(Serving { sender: served.sender, is_large: served.work > LARGE_WORK });
+        Some((served.sender, served.request))
+    }
+
+    /// A request that was given out is served, and took so much of the time of those who serve.
+    pub fn note_served(&mut self, sender: Sender, used: Duration) {
+        if let Some(at) = self.serving.iter().position(|s| s.sender.session == sender.session) {
+            self.serving.swap_remove(at);
+        }
+        if let Some(account) = self.accounts.iter_mut().find(|a| a.process == sender.process) {
+            account.used += used;
+        }
+    }
+
+    /// A process begins to wait, or goes on to.
+    fn open_account(&mut self, process: u32) {
+        let Self { waiting, serving, accounts, clock, .. } = self;
+        let is_active = |process| {
+            waiting.iter().any(|w| w.sender.process == process)
+                || serving.iter().any(|s| s.sender.process == process)
+        };
+        if let Some(account) = accounts.iter_mut().find(|account| account.process == process) {
+            if !is_active(process) {
+                // Time that it did not use while it was away is not saved up.
+                account.used = account.used.max(*clock);
+            }
+            return;
+        }
+        // What is not behind the clock would be opened in the same way.
+        accounts.retain(|account| account.used > *clock || is_active(account.process));
+        accounts.push(Account { process, used: *clock });
+    }
+
+    fn used_by(&self, process: u32) -> Duration {
+        let account = self.accounts.iter().find(|account| account.process == process);
+        account.map_or(self.clock, |account| account.used)
     }
 }
 
@@ -99,22 +187,31 @@ impl<R> Inbox<R> {
 mod tests {
     use super::*;
 
+    const US: Duration = Duration::from_micros(1);
+
     fn sender(process: u32, port: u128) -> Sender {
         Sender { port, session: port, process }
+    }
+
+    /// The next request, served at once, for so long.
+    fn serve<R>(inbox: &mut Inbox<R>, used: Duration) -> Option<R> {
+        let (sender, request) = inbox.next()?;
+        inbox.note_served(sender, used);
+        Some(request)
     }
 
     #[test]
     fn a_process_with_many_ports_has_one_turn() {
         let mut inbox = Inbox::new(4);
         for port in 10..18 {
-            inbox.put(sender(1, port), (1, port));
-            inbox.put(sender(1, port), (1, port));
+            inbox.put(sender(1, port), US, (1, port));
+            inbox.put(sender(1, port), US, (1, port));
         }
         let mut order = Vec::new();
         for _ in 0..4 {
             // A process that asks again as soon as it is answered.
-            inbox.put(sender(2, 1), (2, 1));
-            order.extend([inbox.next(), inbox.next()].into_iter().flatten());
+            inbox.put(sender(2, 1), US, (2, 1));
+            order.extend([serve(&mut inbox, US), serve(&mut inbox, US)].into_iter().flatten());
         }
         let processes: Vec<u32> = order.iter().map(|(process, _)| *process).collect();
         assert_eq!(processes, [1, 2, 1, 2, 1, 2, 1, 2]);
@@ -123,14 +220,98 @@ mod tests {
     }
 
     #[test]
-    fn newcomers_do_not_overtake() {
+    fn newcomers_do_not_overtake_those_who_used_no_more() {
         let mut inbox = Inbox::new(8);
-        inbox.put(sender(500, 1), 500);
-        inbox.put(sender(500, 1), 500);
-        assert_eq!(inbox.next(), Some(500));
+        inbox.put(sender(500, 1), US, 500);
+        inbox.put(sender(500, 1), US, 500);
+        assert_eq!(serve(&mut inbox, Duration::ZERO), Some(500));
         for process in [1, 900] {
-            inbox.put(sender(process, 2), process);
+            inbox.put(sender(process, 2), US, process);
         }
-        assert_eq!([inbox.next(), inbox.next(), inbox.next()], [Some(500), Some(1), Some(900)]);
+        let order = [(); 3].map(|()| serve(&mut inbox, US));
+        assert_eq!(order, [Some(500), Some(1), Some(900)]);
+    }
+
+    #[test]
+    fn processes_that_always_wait_get_equal_time_whatever_their_frames_take() {
+        let costs = [100 * US, 10 * US, US];
+        let mut inbox = Inbox::new(4);
+        let mut used = [Duration::ZERO; 3];
+        for process in 0..3 {
+            inbox.put(sender(process, u128::from(process)), US, process);
+        }
+        for _ in 0..10_000 {
+            let process = serve(&mut inbox, Duration::ZERO).expect("all of them wait");
+            let (cost, sender) = (costs[process as usize], sender(process, u128::from(process)));
+            inbox.note_served(sender, cost);
+            used[process as usize] += cost;
+            inbox.put(sender, US, process);
+        }
+        let (least, most) = (used.iter().min().unwrap(), used.iter().max().unwrap());
+        assert!(*most - *least <= 2 * costs[0], "{used:?}");
+    }
+
+    #[test]
+    fn time_away_is_not_saved_up() {
+        let mut inbox = Inbox::new(4);
+        let [busy, back] = [sender(1, 1), sender(2, 2)];
+        inbox.put(back, US, back);
+        assert_eq!(serve(&mut inbox, US), Some(back));
+        for _ in 0..1000 {
+            inbox.put(busy, US, busy);
+            serve(&mut inbox, 100 * US);
+        }
+        // Both wait from now on: the one that was away gets no thousand turns first.
+        let mut turns = 0;
+        inbox.put(busy, US, busy);
+        for _ in 0..20 {
+            inbox.put(back, US, back);
+            if serve(&mut inbox, 100 * US) == Some(busy) {
+                turns += 1;
+                inbox.put(busy, US, busy);
+            }
+        }
+        assert!(turns >= 8, "{turns} of 20");
+    }
+
+    #[test]
+    fn a_session_has_one_frame_served_at_a_time_in_its_order() {
+        let mut inbox = Inbox::new(4);
+        let (one, other) = (sender(1, 1), sender(1, 2));
+        inbox.put(one, US, "a");
+        inbox.put(one, US, "b");
+        inbox.put(other, US, "c");
+        assert_eq!(inbox.next(), Some((one, "a")));
+        assert_eq!(inbox.next(), Some((other, "c")));
+        assert_eq!(inbox.next(), None);
+        inbox.note_served(other, US);
+        assert_eq!(inbox.next(), None);
+        inbox.note_served(one, US);
+        assert_eq!(inbox.next(), Some((one, "b")));
+    }
+
+    #[test]
+    fn large_frames_are_served_one_at_a_time_and_small_ones_beside_them() {
+        let mut inbox = Inbox::new(4);
+        let [a, b, c] = [1, 2, 3].map(|id| sender(id, u128::from(id)));
+        inbox.put(a, 2 * LARGE_WORK, "large");
+        inbox.put(b, 3 * LARGE_WORK, "large too");
+        inbox.put(c, LARGE_WORK, "small");
+        assert_eq!(inbox.next(), Some((a, "large")));
+        assert_eq!(inbox.next(), Some((c, "small")));
+        assert_eq!(inbox.next(), None);
+        inbox.note_served(a, LARGE_WORK);
+        assert_eq!(inbox.next(), Some((b, "large too")));
+    }
+
+    #[test]
+    fn memory_does_not_grow() {
+        let mut inbox = Inbox::new(1);
+        let room = (inbox.waiting.capacity(), inbox.accounts.capacity());
+        for process in 0..10_000 {
+            inbox.put(sender(process, u128::from(process)), US, process);
+            assert_eq!(serve(&mut inbox, US), Some(process));
+        }
+        assert_eq!((inbox.waiting.capacity(), inbox.accounts.capacity()), room);
     }
 }

@@ -2,6 +2,8 @@
 
 mod gate;
 mod inbox;
+mod intake;
 
 pub use gate::{Gate, Incoming};
-pub use inbox::Inbox;
+pub use inbox::{Inbox, LARGE_WORK};
+pub use intake::Intake;

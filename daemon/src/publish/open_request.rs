@@ -1,8 +1,7 @@
 //! A request that waits for its answer, and the shared memory of that answer, lent when its size is
 //! known.
 
-use std::cell::RefCell;
-use std::rc::Rc;
+use std::sync::Arc;
 use std::time::Instant;
 
 use pairmask_core::engine::{ReplyBuffer, ReserveError};
@@ -10,7 +9,7 @@ use pairmask_core::objects::Objects;
 use pairmask_core::precision::BoxSlice;
 use pairmask_core::units::BoxCount;
 use pairmask_transport::{
-    ActiveRequest, CheckedRequest, Populated, ResponseLoan, Sender, TransportError,
+    ActiveRequest, CheckedRequest, PortTurn, ResponseLoan, Sender, SharedPopulated, TransportError,
     assume_response_pages,
 };
 use pairmask_wire::{
@@ -22,17 +21,18 @@ use crate::ingest::Incoming;
 /// Bytes of a word of a mask.
 const WORD_BYTES: u64 = size_of::<u32>() as u64;
 
-/// What lends the memory of replies.
+/// What lends the memory of replies, to several threads.
 #[derive(Debug)]
 pub(crate) struct ReplyLender {
-    populated: RefCell<Populated>,
+    turn: Arc<PortTurn>,
+    populated: SharedPopulated,
     limit_bytes: u64,
 }
 
 impl ReplyLender {
-    /// Lends at most `limit_bytes` a reply.
-    pub(crate) fn new(limit_bytes: u64) -> Self {
-        Self { populated: RefCell::default(), limit_bytes }
+    /// Lends at most `limit_bytes` a reply, of a port that is used in such turns.
+    pub(crate) fn new(turn: Arc<PortTurn>, limit_bytes: u64) -> Self {
+        Self { turn, populated: SharedPopulated::default(), limit_bytes }
     }
 }
 
@@ -43,12 +43,12 @@ pub(crate) struct OpenRequest {
     taken_at: Instant,
     scene: ScenePlace,
     loan: Option<ResponseLoan>,
-    lender: Rc<ReplyLender>,
+    lender: Arc<ReplyLender>,
 }
 
 impl OpenRequest {
     /// Takes a request in. Its time counts from now.
-    pub(crate) fn new(incoming: Incoming, lender: Rc<ReplyLender>) -> Self {
+    pub(crate) fn new(incoming: Incoming, lender: Arc<ReplyLender>) -> Self {
         let taken_at = Instant::now();
         let header = incoming.request.header();
         let fields = ReplyFields {
@@ -145,7 +145,14 @@ impl OpenRequest {
         }
         let Some(mut loan) = self.loan.take() else { return Ok(()) };
         *loan.user_header_mut() = *header;
-        loan.send().map_err(|e| TransportError::new("sending a response", &e))
+        let sent = self.lender.turn.take(|| loan.send());
+        sent.map_err(|e| TransportError::new("sending a response", &e))
+    }
+
+    /// Gives the request back.
+    pub(crate) fn close(self) {
+        let lender = Arc::clone(&self.lender);
+        lender.turn.take(|| drop(self));
     }
 
     fn request(&self) -> &CheckedRequest {
@@ -181,13 +188,14 @@ impl ReplyBuffer for LoanReply<'_> {
             return Err(ReserveError::TooLarge { at_least_bytes: needed_bytes, limit_bytes });
         }
         let out_of_memory = ReserveError::OutOfMemory { needed_bytes };
-        // A request has one loan at a time: the old one goes back first.
-        *self.loan = None;
         let pages = usize::try_from(page_count(needed_bytes)).map_err(|_| out_of_memory)?;
-        let loan = self.request.loan_slice_uninit(pages).map_err(|_| out_of_memory)?;
-        let mut loan = assume_response_pages(loan);
-        let mut populated = self.lender.populated.borrow_mut();
-        populated.ensure(loan.payload_mut()).map_err(|_| out_of_memory)?;
+        let loan = self.lender.turn.take(|| {
+            // A request has one loan at a time: the old one goes back first.
+            *self.loan = None;
+            self.request.loan_slice_uninit(pages)
+        });
+        let mut loan = assume_response_pages(loan.map_err(|_| out_of_memory)?);
+        self.lender.populated.ensure(loan.payload_mut()).map_err(|_| out_of_memory)?;
         Ok(response_words(self.loan.insert(loan)))
     }
 }

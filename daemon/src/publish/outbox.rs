@@ -1,8 +1,8 @@
 //! Where answers go out: counted, sent, their client woken, some of them checked again.
 
-use std::rc::Rc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use iceoryx2::service::ipc;
+use iceoryx2::service::ipc_threadsafe;
 use pairmask_core::dispatch::{CullAnswer, StageTimes};
 use pairmask_core::engine::CullReport;
 use pairmask_transport::Services;
@@ -17,27 +17,25 @@ use crate::clients::Clients;
 /// none: tests show with it that the auditor notices a wrong answer.
 pub type AlterAnswer = fn(&mut [u32], &mut CullReport);
 
-/// What every answer passes.
+/// What every answer passes, on the thread that made it.
 pub(crate) struct Outbox {
-    services: Rc<Services<ipc::Service>>,
+    services: Arc<Services<ipc_threadsafe::Service>>,
     clients: Clients,
-    counters: Counters,
+    counters: Mutex<Counters>,
     auditor: Auditor,
     /// Changes every answer before it is counted and sent.
     alter_answers: Option<AlterAnswer>,
-    /// Threads that the engine of the last answer could use.
-    threads: usize,
 }
 
 impl Outbox {
     /// To the clients of these services.
     pub(crate) fn new(
-        services: Rc<Services<ipc::Service>>,
+        services: Arc<Services<ipc_threadsafe::Service>>,
         clients: Clients,
         auditor: Auditor,
     ) -> Self {
-        let counters = Counters::new();
-        Self { services, clients, counters, auditor, alter_answers: None, threads: 1 }
+        let counters = Mutex::new(Counters::new());
+        Self { services, clients, counters, auditor, alter_answers: None }
     }
 
     /// Changes every answer from now on, or none. For tests of the auditor.
@@ -50,18 +48,20 @@ impl Outbox {
         &self.clients
     }
 
-    /// What the daemon has done so far.
-    pub(crate) fn status(&self) -> StatusBody {
-        self.counters.body(self.services.client_count(), self.auditor.counts())
+    /// Gives up what belonged to clients that are gone; to be called now and then.
+    pub(crate) fn tidy(&self) {
+        let mut sessions = Vec::new();
+        self.services.for_each_sender(|sender| sessions.push(sender.session));
+        self.clients.tidy(|session| sessions.contains(&session));
     }
 
-    /// Threads that the engine of the last answer could use.
-    pub(crate) const fn threads(&self) -> usize {
-        self.threads
+    /// What the daemon has done so far.
+    pub(crate) fn status(&self) -> StatusBody {
+        self.counters().body(self.services.client_count(), self.auditor.counts())
     }
 
     /// Answers with the pairs of the request's objects, whose mask its reply holds.
-    pub(crate) fn answer(&mut self, open: &mut OpenRequest, mut answer: CullAnswer) {
+    pub(crate) fn answer(&self, open: &mut OpenRequest, mut answer: CullAnswer) {
         if let Some(alter) = self.alter_answers {
             alter(open.words_mut(), &mut answer.report);
         }
@@ -70,8 +70,7 @@ impl Outbox {
         let audited = self.auditor.draw(&fields, form, &report.shape, open.words());
         let total_ns = open.taken_at().elapsed().as_nanos() as u64;
         let times = StageTimes { total_ns, ..answer.times };
-        self.threads = answer.threads;
-        self.counters.note_frame(&fields, form, report.pair_count);
+        self.counters().note_frame(&fields, form, report.pair_count);
         self.clients.note_pairs(open.sender().session, report.pair_count);
         let header = response_ok(&fields, answer.engine, answer.threads, report, &times);
         self.send(open, &header);
@@ -82,25 +81,29 @@ impl Outbox {
     }
 
     /// Answers with the daemon's status, which the reply holds.
-    pub(crate) fn answer_status(&mut self, open: &mut OpenRequest) {
+    pub(crate) fn answer_status(&self, open: &mut OpenRequest) {
         let header = response_status(open.fields());
         self.send(open, &header);
     }
 
     /// Answers with an error.
-    pub(crate) fn refuse(&mut self, open: &mut OpenRequest, refusal: &Refusal) {
+    pub(crate) fn refuse(&self, open: &mut OpenRequest, refusal: &Refusal) {
         let fields = *open.fields();
         log::debug!("client {:016x}: {}", fields.client_token, refusal.text);
-        self.counters.note_error(&fields, refusal.status);
+        self.counters().note_error(&fields, refusal.status);
         self.send(open, &response_error(&fields, refusal.status, refusal.detail));
     }
 
-    fn send(&mut self, open: &mut OpenRequest, header: &ResponseHeader) {
+    fn send(&self, open: &mut OpenRequest, header: &ResponseHeader) {
         // Where there is no memory for one page, or the client is gone, no response can be sent: the
         // client's deadline ends its wait.
         if let Err(error) = open.send(header) {
             log::debug!("sending a response: {error}");
         }
         self.clients.wake(open.sender(), open.fields().client_token);
+    }
+
+    fn counters(&self) -> MutexGuard<'_, Counters> {
+        self.counters.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -1,6 +1,8 @@
 //! Requests for the pairs of a scene.
 
 use std::collections::VecDeque;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use pairmask_core::dispatch::{CullAnswer, CullOptions};
 use pairmask_core::engine::CullError;
@@ -8,104 +10,211 @@ use pairmask_core::mask::ReadableEncodings;
 use pairmask_core::objects::Objects;
 use pairmask_wire::CullRequest;
 
-use crate::execute::{CullUnderWay, Ended, Executor, FRAMES_UNDER_WAY, Owner};
+use crate::execute::{
+    CullUnderWay, Ended, EnginePool, Executor, FRAMES_UNDER_WAY, GpuShare, Owner,
+};
+use super::Served;
 use crate::publish::{OpenRequest, Outbox};
 
-/// The engines, and the frames that they have not ended yet.
+/// Engines for sessions that have none yet, and the frames that a GPU has not ended.
 pub(super) struct Culls {
-    executor: Executor,
-    /// Oldest first.
-    under_way: VecDeque<CullUnderWay<OpenRequest>>,
+    /// Sessions get engines like these, which no session has.
+    model: Mutex<Executor>,
+    gpu: GpuShare,
+    pool: Arc<EnginePool>,
+    /// Frames under way, oldest first.
+    under_way: Mutex<VecDeque<CullUnderWay<OpenRequest>>>,
+    /// Their number, for those who only look.
+    under_way_count: AtomicUsize,
 }
 
 impl Culls {
-    /// No frame yet.
-    pub(super) fn new(executor: Executor) -> Self {
-        Self { executor, under_way: VecDeque::with_capacity(FRAMES_UNDER_WAY) }
-    }
-
-    /// Whether another frame can be taken in.
-    pub(super) fn has_room(&self) -> bool {
-        self.under_way.len() < FRAMES_UNDER_WAY
+    /// No frame yet. Sessions get engines like `model`.
+    pub(super) fn new(model: Executor, pool: Arc<EnginePool>) -> Self {
+        Self {
+            gpu: model.gpu_share(),
+            model: Mutex::new(model),
+            pool,
+            under_way: Mutex::new(VecDeque::with_capacity(FRAMES_UNDER_WAY)),
+            under_way_count: AtomicUsize::new(0),
+        }
     }
 
     /// Whether a frame is under way.
     pub(super) fn is_busy(&self) -> bool {
-        !self.under_way.is_empty()
+        self.under_way_count.load(Ordering::Relaxed) > 0
     }
 
     /// Lets the engines work for a moment.
-    pub(super) fn rest(&mut self) {
-        self.executor.rest();
+    pub(super) fn rest(&self) {
+        self.gpu.rest();
     }
 
     /// Gives up what belonged to clients that are gone.
-    pub(super) fn tidy(&mut self) {
-        self.executor.tidy();
+    pub(super) fn tidy(&self) {
+        self.gpu.tidy();
     }
 
     /// Answers a request, or leaves it under way.
     pub(super) fn take(
-        &mut self,
-        mut open: OpenRequest,
+        &self,
+        open: OpenRequest,
         request: &CullRequest,
-        outbox: &mut Outbox,
-    ) {
-        if let Err(reject) = open.place_scene(request.scene) {
-            return outbox.refuse(&mut open, &reject.into());
-        }
-        let sender = open.sender();
+        threads: usize,
+        outbox: &Outbox,
+    ) -> Served {
+        let session = open.sender().session;
+        let kept = outbox.clients().take_engines(session);
+        let mut engines = kept.unwrap_or_else(|| Box::new(self.new_engines()));
+        let threads = request.threads.map_or(threads, |asked| asked.min(threads)).max(1);
         let options = CullOptions {
             engine: request.engine,
             encoding: request.encoding,
-            threads: request.threads,
+            threads: Some(threads),
             visit_threads: request.visit_threads,
-            last_pairs: outbox.clients().last_pairs(sender.session),
+            last_pairs: outbox.clients().last_pairs(session),
             readable: ReadableEncodings::at_minor(request.client_minor),
         };
+        let cull = || self.cull(open, request, &options, &mut engines, outbox);
+        let used = match Place::of(&options) {
+            Place::Lane => cull(),
+            Place::Pool => self.pool.work(cull),
+        };
+        outbox.clients().keep_engines(session, engines);
+        used
+    }
+
+    fn cull(
+        &self,
+        mut open: OpenRequest,
+        request: &CullRequest,
+        options: &CullOptions,
+        engines: &mut Executor,
+        outbox: &Outbox,
+    ) -> Served {
+        if let Err(reject) = open.place_scene(request.scene) {
+            outbox.refuse(&mut open, &reject.into());
+            open.close();
+            return Served::BY_ONE;
+        }
+        let sender = open.sender();
         let limit_words = open.limit_words();
         let boxes = match open.parts() {
             (Objects::Boxes(boxes), _) => boxes,
             (Objects::Spheres(spheres), mut reply) => {
-                let answer = self.executor.cull_spheres(spheres, &options, &mut reply);
-                return publish(&mut open, answer, outbox);
+                let answer = engines.cull_spheres(spheres, options, &mut reply);
+                return publish(open, answer, outbox);
             }
         };
         let owner = Owner::Client(sender.port);
-        let planned = self.executor.plan(boxes, &options, limit_words);
-        if self.executor.can_begin(&planned) {
-            match self.executor.begin(planned, owner, open) {
-                Ok(cull) => self.under_way.push_back(cull),
-                Err(ended) => publish_all(ended, outbox),
+        let planned = engines.plan(boxes, options, limit_words);
+        if engines.can_begin(&planned) {
+            self.claim_place(Place::of(options), outbox);
+            match engines.begin(planned, owner, open) {
+                Ok(cull) => {
+                    self.under_way().push_back(cull);
+                    Served::BY_ONE
+                }
+                Err(ended) => {
+                    self.under_way_count.fetch_sub(1, Ordering::Relaxed);
+                    publish_all(ended, outbox)
+                }
             }
         } else {
-            let answer = self.executor.run(planned, owner, &mut open);
-            publish(&mut open, answer, outbox);
+            let on_one_core = planned.on_one_core();
+            let answer = engines.run(planned, owner, &mut open);
+            Served { on_one_core, ..publish(open, answer, outbox) }
         }
     }
 
-    /// Publishes the oldest frame under way if it has ended. Whether it had.
-    pub(super) fn publish_ended(&mut self, outbox: &mut Outbox) -> bool {
-        if !self.under_way.front().is_some_and(CullUnderWay::has_ended) {
+    /// Publishes the oldest frame under way if it has ended, and no other thread is about to. Whether it
+    /// had.
+    pub(super) fn publish_ended(&self, outbox: &Outbox) -> bool {
+        if !self.is_busy() {
             return false;
         }
-        let Some(cull) = self.under_way.pop_front() else { return false };
-        publish_all(self.executor.end(cull), outbox);
+        let Ok(mut under_way) = self.under_way.try_lock() else { return false };
+        if !under_way.front().is_some_and(CullUnderWay::has_ended) {
+            return false;
+        }
+        let ended = under_way.pop_front();
+        drop(under_way);
+        if let Some(cull) = ended {
+            self.end(cull, Place::Lane, outbox);
+        }
         true
+    }
+
+    /// Claims one of the places for frames under way. Ends frames until one is free.
+    fn claim_place(&self, place: Place, outbox: &Outbox) {
+        let claimed = |count| (count < FRAMES_UNDER_WAY).then_some(count + 1);
+        let count = &self.under_way_count;
+        while count.fetch_update(Ordering::Relaxed, Ordering::Relaxed, claimed).is_err() {
+            let oldest = self.under_way().pop_front();
+            match oldest {
+                Some(cull) => self.end(cull, place, outbox),
+                // Other threads end them, or are about to begin theirs.
+                None => std::thread::yield_now(),
+            }
+        }
+    }
+
+    fn end(&self, cull: CullUnderWay<OpenRequest>, place: Place, outbox: &Outbox) {
+        let ended = self.gpu.end(cull);
+        self.under_way_count.fetch_sub(1, Ordering::Relaxed);
+        let ended = ended.unwrap_or_else(|unserved| {
+            let mut engines = self.new_engines();
+            match place {
+                Place::Lane if unserved.threads() != Some(1) => {
+                    self.pool.work(move || engines.answer(unserved))
+                }
+                _ => engines.answer(unserved),
+            }
+        });
+        publish_all(ended, outbox);
+    }
+
+    fn new_engines(&self) -> Executor {
+        self.model.lock().unwrap_or_else(PoisonError::into_inner).beside()
+    }
+
+    fn under_way(&self) -> MutexGuard<'_, VecDeque<CullUnderWay<OpenRequest>>> {
+        self.under_way.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Where a thread is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Place {
+    /// Outside of the pool's work: parallel engines have to be given to it.
+    Lane,
+    /// In the pool's work, which is not begun a second time from within.
+    Pool,
+}
+
+impl Place {
+    /// Where a frame of such options is culled.
+    fn of(options: &CullOptions) -> Self {
+        if options.threads == Some(1) { Self::Lane } else { Self::Pool }
     }
 }
 
 /// Publishes what became of a frame. A device that hangs may keep the request: then its client's
 /// deadline ends its wait.
-fn publish_all((answer, open): Ended<OpenRequest>, outbox: &mut Outbox) {
-    if let Some(mut open) = open {
-        publish(&mut open, answer, outbox);
-    }
+fn publish_all((answer, open): Ended<OpenRequest>, outbox: &Outbox) -> Served {
+    open.map_or(Served::BY_ONE, |open| publish(open, answer, outbox))
 }
 
-fn publish(open: &mut OpenRequest, answer: Result<CullAnswer, CullError>, outbox: &mut Outbox) {
+fn publish(
+    mut open: OpenRequest,
+    answer: Result<CullAnswer, CullError>,
+    outbox: &Outbox,
+) -> Served {
+    let threads = answer.as_ref().map_or(1, |answer| answer.threads);
     match answer {
-        Ok(answer) => outbox.answer(open, answer),
-        Err(error) => outbox.refuse(open, &error.into()),
+        Ok(answer) => outbox.answer(&mut open, answer),
+        Err(error) => outbox.refuse(&mut open, &error.into()),
     }
+    open.close();
+    Served { threads, on_one_core: None }
 }

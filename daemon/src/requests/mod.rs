@@ -1,44 +1,63 @@
 //! What is done with a request: validated once, then given to the file of its operation.
 //!
-//! An operation is a file here and an arm in [`Responder::take`].
+//! An operation is a file here and an arm in [`Responder::take`]. Threads take requests side by side,
+//! of one session one at a time.
 
 mod cull;
 mod status;
 
-use std::rc::Rc;
+use std::sync::Arc;
+use std::time::Duration;
 
-use iceoryx2::service::ipc;
-use pairmask_transport::{Limits, Services, WakeClient};
+use iceoryx2::service::ipc_threadsafe;
+use pairmask_transport::{Limits, PortTurn, Services, WakeClient};
 use pairmask_wire::{Request, StatusBody};
 
 use self::cull::Culls;
 use crate::audit::Auditor;
 use crate::clients::Clients;
-use crate::execute::Executor;
+use crate::execute::{EnginePool, Executor};
 use crate::ingest::Incoming;
 use crate::publish::{AlterAnswer, OpenRequest, Outbox, ReplyLender};
 
-/// Answers requests: one at a time, but for frames that a GPU takes its time for.
+/// Answers requests.
 pub struct Responder {
     culls: Culls,
     outbox: Outbox,
-    lender: Rc<ReplyLender>,
+    lender: Arc<ReplyLender>,
+}
+
+/// How a request was served.
+#[derive(Clone, Copy, Debug)]
+pub struct Served {
+    /// Threads that took part.
+    pub threads: usize,
+    /// What it was predicted to take on one core, where several threads took part.
+    pub on_one_core: Option<Duration>,
+}
+
+impl Served {
+    /// By one thread.
+    const BY_ONE: Self = Self { threads: 1, on_one_core: None };
 }
 
 impl Responder {
-    /// A responder to the clients of these services.
+    /// A responder to the clients of these services, whose port is used in such turns. Each session gets
+    /// engines like `executor`; large frames are culled in `pool`.
     pub fn new(
-        services: Rc<Services<ipc::Service>>,
+        services: Arc<Services<ipc_threadsafe::Service>>,
+        turn: Arc<PortTurn>,
         wake_clients: WakeClient,
         limits: &Limits,
         executor: Executor,
+        pool: Arc<EnginePool>,
         auditor: Auditor,
     ) -> Self {
         let clients = Clients::new(wake_clients, limits.max_clients);
         Self {
-            culls: Culls::new(executor),
+            culls: Culls::new(executor, pool),
             outbox: Outbox::new(services, clients, auditor),
-            lender: Rc::new(ReplyLender::new(limits.max_reply_bytes)),
+            lender: Arc::new(ReplyLender::new(turn, limits.max_reply_bytes)),
         }
     }
 
@@ -47,19 +66,24 @@ impl Responder {
         self.outbox.alter_answers(alter);
     }
 
-    /// Takes in one request, whatever it holds, and answers it now, or leaves it under way.
-    pub fn take(&mut self, incoming: Incoming) {
-        let mut open = OpenRequest::new(incoming, Rc::clone(&self.lender));
+    /// Takes in one request, whatever it holds, and answers it now, or leaves it under way. A CPU engine
+    /// may use so many threads.
+    pub fn take(&self, incoming: Incoming, threads: usize) -> Served {
+        let mut open = OpenRequest::new(incoming, Arc::clone(&self.lender));
         match open.parse() {
-            Ok(Request::Cull(request)) => self.culls.take(open, &request, &mut self.outbox),
-            Ok(Request::Status) => status::answer(&mut open, &mut self.outbox),
+            Ok(Request::Cull(request)) => {
+                return self.culls.take(open, &request, threads, &self.outbox);
+            }
+            Ok(Request::Status) => status::answer(&mut open, &self.outbox),
             Err(reject) => self.outbox.refuse(&mut open, &reject.into()),
         }
+        open.close();
+        Served::BY_ONE
     }
 
-    /// Whether another request can be taken in.
-    pub fn has_room(&self) -> bool {
-        self.culls.has_room()
+    /// What is known of the clients.
+    pub(crate) const fn clients(&self) -> &Clients {
+        self.outbox.clients()
     }
 
     /// Whether a frame is under way: then [`Self::publish_ended`] is to be called soon.
@@ -67,28 +91,25 @@ impl Responder {
         self.culls.is_busy()
     }
 
-    /// Publishes the oldest frame under way if it has ended. Whether it had.
-    pub fn publish_ended(&mut self) -> bool {
-        self.culls.publish_ended(&mut self.outbox)
+    /// Publishes the oldest frame under way if it has ended, and no other thread is about to. Whether it
+    /// had.
+    pub fn publish_ended(&self) -> bool {
+        self.culls.publish_ended(&self.outbox)
     }
 
     /// Lets the engines work for a moment.
-    pub fn rest(&mut self) {
+    pub fn rest(&self) {
         self.culls.rest();
     }
 
     /// Gives up what belonged to clients that are gone; to be called now and then.
-    pub fn tidy(&mut self) {
+    pub fn tidy(&self) {
         self.culls.tidy();
+        self.outbox.tidy();
     }
 
     /// What the daemon has done so far.
     pub fn status(&self) -> StatusBody {
         self.outbox.status()
-    }
-
-    /// Threads that the engine of the last answer could use.
-    pub fn threads(&self) -> usize {
-        self.outbox.threads()
     }
 }

@@ -5,7 +5,7 @@
 //! process meanwhile and come back by themselves.
 
 mod janitor;
-mod patience;
+mod lanes;
 mod supervisor;
 mod worker;
 

@@ -1,36 +1,29 @@
-//! The process that serves: receives requests, takes turns among clients, answers.
+//! The process that serves: what it needs, and its lanes.
 
-use std::rc::Rc;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
-use iceoryx2::service::ipc;
-use pairmask_core::AwakePool;
+use iceoryx2::service::ipc_threadsafe;
 use pairmask_core::engine::AvailableIsa;
 use pairmask_core::plan::{Calibration, CalibrationChoice, CalibrationOrigin};
-use pairmask_core::spinner::Spinner;
 use pairmask_transport::{
-    DaemonRecord, JANITOR_INTERVAL, SegmentFiles, Server, Services, StatusFile, WakeDaemon,
-    clean_if_abandoned, process_name, quiet_transport_log,
+    DaemonRecord, PortTurn, SegmentFiles, Server, Services, StatusFile, clean_if_abandoned,
+    process_name, quiet_transport_log,
 };
 use pairmask_wire::{StatusBody, Version};
 use rustix::process::Signal;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
 use super::janitor::{Janitor, clean_up};
-use super::patience::Patience;
+use super::lanes::Lanes;
 use super::{ServeError, ServeSettings};
 use crate::audit::Auditor;
 use crate::calibrate::glance;
 use crate::execute::gpu::{GpuChoice, OpenError};
-use crate::execute::{Executor, GpuService};
-use crate::ingest::{Gate, Inbox, Incoming};
+use crate::execute::{EnginePool, Executor, GpuService};
+use crate::ingest::{Gate, Intake};
 use crate::requests::Responder;
-
-/// The longest sleep: how soon a stop signal, a request without a wake-up and the end of a client
-/// are noticed at the latest. Two wake-ups a second cost nothing that can be measured.
-const LONGEST_SLEEP: Duration = Duration::from_millis(500);
 
 /// How long a predecessor may take to die. A daemon that has none to wait for starts at once.
 const PREDECESSOR_DIES: Duration = Duration::from_secs(2);
@@ -50,14 +43,8 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
             .map_err(ServeError::system("installing signal handlers"))?;
     }
     bind_to(supervisor)?;
-    // This thread is one of the pool's own, so that an engine's parallel loops start without a
-    // hand-over to another thread.
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
-    let _pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads)
-        .use_current_thread()
-        .thread_name(|index| format!("engine-{index}"))
-        .build()?;
+    let pool = Arc::new(EnginePool::with_this_thread(threads)?);
 
     let gpu = open_gpu(&settings.gpu, settings.gpu_awake)?;
     let (janitor, services) = open_services(settings)?;
@@ -79,12 +66,21 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     let executor = Executor::new(gpu).with_engines(settings.isa, calibration);
     let auditor =
         Auditor::start(settings.audit).map_err(ServeError::system("starting the auditor"))?;
-    let services = Rc::new(services);
+    let (services, turn) = (Arc::new(services), Arc::new(PortTurn::default()));
     let files = SegmentFiles::new(&settings.dir, &settings.instance);
-    let mut gate = Gate::new(Rc::clone(&services), files);
-    let mut responder = Responder::new(services, wake_clients, &settings.limits, executor, auditor);
+    let gate = Gate::new(Arc::clone(&services), files);
+    let intake = Intake::new(server, Arc::clone(&turn), gate);
+    let mut responder = Responder::new(
+        services,
+        turn,
+        wake_clients,
+        &settings.limits,
+        executor,
+        Arc::clone(&pool),
+        auditor,
+    );
     responder.alter_answers(settings.alter_answers);
-    serve(&server, &wake, &mut gate, &mut responder, &janitor, settings, &stop);
+    Lanes::new(intake, wake, responder, pool, settings, &janitor, &stop).run()?;
     drop(janitor);
     log::info!("stopped serving '{}'", settings.instance);
     Ok(())
@@ -105,7 +101,7 @@ fn bind_to(supervisor: u32) -> Result<(), ServeError> {
 /// away as soon as it has died, and as long as we have no part in them.
 fn open_services(
     settings: &ServeSettings,
-) -> Result<(Janitor, Services<ipc::Service>), ServeError> {
+) -> Result<(Janitor, Services<ipc_threadsafe::Service>), ServeError> {
     let give_up_at = Instant::now() + PREDECESSOR_DIES;
     loop {
         clean_if_abandoned(&settings.dir, &settings.instance)?;
@@ -126,7 +122,7 @@ fn open_services(
 /// The server port. A predecessor's may still be registered, and there can be one only: one that was
 /// killed with its supervisor takes a moment to die, and can be cleaned up only then.
 fn open_server(
-    services: &Services<ipc::Service>,
+    services: &Services<ipc_threadsafe::Service>,
     settings: &ServeSettings,
 ) -> Result<Server, ServeError> {
     let give_up_at = Instant::now() + PREDECESSOR_DIES;
@@ -180,76 +176,5 @@ fn open_gpu(choice: &GpuChoice, awake: Duration) -> Result<Option<GpuService>, O
             Ok(None)
         }
         Err(error) => Err(error),
-    }
-}
-
-fn serve(
-    server: &Server,
-    wake: &WakeDaemon,
-    gate: &mut Gate,
-    responder: &mut Responder,
-    janitor: &Janitor,
-    settings: &ServeSettings,
-    stop: &AtomicBool,
-) {
-    let mut inbox = Inbox::new(settings.limits.max_clients);
-    let mut patience = Patience::new(settings.spin);
-    let mut awake = AwakePool::default();
-    // The client has a frame to look at: one core is left to it.
-    let most_awake = rayon::current_num_threads().saturating_sub(1).max(1);
-    let mut sleep_at = Instant::now();
-    let mut tidy_at = sleep_at;
-    let mut spinner = Spinner::default();
-    while !stop.load(Ordering::Relaxed) {
-        drain(server, gate, &mut inbox);
-        let mut answered = awake.work(|| responder.publish_ended());
-        if responder.has_room()
-            && let Some(request) = inbox.next()
-        {
-            patience.note_request(Instant::now());
-            awake.work(|| responder.take(request));
-            answered = true;
-        }
-        let now = Instant::now();
-        if now >= tidy_at {
-            responder.tidy();
-            janitor.post(&StatusFile::now(responder.status()));
-            gate.tidy();
-            tidy_at = now + JANITOR_INTERVAL;
-        }
-        if answered {
-            sleep_at = now + patience.after_answer(now);
-            awake.keep_until(responder.threads().min(most_awake), sleep_at);
-        } else if responder.is_busy() {
-            responder.rest();
-        } else if now < sleep_at {
-            spinner.turn();
-        } else if let Err(error) = wake.timed_wait(|_| {}, LONGEST_SLEEP) {
-            // A request that came between the last look and the wait has left its wake-up: it is
-            // not lost, the wait returns at once.
-            log::debug!("waiting for requests: {error:?}");
-        }
-    }
-}
-
-fn drain(server: &Server, gate: &mut Gate, inbox: &mut Inbox<Incoming>) {
-    // As many as all clients may send at a time: a client that sends without end does not keep the loop here.
-    for _ in 0..inbox.capacity() {
-        if !inbox.has_room() {
-            return;
-        }
-        match server.receive() {
-            Ok(Some(request)) => {
-                if let Some(incoming) = gate.admit(request) {
-                    inbox.put(incoming.sender, incoming);
-                }
-            }
-            Ok(None) => return,
-            Err(error) => {
-                // A client that died while it connected; the janitor takes the rest away.
-                log::debug!("receiving requests: {error:?}");
-                return;
-            }
-        }
     }
 }

@@ -4,6 +4,8 @@
 //!
 //! * `loan` holds a half-filled frame;
 //! * `pending` has two frames under way and never takes their answers;
+//! * `load` submits small frames one after the other, and takes their answers;
+//! * `greedy` always has as many large frames waiting as it may;
 //! * `truncate` cuts its own segment short while the daemon (stopped by the test) has a request;
 //!
 //! Three modes print what they find and end:
@@ -11,13 +13,15 @@
 //! * `full` fills larger and larger frames until the memory runs out, `full-spheres` such of spheres;
 //! * `connect` tells how the attempt to connect went.
 
+use std::collections::VecDeque;
 use std::error::Error;
 use std::fs::{self, OpenOptions};
 use std::io::Write;
 use std::time::Duration;
 
-use pairmask::{Backend, FrameError, Session};
+use pairmask::{Backend, FrameError, PendingFrame, Session};
 use pairmask_core::{Aabb, EngineChoice, Sphere};
+use pairmask_transport::FRAMES_AT_A_TIME;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mode = std::env::args().nth(1).unwrap_or_default();
@@ -55,6 +59,13 @@ fn main() -> Result<(), Box<dyn Error>> {
                 held.push(frame.submit()?);
             }
         }
+        "load" => {
+            println!("ready");
+            loop {
+                frame_of(&mut session, 1_000)?.wait()?;
+            }
+        }
+        "greedy" => return greedy(&mut session),
         "truncate" => {
             let mut frame = session.frame(50_000)?;
             frame.boxes_mut().fill(Aabb::EMPTY);
@@ -64,6 +75,31 @@ fn main() -> Result<(), Box<dyn Error>> {
         _ => return Err(format!("unknown mode '{mode}'").into()),
     }
     ready(held)
+}
+
+/// Boxes of a greedy client's frame.
+const GREEDY_BOXES: u32 = 600_000;
+
+/// Boxes in a row, each of which touches the next.
+fn frame_of(session: &mut Session, n: u32) -> Result<PendingFrame, Box<dyn Error>> {
+    let mut frame = session.frame(n as usize)?;
+    for (i, place) in frame.boxes_mut().iter_mut().enumerate() {
+        *place = Aabb::new([i as f32, 0.0, 0.0], [i as f32 + 1.0, 1.0, 1.0]);
+    }
+    Ok(frame.submit()?)
+}
+
+fn greedy(session: &mut Session) -> Result<(), Box<dyn Error>> {
+    let mut waiting = VecDeque::new();
+    println!("ready");
+    loop {
+        while waiting.len() < FRAMES_AT_A_TIME {
+            waiting.push_back(frame_of(session, GREEDY_BOXES)?);
+        }
+        if let Some(oldest) = waiting.pop_front() {
+            oldest.wait()?;
+        }
+    }
 }
 
 /// Frames of twice as many objects each, until one is refused.

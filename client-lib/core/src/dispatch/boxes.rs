@@ -79,9 +79,7 @@ impl CpuEngines {
     ) -> Plan {
         let boxes = boxes.into();
         let gpu = gpu.map(|cost| cost.of_form(boxes.form()));
-        let pool = rayon::current_num_threads();
-        let capabilities =
-            Capabilities { threads: options.threads.unwrap_or(pool).clamp(1, pool), gpu };
+        let capabilities = Capabilities { threads: threads_for(options), gpu };
         let planned = |stats: SceneStats| plan(&stats, &capabilities, &self.calibration, options);
         match (options.engine, BoxCount::of_len(boxes.len())) {
             (EngineChoice::Only(engine), Some(n)) if engine.is_gpu() => {
@@ -158,6 +156,18 @@ impl CpuEngines {
                 Some(other) => self.cull(boxes, &other, reply),
                 None => Err(error),
             },
+        }
+    }
+}
+
+/// Threads that a frame may use: as many as its options allow and the calling thread's pool has. A frame
+/// of one thread asks for no pool: outside of one, that would start the global pool.
+pub(super) fn threads_for(options: &CullOptions) -> usize {
+    match options.threads {
+        Some(0 | 1) => 1,
+        threads => {
+            let pool = rayon::current_num_threads();
+            threads.unwrap_or(pool).clamp(1, pool)
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use std::time::Instant;
 
+use super::boxes::threads_for;
 use super::{CpuEngines, CullAnswer, CullOptions, StageTimes, nanoseconds_since};
 use crate::engine::{
     AvailableIsa, CullError, CullInput, EngineChoice, EngineName, PairRules, ReplyBuffer,
@@ -134,8 +135,7 @@ impl SphereWays {
             return self.cull_candidates(boxes, spheres, options, encoding, reply);
         }
         let start = Instant::now();
-        let pool = rayon::current_num_threads();
-        let threads = options.threads.unwrap_or(pool).clamp(1, pool);
+        let threads = threads_for(options);
         let input = CullInput::spheres(spheres).encoding(encoding).threads(threads);
         let report = self.all_pairs.cull(&input, reply)?;
         let times = StageTimes {

@@ -1,0 +1,56 @@
+//! The pool of threads on which large frames are culled, one at a time.
+
+use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
+use std::time::Instant;
+
+use pairmask_core::AwakePool;
+use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
+
+/// As many threads as there are cores, of which the one that made the pool is the first: its parallel
+/// loops start without a hand-over to another thread.
+pub struct EnginePool {
+    pool: ThreadPool,
+    /// Held while a frame is culled in the pool.
+    awake: Mutex<AwakePool>,
+}
+
+impl EnginePool {
+    /// A pool of `threads` threads, with this one as its first.
+    ///
+    /// # Errors
+    /// The system starts no thread, or this one belongs to a pool.
+    pub fn with_this_thread(threads: usize) -> Result<Self, ThreadPoolBuildError> {
+        let pool = ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .use_current_thread()
+            .thread_name(|index| format!("engine-{index}"))
+            .build()?;
+        Ok(Self { pool, awake: Mutex::default() })
+    }
+
+    /// Threads.
+    pub fn threads(&self) -> usize {
+        self.pool.current_num_threads()
+    }
+
+    /// Does work in the pool, as soon as no other thread does: on this thread where it is the pool's
+    /// own, else on one that is handed the work.
+    pub fn work<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
+        let awake = self.awake();
+        awake.work(|| self.pool.install(work))
+    }
+
+    /// Keeps `threads` threads awake until `until`, this one among them. Does nothing on a thread that
+    /// is not the pool's own, and while another one works in the pool.
+    pub fn keep_until(&self, threads: usize, until: Instant) {
+        match self.awake.try_lock() {
+            Ok(mut awake) => awake.keep_until(threads, until),
+            Err(TryLockError::Poisoned(awake)) => awake.into_inner().keep_until(threads, until),
+            Err(TryLockError::WouldBlock) => {}
+        }
+    }
+
+    fn awake(&self) -> MutexGuard<'_, AwakePool> {
+        self.awake.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}

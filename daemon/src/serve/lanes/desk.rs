@@ -1,0 +1,166 @@
+//! What the lanes share to agree on who serves what.
+
+use std::time::{Duration, Instant};
+
+use pairmask_transport::Sender;
+
+use super::crew::Crew;
+use super::patience::Patience;
+use crate::ingest::{Inbox, Incoming, LARGE_WORK};
+
+/// A lane that is expected to take longer than this for a frame has another one listen meanwhile. To wake
+/// one takes 5 µs; requests that come during a shorter frame wait for its end.
+const LONG_FRAME: Duration = Duration::from_micros(300);
+
+/// A request, and the work that is expected of it.
+#[derive(Debug)]
+pub(super) struct Arrived {
+    pub(super) incoming: Incoming,
+    pub(super) work: Duration,
+}
+
+/// A request that a lane is to serve.
+#[derive(Debug)]
+pub(super) struct Task {
+    pub(super) incoming: Incoming,
+    /// Threads that an engine may use.
+    pub(super) threads: usize,
+    pub(super) length: Length,
+    /// A lane to wake.
+    pub(super) wake: Option<usize>,
+}
+
+/// What is expected of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Length {
+    /// Another lane listens meanwhile.
+    is_long: bool,
+    /// Its session needs no lane of its own: large frames wait for each other.
+    is_large: bool,
+}
+
+/// Requests that wait, and who is awake. Every call is short.
+#[derive(Debug)]
+pub(super) struct Desk {
+    inbox: Inbox<Arrived>,
+    pub(super) crew: Crew,
+    patience: Patience,
+    /// When lanes without work go to sleep.
+    sleep_at: Instant,
+    /// Threads of the engines' pool.
+    pool_threads: usize,
+    /// Small frames that are being served.
+    small_served: usize,
+}
+
+impl Desk {
+    pub(super) fn new(max_clients: usize, crew: Crew, spin: Duration, pool_threads: usize) -> Self {
+        Self {
+            inbox: Inbox::new(max_clients),
+            crew,
+            patience: Patience::new(spin),
+            sleep_at: Instant::now(),
+            pool_threads,
+            small_served: 0,
+        }
+    }
+
+    /// Requests that it has room for.
+    pub(super) fn room(&self) -> usize {
+        self.inbox.room()
+    }
+
+    /// When lanes without work go to sleep.
+    pub(super) const fn sleep_at(&self) -> Instant {
+        self.sleep_at
+    }
+
+    /// Whether a session that was active a moment ago is not being served: it may ask again at any
+    /// moment.
+    pub(super) fn is_awaiting(&self, now: Instant) -> bool {
+        self.crew.active(now) > self.small_served
+    }
+
+    /// Takes in a request.
+    pub(super) fn put(&mut self, arrived: Arrived, now: Instant) {
+        let sender = arrived.incoming.sender;
+        if arrived.work <= LARGE_WORK {
+            self.crew.note_active(sender.session, now);
+        }
+        self.inbox.put(sender, arrived.work, arrived);
+    }
+
+    /// The request whose turn it is, and how it is to be served.
+    pub(super) fn next(&mut self, now: Instant) -> Option<Task> {
+        let (_, Arrived { incoming, work }) = self.inbox.next()?;
+        self.patience.note_request(now);
+        // Large frames wait for each other. A small one counts itself.
+        let others = if work > LARGE_WORK {
+            self.crew.active(now)
+        } else {
+            self.crew.active(now).max(self.inbox.serving()).saturating_sub(1)
+        };
+        let threads = threads_for(work, others, self.pool_threads);
+        let is_long = work / threads as u32 > LONG_FRAME;
+        if is_long {
+            self.crew.note_away();
+        }
+        let wake = self.crew.wake(now);
+        let length = Length { is_long, is_large: work > LARGE_WORK };
+        self.small_served += usize::from(!length.is_large);
+        Some(Task { incoming, threads, length, wake })
+    }
+
+    /// A task was served, and used so much time of threads. Returns when lanes without work go to sleep.
+    pub(super) fn note_served(
+        &mut self,
+        sender: Sender,
+        length: Length,
+        used: Duration,
+        now: Instant,
+    ) -> Instant {
+        self.inbox.note_served(sender, used);
+        if length.is_long {
+            self.crew.note_back();
+        }
+        if !length.is_large {
+            self.small_served -= 1;
+            self.crew.note_active(sender.session, now);
+        }
+        self.note_answer(now);
+        self.sleep_at
+    }
+
+    /// An answer went out.
+    pub(super) fn note_answer(&mut self, now: Instant) {
+        self.sleep_at = now + self.patience.after_answer(now);
+    }
+}
+
+/// Threads for a frame of so much work, where so many other sessions are active. One that is alone may
+/// have all. Beside others a small frame has one core, and a large one leaves each of them one, half of
+/// the machine at the most.
+fn threads_for(work: Duration, others: usize, pool_threads: usize) -> usize {
+    match others {
+        0 => pool_threads,
+        _ if work <= LARGE_WORK => 1,
+        _ => pool_threads.saturating_sub(others).max(pool_threads.div_ceil(2)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn threads_are_shared_out() {
+        let (small, large) = (LARGE_WORK, LARGE_WORK * 2);
+        assert_eq!(threads_for(small, 0, 16), 16);
+        assert_eq!(threads_for(small, 1, 16), 1);
+        assert_eq!(threads_for(large, 0, 16), 16);
+        assert_eq!(threads_for(large, 7, 16), 9);
+        assert_eq!(threads_for(large, 30, 16), 8);
+        assert_eq!(threads_for(large, 3, 2), 1);
+        assert_eq!(threads_for(large, 3, 1), 1);
+    }
+}

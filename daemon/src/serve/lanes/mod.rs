@@ -1,0 +1,336 @@
+//! Lanes: threads that serve requests side by side.
+//!
+//! Every lane does all of a frame: the lane that receives a request culls and answers it, so that a lone
+//! client's frame is handed to no other thread. One idle lane at a time **leads**: it looks for requests,
+//! and gives the lead up as soon as it has one to serve. Other lanes that are awake **follow**: they spin
+//! until the lead is free. All others rest. What lanes agree on (whose turn it is, who is awake) stands
+//! on the desk, under one lock that is held for a fraction of a microsecond.
+//!
+//! Lane 0 is the first thread of the engines' pool: large frames of a lone client start there without a
+//! hand-over. When all is quiet it alone sleeps until a client wakes it; other lanes rest until a lane
+//! wakes them.
+//!
+//! ```text
+//! crew      how many lanes are awake                   (pure)
+//! patience  how long they spin for the next request    (pure)
+//! desk      whose turn it is, with how many threads    (pure)
+//! mod       the lanes
+//! ```
+
+mod crew;
+mod desk;
+mod patience;
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, TryLockError};
+use std::thread::Thread;
+use std::time::{Duration, Instant};
+
+use pairmask_core::spinner::Spinner;
+use pairmask_transport::{JANITOR_INTERVAL, StatusFile, WakeDaemon};
+
+use self::crew::Crew;
+use self::desk::{Arrived, Desk, Task};
+use super::janitor::Janitor;
+use super::{ServeError, ServeSettings};
+use crate::clients::FrameWork;
+use crate::execute::EnginePool;
+use crate::ingest::{Incoming, Intake};
+use crate::requests::Responder;
+
+/// The longest sleep: how soon a stop signal, a request without a wake-up and the end of a client
+/// are noticed at the latest. Two wake-ups a second cost nothing that can be measured.
+const LONGEST_SLEEP: Duration = Duration::from_millis(500);
+
+/// A lane that stands by while others serve long frames looks for requests this often: 1 % of a core, and
+/// a client that begins to send meanwhile waits for it once.
+const STAND_BY_NAP: Duration = Duration::from_micros(500);
+
+/// Between two looks of a spinning lane at the desk.
+const DESK_LOOK: Duration = Duration::from_micros(10);
+
+/// What the lanes share.
+pub(super) struct Lanes<'a> {
+    // Engines before the port whose memory they write to: fields drop in this order.
+    responder: Responder,
+    lead: Mutex<Lead>,
+    /// Whether a lane leads. A hint: the lock decides.
+    is_led: AtomicBool,
+    desk: Mutex<Desk>,
+    threads: Vec<OnceLock<Thread>>,
+    pool: Arc<EnginePool>,
+    janitor: &'a Janitor,
+    stop: &'a AtomicBool,
+}
+
+/// What the lane that leads uses.
+struct Lead {
+    intake: Intake,
+    wake: WakeDaemon,
+    /// Requests on their way to the desk.
+    arrived: Vec<Incoming>,
+    tidy_at: Instant,
+}
+
+/// Why a lane gives the lead up.
+enum Led {
+    /// It has a request to serve.
+    Task(Task),
+    /// Another lane may want to lead, and this one looks again later.
+    StandBy,
+    /// It goes to rest.
+    Rest,
+    /// The daemon stops.
+    Stop,
+}
+
+impl<'a> Lanes<'a> {
+    /// As many lanes as cores, two at the least: one listens while another is away.
+    pub(super) fn new(
+        intake: Intake,
+        wake: WakeDaemon,
+        responder: Responder,
+        pool: Arc<EnginePool>,
+        settings: &ServeSettings,
+        janitor: &'a Janitor,
+        stop: &'a AtomicBool,
+    ) -> Self {
+        let cores = pool.threads();
+        let lanes = cores.max(2);
+        let crew = Crew::new(lanes, cores);
+        let desk = Desk::new(settings.limits.max_clients, crew, settings.spin, cores);
+        let arrived = Vec::with_capacity(desk.room());
+        Self {
+            responder,
+            lead: Mutex::new(Lead { intake, wake, arrived, tidy_at: Instant::now() }),
+            is_led: AtomicBool::new(false),
+            desk: Mutex::new(desk),
+            threads: (0..lanes).map(|_| OnceLock::new()).collect(),
+            pool,
+            janitor,
+            stop,
+        }
+    }
+
+    /// Serves until told to stop. This thread is lane 0.
+    ///
+    /// # Errors
+    /// The system starts no thread.
+    pub(super) fn run(&self) -> Result<(), ServeError> {
+        std::thread::scope(|scope| {
+            for lane in 1..self.threads.len() {
+                std::thread::Builder::new()
+                    .name(format!("lane-{lane}"))
+                    .spawn_scoped(scope, move || self.serve_in(lane))
+                    .inspect_err(|_| self.stop.store(true, Ordering::Relaxed))
+                    .map_err(ServeError::system("starting a lane"))?;
+            }
+            self.serve_in(0);
+            Ok(())
+        })
+    }
+
+    fn serve_in(&self, lane: usize) {
+        let _end = EndWithPanic;
+        // Nothing else sets it.
+        let _ = self.threads[lane].set(std::thread::current());
+        while !self.stop.load(Ordering::Relaxed) {
+            match self.lead.try_lock() {
+                Ok(mut lead) => {
+                    self.is_led.store(true, Ordering::Relaxed);
+                    let led = self.lead(lane, &mut lead);
+                    drop(lead);
+                    self.is_led.store(false, Ordering::Relaxed);
+                    match led {
+                        Led::Task(task) => self.serve(lane, task),
+                        Led::StandBy => std::thread::park_timeout(STAND_BY_NAP),
+                        Led::Rest => self.rest(lane),
+                        Led::Stop => {}
+                    }
+                }
+                Err(TryLockError::WouldBlock) => match self.next_task() {
+                    Some(task) => self.serve(lane, task),
+                    None => self.follow(lane),
+                },
+                // A lane has panicked: the process ends.
+                Err(TryLockError::Poisoned(_)) => return,
+            }
+        }
+        self.threads.iter().filter_map(OnceLock::get).for_each(Thread::unpark);
+    }
+
+    /// Looks for requests until there is one to serve, or nothing to look for.
+    fn lead(&self, lane: usize, lead: &mut Lead) -> Led {
+        let mut spinner = Spinner::default();
+        let mut is_first = true;
+        let (mut look_at, mut sleep_at) = (Instant::now(), Instant::now());
+        while !self.stop.load(Ordering::Relaxed) {
+            let has_arrived = self.receive(lead);
+            // Requests that came together with one that another lane serves wait on the desk.
+            if (has_arrived || std::mem::take(&mut is_first))
+                && let Some(task) = self.next_task()
+            {
+                return Led::Task(task);
+            }
+            let published = self.responder.publish_ended();
+            let now = Instant::now();
+            if now >= lead.tidy_at {
+                self.tidy(lead);
+                lead.tidy_at = now + JANITOR_INTERVAL;
+            }
+            if published || now >= look_at {
+                let mut desk = self.desk();
+                if published {
+                    desk.note_answer(now);
+                }
+                sleep_at = desk.sleep_at();
+                look_at = now + DESK_LOOK;
+                if lane > 0 && desk.crew.is_too_large(now) {
+                    return self.leave(lane, desk);
+                }
+                if lane > 0 && !desk.is_awaiting(now) {
+                    // Whoever is active is being served: nothing to spin for.
+                    sleep_at = now;
+                }
+            }
+            if self.responder.is_busy() {
+                self.responder.rest();
+            } else if now < sleep_at {
+                spinner.turn();
+            } else if lane > 0 {
+                return self.stand_by(lane);
+            } else if let Err(error) = lead.wake.timed_wait(|_| {}, LONGEST_SLEEP) {
+                // A request that came between the last look and the wait has left its wake-up: it is
+                // not lost, the wait returns at once.
+                log::debug!("waiting for requests: {error:?}");
+            }
+        }
+        Led::Stop
+    }
+
+    /// A lane beside lane 0 leaves the lead to it and goes to rest.
+    fn leave(&self, lane: usize, mut desk: MutexGuard<'_, Desk>) -> Led {
+        desk.crew.rest(lane);
+        let was_resting = desk.crew.wake_lane(0);
+        drop(desk);
+        if was_resting {
+            self.unpark(0);
+        }
+        Led::Rest
+    }
+
+    /// What a lane beside lane 0 does instead of sleeping: while lane 0 is away, it looks now and then.
+    fn stand_by(&self, lane: usize) -> Led {
+        let desk = self.desk();
+        if desk.crew.is_resting(0) { self.leave(lane, desk) } else { Led::StandBy }
+    }
+
+    /// Spins until the lead is free, or goes to rest.
+    fn follow(&self, lane: usize) {
+        let mut spinner = Spinner::default();
+        let mut look_at = Instant::now();
+        while self.is_led.load(Ordering::Relaxed) && !self.stop.load(Ordering::Relaxed) {
+            spinner.turn();
+            let now = Instant::now();
+            if now < look_at {
+                continue;
+            }
+            look_at = now + DESK_LOOK;
+            let mut desk = self.desk();
+            if now >= desk.sleep_at() || lane > 0 && desk.crew.is_too_large(now) {
+                desk.crew.rest(lane);
+                drop(desk);
+                return self.rest(lane);
+            }
+        }
+    }
+
+    /// Sleeps until another lane says that this one is wanted. Nobody leads, for a moment, when lanes
+    /// rest at the same time: so lane 0 looks now and then.
+    fn rest(&self, lane: usize) {
+        while !self.stop.load(Ordering::Relaxed) {
+            std::thread::park_timeout(LONGEST_SLEEP);
+            let mut desk = self.desk();
+            let is_alone = lane == 0 && !self.is_led.load(Ordering::Relaxed);
+            if is_alone {
+                desk.crew.wake_lane(lane);
+            }
+            if !desk.crew.is_resting(lane) {
+                return;
+            }
+        }
+    }
+
+    /// Takes in what has arrived. Whether something had.
+    fn receive(&self, lead: &mut Lead) -> bool {
+        let Lead { intake, arrived, .. } = lead;
+        intake.receive(arrived.capacity(), |incoming| arrived.push(incoming));
+        if arrived.is_empty() {
+            return false;
+        }
+        let now = Instant::now();
+        for incoming in arrived.drain(..) {
+            let objects = incoming.request.header().box_count;
+            let session = incoming.sender.session;
+            let work = self.responder.clients().expected_work(session, objects);
+            self.desk().put(Arrived { incoming, work }, now);
+        }
+        true
+    }
+
+    fn next_task(&self) -> Option<Task> {
+        let task = self.desk().next(Instant::now())?;
+        if let Some(lane) = task.wake {
+            self.unpark(lane);
+        }
+        Some(task)
+    }
+
+    fn serve(&self, lane: usize, task: Task) {
+        let Task { incoming, threads, length, .. } = task;
+        let (sender, objects) = (incoming.sender, incoming.request.header().box_count);
+        let start = Instant::now();
+        let served = self.responder.take(incoming, threads);
+        let now = Instant::now();
+        let took = now.saturating_duration_since(start);
+        // Several threads take longer together than one would alone.
+        let work = served.on_one_core.unwrap_or(took);
+        self.responder.clients().note_work(sender.session, FrameWork { objects, work });
+        let used = took * served.threads as u32;
+        let sleep_at = self.desk().note_served(sender, length, used, now);
+        if lane == 0 {
+            // The client has a frame to look at: one core is left to it.
+            let most_awake = self.pool.threads().saturating_sub(1).max(1);
+            self.pool.keep_until(served.threads.min(most_awake), sleep_at);
+        }
+    }
+
+    fn tidy(&self, lead: &mut Lead) {
+        self.responder.tidy();
+        self.janitor.post(&StatusFile::now(self.responder.status()));
+        lead.intake.tidy();
+    }
+
+    fn unpark(&self, lane: usize) {
+        // One that has not begun yet does not sleep.
+        if let Some(thread) = self.threads[lane].get() {
+            thread.unpark();
+        }
+    }
+
+    fn desk(&self) -> MutexGuard<'_, Desk> {
+        self.desk.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Ends the process where a lane panics, as a panic of its only thread would: the supervisor starts
+/// another one.
+struct EndWithPanic;
+
+impl Drop for EndWithPanic {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            std::process::abort();
+        }
+    }
+}
