@@ -45,7 +45,8 @@ pub fn answer_all_as(
 ) {
     let (name, limits) = (InstanceName::default(), Limits::default());
     dir.ensure_transport_root(&name).expect("the transport's directory");
-    let services = Services::<ipc_threadsafe::Service>::serve(dir, &name, &limits).expect("services");
+    let services =
+        Services::<ipc_threadsafe::Service>::serve(dir, &name, &limits).expect("services");
     let server = services.server(&limits).expect("a server");
     let pid = std::process::id();
     let record = DaemonRecord { worker_pid: pid, supervisor_pid: pid, version };

@@ -112,7 +112,8 @@ mod tests {
         let (dir, name) = (RuntimeDir::at(&path), "own".parse().expect("a name"));
         dir.ensure().expect("a directory of our own");
         let limits = Limits::default();
-        let services = Services::<ipc_threadsafe::Service>::serve(&dir, &name, &limits).expect("served");
+        let services =
+            Services::<ipc_threadsafe::Service>::serve(&dir, &name, &limits).expect("served");
         let server = services.server(&limits).expect("a server");
         let client_side =
             Services::<ipc_threadsafe::Service>::connect(&dir, &name).expect("connected");

@@ -40,7 +40,6 @@ impl Client {
     pub(super) const fn session(&self) -> u128 {
         self.session
     }
-
 }
 
 /// The listener of a session that bears the name of this token.

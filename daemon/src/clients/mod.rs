@@ -11,8 +11,8 @@ use std::time::Duration;
 
 use pairmask_transport::{Sender, WakeClient};
 
-use self::client::find_listener;
 pub(crate) use self::client::FrameWork;
+use self::client::find_listener;
 use self::known::Known;
 use crate::execute::Executor;
 
@@ -51,7 +51,9 @@ impl Clients {
     /// proportion where it has more objects.
     pub(crate) fn expected_work(&self, session: u128, objects: u32) -> Duration {
         match self.known().find(session).and_then(|client| client.last_work) {
-            Some(last) => last.work.mul_f64(f64::from(objects).max(1.0) / f64::from(last.objects).max(1.0)),
+            Some(last) => {
+                last.work.mul_f64(f64::from(objects).max(1.0) / f64::from(last.objects).max(1.0))
+            }
             None => WORK_AN_OBJECT * objects,
         }
     }

@@ -100,7 +100,8 @@ impl CpuSide {
         let plan_ns = nanoseconds_since(start);
         log::debug!("{}", plan.explain());
         let one_core_ns = (plan.threads > 1 && !plan.engine.is_gpu()).then(|| {
-            let one_core = self.engines.plan(boxes, &CullOptions { threads: Some(1), ..*options }, None);
+            let one_core =
+                self.engines.plan(boxes, &CullOptions { threads: Some(1), ..*options }, None);
             engine_ns(&one_core)
         });
         Planned { plan, options: *options, start, plan_ns, one_core_ns }

@@ -10,10 +10,10 @@ use pairmask_core::mask::ReadableEncodings;
 use pairmask_core::objects::Objects;
 use pairmask_wire::CullRequest;
 
+use super::Served;
 use crate::execute::{
     CullUnderWay, Ended, EnginePool, Executor, FRAMES_UNDER_WAY, GpuShare, Owner,
 };
-use super::Served;
 use crate::publish::{OpenRequest, Outbox};
 
 /// Engines for sessions that have none yet, and the frames that a GPU has not ended.
@@ -95,7 +95,7 @@ impl Culls {
         if let Err(reject) = open.place_scene(request.scene) {
             outbox.refuse(&mut open, &reject.into());
             open.close();
-            return Served::BY_ONE;
+            return Served::BEGUN;
         }
         let sender = open.sender();
         let limit_words = open.limit_words();
@@ -113,7 +113,7 @@ impl Culls {
             match engines.begin(planned, owner, open) {
                 Ok(cull) => {
                     self.under_way().push_back(cull);
-                    Served::BY_ONE
+                    Served::BEGUN
                 }
                 Err(ended) => {
                     self.under_way_count.fetch_sub(1, Ordering::Relaxed);
@@ -202,7 +202,7 @@ impl Place {
 /// Publishes what became of a frame. A device that hangs may keep the request: then its client's
 /// deadline ends its wait.
 fn publish_all((answer, open): Ended<OpenRequest>, outbox: &Outbox) -> Served {
-    open.map_or(Served::BY_ONE, |open| publish(open, answer, outbox))
+    open.map_or(Served::BEGUN, |open| publish(open, answer, outbox))
 }
 
 fn publish(
@@ -216,5 +216,5 @@ fn publish(
         Err(error) => outbox.refuse(&mut open, &error.into()),
     }
     open.close();
-    Served { threads, on_one_core: None }
+    Served { threads, ..Served::BEGUN }
 }

@@ -34,11 +34,15 @@ pub struct Served {
     pub threads: usize,
     /// What it was predicted to take on one core, where several threads took part.
     pub on_one_core: Option<Duration>,
+    /// Whether it was a frame, by which the next is judged.
+    pub is_frame: bool,
 }
 
 impl Served {
-    /// By one thread.
-    const BY_ONE: Self = Self { threads: 1, on_one_core: None };
+    /// A frame that was begun or refused by one thread.
+    const BEGUN: Self = Self { threads: 1, on_one_core: None, is_frame: true };
+    /// Another request.
+    const OTHER: Self = Self { is_frame: false, ..Self::BEGUN };
 }
 
 impl Responder {
@@ -78,7 +82,7 @@ impl Responder {
             Err(reject) => self.outbox.refuse(&mut open, &reject.into()),
         }
         open.close();
-        Served::BY_ONE
+        Served::OTHER
     }
 
     /// What is known of the clients.

@@ -44,8 +44,13 @@ impl Crew {
     }
 
     /// Sessions that were active a moment ago.
+    pub(super) fn sessions(&self, now: Instant) -> impl Iterator<Item = u128> {
+        self.seen.iter().filter(move |(_, at)| is_recent(*at, now)).map(|(session, _)| *session)
+    }
+
+    /// Their number.
     pub(super) fn active(&self, now: Instant) -> usize {
-        self.seen.iter().filter(|(_, at)| is_recent(*at, now)).count()
+        self.sessions(now).count()
     }
 
     /// A lane begins to serve a long frame.

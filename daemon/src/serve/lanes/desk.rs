@@ -49,8 +49,6 @@ pub(super) struct Desk {
     sleep_at: Instant,
     /// Threads of the engines' pool.
     pool_threads: usize,
-    /// Small frames that are being served.
-    small_served: usize,
 }
 
 impl Desk {
@@ -61,7 +59,6 @@ impl Desk {
             patience: Patience::new(spin),
             sleep_at: Instant::now(),
             pool_threads,
-            small_served: 0,
         }
     }
 
@@ -78,7 +75,7 @@ impl Desk {
     /// Whether a session that was active a moment ago is not being served: it may ask again at any
     /// moment.
     pub(super) fn is_awaiting(&self, now: Instant) -> bool {
-        self.crew.active(now) > self.small_served
+        self.crew.sessions(now).any(|session| !self.inbox.is_served(session))
     }
 
     /// Takes in a request.
@@ -94,20 +91,19 @@ impl Desk {
     pub(super) fn next(&mut self, now: Instant) -> Option<Task> {
         let (_, Arrived { incoming, work }) = self.inbox.next()?;
         self.patience.note_request(now);
-        // Large frames wait for each other. A small one counts itself.
-        let others = if work > LARGE_WORK {
-            self.crew.active(now)
-        } else {
-            self.crew.active(now).max(self.inbox.serving()).saturating_sub(1)
-        };
+        let session = incoming.sender.session;
+        let active = self.crew.sessions(now).filter(|other| *other != session).count();
+        // Large frames wait for each other, and so leave each other no core.
+        let is_large = work > LARGE_WORK;
+        let served = if is_large { 0 } else { self.inbox.serving().saturating_sub(1) };
+        let others = active.max(served);
         let threads = threads_for(work, others, self.pool_threads);
         let is_long = work / threads as u32 > LONG_FRAME;
         if is_long {
             self.crew.note_away();
         }
         let wake = self.crew.wake(now);
-        let length = Length { is_long, is_large: work > LARGE_WORK };
-        self.small_served += usize::from(!length.is_large);
+        let length = Length { is_long, is_large };
         Some(Task { incoming, threads, length, wake })
     }
 
@@ -124,7 +120,6 @@ impl Desk {
             self.crew.note_back();
         }
         if !length.is_large {
-            self.small_served -= 1;
             self.crew.note_active(sender.session, now);
         }
         self.note_answer(now);

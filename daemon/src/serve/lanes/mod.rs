@@ -139,8 +139,8 @@ impl<'a> Lanes<'a> {
                 Ok(mut lead) => {
                     self.is_led.store(true, Ordering::Relaxed);
                     let led = self.lead(lane, &mut lead);
-                    drop(lead);
                     self.is_led.store(false, Ordering::Relaxed);
+                    drop(lead);
                     match led {
                         Led::Task(task) => self.serve(lane, task),
                         Led::StandBy => std::thread::park_timeout(STAND_BY_NAP),
@@ -295,7 +295,9 @@ impl<'a> Lanes<'a> {
         let took = now.saturating_duration_since(start);
         // Several threads take longer together than one would alone.
         let work = served.on_one_core.unwrap_or(took);
-        self.responder.clients().note_work(sender.session, FrameWork { objects, work });
+        if served.is_frame {
+            self.responder.clients().note_work(sender.session, FrameWork { objects, work });
+        }
         let used = took * served.threads as u32;
         let sleep_at = self.desk().note_served(sender, length, used, now);
         if lane == 0 {
