@@ -94,7 +94,12 @@ struct CpuSide {
 
 impl CpuSide {
     /// Begins a frame with its plan.
-    fn plan(&self, boxes: BoxSlice<'_>, options: &CullOptions, gpu: Option<GpuCost>) -> Planned {
+    fn plan(
+        &mut self,
+        boxes: BoxSlice<'_>,
+        options: &CullOptions,
+        gpu: Option<GpuCost>,
+    ) -> Planned {
         let start = Instant::now();
         let plan = self.engines.plan(boxes, options, gpu);
         let plan_ns = nanoseconds_since(start);

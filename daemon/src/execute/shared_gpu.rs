@@ -11,6 +11,10 @@ use super::{GpuService, engine_ns};
 /// How long a look at a software adapter's frame waits for the next.
 const SOFTWARE_REST: Duration = Duration::from_micros(200);
 
+/// The time that frames wait for the GPU counts in steps of this, ns: a plan of about the same cost is
+/// taken again, which spares 10 to 20 µs.
+const QUEUE_STEP_NS: u64 = 32_768;
+
 /// What plans need to know of a GPU, while another thread uses it too.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Outlook {
@@ -84,8 +88,8 @@ impl SharedGpu {
     /// core that would be done sooner.
     pub(super) fn cost(&self) -> Option<GpuCost> {
         let cost = self.outlook().cost?;
-        let queued_ns = self.queued_ns.load(Ordering::Relaxed) as f64;
-        Some(GpuCost { fixed_ns: cost.fixed_ns + queued_ns, ..cost })
+        let queued_ns = self.queued_ns.load(Ordering::Relaxed) / QUEUE_STEP_NS * QUEUE_STEP_NS;
+        Some(GpuCost { fixed_ns: cost.fixed_ns + queued_ns as f64, ..cost })
     }
 
     /// Has a frame of this plan wait for the GPU, or be under way on it, until the value is dropped.

@@ -7,7 +7,9 @@ use crate::engine::{
     AvailableIsa, CullError, CullInput, CullReport, Engine, EngineChoice, EngineName, RecentNeed,
     ReplyBuffer, cpu_engines,
 };
-use crate::plan::{Calibration, Capabilities, CullOptions, GpuCost, Plan, SceneStats, plan};
+use crate::plan::{
+    Calibration, Capabilities, CullOptions, GpuCost, Plan, PlanMemory, SceneStats, plan,
+};
 use crate::precision::BoxSlice;
 use crate::units::BoxCount;
 
@@ -15,6 +17,7 @@ use crate::units::BoxCount;
 pub struct CpuEngines {
     engines: [Kept; EngineName::CPU.len()],
     calibration: Calibration,
+    plans: PlanMemory,
 }
 
 /// An engine that is kept warm, and the scratch that its frames have needed of late.
@@ -55,7 +58,7 @@ impl CpuEngines {
             engine,
             need: RecentNeed::NONE,
         });
-        Self { engines, calibration }
+        Self { engines, calibration, plans: PlanMemory::default() }
     }
 
     /// Gives the scratch of all engines back. Answers do not depend on it; the next frame takes
@@ -70,9 +73,10 @@ impl CpuEngines {
     }
 
     /// Plans a frame, among the CPU engines and a GPU if there is one. Boxes may be in any form: a
-    /// few are looked at, and none is expanded.
+    /// few are looked at, and none is expanded. Where the last frames were about the same, none is looked
+    /// at either, and their plan is taken again ([`PlanMemory`]).
     pub fn plan<'a>(
-        &self,
+        &mut self,
         boxes: impl Into<BoxSlice<'a>>,
         options: &CullOptions,
         gpu: Option<GpuCost>,
@@ -80,8 +84,12 @@ impl CpuEngines {
         let boxes = boxes.into();
         let gpu = gpu.map(|cost| cost.of_form(boxes.form()));
         let capabilities = Capabilities { threads: threads_for(options), gpu };
+        let n = BoxCount::of_len(boxes.len());
+        if let Some(again) = n.and_then(|n| self.plans.again(n, &capabilities, options)) {
+            return again;
+        }
         let planned = |stats: SceneStats| plan(&stats, &capabilities, &self.calibration, options);
-        match (options.engine, BoxCount::of_len(boxes.len())) {
+        let plan = match (options.engine, n) {
             (EngineChoice::Only(engine), Some(n)) if engine.is_gpu() => {
                 planned(SceneStats::unseen(n, options.last_pairs))
             }
@@ -96,7 +104,9 @@ impl CpuEngines {
                 }
             }
             _ => planned(SceneStats::glance(boxes, options.last_pairs)),
-        }
+        };
+        self.plans.keep(&plan, &capabilities);
+        plan
     }
 
     /// Runs a CPU engine.

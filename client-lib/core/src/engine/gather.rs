@@ -1,7 +1,8 @@
 //! What the tasks of a frame gather words by: how many the reply holds, and which pairs count.
 
-use super::PairRules;
 use super::word_budget::WordBudget;
+use super::{AvailableIsa, PairRules};
+use crate::mask::SparseMask;
 
 /// What all tasks of a frame share.
 #[derive(Clone, Copy)]
@@ -12,9 +13,17 @@ pub(crate) struct Gather<'a> {
     pub rules: PairRules<'a>,
     /// Box index at each position; empty where positions are indices.
     pub order: &'a [u32],
+    /// What words are made and named with.
+    pub isa: AvailableIsa,
 }
 
 impl Gather<'_> {
+    /// Gives `take` the pairs of boxes that words name, some at a time, in the order of the words.
+    pub fn name_pairs(&self, words: [&[u32]; 3], take: impl FnMut(&[[u32; 2]])) {
+        let order = Some(self.order).filter(|order| !order.is_empty());
+        SparseMask::of_found(self.budget.n(), words, order, self.isa).for_each_slice(take);
+    }
+
     /// Keeps what passes the rules of some words, if there are any: those without bits go, and the
     /// others close up. Returns how many words stay at the front, and how many pairs went.
     pub fn sift(&self, [rows, blocks, bits]: [&mut [u32]; 3]) -> (usize, u64) {
@@ -60,6 +69,7 @@ mod tests {
                 budget: &budget,
                 rules: test.map_or(PairRules::NONE, PairRules::tested_by),
                 order: &[],
+                isa: AvailableIsa::best(),
             };
             let (kept, gone) = gather.sift([rows, blocks, bits]);
             (words.map(|array| array[..kept].to_vec()), gone)

@@ -30,6 +30,7 @@ mod calibration_choice;
 mod calibration_file;
 mod explain;
 mod machine;
+mod memory;
 mod model;
 mod options;
 mod term;
@@ -45,6 +46,7 @@ pub use calibration_file::{
     user_cache_folder,
 };
 pub use machine::MachineKey;
+pub use memory::PlanMemory;
 pub use options::CullOptions;
 pub use term::Term;
 pub use work::Work;

@@ -165,8 +165,8 @@ fn boxes_take_a_gpu_the_time_of_their_bytes() {
         BoxSlice::new(form, &bytes[..n * form.box_bytes()]).expect("whole boxes")
     };
     // No box is looked at, so that all but the way up is the same.
-    let engines = CpuEngines::with_calibration(Calibration::built_in(Isa::Avx512));
-    let predicted = |form| {
+    let mut engines = CpuEngines::with_calibration(Calibration::built_in(Isa::Avx512));
+    let mut predicted = |form| {
         let options =
             CullOptions { engine: EngineChoice::Only(EngineName::GpuGrid), ..Default::default() };
         let plan = engines.plan(boxes(form), &options, Some(GPU));

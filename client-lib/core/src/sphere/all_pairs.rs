@@ -98,9 +98,8 @@ impl SphereAllPairs {
         clock.ingested();
 
         let (columns, isa, parts) = (&self.columns, self.isa, self.tasks.len());
-        let gather = &Gather { budget, rules: input.rules, order: &self.order };
-        let run =
-            |tasks: &mut [Task]| tasks.iter_mut().for_each(|task| task.run(columns, gather, isa));
+        let gather = &Gather { budget, rules: input.rules, order: &self.order, isa };
+        let run = |tasks: &mut [Task]| tasks.iter_mut().for_each(|task| task.run(columns, gather));
         in_parts(self.tasks.as_mut_slice(), parts, &run, &|(), ()| ());
         clock.executed();
 
@@ -131,17 +130,18 @@ impl SphereAllPairs {
 
 impl Task {
     /// Finds the words of all rows, until the budget is spent.
-    fn run(&mut self, columns: &BallColumns, gather: &Gather<'_>, isa: AvailableIsa) {
+    fn run(&mut self, columns: &BallColumns, gather: &Gather<'_>) {
         self.found.clear();
         for row in self.rows.clone() {
             if gather.budget.is_spent() {
                 return;
             }
-            kernel::search(columns, row, isa, &mut |word, bits: u64| {
+            kernel::search(columns, row, gather.isa, &mut |word, bits: u64| {
                 let (row, block) = (row as u32, 2 * word as u32);
                 self.found.push(row, block, bits as u32, gather);
                 self.found.push(row, block + 1, (bits >> 32) as u32, gather);
             });
         }
+        self.found.finish(gather);
     }
 }

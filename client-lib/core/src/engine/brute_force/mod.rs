@@ -203,7 +203,7 @@ impl Engine for BruteForce {
     ) -> Result<CullReport, CullError> {
         let (boxes, n) = input.f32_boxes(EngineName::CpuBrute)?;
         let budget = &WordBudget::new(n, input.encoding, false, reply)?;
-        let gather = &Gather { budget, rules: input.rules, order: &[] };
+        let gather = &Gather { budget, rules: input.rules, order: &[], isa: self.isa };
         let mut clock = StageClock::start();
         let census = self.columns.ingest(boxes, self.isa);
         if boxes.len() >= BITMAP_BOXES {

@@ -5,9 +5,8 @@ use crate::engine::cost::terms;
 use crate::engine::gather::Gather;
 use crate::engine::strips::{Split, in_parts};
 use crate::engine::{CostTerm, CullError, ReplyBuffer};
-use crate::mask::{MaskShape, SparseMask};
+use crate::mask::MaskShape;
 use crate::stats::SceneStats;
-use crate::units::BoxCount;
 
 terms! {
     /// A list.
@@ -75,17 +74,8 @@ where
     let task_count = tasks.clone().count();
     let all = Part { tasks, first: 0, task_count, out: &mut out[..pair_count as usize] };
     let parts = if parallel && pair_count >= PARALLEL_PAIRS { task_count } else { 1 };
-    let names = Names { n: gather.budget.n(), order: gather.order };
-    in_parts(all, parts, &|part: Part<'_, T>| part.write(names), &|(), ()| ());
+    in_parts(all, parts, &|part: Part<'_, T>| part.write(gather), &|(), ()| ());
     Ok(shape)
-}
-
-/// The boxes at the positions of words.
-#[derive(Clone, Copy)]
-struct Names<'a> {
-    n: BoxCount,
-    /// Box index at each position; empty where positions are indices.
-    order: &'a [u32],
 }
 
 /// Some tasks in sequence, and the room for exactly their pairs.
@@ -106,12 +96,11 @@ where
         self.tasks.clone().skip(self.first + from).take(count)
     }
 
-    fn write(self, names: Names<'_>) {
+    fn write(self, gather: &Gather<'_>) {
         let tasks = self.tasks(0, self.task_count);
         let mut rest = self.out;
         for words in tasks.flat_map(FoundWords::chunks) {
-            let order = Some(names.order).filter(|order| !order.is_empty());
-            SparseMask::of_found(names.n, words, order).for_each_slice(|pairs| {
+            gather.name_pairs(words, |pairs| {
                 let (here, later) = std::mem::take(&mut rest).split_at_mut(pairs.len());
                 here.copy_from_slice(pairs);
                 rest = later;

@@ -12,7 +12,7 @@ pub(crate) use dense::{DenseRows, DenseWindow};
 
 use super::gather::Gather;
 use super::word_budget::WordBudget;
-use super::{CostTerm, CullError, PairRules, ReplyBuffer};
+use super::{AvailableIsa, CostTerm, CullError, PairRules, ReplyBuffer};
 use crate::mask::{Encoding, MaskShape};
 use crate::stats::SceneStats;
 use crate::units::BoxCount;
@@ -111,7 +111,8 @@ pub fn write_no_pairs(
     reply: &mut dyn ReplyBuffer,
 ) -> Result<MaskShape, CullError> {
     let budget = &WordBudget::new(n, encoding, false, reply)?;
-    let gather = &Gather { budget, rules: PairRules::NONE, order: &[] };
+    let isa = AvailableIsa::best();
+    let gather = &Gather { budget, rules: PairRules::NONE, order: &[], isa };
     write(std::iter::empty::<&NoWords>(), gather, encoding, false, reply)
 }
 

@@ -142,9 +142,10 @@ impl Engine for Grid {
         clock.ingested();
 
         self.assign(threads);
-        let gather = &Gather { budget, rules: input.rules, order: self.sorted.boxes.order() };
+        let (order, isa) = (self.sorted.boxes.order(), self.isa);
+        let gather = &Gather { budget, rules: input.rules, order, isa };
         let levels = &self.layout.levels;
-        let scene = Scene { sorted: &self.sorted, levels, gather, isa: self.isa };
+        let scene = Scene { sorted: &self.sorted, levels, gather };
         let parts = self.tasks.len();
         let run = |tasks: &mut [RowTask]| tasks.iter_mut().for_each(|task| task.run(scene));
         in_parts(self.tasks.as_mut_slice(), parts, &run, &|(), ()| ());

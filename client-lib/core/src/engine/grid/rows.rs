@@ -9,7 +9,6 @@ use super::level::{Level, Reach};
 use super::neighbours::{LaterLines, REACH_X, folded};
 use super::sort::SortedBoxes;
 use crate::aabb::order_key;
-use crate::engine::AvailableIsa;
 use crate::engine::gather::Gather;
 use crate::engine::strips::{GROUP, RowBlock, StripBatch, WordSink};
 
@@ -43,7 +42,6 @@ pub(super) struct Scene<'a> {
     pub sorted: &'a SortedBoxes,
     pub levels: &'a [Level],
     pub gather: &'a Gather<'a>,
-    pub isa: AvailableIsa,
 }
 
 impl Scene<'_> {
@@ -134,7 +132,7 @@ impl RowTask {
         }
         let lines = &lines[..later.as_slice().len()];
         let crowded = own[width] - own[0] > CROWDED_CELL * width as u32;
-        if finer.is_empty() && !crowded && RowBlock::pays(scene.isa) {
+        if finer.is_empty() && !crowded && RowBlock::pays(scene.gather.isa) {
             self.run_blocks(scene, level, own, lines, rows);
         } else {
             self.run_cells(scene, level, own, lines, 0..width, rows, finer);
@@ -313,8 +311,8 @@ impl RowTask {
         if self.batch.is_empty() {
             return;
         }
-        self.batch.test(&scene.sorted.boxes, scene.isa);
-        self.found.take(&self.batch, scene.gather, scene.isa);
+        self.batch.test(&scene.sorted.boxes, scene.gather.isa);
+        self.found.take(&self.batch, scene.gather);
         self.batch.clear();
     }
 }

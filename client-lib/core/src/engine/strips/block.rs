@@ -253,12 +253,12 @@ mod tests {
             let n = BoxCount::new(N as u32);
             let budget = WordBudget::new(n, Encoding::Sparse, true, &HeapReply::new());
             let budget = budget.expect("no limit");
-            let gather = &Gather { budget: &budget, rules: PairRules::NONE, order: &[] };
             for isa in Isa::ALL.into_iter().filter_map(AvailableIsa::new) {
                 let Some((mut block, _)) = block(&case) else { return Ok(()) };
                 compared.insert(block.test(&boxes, isa));
                 let mut sink = WordSink::default();
-                sink.take_block(&block, gather, isa);
+                let (budget, rules) = (&budget, PairRules::NONE);
+                sink.take_block(&block, &Gather { budget, rules, order: &[], isa });
                 let mut pairs = Vec::new();
                 let mut addresses = Vec::new();
                 for [rows, blocks, bits] in sink.chunks() {

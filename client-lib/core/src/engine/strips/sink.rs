@@ -4,7 +4,6 @@ use super::hits::Hits;
 use super::{RowBlock, StripBatch};
 #[cfg(target_arch = "x86_64")]
 use super::{words_avx2, words_avx512};
-use crate::engine::AvailableIsa;
 #[cfg(target_arch = "x86_64")]
 use crate::engine::Isa;
 use crate::engine::encode::FoundWords;
@@ -131,7 +130,8 @@ impl WordSink {
     /// Adds the hits of a tested batch. Batches must come in rising order of (row, start).
     ///
     /// Full chunks count against the budget. A task that searches on after it is spent wastes time.
-    pub fn take(&mut self, batch: &StripBatch, gather: &Gather<'_>, isa: AvailableIsa) {
+    pub fn take(&mut self, batch: &StripBatch, gather: &Gather<'_>) {
+        let isa = gather.isa;
         self.pair_count += self.hits.collect(batch, isa);
         let mut done = 0;
         while done < self.hits.len() {
@@ -149,12 +149,12 @@ impl WordSink {
 
     /// Adds what was found in a tested block. Blocks must come in rising order of rows, which no batch
     /// that was taken before may have.
-    pub fn take_block(&mut self, block: &RowBlock, gather: &Gather<'_>, isa: AvailableIsa) {
+    pub fn take_block(&mut self, block: &RowBlock, gather: &Gather<'_>) {
         let mut row = 0;
         while row < block.row_count {
             self.make_room(gather);
             let chunk = &mut self.chunks[self.used - 1];
-            let (next, pairs) = block.append(row, chunk, isa);
+            let (next, pairs) = block.append(row, chunk, gather.isa);
             (row, self.pair_count) = (next, self.pair_count + pairs);
         }
     }
@@ -248,7 +248,7 @@ mod tests {
 
     use super::*;
     use crate::engine::word_budget::WordBudget;
-    use crate::engine::{HeapReply, PairRules, PairTest};
+    use crate::engine::{AvailableIsa, HeapReply, Isa, PairRules, PairTest};
     use crate::mask::Encoding;
     use crate::units::BoxCount;
 
@@ -280,6 +280,11 @@ mod tests {
         WordBudget::new(n, Encoding::Sparse, true, &HeapReply::new()).expect("no limit")
     }
 
+    /// The best of this machine, without an order.
+    fn gather<'a>(budget: &'a WordBudget, rules: PairRules<'a>) -> Gather<'a> {
+        Gather { budget, rules, order: &[], isa: AvailableIsa::best() }
+    }
+
     fn check(strips: &[(u32, u32, u16)], batch_len: usize) {
         let all = naive(strips);
         let some: Vec<[u32; 3]> = all
@@ -298,19 +303,16 @@ mod tests {
         expected: &[[u32; 3]],
     ) {
         let budget = no_limit();
-        let gather = &Gather {
-            budget: &budget,
-            rules: test.map_or(PairRules::NONE, PairRules::tested_by),
-            order: &[],
-        };
+        let rules = test.map_or(PairRules::NONE, PairRules::tested_by);
         let pairs: u32 = expected.iter().map(|word| word[2].count_ones()).sum();
         for isa in Isa::ALL.into_iter().filter_map(AvailableIsa::new) {
+            let gather = &Gather { isa, ..gather(&budget, rules) };
             let mut sink = WordSink::default();
             // The second time, chunks and hits hold the words of the first.
             for _ in 0..2 {
                 sink.clear();
                 for strips in strips.chunks(batch_len) {
-                    sink.take(&StripBatch::tested(strips), gather, isa);
+                    sink.take(&StripBatch::tested(strips), gather);
                 }
                 sink.finish(gather);
                 let words: Vec<[u32; 3]> = sink
@@ -382,7 +384,7 @@ mod tests {
             }
         }
         let budget = no_limit();
-        let gather = &Gather { budget: &budget, rules: PairRules::tested_by(&FewPass), order: &[] };
+        let gather = &gather(&budget, PairRules::tested_by(&FewPass));
         let mut sink = WordSink::default();
         for row in 0..3_000 {
             for block in row / 32 + 1..94 {
@@ -397,7 +399,7 @@ mod tests {
     #[test]
     fn a_refused_sink_keeps_no_words() {
         let budget = no_limit();
-        let gather = &Gather { budget: &budget, rules: PairRules::NONE, order: &[] };
+        let gather = &gather(&budget, PairRules::NONE);
         let mut sink = WordSink::default();
         let empty = sink.allocated_bytes();
         for row in 0..10_000 {

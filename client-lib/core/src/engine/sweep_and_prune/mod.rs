@@ -152,10 +152,10 @@ impl Engine for SweepAndPrune {
 
         self.assign(solid, threads);
         let (ordered, isa, parts) = (&self.boxes, self.isa, self.tasks.len());
-        let gather = Gather { budget, rules: input.rules, order: ordered.order() };
+        let gather = Gather { budget, rules: input.rules, order: ordered.order(), isa };
         let run = |tasks: &mut [SweepTask]| {
             for task in tasks {
-                task.run(ordered, &gather, axis, solid as u32, isa);
+                task.run(ordered, &gather, axis, solid as u32);
             }
         };
         in_parts(self.tasks.as_mut_slice(), parts, &run, &|(), ()| ());

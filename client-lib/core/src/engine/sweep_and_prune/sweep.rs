@@ -2,7 +2,6 @@
 
 use std::ops::Range;
 
-use crate::engine::AvailableIsa;
 use crate::engine::gather::Gather;
 use crate::engine::strips::{OrderedBoxes, STRIP_COLUMNS, StripBatch, WordSink};
 
@@ -26,14 +25,7 @@ impl SweepTask {
 
     /// Finds the words of all rows, until the budget is spent. Boxes from position `solid` on overlap
     /// nothing.
-    pub fn run(
-        &mut self,
-        boxes: &OrderedBoxes,
-        gather: &Gather<'_>,
-        axis: usize,
-        solid: u32,
-        isa: AvailableIsa,
-    ) {
+    pub fn run(&mut self, boxes: &OrderedBoxes, gather: &Gather<'_>, axis: usize, solid: u32) {
         self.found.clear();
         self.batch.reset();
         let keys = boxes.keys();
@@ -45,7 +37,7 @@ impl SweepTask {
             // strip at a time, and the test of the strip finds the place within.
             while start < solid && mins[start as usize] <= max {
                 if self.batch.room() == 0 {
-                    self.flush(boxes, gather, isa);
+                    self.flush(boxes, gather);
                     if gather.budget.is_spent() {
                         return;
                     }
@@ -53,14 +45,14 @@ impl SweepTask {
                 start = self.batch.push(row, start, solid.min(start + STRIP_COLUMNS as u32));
             }
         }
-        self.flush(boxes, gather, isa);
+        self.flush(boxes, gather);
         self.found.finish(gather);
         self.compared = self.batch.take_compared();
     }
 
-    fn flush(&mut self, boxes: &OrderedBoxes, gather: &Gather<'_>, isa: AvailableIsa) {
-        self.batch.test(boxes, isa);
-        self.found.take(&self.batch, gather, isa);
+    fn flush(&mut self, boxes: &OrderedBoxes, gather: &Gather<'_>) {
+        self.batch.test(boxes, gather.isa);
+        self.found.take(&self.batch, gather);
         self.batch.clear();
     }
 }

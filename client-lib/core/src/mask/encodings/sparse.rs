@@ -48,10 +48,15 @@ impl<'a> SparseMask<'a> {
 
     /// A mask of words that an engine of this process has found, with its order if it has one: the box
     /// at each of `n` positions. Arrays of different lengths are cut to the shortest.
-    pub(crate) fn of_found(n: BoxCount, words: [&'a [u32]; 3], order: Option<&'a [u32]>) -> Self {
+    pub(crate) fn of_found(
+        n: BoxCount,
+        words: [&'a [u32]; 3],
+        order: Option<&'a [u32]>,
+        isa: AvailableIsa,
+    ) -> Self {
         let len = words.map(<[u32]>::len).into_iter().min().unwrap_or(0);
         let [rows, blocks, bits] = words.map(|array| &array[..len]);
-        let kernel = Kernel::of(AvailableIsa::best(), order.is_some());
+        let kernel = Kernel::of(isa, order.is_some());
         Self { n, rows, blocks, bits, order, kernel }
     }
 

@@ -49,8 +49,8 @@ impl RowTask {
             if fits {
                 // Words come in the order of rows.
                 self.flush(scene);
-                self.compared += self.block.test(&scene.sorted.boxes, scene.isa);
-                self.found.take_block(&self.block, scene.gather, scene.isa);
+                self.compared += self.block.test(&scene.sorted.boxes, scene.gather.isa);
+                self.found.take_block(&self.block, scene.gather);
                 if scene.is_over() {
                     return;
                 }
