@@ -34,12 +34,11 @@ impl Crew {
 
     /// A session has sent a request for a small frame, or was answered one.
     pub(super) fn note_active(&mut self, session: u128, now: Instant) {
-        match self.seen.iter_mut().find(|(seen, _)| *seen == session) {
-            Some((_, at)) => *at = now,
-            None => {
-                self.seen.retain(|(_, at)| is_recent(*at, now));
-                self.seen.push((session, now));
-            }
+        if let Some((_, at)) = self.seen.iter_mut().find(|(seen, _)| *seen == session) {
+            *at = now;
+        } else {
+            self.seen.retain(|(_, at)| is_recent(*at, now));
+            self.seen.push((session, now));
         }
     }
 
@@ -93,7 +92,8 @@ impl Crew {
         self.is_resting[lane]
     }
 
-    fn awake(&self) -> usize {
+    /// Lanes that do not rest.
+    pub(super) fn awake(&self) -> usize {
         self.is_resting.iter().filter(|is_resting| !**is_resting).count()
     }
 

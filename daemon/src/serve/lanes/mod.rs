@@ -73,6 +73,7 @@ struct Lead {
 }
 
 /// Why a lane gives the lead up.
+#[allow(clippy::large_enum_variant)] // A box would be an allocation.
 enum Led {
     /// It has a request to serve.
     Task(Task),
@@ -237,7 +238,9 @@ impl<'a> Lanes<'a> {
             }
             look_at = now + DESK_LOOK;
             let mut desk = self.desk();
-            if now >= desk.sleep_at() || lane > 0 && desk.crew.is_too_large(now) {
+            let may_rest = now >= desk.sleep_at() || lane > 0 && desk.crew.is_too_large(now);
+            // The one that leads may have gone to rest just now: then this one is to lead.
+            if may_rest && desk.crew.awake() > 1 {
                 desk.crew.rest(lane);
                 drop(desk);
                 return self.rest(lane);
