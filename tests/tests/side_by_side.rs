@@ -64,7 +64,9 @@ fn eight_clients_at_once_get_their_own_pairs() {
             let mut session = daemon.session().connect().unwrap();
             scope.spawn(move || {
                 for _ in 0..ROUNDS {
-                    scenes.iter().for_each(|scene| scene.check(&mut session));
+                    for scene in scenes.iter() {
+                        scene.check(&mut session);
+                    }
                 }
             });
         }

@@ -3,6 +3,7 @@
 //! This crate holds what both sides must agree on: names, service settings, the instance's place on
 //! disk. Each setting has its reason beside it.
 
+mod alarm;
 mod cleanup;
 mod foreign;
 mod instance;
@@ -19,6 +20,7 @@ mod status_file;
 mod trust;
 mod turn;
 
+pub use alarm::sleep_until;
 pub use cleanup::{clean_if_abandoned, remove_hollow_files};
 pub use foreign::foreign_owner;
 pub use instance::{DaemonRecord, InstanceLock, RuntimeDir};

@@ -44,7 +44,8 @@ pub enum CliError {
 impl Failure for CliError {
     fn exit_code(&self) -> u8 {
         match self {
-            Self::Usage(_) | Self::Config(_) | Self::Bench(BenchError::PinAlone) => USAGE,
+            Self::Usage(_) | Self::Config(_) => USAGE,
+            Self::Bench(error) if error.is_usage() => USAGE,
             Self::Cull(error) if error.is_usage() => USAGE,
             _ => FAILED,
         }

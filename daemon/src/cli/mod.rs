@@ -8,6 +8,7 @@ pub mod build;
 mod calibrate;
 pub mod config;
 mod cull;
+pub mod daemon_cpu;
 mod demo;
 mod driver_warnings;
 mod error;
@@ -66,6 +67,8 @@ enum Command {
     #[command(hide = true)]
     DemoClient(demo::DemoClient),
     Bench(bench::Bench),
+    #[command(hide = true)]
+    BenchClient(bench::BenchClient),
     Calibrate(calibrate::Calibrate),
     Scene(scene::Scene),
     Status(status::Status),
@@ -102,6 +105,7 @@ fn run(cli: &Cli, alter_answers: Option<AlterAnswer>) -> Result<(), CliError> {
         Command::Demo(demo) => Ok(demo.run(place, &config)?),
         Command::DemoClient(client) => Ok(client.run(place, &config)?),
         Command::Bench(bench) => Ok(bench.run(place, &config)?),
+        Command::BenchClient(client) => Ok(client.run(place, &config)?),
         Command::Calibrate(calibrate) => Ok(calibrate.run(place.isa(&config))?),
         Command::Scene(scene) => Ok(scene.run()?),
         Command::Status(status) => Ok(status.run(place, &config)?),

@@ -18,9 +18,34 @@ pub struct Percentiles {
     pub max: u64,
 }
 
-/// Collects latencies. Recording allocates nothing.
-#[derive(Clone, Debug)]
+/// Collects latencies. Recording allocates nothing. Serialised as the latencies and how often each
+/// was recorded.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(into = "Vec<(u64, u64)>", from = "Vec<(u64, u64)>")]
 pub struct Recorder(Histogram<u64>);
+
+impl From<Recorder> for Vec<(u64, u64)> {
+    fn from(recorder: Recorder) -> Self {
+        let recorded = recorder.0.iter_recorded();
+        recorded.map(|step| (step.value_iterated_to(), step.count_at_value())).collect()
+    }
+}
+
+impl From<Vec<(u64, u64)>> for Recorder {
+    fn from(counts: Vec<(u64, u64)>) -> Self {
+        let mut recorder = Self::new();
+        for (ns, count) in counts {
+            recorder.0.saturating_record_n(ns, count);
+        }
+        recorder
+    }
+}
+
+impl Default for Recorder {
+    fn default() -> Self {
+        Self::new()
+    }
+}
 
 impl Recorder {
     /// An empty histogram.
@@ -35,6 +60,13 @@ impl Recorder {
     /// Adds one latency.
     pub fn record(&mut self, ns: u64) {
         self.0.saturating_record(ns);
+    }
+
+    /// Adds all latencies of another.
+    pub fn add(&mut self, other: &Self) {
+        for step in other.0.iter_recorded() {
+            self.0.saturating_record_n(step.value_iterated_to(), step.count_at_value());
+        }
     }
 
     /// Removes all latencies.
@@ -73,5 +105,17 @@ mod tests {
         assert!(recorder.percentiles().max >= LONGEST_NS, "too long is counted as the longest");
         recorder.clear();
         assert_eq!(recorder.percentiles(), Percentiles::default());
+    }
+
+    #[test]
+    fn recorders_add_up_and_survive_their_text() {
+        let (mut low, mut high) = (Recorder::new(), Recorder::new());
+        (1..=500).for_each(|ns| low.record(ns));
+        (501..=1000).for_each(|ns| high.record(ns));
+        low.add(&high);
+        assert_eq!(low.percentiles().p50, 500);
+        let text = serde_json::to_string(&low).expect("numbers");
+        let read: Recorder = serde_json::from_str(&text).expect("what was written");
+        assert_eq!(read.percentiles(), low.percentiles());
     }
 }

@@ -26,7 +26,8 @@ Examples:
 A second daemon for the same instance is refused. A daemon without work sleeps.")]
 pub struct Serve {
     /// How long to spin for the next request before sleeping, µs; longer for a client that comes back
-    /// within 1 ms; 0 never spins [default: 50]
+    /// within 1 ms, and from shortly before a steady client's next frame is due; 0 never spins
+    /// [default: 50]
     #[arg(long, value_parser = whole_number::<u64>, env = "PAIRMASK_SPIN_US", value_name = "N")]
     spin_us: Option<u64>,
     /// Clients at a time [default: 16]

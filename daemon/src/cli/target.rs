@@ -7,11 +7,12 @@ use pairmask_transport::RuntimeDir;
 use pairmask_wire::InstanceName;
 
 use super::config::Config;
+use super::daemon_cpu::DaemonCpu;
 use super::options::{CullFlags, DaemonOptions, Place};
 use crate::spawn::{PrivateDaemon, PrivateSettings, SpawnError};
 
-/// How long one frame may take: all pairs of a million boxes on one thread.
-const DEADLINE: Duration = Duration::from_secs(600);
+/// How long one frame of a measurement may take: all pairs of a million boxes on one thread.
+pub const DEADLINE: Duration = Duration::from_secs(600);
 
 /// The instance that is measured.
 pub struct Target {
@@ -37,10 +38,27 @@ impl Target {
         place: &Place,
         config: &Config,
     ) -> Result<Self, SpawnError> {
+        Self::for_clients(options, daemon, spin, 1, place, config)
+    }
+
+    /// As [`Self::new`], for so many clients at a time.
+    ///
+    /// # Errors
+    /// [`SpawnError`] where the daemon does not start.
+    pub fn for_clients(
+        options: &CullFlags,
+        daemon: &DaemonOptions,
+        spin: Duration,
+        clients: u32,
+        place: &Place,
+        config: &Config,
+    ) -> Result<Self, SpawnError> {
         let backend = options.backend(config, Backend::Daemon);
         let named = place.named_instance(config);
         if backend == Backend::Daemon && named.is_none() {
-            let settings = PrivateSettings { spin, ..daemon.private(place, config) };
+            let mut settings = PrivateSettings { spin, ..daemon.private(place, config) };
+            // One slot more: that of the session which found the daemon may not be free yet.
+            settings.limits.max_clients = settings.limits.max_clients.max(clients as usize + 1);
             let daemon = PrivateDaemon::start_self(&settings)?;
             let (dir, instance) = (daemon.dir(), daemon.instance());
             return Ok(Self { dir, instance, backend, _daemon: Some(daemon) });
@@ -57,6 +75,14 @@ impl Target {
             .backend(self.backend)
             .spin(spin)
             .deadline(DEADLINE)
+    }
+
+    /// The time that the daemon's processes use; `None` where no daemon is asked.
+    pub fn cpu(&self) -> Option<DaemonCpu> {
+        match self.backend {
+            Backend::InProcess => None,
+            Backend::Auto | Backend::Daemon => DaemonCpu::of(&self.dir, &self.instance),
+        }
     }
 
     /// Resident memory of this process and of the daemon's, bytes. Shared pages count in both.

@@ -33,7 +33,8 @@ pub struct ServeSettings {
     /// What the instance allows.
     pub limits: Limits,
     /// How long the worker spins for the next request before it sleeps: longer for a client that comes
-    /// back within a millisecond, not at all where this is zero.
+    /// back within a millisecond, and from shortly before a steady client's next frame is due; not at all
+    /// where this is zero.
     pub spin: Duration,
     /// Which GPU.
     pub gpu: GpuChoice,
@@ -51,7 +52,8 @@ pub struct ServeSettings {
 }
 
 /// A worker that has served spins this long for the next request: a closed loop is answered
-/// within a microsecond, and a game at 60 frames a second costs 3 ms of a core a second.
+/// within a microsecond, and a game at 60 frames a second costs 3 ms of a core a second, beside the
+/// 20 to 30 ms in which the worker is awake before its frames.
 pub const DEFAULT_SPIN: Duration = Duration::from_micros(50);
 
 /// Why an instance is not served any more.

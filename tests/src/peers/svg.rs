@@ -3,7 +3,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use pairmask_lab::study::plot::{Line, Lines, Plot, Unit, standalone};
+use pairmaskd::plot::{Line, Lines, Plot, Unit, standalone};
 
 use super::line::{Comparison, PeerRow};
 

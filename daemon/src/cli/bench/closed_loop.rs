@@ -1,15 +1,14 @@
 //! The measured loop: it holds only the frame and the clock.
 
-use std::time::Duration;
+use std::time::Instant;
 
 use indicatif::ProgressBar;
-use pairmask::{FrameInfo, ServedBy};
-use pairmask_core::engine::EngineId;
 
 use super::latency::BenchError;
-use crate::cli::percentiles::Recorder;
+use super::measured::{Figures, Measured};
+use crate::cli::daemon_cpu::DaemonCpu;
 use crate::scene::Scene;
-use crate::timed_client::{Decoding, TimedClient, TimedFrame};
+use crate::timed_client::{Decoding, TimedClient};
 
 /// Frames between two moves of the progress bar: its cost is then nothing beside that of the
 /// frames.
@@ -24,26 +23,8 @@ pub struct Lengths {
     pub frames: u64,
 }
 
-/// Latencies by stage, and the engine they belong to.
-#[derive(Debug)]
-pub struct Measured {
-    pub served_by: ServedBy,
-    /// The engine of every frame; `None` where frames had different engines.
-    pub engine: Option<EngineId>,
-    /// Bytes of the boxes of a frame.
-    pub box_bytes: u64,
-    /// Frames for which a request was made.
-    pub requests: u64,
-    pub total: Recorder,
-    pub fill: Recorder,
-    pub answer: Recorder,
-    pub round_trip: Recorder,
-    pub engine_time: Recorder,
-    pub added: Recorder,
-    pub decode: Recorder,
-}
-
-/// Runs frames of a scene in motion.
+/// Runs frames of a scene in motion. With the figures comes what the daemon used of a core meanwhile,
+/// percent.
 ///
 /// # Errors
 /// [`BenchError`], also where the daemon served some frames and this process others.
@@ -52,61 +33,30 @@ pub fn measure(
     mut scene: Scene,
     lengths: &Lengths,
     decoding: &mut Decoding,
+    daemon: Option<&DaemonCpu>,
     progress: &ProgressBar,
-) -> Result<Measured, BenchError> {
+) -> Result<(Figures, Option<f64>), BenchError> {
     // The backend of this frame has to serve all frames.
     let mut measured = Measured::of(&client.frame_decoded(scene.boxes(), decoding, |_| ())?.info);
-    for frame in 1..=lengths.warm_up + lengths.frames {
+    let mut frame = 0;
+    let mut turn = |recorded: Option<&mut Measured>| {
         scene.step();
         let answered = client.frame_decoded(scene.boxes(), decoding, |_| ())?;
-        if frame > lengths.warm_up {
-            measured.record(&answered)?;
-        }
-        if frame.is_multiple_of(FRAMES_PER_TICK) {
+        frame += 1;
+        if u64::is_multiple_of(frame, FRAMES_PER_TICK) {
             progress.set_position(frame);
         }
+        recorded.map_or(Ok(()), |measured| measured.record(&answered))
+    };
+    for _ in 0..lengths.warm_up {
+        turn(None)?;
     }
-    Ok(measured)
-}
-
-const fn ns(duration: Duration) -> u64 {
-    duration.as_nanos() as u64
-}
-
-impl Measured {
-    fn of(info: &FrameInfo) -> Self {
-        Self {
-            served_by: info.served_by,
-            engine: Some(info.engine),
-            box_bytes: info.box_bytes,
-            requests: 0,
-            total: Recorder::new(),
-            fill: Recorder::new(),
-            answer: Recorder::new(),
-            round_trip: Recorder::new(),
-            engine_time: Recorder::new(),
-            added: Recorder::new(),
-            decode: Recorder::new(),
-        }
+    let since = daemon.map(DaemonCpu::since_now);
+    let begun = Instant::now();
+    for _ in 0..lengths.frames {
+        turn(Some(&mut measured))?;
     }
-
-    fn record(&mut self, times: &TimedFrame) -> Result<(), BenchError> {
-        let info = &times.info;
-        if info.served_by != self.served_by {
-            return Err(BenchError::Changed);
-        }
-        if self.engine != Some(info.engine) {
-            self.engine = None;
-        }
-        let engine_ns = times.engine_ns();
-        self.requests += u64::from(times.was_asked);
-        self.total.record(ns(times.fill + times.round_trip + times.decode));
-        self.fill.record(ns(times.fill));
-        self.answer.record(ns(times.round_trip + times.decode));
-        self.round_trip.record(ns(times.round_trip));
-        self.engine_time.record(engine_ns);
-        self.added.record(ns(times.round_trip).saturating_sub(engine_ns));
-        self.decode.record(ns(times.decode));
-        Ok(())
-    }
+    let elapsed = begun.elapsed();
+    let used = daemon.zip(since).map(|(daemon, since)| daemon.percent(&since));
+    Ok((Figures::of(measured, elapsed), used))
 }

@@ -1,13 +1,17 @@
 //! `bench`: what frames cost on this machine.
 
+mod chart;
 mod closed_loop;
 mod latency;
+mod load;
+mod measured;
 mod pin;
 mod report;
 
 use clap::{Args, Subcommand};
 
 pub use self::latency::BenchError;
+pub use self::load::BenchClient;
 use super::config::Config;
 use super::options::Place;
 

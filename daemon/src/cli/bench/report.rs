@@ -4,30 +4,44 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use super::closed_loop::Measured;
 use super::latency::Wait;
-use crate::cli::cull::backend_name;
+use super::load::{Case, GroupFigures};
+use super::measured::Figures;
 use crate::cli::machine::Machine;
 use crate::cli::percentiles::Percentiles;
 use crate::precision::PrecisionChoice;
 
 /// The JSON object of `bench latency --json`. Fields may be added, never changed or taken away.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LatencyReport {
     /// The machine of the measurement.
     pub machine: Machine,
-    /// One row for every wait, scene and precision.
+    /// One row for every wait, scene and precision; of a load for every rate and size of clients too.
     pub rows: Vec<LatencyRow>,
+    /// What daemons use while the clients of a load send nothing, one for every wait.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub idle: Vec<IdleRow>,
+}
+
+/// A daemon whose clients send nothing.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct IdleRow {
+    /// How both sides waited.
+    pub wait: String,
+    /// Clients that were connected.
+    pub clients: u32,
+    /// What the daemon used of a core, percent.
+    pub daemon_cpu_percent: f64,
 }
 
 /// Latencies of one scene.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LatencyRow {
     /// Boxes.
     pub n: u32,
     /// Where the pairs were found: `daemon` or `in-process`.
     pub backend: String,
-    /// How both sides waited: `spin` or `event`.
+    /// How both sides waited: `spin`, `event` or `serve`.
     pub wait: String,
     /// The engine.
     pub engine: String,
@@ -59,42 +73,82 @@ pub struct LatencyRow {
     pub added_ns: Percentiles,
     /// Time to visit every pair of the mask once.
     pub decode_ns: Percentiles,
+    /// What the daemon used of a core meanwhile, percent, for all its clients; `None` where no daemon
+    /// was asked, and in records of older versions.
+    #[serde(default)]
+    pub daemon_cpu_percent: Option<f64>,
+    /// What a load has beside the rest; `None` for one client in a closed loop.
+    #[serde(flatten)]
+    pub load: Option<LoadRow>,
+}
+
+/// The fields of clients that are processes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LoadRow {
+    /// Frames a second of each client, or `closed`.
+    pub rate: String,
+    /// Clients of this size.
+    pub clients: u32,
+    /// Clients of all sizes, which ran at the same time.
+    pub clients_in_all: u32,
+    /// Frames a second of this size's clients together.
+    pub frames_per_second: f64,
+    /// The largest of these clients' median round trips.
+    pub worst_client_p50_ns: u64,
+    /// Frames that were due before the client was done with the one before.
+    pub late_frames: u64,
+    /// From when a frame was due to its last pair; zeros in a closed loop.
+    pub from_due_ns: Percentiles,
 }
 
 impl LatencyRow {
     /// The row of a finished measurement.
-    pub fn new(
-        n: u32,
-        precision: PrecisionChoice,
-        wait: Wait,
-        frames: u64,
-        measured: &Measured,
-    ) -> Self {
+    pub fn new(n: u32, precision: PrecisionChoice, wait: Wait, figures: &Figures) -> Self {
+        let stages = &figures.stages;
         Self {
             n,
-            backend: backend_name(measured.served_by).to_owned(),
+            backend: figures.backend.clone(),
             wait: wait.to_string(),
-            engine: measured.engine.map_or_else(|| "auto".to_owned(), |engine| engine.to_string()),
+            engine: figures.engine.clone(),
             precision: precision.to_string(),
-            box_bytes: measured.box_bytes,
-            frames,
-            requests: measured.requests,
+            box_bytes: figures.box_bytes,
+            frames: figures.frames,
+            requests: figures.requests,
             decode_threads: 1,
-            total_ns: measured.total.percentiles(),
-            fill_ns: measured.fill.percentiles(),
-            answer_ns: measured.answer.percentiles(),
-            round_trip_ns: measured.round_trip.percentiles(),
-            engine_ns: measured.engine_time.percentiles(),
-            added_ns: measured.added.percentiles(),
-            decode_ns: measured.decode.percentiles(),
+            total_ns: stages.total.percentiles(),
+            fill_ns: stages.fill.percentiles(),
+            answer_ns: stages.answer.percentiles(),
+            round_trip_ns: stages.round_trip.percentiles(),
+            engine_ns: stages.engine.percentiles(),
+            added_ns: stages.added.percentiles(),
+            decode_ns: stages.decode.percentiles(),
+            daemon_cpu_percent: None,
+            load: None,
         }
     }
-}
 
-impl LatencyRow {
     /// The row of a measurement with a client of `threads` threads.
     pub fn decoded_by(self, threads: usize) -> Self {
         Self { decode_threads: threads as u64, ..self }
+    }
+
+    /// The row of a measurement during which the daemon used so much of a core.
+    pub fn of_daemon(self, daemon_cpu_percent: Option<f64>) -> Self {
+        Self { daemon_cpu_percent, ..self }
+    }
+
+    /// The row of one size of clients of a load.
+    pub fn of_load(self, case: &Case, found: &GroupFigures) -> Self {
+        let row = LoadRow {
+            rate: case.rate.to_string(),
+            clients: found.group.clients,
+            clients_in_all: case.groups.iter().map(|group| group.clients).sum(),
+            frames_per_second: (found.figures.frames_per_second * 10.0).round() / 10.0,
+            worst_client_p50_ns: found.worst_p50_ns,
+            late_frames: found.figures.late_frames,
+            from_due_ns: found.figures.stages.from_due.percentiles(),
+        };
+        Self { load: Some(row), ..self }
     }
 }
 
@@ -110,6 +164,11 @@ impl fmt::Display for LatencyReport {
         for row in &self.rows {
             write!(f, "\n\n{row}")?;
         }
+        for IdleRow { wait, clients, daemon_cpu_percent } in &self.idle {
+            let them = if *clients == 1 { "client sends" } else { "clients send" };
+            write!(f, "\n\nidle ({wait}): while {clients} {them} nothing, the daemon uses ")?;
+            write!(f, "{daemon_cpu_percent} % of a core")?;
+        }
         Ok(())
     }
 }
@@ -119,19 +178,28 @@ impl fmt::Display for LatencyRow {
         let Self { n, backend, wait, engine, precision, frames, requests, .. } = self;
         write!(f, "{n} boxes, {backend} ({wait}), {engine}, {precision}, {frames} frames")?;
         if requests == frames { writeln!(f) } else { writeln!(f, ", {requests} asked for") }?;
+        if let Some(load) = &self.load {
+            writeln!(f, "{load}")?;
+        }
+        if let Some(percent) = self.daemon_cpu_percent {
+            writeln!(f, "the daemon used {percent} % of a core")?;
+        }
         write!(f, "{:<14}", "µs")?;
         for head in ["p50", "p90", "p99", "p99.9", "max"] {
             write!(f, "{head:>12}")?;
         }
-        for (stage, found) in [
-            ("total", &self.total_ns),
-            ("  fill", &self.fill_ns),
-            ("  answer", &self.answer_ns),
-            ("    round trip", &self.round_trip_ns),
-            ("      engine", &self.engine_ns),
-            ("      added", &self.added_ns),
-            ("    decode", &self.decode_ns),
-        ] {
+        let from_due = self.load.as_ref().filter(|load| load.is_paced());
+        for (stage, found) in
+            from_due.map(|load| ("from due", &load.from_due_ns)).into_iter().chain([
+                ("total", &self.total_ns),
+                ("  fill", &self.fill_ns),
+                ("  answer", &self.answer_ns),
+                ("    round trip", &self.round_trip_ns),
+                ("      engine", &self.engine_ns),
+                ("      added", &self.added_ns),
+                ("    decode", &self.decode_ns),
+            ])
+        {
             let Percentiles { p50, p90, p99, p999, max } = found;
             write!(f, "\n{stage:<14}")?;
             for ns in [p50, p90, p99, p999, max] {
@@ -139,5 +207,31 @@ impl fmt::Display for LatencyRow {
             }
         }
         Ok(())
+    }
+}
+
+impl LoadRow {
+    /// Whether frames were due at their times.
+    pub const fn is_paced(&self) -> bool {
+        self.from_due_ns.max > 0
+    }
+}
+
+impl fmt::Display for LoadRow {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { rate, clients, clients_in_all, frames_per_second, late_frames, .. } = self;
+        let them = if *clients == 1 { "client" } else { "clients" };
+        write!(f, "{clients} {them}")?;
+        if clients_in_all != clients {
+            write!(f, " of {clients_in_all} at a time")?;
+        }
+        if self.is_paced() {
+            write!(f, " at {rate} Hz, {late_frames} frames late")?;
+        } else {
+            f.write_str(" in a closed loop")?;
+        }
+        let worst = self.worst_client_p50_ns as f64 / 1e3;
+        write!(f, "; {frames_per_second} frames a second in all; ")?;
+        write!(f, "worst client's median round trip {worst:.2} µs")
     }
 }

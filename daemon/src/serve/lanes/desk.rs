@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use pairmask_transport::Sender;
 
 use super::crew::Crew;
-use super::patience::Patience;
+use super::patience::{Patience, Rest};
 use crate::ingest::{Inbox, Incoming, LARGE_WORK};
 
 /// A lane that is expected to take longer than this for a frame has another one listen meanwhile. To wake
@@ -44,11 +44,13 @@ pub(super) struct Length {
 pub(super) struct Desk {
     inbox: Inbox<Arrived>,
     pub(super) crew: Crew,
-    patience: Patience,
+    patience: Patience<u128>,
     /// When lanes without work go to sleep.
     sleep_at: Instant,
     /// Threads of the engines' pool.
     pool_threads: usize,
+    /// Threads that the last task used.
+    last_threads: usize,
 }
 
 impl Desk {
@@ -59,6 +61,7 @@ impl Desk {
             patience: Patience::new(spin),
             sleep_at: Instant::now(),
             pool_threads,
+            last_threads: 1,
         }
     }
 
@@ -90,8 +93,8 @@ impl Desk {
     /// The request whose turn it is, and how it is to be served.
     pub(super) fn next(&mut self, now: Instant) -> Option<Task> {
         let (_, Arrived { incoming, work }) = self.inbox.next()?;
-        self.patience.note_request(now);
         let session = incoming.sender.session;
+        self.patience.note_request(session, now);
         let active = self.crew.sessions(now).filter(|other| *other != session).count();
         // Large frames wait for each other, and so leave each other no core.
         let is_large = work > LARGE_WORK;
@@ -107,14 +110,17 @@ impl Desk {
         Some(Task { incoming, threads, length, wake })
     }
 
-    /// A task was served, and used so much time of threads. Returns when lanes without work go to sleep.
+    /// A task was served by so many threads, and used so much time of them. Returns when lanes without
+    /// work go to sleep.
     pub(super) fn note_served(
         &mut self,
         sender: Sender,
         length: Length,
+        threads: usize,
         used: Duration,
         now: Instant,
     ) -> Instant {
+        self.last_threads = threads;
         self.inbox.note_served(sender, used);
         if length.is_long {
             self.crew.note_back();
@@ -128,7 +134,17 @@ impl Desk {
 
     /// An answer went out.
     pub(super) fn note_answer(&mut self, now: Instant) {
-        self.sleep_at = now + self.patience.after_answer(now);
+        self.sleep_at = self.patience.note_answer(now);
+    }
+
+    /// What the lane that leads does without work, after the time to go to sleep.
+    pub(super) fn rest(&mut self, now: Instant) -> Rest {
+        self.patience.rest(now)
+    }
+
+    /// Threads that the last task used.
+    pub(super) const fn last_threads(&self) -> usize {
+        self.last_threads
     }
 }
 

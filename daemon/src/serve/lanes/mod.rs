@@ -13,6 +13,7 @@
 //! ```text
 //! crew      how many lanes are awake                   (pure)
 //! patience  how long they spin for the next request    (pure)
+//! rhythm    when a steady client's next frame is due    (pure)
 //! desk      whose turn it is, with how many threads    (pure)
 //! mod       the lanes
 //! ```
@@ -20,6 +21,7 @@
 mod crew;
 mod desk;
 mod patience;
+mod rhythm;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, TryLockError};
@@ -27,20 +29,18 @@ use std::thread::Thread;
 use std::time::{Duration, Instant};
 
 use pairmask_core::spinner::Spinner;
-use pairmask_transport::{JANITOR_INTERVAL, StatusFile, WakeDaemon};
+use pairmask_transport::{JANITOR_INTERVAL, StatusFile, WakeDaemon, sleep_until};
 
 use self::crew::Crew;
 use self::desk::{Arrived, Desk, Task};
+use self::patience::{LONGEST_SLEEP, Rest};
+use self::rhythm::MOST_ENGINES_AWAKE;
 use super::janitor::Janitor;
 use super::{ServeError, ServeSettings};
 use crate::clients::FrameWork;
 use crate::execute::EnginePool;
 use crate::ingest::{Incoming, Intake};
 use crate::requests::Responder;
-
-/// The longest sleep: how soon a stop signal, a request without a wake-up and the end of a client
-/// are noticed at the latest. Two wake-ups a second cost nothing that can be measured.
-const LONGEST_SLEEP: Duration = Duration::from_millis(500);
 
 /// A lane that stands by while others serve long frames looks for requests this often: 1 % of a core, and
 /// a client that begins to send meanwhile waits for it once.
@@ -200,13 +200,43 @@ impl<'a> Lanes<'a> {
                 spinner.turn();
             } else if lane > 0 {
                 return self.stand_by(lane);
-            } else if let Err(error) = lead.wake.timed_wait(|_| {}, LONGEST_SLEEP) {
-                // A request that came between the last look and the wait has left its wake-up: it is
-                // not lost, the wait returns at once.
-                log::debug!("waiting for requests: {error:?}");
+            } else if self.pause(&lead.wake, now) {
+                spinner.turn();
             }
         }
         Led::Stop
+    }
+
+    /// Lane 0 sleeps until a request comes, at most until shortly before one is due. Returns at once, with
+    /// `true`, where one is due now.
+    fn pause(&self, wake: &WakeDaemon, now: Instant) -> bool {
+        let mut desk = self.desk();
+        let (rest, last_threads) = (desk.rest(now), desk.last_threads());
+        drop(desk);
+        match rest {
+            Rest::Spin => true,
+            Rest::Expect { until, is_near } => {
+                if is_near {
+                    let most_awake = self.most_awake().min(MOST_ENGINES_AWAKE);
+                    self.pool.keep_until(last_threads.min(most_awake), until);
+                }
+                true
+            }
+            Rest::Sleep { until } => {
+                // A request that came between the last look and the sleep has left its wake-up: it is
+                // not lost, the sleep ends at once.
+                if let Err(error) = sleep_until(wake, until) {
+                    log::debug!("waiting for requests: {error:?}");
+                }
+                false
+            }
+        }
+    }
+
+    /// Threads of the pool that may be awake between frames: the client has a frame to look at, or to
+    /// make, and one core is left to it.
+    fn most_awake(&self) -> usize {
+        self.pool.threads().saturating_sub(1).max(1)
     }
 
     /// A lane beside lane 0 leaves the lead to it and goes to rest.
@@ -302,11 +332,9 @@ impl<'a> Lanes<'a> {
             self.responder.clients().note_work(sender.session, FrameWork { objects, work });
         }
         let used = took * served.threads as u32;
-        let sleep_at = self.desk().note_served(sender, length, used, now);
+        let sleep_at = self.desk().note_served(sender, length, served.threads, used, now);
         if lane == 0 {
-            // The client has a frame to look at: one core is left to it.
-            let most_awake = self.pool.threads().saturating_sub(1).max(1);
-            self.pool.keep_until(served.threads.min(most_awake), sleep_at);
+            self.pool.keep_until(served.threads.min(self.most_awake()), sleep_at);
         }
     }
 

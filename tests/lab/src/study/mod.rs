@@ -5,6 +5,5 @@ pub mod grid;
 pub mod judge;
 pub mod machine;
 pub mod mapping;
-pub mod plot;
 pub mod spheres;
 pub mod updates;

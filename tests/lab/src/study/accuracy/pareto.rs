@@ -3,11 +3,11 @@
 
 use std::fmt;
 
+use pairmaskd::plot::pareto_front;
 use serde::{Deserialize, Serialize};
 
 use super::rows::AccuracyRow;
 use super::setting::{Setting, settings};
-use crate::study::plot::pareto_front;
 
 /// The axes of the front: smaller is better.
 const AXES: [&str; 3] = ["p50", "extra_ratio", "bytes_up"];

@@ -1,8 +1,9 @@
 //! Settings: rows that answer the same question, of one scene, one size and one distance from the
 //! origin.
 
+use pairmaskd::plot::Unit;
+
 use super::rows::AccuracyRow;
-use crate::study::plot::Unit;
 
 /// A setting with its rows.
 #[derive(Clone, Debug, PartialEq)]

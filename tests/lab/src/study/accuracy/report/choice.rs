@@ -1,11 +1,11 @@
 //! The choice of a mode: the use of each, beside its cost and gain in these rows.
 
 use maud::{Markup, html};
+use pairmaskd::plot::Unit;
 
 use crate::study::accuracy::pareto::modes;
 use crate::study::accuracy::rows::AccuracyRow;
 use crate::study::accuracy::setting::settings;
-use crate::study::plot::Unit;
 
 /// A mode against exact frames of the same scene, size and engine.
 #[derive(Clone, Debug, PartialEq)]

@@ -2,11 +2,12 @@
 
 use std::collections::BTreeMap;
 
+use pairmaskd::plot::{Bar, Bars, Group, Line, Lines, Point, Points, Range, Ranges, Unit};
+
 use crate::study::accuracy::pareto::costs;
 use crate::study::accuracy::rows::AccuracyRow;
 use crate::study::accuracy::setting::Setting;
 use crate::study::accuracy::variants::VariantRow;
-use crate::study::plot::{Bar, Bars, Group, Line, Lines, Point, Points, Range, Ranges, Unit};
 
 use super::papers;
 

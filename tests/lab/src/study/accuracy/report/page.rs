@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
+use pairmaskd::plot::{STYLE, Unit};
 
 use super::choice;
 use super::figures::{
@@ -14,7 +15,6 @@ use crate::study::accuracy::rows::{AccuracyReport, AccuracyRow, StageTimes};
 use crate::study::accuracy::setting::{Setting, settings};
 use crate::study::accuracy::variants::VariantRow;
 use crate::study::machine::Machine;
-use crate::study::plot::{STYLE, Unit};
 
 const PAGE_STYLE: &str = "\
 :root{color-scheme:light dark}\

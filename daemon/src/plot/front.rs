@@ -4,7 +4,7 @@
 /// smaller on one. Equal points are on the front together; a NaN never is.
 ///
 /// ```
-/// use pairmask_lab::study::plot::pareto_front;
+/// use pairmaskd::plot::pareto_front;
 /// let front = pareto_front(&[[1.0, 5.0], [2.0, 2.0], [3.0, 2.0], [4.0, 1.0]]);
 /// assert_eq!(front, [true, true, false, true]);
 /// ```

@@ -1,0 +1,154 @@
+//! When the next frames are due, learned from when the last ones came: a pure function of instants.
+//!
+//! A thread that sleeps until a frame comes answers it late: it is woken in 50 to 100 µs on a virtual
+//! machine, the core's clock is down, and its caches hold what others left. A frame of 1,000 boxes then
+//! takes several times as long. A thread that spins all the time costs a core. A [`Rhythm`] says when
+//! to be awake instead: from shortly before a frame is due until shortly after.
+
+mod pulse;
+
+use std::time::{Duration, Instant};
+
+use self::pulse::{Beat, Pulse};
+
+/// How long before the earliest expected request a thread is woken. The timer comes 0.1 ms late on a
+/// virtual machine, and sometimes 0.3 ms: a lead of 0.1 ms gains nothing.
+const LEAD: Duration = Duration::from_micros(300);
+/// How long a thread spins beyond the latest expected request: its client's own wake-up may be late. It
+/// costs time for late requests only.
+const LAG: Duration = Duration::from_micros(150);
+/// The longest time awake for a beat: 3.6 % of a core at 60 Hz where every request comes at its end.
+const LONGEST: Duration = Duration::from_micros(600);
+/// How long before the earliest expected request engine threads are called. Each one that is awake costs
+/// as much as the thread that waits for the request.
+const ENGINES_LEAD: Duration = Duration::from_micros(120);
+/// The largest share of a period to be awake, as one in so many: it bounds rates above 370 Hz.
+const SHARE: u32 = 6;
+/// The largest share of a core that all clients together may take, as one in so many.
+const SHARE_OF_ALL: u32 = 4;
+/// A client whose requests come within so many times the time that is left for them has no rhythm: the
+/// most of them would come when nobody is awake.
+const WIDEST: u32 = 2;
+/// Less time than this is not worth a wake-up of its own.
+const SHORTEST: Duration = Duration::from_micros(80);
+/// Threads that are kept awake for a frame that is due, the one that waits for it included, however many
+/// its engine uses: a frame begins with these, and they wake the others. All of 16 took a tenth of a core
+/// at 60 Hz.
+pub(super) const MOST_ENGINES_AWAKE: usize = 4;
+/// Clients that are remembered. The one that was silent longest makes room.
+const MOST_CLIENTS: usize = 64;
+
+/// When a thread sleeps, and when it spins.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Wake {
+    /// Sleep until then unless a request comes; it may have passed.
+    pub(super) sleep_until: Instant,
+    /// When the first request may come.
+    pub(super) expected: Instant,
+    /// Then spin until here.
+    pub(super) spin_until: Instant,
+}
+
+impl Wake {
+    /// Whether it is time to spin.
+    pub(super) fn is_awake(&self, now: Instant) -> bool {
+        self.sleep_until <= now && now < self.spin_until
+    }
+
+    /// When to have the engine threads that the next frame needs awake: later than the thread that
+    /// waits for its request, since there may be many.
+    pub(super) fn engines_at(&self) -> Instant {
+        self.sleep_until.max(self.expected.checked_sub(ENGINES_LEAD).unwrap_or(self.expected))
+    }
+}
+
+/// The rhythms of clients that one thread serves. `C` tells clients apart.
+#[derive(Clone, Debug)]
+pub(super) struct Rhythm<C> {
+    clients: Vec<(C, Pulse)>,
+}
+
+impl<C> Default for Rhythm<C> {
+    fn default() -> Self {
+        Self { clients: Vec::with_capacity(MOST_CLIENTS) }
+    }
+}
+
+impl<C: PartialEq> Rhythm<C> {
+    /// A request of a client came.
+    pub(super) fn note_request(&mut self, client: C, now: Instant) {
+        if let Some((_, pulse)) = self.clients.iter_mut().find(|(known, _)| *known == client) {
+            return pulse.note(now);
+        }
+        if self.clients.len() == MOST_CLIENTS {
+            let silent = self.clients.iter().enumerate().min_by_key(|(_, (_, p))| p.last());
+            if let Some(index) = silent.map(|(index, _)| index) {
+                self.clients.swap_remove(index);
+            }
+        }
+        self.clients.push((client, Pulse::new(now)));
+    }
+
+    /// When to be awake next: now, where `sleep_until` has passed. `None` where no client is expected;
+    /// then sleep until a request comes.
+    pub(super) fn next_wake(&self, now: Instant) -> Option<Wake> {
+        let budget = self.budget(now);
+        let mut windows: Vec<Wake> =
+            self.clients.iter().filter_map(|(_, pulse)| window(pulse, budget, now)).collect();
+        windows.sort_unstable_by_key(|wake| wake.sleep_until);
+        // Windows that overlap, or lie too close for a sleep between them, are one.
+        let mut windows = windows.into_iter();
+        let first = windows.next()?;
+        Some(windows.fold(first, |wake, next| {
+            if next.sleep_until <= wake.spin_until + SHORTEST {
+                Wake { spin_until: wake.spin_until.max(next.spin_until), ..wake }
+            } else {
+                wake
+            }
+        }))
+    }
+
+    /// The longest time awake for a beat of each client, so that all together keep to their share.
+    fn budget(&self, now: Instant) -> Duration {
+        let beats = self.clients.iter().filter(|(_, pulse)| pulse.next(now, LAG).is_some());
+        let per_second: f64 = beats
+            .filter_map(|(_, pulse)| Some(1.0 / pulse.beat()?.period.as_secs_f64()))
+            .filter(|rate| rate.is_finite())
+            .sum();
+        let share = Duration::from_secs(1) / SHARE_OF_ALL;
+        if per_second <= 1.0 { LONGEST } else { LONGEST.min(share.div_f64(per_second)) }
+    }
+}
+
+/// When to be awake for the next beat of a client; `None` where none is expected, or where too little
+/// time is left for it.
+fn window(pulse: &Pulse, budget: Duration, now: Instant) -> Option<Wake> {
+    let Beat { period, early, late } = pulse.beat()?;
+    let budget = budget.min(period / SHARE);
+    let spread = early + late;
+    if budget < SHORTEST {
+        return None;
+    }
+    let (lead, lag) = (LEAD.min(budget / 2), LAG.min(budget / 4));
+    let room = budget.saturating_sub(lead + lag);
+    if spread > room * WIDEST {
+        return None;
+    }
+    // Where requests come within a longer time than the budget, its middle is covered.
+    let (early, late) = if spread <= room {
+        (early, late)
+    } else {
+        (scaled(early, room, spread), scaled(late, room, spread))
+    };
+    let due = pulse.next(now, late + lag)?;
+    let expected = due.checked_sub(early)?;
+    Some(Wake { sleep_until: expected.checked_sub(lead)?, expected, spin_until: due + late + lag })
+}
+
+/// `part` of a whole that shrinks from `whole` to `room`.
+fn scaled(part: Duration, room: Duration, whole: Duration) -> Duration {
+    part.mul_f64(room.as_secs_f64() / whole.as_secs_f64())
+}
+
+#[cfg(test)]
+mod tests;
