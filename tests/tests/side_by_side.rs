@@ -64,7 +64,7 @@ fn eight_clients_at_once_get_their_own_pairs() {
             let mut session = daemon.session().connect().unwrap();
             scope.spawn(move || {
                 for _ in 0..ROUNDS {
-                    for scene in scenes.iter() {
+                    for scene in scenes {
                         scene.check(&mut session);
                     }
                 }
