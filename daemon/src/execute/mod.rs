@@ -13,7 +13,7 @@ pub use frame_memory::FrameMemory;
 pub use gpu_service::GpuService;
 pub use offers::Owner;
 
-use std::sync::{Arc, MutexGuard};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use pairmask_core::BoxForm;
@@ -28,6 +28,7 @@ use pairmask_core::precision::{BoxSlice, ExpandScratch};
 
 use self::frame_memory::{LentReply, with_lent};
 use self::gpu::GridUnderWay;
+pub use self::shared_gpu::GpuTurn;
 use self::shared_gpu::{Queued, SharedGpu};
 
 /// A frame with its plan.
@@ -261,7 +262,7 @@ impl Executor {
     }
 
     /// The GPU, if this daemon has one, as soon as no other session uses it.
-    pub fn gpu(&self) -> Option<MutexGuard<'_, GpuService>> {
+    pub fn gpu(&self) -> Option<GpuTurn<'_>> {
         self.gpu.as_ref().map(|gpu| gpu.lock())
     }
 
