@@ -28,6 +28,8 @@ pub(crate) struct FrameWork {
     pub(crate) objects: u32,
     /// Time on one core.
     pub(crate) work: Duration,
+    /// Whether it went to the GPU and would have taken a core much longer.
+    pub(crate) needs_gpu: bool,
 }
 
 impl Client {

@@ -47,15 +47,18 @@ impl Clients {
         self.known().of(session).last_work = Some(work);
     }
 
-    /// Work that is expected of a session's frame of so many objects: as its last one, and more in
-    /// proportion where it has more objects.
-    pub(crate) fn expected_work(&self, session: u128, objects: u32) -> Duration {
-        match self.known().find(session).and_then(|client| client.last_work) {
-            Some(last) => {
-                last.work.mul_f64(f64::from(objects).max(1.0) / f64::from(last.objects).max(1.0))
-            }
-            None => WORK_AN_OBJECT * objects,
-        }
+    /// What is expected of a session's frame of so many objects: as its last one, and more in proportion
+    /// where it has more objects.
+    pub(crate) fn expected_work(&self, session: u128, objects: u32) -> FrameWork {
+        let expected = |last: FrameWork| {
+            let times = f64::from(objects).max(1.0) / f64::from(last.objects).max(1.0);
+            FrameWork { objects, work: last.work.mul_f64(times), ..last }
+        };
+        let last = self.known().find(session).and_then(|client| client.last_work);
+        last.map_or(
+            FrameWork { objects, work: WORK_AN_OBJECT * objects, needs_gpu: false },
+            expected,
+        )
     }
 
     /// Takes a session's engines, which no other thread has meanwhile. `None` where it has none yet.

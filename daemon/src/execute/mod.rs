@@ -45,7 +45,15 @@ impl Planned {
     /// What the frame is predicted to take on one core, where the plan has several threads; `None` where
     /// it has one, or a GPU.
     pub fn on_one_core(&self) -> Option<Duration> {
-        self.one_core_ns.map(Duration::from_nanos)
+        let is_gpu = self.plan.engine.is_gpu();
+        self.one_core_ns.filter(|_| !is_gpu).map(Duration::from_nanos)
+    }
+
+    /// Whether the plan is a GPU's, and a core is predicted to take much longer than a GPU that others
+    /// wait for too, or cannot serve the frame at all.
+    pub fn needs_gpu(&self) -> bool {
+        let on_core = self.one_core_ns.filter(|ns| *ns > 0).map(Duration::from_nanos);
+        self.plan.engine.is_gpu() && on_core.is_none_or(|on_core| on_core > SHARED_WITH_CORES)
     }
 
     /// The answer of `engine`, which need not be the plan's.
@@ -60,6 +68,10 @@ fn engine_ns(plan: &Plan) -> u64 {
     let chosen = plan.candidates.iter().flatten().find(|c| c.engine == plan.engine);
     chosen.map_or(0.0, |c| c.predicted_ns - c.visit_ns) as u64
 }
+
+/// Frames that take a core up to so long are shared out among cores and GPU, however many wait. Longer
+/// ones wait for the GPU: a core beside busy clients takes twice what it would alone.
+const SHARED_WITH_CORES: Duration = Duration::from_micros(200);
 
 /// A frame that the GPU works on. Owns its memory; dropped, it waits for the GPU first.
 #[derive(Debug)]
@@ -105,7 +117,7 @@ impl CpuSide {
         let plan = self.engines.plan(boxes, options, gpu);
         let plan_ns = nanoseconds_since(start);
         log::debug!("{}", plan.explain());
-        let one_core_ns = (plan.threads > 1 && !plan.engine.is_gpu()).then(|| {
+        let one_core_ns = (plan.threads > 1 || plan.engine.is_gpu()).then(|| {
             let one_core =
                 self.engines.plan(boxes, &CullOptions { threads: Some(1), ..*options }, None);
             engine_ns(&one_core)

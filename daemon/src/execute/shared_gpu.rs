@@ -19,11 +19,8 @@ const QUEUE_STEP_NS: u64 = 32_768;
 
 /// How long a thread spins for a GPU that others use: to sleep for a frame of 80 µs costs a wake-up of 50.
 const SPIN: Duration = Duration::from_millis(1);
-/// Threads that spin for the GPU at a time, those whose turns come next. Seven that spun beside the one
-/// that had it made its frames a third longer.
-const SPINNERS: u64 = 2;
-/// The others look so often, and all where the GPU has long frames or hangs.
-const NAP: Duration = Duration::from_micros(50);
+/// Then it looks so often: the GPU has long frames, or hangs.
+const NAP: Duration = Duration::from_micros(200);
 
 /// Of the predicted time of frames before it, the share that a frame is expected to wait. Frames of
 /// several clients overlap on the GPU (8 clients of 100,000 boxes: 126 µs a frame, 170 of a lone
@@ -163,17 +160,14 @@ impl Turns {
         // Relaxed: a number, which orders nothing by itself.
         let number = self.asked.fetch_add(1, Ordering::Relaxed);
         let (begin, mut spinner) = (Instant::now(), Spinner::default());
-        loop {
-            let before = number - self.ended.load(Ordering::Acquire);
-            if before == 0 {
-                return Turn(self);
-            }
-            if naps || before > SPINNERS || begin.elapsed() > SPIN {
+        while self.ended.load(Ordering::Acquire) != number {
+            if naps || begin.elapsed() > SPIN {
                 std::thread::sleep(NAP);
             } else {
                 spinner.turn();
             }
         }
+        Turn(self)
     }
 }
 

@@ -9,13 +9,24 @@ use pairmask_transport::{FRAMES_AT_A_TIME, PORTS_PER_CLIENT, Sender};
 /// would gain less than the frames of other clients lose.
 pub const LARGE_WORK: Duration = Duration::from_millis(2);
 
+/// What a frame is served by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Resource {
+    /// A core: many at a time.
+    Core,
+    /// All threads of the engines: one at a time.
+    Pool,
+    /// The GPU: one at a time. Threads that waited for it beside would slow the one that has it.
+    Gpu,
+}
+
 /// A request that waits, and the turns in which its process and its session wait.
 #[derive(Debug)]
 struct Waiting<R> {
     sender: Sender,
     process_turn: u64,
     session_turn: u64,
-    work: Duration,
+    resource: Resource,
     request: R,
 }
 
@@ -23,7 +34,7 @@ struct Waiting<R> {
 #[derive(Debug)]
 struct Serving {
     sender: Sender,
-    is_large: bool,
+    resource: Resource,
 }
 
 /// What a process has used, counted from where the [clock](Inbox::clock) stood when it came.
@@ -38,13 +49,14 @@ struct Account {
 /// Processes share the time of those who serve, whatever they say and however many ports they have: of
 /// two that wait, the one is next that has used less; of equals, the one that has waited longer. A
 /// process that has been away has no time saved up. The sessions of a process take turns; a session has
-/// one frame served at a time, and its requests keep their order. Large frames are served one at a
-/// time ([`LARGE_WORK`]).
+/// one frame served at a time, and its requests keep their order. What all frames of
+/// a kind share is given to one at a time ([`Resource`]).
 ///
 /// ```
 /// use std::time::Duration;
 /// use pairmask_transport::Sender;
-/// let mut inbox = pairmaskd::ingest::Inbox::new(2);
+/// use pairmaskd::ingest::{Inbox, Resource};
+/// let mut inbox = Inbox::new(2);
 /// let from = |process, port| Sender { port, session: port, process };
 /// let work = Duration::from_micros(10);
 /// for (sender, request) in [
@@ -53,7 +65,7 @@ struct Account {
 ///     (from(7, 2), "c"),
 ///     (from(9, 3), "d"),
 /// ] {
-///     inbox.put(sender, work, request);
+///     inbox.put(sender, Resource::Core, request);
 /// }
 /// let mut order = Vec::new();
 /// while let Some((sender, request)) = inbox.next() {
@@ -106,8 +118,13 @@ impl<R> Inbox<R> {
         self.serving.len()
     }
 
-    /// Takes in a request that is expected to take so much work: time on one core.
-    pub fn put(&mut self, sender: Sender, work: Duration, request: R) {
+    /// Requests that wait.
+    pub fn waiting(&self) -> usize {
+        self.waiting.len()
+    }
+
+    /// Takes in a request that is to be served by a resource.
+    pub fn put(&mut self, sender: Sender, resource: Resource, request: R) {
         let Sender { session, process, .. } = sender;
         self.open_account(process);
         let of_process = self.waiting.iter().find(|w| w.sender.process == process);
@@ -122,7 +139,7 @@ impl<R> Inbox<R> {
             sender,
             process_turn: process_turn.unwrap_or(self.last_turn),
             session_turn: session_turn.unwrap_or(self.last_turn),
-            work,
+            resource,
             request,
         });
     }
@@ -131,11 +148,11 @@ impl<R> Inbox<R> {
     /// being served. Its session has no other one served until [`Self::note_served`].
     #[allow(clippy::should_implement_trait)] // An iterator would borrow the inbox between turns.
     pub fn next(&mut self) -> Option<(Sender, R)> {
-        let is_large_served = self.serving.iter().any(|serving| serving.is_large);
-        let can_be_served = |w: &Waiting<R>| {
-            let is_one_too_many = is_large_served && w.work > LARGE_WORK;
-            !(self.is_served(w.sender.session) || is_one_too_many)
+        let is_taken = |resource| {
+            resource != Resource::Core && self.serving.iter().any(|s| s.resource == resource)
         };
+        let can_be_served =
+            |w: &Waiting<R>| !(self.is_served(w.sender.session) || is_taken(w.resource));
         // `min_by_key` keeps the first of equals: the oldest of that session.
         let turns = self.waiting.iter().enumerate().filter(|(_, w)| can_be_served(w));
         let (turn, _) = turns.min_by_key(|(_, w)| {
@@ -151,7 +168,7 @@ impl<R> Inbox<R> {
             }
         }
         self.clock = self.used_by(process).max(self.clock);
-        self.serving.push(Serving { sender: served.sender, is_large: served.work > LARGE_WORK });
+        self.serving.push(Serving { sender: served.sender, resource: served.resource });
         Some((served.sender, served.request))
     }
 
@@ -213,13 +230,13 @@ mod tests {
     fn a_process_with_many_ports_has_one_turn() {
         let mut inbox = Inbox::new(4);
         for port in 10..18 {
-            inbox.put(sender(1, port), US, (1, port));
-            inbox.put(sender(1, port), US, (1, port));
+            inbox.put(sender(1, port), Resource::Core, (1, port));
+            inbox.put(sender(1, port), Resource::Core, (1, port));
         }
         let mut order = Vec::new();
         for _ in 0..4 {
             // A process that asks again as soon as it is answered.
-            inbox.put(sender(2, 1), US, (2, 1));
+            inbox.put(sender(2, 1), Resource::Core, (2, 1));
             order.extend([serve(&mut inbox, US), serve(&mut inbox, US)].into_iter().flatten());
         }
         let processes: Vec<u32> = order.iter().map(|(process, _)| *process).collect();
@@ -231,11 +248,11 @@ mod tests {
     #[test]
     fn newcomers_do_not_overtake_those_who_used_no_more() {
         let mut inbox = Inbox::new(8);
-        inbox.put(sender(500, 1), US, 500);
-        inbox.put(sender(500, 1), US, 500);
+        inbox.put(sender(500, 1), Resource::Core, 500);
+        inbox.put(sender(500, 1), Resource::Core, 500);
         assert_eq!(serve(&mut inbox, Duration::ZERO), Some(500));
         for process in [1, 900] {
-            inbox.put(sender(process, 2), US, process);
+            inbox.put(sender(process, 2), Resource::Core, process);
         }
         let order = [(); 3].map(|()| serve(&mut inbox, US));
         assert_eq!(order, [Some(500), Some(1), Some(900)]);
@@ -247,14 +264,14 @@ mod tests {
         let mut inbox = Inbox::new(4);
         let mut used = [Duration::ZERO; 3];
         for process in 0..3 {
-            inbox.put(sender(process, u128::from(process)), US, process);
+            inbox.put(sender(process, u128::from(process)), Resource::Core, process);
         }
         for _ in 0..10_000 {
             let process = serve(&mut inbox, Duration::ZERO).expect("all of them wait");
             let (cost, sender) = (costs[process as usize], sender(process, u128::from(process)));
             inbox.note_served(sender, cost);
             used[process as usize] += cost;
-            inbox.put(sender, US, process);
+            inbox.put(sender, Resource::Core, process);
         }
         used.sort_unstable();
         assert!(used[2] <= used[0] + 2 * costs[0], "{used:?}");
@@ -264,20 +281,20 @@ mod tests {
     fn time_away_is_not_saved_up() {
         let mut inbox = Inbox::new(4);
         let [busy, back] = [sender(1, 1), sender(2, 2)];
-        inbox.put(back, US, back);
+        inbox.put(back, Resource::Core, back);
         assert_eq!(serve(&mut inbox, US), Some(back));
         for _ in 0..1000 {
-            inbox.put(busy, US, busy);
+            inbox.put(busy, Resource::Core, busy);
             serve(&mut inbox, 100 * US);
         }
         // Both wait from now on: the one that was away gets no thousand turns first.
         let mut turns = 0;
-        inbox.put(busy, US, busy);
+        inbox.put(busy, Resource::Core, busy);
         for _ in 0..20 {
-            inbox.put(back, US, back);
+            inbox.put(back, Resource::Core, back);
             if serve(&mut inbox, 100 * US) == Some(busy) {
                 turns += 1;
-                inbox.put(busy, US, busy);
+                inbox.put(busy, Resource::Core, busy);
             }
         }
         assert!(turns >= 8, "{turns} of 20");
@@ -287,9 +304,9 @@ mod tests {
     fn a_session_has_one_frame_served_at_a_time_in_its_order() {
         let mut inbox = Inbox::new(4);
         let (one, other) = (sender(1, 1), sender(1, 2));
-        inbox.put(one, US, "a");
-        inbox.put(one, US, "b");
-        inbox.put(other, US, "c");
+        inbox.put(one, Resource::Core, "a");
+        inbox.put(one, Resource::Core, "b");
+        inbox.put(other, Resource::Core, "c");
         assert_eq!(inbox.next(), Some((one, "a")));
         assert_eq!(inbox.next(), Some((other, "c")));
         assert_eq!(inbox.next(), None);
@@ -303,9 +320,9 @@ mod tests {
     fn large_frames_are_served_one_at_a_time_and_small_ones_beside_them() {
         let mut inbox = Inbox::new(4);
         let [a, b, c] = [1, 2, 3].map(|id| sender(id, u128::from(id)));
-        inbox.put(a, 2 * LARGE_WORK, "large");
-        inbox.put(b, 3 * LARGE_WORK, "large too");
-        inbox.put(c, LARGE_WORK, "small");
+        inbox.put(a, Resource::Pool, "large");
+        inbox.put(b, Resource::Pool, "large too");
+        inbox.put(c, Resource::Core, "small");
         assert_eq!(inbox.next(), Some((a, "large")));
         assert_eq!(inbox.next(), Some((c, "small")));
         assert_eq!(inbox.next(), None);
@@ -314,11 +331,30 @@ mod tests {
     }
 
     #[test]
+    fn a_resource_that_is_taken_is_waited_for_and_others_are_not() {
+        let mut inbox = Inbox::new(4);
+        let [a, b, c, d] = [1, 2, 3, 4].map(|process| sender(process, 1 + u128::from(process)));
+        for (sender, resource) in
+            [(a, Resource::Gpu), (b, Resource::Gpu), (c, Resource::Pool), (d, Resource::Core)]
+        {
+            inbox.put(sender, resource, resource);
+        }
+        assert_eq!(inbox.next(), Some((a, Resource::Gpu)));
+        assert_eq!(inbox.next(), Some((c, Resource::Pool)));
+        assert_eq!(inbox.next(), Some((d, Resource::Core)));
+        assert_eq!((inbox.next(), inbox.waiting()), (None, 1));
+        inbox.note_served(c, US);
+        assert_eq!(inbox.next(), None, "the GPU is still taken");
+        inbox.note_served(a, US);
+        assert_eq!(inbox.next(), Some((b, Resource::Gpu)));
+    }
+
+    #[test]
     fn memory_does_not_grow() {
         let mut inbox = Inbox::new(1);
         let room = (inbox.waiting.capacity(), inbox.accounts.capacity());
         for process in 0..10_000 {
-            inbox.put(sender(process, u128::from(process)), US, process);
+            inbox.put(sender(process, u128::from(process)), Resource::Core, process);
             assert_eq!(serve(&mut inbox, 1000 * US), Some(process));
         }
         assert_eq!((inbox.waiting.capacity(), inbox.accounts.capacity()), room);

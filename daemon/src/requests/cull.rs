@@ -108,12 +108,13 @@ impl Culls {
         };
         let owner = Owner::Client(sender.port);
         let planned = engines.plan(boxes, options, limit_words);
+        let needs_gpu = planned.needs_gpu();
         if engines.can_begin(&planned) {
             self.claim_place(Place::of(options), outbox);
             match engines.begin(planned, owner, open) {
                 Ok(cull) => {
                     self.under_way().push_back(cull);
-                    Served::BEGUN
+                    Served { needs_gpu, ..Served::BEGUN }
                 }
                 Err(ended) => {
                     self.under_way_count.fetch_sub(1, Ordering::Relaxed);
@@ -123,7 +124,7 @@ impl Culls {
         } else {
             let on_one_core = planned.on_one_core();
             let answer = engines.run(planned, owner, &mut open);
-            Served { on_one_core, ..publish(open, answer, outbox) }
+            Served { on_one_core, needs_gpu, ..publish(open, answer, outbox) }
         }
     }
 

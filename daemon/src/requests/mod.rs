@@ -34,13 +34,15 @@ pub struct Served {
     pub threads: usize,
     /// What it was predicted to take on one core, where several threads took part.
     pub on_one_core: Option<Duration>,
+    /// Whether it went to the GPU and would have taken a core much longer.
+    pub needs_gpu: bool,
     /// Whether it was a frame, by which the next is judged.
     pub is_frame: bool,
 }
 
 impl Served {
     /// A frame that was begun or refused by one thread.
-    const BEGUN: Self = Self { threads: 1, on_one_core: None, is_frame: true };
+    const BEGUN: Self = Self { threads: 1, on_one_core: None, needs_gpu: false, is_frame: true };
     /// Another request.
     const OTHER: Self = Self { is_frame: false, ..Self::BEGUN };
 }

@@ -12,8 +12,8 @@ const ALIKE_BOXES: u32 = 32;
 const ALIKE_PAIRS: u64 = 8;
 /// And by so many in any case: few pairs have no say in a choice.
 const FEW_PAIRS: u64 = 64;
-/// Plans that are kept: a frame may be planned twice, with all threads and with one.
-const KEPT: usize = 2;
+/// Plans that are kept: a frame may be planned with all threads and with one, with a GPU and without.
+const KEPT: usize = 4;
 
 /// The plans of one scene's last frames.
 #[derive(Clone, Debug, Default)]
@@ -55,7 +55,10 @@ impl PlanMemory {
     /// Keeps a plan for the frames to come.
     pub fn keep(&mut self, plan: &Plan, capabilities: &Capabilities) {
         let alike = |kept: &Option<Kept>| {
-            kept.as_ref().is_none_or(|kept| asked(&kept.plan.options) == asked(&plan.options))
+            kept.as_ref().is_none_or(|kept| {
+                asked(&kept.plan.options) == asked(&plan.options)
+                    && kept.capabilities.gpu.is_some() == capabilities.gpu.is_some()
+            })
         };
         let at = self.kept.iter().position(alike).unwrap_or(self.oldest);
         self.oldest = (at + 1) % KEPT;
@@ -139,8 +142,9 @@ mod tests {
 
     #[test]
     fn plans_of_other_options_stand_side_by_side() {
-        let [wide, narrow, third] =
-            [None, Some(1), Some(2)].map(|threads| CullOptions { threads, ..options(900) });
+        let wanted = [None, Some(1), Some(2), Some(3), Some(4)];
+        let [wide, narrow, third, fourth, fifth] =
+            wanted.map(|threads| CullOptions { threads, ..options(900) });
         let n = BoxCount::new(1_000);
         let mut memory = of(1_000, &wide);
         memory.keep(&planned(1_000, &narrow), &CAPABILITIES);
@@ -148,7 +152,9 @@ mod tests {
             let plan = memory.again(n, &CAPABILITIES, options).expect("kept");
             assert_eq!(plan.options, *options);
         }
-        memory.keep(&planned(1_000, &third), &CAPABILITIES);
+        for options in [&third, &fourth, &fifth] {
+            memory.keep(&planned(1_000, options), &CAPABILITIES);
+        }
         assert!(memory.again(n, &CAPABILITIES, &wide).is_none(), "the oldest went");
         assert!(memory.again(n, &CAPABILITIES, &narrow).is_some());
     }

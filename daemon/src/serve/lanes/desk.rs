@@ -6,7 +6,8 @@ use pairmask_transport::Sender;
 
 use super::crew::Crew;
 use super::patience::{Patience, Rest};
-use crate::ingest::{Inbox, Incoming, LARGE_WORK};
+use crate::clients::FrameWork;
+use crate::ingest::{Inbox, Incoming, LARGE_WORK, Resource};
 
 /// A lane that is expected to take longer than this for a frame has another one listen meanwhile. To wake
 /// one takes 5 µs; requests that come during a shorter frame wait for its end.
@@ -16,7 +17,7 @@ const LONG_FRAME: Duration = Duration::from_micros(300);
 #[derive(Debug)]
 pub(super) struct Arrived {
     pub(super) incoming: Incoming,
-    pub(super) work: Duration,
+    pub(super) expected: FrameWork,
 }
 
 /// A request that a lane is to serve.
@@ -35,8 +36,8 @@ pub(super) struct Task {
 pub(super) struct Length {
     /// Another lane listens meanwhile.
     is_long: bool,
-    /// Its session needs no lane of its own: large frames wait for each other.
-    is_large: bool,
+    /// Its session needs no lane of its own: frames of the pool, or of the GPU, wait for each other.
+    has_turns: bool,
 }
 
 /// Requests that wait, and who is awake. Every call is short.
@@ -84,29 +85,35 @@ impl Desk {
     /// Takes in a request.
     pub(super) fn put(&mut self, arrived: Arrived, now: Instant) {
         let sender = arrived.incoming.sender;
-        if arrived.work <= LARGE_WORK {
+        let resource = resource_for(&arrived.expected);
+        if resource == Resource::Core {
             self.crew.note_active(sender.session, now);
         }
-        self.inbox.put(sender, arrived.work, arrived);
+        self.inbox.put(sender, resource, arrived);
     }
 
     /// The request whose turn it is, and how it is to be served.
     pub(super) fn next(&mut self, now: Instant) -> Option<Task> {
-        let (_, Arrived { incoming, work }) = self.inbox.next()?;
+        let (_, Arrived { incoming, expected }) = self.inbox.next()?;
+        let (work, resource) = (expected.work, resource_for(&expected));
         let session = incoming.sender.session;
         self.patience.note_request(session, now);
         let active = self.crew.sessions(now).filter(|other| *other != session).count();
-        // Large frames wait for each other, and so leave each other no core.
-        let is_large = work > LARGE_WORK;
-        let served = if is_large { 0 } else { self.inbox.serving().saturating_sub(1) };
-        let others = active.max(served);
+        // Frames of the pool wait for each other, and so leave each other no core. Those of the GPU need
+        // none of the pool's threads where others wait.
+        let has_turns = resource != Resource::Core;
+        let others = match resource {
+            Resource::Core => active.max(self.inbox.serving().saturating_sub(1)),
+            Resource::Pool => active,
+            Resource::Gpu => active.max(self.inbox.waiting()),
+        };
         let threads = threads_for(work, others, self.pool_threads);
         let is_long = work / threads as u32 > LONG_FRAME;
         if is_long {
             self.crew.note_away();
         }
         let wake = self.crew.wake(now);
-        let length = Length { is_long, is_large };
+        let length = Length { is_long, has_turns };
         Some(Task { incoming, threads, length, wake })
     }
 
@@ -125,7 +132,7 @@ impl Desk {
         if length.is_long {
             self.crew.note_back();
         }
-        if !length.is_large {
+        if !length.has_turns {
             self.crew.note_active(sender.session, now);
         }
         self.note_answer(now);
@@ -145,6 +152,15 @@ impl Desk {
     /// Threads that the last task used.
     pub(super) const fn last_threads(&self) -> usize {
         self.last_threads
+    }
+}
+
+/// What a frame is to be served by.
+fn resource_for(expected: &FrameWork) -> Resource {
+    match expected {
+        FrameWork { needs_gpu: true, .. } => Resource::Gpu,
+        FrameWork { work, .. } if *work > LARGE_WORK => Resource::Pool,
+        FrameWork { .. } => Resource::Core,
     }
 }
 

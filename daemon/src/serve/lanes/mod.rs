@@ -305,8 +305,8 @@ impl<'a> Lanes<'a> {
         for incoming in arrived.drain(..) {
             let objects = incoming.request.header().box_count;
             let session = incoming.sender.session;
-            let work = self.responder.clients().expected_work(session, objects);
-            self.desk().put(Arrived { incoming, work }, now);
+            let expected = self.responder.clients().expected_work(session, objects);
+            self.desk().put(Arrived { incoming, expected }, now);
         }
         true
     }
@@ -329,7 +329,8 @@ impl<'a> Lanes<'a> {
         // Several threads take longer together than one would alone.
         let work = served.on_one_core.unwrap_or(took);
         if served.is_frame {
-            self.responder.clients().note_work(sender.session, FrameWork { objects, work });
+            let work = FrameWork { objects, work, needs_gpu: served.needs_gpu };
+            self.responder.clients().note_work(sender.session, work);
         }
         let used = took * served.threads as u32;
         let sleep_at = self.desk().note_served(sender, length, served.threads, used, now);
