@@ -2,7 +2,8 @@
 //! writes to memory that it has mapped, honest clients beside it get right answers, and the
 //! instance serves again.
 //!
-//! Each test prints its counts (`--nocapture`).
+//! Each test prints its counts (`--nocapture`). One file, because all of them start the same daemon, attacker and
+//! honest clients, and each is a page.
 #![allow(clippy::unwrap_used)]
 
 use std::collections::BTreeMap;

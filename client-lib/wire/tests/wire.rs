@@ -1,4 +1,5 @@
-//! The wire contract: golden bytes, and arbitrary bytes from the other side.
+//! The wire contract: golden bytes, and arbitrary bytes from the other side. One file, because both read the
+//! same headers, request and response, and the golden ones are what the arbitrary ones are made from.
 #![allow(clippy::unwrap_used, clippy::missing_panics_doc)]
 
 use bytemuck::Zeroable;

@@ -4,11 +4,6 @@ use std::time::Duration;
 
 use pairmask_transport::{FRAMES_AT_A_TIME, PORTS_PER_CLIENT, Sender};
 
-/// A frame that is expected to take more work than this, on one core, is large: large frames are served
-/// one at a time, by all threads of the engines. Below, a frame has a core to itself: to share it out
-/// would gain less than the frames of other clients lose.
-pub const LARGE_WORK: Duration = Duration::from_millis(2);
-
 /// What a frame is served by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Resource {
@@ -326,7 +321,7 @@ mod tests {
         assert_eq!(inbox.next(), Some((a, "large")));
         assert_eq!(inbox.next(), Some((c, "small")));
         assert_eq!(inbox.next(), None);
-        inbox.note_served(a, LARGE_WORK);
+        inbox.note_served(a, 2000 * US);
         assert_eq!(inbox.next(), Some((b, "large too")));
     }
 

@@ -5,5 +5,5 @@ mod inbox;
 mod intake;
 
 pub use gate::{Gate, Incoming};
-pub use inbox::{Inbox, LARGE_WORK, Resource};
+pub use inbox::{Inbox, Resource};
 pub use intake::Intake;

@@ -7,11 +7,16 @@ use pairmask_transport::Sender;
 use super::crew::Crew;
 use super::patience::{Patience, Rest};
 use crate::clients::FrameWork;
-use crate::ingest::{Inbox, Incoming, LARGE_WORK, Resource};
+use crate::ingest::{Inbox, Incoming, Resource};
 
 /// A lane that is expected to take longer than this for a frame has another one listen meanwhile. To wake
 /// one takes 5 µs; requests that come during a shorter frame wait for its end.
 const LONG_FRAME: Duration = Duration::from_micros(300);
+
+/// A frame that is expected to take more work than this, on one core, is large: large frames are served
+/// one at a time, by all threads of the engines. Below, a frame has a core to itself: to share it out
+/// would gain less than the frames of other clients lose.
+const LARGE_WORK: Duration = Duration::from_millis(2);
 
 /// A request, and the work that is expected of it.
 #[derive(Debug)]
