@@ -157,6 +157,13 @@ impl KeyBox {
         }
     }
 
+    /// A box with these keys, which are those of a solid one: the same box, but for +0 in place of −0.
+    #[inline]
+    pub fn to_box(&self) -> Aabb {
+        let coordinate = |key: i32| f32::from_bits(order_key(key as u32) as u32);
+        Aabb { min: self.min.map(coordinate), max: self.max.map(coordinate) }
+    }
+
     /// Closed overlap on all three axes.
     #[inline]
     pub fn overlaps(&self, other: &Self) -> bool {

@@ -45,6 +45,11 @@ impl HeapReply {
         Self { words: AlignedBuffer::default(), limit_bytes, need: RecentNeed::default() }
     }
 
+    /// Bytes that are allocated, which may be more than the last mask took.
+    pub fn allocated_bytes(&self) -> usize {
+        self.words.allocated_bytes()
+    }
+
     /// The words of the last [`ReplyBuffer::reserve`]: the mask, after a successful cull.
     pub fn words(&self) -> &[u32] {
         self.words.as_slice()

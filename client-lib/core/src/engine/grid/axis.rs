@@ -31,11 +31,11 @@ use crate::floats;
 const ROUND: f32 = 12_582_912.0;
 
 /// Largest magnitude of a cell number. Coordinates beyond share the outermost cell.
-pub(super) const CELL_LIMIT: f32 = 2_097_152.0;
+pub(crate) const CELL_LIMIT: f32 = 2_097_152.0;
 
 /// The cells of one axis.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Axis {
+pub(crate) struct Axis {
     origin: f32,
     cells_per_unit: f32,
     low: f32,

@@ -51,12 +51,37 @@ pub(super) struct Layout {
     sample: Sample,
 }
 
+/// Boxes of about one size.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SizeClass {
+    /// Their share of all boxes.
+    pub share: f32,
+    /// Their mean edge on each axis.
+    pub mean_edges: [f32; 3],
+    /// Slightly more than their longest edge on each axis; above 0.
+    pub least_edges: [f32; 3],
+}
+
+/// The sizes of a sampled scene, smallest first, as the levels of the grid part them.
+pub(crate) fn size_classes(sample: &Sample, density: &Density) -> Vec<SizeClass> {
+    let groups = best_groups(sample, density).into_iter().flatten();
+    groups
+        .map(|group| SizeClass {
+            share: group.share,
+            mean_edges: group.mean_edges,
+            least_edges: group.least_edges,
+        })
+        .collect()
+}
+
 /// Boxes `from..to` of the sample as one level: what the model needs of them.
 #[derive(Clone, Copy)]
 struct Group {
     /// Share of all boxes.
     share: f32,
     mean_edges: [f32; 3],
+    /// The shortest edges of cells for the group.
+    least_edges: [f32; 3],
     cell_edges: [f32; 3],
     /// Boxes of the group in the home cell of a box.
     occupancy: f32,
@@ -266,10 +291,10 @@ impl GroupModel<'_> {
     }
 
     fn group(&self, cell_edges: [f32; 3]) -> Group {
-        let Self { share, mean_edges, .. } = *self;
+        let Self { share, mean_edges, least_edges, .. } = *self;
         let occupancy = share * self.density.in_cell(cell_edges);
         let own_cost = self.own_cost(cell_edges, occupancy);
-        Group { share, mean_edges, cell_edges, occupancy, own_cost }
+        Group { share, mean_edges, least_edges, cell_edges, occupancy, own_cost }
     }
 
     /// Cost of a box in its own level.

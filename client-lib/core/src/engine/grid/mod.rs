@@ -23,9 +23,12 @@ mod sample;
 mod sort;
 mod tile;
 
+pub(crate) use self::axis::{Axis, CELL_LIMIT};
 pub use self::explain::{GridPlace, GridView};
 use self::layout::Layout;
+pub(crate) use self::layout::{SizeClass, size_classes};
 use self::rows::{RowTask, Scene};
+pub(crate) use self::sample::{Density, Sample};
 use self::sort::SortedBoxes;
 use crate::engine::encode;
 use crate::engine::gather::Gather;

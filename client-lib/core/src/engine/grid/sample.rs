@@ -22,7 +22,7 @@ const DENSITY_ROUNDS: usize = 32;
 
 /// What is kept of a sampled box.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct SampledBox {
+pub(crate) struct SampledBox {
     pub min: [f32; 3],
     pub edges: [f32; 3],
     /// Largest edge in units of the median edge of its axis.
@@ -31,7 +31,7 @@ pub(super) struct SampledBox {
 
 /// The sampled solid boxes and what follows from them.
 #[derive(Default)]
-pub(super) struct Sample {
+pub(crate) struct Sample {
     /// Smallest first, unless they are alike.
     pub boxes: Vec<SampledBox>,
     /// Whether all boxes are of about one size, so that one level will do.
@@ -146,7 +146,7 @@ impl Sample {
 
 /// Boxes in the cell of a box.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Density {
+pub(crate) struct Density {
     /// Cells of the measurement for each unit of length.
     per_unit: [f32; 3],
     /// Extent of the scene, above 0.

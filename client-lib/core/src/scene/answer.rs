@@ -1,0 +1,124 @@
+//! What a scene tells: pairs that began and ended, or pairs that there are.
+
+use std::sync::Arc;
+
+use super::pair_list::Pair;
+
+/// Which answer a client wants of an edit.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Want {
+    /// Pairs that began and ended since the last answer that was taken.
+    #[default]
+    Changes,
+    /// Pairs of now with at least one box that this edit set, switched or flagged.
+    Moved,
+    /// All pairs of now.
+    All,
+    /// Nothing: the edit is applied.
+    Nothing,
+}
+
+/// Why a pair ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[non_exhaustive]
+pub enum EndReason {
+    /// A box of the pair was removed, also where its index has a new box.
+    Removed,
+    /// A box of the pair is switched off now, or both are static now.
+    Filtered,
+    /// The boxes overlap no more.
+    Separated,
+}
+
+/// A pair that ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Ended {
+    /// The indices, smaller one first.
+    pub pair: [u32; 2],
+    /// Why.
+    pub reason: EndReason,
+}
+
+/// Work that an answer left out. Pairs are those of boxes that are present and switched on: n(n − 1)/2
+/// of n boxes. Each is counted once: as tested or by the first reason that holds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct SceneSkips {
+    /// Boxes that were not looked at, besides as neighbours of others.
+    pub boxes: u64,
+    /// Pairs of two static boxes.
+    pub static_pairs: u64,
+    /// Pairs of two boxes that have not changed since the last answer that was taken.
+    pub unmoved_pairs: u64,
+    /// Pairs of boxes in cells too far apart, and those that an engine left out.
+    pub cell_pairs: u64,
+    /// Boxes in cells that were compared with another.
+    pub tested: u64,
+}
+
+/// An answer. All its lists are sorted by (a, b), a < b: the bytes are the same whatever the number of
+/// threads, and however the pairs were found.
+#[derive(Debug, Default)]
+pub struct Told {
+    pub(super) want: Want,
+    pub(super) resync: bool,
+    pub(super) begun: Vec<Pair>,
+    pub(super) ended: Vec<Ended>,
+    pub(super) pairs: Arc<Vec<Pair>>,
+    pub(super) pair_count: u64,
+    pub(super) skipped: SceneSkips,
+}
+
+impl Told {
+    /// Which answer was asked for.
+    pub const fn want(&self) -> Want {
+        self.want
+    }
+
+    /// Whether changes were asked for and [`pairs`](Self::pairs) holds all pairs instead: because those
+    /// are fewer than the changes, or the scene has lost track of what it told. The client forgets the
+    /// pairs that it knows.
+    pub const fn is_resync(&self) -> bool {
+        self.resync
+    }
+
+    /// Pairs that began, for [`Want::Changes`].
+    pub fn begun(&self) -> &[[u32; 2]] {
+        &self.begun
+    }
+
+    /// Pairs that ended, for [`Want::Changes`].
+    pub fn ended(&self) -> &[Ended] {
+        &self.ended
+    }
+
+    /// Pairs of now, for [`Want::All`], [`Want::Moved`] and a [resync](Self::is_resync).
+    pub fn pairs(&self) -> &[[u32; 2]] {
+        &self.pairs
+    }
+
+    /// Pairs of the whole scene, if the answer knows: [`Want::Moved`] and [`Want::Nothing`] do not.
+    pub fn pair_count(&self) -> Option<u64> {
+        matches!(self.want, Want::Changes | Want::All).then_some(self.pair_count)
+    }
+
+    /// Work left out.
+    pub const fn skipped(&self) -> &SceneSkips {
+        &self.skipped
+    }
+
+    /// Bytes that are allocated, beside `pairs`, which a scene may keep as well.
+    pub(super) fn allocated_bytes(&self) -> usize {
+        self.begun.capacity() * size_of::<Pair>() + self.ended.capacity() * size_of::<Ended>()
+    }
+
+    /// An empty answer.
+    pub(super) fn begin(&mut self, want: Want) {
+        (self.want, self.resync, self.pair_count) = (want, false, 0);
+        self.skipped = SceneSkips::default();
+        self.begun.clear();
+        self.ended.clear();
+        self.pairs = Arc::default();
+    }
+}

@@ -1,0 +1,360 @@
+//! Boxes in cells: where each box of a scene lies, and which boxes lie around it.
+//!
+//! All entries stand in one array, by level, z, y, x of their cell, so that neighbouring cells of a
+//! line are one run of it. Each cell has some free places, which no question admits: a box that moves
+//! within its cell is written over, one that leaves frees its place, and one that comes takes a free
+//! place of its cell, or of a cell nearby whose border then moves. Where there is none nearby, the
+//! cells are built anew.
+
+mod axis;
+mod entry;
+mod layout;
+
+use self::entry::{Entry, Question};
+use self::layout::Level;
+use super::store::Store;
+use crate::aabb::{Aabb, KeyBox, order_key};
+use crate::engine::strips::{in_parts, part_count};
+use crate::floats;
+
+/// No place.
+const NOWHERE: u32 = u32::MAX;
+/// Places and cells that are looked through for a free place, each way: 2 KiB, some 30 ns.
+const BORROW_REACH: u32 = 64;
+/// Free places of a cell at first, for each so many boxes in it, beside one.
+const BOXES_A_SPARE: u32 = 6;
+/// Boxes whose homes are found by one task, at least.
+const TASK_BOXES: usize = 4_096;
+/// Tests of a search that are as they should be.
+const FAIR_TESTS: u64 = 96;
+/// Tests beyond these, for each box, after which the layout is chosen again: about what that takes.
+const UNFAIR_TESTS_A_BOX: u64 = 32;
+/// Moves, for each box, after which the layout is chosen again, since boxes may have spread.
+const MOVES_A_BOX: u64 = 16;
+
+/// The cells of a scene.
+#[derive(Debug, Default)]
+pub(super) struct Cells {
+    /// Finest first.
+    levels: Vec<Level>,
+    /// Entries of each level.
+    occupied: Vec<u32>,
+    /// First place of each cell of all levels, and the end of the last one.
+    starts: Vec<u32>,
+    entries: Vec<Entry>,
+    /// Place of each box by index, [`NOWHERE`] for one that overlaps nothing.
+    places: Vec<u32>,
+    /// Moves since the layout was chosen.
+    moves: u64,
+    /// Tests of searches since then, and searches.
+    tests: u64,
+    searches: u64,
+}
+
+/// A cell and its level.
+#[derive(Clone, Copy, Debug)]
+struct Home {
+    cell: u32,
+    level: u32,
+}
+
+/// The coordinate of a key: the map to keys is its own inverse, but for −0.
+#[inline(always)]
+fn coordinate(key: i32) -> f32 {
+    f32::from_bits(order_key(key as u32) as u32)
+}
+
+impl Cells {
+    /// The cells of the boxes of a scene.
+    pub fn of(store: &Store, threads: usize) -> Self {
+        let mut cells = Self::default();
+        cells.build(store, threads);
+        cells
+    }
+
+    /// Bytes that are allocated.
+    pub fn allocated_bytes(&self) -> usize {
+        let words = self.starts.capacity() + self.places.capacity() + self.occupied.capacity();
+        words * size_of::<u32>() + self.entries.capacity() * size_of::<Entry>()
+    }
+
+    /// Keys of each box that has a place, whether it is static, and its index, in no order.
+    pub fn boxes(&self) -> impl Iterator<Item = (KeyBox, bool, u32)> {
+        let taken = self.entries.iter().filter(|entry| !entry.is_free());
+        taken.map(|entry| (entry.key(), entry.is_static(), entry.index()))
+    }
+
+    /// Where a box lies in memory: boxes near each other in space have numbers near each other.
+    #[inline]
+    pub fn place(&self, index: u32) -> u32 {
+        self.places.get(index as usize).copied().unwrap_or(NOWHERE)
+    }
+
+    /// Whether a box has a place: it overlaps something at least, itself.
+    #[inline]
+    pub fn has(&self, index: u32) -> bool {
+        self.place(index) != NOWHERE
+    }
+
+    /// Chooses the layout anew and places every box.
+    pub fn build(&mut self, store: &Store, threads: usize) {
+        let boxes = store.boxes();
+        self.levels = layout::choose(boxes);
+        let cell_count =
+            self.levels.last().map_or(0, |level| level.first_cell + level.cell_count()) as usize;
+        let homes = self.homes_of(boxes, threads);
+        self.occupied.clear();
+        self.occupied.resize(self.levels.len(), 0);
+        let mut counts = vec![0u32; cell_count + 1];
+        for home in &homes {
+            if home.cell != NOWHERE {
+                counts[home.cell as usize] += 1;
+                self.occupied[home.level as usize] += 1;
+            }
+        }
+        self.starts.clear();
+        self.starts.reserve_exact(cell_count + 1);
+        let mut next = 0;
+        for count in &mut counts {
+            self.starts.push(next);
+            let here = *count;
+            *count = next;
+            next += if here == 0 { 0 } else { here + 1 + here / BOXES_A_SPARE };
+        }
+        self.entries.clear();
+        self.entries.reserve_exact(next as usize);
+        self.entries.resize(next as usize, Entry::FREE);
+        self.places.clear();
+        self.places.resize(boxes.len(), NOWHERE);
+        for ((index, home), place) in (0u32..).zip(&homes).zip(&mut self.places) {
+            if home.cell != NOWHERE {
+                let next = &mut counts[home.cell as usize];
+                *place = *next;
+                let key = KeyBox::from(&boxes[index as usize]);
+                self.entries[*next as usize] = Entry::new(&key, store.is_static(index), index);
+                *next += 1;
+            }
+        }
+        (self.moves, self.tests, self.searches) = (0, 0, 0);
+    }
+
+    fn homes_of(&self, boxes: &[Aabb], threads: usize) -> Vec<Home> {
+        let nowhere = Home { cell: NOWHERE, level: 0 };
+        let mut homes = vec![nowhere; boxes.len()];
+        let parts = part_count(boxes.len(), TASK_BOXES, threads);
+        let mut work: Vec<(&mut [Home], &[Aabb])> = Vec::with_capacity(parts);
+        let step = boxes.len().div_ceil(parts).max(1);
+        work.extend(homes.chunks_mut(step).zip(boxes.chunks(step)));
+        let run = |work: &mut [(&mut [Home], &[Aabb])]| {
+            for (home, b) in work.iter_mut().flat_map(|(homes, boxes)| homes.iter_mut().zip(*boxes))
+            {
+                let key = KeyBox::from(b);
+                if key != KeyBox::NOTHING {
+                    *home = self.home(&key);
+                }
+            }
+        };
+        in_parts(work.as_mut_slice(), parts, &run, &|(), ()| ());
+        homes
+    }
+
+    /// The first level that takes a box, and its cell there; the last one takes all.
+    #[inline]
+    fn home(&self, key: &KeyBox) -> Home {
+        let (min, max) = (key.min.map(coordinate), key.max.map(coordinate));
+        for (number, level) in self.levels.iter().enumerate() {
+            if let Some(cell) = level.home(min, max) {
+                return Home { cell, level: number as u32 };
+            }
+        }
+        let last = self.levels.len() - 1;
+        Home { cell: self.levels[last].first_cell, level: last as u32 }
+    }
+
+    /// Moves boxes to where they are now.
+    pub fn update(&mut self, store: &Store, changed: &[u32], threads: usize) {
+        self.places.resize(store.boxes().len().max(self.places.len()), NOWHERE);
+        self.moves += changed.len() as u64;
+        let have_room = floats::with_default(|| {
+            changed.iter().all(|index| {
+                let key = store.boxes().get(*index as usize).map_or(KeyBox::NOTHING, KeyBox::from);
+                self.move_box(*index, &key, store.is_static(*index))
+            })
+        });
+        if !have_room || self.is_stale(store) {
+            self.build(store, threads);
+        }
+    }
+
+    /// Whether the layout is to be chosen again.
+    fn is_stale(&self, store: &Store) -> bool {
+        let boxes = store.present() as u64 + TASK_BOXES as u64;
+        let unfair = self.tests.saturating_sub(self.searches * FAIR_TESTS);
+        self.moves > MOVES_A_BOX * boxes || unfair > UNFAIR_TESTS_A_BOX * boxes
+    }
+
+    /// Moves one box. False when no free place is near its cell; the box has none then.
+    fn move_box(&mut self, index: u32, key: &KeyBox, is_static: bool) -> bool {
+        let place = self.places[index as usize];
+        if *key == KeyBox::NOTHING {
+            if place != NOWHERE {
+                self.free(index, place);
+            }
+            return true;
+        }
+        let home = self.home(key);
+        let (start, end) = (self.starts[home.cell as usize], self.starts[home.cell as usize + 1]);
+        let entry = Entry::new(key, is_static, index);
+        if (start..end).contains(&place) {
+            self.entries[place as usize] = entry;
+            return true;
+        }
+        if place != NOWHERE {
+            self.free(index, place);
+        }
+        let here = &self.entries[start as usize..end as usize];
+        let free = here.iter().position(Entry::is_free).map(|at| start + at as u32);
+        let Some(free) = free.or_else(|| self.borrow(home.cell)) else { return false };
+        self.entries[free as usize] = entry;
+        self.places[index as usize] = free;
+        self.occupied[home.level as usize] += 1;
+        true
+    }
+
+    fn free(&mut self, index: u32, place: u32) {
+        self.entries[place as usize] = Entry::FREE;
+        self.places[index as usize] = NOWHERE;
+        let level = self.level_of_place(place);
+        self.occupied[level] -= 1;
+    }
+
+    /// The level that a place belongs to.
+    fn level_of_place(&self, place: u32) -> usize {
+        let begins = |level: &Level| self.starts[level.first_cell as usize];
+        self.levels.iter().rposition(|level| begins(level) <= place).unwrap_or(0)
+    }
+
+    /// Moves a free place from a cell nearby into a full cell.
+    fn borrow(&mut self, cell: u32) -> Option<u32> {
+        self.borrow_from_later(cell).or_else(|| self.borrow_from_earlier(cell))
+    }
+
+    fn borrow_from_later(&mut self, cell: u32) -> Option<u32> {
+        let end = self.starts[cell as usize + 1];
+        let reach = (end + BORROW_REACH).min(self.entries.len() as u32);
+        let near = &self.entries[end as usize..reach as usize];
+        let mut free = end + near.iter().position(Entry::is_free)? as u32;
+        let last_cell = (cell + BORROW_REACH).min(self.starts.len() as u32 - 2);
+        let mut lender = cell + 1;
+        while lender <= last_cell && self.starts[lender as usize + 1] <= free {
+            lender += 1;
+        }
+        if lender > last_cell {
+            return None;
+        }
+        // From the lender down, each cell gives its first place to the cell before it.
+        for giver in (cell + 1..=lender).rev() {
+            let first = self.starts[giver as usize];
+            if first != free {
+                self.shift(first, free);
+                free = first;
+            }
+            self.starts[giver as usize] = first + 1;
+        }
+        Some(free)
+    }
+
+    fn borrow_from_earlier(&mut self, cell: u32) -> Option<u32> {
+        let start = self.starts[cell as usize];
+        let reach = start.saturating_sub(BORROW_REACH);
+        let near = &self.entries[reach as usize..start as usize];
+        let mut free = reach + near.iter().rposition(Entry::is_free)? as u32;
+        let first_cell = cell.saturating_sub(BORROW_REACH);
+        let mut lender = cell.checked_sub(1)?;
+        while lender > first_cell && self.starts[lender as usize] > free {
+            lender -= 1;
+        }
+        if self.starts[lender as usize] > free {
+            return None;
+        }
+        // From the lender up, each cell gives its last place to the cell after it.
+        for giver in lender..cell {
+            let last = self.starts[giver as usize + 1] - 1;
+            if last != free {
+                self.shift(last, free);
+                free = last;
+            }
+            self.starts[giver as usize + 1] = last;
+        }
+        Some(free)
+    }
+
+    /// Moves an entry to a free place.
+    fn shift(&mut self, from: u32, to: u32) {
+        let entry = std::mem::replace(&mut self.entries[from as usize], Entry::FREE);
+        self.entries[to as usize] = entry;
+        // A place between the free one and a border may be free as well.
+        if !entry.is_free() {
+            self.places[entry.index() as usize] = to;
+        }
+    }
+
+    /// Counts searches and their tests, by which the layout is judged.
+    pub fn note_searches(&mut self, searches: u64, tests: u64) {
+        self.searches += searches;
+        self.tests += tests;
+    }
+
+    /// Calls `found` with the index of each box that is a pair with a placed box, by the entries as they
+    /// are now. Returns how many entries were tested. Needs the default floating-point flags.
+    #[inline]
+    pub fn around(&self, index: u32, mut found: impl FnMut(u32)) -> u64 {
+        let place = self.places[index as usize];
+        let this = &self.entries[place as usize];
+        let key = this.key();
+        let question = Question::new(&key, this.is_static());
+        let mut tested = 0;
+        let mut test = |start: u32, end: u32| {
+            tested += u64::from(end - start);
+            for entry in &self.entries[start as usize..end as usize] {
+                if question.admits(entry) && entry.index() != index {
+                    found(entry.index());
+                }
+            }
+        };
+        let (min, max) = (key.min.map(coordinate), key.max.map(coordinate));
+        for (level, occupied) in self.levels.iter().zip(&self.occupied) {
+            if *occupied == 0 {
+                continue;
+            }
+            let [xs, ys, zs] = std::array::from_fn(|axis| {
+                let of = &level.axes[axis];
+                of.cells(of.fine(min[axis]) - 1, of.fine(max[axis]))
+            });
+            let lines = lines(&ys) * lines(&zs);
+            let first = level.first_cell;
+            if lines > u64::from(*occupied) {
+                let end = first + level.cell_count();
+                test(self.starts[first as usize], self.starts[end as usize]);
+                continue;
+            }
+            for z in zs.into_iter().flatten() {
+                for y in ys.iter().cloned().flatten() {
+                    for x in &xs {
+                        if x.start < x.end {
+                            let cell = level.cell_at(x.start, y, z);
+                            let end = cell + (x.end - x.start);
+                            test(self.starts[cell as usize], self.starts[end as usize]);
+                        }
+                    }
+                }
+            }
+        }
+        tested
+    }
+}
+
+/// Cells of an axis that a search spans.
+fn lines(ranges: &[std::ops::Range<u32>; 2]) -> u64 {
+    ranges.iter().map(|range| u64::from(range.end - range.start)).sum()
+}

@@ -1,0 +1,258 @@
+//! Edits: what changes in a scene from one answer to the next, in place.
+//!
+//! An edit names boxes by the client's own indices. It borrows the client's arrays and is read where
+//! they lie, up to three times: once to check it, once to apply it, once for the answer.
+
+use std::ops::Range;
+
+use crate::aabb::Aabb;
+
+/// Indices of boxes.
+#[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
+pub enum Indices<'a> {
+    /// As a list, in any order.
+    List(&'a [u32]),
+    /// From one index to before another.
+    Range {
+        /// The first one.
+        first: u32,
+        /// How many.
+        count: u32,
+    },
+    /// As a bitmask: bit t of word w is index `first + 32 w + t`.
+    Mask {
+        /// Index of the lowest bit.
+        first: u32,
+        /// The bits.
+        words: &'a [u32],
+    },
+}
+
+impl Indices<'_> {
+    /// How many.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::List(indices) => indices.len(),
+            Self::Range { count, .. } => *count as usize,
+            Self::Mask { words, .. } => words.iter().map(|w| w.count_ones() as usize).sum(),
+        }
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The largest index, in 64 bits, since a client may name one beyond 2^32 − 1.
+    fn last(&self) -> Option<u64> {
+        match self {
+            Self::List(indices) => indices.iter().max().map(|i| u64::from(*i)),
+            Self::Range { count: 0, .. } => None,
+            Self::Range { first, count } => Some(u64::from(*first) + u64::from(*count) - 1),
+            Self::Mask { first, words } => {
+                let (w, word) = words.iter().enumerate().rev().find(|(_, word)| **word != 0)?;
+                Some(u64::from(*first) + 32 * w as u64 + 31 - u64::from(word.leading_zeros()))
+            }
+        }
+    }
+
+    /// Calls `f` with each index and its place among them. None is beyond 2^32 − 1: see
+    /// [`Edit::last_index`].
+    #[inline]
+    fn for_each(&self, mut f: impl FnMut(usize, u32)) {
+        match self {
+            Self::List(indices) => indices.iter().enumerate().for_each(|(at, i)| f(at, *i)),
+            Self::Range { first, count } => (0..*count).for_each(|at| f(at as usize, first + at)),
+            Self::Mask { first, words } => {
+                let mut at = 0;
+                for (w, word) in words.iter().enumerate() {
+                    let mut rest = *word;
+                    while rest != 0 {
+                        f(at, first + 32 * w as u32 + rest.trailing_zeros());
+                        rest &= rest - 1;
+                        at += 1;
+                    }
+                }
+            }
+        }
+    }
+}
+
+impl<'a> From<&'a [u32]> for Indices<'a> {
+    fn from(list: &'a [u32]) -> Self {
+        Self::List(list)
+    }
+}
+
+impl<'a, const N: usize> From<&'a [u32; N]> for Indices<'a> {
+    fn from(list: &'a [u32; N]) -> Self {
+        Self::List(list)
+    }
+}
+
+impl<'a> From<&'a Vec<u32>> for Indices<'a> {
+    fn from(list: &'a Vec<u32>) -> Self {
+        Self::List(list)
+    }
+}
+
+impl From<Range<u32>> for Indices<'_> {
+    /// An end below the start is an empty range.
+    fn from(range: Range<u32>) -> Self {
+        Self::Range { first: range.start, count: range.end.saturating_sub(range.start) }
+    }
+}
+
+/// Boxes and where they belong: the box at a place belongs to the index at the same place.
+#[derive(Clone, Copy, Debug)]
+pub struct Sets<'a> {
+    /// The indices.
+    pub indices: Indices<'a>,
+    /// A box for each.
+    pub boxes: &'a [Aabb],
+}
+
+/// What a step of an edit does.
+#[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
+pub enum Step<'a> {
+    /// Removes boxes.
+    Remove(Indices<'a>),
+    /// Sets boxes; inserts those that are absent, switched on and not static.
+    Set(Sets<'a>),
+    /// Switches boxes off (`false`: they overlap nothing and stay what they are) or on.
+    Switch(Indices<'a>, bool),
+    /// Makes boxes static (`true`: two static boxes are no pair) or not.
+    Static(Indices<'a>, bool),
+}
+
+/// An edit: steps, which are done in the order of their kinds, whatever the order in the slice: all
+/// removals, all sets, then switches and static flags in the order given.
+///
+/// An index may be removed and set in one edit: it is another box then, whose pairs all begin.
+///
+/// ```
+/// use pairmask_core::Aabb;
+/// use pairmask_core::scene::{Edit, Scene, SceneOptions, Sets, Step, Want};
+///
+/// let boxes = [[0.0, 1.0], [0.5, 2.0]].map(|[a, b]| Aabb::new([a; 3], [b; 3]));
+/// let mut scene = Scene::new(SceneOptions::default());
+/// let steps = [Step::Set(Sets { indices: (7..9).into(), boxes: &boxes })];
+/// let told = scene.edit(Edit { steps: &steps }, Want::Changes)?;
+/// assert_eq!(told.begun(), [[7, 8]]);
+/// # Ok::<(), pairmask_core::scene::SceneError>(())
+/// ```
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Edit<'a> {
+    /// The steps.
+    pub steps: &'a [Step<'a>],
+}
+
+impl<'a> Edit<'a> {
+    /// Nothing changes.
+    pub const NONE: Edit<'static> = Edit { steps: &[] };
+
+    /// The largest index that is set, in 64 bits.
+    pub(super) fn last_set(&self) -> Option<u64> {
+        let last = |step: &Step<'_>| match step {
+            Step::Set(sets) => sets.indices.last(),
+            _ => None,
+        };
+        self.steps.iter().filter_map(last).max()
+    }
+
+    /// The largest index that a step names without setting it, in 64 bits.
+    pub(super) fn last_named(&self) -> Option<u64> {
+        let last = |step: &Step<'_>| match step {
+            Step::Remove(indices) | Step::Switch(indices, _) | Step::Static(indices, _) => {
+                indices.last()
+            }
+            Step::Set(_) => None,
+        };
+        self.steps.iter().filter_map(last).max()
+    }
+
+    /// The first set whose boxes are not as many as its indices: indices and boxes.
+    pub(super) fn uneven(&self) -> Option<(usize, usize)> {
+        self.steps.iter().find_map(|step| match step {
+            Step::Set(Sets { indices, boxes }) if indices.len() != boxes.len() => {
+                Some((indices.len(), boxes.len()))
+            }
+            _ => None,
+        })
+    }
+
+    #[inline]
+    pub(super) fn for_each_removed(&self, mut f: impl FnMut(u32)) {
+        for step in self.steps {
+            if let Step::Remove(indices) = step {
+                indices.for_each(|_, i| f(i));
+            }
+        }
+    }
+
+    #[inline]
+    pub(super) fn for_each_set(&self, mut f: impl FnMut(u32, &'a Aabb)) {
+        for step in self.steps {
+            if let Step::Set(Sets { indices, boxes }) = step {
+                indices.for_each(|at, i| f(i, &boxes[at]));
+            }
+        }
+    }
+
+    /// Switches and static flags, in the order given.
+    #[inline]
+    pub(super) fn for_each_flag(&self, mut f: impl FnMut(u32, Flag)) {
+        for step in self.steps {
+            match *step {
+                Step::Switch(indices, on) => indices.for_each(|_, i| f(i, Flag::On(on))),
+                Step::Static(indices, on) => indices.for_each(|_, i| f(i, Flag::Static(on))),
+                Step::Remove(_) | Step::Set(_) => {}
+            }
+        }
+    }
+}
+
+/// A flag of a box and its new value.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Flag {
+    On(bool),
+    Static(bool),
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn listed(indices: Indices<'_>) -> Vec<u32> {
+        let mut found = Vec::new();
+        indices.for_each(|at, i| {
+            assert_eq!(at, found.len());
+            found.push(i);
+        });
+        assert_eq!((found.len(), found.is_empty()), (indices.len(), indices.is_empty()));
+        assert_eq!(indices.last(), found.iter().max().map(|i| u64::from(*i)));
+        found
+    }
+
+    #[test]
+    fn all_ways_to_name_indices_name_the_same() {
+        let mask = Indices::Mask { first: 3, words: &[0b1001, 0, 0x8000_0000] };
+        assert_eq!(listed(mask), [3, 6, 98]);
+        assert_eq!(listed((&[3, 6, 98]).into()), [3, 6, 98]);
+        assert_eq!(listed((3..6).into()), [3, 4, 5]);
+        for none in [Indices::List(&[]), Indices::Mask { first: 9, words: &[0, 0] }, (4..4).into()]
+        {
+            assert!(listed(none).is_empty());
+        }
+    }
+
+    #[test]
+    fn indices_beyond_32_bits_are_seen() {
+        let mask = Indices::Mask { first: u32::MAX, words: &[2] };
+        assert_eq!(mask.last(), Some(1 << 32));
+        let range = Indices::Range { first: u32::MAX, count: 2 };
+        assert_eq!(range.last(), Some(1 << 32));
+    }
+}

@@ -1,0 +1,56 @@
+//! Why an edit is refused, or has no answer.
+
+use crate::engine::CullError;
+
+/// Why an edit has no answer.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SceneError {
+    /// The edit is wrong. Nothing of it was applied.
+    #[error(transparent)]
+    Edit(#[from] EditError),
+    /// The edit was applied, and the pairs of the whole scene could not be found. The next answer is a
+    /// [resync](super::Told::is_resync).
+    #[error("the edit was applied and has no answer: {0}")]
+    Cull(#[from] CullError),
+}
+
+/// What is wrong with an edit. Nothing of it was applied.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum EditError {
+    /// An index beyond what the scene may hold.
+    #[error("index {index} is beyond the {limit} boxes that this scene may hold")]
+    BeyondLimit {
+        /// The index.
+        index: u64,
+        /// Boxes that the scene may hold.
+        limit: u32,
+    },
+    /// A step with more or fewer boxes than indices.
+    #[error("{indices} indices are set to {boxes} boxes: give a box for each")]
+    Lengths {
+        /// Indices of the step.
+        indices: usize,
+        /// Its boxes.
+        boxes: usize,
+    },
+    /// An index that is set twice.
+    #[error("index {index} is set twice in one edit")]
+    SetTwice {
+        /// The index.
+        index: u32,
+    },
+    /// An index without a box that is removed, switched or made static or not.
+    #[error("index {index} has no box")]
+    Absent {
+        /// The index.
+        index: u64,
+    },
+    /// No memory for a scene of so many boxes.
+    #[error("no memory for a scene of {boxes} boxes")]
+    NoMemory {
+        /// The boxes.
+        boxes: u64,
+    },
+}

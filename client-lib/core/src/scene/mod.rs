@@ -1,0 +1,500 @@
+//! Scenes that persist: boxes stay from answer to answer, edits go in, changes of pairs come out.
+//!
+//! A client gives each box an index of its own, tells by an [`Edit`] what changes, and [wants](Want) to
+//! know which pairs began and ended, which there are around the boxes that moved, or all. A small edit
+//! costs what it changes, not what the scene holds.
+//!
+//! # What is told
+//!
+//! * Pairs are those of boxes that overlap by the rules of [`aabb`](crate::aabb), that are switched on,
+//!   and that are not both static.
+//! * [`Want::Changes`] tells what differs from the pairs of the last answer that was **taken**
+//!   ([`Scene::take`]): each change exactly once, however many answers were dropped between. What began
+//!   and ended again in between is not told. [`Want::All`], taken, counts as told too. [`Want::Moved`]
+//!   tells of no end, so taking it changes nothing: the next changes hold its news as well.
+//! * A pair of an index whose box was removed meanwhile is told as ended, and as begun where the index
+//!   has a new box that overlaps too.
+//! * History never shows: an answer depends on the boxes and flags at the last taken answer, those of
+//!   now, and which were removed between. All lists are sorted, so that the bytes do not depend on
+//!   threads, nor on how the pairs were found.
+//!
+//! # How
+//!
+//! After few changes, boxes lie in [cells](cells), and only what lies around changed boxes is looked
+//! at, before and after they move ([`history`]). Where many change, all pairs are found anew by
+//! an engine, and the list is compared with that of before ([`pair_list`]). To pass from one to the
+//! other costs about as much again as a whole frame, once: cells are built when the first small edit
+//! comes, and a list is made when the first large one does. Cells are also built anew when their layout
+//! has become unfit, after 16 moves a box or as many needless tests: a pause of about a whole frame,
+//! less than one frame in a thousand where one box in a hundred moves.
+
+mod answer;
+mod cells;
+mod edit;
+mod error;
+mod history;
+mod pair_list;
+mod store;
+mod whole;
+
+pub use self::answer::{EndReason, Ended, SceneSkips, Told, Want};
+pub use self::edit::{Edit, Indices, Sets, Step};
+pub use self::error::{EditError, SceneError};
+
+use std::sync::Arc;
+
+use self::cells::Cells;
+use self::history::Changed;
+use self::pair_list::{Difference, Pair, difference};
+use self::store::Store;
+use self::whole::Whole;
+use crate::aabb::Aabb;
+use crate::engine::CullError;
+
+/// Most boxes that a scene may be allowed: places in cells are counted in 32 bits.
+const MOST_BOXES: u32 = 1 << 30;
+/// Boxes that may always change before a scene is searched as a whole.
+const FEW_BOXES: usize = 64;
+/// Changed boxes of this share of all take as long as the whole scene: one in so many.
+const MANY_SHARE: usize = 7;
+/// Changes that are told as such even where all pairs are fewer: 32 KiB.
+const RESYNC_LEAST: u64 = 4_096;
+
+/// What a scene may hold, and how many threads it may use.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct SceneOptions {
+    /// Indices are below this. At most 2^30; unless set, 2^24.
+    pub most_boxes: u32,
+    /// Threads of the caller's rayon pool; `None` is all of them. With one, no pool is touched.
+    pub threads: Option<usize>,
+}
+
+impl Default for SceneOptions {
+    fn default() -> Self {
+        Self { most_boxes: 1 << 24, threads: None }
+    }
+}
+
+/// What a scene knows of the pairs that were told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Known {
+    /// They are the pairs of now. There are cells, or a list of them.
+    Same,
+    /// Few boxes have changed, and are listed with the pairs that they had. There are cells.
+    Few,
+    /// There is a list of them, and no cells.
+    Many,
+    /// Nothing: the next changes are a resync.
+    Lost,
+}
+
+/// Boxes that persist, and what was told of their pairs.
+///
+/// ```
+/// use pairmask_core::Aabb;
+/// use pairmask_core::scene::{Edit, EndReason, Scene, SceneOptions, Sets, Step, Want};
+///
+/// let boxes = [[0.0, 1.0], [0.5, 2.0], [1.5, 3.0]].map(|[a, b]| Aabb::new([a; 3], [b; 3]));
+/// let mut scene = Scene::new(SceneOptions::default());
+/// let all = [Step::Set(Sets { indices: (0..3).into(), boxes: &boxes })];
+/// let told = scene.edit(Edit { steps: &all }, Want::Changes)?;
+/// assert_eq!(told.begun(), [[0, 1], [1, 2]]);
+/// scene.take();
+///
+/// let off = [Step::Switch((&[2]).into(), false)];
+/// let told = scene.edit(Edit { steps: &off }, Want::Changes)?;
+/// assert!(told.begun().is_empty());
+/// assert_eq!(told.ended()[0].pair, [1, 2]);
+/// assert_eq!(told.ended()[0].reason, EndReason::Filtered);
+/// # Ok::<(), pairmask_core::scene::SceneError>(())
+/// ```
+pub struct Scene {
+    options: SceneOptions,
+    store: Store,
+    cells: Option<Cells>,
+    changed: Changed,
+    known: Known,
+    /// All pairs that were told, where there is a list of them.
+    list_then: Option<Arc<Vec<Pair>>>,
+    /// All pairs of now, where there is a list of them.
+    list_now: Option<Arc<Vec<Pair>>>,
+    /// How many were told.
+    count_then: u64,
+    told: Told,
+    /// Whether the last answer can be taken.
+    is_open: bool,
+    whole: Whole,
+    /// Memory of a list that is no longer needed.
+    spare: Vec<Pair>,
+    /// Comparisons of the edit under way.
+    tested: u64,
+}
+
+impl std::fmt::Debug for Scene {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let known = &self.known;
+        f.debug_struct("Scene").field("boxes", &self.len()).field("known", known).finish()
+    }
+}
+
+impl Scene {
+    /// A scene without boxes.
+    pub fn new(options: SceneOptions) -> Self {
+        let most_boxes = options.most_boxes.min(MOST_BOXES);
+        Self {
+            options: SceneOptions { most_boxes, ..options },
+            store: Store::default(),
+            cells: None,
+            changed: Changed::default(),
+            known: Known::Same,
+            list_then: Some(Arc::default()),
+            list_now: None,
+            count_then: 0,
+            told: Told::default(),
+            is_open: false,
+            whole: Whole::default(),
+            spare: Vec::new(),
+            tested: 0,
+        }
+    }
+
+    /// Boxes, those that are switched off too.
+    pub const fn len(&self) -> usize {
+        self.store.present()
+    }
+
+    /// Whether there are none.
+    pub const fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The box of an index, also one that is switched off.
+    pub fn get(&self, index: u32) -> Option<Aabb> {
+        self.store.get(index)
+    }
+
+    /// The last answer.
+    pub const fn told(&self) -> &Told {
+        &self.told
+    }
+
+    /// Bytes that the scene keeps, but for engines' tasks and what is below a KiB.
+    pub fn allocated_bytes(&self) -> usize {
+        let list = |list: &Option<Arc<Vec<Pair>>>| {
+            list.as_ref().map_or(0, |list| list.capacity() * size_of::<Pair>())
+        };
+        let is_shared = match (&self.list_then, &self.list_now) {
+            (Some(then), Some(now)) => Arc::ptr_eq(then, now),
+            _ => false,
+        };
+        self.store.allocated_bytes()
+            + self.cells.as_ref().map_or(0, Cells::allocated_bytes)
+            + self.changed.allocated_bytes()
+            + list(&self.list_then)
+            + if is_shared { 0 } else { list(&self.list_now) }
+            + self.told.allocated_bytes()
+            + self.spare.capacity() * size_of::<Pair>()
+            + self.whole.allocated_bytes()
+    }
+
+    /// Applies an edit and answers. The answer counts as told when it is [taken](Self::take); else the
+    /// next one makes up for it.
+    ///
+    /// # Errors
+    /// [`SceneError::Edit`] for an edit that is wrong: nothing is applied, and the last answer stays.
+    /// [`SceneError::Cull`] where all pairs are needed and cannot be found: the edit is applied.
+    pub fn edit(&mut self, edit: Edit<'_>, want: Want) -> Result<&Told, SceneError> {
+        self.store.apply(edit, self.options.most_boxes)?;
+        self.is_open = false;
+        self.tested = 0;
+        self.told.begin(want);
+        let answered = self.note_changes().and_then(|()| self.answer(want));
+        if let Err(error) = answered {
+            self.lose();
+            return Err(error.into());
+        }
+        self.is_open = true;
+        Ok(&self.told)
+    }
+
+    /// Takes the last answer: what it told is what the next changes are counted from. Without effect
+    /// on an answer that was taken, and on [`Want::Moved`] and [`Want::Nothing`].
+    pub fn take(&mut self) {
+        if !std::mem::take(&mut self.is_open)
+            || !matches!(self.told.want, Want::Changes | Want::All)
+        {
+            return;
+        }
+        self.count_then = self.told.pair_count;
+        if let Some(now) = self.list_now.take() {
+            let then = self.list_then.replace(now);
+            self.recycle(then);
+        } else if self.known == Known::Few {
+            let then = self.list_then.take();
+            self.recycle(then);
+        }
+        if self.cells.is_some() && self.list_then.is_none() {
+            self.spare = Vec::new();
+        }
+        self.known = Known::Same;
+        self.changed.clear();
+        self.store.forget();
+    }
+
+    /// Forgets what was told: the next changes are a resync. A client that has lost its pairs asks so.
+    pub fn lose(&mut self) {
+        self.known = Known::Lost;
+        self.is_open = false;
+        self.cells = None;
+        self.changed.clear();
+        self.store.forget();
+        for list in [self.list_then.take(), self.list_now.take()] {
+            self.recycle(list);
+        }
+        self.told.begin(Want::Nothing);
+    }
+
+    /// Keeps the memory of a list, unless the last answer still shows it.
+    fn recycle(&mut self, list: Option<Arc<Vec<Pair>>>) {
+        if let Some(Ok(list)) = list.map(Arc::try_unwrap)
+            && list.capacity() > self.spare.capacity()
+        {
+            self.spare = list;
+        }
+    }
+
+    fn threads(&self) -> usize {
+        match self.options.threads {
+            Some(0 | 1) => 1,
+            threads => {
+                let pool = rayon::current_num_threads();
+                threads.map_or(pool, |threads| threads.clamp(1, pool))
+            }
+        }
+    }
+
+    /// Notes what the last edit has changed.
+    fn note_changes(&mut self) -> Result<(), CullError> {
+        let changed = self.store.changed().len();
+        if changed == 0 {
+            return Ok(());
+        }
+        let now = self.list_now.take();
+        self.recycle(now);
+        match self.known {
+            Known::Many | Known::Lost => return Ok(()),
+            Known::Same | Known::Few => {}
+        }
+        let total = self.changed.len() + changed;
+        if total > FEW_BOXES && total * MANY_SHARE > self.store.present() {
+            return self.begin_many();
+        }
+        let (threads, box_count) = (self.threads(), self.store.boxes().len());
+        match &mut self.cells {
+            Some(cells) => {
+                let tested = self.changed.note(self.store.changed(), cells, box_count, threads);
+                cells.note_searches(changed as u64, tested);
+                self.tested += tested;
+                cells.update(&self.store, self.store.changed(), threads);
+            }
+            None => {
+                let then = self.list_then.as_deref().map_or(&[][..], Vec::as_slice);
+                self.changed.note_from(self.store.changed(), then, box_count);
+                self.cells = Some(Cells::of(&self.store, threads));
+                // Cells take its place: engines are asked seldom from now on.
+                self.whole.give_back();
+            }
+        }
+        self.known = Known::Few;
+        Ok(())
+    }
+
+    /// Passes from cells to lists: to that of the pairs that were told.
+    fn begin_many(&mut self) -> Result<(), CullError> {
+        let cells = self.cells.take();
+        if let (None, Some(cells)) = (&self.list_then, cells) {
+            let threads = self.threads();
+            let mut boxes = vec![Aabb::EMPTY; self.store.boxes().len()];
+            let mut statics = vec![false; boxes.len()];
+            for (key, is_static, index) in cells.boxes() {
+                boxes[index as usize] = key.to_box();
+                statics[index as usize] = is_static;
+            }
+            drop(cells);
+            let changed = &self.changed;
+            let wanted = |[a, b]: Pair| {
+                !(statics[a as usize] && statics[b as usize]) && !changed.has(a) && !changed.has(b)
+            };
+            let mut list = std::mem::take(&mut self.spare);
+            self.whole.pairs(&boxes, &wanted, threads, &mut list)?;
+            if changed.len() > 0 {
+                list.extend(changed.pairs());
+                self.whole.sort(&mut list, boxes.len(), threads);
+            }
+            self.list_then = Some(Arc::new(list));
+        }
+        self.changed.clear();
+        self.known = Known::Many;
+        Ok(())
+    }
+
+    fn answer(&mut self, want: Want) -> Result<(), CullError> {
+        match want {
+            Want::Nothing => {}
+            Want::Moved => self.tell_moved()?,
+            Want::All => self.tell_all()?,
+            Want::Changes => match self.known {
+                Known::Lost => self.resync()?,
+                Known::Same => self.told.pair_count = self.count_then,
+                Known::Few => {
+                    let threads = self.threads();
+                    if let Some(cells) = &mut self.cells {
+                        let (found, tested) = self.changed.difference(cells, &self.store, threads);
+                        cells.note_searches(self.changed.len() as u64, tested);
+                        self.tested += tested;
+                        self.tell(found, false)?;
+                    }
+                }
+                Known::Many => {
+                    let now = self.list_now()?;
+                    let then = self.list_then.clone().unwrap_or_default();
+                    let store = &self.store;
+                    let any = store.any_removed();
+                    let replaced =
+                        |[a, b]: Pair| any && (store.was_removed(a) || store.was_removed(b));
+                    let found = difference(&then, &now, &replaced, self.threads());
+                    self.tell(found, true)?;
+                }
+            },
+        }
+        self.told.skipped = self.skips();
+        Ok(())
+    }
+
+    /// Tells what changed, or all pairs where they are fewer.
+    fn tell(&mut self, found: Difference, is_sorted: bool) -> Result<(), CullError> {
+        let Difference { mut begun, mut ended } = found;
+        let (more, less) = (begun.len() as u64, ended.len() as u64);
+        self.told.pair_count = (self.count_then + more).saturating_sub(less);
+        if more + less > self.told.pair_count.max(RESYNC_LEAST) {
+            return self.resync();
+        }
+        if !is_sorted {
+            let box_count = self.store.boxes().len();
+            let threads = self.threads();
+            self.whole.sort(&mut begun, box_count, threads);
+            self.whole.sort(&mut ended, box_count, threads);
+        }
+        let store = &self.store;
+        self.told
+            .ended
+            .extend(ended.into_iter().map(|pair| Ended { pair, reason: reason(store, pair) }));
+        self.told.begun = begun;
+        Ok(())
+    }
+
+    fn resync(&mut self) -> Result<(), CullError> {
+        self.tell_all()?;
+        self.told.resync = true;
+        Ok(())
+    }
+
+    fn tell_all(&mut self) -> Result<(), CullError> {
+        let now = self.list_now()?;
+        self.told.pair_count = now.len() as u64;
+        self.told.pairs = now;
+        Ok(())
+    }
+
+    /// All pairs of now.
+    fn list_now(&mut self) -> Result<Arc<Vec<Pair>>, CullError> {
+        if let Some(now) = &self.list_now {
+            return Ok(Arc::clone(now));
+        }
+        if let (Known::Same, Some(then)) = (self.known, &self.list_then) {
+            self.list_now = Some(Arc::clone(then));
+            return Ok(Arc::clone(then));
+        }
+        let (store, threads) = (&self.store, self.threads());
+        let any_static = store.statics() > 1;
+        let wanted = |[a, b]: Pair| !(any_static && store.is_static(a) && store.is_static(b));
+        let mut list = std::mem::take(&mut self.spare);
+        self.tested += self.whole.pairs(store.boxes(), &wanted, threads, &mut list)?;
+        let now = Arc::new(list);
+        self.list_now = Some(Arc::clone(&now));
+        Ok(now)
+    }
+
+    /// Tells the pairs of the boxes that the edit named.
+    fn tell_moved(&mut self) -> Result<(), CullError> {
+        let is_few = self.store.named().len() * MANY_SHARE <= self.store.present();
+        let mut pairs = Vec::new();
+        if let (Some(cells), true) = (&mut self.cells, is_few) {
+            let store = &self.store;
+            let mut tested = 0;
+            crate::floats::with_default(|| {
+                for &index in store.named() {
+                    if cells.has(index) {
+                        tested += cells.around(index, |other| {
+                            if !(store.is_named(other) && other < index) {
+                                pairs.push(pair_list::pair(index, other));
+                            }
+                        });
+                    }
+                }
+            });
+            cells.note_searches(store.named().len() as u64, tested);
+            self.tested += tested;
+            let (box_count, threads) = (store.boxes().len(), self.threads());
+            self.whole.sort(&mut pairs, box_count, threads);
+        } else if !self.store.named().is_empty() {
+            let now = self.list_now()?;
+            let is_named = |[a, b]: &Pair| self.store.is_named(*a) || self.store.is_named(*b);
+            pairs.extend(now.iter().copied().filter(is_named));
+        }
+        self.told.pairs = Arc::new(pairs);
+        Ok(())
+    }
+
+    fn skips(&self) -> SceneSkips {
+        let pairs = |n: usize| n as u64 * (n as u64).saturating_sub(1) / 2;
+        let store = &self.store;
+        let active = store.present() - store.parked();
+        let statics = store.statics();
+        let (mut moved, mut moved_statics) = (0, 0);
+        match self.known {
+            Known::Same => {}
+            Known::Few => {
+                for &index in self.changed.boxes() {
+                    if store.is_active(index) {
+                        moved += 1;
+                        moved_statics += usize::from(store.is_static(index));
+                    }
+                }
+            }
+            Known::Many | Known::Lost => (moved, moved_statics) = (active, statics),
+        }
+        let static_pairs = pairs(statics);
+        let unmoved_pairs = pairs(active - moved) - pairs(statics - moved_statics);
+        let rest = pairs(active) - static_pairs - unmoved_pairs;
+        SceneSkips {
+            boxes: (active - moved) as u64,
+            static_pairs,
+            unmoved_pairs,
+            cell_pairs: rest.saturating_sub(self.tested),
+            tested: self.tested,
+        }
+    }
+}
+
+/// Why a pair ended, by the boxes of now.
+fn reason(store: &Store, [a, b]: Pair) -> EndReason {
+    if store.was_removed(a) || store.was_removed(b) {
+        EndReason::Removed
+    } else if store.is_off(a) || store.is_off(b) || (store.is_static(a) && store.is_static(b)) {
+        EndReason::Filtered
+    } else {
+        EndReason::Separated
+    }
+}

@@ -1,0 +1,332 @@
+//! Lists of pairs in order, and what is new and what is gone from one list to the next.
+//!
+//! Large lists are dealt into buckets of rows, task by task, and each bucket is sorted by counting:
+//! two passes over memory, whatever the number of pairs.
+
+use crate::engine::strips::{in_parts, part_count};
+
+/// A pair of box indices, the lower one first.
+pub(super) type Pair = [u32; 2];
+
+/// The pair of two boxes.
+#[inline]
+pub(super) fn pair(a: u32, b: u32) -> Pair {
+    [a.min(b), a.max(b)]
+}
+
+/// One number that orders as the pair does.
+#[inline(always)]
+fn key([a, b]: Pair) -> u64 {
+    u64::from(a) << 32 | u64::from(b)
+}
+
+/// Pairs up to which a plain sort is sooner done.
+const FEW_PAIRS: usize = 2_048;
+/// Most buckets of a list: so many streams of writes stay in the caches of a core.
+const BUCKETS_MOST: u32 = 1 << 10;
+/// Pairs of a task, at least.
+const TASK_PAIRS: usize = 16_384;
+/// Pairs of a row from which it is not sorted by insertion.
+const LONG_ROW: usize = 24;
+
+/// Scratch memory of sorting.
+#[derive(Debug, Default)]
+pub(super) struct Sorter {
+    dealt: Vec<Pair>,
+}
+
+/// One task's pairs in, and its place for them by bucket.
+struct Deal<'a> {
+    pairs: &'a [Pair],
+    dealt: &'a mut [Pair],
+    /// End of each bucket in `dealt`; before that, its pairs.
+    ends: Vec<u32>,
+}
+
+/// Some buckets of all tasks, and the place for exactly their pairs.
+struct Gather<'a> {
+    first: usize,
+    count: usize,
+    sorted: &'a mut [Pair],
+}
+
+impl Sorter {
+    /// Bytes that are allocated.
+    pub fn allocated_bytes(&self) -> usize {
+        self.dealt.capacity() * size_of::<Pair>()
+    }
+
+    /// Gives the memory back.
+    pub fn give_back(&mut self) {
+        self.dealt = Vec::new();
+    }
+
+    /// Sorts pairs of indices below `n`, none of them twice.
+    pub fn sort(&mut self, pairs: &mut Vec<Pair>, n: u32, threads: usize) {
+        if pairs.len() <= FEW_PAIRS {
+            pairs.sort_unstable_by_key(|pair| key(*pair));
+            return;
+        }
+        let source = std::mem::take(pairs);
+        self.sorted_from(&source, &|_| true, n, threads, pairs);
+    }
+
+    /// Those of `source` that are wanted, in order. Indices are below `n`, and no pair is there twice.
+    pub fn sorted_from(
+        &mut self,
+        source: &[Pair],
+        wanted: &(impl Fn(Pair) -> bool + Sync),
+        n: u32,
+        threads: usize,
+        sorted: &mut Vec<Pair>,
+    ) {
+        sorted.clear();
+        if source.len() <= FEW_PAIRS {
+            sorted.extend(source.iter().copied().filter(|pair| wanted(*pair)));
+            sorted.sort_unstable_by_key(|pair| key(*pair));
+            return;
+        }
+        let shift = (n.max(1).next_power_of_two() / BUCKETS_MOST).max(1).trailing_zeros();
+        let buckets = (n >> shift) as usize + 1;
+        let parts = part_count(source.len(), TASK_PAIRS, threads).min(threads * 2).max(1);
+        let step = source.len().div_ceil(parts);
+        self.dealt.resize(source.len().max(self.dealt.len()), [0; 2]);
+        let (ins, outs) = (source.chunks(step), self.dealt.chunks_mut(step));
+        let mut deals: Vec<Deal<'_>> = ins
+            .zip(outs)
+            .map(|(pairs, dealt)| Deal { pairs, dealt, ends: vec![0; buckets] })
+            .collect();
+        let deal = |deals: &mut [Deal<'_>]| {
+            deals.iter_mut().for_each(|deal| deal.run(shift, wanted));
+        };
+        in_parts(deals.as_mut_slice(), parts, &deal, &|(), ()| ());
+
+        let deals = deals.as_slice();
+        let total: usize = deals.iter().map(|deal| deal.ends[buckets - 1] as usize).sum();
+        sorted.resize(total, [0; 2]);
+        let mut gathers = Vec::with_capacity(buckets);
+        let mut rest = sorted.as_mut_slice();
+        let group = buckets.div_ceil(if parts == 1 { 1 } else { parts * 8 });
+        for first in (0..buckets).step_by(group) {
+            let count = group.min(buckets - first);
+            let here = deals.iter().map(|deal| deal.range(first, count).len()).sum();
+            let (sorted, later) = std::mem::take(&mut rest).split_at_mut(here);
+            gathers.push(Gather { first, count, sorted });
+            rest = later;
+        }
+        let gather = |gathers: &mut [Gather<'_>]| {
+            let mut starts = Vec::new();
+            for gather in gathers {
+                gather.run(deals, shift, &mut starts);
+            }
+        };
+        let parts = gathers.len();
+        in_parts(gathers.as_mut_slice(), parts, &gather, &|(), ()| ());
+    }
+}
+
+impl Deal<'_> {
+    fn run(&mut self, shift: u32, wanted: &impl Fn(Pair) -> bool) {
+        for pair in self.pairs.iter().filter(|pair| wanted(**pair)) {
+            self.ends[(pair[0] >> shift) as usize] += 1;
+        }
+        let mut next = 0;
+        for end in &mut self.ends {
+            let here = *end;
+            *end = next;
+            next += here;
+        }
+        for pair in self.pairs.iter().filter(|pair| wanted(**pair)) {
+            let next = &mut self.ends[(pair[0] >> shift) as usize];
+            self.dealt[*next as usize] = *pair;
+            *next += 1;
+        }
+    }
+
+    /// The pairs of some buckets.
+    fn range(&self, first: usize, count: usize) -> &[Pair] {
+        let start = if first == 0 { 0 } else { self.ends[first - 1] };
+        &self.dealt[start as usize..self.ends[first + count - 1] as usize]
+    }
+}
+
+impl Gather<'_> {
+    fn run(&mut self, deals: &[Deal<'_>], shift: u32, starts: &mut Vec<u32>) {
+        let mut rest = std::mem::take(&mut self.sorted);
+        for bucket in self.first..self.first + self.count {
+            let here = deals.iter().map(|deal| deal.range(bucket, 1).len()).sum();
+            let (sorted, later) = rest.split_at_mut(here);
+            rest = later;
+            let first_row = (bucket as u32) << shift;
+            starts.clear();
+            starts.resize((1 << shift) + 1, 0);
+            let pairs = || deals.iter().flat_map(|deal| deal.range(bucket, 1));
+            for pair in pairs() {
+                starts[(pair[0] - first_row) as usize] += 1;
+            }
+            let mut next = 0;
+            for start in starts.iter_mut() {
+                let count = *start;
+                *start = next;
+                next += count;
+            }
+            for pair in pairs() {
+                let next = &mut starts[(pair[0] - first_row) as usize];
+                sorted[*next as usize] = *pair;
+                *next += 1;
+            }
+            let mut start = 0;
+            for end in starts.iter().map(|end| *end as usize) {
+                sort_row(&mut sorted[start..end]);
+                start = end;
+            }
+        }
+    }
+}
+
+/// Sorts the pairs of one row by their second index.
+#[inline]
+fn sort_row(row: &mut [Pair]) {
+    if row.len() > LONG_ROW {
+        row.sort_unstable_by_key(|pair| pair[1]);
+        return;
+    }
+    for i in 1..row.len() {
+        let mut at = i;
+        while at > 0 && row[at - 1][1] > row[at][1] {
+            row.swap(at - 1, at);
+            at -= 1;
+        }
+    }
+}
+
+/// What is in one sorted list and not in another, each in order.
+#[derive(Debug, Default)]
+pub(super) struct Difference {
+    /// In the new list, or again.
+    pub begun: Vec<Pair>,
+    /// In the old list, or replaced.
+    pub ended: Vec<Pair>,
+}
+
+/// The difference of two sorted lists. Pairs of both that are `replaced` end and begin.
+pub(super) fn difference(
+    old: &[Pair],
+    new: &[Pair],
+    replaced: &(impl Fn(Pair) -> bool + Sync),
+    threads: usize,
+) -> Difference {
+    let parts = part_count(old.len().max(new.len()), TASK_PAIRS, threads);
+    let longer = if old.len() > new.len() { old } else { new };
+    let mut work = Vec::with_capacity(parts);
+    let (mut old, mut new) = (old, new);
+    for part in 1..=parts {
+        let cut = (part < parts).then(|| key(longer[longer.len() * part / parts]));
+        let cut_at = |list: &[Pair]| {
+            cut.map_or(list.len(), |cut| list.partition_point(|pair| key(*pair) < cut))
+        };
+        let (old_here, old_later) = old.split_at(cut_at(old));
+        let (new_here, new_later) = new.split_at(cut_at(new));
+        work.push((old_here, new_here));
+        (old, new) = (old_later, new_later);
+    }
+    let run = |work: &mut [(&[Pair], &[Pair])]| {
+        let mut found = Difference::default();
+        work.iter().for_each(|(old, new)| merge(old, new, replaced, &mut found));
+        found
+    };
+    in_parts(work.as_mut_slice(), parts, &run, &|mut low, high| {
+        low.begun.extend_from_slice(&high.begun);
+        low.ended.extend_from_slice(&high.ended);
+        low
+    })
+}
+
+fn merge(
+    mut old: &[Pair],
+    mut new: &[Pair],
+    replaced: &impl Fn(Pair) -> bool,
+    found: &mut Difference,
+) {
+    while let (Some((was, later_old)), Some((is, later_new))) =
+        (old.split_first(), new.split_first())
+    {
+        match key(*was).cmp(&key(*is)) {
+            std::cmp::Ordering::Equal => {
+                if replaced(*was) {
+                    found.ended.push(*was);
+                    found.begun.push(*is);
+                }
+                (old, new) = (later_old, later_new);
+            }
+            std::cmp::Ordering::Less => {
+                found.ended.push(*was);
+                old = later_old;
+            }
+            std::cmp::Ordering::Greater => {
+                found.begun.push(*is);
+                new = later_new;
+            }
+        }
+    }
+    found.ended.extend_from_slice(old);
+    found.begun.extend_from_slice(new);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::collections::BTreeSet;
+
+    fn pairs(seed: u64, count: usize, n: u32) -> Vec<Pair> {
+        let mut state = seed;
+        let mut next = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (state >> 33) as u32 % n
+        };
+        let some = (0..count).map(|_| (next(), next())).filter(|(a, b)| a != b);
+        let set: BTreeSet<Pair> = some.map(|(a, b)| pair(a, b)).collect();
+        let mut all: Vec<Pair> = set.into_iter().collect();
+        // Not in order: by a number that has nothing to do with it.
+        all.sort_by_key(|pair| key(*pair).wrapping_mul(0x9e37_79b9_7f4a_7c15));
+        all
+    }
+
+    #[test]
+    fn lists_of_every_length_are_sorted_on_every_number_of_threads() {
+        for (count, n) in
+            [(0, 2), (5, 3), (2_000, 70), (5_000, 345), (70_000, 1_234), (90_000, 200_000)]
+        {
+            let source = pairs(count as u64, count, n);
+            let mut expected: Vec<Pair> =
+                source.iter().copied().filter(|pair| pair[1] % 3 != 0).collect();
+            expected.sort_unstable();
+            for threads in [1, 2, 3] {
+                let mut sorted = Vec::new();
+                let wanted = |pair: Pair| pair[1] % 3 != 0;
+                Sorter::default().sorted_from(&source, &wanted, n, threads, &mut sorted);
+                assert_eq!(sorted, expected, "{count} pairs of {n} boxes, {threads} threads");
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn a_difference_is_that_of_the_sets(seed in any::<u64>(), n in 2u32..400, count in 0usize..60_000) {
+            let (old, new) = (pairs(seed, count, n), pairs(seed ^ 77, count / 2, n));
+            let [old, new] = [old, new].map(|mut list| { list.sort_unstable(); list });
+            let (was, is): (BTreeSet<Pair>, BTreeSet<Pair>) =
+                (old.iter().copied().collect(), new.iter().copied().collect());
+            let replaced = |pair: Pair| pair[0] % 7 == 0;
+            let both = |pair: &&Pair| was.contains(*pair) && is.contains(*pair) && replaced(**pair);
+            let begun: Vec<Pair> = is.iter().filter(|p| !was.contains(*p) || both(p)).copied().collect();
+            let ended: Vec<Pair> = was.iter().filter(|p| !is.contains(*p) || both(p)).copied().collect();
+            for threads in [1, 3] {
+                let found = difference(&old, &new, &replaced, threads);
+                prop_assert_eq!(&found.begun, &begun);
+                prop_assert_eq!(&found.ended, &ended);
+            }
+        }
+    }
+}

@@ -1,0 +1,324 @@
+//! The boxes of a scene by the client's indices, and their flags.
+
+use std::collections::HashMap;
+
+use super::edit::{Edit, Flag};
+use super::error::EditError;
+use crate::aabb::Aabb;
+
+/// The index has a box.
+const PRESENT: u8 = 1;
+/// It is switched off.
+const OFF: u8 = 1 << 1;
+/// It is static.
+const STATIC: u8 = 1 << 2;
+/// A box of this index was removed since the history began.
+const REMOVED: u8 = 1 << 3;
+/// The edit under way removes it. Later: the edit named it.
+const EDIT_REMOVES: u8 = 1 << 4;
+/// The edit under way sets it. Later: the edit named it.
+const EDIT_SETS: u8 = 1 << 5;
+/// Listed among the boxes that the edit under way names.
+const NAMED: u8 = 1 << 6;
+/// Listed among those that it changes.
+const CHANGED: u8 = 1 << 7;
+
+/// Whether a box is static and switched on.
+const fn is_active_static(flags: u8) -> bool {
+    flags & (STATIC | OFF) == STATIC
+}
+
+/// Boxes and flags of a scene, by index.
+#[derive(Debug, Default)]
+pub(super) struct Store {
+    /// What collides: [`Aabb::EMPTY`] for an index without a box, or whose box is switched off.
+    boxes: Vec<Aabb>,
+    flags: Vec<u8>,
+    /// Boxes that are switched off.
+    parked: HashMap<u32, Aabb>,
+    present: usize,
+    statics: usize,
+    /// Indices that lost a box since the history began.
+    removed: Vec<u32>,
+    /// Indices that the last edit set, switched or flagged.
+    named: Vec<u32>,
+    /// Indices whose box or static flag the last edit changed, or that it removed.
+    changed: Vec<u32>,
+}
+
+impl Store {
+    /// Boxes by index, as they collide.
+    pub fn boxes(&self) -> &[Aabb] {
+        &self.boxes
+    }
+
+    /// Indices with a box.
+    pub const fn present(&self) -> usize {
+        self.present
+    }
+
+    /// Static boxes that are switched on.
+    pub const fn statics(&self) -> usize {
+        self.statics
+    }
+
+    /// Boxes that are switched off.
+    pub fn parked(&self) -> usize {
+        self.parked.len()
+    }
+
+    /// The box of an index, also one that is switched off.
+    pub fn get(&self, index: u32) -> Option<Aabb> {
+        let i = index as usize;
+        let has = self.flags.get(i).is_some_and(|flags| flags & PRESENT != 0);
+        has.then(|| self.parked.get(&index).copied().unwrap_or(self.boxes[i]))
+    }
+
+    /// Whether the box of an index is static.
+    #[inline]
+    pub fn is_static(&self, index: u32) -> bool {
+        self.flags[index as usize] & STATIC != 0
+    }
+
+    /// Whether the box of an index is switched off.
+    #[inline]
+    pub fn is_off(&self, index: u32) -> bool {
+        self.flags[index as usize] & OFF != 0
+    }
+
+    /// Whether an index has a box that is switched on.
+    #[inline]
+    pub fn is_active(&self, index: u32) -> bool {
+        self.flags[index as usize] & (PRESENT | OFF) == PRESENT
+    }
+
+    /// Whether the index lost a box since the history began.
+    #[inline]
+    pub fn was_removed(&self, index: u32) -> bool {
+        self.flags[index as usize] & REMOVED != 0
+    }
+
+    /// Whether any index lost a box since the history began.
+    pub fn any_removed(&self) -> bool {
+        !self.removed.is_empty()
+    }
+
+    /// Indices that the last edit changed, removed ones too.
+    pub fn changed(&self) -> &[u32] {
+        &self.changed
+    }
+
+    /// Indices that the last edit set, switched or flagged.
+    pub fn named(&self) -> &[u32] {
+        &self.named
+    }
+
+    /// Whether the last edit named an index.
+    #[inline]
+    pub fn is_named(&self, index: u32) -> bool {
+        self.flags[index as usize] & NAMED != 0
+    }
+
+    /// Bytes that are allocated.
+    pub fn allocated_bytes(&self) -> usize {
+        let lists = self.removed.capacity() + self.named.capacity() + self.changed.capacity();
+        self.boxes.capacity() * size_of::<Aabb>()
+            + self.flags.capacity()
+            + lists * size_of::<u32>()
+            + self.parked.capacity() * (size_of::<(u32, Aabb)>() + 1)
+    }
+
+    /// The history begins anew.
+    pub fn forget(&mut self) {
+        for index in self.removed.drain(..) {
+            self.flags[index as usize] &= !REMOVED;
+        }
+        // Indices at the end without boxes cost every pass over all indices.
+        if self.flags.len() > 1024 && self.present < self.flags.len() / 4 {
+            self.forget_edit();
+            let last = self.flags.iter().rposition(|flags| flags & PRESENT != 0);
+            let len = last.map_or(0, |last| last + 1);
+            if len < self.flags.len() / 2 {
+                self.boxes.truncate(len);
+                self.flags.truncate(len);
+                self.boxes.shrink_to_fit();
+                self.flags.shrink_to_fit();
+            }
+        }
+    }
+
+    fn forget_edit(&mut self) {
+        for index in self.named.drain(..).chain(self.changed.drain(..)) {
+            self.flags[index as usize] &= !(NAMED | CHANGED);
+        }
+    }
+
+    /// Checks an edit, and applies it if it is right. `limit` is the most boxes that the scene holds.
+    ///
+    /// # Errors
+    /// [`EditError`]; nothing is applied then.
+    pub fn apply(&mut self, edit: Edit<'_>, limit: u32) -> Result<(), EditError> {
+        self.forget_edit();
+        self.make_room(edit, limit)?;
+        let checked = self.check(edit);
+        if let Err(error) = checked {
+            // Every index that may have been marked is one of the edit's own.
+            let mut unmark = |index: u32| {
+                if let Some(flags) = self.flags.get_mut(index as usize) {
+                    *flags &= !(EDIT_REMOVES | EDIT_SETS);
+                }
+            };
+            edit.for_each_removed(&mut unmark);
+            edit.for_each_set(|index, _| unmark(index));
+            return Err(error);
+        }
+        edit.for_each_removed(|index| self.remove(index));
+        edit.for_each_set(|index, b| self.set(index, b));
+        edit.for_each_flag(|index, flag| match flag {
+            Flag::On(on) => self.switch(index, on),
+            Flag::Static(on) => self.make_static(index, on),
+        });
+        Ok(())
+    }
+
+    /// Room for every index that is set, and the checks that need no marks.
+    fn make_room(&mut self, edit: Edit<'_>, limit: u32) -> Result<(), EditError> {
+        if let Some((indices, boxes)) = edit.uneven() {
+            return Err(EditError::Lengths { indices, boxes });
+        }
+        let last_set = edit.last_set();
+        let last = last_set.max(edit.last_named());
+        if let Some(index) = last.filter(|index| *index >= u64::from(limit)) {
+            return Err(EditError::BeyondLimit { index, limit });
+        }
+        let len = last_set.map_or(0, |last| last as usize + 1).max(self.flags.len());
+        if let Some(index) = last.filter(|index| *index >= len as u64) {
+            return Err(EditError::Absent { index });
+        }
+        let more = len - self.flags.len();
+        let no_memory = |_| EditError::NoMemory { boxes: len as u64 };
+        self.boxes.try_reserve(more).map_err(no_memory)?;
+        self.flags.try_reserve(more).map_err(no_memory)?;
+        self.boxes.resize(len, Aabb::EMPTY);
+        self.flags.resize(len, 0);
+        Ok(())
+    }
+
+    /// Marks what the edit removes and sets, and finds what is wrong.
+    fn check(&mut self, edit: Edit<'_>) -> Result<(), EditError> {
+        let mut wrong = None;
+        edit.for_each_removed(|index| {
+            let flags = &mut self.flags[index as usize];
+            if *flags & PRESENT == 0 || *flags & EDIT_REMOVES != 0 {
+                wrong = wrong.or(Some(EditError::Absent { index: u64::from(index) }));
+            }
+            *flags |= EDIT_REMOVES;
+        });
+        edit.for_each_set(|index, _| {
+            let flags = &mut self.flags[index as usize];
+            if *flags & EDIT_SETS != 0 {
+                wrong = wrong.or(Some(EditError::SetTwice { index }));
+            }
+            *flags |= EDIT_SETS;
+        });
+        edit.for_each_flag(|index, _| {
+            let flags = self.flags[index as usize];
+            let stays = flags & (PRESENT | EDIT_REMOVES) == PRESENT;
+            if !stays && flags & EDIT_SETS == 0 {
+                wrong = wrong.or(Some(EditError::Absent { index: u64::from(index) }));
+            }
+        });
+        wrong.map_or(Ok(()), Err)
+    }
+
+    #[inline]
+    fn note_named(&mut self, index: u32) {
+        let flags = &mut self.flags[index as usize];
+        if *flags & NAMED == 0 {
+            *flags |= NAMED;
+            self.named.push(index);
+        }
+    }
+
+    #[inline]
+    fn note_changed(&mut self, index: u32) {
+        let flags = &mut self.flags[index as usize];
+        if *flags & CHANGED == 0 {
+            *flags |= CHANGED;
+            self.changed.push(index);
+        }
+    }
+
+    fn remove(&mut self, index: u32) {
+        let flags = &mut self.flags[index as usize];
+        if *flags & REMOVED == 0 {
+            self.removed.push(index);
+        }
+        self.present -= 1;
+        self.statics -= usize::from(is_active_static(*flags));
+        if *flags & OFF != 0 {
+            self.parked.remove(&index);
+        }
+        *flags = *flags & (CHANGED | NAMED) | REMOVED;
+        self.boxes[index as usize] = Aabb::EMPTY;
+        self.note_changed(index);
+    }
+
+    #[inline]
+    fn set(&mut self, index: u32, b: &Aabb) {
+        let i = index as usize;
+        let flags = &mut self.flags[i];
+        *flags &= !EDIT_SETS;
+        if *flags & PRESENT == 0 {
+            *flags |= PRESENT;
+            self.present += 1;
+        }
+        self.note_named(index);
+        if self.flags[i] & OFF != 0 {
+            self.parked.insert(index, *b);
+        } else {
+            self.place(index, *b);
+        }
+    }
+
+    /// Puts what collides at an index.
+    #[inline]
+    fn place(&mut self, index: u32, b: Aabb) {
+        let here = &mut self.boxes[index as usize];
+        // Bits, not floats: floats would call a NaN changed each time, and −0 unchanged, by flags.
+        if bytemuck::bytes_of(here) != bytemuck::bytes_of(&b) {
+            *here = b;
+            self.note_changed(index);
+        }
+    }
+
+    fn switch(&mut self, index: u32, on: bool) {
+        self.note_named(index);
+        let i = index as usize;
+        let is_on = self.flags[i] & OFF == 0;
+        self.statics -= usize::from(is_active_static(self.flags[i]));
+        if is_on && !on {
+            self.flags[i] |= OFF;
+            self.parked.insert(index, self.boxes[i]);
+            self.place(index, Aabb::EMPTY);
+        } else if !is_on && on {
+            self.flags[i] &= !OFF;
+            if let Some(b) = self.parked.remove(&index) {
+                self.place(index, b);
+            }
+        }
+        self.statics += usize::from(is_active_static(self.flags[i]));
+    }
+
+    fn make_static(&mut self, index: u32, on: bool) {
+        self.note_named(index);
+        let flags = &mut self.flags[index as usize];
+        let was = *flags & STATIC != 0;
+        if was != on {
+            self.statics -= usize::from(is_active_static(*flags));
+            *flags ^= STATIC;
+            self.statics += usize::from(is_active_static(*flags));
+            self.note_changed(index);
+        }
+    }
+}
