@@ -5,6 +5,10 @@ pub(crate) trait PairTest: Sync {
     /// The bits of a mask word whose pairs pass. `order` is the box index at each position, empty
     /// where positions are indices.
     fn passing(&self, row: u32, block: u32, bits: u32, order: &[u32]) -> u32;
+
+    /// Hears the order before any word is tested, so that what the test reads may be laid out by
+    /// position. Engines with an order of their own for large scenes say it; `threads` is theirs.
+    fn prepare(&self, _order: &[u32], _threads: usize) {}
 }
 
 /// What a pair must pass, beyond that its boxes overlap, to be in the mask. Engines hand the words
@@ -29,6 +33,14 @@ impl<'a> PairRules<'a> {
     pub fn pass_all(&self) -> bool {
         let Self { test } = self;
         test.is_none()
+    }
+
+    /// Tells the test, if there is one, the order of the boxes.
+    pub fn prepare(&self, order: &[u32], threads: usize) {
+        let Self { test } = self;
+        if let Some(test) = test {
+            test.prepare(order, threads);
+        }
     }
 
     /// The bits of a mask word whose pairs pass. `order` is the box index at each position, empty

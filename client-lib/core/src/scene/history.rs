@@ -9,12 +9,16 @@
 //! not, so what the cells said of the pair was what had been told.
 
 use super::cells::Cells;
-use super::pair_list::{Difference, Pair, pair};
+use super::pair_list::{Difference, pair};
 use super::store::Store;
 use crate::engine::strips::{in_parts, part_count};
 
 /// Boxes of a task: a search takes about 0.2 µs.
 const TASK_BOXES: usize = 256;
+/// Fewest boxes that are searched by place, and the least share of all, one in so many: below, two that
+/// follow one another share no memory.
+const SORTED_BOXES: usize = 512;
+const SORTED_SHARE: usize = 128;
 /// Not changed.
 const UNCHANGED: u32 = u32::MAX;
 
@@ -41,7 +45,7 @@ struct Search {
     lens: Vec<u32>,
     partners: Vec<u32>,
     found: Difference,
-    now: Vec<u32>,
+    runs: Vec<[u32; 2]>,
 }
 
 impl Changed {
@@ -79,45 +83,31 @@ impl Changed {
         self.bits.get(index as usize / 64).is_some_and(|word| word >> (index % 64) & 1 == 1)
     }
 
-    /// The pairs that changed boxes had.
-    pub fn pairs(&self) -> impl Iterator<Item = Pair> {
-        let starts = std::iter::once(0).chain(self.ends.iter().copied());
-        let ranges = starts.zip(&self.ends);
-        self.boxes.iter().zip(ranges).flat_map(|(index, (start, end))| {
-            self.partners[start..*end].iter().map(|partner| pair(*index, *partner))
-        })
-    }
-
-    /// Lists those of `changed` that are not listed yet, and returns where they begin.
-    fn list(&mut self, changed: &[u32], box_count: usize) -> usize {
-        let first = self.boxes.len();
+    /// Lists boxes that are not listed yet: by place, where they are so many that neighbours follow one
+    /// another then.
+    fn list(&mut self, fresh: &[u32], cells: &Cells, box_count: usize) {
         if self.bits.len() * 64 < box_count {
             self.bits.resize(box_count.div_ceil(64), 0);
         }
         if self.rank.len() < box_count {
             self.rank.resize(box_count, UNCHANGED);
         }
-        for &index in changed {
-            let (word, bit) = (&mut self.bits[index as usize / 64], 1 << (index % 64));
-            if *word & bit == 0 {
-                *word |= bit;
-                self.rank[index as usize] = self.boxes.len() as u32;
-                self.boxes.push(index);
-            }
+        let first = self.boxes.len();
+        self.boxes.extend_from_slice(fresh);
+        if fresh.len() >= SORTED_BOXES && fresh.len() * SORTED_SHARE > box_count {
+            by_place(&mut self.boxes[first..], cells);
         }
-        first
+        for (rank, index) in (first as u32..).zip(&self.boxes[first..]) {
+            self.bits[*index as usize / 64] |= 1 << (index % 64);
+            self.rank[*index as usize] = rank;
+        }
     }
 
-    /// Notes boxes that are about to move in `cells`, and the pairs that they have there.
+    /// Notes boxes that are about to change for the first time, and the pairs that they have in `cells`.
     /// `box_count` is more than any index. Returns how many entries were tested.
-    pub fn note(
-        &mut self,
-        changed: &[u32],
-        cells: &Cells,
-        box_count: usize,
-        threads: usize,
-    ) -> u64 {
-        let first = self.list(changed, box_count);
+    pub fn note(&mut self, fresh: &[u32], cells: &Cells, box_count: usize, threads: usize) -> u64 {
+        let first = self.boxes.len();
+        self.list(fresh, cells, box_count);
         let mut tasks = self.share_out(first..self.boxes.len(), threads);
         let this = &*self;
         let run =
@@ -133,33 +123,6 @@ impl Changed {
         let tested = tasks.iter().map(|task| task.tested).sum();
         self.tasks = tasks;
         tested
-    }
-
-    /// The same from a list of all pairs that were told, where there were no cells. Nothing may have
-    /// changed before.
-    pub fn note_from(&mut self, changed: &[u32], told: &[Pair], box_count: usize) {
-        debug_assert!(self.boxes.is_empty(), "the list is that of the start");
-        self.list(changed, box_count);
-        let mut owned: Vec<(u32, u32)> = Vec::new();
-        for &[a, b] in told {
-            let rank =
-                |index: u32| if self.has(index) { self.rank[index as usize] } else { UNCHANGED };
-            let (of_a, of_b) = (rank(a), rank(b));
-            if of_a < of_b {
-                owned.push((of_a, b));
-            } else if of_b < of_a {
-                owned.push((of_b, a));
-            }
-        }
-        owned.sort_unstable();
-        let mut next = 0;
-        for rank in 0..self.boxes.len() as u32 {
-            while let Some((_, partner)) = owned.get(next).filter(|(of, _)| *of == rank) {
-                self.partners.push(*partner);
-                next += 1;
-            }
-            self.ends.push(self.partners.len());
-        }
     }
 
     /// What differs from then to now, in the order of the boxes, and how many entries were tested.
@@ -215,47 +178,71 @@ impl Changed {
 impl Search {
     /// Finds the partners of boxes before they move.
     fn partners(&mut self, changed: &Changed, cells: &Cells) {
-        self.lens.clear();
+        let ranks = self.boxes.clone();
+        let first = ranks.start;
         self.partners.clear();
-        for rank in self.boxes.clone() {
-            let start = self.partners.len();
-            let index = changed.boxes[rank];
-            if cells.has(index) {
-                self.tested += cells.around(index, |other| {
-                    if !changed.is_others(rank as u32, other) {
-                        self.partners.push(other);
-                    }
-                });
+        self.lens.clear();
+        self.lens.resize(ranks.len(), 0);
+        let (partners, lens) = (&mut self.partners, &mut self.lens);
+        self.tested = cells.around_each(&changed.boxes[ranks], &mut self.runs, |at, other| {
+            if !changed.is_others((first + at) as u32, other) {
+                partners.push(other);
+                lens[at] += 1;
             }
-            self.partners[start..].sort_unstable();
-            self.lens.push((self.partners.len() - start) as u32);
+        });
+        let mut rest = self.partners.as_mut_slice();
+        for len in &self.lens {
+            let (here, later) = rest.split_at_mut(*len as usize);
+            here.sort_unstable();
+            rest = later;
         }
     }
 
     /// Finds the pairs that began and ended.
     fn differences(&mut self, changed: &Changed, cells: &Cells, store: &Store) {
+        self.partners(changed, cells);
         self.found.begun.clear();
         self.found.ended.clear();
         let any_removed = store.any_removed();
-        for rank in self.boxes.clone() {
-            let index = changed.boxes[rank];
-            let now = &mut self.now;
-            now.clear();
-            if cells.has(index) {
-                self.tested += cells.around(index, |other| {
-                    if !changed.is_others(rank as u32, other) {
-                        now.push(other);
-                    }
-                });
-                now.sort_unstable();
-            }
+        let mut rest = self.partners.as_slice();
+        for (rank, len) in self.boxes.clone().zip(&self.lens) {
+            let (now, later) = rest.split_at(*len as usize);
+            rest = later;
             let then = changed.partners_of(rank);
-            if then == now.as_slice() && !any_removed {
+            if then == now && !any_removed {
                 continue;
             }
+            let index = changed.boxes[rank];
             let replaced = |other: u32| store.was_removed(index) || store.was_removed(other);
             compare(index, then, now, replaced, &mut self.found);
         }
+    }
+}
+
+/// Sorts boxes by their place: by counting, digit by digit.
+fn by_place(boxes: &mut [u32], cells: &Cells) {
+    const DIGIT: u32 = 11;
+    let mut places: Vec<[u32; 2]> =
+        boxes.iter().map(|index| [cells.place(*index), *index]).collect();
+    let mut sorted = vec![[0; 2]; boxes.len()];
+    let most = places.iter().map(|[place, _]| *place).max().unwrap_or(0);
+    for shift in (0..u32::BITS - most.leading_zeros()).step_by(DIGIT as usize) {
+        let digit = |place: u32| (place >> shift & ((1 << DIGIT) - 1)) as usize;
+        let mut starts = [0u32; 1 << DIGIT];
+        places.iter().for_each(|[place, _]| starts[digit(*place)] += 1);
+        let mut next = 0;
+        for start in &mut starts {
+            next += std::mem::replace(start, next);
+        }
+        for this in &places {
+            let start = &mut starts[digit(this[0])];
+            sorted[*start as usize] = *this;
+            *start += 1;
+        }
+        std::mem::swap(&mut places, &mut sorted);
+    }
+    for (slot, [_, index]) in boxes.iter_mut().zip(&places) {
+        *slot = *index;
     }
 }
 

@@ -32,7 +32,9 @@ mod answer;
 mod cells;
 mod edit;
 mod error;
+mod fetch;
 mod history;
+mod hulls;
 mod pair_list;
 mod store;
 mod whole;
@@ -45,11 +47,12 @@ use std::sync::Arc;
 
 use self::cells::Cells;
 use self::history::Changed;
-use self::pair_list::{Difference, Pair, difference};
+use self::pair_list::{Difference, Pair};
 use self::store::Store;
 use self::whole::Whole;
 use crate::aabb::Aabb;
 use crate::engine::CullError;
+use crate::floats;
 
 /// Most boxes that a scene may be allowed: places in cells are counted in 32 bits.
 const MOST_BOXES: u32 = 1 << 30;
@@ -79,11 +82,11 @@ impl Default for SceneOptions {
 /// What a scene knows of the pairs that were told.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Known {
-    /// They are the pairs of now. There are cells, or a list of them.
+    /// They are the pairs of now.
     Same,
-    /// Few boxes have changed, and are listed with the pairs that they had. There are cells.
+    /// Those of the few boxes that have changed since. There are cells.
     Few,
-    /// There is a list of them, and no cells.
+    /// The boxes that have changed, as they were. There are no cells.
     Many,
     /// Nothing: the next changes are a resync.
     Lost,
@@ -115,8 +118,6 @@ pub struct Scene {
     cells: Option<Cells>,
     changed: Changed,
     known: Known,
-    /// All pairs that were told, where there is a list of them.
-    list_then: Option<Arc<Vec<Pair>>>,
     /// All pairs of now, where there is a list of them.
     list_now: Option<Arc<Vec<Pair>>>,
     /// How many were told.
@@ -148,7 +149,6 @@ impl Scene {
             cells: None,
             changed: Changed::default(),
             known: Known::Same,
-            list_then: Some(Arc::default()),
             list_now: None,
             count_then: 0,
             told: Told::default(),
@@ -184,15 +184,10 @@ impl Scene {
         let list = |list: &Option<Arc<Vec<Pair>>>| {
             list.as_ref().map_or(0, |list| list.capacity() * size_of::<Pair>())
         };
-        let is_shared = match (&self.list_then, &self.list_now) {
-            (Some(then), Some(now)) => Arc::ptr_eq(then, now),
-            _ => false,
-        };
         self.store.allocated_bytes()
             + self.cells.as_ref().map_or(0, Cells::allocated_bytes)
             + self.changed.allocated_bytes()
-            + list(&self.list_then)
-            + if is_shared { 0 } else { list(&self.list_now) }
+            + list(&self.list_now)
             + self.told.allocated_bytes()
             + self.spare.capacity() * size_of::<Pair>()
             + self.whole.allocated_bytes()
@@ -209,8 +204,8 @@ impl Scene {
         self.is_open = false;
         self.tested = 0;
         self.told.begin(want);
-        let answered = self.note_changes().and_then(|()| self.answer(want));
-        if let Err(error) = answered {
+        self.note_changes();
+        if let Err(error) = self.answer(want) {
             self.lose();
             return Err(error.into());
         }
@@ -227,16 +222,6 @@ impl Scene {
             return;
         }
         self.count_then = self.told.pair_count;
-        if let Some(now) = self.list_now.take() {
-            let then = self.list_then.replace(now);
-            self.recycle(then);
-        } else if self.known == Known::Few {
-            let then = self.list_then.take();
-            self.recycle(then);
-        }
-        if self.cells.is_some() && self.list_then.is_none() {
-            self.spare = Vec::new();
-        }
         self.known = Known::Same;
         self.changed.clear();
         self.store.forget();
@@ -249,9 +234,8 @@ impl Scene {
         self.cells = None;
         self.changed.clear();
         self.store.forget();
-        for list in [self.list_then.take(), self.list_now.take()] {
-            self.recycle(list);
-        }
+        let now = self.list_now.take();
+        self.recycle(now);
         self.told.begin(Want::Nothing);
     }
 
@@ -275,68 +259,39 @@ impl Scene {
     }
 
     /// Notes what the last edit has changed.
-    fn note_changes(&mut self) -> Result<(), CullError> {
-        let changed = self.store.changed().len();
-        if changed == 0 {
-            return Ok(());
+    fn note_changes(&mut self) {
+        let store = &self.store;
+        if !store.is_changed() {
+            return;
         }
         let now = self.list_now.take();
         self.recycle(now);
+        let changed = self.store.changed().len();
         match self.known {
-            Known::Many | Known::Lost => return Ok(()),
+            Known::Many | Known::Lost => return,
             Known::Same | Known::Few => {}
         }
-        let total = self.changed.len() + changed;
-        if total > FEW_BOXES && total * MANY_SHARE > self.store.present() {
-            return self.begin_many();
-        }
-        let (threads, box_count) = (self.threads(), self.store.boxes().len());
-        match &mut self.cells {
-            Some(cells) => {
-                let tested = self.changed.note(self.store.changed(), cells, box_count, threads);
-                cells.note_searches(changed as u64, tested);
-                self.tested += tested;
-                cells.update(&self.store, self.store.changed(), threads);
-            }
-            None => {
-                let then = self.list_then.as_deref().map_or(&[][..], Vec::as_slice);
-                self.changed.note_from(self.store.changed(), then, box_count);
-                self.cells = Some(Cells::of(&self.store, threads));
-                // Cells take its place: engines are asked seldom from now on.
-                self.whole.give_back();
-            }
+        if changed > FEW_BOXES && changed * MANY_SHARE > self.store.present() {
+            self.known = Known::Many;
+            self.cells = None;
+            self.changed.clear();
+            return;
         }
         self.known = Known::Few;
-        Ok(())
-    }
-
-    /// Passes from cells to lists: to that of the pairs that were told.
-    fn begin_many(&mut self) -> Result<(), CullError> {
-        let cells = self.cells.take();
-        if let (None, Some(cells)) = (&self.list_then, cells) {
-            let threads = self.threads();
-            let mut boxes = vec![Aabb::EMPTY; self.store.boxes().len()];
-            let mut statics = vec![false; boxes.len()];
-            for (key, is_static, index) in cells.boxes() {
-                boxes[index as usize] = key.to_box();
-                statics[index as usize] = is_static;
-            }
-            drop(cells);
-            let changed = &self.changed;
-            let wanted = |[a, b]: Pair| {
-                !(statics[a as usize] && statics[b as usize]) && !changed.has(a) && !changed.has(b)
-            };
-            let mut list = std::mem::take(&mut self.spare);
-            self.whole.pairs(&boxes, &wanted, threads, &mut list)?;
-            if changed.len() > 0 {
-                list.extend(changed.pairs());
-                self.whole.sort(&mut list, boxes.len(), threads);
-            }
-            self.list_then = Some(Arc::new(list));
+        let (threads, store) = (self.threads(), &self.store);
+        if self.cells.is_none() {
+            self.cells = Some(cells_before(store, threads));
+            // Engines are asked seldom from now on.
+            self.whole.give_back();
+            self.spare = Vec::new();
         }
-        self.changed.clear();
-        self.known = Known::Many;
-        Ok(())
+        if let Some(cells) = &mut self.cells {
+            let fresh = &store.changed()[store.first_fresh()..];
+            let tested = self.changed.note(fresh, cells, store.boxes().len(), threads);
+            cells.note_searches(fresh.len() as u64, tested);
+            self.tested += tested;
+            cells.update(store, [store.gone(), store.named()], threads);
+        }
     }
 
     fn answer(&mut self, want: Want) -> Result<(), CullError> {
@@ -357,13 +312,9 @@ impl Scene {
                     }
                 }
                 Known::Many => {
-                    let now = self.list_now()?;
-                    let then = self.list_then.clone().unwrap_or_default();
-                    let store = &self.store;
-                    let any = store.any_removed();
-                    let replaced =
-                        |[a, b]: Pair| any && (store.was_removed(a) || store.was_removed(b));
-                    let found = difference(&then, &now, &replaced, self.threads());
+                    let mut found = Difference::default();
+                    let threads = self.threads();
+                    self.tested += self.whole.changes(&self.store, threads, &mut found)?;
                     self.tell(found, true)?;
                 }
             },
@@ -412,10 +363,6 @@ impl Scene {
         if let Some(now) = &self.list_now {
             return Ok(Arc::clone(now));
         }
-        if let (Known::Same, Some(then)) = (self.known, &self.list_then) {
-            self.list_now = Some(Arc::clone(then));
-            return Ok(Arc::clone(then));
-        }
         let (store, threads) = (&self.store, self.threads());
         let any_static = store.statics() > 1;
         let wanted = |[a, b]: Pair| !(any_static && store.is_static(a) && store.is_static(b));
@@ -433,16 +380,13 @@ impl Scene {
         if let (Some(cells), true) = (&mut self.cells, is_few) {
             let store = &self.store;
             let mut tested = 0;
-            crate::floats::with_default(|| {
-                for &index in store.named() {
-                    if cells.has(index) {
-                        tested += cells.around(index, |other| {
-                            if !(store.is_named(other) && other < index) {
-                                pairs.push(pair_list::pair(index, other));
-                            }
-                        });
+            floats::with_default(|| {
+                tested = cells.around_each(store.named(), &mut Vec::new(), |at, other| {
+                    let index = store.named()[at];
+                    if !(store.is_named(other) && other < index) {
+                        pairs.push(pair_list::pair(index, other));
                     }
-                }
+                });
             });
             cells.note_searches(store.named().len() as u64, tested);
             self.tested += tested;
@@ -486,6 +430,17 @@ impl Scene {
             tested: self.tested,
         }
     }
+}
+
+/// The cells of a scene as it was when its history began.
+fn cells_before(store: &Store, threads: usize) -> Cells {
+    let mut boxes = store.boxes().to_vec();
+    let mut statics: Vec<bool> = (0..boxes.len() as u32).map(|i| store.is_static(i)).collect();
+    for (index, before) in store.changed().iter().zip(store.before()) {
+        boxes[*index as usize] = before.b;
+        statics[*index as usize] = before.is_static;
+    }
+    Cells::of(&boxes, |index| statics[index as usize], threads)
 }
 
 /// Why a pair ended, by the boxes of now.

@@ -1,4 +1,4 @@
-//! Lists of pairs in order, and what is new and what is gone from one list to the next.
+//! Lists of pairs in order, and what began and ended.
 //!
 //! Large lists are dealt into buckets of rows, task by task, and each bucket is sorted by counting:
 //! two passes over memory, whatever the number of pairs.
@@ -200,77 +200,37 @@ fn sort_row(row: &mut [Pair]) {
     }
 }
 
-/// What is in one sorted list and not in another, each in order.
+/// What began and what ended.
 #[derive(Debug, Default)]
 pub(super) struct Difference {
-    /// In the new list, or again.
+    /// Pairs that there are and were not, or that are others.
     pub begun: Vec<Pair>,
-    /// In the old list, or replaced.
+    /// Pairs that there were and are not, or that were others.
     pub ended: Vec<Pair>,
 }
 
-/// The difference of two sorted lists. Pairs of both that are `replaced` end and begin.
-pub(super) fn difference(
-    old: &[Pair],
-    new: &[Pair],
-    replaced: &(impl Fn(Pair) -> bool + Sync),
-    threads: usize,
-) -> Difference {
-    let parts = part_count(old.len().max(new.len()), TASK_PAIRS, threads);
-    let longer = if old.len() > new.len() { old } else { new };
-    let mut work = Vec::with_capacity(parts);
-    let (mut old, mut new) = (old, new);
-    for part in 1..=parts {
-        let cut = (part < parts).then(|| key(longer[longer.len() * part / parts]));
-        let cut_at = |list: &[Pair]| {
-            cut.map_or(list.len(), |cut| list.partition_point(|pair| key(*pair) < cut))
-        };
-        let (old_here, old_later) = old.split_at(cut_at(old));
-        let (new_here, new_later) = new.split_at(cut_at(new));
-        work.push((old_here, new_here));
-        (old, new) = (old_later, new_later);
-    }
-    let run = |work: &mut [(&[Pair], &[Pair])]| {
-        let mut found = Difference::default();
-        work.iter().for_each(|(old, new)| merge(old, new, replaced, &mut found));
-        found
-    };
-    in_parts(work.as_mut_slice(), parts, &run, &|mut low, high| {
-        low.begun.extend_from_slice(&high.begun);
-        low.ended.extend_from_slice(&high.ended);
-        low
-    })
-}
-
-fn merge(
-    mut old: &[Pair],
-    mut new: &[Pair],
-    replaced: &impl Fn(Pair) -> bool,
-    found: &mut Difference,
-) {
-    while let (Some((was, later_old)), Some((is, later_new))) =
-        (old.split_first(), new.split_first())
-    {
-        match key(*was).cmp(&key(*is)) {
-            std::cmp::Ordering::Equal => {
-                if replaced(*was) {
-                    found.ended.push(*was);
-                    found.begun.push(*is);
-                }
-                (old, new) = (later_old, later_new);
+impl Difference {
+    /// Takes out what both sorted lists hold, unless it was `replaced`.
+    pub fn cancel(&mut self, replaced: impl Fn(Pair) -> bool) {
+        let Self { begun, ended } = self;
+        let (mut kept_begun, mut kept_ended, mut at) = (0, 0, 0);
+        for i in 0..begun.len() {
+            let this = begun[i];
+            while at < ended.len() && key(ended[at]) < key(this) {
+                ended[kept_ended] = ended[at];
+                (kept_ended, at) = (kept_ended + 1, at + 1);
             }
-            std::cmp::Ordering::Less => {
-                found.ended.push(*was);
-                old = later_old;
+            if ended.get(at) == Some(&this) && !replaced(this) {
+                at += 1;
+                continue;
             }
-            std::cmp::Ordering::Greater => {
-                found.begun.push(*is);
-                new = later_new;
-            }
+            begun[kept_begun] = this;
+            kept_begun += 1;
         }
+        ended.copy_within(at.., kept_ended);
+        ended.truncate(kept_ended + ended.len() - at);
+        begun.truncate(kept_begun);
     }
-    found.ended.extend_from_slice(old);
-    found.begun.extend_from_slice(new);
 }
 
 #[cfg(test)]
@@ -313,20 +273,19 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_difference_is_that_of_the_sets(seed in any::<u64>(), n in 2u32..400, count in 0usize..60_000) {
-            let (old, new) = (pairs(seed, count, n), pairs(seed ^ 77, count / 2, n));
-            let [old, new] = [old, new].map(|mut list| { list.sort_unstable(); list });
-            let (was, is): (BTreeSet<Pair>, BTreeSet<Pair>) =
-                (old.iter().copied().collect(), new.iter().copied().collect());
+        fn what_ends_and_begins_cancels_out(seed in any::<u64>(), n in 2u32..60, count in 0usize..500) {
+            let [mut begun, mut ended] = [seed, seed ^ 77].map(|seed| pairs(seed, count, n));
+            begun.sort_unstable();
+            ended.sort_unstable();
             let replaced = |pair: Pair| pair[0] % 7 == 0;
-            let both = |pair: &&Pair| was.contains(*pair) && is.contains(*pair) && replaced(**pair);
-            let begun: Vec<Pair> = is.iter().filter(|p| !was.contains(*p) || both(p)).copied().collect();
-            let ended: Vec<Pair> = was.iter().filter(|p| !is.contains(*p) || both(p)).copied().collect();
-            for threads in [1, 3] {
-                let found = difference(&old, &new, &replaced, threads);
-                prop_assert_eq!(&found.begun, &begun);
-                prop_assert_eq!(&found.ended, &ended);
-            }
+            let without = |these: &[Pair], others: &[Pair]| -> Vec<Pair> {
+                let stays = |pair: &&Pair| replaced(**pair) || !others.contains(*pair);
+                these.iter().filter(stays).copied().collect()
+            };
+            let expected = (without(&begun, &ended), without(&ended, &begun));
+            let mut found = Difference { begun, ended };
+            found.cancel(replaced);
+            prop_assert_eq!((found.begun, found.ended), expected);
         }
     }
 }

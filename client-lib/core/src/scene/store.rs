@@ -4,6 +4,7 @@ use std::collections::HashMap;
 
 use super::edit::{Edit, Flag};
 use super::error::EditError;
+use super::fetch::ask_for;
 use crate::aabb::Aabb;
 
 /// The index has a box.
@@ -20,12 +21,19 @@ const EDIT_REMOVES: u8 = 1 << 4;
 const EDIT_SETS: u8 = 1 << 5;
 /// Listed among the boxes that the edit under way names.
 const NAMED: u8 = 1 << 6;
-/// Listed among those that it changes.
+/// Changed since the history began.
 const CHANGED: u8 = 1 << 7;
 
 /// Whether a box is static and switched on.
 const fn is_active_static(flags: u8) -> bool {
     flags & (STATIC | OFF) == STATIC
+}
+
+/// What collided at an index before it changed.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Before {
+    pub b: Aabb,
+    pub is_static: bool,
 }
 
 /// Boxes and flags of a scene, by index.
@@ -42,8 +50,16 @@ pub(super) struct Store {
     removed: Vec<u32>,
     /// Indices that the last edit set, switched or flagged.
     named: Vec<u32>,
-    /// Indices whose box or static flag the last edit changed, or that it removed.
+    /// Indices that the last edit removed and did not set anew.
+    gone: Vec<u32>,
+    /// Whether the last edit changed anything.
+    is_changed: bool,
+    /// Indices whose box or static flag has changed since the history began, or that lost a box.
     changed: Vec<u32>,
+    /// What was there then.
+    before: Vec<Before>,
+    /// Where those begin that changed in the last edit for the first time.
+    first_fresh: usize,
 }
 
 impl Store {
@@ -103,9 +119,42 @@ impl Store {
         !self.removed.is_empty()
     }
 
-    /// Indices that the last edit changed, removed ones too.
+    /// Whether the last edit changed anything.
+    pub const fn is_changed(&self) -> bool {
+        self.is_changed
+    }
+
+    /// Indices that have changed since the history began, in the order in which they first did.
     pub fn changed(&self) -> &[u32] {
         &self.changed
+    }
+
+    /// What was there when the history began, for each of these.
+    pub fn before(&self) -> &[Before] {
+        &self.before
+    }
+
+    /// Where those of them begin that first changed in the last edit.
+    pub const fn first_fresh(&self) -> usize {
+        self.first_fresh
+    }
+
+    /// Whether an index has changed since the history began.
+    #[inline]
+    pub fn has_changed(&self, index: u32) -> bool {
+        self.flags[index as usize] & CHANGED != 0
+    }
+
+    /// Asks for the memory of an index, the `rank`th that has changed if it has.
+    #[inline]
+    pub fn ask_for(&self, index: u32, rank: u32) {
+        ask_for(&self.boxes, index);
+        ask_for(&self.before, rank);
+    }
+
+    /// Indices that the last edit removed.
+    pub fn gone(&self) -> &[u32] {
+        &self.gone
     }
 
     /// Indices that the last edit set, switched or flagged.
@@ -121,10 +170,14 @@ impl Store {
 
     /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
-        let lists = self.removed.capacity() + self.named.capacity() + self.changed.capacity();
+        let lists = self.removed.capacity()
+            + self.named.capacity()
+            + self.changed.capacity()
+            + self.gone.capacity();
         self.boxes.capacity() * size_of::<Aabb>()
             + self.flags.capacity()
             + lists * size_of::<u32>()
+            + self.before.capacity() * size_of::<Before>()
             + self.parked.capacity() * (size_of::<(u32, Aabb)>() + 1)
     }
 
@@ -133,6 +186,11 @@ impl Store {
         for index in self.removed.drain(..) {
             self.flags[index as usize] &= !REMOVED;
         }
+        for index in self.changed.drain(..) {
+            self.flags[index as usize] &= !CHANGED;
+        }
+        self.before.clear();
+        self.first_fresh = 0;
         // Indices at the end without boxes cost every pass over all indices.
         if self.flags.len() > 1024 && self.present < self.flags.len() / 4 {
             self.forget_edit();
@@ -148,9 +206,12 @@ impl Store {
     }
 
     fn forget_edit(&mut self) {
-        for index in self.named.drain(..).chain(self.changed.drain(..)) {
-            self.flags[index as usize] &= !(NAMED | CHANGED);
+        for index in self.named.drain(..) {
+            self.flags[index as usize] &= !NAMED;
         }
+        self.gone.clear();
+        self.is_changed = false;
+        self.first_fresh = self.changed.len();
     }
 
     /// Checks an edit, and applies it if it is right. `limit` is the most boxes that the scene holds.
@@ -240,16 +301,22 @@ impl Store {
         }
     }
 
+    /// Notes an index that is about to change.
     #[inline]
     fn note_changed(&mut self, index: u32) {
+        self.is_changed = true;
         let flags = &mut self.flags[index as usize];
         if *flags & CHANGED == 0 {
             *flags |= CHANGED;
+            let is_static = *flags & STATIC != 0;
             self.changed.push(index);
+            self.before.push(Before { b: self.boxes[index as usize], is_static });
         }
     }
 
     fn remove(&mut self, index: u32) {
+        self.note_changed(index);
+        self.gone.push(index);
         let flags = &mut self.flags[index as usize];
         if *flags & REMOVED == 0 {
             self.removed.push(index);
@@ -261,7 +328,6 @@ impl Store {
         }
         *flags = *flags & (CHANGED | NAMED) | REMOVED;
         self.boxes[index as usize] = Aabb::EMPTY;
-        self.note_changed(index);
     }
 
     #[inline]
@@ -284,11 +350,11 @@ impl Store {
     /// Puts what collides at an index.
     #[inline]
     fn place(&mut self, index: u32, b: Aabb) {
-        let here = &mut self.boxes[index as usize];
+        let here = self.boxes[index as usize];
         // Bits, not floats: floats would call a NaN changed each time, and −0 unchanged, by flags.
-        if bytemuck::bytes_of(here) != bytemuck::bytes_of(&b) {
-            *here = b;
+        if bytemuck::bytes_of(&here) != bytemuck::bytes_of(&b) {
             self.note_changed(index);
+            self.boxes[index as usize] = b;
         }
     }
 
@@ -312,13 +378,12 @@ impl Store {
 
     fn make_static(&mut self, index: u32, on: bool) {
         self.note_named(index);
-        let flags = &mut self.flags[index as usize];
-        let was = *flags & STATIC != 0;
-        if was != on {
+        if self.is_static(index) != on {
+            self.note_changed(index);
+            let flags = &mut self.flags[index as usize];
             self.statics -= usize::from(is_active_static(*flags));
             *flags ^= STATIC;
             self.statics += usize::from(is_active_static(*flags));
-            self.note_changed(index);
         }
     }
 }

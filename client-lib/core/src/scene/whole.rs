@@ -1,9 +1,11 @@
-//! All pairs of a scene, found anew by the engine that the plan chooses.
+//! All pairs of a scene, and all that changed, found anew by the engine that the plan chooses.
 
-use super::pair_list::{Pair, Sorter};
+use super::hulls::{HullMemory, Hulls};
+use super::pair_list::{Difference, Pair, Sorter};
+use super::store::Store;
 use crate::aabb::Aabb;
 use crate::dispatch::{CpuEngines, CullOptions};
-use crate::engine::{CullError, EngineName, HeapReply, ReserveError};
+use crate::engine::{CullError, CullReport, EngineName, HeapReply, PairRules, ReserveError};
 use crate::mask::{Encoding, EncodingChoice, MaskView};
 use crate::units::BoxCount;
 
@@ -15,6 +17,7 @@ pub(super) struct Whole {
     engines: CpuEngines,
     reply: HeapReply,
     sorter: Sorter,
+    hulls: HullMemory,
     last_pairs: Option<u64>,
 }
 
@@ -24,6 +27,7 @@ impl Default for Whole {
             engines: CpuEngines::new(),
             reply: HeapReply::with_limit_bytes(LIST_BYTES),
             sorter: Sorter::default(),
+            hulls: HullMemory::default(),
             last_pairs: None,
         }
     }
@@ -43,25 +47,64 @@ impl Whole {
     ) -> Result<u64, CullError> {
         sorted.clear();
         let Some(n) = BoxCount::of_len(boxes.len()).filter(|n| !n.is_empty()) else { return Ok(0) };
-        let options = CullOptions {
-            encoding: EncodingChoice::Only(Encoding::List),
-            threads: Some(threads),
-            last_pairs: self.last_pairs,
-            ..CullOptions::default()
-        };
+        let options = self.options(threads, self.last_pairs);
         let answer = self.engines.cull(boxes, &options, &mut self.reply)?;
         self.last_pairs = Some(answer.report.pair_count);
-        let Ok(MaskView::List(list)) = MaskView::new(n, &answer.report.shape, self.reply.words())
-        else {
-            // Engines write what they are asked for.
-            let (engine, why) = (EngineName::CpuGrid, "it wrote no list");
-            return Err(CullError::Unavailable { engine, why });
-        };
+        let list = list_of(n, &answer.report, self.reply.words())?;
         let needed_bytes = 8 * list.len() as u64;
         let no_memory = |_| CullError::Reserve(ReserveError::OutOfMemory { needed_bytes });
         sorted.try_reserve(list.len()).map_err(no_memory)?;
-        self.sorter.sorted_from(list.as_pairs(), wanted, n.get(), threads, sorted);
+        self.sorter.sorted_from(list, wanted, n.get(), threads, sorted);
         Ok(n.pair_count().saturating_sub(answer.report.skipped.pairs))
+    }
+
+    /// What began and ended since the history of a scene began, in no order. Returns how many pairs were
+    /// compared.
+    ///
+    /// # Errors
+    /// As [`Self::pairs`].
+    pub fn changes(
+        &mut self,
+        store: &Store,
+        threads: usize,
+        found: &mut Difference,
+    ) -> Result<u64, CullError> {
+        let hulls = Hulls::of(store, &mut self.hulls, threads);
+        let compared = self.changes_of(&hulls, threads, found);
+        let may_cancel = hulls.may_cancel();
+        self.hulls = hulls.into_memory();
+        let box_count = store.boxes().len();
+        self.sort(&mut found.begun, box_count, threads);
+        self.sort(&mut found.ended, box_count, threads);
+        if may_cancel {
+            found.cancel(|[a, b]| store.was_removed(a) || store.was_removed(b));
+        }
+        compared
+    }
+
+    fn changes_of(
+        &mut self,
+        hulls: &Hulls<'_>,
+        threads: usize,
+        found: &mut Difference,
+    ) -> Result<u64, CullError> {
+        let boxes = hulls.boxes();
+        let Some(n) = BoxCount::of_len(boxes.len()).filter(|n| !n.is_empty()) else { return Ok(0) };
+        let options = self.options(threads, None);
+        let plan = self.engines.plan(boxes, &options, None);
+        let input = plan.input(boxes).rules(PairRules::tested_by(hulls));
+        let report = self.engines.run(plan.engine, &input, &mut self.reply)?;
+        hulls.sort_out(list_of(n, &report, self.reply.words())?, found);
+        Ok(n.pair_count().saturating_sub(report.skipped.pairs))
+    }
+
+    fn options(&self, threads: usize, last_pairs: Option<u64>) -> CullOptions {
+        CullOptions {
+            encoding: EncodingChoice::Only(Encoding::List),
+            threads: Some(threads),
+            last_pairs,
+            ..CullOptions::default()
+        }
     }
 
     /// Sorts pairs of `n` boxes, none of them twice.
@@ -71,13 +114,33 @@ impl Whole {
 
     /// Bytes that are kept.
     pub fn allocated_bytes(&self) -> usize {
-        self.engines.scratch_bytes() + self.sorter.allocated_bytes() + self.reply.allocated_bytes()
+        self.engines.scratch_bytes()
+            + self.sorter.allocated_bytes()
+            + self.hulls.allocated_bytes()
+            + self.reply.allocated_bytes()
     }
 
     /// Gives memory back that only whole scenes need.
     pub fn give_back(&mut self) {
         self.engines.give_back();
         self.sorter.give_back();
+        self.hulls = HullMemory::default();
         self.reply = HeapReply::with_limit_bytes(LIST_BYTES);
+    }
+}
+
+/// The list that an engine has written.
+fn list_of<'a>(
+    n: BoxCount,
+    report: &CullReport,
+    reply: &'a [u32],
+) -> Result<&'a [Pair], CullError> {
+    match MaskView::new(n, &report.shape, reply) {
+        Ok(MaskView::List(list)) => Ok(list.as_pairs()),
+        // Engines write what they are asked for.
+        _ => {
+            let (engine, why) = (EngineName::CpuGrid, "it wrote no list");
+            Err(CullError::Unavailable { engine, why })
+        }
     }
 }

@@ -7,11 +7,11 @@ use crate::aabb::KeyBox;
 /// its index. Complements order the other way round, so that overlap is one comparison of all lanes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C, align(32))]
-pub(super) struct Entry([i32; 8]);
+pub(in crate::scene) struct Entry([i32; 8]);
 
 /// What an entry is compared with: no lane of it may exceed that of the question.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Question([i32; 8]);
+pub(in crate::scene) struct Question([i32; 8]);
 
 impl Entry {
     /// No box: fails every question, since no key reaches `i32::MAX`.
@@ -48,6 +48,9 @@ impl Entry {
 }
 
 impl Question {
+    /// Admits nothing.
+    pub const NONE: Self = Self([i32::MIN; 8]);
+
     /// Which boxes overlap one and may be a pair with it: two static boxes may not.
     #[inline]
     pub fn new(key: &KeyBox, is_static: bool) -> Self {
@@ -56,15 +59,20 @@ impl Question {
         Self([x, y, z, near_x, near_y, near_z, i32::from(!is_static), i32::MAX])
     }
 
+    /// The question of an entry; that of a free one admits nothing.
+    #[inline]
+    pub fn of(entry: &Entry) -> Self {
+        if entry.is_free() { Self::NONE } else { Self::new(&entry.key(), entry.is_static()) }
+    }
+
     /// Whether an entry is such a box. The box itself overlaps itself.
     #[inline(always)]
     pub fn admits(&self, entry: &Entry) -> bool {
-        let mut exceeds = false;
-        // Without a branch, this is two SIMD comparisons. Indices above 2^31 − 1 are negative lanes.
-        for lane in 0..8 {
-            exceeds |= entry.0[lane] > self.0[lane];
-        }
-        !exceeds
+        // Lanes of all ones or zeroes without a branch: two SIMD comparisons. Indices above 2^31 − 1 are
+        // negative lanes.
+        let lanes: [i32; 8] = std::array::from_fn(|lane| -i32::from(entry.0[lane] > self.0[lane]));
+        let halves: [i32; 4] = std::array::from_fn(|lane| lanes[lane] | lanes[lane + 4]);
+        (halves[0] | halves[1]) | (halves[2] | halves[3]) == 0
     }
 }
 

@@ -10,8 +10,9 @@ mod axis;
 mod entry;
 mod layout;
 
-use self::entry::{Entry, Question};
+pub(super) use self::entry::{Entry, Question};
 use self::layout::Level;
+use super::fetch::ask_for;
 use super::store::Store;
 use crate::aabb::{Aabb, KeyBox, order_key};
 use crate::engine::strips::{in_parts, part_count};
@@ -25,6 +26,11 @@ const BORROW_REACH: u32 = 64;
 const BOXES_A_SPARE: u32 = 6;
 /// Boxes whose homes are found by one task, at least.
 const TASK_BOXES: usize = 4_096;
+/// Searches made at a time. With 4 lines of cells each, some 100 lines of memory are under way, several
+/// times what a core can have, and few enough that none is lost again.
+const BATCH: usize = 16;
+/// Entries of a run that are asked for ahead: further ones the processor finds by itself.
+const AHEAD: u32 = 16;
 /// Tests of a search that are as they should be.
 const FAIR_TESTS: u64 = 96;
 /// Tests beyond these, for each box, after which the layout is chosen again: about what that takes.
@@ -66,9 +72,9 @@ fn coordinate(key: i32) -> f32 {
 
 impl Cells {
     /// The cells of the boxes of a scene.
-    pub fn of(store: &Store, threads: usize) -> Self {
+    pub fn of(boxes: &[Aabb], is_static: impl Fn(u32) -> bool, threads: usize) -> Self {
         let mut cells = Self::default();
-        cells.build(store, threads);
+        cells.build(boxes, is_static, threads);
         cells
     }
 
@@ -78,27 +84,14 @@ impl Cells {
         words * size_of::<u32>() + self.entries.capacity() * size_of::<Entry>()
     }
 
-    /// Keys of each box that has a place, whether it is static, and its index, in no order.
-    pub fn boxes(&self) -> impl Iterator<Item = (KeyBox, bool, u32)> {
-        let taken = self.entries.iter().filter(|entry| !entry.is_free());
-        taken.map(|entry| (entry.key(), entry.is_static(), entry.index()))
-    }
-
     /// Where a box lies in memory: boxes near each other in space have numbers near each other.
     #[inline]
     pub fn place(&self, index: u32) -> u32 {
         self.places.get(index as usize).copied().unwrap_or(NOWHERE)
     }
 
-    /// Whether a box has a place: it overlaps something at least, itself.
-    #[inline]
-    pub fn has(&self, index: u32) -> bool {
-        self.place(index) != NOWHERE
-    }
-
     /// Chooses the layout anew and places every box.
-    pub fn build(&mut self, store: &Store, threads: usize) {
-        let boxes = store.boxes();
+    fn build(&mut self, boxes: &[Aabb], is_static: impl Fn(u32) -> bool, threads: usize) {
         self.levels = layout::choose(boxes);
         let cell_count =
             self.levels.last().map_or(0, |level| level.first_cell + level.cell_count()) as usize;
@@ -131,7 +124,7 @@ impl Cells {
                 let next = &mut counts[home.cell as usize];
                 *place = *next;
                 let key = KeyBox::from(&boxes[index as usize]);
-                self.entries[*next as usize] = Entry::new(&key, store.is_static(index), index);
+                self.entries[*next as usize] = Entry::new(&key, is_static(index), index);
                 *next += 1;
             }
         }
@@ -172,17 +165,17 @@ impl Cells {
     }
 
     /// Moves boxes to where they are now.
-    pub fn update(&mut self, store: &Store, changed: &[u32], threads: usize) {
+    pub fn update(&mut self, store: &Store, changed: [&[u32]; 2], threads: usize) {
         self.places.resize(store.boxes().len().max(self.places.len()), NOWHERE);
-        self.moves += changed.len() as u64;
+        self.moves += changed.map(|indices| indices.len() as u64).iter().sum::<u64>();
         let have_room = floats::with_default(|| {
-            changed.iter().all(|index| {
-                let key = store.boxes().get(*index as usize).map_or(KeyBox::NOTHING, KeyBox::from);
-                self.move_box(*index, &key, store.is_static(*index))
-            })
+            changed
+                .iter()
+                .flat_map(|indices| indices.chunks(BATCH))
+                .all(|some| self.move_boxes(store, some))
         });
         if !have_room || self.is_stale(store) {
-            self.build(store, threads);
+            self.build(store.boxes(), |index| store.is_static(index), threads);
         }
     }
 
@@ -193,8 +186,32 @@ impl Cells {
         self.moves > MOVES_A_BOX * boxes || unfair > UNFAIR_TESTS_A_BOX * boxes
     }
 
+    /// Moves up to [`BATCH`] boxes. False when a box found no place.
+    fn move_boxes(&mut self, store: &Store, indices: &[u32]) -> bool {
+        let mut news = [(KeyBox::NOTHING, Home { cell: 0, level: 0 }); BATCH];
+        for index in indices {
+            ask_for(&self.places, *index);
+            ask_for(store.boxes(), *index);
+        }
+        for (index, (key, home)) in indices.iter().zip(&mut news) {
+            ask_for(&self.entries, self.places[*index as usize]);
+            *key = KeyBox::from(&store.boxes()[*index as usize]);
+            if *key != KeyBox::NOTHING {
+                *home = self.home(key);
+                ask_for(&self.starts, home.cell);
+            }
+        }
+        for (_, home) in &news[..indices.len()] {
+            ask_for(&self.entries, self.starts[home.cell as usize]);
+        }
+        indices
+            .iter()
+            .zip(&news)
+            .all(|(index, (key, home))| self.move_box(*index, key, *home, store.is_static(*index)))
+    }
+
     /// Moves one box. False when no free place is near its cell; the box has none then.
-    fn move_box(&mut self, index: u32, key: &KeyBox, is_static: bool) -> bool {
+    fn move_box(&mut self, index: u32, key: &KeyBox, home: Home, is_static: bool) -> bool {
         let place = self.places[index as usize];
         if *key == KeyBox::NOTHING {
             if place != NOWHERE {
@@ -202,7 +219,6 @@ impl Cells {
             }
             return true;
         }
-        let home = self.home(key);
         let (start, end) = (self.starts[home.cell as usize], self.starts[home.cell as usize + 1]);
         let entry = Entry::new(key, is_static, index);
         if (start..end).contains(&place) {
@@ -305,23 +321,64 @@ impl Cells {
         self.tests += tests;
     }
 
-    /// Calls `found` with the index of each box that is a pair with a placed box, by the entries as they
-    /// are now. Returns how many entries were tested. Needs the default floating-point flags.
+    /// Calls `found` for each box that is a pair with one of `indices`, by the entries as they are now:
+    /// with the place in `indices`, in order, and the other's index. Returns how many entries were
+    /// tested. Needs the default floating-point flags.
+    ///
+    /// Some searches are made at a time, step by step, so that their misses of the caches overlap.
     #[inline]
-    pub fn around(&self, index: u32, mut found: impl FnMut(u32)) -> u64 {
-        let place = self.places[index as usize];
-        let this = &self.entries[place as usize];
-        let key = this.key();
-        let question = Question::new(&key, this.is_static());
+    pub fn around_each(
+        &self,
+        indices: &[u32],
+        runs: &mut Vec<[u32; 2]>,
+        mut found: impl FnMut(usize, u32),
+    ) -> u64 {
         let mut tested = 0;
-        let mut test = |start: u32, end: u32| {
-            tested += u64::from(end - start);
-            for entry in &self.entries[start as usize..end as usize] {
-                if question.admits(entry) && entry.index() != index {
-                    found(entry.index());
-                }
+        for (batch, some) in indices.chunks(BATCH).enumerate() {
+            some.iter().for_each(|index| ask_for(&self.places, *index));
+            let mut places = [NOWHERE; BATCH];
+            for (place, index) in places.iter_mut().zip(some) {
+                *place = self.place(*index);
+                ask_for(&self.entries, *place);
             }
-        };
+            runs.clear();
+            let mut questions = [Question::NONE; BATCH];
+            let mut ends = [0; BATCH];
+            for ((place, question), end) in places.iter().zip(&mut questions).zip(&mut ends) {
+                if let Some(this) = self.entries.get(*place as usize) {
+                    let key = this.key();
+                    *question = Question::new(&key, this.is_static());
+                    self.cells_around(&key, |cells| {
+                        ask_for(&self.starts, cells[0]);
+                        runs.push(cells);
+                    });
+                }
+                *end = runs.len();
+            }
+            for run in &mut *runs {
+                *run = run.map(|cell| self.starts[cell as usize]);
+                let ahead = run[1].min(run[0] + AHEAD);
+                (run[0]..ahead).step_by(2).for_each(|place| ask_for(&self.entries, place));
+            }
+            let mut start = 0;
+            for (at, index) in some.iter().enumerate() {
+                for [first, end] in &runs[start..ends[at]] {
+                    tested += u64::from(end - first);
+                    for entry in &self.entries[*first as usize..*end as usize] {
+                        if questions[at].admits(entry) && entry.index() != *index {
+                            found(batch * BATCH + at, entry.index());
+                        }
+                    }
+                }
+                start = ends[at];
+            }
+        }
+        tested
+    }
+
+    /// Calls `run` with each run of cells, first and end, in which a box may have partners.
+    #[inline(always)]
+    fn cells_around(&self, key: &KeyBox, mut run: impl FnMut([u32; 2])) {
         let (min, max) = (key.min.map(coordinate), key.max.map(coordinate));
         for (level, occupied) in self.levels.iter().zip(&self.occupied) {
             if *occupied == 0 {
@@ -331,11 +388,8 @@ impl Cells {
                 let of = &level.axes[axis];
                 of.cells(of.fine(min[axis]) - 1, of.fine(max[axis]))
             });
-            let lines = lines(&ys) * lines(&zs);
-            let first = level.first_cell;
-            if lines > u64::from(*occupied) {
-                let end = first + level.cell_count();
-                test(self.starts[first as usize], self.starts[end as usize]);
+            if lines(&ys) * lines(&zs) > u64::from(*occupied) {
+                run([level.first_cell, level.first_cell + level.cell_count()]);
                 continue;
             }
             for z in zs.into_iter().flatten() {
@@ -343,14 +397,12 @@ impl Cells {
                     for x in &xs {
                         if x.start < x.end {
                             let cell = level.cell_at(x.start, y, z);
-                            let end = cell + (x.end - x.start);
-                            test(self.starts[cell as usize], self.starts[end as usize]);
+                            run([cell, cell + (x.end - x.start)]);
                         }
                     }
                 }
             }
         }
-        tested
     }
 }
 
