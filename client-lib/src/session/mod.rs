@@ -38,6 +38,7 @@ mod margined;
 mod narrow;
 mod pairs;
 mod pending;
+mod scene;
 mod sphere;
 
 pub use builder::{Backend, SessionBuilder};
@@ -47,11 +48,13 @@ pub use margined::{MarginStats, Margined, MarginedError, MarginedMask};
 pub use narrow::NarrowFrame;
 pub use pairs::{FrameInfo, PairMask, ServedBy};
 pub use pending::PendingFrame;
+pub use scene::{Scene, SceneAnswer, SceneEdit};
 pub use sphere::SphereFrame;
 
 use std::sync::Arc;
 
 use pairmask_core::precision::Precision;
+use pairmask_core::scene::SceneOptions;
 use pairmask_wire::StatusBody;
 
 /// A client's connection to a daemon or to the engines of this process.
@@ -140,6 +143,33 @@ impl Session {
     /// As [`frame`](Self::frame), and [`FrameError::DaemonTooOld`] with [`Backend::Daemon`].
     pub fn sphere_frame(&mut self, n: usize) -> Result<SphereFrame, FrameError> {
         self.core.sphere_frame(n)
+    }
+
+    /// A scene that persists: boxes stay from answer to answer, edits go in, changes of pairs come out.
+    /// A session may have any number of them.
+    ///
+    /// **Scenes are answered in process**, whatever the session's backend is: no daemon keeps any. They
+    /// use the session's instruction set and calibration, and its threads unless `options` name some.
+    ///
+    /// ```
+    /// use pairmask::scene::{SceneOptions, Want};
+    /// use pairmask::{Aabb, Backend, Session};
+    ///
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// let mut session = Session::builder().backend(Backend::InProcess).connect()?;
+    /// let mut scene = session.scene(SceneOptions::default());
+    /// let at = |x: f32| Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0]);
+    ///
+    /// let told = scene.edit().set(7, at(0.0)).set(9, at(0.5)).commit(Want::Changes)?.take();
+    /// assert_eq!(told.begun(), [[7, 9]]);
+    ///
+    /// let told = scene.edit().set(9, at(5.0)).commit(Want::Changes)?.take();
+    /// assert_eq!(told.ended()[0].pair, [7, 9]);
+    /// # Ok(())
+    /// # }
+    /// ```
+    pub fn scene(&mut self, options: SceneOptions) -> Scene {
+        Scene::new(options, self.core.settings())
     }
 
     /// What would serve the next frame by the present state: the daemon or this process.

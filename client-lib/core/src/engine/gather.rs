@@ -4,6 +4,9 @@ use super::word_budget::WordBudget;
 use super::{AvailableIsa, PairRules};
 use crate::mask::SparseMask;
 
+/// Words from one that is tested to one whose memory is asked for meanwhile.
+const AHEAD: usize = 16;
+
 /// What all tasks of a frame share.
 #[derive(Clone, Copy)]
 pub(crate) struct Gather<'a> {
@@ -32,6 +35,9 @@ impl Gather<'_> {
         }
         let (mut kept, mut gone) = (0, 0);
         for at in 0..bits.len() {
+            if let Some(ahead) = bits.get(at + AHEAD) {
+                self.rules.ask_for(rows[at + AHEAD], blocks[at + AHEAD], *ahead);
+            }
             let (row, block, before) = (rows[at], blocks[at], bits[at]);
             let passing = self.rules.passing(row, block, before, self.order);
             gone += u64::from((before ^ passing).count_ones());

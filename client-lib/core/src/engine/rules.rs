@@ -6,6 +6,9 @@ pub(crate) trait PairTest: Sync {
     /// where positions are indices.
     fn passing(&self, row: u32, block: u32, bits: u32, order: &[u32]) -> u32;
 
+    /// Asks for the memory that [`Self::passing`] will read for a word.
+    fn ask_for(&self, _row: u32, _block: u32, _bits: u32) {}
+
     /// Hears the order before any word is tested, so that what the test reads may be laid out by
     /// position. Engines with an order of their own for large scenes say it; `threads` is theirs.
     fn prepare(&self, _order: &[u32], _threads: usize) {}
@@ -40,6 +43,15 @@ impl<'a> PairRules<'a> {
         let Self { test } = self;
         if let Some(test) = test {
             test.prepare(order, threads);
+        }
+    }
+
+    /// Asks for the memory that the test of a word will read.
+    #[inline]
+    pub fn ask_for(&self, row: u32, block: u32, bits: u32) {
+        let Self { test } = self;
+        if let Some(test) = test {
+            test.ask_for(row, block, bits);
         }
     }
 

@@ -9,9 +9,10 @@
 use std::sync::{Mutex, OnceLock, PoisonError};
 
 use super::cells::{Entry, Question};
+use super::fetch::ask_for;
 use super::pair_list::{Difference, Pair, pair};
-use super::store::{Before, Store};
-use crate::aabb::{Aabb, KeyBox};
+use super::store::Store;
+use crate::aabb::Aabb;
 use crate::engine::PairTest;
 use crate::engine::strips::{in_parts, part_count};
 
@@ -20,7 +21,12 @@ const TASK_BOXES: usize = 8_192;
 /// Boxes up to which states are computed where they are needed.
 const FEW_BOXES: usize = 4_096;
 
-/// A box as it was and as it is.
+/// Boxes from one whose state is moved to one whose memory is asked for meanwhile.
+const AHEAD: usize = 16;
+/// Lists of ended pairs: threads that take different ones do not wait for each other.
+const ENDED_LISTS: usize = 16;
+
+/// A box as it was and as it is, on a cache line of its own.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 struct State {
@@ -28,18 +34,25 @@ struct State {
     is: Entry,
 }
 
+impl State {
+    const NONE: Self = Self { was: Entry::FREE, is: Entry::FREE };
+}
+
 /// The changes of a scene as boxes to cull and a test of their pairs.
 pub(super) struct Hulls<'a> {
     store: &'a Store,
-    /// Place of each index among the changed ones; only those of changed ones are right.
-    rank: Vec<u32>,
     /// What is culled: a box for each index, then one for each that has left its place.
     boxes: Vec<Aabb>,
+    /// The same as they were and are.
+    states: Vec<State>,
     /// Indices that have left their place.
     left: Vec<u32>,
     /// States by the engine's position, once it has said its order.
-    states: OnceLock<Vec<State>>,
+    ordered: OnceLock<Vec<State>>,
+    /// Pairs that ended.
+    ended: [Mutex<Vec<Pair>>; ENDED_LISTS],
     memory: Mutex<Vec<State>>,
+    rank: Vec<u32>,
 }
 
 /// Memory that is kept from answer to answer.
@@ -48,6 +61,7 @@ pub(super) struct HullMemory {
     rank: Vec<u32>,
     boxes: Vec<Aabb>,
     states: Vec<State>,
+    ordered: Vec<State>,
 }
 
 impl HullMemory {
@@ -55,60 +69,50 @@ impl HullMemory {
     pub fn allocated_bytes(&self) -> usize {
         4 * self.rank.capacity()
             + self.boxes.capacity() * size_of::<Aabb>()
-            + self.states.capacity() * size_of::<State>()
+            + (self.states.capacity() + self.ordered.capacity()) * size_of::<State>()
     }
 }
 
-/// Where a box that has left its place is culled as it is, or as it was; or neither: as both.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Part {
-    Both,
-    Was,
-    Is,
+/// Some boxes of all, and their places in the two arrays.
+struct Part<'a> {
+    first: u32,
+    boxes: &'a mut [Aabb],
+    states: &'a mut [State],
 }
 
 impl<'a> Hulls<'a> {
     /// The changes of a scene since the history began.
     pub fn of(store: &'a Store, memory: &mut HullMemory, threads: usize) -> Self {
         let n = store.boxes().len();
-        let HullMemory { mut rank, mut boxes, states } = std::mem::take(memory);
+        let HullMemory { mut rank, mut boxes, mut states, ordered } = std::mem::take(memory);
         rank.resize(n, 0);
         for (place, index) in (0u32..).zip(store.changed()) {
             rank[*index as usize] = place;
         }
         boxes.resize(n, Aabb::EMPTY);
-        let mut hulls = Self {
-            store,
-            rank,
-            boxes: Vec::new(),
-            left: Vec::new(),
-            states: OnceLock::new(),
-            memory: Mutex::new(states),
-        };
-        let this = &hulls;
+        states.resize(n, State::NONE);
         let parts = part_count(n, TASK_BOXES, threads);
         let step = n.div_ceil(parts).max(1);
-        let mut work: Vec<(u32, &mut [Aabb])> =
-            boxes.chunks_mut(step).enumerate().map(|(i, part)| ((i * step) as u32, part)).collect();
-        let run = |work: &mut [(u32, &mut [Aabb])]| {
+        let arrays = boxes.chunks_mut(step).zip(states.chunks_mut(step));
+        let mut work: Vec<Part<'_>> = arrays
+            .enumerate()
+            .map(|(i, (boxes, states))| Part { first: (i * step) as u32, boxes, states })
+            .collect();
+        let run = |work: &mut [Part<'_>]| {
             let mut left = Vec::new();
-            for (first, boxes) in work {
-                for (index, b) in (*first..).zip(boxes.iter_mut()) {
-                    *b = this.hull(index).unwrap_or_else(|| {
-                        left.push(index);
-                        this.store.boxes()[index as usize]
-                    });
-                }
-            }
+            work.iter_mut().for_each(|part| part.run(store, &rank, &mut left));
             left
         };
-        let left = in_parts(work.as_mut_slice(), parts, &run, &|mut low: Vec<u32>, high| {
+        let left = in_parts(work.as_mut_slice(), parts, &run, &|mut low: Vec<Left>, high| {
             low.extend(high);
             low
         });
-        boxes.extend(left.iter().map(|index| hulls.before(*index).b));
-        (hulls.boxes, hulls.left) = (boxes, left);
-        hulls
+        boxes.extend(left.iter().map(|left| left.was));
+        states.extend(left.iter().map(|left| left.state));
+        let left = left.iter().map(|left| left.index).collect();
+        let memory = Mutex::new(ordered);
+        let ended = std::array::from_fn(|_| Mutex::default());
+        Self { store, boxes, states, left, ordered: OnceLock::new(), ended, memory, rank }
     }
 
     /// What is to be culled.
@@ -116,135 +120,144 @@ impl<'a> Hulls<'a> {
         &self.boxes
     }
 
-    /// Gives the memory back for the next answer.
-    pub fn into_memory(self) -> HullMemory {
-        let mut boxes = self.boxes;
-        boxes.truncate(self.store.boxes().len());
-        let states = self.states.into_inner();
-        let kept = self.memory.into_inner().unwrap_or_else(PoisonError::into_inner);
-        HullMemory { rank: self.rank, boxes, states: states.unwrap_or(kept) }
-    }
-
-    /// What an index was when the history began.
+    /// The index of a culled box.
     #[inline]
-    fn before(&self, index: u32) -> Before {
-        if self.store.has_changed(index) {
-            self.store.before()[self.rank[index as usize] as usize]
-        } else {
-            Before { b: self.store.boxes()[index as usize], is_static: self.store.is_static(index) }
+    fn index(&self, culled: u32) -> u32 {
+        match (culled as usize).checked_sub(self.store.boxes().len()) {
+            Some(at) => self.left[at],
+            None => culled,
         }
     }
 
-    /// The hull of what an index was and is; `None` where it has left its place.
-    #[inline]
-    fn hull(&self, index: u32) -> Option<Aabb> {
-        let now = self.store.boxes()[index as usize];
-        if !self.store.has_changed(index) {
-            return Some(now);
+    /// What began and ended, in no order: `begun` are the pairs of culled boxes that the engine kept.
+    pub fn named(&self, begun: &[Pair]) -> Difference {
+        let mut ended = Vec::new();
+        for list in &self.ended {
+            ended.append(&mut lock(list));
         }
-        let (is, was) = (KeyBox::from(&now), KeyBox::from(&self.before(index).b));
-        if is == KeyBox::NOTHING || was == KeyBox::NOTHING {
-            return Some(if is == KeyBox::NOTHING { self.before(index).b } else { now });
+        if self.left.is_empty() {
+            return Difference { begun: begun.to_vec(), ended };
         }
-        is.overlaps(&was).then(|| {
-            let hull = KeyBox {
-                min: std::array::from_fn(|axis| is.min[axis].min(was.min[axis])),
-                max: std::array::from_fn(|axis| is.max[axis].max(was.max[axis])),
-            };
-            hull.to_box()
-        })
-    }
-
-    /// The index of a culled box, and which part of it that is.
-    #[inline]
-    fn part(&self, culled: u32) -> (u32, Part) {
-        let n = self.store.boxes().len() as u32;
-        if culled >= n {
-            return (self.left[(culled - n) as usize], Part::Was);
-        }
-        let has_left = !self.left.is_empty() && self.left.binary_search(&culled).is_ok();
-        (culled, if has_left { Part::Is } else { Part::Both })
-    }
-
-    fn state(&self, culled: u32) -> State {
-        let (index, part) = self.part(culled);
-        let before = self.before(index);
-        let entry = |b: &Aabb, is_static: bool, wanted: bool, lane: u32| {
-            let key = KeyBox::from(b);
-            if wanted && key != KeyBox::NOTHING {
-                Entry::new(&key, is_static, lane)
-            } else {
-                Entry::FREE
-            }
-        };
-        let now = &self.store.boxes()[index as usize];
-        State {
-            was: entry(&before.b, before.is_static, part != Part::Is, 0),
-            is: entry(now, self.store.is_static(index), part != Part::Was, 0),
-        }
-    }
-
-    /// Adds the pairs that the engine has kept, by index, to what began and ended.
-    pub fn sort_out(&self, kept: &[Pair], found: &mut Difference) {
-        for [a, b] in kept {
-            let ([a_state, b_state], [a, b]) = (
-                [a, b].map(|culled| self.state(*culled)),
-                [a, b].map(|culled| self.part(*culled).0),
-            );
-            if admits(&a_state.was, &b_state.was) {
-                found.ended.push(pair(a, b));
-            }
-            if admits(&a_state.is, &b_state.is) {
-                found.begun.push(pair(a, b));
-            }
-        }
+        let named = |[a, b]: &Pair| pair(self.index(*a), self.index(*b));
+        ended.iter_mut().for_each(|pair| *pair = named(pair));
+        Difference { begun: begun.iter().map(named).collect(), ended }
     }
 
     /// Whether a pair may come both as an end and as a begin without having changed.
     pub fn may_cancel(&self) -> bool {
         !self.left.is_empty()
     }
+
+    /// Gives the memory back for the next answer.
+    pub fn into_memory(self) -> HullMemory {
+        let n = self.store.boxes().len();
+        let (mut boxes, mut states) = (self.boxes, self.states);
+        boxes.truncate(n);
+        states.truncate(n);
+        let kept = self.memory.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let ordered = self.ordered.into_inner().unwrap_or(kept);
+        HullMemory { rank: self.rank, boxes, states, ordered }
+    }
 }
 
-/// Whether two entries are a pair.
-#[inline(always)]
-fn admits(one: &Entry, other: &Entry) -> bool {
-    Question::of(one).admits(other)
+/// A box that has left its place, as it was.
+struct Left {
+    index: u32,
+    was: Aabb,
+    state: State,
+}
+
+impl Part<'_> {
+    fn run(&mut self, store: &Store, rank: &[u32], left: &mut Vec<Left>) {
+        let arrays = self.boxes.iter_mut().zip(self.states.iter_mut());
+        for (index, (hull, state)) in (self.first..).zip(arrays) {
+            let now = &store.boxes()[index as usize];
+            let is = Entry::of(now, store.is_static(index), index);
+            if !store.has_changed(index) {
+                (*hull, *state) = (*now, State { was: is, is });
+                continue;
+            }
+            let before = &store.before()[rank[index as usize] as usize];
+            let was = Entry::of(&before.b, before.is_static, index);
+            *state = State { was, is };
+            *hull = match (was.is_free(), is.is_free()) {
+                (_, true) => before.b,
+                (true, false) => *now,
+                (false, false) if was.overlaps(&is) => was.hull(&is),
+                (false, false) => {
+                    let state_then = State { was, is: Entry::FREE };
+                    left.push(Left { index, was: before.b, state: state_then });
+                    state.was = Entry::FREE;
+                    *now
+                }
+            };
+        }
+    }
+}
+
+/// Locks a list; that of a panicking thread is as good as any.
+fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl PairTest for Hulls<'_> {
+    /// Those that began pass. Those that ended are kept here.
     fn passing(&self, row: u32, block: u32, bits: u32, order: &[u32]) -> u32 {
-        let states = self.states.get().map(Vec::as_slice);
-        let index = |position: u32| order.get(position as usize).map_or(position, |index| *index);
-        let state = |position: u32| match states {
-            Some(states) => states[position as usize],
-            None => self.state(index(position)),
+        let culled = |position: u32| order.get(position as usize).map_or(position, |index| *index);
+        let ordered = self.ordered.get().map(Vec::as_slice);
+        let state = |position: u32| match ordered {
+            Some(states) => &states[position as usize],
+            None => &self.states[culled(position) as usize],
         };
         let any_removed = self.store.any_removed();
         let one = state(row);
         let (was, is) = (Question::of(&one.was), Question::of(&one.is));
-        let (mut passing, mut rest) = (0, bits);
+        let (mut begun, mut ended, mut rest) = (0, 0, bits);
         while rest != 0 {
             let column = rest.trailing_zeros();
-            let position = 32 * block + column;
-            let other = state(position);
+            let other = state(32 * block + column);
             let (had, has) = (was.admits(&other.was), is.admits(&other.is));
-            let is_replaced =
-                || [row, position].iter().any(|p| self.store.was_removed(self.part(index(*p)).0));
-            let changed = (had != has) || (any_removed && had && is_replaced());
-            passing |= u32::from(changed) << column;
+            let is_replaced = || {
+                [one, other].iter().any(|s| {
+                    let entry = if s.is.is_free() { &s.was } else { &s.is };
+                    self.store.was_removed(entry.index())
+                })
+            };
+            let replaced = any_removed && had && has && is_replaced();
+            begun |= u32::from(has && (!had || replaced)) << column;
+            ended |= u32::from(had && (!has || replaced)) << column;
             rest &= rest - 1;
         }
-        passing
+        if ended != 0 {
+            let list = rayon::current_thread_index().unwrap_or(0) % ENDED_LISTS;
+            let mut list = lock(&self.ended[list]);
+            while ended != 0 {
+                let position = 32 * block + ended.trailing_zeros();
+                list.push(pair(culled(row), culled(position)));
+                ended &= ended - 1;
+            }
+        }
+        begun
+    }
+
+    #[inline]
+    fn ask_for(&self, row: u32, block: u32, bits: u32) {
+        if let Some(states) = self.ordered.get() {
+            ask_for(states, row);
+            let mut rest = bits;
+            while rest != 0 {
+                ask_for(states, 32 * block + rest.trailing_zeros());
+                rest &= rest - 1;
+            }
+        }
     }
 
     fn prepare(&self, order: &[u32], threads: usize) {
         if order.len() <= FEW_BOXES {
             return;
         }
-        let mut states =
-            std::mem::take(&mut *self.memory.lock().unwrap_or_else(PoisonError::into_inner));
-        states.resize(order.len(), State { was: Entry::FREE, is: Entry::FREE });
+        let mut states = std::mem::take(&mut *lock(&self.memory));
+        states.resize(order.len(), State::NONE);
         let parts = part_count(order.len(), TASK_BOXES, threads);
         let step = order.len().div_ceil(parts).max(1);
         let mut work: Vec<(&mut [State], &[u32])> =
@@ -253,26 +266,14 @@ impl PairTest for Hulls<'_> {
             for (states, order) in work {
                 for (at, (state, index)) in states.iter_mut().zip(*order).enumerate() {
                     if let Some(ahead) = order.get(at + AHEAD) {
-                        self.ask_for(*ahead);
+                        ask_for(&self.states, *ahead);
                     }
-                    *state = self.state(*index);
+                    *state = self.states[*index as usize];
                 }
             }
         };
         in_parts(work.as_mut_slice(), parts, &run, &|(), ()| ());
-        // Only one engine runs at a time, and says its order once.
-        let _ = self.states.set(states);
-    }
-}
-
-/// Boxes from one whose state is computed to one whose memory is asked for meanwhile.
-const AHEAD: usize = 12;
-
-impl Hulls<'_> {
-    #[inline]
-    fn ask_for(&self, culled: u32) {
-        if let Some(rank) = self.rank.get(culled as usize) {
-            self.store.ask_for(culled, *rank);
-        }
+        // One engine runs, and says its order once.
+        let _ = self.ordered.set(states);
     }
 }

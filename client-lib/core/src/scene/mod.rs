@@ -51,6 +51,7 @@ use self::pair_list::{Difference, Pair};
 use self::store::Store;
 use self::whole::Whole;
 use crate::aabb::Aabb;
+use crate::dispatch::CpuEngines;
 use crate::engine::CullError;
 use crate::floats;
 
@@ -71,6 +72,20 @@ pub struct SceneOptions {
     pub most_boxes: u32,
     /// Threads of the caller's rayon pool; `None` is all of them. With one, no pool is touched.
     pub threads: Option<usize>,
+}
+
+impl SceneOptions {
+    /// The same with other [`most_boxes`](Self::most_boxes).
+    #[must_use]
+    pub const fn with_most_boxes(self, most_boxes: u32) -> Self {
+        Self { most_boxes, ..self }
+    }
+
+    /// The same with so many [`threads`](Self::threads).
+    #[must_use]
+    pub const fn with_threads(self, threads: usize) -> Self {
+        Self { threads: Some(threads), ..self }
+    }
 }
 
 impl Default for SceneOptions {
@@ -142,6 +157,11 @@ impl std::fmt::Debug for Scene {
 impl Scene {
     /// A scene without boxes.
     pub fn new(options: SceneOptions) -> Self {
+        Self::with_engines(options, CpuEngines::new())
+    }
+
+    /// A scene without boxes that is searched as a whole by given engines.
+    pub fn with_engines(options: SceneOptions, engines: CpuEngines) -> Self {
         let most_boxes = options.most_boxes.min(MOST_BOXES);
         Self {
             options: SceneOptions { most_boxes, ..options },
@@ -153,7 +173,7 @@ impl Scene {
             count_then: 0,
             told: Told::default(),
             is_open: false,
-            whole: Whole::default(),
+            whole: Whole::new(engines),
             spare: Vec::new(),
             tested: 0,
         }
@@ -312,9 +332,9 @@ impl Scene {
                     }
                 }
                 Known::Many => {
-                    let mut found = Difference::default();
                     let threads = self.threads();
-                    self.tested += self.whole.changes(&self.store, threads, &mut found)?;
+                    let (found, compared) = self.whole.changes(&self.store, threads)?;
+                    self.tested += compared;
                     self.tell(found, true)?;
                 }
             },

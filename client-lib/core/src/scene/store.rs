@@ -4,7 +4,6 @@ use std::collections::HashMap;
 
 use super::edit::{Edit, Flag};
 use super::error::EditError;
-use super::fetch::ask_for;
 use crate::aabb::Aabb;
 
 /// The index has a box.
@@ -143,13 +142,6 @@ impl Store {
     #[inline]
     pub fn has_changed(&self, index: u32) -> bool {
         self.flags[index as usize] & CHANGED != 0
-    }
-
-    /// Asks for the memory of an index, the `rank`th that has changed if it has.
-    #[inline]
-    pub fn ask_for(&self, index: u32, rank: u32) {
-        ask_for(&self.boxes, index);
-        ask_for(&self.before, rank);
     }
 
     /// Indices that the last edit removed.

@@ -21,19 +21,18 @@ pub(super) struct Whole {
     last_pairs: Option<u64>,
 }
 
-impl Default for Whole {
-    fn default() -> Self {
+impl Whole {
+    /// Whole scenes by some engines.
+    pub fn new(engines: CpuEngines) -> Self {
         Self {
-            engines: CpuEngines::new(),
+            engines,
             reply: HeapReply::with_limit_bytes(LIST_BYTES),
             sorter: Sorter::default(),
             hulls: HullMemory::default(),
             last_pairs: None,
         }
     }
-}
 
-impl Whole {
     /// Writes those pairs of `boxes` that are wanted, sorted. Returns how many pairs were compared.
     ///
     /// # Errors
@@ -58,7 +57,7 @@ impl Whole {
         Ok(n.pair_count().saturating_sub(answer.report.skipped.pairs))
     }
 
-    /// What began and ended since the history of a scene began, in no order. Returns how many pairs were
+    /// What began and ended since the history of a scene began, sorted, and how many pairs were
     /// compared.
     ///
     /// # Errors
@@ -67,35 +66,36 @@ impl Whole {
         &mut self,
         store: &Store,
         threads: usize,
-        found: &mut Difference,
-    ) -> Result<u64, CullError> {
+    ) -> Result<(Difference, u64), CullError> {
         let hulls = Hulls::of(store, &mut self.hulls, threads);
-        let compared = self.changes_of(&hulls, threads, found);
+        let culled = self.changes_of(&hulls, threads);
         let may_cancel = hulls.may_cancel();
         self.hulls = hulls.into_memory();
+        let (mut found, compared) = culled?;
         let box_count = store.boxes().len();
         self.sort(&mut found.begun, box_count, threads);
         self.sort(&mut found.ended, box_count, threads);
         if may_cancel {
             found.cancel(|[a, b]| store.was_removed(a) || store.was_removed(b));
         }
-        compared
+        Ok((found, compared))
     }
 
     fn changes_of(
         &mut self,
         hulls: &Hulls<'_>,
         threads: usize,
-        found: &mut Difference,
-    ) -> Result<u64, CullError> {
+    ) -> Result<(Difference, u64), CullError> {
         let boxes = hulls.boxes();
-        let Some(n) = BoxCount::of_len(boxes.len()).filter(|n| !n.is_empty()) else { return Ok(0) };
+        let Some(n) = BoxCount::of_len(boxes.len()).filter(|n| !n.is_empty()) else {
+            return Ok((Difference::default(), 0));
+        };
         let options = self.options(threads, None);
         let plan = self.engines.plan(boxes, &options, None);
         let input = plan.input(boxes).rules(PairRules::tested_by(hulls));
         let report = self.engines.run(plan.engine, &input, &mut self.reply)?;
-        hulls.sort_out(list_of(n, &report, self.reply.words())?, found);
-        Ok(n.pair_count().saturating_sub(report.skipped.pairs))
+        let found = hulls.named(list_of(n, &report, self.reply.words())?);
+        Ok((found, n.pair_count().saturating_sub(report.skipped.pairs)))
     }
 
     fn options(&self, threads: usize, last_pairs: Option<u64>) -> CullOptions {

@@ -8,6 +8,7 @@
 
 mod axis;
 mod entry;
+mod lanes;
 mod layout;
 
 pub(super) use self::entry::{Entry, Question};
@@ -347,7 +348,7 @@ impl Cells {
             for ((place, question), end) in places.iter().zip(&mut questions).zip(&mut ends) {
                 if let Some(this) = self.entries.get(*place as usize) {
                     let key = this.key();
-                    *question = Question::new(&key, this.is_static());
+                    *question = Question::of(this);
                     self.cells_around(&key, |cells| {
                         ask_for(&self.starts, cells[0]);
                         runs.push(cells);
