@@ -59,6 +59,11 @@ impl Changed {
         &self.boxes
     }
 
+    /// Those that were noted last, `count` of them.
+    pub fn last(&self, count: usize) -> &[u32] {
+        &self.boxes[self.boxes.len() - count..]
+    }
+
     /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         let words = self.boxes.capacity() + self.partners.capacity() + self.rank.capacity();

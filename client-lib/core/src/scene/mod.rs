@@ -310,7 +310,10 @@ impl Scene {
             let tested = self.changed.note(fresh, cells, store.boxes().len(), threads);
             cells.note_searches(fresh.len() as u64, tested);
             self.tested += tested;
-            cells.update(store, [store.gone(), store.named()], threads);
+            // In the order of the search, where that is all there is to move.
+            let is_all = fresh.len() == store.named().len() && store.gone().is_empty();
+            let named = if is_all { self.changed.last(fresh.len()) } else { store.named() };
+            cells.update(store, [store.gone(), named], threads);
         }
     }
 

@@ -7,8 +7,8 @@ use crate::aabb::Aabb;
 use crate::engine::grid::{CELL_LIMIT, Density, Sample, SizeClass, size_classes};
 use crate::floats;
 
-/// Time to begin a line of cells: a miss of the caches, in tests of an entry.
-const LINE_COST: f32 = 14.0;
+/// Time to begin a line of cells, in tests of an entry: its misses of the caches overlap with others'.
+const LINE_COST: f32 = 8.0;
 /// Largest shift of fine cells to cells.
 const SHIFT_MOST: u32 = 8;
 /// Most cells of a level, for each box of it: 4 bytes a cell.

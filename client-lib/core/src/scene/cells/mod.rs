@@ -393,6 +393,18 @@ impl Cells {
                 run([level.first_cell, level.first_cell + level.cell_count()]);
                 continue;
             }
+            if xs[1].is_empty() && ys[1].is_empty() && zs[1].is_empty() {
+                let [[x, _], [y, _], [z, _]] = [xs, ys, zs];
+                let (width, cells) = (level.axes[0].count, x.end - x.start);
+                for z in z {
+                    let first = level.cell_at(x.start, y.start, z);
+                    for line in 0..y.end - y.start {
+                        let cell = first + line * width;
+                        run([cell, cell + cells]);
+                    }
+                }
+                continue;
+            }
             for z in zs.into_iter().flatten() {
                 for y in ys.iter().cloned().flatten() {
                     for x in &xs {
