@@ -344,7 +344,9 @@ impl OwnedEdit {
             named.insert(*index);
         }
         changed.extend(&named);
-        changed.iter().for_each(|index| model.renew(*index));
+        for index in &changed {
+            model.renew(*index);
+        }
         named
     }
 
@@ -526,9 +528,10 @@ fn grow_and_shrink(seeds: u64, sizes: &[usize]) {
                             // Few odd ones: each plane without end is a pair with all others.
                             let world = (4.0 * target as f32).cbrt();
                             let plain = [(); 3].map(|()| random.range(0.0, world));
-                            boxes.push(match random.one_in(1_000) {
-                                true => some_box(random, world),
-                                false => Aabb::from_center_half(plain, [0.5; 3]),
+                            boxes.push(if random.one_in(1_000) {
+                                some_box(random, world)
+                            } else {
+                                Aabb::from_center_half(plain, [0.5; 3])
                             });
                         } else if moves {
                             boxes[index] = jittered(&boxes[index], random, 0.4);

@@ -14,7 +14,7 @@ use super::builder::Settings;
 /// it lives on without the session.
 #[derive(Debug)]
 pub struct Scene {
-    scene: scene::Scene,
+    kept: scene::Scene,
     /// What an edit sets one by one; kept, so that steady edits allocate nothing.
     indices: Vec<u32>,
     boxes: Vec<Aabb>,
@@ -28,7 +28,7 @@ impl Scene {
         let options = threads.map_or(options, |threads| options.with_threads(threads));
         let engines = CpuEngines::on(settings.isa, calibration);
         Self {
-            scene: scene::Scene::with_engines(options, engines),
+            kept: scene::Scene::with_engines(options, engines),
             indices: Vec::new(),
             boxes: Vec::new(),
             removed: Vec::new(),
@@ -45,27 +45,27 @@ impl Scene {
 
     /// Forgets what was told: the next changes are a [resync](Told::is_resync).
     pub fn lose(&mut self) {
-        self.scene.lose();
+        self.kept.lose();
     }
 
     /// Boxes, those that are switched off too.
     pub const fn len(&self) -> usize {
-        self.scene.len()
+        self.kept.len()
     }
 
     /// Whether there are none.
     pub const fn is_empty(&self) -> bool {
-        self.scene.is_empty()
+        self.kept.is_empty()
     }
 
     /// The box of an index, also one that is switched off.
     pub fn get(&self, index: u32) -> Option<Aabb> {
-        self.scene.get(index)
+        self.kept.get(index)
     }
 
     /// Bytes that the scene keeps.
     pub fn allocated_bytes(&self) -> usize {
-        self.scene.allocated_bytes()
+        self.kept.allocated_bytes()
     }
 }
 
@@ -134,7 +134,7 @@ impl<'s, 'a> SceneEdit<'s, 'a> {
     /// # Errors
     /// [`SceneError`]. After [`SceneError::Edit`] the scene is what it was.
     pub fn commit(self, want: Want) -> Result<SceneAnswer<'s>, SceneError> {
-        let Self { scene: Scene { scene, indices, boxes, removed }, steps } = self;
+        let Self { scene: Scene { kept: scene, indices, boxes, removed }, steps } = self;
         let mut steps = steps;
         if !removed.is_empty() {
             steps.push(Step::Remove(Indices::List(removed)));

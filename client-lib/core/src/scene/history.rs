@@ -8,7 +8,7 @@
 //! A pair of two changed boxes belongs to the one that changed first. When it changed, the other had
 //! not, so what the cells said of the pair was what had been told.
 
-use super::cells::Cells;
+use super::cells::{Cells, SearchMemory};
 use super::pair_list::{Difference, pair};
 use super::store::Store;
 use crate::engine::strips::{in_parts, part_count};
@@ -45,7 +45,7 @@ struct Search {
     lens: Vec<u32>,
     partners: Vec<u32>,
     found: Difference,
-    runs: Vec<[u32; 2]>,
+    memory: SearchMemory,
 }
 
 impl Changed {
@@ -140,7 +140,9 @@ impl Changed {
         let mut tasks = self.share_out(0..self.boxes.len(), threads);
         let this = &*self;
         let run = |tasks: &mut [Search]| {
-            tasks.iter_mut().for_each(|task| task.differences(this, cells, store));
+            for task in tasks {
+                task.differences(this, cells, store);
+            }
         };
         let parts = tasks.len();
         in_parts(tasks.as_mut_slice(), parts, &run, &|(), ()| ());
@@ -189,7 +191,7 @@ impl Search {
         self.lens.clear();
         self.lens.resize(ranks.len(), 0);
         let (partners, lens) = (&mut self.partners, &mut self.lens);
-        self.tested = cells.around_each(&changed.boxes[ranks], &mut self.runs, |at, other| {
+        self.tested = cells.around_each(&changed.boxes[ranks], &mut self.memory, |at, other| {
             if !changed.is_others((first + at) as u32, other) {
                 partners.push(other);
                 lens[at] += 1;
@@ -234,7 +236,9 @@ fn by_place(boxes: &mut [u32], cells: &Cells) {
     for shift in (0..u32::BITS - most.leading_zeros()).step_by(DIGIT as usize) {
         let digit = |place: u32| (place >> shift & ((1 << DIGIT) - 1)) as usize;
         let mut starts = [0u32; 1 << DIGIT];
-        places.iter().for_each(|[place, _]| starts[digit(*place)] += 1);
+        for [place, _] in &places {
+            starts[digit(*place)] += 1;
+        }
         let mut next = 0;
         for start in &mut starts {
             next += std::mem::replace(start, next);

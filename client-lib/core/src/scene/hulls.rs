@@ -100,7 +100,9 @@ impl<'a> Hulls<'a> {
             .collect();
         let run = |work: &mut [Part<'_>]| {
             let mut left = Vec::new();
-            work.iter_mut().for_each(|part| part.run(store, &rank, &mut left));
+            for part in work {
+                part.run(store, &rank, &mut left);
+            }
             left
         };
         let left = in_parts(work.as_mut_slice(), parts, &run, &|mut low: Vec<Left>, high| {
@@ -139,7 +141,9 @@ impl<'a> Hulls<'a> {
             return Difference { begun: begun.to_vec(), ended };
         }
         let named = |[a, b]: &Pair| pair(self.index(*a), self.index(*b));
-        ended.iter_mut().for_each(|pair| *pair = named(pair));
+        for pair in &mut ended {
+            *pair = named(pair);
+        }
         Difference { begun: begun.iter().map(named).collect(), ended }
     }
 

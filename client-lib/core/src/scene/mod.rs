@@ -45,7 +45,7 @@ pub use self::error::{EditError, SceneError};
 
 use std::sync::Arc;
 
-use self::cells::Cells;
+use self::cells::{Cells, SearchMemory};
 use self::history::Changed;
 use self::pair_list::{Difference, Pair};
 use self::store::Store;
@@ -150,7 +150,10 @@ pub struct Scene {
 impl std::fmt::Debug for Scene {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let known = &self.known;
-        f.debug_struct("Scene").field("boxes", &self.len()).field("known", known).finish()
+        f.debug_struct("Scene")
+            .field("boxes", &self.len())
+            .field("known", known)
+            .finish_non_exhaustive()
     }
 }
 
@@ -404,12 +407,13 @@ impl Scene {
             let store = &self.store;
             let mut tested = 0;
             floats::with_default(|| {
-                tested = cells.around_each(store.named(), &mut Vec::new(), |at, other| {
-                    let index = store.named()[at];
-                    if !(store.is_named(other) && other < index) {
-                        pairs.push(pair_list::pair(index, other));
-                    }
-                });
+                tested =
+                    cells.around_each(store.named(), &mut SearchMemory::default(), |at, other| {
+                        let index = store.named()[at];
+                        if !(store.is_named(other) && other < index) {
+                            pairs.push(pair_list::pair(index, other));
+                        }
+                    });
             });
             cells.note_searches(store.named().len() as u64, tested);
             self.tested += tested;

@@ -97,7 +97,9 @@ impl Sorter {
             .map(|(pairs, dealt)| Deal { pairs, dealt, ends: vec![0; buckets] })
             .collect();
         let deal = |deals: &mut [Deal<'_>]| {
-            deals.iter_mut().for_each(|deal| deal.run(shift, wanted));
+            for deal in deals {
+                deal.run(shift, wanted);
+            }
         };
         in_parts(deals.as_mut_slice(), parts, &deal, &|(), ()| ());
 

@@ -46,7 +46,7 @@ impl Whole {
     ) -> Result<u64, CullError> {
         sorted.clear();
         let Some(n) = BoxCount::of_len(boxes.len()).filter(|n| !n.is_empty()) else { return Ok(0) };
-        let options = self.options(threads, self.last_pairs);
+        let options = options(threads, self.last_pairs);
         let answer = self.engines.cull(boxes, &options, &mut self.reply)?;
         self.last_pairs = Some(answer.report.pair_count);
         let list = list_of(n, &answer.report, self.reply.words())?;
@@ -90,21 +90,12 @@ impl Whole {
         let Some(n) = BoxCount::of_len(boxes.len()).filter(|n| !n.is_empty()) else {
             return Ok((Difference::default(), 0));
         };
-        let options = self.options(threads, None);
+        let options = options(threads, None);
         let plan = self.engines.plan(boxes, &options, None);
         let input = plan.input(boxes).rules(PairRules::tested_by(hulls));
         let report = self.engines.run(plan.engine, &input, &mut self.reply)?;
         let found = hulls.named(list_of(n, &report, self.reply.words())?);
         Ok((found, n.pair_count().saturating_sub(report.skipped.pairs)))
-    }
-
-    fn options(&self, threads: usize, last_pairs: Option<u64>) -> CullOptions {
-        CullOptions {
-            encoding: EncodingChoice::Only(Encoding::List),
-            threads: Some(threads),
-            last_pairs,
-            ..CullOptions::default()
-        }
     }
 
     /// Sorts pairs of `n` boxes, none of them twice.
@@ -129,18 +120,26 @@ impl Whole {
     }
 }
 
+/// What an engine is asked for.
+fn options(threads: usize, last_pairs: Option<u64>) -> CullOptions {
+    CullOptions {
+        encoding: EncodingChoice::Only(Encoding::List),
+        threads: Some(threads),
+        last_pairs,
+        ..CullOptions::default()
+    }
+}
+
 /// The list that an engine has written.
 fn list_of<'a>(
     n: BoxCount,
     report: &CullReport,
     reply: &'a [u32],
 ) -> Result<&'a [Pair], CullError> {
-    match MaskView::new(n, &report.shape, reply) {
-        Ok(MaskView::List(list)) => Ok(list.as_pairs()),
-        // Engines write what they are asked for.
-        _ => {
-            let (engine, why) = (EngineName::CpuGrid, "it wrote no list");
-            Err(CullError::Unavailable { engine, why })
-        }
+    if let Ok(MaskView::List(list)) = MaskView::new(n, &report.shape, reply) {
+        return Ok(list.as_pairs());
     }
+    // Engines write what they are asked for.
+    let (engine, why) = (EngineName::CpuGrid, "it wrote no list");
+    Err(CullError::Unavailable { engine, why })
 }

@@ -17,7 +17,6 @@ use super::fetch::ask_for;
 use super::store::Store;
 use crate::aabb::{Aabb, KeyBox, order_key};
 use crate::engine::strips::{in_parts, part_count};
-use crate::floats;
 
 /// No place.
 const NOWHERE: u32 = u32::MAX;
@@ -27,6 +26,10 @@ const BORROW_REACH: u32 = 64;
 const BOXES_A_SPARE: u32 = 6;
 /// Boxes whose homes are found by one task, at least.
 const TASK_BOXES: usize = 4_096;
+/// Boxes whose moves are found before any is made: 512 KiB.
+const STRETCH: usize = 8_192;
+/// Moves found by one task, at least: some 30 µs.
+const TASK_MOVES: usize = 512;
 /// Searches made at a time. With 4 lines of cells each, some 100 lines of memory are under way, several
 /// times what a core can have, and few enough that none is lost again.
 const BATCH: usize = 16;
@@ -52,10 +55,34 @@ pub(super) struct Cells {
     /// Place of each box by index, [`NOWHERE`] for one that overlaps nothing.
     places: Vec<u32>,
     /// Moves since the layout was chosen.
-    moves: u64,
+    move_count: u64,
     /// Tests of searches since then, and searches.
     tests: u64,
     searches: u64,
+    /// Memory of the moves under way.
+    moves: Vec<Move>,
+}
+
+/// Memory of searches, kept from one to the next.
+#[derive(Debug, Default)]
+pub(super) struct SearchMemory {
+    /// Runs of cells, then of places.
+    runs: Vec<[u32; 2]>,
+    /// Indices found by one search.
+    hit: Vec<u32>,
+}
+
+/// Where a box goes.
+#[derive(Clone, Copy, Debug)]
+struct Move {
+    /// [`Entry::FREE`] for a box that overlaps nothing now.
+    entry: Entry,
+    home: Home,
+    index: u32,
+}
+
+impl Move {
+    const NONE: Self = Self { entry: Entry::FREE, home: Home { cell: 0, level: 0 }, index: 0 };
 }
 
 /// A cell and its level.
@@ -129,7 +156,7 @@ impl Cells {
                 *next += 1;
             }
         }
-        (self.moves, self.tests, self.searches) = (0, 0, 0);
+        (self.move_count, self.tests, self.searches) = (0, 0, 0);
     }
 
     fn homes_of(&self, boxes: &[Aabb], threads: usize) -> Vec<Home> {
@@ -168,72 +195,87 @@ impl Cells {
     /// Moves boxes to where they are now.
     pub fn update(&mut self, store: &Store, changed: [&[u32]; 2], threads: usize) {
         self.places.resize(store.boxes().len().max(self.places.len()), NOWHERE);
-        self.moves += changed.map(|indices| indices.len() as u64).iter().sum::<u64>();
-        let have_room = floats::with_default(|| {
-            changed
-                .iter()
-                .flat_map(|indices| indices.chunks(BATCH))
-                .all(|some| self.move_boxes(store, some))
-        });
+        let mut moves = std::mem::take(&mut self.moves);
+        let mut have_room = true;
+        for some in changed.iter().flat_map(|indices| indices.chunks(STRETCH)) {
+            self.move_count += some.len() as u64;
+            if have_room {
+                self.find_moves(store, some, &mut moves, threads);
+                have_room = moves.chunks(BATCH).all(|batch| self.move_boxes(batch));
+            }
+        }
+        self.moves = moves;
         if !have_room || self.is_stale(store) {
             self.build(store.boxes(), |index| store.is_static(index), threads);
         }
+    }
+
+    /// Where boxes are now.
+    fn find_moves(&self, store: &Store, indices: &[u32], moves: &mut Vec<Move>, threads: usize) {
+        moves.resize(indices.len(), Move::NONE);
+        let parts = part_count(indices.len(), TASK_MOVES, threads);
+        let step = indices.len().div_ceil(parts).max(1);
+        let mut work: Vec<(&mut [Move], &[u32])> =
+            moves.chunks_mut(step).zip(indices.chunks(step)).collect();
+        let run = |work: &mut [(&mut [Move], &[u32])]| {
+            for (moves, indices) in work {
+                for (at, (slot, index)) in moves.iter_mut().zip(*indices).enumerate() {
+                    if let Some(ahead) = indices.get(at + BATCH) {
+                        ask_for(store.boxes(), *ahead);
+                    }
+                    let b = &store.boxes()[*index as usize];
+                    let entry = Entry::of(b, store.is_static(*index), *index);
+                    let nowhere = Home { cell: 0, level: 0 };
+                    let home = if entry.is_free() { nowhere } else { self.home(&entry.key()) };
+                    *slot = Move { entry, home, index: *index };
+                }
+            }
+        };
+        in_parts(work.as_mut_slice(), parts, &run, &|(), ()| ());
     }
 
     /// Whether the layout is to be chosen again.
     fn is_stale(&self, store: &Store) -> bool {
         let boxes = store.present() as u64 + TASK_BOXES as u64;
         let unfair = self.tests.saturating_sub(self.searches * FAIR_TESTS);
-        self.moves > MOVES_A_BOX * boxes || unfair > UNFAIR_TESTS_A_BOX * boxes
+        self.move_count > MOVES_A_BOX * boxes || unfair > UNFAIR_TESTS_A_BOX * boxes
     }
 
     /// Moves up to [`BATCH`] boxes. False when a box found no place.
-    fn move_boxes(&mut self, store: &Store, indices: &[u32]) -> bool {
-        let mut news = [(KeyBox::NOTHING, Home { cell: 0, level: 0 }); BATCH];
-        for index in indices {
-            ask_for(&self.places, *index);
-            ask_for(store.boxes(), *index);
+    fn move_boxes(&mut self, moves: &[Move]) -> bool {
+        for this in moves {
+            ask_for(&self.places, this.index);
+            ask_for(&self.starts, this.home.cell);
         }
-        for (index, (key, home)) in indices.iter().zip(&mut news) {
-            ask_for(&self.entries, self.places[*index as usize]);
-            *key = KeyBox::from(&store.boxes()[*index as usize]);
-            if *key != KeyBox::NOTHING {
-                *home = self.home(key);
-                ask_for(&self.starts, home.cell);
-            }
+        for this in moves {
+            ask_for(&self.entries, self.places[this.index as usize]);
+            ask_for(&self.entries, self.starts[this.home.cell as usize]);
         }
-        for (_, home) in &news[..indices.len()] {
-            ask_for(&self.entries, self.starts[home.cell as usize]);
-        }
-        indices
-            .iter()
-            .zip(&news)
-            .all(|(index, (key, home))| self.move_box(*index, key, *home, store.is_static(*index)))
+        moves.iter().all(|this| self.move_box(this))
     }
 
     /// Moves one box. False when no free place is near its cell; the box has none then.
-    fn move_box(&mut self, index: u32, key: &KeyBox, home: Home, is_static: bool) -> bool {
-        let place = self.places[index as usize];
-        if *key == KeyBox::NOTHING {
+    fn move_box(&mut self, Move { entry, home, index }: &Move) -> bool {
+        let place = self.places[*index as usize];
+        if entry.is_free() {
             if place != NOWHERE {
-                self.free(index, place);
+                self.free(*index, place);
             }
             return true;
         }
         let (start, end) = (self.starts[home.cell as usize], self.starts[home.cell as usize + 1]);
-        let entry = Entry::new(key, is_static, index);
         if (start..end).contains(&place) {
-            self.entries[place as usize] = entry;
+            self.entries[place as usize] = *entry;
             return true;
         }
         if place != NOWHERE {
-            self.free(index, place);
+            self.free(*index, place);
         }
         let here = &self.entries[start as usize..end as usize];
         let free = here.iter().position(Entry::is_free).map(|at| start + at as u32);
         let Some(free) = free.or_else(|| self.borrow(home.cell)) else { return false };
-        self.entries[free as usize] = entry;
-        self.places[index as usize] = free;
+        self.entries[free as usize] = *entry;
+        self.places[*index as usize] = free;
         self.occupied[home.level as usize] += 1;
         true
     }
@@ -331,12 +373,14 @@ impl Cells {
     pub fn around_each(
         &self,
         indices: &[u32],
-        runs: &mut Vec<[u32; 2]>,
+        SearchMemory { runs, hit }: &mut SearchMemory,
         mut found: impl FnMut(usize, u32),
     ) -> u64 {
         let mut tested = 0;
         for (batch, some) in indices.chunks(BATCH).enumerate() {
-            some.iter().for_each(|index| ask_for(&self.places, *index));
+            for index in some {
+                ask_for(&self.places, *index);
+            }
             let mut places = [NOWHERE; BATCH];
             for (place, index) in places.iter_mut().zip(some) {
                 *place = self.place(*index);
@@ -363,13 +407,21 @@ impl Cells {
             }
             let mut start = 0;
             for (at, index) in some.iter().enumerate() {
+                let mut hits = 0;
                 for [first, end] in &runs[start..ends[at]] {
-                    tested += u64::from(end - first);
-                    for entry in &self.entries[*first as usize..*end as usize] {
-                        if questions[at].admits(entry) && entry.index() != *index {
-                            found(batch * BATCH + at, entry.index());
-                        }
+                    let run = &self.entries[*first as usize..*end as usize];
+                    tested += run.len() as u64;
+                    if hit.len() < hits + run.len() {
+                        hit.resize(2 * (hits + run.len()), 0);
                     }
+                    // Without a branch on what hits: it would be mispredicted each time.
+                    for entry in run {
+                        hit[hits] = entry.index();
+                        hits += usize::from(questions[at].admits(entry));
+                    }
+                }
+                for other in hit[..hits].iter().filter(|other| *other != index) {
+                    found(batch * BATCH + at, *other);
                 }
                 start = ends[at];
             }
