@@ -64,7 +64,7 @@ impl OwnRequest {
         let mut sent =
             SentRequest { early: None, pending, is_answered: false, first, pages: self.pages };
         // Empties the channel: see `SentRequest`. A transport that fails now will fail later.
-        sent.early = sent.receive().unwrap_or_default();
+        sent.early = sent.receive().unwrap_or_default().map(Box::new);
         Ok(sent)
     }
 }
@@ -76,8 +76,8 @@ impl OwnRequest {
 /// dropped takes its response with it, and one that is sent takes away what came at the moment when its
 /// predecessor was dropped.
 pub struct SentRequest {
-    /// The response, where it was there with the first look.
-    early: Option<ResponseSample>,
+    /// The response, where it was there with the first look, which is rare.
+    early: Option<Box<ResponseSample>>,
     pending: PendingResponse,
     /// Whether the response was received: there is one for a request.
     is_answered: bool,
@@ -104,7 +104,7 @@ impl SentRequest {
     /// [`TransportError`].
     pub fn receive(&mut self) -> Result<Option<ResponseSample>, TransportError> {
         if let Some(early) = self.early.take() {
-            return Ok(Some(early));
+            return Ok(Some(*early));
         }
         let received =
             self.pending.receive().map_err(|e| TransportError::new("receiving a response", &e))?;
