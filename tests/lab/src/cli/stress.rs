@@ -78,7 +78,7 @@ pub struct Stress {
     /// Client processes of a daemon, which send the scenes as frames
     #[arg(long, value_parser = whole_number::<NonZeroU16>, value_name = "N")]
     clients: Option<NonZeroU16>,
-    /// Kill a client now and then, and start it again
+    /// Kill a client now and then, and start it again; close sessions with frames under way
     #[arg(long, requires = "clients")]
     kills: bool,
     #[command(flatten)]

@@ -37,6 +37,9 @@ pub struct StressClient {
     /// The daemon has a GPU.
     #[arg(long)]
     with_gpu: bool,
+    /// Sessions are closed with frames under way.
+    #[arg(long)]
+    abrupt: bool,
 }
 
 /// The command of a client with these settings.
@@ -47,7 +50,7 @@ pub fn client_command(
     isa: AvailableIsa,
     settings: &ClientSettings,
 ) -> Command {
-    let ClientSettings { seed, case, entrants, modes, threads, with_gpu } = settings;
+    let ClientSettings { seed, case, entrants, modes, threads, with_gpu, abrupt } = settings;
     let mut command = Command::new(binary);
     command
         .arg("stress-client")
@@ -68,6 +71,9 @@ pub fn client_command(
     }
     if *with_gpu {
         command.arg("--with-gpu");
+    }
+    if *abrupt {
+        command.arg("--abrupt");
     }
     command
 }
@@ -92,6 +98,7 @@ impl StressClient {
             modes: self.mode.clone(),
             threads: self.threads.get(),
             with_gpu: self.with_gpu,
+            abrupt: self.abrupt,
         };
         let daemon = Session::builder()
             .runtime_dir(place.runtime_dir(&config))

@@ -51,6 +51,8 @@ pub struct ClientSettings {
     pub threads: usize,
     /// Whether the daemon has a GPU.
     pub with_gpu: bool,
+    /// Whether it closes sessions whatever they have under way, as a client that is killed does.
+    pub abrupt: bool,
 }
 
 impl ClientSettings {
@@ -149,6 +151,7 @@ struct Client<'a> {
     stock: Vec<Rc<Scene>>,
     sessions: Vec<Open>,
     failures: u32,
+    abrupt: bool,
     teller: Teller<'a>,
 }
 
@@ -159,7 +162,7 @@ impl<'a> Client<'a> {
         is_over: &'a AtomicBool,
         teller: Teller<'a>,
     ) -> Self {
-        let ClientSettings { seed, case, entrants, modes, threads, with_gpu } = settings;
+        let ClientSettings { seed, case, entrants, modes, threads, with_gpu, abrupt } = settings;
         let mut random = Random::new(*seed);
         let kept = case.iter().flat_map(|seed| {
             [false, true].map(|is_large| Scene::new(CaseId { seed: *seed, is_large }))
@@ -174,6 +177,7 @@ impl<'a> Client<'a> {
             stock: Vec::new(),
             sessions: Vec::new(),
             failures: 0,
+            abrupt: *abrupt,
             teller,
         }
     }
@@ -208,6 +212,9 @@ impl<'a> Client<'a> {
                     self.stock[place] = self.next_scene();
                 }
                 Step::Reconnect { session } => {
+                    if !self.abrupt {
+                        self.read_all(session)?;
+                    }
                     self.teller.counts.unread += self.sessions[session].frames.len() as u64;
                     // Closed first: a client has no more sessions at a time than it may.
                     drop(self.sessions.swap_remove(session));
@@ -218,9 +225,20 @@ impl<'a> Client<'a> {
             self.teller.tell_now_and_then()?;
         }
         for session in 0..self.sessions.len() {
-            while !self.sessions[session].frames.is_empty() && self.failures < MOST_FAILURES {
-                self.read(session, 0)?;
-            }
+            self.read_all(session)?;
+        }
+        Ok(())
+    }
+
+    /// Reads all that a session has under way, and the answer to one frame more: then the daemon has
+    /// received what was dropped before, too.
+    fn read_all(&mut self, session: usize) -> io::Result<()> {
+        while !self.sessions[session].frames.is_empty() && self.failures < MOST_FAILURES {
+            self.read(session, 0)?;
+        }
+        if self.failures < MOST_FAILURES {
+            self.send(session)?;
+            self.read(session, 0)?;
         }
         Ok(())
     }

@@ -3,8 +3,11 @@
 //! Each client is a process, because the daemon shares its time by process. From its seed it opens
 //! sessions that ask for any engine, encoding and number of threads, sends scenes in any form (boxes,
 //! spheres, precision modes), some thousands of boxes large, and compares the answers with the oracle. It
-//! has several frames under way, reads them in any order, drops some unread, pauses, closes sessions
-//! with frames under way. On request clients are killed and started again.
+//! has several frames under way, reads them in any order, drops some unread, pauses, closes sessions and
+//! opens others. On request clients are killed and started again, and close sessions with frames under
+//! way. The transport loses a place of 128 with each port that goes while the daemon has not received
+//! its requests, and its server panics when the last one is lost: the daemon's supervisor starts another
+//! worker, and such a run ends as failed.
 //!
 //! A client's seed gives its frames again; the time at which they meet those of others is not given
 //! again. So a failure's replay command sends its case many times, among others.
@@ -76,7 +79,7 @@ pub fn limits(clients: NonZeroU16) -> Limits {
 pub struct ClientsRun {
     /// Client processes at a time.
     pub clients: NonZeroU16,
-    /// Whether they are killed now and then.
+    /// Whether they are killed now and then, and close sessions with frames under way.
     pub with_kills: bool,
     /// Determines the clients' seeds.
     pub seed: u64,
@@ -255,7 +258,7 @@ impl<C: Fn(&ClientSettings) -> Command> Crowd<'_, C> {
     }
 
     fn start(&mut self, client: usize) -> io::Result<()> {
-        let ClientsRun { case, entrants, modes, threads, .. } = self.run;
+        let ClientsRun { case, entrants, modes, threads, with_kills, .. } = self.run;
         let settings = ClientSettings {
             seed: self.random.bits(),
             case: *case,
@@ -263,6 +266,7 @@ impl<C: Fn(&ClientSettings) -> Command> Crowd<'_, C> {
             modes: modes.clone(),
             threads: *threads,
             with_gpu: self.with_gpu,
+            abrupt: *with_kills,
         };
         let life = Life { client, life: self.lives };
         self.lives += 1;

@@ -33,7 +33,7 @@ pub(super) enum Step {
     Pause(Duration),
     /// Another scene takes the place of one.
     ChangeScene,
-    /// A session is closed, whatever it has under way, and another one opened.
+    /// A session is closed, and another one opened.
     Reconnect {
         /// The session.
         session: usize,
