@@ -56,7 +56,7 @@ impl Planned {
     /// wait for too, or cannot serve the frame at all.
     pub fn needs_gpu(&self) -> bool {
         let on_core = self.one_core_ns.filter(|ns| *ns > 0).map(Duration::from_nanos);
-        self.plan.engine.is_gpu() && on_core.is_none_or(|on_core| on_core > SHARED_WITH_CORES)
+        self.plan.engine.is_gpu() && on_core.is_none_or(|on_core| on_core > LEFT_TO_CORES)
     }
 
     /// The answer of `engine`, which need not be the plan's.
@@ -72,9 +72,10 @@ fn engine_ns(plan: &Plan) -> u64 {
     chosen.map_or(0.0, |c| c.predicted_ns - c.visit_ns) as u64
 }
 
-/// Frames that take a core up to so long are shared out among cores and GPU, however many wait. Longer
-/// ones wait for the GPU: a core beside busy clients takes twice what it would alone.
-const SHARED_WITH_CORES: Duration = Duration::from_micros(200);
+/// Beside others, frames that take a core up to so long stay there: cores work side by side, and the GPU
+/// is left to those who need it (4 clients of 10,000 boxes beside 4 of 3,000 on an H200). Longer ones wait
+/// for the GPU: a core beside busy clients takes twice what it would alone.
+const LEFT_TO_CORES: Duration = Duration::from_micros(200);
 
 /// The CPU engines, which take f32 boxes.
 #[derive(Default)]
@@ -232,6 +233,25 @@ impl Executor {
         limit_words: u64,
     ) -> Planned {
         self.plan_within(boxes, &options.within(boxes.len(), limit_words))
+    }
+
+    /// As [`Self::plan`], while other clients are busy: a frame that does not need the GPU gets a core.
+    pub fn plan_beside_others(
+        &mut self,
+        boxes: BoxSlice<'_>,
+        options: &CullOptions,
+        limit_words: u64,
+    ) -> Planned {
+        let planned = self.plan(boxes, options, limit_words);
+        if !planned.plan.engine.is_gpu()
+            || planned.needs_gpu()
+            || options.engine != EngineChoice::Auto
+        {
+            return planned;
+        }
+        let plan_ns = planned.plan_ns;
+        let planned = self.cpu.plan(boxes, &options.within(boxes.len(), limit_words), None);
+        Planned { plan_ns: planned.plan_ns + plan_ns, ..planned }
     }
 
     /// Whether a frame is better left to the GPU ([`Self::begin`]) than waited for

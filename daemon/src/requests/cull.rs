@@ -112,6 +112,8 @@ impl Culls {
         let session = open.sender().session;
         let kept = outbox.clients().take_engines(session);
         let mut engines = kept.unwrap_or_else(|| Box::new(self.new_engines()));
+        // A client that is alone may have all of them.
+        let beside_others = threads < self.pool.threads();
         let threads = request.threads.map_or(threads, |asked| asked.min(threads)).max(1);
         let options = CullOptions {
             engine: request.engine,
@@ -121,7 +123,8 @@ impl Culls {
             last_pairs: outbox.clients().last_pairs(session),
             readable: ReadableEncodings::at_minor(request.client_minor),
         };
-        let cull = || self.cull(open, request, &options, &mut engines, joining, outbox);
+        let way = Way { options, beside_others, joining };
+        let cull = || self.cull(open, request, way, &mut engines, outbox);
         let used = match Place::of(&options) {
             Place::Lane => cull(),
             Place::Pool => self.pool.work(cull),
@@ -134,11 +137,12 @@ impl Culls {
         &self,
         mut open: OpenRequest,
         request: &CullRequest,
-        options: &CullOptions,
+        way: Way<'_>,
         engines: &mut Executor,
-        joining: Option<&mut Vec<Joining<OpenRequest>>>,
         outbox: &Outbox,
     ) -> Served {
+        let Way { options, beside_others, joining } = way;
+        let options = &options;
         if let Err(reject) = open.place_scene(request.scene) {
             outbox.refuse(&mut open, &reject.into());
             open.close();
@@ -154,7 +158,11 @@ impl Culls {
             }
         };
         let owner = Owner::Client(sender.port);
-        let planned = engines.plan(boxes, options, limit_words);
+        let planned = if beside_others {
+            engines.plan_beside_others(boxes, options, limit_words)
+        } else {
+            engines.plan(boxes, options, limit_words)
+        };
         let can_join = engines.can_join(&planned);
         let gpu = match planned.needs_gpu() {
             false => GpuNeed::None,
@@ -272,6 +280,15 @@ impl Culls {
     fn under_way(&self) -> MutexGuard<'_, VecDeque<Submission>> {
         self.under_way.lock().unwrap_or_else(PoisonError::into_inner)
     }
+}
+
+/// How a frame is served.
+struct Way<'a> {
+    options: CullOptions,
+    /// Whether other clients are busy.
+    beside_others: bool,
+    /// Frames that it may join.
+    joining: Option<&'a mut Vec<Joining<OpenRequest>>>,
 }
 
 /// Where a thread is.
