@@ -37,6 +37,11 @@ impl OwnRequest {
 pub struct SentRequest(Never);
 
 impl SentRequest {
+    /// Whether there was room for the request.
+    pub const fn is_delivered(&self) -> bool {
+        match self.0 {}
+    }
+
     /// The pages of the request.
     pub const fn pages(&self) -> &[Page] {
         match self.0 {}

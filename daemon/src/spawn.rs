@@ -17,6 +17,7 @@ use pairmask_wire::InstanceName;
 use rustix::process::{Pid, Signal, getppid, kill_process, set_parent_process_death_signal};
 use tempfile::TempDir;
 
+use crate::audit::AuditRate;
 use crate::execute::gpu::GpuChoice;
 use crate::serve::{DEFAULT_SPIN, ServeError, ServeSettings, supervise};
 
@@ -44,6 +45,8 @@ pub struct PrivateSettings {
     pub calibration: CalibrationChoice,
     /// The instruction set of the CPU's engines.
     pub isa: AvailableIsa,
+    /// The share of the frames that are checked again.
+    pub audit: AuditRate,
 }
 
 impl Default for PrivateSettings {
@@ -54,6 +57,7 @@ impl Default for PrivateSettings {
             gpu: GpuChoice::default(),
             calibration: CalibrationChoice::default(),
             isa: AvailableIsa::best(),
+            audit: AuditRate::Off,
         }
     }
 }
@@ -134,6 +138,7 @@ impl PrivateDaemon {
             .args(["--gpu", &settings.gpu.to_string()])
             .args(["--calibration", &settings.calibration.to_string()])
             .args(["--isa", &settings.isa.to_string()])
+            .args(["--audit", &settings.audit.to_string()])
             .arg("--runtime-dir")
             .arg(dir.path())
             // Messages that it serves or stops say nothing new to its owner.

@@ -100,8 +100,11 @@ pub enum GridStage {
 }
 
 impl GridStage {
+    /// Stages of a frame.
+    pub const COUNT: usize = 6;
+
     /// All of a frame of boxes of one form, in order.
-    pub const fn of_frame(form: BoxForm, found: Found) -> [Self; 6] {
+    pub const fn of_frame(form: BoxForm, found: Found) -> [Self; Self::COUNT] {
         let (pairs, write) = (Self::Pairs(found), Self::Write(found));
         [Self::Cells(form), Self::Scan, Self::Scatter, Self::Place, pairs, write]
     }

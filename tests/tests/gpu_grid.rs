@@ -342,7 +342,7 @@ fn frames_behind_each_other_keep_to_their_own_boxes() {
         let frames = turns.map(|turn| {
             let memory = TestFrame::on_heap(&Precision::Exact, &scenes[turn]);
             let frame = engine.begin(memory, LISTED[turn % 2]);
-            frame.map_err(|(error, _)| error).expect("a free lane")
+            frame.map_err(|(error, _)| error).expect("a free workspace")
         });
         for (frame, turn) in frames.into_iter().zip(turns) {
             let encoding = LISTED[turn % 2];

@@ -109,7 +109,7 @@ fn a_list_is_written_where_its_reply_lies_with_the_bytes_of_a_staged_one() {
 }
 
 #[test]
-fn a_frame_that_is_dropped_waits_and_gives_its_memory_and_its_lane_back() {
+fn a_frame_that_is_dropped_waits_and_gives_its_memory_and_its_workspace_back() {
     let mut rig = Rig::new();
     for _ in 0..3 {
         let (first, watched, one) = rig.begin();
@@ -165,24 +165,172 @@ fn a_frame_of_another_engine_is_given_up() {
 }
 
 #[test]
-fn a_frame_that_is_forgotten_keeps_its_memory_and_its_lane() {
+fn a_frame_that_is_forgotten_keeps_its_memory_and_its_workspace() {
     let mut rig = Rig::new();
     let mut tokens = Vec::new();
-    for lane in 0..2 {
+    for place in 0..2 {
         let (frame, _, token) = rig.begin();
         std::mem::forget(frame);
         tokens.push(token);
-        if lane == 0 {
+        if place == 0 {
             rig.serves();
         }
     }
     assert!(tokens.iter().all(|token| Arc::strong_count(token) == 2));
     let memory: TestFrame<HeapReply> = TestFrame::on_heap(&Precision::Exact, &rig.scene);
     let Err((error, memory)) = rig.grid.begin(memory, Encoding::Sparse) else {
-        panic!("both lanes are taken")
+        panic!("both places are taken")
     };
     assert!(matches!(error, CullError::Unavailable { .. }), "{error}");
     assert!(memory.is_some(), "nothing is under way");
+}
+
+/// Scenes of several clients: alike, small, empty places, and more than a large scene's share.
+fn scenes() -> Vec<(Vec<Aabb>, Encoding)> {
+    [
+        ("uniform", 700),
+        ("clustered", 345),
+        ("uniform", 2),
+        ("ground plane", 1025),
+        ("sizes over 20 octaves", 513),
+    ]
+    .into_iter()
+    .enumerate()
+    .map(|(i, (name, n))| {
+        let encoding = if i % 2 == 0 { Encoding::Sparse } else { Encoding::List };
+        (stress_scenes::named(name).boxes(n, i as u64), encoding)
+    })
+    .collect()
+}
+
+#[test]
+fn frames_of_a_bundle_have_the_bytes_that_they_have_alone() {
+    let mut rig = Rig::new();
+    // Workspaces are used again, by frames of other sizes.
+    for round in 0..4 {
+        let mut scenes = scenes();
+        scenes.rotate_left(round);
+        let frames = scenes
+            .iter()
+            .map(|(boxes, encoding)| (TestFrame::on_heap(&Precision::Exact, boxes), *encoding));
+        let begun = rig.grid.begin_bundle(frames.collect());
+        assert_eq!(begun.len(), scenes.len());
+        let mut ended = Vec::new();
+        for frame in begun {
+            let frame = frame.map_err(|(error, _)| error).unwrap();
+            let (report, memory) = rig.grid.end(frame);
+            ended.push((report.unwrap(), memory.unwrap()));
+        }
+        for ((boxes, encoding), (report, memory)) in scenes.iter().zip(&ended) {
+            let (n, truth, words) =
+                (boxes.len() as u32, oracle::truth(boxes), memory.reply.words());
+            assert_eq!(check_reply(words, report, n, *encoding, &truth), Ok(()));
+            let alone = TestFrame::on_heap(&Precision::Exact, boxes);
+            let alone = rig.grid.begin(alone, *encoding).map_err(|(error, _)| error).unwrap();
+            let (alone_report, alone) = rig.grid.end(alone);
+            assert_eq!(alone_report.unwrap().shape, report.shape);
+            let used = report.shape.extent_words() as usize;
+            assert!(words[..used] == alone.unwrap().reply.words()[..used]);
+        }
+    }
+}
+
+#[test]
+fn a_frame_of_a_bundle_that_is_refused_leaves_the_others_to_go() {
+    let mut rig = Rig::new();
+    let scenes = scenes();
+    let frames = scenes.iter().enumerate().map(|(i, (boxes, encoding))| {
+        let encoding = if i == 1 { Encoding::Dense } else { *encoding };
+        (TestFrame::on_heap(&Precision::Exact, boxes), encoding)
+    });
+    let begun = rig.grid.begin_bundle(frames.collect());
+    for (i, frame) in begun.into_iter().enumerate() {
+        match frame {
+            Ok(frame) => assert!(i != 1 && rig.grid.end(frame).0.is_ok()),
+            Err((error, memory)) => {
+                assert!(matches!(error, CullError::Unavailable { .. }), "{error}");
+                assert!(i == 1 && memory.is_some());
+            }
+        }
+    }
+    rig.serves();
+}
+
+impl Rig {
+    /// Begins frames in one submission, each with the reply of [`Rig::begin`].
+    fn begin_bundle(
+        &mut self,
+        frames: usize,
+    ) -> Vec<(GridUnderWay<TestFrame<SharedReply>>, Watcher, Arc<()>)> {
+        let (mut memories, mut watched) = (Vec::new(), Vec::new());
+        for _ in 0..frames {
+            let (reply, watcher) = SharedReply::new(&self.gpu, &self.imports, PAGES);
+            let boxes = NarrowMemory::write(&Precision::Exact, &self.scene);
+            let token = Arc::default();
+            let memory = TestFrame { boxes, reply, token: Arc::clone(&token) };
+            memories.push((memory, Encoding::Sparse));
+            watched.push((watcher, token));
+        }
+        let begun = self.grid.begin_bundle(memories).into_iter();
+        let begun = begun.map(|frame| frame.map_err(|(error, _)| error).unwrap());
+        begun.zip(watched).map(|(frame, (watcher, token))| (frame, watcher, token)).collect()
+    }
+}
+
+#[test]
+fn frames_of_a_bundle_give_their_memory_back_when_all_of_it_has_ended() {
+    let mut rig = Rig::new();
+    for _ in 0..2 {
+        let mut watchers = Vec::new();
+        for (frame, watcher, token) in rig.begin_bundle(3) {
+            drop(frame);
+            assert_eq!(Arc::strong_count(&token), 1);
+            watchers.push(watcher);
+        }
+        stays_ours(&watchers);
+    }
+    rig.serves();
+}
+
+#[test]
+fn a_device_lost_in_mid_bundle_gives_all_memory_back() {
+    let mut rig = Rig::new();
+    let bundle = rig.begin_bundle(3);
+    rig.gpu.destroy();
+    let mut watchers = Vec::new();
+    for (frame, watcher, token) in bundle {
+        let (report, memory) = rig.grid.end(frame);
+        assert!(matches!(report, Err(CullError::DeviceLost { .. })), "{report:?}");
+        assert!(memory.is_some() && Arc::strong_count(&token) == 2);
+        watchers.push(watcher);
+    }
+    stays_ours(&watchers);
+    let memory = TestFrame::on_heap(&Precision::Exact, &rig.scene);
+    let refused = rig.grid.begin_bundle(vec![(memory, Encoding::Sparse)]);
+    assert!(matches!(refused[..], [Err((CullError::DeviceLost { .. }, Some(_)))]));
+}
+
+#[test]
+fn bundles_outlive_their_engine_and_a_forgotten_one_keeps_its_place() {
+    let mut rig = Rig::new();
+    let mut bundle = rig.begin_bundle(3).into_iter();
+    std::mem::forget(bundle.next());
+    for (frame, watcher, token) in bundle {
+        drop(frame);
+        assert_eq!(Arc::strong_count(&token), 1);
+        stays_ours(&[watcher]);
+    }
+    rig.serves();
+    let others = rig.begin_bundle(2);
+    let memory = TestFrame::on_heap(&Precision::Exact, &rig.scene);
+    let refused = rig.grid.begin_bundle(vec![(memory, Encoding::Sparse)]);
+    assert!(matches!(refused[..], [Err((CullError::Unavailable { .. }, Some(_)))]));
+    drop(rig);
+    for (frame, watcher, token) in others {
+        assert!(frame.give_up().is_some());
+        assert_eq!(Arc::strong_count(&token), 1);
+        stays_ours(&[watcher]);
+    }
 }
 
 #[test]

@@ -5,8 +5,10 @@
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::thread::sleep;
+use std::time::Duration;
 
-use pairmask::Session;
+use pairmask::{Backend, Session};
 use pairmask_core::Aabb;
 use pairmask_tests::daemon::{TestDaemon, eventually};
 use pairmask_tests::{oracle, stress_scenes};
@@ -157,6 +159,36 @@ fn a_hung_client_does_not_hold_up_the_others() {
         }
     });
     assert_eq!(daemon.worker(), worker);
+}
+
+/// Frames that are dropped unread, answered or not, take neither room nor an answer from the next one,
+/// however late its client looks.
+#[test]
+fn frames_dropped_unread_take_nothing_from_the_next() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session = daemon.session().backend(Backend::Daemon).connect().unwrap();
+    let scenes: Vec<Scene> = (0..3).map(|seed| Scene::new(200 + 35 * seed, seed.into())).collect();
+    for round in 0..400 {
+        let scene = &scenes[round % scenes.len()];
+        for unread in 0..round % 6 {
+            let mut frame = session.frame(scene.boxes.len()).unwrap();
+            frame.boxes_mut().copy_from_slice(&scene.boxes);
+            let pending = frame.submit().unwrap();
+            if (round + unread) % 4 == 0 {
+                sleep(Duration::from_micros(500));
+            }
+            drop(pending);
+        }
+        let mut frame = session.frame(scene.boxes.len()).unwrap();
+        frame.boxes_mut().copy_from_slice(&scene.boxes);
+        let pending = frame.submit().unwrap();
+        if round % 3 == 0 {
+            sleep(Duration::from_millis(1));
+        }
+        let mut pairs = pending.wait().unwrap().to_vec();
+        pairs.sort_unstable();
+        assert!(pairs == scene.pairs, "round {round}");
+    }
 }
 
 /// Ends the threads of a test, after a panic too.

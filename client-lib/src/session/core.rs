@@ -268,13 +268,13 @@ impl Core {
         let header = RequestHeader::status(asked.client_token, asked.frame);
         let shared: SharedFrame = link.loan(0)?;
         let sent = Instant::now();
-        let (pending, _slot) = shared.send(&header).map_err(|unsent| match unsent {
+        let (mut pending, _slot) = shared.send(&header).map_err(|unsent| match unsent {
             Unsent::Saved(_) => StatusError::Wait(WaitError::DaemonDied),
             Unsent::Lost(error) => StatusError::Wait(error.into()),
         })?;
         let deadline = sent + self.settings.deadline;
         let received = link
-            .receive(&pending, sent, 0, self.settings.spin, deadline)
+            .receive(&mut pending, sent, 0, self.settings.spin, deadline)
             .map_err(WaitError::from)?;
         match received {
             Received::Sample(sample) => {

@@ -32,6 +32,13 @@ use crate::transport::{
 /// another thread of the session may have taken the wake-up.
 pub(super) const WAIT_SLICE: Duration = Duration::from_millis(2);
 
+/// A request for which there is no room is sent again this often: a daemon that is not culling receives
+/// within a few µs.
+const ROOM_INTERVAL: Duration = Duration::from_micros(50);
+/// A daemon that makes no room for this long is silent. It culls its largest frames in less, and receives
+/// between two frames.
+const ROOM_WITHIN: Duration = Duration::from_secs(1);
+
 /// A port and the size of the chunks that it lends.
 #[derive(Debug)]
 struct SizedPort {
@@ -217,9 +224,15 @@ impl Link {
         let slot = Slot::take(self).ok_or(FrameError::TooManyFrames)?;
         let pages = pages_of(bytes);
         let port = self.port_for(pages)?;
-        let mut loan = OwnRequest::lend(&port, pages)?;
-        lock(&self.populated).ensure(loan.pages_mut())?;
+        let loan = self.lend(&port, pages)?;
         Ok(SharedFrame { loan, port, slot })
+    }
+
+    /// Populated pages of a port.
+    fn lend(&self, port: &ClientPort, pages: usize) -> Result<OwnRequest, FrameError> {
+        let mut loan = OwnRequest::lend(port, pages)?;
+        lock(&self.populated).ensure(loan.pages_mut())?;
+        Ok(loan)
     }
 
     fn port_for(&self, pages: usize) -> Result<Arc<ClientPort>, FrameError> {
@@ -270,7 +283,7 @@ impl Link {
     /// expected end, then sleeps until woken.
     pub(super) fn receive(
         &self,
-        pending: &SentRequest,
+        pending: &mut SentRequest,
         sent: Instant,
         n: u32,
         spin: Duration,
@@ -353,19 +366,36 @@ pub(super) enum Unsent {
 }
 
 impl SharedFrame {
-    /// Sends the frame and wakes the daemon.
+    /// Sends the frame and wakes the daemon. Waits for room where the daemon has not yet received what
+    /// the session sent, and dropped, before; then the request may be undelivered.
     pub(super) fn send(self, header: &RequestHeader) -> Result<(SentRequest, Slot), Unsent> {
         // `send` drops the memory when it fails, and it fails where the daemon is gone or new. The
         // connection is updated first, while the session still owns the boxes.
         if self.port.update_connections().is_err() || !self.slot.link.is_alive() {
             return Err(Unsent::Saved(self));
         }
-        let pending = self.loan.send(header).map_err(Unsent::Lost)?;
+        let Self { loan, port, slot } = self;
+        let link = &slot.link;
+        let mut sent = loan.send(header).map_err(Unsent::Lost)?;
         // A spinning daemon needs no wake-up, but the client cannot see whether it spins. A
         // notification costs 50 ns while the daemon is awake. If it fails, the daemon still looks
         // for requests at intervals.
-        let _ = self.slot.link.notifier.notify();
-        Ok((pending, self.slot))
+        let _ = link.notifier.notify();
+        if !sent.is_delivered() {
+            let give_up_at = Instant::now() + ROOM_WITHIN;
+            while !sent.is_delivered() && link.is_alive() && Instant::now() < give_up_at {
+                std::thread::sleep(ROOM_INTERVAL);
+                // The transport sends no memory twice.
+                if let Ok(mut again) = link.lend(&port, sent.pages().len()) {
+                    again.pages_mut().copy_from_slice(sent.pages());
+                    // It counts as one under way.
+                    drop(sent);
+                    sent = again.send(header).map_err(Unsent::Lost)?;
+                }
+                let _ = link.notifier.notify();
+            }
+        }
+        Ok((sent, slot))
     }
 }
 

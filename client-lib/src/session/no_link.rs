@@ -101,7 +101,7 @@ impl Link {
 
     pub(super) const fn receive(
         &self,
-        _: &SentRequest,
+        _: &mut SentRequest,
         _: Instant,
         _: u32,
         _: Duration,

@@ -79,8 +79,14 @@ impl PendingFrame {
         let header = RequestHeader::cull(asked.client_token, asked.frame, &request);
         let at = Instant::now();
         match shared.send(&header) {
-            Ok((pending, slot)) => {
+            Ok((pending, slot)) if pending.is_delivered() => {
                 Ok(Self { state: State::Sent(Sent { pending, asked, written, at, slot }), core })
+            }
+            Ok((pending, _slot)) => {
+                let how = if link.is_alive() { Loss::Silent } else { Loss::Died };
+                core.lose(&link, how)?;
+                let mask = cull_shared(&core, pending.pages(), n, written)?;
+                Ok(Self::ready(mask, core))
             }
             Err(Unsent::Saved(shared)) => {
                 core.lose(&link, Loss::Died)?;
@@ -150,11 +156,15 @@ impl PendingFrame {
 
 impl Sent {
     #[allow(clippy::result_large_err)] // The error holds the frame, which its caller puts back.
-    fn wait(self, core: &Core, timeout: Duration) -> Result<PairMask, (WaitError, Option<Self>)> {
+    fn wait(
+        mut self,
+        core: &Core,
+        timeout: Duration,
+    ) -> Result<PairMask, (WaitError, Option<Self>)> {
         let deadline = Instant::now() + timeout;
         let spin = core.settings().spin;
         let n = self.asked.box_count.get();
-        match self.slot.link().receive(&self.pending, self.at, n, spin, deadline) {
+        match self.slot.link().receive(&mut self.pending, self.at, n, spin, deadline) {
             Ok(Received::Sample(sample)) => {
                 let answered_after = self.at.elapsed();
                 match self.slot.link().check(sample) {

@@ -51,7 +51,9 @@ impl OwnRequest {
         unsafe { slice::from_raw_parts_mut(first, self.pages) }
     }
 
-    /// Sends the request.
+    /// Sends the request. A port has room for as many requests that the daemon did not receive yet as it
+    /// may have under way. Dropped ones count until they are received: so there may be
+    /// [no room](SentRequest::is_delivered).
     ///
     /// # Errors
     /// [`TransportError`]; the memory is gone then.
@@ -59,13 +61,26 @@ impl OwnRequest {
         *self.loan.user_header_mut() = *header;
         let first = self.first_page();
         let pending = self.loan.send().map_err(|e| TransportError::new("sending a request", &e))?;
-        Ok(SentRequest { pending, first, pages: self.pages })
+        let mut sent =
+            SentRequest { early: None, pending, is_answered: false, first, pages: self.pages };
+        // Empties the channel: see `SentRequest`. A transport that fails now will fail later.
+        sent.early = sent.receive().unwrap_or_default().map(Box::new);
+        Ok(sent)
     }
 }
 
 /// A request under way.
+///
+/// Its channel has room for one response, and the next request that gets the channel finds in it what
+/// this one leaves. The transport discards a response for which there is no room. So a request that is
+/// dropped takes its response with it, and one that is sent takes away what came at the moment when its
+/// predecessor was dropped.
 pub struct SentRequest {
+    /// The response, where it was there with the first look, which is rare.
+    early: Option<Box<ResponseSample>>,
     pending: PendingResponse,
+    /// Whether the response was received: there is one for a request.
+    is_answered: bool,
     /// Address of the first page.
     first: usize,
     pages: usize,
@@ -78,12 +93,32 @@ impl SentRequest {
         unsafe { slice::from_raw_parts(ptr::with_exposed_provenance(self.first), self.pages) }
     }
 
+    /// Whether there was room for the request. One that is not delivered gets no response.
+    pub fn is_delivered(&self) -> bool {
+        self.pending.number_of_server_connections() > 0
+    }
+
     /// The response, if it has come.
     ///
     /// # Errors
     /// [`TransportError`].
-    pub fn receive(&self) -> Result<Option<ResponseSample>, TransportError> {
-        self.pending.receive().map_err(|e| TransportError::new("receiving a response", &e))
+    pub fn receive(&mut self) -> Result<Option<ResponseSample>, TransportError> {
+        if let Some(early) = self.early.take() {
+            return Ok(Some(*early));
+        }
+        let received =
+            self.pending.receive().map_err(|e| TransportError::new("receiving a response", &e))?;
+        self.is_answered |= received.is_some();
+        Ok(received)
+    }
+}
+
+impl Drop for SentRequest {
+    fn drop(&mut self) {
+        if !self.is_answered {
+            // Where the transport fails, the channel is of no use any more.
+            let _ = self.receive();
+        }
     }
 }
 
@@ -92,7 +127,10 @@ mod tests {
     use iceoryx2::service::ipc_threadsafe;
 
     use super::*;
-    use crate::{Limits, RuntimeDir, Services, clean_if_abandoned};
+    use crate::loans::assume_response_pages;
+    use crate::{
+        ActiveRequest, FRAMES_AT_A_TIME, Limits, RuntimeDir, Server, Services, clean_if_abandoned,
+    };
 
     /// Offset of the payload's length in the transport's header of a request, bytes.
     const LENGTH_BYTES: usize = 48;
@@ -106,34 +144,95 @@ mod tests {
         }
     }
 
-    #[test]
-    fn a_request_keeps_the_length_that_was_lent() {
-        let path = std::env::temp_dir().join(format!("pairmask-own-{}", std::process::id()));
+    type Ports = Services<ipc_threadsafe::Service>;
+
+    /// A server and a client of a directory of their own.
+    fn with_both_sides(what: &str, test: impl FnOnce(&Server, &ClientPort)) {
+        let path = std::env::temp_dir().join(format!("pairmask-{what}-{}", std::process::id()));
         let (dir, name) = (RuntimeDir::at(&path), "own".parse().expect("a name"));
         dir.ensure().expect("a directory of our own");
         let limits = Limits::default();
-        let services =
-            Services::<ipc_threadsafe::Service>::serve(&dir, &name, &limits).expect("served");
+        let services = Ports::serve(&dir, &name, &limits).expect("served");
         let server = services.server(&limits).expect("a server");
-        let client_side =
-            Services::<ipc_threadsafe::Service>::connect(&dir, &name).expect("connected");
+        let client_side = Ports::connect(&dir, &name).expect("connected");
         let client = client_side.client(1, 2).expect("a client");
-
-        let mut request = OwnRequest::lend(&client.port, 2).expect("two pages");
-        assert_eq!(request.loan.payload().as_ptr(), request.pages().as_ptr());
-        for forged in [0, 1, 2, 3] {
-            forge(&request.loan, forged);
-            assert_eq!(request.loan.payload().len() as u64, forged, "what the transport says");
-            assert_eq!((request.pages().len(), request.pages_mut().len()), (2, 2));
-        }
-        forge(&request.loan, 1);
-        let first = request.pages().as_ptr();
-        let sent = request.send(&RequestHeader::status(1, 1)).expect("sent");
-        assert_eq!(sent.pending.payload().len(), 1, "what the transport says");
-        assert_eq!((sent.pages().as_ptr(), sent.pages().len()), (first, 2));
-
-        drop((sent, client, client_side, server, services));
+        test(&server, &client.port);
+        drop((client, client_side, server, services));
         clean_if_abandoned(&dir, &name).expect("no process is left");
         std::fs::remove_dir_all(path).expect("the directory of our own");
+    }
+
+    fn send(port: &ClientPort) -> SentRequest {
+        let request = OwnRequest::lend(port, 1).expect("a page");
+        request.send(&RequestHeader::status(1, 1)).expect("sent")
+    }
+
+    fn taken(server: &Server) -> ActiveRequest {
+        server.receive().expect("a server that works").expect("a request")
+    }
+
+    fn answer(request: &ActiveRequest) {
+        let response = request.loan_slice_uninit(1).expect("a page");
+        assume_response_pages(response).send().expect("sent");
+    }
+
+    /// A client that drops frames unread, and looks for the next answer long after it has come.
+    #[test]
+    fn a_response_that_was_left_unread_takes_no_room_from_the_next() {
+        with_both_sides("unread", |server, port| {
+            for round in 0..4 * FRAMES_AT_A_TIME {
+                // Requests go through the channels in turn: every channel sees every order.
+                for _ in 0..round {
+                    let unread = send(port);
+                    answer(&taken(server));
+                    drop(unread);
+                    // Answered after it was dropped.
+                    let early = send(port);
+                    let request = taken(server);
+                    drop(early);
+                    answer(&request);
+                }
+                let mut read = send(port);
+                answer(&taken(server));
+                assert!(read.receive().expect("received").is_some(), "round {round}");
+            }
+        });
+    }
+
+    /// A client that drops frames faster than the daemon receives them.
+    #[test]
+    fn a_request_says_whether_there_was_room_for_it() {
+        with_both_sides("room", |server, port| {
+            for round in 0..3 {
+                for _ in 0..FRAMES_AT_A_TIME {
+                    assert!(send(port).is_delivered(), "round {round}");
+                }
+                assert!(!send(port).is_delivered(), "nobody receives");
+                // The dropped ones are passed over, and make room.
+                assert!(server.receive().expect("a server that works").is_none());
+                let mut read = send(port);
+                assert!(read.is_delivered(), "round {round}");
+                answer(&taken(server));
+                assert!(read.receive().expect("received").is_some(), "round {round}");
+            }
+        });
+    }
+
+    #[test]
+    fn a_request_keeps_the_length_that_was_lent() {
+        with_both_sides("own", |_, port| {
+            let mut request = OwnRequest::lend(port, 2).expect("two pages");
+            assert_eq!(request.loan.payload().as_ptr(), request.pages().as_ptr());
+            for forged in [0, 1, 2, 3] {
+                forge(&request.loan, forged);
+                assert_eq!(request.loan.payload().len() as u64, forged, "what the transport says");
+                assert_eq!((request.pages().len(), request.pages_mut().len()), (2, 2));
+            }
+            forge(&request.loan, 1);
+            let first = request.pages().as_ptr();
+            let sent = request.send(&RequestHeader::status(1, 1)).expect("sent");
+            assert_eq!(sent.pending.payload().len(), 1, "what the transport says");
+            assert_eq!((sent.pages().as_ptr(), sent.pages().len()), (first, 2));
+        });
     }
 }

@@ -11,8 +11,8 @@ use pairmask_core::engine::{AvailableIsa, EngineName};
 use pairmask_core::plan::{Calibration, Capabilities, PlanMemory, SceneStats, Work, plan};
 
 use super::MeasureError;
-use super::lane::{Lane, LaneTimes, Way};
 use super::threads::Pools;
+use super::timed_way::{TimedWay, Way, WayTimes};
 use crate::scene::{Scene, SceneName};
 
 /// Seed of the scenes: every run has the same boxes and motions.
@@ -58,7 +58,7 @@ pub struct CaseTimes {
     /// new plan take. Each is the shortest seen.
     pub plan_ns: u64,
     /// The times of each measured way.
-    pub ways: Vec<(Way, LaneTimes)>,
+    pub ways: Vec<(Way, WayTimes)>,
 }
 
 /// The set of ways in which a case is measured.
@@ -115,9 +115,9 @@ pub fn measure(
 ) -> Result<CaseTimes, MeasureError> {
     let mut scene = Scene::new(case.scene, case.n, SEED);
     let mut stats = SceneStats::glance(scene.boxes(), None);
-    let lane = |way: Way| Lane::new(way, pools.of(way.threads), isa);
-    let mut lanes: Vec<Lane> =
-        ways(&stats, threads, set, isa).into_iter().filter_map(lane).collect();
+    let timed = |way: Way| TimedWay::new(way, pools.of(way.threads), isa);
+    let mut timed_ways: Vec<TimedWay> =
+        ways(&stats, threads, set, isa).into_iter().filter_map(timed).collect();
     let capabilities =
         Capabilities { threads: threads.iter().max().copied().unwrap_or(1), gpu: None };
     let calibration = Calibration::built_in(isa.get());
@@ -129,11 +129,11 @@ pub fn measure(
         }
         // Each frame starts with another way, so that each way runs first equally often: the first
         // finds the caches as the last frame left them.
-        let count = lanes.len().max(1);
-        for turn in 0..lanes.len() {
-            lanes[(turn + frame) % count].frame(scene.boxes(), frame >= WARM_UP)?;
+        let count = timed_ways.len().max(1);
+        for turn in 0..timed_ways.len() {
+            timed_ways[(turn + frame) % count].frame(scene.boxes(), frame >= WARM_UP)?;
         }
-        let pairs = agreed_pairs(case, &lanes)?;
+        let pairs = agreed_pairs(case, &timed_ways)?;
         let mut plans = PlanMemory::default();
         let options = CullOptions { last_pairs: pairs, ..CullOptions::default() };
         let planning = Instant::now();
@@ -145,14 +145,14 @@ pub fn measure(
         again_ns = again_ns.min(nanoseconds_since(planning));
         scene.step();
     }
-    let ways = lanes.into_iter().map(|lane| (lane.way, lane.times)).collect();
+    let ways = timed_ways.into_iter().map(|timed| (timed.way, timed.times)).collect();
     let plan_ns = again_ns.saturating_add(anew_ns / u64::from(PlanMemory::FRAMES));
     Ok(CaseTimes { case, stats, plan_ns, ways })
 }
 
 /// The number of pairs that all ways found.
-fn agreed_pairs(case: Case, lanes: &[Lane]) -> Result<Option<u64>, MeasureError> {
-    let mut counts = lanes.iter().map(|lane| (lane.way, lane.times.pair_count));
+fn agreed_pairs(case: Case, timed_ways: &[TimedWay]) -> Result<Option<u64>, MeasureError> {
+    let mut counts = timed_ways.iter().map(|timed| (timed.way, timed.times.pair_count));
     let Some((first, pairs)) = counts.next() else { return Ok(None) };
     match counts.find(|(_, other)| *other != pairs) {
         None => Ok(Some(pairs)),

@@ -10,7 +10,7 @@ use pairmask_core::engine::EngineName;
 use pairmask_core::plan::{Calibration, SceneStats, Term, ThreadCost, Work};
 
 use super::case::{Case, CaseTimes};
-use super::lane::Way;
+use super::timed_way::Way;
 
 /// The extra time that another mask takes the engine over a sparse one of the same frame is a row of
 /// its own, relative to this share of the engine's time: beside the whole of it, it would vanish in

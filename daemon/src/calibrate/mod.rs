@@ -7,14 +7,14 @@
 mod case;
 mod fit;
 mod glance;
-mod lane;
 mod threads;
+mod timed_way;
 
 pub use case::{Case, CaseTimes, Effort, WaySet, measure};
 pub use fit::{FitRow, FramePart, fit, rows, scale};
 pub use glance::glance;
-pub use lane::{LaneTimes, Way};
 pub use threads::{Pools, core_count, thread_counts};
+pub use timed_way::{Way, WayTimes};
 
 use pairmask_core::engine::{CullError, EngineName};
 use pairmask_core::mask::MaskError;

@@ -28,8 +28,19 @@ pub(crate) struct FrameWork {
     pub(crate) objects: u32,
     /// Time on one core.
     pub(crate) work: Duration,
-    /// Whether it went to the GPU and would have taken a core much longer.
-    pub(crate) needs_gpu: bool,
+    /// Its need of the GPU.
+    pub(crate) gpu: GpuNeed,
+}
+
+/// Whether a frame is to be left to the GPU.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GpuNeed {
+    /// A core serves it about as soon, or sooner.
+    None,
+    /// A core would take much longer, and it fills a submission.
+    Alone,
+    /// A core would take much longer, and it is small enough to share a submission with others.
+    Shared,
 }
 
 impl Client {

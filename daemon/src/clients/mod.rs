@@ -12,6 +12,7 @@ use std::time::Duration;
 use pairmask_transport::{Sender, WakeClient};
 
 pub(crate) use self::client::FrameWork;
+pub use self::client::GpuNeed;
 use self::client::find_listener;
 use self::known::Known;
 use crate::execute::Executor;
@@ -56,7 +57,7 @@ impl Clients {
         };
         let last = self.known().find(session).and_then(|client| client.last_work);
         last.map_or(
-            FrameWork { objects, work: WORK_AN_OBJECT * objects, needs_gpu: false },
+            FrameWork { objects, work: WORK_AN_OBJECT * objects, gpu: GpuNeed::None },
             expected,
         )
     }

@@ -13,8 +13,8 @@ use pairmask_core::{Aabb, Encoding};
 
 use super::frame_memory::{FrameMemory, LentReply, with_lent};
 use super::gpu::{
-    AllPairs, AllPairsOptions, Awake, Block, Gpu, GpuChoice, GpuError, GpuSlot, Grid, GridOptions,
-    GridUnderWay, HostImport, OpenError, SharedImports,
+    AllPairs, AllPairsOptions, Awake, Begun, Block, Gpu, GpuChoice, GpuError, GpuSlot, Grid,
+    GridOptions, GridUnderWay, HostImport, OpenError, SharedImports,
 };
 use super::offers::{Offers, Owner};
 
@@ -207,16 +207,19 @@ impl GpuService {
             && plan.stats.n.get() >= least
     }
 
+    /// Whether a frame of this plan may share a submission ([`Self::begin_bundle`]) where frames of
+    /// `under_way` boxes or more fill one.
+    pub(super) fn can_join(plan: &Plan, under_way: u32) -> bool {
+        plan.engine.is_gpu()
+            && plan.encoding != Encoding::Dense
+            && (2..under_way).contains(&plan.stats.n.get())
+    }
+
     /// Starts a frame of memory whose boxes belong to `owner`.
     ///
     /// # Errors
     /// As [`Self::cull`], with the memory; nothing is under way then.
-    pub fn begin<M: FrameMemory>(
-        &mut self,
-        mut memory: M,
-        owner: Owner,
-        plan: &Plan,
-    ) -> Result<GridUnderWay<M>, (CullError, Option<M>)> {
+    pub fn begin<M: FrameMemory>(&mut self, mut memory: M, owner: Owner, plan: &Plan) -> Begun<M> {
         let lost = CullError::DeviceLost { engine: plan.engine };
         let is_there = self.refresh();
         let Some(engines) = self.engines.as_mut().filter(|_| is_there) else {
@@ -225,6 +228,33 @@ impl GpuService {
         memory.with(|boxes, _| engines.offer_boxes(owner, boxes));
         engines.note_frame();
         engines.grid.begin(memory, plan.encoding)
+    }
+
+    /// Starts frames of several memories, with the owners of their boxes, in one submission.
+    ///
+    /// # Errors
+    /// As [`Self::begin`], for each frame.
+    ///
+    /// # Panics
+    /// With more than [`BUNDLE_FRAMES`](super::gpu::BUNDLE_FRAMES).
+    pub fn begin_bundle<M: FrameMemory>(
+        &mut self,
+        frames: Vec<(M, Owner, Encoding)>,
+    ) -> Vec<Begun<M>> {
+        let is_there = self.refresh();
+        let Some(engines) = self.engines.as_mut().filter(|_| is_there) else {
+            let lost = |(memory, _, _)| {
+                Err((CullError::DeviceLost { engine: EngineName::GpuGrid }, Some(memory)))
+            };
+            return frames.into_iter().map(lost).collect();
+        };
+        engines.note_frame();
+        let offered = frames.into_iter().map(|(mut memory, owner, encoding)| {
+            memory.with(|boxes, _| engines.offer_boxes(owner, boxes));
+            (memory, encoding)
+        });
+        let offered = offered.collect();
+        engines.grid.begin_bundle(offered)
     }
 
     /// Waits for a frame that was begun with `plan`, and gives its memory back. The memory is `None`

@@ -7,6 +7,7 @@ mod gpu_service;
 mod offers;
 mod shared_gpu;
 mod spheres;
+mod under_way;
 
 pub use engine_pool::EnginePool;
 pub use frame_memory::FrameMemory;
@@ -27,9 +28,11 @@ use pairmask_core::plan::{Calibration, GpuCost, Plan};
 use pairmask_core::precision::{BoxSlice, ExpandScratch};
 
 use self::frame_memory::{LentReply, with_lent};
-use self::gpu::GridUnderWay;
 pub use self::shared_gpu::GpuTurn;
-use self::shared_gpu::{Queued, SharedGpu};
+use self::shared_gpu::SharedGpu;
+pub use self::under_way::{
+    BUNDLE_FRAMES, CullUnderWay, Ended, GpuShare, Joining, SUBMISSIONS_UNDER_WAY, Unserved,
+};
 
 /// A frame with its plan.
 #[derive(Debug)]
@@ -53,7 +56,7 @@ impl Planned {
     /// wait for too, or cannot serve the frame at all.
     pub fn needs_gpu(&self) -> bool {
         let on_core = self.one_core_ns.filter(|ns| *ns > 0).map(Duration::from_nanos);
-        self.plan.engine.is_gpu() && on_core.is_none_or(|on_core| on_core > SHARED_WITH_CORES)
+        self.plan.engine.is_gpu() && on_core.is_none_or(|on_core| on_core > LEFT_TO_CORES)
     }
 
     /// The answer of `engine`, which need not be the plan's.
@@ -69,32 +72,10 @@ fn engine_ns(plan: &Plan) -> u64 {
     chosen.map_or(0.0, |c| c.predicted_ns - c.visit_ns) as u64
 }
 
-/// Frames that take a core up to so long are shared out among cores and GPU, however many wait. Longer
-/// ones wait for the GPU: a core beside busy clients takes twice what it would alone.
-const SHARED_WITH_CORES: Duration = Duration::from_micros(200);
-
-/// A frame that the GPU works on. Owns its memory; dropped, it waits for the GPU first.
-#[derive(Debug)]
-pub struct CullUnderWay<M: FrameMemory> {
-    frame: GridUnderWay<M>,
-    owner: Owner,
-    planned: Planned,
-    queued: Queued,
-}
-
-impl<M: FrameMemory> CullUnderWay<M> {
-    /// Whether it has ended, so that [`Executor::end`] does not wait.
-    pub fn has_ended(&self) -> bool {
-        self.frame.has_ended()
-    }
-}
-
-/// An answer or its error, with the memory of the frame. The memory is `None` where a device keeps it
-/// that never ends the frame: nothing can be answered then.
-pub type Ended<M> = (Result<CullAnswer, CullError>, Option<M>);
-
-/// Frames that may be under way at a time.
-pub const FRAMES_UNDER_WAY: usize = gpu::LANES;
+/// Beside others, frames that take a core up to so long stay there: cores work side by side, and the GPU
+/// is left to those who need it (4 clients of 10,000 boxes beside 4 of 3,000 on an H200). Longer ones wait
+/// for the GPU: a core beside busy clients takes twice what it would alone.
+const LEFT_TO_CORES: Duration = Duration::from_micros(200);
 
 /// The CPU engines, which take f32 boxes.
 #[derive(Default)]
@@ -165,61 +146,6 @@ impl CpuSide {
             }
             error => Err(error),
         }
-    }
-}
-
-/// The GPU that executors share, if there is one.
-#[derive(Clone)]
-pub struct GpuShare(Option<Arc<SharedGpu>>);
-
-impl GpuShare {
-    /// Lets the GPU work for a moment.
-    pub fn rest(&self) {
-        if let Some(gpu) = &self.0 {
-            gpu.rest();
-        }
-    }
-
-    /// Gives up what the GPU keeps of clients that are gone; to be called now and then.
-    pub fn tidy(&self) {
-        if let Some(gpu) = &self.0 {
-            gpu.lock().tidy();
-        }
-    }
-
-    /// Waits for a frame, and gives its memory back.
-    ///
-    /// # Errors
-    /// The frame, where the GPU could not serve it: [`Executor::answer`] does.
-    #[allow(clippy::result_large_err)] // A box would be an allocation.
-    pub fn end<M: FrameMemory>(&self, cull: CullUnderWay<M>) -> Result<Ended<M>, Unserved<M>> {
-        let CullUnderWay { frame, owner, planned, queued } = cull;
-        let lost = CullError::DeviceLost { engine: planned.plan.engine };
-        let (done, memory) = match &self.0 {
-            Some(gpu) => gpu.with(|gpu| gpu.end(frame, &planned.plan)),
-            None => (Err(lost), frame.give_up()),
-        };
-        drop(queued);
-        match done {
-            Ok((report, engine)) => Ok((Ok(planned.answer(report, engine)), memory)),
-            Err(error) => Err(Unserved { error, planned, owner, memory }),
-        }
-    }
-}
-
-/// A frame that the GPU could not serve.
-#[derive(Debug)]
-pub struct Unserved<M> {
-    error: CullError,
-    planned: Planned,
-    owner: Owner,
-    memory: Option<M>,
-}
-
-impl<M> Unserved<M> {
-    /// Threads that the CPU's engines may use for it; `None` leaves it to the plan.
-    pub fn threads(&self) -> Option<usize> {
-        self.planned.options.threads
     }
 }
 
@@ -309,10 +235,45 @@ impl Executor {
         self.plan_within(boxes, &options.within(boxes.len(), limit_words))
     }
 
+    /// As [`Self::plan`], while other clients are busy: a frame that does not need the GPU gets a core.
+    pub fn plan_beside_others(
+        &mut self,
+        boxes: BoxSlice<'_>,
+        options: &CullOptions,
+        limit_words: u64,
+    ) -> Planned {
+        let planned = self.plan(boxes, options, limit_words);
+        if !planned.plan.engine.is_gpu()
+            || planned.needs_gpu()
+            || options.engine != EngineChoice::Auto
+        {
+            return planned;
+        }
+        let plan_ns = planned.plan_ns;
+        let planned = self.cpu.plan(boxes, &options.within(boxes.len(), limit_words), None);
+        Planned { plan_ns: planned.plan_ns + plan_ns, ..planned }
+    }
+
     /// Whether a frame is better left to the GPU ([`Self::begin`]) than waited for
     /// ([`Self::run`]).
     pub fn can_begin(&self, planned: &Planned) -> bool {
         self.gpu.as_ref().is_some_and(|gpu| gpu.outlook().can_begin(&planned.plan))
+    }
+
+    /// Whether a frame may share a submission to the GPU with others ([`Self::join`]): one so small that
+    /// it leaves most of the GPU idle.
+    pub fn can_join(&self, planned: &Planned) -> bool {
+        let Planned { plan, options, .. } = planned;
+        let is_grid =
+            matches!(options.engine, EngineChoice::Auto) || plan.engine == EngineName::GpuGrid;
+        is_grid && self.gpu.as_ref().is_some_and(|gpu| gpu.outlook().can_join(plan))
+    }
+
+    /// Has a frame of memory whose boxes belong to `owner` wait for others, to be submitted with them
+    /// ([`GpuShare::begin_bundle`]). The grid serves all of them.
+    pub fn join<M: FrameMemory>(mut planned: Planned, owner: Owner, memory: M) -> Joining<M> {
+        planned.plan.engine = EngineName::GpuGrid;
+        Joining { planned, owner, memory }
     }
 
     /// Runs a plan for the boxes of this memory, which belong to `owner`, as [`Self::cull`]. The reply
@@ -353,7 +314,7 @@ impl Executor {
         let Some(gpu) = &self.gpu else {
             return Err((self.run(planned, owner, &mut memory), Some(memory)));
         };
-        let queued = gpu.queue(&planned.plan);
+        let queued = gpu.queue(&planned.plan, 1);
         match gpu.with(|gpu| gpu.begin(memory, owner, &planned.plan)) {
             Ok(frame) => Ok(CullUnderWay { frame, owner, planned, queued }),
             Err((error, memory)) => Err(self.end_after(error, planned, owner, memory)),
@@ -470,7 +431,7 @@ impl Executor {
         }
         let done = match &self.gpu {
             Some(gpu) => {
-                let _queued = gpu.queue(&planned.plan);
+                let _queued = gpu.queue(&planned.plan, 1);
                 gpu.with(|gpu| gpu.cull(boxes, owner, &planned.plan, reply))
             }
             None => Err(CullError::Unavailable {

@@ -46,6 +46,11 @@ impl Outlook {
         }
     }
 
+    /// Whether a frame of this plan may share a submission with others.
+    pub(super) fn can_join(&self, plan: &Plan) -> bool {
+        self.under_way_boxes.is_some_and(|least| GpuService::can_join(plan, least))
+    }
+
     /// Whether a frame of this plan may be left to the GPU.
     pub(super) fn can_begin(&self, plan: &Plan) -> bool {
         self.under_way_boxes.is_some_and(|least| GpuService::can_begin(plan, least))
@@ -113,11 +118,13 @@ impl SharedGpu {
         Some(GpuCost { fixed_ns: cost.fixed_ns + QUEUE_SHARE * queued_ns as f64, ..cost })
     }
 
-    /// Has a frame of this plan wait for the GPU, or be under way on it, until the value is dropped.
-    pub(super) fn queue(&self, plan: &Plan) -> Queued {
+    /// Has a frame of this plan, one of so many of a submission, wait for the GPU, or be under way on it,
+    /// until the value is dropped.
+    pub(super) fn queue(&self, plan: &Plan, frames: usize) -> Queued {
         let queued_ns = self.queued_ns.load(Ordering::Relaxed) as f64;
-        // The prediction holds the frames before it, as far as they were there when it was planned.
-        let ns = engine_ns(plan).saturating_sub((QUEUE_SHARE * queued_ns) as u64);
+        // The prediction holds the frames before it, as far as they were there when it was planned. Those
+        // of a submission take about the time of one.
+        let ns = engine_ns(plan).saturating_sub((QUEUE_SHARE * queued_ns) as u64) / frames as u64;
         self.queued_ns.fetch_add(ns, Ordering::Relaxed);
         Queued { queued_ns: Arc::clone(&self.queued_ns), ns }
     }

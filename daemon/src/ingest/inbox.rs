@@ -146,13 +146,35 @@ impl<R> Inbox<R> {
         let is_taken = |resource| {
             resource != Resource::Core && self.serving.iter().any(|s| s.resource == resource)
         };
-        let can_be_served =
-            |w: &Waiting<R>| !(self.is_served(w.sender.session) || is_taken(w.resource));
+        let turn = self.next_of(|w| !is_taken(w.resource))?;
+        Some(self.give(turn))
+    }
+
+    /// As [`Self::next`], of those that are to be served together with one that this resource serves.
+    pub fn next_beside(
+        &mut self,
+        resource: Resource,
+        can_join: impl Fn(&R) -> bool,
+    ) -> Option<(Sender, R)> {
+        let turn = self.next_of(|w| w.resource == resource && can_join(&w.request))?;
+        Some(self.give(turn))
+    }
+
+    /// Where the request waits whose turn it is, of those that can be served.
+    fn next_of(&self, can_be_served: impl Fn(&Waiting<R>) -> bool) -> Option<usize> {
         // `min_by_key` keeps the first of equals: the oldest of that session.
-        let turns = self.waiting.iter().enumerate().filter(|(_, w)| can_be_served(w));
-        let (turn, _) = turns.min_by_key(|(_, w)| {
-            (self.used_by(w.sender.process), w.process_turn, w.session_turn)
-        })?;
+        let turns = self
+            .waiting
+            .iter()
+            .enumerate()
+            .filter(|(_, w)| !self.is_served(w.sender.session) && can_be_served(w));
+        let turn = turns
+            .min_by_key(|(_, w)| (self.used_by(w.sender.process), w.process_turn, w.session_turn));
+        turn.map(|(turn, _)| turn)
+    }
+
+    /// Gives out the request that waits there.
+    fn give(&mut self, turn: usize) -> (Sender, R) {
         let served = self.waiting.remove(turn);
         self.last_turn += 1;
         let Sender { process, session, .. } = served.sender;
@@ -164,7 +186,7 @@ impl<R> Inbox<R> {
         }
         self.clock = self.used_by(process).max(self.clock);
         self.serving.push(Serving { sender: served.sender, resource: served.resource });
-        Some((served.sender, served.request))
+        (served.sender, served.request)
     }
 
     /// A request that was given out is served, and took so much of the time of those who serve.
@@ -342,6 +364,44 @@ mod tests {
         assert_eq!(inbox.next(), None, "the GPU is still taken");
         inbox.note_served(a, US);
         assert_eq!(inbox.next(), Some((b, Resource::Gpu)));
+    }
+
+    #[test]
+    fn what_a_resource_serves_together_is_given_out_beside_it() {
+        let mut inbox = Inbox::new(4);
+        let [a, b, c, d] = [1, 2, 3, 4].map(|process| sender(process, 1 + u128::from(process)));
+        for (sender, resource, request) in [
+            (a, Resource::Gpu, "small"),
+            (a, Resource::Gpu, "small, too soon"),
+            (b, Resource::Core, "core"),
+            (c, Resource::Gpu, "large"),
+            (d, Resource::Gpu, "small too"),
+        ] {
+            inbox.put(sender, resource, request);
+        }
+        let is_small = |request: &&str| request.starts_with("small");
+        assert_eq!(inbox.next(), Some((a, "small")));
+        assert_eq!(inbox.next_beside(Resource::Gpu, is_small), Some((d, "small too")));
+        assert_eq!(inbox.next_beside(Resource::Gpu, is_small), None);
+        assert_eq!(inbox.next(), Some((b, "core")));
+        assert_eq!(inbox.next(), None, "the GPU is taken");
+        inbox.note_served(d, US);
+        assert_eq!(inbox.next(), None, "the other one is still served");
+        inbox.note_served(a, 2 * US);
+        assert_eq!(inbox.next(), Some((c, "large")));
+    }
+
+    #[test]
+    fn a_request_does_not_overtake_an_older_one_of_its_session_that_waits_for_a_resource() {
+        let mut inbox = Inbox::new(4);
+        let (one, other) = (sender(1, 1), sender(2, 2));
+        inbox.put(other, Resource::Pool, "large");
+        assert_eq!(inbox.next(), Some((other, "large")));
+        inbox.put(one, Resource::Pool, "older");
+        inbox.put(one, Resource::Core, "newer");
+        assert_eq!(inbox.next(), None);
+        inbox.note_served(other, US);
+        assert_eq!(inbox.next(), Some((one, "older")));
     }
 
     #[test]

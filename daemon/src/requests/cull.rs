@@ -11,8 +11,10 @@ use pairmask_core::objects::Objects;
 use pairmask_wire::CullRequest;
 
 use super::Served;
+use crate::clients::GpuNeed;
 use crate::execute::{
-    CullUnderWay, Ended, EnginePool, Executor, FRAMES_UNDER_WAY, GpuShare, Owner,
+    BUNDLE_FRAMES, CullUnderWay, Ended, EnginePool, Executor, GpuShare, Joining, Owner,
+    SUBMISSIONS_UNDER_WAY, Unserved,
 };
 use crate::publish::{OpenRequest, Outbox};
 
@@ -22,10 +24,16 @@ pub(super) struct Culls {
     model: Mutex<Executor>,
     gpu: GpuShare,
     pool: Arc<EnginePool>,
-    /// Frames under way, oldest first.
-    under_way: Mutex<VecDeque<CullUnderWay<OpenRequest>>>,
+    /// Submissions under way, oldest first.
+    under_way: Mutex<VecDeque<Submission>>,
     /// Their number, for those who only look.
     under_way_count: AtomicUsize,
+}
+
+/// A frame, or several, that end together.
+struct Submission {
+    first: CullUnderWay<OpenRequest>,
+    others: Vec<CullUnderWay<OpenRequest>>,
 }
 
 impl Culls {
@@ -35,7 +43,7 @@ impl Culls {
             gpu: model.gpu_share(),
             model: Mutex::new(model),
             pool,
-            under_way: Mutex::new(VecDeque::with_capacity(FRAMES_UNDER_WAY)),
+            under_way: Mutex::new(VecDeque::with_capacity(SUBMISSIONS_UNDER_WAY)),
             under_way_count: AtomicUsize::new(0),
         }
     }
@@ -63,9 +71,49 @@ impl Culls {
         threads: usize,
         outbox: &Outbox,
     ) -> Served {
+        let mut joining = Vec::new();
+        // A submission that is under way need not be waited for: this thread can do more meanwhile.
+        let joins = self.is_busy().then_some(&mut joining);
+        let served = self.take_one(open, request, threads, joins, outbox);
+        self.begin_bundle(joining, outbox);
+        served
+    }
+
+    /// Answers several requests, or leaves them under way. Small frames for the GPU share a submission.
+    /// An error is one that was served already.
+    pub(super) fn take_bundle(
+        &self,
+        requests: impl IntoIterator<Item = Result<(OpenRequest, CullRequest), Served>>,
+        threads: usize,
+        outbox: &Outbox,
+    ) -> Vec<Served> {
+        let mut joining = Vec::with_capacity(BUNDLE_FRAMES);
+        let mut take = |(open, request): (OpenRequest, CullRequest)| {
+            if joining.len() == BUNDLE_FRAMES {
+                self.begin_bundle(std::mem::take(&mut joining), outbox);
+            }
+            self.take_one(open, &request, threads, Some(&mut joining), outbox)
+        };
+        let served = requests.into_iter().map(|request| request.map_or_else(|s| s, &mut take));
+        let served = served.collect();
+        self.begin_bundle(joining, outbox);
+        served
+    }
+
+    /// Answers a request, leaves it under way, or adds its frame to those that are `joining` others.
+    fn take_one(
+        &self,
+        open: OpenRequest,
+        request: &CullRequest,
+        threads: usize,
+        joining: Option<&mut Vec<Joining<OpenRequest>>>,
+        outbox: &Outbox,
+    ) -> Served {
         let session = open.sender().session;
         let kept = outbox.clients().take_engines(session);
         let mut engines = kept.unwrap_or_else(|| Box::new(self.new_engines()));
+        // A client that is alone may have all of them.
+        let beside_others = threads < self.pool.threads();
         let threads = request.threads.map_or(threads, |asked| asked.min(threads)).max(1);
         let options = CullOptions {
             engine: request.engine,
@@ -75,7 +123,8 @@ impl Culls {
             last_pairs: outbox.clients().last_pairs(session),
             readable: ReadableEncodings::at_minor(request.client_minor),
         };
-        let cull = || self.cull(open, request, &options, &mut engines, outbox);
+        let way = Way { options, beside_others, joining };
+        let cull = || self.cull(open, request, way, &mut engines, outbox);
         let used = match Place::of(&options) {
             Place::Lane => cull(),
             Place::Pool => self.pool.work(cull),
@@ -88,10 +137,12 @@ impl Culls {
         &self,
         mut open: OpenRequest,
         request: &CullRequest,
-        options: &CullOptions,
+        way: Way<'_>,
         engines: &mut Executor,
         outbox: &Outbox,
     ) -> Served {
+        let Way { options, beside_others, joining } = way;
+        let options = &options;
         if let Err(reject) = open.place_scene(request.scene) {
             outbox.refuse(&mut open, &reject.into());
             open.close();
@@ -107,14 +158,27 @@ impl Culls {
             }
         };
         let owner = Owner::Client(sender.port);
-        let planned = engines.plan(boxes, options, limit_words);
-        let needs_gpu = planned.needs_gpu();
+        let planned = if beside_others {
+            engines.plan_beside_others(boxes, options, limit_words)
+        } else {
+            engines.plan(boxes, options, limit_words)
+        };
+        let can_join = engines.can_join(&planned);
+        let gpu = match planned.needs_gpu() {
+            false => GpuNeed::None,
+            true if can_join => GpuNeed::Shared,
+            true => GpuNeed::Alone,
+        };
+        if let Some(joining) = joining.filter(|_| can_join) {
+            joining.push(Executor::join(planned, owner, open));
+            return Served { gpu, ..Served::BEGUN };
+        }
         if engines.can_begin(&planned) {
             self.claim_place(Place::of(options), outbox);
             match engines.begin(planned, owner, open) {
-                Ok(cull) => {
-                    self.under_way().push_back(cull);
-                    Served { needs_gpu, ..Served::BEGUN }
+                Ok(first) => {
+                    self.under_way().push_back(Submission { first, others: Vec::new() });
+                    Served { gpu, ..Served::BEGUN }
                 }
                 Err(ended) => {
                     self.under_way_count.fetch_sub(1, Ordering::Relaxed);
@@ -124,7 +188,31 @@ impl Culls {
         } else {
             let on_one_core = planned.on_one_core();
             let answer = engines.run(planned, owner, &mut open);
-            Served { on_one_core, needs_gpu, ..publish(open, answer, outbox) }
+            Served { on_one_core, gpu, ..publish(open, answer, outbox) }
+        }
+    }
+
+    /// Leaves frames to the GPU in one submission, if there are any.
+    fn begin_bundle(&self, joining: Vec<Joining<OpenRequest>>, outbox: &Outbox) {
+        if joining.is_empty() {
+            return;
+        }
+        self.claim_place(Place::Lane, outbox);
+        let (mut begun, mut unserved) = (Vec::with_capacity(joining.len()), Vec::new());
+        for frame in self.gpu.begin_bundle(joining) {
+            match frame {
+                Ok(frame) => begun.push(frame),
+                Err(frame) => unserved.push(frame),
+            }
+        }
+        if begun.is_empty() {
+            self.under_way_count.fetch_sub(1, Ordering::Relaxed);
+        } else {
+            let first = begun.remove(0);
+            self.under_way().push_back(Submission { first, others: begun });
+        }
+        for frame in unserved {
+            publish_all(self.answer(frame, Place::Lane), outbox);
         }
     }
 
@@ -135,53 +223,72 @@ impl Culls {
             return false;
         }
         let Ok(mut under_way) = self.under_way.try_lock() else { return false };
-        if !under_way.front().is_some_and(CullUnderWay::has_ended) {
+        if !under_way.front().is_some_and(|submission| submission.first.has_ended()) {
             return false;
         }
         let ended = under_way.pop_front();
         drop(under_way);
-        if let Some(cull) = ended {
-            self.end(cull, Place::Lane, outbox);
+        if let Some(submission) = ended {
+            self.end(submission, Place::Lane, outbox);
         }
         true
     }
 
     /// Claims one of the places for frames under way. Ends frames until one is free.
     fn claim_place(&self, place: Place, outbox: &Outbox) {
-        let claimed = |count| (count < FRAMES_UNDER_WAY).then_some(count + 1);
+        let claimed = |count| (count < SUBMISSIONS_UNDER_WAY).then_some(count + 1);
         let count = &self.under_way_count;
         while count.fetch_update(Ordering::Relaxed, Ordering::Relaxed, claimed).is_err() {
             let oldest = self.under_way().pop_front();
             match oldest {
-                Some(cull) => self.end(cull, place, outbox),
+                Some(submission) => self.end(submission, place, outbox),
                 // Other threads end them, or are about to begin theirs.
                 None => std::thread::yield_now(),
             }
         }
     }
 
-    fn end(&self, cull: CullUnderWay<OpenRequest>, place: Place, outbox: &Outbox) {
-        let ended = self.gpu.end(cull);
-        self.under_way_count.fetch_sub(1, Ordering::Relaxed);
-        let ended = ended.unwrap_or_else(|unserved| {
-            let mut engines = self.new_engines();
-            match place {
-                Place::Lane if unserved.threads() != Some(1) => {
-                    self.pool.work(move || engines.answer(unserved))
-                }
-                _ => engines.answer(unserved),
+    fn end(&self, submission: Submission, place: Place, outbox: &Outbox) {
+        let Submission { first, others } = submission;
+        // Its workspaces are free when the last frame has ended.
+        let frames = others.len() + 1;
+        for (frame, number) in std::iter::once(first).chain(others).zip(1..) {
+            let ended = self.gpu.end(frame);
+            if number == frames {
+                self.under_way_count.fetch_sub(1, Ordering::Relaxed);
             }
-        });
-        publish_all(ended, outbox);
+            let ended = ended.unwrap_or_else(|unserved| self.answer(unserved, place));
+            publish_all(ended, outbox);
+        }
+    }
+
+    /// Answers a frame that the GPU could not serve.
+    fn answer(&self, unserved: Unserved<OpenRequest>, place: Place) -> Ended<OpenRequest> {
+        let mut engines = self.new_engines();
+        match place {
+            Place::Lane if unserved.threads() != Some(1) => {
+                self.pool.work(move || engines.answer(unserved))
+            }
+            _ => engines.answer(unserved),
+        }
     }
 
     fn new_engines(&self) -> Executor {
         self.model.lock().unwrap_or_else(PoisonError::into_inner).beside()
     }
 
-    fn under_way(&self) -> MutexGuard<'_, VecDeque<CullUnderWay<OpenRequest>>> {
+    fn under_way(&self) -> MutexGuard<'_, VecDeque<Submission>> {
         self.under_way.lock().unwrap_or_else(PoisonError::into_inner)
     }
+}
+
+/// How a frame is served.
+struct Way<'a> {
+    options: CullOptions,
+    /// Whether other clients are busy.
+    beside_others: bool,
+    /// Frames that it may join.
+    joining: Option<&'a mut Vec<Joining<OpenRequest>>>,
 }
 
 /// Where a thread is.

@@ -1,6 +1,6 @@
 //! What is done with a request: validated once, then given to the file of its operation.
 //!
-//! An operation is a file here and an arm in [`Responder::take`]. Threads take requests side by side,
+//! An operation is a file here and an arm in [`Responder::open`]. Threads take requests side by side,
 //! of one session one at a time.
 
 mod cull;
@@ -11,11 +11,12 @@ use std::time::Duration;
 
 use iceoryx2::service::ipc_threadsafe;
 use pairmask_transport::{Limits, PortTurn, Services, WakeClient};
-use pairmask_wire::{Request, StatusBody};
+use pairmask_wire::{CullRequest, Request, StatusBody};
 
 use self::cull::Culls;
 use crate::audit::Auditor;
 use crate::clients::Clients;
+pub use crate::clients::GpuNeed;
 use crate::execute::{EnginePool, Executor};
 use crate::ingest::Incoming;
 use crate::publish::{AlterAnswer, OpenRequest, Outbox, ReplyLender};
@@ -35,14 +36,14 @@ pub struct Served {
     /// What it was predicted to take on one core, where several threads took part.
     pub on_one_core: Option<Duration>,
     /// Whether it went to the GPU and would have taken a core much longer.
-    pub needs_gpu: bool,
+    pub gpu: GpuNeed,
     /// Whether it was a frame, by which the next is judged.
     pub is_frame: bool,
 }
 
 impl Served {
     /// A frame that was begun or refused by one thread.
-    const BEGUN: Self = Self { threads: 1, on_one_core: None, needs_gpu: false, is_frame: true };
+    const BEGUN: Self = Self { threads: 1, on_one_core: None, gpu: GpuNeed::None, is_frame: true };
     /// Another request.
     const OTHER: Self = Self { is_frame: false, ..Self::BEGUN };
 }
@@ -75,16 +76,36 @@ impl Responder {
     /// Takes in one request, whatever it holds, and answers it now, or leaves it under way. A CPU engine
     /// may use so many threads.
     pub fn take(&self, incoming: Incoming, threads: usize) -> Served {
+        match self.open(incoming) {
+            Ok((open, request)) => self.culls.take(open, &request, threads, &self.outbox),
+            Err(served) => served,
+        }
+    }
+
+    /// Takes in several requests, as [`Self::take`]. Their small frames for the GPU go there in one
+    /// submission.
+    pub fn take_bundle(
+        &self,
+        requests: impl IntoIterator<Item = Incoming>,
+        threads: usize,
+    ) -> Vec<Served> {
+        let opened = requests.into_iter().map(|incoming| self.open(incoming));
+        self.culls.take_bundle(opened, threads, &self.outbox)
+    }
+
+    /// A request for pairs.
+    ///
+    /// # Errors
+    /// Any other one, which is served.
+    fn open(&self, incoming: Incoming) -> Result<(OpenRequest, CullRequest), Served> {
         let mut open = OpenRequest::new(incoming, Arc::clone(&self.lender));
         match open.parse() {
-            Ok(Request::Cull(request)) => {
-                return self.culls.take(open, &request, threads, &self.outbox);
-            }
+            Ok(Request::Cull(request)) => return Ok((open, request)),
             Ok(Request::Status) => status::answer(&mut open, &self.outbox),
             Err(reject) => self.outbox.refuse(&mut open, &reject.into()),
         }
         open.close();
-        Served::OTHER
+        Err(Served::OTHER)
     }
 
     /// What is known of the clients.

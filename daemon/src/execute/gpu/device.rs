@@ -35,8 +35,8 @@ pub struct GpuLimits {
     pub int64: bool,
 }
 
-/// Frames that may be under way at a time.
-pub const LANES: usize = 2;
+/// Submissions that may be under way at a time: the CPU gets the next one ready while the device works.
+pub const SUBMISSIONS: usize = 2;
 
 /// What a queue is for. Each role has a family of queues of its own, where the device has such, so
 /// that the work of one does not wait for another's. Two queues of one family would not do: on an

@@ -172,7 +172,25 @@ impl Frame {
     /// With more than [`MAX_STEPS`] steps, a binding too many or too large immediates: faults of
     /// this crate.
     pub fn record(&mut self, steps: Vec<Command>) -> Result<(), GpuError> {
-        assert!(steps.len() <= MAX_STEPS && !self.pending);
+        self.record_side_by_side(vec![steps])
+    }
+
+    /// Records the steps of several frames, none of which uses what another one writes, in place of the
+    /// former ones: all first steps, then all second ones, and so on. A barrier is then waited for once
+    /// for all of them, and what waits for the link in one frame is covered by the others.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    ///
+    /// # Panics
+    /// As [`Self::record`], for the steps of all frames together; and with several frames where steps
+    /// are timed.
+    pub(super) fn record_side_by_side(
+        &mut self,
+        frames: Vec<Vec<Command>>,
+    ) -> Result<(), GpuError> {
+        assert!(frames.iter().map(Vec::len).sum::<usize>() <= MAX_STEPS && !self.pending);
+        assert!(frames.len() <= 1 || self.queries.is_none());
         self.steps.clear();
         let (raw, gpu) = (self.gpu.raw(), &self.gpu);
         let commands = self.commands;
@@ -190,22 +208,33 @@ impl Frame {
                 raw.cmd_write_timestamp(commands, stage, queries, 0);
             }
         }
-        for (step, place) in steps.iter().zip(0u32..) {
-            if place > 0 {
+        let rounds = frames.iter().map(Vec::len).max().unwrap_or(0);
+        for round in 0..rounds {
+            if round > 0 {
                 self.barrier(vk::PipelineStageFlags::COMPUTE_SHADER, vk::AccessFlags::SHADER_READ);
             }
-            self.record_step(step)?;
+            for step in frames.iter().filter_map(|steps| steps.get(round)) {
+                self.record_step(step)?;
+            }
             if let Some(queries) = self.queries {
                 let stage = vk::PipelineStageFlags::BOTTOM_OF_PIPE;
                 // SAFETY: the pool has a query for each step.
-                unsafe { raw.cmd_write_timestamp(commands, stage, queries, place + 1) };
+                unsafe { raw.cmd_write_timestamp(commands, stage, queries, round as u32 + 1) };
             }
         }
         self.barrier(vk::PipelineStageFlags::HOST, vk::AccessFlags::HOST_READ);
         // SAFETY: recording was begun above.
         gpu.noticed(unsafe { raw.end_command_buffer(commands) })?;
-        self.steps = steps;
+        self.steps = frames.into_iter().flatten().collect();
         Ok(())
+    }
+
+    /// Forgets the steps of a frame that is recorded anew before it is submitted again, and what they
+    /// keep alive.
+    pub(super) fn forget_steps(&mut self) {
+        if !self.pending {
+            self.steps.clear();
+        }
     }
 
     /// What came before is done, and visible to what comes after.

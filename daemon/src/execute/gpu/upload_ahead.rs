@@ -23,7 +23,7 @@ use super::transfers::{PlacedBoxes, Upload};
 /// in which the link brings as many bytes.
 const LEAST_BYTES: u64 = 512 << 10;
 
-/// A lane's way ahead.
+/// A workspace's way ahead.
 pub(super) struct UploadAhead {
     gpu: Arc<Gpu>,
     /// Whether lone frames and small ones take it too. For tests.
@@ -138,7 +138,7 @@ impl Drop for UploadAhead {
         if !self.uploads.settle() {
             self.abandon();
         }
-        // SAFETY: the uploads have ended, and so have the frames that wait for it (their lane's
+        // SAFETY: the uploads have ended, and so have the frames that wait for it (their workspace's
         // `drop`), or nothing is destroyed: a null handle is ignored.
         unsafe { self.gpu.raw().destroy_semaphore(self.uploaded, None) };
     }

@@ -6,7 +6,8 @@ use pairmask_transport::Sender;
 
 use super::crew::Crew;
 use super::patience::{Patience, Rest};
-use crate::clients::FrameWork;
+use crate::clients::{FrameWork, GpuNeed};
+use crate::execute::BUNDLE_FRAMES;
 use crate::ingest::{Inbox, Incoming, Resource};
 
 /// A lane that is expected to take longer than this for a frame has another one listen meanwhile. To wake
@@ -29,6 +30,8 @@ pub(super) struct Arrived {
 #[derive(Debug)]
 pub(super) struct Task {
     pub(super) incoming: Incoming,
+    /// Other small frames for the GPU, which go there with it.
+    pub(super) beside: Vec<Incoming>,
     /// Threads that an engine may use.
     pub(super) threads: usize,
     pub(super) length: Length,
@@ -119,21 +122,28 @@ impl Desk {
         }
         let wake = self.crew.wake(now);
         let length = Length { is_long, has_turns };
-        Some(Task { incoming, threads, length, wake })
+        let mut beside = Vec::new();
+        if expected.gpu == GpuNeed::Shared {
+            let can_join = |other: &Arrived| other.expected.gpu == GpuNeed::Shared;
+            while beside.len() + 1 < BUNDLE_FRAMES
+                && let Some((sender, other)) = self.inbox.next_beside(resource, can_join)
+            {
+                self.patience.note_request(sender.session, now);
+                beside.push(other.incoming);
+            }
+        }
+        Some(Task { incoming, beside, threads, length, wake })
     }
 
-    /// A task was served by so many threads, and used so much time of them. Returns when lanes without
-    /// work go to sleep.
-    pub(super) fn note_served(
-        &mut self,
-        sender: Sender,
-        length: Length,
-        threads: usize,
-        used: Duration,
-        now: Instant,
-    ) -> Instant {
+    /// A request was served by so many threads, and used so much time of them.
+    pub(super) fn note_used(&mut self, sender: Sender, threads: usize, used: Duration) {
         self.last_threads = threads;
         self.inbox.note_served(sender, used);
+    }
+
+    /// All requests of a task were served, of which this was the first. Returns when lanes without work
+    /// go to sleep.
+    pub(super) fn note_served(&mut self, sender: Sender, length: Length, now: Instant) -> Instant {
         if length.is_long {
             self.crew.note_back();
         }
@@ -163,7 +173,7 @@ impl Desk {
 /// What a frame is to be served by.
 fn resource_for(expected: &FrameWork) -> Resource {
     match expected {
-        FrameWork { needs_gpu: true, .. } => Resource::Gpu,
+        FrameWork { gpu: GpuNeed::Alone | GpuNeed::Shared, .. } => Resource::Gpu,
         FrameWork { work, .. } if *work > LARGE_WORK => Resource::Pool,
         FrameWork { .. } => Resource::Core,
     }

@@ -29,7 +29,7 @@ use std::thread::Thread;
 use std::time::{Duration, Instant};
 
 use pairmask_core::spinner::Spinner;
-use pairmask_transport::{JANITOR_INTERVAL, StatusFile, WakeDaemon, sleep_until};
+use pairmask_transport::{JANITOR_INTERVAL, Sender, StatusFile, WakeDaemon, sleep_until};
 
 use self::crew::Crew;
 use self::desk::{Arrived, Desk, Task};
@@ -40,7 +40,7 @@ use super::{ServeError, ServeSettings};
 use crate::clients::FrameWork;
 use crate::execute::EnginePool;
 use crate::ingest::{Incoming, Intake};
-use crate::requests::Responder;
+use crate::requests::{Responder, Served};
 
 /// A lane that stands by while others serve long frames looks for requests this often: 1 % of a core, and
 /// a client that begins to send meanwhile waits for it once.
@@ -70,6 +70,19 @@ struct Lead {
     /// Requests on their way to the desk.
     arrived: Vec<Incoming>,
     tidy_at: Instant,
+}
+
+/// What is noted of a request when it was served.
+#[derive(Clone, Copy)]
+struct Asked {
+    sender: Sender,
+    objects: u32,
+}
+
+impl Asked {
+    fn of(incoming: &Incoming) -> Self {
+        Self { sender: incoming.sender, objects: incoming.request.header().box_count }
+    }
 }
 
 /// Why a lane gives the lead up.
@@ -320,23 +333,37 @@ impl<'a> Lanes<'a> {
     }
 
     fn serve(&self, lane: usize, task: Task) {
-        let Task { incoming, threads, length, .. } = task;
-        let (sender, objects) = (incoming.sender, incoming.request.header().box_count);
-        let start = Instant::now();
-        let served = self.responder.take(incoming, threads);
-        let now = Instant::now();
-        let took = now.saturating_duration_since(start);
+        let Task { incoming, beside, threads, length, .. } = task;
+        let (first, start) = (Asked::of(&incoming), Instant::now());
+        let threads = if beside.is_empty() {
+            let served = self.responder.take(incoming, threads);
+            self.note(&first, &served, start.elapsed());
+            served.threads
+        } else {
+            let asked: Vec<_> =
+                std::iter::once(first).chain(beside.iter().map(Asked::of)).collect();
+            let requests = std::iter::once(incoming).chain(beside);
+            let served = self.responder.take_bundle(requests, threads);
+            // They share the time of this thread.
+            let took = start.elapsed() / asked.len() as u32;
+            asked.iter().zip(&served).for_each(|(asked, served)| self.note(asked, served, took));
+            served.iter().map(|served| served.threads).max().unwrap_or(1)
+        };
+        let sleep_at = self.desk().note_served(first.sender, length, Instant::now());
+        if lane == 0 {
+            self.pool.keep_until(threads.min(self.most_awake()), sleep_at);
+        }
+    }
+
+    /// Notes what a request took.
+    fn note(&self, asked: &Asked, served: &Served, took: Duration) {
         // Several threads take longer together than one would alone.
         let work = served.on_one_core.unwrap_or(took);
         if served.is_frame {
-            let work = FrameWork { objects, work, needs_gpu: served.needs_gpu };
-            self.responder.clients().note_work(sender.session, work);
+            let work = FrameWork { objects: asked.objects, work, gpu: served.gpu };
+            self.responder.clients().note_work(asked.sender.session, work);
         }
-        let used = took * served.threads as u32;
-        let sleep_at = self.desk().note_served(sender, length, served.threads, used, now);
-        if lane == 0 {
-            self.pool.keep_until(served.threads.min(self.most_awake()), sleep_at);
-        }
+        self.desk().note_used(asked.sender, served.threads, took * served.threads as u32);
     }
 
     fn tidy(&self, lead: &mut Lead) {

@@ -59,7 +59,8 @@ impl Failure for LabError {
     fn was_said(&self) -> bool {
         says_why(match self {
             Self::Serve(ServeError::Worker { code }) => Some(*code),
-            Self::Accuracy(AccuracyError::Spawn(error)) => error.exit_code(),
+            Self::Accuracy(AccuracyError::Spawn(error))
+            | Self::Stress(StressCommandError::Spawn(error)) => error.exit_code(),
             _ => None,
         })
     }

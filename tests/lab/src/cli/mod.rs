@@ -12,6 +12,7 @@ mod scenes;
 mod shape;
 mod spheres;
 mod stress;
+mod stress_client;
 mod threads;
 
 use std::process::ExitCode;
@@ -36,6 +37,7 @@ struct Cli {
 const EXAMPLES: &str = "\
 Examples:
   pairmask-lab stress --seconds 60             engines and modes against an oracle, on hard scenes
+  pairmask-lab stress --clients 8              the same scenes by eight clients of a daemon
   pairmask-lab accuracy --out report           precision modes: time beside extra pairs
   pairmask-lab plan --n 1000,100000            the planned engine beside the best one
   pairmask-lab threads --threads 1,2,4         speed-up by threads
@@ -48,6 +50,8 @@ Exit status: 0 done; 1 it failed or a check failed; 2 the command line or config
 #[derive(Debug, Subcommand)]
 enum Command {
     Stress(stress::Stress),
+    #[command(hide = true)]
+    StressClient(stress_client::StressClient),
     Accuracy(accuracy::Accuracy),
     Mapping(mapping::Mapping),
     Grid(grid::Grid),
@@ -72,7 +76,8 @@ fn run(cli: &Cli) -> Result<(), LabError> {
     let config =
         if command.reads_config() { Config::load(place.config_file())? } else { Config::default() };
     match command {
-        Command::Stress(stress) => Ok(stress.run(&config)?),
+        Command::Stress(stress) => Ok(stress.run(place, &config)?),
+        Command::StressClient(client) => Ok(client.run(place)?),
         Command::Accuracy(accuracy) => Ok(accuracy.run(place, &config)?),
         Command::Mapping(mapping) => mapping.run(&config),
         Command::Grid(grid) => grid.run(&config),
@@ -85,8 +90,12 @@ fn run(cli: &Cli) -> Result<(), LabError> {
 
 impl Command {
     /// Whether the command uses a setting of the configuration file. A command that uses none does
-    /// not fail by a wrong file. The process that starts a daemon passes every setting as a flag.
+    /// not fail by a wrong file. The process that starts a daemon or a client passes every setting as a
+    /// flag.
     const fn reads_config(&self) -> bool {
-        !matches!(self, Self::Threads(_) | Self::Spheres(_) | Self::Serve(_))
+        !matches!(
+            self,
+            Self::Threads(_) | Self::Spheres(_) | Self::StressClient(_) | Self::Serve(_)
+        )
     }
 }

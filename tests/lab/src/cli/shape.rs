@@ -7,7 +7,6 @@ use super::Cli;
 
 const PAIRMASK_LAB: Shape = Shape {
     without_use: &[
-        ("stress", &["instance", "runtime_dir", "calibration", "isa"]),
         ("mapping", &["instance", "runtime_dir", "calibration", "isa"]),
         ("grid", &["instance", "runtime_dir", "calibration", "isa"]),
         ("plan", &["instance", "runtime_dir"]),

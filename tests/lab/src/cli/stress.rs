@@ -1,17 +1,27 @@
-//! `stress`: hard scenes, every engine against the oracle.
+//! `stress`: hard scenes, every engine against the oracle, in process or as clients of a daemon.
 
-use std::num::NonZeroUsize;
+use std::io;
+use std::num::{NonZeroU16, NonZeroU32, NonZeroUsize};
+use std::path::Path;
 use std::time::Duration;
 
 use clap::Args;
+use indicatif::ProgressBar;
+use pairmask::{Backend, Session, SessionBuilder};
 use pairmask_core::EngineName;
+use pairmask_transport::RuntimeDir;
+use pairmask_wire::InstanceName;
+use pairmaskd::audit::AuditRate;
 use pairmaskd::cli::config::Config;
-use pairmaskd::cli::options::DaemonOptions;
+use pairmaskd::cli::options::{DaemonOptions, Place};
 use pairmaskd::cli::output::{OutputError, print_json, print_text, progress_bar};
 use pairmaskd::cli::whole_number::whole_number;
+use pairmaskd::spawn::{PrivateDaemon, PrivateSettings, SpawnError};
 
+use super::stress_client::client_command;
 use crate::sabotage::Sabotage;
-use crate::stress::{Cases, Entrant, ModeChoice, Roster, StressError, run};
+use crate::stress::clients::{ClientsError, ClientsRun, limits};
+use crate::stress::{Cases, Entrant, ModeChoice, Roster, StressError, StressReport, run};
 
 /// Put every engine through hard scenes and compare with a naive oracle
 #[derive(Debug, Args)]
@@ -26,11 +36,19 @@ and denormal flags. A wrong answer prints its case, the first wrong pair and why
 mask or not. What an engine leaves to another one, because too many boxes stand in one place, is
 counted as skipped.
 
+With --clients the scenes go as frames of so many client processes, at the same time, through a daemon
+that is started for the run and audits every frame, or through a running one (--instance; it needs
+--max-clients of 3 a client and 32 more). Each client asks for sizes, forms, encodings and engines at
+random, has several frames under way, drops some, pauses, and compares every answer with the oracle.
+The run fails too where a frame is lost, the daemon's audit finds a wrong pair, or the daemon does
+not serve on.
+
 Examples:
   pairmask-lab stress --seconds 600
   pairmask-lab stress --engine cpu-grid,gpu-grid --gpu software
   pairmask-lab stress --mode q8,f16                 these modes and not the exact engines
   pairmask-lab stress --case 12345                  one case again
+  pairmask-lab stress --clients 8 --kills           eight clients of a daemon, killed now and then
 
 Exit status: 0 where every answer was right, 1 where one was not.")]
 pub struct Stress {
@@ -57,13 +75,19 @@ pub struct Stress {
     /// Most threads of an engine [default: all]
     #[arg(long, value_parser = whole_number::<NonZeroUsize>, value_name = "N")]
     threads: Option<NonZeroUsize>,
+    /// Client processes of a daemon, which send the scenes as frames
+    #[arg(long, value_parser = whole_number::<NonZeroU16>, value_name = "N")]
+    clients: Option<NonZeroU16>,
+    /// Kill a client now and then, and start it again; close sessions with frames under way
+    #[arg(long, requires = "clients")]
+    kills: bool,
     #[command(flatten)]
     options: DaemonOptions,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
     /// Break every engine (`lossy`) or mode (`inward`), to test that the checks notice.
-    #[arg(long, hide = true, num_args = 0..=1, require_equals = true, default_missing_value = "lossy")]
+    #[arg(long, hide = true, num_args = 0..=1, require_equals = true, default_missing_value = "lossy", conflicts_with = "clients")]
     break_engine: Option<Sabotage>,
 }
 
@@ -72,40 +96,165 @@ pub struct Stress {
 pub enum StressCommandError {
     #[error(transparent)]
     Stress(#[from] StressError),
+    #[error(transparent)]
+    Clients(#[from] ClientsError),
+    #[error(transparent)]
+    Spawn(#[from] SpawnError),
+    /// The path of this program, which is the daemon's and the clients', is not known.
+    #[error("the path of this program is not known: {0}")]
+    OwnBinary(#[source] io::Error),
     /// The report names the answers.
     #[error("wrong answers: each can be had again with the command beside it")]
     Wrong,
+    /// The report says what it was.
+    #[error(
+        "no answer was wrong, but the clients, the daemon or its audit were not as they should be"
+    )]
+    Unsound,
     #[error(transparent)]
     Output(#[from] OutputError),
 }
 
 impl Stress {
     /// Runs the cases and reports.
-    pub fn run(&self, config: &Config) -> Result<(), StressCommandError> {
-        let threads = self.threads.or(std::thread::available_parallelism().ok());
+    pub fn run(&self, place: &Place, config: &Config) -> Result<(), StressCommandError> {
+        let report = match self.clients {
+            Some(clients) => self.with_clients(clients, place, config)?,
+            None => self.in_process(config)?,
+        };
+        if self.json { print_json(&report) } else { print_text(&report.to_string()) }?;
+        if report.is_clean() {
+            Ok(())
+        } else if report.failures.is_empty() && report.clients.is_some() {
+            Err(StressCommandError::Unsound)
+        } else {
+            Err(StressCommandError::Wrong)
+        }
+    }
+
+    fn in_process(&self, config: &Config) -> Result<StressReport, StressCommandError> {
         let roster = Roster {
             entrants: self.engine.clone(),
             modes: self.mode.clone(),
-            threads: threads.map_or(1, usize::from),
+            threads: self.threads(),
             gpu: self.options.gpu(config),
             sabotage: self.break_engine,
         };
         let cases = match self.case {
             Some(seed) => Cases::One { seed },
-            None => Cases::Run {
-                seed: self.seed.unwrap_or_else(seed_of_the_clock),
-                time: Duration::from_secs(self.seconds),
-            },
+            None => Cases::Run { seed: self.seed(), time: self.time() },
         };
         let mut subjects = roster.subjects()?;
-        let bar = progress_bar(self.seconds, "hard scenes");
+        let bar = self.bar();
         let report = run(&cases, &mut subjects, |count, time| {
             bar.set_position(time.as_secs());
             bar.set_message(format!("{count} cases"));
         });
         bar.finish_and_clear();
-        if self.json { print_json(&report) } else { print_text(&report.to_string()) }?;
-        if report.is_clean() { Ok(()) } else { Err(StressCommandError::Wrong) }
+        Ok(report)
+    }
+
+    fn with_clients(
+        &self,
+        clients: NonZeroU16,
+        place: &Place,
+        config: &Config,
+    ) -> Result<StressReport, StressCommandError> {
+        let binary = std::env::current_exe().map_err(StressCommandError::OwnBinary)?;
+        let daemon = Daemon::new(self, &binary, clients, place, config)?;
+        let run = ClientsRun {
+            clients,
+            with_kills: self.kills,
+            seed: self.case.unwrap_or_else(|| self.seed()),
+            case: self.case,
+            time: self.time(),
+            entrants: self.engine.clone(),
+            modes: self.mode.clone(),
+            threads: self.threads(),
+            replay: self.replay(clients, place, config),
+        };
+        let bar = self.bar();
+        let client = |settings: &_| {
+            client_command(&binary, &daemon.dir, &daemon.instance, place.isa(config), settings)
+        };
+        let report = run.run(&daemon.session(), client, |answers, time| {
+            bar.set_position(time.as_secs());
+            bar.set_message(format!("{answers} answers"));
+        })?;
+        bar.finish_and_clear();
+        Ok(report)
+    }
+
+    fn threads(&self) -> usize {
+        let threads = self.threads.or(std::thread::available_parallelism().ok());
+        threads.map_or(1, usize::from)
+    }
+
+    fn seed(&self) -> u64 {
+        self.seed.unwrap_or_else(seed_of_the_clock)
+    }
+
+    const fn time(&self) -> Duration {
+        Duration::from_secs(self.seconds)
+    }
+
+    fn bar(&self) -> ProgressBar {
+        progress_bar(self.seconds, "hard scenes")
+    }
+
+    /// The command that sends a case through a daemon again, without the case.
+    fn replay(&self, clients: NonZeroU16, place: &Place, config: &Config) -> String {
+        let names = |names: Vec<String>| names.join(",");
+        let engines = names(self.engine.iter().map(ToString::to_string).collect());
+        let modes = names(self.mode.iter().map(ToString::to_string).collect());
+        let mut words = vec![
+            format!("pairmask-lab stress --clients {clients} --seconds {}", self.seconds),
+            format!("--engine {engines} --mode {modes} --threads {}", self.threads()),
+        ];
+        if self.kills {
+            words.push("--kills".to_owned());
+        }
+        match place.named_instance(config) {
+            Some(instance) => words.push(format!("--instance {instance}")),
+            None => words.push(format!("--gpu '{}'", self.options.gpu(config))),
+        }
+        words.join(" ")
+    }
+}
+
+/// The daemon that clients go through: the one that the user named, else one of this run, which
+/// audits every frame.
+struct Daemon {
+    dir: RuntimeDir,
+    instance: InstanceName,
+    _started: Option<PrivateDaemon>,
+}
+
+impl Daemon {
+    fn new(
+        stress: &Stress,
+        binary: &Path,
+        clients: NonZeroU16,
+        place: &Place,
+        config: &Config,
+    ) -> Result<Self, SpawnError> {
+        if let Some(instance) = place.named_instance(config) {
+            return Ok(Self { dir: place.runtime_dir(config), instance, _started: None });
+        }
+        let settings = PrivateSettings {
+            limits: limits(clients),
+            audit: AuditRate::OneIn(NonZeroU32::MIN),
+            ..stress.options.private(place, config)
+        };
+        let started = PrivateDaemon::start(binary, &settings)?;
+        Ok(Self { dir: started.dir(), instance: started.instance(), _started: Some(started) })
+    }
+
+    fn session(&self) -> SessionBuilder {
+        Session::builder()
+            .runtime_dir(self.dir.clone())
+            .instance(self.instance.as_str())
+            .backend(Backend::Daemon)
     }
 }
 

@@ -9,7 +9,7 @@ use pairmask_core::mask::{MaskShape, MaskView};
 use pairmask_core::{Aabb, BoxCount, Encoding};
 use pairmask_shaders::Found;
 use pairmaskd::execute::gpu::{
-    AllPairs, AllPairsOptions, Capacity, Gpu, Grid, GridOptions, GridUnderWay, LANES,
+    AllPairs, AllPairsOptions, Capacity, Gpu, Grid, GridOptions, GridUnderWay, SUBMISSIONS,
     SharedImports, Sizes, cell_count,
 };
 use pairmaskd::scene::{Scene, SceneName};
@@ -267,7 +267,7 @@ pub fn frames_a_second(
     let options = GridOptions { imports: imports.clone(), ..GridOptions::default() };
     let mut grid = Grid::new(gpu, &options)?;
     let mut under_way_now = VecDeque::new();
-    for _ in 0..under_way.clamp(1, LANES) {
+    for _ in 0..under_way.clamp(1, SUBMISSIONS) {
         let mut memory = SegmentFrame {
             n: boxes.len(),
             boxes: Segment::new(size_of_val(boxes))?,

@@ -1,11 +1,12 @@
 //! One case: a seed, the scene that follows from it, and the truth.
 
 use std::fmt::Write;
+use std::ops::Range;
 use std::sync::OnceLock;
 
 use pairmask_core::Aabb;
 use pairmask_core::oracle::{Truth, truth};
-use pairmaskd::scene::Random;
+use pairmaskd::scene::{Random, Scene, SceneName};
 
 use super::flags::MixedFlags;
 use super::modes::{ModeCase, Usage};
@@ -18,6 +19,12 @@ pub const CASE_SEED_BITS: u32 = 48;
 /// Most pairs of a scene. A scene with more is halved until it has fewer: reading millions of bits
 /// naively takes seconds and finds no more than reading thousands.
 pub(super) const MOST_PAIRS: usize = 60_000;
+
+/// Boxes of a large case. The oracle takes less than a second for the most.
+const LARGE: Range<u64> = 5_000..12_000;
+
+/// Makes the random numbers of large cases independent of those of others.
+const LARGE_STREAM: u64 = 0x4c41_5247_4500;
 
 /// A scene, how it was made, and its truth.
 #[derive(Clone, Debug)]
@@ -48,6 +55,23 @@ impl Case {
             // Writing to a string cannot fail.
             let _ = write!(recipe, ", {}", change.name);
         }
+        Self::of(seed, boxes, recipe)
+    }
+
+    /// A case of thousands of boxes of an ordinary scene: enough work to be large for a daemon. Hard
+    /// scenes of that size have too many pairs for the oracle.
+    pub fn large(seed: u64) -> Self {
+        let mut random = Random::new(seed ^ LARGE_STREAM);
+        let n = LARGE.start + random.below(LARGE.end - LARGE.start);
+        let names: Vec<SceneName> =
+            SceneName::ALL.into_iter().filter(|name| !name.is_quadratic()).collect();
+        let name = names[random.below(names.len() as u64) as usize];
+        let scene = Scene::new(name, n as usize, random.bits());
+        Self::of(seed, scene.boxes().to_vec(), format!("{name}, a large one"))
+    }
+
+    /// A case of these boxes, or of the first of them where they have too many pairs.
+    fn of(seed: u64, mut boxes: Vec<Aabb>, recipe: String) -> Self {
         let flags = MixedFlags::of_seed(seed);
         let mut truth = flags.caller.run(|| truth(&boxes));
         while truth.pairs.len() > MOST_PAIRS {

@@ -16,10 +16,13 @@
 //! An engine may leave a crowded scene to another one ([`Outcome::Declined`]). That is no failure, but
 //! it is counted and printed: a run without answers proves nothing.
 //!
+//! The same scenes can go through a daemon, as frames of several client processes ([`clients`]).
+//!
 //! To add another way to find pairs, implement [`Subject`] and list it in `roster.rs`.
 
 mod case;
 mod changes;
+pub mod clients;
 mod flags;
 mod gaps;
 pub mod hard;

@@ -120,16 +120,20 @@ impl Subject for ModeSubject {
         (case.in_mode(self.usage).given.len(), case.recipe.clone())
     }
 
-    fn explain(&self, case: &Case, (i, j): Pair) -> Option<Explanation> {
-        let case = case.in_mode(self.usage);
-        // An explanation begins with f32 boxes; for a world, with those that were sent.
-        let (given, sent) = match &case.sending {
-            Sending::Narrow(precision) => (&case.given, SentBoxes::narrow(precision, &case.sent)),
-            Sending::Inflated(margin) => (&case.given, SentBoxes::inflated(*margin, &case.sent)),
-            Sending::World { .. } => (&case.sent, SentBoxes::relative(&case.sent)),
-        };
-        Explanation::of_sent(given, &sent, i, j).ok()
+    fn explain(&self, case: &Case, pair: Pair) -> Option<Explanation> {
+        explain(case.in_mode(self.usage), pair)
     }
+}
+
+/// Explains why a pair must be in the answer to a case or not, where that is possible.
+pub(super) fn explain(case: &ModeCase, (i, j): Pair) -> Option<Explanation> {
+    // An explanation begins with f32 boxes; for a world, with those that were sent.
+    let (given, sent) = match &case.sending {
+        Sending::Narrow(precision) => (&case.given, SentBoxes::narrow(precision, &case.sent)),
+        Sending::Inflated(margin) => (&case.given, SentBoxes::inflated(*margin, &case.sent)),
+        Sending::World { .. } => (&case.sent, SentBoxes::relative(&case.sent)),
+    };
+    Explanation::of_sent(given, &sent, i, j).ok()
 }
 
 /// The boxes to send with faces rounded inward instead of outward.

@@ -10,6 +10,7 @@ use pairmask_core::precision::Margin;
 use pairmask_core::{Aabb, Bounds, Precision};
 use pairmaskd::precision::as_sent;
 use pairmaskd::scene::Random;
+use serde::{Deserialize, Serialize};
 
 use super::case::MOST_PAIRS;
 use super::flags::MixedFlags;
@@ -99,7 +100,7 @@ impl fmt::Display for ModeChoice {
 }
 
 /// One way to use a mode other than exact.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Usage {
     /// Cells of the bounds of the boxes.
     Q16,

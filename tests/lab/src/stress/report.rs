@@ -5,6 +5,7 @@ use std::fmt;
 use pairmaskd::explain::Explanation;
 use serde::Serialize;
 
+use super::clients::ClientsReport;
 use super::{Cases, Subject};
 
 /// The JSON object of `stress --json`. Fields may be added, never changed or taken away.
@@ -28,6 +29,8 @@ pub struct StressReport {
     pub elapsed_ns: u64,
     /// Answers that were wrong; the first ten, then a run ends.
     pub failures: Vec<Failure>,
+    /// What clients of a daemon did; `None` of a run in process.
+    pub clients: Option<ClientsReport>,
 }
 
 /// Answers that a subject declined because too many boxes lay in one place.
@@ -81,6 +84,7 @@ impl StressReport {
             extra: 0,
             elapsed_ns: 0,
             failures: Vec::new(),
+            clients: None,
         }
     }
 
@@ -97,9 +101,10 @@ impl StressReport {
         self.answers - self.skipped.iter().map(|skipped| skipped.answers).sum::<u64>()
     }
 
-    /// Whether there was an answer, and all answers were right.
+    /// Whether there was an answer, all answers were right, and clients got theirs from the daemon.
     pub fn is_clean(&self) -> bool {
-        self.failures.is_empty() && self.checked() > 0
+        let are_clients_clean = self.clients.as_ref().is_none_or(ClientsReport::is_clean);
+        self.failures.is_empty() && self.checked() > 0 && are_clients_clean
     }
 }
 
@@ -113,16 +118,21 @@ impl fmt::Display for StressReport {
         }
         let Self { seed, cases, answers, missed, extra, .. } = self;
         let seconds = self.elapsed_ns as f64 / 1e9;
-        let minute = 60.0 * *cases as f64 / seconds.max(1e-9);
-        write!(f, "seed {seed}: {cases} cases × {} subjects", self.subjects.len())?;
-        write!(f, " = {answers} answers in {seconds:.1} s ({minute:.0} cases a minute); ")?;
+        if let Some(clients) = &self.clients {
+            writeln!(f, "{clients}")?;
+            write!(f, "seed {seed}: {cases} cases, {answers} answers in {seconds:.1} s; ")?;
+        } else {
+            let minute = 60.0 * *cases as f64 / seconds.max(1e-9);
+            write!(f, "seed {seed}: {cases} cases × {} subjects", self.subjects.len())?;
+            write!(f, " = {answers} answers in {seconds:.1} s ({minute:.0} cases a minute); ")?;
+        }
         let skipped = answers - self.checked();
         if skipped > 0 {
             write!(f, "{skipped} skipped, ")?;
         }
         if self.checked() == 0 {
             write!(f, "nothing was checked")
-        } else if self.is_clean() {
+        } else if self.failures.is_empty() {
             write!(f, "0 missed, 0 extra")
         } else {
             let wrong = self.failures.len();

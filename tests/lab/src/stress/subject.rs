@@ -13,6 +13,7 @@ use pairmask_core::oracle::check::{Mismatch, check_frame};
 use pairmask_core::oracle::{Pair, naive_decoder};
 use pairmaskd::explain::Explanation;
 use rayon::ThreadPool;
+use serde::{Deserialize, Serialize};
 
 use super::case::Case;
 use super::modes::Mode;
@@ -58,7 +59,7 @@ pub enum Outcome {
 }
 
 /// A mistake in an answer.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Finding {
     /// In words.
     pub what: String,

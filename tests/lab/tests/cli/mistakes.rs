@@ -11,6 +11,10 @@ fn a_mistake_is_told_in_one_line() {
     for (line, code, expected) in [
         ("", 2, "a command is missing, one of stress, accuracy"),
         ("stress --case 1 --seed 2", 2, "--case and --seed exclude each other"),
+        ("stress --kills", 2, "--clients"),
+        ("stress --clients 2 --engine updates", 1, "nothing to ask the daemon for"),
+        ("stress --clients 2 --engine gpu-grid", 1, "nothing to ask the daemon for"),
+        ("stress --clients 2 --instance nobody", 1, "no daemon serves instance 'nobody'"),
         ("grid --n x", 2, "'x' for --n: must be a whole number"),
         ("accuracy --compare absent", 1, "absent: there is no such file"),
         ("accuracy --out boxes.f32", 1, "boxes.f32: it is no directory"),
@@ -29,9 +33,13 @@ fn a_mistake_is_told_in_one_line() {
 fn help_lists_what_works() {
     let place = Place::new();
     for (line, listed, absent) in [
-        ("stress --help", &["--gpu", "--config"][..], &["--instance", "--calibration"][..]),
-        ("grid --help", &["--gpu"], &["--instance"]),
-        ("--help", &["stress", "accuracy"], &["serve"]),
+        (
+            "stress --help",
+            &["--gpu", "--config", "--instance", "--clients"][..],
+            &["stress-client"][..],
+        ),
+        ("grid --help", &["--gpu"], &["--instance", "--calibration"]),
+        ("--help", &["stress", "accuracy"], &["serve", "stress-client"]),
     ] {
         let words: Vec<&str> = line.split_whitespace().collect();
         let help = place.run(&words).stdout;

@@ -1,10 +1,13 @@
-//! `stress`: right engines pass, a broken one is caught and reported.
+//! `stress`: right engines pass, a broken one is caught and reported; clients of a daemon too.
 
 use std::collections::BTreeSet;
 
+use pairmask_tests::command_line::{self, eventually, finish};
+use pairmask_transport::RuntimeDir;
+use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 
-use crate::support::{Place, keys};
+use crate::support::{LosingDaemon, Place, keys};
 
 #[test]
 fn right_engines_pass() {
@@ -20,8 +23,10 @@ fn right_engines_pass() {
         "extra",
         "elapsed_ns",
         "failures",
+        "clients",
     ];
     assert_eq!(keys(&report), BTreeSet::from(fields));
+    assert_eq!(report["clients"], Value::Null);
     assert_eq!(report["skipped"], Value::Array(vec![]));
     assert!(report["cases"].as_u64().unwrap() > 0);
     assert_eq!((&report["missed"], &report["extra"]), (&0.into(), &0.into()));
@@ -95,4 +100,100 @@ fn an_engine_that_is_not_there_is_an_error() {
     for engine in ["gpu-brute", "gpu-grid"] {
         place.run(&["stress", "--engine", engine, "--gpu", "none"]).error(1);
     }
+}
+
+/// The fields of `clients`, and of its `daemon`.
+const CLIENTS: [&str; 9] = [
+    "count",
+    "sessions",
+    "frames",
+    "unread",
+    "in_process",
+    "unanswered",
+    "killed",
+    "broken",
+    "daemon",
+];
+const DAEMON: [&str; 5] = ["serves", "was_restarted", "frames", "errors", "audit"];
+
+/// Runs four clients of a daemon with this GPU, some of them killed, and checks the report.
+fn four_clients(gpu: &str) -> Value {
+    let place = Place::new();
+    let line = ["stress", "--clients", "4", "--seconds", "4", "--seed", "9", "--kills", "--json"];
+    let mut command = place.command(&[&line[..], &["--gpu", gpu]].concat());
+    // Mesa's device-select layer would hide the adapter where no display server runs.
+    command.env("NODEVICE_SELECT", "1");
+    let report = finish(command.spawn().unwrap(), "pairmask-lab").json();
+    let count = |value: &Value| value.as_u64().unwrap();
+    assert!(count(&report["answers"]) > 50 && count(&report["cases"]) >= 20, "{report}");
+    assert_eq!((&report["missed"], &report["extra"]), (&0.into(), &0.into()));
+    let clients = &report["clients"];
+    assert_eq!(keys(clients), BTreeSet::from(CLIENTS));
+    assert_eq!((&clients["in_process"], &clients["unanswered"]), (&0.into(), &0.into()));
+    assert!(clients["count"] == 4 && count(&clients["killed"]) > 0, "{report}");
+    assert!(count(&clients["frames"]) > count(&report["answers"]), "{report}");
+    assert_eq!(clients["broken"], Value::Array(vec![]));
+    let daemon = &clients["daemon"];
+    assert_eq!(keys(daemon), BTreeSet::from(DAEMON));
+    assert!(daemon["serves"] == true && daemon["was_restarted"] == false, "{report}");
+    let audit = &daemon["audit"];
+    assert!(count(&audit["frames"]) > 0 && count(&audit["pairs"]) > 0, "{report}");
+    assert_eq!((&audit["missed"], &audit["extra"]), (&0.into(), &0.into()));
+    place.assert_clean(&[]);
+    report
+}
+
+fn asked(report: &Value) -> BTreeSet<&str> {
+    report["subjects"].as_array().unwrap().iter().map(|subject| subject.as_str().unwrap()).collect()
+}
+
+#[test]
+fn clients_of_a_daemon_get_their_own_pairs() {
+    let report = four_clients("none");
+    let asked = asked(&report);
+    assert!(asked.contains("boxes by auto") && asked.contains("spheres by cpu-grid"), "{asked:?}");
+    assert!(!asked.iter().any(|name| name.contains("gpu")), "{asked:?}");
+}
+
+#[test]
+fn clients_of_a_daemon_with_a_gpu_get_their_own_pairs() {
+    let report = four_clients(&pairmask_tests::gpu::choice().to_string());
+    let asked = asked(&report);
+    assert!(asked.contains("boxes by gpu-grid") && asked.contains("q8 by gpu-brute"), "{asked:?}");
+}
+
+#[test]
+fn clients_notice_a_daemon_that_loses_pairs() {
+    let daemon = command_line::Place::<LosingDaemon>::new();
+    let serve = ["serve", "--audit", "1/1", "--max-clients", "64"];
+    let serving = daemon.command(&serve).spawn().unwrap();
+    let (dir, name) = (RuntimeDir::at(daemon.path()), "default".parse().unwrap());
+    eventually("the daemon serves", || dir.read_record(&name));
+
+    let place = Place::new();
+    let run = |line: &[&str]| {
+        let mut command = place.command(&[line, &["--json"]].concat());
+        command.env("PAIRMASK_RUNTIME_DIR", daemon.path());
+        let finished = finish(command.spawn().unwrap(), "pairmask-lab");
+        assert_eq!(finished.code, Some(1), "{finished:?}");
+        serde_json::from_str::<Value>(&finished.stdout).unwrap()
+    };
+    let line = ["stress", "--clients", "2", "--instance", "default", "--seconds", "60"];
+    let report = run(&[&line[..], &["--mode", "exact"]].concat());
+    assert!(report["elapsed_ns"].as_u64().unwrap() < 55_000_000_000, "{report}");
+    assert!(report["missed"].as_u64().unwrap() > 0 && report["extra"] == 0, "{report}");
+    let audit = &report["clients"]["daemon"]["audit"];
+    assert!(audit["missed"].as_u64().unwrap() > 0, "{report}");
+    let failure = &report["failures"][0];
+    assert!(failure["what"].as_str().unwrap().contains("is missing"), "{failure}");
+
+    // The command that is printed, word by word.
+    let replay: Vec<&str> = failure["replay"].as_str().unwrap().split(' ').skip(1).collect();
+    assert!(replay.contains(&"--clients") && replay.contains(&"--instance"), "{failure}");
+    let again = run(&replay);
+    let of_the_case = |found: &Value| found["case"] == failure["case"];
+    assert!(again["failures"].as_array().unwrap().iter().any(of_the_case), "{again}");
+
+    kill_process(Pid::from_raw(serving.id().cast_signed()).unwrap(), Signal::TERM).unwrap();
+    assert_eq!(finish(serving, "pairmaskd").code, Some(0));
 }

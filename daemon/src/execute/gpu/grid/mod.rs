@@ -20,13 +20,14 @@
 //! Scenes that crowd a cell beyond a budget, or dense masks, are the all-pairs engine's.
 
 mod axis;
-mod lane;
+mod bundle;
 mod layout;
 pub mod plan;
 mod sample;
 mod scratch;
 mod steps;
 mod under_way;
+mod workspace;
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -37,15 +38,16 @@ use pairmask_core::{Aabb, BoxCount, BoxForm, Encoding, EngineName};
 use pairmask_shaders::layouts::GridLayout;
 use pairmask_shaders::{Found, GridStage, Stage};
 
-use self::lane::{Ended, Lane, Tools};
+use self::bundle::Bundle;
 use self::layout::Chooser;
 use self::plan::{Capacity, LastFound, Sizes};
-use self::under_way::SharedLane;
+use self::under_way::SharedWorkspace;
+use self::workspace::{Ended, Tools, Workspace};
 use super::all_pairs::outcome::no_pairs;
 use super::all_pairs::plan::refusal;
-use super::device::{Gpu, LANES};
+use super::device::{Gpu, SUBMISSIONS};
 use super::error::GpuError;
-use super::frame::{StepTime, Wait};
+use super::frame::{Command, MAX_STEPS, StepTime, Wait};
 use super::memory::Block;
 use super::pipeline::Pipelines;
 use super::shader::Checks;
@@ -87,12 +89,26 @@ pub struct GridOptions {
 
 const ENGINE: EngineName = EngineName::GpuGrid;
 
-/// The engine. One thread uses it, for one frame at a time ([`Engine::cull`]) or for one in each
-/// lane ([`Grid::begin`], [`Grid::end`]), in whatever order they end.
+/// Most frames of a bundle: about as many as the steps of a submission hold. More would gain little,
+/// since the link and the CPU are busy by then.
+pub const BUNDLE_FRAMES: usize = 6;
+
+const _: () = assert!(BUNDLE_FRAMES * GridStage::COUNT <= MAX_STEPS);
+
+/// A frame that is under way, or the error with its memory.
+pub type Begun<M> = Result<GridUnderWay<M>, (CullError, Option<M>)>;
+
+/// The engine. One thread uses it, for one frame at a time ([`Engine::cull`]) or for some submissions of
+/// one frame or of several ([`Grid::begin`], [`Grid::begin_bundle`]), whose frames end in whatever order
+/// ([`Grid::end`]).
 pub struct Grid {
     gpu: Arc<Gpu>,
     tools: Tools,
-    lanes: [SharedLane; LANES],
+    /// Those of each submission that may be under way. A frame that is alone takes the first.
+    workspaces: [[SharedWorkspace; BUNDLE_FRAMES]; SUBMISSIONS],
+    /// That of a frame that is waited for at once, whatever is under way.
+    own_workspace: SharedWorkspace,
+    bundles: Vec<Bundle>,
 }
 
 impl Grid {
@@ -108,11 +124,13 @@ impl Grid {
             }
         }
         pipelines.save();
-        let lane = || Lane::new(gpu, options).map(SharedLane::new);
-        let lanes = [lane()?, lane()?];
+        let workspace = || Workspace::new(gpu, options).map(SharedWorkspace::new);
         let software = gpu.info().is_software();
         Ok(Self {
             gpu: Arc::clone(gpu),
+            workspaces: try_array(|| try_array(workspace))?,
+            own_workspace: workspace()?,
+            bundles: Vec::with_capacity(SUBMISSIONS),
             tools: Tools {
                 gpu: Arc::clone(gpu),
                 pipelines,
@@ -124,7 +142,6 @@ impl Grid {
                 wait: options.wait.unwrap_or(if software { Wait::Block } else { Wait::Spin }),
                 binding_bytes: gpu.limits().storage_binding_bytes.min(1 << 31),
             },
-            lanes,
         })
     }
 
@@ -135,8 +152,8 @@ impl Grid {
 
     /// Drops what was recorded for an import that has ended.
     pub(in crate::execute) fn drop_frames_of(&mut self, block: &Arc<Block>) {
-        for lane in &self.lanes {
-            lane.lock().drop_frames_of(block);
+        for workspace in self.all_workspaces() {
+            workspace.lock().drop_frames_of(block);
         }
     }
 
@@ -145,38 +162,110 @@ impl Grid {
         &self.tools.step_times
     }
 
-    /// Starts a frame of memory in a free lane.
+    /// Starts a frame of memory.
     ///
     /// # Errors
     /// [`CullError`], as [`Engine::cull`], with the memory: nothing is under way then.
-    /// [`CullError::Unavailable`] where all lanes are taken.
-    pub fn begin<M: FrameMemory>(
+    /// [`CullError::Unavailable`] where all submissions are under way.
+    pub fn begin<M: FrameMemory>(&mut self, memory: M, encoding: Encoding) -> Begun<M> {
+        match self.free_workspaces() {
+            Some([workspace, ..]) => self.begin_in(workspace, memory, encoding),
+            None => Err((NONE_FREE, Some(memory))),
+        }
+    }
+
+    fn begin_in<M: FrameMemory>(
         &mut self,
+        workspace: SharedWorkspace,
         memory: M,
         encoding: Encoding,
-    ) -> Result<GridUnderWay<M>, (CullError, Option<M>)> {
-        let is_behind = self.lanes.iter().any(|lane| !lane.lock().is_free());
-        let Some(lane) = self.lanes.iter().find(|lane| lane.lock().is_free()).cloned() else {
-            let why = "all of its lanes are taken";
-            return Err((CullError::Unavailable { engine: ENGINE, why }, Some(memory)));
-        };
-        let mut frame = GridUnderWay::new(lane, memory);
-        let begun =
-            frame.with(|lane, boxes, reply| self.begin_in(lane, boxes, encoding, reply, is_behind));
+    ) -> Begun<M> {
+        let is_behind = self.all_workspaces().any(|workspace| !workspace.lock().is_free());
+        let mut frame = GridUnderWay::new(workspace, memory);
+        let begun = frame.with(|workspace, boxes, reply| {
+            let (n, capacity) = self.asked(boxes, encoding, reply)?;
+            workspace.begin(&mut self.tools, n, boxes, reply, capacity, is_behind)
+        });
         match begun {
             Ok(()) => Ok(frame),
             Err(error) => Err((error, frame.give_up())),
         }
     }
 
-    fn begin_in(
-        &mut self,
-        lane: &mut Lane,
+    /// Starts frames of several memories in one submission. The answers are those of frames that are
+    /// begun one by one.
+    ///
+    /// # Errors
+    /// Those of [`Self::begin`], for each frame.
+    ///
+    /// # Panics
+    /// With more than [`BUNDLE_FRAMES`], and where steps are timed.
+    pub fn begin_bundle<M: FrameMemory>(&mut self, frames: Vec<(M, Encoding)>) -> Vec<Begun<M>> {
+        assert!(frames.len() <= BUNDLE_FRAMES, "{} frames", frames.len());
+        let Some(workspaces) = self.free_workspaces() else {
+            return frames.into_iter().map(|(memory, _)| Err((NONE_FREE, Some(memory)))).collect();
+        };
+        let bundle = match self.free_bundle() {
+            Ok(bundle) => bundle,
+            Err(error) => {
+                let error = self.gpu.cull_error(ENGINE, &error);
+                let unserved = |(memory, _)| Err((error.clone(), Some(memory)));
+                return frames.into_iter().map(unserved).collect();
+            }
+        };
+        let mut steps: Vec<Vec<Command>> = Vec::with_capacity(frames.len());
+        let mut begun = Vec::with_capacity(frames.len());
+        for (workspace, (memory, encoding)) in workspaces.into_iter().zip(frames) {
+            let mut frame = GridUnderWay::new(workspace, memory);
+            let joined = frame.with(|workspace, boxes, reply| {
+                let (n, capacity) = self.asked(boxes, encoding, reply)?;
+                workspace.join(&mut self.tools, n, boxes, reply, capacity, &bundle)
+            });
+            begun.push(match joined {
+                Ok(its_steps) => {
+                    steps.push(its_steps);
+                    Ok(frame)
+                }
+                Err(error) => Err((error, frame.give_up())),
+            });
+        }
+        if let Err(error) = bundle.submit(steps) {
+            let error = self.gpu.cull_error(ENGINE, &error);
+            let give_up = |frame: GridUnderWay<M>| Err((error.clone(), frame.give_up()));
+            return begun.into_iter().map(|frame| frame.and_then(give_up)).collect();
+        }
+        begun
+    }
+
+    fn all_workspaces(&self) -> impl Iterator<Item = &SharedWorkspace> {
+        self.workspaces.as_flattened().iter().chain([&self.own_workspace])
+    }
+
+    /// The workspaces of a submission that is not under way.
+    fn free_workspaces(&self) -> Option<[SharedWorkspace; BUNDLE_FRAMES]> {
+        let is_free = |workspaces: &&[SharedWorkspace; BUNDLE_FRAMES]| {
+            workspaces.iter().all(|workspace| workspace.lock().is_free())
+        };
+        self.workspaces.iter().find(is_free).cloned()
+    }
+
+    /// A bundle that no frame is in.
+    fn free_bundle(&mut self) -> Result<Bundle, GpuError> {
+        if let Some(bundle) = self.bundles.iter().find(|bundle| bundle.is_free()) {
+            return Ok(bundle.clone());
+        }
+        let bundle = Bundle::new(&self.gpu)?;
+        self.bundles.push(bundle.clone());
+        Ok(bundle)
+    }
+
+    /// The number of a frame's boxes, and what its reply gets room for.
+    fn asked(
+        &self,
         boxes: BoxSlice<'_>,
         encoding: Encoding,
-        reply: &mut dyn ReplyBuffer,
-        is_behind: bool,
-    ) -> Result<(), CullError> {
+        reply: &dyn ReplyBuffer,
+    ) -> Result<(BoxCount, Capacity), CullError> {
         let limit = plan::max_boxes(self.tools.binding_bytes);
         let n = BoxCount::of_len(boxes.len())
             .filter(|n| u64::from(n.get()) <= limit)
@@ -187,8 +276,7 @@ impl Grid {
         self.gpu.health().check().map_err(|e| self.gpu.cull_error(ENGINE, &e))?;
         let limit = reply.limit_words();
         let room = plan::room(n, found, limit).ok_or_else(|| no_room(n, found, limit))?;
-        let capacity = Capacity::expected(n, found, self.tools.last_found.of(found), room);
-        lane.begin(&mut self.tools, n, boxes, reply, capacity, is_behind)
+        Ok((n, Capacity::expected(n, found, self.tools.last_found.of(found), room)))
     }
 
     /// Waits for a frame and gives its memory back. The memory is `None` where the GPU keeps it, after
@@ -208,20 +296,20 @@ impl Grid {
         &mut self,
         frame: &mut GridUnderWay<M>,
     ) -> Result<CullReport, CullError> {
-        if !self.lanes.iter().any(|lane| frame.is_in(lane)) {
+        if !self.all_workspaces().any(|workspace| frame.is_in(workspace)) {
             return Err(CullError::DeviceLost { engine: ENGINE });
         }
-        frame.with(|lane, boxes, reply| self.end_in(lane, boxes, reply))
+        frame.with(|workspace, boxes, reply| self.end_in(workspace, boxes, reply))
     }
 
     fn end_in(
         &mut self,
-        lane: &mut Lane,
+        workspace: &mut Workspace,
         boxes: BoxSlice<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
         loop {
-            match lane.end(&mut self.tools, reply)? {
+            match workspace.end(&mut self.tools, reply)? {
                 Ended::Report(report) => return Ok(report),
                 Ended::Again { n, found, items } => {
                     // Counted, not written: come back with room for that many.
@@ -232,7 +320,7 @@ impl Grid {
                         return Err(refusal(needed, limit).into());
                     };
                     let capacity = Capacity::expected(n, found, items, room);
-                    lane.begin(&mut self.tools, n, boxes, reply, capacity, false)?;
+                    workspace.begin(&mut self.tools, n, boxes, reply, capacity, false)?;
                 }
             }
         }
@@ -260,11 +348,24 @@ impl Engine for Grid {
             }
             _ => {
                 let memory = Borrowed { boxes, reply };
-                let frame = self.begin(memory, encoding).map_err(|(error, _)| error)?;
-                self.end(frame).0
+                let workspace = self.own_workspace.clone();
+                let frame = self.begin_in(workspace, memory, encoding);
+                self.end(frame.map_err(|(error, _)| error)?).0
             }
         }
     }
+}
+
+const NONE_FREE: CullError =
+    CullError::Unavailable { engine: ENGINE, why: "all of its submissions are under way" };
+
+/// An array of what `make` gives, or its first error.
+fn try_array<T, const N: usize>(
+    mut make: impl FnMut() -> Result<T, GpuError>,
+) -> Result<[T; N], GpuError> {
+    let made = (0..N).map(|_| make()).collect::<Result<Vec<T>, _>>()?;
+    // There are N of them.
+    made.try_into().map_err(|_| GpuError::Lost)
 }
 
 /// The refusal of a reply without room for a single mask word or pair.

@@ -6,22 +6,22 @@ use pairmask_core::engine::{CullError, ReplyBuffer};
 use pairmask_core::precision::BoxSlice;
 
 use super::ENGINE;
-use super::lane::Lane;
+use super::workspace::Workspace;
 use crate::execute::FrameMemory;
 use crate::execute::frame_memory::{LentReply, with_lent};
 
-/// A lane that its engine and the frame in it share. The frame outlives the engine where it must.
+/// A workspace that its engine and the frame in it share. The frame outlives the engine where it must.
 #[derive(Clone)]
-pub(super) struct SharedLane(Arc<Mutex<Lane>>);
+pub(super) struct SharedWorkspace(Arc<Mutex<Workspace>>);
 
-impl SharedLane {
-    pub(super) fn new(lane: Lane) -> Self {
-        Self(Arc::new(Mutex::new(lane)))
+impl SharedWorkspace {
+    pub(super) fn new(workspace: Workspace) -> Self {
+        Self(Arc::new(Mutex::new(workspace)))
     }
 
-    /// The lane, for as long as the guard lives. One thread uses an engine and its frames, so no
+    /// The workspace, for as long as the guard lives. One thread uses an engine and its frames, so no
     /// thread waits here; after a panic the frame is given up with whatever it had.
-    pub(super) fn lock(&self) -> MutexGuard<'_, Lane> {
+    pub(super) fn lock(&self) -> MutexGuard<'_, Workspace> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -33,7 +33,7 @@ impl SharedLane {
 /// The engine may be dropped before.
 #[must_use = "dropping a frame under way waits for it and loses its answer"]
 pub struct GridUnderWay<M: FrameMemory> {
-    lane: SharedLane,
+    workspace: SharedWorkspace,
     /// There until it was given back.
     memory: Option<M>,
     /// Where the mask goes.
@@ -41,25 +41,25 @@ pub struct GridUnderWay<M: FrameMemory> {
 }
 
 impl<M: FrameMemory> GridUnderWay<M> {
-    /// Takes a free lane and the memory of its next frame, which [`Self::with`] starts.
-    pub(super) fn new(lane: SharedLane, memory: M) -> Self {
-        Self { lane, memory: Some(memory), lent: LentReply::default() }
+    /// Takes a free workspace and the memory of its next frame, which [`Self::with`] starts.
+    pub(super) fn new(workspace: SharedWorkspace, memory: M) -> Self {
+        Self { workspace, memory: Some(memory), lent: LentReply::default() }
     }
 
-    /// Gives the lane, the boxes and the reply to `work`.
+    /// Gives the workspace, the boxes and the reply to `work`.
     pub(super) fn with<R>(
         &mut self,
-        work: impl FnOnce(&mut Lane, BoxSlice<'_>, &mut dyn ReplyBuffer) -> Result<R, CullError>,
+        work: impl FnOnce(&mut Workspace, BoxSlice<'_>, &mut dyn ReplyBuffer) -> Result<R, CullError>,
     ) -> Result<R, CullError> {
         let lost = CullError::DeviceLost { engine: ENGINE };
         let memory = self.memory.as_mut().ok_or(lost)?;
-        let mut lane = self.lane.lock();
-        with_lent(memory, &mut self.lent, |boxes, reply| work(&mut lane, boxes, reply))
+        let mut workspace = self.workspace.lock();
+        with_lent(memory, &mut self.lent, |boxes, reply| work(&mut workspace, boxes, reply))
     }
 
-    /// Whether it is in that lane.
-    pub(super) fn is_in(&self, lane: &SharedLane) -> bool {
-        Arc::ptr_eq(&self.lane.0, &lane.0)
+    /// Whether it is in that workspace.
+    pub(super) fn is_in(&self, workspace: &SharedWorkspace) -> bool {
+        Arc::ptr_eq(&self.workspace.0, &workspace.0)
     }
 
     /// The memory that its reply lent last.
@@ -69,7 +69,7 @@ impl<M: FrameMemory> GridUnderWay<M> {
 
     /// Whether the GPU is done with it, or never will be: ending it does not wait.
     pub fn has_ended(&self) -> bool {
-        self.lane.lock().has_ended()
+        self.workspace.lock().has_ended()
     }
 
     /// Waits for the GPU and takes the memory back, without an answer. `None` where the GPU keeps
@@ -79,7 +79,7 @@ impl<M: FrameMemory> GridUnderWay<M> {
     }
 
     fn take_back(&mut self) -> Option<M> {
-        let is_free = self.lane.lock().give_up();
+        let is_free = self.workspace.lock().give_up();
         let memory = self.memory.take()?;
         if is_free {
             return Some(memory);

@@ -1,4 +1,4 @@
-//! A lane: one way to cull a frame, with its engine kept warm, timed frame by frame.
+//! One way to cull a frame, with its engine kept warm, timed frame by frame.
 
 use std::hint::black_box;
 use std::sync::Arc;
@@ -27,7 +27,7 @@ pub struct Way {
 
 /// Times of a way's frames, ns, and its last mask.
 #[derive(Clone, Debug, Default)]
-pub struct LaneTimes {
+pub struct WayTimes {
     /// From the boxes in memory to the mask, every frame.
     pub engine_ns: Vec<u64>,
     /// From the mask to the last pair on one thread, every frame.
@@ -40,7 +40,7 @@ pub struct LaneTimes {
     pub mask_bytes: u64,
 }
 
-impl LaneTimes {
+impl WayTimes {
     /// The shortest frame, engine and decode, ns.
     pub fn least_ns(&self) -> u64 {
         let frames = self.engine_ns.iter().zip(&self.decode_ns);
@@ -67,11 +67,11 @@ impl LaneTimes {
 }
 
 /// A way with its engine and its memory.
-pub struct Lane {
+pub struct TimedWay {
     /// The way.
     pub way: Way,
     /// Its times.
-    pub times: LaneTimes,
+    pub times: WayTimes,
     engine: Box<dyn Engine>,
     isa: AvailableIsa,
     reply: HeapReply,
@@ -79,11 +79,11 @@ pub struct Lane {
     pool: Option<Arc<ThreadPool>>,
 }
 
-impl Lane {
-    /// A lane with a new engine, `None` for a GPU engine. More than one thread needs a pool.
+impl TimedWay {
+    /// A way with a new engine, `None` for a GPU engine. More than one thread needs a pool.
     pub fn new(way: Way, pool: Option<Arc<ThreadPool>>, isa: AvailableIsa) -> Option<Self> {
         let engine = cpu_engine(way.engine, isa.get()).ok()?;
-        let (times, reply) = (LaneTimes::default(), HeapReply::new());
+        let (times, reply) = (WayTimes::default(), HeapReply::new());
         Some(Self { way, times, engine, isa, reply, pool })
     }
 

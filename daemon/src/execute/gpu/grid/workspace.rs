@@ -1,4 +1,4 @@
-//! A lane: one frame at a time, and the blocks and recorded frames that belong to it.
+//! A workspace: one frame at a time, and the blocks and recorded frames that belong to it.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -11,6 +11,7 @@ use pairmask_core::{BoxCount, MaskWord};
 use pairmask_shaders::Found;
 use pairmask_shaders::layouts::GridSummary;
 
+use super::bundle::Bundle;
 use super::layout::Chooser;
 use super::plan::{self, Capacity, LastFound, Sizes};
 use super::scratch::{Blocks, Scratch};
@@ -25,7 +26,7 @@ use crate::execute::gpu::pipeline::Pipelines;
 use crate::execute::gpu::transfers::{MaskPlace, PlacedBoxes, Transfers};
 use crate::execute::gpu::upload_ahead::UploadAhead;
 
-/// What the lanes share.
+/// What the workspaces share.
 pub(super) struct Tools {
     pub(super) gpu: Arc<Gpu>,
     pub(super) pipelines: Pipelines,
@@ -57,38 +58,47 @@ pub(super) enum Ended {
     },
 }
 
-/// A frame under way.
-struct UnderWay {
+/// A frame, and all that its stages use.
+struct Placed {
     n: BoxCount,
     capacity: Capacity,
+    /// Where the boxes lie.
+    boxes: PlacedBoxes,
+    /// Where they are copied to before the frame; else the first stage reads them where they lie.
+    ahead: Option<PlacedBoxes>,
     mask: MaskPlace,
     blocks: Blocks,
     start: Instant,
     ingested: Duration,
 }
 
-/// The way of a frame's boxes.
-#[derive(Clone, Copy)]
-struct BoxesWay<'a> {
-    /// Where they lie.
-    lie: &'a PlacedBoxes,
-    /// Where they are copied to before the frame; else the first stage reads them where they lie.
-    ahead: Option<&'a PlacedBoxes>,
+impl Placed {
+    fn recording(&self) -> Recording<'_> {
+        Recording {
+            sizes: Sizes::of(self.n),
+            capacity: self.capacity,
+            blocks: &self.blocks,
+            boxes: self.ahead.as_ref().unwrap_or(&self.boxes),
+            reply: &self.mask.part,
+        }
+    }
 }
 
-/// A lane with its blocks and recorded frames.
-pub(super) struct Lane {
+/// A workspace with its blocks and recorded frames.
+pub(super) struct Workspace {
     transfers: Transfers,
     ahead: Option<UploadAhead>,
     scratch: Scratch,
     frames: FrameCache,
     /// Whether the blocks that must be zero between frames may not be.
     unclean: bool,
-    /// There until a frame's end was seen.
-    under_way: Option<UnderWay>,
+    /// The frame under way. There until its end was seen.
+    under_way: Option<Placed>,
+    /// Its submission, where it shares one with others; else it is the last one of `frames`.
+    bundle: Option<Bundle>,
 }
 
-impl Lane {
+impl Workspace {
     pub(super) fn new(gpu: &Arc<Gpu>, options: &GridOptions) -> Result<Self, GpuError> {
         Ok(Self {
             transfers: Transfers::new(Arc::clone(gpu), options.imports.clone(), options.upload),
@@ -97,6 +107,7 @@ impl Lane {
             frames: FrameCache::new(QueueRole::Frames),
             unclean: true,
             under_way: None,
+            bundle: None,
         })
     }
 
@@ -113,7 +124,10 @@ impl Lane {
     }
 
     pub(super) fn has_ended(&self) -> bool {
-        self.frames.last().is_none_or(Frame::has_ended)
+        match &self.bundle {
+            Some(bundle) => bundle.has_ended(),
+            None => self.frames.last().is_none_or(Frame::has_ended),
+        }
     }
 
     /// Submits a frame with room for `capacity`. `is_behind` another one, its boxes are brought to
@@ -127,7 +141,44 @@ impl Lane {
         capacity: Capacity,
         is_behind: bool,
     ) -> Result<(), CullError> {
-        assert!(self.under_way.is_none(), "one frame a lane");
+        let placed = self.place(tools, n, boxes, reply, capacity, is_behind)?;
+        self.submit(tools, &placed).map_err(|e| tools.gpu.cull_error(ENGINE, &e))?;
+        self.under_way = Some(placed);
+        Ok(())
+    }
+
+    /// Gets a frame ready for a bundle. Its steps are to be submitted with it, or the frame is to be given
+    /// up.
+    pub(super) fn join(
+        &mut self,
+        tools: &mut Tools,
+        n: BoxCount,
+        boxes: BoxSlice<'_>,
+        reply: &mut dyn ReplyBuffer,
+        capacity: Capacity,
+        bundle: &Bundle,
+    ) -> Result<Vec<Command>, CullError> {
+        let placed = self.place(tools, n, boxes, reply, capacity, false)?;
+        let steps = placed.recording().steps(&mut tools.pipelines);
+        let steps = steps.map_err(|e| tools.gpu.cull_error(ENGINE, &e))?;
+        // A frame that does not end leaves its blocks as they are.
+        self.unclean = true;
+        self.bundle = Some(bundle.clone());
+        self.under_way = Some(placed);
+        Ok(steps)
+    }
+
+    /// Brings all that a frame's stages use to where they see it.
+    fn place(
+        &mut self,
+        tools: &mut Tools,
+        n: BoxCount,
+        boxes: BoxSlice<'_>,
+        reply: &mut dyn ReplyBuffer,
+        capacity: Capacity,
+        is_behind: bool,
+    ) -> Result<Placed, CullError> {
+        assert!(self.under_way.is_none(), "one frame a workspace");
         let start = Instant::now();
         let sizes = Sizes::of(n);
         let words = sizes.reply_words(capacity);
@@ -136,7 +187,7 @@ impl Lane {
             return Err(CullError::TooCrowded { engine: ENGINE });
         }
         let reserved = &reply.reserve(words)?[..words as usize];
-        let submitted = (|| {
+        let placed = (|| {
             let mut replaced = false;
             let placed = self.transfers.place_boxes(boxes, &mut replaced)?;
             let ahead = self.ahead.as_mut().filter(|ahead| ahead.pays(&placed, is_behind));
@@ -146,19 +197,18 @@ impl Lane {
             let layout = tools.chooser.choose(boxes);
             let blocks = self.blocks(tools, &sizes, capacity, replaced)?;
             blocks.layout.write(0, &[layout]);
-            let way = BoxesWay { lie: &placed, ahead: ahead.as_ref() };
-            self.submit(tools, sizes, capacity, &blocks, way, &mask.part)?;
-            Ok(UnderWay { n, capacity, mask, blocks, start, ingested })
+            Ok(Placed { n, capacity, boxes: placed, ahead, mask, blocks, start, ingested })
         })();
-        self.under_way = Some(submitted.map_err(|e: GpuError| tools.gpu.cull_error(ENGINE, &e))?);
-        Ok(())
+        placed.map_err(|e: GpuError| tools.gpu.cull_error(ENGINE, &e))
     }
 
     fn wait(&mut self, tools: &mut Tools) -> Result<(), GpuError> {
-        let (Some(began), Some(frame)) = (&self.under_way, self.frames.last_mut()) else {
-            return Err(GpuError::Lost);
-        };
+        let began = self.under_way.as_ref().ok_or(GpuError::Lost)?;
         let patience = patience(&tools.gpu, began.n);
+        if let Some(bundle) = &self.bundle {
+            return bundle.end(tools.wait, patience);
+        }
+        let frame = self.frames.last_mut().ok_or(GpuError::Lost)?;
         frame.end(tools.wait, patience)?;
         if let Some(ahead) = &mut self.ahead {
             ahead.end(patience)?;
@@ -178,7 +228,9 @@ impl Lane {
 
     fn settle(&mut self) -> bool {
         let frames = self.frames.settle();
-        self.ahead.as_mut().is_none_or(UploadAhead::settle) && frames
+        let bundle = self.bundle.take_if(|bundle| bundle.settle());
+        let is_ended = bundle.is_some() || self.bundle.is_none();
+        self.ahead.as_mut().is_none_or(UploadAhead::settle) && frames && is_ended
     }
 
     /// The blocks of a frame, zeroed where they must be.
@@ -210,33 +262,25 @@ impl Lane {
         Ok(blocks)
     }
 
-    fn submit(
-        &mut self,
-        tools: &mut Tools,
-        sizes: Sizes,
-        capacity: Capacity,
-        blocks: &Blocks,
-        boxes: BoxesWay<'_>,
-        reply: &Part,
-    ) -> Result<(), GpuError> {
-        let read = boxes.ahead.unwrap_or(boxes.lie);
+    fn submit(&mut self, tools: &mut Tools, placed: &Placed) -> Result<(), GpuError> {
+        let recording = placed.recording();
+        let (read, n) = (recording.boxes, recording.sizes.n);
         let key = FrameKey {
-            n: sizes.n,
+            n,
             form: read.form,
-            encoding: capacity.found.encoding(),
-            capacity: capacity.items,
+            encoding: recording.capacity.found.encoding(),
+            capacity: recording.capacity.items,
             chunk: 0,
             input: Place::of(&read.part),
-            output: Place::of(reply),
+            output: Place::of(recording.reply),
         };
-        let recording = Recording { sizes, capacity, blocks, boxes: read, reply };
         let pipelines = &mut tools.pipelines;
         let frame =
             self.frames.frame(&tools.gpu, key, tools.profiled, || recording.steps(pipelines))?;
         // A frame that does not end leaves its blocks as they are.
         self.unclean = true;
-        let order = match (&mut self.ahead, boxes.ahead) {
-            (Some(ahead), Some(there)) => ahead.begin(sizes.n, boxes.lie, there)?,
+        let order = match (&mut self.ahead, &placed.ahead) {
+            (Some(ahead), Some(there)) => ahead.begin(n, &placed.boxes, there)?,
             _ => Order::Alone,
         };
         frame.submit_in(order)
@@ -250,10 +294,11 @@ impl Lane {
         reply: &mut dyn ReplyBuffer,
     ) -> Result<Ended, CullError> {
         self.wait(tools).map_err(|e| tools.gpu.cull_error(ENGINE, &e))?;
-        let Some(UnderWay { n, capacity, mask, blocks, start, ingested }) = self.under_way.take()
+        let Some(Placed { n, capacity, mask, blocks, start, ingested, .. }) = self.under_way.take()
         else {
             return Err(CullError::DeviceLost { engine: ENGINE });
         };
+        self.bundle = None;
         self.unclean = false;
         let mut summary = [GridSummary::default()];
         blocks.summary.read(0, &mut summary);
@@ -296,7 +341,7 @@ impl Lane {
     }
 }
 
-impl Drop for Lane {
+impl Drop for Workspace {
     fn drop(&mut self) {
         // Frames that wait for an upload end before its semaphore is destroyed.
         if !self.settle()

@@ -1,0 +1,136 @@
+//! Frames that the GPU works on while the daemon does something else.
+
+use std::sync::Arc;
+
+use pairmask_core::dispatch::CullAnswer;
+use pairmask_core::engine::CullError;
+
+use super::gpu::{self, GridUnderWay};
+use super::shared_gpu::{Queued, SharedGpu};
+use super::{FrameMemory, Owner, Planned};
+
+/// A frame that the GPU works on. Owns its memory; dropped, it waits for the GPU first.
+#[derive(Debug)]
+pub struct CullUnderWay<M: FrameMemory> {
+    pub(super) frame: GridUnderWay<M>,
+    pub(super) owner: Owner,
+    pub(super) planned: Planned,
+    pub(super) queued: Queued,
+}
+
+impl<M: FrameMemory> CullUnderWay<M> {
+    /// Whether it has ended, so that [`Executor::end`] does not wait.
+    pub fn has_ended(&self) -> bool {
+        self.frame.has_ended()
+    }
+}
+
+/// An answer or its error, with the memory of the frame. The memory is `None` where a device keeps it
+/// that never ends the frame: nothing can be answered then.
+pub type Ended<M> = (Result<CullAnswer, CullError>, Option<M>);
+
+/// Submissions that may be under way at a time, of one frame or of several.
+pub const SUBMISSIONS_UNDER_WAY: usize = gpu::SUBMISSIONS;
+
+/// Most frames of a submission.
+pub const BUNDLE_FRAMES: usize = gpu::BUNDLE_FRAMES;
+
+/// A frame that is to share a submission with others ([`Executor::join`], [`GpuShare::begin_bundle`]).
+#[derive(Debug)]
+pub struct Joining<M> {
+    pub(super) planned: Planned,
+    pub(super) owner: Owner,
+    pub(super) memory: M,
+}
+
+/// The GPU that executors share, if there is one.
+#[derive(Clone)]
+pub struct GpuShare(pub(super) Option<Arc<SharedGpu>>);
+
+impl GpuShare {
+    /// Lets the GPU work for a moment.
+    pub fn rest(&self) {
+        if let Some(gpu) = &self.0 {
+            gpu.rest();
+        }
+    }
+
+    /// Gives up what the GPU keeps of clients that are gone; to be called now and then.
+    pub fn tidy(&self) {
+        if let Some(gpu) = &self.0 {
+            gpu.lock().tidy();
+        }
+    }
+
+    /// Leaves frames to the GPU in one submission.
+    ///
+    /// # Errors
+    /// Each frame that the GPU does not take: [`Executor::answer`] serves it.
+    ///
+    /// # Panics
+    /// With more than [`BUNDLE_FRAMES`].
+    #[allow(clippy::result_large_err)] // A box would be an allocation.
+    pub fn begin_bundle<M: FrameMemory>(
+        &self,
+        frames: Vec<Joining<M>>,
+    ) -> Vec<Result<CullUnderWay<M>, Unserved<M>>> {
+        let Some(gpu) = &self.0 else {
+            let lost = |Joining { planned, owner, memory }| {
+                let error = CullError::DeviceLost { engine: planned.plan.engine };
+                Err(Unserved { error, planned, owner, memory: Some(memory) })
+            };
+            return frames.into_iter().map(lost).collect();
+        };
+        let count = frames.len();
+        let mut waiting = Vec::with_capacity(count);
+        let mut memories = Vec::with_capacity(count);
+        for Joining { planned, owner, memory } in frames {
+            memories.push((memory, owner, planned.plan.encoding));
+            waiting.push((gpu.queue(&planned.plan, count), planned, owner));
+        }
+        let begun = gpu.with(|gpu| gpu.begin_bundle(memories));
+        waiting
+            .into_iter()
+            .zip(begun)
+            .map(|((queued, planned, owner), begun)| match begun {
+                Ok(frame) => Ok(CullUnderWay { frame, owner, planned, queued }),
+                Err((error, memory)) => Err(Unserved { error, planned, owner, memory }),
+            })
+            .collect()
+    }
+
+    /// Waits for a frame, and gives its memory back.
+    ///
+    /// # Errors
+    /// The frame, where the GPU could not serve it: [`Executor::answer`] does.
+    #[allow(clippy::result_large_err)] // A box would be an allocation.
+    pub fn end<M: FrameMemory>(&self, cull: CullUnderWay<M>) -> Result<Ended<M>, Unserved<M>> {
+        let CullUnderWay { frame, owner, planned, queued } = cull;
+        let lost = CullError::DeviceLost { engine: planned.plan.engine };
+        let (done, memory) = match &self.0 {
+            Some(gpu) => gpu.with(|gpu| gpu.end(frame, &planned.plan)),
+            None => (Err(lost), frame.give_up()),
+        };
+        drop(queued);
+        match done {
+            Ok((report, engine)) => Ok((Ok(planned.answer(report, engine)), memory)),
+            Err(error) => Err(Unserved { error, planned, owner, memory }),
+        }
+    }
+}
+
+/// A frame that the GPU could not serve.
+#[derive(Debug)]
+pub struct Unserved<M> {
+    pub(super) error: CullError,
+    pub(super) planned: Planned,
+    pub(super) owner: Owner,
+    pub(super) memory: Option<M>,
+}
+
+impl<M> Unserved<M> {
+    /// Threads that the CPU's engines may use for it; `None` leaves it to the plan.
+    pub fn threads(&self) -> Option<usize> {
+        self.planned.options.threads
+    }
+}
