@@ -4,7 +4,8 @@
 //! is a candidate. The engine's tasks test each candidate both ways, and keep those that began or ended:
 //! few, where motion is small. A box that has left the place where it was would have a large hull; it is
 //! culled as two boxes, one that was and one that is. A pair that such a box had and has comes as an end
-//! and as a begin, which cancel out.
+//! and as a begin, which cancel out. Where many have left, hulls do not pay: all pairs of then and of
+//! now are found ([`Whole`](super::whole::Whole)).
 
 use std::sync::{Mutex, OnceLock, PoisonError};
 
@@ -21,6 +22,10 @@ const TASK_BOXES: usize = 8_192;
 /// Boxes up to which states are computed where they are needed.
 const FEW_BOXES: usize = 4_096;
 
+/// Boxes that have left their places from which the lists of all pairs are compared: so many, and so large
+/// a share, one in so many. Most of their pairs have changed, and each is found, sorted and kept.
+const LEFT_LEAST: usize = 256;
+const LEFT_SHARE: usize = 8;
 /// Boxes from one whose state is moved to one whose memory is asked for meanwhile.
 const AHEAD: usize = 16;
 /// Lists of ended pairs: threads that take different ones do not wait for each other.
@@ -145,6 +150,11 @@ impl<'a> Hulls<'a> {
             *pair = named(pair);
         }
         Difference { begun: begun.iter().map(named).collect(), ended }
+    }
+
+    /// Whether so many boxes have left their places that two culls find the changes sooner.
+    pub fn are_many(&self) -> bool {
+        self.left.len() > LEFT_LEAST.max(self.store.boxes().len() / LEFT_SHARE)
     }
 
     /// Whether a pair may come both as an end and as a begin without having changed.

@@ -461,12 +461,7 @@ impl Scene {
 
 /// The cells of a scene as it was when its history began.
 fn cells_before(store: &Store, threads: usize) -> Cells {
-    let mut boxes = store.boxes().to_vec();
-    let mut statics: Vec<bool> = (0..boxes.len() as u32).map(|i| store.is_static(i)).collect();
-    for (index, before) in store.changed().iter().zip(store.before()) {
-        boxes[*index as usize] = before.b;
-        statics[*index as usize] = before.is_static;
-    }
+    let (boxes, statics) = store.then();
     Cells::of(&boxes, |index| statics[index as usize], threads)
 }
 

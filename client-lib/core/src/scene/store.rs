@@ -144,6 +144,17 @@ impl Store {
         self.flags[index as usize] & CHANGED != 0
     }
 
+    /// Boxes as they collided when the history began, and which of them were static.
+    pub fn then(&self) -> (Vec<Aabb>, Vec<bool>) {
+        let mut boxes = self.boxes.clone();
+        let mut statics: Vec<bool> = self.flags.iter().map(|flags| flags & STATIC != 0).collect();
+        for (index, before) in self.changed.iter().zip(&self.before) {
+            boxes[*index as usize] = before.b;
+            statics[*index as usize] = before.is_static;
+        }
+        (boxes, statics)
+    }
+
     /// Indices that the last edit removed.
     pub fn gone(&self) -> &[u32] {
         &self.gone

@@ -68,6 +68,10 @@ impl Whole {
         threads: usize,
     ) -> Result<(Difference, u64), CullError> {
         let hulls = Hulls::of(store, &mut self.hulls, threads);
+        if hulls.are_many() {
+            self.hulls = hulls.into_memory();
+            return self.changes_of_lists(store, threads);
+        }
         let culled = self.changes_of(&hulls, threads);
         let may_cancel = hulls.may_cancel();
         self.hulls = hulls.into_memory();
@@ -78,6 +82,23 @@ impl Whole {
         if may_cancel {
             found.cancel(|[a, b]| store.was_removed(a) || store.was_removed(b));
         }
+        Ok((found, compared))
+    }
+
+    /// The same from all pairs of then and of now.
+    fn changes_of_lists(
+        &mut self,
+        store: &Store,
+        threads: usize,
+    ) -> Result<(Difference, u64), CullError> {
+        let (then, statics) = store.then();
+        let mut found = Difference::default();
+        let were_pairs = |[a, b]: Pair| !(statics[a as usize] && statics[b as usize]);
+        let mut compared = self.pairs(&then, &were_pairs, threads, &mut found.ended)?;
+        drop(then);
+        let are_pairs = |[a, b]: Pair| !(store.is_static(a) && store.is_static(b));
+        compared += self.pairs(store.boxes(), &are_pairs, threads, &mut found.begun)?;
+        found.cancel(|[a, b]| store.was_removed(a) || store.was_removed(b));
         Ok((found, compared))
     }
 
