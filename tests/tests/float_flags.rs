@@ -3,6 +3,8 @@
 //! the threads that call, cull and write boxes.
 #![allow(clippy::unwrap_used)]
 
+use std::collections::BTreeSet;
+
 use glam::{Affine3A, DVec3, Mat4, Quat, Vec3};
 use pairmask::{Backend, Margined, Session};
 use pairmask_core::dispatch::{CpuEngines, CullOptions, SphereEngines};
@@ -11,6 +13,7 @@ use pairmask_core::oracle::check::check_frame;
 use pairmask_core::oracle::modes;
 use pairmask_core::plan::SceneStats;
 use pairmask_core::precision::{BoxF16, ExpandScratch, Margin, Quantizer, Widening};
+use pairmask_core::scene::{Edit, Scene as PersistentScene, SceneOptions, Sets, Step, Want};
 use pairmask_core::sphere::Sphere;
 use pairmask_core::update::{Placement, ToWorld, par_update_boxes, update_boxes, world_box};
 use pairmask_core::write::{CenterHalf, par_write_boxes, write_boxes};
@@ -474,5 +477,41 @@ fn margins_hold_the_boxes_of_flagged_callers() {
                 assert!(pairs == truth, "{extent:e} by {margin:e}, {flags}");
             }
         }
+    }
+}
+
+/// Edits under one kind of flags after another, few boxes at a time and many.
+#[test]
+fn scenes_told_under_changing_flags_add_up_to_the_truth() {
+    let pool = pool(2);
+    let flags = mixed_flags();
+    for extent in EXTENTS {
+        let mut boxes = boxes_within(extent, BOXES / 4, 5);
+        let mut scene = PersistentScene::new(SceneOptions::default());
+        let mut told = BTreeSet::new();
+        for (frame, flags) in (0u64..).zip(&flags) {
+            let share = [1, 97, 3, 61][frame as usize % 4];
+            let moved = boxes_within(extent, boxes.len(), 100 + frame);
+            let indices: Vec<u32> =
+                (0..boxes.len() as u32).filter(|i| frame == 0 || i % share == 0).collect();
+            let set: Vec<Aabb> = indices.iter().map(|i| moved[*i as usize]).collect();
+            for (index, b) in indices.iter().zip(&set) {
+                boxes[*index as usize] = *b;
+            }
+            let steps = [Step::Set(Sets { indices: (&indices).into(), boxes: &set })];
+            flags.install(&pool, || {
+                scene.edit(Edit { steps: &steps }, Want::Changes).unwrap();
+                scene.take();
+            });
+            let answer = scene.told();
+            if answer.is_resync() {
+                told = answer.pairs().iter().copied().collect();
+            }
+            answer.ended().iter().for_each(|ended| assert!(told.remove(&ended.pair), "{flags}"));
+            answer.begun().iter().for_each(|begun| assert!(told.insert(*begun), "{flags}"));
+        }
+        let truth = oracle::truth(&boxes).pairs;
+        assert!(truth.len() > 100, "{} pairs", truth.len());
+        assert!(told.iter().map(|[a, b]| (*a, *b)).eq(truth), "extent {extent:e}");
     }
 }
