@@ -19,7 +19,7 @@ pub struct CullUnderWay<M: FrameMemory> {
 }
 
 impl<M: FrameMemory> CullUnderWay<M> {
-    /// Whether it has ended, so that [`Executor::end`] does not wait.
+    /// Whether it has ended, so that [`Executor::end`](super::Executor::end) does not wait.
     pub fn has_ended(&self) -> bool {
         self.frame.has_ended()
     }
@@ -35,7 +35,8 @@ pub const SUBMISSIONS_UNDER_WAY: usize = gpu::SUBMISSIONS;
 /// Most frames of a submission.
 pub const BUNDLE_FRAMES: usize = gpu::BUNDLE_FRAMES;
 
-/// A frame that is to share a submission with others ([`Executor::join`], [`GpuShare::begin_bundle`]).
+/// A frame that is to share a submission with others: made by [`Executor::join`](super::Executor::join),
+/// submitted by [`GpuShare::begin_bundle`].
 #[derive(Debug)]
 pub struct Joining<M> {
     pub(super) planned: Planned,
@@ -65,7 +66,7 @@ impl GpuShare {
     /// Leaves frames to the GPU in one submission.
     ///
     /// # Errors
-    /// Each frame that the GPU does not take: [`Executor::answer`] serves it.
+    /// Each frame that the GPU does not take: [`Executor::answer`](super::Executor::answer) serves it.
     ///
     /// # Panics
     /// With more than [`BUNDLE_FRAMES`].
@@ -102,7 +103,7 @@ impl GpuShare {
     /// Waits for a frame, and gives its memory back.
     ///
     /// # Errors
-    /// The frame, where the GPU could not serve it: [`Executor::answer`] does.
+    /// The frame, where the GPU could not serve it: [`Executor::answer`](super::Executor::answer) does.
     #[allow(clippy::result_large_err)] // A box would be an allocation.
     pub fn end<M: FrameMemory>(&self, cull: CullUnderWay<M>) -> Result<Ended<M>, Unserved<M>> {
         let CullUnderWay { frame, owner, planned, queued } = cull;

@@ -1,6 +1,6 @@
 //! What is done with a request: validated once, then given to the file of its operation.
 //!
-//! An operation is a file here and an arm in [`Responder::open`]. Threads take requests side by side,
+//! An operation is a file here and an arm in `Responder::open`. Threads take requests side by side,
 //! of one session one at a time.
 
 mod cull;
