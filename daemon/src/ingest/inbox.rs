@@ -139,8 +139,8 @@ impl<R> Inbox<R> {
         });
     }
 
-    /// The oldest request of the session whose turn it is, of those that can be served beside what is
-    /// being served. Its session has no other one served until [`Self::note_served`].
+    /// The oldest request of the session whose turn it is, where it can be served beside what is being
+    /// served. Its session has no other one served until [`Self::note_served`].
     #[allow(clippy::should_implement_trait)] // An iterator would borrow the inbox between turns.
     pub fn next(&mut self) -> Option<(Sender, R)> {
         let is_taken = |resource| {
@@ -160,14 +160,15 @@ impl<R> Inbox<R> {
         Some(self.give(turn))
     }
 
-    /// Where the request waits whose turn it is, of those that can be served.
+    /// Where the request waits whose turn it is, of the oldest ones of their sessions that can be served.
     fn next_of(&self, can_be_served: impl Fn(&Waiting<R>) -> bool) -> Option<usize> {
-        // `min_by_key` keeps the first of equals: the oldest of that session.
-        let turns = self
-            .waiting
-            .iter()
-            .enumerate()
-            .filter(|(_, w)| !self.is_served(w.sender.session) && can_be_served(w));
+        let is_oldest = |at: usize, session: u128| {
+            !self.waiting[..at].iter().any(|older| older.sender.session == session)
+        };
+        let turns = self.waiting.iter().enumerate().filter(|(at, w)| {
+            let session = w.sender.session;
+            !self.is_served(session) && can_be_served(w) && is_oldest(*at, session)
+        });
         let turn = turns
             .min_by_key(|(_, w)| (self.used_by(w.sender.process), w.process_turn, w.session_turn));
         turn.map(|(turn, _)| turn)
