@@ -1,6 +1,7 @@
 //! Floating-point flags of threads: games and audio programs flush subnormals, others round downward,
 //! and a thread inherits the flags of the one that starts it. The answer does not depend on the flags of
-//! the threads that call, cull and write boxes.
+//! the threads that call, cull and write boxes. One file, because all tests go through the same sets of
+//! flags.
 #![allow(clippy::unwrap_used)]
 
 use std::collections::BTreeSet;

@@ -5,6 +5,8 @@
 //! ```text
 //! cargo test --workspace --release --test scenes -- --ignored
 //! ```
+//!
+//! One file, because every test drives a scene and the same model side by side.
 
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -329,19 +329,15 @@ fn cross_cost(coarse: &Group, fine: &Group) -> f32 {
     LEVEL_COST + lines * (LINE_COST + STRIP_COST * strips(fine.occupancy * cells(0)))
 }
 
-/// Axes of a level of cells of `edges` over the sample's bounds, for about `boxes` boxes.
-fn axes(sample: &Sample, edges: [f32; 3], boxes: f32) -> [Axis; 3] {
-    let limit = (boxes * CELLS_A_BOX).clamp(CELLS_LEAST, CELLS_MOST);
-    let mut counts: [f32; 3] = std::array::from_fn(|axis| {
+/// Cells of some edges that the sampled boxes span on each axis.
+pub(crate) fn cell_counts(sample: &Sample, edges: [f32; 3]) -> [f32; 3] {
+    std::array::from_fn(|axis| {
         (sample.extent[axis] / edges[axis]).floor().clamp(0.0, CELL_LIMIT - 1.0) + 1.0
-    });
-    if counts.iter().product::<f32>() <= limit {
-        return std::array::from_fn(|axis| {
-            Axis::clamped(sample.low[axis], edges[axis], counts[axis] as u32)
-        });
-    }
-    // Too wide for a table: fold. Axes of fewer than four cells would be their own neighbours on
-    // both sides, so they become one.
+    })
+}
+
+/// Powers of two of which there are at most `limit` cells.
+pub(crate) fn folded(mut counts: [f32; 3], limit: f32) -> [f32; 3] {
     for count in &mut counts {
         *count = (*count as u32).next_power_of_two() as f32;
     }
@@ -349,6 +345,21 @@ fn axes(sample: &Sample, edges: [f32; 3], boxes: f32) -> [Axis; 3] {
         let widest = (0..3).fold(0, |a, b| if counts[b] > counts[a] { b } else { a });
         counts[widest] *= 0.5;
     }
+    counts
+}
+
+/// Axes of a level of cells of `edges` over the sample's bounds, for about `boxes` boxes.
+fn axes(sample: &Sample, edges: [f32; 3], boxes: f32) -> [Axis; 3] {
+    let limit = (boxes * CELLS_A_BOX).clamp(CELLS_LEAST, CELLS_MOST);
+    let counts = cell_counts(sample, edges);
+    if counts.iter().product::<f32>() <= limit {
+        return std::array::from_fn(|axis| {
+            Axis::clamped(sample.low[axis], edges[axis], counts[axis] as u32)
+        });
+    }
+    // Too wide for a table: fold. Axes of fewer than four cells would be their own neighbours on
+    // both sides, so they become one.
+    let counts = folded(counts, limit);
     std::array::from_fn(|axis| {
         if counts[axis] < 4.0 {
             return Axis::WHOLE;

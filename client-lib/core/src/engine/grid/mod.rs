@@ -26,7 +26,7 @@ mod tile;
 pub(crate) use self::axis::{Axis, CELL_LIMIT};
 pub use self::explain::{GridPlace, GridView};
 use self::layout::Layout;
-pub(crate) use self::layout::{SizeClass, size_classes};
+pub(crate) use self::layout::{SizeClass, cell_counts, folded, size_classes};
 use self::rows::{RowTask, Scene};
 pub(crate) use self::sample::{Density, Sample};
 use self::sort::SortedBoxes;

@@ -4,7 +4,9 @@
 
 use super::axis::Axis;
 use crate::aabb::Aabb;
-use crate::engine::grid::{CELL_LIMIT, Density, Sample, SizeClass, size_classes};
+use crate::engine::grid::{
+    CELL_LIMIT, Density, Sample, SizeClass, cell_counts, folded, size_classes,
+};
 use crate::floats;
 
 /// Time to begin a line of cells, in tests of an entry: its misses of the caches overlap with others'.
@@ -127,17 +129,10 @@ fn search_cost(
     spans[1] * spans[2] * LINE_COST + entries * folded
 }
 
-/// Cells of some edges that the sampled boxes span on each axis.
-fn cell_counts(sample: &Sample, edges: [f32; 3]) -> [f32; 3] {
-    std::array::from_fn(|axis| {
-        (sample.extent[axis] / edges[axis]).floor().clamp(0.0, CELL_LIMIT - 1.0) + 1.0
-    })
-}
-
 /// Axes of fine cells of `fine_edges` over the sample's bounds, in at most `limit` cells.
 fn axes(sample: &Sample, fine_edges: [f32; 3], shifts: [u32; 3], limit: f32) -> [Axis; 3] {
     let edges = std::array::from_fn(|axis| fine_edges[axis] * (1 << shifts[axis]) as f32);
-    let mut counts = cell_counts(sample, edges);
+    let counts = cell_counts(sample, edges);
     // The fine cells of an axis have to be countable too.
     let is_small = |axis: usize| counts[axis] * ((1 << shifts[axis]) as f32) < CELL_LIMIT;
     if counts.iter().product::<f32>() <= limit && (0..3).all(is_small) {
@@ -146,13 +141,7 @@ fn axes(sample: &Sample, fine_edges: [f32; 3], shifts: [u32; 3], limit: f32) -> 
             Axis::clamped(start, edge, shifts[axis], counts[axis] as u32)
         });
     }
-    for count in &mut counts {
-        *count = (*count as u32).next_power_of_two() as f32;
-    }
-    while counts.iter().product::<f32>() > limit {
-        let widest = (0..3).fold(0, |a, b| if counts[b] > counts[a] { b } else { a });
-        counts[widest] *= 0.5;
-    }
+    let counts = folded(counts, limit);
     std::array::from_fn(|axis| {
         if counts[axis] < 4.0 {
             return Axis::WHOLE;
