@@ -11,6 +11,7 @@ use pairmask_core::units::BoxCount;
 
 use crate::page::Page;
 use crate::pages::objects_in;
+use crate::scene::{SceneId, SceneRequest};
 use crate::section::{SECTION_COUNT, Section, SectionKind};
 use crate::status_code::StatusCode;
 use crate::{REQUEST_MAGIC, VERSION_MAJOR, VERSION_MINOR, Version};
@@ -39,7 +40,7 @@ pub struct RequestHeader {
     pub box_count: u32,
     /// An [`EngineName`], or 0 for the plan's choice.
     pub engine: u32,
-    /// An [`Encoding`], or 0 for the plan's choice.
+    /// An [`Encoding`], or 0 for the plan's choice. In an edit: what it wants.
     pub encoding: u32,
     /// Threads that the engine may use, or 0 for the plan's choice.
     pub threads: u32,
@@ -48,10 +49,16 @@ pub struct RequestHeader {
     /// Threads with which the client visits the pairs, or 0 for one (since 1.3; a hint, which older
     /// readers ignore).
     pub visit_threads: u32,
-    /// Zero; no version reads it yet.
-    pub reserved_word: u32,
-    /// Zero; no version reads it yet.
-    pub reserved: [u64; 3],
+    /// The client's number of a scene; zero in a cull (since 1.4).
+    pub scene: u32,
+    /// The revision of the scene that an edit is for, 0 to begin it; zero in a cull (since 1.4).
+    pub base: u64,
+    /// The revision that an edit makes; zero in a cull (since 1.4).
+    pub revision: u64,
+    /// Indices of a scene are below this; zero in a cull (since 1.4).
+    pub most_boxes: u32,
+    /// Flags of an edit; zero in a cull (since 1.4).
+    pub scene_flags: u32,
 }
 
 const _: () = assert!(size_of::<RequestHeader>() == 272 && align_of::<RequestHeader>() == 8);
@@ -71,6 +78,10 @@ pub enum Operation {
     Cull = 1,
     /// Report the daemon's status.
     Status = 2,
+    /// Change a scene that the daemon keeps, and tell what follows.
+    EditScene = 3,
+    /// Forget a scene.
+    EndScene = 4,
 }
 
 /// Where the objects of a scene lie in a payload, and what they are. What else each object has for all
@@ -156,6 +167,10 @@ pub enum Request {
     Cull(CullRequest),
     /// Report the status.
     Status,
+    /// Change a scene.
+    EditScene(SceneRequest),
+    /// Forget a scene.
+    EndScene(SceneId),
 }
 
 /// Why a request is refused, before any box is read.
@@ -208,6 +223,12 @@ pub enum Reject {
         /// Bytes of the payload.
         payload_bytes: u64,
     },
+    /// An edit of a scene says what cannot be.
+    #[error("the edit's {field} is malformed")]
+    Edit {
+        /// The field.
+        field: &'static str,
+    },
 }
 
 impl Reject {
@@ -221,7 +242,7 @@ impl Reject {
 }
 
 impl RequestHeader {
-    fn envelope(operation: Operation, client_token: u64, frame: u64) -> Self {
+    pub(crate) fn envelope(operation: Operation, client_token: u64, frame: u64) -> Self {
         Self {
             magic: REQUEST_MAGIC,
             version_major: VERSION_MAJOR,
@@ -276,14 +297,19 @@ impl Request {
             let found = Version { major: header.version_major, minor: header.version_minor };
             return Err(Reject::Version { found });
         }
-        let unknown =
-            |s: &&Section| s.is_used() && s.flags & Section::REQUIRED != 0 && form_of(s).is_none();
+        let unknown = |s: &&Section| {
+            s.is_used() && s.flags & Section::REQUIRED != 0 && !is_known(s, header.operation)
+        };
         if let Some(section) = header.sections.iter().find(unknown) {
             return Err(Reject::UnknownSection { found: section.kind });
         }
         match header.operation {
             op if op == Operation::Status as u32 => Ok(Self::Status),
             op if op == Operation::Cull as u32 => Self::parse_cull(header, payload_bytes),
+            op if op == Operation::EditScene as u32 => {
+                SceneRequest::parse(header, payload_bytes).map(Self::EditScene)
+            }
+            op if op == Operation::EndScene as u32 => Ok(Self::EndScene(SceneId(header.scene))),
             found => Err(Reject::Operation { found }),
         }
     }
@@ -318,6 +344,14 @@ impl Request {
             client_minor: header.version_minor,
         }))
     }
+}
+
+/// Whether a section is of a kind that an operation knows.
+fn is_known(section: &Section, operation: u32) -> bool {
+    let of_edits = [SectionKind::SceneSteps, SectionKind::SceneIndices];
+    form_of(section).is_some()
+        || operation == Operation::EditScene as u32
+            && of_edits.iter().any(|kind| *kind as u32 == section.kind)
 }
 
 /// The form of the objects in a section, or `None` where it holds no objects.

@@ -199,6 +199,12 @@ impl Executor {
         }
     }
 
+    /// The instruction set and the calibration of its CPU engines.
+    pub fn cpu_settings(&self) -> (AvailableIsa, Calibration) {
+        let built_in = || Calibration::built_in(self.isa.get());
+        (self.isa, self.calibration.unwrap_or_else(built_in))
+    }
+
     /// The GPU, if this daemon has one, as soon as no other session uses it.
     pub fn gpu(&self) -> Option<GpuTurn<'_>> {
         self.gpu.as_ref().map(|gpu| gpu.lock())

@@ -57,6 +57,20 @@ pub struct SceneSkips {
     pub tested: u64,
 }
 
+impl SceneSkips {
+    /// The numbers, in the order of the fields.
+    pub const fn to_array(self) -> [u64; 5] {
+        let Self { boxes, static_pairs, unmoved_pairs, cell_pairs, tested } = self;
+        [boxes, static_pairs, unmoved_pairs, cell_pairs, tested]
+    }
+
+    /// What [`to_array`](Self::to_array) gave.
+    pub const fn from_array(numbers: [u64; 5]) -> Self {
+        let [boxes, static_pairs, unmoved_pairs, cell_pairs, tested] = numbers;
+        Self { boxes, static_pairs, unmoved_pairs, cell_pairs, tested }
+    }
+}
+
 /// An answer. All its lists are sorted by (a, b), a < b: the bytes are the same whatever the number of
 /// threads, and however the pairs were found.
 #[derive(Debug, Default)]
