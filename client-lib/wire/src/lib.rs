@@ -6,9 +6,11 @@
 //! once, validates the copy ([`Request::parse`], [`Reply::parse`]), and uses only the validated
 //! form.
 
+mod header;
 mod name;
 mod page;
 mod pages;
+mod reject;
 mod reply;
 mod request;
 mod scene;
@@ -16,14 +18,16 @@ mod section;
 mod status;
 mod status_code;
 
+pub use header::{Operation, RequestHeader};
 pub use name::{InstanceError, InstanceName};
 pub use page::{PAGE_BYTES, Page, page_count};
 pub use pages::{
     box_slice_in, boxes_in, boxes_in_mut, bytes_in_mut, objects_in, spheres_in, spheres_in_mut,
     words_in, words_in_mut,
 };
+pub use reject::Reject;
 pub use reply::{Reply, ReplyError, ReplyFields, ResponseHeader, response_error, response_ok};
-pub use request::{CullRequest, Operation, Reject, Request, RequestHeader, ScenePlace};
+pub use request::{CullRequest, Request, ScenePlace};
 pub use scene::{
     EditLayout, EditScratch, EndedPairs, SceneAnswerLayout, SceneId, SceneReply, SceneRequest,
     response_scene, response_scene_ended,

@@ -8,7 +8,7 @@ use pairmask_core::units::BoxCount;
 use super::request::{BOX_BYTES, SceneRequest};
 use crate::page::Page;
 use crate::pages::boxes_in;
-use crate::request::Reject;
+use crate::reject::Reject;
 use crate::section::{Section, SectionKind};
 
 /// A step of an edit.

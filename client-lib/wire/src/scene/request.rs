@@ -2,7 +2,8 @@
 
 use pairmask_core::scene::Want;
 
-use crate::request::{Operation, Reject, RequestHeader};
+use crate::header::{Operation, RequestHeader};
+use crate::reject::Reject;
 use crate::section::{SECTION_COUNT, Section, SectionKind, find};
 use crate::{SCENES_MINOR, Version};
 
