@@ -15,6 +15,7 @@ pub mod narrow;
 pub mod pair_scenes;
 pub mod peers;
 pub mod refuser;
+pub mod scene_edits;
 pub mod session_engine;
 pub mod spheres;
 pub mod watchdog;

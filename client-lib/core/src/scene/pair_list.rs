@@ -29,9 +29,9 @@ const TASK_PAIRS: usize = 16_384;
 /// Pairs of a row from which it is not sorted by insertion.
 const LONG_ROW: usize = 24;
 
-/// Scratch memory of sorting.
+/// Sorts lists of pairs. Keeps its memory.
 #[derive(Debug, Default)]
-pub(super) struct Sorter {
+pub struct Sorter {
     dealt: Vec<Pair>,
 }
 
@@ -61,7 +61,7 @@ impl Sorter {
         self.dealt = Vec::new();
     }
 
-    /// Sorts pairs of indices below `n`, none of them twice.
+    /// Sorts pairs, none of them twice, whose first indices are below `n`.
     pub fn sort(&mut self, pairs: &mut Vec<Pair>, n: u32, threads: usize) {
         if pairs.len() <= FEW_PAIRS {
             pairs.sort_unstable_by_key(|pair| key(*pair));
