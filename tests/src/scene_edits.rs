@@ -151,7 +151,8 @@ impl EditMaker {
 
     /// A box somewhere in the world, seldom an odd one.
     fn some_box(&mut self) -> Aabb {
-        let edge = match self.below(40) {
+        // Few large ones in large scenes: each is a pair with many.
+        let edge = match self.below(40 + self.boxes.len() / 10) {
             0 => 8.0,
             1 => 60.0,
             2 => 0.0,

@@ -13,6 +13,9 @@ const RENEWED_AFTER: u32 = 64;
 /// Boxes of an edit that are kept as a sample, at most.
 const EDIT_SAMPLE: usize = 256;
 
+/// Tests for each box that looks, from which another layout is tried.
+const MANY_TESTS: u64 = 64;
+
 /// A layout and how long it serves.
 #[derive(Clone, Copy, Debug)]
 struct Chosen {
@@ -26,7 +29,10 @@ struct Chosen {
 #[derive(Default)]
 struct Kind {
     chosen: Option<Chosen>,
+    /// Some entries of a search.
     sample: Vec<Aabb>,
+    /// The size of the grid that they were in.
+    sampled_of: u32,
 }
 
 /// The layouts of a scene: one where few boxes are entries, one where all are.
@@ -36,6 +42,11 @@ pub(super) struct Layouts {
     kinds: [Kind; 2],
     /// Some boxes of the last large edit.
     edited: Vec<Aabb>,
+}
+
+/// Whether two sizes of a scene are within a factor of two.
+const fn are_alike(a: u32, b: u32) -> bool {
+    a / 2 <= b && b / 2 <= a
 }
 
 impl Layouts {
@@ -50,26 +61,22 @@ impl Layouts {
         let place = |i: usize| i * step + (i.wrapping_mul(0x9e37_79b9) >> 7) % step;
         self.edited.clear();
         self.edited.extend((0..wanted).map(|i| boxes[place(i)]));
-        if boxes.len() >= slots / 2 {
-            // What was chosen before was chosen for other boxes, but hulls of entries are known better.
-            for kind in &mut self.kinds {
-                kind.sample.is_empty().then(|| kind.chosen = None);
-            }
-        }
     }
 
     /// The layout for a search.
     pub fn layout(&mut self, question: &Question) -> GridLayout {
         let boxes = question.grid_boxes();
         let kind = &mut self.kinds[usize::from(question.is_dense())];
-        let fits = |chosen: &Chosen| {
-            chosen.age < chosen.serves && chosen.boxes / 2 <= boxes && boxes / 2 <= chosen.boxes
-        };
-        let mut chosen = match kind.chosen.filter(fits) {
+        let last = kind.chosen.filter(|chosen| are_alike(chosen.boxes, boxes));
+        let fits = |chosen: &Chosen| chosen.age < chosen.serves;
+        let mut chosen = match last.filter(fits) {
             Some(chosen) => chosen,
             None => {
-                let serves = kind.chosen.map_or(1, |last| (2 * last.serves).min(RENEWED_AFTER));
-                let sample = if kind.sample.is_empty() { &self.edited } else { &kind.sample };
+                let serves = last.map_or(1, |last| (2 * last.serves).min(RENEWED_AFTER));
+                // Entries are hulls, which are larger than boxes; but the scene may be another now.
+                let knows = !kind.sample.is_empty() && are_alike(kind.sampled_of, boxes);
+                let sample =
+                    if knows || self.edited.is_empty() { &kind.sample } else { &self.edited };
                 let layout = self.chooser.choose_for(sample.as_slice().into(), boxes);
                 Chosen { layout, boxes, age: 0, serves }
             }
@@ -79,23 +86,22 @@ impl Layouts {
         with_giants(chosen.layout, question.slots)
     }
 
-    /// Whether the next layout of this kind will be chosen anew, so that a sample is of use.
-    fn wants_sample(&self, is_dense: bool) -> bool {
-        let chosen = &self.kinds[usize::from(is_dense)].chosen;
-        chosen.as_ref().is_none_or(|chosen| chosen.age >= chosen.serves)
-    }
-
     /// Looks at the entries that a search had.
-    pub fn note_search(&mut self, question: &Question, summary: &SceneSummary) {
-        let is_dense = question.is_dense();
-        if !self.wants_sample(is_dense) {
+    pub fn note_search(&mut self, question: &Question, summary: &SceneSummary, tested: u64) {
+        let kind = &mut self.kinds[usize::from(question.is_dense())];
+        let Some(chosen) = &mut kind.chosen else { return };
+        let looked = u64::from(summary.entries) + u64::from(summary.rows);
+        if tested > MANY_TESTS * looked {
+            // It is a bad one, or the scene is crowded: then another does not cost much beside a search.
+            chosen.age = chosen.serves;
+        }
+        if chosen.age < chosen.serves {
             return;
         }
         let count = (summary.sampled as usize).min(summary.samples.len());
-        let sample = &mut self.kinds[usize::from(is_dense)].sample;
-        sample.clear();
-        sample.extend(
-            summary.samples[..count].iter().map(|bits| Aabb::from(bits.map(f32::from_bits))),
-        );
+        let bits = summary.samples[..count].iter();
+        kind.sample.clear();
+        kind.sample.extend(bits.map(|bits| Aabb::from(bits.map(f32::from_bits))));
+        kind.sampled_of = chosen.boxes;
     }
 }

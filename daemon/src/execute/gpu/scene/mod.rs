@@ -448,7 +448,7 @@ impl GpuScene {
                 }
                 continue;
             }
-            self.layouts.note_search(&question, &summary);
+            self.layouts.note_search(&question, &summary, wide(summary.tested));
             self.rooms.0[question.mode as usize] =
                 Room { entries: u64::from(summary.entries), pairs: found };
             self.tell(want, question.mode, found, ended, &blocks)?;
