@@ -22,7 +22,7 @@ use pairmask_tests::attackers::raw::{
     CHANNEL_ID, CLIENT_ID, REQUEST_ID, RawClient, answer, cull, read, word, write,
 };
 use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
-use pairmask_tests::scene_edits::{KnownPairs, RandomEdits};
+use pairmask_tests::random_edits::{KnownPairs, RandomEdits};
 use pairmask_tests::{attack_time, oracle, stress_scenes};
 use pairmask_transport::{ProcessWatch, RuntimeDir, SegmentFiles};
 use pairmask_wire::{InstanceName, ReplyError, boxes_in_mut};

@@ -4,7 +4,7 @@
 
 use pairmask_core::Aabb;
 use pairmask_core::dispatch::StageTimes;
-use pairmask_core::engine::{EngineId, EngineName};
+use pairmask_core::engine::{EngineChoice, EngineId, EngineName};
 use pairmask_core::scene::{
     Edit, EndReason, Ended, Indices, Scene, SceneOptions, Sets, Step, Want,
 };
@@ -36,6 +36,7 @@ fn request(layout: &EditLayout, most_boxes: u32) -> SceneRequest {
         is_lost: false,
         want: Want::Moved,
         most_boxes,
+        engine: EngineChoice::Only(EngineName::GpuGrid),
         threads: Some(3),
         boxes,
         steps,
@@ -92,7 +93,7 @@ fn golden_edit() {
     };
     u32s(&mut expected, &[3, 0]);
     u64s(&mut expected, &[TOKEN, 8]);
-    u32s(&mut expected, &[2, 0, 2, 3]);
+    u32s(&mut expected, &[2, 5, 2, 3]);
     for (kind, offset, bytes) in [(1, 0, 48), (13, 128, 48), (14, 64, 8)] {
         u32s(&mut expected, &[kind, 1]);
         u64s(&mut expected, &[offset, bytes]);

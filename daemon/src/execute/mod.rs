@@ -4,6 +4,7 @@ mod engine_pool;
 mod frame_memory;
 pub mod gpu;
 mod gpu_service;
+mod kept_scene;
 mod offers;
 mod shared_gpu;
 mod spheres;
@@ -12,6 +13,7 @@ mod under_way;
 pub use engine_pool::EnginePool;
 pub use frame_memory::FrameMemory;
 pub use gpu_service::GpuService;
+pub use kept_scene::SceneKeeper;
 pub use offers::Owner;
 
 use std::sync::Arc;

@@ -67,7 +67,13 @@ impl Responder {
         let memory = SceneMemory::new(limits.max_scene_bytes);
         let (isa, calibration) = executor.cpu_settings();
         Self {
-            scenes: SceneEdits::new(isa, &calibration, memory.clone(), Arc::clone(&pool)),
+            scenes: SceneEdits::new(
+                isa,
+                &calibration,
+                executor.gpu_share(),
+                memory.clone(),
+                Arc::clone(&pool),
+            ),
             culls: Culls::new(executor, pool),
             outbox: Outbox::new(services, clients, auditor, memory),
             lender: Arc::new(ReplyLender::new(turn, limits.max_reply_bytes)),

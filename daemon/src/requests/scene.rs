@@ -4,20 +4,21 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use pairmask_core::dispatch::{CpuEngines, StageTimes};
-use pairmask_core::engine::{AvailableIsa, CullError, EngineName, ReplyBuffer};
+use pairmask_core::engine::{AvailableIsa, CullError, ReplyBuffer};
 use pairmask_core::plan::Calibration;
 use pairmask_core::scene::{Edit, SceneError, SceneOptions};
 use pairmask_wire::{SceneAnswerLayout, SceneId, SceneRequest, response_scene};
 
 use super::Served;
 use crate::clients::{KeptScene, SceneMemory};
-use crate::execute::EnginePool;
+use crate::execute::{EnginePool, GpuShare, SceneKeeper};
 use crate::publish::{OpenRequest, Outbox, Refusal};
 
 /// What scenes are made and changed with.
 pub(super) struct SceneEdits {
     isa: AvailableIsa,
     calibration: Calibration,
+    gpu: GpuShare,
     memory: SceneMemory,
     pool: Arc<EnginePool>,
 }
@@ -27,10 +28,11 @@ impl SceneEdits {
     pub(super) const fn new(
         isa: AvailableIsa,
         calibration: &Calibration,
+        gpu: GpuShare,
         memory: SceneMemory,
         pool: Arc<EnginePool>,
     ) -> Self {
-        Self { isa, calibration: *calibration, memory, pool }
+        Self { isa, calibration: *calibration, gpu, memory, pool }
     }
 
     /// Answers an edit.
@@ -86,8 +88,8 @@ impl SceneEdits {
             drop(kept);
             let options = SceneOptions::default().with_most_boxes(request.most_boxes);
             let engines = CpuEngines::on(self.isa, self.calibration);
-            let begun = KeptScene::begin(request.scene, options, engines, &self.memory);
-            return Ok(begun?);
+            let scene = SceneKeeper::new(options, engines, self.gpu.clone(), request.engine)?;
+            return Ok(KeptScene::begin(request.scene, scene, &self.memory)?);
         }
         match kept {
             Some(kept) if kept.revision == request.base => Ok(kept),
@@ -122,13 +124,18 @@ fn edit_and_answer(
     if request.is_lost {
         scene.lose();
     }
-    scene.set_threads(Some(threads));
-    let edited = scene.edit(edit, request.want).map(drop);
+    let edited = scene.edit(edit, request.want, threads).map(drop);
     room.note(scene);
     match edited {
         Ok(()) => *revision = request.revision,
         // The scene is what it was.
         Err(SceneError::Edit(error)) => return Err(error.into()),
+        // Its boxes are gone with the device's memory: the client sends them again.
+        Err(SceneError::Cull(
+            CullError::DeviceLost { .. }
+            | CullError::DeviceMemory { .. }
+            | CullError::TooCrowded { .. },
+        )) => return Err(Failed::Applied(Refusal::stale_scene(0))),
         Err(SceneError::Cull(error)) => return Err(Failed::Applied(error.into())),
         Err(error) => return Err(Failed::Applied(Refusal::engine_failed(&error))),
     }
@@ -147,8 +154,7 @@ fn edit_and_answer(
         ..StageTimes::default()
     };
     let told = scene.told();
-    let kept_bytes = scene.allocated_bytes() as u64;
-    let engine = EngineName::CpuGrid;
+    let (kept_bytes, engine) = (scene.bytes(), scene.engine());
     let header = response_scene(open.fields(), engine, threads, told, kept_bytes, &times);
     outbox.answer_edit(open, told, &header);
     Ok(())

@@ -3,12 +3,13 @@
 use std::time::Duration;
 
 use bytemuck::cast_slice_mut;
+use pairmask_core::engine::EngineChoice;
 use pairmask_core::scene::{Edit, Want};
 use pairmask_wire::{EditLayout, Page, RequestHeader, SceneId, SceneRequest, page_count};
 
 use super::raw::{Dice, RawClient, answer, write};
 use super::{Tally, Until, count};
-use crate::scene_edits::RandomEdits;
+use crate::random_edits::RandomEdits;
 
 /// Pages of a request.
 const PAGES: usize = 16;
@@ -46,6 +47,7 @@ pub(super) fn attack(until: &Until, tally: &mut Tally) {
                 want: [Want::Changes, Want::Moved, Want::All, Want::Nothing]
                     [dice.below(4) as usize],
                 most_boxes: 600,
+                engine: EngineChoice::Auto,
                 threads: None,
                 boxes,
                 steps,

@@ -39,14 +39,17 @@ mod error;
 mod fetch;
 mod history;
 mod hulls;
+mod kept;
 mod pair_list;
 mod store;
 mod whole;
 
-pub use self::answer::{EndReason, Ended, SceneSkips, Told, Want};
+pub use self::answer::{EndReason, Ended, SceneSkips, Told, Want, is_resync_due};
 pub use self::copy::{SceneCopy, WholeScene};
 pub use self::edit::{Edit, Indices, Sets, Step};
 pub use self::error::{EditError, SceneError};
+pub use self::kept::{Kept, KeptBox};
+pub use self::pair_list::Sorter as PairSorter;
 
 use std::sync::Arc;
 
@@ -66,8 +69,6 @@ const MOST_BOXES: u32 = 1 << 30;
 const FEW_BOXES: usize = 64;
 /// Changed boxes of this share of all take as long as the whole scene: one in so many.
 const MANY_SHARE: usize = 7;
-/// Changes that are told as such even where all pairs are fewer: 32 KiB.
-const RESYNC_LEAST: u64 = 4_096;
 
 /// What a scene may hold, and how many threads it may use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -205,6 +206,17 @@ impl Scene {
     /// Threads for later edits, of the rayon pool that they are made in; `None` is all of them.
     pub const fn set_threads(&mut self, threads: Option<usize>) {
         self.options.threads = threads;
+    }
+
+    /// What the scene holds, for who keeps it from now on; `None` where it has changed since the last
+    /// taken answer.
+    pub fn kept(&self) -> Option<Kept<'_>> {
+        let pair_count = match self.known {
+            Known::Same => Some(self.count_then),
+            Known::Lost => None,
+            Known::Few | Known::Many => return None,
+        };
+        Some(Kept::new(&self.store, pair_count))
     }
 
     /// The last answer.
@@ -364,7 +376,7 @@ impl Scene {
         let Difference { mut begun, mut ended } = found;
         let (more, less) = (begun.len() as u64, ended.len() as u64);
         self.told.pair_count = (self.count_then + more).saturating_sub(less);
-        if more + less > self.told.pair_count.max(RESYNC_LEAST) {
+        if is_resync_due(more + less, self.told.pair_count) {
             return self.resync();
         }
         if !is_sorted {

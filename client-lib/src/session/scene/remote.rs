@@ -320,6 +320,7 @@ impl RemoteScene {
             is_lost: self.forgets,
             want,
             most_boxes: self.options.most_boxes,
+            engine: self.core.settings().engine,
             threads: self.options.threads.or(self.core.settings().threads),
             boxes,
             steps,

@@ -1,5 +1,6 @@
 //! The header of an edit.
 
+use pairmask_core::engine::{EngineChoice, EngineName};
 use pairmask_core::scene::Want;
 
 use crate::header::{Operation, RequestHeader};
@@ -35,6 +36,8 @@ pub struct SceneRequest {
     pub want: Want,
     /// Indices are below this.
     pub most_boxes: u32,
+    /// The engine asked for: one of a GPU keeps the scene in video memory.
+    pub engine: EngineChoice,
     /// Threads that may be used; `None` leaves the number to the daemon.
     pub threads: Option<usize>,
     /// Boxes in the payload.
@@ -70,6 +73,10 @@ impl RequestHeader {
         sections[..3].copy_from_slice(&[request.boxes, request.steps, request.indices]);
         Self {
             box_count: (request.boxes.bytes / BOX_BYTES) as u32,
+            engine: match request.engine {
+                EngineChoice::Auto => 0,
+                EngineChoice::Only(name) => name as u32,
+            },
             encoding: want_number(request.want),
             threads: request.threads.map_or(0, |t| u32::try_from(t).unwrap_or(u32::MAX)),
             sections,
@@ -103,6 +110,12 @@ impl SceneRequest {
             return Err(Reject::Version { found });
         }
         let want = want_of(header.encoding).ok_or(wrong("want"))?;
+        let engine = match header.engine {
+            0 => EngineChoice::Auto,
+            found => {
+                EngineChoice::Only(EngineName::from_wire(found).ok_or(Reject::Engine { found })?)
+            }
+        };
         if header.revision == 0 || header.revision == header.base {
             return Err(wrong("revision"));
         }
@@ -123,6 +136,7 @@ impl SceneRequest {
             is_lost: header.scene_flags & LOST != 0,
             want,
             most_boxes: header.most_boxes,
+            engine,
             threads: (header.threads != 0).then_some(header.threads as usize),
             boxes,
             steps: section(SectionKind::SceneSteps, super::body::STEP_BYTES, "steps")?,

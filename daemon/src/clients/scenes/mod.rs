@@ -4,12 +4,12 @@
 
 mod memory;
 
-use pairmask_core::dispatch::CpuEngines;
-use pairmask_core::scene::{Edit, Scene, SceneOptions};
+use pairmask_core::scene::Edit;
 use pairmask_wire::{EditScratch, SceneId};
 
 use self::memory::Charge;
 pub(crate) use self::memory::{NoRoom, SceneMemory};
+use crate::execute::SceneKeeper;
 
 /// Bytes that a scene takes for each index, whether it has a box or not.
 const BYTES_AN_INDEX: u64 = 25;
@@ -25,7 +25,7 @@ pub(crate) struct KeptScene {
     /// The number of the last edit.
     pub(crate) revision: u64,
     /// Its boxes, and what was told.
-    pub(crate) scene: Scene,
+    pub(crate) scene: SceneKeeper,
     /// Memory for reading edits.
     pub(crate) scratch: EditScratch,
     /// Its share of the memory of all scenes.
@@ -43,14 +43,13 @@ impl KeptScene {
     /// [`NoRoom`].
     pub(crate) fn begin(
         id: SceneId,
-        options: SceneOptions,
-        engines: CpuEngines,
+        scene: SceneKeeper,
         memory: &SceneMemory,
     ) -> Result<Self, NoRoom> {
         Ok(Self {
             id,
             revision: 0,
-            scene: Scene::with_engines(options, engines),
+            scene,
             scratch: EditScratch::default(),
             room: SceneRoom(memory.charge(BYTES_A_SCENE)?),
         })
@@ -67,14 +66,14 @@ impl SceneRoom {
     ///
     /// # Errors
     /// [`NoRoom`].
-    pub(crate) fn make(&mut self, scene: &Scene, edit: Edit<'_>) -> Result<(), NoRoom> {
+    pub(crate) fn make(&mut self, scene: &SceneKeeper, edit: Edit<'_>) -> Result<(), NoRoom> {
         let boxes = scene.len() as u64 + edit.boxes() as u64;
         let indices = boxes.max(edit.index_end());
         self.0.grow_to(BYTES_A_SCENE + BYTES_AN_INDEX * indices + BYTES_A_BOX * boxes)
     }
 
     /// Notes what the scene takes by now.
-    pub(crate) fn note(&mut self, scene: &Scene) {
-        self.0.set(BYTES_A_SCENE + scene.allocated_bytes() as u64);
+    pub(crate) fn note(&mut self, scene: &SceneKeeper) {
+        self.0.set(BYTES_A_SCENE + scene.bytes());
     }
 }
