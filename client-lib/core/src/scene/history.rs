@@ -1,39 +1,34 @@
-//! What has changed since the last answer that was taken, and what was told then.
+//! What began and ended around few changed boxes.
 //!
-//! Nothing is kept of a pair of two boxes that have not changed since. For each box that has, the boxes
-//! that it was a pair with at that time are kept: they are looked up in the cells when the box first
-//! changes, before it moves there. So a change is what differs between these and the pairs of now, and
-//! however many answers were dropped, none is told twice or never.
+//! A pair that changed has a box that changed. So each of those is looked around, as the hull of what it
+//! was when the history began and what it is now, and each box found is tested both ways. Nothing is kept
+//! of what was told: however many answers were dropped, no change is told twice or never.
 //!
-//! A pair of two changed boxes belongs to the one that changed first. When it changed, the other had
-//! not, so what the cells said of the pair was what had been told.
+//! A pair of two changed boxes is found from both, and told from the one with the smaller index.
 
-use super::cells::{Cells, SearchMemory};
-use super::pair_list::{Difference, pair};
-use super::store::Store;
+use super::cells::{CHANGED, Candidate, Cells, INDEX, Probe, STATIC, SearchMemory, is_solid};
+use super::change::{WasIs, are_pair};
+use super::fetch::ask_for;
+use super::pair_list::{Difference, Pair, pair};
+use super::store::{Solid, Store};
+use crate::aabb::Aabb;
 use crate::engine::strips::{in_parts, part_count};
+use crate::floats;
 
 /// Boxes of a task: a search takes about 0.2 µs.
 const TASK_BOXES: usize = 256;
+/// Boxes that are looked around at a time.
+const BATCH: usize = 16;
 /// Fewest boxes that are searched by place, and the least share of all, one in so many: below, two that
 /// follow one another share no memory.
 const SORTED_BOXES: usize = 512;
 const SORTED_SHARE: usize = 128;
-/// Not changed.
-const UNCHANGED: u32 = u32::MAX;
 
-/// The boxes that have changed, in the order in which they first did, and the pairs that they had.
+/// Searches for changes, and their memory.
 #[derive(Debug, Default)]
-pub(super) struct Changed {
-    boxes: Vec<u32>,
-    /// End of each box's partners.
-    ends: Vec<usize>,
-    /// Boxes that a changed box was a pair with, sorted for each.
-    partners: Vec<u32>,
-    /// Which of all boxes have changed.
-    bits: Vec<u64>,
-    /// For those, the place in `boxes`.
-    rank: Vec<u32>,
+pub(super) struct Changes {
+    /// The changed boxes, in the order of the search.
+    order: Vec<u32>,
     tasks: Vec<Search>,
 }
 
@@ -42,188 +37,200 @@ pub(super) struct Changed {
 struct Search {
     boxes: std::ops::Range<usize>,
     tested: u64,
-    lens: Vec<u32>,
-    partners: Vec<u32>,
     found: Difference,
+    around: Around,
+}
+
+/// Memory of one batch.
+#[derive(Debug, Default)]
+struct Around {
+    /// The changed box of each probe.
+    centres: Vec<Centre>,
+    probes: Vec<Probe>,
+    candidates: Vec<Candidate>,
     memory: SearchMemory,
 }
 
-impl Changed {
-    /// How many boxes have changed.
-    pub fn len(&self) -> usize {
-        self.boxes.len()
-    }
+/// A box that is looked around.
+#[derive(Clone, Copy, Debug)]
+struct Centre {
+    index: u32,
+    b: WasIs,
+}
 
-    /// The boxes that have changed.
-    pub fn boxes(&self) -> &[u32] {
-        &self.boxes
-    }
-
-    /// Those that were noted last, `count` of them.
-    pub fn last(&self, count: usize) -> &[u32] {
-        &self.boxes[self.boxes.len() - count..]
-    }
-
+impl Changes {
     /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
-        let words = self.boxes.capacity() + self.partners.capacity() + self.rank.capacity();
-        let of_tasks = |task: &Search| 4 * (task.lens.capacity() + task.partners.capacity());
-        4 * words
-            + 8 * (self.bits.capacity() + self.ends.capacity())
-            + self.tasks.iter().map(of_tasks).sum::<usize>()
+        let of_task = |task: &Search| {
+            (task.found.begun.capacity() + task.found.ended.capacity()) * size_of::<Pair>()
+        };
+        4 * self.order.capacity() + self.tasks.iter().map(of_task).sum::<usize>()
     }
 
-    /// Nothing has changed.
-    pub fn clear(&mut self) {
-        for index in self.boxes.drain(..) {
-            self.bits[index as usize / 64] &= !(1 << (index % 64));
+    /// What differs from then to now, in no order, some of it twice; and how many boxes were tested.
+    pub fn find(&mut self, cells: &Cells, store: &Store, threads: usize) -> (Difference, u64) {
+        let count = store.changed().len();
+        let is_sorted = count >= SORTED_BOXES && count * SORTED_SHARE > store.boxes().len();
+        let mut order = std::mem::take(&mut self.order);
+        order.clear();
+        if is_sorted {
+            order.extend_from_slice(store.changed());
+            by_place(&mut order, cells);
         }
-        self.ends.clear();
-        self.partners.clear();
-    }
-
-    /// Whether a box has changed.
-    #[inline]
-    pub fn has(&self, index: u32) -> bool {
-        self.bits.get(index as usize / 64).is_some_and(|word| word >> (index % 64) & 1 == 1)
-    }
-
-    /// Lists boxes that are not listed yet: by place, where they are so many that neighbours follow one
-    /// another then.
-    fn list(&mut self, fresh: &[u32], cells: &Cells, box_count: usize) {
-        if self.bits.len() * 64 < box_count {
-            self.bits.resize(box_count.div_ceil(64), 0);
+        let boxes = if is_sorted { order.as_slice() } else { store.changed() };
+        let parts = part_count(count, TASK_BOXES, threads);
+        self.tasks.resize_with(parts, Search::default);
+        let border = |part: usize| count * part / parts;
+        for (part, task) in self.tasks.iter_mut().enumerate() {
+            task.boxes = border(part)..border(part + 1);
         }
-        if self.rank.len() < box_count {
-            self.rank.resize(box_count, UNCHANGED);
-        }
-        let first = self.boxes.len();
-        self.boxes.extend_from_slice(fresh);
-        if fresh.len() >= SORTED_BOXES && fresh.len() * SORTED_SHARE > box_count {
-            by_place(&mut self.boxes[first..], cells);
-        }
-        for (rank, index) in (first as u32..).zip(&self.boxes[first..]) {
-            self.bits[*index as usize / 64] |= 1 << (index % 64);
-            self.rank[*index as usize] = rank;
-        }
-    }
-
-    /// Notes boxes that are about to change for the first time, and the pairs that they have in `cells`.
-    /// `box_count` is more than any index. Returns how many entries were tested.
-    pub fn note(&mut self, fresh: &[u32], cells: &Cells, box_count: usize, threads: usize) -> u64 {
-        let first = self.boxes.len();
-        self.list(fresh, cells, box_count);
-        let mut tasks = self.share_out(first..self.boxes.len(), threads);
-        let this = &*self;
-        let run =
-            |tasks: &mut [Search]| tasks.iter_mut().for_each(|task| task.partners(this, cells));
-        let parts = tasks.len();
-        in_parts(tasks.as_mut_slice(), parts, &run, &|(), ()| ());
-        for task in &tasks {
-            for len in &task.lens {
-                self.ends.push(self.ends.last().copied().unwrap_or(0) + *len as usize);
-            }
-            self.partners.extend_from_slice(&task.partners);
-        }
-        let tested = tasks.iter().map(|task| task.tested).sum();
-        self.tasks = tasks;
-        tested
-    }
-
-    /// What differs from then to now, in the order of the boxes, and how many entries were tested.
-    pub fn difference(
-        &mut self,
-        cells: &Cells,
-        store: &Store,
-        threads: usize,
-    ) -> (Difference, u64) {
-        let mut tasks = self.share_out(0..self.boxes.len(), threads);
-        let this = &*self;
         let run = |tasks: &mut [Search]| {
             for task in tasks {
-                task.differences(this, cells, store);
+                task.run(&boxes[task.boxes.clone()], cells, store);
             }
         };
-        let parts = tasks.len();
-        in_parts(tasks.as_mut_slice(), parts, &run, &|(), ()| ());
+        in_parts(self.tasks.as_mut_slice(), parts, &run, &|(), ()| ());
         let mut all = Difference::default();
         let mut tested = 0;
-        for task in &mut tasks {
+        for task in &mut self.tasks {
             all.begun.append(&mut task.found.begun);
             all.ended.append(&mut task.found.ended);
             tested += task.tested;
         }
-        self.tasks = tasks;
+        self.order = order;
         (all, tested)
     }
+}
 
-    fn share_out(&mut self, boxes: std::ops::Range<usize>, threads: usize) -> Vec<Search> {
-        let mut tasks = std::mem::take(&mut self.tasks);
-        let parts = part_count(boxes.len(), TASK_BOXES, threads);
-        tasks.resize_with(parts, Search::default);
-        for (part, task) in tasks.iter_mut().enumerate() {
-            let border = |part: usize| boxes.start + boxes.len() * part / parts;
-            task.boxes = border(part)..border(part + 1);
-            task.tested = 0;
+/// Whether two solid boxes overlap, about: whether they are better looked around at once.
+#[inline]
+fn are_near(a: &Aabb, b: &Aabb) -> bool {
+    (0..3)
+        .fold(true, |near, axis| near & (a.min[axis] <= b.max[axis]) & (b.min[axis] <= a.max[axis]))
+}
+
+impl Centre {
+    /// A box as it was and is.
+    fn of(index: u32, store: &Store) -> Self {
+        Self { index, b: WasIs::of(index, store) }
+    }
+
+    /// A box as it is, as though it had just come: all its pairs are of interest.
+    fn now(index: u32, store: &Store) -> Self {
+        let is = store.now(index);
+        let was = Solid { b: Aabb::EMPTY, ..is };
+        Self { index, b: WasIs { was, ..WasIs::unchanged(is) } }
+    }
+
+    /// Looks around it: once, where it has not gone far.
+    fn probes(&self, mut add: impl FnMut(Probe)) {
+        let (was, is) = (self.b.was.b, self.b.is.b);
+        match (is_solid(&was), is_solid(&is)) {
+            (false, false) => {}
+            (true, true) if are_near(&was, &is) => {
+                add(Probe { was, is, dismisses: self.b.is_same() });
+            }
+            (was_solid, is_solid) => {
+                for (b, solid) in [(was, was_solid), (is, is_solid)] {
+                    if solid {
+                        add(Probe { was: b, is: b, dismisses: false });
+                    }
+                }
+            }
         }
-        tasks
     }
 
-    /// Whether the pair of a box with this rank and another belongs to the other.
-    #[inline(always)]
-    fn is_others(&self, rank: u32, other: u32) -> bool {
-        self.has(other) && self.rank[other as usize] < rank
-    }
-
-    /// The partners that a box of a rank had.
-    fn partners_of(&self, rank: usize) -> &[u32] {
-        let start = if rank == 0 { 0 } else { self.ends[rank - 1] };
-        &self.partners[start..self.ends[rank]]
+    /// Whether its pair with the box of a slot began, and whether it ended.
+    #[inline]
+    fn change(&self, word: u32, store: &Store) -> [bool; 2] {
+        let other = word & INDEX;
+        if word & CHANGED == 0 {
+            let b = store.boxes()[other as usize];
+            let same = Solid { b, is_static: word & STATIC != 0 };
+            return self.b.change(&WasIs::unchanged(same));
+        }
+        self.b.change(&WasIs::of(other, store))
     }
 }
 
 impl Search {
-    /// Finds the partners of boxes before they move.
-    fn partners(&mut self, changed: &Changed, cells: &Cells) {
-        let ranks = self.boxes.clone();
-        let first = ranks.start;
-        self.partners.clear();
-        self.lens.clear();
-        self.lens.resize(ranks.len(), 0);
-        let (partners, lens) = (&mut self.partners, &mut self.lens);
-        self.tested = cells.around_each(&changed.boxes[ranks], &mut self.memory, |at, other| {
-            if !changed.is_others((first + at) as u32, other) {
-                partners.push(other);
-                lens[at] += 1;
+    fn run(&mut self, boxes: &[u32], cells: &Cells, store: &Store) {
+        let Self { tested, found, around, .. } = self;
+        *tested = 0;
+        found.begun.clear();
+        found.ended.clear();
+        for (at, some) in boxes.chunks(BATCH).enumerate() {
+            let next = (at + 1) * BATCH;
+            for index in boxes.iter().skip(next).take(BATCH) {
+                store.ask_for(*index);
             }
-        });
-        let mut rest = self.partners.as_mut_slice();
-        for len in &self.lens {
-            let (here, later) = rest.split_at_mut(*len as usize);
-            here.sort_unstable();
-            rest = later;
+            let changed = some.iter().map(|index| Centre::of(*index, store));
+            *tested += around.look(changed, cells, store);
+            for (centre, &Candidate { word, .. }) in around.found() {
+                let other = word & INDEX;
+                let is_others = other < centre.index && word & CHANGED != 0;
+                if other == centre.index || is_others && store.has_changed(other) {
+                    continue;
+                }
+                let [begins, ends] = centre.change(word, store);
+                if begins {
+                    found.begun.push(pair(centre.index, other));
+                }
+                if ends {
+                    found.ended.push(pair(centre.index, other));
+                }
+            }
         }
+    }
+}
+
+impl Around {
+    /// Finds the candidates of some boxes. Returns how many were tested.
+    fn look(&mut self, around: impl Iterator<Item = Centre>, cells: &Cells, store: &Store) -> u64 {
+        let Self { centres, probes, candidates, memory } = self;
+        centres.clear();
+        probes.clear();
+        candidates.clear();
+        for centre in around {
+            centre.probes(|probe| {
+                centres.push(centre);
+                probes.push(probe);
+            });
+        }
+        let tested = cells.look_around(probes, memory, candidates);
+        // A slot may be that of an index that is no more: its box was removed at the end.
+        candidates.retain(|candidate| ((candidate.word & INDEX) as usize) < store.boxes().len());
+        for candidate in &*candidates {
+            ask_for(store.boxes(), candidate.word & INDEX);
+        }
+        tested
     }
 
-    /// Finds the pairs that began and ended.
-    fn differences(&mut self, changed: &Changed, cells: &Cells, store: &Store) {
-        self.partners(changed, cells);
-        self.found.begun.clear();
-        self.found.ended.clear();
-        let any_removed = store.any_removed();
-        let mut rest = self.partners.as_slice();
-        for (rank, len) in self.boxes.clone().zip(&self.lens) {
-            let (now, later) = rest.split_at(*len as usize);
-            rest = later;
-            let then = changed.partners_of(rank);
-            if then == now && !any_removed {
-                continue;
-            }
-            let index = changed.boxes[rank];
-            let replaced = |other: u32| store.was_removed(index) || store.was_removed(other);
-            compare(index, then, now, replaced, &mut self.found);
-        }
+    /// Each candidate and the box that it was found around.
+    fn found(&self) -> impl Iterator<Item = (&Centre, &Candidate)> {
+        self.candidates.iter().map(|this| (&self.centres[this.probe as usize], this))
     }
+}
+
+/// Adds the pairs of now of some boxes, in no order, some of them twice. Of two boxes that the last edit
+/// named, the one with the smaller index tells. Returns how many boxes were tested.
+pub(super) fn pairs_of_named(cells: &Cells, store: &Store, pairs: &mut Vec<Pair>) -> u64 {
+    let mut around = Around::default();
+    let mut tested = 0;
+    floats::with_default(|| {
+        for some in store.named().chunks(BATCH) {
+            let now = some.iter().map(|index| Centre::now(*index, store));
+            tested += around.look(now, cells, store);
+            for (centre, &Candidate { word, .. }) in around.found() {
+                let (index, other) = (centre.index, word & INDEX);
+                let is_told = other == index || store.is_named(other) && other < index;
+                if !is_told && are_pair(&centre.b.is, &store.now(other)) {
+                    pairs.push(pair(index, other));
+                }
+            }
+        }
+    });
+    tested
 }
 
 /// Sorts boxes by their place: by counting, digit by digit.
@@ -252,33 +259,5 @@ fn by_place(boxes: &mut [u32], cells: &Cells) {
     }
     for (slot, [_, index]) in boxes.iter_mut().zip(&places) {
         *slot = *index;
-    }
-}
-
-/// What differs between two sorted lists of partners.
-fn compare(
-    index: u32,
-    mut then: &[u32],
-    mut now: &[u32],
-    replaced: impl Fn(u32) -> bool,
-    found: &mut Difference,
-) {
-    loop {
-        let (was, is) = (then.first().copied(), now.first().copied());
-        if let Some(was) = was.filter(|was| is.is_none_or(|is| *was <= is)) {
-            if is != Some(was) || replaced(was) {
-                found.ended.push(pair(index, was));
-            }
-            then = &then[1..];
-        }
-        if let Some(is) = is.filter(|is| was.is_none_or(|was| *is <= was)) {
-            if was != Some(is) || replaced(is) {
-                found.begun.push(pair(index, is));
-            }
-            now = &now[1..];
-        }
-        if was.is_none() && is.is_none() {
-            return;
-        }
     }
 }

@@ -9,7 +9,7 @@
 
 use std::sync::{Mutex, OnceLock, PoisonError};
 
-use super::cells::{Entry, Question};
+use super::entry::{Entry, Question};
 use super::fetch::ask_for;
 use super::pair_list::{Difference, Pair, pair};
 use super::store::Store;
@@ -57,13 +57,11 @@ pub(super) struct Hulls<'a> {
     /// Pairs that ended.
     ended: [Mutex<Vec<Pair>>; ENDED_LISTS],
     memory: Mutex<Vec<State>>,
-    rank: Vec<u32>,
 }
 
 /// Memory that is kept from answer to answer.
 #[derive(Default)]
 pub(super) struct HullMemory {
-    rank: Vec<u32>,
     boxes: Vec<Aabb>,
     states: Vec<State>,
     ordered: Vec<State>,
@@ -72,8 +70,7 @@ pub(super) struct HullMemory {
 impl HullMemory {
     /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
-        4 * self.rank.capacity()
-            + self.boxes.capacity() * size_of::<Aabb>()
+        self.boxes.capacity() * size_of::<Aabb>()
             + (self.states.capacity() + self.ordered.capacity()) * size_of::<State>()
     }
 }
@@ -89,11 +86,7 @@ impl<'a> Hulls<'a> {
     /// The changes of a scene since the history began.
     pub fn of(store: &'a Store, memory: &mut HullMemory, threads: usize) -> Self {
         let n = store.boxes().len();
-        let HullMemory { mut rank, mut boxes, mut states, ordered } = std::mem::take(memory);
-        rank.resize(n, 0);
-        for (place, index) in (0u32..).zip(store.changed()) {
-            rank[*index as usize] = place;
-        }
+        let HullMemory { mut boxes, mut states, ordered } = std::mem::take(memory);
         boxes.resize(n, Aabb::EMPTY);
         states.resize(n, State::NONE);
         let parts = part_count(n, TASK_BOXES, threads);
@@ -106,7 +99,7 @@ impl<'a> Hulls<'a> {
         let run = |work: &mut [Part<'_>]| {
             let mut left = Vec::new();
             for part in work {
-                part.run(store, &rank, &mut left);
+                part.run(store, &mut left);
             }
             left
         };
@@ -119,7 +112,7 @@ impl<'a> Hulls<'a> {
         let left = left.iter().map(|left| left.index).collect();
         let memory = Mutex::new(ordered);
         let ended = std::array::from_fn(|_| Mutex::default());
-        Self { store, boxes, states, left, ordered: OnceLock::new(), ended, memory, rank }
+        Self { store, boxes, states, left, ordered: OnceLock::new(), ended, memory }
     }
 
     /// What is to be culled.
@@ -170,7 +163,7 @@ impl<'a> Hulls<'a> {
         states.truncate(n);
         let kept = self.memory.into_inner().unwrap_or_else(PoisonError::into_inner);
         let ordered = self.ordered.into_inner().unwrap_or(kept);
-        HullMemory { rank: self.rank, boxes, states, ordered }
+        HullMemory { boxes, states, ordered }
     }
 }
 
@@ -182,16 +175,15 @@ struct Left {
 }
 
 impl Part<'_> {
-    fn run(&mut self, store: &Store, rank: &[u32], left: &mut Vec<Left>) {
+    fn run(&mut self, store: &Store, left: &mut Vec<Left>) {
         let arrays = self.boxes.iter_mut().zip(self.states.iter_mut());
         for (index, (hull, state)) in (self.first..).zip(arrays) {
             let now = &store.boxes()[index as usize];
             let is = Entry::of(now, store.is_static(index), index);
-            if !store.has_changed(index) {
+            let Some(before) = store.before(index) else {
                 (*hull, *state) = (*now, State { was: is, is });
                 continue;
-            }
-            let before = &store.before()[rank[index as usize] as usize];
+            };
             let was = Entry::of(&before.b, before.is_static, index);
             *state = State { was, is };
             *hull = match (was.is_free(), is.is_free()) {

@@ -21,22 +21,25 @@
 //! # How
 //!
 //! What was told is never stored as pairs: a change is what differs between then and now around the boxes
-//! that have changed. After few changes, boxes lie in cells with free places (`cells`), and only what
-//! lies around changed boxes is looked at, before and after they move (`history`). Where more than one box
-//! in seven has changed, one cull of all boxes finds the changes (`hulls`). Both give the same lists.
+//! that have changed (`change`). After few changes, boxes lie in cells (`cells`), and only what lies around
+//! changed boxes is looked at (`history`). Where more than one box in seven has changed, one cull of all
+//! boxes finds the changes (`hulls`). Both give the same lists.
 //!
 //! The two ways keep different things. The first small edit after a large one builds the cells, which takes
-//! about as long as a whole frame to three. Cells are also built anew when a crowd finds no free place, and
-//! when their layout has become unfit: after 16 moves a box, or 32 needless tests a box. Where one box in a
+//! about as long as a whole frame to three. Cells are also built anew when their layout has become unfit:
+//! after 16 moves a box, 32 needless tests a box, or where they have grown by a quarter. Where one box in a
 //! hundred moves, that is one frame in 1,600.
 
 mod answer;
 mod cells;
+mod change;
 mod edit;
+mod entry;
 mod error;
 mod fetch;
 mod history;
 mod hulls;
+mod lanes;
 mod pair_list;
 mod store;
 mod whole;
@@ -47,15 +50,14 @@ pub use self::error::{EditError, SceneError};
 
 use std::sync::Arc;
 
-use self::cells::{Cells, SearchMemory};
-use self::history::Changed;
+use self::cells::Cells;
+use self::history::Changes;
 use self::pair_list::{Difference, Pair};
 use self::store::Store;
 use self::whole::Whole;
 use crate::aabb::Aabb;
 use crate::dispatch::CpuEngines;
 use crate::engine::CullError;
-use crate::floats;
 
 /// Most boxes that a scene may be allowed: places in cells are counted in 32 bits.
 const MOST_BOXES: u32 = 1 << 30;
@@ -133,7 +135,7 @@ pub struct Scene {
     options: SceneOptions,
     store: Store,
     cells: Option<Cells>,
-    changed: Changed,
+    changes: Changes,
     known: Known,
     /// All pairs of now, where there is a list of them.
     list_now: Option<Arc<Vec<Pair>>>,
@@ -172,7 +174,7 @@ impl Scene {
             options: SceneOptions { most_boxes, ..options },
             store: Store::default(),
             cells: None,
-            changed: Changed::default(),
+            changes: Changes::default(),
             known: Known::Same,
             list_now: None,
             count_then: 0,
@@ -211,7 +213,7 @@ impl Scene {
         };
         self.store.allocated_bytes()
             + self.cells.as_ref().map_or(0, Cells::allocated_bytes)
-            + self.changed.allocated_bytes()
+            + self.changes.allocated_bytes()
             + list(&self.list_now)
             + self.told.allocated_bytes()
             + self.spare.capacity() * size_of::<Pair>()
@@ -225,7 +227,8 @@ impl Scene {
     /// [`SceneError::Edit`] for an edit that is wrong: nothing is applied, and the last answer stays.
     /// [`SceneError::Cull`] where all pairs are needed and cannot be found: the edit is applied.
     pub fn edit(&mut self, edit: Edit<'_>, want: Want) -> Result<&Told, SceneError> {
-        self.store.apply(edit, self.options.most_boxes)?;
+        let threads = self.threads();
+        self.store.apply(edit, self.options.most_boxes, threads)?;
         self.is_open = false;
         self.tested = 0;
         self.told.begin(want);
@@ -248,7 +251,9 @@ impl Scene {
         }
         self.count_then = self.told.pair_count;
         self.known = Known::Same;
-        self.changed.clear();
+        if let Some(cells) = &mut self.cells {
+            cells.forget(self.store.changed());
+        }
         self.store.forget();
     }
 
@@ -257,7 +262,6 @@ impl Scene {
         self.known = Known::Lost;
         self.is_open = false;
         self.cells = None;
-        self.changed.clear();
         self.store.forget();
         let now = self.list_now.take();
         self.recycle(now);
@@ -299,7 +303,6 @@ impl Scene {
         if changed > FEW_BOXES && changed * MANY_SHARE > self.store.present() {
             self.known = Known::Many;
             self.cells = None;
-            self.changed.clear();
             return;
         }
         self.known = Known::Few;
@@ -311,14 +314,7 @@ impl Scene {
             self.spare = Vec::new();
         }
         if let Some(cells) = &mut self.cells {
-            let fresh = &store.changed()[store.first_fresh()..];
-            let tested = self.changed.note(fresh, cells, store.boxes().len(), threads);
-            cells.note_searches(fresh.len() as u64, tested);
-            self.tested += tested;
-            // In the order of the search, where that is all there is to move.
-            let is_all = fresh.len() == store.named().len() && store.gone().is_empty();
-            let named = if is_all { self.changed.last(fresh.len()) } else { store.named() };
-            cells.update(store, [store.gone(), named], threads);
+            cells.update(store, [store.gone(), store.named()], threads);
         }
     }
 
@@ -333,8 +329,8 @@ impl Scene {
                 Known::Few => {
                     let threads = self.threads();
                     if let Some(cells) = &mut self.cells {
-                        let (found, tested) = self.changed.difference(cells, &self.store, threads);
-                        cells.note_searches(self.changed.len() as u64, tested);
+                        let (found, tested) = self.changes.find(cells, &self.store, threads);
+                        cells.note_searches(self.store.changed().len() as u64, tested);
                         self.tested += tested;
                         self.tell(found, false)?;
                     }
@@ -352,18 +348,16 @@ impl Scene {
     }
 
     /// Tells what changed, or all pairs where they are fewer.
-    fn tell(&mut self, found: Difference, is_sorted: bool) -> Result<(), CullError> {
-        let Difference { mut begun, mut ended } = found;
+    fn tell(&mut self, mut found: Difference, is_sorted: bool) -> Result<(), CullError> {
+        if !is_sorted {
+            let threads = self.threads();
+            found.sort(self.whole.sorter(), self.store.boxes().len(), threads);
+        }
+        let Difference { begun, ended } = found;
         let (more, less) = (begun.len() as u64, ended.len() as u64);
         self.told.pair_count = (self.count_then + more).saturating_sub(less);
         if more + less > self.told.pair_count.max(RESYNC_LEAST) {
             return self.resync();
-        }
-        if !is_sorted {
-            let box_count = self.store.boxes().len();
-            let threads = self.threads();
-            self.whole.sort(&mut begun, box_count, threads);
-            self.whole.sort(&mut ended, box_count, threads);
         }
         let store = &self.store;
         self.told
@@ -407,20 +401,12 @@ impl Scene {
         let mut pairs = Vec::new();
         if let (Some(cells), true) = (&mut self.cells, is_few) {
             let store = &self.store;
-            let mut tested = 0;
-            floats::with_default(|| {
-                tested =
-                    cells.around_each(store.named(), &mut SearchMemory::default(), |at, other| {
-                        let index = store.named()[at];
-                        if !(store.is_named(other) && other < index) {
-                            pairs.push(pair_list::pair(index, other));
-                        }
-                    });
-            });
+            let tested = history::pairs_of_named(cells, store, &mut pairs);
             cells.note_searches(store.named().len() as u64, tested);
             self.tested += tested;
             let (box_count, threads) = (store.boxes().len(), self.threads());
-            self.whole.sort(&mut pairs, box_count, threads);
+            self.whole.sorter().sort(&mut pairs, box_count as u32, threads);
+            pairs.dedup();
         } else if !self.store.named().is_empty() {
             let now = self.list_now()?;
             let is_named = |[a, b]: &Pair| self.store.is_named(*a) || self.store.is_named(*b);
@@ -439,7 +425,7 @@ impl Scene {
         match self.known {
             Known::Same => {}
             Known::Few => {
-                for &index in self.changed.boxes() {
+                for &index in store.changed() {
                     if store.is_active(index) {
                         moved += 1;
                         moved_statics += usize::from(store.is_static(index));

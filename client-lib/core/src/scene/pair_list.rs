@@ -61,7 +61,7 @@ impl Sorter {
         self.dealt = Vec::new();
     }
 
-    /// Sorts pairs of indices below `n`, none of them twice.
+    /// Sorts pairs of indices below `n`.
     pub fn sort(&mut self, pairs: &mut Vec<Pair>, n: u32, threads: usize) {
         if pairs.len() <= FEW_PAIRS {
             pairs.sort_unstable_by_key(|pair| key(*pair));
@@ -71,7 +71,7 @@ impl Sorter {
         self.sorted_from(&source, &|_| true, n, threads, pairs);
     }
 
-    /// Those of `source` that are wanted, in order. Indices are below `n`, and no pair is there twice.
+    /// Those of `source` that are wanted, in order. Indices are below `n`.
     pub fn sorted_from(
         &mut self,
         source: &[Pair],
@@ -212,6 +212,14 @@ pub(super) struct Difference {
 }
 
 impl Difference {
+    /// Sorts the pairs of `n` boxes and takes out those that are there twice.
+    pub fn sort(&mut self, sorter: &mut Sorter, n: usize, threads: usize) {
+        for list in [&mut self.begun, &mut self.ended] {
+            sorter.sort(list, n as u32, threads);
+            list.dedup();
+        }
+    }
+
     /// Takes out what both sorted lists hold, unless it was `replaced`.
     pub fn cancel(&mut self, replaced: impl Fn(Pair) -> bool) {
         let Self { begun, ended } = self;

@@ -1,36 +1,49 @@
 //! The boxes of a scene by the client's indices, and their flags.
 
+mod range;
+
 use std::collections::HashMap;
 
-use super::edit::{Edit, Flag};
+use super::edit::{Edit, Flag, Indices, Sets, Step};
 use super::error::EditError;
+use super::fetch::ask_for;
 use crate::aabb::Aabb;
 
 /// The index has a box.
-const PRESENT: u8 = 1;
+const PRESENT: u16 = 1;
 /// It is switched off.
-const OFF: u8 = 1 << 1;
+const OFF: u16 = 1 << 1;
 /// It is static.
-const STATIC: u8 = 1 << 2;
+const STATIC: u16 = 1 << 2;
 /// A box of this index was removed since the history began.
-const REMOVED: u8 = 1 << 3;
+const REMOVED: u16 = 1 << 3;
 /// The edit under way removes it. Later: the edit named it.
-const EDIT_REMOVES: u8 = 1 << 4;
+const EDIT_REMOVES: u16 = 1 << 4;
 /// The edit under way sets it. Later: the edit named it.
-const EDIT_SETS: u8 = 1 << 5;
+const EDIT_SETS: u16 = 1 << 5;
 /// Listed among the boxes that the edit under way names.
-const NAMED: u8 = 1 << 6;
+const NAMED: u16 = 1 << 6;
 /// Changed since the history began.
-const CHANGED: u8 = 1 << 7;
+const CHANGED: u16 = 1 << 7;
+/// It was static then, if it has changed.
+const WAS_STATIC: u16 = 1 << 8;
 
 /// Whether a box is static and switched on.
-const fn is_active_static(flags: u8) -> bool {
+const fn is_active_static(flags: u16) -> bool {
     flags & (STATIC | OFF) == STATIC
 }
 
-/// What collided at an index before it changed.
+/// Whether two boxes are the same, bit by bit: floats would call a NaN changed each time, and −0
+/// unchanged, by flags.
+#[inline(always)]
+fn are_same(a: &Aabb, b: &Aabb) -> bool {
+    let [a, b]: [[u32; 6]; 2] = [bytemuck::cast(*a), bytemuck::cast(*b)];
+    (0..6).fold(0, |differ, i| differ | (a[i] ^ b[i])) == 0
+}
+
+/// What collides, or collided, at an index.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Before {
+pub(super) struct Solid {
     pub b: Aabb,
     pub is_static: bool,
 }
@@ -40,7 +53,9 @@ pub(super) struct Before {
 pub(super) struct Store {
     /// What collides: [`Aabb::EMPTY`] for an index without a box, or whose box is switched off.
     boxes: Vec<Aabb>,
-    flags: Vec<u8>,
+    flags: Vec<u16>,
+    /// What collided when the history began, at indices that have changed since.
+    then: Vec<Aabb>,
     /// Boxes that are switched off.
     parked: HashMap<u32, Aabb>,
     present: usize,
@@ -55,10 +70,6 @@ pub(super) struct Store {
     is_changed: bool,
     /// Indices whose box or static flag has changed since the history began, or that lost a box.
     changed: Vec<u32>,
-    /// What was there then.
-    before: Vec<Before>,
-    /// Where those begin that changed in the last edit for the first time.
-    first_fresh: usize,
 }
 
 impl Store {
@@ -128,29 +139,43 @@ impl Store {
         &self.changed
     }
 
-    /// What was there when the history began, for each of these.
-    pub fn before(&self) -> &[Before] {
-        &self.before
-    }
-
-    /// Where those of them begin that first changed in the last edit.
-    pub const fn first_fresh(&self) -> usize {
-        self.first_fresh
-    }
-
     /// Whether an index has changed since the history began.
     #[inline]
     pub fn has_changed(&self, index: u32) -> bool {
         self.flags[index as usize] & CHANGED != 0
     }
 
+    /// What collides at an index.
+    #[inline]
+    pub fn now(&self, index: u32) -> Solid {
+        Solid { b: self.boxes[index as usize], is_static: self.is_static(index) }
+    }
+
+    /// What collided at an index when the history began, if that has changed.
+    #[inline]
+    pub fn before(&self, index: u32) -> Option<Solid> {
+        let flags = self.flags[index as usize];
+        let was = || Solid { b: self.then[index as usize], is_static: flags & WAS_STATIC != 0 };
+        (flags & CHANGED != 0).then(was)
+    }
+
+    /// Asks for what is kept of an index.
+    #[inline]
+    pub fn ask_for(&self, index: u32) {
+        ask_for(&self.boxes, index);
+        ask_for(&self.then, index);
+        ask_for(&self.flags, index);
+    }
+
     /// Boxes as they collided when the history began, and which of them were static.
     pub fn then(&self) -> (Vec<Aabb>, Vec<bool>) {
         let mut boxes = self.boxes.clone();
         let mut statics: Vec<bool> = self.flags.iter().map(|flags| flags & STATIC != 0).collect();
-        for (index, before) in self.changed.iter().zip(&self.before) {
-            boxes[*index as usize] = before.b;
-            statics[*index as usize] = before.is_static;
+        for &index in &self.changed {
+            if let Some(before) = self.before(index) {
+                boxes[index as usize] = before.b;
+                statics[index as usize] = before.is_static;
+            }
         }
         (boxes, statics)
     }
@@ -177,10 +202,9 @@ impl Store {
             + self.named.capacity()
             + self.changed.capacity()
             + self.gone.capacity();
-        self.boxes.capacity() * size_of::<Aabb>()
-            + self.flags.capacity()
+        (self.boxes.capacity() + self.then.capacity()) * size_of::<Aabb>()
+            + self.flags.capacity() * size_of::<u16>()
             + lists * size_of::<u32>()
-            + self.before.capacity() * size_of::<Before>()
             + self.parked.capacity() * (size_of::<(u32, Aabb)>() + 1)
     }
 
@@ -190,10 +214,8 @@ impl Store {
             self.flags[index as usize] &= !REMOVED;
         }
         for index in self.changed.drain(..) {
-            self.flags[index as usize] &= !CHANGED;
+            self.flags[index as usize] &= !(CHANGED | WAS_STATIC);
         }
-        self.before.clear();
-        self.first_fresh = 0;
         // Indices at the end without boxes cost every pass over all indices.
         if self.flags.len() > 1024 && self.present < self.flags.len() / 4 {
             self.forget_edit();
@@ -202,8 +224,10 @@ impl Store {
             if len < self.flags.len() / 2 {
                 self.boxes.truncate(len);
                 self.flags.truncate(len);
+                self.then.truncate(len);
                 self.boxes.shrink_to_fit();
                 self.flags.shrink_to_fit();
+                self.then.shrink_to_fit();
             }
         }
     }
@@ -214,16 +238,22 @@ impl Store {
         }
         self.gone.clear();
         self.is_changed = false;
-        self.first_fresh = self.changed.len();
     }
 
     /// Checks an edit, and applies it if it is right. `limit` is the most boxes that the scene holds.
     ///
     /// # Errors
     /// [`EditError`]; nothing is applied then.
-    pub fn apply(&mut self, edit: Edit<'_>, limit: u32) -> Result<(), EditError> {
+    pub fn apply(&mut self, edit: Edit<'_>, limit: u32, threads: usize) -> Result<(), EditError> {
         self.forget_edit();
         self.make_room(edit, limit)?;
+        if let [Step::Set(Sets { indices: Indices::Range { first, .. }, boxes })] = edit.steps
+            && Self::is_long(boxes)
+        {
+            // A range names no index twice, so there is nothing else to check.
+            self.set_range(*first, boxes, threads);
+            return Ok(());
+        }
         let checked = self.check(edit);
         if let Err(error) = checked {
             // Every index that may have been marked is one of the edit's own.
@@ -263,8 +293,10 @@ impl Store {
         let no_memory = |_| EditError::NoMemory { boxes: len as u64 };
         self.boxes.try_reserve(more).map_err(no_memory)?;
         self.flags.try_reserve(more).map_err(no_memory)?;
+        self.then.try_reserve(more).map_err(no_memory)?;
         self.boxes.resize(len, Aabb::EMPTY);
         self.flags.resize(len, 0);
+        self.then.resize(len, Aabb::EMPTY);
         Ok(())
     }
 
@@ -284,6 +316,9 @@ impl Store {
                 wrong = wrong.or(Some(EditError::SetTwice { index }));
             }
             *flags |= EDIT_SETS;
+            // By the time that all are checked, the first ones are there.
+            ask_for(&self.boxes, index);
+            ask_for(&self.then, index);
         });
         edit.for_each_flag(|index, _| {
             let flags = self.flags[index as usize];
@@ -310,10 +345,9 @@ impl Store {
         self.is_changed = true;
         let flags = &mut self.flags[index as usize];
         if *flags & CHANGED == 0 {
-            *flags |= CHANGED;
-            let is_static = *flags & STATIC != 0;
+            *flags |= CHANGED | if *flags & STATIC != 0 { WAS_STATIC } else { 0 };
             self.changed.push(index);
-            self.before.push(Before { b: self.boxes[index as usize], is_static });
+            self.then[index as usize] = self.boxes[index as usize];
         }
     }
 
@@ -329,7 +363,7 @@ impl Store {
         if *flags & OFF != 0 {
             self.parked.remove(&index);
         }
-        *flags = *flags & (CHANGED | NAMED) | REMOVED;
+        *flags = *flags & (CHANGED | WAS_STATIC | NAMED) | REMOVED;
         self.boxes[index as usize] = Aabb::EMPTY;
     }
 
@@ -353,9 +387,7 @@ impl Store {
     /// Puts what collides at an index.
     #[inline]
     fn place(&mut self, index: u32, b: Aabb) {
-        let here = self.boxes[index as usize];
-        // Bits, not floats: floats would call a NaN changed each time, and −0 unchanged, by flags.
-        if bytemuck::bytes_of(&here) != bytemuck::bytes_of(&b) {
+        if !are_same(&self.boxes[index as usize], &b) {
             self.note_changed(index);
             self.boxes[index as usize] = b;
         }

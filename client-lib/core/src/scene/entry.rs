@@ -1,26 +1,25 @@
-//! A box in its cell, and the question whether it overlaps another: eight integers each, compared
-//! lane by lane.
+//! A box and the question whether it overlaps another: eight integers each, compared lane by lane.
 
 use super::lanes::{Lanes, none_exceeds};
 use crate::aabb::{Aabb, INFINITY_BITS, KeyBox, order_key};
 
-/// A box of a cell: keys of its min and whether it is static, complements of the keys of its max and its
+/// A box: keys of its min and whether it is static, complements of the keys of its max and its
 /// index. Complements order the other way round, so that overlap is one comparison of all lanes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C, align(32))]
-pub(in crate::scene) struct Entry([Lanes; 2]);
+pub(super) struct Entry([Lanes; 2]);
 
 /// What an entry is compared with: no lane of it may exceed that of the question.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::scene) struct Question([Lanes; 2]);
+pub(super) struct Question([Lanes; 2]);
 
 impl Entry {
     /// No box: fails every question, since no key reaches `i32::MAX`.
     pub const FREE: Self = Self([[i32::MAX; 4]; 2]);
 
     /// The entry of a box that is not [`KeyBox::NOTHING`].
-    #[inline]
-    pub fn new(key: &KeyBox, is_static: bool, index: u32) -> Self {
+    #[cfg(test)]
+    fn new(key: &KeyBox, is_static: bool, index: u32) -> Self {
         let ([x, y, z], [far_x, far_y, far_z]) = (key.min, key.max.map(|key| !key));
         Self([[x, y, z, i32::from(is_static)], [far_x, far_y, far_z, index as i32]])
     }

@@ -1,0 +1,145 @@
+//! Looking around boxes: which boxes lie in the cells where partners may be, and may overlap.
+//!
+//! Some searches are made at a time, step by step, so that their misses of the caches overlap.
+
+use std::ops::Range;
+
+use super::Cells;
+use super::block::{FIRST, Question, SLOTS};
+use crate::aabb::Aabb;
+
+/// Blocks of a run that are asked for ahead: further ones the processor finds by itself.
+const AHEAD: u32 = 8;
+
+/// A search around two solid boxes at once, which may be the same.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::scene) struct Probe {
+    pub was: Aabb,
+    pub is: Aabb,
+    /// Whether boxes are of no interest that have not changed, and overlap both or neither.
+    pub dismisses: bool,
+}
+
+/// A box that a probe may have to do with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::scene) struct Candidate {
+    /// Place of the probe among those of the batch.
+    pub probe: u32,
+    /// Its index and flags.
+    pub word: u32,
+}
+
+/// Memory of searches, kept from one to the next.
+#[derive(Debug, Default)]
+pub(in crate::scene) struct SearchMemory {
+    questions: Vec<Question>,
+    /// Probe of each question.
+    probes: Vec<u32>,
+    lines: Vec<Line>,
+    spans: Vec<Span>,
+}
+
+/// Neighbouring cells.
+#[derive(Clone, Copy, Debug)]
+struct Line {
+    question: u32,
+    first: u32,
+    count: u32,
+}
+
+/// Blocks of a cell.
+#[derive(Clone, Copy, Debug)]
+struct Span {
+    question: u32,
+    start: u32,
+    len: u32,
+}
+
+impl Cells {
+    /// Adds the boxes that may be partners of some probes: all that overlap, by the slots as they are, and
+    /// some that do not. Each probe finds its own box as well. Returns how many boxes were tested.
+    /// Needs the default floating-point flags.
+    pub fn look_around(
+        &self,
+        probes: &[Probe],
+        memory: &mut SearchMemory,
+        found: &mut Vec<Candidate>,
+    ) -> u64 {
+        let SearchMemory { questions, probes: of_questions, lines, spans } = memory;
+        questions.clear();
+        of_questions.clear();
+        lines.clear();
+        for (at, probe) in (0u32..).zip(probes) {
+            for (level, occupied) in self.levels.iter().zip(&self.occupied) {
+                if *occupied == 0 {
+                    continue;
+                }
+                let question = questions.len() as u32;
+                of_questions.push(at);
+                if level.takes_all {
+                    questions.push(Question::ALL);
+                    lines.push(Line { question, first: level.first_cell, count: 1 });
+                    continue;
+                }
+                let (was, is) = (level.quanta(&probe.was), level.quanta(&probe.is));
+                questions.push(Question::new(&was, &is, probe.dismisses));
+                let hull = was.hull(&is);
+                let [xs, ys, zs] = std::array::from_fn(|axis| {
+                    level.axes[axis].cells(hull.min[axis], hull.max[axis])
+                });
+                let mut add = |[x, y, z]: [&Range<u32>; 3]| {
+                    for z in z.clone() {
+                        for y in y.clone() {
+                            let first = level.cell_at(x.start, y, z);
+                            self.runs.ask_for_run(first);
+                            lines.push(Line { question, first, count: x.end - x.start });
+                        }
+                    }
+                };
+                add([&xs[0], &ys[0], &zs[0]]);
+                if !(xs[1].is_empty() && ys[1].is_empty() && zs[1].is_empty()) {
+                    for parts in 1..8 {
+                        let part = [parts & 1, parts >> 1 & 1, parts >> 2];
+                        let of = [&xs[part[0]], &ys[part[1]], &zs[part[2]]];
+                        if of.iter().all(|range| !range.is_empty()) {
+                            add(of);
+                        }
+                    }
+                }
+            }
+        }
+        spans.clear();
+        for &Line { question, first, count } in &*lines {
+            for cell in first..first + count {
+                let run = self.runs.run(cell);
+                if run.len != 0 {
+                    for block in 0..run.blocks().min(AHEAD) {
+                        self.runs.ask_for_block(run.start + block);
+                    }
+                    spans.push(Span { question, start: run.start, len: run.len });
+                }
+            }
+        }
+        let mut tested = 0;
+        for &Span { question, start, len } in &*spans {
+            tested += u64::from(len);
+            let probe = of_questions[question as usize];
+            let question = &questions[question as usize];
+            let end = start + len.div_ceil(SLOTS);
+            let mut rest = len;
+            for block in &self.runs.blocks()[start as usize..end as usize] {
+                let mut bits = question.candidates(block);
+                if rest < SLOTS {
+                    bits &= FIRST[rest as usize];
+                }
+                rest = rest.saturating_sub(SLOTS);
+                while bits != 0 {
+                    let slot = block.0[bits.trailing_zeros() as usize / 8];
+                    found.push(Candidate { probe, word: slot.word() });
+                    bits &= bits - 1;
+                }
+            }
+        }
+        tested
+    }
+}
