@@ -6,7 +6,7 @@
 //!
 //! A pair of two changed boxes is found from both, and told from the one with the smaller index.
 
-use super::cells::{CHANGED, Candidate, Cells, INDEX, Probe, STATIC, SearchMemory, is_solid};
+use super::cells::{CHANGED, Candidate, Cells, INDEX, Probe, STATIC, Searches, is_solid};
 use super::change::{WasIs, are_pair};
 use super::fetch::ask_for;
 use super::pair_list::{Difference, Pair, pair};
@@ -24,10 +24,15 @@ const BATCH: usize = 16;
 const SORTED_BOXES: usize = 512;
 const SORTED_SHARE: usize = 128;
 
+/// Batches that are under way at a time: each is a step behind the one after it.
+const BATCHES: usize = 4;
+
 /// Searches for changes, and their memory.
 #[derive(Debug, Default)]
 pub(super) struct Changes {
-    /// The changed boxes, in the order of the search.
+    /// The changed boxes, in the order in which they changed.
+    centres: Vec<Centre>,
+    /// The order in which they are looked around; empty where that is the same.
     order: Vec<u32>,
     tasks: Vec<Search>,
 }
@@ -38,17 +43,17 @@ struct Search {
     boxes: std::ops::Range<usize>,
     tested: u64,
     found: Difference,
-    around: Around,
+    batches: [Around; BATCHES],
 }
 
-/// Memory of one batch.
+/// A batch of boxes that are looked around.
 #[derive(Debug, Default)]
 struct Around {
-    /// The changed box of each probe.
+    /// The box of each probe.
     centres: Vec<Centre>,
     probes: Vec<Probe>,
+    searches: Searches,
     candidates: Vec<Candidate>,
-    memory: SearchMemory,
 }
 
 /// A box that is looked around.
@@ -64,42 +69,61 @@ impl Changes {
         let of_task = |task: &Search| {
             (task.found.begun.capacity() + task.found.ended.capacity()) * size_of::<Pair>()
         };
-        4 * self.order.capacity() + self.tasks.iter().map(of_task).sum::<usize>()
+        self.centres.capacity() * size_of::<Centre>()
+            + self.order.capacity() * size_of::<u32>()
+            + self.tasks.iter().map(of_task).sum::<usize>()
     }
 
     /// What differs from then to now, in no order, some of it twice; and how many boxes were tested.
     pub fn find(&mut self, cells: &Cells, store: &Store, threads: usize) -> (Difference, u64) {
-        let count = store.changed().len();
-        let is_sorted = count >= SORTED_BOXES && count * SORTED_SHARE > store.boxes().len();
-        let mut order = std::mem::take(&mut self.order);
+        let Self { centres, order, tasks } = self;
+        let changed = store.changed();
+        centres_of(changed, store, centres, threads);
         order.clear();
-        if is_sorted {
-            order.extend_from_slice(store.changed());
-            by_place(&mut order, cells);
+        let count = changed.len();
+        if count >= SORTED_BOXES && count * SORTED_SHARE > store.boxes().len() {
+            by_place(changed, cells, order);
         }
-        let boxes = if is_sorted { order.as_slice() } else { store.changed() };
         let parts = part_count(count, TASK_BOXES, threads);
-        self.tasks.resize_with(parts, Search::default);
+        tasks.resize_with(parts, Search::default);
         let border = |part: usize| count * part / parts;
-        for (part, task) in self.tasks.iter_mut().enumerate() {
+        for (part, task) in tasks.iter_mut().enumerate() {
             task.boxes = border(part)..border(part + 1);
         }
+        let (centres, order) = (centres.as_slice(), order.as_slice());
         let run = |tasks: &mut [Search]| {
-            for task in tasks {
-                task.run(&boxes[task.boxes.clone()], cells, store);
-            }
+            tasks.iter_mut().for_each(|task| task.run(centres, order, cells, store));
         };
-        in_parts(self.tasks.as_mut_slice(), parts, &run, &|(), ()| ());
+        in_parts(tasks.as_mut_slice(), parts, &run, &|(), ()| ());
         let mut all = Difference::default();
         let mut tested = 0;
-        for task in &mut self.tasks {
+        for task in tasks {
             all.begun.append(&mut task.found.begun);
             all.ended.append(&mut task.found.ended);
             tested += task.tested;
         }
-        self.order = order;
         (all, tested)
     }
+}
+
+/// What changed boxes were and are.
+fn centres_of(changed: &[u32], store: &Store, centres: &mut Vec<Centre>, threads: usize) {
+    centres.resize(changed.len(), Centre::NONE);
+    let parts = part_count(changed.len(), TASK_BOXES, threads);
+    let step = changed.len().div_ceil(parts).max(1);
+    let mut work: Vec<(&mut [Centre], &[u32])> =
+        centres.chunks_mut(step).zip(changed.chunks(step)).collect();
+    let run = |work: &mut [(&mut [Centre], &[u32])]| {
+        for (centres, changed) in work {
+            for (at, (centre, index)) in centres.iter_mut().zip(*changed).enumerate() {
+                if let Some(ahead) = changed.get(at + BATCH) {
+                    store.ask_for(*ahead);
+                }
+                *centre = Centre { index: *index, b: WasIs::of(*index, store) };
+            }
+        }
+    };
+    in_parts(work.as_mut_slice(), parts, &run, &|(), ()| ());
 }
 
 /// Whether two solid boxes overlap, about: whether they are better looked around at once.
@@ -110,10 +134,10 @@ fn are_near(a: &Aabb, b: &Aabb) -> bool {
 }
 
 impl Centre {
-    /// A box as it was and is.
-    fn of(index: u32, store: &Store) -> Self {
-        Self { index, b: WasIs::of(index, store) }
-    }
+    const NONE: Self = {
+        let none = Solid { b: Aabb::EMPTY, is_static: false };
+        Self { index: 0, b: WasIs::unchanged(none) }
+    };
 
     /// A box as it is, as though it had just come: all its pairs are of interest.
     fn now(index: u32, store: &Store) -> Self {
@@ -140,44 +164,62 @@ impl Centre {
         }
     }
 
-    /// Whether its pair with the box of a slot began, and whether it ended.
+    /// Tells whether its pair with the box of a slot began or ended.
     #[inline]
-    fn change(&self, word: u32, store: &Store) -> [bool; 2] {
+    fn tell_changes(&self, word: u32, store: &Store, found: &mut Difference) {
         let other = word & INDEX;
-        if word & CHANGED == 0 {
-            let b = store.boxes()[other as usize];
-            let same = Solid { b, is_static: word & STATIC != 0 };
-            return self.b.change(&WasIs::unchanged(same));
+        let has_changed = word & CHANGED != 0 && store.has_changed(other);
+        if other == self.index || has_changed && other < self.index {
+            return;
         }
-        self.b.change(&WasIs::of(other, store))
+        let [begins, ends] = if has_changed {
+            self.b.change(&WasIs::of(other, store))
+        } else {
+            let is_static = word & STATIC != 0;
+            let same = Solid { b: store.boxes()[other as usize], is_static };
+            self.b.change(&WasIs::unchanged(same))
+        };
+        if begins {
+            found.begun.push(pair(self.index, other));
+        }
+        if ends {
+            found.ended.push(pair(self.index, other));
+        }
     }
 }
 
 impl Search {
-    fn run(&mut self, boxes: &[u32], cells: &Cells, store: &Store) {
-        let Self { tested, found, around, .. } = self;
+    fn run(&mut self, centres: &[Centre], order: &[u32], cells: &Cells, store: &Store) {
+        let Self { boxes, tested, found, batches } = self;
         *tested = 0;
         found.begun.clear();
         found.ended.clear();
-        for (at, some) in boxes.chunks(BATCH).enumerate() {
-            let next = (at + 1) * BATCH;
-            for index in boxes.iter().skip(next).take(BATCH) {
-                store.ask_for(*index);
+        let count = boxes.len().div_ceil(BATCH);
+        // The boxes of a batch, by their places among all.
+        let of_batch = |number: usize| {
+            let start = (boxes.start + number * BATCH).min(boxes.end);
+            let places = start..(start + BATCH).min(boxes.end);
+            places.map(|place| order.get(place).map_or(place, |centre| *centre as usize))
+        };
+        for step in 0..count + BATCHES - 1 {
+            of_batch(step + 1).for_each(|centre| ask_for(centres, centre as u32));
+            // The latest batch first: what it asks for has the time of all others to come.
+            if step < count {
+                batches[step % BATCHES].begin(of_batch(step).map(|at| centres[at]), cells);
             }
-            let changed = some.iter().map(|index| Centre::of(*index, store));
-            *tested += around.look(changed, cells, store);
-            for (centre, &Candidate { word, .. }) in around.found() {
-                let other = word & INDEX;
-                let is_others = other < centre.index && word & CHANGED != 0;
-                if other == centre.index || is_others && store.has_changed(other) {
-                    continue;
-                }
-                let [begins, ends] = centre.change(word, store);
-                if begins {
-                    found.begun.push(pair(centre.index, other));
-                }
-                if ends {
-                    found.ended.push(pair(centre.index, other));
+            let earlier = |steps: usize| {
+                let number = step.checked_sub(steps).filter(|number| *number < count);
+                number.map(|number| number % BATCHES)
+            };
+            if let Some(number) = earlier(1) {
+                cells.go_on(&mut batches[number].searches);
+            }
+            if let Some(number) = earlier(2) {
+                *tested += batches[number].finish(cells, store);
+            }
+            if let Some(number) = earlier(3) {
+                for (centre, candidate) in batches[number].found() {
+                    centre.tell_changes(candidate.word, store, found);
                 }
             }
         }
@@ -185,19 +227,25 @@ impl Search {
 }
 
 impl Around {
-    /// Finds the candidates of some boxes. Returns how many were tested.
-    fn look(&mut self, around: impl Iterator<Item = Centre>, cells: &Cells, store: &Store) -> u64 {
-        let Self { centres, probes, candidates, memory } = self;
+    /// Begins to look around boxes.
+    fn begin(&mut self, around: impl Iterator<Item = Centre>, cells: &Cells) {
+        let Self { centres, probes, searches, .. } = self;
         centres.clear();
         probes.clear();
-        candidates.clear();
         for centre in around {
             centre.probes(|probe| {
                 centres.push(centre);
                 probes.push(probe);
             });
         }
-        let tested = cells.look_around(probes, memory, candidates);
+        cells.begin(probes, searches);
+    }
+
+    /// Finds the candidates. Returns how many boxes were tested.
+    fn finish(&mut self, cells: &Cells, store: &Store) -> u64 {
+        let Self { searches, candidates, .. } = self;
+        candidates.clear();
+        let tested = cells.finish(searches, candidates);
         // A slot may be that of an index that is no more: its box was removed at the end.
         candidates.retain(|candidate| ((candidate.word & INDEX) as usize) < store.boxes().len());
         for candidate in &*candidates {
@@ -219,8 +267,9 @@ pub(super) fn pairs_of_named(cells: &Cells, store: &Store, pairs: &mut Vec<Pair>
     let mut tested = 0;
     floats::with_default(|| {
         for some in store.named().chunks(BATCH) {
-            let now = some.iter().map(|index| Centre::now(*index, store));
-            tested += around.look(now, cells, store);
+            around.begin(some.iter().map(|index| Centre::now(*index, store)), cells);
+            cells.go_on(&mut around.searches);
+            tested += around.finish(cells, store);
             for (centre, &Candidate { word, .. }) in around.found() {
                 let (index, other) = (centre.index, word & INDEX);
                 let is_told = other == index || store.is_named(other) && other < index;
@@ -233,11 +282,12 @@ pub(super) fn pairs_of_named(cells: &Cells, store: &Store, pairs: &mut Vec<Pair>
     tested
 }
 
-/// Sorts boxes by their place: by counting, digit by digit.
-fn by_place(boxes: &mut [u32], cells: &Cells) {
+/// Puts the numbers of boxes in the order of their places: by counting, digit by digit.
+fn by_place(boxes: &[u32], cells: &Cells, order: &mut Vec<u32>) {
     const DIGIT: u32 = 11;
+    let numbered = boxes.iter().zip(0u32..);
     let mut places: Vec<[u32; 2]> =
-        boxes.iter().map(|index| [cells.place(*index), *index]).collect();
+        numbered.map(|(index, number)| [cells.place(*index), number]).collect();
     let mut sorted = vec![[0; 2]; boxes.len()];
     let most = places.iter().map(|[place, _]| *place).max().unwrap_or(0);
     for shift in (0..u32::BITS - most.leading_zeros()).step_by(DIGIT as usize) {
@@ -257,7 +307,5 @@ fn by_place(boxes: &mut [u32], cells: &Cells) {
         }
         std::mem::swap(&mut places, &mut sorted);
     }
-    for (slot, [_, index]) in boxes.iter_mut().zip(&places) {
-        *slot = *index;
-    }
+    order.extend(places.iter().map(|[_, number]| *number));
 }

@@ -18,7 +18,7 @@ mod search;
 
 pub(super) use self::block::{CHANGED, INDEX, STATIC};
 pub(super) use self::quanta::is_solid;
-pub(super) use self::search::{Candidate, Probe, SearchMemory};
+pub(super) use self::search::{Candidate, Probe, Searches};
 
 use std::collections::HashMap;
 

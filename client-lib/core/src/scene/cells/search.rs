@@ -1,6 +1,7 @@
 //! Looking around boxes: which boxes lie in the cells where partners may be, and may overlap.
 //!
-//! Some searches are made at a time, step by step, so that their misses of the caches overlap.
+//! A batch of searches is made in three steps: each asks for the memory that the next one reads. Steps of
+//! other batches between them give it the time to come.
 
 use std::ops::Range;
 
@@ -29,9 +30,10 @@ pub(in crate::scene) struct Candidate {
     pub word: u32,
 }
 
-/// Memory of searches, kept from one to the next.
+/// A batch of searches under way: [begun](Cells::begin), then [on](Cells::go_on), then
+/// [finished](Cells::finish).
 #[derive(Debug, Default)]
-pub(in crate::scene) struct SearchMemory {
+pub(in crate::scene) struct Searches {
     questions: Vec<Question>,
     /// Probe of each question.
     probes: Vec<u32>,
@@ -56,16 +58,10 @@ struct Span {
 }
 
 impl Cells {
-    /// Adds the boxes that may be partners of some probes: all that overlap, by the slots as they are, and
-    /// some that do not. Each probe finds its own box as well. Returns how many boxes were tested.
-    /// Needs the default floating-point flags.
-    pub fn look_around(
-        &self,
-        probes: &[Probe],
-        memory: &mut SearchMemory,
-        found: &mut Vec<Candidate>,
-    ) -> u64 {
-        let SearchMemory { questions, probes: of_questions, lines, spans } = memory;
+    /// Begins to look around some probes: finds the cells. Needs the default floating-point flags, which
+    /// are those that boxes were placed with.
+    pub fn begin(&self, probes: &[Probe], searches: &mut Searches) {
+        let Searches { questions, probes: of_questions, lines, .. } = searches;
         questions.clear();
         of_questions.clear();
         lines.clear();
@@ -108,6 +104,10 @@ impl Cells {
                 }
             }
         }
+    }
+
+    /// Goes on: finds the blocks.
+    pub fn go_on(&self, Searches { lines, spans, .. }: &mut Searches) {
         spans.clear();
         for &Line { question, first, count } in &*lines {
             for cell in first..first + count {
@@ -120,6 +120,12 @@ impl Cells {
                 }
             }
         }
+    }
+
+    /// Ends: adds the boxes that may be partners of a probe, all that overlap, by the slots as they are,
+    /// and some that do not. Each probe finds its own box as well. Returns how many boxes were tested.
+    pub fn finish(&self, searches: &Searches, found: &mut Vec<Candidate>) -> u64 {
+        let Searches { questions, probes: of_questions, spans, .. } = searches;
         let mut tested = 0;
         for &Span { question, start, len } in &*spans {
             tested += u64::from(len);
