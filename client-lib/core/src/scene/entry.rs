@@ -60,6 +60,27 @@ impl Entry {
         Aabb { min: corner(min), max: corner(max) }
     }
 
+    /// What two boxes have in common; free, or a box with `min` above `max`, where that is nothing.
+    #[inline]
+    pub fn common(&self, other: &Self) -> Self {
+        Self(std::array::from_fn(|half| {
+            std::array::from_fn(|lane| self.0[half][lane].max(other.0[half][lane]))
+        }))
+    }
+
+    /// Whether the box is static, or there is none.
+    #[inline]
+    pub const fn is_static(&self) -> bool {
+        self.0[0][3] > 0
+    }
+
+    /// The same box, not static.
+    #[inline]
+    pub const fn of_no_flag(mut self) -> Self {
+        self.0[0][3] = 0;
+        self
+    }
+
     #[inline]
     pub const fn is_free(&self) -> bool {
         self.0[0][0] == i32::MAX

@@ -56,8 +56,9 @@ struct Around {
     candidates: Vec<Candidate>,
 }
 
-/// A box that is looked around.
+/// A box that is looked around, on a cache line of its own.
 #[derive(Clone, Copy, Debug)]
+#[repr(align(64))]
 struct Centre {
     index: u32,
     b: WasIs,
@@ -248,8 +249,12 @@ impl Around {
         let tested = cells.finish(searches, candidates);
         // A slot may be that of an index that is no more: its box was removed at the end.
         candidates.retain(|candidate| ((candidate.word & INDEX) as usize) < store.boxes().len());
-        for candidate in &*candidates {
-            ask_for(store.boxes(), candidate.word & INDEX);
+        for Candidate { word, .. } in &*candidates {
+            if word & CHANGED != 0 {
+                store.ask_for(word & INDEX);
+            } else {
+                ask_for(store.boxes(), word & INDEX);
+            }
         }
         tested
     }

@@ -22,11 +22,11 @@
 //!
 //! What was told is never stored as pairs: a change is what differs between then and now around the boxes
 //! that have changed (`change`). After few changes, boxes lie in cells (`cells`), and only what lies around
-//! changed boxes is looked at (`history`). Where more than one box in seven has changed, one cull of all
+//! changed boxes is looked at (`history`). Where more than one box in six has changed, one cull of all
 //! boxes finds the changes (`hulls`). Both give the same lists.
 //!
-//! The two ways keep different things. The first small edit after a large one builds the cells, which takes
-//! about as long as a whole frame to three. Cells are also built anew when their layout has become unfit:
+//! The two ways keep different things. The second small edit after a large one builds the cells, which takes
+//! about as long as a whole frame to three; the first one is answered as the large one was. Cells are also built anew when their layout has become unfit:
 //! after 16 moves a box, 32 needless tests a box, or where they have grown by a quarter. Where one box in a
 //! hundred moves, that is one frame in 1,600.
 
@@ -64,7 +64,10 @@ const MOST_BOXES: u32 = 1 << 30;
 /// Boxes that may always change before a scene is searched as a whole.
 const FEW_BOXES: usize = 64;
 /// Changed boxes of this share of all take as long as the whole scene: one in so many.
-const MANY_SHARE: usize = 7;
+const MANY_SHARE: usize = 6;
+/// Boxes up to which cells are built at the first small edit: some 100 µs. In a larger scene that edit may
+/// stand between large ones, which keep no cells: it is answered as they are, and the next one builds cells.
+const CELLS_AT_ONCE: usize = 4_096;
 /// Changes that are told as such even where all pairs are fewer: 32 KiB.
 const RESYNC_LEAST: u64 = 4_096;
 
@@ -135,6 +138,8 @@ pub struct Scene {
     options: SceneOptions,
     store: Store,
     cells: Option<Cells>,
+    /// Whether the last edit was small too, and answered without cells.
+    was_small: bool,
     changes: Changes,
     known: Known,
     /// All pairs of now, where there is a list of them.
@@ -174,6 +179,7 @@ impl Scene {
             options: SceneOptions { most_boxes, ..options },
             store: Store::default(),
             cells: None,
+            was_small: false,
             changes: Changes::default(),
             known: Known::Same,
             list_now: None,
@@ -303,6 +309,12 @@ impl Scene {
         if changed > FEW_BOXES && changed * MANY_SHARE > self.store.present() {
             self.known = Known::Many;
             self.cells = None;
+            self.was_small = false;
+            return;
+        }
+        let is_first = !std::mem::replace(&mut self.was_small, true);
+        if self.cells.is_none() && is_first && self.store.present() > CELLS_AT_ONCE {
+            self.known = Known::Many;
             return;
         }
         self.known = Known::Few;

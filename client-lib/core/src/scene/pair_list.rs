@@ -3,6 +3,7 @@
 //! Large lists are dealt into buckets of rows, task by task, and each bucket is sorted by counting:
 //! two passes over memory, whatever the number of pairs.
 
+use crate::engine::RecentNeed;
 use crate::engine::strips::{in_parts, part_count};
 
 /// A pair of box indices, the lower one first.
@@ -33,6 +34,7 @@ const LONG_ROW: usize = 24;
 #[derive(Debug, Default)]
 pub(super) struct Sorter {
     dealt: Vec<Pair>,
+    need: RecentNeed,
 }
 
 /// One task's pairs in, and its place for them by bucket.
@@ -90,6 +92,10 @@ impl Sorter {
         let buckets = (n >> shift) as usize + 1;
         let parts = part_count(source.len(), TASK_PAIRS, threads).min(threads * 2).max(1);
         let step = source.len().div_ceil(parts);
+        let held_bytes = self.allocated_bytes();
+        if self.need.note(size_of_val(source), || held_bytes) {
+            self.give_back();
+        }
         self.dealt.resize(source.len().max(self.dealt.len()), [0; 2]);
         let (ins, outs) = (source.chunks(step), self.dealt.chunks_mut(step));
         let mut deals: Vec<Deal<'_>> = ins
@@ -212,6 +218,13 @@ pub(super) struct Difference {
 }
 
 impl Difference {
+    /// Both.
+    pub fn with(mut self, mut other: Self) -> Self {
+        self.begun.append(&mut other.begun);
+        self.ended.append(&mut other.ended);
+        self
+    }
+
     /// Sorts the pairs of `n` boxes and takes out those that are there twice.
     pub fn sort(&mut self, sorter: &mut Sorter, n: usize, threads: usize) {
         for list in [&mut self.begun, &mut self.ended] {

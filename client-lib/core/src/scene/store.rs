@@ -124,11 +124,6 @@ impl Store {
         self.flags[index as usize] & REMOVED != 0
     }
 
-    /// Whether any index lost a box since the history began.
-    pub fn any_removed(&self) -> bool {
-        !self.removed.is_empty()
-    }
-
     /// Whether the last edit changed anything.
     pub const fn is_changed(&self) -> bool {
         self.is_changed

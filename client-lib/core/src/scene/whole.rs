@@ -113,7 +113,7 @@ impl Whole {
         let plan = self.engines.plan(boxes, &options, None);
         let input = plan.input(boxes).rules(PairRules::tested_by(hulls));
         let report = self.engines.run(plan.engine, &input, &mut self.reply)?;
-        let found = hulls.named(list_of(n, &report, self.reply.words())?);
+        let found = hulls.changes(list_of(n, &report, self.reply.words())?, threads);
         Ok((found, n.pair_count().saturating_sub(report.skipped.pairs)))
     }
 
