@@ -49,8 +49,8 @@ struct Search {
 /// A batch of boxes that are looked around.
 #[derive(Debug, Default)]
 struct Around {
-    /// The box of each probe.
-    centres: Vec<Centre>,
+    /// The box of each probe, and what of it.
+    centres: Vec<(Centre, Seen)>,
     probes: Vec<Probe>,
     searches: Searches,
     candidates: Vec<Candidate>,
@@ -62,6 +62,17 @@ struct Around {
 struct Centre {
     index: u32,
     b: WasIs,
+}
+
+/// What is looked around of a box that has changed.
+#[derive(Clone, Copy, Debug)]
+enum Seen {
+    /// What it was and is, at once.
+    Both,
+    /// What it was.
+    Was,
+    /// What it is.
+    Is,
 }
 
 impl Changes {
@@ -93,7 +104,9 @@ impl Changes {
         }
         let (centres, order) = (centres.as_slice(), order.as_slice());
         let run = |tasks: &mut [Search]| {
-            tasks.iter_mut().for_each(|task| task.run(centres, order, cells, store));
+            for task in tasks {
+                task.run(centres, order, cells, store);
+            }
         };
         in_parts(tasks.as_mut_slice(), parts, &run, &|(), ()| ());
         let mut all = Difference::default();
@@ -130,8 +143,7 @@ fn centres_of(changed: &[u32], store: &Store, centres: &mut Vec<Centre>, threads
 /// Whether two solid boxes overlap, about: whether they are better looked around at once.
 #[inline]
 fn are_near(a: &Aabb, b: &Aabb) -> bool {
-    (0..3)
-        .fold(true, |near, axis| near & (a.min[axis] <= b.max[axis]) & (b.min[axis] <= a.max[axis]))
+    (0..3).all(|axis| a.min[axis] <= b.max[axis] && b.min[axis] <= a.max[axis])
 }
 
 impl Centre {
@@ -148,37 +160,48 @@ impl Centre {
     }
 
     /// Looks around it: once, where it has not gone far.
-    fn probes(&self, mut add: impl FnMut(Probe)) {
+    fn probes(&self, mut add: impl FnMut(Seen, Probe)) {
         let (was, is) = (self.b.was.b, self.b.is.b);
         match (is_solid(&was), is_solid(&is)) {
             (false, false) => {}
             (true, true) if are_near(&was, &is) => {
-                add(Probe { was, is, dismisses: self.b.is_same() });
+                add(Seen::Both, Probe::Both { was, is, dismisses: self.b.is_same() });
             }
             (was_solid, is_solid) => {
-                for (b, solid) in [(was, was_solid), (is, is_solid)] {
-                    if solid {
-                        add(Probe { was: b, is: b, dismisses: false });
-                    }
+                if was_solid {
+                    add(Seen::Was, Probe::One { here: was, elsewhere: is });
+                }
+                if is_solid {
+                    add(Seen::Is, Probe::One { here: is, elsewhere: was });
                 }
             }
         }
     }
 
-    /// Tells whether its pair with the box of a slot began or ended.
+    /// Tells whether its pair with a candidate began or ended.
     #[inline]
-    fn tell_changes(&self, word: u32, store: &Store, found: &mut Difference) {
+    fn tell_changes(
+        &self,
+        seen: Seen,
+        &Candidate { word, is_sure, .. }: &Candidate,
+        store: &Store,
+        found: &mut Difference,
+    ) {
         let other = word & INDEX;
+        let is_static = word & STATIC != 0;
         let has_changed = word & CHANGED != 0 && store.has_changed(other);
         if other == self.index || has_changed && other < self.index {
             return;
         }
-        let [begins, ends] = if has_changed {
-            self.b.change(&WasIs::of(other, store))
-        } else {
-            let is_static = word & STATIC != 0;
-            let same = Solid { b: store.boxes()[other as usize], is_static };
-            self.b.change(&WasIs::unchanged(same))
+        let [begins, ends] = match seen {
+            // It has not changed, and overlaps what is seen alone.
+            Seen::Was if is_sure => [false, !(self.b.was.is_static && is_static)],
+            Seen::Is if is_sure => [!(self.b.is.is_static && is_static), false],
+            _ if has_changed => self.b.change(&WasIs::of(other, store)),
+            _ => {
+                let same = Solid { b: store.boxes()[other as usize], is_static };
+                self.b.change(&WasIs::unchanged(same))
+            }
         };
         if begins {
             found.begun.push(pair(self.index, other));
@@ -219,8 +242,8 @@ impl Search {
                 *tested += batches[number].finish(cells, store);
             }
             if let Some(number) = earlier(3) {
-                for (centre, candidate) in batches[number].found() {
-                    centre.tell_changes(candidate.word, store, found);
+                for ((centre, seen), candidate) in batches[number].found() {
+                    centre.tell_changes(*seen, candidate, store, found);
                 }
             }
         }
@@ -234,8 +257,8 @@ impl Around {
         centres.clear();
         probes.clear();
         for centre in around {
-            centre.probes(|probe| {
-                centres.push(centre);
+            centre.probes(|seen, probe| {
+                centres.push((centre, seen));
                 probes.push(probe);
             });
         }
@@ -249,18 +272,18 @@ impl Around {
         let tested = cells.finish(searches, candidates);
         // A slot may be that of an index that is no more: its box was removed at the end.
         candidates.retain(|candidate| ((candidate.word & INDEX) as usize) < store.boxes().len());
-        for Candidate { word, .. } in &*candidates {
+        for Candidate { word, .. } in candidates.iter().filter(|this| !this.is_sure) {
             if word & CHANGED != 0 {
                 store.ask_for(word & INDEX);
             } else {
-                ask_for(store.boxes(), word & INDEX);
+                store.ask_for_box(word & INDEX);
             }
         }
         tested
     }
 
     /// Each candidate and the box that it was found around.
-    fn found(&self) -> impl Iterator<Item = (&Centre, &Candidate)> {
+    fn found(&self) -> impl Iterator<Item = (&(Centre, Seen), &Candidate)> {
         self.candidates.iter().map(|this| (&self.centres[this.probe as usize], this))
     }
 }
@@ -275,7 +298,7 @@ pub(super) fn pairs_of_named(cells: &Cells, store: &Store, pairs: &mut Vec<Pair>
             around.begin(some.iter().map(|index| Centre::now(*index, store)), cells);
             cells.go_on(&mut around.searches);
             tested += around.finish(cells, store);
-            for (centre, &Candidate { word, .. }) in around.found() {
+            for ((centre, _), Candidate { word, .. }) in around.found() {
                 let (index, other) = (centre.index, word & INDEX);
                 let is_told = other == index || store.is_named(other) && other < index;
                 if !is_told && are_pair(&centre.b.is, &store.now(other)) {

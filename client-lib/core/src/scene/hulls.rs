@@ -162,7 +162,9 @@ impl<'a> Hulls<'a> {
         let mut work: Vec<&[Pair]> = kept.chunks(step).collect();
         let run = |work: &mut [&[Pair]]| {
             let mut found = Difference::default();
-            work.iter().for_each(|kept| self.add_changes(kept, &mut found));
+            for kept in work {
+                self.add_changes(kept, &mut found);
+            }
             found
         };
         in_parts(work.as_mut_slice(), parts, &run, &Difference::with)
@@ -171,7 +173,9 @@ impl<'a> Hulls<'a> {
     fn add_changes(&self, kept: &[Pair], found: &mut Difference) {
         for (at, culled) in kept.iter().enumerate() {
             if let Some(ahead) = kept.get(at + AHEAD) {
-                ahead.iter().for_each(|culled| ask_for(&self.states, *culled));
+                for culled in ahead {
+                    ask_for(&self.states, *culled);
+                }
             }
             let [one, other] = culled.map(|culled| &self.states[culled as usize]);
             let [begins, ends] = one.change(other);

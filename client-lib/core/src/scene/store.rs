@@ -157,9 +157,18 @@ impl Store {
     /// Asks for what is kept of an index.
     #[inline]
     pub fn ask_for(&self, index: u32) {
-        ask_for(&self.boxes, index);
+        self.ask_for_box(index);
         ask_for(&self.then, index);
+        ask_for(&self.then, index + 1);
         ask_for(&self.flags, index);
+    }
+
+    /// Asks for the box of an index. One in three lies on two lines: the second one is that on which the
+    /// next box begins.
+    #[inline]
+    pub fn ask_for_box(&self, index: u32) {
+        ask_for(&self.boxes, index);
+        ask_for(&self.boxes, index + 1);
     }
 
     /// Boxes as they collided when the history began, and which of them were static.
@@ -313,6 +322,7 @@ impl Store {
             *flags |= EDIT_SETS;
             // By the time that all are checked, the first ones are there.
             ask_for(&self.boxes, index);
+            ask_for(&self.boxes, index + 1);
             ask_for(&self.then, index);
         });
         edit.for_each_flag(|index, _| {

@@ -68,6 +68,13 @@ impl Axis {
         (if self.wraps { cell & last } else { cell.clamp(0, last) }) as u32
     }
 
+    /// Whether boxes in all of these cells are less than 2^15 quanta from those that look there: not so in
+    /// a cell that several places share, or in one that has no end.
+    #[inline(always)]
+    pub fn are_bounded(&self, cells: &[Range<u32>; 2]) -> bool {
+        !self.wraps && cells[0].start > 0 && cells[0].end < self.count
+    }
+
     /// The cells in which boxes may lie that overlap `low..=high`, as two ranges; the second may be
     /// empty.
     #[inline(always)]

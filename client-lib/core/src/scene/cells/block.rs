@@ -104,15 +104,17 @@ impl Question {
     /// Which nothing is compared with: admits all.
     pub const ALL: Self = Self { outer: [0; 8], inner: [0; 8], counting: 0, undismissed: EACH };
 
-    /// The boxes of a block that are admitted and not dismissed: bit 8 i + 7 for the i-th.
+    /// The boxes of a block that are admitted: bit 8 i + 7 for the i-th.
     #[inline(always)]
-    pub fn candidates(&self, block: &Block) -> u32 {
-        let admitted = !nonzero_bytes(exceeding(block, &self.outer, 0) & self.counting) & EACH;
-        if admitted == 0 {
-            return 0;
-        }
+    pub fn admitted(&self, block: &Block) -> u32 {
+        !nonzero_bytes(exceeding(block, &self.outer, 0) & self.counting) & EACH
+    }
+
+    /// The boxes that are dismissed, if they are admitted.
+    #[inline(always)]
+    pub fn dismissed(&self, block: &Block) -> u32 {
         let unsure = nonzero_bytes(exceeding(block, &self.inner, -1) & self.counting);
-        admitted & (unsure | self.undismissed | negative(block))
+        !(unsure | self.undismissed | negative(block)) & EACH
     }
 }
 
@@ -200,7 +202,8 @@ mod tests {
                 lengths[..3].iter().all(|length| *length <= LONGEST)
             });
             for dismisses in [false, true] {
-                let bits = Question::new(&q_was, &q_is, dismisses).candidates(&block);
+                let question = Question::new(&q_was, &q_is, dismisses);
+                let bits = question.admitted(&block) & !question.dismissed(&block);
                 prop_assert_eq!(bits & !EACH, 0);
                 for i in 0..4 {
                     prop_assert_eq!(slots[i].word(), words[i]);
@@ -215,7 +218,8 @@ mod tests {
                     }
                 }
             }
-            prop_assert_eq!(Question::ALL.candidates(&block), EACH);
+            let all = Question::ALL;
+            prop_assert_eq!(all.admitted(&block) & !all.dismissed(&block), EACH);
         }
     }
 }

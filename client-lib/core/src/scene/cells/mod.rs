@@ -11,6 +11,7 @@
 mod axis;
 mod block;
 mod build;
+mod ghosts;
 mod layout;
 mod quanta;
 mod runs;
@@ -20,9 +21,8 @@ pub(super) use self::block::{CHANGED, INDEX, STATIC};
 pub(super) use self::quanta::is_solid;
 pub(super) use self::search::{Candidate, Probe, Searches};
 
-use std::collections::HashMap;
-
 use self::block::Slot;
+use self::ghosts::Ghosts;
 use self::layout::Level;
 use self::quanta::Quanta;
 use self::runs::{NOWHERE, Runs};
@@ -57,7 +57,7 @@ pub(super) struct Cells {
     /// Place of each box by index, [`NOWHERE`] for one that overlaps nothing.
     places: Vec<u32>,
     /// Places of what boxes were that have a slot of their own for that.
-    ghosts: HashMap<u32, u32>,
+    ghosts: Ghosts,
     /// Boxes whose slots hold hulls of a history that has ended.
     settling: Vec<u32>,
     /// Moves since the layout was chosen.
@@ -269,17 +269,23 @@ impl Cells {
 
     fn make_move(&mut self, &Move { slot, index, cell, level, action }: &Move) {
         let place = self.places[index as usize];
+        if place == NOWHERE {
+            if matches!(action, Action::Go | Action::Part) {
+                self.put(slot, cell, level);
+            }
+            return;
+        }
         match action {
             Action::Stay => {}
-            Action::Leave if place == NOWHERE => {}
             Action::Leave => self.remove(index, place),
-            Action::Settle if place == NOWHERE => {}
             Action::Settle => *self.runs.slot_mut(place) = slot,
-            Action::Go | Action::Part if place == NOWHERE => self.put(slot, cell, level),
-            Action::Go if self.runs.cell_of(place) == cell => *self.runs.slot_mut(place) = slot,
             Action::Go => {
-                self.remove(index, place);
-                self.put(slot, cell, level);
+                if self.runs.cell_of(place) == cell {
+                    *self.runs.slot_mut(place) = slot;
+                } else {
+                    self.remove(index, place);
+                    self.put(slot, cell, level);
+                }
             }
             Action::Part => {
                 self.runs.slot_mut(place).set_word(index | CHANGED);
@@ -319,10 +325,13 @@ impl Cells {
 
     /// Takes away what boxes were in a history that has ended.
     fn drop_ghosts(&mut self) {
-        let indices: Vec<u32> = self.ghosts.keys().copied().collect();
-        for index in indices {
+        let ghosts: Vec<(u32, u32)> = self.ghosts.iter().map(|(i, place)| (*i, *place)).collect();
+        for (at, (index, _)) in ghosts.iter().enumerate() {
+            if let Some((_, ahead)) = ghosts.get(at + BATCH) {
+                self.runs.ask_for_place(*ahead);
+            }
             // Where it is now: others that went may have moved it.
-            if let Some(place) = self.ghosts.remove(&index) {
+            if let Some(place) = self.ghosts.remove(index) {
                 self.free(place);
             }
         }
@@ -346,7 +355,7 @@ impl Cells {
 
 /// Notes that a slot with a word has gone from one place to another.
 #[inline]
-fn note_place(places: &mut [u32], ghosts: &mut HashMap<u32, u32>, word: u32, from: u32, to: u32) {
+fn note_place(places: &mut [u32], ghosts: &mut Ghosts, word: u32, from: u32, to: u32) {
     let place = &mut places[(word & INDEX) as usize];
     if *place == from {
         *place = to;

@@ -91,7 +91,7 @@ impl Quanta {
 #[inline(always)]
 pub(in crate::scene) fn is_solid(b: &Aabb) -> bool {
     debug_assert!(floats::are_default());
-    (b.min[0] <= b.max[0]) & (b.min[1] <= b.max[1]) & (b.min[2] <= b.max[2])
+    (0..3).all(|axis| b.min[axis] <= b.max[axis])
 }
 
 #[cfg(test)]

@@ -42,7 +42,7 @@ impl Run {
 /// The runs of all cells.
 #[derive(Debug, Default)]
 pub(super) struct Runs {
-    runs: Vec<Run>,
+    of_cells: Vec<Run>,
     blocks: Vec<Block>,
     /// The cell of each block.
     owners: Vec<u32>,
@@ -70,12 +70,12 @@ impl Runs {
         }
         let mut blocks = Vec::with_capacity(most);
         blocks.resize(built, Block::NONE);
-        Self { runs, blocks, owners, free: Vec::new(), built }
+        Self { of_cells: runs, blocks, owners, free: Vec::new(), built }
     }
 
     /// Makes a place for one more box of a cell that has room.
     pub fn reserve(&mut self, cell: u32) -> u32 {
-        let run = &mut self.runs[cell as usize];
+        let run = &mut self.of_cells[cell as usize];
         let place = run.places().end;
         run.len += 1;
         place
@@ -89,13 +89,13 @@ impl Runs {
     /// The run of a cell.
     #[inline(always)]
     pub fn run(&self, cell: u32) -> Run {
-        self.runs[cell as usize]
+        self.of_cells[cell as usize]
     }
 
     /// Asks for the run of a cell.
     #[inline(always)]
     pub fn ask_for_run(&self, cell: u32) {
-        ask_for(&self.runs, cell);
+        ask_for(&self.of_cells, cell);
     }
 
     /// Asks for a block.
@@ -132,7 +132,7 @@ impl Runs {
     /// Takes the box at a place away. The last one of its cell comes in its place: returns that one's word
     /// and where it was, unless it was the last one itself.
     pub fn remove(&mut self, place: u32) -> Option<(u32, u32)> {
-        let run = &mut self.runs[self.owners[(place / SLOTS) as usize] as usize];
+        let run = &mut self.of_cells[self.owners[(place / SLOTS) as usize] as usize];
         run.len -= 1;
         let last = run.start * SLOTS + run.len;
         if last == place {
@@ -145,7 +145,7 @@ impl Runs {
 
     /// Puts a box into a cell that has room: returns its place.
     pub fn push(&mut self, cell: u32, slot: Slot) -> Option<u32> {
-        let run = self.runs[cell as usize];
+        let run = self.of_cells[cell as usize];
         if run.len == run.room * SLOTS {
             return None;
         }
@@ -157,7 +157,7 @@ impl Runs {
     /// Gives a full cell more room. Calls `moved` with the word of each of its boxes, where it was and
     /// where it is.
     pub fn grow(&mut self, cell: u32, mut moved: impl FnMut(u32, u32, u32)) {
-        let old = self.runs[cell as usize];
+        let old = self.of_cells[cell as usize];
         let room = old.room + (old.room / 2).max(1);
         let free = self.free.get_mut(room as usize).and_then(Vec::pop);
         let start = free.unwrap_or_else(|| {
@@ -167,7 +167,7 @@ impl Runs {
             end as u32
         });
         self.owners[start as usize..(start + room) as usize].fill(cell);
-        self.runs[cell as usize] = Run { start, len: old.len, room };
+        self.of_cells[cell as usize] = Run { start, len: old.len, room };
         let from = old.start as usize;
         self.blocks.copy_within(from..from + old.room as usize, start as usize);
         for (from, to) in old.places().zip(start * SLOTS..) {
@@ -188,7 +188,7 @@ impl Runs {
 
     /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
-        self.runs.capacity() * size_of::<Run>()
+        self.of_cells.capacity() * size_of::<Run>()
             + self.blocks.capacity() * size_of::<Block>()
             + self.owners.capacity() * size_of::<u32>()
             + self.free.iter().map(|free| free.capacity() * size_of::<u32>()).sum::<usize>()
