@@ -59,8 +59,9 @@ use crate::aabb::Aabb;
 use crate::dispatch::CpuEngines;
 use crate::engine::CullError;
 
-/// Most boxes that a scene may be allowed: places in cells are counted in 32 bits.
-const MOST_BOXES: u32 = 1 << 30;
+/// Most boxes that a scene may be allowed: places in cells, four in a block, are counted in 32 bits, and
+/// blocks may be twice as many as boxes.
+const MOST_BOXES: u32 = 1 << 29;
 /// Boxes that may always change before a scene is searched as a whole.
 const FEW_BOXES: usize = 64;
 /// Changed boxes of this share of all take as long as the whole scene: one in so many.
@@ -75,7 +76,7 @@ const RESYNC_LEAST: u64 = 4_096;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct SceneOptions {
-    /// Indices are below this. At most 2^30; unless set, 2^24.
+    /// Indices are below this. At most 2^29; unless set, 2^24.
     pub most_boxes: u32,
     /// Threads of the caller's rayon pool; `None` is all of them. With one, no pool is touched.
     pub threads: Option<usize>,
