@@ -47,6 +47,8 @@ pub enum Stage {
     WriteList,
     /// A stage of the grid.
     Grid(GridStage),
+    /// A stage of scenes that persist.
+    Scene(SceneStage),
     /// Arithmetic that keeps the clocks up.
     Awake,
 }
@@ -142,6 +144,60 @@ impl GridStage {
     }
 }
 
+/// The stages of a scene, in the order of an edit. [`GridStage::Scan`] comes between cells and place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum SceneStage {
+    /// Boxes that are set to their records.
+    Apply,
+    /// Boxes that are removed or flagged.
+    Mark,
+    /// Records to entries and their cells.
+    Cells,
+    /// Entries to their positions.
+    Place,
+    /// Entries and rows against entries.
+    Pairs,
+    /// Sums to the host.
+    Finish,
+}
+
+impl SceneStage {
+    /// All of them.
+    pub const ALL: [Self; 6] =
+        [Self::Apply, Self::Mark, Self::Cells, Self::Place, Self::Pairs, Self::Finish];
+
+    const fn label(self) -> &'static str {
+        match self {
+            Self::Apply => "scene_apply",
+            Self::Mark => "scene_mark",
+            Self::Cells => "scene_cells",
+            Self::Place => "scene_place",
+            Self::Pairs => "scene_pairs",
+            Self::Finish => "scene_finish",
+        }
+    }
+
+    const fn binding_count(self) -> u32 {
+        match self {
+            Self::Finish => 4,
+            Self::Mark => 5,
+            Self::Place => 7,
+            Self::Apply | Self::Cells | Self::Pairs => 8,
+        }
+    }
+
+    const fn file(self) -> &'static str {
+        match self {
+            Self::Apply => include_str!("../wgsl/scene_apply.wgsl"),
+            Self::Mark => include_str!("../wgsl/scene_mark.wgsl"),
+            Self::Cells => include_str!("../wgsl/scene_cells.wgsl"),
+            Self::Place => include_str!("../wgsl/scene_place.wgsl"),
+            Self::Pairs => include_str!("../wgsl/scene_pairs.wgsl"),
+            Self::Finish => include_str!("../wgsl/scene_finish.wgsl"),
+        }
+    }
+}
+
 /// A stage's text does not fit together.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ComposeError {
@@ -170,7 +226,7 @@ pub struct ComposedStage {
 }
 
 /// The shared parts that are files of their own name.
-const SHARED: [(&str, &str); 8] = [
+const SHARED: [(&str, &str); 11] = [
     ("order_keys", include_str!("../wgsl/shared/order_keys.wgsl")),
     ("box_batch", include_str!("../wgsl/shared/box_batch.wgsl")),
     ("cells", include_str!("../wgsl/shared/cells.wgsl")),
@@ -179,6 +235,9 @@ const SHARED: [(&str, &str); 8] = [
     ("grid_params", include_str!("../wgsl/shared/grid_params.wgsl")),
     ("grid_layout", include_str!("../wgsl/shared/grid_layout.wgsl")),
     ("scan", include_str!("../wgsl/shared/scan.wgsl")),
+    ("scene_params", include_str!("../wgsl/shared/scene_params.wgsl")),
+    ("scene_records", include_str!("../wgsl/shared/scene_records.wgsl")),
+    ("scene_filter", include_str!("../wgsl/shared/scene_filter.wgsl")),
 ];
 
 /// A shared part that is the same in every stage: the constants, or a file of that name.
@@ -228,7 +287,7 @@ fn expand(
 impl Stage {
     /// One of each stage of the engines, for f32 boxes and sparse masks, with the smallest form of the
     /// pairs stage.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 18] = [
         Self::Keys(BoxForm::F32),
         Self::Pairs(PairsVariant { rows: RowsPerThread::One, strip_blocks: 1, store_zeros: true }),
         Self::PackDense,
@@ -240,6 +299,12 @@ impl Stage {
         Self::Grid(GridStage::Place),
         Self::Grid(GridStage::Pairs(Found::Words)),
         Self::Grid(GridStage::Write(Found::Words)),
+        Self::Scene(SceneStage::Apply),
+        Self::Scene(SceneStage::Mark),
+        Self::Scene(SceneStage::Cells),
+        Self::Scene(SceneStage::Place),
+        Self::Scene(SceneStage::Pairs),
+        Self::Scene(SceneStage::Finish),
         Self::Awake,
     ];
 
@@ -252,6 +317,7 @@ impl Stage {
             Self::WriteSparse => "write_sparse",
             Self::WriteList => "write_list",
             Self::Grid(stage) => stage.label(),
+            Self::Scene(stage) => stage.label(),
             Self::Awake => "awake",
         }
     }
@@ -263,6 +329,7 @@ impl Stage {
             Self::WriteSparse => 7,
             Self::WriteList => 5,
             Self::Grid(stage) => stage.binding_count(),
+            Self::Scene(stage) => stage.binding_count(),
             Self::Awake => 1,
         }
     }
@@ -276,6 +343,7 @@ impl Stage {
             Self::WriteSparse => include_str!("../wgsl/write_sparse.wgsl"),
             Self::WriteList => include_str!("../wgsl/write_list.wgsl"),
             Self::Grid(stage) => stage.file(),
+            Self::Scene(stage) => stage.file(),
             Self::Awake => include_str!("../wgsl/awake.wgsl"),
         }
     }
@@ -312,6 +380,7 @@ impl Stage {
     const fn box_form(self) -> Option<BoxForm> {
         match self {
             Self::Keys(form) | Self::Grid(GridStage::Cells(form)) => Some(form),
+            Self::Scene(SceneStage::Apply) => Some(BoxForm::F32),
             _ => None,
         }
     }

@@ -58,6 +58,28 @@ pub const LEVEL_SHIFT: u32 = 24;
 /// Level of boxes that overlap nothing.
 pub const NO_LEVEL: u32 = u32::MAX >> LEVEL_SHIFT;
 
+/// Lines of cells in finer levels that a box beside the grid of a scene looks at, at most; a box that
+/// would look at more is an entry, so that the others look at it.
+pub const WIDE_LINES: u32 = 32;
+
+/// Entries of a scene's grid that the host learns: what it chooses the next grid by.
+pub const SCENE_SAMPLES: u32 = 128;
+
+/// What a scene's pair is told as: it began, or why it ended.
+pub const TOLD_BEGUN: u32 = 0;
+/// A box of it was removed.
+pub const TOLD_REMOVED: u32 = 1;
+/// A box of it is switched off, or both are static.
+pub const TOLD_FILTERED: u32 = 2;
+/// Its boxes overlap no more.
+pub const TOLD_SEPARATED: u32 = 3;
+
+/// A mark of a scene's box: the edit names it.
+pub const MARK_NAMES: u32 = 1 << 8;
+/// The edit removes it (and may have set it anew).
+pub const MARK_REMOVES: u32 = 1 << 9;
+
+const _: () = assert!(SCENE_SAMPLES <= BATCH_BOXES, "one workgroup samples");
 const _: () = assert!(GRID_LEVELS < NO_LEVEL && GRID_LEVELS <= 32);
 const _: () =
     assert!(SUPER_BATCHES <= BATCH_BOXES, "a thread adds up at most one batch of its own");
@@ -91,6 +113,14 @@ pub(crate) fn as_wgsl() -> String {
         ("LEVEL_SHIFT", LEVEL_SHIFT),
         ("SLOT_MASK", (1 << LEVEL_SHIFT) - 1),
         ("NO_LEVEL", NO_LEVEL),
+        ("WIDE_LINES", WIDE_LINES),
+        ("SCENE_SAMPLES", SCENE_SAMPLES),
+        ("TOLD_BEGUN", TOLD_BEGUN),
+        ("TOLD_REMOVED", TOLD_REMOVED),
+        ("TOLD_FILTERED", TOLD_FILTERED),
+        ("TOLD_SEPARATED", TOLD_SEPARATED),
+        ("MARK_NAMES", MARK_NAMES),
+        ("MARK_REMOVES", MARK_REMOVES),
     ] {
         // Writing to a String cannot fail.
         let _ = writeln!(text, "const {name}: u32 = {value}u;");

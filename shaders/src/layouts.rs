@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::constants::{BATCH_BOXES, GRID_LEVELS, WORD_BITS};
+use crate::constants::{BATCH_BOXES, GRID_LEVELS, SCENE_SAMPLES, WORD_BITS};
 
 /// Words of a batch's bitmap of invalid boxes.
 pub const BATCH_WORDS: usize = (BATCH_BOXES / WORD_BITS) as usize;
@@ -219,4 +219,81 @@ pub struct GridSummary {
     pub giant_work: u32,
     /// Unused.
     pub padding: [u32; 2],
+}
+
+/// What a search of a scene looks for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[repr(u32)]
+pub enum SceneMode {
+    /// Pairs that began or ended since the history began.
+    #[default]
+    Changes = 0,
+    /// Pairs of now with a box that the edit named.
+    Moved = 1,
+    /// All pairs of now.
+    All = 2,
+}
+
+/// Parameters of every stage of a scene. They lie in memory, so that a frame is recorded once.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct SceneParams {
+    /// Indices that have a record.
+    pub slots: u32,
+    /// A [`SceneMode`].
+    pub mode: u32,
+    /// 1: every box that collides is an entry of the grid.
+    pub dense: u32,
+    /// The history under way, low 32 bits.
+    pub epoch_low: u32,
+    /// The same, high 24 bits.
+    pub epoch_high: u32,
+    /// Boxes that the edit sets.
+    pub set_count: u32,
+    /// Index of the first of them, if they are a range.
+    pub set_first: u32,
+    /// 1: they are a range.
+    pub set_is_range: u32,
+    /// Boxes that the edit removes or flags.
+    pub mark_count: u32,
+    /// The number that named boxes get; 0: none is named.
+    pub naming: u32,
+    /// Entries that there is room for.
+    pub entry_capacity: u32,
+    /// Found pairs that there is room for.
+    pub pair_capacity: u32,
+    /// Words of the table of cells.
+    pub table_words: u32,
+    /// Words of the filter, a power of two.
+    pub filter_words: u32,
+    /// Words of the control block that are zeroed.
+    pub control_words: u32,
+    /// Most tests, in 2^32.
+    pub budget: u32,
+}
+
+/// What the host learns of a search. 64-bit numbers are two words, the low one first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct SceneSummary {
+    /// Pairs to be told.
+    pub found: [u32; 2],
+    /// Those of them that ended.
+    pub ended: [u32; 2],
+    /// Pairs compared.
+    pub tested: [u32; 2],
+    /// Entries of the grid.
+    pub entries: u32,
+    /// Rows beside the grid.
+    pub rows: u32,
+    /// Boxes that collide and have changed.
+    pub moved: u32,
+    /// Those of them that are static.
+    pub moved_static: u32,
+    /// Entries in `samples`.
+    pub sampled: u32,
+    /// Unused.
+    pub padding: u32,
+    /// Bits of min and max of some entries.
+    pub samples: [[u32; 6]; SCENE_SAMPLES as usize],
 }

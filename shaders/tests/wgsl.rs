@@ -9,9 +9,9 @@ use pairmask_core::BoxForm;
 use pairmask_shaders::constants::{BATCH_BOXES, MAX_STRIP_BLOCKS, PAIRS_WORKGROUP};
 use pairmask_shaders::layouts::{
     AwakeParams, BatchReport, BatchTotals, GridLayout, GridLevel, GridParams, GridSummary,
-    GridTotals, KeysParams, PackParams, PairsParams, WriteParams,
+    GridTotals, KeysParams, PackParams, PairsParams, SceneParams, SceneSummary, WriteParams,
 };
-use pairmask_shaders::{Found, GridStage, PairsVariant, RowsPerThread, Stage};
+use pairmask_shaders::{Found, GridStage, PairsVariant, RowsPerThread, SceneStage, Stage};
 
 const KEYS: Stage = Stage::Keys(BoxForm::F32);
 
@@ -26,6 +26,7 @@ fn all_forms() -> Vec<Stage> {
     forms.extend(BoxForm::ALL.map(|form| Stage::Grid(GridStage::Cells(form))));
     forms.extend(grid_stages(Found::Words).into_iter().skip(1));
     forms.extend(grid_stages(Found::Pairs).into_iter().skip(4));
+    forms.extend(SceneStage::ALL.map(Stage::Scene));
     for rows in RowsPerThread::ALL {
         for store_zeros in [false, true] {
             let strips = (0..).map(|log| 1 << log).take_while(|strip| *strip <= MAX_STRIP_BLOCKS);
@@ -46,7 +47,7 @@ fn module(stage: Stage) -> naga::Module {
 #[test]
 fn every_form_of_every_stage_validates() {
     let forms = all_forms();
-    assert_eq!(forms.len(), 4 + 4 + 4 + 5 + 2 + 3 * 2 * 5);
+    assert_eq!(forms.len(), 4 + 4 + 4 + 5 + 2 + 6 + 3 * 2 * 5);
     for stage in forms {
         let module = module(stage);
         let capabilities = Capabilities::IMMEDIATES;
@@ -93,6 +94,9 @@ fn every_file_belongs_to_a_stage() {
         "grid_params",
         "grid_layout",
         "scan",
+        "scene_params",
+        "scene_records",
+        "scene_filter",
         "rows_1",
         "rows_2",
         "rows_4",
@@ -192,6 +196,19 @@ fn structs_of_the_grid_lie_in_memory_as_in_rust() {
             items, pairs, compared, empty, invalid, work, giant_work, padding
         });
     }
+}
+
+#[test]
+fn structs_of_scenes_lie_in_memory_as_in_rust() {
+    for stage in SceneStage::ALL {
+        same_layout!(Stage::Scene(stage), SceneParams, "SceneParams" {
+            slots, mode, dense, epoch_low, epoch_high, set_count, set_first, set_is_range, mark_count,
+            naming, entry_capacity, pair_capacity, table_words, filter_words, control_words, budget
+        });
+    }
+    same_layout!(Stage::Scene(SceneStage::Finish), SceneSummary, "SceneSummary" {
+        found, ended, tested, entries, rows, moved, moved_static, sampled, padding, samples
+    });
 }
 
 #[test]

@@ -18,39 +18,12 @@ use std::time::Instant;
 
 use pairmask::scene::{Indices, SceneOptions, Want};
 use pairmask::{Aabb, Backend, Scene, Session};
-use pairmaskd::scene::{Random, Scene as Boxes, SceneName};
+use pairmask_lab::study::moving::{Motion, World};
+use pairmaskd::scene::SceneName;
 use serde_json::json;
 
 /// Frames that are not counted: cells are built, memory is taken.
 const WARM_UP: usize = 3;
-/// How far a box moves in a frame, of its edge.
-const STEP: f32 = 0.05;
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Motion {
-    /// The same boxes, each always the same way.
-    Drift,
-    /// Other boxes each frame, to and fro.
-    Jitter,
-    /// Other boxes each frame, to anywhere in the scene.
-    Teleport,
-    /// Other boxes each frame are removed, and new ones take their indices, anywhere.
-    Spawn,
-}
-
-impl Motion {
-    const ALL: [(&str, Self); 4] = [
-        ("drift", Self::Drift),
-        ("jitter", Self::Jitter),
-        ("teleport", Self::Teleport),
-        ("spawn", Self::Spawn),
-    ];
-
-    fn name(self) -> &'static str {
-        Self::ALL.iter().find(|(_, motion)| *motion == self).map_or("", |(name, _)| name)
-    }
-}
-
 struct Options {
     sizes: Vec<usize>,
     scenes: Vec<SceneName>,
@@ -91,69 +64,13 @@ impl Options {
                     options.percents = items().map(parse).collect::<Result<_, _>>()?;
                 }
                 "--motion" => {
-                    let find = |s: &str| {
-                        let found = Motion::ALL.iter().find(|(name, _)| *name == s);
-                        found.map(|(_, motion)| *motion).ok_or(format!("unknown motion '{s}'"))
-                    };
-                    options.motions = items().map(find).collect::<Result<_, _>>()?;
+                    let parse = |s: &str| s.parse().map_err(|e| format!("{e}"));
+                    options.motions = items().map(parse).collect::<Result<_, _>>()?;
                 }
                 _ => return Err(format!("unknown option {flag}")),
             }
         }
         Ok(options)
-    }
-}
-
-/// A scene of the bench, and what moves in it.
-struct World {
-    boxes: Vec<Aabb>,
-    random: Random,
-    /// The indices in an order of chance: movers are a stretch of it.
-    shuffled: Vec<u32>,
-    next: usize,
-}
-
-impl World {
-    fn new(name: SceneName, n: usize) -> Self {
-        let mut random = Random::new(3);
-        let mut shuffled: Vec<u32> = (0..n as u32).collect();
-        for i in (1..n).rev() {
-            shuffled.swap(i, random.below(i as u64 + 1) as usize);
-        }
-        Self { boxes: Boxes::new(name, n, 1).boxes().to_vec(), random, shuffled, next: 0 }
-    }
-
-    /// Moves some boxes; their indices, rising, and where they are now.
-    fn step(&mut self, count: usize, motion: Motion) -> (Vec<u32>, Vec<Aabb>) {
-        let n = self.boxes.len();
-        let first = if motion == Motion::Drift { 0 } else { self.next };
-        let mut indices: Vec<u32> = (0..count).map(|i| self.shuffled[(first + i) % n]).collect();
-        indices.sort_unstable();
-        self.next = (self.next + count) % n.max(1);
-        let moved: Vec<Aabb> = indices.iter().map(|index| self.moved(*index, motion)).collect();
-        for (index, b) in indices.iter().zip(&moved) {
-            self.boxes[*index as usize] = *b;
-        }
-        (indices, moved)
-    }
-
-    fn moved(&mut self, index: u32, motion: Motion) -> Aabb {
-        let b = self.boxes[index as usize];
-        let by = match motion {
-            Motion::Drift => {
-                let mut of_box = Random::new(u64::from(index));
-                of_box.direction().map(|x| STEP * x)
-            }
-            Motion::Jitter => self.random.direction().map(|x| STEP * x),
-            Motion::Teleport | Motion::Spawn => {
-                let there = self.boxes[self.random.below(self.boxes.len() as u64) as usize].min;
-                std::array::from_fn(|axis| there[axis] - b.min[axis] + self.random.range(-0.4, 0.4))
-            }
-        };
-        Aabb {
-            min: std::array::from_fn(|axis| b.min[axis] + by[axis]),
-            max: std::array::from_fn(|axis| b.max[axis] + by[axis]),
-        }
     }
 }
 
@@ -189,8 +106,13 @@ fn edit(
     let answer = edit.commit(Want::Changes)?;
     let round_trip = begin.elapsed().as_nanos() as u64;
     let told = answer.take();
-    let pairs = told.begun().iter().chain(told.ended().iter().map(|ended| &ended.pair));
-    let sum = pairs.chain(told.pairs()).fold(0u64, |sum, [a, b]| sum + u64::from(a ^ b));
+    let mut sum = 0;
+    let mut visit = |pairs: &[[u32; 2]]| {
+        sum += pairs.iter().fold(0u64, |sum, [a, b]| sum + u64::from(a ^ b));
+    };
+    told.begun().for_each_slice(&mut visit);
+    told.pairs().for_each_slice(&mut visit);
+    sum += told.ended().iter().fold(0u64, |sum, e| sum + u64::from(e.pair[0] ^ e.pair[1]));
     black_box(sum);
     let visit = begin.elapsed().as_nanos() as u64 - round_trip;
     Ok((round_trip, visit, told.begun().len() + told.ended().len()))
@@ -239,7 +161,7 @@ fn run() -> Result<(), Box<dyn Error>> {
                 let mut world = World::new(name, n);
                 let mut scene = session.scene(SceneOptions::default());
                 let all: Vec<u32> = (0..n as u32).collect();
-                edit(&mut scene, &all, &world.boxes, false)?;
+                edit(&mut scene, &all, world.boxes(), false)?;
                 for &percent in &options.percents {
                     let moving = (n as f64 * percent / 100.0).round() as usize;
                     let mut times = Times::default();
@@ -249,7 +171,7 @@ fn run() -> Result<(), Box<dyn Error>> {
                         let is_spawn = motion == Motion::Spawn;
                         let (round_trip, visit, changed) =
                             edit(&mut scene, &indices, &boxes, is_spawn)?;
-                        let (whole, pairs) = whole_frame(&mut session, &world.boxes)?;
+                        let (whole, pairs) = whole_frame(&mut session, world.boxes())?;
                         if frame >= WARM_UP {
                             times.round_trip.push(round_trip);
                             times.visit.push(visit);

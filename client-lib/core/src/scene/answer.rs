@@ -4,6 +4,14 @@ use std::sync::Arc;
 
 use super::pair_list::Pair;
 
+/// Changes that are told as such even where all pairs are fewer: 32 KiB.
+const RESYNC_LEAST: u64 = 4_096;
+
+/// Whether so many changes are told as a resync: the `pair_count` pairs of now are fewer.
+pub const fn is_resync_due(changes: u64, pair_count: u64) -> bool {
+    changes > if pair_count > RESYNC_LEAST { pair_count } else { RESYNC_LEAST }
+}
+
 /// Which answer a client wants of an edit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[non_exhaustive]
@@ -57,6 +65,32 @@ pub struct SceneSkips {
     pub tested: u64,
 }
 
+impl SceneSkips {
+    /// The numbers, in the order of the fields.
+    pub const fn to_array(self) -> [u64; 5] {
+        let Self { boxes, static_pairs, unmoved_pairs, cell_pairs, tested } = self;
+        [boxes, static_pairs, unmoved_pairs, cell_pairs, tested]
+    }
+
+    /// What [`to_array`](Self::to_array) gave.
+    pub const fn from_array(numbers: [u64; 5]) -> Self {
+        let [boxes, static_pairs, unmoved_pairs, cell_pairs, tested] = numbers;
+        Self { boxes, static_pairs, unmoved_pairs, cell_pairs, tested }
+    }
+
+    /// A meter of a scene that is kept elsewhere: `rest` are the pairs that were to be looked at, of which
+    /// so many were `tested`.
+    pub const fn of(
+        boxes: u64,
+        static_pairs: u64,
+        unmoved_pairs: u64,
+        rest: u64,
+        tested: u64,
+    ) -> Self {
+        Self { boxes, static_pairs, unmoved_pairs, cell_pairs: rest.saturating_sub(tested), tested }
+    }
+}
+
 /// An answer. All its lists are sorted by (a, b), a < b: the bytes are the same whatever the number of
 /// threads, and however the pairs were found.
 #[derive(Debug, Default)]
@@ -68,6 +102,36 @@ pub struct Told {
     pub(super) pairs: Arc<Vec<Pair>>,
     pub(super) pair_count: u64,
     pub(super) skipped: SceneSkips,
+}
+
+/// Answers of a scene that is kept elsewhere, as on a GPU: for who keeps it. Lists are sorted.
+impl Told {
+    /// Pairs that began and ended, for [`Want::Changes`].
+    pub fn of_changes(begun: Vec<[u32; 2]>, ended: Vec<Ended>, pair_count: u64) -> Self {
+        Self { want: Want::Changes, begun, ended, pair_count, ..Self::default() }
+    }
+
+    /// Pairs of now, for [`Want::All`], [`Want::Moved`], and [`Want::Changes`] where it is a resync.
+    /// `pair_count` are those of the whole scene, where the answer tells them.
+    pub fn of_pairs(want: Want, pairs: Arc<Vec<[u32; 2]>>, pair_count: u64) -> Self {
+        Self { want, resync: want == Want::Changes, pairs, pair_count, ..Self::default() }
+    }
+
+    /// An answer without pairs.
+    pub fn of_none(want: Want, pair_count: u64) -> Self {
+        Self { want, pair_count, ..Self::default() }
+    }
+
+    /// The same with a skip meter.
+    #[must_use]
+    pub fn with_skips(self, skipped: SceneSkips) -> Self {
+        Self { skipped, ..self }
+    }
+
+    /// The lists of what began and ended, for their memory.
+    pub fn into_changes(self) -> (Vec<[u32; 2]>, Vec<Ended>) {
+        (self.begun, self.ended)
+    }
 }
 
 impl Told {

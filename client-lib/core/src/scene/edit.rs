@@ -45,7 +45,7 @@ impl Indices<'_> {
     }
 
     /// The largest index, in 64 bits, since a client may name one beyond 2^32 − 1.
-    fn last(&self) -> Option<u64> {
+    pub fn last(&self) -> Option<u64> {
         match self {
             Self::List(indices) => indices.iter().max().map(|i| u64::from(*i)),
             Self::Range { count: 0, .. } => None,
@@ -57,10 +57,10 @@ impl Indices<'_> {
         }
     }
 
-    /// Calls `f` with each index and its place among them. None is beyond 2^32 − 1: see
-    /// [`Edit::last_index`].
+    /// Calls `f` with each index and its place among them. None may be beyond 2^32 − 1: see
+    /// [`Self::last`].
     #[inline]
-    fn for_each(&self, mut f: impl FnMut(usize, u32)) {
+    pub fn for_each(&self, mut f: impl FnMut(usize, u32)) {
         match self {
             Self::List(indices) => indices.iter().enumerate().for_each(|(at, i)| f(at, *i)),
             Self::Range { first, count } => (0..*count).for_each(|at| f(at as usize, first + at)),
@@ -152,6 +152,20 @@ pub struct Edit<'a> {
 impl<'a> Edit<'a> {
     /// Nothing changes.
     pub const NONE: Edit<'static> = Edit { steps: &[] };
+
+    /// Boxes that it sets.
+    pub fn boxes(&self) -> usize {
+        let boxes = |step: &Step<'_>| match step {
+            Step::Set(sets) => sets.boxes.len(),
+            _ => 0,
+        };
+        self.steps.iter().map(boxes).sum()
+    }
+
+    /// Indices that it sets are below this.
+    pub fn index_end(&self) -> u64 {
+        self.last_set().map_or(0, |last| last + 1)
+    }
 
     /// The largest index that is set, in 64 bits.
     pub(super) fn last_set(&self) -> Option<u64> {

@@ -33,20 +33,26 @@
 mod answer;
 mod cells;
 mod change;
+mod check;
+mod copy;
 mod edit;
 mod entry;
 mod error;
 mod fetch;
 mod history;
 mod hulls;
+mod kept;
 mod lanes;
 mod pair_list;
 mod store;
 mod whole;
 
-pub use self::answer::{EndReason, Ended, SceneSkips, Told, Want};
+pub use self::answer::{EndReason, Ended, SceneSkips, Told, Want, is_resync_due};
+pub use self::copy::{SceneCopy, WholeScene};
 pub use self::edit::{Edit, Indices, Sets, Step};
 pub use self::error::{EditError, SceneError};
+pub use self::kept::{Kept, KeptBox};
+pub use self::pair_list::Sorter as PairSorter;
 
 use std::sync::Arc;
 
@@ -69,8 +75,6 @@ const MANY_SHARE: usize = 6;
 /// Boxes up to which cells are built at the first small edit: some 100 µs. In a larger scene that edit may
 /// stand between large ones, which keep no cells: it is answered as they are, and the next one builds cells.
 const CELLS_AT_ONCE: usize = 4_096;
-/// Changes that are told as such even where all pairs are fewer: 32 KiB.
-const RESYNC_LEAST: u64 = 4_096;
 
 /// What a scene may hold, and how many threads it may use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -206,6 +210,22 @@ impl Scene {
     /// The box of an index, also one that is switched off.
     pub fn get(&self, index: u32) -> Option<Aabb> {
         self.store.get(index)
+    }
+
+    /// Threads for later edits, of the rayon pool that they are made in; `None` is all of them.
+    pub const fn set_threads(&mut self, threads: Option<usize>) {
+        self.options.threads = threads;
+    }
+
+    /// What the scene holds, for who keeps it from now on; `None` where it has changed since the last
+    /// taken answer.
+    pub fn kept(&self) -> Option<Kept<'_>> {
+        let pair_count = match self.known {
+            Known::Same => Some(self.count_then),
+            Known::Lost => None,
+            Known::Few | Known::Many => return None,
+        };
+        Some(Kept::new(&self.store, pair_count))
     }
 
     /// The last answer.
@@ -369,7 +389,7 @@ impl Scene {
         let Difference { begun, ended } = found;
         let (more, less) = (begun.len() as u64, ended.len() as u64);
         self.told.pair_count = (self.count_then + more).saturating_sub(less);
-        if more + less > self.told.pair_count.max(RESYNC_LEAST) {
+        if is_resync_due(more + less, self.told.pair_count) {
             return self.resync();
         }
         let store = &self.store;

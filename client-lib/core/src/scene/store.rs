@@ -4,32 +4,28 @@ mod range;
 
 use std::collections::HashMap;
 
+use super::check::{EDIT_SETS, PRESENT, len_after, mark};
 use super::edit::{Edit, Flag, Indices, Sets, Step};
 use super::error::EditError;
 use super::fetch::ask_for;
 use crate::aabb::Aabb;
 
-/// The index has a box.
-const PRESENT: u16 = 1;
 /// It is switched off.
-const OFF: u16 = 1 << 1;
+const OFF: u8 = 1 << 1;
 /// It is static.
-const STATIC: u16 = 1 << 2;
+const STATIC: u8 = 1 << 2;
 /// A box of this index was removed since the history began.
-const REMOVED: u16 = 1 << 3;
-/// The edit under way removes it. Later: the edit named it.
-const EDIT_REMOVES: u16 = 1 << 4;
-/// The edit under way sets it. Later: the edit named it.
-const EDIT_SETS: u16 = 1 << 5;
+const REMOVED: u8 = 1 << 3;
 /// Listed among the boxes that the edit under way names.
-const NAMED: u16 = 1 << 6;
+const NAMED: u8 = 1 << 6;
 /// Changed since the history began.
-const CHANGED: u16 = 1 << 7;
-/// It was static then, if it has changed.
-const WAS_STATIC: u16 = 1 << 8;
+const CHANGED: u8 = 1 << 7;
+/// Sets in a list up to which their boxes are asked for before the first is made: they stay in a core's
+/// caches until then.
+const ASKED_MOST: usize = 8_192;
 
 /// Whether a box is static and switched on.
-const fn is_active_static(flags: u16) -> bool {
+const fn is_active_static(flags: u8) -> bool {
     flags & (STATIC | OFF) == STATIC
 }
 
@@ -53,9 +49,12 @@ pub(super) struct Solid {
 pub(super) struct Store {
     /// What collides: [`Aabb::EMPTY`] for an index without a box, or whose box is switched off.
     boxes: Vec<Aabb>,
-    flags: Vec<u16>,
+    flags: Vec<u8>,
     /// What collided when the history began, at indices that have changed since.
     then: Vec<Aabb>,
+    /// Which of those are static now and were not, or the other way round; one bit each, for all indices or
+    /// for none.
+    toggled: Vec<u64>,
     /// Boxes that are switched off.
     parked: HashMap<u32, Aabb>,
     present: usize,
@@ -150,8 +149,33 @@ impl Store {
     #[inline]
     pub fn before(&self, index: u32) -> Option<Solid> {
         let flags = self.flags[index as usize];
-        let was = || Solid { b: self.then[index as usize], is_static: flags & WAS_STATIC != 0 };
+        let was_static = || (flags & STATIC != 0) != self.is_toggled(index);
+        let was = || Solid { b: self.then[index as usize], is_static: was_static() };
         (flags & CHANGED != 0).then(was)
+    }
+
+    /// Whether a box has become static, or no more static, since it first changed.
+    #[inline]
+    fn is_toggled(&self, index: u32) -> bool {
+        self.toggled.get(index as usize / 64).is_some_and(|bits| bits >> (index % 64) & 1 == 1)
+    }
+
+    /// Notes that a box that has changed becomes static, or no more static.
+    fn toggle(&mut self, index: u32) {
+        let words = self.flags.len().div_ceil(64);
+        self.toggled.resize(words.max(self.toggled.len()), 0);
+        self.toggled[index as usize / 64] ^= 1 << (index % 64);
+    }
+
+    /// Asks for the boxes that an edit sets.
+    fn ask_ahead(&self, edit: Edit<'_>) {
+        for step in edit.steps {
+            if let Step::Set(Sets { indices: Indices::List(list), .. }) = step
+                && list.len() <= ASKED_MOST
+            {
+                list.iter().copied().for_each(|index| self.ask_for(index));
+            }
+        }
     }
 
     /// Asks for what is kept of an index.
@@ -207,7 +231,8 @@ impl Store {
             + self.changed.capacity()
             + self.gone.capacity();
         (self.boxes.capacity() + self.then.capacity()) * size_of::<Aabb>()
-            + self.flags.capacity() * size_of::<u16>()
+            + self.flags.capacity()
+            + self.toggled.capacity() * size_of::<u64>()
             + lists * size_of::<u32>()
             + self.parked.capacity() * (size_of::<(u32, Aabb)>() + 1)
     }
@@ -218,8 +243,9 @@ impl Store {
             self.flags[index as usize] &= !REMOVED;
         }
         for index in self.changed.drain(..) {
-            self.flags[index as usize] &= !(CHANGED | WAS_STATIC);
+            self.flags[index as usize] &= !CHANGED;
         }
+        self.toggled.clear();
         // Indices at the end without boxes cost every pass over all indices.
         if self.flags.len() > 1024 && self.present < self.flags.len() / 4 {
             self.forget_edit();
@@ -258,18 +284,8 @@ impl Store {
             self.set_range(*first, boxes, threads);
             return Ok(());
         }
-        let checked = self.check(edit);
-        if let Err(error) = checked {
-            // Every index that may have been marked is one of the edit's own.
-            let mut unmark = |index: u32| {
-                if let Some(flags) = self.flags.get_mut(index as usize) {
-                    *flags &= !(EDIT_REMOVES | EDIT_SETS);
-                }
-            };
-            edit.for_each_removed(&mut unmark);
-            edit.for_each_set(|index, _| unmark(index));
-            return Err(error);
-        }
+        mark(edit, &mut self.flags)?;
+        self.ask_ahead(edit);
         edit.for_each_removed(|index| self.remove(index));
         edit.for_each_set(|index, b| self.set(index, b));
         edit.for_each_flag(|index, flag| match flag {
@@ -281,18 +297,7 @@ impl Store {
 
     /// Room for every index that is set, and the checks that need no marks.
     fn make_room(&mut self, edit: Edit<'_>, limit: u32) -> Result<(), EditError> {
-        if let Some((indices, boxes)) = edit.uneven() {
-            return Err(EditError::Lengths { indices, boxes });
-        }
-        let last_set = edit.last_set();
-        let last = last_set.max(edit.last_named());
-        if let Some(index) = last.filter(|index| *index >= u64::from(limit)) {
-            return Err(EditError::BeyondLimit { index, limit });
-        }
-        let len = last_set.map_or(0, |last| last as usize + 1).max(self.flags.len());
-        if let Some(index) = last.filter(|index| *index >= len as u64) {
-            return Err(EditError::Absent { index });
-        }
+        let len = len_after(edit, self.flags.len(), limit)?;
         let more = len - self.flags.len();
         let no_memory = |_| EditError::NoMemory { boxes: len as u64 };
         self.boxes.try_reserve(more).map_err(no_memory)?;
@@ -302,37 +307,6 @@ impl Store {
         self.flags.resize(len, 0);
         self.then.resize(len, Aabb::EMPTY);
         Ok(())
-    }
-
-    /// Marks what the edit removes and sets, and finds what is wrong.
-    fn check(&mut self, edit: Edit<'_>) -> Result<(), EditError> {
-        let mut wrong = None;
-        edit.for_each_removed(|index| {
-            let flags = &mut self.flags[index as usize];
-            if *flags & PRESENT == 0 || *flags & EDIT_REMOVES != 0 {
-                wrong = wrong.or(Some(EditError::Absent { index: u64::from(index) }));
-            }
-            *flags |= EDIT_REMOVES;
-        });
-        edit.for_each_set(|index, _| {
-            let flags = &mut self.flags[index as usize];
-            if *flags & EDIT_SETS != 0 {
-                wrong = wrong.or(Some(EditError::SetTwice { index }));
-            }
-            *flags |= EDIT_SETS;
-            // By the time that all are checked, the first ones are there.
-            ask_for(&self.boxes, index);
-            ask_for(&self.boxes, index + 1);
-            ask_for(&self.then, index);
-        });
-        edit.for_each_flag(|index, _| {
-            let flags = self.flags[index as usize];
-            let stays = flags & (PRESENT | EDIT_REMOVES) == PRESENT;
-            if !stays && flags & EDIT_SETS == 0 {
-                wrong = wrong.or(Some(EditError::Absent { index: u64::from(index) }));
-            }
-        });
-        wrong.map_or(Ok(()), Err)
     }
 
     #[inline]
@@ -350,7 +324,7 @@ impl Store {
         self.is_changed = true;
         let flags = &mut self.flags[index as usize];
         if *flags & CHANGED == 0 {
-            *flags |= CHANGED | if *flags & STATIC != 0 { WAS_STATIC } else { 0 };
+            *flags |= CHANGED;
             self.changed.push(index);
             self.then[index as usize] = self.boxes[index as usize];
         }
@@ -368,8 +342,12 @@ impl Store {
         if *flags & OFF != 0 {
             self.parked.remove(&index);
         }
-        *flags = *flags & (CHANGED | WAS_STATIC | NAMED) | REMOVED;
+        let was_static = *flags & STATIC != 0;
+        *flags = *flags & (CHANGED | NAMED) | REMOVED;
         self.boxes[index as usize] = Aabb::EMPTY;
+        if was_static {
+            self.toggle(index);
+        }
     }
 
     #[inline]
@@ -424,6 +402,7 @@ impl Store {
             self.statics -= usize::from(is_active_static(*flags));
             *flags ^= STATIC;
             self.statics += usize::from(is_active_static(*flags));
+            self.toggle(index);
         }
     }
 }

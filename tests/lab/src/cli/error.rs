@@ -10,6 +10,7 @@ use pairmaskd::serve::ServeError;
 
 use super::accuracy::AccuracyError;
 use super::stress::StressCommandError;
+use crate::gpu_stages::BenchError;
 use crate::study::grid::GridError;
 use crate::study::mapping::MappingError;
 
@@ -32,6 +33,8 @@ pub enum LabError {
     Mapping(#[from] MappingError),
     #[error(transparent)]
     Grid(#[from] GridError),
+    #[error(transparent)]
+    Stages(#[from] BenchError),
     #[error(transparent)]
     Measure(#[from] MeasureError),
     /// Boxes and transforms differ in number.

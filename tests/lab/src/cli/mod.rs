@@ -5,6 +5,7 @@
 
 mod accuracy;
 mod error;
+mod gpu_scene;
 mod grid;
 mod mapping;
 mod plan;
@@ -43,6 +44,7 @@ Examples:
   pairmask-lab threads --threads 1,2,4         speed-up by threads
   pairmask-lab mapping --quick                 ways from a pair's number to the pair
   pairmask-lab grid --gpu software --quick     the GPU's grid, stage by stage
+  pairmask-lab gpu-scene --moving 1 --stages   scenes that persist in video memory
   pairmask-lab spheres --errors                what plain f32 gets wrong
 
 Exit status: 0 done; 1 it failed or a check failed; 2 the command line or configuration is wrong.";
@@ -55,6 +57,7 @@ enum Command {
     Accuracy(accuracy::Accuracy),
     Mapping(mapping::Mapping),
     Grid(grid::Grid),
+    GpuScene(gpu_scene::GpuSceneBench),
     Plan(plan::PlanBench),
     Threads(threads::ThreadsBench),
     Spheres(spheres::Spheres),
@@ -81,6 +84,7 @@ fn run(cli: &Cli) -> Result<(), LabError> {
         Command::Accuracy(accuracy) => Ok(accuracy.run(place, &config)?),
         Command::Mapping(mapping) => mapping.run(&config),
         Command::Grid(grid) => grid.run(&config),
+        Command::GpuScene(scene) => scene.run(&config),
         Command::Plan(plan) => plan.run(place, &config),
         Command::Threads(threads) => threads.run(),
         Command::Spheres(spheres) => spheres.run(),

@@ -6,6 +6,7 @@
 //! * `check`: the mask against `cpu-brute`'s, word for word.
 
 pub mod grid;
+pub mod scenes;
 mod shared;
 
 use std::collections::BTreeMap;
@@ -16,6 +17,7 @@ use std::time::{Duration, Instant};
 use pairmask_core::engine::{BruteForce, CullError, CullInput, CullReport, Engine, HeapReply};
 use pairmask_core::mask::MaskShape;
 use pairmask_core::plan::user_cache_folder;
+use pairmask_core::scene::SceneError;
 use pairmask_core::{Aabb, BoxCount, Encoding};
 use pairmask_shaders::RowsPerThread;
 use pairmaskd::execute::gpu::{
@@ -75,6 +77,9 @@ pub enum BenchError {
     /// A frame failed.
     #[error(transparent)]
     Cull(#[from] CullError),
+    /// An edit of a scene failed.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
     /// No memory, or the output could not be written.
     #[error(transparent)]
     Io(#[from] std::io::Error),

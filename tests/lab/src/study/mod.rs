@@ -5,5 +5,6 @@ pub mod grid;
 pub mod judge;
 pub mod machine;
 pub mod mapping;
+pub mod moving;
 pub mod spheres;
 pub mod updates;

@@ -1,6 +1,6 @@
 //! Many boxes set at once, by a range of indices: in parts, side by side.
 
-use super::{CHANGED, NAMED, OFF, PRESENT, STATIC, Store, WAS_STATIC, are_same};
+use super::{CHANGED, NAMED, OFF, PRESENT, Store, are_same};
 use crate::aabb::Aabb;
 use crate::engine::strips::{in_parts, part_count};
 
@@ -15,7 +15,7 @@ struct Part<'a> {
     set: &'a [Aabb],
     boxes: &'a mut [Aabb],
     then: &'a mut [Aabb],
-    flags: &'a mut [u16],
+    flags: &'a mut [u8],
 }
 
 /// What a part has come across.
@@ -93,7 +93,7 @@ impl Part<'_> {
             }
             noted.any_differs = true;
             if *flags & CHANGED == 0 {
-                *flags |= CHANGED | if *flags & STATIC != 0 { WAS_STATIC } else { 0 };
+                *flags |= CHANGED;
                 noted.changed.push(index);
                 *then = *b;
             }

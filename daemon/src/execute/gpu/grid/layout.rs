@@ -41,7 +41,7 @@ const LEVEL_COST: f32 = 3.0;
 
 /// Most entries of the table of cells for `n` boxes: a function of n alone, so that buffers and
 /// dispatches are known before the boxes are.
-pub(super) const fn cells_most(n: u32) -> u64 {
+pub(in crate::execute::gpu) const fn cells_most(n: u32) -> u64 {
     CELLS_A_BOX * n as u64 + CELLS_LEAST * GRID_LEVELS as u64 + 2 * parking_cells(n) as u64 + 1
 }
 
@@ -68,19 +68,29 @@ impl Group {
 
 /// Chooses layouts. Memory is kept from frame to frame.
 #[derive(Default)]
-pub(super) struct Chooser {
+pub(in crate::execute::gpu) struct Chooser {
     sample: Sample,
 }
 
 impl Chooser {
     /// The layout for a scene: the same one whatever the floating-point flags of this thread.
     pub fn choose(&mut self, boxes: BoxSlice<'_>) -> GridLayout {
-        floats::with_default(|| self.choose_levels(boxes))
+        floats::with_default(|| {
+            self.sample.take(boxes);
+            self.choose_levels(boxes.len() as u32)
+        })
     }
 
-    fn choose_levels(&mut self, boxes: BoxSlice<'_>) -> GridLayout {
-        self.sample.take(boxes);
-        let n = boxes.len() as u32;
+    /// The same for a scene of `n` boxes, some of which these are.
+    pub fn choose_for(&mut self, some: BoxSlice<'_>, n: u32) -> GridLayout {
+        floats::with_default(|| {
+            self.sample.take(some);
+            self.sample.solid *= n as f32 / some.len().max(1) as f32;
+            self.choose_levels(n)
+        })
+    }
+
+    fn choose_levels(&mut self, n: u32) -> GridLayout {
         let mut layout = GridLayout::default();
         let mut cells = 0;
         let mut top = [0.0f32; 3];

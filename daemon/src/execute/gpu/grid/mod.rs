@@ -21,7 +21,7 @@
 
 mod axis;
 mod bundle;
-mod layout;
+pub(super) mod layout;
 pub mod plan;
 mod sample;
 mod scratch;

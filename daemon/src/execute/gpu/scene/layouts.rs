@@ -1,0 +1,107 @@
+//! The grid's levels for a scene whose boxes the host does not have: chosen by some of them, and kept.
+//!
+//! A layout only steers: with any, the same pairs are told.
+
+use pairmask_core::Aabb;
+use pairmask_shaders::layouts::{GridLayout, SceneSummary};
+
+use super::plan::{Question, with_giants};
+use crate::execute::gpu::grid::layout::Chooser;
+
+/// Searches after which a layout is chosen anew, at most: to choose takes as long as a tenth of a search.
+const RENEWED_AFTER: u32 = 64;
+/// Boxes of an edit that are kept as a sample, at most.
+const EDIT_SAMPLE: usize = 256;
+
+/// Tests for each box that looks, from which another layout is tried.
+const MANY_TESTS: u64 = 64;
+
+/// A layout and how long it serves.
+#[derive(Clone, Copy, Debug)]
+struct Chosen {
+    layout: GridLayout,
+    boxes: u32,
+    age: u32,
+    serves: u32,
+}
+
+/// What is known of one kind of search.
+#[derive(Default)]
+struct Kind {
+    chosen: Option<Chosen>,
+    /// Some entries of a search.
+    sample: Vec<Aabb>,
+    /// The size of the grid that they were in.
+    sampled_of: u32,
+}
+
+/// The layouts of a scene: one where few boxes are entries, one where all are.
+#[derive(Default)]
+pub(super) struct Layouts {
+    chooser: Chooser,
+    kinds: [Kind; 2],
+    /// Some boxes of the last large edit.
+    edited: Vec<Aabb>,
+}
+
+/// Whether two sizes of a scene are within a factor of two.
+const fn are_alike(a: u32, b: u32) -> bool {
+    a / 2 <= b && b / 2 <= a
+}
+
+impl Layouts {
+    /// Looks at boxes that an edit sets, in a scene of so many.
+    pub fn note_edit(&mut self, boxes: &[Aabb], slots: usize) {
+        if boxes.is_empty() || (!self.edited.is_empty() && boxes.len() < slots / 2) {
+            return;
+        }
+        let wanted = boxes.len().min(EDIT_SAMPLE);
+        let step = boxes.len() / wanted;
+        // Not at equal steps: scenes are often laid out in rows of some round number.
+        let place = |i: usize| i * step + (i.wrapping_mul(0x9e37_79b9) >> 7) % step;
+        self.edited.clear();
+        self.edited.extend((0..wanted).map(|i| boxes[place(i)]));
+    }
+
+    /// The layout for a search.
+    pub fn layout(&mut self, question: &Question) -> GridLayout {
+        let boxes = question.grid_boxes();
+        let kind = &mut self.kinds[usize::from(question.is_dense())];
+        let last = kind.chosen.filter(|chosen| are_alike(chosen.boxes, boxes));
+        let fits = |chosen: &Chosen| chosen.age < chosen.serves;
+        let mut chosen = match last.filter(fits) {
+            Some(chosen) => chosen,
+            None => {
+                let serves = last.map_or(1, |last| (2 * last.serves).min(RENEWED_AFTER));
+                // Entries are hulls, which are larger than boxes; but the scene may be another now.
+                let knows = !kind.sample.is_empty() && are_alike(kind.sampled_of, boxes);
+                let sample =
+                    if knows || self.edited.is_empty() { &kind.sample } else { &self.edited };
+                let layout = self.chooser.choose_for(sample.as_slice().into(), boxes);
+                Chosen { layout, boxes, age: 0, serves }
+            }
+        };
+        chosen.age += 1;
+        kind.chosen = Some(chosen);
+        with_giants(chosen.layout, question.slots)
+    }
+
+    /// Looks at the entries that a search had.
+    pub fn note_search(&mut self, question: &Question, summary: &SceneSummary, tested: u64) {
+        let kind = &mut self.kinds[usize::from(question.is_dense())];
+        let Some(chosen) = &mut kind.chosen else { return };
+        let looked = u64::from(summary.entries) + u64::from(summary.rows);
+        if tested > MANY_TESTS * looked {
+            // It is a bad one, or the scene is crowded: then another does not cost much beside a search.
+            chosen.age = chosen.serves;
+        }
+        if chosen.age < chosen.serves {
+            return;
+        }
+        let count = (summary.sampled as usize).min(summary.samples.len());
+        let bits = summary.samples[..count].iter();
+        kind.sample.clear();
+        kind.sample.extend(bits.map(|bits| Aabb::from(bits.map(f32::from_bits))));
+        kind.sampled_of = chosen.boxes;
+    }
+}

@@ -1,0 +1,211 @@
+//! Video memory of a scene: its records, and what the stages hand each other.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use pairmask_shaders::layouts::{GridLayout, SceneParams, SceneSummary};
+
+use super::SceneTools;
+use super::plan::{MOST_SLOTS, Room, Sizes};
+use crate::execute::gpu::error::GpuError;
+use crate::execute::gpu::frame::{Command, Frame};
+use crate::execute::gpu::growing::Growing;
+use crate::execute::gpu::memory::{Block, Home, Part};
+
+/// Bytes of a record.
+const RECORD_BYTES: u64 = 32;
+/// Bytes of an entry before it has its place, and at its place.
+const ENTRY_BYTES: u64 = 16;
+const SORTED_BYTES: u64 = 32;
+/// Bytes of a found pair.
+const PAIR_BYTES: u64 = 8;
+/// Records that a scene has room for, at least: smaller blocks save nothing.
+const LEAST_SLOTS: u64 = 4_096;
+/// How long copies and fills may take before the device counts as hung.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// Boxes as they are, and as they were when the history began.
+struct Records {
+    slots: u64,
+    now: Arc<Block>,
+    then: Arc<Block>,
+}
+
+/// All video memory of a scene.
+pub(super) struct Memory {
+    records: Option<Records>,
+    /// There once pairs of moved boxes were asked for.
+    named: Option<Arc<Block>>,
+    params: Growing,
+    layout: Growing,
+    table: Growing,
+    control: Growing,
+    entries: Growing,
+    sorted: Growing,
+    found: Growing,
+    summary: Growing,
+}
+
+/// The blocks of one search.
+#[derive(Clone)]
+pub(super) struct Blocks {
+    pub params: Arc<Block>,
+    pub layout: Arc<Block>,
+    pub now: Arc<Block>,
+    pub then: Arc<Block>,
+    /// The control block where none is named.
+    pub named: Arc<Block>,
+    pub table: Arc<Block>,
+    pub control: Arc<Block>,
+    pub entries: Arc<Block>,
+    pub sorted: Arc<Block>,
+    pub found: Arc<Block>,
+    pub summary: Arc<Block>,
+}
+
+impl Memory {
+    pub fn new(tools: &SceneTools) -> Self {
+        // Written by the CPU each time: into video memory where it can, else read from afar.
+        let is_mapped = tools.gpu.limits().mapped_video_memory;
+        let written = if is_mapped { Home::MappedVideo } else { Home::Host };
+        Self {
+            records: None,
+            named: None,
+            params: Growing::new(written),
+            layout: Growing::new(written),
+            table: Growing::new(Home::Video),
+            control: Growing::new(Home::Video),
+            entries: Growing::new(Home::Video),
+            sorted: Growing::new(Home::Video),
+            found: Growing::new(Home::Host),
+            summary: Growing::new(Home::Host),
+        }
+    }
+
+    /// Bytes that are allocated, in video memory for the most part.
+    pub fn bytes(&self) -> u64 {
+        let records = self.records.as_ref().map_or(0, |r| r.now.bytes() + r.then.bytes());
+        let named = self.named.as_ref().map_or(0, |named| named.bytes());
+        let Self { params, layout, table, control, entries, sorted, found, summary, .. } = self;
+        let growing = [params, layout, table, control, entries, sorted, found, summary];
+        records + named + growing.iter().map(|growing| growing.bytes()).sum::<u64>()
+    }
+
+    /// Room for records of `slots` indices. `replaced` is set if blocks are others.
+    pub fn make_records(
+        &mut self,
+        tools: &SceneTools,
+        slots: u64,
+        replaced: &mut bool,
+    ) -> Result<(), GpuError> {
+        let most = (tools.binding_bytes / RECORD_BYTES).min(MOST_SLOTS);
+        if slots > most {
+            return Err(GpuError::OutOfMemory { bytes: slots * RECORD_BYTES });
+        }
+        let held = self.records.as_ref().map_or(0, |records| records.slots);
+        let wanted = (slots + slots / 2).max(LEAST_SLOTS).min(most);
+        // A scene that has shrunk much gives its memory back.
+        if slots <= held && held <= 4 * wanted {
+            return Ok(());
+        }
+        *replaced = true;
+        let made = Self::new_records(tools, wanted);
+        let made = made.or_else(|_| Self::new_records(tools, slots))?;
+        let mut steps = Vec::new();
+        for block in [&made.now, &made.then] {
+            // Zero is an index without a box that has never changed.
+            steps.push(Command::Fill { part: Part::whole(block), word: 0 });
+        }
+        if let Some(old) = self.records.take() {
+            let bytes = old.slots.min(made.slots) * RECORD_BYTES;
+            for (from, to) in [(&old.now, &made.now), (&old.then, &made.then)] {
+                steps.push(Command::Copy {
+                    from: Part::of(from, 0, bytes),
+                    to: Part::of(to, 0, bytes),
+                });
+            }
+        }
+        run_once(tools, steps)?;
+        self.records = Some(made);
+        self.named = None;
+        Ok(())
+    }
+
+    fn new_records(tools: &SceneTools, slots: u64) -> Result<Records, GpuError> {
+        let block = || Block::new(&tools.gpu, Home::Video, slots * RECORD_BYTES);
+        Ok(Records { slots, now: block()?, then: block()? })
+    }
+
+    /// Forgets which boxes were named, so that namings may be numbered from 1 again; there is memory for
+    /// them then.
+    pub fn forget_named(
+        &mut self,
+        tools: &SceneTools,
+        replaced: &mut bool,
+    ) -> Result<(), GpuError> {
+        let slots = self.records.as_ref().map_or(0, |records| records.slots);
+        let bytes = size_of::<u32>() as u64 * slots;
+        let block = match self.named.take() {
+            Some(block) => block,
+            None => {
+                *replaced = true;
+                Block::new(&tools.gpu, Home::Video, bytes)?
+            }
+        };
+        run_once(tools, vec![Command::Fill { part: Part::whole(&block), word: 0 }])?;
+        self.named = Some(block);
+        Ok(())
+    }
+
+    /// Whether there is memory for names.
+    pub const fn has_named(&self) -> bool {
+        self.named.is_some()
+    }
+
+    /// The blocks of a search.
+    pub fn blocks(
+        &mut self,
+        tools: &SceneTools,
+        sizes: &Sizes,
+        room: Room,
+        replaced: &mut bool,
+    ) -> Result<Blocks, GpuError> {
+        let most = tools.binding_bytes;
+        let records = self.records.as_ref().ok_or(GpuError::Lost)?;
+        let mut was_replaced = false;
+        let mut block = |growing: &mut Growing, bytes: u64| {
+            if bytes > most {
+                return Err(GpuError::OutOfMemory { bytes });
+            }
+            growing.at_least(&tools.gpu, bytes, &mut was_replaced).map(Arc::clone)
+        };
+        let control = block(&mut self.control, 4 * sizes.control_words)?;
+        let blocks = Blocks {
+            params: block(&mut self.params, size_of::<SceneParams>() as u64)?,
+            layout: block(&mut self.layout, size_of::<GridLayout>() as u64)?,
+            now: Arc::clone(&records.now),
+            then: Arc::clone(&records.then),
+            named: Arc::clone(self.named.as_ref().unwrap_or(&control)),
+            table: block(&mut self.table, sizes.table_bytes())?,
+            control,
+            entries: block(&mut self.entries, ENTRY_BYTES * room.entries)?,
+            sorted: block(&mut self.sorted, SORTED_BYTES * room.entries)?,
+            found: block(&mut self.found, PAIR_BYTES * room.pairs)?,
+            summary: block(&mut self.summary, size_of::<SceneSummary>() as u64)?,
+        };
+        if let (true, Some(word)) = (was_replaced, tools.poison) {
+            let Blocks { table, control, entries, sorted, found, summary, .. } = &blocks;
+            let fill = |block: &Arc<Block>| Command::Fill { part: Part::whole(block), word };
+            run_once(tools, [table, control, entries, sorted, found, summary].map(fill).into())?;
+        }
+        *replaced |= was_replaced;
+        Ok(blocks)
+    }
+}
+
+/// Runs some steps and waits for them.
+fn run_once(tools: &SceneTools, steps: Vec<Command>) -> Result<(), GpuError> {
+    let mut frame = Frame::new(&tools.gpu, false)?;
+    frame.record(steps)?;
+    frame.run(tools.wait, PATIENCE)
+}

@@ -1,0 +1,538 @@
+//! Scenes that persist in video memory: edits go up, what changed comes down.
+//!
+//! A [`GpuScene`] answers as [`Scene`](pairmask_core::scene::Scene) does, byte for byte. Boxes are kept
+//! as keys in records, one an index, as they are and, for those that have changed since the last taken
+//! answer, as they were. The host keeps bits a box, to check an edit before anything of it is applied
+//! (`roster`). Nothing else persists, so nothing is ever rebuilt or compacted. An edit is one submission:
+//!
+//! > `scene_apply` (→ `scene_mark`) → `scene_cells` → `grid_scan` → `scene_place` → `scene_pairs` →
+//! > `scene_finish`
+//!
+//! The first writes the edit into the records. Then the boxes that have changed are the entries of a
+//! grid, each as the hull of what it was and is; all other boxes look once at the entries around them.
+//! Most find by one bit of a filter that there are none. Where many have changed, all boxes are entries.
+//! A pair of hulls that overlap is decided by what both boxes were and are. What comes down is those
+//! pairs that began or ended, and the host sorts them.
+//!
+//! [`Want::All`] and [`Want::Moved`] are the same search with another question.
+
+mod layouts;
+mod memory;
+mod plan;
+mod roster;
+mod search;
+mod times;
+mod upload;
+
+use std::sync::Arc;
+
+use pairmask_core::engine::{CullError, ReserveError};
+use pairmask_core::scene::{
+    Edit, EndReason, Ended, Kept, PairSorter, SceneError, SceneOptions, SceneSkips, Sets, Step,
+    Told, Want, is_resync_due,
+};
+use pairmask_core::{Aabb, EngineName};
+use pairmask_shaders::constants::{TOLD_BEGUN, TOLD_FILTERED, TOLD_REMOVED};
+use pairmask_shaders::layouts::{SceneMode, SceneSummary};
+
+use self::layouts::Layouts;
+use self::memory::{Blocks, Memory};
+use self::plan::{MOST_SLOTS, Question, Room, Sizes};
+use self::roster::{Marks, Roster, sets_of};
+use self::search::{Frames, Stages, Task};
+use self::times::Clock;
+use self::upload::{Upload, Uploaded};
+use super::device::Gpu;
+use super::error::GpuError;
+use super::frame::Wait;
+use super::grid::GridOptions;
+use super::pipeline::Pipelines;
+use super::transfers::SharedImports;
+
+pub use self::times::EditTimes;
+
+/// What errors name: scenes on the GPU are a grid there.
+const ENGINE: EngineName = EngineName::GpuGrid;
+
+/// A pair as it comes from the GPU.
+type Pair = [u32; 2];
+
+/// What the scenes of a device share: compiled stages, and what is imported.
+pub struct SceneTools {
+    gpu: Arc<Gpu>,
+    stages: Stages,
+    imports: SharedImports,
+    profiled: bool,
+    poison: Option<u32>,
+    wait: Wait,
+    /// Most bytes that a stage sees of a block.
+    binding_bytes: u64,
+}
+
+impl SceneTools {
+    /// Compiles the stages.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn new(gpu: &Arc<Gpu>, options: &GridOptions) -> Result<Arc<Self>, GpuError> {
+        let mut pipelines = Pipelines::new(gpu, options.checks, options.cache_folder.as_deref())?;
+        let stages = Stages::compiled(&mut pipelines)?;
+        pipelines.save();
+        let is_software = gpu.info().is_software();
+        Ok(Arc::new(Self {
+            gpu: Arc::clone(gpu),
+            stages,
+            imports: options.imports.clone(),
+            profiled: options.profiled,
+            poison: options.poison,
+            wait: options.wait.unwrap_or(if is_software { Wait::Block } else { Wait::Spin }),
+            binding_bytes: gpu.limits().storage_binding_bytes.min(1 << 31),
+        }))
+    }
+
+    /// The device.
+    pub fn gpu(&self) -> &Arc<Gpu> {
+        &self.gpu
+    }
+}
+
+/// What a scene knows of the pairs that were told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Known {
+    /// They are the pairs of now.
+    Same,
+    /// Records say what has changed since.
+    Changed,
+    /// Nothing: the next changes are a resync.
+    Lost,
+}
+
+/// Rooms of the last searches: what the next ones are expected to need.
+#[derive(Clone, Copy, Debug, Default)]
+struct LastRooms([Room; 3]);
+
+/// A scene in video memory. One thread uses it at a time; it has the contract of
+/// [`Scene`](pairmask_core::scene::Scene), but after [`SceneError::Cull`] the scene is undefined and is to
+/// be dropped. Its memory is freed then.
+pub struct GpuScene {
+    tools: Arc<SceneTools>,
+    options: SceneOptions,
+    roster: Roster,
+    marks: Marks,
+    upload: Upload,
+    memory: Memory,
+    layouts: Layouts,
+    frames: Frames,
+    rooms: LastRooms,
+    /// The number of the history under way. Records start with 0.
+    epoch: u64,
+    /// The number of the last naming.
+    naming: u32,
+    known: Known,
+    /// Elements of edits since the history began: as many boxes have changed at most.
+    changed: u64,
+    /// Pairs that were told.
+    count_then: u64,
+    told: Told,
+    /// Whether the last answer can be taken.
+    is_open: bool,
+    sorter: PairSorter,
+    list: Vec<Pair>,
+    times: EditTimes,
+}
+
+impl std::fmt::Debug for GpuScene {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let known = &self.known;
+        f.debug_struct("GpuScene")
+            .field("boxes", &self.len())
+            .field("known", known)
+            .finish_non_exhaustive()
+    }
+}
+
+impl GpuScene {
+    /// A scene without boxes.
+    pub fn new(tools: &Arc<SceneTools>, options: SceneOptions) -> Self {
+        let most_boxes = options.most_boxes.min(MOST_SLOTS as u32);
+        Self {
+            options: options.with_most_boxes(most_boxes),
+            roster: Roster::default(),
+            marks: Marks::new(),
+            upload: Upload::new(tools.imports.clone()),
+            memory: Memory::new(tools),
+            tools: Arc::clone(tools),
+            layouts: Layouts::default(),
+            frames: Frames::default(),
+            rooms: LastRooms::default(),
+            epoch: 1,
+            naming: 0,
+            known: Known::Same,
+            changed: 0,
+            count_then: 0,
+            told: Told::default(),
+            is_open: false,
+            sorter: PairSorter::default(),
+            list: Vec::new(),
+            times: EditTimes::default(),
+        }
+    }
+
+    /// A scene that goes on where another one stands: its boxes, flags, and what it has told.
+    ///
+    /// # Errors
+    /// [`SceneError`], as [`Self::edit`].
+    pub fn from_kept(
+        tools: &Arc<SceneTools>,
+        options: SceneOptions,
+        kept: &Kept<'_>,
+    ) -> Result<Self, SceneError> {
+        let mut scene = Self::new(tools, options);
+        let (mut indices, mut boxes) = (Vec::new(), Vec::<Aabb>::new());
+        let (mut off, mut statics) = (Vec::new(), Vec::new());
+        for index in 0..kept.slots() as u32 {
+            let Some(one) = kept.get(index) else { continue };
+            indices.push(index);
+            boxes.push(one.b);
+            if !one.is_on {
+                off.push(index);
+            }
+            if one.is_static {
+                statics.push(index);
+            }
+        }
+        let steps = [
+            Step::Set(Sets { indices: (&indices).into(), boxes: &boxes }),
+            Step::Switch((&off).into(), false),
+            Step::Static((&statics).into(), true),
+        ];
+        scene.edit(Edit { steps: &steps }, Want::Nothing)?;
+        scene.begin_history();
+        match kept.pair_count() {
+            Some(count) => scene.count_then = count,
+            None => scene.known = Known::Lost,
+        }
+        Ok(scene)
+    }
+
+    /// Boxes, those that are switched off too.
+    pub const fn len(&self) -> usize {
+        self.roster.present()
+    }
+
+    /// Whether there are none.
+    pub const fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The last answer.
+    pub const fn told(&self) -> &Told {
+        &self.told
+    }
+
+    /// Bytes of host memory that the scene keeps, without what the driver maps.
+    pub fn allocated_bytes(&self) -> usize {
+        self.roster.allocated_bytes()
+            + self.upload.allocated_bytes()
+            + self.sorter.allocated_bytes()
+            + (self.marks.capacity() + self.list.capacity()) * size_of::<Pair>()
+            + (self.told.begun().len() + self.told.pairs().len()) * size_of::<Pair>()
+            + size_of_val(self.told.ended())
+    }
+
+    /// Bytes of video memory that the scene keeps, with what the host maps of it, but for copies of edits.
+    pub fn video_bytes(&self) -> u64 {
+        self.memory.bytes()
+    }
+
+    /// Where the time of the last edit went.
+    pub const fn times(&self) -> &EditTimes {
+        &self.times
+    }
+
+    /// Applies an edit and answers. The answer counts as told when it is [taken](Self::take); else the
+    /// next one makes up for it.
+    ///
+    /// # Errors
+    /// [`SceneError::Edit`] for an edit that is wrong: nothing is applied, and the last answer stays.
+    /// [`SceneError::Cull`] where the device is lost, or has no memory, or the scene is too crowded for
+    /// it: the scene is to be dropped.
+    pub fn edit(&mut self, edit: Edit<'_>, want: Want) -> Result<&Told, SceneError> {
+        let mut clock = Clock::start();
+        self.roster.check(edit, self.options.most_boxes)?;
+        self.times = EditTimes::default();
+        self.is_open = false;
+        self.roster.apply(edit, &mut self.marks);
+        clock.lap(&mut self.times.check);
+        if let Err(error) = self.answer(edit, want, &mut clock) {
+            self.known = Known::Lost;
+            return Err(SceneError::Cull(error));
+        }
+        self.is_open = true;
+        Ok(&self.told)
+    }
+
+    /// Takes the last answer: what it told is what the next changes are counted from. Without effect
+    /// on an answer that was taken, and on [`Want::Moved`] and [`Want::Nothing`].
+    pub fn take(&mut self) {
+        if !std::mem::take(&mut self.is_open)
+            || !matches!(self.told.want(), Want::Changes | Want::All)
+        {
+            return;
+        }
+        self.count_then = self.told.pair_count().unwrap_or(0);
+        self.begin_history();
+    }
+
+    /// Forgets what was told: the next changes are a resync. A client that has lost its pairs asks so.
+    pub fn lose(&mut self) {
+        self.begin_history();
+        self.known = Known::Lost;
+        self.is_open = false;
+        self.told = Told::of_none(Want::Nothing, 0);
+    }
+
+    fn begin_history(&mut self) {
+        if self.known == Known::Changed || self.changed > 0 {
+            self.epoch += 1;
+        }
+        self.known = Known::Same;
+        self.changed = 0;
+        self.roster.forget();
+    }
+
+    /// Applies a checked edit on the GPU and finds the answer.
+    fn answer(&mut self, edit: Edit<'_>, want: Want, clock: &mut Clock) -> Result<(), CullError> {
+        let sets: u64 = sets_of(edit).map(|sets| sets.boxes.len() as u64).sum();
+        let elements = sets + self.marks.len() as u64;
+        self.changed += elements;
+        if elements > 0 && self.known == Known::Same {
+            self.known = Known::Changed;
+        }
+        let is_named = |step: &Step<'_>| !matches!(step, Step::Remove(_));
+        let names = elements > 0 && edit.steps.iter().any(is_named);
+        let mode = match want {
+            Want::Changes if self.known == Known::Lost => Some(SceneMode::All),
+            Want::Changes => (self.known == Known::Changed).then_some(SceneMode::Changes),
+            Want::Moved => names.then_some(SceneMode::Moved),
+            Want::All => Some(SceneMode::All),
+            _ => None,
+        };
+        // A scene without records has no pairs.
+        let mode = mode.filter(|_| self.roster.len() > 0);
+        if elements == 0 && mode.is_none() {
+            let pair_count = if want == Want::Changes { self.count_then } else { 0 };
+            let is_resync = want == Want::Changes && self.known == Known::Lost;
+            self.told = if is_resync {
+                Told::of_pairs(want, Arc::default(), 0)
+            } else {
+                Told::of_none(want, pair_count)
+            };
+            self.told_skips(None);
+            return Ok(());
+        }
+        let tools = Arc::clone(&self.tools);
+        let gpu_error = |error: GpuError| tools.gpu.cull_error(ENGINE, &error);
+        let uploaded = self.place_edit(edit, mode).map_err(gpu_error)?;
+        clock.lap(&mut self.times.upload);
+        let summary = self.search(&uploaded, elements, want, mode, clock)?;
+        self.told_skips(summary.as_ref());
+        clock.lap(&mut self.times.sort);
+        Ok(())
+    }
+
+    fn place_edit(
+        &mut self,
+        edit: Edit<'_>,
+        mode: Option<SceneMode>,
+    ) -> Result<Uploaded, GpuError> {
+        let mut replaced = false;
+        let slots = self.roster.len();
+        self.memory.make_records(&self.tools, slots as u64, &mut replaced)?;
+        if mode == Some(SceneMode::Moved) {
+            self.naming = self.naming.wrapping_add(1);
+            if self.naming == 0 || !self.memory.has_named() {
+                self.memory.forget_named(&self.tools, &mut replaced)?;
+                self.naming = 1;
+            }
+        }
+        let gpu = Arc::clone(&self.tools.gpu);
+        let uploaded = self.upload.place(&gpu, edit, &self.marks, &mut replaced)?;
+        if replaced {
+            self.frames.clear();
+        }
+        if let Some(most) = sets_of(edit).max_by_key(|sets| sets.boxes.len()) {
+            self.layouts.note_edit(most.boxes, slots);
+        }
+        Ok(uploaded)
+    }
+
+    /// Applies an edit and searches until there is an answer; what the last search said.
+    fn search(
+        &mut self,
+        uploaded: &Uploaded,
+        elements: u64,
+        want: Want,
+        mode: Option<SceneMode>,
+        clock: &mut Clock,
+    ) -> Result<Option<SceneSummary>, CullError> {
+        let tools = Arc::clone(&self.tools);
+        let gpu_error = |error: GpuError| tools.gpu.cull_error(ENGINE, &error);
+        let mut question = Question {
+            mode: mode.unwrap_or_default(),
+            slots: self.roster.len() as u64,
+            active: self.roster.active() as u64,
+            changed: if mode == Some(SceneMode::Moved) { elements } else { self.changed },
+        };
+        question.changed = question.changed.min(question.slots);
+        let mut least = Room::default();
+        let mut applies = true;
+        loop {
+            let expected = Room::expected(&question, self.rooms.0[question.mode as usize]);
+            let room = Room {
+                entries: expected.entries.max(least.entries),
+                pairs: expected.pairs.max(least.pairs),
+            };
+            let layout = self.layouts.layout(&question);
+            let sizes = Sizes::of(&question, &layout);
+            let mut replaced = false;
+            let blocks =
+                self.memory.blocks(&tools, &sizes, room, &mut replaced).map_err(gpu_error)?;
+            if replaced {
+                self.frames.clear();
+            }
+            let task = Task {
+                question,
+                searches: mode.is_some(),
+                layout,
+                sizes,
+                epoch: self.epoch,
+                naming: self.naming,
+                edit: uploaded,
+                applies,
+                blocks: &blocks,
+            };
+            clock.lap(&mut self.times.plan);
+            let summary = self.frames.run(&tools, &task).map_err(gpu_error)?;
+            applies = false;
+            self.times.submissions += 1;
+            clock.lap(&mut self.times.gpu);
+            if tools.profiled {
+                self.times.stages = self.frames.step_times().map_err(gpu_error)?;
+            }
+            if mode.is_none() {
+                self.told = Told::of_none(want, 0);
+                return Ok(None);
+            }
+            let made = task.room_made(&tools);
+            let (found, ended) = (wide(summary.found), wide(summary.ended));
+            if u64::from(summary.entries) > made.entries {
+                least.entries = u64::from(summary.entries);
+                continue;
+            }
+            if summary.tested[1] >= search::BUDGET {
+                return Err(CullError::TooCrowded { engine: ENGINE });
+            }
+            if question.mode == SceneMode::Changes {
+                let pair_count = (self.count_then + (found - ended)).saturating_sub(ended);
+                if is_resync_due(found, pair_count) {
+                    question.mode = SceneMode::All;
+                    continue;
+                }
+            }
+            if found > made.pairs {
+                least.pairs = found;
+                let needed_bytes = found.saturating_mul(size_of::<Pair>() as u64);
+                if needed_bytes > tools.binding_bytes {
+                    return Err(ReserveError::OutOfMemory { needed_bytes }.into());
+                }
+                continue;
+            }
+            self.layouts.note_search(&question, &summary, wide(summary.tested));
+            self.rooms.0[question.mode as usize] =
+                Room { entries: u64::from(summary.entries), pairs: found };
+            self.tell(want, question.mode, found, ended, &blocks)?;
+            return Ok(Some(summary));
+        }
+    }
+
+    /// Reads what was found, sorts it, and tells it.
+    fn tell(
+        &mut self,
+        want: Want,
+        mode: SceneMode,
+        found: u64,
+        ended: u64,
+        blocks: &Blocks,
+    ) -> Result<(), CullError> {
+        let mut list = std::mem::take(&mut self.list);
+        let needed_bytes = found * size_of::<Pair>() as u64;
+        let no_memory = |_| CullError::Reserve(ReserveError::OutOfMemory { needed_bytes });
+        list.clear();
+        list.try_reserve(found as usize).map_err(no_memory)?;
+        list.resize(found as usize, [0; 2]);
+        blocks.found.read(0, &mut list);
+        let (slots, threads) = (self.roster.len() as u32, self.threads());
+        self.sorter.sort(&mut list, slots, threads);
+        if mode != SceneMode::Changes {
+            self.told = Told::of_pairs(want, Arc::new(list), found);
+            return Ok(());
+        }
+        let (mut begun, mut ends) = std::mem::take(&mut self.told).into_changes();
+        begun.clear();
+        ends.clear();
+        begun.try_reserve((found - ended) as usize).map_err(no_memory)?;
+        ends.try_reserve(ended as usize).map_err(no_memory)?;
+        for &[a, other] in &list {
+            let pair = [a, other >> 2];
+            let reason = match other & 3 {
+                TOLD_BEGUN => {
+                    begun.push(pair);
+                    continue;
+                }
+                TOLD_REMOVED => EndReason::Removed,
+                TOLD_FILTERED => EndReason::Filtered,
+                _ => EndReason::Separated,
+            };
+            ends.push(Ended { pair, reason });
+        }
+        self.list = list;
+        let pair_count = (self.count_then + begun.len() as u64).saturating_sub(ends.len() as u64);
+        self.told = Told::of_changes(begun, ends, pair_count);
+        Ok(())
+    }
+
+    /// Adds the skip meter to the answer.
+    fn told_skips(&mut self, summary: Option<&SceneSummary>) {
+        let pairs = |n: u64| n * n.saturating_sub(1) / 2;
+        let (active, statics) = (self.roster.active() as u64, self.roster.statics() as u64);
+        let (moved, moved_statics, tested) = match summary {
+            Some(s) if self.known == Known::Changed && self.told.pairs().is_empty() => {
+                (u64::from(s.moved), u64::from(s.moved_static), wide(s.tested))
+            }
+            Some(s) => (active, statics, wide(s.tested)),
+            None => (0, 0, 0),
+        };
+        let (moved, moved_statics) = (moved.min(active), moved_statics.min(statics));
+        let static_pairs = pairs(statics);
+        let unmoved_pairs = pairs(active - moved).saturating_sub(pairs(statics - moved_statics));
+        let rest = pairs(active).saturating_sub(static_pairs + unmoved_pairs);
+        let skips = SceneSkips::of(active - moved, static_pairs, unmoved_pairs, rest, tested);
+        self.told = std::mem::take(&mut self.told).with_skips(skips);
+    }
+
+    fn threads(&self) -> usize {
+        match self.options.threads {
+            Some(0 | 1) => 1,
+            threads => {
+                let pool = rayon::current_num_threads();
+                threads.map_or(pool, |threads| threads.clamp(1, pool))
+            }
+        }
+    }
+}
+
+/// A number of two words.
+fn wide([low, high]: [u32; 2]) -> u64 {
+    u64::from(low) | u64::from(high) << 32
+}

@@ -1,0 +1,203 @@
+//! Sizes of a search: blocks, dispatches, and whether all boxes or few are its entries. Pure.
+
+use pairmask_shaders::constants::{
+    BATCH_BOXES, CONTROL_HEADER_WORDS, PARKED, SCAN_CELLS, SUPERS_MOST, WORD_BITS,
+};
+use pairmask_shaders::layouts::{GridLayout, SceneMode};
+
+/// Boxes of a scene: names of entries have two bits beside the index.
+pub(super) const MOST_SLOTS: u64 = 1 << 30;
+
+/// Most workgroups of a stage: about two loads of a large GPU (132 multiprocessors of eight workgroups).
+/// Each goes on with the next batch, so that dispatches need not follow the scene and are recorded once.
+const MOST_GROUPS: u32 = 2_048;
+
+/// With more entries than one in so many boxes that collide, all boxes are entries: they find each other
+/// by half the cells around them, and in order of place.
+const DENSE_SHARE: u64 = 4;
+
+/// Cells of a scene with few entries are that many anyway: 2 MiB, zeroed in no time, and few entries
+/// share a cell that are far apart.
+const FEW_CELLS: u64 = 512 << 10;
+
+/// Cells for each entry or box, as the grid has.
+const CELLS_A_BOX: u64 = 6;
+
+/// Bits of the filter that an entry sets: three cells an axis.
+const ENTRY_BITS: u64 = 27;
+/// Bits of the filter for each that is set: so few boxes pass by chance.
+const FILTER_SPARSITY: u64 = 8;
+/// Words of the filter, at least and at most (16 MiB).
+const FILTER_WORDS: (u64, u64) = (1 << 10, 1 << 22);
+
+/// Entries that there is room for beyond those expected: wide boxes, and boxes that left their place.
+const SPARE_ENTRIES: u64 = 1_024;
+/// Room for found pairs, at least: 32 KiB.
+const LEAST_PAIRS: u64 = 4_096;
+
+/// What a search is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Question {
+    /// What is looked for.
+    pub mode: SceneMode,
+    /// Indices that have a record.
+    pub slots: u64,
+    /// Boxes that collide.
+    pub active: u64,
+    /// Boxes that may have changed, or that the edit names.
+    pub changed: u64,
+}
+
+impl Question {
+    /// Whether all boxes are entries.
+    pub fn is_dense(&self) -> bool {
+        self.mode == SceneMode::All || self.changed * DENSE_SHARE > self.active
+    }
+
+    /// Entries that are expected.
+    pub fn entries(&self) -> u64 {
+        if self.is_dense() { self.active.max(self.changed) } else { self.changed }
+    }
+
+    /// The number of boxes whose grid has as many cells as this search gets.
+    pub fn grid_boxes(&self) -> u32 {
+        let entries = self.entries();
+        let cells = (CELLS_A_BOX * entries).max(FEW_CELLS).min(CELLS_A_BOX * self.slots);
+        (cells / CELLS_A_BOX).clamp(1, MOST_SLOTS) as u32
+    }
+}
+
+/// What there is room for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Room {
+    /// Entries of the grid.
+    pub entries: u64,
+    /// Found pairs.
+    pub pairs: u64,
+}
+
+impl Room {
+    /// For a search after one that had `last`.
+    pub fn expected(question: &Question, last: Self) -> Self {
+        let roomy = |count: u64| count + count / 4;
+        let entries = roomy(question.entries()).max(roomy(last.entries)) + SPARE_ENTRIES;
+        let pairs = roomy(last.pairs).max(LEAST_PAIRS);
+        Self { entries: entries.min(2 * question.slots).max(1), pairs }
+    }
+}
+
+/// Sizes of the blocks of a search.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Sizes {
+    /// Workgroups of the scan.
+    pub sums: u32,
+    /// Words of the table of cells.
+    pub table_words: u64,
+    /// Words of the filter.
+    pub filter_words: u64,
+    /// Words of the rows beside the grid.
+    pub row_words: u64,
+    /// Words of the control block.
+    pub control_words: u64,
+}
+
+impl Sizes {
+    /// Of a search in a layout.
+    pub fn of(question: &Question, layout: &GridLayout) -> Self {
+        // The entry after the last cell holds the number of entries.
+        let sums = (layout.cell_end + 1).div_ceil(SCAN_CELLS);
+        let filter_words = if question.is_dense() {
+            FILTER_WORDS.0
+        } else {
+            let bits = question.entries() * ENTRY_BITS * FILTER_SPARSITY;
+            let words = (bits / u64::from(WORD_BITS)).next_power_of_two();
+            words.clamp(FILTER_WORDS.0, FILTER_WORDS.1)
+        };
+        Self {
+            sums,
+            table_words: u64::from(sums) * u64::from(SCAN_CELLS),
+            filter_words,
+            row_words: question.slots.next_multiple_of(u64::from(BATCH_BOXES))
+                / u64::from(WORD_BITS),
+            control_words: u64::from(CONTROL_HEADER_WORDS + SUPERS_MOST + sums),
+        }
+    }
+
+    /// Bytes of the block with table, filter and rows.
+    pub const fn table_bytes(&self) -> u64 {
+        4 * (self.table_words + self.filter_words + self.row_words)
+    }
+
+    /// Words of it that are zeroed.
+    pub const fn zeroed_words(&self) -> u64 {
+        self.table_words + self.filter_words
+    }
+}
+
+/// Most cells that a layout for so many boxes, and places for `slots` giants, can have.
+#[cfg(test)]
+fn most_cells(boxes: u32, slots: u64) -> u64 {
+    crate::execute::gpu::grid::layout::cells_most(boxes) + slots / u64::from(PARKED) + 1
+}
+
+/// A layout for a scene of so many indices: its giants have cells by index, and boxes that overlap
+/// nothing have none.
+pub(super) fn with_giants(mut layout: GridLayout, slots: u64) -> GridLayout {
+    layout.first_nothing = layout.first_giant + (slots / u64::from(PARKED)) as u32 + 1;
+    layout.cell_end = layout.first_nothing;
+    layout
+}
+
+/// Workgroups for so many items: a power of two, so that few frames are recorded.
+pub(super) fn groups(items: u64) -> u32 {
+    let groups = items.div_ceil(u64::from(BATCH_BOXES)).next_power_of_two();
+    groups.clamp(1, u64::from(MOST_GROUPS)) as u32
+}
+
+/// Workgroups of a stage without a loop over batches: a power of two of at least so many.
+pub(super) fn groups_of_scan(sums: u32) -> u32 {
+    sums.next_power_of_two()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn question(mode: SceneMode, slots: u64, changed: u64) -> Question {
+        Question { mode, slots, active: slots, changed }
+    }
+
+    #[test]
+    fn few_changes_are_looked_for_around_them_and_many_among_all() {
+        let few = question(SceneMode::Changes, 1_000_000, 10_000);
+        assert!(!few.is_dense() && few.entries() == 10_000);
+        assert!(u64::from(few.grid_boxes()) * CELLS_A_BOX >= FEW_CELLS - CELLS_A_BOX);
+        let many = question(SceneMode::Changes, 1_000_000, 300_000);
+        assert!(many.is_dense() && many.entries() == 1_000_000);
+        assert!(question(SceneMode::All, 10, 0).is_dense());
+        assert!(question(SceneMode::Moved, 0, 0).grid_boxes() == 1);
+    }
+
+    #[test]
+    fn blocks_hold_every_cell_and_index() {
+        for (slots, changed) in [(1, 1), (257, 3), (100_000, 1_000), (20_000_000, 20_000_000)] {
+            let question = question(SceneMode::Changes, slots, changed);
+            let layout =
+                with_giants(GridLayout { first_giant: 77, ..GridLayout::default() }, slots);
+            let sizes = Sizes::of(&question, &layout);
+            assert!(sizes.table_words > u64::from(layout.cell_end));
+            assert!(u64::from(layout.cell_end) < most_cells(question.grid_boxes(), slots));
+            assert!(u64::from(layout.first_giant) + (slots - 1) / 32 < u64::from(layout.cell_end));
+            assert!(sizes.row_words * 32 >= slots && sizes.filter_words.is_power_of_two());
+            assert!(sizes.zeroed_words().is_multiple_of(4));
+            let room = Room::expected(&question, Room::default());
+            assert!(room.entries >= changed.min(2 * slots) && room.entries <= 2 * slots);
+        }
+    }
+
+    #[test]
+    fn workgroups_are_powers_of_two() {
+        let all = [0, 1, 256, 257, 1_000_000, 1 << 30].map(groups);
+        assert_eq!(all, [1, 1, 1, 2, 2_048, 2_048]);
+    }
+}

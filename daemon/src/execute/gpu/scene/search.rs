@@ -1,0 +1,268 @@
+//! A submission of a scene: an edit is applied, and what it leads to is searched for.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use pairmask_shaders::layouts::{GridLayout, GridParams, SceneMode, SceneParams, SceneSummary};
+use pairmask_shaders::{GridStage, SceneStage, Stage};
+
+use super::SceneTools;
+use super::memory::Blocks;
+use super::plan::{self, Question, Room, Sizes};
+use super::upload::{SetIndices, Uploaded};
+use crate::execute::gpu::device::{Order, QueueRole};
+use crate::execute::gpu::error::GpuError;
+use crate::execute::gpu::frame::{Command, Frame, StepTime};
+use crate::execute::gpu::frame_cache::Place;
+use crate::execute::gpu::memory::{Block, Part};
+use crate::execute::gpu::pipeline::{Pipeline, Pipelines};
+
+/// Most tests of a search, in 2^32: 17 thousand million take an H200 tens of milliseconds. A scene that
+/// crowds more in one place is another engine's.
+pub(super) const BUDGET: u32 = 4;
+/// Recorded frames that are kept: an edit alternates among few kinds, and few loans of a client.
+const KEPT_FRAMES: usize = 16;
+/// How long a search within the budget may take before the device counts as hung: on a real GPU, and on a
+/// software adapter.
+const PATIENCE: [Duration; 2] = [Duration::from_secs(20), Duration::from_secs(600)];
+
+/// The compiled stages.
+pub(super) struct Stages {
+    apply: Arc<Pipeline>,
+    mark: Arc<Pipeline>,
+    cells: Arc<Pipeline>,
+    scan: Arc<Pipeline>,
+    place: Arc<Pipeline>,
+    pairs: Arc<Pipeline>,
+    finish: Arc<Pipeline>,
+}
+
+impl Stages {
+    pub fn compiled(pipelines: &mut Pipelines) -> Result<Self, GpuError> {
+        let mut get = |stage| pipelines.get(Stage::Scene(stage));
+        Ok(Self {
+            apply: get(SceneStage::Apply)?,
+            mark: get(SceneStage::Mark)?,
+            cells: get(SceneStage::Cells)?,
+            place: get(SceneStage::Place)?,
+            pairs: get(SceneStage::Pairs)?,
+            finish: get(SceneStage::Finish)?,
+            scan: pipelines.get(Stage::Grid(GridStage::Scan))?,
+        })
+    }
+}
+
+/// What a submission does.
+pub(super) struct Task<'a> {
+    pub question: Question,
+    /// Whether anything is searched for.
+    pub searches: bool,
+    pub layout: GridLayout,
+    pub sizes: Sizes,
+    /// The number of the history under way, of 56 bits.
+    pub epoch: u64,
+    /// The number that named boxes get; 0 where none is named.
+    pub naming: u32,
+    /// What is applied first.
+    pub edit: &'a Uploaded,
+    /// Whether it is applied: not again, where a search is repeated.
+    pub applies: bool,
+    pub blocks: &'a Blocks,
+}
+
+/// All that a recording depends on, but for blocks that are kept until all recordings are dropped.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Shape {
+    apply: u32,
+    mark: u32,
+    slots: u32,
+    scan: u32,
+    entries: u32,
+    rows: u32,
+    searches: bool,
+    boxes: Place,
+    box_bytes: u64,
+}
+
+/// Recorded frames, the most recent last.
+#[derive(Default)]
+pub(super) struct Frames {
+    kept: Vec<(Shape, Frame)>,
+}
+
+impl Task<'_> {
+    /// Items that found pairs and entries have room for: what lies in their blocks.
+    pub fn room_made(&self, tools: &SceneTools) -> Room {
+        let items = |block: &Block, bytes: u64| block.bytes().min(tools.binding_bytes) / bytes;
+        Room {
+            entries: items(&self.blocks.entries, 16).min(items(&self.blocks.sorted, 32)),
+            pairs: items(&self.blocks.found, 8),
+        }
+    }
+
+    fn params(&self, tools: &SceneTools) -> SceneParams {
+        let SetIndices { count, first } = self.edit.sets;
+        let room = self.room_made(tools);
+        let (set_count, mark_count) =
+            if self.applies { (count, self.edit.mark_count) } else { (0, 0) };
+        SceneParams {
+            slots: self.question.slots as u32,
+            mode: self.question.mode as u32,
+            dense: u32::from(self.question.is_dense()),
+            epoch_low: self.epoch as u32,
+            epoch_high: (self.epoch >> 32) as u32,
+            set_count,
+            set_first: first.unwrap_or(0),
+            set_is_range: u32::from(first.is_some()),
+            mark_count,
+            naming: if self.question.mode == SceneMode::Moved { self.naming } else { 0 },
+            entry_capacity: room.entries as u32,
+            pair_capacity: room.pairs as u32,
+            table_words: self.sizes.table_words as u32,
+            filter_words: self.sizes.filter_words as u32,
+            control_words: self.sizes.control_words as u32,
+            budget: BUDGET,
+        }
+    }
+
+    fn shape(&self) -> Shape {
+        let Self { question, sizes, edit, .. } = self;
+        // A thread zeroes four words in the time that it takes to set a box.
+        let zeroing = if self.searches { sizes.zeroed_words() / 16 } else { 0 };
+        let sets = if self.applies { u64::from(edit.sets.count) } else { 0 };
+        let marks = if self.applies { edit.mark_count } else { 0 };
+        let rows = if question.is_dense() { 0 } else { question.slots };
+        Shape {
+            apply: plan::groups(sets.max(zeroing)),
+            mark: if marks == 0 { 0 } else { plan::groups(u64::from(marks)) },
+            slots: plan::groups(question.slots),
+            scan: plan::groups_of_scan(sizes.sums),
+            entries: plan::groups(question.entries()),
+            rows: plan::groups(question.entries() + rows),
+            searches: self.searches,
+            boxes: Place::of(&edit.boxes),
+            box_bytes: edit.boxes.bytes,
+        }
+    }
+
+    fn steps(&self, tools: &SceneTools, shape: &Shape) -> Vec<Command> {
+        let (b, stages) = (self.blocks, &tools.stages);
+        let whole = |block: &Arc<Block>| Part::of(block, 0, block.bytes().min(tools.binding_bytes));
+        let stage = |pipeline: &Arc<Pipeline>, groups: u32, parts: Vec<Part>| Command::Stage {
+            pipeline: Arc::clone(pipeline),
+            parts,
+            // The scan's text declares parameters, and none of them is read.
+            immediates: bytemuck::bytes_of(&GridParams::default()).to_vec(),
+            groups: [groups, 1],
+        };
+        let [params, layout] = [&b.params, &b.layout].map(whole);
+        let [now, then, named] = [&b.now, &b.then, &b.named].map(whole);
+        let [table, control] = [&b.table, &b.control].map(whole);
+        let [entries, sorted, found] = [&b.entries, &b.sorted, &b.found].map(whole);
+        let mut steps = vec![stage(
+            &stages.apply,
+            shape.apply,
+            vec![
+                self.edit.boxes.clone(),
+                params.clone(),
+                self.edit.indices.clone(),
+                now.clone(),
+                then.clone(),
+                named.clone(),
+                table.clone(),
+                control.clone(),
+            ],
+        )];
+        if shape.mark != 0 {
+            let marks = self.edit.marks.clone();
+            let parts = vec![params.clone(), marks, now.clone(), then.clone(), named.clone()];
+            steps.push(stage(&stages.mark, shape.mark, parts));
+        }
+        if !self.searches {
+            return steps;
+        }
+        steps.push(stage(
+            &stages.cells,
+            shape.slots,
+            vec![
+                params.clone(),
+                layout.clone(),
+                now.clone(),
+                then.clone(),
+                named,
+                table.clone(),
+                control.clone(),
+                entries.clone(),
+            ],
+        ));
+        let parts = vec![layout.clone(), table.clone(), control.clone()];
+        steps.push(stage(&stages.scan, shape.scan, parts));
+        steps.push(stage(
+            &stages.place,
+            shape.entries,
+            vec![
+                params.clone(),
+                now.clone(),
+                then.clone(),
+                table.clone(),
+                control.clone(),
+                entries,
+                sorted.clone(),
+            ],
+        ));
+        steps.push(stage(
+            &stages.pairs,
+            shape.rows,
+            vec![params.clone(), layout, table, sorted.clone(), now, then, control.clone(), found],
+        ));
+        let parts = vec![params, control, sorted, whole(&b.summary)];
+        steps.push(stage(&stages.finish, 1, parts));
+        steps
+    }
+}
+
+impl Frames {
+    /// Forgets all recordings: a block that they use was replaced.
+    pub fn clear(&mut self) {
+        self.kept.clear();
+    }
+
+    /// Runs a task and waits for it. What the search found lies in its blocks then.
+    pub fn run(&mut self, tools: &SceneTools, task: &Task<'_>) -> Result<SceneSummary, GpuError> {
+        task.blocks.params.write(0, &[task.params(tools)]);
+        if task.searches {
+            task.blocks.layout.write(0, &[task.layout]);
+        }
+        let shape = task.shape();
+        let mut kept = match self.kept.iter().position(|(kept, _)| *kept == shape) {
+            Some(place) => self.kept.remove(place),
+            None => {
+                let frame = if self.kept.len() < KEPT_FRAMES {
+                    Frame::of_role(&tools.gpu, QueueRole::Frames, tools.profiled)?
+                } else {
+                    self.kept.remove(0).1
+                };
+                let mut made = (shape, frame);
+                made.1.record(task.steps(tools, &shape))?;
+                made
+            }
+        };
+        let ended = kept.1.submit_in(Order::Alone).and_then(|()| {
+            let patience = PATIENCE[usize::from(tools.gpu.info().is_software())];
+            kept.1.end(tools.wait, patience)
+        });
+        // Also after an error: the frame keeps its blocks until the device is done with them.
+        self.kept.push(kept);
+        ended?;
+        let mut summary = [bytemuck::Zeroable::zeroed()];
+        if task.searches {
+            task.blocks.summary.read(0, &mut summary);
+        }
+        Ok(summary[0])
+    }
+
+    /// Times of the last task's steps, if frames are profiled.
+    pub fn step_times(&self) -> Result<Vec<StepTime>, GpuError> {
+        self.kept.last().map_or(Ok(Vec::new()), |(_, frame)| frame.step_times())
+    }
+}

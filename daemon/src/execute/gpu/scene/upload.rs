@@ -1,0 +1,184 @@
+//! How an edit comes to the GPU: boxes are read where they lie, if that memory is imported, else copied;
+//! indices and marks are copied, since they were checked.
+
+use std::sync::Arc;
+
+use pairmask_core::Aabb;
+use pairmask_core::scene::{Edit, Indices, Sets};
+use rayon::iter::{IndexedParallelIterator as _, ParallelIterator as _};
+use rayon::slice::ParallelSlice as _;
+
+use super::roster::{Marks, sets_of};
+use crate::execute::gpu::device::Gpu;
+use crate::execute::gpu::error::GpuError;
+use crate::execute::gpu::growing::Growing;
+use crate::execute::gpu::import::Access;
+use crate::execute::gpu::memory::{Block, Home, Part};
+use crate::execute::gpu::transfers::SharedImports;
+
+/// Boxes up to this many bytes are stored by the CPU even where the GPU could read them across the link.
+const STORED_FIRST_BYTES: u64 = 32 << 10;
+/// Copies up to so many bytes go to video memory straight, which the CPU stores into at 19 GB/s; the GPU
+/// reads larger ones from host memory, where several threads copy faster.
+const MAPPED_BYTES: u64 = 1 << 20;
+/// Bytes that a thread copies at least.
+const COPY_BYTES: usize = 512 << 10;
+
+/// Memory for copies: in video memory, or in the host's for large ones.
+struct Staging {
+    mapped: Growing,
+    host: Growing,
+}
+
+impl Staging {
+    const fn new() -> Self {
+        Self { mapped: Growing::new(Home::MappedVideo), host: Growing::new(Home::Host) }
+    }
+
+    fn at_least(
+        &mut self,
+        gpu: &Arc<Gpu>,
+        bytes: u64,
+        replaced: &mut bool,
+    ) -> Result<Arc<Block>, GpuError> {
+        let is_mapped = gpu.limits().mapped_video_memory && bytes <= MAPPED_BYTES;
+        let growing = if is_mapped { &mut self.mapped } else { &mut self.host };
+        growing.at_least(gpu, bytes.max(1), replaced).map(Arc::clone)
+    }
+}
+
+/// Where the sets of an edit belong.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct SetIndices {
+    /// How many.
+    pub count: u32,
+    /// The first, where they are a range.
+    pub first: Option<u32>,
+}
+
+/// An edit where the GPU sees it.
+pub(super) struct Uploaded {
+    /// Boxes that are set.
+    pub boxes: Part,
+    /// Their indices, where they are a list.
+    pub indices: Part,
+    /// Where they belong.
+    pub sets: SetIndices,
+    /// Boxes that are removed or flagged.
+    pub marks: Part,
+    /// How many.
+    pub mark_count: u32,
+}
+
+/// Brings edits to the GPU.
+pub(super) struct Upload {
+    imports: SharedImports,
+    boxes: Staging,
+    indices: Staging,
+    marks: Staging,
+    listed: Vec<u32>,
+    gathered: Vec<Aabb>,
+}
+
+impl Upload {
+    pub fn new(imports: SharedImports) -> Self {
+        Self {
+            imports,
+            boxes: Staging::new(),
+            indices: Staging::new(),
+            marks: Staging::new(),
+            listed: Vec::new(),
+            gathered: Vec::new(),
+        }
+    }
+
+    /// Bytes of host memory that are kept, without those of the driver.
+    pub fn allocated_bytes(&self) -> usize {
+        self.listed.capacity() * size_of::<u32>() + self.gathered.capacity() * size_of::<Aabb>()
+    }
+
+    /// Brings an edit that was checked, and its marks. `replaced` is set if a block was.
+    pub fn place(
+        &mut self,
+        gpu: &Arc<Gpu>,
+        edit: Edit<'_>,
+        marks: &Marks,
+        replaced: &mut bool,
+    ) -> Result<Uploaded, GpuError> {
+        let mut sets = sets_of(edit).filter(|sets| !sets.boxes.is_empty());
+        let (first, more) = (sets.next(), sets.next());
+        let mut listed = std::mem::take(&mut self.listed);
+        let mut gathered = std::mem::take(&mut self.gathered);
+        listed.clear();
+        gathered.clear();
+        let (boxes, indices, range): (&[Aabb], &[u32], Option<u32>) = match (first, more) {
+            (None, _) => (&[], &[], None),
+            (Some(Sets { indices: Indices::Range { first, .. }, boxes }), None) => {
+                (boxes, &[], Some(*first))
+            }
+            (Some(Sets { indices: Indices::List(list), boxes }), None) => (boxes, list, None),
+            (Some(Sets { indices, boxes }), None) => {
+                indices.for_each(|_, index| listed.push(index));
+                (boxes, &listed, None)
+            }
+            (Some(_), Some(_)) => {
+                for Sets { indices, boxes } in sets_of(edit) {
+                    indices.for_each(|_, index| listed.push(index));
+                    gathered.extend_from_slice(boxes);
+                }
+                (&gathered, &listed, None)
+            }
+        };
+        let placed = (|| {
+            Ok(Uploaded {
+                boxes: self.place_boxes(gpu, boxes, replaced)?,
+                indices: copied(gpu, &mut self.indices, bytemuck::cast_slice(indices), replaced)?,
+                sets: SetIndices { count: boxes.len() as u32, first: range },
+                marks: copied(gpu, &mut self.marks, bytemuck::cast_slice(marks), replaced)?,
+                mark_count: marks.len() as u32,
+            })
+        })();
+        (self.listed, self.gathered) = (listed, gathered);
+        placed
+    }
+
+    fn place_boxes(
+        &mut self,
+        gpu: &Arc<Gpu>,
+        boxes: &[Aabb],
+        replaced: &mut bool,
+    ) -> Result<Part, GpuError> {
+        let bytes = size_of_val(boxes) as u64;
+        if bytes > STORED_FIRST_BYTES {
+            let imports = self.imports.lock();
+            let found = imports.find(boxes.as_ptr() as usize, bytes as usize, Access::Read);
+            let align = gpu.limits().storage_offset_align_bytes.max(size_of::<u32>() as u64);
+            if let Some((block, offset)) = found.filter(|(_, at)| at.is_multiple_of(align)) {
+                return Ok(Part::of(block, offset, bytes));
+            }
+        }
+        copied(gpu, &mut self.boxes, bytemuck::cast_slice(boxes), replaced)
+    }
+}
+
+/// Bytes copied to where the GPU sees them. The part is the whole block, so that frames of edits of other
+/// sizes bind the same.
+fn copied(
+    gpu: &Arc<Gpu>,
+    staging: &mut Staging,
+    bytes: &[u8],
+    replaced: &mut bool,
+) -> Result<Part, GpuError> {
+    let block = staging.at_least(gpu, bytes.len() as u64, replaced)?;
+    let most = gpu.limits().storage_binding_bytes;
+    if bytes.len() as u64 > most {
+        return Err(GpuError::OutOfMemory { bytes: bytes.len() as u64 });
+    }
+    if bytes.len() <= 2 * COPY_BYTES {
+        block.write(0, bytes);
+    } else {
+        let chunks = bytes.par_chunks(COPY_BYTES).enumerate();
+        chunks.for_each(|(at, chunk)| block.write((at * COPY_BYTES) as u64, chunk));
+    }
+    Ok(Part::of(&block, 0, block.bytes().min(most)))
+}

@@ -1,0 +1,363 @@
+// scene_pairs: entries against later entries around them, rows against all entries around them; of the
+// candidates those pairs that are told.
+//
+// A pair is looked at where hulls overlap, and decided by what both boxes were and are. Each of the two,
+// then and now, has one entry that stands for it, so no pair is told twice.
+//
+// One row a thread. Rows beside the grid pass the filter first, and those that do are collected until
+// there is one for each thread of the workgroup.
+// Mirror: `mirror/scene_pairs.rs`.
+
+#import constants
+#import scene_params
+#import scene_records
+#import grid_layout
+#import scene_filter
+
+@group(0) @binding(0) var<storage, read> params: SceneParams;
+@group(0) @binding(1) var<storage, read> grid: GridLayout;
+@group(0) @binding(2) var<storage, read> table: array<u32>;
+@group(0) @binding(3) var<storage, read> sorted: array<vec4<i32>>;
+@group(0) @binding(4) var<storage, read> now: array<vec4<i32>>;
+@group(0) @binding(5) var<storage, read> then: array<vec4<i32>>;
+@group(0) @binding(6) var<storage, read_write> control: array<atomic<u32>>;
+// Smaller and larger index; changes as smaller index, larger index << 2 | what is told of the pair.
+@group(0) @binding(7) var<storage, read_write> found: array<vec2<u32>>;
+
+var<workgroup> used_levels: atomic<u32>;
+// Rows that passed the filter.
+var<workgroup> queue: array<u32, 2u * BATCH_BOXES>;
+var<workgroup> queued: atomic<u32>;
+// Pairs to be told.
+var<workgroup> window: array<vec2<u32>, WINDOW_WORDS>;
+var<workgroup> told: atomic<u32>;
+var<workgroup> window_base: u32;
+var<workgroup> ended_sum: atomic<u32>;
+var<workgroup> tested_low: atomic<u32>;
+var<workgroup> tested_high: atomic<u32>;
+var<workgroup> is_too_much: u32;
+
+// The row at hand: its name, its position or the last one of no entry, its box.
+var<private> row_name: u32;
+var<private> row: u32;
+var<private> row_lo: vec3<i32>;
+var<private> row_hi: vec3<i32>;
+var<private> tested: u32;
+
+// Adds to a number of 64 bits of the control block; what its low word was.
+fn add_wide(word: u32, more: u32) -> u32 {
+    let before = atomicAdd(&control[word], more);
+    if (before + more < before) {
+        atomicAdd(&control[word + 1u], 1u);
+    }
+    return before;
+}
+
+fn tell(index: u32, other: u32, what: u32) {
+    var larger = max(index, other);
+    if (params.mode == MODE_CHANGES) {
+        larger = (larger << 2u) | what;
+    }
+    let pair = vec2<u32>(min(index, other), larger);
+    let at = atomicAdd(&told, 1u);
+    if (at < WINDOW_WORDS) {
+        window[at] = pair;
+        return;
+    }
+    let place = add_wide(FOUND, 1u);
+    if (place < params.pair_capacity) {
+        found[place] = pair;
+    }
+}
+
+// Decides a candidate by its records.
+fn decide(other_name: u32) {
+    let i = row_name & INDEX_MASK;
+    let j = other_name & INDEX_MASK;
+    let one_b = now[2u * i + 1u];
+    let other_b = now[2u * j + 1u];
+    let one = colliding(now[2u * i], one_b);
+    let other = colliding(now[2u * j], other_b);
+    let has = is_pair(one, other);
+    let both = (row_name & other_name) >> KINDS_SHIFT;
+    if (params.mode != MODE_CHANGES) {
+        let is_named = ((row_name | other_name) >> KINDS_SHIFT) & THEN;
+        if (has && (params.mode == MODE_ALL || is_named != 0u)) {
+            tell(i, j, TOLD_BEGUN);
+        }
+        return;
+    }
+    let one_changed = has_changed(one_b);
+    let other_changed = has_changed(other_b);
+    var was = one;
+    var other_was = other;
+    if (one_changed) {
+        was = colliding(then[2u * i], then[2u * i + 1u]);
+    }
+    if (other_changed) {
+        other_was = colliding(then[2u * j], then[2u * j + 1u]);
+    }
+    let had = is_pair(was, other_was);
+    let one_flags = select(0u, bitcast<u32>(one_b.w), one_changed);
+    let other_flags = select(0u, bitcast<u32>(other_b.w), other_changed);
+    let is_replaced = ((one_flags | other_flags) & REMOVED) != 0u;
+    if (had && (both & THEN) != 0u && (!has || is_replaced)) {
+        let is_off = ((bitcast<u32>(one_b.w) | bitcast<u32>(other_b.w)) & OFF) != 0u;
+        var reason = TOLD_SEPARATED;
+        if (is_replaced) {
+            reason = TOLD_REMOVED;
+        } else if (is_off || (one.is_static && other.is_static)) {
+            reason = TOLD_FILTERED;
+        }
+        atomicAdd(&ended_sum, 1u);
+        tell(i, j, reason);
+    }
+    if (has && (both & NOW) != 0u && (!had || is_replaced)) {
+        tell(i, j, TOLD_BEGUN);
+    }
+}
+
+// Tests the row against the positions start .. end.
+fn test_run(start: u32, table_end: u32) {
+    // Whatever the table holds, a run ends.
+    let end = min(table_end, params.entry_capacity);
+    tested += max(end, start) - start;
+    for (var p = start; p < end; p++) {
+        let a = sorted[2u * p];
+        if (all(a.xyz <= row_hi) & (row_lo.x <= a.w)) {
+            let b = sorted[2u * p + 1u];
+            if (all(row_lo.yz <= b.xy)) {
+                decide(bitcast<u32>(b.z));
+            }
+        }
+    }
+}
+
+// Cells `first .. first + len` of an axis, folded: `wrapped` of them from 0 on, then the others.
+fn folded(first: u32, wrapped: u32, i: u32) -> u32 {
+    return select(first + (i - wrapped), i, i < wrapped);
+}
+
+// As `grid_pairs` has it.
+fn test_level(index: u32, is_own: bool) {
+    let low = cells_of(grid.levels[index], plain3(row_lo));
+    var last = cells_of(grid.levels[index], plain3(row_hi));
+    let count = vec3<i32>(grid.levels[index].count);
+    let wraps = vec3<bool>((vec3<u32>(grid.levels[index].wraps) & vec3<u32>(1u, 2u, 4u)) != vec3<u32>(0u));
+    var first = low - 1;
+    first = select(max(first, vec3<i32>(0)), first, wraps);
+    let whole = wraps & (last - first >= count);
+    first = select(first, vec3<i32>(0), whole);
+    last = select(last, count - 1, whole);
+    let len = vec3<u32>(clamp(last - first + 1, vec3<i32>(0), count));
+    let start = vec3<u32>(first & grid.levels[index].fold);
+    let end = start + len;
+    let wrapped = max(end, vec3<u32>(count)) - vec3<u32>(count);
+
+    let width = grid.levels[index].count.x;
+    let height = grid.levels[index].count.y;
+    let first_cell = grid.levels[index].first_cell;
+    let own = vec3<u32>(low & grid.levels[index].fold);
+    let own_line = own.z * height + own.y;
+    let reach = u32(last.x - low.x);
+    for (var k = 0u; k < len.z; k++) {
+        let z = folded(start.z, wrapped.z, k);
+        for (var j = 0u; j < len.y; j++) {
+            let line = z * height + folded(start.y, wrapped.y, j);
+            let cell = first_cell + line * width;
+            if (is_own & (line <= own_line)) {
+                if (line == own_line) {
+                    test_run(row + 1u, table[cell + min(own.x + reach, width - 1u) + 1u]);
+                    if (wraps.x & (own.x == 0u)) {
+                        test_run(table[cell + width - 1u], table[cell + width]);
+                    }
+                }
+                continue;
+            }
+            if (wrapped.x > 0u) {
+                test_run(table[cell], table[cell + wrapped.x]);
+            }
+            test_run(table[cell + start.x], table[cell + end.x - wrapped.x]);
+        }
+    }
+}
+
+// Levels in which the box at hand may overlap an entry.
+fn levels_to_look_at() -> u32 {
+    var rest = atomicLoad(&used_levels);
+    var passed = 0u;
+    while (rest != 0u) {
+        let level = countTrailingZeros(rest);
+        rest &= rest - 1u;
+        let low = cells_of(grid.levels[level], plain3(row_lo));
+        let spans = cells_of(grid.levels[level], plain3(row_hi)) - low;
+        let bit = filter_bit(level, low);
+        let word = table[params.table_words + bit / 32u];
+        // The filter knows boxes of two cells an axis.
+        if (any(spans > vec3<i32>(1)) || ((word >> (bit % 32u)) & 1u) != 0u) {
+            passed |= 1u << level;
+        }
+    }
+    return passed;
+}
+
+fn take_row(index: u32) {
+    let a = now[2u * index];
+    let b = now[2u * index + 1u];
+    row_lo = a.xyz;
+    row_hi = vec3<i32>(a.w, b.xy);
+}
+
+@compute @workgroup_size(BATCH_BOXES)
+fn main(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    if (lane == 0u) {
+        atomicStore(&used_levels, 0u);
+        atomicStore(&queued, 0u);
+        atomicStore(&told, 0u);
+        atomicStore(&ended_sum, 0u);
+        atomicStore(&tested_low, 0u);
+        atomicStore(&tested_high, 0u);
+        let too_much = atomicLoad(&control[ENTRIES]) > params.entry_capacity;
+        is_too_much = select(0u, 1u, too_much);
+    }
+    workgroupBarrier();
+    if (lane < grid.level_count) {
+        let first = grid.levels[lane].first_cell;
+        if (table[first] != table[first + grid.levels[lane].cell_count]) {
+            atomicOr(&used_levels, 1u << lane);
+        }
+    }
+    workgroupBarrier();
+    if (is_too_much != 0u) {
+        return;
+    }
+    let entry_count = table[grid.first_nothing];
+    let giants = table[grid.first_giant];
+    let entry_chunks = (entry_count + BATCH_BOXES - 1u) / BATCH_BOXES;
+    var chunks = entry_chunks;
+    if (entry_count != 0u && atomicLoad(&control[ROWS]) != 0u) {
+        chunks += (params.slots + BATCH_BOXES - 1u) / BATCH_BOXES;
+    }
+    let rows_first = params.table_words + params.filter_words;
+    var chunk = group.x;
+    loop {
+        if (lane == 0u) {
+            is_too_much = select(0u, 1u, atomicLoad(&control[TESTED + 1u]) >= params.budget);
+        }
+        workgroupBarrier();
+        if (is_too_much != 0u) {
+            break;
+        }
+        // Uniform: an entry a thread, or a queued row a thread.
+        var is_entry = false;
+        var count = 0u;
+        if (chunk < entry_chunks) {
+            is_entry = true;
+            count = min(BATCH_BOXES, entry_count - chunk * BATCH_BOXES);
+        } else {
+            count = atomicLoad(&queued);
+            workgroupBarrier();
+            while (chunk < chunks && count < BATCH_BOXES) {
+                let slot = (chunk - entry_chunks) * BATCH_BOXES + lane;
+                let bits = table[rows_first + (chunk - entry_chunks) * BATCH_WORDS + lane / 32u];
+                if (((bits >> (lane % 32u)) & 1u) != 0u) {
+                    take_row(slot);
+                    if (giants != entry_count || levels_to_look_at() != 0u) {
+                        queue[atomicAdd(&queued, 1u)] = slot;
+                    }
+                }
+                workgroupBarrier();
+                count = atomicLoad(&queued);
+                workgroupBarrier();
+                chunk += groups.x;
+            }
+            if (count == 0u) {
+                break;
+            }
+        }
+        var levels = 0u;
+        var own_level = grid.level_count + 1u;
+        var giant_start = giants;
+        tested = 0u;
+        if (is_entry) {
+            row = chunk * BATCH_BOXES + lane;
+            if (lane < count) {
+                let a = sorted[2u * row];
+                let b = sorted[2u * row + 1u];
+                row_lo = a.xyz;
+                row_hi = vec3<i32>(a.w, b.xy);
+                row_name = bitcast<u32>(b.z);
+                own_level = bitcast<u32>(b.w);
+                levels = atomicLoad(&used_levels) & (0xffffffffu << own_level);
+                giant_start = max(giants, row + 1u);
+            } else {
+                giant_start = entry_count;
+            }
+            chunk += groups.x;
+        } else {
+            let taken = min(count, BATCH_BOXES);
+            giant_start = entry_count;
+            if (lane < taken) {
+                let slot = queue[count - taken + lane];
+                row_name = (select(NOW, THEN | NOW, params.mode == MODE_CHANGES) << KINDS_SHIFT) | slot;
+                take_row(slot);
+                levels = levels_to_look_at();
+                giant_start = giants;
+            }
+            workgroupBarrier();
+            if (lane == 0u) {
+                atomicStore(&queued, count - taken);
+            }
+        }
+        while (levels != 0u) {
+            let level = countTrailingZeros(levels);
+            levels &= levels - 1u;
+            test_level(level, level == own_level);
+        }
+        test_run(giant_start, entry_count);
+        if (tested != 0u) {
+            let before = atomicAdd(&tested_low, tested);
+            if (before + tested < before) {
+                atomicAdd(&tested_high, 1u);
+            }
+        }
+        workgroupBarrier();
+        // What is to be told goes out when there is much of it; tests are counted for the budget.
+        let all = min(atomicLoad(&told), WINDOW_WORDS);
+        if (lane == 0u) {
+            let low = atomicLoad(&tested_low);
+            if (low != 0u) {
+                add_wide(TESTED, low);
+            }
+            let high = atomicLoad(&tested_high);
+            if (high != 0u) {
+                atomicAdd(&control[TESTED + 1u], high);
+            }
+            atomicStore(&tested_low, 0u);
+            atomicStore(&tested_high, 0u);
+            if (all != 0u) {
+                window_base = add_wide(FOUND, all);
+            }
+        }
+        workgroupBarrier();
+        for (var i = lane; i < all; i += BATCH_BOXES) {
+            let place = window_base + i;
+            if (place >= window_base && place < params.pair_capacity) {
+                found[place] = window[i];
+            }
+        }
+        workgroupBarrier();
+        if (lane == 0u) {
+            atomicStore(&told, 0u);
+            let ended = atomicLoad(&ended_sum);
+            if (ended != 0u) {
+                add_wide(ENDED, ended);
+                atomicStore(&ended_sum, 0u);
+            }
+        }
+    }
+}

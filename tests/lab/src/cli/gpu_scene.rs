@@ -1,0 +1,136 @@
+//! `gpu-scene`: scenes that persist in video memory, edit by edit.
+
+use clap::Args;
+use pairmaskd::cli::config::Config;
+use pairmaskd::cli::options::DaemonOptions;
+use pairmaskd::cli::output::{print_json, print_text, spinner};
+use pairmaskd::cli::whole_number::whole_number;
+use pairmaskd::execute::gpu::{Gpu, HostImport};
+use pairmaskd::scene::SceneName;
+use serde_json::json;
+
+use super::error::LabError;
+use crate::gpu_stages::BenchError;
+use crate::gpu_stages::scenes::{Case, Row, measure};
+use crate::study::moving::{Motion, World};
+
+/// Scenes that persist in video memory: what an edit and its changes cost, by how much moves
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Columns, µs: edit in, sorted changes out (median and 99 of 100), then the medians of its parts: the edit
+checked, brought to the GPU, blocks made ready, the GPU with submission and wait, changes read and sorted.
+Boxes of an edit are read where they lie (`imported`) or copied. What was told is compared with a fresh
+search on the CPU at the end of each line. Needs a GPU; no daemon is between.
+
+Examples:
+  pairmask-lab gpu-scene --n 1000000 --moving 1,10,100 --stages
+  pairmask-lab gpu-scene --gpu software --n 1000 --frames 5")]
+pub struct GpuSceneBench {
+    #[command(flatten)]
+    options: DaemonOptions,
+    /// Numbers of boxes
+    #[arg(long, value_parser = whole_number::<u32>, value_name = "N,..", value_delimiter = ',', default_values_t = [100_000, 1_000_000])]
+    n: Vec<u32>,
+    /// Scenes, as `pairmaskd scene` names them
+    #[arg(long, value_name = "NAME,..", value_delimiter = ',', default_values_t = [SceneName::Uniform, SceneName::Pile])]
+    scene: Vec<SceneName>,
+    /// How many of a hundred boxes move in each edit
+    #[arg(long, value_name = "PERCENT,..", value_delimiter = ',', default_values_t = [0.0, 0.01, 0.1, 1.0, 10.0, 100.0])]
+    moving: Vec<f64>,
+    /// How they move: drift, jitter, teleport, spawn
+    #[arg(long, value_name = "MOTION,..", value_delimiter = ',', default_value = "drift")]
+    motion: Vec<Motion>,
+    /// Edits of each line
+    #[arg(long, value_parser = whole_number::<u32>, value_name = "N", default_value_t = 100)]
+    frames: u32,
+    /// Copy boxes only; else both ways are measured
+    #[arg(long)]
+    copied: bool,
+    /// Take times of stages too, by the GPU's clock
+    #[arg(long)]
+    stages: bool,
+    /// Do not compare with the CPU's pairs
+    #[arg(long)]
+    unchecked: bool,
+    /// Print JSON, one array of rows
+    #[arg(long)]
+    json: bool,
+}
+
+impl GpuSceneBench {
+    pub fn run(&self, config: &Config) -> Result<(), LabError> {
+        let gpu = self.options.gpu(config);
+        let gpu = Gpu::open(&gpu, HostImport::IfPossible).map_err(BenchError::from)?;
+        if !self.json {
+            print_text(&format!("{}\n{HEAD}", gpu.info().name))?;
+        }
+        let mut rows = Vec::new();
+        for (scene, n, motion) in self.worlds() {
+            let mut world = World::new(scene, n);
+            for &percent in &self.moving {
+                for imported in [true, false] {
+                    if imported && self.copied {
+                        continue;
+                    }
+                    let case = Case {
+                        scene,
+                        n,
+                        motion,
+                        percent: percent.clamp(0.0, 100.0),
+                        imported,
+                        frames: self.frames.max(1) as usize,
+                        stages: self.stages,
+                        checks: !self.unchecked,
+                    };
+                    let progress = spinner("measuring");
+                    let row = measure(&gpu, &mut world, &case);
+                    progress.finish_and_clear();
+                    let row = row?;
+                    if !self.json {
+                        print_text(&line(&row))?;
+                    }
+                    rows.push(row);
+                }
+            }
+        }
+        if self.json {
+            print_json(&json!({ "gpu": gpu.info().name, "rows": rows }))?;
+        }
+        Ok(())
+    }
+
+    fn worlds(&self) -> impl Iterator<Item = (SceneName, usize, Motion)> {
+        let cases = self.scene.iter().flat_map(|scene| self.n.iter().map(|n| (*scene, *n)));
+        cases.flat_map(|(scene, n)| self.motion.iter().map(move |m| (scene, n as usize, *m)))
+    }
+}
+
+const HEAD: &str = "    scene        n  moving    motion boxes       edit      p99    check   upload     plan      \
+                    gpu     sort again  changes      tested B/box";
+
+fn line(row: &Row) -> String {
+    let place = if row.imported { "there" } else { "copied" };
+    let mut text = format!(
+        "{:>9} {:>8} {:>6}% {:>9} {place:<6} {:>9.1} {:>8.1} {:>8.1} {:>8.1} {:>8.1} {:>8.1} {:>8.1} {:>5} {:>8} {:>11} {:>5.0}",
+        row.scene,
+        row.n,
+        row.moving * 100.0,
+        row.motion,
+        row.edit_us,
+        row.edit_p99_us,
+        row.check_us,
+        row.upload_us,
+        row.plan_us,
+        row.gpu_us,
+        row.sort_us,
+        row.repeated,
+        row.changes,
+        row.tested,
+        row.video_bytes_a_box,
+    );
+    if !row.stage_us.is_empty() {
+        let stages = row.stage_us.iter().map(|(label, us)| format!("{label} {us:.1}"));
+        text += &format!("\n          {}", stages.collect::<Vec<_>>().join("  "));
+    }
+    text
+}

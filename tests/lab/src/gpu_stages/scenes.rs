@@ -1,0 +1,290 @@
+//! Times of scenes that persist in video memory: an edit by the host's clock, part by part, and its stages
+//! by the GPU's.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use pairmask_core::Aabb;
+use pairmask_core::plan::user_cache_folder;
+use pairmask_core::scene::{Edit, Indices, Scene, SceneOptions, Sets, Step, Told, Want};
+use pairmaskd::execute::gpu::{
+    Awake, EditTimes, Gpu, GpuScene, GridOptions, SceneTools, SharedImports,
+};
+use pairmaskd::scene::SceneName;
+use serde::Serialize;
+
+use super::shared::Segment;
+use super::{BenchError, percentile};
+use crate::study::moving::{Motion, World};
+
+/// Edits that are not counted: memory is taken, layouts are chosen, frames are recorded.
+const WARM_UP: usize = 6;
+/// Edits whose stages are timed: timestamps cost about a microsecond a stage.
+const TIMED_STAGES: usize = 20;
+/// How long the clocks are kept up between edits, while the next one is made.
+const HOLD: Duration = Duration::from_secs(5);
+
+/// What is measured.
+#[derive(Clone, Copy, Debug)]
+pub struct Case {
+    /// The scene.
+    pub scene: SceneName,
+    /// Its boxes.
+    pub n: usize,
+    /// How they move.
+    pub motion: Motion,
+    /// How many of a hundred move in each edit.
+    pub percent: f64,
+    /// Whether the boxes of an edit lie in imported memory; else they are copied.
+    pub imported: bool,
+    /// Edits.
+    pub frames: usize,
+    /// Whether stages are timed as well.
+    pub stages: bool,
+    /// Whether what was told is compared with a fresh search on the CPU.
+    pub checks: bool,
+}
+
+/// A case's measurement. Times are microseconds.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    /// The scene.
+    pub scene: String,
+    /// Boxes.
+    pub n: usize,
+    /// Share of them that each edit moves.
+    pub moving: f64,
+    /// How.
+    pub motion: &'static str,
+    /// Whether boxes were read where they lie.
+    pub imported: bool,
+    /// Edit in, sorted changes out: median, and 99 of 100.
+    pub edit_us: f64,
+    /// 99 of 100.
+    pub edit_p99_us: f64,
+    /// Medians of its parts.
+    pub check_us: f64,
+    /// Copies to the GPU.
+    pub upload_us: f64,
+    /// Layout, blocks and recordings.
+    pub plan_us: f64,
+    /// The GPU, with submission and wait.
+    pub gpu_us: f64,
+    /// Reading and sorting.
+    pub sort_us: f64,
+    /// Most submissions of an edit.
+    pub submissions: u32,
+    /// Edits that took more than one submission.
+    pub repeated: usize,
+    /// Pairs that the last edit began and ended.
+    pub changes: usize,
+    /// Pairs that were compared for it.
+    pub tested: u64,
+    /// Pairs of the scene.
+    pub pairs: u64,
+    /// Bytes of video memory a box.
+    pub video_bytes_a_box: f64,
+    /// Medians of stages by the GPU's clock.
+    pub stage_us: BTreeMap<&'static str, f64>,
+    /// Whether the pairs were compared with the CPU's.
+    pub checked: bool,
+}
+
+/// The pairs that a client knows, as a number and a sum that depends on no order.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct PairSum {
+    count: u64,
+    sum: u64,
+}
+
+impl PairSum {
+    fn of(pairs: &[[u32; 2]]) -> Self {
+        let sum = pairs.iter().fold(0u64, |sum, pair| sum.wrapping_add(mixed(*pair)));
+        Self { count: pairs.len() as u64, sum }
+    }
+
+    /// The client takes an answer.
+    fn take(&mut self, told: &Told) {
+        if told.is_resync() {
+            *self = Self::of(told.pairs());
+            return;
+        }
+        let begun = Self::of(told.begun());
+        self.count += begun.count;
+        self.sum = self.sum.wrapping_add(begun.sum);
+        for ended in told.ended() {
+            self.count = self.count.wrapping_sub(1);
+            self.sum = self.sum.wrapping_sub(mixed(ended.pair));
+        }
+    }
+}
+
+/// The finalizer of `SplitMix64` (Steele, Lea and Flood 2014).
+fn mixed([a, b]: [u32; 2]) -> u64 {
+    let z = (u64::from(a) << 32 | u64::from(b)).wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+/// A scene on a device, and the memory from which its boxes come.
+struct Rig {
+    scene: GpuScene,
+    segment: Segment,
+    known: PairSum,
+}
+
+impl Rig {
+    fn new(gpu: &Arc<Gpu>, case: &Case, profiled: bool) -> Result<Self, BenchError> {
+        let imports = SharedImports::default();
+        let mut segment = Segment::new((case.n * size_of::<Aabb>()).max(1))?;
+        if case.imported {
+            // Where the driver imports nothing, boxes are copied.
+            segment.import(gpu, &imports).ok();
+        }
+        let options = GridOptions {
+            profiled,
+            imports,
+            cache_folder: user_cache_folder(),
+            ..GridOptions::default()
+        };
+        let tools = SceneTools::new(gpu, &options)?;
+        let scene = GpuScene::new(&tools, SceneOptions::default());
+        Ok(Self { scene, segment, known: PairSum::default() })
+    }
+
+    /// Sets boxes and takes the changes; how long the answer took.
+    fn edit(
+        &mut self,
+        indices: &[u32],
+        boxes: &[Aabb],
+        is_spawn: bool,
+    ) -> Result<Duration, BenchError> {
+        self.segment.write(boxes);
+        let boxes = self.segment.boxes(boxes.len());
+        let is_all = !indices.is_empty() && indices.len() == self.scene.len();
+        let these = if is_all { (0..indices.len() as u32).into() } else { Indices::List(indices) };
+        let both = [Step::Remove(these), Step::Set(Sets { indices: these, boxes })];
+        let steps = if is_spawn { &both[..] } else { &both[1..] };
+        let steps = if indices.is_empty() { &[] } else { steps };
+        let start = Instant::now();
+        let told = self.scene.edit(Edit { steps }, Want::Changes)?;
+        let took = start.elapsed();
+        self.known.take(told);
+        self.scene.take();
+        Ok(took)
+    }
+}
+
+/// Measures a case.
+///
+/// # Errors
+/// [`BenchError`], also where the pairs differ from the CPU's.
+pub fn measure(gpu: &Arc<Gpu>, world: &mut World, case: &Case) -> Result<Row, BenchError> {
+    let all: Vec<u32> = (0..case.n as u32).collect();
+    let moving = (case.n as f64 * case.percent / 100.0).round() as usize;
+    let is_spawn = case.motion == Motion::Spawn;
+    let awake = Awake::start(gpu, HOLD)?;
+    let mut rig = Rig::new(gpu, case, false)?;
+    rig.edit(&all, world.boxes(), false)?;
+    let mut edits: Vec<(f64, EditTimes)> = Vec::with_capacity(case.frames);
+    let mut changes = 0;
+    for frame in 0..case.frames + WARM_UP {
+        if let Some(awake) = &awake {
+            awake.note_frame();
+        }
+        let (indices, boxes) = world.step(moving, case.motion);
+        let took = rig.edit(&indices, &boxes, is_spawn)?;
+        if frame >= WARM_UP {
+            edits.push((us(took), rig.scene.times().clone()));
+        }
+        changes = rig.scene.told().begun().len() + rig.scene.told().ended().len();
+    }
+    if case.checks {
+        check(&rig, world, case)?;
+    }
+    let part = |part: fn(&EditTimes) -> Duration, percent| {
+        percentile(edits.iter().map(|(_, times)| us(part(times))).collect(), percent)
+    };
+    let whole = |percent| percentile(edits.iter().map(|(whole, _)| *whole).collect(), percent);
+    let stage_us = if case.stages { stages(gpu, world.clone(), case)? } else { BTreeMap::new() };
+    Ok(Row {
+        scene: case.scene.to_string(),
+        n: case.n,
+        moving: case.percent / 100.0,
+        motion: case.motion.name(),
+        imported: case.imported,
+        edit_us: whole(50),
+        edit_p99_us: whole(99),
+        check_us: part(|times| times.check, 50),
+        upload_us: part(|times| times.upload, 50),
+        plan_us: part(|times| times.plan, 50),
+        gpu_us: part(|times| times.gpu, 50),
+        sort_us: part(|times| times.sort, 50),
+        submissions: edits.iter().map(|(_, times)| times.submissions).max().unwrap_or(0),
+        repeated: edits.iter().filter(|(_, times)| times.submissions > 1).count(),
+        changes,
+        tested: rig.scene.told().skipped().tested,
+        pairs: rig.known.count,
+        video_bytes_a_box: rig.scene.video_bytes() as f64 / case.n.max(1) as f64,
+        stage_us,
+        checked: case.checks,
+    })
+}
+
+/// Compares what the client knows with a fresh search.
+fn check(rig: &Rig, world: &World, case: &Case) -> Result<(), BenchError> {
+    let mut fresh = Scene::new(SceneOptions::default());
+    let indices = Indices::from(0..case.n as u32);
+    let steps = [Step::Set(Sets { indices, boxes: world.boxes() })];
+    let told = fresh.edit(Edit { steps: &steps }, Want::All)?;
+    if PairSum::of(told.pairs()) == rig.known {
+        return Ok(());
+    }
+    Err(BenchError::WrongPairs { n: case.n as u32, scene: case.scene })
+}
+
+/// Medians of the stages, µs.
+fn stages(
+    gpu: &Arc<Gpu>,
+    mut world: World,
+    case: &Case,
+) -> Result<BTreeMap<&'static str, f64>, BenchError> {
+    let all: Vec<u32> = (0..case.n as u32).collect();
+    let moving = (case.n as f64 * case.percent / 100.0).round() as usize;
+    let mut rig = Rig::new(gpu, case, true)?;
+    rig.edit(&all, world.boxes(), false)?;
+    let mut stages: BTreeMap<&'static str, Vec<f64>> = BTreeMap::new();
+    for frame in 0..TIMED_STAGES + WARM_UP {
+        let (indices, boxes) = world.step(moving, case.motion);
+        rig.edit(&indices, &boxes, case.motion == Motion::Spawn)?;
+        if frame >= WARM_UP {
+            for step in &rig.scene.times().stages {
+                stages.entry(step.label).or_default().push(step.ns / 1e3);
+            }
+        }
+    }
+    Ok(stages.into_iter().map(|(label, us)| (label, percentile(us, 50))).collect())
+}
+
+fn us(time: Duration) -> f64 {
+    time.as_secs_f64() * 1e6
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_sum_of_pairs_notices_what_is_missing_and_what_is_twice() {
+        let pairs = [[0, 1], [0, 2], [1, 7]];
+        let sum = PairSum::of(&pairs);
+        assert_eq!(sum, PairSum::of(&[[1, 7], [0, 1], [0, 2]]));
+        assert_ne!(sum, PairSum::of(&pairs[1..]));
+        assert_ne!(sum, PairSum::of(&[[0, 1], [0, 2], [0, 2]]));
+        let mut known = PairSum::default();
+        known.take(&Told::of_changes(pairs.to_vec(), Vec::new(), 3));
+        assert_eq!(known, sum);
+    }
+}

@@ -1,0 +1,109 @@
+//! Scenes of which some boxes move in each frame, for measurements of scenes that persist.
+
+use pairmask_core::Aabb;
+use pairmaskd::scene::{Random, Scene, SceneName};
+
+/// How far a box moves in a frame, of its edge.
+const STEP: f32 = 0.05;
+
+/// How boxes move.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Motion {
+    /// The same boxes, each always the same way.
+    Drift,
+    /// Other boxes each frame, to and fro.
+    Jitter,
+    /// Other boxes each frame, to anywhere in the scene.
+    Teleport,
+    /// Other boxes each frame are removed, and new ones take their indices, anywhere.
+    Spawn,
+}
+
+impl Motion {
+    /// All of them, with their names.
+    pub const ALL: [(&str, Self); 4] = [
+        ("drift", Self::Drift),
+        ("jitter", Self::Jitter),
+        ("teleport", Self::Teleport),
+        ("spawn", Self::Spawn),
+    ];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        Self::ALL.iter().find(|(_, motion)| *motion == self).map_or("", |(name, _)| name)
+    }
+}
+
+/// No motion has that name.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("unknown motion '{0}': use drift, jitter, teleport or spawn")]
+pub struct UnknownMotion(String);
+
+impl std::str::FromStr for Motion {
+    type Err = UnknownMotion;
+
+    fn from_str(name: &str) -> Result<Self, UnknownMotion> {
+        let found = Self::ALL.iter().find(|(known, _)| *known == name);
+        found.map(|(_, motion)| *motion).ok_or_else(|| UnknownMotion(name.into()))
+    }
+}
+
+/// A scene, and what moves in it.
+#[derive(Clone)]
+pub struct World {
+    boxes: Vec<Aabb>,
+    random: Random,
+    /// The indices in an order of chance: movers are a stretch of it.
+    shuffled: Vec<u32>,
+    next: usize,
+}
+
+impl World {
+    /// A scene at rest.
+    pub fn new(name: SceneName, n: usize) -> Self {
+        let mut random = Random::new(3);
+        let mut shuffled: Vec<u32> = (0..n as u32).collect();
+        for i in (1..n).rev() {
+            shuffled.swap(i, random.below(i as u64 + 1) as usize);
+        }
+        Self { boxes: Scene::new(name, n, 1).boxes().to_vec(), random, shuffled, next: 0 }
+    }
+
+    /// The boxes as they are now.
+    pub fn boxes(&self) -> &[Aabb] {
+        &self.boxes
+    }
+
+    /// Moves some boxes; their indices, rising, and where they are now.
+    pub fn step(&mut self, count: usize, motion: Motion) -> (Vec<u32>, Vec<Aabb>) {
+        let n = self.boxes.len();
+        let first = if motion == Motion::Drift { 0 } else { self.next };
+        let mut indices: Vec<u32> = (0..count).map(|i| self.shuffled[(first + i) % n]).collect();
+        indices.sort_unstable();
+        self.next = (self.next + count) % n.max(1);
+        let moved: Vec<Aabb> = indices.iter().map(|index| self.moved(*index, motion)).collect();
+        for (index, b) in indices.iter().zip(&moved) {
+            self.boxes[*index as usize] = *b;
+        }
+        (indices, moved)
+    }
+
+    fn moved(&mut self, index: u32, motion: Motion) -> Aabb {
+        let b = self.boxes[index as usize];
+        let by = match motion {
+            Motion::Drift => {
+                let mut of_box = Random::new(u64::from(index));
+                of_box.direction().map(|x| STEP * x)
+            }
+            Motion::Jitter => self.random.direction().map(|x| STEP * x),
+            Motion::Teleport | Motion::Spawn => {
+                let there = self.boxes[self.random.below(self.boxes.len() as u64) as usize].min;
+                std::array::from_fn(|axis| there[axis] - b.min[axis] + self.random.range(-0.4, 0.4))
+            }
+        };
+        Aabb {
+            min: std::array::from_fn(|axis| b.min[axis] + by[axis]),
+            max: std::array::from_fn(|axis| b.max[axis] + by[axis]),
+        }
+    }
+}

@@ -1,0 +1,222 @@
+//! Scenes in video memory beside scenes of the core: every answer, edit by edit.
+
+use std::sync::Arc;
+
+use pairmask_core::Aabb;
+use pairmask_core::scene::{
+    Edit, EditError, Indices, Scene, SceneError, SceneOptions, Sets, Step, Told, Want,
+};
+use pairmask_tests::gpu::open;
+use pairmask_tests::scene_edits::{EditMaker, same_told};
+use pairmask_tests::stress_scenes;
+use pairmaskd::execute::gpu::{Checks, GpuScene, GridOptions, HostImport, SceneTools};
+
+fn tools(options: &GridOptions) -> Arc<SceneTools> {
+    SceneTools::new(&open(HostImport::IfPossible), options)
+        .unwrap_or_else(|error| panic!("{error}"))
+}
+
+const WANTS: [Want; 6] =
+    [Want::Changes, Want::Changes, Want::Changes, Want::Moved, Want::All, Want::Nothing];
+
+/// Runs random edits on a scene of each kind and compares all that they tell.
+fn run(tools: &Arc<SceneTools>, seed: u64, edits: usize, largest: usize) {
+    let mut maker = EditMaker::new(seed, largest);
+    let mut core = Scene::new(SceneOptions::default());
+    let mut gpu = GpuScene::new(tools, SceneOptions::default());
+    for number in 0..edits {
+        let what = || format!("seed {seed}, edit {number}");
+        let edit = maker.next_edit();
+        let want = WANTS[maker.below(WANTS.len())];
+        let way = maker.below(3);
+        if maker.one_in(100) {
+            core.lose();
+            gpu.lose();
+        }
+        edit.with(way, |edit| {
+            let expected = core.edit(edit, want).map(|_| ());
+            let got = gpu.edit(edit, want).map(|_| ());
+            assert_eq!(got, expected, "{}", what());
+        });
+        same_told(gpu.told(), core.told())
+            .unwrap_or_else(|e| panic!("{}, {want:?}, {} boxes: {e}", what(), core.len()));
+        assert_eq!((gpu.len(), gpu.is_empty()), (core.len(), core.is_empty()), "{}", what());
+        check_skips(gpu.told());
+        if !maker.one_in(4) {
+            core.take();
+            gpu.take();
+        }
+        // To another keeper and on.
+        if maker.one_in(50)
+            && let Some(kept) = core.kept()
+        {
+            gpu = GpuScene::from_kept(tools, SceneOptions::default(), &kept)
+                .unwrap_or_else(|e| panic!("{}: {e}", what()));
+        }
+    }
+}
+
+/// No pair is counted twice.
+fn check_skips(told: &Told) {
+    let skips = told.skipped();
+    let all = skips.static_pairs + skips.unmoved_pairs + skips.cell_pairs;
+    assert!(all <= u64::from(u32::MAX) * u64::from(u32::MAX) / 2, "{skips:?}");
+}
+
+#[test]
+fn answers_are_those_of_the_core() {
+    let tools = tools(&GridOptions::default());
+    for seed in 0..6 {
+        run(&tools, seed, 250, 300);
+    }
+}
+
+#[test]
+fn answers_of_larger_scenes_are_those_of_the_core() {
+    let tools = tools(&GridOptions::default());
+    for seed in 20..22 {
+        run(&tools, seed, 80, 20_000);
+    }
+}
+
+#[test]
+fn answers_are_the_same_with_checked_stages_and_poisoned_memory() {
+    run(&tools(&GridOptions { checks: Checks::On, ..GridOptions::default() }), 40, 150, 400);
+    for word in [0xa5a5_a5a5, u32::MAX] {
+        run(&tools(&GridOptions { poison: Some(word), ..GridOptions::default() }), 41, 150, 400);
+    }
+}
+
+/// All boxes of each scene are set, moved a little, moved far, and removed.
+#[test]
+fn every_hard_scene_is_told_as_the_core_tells_it() {
+    let tools = tools(&GridOptions::default());
+    for scene in stress_scenes::ALL {
+        for n in (0..70).step_by(23).chain([345, 1_234]) {
+            let boxes = scene.boxes(n, 21);
+            let n = boxes.len() as u32;
+            let other = scene.boxes(n, 22);
+            let mut core = Scene::new(SceneOptions::default());
+            let mut gpu = GpuScene::new(&tools, SceneOptions::default());
+            let few: Vec<u32> = (0..n).filter(|i| i % 37 == 5).collect();
+            let few_boxes: Vec<Aabb> = few.iter().map(|i| other[*i as usize]).collect();
+            let set = |indices, boxes| [Step::Set(Sets { indices, boxes })];
+            let steps = [
+                set(Indices::from(0..n), &boxes),
+                set((&few).into(), &few_boxes),
+                set(Indices::from(0..n), &other),
+                set(Indices::from(0..n), &boxes),
+                [Step::Remove((&few).into())],
+                [Step::Switch((0..0).into(), true)],
+            ];
+            for (number, steps) in steps.iter().enumerate() {
+                for want in [Want::Changes, Want::All, Want::Moved] {
+                    let steps = if want == Want::Changes { &steps[..] } else { &[] };
+                    core.edit(Edit { steps }, want).expect("an answer");
+                    let got = gpu.edit(Edit { steps }, want).map(|_| ());
+                    let what = format!("{scene:?}, {n} boxes, edit {number}, {want:?}");
+                    got.unwrap_or_else(|e| panic!("{what}: {e}"));
+                    same_told(gpu.told(), core.told()).unwrap_or_else(|e| panic!("{what}: {e}"));
+                    core.take();
+                    gpu.take();
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_scene_grows_and_shrinks() {
+    let tools = tools(&GridOptions::default());
+    let mut core = Scene::new(SceneOptions::default());
+    let mut gpu = GpuScene::new(&tools, SceneOptions::default());
+    let uniform = stress_scenes::named("uniform");
+    let mut held = 0;
+    for target in [1u32, 10, 700, 7_000, 20_000, 6_500, 64, 1, 0, 30] {
+        for round in 0..3 {
+            let boxes = uniform.boxes(target, u64::from(target + round));
+            let steps = [
+                Step::Remove((target.min(held)..held).into()),
+                Step::Set(Sets { indices: (0..target).into(), boxes: &boxes }),
+            ];
+            let want = if round == 1 { Want::Moved } else { Want::Changes };
+            core.edit(Edit { steps: &steps }, want).expect("an answer");
+            gpu.edit(Edit { steps: &steps }, want).expect("an answer");
+            same_told(gpu.told(), core.told()).unwrap_or_else(|e| panic!("{target} boxes: {e}"));
+            core.take();
+            gpu.take();
+            held = target;
+        }
+    }
+    assert!(gpu.video_bytes() > 0 && gpu.allocated_bytes() < 16 << 20);
+}
+
+/// A scene of each kind with three boxes in a row, each touching the next.
+fn rows(tools: &Arc<SceneTools>) -> (Scene, GpuScene) {
+    let options = SceneOptions::default().with_most_boxes(100);
+    let (mut core, mut gpu) = (Scene::new(options), GpuScene::new(tools, options));
+    let boxes = [0.0f32, 0.8, 1.6].map(|x| Aabb::from([x, 0.0, 0.0, x + 1.0, 1.0, 1.0]));
+    let steps = [Step::Set(Sets { indices: (0..3).into(), boxes: &boxes })];
+    core.edit(Edit { steps: &steps }, Want::Changes).expect("an answer");
+    gpu.edit(Edit { steps: &steps }, Want::Changes).expect("an answer");
+    (core, gpu)
+}
+
+#[test]
+fn wrong_edits_are_refused_as_by_the_core_and_change_nothing() {
+    let (mut core, mut gpu) = rows(&tools(&GridOptions::default()));
+    let set = |indices, boxes| Step::Set(Sets { indices, boxes });
+    let (one, two) = ([Aabb::EMPTY], [Aabb::EMPTY; 2]);
+    let cases: [&[Step<'_>]; 13] = [
+        &[set((&[100]).into(), &one)],
+        &[Step::Remove((&[u32::MAX]).into())],
+        &[set(Indices::Range { first: u32::MAX, count: 2 }, &two)],
+        &[set((&[0, 1]).into(), &one)],
+        &[set((0..1).into(), &two)],
+        &[set((&[1, 1]).into(), &two)],
+        &[set((&[1]).into(), &one), set((1..2).into(), &one)],
+        &[Step::Remove((&[3]).into())],
+        &[Step::Remove((&[1, 1]).into())],
+        &[Step::Remove((&[1]).into()), Step::Switch((&[1]).into(), false)],
+        &[set((&[0]).into(), &one), Step::Static((&[50]).into(), true)],
+        &[set((&[9]).into(), &one), Step::Static((&[8]).into(), true)],
+        &[Step::Remove((&[7, 8, 0]).into())],
+    ];
+    for (number, steps) in cases.into_iter().enumerate() {
+        let expected = core.edit(Edit { steps }, Want::Changes).map(|_| ());
+        assert!(matches!(expected, Err(SceneError::Edit(_))), "case {number}");
+        assert_eq!(gpu.edit(Edit { steps }, Want::Changes).map(|_| ()), expected, "case {number}");
+        assert_eq!(gpu.len(), 3);
+        same_told(gpu.told(), core.told()).expect("the last answer stays");
+    }
+    // A refused edit leaves the last answer to be taken.
+    core.take();
+    gpu.take();
+    for want in [Want::Changes, Want::All] {
+        core.edit(Edit::NONE, want).expect("an answer");
+        gpu.edit(Edit::NONE, want).expect("an answer");
+        same_told(gpu.told(), core.told()).expect("the same");
+    }
+    assert_eq!(gpu.told().pairs(), [[0, 1], [1, 2]]);
+    let twice = gpu.edit(Edit { steps: cases[5] }, Want::All).map(|_| ());
+    assert_eq!(twice, Err(SceneError::Edit(EditError::SetTwice { index: 1 })));
+}
+
+#[test]
+fn the_comparator_notices_what_differs() {
+    let (mut core, mut gpu) = rows(&tools(&GridOptions::default()));
+    same_told(gpu.told(), core.told()).expect("the same");
+    gpu.take();
+    gpu.edit(Edit::NONE, Want::Changes).expect("an answer");
+    assert!(same_told(gpu.told(), core.told()).is_err(), "two pairs are missing");
+    let off = [Step::Switch((&[2]).into(), false)];
+    core.take();
+    core.edit(Edit { steps: &off }, Want::Changes).expect("an answer");
+    assert!(same_told(gpu.told(), core.told()).is_err(), "an end is missing");
+    let gone = [Step::Remove((&[2]).into())];
+    gpu.edit(Edit { steps: &gone }, Want::Changes).expect("an answer");
+    assert_eq!(gpu.told().ended().len(), core.told().ended().len());
+    assert!(same_told(gpu.told(), core.told()).is_err(), "another reason");
+    gpu.edit(Edit::NONE, Want::All).expect("an answer");
+    assert!(same_told(gpu.told(), core.told()).is_err(), "another answer");
+}
