@@ -24,6 +24,10 @@ fn set_box(at: u32, keys: KeyBox) {
     if (params.set_is_range == 0u) {
         index = indices[at];
     }
+    // The host has checked it. Were the list another one by now, no other memory would be written to.
+    if (index >= params.slots) {
+        return;
+    }
     if (params.naming != 0u) {
         named[index] = params.naming;
     }

@@ -5,7 +5,8 @@
 // then and now, has one entry that stands for it, so no pair is told twice.
 //
 // One row a thread. Rows beside the grid pass the filter first, and those that do are collected until
-// there is one for each thread of the workgroup.
+// there is one for each thread of the workgroup. Candidates are collected too, and decided together, so
+// that the threads fetch their records side by side.
 // Mirror: `mirror/scene_pairs.rs`.
 
 #import constants
@@ -28,8 +29,11 @@ var<workgroup> used_levels: atomic<u32>;
 // Rows that passed the filter.
 var<workgroup> queue: array<u32, 2u * BATCH_BOXES>;
 var<workgroup> queued: atomic<u32>;
+// Names of candidates.
+var<workgroup> candidates: array<vec2<u32>, WINDOW_WORDS>;
+var<workgroup> candidate_count: atomic<u32>;
 // Pairs to be told.
-var<workgroup> window: array<vec2<u32>, WINDOW_WORDS>;
+var<workgroup> window: array<vec2<u32>, 2u * BATCH_BOXES>;
 var<workgroup> told: atomic<u32>;
 var<workgroup> window_base: u32;
 var<workgroup> ended_sum: atomic<u32>;
@@ -60,7 +64,7 @@ fn tell(index: u32, other: u32, what: u32) {
     }
     let pair = vec2<u32>(min(index, other), larger);
     let at = atomicAdd(&told, 1u);
-    if (at < WINDOW_WORDS) {
+    if (at < 2u * BATCH_BOXES) {
         window[at] = pair;
         return;
     }
@@ -71,17 +75,17 @@ fn tell(index: u32, other: u32, what: u32) {
 }
 
 // Decides a candidate by its records.
-fn decide(other_name: u32) {
-    let i = row_name & INDEX_MASK;
+fn decide(one_name: u32, other_name: u32) {
+    let i = one_name & INDEX_MASK;
     let j = other_name & INDEX_MASK;
     let one_b = now[2u * i + 1u];
     let other_b = now[2u * j + 1u];
     let one = colliding(now[2u * i], one_b);
     let other = colliding(now[2u * j], other_b);
     let has = is_pair(one, other);
-    let both = (row_name & other_name) >> KINDS_SHIFT;
+    let both = (one_name & other_name) >> KINDS_SHIFT;
     if (params.mode != MODE_CHANGES) {
-        let is_named = ((row_name | other_name) >> KINDS_SHIFT) & THEN;
+        let is_named = ((one_name | other_name) >> KINDS_SHIFT) & THEN;
         if (has && (params.mode == MODE_ALL || is_named != 0u)) {
             tell(i, j, TOLD_BEGUN);
         }
@@ -127,7 +131,12 @@ fn test_run(start: u32, table_end: u32) {
         if (all(a.xyz <= row_hi) & (row_lo.x <= a.w)) {
             let b = sorted[2u * p + 1u];
             if (all(row_lo.yz <= b.xy)) {
-                decide(bitcast<u32>(b.z));
+                let at = atomicAdd(&candidate_count, 1u);
+                if (at < WINDOW_WORDS) {
+                    candidates[at] = vec2<u32>(row_name, bitcast<u32>(b.z));
+                } else {
+                    decide(row_name, bitcast<u32>(b.z));
+                }
             }
         }
     }
@@ -165,19 +174,30 @@ fn test_level(index: u32, is_own: bool) {
         for (var j = 0u; j < len.y; j++) {
             let line = z * height + folded(start.y, wrapped.y, j);
             let cell = first_cell + line * width;
-            if (is_own & (line <= own_line)) {
-                if (line == own_line) {
-                    test_run(row + 1u, table[cell + min(own.x + reach, width - 1u) + 1u]);
-                    if (wraps.x & (own.x == 0u)) {
-                        test_run(table[cell + width - 1u], table[cell + width]);
-                    }
-                }
+            if (is_own & (line < own_line)) {
                 continue;
             }
-            if (wrapped.x > 0u) {
-                test_run(table[cell], table[cell + wrapped.x]);
+            // Two runs: before and behind where the axis wraps.
+            var runs = vec4<u32>(0u);
+            if (is_own & (line == own_line)) {
+                runs.x = row + 1u;
+                runs.y = table[cell + min(own.x + reach, width - 1u) + 1u];
+                if (wraps.x & (own.x == 0u)) {
+                    runs.z = table[cell + width - 1u];
+                    runs.w = table[cell + width];
+                }
+            } else {
+                if (wrapped.x > 0u) {
+                    runs.x = table[cell];
+                    runs.y = table[cell + wrapped.x];
+                }
+                runs.z = table[cell + start.x];
+                runs.w = table[cell + end.x - wrapped.x];
             }
-            test_run(table[cell + start.x], table[cell + end.x - wrapped.x]);
+            for (var r = 0u; r < 2u; r++) {
+                test_run(runs.x, runs.y);
+                runs = runs.zwzw;
+            }
         }
     }
 }
@@ -218,6 +238,7 @@ fn main(
         atomicStore(&used_levels, 0u);
         atomicStore(&queued, 0u);
         atomicStore(&told, 0u);
+        atomicStore(&candidate_count, 0u);
         atomicStore(&ended_sum, 0u);
         atomicStore(&tested_low, 0u);
         atomicStore(&tested_high, 0u);
@@ -326,8 +347,13 @@ fn main(
             }
         }
         workgroupBarrier();
-        // What is to be told goes out when there is much of it; tests are counted for the budget.
-        let all = min(atomicLoad(&told), WINDOW_WORDS);
+        let decided = min(atomicLoad(&candidate_count), WINDOW_WORDS);
+        for (var i = lane; i < decided; i += BATCH_BOXES) {
+            decide(candidates[i].x, candidates[i].y);
+        }
+        workgroupBarrier();
+        // What is to be told goes out, and tests are counted for the budget.
+        let all = min(atomicLoad(&told), 2u * BATCH_BOXES);
         if (lane == 0u) {
             let low = atomicLoad(&tested_low);
             if (low != 0u) {
@@ -353,6 +379,7 @@ fn main(
         workgroupBarrier();
         if (lane == 0u) {
             atomicStore(&told, 0u);
+            atomicStore(&candidate_count, 0u);
             let ended = atomicLoad(&ended_sum);
             if (ended != 0u) {
                 add_wide(ENDED, ended);

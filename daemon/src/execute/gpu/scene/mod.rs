@@ -481,21 +481,10 @@ impl GpuScene {
         let (mut begun, mut ends) = std::mem::take(&mut self.told).into_changes();
         begun.clear();
         ends.clear();
-        begun.try_reserve((found - ended) as usize).map_err(no_memory)?;
-        ends.try_reserve(ended as usize).map_err(no_memory)?;
-        for &[a, other] in &list {
-            let pair = [a, other >> 2];
-            let reason = match other & 3 {
-                TOLD_BEGUN => {
-                    begun.push(pair);
-                    continue;
-                }
-                TOLD_REMOVED => EndReason::Removed,
-                TOLD_FILTERED => EndReason::Filtered,
-                _ => EndReason::Separated,
-            };
-            ends.push(Ended { pair, reason });
-        }
+        let (begun_count, ended_count) = ((found - ended) as usize, ended as usize);
+        begun.try_reserve(begun_count + 1).map_err(no_memory)?;
+        ends.try_reserve(ended_count + 1).map_err(no_memory)?;
+        split(&list, begun_count, ended_count, &mut begun, &mut ends);
         self.list = list;
         let pair_count = (self.count_then + begun.len() as u64).saturating_sub(ends.len() as u64);
         self.told = Told::of_changes(begun, ends, pair_count);
@@ -530,6 +519,37 @@ impl GpuScene {
             }
         }
     }
+}
+
+/// Splits sorted changes into those that began and those that ended, which are so many.
+fn split(
+    list: &[Pair],
+    begun_count: usize,
+    ended_count: usize,
+    begun: &mut Vec<Pair>,
+    ends: &mut Vec<Ended>,
+) {
+    // Each change is written to both lists, and one of them moves on: what a change is nobody guesses, a
+    // processor neither. So each list has a place more than it needs.
+    begun.resize(begun_count + 1, [0; 2]);
+    ends.resize(ended_count + 1, Ended { pair: [0; 2], reason: EndReason::Removed });
+    let (mut next_begun, mut next_end) = (0, 0);
+    for &[a, other] in list {
+        let pair = [a, other >> 2];
+        let told = other & 3;
+        let reason = match told {
+            TOLD_REMOVED => EndReason::Removed,
+            TOLD_FILTERED => EndReason::Filtered,
+            _ => EndReason::Separated,
+        };
+        begun[next_begun.min(begun_count)] = pair;
+        ends[next_end.min(ended_count)] = Ended { pair, reason };
+        let has_begun = usize::from(told == TOLD_BEGUN);
+        next_begun += has_begun;
+        next_end += 1 - has_begun;
+    }
+    begun.truncate(begun_count);
+    ends.truncate(ended_count);
 }
 
 /// A number of two words.
