@@ -46,7 +46,6 @@ pub use self::answer::{EndReason, Ended, SceneSkips, Told, Want, is_resync_due};
 pub use self::edit::{Edit, Indices, Sets, Step};
 pub use self::error::{EditError, SceneError};
 pub use self::kept::{Kept, KeptBox};
-pub use self::pair_list::Sorter as PairSorter;
 
 use std::sync::Arc;
 

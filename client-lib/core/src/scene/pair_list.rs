@@ -29,9 +29,9 @@ const TASK_PAIRS: usize = 16_384;
 /// Pairs of a row from which it is not sorted by insertion.
 const LONG_ROW: usize = 24;
 
-/// Sorts lists of pairs. Keeps its memory.
+/// Scratch memory of sorting.
 #[derive(Debug, Default)]
-pub struct Sorter {
+pub(super) struct Sorter {
     dealt: Vec<Pair>,
 }
 
@@ -61,7 +61,7 @@ impl Sorter {
         self.dealt = Vec::new();
     }
 
-    /// Sorts pairs, none of them twice, whose first indices are below `n`.
+    /// Sorts pairs of indices below `n`, none of them twice.
     pub fn sort(&mut self, pairs: &mut Vec<Pair>, n: u32, threads: usize) {
         if pairs.len() <= FEW_PAIRS {
             pairs.sort_unstable_by_key(|pair| key(*pair));

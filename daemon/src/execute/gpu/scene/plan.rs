@@ -134,12 +134,6 @@ impl Sizes {
     }
 }
 
-/// Most cells that a layout for so many boxes, and places for `slots` giants, can have.
-#[cfg(test)]
-fn most_cells(boxes: u32, slots: u64) -> u64 {
-    cells_most(boxes) + slots / u64::from(PARKED) + 1
-}
-
 /// A layout for a scene of so many indices: its giants have cells by index, and boxes that overlap
 /// nothing have none.
 pub(super) fn with_giants(mut layout: GridLayout, slots: u64) -> GridLayout {
@@ -186,8 +180,9 @@ mod tests {
             let layout =
                 with_giants(GridLayout { first_giant: 77, ..GridLayout::default() }, slots);
             let sizes = Sizes::of(&question, &layout);
+            let most_cells = cells_most(question.grid_boxes()) + slots / u64::from(PARKED) + 1;
             assert!(sizes.table_words > u64::from(layout.cell_end));
-            assert!(u64::from(layout.cell_end) < most_cells(question.grid_boxes(), slots));
+            assert!(u64::from(layout.cell_end) < most_cells);
             assert!(u64::from(layout.first_giant) + (slots - 1) / 32 < u64::from(layout.cell_end));
             assert!(sizes.row_words * 32 >= slots && sizes.filter_words.is_power_of_two());
             assert!(sizes.zeroed_words().is_multiple_of(4));
