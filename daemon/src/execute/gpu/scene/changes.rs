@@ -173,7 +173,7 @@ pub(super) fn split(list: &[Pair], begun: &mut Vec<Pair>, ended: &mut Vec<Ended>
     } else {
         list.chunks(PART_PAIRS).collect()
     };
-    let begun_count = |part: &[Pair]| part.iter().filter(|pair| has_begun(pair)).count();
+    let begun_count = |part: &[Pair]| part.iter().filter(|pair| has_begun(**pair)).count();
     let counts: Vec<usize> = if parts.len() == 1 {
         vec![begun_count(list)]
     } else {
@@ -198,8 +198,8 @@ pub(super) fn split(list: &[Pair], begun: &mut Vec<Pair>, ended: &mut Vec<Ended>
     }
 }
 
-const fn has_begun(pair: &Pair) -> bool {
-    pair[1] & 3 == TOLD_BEGUN
+const fn has_begun([_, told]: Pair) -> bool {
+    told & 3 == TOLD_BEGUN
 }
 
 /// Writes a part to its places, which are as many as it has of each.
@@ -221,7 +221,7 @@ fn split_part(part: &[Pair], begun: &mut [Pair], ended: &mut [Ended]) {
         if let Some(place) = ended.get_mut(next_ended) {
             *place = Ended { pair, reason };
         }
-        let begins = usize::from(has_begun(change));
+        let begins = usize::from(has_begun(*change));
         next_begun += begins;
         next_ended += 1 - begins;
     }
@@ -269,10 +269,10 @@ mod tests {
                 assert!(list == expected, "{count} changes of {n} boxes, {threads} threads");
                 let (mut begun, mut ended) = (vec![[7; 2]; 3], Vec::new());
                 split(&list, &mut begun, &mut ended, threads);
-                let told = |change: &&Pair| has_begun(change);
+                let told = |change: &&Pair| has_begun(**change);
                 let plain = |change: &Pair| [change[0], change[1] >> 2];
                 assert!(list.iter().filter(told).map(plain).eq(begun), "{count} of {n}");
-                let ends = list.iter().filter(|change| !has_begun(change));
+                let ends = list.iter().filter(|change| !has_begun(**change));
                 let reasons = [TOLD_REMOVED, TOLD_FILTERED].into_iter();
                 let reasons: Vec<(u32, EndReason)> =
                     reasons.zip([EndReason::Removed, EndReason::Filtered]).collect();

@@ -145,12 +145,11 @@ impl Memory {
     ) -> Result<(), GpuError> {
         let slots = self.records.as_ref().map_or(0, |records| records.slots);
         let bytes = size_of::<u32>() as u64 * slots;
-        let block = match self.named.take() {
-            Some(block) => block,
-            None => {
-                *replaced = true;
-                Block::new(&tools.gpu, Home::Video, bytes)?
-            }
+        let block = if let Some(block) = self.named.take() {
+            block
+        } else {
+            *replaced = true;
+            Block::new(&tools.gpu, Home::Video, bytes)?
         };
         run_once(tools, vec![Command::Fill { part: Part::whole(&block), word: 0 }])?;
         self.named = Some(block);

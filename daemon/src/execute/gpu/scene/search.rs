@@ -234,18 +234,18 @@ impl Frames {
             task.blocks.layout.write(0, &[task.layout]);
         }
         let shape = task.shape();
-        let mut kept = match self.kept.iter().position(|(kept, _)| *kept == shape) {
-            Some(place) => self.kept.remove(place),
-            None => {
-                let frame = if self.kept.len() < KEPT_FRAMES {
-                    Frame::of_role(&tools.gpu, QueueRole::Frames, tools.profiled)?
-                } else {
-                    self.kept.remove(0).1
-                };
-                let mut made = (shape, frame);
-                made.1.record(task.steps(tools, &shape))?;
-                made
-            }
+        let recorded = self.kept.iter().position(|(kept, _)| *kept == shape);
+        let mut kept = if let Some(place) = recorded {
+            self.kept.remove(place)
+        } else {
+            let frame = if self.kept.len() < KEPT_FRAMES {
+                Frame::of_role(&tools.gpu, QueueRole::Frames, tools.profiled)?
+            } else {
+                self.kept.remove(0).1
+            };
+            let mut made = (shape, frame);
+            made.1.record(task.steps(tools, &shape))?;
+            made
         };
         let ended = kept.1.submit_in(Order::Alone).and_then(|()| {
             let patience = PATIENCE[usize::from(tools.gpu.info().is_software())];
