@@ -56,7 +56,7 @@
 //! | [`Session::frame`] | 24 | boxes in f32, exact |
 //! | [`Session::narrow_frame`] | 12 or 6 | boxes with less [`Precision`]: fewer bytes, some extra pairs, none missed |
 //! | [`Session::sphere_frame`] | 16 | bounding spheres in place of boxes, exact |
-//! | [`Session::scene`] | what changes | scenes that persist: edits in, pairs that began and ended out; few boxes move, or changes are what you need. In process |
+//! | [`Session::scene`] | what changes | scenes that persist: edits in, pairs that began and ended out; few boxes move, or changes are what you need |
 //! | [`Margined`] | as above | scenes that move little: a request only when a box has moved by more than a margin |
 //!
 //! Worlds in f64 go through [`Aabb::outward_from_f64`], relative to an origin.
@@ -107,7 +107,8 @@ pub use pairmask_core::sphere::Sphere;
 pub use pairmask_core::units::BoxCount;
 pub use pairmask_wire::{InstanceName, StatusBody as DaemonStatus};
 pub use session::{
-    Backend, ConnectError, Frame, FrameError, FrameInfo, Margined, MarginedMask, NarrowFrame,
-    PairMask, PendingFrame, Scene, SceneAnswer, SceneEdit, ServedBy, Session, SessionBuilder,
-    SphereFrame, StatusError, WaitError,
+    Backend, CommitError, ConnectError, EndedIter, EndedList, Frame, FrameError, FrameInfo,
+    Margined, MarginedMask, NarrowFrame, PairList, PairListIter, PairMask, PendingAnswer,
+    PendingFrame, Scene, SceneAnswer, SceneEdit, ServedBy, Session, SessionBuilder, SphereFrame,
+    StatusError, WaitError,
 };

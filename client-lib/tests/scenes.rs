@@ -1,7 +1,7 @@
 //! Scenes of a session: the edit as it is written, and answers that are taken or dropped.
 
-use pairmask::scene::{EditError, EndReason, Indices, SceneError, SceneOptions, Want};
-use pairmask::{Aabb, Backend, Scene, Session};
+use pairmask::scene::{EditError, EndReason, Indices, SceneOptions, Want};
+use pairmask::{Aabb, Backend, CommitError, Scene, Session};
 
 fn scene() -> Scene {
     let session = Session::builder().backend(Backend::InProcess).connect();
@@ -50,7 +50,7 @@ fn every_step_is_applied() {
 
     let edit = scene.edit().switch(0, false).make_all_static(&[1, 2], true).remove(3);
     let told = edit.commit(Want::Changes).expect("an answer").take();
-    let ended: Vec<_> = told.ended().iter().map(|ended| (ended.pair, ended.reason)).collect();
+    let ended: Vec<_> = told.ended().into_iter().map(|ended| (ended.pair, ended.reason)).collect();
     let filtered = EndReason::Filtered;
     assert_eq!(ended, [([0, 1], filtered), ([1, 2], filtered), ([2, 3], EndReason::Removed)]);
 
@@ -71,7 +71,7 @@ fn a_wrong_edit_says_what_is_wrong() {
     let mut scene = scene();
     let refused = scene.edit().set(50, at(0.0)).commit(Want::Changes).map(drop);
     let beyond = EditError::BeyondLimit { index: 50, limit: 50 };
-    assert_eq!(refused, Err(SceneError::Edit(beyond)));
+    assert!(matches!(refused, Err(CommitError::Edit(error)) if error == beyond));
     assert!(beyond.to_string().contains("50"));
     assert!(scene.is_empty());
 }

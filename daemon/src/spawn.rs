@@ -135,6 +135,7 @@ impl PrivateDaemon {
             .args(["--spin-us", &settings.spin.as_micros().to_string()])
             .args(["--max-clients", &limits.max_clients.to_string()])
             .args(["--max-reply-mib", &(limits.max_reply_bytes >> 20).to_string()])
+            .args(["--max-scene-mib", &(limits.max_scene_bytes >> 20).to_string()])
             .args(["--gpu", &settings.gpu.to_string()])
             .args(["--calibration", &settings.calibration.to_string()])
             .args(["--isa", &settings.isa.to_string()])

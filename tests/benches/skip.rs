@@ -105,8 +105,13 @@ fn edit(
     let answer = edit.commit(Want::Changes)?;
     let round_trip = begin.elapsed().as_nanos() as u64;
     let told = answer.take();
-    let pairs = told.begun().iter().chain(told.ended().iter().map(|ended| &ended.pair));
-    let sum = pairs.chain(told.pairs()).fold(0u64, |sum, [a, b]| sum + u64::from(a ^ b));
+    let mut sum = 0;
+    let mut visit = |pairs: &[[u32; 2]]| {
+        sum += pairs.iter().fold(0u64, |sum, [a, b]| sum + u64::from(a ^ b));
+    };
+    told.begun().for_each_slice(&mut visit);
+    told.pairs().for_each_slice(&mut visit);
+    sum += told.ended().iter().fold(0u64, |sum, e| sum + u64::from(e.pair[0] ^ e.pair[1]));
     black_box(sum);
     let visit = begin.elapsed().as_nanos() as u64 - round_trip;
     Ok((round_trip, visit, told.begun().len() + told.ended().len()))

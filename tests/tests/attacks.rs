@@ -11,7 +11,8 @@ use std::io::Read;
 use std::process::{Child, ChildStderr, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use pairmask::{Backend, ServedBy, Session, WaitError};
+use pairmask::scene::{Edit, SceneOptions, Want};
+use pairmask::{Backend, SceneEdit, ServedBy, Session, WaitError};
 use pairmask_core::engine::EngineChoice;
 use pairmask_core::mask::WordAddress;
 use pairmask_core::units::BoxCount;
@@ -21,6 +22,7 @@ use pairmask_tests::attackers::raw::{
     CHANNEL_ID, CLIENT_ID, REQUEST_ID, RawClient, answer, cull, read, word, write,
 };
 use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
+use pairmask_tests::random_edits::{KnownPairs, RandomEdits};
 use pairmask_tests::{attack_time, oracle, stress_scenes};
 use pairmask_transport::{ProcessWatch, RuntimeDir, SegmentFiles};
 use pairmask_wire::{InstanceName, ReplyError, boxes_in_mut};
@@ -148,6 +150,38 @@ fn lengths_beyond_a_segment_are_refused_and_kill_no_process() {
     assert!(counts["rounds"] > 10, "{counts:?}");
     assert_eq!(counts.get("outside"), None, "answered over memory of others: {counts:?}");
     assert_eq!((lived.restarts, lived.here), (0, 0), "{lived:?}");
+}
+
+/// A scene of an honest client, whose pairs add up, beside a client that forges edits.
+#[test]
+fn forged_edits_leave_the_scenes_of_others_alone() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session = daemon.session().connect().unwrap();
+    let mut scene = session.scene(SceneOptions::default());
+    let mut truth = pairmask_core::scene::Scene::new(SceneOptions::default());
+    let (mut source, mut known) = (RandomEdits::new(3, 300), KnownPairs::default());
+    let worker = daemon.worker();
+    let attacker = Attacker::start(daemon.path(), "edits");
+    let end = Instant::now() + attack_time();
+    while Instant::now() < end {
+        let owned = source.edit();
+        let edit = owned.steps().into_iter().fold(scene.edit(), SceneEdit::step);
+        let answer = edit.commit(Want::Changes).unwrap().take();
+        if answer.is_resync() {
+            known.resync(answer.pairs());
+        } else {
+            known.change(answer.begun(), answer.ended()).unwrap();
+        }
+        let all = truth.edit(Edit { steps: &owned.steps() }, Want::All).unwrap();
+        known.compare(all.pairs()).unwrap();
+    }
+    let counts = attacker.end();
+    println!("edits: {counts:?}");
+    assert!(counts["answered"] > 10 && counts["refused"] > 10, "{counts:?}");
+    assert_eq!(daemon.worker(), worker, "the worker lives");
+    eventually("the forged scenes are freed", || {
+        (session.daemon_status().unwrap().scenes == 1).then_some(())
+    });
 }
 
 #[test]

@@ -2,7 +2,7 @@
 //! made again.
 
 use std::mem::{Discriminant, discriminant};
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
@@ -11,12 +11,13 @@ use pairmask_core::engine::CullError;
 use pairmask_core::objects::Objects;
 use pairmask_core::precision::Precision;
 use pairmask_core::units::BoxCount;
-use pairmask_wire::{ReplyError, ReplyFields, RequestHeader, StatusBody};
+use pairmask_wire::{ReplyFields, RequestHeader, SceneId, StatusBody};
 
 use super::builder::{Backend, Settings};
 use super::error::{ConnectError, FrameError, StatusError, WaitError};
+use super::exchange::Exchange;
 use super::frame::{Filling, Frame, FrameMemory, Object, Written};
-use super::link::{Link, Received, SharedFrame, Unsent};
+use super::link::{Link, SharedFrame};
 use super::local::{Local, Spares, lock};
 use super::narrow::NarrowFrame;
 use super::pairs::{PairMask, ServedBy};
@@ -61,14 +62,20 @@ pub(super) struct Core {
     local: Arc<Local>,
     connection: Mutex<Connection>,
     frames: AtomicU64,
+    scenes: AtomicU32,
 }
 
 impl Core {
     pub(super) fn new(mut settings: Settings) -> Result<Self, ConnectError> {
         settings.backend = Link::backend(settings.backend)?;
         let local = Arc::new(Local::new(settings.isa, &settings.calibration));
-        let core =
-            Self { settings, local, connection: Mutex::default(), frames: AtomicU64::new(0) };
+        let core = Self {
+            settings,
+            local,
+            connection: Mutex::default(),
+            frames: AtomicU64::new(0),
+            scenes: AtomicU32::new(0),
+        };
         match core.settings.backend {
             Backend::Daemon => drop(core.link()?),
             Backend::Auto => drop(core.link()),
@@ -87,6 +94,11 @@ impl Core {
 
     pub(super) fn next_frame(&self) -> u64 {
         self.frames.fetch_add(1, Ordering::Relaxed)
+    }
+
+    /// The number of a new scene.
+    pub(super) fn next_scene(&self) -> SceneId {
+        SceneId(self.scenes.fetch_add(1, Ordering::Relaxed))
     }
 
     pub(super) fn may_cull_here(&self) -> bool {
@@ -125,7 +137,7 @@ impl Core {
     pub(super) fn sphere_frame(self: &Arc<Self>, n: usize) -> Result<SphereFrame, FrameError> {
         let n = counted(n)?;
         let shared = || {
-            let link = self.link_that_knows(Written::SPHERES, "spheres")?;
+            let link = self.link_that_knows(Written::SPHERES.since_minor(), "spheres")?;
             link.loan(Written::SPHERES.scene(n).payload_bytes())
         };
         let memory = self.memory(n, shared)?;
@@ -177,14 +189,13 @@ impl Core {
         }
     }
 
-    /// The connection, where its daemon knows how a frame is written.
-    fn link_that_knows(
+    /// The connection, where its daemon knows what a minor version added.
+    pub(super) fn link_that_knows(
         &self,
-        written: Written,
+        since_minor: u16,
         what: &'static str,
     ) -> Result<Arc<Link>, FrameError> {
         let link = self.link()?;
-        let since_minor = written.since_minor();
         if link.forms().knows(since_minor) {
             return Ok(link);
         }
@@ -250,7 +261,7 @@ impl Core {
 
     /// Logs that frames are answered in process, once for each kind of cause until the daemon
     /// answers again.
-    fn say_in_process(&self, why: &FrameError) {
+    pub(super) fn say_in_process(&self, why: &FrameError) {
         let told = &mut lock(&self.connection).told;
         if !told.contains(&kind_of(why)) {
             told.push(kind_of(why));
@@ -266,26 +277,10 @@ impl Core {
             box_count: BoxCount::default(),
         };
         let header = RequestHeader::status(asked.client_token, asked.frame);
-        let shared: SharedFrame = link.loan(0)?;
-        let sent = Instant::now();
-        let (mut pending, _slot) = shared.send(&header).map_err(|unsent| match unsent {
-            Unsent::Saved(_) => StatusError::Wait(WaitError::DaemonDied),
-            Unsent::Lost(error) => StatusError::Wait(error.into()),
-        })?;
-        let deadline = sent + self.settings.deadline;
-        let received = link
-            .receive(&mut pending, sent, 0, self.settings.spin, deadline)
-            .map_err(WaitError::from)?;
-        match received {
-            Received::Sample(sample) => {
-                let misplaced = ReplyError::Malformed { field: "place" };
-                let (header, response) = link.check(sample).ok_or(WaitError::from(misplaced))?;
-                let payload = bytemuck::cast_slice(response.pages());
-                Ok(StatusBody::parse(&header, &asked, payload).map_err(WaitError::from)?)
-            }
-            Received::Nothing => Err(WaitError::Timeout { waited: self.settings.deadline }.into()),
-            Received::Dead => Err(WaitError::DaemonDied.into()),
-        }
+        let exchange = Exchange::begin(link.loan(0)?, &header)?;
+        let answer = exchange.end(link.expect(0), &self.settings)?;
+        let payload = bytemuck::cast_slice(answer.response.pages());
+        Ok(StatusBody::parse(&answer.header, &asked, payload).map_err(WaitError::from)?)
     }
 }
 

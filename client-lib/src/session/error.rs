@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use pairmask_core::engine::{CullError, IsaError};
+use pairmask_core::scene::{EditError, SceneError};
 use pairmask_wire::{InstanceError, InstanceName, ReplyError, Version};
 
 use crate::transport::{PopulateError, TransportError};
@@ -138,6 +139,24 @@ pub enum WaitError {
     /// The in-process engine, which answers when the daemon cannot, failed too.
     #[error(transparent)]
     Cull(#[from] CullError),
+}
+
+/// Why an edit of a scene has no answer.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum CommitError {
+    /// The edit is wrong. Nothing of it was applied.
+    #[error(transparent)]
+    Edit(#[from] EditError),
+    /// The edit could not be sent. Nothing of it was applied.
+    #[error(transparent)]
+    Frame(#[from] FrameError),
+    /// The edit was applied and has no answer. The next answer makes up for it.
+    #[error(transparent)]
+    Wait(#[from] WaitError),
+    /// As a later version of the engines says.
+    #[error(transparent)]
+    Scene(SceneError),
 }
 
 /// Why the daemon's status is not known.

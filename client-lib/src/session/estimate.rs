@@ -44,7 +44,23 @@ fn aged(known: Duration, new: Duration) -> Duration {
     if new < known { new } else { known + new.saturating_sub(known) / 16 }
 }
 
+/// What is expected of a request.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Expected {
+    /// How long to sleep after it was sent; zero for a short one.
+    pub nap: Duration,
+    /// The time to its answer; zero where nothing is known.
+    pub round_trip: Duration,
+    /// Threads that the engine uses; zero where nothing is known.
+    pub threads: usize,
+}
+
 impl Estimate {
+    /// What is expected of a request of `n` boxes.
+    pub(super) fn expect(&self, n: u32) -> Expected {
+        Expected { nap: self.nap(n), round_trip: self.round_trip(n), threads: self.threads(n) }
+    }
+
     /// Updates the estimate by an answered frame.
     pub(super) fn note(&mut self, frame: Answered) {
         let Answered { n, round_trip, took, threads } = frame;
@@ -64,7 +80,7 @@ impl Estimate {
 
     /// How long to sleep after a submission of `n` boxes; zero without an estimate and for short
     /// frames.
-    pub(super) fn nap(&self, n: u32) -> Duration {
+    fn nap(&self, n: u32) -> Duration {
         if !self.covers(n) || self.took < SHORTEST_NAP {
             return Duration::ZERO;
         }
@@ -72,12 +88,12 @@ impl Estimate {
     }
 
     /// The expected round trip of `n` boxes; zero without an estimate.
-    pub(super) fn round_trip(&self, n: u32) -> Duration {
+    fn round_trip(&self, n: u32) -> Duration {
         if self.covers(n) { self.round_trip } else { Duration::ZERO }
     }
 
     /// Threads that the engine is expected to use on `n` boxes; zero without an estimate.
-    pub(super) fn threads(&self, n: u32) -> usize {
+    fn threads(&self, n: u32) -> usize {
         if self.covers(n) { self.threads } else { 0 }
     }
 

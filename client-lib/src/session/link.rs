@@ -19,7 +19,7 @@ use pairmask_wire::{
 use super::builder::{Backend, Settings};
 use super::encodings::KnownEncodings;
 use super::error::{ConnectError, FrameError};
-use super::estimate::{Answered, Estimate};
+use super::estimate::{Answered, Estimate, Expected};
 use super::forms::KnownForms;
 use super::local::lock;
 use crate::transport::{
@@ -277,25 +277,27 @@ impl Link {
         lock(&self.estimate).note(frame);
     }
 
+    /// What is expected of a frame of `n` boxes.
+    pub(super) fn expect(&self, n: u32) -> Expected {
+        lock(&self.estimate).expect(n)
+    }
+
     /// Waits for the response to `pending` until `deadline`.
     ///
-    /// Naps through most of a frame that is expected to be long, spins until `spin` after its
+    /// Naps through most of a request that is expected to be long, spins until `spin` after its
     /// expected end, then sleeps until woken.
     pub(super) fn receive(
         &self,
         pending: &mut SentRequest,
         sent: Instant,
-        n: u32,
+        expected: Expected,
         spin: Duration,
         deadline: Instant,
     ) -> Result<Received, TransportError> {
         if let Some(sample) = pending.receive()? {
             return Ok(Received::Sample(sample));
         }
-        let (nap, expected, threads) = {
-            let estimate = lock(&self.estimate);
-            (estimate.nap(n), estimate.round_trip(n), estimate.threads(n))
-        };
+        let Expected { nap, round_trip, threads } = expected;
         if !spin.is_zero() {
             // The nap goes by the system's fine clock. The listener's wait ends with a tick of the
             // coarse clock (1 to 10 ms): a client that naps by it is woken by the answer, 50 µs
@@ -313,7 +315,7 @@ impl Link {
             }
             // Near its expected end a frame is worth a core: a client that falls asleep just before
             // the answer costs a wake-up on each side, frame after frame.
-            let spin_until = (Instant::now().max(sent + expected) + spin).min(deadline);
+            let spin_until = (Instant::now().max(sent + round_trip) + spin).min(deadline);
             let mut spinner = Spinner::default();
             while Instant::now() < spin_until {
                 if let Some(sample) = pending.receive()? {

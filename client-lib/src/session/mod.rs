@@ -25,6 +25,8 @@ mod error;
 #[cfg_attr(not(feature = "daemon"), allow(dead_code))]
 mod estimate;
 #[cfg_attr(not(feature = "daemon"), allow(dead_code))]
+mod exchange;
+#[cfg_attr(not(feature = "daemon"), allow(dead_code))]
 mod forms;
 mod frame;
 #[cfg(feature = "daemon")]
@@ -42,13 +44,15 @@ mod scene;
 mod sphere;
 
 pub use builder::{Backend, SessionBuilder};
-pub use error::{ConnectError, FrameError, StatusError, WaitError};
+pub use error::{CommitError, ConnectError, FrameError, StatusError, WaitError};
 pub use frame::Frame;
 pub use margined::{MarginStats, Margined, MarginedError, MarginedMask};
 pub use narrow::NarrowFrame;
 pub use pairs::{FrameInfo, PairMask, ServedBy};
 pub use pending::PendingFrame;
-pub use scene::{Scene, SceneAnswer, SceneEdit};
+pub use scene::{
+    EndedIter, EndedList, PairList, PairListIter, PendingAnswer, Scene, SceneAnswer, SceneEdit,
+};
 pub use sphere::SphereFrame;
 
 use std::sync::Arc;
@@ -148,8 +152,9 @@ impl Session {
     /// A scene that persists: boxes stay from answer to answer, edits go in, changes of pairs come out.
     /// A session may have any number of them.
     ///
-    /// **Scenes are answered in process**, whatever the session's backend is: no daemon keeps any. They
-    /// use the session's instruction set and calibration, and its threads unless `options` name some.
+    /// A daemon keeps the scene where the session has one; else the engines of this process do. Sessions
+    /// in process use their instruction set and calibration. Threads are the session's unless `options`
+    /// name some.
     ///
     /// ```
     /// use pairmask::scene::{SceneOptions, Want};
@@ -161,15 +166,15 @@ impl Session {
     /// let at = |x: f32| Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0]);
     ///
     /// let told = scene.edit().set(7, at(0.0)).set(9, at(0.5)).commit(Want::Changes)?.take();
-    /// assert_eq!(told.begun(), [[7, 9]]);
+    /// assert_eq!(told.begun().to_vec(), [[7, 9]]);
     ///
     /// let told = scene.edit().set(9, at(5.0)).commit(Want::Changes)?.take();
-    /// assert_eq!(told.ended()[0].pair, [7, 9]);
+    /// assert_eq!(told.ended().to_vec()[0].pair, [7, 9]);
     /// # Ok(())
     /// # }
     /// ```
     pub fn scene(&mut self, options: SceneOptions) -> Scene {
-        Scene::new(options, self.core.settings())
+        Scene::new(options, &self.core)
     }
 
     /// What would serve the next frame by the present state: the daemon or this process.

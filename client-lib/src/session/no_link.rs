@@ -10,7 +10,7 @@ use pairmask_wire::{ReplyError, RequestHeader, ResponseHeader};
 use super::builder::{Backend, Settings};
 use super::encodings::KnownEncodings;
 use super::error::{ConnectError, FrameError};
-use super::estimate::Answered;
+use super::estimate::{Answered, Expected};
 use super::forms::KnownForms;
 use crate::transport::{
     CheckedResponse, Never, OwnRequest, ResponseSample, SentRequest, TransportError,
@@ -99,11 +99,15 @@ impl Link {
         match self.0 {}
     }
 
+    pub(super) const fn expect(&self, _: u32) -> Expected {
+        match self.0 {}
+    }
+
     pub(super) const fn receive(
         &self,
         _: &mut SentRequest,
         _: Instant,
-        _: u32,
+        _: Expected,
         _: Duration,
         _: Instant,
     ) -> Result<Received, TransportError> {

@@ -164,7 +164,8 @@ impl Sent {
         let deadline = Instant::now() + timeout;
         let spin = core.settings().spin;
         let n = self.asked.box_count.get();
-        match self.slot.link().receive(&mut self.pending, self.at, n, spin, deadline) {
+        let link = self.slot.link();
+        match link.receive(&mut self.pending, self.at, link.expect(n), spin, deadline) {
             Ok(Received::Sample(sample)) => {
                 let answered_after = self.at.elapsed();
                 match self.slot.link().check(sample) {

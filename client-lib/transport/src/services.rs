@@ -94,12 +94,15 @@ pub struct Limits {
     pub max_clients: usize,
     /// Bytes of the largest mask. Address space, not memory: pages cost when they are touched.
     pub max_reply_bytes: u64,
+    /// Bytes that all scenes together may take.
+    pub max_scene_bytes: u64,
 }
 
 impl Default for Limits {
-    /// 16 clients; masks of 1 GiB: the dense mask of 131,000 boxes, or 80 million sparse words.
+    /// 16 clients; masks of 1 GiB: the dense mask of 131,000 boxes, or 80 million sparse words; scenes of
+    /// 4 GiB: 14 million boxes.
     fn default() -> Self {
-        Self { max_clients: 16, max_reply_bytes: 1 << 30 }
+        Self { max_clients: 16, max_reply_bytes: 1 << 30, max_scene_bytes: 4 << 30 }
     }
 }
 

@@ -6,23 +6,32 @@
 //! once, validates the copy ([`Request::parse`], [`Reply::parse`]), and uses only the validated
 //! form.
 
+mod header;
 mod name;
 mod page;
 mod pages;
+mod reject;
 mod reply;
 mod request;
+mod scene;
 mod section;
 mod status;
 mod status_code;
 
+pub use header::{Operation, RequestHeader};
 pub use name::{InstanceError, InstanceName};
 pub use page::{PAGE_BYTES, Page, page_count};
 pub use pages::{
     box_slice_in, boxes_in, boxes_in_mut, bytes_in_mut, objects_in, spheres_in, spheres_in_mut,
     words_in, words_in_mut,
 };
+pub use reject::Reject;
 pub use reply::{Reply, ReplyError, ReplyFields, ResponseHeader, response_error, response_ok};
-pub use request::{CullRequest, Operation, Reject, Request, RequestHeader, ScenePlace};
+pub use request::{CullRequest, Request, ScenePlace};
+pub use scene::{
+    EditLayout, EditScratch, EndedPairs, SceneAnswerLayout, SceneId, SceneReply, SceneRequest,
+    response_scene, response_scene_ended,
+};
 pub use section::{SECTION_COUNT, Section, SectionKind};
 pub use status::{AuditCounts, LAST_ERRORS, RecordedError, StatusBody, response_status};
 pub use status_code::StatusCode;
@@ -35,13 +44,16 @@ use pairmask_core::precision::BoxForm;
 /// Major version. A daemon answers only requests of its own. Raised when an old reader would
 /// misread a message.
 pub const VERSION_MAJOR: u16 = 1;
-/// Minor version: that of the newest form of objects, encoding of masks or engine. Old readers may ignore what
+/// Minor version: that of the newest form of objects, encoding of masks, engine or operation. Old readers may ignore what
 /// a minor version adds.
 pub const VERSION_MINOR: u16 = newest_minor();
 /// Minor version from which daemons know boxes in narrow forms.
 pub const NARROW_BOXES_MINOR: u16 = 1;
 /// Minor version from which daemons know spheres.
 pub const SPHERES_MINOR: u16 = 2;
+
+/// Minor version from which daemons keep scenes.
+pub const SCENES_MINOR: u16 = 4;
 
 /// Minor version from which daemons know objects of a form.
 pub const fn since_minor(form: ObjectForm) -> u16 {
@@ -52,9 +64,9 @@ pub const fn since_minor(form: ObjectForm) -> u16 {
     }
 }
 
-/// The largest minor version that a form, an encoding or an engine needs.
+/// The largest minor version that an operation, a form, an encoding or an engine needs.
 const fn newest_minor() -> u16 {
-    let (mut newest, mut i) = (0, 0);
+    let (mut newest, mut i) = (SCENES_MINOR, 0);
     while i < ObjectForm::ALL.len() {
         newest = later(newest, since_minor(ObjectForm::ALL[i]));
         i += 1;

@@ -1,77 +1,18 @@
 //! Requests of a client.
 
-use bytemuck::{Pod, Zeroable};
-#[cfg(feature = "transport")]
-use iceoryx2::prelude::ZeroCopySend;
 use pairmask_core::engine::{EngineChoice, EngineName};
 use pairmask_core::mask::{Encoding, EncodingChoice};
 use pairmask_core::objects::{ObjectForm, Objects};
 use pairmask_core::precision::BoxForm;
 use pairmask_core::units::BoxCount;
 
+use crate::header::{Operation, RequestHeader};
 use crate::page::Page;
 use crate::pages::objects_in;
+use crate::reject::Reject;
+use crate::scene::{SceneId, SceneRequest};
 use crate::section::{SECTION_COUNT, Section, SectionKind};
-use crate::status_code::StatusCode;
 use crate::{REQUEST_MAGIC, VERSION_MAJOR, VERSION_MINOR, Version};
-
-/// Header of a request, 272 bytes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
-#[repr(C)]
-#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("pairmask.RequestHeader"))]
-pub struct RequestHeader {
-    /// [`REQUEST_MAGIC`].
-    pub magic: u32,
-    /// [`VERSION_MAJOR`].
-    pub version_major: u16,
-    /// [`VERSION_MINOR`].
-    pub version_minor: u16,
-    /// An [`Operation`].
-    pub operation: u32,
-    /// No flag is defined yet; unknown flags are ignored.
-    pub flags: u32,
-    /// Names the client: the listener of its node has the same number as its name. Apart from that
-    /// an echo.
-    pub client_token: u64,
-    /// The client's number of this frame, echoed in the response.
-    pub frame: u64,
-    /// Boxes or spheres in the scene.
-    pub box_count: u32,
-    /// An [`EngineName`], or 0 for the plan's choice.
-    pub engine: u32,
-    /// An [`Encoding`], or 0 for the plan's choice.
-    pub encoding: u32,
-    /// Threads that the engine may use, or 0 for the plan's choice.
-    pub threads: u32,
-    /// What lies where in the payload.
-    pub sections: [Section; SECTION_COUNT],
-    /// Threads with which the client visits the pairs, or 0 for one (since 1.3; a hint, which older
-    /// readers ignore).
-    pub visit_threads: u32,
-    /// Zero; no version reads it yet.
-    pub reserved_word: u32,
-    /// Zero; no version reads it yet.
-    pub reserved: [u64; 3],
-}
-
-const _: () = assert!(size_of::<RequestHeader>() == 272 && align_of::<RequestHeader>() == 8);
-
-impl Default for RequestHeader {
-    /// All zero, as the transport writes it before the client fills it in. Not a valid request.
-    fn default() -> Self {
-        Self::zeroed()
-    }
-}
-
-/// The operation that a request asks for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u32)]
-pub enum Operation {
-    /// Find the overlapping pairs of the boxes or spheres.
-    Cull = 1,
-    /// Report the daemon's status.
-    Status = 2,
-}
 
 /// Where the objects of a scene lie in a payload, and what they are. What else each object has for all
 /// engines to honour belongs here: its place, its section, and what [`ScenePlace::objects_in`] makes of
@@ -156,83 +97,13 @@ pub enum Request {
     Cull(CullRequest),
     /// Report the status.
     Status,
-}
-
-/// Why a request is refused, before any box is read.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum Reject {
-    /// Not a pairmask request.
-    #[error("the request's magic is {found:#010x}, not {REQUEST_MAGIC:#010x}")]
-    Magic {
-        /// What stood there.
-        found: u32,
-    },
-    /// Another major version.
-    #[error("the request speaks wire version {found}, this daemon {}", Version::CURRENT)]
-    Version {
-        /// The client's version.
-        found: Version,
-    },
-    /// No such operation.
-    #[error("unknown operation {found}")]
-    Operation {
-        /// What stood there.
-        found: u32,
-    },
-    /// No such engine.
-    #[error("unknown engine {found}")]
-    Engine {
-        /// What stood there.
-        found: u32,
-    },
-    /// No such encoding.
-    #[error("unknown encoding {found}")]
-    Encoding {
-        /// What stood there.
-        found: u32,
-    },
-    /// A required section of a kind that this build does not know.
-    #[error("unknown required section {found}")]
-    UnknownSection {
-        /// The kind.
-        found: u32,
-    },
-    /// The section of boxes or spheres is missing, doubled (in the same form or in two), of the
-    /// wrong length or outside of the payload.
-    #[error(
-        "the section of boxes or spheres does not hold {box_count} of them within {payload_bytes} bytes"
-    )]
-    Objects {
-        /// Boxes or spheres announced.
-        box_count: u32,
-        /// Bytes of the payload.
-        payload_bytes: u64,
-    },
-}
-
-impl Reject {
-    /// The status of the response.
-    pub const fn status(&self) -> StatusCode {
-        match self {
-            Self::Version { .. } => StatusCode::VersionMismatch,
-            _ => StatusCode::BadRequest,
-        }
-    }
+    /// Change a scene.
+    EditScene(SceneRequest),
+    /// Forget a scene.
+    EndScene(SceneId),
 }
 
 impl RequestHeader {
-    fn envelope(operation: Operation, client_token: u64, frame: u64) -> Self {
-        Self {
-            magic: REQUEST_MAGIC,
-            version_major: VERSION_MAJOR,
-            version_minor: VERSION_MINOR,
-            operation: operation as u32,
-            client_token,
-            frame,
-            ..Self::zeroed()
-        }
-    }
-
     /// A request to cull a scene, with what the client asks for.
     pub fn cull(client_token: u64, frame: u64, request: &CullRequest) -> Self {
         let CullRequest { scene, engine, encoding, threads, visit_threads, client_minor } =
@@ -276,14 +147,19 @@ impl Request {
             let found = Version { major: header.version_major, minor: header.version_minor };
             return Err(Reject::Version { found });
         }
-        let unknown =
-            |s: &&Section| s.is_used() && s.flags & Section::REQUIRED != 0 && form_of(s).is_none();
+        let unknown = |s: &&Section| {
+            s.is_used() && s.flags & Section::REQUIRED != 0 && !is_known(s, header.operation)
+        };
         if let Some(section) = header.sections.iter().find(unknown) {
             return Err(Reject::UnknownSection { found: section.kind });
         }
         match header.operation {
             op if op == Operation::Status as u32 => Ok(Self::Status),
             op if op == Operation::Cull as u32 => Self::parse_cull(header, payload_bytes),
+            op if op == Operation::EditScene as u32 => {
+                SceneRequest::parse(header, payload_bytes).map(Self::EditScene)
+            }
+            op if op == Operation::EndScene as u32 => Ok(Self::EndScene(SceneId(header.scene))),
             found => Err(Reject::Operation { found }),
         }
     }
@@ -318,6 +194,14 @@ impl Request {
             client_minor: header.version_minor,
         }))
     }
+}
+
+/// Whether a section is of a kind that an operation knows.
+fn is_known(section: &Section, operation: u32) -> bool {
+    let of_edits = [SectionKind::SceneSteps, SectionKind::SceneIndices];
+    form_of(section).is_some()
+        || operation == Operation::EditScene as u32
+            && of_edits.iter().any(|kind| *kind as u32 == section.kind)
 }
 
 /// The form of the objects in a section, or `None` where it holds no objects.

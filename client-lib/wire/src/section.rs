@@ -56,11 +56,21 @@ pub enum SectionKind {
     Spheres = 11,
     /// Pairs of box indices of a list.
     ListPairs = 12,
+    /// Steps of an edit of a scene.
+    SceneSteps = 13,
+    /// Words of an edit: lists and bitmasks of indices.
+    SceneIndices = 14,
+    /// Pairs that began.
+    BegunPairs = 15,
+    /// Pairs that ended.
+    EndedPairs = 16,
+    /// Why they ended, a byte each.
+    EndReasons = 17,
 }
 
 impl SectionKind {
     /// Every kind, in the order of their numbers.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 17] = [
         Self::Boxes,
         Self::DenseWords,
         Self::SparseRows,
@@ -73,6 +83,11 @@ impl SectionKind {
         Self::BoxesF16,
         Self::Spheres,
         Self::ListPairs,
+        Self::SceneSteps,
+        Self::SceneIndices,
+        Self::BegunPairs,
+        Self::EndedPairs,
+        Self::EndReasons,
     ];
 
     /// The kind of a wire number, if there is one.

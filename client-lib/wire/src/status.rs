@@ -72,8 +72,10 @@ pub struct StatusBody {
     pub audit: AuditCounts,
     /// Spheres in those frames (since 1.2; zero before).
     pub spheres: u64,
-    /// Zero.
-    pub reserved: u64,
+    /// Scenes that it keeps (since 1.4; zero before).
+    pub scenes: u32,
+    /// Memory that they take, MiB (since 1.4; zero before).
+    pub scene_mib: u32,
 }
 
 impl StatusBody {

@@ -20,11 +20,17 @@ pub enum StatusCode {
     EngineUnavailable = 6,
     /// The engine failed in a way that no other code names.
     EngineFailed = 7,
+    /// The daemon does not have the scene as the edit expects it: the client sends it again whole.
+    /// `detail` holds the revision that it has, 0 for none.
+    StaleScene = 8,
+    /// Scenes would take more memory than the daemon gives them. `detail` holds the bytes needed and
+    /// allowed.
+    SceneTooLarge = 9,
 }
 
 impl StatusCode {
     /// Every code, in the order of their numbers.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 10] = [
         Self::Ok,
         Self::BadRequest,
         Self::VersionMismatch,
@@ -33,6 +39,8 @@ impl StatusCode {
         Self::OutOfMemory,
         Self::EngineUnavailable,
         Self::EngineFailed,
+        Self::StaleScene,
+        Self::SceneTooLarge,
     ];
 
     /// The code of a wire number, if there is one.
@@ -51,6 +59,8 @@ impl StatusCode {
             Self::OutOfMemory => "out-of-memory",
             Self::EngineUnavailable => "engine-unavailable",
             Self::EngineFailed => "engine-failed",
+            Self::StaleScene => "stale-scene",
+            Self::SceneTooLarge => "scene-too-large",
         }
     }
 }

@@ -91,7 +91,7 @@ fn golden_request() {
         (ObjectForm::Boxes(BoxForm::F16), 10, 1200),
         (ObjectForm::Spheres, 11, 1600),
     ] {
-        let expected = Bytes(b"PMRQ\x01\x00\x03\x00".to_vec())
+        let expected = Bytes(b"PMRQ\x01\x00\x04\x00".to_vec())
             .u32(&[1, 0])
             .u64(&[0x1122_3344_5566_7788, 9])
             .u32(&[100, 1, 2, 2])
@@ -146,7 +146,7 @@ fn golden_spheres() {
 fn golden_response() {
     // 7 words of room: sections start on multiples of 16 words, that is 64 bytes.
     let shape = MaskShape::sparse(N, 7, 5, true);
-    let expected = Bytes(b"PMRS\x01\x00\x03\x00".to_vec())
+    let expected = Bytes(b"PMRS\x01\x00\x04\x00".to_vec())
         .u32(&[0, 0])
         .u64(&[0x1122_3344_5566_7788, 9])
         .u32(&[100, 1, 2, 1, 2, 2])
@@ -165,7 +165,7 @@ fn golden_response() {
 
 #[test]
 fn golden_list_response() {
-    let expected = Bytes(b"PMRS\x01\x00\x03\x00".to_vec())
+    let expected = Bytes(b"PMRS\x01\x00\x04\x00".to_vec())
         .u32(&[0, 0])
         .u64(&[0x1122_3344_5566_7788, 9])
         .u32(&[100, 1, 3, 1, 2, 2])
@@ -227,7 +227,7 @@ fn golden_status_body() {
     };
     body.audit =
         AuditCounts { one_in: 11, frames: 12, skipped: 13, pairs: 14, missed: 15, extra: 16 };
-    body.spheres = 17;
+    (body.spheres, body.scenes, body.scene_mib) = (17, 18, 19);
     body.last_errors[0] =
         RecordedError { client_token: 8, frame: 9, at_ns: 10, status: 4, reserved: 0 };
     let expected = Bytes::default()
@@ -237,7 +237,7 @@ fn golden_status_body() {
         .u32(&[4, 0])
         .zeros((LAST_ERRORS - 1) * 32)
         .u64(&[11, 12, 13, 14, 15, 16, 17])
-        .zeros(8);
+        .u32(&[18, 19]);
     assert_eq!(bytemuck::bytes_of(&body), expected.0);
 }
 
@@ -388,7 +388,8 @@ fn a_later_minor_version_may_add_what_old_readers_pass_over() {
     let mut header = request();
     header.version_minor = 7;
     header.flags = 0xffff_ffff;
-    (header.reserved_word, header.reserved) = (1, [1; 3]);
+    (header.scene, header.base, header.revision) = (1, 1, 1);
+    (header.most_boxes, header.scene_flags) = (1, 1);
     header.sections[5] = Section { kind: 77, flags: 0, offset: u64::MAX, bytes: u64::MAX };
     assert!(Request::parse(&header, 4096).is_ok());
 }

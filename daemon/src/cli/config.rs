@@ -36,6 +36,8 @@ pub struct Config {
     pub(super) max_clients: Option<std::num::NonZeroU16>,
     #[serde(deserialize_with = "number")]
     pub(super) max_reply_mib: Option<std::num::NonZeroU32>,
+    #[serde(deserialize_with = "number")]
+    pub(super) max_scene_mib: Option<u32>,
     #[serde(deserialize_with = "parsed")]
     pub(super) gpu: Option<GpuChoice>,
     #[serde(deserialize_with = "number")]
@@ -153,7 +155,7 @@ mod tests {
     fn keys_are_the_names_of_the_flags() {
         let config: Config = toml::from_str(
             "instance = 'world'\nbackend = 'in-process'\nencoding = 'sparse'\n\
-             threads = 2\nspin-us = 0\nmax-clients = 3\nmax-reply-mib = 64\nruntime-dir = '/run/x'\n\
+             threads = 2\nspin-us = 0\nmax-clients = 3\nmax-reply-mib = 64\nmax-scene-mib = 9\nruntime-dir = '/run/x'\n\
              gpu = 'none'\ngpu-awake-ms = 0\ncalibration = 'built-in'\nisa = 'portable'",
         )
         .expect("every key is known");

@@ -36,6 +36,9 @@ pub struct Serve {
     /// The largest mask, MiB [default: 1024]
     #[arg(long, value_parser = whole_number::<NonZeroU32>, env = "PAIRMASK_MAX_REPLY_MIB", value_name = "N")]
     max_reply_mib: Option<NonZeroU32>,
+    /// Memory of all scenes that clients keep here, MiB [default: 4096]
+    #[arg(long, value_parser = whole_number::<u32>, env = "PAIRMASK_MAX_SCENE_MIB", value_name = "N")]
+    max_scene_mib: Option<u32>,
     #[command(flatten)]
     options: DaemonOptions,
     /// How long the GPU's clocks are kept up after a frame, ms; 0 leaves them alone [default: 250]
@@ -86,6 +89,7 @@ impl Serve {
         let gpu_awake_ms = self.gpu_awake_ms.or(config.gpu_awake_ms);
         let max_clients = self.max_clients.or(config.max_clients);
         let max_reply_mib = self.max_reply_mib.or(config.max_reply_mib);
+        let max_scene_mib = self.max_scene_mib.or(config.max_scene_mib);
         ServeSettings {
             instance: place.instance(config),
             dir: place.runtime_dir(config),
@@ -93,6 +97,8 @@ impl Serve {
                 max_clients: max_clients.map_or(default.max_clients, |n| usize::from(n.get())),
                 max_reply_bytes: max_reply_mib
                     .map_or(default.max_reply_bytes, |n| u64::from(n.get()) << 20),
+                max_scene_bytes: max_scene_mib
+                    .map_or(default.max_scene_bytes, |n| u64::from(n) << 20),
             },
             spin: spin_us.map_or(DEFAULT_SPIN, Duration::from_micros),
             gpu: self.options.gpu(config),

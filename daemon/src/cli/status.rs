@@ -115,6 +115,12 @@ struct DaemonReport {
     spheres: u64,
     /// Pairs in those frames.
     pairs: u64,
+    /// Scenes that clients keep there.
+    #[serde(default)]
+    scenes: u32,
+    /// Memory that they take, MiB.
+    #[serde(default)]
+    scene_mib: u32,
     /// Requests answered with an error.
     errors: u64,
     /// The last of them, newest first.
@@ -244,6 +250,9 @@ impl InstanceReport {
             text,
             "  {frames} frames, {boxes} boxes,{spheres} {pairs} pairs, {errors} errors"
         )?;
+        if daemon.scenes > 0 {
+            writeln!(text, "  {} scenes of {} MiB", daemon.scenes, daemon.scene_mib)?;
+        }
         if let Some(AuditReport { one_in, frames, skipped, pairs, missed, extra }) = &daemon.audit {
             writeln!(
                 text,
@@ -332,6 +341,8 @@ impl DaemonReport {
             boxes: body.boxes,
             spheres: body.spheres,
             pairs: body.pairs,
+            scenes: body.scenes,
+            scene_mib: body.scene_mib,
             errors: body.errors,
             last_errors: body
                 .last_errors

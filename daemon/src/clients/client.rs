@@ -6,6 +6,7 @@ use iceoryx2::port::notifier::ListenerKey;
 use iceoryx2::prelude::CallbackProgression;
 use pairmask_transport::{WakeClient, listener_name};
 
+use super::scenes::KeptScene;
 use crate::execute::Executor;
 
 /// What is kept of a client. Everything that belongs to one session and outlives a request goes here.
@@ -19,6 +20,8 @@ pub(super) struct Client {
     pub(super) last_work: Option<FrameWork>,
     /// Its engines, while no frame of it is being culled.
     pub(super) engines: Option<Box<Executor>>,
+    /// Its scenes, but for one that is being changed.
+    pub(super) scenes: Vec<KeptScene>,
 }
 
 /// What a frame took.
@@ -46,7 +49,14 @@ pub enum GpuNeed {
 impl Client {
     /// A client of which nothing is known yet.
     pub(super) const fn new(session: u128) -> Self {
-        Self { session, listener: None, last_pairs: None, last_work: None, engines: None }
+        Self {
+            session,
+            listener: None,
+            last_pairs: None,
+            last_work: None,
+            engines: None,
+            scenes: Vec::new(),
+        }
     }
 
     /// Its session, by the transport's number of the node.

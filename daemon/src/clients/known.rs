@@ -25,9 +25,9 @@ impl Known {
         self.clients.iter_mut()
     }
 
-    /// Forgets clients that are gone.
-    pub(super) fn retain(&mut self, lives: impl Fn(u128) -> bool) {
-        self.clients.retain(|client| lives(client.session()));
+    /// Forgets clients that are gone, and returns what was kept of them.
+    pub(super) fn remove_gone(&mut self, lives: impl Fn(u128) -> bool) -> Vec<Client> {
+        self.clients.extract_if(.., |client| !lives(client.session())).collect()
     }
 
     /// A client, remembered from now on. Clients that are gone fill the list: then all are forgotten,

@@ -1,20 +1,23 @@
 //! What the daemon keeps of its clients, by session.
 //!
 //! A session is who the transport's registers say that a request comes from; its token is an echo.
-//! Nothing here is needed for a right answer: what was forgotten is found again, or estimated.
+//! Nothing here is needed for a right answer: what was forgotten is found again, estimated, or sent again.
 
 mod client;
 mod known;
+mod scenes;
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use pairmask_transport::{Sender, WakeClient};
+use pairmask_wire::SceneId;
 
 pub(crate) use self::client::FrameWork;
 pub use self::client::GpuNeed;
 use self::client::find_listener;
 use self::known::Known;
+pub(crate) use self::scenes::{KeptScene, NoRoom, SceneMemory};
 use crate::execute::Executor;
 
 /// Work that is expected of an object where nothing is known of its session: what the engines take
@@ -72,6 +75,19 @@ impl Clients {
         self.known().of(session).engines = Some(engines);
     }
 
+    /// Takes a session's scene, which no other thread has meanwhile. `None` where it has no such scene.
+    pub(crate) fn take_scene(&self, session: u128, id: SceneId) -> Option<KeptScene> {
+        let mut known = self.known();
+        let scenes = &mut known.of(session).scenes;
+        let place = scenes.iter().position(|kept| kept.id() == id)?;
+        Some(scenes.swap_remove(place))
+    }
+
+    /// Keeps a session's scene for its next edit.
+    pub(crate) fn keep_scene(&self, session: u128, scene: KeptScene) {
+        self.known().of(session).scenes.push(scene);
+    }
+
     /// Wakes the client that sent a request with this token, and no other: by the listener of its
     /// session that bears the token. About 50 ns while it does not sleep.
     pub(crate) fn wake(&self, sender: Sender, client_token: u64) {
@@ -90,8 +106,11 @@ impl Clients {
     /// to be called now and then.
     pub(crate) fn tidy(&self, lives: impl Fn(u128) -> bool) {
         let mut known = self.known();
-        known.retain(lives);
+        let gone = known.remove_gone(lives);
         known.iter_mut().filter_map(|client| client.engines.as_mut()).for_each(|e| e.tidy());
+        drop(known);
+        // Large scenes take a while to free.
+        drop(gone);
     }
 
     fn known(&self) -> MutexGuard<'_, Known> {

@@ -14,7 +14,7 @@ use pairmask_core::{Aabb, Encoding};
 use super::frame_memory::{FrameMemory, LentReply, with_lent};
 use super::gpu::{
     AllPairs, AllPairsOptions, Awake, Begun, Block, Gpu, GpuChoice, GpuError, GpuSlot, Grid,
-    GridOptions, GridUnderWay, HostImport, OpenError, SharedImports,
+    GridOptions, GridUnderWay, HostImport, OpenError, SceneTools, SharedImports,
 };
 use super::offers::{Offers, Owner};
 
@@ -26,6 +26,8 @@ struct Engines {
     offers: Offers,
     cost: Option<GpuCost>,
     awake: Option<Awake>,
+    /// What scenes in its memory share.
+    scenes: Arc<SceneTools>,
 }
 
 impl Engines {
@@ -44,6 +46,7 @@ impl Engines {
             offers: Offers::new(gpu, imports),
             cost: None,
             awake: Awake::start(gpu, hold)?,
+            scenes: SceneTools::new(gpu, &grid)?,
         };
         engines.cost = measure(&mut engines, &GridOptions { profiled: true, ..grid });
         Ok(engines)
@@ -135,6 +138,12 @@ impl GpuService {
     /// The device, if there is one now.
     pub fn device(&mut self) -> Option<Arc<Gpu>> {
         self.slot.ready()
+    }
+
+    /// What scenes on the device of now share, if there is a device.
+    pub(super) fn scene_tools(&mut self) -> Option<Arc<SceneTools>> {
+        self.refresh();
+        self.engines.as_ref().map(|engines| Arc::clone(&engines.scenes))
     }
 
     /// What frames cost on the device of now.

@@ -4,6 +4,7 @@ mod engine_pool;
 mod frame_memory;
 pub mod gpu;
 mod gpu_service;
+mod kept_scene;
 mod offers;
 mod shared_gpu;
 mod spheres;
@@ -12,6 +13,7 @@ mod under_way;
 pub use engine_pool::EnginePool;
 pub use frame_memory::FrameMemory;
 pub use gpu_service::GpuService;
+pub use kept_scene::SceneKeeper;
 pub use offers::Owner;
 
 use std::sync::Arc;
@@ -197,6 +199,12 @@ impl Executor {
             Some(calibration) => other.with_engines(self.isa, calibration),
             None => other,
         }
+    }
+
+    /// The instruction set and the calibration of its CPU engines.
+    pub fn cpu_settings(&self) -> (AvailableIsa, Calibration) {
+        let built_in = || Calibration::built_in(self.isa.get());
+        (self.isa, self.calibration.unwrap_or_else(built_in))
     }
 
     /// The GPU, if this daemon has one, as soon as no other session uses it.

@@ -48,6 +48,12 @@ pub struct Joining<M> {
 #[derive(Clone)]
 pub struct GpuShare(pub(super) Option<Arc<SharedGpu>>);
 
+impl std::fmt::Debug for GpuShare {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("GpuShare").field("is_there", &self.0.is_some()).finish()
+    }
+}
+
 impl GpuShare {
     /// Lets the GPU work for a moment.
     pub fn rest(&self) {

@@ -43,11 +43,19 @@ impl Counters {
     }
 
     /// The counters, beside what others count.
-    pub(super) fn body(&self, client_count: usize, audit: AuditCounts) -> StatusBody {
+    pub(super) fn body(
+        &self,
+        client_count: usize,
+        audit: AuditCounts,
+        (scenes, scene_bytes): (u64, u64),
+    ) -> StatusBody {
+        let cut = |number: u64| u32::try_from(number).unwrap_or(u32::MAX);
         StatusBody {
             client_count: u32::try_from(client_count).unwrap_or(u32::MAX),
             uptime_ns: self.start.elapsed().as_nanos() as u64,
             audit,
+            scenes: cut(scenes),
+            scene_mib: cut(scene_bytes.div_ceil(1 << 20)),
             ..self.body
         }
     }

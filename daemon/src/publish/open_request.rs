@@ -13,7 +13,8 @@ use pairmask_transport::{
     assume_response_pages,
 };
 use pairmask_wire::{
-    Reject, ReplyFields, Request, ResponseHeader, ScenePlace, page_count, words_in, words_in_mut,
+    Page, Reject, ReplyFields, Request, ResponseHeader, ScenePlace, page_count, words_in,
+    words_in_mut,
 };
 
 use crate::ingest::Incoming;
@@ -98,6 +99,11 @@ impl OpenRequest {
     /// The most words of its reply.
     pub(crate) fn limit_words(&self) -> u64 {
         self.lender.limit_bytes / WORD_BYTES
+    }
+
+    /// The payload.
+    pub(crate) fn pages(&self) -> &[Page] {
+        self.request().pages()
     }
 
     /// The objects of its scene; none before they were placed.

@@ -5,13 +5,18 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use iceoryx2::service::ipc_threadsafe;
 use pairmask_core::dispatch::{CullAnswer, StageTimes};
 use pairmask_core::engine::CullReport;
+use pairmask_core::objects::ObjectForm;
+use pairmask_core::precision::BoxForm;
+use pairmask_core::scene::Told;
 use pairmask_transport::Services;
-use pairmask_wire::{ResponseHeader, StatusBody, response_error, response_ok, response_status};
+use pairmask_wire::{
+    ResponseHeader, StatusBody, response_error, response_ok, response_scene_ended, response_status,
+};
 
 use super::counters::Counters;
 use super::{OpenRequest, Refusal};
 use crate::audit::Auditor;
-use crate::clients::Clients;
+use crate::clients::{Clients, SceneMemory};
 
 /// What changes the words of a finished answer and their report. A daemon that serves clients has
 /// none: tests show with it that the auditor notices a wrong answer.
@@ -23,6 +28,7 @@ pub(crate) struct Outbox {
     clients: Clients,
     counters: Mutex<Counters>,
     auditor: Auditor,
+    scene_memory: SceneMemory,
     /// Changes every answer before it is counted and sent.
     alter_answers: Option<AlterAnswer>,
 }
@@ -33,9 +39,10 @@ impl Outbox {
         services: Arc<Services<ipc_threadsafe::Service>>,
         clients: Clients,
         auditor: Auditor,
+        scene_memory: SceneMemory,
     ) -> Self {
         let counters = Mutex::new(Counters::new());
-        Self { services, clients, counters, auditor, alter_answers: None }
+        Self { services, clients, counters, auditor, scene_memory, alter_answers: None }
     }
 
     /// Changes every answer from now on, or none. For tests of the auditor.
@@ -57,7 +64,8 @@ impl Outbox {
 
     /// What the daemon has done so far.
     pub(crate) fn status(&self) -> StatusBody {
-        self.counters().body(self.services.client_count(), self.auditor.counts())
+        let (clients, audit) = (self.services.client_count(), self.auditor.counts());
+        self.counters().body(clients, audit, self.scene_memory.used())
     }
 
     /// Answers with the pairs of the request's objects, whose mask its reply holds.
@@ -78,6 +86,20 @@ impl Outbox {
             // The objects are ours to read as long as the request is.
             self.auditor.submit(window, open.objects());
         }
+    }
+
+    /// Answers an edit of a scene with what follows, which the reply holds.
+    pub(crate) fn answer_edit(&self, open: &mut OpenRequest, told: &Told, header: &ResponseHeader) {
+        let fields = *open.fields();
+        let pairs = told.begun().len() + told.ended().len() + told.pairs().len();
+        self.counters().note_frame(&fields, ObjectForm::Boxes(BoxForm::F32), pairs as u64);
+        self.send(open, header);
+    }
+
+    /// Answers that a scene is forgotten.
+    pub(crate) fn answer_scene_ended(&self, open: &mut OpenRequest) {
+        let header = response_scene_ended(open.fields());
+        self.send(open, &header);
     }
 
     /// Answers with the daemon's status, which the reply holds.

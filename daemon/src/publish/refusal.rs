@@ -1,7 +1,10 @@
 //! Requests that get an error for an answer.
 
 use pairmask_core::engine::{CullError, ReserveError};
+use pairmask_core::scene::{EditError, SceneError};
 use pairmask_wire::{Reject, StatusCode};
+
+use crate::clients::NoRoom;
 
 /// Why a request is not answered with what it asks for, as its client is told.
 #[derive(Debug)]
@@ -16,6 +19,36 @@ pub(crate) struct Refusal {
 impl From<Reject> for Refusal {
     fn from(reject: Reject) -> Self {
         Self { status: reject.status(), detail: [0; 2], text: reject.to_string() }
+    }
+}
+
+impl From<NoRoom> for Refusal {
+    fn from(no_room: NoRoom) -> Self {
+        let detail = [no_room.needed_bytes, no_room.limit_bytes];
+        Self { status: StatusCode::SceneTooLarge, detail, text: no_room.to_string() }
+    }
+}
+
+impl From<EditError> for Refusal {
+    fn from(error: EditError) -> Self {
+        let (status, detail) = match error {
+            EditError::NoMemory { boxes } => (StatusCode::OutOfMemory, [boxes, 0]),
+            _ => (StatusCode::BadRequest, [0; 2]),
+        };
+        Self { status, detail, text: error.to_string() }
+    }
+}
+
+impl Refusal {
+    /// The scene is at this revision, and not at the one that an edit is for; 0 where there is none.
+    pub(crate) fn stale_scene(revision: u64) -> Self {
+        let text = format!("an edit of a scene that is at revision {revision}");
+        Self { status: StatusCode::StaleScene, detail: [revision, 0], text }
+    }
+
+    /// An edit has no answer, for a reason that no status names.
+    pub(crate) fn engine_failed(error: &SceneError) -> Self {
+        Self { status: StatusCode::EngineFailed, detail: [0; 2], text: error.to_string() }
     }
 }
 

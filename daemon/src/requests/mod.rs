@@ -4,6 +4,7 @@
 //! of one session one at a time.
 
 mod cull;
+mod scene;
 mod status;
 
 use std::sync::Arc;
@@ -14,9 +15,10 @@ use pairmask_transport::{Limits, PortTurn, Services, WakeClient};
 use pairmask_wire::{CullRequest, Request, StatusBody};
 
 use self::cull::Culls;
+use self::scene::SceneEdits;
 use crate::audit::Auditor;
-use crate::clients::Clients;
 pub use crate::clients::GpuNeed;
+use crate::clients::{Clients, SceneMemory};
 use crate::execute::{EnginePool, Executor};
 use crate::ingest::Incoming;
 use crate::publish::{AlterAnswer, OpenRequest, Outbox, ReplyLender};
@@ -24,6 +26,7 @@ use crate::publish::{AlterAnswer, OpenRequest, Outbox, ReplyLender};
 /// Answers requests.
 pub struct Responder {
     culls: Culls,
+    scenes: SceneEdits,
     outbox: Outbox,
     lender: Arc<ReplyLender>,
 }
@@ -61,9 +64,18 @@ impl Responder {
         auditor: Auditor,
     ) -> Self {
         let clients = Clients::new(wake_clients, limits.max_clients);
+        let memory = SceneMemory::new(limits.max_scene_bytes);
+        let (isa, calibration) = executor.cpu_settings();
         Self {
+            scenes: SceneEdits::new(
+                isa,
+                &calibration,
+                executor.gpu_share(),
+                memory.clone(),
+                Arc::clone(&pool),
+            ),
             culls: Culls::new(executor, pool),
-            outbox: Outbox::new(services, clients, auditor),
+            outbox: Outbox::new(services, clients, auditor, memory),
             lender: Arc::new(ReplyLender::new(turn, limits.max_reply_bytes)),
         }
     }
@@ -76,7 +88,7 @@ impl Responder {
     /// Takes in one request, whatever it holds, and answers it now, or leaves it under way. A CPU engine
     /// may use so many threads.
     pub fn take(&self, incoming: Incoming, threads: usize) -> Served {
-        match self.open(incoming) {
+        match self.open(incoming, threads) {
             Ok((open, request)) => self.culls.take(open, &request, threads, &self.outbox),
             Err(served) => served,
         }
@@ -89,7 +101,7 @@ impl Responder {
         requests: impl IntoIterator<Item = Incoming>,
         threads: usize,
     ) -> Vec<Served> {
-        let opened = requests.into_iter().map(|incoming| self.open(incoming));
+        let opened = requests.into_iter().map(|incoming| self.open(incoming, threads));
         self.culls.take_bundle(opened, threads, &self.outbox)
     }
 
@@ -97,10 +109,18 @@ impl Responder {
     ///
     /// # Errors
     /// Any other one, which is served.
-    fn open(&self, incoming: Incoming) -> Result<(OpenRequest, CullRequest), Served> {
+    fn open(
+        &self,
+        incoming: Incoming,
+        threads: usize,
+    ) -> Result<(OpenRequest, CullRequest), Served> {
         let mut open = OpenRequest::new(incoming, Arc::clone(&self.lender));
         match open.parse() {
             Ok(Request::Cull(request)) => return Ok((open, request)),
+            Ok(Request::EditScene(request)) => {
+                return Err(self.scenes.take(open, &request, threads, &self.outbox));
+            }
+            Ok(Request::EndScene(scene)) => SceneEdits::end(&mut open, scene, &self.outbox),
             Ok(Request::Status) => status::answer(&mut open, &self.outbox),
             Err(reject) => self.outbox.refuse(&mut open, &reject.into()),
         }

@@ -91,6 +91,7 @@ fn spawn_worker(settings: &ServeSettings) -> Result<Child, ServeError> {
         .args(["--spin-us", &settings.spin.as_micros().to_string()])
         .args(["--max-clients", &settings.limits.max_clients.to_string()])
         .args(["--max-reply-mib", &(settings.limits.max_reply_bytes >> 20).to_string()])
+        .args(["--max-scene-mib", &(settings.limits.max_scene_bytes >> 20).to_string()])
         .args(["--gpu", &settings.gpu.to_string()])
         .args(["--gpu-awake-ms", &settings.gpu_awake.as_millis().to_string()])
         .args(["--calibration", &settings.calibration.to_string()])

@@ -51,12 +51,14 @@ fn a_daemon_tells_what_it_did() {
         "boxes",
         "spheres",
         "pairs",
+        "scenes",
+        "scene_mib",
         "errors",
         "last_errors",
         "audit",
     ];
     assert_eq!(keys(told), BTreeSet::from(fields));
-    assert_eq!(told["spheres"], 0);
+    assert_eq!((&told["spheres"], &told["scenes"]), (&0.into(), &0.into()));
     assert_eq!(
         (&told["frames"], &told["boxes"], &told["pairs"]),
         (&3.into(), &12.into(), &18.into())
@@ -73,6 +75,11 @@ fn a_daemon_tells_what_it_did() {
     frame.submit().unwrap().wait().unwrap();
     let text = status(&place, daemon.dir().path(), &[]);
     assert!(text.stdout.contains("4 frames, 12 boxes, 5 spheres, 18 pairs"), "{text:?}");
+    let mut scene = session.scene(pairmask::scene::SceneOptions::default());
+    let edit = scene.edit().set(0, pairmask_core::Aabb::EMPTY);
+    drop(edit.commit(pairmask::scene::Want::All).unwrap());
+    let text = status(&place, daemon.dir().path(), &[]);
+    assert!(text.stdout.contains("1 scenes of 1 MiB"), "{text:?}");
     let other = status(&place, daemon.dir().path(), &["--instance", "other"]);
     assert!(other.error(1).contains("instance 'other'"), "{other:?}");
     assert!(other.error(1).contains("pairmaskd serve --instance other"), "{other:?}");

@@ -4,6 +4,7 @@
 
 mod channels;
 mod daemon;
+mod edits;
 mod identities;
 mod lengths;
 pub mod lists;
@@ -63,6 +64,7 @@ pub fn run(mode: &str) -> Result<(), Box<dyn Error>> {
         "truncate-once" => truncate::attack(&mut tally),
         "identities" => identities::attack(&until, &mut tally),
         "daemon" => daemon::attack(&until, &mut tally)?,
+        "edits" => edits::attack(&until, &mut tally),
         "lists" => lists::attack(&until, &mut tally)?,
         _ => return Err(format!("unknown attack '{mode}'").into()),
     }

@@ -66,6 +66,18 @@ pub struct SceneSkips {
 }
 
 impl SceneSkips {
+    /// The numbers, in the order of the fields.
+    pub const fn to_array(self) -> [u64; 5] {
+        let Self { boxes, static_pairs, unmoved_pairs, cell_pairs, tested } = self;
+        [boxes, static_pairs, unmoved_pairs, cell_pairs, tested]
+    }
+
+    /// What [`to_array`](Self::to_array) gave.
+    pub const fn from_array(numbers: [u64; 5]) -> Self {
+        let [boxes, static_pairs, unmoved_pairs, cell_pairs, tested] = numbers;
+        Self { boxes, static_pairs, unmoved_pairs, cell_pairs, tested }
+    }
+
     /// A meter of a scene that is kept elsewhere: `rest` are the pairs that were to be looked at, of which
     /// so many were `tested`.
     pub const fn of(

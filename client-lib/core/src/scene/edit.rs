@@ -153,6 +153,20 @@ impl<'a> Edit<'a> {
     /// Nothing changes.
     pub const NONE: Edit<'static> = Edit { steps: &[] };
 
+    /// Boxes that it sets.
+    pub fn boxes(&self) -> usize {
+        let boxes = |step: &Step<'_>| match step {
+            Step::Set(sets) => sets.boxes.len(),
+            _ => 0,
+        };
+        self.steps.iter().map(boxes).sum()
+    }
+
+    /// Indices that it sets are below this.
+    pub fn index_end(&self) -> u64 {
+        self.last_set().map_or(0, |last| last + 1)
+    }
+
     /// The largest index that is set, in 64 bits.
     pub(super) fn last_set(&self) -> Option<u64> {
         let last = |step: &Step<'_>| match step {

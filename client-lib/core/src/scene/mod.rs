@@ -32,6 +32,8 @@
 
 mod answer;
 mod cells;
+mod check;
+mod copy;
 mod edit;
 mod error;
 mod fetch;
@@ -43,6 +45,7 @@ mod store;
 mod whole;
 
 pub use self::answer::{EndReason, Ended, SceneSkips, Told, Want, is_resync_due};
+pub use self::copy::{SceneCopy, WholeScene};
 pub use self::edit::{Edit, Indices, Sets, Step};
 pub use self::error::{EditError, SceneError};
 pub use self::kept::{Kept, KeptBox};
@@ -197,6 +200,11 @@ impl Scene {
     /// The box of an index, also one that is switched off.
     pub fn get(&self, index: u32) -> Option<Aabb> {
         self.store.get(index)
+    }
+
+    /// Threads for later edits, of the rayon pool that they are made in; `None` is all of them.
+    pub const fn set_threads(&mut self, threads: Option<usize>) {
+        self.options.threads = threads;
     }
 
     /// What the scene holds, for who keeps it from now on; `None` where it has changed since the last

@@ -21,9 +21,14 @@ fn key([a, b]: Pair) -> u64 {
 }
 
 /// Pairs up to which a plain sort is sooner done.
-const FEW_PAIRS: usize = 2_048;
+const FEW_PAIRS: usize = 256;
 /// Most buckets of a list: so many streams of writes stay in the caches of a core.
-const BUCKETS_MOST: u32 = 1 << 10;
+const BUCKETS_MOST: usize = 1 << 10;
+/// Pairs of a bucket, on average, in a list that needs fewer buckets.
+const BUCKET_PAIRS: usize = 4;
+/// A bucket with fewer pairs than a row in so many has one is sorted by comparing: to count by rows would
+/// take as long as there are rows.
+const SPARSE_ROWS: usize = 4;
 /// Pairs of a task, at least.
 const TASK_PAIRS: usize = 16_384;
 /// Pairs of a row from which it is not sorted by insertion.
@@ -86,7 +91,8 @@ impl Sorter {
             sorted.sort_unstable_by_key(|pair| key(*pair));
             return;
         }
-        let shift = (n.max(1).next_power_of_two() / BUCKETS_MOST).max(1).trailing_zeros();
+        let most = (source.len() / BUCKET_PAIRS).next_power_of_two().min(BUCKETS_MOST) as u32;
+        let shift = (n.max(1).next_power_of_two() / most).max(1).trailing_zeros();
         let buckets = (n >> shift) as usize + 1;
         let parts = part_count(source.len(), TASK_PAIRS, threads).min(threads * 2).max(1);
         let step = source.len().div_ceil(parts);
@@ -160,9 +166,14 @@ impl Gather<'_> {
             let (sorted, later) = rest.split_at_mut(here);
             rest = later;
             let first_row = (bucket as u32) << shift;
+            let pairs = || deals.iter().flat_map(|deal| deal.range(bucket, 1));
+            if here < (1 << shift) / SPARSE_ROWS {
+                sorted.iter_mut().zip(pairs()).for_each(|(to, pair)| *to = *pair);
+                sorted.sort_unstable_by_key(|pair| key(*pair));
+                continue;
+            }
             starts.clear();
             starts.resize((1 << shift) + 1, 0);
-            let pairs = || deals.iter().flat_map(|deal| deal.range(bucket, 1));
             for pair in pairs() {
                 starts[(pair[0] - first_row) as usize] += 1;
             }
@@ -257,9 +268,17 @@ mod tests {
 
     #[test]
     fn lists_of_every_length_are_sorted_on_every_number_of_threads() {
-        for (count, n) in
-            [(0, 2), (5, 3), (2_000, 70), (5_000, 345), (70_000, 1_234), (90_000, 200_000)]
-        {
+        for (count, n) in [
+            (0, 2),
+            (5, 3),
+            (2_000, 70),
+            (5_000, 345),
+            (70_000, 1_234),
+            (90_000, 200_000),
+            (300, 1 << 30),
+            (4_000, 1_000_000),
+            (40_000, 10_000_000),
+        ] {
             let source = pairs(count as u64, count, n);
             let mut expected: Vec<Pair> =
                 source.iter().copied().filter(|pair| pair[1] % 3 != 0).collect();

@@ -2,22 +2,17 @@
 
 use std::collections::HashMap;
 
+use super::check::{EDIT_SETS, PRESENT, len_after, mark};
 use super::edit::{Edit, Flag};
 use super::error::EditError;
 use crate::aabb::Aabb;
 
-/// The index has a box.
-const PRESENT: u8 = 1;
 /// It is switched off.
 const OFF: u8 = 1 << 1;
 /// It is static.
 const STATIC: u8 = 1 << 2;
 /// A box of this index was removed since the history began.
 const REMOVED: u8 = 1 << 3;
-/// The edit under way removes it. Later: the edit named it.
-const EDIT_REMOVES: u8 = 1 << 4;
-/// The edit under way sets it. Later: the edit named it.
-const EDIT_SETS: u8 = 1 << 5;
 /// Listed among the boxes that the edit under way names.
 const NAMED: u8 = 1 << 6;
 /// Changed since the history began.
@@ -224,18 +219,7 @@ impl Store {
     pub fn apply(&mut self, edit: Edit<'_>, limit: u32) -> Result<(), EditError> {
         self.forget_edit();
         self.make_room(edit, limit)?;
-        let checked = self.check(edit);
-        if let Err(error) = checked {
-            // Every index that may have been marked is one of the edit's own.
-            let mut unmark = |index: u32| {
-                if let Some(flags) = self.flags.get_mut(index as usize) {
-                    *flags &= !(EDIT_REMOVES | EDIT_SETS);
-                }
-            };
-            edit.for_each_removed(&mut unmark);
-            edit.for_each_set(|index, _| unmark(index));
-            return Err(error);
-        }
+        mark(edit, &mut self.flags)?;
         edit.for_each_removed(|index| self.remove(index));
         edit.for_each_set(|index, b| self.set(index, b));
         edit.for_each_flag(|index, flag| match flag {
@@ -247,18 +231,7 @@ impl Store {
 
     /// Room for every index that is set, and the checks that need no marks.
     fn make_room(&mut self, edit: Edit<'_>, limit: u32) -> Result<(), EditError> {
-        if let Some((indices, boxes)) = edit.uneven() {
-            return Err(EditError::Lengths { indices, boxes });
-        }
-        let last_set = edit.last_set();
-        let last = last_set.max(edit.last_named());
-        if let Some(index) = last.filter(|index| *index >= u64::from(limit)) {
-            return Err(EditError::BeyondLimit { index, limit });
-        }
-        let len = last_set.map_or(0, |last| last as usize + 1).max(self.flags.len());
-        if let Some(index) = last.filter(|index| *index >= len as u64) {
-            return Err(EditError::Absent { index });
-        }
+        let len = len_after(edit, self.flags.len(), limit)?;
         let more = len - self.flags.len();
         let no_memory = |_| EditError::NoMemory { boxes: len as u64 };
         self.boxes.try_reserve(more).map_err(no_memory)?;
@@ -266,33 +239,6 @@ impl Store {
         self.boxes.resize(len, Aabb::EMPTY);
         self.flags.resize(len, 0);
         Ok(())
-    }
-
-    /// Marks what the edit removes and sets, and finds what is wrong.
-    fn check(&mut self, edit: Edit<'_>) -> Result<(), EditError> {
-        let mut wrong = None;
-        edit.for_each_removed(|index| {
-            let flags = &mut self.flags[index as usize];
-            if *flags & PRESENT == 0 || *flags & EDIT_REMOVES != 0 {
-                wrong = wrong.or(Some(EditError::Absent { index: u64::from(index) }));
-            }
-            *flags |= EDIT_REMOVES;
-        });
-        edit.for_each_set(|index, _| {
-            let flags = &mut self.flags[index as usize];
-            if *flags & EDIT_SETS != 0 {
-                wrong = wrong.or(Some(EditError::SetTwice { index }));
-            }
-            *flags |= EDIT_SETS;
-        });
-        edit.for_each_flag(|index, _| {
-            let flags = self.flags[index as usize];
-            let stays = flags & (PRESENT | EDIT_REMOVES) == PRESENT;
-            if !stays && flags & EDIT_SETS == 0 {
-                wrong = wrong.or(Some(EditError::Absent { index: u64::from(index) }));
-            }
-        });
-        wrong.map_or(Ok(()), Err)
     }
 
     #[inline]

@@ -30,6 +30,7 @@ mod mode_subject;
 pub mod modes;
 mod report;
 mod roster;
+pub mod scene_edits;
 pub mod scenes;
 mod spheres;
 mod subject;

@@ -1,0 +1,71 @@
+//! Whether an edit fits the boxes that there are, before anything of it is applied.
+
+use super::edit::Edit;
+use super::error::EditError;
+
+/// Flag of an index: it has a box.
+pub(super) const PRESENT: u8 = 1;
+/// The edit under way removes its box.
+pub(super) const EDIT_REMOVES: u8 = 1 << 4;
+/// The edit under way sets its box.
+pub(super) const EDIT_SETS: u8 = 1 << 5;
+
+/// Indices that a scene with `len` of them has after an edit: every one that is set, and those before.
+///
+/// # Errors
+/// [`EditError`] for what is wrong whatever boxes there are.
+pub(super) fn len_after(edit: Edit<'_>, len: usize, limit: u32) -> Result<usize, EditError> {
+    if let Some((indices, boxes)) = edit.uneven() {
+        return Err(EditError::Lengths { indices, boxes });
+    }
+    let last_set = edit.last_set();
+    let last = last_set.max(edit.last_named());
+    if let Some(index) = last.filter(|index| *index >= u64::from(limit)) {
+        return Err(EditError::BeyondLimit { index, limit });
+    }
+    let len = last_set.map_or(0, |last| last as usize + 1).max(len);
+    match last.filter(|index| *index >= len as u64) {
+        Some(index) => Err(EditError::Absent { index }),
+        None => Ok(len),
+    }
+}
+
+/// Marks what an edit removes and sets, and finds what is wrong. There are flags for as many indices
+/// as [`len_after`] says.
+///
+/// # Errors
+/// [`EditError`]; nothing is marked then.
+pub(super) fn mark(edit: Edit<'_>, flags: &mut [u8]) -> Result<(), EditError> {
+    let mut wrong = None;
+    edit.for_each_removed(|index| {
+        let flags = &mut flags[index as usize];
+        if *flags & PRESENT == 0 || *flags & EDIT_REMOVES != 0 {
+            wrong = wrong.or(Some(EditError::Absent { index: u64::from(index) }));
+        }
+        *flags |= EDIT_REMOVES;
+    });
+    edit.for_each_set(|index, _| {
+        let flags = &mut flags[index as usize];
+        if *flags & EDIT_SETS != 0 {
+            wrong = wrong.or(Some(EditError::SetTwice { index }));
+        }
+        *flags |= EDIT_SETS;
+    });
+    edit.for_each_flag(|index, _| {
+        let flags = flags[index as usize];
+        let stays = flags & (PRESENT | EDIT_REMOVES) == PRESENT;
+        if !stays && flags & EDIT_SETS == 0 {
+            wrong = wrong.or(Some(EditError::Absent { index: u64::from(index) }));
+        }
+    });
+    let Some(wrong) = wrong else { return Ok(()) };
+    unmark(edit, flags);
+    Err(wrong)
+}
+
+/// Takes the marks of an edit away. Every index that may have one is among its own.
+pub(super) fn unmark(edit: Edit<'_>, flags: &mut [u8]) {
+    let mut unmark = |index: u32| flags[index as usize] &= !(EDIT_REMOVES | EDIT_SETS);
+    edit.for_each_removed(&mut unmark);
+    edit.for_each_set(|index, _| unmark(index));
+}

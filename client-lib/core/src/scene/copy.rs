@@ -1,0 +1,246 @@
+//! What a client keeps of a scene that lives in another process: enough to make it again.
+
+use super::check::{EDIT_SETS, PRESENT, len_after, mark, unmark};
+use super::edit::{Edit, Flag, Indices, Sets, Step};
+use super::error::EditError;
+use crate::aabb::Aabb;
+
+/// The box is switched off.
+const OFF: u8 = 1 << 1;
+/// It is static.
+const STATIC: u8 = 1 << 2;
+
+/// Boxes and flags of a scene, by index: 25 bytes an index. It checks edits as the scene does, and
+/// applies them; it knows nothing of pairs.
+///
+/// ```
+/// use pairmask_core::Aabb;
+/// use pairmask_core::scene::{Edit, Scene, SceneCopy, SceneOptions, Sets, Step, Want};
+///
+/// let boxes = [[0.0, 1.0], [0.5, 2.0]].map(|[a, b]| Aabb::new([a; 3], [b; 3]));
+/// let steps = [Step::Set(Sets { indices: (7..9).into(), boxes: &boxes })];
+/// let edit = Edit { steps: &steps };
+/// let mut copy = SceneCopy::new(100);
+/// copy.check(edit)?;
+/// copy.apply(edit);
+///
+/// let mut scene = Scene::new(SceneOptions::default());
+/// let told = scene.edit(Edit { steps: &copy.whole().steps() }, Want::Changes)?;
+/// assert_eq!(told.begun(), [[7, 8]]);
+/// # Ok::<(), pairmask_core::scene::SceneError>(())
+/// ```
+#[derive(Debug)]
+pub struct SceneCopy {
+    boxes: Vec<Aabb>,
+    flags: Vec<u8>,
+    present: usize,
+    limit: u32,
+}
+
+/// All boxes and flags of a scene, as an edit that makes it.
+#[derive(Debug)]
+pub struct WholeScene<'a> {
+    boxes: Boxes<'a>,
+    off: Vec<u32>,
+    statics: Vec<u32>,
+}
+
+/// The boxes of a scene.
+#[derive(Debug)]
+enum Boxes<'a> {
+    /// Of every index from 0.
+    All(&'a [Aabb]),
+    /// Of the indices of a bitmask.
+    Some(Vec<u32>, Vec<Aabb>),
+}
+
+impl SceneCopy {
+    /// Of a scene without boxes, whose indices are below a limit.
+    pub const fn new(limit: u32) -> Self {
+        Self { boxes: Vec::new(), flags: Vec::new(), present: 0, limit }
+    }
+
+    /// Boxes, those that are switched off too.
+    pub const fn len(&self) -> usize {
+        self.present
+    }
+
+    /// Whether there are none.
+    pub const fn is_empty(&self) -> bool {
+        self.present == 0
+    }
+
+    /// Indices are below this number.
+    pub const fn index_end(&self) -> usize {
+        self.flags.len()
+    }
+
+    /// The box of an index, also one that is switched off.
+    pub fn get(&self, index: u32) -> Option<Aabb> {
+        let i = index as usize;
+        self.flags.get(i).is_some_and(|flags| flags & PRESENT != 0).then(|| self.boxes[i])
+    }
+
+    /// Bytes that are kept.
+    pub const fn allocated_bytes(&self) -> usize {
+        self.boxes.capacity() * size_of::<Aabb>() + self.flags.capacity()
+    }
+
+    /// Checks an edit. Where it is right, [`apply`](Self::apply) or [`cancel`](Self::cancel) is to follow.
+    ///
+    /// # Errors
+    /// [`EditError`]; the edit is forgotten then.
+    pub fn check(&mut self, edit: Edit<'_>) -> Result<(), EditError> {
+        let len = len_after(edit, self.flags.len(), self.limit)?;
+        let more = len - self.flags.len();
+        let no_memory = |_| EditError::NoMemory { boxes: len as u64 };
+        self.boxes.try_reserve(more).map_err(no_memory)?;
+        self.flags.try_reserve(more).map_err(no_memory)?;
+        self.boxes.resize(len, Aabb::EMPTY);
+        self.flags.resize(len, 0);
+        mark(edit, &mut self.flags)
+    }
+
+    /// Forgets an edit that was checked.
+    pub fn cancel(&mut self, edit: Edit<'_>) {
+        unmark(edit, &mut self.flags);
+    }
+
+    /// Applies an edit that was checked.
+    pub fn apply(&mut self, edit: Edit<'_>) {
+        let Self { boxes, flags, present, .. } = self;
+        edit.for_each_removed(|index| {
+            flags[index as usize] &= EDIT_SETS;
+            *present -= 1;
+        });
+        edit.for_each_set(|index, b| {
+            let i = index as usize;
+            *present += usize::from(flags[i] & PRESENT == 0);
+            flags[i] = flags[i] & !EDIT_SETS | PRESENT;
+            boxes[i] = *b;
+        });
+        edit.for_each_flag(|index, flag| {
+            let flags = &mut flags[index as usize];
+            let (bit, on) = match flag {
+                Flag::On(on) => (OFF, !on),
+                Flag::Static(on) => (STATIC, on),
+            };
+            *flags = if on { *flags | bit } else { *flags & !bit };
+        });
+    }
+
+    /// All of it, to make the scene again from nothing.
+    pub fn whole(&self) -> WholeScene<'_> {
+        let mask = |bit: u8| -> Vec<u32> {
+            let has = |flags: &u8| flags & (PRESENT | bit) == PRESENT | bit;
+            let word = |flags: &[u8]| {
+                flags.iter().enumerate().fold(0, |word, (t, f)| word | u32::from(has(f)) << t)
+            };
+            self.flags.chunks(32).map(word).collect()
+        };
+        let boxes = if self.present == self.flags.len() {
+            Boxes::All(&self.boxes)
+        } else {
+            let present = self.boxes.iter().zip(&self.flags);
+            let packed = present.filter(|(_, f)| **f & PRESENT != 0).map(|(b, _)| *b);
+            Boxes::Some(mask(0), packed.collect())
+        };
+        WholeScene { boxes, off: mask(OFF), statics: mask(STATIC) }
+    }
+}
+
+impl WholeScene<'_> {
+    /// The steps of the edit.
+    pub fn steps(&self) -> [Step<'_>; 3] {
+        let set = match &self.boxes {
+            Boxes::All(boxes) => Sets { indices: (0..boxes.len() as u32).into(), boxes },
+            Boxes::Some(words, boxes) => Sets { indices: Indices::Mask { first: 0, words }, boxes },
+        };
+        let flagged = |words| Indices::Mask { first: 0, words };
+        [
+            Step::Set(set),
+            Step::Switch(flagged(&self.off), false),
+            Step::Static(flagged(&self.statics), true),
+        ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Scene, SceneOptions, Want};
+    use super::*;
+
+    fn at(x: f32) -> Aabb {
+        Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0])
+    }
+
+    /// Applies an edit to both; whether it was right.
+    fn both(copy: &mut SceneCopy, scene: &mut Scene, steps: &[Step<'_>]) -> bool {
+        let edit = Edit { steps };
+        let (checked, edited) = (copy.check(edit), scene.edit(edit, Want::Nothing).map(drop));
+        assert_eq!(checked.map_err(Into::into), edited);
+        if checked.is_ok() {
+            copy.apply(edit);
+        }
+        checked.is_ok()
+    }
+
+    #[test]
+    fn a_copy_refuses_what_the_scene_refuses_and_makes_it_again() {
+        let mut scene = Scene::new(SceneOptions::default().with_most_boxes(90));
+        let mut copy = SceneCopy::new(90);
+        let boxes: Vec<Aabb> = (0..80).map(|i| at(0.7 * i as f32)).collect();
+        let set = |first: u32, count: usize| {
+            let indices = (first..first + count as u32).into();
+            Step::Set(Sets { indices, boxes: &boxes[..count] })
+        };
+        let one = |index: u32| Indices::Range { first: index, count: 1 };
+        let edits: [(&[Step<'_>], bool); 12] = [
+            (&[], true),
+            (&[set(3, 70)], true),
+            (&[set(89, 2)], false),
+            (&[Step::Remove(one(2))], false),
+            (&[Step::Remove(one(5)), Step::Switch(one(5), false)], false),
+            (&[Step::Remove(one(5)), set(5, 1), Step::Static(one(5), true)], true),
+            (&[set(7, 2), set(8, 1)], false),
+            (&[Step::Static((9..30).into(), true), Step::Static((10..12).into(), false)], true),
+            (&[Step::Switch((20..40).into(), false), Step::Remove((50..60).into())], true),
+            (&[Step::Switch(one(21), true), Step::Remove(one(20))], true),
+            (&[Step::Remove(one(22)), set(22, 3)], true),
+            (&[Step::Remove(one(23)), Step::Remove(one(23))], false),
+        ];
+        for (steps, is_right) in edits {
+            assert_eq!(both(&mut copy, &mut scene, steps), is_right, "{steps:?}");
+            assert_eq!(copy.len(), scene.len());
+            for index in 0..95 {
+                assert_eq!(copy.get(index), scene.get(index));
+            }
+            let mut again = Scene::new(SceneOptions::default());
+            let whole = copy.whole();
+            let edit = Edit { steps: &whole.steps() };
+            let told = again.edit(edit, Want::All).expect("a right edit");
+            let all = scene.edit(Edit::NONE, Want::All).expect("a right edit");
+            assert_eq!(told.pairs(), all.pairs());
+            assert_eq!(told.skipped().static_pairs, all.skipped().static_pairs);
+        }
+    }
+
+    #[test]
+    fn an_edit_that_was_cancelled_leaves_no_mark() {
+        let mut copy = SceneCopy::new(9);
+        let edit = [Step::Set(Sets { indices: (0..2).into(), boxes: &[at(0.0), at(1.0)] })];
+        for _ in 0..2 {
+            copy.check(Edit { steps: &edit }).expect("right");
+            copy.cancel(Edit { steps: &edit });
+            assert!(copy.is_empty());
+        }
+        copy.check(Edit { steps: &edit }).expect("right");
+        copy.apply(Edit { steps: &edit });
+        let remove = [Step::Remove((0..2).into())];
+        for _ in 0..2 {
+            copy.check(Edit { steps: &remove }).expect("right");
+            copy.cancel(Edit { steps: &remove });
+            assert_eq!(copy.len(), 2);
+        }
+    }
+}

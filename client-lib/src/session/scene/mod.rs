@@ -1,0 +1,344 @@
+//! Scenes that persist: boxes stay from answer to answer, edits go in, changes of pairs come out.
+
+mod answer;
+mod remote;
+
+use std::sync::Arc;
+
+use pairmask_core::aabb::Aabb;
+use pairmask_core::engine::EngineId;
+use pairmask_core::scene::{self, Edit, Indices, SceneOptions, SceneSkips, Sets, Step, Want};
+
+use self::answer::Source;
+pub use self::answer::{EndedIter, EndedList, PairList, PairListIter};
+use self::remote::{Found, RemoteScene, commit_error, new_scene};
+use super::builder::Backend;
+use super::core::Core;
+use super::error::CommitError;
+use super::pairs::ServedBy;
+
+/// Boxes that persist from answer to answer, by indices of the client's own.
+///
+/// [`scene`](pairmask_core::scene) says what is told. Made by [`Session::scene`](super::Session::scene);
+/// it lives on without the session.
+///
+/// A daemon keeps the scene where the session has one. This process keeps boxes and flags, 25 bytes an
+/// index, and sends them again by itself where the daemon has lost them; where no daemon answers, it
+/// answers from them itself, if the [backend](super::Backend) allows it. Then the next changes are a
+/// [resync](SceneAnswer::is_resync).
+pub struct Scene {
+    kept: Kept,
+    draft: Draft,
+}
+
+/// Where a scene is.
+#[allow(clippy::large_enum_variant)] // One of each scene.
+enum Kept {
+    Remote(RemoteScene),
+    Here(scene::Scene),
+}
+
+/// What an edit sets one by one; kept, so that steady edits allocate nothing.
+#[derive(Debug, Default)]
+struct Draft {
+    indices: Vec<u32>,
+    boxes: Vec<Aabb>,
+    removed: Vec<u32>,
+}
+
+impl Draft {
+    /// All steps of an edit.
+    fn steps<'a>(&'a self, steps: &[Step<'a>]) -> Vec<Step<'a>> {
+        let mut steps = steps.to_vec();
+        if !self.removed.is_empty() {
+            steps.push(Step::Remove(Indices::List(&self.removed)));
+        }
+        if !self.indices.is_empty() {
+            let (indices, boxes) = (Indices::List(&self.indices), &self.boxes[..]);
+            steps.push(Step::Set(Sets { indices, boxes }));
+        }
+        steps
+    }
+}
+
+impl std::fmt::Debug for Scene {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Scene").field("boxes", &self.len()).finish_non_exhaustive()
+    }
+}
+
+impl Scene {
+    pub(super) fn new(options: SceneOptions, core: &Arc<Core>) -> Self {
+        let kept = match core.settings().backend {
+            Backend::InProcess => Kept::Here(new_scene(options, core)),
+            Backend::Auto | Backend::Daemon => {
+                Kept::Remote(RemoteScene::new(Arc::clone(core), options))
+            }
+        };
+        Self { kept, draft: Draft::default() }
+    }
+
+    /// Begins an edit. Without [`SceneEdit::commit`], nothing happens.
+    pub fn edit<'a>(&mut self) -> SceneEdit<'_, 'a> {
+        self.draft.indices.clear();
+        self.draft.boxes.clear();
+        self.draft.removed.clear();
+        SceneEdit { scene: self, steps: Vec::new() }
+    }
+
+    /// Forgets what was told: the next changes are a [resync](SceneAnswer::is_resync).
+    pub fn lose(&mut self) {
+        match &mut self.kept {
+            Kept::Remote(scene) => scene.lose(),
+            Kept::Here(scene) => scene.lose(),
+        }
+    }
+
+    /// Boxes, those that are switched off too.
+    pub const fn len(&self) -> usize {
+        match &self.kept {
+            Kept::Remote(scene) => scene.copy().len(),
+            Kept::Here(scene) => scene.len(),
+        }
+    }
+
+    /// Whether there are none.
+    pub const fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The box of an index, also one that is switched off.
+    pub fn get(&self, index: u32) -> Option<Aabb> {
+        match &self.kept {
+            Kept::Remote(scene) => scene.copy().get(index),
+            Kept::Here(scene) => scene.get(index),
+        }
+    }
+
+    /// Bytes that this process keeps of the scene.
+    pub fn allocated_bytes(&self) -> usize {
+        match &self.kept {
+            Kept::Remote(scene) => scene.allocated_bytes().0,
+            Kept::Here(scene) => scene.allocated_bytes(),
+        }
+    }
+
+    /// Bytes that the daemon keeps of it, by its last answer; 0 where it has none.
+    pub fn daemon_bytes(&self) -> u64 {
+        match &self.kept {
+            Kept::Remote(scene) => scene.allocated_bytes().1,
+            Kept::Here(_) => 0,
+        }
+    }
+}
+
+/// An edit that is being written: see [`Edit`] for the order in which it is applied, and
+/// [`EditError`](pairmask_core::scene::EditError) for what is wrong.
+#[derive(Debug)]
+#[must_use = "an edit does nothing until it is committed"]
+pub struct SceneEdit<'s, 'a> {
+    scene: &'s mut Scene,
+    steps: Vec<Step<'a>>,
+}
+
+impl<'s, 'a> SceneEdit<'s, 'a> {
+    /// Sets the box of an index; inserts it where there is none.
+    pub fn set(self, index: u32, b: Aabb) -> Self {
+        self.scene.draft.indices.push(index);
+        self.scene.draft.boxes.push(b);
+        self
+    }
+
+    /// Sets boxes where they lie: a list of indices, a range or a [bitmask](Indices::Mask), and
+    /// a box for each.
+    pub fn set_all(self, indices: impl Into<Indices<'a>>, boxes: &'a [Aabb]) -> Self {
+        self.step(Step::Set(Sets { indices: indices.into(), boxes }))
+    }
+
+    /// Removes the box of an index.
+    pub fn remove(self, index: u32) -> Self {
+        self.scene.draft.removed.push(index);
+        self
+    }
+
+    /// Removes boxes.
+    pub fn remove_all(self, indices: impl Into<Indices<'a>>) -> Self {
+        self.step(Step::Remove(indices.into()))
+    }
+
+    /// Switches a box off (it overlaps nothing) or on.
+    pub fn switch(self, index: u32, on: bool) -> Self {
+        self.step(Step::Switch(one(index), on))
+    }
+
+    /// Switches boxes off or on.
+    pub fn switch_all(self, indices: impl Into<Indices<'a>>, on: bool) -> Self {
+        self.step(Step::Switch(indices.into(), on))
+    }
+
+    /// Makes a box static (two static boxes are no pair) or not.
+    pub fn make_static(self, index: u32, is_static: bool) -> Self {
+        self.step(Step::Static(one(index), is_static))
+    }
+
+    /// Makes boxes static or not.
+    pub fn make_all_static(self, indices: impl Into<Indices<'a>>, is_static: bool) -> Self {
+        self.step(Step::Static(indices.into(), is_static))
+    }
+
+    /// Does a step.
+    pub fn step(mut self, step: Step<'a>) -> Self {
+        self.steps.push(step);
+        self
+    }
+
+    /// Applies the edit and answers.
+    ///
+    /// # Errors
+    /// [`CommitError`]. After [`CommitError::Edit`] and [`CommitError::Frame`] the scene is what it was.
+    pub fn commit(self, want: Want) -> Result<SceneAnswer<'s>, CommitError> {
+        self.submit(want)?.wait()
+    }
+
+    /// Sends the edit. The daemon works on it while this thread does something else; in process it is
+    /// answered before this returns.
+    ///
+    /// # Errors
+    /// [`CommitError`]. The scene is then what it was, but for [`CommitError::Wait`].
+    pub fn submit(self, want: Want) -> Result<PendingAnswer<'s, 'a>, CommitError> {
+        let Self { scene, steps } = self;
+        let Scene { kept, draft } = &mut *scene;
+        let all = draft.steps(&steps);
+        let edit = Edit { steps: &all };
+        match kept {
+            Kept::Here(here) => here.edit(edit, want).map(drop).map_err(commit_error)?,
+            Kept::Remote(remote) => remote.begin(edit, want)?,
+        }
+        Ok(PendingAnswer { scene, steps, want })
+    }
+}
+
+/// An edit under way. Dropped, it is applied, and its answer counts as never given.
+#[must_use = "an edit is answered when it is waited for"]
+pub struct PendingAnswer<'s, 'a> {
+    scene: &'s mut Scene,
+    steps: Vec<Step<'a>>,
+    want: Want,
+}
+
+impl std::fmt::Debug for PendingAnswer<'_, '_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("PendingAnswer").field("want", &self.want).finish_non_exhaustive()
+    }
+}
+
+impl<'s> PendingAnswer<'s, '_> {
+    /// Waits for the answer, as long as the session's deadline allows.
+    ///
+    /// # Errors
+    /// [`CommitError`]. The edit is applied; the next answer makes up for this one.
+    pub fn wait(self) -> Result<SceneAnswer<'s>, CommitError> {
+        let Self { scene, steps, want } = self;
+        let Scene { kept, draft } = &mut *scene;
+        let found = match kept {
+            Kept::Remote(remote) => remote.end(Edit { steps: &draft.steps(&steps) })?,
+            Kept::Here(_) => Found::Here,
+        };
+        Ok(SceneAnswer { scene, want, found })
+    }
+}
+
+/// A single index.
+const fn one(index: u32) -> Indices<'static> {
+    Indices::Range { first: index, count: 1 }
+}
+
+/// The answer to an edit. All its lists are sorted: the bytes are the same whoever answered.
+///
+/// [`take`](Self::take) acknowledges it: the next changes are counted from it. An answer that is dropped
+/// instead counts as never given, and the next one makes up for it.
+///
+/// An answer of a daemon holds one of the three places for frames until it is dropped.
+#[must_use = "an answer that is not taken is told again"]
+pub struct SceneAnswer<'s> {
+    scene: &'s mut Scene,
+    want: Want,
+    found: Found,
+}
+
+impl std::fmt::Debug for SceneAnswer<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("SceneAnswer")
+            .field("want", &self.want)
+            .field("begun", &self.begun().len())
+            .field("ended", &self.ended().len())
+            .field("pairs", &self.pairs().len())
+            .finish_non_exhaustive()
+    }
+}
+
+impl SceneAnswer<'_> {
+    /// Takes the answer: what it tells is known from now on.
+    pub fn take(self) -> Self {
+        match &mut self.scene.kept {
+            Kept::Remote(remote) => remote.take(self.want),
+            Kept::Here(scene) => scene.take(),
+        }
+        self
+    }
+
+    /// Which answer was asked for.
+    pub const fn want(&self) -> Want {
+        self.want
+    }
+
+    /// Whether changes were asked for and [`pairs`](Self::pairs) holds all pairs instead: because those
+    /// are fewer than the changes, or because it is not known any more what was told. The client forgets
+    /// the pairs that it knows.
+    pub fn is_resync(&self) -> bool {
+        self.source().is_resync()
+    }
+
+    /// Pairs that began, for [`Want::Changes`].
+    pub fn begun(&self) -> PairList<'_> {
+        self.source().begun()
+    }
+
+    /// Pairs that ended, for [`Want::Changes`].
+    pub fn ended(&self) -> EndedList<'_> {
+        self.source().ended()
+    }
+
+    /// Pairs of now, for [`Want::All`], [`Want::Moved`] and a [resync](Self::is_resync).
+    pub fn pairs(&self) -> PairList<'_> {
+        self.source().pairs()
+    }
+
+    /// Pairs of the whole scene, if the answer knows: [`Want::Moved`] and [`Want::Nothing`] do not.
+    pub fn pair_count(&self) -> Option<u64> {
+        self.source().pair_count()
+    }
+
+    /// Work left out.
+    pub fn skipped(&self) -> &SceneSkips {
+        self.source().skipped()
+    }
+
+    /// What answered.
+    pub fn served_by(&self) -> ServedBy {
+        self.source().served_by()
+    }
+
+    /// The engine that answered. It may be one of a later daemon that this build does not know.
+    pub fn engine(&self) -> EngineId {
+        self.source().engine()
+    }
+
+    fn source(&self) -> Source<'_> {
+        match (&self.found, &self.scene.kept) {
+            (Found::Daemon(from), _) => Source::Daemon(from),
+            (Found::Here, Kept::Here(scene)) => Source::Here(scene.told()),
+            (Found::Here, Kept::Remote(remote)) => Source::Here(remote.told_here()),
+        }
+    }
+}

@@ -1,0 +1,423 @@
+//! A scene that a daemon keeps, and what this process keeps to send it again.
+//!
+//! The copy here is always right: an edit is checked against it, sent, and applied to it while the daemon
+//! works. A daemon that has no scene, or an older one, gets the copy whole. Where no daemon answers, and
+//! the backend allows it, a scene of this process is made from the copy. Whoever begins from the copy
+//! does not know which pairs were told, so that the next changes are all pairs.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use pairmask_core::dispatch::CpuEngines;
+use pairmask_core::scene::{self, Edit, SceneCopy, SceneError, SceneOptions, Step, Told, Want};
+use pairmask_core::units::BoxCount;
+use pairmask_wire::{
+    EditLayout, ReplyError, ReplyFields, RequestHeader, SCENES_MINOR, SceneId, SceneReply,
+    SceneRequest, StatusCode,
+};
+
+use super::answer::FromDaemon;
+use crate::session::core::{Core, Loss};
+use crate::session::error::{CommitError, FrameError, WaitError};
+use crate::session::estimate::{Answered, Estimate};
+use crate::session::exchange::Exchange;
+use crate::session::link::Link;
+
+/// A scene that ends with its client waits this long at most for the daemon to say so. A daemon forgets it
+/// in any case with the session.
+const END_WITHIN: Duration = Duration::from_millis(20);
+
+/// A daemon that refuses a scene is not sent it again for this long, where this process can answer.
+const REFUSED_FOR: Duration = Duration::from_secs(2);
+
+/// The scene as a daemon keeps it.
+struct There {
+    link: Arc<Link>,
+    /// The last edit's.
+    revision: u64,
+    /// Whether its answer was taken.
+    is_taken: bool,
+}
+
+/// Who answers now.
+enum Keeper {
+    /// Nobody has the scene.
+    Nobody,
+    Daemon(There),
+    Here(Box<scene::Scene>),
+}
+
+/// A scene by the copy of this process, answered by a daemon or here.
+pub(super) struct RemoteScene {
+    core: Arc<Core>,
+    options: SceneOptions,
+    id: SceneId,
+    copy: SceneCopy,
+    keeper: Keeper,
+    /// Whether the client knows pairs by answers that it took.
+    knows_pairs: bool,
+    /// Whether the keeper is to forget what was told.
+    forgets: bool,
+    revisions: u64,
+    estimate: Estimate,
+    daemon_bytes: u64,
+    /// Until when a daemon that refused the scene is asked nothing.
+    stays_until: Option<Instant>,
+    /// The edit that the daemon works on. It is kept where nobody waits for the answer: the daemon passes
+    /// over requests that are dropped.
+    sent: Option<SentEdit>,
+    /// What a scene tells that is not here.
+    nothing: Told,
+}
+
+/// An edit that the daemon works on.
+struct SentEdit {
+    exchange: Exchange,
+    asked: ReplyFields,
+    want: Want,
+}
+
+/// Where the answer to an edit lies.
+pub(super) enum Found {
+    Daemon(Box<FromDaemon>),
+    /// In the scene of this process.
+    Here,
+}
+
+impl RemoteScene {
+    pub fn new(core: Arc<Core>, options: SceneOptions) -> Self {
+        Self {
+            id: core.next_scene(),
+            copy: SceneCopy::new(options.most_boxes),
+            core,
+            options,
+            keeper: Keeper::Nobody,
+            knows_pairs: false,
+            forgets: false,
+            revisions: 0,
+            estimate: Estimate::default(),
+            daemon_bytes: 0,
+            stays_until: None,
+            sent: None,
+            nothing: Told::default(),
+        }
+    }
+
+    pub const fn copy(&self) -> &SceneCopy {
+        &self.copy
+    }
+
+    /// Bytes that this process keeps, and those that the daemon keeps.
+    pub fn allocated_bytes(&self) -> (usize, u64) {
+        let here = match &self.keeper {
+            Keeper::Here(scene) => scene.allocated_bytes(),
+            _ => 0,
+        };
+        let there = if matches!(self.keeper, Keeper::Daemon(_)) { self.daemon_bytes } else { 0 };
+        (self.copy.allocated_bytes() + here, there)
+    }
+
+    /// What the scene of this process has told.
+    pub fn told_here(&self) -> &Told {
+        match &self.keeper {
+            Keeper::Here(scene) => scene.told(),
+            _ => &self.nothing,
+        }
+    }
+
+    /// Takes the last answer to an edit that wanted this.
+    pub fn take(&mut self, want: Want) {
+        if !matches!(want, Want::Changes | Want::All) {
+            return;
+        }
+        self.knows_pairs = true;
+        match &mut self.keeper {
+            Keeper::Daemon(there) => there.is_taken = true,
+            Keeper::Here(scene) => scene.take(),
+            Keeper::Nobody => {}
+        }
+    }
+
+    pub fn lose(&mut self) {
+        match &mut self.keeper {
+            Keeper::Here(scene) => scene.lose(),
+            _ => self.forgets = true,
+        }
+    }
+
+    /// Checks an edit, and sends it or applies it here.
+    pub fn begin(&mut self, edit: Edit<'_>, want: Want) -> Result<(), CommitError> {
+        self.copy.check(edit)?;
+        if let Some(sent) = self.sent.take() {
+            // The daemon serves a session's requests one after the other.
+            if let Err(error) = self.receive(sent) {
+                self.note_failure(&error);
+            }
+        }
+        let begun = if self.stays_here() {
+            self.edit_here(edit, want)
+        } else {
+            self.send(edit, want).map(|sent| self.sent = Some(sent)).or_else(|error| {
+                self.stay(error)?;
+                self.edit_here(edit, want)
+            })
+        };
+        if begun.is_ok() {
+            self.copy.apply(edit);
+        } else {
+            self.copy.cancel(edit);
+        }
+        begun
+    }
+
+    /// Waits for the answer to the edit that was begun. Where the daemon has none, the scene is sent again,
+    /// or answered here.
+    pub fn end(&mut self, edit: Edit<'_>) -> Result<Found, CommitError> {
+        let Some(sent) = self.sent.take() else { return Ok(Found::Here) };
+        let want = sent.want;
+        let error = match self.receive(sent) {
+            Ok(found) => return Ok(Found::Daemon(found)),
+            Err(error) => error,
+        };
+        let is_stale = is_stale(&error);
+        self.note_failure(&error);
+        // The copy has the edit already. What it named counts as named again, for pairs of moved boxes.
+        let steps: Vec<Step<'_>> =
+            edit.steps.iter().filter(|step| !matches!(step, Step::Remove(_))).copied().collect();
+        let again = Edit { steps: &steps };
+        if is_stale {
+            // A daemon that has restarted, or has forgotten the scene.
+            let answered = self.send(again, want).and_then(|sent| Ok(self.receive(sent)?));
+            match answered {
+                Ok(found) => return Ok(Found::Daemon(found)),
+                Err(error) => {
+                    if let CommitError::Wait(error) = &error {
+                        self.note_failure(error);
+                    }
+                    self.stay(error)?;
+                }
+            }
+        } else {
+            self.stay(error.into())?;
+        }
+        self.edit_here(again, want)?;
+        Ok(Found::Here)
+    }
+
+    /// Whether a daemon refused the scene a moment ago, and this process answers.
+    fn stays_here(&self) -> bool {
+        let until = self.stays_until.filter(|_| self.core.may_cull_here());
+        until.is_some_and(|until| Instant::now() < until)
+    }
+
+    /// Whether this process may answer in place of the daemon; else the error.
+    fn stay(&self, error: CommitError) -> Result<(), CommitError> {
+        match &error {
+            CommitError::Frame(FrameError::TooManyFrames)
+            | CommitError::Edit(_)
+            | CommitError::Scene(_) => Err(error),
+            _ if !self.core.may_cull_here() => Err(error),
+            // The log already says so.
+            CommitError::Frame(FrameError::DaemonTooOld { .. }) => Ok(()),
+            CommitError::Frame(error) => {
+                self.core.say_in_process(error);
+                Ok(())
+            }
+            CommitError::Wait(error) => {
+                log::debug!("a scene is answered in process: {error}");
+                Ok(())
+            }
+        }
+    }
+
+    /// Gives up what a failure says is lost.
+    fn note_failure(&mut self, error: &WaitError) {
+        let keeper = std::mem::replace(&mut self.keeper, Keeper::Nobody);
+        let Keeper::Daemon(there) = keeper else { return };
+        match error {
+            WaitError::DaemonDied | WaitError::Transport(_) => {
+                let _ = self.core.lose(&there.link, Loss::Died);
+            }
+            WaitError::Timeout { .. } => {
+                let _ = self.core.lose(&there.link, Loss::Silent);
+            }
+            WaitError::Reply(refused) if !is_stale(error) => {
+                there.link.say_refused(refused);
+                self.stays_until = Some(Instant::now() + REFUSED_FOR);
+            }
+            _ => {}
+        }
+    }
+
+    /// Sends an edit to the daemon, after the scene where that does not have it.
+    fn send(&mut self, edit: Edit<'_>, want: Want) -> Result<SentEdit, CommitError> {
+        let link = self.core.link_that_knows(SCENES_MINOR, "scenes")?;
+        let has_scene =
+            matches!(&self.keeper, Keeper::Daemon(there) if Arc::ptr_eq(&there.link, &link));
+        if !has_scene {
+            self.load(&link)?;
+        }
+        self.send_to(&link, edit, want)
+    }
+
+    /// Sends the whole scene.
+    fn load(&mut self, link: &Arc<Link>) -> Result<(), CommitError> {
+        let loaded = self.send_whole(link);
+        if loaded.is_err() {
+            self.keeper = Keeper::Nobody;
+        }
+        loaded
+    }
+
+    fn send_whole(&mut self, link: &Arc<Link>) -> Result<(), CommitError> {
+        let there = There { link: Arc::clone(link), revision: 0, is_taken: false };
+        self.keeper = Keeper::Daemon(there);
+        self.forgets |= self.knows_pairs;
+        if self.copy.is_empty() {
+            return Ok(());
+        }
+        let sent = {
+            // The copy cannot be borrowed while the scene is: it is given back at once.
+            let copy = std::mem::replace(&mut self.copy, SceneCopy::new(0));
+            let whole = copy.whole();
+            let sent = self.send_to(link, Edit { steps: &whole.steps() }, Want::Nothing);
+            drop(whole);
+            self.copy = copy;
+            sent?
+        };
+        match self.receive(sent) {
+            Ok(_) => Ok(()),
+            Err(error) => {
+                self.note_failure(&error);
+                Err(error.into())
+            }
+        }
+    }
+
+    /// Sends an edit to a daemon that has the scene.
+    fn send_to(
+        &mut self,
+        link: &Arc<Link>,
+        edit: Edit<'_>,
+        want: Want,
+    ) -> Result<SentEdit, CommitError> {
+        let too_large = || FrameError::TooManyBoxes { n: edit.boxes(), limit: u64::from(u32::MAX) };
+        let layout = EditLayout::of(edit).ok_or_else(too_large)?;
+        let mut shared = link.loan(layout.payload_bytes())?;
+        if !layout.write(edit, shared.loan.pages_mut()) {
+            return Err(too_large().into());
+        }
+        let Keeper::Daemon(there) = &mut self.keeper else {
+            return Err(WaitError::DaemonDied.into());
+        };
+        self.revisions += 1;
+        let [boxes, steps, indices] = layout.sections();
+        let request = SceneRequest {
+            scene: self.id,
+            base: there.revision,
+            revision: self.revisions,
+            is_taken: there.is_taken,
+            is_lost: self.forgets,
+            want,
+            most_boxes: self.options.most_boxes,
+            engine: self.core.settings().engine,
+            threads: self.options.threads.or(self.core.settings().threads),
+            boxes,
+            steps,
+            indices,
+        };
+        let asked = ReplyFields {
+            client_token: link.token(),
+            frame: self.core.next_frame(),
+            box_count: BoxCount::of_len(edit.boxes()).ok_or_else(too_large)?,
+        };
+        let header = RequestHeader::edit_scene(asked.client_token, asked.frame, &request);
+        match Exchange::begin(shared, &header) {
+            Ok(exchange) => {
+                // Whether it is received or not: a daemon at another revision says so.
+                (there.revision, there.is_taken, self.forgets) = (self.revisions, false, false);
+                Ok(SentEdit { exchange, asked, want })
+            }
+            Err(error) => {
+                self.forgets |= self.knows_pairs;
+                self.note_failure(&error);
+                Err(error.into())
+            }
+        }
+    }
+
+    /// Waits for the daemon's answer.
+    fn receive(&mut self, sent: SentEdit) -> Result<Box<FromDaemon>, WaitError> {
+        let SentEdit { exchange, asked, .. } = sent;
+        let n = asked.box_count.get();
+        let answer = exchange.end(self.estimate.expect(n), self.core.settings())?;
+        let payload_bytes = size_of_val(answer.response.pages()) as u64;
+        let reply = SceneReply::parse(&answer.header, &asked, payload_bytes)?;
+        self.estimate.note(Answered {
+            n,
+            round_trip: answer.sent_at.elapsed(),
+            took: Duration::from_nanos(reply.total_ns),
+            threads: reply.threads,
+        });
+        self.daemon_bytes = reply.scene_bytes;
+        let (index_end, isa) = (self.copy.index_end() as u32, self.core.settings().isa);
+        Ok(Box::new(FromDaemon { answer, reply, index_end, isa }))
+    }
+
+    /// Applies an edit in this process, where the scene is made from the copy if need be.
+    fn edit_here(&mut self, edit: Edit<'_>, want: Want) -> Result<(), CommitError> {
+        if !matches!(self.keeper, Keeper::Here(_)) {
+            let mut scene = Box::new(new_scene(self.options, &self.core));
+            let whole = self.copy.whole();
+            scene.edit(Edit { steps: &whole.steps() }, Want::Nothing).map_err(commit_error)?;
+            if self.knows_pairs || std::mem::take(&mut self.forgets) {
+                scene.lose();
+            }
+            self.keeper = Keeper::Here(scene);
+        }
+        if let Keeper::Here(scene) = &mut self.keeper {
+            scene.edit(edit, want).map_err(commit_error)?;
+        }
+        Ok(())
+    }
+}
+
+impl Drop for RemoteScene {
+    fn drop(&mut self) {
+        let Keeper::Daemon(there) = &self.keeper else { return };
+        let (link, frame) = (&there.link, self.core.next_frame());
+        if there.revision == 0 || !link.is_alive() {
+            return;
+        }
+        let header = RequestHeader::end_scene(link.token(), frame, self.id);
+        // With all frames in use it ends with the session.
+        let sent = link.loan(0).ok().and_then(|shared| Exchange::begin(shared, &header).ok());
+        let mut settings = self.core.settings().clone();
+        settings.deadline = settings.deadline.min(END_WITHIN);
+        let _ = sent.map(|exchange| exchange.end(link.expect(0), &settings));
+    }
+}
+
+/// Whether the daemon says that it has no scene of this revision.
+const fn is_stale(error: &WaitError) -> bool {
+    let stale = StatusCode::StaleScene;
+    matches!(error, WaitError::Reply(ReplyError::Status { status, .. }) if *status as u32 == stale as u32)
+}
+
+/// A scene of this process, with the settings of a session.
+pub(super) fn new_scene(options: SceneOptions, core: &Core) -> scene::Scene {
+    let settings = core.settings();
+    let (calibration, _) = settings.calibration.resolve(settings.isa);
+    let threads = options.threads.or(settings.threads);
+    let options = threads.map_or(options, |threads| options.with_threads(threads));
+    scene::Scene::with_engines(options, CpuEngines::on(settings.isa, calibration))
+}
+
+/// An error of a scene of this process.
+pub(super) fn commit_error(error: SceneError) -> CommitError {
+    match error {
+        SceneError::Edit(error) => CommitError::Edit(error),
+        SceneError::Cull(error) => CommitError::Wait(WaitError::Cull(error)),
+        error => CommitError::Scene(error),
+    }
+}

@@ -1,0 +1,91 @@
+//! The header of a request.
+
+use bytemuck::{Pod, Zeroable};
+#[cfg(feature = "transport")]
+use iceoryx2::prelude::ZeroCopySend;
+
+use crate::section::{SECTION_COUNT, Section};
+use crate::{REQUEST_MAGIC, VERSION_MAJOR, VERSION_MINOR};
+
+/// Header of a request, 272 bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+#[cfg_attr(feature = "transport", derive(ZeroCopySend), type_name("pairmask.RequestHeader"))]
+pub struct RequestHeader {
+    /// [`REQUEST_MAGIC`].
+    pub magic: u32,
+    /// [`VERSION_MAJOR`].
+    pub version_major: u16,
+    /// [`VERSION_MINOR`].
+    pub version_minor: u16,
+    /// An [`Operation`].
+    pub operation: u32,
+    /// No flag is defined yet; unknown flags are ignored.
+    pub flags: u32,
+    /// Names the client: the listener of its node has the same number as its name. Apart from that
+    /// an echo.
+    pub client_token: u64,
+    /// The client's number of this frame, echoed in the response.
+    pub frame: u64,
+    /// Boxes or spheres in the scene.
+    pub box_count: u32,
+    /// An [`EngineName`], or 0 for the plan's choice.
+    pub engine: u32,
+    /// An [`Encoding`], or 0 for the plan's choice. In an edit: what it wants.
+    pub encoding: u32,
+    /// Threads that the engine may use, or 0 for the plan's choice.
+    pub threads: u32,
+    /// What lies where in the payload.
+    pub sections: [Section; SECTION_COUNT],
+    /// Threads with which the client visits the pairs, or 0 for one (since 1.3; a hint, which older
+    /// readers ignore).
+    pub visit_threads: u32,
+    /// The client's number of a scene; zero in a cull (since 1.4).
+    pub scene: u32,
+    /// The revision of the scene that an edit is for, 0 to begin it; zero in a cull (since 1.4).
+    pub base: u64,
+    /// The revision that an edit makes; zero in a cull (since 1.4).
+    pub revision: u64,
+    /// Indices of a scene are below this; zero in a cull (since 1.4).
+    pub most_boxes: u32,
+    /// Flags of an edit; zero in a cull (since 1.4).
+    pub scene_flags: u32,
+}
+
+const _: () = assert!(size_of::<RequestHeader>() == 272 && align_of::<RequestHeader>() == 8);
+
+impl Default for RequestHeader {
+    /// All zero, as the transport writes it before the client fills it in. Not a valid request.
+    fn default() -> Self {
+        Self::zeroed()
+    }
+}
+
+/// The operation that a request asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Operation {
+    /// Find the overlapping pairs of the boxes or spheres.
+    Cull = 1,
+    /// Report the daemon's status.
+    Status = 2,
+    /// Change a scene that the daemon keeps, and tell what follows.
+    EditScene = 3,
+    /// Forget a scene.
+    EndScene = 4,
+}
+
+impl RequestHeader {
+    /// A header with what every request has, else zero.
+    pub(crate) fn envelope(operation: Operation, client_token: u64, frame: u64) -> Self {
+        Self {
+            magic: REQUEST_MAGIC,
+            version_major: VERSION_MAJOR,
+            version_minor: VERSION_MINOR,
+            operation: operation as u32,
+            client_token,
+            frame,
+            ..Self::zeroed()
+        }
+    }
+}

@@ -1,0 +1,240 @@
+//! The answer to an edit: lists of pairs, and a header that says where they lie.
+
+use std::iter::Zip;
+use std::slice;
+
+use pairmask_core::dispatch::StageTimes;
+use pairmask_core::engine::{EngineId, EngineName};
+use pairmask_core::mask::Span;
+use pairmask_core::scene::{EndReason, Ended, SceneSkips, Told};
+
+use crate::reply::{Reply, ReplyError, ReplyFields, ResponseHeader, envelope};
+use crate::section::{Section, SectionKind, find};
+use crate::status_code::StatusCode;
+
+/// Flag of an answer: the pairs are all there are, in place of changes.
+const RESYNC: u32 = 1;
+/// Flag of an answer: it says how many pairs there are.
+const COUNTED: u32 = 1 << 1;
+
+/// Words of a pair.
+const PAIR_WORDS: u64 = 2;
+/// Sections begin on a cache line, words.
+const LINE_WORDS: u64 = 16;
+
+/// The wire's number of a reason.
+const fn reason_number(reason: EndReason) -> u8 {
+    match reason {
+        EndReason::Removed => 1,
+        EndReason::Filtered => 2,
+        // Whatever a later core adds reads as this: the boxes are no pair any more.
+        _ => 3,
+    }
+}
+
+fn reason_of(number: u8) -> Option<EndReason> {
+    [EndReason::Removed, EndReason::Filtered, EndReason::Separated]
+        .into_iter()
+        .find(|reason| reason_number(*reason) == number)
+}
+
+/// Where the lists of an answer lie in its payload, in words.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SceneAnswerLayout {
+    /// Pairs that began.
+    pub begun: Span,
+    /// Pairs that ended.
+    pub ended: Span,
+    /// Why, a byte each.
+    pub reasons: Span,
+    /// Pairs of now.
+    pub pairs: Span,
+}
+
+impl SceneAnswerLayout {
+    /// The layout of what a scene tells.
+    pub fn of(told: &Told) -> Self {
+        let mut end = 0u64;
+        let mut next = |len: u64| {
+            let start = end.next_multiple_of(LINE_WORDS);
+            end = start + len;
+            Span { start, len }
+        };
+        let ended = told.ended().len() as u64;
+        Self {
+            begun: next(PAIR_WORDS * told.begun().len() as u64),
+            ended: next(PAIR_WORDS * ended),
+            reasons: next(ended.div_ceil(4)),
+            pairs: next(PAIR_WORDS * told.pairs().len() as u64),
+        }
+    }
+
+    /// Words of the payload.
+    pub const fn words(&self) -> u64 {
+        self.pairs.start + self.pairs.len
+    }
+
+    /// Writes what the scene tells into at least so many words.
+    ///
+    /// # Panics
+    /// With fewer.
+    pub fn write(&self, told: &Told, words: &mut [u32]) {
+        let range = |span: &Span| span.start as usize..(span.start + span.len) as usize;
+        words[range(&self.begun)].copy_from_slice(told.begun().as_flattened());
+        let to = words[range(&self.ended)].as_chunks_mut().0;
+        to.iter_mut().zip(told.ended()).for_each(|(to, ended)| *to = ended.pair);
+        words[range(&self.reasons)].fill(0);
+        let to = bytemuck::cast_slice_mut::<u32, u8>(&mut words[range(&self.reasons)]);
+        to.iter_mut().zip(told.ended()).for_each(|(to, e)| *to = reason_number(e.reason));
+        words[range(&self.pairs)].copy_from_slice(told.pairs().as_flattened());
+    }
+
+    fn sections(&self) -> [Section; 4] {
+        let section = |kind, span: &Span, bytes| Section::required(kind, 4 * span.start, bytes);
+        [
+            section(SectionKind::BegunPairs, &self.begun, 4 * self.begun.len),
+            section(SectionKind::EndedPairs, &self.ended, 4 * self.ended.len),
+            section(SectionKind::EndReasons, &self.reasons, self.ended.len / PAIR_WORDS),
+            section(SectionKind::ListPairs, &self.pairs, 4 * self.pairs.len),
+        ]
+    }
+}
+
+/// The header of an answered edit. `scene_bytes` are what the daemon keeps of the scene.
+pub fn response_scene(
+    fields: &ReplyFields,
+    engine: EngineName,
+    threads: usize,
+    told: &Told,
+    scene_bytes: u64,
+    times: &StageTimes,
+) -> ResponseHeader {
+    let mut header = envelope(fields, StatusCode::Ok);
+    let flag = |on: bool, flag: u32| if on { flag } else { 0 };
+    header.flags = flag(told.is_resync(), RESYNC) | flag(told.pair_count().is_some(), COUNTED);
+    header.engine = engine as u32;
+    header.threads = u32::try_from(threads).unwrap_or(u32::MAX);
+    header.pair_count = told.pair_count().unwrap_or(0);
+    header.skipped[..5].copy_from_slice(&told.skipped().to_array());
+    header.stages_ns[..5].copy_from_slice(&[
+        times.ingest_ns,
+        times.plan_ns,
+        times.execute_ns,
+        times.publish_ns,
+        times.total_ns,
+    ]);
+    header.detail[0] = scene_bytes;
+    header.sections[..4].copy_from_slice(&SceneAnswerLayout::of(told).sections());
+    header
+}
+
+/// The header that answers a request to forget a scene.
+pub fn response_scene_ended(fields: &ReplyFields) -> ResponseHeader {
+    envelope(fields, StatusCode::Ok)
+}
+
+/// A validated answer to an edit. Every span lies within the payload.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SceneReply {
+    /// The engine that found it; it may be one that this build does not know.
+    pub engine: EngineId,
+    /// Threads that it could use.
+    pub threads: usize,
+    /// Whether the pairs are all there are, in place of changes.
+    pub is_resync: bool,
+    /// Pairs of the scene, where the answer knows.
+    pub pair_count: Option<u64>,
+    /// Work left out.
+    pub skipped: SceneSkips,
+    /// Bytes that the daemon keeps of the scene.
+    pub scene_bytes: u64,
+    /// Time in the daemon, ns.
+    pub total_ns: u64,
+    /// Where the lists lie.
+    pub layout: SceneAnswerLayout,
+}
+
+impl SceneReply {
+    /// Checks a copied header against the request's fields and the payload's length.
+    ///
+    /// # Errors
+    /// [`ReplyError`] with the first thing that is wrong.
+    pub fn parse(
+        header: &ResponseHeader,
+        asked: &ReplyFields,
+        payload_bytes: u64,
+    ) -> Result<Self, ReplyError> {
+        Reply::check_envelope(header, asked)?;
+        let malformed = |field| ReplyError::Malformed { field };
+        let section = |kind, field| {
+            let section = find(&header.sections, kind).ok_or(malformed(field))?;
+            if section.fits(payload_bytes) { Ok(section) } else { Err(malformed(field)) }
+        };
+        let pairs = |kind, field| {
+            let section = section(kind, field)?;
+            let span = Span { start: section.offset / 4, len: section.bytes / 4 };
+            let is_whole = section.bytes.is_multiple_of(4 * PAIR_WORDS);
+            if is_whole { Ok(span) } else { Err(malformed(field)) }
+        };
+        let ended = pairs(SectionKind::EndedPairs, "ended pairs")?;
+        let reasons = section(SectionKind::EndReasons, "reasons")?;
+        let reason_words = Span { start: reasons.offset / 4, len: reasons.bytes.div_ceil(4) };
+        let ends_in_payload = 4 * (reason_words.start + reason_words.len) <= payload_bytes;
+        if reasons.bytes != ended.len / PAIR_WORDS || !ends_in_payload {
+            return Err(malformed("reasons"));
+        }
+        let [boxes, of_statics, unmoved, cells, tested, _] = header.skipped;
+        Ok(Self {
+            engine: EngineId::from_wire(header.engine),
+            threads: header.threads as usize,
+            is_resync: header.flags & RESYNC != 0,
+            pair_count: (header.flags & COUNTED != 0).then_some(header.pair_count),
+            skipped: SceneSkips::from_array([boxes, of_statics, unmoved, cells, tested]),
+            scene_bytes: header.detail[0],
+            total_ns: header.stages_ns[4],
+            layout: SceneAnswerLayout {
+                begun: pairs(SectionKind::BegunPairs, "begun pairs")?,
+                ended,
+                reasons: reason_words,
+                pairs: pairs(SectionKind::ListPairs, "pairs")?,
+            },
+        })
+    }
+}
+
+impl SceneAnswerLayout {
+    /// The pairs of a span of the payload. Another process may have written anything there.
+    pub fn pairs_in<'a>(span: &Span, words: &'a [u32]) -> &'a [[u32; 2]] {
+        let range = span.start as usize..(span.start + span.len) as usize;
+        words.get(range).unwrap_or(&[]).as_chunks().0
+    }
+
+    /// Pairs that ended, and why. One whose indices are no pair below `index_end`, or whose reason is
+    /// unknown, is passed over.
+    pub fn ended_in<'a>(&self, words: &'a [u32], index_end: u32) -> EndedPairs<'a> {
+        let pairs = Self::pairs_in(&self.ended, words);
+        let range = self.reasons.start as usize..(self.reasons.start + self.reasons.len) as usize;
+        let reasons: &[u8] = bytemuck::cast_slice(words.get(range).unwrap_or(&[]));
+        EndedPairs { listed: pairs.iter().zip(reasons), index_end }
+    }
+}
+
+/// Pairs that ended, as another process has written them.
+#[derive(Clone, Debug)]
+pub struct EndedPairs<'a> {
+    listed: Zip<slice::Iter<'a, [u32; 2]>, slice::Iter<'a, u8>>,
+    index_end: u32,
+}
+
+impl Iterator for EndedPairs<'_> {
+    type Item = Ended;
+
+    fn next(&mut self) -> Option<Ended> {
+        let Self { listed, index_end } = self;
+        listed.find_map(|(pair, reason)| {
+            let (pair, reason) = (*pair, reason_of(*reason)?);
+            let [a, b] = pair;
+            (a < b && b < *index_end).then_some(Ended { pair, reason })
+        })
+    }
+}

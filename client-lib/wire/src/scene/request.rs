@@ -1,0 +1,146 @@
+//! The header of an edit.
+
+use pairmask_core::engine::{EngineChoice, EngineName};
+use pairmask_core::scene::Want;
+
+use crate::header::{Operation, RequestHeader};
+use crate::reject::Reject;
+use crate::section::{SECTION_COUNT, Section, SectionKind, find};
+use crate::{SCENES_MINOR, Version};
+
+/// A client's number of one of its scenes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct SceneId(pub u32);
+
+/// Flag of an edit: the client took the answer to the one before.
+const TAKEN: u32 = 1;
+/// Flag of an edit: the client knows pairs that this scene has not told, so that the next changes are
+/// all pairs.
+const LOST: u32 = 1 << 1;
+
+/// An edit of a scene: what a client says in a header, and what a daemon has validated of one. What
+/// changes lies in the payload ([`EditLayout`](super::EditLayout)).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SceneRequest {
+    /// The scene, among those of the session.
+    pub scene: SceneId,
+    /// The revision that the edit changes; 0 begins the scene anew, whatever there was.
+    pub base: u64,
+    /// The revision that it makes: not 0, and not the base.
+    pub revision: u64,
+    /// Whether the client took the answer to the edit that made the base.
+    pub is_taken: bool,
+    /// Whether the client knows pairs that this scene has not told.
+    pub is_lost: bool,
+    /// What it wants to be told.
+    pub want: Want,
+    /// Indices are below this.
+    pub most_boxes: u32,
+    /// The engine asked for: one of a GPU keeps the scene in video memory.
+    pub engine: EngineChoice,
+    /// Threads that may be used; `None` leaves the number to the daemon.
+    pub threads: Option<usize>,
+    /// Boxes in the payload.
+    pub boxes: Section,
+    /// Steps in the payload.
+    pub steps: Section,
+    /// Words of indices in the payload.
+    pub indices: Section,
+}
+
+/// The wire's number of what an edit wants.
+const fn want_number(want: Want) -> u32 {
+    match want {
+        Want::Changes => 1,
+        Want::Moved => 2,
+        Want::All => 3,
+        // Whatever a later core adds is of a later wire version.
+        _ => 4,
+    }
+}
+
+fn want_of(number: u32) -> Option<Want> {
+    [Want::Changes, Want::Moved, Want::All, Want::Nothing]
+        .into_iter()
+        .find(|want| want_number(*want) == number)
+}
+
+impl RequestHeader {
+    /// An edit of a scene.
+    pub fn edit_scene(client_token: u64, frame: u64, request: &SceneRequest) -> Self {
+        let flag = |on: bool, flag: u32| if on { flag } else { 0 };
+        let mut sections = [Section::default(); SECTION_COUNT];
+        sections[..3].copy_from_slice(&[request.boxes, request.steps, request.indices]);
+        Self {
+            box_count: (request.boxes.bytes / BOX_BYTES) as u32,
+            engine: match request.engine {
+                EngineChoice::Auto => 0,
+                EngineChoice::Only(name) => name as u32,
+            },
+            encoding: want_number(request.want),
+            threads: request.threads.map_or(0, |t| u32::try_from(t).unwrap_or(u32::MAX)),
+            sections,
+            scene: request.scene.0,
+            base: request.base,
+            revision: request.revision,
+            most_boxes: request.most_boxes,
+            scene_flags: flag(request.is_taken, TAKEN) | flag(request.is_lost, LOST),
+            ..Self::envelope(Operation::EditScene, client_token, frame)
+        }
+    }
+
+    /// A request to forget a scene.
+    pub fn end_scene(client_token: u64, frame: u64, scene: SceneId) -> Self {
+        Self { scene: scene.0, ..Self::envelope(Operation::EndScene, client_token, frame) }
+    }
+}
+
+/// Bytes of a box in f32.
+pub(super) const BOX_BYTES: u64 = 24;
+
+impl SceneRequest {
+    /// Checks a copied header against the payload's length.
+    ///
+    /// # Errors
+    /// [`Reject`] with the first thing that is wrong.
+    pub(crate) fn parse(header: &RequestHeader, payload_bytes: u64) -> Result<Self, Reject> {
+        let wrong = |field| Reject::Edit { field };
+        if header.version_minor < SCENES_MINOR {
+            let found = Version { major: header.version_major, minor: header.version_minor };
+            return Err(Reject::Version { found });
+        }
+        let want = want_of(header.encoding).ok_or(wrong("want"))?;
+        let engine = match header.engine {
+            0 => EngineChoice::Auto,
+            found => {
+                EngineChoice::Only(EngineName::from_wire(found).ok_or(Reject::Engine { found })?)
+            }
+        };
+        if header.revision == 0 || header.revision == header.base {
+            return Err(wrong("revision"));
+        }
+        let section = |kind, item_bytes, field| {
+            let section = find(&header.sections, kind).ok_or(wrong(field))?;
+            let is_right = section.fits(payload_bytes) && section.bytes.is_multiple_of(item_bytes);
+            if is_right { Ok(section) } else { Err(wrong(field)) }
+        };
+        let boxes = section(SectionKind::Boxes, BOX_BYTES, "boxes")?;
+        if boxes.bytes != BOX_BYTES * u64::from(header.box_count) {
+            return Err(wrong("boxes"));
+        }
+        Ok(Self {
+            scene: SceneId(header.scene),
+            base: header.base,
+            revision: header.revision,
+            is_taken: header.scene_flags & TAKEN != 0,
+            is_lost: header.scene_flags & LOST != 0,
+            want,
+            most_boxes: header.most_boxes,
+            engine,
+            threads: (header.threads != 0).then_some(header.threads as usize),
+            boxes,
+            steps: section(SectionKind::SceneSteps, super::body::STEP_BYTES, "steps")?,
+            indices: section(SectionKind::SceneIndices, 4, "indices")?,
+        })
+    }
+}

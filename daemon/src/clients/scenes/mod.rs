@@ -1,0 +1,79 @@
+//! Scenes that the daemon keeps for its clients, from edit to edit.
+//!
+//! A scene belongs to a session. A client sends again what was forgotten.
+
+mod memory;
+
+use pairmask_core::scene::Edit;
+use pairmask_wire::{EditScratch, SceneId};
+
+use self::memory::Charge;
+pub(crate) use self::memory::{NoRoom, SceneMemory};
+use crate::execute::SceneKeeper;
+
+/// Bytes that a scene takes for each index, whether it has a box or not.
+const BYTES_AN_INDEX: u64 = 25;
+/// Bytes that it takes for each box on top, at the most: cells, history and answers.
+const BYTES_A_BOX: u64 = 275;
+/// Bytes that any scene takes: without them, empty ones would be free.
+const BYTES_A_SCENE: u64 = 64 << 10;
+
+/// A scene of a client.
+#[derive(Debug)]
+pub(crate) struct KeptScene {
+    id: SceneId,
+    /// The number of the last edit.
+    pub(crate) revision: u64,
+    /// Its boxes, and what was told.
+    pub(crate) scene: SceneKeeper,
+    /// Memory for reading edits.
+    pub(crate) scratch: EditScratch,
+    /// Its share of the memory of all scenes.
+    pub(crate) room: SceneRoom,
+}
+
+/// The share of a scene in the memory of all.
+#[derive(Debug)]
+pub(crate) struct SceneRoom(Charge);
+
+impl KeptScene {
+    /// A scene without boxes, before its first edit.
+    ///
+    /// # Errors
+    /// [`NoRoom`].
+    pub(crate) fn begin(
+        id: SceneId,
+        scene: SceneKeeper,
+        memory: &SceneMemory,
+    ) -> Result<Self, NoRoom> {
+        Ok(Self {
+            id,
+            revision: 0,
+            scene,
+            scratch: EditScratch::default(),
+            room: SceneRoom(memory.charge(BYTES_A_SCENE)?),
+        })
+    }
+
+    /// The client's number of it.
+    pub(crate) const fn id(&self) -> SceneId {
+        self.id
+    }
+}
+
+impl SceneRoom {
+    /// Makes room for an edit that is about to be applied.
+    ///
+    /// # Errors
+    /// [`NoRoom`].
+    pub(crate) fn make(&mut self, scene: &SceneKeeper, edit: Edit<'_>) -> Result<(), NoRoom> {
+        let boxes = scene.len() as u64 + edit.boxes() as u64;
+        let indices = boxes.max(edit.index_end());
+        self.0.grow_to(BYTES_A_SCENE + BYTES_AN_INDEX * indices + BYTES_A_BOX * boxes)
+    }
+
+    /// Notes what the scene takes by now.
+    pub(crate) fn note(&mut self, scene: &SceneKeeper) {
+        self.0.set(BYTES_A_SCENE + scene.bytes());
+    }
+}

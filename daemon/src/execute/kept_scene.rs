@@ -1,0 +1,226 @@
+//! A scene where it is kept: by the cores of this machine, or in video memory.
+//!
+//! It begins with the cores. It moves to the GPU, unless an engine was asked for by name, when what its
+//! edits would have saved there comes to more than the move takes: so it never pays more than twice what
+//! the better place costs. It stays there: an edit takes the GPU 50 µs at the least, and boxes would have to
+//! come back.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use pairmask_core::dispatch::{CpuEngines, nanoseconds_since};
+use pairmask_core::engine::{CullError, EngineChoice, EngineName};
+use pairmask_core::plan::GpuCost;
+use pairmask_core::scene::{Edit, Scene, SceneError, SceneOptions, Told, Want};
+
+use super::gpu::{GpuScene, SceneTools};
+use super::under_way::GpuShare;
+
+/// What a box costs an edit in video memory that does not change it, in those of a frame's grid: it is
+/// looked at once (an H200: 0.08 ns).
+const UNCHANGED_SHARE: f64 = 0.125;
+/// What a changed box costs, in boxes of a frame's grid: it is written, and searched for (an H200: 3 to 7 ns).
+const CHANGED_SHARE: f64 = 8.0;
+/// Time to move a scene, ns a box: collected here, copied, and written there.
+const MOVE_NS_A_BOX: f64 = 100.0;
+/// Time to move any scene, ns: memory is taken.
+const MOVE_NS: f64 = 1e6;
+
+/// A scene, and what is known of the better place for it.
+#[derive(Debug)]
+pub struct SceneKeeper {
+    place: Place,
+    options: SceneOptions,
+    gpu: GpuShare,
+    engine: EngineChoice,
+    /// What edits would have saved on the GPU, ns.
+    would_have_saved_ns: f64,
+}
+
+#[derive(Debug)]
+#[allow(clippy::large_enum_variant)] // One of each scene.
+enum Place {
+    Cores(Scene),
+    Gpu(GpuScene),
+}
+
+/// What an edit is expected to take in video memory, ns.
+fn gpu_ns(cost: &GpuCost, boxes: usize, changed: usize) -> Option<f64> {
+    let grid_boxes = UNCHANGED_SHARE * boxes as f64 + CHANGED_SHARE * changed as f64;
+    Some(cost.fixed_ns + cost.grid_fixed_ns + cost.grid_ns_a_box? * grid_boxes)
+}
+
+impl SceneKeeper {
+    /// A scene without boxes.
+    ///
+    /// # Errors
+    /// [`CullError::Unavailable`] where an engine of a GPU is asked for and there is none.
+    pub fn new(
+        options: SceneOptions,
+        engines: CpuEngines,
+        gpu: GpuShare,
+        engine: EngineChoice,
+    ) -> Result<Self, CullError> {
+        let place = match engine {
+            EngineChoice::Only(engine) if engine.is_gpu() => {
+                let unavailable = CullError::Unavailable { engine, why: "there is no GPU" };
+                Place::Gpu(GpuScene::new(&tools(&gpu).ok_or(unavailable)?, options))
+            }
+            _ => Place::Cores(Scene::with_engines(options, engines)),
+        };
+        Ok(Self { place, options, gpu, engine, would_have_saved_ns: 0.0 })
+    }
+
+    /// Boxes, those that are switched off too.
+    pub const fn len(&self) -> usize {
+        match &self.place {
+            Place::Cores(scene) => scene.len(),
+            Place::Gpu(scene) => scene.len(),
+        }
+    }
+
+    /// Whether there are none.
+    pub const fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The engine that answers.
+    pub const fn engine(&self) -> EngineName {
+        match &self.place {
+            Place::Cores(_) => EngineName::CpuGrid,
+            Place::Gpu(_) => EngineName::GpuGrid,
+        }
+    }
+
+    /// Bytes that it keeps, in host and video memory.
+    pub fn bytes(&self) -> u64 {
+        match &self.place {
+            Place::Cores(scene) => scene.allocated_bytes() as u64,
+            Place::Gpu(scene) => scene.allocated_bytes() as u64 + scene.video_bytes(),
+        }
+    }
+
+    /// The last answer.
+    pub const fn told(&self) -> &Told {
+        match &self.place {
+            Place::Cores(scene) => scene.told(),
+            Place::Gpu(scene) => scene.told(),
+        }
+    }
+
+    /// Takes the last answer.
+    pub fn take(&mut self) {
+        match &mut self.place {
+            Place::Cores(scene) => scene.take(),
+            Place::Gpu(scene) => scene.take(),
+        }
+    }
+
+    /// Forgets what was told: the next changes are a resync.
+    pub fn lose(&mut self) {
+        match &mut self.place {
+            Place::Cores(scene) => scene.lose(),
+            Place::Gpu(scene) => scene.lose(),
+        }
+    }
+
+    /// Applies an edit and answers, with so many threads at the most.
+    ///
+    /// # Errors
+    /// [`SceneError::Edit`]: nothing is applied. After [`SceneError::Cull`] the scene is to be dropped.
+    pub fn edit(
+        &mut self,
+        edit: Edit<'_>,
+        want: Want,
+        threads: usize,
+    ) -> Result<&Told, SceneError> {
+        self.move_if_due();
+        match &mut self.place {
+            Place::Cores(scene) => {
+                let start = Instant::now();
+                scene.set_threads(Some(threads));
+                scene.edit(edit, want)?;
+                self.note_edit(edit.boxes(), nanoseconds_since(start) as f64);
+            }
+            Place::Gpu(scene) => {
+                // One session uses the GPU at a time.
+                let _turn = self.gpu.0.as_ref().map(|gpu| gpu.lock());
+                scene.edit(edit, want)?;
+            }
+        }
+        Ok(self.told())
+    }
+
+    /// Notes an edit that the cores have made.
+    fn note_edit(&mut self, changed: usize, took_ns: f64) {
+        if self.engine != EngineChoice::Auto {
+            return;
+        }
+        let cost = self.gpu.0.as_ref().and_then(|gpu| gpu.cost());
+        let there = cost.and_then(|cost| gpu_ns(&cost, self.len(), changed));
+        if let Some(there_ns) = there {
+            let saved = self.would_have_saved_ns + took_ns - there_ns;
+            self.would_have_saved_ns = saved.max(0.0);
+        }
+    }
+
+    /// Moves the scene to the GPU where that is due, and the last answer was taken.
+    fn move_if_due(&mut self) {
+        let move_ns = MOVE_NS + MOVE_NS_A_BOX * self.len() as f64;
+        if self.would_have_saved_ns <= move_ns {
+            return;
+        }
+        let Place::Cores(scene) = &self.place else { return };
+        let Some(kept) = scene.kept() else { return };
+        self.would_have_saved_ns = 0.0;
+        let Some(tools) = tools(&self.gpu) else { return };
+        let _turn = self.gpu.0.as_ref().map(|gpu| gpu.lock());
+        match GpuScene::from_kept(&tools, self.options, &kept) {
+            Ok(moved) => self.place = Place::Gpu(moved),
+            // The cores have it, and are asked again when as much time was lost.
+            Err(error) => log::info!("a scene stays with the cores: {error}"),
+        }
+    }
+}
+
+/// What scenes on the GPU of now share.
+fn tools(gpu: &GpuShare) -> Option<Arc<SceneTools>> {
+    gpu.0.as_ref()?.with(super::GpuService::scene_tools)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_edit_on_the_gpu_costs_by_what_changes() {
+        let cost = GpuCost {
+            fixed_ns: 40_000.0,
+            ns_a_box: 0.0,
+            ns_a_test: 0.0,
+            grid_fixed_ns: 10_000.0,
+            grid_ns_a_box: Some(0.8),
+            ns_a_reply_byte: 0.0,
+            ns_a_visited_byte: 0.0,
+        };
+        let ns = |boxes, changed| gpu_ns(&cost, boxes, changed).expect("a grid");
+        assert!((ns(0, 0) - 50_000.0).abs() < 1.0);
+        assert!((ns(1_000_000, 0) - 150_000.0).abs() < 1.0);
+        assert!((ns(1_000_000, 10_000) - 214_000.0).abs() < 1.0);
+        assert_eq!(gpu_ns(&GpuCost { grid_ns_a_box: None, ..cost }, 9, 9), None);
+    }
+
+    #[test]
+    fn a_scene_without_a_gpu_stays_with_the_cores() {
+        let no_gpu = GpuShare(None);
+        let options = SceneOptions::default();
+        let only = EngineChoice::Only(EngineName::GpuGrid);
+        let refused = SceneKeeper::new(options, CpuEngines::new(), no_gpu.clone(), only);
+        assert!(matches!(refused, Err(CullError::Unavailable { .. })));
+        let auto = SceneKeeper::new(options, CpuEngines::new(), no_gpu, EngineChoice::Auto);
+        let mut scene = auto.expect("cores");
+        scene.would_have_saved_ns = 1e12;
+        scene.edit(Edit::NONE, Want::All, 1).expect("an answer");
+        assert_eq!(scene.engine(), EngineName::CpuGrid);
+    }
+}

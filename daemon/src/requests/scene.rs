@@ -1,0 +1,175 @@
+//! Requests that change a scene.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use pairmask_core::dispatch::{CpuEngines, StageTimes};
+use pairmask_core::engine::{AvailableIsa, CullError, ReplyBuffer};
+use pairmask_core::plan::Calibration;
+use pairmask_core::scene::{Edit, SceneError, SceneOptions};
+use pairmask_wire::{SceneAnswerLayout, SceneId, SceneRequest, response_scene};
+
+use super::Served;
+use crate::clients::{KeptScene, SceneMemory};
+use crate::execute::{EnginePool, GpuShare, SceneKeeper};
+use crate::publish::{OpenRequest, Outbox, Refusal};
+
+/// What scenes are made and changed with.
+pub(super) struct SceneEdits {
+    isa: AvailableIsa,
+    calibration: Calibration,
+    gpu: GpuShare,
+    memory: SceneMemory,
+    pool: Arc<EnginePool>,
+}
+
+impl SceneEdits {
+    /// Scenes that take no more memory than that, all together.
+    pub(super) const fn new(
+        isa: AvailableIsa,
+        calibration: &Calibration,
+        gpu: GpuShare,
+        memory: SceneMemory,
+        pool: Arc<EnginePool>,
+    ) -> Self {
+        Self { isa, calibration: *calibration, gpu, memory, pool }
+    }
+
+    /// Answers an edit.
+    pub(super) fn take(
+        &self,
+        mut open: OpenRequest,
+        request: &SceneRequest,
+        threads: usize,
+        outbox: &Outbox,
+    ) -> Served {
+        let threads = request.threads.map_or(threads, |asked| asked.min(threads)).max(1);
+        let session = open.sender().session;
+        let edited = match self.find(session, request, outbox) {
+            Ok(mut kept) => {
+                let edited = if threads == 1 {
+                    edit_and_answer(&mut kept, &mut open, request, 1, outbox)
+                } else {
+                    self.pool
+                        .work(|| edit_and_answer(&mut kept, &mut open, request, threads, outbox))
+                };
+                // What was applied without an answer is of no use to the client: it sends the scene again.
+                if !matches!(edited, Err(Failed::Applied(_))) {
+                    outbox.clients().keep_scene(session, kept);
+                }
+                edited.map_err(|failed| match failed {
+                    Failed::Refused(refusal) | Failed::Applied(refusal) => refusal,
+                })
+            }
+            Err(refusal) => Err(refusal),
+        };
+        if let Err(refusal) = &edited {
+            outbox.refuse(&mut open, refusal);
+        }
+        open.close();
+        Served { threads, ..Served::BEGUN }
+    }
+
+    /// Forgets a scene.
+    pub(super) fn end(open: &mut OpenRequest, scene: SceneId, outbox: &Outbox) {
+        drop(outbox.clients().take_scene(open.sender().session, scene));
+        outbox.answer_scene_ended(open);
+    }
+
+    /// The scene that an edit is for, taken from where it is kept.
+    fn find(
+        &self,
+        session: u128,
+        request: &SceneRequest,
+        outbox: &Outbox,
+    ) -> Result<KeptScene, Refusal> {
+        let kept = outbox.clients().take_scene(session, request.scene);
+        if request.base == 0 {
+            drop(kept);
+            let options = SceneOptions::default().with_most_boxes(request.most_boxes);
+            let engines = CpuEngines::on(self.isa, self.calibration);
+            let scene = SceneKeeper::new(options, engines, self.gpu.clone(), request.engine)?;
+            return Ok(KeptScene::begin(request.scene, scene, &self.memory)?);
+        }
+        match kept {
+            Some(kept) if kept.revision == request.base => Ok(kept),
+            kept => {
+                let revision = kept.as_ref().map_or(0, |kept| kept.revision);
+                if let Some(kept) = kept {
+                    outbox.clients().keep_scene(session, kept);
+                }
+                Err(Refusal::stale_scene(revision))
+            }
+        }
+    }
+}
+
+/// Applies an edit and answers.
+fn edit_and_answer(
+    kept: &mut KeptScene,
+    open: &mut OpenRequest,
+    request: &SceneRequest,
+    threads: usize,
+    outbox: &Outbox,
+) -> Result<(), Failed> {
+    let KeptScene { revision, scene, scratch, room, .. } = kept;
+    let start = Instant::now();
+    let steps = scratch.read(request, open.pages())?;
+    let edit = Edit { steps: &steps };
+    room.make(scene, edit)?;
+    let ingested = Instant::now();
+    if request.is_taken {
+        scene.take();
+    }
+    if request.is_lost {
+        scene.lose();
+    }
+    let edited = scene.edit(edit, request.want, threads).map(drop);
+    room.note(scene);
+    match edited {
+        Ok(()) => *revision = request.revision,
+        // The scene is what it was.
+        Err(SceneError::Edit(error)) => return Err(error.into()),
+        // Its boxes are gone with the device's memory: the client sends them again.
+        Err(SceneError::Cull(
+            CullError::DeviceLost { .. }
+            | CullError::DeviceMemory { .. }
+            | CullError::TooCrowded { .. },
+        )) => return Err(Failed::Applied(Refusal::stale_scene(0))),
+        Err(SceneError::Cull(error)) => return Err(Failed::Applied(error.into())),
+        Err(error) => return Err(Failed::Applied(Refusal::engine_failed(&error))),
+    }
+    let executed = Instant::now();
+
+    let layout = SceneAnswerLayout::of(scene.told());
+    let (_, mut reply) = open.parts();
+    let reserved = reply.reserve(layout.words());
+    layout.write(scene.told(), reserved.map_err(|e| Failed::Applied(CullError::from(e).into()))?);
+    let ns = |from: Instant, to: Instant| to.duration_since(from).as_nanos() as u64;
+    let times = StageTimes {
+        ingest_ns: ns(start, ingested),
+        execute_ns: ns(ingested, executed),
+        publish_ns: executed.elapsed().as_nanos() as u64,
+        total_ns: open.taken_at().elapsed().as_nanos() as u64,
+        ..StageTimes::default()
+    };
+    let told = scene.told();
+    let (kept_bytes, engine) = (scene.bytes(), scene.engine());
+    let header = response_scene(open.fields(), engine, threads, told, kept_bytes, &times);
+    outbox.answer_edit(open, told, &header);
+    Ok(())
+}
+
+/// Why an edit has no answer.
+enum Failed {
+    /// It was not applied.
+    Refused(Refusal),
+    /// It was, and its answer is lost.
+    Applied(Refusal),
+}
+
+impl<E: Into<Refusal>> From<E> for Failed {
+    fn from(error: E) -> Self {
+        Self::Refused(error.into())
+    }
+}

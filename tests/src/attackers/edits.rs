@@ -1,0 +1,96 @@
+//! A client that forges edits of scenes, and changes them while the daemon reads them.
+
+use std::time::Duration;
+
+use bytemuck::cast_slice_mut;
+use pairmask_core::engine::EngineChoice;
+use pairmask_core::scene::{Edit, Want};
+use pairmask_wire::{EditLayout, Page, RequestHeader, SceneId, SceneRequest, page_count};
+
+use super::raw::{Dice, RawClient, answer, write};
+use super::{Tally, Until, count};
+use crate::random_edits::RandomEdits;
+
+/// Pages of a request.
+const PAGES: usize = 16;
+/// Its token.
+const TOKEN: u64 = 1 << 45;
+
+pub(super) fn attack(until: &Until, tally: &mut Tally) {
+    let mut dice = Dice::of_this_process();
+    let mut revision = 0;
+    while !until.is_over() {
+        let Some(client) = RawClient::reconnect(TOKEN, PAGES, until) else { return };
+        let mut source = RandomEdits::new(dice.below(u64::MAX), 600);
+        let mut base = 0;
+        for frame in 0..2_000 {
+            if until.is_over() {
+                break;
+            }
+            revision += 1;
+            let owned = source.edit();
+            let steps = owned.steps();
+            let edit = Edit { steps: &steps };
+            let Some(layout) = EditLayout::of(edit) else { continue };
+            if page_count(layout.payload_bytes()) as usize > PAGES {
+                continue;
+            }
+            let Some(mut loan) = client.loan(PAGES) else { break };
+            let _ = layout.write(edit, loan.payload_mut());
+            let [boxes, steps, indices] = layout.sections();
+            let request = SceneRequest {
+                scene: SceneId(dice.below(3) as u32),
+                base,
+                revision,
+                is_taken: dice.below(2) == 0,
+                is_lost: dice.below(9) == 0,
+                want: [Want::Changes, Want::Moved, Want::All, Want::Nothing]
+                    [dice.below(4) as usize],
+                most_boxes: 600,
+                engine: EngineChoice::Auto,
+                threads: None,
+                boxes,
+                steps,
+                indices,
+            };
+            let mut header = RequestHeader::edit_scene(TOKEN, frame, &request);
+            let is_forged = dice.below(3) > 0;
+            if is_forged {
+                forge(&mut header, loan.payload_mut(), &mut dice);
+            }
+            *loan.user_header_mut() = header;
+            let payload = loan.payload_mut().as_ptr() as usize;
+            let Some(pending) = client.send(loan) else { break };
+            if is_forged {
+                for _ in 0..dice.below(2_000) {
+                    let place = 8 * dice.below((PAGES * size_of::<Page>()) as u64 / 8) as usize;
+                    write(payload + place, dice.below(u64::MAX) >> dice.below(64));
+                }
+            }
+            let Some(answered) = answer(&pending, Duration::from_secs(2)) else {
+                count(tally, "unanswered");
+                break;
+            };
+            count(tally, if answered.status == 0 { "answered" } else { "refused" });
+            // A scene that was forged is begun anew now and then.
+            base = if answered.status == 0 && dice.below(20) > 0 { header.revision } else { 0 };
+        }
+    }
+}
+
+/// Changes some words of a request.
+fn forge(header: &mut RequestHeader, payload: &mut [Page], dice: &mut Dice) {
+    let some = |dice: &mut Dice| (dice.below(u64::MAX) >> dice.below(64)) as u32;
+    for _ in 0..dice.below(3) {
+        let words: &mut [u32] = bytemuck::cast_slice_mut(bytemuck::bytes_of_mut(header));
+        // Behind magic, version and operation, and the token.
+        let place = 8 + dice.below(words.len() as u64 - 8) as usize;
+        words[place] = some(dice);
+    }
+    let words: &mut [u32] = cast_slice_mut(payload);
+    for _ in 0..dice.below(6) {
+        // Steps, indices and boxes lie in the first pages.
+        let place = dice.below(4 * size_of::<Page>() as u64 / 4) as usize;
+        words[place] = some(dice);
+    }
+}

@@ -1,0 +1,293 @@
+//! Scenes of sessions, kept by a daemon: the same answers as in process, whatever dies between.
+#![allow(clippy::unwrap_used)]
+
+use std::time::Duration;
+
+use pairmask::scene::{Edit, SceneOptions, Want};
+use pairmask::{
+    Aabb, Backend, CommitError, EngineChoice, EngineName, Scene, SceneAnswer, SceneEdit, ServedBy,
+    Session, WaitError,
+};
+use pairmask_core::scene as core_scene;
+use pairmask_tests::daemon::{TestDaemon, eventually};
+use pairmask_tests::random_edits::{KnownPairs, OwnedEdit, RandomEdits};
+use pairmask_wire::{ReplyError, StatusCode};
+use pairmaskd::scene::Random;
+use rustix::process::Signal;
+
+const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
+
+const WANTS: [Want; 6] =
+    [Want::Changes, Want::Changes, Want::Changes, Want::Moved, Want::All, Want::Nothing];
+
+fn with_steps<'s, 'a>(edit: SceneEdit<'s, 'a>, owned: &'a OwnedEdit) -> SceneEdit<'s, 'a> {
+    owned.steps().into_iter().fold(edit, SceneEdit::step)
+}
+
+fn at(x: f32) -> Aabb {
+    Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0])
+}
+
+/// Whether an answer is what a scene of this process tells.
+fn compare(answer: &SceneAnswer<'_>, told: &core_scene::Told) {
+    assert_eq!(answer.want(), told.want());
+    assert_eq!(answer.is_resync(), told.is_resync());
+    assert_eq!(answer.pair_count(), told.pair_count());
+    assert_eq!(answer.begun().to_vec(), told.begun());
+    assert_eq!(answer.begun().len(), told.begun().len());
+    assert_eq!(answer.ended().to_vec(), told.ended());
+    assert_eq!(answer.pairs().iter().collect::<Vec<_>>(), told.pairs());
+    if answer.engine() == EngineName::CpuGrid {
+        assert_eq!(answer.skipped(), told.skipped());
+    }
+}
+
+/// A scene of a daemon and one of this process, edit by edit.
+fn lockstep(
+    session: &mut Session,
+    engine: EngineName,
+    (seed, most_boxes): (u64, u32),
+    edits: usize,
+) {
+    let options = SceneOptions::default().with_most_boxes(most_boxes).with_threads(1);
+    let mut scene = session.scene(options);
+    let mut here = core_scene::Scene::new(options);
+    let mut source = RandomEdits::new(seed, most_boxes);
+    let mut random = Random::new(seed ^ 1);
+    for _ in 0..edits {
+        let owned = source.edit();
+        let want = WANTS[random.below(6) as usize];
+        let edit = with_steps(scene.edit(), &owned);
+        let told = here.edit(Edit { steps: &owned.steps() }, want).unwrap();
+        if random.below(20) == 0 {
+            // Never waited for.
+            drop(edit.submit(want).unwrap());
+            continue;
+        }
+        let answer = edit.commit(want).unwrap();
+        assert_eq!(answer.served_by(), ServedBy::Daemon);
+        assert_eq!(answer.engine(), engine);
+        compare(&answer, told);
+        if random.below(3) > 0 {
+            compare(&answer.take(), told);
+            here.take();
+        }
+    }
+    assert_eq!(scene.len(), here.len());
+    assert!(scene.daemon_bytes() > 0);
+}
+
+#[test]
+fn a_daemon_tells_what_a_scene_in_process_tells() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session = daemon.session().connect().unwrap();
+    for of in [(1, 70), (2, 600), (3, 3_000)] {
+        lockstep(&mut session, EngineName::CpuGrid, of, 400);
+    }
+    assert_eq!(session.daemon_status().unwrap().scenes, 0, "they ended with their clients");
+}
+
+#[test]
+fn a_gpu_tells_what_a_scene_in_process_tells() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
+    let engine = EngineName::GpuGrid;
+    let mut session = daemon.session().engine(EngineChoice::Only(engine)).connect().unwrap();
+    for of in [(4, 70), (5, 600), (6, 3_000)] {
+        lockstep(&mut session, engine, of, 100);
+    }
+    let without = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session = without.session().engine(EngineChoice::Only(engine)).connect().unwrap();
+    let mut scene = session.scene(SceneOptions::default());
+    let refused = scene.edit().set(0, at(0.0)).commit(Want::All).map(drop).unwrap_err();
+    let CommitError::Wait(WaitError::Reply(ReplyError::Status { status, .. })) = refused else {
+        panic!("{refused}");
+    };
+    assert_eq!(status, StatusCode::EngineUnavailable);
+}
+
+#[test]
+fn scenes_of_a_session_and_of_others_are_kept_apart() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut sessions: Vec<Session> = (0..2).map(|_| daemon.session().connect().unwrap()).collect();
+    let mut scenes: Vec<Scene> =
+        (0..6).map(|i| sessions[i % 2].scene(SceneOptions::default())).collect();
+    for round in 0..4 {
+        for (i, scene) in scenes.iter_mut().enumerate() {
+            let shift = 0.1 * i as f32 + round as f32;
+            let boxes: Vec<Aabb> = (0..=i).map(|k| at(shift + 0.8 * k as f32)).collect();
+            let answer = scene.edit().set_all(0..i as u32 + 1, &boxes).commit(Want::All).unwrap();
+            assert_eq!(answer.take().pairs().len(), i);
+        }
+    }
+    let status = sessions[0].daemon_status().unwrap();
+    assert_eq!((status.scenes, status.scene_mib > 0), (6, true));
+    drop(scenes.split_off(4));
+    assert_eq!(sessions[1].daemon_status().unwrap().scenes, 4);
+    // A session that goes away with its scenes.
+    drop((scenes, sessions.remove(0)));
+    let mut last = sessions.remove(0);
+    eventually("its scenes are freed", || {
+        (last.daemon_status().unwrap().scenes == 0).then_some(())
+    });
+}
+
+/// An edit, its answer taken into what is known, and what is known compared with all pairs.
+fn step(
+    scene: &mut Scene,
+    source: &mut RandomEdits,
+    truth: &mut core_scene::Scene,
+    known: &mut KnownPairs,
+    between: impl FnOnce(),
+) -> ServedBy {
+    let owned = source.edit();
+    let pending = with_steps(scene.edit(), &owned).submit(Want::Changes).unwrap();
+    between();
+    let answer = pending.wait().unwrap().take();
+    if answer.is_resync() {
+        known.resync(answer.pairs());
+    } else {
+        known.change(answer.begun(), answer.ended()).unwrap();
+    }
+    let all = truth.edit(Edit { steps: &owned.steps() }, Want::All).unwrap();
+    known.compare(all.pairs()).unwrap();
+    answer.served_by()
+}
+
+/// Kills of worker and daemon, between edits and during them.
+fn outlive(kills: usize, seed: u64) {
+    let mut daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
+    let mut scene = session.scene(SceneOptions::default());
+    let mut truth = core_scene::Scene::new(SceneOptions::default());
+    let (mut source, mut known) = (RandomEdits::new(seed, 400), KnownPairs::default());
+    let mut random = Random::new(seed);
+    let mut served = [0, 0];
+    for kill in 0..kills {
+        let quiet = random.below(6);
+        for _ in 0..quiet {
+            let by = step(&mut scene, &mut source, &mut truth, &mut known, || {});
+            served[usize::from(by == ServedBy::Daemon)] += 1;
+        }
+        let is_whole = kill % 4 == 3;
+        let wait = Duration::from_micros(random.below(300));
+        let mut fault = || {
+            std::thread::sleep(wait);
+            if is_whole { daemon.kill() } else { daemon.signal_worker(Signal::KILL) }
+        };
+        if kill % 2 == 0 {
+            step(&mut scene, &mut source, &mut truth, &mut known, fault);
+        } else {
+            fault();
+            step(&mut scene, &mut source, &mut truth, &mut known, || {});
+        }
+        if is_whole {
+            daemon.restart();
+        }
+        if kill % 3 == 0 {
+            eventually("the scene comes back to the daemon", || {
+                let by = step(&mut scene, &mut source, &mut truth, &mut known, || {});
+                std::thread::sleep(Duration::from_millis(2));
+                (by == ServedBy::Daemon).then_some(())
+            });
+        }
+    }
+    assert!(served[1] > 0, "{served:?}");
+}
+
+#[test]
+fn accumulated_pairs_are_right_while_worker_and_daemon_are_killed() {
+    outlive(20, 1);
+}
+
+#[test]
+#[ignore = "minutes: the nightly tier runs it"]
+fn accumulated_pairs_are_right_over_three_hundred_kills() {
+    for seed in 0..3 {
+        outlive(100, seed);
+    }
+}
+
+#[test]
+fn a_daemon_that_died_costs_a_typed_error_and_no_edit() {
+    let mut daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session = daemon.session().connect().unwrap();
+    let mut scene = session.scene(SceneOptions::default());
+    let edit = scene.edit().set(1, at(0.0)).set(2, at(0.5));
+    assert_eq!(edit.commit(Want::Changes).unwrap().take().begun(), [[1, 2]]);
+
+    daemon.signal_worker(Signal::STOP);
+    let pending = scene.edit().set(3, at(1.2)).submit(Want::Changes).unwrap();
+    daemon.kill();
+    let error = pending.wait().map(drop).unwrap_err();
+    assert!(matches!(error, CommitError::Wait(WaitError::DaemonDied)), "{error}");
+    assert_eq!(scene.len(), 3, "the edit was applied");
+    let refused = scene.edit().remove(1).commit(Want::Changes).map(drop).unwrap_err();
+    assert!(matches!(refused, CommitError::Frame(_)), "{refused}");
+    assert_eq!(scene.len(), 3, "the edit was not");
+
+    daemon.restart();
+    eventually("the scene is sent again", || {
+        let answer = scene.edit().commit(Want::Changes).ok()?.take();
+        assert!(answer.is_resync());
+        assert_eq!(answer.pairs(), [[1, 2], [2, 3]]);
+        Some(())
+    });
+    let answer = scene.edit().remove(1).commit(Want::Changes).unwrap().take();
+    assert_eq!((answer.is_resync(), answer.ended().to_vec()[0].pair), (false, [1, 2]));
+}
+
+#[test]
+fn a_daemon_without_room_refuses_and_the_client_answers() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--max-scene-mib", "1"]);
+    let boxes: Vec<Aabb> = (0..10_000).map(|i| at(0.7 * i as f32)).collect();
+    let mut strict = daemon.session().connect().unwrap();
+    let mut scene = strict.scene(SceneOptions::default());
+    let refused = scene.edit().set_all(0..10_000, &boxes).commit(Want::All).map(drop).unwrap_err();
+    let CommitError::Wait(WaitError::Reply(ReplyError::Status { status, detail })) = refused else {
+        panic!("{refused}");
+    };
+    assert_eq!((status, detail[1]), (StatusCode::SceneTooLarge, 1 << 20));
+    // An index far away takes as much as the boxes before it would.
+    let mut sparse = strict.scene(SceneOptions::default());
+    assert!(sparse.edit().set(1 << 23, at(0.0)).commit(Want::All).is_err());
+
+    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
+    let mut scene = session.scene(SceneOptions::default());
+    let answer = scene.edit().set_all(0..10, &boxes[..10]).commit(Want::Changes).unwrap().take();
+    assert_eq!((answer.served_by(), answer.begun().len()), (ServedBy::Daemon, 9));
+    let all = scene.edit().set_all(0..10_000, &boxes).commit(Want::Changes).unwrap().take();
+    assert_eq!(all.served_by(), ServedBy::InProcess);
+    assert!(all.is_resync(), "this process does not know what the daemon told");
+    assert_eq!(all.pairs().len(), 9_999);
+    drop(all);
+    let fewer = scene.edit().remove_all(5..10_000).commit(Want::Changes).unwrap().take();
+    assert_eq!((fewer.served_by(), fewer.pair_count()), (ServedBy::InProcess, Some(4)));
+}
+
+#[test]
+fn answers_and_frames_share_the_places_of_a_session() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session = daemon.session().connect().unwrap();
+    let mut scene = session.scene(SceneOptions::default());
+    let frames: Vec<_> = (0..3).map(|_| session.frame(4).unwrap()).collect();
+    let full = scene.edit().set(0, at(0.0)).commit(Want::All).map(drop).unwrap_err();
+    assert!(matches!(full, CommitError::Frame(pairmask::FrameError::TooManyFrames)), "{full}");
+    assert!(scene.is_empty());
+    drop(frames);
+    let answer = scene.edit().set(0, at(0.0)).commit(Want::All).unwrap();
+    assert_eq!(answer.pair_count(), Some(0));
+}
+
+#[test]
+fn a_wrong_edit_is_refused_before_it_is_sent() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session = daemon.session().connect().unwrap();
+    let mut scene = session.scene(SceneOptions::default().with_most_boxes(9));
+    for _ in 0..2 {
+        let wrong = scene.edit().set(3, at(0.0)).remove(2).commit(Want::All).map(drop);
+        assert!(matches!(wrong, Err(CommitError::Edit(_))));
+        let beyond = scene.edit().set(9, at(0.0)).commit(Want::All).map(drop);
+        assert!(matches!(beyond, Err(CommitError::Edit(_))));
+    }
+    assert_eq!(session.daemon_status().unwrap().errors, 0, "nothing was sent");
+}
