@@ -5,8 +5,7 @@
 //! answer, as they were. The host keeps bits a box, to check an edit before anything of it is applied
 //! (`roster`). Nothing else persists, so nothing is ever rebuilt or compacted. An edit is one submission:
 //!
-//! > `scene_apply` (→ `scene_mark`) → `scene_cells` → `grid_scan` → `scene_place` → `scene_pairs` →
-//! > `scene_finish`
+//! > `scene_apply` (→ `scene_mark`) → `scene_cells` → `grid_scan` → `scene_place` → `scene_pairs`
 //!
 //! The first writes the edit into the records. Then the boxes that have changed are the entries of a
 //! grid, each as the hull of what it was and is; all other boxes look once at the entries around them.

@@ -12,6 +12,9 @@ pub(super) const MOST_SLOTS: u64 = 1 << 30;
 /// Each goes on with the next batch, so that dispatches need not follow the scene and are recorded once.
 const MOST_GROUPS: u32 = 2_048;
 
+/// Rows that a thread of `scene_pairs` looks at a time.
+pub(super) const ROWS_TOGETHER: u64 = 4;
+
 /// With more entries than one in so many boxes that collide, all boxes are entries: they find each other
 /// by half the cells around them, and in order of place.
 const DENSE_SHARE: u64 = 4;
