@@ -159,6 +159,7 @@ pub(super) fn groups_of_scan(sums: u32) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::execute::gpu::grid::layout::cells_most;
 
     fn question(mode: SceneMode, slots: u64, changed: u64) -> Question {
         Question { mode, slots, active: slots, changed }
