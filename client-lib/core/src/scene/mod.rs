@@ -52,7 +52,6 @@ pub use self::copy::{SceneCopy, WholeScene};
 pub use self::edit::{Edit, Indices, Sets, Step};
 pub use self::error::{EditError, SceneError};
 pub use self::kept::{Kept, KeptBox};
-pub use self::pair_list::Sorter as PairSorter;
 
 use std::sync::Arc;
 

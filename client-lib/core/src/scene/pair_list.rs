@@ -35,9 +35,9 @@ const TASK_PAIRS: usize = 16_384;
 /// Pairs of a row from which it is not sorted by insertion.
 const LONG_ROW: usize = 24;
 
-/// Sorts lists of pairs. Keeps its memory.
+/// Scratch memory of sorting.
 #[derive(Debug, Default)]
-pub struct Sorter {
+pub(super) struct Sorter {
     dealt: Vec<Pair>,
     need: RecentNeed,
 }
