@@ -5,7 +5,8 @@
 //!     [--moving 0,0.1,1,10,100] [--motion drift,jitter,teleport,spawn] [--frames 20] [--json]
 //! ```
 //!
-//! Both are made in process, by one session, in turns, with the threads of this machine. Edit: the
+//! Both are made in process, by one session, in turns, with the threads of this machine: a pool of which
+//! the calling thread is one, so that small edits do not wait for another to wake. Edit: the
 //! arrays of indices and boxes in, the answer found (`round_trip_ns`); visit: every change read, and the
 //! answer taken. The whole frame is written, answered, and every pair of it visited. A ratio below 1 is
 //! in favour of the scene. `bytes` are what the scene keeps, a box.
@@ -134,6 +135,7 @@ fn whole_frame(session: &mut Session, boxes: &[Aabb]) -> Result<(u64, u64), Box<
 
 fn run() -> Result<(), Box<dyn Error>> {
     let options = Options::parse()?;
+    rayon::ThreadPoolBuilder::new().use_current_thread().build_global()?;
     let mut session = Session::builder().backend(Backend::InProcess).connect()?;
     let mut rows = Vec::new();
     if !options.json {
