@@ -25,4 +25,4 @@ pub use pairmask_core::oracle;
 pub use pairmask_core::oracle::modes as naive_modes;
 pub use pairmask_core::oracle::naive_decoder;
 pub use pairmask_lab::sabotage::lose_a_pair;
-pub use pairmask_lab::stress::{SphereCase, scene_edits as random_edits, scenes as stress_scenes};
+pub use pairmask_lab::stress::{KnownPairs, SphereCase, scenes as stress_scenes};

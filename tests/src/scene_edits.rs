@@ -7,7 +7,10 @@ use pairmask_core::scene::{Edit, Indices, Sets, Step, Told};
 
 use crate::stress_scenes::Rng;
 
-/// An edit that owns its arrays.
+/// Indices beyond the number of boxes that an [`EditMaker`] may use: it leaves some free.
+pub const SKIPPED: u32 = 8;
+
+/// An edit that owns what it sets.
 #[derive(Clone, Debug, Default)]
 pub struct OwnedEdit {
     /// Indices that are removed.
@@ -190,31 +193,54 @@ impl EditMaker {
 impl OwnedEdit {
     /// Calls `f` with the edit, its sets in one of three ways to name them.
     pub fn with<R>(&self, way: usize, f: impl FnOnce(Edit<'_>) -> R) -> R {
+        f(Edit { steps: &self.arrays(way).steps() })
+    }
+
+    /// The arrays of the edit, its sets in one of three ways to name them.
+    pub fn arrays(&self, way: usize) -> EditArrays<'_> {
         let indices: Vec<u32> = self.set.keys().copied().collect();
         let boxes: Vec<Aabb> = self.set.values().copied().collect();
         let mut words = vec![0u32; indices.last().map_or(0, |last| *last as usize / 32 + 1)];
         for index in &indices {
             words[*index as usize / 32] |= 1 << (index % 32);
         }
+        EditArrays { edit: self, indices, boxes, words, way }
+    }
+}
+
+/// An edit with its sets in one way to name them.
+#[derive(Clone, Debug)]
+pub struct EditArrays<'e> {
+    edit: &'e OwnedEdit,
+    indices: Vec<u32>,
+    boxes: Vec<Aabb>,
+    words: Vec<u32>,
+    way: usize,
+}
+
+impl EditArrays<'_> {
+    /// The steps.
+    pub fn steps(&self) -> Vec<Step<'_>> {
+        let Self { edit, indices, boxes, words, way } = self;
         let mut steps = Vec::new();
-        let all = |indices| Step::Set(Sets { indices, boxes: &boxes });
+        let all = |indices| Step::Set(Sets { indices, boxes });
         match way {
-            0 => steps.push(all((&indices).into())),
-            1 => steps.push(all(Indices::Mask { first: 0, words: &words })),
-            _ => steps.extend(indices.iter().zip(&boxes).map(|(index, b)| {
+            0 => steps.push(all(indices.into())),
+            1 => steps.push(all(Indices::Mask { first: 0, words })),
+            _ => steps.extend(indices.iter().zip(boxes).map(|(index, b)| {
                 let indices = Indices::Range { first: *index, count: 1 };
                 Step::Set(Sets { indices, boxes: std::slice::from_ref(b) })
             })),
         }
-        for (index, on) in &self.switched {
+        for (index, on) in &edit.switched {
             steps.push(Step::Switch(Indices::List(std::slice::from_ref(index)), *on));
         }
-        for (index, on) in &self.flagged {
+        for (index, on) in &edit.flagged {
             steps.push(Step::Static(Indices::List(std::slice::from_ref(index)), *on));
         }
         // Removals come first whatever their place.
-        steps.push(Step::Remove((&self.removed).into()));
-        f(Edit { steps: &steps })
+        steps.push(Step::Remove((&edit.removed).into()));
+        steps
     }
 }
 

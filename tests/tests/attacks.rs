@@ -22,8 +22,8 @@ use pairmask_tests::attackers::raw::{
     CHANNEL_ID, CLIENT_ID, REQUEST_ID, RawClient, answer, cull, read, word, write,
 };
 use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
-use pairmask_tests::random_edits::{KnownPairs, RandomEdits};
-use pairmask_tests::{attack_time, oracle, stress_scenes};
+use pairmask_tests::scene_edits::EditMaker;
+use pairmask_tests::{KnownPairs, attack_time, oracle, stress_scenes};
 use pairmask_transport::{ProcessWatch, RuntimeDir, SegmentFiles};
 use pairmask_wire::{InstanceName, ReplyError, boxes_in_mut};
 use rayon::iter::ParallelIterator;
@@ -159,20 +159,21 @@ fn forged_edits_leave_the_scenes_of_others_alone() {
     let mut session = daemon.session().connect().unwrap();
     let mut scene = session.scene(SceneOptions::default());
     let mut truth = pairmask_core::scene::Scene::new(SceneOptions::default());
-    let (mut source, mut known) = (RandomEdits::new(3, 300), KnownPairs::default());
+    let (mut source, mut known) = (EditMaker::new(3, 300), KnownPairs::default());
     let worker = daemon.worker();
     let attacker = Attacker::start(daemon.path(), "edits");
     let end = Instant::now() + attack_time();
     while Instant::now() < end {
-        let owned = source.edit();
-        let edit = owned.steps().into_iter().fold(scene.edit(), SceneEdit::step);
+        let owned = source.next_edit();
+        let arrays = owned.arrays(0);
+        let edit = arrays.steps().into_iter().fold(scene.edit(), SceneEdit::step);
         let answer = edit.commit(Want::Changes).unwrap().take();
         if answer.is_resync() {
             known.resync(answer.pairs());
         } else {
             known.change(answer.begun(), answer.ended()).unwrap();
         }
-        let all = truth.edit(Edit { steps: &owned.steps() }, Want::All).unwrap();
+        let all = truth.edit(Edit { steps: &arrays.steps() }, Want::All).unwrap();
         known.compare(all.pairs()).unwrap();
     }
     let counts = attacker.end();

@@ -7,12 +7,13 @@ use std::time::{Duration, Instant};
 use pairmask_core::dispatch::CpuEngines;
 use pairmask_core::engine::{CullError, EngineChoice, EngineName};
 use pairmask_core::scene::{Edit, Scene, SceneCopy, SceneError, SceneOptions, Want};
-use pairmask_tests::random_edits::{KnownPairs, RandomEdits};
+use pairmask_tests::KnownPairs;
+use pairmask_tests::scene_edits::{EditMaker, SKIPPED};
 use pairmaskd::execute::gpu::GpuChoice;
 use pairmaskd::execute::{Executor, GpuService, SceneKeeper};
 use pairmaskd::scene::Random;
 
-const MOST_BOXES: u32 = 500;
+const MOST_BOXES: usize = 500;
 /// A watchdog, no measure of speed: opening a software device takes under a second.
 const GIVE_UP: Duration = Duration::from_secs(60);
 
@@ -60,9 +61,9 @@ fn outlive(most_losses: usize) {
     let executor = Executor::new(Some(service));
     let device = || executor.gpu().and_then(|mut gpu| gpu.device());
     let mut random = Random::new(5);
-    let (mut source, mut known) = (RandomEdits::new(9, MOST_BOXES), KnownPairs::default());
+    let (mut source, mut known) = (EditMaker::new(9, MOST_BOXES), KnownPairs::default());
     let mut truth = Scene::new(SceneOptions::default());
-    let mut copy = SceneCopy::new(MOST_BOXES);
+    let mut copy = SceneCopy::new(MOST_BOXES as u32 + SKIPPED);
     let mut scene = begin(&executor, &copy);
     let mut losses = 0;
     let mut destroyer = None;
@@ -75,8 +76,9 @@ fn outlive(most_losses: usize) {
                 Arc::clone(&gpu).destroy();
             }));
         }
-        let owned = source.edit();
-        let steps = owned.steps();
+        let owned = source.next_edit();
+        let arrays = owned.arrays(source.below(3));
+        let steps = arrays.steps();
         let edit = Edit { steps: &steps };
         copy.check(edit).expect("a right edit");
         copy.apply(edit);

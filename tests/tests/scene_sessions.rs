@@ -9,8 +9,9 @@ use pairmask::{
     Session, WaitError,
 };
 use pairmask_core::scene as core_scene;
+use pairmask_tests::KnownPairs;
 use pairmask_tests::daemon::{TestDaemon, eventually};
-use pairmask_tests::random_edits::{KnownPairs, OwnedEdit, RandomEdits};
+use pairmask_tests::scene_edits::{EditArrays, EditMaker, SKIPPED};
 use pairmask_wire::{ReplyError, StatusCode};
 use pairmaskd::scene::Random;
 use rustix::process::Signal;
@@ -20,8 +21,8 @@ const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 const WANTS: [Want; 6] =
     [Want::Changes, Want::Changes, Want::Changes, Want::Moved, Want::All, Want::Nothing];
 
-fn with_steps<'s, 'a>(edit: SceneEdit<'s, 'a>, owned: &'a OwnedEdit) -> SceneEdit<'s, 'a> {
-    owned.steps().into_iter().fold(edit, SceneEdit::step)
+fn with_steps<'s, 'a>(edit: SceneEdit<'s, 'a>, arrays: &'a EditArrays<'_>) -> SceneEdit<'s, 'a> {
+    arrays.steps().into_iter().fold(edit, SceneEdit::step)
 }
 
 fn at(x: f32) -> Aabb {
@@ -49,16 +50,17 @@ fn lockstep(
     (seed, most_boxes): (u64, u32),
     edits: usize,
 ) {
-    let options = SceneOptions::default().with_most_boxes(most_boxes).with_threads(1);
+    let options = SceneOptions::default().with_most_boxes(most_boxes + SKIPPED).with_threads(1);
     let mut scene = session.scene(options);
     let mut here = core_scene::Scene::new(options);
-    let mut source = RandomEdits::new(seed, most_boxes);
+    let mut source = EditMaker::new(seed, most_boxes as usize);
     let mut random = Random::new(seed ^ 1);
     for _ in 0..edits {
-        let owned = source.edit();
+        let owned = source.next_edit();
+        let arrays = owned.arrays(source.below(3));
         let want = WANTS[random.below(6) as usize];
-        let edit = with_steps(scene.edit(), &owned);
-        let told = here.edit(Edit { steps: &owned.steps() }, want).unwrap();
+        let edit = with_steps(scene.edit(), &arrays);
+        let told = here.edit(Edit { steps: &arrays.steps() }, want).unwrap();
         if random.below(20) == 0 {
             // Never waited for.
             drop(edit.submit(want).unwrap());
@@ -139,13 +141,14 @@ fn scenes_of_a_session_and_of_others_are_kept_apart() {
 /// An edit, its answer taken into what is known, and what is known compared with all pairs.
 fn step(
     scene: &mut Scene,
-    source: &mut RandomEdits,
+    source: &mut EditMaker,
     truth: &mut core_scene::Scene,
     known: &mut KnownPairs,
     between: impl FnOnce(),
 ) -> ServedBy {
-    let owned = source.edit();
-    let pending = with_steps(scene.edit(), &owned).submit(Want::Changes).unwrap();
+    let owned = source.next_edit();
+    let arrays = owned.arrays(source.below(3));
+    let pending = with_steps(scene.edit(), &arrays).submit(Want::Changes).unwrap();
     between();
     let answer = pending.wait().unwrap().take();
     if answer.is_resync() {
@@ -153,7 +156,7 @@ fn step(
     } else {
         known.change(answer.begun(), answer.ended()).unwrap();
     }
-    let all = truth.edit(Edit { steps: &owned.steps() }, Want::All).unwrap();
+    let all = truth.edit(Edit { steps: &arrays.steps() }, Want::All).unwrap();
     known.compare(all.pairs()).unwrap();
     answer.served_by()
 }
@@ -164,7 +167,7 @@ fn outlive(kills: usize, seed: u64) {
     let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
     let mut scene = session.scene(SceneOptions::default());
     let mut truth = core_scene::Scene::new(SceneOptions::default());
-    let (mut source, mut known) = (RandomEdits::new(seed, 400), KnownPairs::default());
+    let (mut source, mut known) = (EditMaker::new(seed, 400), KnownPairs::default());
     let mut random = Random::new(seed);
     let mut served = [0, 0];
     for kill in 0..kills {

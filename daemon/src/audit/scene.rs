@@ -172,16 +172,15 @@ mod tests {
     use pairmask_core::Aabb;
     use pairmask_core::engine::EngineChoice;
     use pairmask_core::scene::{Scene, SceneOptions};
-    use pairmask_tests::random_edits::{OwnedEdit, RandomEdits};
+    use pairmask_tests::scene_edits::{EditMaker, SKIPPED};
     use pairmask_wire::{EditLayout, SceneId, page_count};
 
     use super::*;
 
-    const MOST_BOXES: u32 = 120;
+    const BOXES: usize = 120;
+    const MOST_BOXES: u32 = BOXES as u32 + SKIPPED;
 
-    fn note(owned: &OwnedEdit, told: &Told, is_taken: bool) -> SceneNote {
-        let steps = owned.steps();
-        let edit = Edit { steps: &steps };
+    fn note(edit: Edit<'_>, told: &Told, is_taken: bool) -> SceneNote {
         let layout = EditLayout::of(edit).expect("a small edit");
         let mut payload = vec![Page::zeroed(); page_count(layout.payload_bytes()) as usize];
         assert!(layout.write(edit, &mut payload));
@@ -205,17 +204,20 @@ mod tests {
 
     /// Follows a scene whose notes are spoilt; what was found, summed up.
     fn follow(mut spoil: impl FnMut(usize, &mut SceneNote)) -> Outcome {
-        let mut edits = RandomEdits::new(11, MOST_BOXES);
+        let mut edits = EditMaker::new(11, BOXES);
         let mut scene = Scene::new(SceneOptions::default().with_most_boxes(MOST_BOXES));
         let mut audit = SceneAudit::new(MOST_BOXES, 1);
         let mut random = Random::new(2);
         let (mut sum, mut was_taken) = (Outcome::default(), false);
         for i in 0..300 {
-            let owned = edits.edit();
+            let owned = edits.next_edit();
+            let arrays = owned.arrays(i % 3);
+            let steps = arrays.steps();
+            let edit = Edit { steps: &steps };
             let want = [Want::Changes, Want::Changes, Want::All, Want::Moved, Want::Nothing];
             let want = want[random.below(5) as usize];
-            let told = scene.edit(Edit { steps: &owned.steps() }, want).expect("a right edit");
-            let mut note = note(&owned, told, was_taken);
+            let told = scene.edit(edit, want).expect("a right edit");
+            let mut note = note(edit, told, was_taken);
             spoil(i, &mut note);
             let Outcome { pairs, missed, extra, first } =
                 audit.follow(note).expect("an edit that can be followed");
@@ -263,9 +265,12 @@ mod tests {
     fn an_edit_that_was_changed_afterwards_is_not_followed() {
         let mut audit = SceneAudit::new(MOST_BOXES, 1);
         let mut scene = Scene::new(SceneOptions::default());
-        let owned = RandomEdits::new(1, MOST_BOXES).edit();
-        let told = scene.edit(Edit { steps: &owned.steps() }, Want::All).expect("a right edit");
-        let mut wrong = note(&owned, told, false);
+        let owned = EditMaker::new(1, BOXES).next_edit();
+        let arrays = owned.arrays(0);
+        let steps = arrays.steps();
+        let edit = Edit { steps: &steps };
+        let told = scene.edit(edit, Want::All).expect("a right edit");
+        let mut wrong = note(edit, told, false);
         bytemuck::cast_slice_mut::<Page, u32>(&mut wrong.payload).fill(u32::MAX);
         assert!(audit.follow(wrong).is_none());
         assert_eq!(audit.copy.get(0), None::<Aabb>);

@@ -9,10 +9,12 @@ use pairmask_wire::{EditLayout, Page, RequestHeader, SceneId, SceneRequest, page
 
 use super::raw::{Dice, RawClient, answer, write};
 use super::{Tally, Until, count};
-use crate::random_edits::RandomEdits;
+use crate::scene_edits::{EditMaker, SKIPPED};
 
 /// Pages of a request.
 const PAGES: usize = 16;
+/// Boxes of its scenes.
+const MOST_BOXES: usize = 600;
 /// Its token.
 const TOKEN: u64 = 1 << 45;
 
@@ -21,15 +23,16 @@ pub(super) fn attack(until: &Until, tally: &mut Tally) {
     let mut revision = 0;
     while !until.is_over() {
         let Some(client) = RawClient::reconnect(TOKEN, PAGES, until) else { return };
-        let mut source = RandomEdits::new(dice.below(u64::MAX), 600);
+        let mut source = EditMaker::new(dice.below(u64::MAX), MOST_BOXES);
         let mut base = 0;
         for frame in 0..2_000 {
             if until.is_over() {
                 break;
             }
             revision += 1;
-            let owned = source.edit();
-            let steps = owned.steps();
+            let owned = source.next_edit();
+            let arrays = owned.arrays(dice.below(3) as usize);
+            let steps = arrays.steps();
             let edit = Edit { steps: &steps };
             let Some(layout) = EditLayout::of(edit) else { continue };
             if page_count(layout.payload_bytes()) as usize > PAGES {
@@ -46,7 +49,7 @@ pub(super) fn attack(until: &Until, tally: &mut Tally) {
                 is_lost: dice.below(9) == 0,
                 want: [Want::Changes, Want::Moved, Want::All, Want::Nothing]
                     [dice.below(4) as usize],
-                most_boxes: 600,
+                most_boxes: MOST_BOXES as u32 + SKIPPED,
                 engine: EngineChoice::Auto,
                 threads: None,
                 boxes,

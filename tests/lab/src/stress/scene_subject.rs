@@ -14,7 +14,7 @@ use pairmaskd::scene::Random;
 use rayon::ThreadPool;
 
 use super::case::Case;
-use super::scene_edits::KnownPairs;
+use super::known_pairs::KnownPairs;
 use super::subject::{Finding, Outcome, Subject, compare};
 
 /// Makes the random numbers of edits independent of those of boxes.
