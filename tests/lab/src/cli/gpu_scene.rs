@@ -36,7 +36,7 @@ pub struct GpuSceneBench {
     #[arg(long, value_name = "NAME,..", value_delimiter = ',', default_values_t = [SceneName::Uniform, SceneName::Pile])]
     scene: Vec<SceneName>,
     /// How many of a hundred boxes move in each edit
-    #[arg(long, value_name = "PERCENT,..", value_delimiter = ',', default_values_t = [0.0, 0.01, 0.1, 1.0, 10.0, 100.0])]
+    #[arg(long, value_parser = percent, value_name = "PERCENT,..", value_delimiter = ',', default_values_t = [0.0, 0.01, 0.1, 1.0, 10.0, 100.0])]
     moving: Vec<f64>,
     /// How they move: drift, jitter, teleport, spawn
     #[arg(long, value_name = "MOTION,..", value_delimiter = ',', default_value = "drift")]
@@ -58,6 +58,16 @@ pub struct GpuSceneBench {
     json: bool,
 }
 
+/// A text is no share of a hundred.
+#[derive(Clone, Debug, thiserror::Error)]
+#[error("must be a number from 0 to 100, such as 0.1")]
+struct BadPercent;
+
+fn percent(text: &str) -> Result<f64, BadPercent> {
+    let percent = text.parse().map_err(|_| BadPercent)?;
+    if (0.0..=100.0).contains(&percent) { Ok(percent) } else { Err(BadPercent) }
+}
+
 impl GpuSceneBench {
     pub fn run(&self, config: &Config) -> Result<(), LabError> {
         let gpu = self.options.gpu(config);
@@ -77,7 +87,7 @@ impl GpuSceneBench {
                         scene,
                         n,
                         motion,
-                        percent: percent.clamp(0.0, 100.0),
+                        percent,
                         imported,
                         frames: self.frames.max(1) as usize,
                         stages: self.stages,
