@@ -185,7 +185,7 @@ fn contacts_of_falling_boxes_are_the_pairs_of_a_fresh_frame() {
         if frame == 200 {
             daemon.take().unwrap().stop();
         }
-        if frame % 70 == 69 {
+        if frame % 5 == 0 {
             // A resync in place of changes, to one of them.
             there.scene.lose();
         }
