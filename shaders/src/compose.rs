@@ -155,16 +155,13 @@ pub enum SceneStage {
     Cells,
     /// Entries to their positions.
     Place,
-    /// Entries and rows against entries.
+    /// Entries and rows against entries; sums to the host.
     Pairs,
-    /// Sums to the host.
-    Finish,
 }
 
 impl SceneStage {
     /// All of them.
-    pub const ALL: [Self; 6] =
-        [Self::Apply, Self::Mark, Self::Cells, Self::Place, Self::Pairs, Self::Finish];
+    pub const ALL: [Self; 5] = [Self::Apply, Self::Mark, Self::Cells, Self::Place, Self::Pairs];
 
     const fn label(self) -> &'static str {
         match self {
@@ -173,16 +170,15 @@ impl SceneStage {
             Self::Cells => "scene_cells",
             Self::Place => "scene_place",
             Self::Pairs => "scene_pairs",
-            Self::Finish => "scene_finish",
         }
     }
 
     const fn binding_count(self) -> u32 {
         match self {
-            Self::Finish => 4,
             Self::Mark => 5,
             Self::Place => 7,
-            Self::Apply | Self::Cells | Self::Pairs => 8,
+            Self::Apply | Self::Cells => 8,
+            Self::Pairs => 9,
         }
     }
 
@@ -193,7 +189,6 @@ impl SceneStage {
             Self::Cells => include_str!("../wgsl/scene_cells.wgsl"),
             Self::Place => include_str!("../wgsl/scene_place.wgsl"),
             Self::Pairs => include_str!("../wgsl/scene_pairs.wgsl"),
-            Self::Finish => include_str!("../wgsl/scene_finish.wgsl"),
         }
     }
 }
@@ -287,7 +282,7 @@ fn expand(
 impl Stage {
     /// One of each stage of the engines, for f32 boxes and sparse masks, with the smallest form of the
     /// pairs stage.
-    pub const ALL: [Self; 18] = [
+    pub const ALL: [Self; 17] = [
         Self::Keys(BoxForm::F32),
         Self::Pairs(PairsVariant { rows: RowsPerThread::One, strip_blocks: 1, store_zeros: true }),
         Self::PackDense,
@@ -304,7 +299,6 @@ impl Stage {
         Self::Scene(SceneStage::Cells),
         Self::Scene(SceneStage::Place),
         Self::Scene(SceneStage::Pairs),
-        Self::Scene(SceneStage::Finish),
         Self::Awake,
     ];
 

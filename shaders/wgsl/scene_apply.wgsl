@@ -2,7 +2,7 @@
 //
 // A record that changes for the first time in a history is kept as it was. What the next stages count
 // in is zeroed here.
-// Mirror: `mirror/scene_apply.rs`.
+// Mirror: none; what comes of it is what `pairmask_core::scene` tells.
 
 #import constants
 #import box_batch
@@ -23,6 +23,10 @@ fn set_box(at: u32, keys: KeyBox) {
     var index = params.set_first + at;
     if (params.set_is_range == 0u) {
         index = indices[at];
+    }
+    // The host has checked it. Were the list another one by now, no other memory would be written to.
+    if (index >= params.slots) {
+        return;
     }
     if (params.naming != 0u) {
         named[index] = params.naming;

@@ -5,7 +5,7 @@
 // that collide are rows, which look at all entries around them; but boxes so large that they would look
 // at many cells of finer levels are entries too (`wide`), so that those look at them. A dense search has
 // no rows.
-// Mirror: `mirror/scene_cells.rs`.
+// Mirror: none; what comes of it is what `pairmask_core::scene` tells.
 
 #import constants
 #import scene_params
@@ -25,6 +25,7 @@
 
 var<workgroup> entry_count: atomic<u32>;
 var<workgroup> row_bits: array<atomic<u32>, BATCH_WORDS>;
+var<workgroup> row_count: atomic<u32>;
 var<workgroup> moved_count: atomic<u32>;
 var<workgroup> moved_static_count: atomic<u32>;
 var<workgroup> entry_base: u32;
@@ -94,6 +95,11 @@ fn main(
     @builtin(num_workgroups) groups: vec3<u32>,
     @builtin(local_invocation_index) lane: u32,
 ) {
+    if (lane == 0u) {
+        atomicStore(&row_count, 0u);
+        atomicStore(&moved_count, 0u);
+        atomicStore(&moved_static_count, 0u);
+    }
     let batches = (params.slots + BATCH_BOXES - 1u) / BATCH_BOXES;
     for (var batch = group.x; batch < batches; batch += groups.x) {
         if (lane < BATCH_WORDS) {
@@ -101,8 +107,6 @@ fn main(
         }
         if (lane == 0u) {
             atomicStore(&entry_count, 0u);
-            atomicStore(&moved_count, 0u);
-            atomicStore(&moved_static_count, 0u);
         }
         workgroupBarrier();
         let index = batch * BATCH_BOXES + lane;
@@ -163,17 +167,13 @@ fn main(
             let bits = atomicLoad(&row_bits[lane]);
             atomicStore(&table[params.table_words + params.filter_words + batch * BATCH_WORDS + lane], bits);
             if (bits != 0u) {
-                atomicAdd(&control[ROWS], countOneBits(bits));
+                atomicAdd(&row_count, countOneBits(bits));
             }
         }
         if (lane == 0u) {
             let all = atomicLoad(&entry_count);
             if (all != 0u) {
                 entry_base = atomicAdd(&control[ENTRIES], all);
-            }
-            if (atomicLoad(&moved_count) != 0u) {
-                atomicAdd(&control[MOVED], atomicLoad(&moved_count));
-                atomicAdd(&control[MOVED_STATIC], atomicLoad(&moved_static_count));
             }
         }
         workgroupBarrier();
@@ -185,5 +185,16 @@ fn main(
             entries[entry_base + at + 1u] = second;
         }
         workgroupBarrier();
+    }
+    // Once for all batches of the workgroup: thousands of additions to one word wait for each other.
+    if (lane == 0u) {
+        let rows = atomicLoad(&row_count);
+        if (rows != 0u) {
+            atomicAdd(&control[ROWS], rows);
+        }
+        if (atomicLoad(&moved_count) != 0u) {
+            atomicAdd(&control[MOVED], atomicLoad(&moved_count));
+            atomicAdd(&control[MOVED_STATIC], atomicLoad(&moved_static_count));
+        }
     }
 }

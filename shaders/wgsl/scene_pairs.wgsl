@@ -4,15 +4,34 @@
 // A pair is looked at where hulls overlap, and decided by what both boxes were and are. Each of the two,
 // then and now, has one entry that stands for it, so no pair is told twice.
 //
-// One row a thread. Rows beside the grid pass the filter first, and those that do are collected until
-// there is one for each thread of the workgroup.
-// Mirror: `mirror/scene_pairs.rs`.
+// One row a thread. Rows beside the grid pass the filter first, four a thread, and those that do are
+// collected until there is one for each thread of the workgroup. Candidates are collected too, and decided
+// together, so that the threads fetch their records side by side. The last workgroup to end writes down what
+// the host learns.
+// Mirror: none; what comes of it is what `pairmask_core::scene` tells.
 
 #import constants
 #import scene_params
 #import scene_records
 #import grid_layout
 #import scene_filter
+
+struct SceneSummary {
+    // 64 bits each, low word first.
+    found: vec2<u32>,
+    ended: vec2<u32>,
+    tested: vec2<u32>,
+    entries: u32,
+    rows: u32,
+    // Boxes that collide and have changed, and how many of them are static.
+    moved: u32,
+    moved_static: u32,
+    // Entries below.
+    sampled: u32,
+    padding: u32,
+    // Bits of min and max.
+    samples: array<array<u32, 6>, SCENE_SAMPLES>,
+}
 
 @group(0) @binding(0) var<storage, read> params: SceneParams;
 @group(0) @binding(1) var<storage, read> grid: GridLayout;
@@ -24,18 +43,29 @@
 // Smaller and larger index; changes as smaller index, larger index << 2 | what is told of the pair.
 @group(0) @binding(7) var<storage, read_write> found: array<vec2<u32>>;
 
+@group(0) @binding(8) var<storage, read_write> summary: SceneSummary;
+
+// Rows that a thread looks at a time.
+const ROWS_TOGETHER: u32 = 4u;
+// Candidates that are collected: three a thread. More are decided where they are found.
+const CANDIDATES: u32 = 3u * BATCH_BOXES;
+
 var<workgroup> used_levels: atomic<u32>;
 // Rows that passed the filter.
-var<workgroup> queue: array<u32, 2u * BATCH_BOXES>;
+var<workgroup> queue: array<u32, (ROWS_TOGETHER + 1u) * BATCH_BOXES>;
 var<workgroup> queued: atomic<u32>;
+// Names of candidates.
+var<workgroup> candidates: array<vec2<u32>, CANDIDATES>;
+var<workgroup> candidate_count: atomic<u32>;
 // Pairs to be told.
-var<workgroup> window: array<vec2<u32>, WINDOW_WORDS>;
+var<workgroup> window: array<vec2<u32>, 2u * BATCH_BOXES>;
 var<workgroup> told: atomic<u32>;
 var<workgroup> window_base: u32;
 var<workgroup> ended_sum: atomic<u32>;
 var<workgroup> tested_low: atomic<u32>;
 var<workgroup> tested_high: atomic<u32>;
 var<workgroup> is_too_much: u32;
+var<workgroup> is_last: u32;
 
 // The row at hand: its name, its position or the last one of no entry, its box.
 var<private> row_name: u32;
@@ -60,7 +90,7 @@ fn tell(index: u32, other: u32, what: u32) {
     }
     let pair = vec2<u32>(min(index, other), larger);
     let at = atomicAdd(&told, 1u);
-    if (at < WINDOW_WORDS) {
+    if (at < 2u * BATCH_BOXES) {
         window[at] = pair;
         return;
     }
@@ -71,17 +101,17 @@ fn tell(index: u32, other: u32, what: u32) {
 }
 
 // Decides a candidate by its records.
-fn decide(other_name: u32) {
-    let i = row_name & INDEX_MASK;
+fn decide(one_name: u32, other_name: u32) {
+    let i = one_name & INDEX_MASK;
     let j = other_name & INDEX_MASK;
     let one_b = now[2u * i + 1u];
     let other_b = now[2u * j + 1u];
     let one = colliding(now[2u * i], one_b);
     let other = colliding(now[2u * j], other_b);
     let has = is_pair(one, other);
-    let both = (row_name & other_name) >> KINDS_SHIFT;
+    let both = (one_name & other_name) >> KINDS_SHIFT;
     if (params.mode != MODE_CHANGES) {
-        let is_named = ((row_name | other_name) >> KINDS_SHIFT) & THEN;
+        let is_named = ((one_name | other_name) >> KINDS_SHIFT) & THEN;
         if (has && (params.mode == MODE_ALL || is_named != 0u)) {
             tell(i, j, TOLD_BEGUN);
         }
@@ -127,7 +157,12 @@ fn test_run(start: u32, table_end: u32) {
         if (all(a.xyz <= row_hi) & (row_lo.x <= a.w)) {
             let b = sorted[2u * p + 1u];
             if (all(row_lo.yz <= b.xy)) {
-                decide(bitcast<u32>(b.z));
+                let at = atomicAdd(&candidate_count, 1u);
+                if (at < CANDIDATES) {
+                    candidates[at] = vec2<u32>(row_name, bitcast<u32>(b.z));
+                } else {
+                    decide(row_name, bitcast<u32>(b.z));
+                }
             }
         }
     }
@@ -165,19 +200,30 @@ fn test_level(index: u32, is_own: bool) {
         for (var j = 0u; j < len.y; j++) {
             let line = z * height + folded(start.y, wrapped.y, j);
             let cell = first_cell + line * width;
-            if (is_own & (line <= own_line)) {
-                if (line == own_line) {
-                    test_run(row + 1u, table[cell + min(own.x + reach, width - 1u) + 1u]);
-                    if (wraps.x & (own.x == 0u)) {
-                        test_run(table[cell + width - 1u], table[cell + width]);
-                    }
-                }
+            if (is_own & (line < own_line)) {
                 continue;
             }
-            if (wrapped.x > 0u) {
-                test_run(table[cell], table[cell + wrapped.x]);
+            // Two runs: before and behind where the axis wraps.
+            var runs = vec4<u32>(0u);
+            if (is_own & (line == own_line)) {
+                runs.x = row + 1u;
+                runs.y = table[cell + min(own.x + reach, width - 1u) + 1u];
+                if (wraps.x & (own.x == 0u)) {
+                    runs.z = table[cell + width - 1u];
+                    runs.w = table[cell + width];
+                }
+            } else {
+                if (wrapped.x > 0u) {
+                    runs.x = table[cell];
+                    runs.y = table[cell + wrapped.x];
+                }
+                runs.z = table[cell + start.x];
+                runs.w = table[cell + end.x - wrapped.x];
             }
-            test_run(table[cell + start.x], table[cell + end.x - wrapped.x]);
+            for (var r = 0u; r < 2u; r++) {
+                test_run(runs.x, runs.y);
+                runs = runs.zwzw;
+            }
         }
     }
 }
@@ -201,6 +247,78 @@ fn levels_to_look_at() -> u32 {
     return passed;
 }
 
+// One level of the filter for four boxes: whether each may overlap an entry of it.
+fn passes(level: u32, lo: array<vec3<i32>, ROWS_TOGETHER>, hi: array<vec3<i32>, ROWS_TOGETHER>) -> vec4<bool> {
+    let cell_0 = cells_of(grid.levels[level], plain3(lo[0]));
+    let cell_1 = cells_of(grid.levels[level], plain3(lo[1]));
+    let cell_2 = cells_of(grid.levels[level], plain3(lo[2]));
+    let cell_3 = cells_of(grid.levels[level], plain3(lo[3]));
+    let bits = vec4<u32>(
+        filter_bit(level, cell_0),
+        filter_bit(level, cell_1),
+        filter_bit(level, cell_2),
+        filter_bit(level, cell_3),
+    );
+    let at = vec4<u32>(params.table_words) + bits / 32u;
+    let words = vec4<u32>(table[at.x], table[at.y], table[at.z], table[at.w]);
+    // The filter knows boxes of two cells an axis.
+    let is_large = vec4<bool>(
+        any(cells_of(grid.levels[level], plain3(hi[0])) - cell_0 > vec3<i32>(1)),
+        any(cells_of(grid.levels[level], plain3(hi[1])) - cell_1 > vec3<i32>(1)),
+        any(cells_of(grid.levels[level], plain3(hi[2])) - cell_2 > vec3<i32>(1)),
+        any(cells_of(grid.levels[level], plain3(hi[3])) - cell_3 > vec3<i32>(1)),
+    );
+    return is_large | (((words >> (bits % 32u)) & vec4<u32>(1u)) != vec4<u32>(0u));
+}
+
+// Looks at four rows a thread from `first` on, and queues those that may overlap an entry.
+fn queue_rows(first: u32, lane: u32, has_giants: bool) {
+    let slots = vec4<u32>(first + lane) + BATCH_BOXES * vec4<u32>(0u, 1u, 2u, 3u);
+    // All four are fetched at once, also those that are no rows.
+    let at = min(slots, vec4<u32>(params.slots - 1u));
+    let rows = vec4<u32>(params.table_words + params.filter_words) + at / 32u;
+    let words = vec4<u32>(table[rows.x], table[rows.y], table[rows.z], table[rows.w]);
+    let a_0 = now[2u * at.x];
+    let a_1 = now[2u * at.y];
+    let a_2 = now[2u * at.z];
+    let a_3 = now[2u * at.w];
+    let b_0 = now[2u * at.x + 1u];
+    let b_1 = now[2u * at.y + 1u];
+    let b_2 = now[2u * at.z + 1u];
+    let b_3 = now[2u * at.w + 1u];
+    let are_rows = (slots < vec4<u32>(params.slots)) & (((words >> (at % 32u)) & vec4<u32>(1u)) != vec4<u32>(0u));
+    if (!any(are_rows)) {
+        return;
+    }
+    let lo = array<vec3<i32>, ROWS_TOGETHER>(a_0.xyz, a_1.xyz, a_2.xyz, a_3.xyz);
+    let hi = array<vec3<i32>, ROWS_TOGETHER>(
+        vec3<i32>(a_0.w, b_0.xy),
+        vec3<i32>(a_1.w, b_1.xy),
+        vec3<i32>(a_2.w, b_2.xy),
+        vec3<i32>(a_3.w, b_3.xy),
+    );
+    var passed = vec4<bool>(has_giants);
+    var rest = atomicLoad(&used_levels);
+    while (rest != 0u) {
+        let level = countTrailingZeros(rest);
+        rest &= rest - 1u;
+        passed = passed | passes(level, lo, hi);
+    }
+    passed = passed & are_rows;
+    if (passed.x) {
+        queue[atomicAdd(&queued, 1u)] = slots.x;
+    }
+    if (passed.y) {
+        queue[atomicAdd(&queued, 1u)] = slots.y;
+    }
+    if (passed.z) {
+        queue[atomicAdd(&queued, 1u)] = slots.z;
+    }
+    if (passed.w) {
+        queue[atomicAdd(&queued, 1u)] = slots.w;
+    }
+}
+
 fn take_row(index: u32) {
     let a = now[2u * index];
     let b = now[2u * index + 1u];
@@ -208,16 +326,46 @@ fn take_row(index: u32) {
     row_hi = vec3<i32>(a.w, b.xy);
 }
 
-@compute @workgroup_size(BATCH_BOXES)
-fn main(
-    @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(num_workgroups) groups: vec3<u32>,
-    @builtin(local_invocation_index) lane: u32,
-) {
+// The bits of a key's number: the map to keys is its own inverse, but for -0.
+fn number_bits(key: i32) -> u32 {
+    return bitcast<u32>(order_key(bitcast<u32>(key)));
+}
+
+// What the host learns, with some entries to choose the next grid by.
+fn summarize(lane: u32) {
+    let count = atomicLoad(&control[ENTRIES]);
+    let sampled = select(min(count, SCENE_SAMPLES), 0u, count > params.entry_capacity);
+    if (lane < sampled) {
+        let at = 2u * lane * (count / sampled);
+        let a = sorted[at];
+        let b = sorted[at + 1u];
+        summary.samples[lane] = array<u32, 6>(
+            number_bits(a.x),
+            number_bits(a.y),
+            number_bits(a.z),
+            number_bits(a.w),
+            number_bits(b.x),
+            number_bits(b.y),
+        );
+    }
+    if (lane == 0u) {
+        summary.found = vec2<u32>(atomicLoad(&control[FOUND]), atomicLoad(&control[FOUND + 1u]));
+        summary.ended = vec2<u32>(atomicLoad(&control[ENDED]), atomicLoad(&control[ENDED + 1u]));
+        summary.tested = vec2<u32>(atomicLoad(&control[TESTED]), atomicLoad(&control[TESTED + 1u]));
+        summary.entries = count;
+        summary.rows = atomicLoad(&control[ROWS]);
+        summary.moved = atomicLoad(&control[MOVED]);
+        summary.moved_static = atomicLoad(&control[MOVED_STATIC]);
+        summary.sampled = sampled;
+    }
+}
+
+fn search(group: u32, groups: u32, lane: u32) {
     if (lane == 0u) {
         atomicStore(&used_levels, 0u);
         atomicStore(&queued, 0u);
         atomicStore(&told, 0u);
+        atomicStore(&candidate_count, 0u);
         atomicStore(&ended_sum, 0u);
         atomicStore(&tested_low, 0u);
         atomicStore(&tested_high, 0u);
@@ -240,10 +388,10 @@ fn main(
     let entry_chunks = (entry_count + BATCH_BOXES - 1u) / BATCH_BOXES;
     var chunks = entry_chunks;
     if (entry_count != 0u && atomicLoad(&control[ROWS]) != 0u) {
-        chunks += (params.slots + BATCH_BOXES - 1u) / BATCH_BOXES;
+        let round = ROWS_TOGETHER * BATCH_BOXES;
+        chunks += (params.slots + round - 1u) / round;
     }
-    let rows_first = params.table_words + params.filter_words;
-    var chunk = group.x;
+    var chunk = group;
     loop {
         if (lane == 0u) {
             is_too_much = select(0u, 1u, atomicLoad(&control[TESTED + 1u]) >= params.budget);
@@ -262,18 +410,11 @@ fn main(
             count = atomicLoad(&queued);
             workgroupBarrier();
             while (chunk < chunks && count < BATCH_BOXES) {
-                let slot = (chunk - entry_chunks) * BATCH_BOXES + lane;
-                let bits = table[rows_first + (chunk - entry_chunks) * BATCH_WORDS + lane / 32u];
-                if (((bits >> (lane % 32u)) & 1u) != 0u) {
-                    take_row(slot);
-                    if (giants != entry_count || levels_to_look_at() != 0u) {
-                        queue[atomicAdd(&queued, 1u)] = slot;
-                    }
-                }
+                queue_rows((chunk - entry_chunks) * ROWS_TOGETHER * BATCH_BOXES, lane, giants != entry_count);
                 workgroupBarrier();
                 count = atomicLoad(&queued);
                 workgroupBarrier();
-                chunk += groups.x;
+                chunk += groups;
             }
             if (count == 0u) {
                 break;
@@ -297,7 +438,7 @@ fn main(
             } else {
                 giant_start = entry_count;
             }
-            chunk += groups.x;
+            chunk += groups;
         } else {
             let taken = min(count, BATCH_BOXES);
             giant_start = entry_count;
@@ -326,8 +467,13 @@ fn main(
             }
         }
         workgroupBarrier();
-        // What is to be told goes out when there is much of it; tests are counted for the budget.
-        let all = min(atomicLoad(&told), WINDOW_WORDS);
+        let decided = min(atomicLoad(&candidate_count), CANDIDATES);
+        for (var i = lane; i < decided; i += BATCH_BOXES) {
+            decide(candidates[i].x, candidates[i].y);
+        }
+        workgroupBarrier();
+        // What is to be told goes out, and tests are counted for the budget.
+        let all = min(atomicLoad(&told), 2u * BATCH_BOXES);
         if (lane == 0u) {
             let low = atomicLoad(&tested_low);
             if (low != 0u) {
@@ -353,11 +499,31 @@ fn main(
         workgroupBarrier();
         if (lane == 0u) {
             atomicStore(&told, 0u);
+            atomicStore(&candidate_count, 0u);
             let ended = atomicLoad(&ended_sum);
             if (ended != 0u) {
                 add_wide(ENDED, ended);
                 atomicStore(&ended_sum, 0u);
             }
         }
+    }
+}
+
+@compute @workgroup_size(BATCH_BOXES)
+fn main(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    search(group.x, groups.x, lane);
+    // What this workgroup counted is there for all before it says that it has ended.
+    storageBarrier();
+    if (lane == 0u) {
+        is_last = select(0u, 1u, atomicAdd(&control[DONE], 1u) == groups.x - 1u);
+    }
+    workgroupBarrier();
+    if (is_last != 0u) {
+        storageBarrier();
+        summarize(lane);
     }
 }

@@ -2,13 +2,18 @@
 //!
 //! ```text
 //! cargo bench -p pairmask-tests --bench skip -- [--n 10000,100000] [--scene uniform,pile]
-//!     [--moving 0,0.1,1,10,100] [--motion drift,jitter,teleport,spawn] [--frames 20] [--json]
+//!     [--moving 0,0.1,1,10,100] [--motion drift,jitter,teleport,spawn] [--frames 20]
+//!     [--backend in-process,daemon] [--peer frame|rapier] [--json]
 //! ```
 //!
-//! Both are made in process, by one session, in turns, with the threads of this machine. Edit: the
-//! arrays of indices and boxes in, the answer found (`round_trip_ns`); visit: every change read, and the
-//! answer taken. The whole frame is written, answered, and every pair of it visited. A ratio below 1 is
-//! in favour of the scene. `bytes` are what the scene keeps, a box.
+//! Both are made by one session, in turns. In process they have the threads of this machine: a pool of
+//! which the calling thread is one, so that small edits do not wait for another to wake. `daemon` asks the
+//! instance of the environment, which is to be started first. Write: the arrays of indices and boxes in, the
+//! edit sent (in process: answered too); round trip: until the answer is there; visit: every change read,
+//! and the answer taken. The peer `frame` is a whole frame, written, answered, and every pair of it visited;
+//! `rapier` is rapier's broad phase in the same state: it is given the boxes that moved, and its events are
+//! kept as a list (of pairs of boxes that it grows by a margin). A ratio below 1 is in favour of the scene.
+//! `bytes` are what the daemon or, in process, this process keeps of the scene, a box.
 
 use std::error::Error;
 use std::hint::black_box;
@@ -16,10 +21,11 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use pairmask::scene::{Indices, SceneOptions, Want};
-use pairmask::{Aabb, Backend, Scene, Session};
+use pairmask::{Aabb, Backend, EngineId, Scene, Session};
 use pairmask_lab::study::moving::{Motion, World};
+use pairmask_tests::peers::rapier::Rapier;
 use pairmaskd::scene::SceneName;
-use serde_json::json;
+use serde_json::{Value, json};
 
 /// Frames that are not counted: cells are built, memory is taken.
 const WARM_UP: usize = 3;
@@ -29,6 +35,8 @@ struct Options {
     percents: Vec<f64>,
     motions: Vec<Motion>,
     frames: usize,
+    backends: Vec<Backend>,
+    with_rapier: bool,
     json: bool,
 }
 
@@ -40,6 +48,8 @@ impl Options {
             percents: vec![0.0, 0.01, 0.1, 1.0, 10.0, 50.0, 100.0],
             motions: vec![Motion::Drift, Motion::Jitter, Motion::Teleport],
             frames: 20,
+            backends: vec![Backend::InProcess],
+            with_rapier: false,
             json: false,
         };
         let mut args = std::env::args().skip(1).filter(|a| a != "--bench");
@@ -62,6 +72,15 @@ impl Options {
                     let parse = |s: &str| s.parse().map_err(|e| format!("{s}: {e}"));
                     options.percents = items().map(parse).collect::<Result<_, _>>()?;
                 }
+                "--backend" => {
+                    let parse = |s: &str| s.parse().map_err(|e| format!("{e}"));
+                    options.backends = items().map(parse).collect::<Result<_, _>>()?;
+                }
+                "--peer" => match value.as_str() {
+                    "frame" => options.with_rapier = false,
+                    "rapier" => options.with_rapier = true,
+                    _ => return Err(format!("unknown peer '{value}'")),
+                },
                 "--motion" => {
                     let parse = |s: &str| s.parse().map_err(|e| format!("{e}"));
                     options.motions = items().map(parse).collect::<Result<_, _>>()?;
@@ -76,10 +95,11 @@ impl Options {
 /// Times of a frame, ns.
 #[derive(Default)]
 struct Times {
+    write: Vec<u64>,
     round_trip: Vec<u64>,
     visit: Vec<u64>,
     total: Vec<u64>,
-    whole: Vec<u64>,
+    peer: Vec<u64>,
 }
 
 fn at(values: &mut [u64], share: f64) -> u64 {
@@ -88,13 +108,14 @@ fn at(values: &mut [u64], share: f64) -> u64 {
     values.get(place).copied().unwrap_or(0)
 }
 
-/// An edit of a scene, its changes visited and taken: round trip, visit, and how many changes.
+/// An edit of a scene, its changes visited and taken: write, round trip, visit, how many changes, and what
+/// answered.
 fn edit(
     scene: &mut Scene,
     indices: &[u32],
     boxes: &[Aabb],
     is_spawn: bool,
-) -> Result<(u64, u64, usize), Box<dyn Error>> {
+) -> Result<([u64; 3], usize, EngineId), Box<dyn Error>> {
     let all = indices.len() == scene.len();
     let these = if all { Indices::from(0..indices.len() as u32) } else { indices.into() };
     let begin = Instant::now();
@@ -102,8 +123,10 @@ fn edit(
     if is_spawn {
         edit = edit.remove_all(these);
     }
-    let answer = edit.commit(Want::Changes)?;
-    let round_trip = begin.elapsed().as_nanos() as u64;
+    let pending = edit.submit(Want::Changes)?;
+    let write = begin.elapsed().as_nanos() as u64;
+    let answer = pending.wait()?;
+    let answered = begin.elapsed().as_nanos() as u64;
     let told = answer.take();
     let mut sum = 0;
     let mut visit = |pairs: &[[u32; 2]]| {
@@ -113,8 +136,8 @@ fn edit(
     told.pairs().for_each_slice(&mut visit);
     sum += told.ended().iter().fold(0u64, |sum, e| sum + u64::from(e.pair[0] ^ e.pair[1]));
     black_box(sum);
-    let visit = begin.elapsed().as_nanos() as u64 - round_trip;
-    Ok((round_trip, visit, told.begun().len() + told.ended().len()))
+    let times = [write, answered - write, begin.elapsed().as_nanos() as u64 - answered];
+    Ok((times, told.begun().len() + told.ended().len(), told.engine()))
 }
 
 /// A whole frame, every pair visited: ns, and how many pairs.
@@ -132,83 +155,150 @@ fn whole_frame(session: &mut Session, boxes: &[Aabb]) -> Result<(u64, u64), Box<
     Ok((begin.elapsed().as_nanos() as u64, count))
 }
 
+/// What a scene is set beside.
+enum Peer {
+    Frame,
+    Rapier(Box<Rapier>),
+}
+
+impl Peer {
+    /// The same change: ns.
+    fn change(
+        &mut self,
+        session: &mut Session,
+        world: &World,
+        moved: &[u32],
+    ) -> Result<u64, Box<dyn Error>> {
+        match self {
+            Self::Frame => Ok(whole_frame(session, world.boxes())?.0),
+            Self::Rapier(rapier) => {
+                let begin = Instant::now();
+                let boxes = moved.iter().map(|i| (*i, &world.boxes()[*i as usize]));
+                black_box(rapier.change(boxes)?);
+                Ok(begin.elapsed().as_nanos() as u64)
+            }
+        }
+    }
+}
+
+/// The frames of one row.
+fn row(
+    options: &Options,
+    session: &mut Session,
+    (scene, world, peer): (&mut Scene, &mut World, &mut Peer),
+    motion: Motion,
+    percent: f64,
+) -> Result<Value, Box<dyn Error>> {
+    let n = world.boxes().len();
+    let moving = (n as f64 * percent / 100.0).round() as usize;
+    let mut times = Times::default();
+    let mut last = None;
+    for frame in 0..options.frames + WARM_UP {
+        let (indices, boxes) = world.step(moving, motion);
+        let ([write, round_trip, visit], changes, engine) =
+            edit(scene, &indices, &boxes, motion == Motion::Spawn)?;
+        let took = peer.change(session, world, &indices)?;
+        if frame >= WARM_UP {
+            times.write.push(write);
+            times.round_trip.push(round_trip);
+            times.visit.push(visit);
+            times.total.push(write + round_trip + visit);
+            times.peer.push(took);
+        }
+        last = Some((changes, engine));
+    }
+    let (_, pair_count) = whole_frame(session, world.boxes())?;
+    let told = scene.edit().commit(Want::Changes)?;
+    assert_eq!(told.pair_count(), Some(pair_count), "the scene and the frame differ");
+    drop(told);
+    let Times { mut write, mut round_trip, mut visit, mut total, peer: mut peers } = times;
+    let [write, round_trip, visit, took] =
+        [&mut write, &mut round_trip, &mut visit, &mut peers].map(|times| at(times, 0.5));
+    let (p99, total) = (at(&mut total, 0.99), at(&mut total, 0.5));
+    let kept = if scene.daemon_bytes() > 0 {
+        scene.daemon_bytes() as f64
+    } else {
+        scene.allocated_bytes() as f64
+    };
+    let (changes, engine) = last.ok_or("no frame")?;
+    let peer = if matches!(peer, Peer::Frame) { "whole frame" } else { "rapier" };
+    Ok(json!({
+        "n": n, "moving": percent / 100.0, "motion": motion.name(), "engine": engine.to_string(),
+        "write_ns": write, "round_trip_ns": round_trip, "visit_ns": visit, "total_ns": total,
+        "p99_ns": p99, "peer": peer, "peer_ns": took, "ratio": total as f64 / took as f64,
+        "changes": changes, "bytes_a_box": kept / n as f64,
+    }))
+}
+
+fn print_row(row: &Value) {
+    let us = |name: &str| row[name].as_f64().unwrap_or(0.0) / 1e3;
+    let text = |name: &str| row[name].as_str().unwrap_or("").to_owned();
+    println!(
+        "{:>9} {:>9} {:>7}% {:>9} {:>10} {:>9.1} {:>10.1} {:>9.1} {:>10.1} {:>10.1} {:>10.1} {:>7.4} {:>9} {:>6.0}",
+        text("scene"),
+        row["n"],
+        row["moving"].as_f64().unwrap_or(0.0) * 100.0,
+        text("motion"),
+        text("engine"),
+        us("write_ns"),
+        us("round_trip_ns"),
+        us("visit_ns"),
+        us("total_ns"),
+        us("p99_ns"),
+        us("peer_ns"),
+        row["ratio"].as_f64().unwrap_or(0.0),
+        row["changes"],
+        row["bytes_a_box"].as_f64().unwrap_or(0.0),
+    );
+}
+
 fn run() -> Result<(), Box<dyn Error>> {
     let options = Options::parse()?;
-    let mut session = Session::builder().backend(Backend::InProcess).connect()?;
+    rayon::ThreadPoolBuilder::new().use_current_thread().build_global()?;
     let mut rows = Vec::new();
     if !options.json {
         println!(
-            "{:>9} {:>9} {:>7} {:>9} {:>10} {:>9} {:>10} {:>10} {:>10} {:>7} {:>9} {:>6}",
+            "{:>9} {:>9} {:>8} {:>9} {:>10} {:>9} {:>10} {:>9} {:>10} {:>10} {:>10} {:>7} {:>9} {:>6}",
             "scene",
             "n",
             "moving",
             "motion",
-            "edit µs",
+            "engine",
+            "write µs",
+            "answer",
             "visit",
             "total",
             "p99",
-            "whole",
+            "peer",
             "ratio",
             "changes",
             "bytes"
         );
     }
-    for &name in &options.scenes {
-        for &n in &options.sizes {
-            for &motion in &options.motions {
-                let mut world = World::new(name, n);
-                let mut scene = session.scene(SceneOptions::default());
-                let all: Vec<u32> = (0..n as u32).collect();
-                edit(&mut scene, &all, world.boxes(), false)?;
-                for &percent in &options.percents {
-                    let moving = (n as f64 * percent / 100.0).round() as usize;
-                    let mut times = Times::default();
-                    let (mut changes, mut pair_count) = (0, 0);
-                    for frame in 0..options.frames + WARM_UP {
-                        let (indices, boxes) = world.step(moving, motion);
-                        let is_spawn = motion == Motion::Spawn;
-                        let (round_trip, visit, changed) =
-                            edit(&mut scene, &indices, &boxes, is_spawn)?;
-                        let (whole, pairs) = whole_frame(&mut session, world.boxes())?;
-                        if frame >= WARM_UP {
-                            times.round_trip.push(round_trip);
-                            times.visit.push(visit);
-                            times.total.push(round_trip + visit);
-                            times.whole.push(whole);
+    for &backend in &options.backends {
+        let mut session = Session::builder().backend(backend).connect()?;
+        for &name in &options.scenes {
+            for &n in &options.sizes {
+                for &motion in &options.motions {
+                    let mut world = World::new(name, n);
+                    let mut scene = session.scene(SceneOptions::default());
+                    let all: Vec<u32> = (0..n as u32).collect();
+                    edit(&mut scene, &all, world.boxes(), false)?;
+                    let mut peer = if options.with_rapier {
+                        Peer::Rapier(Box::new(Rapier::new(n)))
+                    } else {
+                        Peer::Frame
+                    };
+                    peer.change(&mut session, &world, &all)?;
+                    for &percent in &options.percents {
+                        let parts = (&mut scene, &mut world, &mut peer);
+                        let mut row = row(&options, &mut session, parts, motion, percent)?;
+                        row["scene"] = name.to_string().into();
+                        row["backend"] = backend.to_string().into();
+                        if !options.json {
+                            print_row(&row);
                         }
-                        (changes, pair_count) = (changed, pairs);
-                    }
-                    let told = scene.edit().commit(Want::Changes)?;
-                    assert_eq!(
-                        told.pair_count(),
-                        Some(pair_count),
-                        "the scene and the frame differ"
-                    );
-                    drop(told);
-                    let [round_trip, visit] =
-                        [&mut times.round_trip, &mut times.visit].map(|times| at(times, 0.5));
-                    let (p99, total) = (at(&mut times.total, 0.99), at(&mut times.total, 0.5));
-                    let whole = at(&mut times.whole, 0.5);
-                    let ratio = total as f64 / whole as f64;
-                    let bytes = scene.allocated_bytes() as f64 / n as f64;
-                    rows.push(json!({
-                        "scene": name.to_string(), "n": n, "moving": percent / 100.0,
-                        "motion": motion.name(), "backend": "in-process", "engine": "scene",
-                        "round_trip_ns": round_trip, "visit_ns": visit, "total_ns": total,
-                        "p99_ns": p99, "peer": "whole frame", "peer_ns": whole, "ratio": ratio,
-                        "changes": changes, "bytes_a_box": bytes,
-                    }));
-                    if !options.json {
-                        let us = |ns: u64| ns as f64 / 1e3;
-                        println!(
-                            "{name:>9} {n:>9} {percent:>6}% {:>9} {:>10.1} {:>9.1} {:>10.1} {:>10.1} {:>10.1} {ratio:>7.4} {changes:>9} {bytes:>6.0}",
-                            motion.name(),
-                            us(round_trip),
-                            us(visit),
-                            us(total),
-                            us(p99),
-                            us(whole),
-                        );
+                        rows.push(row);
                     }
                 }
             }

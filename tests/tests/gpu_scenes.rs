@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use pairmask_core::Aabb;
+use pairmask_core::engine::CullError;
 use pairmask_core::scene::{
     Edit, EditError, Indices, Scene, SceneError, SceneOptions, Sets, Step, Told, Want,
 };
@@ -149,6 +150,110 @@ fn a_scene_grows_and_shrinks() {
         }
     }
     assert!(gpu.video_bytes() > 0 && gpu.allocated_bytes() < 16 << 20);
+}
+
+#[test]
+fn scenes_of_every_small_size_are_told_and_ended() {
+    let tools = tools(&GridOptions::default());
+    for n in 0..=70u32 {
+        let boxes: Vec<Aabb> = (0..n)
+            .map(|i| {
+                let [x, y] = [i % 7, i / 7].map(|x| 0.9 * x as f32);
+                Aabb::from([x, y, 0.0, x + 1.0, y + 1.0, 1.0])
+            })
+            .collect();
+        let moved: Vec<Aabb> = boxes
+            .iter()
+            .map(|b| Aabb { min: b.min.map(|x| 1.1 * x), max: b.max.map(|x| 1.1 * x) })
+            .collect();
+        let mut core = Scene::new(SceneOptions::default());
+        let mut gpu = GpuScene::new(&tools, SceneOptions::default());
+        for steps in [
+            [Step::Set(Sets { indices: (0..n).into(), boxes: &boxes })],
+            [Step::Set(Sets { indices: (0..n).into(), boxes: &moved })],
+            [Step::Remove((0..n / 2).into())],
+            [Step::Set(Sets { indices: (0..n).into(), boxes: &boxes })],
+            [Step::Static((0..n).into(), true)],
+            [Step::Switch((0..n / 3).into(), false)],
+            [Step::Remove((0..n).into())],
+        ] {
+            core.edit(Edit { steps: &steps }, Want::Changes).expect("an answer");
+            gpu.edit(Edit { steps: &steps }, Want::Changes).expect("an answer");
+            same_told(gpu.told(), core.told()).unwrap_or_else(|e| panic!("{n} boxes: {e}"));
+            core.take();
+            gpu.take();
+        }
+    }
+}
+
+/// Boxes that crowd one place, that cover all of it, and that have no end.
+#[test]
+fn crowds_are_told_as_the_core_tells_them() {
+    let tools = tools(&GridOptions::default());
+    let all = Aabb { min: [f32::NEG_INFINITY; 3], max: [f32::INFINITY; 3] };
+    let one = Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]);
+    let far = Aabb::from([7.0, 7.0, 7.0, 8.0, 8.0, 8.0]);
+    let n = 1_500u32;
+    for crowd in [one, all, Aabb::from([-3e38, 0.0, 0.0, 3e38, 1.0, 1.0])] {
+        let mut core = Scene::new(SceneOptions::default());
+        let mut gpu = GpuScene::new(&tools, SceneOptions::default());
+        let (crowds, few) = (vec![crowd; n as usize], [3u32, 4, 700, 1_499]);
+        for steps in [
+            [Step::Set(Sets { indices: (0..n).into(), boxes: &crowds })],
+            [Step::Set(Sets { indices: (&few).into(), boxes: &[far; 4] })],
+            [Step::Set(Sets { indices: (&few).into(), boxes: &[one, all, one, all] })],
+            [Step::Remove((&few).into())],
+        ] {
+            for want in [Want::Changes, Want::Moved] {
+                core.edit(Edit { steps: &steps }, want).expect("an answer");
+                gpu.edit(Edit { steps: &steps }, want).expect("an answer");
+                same_told(gpu.told(), core.told()).unwrap_or_else(|e| panic!("{crowd:?}: {e}"));
+                core.take();
+                gpu.take();
+                if matches!(steps, [Step::Remove(_)]) {
+                    break;
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_dropped_scene_gives_its_memory_back() {
+    let tools = tools(&GridOptions::default());
+    let holders = Arc::strong_count(tools.gpu());
+    let mut gpu = GpuScene::new(&tools, SceneOptions::default());
+    let boxes = stress_scenes::named("uniform").boxes(1_000, 3);
+    let steps = [Step::Set(Sets { indices: (0..1_000).into(), boxes: &boxes })];
+    for want in [Want::Changes, Want::Moved, Want::All] {
+        gpu.edit(Edit { steps: &steps }, want).expect("an answer");
+    }
+    assert!(Arc::strong_count(tools.gpu()) > holders, "blocks and frames hold the device");
+    drop(gpu);
+    assert_eq!(Arc::strong_count(tools.gpu()), holders);
+}
+
+#[test]
+fn a_lost_device_and_memory_that_is_not_to_be_had_are_errors() {
+    let tools = tools(&GridOptions::default());
+    let mut gpu = GpuScene::new(&tools, SceneOptions::default().with_most_boxes(1 << 29));
+    let slots = tools.gpu().limits().storage_binding_bytes / 32 + 1;
+    if let Ok(index) = u32::try_from(slots)
+        && index < 1 << 26
+    {
+        let indices = [index];
+        let steps = [Step::Set(Sets { indices: (&indices).into(), boxes: &[Aabb::EMPTY] })];
+        let refused = gpu.edit(Edit { steps: &steps }, Want::Changes).map(|_| ());
+        assert!(
+            matches!(refused, Err(SceneError::Cull(CullError::DeviceMemory { .. }))),
+            "{refused:?}"
+        );
+    }
+    let mut gpu = GpuScene::new(&tools, SceneOptions::default());
+    tools.gpu().destroy();
+    let steps = [Step::Set(Sets { indices: (0..1).into(), boxes: &[Aabb::EMPTY] })];
+    let lost = gpu.edit(Edit { steps: &steps }, Want::Changes).map(|_| ());
+    assert!(matches!(lost, Err(SceneError::Cull(CullError::DeviceLost { .. }))), "{lost:?}");
 }
 
 /// A scene of each kind with three boxes in a row, each touching the next.

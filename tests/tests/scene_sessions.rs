@@ -79,12 +79,17 @@ fn lockstep(
 
 #[test]
 fn a_daemon_tells_what_a_scene_in_process_tells() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--audit", "1/1"]);
     let mut session = daemon.session().connect().unwrap();
     for of in [(1, 70), (2, 600), (3, 3_000)] {
         lockstep(&mut session, EngineName::CpuGrid, of, 400);
     }
     assert_eq!(session.daemon_status().unwrap().scenes, 0, "they ended with their clients");
+    let audit = eventually("scenes are audited", || {
+        let audit = session.daemon_status().unwrap().audit;
+        (audit.frames > 100 && audit.pairs > 10_000).then_some(audit)
+    });
+    assert_eq!((audit.missed, audit.extra), (0, 0), "{audit:?}");
 }
 
 #[test]

@@ -12,6 +12,10 @@
 //! the window is the whole frame, and a larger frame's window has a 64th of the pairs that one of
 //! boxes has.
 //!
+//! Of scenes that persist, one in so many is followed from its beginning to its end: each of its edits and
+//! answers is copied. While the auditor is far behind, an edit counts as skipped, and its scene is
+//! followed no more.
+//!
 //! The boxes or spheres are copied after the reply was sent: a client that writes to a submitted frame may
 //! spoil its own audit.
 //!
@@ -19,16 +23,19 @@
 //! window         which rows and columns, and their bits           (pure)
 //! check          bits against the oracle                          (pure)
 //! sphere_oracle  two spheres, in exact rational arithmetic        (pure)
+//! scene          what a scene told, added up, against the oracle  (pure)
 //! thread         hands windows over and keeps the counts
 //! ```
 
 mod check;
 mod rate;
+mod scene;
 pub mod sphere_oracle;
 mod thread;
 mod window;
 
 pub use check::{Outcome, check};
 pub use rate::{AuditRate, BadRate};
-pub use thread::Auditor;
+pub use scene::{SceneAudit, SceneNote};
+pub use thread::{AuditedScene, Auditor};
 pub use window::{Reach, Span2, Window};

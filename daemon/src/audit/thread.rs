@@ -1,7 +1,7 @@
 //! The thread that checks windows, and the hand-over to it.
 
 use std::io;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
@@ -12,11 +12,15 @@ use pairmask_wire::{AuditCounts, ReplyFields};
 
 use super::check::{Outcome, check};
 use super::rate::AuditRate;
+use super::scene::{SceneAudit, SceneNote};
 use super::window::{Reach, Span2, Window};
 use crate::scene::Random;
 
 /// Windows in circulation: one being checked while the next is filled.
 const WINDOWS: usize = 2;
+
+/// Notes of scenes that wait: a scene that is edited faster than it is followed is given up.
+const NOTES: usize = 64;
 
 /// The lowest priority of the system: the auditor runs when no other thread wants the core.
 const NICE: i32 = 19;
@@ -29,11 +33,31 @@ pub struct Auditor {
 struct Running {
     one_in: u32,
     lots: Mutex<Lots>,
-    /// Windows to be checked; `None` once the auditor stops.
-    full: Option<SyncSender<Box<Window>>>,
+    /// What is to be checked; `None` once the auditor stops.
+    full: Option<SyncSender<Work>>,
     found: Arc<Found>,
     thread: Option<JoinHandle<()>>,
 }
+
+/// What is to be checked.
+enum Work {
+    Window(Box<Window>),
+    /// An edit of a scene.
+    Edit(Arc<SceneToken>, Box<SceneNote>),
+}
+
+/// What names a scene to the auditor.
+#[derive(Debug)]
+struct SceneToken {
+    number: u64,
+    most_boxes: u32,
+    /// Whether an edit of it was skipped, so that it cannot be followed any more.
+    is_lost: AtomicBool,
+}
+
+/// A scene that is audited, until it is dropped.
+#[derive(Debug)]
+pub struct AuditedScene(Arc<SceneToken>);
 
 /// What frames are drawn with.
 struct Lots {
@@ -41,6 +65,8 @@ struct Lots {
     /// Windows that are free.
     free: Receiver<Box<Window>>,
     skipped: u64,
+    /// Scenes that were drawn.
+    scenes: u64,
 }
 
 /// The counts of the thread.
@@ -59,7 +85,7 @@ impl Auditor {
     /// The system's error, where it starts no thread.
     pub fn start(rate: AuditRate) -> io::Result<Self> {
         let AuditRate::OneIn(one_in) = rate else { return Ok(Self { running: None }) };
-        let (full, to_check) = sync_channel::<Box<Window>>(WINDOWS);
+        let (full, to_check) = sync_channel(WINDOWS + NOTES);
         let (back, free) = sync_channel(WINDOWS);
         for _ in 0..WINDOWS {
             // The channel has room for all windows.
@@ -76,7 +102,7 @@ impl Auditor {
         Ok(Self {
             running: Some(Running {
                 one_in: one_in.get(),
-                lots: Mutex::new(Lots { random, free, skipped: 0 }),
+                lots: Mutex::new(Lots { random, free, skipped: 0, scenes: 0 }),
                 full: Some(full),
                 found,
                 thread: Some(thread),
@@ -118,7 +144,33 @@ impl Auditor {
         };
         window.take_objects(objects);
         // The channel has room for all windows; a thread that panicked receives none.
-        let _ = full.try_send(window);
+        let _ = full.try_send(Work::Window(window));
+    }
+
+    /// Draws whether a scene that begins is audited.
+    pub fn draw_scene(&self, most_boxes: u32) -> Option<AuditedScene> {
+        let running = self.running.as_ref()?;
+        let mut lots = running.lots.lock().unwrap_or_else(PoisonError::into_inner);
+        if lots.random.below(u64::from(running.one_in)) != 0 {
+            return None;
+        }
+        lots.scenes += 1;
+        let (number, is_lost) = (lots.scenes, AtomicBool::new(false));
+        Some(AuditedScene(Arc::new(SceneToken { number, most_boxes, is_lost })))
+    }
+
+    /// Has an edit of an audited scene followed. `note` is called where that can be.
+    pub fn follow(&self, scene: &AuditedScene, note: impl FnOnce() -> SceneNote) {
+        let token = &scene.0;
+        let Some(running) = self.running.as_ref() else { return };
+        let Some(full) = running.full.as_ref().filter(|_| !token.is_lost.load(Ordering::Relaxed))
+        else {
+            return;
+        };
+        if full.try_send(Work::Edit(Arc::clone(token), Box::new(note()))).is_err() {
+            token.is_lost.store(true, Ordering::Relaxed);
+            running.lots.lock().unwrap_or_else(PoisonError::into_inner).skipped += 1;
+        }
     }
 
     /// The auditor's counts.
@@ -147,19 +199,39 @@ impl Drop for Running {
     }
 }
 
-fn check_all(windows: &Receiver<Box<Window>>, back: &SyncSender<Box<Window>>, found: &Found) {
+fn check_all(work: &Receiver<Work>, back: &SyncSender<Box<Window>>, found: &Found) {
     if let Err(error) = rustix::process::setpriority_process(None, NICE) {
         log::warn!("the auditor keeps its priority: {error}");
     }
-    while let Ok(window) = windows.recv() {
-        let outcome = check(&window);
-        note(&window, &outcome, found);
-        // The channel has room. When the auditor stops, it has no receiver.
-        let _ = back.try_send(window);
+    let mut scenes: Vec<(Arc<SceneToken>, SceneAudit)> = Vec::new();
+    while let Ok(work) = work.recv() {
+        match work {
+            Work::Window(window) => {
+                let frame = (window.client_token, window.frame);
+                note(frame, &check(&window), found);
+                // The channel has room. When the auditor stops, it has no receiver.
+                let _ = back.try_send(window);
+            }
+            Work::Edit(token, edit) => {
+                // One of them is the auditor's own: the scene has ended.
+                scenes.retain(|(kept, _)| Arc::strong_count(kept) > 1);
+                let place = scenes.iter().position(|(kept, _)| Arc::ptr_eq(kept, &token));
+                let place = place.unwrap_or_else(|| {
+                    let audit = SceneAudit::new(token.most_boxes, token.number);
+                    scenes.push((Arc::clone(&token), audit));
+                    scenes.len() - 1
+                });
+                let frame = (edit.client_token, edit.frame);
+                match scenes[place].1.follow(*edit) {
+                    Some(outcome) => note(frame, &outcome, found),
+                    None => token.is_lost.store(true, Ordering::Relaxed),
+                }
+            }
+        }
     }
 }
 
-fn note(window: &Window, outcome: &Outcome, found: &Found) {
+fn note((client_token, frame): (u64, u64), outcome: &Outcome, found: &Found) {
     let Outcome { pairs, missed, extra, first } = *outcome;
     let before = found.missed.fetch_add(missed, Ordering::Relaxed)
         + found.extra.fetch_add(extra, Ordering::Relaxed);
@@ -170,7 +242,6 @@ fn note(window: &Window, outcome: &Outcome, found: &Found) {
         && before == 0
     {
         // Logged once: a broken engine would fill the log. The counts go on.
-        let Window { client_token, frame, .. } = window;
         log::error!(
             "audit: frame {frame} of client {client_token:016x} has {missed} missed and {extra} \
              extra pairs, the first {pair:?}: please report this"

@@ -10,12 +10,13 @@ use pairmask_core::precision::BoxForm;
 use pairmask_core::scene::Told;
 use pairmask_transport::Services;
 use pairmask_wire::{
-    ResponseHeader, StatusBody, response_error, response_ok, response_scene_ended, response_status,
+    ResponseHeader, SceneRequest, StatusBody, response_error, response_ok, response_scene_ended,
+    response_status,
 };
 
 use super::counters::Counters;
 use super::{OpenRequest, Refusal};
-use crate::audit::Auditor;
+use crate::audit::{AuditedScene, Auditor, SceneNote};
 use crate::clients::{Clients, SceneMemory};
 
 /// What changes the words of a finished answer and their report. A daemon that serves clients has
@@ -94,6 +95,24 @@ impl Outbox {
         let pairs = told.begun().len() + told.ended().len() + told.pairs().len();
         self.counters().note_frame(&fields, ObjectForm::Boxes(BoxForm::F32), pairs as u64);
         self.send(open, header);
+    }
+
+    /// Draws whether a scene that begins is audited.
+    pub(crate) fn draw_scene(&self, most_boxes: u32) -> Option<AuditedScene> {
+        self.auditor.draw_scene(most_boxes)
+    }
+
+    /// Has an answered edit of a scene audited. Its payload is ours to read as long as the request is.
+    pub(crate) fn audit_edit(
+        &self,
+        open: &OpenRequest,
+        scene: &AuditedScene,
+        request: &SceneRequest,
+        told: &Told,
+    ) {
+        let fields = open.fields();
+        let named = (fields.client_token, fields.frame);
+        self.auditor.follow(scene, || SceneNote::new(named, request, open.pages(), told));
     }
 
     /// Answers that a scene is forgotten.

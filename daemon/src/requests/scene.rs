@@ -89,7 +89,8 @@ impl SceneEdits {
             let options = SceneOptions::default().with_most_boxes(request.most_boxes);
             let engines = CpuEngines::on(self.isa, self.calibration);
             let scene = SceneKeeper::new(options, engines, self.gpu.clone(), request.engine)?;
-            return Ok(KeptScene::begin(request.scene, scene, &self.memory)?);
+            let audited = outbox.draw_scene(request.most_boxes);
+            return Ok(KeptScene::begin(request.scene, scene, audited, &self.memory)?);
         }
         match kept {
             Some(kept) if kept.revision == request.base => Ok(kept),
@@ -112,7 +113,7 @@ fn edit_and_answer(
     threads: usize,
     outbox: &Outbox,
 ) -> Result<(), Failed> {
-    let KeptScene { revision, scene, scratch, room, .. } = kept;
+    let KeptScene { revision, scene, scratch, room, audited, .. } = kept;
     let start = Instant::now();
     let steps = scratch.read(request, open.pages())?;
     let edit = Edit { steps: &steps };
@@ -157,6 +158,9 @@ fn edit_and_answer(
     let (kept_bytes, engine) = (scene.bytes(), scene.engine());
     let header = response_scene(open.fields(), engine, threads, told, kept_bytes, &times);
     outbox.answer_edit(open, told, &header);
+    if let Some(audited) = audited {
+        outbox.audit_edit(open, audited, request, told);
+    }
     Ok(())
 }
 

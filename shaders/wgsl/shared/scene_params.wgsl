@@ -48,4 +48,6 @@ const MOVED_STATIC: u32 = ENTRIES + 3u;
 const FOUND: u32 = ENTRIES + 4u;
 const ENDED: u32 = ENTRIES + 6u;
 const TESTED: u32 = ENTRIES + 8u;
+// Workgroups of `scene_pairs` that have ended.
+const DONE: u32 = ENTRIES + 10u;
 const SUMS: u32 = CONTROL_HEADER_WORDS + SUPERS_MOST;

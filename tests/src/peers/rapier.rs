@@ -46,10 +46,23 @@ impl Rapier {
         }
     }
 
-    fn update(&mut self, boxes: &[Aabb]) {
-        for (b, &handle) in boxes.iter().zip(&self.handles) {
+    /// Sets some boxes and keeps the list of pairs of grown boxes. Returns how many of them began or ended.
+    ///
+    /// # Errors
+    /// [`ContenderError`] where the list and its events differ.
+    pub fn change<'a>(
+        &mut self,
+        boxes: impl IntoIterator<Item = (u32, &'a Aabb)>,
+    ) -> Result<usize, ContenderError> {
+        self.set(boxes);
+        self.keep_list()?;
+        Ok(self.events.len())
+    }
+
+    fn set<'a>(&mut self, boxes: impl IntoIterator<Item = (u32, &'a Aabb)>) {
+        for (index, b) in boxes {
             let b = ParryBox::new(Vector::from_array(b.min), Vector::from_array(b.max));
-            self.broad_phase.set_aabb(&self.parameters, handle, b);
+            self.broad_phase.set_aabb(&self.parameters, self.handles[index as usize], b);
         }
         self.events.clear();
         self.broad_phase.update(
@@ -108,7 +121,7 @@ fn touches(p: &Aabb, q: &Aabb) -> bool {
 
 impl Contender for Rapier {
     fn find(&mut self, boxes: &[Aabb]) -> Result<Tally, ContenderError> {
-        self.update(boxes);
+        self.set((0..).zip(boxes));
         self.keep_list()?;
         let mut tally = Tally::default();
         self.visit(boxes, |a, b| tally.visit(a, b));

@@ -3,6 +3,7 @@
 use super::check::{EDIT_SETS, PRESENT, len_after, mark, unmark};
 use super::edit::{Edit, Flag, Indices, Sets, Step};
 use super::error::EditError;
+use super::kept::KeptBox;
 use crate::aabb::Aabb;
 
 /// The box is switched off.
@@ -79,6 +80,14 @@ impl SceneCopy {
     pub fn get(&self, index: u32) -> Option<Aabb> {
         let i = index as usize;
         self.flags.get(i).is_some_and(|flags| flags & PRESENT != 0).then(|| self.boxes[i])
+    }
+
+    /// The box of an index and its flags.
+    pub fn kept(&self, index: u32) -> Option<KeptBox> {
+        let flags = *self.flags.get(index as usize)?;
+        let has = |bit| flags & bit != 0;
+        let b = self.get(index)?;
+        Some(KeptBox { b, is_on: !has(OFF), is_static: has(STATIC) })
     }
 
     /// Bytes that are kept.

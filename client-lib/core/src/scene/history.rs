@@ -1,39 +1,39 @@
-//! What has changed since the last answer that was taken, and what was told then.
+//! What began and ended around few changed boxes.
 //!
-//! Nothing is kept of a pair of two boxes that have not changed since. For each box that has, the boxes
-//! that it was a pair with at that time are kept: they are looked up in the cells when the box first
-//! changes, before it moves there. So a change is what differs between these and the pairs of now, and
-//! however many answers were dropped, none is told twice or never.
+//! A pair that changed has a box that changed. So each of those is looked around, as the hull of what it
+//! was when the history began and what it is now, and each box found is tested both ways. Nothing is kept
+//! of what was told: however many answers were dropped, no change is told twice or never.
 //!
-//! A pair of two changed boxes belongs to the one that changed first. When it changed, the other had
-//! not, so what the cells said of the pair was what had been told.
+//! A pair of two changed boxes is found from both, and told from the one with the smaller index.
 
-use super::cells::{Cells, SearchMemory};
-use super::pair_list::{Difference, pair};
-use super::store::Store;
+use super::cells::{CHANGED, Candidate, Cells, INDEX, Probe, STATIC, Searches, is_solid};
+use super::change::{WasIs, are_pair};
+use super::fetch::ask_for;
+use super::pair_list::{Difference, Pair, pair};
+use super::store::{Solid, Store};
+use crate::aabb::Aabb;
 use crate::engine::strips::{in_parts, part_count};
+use crate::floats;
 
 /// Boxes of a task: a search takes about 0.2 µs.
 const TASK_BOXES: usize = 256;
+/// Boxes that are looked around at a time.
+const BATCH: usize = 16;
 /// Fewest boxes that are searched by place, and the least share of all, one in so many: below, two that
 /// follow one another share no memory.
 const SORTED_BOXES: usize = 512;
 const SORTED_SHARE: usize = 128;
-/// Not changed.
-const UNCHANGED: u32 = u32::MAX;
 
-/// The boxes that have changed, in the order in which they first did, and the pairs that they had.
+/// Batches that are under way at a time: each is a step behind the one after it.
+const BATCHES: usize = 4;
+
+/// Searches for changes, and their memory.
 #[derive(Debug, Default)]
-pub(super) struct Changed {
-    boxes: Vec<u32>,
-    /// End of each box's partners.
-    ends: Vec<usize>,
-    /// Boxes that a changed box was a pair with, sorted for each.
-    partners: Vec<u32>,
-    /// Which of all boxes have changed.
-    bits: Vec<u64>,
-    /// For those, the place in `boxes`.
-    rank: Vec<u32>,
+pub(super) struct Changes {
+    /// The changed boxes, in the order in which they changed.
+    centres: Vec<Centre>,
+    /// The order in which they are looked around; empty where that is the same.
+    order: Vec<u32>,
     tasks: Vec<Search>,
 }
 
@@ -42,195 +42,280 @@ pub(super) struct Changed {
 struct Search {
     boxes: std::ops::Range<usize>,
     tested: u64,
-    lens: Vec<u32>,
-    partners: Vec<u32>,
     found: Difference,
-    memory: SearchMemory,
+    batches: [Around; BATCHES],
 }
 
-impl Changed {
-    /// How many boxes have changed.
-    pub fn len(&self) -> usize {
-        self.boxes.len()
-    }
+/// A batch of boxes that are looked around.
+#[derive(Debug, Default)]
+struct Around {
+    /// The box of each probe, and what of it.
+    centres: Vec<(Centre, Seen)>,
+    probes: Vec<Probe>,
+    searches: Searches,
+    candidates: Vec<Candidate>,
+}
 
-    /// The boxes that have changed.
-    pub fn boxes(&self) -> &[u32] {
-        &self.boxes
-    }
+/// A box that is looked around, on a cache line of its own.
+#[derive(Clone, Copy, Debug)]
+#[repr(align(64))]
+struct Centre {
+    index: u32,
+    b: WasIs,
+}
 
-    /// Those that were noted last, `count` of them.
-    pub fn last(&self, count: usize) -> &[u32] {
-        &self.boxes[self.boxes.len() - count..]
-    }
+/// What is looked around of a box that has changed.
+#[derive(Clone, Copy, Debug)]
+enum Seen {
+    /// What it was and is, at once.
+    Both,
+    /// What it was.
+    Was,
+    /// What it is.
+    Is,
+}
 
+impl Changes {
     /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
-        let words = self.boxes.capacity() + self.partners.capacity() + self.rank.capacity();
-        let of_tasks = |task: &Search| 4 * (task.lens.capacity() + task.partners.capacity());
-        4 * words
-            + 8 * (self.bits.capacity() + self.ends.capacity())
-            + self.tasks.iter().map(of_tasks).sum::<usize>()
+        let of_task = |task: &Search| {
+            (task.found.begun.capacity() + task.found.ended.capacity()) * size_of::<Pair>()
+        };
+        self.centres.capacity() * size_of::<Centre>()
+            + self.order.capacity() * size_of::<u32>()
+            + self.tasks.iter().map(of_task).sum::<usize>()
     }
 
-    /// Nothing has changed.
-    pub fn clear(&mut self) {
-        for index in self.boxes.drain(..) {
-            self.bits[index as usize / 64] &= !(1 << (index % 64));
+    /// What differs from then to now, in no order, some of it twice; and how many boxes were tested.
+    pub fn find(&mut self, cells: &Cells, store: &Store, threads: usize) -> (Difference, u64) {
+        let Self { centres, order, tasks } = self;
+        let changed = store.changed();
+        centres_of(changed, store, centres, threads);
+        order.clear();
+        let count = changed.len();
+        if count >= SORTED_BOXES && count * SORTED_SHARE > store.boxes().len() {
+            by_place(changed, cells, order);
         }
-        self.ends.clear();
-        self.partners.clear();
-    }
-
-    /// Whether a box has changed.
-    #[inline]
-    pub fn has(&self, index: u32) -> bool {
-        self.bits.get(index as usize / 64).is_some_and(|word| word >> (index % 64) & 1 == 1)
-    }
-
-    /// Lists boxes that are not listed yet: by place, where they are so many that neighbours follow one
-    /// another then.
-    fn list(&mut self, fresh: &[u32], cells: &Cells, box_count: usize) {
-        if self.bits.len() * 64 < box_count {
-            self.bits.resize(box_count.div_ceil(64), 0);
+        let parts = part_count(count, TASK_BOXES, threads);
+        tasks.resize_with(parts, Search::default);
+        let border = |part: usize| count * part / parts;
+        for (part, task) in tasks.iter_mut().enumerate() {
+            task.boxes = border(part)..border(part + 1);
         }
-        if self.rank.len() < box_count {
-            self.rank.resize(box_count, UNCHANGED);
-        }
-        let first = self.boxes.len();
-        self.boxes.extend_from_slice(fresh);
-        if fresh.len() >= SORTED_BOXES && fresh.len() * SORTED_SHARE > box_count {
-            by_place(&mut self.boxes[first..], cells);
-        }
-        for (rank, index) in (first as u32..).zip(&self.boxes[first..]) {
-            self.bits[*index as usize / 64] |= 1 << (index % 64);
-            self.rank[*index as usize] = rank;
-        }
-    }
-
-    /// Notes boxes that are about to change for the first time, and the pairs that they have in `cells`.
-    /// `box_count` is more than any index. Returns how many entries were tested.
-    pub fn note(&mut self, fresh: &[u32], cells: &Cells, box_count: usize, threads: usize) -> u64 {
-        let first = self.boxes.len();
-        self.list(fresh, cells, box_count);
-        let mut tasks = self.share_out(first..self.boxes.len(), threads);
-        let this = &*self;
-        let run =
-            |tasks: &mut [Search]| tasks.iter_mut().for_each(|task| task.partners(this, cells));
-        let parts = tasks.len();
-        in_parts(tasks.as_mut_slice(), parts, &run, &|(), ()| ());
-        for task in &tasks {
-            for len in &task.lens {
-                self.ends.push(self.ends.last().copied().unwrap_or(0) + *len as usize);
-            }
-            self.partners.extend_from_slice(&task.partners);
-        }
-        let tested = tasks.iter().map(|task| task.tested).sum();
-        self.tasks = tasks;
-        tested
-    }
-
-    /// What differs from then to now, in the order of the boxes, and how many entries were tested.
-    pub fn difference(
-        &mut self,
-        cells: &Cells,
-        store: &Store,
-        threads: usize,
-    ) -> (Difference, u64) {
-        let mut tasks = self.share_out(0..self.boxes.len(), threads);
-        let this = &*self;
+        let (centres, order) = (centres.as_slice(), order.as_slice());
         let run = |tasks: &mut [Search]| {
             for task in tasks {
-                task.differences(this, cells, store);
+                task.run(centres, order, cells, store);
             }
         };
-        let parts = tasks.len();
         in_parts(tasks.as_mut_slice(), parts, &run, &|(), ()| ());
         let mut all = Difference::default();
         let mut tested = 0;
-        for task in &mut tasks {
+        for task in tasks {
             all.begun.append(&mut task.found.begun);
             all.ended.append(&mut task.found.ended);
             tested += task.tested;
         }
-        self.tasks = tasks;
         (all, tested)
     }
+}
 
-    fn share_out(&mut self, boxes: std::ops::Range<usize>, threads: usize) -> Vec<Search> {
-        let mut tasks = std::mem::take(&mut self.tasks);
-        let parts = part_count(boxes.len(), TASK_BOXES, threads);
-        tasks.resize_with(parts, Search::default);
-        for (part, task) in tasks.iter_mut().enumerate() {
-            let border = |part: usize| boxes.start + boxes.len() * part / parts;
-            task.boxes = border(part)..border(part + 1);
-            task.tested = 0;
+/// What changed boxes were and are.
+fn centres_of(changed: &[u32], store: &Store, centres: &mut Vec<Centre>, threads: usize) {
+    centres.resize(changed.len(), Centre::NONE);
+    let parts = part_count(changed.len(), TASK_BOXES, threads);
+    let step = changed.len().div_ceil(parts).max(1);
+    let mut work: Vec<(&mut [Centre], &[u32])> =
+        centres.chunks_mut(step).zip(changed.chunks(step)).collect();
+    let run = |work: &mut [(&mut [Centre], &[u32])]| {
+        for (centres, changed) in work {
+            for (at, (centre, index)) in centres.iter_mut().zip(*changed).enumerate() {
+                if let Some(ahead) = changed.get(at + BATCH) {
+                    store.ask_for(*ahead);
+                }
+                *centre = Centre { index: *index, b: WasIs::of(*index, store) };
+            }
         }
-        tasks
+    };
+    in_parts(work.as_mut_slice(), parts, &run, &|(), ()| ());
+}
+
+/// Whether two solid boxes overlap, about: whether they are better looked around at once.
+#[inline]
+fn are_near(a: &Aabb, b: &Aabb) -> bool {
+    (0..3).all(|axis| a.min[axis] <= b.max[axis] && b.min[axis] <= a.max[axis])
+}
+
+impl Centre {
+    const NONE: Self = {
+        let none = Solid { b: Aabb::EMPTY, is_static: false };
+        Self { index: 0, b: WasIs::unchanged(none) }
+    };
+
+    /// A box as it is, as though it had just come: all its pairs are of interest.
+    fn now(index: u32, store: &Store) -> Self {
+        let is = store.now(index);
+        let was = Solid { b: Aabb::EMPTY, ..is };
+        Self { index, b: WasIs { was, ..WasIs::unchanged(is) } }
     }
 
-    /// Whether the pair of a box with this rank and another belongs to the other.
-    #[inline(always)]
-    fn is_others(&self, rank: u32, other: u32) -> bool {
-        self.has(other) && self.rank[other as usize] < rank
+    /// Looks around it: once, where it has not gone far.
+    fn probes(&self, mut add: impl FnMut(Seen, Probe)) {
+        let (was, is) = (self.b.was.b, self.b.is.b);
+        match (is_solid(&was), is_solid(&is)) {
+            (false, false) => {}
+            (true, true) if are_near(&was, &is) => {
+                add(Seen::Both, Probe::Both { was, is, dismisses: self.b.is_same() });
+            }
+            (was_solid, is_solid) => {
+                if was_solid {
+                    add(Seen::Was, Probe::One { here: was, elsewhere: is });
+                }
+                if is_solid {
+                    add(Seen::Is, Probe::One { here: is, elsewhere: was });
+                }
+            }
+        }
     }
 
-    /// The partners that a box of a rank had.
-    fn partners_of(&self, rank: usize) -> &[u32] {
-        let start = if rank == 0 { 0 } else { self.ends[rank - 1] };
-        &self.partners[start..self.ends[rank]]
+    /// Tells whether its pair with a candidate began or ended.
+    #[inline]
+    fn tell_changes(
+        &self,
+        seen: Seen,
+        &Candidate { word, is_sure, .. }: &Candidate,
+        store: &Store,
+        found: &mut Difference,
+    ) {
+        let other = word & INDEX;
+        let is_static = word & STATIC != 0;
+        let has_changed = word & CHANGED != 0 && store.has_changed(other);
+        if other == self.index || has_changed && other < self.index {
+            return;
+        }
+        let [begins, ends] = match seen {
+            // It has not changed, and overlaps what is seen alone.
+            Seen::Was if is_sure => [false, !(self.b.was.is_static && is_static)],
+            Seen::Is if is_sure => [!(self.b.is.is_static && is_static), false],
+            _ if has_changed => self.b.change(&WasIs::of(other, store)),
+            _ => {
+                let same = Solid { b: store.boxes()[other as usize], is_static };
+                self.b.change(&WasIs::unchanged(same))
+            }
+        };
+        if begins {
+            found.begun.push(pair(self.index, other));
+        }
+        if ends {
+            found.ended.push(pair(self.index, other));
+        }
     }
 }
 
 impl Search {
-    /// Finds the partners of boxes before they move.
-    fn partners(&mut self, changed: &Changed, cells: &Cells) {
-        let ranks = self.boxes.clone();
-        let first = ranks.start;
-        self.partners.clear();
-        self.lens.clear();
-        self.lens.resize(ranks.len(), 0);
-        let (partners, lens) = (&mut self.partners, &mut self.lens);
-        self.tested = cells.around_each(&changed.boxes[ranks], &mut self.memory, |at, other| {
-            if !changed.is_others((first + at) as u32, other) {
-                partners.push(other);
-                lens[at] += 1;
+    fn run(&mut self, centres: &[Centre], order: &[u32], cells: &Cells, store: &Store) {
+        let Self { boxes, tested, found, batches } = self;
+        *tested = 0;
+        found.begun.clear();
+        found.ended.clear();
+        let count = boxes.len().div_ceil(BATCH);
+        // The boxes of a batch, by their places among all.
+        let of_batch = |number: usize| {
+            let start = (boxes.start + number * BATCH).min(boxes.end);
+            let places = start..(start + BATCH).min(boxes.end);
+            places.map(|place| order.get(place).map_or(place, |centre| *centre as usize))
+        };
+        for step in 0..count + BATCHES - 1 {
+            of_batch(step + 1).for_each(|centre| ask_for(centres, centre as u32));
+            // The latest batch first: what it asks for has the time of all others to come.
+            if step < count {
+                batches[step % BATCHES].begin(of_batch(step).map(|at| centres[at]), cells);
             }
-        });
-        let mut rest = self.partners.as_mut_slice();
-        for len in &self.lens {
-            let (here, later) = rest.split_at_mut(*len as usize);
-            here.sort_unstable();
-            rest = later;
-        }
-    }
-
-    /// Finds the pairs that began and ended.
-    fn differences(&mut self, changed: &Changed, cells: &Cells, store: &Store) {
-        self.partners(changed, cells);
-        self.found.begun.clear();
-        self.found.ended.clear();
-        let any_removed = store.any_removed();
-        let mut rest = self.partners.as_slice();
-        for (rank, len) in self.boxes.clone().zip(&self.lens) {
-            let (now, later) = rest.split_at(*len as usize);
-            rest = later;
-            let then = changed.partners_of(rank);
-            if then == now && !any_removed {
-                continue;
+            let earlier = |steps: usize| {
+                let number = step.checked_sub(steps).filter(|number| *number < count);
+                number.map(|number| number % BATCHES)
+            };
+            if let Some(number) = earlier(1) {
+                cells.go_on(&mut batches[number].searches);
             }
-            let index = changed.boxes[rank];
-            let replaced = |other: u32| store.was_removed(index) || store.was_removed(other);
-            compare(index, then, now, replaced, &mut self.found);
+            if let Some(number) = earlier(2) {
+                *tested += batches[number].finish(cells, store);
+            }
+            if let Some(number) = earlier(3) {
+                for ((centre, seen), candidate) in batches[number].found() {
+                    centre.tell_changes(*seen, candidate, store, found);
+                }
+            }
         }
     }
 }
 
-/// Sorts boxes by their place: by counting, digit by digit.
-fn by_place(boxes: &mut [u32], cells: &Cells) {
+impl Around {
+    /// Begins to look around boxes.
+    fn begin(&mut self, around: impl Iterator<Item = Centre>, cells: &Cells) {
+        let Self { centres, probes, searches, .. } = self;
+        centres.clear();
+        probes.clear();
+        for centre in around {
+            centre.probes(|seen, probe| {
+                centres.push((centre, seen));
+                probes.push(probe);
+            });
+        }
+        cells.begin(probes, searches);
+    }
+
+    /// Finds the candidates. Returns how many boxes were tested.
+    fn finish(&mut self, cells: &Cells, store: &Store) -> u64 {
+        let Self { searches, candidates, .. } = self;
+        candidates.clear();
+        let tested = cells.finish(searches, candidates);
+        // A slot may be that of an index that is no more: its box was removed at the end.
+        candidates.retain(|candidate| ((candidate.word & INDEX) as usize) < store.boxes().len());
+        for Candidate { word, .. } in candidates.iter().filter(|this| !this.is_sure) {
+            if word & CHANGED != 0 {
+                store.ask_for(word & INDEX);
+            } else {
+                store.ask_for_box(word & INDEX);
+            }
+        }
+        tested
+    }
+
+    /// Each candidate and the box that it was found around.
+    fn found(&self) -> impl Iterator<Item = (&(Centre, Seen), &Candidate)> {
+        self.candidates.iter().map(|this| (&self.centres[this.probe as usize], this))
+    }
+}
+
+/// Adds the pairs of now of some boxes, in no order, some of them twice. Of two boxes that the last edit
+/// named, the one with the smaller index tells. Returns how many boxes were tested.
+pub(super) fn pairs_of_named(cells: &Cells, store: &Store, pairs: &mut Vec<Pair>) -> u64 {
+    let mut around = Around::default();
+    let mut tested = 0;
+    floats::with_default(|| {
+        for some in store.named().chunks(BATCH) {
+            around.begin(some.iter().map(|index| Centre::now(*index, store)), cells);
+            cells.go_on(&mut around.searches);
+            tested += around.finish(cells, store);
+            for ((centre, _), Candidate { word, .. }) in around.found() {
+                let (index, other) = (centre.index, word & INDEX);
+                let is_told = other == index || store.is_named(other) && other < index;
+                if !is_told && are_pair(&centre.b.is, &store.now(other)) {
+                    pairs.push(pair(index, other));
+                }
+            }
+        }
+    });
+    tested
+}
+
+/// Puts the numbers of boxes in the order of their places: by counting, digit by digit.
+fn by_place(boxes: &[u32], cells: &Cells, order: &mut Vec<u32>) {
     const DIGIT: u32 = 11;
+    let numbered = boxes.iter().zip(0u32..);
     let mut places: Vec<[u32; 2]> =
-        boxes.iter().map(|index| [cells.place(*index), *index]).collect();
+        numbered.map(|(index, number)| [cells.place(*index), number]).collect();
     let mut sorted = vec![[0; 2]; boxes.len()];
     let most = places.iter().map(|[place, _]| *place).max().unwrap_or(0);
     for shift in (0..u32::BITS - most.leading_zeros()).step_by(DIGIT as usize) {
@@ -250,35 +335,5 @@ fn by_place(boxes: &mut [u32], cells: &Cells) {
         }
         std::mem::swap(&mut places, &mut sorted);
     }
-    for (slot, [_, index]) in boxes.iter_mut().zip(&places) {
-        *slot = *index;
-    }
-}
-
-/// What differs between two sorted lists of partners.
-fn compare(
-    index: u32,
-    mut then: &[u32],
-    mut now: &[u32],
-    replaced: impl Fn(u32) -> bool,
-    found: &mut Difference,
-) {
-    loop {
-        let (was, is) = (then.first().copied(), now.first().copied());
-        if let Some(was) = was.filter(|was| is.is_none_or(|is| *was <= is)) {
-            if is != Some(was) || replaced(was) {
-                found.ended.push(pair(index, was));
-            }
-            then = &then[1..];
-        }
-        if let Some(is) = is.filter(|is| was.is_none_or(|was| *is <= was)) {
-            if was != Some(is) || replaced(is) {
-                found.begun.push(pair(index, is));
-            }
-            now = &now[1..];
-        }
-        if was.is_none() && is.is_none() {
-            return;
-        }
-    }
+    order.extend(places.iter().map(|[_, number]| *number));
 }

@@ -1,15 +1,16 @@
 //! Changes where many boxes have changed: one cull of all, in which only changes are found.
 //!
 //! Each box is culled as the hull of what it was and what it is, so that every pair that was or is
-//! is a candidate. The engine's tasks test each candidate both ways, and keep those that began or ended:
-//! few, where motion is small. A box that has left the place where it was would have a large hull; it is
+//! is a candidate. The engine's tasks let those go whose boxes were and are over each other for sure:
+//! where their cores overlap, what each of them was and is at once. Few are left where motion is small, and
+//! those are tested both ways. A box that has left the place where it was would have a large hull; it is
 //! culled as two boxes, one that was and one that is. A pair that such a box had and has comes as an end
 //! and as a begin, which cancel out. Where many have left, hulls do not pay: all pairs of then and of
 //! now are found ([`Whole`](super::whole::Whole)).
 
 use std::sync::{Mutex, OnceLock, PoisonError};
 
-use super::cells::{Entry, Question};
+use super::entry::{Entry, Question};
 use super::fetch::ask_for;
 use super::pair_list::{Difference, Pair, pair};
 use super::store::Store;
@@ -19,17 +20,16 @@ use crate::engine::strips::{in_parts, part_count};
 
 /// Boxes of a task, at least.
 const TASK_BOXES: usize = 8_192;
-/// Boxes up to which states are computed where they are needed.
+/// Boxes up to which cores are computed where they are needed.
 const FEW_BOXES: usize = 4_096;
-
+/// Pairs of a task that are tested both ways, at least.
+const TASK_PAIRS: usize = 2_048;
 /// Boxes that have left their places from which the lists of all pairs are compared: so many, and so large
 /// a share, one in so many. Most of their pairs have changed, and each is found, sorted and kept.
 const LEFT_LEAST: usize = 256;
 const LEFT_SHARE: usize = 8;
-/// Boxes from one whose state is moved to one whose memory is asked for meanwhile.
+/// Boxes, or pairs, from one whose state is read to one whose memory is asked for meanwhile.
 const AHEAD: usize = 16;
-/// Lists of ended pairs: threads that take different ones do not wait for each other.
-const ENDED_LISTS: usize = 16;
 
 /// A box as it was and as it is, on a cache line of its own.
 #[derive(Clone, Copy, Debug)]
@@ -41,7 +41,36 @@ struct State {
 
 impl State {
     const NONE: Self = Self { was: Entry::FREE, is: Entry::FREE };
+
+    /// What the box was and is at once: free where that is nothing, or where pairs of the box may have
+    /// changed although it has not moved.
+    #[inline]
+    fn core(&self) -> Entry {
+        if self.was_removed() || self.was.is_static() != self.is.is_static() {
+            return Entry::FREE;
+        }
+        // Two static boxes are no pair, whatever they do: no more than others a pair that changes.
+        self.was.common(&self.is).of_no_flag()
+    }
+
+    /// Whether the box is another one than it was.
+    #[inline]
+    const fn was_removed(&self) -> bool {
+        self.was.index() & REMOVED != 0
+    }
+
+    /// Whether the pair with another box began, and whether it ended.
+    #[inline]
+    fn change(&self, other: &Self) -> [bool; 2] {
+        let had = Question::of(&self.was).admits(&other.was);
+        let has = Question::of(&self.is).admits(&other.is);
+        let is_replaced = had && has && (self.was_removed() || other.was_removed());
+        [has && (!had || is_replaced), had && (!has || is_replaced)]
+    }
 }
+
+/// Flag of an index: the box was removed.
+const REMOVED: u32 = 1 << 31;
 
 /// The changes of a scene as boxes to cull and a test of their pairs.
 pub(super) struct Hulls<'a> {
@@ -52,29 +81,25 @@ pub(super) struct Hulls<'a> {
     states: Vec<State>,
     /// Indices that have left their place.
     left: Vec<u32>,
-    /// States by the engine's position, once it has said its order.
-    ordered: OnceLock<Vec<State>>,
-    /// Pairs that ended.
-    ended: [Mutex<Vec<Pair>>; ENDED_LISTS],
-    memory: Mutex<Vec<State>>,
-    rank: Vec<u32>,
+    /// Cores by the engine's position, once it has said its order.
+    cores: OnceLock<Vec<Entry>>,
+    memory: Mutex<Vec<Entry>>,
 }
 
 /// Memory that is kept from answer to answer.
 #[derive(Default)]
 pub(super) struct HullMemory {
-    rank: Vec<u32>,
     boxes: Vec<Aabb>,
     states: Vec<State>,
-    ordered: Vec<State>,
+    cores: Vec<Entry>,
 }
 
 impl HullMemory {
     /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
-        4 * self.rank.capacity()
-            + self.boxes.capacity() * size_of::<Aabb>()
-            + (self.states.capacity() + self.ordered.capacity()) * size_of::<State>()
+        self.boxes.capacity() * size_of::<Aabb>()
+            + self.states.capacity() * size_of::<State>()
+            + self.cores.capacity() * size_of::<Entry>()
     }
 }
 
@@ -89,11 +114,7 @@ impl<'a> Hulls<'a> {
     /// The changes of a scene since the history began.
     pub fn of(store: &'a Store, memory: &mut HullMemory, threads: usize) -> Self {
         let n = store.boxes().len();
-        let HullMemory { mut rank, mut boxes, mut states, ordered } = std::mem::take(memory);
-        rank.resize(n, 0);
-        for (place, index) in (0u32..).zip(store.changed()) {
-            rank[*index as usize] = place;
-        }
+        let HullMemory { mut boxes, mut states, cores } = std::mem::take(memory);
         boxes.resize(n, Aabb::EMPTY);
         states.resize(n, State::NONE);
         let parts = part_count(n, TASK_BOXES, threads);
@@ -106,7 +127,7 @@ impl<'a> Hulls<'a> {
         let run = |work: &mut [Part<'_>]| {
             let mut left = Vec::new();
             for part in work {
-                part.run(store, &rank, &mut left);
+                part.run(store, &mut left);
             }
             left
         };
@@ -117,9 +138,7 @@ impl<'a> Hulls<'a> {
         boxes.extend(left.iter().map(|left| left.was));
         states.extend(left.iter().map(|left| left.state));
         let left = left.iter().map(|left| left.index).collect();
-        let memory = Mutex::new(ordered);
-        let ended = std::array::from_fn(|_| Mutex::default());
-        Self { store, boxes, states, left, ordered: OnceLock::new(), ended, memory, rank }
+        Self { store, boxes, states, left, cores: OnceLock::new(), memory: Mutex::new(cores) }
     }
 
     /// What is to be culled.
@@ -136,20 +155,40 @@ impl<'a> Hulls<'a> {
         }
     }
 
-    /// What began and ended, in no order: `begun` are the pairs of culled boxes that the engine kept.
-    pub fn named(&self, begun: &[Pair]) -> Difference {
-        let mut ended = Vec::new();
-        for list in &self.ended {
-            ended.append(&mut lock(list));
+    /// What began and ended of the pairs of culled boxes that the engine kept, in no order.
+    pub fn changes(&self, kept: &[Pair], threads: usize) -> Difference {
+        let parts = part_count(kept.len(), TASK_PAIRS, threads);
+        let step = kept.len().div_ceil(parts).max(1);
+        let mut work: Vec<&[Pair]> = kept.chunks(step).collect();
+        let run = |work: &mut [&[Pair]]| {
+            let mut found = Difference::default();
+            for kept in work {
+                self.add_changes(kept, &mut found);
+            }
+            found
+        };
+        in_parts(work.as_mut_slice(), parts, &run, &Difference::with)
+    }
+
+    fn add_changes(&self, kept: &[Pair], found: &mut Difference) {
+        for (at, culled) in kept.iter().enumerate() {
+            if let Some(ahead) = kept.get(at + AHEAD) {
+                for culled in ahead {
+                    ask_for(&self.states, *culled);
+                }
+            }
+            let [one, other] = culled.map(|culled| &self.states[culled as usize]);
+            let [begins, ends] = one.change(other);
+            if begins | ends {
+                let [a, b] = culled.map(|culled| self.index(culled));
+                if begins {
+                    found.begun.push(pair(a, b));
+                }
+                if ends {
+                    found.ended.push(pair(a, b));
+                }
+            }
         }
-        if self.left.is_empty() {
-            return Difference { begun: begun.to_vec(), ended };
-        }
-        let named = |[a, b]: &Pair| pair(self.index(*a), self.index(*b));
-        for pair in &mut ended {
-            *pair = named(pair);
-        }
-        Difference { begun: begun.iter().map(named).collect(), ended }
     }
 
     /// Whether so many boxes have left their places that two culls find the changes sooner.
@@ -169,8 +208,7 @@ impl<'a> Hulls<'a> {
         boxes.truncate(n);
         states.truncate(n);
         let kept = self.memory.into_inner().unwrap_or_else(PoisonError::into_inner);
-        let ordered = self.ordered.into_inner().unwrap_or(kept);
-        HullMemory { rank: self.rank, boxes, states, ordered }
+        HullMemory { boxes, states, cores: self.cores.into_inner().unwrap_or(kept) }
     }
 }
 
@@ -182,17 +220,17 @@ struct Left {
 }
 
 impl Part<'_> {
-    fn run(&mut self, store: &Store, rank: &[u32], left: &mut Vec<Left>) {
+    fn run(&mut self, store: &Store, left: &mut Vec<Left>) {
         let arrays = self.boxes.iter_mut().zip(self.states.iter_mut());
         for (index, (hull, state)) in (self.first..).zip(arrays) {
             let now = &store.boxes()[index as usize];
             let is = Entry::of(now, store.is_static(index), index);
-            if !store.has_changed(index) {
+            let Some(before) = store.before(index) else {
                 (*hull, *state) = (*now, State { was: is, is });
                 continue;
-            }
-            let before = &store.before()[rank[index as usize] as usize];
-            let was = Entry::of(&before.b, before.is_static, index);
+            };
+            let removed = if store.was_removed(index) { REMOVED } else { 0 };
+            let was = Entry::of(&before.b, before.is_static, index | removed);
             *state = State { was, is };
             *hull = match (was.is_free(), is.is_free()) {
                 (_, true) => before.b,
@@ -209,60 +247,23 @@ impl Part<'_> {
     }
 }
 
-/// Locks a list; that of a panicking thread is as good as any.
-fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 impl PairTest for Hulls<'_> {
-    /// Those that began pass. Those that ended are kept here.
+    /// Those that may have changed pass.
     fn passing(&self, row: u32, block: u32, bits: u32, order: &[u32]) -> u32 {
-        let culled = |position: u32| order.get(position as usize).map_or(position, |index| *index);
-        let ordered = self.ordered.get().map(Vec::as_slice);
-        let state = |position: u32| match ordered {
-            Some(states) => &states[position as usize],
-            None => &self.states[culled(position) as usize],
+        let Some(cores) = self.cores.get() else {
+            let culled = |at: u32| order.get(at as usize).map_or(at, |index| *index);
+            return passing(row, block, bits, |at| self.states[culled(at) as usize].core());
         };
-        let any_removed = self.store.any_removed();
-        let one = state(row);
-        let (was, is) = (Question::of(&one.was), Question::of(&one.is));
-        let (mut begun, mut ended, mut rest) = (0, 0, bits);
-        while rest != 0 {
-            let column = rest.trailing_zeros();
-            let other = state(32 * block + column);
-            let (had, has) = (was.admits(&other.was), is.admits(&other.is));
-            let is_replaced = || {
-                [one, other].iter().any(|s| {
-                    let entry = if s.is.is_free() { &s.was } else { &s.is };
-                    self.store.was_removed(entry.index())
-                })
-            };
-            let replaced = any_removed && had && has && is_replaced();
-            begun |= u32::from(has && (!had || replaced)) << column;
-            ended |= u32::from(had && (!has || replaced)) << column;
-            rest &= rest - 1;
-        }
-        if ended != 0 {
-            let list = rayon::current_thread_index().unwrap_or(0) % ENDED_LISTS;
-            let mut list = lock(&self.ended[list]);
-            while ended != 0 {
-                let position = 32 * block + ended.trailing_zeros();
-                list.push(pair(culled(row), culled(position)));
-                ended &= ended - 1;
-            }
-        }
-        begun
+        passing(row, block, bits, |at| cores[at as usize])
     }
 
     #[inline]
     fn ask_for(&self, row: u32, block: u32, bits: u32) {
-        if let Some(states) = self.ordered.get() {
-            ask_for(states, row);
-            let mut rest = bits;
-            while rest != 0 {
-                ask_for(states, 32 * block + rest.trailing_zeros());
-                rest &= rest - 1;
-            }
+        if let Some(cores) = self.cores.get() {
+            ask_for(cores, row);
+            // Two cores share a line, and those of a word are near each other.
+            ask_for(cores, 32 * block + bits.trailing_zeros());
+            ask_for(cores, 32 * block + 31 - bits.leading_zeros());
         }
     }
 
@@ -270,24 +271,38 @@ impl PairTest for Hulls<'_> {
         if order.len() <= FEW_BOXES {
             return;
         }
-        let mut states = std::mem::take(&mut *lock(&self.memory));
-        states.resize(order.len(), State::NONE);
+        let mut cores =
+            std::mem::take(&mut *self.memory.lock().unwrap_or_else(PoisonError::into_inner));
+        cores.resize(order.len(), Entry::FREE);
         let parts = part_count(order.len(), TASK_BOXES, threads);
         let step = order.len().div_ceil(parts).max(1);
-        let mut work: Vec<(&mut [State], &[u32])> =
-            states.chunks_mut(step).zip(order.chunks(step)).collect();
-        let run = |work: &mut [(&mut [State], &[u32])]| {
-            for (states, order) in work {
-                for (at, (state, index)) in states.iter_mut().zip(*order).enumerate() {
+        let mut work: Vec<(&mut [Entry], &[u32])> =
+            cores.chunks_mut(step).zip(order.chunks(step)).collect();
+        let run = |work: &mut [(&mut [Entry], &[u32])]| {
+            for (cores, order) in work {
+                for (at, (core, index)) in cores.iter_mut().zip(*order).enumerate() {
                     if let Some(ahead) = order.get(at + AHEAD) {
                         ask_for(&self.states, *ahead);
                     }
-                    *state = self.states[*index as usize];
+                    *core = self.states[*index as usize].core();
                 }
             }
         };
         in_parts(work.as_mut_slice(), parts, &run, &|(), ()| ());
         // One engine runs, and says its order once.
-        let _ = self.ordered.set(states);
+        let _ = self.cores.set(cores);
     }
+}
+
+/// The bits of a word whose cores do not overlap.
+#[inline(always)]
+fn passing(row: u32, block: u32, bits: u32, core: impl Fn(u32) -> Entry) -> u32 {
+    let question = Question::of(&core(row));
+    let (mut passing, mut rest) = (bits, bits);
+    while rest != 0 {
+        let column = rest.trailing_zeros();
+        passing ^= u32::from(question.admits(&core(32 * block + column))) << column;
+        rest &= rest - 1;
+    }
+    passing
 }

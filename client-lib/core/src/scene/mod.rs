@@ -21,25 +21,28 @@
 //! # How
 //!
 //! What was told is never stored as pairs: a change is what differs between then and now around the boxes
-//! that have changed. After few changes, boxes lie in cells with free places (`cells`), and only what
-//! lies around changed boxes is looked at, before and after they move (`history`). Where more than one box
-//! in seven has changed, one cull of all boxes finds the changes (`hulls`). Both give the same lists.
+//! that have changed (`change`). After few changes, boxes lie in cells (`cells`), and only what lies around
+//! changed boxes is looked at (`history`). Where more than one box in six has changed, one cull of all
+//! boxes finds the changes (`hulls`). Both give the same lists.
 //!
-//! The two ways keep different things. The first small edit after a large one builds the cells, which takes
-//! about as long as a whole frame to three. Cells are also built anew when a crowd finds no free place, and
-//! when their layout has become unfit: after 16 moves a box, or 32 needless tests a box. Where one box in a
+//! The two ways keep different things. The second small edit after a large one builds the cells, which takes
+//! about as long as a whole frame to three; the first one is answered as the large one was. Cells are also built anew when their layout has become unfit:
+//! after 16 moves a box, 32 needless tests a box, or where they have grown by a quarter. Where one box in a
 //! hundred moves, that is one frame in 1,600.
 
 mod answer;
 mod cells;
+mod change;
 mod check;
 mod copy;
 mod edit;
+mod entry;
 mod error;
 mod fetch;
 mod history;
 mod hulls;
 mod kept;
+mod lanes;
 mod pair_list;
 mod store;
 mod whole;
@@ -49,32 +52,34 @@ pub use self::copy::{SceneCopy, WholeScene};
 pub use self::edit::{Edit, Indices, Sets, Step};
 pub use self::error::{EditError, SceneError};
 pub use self::kept::{Kept, KeptBox};
-pub use self::pair_list::Sorter as PairSorter;
 
 use std::sync::Arc;
 
-use self::cells::{Cells, SearchMemory};
-use self::history::Changed;
+use self::cells::Cells;
+use self::history::Changes;
 use self::pair_list::{Difference, Pair};
 use self::store::Store;
 use self::whole::Whole;
 use crate::aabb::Aabb;
 use crate::dispatch::CpuEngines;
 use crate::engine::CullError;
-use crate::floats;
 
-/// Most boxes that a scene may be allowed: places in cells are counted in 32 bits.
-const MOST_BOXES: u32 = 1 << 30;
+/// Most boxes that a scene may be allowed: places in cells, four in a block, are counted in 32 bits, and
+/// blocks may be twice as many as boxes.
+const MOST_BOXES: u32 = 1 << 29;
 /// Boxes that may always change before a scene is searched as a whole.
 const FEW_BOXES: usize = 64;
 /// Changed boxes of this share of all take as long as the whole scene: one in so many.
-const MANY_SHARE: usize = 7;
+const MANY_SHARE: usize = 6;
+/// Boxes up to which cells are built at the first small edit: some 100 µs. In a larger scene that edit may
+/// stand between large ones, which keep no cells: it is answered as they are, and the next one builds cells.
+const CELLS_AT_ONCE: usize = 4_096;
 
 /// What a scene may hold, and how many threads it may use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct SceneOptions {
-    /// Indices are below this. At most 2^30; unless set, 2^24.
+    /// Indices are below this. At most 2^29; unless set, 2^24.
     pub most_boxes: u32,
     /// Threads of the caller's rayon pool; `None` is all of them. With one, no pool is touched.
     pub threads: Option<usize>,
@@ -137,7 +142,9 @@ pub struct Scene {
     options: SceneOptions,
     store: Store,
     cells: Option<Cells>,
-    changed: Changed,
+    /// Whether the last edit was small too, and answered without cells.
+    was_small: bool,
+    changes: Changes,
     known: Known,
     /// All pairs of now, where there is a list of them.
     list_now: Option<Arc<Vec<Pair>>>,
@@ -176,7 +183,8 @@ impl Scene {
             options: SceneOptions { most_boxes, ..options },
             store: Store::default(),
             cells: None,
-            changed: Changed::default(),
+            was_small: false,
+            changes: Changes::default(),
             known: Known::Same,
             list_now: None,
             count_then: 0,
@@ -231,7 +239,7 @@ impl Scene {
         };
         self.store.allocated_bytes()
             + self.cells.as_ref().map_or(0, Cells::allocated_bytes)
-            + self.changed.allocated_bytes()
+            + self.changes.allocated_bytes()
             + list(&self.list_now)
             + self.told.allocated_bytes()
             + self.spare.capacity() * size_of::<Pair>()
@@ -245,7 +253,8 @@ impl Scene {
     /// [`SceneError::Edit`] for an edit that is wrong: nothing is applied, and the last answer stays.
     /// [`SceneError::Cull`] where all pairs are needed and cannot be found: the edit is applied.
     pub fn edit(&mut self, edit: Edit<'_>, want: Want) -> Result<&Told, SceneError> {
-        self.store.apply(edit, self.options.most_boxes)?;
+        let threads = self.threads();
+        self.store.apply(edit, self.options.most_boxes, threads)?;
         self.is_open = false;
         self.tested = 0;
         self.told.begin(want);
@@ -268,7 +277,9 @@ impl Scene {
         }
         self.count_then = self.told.pair_count;
         self.known = Known::Same;
-        self.changed.clear();
+        if let Some(cells) = &mut self.cells {
+            cells.forget(self.store.changed());
+        }
         self.store.forget();
     }
 
@@ -277,7 +288,6 @@ impl Scene {
         self.known = Known::Lost;
         self.is_open = false;
         self.cells = None;
-        self.changed.clear();
         self.store.forget();
         let now = self.list_now.take();
         self.recycle(now);
@@ -319,7 +329,12 @@ impl Scene {
         if changed > FEW_BOXES && changed * MANY_SHARE > self.store.present() {
             self.known = Known::Many;
             self.cells = None;
-            self.changed.clear();
+            self.was_small = false;
+            return;
+        }
+        let is_first = !std::mem::replace(&mut self.was_small, true);
+        if self.cells.is_none() && is_first && self.store.present() > CELLS_AT_ONCE {
+            self.known = Known::Many;
             return;
         }
         self.known = Known::Few;
@@ -331,14 +346,7 @@ impl Scene {
             self.spare = Vec::new();
         }
         if let Some(cells) = &mut self.cells {
-            let fresh = &store.changed()[store.first_fresh()..];
-            let tested = self.changed.note(fresh, cells, store.boxes().len(), threads);
-            cells.note_searches(fresh.len() as u64, tested);
-            self.tested += tested;
-            // In the order of the search, where that is all there is to move.
-            let is_all = fresh.len() == store.named().len() && store.gone().is_empty();
-            let named = if is_all { self.changed.last(fresh.len()) } else { store.named() };
-            cells.update(store, [store.gone(), named], threads);
+            cells.update(store, [store.gone(), store.named()], threads);
         }
     }
 
@@ -353,8 +361,8 @@ impl Scene {
                 Known::Few => {
                     let threads = self.threads();
                     if let Some(cells) = &mut self.cells {
-                        let (found, tested) = self.changed.difference(cells, &self.store, threads);
-                        cells.note_searches(self.changed.len() as u64, tested);
+                        let (found, tested) = self.changes.find(cells, &self.store, threads);
+                        cells.note_searches(self.store.changed().len() as u64, tested);
                         self.tested += tested;
                         self.tell(found, false)?;
                     }
@@ -372,18 +380,16 @@ impl Scene {
     }
 
     /// Tells what changed, or all pairs where they are fewer.
-    fn tell(&mut self, found: Difference, is_sorted: bool) -> Result<(), CullError> {
-        let Difference { mut begun, mut ended } = found;
+    fn tell(&mut self, mut found: Difference, is_sorted: bool) -> Result<(), CullError> {
+        if !is_sorted {
+            let threads = self.threads();
+            found.sort(self.whole.sorter(), self.store.boxes().len(), threads);
+        }
+        let Difference { begun, ended } = found;
         let (more, less) = (begun.len() as u64, ended.len() as u64);
         self.told.pair_count = (self.count_then + more).saturating_sub(less);
         if is_resync_due(more + less, self.told.pair_count) {
             return self.resync();
-        }
-        if !is_sorted {
-            let box_count = self.store.boxes().len();
-            let threads = self.threads();
-            self.whole.sort(&mut begun, box_count, threads);
-            self.whole.sort(&mut ended, box_count, threads);
         }
         let store = &self.store;
         self.told
@@ -427,20 +433,12 @@ impl Scene {
         let mut pairs = Vec::new();
         if let (Some(cells), true) = (&mut self.cells, is_few) {
             let store = &self.store;
-            let mut tested = 0;
-            floats::with_default(|| {
-                tested =
-                    cells.around_each(store.named(), &mut SearchMemory::default(), |at, other| {
-                        let index = store.named()[at];
-                        if !(store.is_named(other) && other < index) {
-                            pairs.push(pair_list::pair(index, other));
-                        }
-                    });
-            });
+            let tested = history::pairs_of_named(cells, store, &mut pairs);
             cells.note_searches(store.named().len() as u64, tested);
             self.tested += tested;
             let (box_count, threads) = (store.boxes().len(), self.threads());
-            self.whole.sort(&mut pairs, box_count, threads);
+            self.whole.sorter().sort(&mut pairs, box_count as u32, threads);
+            pairs.dedup();
         } else if !self.store.named().is_empty() {
             let now = self.list_now()?;
             let is_named = |[a, b]: &Pair| self.store.is_named(*a) || self.store.is_named(*b);
@@ -459,7 +457,7 @@ impl Scene {
         match self.known {
             Known::Same => {}
             Known::Few => {
-                for &index in self.changed.boxes() {
+                for &index in store.changed() {
                     if store.is_active(index) {
                         moved += 1;
                         moved_statics += usize::from(store.is_static(index));

@@ -3,6 +3,7 @@
 //! Large lists are dealt into buckets of rows, task by task, and each bucket is sorted by counting:
 //! two passes over memory, whatever the number of pairs.
 
+use crate::engine::RecentNeed;
 use crate::engine::strips::{in_parts, part_count};
 
 /// A pair of box indices, the lower one first.
@@ -34,10 +35,11 @@ const TASK_PAIRS: usize = 16_384;
 /// Pairs of a row from which it is not sorted by insertion.
 const LONG_ROW: usize = 24;
 
-/// Sorts lists of pairs. Keeps its memory.
+/// Scratch memory of sorting.
 #[derive(Debug, Default)]
-pub struct Sorter {
+pub(super) struct Sorter {
     dealt: Vec<Pair>,
+    need: RecentNeed,
 }
 
 /// One task's pairs in, and its place for them by bucket.
@@ -66,7 +68,7 @@ impl Sorter {
         self.dealt = Vec::new();
     }
 
-    /// Sorts pairs, none of them twice, whose first indices are below `n`.
+    /// Sorts pairs whose first indices are below `n`.
     pub fn sort(&mut self, pairs: &mut Vec<Pair>, n: u32, threads: usize) {
         if pairs.len() <= FEW_PAIRS {
             pairs.sort_unstable_by_key(|pair| key(*pair));
@@ -76,7 +78,7 @@ impl Sorter {
         self.sorted_from(&source, &|_| true, n, threads, pairs);
     }
 
-    /// Those of `source` that are wanted, in order. Indices are below `n`, and no pair is there twice.
+    /// Those of `source` that are wanted, in order. Indices are below `n`.
     pub fn sorted_from(
         &mut self,
         source: &[Pair],
@@ -96,6 +98,10 @@ impl Sorter {
         let buckets = (n >> shift) as usize + 1;
         let parts = part_count(source.len(), TASK_PAIRS, threads).min(threads * 2).max(1);
         let step = source.len().div_ceil(parts);
+        let held_bytes = self.allocated_bytes();
+        if self.need.note(size_of_val(source), || held_bytes) {
+            self.give_back();
+        }
         self.dealt.resize(source.len().max(self.dealt.len()), [0; 2]);
         let (ins, outs) = (source.chunks(step), self.dealt.chunks_mut(step));
         let mut deals: Vec<Deal<'_>> = ins
@@ -223,6 +229,21 @@ pub(super) struct Difference {
 }
 
 impl Difference {
+    /// Both.
+    pub fn with(mut self, mut other: Self) -> Self {
+        self.begun.append(&mut other.begun);
+        self.ended.append(&mut other.ended);
+        self
+    }
+
+    /// Sorts the pairs of `n` boxes and takes out those that are there twice.
+    pub fn sort(&mut self, sorter: &mut Sorter, n: usize, threads: usize) {
+        for list in [&mut self.begun, &mut self.ended] {
+            sorter.sort(list, n as u32, threads);
+            list.dedup();
+        }
+    }
+
     /// Takes out what both sorted lists hold, unless it was `replaced`.
     pub fn cancel(&mut self, replaced: impl Fn(Pair) -> bool) {
         let Self { begun, ended } = self;

@@ -1,10 +1,13 @@
 //! The boxes of a scene by the client's indices, and their flags.
 
+mod range;
+
 use std::collections::HashMap;
 
 use super::check::{EDIT_SETS, PRESENT, len_after, mark};
-use super::edit::{Edit, Flag};
+use super::edit::{Edit, Flag, Indices, Sets, Step};
 use super::error::EditError;
+use super::fetch::ask_for;
 use crate::aabb::Aabb;
 
 /// It is switched off.
@@ -17,15 +20,26 @@ const REMOVED: u8 = 1 << 3;
 const NAMED: u8 = 1 << 6;
 /// Changed since the history began.
 const CHANGED: u8 = 1 << 7;
+/// Sets in a list up to which their boxes are asked for before the first is made: they stay in a core's
+/// caches until then.
+const ASKED_MOST: usize = 8_192;
 
 /// Whether a box is static and switched on.
 const fn is_active_static(flags: u8) -> bool {
     flags & (STATIC | OFF) == STATIC
 }
 
-/// What collided at an index before it changed.
+/// Whether two boxes are the same, bit by bit: floats would call a NaN changed each time, and −0
+/// unchanged, by flags.
+#[inline(always)]
+fn are_same(a: &Aabb, b: &Aabb) -> bool {
+    let [a, b]: [[u32; 6]; 2] = [bytemuck::cast(*a), bytemuck::cast(*b)];
+    (0..6).fold(0, |differ, i| differ | (a[i] ^ b[i])) == 0
+}
+
+/// What collides, or collided, at an index.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Before {
+pub(super) struct Solid {
     pub b: Aabb,
     pub is_static: bool,
 }
@@ -36,6 +50,11 @@ pub(super) struct Store {
     /// What collides: [`Aabb::EMPTY`] for an index without a box, or whose box is switched off.
     boxes: Vec<Aabb>,
     flags: Vec<u8>,
+    /// What collided when the history began, at indices that have changed since.
+    then: Vec<Aabb>,
+    /// Which of those are static now and were not, or the other way round; one bit each, for all indices or
+    /// for none.
+    toggled: Vec<u64>,
     /// Boxes that are switched off.
     parked: HashMap<u32, Aabb>,
     present: usize,
@@ -50,10 +69,6 @@ pub(super) struct Store {
     is_changed: bool,
     /// Indices whose box or static flag has changed since the history began, or that lost a box.
     changed: Vec<u32>,
-    /// What was there then.
-    before: Vec<Before>,
-    /// Where those begin that changed in the last edit for the first time.
-    first_fresh: usize,
 }
 
 impl Store {
@@ -108,11 +123,6 @@ impl Store {
         self.flags[index as usize] & REMOVED != 0
     }
 
-    /// Whether any index lost a box since the history began.
-    pub fn any_removed(&self) -> bool {
-        !self.removed.is_empty()
-    }
-
     /// Whether the last edit changed anything.
     pub const fn is_changed(&self) -> bool {
         self.is_changed
@@ -123,29 +133,77 @@ impl Store {
         &self.changed
     }
 
-    /// What was there when the history began, for each of these.
-    pub fn before(&self) -> &[Before] {
-        &self.before
-    }
-
-    /// Where those of them begin that first changed in the last edit.
-    pub const fn first_fresh(&self) -> usize {
-        self.first_fresh
-    }
-
     /// Whether an index has changed since the history began.
     #[inline]
     pub fn has_changed(&self, index: u32) -> bool {
         self.flags[index as usize] & CHANGED != 0
     }
 
+    /// What collides at an index.
+    #[inline]
+    pub fn now(&self, index: u32) -> Solid {
+        Solid { b: self.boxes[index as usize], is_static: self.is_static(index) }
+    }
+
+    /// What collided at an index when the history began, if that has changed.
+    #[inline]
+    pub fn before(&self, index: u32) -> Option<Solid> {
+        let flags = self.flags[index as usize];
+        let was_static = || (flags & STATIC != 0) != self.is_toggled(index);
+        let was = || Solid { b: self.then[index as usize], is_static: was_static() };
+        (flags & CHANGED != 0).then(was)
+    }
+
+    /// Whether a box has become static, or no more static, since it first changed.
+    #[inline]
+    fn is_toggled(&self, index: u32) -> bool {
+        self.toggled.get(index as usize / 64).is_some_and(|bits| bits >> (index % 64) & 1 == 1)
+    }
+
+    /// Notes that a box that has changed becomes static, or no more static.
+    fn toggle(&mut self, index: u32) {
+        let words = self.flags.len().div_ceil(64);
+        self.toggled.resize(words.max(self.toggled.len()), 0);
+        self.toggled[index as usize / 64] ^= 1 << (index % 64);
+    }
+
+    /// Asks for the boxes that an edit sets.
+    fn ask_ahead(&self, edit: Edit<'_>) {
+        for step in edit.steps {
+            if let Step::Set(Sets { indices: Indices::List(list), .. }) = step
+                && list.len() <= ASKED_MOST
+            {
+                list.iter().copied().for_each(|index| self.ask_for(index));
+            }
+        }
+    }
+
+    /// Asks for what is kept of an index.
+    #[inline]
+    pub fn ask_for(&self, index: u32) {
+        self.ask_for_box(index);
+        ask_for(&self.then, index);
+        ask_for(&self.then, index + 1);
+        ask_for(&self.flags, index);
+    }
+
+    /// Asks for the box of an index. One in three lies on two lines: the second one is that on which the
+    /// next box begins.
+    #[inline]
+    pub fn ask_for_box(&self, index: u32) {
+        ask_for(&self.boxes, index);
+        ask_for(&self.boxes, index + 1);
+    }
+
     /// Boxes as they collided when the history began, and which of them were static.
     pub fn then(&self) -> (Vec<Aabb>, Vec<bool>) {
         let mut boxes = self.boxes.clone();
         let mut statics: Vec<bool> = self.flags.iter().map(|flags| flags & STATIC != 0).collect();
-        for (index, before) in self.changed.iter().zip(&self.before) {
-            boxes[*index as usize] = before.b;
-            statics[*index as usize] = before.is_static;
+        for &index in &self.changed {
+            if let Some(before) = self.before(index) {
+                boxes[index as usize] = before.b;
+                statics[index as usize] = before.is_static;
+            }
         }
         (boxes, statics)
     }
@@ -172,10 +230,10 @@ impl Store {
             + self.named.capacity()
             + self.changed.capacity()
             + self.gone.capacity();
-        self.boxes.capacity() * size_of::<Aabb>()
+        (self.boxes.capacity() + self.then.capacity()) * size_of::<Aabb>()
             + self.flags.capacity()
+            + self.toggled.capacity() * size_of::<u64>()
             + lists * size_of::<u32>()
-            + self.before.capacity() * size_of::<Before>()
             + self.parked.capacity() * (size_of::<(u32, Aabb)>() + 1)
     }
 
@@ -187,8 +245,7 @@ impl Store {
         for index in self.changed.drain(..) {
             self.flags[index as usize] &= !CHANGED;
         }
-        self.before.clear();
-        self.first_fresh = 0;
+        self.toggled.clear();
         // Indices at the end without boxes cost every pass over all indices.
         if self.flags.len() > 1024 && self.present < self.flags.len() / 4 {
             self.forget_edit();
@@ -197,8 +254,10 @@ impl Store {
             if len < self.flags.len() / 2 {
                 self.boxes.truncate(len);
                 self.flags.truncate(len);
+                self.then.truncate(len);
                 self.boxes.shrink_to_fit();
                 self.flags.shrink_to_fit();
+                self.then.shrink_to_fit();
             }
         }
     }
@@ -209,17 +268,24 @@ impl Store {
         }
         self.gone.clear();
         self.is_changed = false;
-        self.first_fresh = self.changed.len();
     }
 
     /// Checks an edit, and applies it if it is right. `limit` is the most boxes that the scene holds.
     ///
     /// # Errors
     /// [`EditError`]; nothing is applied then.
-    pub fn apply(&mut self, edit: Edit<'_>, limit: u32) -> Result<(), EditError> {
+    pub fn apply(&mut self, edit: Edit<'_>, limit: u32, threads: usize) -> Result<(), EditError> {
         self.forget_edit();
         self.make_room(edit, limit)?;
+        if let [Step::Set(Sets { indices: Indices::Range { first, .. }, boxes })] = edit.steps
+            && Self::is_long(boxes)
+        {
+            // A range names no index twice, so there is nothing else to check.
+            self.set_range(*first, boxes, threads);
+            return Ok(());
+        }
         mark(edit, &mut self.flags)?;
+        self.ask_ahead(edit);
         edit.for_each_removed(|index| self.remove(index));
         edit.for_each_set(|index, b| self.set(index, b));
         edit.for_each_flag(|index, flag| match flag {
@@ -236,8 +302,10 @@ impl Store {
         let no_memory = |_| EditError::NoMemory { boxes: len as u64 };
         self.boxes.try_reserve(more).map_err(no_memory)?;
         self.flags.try_reserve(more).map_err(no_memory)?;
+        self.then.try_reserve(more).map_err(no_memory)?;
         self.boxes.resize(len, Aabb::EMPTY);
         self.flags.resize(len, 0);
+        self.then.resize(len, Aabb::EMPTY);
         Ok(())
     }
 
@@ -257,9 +325,8 @@ impl Store {
         let flags = &mut self.flags[index as usize];
         if *flags & CHANGED == 0 {
             *flags |= CHANGED;
-            let is_static = *flags & STATIC != 0;
             self.changed.push(index);
-            self.before.push(Before { b: self.boxes[index as usize], is_static });
+            self.then[index as usize] = self.boxes[index as usize];
         }
     }
 
@@ -275,8 +342,12 @@ impl Store {
         if *flags & OFF != 0 {
             self.parked.remove(&index);
         }
+        let was_static = *flags & STATIC != 0;
         *flags = *flags & (CHANGED | NAMED) | REMOVED;
         self.boxes[index as usize] = Aabb::EMPTY;
+        if was_static {
+            self.toggle(index);
+        }
     }
 
     #[inline]
@@ -299,9 +370,7 @@ impl Store {
     /// Puts what collides at an index.
     #[inline]
     fn place(&mut self, index: u32, b: Aabb) {
-        let here = self.boxes[index as usize];
-        // Bits, not floats: floats would call a NaN changed each time, and −0 unchanged, by flags.
-        if bytemuck::bytes_of(&here) != bytemuck::bytes_of(&b) {
+        if !are_same(&self.boxes[index as usize], &b) {
             self.note_changed(index);
             self.boxes[index as usize] = b;
         }
@@ -333,6 +402,7 @@ impl Store {
             self.statics -= usize::from(is_active_static(*flags));
             *flags ^= STATIC;
             self.statics += usize::from(is_active_static(*flags));
+            self.toggle(index);
         }
     }
 }

@@ -76,9 +76,7 @@ impl Whole {
         let may_cancel = hulls.may_cancel();
         self.hulls = hulls.into_memory();
         let (mut found, compared) = culled?;
-        let box_count = store.boxes().len();
-        self.sort(&mut found.begun, box_count, threads);
-        self.sort(&mut found.ended, box_count, threads);
+        found.sort(&mut self.sorter, store.boxes().len(), threads);
         if may_cancel {
             found.cancel(|[a, b]| store.was_removed(a) || store.was_removed(b));
         }
@@ -115,13 +113,13 @@ impl Whole {
         let plan = self.engines.plan(boxes, &options, None);
         let input = plan.input(boxes).rules(PairRules::tested_by(hulls));
         let report = self.engines.run(plan.engine, &input, &mut self.reply)?;
-        let found = hulls.named(list_of(n, &report, self.reply.words())?);
+        let found = hulls.changes(list_of(n, &report, self.reply.words())?, threads);
         Ok((found, n.pair_count().saturating_sub(report.skipped.pairs)))
     }
 
-    /// Sorts pairs of `n` boxes, none of them twice.
-    pub fn sort(&mut self, pairs: &mut Vec<Pair>, n: usize, threads: usize) {
-        self.sorter.sort(pairs, n as u32, threads);
+    /// Memory to sort with.
+    pub const fn sorter(&mut self) -> &mut Sorter {
+        &mut self.sorter
     }
 
     /// Bytes that are kept.

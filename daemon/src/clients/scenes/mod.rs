@@ -9,6 +9,7 @@ use pairmask_wire::{EditScratch, SceneId};
 
 use self::memory::Charge;
 pub(crate) use self::memory::{NoRoom, SceneMemory};
+use crate::audit::AuditedScene;
 use crate::execute::SceneKeeper;
 
 /// Bytes that a scene takes for each index, whether it has a box or not.
@@ -30,6 +31,8 @@ pub(crate) struct KeptScene {
     pub(crate) scratch: EditScratch,
     /// Its share of the memory of all scenes.
     pub(crate) room: SceneRoom,
+    /// Where it is audited.
+    pub(crate) audited: Option<AuditedScene>,
 }
 
 /// The share of a scene in the memory of all.
@@ -44,6 +47,7 @@ impl KeptScene {
     pub(crate) fn begin(
         id: SceneId,
         scene: SceneKeeper,
+        audited: Option<AuditedScene>,
         memory: &SceneMemory,
     ) -> Result<Self, NoRoom> {
         Ok(Self {
@@ -52,6 +56,7 @@ impl KeptScene {
             scene,
             scratch: EditScratch::default(),
             room: SceneRoom(memory.charge(BYTES_A_SCENE)?),
+            audited,
         })
     }
 

@@ -80,7 +80,7 @@ pub const MAX_STEPS: usize = 40;
 const LAST_PATIENCE: Duration = Duration::from_secs(10);
 
 /// Most buffers that a stage binds.
-const MAX_BINDINGS: u32 = 8;
+const MAX_BINDINGS: u32 = 9;
 
 /// A recorded frame. Keeps what it uses alive.
 pub struct Frame {

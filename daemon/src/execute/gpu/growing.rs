@@ -21,11 +21,6 @@ impl Growing {
         Self { home, block: None, need: RecentNeed::NONE }
     }
 
-    /// Bytes that are allocated.
-    pub(super) fn bytes(&self) -> u64 {
-        self.block.as_ref().map_or(0, |block| block.bytes())
-    }
-
     /// A block of at least `bytes`. `replaced` is set if it is not the one of last time.
     pub(super) fn at_least(
         &mut self,

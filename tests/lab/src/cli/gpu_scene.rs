@@ -16,6 +16,7 @@ use crate::study::moving::{Motion, World};
 
 /// Scenes that persist in video memory: what an edit and its changes cost, by how much moves
 #[derive(Debug, Args)]
+#[allow(clippy::struct_excessive_bools)] // A flag each.
 #[command(after_help = "\
 Columns, µs: edit in, sorted changes out (median and 99 of 100), then the medians of its parts: the edit
 checked, brought to the GPU, blocks made ready, the GPU with submission and wait, changes read and sorted.
@@ -130,7 +131,8 @@ fn line(row: &Row) -> String {
     );
     if !row.stage_us.is_empty() {
         let stages = row.stage_us.iter().map(|(label, us)| format!("{label} {us:.1}"));
-        text += &format!("\n          {}", stages.collect::<Vec<_>>().join("  "));
+        text.push_str("\n          ");
+        text.push_str(&stages.collect::<Vec<_>>().join("  "));
     }
     text
 }

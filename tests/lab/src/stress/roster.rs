@@ -7,13 +7,14 @@ use std::sync::Arc;
 use pairmask_core::Encoding;
 use pairmask_core::engine::{Engine, EngineName, Isa, UnknownName, cpu_engine};
 use pairmaskd::execute::gpu::{
-    AllPairs, AllPairsOptions, Gpu, GpuChoice, Grid, GridOptions, HostImport, OpenError,
+    AllPairs, AllPairsOptions, Gpu, GpuChoice, Grid, GridOptions, HostImport, OpenError, SceneTools,
 };
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use super::StressError;
 use super::mode_subject::ModeSubject;
 use super::modes::{Mode, ModeChoice, Usage};
+use super::scene_subject::SceneSubject;
 use super::spheres::SphereSubject;
 use super::subject::{ExactSubject, Subject};
 use super::updates::UpdateSubject;
@@ -30,6 +31,8 @@ pub enum Entrant {
     Spheres,
     /// The update stage.
     Updates,
+    /// Scenes that persist.
+    Scenes,
 }
 
 impl FromStr for Entrant {
@@ -40,9 +43,11 @@ impl FromStr for Entrant {
             "all" => Ok(Self::All),
             "spheres" => Ok(Self::Spheres),
             "updates" => Ok(Self::Updates),
+            "scenes" => Ok(Self::Scenes),
             _ => EngineName::from_name(s).map(Self::Engine).ok_or_else(|| UnknownName {
                 name: s.to_owned(),
-                known: format!("all, {}, spheres, updates", EngineName::listed(", ")).into(),
+                known: format!("all, {}, spheres, updates, scenes", EngineName::listed(", "))
+                    .into(),
             }),
         }
     }
@@ -55,6 +60,7 @@ impl fmt::Display for Entrant {
             Self::Engine(name) => name.fmt(f),
             Self::Spheres => f.write_str("spheres"),
             Self::Updates => f.write_str("updates"),
+            Self::Scenes => f.write_str("scenes"),
         }
     }
 }
@@ -94,8 +100,14 @@ impl Roster {
                 self.add_cpu(name, &mut subjects)?;
             }
         }
-        if EngineName::ALL.into_iter().any(|name| name.is_gpu() && self.has(name)) {
+        let engines = EngineName::ALL.into_iter().any(|name| name.is_gpu() && self.has(name));
+        if engines || self.has_scenes() {
             self.add_gpu(&mut subjects)?;
+        }
+        if self.has_scenes() {
+            for pool in self.pools()? {
+                subjects.push(Box::new(SceneSubject::new(&pool, self.is_lossy())));
+            }
         }
         let spheres = self.entrants.iter().any(|e| [Entrant::All, Entrant::Spheres].contains(e));
         if spheres && self.has_mode(Mode::Exact) {
@@ -115,6 +127,11 @@ impl Roster {
 
     fn has_mode(&self, mode: Mode) -> bool {
         self.modes.iter().any(|choice| choice.has(mode))
+    }
+
+    fn has_scenes(&self) -> bool {
+        let scenes = self.entrants.iter().any(|e| [Entrant::All, Entrant::Scenes].contains(e));
+        scenes && self.has_mode(Mode::Exact)
     }
 
     fn is_lossy(&self) -> bool {
@@ -173,6 +190,10 @@ impl Roster {
             Err(error) => return Err(error.into()),
         };
         let pool = pool(1)?;
+        if self.has_scenes() {
+            let tools = SceneTools::new(&gpu, &GridOptions::default())?;
+            subjects.push(Box::new(SceneSubject::on_gpu(tools, &pool, self.is_lossy())));
+        }
         if self.has(EngineName::GpuBrute) {
             self.add_all_pairs(&gpu, &pool, subjects)?;
         }

@@ -189,6 +189,11 @@ impl KnownPairs {
         self.0 = pairs.into_iter().collect();
     }
 
+    /// The pairs, sorted.
+    pub fn iter(&self) -> impl Iterator<Item = [u32; 2]> {
+        self.0.iter().copied()
+    }
+
     /// Whether they are these, which are sorted.
     ///
     /// # Errors

@@ -121,3 +121,14 @@ fn spheres_take_part_and_broken_ones_are_caught() {
     let failure = &report.failures[0];
     assert!(failure.explain.is_none() && failure.what.contains("Sphere"), "{report}");
 }
+
+#[test]
+fn scenes_take_part_and_broken_ones_are_caught() {
+    let roster = |broken| Roster { entrants: vec![Entrant::Scenes], ..roster(broken) };
+    let cases = Cases::Run { seed: 3, time: Duration::from_secs(2) };
+    let report = run(&cases, &mut roster(false).subjects().expect("cores"), |_, _| {});
+    assert!(report.is_clean(), "{report}");
+    let cases = Cases::Run { seed: 3, time: Duration::from_secs(60) };
+    let report = run(&cases, &mut roster(true).subjects().expect("cores"), |_, _| {});
+    assert!(report.missed > 0 && report.extra == 0, "{report}");
+}

@@ -23,7 +23,6 @@ mod sample;
 mod sort;
 mod tile;
 
-pub(crate) use self::axis::{Axis, CELL_LIMIT};
 pub use self::explain::{GridPlace, GridView};
 use self::layout::Layout;
 pub(crate) use self::layout::{SizeClass, cell_counts, folded, size_classes};

@@ -2,19 +2,26 @@
 //!
 //! The model only steers: any layout gives the same pairs.
 
-use super::axis::Axis;
+use super::axis::{Axis, LONGEST};
+use super::block::SLOTS;
+use super::quanta::{Quanta, Scale};
 use crate::aabb::Aabb;
-use crate::engine::grid::{
-    CELL_LIMIT, Density, Sample, SizeClass, cell_counts, folded, size_classes,
-};
+use crate::engine::grid::{Density, Sample, SizeClass, cell_counts, folded, size_classes};
 use crate::floats;
 
-/// Time to begin a line of cells, in tests of an entry: its misses of the caches overlap with others'.
-const LINE_COST: f32 = 8.0;
-/// Largest shift of fine cells to cells.
-const SHIFT_MOST: u32 = 8;
-/// Most cells of a level, for each box of it: 4 bytes a cell.
-const CELLS_A_BOX: f32 = 1.0;
+/// Time to begin a line of cells, in tests of a block. The misses of the caches overlap with others'.
+const LINE_COST: f32 = 1.2;
+/// Time to look a cell up.
+const CELL_COST: f32 = 0.3;
+/// Boxes may be so much longer than the longest of the sample: a box that moves is found as the hull
+/// of where it was and is.
+const HULL_GROWTH: f32 = 1.1;
+/// Lengths of cells that are tried, of the longest box: from a half, each so many times the one before.
+const EDGE_LEAST: f32 = 0.5;
+const EDGE_GROWTH: f32 = std::f32::consts::SQRT_2;
+const EDGES: i32 = 12;
+/// Most cells of a level, for each box of it: 12 bytes a cell.
+const CELLS_A_BOX: f32 = 0.7;
 /// Cells that a level may have however few its boxes are.
 const CELLS_LEAST: f32 = 512.0;
 /// Most cells of a level, so that those of all levels stay below 2^31.
@@ -28,27 +35,75 @@ const SPARE_MOST: usize = 8;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Level {
     pub axes: [Axis; 3],
+    scale: Scale,
+    /// Quanta of the longest boxes; the last lane does not count.
+    reach: [i32; 4],
     /// Its first cell in the table of all levels.
     pub first_cell: u32,
+    /// Whether it takes what no other level takes: boxes of any length, which are not compared by
+    /// quanta.
+    pub takes_all: bool,
 }
 
 impl Level {
     /// A level of one cell for whatever no other level takes.
-    const EVERYTHING: Self = Self { axes: [Axis::WHOLE; 3], first_cell: 0 };
+    fn of_everything() -> Self {
+        Self { takes_all: true, ..Self::of_axes([Axis::WHOLE; 3]) }
+    }
+
+    fn of_axes(axes: [Axis; 3]) -> Self {
+        let lanes = |of: fn(&Axis) -> f32| -> [f32; 4] {
+            std::array::from_fn(|axis| axes.get(axis).map_or(0.0, of))
+        };
+        let scale = Scale { origin: lanes(|a| a.origin), per_unit: lanes(|a| a.per_unit) };
+        let reach = std::array::from_fn(|axis| axes.get(axis).map_or(i32::MAX, |a| a.reach));
+        Self { axes, scale, reach, first_cell: 0, takes_all: false }
+    }
+
+    /// A level of cells of some edges, for boxes of up to `longest`.
+    fn new(sample: &Sample, edges: [f32; 3], longest: [f32; 3], limit: f32) -> Self {
+        let counts = cell_counts(sample, edges);
+        let start = |axis: usize| sample.low[axis];
+        if counts.iter().product::<f32>() <= limit {
+            let axes = std::array::from_fn(|axis| {
+                Axis::clamped(start(axis), edges[axis], longest[axis], counts[axis] as u32)
+            });
+            return Self::of_axes(axes);
+        }
+        let counts = folded(counts, limit);
+        let axes = std::array::from_fn(|axis| {
+            let count = if counts[axis] < 4.0 { 1 } else { counts[axis] as u32 };
+            Axis::wrapped(start(axis), edges[axis], longest[axis], count)
+        });
+        Self::of_axes(axes)
+    }
 
     /// Cells of the level.
     pub fn cell_count(&self) -> u32 {
         self.axes.iter().map(|axis| axis.count).product()
     }
 
-    /// The cell of a box, or `None` where the box is too long for the level.
+    /// A solid box in quanta of the level.
     #[inline(always)]
-    pub fn home(&self, min: [f32; 3], max: [f32; 3]) -> Option<u32> {
-        let low: [i32; 3] = std::array::from_fn(|axis| self.axes[axis].fine(min[axis]));
-        let fits = (0..3)
-            .fold(true, |fits, axis| fits & (self.axes[axis].fine(max[axis]) - low[axis] <= 1));
-        let [x, y, z] = std::array::from_fn(|axis| self.axes[axis].cell(low[axis]));
-        fits.then(|| self.cell_at(x, y, z))
+    pub fn quanta(&self, b: &Aabb) -> Quanta {
+        self.scale.quanta(b)
+    }
+
+    /// Whether the level takes a box.
+    #[inline(always)]
+    pub fn takes(&self, q: &Quanta) -> bool {
+        let lengths = q.lengths();
+        // Without branches: lengths are as good as random.
+        let excess =
+            (0..4).fold(0, |excess, axis| excess | i32::from(lengths[axis] > self.reach[axis]));
+        excess == 0 || self.takes_all
+    }
+
+    /// The cell of a box that the level takes.
+    #[inline(always)]
+    pub fn home(&self, q: &Quanta) -> u32 {
+        let [x, y, z] = std::array::from_fn(|axis| self.axes[axis].cell(q.min[axis]));
+        self.cell_at(x, y, z)
     }
 
     /// The cell of the table at x, y, z.
@@ -78,11 +133,10 @@ pub(super) fn choose(boxes: &[Aabb]) -> Vec<Level> {
                 if (0..3).all(|axis| edges[axis] >= sample.extent[axis]) {
                     break;
                 }
-                levels
-                    .push(Level { axes: axes(&sample, edges, [0; 3], CELLS_LEAST), first_cell: 0 });
+                levels.push(Level::new(&sample, edges, edges, CELLS_LEAST));
             }
         }
-        levels.push(Level::EVERYTHING);
+        levels.push(Level::of_everything());
         let mut next = 0;
         for level in &mut levels {
             level.first_cell = next;
@@ -92,61 +146,45 @@ pub(super) fn choose(boxes: &[Aabb]) -> Vec<Level> {
     })
 }
 
-/// The level of a class of boxes with the shifts that cost a search least.
+/// The level of a class of boxes with the cells in which a search costs least.
 fn level(sample: &Sample, density: &Density, class: &SizeClass, total: f32) -> Level {
     let limit = (class.share * total * CELLS_A_BOX).clamp(CELLS_LEAST, CELLS_MOST);
-    let mut best = ([SHIFT_MOST; 3], f32::INFINITY);
-    for shift_x in 0..=SHIFT_MOST {
-        for shift in 0..=SHIFT_MOST {
-            let shifts = [shift_x, shift, shift];
-            let cost = search_cost(sample, density, class, shifts, limit);
+    let longest = class.least_edges.map(|edge| (edge * HULL_GROWTH).min(f32::MAX));
+    let lengths = || (0..EDGES).map(|step| EDGE_LEAST * EDGE_GROWTH.powi(step));
+    let mut best = (longest, f32::INFINITY);
+    for length_x in lengths() {
+        for length in lengths() {
+            let [x, y, z] = longest;
+            let edges = [x * length_x, y * length, z * length].map(|edge| edge.min(f32::MAX));
+            let cost = search_cost(sample, density, class, edges, limit);
             if cost < best.1 {
-                best = (shifts, cost);
+                best = (edges, cost);
             }
         }
     }
-    Level { axes: axes(sample, class.least_edges, best.0, limit), first_cell: 0 }
+    Level::new(sample, best.0, longest, limit)
 }
 
-/// Cost of a search around a box of a class, in tests of an entry.
+/// Cost of a search around a box of a class, in tests of a block.
 fn search_cost(
     sample: &Sample,
     density: &Density,
     class: &SizeClass,
-    shifts: [u32; 3],
+    edges: [f32; 3],
     limit: f32,
 ) -> f32 {
-    let edges: [f32; 3] = std::array::from_fn(|a| class.least_edges[a] * (1 << shifts[a]) as f32);
     let counts = cell_counts(sample, edges);
-    // Fine cells that a search spans are cell(min) − 1 to cell(max).
     let spans: [f32; 3] = std::array::from_fn(|a| {
-        let fine = 1.0 + class.mean_edges[a] / class.least_edges[a];
-        (1.0 + fine / (1 << shifts[a]) as f32).min(counts[a])
+        let reach = class.least_edges[a] * HULL_GROWTH + class.mean_edges[a];
+        (1.0 + reach / edges[a]).min(counts[a])
     });
-    let entries = class.share * density.in_cell(std::array::from_fn(|a| spans[a] * edges[a]));
+    let cells: f32 = spans.iter().product();
     // A table with more cells is folded: then each cell has boxes from several places.
     let folded = (counts.iter().product::<f32>() / limit).max(1.0);
-    spans[1] * spans[2] * LINE_COST + entries * folded
+    let boxes = class.share * density.in_cell(edges) * folded;
+    // A block that is not full is tested as one that is.
+    let blocks = boxes / SLOTS as f32 + 0.37 * (1.0 - (-boxes).exp());
+    spans[1] * spans[2] * LINE_COST + cells * (CELL_COST + blocks)
 }
 
-/// Axes of fine cells of `fine_edges` over the sample's bounds, in at most `limit` cells.
-fn axes(sample: &Sample, fine_edges: [f32; 3], shifts: [u32; 3], limit: f32) -> [Axis; 3] {
-    let edges = std::array::from_fn(|axis| fine_edges[axis] * (1 << shifts[axis]) as f32);
-    let counts = cell_counts(sample, edges);
-    // The fine cells of an axis have to be countable too.
-    let is_small = |axis: usize| counts[axis] * ((1 << shifts[axis]) as f32) < CELL_LIMIT;
-    if counts.iter().product::<f32>() <= limit && (0..3).all(is_small) {
-        return std::array::from_fn(|axis| {
-            let (start, edge) = (sample.low[axis], fine_edges[axis]);
-            Axis::clamped(start, edge, shifts[axis], counts[axis] as u32)
-        });
-    }
-    let counts = folded(counts, limit);
-    std::array::from_fn(|axis| {
-        if counts[axis] < 4.0 {
-            return Axis::WHOLE;
-        }
-        let (start, edge) = (sample.low[axis], fine_edges[axis]);
-        Axis::wrapped(start, edge, shifts[axis], counts[axis] as u32)
-    })
-}
+const _: () = assert!(LONGEST as f32 >= (1 << super::axis::CELL_BITS) as f32 / EDGE_LEAST);

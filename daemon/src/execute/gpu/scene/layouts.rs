@@ -69,17 +69,15 @@ impl Layouts {
         let kind = &mut self.kinds[usize::from(question.is_dense())];
         let last = kind.chosen.filter(|chosen| are_alike(chosen.boxes, boxes));
         let fits = |chosen: &Chosen| chosen.age < chosen.serves;
-        let mut chosen = match last.filter(fits) {
-            Some(chosen) => chosen,
-            None => {
-                let serves = last.map_or(1, |last| (2 * last.serves).min(RENEWED_AFTER));
-                // Entries are hulls, which are larger than boxes; but the scene may be another now.
-                let knows = !kind.sample.is_empty() && are_alike(kind.sampled_of, boxes);
-                let sample =
-                    if knows || self.edited.is_empty() { &kind.sample } else { &self.edited };
-                let layout = self.chooser.choose_for(sample.as_slice().into(), boxes);
-                Chosen { layout, boxes, age: 0, serves }
-            }
+        let mut chosen = if let Some(chosen) = last.filter(fits) {
+            chosen
+        } else {
+            let serves = last.map_or(1, |last| (2 * last.serves).min(RENEWED_AFTER));
+            // Entries are hulls, which are larger than boxes; but the scene may be another now.
+            let knows = !kind.sample.is_empty() && are_alike(kind.sampled_of, boxes);
+            let sample = if knows || self.edited.is_empty() { &kind.sample } else { &self.edited };
+            let layout = self.chooser.choose_for(sample.as_slice().into(), boxes);
+            Chosen { layout, boxes, age: 0, serves }
         };
         chosen.age += 1;
         kind.chosen = Some(chosen);

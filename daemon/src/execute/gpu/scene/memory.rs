@@ -9,7 +9,6 @@ use super::SceneTools;
 use super::plan::{MOST_SLOTS, Room, Sizes};
 use crate::execute::gpu::error::GpuError;
 use crate::execute::gpu::frame::{Command, Frame};
-use crate::execute::gpu::growing::Growing;
 use crate::execute::gpu::memory::{Block, Home, Part};
 
 /// Bytes of a record.
@@ -24,6 +23,51 @@ const LEAST_SLOTS: u64 = 4_096;
 /// How long copies and fills may take before the device counts as hung.
 const PATIENCE: Duration = Duration::from_secs(10);
 
+/// Bytes that each block may keep for each index, whatever the last edit needed: small and large edits
+/// take turns without a block being made anew, which takes a millisecond.
+const KEPT_BYTES_A_SLOT: u64 = 96;
+/// Blocks up to this size are kept whatever the scene's: a large page.
+const KEPT_BYTES: u64 = 2 << 20;
+
+/// A block that is made anew, larger, when more is asked of it, and smaller when the scene has shrunk.
+struct Scratch {
+    home: Home,
+    block: Option<Arc<Block>>,
+}
+
+impl Scratch {
+    const fn new(home: Home) -> Self {
+        Self { home, block: None }
+    }
+
+    fn bytes(&self) -> u64 {
+        self.block.as_ref().map_or(0, |block| block.bytes())
+    }
+
+    /// A block of at least `bytes` for a scene of so many indices. `replaced` is set if it is not the one
+    /// of last time.
+    fn at_least(
+        &mut self,
+        tools: &SceneTools,
+        bytes: u64,
+        slots: u64,
+        replaced: &mut bool,
+    ) -> Result<Arc<Block>, GpuError> {
+        let most = 2 * bytes.max(KEPT_BYTES_A_SLOT * slots).max(KEPT_BYTES);
+        let kept = self.block.take().filter(|b| b.bytes() >= bytes && b.bytes() <= most);
+        let block = if let Some(block) = kept {
+            block
+        } else {
+            *replaced = true;
+            // A quarter more, so that a slowly growing scene does not allocate each time; the bare size
+            // when that is too much.
+            let roomy = Block::new(&tools.gpu, self.home, bytes + bytes / 4);
+            roomy.or_else(|_| Block::new(&tools.gpu, self.home, bytes))?
+        };
+        Ok(Arc::clone(self.block.insert(block)))
+    }
+}
+
 /// Boxes as they are, and as they were when the history began.
 struct Records {
     slots: u64,
@@ -36,14 +80,14 @@ pub(super) struct Memory {
     records: Option<Records>,
     /// There once pairs of moved boxes were asked for.
     named: Option<Arc<Block>>,
-    params: Growing,
-    layout: Growing,
-    table: Growing,
-    control: Growing,
-    entries: Growing,
-    sorted: Growing,
-    found: Growing,
-    summary: Growing,
+    params: Scratch,
+    layout: Scratch,
+    table: Scratch,
+    control: Scratch,
+    entries: Scratch,
+    sorted: Scratch,
+    found: Scratch,
+    summary: Scratch,
 }
 
 /// The blocks of one search.
@@ -71,14 +115,14 @@ impl Memory {
         Self {
             records: None,
             named: None,
-            params: Growing::new(written),
-            layout: Growing::new(written),
-            table: Growing::new(Home::Video),
-            control: Growing::new(Home::Video),
-            entries: Growing::new(Home::Video),
-            sorted: Growing::new(Home::Video),
-            found: Growing::new(Home::Host),
-            summary: Growing::new(Home::Host),
+            params: Scratch::new(written),
+            layout: Scratch::new(written),
+            table: Scratch::new(Home::Video),
+            control: Scratch::new(Home::Video),
+            entries: Scratch::new(Home::Video),
+            sorted: Scratch::new(Home::Video),
+            found: Scratch::new(Home::Host),
+            summary: Scratch::new(Home::Host),
         }
     }
 
@@ -87,8 +131,8 @@ impl Memory {
         let records = self.records.as_ref().map_or(0, |r| r.now.bytes() + r.then.bytes());
         let named = self.named.as_ref().map_or(0, |named| named.bytes());
         let Self { params, layout, table, control, entries, sorted, found, summary, .. } = self;
-        let growing = [params, layout, table, control, entries, sorted, found, summary];
-        records + named + growing.iter().map(|growing| growing.bytes()).sum::<u64>()
+        let scratch = [params, layout, table, control, entries, sorted, found, summary];
+        records + named + scratch.into_iter().map(Scratch::bytes).sum::<u64>()
     }
 
     /// Room for records of `slots` indices. `replaced` is set if blocks are others.
@@ -145,12 +189,11 @@ impl Memory {
     ) -> Result<(), GpuError> {
         let slots = self.records.as_ref().map_or(0, |records| records.slots);
         let bytes = size_of::<u32>() as u64 * slots;
-        let block = match self.named.take() {
-            Some(block) => block,
-            None => {
-                *replaced = true;
-                Block::new(&tools.gpu, Home::Video, bytes)?
-            }
+        let block = if let Some(block) = self.named.take() {
+            block
+        } else {
+            *replaced = true;
+            Block::new(&tools.gpu, Home::Video, bytes)?
         };
         run_once(tools, vec![Command::Fill { part: Part::whole(&block), word: 0 }])?;
         self.named = Some(block);
@@ -173,11 +216,12 @@ impl Memory {
         let most = tools.binding_bytes;
         let records = self.records.as_ref().ok_or(GpuError::Lost)?;
         let mut was_replaced = false;
-        let mut block = |growing: &mut Growing, bytes: u64| {
+        let slots = records.slots;
+        let mut block = |scratch: &mut Scratch, bytes: u64| {
             if bytes > most {
                 return Err(GpuError::OutOfMemory { bytes });
             }
-            growing.at_least(&tools.gpu, bytes, &mut was_replaced).map(Arc::clone)
+            scratch.at_least(tools, bytes, slots, &mut was_replaced)
         };
         let control = block(&mut self.control, 4 * sizes.control_words)?;
         let blocks = Blocks {

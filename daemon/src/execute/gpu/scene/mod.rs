@@ -5,8 +5,7 @@
 //! answer, as they were. The host keeps bits a box, to check an edit before anything of it is applied
 //! (`roster`). Nothing else persists, so nothing is ever rebuilt or compacted. An edit is one submission:
 //!
-//! > `scene_apply` (→ `scene_mark`) → `scene_cells` → `grid_scan` → `scene_place` → `scene_pairs` →
-//! > `scene_finish`
+//! > `scene_apply` (→ `scene_mark`) → `scene_cells` → `grid_scan` → `scene_place` → `scene_pairs`
 //!
 //! The first writes the edit into the records. Then the boxes that have changed are the entries of a
 //! grid, each as the hull of what it was and is; all other boxes look once at the entries around them.
@@ -16,6 +15,7 @@
 //!
 //! [`Want::All`] and [`Want::Moved`] are the same search with another question.
 
+mod changes;
 mod layouts;
 mod memory;
 mod plan;
@@ -28,13 +28,12 @@ use std::sync::Arc;
 
 use pairmask_core::engine::{CullError, ReserveError};
 use pairmask_core::scene::{
-    Edit, EndReason, Ended, Kept, PairSorter, SceneError, SceneOptions, SceneSkips, Sets, Step,
-    Told, Want, is_resync_due,
+    Edit, Kept, SceneError, SceneOptions, SceneSkips, Sets, Step, Told, Want, is_resync_due,
 };
 use pairmask_core::{Aabb, EngineName};
-use pairmask_shaders::constants::{TOLD_BEGUN, TOLD_FILTERED, TOLD_REMOVED};
 use pairmask_shaders::layouts::{SceneMode, SceneSummary};
 
+use self::changes::{ChangeSorter, split};
 use self::layouts::Layouts;
 use self::memory::{Blocks, Memory};
 use self::plan::{MOST_SLOTS, Question, Room, Sizes};
@@ -136,7 +135,7 @@ pub struct GpuScene {
     told: Told,
     /// Whether the last answer can be taken.
     is_open: bool,
-    sorter: PairSorter,
+    sorter: ChangeSorter,
     list: Vec<Pair>,
     times: EditTimes,
 }
@@ -172,7 +171,7 @@ impl GpuScene {
             count_then: 0,
             told: Told::default(),
             is_open: false,
-            sorter: PairSorter::default(),
+            sorter: ChangeSorter::default(),
             list: Vec::new(),
             times: EditTimes::default(),
         }
@@ -483,19 +482,7 @@ impl GpuScene {
         ends.clear();
         begun.try_reserve((found - ended) as usize).map_err(no_memory)?;
         ends.try_reserve(ended as usize).map_err(no_memory)?;
-        for &[a, other] in &list {
-            let pair = [a, other >> 2];
-            let reason = match other & 3 {
-                TOLD_BEGUN => {
-                    begun.push(pair);
-                    continue;
-                }
-                TOLD_REMOVED => EndReason::Removed,
-                TOLD_FILTERED => EndReason::Filtered,
-                _ => EndReason::Separated,
-            };
-            ends.push(Ended { pair, reason });
-        }
+        split(&list, &mut begun, &mut ends, threads);
         self.list = list;
         let pair_count = (self.count_then + begun.len() as u64).saturating_sub(ends.len() as u64);
         self.told = Told::of_changes(begun, ends, pair_count);
@@ -535,4 +522,48 @@ impl GpuScene {
 /// A number of two words.
 fn wide([low, high]: [u32; 2]) -> u64 {
     u64::from(low) | u64::from(high) << 32
+}
+
+#[cfg(test)]
+mod tests {
+    use pairmask_core::scene::Scene;
+
+    use super::*;
+    use crate::execute::gpu::adapter::GpuChoice;
+    use crate::execute::gpu::device::HostImport;
+
+    /// Two boxes that touch, apart, and together again.
+    fn check_rounds(mut gpu: GpuScene, want: Want) {
+        let mut core = Scene::new(SceneOptions::default());
+        for round in 0..6u32 {
+            let x = if round % 2 == 0 { 1.0 } else { 1.5 };
+            let boxes = [0.0, x].map(|x| Aabb::from([x, 0.0, 0.0, x + 1.0, 1.0, 1.0]));
+            // Later rounds name one box only.
+            let named = if round < 2 { 0..2 } else { 1..2 };
+            let boxes = &boxes[named.start as usize..];
+            let steps = [Step::Set(Sets { indices: named.into(), boxes })];
+            core.edit(Edit { steps: &steps }, want).expect("an answer");
+            gpu.edit(Edit { steps: &steps }, want).expect("an answer");
+            assert_eq!(gpu.told().begun(), core.told().begun(), "{round}");
+            assert_eq!(gpu.told().ended(), core.told().ended(), "{round}");
+            assert_eq!(gpu.told().pairs(), core.told().pairs(), "{round}");
+            core.take();
+            gpu.take();
+        }
+    }
+
+    #[test]
+    fn histories_and_namings_are_numbered_beyond_32_bits() {
+        let gpu = Gpu::open(&GpuChoice::Software, HostImport::Never);
+        let gpu = gpu.unwrap_or_else(|error| panic!("the GPU tests need an adapter: {error}"));
+        let tools = SceneTools::new(&gpu, &GridOptions::default()).expect("stages");
+        let mut scene = GpuScene::new(&tools, SceneOptions::default());
+        scene.epoch = (1 << 32) - 3;
+        check_rounds(scene, Want::Changes);
+        let mut scene = GpuScene::new(&tools, SceneOptions::default());
+        // So that there is memory for names whose numbers come again.
+        scene.edit(Edit::NONE, Want::Moved).expect("an answer");
+        scene.naming = u32::MAX - 2;
+        check_rounds(scene, Want::Moved);
+    }
 }

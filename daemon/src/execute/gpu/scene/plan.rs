@@ -12,6 +12,9 @@ pub(super) const MOST_SLOTS: u64 = 1 << 30;
 /// Each goes on with the next batch, so that dispatches need not follow the scene and are recorded once.
 const MOST_GROUPS: u32 = 2_048;
 
+/// Rows that a thread of `scene_pairs` looks at a time.
+pub(super) const ROWS_TOGETHER: u64 = 4;
+
 /// With more entries than one in so many boxes that collide, all boxes are entries: they find each other
 /// by half the cells around them, and in order of place.
 const DENSE_SHARE: u64 = 4;
@@ -134,12 +137,6 @@ impl Sizes {
     }
 }
 
-/// Most cells that a layout for so many boxes, and places for `slots` giants, can have.
-#[cfg(test)]
-fn most_cells(boxes: u32, slots: u64) -> u64 {
-    crate::execute::gpu::grid::layout::cells_most(boxes) + slots / u64::from(PARKED) + 1
-}
-
 /// A layout for a scene of so many indices: its giants have cells by index, and boxes that overlap
 /// nothing have none.
 pub(super) fn with_giants(mut layout: GridLayout, slots: u64) -> GridLayout {
@@ -162,6 +159,7 @@ pub(super) fn groups_of_scan(sums: u32) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::execute::gpu::grid::layout::cells_most;
 
     fn question(mode: SceneMode, slots: u64, changed: u64) -> Question {
         Question { mode, slots, active: slots, changed }
@@ -185,8 +183,9 @@ mod tests {
             let layout =
                 with_giants(GridLayout { first_giant: 77, ..GridLayout::default() }, slots);
             let sizes = Sizes::of(&question, &layout);
+            let most_cells = cells_most(question.grid_boxes()) + slots / u64::from(PARKED) + 1;
             assert!(sizes.table_words > u64::from(layout.cell_end));
-            assert!(u64::from(layout.cell_end) < most_cells(question.grid_boxes(), slots));
+            assert!(u64::from(layout.cell_end) < most_cells);
             assert!(u64::from(layout.first_giant) + (slots - 1) / 32 < u64::from(layout.cell_end));
             assert!(sizes.row_words * 32 >= slots && sizes.filter_words.is_power_of_two());
             assert!(sizes.zeroed_words().is_multiple_of(4));

@@ -34,7 +34,6 @@ pub(super) struct Stages {
     scan: Arc<Pipeline>,
     place: Arc<Pipeline>,
     pairs: Arc<Pipeline>,
-    finish: Arc<Pipeline>,
 }
 
 impl Stages {
@@ -46,7 +45,6 @@ impl Stages {
             cells: get(SceneStage::Cells)?,
             place: get(SceneStage::Place)?,
             pairs: get(SceneStage::Pairs)?,
-            finish: get(SceneStage::Finish)?,
             scan: pipelines.get(Stage::Grid(GridStage::Scan))?,
         })
     }
@@ -131,7 +129,7 @@ impl Task<'_> {
         let zeroing = if self.searches { sizes.zeroed_words() / 16 } else { 0 };
         let sets = if self.applies { u64::from(edit.sets.count) } else { 0 };
         let marks = if self.applies { edit.mark_count } else { 0 };
-        let rows = if question.is_dense() { 0 } else { question.slots };
+        let rows = if question.is_dense() { 0 } else { question.slots / plan::ROWS_TOGETHER };
         Shape {
             apply: plan::groups(sets.max(zeroing)),
             mark: if marks == 0 { 0 } else { plan::groups(u64::from(marks)) },
@@ -210,13 +208,9 @@ impl Task<'_> {
                 sorted.clone(),
             ],
         ));
-        steps.push(stage(
-            &stages.pairs,
-            shape.rows,
-            vec![params.clone(), layout, table, sorted.clone(), now, then, control.clone(), found],
-        ));
-        let parts = vec![params, control, sorted, whole(&b.summary)];
-        steps.push(stage(&stages.finish, 1, parts));
+        let summary = whole(&b.summary);
+        let parts = vec![params, layout, table, sorted, now, then, control, found, summary];
+        steps.push(stage(&stages.pairs, shape.rows, parts));
         steps
     }
 }
@@ -234,18 +228,18 @@ impl Frames {
             task.blocks.layout.write(0, &[task.layout]);
         }
         let shape = task.shape();
-        let mut kept = match self.kept.iter().position(|(kept, _)| *kept == shape) {
-            Some(place) => self.kept.remove(place),
-            None => {
-                let frame = if self.kept.len() < KEPT_FRAMES {
-                    Frame::of_role(&tools.gpu, QueueRole::Frames, tools.profiled)?
-                } else {
-                    self.kept.remove(0).1
-                };
-                let mut made = (shape, frame);
-                made.1.record(task.steps(tools, &shape))?;
-                made
-            }
+        let recorded = self.kept.iter().position(|(kept, _)| *kept == shape);
+        let mut kept = if let Some(place) = recorded {
+            self.kept.remove(place)
+        } else {
+            let frame = if self.kept.len() < KEPT_FRAMES {
+                Frame::of_role(&tools.gpu, QueueRole::Frames, tools.profiled)?
+            } else {
+                self.kept.remove(0).1
+            };
+            let mut made = (shape, frame);
+            made.1.record(task.steps(tools, &shape))?;
+            made
         };
         let ended = kept.1.submit_in(Order::Alone).and_then(|()| {
             let patience = PATIENCE[usize::from(tools.gpu.info().is_software())];

@@ -1,26 +1,25 @@
-//! A box in its cell, and the question whether it overlaps another: eight integers each, compared
-//! lane by lane.
+//! A box and the question whether it overlaps another: eight integers each, compared lane by lane.
 
 use super::lanes::{Lanes, none_exceeds};
 use crate::aabb::{Aabb, INFINITY_BITS, KeyBox, order_key};
 
-/// A box of a cell: keys of its min and whether it is static, complements of the keys of its max and its
+/// A box: keys of its min and whether it is static, complements of the keys of its max and its
 /// index. Complements order the other way round, so that overlap is one comparison of all lanes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C, align(32))]
-pub(in crate::scene) struct Entry([Lanes; 2]);
+pub(super) struct Entry([Lanes; 2]);
 
 /// What an entry is compared with: no lane of it may exceed that of the question.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::scene) struct Question([Lanes; 2]);
+pub(super) struct Question([Lanes; 2]);
 
 impl Entry {
     /// No box: fails every question, since no key reaches `i32::MAX`.
     pub const FREE: Self = Self([[i32::MAX; 4]; 2]);
 
     /// The entry of a box that is not [`KeyBox::NOTHING`].
-    #[inline]
-    pub fn new(key: &KeyBox, is_static: bool, index: u32) -> Self {
+    #[cfg(test)]
+    fn new(key: &KeyBox, is_static: bool, index: u32) -> Self {
         let ([x, y, z], [far_x, far_y, far_z]) = (key.min, key.max.map(|key| !key));
         Self([[x, y, z, i32::from(is_static)], [far_x, far_y, far_z, index as i32]])
     }
@@ -59,6 +58,27 @@ impl Entry {
         let [min, max] = [keys(least(0)), keys(least(1).map(|key| !key))];
         let corner = |[x, y, z, _]: Lanes| [x, y, z].map(|bits| f32::from_bits(bits as u32));
         Aabb { min: corner(min), max: corner(max) }
+    }
+
+    /// What two boxes have in common; free, or a box with `min` above `max`, where that is nothing.
+    #[inline]
+    pub fn common(&self, other: &Self) -> Self {
+        Self(std::array::from_fn(|half| {
+            std::array::from_fn(|lane| self.0[half][lane].max(other.0[half][lane]))
+        }))
+    }
+
+    /// Whether the box is static, or there is none.
+    #[inline]
+    pub const fn is_static(&self) -> bool {
+        self.0[0][3] > 0
+    }
+
+    /// The same box, not static.
+    #[inline]
+    pub const fn of_no_flag(mut self) -> Self {
+        self.0[0][3] = 0;
+        self
     }
 
     #[inline]

@@ -1,0 +1,108 @@
+//! Placing all boxes at once.
+
+use super::block::{Block, SLOTS, STATIC, Slot};
+use super::layout::{self, Level};
+use super::quanta::{Quanta, is_solid};
+use super::runs::{NOWHERE, Runs};
+use super::{Cells, level_of};
+use crate::aabb::Aabb;
+use crate::engine::strips::{in_parts, part_count};
+
+/// Boxes of a task, at least.
+const TASK_BOXES: usize = 16_384;
+
+/// Some blocks of all, which one task fills.
+struct Fill<'a> {
+    /// The first place of them.
+    first: u32,
+    blocks: &'a mut [Block],
+}
+
+impl Cells {
+    /// Chooses the layout for boxes and places every one, as it is. None has changed then.
+    pub fn build(
+        &mut self,
+        boxes: &[Aabb],
+        is_static: impl Fn(u32) -> bool + Sync,
+        threads: usize,
+    ) {
+        // The old ones first: there need not be memory for both.
+        *self = Self { levels: layout::choose(boxes), ..Self::default() };
+        let cells = self.levels.iter().map(|level| level.first_cell + level.cell_count()).max();
+        let mut places = vec![NOWHERE; boxes.len()];
+        self.find_homes(boxes, &mut places, threads);
+        let mut counts = vec![0u32; cells.unwrap_or(0) as usize];
+        for home in places.iter().filter(|home| **home != NOWHERE) {
+            counts[*home as usize] += 1;
+        }
+        let of_level = |level: &Level| {
+            let first = level.first_cell as usize;
+            counts[first..first + level.cell_count() as usize].iter().sum()
+        };
+        self.occupied = self.levels.iter().map(of_level).collect();
+        self.runs = Runs::with_room(&counts);
+        for place in places.iter_mut().filter(|place| **place != NOWHERE) {
+            *place = self.runs.reserve(*place);
+        }
+        let fill_threads = part_count(boxes.len(), TASK_BOXES, threads).min(threads);
+        let blocks = self.runs.blocks_mut();
+        let step = blocks.len().div_ceil(fill_threads).max(1);
+        let fills = (0u32..).step_by(step * SLOTS as usize).zip(blocks.chunks_mut(step));
+        let mut fills: Vec<Fill<'_>> =
+            fills.map(|(first, blocks)| Fill { first, blocks }).collect();
+        let levels = self.levels.as_slice();
+        let run = |fills: &mut [Fill<'_>]| {
+            for fill in fills {
+                fill.run(levels, boxes, &places, &is_static);
+            }
+        };
+        in_parts(fills.as_mut_slice(), fill_threads, &run, &|(), ()| ());
+        self.places = places;
+    }
+
+    /// The cell of each box.
+    fn find_homes(&self, boxes: &[Aabb], homes: &mut [u32], threads: usize) {
+        let parts = part_count(boxes.len(), TASK_BOXES, threads);
+        let step = boxes.len().div_ceil(parts).max(1);
+        let mut work: Vec<(&mut [u32], &[Aabb])> =
+            homes.chunks_mut(step).zip(boxes.chunks(step)).collect();
+        let run = |work: &mut [(&mut [u32], &[Aabb])]| {
+            for (home, b) in work.iter_mut().flat_map(|(homes, boxes)| homes.iter_mut().zip(*boxes))
+            {
+                if is_solid(b) {
+                    let (level, q) = taker(&self.levels, b);
+                    *home = level.home(&q);
+                }
+            }
+        };
+        in_parts(work.as_mut_slice(), parts, &run, &|(), ()| ());
+    }
+}
+
+/// The first level that takes a solid box, and the box in its quanta.
+#[inline]
+fn taker<'a>(levels: &'a [Level], b: &Aabb) -> (&'a Level, Quanta) {
+    let (number, q) = level_of(levels, b);
+    (&levels[number], q)
+}
+
+impl Fill<'_> {
+    fn run(
+        &mut self,
+        levels: &[Level],
+        boxes: &[Aabb],
+        places: &[u32],
+        is_static: &impl Fn(u32) -> bool,
+    ) {
+        let count = self.blocks.len() as u32 * SLOTS;
+        for ((index, place), b) in (0u32..).zip(places).zip(boxes) {
+            // That of a box elsewhere, or nowhere, is beyond the end.
+            let at = place.wrapping_sub(self.first);
+            if at < count {
+                let (_, q) = taker(levels, b);
+                let word = index | if is_static(index) { STATIC } else { 0 };
+                self.blocks[(at / SLOTS) as usize].0[(at % SLOTS) as usize] = Slot::new(&q, word);
+            }
+        }
+    }
+}

@@ -1,0 +1,196 @@
+//! Runs of blocks, one for each cell: filled from the front, and moved where they grow.
+
+use super::block::{Block, SLOTS, Slot};
+use crate::scene::fetch::ask_for;
+
+/// No place, and no cell.
+pub(super) const NOWHERE: u32 = u32::MAX;
+/// Runs up to this length go to other cells when theirs outgrow them; longer ones are left until the
+/// cells are built anew.
+const REUSED_MOST: usize = 64;
+/// Blocks beyond those of the beginning, one for each so many, that may be used before the cells are to be
+/// built anew; and so many more.
+const SPARE_SHARE: usize = 4;
+const SPARE_LEAST: usize = 1_024;
+
+/// The blocks of a cell.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Run {
+    /// The first one.
+    pub start: u32,
+    /// Boxes.
+    pub len: u32,
+    /// Blocks that there are.
+    room: u32,
+}
+
+impl Run {
+    /// The places of its boxes.
+    #[inline(always)]
+    pub const fn places(&self) -> std::ops::Range<u32> {
+        let first = self.start * SLOTS;
+        first..first + self.len
+    }
+
+    /// Blocks that hold boxes.
+    #[inline(always)]
+    pub const fn blocks(&self) -> u32 {
+        self.len.div_ceil(SLOTS)
+    }
+}
+
+/// The runs of all cells.
+#[derive(Debug, Default)]
+pub(super) struct Runs {
+    of_cells: Vec<Run>,
+    blocks: Vec<Block>,
+    /// The cell of each block.
+    owners: Vec<u32>,
+    /// First blocks of runs without a cell, by length.
+    free: Vec<Vec<u32>>,
+    /// Blocks at the beginning.
+    built: usize,
+}
+
+impl Runs {
+    /// Runs with room for so many boxes in each cell, all of them empty.
+    pub fn with_room(counts: &[u32]) -> Self {
+        let mut next = 0;
+        let mut runs = Vec::with_capacity(counts.len());
+        for count in counts {
+            let room = count.div_ceil(SLOTS);
+            runs.push(Run { start: next, len: 0, room });
+            next += room;
+        }
+        let built = next as usize;
+        let most = built + built / SPARE_SHARE + SPARE_LEAST;
+        let mut owners = Vec::with_capacity(most);
+        for (cell, run) in (0u32..).zip(&runs) {
+            owners.resize(owners.len() + run.room as usize, cell);
+        }
+        let mut blocks = Vec::with_capacity(most);
+        blocks.resize(built, Block::NONE);
+        Self { of_cells: runs, blocks, owners, free: Vec::new(), built }
+    }
+
+    /// Makes a place for one more box of a cell that has room.
+    pub fn reserve(&mut self, cell: u32) -> u32 {
+        let run = &mut self.of_cells[cell as usize];
+        let place = run.places().end;
+        run.len += 1;
+        place
+    }
+
+    /// All blocks.
+    pub fn blocks_mut(&mut self) -> &mut [Block] {
+        &mut self.blocks
+    }
+
+    /// The run of a cell.
+    #[inline(always)]
+    pub fn run(&self, cell: u32) -> Run {
+        self.of_cells[cell as usize]
+    }
+
+    /// Asks for the run of a cell.
+    #[inline(always)]
+    pub fn ask_for_run(&self, cell: u32) {
+        ask_for(&self.of_cells, cell);
+    }
+
+    /// Asks for a block.
+    #[inline(always)]
+    pub fn ask_for_block(&self, block: u32) {
+        ask_for(&self.blocks, block);
+    }
+
+    /// Asks for a place and its cell.
+    #[inline(always)]
+    pub fn ask_for_place(&self, place: u32) {
+        ask_for(&self.owners, place / SLOTS);
+        ask_for(&self.blocks, place / SLOTS);
+    }
+
+    /// All blocks.
+    #[inline(always)]
+    pub fn blocks(&self) -> &[Block] {
+        &self.blocks
+    }
+
+    /// The cell of a place.
+    #[inline(always)]
+    pub fn cell_of(&self, place: u32) -> u32 {
+        self.owners[(place / SLOTS) as usize]
+    }
+
+    /// The box at a place.
+    #[inline(always)]
+    pub fn slot_mut(&mut self, place: u32) -> &mut Slot {
+        &mut self.blocks[(place / SLOTS) as usize].0[(place % SLOTS) as usize]
+    }
+
+    /// Takes the box at a place away. The last one of its cell comes in its place: returns that one's word
+    /// and where it was, unless it was the last one itself.
+    pub fn remove(&mut self, place: u32) -> Option<(u32, u32)> {
+        let run = &mut self.of_cells[self.owners[(place / SLOTS) as usize] as usize];
+        run.len -= 1;
+        let last = run.start * SLOTS + run.len;
+        if last == place {
+            return None;
+        }
+        let slot = *self.slot_mut(last);
+        *self.slot_mut(place) = slot;
+        Some((slot.word(), last))
+    }
+
+    /// Puts a box into a cell that has room: returns its place.
+    pub fn push(&mut self, cell: u32, slot: Slot) -> Option<u32> {
+        let run = self.of_cells[cell as usize];
+        if run.len == run.room * SLOTS {
+            return None;
+        }
+        let place = self.reserve(cell);
+        *self.slot_mut(place) = slot;
+        Some(place)
+    }
+
+    /// Gives a full cell more room. Calls `moved` with the word of each of its boxes, where it was and
+    /// where it is.
+    pub fn grow(&mut self, cell: u32, mut moved: impl FnMut(u32, u32, u32)) {
+        let old = self.of_cells[cell as usize];
+        let room = old.room + (old.room / 2).max(1);
+        let free = self.free.get_mut(room as usize).and_then(Vec::pop);
+        let start = free.unwrap_or_else(|| {
+            let end = self.blocks.len();
+            self.blocks.resize(end + room as usize, Block::NONE);
+            self.owners.resize(end + room as usize, NOWHERE);
+            end as u32
+        });
+        self.owners[start as usize..(start + room) as usize].fill(cell);
+        self.of_cells[cell as usize] = Run { start, len: old.len, room };
+        let from = old.start as usize;
+        self.blocks.copy_within(from..from + old.room as usize, start as usize);
+        for (from, to) in old.places().zip(start * SLOTS..) {
+            moved(self.slot_mut(to).word(), from, to);
+        }
+        if (1..=REUSED_MOST).contains(&(old.room as usize)) {
+            if self.free.len() <= old.room as usize {
+                self.free.resize_with(old.room as usize + 1, Vec::new);
+            }
+            self.free[old.room as usize].push(old.start);
+        }
+    }
+
+    /// Whether growth has taken so much memory that the cells are to be built anew.
+    pub fn are_spread(&self) -> bool {
+        self.blocks.len() > self.built + self.built / SPARE_SHARE + SPARE_LEAST
+    }
+
+    /// Bytes that are allocated.
+    pub fn allocated_bytes(&self) -> usize {
+        self.of_cells.capacity() * size_of::<Run>()
+            + self.blocks.capacity() * size_of::<Block>()
+            + self.owners.capacity() * size_of::<u32>()
+            + self.free.iter().map(|free| free.capacity() * size_of::<u32>()).sum::<usize>()
+    }
+}

@@ -1,0 +1,203 @@
+//! Looking around boxes: which boxes lie in the cells where partners may be, and may overlap.
+//!
+//! A batch of searches is made in three steps: each asks for the memory that the next one reads. Steps of
+//! other batches between them give it the time to come.
+
+use std::ops::Range;
+
+use super::Cells;
+use super::block::{FIRST, Question, SLOTS};
+use super::quanta::is_solid;
+use crate::aabb::Aabb;
+
+/// Blocks of a run that are asked for ahead: further ones the processor finds by itself.
+const AHEAD: u32 = 8;
+
+/// A search around solid boxes.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::scene) enum Probe {
+    /// Around two boxes at once, near each other. Where `dismisses`, boxes are of no interest that have
+    /// not changed, and overlap both or neither.
+    Both { was: Aabb, is: Aabb, dismisses: bool },
+    /// Around one of two boxes. The other one may be empty.
+    One { here: Aabb, elsewhere: Aabb },
+}
+
+/// A box that a probe may have to do with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::scene) struct Candidate {
+    /// Place of the probe among those of the batch.
+    pub probe: u32,
+    /// Its index and flags.
+    pub word: u32,
+    /// It has not changed, overlaps the box `here` for sure, and for sure not the one `elsewhere`.
+    pub is_sure: bool,
+}
+
+/// A batch of searches under way: [begun](Cells::begin), then [on](Cells::go_on), then
+/// [finished](Cells::finish).
+#[derive(Debug, Default)]
+pub(in crate::scene) struct Searches {
+    questions: Vec<Question>,
+    /// Which of those that a question dismisses are sure.
+    sure: Vec<Sure>,
+    /// Probe of each question.
+    probes: Vec<u32>,
+    lines: Vec<Line>,
+    spans: Vec<Span>,
+}
+
+/// Neighbouring cells.
+#[derive(Clone, Copy, Debug)]
+struct Line {
+    question: u32,
+    first: u32,
+    count: u32,
+}
+
+/// Blocks of a cell.
+#[derive(Clone, Copy, Debug)]
+struct Span {
+    question: u32,
+    start: u32,
+    len: u32,
+}
+
+/// Of boxes that have not changed and overlap a box for sure: which of them are sure not to overlap another.
+#[derive(Clone, Copy, Debug)]
+enum Sure {
+    /// None: they are of no interest.
+    None,
+    /// All.
+    All,
+    /// Those that a question does not admit.
+    Unless(Question),
+}
+
+impl Cells {
+    /// Begins to look around some probes: finds the cells. Needs the default floating-point flags, which
+    /// are those that boxes were placed with.
+    pub fn begin(&self, probes: &[Probe], searches: &mut Searches) {
+        let Searches { questions, sure, probes: of_questions, lines, .. } = searches;
+        questions.clear();
+        sure.clear();
+        of_questions.clear();
+        lines.clear();
+        for (at, probe) in (0u32..).zip(probes) {
+            for (level, occupied) in self.levels.iter().zip(&self.occupied) {
+                if *occupied == 0 {
+                    continue;
+                }
+                let question = questions.len() as u32;
+                of_questions.push(at);
+                if level.takes_all {
+                    questions.push(Question::ALL);
+                    sure.push(Sure::None);
+                    lines.push(Line { question, first: level.first_cell, count: 1 });
+                    continue;
+                }
+                let (was, is) = match probe {
+                    Probe::Both { was, is, .. } => (level.quanta(was), level.quanta(is)),
+                    Probe::One { here, .. } => {
+                        let here = level.quanta(here);
+                        (here, here)
+                    }
+                };
+                let hull = was.hull(&is);
+                let ranges: [_; 3] = std::array::from_fn(|axis| {
+                    level.axes[axis].cells(hull.min[axis], hull.max[axis])
+                });
+                let (dismisses, those) = match probe {
+                    Probe::Both { dismisses, .. } => (*dismisses, Sure::None),
+                    Probe::One { elsewhere, .. } => {
+                        let are_bounded =
+                            (0..3).all(|axis| level.axes[axis].are_bounded(&ranges[axis]));
+                        if !are_bounded {
+                            (false, Sure::None)
+                        } else if is_solid(elsewhere) {
+                            let there = level.quanta(elsewhere);
+                            (true, Sure::Unless(Question::new(&there, &there, false)))
+                        } else {
+                            (true, Sure::All)
+                        }
+                    }
+                };
+                questions.push(Question::new(&was, &is, dismisses));
+                sure.push(those);
+                let [xs, ys, zs] = ranges;
+                let mut add = |[x, y, z]: [&Range<u32>; 3]| {
+                    for z in z.clone() {
+                        for y in y.clone() {
+                            let first = level.cell_at(x.start, y, z);
+                            self.runs.ask_for_run(first);
+                            lines.push(Line { question, first, count: x.end - x.start });
+                        }
+                    }
+                };
+                add([&xs[0], &ys[0], &zs[0]]);
+                if !(xs[1].is_empty() && ys[1].is_empty() && zs[1].is_empty()) {
+                    for parts in 1..8 {
+                        let part = [parts & 1, parts >> 1 & 1, parts >> 2];
+                        let of = [&xs[part[0]], &ys[part[1]], &zs[part[2]]];
+                        if of.iter().all(|range| !range.is_empty()) {
+                            add(of);
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// Goes on: finds the blocks.
+    pub fn go_on(&self, Searches { lines, spans, .. }: &mut Searches) {
+        spans.clear();
+        for &Line { question, first, count } in &*lines {
+            for cell in first..first + count {
+                let run = self.runs.run(cell);
+                if run.len != 0 {
+                    for block in 0..run.blocks().min(AHEAD) {
+                        self.runs.ask_for_block(run.start + block);
+                    }
+                    spans.push(Span { question, start: run.start, len: run.len });
+                }
+            }
+        }
+    }
+
+    /// Ends: adds the boxes that may be partners of a probe, all that overlap, by the slots as they are,
+    /// and some that do not. Each probe finds its own box as well. Returns how many boxes were tested.
+    pub fn finish(&self, searches: &Searches, found: &mut Vec<Candidate>) -> u64 {
+        let Searches { questions, sure, probes: of_questions, spans, .. } = searches;
+        let mut tested = 0;
+        for &Span { question: number, start, len } in spans {
+            tested += u64::from(len);
+            let probe = of_questions[number as usize];
+            let question = &questions[number as usize];
+            let end = start + len.div_ceil(SLOTS);
+            let mut rest = len;
+            for block in &self.runs.blocks()[start as usize..end as usize] {
+                let mut admitted = question.admitted(block);
+                if rest < SLOTS {
+                    admitted &= FIRST[rest as usize];
+                }
+                rest = rest.saturating_sub(SLOTS);
+                if admitted == 0 {
+                    continue;
+                }
+                let dismissed = admitted & question.dismissed(block);
+                let (mut bits, surely) = match &sure[number as usize] {
+                    Sure::None => (admitted & !dismissed, 0),
+                    Sure::All => (admitted, dismissed),
+                    Sure::Unless(there) => (admitted, dismissed & !there.admitted(block)),
+                };
+                while bits != 0 {
+                    let word = block.0[bits.trailing_zeros() as usize / 8].word();
+                    let is_sure = surely & bits & bits.wrapping_neg() != 0;
+                    found.push(Candidate { probe, word, is_sure });
+                    bits &= bits - 1;
+                }
+            }
+        }
+        tested
+    }
+}

@@ -1,0 +1,273 @@
+//! What a scene told, added up and compared with the oracle. Pure.
+//!
+//! One scene in so many is audited, from its beginning to its end: its edits and answers are copied, and
+//! followed in the background by a copy of its boxes and the pairs that its client knows from what it took.
+//! After each taken answer some boxes, drawn at random, are compared with all others.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use pairmask_core::oracle::Corners;
+use pairmask_core::scene::{Edit, KeptBox, SceneCopy, Told, Want};
+use pairmask_wire::{EditScratch, Page, SceneRequest};
+
+use super::check::Outcome;
+use crate::scene::Random;
+
+/// Pairs of boxes that are compared after an answer: about 10 ms of the oracle.
+const TESTS: usize = 1 << 21;
+
+/// An edit and its answer, copied.
+#[derive(Debug)]
+pub struct SceneNote {
+    /// Token of the client, for the log.
+    pub client_token: u64,
+    /// The client's number of the request.
+    pub frame: u64,
+    request: SceneRequest,
+    payload: Vec<Page>,
+    is_resync: bool,
+    begun: Vec<[u32; 2]>,
+    ended: Vec<[u32; 2]>,
+    pairs: Vec<[u32; 2]>,
+}
+
+impl SceneNote {
+    /// Copies an edit, which its payload holds, and what the scene told of it.
+    pub fn new(
+        (client_token, frame): (u64, u64),
+        request: &SceneRequest,
+        payload: &[Page],
+        told: &Told,
+    ) -> Self {
+        Self {
+            client_token,
+            frame,
+            request: *request,
+            payload: payload.to_vec(),
+            is_resync: told.is_resync(),
+            begun: told.begun().to_vec(),
+            ended: told.ended().iter().map(|ended| ended.pair).collect(),
+            pairs: told.pairs().to_vec(),
+        }
+    }
+}
+
+/// Pairs that a client knows, by each of their boxes.
+#[derive(Debug, Default)]
+struct Known(BTreeMap<u32, BTreeSet<u32>>);
+
+impl Known {
+    fn insert(&mut self, [a, b]: [u32; 2]) -> bool {
+        self.0.entry(b).or_default().insert(a);
+        self.0.entry(a).or_default().insert(b)
+    }
+
+    fn remove(&mut self, [a, b]: [u32; 2]) -> bool {
+        let mut out = |a, b| self.0.get_mut(&a).is_some_and(|others| others.remove(&b));
+        out(b, a);
+        out(a, b)
+    }
+
+    fn has(&self, a: u32, b: u32) -> bool {
+        self.0.get(&a).is_some_and(|others| others.contains(&b))
+    }
+}
+
+/// A scene that is audited.
+#[derive(Debug)]
+pub struct SceneAudit {
+    copy: SceneCopy,
+    known: Known,
+    /// The last answer, until the client says that it took it or not.
+    open: Option<SceneNote>,
+    scratch: EditScratch,
+    random: Random,
+}
+
+impl SceneAudit {
+    /// A scene before its first edit.
+    pub fn new(most_boxes: u32, seed: u64) -> Self {
+        Self {
+            copy: SceneCopy::new(most_boxes),
+            known: Known::default(),
+            open: None,
+            scratch: EditScratch::default(),
+            random: Random::new(seed),
+        }
+    }
+
+    /// Follows an edit. Returns what was compared: the pairs of the answer before, if it was taken.
+    /// `None` where the edit cannot be followed: its client changed it after it was answered.
+    pub fn follow(&mut self, note: SceneNote) -> Option<Outcome> {
+        let outcome = match self.open.take() {
+            Some(told) if note.request.is_taken => self.take(&told),
+            _ => Outcome::default(),
+        };
+        let steps = self.scratch.read(&note.request, &note.payload).ok()?;
+        let edit = Edit { steps: &steps };
+        self.copy.check(edit).ok()?;
+        self.copy.apply(edit);
+        self.open = Some(note);
+        Some(outcome)
+    }
+
+    /// Takes an answer, and compares some boxes.
+    fn take(&mut self, told: &SceneNote) -> Outcome {
+        let mut outcome = Outcome::default();
+        if told.is_resync || told.request.want == Want::All {
+            self.known = Known::default();
+            for pair in &told.pairs {
+                self.known.insert(*pair);
+            }
+        } else if told.request.want == Want::Changes {
+            let mut wrong = |is_wrong: bool, [a, b]: [u32; 2]| {
+                if is_wrong {
+                    outcome.extra += 1;
+                    outcome.first.get_or_insert((a, b));
+                }
+            };
+            for pair in &told.ended {
+                wrong(!self.known.remove(*pair), *pair);
+            }
+            for pair in &told.begun {
+                wrong(!self.known.insert(*pair), *pair);
+            }
+        } else {
+            return outcome;
+        }
+        self.compare(&mut outcome);
+        outcome
+    }
+
+    fn compare(&mut self, outcome: &mut Outcome) {
+        let end = self.copy.index_end();
+        let boxes: Vec<Option<(Corners, KeptBox)>> = (0..end as u32)
+            .map(|index| self.copy.kept(index))
+            .map(|kept| kept.filter(|kept| kept.is_on).map(|kept| (Corners::of(&kept.b), kept)))
+            .collect();
+        for _ in 0..(TESTS / end.max(1)).max(1).min(end) {
+            let row = self.random.below(end as u64) as u32;
+            for (other, theirs) in (0..).zip(&boxes).filter(|(other, _)| *other != row) {
+                let is = match (&boxes[row as usize], theirs) {
+                    (Some((a, one)), Some((b, two))) => {
+                        a.overlap(b) && !(one.is_static && two.is_static)
+                    }
+                    _ => false,
+                };
+                let said = self.known.has(row, other);
+                outcome.pairs += 1;
+                if is != said {
+                    outcome.missed += u64::from(is);
+                    outcome.extra += u64::from(said);
+                    outcome.first.get_or_insert((row.min(other), row.max(other)));
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use bytemuck::Zeroable;
+    use pairmask_core::Aabb;
+    use pairmask_core::engine::EngineChoice;
+    use pairmask_core::scene::{Scene, SceneOptions};
+    use pairmask_tests::random_edits::{OwnedEdit, RandomEdits};
+    use pairmask_wire::{EditLayout, SceneId, page_count};
+
+    use super::*;
+
+    const MOST_BOXES: u32 = 120;
+
+    fn note(owned: &OwnedEdit, told: &Told, is_taken: bool) -> SceneNote {
+        let steps = owned.steps();
+        let edit = Edit { steps: &steps };
+        let layout = EditLayout::of(edit).expect("a small edit");
+        let mut payload = vec![Page::zeroed(); page_count(layout.payload_bytes()) as usize];
+        assert!(layout.write(edit, &mut payload));
+        let [boxes, steps, indices] = layout.sections();
+        let request = SceneRequest {
+            scene: SceneId(0),
+            base: 1,
+            revision: 2,
+            is_taken,
+            is_lost: false,
+            want: told.want(),
+            most_boxes: MOST_BOXES,
+            engine: EngineChoice::Auto,
+            threads: None,
+            boxes,
+            steps,
+            indices,
+        };
+        SceneNote::new((1, 2), &request, &payload, told)
+    }
+
+    /// Follows a scene whose notes are spoilt; what was found, summed up.
+    fn follow(mut spoil: impl FnMut(usize, &mut SceneNote)) -> Outcome {
+        let mut edits = RandomEdits::new(11, MOST_BOXES);
+        let mut scene = Scene::new(SceneOptions::default().with_most_boxes(MOST_BOXES));
+        let mut audit = SceneAudit::new(MOST_BOXES, 1);
+        let mut random = Random::new(2);
+        let (mut sum, mut was_taken) = (Outcome::default(), false);
+        for i in 0..300 {
+            let owned = edits.edit();
+            let want = [Want::Changes, Want::Changes, Want::All, Want::Moved, Want::Nothing];
+            let want = want[random.below(5) as usize];
+            let told = scene.edit(Edit { steps: &owned.steps() }, want).expect("a right edit");
+            let mut note = note(&owned, told, was_taken);
+            spoil(i, &mut note);
+            let Outcome { pairs, missed, extra, first } =
+                audit.follow(note).expect("an edit that can be followed");
+            sum.pairs += pairs;
+            sum.missed += missed;
+            sum.extra += extra;
+            sum.first = sum.first.or(first);
+            was_taken = random.below(3) > 0;
+            if was_taken {
+                scene.take();
+            }
+        }
+        sum
+    }
+
+    #[test]
+    fn a_scene_that_tells_right_passes() {
+        let Outcome { pairs, missed, extra, first } = follow(|_, _| ());
+        assert!(pairs > 10_000);
+        assert_eq!((missed, extra, first), (0, 0, None));
+    }
+
+    #[test]
+    fn changes_that_are_lost_or_made_up_are_found() {
+        let lost = follow(|_, note| {
+            if note.begun.len() > 3 {
+                note.begun.pop();
+            }
+        });
+        assert!(lost.missed > 0 && lost.first.is_some(), "{lost:?}");
+        let kept = follow(|_, note| {
+            if note.ended.len() > 3 {
+                note.ended.pop();
+            }
+        });
+        assert!(kept.extra > 0, "{kept:?}");
+        let twice = follow(|_, note| {
+            let first = note.begun.first().copied();
+            note.begun.extend(first);
+        });
+        assert!(twice.extra > 0, "{twice:?}");
+    }
+
+    #[test]
+    fn an_edit_that_was_changed_afterwards_is_not_followed() {
+        let mut audit = SceneAudit::new(MOST_BOXES, 1);
+        let mut scene = Scene::new(SceneOptions::default());
+        let owned = RandomEdits::new(1, MOST_BOXES).edit();
+        let told = scene.edit(Edit { steps: &owned.steps() }, Want::All).expect("a right edit");
+        let mut wrong = note(&owned, told, false);
+        bytemuck::cast_slice_mut::<Page, u32>(&mut wrong.payload).fill(u32::MAX);
+        assert!(audit.follow(wrong).is_none());
+        assert_eq!(audit.copy.get(0), None::<Aabb>);
+    }
+}
