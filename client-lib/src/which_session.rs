@@ -260,9 +260,9 @@
 //! # Memory
 //!
 //! * This process keeps 25 bytes for each index up to the highest ([`Scene::allocated_bytes`]).
-//! * The daemon keeps 120 to 170 bytes a box where up to a tenth of the boxes move, 300 to 380 where all do.
-//!   Right after all boxes were sent and all pairs told, it was 340 to 600. That is what CPU engines kept of
-//!   10,000 to a million boxes with 2 to 10 pairs each. [`Scene::daemon_bytes`] tells yours.
+//! * The daemon keeps 90 to 125 bytes a box where up to a tenth of the boxes move, 260 to 360 where a third or
+//!   all do, and 300 to 540 right after all pairs were told. That is what CPU engines kept of 10,000 to a
+//!   million boxes, 2 and 10 pairs a box. [`Scene::daemon_bytes`] tells yours.
 //! * Where this process answers, it keeps what the daemon would, and with [`Backend::Auto`] the 25 bytes too.
 //! * All scenes of a daemon together have 4 GiB unless `pairmaskd serve --max-scene-mib` says otherwise.
 //!   A dropped [`Scene`] is freed in the daemon, and so are those of a client that dies.
