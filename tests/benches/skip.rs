@@ -23,6 +23,7 @@ use std::time::Instant;
 use pairmask::scene::{Indices, SceneOptions, Want};
 use pairmask::{Aabb, Backend, EngineId, Scene, Session};
 use pairmask_lab::study::moving::{Motion, World};
+#[cfg(feature = "peers")]
 use pairmask_tests::peers::rapier::Rapier;
 use pairmaskd::scene::SceneName;
 use serde_json::{Value, json};
@@ -78,7 +79,8 @@ impl Options {
                 }
                 "--peer" => match value.as_str() {
                     "frame" => options.with_rapier = false,
-                    "rapier" => options.with_rapier = true,
+                    "rapier" if cfg!(feature = "peers") => options.with_rapier = true,
+                    "rapier" => return Err("rapier needs --features peers".into()),
                     _ => return Err(format!("unknown peer '{value}'")),
                 },
                 "--motion" => {
@@ -158,19 +160,31 @@ fn whole_frame(session: &mut Session, boxes: &[Aabb]) -> Result<(u64, u64), Box<
 /// What a scene is set beside.
 enum Peer {
     Frame,
+    #[cfg(feature = "peers")]
     Rapier(Box<Rapier>),
 }
 
 impl Peer {
+    #[cfg(feature = "peers")]
+    fn new(options: &Options, n: usize) -> Self {
+        if options.with_rapier { Self::Rapier(Box::new(Rapier::new(n))) } else { Self::Frame }
+    }
+
+    #[cfg(not(feature = "peers"))]
+    const fn new(_: &Options, _: usize) -> Self {
+        Self::Frame
+    }
+
     /// The same change: ns.
     fn change(
         &mut self,
         session: &mut Session,
         world: &World,
-        moved: &[u32],
+        #[cfg_attr(not(feature = "peers"), expect(unused))] moved: &[u32],
     ) -> Result<u64, Box<dyn Error>> {
         match self {
             Self::Frame => Ok(whole_frame(session, world.boxes())?.0),
+            #[cfg(feature = "peers")]
             Self::Rapier(rapier) => {
                 let begin = Instant::now();
                 let boxes = moved.iter().map(|i| (*i, &world.boxes()[*i as usize]));
@@ -284,11 +298,7 @@ fn run() -> Result<(), Box<dyn Error>> {
                     let mut scene = session.scene(SceneOptions::default());
                     let all: Vec<u32> = (0..n as u32).collect();
                     edit(&mut scene, &all, world.boxes(), false)?;
-                    let mut peer = if options.with_rapier {
-                        Peer::Rapier(Box::new(Rapier::new(n)))
-                    } else {
-                        Peer::Frame
-                    };
+                    let mut peer = Peer::new(&options, n);
                     peer.change(&mut session, &world, &all)?;
                     for &percent in &options.percents {
                         let parts = (&mut scene, &mut world, &mut peer);
