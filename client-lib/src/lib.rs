@@ -40,6 +40,8 @@
 //!
 //! # Which session
 //!
+//! [`which_session`] goes through games and simulations, one by one. In short:
+//!
 //! Who answers ([`Backend`]; the pairs are the same):
 //!
 //! * [`Backend::Auto`], unless you say otherwise: the daemon where one serves, else this process.
@@ -94,6 +96,7 @@ use pairmask_transport as transport;
 pub mod error;
 pub mod info;
 pub mod mask;
+pub mod which_session;
 pub use pairmask_core::scene;
 pub use pairmask_core::update;
 pub use pairmask_core::write;

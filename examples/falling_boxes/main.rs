@@ -1,8 +1,10 @@
-//! A small physics loop that uses the pairs: boxes fall on a floor and hold each other up.
+//! A small physics loop on a scene that persists: boxes fall on a floor, hold each other up, and sleep.
 //!
 //!     falling_boxes [--backend auto|daemon|in-process] [--boxes N] [--frames N]
 
 mod arguments;
+mod contacts;
+mod simulation;
 mod world;
 
 use std::process::ExitCode;
@@ -11,6 +13,7 @@ use std::time::Instant;
 use pairmask::{ServedBy, Session};
 
 use arguments::Arguments;
+use simulation::Simulation;
 use world::World;
 
 fn main() -> ExitCode {
@@ -28,30 +31,23 @@ fn main() -> ExitCode {
 fn run() -> Result<(), Box<dyn std::error::Error>> {
     let Arguments { backend, boxes, frames } = Arguments::parse(std::env::args().skip(1))?;
     let mut session = Session::builder().backend(backend).connect()?;
-    let mut world = World::new(boxes);
+    let mut simulation = Simulation::new(&mut session, World::new(boxes))?;
 
     let start = Instant::now();
-    let mut pairs = Vec::new();
-    let (mut pair_count, mut by_daemon) = (0, 0);
+    let (mut pair_count, mut sent_count, mut by_daemon) = (0, 0, 0);
     for _ in 0..frames {
-        world.fall();
-        let mut frame = session.frame(world.len())?;
-        world.write_boxes(frame.boxes_mut());
-        let mask = frame.submit()?.wait()?;
-        // Engines find the same pairs in different orders. Pushes depend on the order, so the pairs
-        // are sorted: the world is then the same with every backend.
-        pairs.clear();
-        pairs.extend(mask.pairs());
-        pairs.sort_unstable();
-        world.push_apart(&pairs);
-        pair_count += mask.count();
-        by_daemon += u64::from(mask.info().served_by == ServedBy::Daemon);
+        let frame = simulation.step()?;
+        pair_count += simulation.contacts.iter().len();
+        sent_count += frame.sent;
+        by_daemon += u64::from(frame.served_by == ServedBy::Daemon);
     }
     let seconds = start.elapsed().as_secs_f64();
 
+    let a_frame = |count: usize| count as f64 / frames.max(1) as f64;
     println!("{boxes} boxes, {frames} frames, {by_daemon} of them by the daemon");
-    println!("{:.1} pairs a frame", pair_count as f64 / frames.max(1) as f64);
+    println!("{:.1} pairs a frame, {:.1} boxes sent", a_frame(pair_count), a_frame(sent_count));
     println!("{:.0} frames a second", frames as f64 / seconds.max(1e-9));
+    let world = &simulation.world;
     println!("highest box at {:.2} m, deepest overlap {:.3} m", world.height(), world.overlap());
     Ok(())
 }

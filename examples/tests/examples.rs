@@ -1,11 +1,24 @@
 //! The examples, run as a user runs them: in process, and with a daemon.
 #![allow(clippy::unwrap_used)]
 
+#[path = "../falling_boxes/contacts.rs"]
+mod contacts;
+#[path = "../falling_boxes/simulation.rs"]
+mod simulation;
+#[path = "../falling_boxes/world.rs"]
+mod world;
+
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
+use pairmask::scene::Want;
+use pairmask::{Aabb, Backend, ServedBy, Session};
 use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
+
+use contacts::Pair;
+use simulation::Simulation;
+use world::World;
 
 const MINIMAL_CLIENT: &str = env!("CARGO_BIN_EXE_minimal_client");
 const FALLING_BOXES: &str = env!("CARGO_BIN_EXE_falling_boxes");
@@ -129,4 +142,69 @@ fn falling_boxes_run_longer_than_the_daemon() {
     assert!(output.status.success());
     let text = String::from_utf8(output.stdout).unwrap();
     assert!(text.starts_with("80 boxes, 20000 frames, "), "{text}");
+}
+
+/// The pairs that a plain frame finds among the boxes of the scene, without those of static boxes.
+fn fresh_pairs(session: &mut Session, simulation: &Simulation) -> Vec<Pair> {
+    let scene = &simulation.scene;
+    let boxes: Vec<Aabb> = (0..scene.len() as u32).map(|i| scene.get(i).unwrap()).collect();
+    let mut frame = session.frame(boxes.len()).unwrap();
+    frame.boxes_mut().copy_from_slice(&boxes);
+    let mask = frame.submit().unwrap().wait().unwrap();
+    let first_static = simulation.world.statics().start;
+    let mut pairs: Vec<Pair> =
+        mask.pairs().map(|(a, b)| [a, b]).filter(|[a, _]| *a < first_static).collect();
+    pairs.sort_unstable();
+    pairs
+}
+
+/// Advances by one frame, and checks that the scene has every box that was not sent where the world
+/// has it.
+fn step(simulation: &mut Simulation) -> ServedBy {
+    let before = simulation.world.boxes();
+    let frame = simulation.step().unwrap();
+    let (moved, _) = simulation.world.moved();
+    assert_eq!(moved.len(), frame.sent);
+    for (i, b) in (0..).zip(before) {
+        if !moved.contains(&i) {
+            assert_eq!(simulation.scene.get(i), Some(b), "box {i} moved and was not sent");
+        }
+    }
+    frame.served_by
+}
+
+#[test]
+fn contacts_of_falling_boxes_are_the_pairs_of_a_fresh_frame() {
+    let daemon = daemon();
+    let mut fresh = Session::builder().backend(Backend::InProcess).connect().unwrap();
+    let mut with_daemon = daemon.session().backend(Backend::Auto).connect().unwrap();
+    let mut here = Simulation::new(&mut fresh, World::new(80)).unwrap();
+    let mut there = Simulation::new(&mut with_daemon, World::new(80)).unwrap();
+    let mut daemon = Some(daemon);
+    for frame in 0..600 {
+        if frame == 200 {
+            daemon.take().unwrap().stop();
+        }
+        if frame % 5 == 0 {
+            // A resync in place of changes, to one of them.
+            there.scene.lose();
+        }
+        let by = if daemon.is_some() { ServedBy::Daemon } else { ServedBy::InProcess };
+        assert_eq!((step(&mut here), step(&mut there)), (ServedBy::InProcess, by), "{frame}");
+        if frame % 20 != 0 {
+            continue;
+        }
+        for simulation in [&mut here, &mut there] {
+            let kept: Vec<Pair> = simulation.contacts.iter().map(|(pair, _)| pair).collect();
+            assert_eq!(kept, fresh_pairs(&mut fresh, simulation), "{frame}");
+            // Not taken: the next changes are still counted from the contacts.
+            let all = simulation.scene.edit().commit(Want::All).unwrap();
+            assert_eq!(kept, all.pairs().to_vec(), "{frame}");
+        }
+    }
+    assert_eq!(here.world.boxes(), there.world.boxes());
+    assert!((0.4..4.0).contains(&here.world.height()), "a heap of {} m", here.world.height());
+    assert!(here.world.overlap() < 0.4, "boxes lie {} m inside each other", here.world.overlap());
+    let (moved, _) = here.world.moved();
+    assert!(moved.len() < 40, "{} of 80 boxes are awake", moved.len());
 }

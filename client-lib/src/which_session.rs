@@ -1,0 +1,298 @@
+//! Which session for which game: what to send, what to ask for, what to keep.
+//!
+//! # By what moves
+//!
+//! | boxes | call | sent a frame | answer |
+//! |---|---|---|---|
+//! | most of them move | [`Session::frame`] | all, 24 bytes a box | all pairs |
+//! | most move, the bytes are the bottleneck, extra pairs do no harm | [`Session::narrow_frame`] | all, 12 or 6 bytes | all pairs, and some that are near |
+//! | bounding spheres, or circles in a plane | [`Session::sphere_frame`] | all, 16 bytes | all pairs, exact |
+//! | all move, none moves far | [`Margined`] | all, but only when one has left its margin | all pairs, and some that are near |
+//! | few of many move, or you need what began and ended | [`Session::scene`] | those that changed | as you [want](Want) |
+//!
+//! * A frame looks at every box. Its time does not depend on how many of them moved.
+//! * A scene looks at what changed while that is little. Beyond, it searches all boxes, as a frame does, and
+//!   compares besides ([How](crate::scene#how)). Ask a frame if most boxes move in most frames and you
+//!   need all pairs anyway.
+//! * A scene holds exact boxes. It has no narrow forms and no spheres.
+//! * A single box that leaves its margin makes [`Margined`] send all. Where a few boxes move far and
+//!   others jitter, take a scene and [give the boxes margins of your own](#what-to-send).
+//! * Narrow forms save time where boxes cross the link to a GPU. CPU engines expand them first: there they
+//!   save bytes and no time. Spheres are culled by CPU engines only.
+//! * `cargo bench --bench skip` of the repository times scenes beside frames on your machine, by the share
+//!   of boxes that move.
+//!
+//! # By game
+//!
+//! | game | take | want |
+//! |---|---|---|
+//! | A shooter: 5,000 props, 200 of them move | a scene. Props that lie on the ground are not sent. Level geometry is static | [`Want::Changes`]: [contacts](#contacts) live between frames |
+//! | A physics sandbox in which everything falls | a scene if boxes come to rest and sleep, as in the example `falling_boxes`; else frames | [`Want::Changes`] |
+//! | A particle system, a fluid: all move, always | frames, narrow ones where near pairs do no harm | |
+//! | A strategy game: 50,000 units, most of them marching | sphere frames: spheres with one height are circles, decided exactly. Box frames where a GPU serves, since it takes no spheres | |
+//! | The same, most of them standing | a scene, in which only marching units are set | [`Want::Moved`] to part units; [`Want::Changes`] for who came into range |
+//! | A city: static buildings, traffic | a scene. [Buildings are static](#static-worlds-and-traffic), and are set and removed by blocks | [`Want::Moved`] |
+//! | Projectiles, pickups: spawned and gone in great number | a scene with a [pool of indices](#pools-and-answers-that-are-not-taken) that are switched off | [`Want::Changes`] |
+//! | Trigger volumes: who came in, who left | a scene. Triggers are static, if they need not meet one another | [`Want::Changes`] |
+//! | Reinforcement learning: many small worlds in step | a scene or a frame a world, [`Backend::InProcess`], one thread a world ([`SceneOptions::with_threads`]) | [`Want::All`] where an episode begins, then [`Want::Changes`] |
+//! | A level editor | a scene; hidden layers are switched off | [`Want::Moved`]: what the dragged object touches now |
+//! | A server with several processes | a daemon, and a session in each process. Scenes belong to their sessions: processes do not see one another's | any |
+//! | A tool that looks at a level once | a frame, [`Backend::InProcess`] | |
+//!
+//! # Who answers
+//!
+//! Pairs do not depend on it, and a scene's answers are the same bytes.
+//!
+//! * [`Backend::Auto`], for whatever you ship. It takes the daemon where one serves. It answers in this
+//!   process where none does, or where one dies, and goes back to the daemon by itself.
+//! * [`Backend::InProcess`], for a few hundred boxes, tests, tools, and platforms without a daemon. Going
+//!   to a daemon adds [2 µs while both sides spin and 39 where they sleep](#records). In process 64 boxes
+//!   take 2 µs in all.
+//! * [`Backend::Daemon`], where this process must not spend its own cores or memory on pairs, and for
+//!   measurements. What `Auto` answers in process is an error here.
+//!
+//! A daemon serves 16 clients unless `pairmaskd serve --max-clients` says otherwise. They share its cores
+//! and its GPU. Eight clients of 1,000 boxes get a frame in [72 to 79 µs](#records) on 16 cores.
+//!
+//! # What to send
+//!
+//! * Send the boxes that changed since your last edit, and no others. A box is set by its index:
+//!   [`SceneEdit::set`] one by one, [`SceneEdit::set_all`] where boxes lie in an array.
+//! * Name adjacent indices as a range. A list has 4 bytes an index, a
+//!   [bitmask](crate::scene::Indices::Mask) one bit for each index of its span: it has fewer bytes where
+//!   more than one in 32 is named.
+//! * A box that is set to the very bits that it has costs its bytes, and nothing is searched around it.
+//!   [`Want::Moved`] counts it as moved.
+//! * Boxes that physics pushes after the answer have moved. Send them with the next edit, also those that fall
+//!   asleep before it.
+//! * Boxes that jitter: send them [inflated](crate::Margin::inflate), and keep what you sent. Send a box
+//!   again only when it is no longer within that. Pairs are then those of the inflated boxes: test each with
+//!   the boxes of now ([`Aabb::overlaps`]).
+//! * Worlds in f64: [`Aabb::outward_from_f64`], relative to an origin that stays. A new origin changes
+//!   every box.
+//! * An edit is applied as a whole or not at all. Removals go first, then sets, then flags.
+//! * An edit without steps is allowed: it asks, and changes nothing.
+//!
+//! # What to want
+//!
+//! * [`Want::Changes`]: pairs that began and ended since the last answer that was taken. You keep the pairs.
+//! * [`Want::Moved`]: all pairs of the boxes that this edit names. You keep nothing. No ends are told.
+//! * [`Want::All`]: all pairs. You keep nothing. It costs what a frame costs, unless nothing has changed
+//!   since the last one.
+//! * [`Want::Nothing`]: loading, and ticks whose pairs you do not need. What it changes is told later.
+//!
+//! Each edit may want something else. A game may ask for [`Want::Moved`] in each tick of its physics, and
+//! ten times a second for [`Want::Changes`], for its triggers: a pair that began and ended again between
+//! two taken answers is not told.
+//!
+//! # When to take
+//!
+//! * [`SceneAnswer::take`] says that you know what the answer tells. Take [`Want::Changes`] when your
+//!   contacts have it. Take [`Want::All`] only if it replaces your contacts.
+//! * Taking [`Want::Moved`] or [`Want::Nothing`] changes nothing.
+//! * An answer that is dropped, lost or never waited for is not taken. Its edit is applied all the same. The
+//!   next changes are counted from the last answer that was taken: nothing is told twice, nothing never.
+//! * A [`SceneEdit`] that is dropped before [`commit`](SceneEdit::commit) changes nothing.
+//! * A daemon's answer holds one of a session's three places for frames until it is dropped.
+//!
+//! # What to keep
+//!
+//! A map from pairs to whatever you know of them: impulses, ages, sounds. Pairs have the smaller index
+//! first, and lists are sorted, so that a sorted map goes through them in the same order everywhere.
+//!
+//! * Remove what [ended](SceneAnswer::ended) before you insert what [began](SceneAnswer::begun): a pair
+//!   whose index was given to a new box may be in both.
+//! * At a [resync](SceneAnswer::is_resync), [`pairs`](SceneAnswer::pairs) is the whole set. Drop the
+//!   contacts that are not in it and begin those that are missing. Contacts in both go on.
+//! * A resync does not say which boxes were removed. Drop the contacts of a box when you remove it, and
+//!   ignore the end of a pair that you no longer have.
+//! * A resync comes when there are more changes than pairs (and more than 4,096), when a daemon has lost
+//!   the scene or another process answers, and after [`Scene::lose`].
+//! * Call [`Scene::lose`] when your own contacts are lost, as after loading a saved game.
+//!
+//! # Contacts
+//!
+//! ```
+//! use std::collections::{BTreeMap, BTreeSet};
+//!
+//! use pairmask::scene::{SceneOptions, Want};
+//! use pairmask::{Aabb, SceneAnswer, Session};
+//!
+//! /// What the game knows of two boxes that touch.
+//! #[derive(Debug, Default)]
+//! struct Contact {
+//!     impulse: f32,
+//! }
+//!
+//! type Contacts = BTreeMap<[u32; 2], Contact>;
+//!
+//! fn update(contacts: &mut Contacts, answer: &SceneAnswer<'_>) {
+//!     if answer.is_resync() {
+//!         let now: BTreeSet<[u32; 2]> = answer.pairs().iter().collect();
+//!         contacts.retain(|pair, _| now.contains(pair));
+//!         for pair in now {
+//!             contacts.entry(pair).or_default();
+//!         }
+//!     } else {
+//!         for ended in answer.ended() {
+//!             contacts.remove(&ended.pair);
+//!         }
+//!         for pair in answer.begun() {
+//!             contacts.insert(pair, Contact::default());
+//!         }
+//!     }
+//! }
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let mut session = Session::builder().connect()?;
+//! let mut scene = session.scene(SceneOptions::default());
+//! let mut contacts = Contacts::new();
+//! let crate_at = |x: f32| Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0]);
+//!
+//! // 5,000 crates in a row, none of which touch.
+//! let crates: Vec<Aabb> = (0..5_000).map(|i| crate_at(2.0 * i as f32)).collect();
+//! update(&mut contacts, &scene.edit().set_all(0..5_000, &crates).commit(Want::Changes)?.take());
+//! assert!(contacts.is_empty());
+//!
+//! // Two of them are pushed. The others are not sent.
+//! let edit = scene.edit().set(7, crate_at(15.5)).set(20, crate_at(41.25));
+//! update(&mut contacts, &edit.commit(Want::Changes)?.take());
+//! assert!(contacts.keys().eq(&[[7, 8], [20, 21]]));
+//! contacts.insert([7, 8], Contact { impulse: 3.0 });
+//!
+//! // A resync: contacts that go on stay what they are.
+//! scene.lose();
+//! let answer = scene.edit().set(20, crate_at(40.0)).commit(Want::Changes)?.take();
+//! assert!(answer.is_resync());
+//! update(&mut contacts, &answer);
+//! assert!(contacts.len() == 1 && contacts[&[7, 8]].impulse == 3.0);
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! The example `falling_boxes` of the repository is this as a program, with boxes that sleep.
+//!
+//! # Static worlds and traffic
+//!
+//! ```
+//! use pairmask::scene::{SceneOptions, Want};
+//! use pairmask::{Aabb, Session};
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let mut session = Session::builder().connect()?;
+//! let mut city = session.scene(SceneOptions::default());
+//!
+//! // A block is loaded: 100 houses, wall to wall. Two static boxes are no pair.
+//! let house = |i: u32| Aabb::new([10.0 * i as f32, 0.0, 0.0], [10.0 * (i + 1) as f32, 20.0, 10.0]);
+//! let houses: Vec<Aabb> = (0..100).map(house).collect();
+//! let edit = city.edit().set_all(0..100, &houses).make_all_static(0..100, true);
+//! drop(edit.commit(Want::Nothing)?);
+//!
+//! // Cars are set in each frame, and asked for.
+//! let car = |x: f32| Aabb::new([x, 0.0, 9.0], [x + 4.0, 1.5, 11.0]);
+//! let cars = [car(3.0), car(252.0), car(255.0)];
+//! let answer = city.edit().set_all(100..103, &cars).commit(Want::Moved)?;
+//! assert_eq!(answer.pairs(), [[0, 100], [25, 101], [25, 102], [101, 102]]);
+//! drop(answer);
+//!
+//! // The block is unloaded. Its indices are free for another one.
+//! drop(city.edit().remove_all(0..100).commit(Want::Nothing)?);
+//! assert_eq!(city.len(), 3);
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! # Pools, and answers that are not taken
+//!
+//! ```
+//! use pairmask::scene::{EndReason, SceneOptions, Want};
+//! use pairmask::{Aabb, Session};
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let mut session = Session::builder().connect()?;
+//! let mut scene = session.scene(SceneOptions::default());
+//!
+//! // Indices 0 to 7 are projectiles that nobody has fired, index 8 is a target.
+//! let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 9];
+//! let edit = scene.edit().set_all(0..9, &boxes).switch_all(0..8, false);
+//! let answer = edit.commit(Want::Changes)?.take();
+//! assert!(answer.begun().is_empty());
+//! drop(answer);
+//!
+//! // One is fired, in a tick whose pairs nobody asks for.
+//! drop(scene.edit().set(3, boxes[8]).switch(3, true).commit(Want::Nothing)?);
+//!
+//! // The next tick is told of it. It does not take the answer, so that the one after is told again.
+//! for _ in 0..2 {
+//!     assert_eq!(scene.edit().commit(Want::Changes)?.begun(), [[3, 8]]);
+//! }
+//!
+//! // Taken at last. Then the projectile goes back to the pool.
+//! drop(scene.edit().commit(Want::Changes)?.take());
+//! let answer = scene.edit().switch(3, false).commit(Want::Changes)?.take();
+//! let ended = answer.ended().to_vec();
+//! assert_eq!((ended[0].pair, ended[0].reason), ([3, 8], EndReason::Filtered));
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! # Indices
+//!
+//! * Indices are yours. Count them from 0 and give free ones to new boxes: memory, and now and then time, go
+//!   by the highest index, not by the number of boxes.
+//! * An index may be removed and set in one edit. It is another box then, with fresh flags: its old pairs
+//!   end as [`Removed`](crate::scene::EndReason::Removed), and its new ones begin.
+//! * Ids with generations do not do as indices. Keep a table from index to id.
+//! * Indices are below [`SceneOptions::most_boxes`]. An edit beyond is refused.
+//!
+//! # Static, off, removed
+//!
+//! * **Static**: two static boxes are no pair, and none is looked for. A static box may move: set it as any
+//!   other. Pairs with boxes that are not static are told as ever. Make a prop that was hit
+//!   not static, and static again when it lies.
+//! * **Off**: a box overlaps nothing, and keeps its index, box and flags. It may be set meanwhile. Use it for
+//!   what comes back: pools, hidden layers, ghosts, the dead who respawn. A pair ends as
+//!   [`Filtered`](crate::scene::EndReason::Filtered).
+//! * **Removed**: the index is free. Use it for what does not come back.
+//! * A box that sleeps is none of these. It is not sent, and its pairs go on.
+//! * Setting a box leaves its flags.
+//!
+//! # Memory
+//!
+//! * This process keeps 25 bytes for each index up to the highest ([`Scene::allocated_bytes`]).
+//! * The daemon keeps 90 to 125 bytes a box where up to a tenth of the boxes move, 260 to 360 where a third or
+//!   all do, and 300 to 540 right after all pairs were told. That is what CPU engines kept of 10,000 to a
+//!   million boxes, 2 and 10 pairs a box. [`Scene::daemon_bytes`] tells yours.
+//! * Where this process answers, it keeps what the daemon would, and with [`Backend::Auto`] the 25 bytes too.
+//! * All scenes of a daemon together have 4 GiB unless `pairmaskd serve --max-scene-mib` says otherwise.
+//!   A dropped [`Scene`] is freed in the daemon, and so are those of a client that dies.
+//!
+//! # Faults
+//!
+//! | what happens | [`Backend::Auto`] | [`Backend::Daemon`] |
+//! |---|---|---|
+//! | the daemon dies or restarts, before or during an edit | the edit is answered, by the new daemon or in process. The next changes are a resync | an error while there is none. Then the scene is sent again by itself, and the next changes are a resync |
+//! | the daemon has no room for the scene | this process answers, and tries the daemon again after 2 s | [`CommitError::Wait`] with the daemon's status |
+//! | the daemon is too old for scenes | this process answers | [`FrameError::DaemonTooOld`] |
+//! | three frames or answers are held | [`FrameError::TooManyFrames`]: drop one | the same |
+//! | the edit is wrong: an absent index, one set twice | [`CommitError::Edit`] | the same |
+//!
+//! After [`CommitError::Edit`] and [`CommitError::Frame`] the scene is what it was: send the edit again when
+//! what was wrong is put right. After [`CommitError::Wait`] the edit is applied: go on with the next one, which
+//! makes up for the lost answer.
+//!
+//! # Records
+//!
+//! Figures are from records in the repository's `tests/records`, which name machine, commit and command:
+//!
+//! * the way to a daemon, and 64 boxes in process: `README.md`, section `2026-11-21-epyc-2-cores`;
+//! * several clients: `2026-11-22-h200/bundles.txt`;
+//! * a frame's time by the share of boxes that move: `2026-11-21-h200/grid.md`, Figure 6;
+//! * narrow forms: `README.md`, section `2026-11-21-h200`.
+
+#[cfg(doc)]
+use crate::scene::{SceneOptions, Want};
+#[cfg(doc)]
+use crate::{
+    Aabb, Backend, CommitError, FrameError, Margined, Scene, SceneAnswer, SceneEdit, Session,
+};
