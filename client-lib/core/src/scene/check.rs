@@ -1,6 +1,6 @@
 //! Whether an edit fits the boxes that there are, before anything of it is applied.
 
-use super::edit::Edit;
+use super::edit::{Edit, Indices, Sets, Step};
 use super::error::EditError;
 
 /// Flag of an index: it has a box.
@@ -44,13 +44,31 @@ pub(super) fn mark(edit: Edit<'_>, flags: &mut [u8]) -> Result<(), EditError> {
         }
         *flags |= EDIT_REMOVES;
     });
-    edit.for_each_set(|index, _| {
-        let flags = &mut flags[index as usize];
-        if *flags & EDIT_SETS != 0 {
-            wrong = wrong.or(Some(EditError::SetTwice { index }));
+    for sets in sets_of(edit) {
+        if let Indices::Range { first, count } = sets.indices {
+            if count == 0 {
+                // Its first index may be anything.
+                continue;
+            }
+            // Without a branch an index: a scene that moves as a whole is such a range.
+            let flags = &mut flags[first as usize..first as usize + count as usize];
+            if flags.iter().fold(0, |all, flags| all | flags) & EDIT_SETS != 0 {
+                let twice = flags.iter().position(|flags| flags & EDIT_SETS != 0).unwrap_or(0);
+                wrong = wrong.or(Some(EditError::SetTwice { index: first + twice as u32 }));
+            }
+            for flags in flags {
+                *flags |= EDIT_SETS;
+            }
+            continue;
         }
-        *flags |= EDIT_SETS;
-    });
+        sets.indices.for_each(|_, index| {
+            let flags = &mut flags[index as usize];
+            if *flags & EDIT_SETS != 0 {
+                wrong = wrong.or(Some(EditError::SetTwice { index }));
+            }
+            *flags |= EDIT_SETS;
+        });
+    }
     edit.for_each_flag(|index, _| {
         let flags = flags[index as usize];
         let stays = flags & (PRESENT | EDIT_REMOVES) == PRESENT;
@@ -61,6 +79,14 @@ pub(super) fn mark(edit: Edit<'_>, flags: &mut [u8]) -> Result<(), EditError> {
     let Some(wrong) = wrong else { return Ok(()) };
     unmark(edit, flags);
     Err(wrong)
+}
+
+/// What an edit sets, step by step.
+pub(super) fn sets_of(edit: Edit<'_>) -> impl Iterator<Item = Sets<'_>> {
+    edit.steps.iter().filter_map(|step| match step {
+        Step::Set(sets) => Some(*sets),
+        _ => None,
+    })
 }
 
 /// Takes the marks of an edit away. Every index that may have one is among its own.

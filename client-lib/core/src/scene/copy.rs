@@ -1,10 +1,11 @@
 //! What a client keeps of a scene that lives in another process: enough to make it again.
 
-use super::check::{EDIT_SETS, PRESENT, len_after, mark, unmark};
+use super::check::{EDIT_SETS, PRESENT, len_after, mark, sets_of, unmark};
 use super::edit::{Edit, Flag, Indices, Sets, Step};
 use super::error::EditError;
 use super::kept::KeptBox;
 use crate::aabb::Aabb;
+use crate::write::par_write_boxes;
 
 /// The box is switched off.
 const OFF: u8 = 1 << 1;
@@ -122,12 +123,26 @@ impl SceneCopy {
             flags[index as usize] &= EDIT_SETS;
             *present -= 1;
         });
-        edit.for_each_set(|index, b| {
-            let i = index as usize;
-            *present += usize::from(flags[i] & PRESENT == 0);
-            flags[i] = flags[i] & !EDIT_SETS | PRESENT;
-            boxes[i] = *b;
-        });
+        for Sets { indices, boxes: new } in sets_of(edit) {
+            *present += match indices {
+                Indices::Range { count: 0, .. } => 0,
+                Indices::Range { first, .. } => {
+                    let range = first as usize..first as usize + new.len();
+                    set_range(&mut boxes[range.clone()], &mut flags[range], new)
+                }
+                Indices::List(list) if list.len() >= PART_BOXES && list.is_sorted() => {
+                    set_sorted(boxes, flags, 0, (list, new))
+                }
+                _ => {
+                    let mut added = 0;
+                    indices.for_each(|at, index| {
+                        let i = index as usize;
+                        added += set(&mut boxes[i], &mut flags[i], &new[at]);
+                    });
+                    added
+                }
+            };
+        }
         edit.for_each_flag(|index, flag| {
             let flags = &mut flags[index as usize];
             let (bit, on) = match flag {
@@ -174,6 +189,54 @@ impl WholeScene<'_> {
     }
 }
 
+/// Fewest boxes of a list that two threads set.
+const PART_BOXES: usize = 8_192;
+
+/// Sets one box; 1 where there was none.
+#[inline(always)]
+fn set(to: &mut Aabb, flags: &mut u8, b: &Aabb) -> usize {
+    let added = usize::from(*flags & PRESENT == 0);
+    *flags = *flags & !EDIT_SETS | PRESENT;
+    *to = *b;
+    added
+}
+
+/// Sets boxes of indices that follow each other; how many there were not.
+fn set_range(to: &mut [Aabb], flags: &mut [u8], new: &[Aabb]) -> usize {
+    par_write_boxes(new, to);
+    let present: u64 = flags.iter().map(|flags| u64::from(flags & PRESENT)).sum();
+    let added = flags.len() - (present / u64::from(PRESENT)) as usize;
+    for flags in flags {
+        *flags = *flags & !EDIT_SETS | PRESENT;
+    }
+    added
+}
+
+/// Sets boxes of rising indices, which lie in these from `first` on; how many there were not. The stores
+/// wait for memory: several threads wait at the same time.
+fn set_sorted(
+    boxes: &mut [Aabb],
+    flags: &mut [u8],
+    first: usize,
+    (list, new): (&[u32], &[Aabb]),
+) -> usize {
+    if list.len() < 2 * PART_BOXES {
+        let places = list.iter().map(|index| *index as usize - first);
+        return places.zip(new).map(|(at, b)| set(&mut boxes[at], &mut flags[at], b)).sum();
+    }
+    let half = list.len() / 2;
+    let middle = list[half] as usize;
+    let (boxes, later_boxes) = boxes.split_at_mut(middle - first);
+    let (flags, later_flags) = flags.split_at_mut(middle - first);
+    let (list, later_list) = list.split_at(half);
+    let (new, later_new) = new.split_at(half);
+    let (added, later_added) = rayon::join(
+        || set_sorted(boxes, flags, first, (list, new)),
+        || set_sorted(later_boxes, later_flags, middle, (later_list, later_new)),
+    );
+    added + later_added
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::{Scene, SceneOptions, Want};
@@ -204,7 +267,7 @@ mod tests {
             Step::Set(Sets { indices, boxes: &boxes[..count] })
         };
         let one = |index: u32| Indices::Range { first: index, count: 1 };
-        let edits: [(&[Step<'_>], bool); 12] = [
+        let edits: [(&[Step<'_>], bool); 13] = [
             (&[], true),
             (&[set(3, 70)], true),
             (&[set(89, 2)], false),
@@ -217,6 +280,7 @@ mod tests {
             (&[Step::Switch(one(21), true), Step::Remove(one(20))], true),
             (&[Step::Remove(one(22)), set(22, 3)], true),
             (&[Step::Remove(one(23)), Step::Remove(one(23))], false),
+            (&[set(u32::MAX, 0), Step::Remove((u32::MAX..u32::MAX).into())], true),
         ];
         for (steps, is_right) in edits {
             assert_eq!(both(&mut copy, &mut scene, steps), is_right, "{steps:?}");
@@ -231,6 +295,28 @@ mod tests {
             let all = scene.edit(Edit::NONE, Want::All).expect("a right edit");
             assert_eq!(told.pairs(), all.pairs());
             assert_eq!(told.skipped().static_pairs, all.skipped().static_pairs);
+        }
+    }
+
+    #[test]
+    fn long_lists_and_ranges_set_what_short_ones_do() {
+        let n = 3 * PART_BOXES + 5;
+        let boxes: Vec<Aabb> = (0..n).map(|i| at(i as f32)).collect();
+        let rising: Vec<u32> = (0..n as u32).map(|i| 3 * i + 1).collect();
+        let falling: Vec<u32> = rising.iter().rev().copied().collect();
+        let sets = |indices| [Step::Set(Sets { indices, boxes: &boxes })];
+        let limit = 4 * n as u32;
+        for steps in
+            [sets((&rising).into()), sets((&falling).into()), sets((7..7 + n as u32).into())]
+        {
+            let mut copy = SceneCopy::new(limit);
+            for _ in 0..2 {
+                copy.check(Edit { steps: &steps }).expect("right");
+                copy.apply(Edit { steps: &steps });
+                assert_eq!(copy.len(), n);
+            }
+            let Step::Set(sets) = &steps[0] else { continue };
+            sets.indices.for_each(|at, index| assert_eq!(copy.get(index), Some(boxes[at])));
         }
     }
 

@@ -47,10 +47,9 @@ impl Indices<'_> {
     /// The largest index, in 64 bits, since a client may name one beyond 2^32 − 1.
     pub fn last(&self) -> Option<u64> {
         match self {
-            Self::List([]) => None,
+            Self::List([]) | Self::Range { count: 0, .. } => None,
             // Folded, not `max`, which compares one by one.
             Self::List(indices) => Some(u64::from(indices.iter().fold(0, |most, i| most.max(*i)))),
-            Self::Range { count: 0, .. } => None,
             Self::Range { first, count } => Some(u64::from(*first) + u64::from(*count) - 1),
             Self::Mask { first, words } => {
                 let (w, word) = words.iter().enumerate().rev().find(|(_, word)| **word != 0)?;

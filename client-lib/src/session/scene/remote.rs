@@ -262,16 +262,18 @@ impl RemoteScene {
 
     /// Sends the whole scene.
     fn load(&mut self, link: &Arc<Link>) -> Result<(), CommitError> {
+        let there = There { link: Arc::clone(link), revision: 0, is_taken: false };
+        let before = std::mem::replace(&mut self.keeper, Keeper::Daemon(there));
         let loaded = self.send_whole(link);
         if loaded.is_err() {
-            self.keeper = Keeper::Nobody;
+            // A scene of this process goes on where it was.
+            let is_here = matches!(before, Keeper::Here(_));
+            self.keeper = if is_here { before } else { Keeper::Nobody };
         }
         loaded
     }
 
     fn send_whole(&mut self, link: &Arc<Link>) -> Result<(), CommitError> {
-        let there = There { link: Arc::clone(link), revision: 0, is_taken: false };
-        self.keeper = Keeper::Daemon(there);
         self.forgets |= self.knows_pairs;
         if self.copy.is_empty() {
             return Ok(());

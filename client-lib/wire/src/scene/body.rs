@@ -4,6 +4,7 @@ use bytemuck::{Pod, Zeroable};
 use pairmask_core::aabb::Aabb;
 use pairmask_core::scene::{Edit, Indices, Sets, Step};
 use pairmask_core::units::BoxCount;
+use pairmask_core::write::par_write_boxes;
 
 use super::request::{BOX_BYTES, SceneRequest};
 use crate::page::Page;
@@ -132,8 +133,17 @@ impl EditLayout {
     #[must_use]
     pub fn write(&self, edit: Edit<'_>, pages: &mut [Page]) -> bool {
         let all: &mut [u8] = bytemuck::cast_slice_mut(pages);
+        // Boxes lie before everything else.
+        let box_bytes = (BOX_BYTES * self.boxes) as usize;
+        let words_at = self.words_at() as usize;
+        if all.len() < words_at {
+            return false;
+        }
+        let (boxes_mut, all) = all.split_at_mut(words_at);
+        let boxes_mut: &mut [Aabb] = bytemuck::cast_slice_mut(&mut boxes_mut[..box_bytes]);
         let mut put = |offset: u64, bytes: &[u8]| {
-            let place = all.get_mut(offset as usize..).and_then(|to| to.get_mut(..bytes.len()));
+            let place =
+                all.get_mut(offset as usize - words_at..).and_then(|to| to.get_mut(..bytes.len()));
             place.map(|to| to.copy_from_slice(bytes)).is_some()
         };
         let mut is_written = put(self.records_at(), bytemuck::cast_slice(&self.records));
@@ -141,8 +151,9 @@ impl EditLayout {
         for (step, record) in edit.steps.iter().zip(&self.records) {
             let indices = match step {
                 Step::Set(Sets { indices, boxes }) => {
-                    let offset = BOX_BYTES * u64::from(record.boxes_at);
-                    is_written &= put(offset, bytemuck::cast_slice(boxes));
+                    let (first, count) = (record.boxes_at as usize, boxes.len());
+                    let place = boxes_mut.get_mut(first..).and_then(|to| to.get_mut(..count));
+                    is_written &= place.map(|to| par_write_boxes(*boxes, to)).is_some();
                     indices
                 }
                 Step::Remove(indices) | Step::Switch(indices, _) | Step::Static(indices, _) => {

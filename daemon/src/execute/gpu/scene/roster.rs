@@ -237,7 +237,9 @@ impl Roster {
             return;
         }
         if let Indices::Range { first, count } = indices {
-            self.present_count += self.present.set_range(*first, *count);
+            if *count > 0 {
+                self.present_count += self.present.set_range(*first, *count);
+            }
             return;
         }
         indices.for_each(|_, index| {
