@@ -29,9 +29,9 @@ pub struct RequestHeader {
     pub frame: u64,
     /// Boxes or spheres in the scene.
     pub box_count: u32,
-    /// An [`EngineName`], or 0 for the plan's choice.
+    /// An [`EngineName`](pairmask_core::engine::EngineName), or 0 for the plan's choice.
     pub engine: u32,
-    /// An [`Encoding`], or 0 for the plan's choice. In an edit: what it wants.
+    /// An [`Encoding`](pairmask_core::mask::Encoding), or 0 for the plan's choice. In an edit: what it wants.
     pub encoding: u32,
     /// Threads that the engine may use, or 0 for the plan's choice.
     pub threads: u32,
