@@ -10,7 +10,7 @@ use pairmask_core::scene::{Edit, SceneError, SceneOptions};
 use pairmask_wire::{SceneAnswerLayout, SceneId, SceneRequest, response_scene};
 
 use super::Served;
-use crate::clients::{KeptScene, SceneMemory};
+use crate::clients::{GpuNeed, KeptScene, SceneMemory};
 use crate::execute::{EnginePool, GpuShare, SceneKeeper};
 use crate::publish::{OpenRequest, Outbox, Refusal};
 
@@ -45,6 +45,7 @@ impl SceneEdits {
     ) -> Served {
         let threads = request.threads.map_or(threads, |asked| asked.min(threads)).max(1);
         let session = open.sender().session;
+        let mut gpu = GpuNeed::None;
         let edited = match self.find(session, request, outbox) {
             Ok(mut kept) => {
                 let edited = if threads == 1 {
@@ -53,6 +54,9 @@ impl SceneEdits {
                     self.pool
                         .work(|| edit_and_answer(&mut kept, &mut open, request, threads, outbox))
                 };
+                if kept.scene.engine().is_gpu() {
+                    gpu = GpuNeed::Alone;
+                }
                 // What was applied without an answer is of no use to the client: it sends the scene again.
                 if !matches!(edited, Err(Failed::Applied(_))) {
                     outbox.clients().keep_scene(session, kept);
@@ -67,7 +71,7 @@ impl SceneEdits {
             outbox.refuse(&mut open, refusal);
         }
         open.close();
-        Served { threads, ..Served::BEGUN }
+        Served { threads, gpu, ..Served::BEGUN }
     }
 
     /// Forgets a scene.
