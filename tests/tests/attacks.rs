@@ -168,11 +168,7 @@ fn forged_edits_leave_the_scenes_of_others_alone() {
         let arrays = owned.arrays(0);
         let edit = arrays.steps().into_iter().fold(scene.edit(), SceneEdit::step);
         let answer = edit.commit(Want::Changes).unwrap().take();
-        if answer.is_resync() {
-            known.resync(answer.pairs());
-        } else {
-            known.change(answer.begun(), answer.ended()).unwrap();
-        }
+        known.tell(&answer).unwrap();
         let all = truth.edit(Edit { steps: &arrays.steps() }, Want::All).unwrap();
         known.compare(all.pairs()).unwrap();
     }

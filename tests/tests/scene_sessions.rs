@@ -151,11 +151,7 @@ fn step(
     let pending = with_steps(scene.edit(), &arrays).submit(Want::Changes).unwrap();
     between();
     let answer = pending.wait().unwrap().take();
-    if answer.is_resync() {
-        known.resync(answer.pairs());
-    } else {
-        known.change(answer.begun(), answer.ended()).unwrap();
-    }
+    known.tell(&answer).unwrap();
     let all = truth.edit(Edit { steps: &arrays.steps() }, Want::All).unwrap();
     known.compare(all.pairs()).unwrap();
     answer.served_by()

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use pairmask::SceneAnswer;
 use pairmask_core::scene::Ended;
 
 /// The pairs that a client knows from the answers that it took.
@@ -29,6 +30,18 @@ impl KnownPairs {
             }
         }
         Ok(())
+    }
+
+    /// Takes an answer to changes.
+    ///
+    /// # Errors
+    /// As [`Self::change`].
+    pub fn tell(&mut self, answer: &SceneAnswer<'_>) -> Result<(), String> {
+        if answer.is_resync() {
+            self.resync(answer.pairs());
+            return Ok(());
+        }
+        self.change(answer.begun(), answer.ended())
     }
 
     /// Takes all pairs in place of those that were known.
