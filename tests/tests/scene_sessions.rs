@@ -251,6 +251,14 @@ fn a_daemon_without_room_refuses_and_the_client_answers() {
         panic!("{refused}");
     };
     assert_eq!((status, detail[1]), (StatusCode::SceneTooLarge, 1 << 20));
+    // What was refused was applied here, and so is what makes it fit, though the whole is refused once more.
+    assert_eq!(scene.len(), 10_000);
+    let refused = scene.edit().remove_all(5..10_000).commit(Want::All).map(drop);
+    assert!(matches!(refused, Err(CommitError::Wait(_))), "{refused:?}");
+    assert_eq!(scene.len(), 5);
+    let answer = scene.edit().commit(Want::All).unwrap();
+    assert_eq!(answer.pairs().len(), 4);
+    drop(answer);
     // An index far away takes as much as the boxes before it would.
     let mut sparse = strict.scene(SceneOptions::default());
     assert!(sparse.edit().set(1 << 23, at(0.0)).commit(Want::All).is_err());

@@ -162,10 +162,10 @@ impl RemoteScene {
                 self.edit_here(edit, want)
             })
         };
-        if begun.is_ok() {
-            self.copy.apply(edit);
-        } else {
-            self.copy.cancel(edit);
+        match &begun {
+            // Without an answer, as the error says: the copy has it, and whoever keeps the scene next.
+            Ok(()) | Err(CommitError::Wait(_) | CommitError::Scene(_)) => self.copy.apply(edit),
+            Err(CommitError::Edit(_) | CommitError::Frame(_)) => self.copy.cancel(edit),
         }
         begun
     }
