@@ -8,6 +8,7 @@
 // collected until there is one for each thread of the workgroup. Candidates are collected too, and decided
 // together, so that the threads fetch their records side by side. The last workgroup to end writes down what
 // the host learns.
+// One file, because it is one stage: entries and rows share the workgroup's lists.
 // Mirror: none; what comes of it is what `pairmask_core::scene` tells.
 
 #import constants

@@ -285,35 +285,4 @@ mod tests {
             }
         }
     }
-
-    #[test]
-    #[ignore = "prints times; run in release"]
-    fn times_of_sorting() {
-        for (count, n) in [
-            (300, 100_000),
-            (1_300, 1_000_000),
-            (13_000, 1_000_000),
-            (130_000, 1_000_000),
-            (260_000, 1_000_000),
-        ] {
-            for threads in [1, rayon::current_num_threads()] {
-                let mut sorter = ChangeSorter::default();
-                let (mut begun, mut ended) = (Vec::new(), Vec::new());
-                let source = changes(count, n);
-                let [mut best, mut best_split] = [f64::MAX; 2];
-                for _ in 0..30 {
-                    let mut list = source.clone();
-                    let start = std::time::Instant::now();
-                    sorter.sort(&mut list, n, threads);
-                    best = best.min(start.elapsed().as_secs_f64() * 1e6);
-                    let start = std::time::Instant::now();
-                    split(&list, &mut begun, &mut ended, threads);
-                    best_split = best_split.min(start.elapsed().as_secs_f64() * 1e6);
-                }
-                println!(
-                    "{count} of {n}, {threads} threads: sort {best:.1} µs, split {best_split:.1} µs"
-                );
-            }
-        }
-    }
 }

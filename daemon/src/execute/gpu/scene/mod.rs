@@ -13,7 +13,8 @@
 //! A pair of hulls that overlap is decided by what both boxes were and are. What comes down is those
 //! pairs that began or ended, and the host sorts them.
 //!
-//! [`Want::All`] and [`Want::Moved`] are the same search with another question.
+//! [`Want::All`] and [`Want::Moved`] are the same search with another question. This is one file, because an
+//! edit, its answer and what is known afterwards change the same few fields.
 
 mod changes;
 mod layouts;
