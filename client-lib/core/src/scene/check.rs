@@ -1,6 +1,6 @@
 //! Whether an edit fits the boxes that there are, before anything of it is applied.
 
-use super::edit::{Edit, Indices, Sets, Step};
+use super::edit::{Edit, Indices};
 use super::error::EditError;
 
 /// Flag of an index: it has a box.
@@ -44,7 +44,7 @@ pub(super) fn mark(edit: Edit<'_>, flags: &mut [u8]) -> Result<(), EditError> {
         }
         *flags |= EDIT_REMOVES;
     });
-    for sets in sets_of(edit) {
+    for sets in edit.sets() {
         if let Indices::Range { first, count } = sets.indices {
             if count == 0 {
                 // Its first index may be anything.
@@ -79,14 +79,6 @@ pub(super) fn mark(edit: Edit<'_>, flags: &mut [u8]) -> Result<(), EditError> {
     let Some(wrong) = wrong else { return Ok(()) };
     unmark(edit, flags);
     Err(wrong)
-}
-
-/// What an edit sets, step by step.
-pub(super) fn sets_of(edit: Edit<'_>) -> impl Iterator<Item = Sets<'_>> {
-    edit.steps.iter().filter_map(|step| match step {
-        Step::Set(sets) => Some(*sets),
-        _ => None,
-    })
 }
 
 /// Takes the marks of an edit away. Every index that may have one is among its own.

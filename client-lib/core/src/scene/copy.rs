@@ -1,6 +1,6 @@
 //! What a client keeps of a scene that lives in another process: enough to make it again.
 
-use super::check::{EDIT_SETS, PRESENT, len_after, mark, sets_of, unmark};
+use super::check::{EDIT_SETS, PRESENT, len_after, mark, unmark};
 use super::edit::{Edit, Flag, Indices, Sets, Step};
 use super::error::EditError;
 use super::kept::KeptBox;
@@ -123,7 +123,7 @@ impl SceneCopy {
             flags[index as usize] &= EDIT_SETS;
             *present -= 1;
         });
-        for Sets { indices, boxes: new } in sets_of(edit) {
+        for &Sets { indices, boxes: new } in edit.sets() {
             *present += match indices {
                 Indices::Range { count: 0, .. } => 0,
                 Indices::Range { first, .. } => {

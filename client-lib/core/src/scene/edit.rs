@@ -156,11 +156,15 @@ impl<'a> Edit<'a> {
 
     /// Boxes that it sets.
     pub fn boxes(&self) -> usize {
-        let boxes = |step: &Step<'_>| match step {
-            Step::Set(sets) => sets.boxes.len(),
-            _ => 0,
-        };
-        self.steps.iter().map(boxes).sum()
+        self.sets().map(|sets| sets.boxes.len()).sum()
+    }
+
+    /// What it sets, step by step.
+    pub fn sets(&self) -> impl Iterator<Item = &'a Sets<'a>> + use<'a> {
+        self.steps.iter().filter_map(|step| match step {
+            Step::Set(sets) => Some(sets),
+            _ => None,
+        })
     }
 
     /// Indices that it sets are below this.
@@ -170,11 +174,7 @@ impl<'a> Edit<'a> {
 
     /// The largest index that is set, in 64 bits.
     pub(super) fn last_set(&self) -> Option<u64> {
-        let last = |step: &Step<'_>| match step {
-            Step::Set(sets) => sets.indices.last(),
-            _ => None,
-        };
-        self.steps.iter().filter_map(last).max()
+        self.sets().filter_map(|sets| sets.indices.last()).max()
     }
 
     /// The largest index that a step names without setting it, in 64 bits.
@@ -190,12 +190,8 @@ impl<'a> Edit<'a> {
 
     /// The first set whose boxes are not as many as its indices: indices and boxes.
     pub(super) fn uneven(&self) -> Option<(usize, usize)> {
-        self.steps.iter().find_map(|step| match step {
-            Step::Set(Sets { indices, boxes }) if indices.len() != boxes.len() => {
-                Some((indices.len(), boxes.len()))
-            }
-            _ => None,
-        })
+        let mut lengths = self.sets().map(|sets| (sets.indices.len(), sets.boxes.len()));
+        lengths.find(|(indices, boxes)| indices != boxes)
     }
 
     #[inline]

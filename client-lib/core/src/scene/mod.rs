@@ -52,6 +52,7 @@ pub use self::copy::{SceneCopy, WholeScene};
 pub use self::edit::{Edit, Indices, Sets, Step};
 pub use self::error::{EditError, SceneError};
 pub use self::kept::{Kept, KeptBox};
+pub use self::pair_list::sort_row;
 
 use std::sync::Arc;
 

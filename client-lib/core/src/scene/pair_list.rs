@@ -205,7 +205,7 @@ impl Gather<'_> {
 
 /// Sorts the pairs of one row by their second index.
 #[inline]
-fn sort_row(row: &mut [Pair]) {
+pub fn sort_row(row: &mut [[u32; 2]]) {
     if row.len() > LONG_ROW {
         row.sort_unstable_by_key(|pair| pair[1]);
         return;

@@ -1,6 +1,6 @@
 //! From the list that comes down, in no order, to what is told: sorted by pair, begun and ended apart.
 
-use pairmask_core::scene::{EndReason, Ended};
+use pairmask_core::scene::{EndReason, Ended, sort_row};
 use pairmask_shaders::constants::{TOLD_BEGUN, TOLD_FILTERED, TOLD_REMOVED};
 use rayon::iter::{IntoParallelIterator as _, ParallelIterator as _};
 
@@ -16,8 +16,6 @@ const DIGIT_BITS: u32 = 12;
 const PART_PAIRS: usize = 16 << 10;
 /// Bits of the bucket into which a pair is dealt for the threads that sort.
 const BUCKET_BITS: u32 = 6;
-/// Pairs of one row from which it is not sorted by insertion.
-const LONG_ROW: usize = 24;
 
 /// Sorts what comes down. Keeps its memory.
 #[derive(Debug, Default)]
@@ -92,21 +90,6 @@ fn sort_by_digits(pairs: &mut [Pair], other: &mut [Pair], counts: &mut Vec<u32>,
     }
     for row in pairs.chunk_by_mut(|a, b| a[0] == b[0]) {
         sort_row(row);
-    }
-}
-
-/// Sorts the pairs of one first number.
-fn sort_row(row: &mut [Pair]) {
-    if row.len() > LONG_ROW {
-        row.sort_unstable_by_key(|pair| pair[1]);
-        return;
-    }
-    for i in 1..row.len() {
-        let mut at = i;
-        while at > 0 && row[at - 1][1] > row[at][1] {
-            row.swap(at - 1, at);
-            at -= 1;
-        }
     }
 }
 

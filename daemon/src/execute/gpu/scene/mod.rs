@@ -38,7 +38,7 @@ use self::changes::{ChangeSorter, split};
 use self::layouts::Layouts;
 use self::memory::{Blocks, Memory};
 use self::plan::{MOST_SLOTS, Question, Room, Sizes};
-use self::roster::{Marks, Roster, sets_of};
+use self::roster::{Marks, Roster};
 use self::search::{Frames, Stages, Task};
 use self::times::Clock;
 use self::upload::{Upload, Uploaded};
@@ -303,7 +303,7 @@ impl GpuScene {
 
     /// Applies a checked edit on the GPU and finds the answer.
     fn answer(&mut self, edit: Edit<'_>, want: Want, clock: &mut Clock) -> Result<(), CullError> {
-        let sets: u64 = sets_of(edit).map(|sets| sets.boxes.len() as u64).sum();
+        let sets: u64 = edit.sets().map(|sets| sets.boxes.len() as u64).sum();
         let elements = sets + self.marks.len() as u64;
         self.changed += elements;
         if elements > 0 && self.known == Known::Same {
@@ -361,7 +361,7 @@ impl GpuScene {
         if replaced {
             self.frames.clear();
         }
-        if let Some(most) = sets_of(edit).max_by_key(|sets| sets.boxes.len()) {
+        if let Some(most) = edit.sets().max_by_key(|sets| sets.boxes.len()) {
             self.layouts.note_edit(most.boxes, slots);
         }
         Ok(uploaded)

@@ -109,11 +109,11 @@ impl Roster {
     /// # Errors
     /// [`EditError`].
     pub fn check(&mut self, edit: Edit<'_>, limit: u32) -> Result<(), EditError> {
-        let uneven = sets_of(edit).find(|sets| sets.indices.len() != sets.boxes.len());
+        let uneven = edit.sets().find(|sets| sets.indices.len() != sets.boxes.len());
         if let Some(Sets { indices, boxes }) = uneven {
             return Err(EditError::Lengths { indices: indices.len(), boxes: boxes.len() });
         }
-        let last_set = sets_of(edit).filter_map(|sets| sets.indices.last()).max();
+        let last_set = edit.sets().filter_map(|sets| sets.indices.last()).max();
         let last = last_set.max(others_of(edit).filter_map(Indices::last).max());
         if let Some(index) = last.filter(|index| *index >= u64::from(limit)) {
             return Err(EditError::BeyondLimit { index, limit });
@@ -126,16 +126,15 @@ impl Roster {
         if is_plainly_right(edit) { Ok(()) } else { self.check_marked(edit) }
     }
 
+    /// Every kind of bits that it keeps.
+    const fn all_bits(&mut self) -> [&mut Bits; 5] {
+        let Self { present, off, statics, seen, removed, .. } = self;
+        [present, off, statics, seen, removed]
+    }
+
     fn make_room(&mut self, len: usize) -> Result<(), EditError> {
         let words = len.div_ceil(64);
-        let all = [
-            &mut self.present,
-            &mut self.off,
-            &mut self.statics,
-            &mut self.seen,
-            &mut self.removed,
-        ];
-        for Bits(bits) in all {
+        for Bits(bits) in self.all_bits() {
             let more = words.saturating_sub(bits.len());
             bits.try_reserve(more).map_err(|_| EditError::NoMemory { boxes: len as u64 })?;
             bits.resize(words.max(bits.len()), 0);
@@ -156,7 +155,7 @@ impl Roster {
                 });
             }
         }
-        for sets in sets_of(edit) {
+        for sets in edit.sets() {
             sets.indices.for_each(|_, index| {
                 if self.seen.set(index) {
                     wrong = wrong.or(Some(EditError::SetTwice { index }));
@@ -173,7 +172,7 @@ impl Roster {
                 });
             }
         }
-        for sets in sets_of(edit) {
+        for sets in edit.sets() {
             sets.indices.for_each(|_, index| self.seen.clear(index));
         }
         for step in edit.steps {
@@ -196,7 +195,7 @@ impl Roster {
                 });
             }
         }
-        for Sets { indices, .. } in sets_of(edit) {
+        for Sets { indices, .. } in edit.sets() {
             self.insert(indices);
         }
         for step in edit.steps {
@@ -291,27 +290,12 @@ impl Roster {
         let len = self.present.last().map_or(0, |last| last + 1);
         if len < self.len / 2 {
             self.len = len;
-            let all = [
-                &mut self.present,
-                &mut self.off,
-                &mut self.statics,
-                &mut self.seen,
-                &mut self.removed,
-            ];
-            for Bits(bits) in all {
+            for Bits(bits) in self.all_bits() {
                 bits.truncate(len.div_ceil(64));
                 bits.shrink_to_fit();
             }
         }
     }
-}
-
-/// The steps of an edit that set boxes.
-pub(super) fn sets_of(edit: Edit<'_>) -> impl Iterator<Item = &Sets<'_>> {
-    edit.steps.iter().filter_map(|step| match step {
-        Step::Set(sets) => Some(sets),
-        _ => None,
-    })
 }
 
 /// Indices that an edit names without setting them.

@@ -8,7 +8,7 @@ use pairmask_core::scene::{Edit, Indices, Sets};
 use rayon::iter::{IndexedParallelIterator as _, ParallelIterator as _};
 use rayon::slice::ParallelSlice as _;
 
-use super::roster::{Marks, sets_of};
+use super::roster::Marks;
 use crate::execute::gpu::device::Gpu;
 use crate::execute::gpu::error::GpuError;
 use crate::execute::gpu::growing::Growing;
@@ -105,7 +105,7 @@ impl Upload {
         marks: &Marks,
         replaced: &mut bool,
     ) -> Result<Uploaded, GpuError> {
-        let mut sets = sets_of(edit).filter(|sets| !sets.boxes.is_empty());
+        let mut sets = edit.sets().filter(|sets| !sets.boxes.is_empty());
         let (first, more) = (sets.next(), sets.next());
         let mut listed = std::mem::take(&mut self.listed);
         let mut gathered = std::mem::take(&mut self.gathered);
@@ -122,7 +122,7 @@ impl Upload {
                 (boxes, &listed, None)
             }
             (Some(_), Some(_)) => {
-                for Sets { indices, boxes } in sets_of(edit) {
+                for Sets { indices, boxes } in edit.sets() {
                     indices.for_each(|_, index| listed.push(index));
                     gathered.extend_from_slice(boxes);
                 }
