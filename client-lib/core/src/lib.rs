@@ -6,6 +6,7 @@ mod aligned;
 pub mod awake_pool;
 pub mod dispatch;
 pub mod engine;
+pub mod filters;
 pub mod floats;
 mod interop;
 mod isa;

@@ -1,0 +1,126 @@
+//! Pairs that are reported, or never reported, whatever their filters say.
+
+use std::collections::HashMap;
+
+/// What lists a pair is on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Listed {
+    pub is_included: bool,
+    pub is_excluded: bool,
+}
+
+/// The include list and the exclude list: pairs of indices, in any order. A pair may be on both.
+///
+/// They are lists of indices, not of boxes: a box that comes to an index finds what its index is on.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct PairLists {
+    listed: HashMap<[u32; 2], Listed>,
+    /// A bit for each index that any pair ever named: most pairs are not looked up.
+    named: Vec<u64>,
+}
+
+impl PairLists {
+    /// Empty lists.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Whether both are empty.
+    pub fn is_empty(&self) -> bool {
+        self.listed.is_empty()
+    }
+
+    /// Pairs on any list.
+    pub fn len(&self) -> usize {
+        self.listed.len()
+    }
+
+    /// Puts a pair on the include list, or takes it off. Whether that changed anything.
+    pub fn include(&mut self, pair: [u32; 2], on: bool) -> bool {
+        self.put(pair, |listed| &mut listed.is_included, on)
+    }
+
+    /// Puts a pair on the exclude list, or takes it off. Whether that changed anything.
+    pub fn exclude(&mut self, pair: [u32; 2], on: bool) -> bool {
+        self.put(pair, |listed| &mut listed.is_excluded, on)
+    }
+
+    /// The pairs of the include list, in no order.
+    pub fn included(&self) -> impl Iterator<Item = [u32; 2]> {
+        self.listed.iter().filter(|(_, listed)| listed.is_included).map(|(pair, _)| *pair)
+    }
+
+    /// The pairs of the exclude list, in no order.
+    pub fn excluded(&self) -> impl Iterator<Item = [u32; 2]> {
+        self.listed.iter().filter(|(_, listed)| listed.is_excluded).map(|(pair, _)| *pair)
+    }
+
+    /// What lists a pair is on.
+    #[inline]
+    pub(super) fn listed(&self, a: u32, b: u32) -> Listed {
+        if self.is_named(a) && self.is_named(b) {
+            self.listed.get(&in_order([a, b])).copied().unwrap_or_default()
+        } else {
+            Listed::default()
+        }
+    }
+
+    /// Bytes that are allocated.
+    pub fn allocated_bytes(&self) -> usize {
+        self.listed.capacity() * (size_of::<([u32; 2], Listed)>() + 1)
+            + self.named.capacity() * size_of::<u64>()
+    }
+
+    #[inline]
+    fn is_named(&self, index: u32) -> bool {
+        self.named.get(index as usize / 64).is_some_and(|word| word >> (index % 64) & 1 == 1)
+    }
+
+    fn put(&mut self, pair: [u32; 2], of: impl Fn(&mut Listed) -> &mut bool, on: bool) -> bool {
+        let pair = in_order(pair);
+        if !on && !self.listed.contains_key(&pair) {
+            return false;
+        }
+        if on {
+            let words = pair[1] as usize / 64 + 1;
+            if self.named.len() < words {
+                self.named.resize(words, 0);
+            }
+            pair.iter().for_each(|index| self.named[*index as usize / 64] |= 1 << (index % 64));
+        }
+        let listed = self.listed.entry(pair).or_default();
+        let was = std::mem::replace(of(listed), on);
+        if *listed == Listed::default() {
+            self.listed.remove(&pair);
+        }
+        was != on
+    }
+}
+
+const fn in_order([a, b]: [u32; 2]) -> [u32; 2] {
+    if a < b { [a, b] } else { [b, a] }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pair_is_on_either_list_or_both() {
+        let mut lists = PairLists::new();
+        assert!(lists.include([70, 3], true));
+        assert!(!lists.include([3, 70], true), "it was on it");
+        assert!(lists.exclude([3, 70], true));
+        assert_eq!(lists.listed(70, 3), Listed { is_included: true, is_excluded: true });
+        assert_eq!(lists.len(), 1);
+        assert!(lists.include([3, 70], false));
+        assert_eq!(lists.listed(3, 70), Listed { is_included: false, is_excluded: true });
+        assert_eq!(lists.excluded().collect::<Vec<_>>(), [[3, 70]]);
+        assert_eq!(lists.included().count(), 0);
+        assert!(lists.exclude([70, 3], false));
+        assert!(lists.is_empty());
+        assert!(!lists.exclude([70, 3], false));
+        assert_eq!(lists.listed(3, 70), Listed::default());
+        assert_eq!(lists.listed(u32::MAX, 0), Listed::default());
+    }
+}
