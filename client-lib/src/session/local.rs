@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use pairmask_core::aabb::Aabb;
 use pairmask_core::dispatch::{CpuEngines, CullOptions, SphereWays};
 use pairmask_core::engine::{AvailableIsa, CullError, HeapReply};
+use pairmask_core::filters::Rules;
 use pairmask_core::objects::Objects;
 use pairmask_core::plan::CalibrationChoice;
 use pairmask_core::precision::ExpandScratch;
@@ -105,10 +106,11 @@ impl Local {
         self.replies.give(reply);
     }
 
-    /// Finds the pairs with the engines of this process.
+    /// Finds the pairs with the engines of this process. Rules are for boxes.
     pub(super) fn cull(
         self: &Arc<Self>,
         objects: Objects<'_>,
+        rules: Option<&Rules>,
         written: Written,
         settings: &Settings,
     ) -> Result<PairMask, CullError> {
@@ -122,10 +124,21 @@ impl Local {
             ..CullOptions::default()
         };
         let Engines { boxes, spheres } = &mut *lock(&self.engines);
+        let mut worlds = Vec::new();
         let answer = match objects {
             Objects::Boxes(these) => {
                 let mut scratch = ExpandScratch::default();
-                boxes.cull(these.expand(&mut scratch, true), &options, &mut memory)
+                let these = these.expand(&mut scratch, true);
+                match rules {
+                    Some(rules) => {
+                        let filtered = boxes.cull_filtered(these, rules, &options, &mut memory);
+                        filtered.map(|filtered| {
+                            worlds = filtered.worlds.to_vec();
+                            filtered.answer
+                        })
+                    }
+                    None => boxes.cull(these, &options, &mut memory),
+                }
             }
             Objects::Spheres(these) => spheres.cull(boxes, these, &options, &mut memory),
         }?;
@@ -138,6 +151,7 @@ impl Local {
             times: answer.times,
         };
         let storage = Storage::Own { memory, home: Arc::clone(self) };
-        Ok(PairMask::new(storage, &reply, ServedBy::InProcess, written, settings.isa))
+        let mask = PairMask::new(storage, &reply, ServedBy::InProcess, written, settings.isa);
+        Ok(mask.with_worlds(worlds))
     }
 }

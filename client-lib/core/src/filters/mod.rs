@@ -28,5 +28,6 @@ mod tests;
 pub use self::filter::Filter;
 pub use self::pair_lists::PairLists;
 pub use self::rules::Rules;
+pub(crate) use self::rules::decide;
 pub use self::table::{FilterTable, TooManyFilters};
 pub use self::tag::{FilterId, Owner, Tag, World};
