@@ -2,13 +2,12 @@
 
 use std::time::Instant;
 
-use super::filtered::Worlds;
+use super::filtered::{Laid, Worlds};
 use super::{CullAnswer, nanoseconds_since};
 use crate::engine::{
     AvailableIsa, CullError, CullInput, CullReport, Engine, EngineChoice, EngineName, RecentNeed,
     ReplyBuffer, cpu_engines,
 };
-use crate::filters::Tag;
 use crate::plan::{
     Calibration, Capabilities, CullOptions, GpuCost, Plan, PlanMemory, SceneStats, plan,
 };
@@ -22,7 +21,7 @@ pub struct CpuEngines {
     plans: PlanMemory,
     /// Memory of frames with rules: of those of many worlds, and of tests.
     pub(super) worlds: Worlds,
-    pub(super) filter_memory: Vec<Tag>,
+    pub(super) filter_memory: Laid,
     rules_need: RecentNeed,
 }
 
@@ -69,7 +68,7 @@ impl CpuEngines {
             calibration,
             plans: PlanMemory::default(),
             worlds: Worlds::on(isa),
-            filter_memory: Vec::new(),
+            filter_memory: Laid::default(),
             rules_need: RecentNeed::NONE,
         }
     }
@@ -79,7 +78,7 @@ impl CpuEngines {
     pub fn give_back(&mut self) {
         self.engines.iter_mut().for_each(|kept| kept.engine.give_back());
         self.worlds.give_back();
-        self.filter_memory = Vec::new();
+        self.filter_memory = Laid::default();
     }
 
     /// Bytes of scratch that all engines keep from frame to frame, beside boxes and replies.
@@ -90,7 +89,7 @@ impl CpuEngines {
 
     /// Bytes of scratch that frames with rules have left.
     fn rules_bytes(&self) -> usize {
-        self.worlds.scratch_bytes() + self.filter_memory.capacity() * size_of::<Tag>()
+        self.worlds.scratch_bytes() + self.filter_memory.allocated_bytes()
     }
 
     /// Notes what a frame needed of the scratch for rules, and gives it back where frames of the past
@@ -99,7 +98,7 @@ impl CpuEngines {
         let mut need = self.rules_need;
         if need.note(bytes, || self.rules_bytes()) {
             self.worlds.shrink();
-            self.filter_memory = Vec::new();
+            self.filter_memory = Laid::default();
         }
         self.rules_need = need;
     }

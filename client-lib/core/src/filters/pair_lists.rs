@@ -71,8 +71,9 @@ impl PairLists {
             + self.named.capacity() * size_of::<u64>()
     }
 
+    /// Whether an index is in a pair of any list, or has been.
     #[inline]
-    fn is_named(&self, index: u32) -> bool {
+    pub(crate) fn is_named(&self, index: u32) -> bool {
         self.named.get(index as usize / 64).is_some_and(|word| word >> (index % 64) & 1 == 1)
     }
 

@@ -80,20 +80,6 @@ impl FilterTable {
         }
     }
 
-    /// Whether boxes of a filter are static.
-    #[inline]
-    pub(crate) fn is_static(&self, id: FilterId) -> bool {
-        self.filters.get(usize::from(id.0)).is_some_and(|filter| filter.is_static)
-    }
-
-    /// A bit for each filter of the table: whether it [meets](Self::meet) this one. `None` where that is
-    /// not computed, or the table does not have the filter.
-    #[inline]
-    pub(crate) fn row(&self, id: FilterId) -> Option<&[u64]> {
-        let start = usize::from(id.0) * self.row_words;
-        self.meets.get(start..start + self.row_words).filter(|row| !row.is_empty())
-    }
-
     /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         self.filters.capacity() * size_of::<Filter>() + self.meets.capacity() * size_of::<u64>()

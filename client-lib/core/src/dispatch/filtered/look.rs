@@ -1,6 +1,6 @@
 //! What there is to test of a frame with rules at all.
 
-use crate::filters::{Rules, Tag, World};
+use crate::filters::{Owner, Rules, Tag, World};
 
 /// What one pass over the tags tells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -11,8 +11,8 @@ pub struct Look {
     pub world_mates_meet: bool,
     /// Whether all boxes meet.
     pub all_meet: bool,
-    /// Whether all filters that tags name are in the table.
-    pub is_in_table: bool,
+    /// Whether any box has an owner.
+    pub has_owners: bool,
 }
 
 impl Look {
@@ -24,28 +24,24 @@ impl Look {
         let mut all = tags.iter().copied().chain(untagged);
         let first = all.clone().next().unwrap_or_default();
         let (mut least, mut greatest) = (i32::MAX, i32::MIN);
-        let (mut is_uniform, mut last_filter) = (true, 0);
+        let (mut is_uniform, mut has_owners) = (true, false);
         for tag in all.by_ref() {
             if tag.world != World::ALL {
                 least = least.min(tag.world.0);
                 greatest = greatest.max(tag.world.0);
             }
             is_uniform &= tag.with_world(first.world) == first;
-            last_filter = last_filter.max(tag.filter.0);
+            has_owners |= tag.owner != Owner::NONE;
         }
-        let one_kind_meets = {
-            let mut alone = Rules::default();
-            alone.tags = vec![first; 2];
-            alone.table.clone_from(&rules.table);
-            alone.meet(0, 1)
-        };
+        let kind_meets = rules.table.meet(first.filter, first.filter);
+        let one_kind_meets = kind_meets && !first.is_static() && !has_owners;
         let worlds = (least < greatest).then_some([least, greatest]);
         let world_mates_meet = is_uniform && one_kind_meets && rules.lists.is_empty();
         Self {
             worlds,
             world_mates_meet,
             all_meet: world_mates_meet && worlds.is_none(),
-            is_in_table: usize::from(last_filter) < rules.table.filters().len(),
+            has_owners,
         }
     }
 }
@@ -53,7 +49,7 @@ impl Look {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::filters::{Filter, FilterTable, Owner};
+    use crate::filters::{Filter, FilterTable};
 
     fn rules(tags: &[Tag]) -> Rules {
         let mut rules = Rules::default();

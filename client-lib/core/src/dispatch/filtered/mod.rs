@@ -13,6 +13,7 @@ mod test;
 mod tests;
 mod worlds;
 
+pub(super) use self::test::Laid;
 pub use self::worlds::WorldRange;
 pub(super) use self::worlds::Worlds;
 

@@ -39,25 +39,28 @@ impl Random {
 #[derive(Clone, Copy, Debug)]
 struct Kind {
     worlds: &'static [i32],
-    filters: bool,
+    filters: u64,
     lists: bool,
 }
 
-const KINDS: [Kind; 8] = [
-    Kind { worlds: &[0], filters: false, lists: false },
-    Kind { worlds: &[0], filters: true, lists: false },
-    Kind { worlds: &[7, -1], filters: true, lists: true },
-    Kind { worlds: &[0, 1, 2], filters: false, lists: false },
-    Kind { worlds: &[3, -1, 9, 9, 9, -4], filters: false, lists: false },
-    Kind { worlds: &[3, 3, -1, 9, i32::MIN, i32::MAX], filters: true, lists: true },
-    Kind { worlds: &[0, 1, 1, 1, 1, 1, 1, 1, 1, 1], filters: true, lists: false },
-    Kind { worlds: &[-1], filters: false, lists: true },
+const KINDS: [Kind; 11] = [
+    Kind { worlds: &[0], filters: 0, lists: false },
+    Kind { worlds: &[0], filters: 70, lists: false },
+    Kind { worlds: &[0], filters: 15, lists: false },
+    Kind { worlds: &[7, -1], filters: 12, lists: true },
+    Kind { worlds: &[7, -1], filters: 70, lists: true },
+    Kind { worlds: &[0, 1, 2], filters: 0, lists: false },
+    Kind { worlds: &[3, -1, 9, 9, 9, -4], filters: 0, lists: false },
+    Kind { worlds: &[3, 3, -1, 9, i32::MIN, i32::MAX], filters: 9, lists: true },
+    Kind { worlds: &[0, 1, 1, 1, 1, 1, 1, 1, 1, 1], filters: 70, lists: false },
+    Kind { worlds: &[0, 1, 1, 1, 1, 1, 1, 1, 1, 1], filters: 3, lists: true },
+    Kind { worlds: &[-1], filters: 0, lists: true },
 ];
 
 fn rules(random: &mut Random, n: usize, kind: Kind) -> Rules {
     let mut rules = Rules::default();
-    if kind.filters {
-        let filters: Vec<Filter> = (0..70)
+    if kind.filters > 0 {
+        let filters: Vec<Filter> = (0..kind.filters)
             .map(|_| {
                 Filter::new(random.below(8), random.below(8) | 1)
                     .with_group(random.below(3) as i32 - 1)
@@ -72,11 +75,11 @@ fn rules(random: &mut Random, n: usize, kind: Kind) -> Rules {
     for _ in 0..n - n / 9 {
         let world = World(kind.worlds[random.below(kind.worlds.len() as u64) as usize]);
         let mut tag = Tag::default().with_world(world);
-        if kind.filters {
+        if kind.filters > 0 {
             tag = Tag::new(
                 world,
                 Owner(random.below(5) as u32),
-                FilterId(random.below(70 + past) as u16),
+                FilterId(random.below(kind.filters + past) as u16),
             )
             .with_static(random.below(7) == 0);
         }
@@ -195,7 +198,7 @@ fn frames_of_all_sizes_and_threads_have_the_pairs_that_rules_let_meet() {
 #[test]
 fn a_rule_that_is_ignored_is_noticed() {
     let (mut random, mut engines) = (Random(45), CpuEngines::new());
-    for kind in &KINDS[1..6] {
+    for kind in &KINDS[1..7] {
         let boxes = random.boxes(600);
         let rules = rules(&mut random, 600, *kind);
         let ignored = answered(&mut engines, &boxes, &Rules::default(), &CullOptions::default());
@@ -264,7 +267,7 @@ fn a_list_that_does_not_fit_becomes_a_smaller_mask_or_an_error() {
 fn scratch_of_many_worlds_is_given_back() {
     let (mut random, mut engines) = (Random(49), CpuEngines::new());
     let boxes = random.boxes(5_000);
-    let rules = rules(&mut random, 5_000, KINDS[5]);
+    let rules = rules(&mut random, 5_000, KINDS[7]);
     answered(&mut engines, &boxes, &rules, &CullOptions::default());
     assert!(engines.scratch_bytes() > 0);
     engines.give_back();

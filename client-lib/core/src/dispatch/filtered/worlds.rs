@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use super::groups::{Group, Groups};
 use super::look::Look;
-use super::test::{FilterTest, Indices};
+use super::test::{FilterTest, Indices, Laid};
 use crate::aabb::Aabb;
 use crate::dispatch::boxes::{BOX_BYTES, WORD_BYTES, threads_for};
 use crate::dispatch::{CpuEngines, CullAnswer, CullOptions, StageTimes, nanoseconds_since};
@@ -15,7 +15,7 @@ use crate::engine::{
     AvailableIsa, Census, CullError, CullInput, CullReport, Engine, EngineChoice, EngineName,
     EngineTimes, HeapReply, PairRules, ReplyBuffer, ReserveError, counted, cpu_engines,
 };
-use crate::filters::{Rules, Tag, World};
+use crate::filters::{Rules, World};
 use crate::mask::{Encoding, MaskShape, MaskView};
 use crate::precision::BoxSlice;
 use crate::units::BoxCount;
@@ -61,7 +61,7 @@ struct Task {
     reply: HeapReply,
     limit_bytes: u64,
     boxes: Vec<Aabb>,
-    tags: Vec<Tag>,
+    laid: Laid,
     /// Worlds of the task, by their places.
     groups: Range<usize>,
     /// Pairs of all of them, and how many each world has.
@@ -260,7 +260,7 @@ impl Task {
             reply: HeapReply::new(),
             limit_bytes: u64::MAX,
             boxes: Vec::new(),
-            tags: Vec::new(),
+            laid: Laid::default(),
             groups: 0..0,
             pairs: Vec::new(),
             counts: Vec::new(),
@@ -273,7 +273,7 @@ impl Task {
         self.engines.iter().map(|engine| engine.scratch_bytes()).sum::<usize>()
             + self.reply.allocated_bytes()
             + self.boxes.capacity() * size_of::<Aabb>()
-            + self.tags.capacity() * size_of::<Tag>()
+            + self.laid.allocated_bytes()
             + self.pairs.capacity() * size_of::<[u32; 2]>()
             + self.counts.capacity() * size_of::<usize>()
     }
@@ -317,8 +317,8 @@ impl Task {
             &self.boxes
         };
         let indices = Indices::Of(own, of_all);
-        let tags = std::mem::take(&mut self.tags);
-        let test = FilterTest::new(scene.rules, scene.look, indices, tags);
+        let laid = std::mem::take(&mut self.laid);
+        let test = FilterTest::new(scene.rules, scene.look, indices, laid);
         let rules = if scene.look.world_mates_meet && of_all.is_empty() {
             PairRules::NONE
         } else {
@@ -331,7 +331,7 @@ impl Task {
             .rules(rules);
         let engine = engine_of(scene.choice, n);
         let done = self.engines[place(engine)].cull(&input, &mut self.reply);
-        self.tags = test.into_memory();
+        self.laid = test.into_memory();
         let report = done?;
         let count = counted(boxes, engine)?;
         self.compared += count.pair_count().saturating_sub(report.skipped.pairs);
