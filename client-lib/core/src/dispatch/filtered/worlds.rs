@@ -12,8 +12,8 @@ use crate::dispatch::boxes::{BOX_BYTES, WORD_BYTES, threads_for};
 use crate::dispatch::{CpuEngines, CullAnswer, CullOptions, StageTimes, nanoseconds_since};
 use crate::engine::strips::{in_parts, part_count};
 use crate::engine::{
-    AvailableIsa, Census, CullError, CullInput, CullReport, Engine, EngineChoice, EngineName,
-    EngineTimes, HeapReply, PairRules, ReplyBuffer, ReserveError, counted, cpu_engines,
+    AvailableIsa, BruteForce, Census, CullError, CullInput, CullReport, Engine, EngineChoice,
+    EngineName, EngineTimes, HeapReply, PairRules, ReplyBuffer, ReserveError, counted, cpu_engines,
 };
 use crate::filters::{Rules, World};
 use crate::mask::{Encoding, MaskShape, MaskView};
@@ -57,6 +57,8 @@ pub struct Worlds {
 
 /// Some worlds in a row, and what one thread culls them with.
 struct Task {
+    /// For small worlds, whose words need no mask.
+    few: BruteForce,
     engines: [Box<dyn Engine>; EngineName::CPU.len()],
     reply: HeapReply,
     limit_bytes: u64,
@@ -256,6 +258,7 @@ fn place(engine: EngineName) -> usize {
 impl Task {
     fn on(isa: AvailableIsa) -> Self {
         Self {
+            few: BruteForce::on(isa),
             engines: cpu_engines(isa),
             reply: HeapReply::new(),
             limit_bytes: u64::MAX,
@@ -271,6 +274,7 @@ impl Task {
 
     fn allocated_bytes(&self) -> usize {
         self.engines.iter().map(|engine| engine.scratch_bytes()).sum::<usize>()
+            + self.few.scratch_bytes()
             + self.reply.allocated_bytes()
             + self.boxes.capacity() * size_of::<Aabb>()
             + self.laid.allocated_bytes()
@@ -324,12 +328,32 @@ impl Task {
         } else {
             PairRules::tested_by(&test)
         };
+        let engine = engine_of(scene.choice, n);
+        if engine == EngineName::CpuBrute && n <= ALL_PAIRS_BOXES {
+            let found = &mut self.pairs;
+            let (census, compared) = self.few.each_word(boxes, rules, |row, block, bits| {
+                let mut rest = bits;
+                while rest != 0 {
+                    let [a, b] = [row, 32 * block + rest.trailing_zeros()];
+                    found.push(if is_run {
+                        [first as u32 + a, first as u32 + b]
+                    } else {
+                        let [a, b] = [indices.global(a), indices.global(b)];
+                        [a.min(b), a.max(b)]
+                    });
+                    rest &= rest - 1;
+                }
+            });
+            self.laid = test.into_memory();
+            self.compared += compared;
+            self.census = self.census.then(&census);
+            return Ok(());
+        }
         let is_shared = n >= SHARED_BOXES && n > scene.boxes.len() / (2 * scene.threads);
         let input = CullInput::boxes(boxes)
             .encoding(Encoding::List)
             .threads(if is_shared { scene.threads } else { 1 })
             .rules(rules);
-        let engine = engine_of(scene.choice, n);
         let done = self.engines[place(engine)].cull(&input, &mut self.reply);
         self.laid = test.into_memory();
         let report = done?;
