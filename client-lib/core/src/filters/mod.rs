@@ -24,7 +24,9 @@ mod table;
 mod tag;
 
 pub use self::filter::Filter;
+pub(crate) use self::pair_lists::Listed;
 pub use self::pair_lists::PairLists;
 pub use self::rules::Rules;
+pub(crate) use self::rules::decide;
 pub use self::table::{FilterTable, TooManyFilters};
 pub use self::tag::{FilterId, Owner, Tag, World};

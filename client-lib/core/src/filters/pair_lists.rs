@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 /// What lists a pair is on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Listed {
+pub(crate) struct Listed {
     pub is_included: bool,
     pub is_excluded: bool,
 }
@@ -57,8 +57,8 @@ impl PairLists {
 
     /// What lists a pair is on.
     #[inline]
-    pub(super) fn listed(&self, a: u32, b: u32) -> Listed {
-        if self.is_named(a) && self.is_named(b) {
+    pub(crate) fn listed(&self, a: u32, b: u32) -> Listed {
+        if !self.listed.is_empty() && self.is_named(a) && self.is_named(b) {
             self.listed.get(&in_order([a, b])).copied().unwrap_or_default()
         } else {
             Listed::default()
@@ -71,8 +71,9 @@ impl PairLists {
             + self.named.capacity() * size_of::<u64>()
     }
 
+    /// Whether any pair of the lists, now or before, names an index.
     #[inline]
-    fn is_named(&self, index: u32) -> bool {
+    pub(crate) fn is_named(&self, index: u32) -> bool {
         self.named.get(index as usize / 64).is_some_and(|word| word >> (index % 64) & 1 == 1)
     }
 

@@ -39,6 +39,7 @@ mod edit;
 mod entry;
 mod error;
 mod fetch;
+mod filtered;
 mod history;
 mod hulls;
 mod kept;
@@ -49,8 +50,9 @@ mod whole;
 
 pub use self::answer::{EndReason, Ended, SceneSkips, Told, Want, is_resync_due};
 pub use self::copy::{SceneCopy, WholeScene};
-pub use self::edit::{Edit, Indices, Sets, Step};
+pub use self::edit::{Edit, Indices, Sets, Step, Tags};
 pub use self::error::{EditError, SceneError};
+pub use self::filtered::{Expansion, FilteredScene, PairScene};
 pub use self::kept::{Kept, KeptBox};
 pub use self::pair_list::sort_row;
 
@@ -254,6 +256,9 @@ impl Scene {
     /// [`SceneError::Edit`] for an edit that is wrong: nothing is applied, and the last answer stays.
     /// [`SceneError::Cull`] where all pairs are needed and cannot be found: the edit is applied.
     pub fn edit(&mut self, edit: Edit<'_>, want: Want) -> Result<&Told, SceneError> {
+        if edit.has_rules() {
+            return Err(EditError::Rules.into());
+        }
         let threads = self.threads();
         self.store.apply(edit, self.options.most_boxes, threads)?;
         self.is_open = false;

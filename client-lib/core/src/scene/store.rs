@@ -4,7 +4,7 @@ mod range;
 
 use std::collections::HashMap;
 
-use super::check::{EDIT_SETS, PRESENT, len_after, mark};
+use super::check::{EDIT_SETS, PRESENT, len_after, mark, unmark};
 use super::edit::{Edit, Flag, Indices, Sets, Step};
 use super::error::EditError;
 use super::fetch::ask_for;
@@ -292,6 +292,17 @@ impl Store {
             Flag::On(on) => self.switch(index, on),
             Flag::Static(on) => self.make_static(index, on),
         });
+        Ok(())
+    }
+
+    /// Checks an edit, and makes room for it.
+    ///
+    /// # Errors
+    /// As [`Self::apply`].
+    pub fn check(&mut self, edit: Edit<'_>, limit: u32) -> Result<(), EditError> {
+        self.make_room(edit, limit)?;
+        mark(edit, &mut self.flags)?;
+        unmark(edit, &mut self.flags);
         Ok(())
     }
 
