@@ -20,6 +20,10 @@ pub(super) fn len_after(edit: Edit<'_>, len: usize, limit: u32) -> Result<usize,
     }
     let last_set = edit.last_set();
     let last = last_set.max(edit.last_named());
+    let listed = edit.last_listed().map(u64::from);
+    if let Some(index) = listed.filter(|index| *index >= u64::from(limit)) {
+        return Err(EditError::BeyondLimit { index, limit });
+    }
     if let Some(index) = last.filter(|index| *index >= u64::from(limit)) {
         return Err(EditError::BeyondLimit { index, limit });
     }

@@ -224,6 +224,17 @@ impl<'a> Edit<'a> {
         self.steps.iter().filter_map(last).max()
     }
 
+    /// The largest index that an edit puts on a list of pairs, or takes off.
+    pub(super) fn last_listed(&self) -> Option<u32> {
+        let last = |step: &Step<'_>| match step {
+            Step::Include(pairs, _) | Step::Exclude(pairs, _) => {
+                pairs.as_flattened().iter().copied().max()
+            }
+            _ => None,
+        };
+        self.steps.iter().filter_map(last).max()
+    }
+
     /// The first step whose boxes or tags are not as many as its indices: indices and those.
     pub(super) fn uneven(&self) -> Option<(usize, usize)> {
         let mut lengths = self.steps.iter().filter_map(|step| match step {
@@ -271,6 +282,19 @@ impl<'a> Edit<'a> {
                 indices.for_each(|at, i| f(i, tags[at]));
             }
         }
+    }
+
+    /// Bytes that its rules may take where they are kept, beside tags.
+    pub fn rule_bytes(&self) -> usize {
+        /// A pair in the tables of now and of then, half of whose places are free.
+        const PAIR_BYTES: usize = 64;
+        let bytes = |step: &Step<'_>| match step {
+            Step::Filters(table) => 2 * table.allocated_bytes(),
+            Step::Include(pairs, _) | Step::Exclude(pairs, _) => PAIR_BYTES * pairs.len(),
+            Step::Tag(Tags { tags, .. }) => PAIR_BYTES * tags.len(),
+            _ => 0,
+        };
+        self.steps.iter().map(bytes).sum()
     }
 
     /// Whether a step of it is about rules.

@@ -7,7 +7,10 @@ use std::sync::Arc;
 
 use pairmask_core::aabb::Aabb;
 use pairmask_core::engine::EngineId;
-use pairmask_core::scene::{self, Edit, Indices, SceneOptions, SceneSkips, Sets, Step, Want};
+use pairmask_core::filters::{FilterTable, Tag};
+use pairmask_core::scene::{
+    Edit, FilteredScene, Indices, SceneOptions, SceneSkips, Sets, Step, Tags, Want,
+};
 
 use self::answer::Source;
 pub use self::answer::{EndedIter, EndedList, PairList, PairListIter};
@@ -35,7 +38,7 @@ pub struct Scene {
 #[allow(clippy::large_enum_variant)] // One of each scene.
 enum Kept {
     Remote(RemoteScene),
-    Here(scene::Scene),
+    Here(FilteredScene),
 }
 
 /// What an edit sets one by one; kept, so that steady edits allocate nothing.
@@ -44,6 +47,8 @@ struct Draft {
     indices: Vec<u32>,
     boxes: Vec<Aabb>,
     removed: Vec<u32>,
+    tagged: Vec<u32>,
+    tags: Vec<Tag>,
 }
 
 impl Draft {
@@ -56,6 +61,9 @@ impl Draft {
         if !self.indices.is_empty() {
             let (indices, boxes) = (Indices::List(&self.indices), &self.boxes[..]);
             steps.push(Step::Set(Sets { indices, boxes }));
+        }
+        if !self.tagged.is_empty() {
+            steps.push(Step::Tag(Tags { indices: Indices::List(&self.tagged), tags: &self.tags }));
         }
         steps
     }
@@ -83,6 +91,8 @@ impl Scene {
         self.draft.indices.clear();
         self.draft.boxes.clear();
         self.draft.removed.clear();
+        self.draft.tagged.clear();
+        self.draft.tags.clear();
         SceneEdit { scene: self, steps: Vec::new() }
     }
 
@@ -98,7 +108,7 @@ impl Scene {
     pub const fn len(&self) -> usize {
         match &self.kept {
             Kept::Remote(scene) => scene.copy().len(),
-            Kept::Here(scene) => scene.len(),
+            Kept::Here(scene) => scene.scene().len(),
         }
     }
 
@@ -111,7 +121,7 @@ impl Scene {
     pub fn get(&self, index: u32) -> Option<Aabb> {
         match &self.kept {
             Kept::Remote(scene) => scene.copy().get(index),
-            Kept::Here(scene) => scene.get(index),
+            Kept::Here(scene) => scene.scene().get(index),
         }
     }
 
@@ -119,7 +129,7 @@ impl Scene {
     pub fn allocated_bytes(&self) -> usize {
         match &self.kept {
             Kept::Remote(scene) => scene.allocated_bytes().0,
-            Kept::Here(scene) => scene.allocated_bytes(),
+            Kept::Here(scene) => scene.scene().allocated_bytes() + scene.rule_bytes(),
         }
     }
 
@@ -184,6 +194,34 @@ impl<'s, 'a> SceneEdit<'s, 'a> {
     /// Makes boxes static or not.
     pub fn make_all_static(self, indices: impl Into<Indices<'a>>, is_static: bool) -> Self {
         self.step(Step::Static(indices.into(), is_static))
+    }
+
+    /// Gives a box its [tag](pairmask_core::filters): its world, its owner and its filter. A box that is
+    /// inserted has [`Tag::default`].
+    pub fn tag(self, index: u32, tag: Tag) -> Self {
+        self.scene.draft.tagged.push(index);
+        self.scene.draft.tags.push(tag);
+        self
+    }
+
+    /// Gives boxes their tags.
+    pub fn tag_all(self, indices: impl Into<Indices<'a>>, tags: &'a [Tag]) -> Self {
+        self.step(Step::Tag(Tags { indices: indices.into(), tags }))
+    }
+
+    /// The filters that tags name, in place of all before.
+    pub fn filters(self, table: &'a FilterTable) -> Self {
+        self.step(Step::Filters(table))
+    }
+
+    /// Puts pairs on the include list, or takes them off.
+    pub fn include(self, pairs: &'a [[u32; 2]], on: bool) -> Self {
+        self.step(Step::Include(pairs, on))
+    }
+
+    /// Puts pairs on the exclude list, or takes them off.
+    pub fn exclude(self, pairs: &'a [[u32; 2]], on: bool) -> Self {
+        self.step(Step::Exclude(pairs, on))
     }
 
     /// Does a step.
