@@ -111,7 +111,8 @@ pub use pairmask_core::units::BoxCount;
 pub use pairmask_wire::{InstanceName, StatusBody as DaemonStatus};
 pub use session::{
     Backend, CommitError, ConnectError, EndedIter, EndedList, Frame, FrameError, FrameInfo,
-    Margined, MarginedMask, NarrowFrame, PairList, PairListIter, PairMask, PendingAnswer,
-    PendingFrame, Scene, SceneAnswer, SceneEdit, ServedBy, Session, SessionBuilder, SphereFrame,
-    StatusError, WaitError,
+    Margined, MarginedAnswer, MarginedEdit, MarginedMask, MarginedPairs, MarginedScene,
+    NarrowFrame, PairList, PairListIter, PairMask, PendingAnswer, PendingFrame, PendingMargined,
+    Scene, SceneAnswer, SceneEdit, ServedBy, Session, SessionBuilder, SphereFrame, StatusError,
+    WaitError,
 };
