@@ -121,6 +121,7 @@ impl<'s, 'a> MarginedEdit<'s, 'a> {
             outgoing.choose(sets, now, scene.sent(), pairs.needs_all(want), threads);
         }
         let outgoing = &*outgoing;
+        steps.retain(names_any);
         let sends = !outgoing.is_empty() || !steps.is_empty();
         let ask = pairs.ask(want, sends);
         let sent = ask.map(|want| {
@@ -158,6 +159,16 @@ impl Draft {
             let (indices, boxes) = (Indices::List(&self.indices), &self.boxes[..]);
             sets.push(MarginedSets { indices, boxes, margins: (&self.margins).into() });
         }
+    }
+}
+
+/// Whether a step that is no set names any box.
+fn names_any(step: &Step<'_>) -> bool {
+    match step {
+        Step::Remove(indices) | Step::Switch(indices, _) | Step::Static(indices, _) => {
+            indices.last().is_some()
+        }
+        _ => true,
     }
 }
 
