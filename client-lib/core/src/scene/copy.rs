@@ -3,6 +3,7 @@
 use super::check::{EDIT_REMOVES, EDIT_SETS, PRESENT, len_after, mark, unmark};
 use super::edit::{Edit, Flag, Indices, Sets, Step};
 use super::error::EditError;
+use super::fetch::ask_for;
 use super::kept::KeptBox;
 use crate::aabb::Aabb;
 use crate::write::par_write_boxes;
@@ -82,6 +83,13 @@ impl SceneCopy {
     pub fn get(&self, index: u32) -> Option<Aabb> {
         let i = index as usize;
         self.flags.get(i).is_some_and(|flags| flags & PRESENT != 0).then(|| self.boxes[i])
+    }
+
+    /// Asks for the box of an index. One in three lies on two lines.
+    #[inline]
+    pub(super) fn ask_for(&self, index: u32) {
+        ask_for(&self.boxes, index);
+        ask_for(&self.boxes, index + 1);
     }
 
     /// The box of an index and its flags.

@@ -26,6 +26,8 @@ const NAMED: u8 = 1 << 2;
 
 /// Changed boxes of a task, at least.
 const TASK_BOXES: usize = 4_096;
+/// Boxes from one whose pairs are tested to one whose neighbours are asked for meanwhile.
+const AHEAD: usize = 8;
 /// Pairs that may have changed, up to which the list of them is left as it is.
 const FEW_PAIRS: usize = 4_096;
 /// Named boxes of this share of all take as long as to go through all pairs: one in so many.
@@ -82,8 +84,8 @@ pub struct ExactPairs {
     is_open: bool,
     /// Pairs that became near.
     fresh: Vec<Pair>,
-    /// Pairs of rows that became near, or are it no more.
-    moved: Vec<Pair>,
+    /// Pairs that ended.
+    ends: Vec<Pair>,
 }
 
 impl ExactPairs {
@@ -146,10 +148,8 @@ impl ExactPairs {
         now: &SceneCopy,
     ) {
         for pair in ended {
-            let state = if self.is_valid(pair) { self.rows.state(pair) } else { 0 };
-            if state & NEAR != 0 {
-                self.rows.set(pair, state & !NEAR);
-                self.moved.push(pair);
+            if self.is_valid(pair) {
+                self.set_state(pair, |state| state & WAS);
             }
         }
         self.begin_near(begun, now);
@@ -175,23 +175,15 @@ impl ExactPairs {
     }
 
     fn begin_near(&mut self, begun: impl IntoIterator<Item = [u32; 2]>, now: &SceneCopy) {
-        let (mut fresh, mut moved) =
-            (std::mem::take(&mut self.fresh), std::mem::take(&mut self.moved));
+        let mut fresh = std::mem::take(&mut self.fresh);
         for pair in begun {
             if !self.is_valid(pair) {
                 continue;
             }
-            if let Some(state) = self.rows.get(pair) {
-                self.rows.set(pair, state | NEAR);
-                moved.push(pair);
-            } else {
+            let near = || if overlap(pair, now) { NEAR | IS } else { NEAR };
+            if !self.set_state(pair, |state| state & WAS | near()) {
                 fresh.push(pair);
             }
-        }
-        // While rows are in order, and dead pairs still there.
-        for pair in moved.drain(..) {
-            let is_near = self.rows.state(pair) & NEAR != 0;
-            self.set_is(pair, is_near && overlap(pair, now));
         }
         if !fresh.is_sorted_by(|low, high| low < high) {
             fresh.sort_unstable();
@@ -206,18 +198,26 @@ impl ExactPairs {
             }
         }
         self.rows.tidy();
-        (self.fresh, self.moved) = (fresh, moved);
+        self.fresh = fresh;
     }
 
-    /// Sets whether the boxes of a pair in the rows overlap.
-    fn set_is(&mut self, pair: Pair, is: bool) {
-        let state = self.rows.state(pair);
-        if is_pair(state) == is {
-            return;
+    /// Sets the state of a pair to what `to` makes of it, if the rows have it; whether they do.
+    #[inline]
+    fn set_state(&mut self, pair: Pair, to: impl Fn(u32) -> u32) -> bool {
+        let mut is = false;
+        let before = self.rows.update(pair, |state| {
+            let state = to(state);
+            is = is_pair(state);
+            state
+        });
+        let Some(before) = before else { return false };
+        match (is_pair(before), is) {
+            (false, true) => self.pair_count += 1,
+            (true, false) => self.pair_count -= 1,
+            _ => return true,
         }
-        self.rows.set(pair, state ^ IS);
-        self.pair_count = if is { self.pair_count + 1 } else { self.pair_count - 1 };
         self.touch(pair);
+        true
     }
 
     fn touch(&mut self, pair: Pair) {
@@ -237,22 +237,27 @@ impl ExactPairs {
                 low
             });
         for pair in flips {
-            let is = is_pair(self.rows.state(pair));
-            self.set_is(pair, !is);
+            self.set_state(pair, |state| state ^ IS);
         }
         for index in changed.drain(..) {
             self.flags[index as usize] &= !CHANGED;
         }
         self.changed = changed;
         if self.touched.len() > 2 * self.touched_kept + FEW_PAIRS {
-            self.look_through_touched();
+            self.look_through_touched(|_, _| {});
         }
     }
 
     /// Near pairs around these boxes of which is no longer true what their state says; each pair once.
     fn flips(&self, indices: &[u32], now: &SceneCopy) -> Vec<Pair> {
         let mut flips = Vec::new();
-        for &index in indices {
+        for (at, &index) in indices.iter().enumerate() {
+            if let Some(&later) = indices.get(at + 2 * AHEAD) {
+                self.rows.ask_for(later);
+            }
+            if let Some(&later) = indices.get(at + AHEAD) {
+                self.rows.of(later).for_each(|(other, _)| now.ask_for(other));
+            }
             let key = key_of(index, now);
             for (other, state) in self.rows.of(index) {
                 let is_others = other < index && self.flags[other as usize] & CHANGED != 0;
@@ -265,14 +270,20 @@ impl ExactPairs {
         flips
     }
 
-    /// Sorts the pairs that may have changed, and lets those go that have not.
-    fn look_through_touched(&mut self) {
-        let mut touched = std::mem::take(&mut self.touched);
+    /// Sorts the pairs that may have changed, lets those go that have not, and calls `f` with each of the
+    /// others and whether it began and ended.
+    fn look_through_touched(&mut self, mut f: impl FnMut(Pair, [bool; 2])) {
+        let Self { touched, rows, flags, .. } = self;
         touched.sort_unstable();
         touched.dedup();
-        touched.retain(|pair| change(*pair, self.rows.state(*pair), &self.flags) != [false; 2]);
-        self.touched_kept = touched.len();
-        self.touched = touched;
+        touched.retain(|pair| {
+            let change = change(*pair, rows.state(*pair), flags);
+            if change != [false; 2] {
+                f(*pair, change);
+            }
+            change != [false; 2]
+        });
+        self.touched_kept = self.touched.len();
     }
 
     /// Answers, as the last edit was [noted](Self::note) to want. Unless that is nothing, near pairs are
@@ -300,19 +311,20 @@ impl ExactPairs {
     }
 
     fn changes(&mut self, now: &SceneCopy) -> Told {
-        self.look_through_touched();
         let (mut begun, mut ended) = std::mem::take(&mut self.told).into_changes();
         begun.clear();
         ended.clear();
-        for &pair in &self.touched {
-            let [begins, ends] = change(pair, self.rows.state(pair), &self.flags);
-            if begins {
+        let mut ends = std::mem::take(&mut self.ends);
+        self.look_through_touched(|pair, [is_begun, is_ended]| {
+            if is_begun {
                 begun.push(pair);
             }
-            if ends {
-                ended.push(Ended { pair, reason: self.reason(pair, now) });
+            if is_ended {
+                ends.push(pair);
             }
-        }
+        });
+        ended.extend(ends.drain(..).map(|pair| Ended { pair, reason: self.reason(pair, now) }));
+        self.ends = ends;
         if is_resync_due((begun.len() + ended.len()) as u64, self.pair_count) {
             return self.all(Want::Changes);
         }
@@ -367,9 +379,7 @@ impl ExactPairs {
             self.rows.set_all(told);
         } else {
             for &pair in &self.touched {
-                if let Some(state) = self.rows.get(pair) {
-                    self.rows.set(pair, told(state));
-                }
+                self.rows.update(pair, told);
             }
             self.rows.tidy();
         }
@@ -390,7 +400,7 @@ impl ExactPairs {
     /// Bytes that are allocated, beside what the allocator adds.
     pub fn allocated_bytes(&self) -> usize {
         let indices = self.changed.capacity() + self.removed.capacity() + self.named.capacity();
-        let pairs = self.touched.capacity() + self.fresh.capacity() + self.moved.capacity();
+        let pairs = self.touched.capacity() + self.fresh.capacity() + self.ends.capacity();
         self.rows.allocated_bytes()
             + self.flags.capacity()
             + indices * size_of::<u32>()

@@ -4,6 +4,7 @@
 //! state in the bits above. Rows are sorted, so that a pair is found in log(its neighbours), and lists that
 //! are read row by row are sorted.
 
+use super::super::fetch::ask_for;
 use super::super::options::MOST_BOXES;
 use super::super::pair_list::Pair;
 
@@ -52,30 +53,36 @@ impl Rows {
         self.rows.capacity() * size_of::<Vec<u32>>() + links * size_of::<u32>()
     }
 
+    #[inline]
     fn place(&self, row: u32, other: u32) -> Option<usize> {
         self.rows[row as usize].binary_search_by_key(&other, |link| link & INDEX).ok()
     }
 
-    /// The state of a pair, if the rows have it. Rows are in order.
-    pub fn get(&self, [a, b]: Pair) -> Option<u32> {
-        self.place(a, b).map(|at| self.rows[a as usize][at] & !INDEX)
-    }
-
     /// The state of a pair; 0 where the rows do not have it. Rows are in order.
-    pub fn state(&self, pair: Pair) -> u32 {
-        self.get(pair).unwrap_or(0)
+    #[inline]
+    pub fn state(&self, [a, b]: Pair) -> u32 {
+        self.place(a, b).map_or(0, |at| self.rows[a as usize][at] & !INDEX)
     }
 
-    /// Sets the state of a pair that there is. Rows are in order.
-    pub fn set(&mut self, [a, b]: Pair, state: u32) {
-        for (row, other) in [(a, b), (b, a)] {
-            if let Some(at) = self.place(row, other) {
-                self.rows[row as usize][at] = other | state;
-            }
-            if state & (NEAR | WAS) == 0 {
-                self.dead.push(row);
-            }
+    /// Sets the state of a pair to what `to` makes of it; the state that it had, if the rows have it. Rows are in
+    /// order.
+    #[inline]
+    pub fn update(&mut self, [a, b]: Pair, to: impl FnOnce(u32) -> u32) -> Option<u32> {
+        let at = self.place(a, b)?;
+        let link = &mut self.rows[a as usize][at];
+        let before = *link & !INDEX;
+        let state = to(before);
+        if state == before {
+            return Some(before);
         }
+        *link = b | state;
+        if let Some(at) = self.place(b, a) {
+            self.rows[b as usize][at] = a | state;
+        }
+        if state & (NEAR | WAS) == 0 {
+            self.dead.extend([a, b]);
+        }
+        Some(before)
     }
 
     /// Adds a pair that there is not; [`tidy`](Self::tidy) is to follow.
@@ -104,6 +111,12 @@ impl Rows {
         for row in dead.drain(..) {
             drop_dead(&mut rows[row as usize]);
         }
+    }
+
+    /// Asks for the pairs of an index.
+    #[inline]
+    pub fn ask_for(&self, index: u32) {
+        ask_for(&self.rows[index as usize], 0);
     }
 
     /// The other box and the state of each pair of an index.
@@ -166,8 +179,9 @@ mod tests {
             [rows.state([2, 5]), rows.state([1, 5]), rows.state([1, 2])],
             [NEAR | IS, NEAR, 0]
         );
-        rows.set([2, 5], WAS);
-        rows.set([0, 5], 0);
+        assert_eq!(rows.update([2, 5], |_| WAS), Some(NEAR | IS));
+        rows.update([0, 5], |_| 0);
+        assert_eq!(rows.update([2, 9], |_| WAS), None);
         rows.tidy();
         let all: Vec<_> = rows.iter().collect();
         let near = |pair| (pair, NEAR);
@@ -185,7 +199,9 @@ mod tests {
         (1..2_000).for_each(|other| rows.add([0, other], NEAR));
         let full = rows.allocated_bytes();
         rows.tidy();
-        (1..2_000).for_each(|other| rows.set([0, other], 0));
+        for other in 1..2_000 {
+            rows.update([0, other], |_| 0);
+        }
         rows.tidy();
         assert!(rows.allocated_bytes() + 4 * 1_900 < full);
         assert_eq!(rows.iter().count(), 0);
