@@ -59,6 +59,7 @@
 //! | [`Session::narrow_frame`] | 12 or 6 | boxes with less [`Precision`]: fewer bytes, some extra pairs, none missed |
 //! | [`Session::sphere_frame`] | 16 | bounding spheres in place of boxes, exact |
 //! | [`Session::scene`] | what changes | scenes that persist: edits in, pairs that began and ended out; few boxes move, or changes are what you need |
+//! | [`Session::margined_scene`] | what leaves its margin | the same, where many boxes move a little |
 //! | [`Margined`] | as above | scenes that move little: a request only when a box has moved by more than a margin |
 //!
 //! Worlds in f64 go through [`Aabb::outward_from_f64`], relative to an origin.
