@@ -289,16 +289,14 @@ impl ExactPairs {
     /// Answers, as the last edit was [noted](Self::note) to want. Unless that is nothing, near pairs are
     /// those of now.
     pub fn tell(&mut self, want: Want, now: &SceneCopy, threads: Option<usize>) -> &Told {
+        if want != Want::Nothing {
+            self.settle(now, threads);
+        }
         self.told = match want {
             Want::Nothing => Told::of_none(want, 0),
-            _ => {
-                self.settle(now, threads);
-                match want {
-                    Want::Moved => Told::of_pairs(want, Arc::new(self.pairs_of_named()), 0),
-                    Want::Changes if !self.is_lost => self.changes(now),
-                    _ => self.all(want),
-                }
-            }
+            Want::Moved => Told::of_pairs(want, Arc::new(self.pairs_of_named()), 0),
+            Want::Changes if !self.is_lost => self.changes(now),
+            Want::Changes | Want::All => self.all(want),
         };
         self.is_open = true;
         &self.told

@@ -30,7 +30,7 @@ const ROOM_KEPT: usize = 64;
 /// The pairs of each index.
 #[derive(Debug, Default)]
 pub(super) struct Rows {
-    rows: Vec<Vec<u32>>,
+    links: Vec<Vec<u32>>,
     /// Rows that are no longer in order; some more than once.
     unsorted: Vec<u32>,
     /// Rows with pairs that are neither near nor were told; some more than once.
@@ -40,28 +40,28 @@ pub(super) struct Rows {
 impl Rows {
     /// Makes room for indices below `n`.
     pub fn grow(&mut self, n: usize) {
-        self.rows.resize_with(n.max(self.rows.len()), Vec::new);
+        self.links.resize_with(n.max(self.links.len()), Vec::new);
     }
 
     pub const fn len(&self) -> usize {
-        self.rows.len()
+        self.links.len()
     }
 
     /// Bytes that are allocated, but for what the allocator adds.
     pub fn allocated_bytes(&self) -> usize {
-        let links: usize = self.rows.iter().map(Vec::capacity).sum();
-        self.rows.capacity() * size_of::<Vec<u32>>() + links * size_of::<u32>()
+        let links: usize = self.links.iter().map(Vec::capacity).sum();
+        self.links.capacity() * size_of::<Vec<u32>>() + links * size_of::<u32>()
     }
 
     #[inline]
     fn place(&self, row: u32, other: u32) -> Option<usize> {
-        self.rows[row as usize].binary_search_by_key(&other, |link| link & INDEX).ok()
+        self.links[row as usize].binary_search_by_key(&other, |link| link & INDEX).ok()
     }
 
     /// The state of a pair; 0 where the rows do not have it. Rows are in order.
     #[inline]
     pub fn state(&self, [a, b]: Pair) -> u32 {
-        self.place(a, b).map_or(0, |at| self.rows[a as usize][at] & !INDEX)
+        self.place(a, b).map_or(0, |at| self.links[a as usize][at] & !INDEX)
     }
 
     /// Sets the state of a pair to what `to` makes of it; the state that it had, if the rows have it. Rows are in
@@ -69,7 +69,7 @@ impl Rows {
     #[inline]
     pub fn update(&mut self, [a, b]: Pair, to: impl FnOnce(u32) -> u32) -> Option<u32> {
         let at = self.place(a, b)?;
-        let link = &mut self.rows[a as usize][at];
+        let link = &mut self.links[a as usize][at];
         let before = *link & !INDEX;
         let state = to(before);
         if state == before {
@@ -77,7 +77,7 @@ impl Rows {
         }
         *link = b | state;
         if let Some(at) = self.place(b, a) {
-            self.rows[b as usize][at] = a | state;
+            self.links[b as usize][at] = a | state;
         }
         if state & (NEAR | WAS) == 0 {
             self.dead.extend([a, b]);
@@ -88,7 +88,7 @@ impl Rows {
     /// Adds a pair that there is not; [`tidy`](Self::tidy) is to follow.
     pub fn add(&mut self, [a, b]: Pair, state: u32) {
         for (row, other) in [(a, b), (b, a)] {
-            let links = &mut self.rows[row as usize];
+            let links = &mut self.links[row as usize];
             if links.last().is_some_and(|last| last & INDEX > other) {
                 self.unsorted.push(row);
             }
@@ -99,35 +99,35 @@ impl Rows {
     /// Brings rows in order, and takes out pairs that are neither near nor were told. A row is gone through
     /// once, however many of its pairs have changed.
     pub fn tidy(&mut self) {
-        let Self { rows, unsorted, dead } = self;
+        let Self { links, unsorted, dead } = self;
         for list in [&mut *unsorted, &mut *dead] {
             list.sort_unstable();
             list.dedup();
         }
         for row in unsorted.drain(..) {
             // What was added is in order, and so is what was there: two runs, which a stable sort merges.
-            rows[row as usize].sort_by_key(|link| link & INDEX);
+            links[row as usize].sort_by_key(|link| link & INDEX);
         }
         for row in dead.drain(..) {
-            drop_dead(&mut rows[row as usize]);
+            drop_dead(&mut links[row as usize]);
         }
     }
 
     /// Asks for the pairs of an index.
     #[inline]
     pub fn ask_for(&self, index: u32) {
-        ask_for(&self.rows[index as usize], 0);
+        ask_for(&self.links[index as usize], 0);
     }
 
     /// The other box and the state of each pair of an index.
     #[inline]
     pub fn of(&self, index: u32) -> impl Iterator<Item = (u32, u32)> + '_ {
-        self.rows[index as usize].iter().map(|link| (link & INDEX, link & !INDEX))
+        self.links[index as usize].iter().map(|link| (link & INDEX, link & !INDEX))
     }
 
     /// All pairs and their states, in order.
     pub fn iter(&self) -> impl Iterator<Item = (Pair, u32)> + '_ {
-        self.rows.iter().zip(0u32..).flat_map(|(row, a)| {
+        self.links.iter().zip(0u32..).flat_map(|(row, a)| {
             let first = row.partition_point(|link| link & INDEX <= a);
             row[first..].iter().map(move |link| ([a, link & INDEX], link & !INDEX))
         })
@@ -136,7 +136,7 @@ impl Rows {
     /// Sets the state of every pair to what `to` makes of it, and takes out those that are neither near nor
     /// were told.
     pub fn set_all(&mut self, to: impl Fn(u32) -> u32) {
-        for row in &mut self.rows {
+        for row in &mut self.links {
             for link in row.iter_mut() {
                 *link = *link & INDEX | to(*link & !INDEX);
             }
