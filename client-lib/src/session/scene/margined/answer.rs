@@ -58,13 +58,14 @@ impl<'s> PendingMargined<'s> {
                 exact.tell(want, now, threads);
                 Found::Exact(exact)
             }
-            Pairs::Near(near) => match answer {
-                Some(answer) => Found::Scene(answer, near),
-                None => {
+            Pairs::Near(near) => {
+                if let Some(answer) = answer {
+                    Found::Scene(answer, near)
+                } else {
                     near.tell_nothing(want);
                     Found::Same(near)
                 }
-            },
+            }
         };
         Ok(MarginedAnswer { want, served_by, found })
     }
