@@ -112,7 +112,7 @@ fn visit(begun: PairList<'_>, ended: EndedList<'_>, pairs: PairList<'_>) {
     let mut sum = 0u64;
     for list in [begun, pairs] {
         list.for_each_slice(|slice| {
-            sum += slice.iter().map(|pair| u64::from(pair[1])).sum::<u64>()
+            sum += slice.iter().map(|pair| u64::from(pair[1])).sum::<u64>();
         });
     }
     sum += ended.iter().map(|ended| u64::from(ended.pair[0])).sum::<u64>();

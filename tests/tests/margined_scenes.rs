@@ -450,9 +450,8 @@ fn exact_changes_go_on_while_worker_and_daemon_are_killed() {
         let answer = pending.wait().unwrap().take();
         compare(&answer, truth.told()).unwrap_or_else(|wrong| panic!("{step}: {wrong}"));
         truth.take();
-        match answer.served_by() {
-            Some(by) => served[usize::from(by == ServedBy::Daemon)] += 1,
-            None => {}
+        if let Some(by) = answer.served_by() {
+            served[usize::from(by == ServedBy::Daemon)] += 1;
         }
         if step % 24 == 17 {
             daemon.restart();
