@@ -5,4 +5,4 @@ pub use pairmask_core::engine::{Census, SkipMeter};
 pub use pairmask_core::objects::ObjectForm;
 pub use pairmask_core::precision::{BoxForm, Widening};
 
-pub use crate::session::MarginStats;
+pub use crate::session::{MarginStats, MarginedSceneStats};

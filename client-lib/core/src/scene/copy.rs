@@ -1,8 +1,9 @@
 //! What a client keeps of a scene that lives in another process: enough to make it again.
 
-use super::check::{EDIT_SETS, PRESENT, len_after, mark, unmark};
+use super::check::{EDIT_REMOVES, EDIT_SETS, PRESENT, len_after, mark, unmark};
 use super::edit::{Edit, Flag, Indices, Sets, Step, Tags};
 use super::error::EditError;
+use super::fetch::ask_for;
 use super::filtered::{Before, Expansion, apply_rules};
 use super::kept::KeptBox;
 use crate::aabb::Aabb;
@@ -94,9 +95,17 @@ impl SceneCopy {
     }
 
     /// The box of an index, also one that is switched off.
+    #[inline]
     pub fn get(&self, index: u32) -> Option<Aabb> {
         let i = index as usize;
         self.flags.get(i).is_some_and(|flags| flags & PRESENT != 0).then(|| self.boxes[i])
+    }
+
+    /// Asks for the box of an index. One in three lies on two lines.
+    #[inline]
+    pub(super) fn ask_for(&self, index: u32) {
+        ask_for(&self.boxes, index);
+        ask_for(&self.boxes, index + 1);
     }
 
     /// The box of an index and its flags.
@@ -141,6 +150,12 @@ impl SceneCopy {
         self.boxes.resize(len, Aabb::EMPTY);
         self.flags.resize(len, 0);
         mark(edit, &mut self.flags)
+    }
+
+    /// Whether the edit that was checked removes the box of an index.
+    #[inline]
+    pub(super) fn is_removed_by_edit(&self, index: u32) -> bool {
+        self.flags.get(index as usize).is_some_and(|flags| flags & EDIT_REMOVES != 0)
     }
 
     /// Forgets an edit that was checked.

@@ -35,6 +35,14 @@ pub enum EditError {
         /// Its boxes.
         boxes: usize,
     },
+    /// A step with more or fewer margins than boxes.
+    #[error("{boxes} boxes have {margins} margins: give one for each, or one for all")]
+    Margins {
+        /// Boxes of the step.
+        boxes: usize,
+        /// Their margins.
+        margins: usize,
+    },
     /// An index that is set twice.
     #[error("index {index} is set twice in one edit")]
     SetTwice {

@@ -32,7 +32,7 @@ const fn is_active_static(flags: u8) -> bool {
 /// Whether two boxes are the same, bit by bit: floats would call a NaN changed each time, and −0
 /// unchanged, by flags.
 #[inline(always)]
-fn are_same(a: &Aabb, b: &Aabb) -> bool {
+pub(super) fn are_same(a: &Aabb, b: &Aabb) -> bool {
     let [a, b]: [[u32; 6]; 2] = [bytemuck::cast(*a), bytemuck::cast(*b)];
     (0..6).fold(0, |differ, i| differ | (a[i] ^ b[i])) == 0
 }
@@ -93,6 +93,7 @@ impl Store {
     }
 
     /// The box of an index, also one that is switched off.
+    #[inline]
     pub fn get(&self, index: u32) -> Option<Aabb> {
         let i = index as usize;
         let has = self.flags.get(i).is_some_and(|flags| flags & PRESENT != 0);

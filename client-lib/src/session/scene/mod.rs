@@ -1,6 +1,7 @@
 //! Scenes that persist: boxes stay from answer to answer, edits go in, changes of pairs come out.
 
 mod answer;
+mod margined;
 mod remote;
 
 use std::sync::Arc;
@@ -9,11 +10,14 @@ use pairmask_core::aabb::Aabb;
 use pairmask_core::engine::EngineId;
 use pairmask_core::filters::{FilterTable, Tag};
 use pairmask_core::scene::{
-    Edit, FilteredScene, Indices, SceneOptions, SceneSkips, Sets, Step, Tags, Want,
+    Edit, FilteredScene, Indices, SceneOptions, SceneSkips, Sent, Sets, Step, Tags, Want,
 };
 
 use self::answer::Source;
 pub use self::answer::{EndedIter, EndedList, PairList, PairListIter};
+pub use self::margined::{
+    MarginedAnswer, MarginedEdit, MarginedPairs, MarginedScene, MarginedSceneStats, PendingMargined,
+};
 use self::remote::{Found, RemoteScene, commit_error, new_scene};
 use super::builder::Backend;
 use super::core::Core;
@@ -122,6 +126,14 @@ impl Scene {
         match &self.kept {
             Kept::Remote(scene) => scene.copy().get(index),
             Kept::Here(scene) => scene.scene().get(index),
+        }
+    }
+
+    /// The boxes that this process keeps.
+    fn sent(&self) -> Sent<'_> {
+        match &self.kept {
+            Kept::Remote(scene) => scene.copy().into(),
+            Kept::Here(scene) => scene.scene().into(),
         }
     }
 

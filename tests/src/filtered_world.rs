@@ -1,12 +1,11 @@
-//! Scenes with rules against a model that knows every box, every rule and every pair.
+//! Random edits of scenes with rules, and a model that knows every box, every rule and every pair.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use pairmask_core::Aabb;
 use pairmask_core::filters::{Filter, FilterId, FilterTable, Owner, Tag, World};
-use pairmask_core::scene::{
-    Edit, EditError, EndReason, FilteredScene, SceneError, SceneOptions, Sets, Step, Tags, Want,
-};
+use pairmask_core::scene::{Edit, Ended};
+use pairmask_core::scene::{EndReason, FilteredScene, Sets, Step, Tags, Told, Want};
 
 type Pair = [u32; 2];
 
@@ -121,7 +120,8 @@ struct Draft {
     excluded: Vec<(Pair, bool)>,
 }
 
-struct World1 {
+/// Boxes and rules, and the edits that change them.
+struct FilteredWorld {
     model: Model,
     random: Random,
     numbers: u64,
@@ -129,7 +129,7 @@ struct World1 {
     extent: u32,
 }
 
-impl World1 {
+impl FilteredWorld {
     fn a_box(&mut self) -> Aabb {
         let (extent, r) = (self.extent, &mut self.random);
         let min: [f32; 3] = std::array::from_fn(|_| r.below(extent) as f32 / 4.0);
@@ -246,7 +246,8 @@ fn named(draft: &Draft) -> BTreeSet<u32> {
     named
 }
 
-fn edit(scene: &mut FilteredScene, draft: &Draft, want: Want) -> Result<(), SceneError> {
+/// Hands the steps of an edit to `edit`.
+fn with_steps<R>(draft: &Draft, edit: impl FnOnce(&[Step<'_>]) -> R) -> R {
     let (indices, boxes): (Vec<u32>, Vec<Aabb>) = draft.set.iter().copied().unzip();
     let (tagged, tags): (Vec<u32>, Vec<Tag>) = draft.tagged.iter().copied().unzip();
     let mut steps = vec![
@@ -269,7 +270,71 @@ fn edit(scene: &mut FilteredScene, draft: &Draft, want: Want) -> Result<(), Scen
     for (pair, on) in &draft.excluded {
         steps.push(Step::Exclude(std::slice::from_ref(pair), *on));
     }
-    scene.edit(Edit { steps: &steps }, want).map(drop)
+    edit(&steps)
+}
+
+/// What a scene told, whoever keeps it.
+#[derive(Clone, Debug, Default)]
+pub struct ToldPairs {
+    /// Whether `pairs` holds all pairs in place of changes.
+    pub is_resync: bool,
+    /// What began.
+    pub begun: Vec<Pair>,
+    /// What ended.
+    pub ended: Vec<Ended>,
+    /// Pairs of now.
+    pub pairs: Vec<Pair>,
+    /// Their number, where it is told.
+    pub pair_count: Option<u64>,
+}
+
+impl From<&Told> for ToldPairs {
+    fn from(told: &Told) -> Self {
+        Self {
+            is_resync: told.is_resync(),
+            begun: told.begun().to_vec(),
+            ended: told.ended().to_vec(),
+            pairs: told.pairs().to_vec(),
+            pair_count: told.pair_count(),
+        }
+    }
+}
+
+/// A scene with rules.
+pub trait RuledScene {
+    /// Applies an edit, which is right. The answer is taken or not.
+    fn edit(&mut self, steps: &[Step<'_>], want: Want, takes: bool) -> ToldPairs;
+    /// Forgets what was told.
+    fn lose(&mut self);
+}
+
+impl RuledScene for FilteredScene {
+    fn edit(&mut self, steps: &[Step<'_>], want: Want, takes: bool) -> ToldPairs {
+        let told = Self::edit(self, Edit { steps }, want).expect("a right edit").into();
+        if takes {
+            self.take();
+        }
+        told
+    }
+
+    fn lose(&mut self) {
+        Self::lose(self);
+    }
+}
+
+/// What random edits are like.
+#[derive(Clone, Copy, Debug)]
+pub struct EditsLike {
+    /// Where chance begins.
+    pub seed: u64,
+    /// Indices are below this.
+    pub limit: u32,
+    /// How large the world is, in quarters.
+    pub extent: u32,
+    /// Changes of an edit, at most.
+    pub changes: u32,
+    /// Edits.
+    pub edits: u32,
 }
 
 /// Compares lists, of which it shows the first difference.
@@ -281,12 +346,14 @@ fn assert_same<T: PartialEq + std::fmt::Debug>(found: &[T], expected: &[T], cont
     }
 }
 
-/// Random edits; every answer is compared. Returns how often each reason was told.
-fn check(seed: u64, limit: u32, extent: u32, changes: u32, edits: u32, threads: usize) -> [u32; 3] {
-    let options = SceneOptions::default().with_most_boxes(limit.max(1)).with_threads(threads);
-    let mut scene = FilteredScene::new(options);
+/// Makes random edits and compares every answer. Returns how often each reason was told.
+///
+/// # Panics
+/// Where a pair is missing, extra, told twice or never, or ends for another reason.
+pub fn check_scene(scene: &mut impl RuledScene, like: EditsLike) -> [u32; 3] {
+    let EditsLike { seed, limit, extent, changes, edits } = like;
     let mut world =
-        World1 { model: Model::default(), random: Random(seed), numbers: 0, limit, extent };
+        FilteredWorld { model: Model::default(), random: Random(seed), numbers: 0, limit, extent };
     let mut known = BTreeMap::new();
     let mut reasons = [0; 3];
     for step in 0..edits {
@@ -309,30 +376,30 @@ fn check(seed: u64, limit: u32, extent: u32, changes: u32, edits: u32, threads: 
             2 => Want::Nothing,
             _ => Want::Changes,
         };
-        edit(&mut scene, &draft, want).expect("a right edit");
+        let takes = !world.random.one_in(4);
+        let told = with_steps(&draft, |steps| scene.edit(steps, want, takes));
         let now = world.model.pairs();
-        let told = scene.told();
         let context = format!("seed {seed}, edit {step}, {want:?}");
         match want {
-            Want::Changes if !told.is_resync() => {
+            Want::Changes if !told.is_resync => {
                 let stays = |pair: &Pair| known.get(pair) == now.get(pair);
                 let begun: Vec<Pair> = now.keys().filter(|pair| !stays(pair)).copied().collect();
-                assert_same(told.begun(), &begun, &format!("begun, {context}"));
+                assert_same(&told.begun, &begun, &format!("begun, {context}"));
                 let ended: Vec<(Pair, EndReason)> = known
                     .iter()
                     .filter(|(pair, _)| !stays(pair))
                     .map(|(pair, numbers)| (*pair, world.model.reason(*pair, *numbers)))
                     .collect();
                 let found: Vec<(Pair, EndReason)> =
-                    told.ended().iter().map(|ended| (ended.pair, ended.reason)).collect();
+                    told.ended.iter().map(|ended| (ended.pair, ended.reason)).collect();
                 assert_same(&found, &ended, &format!("ended, {context}"));
                 for (_, reason) in found {
                     reasons[reason as usize] += 1;
                 }
             }
-            Want::Changes | Want::All => assert!(now.keys().eq(told.pairs()), "all, {context}"),
+            Want::Changes | Want::All => assert!(now.keys().eq(&told.pairs), "all, {context}"),
             Want::Moved => {
-                let (pairs, named) = (told.pairs(), named(&draft));
+                let (pairs, named) = (&told.pairs, named(&draft));
                 let must = |pair: &&Pair| named.contains(&pair[0]) || named.contains(&pair[1]);
                 for pair in now.keys().filter(must) {
                     assert!(pairs.binary_search(pair).is_ok(), "{pair:?} is missing, {context}");
@@ -342,68 +409,18 @@ fn check(seed: u64, limit: u32, extent: u32, changes: u32, edits: u32, threads: 
             _ => {}
         }
         if matches!(want, Want::Changes | Want::All) {
-            assert_eq!(told.pair_count(), Some(now.len() as u64), "count, {context}");
-            if !world.random.one_in(4) {
-                scene.take();
+            assert_eq!(told.pair_count, Some(now.len() as u64), "count, {context}");
+            if takes {
                 known = now;
             }
         }
         if world.random.one_in(40) {
             scene.lose();
             known.clear();
-            edit(&mut scene, &Draft::default(), Want::Changes).expect("an answer");
-            assert!(scene.told().is_resync() || scene.told().pair_count() == Some(0), "{context}");
-            scene.take();
+            let told = scene.edit(&[], Want::Changes, true);
+            assert!(told.is_resync || told.pair_count == Some(0), "{context}");
             known = world.model.pairs();
         }
     }
     reasons
-}
-
-#[test]
-fn scenes_of_all_small_sizes_tell_what_the_rules_let_meet() {
-    for n in 0..70 {
-        check(u64::from(n) + 1, n, 12 + n / 4, 8, 60, 1);
-    }
-}
-
-#[test]
-fn changes_of_rules_are_told_once_with_their_reasons() {
-    let mut all = [0; 3];
-    for seed in 0..12 {
-        let reasons = check(1_000 + seed, 160, 26, 20, 150, 1 + seed as usize % 3);
-        all = [0, 1, 2].map(|i| all[i] + reasons[i]);
-    }
-    assert!(all.iter().all(|count| *count > 100), "each reason is told: {all:?}");
-}
-
-#[test]
-fn larger_scenes_are_searched_by_cells_and_as_a_whole() {
-    check(7, 6_000, 90, 30, 20, 2);
-    check(8, 6_001, 90, 2_000, 8, 3);
-}
-
-#[test]
-fn a_wrong_edit_of_rules_changes_nothing() {
-    let mut scene = FilteredScene::new(SceneOptions::default().with_most_boxes(10));
-    let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 3];
-    let set = Step::Set(Sets { indices: (0..3).into(), boxes: &boxes });
-    scene.edit(Edit { steps: &[set] }, Want::Changes).expect("an answer");
-    scene.take();
-    let tags = [Tag::default().with_world(World(1)); 3];
-    let tag = |indices, count: usize| Step::Tag(Tags { indices, tags: &tags[..count] });
-    let wrong: [(&[Step<'_>], EditError); 6] = [
-        (&[tag((0..3).into(), 2)], EditError::Lengths { indices: 3, boxes: 2 }),
-        (&[tag((2..4).into(), 2)], EditError::Absent { index: 3 }),
-        (&[tag((9..12).into(), 3)], EditError::BeyondLimit { index: 11, limit: 10 }),
-        (&[Step::Include(&[[1, 10]], true)], EditError::BeyondLimit { index: 10, limit: 10 }),
-        (&[Step::Remove((1..2).into()), tag((1..2).into(), 1)], EditError::Absent { index: 1 }),
-        (&[tag((0..1).into(), 1), Step::Remove((5..6).into())], EditError::Absent { index: 5 }),
-    ];
-    for (steps, expected) in wrong {
-        let refused = scene.edit(Edit { steps }, Want::Changes).map(drop);
-        assert_eq!(refused, Err(SceneError::Edit(expected)), "{steps:?}");
-        let told = scene.edit(Edit::NONE, Want::Changes).expect("an answer");
-        assert!(told.begun().is_empty() && told.ended().is_empty(), "{steps:?}");
-    }
 }
