@@ -34,7 +34,8 @@ pub fn picture(rows: &[Row], pace: &str) -> String {
         "Figure 6 of Avril et al. 2012 beside scenes that persist: their frame takes as long whatever moves."
             .to_owned(),
         "Their time is that of table 6, on a Quadro FX 3600M, where they measured that size.".to_owned(),
-        format!("Best peer: the fastest of {}, of any motion. Medians. {pace}", peers.join(", ")),
+        format!("Best peer: the fastest of {}, of any motion.", peers.join(", ")),
+        format!("Medians. {pace}"),
     ];
     standalone("A frame by the share of boxes that move", &lines, &plots)
 }
