@@ -10,6 +10,46 @@ use crate::stress_scenes::Rng;
 /// Indices beyond the number of boxes that an [`EditMaker`] may use: it leaves some free.
 pub const SKIPPED: u32 = 8;
 
+/// Edits of a seed of [`a_seed_of_edits`], those of [`EditedScenes::grow_and_shrink`] not counted.
+pub const EDITS_OF_A_SEED: usize = 50_000;
+
+/// The edits of one seed in twenty, for a million in all: batches, each of a scene of its own, as seed, number
+/// of edits and most boxes.
+pub fn a_seed_of_edits(seed: u64) -> impl Iterator<Item = (u64, usize, usize)> {
+    const BATCH: usize = 2_500;
+    let batches = (EDITS_OF_A_SEED / BATCH) as u64;
+    // Small scenes, some of some hundred boxes, and one of thousands.
+    let largest = |batch| match batch {
+        0 => 3_000,
+        batch if batch % 4 == 0 => 500,
+        _ => 70,
+    };
+    (0..batches).map(move |batch| (1_000 * seed + batch, BATCH, largest(batch)))
+}
+
+/// Scenes that get the same random edits.
+pub trait EditedScenes {
+    /// What makes the edits.
+    fn maker(&mut self) -> &mut EditMaker;
+
+    /// Makes the next edit and checks the answers.
+    fn step(&mut self);
+
+    /// Steps until the scenes have grown to nearly so many boxes and shrunk again. Returns how many.
+    fn grow_and_shrink(&mut self, largest: usize) -> usize {
+        let mut steps = 0;
+        for (target, done) in [(largest, largest - largest / 16..usize::MAX), (1, 0..70)] {
+            while steps == 0 || !done.contains(&self.maker().boxes().len()) {
+                // A box in six units of room: about a pair a box.
+                self.maker().aim(target, 6.0);
+                self.step();
+                steps += 1;
+            }
+        }
+        steps
+    }
+}
+
 /// An edit that owns what it sets.
 #[derive(Clone, Debug, Default)]
 pub struct OwnedEdit {
@@ -58,17 +98,23 @@ impl EditMaker {
         low + (high - low) * self.rng.point()[0]
     }
 
+    /// Makes the scene grow or shrink to so many boxes from now on, until chance has it otherwise.
+    pub fn aim(&mut self, target: usize, density: f32) {
+        self.target = target;
+        self.world = (target as f32 * density).cbrt() + 0.5;
+    }
+
     /// The next edit, applied to [`Self::boxes`].
     pub fn next_edit(&mut self) -> OwnedEdit {
         if self.one_in(30) {
-            self.target = match self.below(10) {
+            let target = match self.below(10) {
                 0 | 1 => self.largest,
                 2 | 3 => self.below(self.largest + 1),
                 4 => 0,
                 _ => self.below(71),
             };
             let density = [0.5f32, 2.0, 6.0, 40.0][self.below(4)];
-            self.world = (self.target as f32 * density).cbrt() + 0.5;
+            self.aim(target, density);
         }
         let edit = self.some_edit();
         for index in &edit.removed {

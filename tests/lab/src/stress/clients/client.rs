@@ -145,6 +145,14 @@ struct Open {
     kept: Option<KeptScene>,
 }
 
+impl Open {
+    fn load(&self) -> Load {
+        let held = usize::from(self.kept.as_ref().is_some_and(KeptScene::holds_a_place));
+        let most = self.way.depth.min(MOST_UNDER_WAY - held);
+        Load { under_way: self.frames.len(), most }
+    }
+}
+
 struct Client<'a> {
     offer: Offer,
     daemon: SessionBuilder,
@@ -198,11 +206,7 @@ impl<'a> Client<'a> {
             self.stock.push(scene);
         }
         while !self.is_over.load(Ordering::Relaxed) && self.failures < MOST_FAILURES {
-            let loads = self
-                .sessions
-                .iter()
-                .map(|open| Load { under_way: open.frames.len(), most: open.way.depth });
-            let loads: Vec<Load> = loads.collect();
+            let loads: Vec<Load> = self.sessions.iter().map(Open::load).collect();
             match self.steps.next(&loads) {
                 Step::Send { session } => self.send(session)?,
                 Step::Read { session, frame } => self.read(session, frame)?,
