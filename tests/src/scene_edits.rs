@@ -40,8 +40,7 @@ pub trait EditedScenes {
         let mut steps = 0;
         for (target, done) in [(largest, largest - largest / 16..usize::MAX), (1, 0..70)] {
             while steps == 0 || !done.contains(&self.maker().boxes().len()) {
-                // A box in six units of room: about a pair a box.
-                self.maker().aim(target, 6.0);
+                self.maker().aim(target, largest);
                 self.step();
                 steps += 1;
             }
@@ -69,6 +68,8 @@ pub struct EditMaker {
     /// The boxes of the scene.
     boxes: BTreeMap<u32, Aabb>,
     target: usize,
+    /// Whether the target stays.
+    is_aimed: bool,
     largest: usize,
     world: f32,
 }
@@ -76,7 +77,8 @@ pub struct EditMaker {
 impl EditMaker {
     /// Edits of a scene that grows to so many boxes at most, and shrinks again, and again.
     pub fn new(seed: u64, largest: usize) -> Self {
-        Self { rng: Rng::new(seed), boxes: BTreeMap::new(), target: 1, largest, world: 4.0 }
+        let (rng, boxes) = (Rng::new(seed), BTreeMap::new());
+        Self { rng, boxes, target: 1, is_aimed: false, largest, world: 4.0 }
     }
 
     /// The boxes after the last edit.
@@ -98,15 +100,21 @@ impl EditMaker {
         low + (high - low) * self.rng.point()[0]
     }
 
-    /// Makes the scene grow or shrink to so many boxes from now on, until chance has it otherwise.
-    pub fn aim(&mut self, target: usize, density: f32) {
+    /// Makes the scene grow or shrink to so many boxes from now on, in room for `room` boxes of about a pair
+    /// each: a hundred thousand in less room have pairs by the hundred million.
+    pub fn aim(&mut self, target: usize, room: usize) {
+        self.is_aimed = true;
+        self.move_to(target, room, 6.0);
+    }
+
+    fn move_to(&mut self, target: usize, room: usize, density: f32) {
         self.target = target;
-        self.world = (target as f32 * density).cbrt() + 0.5;
+        self.world = (room as f32 * density).cbrt() + 0.5;
     }
 
     /// The next edit, applied to [`Self::boxes`].
     pub fn next_edit(&mut self) -> OwnedEdit {
-        if self.one_in(30) {
+        if !self.is_aimed && self.one_in(30) {
             let target = match self.below(10) {
                 0 | 1 => self.largest,
                 2 | 3 => self.below(self.largest + 1),
@@ -114,7 +122,7 @@ impl EditMaker {
                 _ => self.below(71),
             };
             let density = [0.5f32, 2.0, 6.0, 40.0][self.below(4)];
-            self.aim(target, density);
+            self.move_to(target, target, density);
         }
         let edit = self.some_edit();
         for index in &edit.removed {

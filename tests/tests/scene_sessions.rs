@@ -10,7 +10,7 @@ use pairmask::{
 };
 use pairmask_core::scene as core_scene;
 use pairmask_tests::KnownPairs;
-use pairmask_tests::daemon::{TestDaemon, eventually};
+use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
 use pairmask_tests::scene_edits::{EditArrays, EditMaker, EditedScenes, SKIPPED, a_seed_of_edits};
 use pairmask_wire::{ReplyError, StatusCode};
 use pairmaskd::scene::Random;
@@ -122,7 +122,7 @@ fn twenty_seeds(session: &mut Session, engine: EngineName, one_in: usize, most: 
 #[ignore = "minutes: the nightly tier runs it"]
 fn a_million_edits_go_through_a_daemon() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    let mut session = daemon.session().connect().unwrap();
+    let mut session = daemon.session().deadline(PATIENCE).connect().unwrap();
     twenty_seeds(&mut session, EngineName::CpuGrid, 1, 100_000);
 }
 
@@ -131,7 +131,8 @@ fn a_million_edits_go_through_a_daemon() {
 fn a_hundred_thousand_edits_go_through_a_daemon_with_a_gpu() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
     let engine = EngineName::GpuGrid;
-    let mut session = daemon.session().engine(EngineChoice::Only(engine)).connect().unwrap();
+    let session = daemon.session().engine(EngineChoice::Only(engine)).deadline(PATIENCE);
+    let mut session = session.connect().unwrap();
     twenty_seeds(&mut session, engine, 10, 20_000);
 }
 

@@ -183,7 +183,7 @@ impl Scene {
                 _ => u64::from(random.below(7)),
             };
             let some = |flag, one_in, random: &mut Rng| flag * u32::from(random.below(one_in) == 0);
-            let flags = PRESENT * u32::from(random.below(9) > 0)
+            let flags = (PRESENT * u32::from(random.below(9) > 0))
                 | some(OFF, 9, random)
                 | some(STATIC, 4, random)
                 | some(REMOVED, 5, random);
@@ -463,8 +463,12 @@ impl Search {
                         self.enter(layout, index, THEN | NOW, hull(&was, &is));
                     }
                     (was, is) => {
-                        was.into_iter().for_each(|was| self.enter(layout, index, THEN, was));
-                        is.into_iter().for_each(|is| self.enter(layout, index, NOW, is));
+                        if let Some(was) = was {
+                            self.enter(layout, index, THEN, was);
+                        }
+                        if let Some(is) = is {
+                            self.enter(layout, index, NOW, is);
+                        }
                     }
                 }
                 continue;
