@@ -180,7 +180,7 @@ fn outlive(losses: u64, seed: u64) {
 
 #[test]
 fn a_session_outlives_losses_of_the_daemons_device() {
-    outlive(6, 1);
+    outlive(4, 1);
 }
 
 #[test]
