@@ -18,6 +18,7 @@ pub mod peers;
 pub mod refuser;
 pub mod scene_edits;
 pub mod session_engine;
+pub mod skip;
 pub mod spheres;
 pub mod watchdog;
 

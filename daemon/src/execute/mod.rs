@@ -12,7 +12,7 @@ mod under_way;
 
 pub use engine_pool::EnginePool;
 pub use frame_memory::FrameMemory;
-pub use gpu_service::GpuService;
+pub use gpu_service::{GpuService, WatchDevice};
 pub use kept_scene::SceneKeeper;
 pub use offers::Owner;
 
