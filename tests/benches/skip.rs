@@ -10,7 +10,7 @@
 //! which the calling thread is one, so that small edits do not wait for another to wake. `daemon` asks the
 //! instance of the environment, which is to be started first. Write: the arrays of indices and boxes in, the
 //! edit sent (in process: answered too); round trip: until the answer is there; visit: every change read,
-//! and the answer taken. The peer `frame` is a whole frame, written, answered, and every pair of it visited;
+//! and the answer taken. The peer `frame` is a whole frame, written, culled, and every pair of it visited;
 //! `rapier` is rapier's broad phase in the same state: it is given the boxes that moved, and its events are
 //! kept as a list (of pairs of boxes that it grows by a margin). A ratio below 1 is in favour of the scene.
 //! `bytes` are what the daemon or, in process, this process keeps of the scene, a box.
@@ -290,7 +290,8 @@ fn run() -> Result<(), Box<dyn Error>> {
         );
     }
     for &backend in &options.backends {
-        let mut session = Session::builder().backend(backend).connect()?;
+        // The whole frame of a scene at rest is culled, too: that is what the scene is set beside.
+        let mut session = Session::builder().backend(backend).answer_repeats(false).connect()?;
         for &name in &options.scenes {
             for &n in &options.sizes {
                 for &motion in &options.motions {
