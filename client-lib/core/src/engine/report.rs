@@ -59,6 +59,11 @@ impl PairSkips {
         Self { unmoved, empty, axis, ..Self::NONE }
     }
 
+    /// Pairs of a scene that persists.
+    pub const fn of_scene(statics: u64, unmoved: u64, cell: u64) -> Self {
+        Self { statics, unmoved, cell, ..Self::NONE }
+    }
+
     /// All of them.
     pub const fn total(&self) -> u64 {
         let Self { statics, unmoved, empty, cell, axis } = *self;
