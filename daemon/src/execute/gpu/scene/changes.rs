@@ -1,60 +1,288 @@
 //! From the list that comes down, in no order, to what is told: sorted by pair, begun and ended apart.
+//!
+//! A long list is taken by several threads, in two steps: each reads a part of it and deals its pairs into
+//! buckets by their first numbers; then each sorts some buckets and writes them to their places.
+
+use std::ops::Range;
 
 use pairmask_core::scene::{EndReason, Ended, sort_row};
 use pairmask_shaders::constants::{TOLD_BEGUN, TOLD_FILTERED, TOLD_REMOVED};
-use rayon::iter::{IntoParallelIterator as _, ParallelIterator as _};
+use rayon::iter::{
+    IntoParallelIterator as _, IntoParallelRefMutIterator as _, ParallelIterator as _,
+};
 
 use super::Pair;
 
 /// Pairs up to which a plain sort is sooner done.
 const FEW_PAIRS: usize = 256;
-/// Pairs from which several threads sort and split: it takes them some 10 µs to begin.
-const MANY_PAIRS: usize = 48 << 10;
+/// Pairs from which several threads sort: to wake them and to wait takes 100 to 150 µs on a host of 16
+/// cores, in which one thread sorts 14,000.
+const MANY_PAIRS: usize = 20_000;
+/// Fewest pairs of a part.
+const PART_PAIRS: usize = 2 << 10;
 /// Bits of a digit, at most: counters of 16 KiB stay in the nearest cache.
 const DIGIT_BITS: u32 = 12;
-/// Pairs of a part that a thread deals or splits.
-const PART_PAIRS: usize = 16 << 10;
-/// Bits of the bucket into which a pair is dealt for the threads that sort.
+/// Bits of the bucket into which a pair is dealt for several threads.
 const BUCKET_BITS: u32 = 6;
+/// Tasks of a thread: buckets are of several sizes.
+const TASKS_A_THREAD: usize = 2;
 
 /// Sorts what comes down. Keeps its memory.
 #[derive(Debug, Default)]
 pub(super) struct ChangeSorter {
-    other: Vec<Pair>,
+    parts: Vec<Part>,
+    scratch: Vec<Scratch>,
+}
+
+/// A list that comes down.
+pub(super) struct Found<'a, R> {
+    /// Copies pairs from a place of the list on.
+    pub read: &'a R,
+    pub count: usize,
+    /// First numbers are below.
+    pub n: u32,
+}
+
+/// A part of the list, dealt by bucket.
+#[derive(Debug, Default)]
+struct Part {
+    range: Range<usize>,
+    read: Vec<Pair>,
     dealt: Vec<Pair>,
+    /// Of each bucket: the end in `dealt`, and how many pairs of it began.
+    buckets: Vec<Dealt>,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Dealt {
+    end: u32,
+    begun: u32,
+}
+
+/// Memory of a task that sorts buckets.
+#[derive(Debug, Default)]
+struct Scratch {
+    pairs: Vec<Pair>,
+    other: Vec<Pair>,
     counts: Vec<u32>,
 }
 
-/// The pairs of a part of the list, dealt by bucket, and where each bucket ends.
-struct Deal<'a> {
-    dealt: &'a [Pair],
-    ends: [u32; 1 << BUCKET_BITS],
+/// Where sorted pairs go.
+enum Places<'a> {
+    Pairs(&'a mut [Pair]),
+    Changes { begun: &'a mut [Pair], ended: &'a mut [Ended] },
+}
+
+/// Some buckets, and the places of their pairs.
+struct Task<'a> {
+    buckets: Range<usize>,
+    places: Places<'a>,
+    scratch: &'a mut Scratch,
 }
 
 impl ChangeSorter {
     /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
-        (self.other.capacity() + self.dealt.capacity()) * size_of::<Pair>()
-            + self.counts.capacity() * size_of::<u32>()
+        let pairs = self.parts.iter().map(|part| part.read.capacity() + part.dealt.capacity());
+        let more = self.scratch.iter().map(|of| of.pairs.capacity() + of.other.capacity());
+        pairs.chain(more).sum::<usize>() * size_of::<Pair>()
     }
 
-    /// Sorts pairs, none of them twice, whose first numbers are below `n`.
-    pub fn sort(&mut self, pairs: &mut [Pair], n: u32, threads: usize) {
-        let bits = u32::BITS - n.saturating_sub(1).leading_zeros();
-        if pairs.len() <= FEW_PAIRS {
-            pairs.sort_unstable();
-            return;
-        }
-        self.other.clear();
-        self.other.resize(pairs.len(), [0; 2]);
-        if threads == 1 || pairs.len() < MANY_PAIRS || bits <= BUCKET_BITS {
-            sort_by_digits(pairs, &mut self.other, &mut self.counts, bits);
+    /// Writes the pairs of a list, none of them twice, in order.
+    pub fn pairs(
+        &mut self,
+        found: &Found<'_, impl Fn(usize, &mut [Pair]) + Sync>,
+        threads: usize,
+        pairs: &mut Vec<Pair>,
+    ) {
+        self.deal(found, threads);
+        pairs.resize(found.count, [0; 2]);
+        self.sort(found.n, threads, Places::Pairs(pairs));
+    }
+
+    /// Writes what began and what ended, each in order.
+    pub fn changes(
+        &mut self,
+        found: &Found<'_, impl Fn(usize, &mut [Pair]) + Sync>,
+        threads: usize,
+        begun: &mut Vec<Pair>,
+        ended: &mut Vec<Ended>,
+    ) {
+        self.deal(found, threads);
+        let dealt = self.parts.iter().flat_map(|part| &part.buckets);
+        let begun_count = dealt.map(|bucket| bucket.begun as usize).sum();
+        begun.resize(begun_count, [0; 2]);
+        let none = Ended { pair: [0; 2], reason: EndReason::Removed };
+        ended.resize(found.count - begun_count, none);
+        self.sort(found.n, threads, Places::Changes { begun, ended });
+    }
+
+    /// Deals a list into buckets, part by part.
+    fn deal(&mut self, found: &Found<'_, impl Fn(usize, &mut [Pair]) + Sync>, threads: usize) {
+        let &Found { read, count, n } = found;
+        let (parts, shift) = if threads > 1 && count >= MANY_PAIRS {
+            (
+                (count / PART_PAIRS).min(threads * TASKS_A_THREAD),
+                row_bits(n).saturating_sub(BUCKET_BITS),
+            )
         } else {
-            self.dealt.clear();
-            self.dealt.resize(pairs.len(), [0; 2]);
-            sort_in_buckets(pairs, &mut self.dealt, &mut self.other, bits);
+            (1, row_bits(n))
+        };
+        self.parts.resize_with(parts, Part::default);
+        for (at, part) in self.parts.iter_mut().enumerate() {
+            part.range = count * at / parts..count * (at + 1) / parts;
+        }
+        let buckets = ((n.max(1) as usize - 1) >> shift) + 1;
+        if let [part] = self.parts.as_mut_slice() {
+            part.deal(read, buckets, shift);
+        } else {
+            self.parts.par_iter_mut().for_each(|part| part.deal(read, buckets, shift));
         }
     }
+
+    /// Sorts the buckets into their places.
+    fn sort(&mut self, n: u32, threads: usize, places: Places<'_>) {
+        let Self { parts, scratch } = self;
+        let buckets = parts.first().map_or(0, |part| part.buckets.len());
+        let shift =
+            if buckets == 1 { row_bits(n) } else { row_bits(n).saturating_sub(BUCKET_BITS) };
+        let count: usize = parts.iter().map(|part| part.range.len()).sum();
+        let tasks = buckets.min(threads * TASKS_A_THREAD).max(1);
+        scratch.resize_with(scratch.len().max(tasks), Scratch::default);
+        let parts = parts.as_slice();
+        let mut work = Vec::with_capacity(tasks);
+        let (mut rest, mut first, mut dealt) = (places, 0, 0);
+        for (at, scratch) in scratch.iter_mut().take(tasks).enumerate() {
+            let (start, share) = (first, count * (at + 1) / tasks);
+            let (mut here, mut begun) = (0, 0);
+            while first < buckets && (dealt + here < share || at + 1 == tasks) {
+                here += parts.iter().map(|part| part.bucket(first).len()).sum::<usize>();
+                begun += parts.iter().map(|part| part.buckets[first].begun as usize).sum::<usize>();
+                first += 1;
+            }
+            dealt += here;
+            let (places, later) = rest.split(here, begun);
+            rest = later;
+            work.push(Task { buckets: start..first, places, scratch });
+        }
+        if let [task] = work.as_mut_slice() {
+            task.run(parts, shift);
+        } else {
+            work.into_par_iter().for_each(|mut task| task.run(parts, shift));
+        }
+    }
+}
+
+impl Part {
+    fn deal(&mut self, read: &impl Fn(usize, &mut [Pair]), buckets: usize, shift: u32) {
+        let len = self.range.len();
+        self.buckets.clear();
+        self.buckets.resize(buckets, Dealt::default());
+        if buckets == 1 {
+            let dealt = first(&mut self.dealt, len);
+            read(self.range.start, dealt);
+            let begun = dealt.iter().filter(|pair| has_begun(**pair)).count() as u32;
+            self.buckets[0] = Dealt { end: len as u32, begun };
+            return;
+        }
+        let (pairs, dealt) = (first(&mut self.read, len), first(&mut self.dealt, len));
+        read(self.range.start, pairs);
+        let last = buckets - 1;
+        // What the device wrote is below `n`; were it not, it would lie in the last bucket.
+        let bucket = |pair: &Pair| ((pair[0] >> shift) as usize).min(last);
+        for pair in pairs.iter() {
+            let bucket = &mut self.buckets[bucket(pair)];
+            bucket.end += 1;
+            bucket.begun += u32::from(has_begun(*pair));
+        }
+        let mut next = 0;
+        for bucket in &mut self.buckets {
+            next += std::mem::replace(&mut bucket.end, next);
+        }
+        for pair in pairs.iter() {
+            let place = &mut self.buckets[bucket(pair)].end;
+            dealt[*place as usize] = *pair;
+            *place += 1;
+        }
+    }
+
+    /// The pairs of a bucket.
+    fn bucket(&self, bucket: usize) -> &[Pair] {
+        let start = if bucket == 0 { 0 } else { self.buckets[bucket - 1].end };
+        &self.dealt[start as usize..self.buckets[bucket].end as usize]
+    }
+}
+
+impl Places<'_> {
+    /// The places of the first `count` pairs, `begun` of which began, and all others.
+    fn split(self, count: usize, begun: usize) -> (Self, Self) {
+        match self {
+            Self::Pairs(pairs) => {
+                let (here, later) = pairs.split_at_mut(count);
+                (Self::Pairs(here), Self::Pairs(later))
+            }
+            Self::Changes { begun: all_begun, ended } => {
+                let (begun_here, begun_later) = all_begun.split_at_mut(begun);
+                let (ended_here, ended_later) = ended.split_at_mut(count - begun);
+                (
+                    Self::Changes { begun: begun_here, ended: ended_here },
+                    Self::Changes { begun: begun_later, ended: ended_later },
+                )
+            }
+        }
+    }
+
+    /// Writes sorted pairs to the next places.
+    fn write(&mut self, sorted: &[Pair]) {
+        match self {
+            Self::Pairs(pairs) => {
+                let (here, later) = std::mem::take(pairs).split_at_mut(sorted.len());
+                here.copy_from_slice(sorted);
+                *pairs = later;
+            }
+            Self::Changes { begun, ended } => {
+                let written = split_changes(sorted, begun, ended);
+                *begun = &mut std::mem::take(begun)[written..];
+                *ended = &mut std::mem::take(ended)[sorted.len() - written..];
+            }
+        }
+    }
+}
+
+impl Task<'_> {
+    fn run(&mut self, parts: &[Part], shift: u32) {
+        let Scratch { pairs, other, counts } = &mut *self.scratch;
+        for bucket in self.buckets.clone() {
+            let len = parts.iter().map(|part| part.bucket(bucket).len()).sum();
+            let pairs = first(pairs, len);
+            let mut rest = &mut *pairs;
+            for part in parts {
+                let dealt = part.bucket(bucket);
+                let (to, later) = rest.split_at_mut(dealt.len());
+                to.copy_from_slice(dealt);
+                rest = later;
+            }
+            if len <= FEW_PAIRS {
+                pairs.sort_unstable();
+            } else {
+                sort_by_digits(pairs, first(other, len), counts, shift);
+            }
+            self.places.write(pairs);
+        }
+    }
+}
+
+/// Bits of numbers below `n`.
+const fn row_bits(n: u32) -> u32 {
+    u32::BITS - n.saturating_sub(1).leading_zeros()
+}
+
+/// The first `len` pairs of memory that only grows, whatever they hold.
+fn first(memory: &mut Vec<Pair>, len: usize) -> &mut [Pair] {
+    if memory.len() < len {
+        memory.resize(len, [0; 2]);
+    }
+    &mut memory[..len]
 }
 
 /// Sorts by the low `bits` of the first number, the lowest digit first; all others are the same in all
@@ -93,104 +321,16 @@ fn sort_by_digits(pairs: &mut [Pair], other: &mut [Pair], counts: &mut Vec<u32>,
     }
 }
 
-/// Deals pairs into buckets by the high bits of their first numbers, part by part, then sorts each bucket;
-/// parts and buckets side by side.
-fn sort_in_buckets(pairs: &mut [Pair], dealt: &mut [Pair], other: &mut [Pair], bits: u32) {
-    let shift = bits - BUCKET_BITS;
-    let parts: Vec<_> = pairs.chunks(PART_PAIRS).zip(dealt.chunks_mut(PART_PAIRS)).collect();
-    let deals: Vec<Deal<'_>> =
-        parts.into_par_iter().map(|(pairs, dealt)| Deal::of(pairs, dealt, shift)).collect();
-    // All pairs are dealt, so that their former places take the sorted ones.
-    let (mut rest, mut rest_other) = (pairs, other);
-    let mut buckets = Vec::with_capacity(1 << BUCKET_BITS);
-    for bucket in 0..1 << BUCKET_BITS {
-        let count = deals.iter().map(|deal| deal.bucket(bucket).len()).sum();
-        let (here, later) = std::mem::take(&mut rest).split_at_mut(count);
-        rest = later;
-        let (other, later) = std::mem::take(&mut rest_other).split_at_mut(count);
-        rest_other = later;
-        buckets.push((bucket, here, other));
-    }
-    buckets.into_par_iter().for_each(|(bucket, here, other)| {
-        let mut place = &mut *here;
-        for deal in &deals {
-            let dealt = deal.bucket(bucket);
-            let (to, later) = std::mem::take(&mut place).split_at_mut(dealt.len());
-            to.copy_from_slice(dealt);
-            place = later;
-        }
-        sort_by_digits(here, other, &mut Vec::new(), shift);
-    });
-}
-
-impl<'a> Deal<'a> {
-    fn of(pairs: &[Pair], dealt: &'a mut [Pair], shift: u32) -> Self {
-        let bucket = |pair: &Pair| (pair[0] >> shift) as usize % (1 << BUCKET_BITS);
-        let mut ends = [0u32; 1 << BUCKET_BITS];
-        for pair in pairs {
-            ends[bucket(pair)] += 1;
-        }
-        let mut next = 0;
-        for end in &mut ends {
-            next += std::mem::replace(end, next);
-        }
-        for pair in pairs {
-            let place = &mut ends[bucket(pair)];
-            dealt[*place as usize] = *pair;
-            *place += 1;
-        }
-        Self { dealt, ends }
-    }
-
-    /// The pairs of a bucket.
-    fn bucket(&self, bucket: usize) -> &[Pair] {
-        let start = if bucket == 0 { 0 } else { self.ends[bucket - 1] };
-        &self.dealt[start as usize..self.ends[bucket] as usize]
-    }
-}
-
-/// Splits sorted changes into those that began and those that ended.
-pub(super) fn split(list: &[Pair], begun: &mut Vec<Pair>, ended: &mut Vec<Ended>, threads: usize) {
-    let parts: Vec<&[Pair]> = if list.len() < MANY_PAIRS || threads == 1 {
-        vec![list]
-    } else {
-        list.chunks(PART_PAIRS).collect()
-    };
-    let begun_count = |part: &[Pair]| part.iter().filter(|pair| has_begun(**pair)).count();
-    let counts: Vec<usize> = if parts.len() == 1 {
-        vec![begun_count(list)]
-    } else {
-        parts.clone().into_par_iter().map(begun_count).collect()
-    };
-    let all: usize = counts.iter().sum();
-    begun.resize(all, [0; 2]);
-    ended.resize(list.len() - all, Ended { pair: [0; 2], reason: EndReason::Removed });
-    let (mut rest_begun, mut rest_ended) = (begun.as_mut_slice(), ended.as_mut_slice());
-    let mut work = Vec::with_capacity(parts.len());
-    for (part, count) in parts.into_iter().zip(counts) {
-        let (begun, later) = std::mem::take(&mut rest_begun).split_at_mut(count);
-        rest_begun = later;
-        let (ended, later) = std::mem::take(&mut rest_ended).split_at_mut(part.len() - count);
-        rest_ended = later;
-        work.push((part, begun, ended));
-    }
-    if let [(part, begun, ended)] = work.as_mut_slice() {
-        split_part(part, begun, ended);
-    } else {
-        work.into_par_iter().for_each(|(part, begun, ended)| split_part(part, begun, ended));
-    }
-}
-
 const fn has_begun([_, told]: Pair) -> bool {
     told & 3 == TOLD_BEGUN
 }
 
-/// Writes a part to its places, which are as many as it has of each.
-fn split_part(part: &[Pair], begun: &mut [Pair], ended: &mut [Ended]) {
+/// Writes changes to the next places of both lists. Returns how many began.
+fn split_changes(sorted: &[Pair], begun: &mut [Pair], ended: &mut [Ended]) -> usize {
     // What a change is nobody guesses, a processor neither: each is written to the next place of both
     // lists, and one of them moves on. A list that is full takes no more.
     let (mut next_begun, mut next_ended) = (0, 0);
-    for change in part {
+    for change in sorted {
         let &[a, other] = change;
         let pair = [a, other >> 2];
         let reason = match other & 3 {
@@ -208,6 +348,7 @@ fn split_part(part: &[Pair], begun: &mut [Pair], ended: &mut [Ended]) {
         next_begun += begins;
         next_ended += 1 - begins;
     }
+    next_begun
 }
 
 #[cfg(test)]
@@ -245,13 +386,17 @@ mod tests {
         ];
         for (count, n) in cases {
             for threads in [1, 3] {
-                let mut list = changes(count, n);
-                let mut expected = list.clone();
+                let source = changes(count, n);
+                let read =
+                    |at: usize, to: &mut [Pair]| to.copy_from_slice(&source[at..at + to.len()]);
+                let found = Found { read: &read, count: source.len(), n };
+                let mut expected = source.clone();
                 expected.sort_unstable();
-                sorter.sort(&mut list, n, threads);
+                let mut list = vec![[7; 2]; 3];
+                sorter.pairs(&found, threads, &mut list);
                 assert!(list == expected, "{count} changes of {n} boxes, {threads} threads");
                 let (mut begun, mut ended) = (vec![[7; 2]; 3], Vec::new());
-                split(&list, &mut begun, &mut ended, threads);
+                sorter.changes(&found, threads, &mut begun, &mut ended);
                 let told = |change: &&Pair| has_begun(**change);
                 let plain = |change: &Pair| [change[0], change[1] >> 2];
                 assert!(list.iter().filter(told).map(plain).eq(begun), "{count} of {n}");

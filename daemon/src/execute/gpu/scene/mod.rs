@@ -34,7 +34,7 @@ use pairmask_core::scene::{
 use pairmask_core::{Aabb, EngineName};
 use pairmask_shaders::layouts::{SceneMode, SceneSummary};
 
-use self::changes::{ChangeSorter, split};
+use self::changes::{ChangeSorter, Found};
 use self::layouts::Layouts;
 use self::memory::{Blocks, Memory};
 use self::plan::{MOST_SLOTS, Question, Room, Sizes};
@@ -137,7 +137,6 @@ pub struct GpuScene {
     /// Whether the last answer can be taken.
     is_open: bool,
     sorter: ChangeSorter,
-    list: Vec<Pair>,
     times: EditTimes,
 }
 
@@ -173,7 +172,6 @@ impl GpuScene {
             told: Told::default(),
             is_open: false,
             sorter: ChangeSorter::default(),
-            list: Vec::new(),
             times: EditTimes::default(),
         }
     }
@@ -235,7 +233,7 @@ impl GpuScene {
         self.roster.allocated_bytes()
             + self.upload.allocated_bytes()
             + self.sorter.allocated_bytes()
-            + (self.marks.capacity() + self.list.capacity()) * size_of::<Pair>()
+            + self.marks.capacity() * size_of::<Pair>()
             + (self.told.begun().len() + self.told.pairs().len()) * size_of::<Pair>()
             + size_of_val(self.told.ended())
     }
@@ -465,26 +463,25 @@ impl GpuScene {
         ended: u64,
         blocks: &Blocks,
     ) -> Result<(), CullError> {
-        let mut list = std::mem::take(&mut self.list);
         let needed_bytes = found * size_of::<Pair>() as u64;
         let no_memory = |_| CullError::Reserve(ReserveError::OutOfMemory { needed_bytes });
-        list.clear();
-        list.try_reserve(found as usize).map_err(no_memory)?;
-        list.resize(found as usize, [0; 2]);
-        blocks.found.read(0, &mut list);
-        let (slots, threads) = (self.roster.len() as u32, self.threads());
-        self.sorter.sort(&mut list, slots, threads);
+        let read = |at: usize, to: &mut [Pair]| {
+            blocks.found.read((at * size_of::<Pair>()) as u64, to);
+        };
+        let list = Found { read: &read, count: found as usize, n: self.roster.len() as u32 };
+        let threads = self.threads();
         if mode != SceneMode::Changes {
-            self.told = Told::of_pairs(want, Arc::new(list), found);
+            let mut pairs = Vec::new();
+            pairs.try_reserve(found as usize).map_err(no_memory)?;
+            self.sorter.pairs(&list, threads, &mut pairs);
+            self.told = Told::of_pairs(want, Arc::new(pairs), found);
             return Ok(());
         }
         let (mut begun, mut ends) = std::mem::take(&mut self.told).into_changes();
-        begun.clear();
-        ends.clear();
-        begun.try_reserve((found - ended) as usize).map_err(no_memory)?;
-        ends.try_reserve(ended as usize).map_err(no_memory)?;
-        split(&list, &mut begun, &mut ends, threads);
-        self.list = list;
+        let more = |len: usize, wanted: u64| (wanted as usize).saturating_sub(len);
+        begun.try_reserve(more(begun.len(), found - ended)).map_err(no_memory)?;
+        ends.try_reserve(more(ends.len(), ended)).map_err(no_memory)?;
+        self.sorter.changes(&list, threads, &mut begun, &mut ends);
         let pair_count = (self.count_then + begun.len() as u64).saturating_sub(ends.len() as u64);
         self.told = Told::of_changes(begun, ends, pair_count);
         Ok(())
