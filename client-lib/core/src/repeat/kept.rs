@@ -110,8 +110,8 @@ fn copy(from: &[u32], to: &mut [u32], is_shared: bool) {
     if !is_shared || size_of_val(from) < SHARED_BYTES {
         return to.copy_from_slice(from);
     }
-    const TASK_WORDS: usize = TASK_BYTES / size_of::<u32>();
-    let tasks = to.par_chunks_mut(TASK_WORDS).zip(from.par_chunks(TASK_WORDS));
+    let task_words = TASK_BYTES / size_of::<u32>();
+    let tasks = to.par_chunks_mut(task_words).zip(from.par_chunks(task_words));
     tasks.for_each(|(to, from)| to.copy_from_slice(from));
 }
 

@@ -146,17 +146,14 @@ impl Repeats {
                 None => self.promised = None,
             }
         }
-        match &mut self.kept {
-            Some(kept) => match kept.answer_again(&facts, objects, options.threads, reply) {
-                Some(answer) => Seen::Answered(answer),
-                None => {
-                    self.drop_kept();
-                    Seen::New
-                }
-            },
-            None if self.patience.note_alike() => Seen::Alike,
-            None => Seen::New,
+        let Some(kept) = &mut self.kept else {
+            return if self.patience.note_alike() { Seen::Alike } else { Seen::New };
+        };
+        if let Some(answer) = kept.answer_again(&facts, objects, options.threads, reply) {
+            return Seen::Answered(answer);
         }
+        self.drop_kept();
+        Seen::New
     }
 
     /// A promise to keep boxes and answer of the frame that was looked at last, once it is culled. `None`
