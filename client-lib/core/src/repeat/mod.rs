@@ -3,11 +3,11 @@
 //! Games pause, menus open, turns wait: then the same boxes come again and again. A frame whose boxes and
 //! options are the last one's, bit by bit, has the last one's answer.
 //!
-//! Scenes that move pay next to nothing for that: of each frame a [sample](sample) of a few boxes is
+//! Scenes that move pay next to nothing for that: of each frame a sample of a few boxes is
 //! remembered and compared, which differs at its first box where all boxes move. Only where the sample is
-//! alike, a [copy](kept) of boxes and answer is made, and frames are compared with it as a whole. Where
+//! alike, a copy of boxes and answer is made, and frames are compared with it as a whole. Where
 //! copies turn out to be useless, because a box moves that is not in the sample, the next one is made
-//! after more frames that look alike ([`patience`]).
+//! after more frames that look alike (`patience`).
 //!
 //! ```text
 //! sample    a few boxes of a frame, and what else decides its answer    (pure)
