@@ -11,7 +11,8 @@
 //! | few of many move, or you need what began and ended | [`Session::scene`] | those that changed | as you [want](Want) |
 //! | many move a little, some far | [`Session::margined_scene`] | those that left their [margin](#margins-a-box) | as you want, of near or of exact pairs |
 //!
-//! * A frame looks at every box. Its time does not depend on how many of them moved.
+//! * A frame looks at every box. Its time does not depend on how many of them moved, unless none did: a
+//!   frame that is equal to the last one, bit by bit, costs a comparison.
 //! * A scene looks at what changed while that is little. Beyond, it searches all boxes, as a frame does, and
 //!   compares besides ([How](crate::scene#how)). Ask a frame if most boxes move in most frames and you
 //!   need all pairs anyway.

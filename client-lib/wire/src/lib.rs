@@ -33,7 +33,9 @@ pub use scene::{
     response_scene, response_scene_ended,
 };
 pub use section::{SECTION_COUNT, Section, SectionKind};
-pub use status::{AuditCounts, LAST_ERRORS, RecordedError, StatusBody, response_status};
+pub use status::{
+    AuditCounts, LAST_ERRORS, RecordedError, SkipTotals, StatusBody, response_status,
+};
 pub use status_code::StatusCode;
 
 use pairmask_core::engine::EngineName;

@@ -11,7 +11,7 @@ use pairmask_transport::{
     DaemonRecord, PortTurn, SegmentFiles, Server, Services, StatusFile, clean_if_abandoned,
     process_name, quiet_transport_log,
 };
-use pairmask_wire::{StatusBody, Version};
+use pairmask_wire::{SkipTotals, StatusBody, Version};
 use rustix::process::Signal;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
@@ -55,7 +55,8 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
         supervisor_pid: supervisor,
         version: Version::CURRENT,
     };
-    let status = StatusFile::now(StatusBody { pid: record.worker_pid, ..StatusBody::default() });
+    let body = StatusBody { pid: record.worker_pid, ..StatusBody::default() };
+    let status = StatusFile::now(body, SkipTotals::default());
     if let Err(error) = settings.dir.write_status(&settings.instance, &status) {
         log::warn!("`pairmaskd status` will have to connect: {error}");
     }
