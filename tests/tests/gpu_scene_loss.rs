@@ -27,7 +27,7 @@ fn begin(executor: &Executor, copy: &SceneCopy) -> SceneKeeper {
         let made = scene.and_then(|mut scene| {
             let whole = copy.whole();
             match scene.edit(Edit { steps: &whole.steps() }, Want::Nothing) {
-                Ok(_) => {
+                Ok(()) => {
                     scene.lose();
                     Ok(scene)
                 }

@@ -221,7 +221,7 @@ pub(in crate::scene) fn apply_rules(edit: Edit<'_>, rules: &mut Rules, note: &mu
     for step in edit.steps {
         match step {
             Step::Filters(table) => {
-                note.table(std::mem::replace(&mut rules.table, (*table).clone()))
+                note.table(std::mem::replace(&mut rules.table, (*table).clone()));
             }
             Step::Include(pairs, on) => pairs.iter().for_each(|pair| {
                 note.listed(*pair, &rules.lists);
