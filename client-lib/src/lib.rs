@@ -98,6 +98,7 @@ pub mod error;
 pub mod info;
 pub mod mask;
 pub mod which_session;
+pub use pairmask_core::filters;
 pub use pairmask_core::scene;
 pub use pairmask_core::update;
 pub use pairmask_core::write;
