@@ -7,7 +7,7 @@ use pairmask_core::dispatch::StageTimes;
 use pairmask_core::engine::{EngineChoice, EngineId, EngineName};
 use pairmask_core::filters::{Filter, FilterId, FilterTable, Owner, Tag, World};
 use pairmask_core::scene::{
-    Edit, EndReason, Ended, FilteredScene, Indices, SceneOptions, Sets, Step, Tags, Want,
+    Edit, EndReason, Ended, FilteredScene, Indices, Scene, SceneOptions, Sets, Step, Tags, Want,
 };
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
@@ -311,7 +311,7 @@ fn forged_edits_are_refused() {
     }
     assert!(!forged(2, 7), "a list has no first index");
     // More indices than any edit of such a scene names.
-    let many = [Step::Remove((0..81).into())];
+    let many = [Step::Remove((0..161).into())];
     let layout = EditLayout::of(Edit { steps: &many }).unwrap();
     let mut payload = pages(layout.payload_bytes());
     assert!(layout.write(Edit { steps: &many }, &mut payload));
