@@ -9,14 +9,16 @@
 //! | bounding spheres, or circles in a plane | [`Session::sphere_frame`] | all, 16 bytes | all pairs, exact |
 //! | all move, none moves far | [`Margined`] | all, but only when one has left its margin | all pairs, and some that are near |
 //! | few of many move, or you need what began and ended | [`Session::scene`] | those that changed | as you [want](Want) |
+//! | many move a little, some far | [`Session::margined_scene`] | those that left their [margin](#margins-a-box) | as you want, of near or of exact pairs |
 //!
-//! * A frame looks at every box. Its time does not depend on how many of them moved.
+//! * A frame looks at every box. Its time does not depend on how many of them moved, unless none did: a
+//!   frame that is equal to the last one, bit by bit, costs a comparison.
 //! * A scene looks at what changed while that is little. Beyond, it searches all boxes, as a frame does, and
 //!   compares besides ([How](crate::scene#how)). Ask a frame if most boxes move in most frames and you
 //!   need all pairs anyway.
 //! * A scene holds exact boxes. It has no narrow forms and no spheres.
 //! * A single box that leaves its margin makes [`Margined`] send all. Where a few boxes move far and
-//!   others jitter, take a scene and [give the boxes margins of your own](#what-to-send).
+//!   others jitter, take a scene whose boxes have [margins](#margins-a-box).
 //! * Narrow forms save time where boxes cross the link to a GPU. CPU engines expand them first: there they
 //!   save bytes and no time. Spheres are culled by CPU engines only.
 //! * `cargo bench --bench skip` of the repository times scenes beside frames on your machine, by the share
@@ -65,9 +67,7 @@
 //!   [`Want::Moved`] counts it as moved.
 //! * Boxes that physics pushes after the answer have moved. Send them with the next edit, also those that fall
 //!   asleep before it.
-//! * Boxes that jitter: send them [inflated](crate::Margin::inflate), and keep what you sent. Send a box
-//!   again only when it is no longer within that. Pairs are then those of the inflated boxes: test each with
-//!   the boxes of now ([`Aabb::overlaps`]).
+//! * Boxes that jitter: give them [margins](#margins-a-box).
 //! * Worlds in f64: [`Aabb::outward_from_f64`], relative to an origin that stays. A new origin changes
 //!   every box.
 //! * An edit is applied as a whole or not at all. Removals go first, then sets, then flags.
@@ -172,6 +172,50 @@
 //!
 //! The example `falling_boxes` of the repository is this as a program, with boxes that sleep.
 //!
+//! # Margins a box
+//!
+//! [`Session::margined_scene`] keeps a scene of boxes that are inflated, each by a margin of its own. You set
+//! all boxes that moved. What lies within its inflated self is not sent, and an edit that sends nothing asks
+//! nobody.
+//!
+//! * [`MarginedPairs::Near`]: pairs of the inflated boxes. They live longer than overlaps, as physics engines
+//!   want their pair caches; test each with the boxes of now where it matters ([`Aabb::overlaps`]).
+//! * [`MarginedPairs::Exact`]: what a scene of the boxes themselves tells, bit by bit. This process tests the
+//!   near pairs around the boxes that you set. Where nothing leaves its margin that takes about as long as
+//!   plain scenes in process take to find the changes; it saves the request, and the daemon's time.
+//! * A large margin sends fewer boxes and finds more near pairs. Take what a box moves in 10 to 30 frames,
+//!   and no margin for what rests or teleports.
+//! * Boxes that leave their margin in each frame cost more than in a plain scene.
+//!
+//! ```
+//! use pairmask::scene::{SceneOptions, Want};
+//! use pairmask::{Aabb, Margin, MarginedPairs, Session};
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let mut session = Session::builder().connect()?;
+//! let mut scene = session.margined_scene(SceneOptions::default(), MarginedPairs::Exact);
+//! let at = |x: f32| Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0]);
+//! let margin = Margin::new(0.25)?;
+//!
+//! // A row of 1,000 that sway, 1.125 units apart. One of them teleports in each frame.
+//! let mut row: Vec<Aabb> = (0..1_000).map(|i| at(1.125 * i as f32)).collect();
+//! drop(scene.edit().set_all(0..1_000, &row, margin).commit(Want::Changes)?.take());
+//! for frame in 0..16 {
+//!     let sway = if frame % 2 == 0 { 0.125 } else { 0.0 };
+//!     for (i, b) in row.iter_mut().enumerate().skip(1).step_by(2) {
+//!         *b = at(1.125 * i as f32 + sway);
+//!     }
+//!     row[0] = at(2_000.0 + frame as f32);
+//!     let answer = scene.edit().set_all(0..1_000, &row, margin).commit(Want::Changes)?.take();
+//!     let touch = if frame % 2 == 0 { answer.begun().len() } else { answer.ended().len() };
+//!     assert_eq!(touch, 499, "each that sways with the one to its right");
+//! }
+//! // Of 17,000 boxes set.
+//! assert_eq!(scene.stats().sent, 1_016);
+//! # Ok(())
+//! # }
+//! ```
+//!
 //! # Static worlds and traffic
 //!
 //! ```
@@ -236,6 +280,43 @@
 //! # }
 //! ```
 //!
+//! # Who meets whom
+//!
+//! Worlds, owners, and filters by category and mask are part of the scene: the daemon leaves out the pairs of
+//! boxes that may not meet. [`filters`](crate::filters) has the rule, and how those of other engines are
+//! written in it. To change a tag, the table or a list of pairs is an edit like any other: pairs end as
+//! [`Filtered`](crate::scene::EndReason::Filtered), or begin.
+//!
+//! ```
+//! use pairmask::filters::{Filter, FilterId, FilterTable, Owner, Tag};
+//! use pairmask::scene::{SceneOptions, Want};
+//! use pairmask::{Aabb, Session};
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! const BODY: FilterId = FilterId(0);
+//! const SENSOR: FilterId = FilterId(1);
+//! let mut session = Session::builder().connect()?;
+//! let mut scene = session.scene(SceneOptions::default());
+//!
+//! // Bodies meet all; sensors meet bodies only.
+//! let table = FilterTable::new(&[Filter::new(0b01, 0b11), Filter::new(0b10, 0b01)])?;
+//! // Two parts of one robot, and two sensors, all in one place.
+//! let robot = Tag::default().with_filter(BODY).with_owner(Owner(1));
+//! let sensor = Tag::default().with_filter(SENSOR);
+//! let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 4];
+//! let edit = scene.edit().set_all(0..4, &boxes).filters(&table);
+//! let edit = edit.tag_all(0..4, &[robot, robot, sensor, sensor]);
+//! let answer = edit.commit(Want::Changes)?.take();
+//! assert_eq!(answer.begun(), [[0, 2], [0, 3], [1, 2], [1, 3]]);
+//! drop(answer);
+//!
+//! // The robot is taken apart.
+//! let answer = scene.edit().tag(1, robot.with_owner(Owner(2))).commit(Want::Changes)?.take();
+//! assert_eq!(answer.begun(), [[0, 1]]);
+//! # Ok(())
+//! # }
+//! ```
+//!
 //! # Indices
 //!
 //! * Indices are yours. Count them from 0 and give free ones to new boxes: memory, and now and then time, go
@@ -264,6 +345,7 @@
 //!   all do, and 300 to 540 right after all pairs were told. That is what CPU engines kept of 10,000 to a
 //!   million boxes, 2 and 10 pairs a box. [`Scene::daemon_bytes`] tells yours.
 //! * Where this process answers, it keeps what the daemon would, and with [`Backend::Auto`] the 25 bytes too.
+//! * [Margins](#margins-a-box) add 25 bytes for each index, with exact pairs 50, and 8 to 16 for each near pair.
 //! * All scenes of a daemon together have 4 GiB unless `pairmaskd serve --max-scene-mib` says otherwise.
 //!   A dropped [`Scene`] is freed in the daemon, and so are those of a client that dies.
 //!
@@ -294,5 +376,6 @@
 use crate::scene::{SceneOptions, Want};
 #[cfg(doc)]
 use crate::{
-    Aabb, Backend, CommitError, FrameError, Margined, Scene, SceneAnswer, SceneEdit, Session,
+    Aabb, Backend, CommitError, FrameError, Margined, MarginedPairs, Scene, SceneAnswer, SceneEdit,
+    Session,
 };

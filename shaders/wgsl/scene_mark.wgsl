@@ -1,6 +1,6 @@
 // scene_mark: boxes that an edit removes, switches or flags, each once, with what becomes of their
 // flags. After `scene_apply`, which may have set the same boxes anew.
-// Mirror: none; what comes of it is what `pairmask_core::scene` tells.
+// Mirror: in the tests, `scene_stages`; what comes of it is what `pairmask_core::scene` tells.
 
 #import constants
 #import scene_params

@@ -6,6 +6,7 @@ pub mod audited;
 pub mod command_line;
 pub mod conformance;
 pub mod daemon;
+pub mod filtered_world;
 pub mod frame_memory;
 pub mod gpu;
 pub mod library_log;
@@ -17,6 +18,7 @@ pub mod peers;
 pub mod refuser;
 pub mod scene_edits;
 pub mod session_engine;
+pub mod skip;
 pub mod spheres;
 pub mod watchdog;
 

@@ -10,6 +10,45 @@ use crate::stress_scenes::Rng;
 /// Indices beyond the number of boxes that an [`EditMaker`] may use: it leaves some free.
 pub const SKIPPED: u32 = 8;
 
+/// Edits of a seed of [`a_seed_of_edits`], those of [`EditedScenes::grow_and_shrink`] not counted.
+pub const EDITS_OF_A_SEED: usize = 50_000;
+
+/// The edits of one seed in twenty, for a million in all: batches, each of a scene of its own, as seed, number
+/// of edits and most boxes.
+pub fn a_seed_of_edits(seed: u64) -> impl Iterator<Item = (u64, usize, usize)> {
+    const BATCH: usize = 2_500;
+    let batches = (EDITS_OF_A_SEED / BATCH) as u64;
+    // Small scenes, some of some hundred boxes, and one of thousands.
+    let largest = |batch| match batch {
+        0 => 3_000,
+        batch if batch % 4 == 0 => 500,
+        _ => 70,
+    };
+    (0..batches).map(move |batch| (1_000 * seed + batch, BATCH, largest(batch)))
+}
+
+/// Scenes that get the same random edits.
+pub trait EditedScenes {
+    /// What makes the edits.
+    fn maker(&mut self) -> &mut EditMaker;
+
+    /// Makes the next edit and checks the answers.
+    fn step(&mut self);
+
+    /// Steps until the scenes have grown to nearly so many boxes and shrunk again. Returns how many.
+    fn grow_and_shrink(&mut self, largest: usize) -> usize {
+        let mut steps = 0;
+        for (target, done) in [(largest, largest - largest / 16..usize::MAX), (1, 0..70)] {
+            while steps == 0 || !done.contains(&self.maker().boxes().len()) {
+                self.maker().aim(target, largest);
+                self.step();
+                steps += 1;
+            }
+        }
+        steps
+    }
+}
+
 /// An edit that owns what it sets.
 #[derive(Clone, Debug, Default)]
 pub struct OwnedEdit {
@@ -29,6 +68,8 @@ pub struct EditMaker {
     /// The boxes of the scene.
     boxes: BTreeMap<u32, Aabb>,
     target: usize,
+    /// Whether the target stays.
+    is_aimed: bool,
     largest: usize,
     world: f32,
 }
@@ -36,7 +77,8 @@ pub struct EditMaker {
 impl EditMaker {
     /// Edits of a scene that grows to so many boxes at most, and shrinks again, and again.
     pub fn new(seed: u64, largest: usize) -> Self {
-        Self { rng: Rng::new(seed), boxes: BTreeMap::new(), target: 1, largest, world: 4.0 }
+        let (rng, boxes) = (Rng::new(seed), BTreeMap::new());
+        Self { rng, boxes, target: 1, is_aimed: false, largest, world: 4.0 }
     }
 
     /// The boxes after the last edit.
@@ -58,17 +100,29 @@ impl EditMaker {
         low + (high - low) * self.rng.point()[0]
     }
 
+    /// Makes the scene grow or shrink to so many boxes from now on, in room for `room` boxes of about a pair
+    /// each: a hundred thousand in less room have pairs by the hundred million.
+    pub fn aim(&mut self, target: usize, room: usize) {
+        self.is_aimed = true;
+        self.move_to(target, room, 6.0);
+    }
+
+    fn move_to(&mut self, target: usize, room: usize, density: f32) {
+        self.target = target;
+        self.world = (room as f32 * density).cbrt() + 0.5;
+    }
+
     /// The next edit, applied to [`Self::boxes`].
     pub fn next_edit(&mut self) -> OwnedEdit {
-        if self.one_in(30) {
-            self.target = match self.below(10) {
+        if !self.is_aimed && self.one_in(30) {
+            let target = match self.below(10) {
                 0 | 1 => self.largest,
                 2 | 3 => self.below(self.largest + 1),
                 4 => 0,
                 _ => self.below(71),
             };
             let density = [0.5f32, 2.0, 6.0, 40.0][self.below(4)];
-            self.world = (self.target as f32 * density).cbrt() + 0.5;
+            self.move_to(target, target, density);
         }
         let edit = self.some_edit();
         for index in &edit.removed {

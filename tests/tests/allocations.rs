@@ -163,6 +163,7 @@ fn steady_frames_allocate_nothing() {
     let settings = ServeSettings {
         audit: AuditRate::Off,
         alter_answers: None,
+        watch_devices: None,
         instance: InstanceName::default(),
         dir: RuntimeDir::at(dir.path()),
         limits: Limits::default(),

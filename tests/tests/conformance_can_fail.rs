@@ -184,6 +184,7 @@ fn wrong_reports_are_noticed() {
         |report| report.skipped.pairs = u64::MAX,
         |report| report.skipped.pairs = 345 * 344 / 2,
         |report| report.skipped.zero_words = u64::MAX,
+        |report| report.skipped.why.axis += 1,
     ] {
         let skip = sparse(|_, report| spoil(report));
         assert!(matches!(skip, Err(Mismatch::Skip { .. })), "{skip:?}");

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use pairmask_core::dispatch::CpuEngines;
 use pairmask_core::engine::{CullError, EngineChoice, EngineName};
-use pairmask_core::scene::{Edit, Scene, SceneCopy, SceneError, SceneOptions, Want};
+use pairmask_core::scene::{Edit, PairScene, Scene, SceneCopy, SceneError, SceneOptions, Want};
 use pairmask_tests::KnownPairs;
 use pairmask_tests::scene_edits::{EditMaker, SKIPPED};
 use pairmaskd::execute::gpu::GpuChoice;
@@ -26,8 +26,8 @@ fn begin(executor: &Executor, copy: &SceneCopy) -> SceneKeeper {
         let scene = SceneKeeper::new(options, CpuEngines::new(), share, engine);
         let made = scene.and_then(|mut scene| {
             let whole = copy.whole();
-            match scene.edit(Edit { steps: &whole.steps() }, Want::Nothing, 1) {
-                Ok(_) => {
+            match scene.edit(Edit { steps: &whole.steps() }, Want::Nothing) {
+                Ok(()) => {
                     scene.lose();
                     Ok(scene)
                 }
@@ -82,14 +82,14 @@ fn outlive(most_losses: usize) {
         let edit = Edit { steps: &steps };
         copy.check(edit).expect("a right edit");
         copy.apply(edit);
-        match scene.edit(edit, Want::Changes, 1).map(drop) {
+        match scene.edit(edit, Want::Changes).map(drop) {
             Ok(()) => {}
             Err(SceneError::Cull(CullError::DeviceLost { .. })) => {
                 losses += 1;
                 destroyer.take().map(std::thread::JoinHandle::join).expect("one").expect("done");
                 // The copy has the edit: what follows is all pairs.
                 scene = begin(&executor, &copy);
-                scene.edit(Edit::NONE, Want::Changes, 1).map(drop).expect("a new device");
+                scene.edit(Edit::NONE, Want::Changes).map(drop).expect("a new device");
             }
             Err(error) => panic!("{error}"),
         }

@@ -8,7 +8,7 @@ use pairmask_core::scene::{
     Edit, EditError, Indices, Scene, SceneError, SceneOptions, Sets, Step, Told, Want,
 };
 use pairmask_tests::gpu::open;
-use pairmask_tests::scene_edits::{EditMaker, same_told};
+use pairmask_tests::scene_edits::{EditMaker, EditedScenes, a_seed_of_edits, same_told};
 use pairmask_tests::stress_scenes;
 use pairmaskd::execute::gpu::{Checks, GpuScene, GridOptions, HostImport, SceneTools};
 
@@ -20,13 +20,39 @@ fn tools(options: &GridOptions) -> Arc<SceneTools> {
 const WANTS: [Want; 6] =
     [Want::Changes, Want::Changes, Want::Changes, Want::Moved, Want::All, Want::Nothing];
 
-/// Runs random edits on a scene of each kind and compares all that they tell.
-fn run(tools: &Arc<SceneTools>, seed: u64, edits: usize, largest: usize) {
-    let mut maker = EditMaker::new(seed, largest);
-    let mut core = Scene::new(SceneOptions::default());
-    let mut gpu = GpuScene::new(tools, SceneOptions::default());
-    for number in 0..edits {
-        let what = || format!("seed {seed}, edit {number}");
+/// A scene of each kind, and what makes their edits.
+struct Both<'t> {
+    tools: &'t Arc<SceneTools>,
+    seed: u64,
+    maker: EditMaker,
+    core: Scene,
+    gpu: GpuScene,
+    edits: usize,
+}
+
+impl<'t> Both<'t> {
+    fn new(tools: &'t Arc<SceneTools>, seed: u64, largest: usize) -> Self {
+        let options = SceneOptions::default();
+        Self {
+            tools,
+            seed,
+            maker: EditMaker::new(seed, largest),
+            core: Scene::new(options),
+            gpu: GpuScene::new(tools, options),
+            edits: 0,
+        }
+    }
+}
+
+impl EditedScenes for Both<'_> {
+    fn maker(&mut self) -> &mut EditMaker {
+        &mut self.maker
+    }
+
+    fn step(&mut self) {
+        let Self { tools, seed, maker, core, gpu, edits } = self;
+        let what = format!("seed {seed}, edit {edits}");
+        *edits += 1;
         let edit = maker.next_edit();
         let want = WANTS[maker.below(WANTS.len())];
         let way = maker.below(3);
@@ -37,11 +63,11 @@ fn run(tools: &Arc<SceneTools>, seed: u64, edits: usize, largest: usize) {
         edit.with(way, |edit| {
             let expected = core.edit(edit, want).map(|_| ());
             let got = gpu.edit(edit, want).map(|_| ());
-            assert_eq!(got, expected, "{}", what());
+            assert_eq!(got, expected, "{what}");
         });
         same_told(gpu.told(), core.told())
-            .unwrap_or_else(|e| panic!("{}, {want:?}, {} boxes: {e}", what(), core.len()));
-        assert_eq!((gpu.len(), gpu.is_empty()), (core.len(), core.is_empty()), "{}", what());
+            .unwrap_or_else(|e| panic!("{what}, {want:?}, {} boxes: {e}", core.len()));
+        assert_eq!((gpu.len(), gpu.is_empty()), (core.len(), core.is_empty()), "{what}");
         check_skips(gpu.told());
         if !maker.one_in(4) {
             core.take();
@@ -51,10 +77,43 @@ fn run(tools: &Arc<SceneTools>, seed: u64, edits: usize, largest: usize) {
         if maker.one_in(50)
             && let Some(kept) = core.kept()
         {
-            gpu = GpuScene::from_kept(tools, SceneOptions::default(), &kept)
-                .unwrap_or_else(|e| panic!("{}: {e}", what()));
+            *gpu = GpuScene::from_kept(tools, SceneOptions::default(), &kept)
+                .unwrap_or_else(|e| panic!("{what}: {e}"));
         }
     }
+}
+
+/// Runs random edits on a scene of each kind and compares all that they tell.
+fn run(tools: &Arc<SceneTools>, seed: u64, edits: usize, largest: usize) {
+    let mut both = Both::new(tools, seed, largest);
+    for _ in 0..edits {
+        both.step();
+    }
+}
+
+/// Twenty seeds of small scenes, each of which grows to a hundred thousand boxes and back once.
+#[test]
+#[ignore = "most of an hour: the nightly tier runs it"]
+fn a_million_edits_over_twenty_seeds() {
+    let tools = tools(&GridOptions::default());
+    let mut all = 0;
+    for seed in 1..=20 {
+        for (seed, edits, largest) in a_seed_of_edits(seed) {
+            run(&tools, seed, edits, largest);
+            all += edits;
+        }
+        let mut both = Both::new(&tools, seed, 100_000);
+        all += both.grow_and_shrink(100_000);
+        println!("seed {seed}: {all} edits");
+    }
+    assert!(all >= 1_000_000, "{all} edits");
+}
+
+#[test]
+fn a_scene_grows_by_random_edits_and_shrinks_again() {
+    let tools = tools(&GridOptions::default());
+    let mut both = Both::new(&tools, 3, 8_000);
+    assert!(both.grow_and_shrink(8_000) > 2);
 }
 
 /// No pair is counted twice.

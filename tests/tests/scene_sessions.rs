@@ -10,8 +10,8 @@ use pairmask::{
 };
 use pairmask_core::scene as core_scene;
 use pairmask_tests::KnownPairs;
-use pairmask_tests::daemon::{TestDaemon, eventually};
-use pairmask_tests::scene_edits::{EditArrays, EditMaker, SKIPPED};
+use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
+use pairmask_tests::scene_edits::{EditArrays, EditMaker, EditedScenes, SKIPPED, a_seed_of_edits};
 use pairmask_wire::{ReplyError, StatusCode};
 use pairmaskd::scene::Random;
 use rustix::process::Signal;
@@ -43,19 +43,35 @@ fn compare(answer: &SceneAnswer<'_>, told: &core_scene::Told) {
     }
 }
 
-/// A scene of a daemon and one of this process, edit by edit.
-fn lockstep(
-    session: &mut Session,
+/// A scene of a daemon and one of this process.
+struct Lockstep {
     engine: EngineName,
-    (seed, most_boxes): (u64, u32),
-    edits: usize,
-) {
-    let options = SceneOptions::default().with_most_boxes(most_boxes + SKIPPED).with_threads(1);
-    let mut scene = session.scene(options);
-    let mut here = core_scene::Scene::new(options);
-    let mut source = EditMaker::new(seed, most_boxes as usize);
-    let mut random = Random::new(seed ^ 1);
-    for _ in 0..edits {
+    scene: Scene,
+    here: core_scene::Scene,
+    source: EditMaker,
+    random: Random,
+}
+
+impl Lockstep {
+    fn new(session: &mut Session, engine: EngineName, (seed, most_boxes): (u64, u32)) -> Self {
+        let options = SceneOptions::default().with_most_boxes(most_boxes + SKIPPED).with_threads(1);
+        Self {
+            engine,
+            scene: session.scene(options),
+            here: core_scene::Scene::new(options),
+            source: EditMaker::new(seed, most_boxes as usize),
+            random: Random::new(seed ^ 1),
+        }
+    }
+}
+
+impl EditedScenes for Lockstep {
+    fn maker(&mut self) -> &mut EditMaker {
+        &mut self.source
+    }
+
+    fn step(&mut self) {
+        let Self { engine, scene, here, source, random } = self;
         let owned = source.next_edit();
         let arrays = owned.arrays(source.below(3));
         let want = WANTS[random.below(6) as usize];
@@ -64,19 +80,60 @@ fn lockstep(
         if random.below(20) == 0 {
             // Never waited for.
             drop(edit.submit(want).unwrap());
-            continue;
+            return;
         }
         let answer = edit.commit(want).unwrap();
         assert_eq!(answer.served_by(), ServedBy::Daemon);
-        assert_eq!(answer.engine(), engine);
+        assert_eq!(answer.engine(), *engine);
         compare(&answer, told);
         if random.below(3) > 0 {
             compare(&answer.take(), told);
             here.take();
         }
+        assert_eq!(scene.len(), here.len());
     }
-    assert_eq!(scene.len(), here.len());
-    assert!(scene.daemon_bytes() > 0);
+}
+
+/// A scene of a daemon and one of this process, edit by edit.
+fn lockstep(session: &mut Session, engine: EngineName, of: (u64, u32), edits: usize) {
+    let mut both = Lockstep::new(session, engine, of);
+    for _ in 0..edits {
+        both.step();
+    }
+    assert!(both.scene.daemon_bytes() > 0);
+}
+
+/// Twenty seeds of small scenes, each of which grows to so many boxes and back once.
+fn twenty_seeds(session: &mut Session, engine: EngineName, one_in: usize, most: u32) {
+    let mut all = 0;
+    for seed in 1..=20 {
+        for (seed, edits, largest) in a_seed_of_edits(seed) {
+            lockstep(session, engine, (seed, largest as u32), edits / one_in);
+            all += edits / one_in;
+        }
+        let mut both = Lockstep::new(session, engine, (seed, most));
+        all += both.grow_and_shrink(most as usize);
+        println!("seed {seed}: {all} edits");
+    }
+    assert!(all >= 1_000_000 / one_in, "{all} edits");
+}
+
+#[test]
+#[ignore = "minutes: the nightly tier runs it"]
+fn a_million_edits_go_through_a_daemon() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session = daemon.session().deadline(PATIENCE).connect().unwrap();
+    twenty_seeds(&mut session, EngineName::CpuGrid, 1, 100_000);
+}
+
+#[test]
+#[ignore = "minutes: the nightly tier runs it"]
+fn a_hundred_thousand_edits_go_through_a_daemon_with_a_gpu() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
+    let engine = EngineName::GpuGrid;
+    let session = daemon.session().engine(EngineChoice::Only(engine)).deadline(PATIENCE);
+    let mut session = session.connect().unwrap();
+    twenty_seeds(&mut session, engine, 10, 20_000);
 }
 
 #[test]
@@ -110,6 +167,44 @@ fn a_gpu_tells_what_a_scene_in_process_tells() {
         panic!("{refused}");
     };
     assert_eq!(status, StatusCode::EngineUnavailable);
+}
+
+/// Boxes of two crowds, each box in one of them by chance: pairs by the hundred thousand, which a GPU is not
+/// expected to mind.
+fn crowds(count: u32, random: &mut Random) -> Vec<Aabb> {
+    (0..count).map(|i| at(100.0 * random.below(2) as f32 + 0.0005 * i as f32)).collect()
+}
+
+#[test]
+fn a_scene_moves_to_the_gpu_by_itself_and_its_answers_stay_right() {
+    const BOXES: u32 = 1_200;
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
+    let mut session = daemon.session().connect().unwrap();
+    let options = SceneOptions::default().with_threads(1);
+    let (mut scene, mut here) = (session.scene(options), core_scene::Scene::new(options));
+    let mut random = Random::new(7);
+    let mut edit = |count: u32| {
+        let boxes = crowds(count, &mut random);
+        let sets = core_scene::Sets { indices: (0..count).into(), boxes: &boxes };
+        let step = core_scene::Step::Set(sets);
+        let told = here.edit(Edit { steps: &[step] }, Want::Changes).unwrap();
+        let answer = scene.edit().step(step).commit(Want::Changes).unwrap();
+        assert_eq!(answer.served_by(), ServedBy::Daemon);
+        let engine = answer.engine();
+        compare(&answer, told);
+        // A scene stays where it is while an answer is not taken, and the next answer makes up for it.
+        if random.below(3) > 0 {
+            compare(&answer.take(), told);
+            here.take();
+        }
+        engine
+    };
+    let first = edit(BOXES);
+    assert_eq!(first, EngineName::CpuGrid, "a scene begins with the cores");
+    eventually("the scene moves to the GPU", || (edit(BOXES) == EngineName::GpuGrid).then_some(()));
+    for count in (1..70).chain([BOXES, 345]) {
+        assert_eq!(edit(count), EngineName::GpuGrid, "it stays there");
+    }
 }
 
 #[test]

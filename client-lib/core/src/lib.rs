@@ -16,6 +16,7 @@ pub mod oracle;
 pub mod pair_index;
 pub mod plan;
 pub mod precision;
+pub mod repeat;
 pub mod scene;
 pub mod sphere;
 pub mod spinner;

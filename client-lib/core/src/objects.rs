@@ -94,6 +94,14 @@ impl<'a> Objects<'a> {
         }
     }
 
+    /// Their bytes.
+    pub fn as_bytes(&self) -> &'a [u8] {
+        match self {
+            Self::Boxes(boxes) => boxes.as_bytes(),
+            Self::Spheres(spheres) => bytemuck::cast_slice(spheres),
+        }
+    }
+
     /// Whether there are none.
     pub const fn is_empty(&self) -> bool {
         self.len() == 0

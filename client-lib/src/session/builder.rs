@@ -78,6 +78,7 @@ pub(super) struct Settings {
     pub encoding: EncodingChoice,
     pub threads: Option<usize>,
     pub visit_threads: Option<usize>,
+    pub answer_repeats: bool,
     pub isa: AvailableIsa,
     pub calibration: CalibrationChoice,
     pub spin: Duration,
@@ -116,6 +117,7 @@ impl Default for SessionBuilder {
                 encoding: EncodingChoice::Auto,
                 threads: None,
                 visit_threads: None,
+                answer_repeats: true,
                 isa: AvailableIsa::best(),
                 calibration: CalibrationChoice::Auto,
                 spin: DEFAULT_SPIN,
@@ -172,6 +174,15 @@ impl SessionBuilder {
     /// engine and which encoding are best depends on it. The pairs do not.
     pub fn visit_threads(mut self, threads: usize) -> Self {
         self.settings.visit_threads = Some(threads.max(1));
+        self
+    }
+
+    /// Whether a frame that is equal to the last one, bit by bit, gets that one's answer without an engine;
+    /// `true` unless set. A paused game then costs a comparison of its boxes
+    /// ([`SkipMeter::is_repeat`](crate::info::SkipMeter::is_repeat) tells). Measurements of engines set it
+    /// to `false`, or name an engine: a named engine always works.
+    pub fn answer_repeats(mut self, answer_repeats: bool) -> Self {
+        self.settings.answer_repeats = answer_repeats;
         self
     }
 

@@ -3,12 +3,13 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use pairmask_core::aabb::Aabb;
-use pairmask_core::dispatch::{CpuEngines, CullOptions, SphereWays};
+use pairmask_core::dispatch::{CpuEngines, CullAnswer, CullOptions, SphereWays};
 use pairmask_core::engine::{AvailableIsa, CullError, HeapReply};
 use pairmask_core::filters::Rules;
 use pairmask_core::objects::Objects;
 use pairmask_core::plan::CalibrationChoice;
 use pairmask_core::precision::ExpandScratch;
+use pairmask_core::repeat::{Repeats, Seen};
 use pairmask_core::sphere::Sphere;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::Reply;
@@ -29,10 +30,40 @@ pub(super) struct Local {
     last_pairs: Mutex<Option<u64>>,
 }
 
-/// The engines for boxes and for spheres.
+/// The engines for boxes and for spheres, and what is remembered of the last frame.
 struct Engines {
     boxes: CpuEngines,
     spheres: SphereWays,
+    repeats: Repeats,
+}
+
+impl Engines {
+    /// Finds the pairs, or knows them of the last frame.
+    fn cull(
+        &mut self,
+        objects: Objects<'_>,
+        options: &CullOptions,
+        may_repeat: bool,
+        reply: &mut HeapReply,
+    ) -> Result<CullAnswer, CullError> {
+        let seen = if may_repeat { self.repeats.look(objects, options, reply) } else { Seen::New };
+        if let Seen::Answered(answer) = seen {
+            return Ok(answer);
+        }
+        let answer = match objects {
+            Objects::Boxes(these) => {
+                let mut scratch = ExpandScratch::default();
+                self.boxes.cull(these.expand(&mut scratch, true), options, reply)
+            }
+            Objects::Spheres(these) => self.spheres.cull(&mut self.boxes, these, options, reply),
+        }?;
+        if seen == Seen::Alike
+            && let Some(ticket) = self.repeats.ticket()
+        {
+            ticket.keep(objects, reply.words(), &answer);
+        }
+        Ok(answer)
+    }
 }
 
 /// Spare buffers for the objects of frames.
@@ -91,7 +122,11 @@ impl Local {
         let (calibration, _) = calibration.resolve(isa);
         let boxes = CpuEngines::on(isa, calibration);
         Self {
-            engines: Mutex::new(Engines { boxes, spheres: SphereWays::on(isa) }),
+            engines: Mutex::new(Engines {
+                boxes,
+                spheres: SphereWays::on(isa),
+                repeats: Repeats::default(),
+            }),
             replies: Shelf::default(),
             spares: Spares::default(),
             last_pairs: Mutex::default(),
@@ -123,25 +158,20 @@ impl Local {
             last_pairs: *lock(&self.last_pairs),
             ..CullOptions::default()
         };
-        let Engines { boxes, spheres } = &mut *lock(&self.engines);
         let mut worlds = Vec::new();
-        let answer = match objects {
-            Objects::Boxes(these) => {
+        let answer = match (objects, rules) {
+            (Objects::Boxes(these), Some(rules)) => {
                 let mut scratch = ExpandScratch::default();
                 let these = these.expand(&mut scratch, true);
-                match rules {
-                    Some(rules) => {
-                        let filtered = boxes.cull_filtered(these, rules, &options, &mut memory);
-                        filtered.map(|filtered| {
-                            worlds = filtered.worlds.to_vec();
-                            filtered.answer
-                        })
-                    }
-                    None => boxes.cull(these, &options, &mut memory),
-                }
+                let engines = &mut lock(&self.engines).boxes;
+                let filtered = engines.cull_filtered(these, rules, &options, &mut memory)?;
+                worlds.extend_from_slice(filtered.worlds);
+                filtered.answer
             }
-            Objects::Spheres(these) => spheres.cull(boxes, these, &options, &mut memory),
-        }?;
+            _ => {
+                lock(&self.engines).cull(objects, &options, settings.answer_repeats, &mut memory)?
+            }
+        };
         *lock(&self.last_pairs) = Some(answer.report.pair_count);
         let reply = Reply {
             box_count: BoxCount::new(objects.len() as u32),

@@ -46,6 +46,8 @@ pub enum MarginedError {
 /// most [`Margin::gap_limit`] when they were sent: twice the margin, steps of f32 and what the
 /// precision adds. [`MarginedMask::exact_pairs`] tests each pair with the boxes of now.
 ///
+/// One box that leaves its margin has all of them sent. [`Session::margined_scene`] sends that box alone.
+///
 /// The kept mask is one of the three frames that a session has at a time.
 ///
 /// ```

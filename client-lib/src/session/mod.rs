@@ -51,7 +51,9 @@ pub use narrow::NarrowFrame;
 pub use pairs::{FrameInfo, PairMask, ServedBy};
 pub use pending::PendingFrame;
 pub use scene::{
-    EndedIter, EndedList, PairList, PairListIter, PendingAnswer, Scene, SceneAnswer, SceneEdit,
+    EndedIter, EndedList, MarginedAnswer, MarginedEdit, MarginedPairs, MarginedScene,
+    MarginedSceneStats, PairList, PairListIter, PendingAnswer, PendingMargined, Scene, SceneAnswer,
+    SceneEdit,
 };
 pub use sphere::SphereFrame;
 
@@ -175,6 +177,14 @@ impl Session {
     /// ```
     pub fn scene(&mut self, options: SceneOptions) -> Scene {
         Scene::new(options, &self.core)
+    }
+
+    /// As [`scene`](Self::scene), where each box has a margin, and is sent only when it has left it. The
+    /// answers are those of `pairs`: the near ones, or the exact ones.
+    pub fn margined_scene(&mut self, options: SceneOptions, pairs: MarginedPairs) -> MarginedScene {
+        let options = options.within_limits();
+        let threads = options.threads.or(self.core.settings().threads);
+        MarginedScene::new(self.scene(options), options, threads, pairs)
     }
 
     /// What would serve the next frame by the present state: the daemon or this process.

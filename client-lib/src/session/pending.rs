@@ -74,6 +74,7 @@ impl PendingFrame {
             encoding: link.encodings().agree(settings.encoding),
             threads: settings.threads,
             visit_threads: settings.visit_threads,
+            may_repeat: settings.answer_repeats,
             ..CullRequest::of(written.scene(n))
         };
         let header = RequestHeader::cull(asked.client_token, asked.frame, &request);

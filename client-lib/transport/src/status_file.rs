@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use bytemuck::{Pod, Zeroable};
-use pairmask_wire::{InstanceError, InstanceName, StatusBody};
+use pairmask_wire::{InstanceError, InstanceName, SkipTotals, StatusBody};
 use rustix::time::{ClockId, clock_gettime};
 
 use crate::instance::RuntimeDir;
@@ -26,9 +26,14 @@ pub struct StatusFile {
     bytes: u32,
     noted_at_ns: u64,
     body: StatusBody,
+    /// Zero where an earlier version wrote the file.
+    skips: SkipTotals,
 }
 
-const _: () = assert!(size_of::<StatusFile>() == 16 + size_of::<StatusBody>());
+/// Length of the file before it had [`SkipTotals`], bytes.
+const FIRST_BYTES: usize = 16 + size_of::<StatusBody>();
+
+const _: () = assert!(size_of::<StatusFile>() == FIRST_BYTES + size_of::<SkipTotals>());
 
 /// The system's monotonic clock, which all processes share, ns.
 fn now_ns() -> u64 {
@@ -38,13 +43,18 @@ fn now_ns() -> u64 {
 
 impl StatusFile {
     /// A status file with the time of now.
-    pub fn now(body: StatusBody) -> Self {
-        Self { magic: MAGIC, bytes: size_of::<Self>() as u32, noted_at_ns: now_ns(), body }
+    pub fn now(body: StatusBody, skips: SkipTotals) -> Self {
+        Self { magic: MAGIC, bytes: size_of::<Self>() as u32, noted_at_ns: now_ns(), body, skips }
     }
 
     /// The daemon's status.
     pub const fn body(&self) -> &StatusBody {
         &self.body
+    }
+
+    /// Work that the daemon's answers left out.
+    pub const fn skips(&self) -> &SkipTotals {
+        &self.skips
     }
 
     /// How long ago it was written; zero for a time in the future.
@@ -53,9 +63,14 @@ impl StatusFile {
     }
 
     fn parse(bytes: &[u8]) -> Option<Self> {
-        let status: Self = bytemuck::pod_read_unaligned(bytes.get(..size_of::<Self>())?);
-        let is_one = status.magic == MAGIC && status.bytes as usize >= size_of::<Self>();
-        is_one.then_some(status)
+        let says: [u32; 2] = bytemuck::pod_read_unaligned(bytes.get(..8)?);
+        let len = (says[1] as usize).min(size_of::<Self>());
+        if says[0] != MAGIC || len < FIRST_BYTES {
+            return None;
+        }
+        let mut whole = [0; size_of::<Self>()];
+        whole[..len].copy_from_slice(bytes.get(..len)?);
+        Some(bytemuck::pod_read_unaligned(&whole))
     }
 }
 
@@ -94,7 +109,8 @@ mod tests {
 
     #[test]
     fn a_status_file_round_trips_and_junk_is_none() {
-        let status = StatusFile::now(StatusBody { frames: 7, ..StatusBody::default() });
+        let skips = SkipTotals { words: 9, ..SkipTotals::default() };
+        let status = StatusFile::now(StatusBody { frames: 7, ..StatusBody::default() }, skips);
         let bytes = bytemuck::bytes_of(&status);
         assert_eq!(StatusFile::parse(bytes), Some(status));
         assert_eq!(
@@ -107,5 +123,12 @@ mod tests {
         assert_eq!(StatusFile::parse(&bytes[..bytes.len() - 1]), None);
         assert_eq!(StatusFile::parse(&[]), None);
         assert_eq!(StatusFile::parse(&vec![0; bytes.len()]), None);
+        let mut earlier = bytes[..FIRST_BYTES].to_vec();
+        assert_eq!(StatusFile::parse(&earlier), None, "cut short");
+        earlier[4..8].copy_from_slice(&(FIRST_BYTES as u32).to_le_bytes());
+        let parsed = StatusFile::parse(&earlier).unwrap();
+        assert_eq!((parsed.body().frames, parsed.skips()), (7, &SkipTotals::default()));
+        let parsed = StatusFile::parse(&[&earlier[..], &[1; 64]].concat()).unwrap();
+        assert_eq!(parsed.skips(), &SkipTotals::default(), "what follows is not the file's");
     }
 }

@@ -20,7 +20,8 @@ pub struct RequestHeader {
     pub version_minor: u16,
     /// An [`Operation`].
     pub operation: u32,
-    /// No flag is defined yet; unknown flags are ignored.
+    /// Of a cull: 1 an engine finds the pairs, also where the frame is equal to the last one (since 1.4).
+    /// Unknown flags are ignored.
     pub flags: u32,
     /// Names the client: the listener of its node has the same number as its name. Apart from that
     /// an echo.

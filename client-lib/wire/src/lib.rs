@@ -33,7 +33,9 @@ pub use scene::{
     response_scene, response_scene_ended,
 };
 pub use section::{SECTION_COUNT, Section, SectionKind};
-pub use status::{AuditCounts, LAST_ERRORS, RecordedError, StatusBody, response_status};
+pub use status::{
+    AuditCounts, LAST_ERRORS, RecordedError, SkipTotals, StatusBody, response_status,
+};
 pub use status_code::StatusCode;
 
 use pairmask_core::engine::EngineName;
@@ -44,8 +46,8 @@ use pairmask_core::precision::BoxForm;
 /// Major version. A daemon answers only requests of its own. Raised when an old reader would
 /// misread a message.
 pub const VERSION_MAJOR: u16 = 1;
-/// Minor version: that of the newest form of objects, encoding of masks, engine or operation. Old readers may ignore what
-/// a minor version adds.
+/// Minor version: that of the newest form of objects, encoding of masks, engine, operation or step of an
+/// edit. Old readers may ignore what a minor version adds.
 pub const VERSION_MINOR: u16 = newest_minor();
 /// Minor version from which daemons know boxes in narrow forms.
 pub const NARROW_BOXES_MINOR: u16 = 1;
@@ -54,6 +56,8 @@ pub const SPHERES_MINOR: u16 = 2;
 
 /// Minor version from which daemons keep scenes.
 pub const SCENES_MINOR: u16 = 4;
+/// Minor version from which scenes have rules.
+pub const RULES_MINOR: u16 = 5;
 
 /// Minor version from which daemons know objects of a form.
 pub const fn since_minor(form: ObjectForm) -> u16 {
@@ -64,9 +68,9 @@ pub const fn since_minor(form: ObjectForm) -> u16 {
     }
 }
 
-/// The largest minor version that an operation, a form, an encoding or an engine needs.
+/// The largest minor version that an operation, a step of an edit, a form, an encoding or an engine needs.
 const fn newest_minor() -> u16 {
-    let (mut newest, mut i) = (SCENES_MINOR, 0);
+    let (mut newest, mut i) = (RULES_MINOR, 0);
     while i < ObjectForm::ALL.len() {
         newest = later(newest, since_minor(ObjectForm::ALL[i]));
         i += 1;

@@ -4,7 +4,9 @@ use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
 use pairmask_core::dispatch::StageTimes;
-use pairmask_core::engine::{Census, CullReport, EngineId, EngineName, NAMED_INVALID, SkipMeter};
+use pairmask_core::engine::{
+    Census, CullReport, EngineId, EngineName, NAMED_INVALID, PairSkips, SkipMeter,
+};
 use pairmask_core::mask::{Encoding, MaskShape};
 use pairmask_core::units::BoxCount;
 
@@ -49,7 +51,8 @@ pub struct ResponseHeader {
     pub first_invalid: [u32; NAMED_INVALID],
     /// Pairs in the mask.
     pub pair_count: u64,
-    /// `SkipMeter`: boxes, pairs, zero words; the rest zero.
+    /// `SkipMeter`: boxes, pairs, zero words; of the pairs those that are unmoved, empty, apart on an axis
+    /// (since 1.4; zero before).
     pub skipped: [u64; 6],
     /// `StageTimes`: ingest, plan, execute, publish, total; the rest zero.
     pub stages_ns: [u64; 8],
@@ -112,7 +115,8 @@ pub fn response_ok(
         ..envelope(fields, StatusCode::Ok)
     };
     let skipped = &report.skipped;
-    header.skipped[..3].copy_from_slice(&[skipped.boxes, skipped.pairs, skipped.zero_words]);
+    let PairSkips { unmoved, empty, axis, .. } = skipped.why;
+    header.skipped = [skipped.boxes, skipped.pairs, skipped.zero_words, unmoved, empty, axis];
     header.stages_ns[..5].copy_from_slice(&[
         times.ingest_ns,
         times.plan_ns,
@@ -223,7 +227,8 @@ impl Reply {
             return Err(malformed("box count"));
         }
         let shape = parse_shape(header, asked.box_count, payload_bytes)?;
-        let [boxes, pairs, zero_words, ..] = header.skipped;
+        let [boxes, pairs, zero_words, unmoved, empty, axis] = header.skipped;
+        let why = PairSkips::of_frame(unmoved, empty, axis).with_cells_of(pairs);
         let [ingest_ns, plan_ns, execute_ns, publish_ns, total_ns, ..] = header.stages_ns;
         Ok(Self {
             box_count: asked.box_count,
@@ -237,7 +242,7 @@ impl Reply {
                     first_invalid: header.first_invalid,
                 },
                 pair_count: header.pair_count,
-                skipped: SkipMeter { boxes, pairs, zero_words },
+                skipped: SkipMeter { boxes, pairs, why, zero_words },
                 times: pairmask_core::engine::EngineTimes { ingest_ns, execute_ns, publish_ns },
             },
             times: StageTimes { ingest_ns, plan_ns, execute_ns, publish_ns, total_ns },

@@ -71,6 +71,8 @@ pub struct CullRequest {
     pub threads: Option<usize>,
     /// Threads with which the client visits the pairs, for the plan; `None` is one.
     pub visit_threads: Option<usize>,
+    /// Whether a frame that is equal to the last one may get that one's answer, without an engine.
+    pub may_repeat: bool,
     /// Minor wire version of the client, older or newer than this build. The answer may hold nothing
     /// that a later minor version added.
     pub client_minor: u16,
@@ -85,6 +87,7 @@ impl CullRequest {
             encoding: EncodingChoice::Auto,
             threads: None,
             visit_threads: None,
+            may_repeat: true,
             client_minor: VERSION_MINOR,
         }
     }
@@ -103,15 +106,18 @@ pub enum Request {
     EndScene(SceneId),
 }
 
+/// Flag of a cull: an engine finds the pairs, also where the frame is equal to the last one.
+const CULL_ANEW: u32 = 1;
+
 impl RequestHeader {
     /// A request to cull a scene, with what the client asks for.
     pub fn cull(client_token: u64, frame: u64, request: &CullRequest) -> Self {
-        let CullRequest { scene, engine, encoding, threads, visit_threads, client_minor } =
-            *request;
+        let CullRequest { scene, engine, encoding, threads, visit_threads, .. } = *request;
         let number =
             |threads: Option<usize>| threads.map_or(0, |t| u32::try_from(t).unwrap_or(u32::MAX));
         Self {
-            version_minor: client_minor,
+            version_minor: request.client_minor,
+            flags: if request.may_repeat { 0 } else { CULL_ANEW },
             box_count: scene.count.get(),
             engine: match engine {
                 EngineChoice::Auto => 0,
@@ -191,6 +197,7 @@ impl Request {
             encoding,
             threads: some(header.threads),
             visit_threads: some(header.visit_threads),
+            may_repeat: header.flags & CULL_ANEW == 0,
             client_minor: header.version_minor,
         }))
     }

@@ -3,6 +3,8 @@
 use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
+use pairmask_core::engine::{PairSkips, SkipMeter};
+use pairmask_core::scene::SceneSkips;
 
 use crate::reply::{Reply, ReplyError, ReplyFields, ResponseHeader, envelope};
 use crate::section::{Section, SectionKind, find};
@@ -45,6 +47,60 @@ pub struct AuditCounts {
     pub missed: u64,
     /// Pairs among them that were in the mask and do not overlap. Anything but 0 is a bug.
     pub extra: u64,
+}
+
+/// Work that a daemon's answers left out, since it began to serve.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct SkipTotals {
+    /// Frames that were equal to their session's last one.
+    pub repeats: u64,
+    /// Boxes that were not looked at.
+    pub boxes: u64,
+    /// Pairs that were not tested: of two static boxes.
+    pub static_pairs: u64,
+    /// Of two boxes that have not moved.
+    pub unmoved_pairs: u64,
+    /// Of an empty or invalid box.
+    pub empty_pairs: u64,
+    /// Of boxes in cells too far apart.
+    pub cell_pairs: u64,
+    /// Of boxes that the order along an axis holds apart.
+    pub axis_pairs: u64,
+    /// Words of answers that were not sent: zero words of masks, and two words for each pair of a scene
+    /// that its client knows already.
+    pub words: u64,
+}
+
+impl SkipTotals {
+    /// What the answer to a whole frame left out.
+    pub fn of_frame(meter: &SkipMeter) -> Self {
+        let repeats = u64::from(meter.is_repeat());
+        let all = Self { repeats, boxes: meter.boxes, words: meter.zero_words, ..Self::default() };
+        all.with_pairs(&meter.why)
+    }
+
+    /// What the answer to an edit of a scene left out. Of `pair_count` pairs, where that is known, it names
+    /// `told` or their changes.
+    pub fn of_scene(meter: &SceneSkips, pair_count: Option<u64>, told: u64) -> Self {
+        let words = pair_count.unwrap_or(0).saturating_sub(told).saturating_mul(2);
+        Self { boxes: meter.boxes, words, ..Self::default() }.with_pairs(&meter.why())
+    }
+
+    /// The sum of both.
+    #[must_use]
+    pub fn plus(self, other: &Self) -> Self {
+        let (mut sum, other): ([u64; 8], [u64; 8]) = (bytemuck::cast(self), bytemuck::cast(*other));
+        sum.iter_mut().zip(other).for_each(|(sum, more)| *sum = sum.saturating_add(more));
+        bytemuck::cast(sum)
+    }
+
+    const fn with_pairs(mut self, why: &PairSkips) -> Self {
+        (self.static_pairs, self.unmoved_pairs, self.empty_pairs) =
+            (why.statics, why.unmoved, why.empty);
+        (self.cell_pairs, self.axis_pairs) = (why.cell, why.axis);
+        self
+    }
 }
 
 /// The daemon's status: the payload of a status response.

@@ -6,7 +6,7 @@ use bytemuck::Zeroable;
 use pairmask_core::Aabb;
 use pairmask_core::dispatch::StageTimes;
 use pairmask_core::engine::{
-    Census, CullReport, EngineChoice, EngineId, EngineName, EngineTimes, SkipMeter,
+    Census, CullReport, EngineChoice, EngineId, EngineName, EngineTimes, PairSkips, SkipMeter,
 };
 use pairmask_core::mask::{Encoding, EncodingChoice, MaskShape, MaskView};
 use pairmask_core::objects::ObjectForm;
@@ -44,7 +44,12 @@ fn report(shape: MaskShape) -> CullReport {
         shape,
         census: Census { invalid: 1, empty: 2, first_invalid: [5, 0, 0, 0, 0, 0, 0, 0] },
         pair_count: 3,
-        skipped: SkipMeter { boxes: 3, pairs: 4, zero_words: 5 },
+        skipped: SkipMeter {
+            boxes: 3,
+            pairs: 4,
+            why: PairSkips::NONE.with_cells_of(4),
+            zero_words: 5,
+        },
         times: EngineTimes { ingest_ns: 10, execute_ns: 30, publish_ns: 40 },
     }
 }
@@ -91,7 +96,7 @@ fn golden_request() {
         (ObjectForm::Boxes(BoxForm::F16), 10, 1200),
         (ObjectForm::Spheres, 11, 1600),
     ] {
-        let expected = Bytes(b"PMRQ\x01\x00\x04\x00".to_vec())
+        let expected = Bytes(b"PMRQ\x01\x00\x05\x00".to_vec())
             .u32(&[1, 0])
             .u64(&[0x1122_3344_5566_7788, 9])
             .u32(&[100, 1, 2, 2])
@@ -146,7 +151,7 @@ fn golden_spheres() {
 fn golden_response() {
     // 7 words of room: sections start on multiples of 16 words, that is 64 bytes.
     let shape = MaskShape::sparse(N, 7, 5, true);
-    let expected = Bytes(b"PMRS\x01\x00\x04\x00".to_vec())
+    let expected = Bytes(b"PMRS\x01\x00\x05\x00".to_vec())
         .u32(&[0, 0])
         .u64(&[0x1122_3344_5566_7788, 9])
         .u32(&[100, 1, 2, 1, 2, 2])
@@ -165,7 +170,7 @@ fn golden_response() {
 
 #[test]
 fn golden_list_response() {
-    let expected = Bytes(b"PMRS\x01\x00\x04\x00".to_vec())
+    let expected = Bytes(b"PMRS\x01\x00\x05\x00".to_vec())
         .u32(&[0, 0])
         .u64(&[0x1122_3344_5566_7788, 9])
         .u32(&[100, 1, 3, 1, 2, 2])
@@ -253,12 +258,44 @@ fn a_request_round_trips() {
                 encoding: EncodingChoice::Only(Encoding::Sparse),
                 threads: Some(2),
                 visit_threads: Some(8),
+                may_repeat: true,
                 client_minor: Version::CURRENT.minor,
             })
         );
     }
     let status = RequestHeader::status(1, 2);
     assert_eq!(Request::parse(&status, 4096), Ok(Request::Status));
+}
+
+#[test]
+fn a_request_to_be_culled_anew_is_a_flag() {
+    let scene = ScenePlace::first(BoxForm::F32, N);
+    let anew = CullRequest { may_repeat: false, ..CullRequest::of(scene) };
+    let header = RequestHeader::cull(1, 2, &anew);
+    assert_eq!(header.flags, 1);
+    assert_eq!(Request::parse(&header, 4096), Ok(Request::Cull(anew)));
+    let unknown = RequestHeader { flags: !1, ..header };
+    assert_eq!(Request::parse(&unknown, 4096), Ok(Request::Cull(CullRequest::of(scene))));
+}
+
+#[test]
+fn reasons_of_skipped_pairs_stand_where_zeros_stood() {
+    let of_report = |skipped: SkipMeter| {
+        let report = CullReport { skipped, ..report(MaskShape::dense(N)) };
+        let header = response_ok(&ASKED, EngineName::CpuSap, 1, &report, &TIMES);
+        (header.skipped, Reply::parse(&header, &ASKED, 4096).unwrap().report.skipped)
+    };
+    let why = PairSkips::of_frame(0, 7, 20).with_cells_of(40);
+    let meter = SkipMeter { boxes: 3, pairs: 40, why, zero_words: 5 };
+    assert_eq!(of_report(meter), ([3, 40, 5, 0, 7, 20], meter));
+    let again = SkipMeter::of_repeat(N, &meter);
+    assert_eq!(of_report(again), ([100, 4950, 5, 4950, 0, 0], again));
+    assert!(again.is_repeat() && !meter.is_repeat());
+    // A daemon may write any numbers.
+    let mut header = response(MaskShape::dense(N));
+    header.skipped = [u64::MAX; 6];
+    let parsed = Reply::parse(&header, &ASKED, 4096).unwrap().report.skipped;
+    assert_eq!((parsed.why.cell, parsed.why.total()), (0, u64::MAX));
 }
 
 /// A client of the same major version is answered whatever its minor, and the minor is kept.

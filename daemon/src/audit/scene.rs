@@ -141,6 +141,7 @@ impl SceneAudit {
 
     fn compare(&mut self, outcome: &mut Outcome) {
         let end = self.copy.index_end();
+        let rules = self.copy.rules();
         let boxes: Vec<Option<(Corners, KeptBox)>> = (0..end as u32)
             .map(|index| self.copy.kept(index))
             .map(|kept| kept.filter(|kept| kept.is_on).map(|kept| (Corners::of(&kept.b), kept)))
@@ -150,7 +151,10 @@ impl SceneAudit {
             for (other, theirs) in (0..).zip(&boxes).filter(|(other, _)| *other != row) {
                 let is = match (&boxes[row as usize], theirs) {
                     (Some((a, one)), Some((b, two))) => {
-                        a.overlap(b) && !(one.is_static && two.is_static)
+                        a.overlap(b)
+                            && rules.map_or(!(one.is_static && two.is_static), |rules| {
+                                rules.meet(row, other)
+                            })
                     }
                     _ => false,
                 };

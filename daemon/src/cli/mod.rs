@@ -23,6 +23,7 @@ mod scene;
 mod scene_look;
 pub mod serve;
 pub mod shape;
+mod skipped;
 mod status;
 pub mod target;
 pub mod usage;

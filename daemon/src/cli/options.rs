@@ -139,14 +139,16 @@ impl CullFlags {
         self.engine.or(config.engine).unwrap_or_default()
     }
 
-    /// A session builder with all settings but the backend.
+    /// A session builder with all settings but the backend. Its frames are culled also where they are equal
+    /// to the last one: the commands that use it measure engines.
     pub fn session(&self, place: &Place, config: &Config) -> SessionBuilder {
         let cull_options = self.cull_options(config);
         let builder = Session::builder()
             .calibration(place.calibration(config))
             .isa(place.isa(config))
             .engine(cull_options.engine)
-            .encoding(cull_options.encoding);
+            .encoding(cull_options.encoding)
+            .answer_repeats(false);
         match cull_options.threads {
             Some(threads) => builder.threads(threads),
             None => builder,

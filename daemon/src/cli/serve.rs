@@ -107,6 +107,7 @@ impl Serve {
             isa: place.isa(config),
             audit: self.audit.or(config.audit).unwrap_or_default(),
             alter_answers: None,
+            watch_devices: None,
         }
     }
 }

@@ -8,13 +8,14 @@ use clap::Args;
 use pairmask::{Backend, Session, StatusError};
 use pairmask_transport::{DaemonRecord, ProcessWatch, RuntimeDir};
 use pairmask_wire::{
-    AuditCounts, InstanceError, InstanceName, RecordedError, StatusBody, StatusCode,
+    AuditCounts, InstanceError, InstanceName, RecordedError, SkipTotals, StatusBody, StatusCode,
 };
 use serde::{Deserialize, Serialize};
 
 use super::config::Config;
 use super::options::Place;
 use super::output::{OutputError, print_json, print_text, time_text};
+use super::skipped::Skipped;
 
 /// A living daemon writes its status file within a second, or after the frame that it works on.
 /// This is longer than most frames take, and short for a user who waits.
@@ -121,6 +122,12 @@ struct DaemonReport {
     /// Memory that they take, MiB.
     #[serde(default)]
     scene_mib: u32,
+    /// Frames that were equal to their session's last one.
+    #[serde(default)]
+    repeats: u64,
+    /// Work that answers left out.
+    #[serde(default)]
+    skipped: Skipped,
     /// Requests answered with an error.
     errors: u64,
     /// The last of them, newest first.
@@ -250,6 +257,13 @@ impl InstanceReport {
             text,
             "  {frames} frames, {boxes} boxes,{spheres} {pairs} pairs, {errors} errors"
         )?;
+        if daemon.skipped != Skipped::default() {
+            writeln!(
+                text,
+                "  skipped {}; {} frames equal to the last",
+                daemon.skipped, daemon.repeats
+            )?;
+        }
         if daemon.scenes > 0 {
             writeln!(text, "  {} scenes of {} MiB", daemon.scenes, daemon.scene_mib)?;
         }
@@ -294,7 +308,7 @@ fn ask(dir: &RuntimeDir, name: &InstanceName, record: &DaemonRecord) -> Answer {
             Err(error) => return Answer::Silent(None, error.to_string()),
         };
         let age = status.age();
-        let report = DaemonReport::of(status.body(), age);
+        let report = DaemonReport::of(status.body(), status.skips(), age);
         if age <= asked.elapsed() {
             return Answer::Alive(report);
         }
@@ -325,14 +339,15 @@ fn ask_over_wire(dir: &RuntimeDir, name: &InstanceName) -> Answer {
         Ok(body) => {
             // The question itself takes one connection.
             let client_count = body.client_count.saturating_sub(1);
-            Answer::Alive(DaemonReport::of(&StatusBody { client_count, ..body }, Duration::ZERO))
+            let body = StatusBody { client_count, ..body };
+            Answer::Alive(DaemonReport::of(&body, &SkipTotals::default(), Duration::ZERO))
         }
         Err(error) => Answer::Silent(None, error.to_string()),
     }
 }
 
 impl DaemonReport {
-    fn of(body: &StatusBody, age: Duration) -> Self {
+    fn of(body: &StatusBody, skips: &SkipTotals, age: Duration) -> Self {
         Self {
             age_ns: age.as_nanos() as u64,
             uptime_ns: body.uptime_ns,
@@ -343,6 +358,8 @@ impl DaemonReport {
             pairs: body.pairs,
             scenes: body.scenes,
             scene_mib: body.scene_mib,
+            repeats: skips.repeats,
+            skipped: skips.into(),
             errors: body.errors,
             last_errors: body
                 .last_errors

@@ -101,6 +101,9 @@ impl Engines {
     }
 }
 
+/// Is shown each device that is opened: tests lose it.
+pub type WatchDevice = fn(&Arc<Gpu>);
+
 /// The GPU's engines, on whatever device there is now.
 pub struct GpuService {
     slot: GpuSlot,
@@ -125,8 +128,26 @@ impl GpuService {
     /// # Errors
     /// [`OpenError`]; [`OpenError::NoAdapter`] where nothing fits the choice.
     pub fn open(choice: &GpuChoice, hold: Duration) -> Result<Self, OpenError> {
+        Self::open_watched(choice, hold, None)
+    }
+
+    /// As [`Self::open`]; `watch` is shown the device, and each that takes its place.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn open_watched(
+        choice: &GpuChoice,
+        hold: Duration,
+        watch: Option<WatchDevice>,
+    ) -> Result<Self, OpenError> {
         let choice = choice.clone();
-        let open = Arc::new(move || Gpu::open(&choice, HostImport::IfPossible));
+        let open = Arc::new(move || {
+            let gpu = Gpu::open(&choice, HostImport::IfPossible)?;
+            if let Some(watch) = watch {
+                watch(&gpu);
+            }
+            Ok(gpu)
+        });
         let gpu = open()?;
         log::info!("GPU: {}", gpu.info().name);
         let mut service = Self { slot: GpuSlot::new(gpu, open), engines: None, hold };

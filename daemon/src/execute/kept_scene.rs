@@ -11,7 +11,7 @@ use std::time::Instant;
 use pairmask_core::dispatch::{CpuEngines, nanoseconds_since};
 use pairmask_core::engine::{CullError, EngineChoice, EngineName};
 use pairmask_core::plan::GpuCost;
-use pairmask_core::scene::{Edit, Scene, SceneError, SceneOptions, Told, Want};
+use pairmask_core::scene::{Edit, PairScene, Scene, SceneError, SceneOptions, Told, Want};
 
 use super::gpu::{GpuScene, SceneTools};
 use super::under_way::GpuShare;
@@ -33,6 +33,7 @@ pub struct SceneKeeper {
     options: SceneOptions,
     gpu: GpuShare,
     engine: EngineChoice,
+    threads: usize,
     /// What edits would have saved on the GPU, ns.
     would_have_saved_ns: f64,
 }
@@ -68,7 +69,7 @@ impl SceneKeeper {
             }
             _ => Place::Cores(Scene::with_engines(options, engines)),
         };
-        Ok(Self { place, options, gpu, engine, would_have_saved_ns: 0.0 })
+        Ok(Self { place, options, gpu, engine, threads: 1, would_have_saved_ns: 0.0 })
     }
 
     /// Boxes, those that are switched off too.
@@ -100,55 +101,12 @@ impl SceneKeeper {
         }
     }
 
-    /// The last answer.
-    pub const fn told(&self) -> &Told {
-        match &self.place {
-            Place::Cores(scene) => scene.told(),
-            Place::Gpu(scene) => scene.told(),
+    /// Threads that later edits may use.
+    pub fn set_threads(&mut self, threads: usize) {
+        self.threads = threads;
+        if let Place::Cores(scene) = &mut self.place {
+            scene.set_threads(Some(threads));
         }
-    }
-
-    /// Takes the last answer.
-    pub fn take(&mut self) {
-        match &mut self.place {
-            Place::Cores(scene) => scene.take(),
-            Place::Gpu(scene) => scene.take(),
-        }
-    }
-
-    /// Forgets what was told: the next changes are a resync.
-    pub fn lose(&mut self) {
-        match &mut self.place {
-            Place::Cores(scene) => scene.lose(),
-            Place::Gpu(scene) => scene.lose(),
-        }
-    }
-
-    /// Applies an edit and answers, with so many threads at the most.
-    ///
-    /// # Errors
-    /// [`SceneError::Edit`]: nothing is applied. After [`SceneError::Cull`] the scene is to be dropped.
-    pub fn edit(
-        &mut self,
-        edit: Edit<'_>,
-        want: Want,
-        threads: usize,
-    ) -> Result<&Told, SceneError> {
-        self.move_if_due();
-        match &mut self.place {
-            Place::Cores(scene) => {
-                let start = Instant::now();
-                scene.set_threads(Some(threads));
-                scene.edit(edit, want)?;
-                self.note_edit(edit.boxes(), nanoseconds_since(start) as f64);
-            }
-            Place::Gpu(scene) => {
-                // One session uses the GPU at a time.
-                let _turn = self.gpu.0.as_ref().map(|gpu| gpu.lock());
-                scene.edit(edit, want)?;
-            }
-        }
-        Ok(self.told())
     }
 
     /// Notes an edit that the cores have made.
@@ -179,6 +137,69 @@ impl SceneKeeper {
             Ok(moved) => self.place = Place::Gpu(moved),
             // The cores have it, and are asked again when as much time was lost.
             Err(error) => log::info!("a scene stays with the cores: {error}"),
+        }
+    }
+}
+
+impl PairScene for SceneKeeper {
+    /// After [`SceneError::Cull`] the scene is to be dropped.
+    fn edit(&mut self, edit: Edit<'_>, want: Want) -> Result<(), SceneError> {
+        self.move_if_due();
+        match &mut self.place {
+            Place::Cores(scene) => {
+                let start = Instant::now();
+                scene.edit(edit, want)?;
+                self.note_edit(edit.boxes(), nanoseconds_since(start) as f64);
+            }
+            Place::Gpu(scene) => {
+                // One session uses the GPU at a time.
+                let _turn = self.gpu.0.as_ref().map(|gpu| gpu.lock());
+                scene.edit(edit, want)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn told(&self) -> &Told {
+        match &self.place {
+            Place::Cores(scene) => scene.told(),
+            Place::Gpu(scene) => scene.told(),
+        }
+    }
+
+    fn take(&mut self) {
+        match &mut self.place {
+            Place::Cores(scene) => scene.take(),
+            Place::Gpu(scene) => scene.take(),
+        }
+    }
+
+    fn lose(&mut self) {
+        match &mut self.place {
+            Place::Cores(scene) => scene.lose(),
+            Place::Gpu(scene) => scene.lose(),
+        }
+    }
+
+    fn most_boxes(&self) -> u32 {
+        self.options.most_boxes
+    }
+
+    fn threads(&self) -> usize {
+        self.threads
+    }
+
+    fn is_present(&self, index: u32) -> bool {
+        match &self.place {
+            Place::Cores(scene) => scene.get(index).is_some(),
+            Place::Gpu(scene) => scene.is_present(index),
+        }
+    }
+
+    fn is_off(&self, index: u32) -> bool {
+        match &self.place {
+            Place::Cores(scene) => PairScene::is_off(scene, index),
+            Place::Gpu(scene) => scene.is_off(index),
         }
     }
 }
@@ -220,7 +241,7 @@ mod tests {
         let auto = SceneKeeper::new(options, CpuEngines::new(), no_gpu, EngineChoice::Auto);
         let mut scene = auto.expect("cores");
         scene.would_have_saved_ns = 1e12;
-        scene.edit(Edit::NONE, Want::All, 1).expect("an answer");
+        scene.edit(Edit::NONE, Want::All).expect("an answer");
         assert_eq!(scene.engine(), EngineName::CpuGrid);
     }
 }

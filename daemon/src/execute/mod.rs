@@ -12,7 +12,7 @@ mod under_way;
 
 pub use engine_pool::EnginePool;
 pub use frame_memory::FrameMemory;
-pub use gpu_service::GpuService;
+pub use gpu_service::{GpuService, WatchDevice};
 pub use kept_scene::SceneKeeper;
 pub use offers::Owner;
 
@@ -26,8 +26,10 @@ use pairmask_core::engine::{
     AvailableIsa, CullError, CullReport, EngineChoice, EngineName, RecentNeed, ReplyBuffer,
 };
 use pairmask_core::mask::Encoding;
+use pairmask_core::objects::Objects;
 use pairmask_core::plan::{Calibration, GpuCost, Plan};
 use pairmask_core::precision::{BoxSlice, ExpandScratch};
+use pairmask_core::repeat::{Repeats, is_sooner_compared};
 
 use self::frame_memory::{LentReply, with_lent};
 pub use self::shared_gpu::GpuTurn;
@@ -59,6 +61,14 @@ impl Planned {
     pub fn needs_gpu(&self) -> bool {
         let on_core = self.one_core_ns.filter(|ns| *ns > 0).map(Duration::from_nanos);
         self.plan.engine.is_gpu() && on_core.is_none_or(|on_core| on_core > LEFT_TO_CORES)
+    }
+
+    /// Whether its boxes are compared with those of a frame before sooner than they are culled: always,
+    /// unless a GPU culls them.
+    pub fn is_sooner_compared(&self, objects: Objects<'_>) -> bool {
+        let threads = self.options.threads.unwrap_or(1);
+        let engine_ns = engine_ns(&self.plan);
+        !self.plan.engine.is_gpu() || is_sooner_compared(objects, threads, engine_ns)
     }
 
     /// The answer of `engine`, which need not be the plan's.
@@ -157,6 +167,7 @@ pub struct Executor {
     cpu: CpuSide,
     spheres: SphereWays,
     spheres_need: RecentNeed,
+    repeats: Repeats,
     gpu: Option<Arc<SharedGpu>>,
     isa: AvailableIsa,
     calibration: Option<Calibration>,
@@ -175,6 +186,7 @@ impl Executor {
             cpu: CpuSide::default(),
             spheres: SphereWays::default(),
             spheres_need: RecentNeed::default(),
+            repeats: Repeats::default(),
             gpu: gpu.map(|gpu| Arc::new(SharedGpu::new(gpu))),
             isa: AvailableIsa::best(),
             calibration: None,
@@ -260,6 +272,13 @@ impl Executor {
         let plan_ns = planned.plan_ns;
         let planned = self.cpu.plan(boxes, &options.within(boxes.len(), limit_words), None);
         Planned { plan_ns: planned.plan_ns + plan_ns, ..planned }
+    }
+
+    /// What is remembered of the session's last frame.
+    pub fn repeats(&mut self) -> &mut Repeats {
+        // Who looks at a frame uses the engines.
+        self.last_frame = Some(Instant::now());
+        &mut self.repeats
     }
 
     /// Whether a frame is better left to the GPU ([`Self::begin`]) than waited for
@@ -377,6 +396,7 @@ impl Executor {
         self.cpu.engines.give_back();
         self.cpu.expanded = ExpandScratch::default();
         self.spheres = SphereWays::default();
+        self.repeats.forget();
     }
 
     /// Bytes of scratch that the CPU engines keep from frame to frame, beside boxes and replies.
@@ -384,6 +404,7 @@ impl Executor {
         self.cpu.engines.scratch_bytes()
             + self.cpu.expanded.allocated_bytes()
             + self.spheres.scratch_bytes()
+            + self.repeats.allocated_bytes()
     }
 
     fn plan_within(&mut self, boxes: BoxSlice<'_>, options: &CullOptions) -> Planned {

@@ -3,19 +3,22 @@
 use std::time::Instant;
 
 use pairmask_core::objects::ObjectForm;
-use pairmask_wire::{AuditCounts, LAST_ERRORS, RecordedError, ReplyFields, StatusBody, StatusCode};
+use pairmask_wire::{
+    AuditCounts, LAST_ERRORS, RecordedError, ReplyFields, SkipTotals, StatusBody, StatusCode,
+};
 
 /// Counters since the worker began to serve.
 pub(super) struct Counters {
     start: Instant,
     body: StatusBody,
+    skips: SkipTotals,
 }
 
 impl Counters {
     /// All zero; time counts from now.
     pub(super) fn new() -> Self {
         let body = StatusBody { pid: std::process::id(), ..StatusBody::default() };
-        Self { start: Instant::now(), body }
+        Self { start: Instant::now(), body, skips: SkipTotals::default() }
     }
 
     /// Counts an answer.
@@ -27,6 +30,16 @@ impl Counters {
         };
         *objects += u64::from(fields.box_count.get());
         self.body.pairs = self.body.pairs.saturating_add(pair_count);
+    }
+
+    /// Adds what an answer left out.
+    pub(super) fn note_skips(&mut self, skips: &SkipTotals) {
+        self.skips = self.skips.plus(skips);
+    }
+
+    /// What all answers left out.
+    pub(super) const fn skips(&self) -> SkipTotals {
+        self.skips
     }
 
     /// Counts a refusal, and keeps it among the last ones.

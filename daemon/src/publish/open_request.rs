@@ -4,9 +4,11 @@
 use std::sync::Arc;
 use std::time::Instant;
 
+use pairmask_core::dispatch::CullAnswer;
 use pairmask_core::engine::{ReplyBuffer, ReserveError};
 use pairmask_core::objects::Objects;
 use pairmask_core::precision::BoxSlice;
+use pairmask_core::repeat::KeepTicket;
 use pairmask_core::units::BoxCount;
 use pairmask_transport::{
     ActiveRequest, CheckedRequest, PortTurn, ResponseLoan, Sender, SharedPopulated, TransportError,
@@ -45,6 +47,8 @@ pub(crate) struct OpenRequest {
     scene: ScenePlace,
     loan: Option<ResponseLoan>,
     lender: Arc<ReplyLender>,
+    /// Where its objects and its answer are to be kept.
+    keep: Option<KeepTicket>,
 }
 
 impl OpenRequest {
@@ -57,7 +61,15 @@ impl OpenRequest {
             frame: header.frame,
             box_count: BoxCount::new(header.box_count),
         };
-        Self { incoming, fields, taken_at, scene: ScenePlace::EMPTY, loan: None, lender }
+        Self {
+            incoming,
+            fields,
+            taken_at,
+            scene: ScenePlace::EMPTY,
+            loan: None,
+            lender,
+            keep: None,
+        }
     }
 
     /// Validates what it asks for.
@@ -116,6 +128,18 @@ impl OpenRequest {
         let Self { incoming, scene, loan, lender, .. } = self;
         let request = incoming.request.request();
         (objects_at(&incoming.request, *scene), LoanReply { request, loan, lender })
+    }
+
+    /// Has its objects and its answer be kept for frames that are equal to it.
+    pub(crate) fn keep_with(&mut self, ticket: Option<KeepTicket>) {
+        self.keep = ticket;
+    }
+
+    /// Keeps objects and answer where that is wanted. The reply holds the mask.
+    pub(crate) fn keep(&mut self, answer: &CullAnswer) {
+        if let Some(ticket) = self.keep.take() {
+            ticket.keep(self.objects(), self.words(), answer);
+        }
     }
 
     /// Puts a few bytes that are not a mask.

@@ -10,8 +10,8 @@ use pairmask_core::precision::BoxForm;
 use pairmask_core::scene::Told;
 use pairmask_transport::Services;
 use pairmask_wire::{
-    ResponseHeader, SceneRequest, StatusBody, response_error, response_ok, response_scene_ended,
-    response_status,
+    ResponseHeader, SceneRequest, SkipTotals, StatusBody, response_error, response_ok,
+    response_scene_ended, response_status,
 };
 
 use super::counters::Counters;
@@ -69,6 +69,11 @@ impl Outbox {
         self.counters().body(clients, audit, self.scene_memory.used())
     }
 
+    /// What all answers left out so far.
+    pub(crate) fn skips(&self) -> SkipTotals {
+        self.counters().skips()
+    }
+
     /// Answers with the pairs of the request's objects, whose mask its reply holds.
     pub(crate) fn answer(&self, open: &mut OpenRequest, mut answer: CullAnswer) {
         if let Some(alter) = self.alter_answers {
@@ -79,7 +84,10 @@ impl Outbox {
         let audited = self.auditor.draw(&fields, form, &report.shape, open.words());
         let total_ns = open.taken_at().elapsed().as_nanos() as u64;
         let times = StageTimes { total_ns, ..answer.times };
-        self.counters().note_frame(&fields, form, report.pair_count);
+        let mut counters = self.counters();
+        counters.note_frame(&fields, form, report.pair_count);
+        counters.note_skips(&SkipTotals::of_frame(&report.skipped));
+        drop(counters);
         self.clients.note_pairs(open.sender().session, report.pair_count);
         let header = response_ok(&fields, answer.engine, answer.threads, report, &times);
         self.send(open, &header);
@@ -92,8 +100,12 @@ impl Outbox {
     /// Answers an edit of a scene with what follows, which the reply holds.
     pub(crate) fn answer_edit(&self, open: &mut OpenRequest, told: &Told, header: &ResponseHeader) {
         let fields = *open.fields();
-        let pairs = told.begun().len() + told.ended().len() + told.pairs().len();
-        self.counters().note_frame(&fields, ObjectForm::Boxes(BoxForm::F32), pairs as u64);
+        let pairs = (told.begun().len() + told.ended().len() + told.pairs().len()) as u64;
+        let skips = SkipTotals::of_scene(told.skipped(), told.pair_count(), pairs);
+        let mut counters = self.counters();
+        counters.note_frame(&fields, ObjectForm::Boxes(BoxForm::F32), pairs);
+        counters.note_skips(&skips);
+        drop(counters);
         self.send(open, header);
     }
 

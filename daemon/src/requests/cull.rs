@@ -8,6 +8,7 @@ use pairmask_core::dispatch::{CullAnswer, CullOptions};
 use pairmask_core::engine::CullError;
 use pairmask_core::mask::ReadableEncodings;
 use pairmask_core::objects::Objects;
+use pairmask_core::repeat::Seen;
 use pairmask_wire::CullRequest;
 
 use super::Served;
@@ -150,10 +151,23 @@ impl Culls {
         }
         let sender = open.sender();
         let limit_words = open.limit_words();
+        let mut seen = Seen::New;
+        if request.may_repeat {
+            let (objects, mut reply) = open.parts();
+            seen = engines.repeats().look(objects, options, &mut reply);
+        }
+        if let Seen::Answered(answer) = seen {
+            // The next frame is judged by the last one that was culled.
+            return Served { is_frame: false, ..publish(open, Ok(answer), outbox) };
+        }
+        let is_alike = seen == Seen::Alike;
         let boxes = match open.parts() {
             (Objects::Boxes(boxes), _) => boxes,
             (Objects::Spheres(spheres), mut reply) => {
                 let answer = engines.cull_spheres(spheres, options, &mut reply);
+                if is_alike {
+                    open.keep_with(engines.repeats().ticket());
+                }
                 return publish(open, answer, outbox);
             }
         };
@@ -163,6 +177,9 @@ impl Culls {
         } else {
             engines.plan(boxes, options, limit_words)
         };
+        if is_alike && planned.is_sooner_compared(open.objects()) {
+            open.keep_with(engines.repeats().ticket());
+        }
         let can_join = engines.can_join(&planned);
         let gpu = match planned.needs_gpu() {
             false => GpuNeed::None,
@@ -320,7 +337,10 @@ fn publish(
 ) -> Served {
     let threads = answer.as_ref().map_or(1, |answer| answer.threads);
     match answer {
-        Ok(answer) => outbox.answer(&mut open, answer),
+        Ok(answer) => {
+            open.keep(&answer);
+            outbox.answer(&mut open, answer);
+        }
         Err(error) => outbox.refuse(&mut open, &error.into()),
     }
     open.close();

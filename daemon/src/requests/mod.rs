@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use iceoryx2::service::ipc_threadsafe;
 use pairmask_transport::{Limits, PortTurn, Services, WakeClient};
-use pairmask_wire::{CullRequest, Request, StatusBody};
+use pairmask_wire::{CullRequest, Request, SkipTotals, StatusBody};
 
 use self::cull::Culls;
 use self::scene::SceneEdits;
@@ -158,5 +158,10 @@ impl Responder {
     /// What the daemon has done so far.
     pub fn status(&self) -> StatusBody {
         self.outbox.status()
+    }
+
+    /// What all answers left out so far.
+    pub fn skips(&self) -> SkipTotals {
+        self.outbox.skips()
     }
 }

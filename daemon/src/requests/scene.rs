@@ -54,7 +54,7 @@ impl SceneEdits {
                     self.pool
                         .work(|| edit_and_answer(&mut kept, &mut open, request, threads, outbox))
                 };
-                if kept.scene.engine().is_gpu() {
+                if kept.scene.scene().engine().is_gpu() {
                     gpu = GpuNeed::Alone;
                 }
                 // What was applied without an answer is of no use to the client: it sends the scene again.
@@ -129,7 +129,8 @@ fn edit_and_answer(
     if request.is_lost {
         scene.lose();
     }
-    let edited = scene.edit(edit, request.want, threads).map(drop);
+    scene.scene_mut().set_threads(threads);
+    let edited = scene.edit_expanded(edit, request.want).map(drop);
     room.note(scene);
     match edited {
         Ok(()) => *revision = request.revision,
@@ -159,7 +160,8 @@ fn edit_and_answer(
         ..StageTimes::default()
     };
     let told = scene.told();
-    let (kept_bytes, engine) = (scene.bytes(), scene.engine());
+    let kept_bytes = scene.scene().bytes() + scene.rule_bytes() as u64;
+    let engine = scene.scene().engine();
     let header = response_scene(open.fields(), engine, threads, told, kept_bytes, &times);
     outbox.answer_edit(open, told, &header);
     if let Some(audited) = audited {

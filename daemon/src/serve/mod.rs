@@ -20,6 +20,7 @@ use pairmask_transport::{Limits, RuntimeDir, TransportError};
 use pairmask_wire::{InstanceError, InstanceName};
 
 use crate::audit::AuditRate;
+use crate::execute::WatchDevice;
 use crate::execute::gpu::{GpuChoice, OpenError};
 use crate::publish::AlterAnswer;
 
@@ -49,6 +50,8 @@ pub struct ServeSettings {
     /// Changes every answer; `None` but in tests of the auditor. A supervisor cannot pass it on to
     /// its worker: the binary that both run sets it.
     pub alter_answers: Option<AlterAnswer>,
+    /// Is shown each device that is opened; `None` but in tests that lose it, whose process is the worker.
+    pub watch_devices: Option<WatchDevice>,
 }
 
 /// A worker that has served spins this long for the next request: a closed loop is answered

@@ -11,7 +11,7 @@ use pairmask_transport::{
     DaemonRecord, PortTurn, SegmentFiles, Server, Services, StatusFile, clean_if_abandoned,
     process_name, quiet_transport_log,
 };
-use pairmask_wire::{StatusBody, Version};
+use pairmask_wire::{SkipTotals, StatusBody, Version};
 use rustix::process::Signal;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
@@ -46,7 +46,7 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let pool = Arc::new(EnginePool::with_this_thread(threads)?);
 
-    let gpu = open_gpu(&settings.gpu, settings.gpu_awake)?;
+    let gpu = open_gpu(settings)?;
     let (janitor, services) = open_services(settings)?;
     let server = open_server(&services, settings)?;
     let (wake, wake_clients) = services.wake_ports()?;
@@ -55,7 +55,8 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
         supervisor_pid: supervisor,
         version: Version::CURRENT,
     };
-    let status = StatusFile::now(StatusBody { pid: record.worker_pid, ..StatusBody::default() });
+    let body = StatusBody { pid: record.worker_pid, ..StatusBody::default() };
+    let status = StatusFile::now(body, SkipTotals::default());
     if let Err(error) = settings.dir.write_status(&settings.instance, &status) {
         log::warn!("`pairmaskd status` will have to connect: {error}");
     }
@@ -164,12 +165,13 @@ fn constants(choice: &CalibrationChoice, isa: AvailableIsa, has_gpu: bool) -> Ca
 }
 
 /// The GPU, where one is wanted. `auto` does without where there is none.
-fn open_gpu(choice: &GpuChoice, awake: Duration) -> Result<Option<GpuService>, OpenError> {
+fn open_gpu(settings: &ServeSettings) -> Result<Option<GpuService>, OpenError> {
+    let choice = &settings.gpu;
     if *choice == GpuChoice::None {
         // Not even a look: listing adapters takes time and loads every driver.
         return Ok(None);
     }
-    match GpuService::open(choice, awake) {
+    match GpuService::open_watched(choice, settings.gpu_awake, settings.watch_devices) {
         Ok(gpu) => Ok(Some(gpu)),
         Err(error) if *choice == GpuChoice::Auto => {
             log::info!("serving without a GPU: {error}");

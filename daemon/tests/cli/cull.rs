@@ -179,7 +179,12 @@ fn times_add_up() {
     assert!(ns("engine") <= ns("round_trip"), "{stages}");
     let parts = ns("read") + ns("round_trip") + ns("decode");
     assert!(parts <= report["total_ns"].as_u64().unwrap(), "{report}");
-    assert_eq!(keys(&report["skipped"]), BTreeSet::from(["boxes", "pairs", "zero_words"]));
+    assert_eq!(keys(&report["skipped"]), BTreeSet::from(["boxes", "pairs", "why", "zero_words"]));
+    let why = &report["skipped"]["why"];
+    assert_eq!(keys(why), BTreeSet::from(["static", "unmoved", "empty", "cell", "axis"]));
+    let pairs = |name: &str| why[name].as_u64().unwrap();
+    let all: u64 = ["empty", "cell", "axis"].map(pairs).iter().sum();
+    assert_eq!(report["skipped"]["pairs"], all);
     assert_eq!(report["skipped"]["boxes"], 3);
 }
 

@@ -53,6 +53,8 @@ fn a_daemon_tells_what_it_did() {
         "pairs",
         "scenes",
         "scene_mib",
+        "repeats",
+        "skipped",
         "errors",
         "last_errors",
         "audit",
@@ -64,6 +66,11 @@ fn a_daemon_tells_what_it_did() {
         (&3.into(), &12.into(), &18.into())
     );
     assert_eq!((&told["clients"], &told["errors"]), (&1.into(), &0.into()));
+
+    // The third frame is equal to the second.
+    let skipped = &told["skipped"];
+    assert_eq!((&told["repeats"], &skipped["boxes"]), (&1.into(), &4.into()));
+    assert_eq!((&skipped["pairs"], &skipped["why"]["unmoved"]), (&6.into(), &6.into()));
 
     assert_eq!(told["audit"], Value::Null);
 

@@ -65,7 +65,9 @@ fn session(
     threads: usize,
 ) -> Result<Session, ConnectError> {
     let n = u32::try_from(boxes.len()).unwrap_or(u32::MAX);
-    let builder = daemon.session().backend(backend).engine(engine).threads(threads);
+    // A frame of boxes that do not move is culled like any other, by us as by our peers.
+    let builder = daemon.session().backend(backend).answer_repeats(false);
+    let builder = builder.engine(engine).threads(threads);
     builder.visit_threads(threads).deadline(DEADLINE).capacity(BoxCount::new(n)).connect()
 }
 

@@ -20,6 +20,8 @@ pub mod obvhs;
 #[cfg(feature = "peers")]
 pub mod parry;
 #[cfg(feature = "peers")]
+pub mod parry_scene;
+#[cfg(feature = "peers")]
 pub mod rapier;
 #[cfg(feature = "peers")]
 pub mod rstar;

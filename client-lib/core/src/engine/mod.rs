@@ -49,7 +49,7 @@ pub(crate) use input::counted;
 pub use list::EngineName;
 pub(crate) use name::cpu_engines;
 pub use reply::{ReplyBuffer, ReserveError};
-pub use report::{CullReport, EngineTimes, SkipMeter, StageClock};
+pub use report::{CullReport, EngineTimes, PairSkips, SkipMeter, StageClock};
 pub(crate) use rules::{PairRules, PairTest};
 pub use scratch::RecentNeed;
 pub use sweep_and_prune::SweepAndPrune;

@@ -26,6 +26,7 @@ mod tag;
 mod tests;
 
 pub use self::filter::Filter;
+pub(crate) use self::pair_lists::Listed;
 pub use self::pair_lists::PairLists;
 pub use self::rules::Rules;
 pub(crate) use self::rules::decide;

@@ -1,10 +1,10 @@
 //! Pairs that are reported, or never reported, whatever their filters say.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 /// What lists a pair is on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Listed {
+pub(crate) struct Listed {
     pub is_included: bool,
     pub is_excluded: bool,
 }
@@ -15,8 +15,19 @@ pub(super) struct Listed {
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct PairLists {
     listed: HashMap<[u32; 2], Listed>,
-    /// A bit for each index that any pair ever named: most pairs are not looked up.
-    named: Vec<u64>,
+    /// Indices that any pair ever named.
+    named: HashSet<u32>,
+    /// A bit for each of them, by its low bits: most pairs are not looked up.
+    sieve: Vec<u64>,
+}
+
+/// Words of the sieve: 8 KiB stay in a core's nearest cache.
+const SIEVE_WORDS: usize = 1 << 10;
+
+/// The word and the bit of an index in the sieve.
+#[inline]
+const fn sieved(index: u32) -> (usize, u64) {
+    (index as usize / 64 % SIEVE_WORDS, 1 << (index % 64))
 }
 
 impl PairLists {
@@ -57,8 +68,8 @@ impl PairLists {
 
     /// What lists a pair is on.
     #[inline]
-    pub(super) fn listed(&self, a: u32, b: u32) -> Listed {
-        if self.is_named(a) && self.is_named(b) {
+    pub(crate) fn listed(&self, a: u32, b: u32) -> Listed {
+        if !self.listed.is_empty() && self.may_be_named(a) && self.may_be_named(b) {
             self.listed.get(&in_order([a, b])).copied().unwrap_or_default()
         } else {
             Listed::default()
@@ -68,13 +79,20 @@ impl PairLists {
     /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         self.listed.capacity() * (size_of::<([u32; 2], Listed)>() + 1)
-            + self.named.capacity() * size_of::<u64>()
+            + self.named.capacity() * (size_of::<u32>() + 1)
+            + self.sieve.capacity() * size_of::<u64>()
     }
 
-    /// Whether an index is in a pair of any list, or has been.
+    /// Whether the sieve lets an index pass: all that any pair names, now or before, and few others.
     #[inline]
+    pub(crate) fn may_be_named(&self, index: u32) -> bool {
+        let (word, bit) = sieved(index);
+        self.sieve.get(word).is_some_and(|word| word & bit != 0)
+    }
+
+    /// Whether any pair of the lists, now or before, names an index.
     pub(crate) fn is_named(&self, index: u32) -> bool {
-        self.named.get(index as usize / 64).is_some_and(|word| word >> (index % 64) & 1 == 1)
+        self.named.contains(&index)
     }
 
     fn put(&mut self, pair: [u32; 2], of: impl Fn(&mut Listed) -> &mut bool, on: bool) -> bool {
@@ -83,11 +101,12 @@ impl PairLists {
             return false;
         }
         if on {
-            let words = pair[1] as usize / 64 + 1;
-            if self.named.len() < words {
-                self.named.resize(words, 0);
+            self.named.extend(pair);
+            self.sieve.resize(SIEVE_WORDS, 0);
+            for index in pair {
+                let (word, bit) = sieved(index);
+                self.sieve[word] |= bit;
             }
-            pair.iter().for_each(|index| self.named[*index as usize / 64] |= 1 << (index % 64));
         }
         let listed = self.listed.entry(pair).or_default();
         let was = std::mem::replace(of(listed), on);

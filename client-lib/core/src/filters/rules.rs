@@ -1,6 +1,6 @@
 //! Whether two boxes may be a pair.
 
-use super::pair_lists::PairLists;
+use super::pair_lists::{Listed, PairLists};
 use super::table::FilterTable;
 use super::tag::{Owner, Tag};
 
@@ -38,7 +38,7 @@ impl Rules {
     /// Whether the boxes of two indices may be a pair.
     #[inline]
     pub fn meet(&self, a: u32, b: u32) -> bool {
-        decide(&self.tag(a), &self.tag(b), &self.table, &self.lists, [a, b])
+        decide(&self.tag(a), &self.tag(b), &self.table, || self.lists.listed(a, b))
     }
 
     /// Bytes that are allocated.
@@ -49,14 +49,13 @@ impl Rules {
     }
 }
 
-/// Whether boxes with two tags may be a pair.
+/// Whether boxes with two tags may be a pair, by the order of the [module](crate::filters).
 #[inline]
 pub(crate) fn decide(
     a: &Tag,
     b: &Tag,
     table: &FilterTable,
-    lists: &PairLists,
-    [a_index, b_index]: [u32; 2],
+    listed: impl FnOnce() -> Listed,
 ) -> bool {
     if !a.world.meets(b.world) {
         return false;
@@ -65,9 +64,6 @@ pub(crate) fn decide(
     let are_static = (a.is_static() || b.is_static()) && is_static(a) && is_static(b);
     let are_of_one = a.owner == b.owner && a.owner != Owner::NONE;
     let passes = !are_of_one && !are_static && table.meet(a.filter, b.filter);
-    if lists.is_empty() {
-        return passes;
-    }
-    let listed = lists.listed(a_index, b_index);
+    let listed = listed();
     listed.is_included || passes && !listed.is_excluded
 }

@@ -1,5 +1,8 @@
 //! The rules against the seven lines of their order, written out one by one.
 
+// Rules are filled as users fill them.
+#![allow(clippy::field_reassign_with_default)]
+
 use std::collections::HashMap;
 
 use super::*;
@@ -123,12 +126,12 @@ fn case(random: &mut Random, count: u64, filter_count: u64) -> Case {
         (0..of).map(|_| [0; 2].map(|_| random.below(count + 1) as u32)).collect()
     };
     let (included, excluded) = (pairs(random), pairs(random));
-    included.iter().for_each(|pair| {
+    for pair in &included {
         rules.lists.include(*pair, true);
-    });
-    excluded.iter().for_each(|pair| {
+    }
+    for pair in &excluded {
         rules.lists.exclude(*pair, true);
-    });
+    }
     Case { boxes, included, excluded, rules }
 }
 
@@ -191,15 +194,15 @@ fn the_comparison_notices_each_rule_that_is_left_out() {
         ("filters", |rules| rules.table = FilterTable::default()),
         ("include list", |rules| {
             let pairs: Vec<[u32; 2]> = rules.lists.included().collect();
-            pairs.into_iter().for_each(|pair| {
+            for pair in pairs {
                 rules.lists.include(pair, false);
-            });
+            }
         }),
         ("exclude list", |rules| {
             let pairs: Vec<[u32; 2]> = rules.lists.excluded().collect();
-            pairs.into_iter().for_each(|pair| {
+            for pair in pairs {
                 rules.lists.exclude(pair, false);
-            });
+            }
         }),
         ("either", |rules| {
             let both = rules.table.filters().iter().map(|filter| filter.with_either(false));

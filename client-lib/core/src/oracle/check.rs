@@ -158,6 +158,7 @@ fn check_skips(report: &CullReport, n: BoxCount, truth: &Truth) -> Result<(), Mi
         ("boxes", meter.boxes, nothing..=nothing),
         ("pairs", meter.pairs, 0..=n.pair_count() - truth.pairs.len() as u64),
         ("zero_words", meter.zero_words, zero_words),
+        ("reasons", meter.why.total(), meter.pairs..=meter.pairs),
     ] {
         if !possible.contains(&got) {
             return Err(Mismatch::Skip { what, got, possible });

@@ -36,6 +36,19 @@ impl Margin {
         self.0
     }
 
+    /// Whether it is 0. No comparison of floats, which would take a subnormal for 0 on some threads.
+    #[inline]
+    pub(crate) const fn is_zero(self) -> bool {
+        order_key(self.0.to_bits()) == 0
+    }
+
+    /// So many times the margin, or the largest finite one; with the default flags.
+    #[inline]
+    pub(crate) fn times(self, factor: f32) -> Self {
+        debug_assert!(floats::are_default(), "margins are computed with the default flags");
+        Self((self.0 * factor).min(f32::MAX))
+    }
+
     /// A box whose faces lie outward by the margin and up to two steps of f32 more. Empty and
     /// invalid boxes stay as they are.
     ///
@@ -53,8 +66,9 @@ impl Margin {
         });
     }
 
+    /// As [`inflate`](Self::inflate), on a thread that has the default flags.
     #[inline]
-    fn inflate_with_default_flags(self, b: &Aabb) -> Aabb {
+    pub(crate) fn inflate_with_default_flags(self, b: &Aabb) -> Aabb {
         debug_assert!(floats::are_default(), "boxes are inflated with the default flags");
         if b.class() != BoxClass::Solid {
             return *b;

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::pair_list::Pair;
+use crate::engine::PairSkips;
 
 /// Changes that are told as such even where all pairs are fewer: 32 KiB.
 const RESYNC_LEAST: u64 = 4_096;
@@ -76,6 +77,11 @@ impl SceneSkips {
     pub const fn from_array(numbers: [u64; 5]) -> Self {
         let [boxes, static_pairs, unmoved_pairs, cell_pairs, tested] = numbers;
         Self { boxes, static_pairs, unmoved_pairs, cell_pairs, tested }
+    }
+
+    /// Pairs that were not tested, by reason, as whole frames count them.
+    pub const fn why(&self) -> PairSkips {
+        PairSkips::of_scene(self.static_pairs, self.unmoved_pairs, self.cell_pairs)
     }
 
     /// A meter of a scene that is kept elsewhere: `rest` are the pairs that were to be looked at, of which

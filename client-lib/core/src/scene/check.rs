@@ -20,6 +20,10 @@ pub(super) fn len_after(edit: Edit<'_>, len: usize, limit: u32) -> Result<usize,
     }
     let last_set = edit.last_set();
     let last = last_set.max(edit.last_named());
+    let listed = edit.last_listed().map(u64::from);
+    if let Some(index) = listed.filter(|index| *index >= u64::from(limit)) {
+        return Err(EditError::BeyondLimit { index, limit });
+    }
     if let Some(index) = last.filter(|index| *index >= u64::from(limit)) {
         return Err(EditError::BeyondLimit { index, limit });
     }
@@ -69,13 +73,15 @@ pub(super) fn mark(edit: Edit<'_>, flags: &mut [u8]) -> Result<(), EditError> {
             *flags |= EDIT_SETS;
         });
     }
-    edit.for_each_flag(|index, _| {
+    let mut check = |index: u32| {
         let flags = flags[index as usize];
         let stays = flags & (PRESENT | EDIT_REMOVES) == PRESENT;
         if !stays && flags & EDIT_SETS == 0 {
             wrong = wrong.or(Some(EditError::Absent { index: u64::from(index) }));
         }
-    });
+    };
+    edit.for_each_flag(|index, _| check(index));
+    edit.for_each_tag(|index, _| check(index));
     let Some(wrong) = wrong else { return Ok(()) };
     unmark(edit, flags);
     Err(wrong)

@@ -1,10 +1,13 @@
 //! What a client keeps of a scene that lives in another process: enough to make it again.
 
-use super::check::{EDIT_SETS, PRESENT, len_after, mark, unmark};
-use super::edit::{Edit, Flag, Indices, Sets, Step};
+use super::check::{EDIT_REMOVES, EDIT_SETS, PRESENT, len_after, mark, unmark};
+use super::edit::{Edit, Flag, Indices, Sets, Step, Tags};
 use super::error::EditError;
+use super::fetch::ask_for;
+use super::filtered::{Before, Expansion, apply_rules};
 use super::kept::KeptBox;
 use crate::aabb::Aabb;
+use crate::filters::{Rules, Tag};
 use crate::write::par_write_boxes;
 
 /// The box is switched off.
@@ -12,8 +15,8 @@ const OFF: u8 = 1 << 1;
 /// It is static.
 const STATIC: u8 = 1 << 2;
 
-/// Boxes and flags of a scene, by index: 25 bytes an index. It checks edits as the scene does, and
-/// applies them; it knows nothing of pairs.
+/// Boxes and flags of a scene, by index: 25 bytes an index, and 12 more up to the last one with a tag. It
+/// checks edits as the scene does, and applies them; it knows nothing of pairs.
 ///
 /// ```
 /// use pairmask_core::Aabb;
@@ -37,6 +40,9 @@ pub struct SceneCopy {
     flags: Vec<u8>,
     present: usize,
     limit: u32,
+    /// Where an edit was ever about rules. What is static they know, then; the flag is what a scene that
+    /// knows no rules is to take for static.
+    rules: Option<Box<Rules>>,
 }
 
 /// All boxes and flags of a scene, as an edit that makes it.
@@ -45,6 +51,17 @@ pub struct WholeScene<'a> {
     boxes: Boxes<'a>,
     off: Vec<u32>,
     statics: Vec<u32>,
+    rules: Option<WholeRules<'a>>,
+}
+
+/// All rules of a scene.
+#[derive(Debug)]
+struct WholeRules<'a> {
+    rules: &'a Rules,
+    tagged: Vec<u32>,
+    tags: Vec<Tag>,
+    included: Vec<[u32; 2]>,
+    excluded: Vec<[u32; 2]>,
 }
 
 /// The boxes of a scene.
@@ -59,7 +76,7 @@ enum Boxes<'a> {
 impl SceneCopy {
     /// Of a scene without boxes, whose indices are below a limit.
     pub const fn new(limit: u32) -> Self {
-        Self { boxes: Vec::new(), flags: Vec::new(), present: 0, limit }
+        Self { boxes: Vec::new(), flags: Vec::new(), present: 0, limit, rules: None }
     }
 
     /// Boxes, those that are switched off too.
@@ -78,9 +95,17 @@ impl SceneCopy {
     }
 
     /// The box of an index, also one that is switched off.
+    #[inline]
     pub fn get(&self, index: u32) -> Option<Aabb> {
         let i = index as usize;
         self.flags.get(i).is_some_and(|flags| flags & PRESENT != 0).then(|| self.boxes[i])
+    }
+
+    /// Asks for the box of an index. One in three lies on two lines.
+    #[inline]
+    pub(super) fn ask_for(&self, index: u32) {
+        ask_for(&self.boxes, index);
+        ask_for(&self.boxes, index + 1);
     }
 
     /// The box of an index and its flags.
@@ -88,12 +113,28 @@ impl SceneCopy {
         let flags = *self.flags.get(index as usize)?;
         let has = |bit| flags & bit != 0;
         let b = self.get(index)?;
-        Some(KeptBox { b, is_on: !has(OFF), is_static: has(STATIC) })
+        let rules = self.rules.as_ref();
+        let is_static = rules.map_or_else(|| has(STATIC), |rules| rules.tag(index).is_static());
+        Some(KeptBox { b, is_on: !has(OFF), is_static })
+    }
+
+    /// The rules, if an edit was ever about some.
+    pub fn rules(&self) -> Option<&Rules> {
+        self.rules.as_deref()
+    }
+
+    /// What an edit that was checked, and is not applied, needs so that a scene can be sent it which does
+    /// not know what rules and boxes were; `None` where it is to be sent as it is.
+    pub fn expand(&self, edit: Edit<'_>) -> Option<Expansion> {
+        let kept = |index| self.kept(index);
+        let index_end = self.flags.len() as u32;
+        Expansion::of(edit, &Before { kept, index_end, rules: self.rules() })
     }
 
     /// Bytes that are kept.
-    pub const fn allocated_bytes(&self) -> usize {
-        self.boxes.capacity() * size_of::<Aabb>() + self.flags.capacity()
+    pub fn allocated_bytes(&self) -> usize {
+        let rules = self.rules().map_or(0, Rules::allocated_bytes);
+        self.boxes.capacity() * size_of::<Aabb>() + self.flags.capacity() + rules
     }
 
     /// Checks an edit. Where it is right, [`apply`](Self::apply) or [`cancel`](Self::cancel) is to follow.
@@ -111,13 +152,22 @@ impl SceneCopy {
         mark(edit, &mut self.flags)
     }
 
+    /// Whether the edit that was checked removes the box of an index.
+    #[inline]
+    pub(super) fn is_removed_by_edit(&self, index: u32) -> bool {
+        self.flags.get(index as usize).is_some_and(|flags| flags & EDIT_REMOVES != 0)
+    }
+
     /// Forgets an edit that was checked.
     pub fn cancel(&mut self, edit: Edit<'_>) {
         unmark(edit, &mut self.flags);
     }
 
-    /// Applies an edit that was checked.
+    /// Applies an edit that was checked, with what it [needs](Self::expand).
     pub fn apply(&mut self, edit: Edit<'_>) {
+        if self.rules.is_some() || edit.has_rules() {
+            apply_rules(edit, self.rules.get_or_insert_default(), &mut ());
+        }
         let Self { boxes, flags, present, .. } = self;
         edit.for_each_removed(|index| {
             flags[index as usize] &= EDIT_SETS;
@@ -169,23 +219,46 @@ impl SceneCopy {
             let packed = present.filter(|(_, f)| **f & PRESENT != 0).map(|(b, _)| *b);
             Boxes::Some(mask(0), packed.collect())
         };
-        WholeScene { boxes, off: mask(OFF), statics: mask(STATIC) }
+        let rules = self.rules().map(|rules| self.whole_rules(rules));
+        WholeScene { boxes, off: mask(OFF), statics: mask(STATIC), rules }
+    }
+
+    fn whole_rules<'a>(&self, rules: &'a Rules) -> WholeRules<'a> {
+        let is_tagged = |(index, tag): &(u32, Tag)| {
+            *tag != Tag::default()
+                && self.flags.get(*index as usize).is_some_and(|flags| flags & PRESENT != 0)
+        };
+        let tags = (0..).zip(rules.tags.iter().copied());
+        let (tagged, tags) = tags.filter(is_tagged).unzip();
+        let (included, excluded) = (rules.lists.included(), rules.lists.excluded());
+        let (included, excluded) = (included.collect(), excluded.collect());
+        WholeRules { rules, tagged, tags, included, excluded }
     }
 }
 
 impl WholeScene<'_> {
     /// The steps of the edit.
-    pub fn steps(&self) -> [Step<'_>; 3] {
+    pub fn steps(&self) -> Vec<Step<'_>> {
         let set = match &self.boxes {
             Boxes::All(boxes) => Sets { indices: (0..boxes.len() as u32).into(), boxes },
             Boxes::Some(words, boxes) => Sets { indices: Indices::Mask { first: 0, words }, boxes },
         };
         let flagged = |words| Indices::Mask { first: 0, words };
-        [
+        let mut steps = vec![
             Step::Set(set),
             Step::Switch(flagged(&self.off), false),
             Step::Static(flagged(&self.statics), true),
-        ]
+        ];
+        if let Some(WholeRules { rules, tagged, tags, included, excluded }) = &self.rules {
+            let tags = Tags { indices: tagged.into(), tags };
+            steps.extend([
+                Step::Tag(tags),
+                Step::Filters(&rules.table),
+                Step::Include(included, true),
+                Step::Exclude(excluded, true),
+            ]);
+        }
+        steps
     }
 }
 

@@ -6,6 +6,7 @@
 use std::ops::Range;
 
 use crate::aabb::Aabb;
+use crate::filters::{FilterTable, Tag};
 
 /// Indices of boxes.
 #[derive(Clone, Copy, Debug)]
@@ -114,6 +115,15 @@ pub struct Sets<'a> {
     pub boxes: &'a [Aabb],
 }
 
+/// Tags and where they belong: the tag at a place belongs to the index at the same place.
+#[derive(Clone, Copy, Debug)]
+pub struct Tags<'a> {
+    /// The indices.
+    pub indices: Indices<'a>,
+    /// A tag for each.
+    pub tags: &'a [Tag],
+}
+
 /// What a step of an edit does.
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
@@ -126,10 +136,35 @@ pub enum Step<'a> {
     Switch(Indices<'a>, bool),
     /// Makes boxes static (`true`: two static boxes are no pair) or not.
     Static(Indices<'a>, bool),
+    /// Gives boxes their [tags](crate::filters). A box that is inserted has [`Tag::default`].
+    Tag(Tags<'a>),
+    /// The filters that tags name, in place of all before.
+    Filters(&'a FilterTable),
+    /// Puts pairs of indices on the include list, or takes them off.
+    Include(&'a [[u32; 2]], bool),
+    /// Puts pairs of indices on the exclude list, or takes them off.
+    Exclude(&'a [[u32; 2]], bool),
+    /// Boxes that this edit removes and sets stay the boxes that they were: only what rules say of them has
+    /// changed. For who sends edits on; [`Expansion`](super::Expansion) writes it.
+    Renew(Indices<'a>),
+}
+
+impl Step<'_> {
+    /// Whether it is about rules, which not every scene knows.
+    pub const fn is_rule(&self) -> bool {
+        matches!(
+            self,
+            Self::Tag(_)
+                | Self::Filters(_)
+                | Self::Include(..)
+                | Self::Exclude(..)
+                | Self::Renew(_)
+        )
+    }
 }
 
 /// An edit: steps, which are done in the order of their kinds, whatever the order in the slice: all
-/// removals, all sets, then switches and static flags in the order given.
+/// removals, all sets, then switches and static flags in the order given, then what is about rules.
 ///
 /// An index may be removed and set in one edit: it is another box then, whose pairs all begin.
 ///
@@ -180,18 +215,34 @@ impl<'a> Edit<'a> {
     /// The largest index that a step names without setting it, in 64 bits.
     pub(super) fn last_named(&self) -> Option<u64> {
         let last = |step: &Step<'_>| match step {
-            Step::Remove(indices) | Step::Switch(indices, _) | Step::Static(indices, _) => {
-                indices.last()
-            }
-            Step::Set(_) => None,
+            Step::Remove(indices)
+            | Step::Switch(indices, _)
+            | Step::Static(indices, _)
+            | Step::Tag(Tags { indices, .. }) => indices.last(),
+            _ => None,
         };
         self.steps.iter().filter_map(last).max()
     }
 
-    /// The first set whose boxes are not as many as its indices: indices and boxes.
+    /// The largest index that an edit puts on a list of pairs, or takes off.
+    pub(super) fn last_listed(&self) -> Option<u32> {
+        let last = |step: &Step<'_>| match step {
+            Step::Include(pairs, _) | Step::Exclude(pairs, _) => {
+                pairs.as_flattened().iter().copied().max()
+            }
+            _ => None,
+        };
+        self.steps.iter().filter_map(last).max()
+    }
+
+    /// The first step whose boxes or tags are not as many as its indices: indices and those.
     pub(super) fn uneven(&self) -> Option<(usize, usize)> {
-        let mut lengths = self.sets().map(|sets| (sets.indices.len(), sets.boxes.len()));
-        lengths.find(|(indices, boxes)| indices != boxes)
+        let mut lengths = self.steps.iter().filter_map(|step| match step {
+            Step::Set(Sets { indices, boxes }) => Some((indices.len(), boxes.len())),
+            Step::Tag(Tags { indices, tags }) => Some((indices.len(), tags.len())),
+            _ => None,
+        });
+        lengths.find(|(indices, items)| indices != items)
     }
 
     #[inline]
@@ -219,9 +270,36 @@ impl<'a> Edit<'a> {
             match *step {
                 Step::Switch(indices, on) => indices.for_each(|_, i| f(i, Flag::On(on))),
                 Step::Static(indices, on) => indices.for_each(|_, i| f(i, Flag::Static(on))),
-                Step::Remove(_) | Step::Set(_) => {}
+                _ => {}
             }
         }
+    }
+
+    /// Tags, in the order given.
+    pub(super) fn for_each_tag(&self, mut f: impl FnMut(u32, Tag)) {
+        for step in self.steps {
+            if let Step::Tag(Tags { indices, tags }) = step {
+                indices.for_each(|at, i| f(i, tags[at]));
+            }
+        }
+    }
+
+    /// Bytes that its rules may take where they are kept, beside tags.
+    pub fn rule_bytes(&self) -> usize {
+        /// A pair in the tables of now and of then, half of whose places are free.
+        const PAIR_BYTES: usize = 64;
+        let bytes = |step: &Step<'_>| match step {
+            Step::Filters(table) => 2 * table.allocated_bytes(),
+            Step::Include(pairs, _) | Step::Exclude(pairs, _) => PAIR_BYTES * pairs.len(),
+            Step::Tag(Tags { tags, .. }) => PAIR_BYTES * tags.len(),
+            _ => 0,
+        };
+        self.steps.iter().map(bytes).sum()
+    }
+
+    /// Whether a step of it is about rules.
+    pub fn has_rules(&self) -> bool {
+        self.steps.iter().any(Step::is_rule)
     }
 }
 

@@ -27,13 +27,21 @@ pub enum EditError {
         /// Boxes that the scene may hold.
         limit: u32,
     },
-    /// A step with more or fewer boxes than indices.
-    #[error("{indices} indices are set to {boxes} boxes: give a box for each")]
+    /// A step with more or fewer boxes, or tags, than indices.
+    #[error("{indices} indices are set to {boxes} boxes or tags: give one for each")]
     Lengths {
         /// Indices of the step.
         indices: usize,
         /// Its boxes.
         boxes: usize,
+    },
+    /// A step with more or fewer margins than boxes.
+    #[error("{boxes} boxes have {margins} margins: give one for each, or one for all")]
+    Margins {
+        /// Boxes of the step.
+        boxes: usize,
+        /// Their margins.
+        margins: usize,
     },
     /// An index that is set twice.
     #[error("index {index} is set twice in one edit")]
@@ -41,12 +49,16 @@ pub enum EditError {
         /// The index.
         index: u32,
     },
-    /// An index without a box that is removed, switched or made static or not.
+    /// An index without a box that is removed, switched, tagged or made static or not.
     #[error("index {index} has no box")]
     Absent {
         /// The index.
         index: u64,
     },
+    /// A step about rules in a scene that knows none: a
+    /// [`FilteredScene`](super::FilteredScene) does.
+    #[error("this scene has no rules: it knows neither tags nor lists of pairs")]
+    Rules,
     /// No memory for a scene of so many boxes.
     #[error("no memory for a scene of {boxes} boxes")]
     NoMemory {

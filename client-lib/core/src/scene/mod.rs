@@ -39,25 +39,32 @@ mod edit;
 mod entry;
 mod error;
 mod fetch;
+mod filtered;
 mod history;
 mod hulls;
 mod kept;
 mod lanes;
+mod margins;
+mod options;
 mod pair_list;
 mod store;
 mod whole;
 
 pub use self::answer::{EndReason, Ended, SceneSkips, Told, Want, is_resync_due};
 pub use self::copy::{SceneCopy, WholeScene};
-pub use self::edit::{Edit, Indices, Sets, Step};
+pub use self::edit::{Edit, Indices, Sets, Step, Tags};
 pub use self::error::{EditError, SceneError};
+pub use self::filtered::{Expansion, FilteredScene, PairScene};
 pub use self::kept::{Kept, KeptBox};
+pub use self::margins::{ExactPairs, MarginedSets, Margins, Outgoing, Sent};
+pub use self::options::SceneOptions;
 pub use self::pair_list::sort_row;
 
 use std::sync::Arc;
 
 use self::cells::Cells;
 use self::history::Changes;
+use self::options::threads_of;
 use self::pair_list::{Difference, Pair};
 use self::store::Store;
 use self::whole::Whole;
@@ -65,9 +72,6 @@ use crate::aabb::Aabb;
 use crate::dispatch::CpuEngines;
 use crate::engine::CullError;
 
-/// Most boxes that a scene may be allowed: places in cells, four in a block, are counted in 32 bits, and
-/// blocks may be twice as many as boxes.
-const MOST_BOXES: u32 = 1 << 29;
 /// Boxes that may always change before a scene is searched as a whole.
 const FEW_BOXES: usize = 64;
 /// Changed boxes of this share of all take as long as the whole scene: one in so many.
@@ -75,36 +79,6 @@ const MANY_SHARE: usize = 6;
 /// Boxes up to which cells are built at the first small edit: some 100 µs. In a larger scene that edit may
 /// stand between large ones, which keep no cells: it is answered as they are, and the next one builds cells.
 const CELLS_AT_ONCE: usize = 4_096;
-
-/// What a scene may hold, and how many threads it may use.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub struct SceneOptions {
-    /// Indices are below this. At most 2^29; unless set, 2^24.
-    pub most_boxes: u32,
-    /// Threads of the caller's rayon pool; `None` is all of them. With one, no pool is touched.
-    pub threads: Option<usize>,
-}
-
-impl SceneOptions {
-    /// The same with other [`most_boxes`](Self::most_boxes).
-    #[must_use]
-    pub const fn with_most_boxes(self, most_boxes: u32) -> Self {
-        Self { most_boxes, ..self }
-    }
-
-    /// The same with so many [`threads`](Self::threads).
-    #[must_use]
-    pub const fn with_threads(self, threads: usize) -> Self {
-        Self { threads: Some(threads), ..self }
-    }
-}
-
-impl Default for SceneOptions {
-    fn default() -> Self {
-        Self { most_boxes: 1 << 24, threads: None }
-    }
-}
 
 /// What a scene knows of the pairs that were told.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -179,9 +153,8 @@ impl Scene {
 
     /// A scene without boxes that is searched as a whole by given engines.
     pub fn with_engines(options: SceneOptions, engines: CpuEngines) -> Self {
-        let most_boxes = options.most_boxes.min(MOST_BOXES);
         Self {
-            options: SceneOptions { most_boxes, ..options },
+            options: options.within_limits(),
             store: Store::default(),
             cells: None,
             was_small: false,
@@ -254,6 +227,9 @@ impl Scene {
     /// [`SceneError::Edit`] for an edit that is wrong: nothing is applied, and the last answer stays.
     /// [`SceneError::Cull`] where all pairs are needed and cannot be found: the edit is applied.
     pub fn edit(&mut self, edit: Edit<'_>, want: Want) -> Result<&Told, SceneError> {
+        if edit.has_rules() {
+            return Err(EditError::Rules.into());
+        }
         let threads = self.threads();
         self.store.apply(edit, self.options.most_boxes, threads)?;
         self.is_open = false;
@@ -305,13 +281,7 @@ impl Scene {
     }
 
     fn threads(&self) -> usize {
-        match self.options.threads {
-            Some(0 | 1) => 1,
-            threads => {
-                let pool = rayon::current_num_threads();
-                threads.map_or(pool, |threads| threads.clamp(1, pool))
-            }
-        }
+        threads_of(self.options.threads)
     }
 
     /// Notes what the last edit has changed.

@@ -4,7 +4,7 @@ mod range;
 
 use std::collections::HashMap;
 
-use super::check::{EDIT_SETS, PRESENT, len_after, mark};
+use super::check::{EDIT_SETS, PRESENT, len_after, mark, unmark};
 use super::edit::{Edit, Flag, Indices, Sets, Step};
 use super::error::EditError;
 use super::fetch::ask_for;
@@ -32,7 +32,7 @@ const fn is_active_static(flags: u8) -> bool {
 /// Whether two boxes are the same, bit by bit: floats would call a NaN changed each time, and −0
 /// unchanged, by flags.
 #[inline(always)]
-fn are_same(a: &Aabb, b: &Aabb) -> bool {
+pub(super) fn are_same(a: &Aabb, b: &Aabb) -> bool {
     let [a, b]: [[u32; 6]; 2] = [bytemuck::cast(*a), bytemuck::cast(*b)];
     (0..6).fold(0, |differ, i| differ | (a[i] ^ b[i])) == 0
 }
@@ -93,6 +93,7 @@ impl Store {
     }
 
     /// The box of an index, also one that is switched off.
+    #[inline]
     pub fn get(&self, index: u32) -> Option<Aabb> {
         let i = index as usize;
         let has = self.flags.get(i).is_some_and(|flags| flags & PRESENT != 0);
@@ -292,6 +293,17 @@ impl Store {
             Flag::On(on) => self.switch(index, on),
             Flag::Static(on) => self.make_static(index, on),
         });
+        Ok(())
+    }
+
+    /// Checks an edit, and makes room for it.
+    ///
+    /// # Errors
+    /// As [`Self::apply`].
+    pub fn check(&mut self, edit: Edit<'_>, limit: u32) -> Result<(), EditError> {
+        self.make_room(edit, limit)?;
+        mark(edit, &mut self.flags)?;
+        unmark(edit, &mut self.flags);
         Ok(())
     }
 

@@ -1,16 +1,23 @@
 //! Scenes that persist: boxes stay from answer to answer, edits go in, changes of pairs come out.
 
 mod answer;
+mod margined;
 mod remote;
 
 use std::sync::Arc;
 
 use pairmask_core::aabb::Aabb;
 use pairmask_core::engine::EngineId;
-use pairmask_core::scene::{self, Edit, Indices, SceneOptions, SceneSkips, Sets, Step, Want};
+use pairmask_core::filters::{FilterTable, Tag};
+use pairmask_core::scene::{
+    Edit, FilteredScene, Indices, SceneOptions, SceneSkips, Sent, Sets, Step, Tags, Want,
+};
 
 use self::answer::Source;
 pub use self::answer::{EndedIter, EndedList, PairList, PairListIter};
+pub use self::margined::{
+    MarginedAnswer, MarginedEdit, MarginedPairs, MarginedScene, MarginedSceneStats, PendingMargined,
+};
 use self::remote::{Found, RemoteScene, commit_error, new_scene};
 use super::builder::Backend;
 use super::core::Core;
@@ -22,8 +29,10 @@ use super::pairs::ServedBy;
 /// [`scene`](pairmask_core::scene) says what is told. Made by [`Session::scene`](super::Session::scene);
 /// it lives on without the session.
 ///
+/// Boxes may have [rules](crate::filters) of which others they meet: [`SceneEdit::tag`].
+///
 /// A daemon keeps the scene where the session has one. This process keeps boxes and flags, 25 bytes an
-/// index, and sends them again by itself where the daemon has lost them; where no daemon answers, it
+/// index and with tags 12 more, and sends them again by itself where the daemon has lost them; where no daemon answers, it
 /// answers from them itself, if the [backend](super::Backend) allows it. Then the next changes are a
 /// [resync](SceneAnswer::is_resync).
 pub struct Scene {
@@ -35,7 +44,7 @@ pub struct Scene {
 #[allow(clippy::large_enum_variant)] // One of each scene.
 enum Kept {
     Remote(RemoteScene),
-    Here(scene::Scene),
+    Here(FilteredScene),
 }
 
 /// What an edit sets one by one; kept, so that steady edits allocate nothing.
@@ -44,6 +53,8 @@ struct Draft {
     indices: Vec<u32>,
     boxes: Vec<Aabb>,
     removed: Vec<u32>,
+    tagged: Vec<u32>,
+    tags: Vec<Tag>,
 }
 
 impl Draft {
@@ -56,6 +67,9 @@ impl Draft {
         if !self.indices.is_empty() {
             let (indices, boxes) = (Indices::List(&self.indices), &self.boxes[..]);
             steps.push(Step::Set(Sets { indices, boxes }));
+        }
+        if !self.tagged.is_empty() {
+            steps.push(Step::Tag(Tags { indices: Indices::List(&self.tagged), tags: &self.tags }));
         }
         steps
     }
@@ -83,6 +97,8 @@ impl Scene {
         self.draft.indices.clear();
         self.draft.boxes.clear();
         self.draft.removed.clear();
+        self.draft.tagged.clear();
+        self.draft.tags.clear();
         SceneEdit { scene: self, steps: Vec::new() }
     }
 
@@ -98,7 +114,7 @@ impl Scene {
     pub const fn len(&self) -> usize {
         match &self.kept {
             Kept::Remote(scene) => scene.copy().len(),
-            Kept::Here(scene) => scene.len(),
+            Kept::Here(scene) => scene.scene().len(),
         }
     }
 
@@ -111,7 +127,15 @@ impl Scene {
     pub fn get(&self, index: u32) -> Option<Aabb> {
         match &self.kept {
             Kept::Remote(scene) => scene.copy().get(index),
-            Kept::Here(scene) => scene.get(index),
+            Kept::Here(scene) => scene.scene().get(index),
+        }
+    }
+
+    /// The boxes that this process keeps.
+    fn sent(&self) -> Sent<'_> {
+        match &self.kept {
+            Kept::Remote(scene) => scene.copy().into(),
+            Kept::Here(scene) => scene.scene().into(),
         }
     }
 
@@ -119,7 +143,7 @@ impl Scene {
     pub fn allocated_bytes(&self) -> usize {
         match &self.kept {
             Kept::Remote(scene) => scene.allocated_bytes().0,
-            Kept::Here(scene) => scene.allocated_bytes(),
+            Kept::Here(scene) => scene.scene().allocated_bytes() + scene.rule_bytes(),
         }
     }
 
@@ -184,6 +208,34 @@ impl<'s, 'a> SceneEdit<'s, 'a> {
     /// Makes boxes static or not.
     pub fn make_all_static(self, indices: impl Into<Indices<'a>>, is_static: bool) -> Self {
         self.step(Step::Static(indices.into(), is_static))
+    }
+
+    /// Gives a box its [tag](pairmask_core::filters): its world, its owner and its filter. A box that is
+    /// inserted has [`Tag::default`].
+    pub fn tag(self, index: u32, tag: Tag) -> Self {
+        self.scene.draft.tagged.push(index);
+        self.scene.draft.tags.push(tag);
+        self
+    }
+
+    /// Gives boxes their tags.
+    pub fn tag_all(self, indices: impl Into<Indices<'a>>, tags: &'a [Tag]) -> Self {
+        self.step(Step::Tag(Tags { indices: indices.into(), tags }))
+    }
+
+    /// The filters that tags name, in place of all before.
+    pub fn filters(self, table: &'a FilterTable) -> Self {
+        self.step(Step::Filters(table))
+    }
+
+    /// Puts pairs on the include list, or takes them off.
+    pub fn include(self, pairs: &'a [[u32; 2]], on: bool) -> Self {
+        self.step(Step::Include(pairs, on))
+    }
+
+    /// Puts pairs on the exclude list, or takes them off.
+    pub fn exclude(self, pairs: &'a [[u32; 2]], on: bool) -> Self {
+        self.step(Step::Exclude(pairs, on))
     }
 
     /// Does a step.

@@ -9,11 +9,13 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use pairmask_core::dispatch::CpuEngines;
-use pairmask_core::scene::{self, Edit, SceneCopy, SceneError, SceneOptions, Step, Told, Want};
+use pairmask_core::scene::{
+    Edit, FilteredScene, Scene, SceneCopy, SceneError, SceneOptions, Step, Told, Want,
+};
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
-    EditLayout, ReplyError, ReplyFields, RequestHeader, SCENES_MINOR, SceneId, SceneReply,
-    SceneRequest, StatusCode,
+    EditLayout, RULES_MINOR, ReplyError, ReplyFields, RequestHeader, SCENES_MINOR, SceneId,
+    SceneReply, SceneRequest, StatusCode,
 };
 
 use super::answer::FromDaemon;
@@ -44,7 +46,7 @@ enum Keeper {
     /// Nobody has the scene.
     Nobody,
     Daemon(There),
-    Here(Box<scene::Scene>),
+    Here(Box<FilteredScene>),
 }
 
 /// A scene by the copy of this process, answered by a daemon or here.
@@ -110,7 +112,7 @@ impl RemoteScene {
     /// Bytes that this process keeps, and those that the daemon keeps.
     pub fn allocated_bytes(&self) -> (usize, u64) {
         let here = match &self.keeper {
-            Keeper::Here(scene) => scene.allocated_bytes(),
+            Keeper::Here(scene) => scene.scene().allocated_bytes() + scene.rule_bytes(),
             _ => 0,
         };
         let there = if matches!(self.keeper, Keeper::Daemon(_)) { self.daemon_bytes } else { 0 };
@@ -154,17 +156,20 @@ impl RemoteScene {
                 self.note_failure(&error);
             }
         }
+        let more = self.copy.expand(edit);
+        let steps = more.as_ref().map(|more| more.steps(edit));
+        let expanded = steps.as_ref().map_or(edit, |steps| Edit { steps });
         let begun = if self.stays_here() {
-            self.edit_here(edit, want)
+            self.edit_here(expanded, want)
         } else {
-            self.send(edit, want).map(|sent| self.sent = Some(sent)).or_else(|error| {
+            self.send(expanded, want).map(|sent| self.sent = Some(sent)).or_else(|error| {
                 self.stay(error)?;
-                self.edit_here(edit, want)
+                self.edit_here(expanded, want)
             })
         };
         match &begun {
             // Without an answer, as the error says: the copy has it, and whoever keeps the scene next.
-            Ok(()) | Err(CommitError::Wait(_) | CommitError::Scene(_)) => self.copy.apply(edit),
+            Ok(()) | Err(CommitError::Wait(_) | CommitError::Scene(_)) => self.copy.apply(expanded),
             Err(CommitError::Edit(_) | CommitError::Frame(_)) => self.copy.cancel(edit),
         }
         begun
@@ -181,9 +186,16 @@ impl RemoteScene {
         };
         let is_stale = is_stale(&error);
         self.note_failure(&error);
-        // The copy has the edit already. What it named counts as named again, for pairs of moved boxes.
+        // The copy has the edit already. What it named counts as named again, for pairs of moved boxes; what
+        // is static a scene with rules is told with the copy.
+        let has_rules = self.copy.rules().is_some();
+        let is_made = |step: &Step<'_>| match step {
+            Step::Remove(_) => true,
+            Step::Static(..) => has_rules,
+            step => step.is_rule(),
+        };
         let steps: Vec<Step<'_>> =
-            edit.steps.iter().filter(|step| !matches!(step, Step::Remove(_))).copied().collect();
+            edit.steps.iter().filter(|step| !is_made(step)).copied().collect();
         let again = Edit { steps: &steps };
         if is_stale {
             // A daemon that has restarted, or has forgotten the scene.
@@ -251,7 +263,10 @@ impl RemoteScene {
 
     /// Sends an edit to the daemon, after the scene where that does not have it.
     fn send(&mut self, edit: Edit<'_>, want: Want) -> Result<SentEdit, CommitError> {
-        let link = self.core.link_that_knows(SCENES_MINOR, "scenes")?;
+        let has_rules = edit.has_rules() || self.copy.rules().is_some();
+        let (minor, what) =
+            if has_rules { (RULES_MINOR, "rules of scenes") } else { (SCENES_MINOR, "scenes") };
+        let link = self.core.link_that_knows(minor, what)?;
         let has_scene =
             matches!(&self.keeper, Keeper::Daemon(there) if Arc::ptr_eq(&there.link, &link));
         if !has_scene {
@@ -371,14 +386,15 @@ impl RemoteScene {
         if !matches!(self.keeper, Keeper::Here(_)) {
             let mut scene = Box::new(new_scene(self.options, &self.core));
             let whole = self.copy.whole();
-            scene.edit(Edit { steps: &whole.steps() }, Want::Nothing).map_err(commit_error)?;
+            let edit = Edit { steps: &whole.steps() };
+            scene.edit_expanded(edit, Want::Nothing).map_err(commit_error)?;
             if self.knows_pairs || std::mem::take(&mut self.forgets) {
                 scene.lose();
             }
             self.keeper = Keeper::Here(scene);
         }
         if let Keeper::Here(scene) = &mut self.keeper {
-            scene.edit(edit, want).map_err(commit_error)?;
+            scene.edit_expanded(edit, want).map_err(commit_error)?;
         }
         Ok(())
     }
@@ -407,12 +423,12 @@ const fn is_stale(error: &WaitError) -> bool {
 }
 
 /// A scene of this process, with the settings of a session.
-pub(super) fn new_scene(options: SceneOptions, core: &Core) -> scene::Scene {
+pub(super) fn new_scene(options: SceneOptions, core: &Core) -> FilteredScene {
     let settings = core.settings();
     let (calibration, _) = settings.calibration.resolve(settings.isa);
     let threads = options.threads.or(settings.threads);
     let options = threads.map_or(options, |threads| options.with_threads(threads));
-    scene::Scene::with_engines(options, CpuEngines::on(settings.isa, calibration))
+    FilteredScene::over(Scene::with_engines(options, CpuEngines::on(settings.isa, calibration)))
 }
 
 /// An error of a scene of this process.

@@ -2,7 +2,8 @@
 
 use bytemuck::{Pod, Zeroable};
 use pairmask_core::aabb::Aabb;
-use pairmask_core::scene::{Edit, Indices, Sets, Step};
+use pairmask_core::filters::{Filter, FilterTable, Tag};
+use pairmask_core::scene::{Edit, Indices, Sets, Step, Tags};
 use pairmask_core::units::BoxCount;
 use pairmask_core::write::par_write_boxes;
 
@@ -18,16 +19,16 @@ use crate::section::{Section, SectionKind};
 struct StepRecord {
     /// What it does: one of the constants below.
     does: u32,
-    /// How it names indices: one of the constants below.
+    /// How it names indices: one of the constants below; 0 where it names none.
     names: u32,
     /// First index of a range or a bitmask.
     first: u32,
-    /// Indices of a range, words of a list or a bitmask.
+    /// Indices of a range, words of a list or a bitmask; filters, or pairs.
     count: u32,
     /// Where its words begin among the words of the edit.
     words_at: u32,
-    /// Where its boxes begin among the boxes of the edit.
-    boxes_at: u32,
+    /// Where its boxes begin among the boxes of the edit, or its tags among the words.
+    items_at: u32,
 }
 
 /// Bytes of a step.
@@ -40,14 +41,32 @@ const SWITCH_ON: u32 = 3;
 const SWITCH_OFF: u32 = 4;
 const MAKE_STATIC: u32 = 5;
 const MAKE_MOVABLE: u32 = 6;
+const TAG: u32 = 7;
+const FILTERS: u32 = 8;
+const INCLUDE: u32 = 9;
+const INCLUDE_NO_MORE: u32 = 10;
+const EXCLUDE: u32 = 11;
+const EXCLUDE_NO_MORE: u32 = 12;
+const RENEW: u32 = 13;
 
 const LIST: u32 = 1;
 const RANGE: u32 = 2;
 const MASK: u32 = 3;
 
+/// Words of a tag, a filter and a pair.
+const TAG_WORDS: usize = 3;
+const FILTER_WORDS: usize = 6;
+const PAIR_WORDS: usize = 2;
+const _: () = assert!(size_of::<Tag>() == 4 * TAG_WORDS);
+
+/// Flags of a filter.
+const FILTER_STATIC: u32 = 1;
+const FILTER_EITHER: u32 = 1 << 1;
+
 /// Indices that one edit may name, in all its steps together, for each box that the scene may hold:
-/// removed, set, switched and flagged, and as much again. More would be work without end for one request.
-const NAMED_PER_BOX: u64 = 8;
+/// removed, set, switched, flagged, tagged and renewed, and more than as much again. Without a limit, one
+/// request could be work without end.
+const NAMED_PER_BOX: u64 = 16;
 
 /// Boxes and words begin on a cache line.
 const LINE_BYTES: u64 = 64;
@@ -72,24 +91,28 @@ impl EditLayout {
     pub fn of(edit: Edit<'_>) -> Option<Self> {
         let mut layout = Self { records: Vec::with_capacity(edit.steps.len()), boxes: 0, words: 0 };
         for step in edit.steps {
-            let (does, indices, boxes) = match *step {
-                Step::Remove(indices) => (REMOVE, indices, 0),
-                Step::Set(Sets { indices, boxes }) => (SET, indices, boxes.len() as u64),
-                Step::Switch(indices, true) => (SWITCH_ON, indices, 0),
-                Step::Switch(indices, false) => (SWITCH_OFF, indices, 0),
-                Step::Static(indices, true) => (MAKE_STATIC, indices, 0),
-                Step::Static(indices, false) => (MAKE_MOVABLE, indices, 0),
-                // A step of a later core.
-                _ => return None,
-            };
-            let (names, first, count) = match indices {
-                Indices::Range { first, count } => (RANGE, first, count as usize),
-                Indices::Mask { first, words } => (MASK, first, words.len()),
-                Indices::List(list) => match as_mask(list) {
+            let (does, names, items) = written(step)?;
+            let (names, first, count) = match names {
+                Names::Indices(Indices::Range { first, count }) => (RANGE, first, count as usize),
+                Names::Indices(Indices::Mask { first, words }) => (MASK, first, words.len()),
+                Names::Indices(Indices::List(list)) => match as_mask(list) {
                     Some((first, words)) => (MASK, first, words),
                     None => (LIST, 0, list.len()),
                 },
-                _ => return None,
+                Names::Indices(_) => return None,
+                Names::Nothing { count } => (0, 0, count),
+            };
+            let words = if matches!(names, LIST | MASK) { count as u64 } else { 0 };
+            let item_words = match items {
+                Items::Boxes(_) | Items::None => 0,
+                Items::Tags(tags) => TAG_WORDS * tags.len(),
+                Items::Filters(table) => FILTER_WORDS * table.filters().len(),
+                Items::Pairs(pairs) => PAIR_WORDS * pairs.len(),
+            };
+            let (boxes, items_at) = match items {
+                Items::Boxes(boxes) => (boxes.len() as u64, layout.boxes),
+                Items::None => (0, layout.boxes),
+                _ => (0, layout.words + words),
             };
             layout.records.push(StepRecord {
                 does,
@@ -97,10 +120,10 @@ impl EditLayout {
                 first,
                 count: u32::try_from(count).ok()?,
                 words_at: u32::try_from(layout.words).ok()?,
-                boxes_at: u32::try_from(layout.boxes).ok()?,
+                items_at: u32::try_from(items_at).ok()?,
             });
             layout.boxes += boxes;
-            layout.words += if names == RANGE { 0 } else { count as u64 };
+            layout.words += words + item_words as u64;
         }
         Some(layout)
     }
@@ -149,37 +172,103 @@ impl EditLayout {
         let mut is_written = put(self.records_at(), bytemuck::cast_slice(&self.records));
         let mut mask = Vec::new();
         for (step, record) in edit.steps.iter().zip(&self.records) {
-            let indices = match step {
-                Step::Set(Sets { indices, boxes }) => {
-                    let (first, count) = (record.boxes_at as usize, boxes.len());
+            let Some((_, names, items)) = written(step) else { return false };
+            let at = |words: u32| self.words_at() + 4 * u64::from(words);
+            is_written &= match items {
+                Items::Boxes(boxes) => {
+                    let (first, count) = (record.items_at as usize, boxes.len());
                     let place = boxes_mut.get_mut(first..).and_then(|to| to.get_mut(..count));
-                    is_written &= place.map(|to| par_write_boxes(*boxes, to)).is_some();
-                    indices
+                    place.map(|to| par_write_boxes(boxes, to)).is_some()
                 }
-                Step::Remove(indices) | Step::Switch(indices, _) | Step::Static(indices, _) => {
-                    indices
+                Items::Tags(tags) => put(at(record.items_at), bytemuck::cast_slice(tags)),
+                Items::Pairs(pairs) => put(at(record.items_at), bytemuck::cast_slice(pairs)),
+                Items::Filters(table) => {
+                    let words: Vec<[u32; FILTER_WORDS]> =
+                        table.filters().iter().map(words_of).collect();
+                    put(at(record.items_at), bytemuck::cast_slice(&words))
                 }
-                _ => return false,
+                Items::None => true,
             };
-            let words = match indices {
-                Indices::List(list) if record.names == MASK => {
+            let words = match names {
+                Names::Indices(Indices::List(list)) if record.names == MASK => {
                     mask.clear();
                     mask.resize(record.count as usize, 0);
-                    for index in *list {
+                    for index in list {
                         let bit = index - record.first;
                         mask[bit as usize / 32] |= 1u32 << (bit % 32);
                     }
                     &mask
                 }
-                Indices::List(list) => *list,
-                Indices::Mask { words, .. } => *words,
+                Names::Indices(Indices::List(list)) => list,
+                Names::Indices(Indices::Mask { words, .. }) => words,
                 _ => &[],
             };
-            let offset = self.words_at() + 4 * u64::from(record.words_at);
-            is_written &= put(offset, bytemuck::cast_slice(words));
+            is_written &= put(at(record.words_at), bytemuck::cast_slice(words));
         }
         is_written
     }
+}
+
+/// What a step names.
+enum Names<'a> {
+    Indices(Indices<'a>),
+    /// No indices, but so many items of its own.
+    Nothing {
+        count: usize,
+    },
+}
+
+/// What a step brings along.
+enum Items<'a> {
+    Boxes(&'a [Aabb]),
+    Tags(&'a [Tag]),
+    Filters(&'a FilterTable),
+    Pairs(&'a [[u32; 2]]),
+    None,
+}
+
+/// A step as it is written: what it does, what it names, what it brings along. `None` for one of a later
+/// core.
+fn written<'a>(step: &Step<'a>) -> Option<(u32, Names<'a>, Items<'a>)> {
+    let plain = |does, indices| (does, Names::Indices(indices), Items::None);
+    let pairs = |does, pairs: &'a [[u32; 2]]| {
+        (does, Names::Nothing { count: pairs.len() }, Items::Pairs(pairs))
+    };
+    Some(match *step {
+        Step::Remove(indices) => plain(REMOVE, indices),
+        Step::Set(Sets { indices, boxes }) => (SET, Names::Indices(indices), Items::Boxes(boxes)),
+        Step::Switch(indices, true) => plain(SWITCH_ON, indices),
+        Step::Switch(indices, false) => plain(SWITCH_OFF, indices),
+        Step::Static(indices, true) => plain(MAKE_STATIC, indices),
+        Step::Static(indices, false) => plain(MAKE_MOVABLE, indices),
+        Step::Tag(Tags { indices, tags }) => (TAG, Names::Indices(indices), Items::Tags(tags)),
+        Step::Filters(table) => {
+            let count = table.filters().len();
+            (FILTERS, Names::Nothing { count }, Items::Filters(table))
+        }
+        Step::Include(list, true) => pairs(INCLUDE, list),
+        Step::Include(list, false) => pairs(INCLUDE_NO_MORE, list),
+        Step::Exclude(list, true) => pairs(EXCLUDE, list),
+        Step::Exclude(list, false) => pairs(EXCLUDE_NO_MORE, list),
+        Step::Renew(indices) => plain(RENEW, indices),
+        _ => return None,
+    })
+}
+
+/// A filter as it is written.
+fn words_of(filter: &Filter) -> [u32; FILTER_WORDS] {
+    let flag = |on: bool, flag: u32| if on { flag } else { 0 };
+    let flags = flag(filter.is_static, FILTER_STATIC) | flag(filter.either, FILTER_EITHER);
+    let halves = |bits: u64| [bits as u32, (bits >> 32) as u32];
+    let ([c, d], [m, n]) = (halves(filter.category), halves(filter.mask));
+    [flags, filter.group.cast_unsigned(), c, d, m, n]
+}
+
+/// What [`words_of`] wrote, or any words.
+fn filter_of(&[flags, group, c, d, m, n]: &[u32; FILTER_WORDS]) -> Filter {
+    let whole = |low: u32, high: u32| u64::from(low) | u64::from(high) << 32;
+    let filter = Filter::new(whole(c, d), whole(m, n)).with_group(group.cast_signed());
+    filter.with_static(flags & FILTER_STATIC != 0).with_either(flags & FILTER_EITHER != 0)
 }
 
 /// Memory for reading edits, kept from one to the next.
@@ -187,6 +276,7 @@ impl EditLayout {
 pub struct EditScratch {
     records: Vec<StepRecord>,
     words: Vec<u32>,
+    table: FilterTable,
 }
 
 impl EditScratch {
@@ -217,6 +307,17 @@ impl EditScratch {
         let offset = usize::try_from(request.boxes.offset).map_err(|_| wrong("boxes"))?;
         let boxes = boxes_in(pages, offset, BoxCount::new(count)).ok_or(wrong("boxes"))?;
 
+        let mut tables = self.records.iter().filter(|record| record.does == FILTERS);
+        if let Some(record) = tables.next() {
+            let words =
+                items_of::<[u32; FILTER_WORDS]>(record, &self.words).ok_or(wrong("filters"))?;
+            let filters: Vec<Filter> = words.iter().map(filter_of).collect();
+            self.table = FilterTable::new(&filters).map_err(|_| wrong("filters"))?;
+        }
+        if tables.next().is_some() {
+            return Err(wrong("filters"));
+        }
+
         let mut named = 0;
         let mut steps = Vec::with_capacity(self.records.len());
         for record in &self.records {
@@ -225,33 +326,65 @@ impl EditScratch {
             if named > NAMED_PER_BOX * u64::from(request.most_boxes) {
                 return Err(wrong("number of indices"));
             }
-            steps.push(step_of(record, indices, boxes).ok_or(wrong("steps"))?);
+            let from = From { boxes, words: &self.words, table: &self.table };
+            steps.push(from.step(record, indices).ok_or(wrong("steps"))?);
         }
         Ok(steps)
     }
 }
 
+/// The indices of a step: none where it is about none.
 fn indices_of<'a>(record: &StepRecord, words: &'a [u32]) -> Option<Indices<'a>> {
     let own = || words.get(record.words_at as usize..)?.get(..record.count as usize);
-    match record.names {
-        LIST => Some(Indices::List(own()?)),
-        RANGE => Some(Indices::Range { first: record.first, count: record.count }),
-        MASK => Some(Indices::Mask { first: record.first, words: own()? }),
+    match (record.does, record.names) {
+        (FILTERS | INCLUDE | INCLUDE_NO_MORE | EXCLUDE | EXCLUDE_NO_MORE, 0) => {
+            Some(Indices::List(&[]))
+        }
+        (_, LIST) => Some(Indices::List(own()?)),
+        (_, RANGE) => Some(Indices::Range { first: record.first, count: record.count }),
+        (_, MASK) => Some(Indices::Mask { first: record.first, words: own()? }),
         _ => None,
     }
 }
 
-fn step_of<'a>(record: &StepRecord, indices: Indices<'a>, boxes: &'a [Aabb]) -> Option<Step<'a>> {
-    match record.does {
-        REMOVE => Some(Step::Remove(indices)),
-        SET => {
-            let own = boxes.get(record.boxes_at as usize..)?.get(..indices.len())?;
-            Some(Step::Set(Sets { indices, boxes: own }))
-        }
-        SWITCH_ON => Some(Step::Switch(indices, true)),
-        SWITCH_OFF => Some(Step::Switch(indices, false)),
-        MAKE_STATIC => Some(Step::Static(indices, true)),
-        MAKE_MOVABLE => Some(Step::Static(indices, false)),
-        _ => None,
+/// As many items as a step counts, of words that begin where it says.
+fn items_of<'a, T: Pod>(record: &StepRecord, words: &'a [u32]) -> Option<&'a [T]> {
+    let count = (record.count as usize).checked_mul(size_of::<T>() / 4)?;
+    Some(bytemuck::cast_slice(words.get(record.items_at as usize..)?.get(..count)?))
+}
+
+/// Where the parts of steps are read.
+struct From<'a> {
+    boxes: &'a [Aabb],
+    words: &'a [u32],
+    table: &'a FilterTable,
+}
+
+impl<'a> From<'a> {
+    fn step(&self, record: &StepRecord, indices: Indices<'a>) -> Option<Step<'a>> {
+        let pairs = || items_of::<[u32; PAIR_WORDS]>(record, self.words);
+        Some(match record.does {
+            REMOVE => Step::Remove(indices),
+            SET => {
+                let own = self.boxes.get(record.items_at as usize..)?.get(..indices.len())?;
+                Step::Set(Sets { indices, boxes: own })
+            }
+            SWITCH_ON => Step::Switch(indices, true),
+            SWITCH_OFF => Step::Switch(indices, false),
+            MAKE_STATIC => Step::Static(indices, true),
+            MAKE_MOVABLE => Step::Static(indices, false),
+            TAG => {
+                let own = self.words.get(record.items_at as usize..)?;
+                let own = own.get(..indices.len().checked_mul(TAG_WORDS)?)?;
+                Step::Tag(Tags { indices, tags: bytemuck::cast_slice(own) })
+            }
+            FILTERS => Step::Filters(self.table),
+            INCLUDE => Step::Include(pairs()?, true),
+            INCLUDE_NO_MORE => Step::Include(pairs()?, false),
+            EXCLUDE => Step::Exclude(pairs()?, true),
+            EXCLUDE_NO_MORE => Step::Exclude(pairs()?, false),
+            RENEW => Step::Renew(indices),
+            _ => return None,
+        })
     }
 }

@@ -9,6 +9,7 @@ use serde::Serialize;
 
 use super::explain::Explanation;
 use crate::cli::output::time_text;
+use crate::cli::skipped::Skipped;
 use crate::precision::PrecisionChoice;
 
 /// Times that the command measures itself.
@@ -91,17 +92,6 @@ pub struct StagesNs {
     pub decode: u64,
 }
 
-/// Work that the engine skipped.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct Skipped {
-    /// Boxes that overlap nothing by themselves.
-    pub boxes: u64,
-    /// Pairs that were never compared.
-    pub pairs: u64,
-    /// Zero words that were not written.
-    pub zero_words: u64,
-}
-
 /// The backend's name in reports.
 pub const fn backend_name(served_by: ServedBy) -> &'static str {
     served_by.as_str()
@@ -151,11 +141,7 @@ impl CullReport {
                 decode: ns(timings.decode),
             },
             total_ns: ns(timings.total),
-            skipped: Skipped {
-                boxes: info.skipped.boxes,
-                pairs: info.skipped.pairs,
-                zero_words: info.skipped.zero_words,
-            },
+            skipped: Skipped::from(&info.skipped),
             explain,
             warnings,
         }
@@ -179,11 +165,7 @@ impl fmt::Display for CullReport {
             None => writeln!(f, ", gaps below 1/512 of a coordinate are not seen"),
         }?;
         writeln!(f, "mask       {}, {} bytes", self.encoding, self.mask_bytes)?;
-        writeln!(
-            f,
-            "skipped    {} boxes, {} pairs, {} zero words",
-            skipped.boxes, skipped.pairs, skipped.zero_words
-        )?;
+        writeln!(f, "skipped    {skipped}")?;
         for (name, time) in [
             ("read", stages.read),
             ("round trip", stages.round_trip),

@@ -4,7 +4,7 @@
 
 mod memory;
 
-use pairmask_core::scene::Edit;
+use pairmask_core::scene::{Edit, FilteredScene};
 use pairmask_wire::{EditScratch, SceneId};
 
 use self::memory::Charge;
@@ -16,6 +16,8 @@ use crate::execute::SceneKeeper;
 const BYTES_AN_INDEX: u64 = 25;
 /// Bytes that it takes for each box on top, at the most: cells, history and answers.
 const BYTES_A_BOX: u64 = 275;
+/// Bytes that rules take for each index on top, where there are any: its tag.
+const BYTES_A_TAG: u64 = 12;
 /// Bytes that any scene takes: without them, empty ones would be free.
 const BYTES_A_SCENE: u64 = 64 << 10;
 
@@ -26,7 +28,7 @@ pub(crate) struct KeptScene {
     /// The number of the last edit.
     pub(crate) revision: u64,
     /// Its boxes, and what was told.
-    pub(crate) scene: SceneKeeper,
+    pub(crate) scene: FilteredScene<SceneKeeper>,
     /// Memory for reading edits.
     pub(crate) scratch: EditScratch,
     /// Its share of the memory of all scenes.
@@ -53,7 +55,7 @@ impl KeptScene {
         Ok(Self {
             id,
             revision: 0,
-            scene,
+            scene: FilteredScene::over(scene),
             scratch: EditScratch::default(),
             room: SceneRoom(memory.charge(BYTES_A_SCENE)?),
             audited,
@@ -71,14 +73,22 @@ impl SceneRoom {
     ///
     /// # Errors
     /// [`NoRoom`].
-    pub(crate) fn make(&mut self, scene: &SceneKeeper, edit: Edit<'_>) -> Result<(), NoRoom> {
-        let boxes = scene.len() as u64 + edit.boxes() as u64;
+    pub(crate) fn make(
+        &mut self,
+        scene: &FilteredScene<SceneKeeper>,
+        edit: Edit<'_>,
+    ) -> Result<(), NoRoom> {
+        let boxes = scene.scene().len() as u64 + edit.boxes() as u64;
         let indices = boxes.max(edit.index_end());
-        self.0.grow_to(BYTES_A_SCENE + BYTES_AN_INDEX * indices + BYTES_A_BOX * boxes)
+        let rules = match (scene.rules(), edit.has_rules()) {
+            (None, false) => 0,
+            _ => scene.rule_bytes() as u64 + BYTES_A_TAG * indices + edit.rule_bytes() as u64,
+        };
+        self.0.grow_to(BYTES_A_SCENE + BYTES_AN_INDEX * indices + BYTES_A_BOX * boxes + rules)
     }
 
     /// Notes what the scene takes by now.
-    pub(crate) fn note(&mut self, scene: &SceneKeeper) {
-        self.0.set(BYTES_A_SCENE + scene.bytes());
+    pub(crate) fn note(&mut self, scene: &FilteredScene<SceneKeeper>) {
+        self.0.set(BYTES_A_SCENE + scene.scene().bytes() + scene.rule_bytes() as u64);
     }
 }

@@ -368,7 +368,7 @@ impl<'a> Lanes<'a> {
 
     fn tidy(&self, lead: &mut Lead) {
         self.responder.tidy();
-        self.janitor.post(&StatusFile::now(self.responder.status()));
+        self.janitor.post(&StatusFile::now(self.responder.status(), self.responder.skips()));
         lead.intake.tidy();
     }
 

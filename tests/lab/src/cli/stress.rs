@@ -39,7 +39,8 @@ counted as skipped.
 With --clients the scenes go as frames of so many client processes, at the same time, through a daemon
 that is started for the run and audits every frame, or through a running one (--instance; it needs
 --max-clients of 3 a client and 32 more). Each client asks for sizes, forms, encodings and engines at
-random, has several frames under way, drops some, pauses, and compares every answer with the oracle.
+random, has several frames under way, drops some, pauses, edits a scene that persists between them, and
+compares every answer with the oracle.
 The run fails too where a frame is lost, the daemon's audit finds a wrong pair, or the daemon does
 not serve on.
 

@@ -103,10 +103,11 @@ fn an_engine_that_is_not_there_is_an_error() {
 }
 
 /// The fields of `clients`, and of its `daemon`.
-const CLIENTS: [&str; 9] = [
+const CLIENTS: [&str; 10] = [
     "count",
     "sessions",
     "frames",
+    "edits",
     "unread",
     "in_process",
     "unanswered",
@@ -131,7 +132,8 @@ fn four_clients(gpu: &str) -> Value {
     assert_eq!(keys(clients), BTreeSet::from(CLIENTS));
     assert_eq!((&clients["in_process"], &clients["unanswered"]), (&0.into(), &0.into()));
     assert!(clients["count"] == 4 && count(&clients["killed"]) > 0, "{report}");
-    assert!(count(&clients["frames"]) > count(&report["answers"]), "{report}");
+    let (frames, edits) = (count(&clients["frames"]), count(&clients["edits"]));
+    assert!(edits > 10 && frames + edits > count(&report["answers"]), "{report}");
     assert_eq!(clients["broken"], Value::Array(vec![]));
     let daemon = &clients["daemon"];
     assert_eq!(keys(daemon), BTreeSet::from(DAEMON));
@@ -152,6 +154,7 @@ fn clients_of_a_daemon_get_their_own_pairs() {
     let report = four_clients("none");
     let asked = asked(&report);
     assert!(asked.contains("boxes by auto") && asked.contains("spheres by cpu-grid"), "{asked:?}");
+    assert!(asked.contains("scenes by auto"), "{asked:?}");
     assert!(!asked.iter().any(|name| name.contains("gpu")), "{asked:?}");
 }
 

@@ -19,7 +19,7 @@ pub struct Group {
 #[derive(Debug, Default)]
 pub struct Groups {
     members: Vec<u32>,
-    groups: Vec<Group>,
+    worlds: Vec<Group>,
     starts: Vec<u32>,
 }
 
@@ -32,7 +32,7 @@ impl Groups {
             World::ALL => width,
             World(world) => (i64::from(world) - i64::from(span[0])) as usize,
         };
-        self.groups.clear();
+        self.worlds.clear();
         self.members.clear();
         self.members.resize(n, 0);
         if width <= COUNTED_SPAN * n {
@@ -45,10 +45,10 @@ impl Groups {
         let members = &self.members;
         for alike in members.chunk_by(|a, b| place(*a) == place(*b)) {
             let (first, end) = (alike[0], start + alike.len());
-            self.groups.push(Group { world: rules.tag(first).world, members: start..end });
+            self.worlds.push(Group { world: rules.tag(first).world, members: start..end });
             start = end;
         }
-        self.groups.sort_by_key(|group| group.world);
+        self.worlds.sort_by_key(|group| group.world);
     }
 
     fn sort_by_counting(&mut self, n: usize, width: usize, place: impl Fn(u32) -> usize) {
@@ -71,7 +71,7 @@ impl Groups {
 
     /// The worlds that have boxes, rising.
     pub fn groups(&self) -> &[Group] {
-        &self.groups
+        &self.worlds
     }
 
     /// The boxes of a world, by rising index.
@@ -81,19 +81,22 @@ impl Groups {
 
     /// The boxes of all worlds.
     pub fn of_all(&self) -> &[u32] {
-        let found = self.groups.binary_search_by_key(&World::ALL, |group| group.world);
-        found.map_or(&[], |at| self.members(&self.groups[at]))
+        let found = self.worlds.binary_search_by_key(&World::ALL, |group| group.world);
+        found.map_or(&[], |at| self.members(&self.worlds[at]))
     }
 
     /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         (self.members.capacity() + self.starts.capacity()) * size_of::<u32>()
-            + self.groups.capacity() * size_of::<Group>()
+            + self.worlds.capacity() * size_of::<Group>()
     }
 }
 
 #[cfg(test)]
 mod tests {
+    // Rules are filled as users fill them.
+    #![allow(clippy::field_reassign_with_default)]
+
     use super::*;
     use crate::filters::Tag;
 

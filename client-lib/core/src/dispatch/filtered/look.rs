@@ -48,6 +48,9 @@ impl Look {
 
 #[cfg(test)]
 mod tests {
+    // Rules are filled as users fill them.
+    #![allow(clippy::field_reassign_with_default)]
+
     use super::*;
     use crate::filters::{Filter, FilterTable};
 

@@ -1,5 +1,8 @@
 //! The rules as a test that engines hand their words to.
 
+// `&` and `|`: a branch costs more than the second operand.
+#![allow(clippy::needless_bitwise_bool)]
+
 use std::sync::{Mutex, OnceLock, PoisonError};
 
 use super::look::Look;
@@ -181,7 +184,8 @@ impl<'a> FilterTest<'a> {
             let at = culled(32 * block + column);
             let other = self.indices.global(at);
             let Rules { table, lists, .. } = self.rules;
-            let meet = decide(&tag, &self.rules.tag(other), table, lists, [one, other])
+            let listed = || lists.listed(one, other);
+            let meet = decide(&tag, &self.rules.tag(other), table, listed)
                 && !(is_of_all && self.indices.is_of_all(at));
             passing |= u32::from(meet) << column;
             rest &= rest - 1;
@@ -236,7 +240,7 @@ impl PairTest for FilterTest<'_> {
         let lists = &self.rules.lists;
         if !lists.is_empty() {
             let culled = order.get(row as usize).map_or(row, |index| *index);
-            if lists.is_named(self.indices.global(culled)) {
+            if lists.may_be_named(self.indices.global(culled)) {
                 return self.passing_each(row, block, bits, order);
             }
         }
@@ -279,7 +283,9 @@ impl PairTest for FilterTest<'_> {
             .collect();
         let kind_of = laid.kind_of.as_slice();
         let run = |work: &mut [Part<'_>]| {
-            work.iter_mut().for_each(|part| part.lay_out(kind_of, &meets, tag));
+            for part in work {
+                part.lay_out(kind_of, &meets, tag);
+            }
         };
         in_parts(work.as_mut_slice(), parts, &run, &|(), ()| ());
         // One engine runs, and says its order once.

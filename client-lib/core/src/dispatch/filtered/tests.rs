@@ -1,5 +1,8 @@
 //! Frames with rules against all pairs, one by one, of the oracle and [`Rules::meet`].
 
+// Rules are filled as users fill them.
+#![allow(clippy::field_reassign_with_default)]
+
 use super::*;
 use crate::aabb::Aabb;
 use crate::engine::{EngineChoice, EngineName, HeapReply};

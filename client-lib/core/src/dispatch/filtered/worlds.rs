@@ -73,6 +73,9 @@ struct Task {
     census: Census,
 }
 
+/// Pairs that are copied, and where they come from.
+type Copied<'a> = (&'a mut [[u32; 2]], &'a [[u32; 2]]);
+
 /// What all tasks share.
 #[derive(Clone, Copy)]
 struct Scene<'a> {
@@ -150,8 +153,10 @@ impl Worlds {
                 start = end;
             }
         }
-        let copy = |parts: &mut [(&mut [[u32; 2]], &[[u32; 2]])]| {
-            parts.iter_mut().for_each(|(to, from)| to.copy_from_slice(from));
+        let copy = |parts: &mut [Copied<'_>]| {
+            for (to, from) in parts {
+                to.copy_from_slice(from);
+            }
         };
         let part_count = parts.len();
         in_parts(parts.as_mut_slice(), part_count, &copy, &|(), ()| ());

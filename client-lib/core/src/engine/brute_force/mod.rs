@@ -242,7 +242,8 @@ impl Engine for BruteForce {
         let shape = published.inspect_err(|_| self.tasks.iter_mut().for_each(Task::give_back))?;
         let pair_count = self.tasks.iter().map(|task| task.pair_count).sum();
         let compared = self.tasks.iter().map(|task| task.compared).sum();
-        Ok(CullReport::new(n, shape, census, pair_count, compared, clock.published()))
+        let times = clock.published();
+        Ok(CullReport::new(n, shape, census, pair_count, compared, times).apart_on_axes())
     }
 
     fn scratch_bytes(&self) -> usize {

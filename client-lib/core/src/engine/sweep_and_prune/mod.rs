@@ -168,7 +168,8 @@ impl Engine for SweepAndPrune {
         })?;
         let pair_count = self.tasks.iter().map(|task| task.found.pair_count()).sum();
         let compared = self.tasks.iter().map(|task| task.compared).sum();
-        Ok(CullReport::new(n, shape, census, pair_count, compared, clock.published()))
+        let times = clock.published();
+        Ok(CullReport::new(n, shape, census, pair_count, compared, times).apart_on_axes())
     }
 
     fn scratch_bytes(&self) -> usize {

@@ -27,6 +27,9 @@
 //! * **Excluded pairs**, such as `shape_collision_filter_pairs` of Newton or bodies that share a joint, go
 //!   into [`PairLists`](super::PairLists).
 
+// The names of engines are words.
+#![allow(clippy::doc_markdown)]
+
 mod avian;
 mod box2d;
 mod bullet;

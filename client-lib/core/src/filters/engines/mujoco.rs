@@ -103,6 +103,9 @@ fn exclude_all(lists: &mut PairLists, geoms: &Geoms, bodies: [u32; 2]) {
 
 #[cfg(test)]
 mod tests {
+    // Rules are filled as users fill them.
+    #![allow(clippy::field_reassign_with_default)]
+
     use super::*;
     use crate::filters::engines::testing::{Random, check};
     use crate::filters::{FilterId, FilterTable, Rules, Tag, World};
@@ -125,7 +128,7 @@ mod tests {
                 (0..bodies).map(|body: u32| random.next() as u32 % body.max(1)).collect();
             let mut body_weld: Vec<u32> = vec![0];
             for body in 1..bodies {
-                let is_welded = random.next() % 3 == 0;
+                let is_welded = random.next().is_multiple_of(3);
                 let parent = body_parent[body as usize] as usize;
                 body_weld.push(if is_welded { body_weld[parent] } else { body });
             }

@@ -25,6 +25,9 @@ pub const fn from_newton(group: i32, collides: bool) -> Filter {
 
 #[cfg(test)]
 mod tests {
+    // Rules are filled as users fill them.
+    #![allow(clippy::field_reassign_with_default)]
+
     use super::*;
     use crate::filters::engines::testing::{Random, check};
     use crate::filters::{FilterId, FilterTable, Owner, Rules, Tag, World};

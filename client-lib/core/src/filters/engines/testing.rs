@@ -1,5 +1,8 @@
 //! What the tests of all conversions share: random fields, and a check of filters against an engine's rule.
 
+// Rules are filled as users fill them.
+#![allow(clippy::field_reassign_with_default)]
+
 use std::fmt::Debug;
 
 use crate::filters::{Filter, FilterId, FilterTable, Owner, Rules, Tag, World};
@@ -20,7 +23,7 @@ impl Random {
     }
 
     pub fn flag(&mut self) -> bool {
-        self.next() % 2 == 0
+        self.next().is_multiple_of(2)
     }
 
     /// 64 bits: none, all, the highest, the lowest, one, or few.

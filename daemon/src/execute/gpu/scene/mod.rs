@@ -29,7 +29,8 @@ use std::sync::Arc;
 
 use pairmask_core::engine::{CullError, ReserveError};
 use pairmask_core::scene::{
-    Edit, Kept, SceneError, SceneOptions, SceneSkips, Sets, Step, Told, Want, is_resync_due,
+    Edit, EditError, Kept, SceneError, SceneOptions, SceneSkips, Sets, Step, Told, Want,
+    is_resync_due,
 };
 use pairmask_core::{Aabb, EngineName};
 use pairmask_shaders::layouts::{SceneMode, SceneSummary};
@@ -223,6 +224,16 @@ impl GpuScene {
         self.len() == 0
     }
 
+    /// Whether an index has a box.
+    pub fn is_present(&self, index: u32) -> bool {
+        self.roster.is_present(index)
+    }
+
+    /// Whether an index has a box that is switched off.
+    pub fn is_off(&self, index: u32) -> bool {
+        self.roster.is_off(index)
+    }
+
     /// The last answer.
     pub const fn told(&self) -> &Told {
         &self.told
@@ -256,6 +267,9 @@ impl GpuScene {
     /// [`SceneError::Cull`] where the device is lost, or has no memory, or the scene is too crowded for
     /// it: the scene is to be dropped.
     pub fn edit(&mut self, edit: Edit<'_>, want: Want) -> Result<&Told, SceneError> {
+        if edit.has_rules() {
+            return Err(EditError::Rules.into());
+        }
         let mut clock = Clock::start();
         self.roster.check(edit, self.options.most_boxes)?;
         self.times = EditTimes::default();

@@ -93,6 +93,16 @@ impl Roster {
         self.present_count - self.off_count
     }
 
+    /// Whether an index has a box.
+    pub fn is_present(&self, index: u32) -> bool {
+        (index as usize) < self.len && self.present.has(index)
+    }
+
+    /// Whether an index has a box that is switched off.
+    pub fn is_off(&self, index: u32) -> bool {
+        (index as usize) < self.len && self.off.has(index)
+    }
+
     /// Static boxes that are switched on.
     pub const fn statics(&self) -> usize {
         self.static_count

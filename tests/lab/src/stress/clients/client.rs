@@ -7,11 +7,12 @@ use std::rc::Rc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use pairmask::{PendingFrame, ServedBy, Session, SessionBuilder, WaitError};
+use pairmask::{CommitError, PendingFrame, ServedBy, Session, SessionBuilder, WaitError};
 use pairmaskd::scene::Random;
 
 use super::frame::{self, CaseId};
-use super::offer::{Form, Offer, Way, pick};
+use super::kept_scene::{EditFailure, Edited, KeptScene};
+use super::offer::{Asked, Form, MOST_UNDER_WAY, Offer, Way, pick};
 use super::protocol::{Counts, Ended, FailedFrame, Said};
 use super::steps::{Load, Step, Steps};
 use crate::stress::case::Case;
@@ -31,6 +32,8 @@ pub(super) const MOST_SESSIONS: u64 = 3;
 const STOCK: usize = 5;
 /// One scene in so many is a large one.
 const LARGE_ONE_IN: u64 = 10;
+/// One edit in so many begins a scene anew.
+const NEW_SCENE_ONE_IN: u64 = 60;
 /// How often a client tells its counts.
 const TELL_INTERVAL: Duration = Duration::from_millis(200);
 /// Lost or wrong frames after which a client ends: more of them say nothing new.
@@ -138,6 +141,16 @@ struct Open {
     session: Session,
     way: Way,
     frames: VecDeque<UnderWay>,
+    /// Its scene that persists, once there is one.
+    kept: Option<KeptScene>,
+}
+
+impl Open {
+    fn load(&self) -> Load {
+        let held = usize::from(self.kept.as_ref().is_some_and(KeptScene::holds_a_place));
+        let most = self.way.depth.min(MOST_UNDER_WAY - held);
+        Load { under_way: self.frames.len(), most }
+    }
 }
 
 struct Client<'a> {
@@ -193,11 +206,7 @@ impl<'a> Client<'a> {
             self.stock.push(scene);
         }
         while !self.is_over.load(Ordering::Relaxed) && self.failures < MOST_FAILURES {
-            let loads = self
-                .sessions
-                .iter()
-                .map(|open| Load { under_way: open.frames.len(), most: open.way.depth });
-            let loads: Vec<Load> = loads.collect();
+            let loads: Vec<Load> = self.sessions.iter().map(Open::load).collect();
             match self.steps.next(&loads) {
                 Step::Send { session } => self.send(session)?,
                 Step::Read { session, frame } => self.read(session, frame)?,
@@ -257,7 +266,7 @@ impl<'a> Client<'a> {
             let why = match way.apply(self.daemon.clone()).connect() {
                 Ok(session) if session.served_by() == ServedBy::Daemon => {
                     self.teller.counts.sessions += 1;
-                    return Ok(Some(Open { session, way, frames: VecDeque::new() }));
+                    return Ok(Some(Open { session, way, frames: VecDeque::new(), kept: None }));
                 }
                 Ok(_) => "the daemon takes no session".to_owned(),
                 Err(error) => error.to_string(),
@@ -276,16 +285,61 @@ impl<'a> Client<'a> {
         let is_kept = !self.kept.is_empty() && self.random.below(2) == 0;
         let scenes = if is_kept { &self.kept } else { &self.stock };
         let scene = Rc::clone(pick(scenes, &mut self.random));
+        match self.sessions[session].way.next(&mut self.random) {
+            Asked::Frame(form) => self.send_frame(session, scene, form),
+            Asked::Edit => self.edit(session, &scene),
+        }
+    }
+
+    fn send_frame(&mut self, session: usize, scene: Rc<Scene>, form: Form) -> io::Result<()> {
         let open = &mut self.sessions[session];
-        let form = open.way.form(&mut self.random);
         self.teller.counts.frames += 1;
         match frame::send(&mut open.session, &scene.case, form) {
             Ok(pending) => {
                 open.frames.push_back(UnderWay { pending, scene, form });
                 Ok(())
             }
-            Err(error) => self.fail(session, scene.id, form, Finding::other(&error)),
+            Err(error) => self.fail(session, scene.id, Asked::Frame(form), Finding::other(&error)),
         }
+    }
+
+    /// Edits the session's scene towards the boxes of a case. One in a few begins anew.
+    fn edit(&mut self, session: usize, scene: &Scene) -> io::Result<()> {
+        // The edit needs a place of the session's.
+        while self.sessions[session].frames.len() >= MOST_UNDER_WAY {
+            self.read(session, 0)?;
+        }
+        if self.random.below(NEW_SCENE_ONE_IN) == 0 {
+            self.sessions[session].kept = None;
+        }
+        let Open { session: of, kept, .. } = &mut self.sessions[session];
+        let kept = kept.get_or_insert_with(|| KeptScene::new(of, &mut self.random));
+        self.teller.counts.edits += 1;
+        let finding = match kept.edit(&scene.case, &mut self.random) {
+            Ok(Edited::Unread) => {
+                self.teller.counts.unread += 1;
+                return Ok(());
+            }
+            Ok(Edited::Right(by)) => {
+                self.teller.counts.answers += 1;
+                if by == ServedBy::Daemon {
+                    return Ok(());
+                }
+                self.teller.counts.in_process += 1;
+                Finding::other(&"the client answered it itself, the daemon did not")
+            }
+            Err(EditFailure::Wrong(finding)) => {
+                self.teller.counts.answers += 1;
+                finding
+            }
+            Err(EditFailure::Unanswered(error)) => {
+                let is_late = matches!(error, CommitError::Wait(WaitError::Timeout { .. }));
+                self.teller.counts.unanswered += u64::from(is_late);
+                Finding::other(&error)
+            }
+        };
+        self.sessions[session].kept = None;
+        self.fail(session, scene.id, Asked::Edit, finding)
     }
 
     fn read(&mut self, session: usize, frame: usize) -> io::Result<()> {
@@ -298,18 +352,18 @@ impl<'a> Client<'a> {
             Err(error) => {
                 self.teller.counts.unanswered +=
                     u64::from(matches!(error, WaitError::Timeout { .. }));
-                return self.fail(session, scene.id, form, Finding::other(&error));
+                return self.fail(session, scene.id, Asked::Frame(form), Finding::other(&error));
             }
         };
         let is_own = answer.served_by == ServedBy::InProcess;
         self.teller.counts.answers += 1;
         self.teller.counts.in_process += u64::from(is_own);
         if let Err(finding) = frame::check(&answer, &scene.case, form) {
-            return self.fail(session, scene.id, form, finding);
+            return self.fail(session, scene.id, Asked::Frame(form), finding);
         }
         if is_own {
             let finding = Finding::other(&"the client answered it itself, the daemon did not");
-            return self.fail(session, scene.id, form, finding);
+            return self.fail(session, scene.id, Asked::Frame(form), finding);
         }
         Ok(())
     }
@@ -318,11 +372,11 @@ impl<'a> Client<'a> {
         &mut self,
         session: usize,
         case: CaseId,
-        form: Form,
+        asked: Asked,
         finding: Finding,
     ) -> io::Result<()> {
         self.failures += 1;
         let way = self.sessions[session].way.to_string();
-        self.teller.say(&Said::Failed(Box::new(FailedFrame { case, form, way, finding })))
+        self.teller.say(&Said::Failed(Box::new(FailedFrame { case, asked, way, finding })))
     }
 }

@@ -4,7 +4,8 @@
 //! sessions that ask for any engine, encoding and number of threads, sends scenes in any form (boxes,
 //! spheres, precision modes), some thousands of boxes large, and compares the answers with the oracle. It
 //! has several frames under way, reads them in any order, drops some unread, pauses, closes sessions and
-//! opens others. On request clients are killed and started again, and close sessions with frames under
+//! opens others. Between its frames each session edits a scene that persists, whose answers are taken or
+//! dropped by chance and compared with a model. On request clients are killed and started again, and close sessions with frames under
 //! way. The transport loses a place of 128 with each port that goes while the daemon has not received
 //! its requests, and its server panics when the last one is lost: the daemon's supervisor starts another
 //! worker, and such a run ends as failed.
@@ -16,6 +17,7 @@
 //! offer      what clients may ask for, and what a session asks for        (pure)
 //! steps      what a client does next                                      (pure)
 //! frame      a case as a frame, and its answer against the oracle
+//! kept_scene a scene that persists, edited towards cases, its answers against a model
 //! client     one client: the process
 //! protocol   what it tells
 //! processes  all clients: started, killed, told to end
@@ -26,6 +28,7 @@
 mod client;
 mod daemon;
 mod frame;
+mod kept_scene;
 mod offer;
 mod processes;
 mod protocol;
@@ -49,7 +52,7 @@ use pairmaskd::scene::Random;
 
 use self::client::{DEADLINE, MOST_SESSIONS};
 use self::daemon::Look;
-use self::offer::{Form, Offer};
+use self::offer::{Asked, Form, Offer};
 use self::processes::{ClientProcess, Heard, Life};
 use self::protocol::{Counts, Ended, FailedFrame, Said};
 use super::modes::ModeChoice;
@@ -169,22 +172,25 @@ impl ClientsRun {
 
     /// The failure as the report has it.
     fn failure(&self, failed: &FailedFrame) -> Failure {
-        let FailedFrame { case: id, form, way, finding } = failed;
+        let FailedFrame { case: id, asked, way, finding } = failed;
         let case = id.case();
-        let (boxes, scene) = match form {
-            Form::Boxes => (case.boxes.len(), case.recipe.clone()),
-            Form::Spheres => (case.spheres().spheres.len(), "spheres".to_owned()),
-            Form::Mode(usage) => (case.in_mode(*usage).given.len(), case.recipe.clone()),
+        let (boxes, scene) = match asked {
+            Asked::Frame(Form::Boxes) | Asked::Edit => (case.boxes.len(), case.recipe.clone()),
+            Asked::Frame(Form::Spheres) => (case.spheres().spheres.len(), "spheres".to_owned()),
+            Asked::Frame(Form::Mode(usage)) => {
+                (case.in_mode(*usage).given.len(), case.recipe.clone())
+            }
         };
-        let explain = finding.first.and_then(|(i, j)| match form {
-            Form::Boxes => Explanation::of(&case.boxes, i, j).ok(),
-            Form::Spheres => None,
-            Form::Mode(usage) => mode_subject::explain(case.in_mode(*usage), (i, j)),
+        let explain = finding.first.and_then(|(i, j)| match asked {
+            Asked::Frame(Form::Boxes) => Explanation::of(&case.boxes, i, j).ok(),
+            // Boxes of a scene lie where some edit has put them.
+            Asked::Frame(Form::Spheres) | Asked::Edit => None,
+            Asked::Frame(Form::Mode(usage)) => mode_subject::explain(case.in_mode(*usage), (i, j)),
         });
         Failure {
             case: id.seed,
-            subject: format!("{form} through the daemon: {way}"),
-            mode: form.mode().as_str(),
+            subject: format!("{asked} through the daemon: {way}"),
+            mode: asked.mode().as_str(),
             replay: format!("{} --case {}", self.replay, id.seed),
             boxes: boxes as u64,
             scene,

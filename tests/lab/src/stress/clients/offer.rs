@@ -45,6 +45,37 @@ impl fmt::Display for Form {
     }
 }
 
+/// What a session sends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) enum Asked {
+    /// A frame.
+    Frame(Form),
+    /// An edit of a scene that persists.
+    Edit,
+}
+
+impl Asked {
+    /// The precision mode.
+    pub(super) const fn mode(self) -> Mode {
+        match self {
+            Self::Frame(form) => form.mode(),
+            Self::Edit => Mode::Exact,
+        }
+    }
+}
+
+impl fmt::Display for Asked {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Frame(form) => form.fmt(f),
+            Self::Edit => f.write_str("scenes"),
+        }
+    }
+}
+
+/// Of sessions that may edit scenes, one request in so many is an edit.
+const EDIT_ONE_IN: u64 = 4;
+
 /// What the clients of a run may ask for.
 #[derive(Clone, Debug)]
 pub(super) struct Offer {
@@ -53,6 +84,8 @@ pub(super) struct Offer {
     box_forms: Vec<Form>,
     /// Engines that frames of spheres may ask for.
     sphere_engines: Vec<EngineChoice>,
+    /// Engines that scenes may ask for.
+    scene_engines: Vec<EngineChoice>,
     /// Most threads that a frame may ask for.
     most_threads: usize,
 }
@@ -77,27 +110,33 @@ impl Offer {
         let spheres: &[Entrant] =
             if has_mode(Mode::Exact) { &[Entrant::All, Entrant::Spheres] } else { &[] };
         let of_spheres = EngineName::CPU.into_iter().filter(|_| has(spheres));
+        let scenes: &[Entrant] =
+            if has_mode(Mode::Exact) { &[Entrant::All, Entrant::Scenes] } else { &[] };
+        let keepers = [EngineName::CpuGrid, EngineName::GpuGrid].into_iter();
+        let keepers = keepers.filter(|name| (with_gpu || !name.is_gpu()) && has(scenes));
+        let scene_engines = auto(scenes).into_iter().chain(keepers.map(EngineChoice::Only));
         let box_engines = auto(&[Entrant::All]).into_iter().chain(named.map(EngineChoice::Only));
         let sphere_engines = auto(spheres).into_iter().chain(of_spheres.map(EngineChoice::Only));
         Self {
             box_engines: box_engines.collect(),
             box_forms: exact.into_iter().chain(usages.map(Form::Mode)).collect(),
             sphere_engines: sphere_engines.collect(),
+            scene_engines: scene_engines.collect(),
             most_threads: most_threads.max(1),
         }
     }
 
     /// Whether there is nothing to ask for.
     pub(super) fn is_empty(&self) -> bool {
-        self.engines().all(|engine| self.forms(engine).is_empty())
+        self.engines().all(|engine| self.asked_of(engine).is_empty())
     }
 
     /// Engines and forms by name, for the report.
     pub(super) fn names(&self) -> Vec<String> {
         let mut names: Vec<String> = Vec::new();
         for engine in self.engines() {
-            for form in self.forms(engine) {
-                let name = format!("{form} by {engine}");
+            for asked in self.asked_of(engine) {
+                let name = format!("{asked} by {engine}");
                 if !names.contains(&name) {
                     names.push(name);
                 }
@@ -107,25 +146,28 @@ impl Offer {
     }
 
     fn engines(&self) -> impl Iterator<Item = EngineChoice> {
-        self.box_engines.iter().chain(&self.sphere_engines).copied()
+        self.box_engines.iter().chain(&self.sphere_engines).chain(&self.scene_engines).copied()
     }
 
-    /// The forms in which frames for an engine come.
-    fn forms(&self, engine: EngineChoice) -> Vec<Form> {
-        let mut forms = Vec::new();
+    /// What an engine may be asked for.
+    fn asked_of(&self, engine: EngineChoice) -> Vec<Asked> {
+        let mut asked = Vec::new();
         if self.box_engines.contains(&engine) {
-            forms.extend(&self.box_forms);
+            asked.extend(self.box_forms.iter().copied().map(Asked::Frame));
         }
         if self.sphere_engines.contains(&engine) {
-            forms.push(Form::Spheres);
+            asked.push(Asked::Frame(Form::Spheres));
         }
-        forms
+        if self.scene_engines.contains(&engine) {
+            asked.push(Asked::Edit);
+        }
+        asked
     }
 
     /// What a session asks for. The offer is not empty.
     pub(super) fn draw(&self, random: &mut Random) -> Way {
         let engines: Vec<EngineChoice> =
-            self.engines().filter(|engine| !self.forms(*engine).is_empty()).collect();
+            self.engines().filter(|engine| !self.asked_of(*engine).is_empty()).collect();
         let engine = *pick(&engines, random);
         let encodings = match engine {
             EngineChoice::Only(name) => name.descriptor().encodings,
@@ -141,7 +183,7 @@ impl Offer {
         };
         let backend = if random.below(2) == 0 { Backend::Auto } else { Backend::Daemon };
         let depth = 1 + random.below(MOST_UNDER_WAY as u64) as usize;
-        Way { engine, encoding, threads, backend, depth, forms: self.forms(engine) }
+        Way { engine, encoding, threads, backend, depth, asked: self.asked_of(engine) }
     }
 }
 
@@ -154,7 +196,7 @@ pub(super) struct Way {
     backend: Backend,
     /// Most frames that it has under way.
     pub(super) depth: usize,
-    forms: Vec<Form>,
+    asked: Vec<Asked>,
 }
 
 impl Way {
@@ -167,10 +209,16 @@ impl Way {
         }
     }
 
-    /// The form of a frame: one in two is of plain boxes where those are allowed.
-    pub(super) fn form(&self, random: &mut Random) -> Form {
-        let plain = self.forms.contains(&Form::Boxes) && random.below(2) == 0;
-        if plain { Form::Boxes } else { *pick(&self.forms, random) }
+    /// What the session sends next: often an edit or plain boxes, where those are allowed.
+    pub(super) fn next(&self, random: &mut Random) -> Asked {
+        let boxes = Asked::Frame(Form::Boxes);
+        if self.asked.contains(&Asked::Edit) && random.below(EDIT_ONE_IN) == 0 {
+            Asked::Edit
+        } else if self.asked.contains(&boxes) && random.below(2) == 0 {
+            boxes
+        } else {
+            *pick(&self.asked, random)
+        }
     }
 }
 
@@ -202,7 +250,13 @@ mod tests {
     #[test]
     fn all_offers_every_engine_and_form() {
         let names = offer(Entrant::All, ModeChoice::All, true).names();
-        for name in ["boxes by auto", "q8 by cpu-grid", "spheres by auto", "boxes by gpu-grid"] {
+        for name in [
+            "boxes by auto",
+            "q8 by cpu-grid",
+            "spheres by auto",
+            "boxes by gpu-grid",
+            "scenes by gpu-grid",
+        ] {
             assert!(names.iter().any(|found| found == name), "{names:?} lacks {name}");
         }
         assert!(!names.iter().any(|name| name.starts_with("spheres by gpu")), "{names:?}");
@@ -216,12 +270,15 @@ mod tests {
         for (entrant, mode, with_gpu) in [
             (Entrant::Updates, ModeChoice::All, true),
             (Entrant::Spheres, q8, true),
+            (Entrant::Scenes, q8, true),
             (Entrant::Engine(EngineName::GpuGrid), ModeChoice::All, false),
         ] {
             assert!(offer(entrant, mode, with_gpu).is_empty(), "{entrant} {mode}");
         }
         let grid = offer(Entrant::Engine(EngineName::CpuGrid), q8, false);
         assert_eq!(grid.names(), ["q8 by cpu-grid", "q8 in small bounds by cpu-grid"]);
+        let scenes = offer(Entrant::Scenes, ModeChoice::All, false);
+        assert_eq!(scenes.names(), ["scenes by auto", "scenes by cpu-grid"]);
     }
 
     #[test]
@@ -232,8 +289,8 @@ mod tests {
         let mut seen = std::collections::BTreeSet::new();
         for _ in 0..3_000 {
             let way = offer.draw(&mut random);
-            let form = way.form(&mut random);
-            let name = format!("{form} by {}", way.engine);
+            let asked = way.next(&mut random);
+            let name = format!("{asked} by {}", way.engine);
             assert!(names.contains(&name), "{name}");
             if let (EngineChoice::Only(engine), EncodingChoice::Only(encoding)) =
                 (way.engine, way.encoding)

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::frame::CaseId;
-use super::offer::Form;
+use super::offer::Asked;
 use crate::stress::subject::Finding;
 
 /// A line from a client.
@@ -46,9 +46,11 @@ pub(super) struct Counts {
     pub(super) cases: u64,
     /// Frames that were sent.
     pub(super) frames: u64,
+    /// Edits of scenes that were sent.
+    pub(super) edits: u64,
     /// Answers that were compared.
     pub(super) answers: u64,
-    /// Frames that were dropped unread.
+    /// Frames and edits that were dropped unread.
     pub(super) unread: u64,
     /// Answers of the client's own process, because the daemon gave none.
     pub(super) in_process: u64,
@@ -63,6 +65,7 @@ impl Counts {
     pub(super) const fn add(&mut self, other: &Self) {
         self.cases += other.cases;
         self.frames += other.frames;
+        self.edits += other.edits;
         self.answers += other.answers;
         self.unread += other.unread;
         self.in_process += other.in_process;
@@ -71,13 +74,13 @@ impl Counts {
     }
 }
 
-/// A frame that did not get its pairs from the daemon.
+/// A frame or an edit that did not get its pairs from the daemon.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct FailedFrame {
     /// The case.
     pub(super) case: CaseId,
-    /// What it asked about.
-    pub(super) form: Form,
+    /// What it asked for.
+    pub(super) asked: Asked,
     /// What its session asked for, in words.
     pub(super) way: String,
     /// The mistake.

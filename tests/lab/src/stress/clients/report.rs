@@ -16,7 +16,9 @@ pub struct ClientsReport {
     pub sessions: u64,
     /// Frames that they sent.
     pub frames: u64,
-    /// Frames that they dropped unread.
+    /// Edits of scenes that persist, which they sent.
+    pub edits: u64,
+    /// Frames and edits whose answers they dropped unread.
     pub unread: u64,
     /// Answers of a client's own process, because the daemon gave none. They are compared, too.
     pub in_process: u64,
@@ -38,8 +40,19 @@ impl ClientsReport {
         broken: Vec<String>,
         daemon: DaemonReport,
     ) -> Self {
-        let Counts { frames, unread, in_process, unanswered, sessions, .. } = *counts;
-        Self { count, sessions, frames, unread, in_process, unanswered, killed, broken, daemon }
+        let Counts { frames, edits, unread, in_process, unanswered, sessions, .. } = *counts;
+        Self {
+            count,
+            sessions,
+            frames,
+            edits,
+            unread,
+            in_process,
+            unanswered,
+            killed,
+            broken,
+            daemon,
+        }
     }
 
     /// Frames that did not get their answer from the daemon.
@@ -58,13 +71,14 @@ impl ClientsReport {
 
 impl fmt::Display for ClientsReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { count, sessions, frames, unread, in_process, unanswered, killed, .. } = self;
+        let Self { count, sessions, frames, edits, unread, in_process, unanswered, killed, .. } =
+            self;
         for why in &self.broken {
             writeln!(f, "BROKEN CLIENT: {why}")?;
         }
         writeln!(
             f,
-            "{count} clients, {sessions} sessions, {killed} killed; {frames} frames, {unread} left unread"
+            "{count} clients, {sessions} sessions, {killed} killed; {frames} frames, {edits} edits of scenes, {unread} left unread"
         )?;
         writeln!(f, "lost: {unanswered} without an answer, {in_process} answered in process")?;
         let DaemonReport { serves, was_restarted, frames, errors, audit } = &self.daemon;

@@ -41,6 +41,11 @@ const CROSSING_COUNTS: [u32; 10] =
 /// Boxes beyond which the sweep takes seconds.
 const SWEEP_MOST: u32 = 1_000_000;
 
+/// What a frame of so many boxes took the authors in all, ms (table 6), whatever share of them moved.
+pub fn paper_frame_ms(n: u32) -> Option<f64> {
+    paper(&PAPER_PARTS, n).map(|[.., total]| total)
+}
+
 fn paper<T: Copy>(rows: &[(u32, T)], n: u32) -> Option<T> {
     rows.iter().find(|(known, _)| *known == n).map(|(_, figures)| *figures)
 }

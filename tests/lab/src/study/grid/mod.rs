@@ -15,6 +15,7 @@ use std::path::PathBuf;
 use serde::Serialize;
 
 pub use self::floor::{Bandwidth, StageRow};
+pub use self::measure::paper_frame_ms;
 pub use self::report::markdown;
 use pairmaskd::execute::gpu::{Gpu, GpuChoice, GpuError, HostImport, OpenError};
 use pairmaskd::file_error::{Access, advice};

@@ -1,0 +1,218 @@
+//! What of an edit is to be sent: boxes that have left what was sent of them.
+
+use super::super::Scene;
+use super::super::copy::SceneCopy;
+use super::super::edit::Indices;
+use super::super::store::Store;
+use super::fit::{fits, to_send};
+use super::{MarginedSets, Margins, parts_of};
+use crate::aabb::Aabb;
+use crate::engine::strips::{Split, in_parts};
+use crate::floats;
+use crate::precision::Margin;
+
+/// Boxes of a task, at least: fewer take less time than a task costs.
+const TASK_BOXES: usize = 16_384;
+
+/// Boxes of a scene by index, as they were sent.
+#[derive(Clone, Copy, Debug)]
+pub struct Sent<'a>(Holder<'a>);
+
+#[derive(Clone, Copy, Debug)]
+enum Holder<'a> {
+    Copy(&'a SceneCopy),
+    Store(&'a Store),
+}
+
+impl<'a> From<&'a SceneCopy> for Sent<'a> {
+    fn from(copy: &'a SceneCopy) -> Self {
+        Self(Holder::Copy(copy))
+    }
+}
+
+impl<'a> From<&'a Scene> for Sent<'a> {
+    fn from(scene: &'a Scene) -> Self {
+        Self(Holder::Store(&scene.store))
+    }
+}
+
+impl Sent<'_> {
+    #[inline]
+    fn get(&self, index: u32) -> Option<Aabb> {
+        match self.0 {
+            Holder::Copy(copy) => copy.get(index),
+            Holder::Store(store) => store.get(index),
+        }
+    }
+}
+
+/// Boxes to send, inflated, and their indices.
+#[derive(Debug, Default)]
+pub struct Outgoing {
+    indices: Vec<u32>,
+    boxes: Vec<Aabb>,
+}
+
+impl Outgoing {
+    /// Forgets what was chosen.
+    pub fn clear(&mut self) {
+        self.indices.clear();
+        self.boxes.clear();
+    }
+
+    /// Adds the boxes of `sets` that left what was `sent` of them, are new, or take the index of a box that
+    /// the edit removes. `now` has checked the edit. With `all`, boxes that did not leave are added too, as
+    /// they were sent.
+    pub fn choose(
+        &mut self,
+        sets: &MarginedSets<'_>,
+        now: &SceneCopy,
+        sent: Sent<'_>,
+        all: bool,
+        threads: Option<usize>,
+    ) {
+        let MarginedSets { indices, boxes, margins } = *sets;
+        let choice = Choice { now, sent, all };
+        let parts = parts_of(boxes.len(), TASK_BOXES, threads);
+        let places = match indices {
+            Indices::List(list) => Places::List(list),
+            Indices::Range { first, .. } => Places::From(first),
+            Indices::Mask { .. } => {
+                floats::with_default(|| {
+                    indices.for_each(|at, index| {
+                        choice.add(self, index, &boxes[at], margins.at(at));
+                    });
+                });
+                return;
+            }
+        };
+        let part = Part { places, boxes, margins };
+        if parts == 1 {
+            floats::with_default(|| part.choose(&choice, self));
+            return;
+        }
+        let run = |part: Part<'_>| {
+            let mut chosen = Self::default();
+            part.choose(&choice, &mut chosen);
+            chosen
+        };
+        let chosen = in_parts(part, parts, &run, &Self::with);
+        self.indices.extend(chosen.indices);
+        self.boxes.extend(chosen.boxes);
+    }
+
+    fn with(mut self, mut other: Self) -> Self {
+        self.indices.append(&mut other.indices);
+        self.boxes.append(&mut other.boxes);
+        self
+    }
+
+    fn push(&mut self, index: u32, b: Aabb) {
+        self.indices.push(index);
+        self.boxes.push(b);
+    }
+
+    /// How many.
+    pub const fn len(&self) -> usize {
+        self.indices.len()
+    }
+
+    /// Whether there are none.
+    pub const fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The indices: a range where they follow each other.
+    pub fn indices(&self) -> Indices<'_> {
+        match self.indices[..] {
+            [first, ..] if self.indices.is_sorted_by(|a, b| a.checked_add(1) == Some(*b)) => {
+                Indices::Range { first, count: self.indices.len() as u32 }
+            }
+            _ => Indices::List(&self.indices),
+        }
+    }
+
+    /// A box for each.
+    pub fn boxes(&self) -> &[Aabb] {
+        &self.boxes
+    }
+
+    /// Bytes that are allocated.
+    pub const fn allocated_bytes(&self) -> usize {
+        self.indices.capacity() * size_of::<u32>() + self.boxes.capacity() * size_of::<Aabb>()
+    }
+}
+
+/// How boxes are chosen.
+struct Choice<'a> {
+    now: &'a SceneCopy,
+    sent: Sent<'a>,
+    all: bool,
+}
+
+impl Choice<'_> {
+    #[inline]
+    fn add(&self, to: &mut Outgoing, index: u32, b: &Aabb, margin: Margin) {
+        let kept = self.sent.get(index).filter(|sent| fits(sent, b, margin));
+        match kept.filter(|_| !self.now.is_removed_by_edit(index)) {
+            None => to.push(index, to_send(b, margin)),
+            Some(sent) if self.all => to.push(index, sent),
+            Some(_) => {}
+        }
+    }
+}
+
+/// Where boxes belong.
+#[derive(Clone, Copy)]
+enum Places<'a> {
+    List(&'a [u32]),
+    From(u32),
+}
+
+/// Some boxes of a step.
+#[derive(Clone, Copy)]
+struct Part<'a> {
+    places: Places<'a>,
+    boxes: &'a [Aabb],
+    margins: Margins<'a>,
+}
+
+impl Part<'_> {
+    fn choose(&self, choice: &Choice<'_>, to: &mut Outgoing) {
+        for (at, b) in self.boxes.iter().enumerate() {
+            let index = match self.places {
+                Places::List(list) => list[at],
+                Places::From(first) => first + at as u32,
+            };
+            choice.add(to, index, b, self.margins.at(at));
+        }
+    }
+}
+
+impl Split for Part<'_> {
+    fn len(&self) -> usize {
+        self.boxes.len()
+    }
+
+    fn split_at(self, at: usize) -> (Self, Self) {
+        let (low_boxes, high_boxes) = self.boxes.split_at(at);
+        let (low_places, high_places) = match self.places {
+            Places::List(list) => {
+                let (low, high) = list.split_at(at);
+                (Places::List(low), Places::List(high))
+            }
+            Places::From(first) => (Places::From(first), Places::From(first + at as u32)),
+        };
+        let (low_margins, high_margins) = match self.margins {
+            Margins::Each(margins) => {
+                let (low, high) = margins.split_at(at);
+                (Margins::Each(low), Margins::Each(high))
+            }
+            same @ Margins::Same(_) => (same, same),
+        };
+        (
+            Self { places: low_places, boxes: low_boxes, margins: low_margins },
+            Self { places: high_places, boxes: high_boxes, margins: high_margins },
+        )
+    }
+}

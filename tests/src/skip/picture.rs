@@ -1,0 +1,122 @@
+//! The picture: the time of a frame by the share of boxes that move, beside Figure 6 of Avril et al. 2012
+//! ("Fast collision culling in large-scale environments using GPU mapping function"), whose time does not
+//! depend on it, and beside the best peer. One plot a backend, scene and size, one line a motion.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use pairmask_lab::study::grid::paper_frame_ms;
+use pairmaskd::plot::{Line, Lines, Plot, Unit, standalone};
+
+use super::row::Row;
+
+/// The plots, as an SVG file. `pace` says when frames began.
+pub fn picture(rows: &[Row], pace: &str) -> String {
+    let panels: BTreeSet<_> = rows.iter().map(panel).collect();
+    let plots: Vec<Plot> = panels
+        .into_iter()
+        .map(|of| {
+            let here: Vec<&Row> = rows.iter().filter(|row| panel(row) == of).collect();
+            let (backend, scene, n) = of;
+            Lines {
+                title: format!("{scene}, {} boxes, {backend}", Unit::Count.text(n as f64)),
+                x_label: "boxes that move in a frame, %".to_owned(),
+                y_label: "edit written to every change visited".to_owned(),
+                x_unit: Unit::Ratio,
+                y_unit: Unit::Nanoseconds,
+                lines: own_lines(&here),
+            }
+            .draw_beside(&[paper_line(n, &here), best_peer(&here)])
+        })
+        .collect();
+    let peers: BTreeSet<&str> = rows.iter().map(|row| row.peer).collect();
+    let peers: Vec<&str> = peers.into_iter().collect();
+    let lines = [
+        "Figure 6 of Avril et al. 2012 beside scenes that persist: their frame takes as long whatever moves."
+            .to_owned(),
+        "Their time is that of table 6, on a Quadro FX 3600M, where they measured that size.".to_owned(),
+        format!("Best peer: the fastest of {}, of any motion.", peers.join(", ")),
+        format!("Medians. {pace}"),
+    ];
+    standalone("A frame by the share of boxes that move", &lines, &plots)
+}
+
+fn panel(row: &Row) -> (&str, &str, usize) {
+    (&row.backend, &row.scene, row.n)
+}
+
+fn percent(row: &Row) -> f64 {
+    row.moving * 100.0
+}
+
+/// A line a motion, in the order of the rows. Rows of several peers share a measurement.
+fn own_lines(rows: &[&Row]) -> Vec<Line> {
+    let mut lines: Vec<Line> = Vec::new();
+    for row in rows {
+        let name = row.motion.name();
+        let at = lines.iter().position(|line| line.name == name).unwrap_or_else(|| {
+            lines.push(Line { name: name.to_owned(), points: Vec::new() });
+            lines.len() - 1
+        });
+        let points = &mut lines[at].points;
+        if points.iter().all(|(x, _)| *x != percent(row)) {
+            points.push((percent(row), row.total_ns as f64));
+        }
+    }
+    for line in &mut lines {
+        line.points.sort_by(|a, b| a.0.total_cmp(&b.0));
+    }
+    lines
+}
+
+/// The paper's time, over the shares of these rows; without points where it has no such size.
+fn paper_line(n: usize, rows: &[&Row]) -> Line {
+    let ns = u32::try_from(n).ok().and_then(paper_frame_ms).map(|ms| ms * 1e6);
+    let shares = rows.iter().map(|row| percent(row));
+    let (least, most) = shares.fold((f64::MAX, 0.0f64), |(a, b), x| (a.min(x), b.max(x)));
+    let points = ns.map(|ns| vec![(least, ns), (most, ns)]).unwrap_or_default();
+    Line { name: "Avril et al. 2012, Figure 6".to_owned(), points }
+}
+
+/// The least time of any peer, by share.
+fn best_peer(rows: &[&Row]) -> Line {
+    // Keys are bits of floats that are not negative, which sort like the floats.
+    let mut best: BTreeMap<u64, u64> = BTreeMap::new();
+    for row in rows {
+        let here = best.entry(percent(row).to_bits()).or_insert(row.peer_ns);
+        *here = row.peer_ns.min(*here);
+    }
+    let points = best.into_iter().map(|(x, ns)| (f64::from_bits(x), ns as f64));
+    Line { name: "best peer".to_owned(), points: points.collect() }
+}
+
+#[cfg(test)]
+mod tests {
+    use pairmask_lab::study::moving::Motion;
+
+    use super::super::row::example;
+    use super::*;
+
+    #[test]
+    fn a_plot_a_size_has_our_motions_the_paper_and_the_best_peer() {
+        let row = |n, moving, motion, peer_ns| Row { n, moving, motion, peer_ns, ..example() };
+        let rows = [
+            row(10_000, 0.0, Motion::Drift, 400_000),
+            row(10_000, 0.01, Motion::Drift, 400_000),
+            // The same measurement beside another peer.
+            row(10_000, 0.01, Motion::Drift, 120_000),
+            row(10_000, 0.01, Motion::Teleport, 500_000),
+            row(12_345, 0.01, Motion::Drift, 400_000),
+        ];
+        let svg = picture(&rows, "At 60 Hz.");
+        assert_eq!(svg.matches("class=\"title\"").count(), 3, "a title, and one a plot");
+        assert!(svg.contains("pile, 10K boxes, in-process") && svg.contains("pile, 12.3K boxes"));
+        assert_eq!(svg.matches("<path class=\"line s0\"").count(), 2);
+        assert_eq!(svg.matches("<path class=\"line s1\"").count(), 1);
+        assert_eq!(svg.matches("<title>drift: ").count(), 3, "no point is drawn twice");
+        // The paper has no 12,345 boxes.
+        assert_eq!(svg.matches("<title>Avril et al. 2012, Figure 6: ").count(), 2);
+        assert!(svg.contains("Figure 6: 0, 2.35 ms") && svg.contains("Figure 6: 1, 2.35 ms"));
+        assert!(svg.contains("best peer: 1, 120 µs") && svg.contains("At 60 Hz."));
+        assert!(!svg.contains("NaN") && !svg.contains("inf"));
+    }
+}
