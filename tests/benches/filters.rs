@@ -204,7 +204,9 @@ fn rows(options: &Options) -> Result<Vec<Value>, Box<dyn Error>> {
         let boxes: Vec<Aabb> = {
             let mut cube = Random(0x2545_F491_4F6C_DD1D).cube(n);
             // Boxes of side 3: some thirty pairs a box.
-            cube.iter_mut().for_each(|b| b.max = b.min.map(|x| x + 3.0));
+            for b in &mut cube {
+                b.max = b.min.map(|x| x + 3.0);
+            }
             cube
         };
         let kinds: Vec<Filter> = (0..KINDS).map(|kind| Filter::new(1 << kind, 1 << kind)).collect();
