@@ -305,7 +305,8 @@
 //! let sensor = Tag::default().with_filter(SENSOR);
 //! let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 4];
 //! let edit = scene.edit().set_all(0..4, &boxes).filters(&table);
-//! let edit = edit.tag_all(0..4, &[robot, robot, sensor, sensor]);
+//! let tags = [robot, robot, sensor, sensor];
+//! let edit = edit.tag_all(0..4, &tags);
 //! let answer = edit.commit(Want::Changes)?.take();
 //! assert_eq!(answer.begun(), [[0, 2], [0, 3], [1, 2], [1, 3]]);
 //! drop(answer);

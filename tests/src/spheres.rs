@@ -1,7 +1,7 @@
 //! Scenes of spheres, their right answers, and checks of sessions against them.
 
 use pairmask::{FrameInfo, PairMask, Session};
-use pairmask_core::engine::{Census, CullReport, EngineTimes, NAMED_INVALID};
+use pairmask_core::engine::{Census, CullReport, EngineTimes, NAMED_INVALID, SkipMeter};
 use pairmask_core::oracle::check::{Mismatch, check_reply};
 use pairmask_core::oracle::{Pair, Truth};
 use pairmask_core::{Encoding, Sphere};
@@ -124,7 +124,18 @@ pub fn cull_flagged(
 /// # Errors
 /// [`Mismatch`] says what is wrong.
 pub fn check_mask(mask: &PairMask, encoding: Encoding, truth: &Truth) -> Result<(), Mismatch> {
-    let FrameInfo { census, skipped, times, .. } = *mask.info();
+    let FrameInfo { census, mut skipped, times, .. } = *mask.info();
+    if skipped.is_repeat() {
+        // The frame was answered again: the meter says so of all its pairs, and no engine counted.
+        let expected = SkipMeter::of_repeat(mask.n(), &skipped);
+        if skipped != expected {
+            let (what, got) = ("pairs of a repeat", skipped.pairs);
+            return Err(Mismatch::Skip { what, got, possible: expected.pairs..=expected.pairs });
+        }
+        let nothing = u64::from(truth.census.empty) + u64::from(truth.census.invalid);
+        skipped =
+            SkipMeter { boxes: nothing, zero_words: skipped.zero_words, ..SkipMeter::default() };
+    }
     let report = CullReport {
         shape: *mask.shape(),
         census,
