@@ -23,6 +23,7 @@ use super::builder::Backend;
 use super::core::Core;
 use super::error::CommitError;
 use super::pairs::ServedBy;
+use super::unread::Awaited;
 
 /// Boxes that persist from answer to answer, by indices of the client's own.
 ///
@@ -260,20 +261,27 @@ impl<'s, 'a> SceneEdit<'s, 'a> {
         let Scene { kept, draft } = &mut *scene;
         let all = draft.steps(&steps);
         let edit = Edit { steps: &all };
-        match kept {
-            Kept::Here(here) => here.edit(edit, want).map(drop).map_err(commit_error)?,
+        let awaited = match kept {
+            Kept::Here(here) => {
+                here.edit(edit, want).map_err(commit_error)?;
+                Awaited::default()
+            }
             Kept::Remote(remote) => remote.begin(edit, want)?,
-        }
-        Ok(PendingAnswer { scene, steps, want })
+        };
+        Ok(PendingAnswer { scene, steps, want, awaited })
     }
 }
 
 /// An edit under way. Dropped, it is applied, and its answer counts as never given.
+///
+/// It holds one of the session's three places for frames. Dropped, it leaves that to whatever wants one next,
+/// which waits for the daemon's answer first where no other is free.
 #[must_use = "an edit is answered when it is waited for"]
 pub struct PendingAnswer<'s, 'a> {
     scene: &'s mut Scene,
     steps: Vec<Step<'a>>,
     want: Want,
+    awaited: Awaited<'s>,
 }
 
 impl std::fmt::Debug for PendingAnswer<'_, '_> {
@@ -288,10 +296,10 @@ impl<'s> PendingAnswer<'s, '_> {
     /// # Errors
     /// [`CommitError`]. The edit is applied; the next answer makes up for this one.
     pub fn wait(self) -> Result<SceneAnswer<'s>, CommitError> {
-        let Self { scene, steps, want } = self;
+        let Self { scene, steps, want, awaited } = self;
         let Scene { kept, draft } = &mut *scene;
         let found = match kept {
-            Kept::Remote(remote) => remote.end(Edit { steps: &draft.steps(&steps) })?,
+            Kept::Remote(remote) => remote.end(awaited, Edit { steps: &draft.steps(&steps) })?,
             Kept::Here(_) => Found::Here,
         };
         Ok(SceneAnswer { scene, want, found })
