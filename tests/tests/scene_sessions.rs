@@ -8,6 +8,7 @@ use pairmask::{
     Aabb, Backend, CommitError, ConnectError, EngineChoice, EngineName, FrameError, Scene,
     SceneAnswer, SceneEdit, ServedBy, Session, WaitError,
 };
+use pairmask_core::oracle::truth;
 use pairmask_core::scene as core_scene;
 use pairmask_tests::KnownPairs;
 use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
@@ -501,6 +502,27 @@ fn a_daemon_that_answers_no_edit_is_given_up_by_the_frame_that_wants_its_place()
             assert_eq!(answer.pairs(), [[0, 1], [1, 2]]);
             Some(())
         });
+    }
+}
+
+#[test]
+fn boxes_by_a_function_go_to_a_daemon_and_are_sent_again() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
+    let mut scene = session.scene(SceneOptions::default());
+    for step in 0..6 {
+        let shift = 0.3 * step as f32;
+        let edit = scene.edit().set_with(0..400, |index| at(0.7 * index as f32 + shift));
+        let pending = edit.set_with(&[400], |_| at(0.0)).submit(Want::All).unwrap();
+        if step % 2 == 1 {
+            daemon.signal_worker(Signal::KILL);
+        }
+        let answer = pending.wait().unwrap().take();
+        let boxes: Vec<Aabb> =
+            (0..400).map(|index| at(0.7 * index as f32 + shift)).chain([at(0.0)]).collect();
+        let expected: Vec<[u32; 2]> =
+            truth(&boxes).pairs.into_iter().map(|(a, b)| [a, b]).collect();
+        assert_eq!(answer.pairs().to_vec(), expected);
     }
 }
 

@@ -120,8 +120,8 @@ impl Core {
         self.unread.of_new_scene()
     }
 
-    /// Frees places that edits hold whose answers have come and nobody waits for.
-    pub(super) fn free_places(&self, link: &Arc<Link>) -> bool {
+    /// Frees a place that an edit holds whose answer has come and nobody waits for.
+    pub(super) fn free_a_place(&self, link: &Arc<Link>) -> bool {
         self.unread.receive_landed(link)
     }
 
@@ -133,7 +133,7 @@ impl Core {
                 Err(FrameError::TooManyFrames) => {}
                 loaned => return loaned,
             }
-            if self.free_places(link) {
+            if self.free_a_place(link) {
                 continue;
             }
             match self.unread.receive_oldest(link, &self.settings) {

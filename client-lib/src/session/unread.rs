@@ -187,9 +187,9 @@ impl UnreadEdits {
         unread
     }
 
-    /// Receives the answers that have come. Returns whether that freed a place of this connection.
+    /// Receives an answer that has come. Returns whether that freed a place of this connection.
     pub fn receive_landed(&self, link: &Arc<Link>) -> bool {
-        self.of_scenes().iter().fold(false, |any, unread| unread.try_receive(link) || any)
+        self.of_scenes().iter().any(|unread| unread.try_receive(link))
     }
 
     /// Receives an answer of this connection, after a wait as long as the deadline allows. Returns whether

@@ -403,7 +403,7 @@ impl Drop for RemoteScene {
         let shared = link.loan(0).ok().or_else(|| {
             // The scene's own last edit may hold a place. A daemon that is busy with it makes no room.
             let is_busy = matches!(self.unread.settle(&settings), Some(Err(_)));
-            self.core.free_places(link);
+            self.core.free_a_place(link);
             if is_busy { None } else { link.loan(0).ok() }
         });
         // With all frames in use it ends with the session.
