@@ -62,6 +62,9 @@
 //! | [`Session::margined_scene`] | what leaves its margin | the same, where many boxes move a little |
 //! | [`Margined`] | as above | scenes that move little: a request only when a box has moved by more than a margin |
 //!
+//! Frames of boxes may have rules ([`filters`], [`Frame::submit_with`]): worlds side by side, owners,
+//! categories and masks, groups, and lists of pairs. Those are answered in process.
+//!
 //! Worlds in f64 go through [`Aabb::outward_from_f64`], relative to an origin.
 //!
 //! # Vectors and matrices
@@ -98,11 +101,13 @@ pub mod error;
 pub mod info;
 pub mod mask;
 pub mod which_session;
+pub use pairmask_core::filters;
 pub use pairmask_core::scene;
 pub use pairmask_core::update;
 pub use pairmask_core::write;
 
 pub use pairmask_core::aabb::Aabb;
+pub use pairmask_core::dispatch::WorldRange;
 pub use pairmask_core::engine::{AvailableIsa, EngineChoice, EngineId, EngineName, Isa, IsaError};
 pub use pairmask_core::mask::{Encoding, EncodingChoice};
 pub use pairmask_core::plan::CalibrationChoice;

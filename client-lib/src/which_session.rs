@@ -281,6 +281,43 @@
 //! # }
 //! ```
 //!
+//! # Who meets whom
+//!
+//! Worlds, owners, and filters by category and mask are part of the scene: the daemon leaves out the pairs of
+//! boxes that may not meet. [`filters`](crate::filters) has the rule, and how those of other engines are
+//! written in it. To change a tag, the table or a list of pairs is an edit like any other: pairs end as
+//! [`Filtered`](crate::scene::EndReason::Filtered), or begin.
+//!
+//! ```
+//! use pairmask::filters::{Filter, FilterId, FilterTable, Owner, Tag};
+//! use pairmask::scene::{SceneOptions, Want};
+//! use pairmask::{Aabb, Session};
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! const BODY: FilterId = FilterId(0);
+//! const SENSOR: FilterId = FilterId(1);
+//! let mut session = Session::builder().connect()?;
+//! let mut scene = session.scene(SceneOptions::default());
+//!
+//! // Bodies meet all; sensors meet bodies only.
+//! let table = FilterTable::new(&[Filter::new(0b01, 0b11), Filter::new(0b10, 0b01)])?;
+//! // Two parts of one robot, and two sensors, all in one place.
+//! let robot = Tag::default().with_filter(BODY).with_owner(Owner(1));
+//! let sensor = Tag::default().with_filter(SENSOR);
+//! let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 4];
+//! let edit = scene.edit().set_all(0..4, &boxes).filters(&table);
+//! let edit = edit.tag_all(0..4, &[robot, robot, sensor, sensor]);
+//! let answer = edit.commit(Want::Changes)?.take();
+//! assert_eq!(answer.begun(), [[0, 2], [0, 3], [1, 2], [1, 3]]);
+//! drop(answer);
+//!
+//! // The robot is taken apart.
+//! let answer = scene.edit().tag(1, robot.with_owner(Owner(2))).commit(Want::Changes)?.take();
+//! assert_eq!(answer.begun(), [[0, 1]]);
+//! # Ok(())
+//! # }
+//! ```
+//!
 //! # Indices
 //!
 //! * Indices are yours. Count them from 0 and give free ones to new boxes: memory, and now and then time, go

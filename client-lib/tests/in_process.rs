@@ -1,6 +1,7 @@
 //! Sessions in process, in every build: with a transport and without.
 #![allow(clippy::unwrap_used, clippy::missing_panics_doc)]
 
+use pairmask::filters::{Owner, Rules, Tag, World};
 use pairmask::info::BoxForm;
 use pairmask::{
     Aabb, AvailableIsa, Backend, Bounds, ConnectError, Encoding, EncodingChoice, Isa, Margin,
@@ -148,6 +149,43 @@ fn every_instruction_set_gives_the_same_pairs_in_the_same_order() {
             });
             let first = found.next().unwrap();
             assert!(found.all(|pairs| pairs == first), "{n} boxes, {encoding}");
+        }
+    }
+}
+
+#[test]
+fn frames_with_rules_have_the_pairs_that_these_let_meet() {
+    for n in SIZES {
+        let boxes = scene(n);
+        let mut rules = Rules::default();
+        rules.tags = (0..n as u32)
+            .map(|at| Tag::default().with_world(World([4, 2, -1, 2][at as usize % 4])))
+            .map(|tag| tag.with_owner(Owner(tag.world.0 as u32 % 3)))
+            .collect();
+        let mut expected = oracle::truth(&boxes).pairs;
+        expected.retain(|(a, b)| rules.meet(*a, *b));
+        for encoding in [EncodingChoice::Auto, EncodingChoice::Only(Encoding::Sparse)] {
+            let mut session = in_process().encoding(encoding).connect().unwrap();
+            let mut frame = session.frame(n).unwrap();
+            frame.boxes_mut().copy_from_slice(&boxes);
+            let mask = frame.submit_with(&rules).unwrap().wait().unwrap();
+            assert_eq!(sorted(mask.to_vec()), expected, "{n} boxes, {encoding}");
+            if encoding == EncodingChoice::Auto && n > 3 {
+                assert_eq!(mask.worlds().len(), 3);
+                let of_world = |world: i32| mask.pairs_of_world(World(world)).unwrap();
+                assert_eq!(
+                    of_world(-1).len() + of_world(2).len() + of_world(4).len(),
+                    expected.len()
+                );
+                let is_of = |index: u32, world: i32| {
+                    [World(world), World::ALL].contains(&rules.tag(index).world)
+                };
+                assert!(of_world(2).iter().flatten().all(|index| is_of(*index, 2)));
+                assert_eq!(mask.pairs_of_world(World(3)), None);
+            }
+            // The next frame has none of it.
+            let plain = pairs_of(&mut session, &boxes);
+            assert_eq!(plain, oracle::truth(&boxes).pairs);
         }
     }
 }

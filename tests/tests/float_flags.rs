@@ -106,8 +106,12 @@ fn a_pool_that_a_flagged_thread_started_serves_plain_callers() {
         for extent in EXTENTS {
             let boxes = boxes_within(extent, BOXES, 4);
             let truth = oracle::truth(&boxes);
-            let mut session =
-                Session::builder().backend(Backend::InProcess).threads(2).connect().unwrap();
+            let mut session = Session::builder()
+                .backend(Backend::InProcess)
+                .answer_repeats(false)
+                .threads(2)
+                .connect()
+                .unwrap();
             for engine in EngineName::CPU {
                 let options =
                     CullOptions { engine: EngineChoice::Only(engine), ..CullOptions::default() };
@@ -155,7 +159,8 @@ fn spheres_are_found_through_the_boxes_of_any_thread() {
                 assert_eq!(count, truth.pairs.len() as u64, "{engine}, {exponent}, {flags}");
             }
         }
-        let mut session = Session::builder().backend(Backend::InProcess).connect().unwrap();
+        let mut session =
+            Session::builder().backend(Backend::InProcess).answer_repeats(false).connect().unwrap();
         for flags in mixed_flags().iter().step_by(5) {
             let mask = spheres::cull_flagged(&mut session, &scene, flags, &pool);
             let checked = spheres::check_mask(&mask, mask.encoding(), &truth);
@@ -445,7 +450,11 @@ fn threads_of_all_flags_write_one_frame() {
         ] {
             let may = modes::truth(boxes, &precision).pairs;
             for flags in mixed_flags() {
-                let mut session = Session::builder().backend(Backend::InProcess).connect().unwrap();
+                let mut session = Session::builder()
+                    .backend(Backend::InProcess)
+                    .answer_repeats(false)
+                    .connect()
+                    .unwrap();
                 let mask = flags.install(&pool, || {
                     let mut frame = session.narrow_frame(boxes.len(), precision).unwrap();
                     for (i, b) in boxes.iter().enumerate() {
@@ -470,7 +479,11 @@ fn margins_hold_the_boxes_of_flagged_callers() {
         let truth = oracle::truth(&boxes).pairs;
         for flags in mixed_flags() {
             for margin in [0.0, 1e-45, 1e-40] {
-                let session = Session::builder().backend(Backend::InProcess).connect().unwrap();
+                let session = Session::builder()
+                    .backend(Backend::InProcess)
+                    .answer_repeats(false)
+                    .connect()
+                    .unwrap();
                 let mut margined = Margined::new(session, Margin::new(margin).unwrap());
                 let mut pairs: Vec<(u32, u32)> =
                     flags.install(&pool, || margined.cull(&boxes).unwrap().exact_pairs().collect());

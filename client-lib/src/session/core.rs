@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use pairmask_core::aabb::Aabb;
 use pairmask_core::engine::CullError;
+use pairmask_core::filters::Rules;
 use pairmask_core::objects::Objects;
 use pairmask_core::precision::Precision;
 use pairmask_core::units::BoxCount;
@@ -154,7 +155,16 @@ impl Core {
         objects: Objects<'_>,
         written: Written,
     ) -> Result<PairMask, CullError> {
-        self.local.cull(objects, written, &self.settings)
+        self.local.cull(objects, None, written, &self.settings)
+    }
+
+    pub(super) fn cull_filtered_here(
+        &self,
+        boxes: &[Aabb],
+        rules: &Rules,
+        written: Written,
+    ) -> Result<PairMask, CullError> {
+        self.local.cull(Objects::Boxes(boxes.into()), Some(rules), written, &self.settings)
     }
 
     pub(super) fn served_by(&self) -> ServedBy {

@@ -97,6 +97,10 @@ pub enum FrameError {
         /// What it does not know: spheres, for one.
         what: &'static str,
     },
+    /// The frame has rules, which are answered in process
+    /// ([`Backend::Daemon`](super::Backend::Daemon) only).
+    #[error("frames with rules are answered in process: use Backend::Auto or Backend::InProcess")]
+    RulesInProcess,
     /// Too many frames are under way.
     #[error("three frames are being filled, under way or held as masks: drop one before the next")]
     TooManyFrames,

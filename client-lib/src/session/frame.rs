@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use bytemuck::Pod;
 use pairmask_core::aabb::Aabb;
+use pairmask_core::filters::Rules;
 use pairmask_core::objects::{ObjectForm, Objects};
 use pairmask_core::precision::{Precision, Widening};
 use pairmask_core::sphere::Sphere;
@@ -195,6 +196,15 @@ impl<T: Object> Drop for Filling<T> {
 }
 
 impl Filling<Aabb> {
+    /// Finds the pairs that rules let meet, with the engines of this process.
+    fn submit_with(self, rules: &Rules) -> Result<PendingFrame, FrameError> {
+        if !self.core.may_cull_here() {
+            return Err(FrameError::RulesInProcess);
+        }
+        let mask = self.core.cull_filtered_here(self.objects(), rules, self.written)?;
+        Ok(PendingFrame::ready(mask, Arc::clone(&self.core)))
+    }
+
     /// The memory of a frame whose boxes are written in a narrow form.
     pub(super) fn narrow_memory(&mut self) -> NarrowMemory<'_> {
         match &mut self.memory {
@@ -276,5 +286,35 @@ impl Frame {
     /// [`FrameError`]; the frame's memory is gone then.
     pub fn submit(self) -> Result<PendingFrame, FrameError> {
         self.filling.submit()
+    }
+    /// Asks for the pairs that rules let meet: tags by index of the boxes, filters, and lists.
+    ///
+    /// They are found in process before this returns, whether a daemon serves or not. Boxes of several
+    /// worlds are culled world by world unless the session insists on a dense or a sparse mask, and the
+    /// pairs of each are [found by it](super::PairMask::pairs_of_world).
+    ///
+    /// ```
+    /// use pairmask::filters::{Filter, FilterId, FilterTable, Rules, Tag};
+    /// use pairmask::{Aabb, Backend, Session};
+    ///
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// let mut session = Session::builder().backend(Backend::InProcess).connect()?;
+    /// let mut rules = Rules::default();
+    /// rules.table = FilterTable::new(&[Filter::new(1, 2), Filter::new(2, 3)])?;
+    /// rules.tags = [0, 0, 1].map(|id| Tag::default().with_filter(FilterId(id))).to_vec();
+    ///
+    /// let mut frame = session.frame(3)?;
+    /// frame.boxes_mut().fill(Aabb::new([0.0; 3], [1.0; 3]));
+    /// let mask = frame.submit_with(&rules)?.wait()?;
+    /// assert!(mask.contains(0, 2) && mask.contains(1, 2) && mask.count() == 2);
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// As [`submit`](Self::submit), and [`FrameError::RulesInProcess`] with
+    /// [`Backend::Daemon`](super::Backend::Daemon).
+    pub fn submit_with(self, rules: &Rules) -> Result<PendingFrame, FrameError> {
+        self.filling.submit_with(rules)
     }
 }

@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use pairmask_core::aabb::Aabb;
 use pairmask_core::dispatch::{CpuEngines, CullAnswer, CullOptions, SphereWays};
 use pairmask_core::engine::{AvailableIsa, CullError, HeapReply};
+use pairmask_core::filters::Rules;
 use pairmask_core::objects::Objects;
 use pairmask_core::plan::CalibrationChoice;
 use pairmask_core::precision::ExpandScratch;
@@ -140,10 +141,11 @@ impl Local {
         self.replies.give(reply);
     }
 
-    /// Finds the pairs with the engines of this process.
+    /// Finds the pairs with the engines of this process. Rules are for boxes.
     pub(super) fn cull(
         self: &Arc<Self>,
         objects: Objects<'_>,
+        rules: Option<&Rules>,
         written: Written,
         settings: &Settings,
     ) -> Result<PairMask, CullError> {
@@ -156,8 +158,20 @@ impl Local {
             last_pairs: *lock(&self.last_pairs),
             ..CullOptions::default()
         };
-        let answer =
-            lock(&self.engines).cull(objects, &options, settings.answer_repeats, &mut memory)?;
+        let mut worlds = Vec::new();
+        let answer = match (objects, rules) {
+            (Objects::Boxes(these), Some(rules)) => {
+                let mut scratch = ExpandScratch::default();
+                let these = these.expand(&mut scratch, true);
+                let engines = &mut lock(&self.engines).boxes;
+                let filtered = engines.cull_filtered(these, rules, &options, &mut memory)?;
+                worlds.extend_from_slice(filtered.worlds);
+                filtered.answer
+            }
+            _ => {
+                lock(&self.engines).cull(objects, &options, settings.answer_repeats, &mut memory)?
+            }
+        };
         *lock(&self.last_pairs) = Some(answer.report.pair_count);
         let reply = Reply {
             box_count: BoxCount::new(objects.len() as u32),
@@ -167,6 +181,7 @@ impl Local {
             times: answer.times,
         };
         let storage = Storage::Own { memory, home: Arc::clone(self) };
-        Ok(PairMask::new(storage, &reply, ServedBy::InProcess, written, settings.isa))
+        let mask = PairMask::new(storage, &reply, ServedBy::InProcess, written, settings.isa);
+        Ok(mask.with_worlds(worlds))
     }
 }

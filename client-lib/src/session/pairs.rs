@@ -2,8 +2,9 @@
 
 use std::sync::Arc;
 
-use pairmask_core::dispatch::StageTimes;
+use pairmask_core::dispatch::{StageTimes, WorldRange};
 use pairmask_core::engine::{AvailableIsa, Census, EngineId, HeapReply, SkipMeter};
+use pairmask_core::filters::World;
 use pairmask_core::mask::{Encoding, MaskShape, MaskView, Pairs, ParPairs, Words};
 use pairmask_core::objects::ObjectForm;
 use pairmask_core::precision::Widening;
@@ -78,6 +79,7 @@ pub struct PairMask {
     /// Decodes the mask.
     isa: AvailableIsa,
     storage: Storage,
+    worlds: Vec<WorldRange>,
 }
 
 impl std::fmt::Debug for PairMask {
@@ -126,7 +128,16 @@ impl PairMask {
             },
             isa,
             storage,
+            worlds: Vec::new(),
         }
+    }
+
+    /// The same mask, a list whose pairs are ordered by world.
+    pub(super) fn with_worlds(self, worlds: Vec<WorldRange>) -> Self {
+        // The mask is not taken apart: it gives its memory back when it is dropped.
+        let mut mask = self;
+        mask.worlds = worlds;
+        mask
     }
 
     /// Where the sections of the mask lie in [`reply_words`](Self::reply_words).
@@ -171,6 +182,21 @@ impl PairMask {
     /// Number of pairs, as counted by the engine.
     pub const fn count(&self) -> u64 {
         self.pair_count
+    }
+
+    /// Where the pairs of each world stand in the list, by rising world. Empty unless the frame had
+    /// [rules](super::Frame::submit_with) with boxes of several worlds, and the mask is a list.
+    pub fn worlds(&self) -> &[WorldRange] {
+        &self.worlds
+    }
+
+    /// The pairs of a world, smaller index first. `None` where [`worlds`](Self::worlds) does not have it.
+    pub fn pairs_of_world(&self, world: World) -> Option<&[[u32; 2]]> {
+        let range = WorldRange::of(&self.worlds, world)?;
+        match self.view() {
+            MaskView::List(list) => list.as_pairs().get(range),
+            _ => None,
+        }
     }
 
     /// Whether boxes (or spheres) `a` and `b` overlap. One AND in a dense mask; a search in a sparse one

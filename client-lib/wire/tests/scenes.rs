@@ -5,8 +5,9 @@
 use pairmask_core::Aabb;
 use pairmask_core::dispatch::StageTimes;
 use pairmask_core::engine::{EngineChoice, EngineId, EngineName};
+use pairmask_core::filters::{Filter, FilterId, FilterTable, Owner, Tag, World};
 use pairmask_core::scene::{
-    Edit, EndReason, Ended, Indices, Scene, SceneOptions, Sets, Step, Want,
+    Edit, EndReason, Ended, FilteredScene, Indices, Scene, SceneOptions, Sets, Step, Tags, Want,
 };
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
@@ -84,7 +85,7 @@ fn golden_edit() {
     let edit = Edit { steps: &steps };
     let layout = EditLayout::of(edit).unwrap();
     let header = RequestHeader::edit_scene(TOKEN, 8, &request(&layout, 100));
-    let mut expected: Vec<u8> = b"PMRQ\x01\x00\x04\x00".to_vec();
+    let mut expected: Vec<u8> = b"PMRQ\x01\x00\x05\x00".to_vec();
     let u32s = |expected: &mut Vec<u8>, values: &[u32]| {
         expected.extend(values.iter().flat_map(|v| v.to_le_bytes()));
     };
@@ -164,6 +165,87 @@ fn an_edit_is_read_as_it_was_written() {
     assert_eq!(layout.sections()[2].bytes, 4 * 19);
 }
 
+/// Filters as a scene may have them.
+fn table() -> FilterTable {
+    let one = Filter::new(1 << 40 | 2, 3).with_group(-7).with_static(true);
+    FilterTable::new(&[one, Filter::ALL.with_either(true)]).unwrap()
+}
+
+#[test]
+fn golden_rules() {
+    let table = table();
+    let tags = [Tag::new(World(-1), Owner(9), FilterId(1)).with_static(true), Tag::default()];
+    let steps = [
+        Step::Tag(Tags { indices: (&[9, 4]).into(), tags: &tags }),
+        Step::Filters(&table),
+        Step::Include(&[[1, 2]], true),
+        Step::Exclude(&[[5, 3]], false),
+        Step::Renew((4..6).into()),
+    ];
+    let edit = Edit { steps: &steps };
+    let layout = EditLayout::of(edit).unwrap();
+    let mut payload = pages(layout.payload_bytes());
+    assert!(layout.write(edit, &mut payload));
+    let words: &[u32] = bytemuck::cast_slice(&payload);
+    let all = u32::MAX;
+    let expected = [
+        // The indices of the tags, and the tags.
+        &[9, 4, all, 9, 1 | 1 << 16, 0, 0, 0][..],
+        // The filters.
+        &[1, (-7i32).cast_unsigned(), 2, 1 << 8, 3, 0, 2, 0, all, all, all, all],
+        // Pairs of both lists.
+        &[1, 2, 5, 3],
+    ]
+    .concat();
+    assert_eq!(&words[..24], expected);
+    // The records begin on the next line.
+    let records = [
+        [7, 1, 0, 2, 0, 2],
+        [8, 0, 0, 2, 8, 8],
+        [9, 0, 0, 1, 20, 20],
+        [12, 0, 0, 1, 22, 22],
+        [13, 2, 4, 2, 24, 0],
+    ];
+    assert_eq!(&words[32..62], records.concat());
+    let mut scratch = EditScratch::default();
+    let read = scratch.read(&request(&layout, 10), &payload).unwrap();
+    assert_eq!(format!("{read:?}"), format!("{steps:?}"));
+}
+
+#[test]
+fn forged_rules_are_refused() {
+    let table = table();
+    let twice = [Step::Filters(&table), Step::Filters(&table)];
+    let layout = EditLayout::of(Edit { steps: &twice }).unwrap();
+    let mut payload = pages(layout.payload_bytes());
+    assert!(layout.write(Edit { steps: &twice }, &mut payload));
+    let mut scratch = EditScratch::default();
+    let refused = scratch.read(&request(&layout, 10), &payload).map(drop);
+    assert_eq!(refused, Err(Reject::Edit { field: "filters" }));
+
+    let tags = [Tag::default(); 3];
+    let steps = [
+        Step::Tag(Tags { indices: (0..3).into(), tags: &tags }),
+        Step::Include(&[[0, 1]], true),
+        Step::Filters(&table),
+    ];
+    for (number, step) in steps.iter().enumerate() {
+        let edit = Edit { steps: std::slice::from_ref(step) };
+        let layout = EditLayout::of(edit).unwrap();
+        let request = request(&layout, 10);
+        for (word, value) in [(3, u32::MAX), (5, 1 << 30), (5, u32::MAX), (0, 14), (0, 0), (3, 70)]
+        {
+            let mut payload = pages(layout.payload_bytes());
+            assert!(layout.write(edit, &mut payload));
+            let records = (request.steps.offset / 4) as usize;
+            bytemuck::cast_slice_mut::<_, u32>(&mut payload)[records + word] = value;
+            let mut scratch = EditScratch::default();
+            let refused = scratch.read(&request, &payload).map(drop);
+            assert!(matches!(refused, Err(Reject::Edit { .. })), "{number} {word} {value}");
+        }
+    }
+}
+
 #[test]
 fn forged_edits_are_refused() {
     let boxes = [at(0.0), at(0.5)];
@@ -229,7 +311,7 @@ fn forged_edits_are_refused() {
     }
     assert!(!forged(2, 7), "a list has no first index");
     // More indices than any edit of such a scene names.
-    let many = [Step::Remove((0..81).into())];
+    let many = [Step::Remove((0..161).into())];
     let layout = EditLayout::of(Edit { steps: &many }).unwrap();
     let mut payload = pages(layout.payload_bytes());
     assert!(layout.write(Edit { steps: &many }, &mut payload));
@@ -352,12 +434,19 @@ proptest! {
                     assert_eq!(indices.len(), boxes.len());
                     indices.len()
                 }
-                Step::Remove(i) | Step::Switch(i, _) | Step::Static(i, _) => i.len(),
+                Step::Remove(i) | Step::Switch(i, _) | Step::Static(i, _) | Step::Renew(i) => i.len(),
+                Step::Tag(Tags { indices, tags }) => {
+                    assert_eq!(indices.len(), tags.len());
+                    indices.len()
+                }
                 _ => 0,
             }).sum();
-            prop_assert!(named <= 8 * most_boxes as usize);
+            prop_assert!(named <= 16 * most_boxes as usize);
             let options = SceneOptions::default().with_most_boxes(most_boxes).with_threads(1);
-            let _ = Scene::new(options).edit(Edit { steps: &steps }, Want::All).map(drop);
+            let mut scene = FilteredScene::new(options);
+            for _ in 0..2 {
+                let _ = scene.edit_expanded(Edit { steps: &steps }, Want::Changes).map(drop);
+            }
         }
     }
 }

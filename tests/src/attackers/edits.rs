@@ -4,7 +4,8 @@ use std::time::Duration;
 
 use bytemuck::cast_slice_mut;
 use pairmask_core::engine::EngineChoice;
-use pairmask_core::scene::{Edit, Want};
+use pairmask_core::filters::{Filter, FilterId, FilterTable, Owner, Tag, World};
+use pairmask_core::scene::{Edit, Step, Tags, Want};
 use pairmask_wire::{EditLayout, Page, RequestHeader, SceneId, SceneRequest, page_count};
 
 use super::raw::{Dice, RawClient, answer, write};
@@ -32,7 +33,11 @@ pub(super) fn attack(until: &Until, tally: &mut Tally) {
             revision += 1;
             let owned = source.next_edit();
             let arrays = owned.arrays(dice.below(3) as usize);
-            let steps = arrays.steps();
+            let mut steps = arrays.steps();
+            let rules = RuleSteps::drawn(&mut dice);
+            if dice.below(3) == 0 {
+                rules.add_to(&mut steps, &mut dice);
+            }
             let edit = Edit { steps: &steps };
             let Some(layout) = EditLayout::of(edit) else { continue };
             if page_count(layout.payload_bytes()) as usize > PAGES {
@@ -77,6 +82,54 @@ pub(super) fn attack(until: &Until, tally: &mut Tally) {
             count(tally, if answered.status == 0 { "answered" } else { "refused" });
             // A scene that was forged is begun anew now and then.
             base = if answered.status == 0 && dice.below(20) > 0 { header.revision } else { 0 };
+        }
+    }
+}
+
+/// Steps about rules, most of them of boxes that there are.
+struct RuleSteps {
+    indices: Vec<u32>,
+    tags: Vec<Tag>,
+    table: FilterTable,
+    pairs: Vec<[u32; 2]>,
+}
+
+impl RuleSteps {
+    fn drawn(dice: &mut Dice) -> Self {
+        let index = |dice: &mut Dice| {
+            let end = dice.below(30) + 1;
+            dice.below(end) as u32
+        };
+        let indices: Vec<u32> = (0..dice.below(4)).map(|_| index(dice)).collect();
+        let tag = |dice: &mut Dice| {
+            let (world, owner) = (World(dice.below(4) as i32 - 1), Owner(dice.below(3) as u32));
+            Tag::new(world, owner, FilterId(dice.below(5) as u16)).with_static(dice.below(2) == 0)
+        };
+        let filter = |dice: &mut Dice| {
+            let filter = Filter::new(dice.below(4), dice.below(4));
+            filter.with_group(dice.below(3) as i32 - 1).with_static(dice.below(3) == 0)
+        };
+        let filters: Vec<Filter> = (0..dice.below(5)).map(|_| filter(dice)).collect();
+        Self {
+            tags: indices.iter().map(|_| tag(dice)).collect(),
+            indices,
+            table: FilterTable::new(&filters).unwrap_or_default(),
+            pairs: (0..dice.below(4)).map(|_| [index(dice), index(dice)]).collect(),
+        }
+    }
+
+    fn add_to<'a>(&'a self, steps: &mut Vec<Step<'a>>, dice: &mut Dice) {
+        let indices = (&self.indices).into();
+        steps.push(Step::Tag(Tags { indices, tags: &self.tags }));
+        for step in [
+            Step::Filters(&self.table),
+            Step::Include(&self.pairs, dice.below(2) == 0),
+            Step::Exclude(&self.pairs, dice.below(2) == 0),
+            Step::Renew(indices),
+        ] {
+            if dice.below(3) == 0 {
+                steps.push(step);
+            }
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use std::time::Instant;
 
+use super::filtered::{Laid, Worlds};
 use super::{CullAnswer, nanoseconds_since};
 use crate::engine::{
     AvailableIsa, CullError, CullInput, CullReport, Engine, EngineChoice, EngineName, RecentNeed,
@@ -18,6 +19,10 @@ pub struct CpuEngines {
     engines: [Kept; EngineName::CPU.len()],
     calibration: Calibration,
     plans: PlanMemory,
+    /// Memory of frames with rules: of those of many worlds, and of tests.
+    pub(super) worlds: Worlds,
+    pub(super) filter_memory: Laid,
+    rules_need: RecentNeed,
 }
 
 /// An engine that is kept warm, and the scratch that its frames have needed of late.
@@ -29,9 +34,9 @@ struct Kept {
 
 /// Scratch that a frame takes, bytes a box: the most that an engine was seen to take (240, of
 /// `cpu-brute` on two threads), rounded up.
-const BOX_BYTES: usize = 256;
+pub(super) const BOX_BYTES: usize = 256;
 /// Scratch that a frame takes, bytes a word of its mask: three arrays, which grow by doubling.
-const WORD_BYTES: usize = 24;
+pub(super) const WORD_BYTES: usize = 24;
 
 impl Default for CpuEngines {
     fn default() -> Self {
@@ -58,18 +63,44 @@ impl CpuEngines {
             engine,
             need: RecentNeed::NONE,
         });
-        Self { engines, calibration, plans: PlanMemory::default() }
+        Self {
+            engines,
+            calibration,
+            plans: PlanMemory::default(),
+            worlds: Worlds::on(isa),
+            filter_memory: Laid::default(),
+            rules_need: RecentNeed::NONE,
+        }
     }
 
     /// Gives the scratch of all engines back. Answers do not depend on it; the next frame takes
     /// longer.
     pub fn give_back(&mut self) {
         self.engines.iter_mut().for_each(|kept| kept.engine.give_back());
+        self.worlds.give_back();
+        self.filter_memory = Laid::default();
     }
 
     /// Bytes of scratch that all engines keep from frame to frame, beside boxes and replies.
     pub fn scratch_bytes(&self) -> usize {
-        self.engines.iter().map(|kept| kept.engine.scratch_bytes()).sum()
+        let engines = self.engines.iter().map(|kept| kept.engine.scratch_bytes()).sum::<usize>();
+        engines + self.rules_bytes()
+    }
+
+    /// Bytes of scratch that frames with rules have left.
+    fn rules_bytes(&self) -> usize {
+        self.worlds.scratch_bytes() + self.filter_memory.allocated_bytes()
+    }
+
+    /// Notes what a frame needed of the scratch for rules, and gives it back where frames of the past
+    /// needed much more.
+    pub(super) fn note_rules_need(&mut self, bytes: usize) {
+        let mut need = self.rules_need;
+        if need.note(bytes, || self.rules_bytes()) {
+            self.worlds.shrink();
+            self.filter_memory = Laid::default();
+        }
+        self.rules_need = need;
     }
 
     /// Plans a frame, among the CPU engines and a GPU if there is one. Boxes may be in any form: a
@@ -129,6 +160,7 @@ impl CpuEngines {
         let most = BoxCount::of_len(input.objects.len()).map_or(0, BoxCount::sparse_words_max);
         let words = done.as_ref().map_or(0, |report| report.pair_count.min(most)) as usize;
         self.note_need(engine, BOX_BYTES * input.objects.len() + WORD_BYTES * words);
+        self.note_rules_need(0);
         done
     }
 

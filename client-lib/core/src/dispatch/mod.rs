@@ -2,10 +2,12 @@
 
 mod answer;
 mod boxes;
+mod filtered;
 mod spheres;
 
 pub use answer::{CullAnswer, StageTimes, nanoseconds_since};
 pub use boxes::CpuEngines;
+pub use filtered::{FilteredAnswer, WorldRange};
 pub use spheres::{SphereEngines, SphereWays};
 
 pub use crate::plan::CullOptions;

@@ -22,6 +22,8 @@ mod pair_lists;
 mod rules;
 mod table;
 mod tag;
+#[cfg(test)]
+mod tests;
 
 pub use self::filter::Filter;
 pub(crate) use self::pair_lists::Listed;

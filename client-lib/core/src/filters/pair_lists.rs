@@ -69,11 +69,7 @@ impl PairLists {
     /// What lists a pair is on.
     #[inline]
     pub(crate) fn listed(&self, a: u32, b: u32) -> Listed {
-        let passes = |index| {
-            let (word, bit) = sieved(index);
-            self.sieve.get(word).is_some_and(|word| word & bit != 0)
-        };
-        if !self.listed.is_empty() && passes(a) && passes(b) {
+        if !self.listed.is_empty() && self.may_be_named(a) && self.may_be_named(b) {
             self.listed.get(&in_order([a, b])).copied().unwrap_or_default()
         } else {
             Listed::default()
@@ -85,6 +81,13 @@ impl PairLists {
         self.listed.capacity() * (size_of::<([u32; 2], Listed)>() + 1)
             + self.named.capacity() * (size_of::<u32>() + 1)
             + self.sieve.capacity() * size_of::<u64>()
+    }
+
+    /// Whether the sieve lets an index pass: all that any pair names, now or before, and few others.
+    #[inline]
+    pub(crate) fn may_be_named(&self, index: u32) -> bool {
+        let (word, bit) = sieved(index);
+        self.sieve.get(word).is_some_and(|word| word & bit != 0)
     }
 
     /// Whether any pair of the lists, now or before, names an index.

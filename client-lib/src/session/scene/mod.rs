@@ -31,8 +31,10 @@ use super::unread::Awaited;
 /// [`scene`](pairmask_core::scene) says what is told. Made by [`Session::scene`](super::Session::scene);
 /// it lives on without the session.
 ///
+/// Boxes may have [rules](crate::filters) of which others they meet: [`SceneEdit::tag`].
+///
 /// A daemon keeps the scene where the session has one. This process keeps boxes and flags, 25 bytes an
-/// index, and sends them again by itself where the daemon has lost them; where no daemon answers, it
+/// index and with tags 12 more, and sends them again by itself where the daemon has lost them; where no daemon answers, it
 /// answers from them itself, if the [backend](super::Backend) allows it. Then the next changes are a
 /// [resync](SceneAnswer::is_resync).
 pub struct Scene {

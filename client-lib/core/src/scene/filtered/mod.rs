@@ -86,7 +86,8 @@ impl PairScene for Scene {
 ///
 /// Edits have the steps of [`Step`] that are about rules as well; what is told is what [`Scene`] tells of
 /// the pairs that the rules let meet. A pair that ends because rules changed ends as
-/// [`EndReason::Filtered`]. [`Want::Moved`] counts a box as moved whose tag, filter or list the edit changed.
+/// [`EndReason::Filtered`]. Rules are looked at where boxes overlap, or did: many worlds in one place are
+/// better a scene each. [`Want::Moved`] counts a box as moved whose tag, filter or list the edit changed.
 ///
 /// ```
 /// use pairmask_core::Aabb;

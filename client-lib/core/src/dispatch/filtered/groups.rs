@@ -1,0 +1,135 @@
+//! Boxes by world.
+
+use std::ops::Range;
+
+use crate::filters::{Rules, World};
+
+/// Worlds between the least and the greatest, for each box, up to which boxes are sorted by counting.
+const COUNTED_SPAN: usize = 4;
+
+/// A world and its boxes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Group {
+    pub world: World,
+    /// Its place in [`Groups::members`].
+    pub members: Range<usize>,
+}
+
+/// Boxes by world: each of one world once, by rising index.
+#[derive(Debug, Default)]
+pub struct Groups {
+    members: Vec<u32>,
+    worlds: Vec<Group>,
+    starts: Vec<u32>,
+}
+
+impl Groups {
+    /// Sorts the first `n` boxes. All their worlds but [`World::ALL`] are in `span`.
+    pub fn sort(&mut self, rules: &Rules, n: usize, span: [i32; 2]) {
+        let width = (i64::from(span[1]) - i64::from(span[0]) + 1).unsigned_abs() as usize;
+        // World::ALL has the place after the last.
+        let place = |index: u32| match rules.tag(index).world {
+            World::ALL => width,
+            World(world) => (i64::from(world) - i64::from(span[0])) as usize,
+        };
+        self.worlds.clear();
+        self.members.clear();
+        self.members.resize(n, 0);
+        if width <= COUNTED_SPAN * n {
+            self.sort_by_counting(n, width, place);
+        } else {
+            (0..).zip(&mut self.members).for_each(|(index, member)| *member = index);
+            self.members.sort_by_key(|index| place(*index));
+        }
+        let mut start = 0;
+        let members = &self.members;
+        for alike in members.chunk_by(|a, b| place(*a) == place(*b)) {
+            let (first, end) = (alike[0], start + alike.len());
+            self.worlds.push(Group { world: rules.tag(first).world, members: start..end });
+            start = end;
+        }
+        self.worlds.sort_by_key(|group| group.world);
+    }
+
+    fn sort_by_counting(&mut self, n: usize, width: usize, place: impl Fn(u32) -> usize) {
+        self.starts.clear();
+        self.starts.resize(width + 2, 0);
+        for index in 0..n as u32 {
+            self.starts[place(index) + 1] += 1;
+        }
+        let mut sum = 0;
+        for start in &mut self.starts {
+            sum += *start;
+            *start = sum;
+        }
+        for index in 0..n as u32 {
+            let next = &mut self.starts[place(index)];
+            self.members[*next as usize] = index;
+            *next += 1;
+        }
+    }
+
+    /// The worlds that have boxes, rising.
+    pub fn groups(&self) -> &[Group] {
+        &self.worlds
+    }
+
+    /// The boxes of a world, by rising index.
+    pub fn members(&self, group: &Group) -> &[u32] {
+        &self.members[group.members.clone()]
+    }
+
+    /// The boxes of all worlds.
+    pub fn of_all(&self) -> &[u32] {
+        let found = self.worlds.binary_search_by_key(&World::ALL, |group| group.world);
+        found.map_or(&[], |at| self.members(&self.worlds[at]))
+    }
+
+    /// Bytes that are allocated.
+    pub fn allocated_bytes(&self) -> usize {
+        (self.members.capacity() + self.starts.capacity()) * size_of::<u32>()
+            + self.worlds.capacity() * size_of::<Group>()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    // Rules are filled as users fill them.
+    #![allow(clippy::field_reassign_with_default)]
+
+    use super::*;
+    use crate::filters::Tag;
+
+    fn check(worlds: &[i32], n: usize) {
+        let mut rules = Rules::default();
+        rules.tags = worlds.iter().map(|world| Tag::default().with_world(World(*world))).collect();
+        let of = |index: u32| rules.tag(index).world;
+        let mut expected: Vec<u32> = (0..n as u32).collect();
+        expected.sort_by_key(|index| (of(*index), *index));
+        let span = expected.iter().map(|index| of(*index)).filter(|world| *world != World::ALL);
+        let span = [span.clone().min(), span.max()].map(|world| world.map_or(0, |world| world.0));
+        let mut groups = Groups::default();
+        groups.sort(&rules, n, span);
+        let members: Vec<u32> =
+            groups.groups().iter().flat_map(|group| groups.members(group)).copied().collect();
+        assert_eq!(members, expected, "{worlds:?}");
+        assert!(groups.groups().is_sorted_by(|a, b| a.world < b.world));
+        for group in groups.groups() {
+            assert!(groups.members(group).iter().all(|index| of(*index) == group.world));
+        }
+        let of_all = groups.of_all().len();
+        assert_eq!(of_all, expected.iter().filter(|index| of(**index) == World::ALL).count());
+    }
+
+    #[test]
+    fn boxes_are_sorted_by_world_and_index() {
+        check(&[], 0);
+        check(&[], 3);
+        check(&[5, 2, 5, -1, 2, 0, -7, -1], 8);
+        check(&[5, 2, 5, -1], 9);
+        check(&[i32::MIN, i32::MAX, -1, 0, i32::MIN, i32::MAX], 6);
+        check(&[-1, -1, -1], 3);
+        let many: Vec<i32> = (0..500).map(|at| at * 7 % 41 - 20).collect();
+        check(&many, 500);
+    }
+}

@@ -1,0 +1,136 @@
+//! Frames of which only those pairs count that [`Rules`] let meet.
+//!
+//! ```text
+//! look     one pass over the tags: what there is to test at all        (look)
+//! worlds   several worlds: boxes by world, each culled by itself       (groups, worlds)
+//! test     else one frame, whose engine hands its words to the test    (test)
+//! ```
+
+mod groups;
+mod look;
+mod test;
+#[cfg(test)]
+mod tests;
+mod worlds;
+
+pub(super) use self::test::Laid;
+pub use self::worlds::WorldRange;
+pub(super) use self::worlds::Worlds;
+
+use std::ops::Range;
+use std::time::Instant;
+
+use self::look::Look;
+use self::test::{FilterTest, Indices};
+use super::{CpuEngines, CullAnswer, CullOptions, nanoseconds_since};
+use crate::engine::{CullError, PairRules, ReplyBuffer};
+use crate::filters::{Rules, World};
+use crate::mask::{Encoding, EncodingChoice};
+use crate::precision::BoxSlice;
+
+/// An answered cull with rules.
+#[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
+pub struct FilteredAnswer<'a> {
+    /// What an answer without rules says too. The engine is the one that most boxes were culled by.
+    pub answer: CullAnswer,
+    /// Where the pairs of each world stand in the list, by rising world: those of [`World::ALL`] are the
+    /// pairs of which both boxes are in all worlds. Empty where the mask is no list, or where all boxes
+    /// are of one world.
+    pub worlds: &'a [WorldRange],
+}
+
+impl FilteredAnswer<'_> {
+    /// Where the pairs of a world stand in the list; `None` where the list is not ordered by world, or no
+    /// box is of that world.
+    pub fn range_of(&self, world: World) -> Option<Range<usize>> {
+        WorldRange::of(self.worlds, world)
+    }
+}
+
+impl CpuEngines {
+    /// Plans a frame among the CPU engines and finds the pairs that `rules` let meet. Rules that let all
+    /// pairs meet take no time.
+    ///
+    /// Boxes of several worlds are culled world by world where the answer may be a list, whose pairs are
+    /// ordered by world then. A scene without filters of many worlds takes about as long as one of a
+    /// single world. A dense or sparse mask that is insisted on is one of all boxes.
+    ///
+    /// ```
+    /// use pairmask_core::Aabb;
+    /// use pairmask_core::dispatch::{CpuEngines, CullOptions};
+    /// use pairmask_core::engine::HeapReply;
+    /// use pairmask_core::filters::{Rules, Tag, World};
+    ///
+    /// let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 4];
+    /// let mut rules = Rules::default();
+    /// rules.tags = [5, 9, 5, 9].map(|world| Tag::default().with_world(World(world))).to_vec();
+    /// let (mut engines, mut reply) = (CpuEngines::new(), HeapReply::new());
+    /// let options = CullOptions::default();
+    /// let answer = engines.cull_filtered(&boxes, &rules, &options, &mut reply)?;
+    /// assert_eq!(answer.range_of(World(9)), Some(1..2));
+    /// assert_eq!(reply.words(), [0, 2, 1, 3], "a pair of world 5, then one of world 9");
+    /// # Ok::<(), pairmask_core::engine::CullError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// As [`cull`](Self::cull). Boxes have to be in f32.
+    pub fn cull_filtered<'a>(
+        &mut self,
+        boxes: impl Into<BoxSlice<'a>>,
+        rules: &Rules,
+        options: &CullOptions,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<FilteredAnswer<'_>, CullError> {
+        let boxes = boxes.into();
+        let (n, limit_words) = (boxes.len(), reply.limit_words());
+        let look = Look::at(rules, n);
+        let may_be_list = match options.encoding {
+            EncodingChoice::Auto => options.readable.contains(Encoding::List),
+            EncodingChoice::Only(encoding) => encoding == Encoding::List,
+        };
+        let mut options = *options;
+        if look.worlds.is_some() && may_be_list {
+            match self.cull_worlds(boxes, rules, &look, &options, reply) {
+                Ok(answer) => return Ok(FilteredAnswer { answer, worlds: self.worlds.ranges() }),
+                Err(error) => {
+                    options = options.after(Encoding::List, &error, n, limit_words).ok_or(error)?;
+                }
+            }
+        }
+        let answer = if look.all_meet {
+            self.cull(boxes, &options, reply)?
+        } else {
+            self.cull_tested(boxes, rules, &look, &options, reply)?
+        };
+        Ok(FilteredAnswer { answer, worlds: &[] })
+    }
+
+    /// One frame, whose engine tests each pair.
+    fn cull_tested(
+        &mut self,
+        boxes: BoxSlice<'_>,
+        rules: &Rules,
+        look: &Look,
+        options: &CullOptions,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullAnswer, CullError> {
+        let start = Instant::now();
+        let (n, limit_words) = (boxes.len(), reply.limit_words());
+        let options = options.within(n, limit_words);
+        let plan = self.plan(boxes, &options, None);
+        let plan_ns = nanoseconds_since(start);
+        let memory = std::mem::take(&mut self.filter_memory);
+        let test = FilterTest::new(rules, look, Indices::Same, memory);
+        let input = plan.input(boxes).rules(PairRules::tested_by(&test));
+        let done = self.run(plan.engine, &input, reply);
+        self.filter_memory = test.into_memory();
+        match done {
+            Ok(report) => Ok(CullAnswer::new(&plan, report, start, plan_ns)),
+            Err(error) => match options.after(plan.encoding, &error, n, limit_words) {
+                Some(other) => self.cull_tested(boxes, rules, look, &other, reply),
+                None => Err(error),
+            },
+        }
+    }
+}

@@ -1,0 +1,394 @@
+//! Worlds side by side: each is culled by itself, and the list of pairs is ordered by world.
+
+use std::ops::Range;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
+
+use super::groups::{Group, Groups};
+use super::look::Look;
+use super::test::{FilterTest, Indices, Laid};
+use crate::aabb::Aabb;
+use crate::dispatch::boxes::{BOX_BYTES, WORD_BYTES, threads_for};
+use crate::dispatch::{CpuEngines, CullAnswer, CullOptions, StageTimes, nanoseconds_since};
+use crate::engine::strips::{in_parts, part_count};
+use crate::engine::{
+    AvailableIsa, BruteForce, Census, CullError, CullInput, CullReport, Engine, EngineChoice,
+    EngineName, EngineTimes, HeapReply, PairRules, ReplyBuffer, ReserveError, counted, cpu_engines,
+};
+use crate::filters::{Rules, World};
+use crate::mask::{Encoding, MaskShape, MaskView};
+use crate::precision::BoxSlice;
+use crate::units::BoxCount;
+
+/// Boxes of a world up to which all pairs are tested: to sort them takes longer.
+const ALL_PAIRS_BOXES: usize = 512;
+/// Boxes of a task, at least: some 10 µs.
+const TASK_BOXES: usize = 1_024;
+/// Boxes of a world from which several threads may cull it.
+const SHARED_BOXES: usize = 1 << 14;
+/// Words of a pair in a list.
+const PAIR_WORDS: u64 = 2;
+
+/// Where the pairs of a world stand in a list that is ordered by world.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct WorldRange {
+    /// The world.
+    pub world: World,
+    /// The places of its pairs in the list. Boxes of all worlds are in the pairs of each.
+    pub pairs: Range<usize>,
+}
+
+impl WorldRange {
+    /// The range of a world, among those of all by rising world.
+    pub fn of(ranges: &[Self], world: World) -> Option<Range<usize>> {
+        let at = ranges.binary_search_by_key(&world, |range| range.world).ok()?;
+        Some(ranges[at].pairs.clone())
+    }
+}
+
+/// What is kept from frame to frame to cull worlds side by side.
+pub struct Worlds {
+    isa: AvailableIsa,
+    groups: Groups,
+    tasks: Vec<Task>,
+    ranges: Vec<WorldRange>,
+}
+
+/// Some worlds in a row, and what one thread culls them with.
+struct Task {
+    /// For small worlds, whose words need no mask.
+    few: BruteForce,
+    engines: [Box<dyn Engine>; EngineName::CPU.len()],
+    reply: HeapReply,
+    limit_bytes: u64,
+    boxes: Vec<Aabb>,
+    laid: Laid,
+    /// Worlds of the task, by their places.
+    groups: Range<usize>,
+    /// Pairs of all of them, and how many each world has.
+    pairs: Vec<[u32; 2]>,
+    counts: Vec<usize>,
+    compared: u64,
+    census: Census,
+}
+
+/// Pairs that are copied, and where they come from.
+type Copied<'a> = (&'a mut [[u32; 2]], &'a [[u32; 2]]);
+
+/// What all tasks share.
+#[derive(Clone, Copy)]
+struct Scene<'a> {
+    boxes: &'a [Aabb],
+    rules: &'a Rules,
+    look: &'a Look,
+    groups: &'a Groups,
+    choice: EngineChoice,
+    threads: usize,
+    limit_words: u64,
+    found: &'a AtomicU64,
+}
+
+impl Worlds {
+    /// Empty scratch memory.
+    pub fn on(isa: AvailableIsa) -> Self {
+        Self { isa, groups: Groups::default(), tasks: Vec::new(), ranges: Vec::new() }
+    }
+
+    /// Where the pairs of each world stand, of the last frame.
+    pub fn ranges(&self) -> &[WorldRange] {
+        &self.ranges
+    }
+
+    /// Bytes of scratch that are kept.
+    pub fn scratch_bytes(&self) -> usize {
+        self.groups.allocated_bytes()
+            + self.ranges.capacity() * size_of::<WorldRange>()
+            + self.tasks.iter().map(Task::allocated_bytes).sum::<usize>()
+    }
+
+    /// Gives the scratch back, and with it the ranges of the last frame.
+    pub fn give_back(&mut self) {
+        *self = Self::on(self.isa);
+    }
+
+    /// Gives all scratch back but the ranges of the last frame.
+    pub fn shrink(&mut self) {
+        self.groups = Groups::default();
+        self.tasks = Vec::new();
+    }
+
+    /// Shares the worlds out, so that tasks have about as many boxes.
+    fn assign(&mut self, n: usize, threads: usize) {
+        let parts = part_count(n, TASK_BOXES, threads);
+        let isa = self.isa;
+        self.tasks.resize_with(parts, || Task::on(isa));
+        let (groups, mut culled, mut next) = (self.groups.groups(), 0, 0);
+        for (part, task) in self.tasks.iter_mut().enumerate() {
+            let (first, until) = (next, n * (part + 1) / parts);
+            while next < groups.len() && (culled < until || part + 1 == parts) {
+                culled += groups[next].members.len();
+                next += 1;
+            }
+            task.groups = first..next;
+        }
+    }
+
+    /// Puts the pairs of all tasks into one list.
+    fn gather(&mut self, reply: &mut dyn ReplyBuffer) -> Result<u64, CullError> {
+        let count: usize = self.tasks.iter().map(|task| task.pairs.len()).sum();
+        let words = reply.reserve(PAIR_WORDS * count as u64)?;
+        let (mut rest, _) = words[..PAIR_WORDS as usize * count].as_chunks_mut();
+        self.ranges.clear();
+        let mut parts = Vec::with_capacity(self.tasks.len());
+        let mut start = 0;
+        for task in &self.tasks {
+            let (own, after) = rest.split_at_mut(task.pairs.len());
+            parts.push((own, task.pairs.as_slice()));
+            rest = after;
+            for (group, count) in self.groups.groups()[task.groups.clone()].iter().zip(&task.counts)
+            {
+                let end = start + count;
+                self.ranges.push(WorldRange { world: group.world, pairs: start..end });
+                start = end;
+            }
+        }
+        let copy = |parts: &mut [Copied<'_>]| {
+            for (to, from) in parts {
+                to.copy_from_slice(from);
+            }
+        };
+        let part_count = parts.len();
+        in_parts(parts.as_mut_slice(), part_count, &copy, &|(), ()| ());
+        Ok(count as u64)
+    }
+}
+
+impl CpuEngines {
+    /// Culls each world by itself, and writes a list.
+    pub(super) fn cull_worlds(
+        &mut self,
+        boxes: BoxSlice<'_>,
+        rules: &Rules,
+        look: &Look,
+        options: &CullOptions,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullAnswer, CullError> {
+        let start = Instant::now();
+        let engine = match options.engine {
+            EngineChoice::Only(engine) if engine.is_gpu() => {
+                return Err(CullError::Unavailable { engine, why: "it needs a daemon with a GPU" });
+            }
+            EngineChoice::Only(engine) => engine,
+            EngineChoice::Auto => EngineName::CpuGrid,
+        };
+        let (boxes, n) = CullInput::boxes(boxes).f32_boxes(engine)?;
+        let threads = threads_for(options);
+        let worlds = &mut self.worlds;
+        worlds.groups.sort(rules, boxes.len(), look.worlds.unwrap_or_default());
+        worlds.assign(boxes.len(), threads);
+        let ingest_ns = nanoseconds_since(start);
+        let scene = Scene {
+            boxes,
+            rules,
+            look,
+            groups: &worlds.groups,
+            choice: options.engine,
+            threads,
+            limit_words: reply.limit_words(),
+            found: &AtomicU64::new(0),
+        };
+        let run = |tasks: &mut [Task]| tasks.iter_mut().try_for_each(|task| task.run(scene));
+        let parts = worlds.tasks.len();
+        in_parts(worlds.tasks.as_mut_slice(), parts, &run, &Result::and)?;
+        let executed_ns = nanoseconds_since(start);
+        let pair_count = worlds.gather(reply)?;
+        let needed_bytes = BOX_BYTES * boxes.len() + WORD_BYTES * pair_count as usize;
+        let total_ns = nanoseconds_since(start);
+        let (execute_ns, publish_ns) = (executed_ns - ingest_ns, total_ns - executed_ns);
+        let report = CullReport::new(
+            n,
+            MaskShape::list(pair_count),
+            worlds.census(boxes),
+            pair_count,
+            worlds.tasks.iter().map(|task| task.compared).sum(),
+            EngineTimes { ingest_ns, execute_ns, publish_ns },
+        );
+        let times = StageTimes { ingest_ns, plan_ns: 0, execute_ns, publish_ns, total_ns };
+        let engine = worlds.most_used(options.engine);
+        self.note_rules_need(needed_bytes);
+        Ok(CullAnswer { engine, threads, report, times })
+    }
+}
+
+impl Worlds {
+    /// The census of all boxes. That of the tasks has it where no box is invalid and none is in all worlds.
+    fn census(&self, boxes: &[Aabb]) -> Census {
+        let sum = self.tasks.iter().fold(Census::default(), |sum, task| sum.then(&task.census));
+        if sum.invalid == 0 && self.groups.of_all().is_empty() {
+            return sum;
+        }
+        let mut census = Census::default();
+        (0..).zip(boxes).for_each(|(index, b)| census.note(index, b.class()));
+        census
+    }
+
+    /// The engine by which most boxes were culled.
+    fn most_used(&self, choice: EngineChoice) -> EngineName {
+        let of_all = self.groups.of_all().len();
+        let mut boxes = [0; EngineName::CPU.len()];
+        for group in self.groups.groups() {
+            let engine = engine_of(choice, group.members.len() + of_all);
+            boxes[place(engine)] += group.members.len();
+        }
+        let most = (0..boxes.len()).max_by_key(|at| boxes[*at]).unwrap_or(0);
+        EngineName::CPU[most]
+    }
+}
+
+/// The engine that culls a world of `n` boxes.
+fn engine_of(choice: EngineChoice, n: usize) -> EngineName {
+    match choice {
+        EngineChoice::Only(engine) => engine,
+        EngineChoice::Auto if n <= ALL_PAIRS_BOXES => EngineName::CpuBrute,
+        EngineChoice::Auto => EngineName::CpuGrid,
+    }
+}
+
+/// Its place among the engines of the CPU.
+fn place(engine: EngineName) -> usize {
+    EngineName::CPU.iter().position(|name| *name == engine).unwrap_or(0)
+}
+
+impl Task {
+    fn on(isa: AvailableIsa) -> Self {
+        Self {
+            few: BruteForce::on(isa),
+            engines: cpu_engines(isa),
+            reply: HeapReply::new(),
+            limit_bytes: u64::MAX,
+            boxes: Vec::new(),
+            laid: Laid::default(),
+            groups: 0..0,
+            pairs: Vec::new(),
+            counts: Vec::new(),
+            compared: 0,
+            census: Census::default(),
+        }
+    }
+
+    fn allocated_bytes(&self) -> usize {
+        self.engines.iter().map(|engine| engine.scratch_bytes()).sum::<usize>()
+            + self.few.scratch_bytes()
+            + self.reply.allocated_bytes()
+            + self.boxes.capacity() * size_of::<Aabb>()
+            + self.laid.allocated_bytes()
+            + self.pairs.capacity() * size_of::<[u32; 2]>()
+            + self.counts.capacity() * size_of::<usize>()
+    }
+
+    fn run(&mut self, scene: Scene<'_>) -> Result<(), CullError> {
+        let limit_bytes = scene.limit_words.saturating_mul(size_of::<u32>() as u64);
+        if self.limit_bytes != limit_bytes {
+            self.reply = HeapReply::with_limit_bytes(limit_bytes);
+            self.limit_bytes = limit_bytes;
+        }
+        self.pairs.clear();
+        self.counts.clear();
+        (self.compared, self.census) = (0, Census::default());
+        for group in &scene.groups.groups()[self.groups.clone()] {
+            let before = self.pairs.len();
+            self.cull(group, scene)?;
+            let count = self.pairs.len() - before;
+            self.counts.push(count);
+            let found = scene.found.fetch_add(count as u64, Ordering::Relaxed) + count as u64;
+            let words = found.saturating_mul(PAIR_WORDS);
+            if words > scene.limit_words {
+                let at_least_bytes = words.saturating_mul(size_of::<u32>() as u64);
+                return Err(ReserveError::TooLarge { at_least_bytes, limit_bytes }.into());
+            }
+        }
+        Ok(())
+    }
+
+    /// Adds the pairs of a world.
+    fn cull(&mut self, group: &Group, scene: Scene<'_>) -> Result<(), CullError> {
+        let own = scene.groups.members(group);
+        let of_all = if group.world == World::ALL { &[] } else { scene.groups.of_all() };
+        let (first, n) = (own[0] as usize, own.len() + of_all.len());
+        let is_run = of_all.is_empty() && own[own.len() - 1] as usize - first + 1 == own.len();
+        let boxes = if is_run {
+            &scene.boxes[first..first + own.len()]
+        } else {
+            let gathered = own.iter().chain(of_all).map(|index| scene.boxes[*index as usize]);
+            self.boxes.clear();
+            self.boxes.extend(gathered);
+            &self.boxes
+        };
+        let indices = Indices::Of(own, of_all);
+        let laid = std::mem::take(&mut self.laid);
+        let test = FilterTest::new(scene.rules, scene.look, indices, laid);
+        let rules = if scene.look.world_mates_meet && of_all.is_empty() {
+            PairRules::NONE
+        } else {
+            PairRules::tested_by(&test)
+        };
+        let engine = engine_of(scene.choice, n);
+        if engine == EngineName::CpuBrute && n <= ALL_PAIRS_BOXES {
+            let found = &mut self.pairs;
+            let (census, compared) = self.few.each_word(boxes, rules, |row, block, bits| {
+                let mut rest = bits;
+                while rest != 0 {
+                    let [a, b] = [row, 32 * block + rest.trailing_zeros()];
+                    found.push(if is_run {
+                        [first as u32 + a, first as u32 + b]
+                    } else {
+                        let [a, b] = [indices.global(a), indices.global(b)];
+                        [a.min(b), a.max(b)]
+                    });
+                    rest &= rest - 1;
+                }
+            });
+            self.laid = test.into_memory();
+            self.compared += compared;
+            self.census = self.census.then(&census);
+            return Ok(());
+        }
+        let is_shared = n >= SHARED_BOXES && n > scene.boxes.len() / (2 * scene.threads);
+        let input = CullInput::boxes(boxes)
+            .encoding(Encoding::List)
+            .threads(if is_shared { scene.threads } else { 1 })
+            .rules(rules);
+        let done = self.engines[place(engine)].cull(&input, &mut self.reply);
+        self.laid = test.into_memory();
+        let report = done?;
+        let count = counted(boxes, engine)?;
+        self.compared += count.pair_count().saturating_sub(report.skipped.pairs);
+        self.census = self.census.then(&report.census);
+        let pairs = list_of(count, &report, self.reply.words(), engine)?;
+        if is_run {
+            let first = first as u32;
+            self.pairs.extend(pairs.iter().map(|[a, b]| [first + a, first + b]));
+        } else {
+            self.pairs.extend(pairs.iter().map(|pair| {
+                let [a, b] = pair.map(|culled| indices.global(culled));
+                [a.min(b), a.max(b)]
+            }));
+        }
+        Ok(())
+    }
+}
+
+/// The list that an engine has written.
+fn list_of<'a>(
+    n: BoxCount,
+    report: &CullReport,
+    reply: &'a [u32],
+    engine: EngineName,
+) -> Result<&'a [[u32; 2]], CullError> {
+    match MaskView::new(n, &report.shape, reply) {
+        Ok(MaskView::List(list)) => Ok(list.as_pairs()),
+        // Engines write what they are asked for.
+        _ => Err(CullError::Unavailable { engine, why: "it wrote no list" }),
+    }
+}
