@@ -59,7 +59,8 @@
 //! # What to send
 //!
 //! * Send the boxes that changed since your last edit, and no others. A box is set by its index:
-//!   [`SceneEdit::set`] one by one, [`SceneEdit::set_all`] where boxes lie in an array.
+//!   [`SceneEdit::set`] one by one, [`SceneEdit::set_all`] where boxes lie in an array,
+//!   [`SceneEdit::set_with`] where a function computes them.
 //! * Name adjacent indices as a range. A list has 4 bytes an index, a
 //!   [bitmask](crate::scene::Indices::Mask) one bit for each index of its span: it has fewer bytes where
 //!   more than one in 32 is named.

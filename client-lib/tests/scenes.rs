@@ -67,6 +67,66 @@ fn every_step_is_applied() {
 }
 
 #[test]
+fn boxes_by_a_function_are_those_of_an_array() {
+    let (mut by_array, mut by_function) = (scene(), scene());
+    let masks = [0b1011_0001, 1 << 17];
+    for step in 0..40u32 {
+        let x = |index: u32| at(((index * 7 + step * 3) % 23) as f32 * 0.4);
+        let list = [(step + 9) % 20, step % 9];
+        let forms: [Indices<'_>; 4] = [
+            (&list).into(),
+            (20..20 + step % 13).into(),
+            Indices::Mask { first: 33, words: &masks[..1] },
+            Indices::Mask { first: 0, words: &[] },
+        ];
+        let arrays = forms.map(|indices| {
+            let mut boxes = Vec::new();
+            indices.for_each(|_, index| boxes.push(x(index)));
+            boxes
+        });
+        let (mut one, mut other) = (by_array.edit(), by_function.edit());
+        for (indices, boxes) in forms.into_iter().zip(&arrays) {
+            one = one.set_all(indices, boxes);
+            let mut order = Vec::new();
+            other = other.set_with(indices, |index| {
+                order.push(x(index));
+                x(index)
+            });
+            assert_eq!(order, *boxes, "once each, in order");
+        }
+        let (one, other) = (one.set(49, x(49)), other.set(49, x(49)));
+        let expected = one.commit(Want::Changes).expect("an answer").take();
+        let told = other.commit(Want::Changes).expect("an answer").take();
+        assert_eq!(told.begun().to_vec(), expected.begun().to_vec());
+        assert_eq!(told.ended().to_vec(), expected.ended().to_vec());
+        assert_eq!(told.pair_count(), expected.pair_count());
+        drop((told, expected));
+        assert!((0..50).all(|index| by_array.get(index) == by_function.get(index)));
+    }
+    assert!(by_array.len() > 20);
+}
+
+#[test]
+fn no_box_is_asked_for_an_index_that_the_scene_cannot_have() {
+    let mut scene = scene();
+    let wrong = [
+        (Indices::from(49..51), 50),
+        ((0..u32::MAX).into(), u64::from(u32::MAX) - 1),
+        (Indices::Range { first: u32::MAX, count: 2 }, u64::from(u32::MAX) + 1),
+        (Indices::Mask { first: u32::MAX, words: &[0b110] }, u64::from(u32::MAX) + 2),
+    ];
+    for (indices, index) in wrong {
+        let edit = scene.edit().set(1, at(0.0)).set_with(indices, |i| panic!("asked for {i}"));
+        let refused = edit.commit(Want::Changes).map(drop);
+        let beyond = EditError::BeyondLimit { index, limit: 50 };
+        assert!(matches!(refused, Err(CommitError::Edit(error)) if error == beyond));
+        assert!(scene.is_empty());
+    }
+    let twice = scene.edit().set_with(&[3, 3], |_| at(0.0)).commit(Want::Changes).map(drop);
+    assert!(matches!(twice, Err(CommitError::Edit(EditError::SetTwice { index: 3 }))));
+}
+
+#[test]
 fn a_wrong_edit_says_what_is_wrong() {
     let mut scene = scene();
     let refused = scene.edit().set(50, at(0.0)).commit(Want::Changes).map(drop);

@@ -23,6 +23,7 @@ use super::local::{Local, Spares, lock};
 use super::narrow::NarrowFrame;
 use super::pairs::{PairMask, ServedBy};
 use super::sphere::SphereFrame;
+use super::unread::{Unread, UnreadEdits};
 
 /// A missing daemon is looked for this often at most: a look costs 10 µs, a connection 2 ms.
 const RECONNECT_INTERVAL: Duration = Duration::from_millis(100);
@@ -34,6 +35,17 @@ const SILENCE_INTERVAL: Duration = Duration::from_secs(2);
 pub(super) enum Loss {
     Died,
     Silent,
+}
+
+impl Loss {
+    /// What an error of a wait says; `None` where the daemon answered.
+    pub(super) const fn of(error: &WaitError) -> Option<Self> {
+        match error {
+            WaitError::DaemonDied | WaitError::Transport(_) => Some(Self::Died),
+            WaitError::Timeout { .. } => Some(Self::Silent),
+            _ => None,
+        }
+    }
 }
 
 #[derive(Debug, Default)]
@@ -64,6 +76,7 @@ pub(super) struct Core {
     connection: Mutex<Connection>,
     frames: AtomicU64,
     scenes: AtomicU32,
+    unread: UnreadEdits,
 }
 
 impl Core {
@@ -76,6 +89,7 @@ impl Core {
             connection: Mutex::default(),
             frames: AtomicU64::new(0),
             scenes: AtomicU32::new(0),
+            unread: UnreadEdits::default(),
         };
         match core.settings.backend {
             Backend::Daemon => drop(core.link()?),
@@ -100,6 +114,36 @@ impl Core {
     /// The number of a new scene.
     pub(super) fn next_scene(&self) -> SceneId {
         SceneId(self.scenes.fetch_add(1, Ordering::Relaxed))
+    }
+
+    /// Where a new scene leaves edits whose answers nobody waits for.
+    pub(super) fn unread_of_scene(&self) -> Arc<Unread> {
+        self.unread.of_new_scene()
+    }
+
+    /// Frees a place that an edit holds whose answer has come and nobody waits for.
+    pub(super) fn free_a_place(&self, link: &Arc<Link>) -> bool {
+        self.unread.receive_landed(link)
+    }
+
+    /// Shared memory for `bytes` bytes of a request. Where no place is free, waits for one that is held by
+    /// an edit that nobody else waits for.
+    pub(super) fn loan(&self, link: &Arc<Link>, bytes: u64) -> Result<SharedFrame, FrameError> {
+        loop {
+            match link.loan(bytes) {
+                Err(FrameError::TooManyFrames) => {}
+                loaned => return loaned,
+            }
+            if self.free_a_place(link) {
+                continue;
+            }
+            match self.unread.receive_oldest(link, &self.settings) {
+                Ok(true) => {}
+                // Another thread may have received an answer meanwhile.
+                Ok(false) => return link.loan(bytes),
+                Err(how) => return Err(self.give_up(link, how).into()),
+            }
+        }
     }
 
     pub(super) fn may_cull_here(&self) -> bool {
@@ -148,7 +192,7 @@ impl Core {
         let n = counted(n)?;
         let shared = || {
             let link = self.link_that_knows(Written::SPHERES.since_minor(), "spheres")?;
-            link.loan(Written::SPHERES.scene(n).payload_bytes())
+            self.loan(&link, Written::SPHERES.scene(n).payload_bytes())
         };
         let memory = self.memory(n, shared)?;
         Ok(SphereFrame::new(Filling::new(n, memory, Written::SPHERES, Arc::clone(self))))
@@ -166,7 +210,7 @@ impl Core {
         let shared = || {
             let link = self.link()?;
             let agreed = link.forms().agree(asked);
-            let shared = link.loan(Written::by(&agreed).scene(n).payload_bytes())?;
+            let shared = self.loan(&link, Written::by(&agreed).scene(n).payload_bytes())?;
             precision = agreed;
             Ok(shared)
         };
@@ -242,6 +286,17 @@ impl Core {
 
     /// Gives a connection up. Frames that are under way on it are answered in process.
     pub(super) fn lose(&self, lost: &Arc<Link>, how: Loss) -> Result<(), FrameError> {
+        let error = FrameError::from(self.give_up(lost, how));
+        if self.may_cull_here() {
+            self.say_in_process(&error);
+            Ok(())
+        } else {
+            Err(error)
+        }
+    }
+
+    /// Gives a connection up, and says why there is none.
+    fn give_up(&self, lost: &Arc<Link>, how: Loss) -> ConnectError {
         let (cause, retry_at) = match how {
             Loss::Died => (self.no_daemon(), None),
             Loss::Silent => {
@@ -255,14 +310,7 @@ impl Core {
             connection.retry_at = retry_at;
             connection.cause = Some(cause.clone());
         }
-        drop(connection);
-        let error = FrameError::from(cause);
-        if self.may_cull_here() {
-            self.say_in_process(&error);
-            Ok(())
-        } else {
-            Err(error)
-        }
+        cause
     }
 
     fn no_daemon(&self) -> ConnectError {
@@ -287,7 +335,7 @@ impl Core {
             box_count: BoxCount::default(),
         };
         let header = RequestHeader::status(asked.client_token, asked.frame);
-        let exchange = Exchange::begin(link.loan(0)?, &header)?;
+        let exchange = Exchange::begin(self.loan(&link, 0)?, &header)?;
         let answer = exchange.end(link.expect(0), &self.settings)?;
         let payload = bytemuck::cast_slice(answer.response.pages());
         Ok(StatusBody::parse(&answer.header, &asked, payload).map_err(WaitError::from)?)

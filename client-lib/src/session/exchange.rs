@@ -1,14 +1,15 @@
 //! A request and its answer, for requests that this process cannot answer from the memory that it sent.
 
-use std::time::Instant;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use pairmask_wire::{ReplyError, RequestHeader, ResponseHeader};
 
 use super::builder::Settings;
 use super::error::WaitError;
 use super::estimate::Expected;
-use super::link::{Received, SharedFrame, Slot, Unsent};
-use crate::transport::{CheckedResponse, SentRequest};
+use super::link::{Link, Received, SharedFrame, Slot, Unsent};
+use crate::transport::{CheckedResponse, ResponseSample, SentRequest};
 
 /// A request that was sent. Dropping it discards the answer.
 pub(super) struct Exchange {
@@ -49,18 +50,49 @@ impl Exchange {
     ///
     /// # Errors
     /// [`WaitError`].
-    pub(super) fn end(self, expected: Expected, settings: &Settings) -> Result<Answer, WaitError> {
-        let Self { mut pending, slot, at } = self;
+    pub(super) fn end(
+        mut self,
+        expected: Expected,
+        settings: &Settings,
+    ) -> Result<Answer, WaitError> {
         let deadline = Instant::now() + settings.deadline;
-        let link = slot.link();
-        match link.receive(&mut pending, at, expected, settings.spin, deadline)? {
-            Received::Sample(sample) => {
-                let misplaced = ReplyError::Malformed { field: "place" };
-                let (header, response) = link.check(sample).ok_or(misplaced)?;
-                Ok(Answer { header, response, sent_at: at, _pending: pending, _slot: slot })
-            }
-            Received::Nothing => Err(WaitError::Timeout { waited: settings.deadline }),
+        let received = self.receive(expected, settings.spin, deadline)?;
+        self.accept(received.ok_or(WaitError::Timeout { waited: settings.deadline })?)
+    }
+
+    /// The answer if it has come, or why there will be none; else the exchange.
+    #[allow(clippy::result_large_err)] // Its caller puts it back.
+    pub(super) fn try_end(mut self) -> Result<Result<Answer, WaitError>, Self> {
+        match self.receive(Expected::default(), Duration::ZERO, Instant::now()) {
+            Ok(Some(sample)) => Ok(self.accept(sample)),
+            Ok(None) => Err(self),
+            Err(error) => Ok(Err(error)),
+        }
+    }
+
+    /// Whether it is one of this connection.
+    pub(super) fn is_on(&self, link: &Arc<Link>) -> bool {
+        Arc::ptr_eq(self.slot.link(), link)
+    }
+
+    fn receive(
+        &mut self,
+        expected: Expected,
+        spin: Duration,
+        deadline: Instant,
+    ) -> Result<Option<ResponseSample>, WaitError> {
+        let Self { pending, slot, at } = self;
+        match slot.link().receive(pending, *at, expected, spin, deadline)? {
+            Received::Sample(sample) => Ok(Some(sample)),
+            Received::Nothing => Ok(None),
             Received::Dead => Err(WaitError::DaemonDied),
         }
+    }
+
+    fn accept(self, sample: ResponseSample) -> Result<Answer, WaitError> {
+        let Self { pending, slot, at } = self;
+        let misplaced = ReplyError::Malformed { field: "place" };
+        let (header, response) = slot.link().check(sample).ok_or(misplaced)?;
+        Ok(Answer { header, response, sent_at: at, _pending: pending, _slot: slot })
     }
 }

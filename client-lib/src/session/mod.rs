@@ -42,6 +42,8 @@ mod pairs;
 mod pending;
 mod scene;
 mod sphere;
+#[cfg_attr(not(feature = "daemon"), allow(dead_code))]
+mod unread;
 
 pub use builder::{Backend, SessionBuilder};
 pub use error::{CommitError, ConnectError, FrameError, StatusError, WaitError};

@@ -4,13 +4,14 @@ mod answer;
 mod margined;
 mod remote;
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use pairmask_core::aabb::Aabb;
 use pairmask_core::engine::EngineId;
 use pairmask_core::filters::{FilterTable, Tag};
 use pairmask_core::scene::{
-    Edit, FilteredScene, Indices, SceneOptions, SceneSkips, Sent, Sets, Step, Tags, Want,
+    Edit, EditError, FilteredScene, Indices, SceneOptions, SceneSkips, Sent, Sets, Step, Tags, Want,
 };
 
 use self::answer::Source;
@@ -23,6 +24,7 @@ use super::builder::Backend;
 use super::core::Core;
 use super::error::CommitError;
 use super::pairs::ServedBy;
+use super::unread::Awaited;
 
 /// Boxes that persist from answer to answer, by indices of the client's own.
 ///
@@ -38,6 +40,8 @@ use super::pairs::ServedBy;
 pub struct Scene {
     kept: Kept,
     draft: Draft,
+    /// Indices are below this.
+    index_limit: u32,
 }
 
 /// Where a scene is.
@@ -47,20 +51,33 @@ enum Kept {
     Here(FilteredScene),
 }
 
-/// What an edit sets one by one; kept, so that steady edits allocate nothing.
+/// What an edit sets one by one, or by a function; kept, so that steady edits allocate nothing.
 #[derive(Debug, Default)]
 struct Draft {
     indices: Vec<u32>,
     boxes: Vec<Aabb>,
+    /// Boxes of [`Given::fills`].
+    filled: Vec<Aabb>,
     removed: Vec<u32>,
     tagged: Vec<u32>,
     tags: Vec<Tag>,
 }
 
+/// What an edit does beside its [`Draft`].
+#[derive(Debug, Default)]
+struct Given<'a> {
+    steps: Vec<Step<'a>>,
+    /// Indices, and where their boxes lie in [`Draft::filled`].
+    fills: Vec<(Indices<'a>, Range<usize>)>,
+}
+
 impl Draft {
     /// All steps of an edit.
-    fn steps<'a>(&'a self, steps: &[Step<'a>]) -> Vec<Step<'a>> {
-        let mut steps = steps.to_vec();
+    fn steps<'a>(&'a self, given: &Given<'a>) -> Vec<Step<'a>> {
+        let mut steps = given.steps.clone();
+        steps.extend(given.fills.iter().map(|(indices, place)| {
+            Step::Set(Sets { indices: *indices, boxes: &self.filled[place.clone()] })
+        }));
         if !self.removed.is_empty() {
             steps.push(Step::Remove(Indices::List(&self.removed)));
         }
@@ -72,6 +89,23 @@ impl Draft {
             steps.push(Step::Tag(Tags { indices: Indices::List(&self.tagged), tags: &self.tags }));
         }
         steps
+    }
+
+    /// Keeps a box for each index, all of which are below a limit.
+    fn fill(
+        &mut self,
+        indices: Indices<'_>,
+        limit: u32,
+        mut f: impl FnMut(u32) -> Aabb,
+    ) -> Result<Range<usize>, EditError> {
+        if let Some(index) = indices.last().filter(|last| *last >= u64::from(limit)) {
+            return Err(EditError::BeyondLimit { index, limit });
+        }
+        let (start, count) = (self.filled.len(), indices.len());
+        let no_memory = |_| EditError::NoMemory { boxes: count as u64 };
+        self.filled.try_reserve(count).map_err(no_memory)?;
+        indices.for_each(|_, index| self.filled.push(f(index)));
+        Ok(start..self.filled.len())
     }
 }
 
@@ -89,17 +123,18 @@ impl Scene {
                 Kept::Remote(RemoteScene::new(Arc::clone(core), options))
             }
         };
-        Self { kept, draft: Draft::default() }
+        Self { kept, draft: Draft::default(), index_limit: options.most_boxes }
     }
 
     /// Begins an edit. Without [`SceneEdit::commit`], nothing happens.
     pub fn edit<'a>(&mut self) -> SceneEdit<'_, 'a> {
         self.draft.indices.clear();
         self.draft.boxes.clear();
+        self.draft.filled.clear();
         self.draft.removed.clear();
         self.draft.tagged.clear();
         self.draft.tags.clear();
-        SceneEdit { scene: self, steps: Vec::new() }
+        SceneEdit { scene: self, given: Given::default(), refused: None }
     }
 
     /// Forgets what was told: the next changes are a [resync](SceneAnswer::is_resync).
@@ -162,7 +197,9 @@ impl Scene {
 #[must_use = "an edit does nothing until it is committed"]
 pub struct SceneEdit<'s, 'a> {
     scene: &'s mut Scene,
-    steps: Vec<Step<'a>>,
+    given: Given<'a>,
+    /// What is wrong with a fill.
+    refused: Option<EditError>,
 }
 
 impl<'s, 'a> SceneEdit<'s, 'a> {
@@ -177,6 +214,40 @@ impl<'s, 'a> SceneEdit<'s, 'a> {
     /// a box for each.
     pub fn set_all(self, indices: impl Into<Indices<'a>>, boxes: &'a [Aabb]) -> Self {
         self.step(Step::Set(Sets { indices: indices.into(), boxes }))
+    }
+
+    /// Sets boxes to what a function gives for each index, in the order in which they are named.
+    ///
+    /// It is the better way where the boxes lie in no array: where they are computed from bodies, or gathered
+    /// from several places. They are written once, to memory that the scene keeps for the next such edit (24
+    /// bytes for each box of the largest one), and are copied from there as those of
+    /// [`set_all`](Self::set_all) are from the caller's array. Boxes that lie in an array already are one copy
+    /// cheaper with `set_all`.
+    ///
+    /// With an index that the scene cannot have, the function is not called, and the edit is refused when it
+    /// is committed.
+    ///
+    /// ```
+    /// use pairmask::scene::{SceneOptions, Want};
+    /// use pairmask::{Aabb, Backend, Session};
+    ///
+    /// let bodies: Vec<([f32; 3], f32)> = vec![([0.0; 3], 1.0), ([1.5; 3], 1.0), ([9.0; 3], 1.0)];
+    /// let mut session = Session::builder().backend(Backend::InProcess).connect()?;
+    /// let mut scene = session.scene(SceneOptions::default());
+    /// let edit = scene.edit().set_with(0..3, |index| {
+    ///     let (centre, half) = bodies[index as usize];
+    ///     Aabb::new(centre.map(|x| x - half), centre.map(|x| x + half))
+    /// });
+    /// assert_eq!(edit.commit(Want::Changes)?.take().begun(), [[0, 1]]);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn set_with(mut self, indices: impl Into<Indices<'a>>, f: impl FnMut(u32) -> Aabb) -> Self {
+        let (indices, limit) = (indices.into(), self.scene.index_limit);
+        match self.scene.draft.fill(indices, limit, f) {
+            Ok(place) => self.given.fills.push((indices, place)),
+            Err(error) => self.refused = self.refused.or(Some(error)),
+        }
+        self
     }
 
     /// Removes the box of an index.
@@ -240,7 +311,7 @@ impl<'s, 'a> SceneEdit<'s, 'a> {
 
     /// Does a step.
     pub fn step(mut self, step: Step<'a>) -> Self {
-        self.steps.push(step);
+        self.given.steps.push(step);
         self
     }
 
@@ -258,24 +329,34 @@ impl<'s, 'a> SceneEdit<'s, 'a> {
     /// # Errors
     /// [`CommitError`]. The scene is then what it was, but for [`CommitError::Wait`].
     pub fn submit(self, want: Want) -> Result<PendingAnswer<'s, 'a>, CommitError> {
-        let Self { scene, steps } = self;
-        let Scene { kept, draft } = &mut *scene;
-        let all = draft.steps(&steps);
-        let edit = Edit { steps: &all };
-        match kept {
-            Kept::Here(here) => here.edit(edit, want).map(drop).map_err(commit_error)?,
-            Kept::Remote(remote) => remote.begin(edit, want)?,
+        let Self { scene, given, refused } = self;
+        if let Some(error) = refused {
+            return Err(error.into());
         }
-        Ok(PendingAnswer { scene, steps, want })
+        let Scene { kept, draft, .. } = &mut *scene;
+        let all = draft.steps(&given);
+        let edit = Edit { steps: &all };
+        let awaited = match kept {
+            Kept::Here(here) => {
+                here.edit(edit, want).map_err(commit_error)?;
+                Awaited::default()
+            }
+            Kept::Remote(remote) => remote.begin(edit, want)?,
+        };
+        Ok(PendingAnswer { scene, given, want, awaited })
     }
 }
 
 /// An edit under way. Dropped, it is applied, and its answer counts as never given.
+///
+/// It holds one of the session's three places for frames. Dropped, it leaves that to whatever wants one next,
+/// which waits for the daemon's answer first where no other is free.
 #[must_use = "an edit is answered when it is waited for"]
 pub struct PendingAnswer<'s, 'a> {
     scene: &'s mut Scene,
-    steps: Vec<Step<'a>>,
+    given: Given<'a>,
     want: Want,
+    awaited: Awaited<'s>,
 }
 
 impl std::fmt::Debug for PendingAnswer<'_, '_> {
@@ -290,10 +371,10 @@ impl<'s> PendingAnswer<'s, '_> {
     /// # Errors
     /// [`CommitError`]. The edit is applied; the next answer makes up for this one.
     pub fn wait(self) -> Result<SceneAnswer<'s>, CommitError> {
-        let Self { scene, steps, want } = self;
-        let Scene { kept, draft } = &mut *scene;
+        let Self { scene, given, want, awaited } = self;
+        let Scene { kept, draft, .. } = &mut *scene;
         let found = match kept {
-            Kept::Remote(remote) => remote.end(Edit { steps: &draft.steps(&steps) })?,
+            Kept::Remote(remote) => remote.end(awaited, Edit { steps: &draft.steps(&given) })?,
             Kept::Here(_) => Found::Here,
         };
         Ok(SceneAnswer { scene, want, found })
@@ -392,5 +473,27 @@ impl SceneAnswer<'_> {
             (Found::Here, Kept::Here(scene)) => Source::Here(scene.told()),
             (Found::Here, Kept::Remote(remote)) => Source::Here(remote.told_here()),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Session;
+    use super::*;
+
+    #[test]
+    fn steady_fills_allocate_no_boxes() {
+        let session = Session::builder().backend(Backend::InProcess).connect();
+        let mut session = session.expect("no daemon is needed");
+        let mut scene = session.scene(SceneOptions::default());
+        let mut fill = |step: usize| {
+            let at = |index: u32| Aabb::new([index as f32; 3], [index as f32 + step as f32; 3]);
+            let edit = scene.edit().set_with(0..600, at).set_with(600..1_000, at);
+            drop(edit.commit(Want::Nothing).expect("an answer"));
+            assert_eq!(scene.get(999), Some(at(999)));
+            (scene.draft.filled.as_ptr(), scene.draft.filled.capacity())
+        };
+        let first = fill(0);
+        assert!((1..20).all(|step| fill(step) == first));
     }
 }

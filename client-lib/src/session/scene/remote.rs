@@ -15,7 +15,7 @@ use pairmask_core::scene::{
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
     EditLayout, RULES_MINOR, ReplyError, ReplyFields, RequestHeader, SCENES_MINOR, SceneId,
-    SceneReply, SceneRequest, StatusCode,
+    SceneRequest, StatusCode,
 };
 
 use super::answer::FromDaemon;
@@ -24,6 +24,7 @@ use crate::session::error::{CommitError, FrameError, WaitError};
 use crate::session::estimate::{Answered, Estimate};
 use crate::session::exchange::Exchange;
 use crate::session::link::Link;
+use crate::session::unread::{Awaited, SentEdit, Unread};
 
 /// A scene that ends with its client waits this long at most for the daemon to say so. A daemon forgets it
 /// in any case with the session.
@@ -65,18 +66,10 @@ pub(super) struct RemoteScene {
     daemon_bytes: u64,
     /// Until when a daemon that refused the scene is asked nothing.
     stays_until: Option<Instant>,
-    /// The edit that the daemon works on. It is kept where nobody waits for the answer: the daemon passes
-    /// over requests that are dropped.
-    sent: Option<SentEdit>,
+    /// The edit that the daemon works on and nobody waits for.
+    unread: Arc<Unread>,
     /// What a scene tells that is not here.
     nothing: Told,
-}
-
-/// An edit that the daemon works on.
-struct SentEdit {
-    exchange: Exchange,
-    asked: ReplyFields,
-    want: Want,
 }
 
 /// Where the answer to an edit lies.
@@ -90,6 +83,7 @@ impl RemoteScene {
     pub fn new(core: Arc<Core>, options: SceneOptions) -> Self {
         Self {
             id: core.next_scene(),
+            unread: core.unread_of_scene(),
             copy: SceneCopy::new(options.most_boxes),
             core,
             options,
@@ -100,7 +94,6 @@ impl RemoteScene {
             estimate: Estimate::default(),
             daemon_bytes: 0,
             stays_until: None,
-            sent: None,
             nothing: Told::default(),
         }
     }
@@ -147,29 +140,31 @@ impl RemoteScene {
         }
     }
 
-    /// Checks an edit, and sends it or applies it here.
-    pub fn begin(&mut self, edit: Edit<'_>, want: Want) -> Result<(), CommitError> {
+    /// Checks an edit, and sends it or applies it here. The caller binds what is returned to its borrow of
+    /// the scene.
+    pub fn begin<'s>(&mut self, edit: Edit<'_>, want: Want) -> Result<Awaited<'s>, CommitError> {
         self.copy.check(edit)?;
-        if let Some(sent) = self.sent.take() {
-            // The daemon serves a session's requests one after the other.
-            if let Err(error) = self.receive(sent) {
-                self.note_failure(&error);
-            }
+        // The daemon serves a session's requests one after the other.
+        match self.unread.settle(self.core.settings()) {
+            Some(Ok(reply)) => self.daemon_bytes = reply.scene_bytes,
+            Some(Err(error)) => self.note_failure(&error),
+            None => {}
         }
         let more = self.copy.expand(edit);
         let steps = more.as_ref().map(|more| more.steps(edit));
         let expanded = steps.as_ref().map_or(edit, |steps| Edit { steps });
         let begun = if self.stays_here() {
-            self.edit_here(expanded, want)
+            self.edit_here(expanded, want).map(|()| Awaited::default())
         } else {
-            self.send(expanded, want).map(|sent| self.sent = Some(sent)).or_else(|error| {
+            let sent = self.send(expanded, want);
+            sent.map(|sent| Awaited::new(sent, Arc::clone(&self.unread))).or_else(|error| {
                 self.stay(error)?;
-                self.edit_here(expanded, want)
+                self.edit_here(expanded, want).map(|()| Awaited::default())
             })
         };
         match &begun {
             // Without an answer, as the error says: the copy has it, and whoever keeps the scene next.
-            Ok(()) | Err(CommitError::Wait(_) | CommitError::Scene(_)) => self.copy.apply(expanded),
+            Ok(_) | Err(CommitError::Wait(_) | CommitError::Scene(_)) => self.copy.apply(expanded),
             Err(CommitError::Edit(_) | CommitError::Frame(_)) => self.copy.cancel(edit),
         }
         begun
@@ -177,8 +172,8 @@ impl RemoteScene {
 
     /// Waits for the answer to the edit that was begun. Where the daemon has none, the scene is sent again,
     /// or answered here.
-    pub fn end(&mut self, edit: Edit<'_>) -> Result<Found, CommitError> {
-        let Some(sent) = self.sent.take() else { return Ok(Found::Here) };
+    pub fn end(&mut self, awaited: Awaited<'_>, edit: Edit<'_>) -> Result<Found, CommitError> {
+        let Some(sent) = awaited.take() else { return Ok(Found::Here) };
         let want = sent.want;
         let error = match self.receive(sent) {
             Ok(found) => return Ok(Found::Daemon(found)),
@@ -246,14 +241,11 @@ impl RemoteScene {
     fn note_failure(&mut self, error: &WaitError) {
         let keeper = std::mem::replace(&mut self.keeper, Keeper::Nobody);
         let Keeper::Daemon(there) = keeper else { return };
-        match error {
-            WaitError::DaemonDied | WaitError::Transport(_) => {
-                let _ = self.core.lose(&there.link, Loss::Died);
+        match (error, Loss::of(error)) {
+            (_, Some(how)) => {
+                let _ = self.core.lose(&there.link, how);
             }
-            WaitError::Timeout { .. } => {
-                let _ = self.core.lose(&there.link, Loss::Silent);
-            }
-            WaitError::Reply(refused) if !is_stale(error) => {
+            (WaitError::Reply(refused), None) if !is_stale(error) => {
                 there.link.say_refused(refused);
                 self.stays_until = Some(Instant::now() + REFUSED_FOR);
             }
@@ -320,7 +312,7 @@ impl RemoteScene {
     ) -> Result<SentEdit, CommitError> {
         let too_large = || FrameError::TooManyBoxes { n: edit.boxes(), limit: u64::from(u32::MAX) };
         let layout = EditLayout::of(edit).ok_or_else(too_large)?;
-        let mut shared = link.loan(layout.payload_bytes())?;
+        let mut shared = self.core.loan(link, layout.payload_bytes())?;
         if !layout.write(edit, shared.loan.pages_mut()) {
             return Err(too_large().into());
         }
@@ -353,7 +345,8 @@ impl RemoteScene {
             Ok(exchange) => {
                 // Whether it is received or not: a daemon at another revision says so.
                 (there.revision, there.is_taken, self.forgets) = (self.revisions, false, false);
-                Ok(SentEdit { exchange, asked, want })
+                let expected = self.estimate.expect(asked.box_count.get());
+                Ok(SentEdit { exchange, asked, want, expected })
             }
             Err(error) => {
                 self.forgets |= self.knows_pairs;
@@ -365,11 +358,8 @@ impl RemoteScene {
 
     /// Waits for the daemon's answer.
     fn receive(&mut self, sent: SentEdit) -> Result<Box<FromDaemon>, WaitError> {
-        let SentEdit { exchange, asked, .. } = sent;
-        let n = asked.box_count.get();
-        let answer = exchange.end(self.estimate.expect(n), self.core.settings())?;
-        let payload_bytes = size_of_val(answer.response.pages()) as u64;
-        let reply = SceneReply::parse(&answer.header, &asked, payload_bytes)?;
+        let n = sent.asked.box_count.get();
+        let (answer, reply) = sent.receive(self.core.settings())?;
         self.estimate.note(Answered {
             n,
             round_trip: answer.sent_at.elapsed(),
@@ -408,10 +398,16 @@ impl Drop for RemoteScene {
             return;
         }
         let header = RequestHeader::end_scene(link.token(), frame, self.id);
-        // With all frames in use it ends with the session.
-        let sent = link.loan(0).ok().and_then(|shared| Exchange::begin(shared, &header).ok());
         let mut settings = self.core.settings().clone();
         settings.deadline = settings.deadline.min(END_WITHIN);
+        let shared = link.loan(0).ok().or_else(|| {
+            // The scene's own last edit may hold a place. A daemon that is busy with it makes no room.
+            let is_busy = matches!(self.unread.settle(&settings), Some(Err(_)));
+            self.core.free_a_place(link);
+            if is_busy { None } else { link.loan(0).ok() }
+        });
+        // With all frames in use it ends with the session.
+        let sent = shared.and_then(|shared| Exchange::begin(shared, &header).ok());
         let _ = sent.map(|exchange| exchange.end(link.expect(0), &settings));
     }
 }

@@ -147,9 +147,7 @@ struct Open {
 
 impl Open {
     fn load(&self) -> Load {
-        let held = usize::from(self.kept.as_ref().is_some_and(KeptScene::holds_a_place));
-        let most = self.way.depth.min(MOST_UNDER_WAY - held);
-        Load { under_way: self.frames.len(), most }
+        Load { under_way: self.frames.len(), most: self.way.depth }
     }
 }
 

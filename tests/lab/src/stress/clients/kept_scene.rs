@@ -27,8 +27,6 @@ pub(super) struct KeptScene {
     scene: Scene,
     model: Model,
     most: usize,
-    /// Whether nobody waited for the last answer.
-    is_unread: bool,
 }
 
 /// What came of an edit.
@@ -54,13 +52,7 @@ impl KeptScene {
     pub(super) fn new(session: &mut Session, random: &mut Random) -> Self {
         let most = if random.below(MANY_ONE_IN) == 0 { MANY_BOXES } else { FEW_BOXES };
         let options = SceneOptions::default().with_most_boxes((most + SPARE) as u32);
-        Self { scene: session.scene(options), model: Model::default(), most, is_unread: false }
-    }
-
-    /// Whether it holds one of the session's places for frames: an answer that nobody waited for is received
-    /// with the next edit.
-    pub(super) const fn holds_a_place(&self) -> bool {
-        self.is_unread
+        Self { scene: session.scene(options), model: Model::default(), most }
     }
 
     /// Edits it towards the boxes of a case, and compares the answer, on a thread with the floating-point
@@ -77,7 +69,6 @@ impl KeptScene {
         let scene = &mut self.scene;
         let answer = case.flags.caller.run(|| send(scene, &edit, want, fate));
         let answer = answer.map_err(EditFailure::Unanswered)?;
-        self.is_unread = answer.is_none();
         self.model.apply(&edit);
         let Some(answer) = answer else { return Ok(Edited::Unread) };
         self.model.check(&answer, &edit.named()).map_err(EditFailure::Wrong)?;
