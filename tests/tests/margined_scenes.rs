@@ -1,4 +1,5 @@
-//! Scenes whose boxes have margins: few boxes are sent, and the pairs are those of a scene of all boxes.
+//! Scenes whose boxes have margins: few boxes are sent, and the pairs are those of a scene of all boxes. One
+//! file, because most tests share the lockstep with that scene, or the check of near pairs.
 #![allow(clippy::unwrap_used)]
 
 use std::collections::BTreeMap;

@@ -1,4 +1,5 @@
-//! Scenes of sessions, kept by a daemon: the same answers as in process, whatever dies between.
+//! Scenes of sessions, kept by a daemon: the same answers as in process, whatever dies between. One file,
+//! because most tests share the lockstep with a scene in process, or the pairs that a client adds up.
 #![allow(clippy::unwrap_used)]
 
 use std::time::Duration;

@@ -1,7 +1,8 @@
 //! The stages of scenes in video memory, each by itself beside plain Rust: what a stage leaves behind in every
 //! word that it may write, and that it writes no other. `scene_pairs` is held to the core by whole answers.
 //!
-//! Each comparison is shown to fail for stages whose text was altered.
+//! Each comparison is shown to fail for stages whose text was altered. One file, because its stages share
+//! the bench, the records and the search that they are held to.
 
 use std::sync::Arc;
 use std::time::Duration;

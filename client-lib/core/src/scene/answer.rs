@@ -34,7 +34,7 @@ pub enum Want {
 pub enum EndReason {
     /// A box of the pair was removed, also where its index has a new box.
     Removed,
-    /// A box of the pair is switched off now, or both are static now.
+    /// A box of the pair is switched off now, both are static now, or [rules](crate::filters) keep them apart.
     Filtered,
     /// The boxes overlap no more.
     Separated,
