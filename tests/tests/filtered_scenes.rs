@@ -66,11 +66,15 @@ impl RuledScene for Remote<'_> {
 fn a_daemon_knows_the_rules() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--audit", "1/1"]);
     let mut session = daemon.session().backend(Backend::Daemon).connect().unwrap();
-    for like in [like(1, 40, 16, 8, 150), like(2, 160, 26, 20, 150), like(3, 3_000, 70, 60, 30)] {
+    let likes = [like(1, 40, 16, 8, 150), like(2, 160, 26, 20, 150), like(3, 3_000, 70, 60, 30)];
+    for like in likes {
         let mut scene = Remote::new(session.scene(options(like.limit)), || ());
         check_scene(&mut scene, like);
     }
     let audit = eventually("scenes are audited", || {
+        // The auditor gives up a scene that is edited faster than it follows: then there is another one.
+        let mut scene = Remote::new(session.scene(options(likes[1].limit)), || ());
+        check_scene(&mut scene, likes[1]);
         let audit = session.daemon_status().unwrap().audit;
         (audit.frames > 100 && audit.pairs > 10_000).then_some(audit)
     });
