@@ -4,9 +4,6 @@ use super::word_budget::WordBudget;
 use super::{AvailableIsa, PairRules};
 use crate::mask::SparseMask;
 
-/// Words from one that is tested to one whose memory is asked for meanwhile.
-const AHEAD: usize = 16;
-
 /// What all tasks of a frame share.
 #[derive(Clone, Copy)]
 pub(crate) struct Gather<'a> {
@@ -33,19 +30,16 @@ impl Gather<'_> {
         if self.rules.pass_all() {
             return (bits.len(), 0);
         }
-        let (mut kept, mut gone) = (0, 0);
-        for at in 0..bits.len() {
-            if let Some(ahead) = bits.get(at + AHEAD) {
-                self.rules.ask_for(rows[at + AHEAD], blocks[at + AHEAD], *ahead);
-            }
-            let (row, block, before) = (rows[at], blocks[at], bits[at]);
-            let passing = self.rules.passing(row, block, before, self.order);
-            gone += u64::from((before ^ passing).count_ones());
-            (rows[kept], blocks[kept], bits[kept]) = (row, block, passing);
-            kept += usize::from(passing != 0);
-        }
+        let before = pair_count(bits);
+        let kept = self.rules.sift([rows, blocks, &mut *bits], self.order, self.isa);
+        let gone = before - pair_count(&bits[..kept]);
         (kept, gone)
     }
+}
+
+/// Pairs of words.
+fn pair_count(bits: &[u32]) -> u64 {
+    bits.iter().map(|bits| u64::from(bits.count_ones())).sum()
 }
 
 #[cfg(test)]

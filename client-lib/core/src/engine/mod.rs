@@ -50,7 +50,7 @@ pub use list::EngineName;
 pub(crate) use name::cpu_engines;
 pub use reply::{ReplyBuffer, ReserveError};
 pub use report::{CullReport, EngineTimes, PairSkips, SkipMeter, StageClock};
-pub(crate) use rules::{PairRules, PairTest};
+pub(crate) use rules::{PairRules, PairTest, sift_each};
 pub use scratch::RecentNeed;
 pub use sweep_and_prune::SweepAndPrune;
 

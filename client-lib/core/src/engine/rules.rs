@@ -1,17 +1,49 @@
 //! Which pairs count, beyond those whose boxes overlap.
 
+use super::AvailableIsa;
+
+/// Words from one that is tested to one whose memory is asked for meanwhile.
+const AHEAD: usize = 16;
+
 /// A test of pairs beyond that of their boxes.
 pub(crate) trait PairTest: Sync {
     /// The bits of a mask word whose pairs pass. `order` is the box index at each position, empty
     /// where positions are indices.
     fn passing(&self, row: u32, block: u32, bits: u32, order: &[u32]) -> u32;
 
-    /// Asks for the memory that [`Self::passing`] will read for a word.
-    fn ask_for(&self, _row: u32, _block: u32, _bits: u32) {}
+    /// Keeps what passes of some words: those without bits go, and the others close up. Returns how many
+    /// stay at the front.
+    fn sift(&self, words: [&mut [u32]; 3], order: &[u32], _isa: AvailableIsa) -> usize {
+        let passing = |row, block, bits| self.passing(row, block, bits, order);
+        sift_each(words, passing, |word| self.ask_for(word))
+    }
 
-    /// Hears the order before any word is tested, so that what the test reads may be laid out by
-    /// position. Engines with an order of their own for large scenes say it; `threads` is theirs.
-    fn prepare(&self, _order: &[u32], _threads: usize) {}
+    /// Asks for the memory that [`Self::passing`] will read for a row, a block and bits.
+    fn ask_for(&self, _word: [u32; 3]) {}
+
+    /// Hears how many boxes there are and their order, empty where positions are indices, before any word is
+    /// tested, so that what the test reads may be laid out by position. Engines say it for scenes that are
+    /// not small; `threads` is theirs.
+    fn prepare(&self, _count: usize, _order: &[u32], _threads: usize) {}
+}
+
+/// Sifts words one after the other; see [`PairTest::sift`].
+pub(crate) fn sift_each(
+    [rows, blocks, bits]: [&mut [u32]; 3],
+    passing: impl Fn(u32, u32, u32) -> u32,
+    ask_for: impl Fn([u32; 3]),
+) -> usize {
+    let mut kept = 0;
+    for at in 0..bits.len() {
+        if let Some(ahead) = bits.get(at + AHEAD) {
+            ask_for([rows[at + AHEAD], blocks[at + AHEAD], *ahead]);
+        }
+        let (row, block) = (rows[at], blocks[at]);
+        let passing = passing(row, block, bits[at]);
+        (rows[kept], blocks[kept], bits[kept]) = (row, block, passing);
+        kept += usize::from(passing != 0);
+    }
+    kept
 }
 
 /// What a pair must pass, beyond that its boxes overlap, to be in the mask. Engines hand the words
@@ -38,21 +70,19 @@ impl<'a> PairRules<'a> {
         test.is_none()
     }
 
-    /// Tells the test, if there is one, the order of the boxes.
-    pub fn prepare(&self, order: &[u32], threads: usize) {
+    /// Tells the test, if there is one, how many boxes there are and their order.
+    pub fn prepare(&self, count: usize, order: &[u32], threads: usize) {
         let Self { test } = self;
         if let Some(test) = test {
-            test.prepare(order, threads);
+            test.prepare(count, order, threads);
         }
     }
 
-    /// Asks for the memory that the test of a word will read.
-    #[inline]
-    pub fn ask_for(&self, row: u32, block: u32, bits: u32) {
+    /// Keeps what passes of some words; see [`PairTest::sift`].
+    pub fn sift(&self, words: [&mut [u32]; 3], order: &[u32], isa: AvailableIsa) -> usize {
         let Self { test } = self;
-        if let Some(test) = test {
-            test.ask_for(row, block, bits);
-        }
+        let all = words[2].len();
+        test.map_or(all, |test| test.sift(words, order, isa))
     }
 
     /// The bits of a mask word whose pairs pass. `order` is the box index at each position, empty

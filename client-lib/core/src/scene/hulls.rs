@@ -258,7 +258,7 @@ impl PairTest for Hulls<'_> {
     }
 
     #[inline]
-    fn ask_for(&self, row: u32, block: u32, bits: u32) {
+    fn ask_for(&self, [row, block, bits]: [u32; 3]) {
         if let Some(cores) = self.cores.get() {
             ask_for(cores, row);
             // Two cores share a line, and those of a word are near each other.
@@ -267,7 +267,7 @@ impl PairTest for Hulls<'_> {
         }
     }
 
-    fn prepare(&self, order: &[u32], threads: usize) {
+    fn prepare(&self, _: usize, order: &[u32], threads: usize) {
         if order.len() <= FEW_BOXES {
             return;
         }

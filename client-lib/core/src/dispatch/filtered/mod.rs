@@ -3,17 +3,21 @@
 //! ```text
 //! look     one pass over the tags: what there is to test at all        (look)
 //! worlds   several worlds: boxes by world, each culled by itself       (groups, worlds)
-//! test     else one frame, whose engine hands its words to the test    (test)
+//! test     else one frame, whose engine hands its words to the test    (test, kinds, laid, sift_avx512)
 //! ```
 
 mod groups;
+mod kinds;
+mod laid;
 mod look;
+#[cfg(target_arch = "x86_64")]
+mod sift_avx512;
 mod test;
 #[cfg(test)]
 mod tests;
 mod worlds;
 
-pub(super) use self::test::Laid;
+pub(super) use self::laid::Laid;
 pub use self::worlds::WorldRange;
 pub(super) use self::worlds::Worlds;
 

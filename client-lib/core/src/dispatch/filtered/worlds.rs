@@ -5,8 +5,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 use super::groups::{Group, Groups};
+use super::laid::Laid;
 use super::look::Look;
-use super::test::{FilterTest, Indices, Laid};
+use super::test::{FilterTest, Indices};
 use crate::aabb::Aabb;
 use crate::dispatch::boxes::{BOX_BYTES, WORD_BYTES, threads_for};
 use crate::dispatch::{CpuEngines, CullAnswer, CullOptions, StageTimes, nanoseconds_since};

@@ -237,6 +237,7 @@ impl Engine for BruteForce {
             dispatch::build(&mut self.bitmaps, &self.columns.words(), boxes.len(), self.isa);
         }
         self.assign(input.threads);
+        input.rules.prepare(boxes.len(), &[], input.threads);
         clock.ingested();
         let published = self.publish(gather, input.encoding, &mut clock, reply);
         let shape = published.inspect_err(|_| self.tasks.iter_mut().for_each(Task::give_back))?;

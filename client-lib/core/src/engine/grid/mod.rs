@@ -145,7 +145,7 @@ impl Engine for Grid {
 
         self.assign(threads);
         let (order, isa) = (self.sorted.boxes.order(), self.isa);
-        input.rules.prepare(order, threads);
+        input.rules.prepare(boxes.len(), order, threads);
         let gather = &Gather { budget, rules: input.rules, order, isa };
         let levels = &self.layout.levels;
         let scene = Scene { sorted: &self.sorted, levels, gather };

@@ -152,7 +152,9 @@ impl Engine for SweepAndPrune {
 
         self.assign(solid, threads);
         let (ordered, isa, parts) = (&self.boxes, self.isa, self.tasks.len());
-        let gather = Gather { budget, rules: input.rules, order: ordered.order(), isa };
+        let order = ordered.order();
+        input.rules.prepare(boxes.len(), order, threads);
+        let gather = Gather { budget, rules: input.rules, order, isa };
         let run = |tasks: &mut [SweepTask]| {
             for task in tasks {
                 task.run(ordered, &gather, axis, solid as u32);

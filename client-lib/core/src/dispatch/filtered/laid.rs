@@ -1,0 +1,206 @@
+//! The tags of a frame, laid out by the engine's position, so that a word's test reads few lines.
+
+// `&` and `|`: a branch costs more than the second operand.
+#![allow(clippy::needless_bitwise_bool)]
+
+use super::kinds::{Kinds, MOST_KINDS};
+#[cfg(target_arch = "x86_64")]
+use super::sift_avx512;
+#[cfg(target_arch = "x86_64")]
+use crate::engine::Isa;
+use crate::engine::strips::{in_parts, part_count};
+use crate::engine::{AvailableIsa, sift_each};
+use crate::filters::{Owner, Rules, Tag, World};
+
+/// Boxes of a task that lays tags out, at least. A whole number of blocks.
+const TASK_BOXES: usize = 8_192;
+/// Columns of a block.
+pub const BLOCK: usize = 32;
+/// Kinds behind the last, so that the kind of each position can be read as the lowest of four bytes.
+const KINDS_BEHIND: usize = 3;
+
+/// What parts boxes beside their kinds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ByPair {
+    /// Boxes have owners.
+    pub owners: bool,
+    /// Boxes are of several worlds.
+    pub worlds: bool,
+}
+
+/// The tags of a frame by the engine's position.
+#[derive(Debug, Default)]
+pub struct Laid {
+    by_pair: ByPair,
+    /// Owners, where they matter: whole blocks.
+    owners: Vec<u32>,
+    /// Worlds, where they matter: whole blocks.
+    worlds: Vec<i32>,
+    /// The kind of each box, by index among those that are culled.
+    kind_of: Vec<u8>,
+    /// The same by position, and [`KINDS_BEHIND`] more.
+    kinds: Vec<u8>,
+    kind_count: usize,
+    /// For each block of columns and each kind, the columns that the kind meets.
+    columns: Vec<u32>,
+}
+
+impl Laid {
+    /// Bytes that are allocated.
+    pub fn allocated_bytes(&self) -> usize {
+        (self.owners.capacity() + self.worlds.capacity() + self.columns.capacity())
+            * size_of::<u32>()
+            + self.kind_of.capacity()
+            + self.kinds.capacity()
+    }
+
+    /// Lays out the tags of `count` boxes; `tag` gives that of a culled box, and `order` the culled box at
+    /// each position, or is empty where they are the same. `false` where there are too many kinds.
+    pub fn lay_out(
+        &mut self,
+        (rules, by_pair): (&Rules, ByPair),
+        count: usize,
+        order: &[u32],
+        tag: impl Fn(u32) -> Tag + Sync,
+        threads: usize,
+    ) -> bool {
+        let tags = (0..count as u32).map(&tag);
+        let Some(kinds) = Kinds::of(rules, tags, &mut self.kind_of) else { return false };
+        let meets = kinds.meets(rules);
+        let blocks = count.div_ceil(BLOCK);
+        self.by_pair = by_pair;
+        self.kind_count = meets.len();
+        self.kinds.resize(count + KINDS_BEHIND, 0);
+        self.columns.resize(blocks * meets.len(), 0);
+        self.owners.resize(if by_pair.owners { blocks * BLOCK } else { 0 }, 0);
+        self.worlds.resize(if by_pair.worlds { blocks * BLOCK } else { 0 }, 0);
+
+        let parts = part_count(count, TASK_BOXES, threads);
+        let step = count.div_ceil(parts.max(1)).next_multiple_of(BLOCK).max(BLOCK);
+        let (mut owners, mut worlds) = (self.owners.chunks_mut(step), self.worlds.chunks_mut(step));
+        let columns = self.columns.chunks_mut((step / BLOCK * meets.len()).max(1));
+        let kinds = self.kinds[..count].chunks_mut(step);
+        let mut work: Vec<Part<'_>> = (0..)
+            .step_by(step)
+            .zip(kinds.zip(columns))
+            .map(|(first, (kinds, columns))| Part {
+                first,
+                kinds,
+                columns,
+                owners: owners.next().unwrap_or_default(),
+                worlds: worlds.next().unwrap_or_default(),
+            })
+            .collect();
+        let culled = |position: usize| order.get(position).map_or(position as u32, |index| *index);
+        let kind_of = self.kind_of.as_slice();
+        let run = |work: &mut [Part<'_>]| {
+            for part in work {
+                part.lay_out(|at| kind_of[culled(at) as usize], &meets, |at| tag(culled(at)));
+            }
+        };
+        in_parts(work.as_mut_slice(), parts, &run, &|(), ()| ());
+        true
+    }
+
+    /// The bits of a word whose pairs pass, of boxes that are on no list.
+    #[inline]
+    pub fn passing(&self, row: u32, block: u32, bits: u32) -> u32 {
+        let kind = usize::from(self.kinds[row as usize]);
+        let bits = bits & self.columns[block as usize * self.kind_count + kind];
+        if bits == 0 || self.by_pair == ByPair::default() {
+            return bits;
+        }
+        let first = BLOCK * block as usize;
+        let (owners, worlds) = (self.owners.get(first..), self.worlds.get(first..));
+        let of_row = |of: &[u32]| of.get(row as usize).copied().unwrap_or_default();
+        let owner = of_row(&self.owners);
+        let world = self.worlds.get(row as usize).copied().unwrap_or_default();
+        let (mut passing, mut rest) = (bits, bits);
+        while rest != 0 {
+            let column = rest.trailing_zeros() as usize;
+            let other = owners.and_then(|owners| owners.get(column)).copied().unwrap_or_default();
+            let its = worlds.and_then(|worlds| worlds.get(column)).copied().unwrap_or(world);
+            // No branch: which pairs pass is as good as random.
+            let is_of_one = (owner == other) & (owner != Owner::NONE.0);
+            let worlds_meet = (world == its) | (world == World::ALL.0) | (its == World::ALL.0);
+            passing ^= u32::from(is_of_one | !worlds_meet) << column;
+            rest &= rest - 1;
+        }
+        passing
+    }
+
+    /// Keeps what passes of some words, of boxes that are on no list; see
+    /// [`PairTest::sift`](crate::engine::PairTest::sift).
+    pub fn sift(&self, words: [&mut [u32]; 3], isa: AvailableIsa) -> usize {
+        #[cfg(target_arch = "x86_64")]
+        if isa.get() == Isa::Avx512 && sift_avx512::takes(self) {
+            return sift_avx512::sift(self, words, isa);
+        }
+        let _ = isa;
+        sift_each(words, |row, block, bits| self.passing(row, block, bits), |_| ())
+    }
+
+    /// For the kernel: the kinds by position, and three bytes behind them.
+    pub fn kinds(&self) -> &[u8] {
+        &self.kinds
+    }
+
+    /// For the kernel: columns that kinds meet, by block and kind, and how many kinds there are.
+    pub fn columns(&self) -> (&[u32], usize) {
+        (&self.columns, self.kind_count)
+    }
+
+    /// For the kernel: owners by position, or none where they do not matter.
+    pub fn owners(&self) -> &[u32] {
+        &self.owners
+    }
+
+    /// For the kernel: worlds by position, or none where they do not matter.
+    pub fn worlds(&self) -> &[i32] {
+        &self.worlds
+    }
+}
+
+/// Some positions of an order, and what is laid out for them.
+struct Part<'a> {
+    first: usize,
+    kinds: &'a mut [u8],
+    columns: &'a mut [u32],
+    owners: &'a mut [u32],
+    worlds: &'a mut [i32],
+}
+
+impl Part<'_> {
+    /// `meets` has the kinds that each kind meets.
+    fn lay_out(&mut self, kind: impl Fn(usize) -> u8, meets: &[u32], tag: impl Fn(usize) -> Tag) {
+        for (at, laid) in (self.first..).zip(&mut *self.kinds) {
+            *laid = kind(at);
+        }
+        // The last block's boxes that are none have no bits.
+        let end = self.first + self.kinds.len();
+        for (at, laid) in (self.first..end).zip(&mut *self.owners) {
+            *laid = tag(at).owner.0;
+        }
+        for (at, laid) in (self.first..end).zip(&mut *self.worlds) {
+            *laid = tag(at).world.0;
+        }
+        let blocks = self.columns.chunks_exact_mut(meets.len());
+        for (columns, kinds) in blocks.zip(self.kinds.chunks(BLOCK)) {
+            let mut of_kind = [0; MOST_KINDS];
+            for (column, kind) in kinds.iter().enumerate() {
+                of_kind[usize::from(*kind)] |= 1 << column;
+            }
+            for (columns, meets) in columns.iter_mut().zip(meets) {
+                let bits = (0..).zip(&of_kind[..meets_len(*meets)]);
+                *columns = bits.fold(0, |sum, (bit, of_kind): (u32, &u32)| {
+                    sum | (of_kind & 0u32.wrapping_sub(meets >> bit & 1))
+                });
+            }
+        }
+    }
+}
+
+/// Kinds up to the last that is met.
+const fn meets_len(meets: u32) -> usize {
+    (u32::BITS - meets.leading_zeros()) as usize
+}
