@@ -26,20 +26,9 @@ impl Gather<'_> {
 
     /// Keeps what passes the rules of some words, if there are any: those without bits go, and the
     /// others close up. Returns how many words stay at the front, and how many pairs went.
-    pub fn sift(&self, [rows, blocks, bits]: [&mut [u32]; 3]) -> (usize, u64) {
-        if self.rules.pass_all() {
-            return (bits.len(), 0);
-        }
-        let before = pair_count(bits);
-        let kept = self.rules.sift([rows, blocks, &mut *bits], self.order, self.isa);
-        let gone = before - pair_count(&bits[..kept]);
-        (kept, gone)
+    pub fn sift(&self, words: [&mut [u32]; 3]) -> (usize, u64) {
+        self.rules.sift(words, self.order, self.isa)
     }
-}
-
-/// Pairs of words.
-fn pair_count(bits: &[u32]) -> u64 {
-    bits.iter().map(|bits| u64::from(bits.count_ones())).sum()
 }
 
 #[cfg(test)]

@@ -12,8 +12,8 @@ pub(crate) trait PairTest: Sync {
     fn passing(&self, row: u32, block: u32, bits: u32, order: &[u32]) -> u32;
 
     /// Keeps what passes of some words: those without bits go, and the others close up. Returns how many
-    /// stay at the front.
-    fn sift(&self, words: [&mut [u32]; 3], order: &[u32], _isa: AvailableIsa) -> usize {
+    /// stay at the front, and how many pairs went.
+    fn sift(&self, words: [&mut [u32]; 3], order: &[u32], _isa: AvailableIsa) -> (usize, u64) {
         let passing = |row, block, bits| self.passing(row, block, bits, order);
         sift_each(words, passing, |word| self.ask_for(word))
     }
@@ -32,18 +32,20 @@ pub(crate) fn sift_each(
     [rows, blocks, bits]: [&mut [u32]; 3],
     passing: impl Fn(u32, u32, u32) -> u32,
     ask_for: impl Fn([u32; 3]),
-) -> usize {
-    let mut kept = 0;
+) -> (usize, u64) {
+    let (mut kept, mut gone) = (0, 0);
     for at in 0..bits.len() {
         if let Some(ahead) = bits.get(at + AHEAD) {
             ask_for([rows[at + AHEAD], blocks[at + AHEAD], *ahead]);
         }
         let (row, block) = (rows[at], blocks[at]);
-        let passing = passing(row, block, bits[at]);
+        let before = bits[at];
+        let passing = passing(row, block, before);
+        gone += u64::from((before ^ passing).count_ones());
         (rows[kept], blocks[kept], bits[kept]) = (row, block, passing);
         kept += usize::from(passing != 0);
     }
-    kept
+    (kept, gone)
 }
 
 /// What a pair must pass, beyond that its boxes overlap, to be in the mask. Engines hand the words
@@ -79,10 +81,10 @@ impl<'a> PairRules<'a> {
     }
 
     /// Keeps what passes of some words; see [`PairTest::sift`].
-    pub fn sift(&self, words: [&mut [u32]; 3], order: &[u32], isa: AvailableIsa) -> usize {
+    pub fn sift(&self, words: [&mut [u32]; 3], order: &[u32], isa: AvailableIsa) -> (usize, u64) {
         let Self { test } = self;
         let all = words[2].len();
-        test.map_or(all, |test| test.sift(words, order, isa))
+        test.map_or((all, 0), |test| test.sift(words, order, isa))
     }
 
     /// The bits of a mask word whose pairs pass. `order` is the box index at each position, empty

@@ -131,7 +131,7 @@ impl Laid {
 
     /// Keeps what passes of some words, of boxes that are on no list; see
     /// [`PairTest::sift`](crate::engine::PairTest::sift).
-    pub fn sift(&self, words: [&mut [u32]; 3], isa: AvailableIsa) -> usize {
+    pub fn sift(&self, words: [&mut [u32]; 3], isa: AvailableIsa) -> (usize, u64) {
         #[cfg(target_arch = "x86_64")]
         if isa.get() == Isa::Avx512 && sift_avx512::takes(self) {
             return sift_avx512::sift(self, words, isa);

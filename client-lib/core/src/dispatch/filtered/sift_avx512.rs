@@ -18,18 +18,28 @@ pub(super) fn takes(laid: &Laid) -> bool {
 }
 
 /// As [`Laid::sift`].
-pub(super) fn sift(laid: &Laid, words: [&mut [u32]; 3], isa: AvailableIsa) -> usize {
+pub(super) fn sift(laid: &Laid, words: [&mut [u32]; 3], isa: AvailableIsa) -> (usize, u64) {
     assert_eq!(isa.get(), Isa::Avx512);
-    let [rows, blocks, bits] = words;
-    let words = [&mut *rows, &mut *blocks, &mut *bits];
     // SAFETY: an `AvailableIsa` of AVX-512 exists only where the CPU reported these features.
-    let kept = unsafe { sift_kinds(laid, words) };
-    let words = [&mut rows[..kept], &mut blocks[..kept], &mut bits[..kept]];
-    if laid.owners().is_empty() && laid.worlds().is_empty() {
-        return kept;
+    unsafe { sift_both(laid, words) }
+}
+
+#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,popcnt,bmi1,bmi2")]
+fn sift_both(laid: &Laid, [rows, blocks, bits]: [&mut [u32]; 3]) -> (usize, u64) {
+    let before = pair_count(bits);
+    let mut kept = sift_kinds(laid, [&mut *rows, &mut *blocks, &mut *bits]);
+    if !(laid.owners().is_empty() && laid.worlds().is_empty()) {
+        kept = sift_pairs(laid, [&mut rows[..kept], &mut blocks[..kept], &mut bits[..kept]]);
     }
-    // SAFETY: as above.
-    unsafe { sift_pairs(laid, words) }
+    (kept, before - pair_count(&bits[..kept]))
+}
+
+/// Bits of words.
+#[target_feature(enable = "popcnt")]
+fn pair_count(words: &[u32]) -> u64 {
+    let (twos, rest) = words.as_chunks::<2>();
+    let twos = twos.iter().map(|[a, b]| u64::from(*a) | u64::from(*b) << 32);
+    twos.chain(rest.iter().map(|word| u64::from(*word))).map(|w| u64::from(w.count_ones())).sum()
 }
 
 /// Keeps the columns that the row's kind meets.

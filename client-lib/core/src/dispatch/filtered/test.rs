@@ -103,7 +103,7 @@ impl PairTest for FilterTest<'_> {
         laid.passing(row, block, bits)
     }
 
-    fn sift(&self, words: [&mut [u32]; 3], order: &[u32], isa: AvailableIsa) -> usize {
+    fn sift(&self, words: [&mut [u32]; 3], order: &[u32], isa: AvailableIsa) -> (usize, u64) {
         match self.laid.get() {
             Some(laid) if self.rules.lists.is_empty() => laid.sift(words, isa),
             _ => {
