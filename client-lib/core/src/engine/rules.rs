@@ -49,7 +49,7 @@ pub(crate) fn sift_each(
 }
 
 /// What a pair must pass, beyond that its boxes overlap, to be in the mask. Engines hand the words
-/// that they find to [`PairRules::passing`], some thousand at a time, by way of `Gather`.
+/// that they find to [`PairRules::sift`], some thousand at a time, by way of `Gather`.
 #[derive(Clone, Copy)]
 pub(crate) struct PairRules<'a> {
     /// A test of each pair.
@@ -85,13 +85,5 @@ impl<'a> PairRules<'a> {
         let Self { test } = self;
         let all = words[2].len();
         test.map_or((all, 0), |test| test.sift(words, order, isa))
-    }
-
-    /// The bits of a mask word whose pairs pass. `order` is the box index at each position, empty
-    /// where positions are indices.
-    #[inline]
-    pub fn passing(&self, row: u32, block: u32, bits: u32, order: &[u32]) -> u32 {
-        let Self { test } = self;
-        test.map_or(bits, |test| bits & test.passing(row, block, bits, order))
     }
 }

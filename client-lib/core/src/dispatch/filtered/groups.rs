@@ -34,11 +34,13 @@ impl Groups {
         };
         self.worlds.clear();
         self.members.clear();
-        self.members.resize(n, 0);
-        if width <= COUNTED_SPAN * n {
+        if (0..n as u32).is_sorted_by_key(place) {
+            self.members.extend(0..n as u32);
+        } else if width <= COUNTED_SPAN * n {
+            self.members.resize(n, 0);
             self.sort_by_counting(n, width, place);
         } else {
-            (0..).zip(&mut self.members).for_each(|(index, member)| *member = index);
+            self.members.extend(0..n as u32);
             self.members.sort_by_key(|index| place(*index));
         }
         let mut start = 0;
@@ -77,6 +79,12 @@ impl Groups {
     /// The boxes of a world, by rising index.
     pub fn members(&self, group: &Group) -> &[u32] {
         &self.members[group.members.clone()]
+    }
+
+    /// The boxes of a world, and those of all worlds that meet them.
+    pub fn boxes_of(&self, group: &Group) -> (&[u32], &[u32]) {
+        let of_all = if group.world == World::ALL { &[] } else { self.of_all() };
+        (self.members(group), of_all)
     }
 
     /// The boxes of all worlds.

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! look     one pass over the tags: what there is to test at all        (look)
-//! worlds   several worlds: boxes by world, each culled by itself       (groups, worlds)
+//! worlds   several worlds: boxes by world, each culled by itself       (groups, worlds, small)
 //! test     else one frame, whose engine hands its words to the test    (test, kinds, laid, sift_avx512)
 //! ```
 
@@ -12,6 +12,7 @@ mod laid;
 mod look;
 #[cfg(target_arch = "x86_64")]
 mod sift_avx512;
+mod small;
 mod test;
 #[cfg(test)]
 mod tests;

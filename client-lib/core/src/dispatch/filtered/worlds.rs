@@ -7,22 +7,21 @@ use std::time::Instant;
 use super::groups::{Group, Groups};
 use super::laid::Laid;
 use super::look::Look;
+use super::small::{BATCH_BOXES, SMALL_BOXES, SmallWorlds};
 use super::test::{FilterTest, Indices};
 use crate::aabb::Aabb;
 use crate::dispatch::boxes::{BOX_BYTES, WORD_BYTES, threads_for};
 use crate::dispatch::{CpuEngines, CullAnswer, CullOptions, StageTimes, nanoseconds_since};
 use crate::engine::strips::{in_parts, part_count};
 use crate::engine::{
-    AvailableIsa, BruteForce, Census, CullError, CullInput, CullReport, Engine, EngineChoice,
-    EngineName, EngineTimes, HeapReply, PairRules, ReplyBuffer, ReserveError, counted, cpu_engines,
+    AvailableIsa, Census, CullError, CullInput, CullReport, Engine, EngineChoice, EngineName,
+    EngineTimes, HeapReply, PairRules, ReplyBuffer, ReserveError, counted, cpu_engines,
 };
 use crate::filters::{Rules, World};
 use crate::mask::{Encoding, MaskShape, MaskView};
 use crate::precision::BoxSlice;
 use crate::units::BoxCount;
 
-/// Boxes of a world up to which all pairs are tested: to sort them takes longer.
-const ALL_PAIRS_BOXES: usize = 512;
 /// Boxes of a task, at least: some 10 µs.
 const TASK_BOXES: usize = 1_024;
 /// Boxes of a world from which several threads may cull it.
@@ -58,8 +57,8 @@ pub struct Worlds {
 
 /// Some worlds in a row, and what one thread culls them with.
 struct Task {
-    /// For small worlds, whose words need no mask.
-    few: BruteForce,
+    isa: AvailableIsa,
+    small: SmallWorlds,
     engines: [Box<dyn Engine>; EngineName::CPU.len()],
     reply: HeapReply,
     limit_bytes: u64,
@@ -251,7 +250,7 @@ impl Worlds {
 fn engine_of(choice: EngineChoice, n: usize) -> EngineName {
     match choice {
         EngineChoice::Only(engine) => engine,
-        EngineChoice::Auto if n <= ALL_PAIRS_BOXES => EngineName::CpuBrute,
+        EngineChoice::Auto if n <= SMALL_BOXES => EngineName::CpuBrute,
         EngineChoice::Auto => EngineName::CpuGrid,
     }
 }
@@ -264,7 +263,8 @@ fn place(engine: EngineName) -> usize {
 impl Task {
     fn on(isa: AvailableIsa) -> Self {
         Self {
-            few: BruteForce::on(isa),
+            isa,
+            small: SmallWorlds::default(),
             engines: cpu_engines(isa),
             reply: HeapReply::new(),
             limit_bytes: u64::MAX,
@@ -280,7 +280,7 @@ impl Task {
 
     fn allocated_bytes(&self) -> usize {
         self.engines.iter().map(|engine| engine.scratch_bytes()).sum::<usize>()
-            + self.few.scratch_bytes()
+            + self.small.allocated_bytes()
             + self.reply.allocated_bytes()
             + self.boxes.capacity() * size_of::<Aabb>()
             + self.laid.allocated_bytes()
@@ -297,12 +297,25 @@ impl Task {
         self.pairs.clear();
         self.counts.clear();
         (self.compared, self.census) = (0, Census::default());
-        for group in &scene.groups.groups()[self.groups.clone()] {
+        let mut groups = &scene.groups.groups()[self.groups.clone()];
+        while let Some((group, after)) = groups.split_first() {
             let before = self.pairs.len();
-            self.cull(group, scene)?;
-            let count = self.pairs.len() - before;
-            self.counts.push(count);
-            let found = scene.found.fetch_add(count as u64, Ordering::Relaxed) + count as u64;
+            self.small.clear();
+            while let Some((group, after)) = groups.split_first()
+                && self.small.len() < BATCH_BOXES
+                && self.add_small(group, scene)
+            {
+                groups = after;
+            }
+            if self.small.len() > 0 {
+                self.cull_small(scene)?;
+            } else {
+                self.cull(group, scene)?;
+                self.counts.push(self.pairs.len() - before);
+                groups = after;
+            }
+            let count = (self.pairs.len() - before) as u64;
+            let found = scene.found.fetch_add(count, Ordering::Relaxed) + count;
             let words = found.saturating_mul(PAIR_WORDS);
             if words > scene.limit_words {
                 let at_least_bytes = words.saturating_mul(size_of::<u32>() as u64);
@@ -312,10 +325,30 @@ impl Task {
         Ok(())
     }
 
-    /// Adds the pairs of a world.
+    /// Adds a world to the batch of small ones, if it is one.
+    fn add_small(&mut self, group: &Group, scene: Scene<'_>) -> bool {
+        let (own, of_all) = scene.groups.boxes_of(group);
+        let n = own.len() + of_all.len();
+        let is_small = n <= SMALL_BOXES && engine_of(scene.choice, n) == EngineName::CpuBrute;
+        if is_small {
+            self.small.add(own, of_all);
+        }
+        is_small
+    }
+
+    /// Adds the pairs of the batch of small worlds.
+    fn cull_small(&mut self, scene: Scene<'_>) -> Result<(), CullError> {
+        let rules = (!scene.look.world_mates_meet).then_some((scene.rules, scene.look));
+        let found = (&mut self.pairs, &mut self.counts, &mut self.laid);
+        let (census, compared) = self.small.cull(scene.boxes, rules, self.isa, found)?;
+        self.census = self.census.then(&census);
+        self.compared += compared;
+        Ok(())
+    }
+
+    /// Adds the pairs of a world that is not small.
     fn cull(&mut self, group: &Group, scene: Scene<'_>) -> Result<(), CullError> {
-        let own = scene.groups.members(group);
-        let of_all = if group.world == World::ALL { &[] } else { scene.groups.of_all() };
+        let (own, of_all) = scene.groups.boxes_of(group);
         let (first, n) = (own[0] as usize, own.len() + of_all.len());
         let is_run = of_all.is_empty() && own[own.len() - 1] as usize - first + 1 == own.len();
         let boxes = if is_run {
@@ -335,26 +368,6 @@ impl Task {
             PairRules::tested_by(&test)
         };
         let engine = engine_of(scene.choice, n);
-        if engine == EngineName::CpuBrute && n <= ALL_PAIRS_BOXES {
-            let found = &mut self.pairs;
-            let (census, compared) = self.few.each_word(boxes, rules, |row, block, bits| {
-                let mut rest = bits;
-                while rest != 0 {
-                    let [a, b] = [row, 32 * block + rest.trailing_zeros()];
-                    found.push(if is_run {
-                        [first as u32 + a, first as u32 + b]
-                    } else {
-                        let [a, b] = [indices.global(a), indices.global(b)];
-                        [a.min(b), a.max(b)]
-                    });
-                    rest &= rest - 1;
-                }
-            });
-            self.laid = test.into_memory();
-            self.compared += compared;
-            self.census = self.census.then(&census);
-            return Ok(());
-        }
         let is_shared = n >= SHARED_BOXES && n > scene.boxes.len() / (2 * scene.threads);
         let input = CullInput::boxes(boxes)
             .encoding(Encoding::List)

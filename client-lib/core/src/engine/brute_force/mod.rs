@@ -41,13 +41,12 @@ mod words;
 use self::bitmaps::Bitmaps;
 use self::search::Scene;
 use self::task::Task;
-use crate::aabb::Aabb;
 use crate::engine::encode::{self, DenseRows};
 use crate::engine::gather::Gather;
 use crate::engine::word_budget::WordBudget;
 use crate::engine::{
-    AvailableIsa, Census, CpuEngine, CullError, CullInput, CullReport, Engine, EngineDescriptor,
-    EngineName, EnginePlace, Isa, KeyColumns, PairRules, ReplyBuffer, StageClock, available,
+    AvailableIsa, CpuEngine, CullError, CullInput, CullReport, Engine, EngineDescriptor,
+    EngineName, EnginePlace, Isa, KeyColumns, ReplyBuffer, StageClock, available,
 };
 use crate::mask::{Encoding, MaskShape};
 use crate::precision::BoxForm;
@@ -111,34 +110,8 @@ impl BruteForce {
     }
 
     /// The engine with one instruction set that this machine has.
-    pub(crate) fn on(isa: AvailableIsa) -> Self {
+    fn on(isa: AvailableIsa) -> Self {
         Self { isa, columns: KeyColumns::default(), bitmaps: Bitmaps::default(), tasks: Vec::new() }
-    }
-
-    /// Gives `take` the row, block and bits of each word of a scene so small that its words need no mask,
-    /// on one thread, and says how many pairs were compared.
-    pub(crate) fn each_word(
-        &mut self,
-        boxes: &[Aabb],
-        rules: PairRules<'_>,
-        mut take: impl FnMut(u32, u32, u32),
-    ) -> (Census, u64) {
-        let census = self.columns.ingest(boxes, self.isa);
-        let has_bitmaps = boxes.len() >= BITMAP_BOXES;
-        if has_bitmaps {
-            dispatch::build(&mut self.bitmaps, &self.columns.words(), boxes.len(), self.isa);
-        }
-        let bitmaps = has_bitmaps.then_some(&self.bitmaps);
-        let scene = Scene { columns: self.columns.words(), n: boxes.len(), bitmaps };
-        self.tasks.resize_with(1, Task::default);
-        let task = &mut self.tasks[0];
-        task.assign(0..boxes.len());
-        task.find(&scene, self.isa);
-        let [rows, blocks, bits] = task.found().arrays();
-        for ((row, block), bits) in rows.iter().zip(blocks).zip(bits) {
-            take(*row, *block, rules.passing(*row, *block, *bits, &[]));
-        }
-        (census, task.compared)
     }
 
     /// The engine with one instruction set, for tests and measurements.

@@ -51,12 +51,6 @@ impl Task {
         &self.found
     }
 
-    /// Finds the words of all rows of a small scene.
-    pub fn find(&mut self, scene: &Scene<'_>, isa: AvailableIsa) {
-        let rows = self.rows.clone();
-        self.compared = dispatch::find(scene, rows, &mut self.candidates, &mut self.found, isa);
-    }
-
     /// Finds the words of all rows and keeps them, until the budget is spent.
     pub fn run(&mut self, scene: &Scene<'_>, gather: &Gather<'_>, isa: AvailableIsa) {
         for rows in batches(self.rows.clone()) {
