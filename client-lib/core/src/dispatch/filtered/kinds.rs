@@ -1,45 +1,65 @@
 //! The kinds of a frame's boxes, and which of them meet.
 
+use crate::engine::strips::{in_parts, part_count};
 use crate::filters::{FilterId, Rules, Tag};
 
 /// Kinds up to which each block of columns has a word a kind: those of its columns that the kind meets.
 /// Memory is as much as a bit a box and kind.
 pub const MOST_KINDS: usize = 32;
 
+/// Boxes of a task that looks for their kinds, at least: some 10 µs.
+const TASK_BOXES: usize = 8_192;
+
 /// The kinds of a frame's boxes: a filter, and whether the box is static.
-pub struct Kinds {
-    /// The kinds by rising number.
-    kinds: Vec<(FilterId, bool)>,
-    /// The kind of each filter, of boxes that are not static and of those that are.
-    by_filter: Vec<[Option<u8>; 2]>,
-}
+pub struct Kinds(Vec<(FilterId, bool)>);
 
 impl Kinds {
-    /// The kinds of some tags, and that of each tag. `None` where there are too many.
+    /// The kinds of `count` tags, and that of each tag. `None` where there are too many.
     pub fn of(
         rules: &Rules,
-        tags: impl Iterator<Item = Tag>,
+        count: usize,
+        tag: impl Fn(u32) -> Tag + Sync,
         kind_of: &mut Vec<u8>,
+        threads: usize,
     ) -> Option<Self> {
         // Filters that are not in the table are one more kind: all of them meet everything.
         let beyond = rules.table.filters().len();
-        let mut all = Self { kinds: Vec::new(), by_filter: vec![[None; 2]; beyond + 1] };
-        kind_of.clear();
-        for tag in tags {
-            let at = usize::from(tag.filter.0).min(beyond);
-            let kind = match all.by_filter[at][usize::from(tag.is_static())] {
-                Some(kind) => kind,
-                None if all.kinds.len() == MOST_KINDS => return None,
-                None => {
-                    let kind = all.kinds.len() as u8;
-                    all.kinds.push((tag.filter, tag.is_static()));
-                    all.by_filter[at][usize::from(tag.is_static())] = Some(kind);
-                    kind
-                }
-            };
-            kind_of.push(kind);
+        let place =
+            |tag: Tag| 2 * usize::from(tag.filter.0).min(beyond) + usize::from(tag.is_static());
+        let parts = part_count(count, TASK_BOXES, threads);
+        kind_of.resize(count, 0);
+        let step = count.div_ceil(parts).max(1);
+        let mut work: Vec<(u32, &mut [u8])> =
+            (0..).step_by(step).zip(kind_of.chunks_mut(step)).collect();
+
+        let look = |work: &mut [(u32, &mut [u8])]| {
+            let mut seen = vec![false; 2 * (beyond + 1)];
+            for (first, kinds) in work {
+                (*first..).zip(&**kinds).for_each(|(index, _)| seen[place(tag(index))] = true);
+            }
+            seen
+        };
+        let join = |mut all: Vec<bool>, more: Vec<bool>| {
+            all.iter_mut().zip(more).for_each(|(seen, more)| *seen |= more);
+            all
+        };
+        let seen = in_parts(work.as_mut_slice(), parts, &look, &join);
+        let places: Vec<usize> = (0..seen.len()).filter(|place| seen[*place]).collect();
+        if places.len() > MOST_KINDS {
+            return None;
         }
-        Some(all)
+        let mut kinds = vec![0; seen.len()];
+        for (kind, place) in (0..).zip(&places) {
+            kinds[*place] = kind;
+        }
+        let tell = |work: &mut [(u32, &mut [u8])]| {
+            for (first, of) in work {
+                (*first..).zip(&mut **of).for_each(|(index, of)| *of = kinds[place(tag(index))]);
+            }
+        };
+        in_parts(work.as_mut_slice(), parts, &tell, &|(), ()| ());
+        let kind = |place: &usize| (FilterId((place / 2) as u16), place % 2 == 1);
+        Some(Self(places.iter().map(kind).collect()))
     }
 
     /// For each kind, a bit for each that it meets.
@@ -49,9 +69,9 @@ impl Kinds {
             rules.table.meet(a.0, b.0) && !(is_static(a) && is_static(b))
         };
         let row = |a: &(FilterId, bool)| {
-            let bits = (0..).zip(&self.kinds);
+            let bits = (0..).zip(&self.0);
             bits.fold(0, |row, (bit, b)| row | u32::from(meet(*a, *b)) << bit)
         };
-        self.kinds.iter().map(row).collect()
+        self.0.iter().map(row).collect()
     }
 }

@@ -64,8 +64,9 @@ impl Laid {
         tag: impl Fn(u32) -> Tag + Sync,
         threads: usize,
     ) -> bool {
-        let tags = (0..count as u32).map(&tag);
-        let Some(kinds) = Kinds::of(rules, tags, &mut self.kind_of) else { return false };
+        let Some(kinds) = Kinds::of(rules, count, &tag, &mut self.kind_of, threads) else {
+            return false;
+        };
         let meets = kinds.meets(rules);
         let blocks = count.div_ceil(BLOCK);
         self.by_pair = by_pair;
@@ -203,4 +204,113 @@ impl Part<'_> {
 /// Kinds up to the last that is met.
 const fn meets_len(meets: u32) -> usize {
     (u32::BITS - meets.leading_zeros()) as usize
+}
+
+#[cfg(test)]
+mod tests {
+    // Rules are filled as users fill them.
+    #![allow(clippy::field_reassign_with_default)]
+
+    use super::*;
+    use crate::engine::Isa;
+    use crate::filters::{Filter, FilterId, FilterTable};
+
+    /// A small generator: xorshift.
+    struct Random(u64);
+
+    impl Random {
+        fn below(&mut self, n: u64) -> u64 {
+            self.0 ^= self.0 << 13;
+            self.0 ^= self.0 >> 7;
+            self.0 ^= self.0 << 17;
+            (self.0 >> 11) % n
+        }
+    }
+
+    fn rules(random: &mut Random, n: usize, filters: u64) -> Rules {
+        let mut rules = Rules::default();
+        let table: Vec<Filter> =
+            (0..filters).map(|_| Filter::new(random.below(16), random.below(16))).collect();
+        rules.table = FilterTable::new(&table).expect("few filters");
+        let worlds = [World(3), World(4), World::ALL];
+        rules.tags = (0..n)
+            .map(|_| {
+                let owner = Owner(random.below(4) as u32);
+                let filter = FilterId(random.below(filters + 1) as u16);
+                let tag = Tag::new(worlds[random.below(3) as usize], owner, filter);
+                tag.with_static(random.below(5) == 0)
+            })
+            .collect();
+        rules
+    }
+
+    #[test]
+    fn words_are_sifted_alike_by_all_instruction_sets_and_by_the_rules() {
+        let mut random = Random(61);
+        for (n, filters) in [(65, 3), (96, 15), (1_000, 9), (9_001, 15)] {
+            let rules = rules(&mut random, n, filters);
+            let mut order: Vec<u32> = (0..n as u32).collect();
+            for at in (1..n).rev() {
+                order.swap(at, random.below(at as u64 + 1) as usize);
+            }
+            let blocks = n.div_ceil(BLOCK) as u64;
+            let word = |random: &mut Random| {
+                let block = random.below(blocks) as u32;
+                let within = (n as u32 - 32 * block).min(32);
+                let bits = random.below(1 << 32) as u32 & (u64::MAX >> (64 - within)) as u32;
+                [random.below(n as u64) as u32, block, bits & random.below(1 << 32) as u32]
+            };
+            let words: Vec<[u32; 3]> = (0..777).map(|_| word(&mut random)).collect();
+            let of = |at: usize| words.iter().map(|word| word[at]).collect::<Vec<u32>>();
+            for by_pair in [(false, false), (true, false), (false, true), (true, true)] {
+                let by_pair = ByPair { owners: by_pair.0, worlds: by_pair.1 };
+                let meets = |a: u32, b: u32| {
+                    let tag = |at: u32| {
+                        let tag = rules.tag(order[at as usize]);
+                        let tag = if by_pair.owners { tag } else { tag.with_owner(Owner::NONE) };
+                        if by_pair.worlds { tag } else { tag.with_world(World(0)) }
+                    };
+                    crate::filters::decide(&tag(a), &tag(b), &rules.table, Default::default)
+                };
+                let kept = |[row, block, bits]: &[u32; 3]| {
+                    let columns = (0..32).filter(|column| bits >> column & 1 == 1);
+                    let pass = columns.filter(|column| meets(*row, 32 * block + column));
+                    let bits = pass.fold(0, |bits, column| bits | 1 << column);
+                    (bits != 0).then_some([*row, *block, bits])
+                };
+                let expected: Vec<[u32; 3]> = words.iter().filter_map(kept).collect();
+                assert!(!expected.is_empty() && expected.len() < words.len());
+                let ones = |words: &[[u32; 3]]| {
+                    words.iter().map(|word| u64::from(word[2].count_ones())).sum::<u64>()
+                };
+                let went = ones(&words) - ones(&expected);
+                for isa in Isa::ALL.into_iter().filter_map(AvailableIsa::new) {
+                    let mut laid = Laid::default();
+                    let tag = |culled| rules.tag(culled);
+                    assert!(laid.lay_out((&rules, by_pair), n, &order, tag, 1));
+                    let (mut rows, mut blocks, mut bits) = (of(0), of(1), of(2));
+                    let (kept, gone) = laid.sift([&mut rows, &mut blocks, &mut bits], isa);
+                    let kept: Vec<[u32; 3]> =
+                        (0..kept).map(|at| [rows[at], blocks[at], bits[at]]).collect();
+                    assert!(kept == expected, "{n} boxes, {by_pair:?}, {}", isa.get());
+                    assert_eq!(gone, went);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn too_many_kinds_are_not_laid_out() {
+        let mut rules = Rules::default();
+        rules.table = FilterTable::new(&[Filter::ALL; 40]).expect("few filters");
+        rules.tags = (0..100).map(|at| Tag::default().with_filter(FilterId(at % 33))).collect();
+        let lay_out = |rules: &Rules| {
+            let tag = |index| rules.tag(index);
+            Laid::default().lay_out((rules, ByPair::default()), 100, &[], tag, 1)
+        };
+        assert!(!lay_out(&rules));
+        rules.tags.truncate(32);
+        rules.tags.resize(100, Tag::default());
+        assert!(lay_out(&rules));
+    }
 }

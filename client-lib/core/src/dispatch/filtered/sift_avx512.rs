@@ -37,9 +37,16 @@ fn sift_both(laid: &Laid, [rows, blocks, bits]: [&mut [u32]; 3]) -> (usize, u64)
 /// Bits of words.
 #[target_feature(enable = "popcnt")]
 fn pair_count(words: &[u32]) -> u64 {
+    // A plain loop: closures are not compiled for the instruction.
     let (twos, rest) = words.as_chunks::<2>();
-    let twos = twos.iter().map(|[a, b]| u64::from(*a) | u64::from(*b) << 32);
-    twos.chain(rest.iter().map(|word| u64::from(*word))).map(|w| u64::from(w.count_ones())).sum()
+    let mut count = 0;
+    for [a, b] in twos {
+        count += u64::from((u64::from(*a) | u64::from(*b) << 32).count_ones());
+    }
+    for word in rest {
+        count += u64::from(word.count_ones());
+    }
+    count
 }
 
 /// Keeps the columns that the row's kind meets.
