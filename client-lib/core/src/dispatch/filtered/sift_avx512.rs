@@ -14,7 +14,7 @@ const LANES: usize = 16;
 
 /// Whether all positions and places fit the signed 32 bits that the kernel gathers by.
 pub(super) fn takes(laid: &Laid) -> bool {
-    laid.kinds().len().max(laid.columns().0.len()) <= i32::MAX as usize
+    i32::try_from(laid.kinds().len().max(laid.columns().0.len())).is_ok()
 }
 
 /// As [`Laid::sift`].
