@@ -4,15 +4,18 @@
 //! look     one pass over the tags: what there is to test at all        (look)
 //! worlds   several worlds: boxes by world, each culled by itself       (groups, worlds)
 //! test     else one frame, whose engine hands its words to the test    (test)
+//! mask     the same test over a mask that a GPU has written            (mask)
 //! ```
 
 mod groups;
 mod look;
+mod mask;
 mod test;
 #[cfg(test)]
 mod tests;
 mod worlds;
 
+pub use self::mask::{BadMask, MaskFilter};
 pub(super) use self::test::Laid;
 pub use self::worlds::WorldRange;
 pub(super) use self::worlds::Worlds;
