@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, AtomicU16, AtomicU64, Ordering};
 
 use pairmask_core::objects::ObjectForm;
 use pairmask_core::precision::{BoxForm, Precision};
-use pairmask_wire::{Version, since_minor};
+use pairmask_wire::{FRAME_RULES_MINOR, Version, since_minor};
 
 use super::frame::Written;
 
@@ -50,6 +50,12 @@ impl KnownForms {
         }
         self.say_exact(asked.form());
         Precision::Exact
+    }
+
+    /// Notes that the daemon refused a frame with rules, whatever version it stated: what their version
+    /// and later ones added is not sent again.
+    pub(super) fn note_refused_rules(&self) {
+        self.minor.fetch_min(FRAME_RULES_MINOR - 1, Ordering::Relaxed);
     }
 
     /// Notes that the daemon refused how a frame was written, whatever version it stated: that and

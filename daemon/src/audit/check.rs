@@ -10,9 +10,9 @@ use super::window::Window;
 pub struct Outcome {
     /// Pairs compared.
     pub pairs: u64,
-    /// Pairs that overlap and are not in the mask.
+    /// Pairs that overlap, may meet and are not in the mask.
     pub missed: u64,
-    /// Pairs that are in the mask and do not overlap.
+    /// Pairs that are in the mask and do not overlap, or may not meet.
     pub extra: u64,
     /// The first wrong pair.
     pub first: Option<Pair>,
@@ -39,7 +39,8 @@ fn compare<T>(window: &Window, objects: &[T], overlap: impl Fn(&T, &T) -> bool) 
                 continue;
             }
             outcome.pairs += 1;
-            let (is, said) = (overlap(one, other), window.has(row, column));
+            let is = overlap(one, other) && window.meet(row, column);
+            let said = window.has(row, column);
             if is != said {
                 outcome.missed += u64::from(is);
                 outcome.extra += u64::from(said);
