@@ -91,7 +91,7 @@ fn large_frames_through_the_daemon_by_every_engine() {
     let engines = EngineName::CPU.map(EngineChoice::Only).into_iter().chain([EngineChoice::Auto]);
     for engine in engines {
         let mut sessions = sessions(&daemon.session().engine(engine));
-        for (n, kind) in [345, 1_235, 3_001].into_iter().flat_map(|n| KINDS.map(|k| (n, k))) {
+        for (n, kind) in [345, 2_051].into_iter().flat_map(|n| KINDS.map(|k| (n, k))) {
             let frame = FilteredFrame::drawn(n, kind, n as u64);
             for session in &mut sessions {
                 let mask = submit(session, &frame).wait().unwrap();
@@ -143,11 +143,11 @@ fn frames_under_way_on_the_gpu_keep_their_rules() {
 fn a_mask_of_all_pairs_that_has_no_room_becomes_one_of_those_that_meet() {
     let arguments = ["--gpu", "software", "--max-reply-mib", "1"];
     let daemon = TestDaemon::start(DAEMON, &arguments);
-    let mut frame = FilteredFrame::drawn(5_001, KINDS[0], 3);
+    let mut frame = FilteredFrame::drawn(4_201, KINDS[0], 3);
     frame.boxes.fill(Aabb::new([0.0; 3], [1.0; 3]));
     frame.rules = Rules::default();
-    frame.rules.tags = (0..5_001).map(|at| Tag::default().with_owner(Owner(at / 5_000 + 1))).collect();
-    frame.pairs = (0..5_000).map(|a| (a, 5_000)).collect();
+    frame.rules.tags = (0..4_201).map(|at| Tag::default().with_owner(Owner(at / 4_200 + 1))).collect();
+    frame.pairs = (0..4_200).map(|a| (a, 4_200)).collect();
     let builder = daemon.session().engine(EngineChoice::Only(EngineName::GpuGrid));
     let mut session = builder.connect().unwrap();
     for _ in 0..3 {
