@@ -146,7 +146,8 @@ fn a_mask_of_all_pairs_that_has_no_room_becomes_one_of_those_that_meet() {
     let mut frame = FilteredFrame::drawn(4_201, KINDS[0], 3);
     frame.boxes.fill(Aabb::new([0.0; 3], [1.0; 3]));
     frame.rules = Rules::default();
-    frame.rules.tags = (0..4_201).map(|at| Tag::default().with_owner(Owner(at / 4_200 + 1))).collect();
+    frame.rules.tags =
+        (0..4_201).map(|at| Tag::default().with_owner(Owner(at / 4_200 + 1))).collect();
     frame.pairs = (0..4_200).map(|a| (a, 4_200)).collect();
     let builder = daemon.session().engine(EngineChoice::Only(EngineName::GpuGrid));
     let mut session = builder.connect().unwrap();

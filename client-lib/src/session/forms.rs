@@ -94,6 +94,15 @@ mod tests {
     }
 
     #[test]
+    fn rules_that_were_refused_are_not_sent_again_and_forms_are() {
+        let known = KnownForms::of(Version::CURRENT);
+        assert!(known.knows(FRAME_RULES_MINOR));
+        known.note_refused_rules();
+        assert!(!known.knows(FRAME_RULES_MINOR) && known.knows(FRAME_RULES_MINOR - 1));
+        assert_eq!(known.agree(Precision::F16), Precision::F16);
+    }
+
+    #[test]
     fn a_form_that_was_refused_is_not_asked_for_again() {
         let known = KnownForms::of(Version::CURRENT);
         let spheres = Written::SPHERES.since_minor();

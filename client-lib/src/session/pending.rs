@@ -102,11 +102,7 @@ fn with_rules(
     };
     // The memory has room for them.
     let is_written = layout.write(rules, shared.loan.pages_mut());
-    Ok(if is_written {
-        ToSend::Frame(shared, Some(layout.place()))
-    } else {
-        ToSend::Stays(shared)
-    })
+    Ok(if is_written { ToSend::Frame(shared, Some(layout.place())) } else { ToSend::Stays(shared) })
 }
 
 impl PendingFrame {

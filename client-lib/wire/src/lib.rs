@@ -30,8 +30,8 @@ pub use reject::Reject;
 pub use reply::{Reply, ReplyError, ReplyFields, ResponseHeader, response_error, response_ok};
 pub use request::{CullRequest, Request, ScenePlace};
 pub use rules::{
-    RulesLayout, RulesPlace, RulesReader, SentRules, TooManyPairs, WORLD_RANGE_WORDS, world_ranges_in,
-    write_world_ranges,
+    RulesLayout, RulesPlace, RulesReader, SentRules, TooManyPairs, WORLD_RANGE_WORDS,
+    world_ranges_in, write_world_ranges,
 };
 pub use scene::{
     EditLayout, EditScratch, EndedPairs, SceneAnswerLayout, SceneId, SceneReply, SceneRequest,

@@ -227,8 +227,7 @@ fn is_known(section: &Section, operation: u32) -> bool {
     let is_of = |kinds: &[SectionKind]| kinds.iter().any(|kind| *kind as u32 == section.kind);
     form_of(section).is_some()
         || operation == Operation::Cull as u32 && is_of(&RulesPlace::KINDS)
-        || operation == Operation::EditScene as u32
-            && is_of(&of_edits)
+        || operation == Operation::EditScene as u32 && is_of(&of_edits)
 }
 
 /// The form of the objects in a section, or `None` where it holds no objects.

@@ -161,12 +161,7 @@ impl OpenRequest {
     }
 
     /// Gives it rules. The mask is that of the rules already, or will be.
-    pub(crate) fn put_rules(
-        &mut self,
-        sent: Arc<SentRules>,
-        options: CullOptions,
-        is_done: bool,
-    ) {
+    pub(crate) fn put_rules(&mut self, sent: Arc<SentRules>, options: CullOptions, is_done: bool) {
         self.rules = Some(FrameRules { sent, options, found_pairs: None, is_done });
     }
 

@@ -70,8 +70,7 @@ impl MaskFilters {
         let start = Instant::now();
         let mut filter = std::mem::take(&mut self.kept().filter);
         let report = &mut answer.report;
-        let is_shared =
-            options.threads != Some(1) && report.shape.extent_words() >= SHARED_WORDS;
+        let is_shared = options.threads != Some(1) && report.shape.extent_words() >= SHARED_WORDS;
         let mut done = Ok(());
         let words = open.words_mut();
         let mut run = |threads| done = filter.filter(sent.rules(), n, words, report, threads);

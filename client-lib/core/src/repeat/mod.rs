@@ -210,13 +210,7 @@ impl KeepTicket {
     }
 
     /// As [`keep`](Self::keep), with so many words that stand behind the mask.
-    pub fn keep_with(
-        self,
-        objects: Objects<'_>,
-        words: &[u32],
-        answer: &CullAnswer,
-        behind: u64,
-    ) {
+    pub fn keep_with(self, objects: Objects<'_>, words: &[u32], answer: &CullAnswer, behind: u64) {
         if let Some(kept) = Kept::new(self.facts, objects, words, answer, behind) {
             *self.promise.lock().unwrap_or_else(PoisonError::into_inner) = Some(Box::new(kept));
         }

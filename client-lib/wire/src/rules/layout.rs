@@ -107,4 +107,3 @@ impl RulesLayout {
             && put(excluded, bytemuck::cast_slice(&self.excluded))
     }
 }
-

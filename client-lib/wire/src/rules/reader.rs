@@ -167,9 +167,10 @@ fn take<T: bytemuck::Pod>(items: &mut Vec<T>, bytes: &[u8]) {
 fn span_of_worlds(rules: &Rules, n: BoxCount) -> Option<[i32; 2]> {
     let untagged = (rules.tags.len() < n.len()).then_some(World::default());
     let worlds = rules.tags.iter().map(|tag| tag.world).chain(untagged);
-    let (least, greatest) = worlds.filter(|world| *world != World::ALL).fold(
-        (i32::MAX, i32::MIN),
-        |(least, greatest), World(world)| (least.min(world), greatest.max(world)),
-    );
+    let (least, greatest) = worlds
+        .filter(|world| *world != World::ALL)
+        .fold((i32::MAX, i32::MIN), |(least, greatest), World(world)| {
+            (least.min(world), greatest.max(world))
+        });
     (least < greatest).then_some([least, greatest])
 }

@@ -54,13 +54,12 @@ impl MaskFilter {
             MaskShape::Dense { words } => {
                 section(reply, words).map(|words| masked.dense(n, words, threads))
             }
-            MaskShape::Sparse { rows, blocks, bits, .. } => {
-                sections(reply, [rows, blocks, bits]).map(|words| {
+            MaskShape::Sparse { rows, blocks, bits, .. } => sections(reply, [rows, blocks, bits])
+                .map(|words| {
                     let (kept, pairs) = masked.sparse(words, threads);
                     (rows.len, blocks.len, bits.len) = (kept, kept, kept);
                     pairs
-                })
-            }
+                }),
             MaskShape::List { pairs: span } => section(reply, span).map(|words| {
                 let pairs = masked.list(words.as_chunks_mut().0, threads);
                 span.len = 2 * pairs;
@@ -346,7 +345,9 @@ mod tests {
                 })
                 .collect();
             if round % 3 == 0 {
-                words.iter_mut().for_each(|word| *word %= 128);
+                for word in &mut words {
+                    *word %= 128;
+                }
             }
             let span = |random: &mut Random, len| Span { start: random.below(400), len };
             let (len, more) = (random.below(60), random.below(2));
