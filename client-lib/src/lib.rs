@@ -63,7 +63,7 @@
 //! | [`Margined`] | as above | scenes that move little: a request only when a box has moved by more than a margin |
 //!
 //! Frames of boxes may have rules ([`filters`], [`Frame::submit_with`]): worlds side by side, owners,
-//! categories and masks, groups, and lists of pairs. Those are answered in process.
+//! categories and masks, groups, and lists of pairs.
 //!
 //! Worlds in f64 go through [`Aabb::outward_from_f64`], relative to an origin.
 //!

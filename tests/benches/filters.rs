@@ -2,14 +2,17 @@
 //!
 //! ```text
 //! cargo bench -p pairmask-tests --bench filters -- [--rounds 20] [--threads 2] [--json]
+//!     [--backend in-process|daemon] [--gpu auto|none|software] [--rows worlds,requests,filtered,rules]
 //! ```
 //!
 //! Each row has two ways to the same pairs, or to a scene and its filtered part, in turns; the ratio is
-//! that of the medians, below 1 in favour of the first. All pairs are visited.
+//! that of the medians, below 1 in favour of the first. Beside each median stand the quartiles. All pairs
+//! are visited. Each way has a session of its own with a daemon, which culls each frame anew, or engines of
+//! its own.
 //!
 //! * `worlds`: boxes of 4,096 worlds that lie over one another, against one world in which they lie side by
 //!   side, with as many boxes and pairs.
-//! * `requests`: the same worlds against a request in process for each of them.
+//! * `requests`: the same worlds against a request for each of them.
 //! * `filtered`: a scene of ten kinds that meet their own alone, against the same scene without filters.
 //! * `no rules`: a frame with rules that let all pairs meet, against one without rules.
 
@@ -18,12 +21,17 @@ use std::hint::black_box;
 use std::process::ExitCode;
 use std::time::Instant;
 
+use pairmask::{Backend, Session};
 use pairmask_core::dispatch::{CpuEngines, CullOptions};
 use pairmask_core::engine::HeapReply;
 use pairmask_core::filters::{Filter, FilterId, FilterTable, Rules, Tag, World};
 use pairmask_core::{Aabb, BoxCount, MaskView};
+use pairmaskd::execute::gpu::GpuChoice;
+use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
 use serde_json::{Value, json};
 
+/// The daemon's own main, which cargo builds beside this bench.
+const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 /// Worlds of each row of worlds.
 const WORLDS: usize = 4_096;
 /// Worlds in a line of the scene in which they lie side by side.
@@ -35,11 +43,15 @@ struct Options {
     rounds: usize,
     threads: usize,
     json: bool,
+    daemon: Option<GpuChoice>,
+    rows: String,
 }
 
 impl Options {
     fn parse() -> Result<Self, String> {
-        let mut options = Self { rounds: 20, threads: 2, json: false };
+        let rows = "worlds,requests,filtered,rules".to_owned();
+        let mut options = Self { rounds: 20, threads: 2, json: false, daemon: None, rows };
+        let (mut is_daemon, mut gpu) = (false, GpuChoice::None);
         let mut args = std::env::args().skip(1).filter(|a| a != "--bench");
         while let Some(flag) = args.next() {
             if flag == "--json" {
@@ -47,13 +59,23 @@ impl Options {
                 continue;
             }
             let value = args.next().ok_or_else(|| format!("{flag} needs a value"))?;
-            let number = value.parse::<usize>().map_err(|error| format!("{value}: {error}"))?;
+            let number = || value.parse::<usize>().map_err(|error| format!("{value}: {error}"));
             match flag.as_str() {
-                "--rounds" => options.rounds = number.max(1),
-                "--threads" => options.threads = number.max(1),
+                "--rounds" => options.rounds = number()?.max(1),
+                "--threads" => options.threads = number()?.max(1),
+                "--rows" => options.rows = value,
+                "--backend" => {
+                    is_daemon = match value.as_str() {
+                        "daemon" => true,
+                        "in-process" => false,
+                        _ => return Err(format!("unknown backend {value}")),
+                    };
+                }
+                "--gpu" => gpu = value.parse().map_err(|error| format!("{value}: {error}"))?,
                 _ => return Err(format!("unknown option {flag}")),
             }
         }
+        options.daemon = is_daemon.then_some(gpu);
         Ok(options)
     }
 }
@@ -78,18 +100,32 @@ impl Random {
     }
 }
 
+/// What answers the frames of a way.
+enum Server {
+    Engines { engines: Box<CpuEngines>, reply: HeapReply, last_pairs: Option<u64> },
+    Daemon(Session),
+}
+
 /// One way to answer a frame.
 struct Way {
-    engines: CpuEngines,
-    reply: HeapReply,
-    last_pairs: Option<u64>,
+    server: Server,
     times: Vec<u64>,
 }
 
 impl Way {
-    fn new() -> Self {
-        let (engines, reply) = (CpuEngines::new(), HeapReply::new());
-        Self { engines, reply, last_pairs: None, times: Vec::new() }
+    fn new(daemon: Option<&PrivateDaemon>, threads: usize) -> Result<Self, Box<dyn Error>> {
+        let server = match daemon {
+            Some(daemon) => {
+                let builder = daemon.session().backend(Backend::Daemon).threads(threads);
+                Server::Daemon(builder.answer_repeats(false).connect()?)
+            }
+            None => Server::Engines {
+                engines: Box::default(),
+                reply: HeapReply::new(),
+                last_pairs: None,
+            },
+        };
+        Ok(Self { server, times: Vec::new() })
     }
 
     /// Answers a frame and visits its pairs: ns, and how many pairs.
@@ -99,33 +135,51 @@ impl Way {
         rules: Option<&Rules>,
         threads: usize,
     ) -> Result<(u64, u64), Box<dyn Error>> {
-        let options = CullOptions {
-            threads: Some(threads),
-            last_pairs: self.last_pairs,
-            ..CullOptions::default()
-        };
-        let begin = Instant::now();
-        let report = match rules {
-            Some(rules) => {
-                let reply = &mut self.reply;
-                self.engines.cull_filtered(boxes, rules, &options, reply)?.answer.report
-            }
-            None => self.engines.cull(boxes, &options, &mut self.reply)?.report,
-        };
-        let n = BoxCount::new(boxes.len() as u32);
         let (mut sum, mut count) = (0u64, 0);
-        MaskView::new(n, &report.shape, self.reply.words())?.for_each_slice(|pairs| {
+        let mut visit = |pairs: &[[u32; 2]]| {
             sum = pairs.iter().fold(sum, |sum, [a, b]| sum + u64::from(a ^ b));
             count += pairs.len() as u64;
-        });
+        };
+        let begin;
+        match &mut self.server {
+            Server::Engines { engines, reply, last_pairs } => {
+                let options = CullOptions {
+                    threads: Some(threads),
+                    last_pairs: *last_pairs,
+                    ..CullOptions::default()
+                };
+                begin = Instant::now();
+                let report = match rules {
+                    Some(rules) => {
+                        engines.cull_filtered(boxes, rules, &options, reply)?.answer.report
+                    }
+                    None => engines.cull(boxes, &options, reply)?.report,
+                };
+                let n = BoxCount::new(boxes.len() as u32);
+                MaskView::new(n, &report.shape, reply.words())?.for_each_slice(&mut visit);
+                *last_pairs = Some(report.pair_count);
+            }
+            Server::Daemon(session) => {
+                // Boxes are written where they are sent from: in a game that is no copy.
+                let mut frame = session.frame(boxes.len())?;
+                frame.write(boxes);
+                begin = Instant::now();
+                let pending = match rules {
+                    Some(rules) => frame.submit_with(rules)?,
+                    None => frame.submit()?,
+                };
+                pending.wait()?.for_each_slice(&mut visit);
+            }
+        }
+        let took = begin.elapsed().as_nanos() as u64;
         black_box(sum);
-        self.last_pairs = Some(count);
-        Ok((begin.elapsed().as_nanos() as u64, count))
+        Ok((took, count))
     }
 
-    fn median(&mut self) -> u64 {
+    /// The median and the quartiles.
+    fn spread(&mut self) -> [u64; 3] {
         self.times.sort_unstable();
-        self.times[self.times.len() / 2]
+        [2, 1, 3].map(|quarter| self.times[self.times.len() * quarter / 4])
     }
 }
 
@@ -135,11 +189,13 @@ type Frame<'a> = dyn FnMut(&mut Way) -> Result<(u64, u64), Box<dyn Error>> + 'a;
 /// A row of two ways, in turns.
 fn row(
     name: &str,
-    rounds: usize,
+    options: &Options,
+    daemon: Option<&PrivateDaemon>,
     first: &mut Frame<'_>,
     second: &mut Frame<'_>,
 ) -> Result<Value, Box<dyn Error>> {
-    let mut ways = [Way::new(), Way::new()];
+    let way = || Way::new(daemon, options.threads);
+    let (rounds, mut ways) = (options.rounds, [way()?, way()?]);
     let mut pairs = [0; 2];
     // The first rounds are not counted: memory is taken.
     for round in 0..rounds + 3 {
@@ -152,9 +208,11 @@ fn row(
             }
         }
     }
-    let [one, other] = ways.each_mut().map(Way::median);
+    let [one, other] = ways.each_mut().map(Way::spread);
     Ok(json!({
-        "row": name, "first_ns": one, "second_ns": other, "ratio": one as f64 / other as f64,
+        "row": name, "first_ns": one[0], "second_ns": other[0],
+        "ratio": one[0] as f64 / other[0] as f64,
+        "first_quartiles_ns": one[1..], "second_quartiles_ns": other[1..],
         "first_pairs": pairs[0], "second_pairs": pairs[1],
     }))
 }
@@ -177,16 +235,22 @@ fn worlds(each: usize) -> (Vec<Aabb>, Rules, Vec<Aabb>) {
     (over, rules, beside)
 }
 
-fn rows(options: &Options) -> Result<Vec<Value>, Box<dyn Error>> {
-    let Options { rounds, threads, .. } = *options;
+fn rows(options: &Options, daemon: Option<&PrivateDaemon>) -> Result<Vec<Value>, Box<dyn Error>> {
+    let threads = options.threads;
+    let wants = |row: &str| options.rows.split(',').any(|wanted| wanted == row);
     let mut rows = Vec::new();
     for each in [32, 256] {
+        if !wants("worlds") && !wants("requests") {
+            break;
+        }
         let (over, rules, beside) = worlds(each);
         let name = format!("worlds {WORLDS} x {each}");
         let mut by_world = |way: &mut Way| way.answer(&over, Some(&rules), threads);
         let mut as_one = |way: &mut Way| way.answer(&beside, None, threads);
-        rows.push(row(&name, rounds, &mut by_world, &mut as_one)?);
-        if each == 32 {
+        if wants("worlds") {
+            rows.push(row(&name, options, daemon, &mut by_world, &mut as_one)?);
+        }
+        if each == 32 && wants("requests") {
             let name = format!("requests {WORLDS} x {each}");
             let mut requests = |way: &mut Way| {
                 let (mut ns, mut pairs) = (0, 0);
@@ -197,7 +261,7 @@ fn rows(options: &Options) -> Result<Vec<Value>, Box<dyn Error>> {
                 }
                 Ok((ns, pairs))
             };
-            rows.push(row(&name, rounds, &mut by_world, &mut requests)?);
+            rows.push(row(&name, options, daemon, &mut by_world, &mut requests)?);
         }
     }
     for n in [10_000, 100_000, 1_000_000] {
@@ -219,10 +283,16 @@ fn rows(options: &Options) -> Result<Vec<Value>, Box<dyn Error>> {
             .collect();
         let mut filtered = |way: &mut Way| way.answer(&boxes, Some(&rules), threads);
         let mut without = |way: &mut Way| way.answer(&boxes, None, threads);
-        rows.push(row(&format!("filtered {n}"), rounds, &mut filtered, &mut without)?);
+        if wants("filtered") {
+            let name = format!("filtered {n}");
+            rows.push(row(&name, options, daemon, &mut filtered, &mut without)?);
+        }
         let open = Rules::default();
         let mut with_open = |way: &mut Way| way.answer(&boxes, Some(&open), threads);
-        rows.push(row(&format!("no rules {n}"), rounds, &mut with_open, &mut without)?);
+        if wants("rules") {
+            let name = format!("no rules {n}");
+            rows.push(row(&name, options, daemon, &mut with_open, &mut without)?);
+        }
     }
     Ok(rows)
 }
@@ -231,18 +301,29 @@ fn run() -> Result<(), Box<dyn Error>> {
     let options = Options::parse()?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(options.threads);
     pool.use_current_thread().build_global()?;
-    let rows = rows(&options)?;
+    let settings = |gpu: &GpuChoice| PrivateSettings { gpu: gpu.clone(), ..Default::default() };
+    let start = |gpu| PrivateDaemon::start(DAEMON.as_ref(), &settings(gpu));
+    let daemon = options.daemon.as_ref().map(start).transpose()?;
+    let rows = rows(&options, daemon.as_ref())?;
     if options.json {
-        println!("{}", serde_json::to_string_pretty(&json!({ "rows": rows }))?);
+        let backend = if daemon.is_some() { "daemon" } else { "in-process" };
+        let threads = options.threads;
+        let all = json!({ "backend": backend, "threads": threads, "rows": rows });
+        println!("{}", serde_json::to_string_pretty(&all)?);
         return Ok(());
     }
     for row in rows {
-        let ms = |name: &str| row[name].as_f64().unwrap_or(0.0) / 1e6;
+        let ms = |value: &Value| value.as_f64().unwrap_or(0.0) / 1e6;
+        let spread = |way: &str| {
+            let quartiles = &row[format!("{way}_quartiles_ns")];
+            let median = ms(&row[format!("{way}_ns")]);
+            format!("{median:.3} ms ({:.3} to {:.3})", ms(&quartiles[0]), ms(&quartiles[1]))
+        };
         println!(
-            "{:>20} {:>9.3} ms {:>9.3} ms {:>7.3} {:>10} {:>10} pairs",
+            "{:>20} {:>32} {:>32} {:>7.3} {:>10} {:>10} pairs",
             row["row"].as_str().unwrap_or(""),
-            ms("first_ns"),
-            ms("second_ns"),
+            spread("first"),
+            spread("second"),
             row["ratio"].as_f64().unwrap_or(0.0),
             row["first_pairs"],
             row["second_pairs"],

@@ -6,6 +6,7 @@ pub mod audited;
 pub mod command_line;
 pub mod conformance;
 pub mod daemon;
+pub mod filtered_frames;
 pub mod filtered_world;
 pub mod frame_memory;
 pub mod gpu;

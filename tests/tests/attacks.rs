@@ -22,6 +22,7 @@ use pairmask_tests::attackers::raw::{
     CHANNEL_ID, CLIENT_ID, REQUEST_ID, RawClient, answer, cull, read, word, write,
 };
 use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
+use pairmask_tests::filtered_frames::{FilteredFrame, KINDS};
 use pairmask_tests::scene_edits::EditMaker;
 use pairmask_tests::{KnownPairs, attack_time, oracle, stress_scenes};
 use pairmask_transport::{ProcessWatch, RuntimeDir, SegmentFiles};
@@ -179,6 +180,35 @@ fn forged_edits_leave_the_scenes_of_others_alone() {
     eventually("the forged scenes are freed", || {
         (session.daemon_status().unwrap().scenes == 1).then_some(())
     });
+}
+
+/// Frames with rules of an honest client beside a client that forges them.
+#[test]
+fn forged_rules_leave_the_frames_of_others_alone() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session = daemon.session().connect().unwrap();
+    let frames: Vec<FilteredFrame> = KINDS
+        .into_iter()
+        .enumerate()
+        .map(|(seed, kind)| FilteredFrame::drawn(40 + 50 * seed, kind, seed as u64))
+        .collect();
+    let worker = daemon.worker();
+    let attacker = Attacker::start(daemon.path(), "rules");
+    let end = Instant::now() + attack_time();
+    while Instant::now() < end {
+        for filtered in &frames {
+            let mut frame = session.frame(filtered.boxes.len()).unwrap();
+            frame.write(&filtered.boxes);
+            let mask = frame.submit_with(&filtered.rules).unwrap().wait().unwrap();
+            let mut pairs = mask.to_vec();
+            pairs.sort_unstable();
+            assert!(pairs == filtered.pairs, "{} boxes", filtered.boxes.len());
+        }
+    }
+    let counts = attacker.end();
+    println!("rules: {counts:?}");
+    assert!(counts["answered"] > 10 && counts["refused"] > 10, "{counts:?}");
+    assert_eq!(daemon.worker(), worker, "the worker lives");
 }
 
 #[test]

@@ -1,11 +1,10 @@
 //! Every session backend has the oracle's answers: every engine, encoding and scene.
 #![allow(clippy::unwrap_used)]
 
-use pairmask::filters::{Owner, Rules, Tag};
 use pairmask::write::CenterHalf;
 use pairmask::{
-    Aabb, Backend, Bounds, Frame, FrameError, NarrowFrame, Precision, ServedBy, Session,
-    SessionBuilder, WaitError,
+    Aabb, Backend, Bounds, Frame, NarrowFrame, Precision, ServedBy, Session, SessionBuilder,
+    WaitError,
 };
 use pairmask_core::engine::EngineName;
 use pairmask_tests::conformance::{Suite, check_engine};
@@ -44,30 +43,6 @@ fn in_process() {
     for engine in EngineName::CPU {
         check(&Session::builder().backend(Backend::InProcess), engine, ServedBy::InProcess);
     }
-}
-
-#[test]
-fn frames_with_rules_are_answered_in_process_beside_a_daemon() {
-    let daemon = TestDaemon::start(DAEMON, &[]);
-    let boxes = stress_scenes::named("uniform").boxes(300, 2);
-    let mut rules = Rules::default();
-    rules.tags = (0..300).map(|at| Tag::default().with_owner(Owner(at % 5))).collect();
-    let mut expected = oracle::truth(&boxes).pairs;
-    expected.retain(|(a, b)| rules.meet(*a, *b));
-    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
-    for _ in 0..5 {
-        let mut frame = session.frame(boxes.len()).unwrap();
-        assert!(frame.is_shared());
-        frame.boxes_mut().copy_from_slice(&boxes);
-        let mask = frame.submit_with(&rules).unwrap().wait().unwrap();
-        assert_eq!(mask.info().served_by, ServedBy::InProcess);
-        let mut pairs = mask.to_vec();
-        pairs.sort_unstable();
-        assert_eq!(pairs, expected);
-    }
-    let mut session = daemon.session().backend(Backend::Daemon).connect().unwrap();
-    let refused = session.frame(boxes.len()).unwrap().submit_with(&rules);
-    assert!(matches!(refused, Err(FrameError::RulesInProcess)));
 }
 
 #[test]

@@ -12,7 +12,7 @@ use pairmask_core::filters::Rules;
 use pairmask_core::objects::Objects;
 use pairmask_core::precision::Precision;
 use pairmask_core::units::BoxCount;
-use pairmask_wire::{ReplyFields, RequestHeader, SceneId, StatusBody};
+use pairmask_wire::{ReplyFields, RequestHeader, RulesLayout, SceneId, StatusBody};
 
 use super::builder::{Backend, Settings};
 use super::error::{ConnectError, FrameError, StatusError, WaitError};
@@ -75,6 +75,8 @@ pub(super) struct Core {
     local: Arc<Local>,
     connection: Mutex<Connection>,
     frames: AtomicU64,
+    /// Bytes that frames have room for behind boxes and tags; 0 before the first frame with rules.
+    rules_room: AtomicU64,
     scenes: AtomicU32,
     unread: UnreadEdits,
 }
@@ -88,6 +90,7 @@ impl Core {
             local,
             connection: Mutex::default(),
             frames: AtomicU64::new(0),
+            rules_room: AtomicU64::new(0),
             scenes: AtomicU32::new(0),
             unread: UnreadEdits::default(),
         };
@@ -153,18 +156,23 @@ impl Core {
     pub(super) fn cull_here(
         &self,
         objects: Objects<'_>,
+        rules: Option<&Rules>,
         written: Written,
     ) -> Result<PairMask, CullError> {
-        self.local.cull(objects, None, written, &self.settings)
+        self.local.cull(objects, rules, written, &self.settings)
     }
 
-    pub(super) fn cull_filtered_here(
-        &self,
-        boxes: &[Aabb],
-        rules: &Rules,
-        written: Written,
-    ) -> Result<PairMask, CullError> {
-        self.local.cull(Objects::Boxes(boxes.into()), Some(rules), written, &self.settings)
+    /// Bytes behind `n` boxes for rules like those of the session's last frame that had any.
+    fn room_for_rules(&self, n: BoxCount) -> u64 {
+        match self.rules_room.load(Ordering::Relaxed) {
+            0 => 0,
+            beside_tags => RulesLayout::tag_bytes(n) + beside_tags,
+        }
+    }
+
+    /// Has the frames to come have room for rules like these.
+    pub(super) fn note_rules(&self, layout: &RulesLayout) {
+        self.rules_room.store(layout.bytes_beside_tags(), Ordering::Relaxed);
     }
 
     pub(super) fn served_by(&self) -> ServedBy {
@@ -210,7 +218,8 @@ impl Core {
         let shared = || {
             let link = self.link()?;
             let agreed = link.forms().agree(asked);
-            let shared = self.loan(&link, Written::by(&agreed).scene(n).payload_bytes())?;
+            let bytes = Written::by(&agreed).scene(n).payload_bytes();
+            let shared = self.loan(&link, bytes + self.room_for_rules(n))?;
             precision = agreed;
             Ok(shared)
         };

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use pairmask_core::engine::{CullError, IsaError};
 use pairmask_core::scene::{EditError, SceneError};
-use pairmask_wire::{InstanceError, InstanceName, ReplyError, Version};
+use pairmask_wire::{InstanceError, InstanceName, ReplyError, TooManyPairs, Version};
 
 use crate::transport::{PopulateError, TransportError};
 
@@ -97,10 +97,10 @@ pub enum FrameError {
         /// What it does not know: spheres, for one.
         what: &'static str,
     },
-    /// The frame has rules, which are answered in process
+    /// The include and exclude lists of a frame's rules are too long to be sent
     /// ([`Backend::Daemon`](super::Backend::Daemon) only).
-    #[error("frames with rules are answered in process: use Backend::Auto or Backend::InProcess")]
-    RulesInProcess,
+    #[error("{0}: use Backend::Auto")]
+    TooManyListedPairs(#[from] TooManyPairs),
     /// Too many frames are under way.
     #[error("three frames are being filled, under way or held as masks: drop one before the next")]
     TooManyFrames,

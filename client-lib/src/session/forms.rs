@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, AtomicU16, AtomicU64, Ordering};
 
 use pairmask_core::objects::ObjectForm;
 use pairmask_core::precision::{BoxForm, Precision};
-use pairmask_wire::{Version, since_minor};
+use pairmask_wire::{FRAME_RULES_MINOR, Version, since_minor};
 
 use super::frame::Written;
 
@@ -52,6 +52,12 @@ impl KnownForms {
         Precision::Exact
     }
 
+    /// Notes that the daemon refused a frame with rules, whatever version it stated: what their version
+    /// and later ones added is not sent again.
+    pub(super) fn note_refused_rules(&self) {
+        self.minor.fetch_min(FRAME_RULES_MINOR - 1, Ordering::Relaxed);
+    }
+
     /// Notes that the daemon refused how a frame was written, whatever version it stated: that and
     /// what later versions added are not sent again.
     pub(super) fn note_refused(&self, written: Written) {
@@ -85,6 +91,15 @@ mod tests {
             assert_eq!(narrow.knows(since), form != ObjectForm::Spheres, "{form}");
             assert_eq!(old.knows(since), form == BoxForm::F32.into(), "{form}");
         }
+    }
+
+    #[test]
+    fn rules_that_were_refused_are_not_sent_again_and_forms_are() {
+        let known = KnownForms::of(Version::CURRENT);
+        assert!(known.knows(FRAME_RULES_MINOR));
+        known.note_refused_rules();
+        assert!(!known.knows(FRAME_RULES_MINOR) && known.knows(FRAME_RULES_MINOR - 1));
+        assert_eq!(known.agree(Precision::F16), Precision::F16);
     }
 
     #[test]

@@ -172,13 +172,17 @@ impl<T: Object> Filling<T> {
         }
     }
 
-    pub(super) fn submit(mut self) -> Result<PendingFrame, FrameError> {
+    pub(super) fn submit(self) -> Result<PendingFrame, FrameError> {
+        self.submit_by(None)
+    }
+
+    fn submit_by(mut self, rules: Option<&Rules>) -> Result<PendingFrame, FrameError> {
         match self.memory.take() {
             Some(FrameMemory::Shared(shared)) => {
-                PendingFrame::send(shared, self.n, self.written, Arc::clone(&self.core))
+                PendingFrame::send(shared, self.n, self.written, rules, Arc::clone(&self.core))
             }
             Some(FrameMemory::Own(objects)) => {
-                let mask = self.core.cull_here(T::as_objects(&objects), self.written);
+                let mask = self.core.cull_here(T::as_objects(&objects), rules, self.written);
                 self.memory = Some(FrameMemory::Own(objects));
                 Ok(PendingFrame::ready(mask?, Arc::clone(&self.core)))
             }
@@ -196,13 +200,10 @@ impl<T: Object> Drop for Filling<T> {
 }
 
 impl Filling<Aabb> {
-    /// Finds the pairs that rules let meet, with the engines of this process.
-    fn submit_with(self, rules: &Rules) -> Result<PendingFrame, FrameError> {
-        if !self.core.may_cull_here() {
-            return Err(FrameError::RulesInProcess);
-        }
-        let mask = self.core.cull_filtered_here(self.objects(), rules, self.written)?;
-        Ok(PendingFrame::ready(mask, Arc::clone(&self.core)))
+    /// Asks for the pairs that rules let meet. Rules that let all meet are none.
+    pub(super) fn submit_with(self, rules: &Rules) -> Result<PendingFrame, FrameError> {
+        let rules = (!rules.let_all_meet(self.n.len())).then_some(rules);
+        self.submit_by(rules)
     }
 
     /// The memory of a frame whose boxes are written in a narrow form.
@@ -287,11 +288,19 @@ impl Frame {
     pub fn submit(self) -> Result<PendingFrame, FrameError> {
         self.filling.submit()
     }
-    /// Asks for the pairs that rules let meet: tags by index of the boxes, filters, and lists.
+
+    /// Asks for the pairs that rules let meet: tags by index of the boxes, filters, and lists. In process
+    /// they are found before this returns.
     ///
-    /// They are found in process before this returns, whether a daemon serves or not. Boxes of several
-    /// worlds are culled world by world unless the session insists on a dense or a sparse mask, and the
-    /// pairs of each are [found by it](super::PairMask::pairs_of_world).
+    /// Boxes of several worlds are culled world by world unless the session insists on a dense or a sparse
+    /// mask or on an engine of a GPU, and the pairs of each are [found by
+    /// it](super::PairMask::pairs_of_world). One frame of thousands of small worlds takes a small part of
+    /// the time that a frame for each of them would.
+    ///
+    /// Rules go to a daemon with the boxes, 12 bytes a tag. A session's first frame with rules moves its
+    /// boxes to memory that has room for both; the memory of later ones has it from the beginning. Rules
+    /// that are equal to those of the frame before are only compared, and rules that let all boxes meet
+    /// are not sent.
     ///
     /// ```
     /// use pairmask::filters::{Filter, FilterId, FilterTable, Rules, Tag};
@@ -312,8 +321,9 @@ impl Frame {
     /// ```
     ///
     /// # Errors
-    /// As [`submit`](Self::submit), and [`FrameError::RulesInProcess`] with
-    /// [`Backend::Daemon`](super::Backend::Daemon).
+    /// As [`submit`](Self::submit). With [`Backend::Daemon`](super::Backend::Daemon),
+    /// [`FrameError::DaemonTooOld`] where the daemon knows no rules, and
+    /// [`FrameError::TooManyListedPairs`].
     pub fn submit_with(self, rules: &Rules) -> Result<PendingFrame, FrameError> {
         self.filling.submit_with(rules)
     }

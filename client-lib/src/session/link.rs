@@ -361,6 +361,12 @@ pub(super) enum Received {
     Dead,
 }
 
+/// A frame that has no room for more, with its memory where that is kept.
+pub(super) enum Ungrown {
+    Saved(SharedFrame, FrameError),
+    Lost(FrameError),
+}
+
 /// A request that could not be sent, with its memory where that is kept.
 pub(super) enum Unsent {
     Saved(SharedFrame),
@@ -368,6 +374,30 @@ pub(super) enum Unsent {
 }
 
 impl SharedFrame {
+    /// The frame in memory of so many bytes, with a copy of the first `used` bytes, where it has fewer.
+    #[allow(clippy::result_large_err)] // The error holds the frame, which its caller goes on with.
+    pub(super) fn grown(self, bytes: u64, used: u64) -> Result<Self, Ungrown> {
+        let (pages, used) = (pages_of(bytes), pages_of(used));
+        if pages <= self.loan.pages().len() {
+            return Ok(self);
+        }
+        let port = match self.slot.link.port_for(pages) {
+            Ok(port) => port,
+            Err(error) => return Err(Ungrown::Saved(self, error)),
+        };
+        if let Ok(mut loan) = self.slot.link.lend(&port, pages) {
+            loan.pages_mut()[..used].copy_from_slice(&self.loan.pages()[..used]);
+            return Ok(Self { loan, port, slot: self.slot });
+        }
+        // All memory of the port is lent: this frame's goes back first.
+        let Self { loan, slot, .. } = self;
+        let own = loan.pages()[..used].to_vec();
+        drop(loan);
+        let mut loan = slot.link.lend(&port, pages).map_err(Ungrown::Lost)?;
+        loan.pages_mut()[..used].copy_from_slice(&own);
+        Ok(Self { loan, port, slot })
+    }
+
     /// Sends the frame and wakes the daemon. Waits for room where the daemon has not yet received what
     /// the session sent, and dropped, before; then the request may be undelivered.
     pub(super) fn send(self, header: &RequestHeader) -> Result<(SentRequest, Slot), Unsent> {

@@ -1,6 +1,7 @@
 //! A frame whose boxes are written in a narrow form.
 
 use pairmask_core::aabb::Aabb;
+use pairmask_core::filters::Rules;
 use pairmask_core::precision::{BoxForm, Encoder, Precision};
 use pairmask_core::units::BoxCount;
 use pairmask_core::write::BoxSource;
@@ -84,5 +85,15 @@ impl NarrowFrame {
     /// [`FrameError`]; the frame's memory is gone then.
     pub fn submit(self) -> Result<PendingFrame, FrameError> {
         self.filling.submit()
+    }
+
+    /// As [`Frame::submit_with`].
+    ///
+    /// [`Frame::submit_with`]: super::frame::Frame::submit_with
+    ///
+    /// # Errors
+    /// As [`Frame::submit_with`].
+    pub fn submit_with(self, rules: &Rules) -> Result<PendingFrame, FrameError> {
+        self.filling.submit_with(rules)
     }
 }

@@ -38,6 +38,12 @@ pub(super) enum Received {
     Dead,
 }
 
+/// A frame that has no room for more.
+pub(super) enum Ungrown {
+    Saved(SharedFrame, FrameError),
+    Lost(FrameError),
+}
+
 /// A request that could not be sent.
 pub(super) enum Unsent {
     Saved(SharedFrame),
@@ -116,6 +122,10 @@ impl Link {
 }
 
 impl SharedFrame {
+    pub(super) fn grown(self, _: u64, _: u64) -> Result<Self, Ungrown> {
+        match self.slot.link.0 {}
+    }
+
     pub(super) fn send(self, _: &RequestHeader) -> Result<(SentRequest, Slot), Unsent> {
         match self.slot.link.0 {}
     }

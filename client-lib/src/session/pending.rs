@@ -4,19 +4,20 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use pairmask_core::engine::CullError;
+use pairmask_core::filters::Rules;
 use pairmask_core::mask::MaskView;
 use pairmask_core::objects::Objects;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
-    CullRequest, Page, Reply, ReplyError, ReplyFields, RequestHeader, ResponseHeader, StatusCode,
-    words_in,
+    CullRequest, FRAME_RULES_MINOR, Page, Reply, ReplyError, ReplyFields, RequestHeader,
+    ResponseHeader, RulesLayout, RulesPlace, RulesReader, StatusCode, words_in, world_ranges_in,
 };
 
 use super::core::{Core, Loss};
 use super::error::{FrameError, WaitError};
 use super::estimate::Answered;
 use super::frame::Written;
-use super::link::{Received, SharedFrame, Slot, Unsent};
+use super::link::{Received, SharedFrame, Slot, Ungrown, Unsent};
 use super::pairs::{PairMask, ServedBy, Storage};
 use crate::transport::{CheckedResponse, SentRequest};
 
@@ -50,8 +51,58 @@ pub(super) struct Sent {
     pending: SentRequest,
     asked: ReplyFields,
     written: Written,
+    /// Where its rules lie behind its objects.
+    rules: Option<RulesPlace>,
     at: Instant,
     slot: Slot,
+}
+
+/// A frame that is to be sent, or the reason why this process answers it.
+#[allow(clippy::large_enum_variant)] // A box would be an allocation in every frame.
+enum ToSend {
+    Frame(SharedFrame, Option<RulesPlace>),
+    Stays(SharedFrame),
+}
+
+/// Writes rules behind the objects of a frame.
+fn with_rules(
+    shared: SharedFrame,
+    n: BoxCount,
+    written: Written,
+    rules: &Rules,
+    core: &Core,
+) -> Result<ToSend, FrameError> {
+    let stays = |shared, error| {
+        if core.may_cull_here() {
+            core.say_in_process(&error);
+            Ok(ToSend::Stays(shared))
+        } else {
+            Err(error)
+        }
+    };
+    let forms = shared.slot.link().forms();
+    if !forms.knows(FRAME_RULES_MINOR) {
+        let what = "rules of frames";
+        if !core.may_cull_here() {
+            return Err(FrameError::DaemonTooOld { what });
+        }
+        forms.say_stay(FRAME_RULES_MINOR, what);
+        return Ok(ToSend::Stays(shared));
+    }
+    let used = written.scene(n).payload_bytes();
+    let layout = match RulesLayout::of(rules, n, used) {
+        Ok(layout) => layout,
+        Err(error) => return stays(shared, error.into()),
+    };
+    core.note_rules(&layout);
+    let mut shared = match shared.grown(layout.payload_bytes(), used) {
+        Ok(shared) => shared,
+        Err(Ungrown::Saved(shared, error)) => return stays(shared, error),
+        Err(Ungrown::Lost(error)) => return Err(error),
+    };
+    // The memory has room for them.
+    let is_written = layout.write(rules, shared.loan.pages_mut());
+    Ok(if is_written { ToSend::Frame(shared, Some(layout.place())) } else { ToSend::Stays(shared) })
 }
 
 impl PendingFrame {
@@ -63,8 +114,20 @@ impl PendingFrame {
         shared: SharedFrame,
         n: BoxCount,
         written: Written,
+        rules: Option<&Rules>,
         core: Arc<Core>,
     ) -> Result<Self, FrameError> {
+        let to_send = match rules {
+            Some(rules) => with_rules(shared, n, written, rules, &core)?,
+            None => ToSend::Frame(shared, None),
+        };
+        let (shared, place) = match to_send {
+            ToSend::Frame(shared, place) => (shared, place),
+            ToSend::Stays(shared) => {
+                let mask = cull_shared(&core, shared.loan.pages(), n, written, rules)?;
+                return Ok(Self::ready(mask, core));
+            }
+        };
         let link = Arc::clone(shared.slot.link());
         let settings = core.settings();
         let asked =
@@ -75,23 +138,25 @@ impl PendingFrame {
             threads: settings.threads,
             visit_threads: settings.visit_threads,
             may_repeat: settings.answer_repeats,
+            rules: place,
             ..CullRequest::of(written.scene(n))
         };
         let header = RequestHeader::cull(asked.client_token, asked.frame, &request);
         let at = Instant::now();
         match shared.send(&header) {
             Ok((pending, slot)) if pending.is_delivered() => {
-                Ok(Self { state: State::Sent(Sent { pending, asked, written, at, slot }), core })
+                let sent = Sent { pending, asked, written, rules: place, at, slot };
+                Ok(Self { state: State::Sent(sent), core })
             }
             Ok((pending, _slot)) => {
                 let how = if link.is_alive() { Loss::Silent } else { Loss::Died };
                 core.lose(&link, how)?;
-                let mask = cull_shared(&core, pending.pages(), n, written)?;
+                let mask = cull_shared(&core, pending.pages(), n, written, rules)?;
                 Ok(Self::ready(mask, core))
             }
             Err(Unsent::Saved(shared)) => {
                 core.lose(&link, Loss::Died)?;
-                let mask = cull_shared(&core, shared.loan.pages(), n, written)?;
+                let mask = cull_shared(&core, shared.loan.pages(), n, written, rules)?;
                 Ok(Self::ready(mask, core))
             }
             Err(Unsent::Lost(error)) => {
@@ -197,10 +262,14 @@ impl Sent {
         let checked = Reply::parse(header, &self.asked, payload_bytes).and_then(|reply| {
             MaskView::new(self.asked.box_count, &reply.report.shape, words)
                 .map_err(|_| ReplyError::Malformed { field: "mask" })?;
-            Ok(reply)
+            let worlds = match self.rules {
+                Some(_) => world_ranges_in(header, &reply.report.shape, words)?,
+                None => Vec::new(),
+            };
+            Ok((reply, worlds))
         });
         match checked {
-            Ok(reply) => {
+            Ok((reply, worlds)) => {
                 let Self { pending, slot, .. } = self;
                 slot.link().note_frame(Answered {
                     n: self.asked.box_count.get(),
@@ -210,7 +279,8 @@ impl Sent {
                 });
                 let storage = Storage::Shared { response, _pending: pending, _slot: slot };
                 let isa = core.settings().isa;
-                Ok(PairMask::new(storage, &reply, ServedBy::Daemon, self.written, isa))
+                let mask = PairMask::new(storage, &reply, ServedBy::Daemon, self.written, isa);
+                Ok(mask.with_worlds(worlds))
             }
             Err(error) => self.answer_refused(error, core).map_err(|e| (e, None)),
         }
@@ -223,12 +293,17 @@ impl Sent {
             matches!(refused, ReplyError::Status { status: StatusCode::BadRequest, .. });
         if is_bad_request {
             // The next frame is not sent in a form that the daemon may not know.
-            self.slot.link().forms().note_refused(self.written);
+            let forms = self.slot.link().forms();
+            match self.rules {
+                Some(_) => forms.note_refused_rules(),
+                None => forms.note_refused(self.written),
+            }
         }
         if !core.may_cull_here() {
             return Err(refused.into());
         }
-        if !is_bad_request || self.written.since_minor() == 0 {
+        let is_plain = self.written.since_minor() == 0 && self.rules.is_none();
+        if !is_bad_request || is_plain {
             self.slot.link().say_refused(&refused);
         }
         match self.cull_here(core) {
@@ -251,8 +326,20 @@ impl Sent {
     }
 
     fn cull_here(&self, core: &Core) -> Result<PairMask, WaitError> {
-        Ok(cull_shared(core, self.pending.pages(), self.asked.box_count, self.written)?)
+        let (pages, n) = (self.pending.pages(), self.asked.box_count);
+        let mut reader = RulesReader::default();
+        let rules = match &self.rules {
+            // This process wrote them: only another one can have made them wrong.
+            Some(place) => Some(reader.read(place, n, pages).map_err(|_| changed_rules())?.rules()),
+            None => None,
+        };
+        Ok(cull_shared(core, pages, n, self.written, rules)?)
     }
+}
+
+/// Another process has written to the memory of a frame.
+const fn changed_rules() -> ReplyError {
+    ReplyError::Malformed { field: "request's rules" }
 }
 
 /// Finds the pairs of the objects in a request's memory with the engines of this process.
@@ -261,8 +348,9 @@ fn cull_shared(
     pages: &[Page],
     n: BoxCount,
     written: Written,
+    rules: Option<&Rules>,
 ) -> Result<PairMask, CullError> {
     let objects = written.scene(n).objects_in(pages);
     // The memory was lent for exactly these objects, so that `objects` is never `None`.
-    core.cull_here(objects.unwrap_or(Objects::Spheres(&[])), written)
+    core.cull_here(objects.unwrap_or(Objects::Spheres(&[])), rules, written)
 }

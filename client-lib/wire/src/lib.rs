@@ -13,6 +13,7 @@ mod pages;
 mod reject;
 mod reply;
 mod request;
+mod rules;
 mod scene;
 mod section;
 mod status;
@@ -28,6 +29,10 @@ pub use pages::{
 pub use reject::Reject;
 pub use reply::{Reply, ReplyError, ReplyFields, ResponseHeader, response_error, response_ok};
 pub use request::{CullRequest, Request, ScenePlace};
+pub use rules::{
+    RulesLayout, RulesPlace, RulesReader, SentRules, TooManyPairs, WORLD_RANGE_WORDS,
+    world_ranges_in, write_world_ranges,
+};
 pub use scene::{
     EditLayout, EditScratch, EndedPairs, SceneAnswerLayout, SceneId, SceneReply, SceneRequest,
     response_scene, response_scene_ended,
@@ -46,8 +51,8 @@ use pairmask_core::precision::BoxForm;
 /// Major version. A daemon answers only requests of its own. Raised when an old reader would
 /// misread a message.
 pub const VERSION_MAJOR: u16 = 1;
-/// Minor version: that of the newest form of objects, encoding of masks, engine, operation or step of an
-/// edit. Old readers may ignore what a minor version adds.
+/// Minor version: that of the newest form of objects, encoding of masks, engine, operation, section or step
+/// of an edit. Old readers may ignore what a minor version adds.
 pub const VERSION_MINOR: u16 = newest_minor();
 /// Minor version from which daemons know boxes in narrow forms.
 pub const NARROW_BOXES_MINOR: u16 = 1;
@@ -58,6 +63,8 @@ pub const SPHERES_MINOR: u16 = 2;
 pub const SCENES_MINOR: u16 = 4;
 /// Minor version from which scenes have rules.
 pub const RULES_MINOR: u16 = 5;
+/// Minor version from which whole frames have rules.
+pub const FRAME_RULES_MINOR: u16 = 6;
 
 /// Minor version from which daemons know objects of a form.
 pub const fn since_minor(form: ObjectForm) -> u16 {
@@ -68,9 +75,9 @@ pub const fn since_minor(form: ObjectForm) -> u16 {
     }
 }
 
-/// The largest minor version that an operation, a step of an edit, a form, an encoding or an engine needs.
+/// The largest minor version that an operation, a section, a step of an edit, a form, an encoding or an engine needs.
 const fn newest_minor() -> u16 {
-    let (mut newest, mut i) = (RULES_MINOR, 0);
+    let (mut newest, mut i) = (FRAME_RULES_MINOR, 0);
     while i < ObjectForm::ALL.len() {
         newest = later(newest, since_minor(ObjectForm::ALL[i]));
         i += 1;

@@ -53,6 +53,12 @@ pub enum Reject {
         /// Bytes of the payload.
         payload_bytes: u64,
     },
+    /// The rules of a frame say what cannot be.
+    #[error("the {field} of a frame's rules is malformed")]
+    Rules {
+        /// The field.
+        field: &'static str,
+    },
     /// An edit of a scene says what cannot be.
     #[error("the edit's {field} is malformed")]
     Edit {

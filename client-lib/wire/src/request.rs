@@ -10,9 +10,10 @@ use crate::header::{Operation, RequestHeader};
 use crate::page::Page;
 use crate::pages::objects_in;
 use crate::reject::Reject;
+use crate::rules::RulesPlace;
 use crate::scene::{SceneId, SceneRequest};
 use crate::section::{SECTION_COUNT, Section, SectionKind};
-use crate::{REQUEST_MAGIC, VERSION_MAJOR, VERSION_MINOR, Version};
+use crate::{FRAME_RULES_MINOR, REQUEST_MAGIC, VERSION_MAJOR, VERSION_MINOR, Version};
 
 /// Where the objects of a scene lie in a payload, and what they are. What else each object has for all
 /// engines to honour belongs here: its place, its section, and what [`ScenePlace::objects_in`] makes of
@@ -63,6 +64,8 @@ impl ScenePlace {
 pub struct CullRequest {
     /// The scene.
     pub scene: ScenePlace,
+    /// The rules of which boxes may meet; `None` where all may.
+    pub rules: Option<RulesPlace>,
     /// The engine asked for.
     pub engine: EngineChoice,
     /// The encoding asked for.
@@ -83,6 +86,7 @@ impl CullRequest {
     pub const fn of(scene: ScenePlace) -> Self {
         Self {
             scene,
+            rules: None,
             engine: EngineChoice::Auto,
             encoding: EncodingChoice::Auto,
             threads: None,
@@ -115,6 +119,11 @@ impl RequestHeader {
         let CullRequest { scene, engine, encoding, threads, visit_threads, .. } = *request;
         let number =
             |threads: Option<usize>| threads.map_or(0, |t| u32::try_from(t).unwrap_or(u32::MAX));
+        let mut sections = scene.sections();
+        let rules = request.rules.unwrap_or_default();
+        for (slot, section) in sections[1..].iter_mut().zip(rules.sections()) {
+            *slot = section;
+        }
         Self {
             version_minor: request.client_minor,
             flags: if request.may_repeat { 0 } else { CULL_ANEW },
@@ -129,7 +138,7 @@ impl RequestHeader {
             },
             threads: number(threads),
             visit_threads: number(visit_threads),
-            sections: scene.sections(),
+            sections,
             ..Self::envelope(Operation::Cull, client_token, frame)
         }
     }
@@ -190,9 +199,18 @@ impl Request {
             return Err(wrong);
         }
         let offset = usize::try_from(section.offset).map_err(|_| wrong)?;
+        let rules = RulesPlace::find(&header.sections, box_count, payload_bytes)?;
+        if rules.is_some() && header.version_minor < FRAME_RULES_MINOR {
+            let found = Version { major: header.version_major, minor: header.version_minor };
+            return Err(Reject::Version { found });
+        }
+        if rules.is_some() && form == ObjectForm::Spheres {
+            return Err(Reject::Rules { field: "form of objects" });
+        }
         let some = |threads: u32| (threads != 0).then_some(threads as usize);
         Ok(Self::Cull(CullRequest {
             scene: ScenePlace { form, count: box_count, offset },
+            rules,
             engine,
             encoding,
             threads: some(header.threads),
@@ -206,9 +224,10 @@ impl Request {
 /// Whether a section is of a kind that an operation knows.
 fn is_known(section: &Section, operation: u32) -> bool {
     let of_edits = [SectionKind::SceneSteps, SectionKind::SceneIndices];
+    let is_of = |kinds: &[SectionKind]| kinds.iter().any(|kind| *kind as u32 == section.kind);
     form_of(section).is_some()
-        || operation == Operation::EditScene as u32
-            && of_edits.iter().any(|kind| *kind as u32 == section.kind)
+        || operation == Operation::Cull as u32 && is_of(&RulesPlace::KINDS)
+        || operation == Operation::EditScene as u32 && is_of(&of_edits)
 }
 
 /// The form of the objects in a section, or `None` where it holds no objects.

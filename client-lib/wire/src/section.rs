@@ -8,7 +8,7 @@ use pairmask_core::objects::ObjectForm;
 use pairmask_core::precision::BoxForm;
 use pairmask_core::units::BoxCount;
 
-/// Section slots in a header. At most four are in use; the rest is room for later kinds.
+/// Section slots in a header. At most five are in use; the rest is room for later kinds.
 pub const SECTION_COUNT: usize = 8;
 
 /// A byte range of the payload and the kind of its contents.
@@ -66,11 +66,21 @@ pub enum SectionKind {
     EndedPairs = 16,
     /// Why they ended, a byte each.
     EndReasons = 17,
+    /// Tags of boxes, 12 bytes each, in object order.
+    RuleTags = 18,
+    /// The table of filters, 24 bytes each.
+    RuleFilters = 19,
+    /// Pairs of the include list.
+    IncludedPairs = 20,
+    /// Pairs of the exclude list.
+    ExcludedPairs = 21,
+    /// How many pairs of a list each world has.
+    WorldRanges = 22,
 }
 
 impl SectionKind {
     /// Every kind, in the order of their numbers.
-    pub const ALL: [Self; 17] = [
+    pub const ALL: [Self; 22] = [
         Self::Boxes,
         Self::DenseWords,
         Self::SparseRows,
@@ -88,6 +98,11 @@ impl SectionKind {
         Self::BegunPairs,
         Self::EndedPairs,
         Self::EndReasons,
+        Self::RuleTags,
+        Self::RuleFilters,
+        Self::IncludedPairs,
+        Self::ExcludedPairs,
+        Self::WorldRanges,
     ];
 
     /// The kind of a wire number, if there is one.

@@ -10,9 +10,9 @@ use super::window::Window;
 pub struct Outcome {
     /// Pairs compared.
     pub pairs: u64,
-    /// Pairs that overlap and are not in the mask.
+    /// Pairs that overlap, may meet and are not in the mask.
     pub missed: u64,
-    /// Pairs that are in the mask and do not overlap.
+    /// Pairs that are in the mask and do not overlap, or may not meet.
     pub extra: u64,
     /// The first wrong pair.
     pub first: Option<Pair>,
@@ -39,7 +39,8 @@ fn compare<T>(window: &Window, objects: &[T], overlap: impl Fn(&T, &T) -> bool) 
                 continue;
             }
             outcome.pairs += 1;
-            let (is, said) = (overlap(one, other), window.has(row, column));
+            let is = overlap(one, other) && window.meet(row, column);
+            let said = window.has(row, column);
             if is != said {
                 outcome.missed += u64::from(is);
                 outcome.extra += u64::from(said);
@@ -52,15 +53,22 @@ fn compare<T>(window: &Window, objects: &[T], overlap: impl Fn(&T, &T) -> bool) 
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeSet;
+    // Rules are filled as users fill them.
+    #![allow(clippy::field_reassign_with_default)]
 
-    use pairmask_core::dispatch::{CullOptions, SphereEngines};
-    use pairmask_core::engine::{BruteForce, CullInput, Engine, Grid, HeapReply};
+    use std::collections::BTreeSet;
+    use std::sync::Arc;
+
+    use bytemuck::Zeroable;
+    use pairmask_core::dispatch::{CpuEngines, CullOptions, SphereEngines};
+    use pairmask_core::engine::{BruteForce, CullInput, CullReport, Engine, Grid, HeapReply};
+    use pairmask_core::filters::{Owner, Rules, Tag};
     use pairmask_core::mask::{MaskShape, MaskView};
     use pairmask_core::objects::Objects;
     use pairmask_core::oracle::truth;
-    use pairmask_core::{Aabb, BoxCount, Encoding, EncodingChoice};
+    use pairmask_core::{Aabb, BoxCount, BoxForm, Encoding, EncodingChoice};
     use pairmask_tests::{SphereCase, lose_a_pair, stress_scenes as scenes};
+    use pairmask_wire::{Page, RulesLayout, RulesReader, ScenePlace, page_count};
 
     use super::super::window::{Reach, Span2};
     use super::*;
@@ -86,6 +94,51 @@ mod tests {
 
     fn engines() -> [Box<dyn Engine>; 2] {
         [Box::new(BruteForce::new()), Box::new(Grid::new())]
+    }
+
+    /// A mask of pairs that rules part is right without them alone, and wrong with a pair less.
+    #[test]
+    fn masks_are_held_to_the_rules_of_their_frame() {
+        let boxes = scenes::named("uniform").boxes(300, 3);
+        let n = BoxCount::new(300);
+        let mut rules = Rules::default();
+        rules.tags = (0..300).map(|at| Tag::default().with_owner(Owner(at % 3))).collect();
+        let scene = ScenePlace::first(BoxForm::F32, n);
+        let layout = RulesLayout::of(&rules, n, scene.payload_bytes()).expect("no lists");
+        let mut pages = vec![Page::zeroed(); page_count(layout.payload_bytes()) as usize];
+        assert!(layout.write(&rules, &mut pages));
+        let mut reader = RulesReader::default();
+        let sent = reader.read(&layout.place(), n, &pages).expect("as it was written");
+        for encoding in Encoding::ALL {
+            let options =
+                CullOptions { encoding: EncodingChoice::Only(encoding), ..CullOptions::default() };
+            let (mut engines, mut reply) = (CpuEngines::new(), HeapReply::new());
+            let all = engines.cull(&boxes, &options, &mut reply).expect("memory").report;
+            let audit = |rules: bool, report: &CullReport, reply: &[u32]| {
+                let mut window = Window::default();
+                window.take_mask(
+                    300,
+                    Span2::draw(300, Reach::BOXES, &mut Random::new(1)),
+                    &report.shape,
+                    reply,
+                );
+                window.take_objects(Objects::Boxes((&boxes).into()));
+                window.take_rules(rules.then(|| Arc::clone(sent)));
+                check(&window)
+            };
+            let outcome = audit(true, &all, reply.words());
+            assert_eq!((outcome.missed, outcome.extra > 0), (0, true), "{encoding}");
+            let done = engines.cull_filtered(&boxes, &rules, &options, &mut reply);
+            let mut report = done.expect("memory").answer.report;
+            let outcome = audit(true, &report, reply.words());
+            assert_eq!((outcome.missed, outcome.extra), (0, 0), "{encoding}");
+            let outcome = audit(false, &report, reply.words());
+            assert_eq!((outcome.missed > 0, outcome.extra), (true, 0), "{encoding}");
+            let mut words = reply.words().to_vec();
+            lose_a_pair(&mut words, &mut report);
+            let outcome = audit(true, &report, &words);
+            assert_eq!((outcome.missed, outcome.extra), (1, 0), "{encoding}");
+        }
     }
 
     #[test]

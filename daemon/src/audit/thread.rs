@@ -8,7 +8,7 @@ use std::thread::JoinHandle;
 
 use pairmask_core::mask::MaskShape;
 use pairmask_core::objects::{ObjectForm, Objects};
-use pairmask_wire::{AuditCounts, ReplyFields};
+use pairmask_wire::{AuditCounts, ReplyFields, SentRules};
 
 use super::check::{Outcome, check};
 use super::rate::AuditRate;
@@ -137,12 +137,18 @@ impl Auditor {
         Some(window)
     }
 
-    /// Copies the objects of a window and has it checked.
-    pub fn submit(&self, mut window: Box<Window>, objects: Objects<'_>) {
+    /// Copies the objects of a window and has it checked, with the frame's rules.
+    pub fn submit(
+        &self,
+        mut window: Box<Window>,
+        objects: Objects<'_>,
+        rules: Option<Arc<SentRules>>,
+    ) {
         let Some(full) = self.running.as_ref().and_then(|running| running.full.as_ref()) else {
             return;
         };
         window.take_objects(objects);
+        window.take_rules(rules);
         // The channel has room for all windows; a thread that panicked receives none.
         let _ = full.try_send(Work::Window(window));
     }
@@ -206,9 +212,10 @@ fn check_all(work: &Receiver<Work>, back: &SyncSender<Box<Window>>, found: &Foun
     let mut scenes: Vec<(Arc<SceneToken>, SceneAudit)> = Vec::new();
     while let Ok(work) = work.recv() {
         match work {
-            Work::Window(window) => {
+            Work::Window(mut window) => {
                 let frame = (window.client_token, window.frame);
                 note(frame, &check(&window), found);
+                window.take_rules(None);
                 // The channel has room. When the auditor stops, it has no receiver.
                 let _ = back.try_send(window);
             }

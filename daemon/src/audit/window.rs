@@ -1,10 +1,12 @@
 //! A window of a mask: some rows, some columns, and the engine's bits of their pairs.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use pairmask_core::mask::{MaskShape, Span};
 use pairmask_core::objects::{ObjectForm, Objects};
 use pairmask_core::{Aabb, BoxCount, Sphere, pair_index};
+use pairmask_wire::SentRules;
 
 use crate::scene::Random;
 
@@ -84,6 +86,8 @@ pub struct Window {
     boxes: Vec<Aabb>,
     /// The spheres at `indices`; none in a frame of boxes.
     spheres: Vec<Sphere>,
+    /// The rules of the frame; `None` where all objects may meet.
+    rules: Option<Arc<SentRules>>,
     /// Token of the client, for the log.
     pub client_token: u64,
     /// The client's number of the frame.
@@ -143,6 +147,11 @@ impl Window {
                 self.spheres.extend(indices.map(one));
             }
         }
+    }
+
+    /// Takes the rules of the frame, or none.
+    pub fn take_rules(&mut self, rules: Option<Arc<SentRules>>) {
+        self.rules = rules;
     }
 
     fn take_dense(&mut self, n: BoxCount, mask: &[u32]) {
@@ -208,6 +217,12 @@ impl Window {
     /// The spheres of the rows, then of the columns; none in a frame of boxes.
     pub(super) fn spheres(&self) -> &[Sphere] {
         &self.spheres
+    }
+
+    /// Whether the rules let the objects of a row and of a column of the window meet.
+    pub(super) fn meet(&self, row: usize, column: usize) -> bool {
+        let (a, b) = self.pair(row, column);
+        self.rules.as_ref().is_none_or(|sent| sent.rules().meet(a, b))
     }
 
     /// Whether the mask had the pair of the `row`-th row and the `column`-th column of the window.

@@ -1,6 +1,7 @@
 //! Engines of the daemon: those of the client library, and the GPU.
 
 mod engine_pool;
+mod filtered;
 mod frame_memory;
 pub mod gpu;
 mod gpu_service;
@@ -30,6 +31,7 @@ use pairmask_core::objects::Objects;
 use pairmask_core::plan::{Calibration, GpuCost, Plan};
 use pairmask_core::precision::{BoxSlice, ExpandScratch};
 use pairmask_core::repeat::{Repeats, is_sooner_compared};
+use pairmask_wire::RulesReader;
 
 use self::frame_memory::{LentReply, with_lent};
 pub use self::shared_gpu::GpuTurn;
@@ -54,6 +56,11 @@ impl Planned {
     pub fn on_one_core(&self) -> Option<Duration> {
         let is_gpu = self.plan.engine.is_gpu();
         self.one_core_ns.filter(|_| !is_gpu).map(Duration::from_nanos)
+    }
+
+    /// Whether the plan is a GPU's.
+    pub fn is_gpu(&self) -> bool {
+        self.plan.engine.is_gpu()
     }
 
     /// Whether the plan is a GPU's, and a core is predicted to take much longer than a GPU that others
@@ -127,10 +134,7 @@ impl CpuSide {
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
         let start = Instant::now();
-        let expanded = if boxes.form() == BoxForm::F32 { 0 } else { AABB_BYTES * boxes.len() };
-        if self.expanded_need.note(expanded, || self.expanded.allocated_bytes()) {
-            self.expanded = ExpandScratch::default();
-        }
+        self.note_expanded(boxes);
         let boxes = boxes.expand(&mut self.expanded, planned.options.threads != Some(1));
         let expand_ns = nanoseconds_since(start);
         let mut report =
@@ -138,6 +142,14 @@ impl CpuSide {
         report.times.ingest_ns += expand_ns;
         let engine = planned.plan.engine;
         Ok(planned.answer(report, engine))
+    }
+
+    /// Gives memory for expanded boxes back where frames of the past needed much more.
+    fn note_expanded(&mut self, boxes: BoxSlice<'_>) {
+        let expanded = if boxes.form() == BoxForm::F32 { 0 } else { AABB_BYTES * boxes.len() };
+        if self.expanded_need.note(expanded, || self.expanded.allocated_bytes()) {
+            self.expanded = ExpandScratch::default();
+        }
     }
 
     /// The answer to a frame that the GPU could not serve, or the error.
@@ -168,6 +180,7 @@ pub struct Executor {
     spheres: SphereWays,
     spheres_need: RecentNeed,
     repeats: Repeats,
+    rules: RulesReader,
     gpu: Option<Arc<SharedGpu>>,
     isa: AvailableIsa,
     calibration: Option<Calibration>,
@@ -187,6 +200,7 @@ impl Executor {
             spheres: SphereWays::default(),
             spheres_need: RecentNeed::default(),
             repeats: Repeats::default(),
+            rules: RulesReader::default(),
             gpu: gpu.map(|gpu| Arc::new(SharedGpu::new(gpu))),
             isa: AvailableIsa::best(),
             calibration: None,
@@ -397,6 +411,7 @@ impl Executor {
         self.cpu.expanded = ExpandScratch::default();
         self.spheres = SphereWays::default();
         self.repeats.forget();
+        self.rules.give_back();
     }
 
     /// Bytes of scratch that the CPU engines keep from frame to frame, beside boxes and replies.
@@ -405,6 +420,7 @@ impl Executor {
             + self.cpu.expanded.allocated_bytes()
             + self.spheres.scratch_bytes()
             + self.repeats.allocated_bytes()
+            + self.rules.allocated_bytes()
     }
 
     fn plan_within(&mut self, boxes: BoxSlice<'_>, options: &CullOptions) -> Planned {

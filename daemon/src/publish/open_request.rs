@@ -4,8 +4,9 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use pairmask_core::dispatch::CullAnswer;
+use pairmask_core::dispatch::{CullAnswer, CullOptions, WorldRange};
 use pairmask_core::engine::{ReplyBuffer, ReserveError};
+use pairmask_core::mask::{MaskShape, Span};
 use pairmask_core::objects::Objects;
 use pairmask_core::precision::BoxSlice;
 use pairmask_core::repeat::KeepTicket;
@@ -15,8 +16,8 @@ use pairmask_transport::{
     assume_response_pages,
 };
 use pairmask_wire::{
-    Page, Reject, ReplyFields, Request, ResponseHeader, ScenePlace, page_count, words_in,
-    words_in_mut,
+    Page, Reject, ReplyFields, Request, ResponseHeader, ScenePlace, SentRules, WORLD_RANGE_WORDS,
+    page_count, words_in, words_in_mut, write_world_ranges,
 };
 
 use crate::ingest::Incoming;
@@ -49,6 +50,20 @@ pub(crate) struct OpenRequest {
     lender: Arc<ReplyLender>,
     /// Where its objects and its answer are to be kept.
     keep: Option<KeepTicket>,
+    rules: Option<FrameRules>,
+    /// Where the ranges of worlds stand in the reply.
+    world_ranges: Option<Span>,
+}
+
+/// The rules of a frame that waits for its answer.
+pub(crate) struct FrameRules {
+    pub sent: Arc<SentRules>,
+    /// What the client asks for, to cull the frame once more.
+    pub options: CullOptions,
+    /// Pairs that an engine without rules has found, once the mask has been filtered.
+    pub found_pairs: Option<u64>,
+    /// Whether the mask is that of the rules.
+    pub is_done: bool,
 }
 
 impl OpenRequest {
@@ -69,6 +84,8 @@ impl OpenRequest {
             loan: None,
             lender,
             keep: None,
+            rules: None,
+            world_ranges: None,
         }
     }
 
@@ -138,8 +155,45 @@ impl OpenRequest {
     /// Keeps objects and answer where that is wanted. The reply holds the mask.
     pub(crate) fn keep(&mut self, answer: &CullAnswer) {
         if let Some(ticket) = self.keep.take() {
-            ticket.keep(self.objects(), self.words(), answer);
+            let behind = self.world_ranges.map_or(0, |span| span.len);
+            ticket.keep_with(self.objects(), self.words(), answer, behind);
         }
+    }
+
+    /// Gives it rules. The mask is that of the rules already, or will be.
+    pub(crate) fn put_rules(&mut self, sent: Arc<SentRules>, options: CullOptions, is_done: bool) {
+        self.rules = Some(FrameRules { sent, options, found_pairs: None, is_done });
+    }
+
+    /// Its rules, if it has any.
+    pub(crate) const fn rules(&self) -> Option<&FrameRules> {
+        self.rules.as_ref()
+    }
+
+    /// As [`Self::rules`], to be changed.
+    pub(crate) const fn rules_mut(&mut self) -> Option<&mut FrameRules> {
+        self.rules.as_mut()
+    }
+
+    /// Writes where the pairs of each world stand behind a mask of this shape, for which the reply has room.
+    pub(crate) fn put_world_ranges(&mut self, shape: &MaskShape, ranges: &[WorldRange]) {
+        let span = world_range_span(shape, (WORLD_RANGE_WORDS * ranges.len()) as u64);
+        let end = span.start.saturating_add(span.len);
+        let room = self.words_mut().get_mut(span.start as usize..end as usize);
+        if let Some(room) = room.filter(|room| !room.is_empty()) {
+            write_world_ranges(ranges, room);
+            self.world_ranges = Some(span);
+        }
+    }
+
+    /// Notes that the reply has so many words of ranges of worlds behind a mask of this shape.
+    pub(crate) fn note_world_ranges(&mut self, shape: &MaskShape, words: u64) {
+        self.world_ranges = (words > 0).then(|| world_range_span(shape, words));
+    }
+
+    /// Where the ranges of worlds stand in the reply, if it has any.
+    pub(crate) const fn world_ranges(&self) -> Option<Span> {
+        self.world_ranges
     }
 
     /// Puts a few bytes that are not a mask.
@@ -192,6 +246,11 @@ impl OpenRequest {
     fn payload_bytes(&self) -> u64 {
         size_of_val(self.request().pages()) as u64
     }
+}
+
+/// So many words of ranges behind a mask of a shape.
+fn world_range_span(shape: &MaskShape, words: u64) -> Span {
+    Span { start: shape.extent_words(), len: words }
 }
 
 fn objects_at(request: &CheckedRequest, scene: ScenePlace) -> Objects<'_> {

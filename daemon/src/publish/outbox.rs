@@ -88,12 +88,19 @@ impl Outbox {
         counters.note_frame(&fields, form, report.pair_count);
         counters.note_skips(&SkipTotals::of_frame(&report.skipped));
         drop(counters);
-        self.clients.note_pairs(open.sender().session, report.pair_count);
-        let header = response_ok(&fields, answer.engine, answer.threads, report, &times);
+        // What an engine without rules will find in the next frame.
+        let found_pairs = open.rules().and_then(|rules| rules.found_pairs);
+        let found_pairs = found_pairs.unwrap_or(report.pair_count);
+        self.clients.note_pairs(open.sender().session, found_pairs);
+        let mut header = response_ok(&fields, answer.engine, answer.threads, report, &times);
+        if let Some(span) = open.world_ranges() {
+            header.place_world_ranges(span);
+        }
         self.send(open, &header);
         if let Some(window) = audited {
             // The objects are ours to read as long as the request is.
-            self.auditor.submit(window, open.objects());
+            let rules = open.rules().map(|rules| Arc::clone(&rules.sent));
+            self.auditor.submit(window, open.objects(), rules);
         }
     }
 

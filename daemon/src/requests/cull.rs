@@ -9,9 +9,10 @@ use pairmask_core::engine::CullError;
 use pairmask_core::mask::ReadableEncodings;
 use pairmask_core::objects::Objects;
 use pairmask_core::repeat::Seen;
-use pairmask_wire::CullRequest;
+use pairmask_wire::{CullRequest, Reject, SentRules};
 
 use super::Served;
+use super::filtered::{self, Filtered, MaskFilters};
 use crate::clients::GpuNeed;
 use crate::execute::{
     BUNDLE_FRAMES, CullUnderWay, Ended, EnginePool, Executor, GpuShare, Joining, Owner,
@@ -24,6 +25,7 @@ pub(super) struct Culls {
     /// Sessions get engines like these, which no session has.
     model: Mutex<Executor>,
     gpu: GpuShare,
+    filters: MaskFilters,
     pool: Arc<EnginePool>,
     /// Submissions under way, oldest first.
     under_way: Mutex<VecDeque<Submission>>,
@@ -43,6 +45,7 @@ impl Culls {
         Self {
             gpu: model.gpu_share(),
             model: Mutex::new(model),
+            filters: MaskFilters::default(),
             pool,
             under_way: Mutex::new(VecDeque::with_capacity(SUBMISSIONS_UNDER_WAY)),
             under_way_count: AtomicUsize::new(0),
@@ -62,6 +65,7 @@ impl Culls {
     /// Gives up what belonged to clients that are gone.
     pub(super) fn tidy(&self) {
         self.gpu.tidy();
+        self.filters.tidy();
     }
 
     /// Answers a request, or leaves it under way.
@@ -149,18 +153,42 @@ impl Culls {
             open.close();
             return Served::BEGUN;
         }
+        let rules = match read_rules(&open, request, engines) {
+            Ok(rules) => rules,
+            Err(reject) => {
+                outbox.refuse(&mut open, &reject.into());
+                open.close();
+                return Served::BEGUN;
+            }
+        };
         let sender = open.sender();
         let limit_words = open.limit_words();
         let mut seen = Seen::New;
         if request.may_repeat {
             let (objects, mut reply) = open.parts();
-            seen = engines.repeats().look(objects, options, &mut reply);
+            let number = rules.as_ref().map_or(0, |rules| rules.number());
+            seen = engines.repeats().look_with_rules(objects, options, number, &mut reply);
         }
         if let Seen::Answered(answer) = seen {
+            open.note_world_ranges(&answer.report.shape, engines.repeats().words_behind());
+            if let Some(rules) = rules {
+                open.put_rules(rules, *options, true);
+            }
             // The next frame is judged by the last one that was culled.
             return Served { is_frame: false, ..publish(open, Ok(answer), outbox) };
         }
         let is_alike = seen == Seen::Alike;
+        if let Some(rules) = &rules {
+            open.put_rules(Arc::clone(rules), *options, false);
+        }
+        let on_gpu = rules.as_ref().is_none_or(|rules| engines.may_use_gpu(rules, options));
+        if let Some(rules) = rules.as_ref().filter(|_| !on_gpu) {
+            let answer = filtered::cull_here(&mut open, engines, rules, options);
+            if is_alike {
+                open.keep_with(engines.repeats().ticket());
+            }
+            return publish(open, answer, outbox);
+        }
         let boxes = match open.parts() {
             (Objects::Boxes(boxes), _) => boxes,
             (Objects::Spheres(spheres), mut reply) => {
@@ -177,6 +205,14 @@ impl Culls {
         } else {
             engines.plan(boxes, options, limit_words)
         };
+        if let Some(rules) = rules.filter(|_| !planned.is_gpu()) {
+            if is_alike {
+                open.keep_with(engines.repeats().ticket());
+            }
+            let on_one_core = planned.on_one_core();
+            let answer = filtered::cull_here(&mut open, engines, &rules, options);
+            return Served { on_one_core, ..publish(open, answer, outbox) };
+        }
         if is_alike && planned.is_sooner_compared(open.objects()) {
             open.keep_with(engines.repeats().ticket());
         }
@@ -199,13 +235,13 @@ impl Culls {
                 }
                 Err(ended) => {
                     self.under_way_count.fetch_sub(1, Ordering::Relaxed);
-                    publish_all(ended, outbox)
+                    self.publish_all(ended, Place::of(options), outbox)
                 }
             }
         } else {
             let on_one_core = planned.on_one_core();
             let answer = engines.run(planned, owner, &mut open);
-            Served { on_one_core, gpu, ..publish(open, answer, outbox) }
+            Served { on_one_core, gpu, ..self.finish(open, answer, Place::of(options), outbox) }
         }
     }
 
@@ -229,7 +265,7 @@ impl Culls {
             self.under_way().push_back(Submission { first, others: begun });
         }
         for frame in unserved {
-            publish_all(self.answer(frame, Place::Lane), outbox);
+            self.publish_all(self.answer(frame, Place::Lane), Place::Lane, outbox);
         }
     }
 
@@ -275,8 +311,45 @@ impl Culls {
                 self.under_way_count.fetch_sub(1, Ordering::Relaxed);
             }
             let ended = ended.unwrap_or_else(|unserved| self.answer(unserved, place));
-            publish_all(ended, outbox);
+            self.publish_all(ended, place, outbox);
         }
+    }
+
+    /// Publishes what became of a frame. A device that hangs may keep the request: then its client's
+    /// deadline ends its wait.
+    fn publish_all(
+        &self,
+        (answer, open): Ended<OpenRequest>,
+        place: Place,
+        outbox: &Outbox,
+    ) -> Served {
+        open.map_or(Served::BEGUN, |open| self.finish(open, answer, place, outbox))
+    }
+
+    /// Publishes an answer that was found without the frame's rules, if it has any.
+    fn finish(
+        &self,
+        mut open: OpenRequest,
+        answer: Result<CullAnswer, CullError>,
+        place: Place,
+        outbox: &Outbox,
+    ) -> Served {
+        let finished = self.filters.finish(&mut open, answer, |work| match place {
+            Place::Lane => self.pool.work(|| work(self.pool.threads())),
+            Place::Pool => work(self.pool.threads()),
+        });
+        let answer = match finished {
+            Filtered::Done(answer) => answer,
+            Filtered::CullHere(rules, options) => {
+                let mut engines = self.new_engines();
+                let mut cull = || filtered::cull_here(&mut open, &mut engines, &rules, &options);
+                match place {
+                    Place::Lane if options.threads != Some(1) => self.pool.work(cull),
+                    _ => cull(),
+                }
+            }
+        };
+        publish(open, answer, outbox)
     }
 
     /// Answers a frame that the GPU could not serve.
@@ -324,10 +397,15 @@ impl Place {
     }
 }
 
-/// Publishes what became of a frame. A device that hangs may keep the request: then its client's
-/// deadline ends its wait.
-fn publish_all((answer, open): Ended<OpenRequest>, outbox: &Outbox) -> Served {
-    open.map_or(Served::BEGUN, |open| publish(open, answer, outbox))
+/// The rules of a request; `None` where it has none, or those let all boxes meet.
+fn read_rules(
+    open: &OpenRequest,
+    request: &CullRequest,
+    engines: &mut Executor,
+) -> Result<Option<Arc<SentRules>>, Reject> {
+    let Some(place) = &request.rules else { return Ok(None) };
+    let rules = engines.read_rules(place, request.scene.count, open.pages())?;
+    Ok((!rules.let_all_meet()).then_some(rules))
 }
 
 fn publish(

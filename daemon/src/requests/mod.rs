@@ -4,6 +4,7 @@
 //! of one session one at a time.
 
 mod cull;
+mod filtered;
 mod scene;
 mod status;
 

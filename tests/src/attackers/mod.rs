@@ -9,6 +9,7 @@ mod identities;
 mod lengths;
 pub mod lists;
 pub mod raw;
+mod rules;
 mod scribble;
 mod tokens;
 mod truncate;
@@ -65,6 +66,7 @@ pub fn run(mode: &str) -> Result<(), Box<dyn Error>> {
         "identities" => identities::attack(&until, &mut tally),
         "daemon" => daemon::attack(&until, &mut tally)?,
         "edits" => edits::attack(&until, &mut tally),
+        "rules" => rules::attack(&until, &mut tally),
         "lists" => lists::attack(&until, &mut tally)?,
         _ => return Err(format!("unknown attack '{mode}'").into()),
     }

@@ -7,7 +7,7 @@ mod spheres;
 
 pub use answer::{CullAnswer, StageTimes, nanoseconds_since};
 pub use boxes::CpuEngines;
-pub use filtered::{FilteredAnswer, WorldRange};
+pub use filtered::{BadMask, FilteredAnswer, MaskFilter, WorldRange};
 pub use spheres::{SphereEngines, SphereWays};
 
 pub use crate::plan::CullOptions;

@@ -2,7 +2,7 @@
 
 use super::pair_lists::{Listed, PairLists};
 use super::table::FilterTable;
-use super::tag::{Owner, Tag};
+use super::tag::{Owner, Tag, World};
 
 /// The tags of boxes by index, and what decides of them.
 ///
@@ -39,6 +39,27 @@ impl Rules {
     #[inline]
     pub fn meet(&self, a: u32, b: u32) -> bool {
         decide(&self.tag(a), &self.tag(b), &self.table, || self.lists.listed(a, b))
+    }
+
+    /// Whether all of the first `n` boxes meet, as far as a look tells that ends at the first box that is
+    /// not like the one before.
+    pub fn let_all_meet(&self, n: usize) -> bool {
+        let tags = &self.tags[..n.min(self.tags.len())];
+        let untagged = (n > tags.len()).then_some(Tag::default());
+        let mut world = World::ALL;
+        let mut is_of_one_world = |tag: &Tag| {
+            if world == World::ALL {
+                world = tag.world;
+            }
+            tag.world.meets(world)
+        };
+        let first = tags.first().copied().unwrap_or_default();
+        let is_alike = |tag: &Tag| tag.with_world(first.world) == first;
+        first.owner == Owner::NONE
+            && !first.is_static()
+            && self.lists.is_empty()
+            && self.table.meet(first.filter, first.filter)
+            && tags.iter().chain(&untagged).all(|tag| is_alike(tag) && is_of_one_world(tag))
     }
 
     /// Bytes that are allocated.

@@ -230,3 +230,36 @@ fn lists_decide_of_indices_that_have_no_tags() {
     assert!(!rules.meet(u32::MAX >> 8, 5));
     assert!(rules.meet(4, 5));
 }
+
+#[test]
+fn rules_of_which_a_look_says_that_all_meet_let_all_meet() {
+    let mut random = Random(0xA11);
+    let (mut all, mut some) = (0, 0);
+    for _ in 0..3_000 {
+        let n = random.below(6) as u32;
+        let mut rules = Rules::default();
+        let kinds = [Filter::ALL, Filter::new(1, 2), Filter::ALL.with_static(true)];
+        if random.below(3) == 0 {
+            rules.table =
+                FilterTable::new(&kinds[random.below(3) as usize..]).expect("few filters");
+        }
+        let rare = |random: &mut Random| u32::from(random.below(9) == 0);
+        for _ in 0..random.below(8) {
+            let world = World([0, 0, 0, -1, 5][random.below(5) as usize]);
+            let filter = FilterId(rare(&mut random) as u16);
+            let tag = Tag::new(world, Owner(rare(&mut random)), filter);
+            rules.tags.push(tag.with_static(rare(&mut random) == 1));
+        }
+        if random.below(9) == 0 {
+            rules.lists.exclude([0, 1], true);
+        }
+        let meet = (0..n).all(|a| (0..a).all(|b| rules.meet(a, b)));
+        if rules.let_all_meet(n as usize) {
+            assert!(meet, "{rules:?}");
+            all += 1;
+        } else {
+            some += u32::from(!meet);
+        }
+    }
+    assert!(all > 300 && some > 300, "{all} and {some}");
+}

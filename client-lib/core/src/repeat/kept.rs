@@ -26,8 +26,9 @@ const SHARED_BYTES: usize = 2 << 20;
 pub(super) struct Kept {
     facts: Facts,
     objects: Vec<u8>,
-    /// The reply, as far as the mask reaches.
+    /// The reply, as far as the mask and what stands behind it reach.
     words: Vec<u32>,
+    behind: u64,
     answer: CullAnswer,
     was_used: bool,
 }
@@ -40,19 +41,26 @@ impl Kept {
         objects: Objects<'_>,
         words: &[u32],
         answer: &CullAnswer,
+        behind: u64,
     ) -> Option<Self> {
-        let extent = usize::try_from(answer.report.shape.extent_words()).ok()?;
+        let extent = answer.report.shape.extent_words().checked_add(behind)?;
+        let extent = usize::try_from(extent).ok()?;
         let (objects_bytes, words) = (objects.as_bytes(), words.get(..extent)?);
         if !facts.is_of(objects) || objects_bytes.len() + size_of_val(words) > MOST_BYTES {
             return None;
         }
         let (objects, words) = (copied(objects_bytes)?, copied(words)?);
-        Some(Self { facts, objects, words, answer: *answer, was_used: false })
+        Some(Self { facts, objects, words, behind, answer: *answer, was_used: false })
     }
 
     /// Bytes that are allocated.
     pub(super) const fn allocated_bytes(&self) -> usize {
         self.objects.capacity() + self.words.capacity() * size_of::<u32>()
+    }
+
+    /// Words that stand behind the mask.
+    pub(super) const fn words_behind(&self) -> u64 {
+        self.behind
     }
 
     /// Whether it has answered a frame.

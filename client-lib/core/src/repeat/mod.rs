@@ -124,11 +124,23 @@ impl Repeats {
         options: &CullOptions,
         reply: &mut dyn ReplyBuffer,
     ) -> Seen {
+        self.look_with_rules(objects, options, 0, reply)
+    }
+
+    /// As [`look`](Self::look), at a frame with the rules of a number: 0 where all boxes may meet, and
+    /// another one for other rules.
+    pub fn look_with_rules(
+        &mut self,
+        objects: Objects<'_>,
+        options: &CullOptions,
+        rules: u64,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Seen {
         if options.engine != EngineChoice::Auto || objects.len() < 2 {
             self.forget();
             return Seen::New;
         }
-        let facts = Facts::of(objects, options, reply.limit_words());
+        let facts = Facts::of(objects, options, rules, reply.limit_words());
         if !self.last.is_alike(&facts, objects) {
             self.last.take(&facts, objects);
             self.drop_kept();
@@ -165,6 +177,11 @@ impl Repeats {
         Some(KeepTicket { facts, promise })
     }
 
+    /// Words behind the mask that were kept with it.
+    pub fn words_behind(&self) -> u64 {
+        self.kept.as_ref().map_or(0, |kept| kept.words_behind())
+    }
+
     /// Gives the copy up, and whatever else is known of the last frame.
     pub fn forget(&mut self) {
         self.last.clear();
@@ -189,7 +206,12 @@ impl KeepTicket {
     /// Copies the objects of the frame and its answer, whose mask `words` hold, where there is memory for
     /// them.
     pub fn keep(self, objects: Objects<'_>, words: &[u32], answer: &CullAnswer) {
-        if let Some(kept) = Kept::new(self.facts, objects, words, answer) {
+        self.keep_with(objects, words, answer, 0);
+    }
+
+    /// As [`keep`](Self::keep), with so many words that stand behind the mask.
+    pub fn keep_with(self, objects: Objects<'_>, words: &[u32], answer: &CullAnswer, behind: u64) {
+        if let Some(kept) = Kept::new(self.facts, objects, words, answer, behind) {
             *self.promise.lock().unwrap_or_else(PoisonError::into_inner) = Some(Box::new(kept));
         }
     }

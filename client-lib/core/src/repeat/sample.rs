@@ -22,12 +22,19 @@ pub(super) struct Facts {
     n: usize,
     options: CullOptions,
     limit_words: u64,
+    /// The number of the frame's rules; 0 where all boxes may meet.
+    rules: u64,
 }
 
 impl Facts {
-    pub(super) fn of(objects: Objects<'_>, options: &CullOptions, limit_words: u64) -> Self {
+    pub(super) fn of(
+        objects: Objects<'_>,
+        options: &CullOptions,
+        rules: u64,
+        limit_words: u64,
+    ) -> Self {
         let options = CullOptions { last_pairs: None, threads: None, ..*options };
-        Self { form: objects.form(), n: objects.len(), options, limit_words }
+        Self { form: objects.form(), n: objects.len(), options, limit_words, rules }
     }
 
     /// Whether these are so many objects of this form.

@@ -11,6 +11,9 @@ use super::request::{BOX_BYTES, SceneRequest};
 use crate::page::Page;
 use crate::pages::boxes_in;
 use crate::reject::Reject;
+use crate::rules::items::{
+    FILTER_WORDS, NAMED_PER_BOX, PAIR_WORDS, TAG_WORDS, filter_of, words_of,
+};
 use crate::section::{Section, SectionKind};
 
 /// A step of an edit.
@@ -52,21 +55,6 @@ const RENEW: u32 = 13;
 const LIST: u32 = 1;
 const RANGE: u32 = 2;
 const MASK: u32 = 3;
-
-/// Words of a tag, a filter and a pair.
-const TAG_WORDS: usize = 3;
-const FILTER_WORDS: usize = 6;
-const PAIR_WORDS: usize = 2;
-const _: () = assert!(size_of::<Tag>() == 4 * TAG_WORDS);
-
-/// Flags of a filter.
-const FILTER_STATIC: u32 = 1;
-const FILTER_EITHER: u32 = 1 << 1;
-
-/// Indices that one edit may name, in all its steps together, for each box that the scene may hold:
-/// removed, set, switched, flagged, tagged and renewed, and more than as much again. Without a limit, one
-/// request could be work without end.
-const NAMED_PER_BOX: u64 = 16;
 
 /// Boxes and words begin on a cache line.
 const LINE_BYTES: u64 = 64;
@@ -253,22 +241,6 @@ fn written<'a>(step: &Step<'a>) -> Option<(u32, Names<'a>, Items<'a>)> {
         Step::Renew(indices) => plain(RENEW, indices),
         _ => return None,
     })
-}
-
-/// A filter as it is written.
-fn words_of(filter: &Filter) -> [u32; FILTER_WORDS] {
-    let flag = |on: bool, flag: u32| if on { flag } else { 0 };
-    let flags = flag(filter.is_static, FILTER_STATIC) | flag(filter.either, FILTER_EITHER);
-    let halves = |bits: u64| [bits as u32, (bits >> 32) as u32];
-    let ([c, d], [m, n]) = (halves(filter.category), halves(filter.mask));
-    [flags, filter.group.cast_unsigned(), c, d, m, n]
-}
-
-/// What [`words_of`] wrote, or any words.
-fn filter_of(&[flags, group, c, d, m, n]: &[u32; FILTER_WORDS]) -> Filter {
-    let whole = |low: u32, high: u32| u64::from(low) | u64::from(high) << 32;
-    let filter = Filter::new(whole(c, d), whole(m, n)).with_group(group.cast_signed());
-    filter.with_static(flags & FILTER_STATIC != 0).with_either(flags & FILTER_EITHER != 0)
 }
 
 /// Memory for reading edits, kept from one to the next.

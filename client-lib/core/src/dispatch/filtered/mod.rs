@@ -4,12 +4,14 @@
 //! look     one pass over the tags: what there is to test at all        (look)
 //! worlds   several worlds: boxes by world, each culled by itself       (groups, worlds, small)
 //! test     else one frame, whose engine hands its words to the test    (test, kinds, laid, sift_avx512)
+//! mask     the same test over a mask that a GPU has written            (mask)
 //! ```
 
 mod groups;
 mod kinds;
 mod laid;
 mod look;
+mod mask;
 #[cfg(target_arch = "x86_64")]
 mod sift_avx512;
 mod small;
@@ -19,6 +21,7 @@ mod tests;
 mod worlds;
 
 pub(super) use self::laid::Laid;
+pub use self::mask::{BadMask, MaskFilter};
 pub use self::worlds::WorldRange;
 pub(super) use self::worlds::Worlds;
 

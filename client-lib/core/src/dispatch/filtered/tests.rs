@@ -12,17 +12,17 @@ use crate::oracle::{self, Truth};
 use crate::units::BoxCount;
 
 /// A small generator: xorshift.
-struct Random(u64);
+pub(super) struct Random(pub u64);
 
 impl Random {
-    fn below(&mut self, n: u64) -> u64 {
+    pub fn below(&mut self, n: u64) -> u64 {
         self.0 ^= self.0 << 13;
         self.0 ^= self.0 >> 7;
         self.0 ^= self.0 << 17;
         (self.0 >> 11) % n
     }
 
-    fn boxes(&mut self, n: usize) -> Vec<Aabb> {
+    pub fn boxes(&mut self, n: usize) -> Vec<Aabb> {
         let side = (n as f64).cbrt().ceil() as u64 * 2 + 4;
         let mut corner = || [0; 3].map(|_| self.below(side * 16) as f32 / 16.0);
         let mut boxes: Vec<Aabb> =
@@ -40,13 +40,13 @@ impl Random {
 
 /// What kinds of rules a frame has.
 #[derive(Clone, Copy, Debug)]
-struct Kind {
+pub(super) struct Kind {
     worlds: &'static [i32],
     filters: u64,
     lists: bool,
 }
 
-const KINDS: [Kind; 11] = [
+pub(super) const KINDS: [Kind; 11] = [
     Kind { worlds: &[0], filters: 0, lists: false },
     Kind { worlds: &[0], filters: 70, lists: false },
     Kind { worlds: &[0], filters: 15, lists: false },
@@ -60,7 +60,7 @@ const KINDS: [Kind; 11] = [
     Kind { worlds: &[-1], filters: 0, lists: true },
 ];
 
-fn rules(random: &mut Random, n: usize, kind: Kind) -> Rules {
+pub(super) fn rules(random: &mut Random, n: usize, kind: Kind) -> Rules {
     let mut rules = Rules::default();
     if kind.filters > 0 {
         let filters: Vec<Filter> = (0..kind.filters)
@@ -101,7 +101,7 @@ fn rules(random: &mut Random, n: usize, kind: Kind) -> Rules {
     rules
 }
 
-fn truth(boxes: &[Aabb], rules: &Rules) -> Truth {
+pub(super) fn truth(boxes: &[Aabb], rules: &Rules) -> Truth {
     let mut truth = oracle::truth(boxes);
     truth.pairs.retain(|(a, b)| rules.meet(*a, *b));
     truth
@@ -173,7 +173,7 @@ fn check(random: &mut Random, engines: &mut CpuEngines, n: usize, threads: usize
     }
 }
 
-fn in_pool(threads: usize, work: impl FnOnce() + Send) {
+pub(super) fn in_pool(threads: usize, work: impl FnOnce() + Send) {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
     pool.install(work);
 }

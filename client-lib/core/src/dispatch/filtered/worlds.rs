@@ -40,6 +40,11 @@ pub struct WorldRange {
 }
 
 impl WorldRange {
+    /// A range of a world's pairs.
+    pub const fn new(world: World, pairs: Range<usize>) -> Self {
+        Self { world, pairs }
+    }
+
     /// The range of a world, among those of all by rising world.
     pub fn of(ranges: &[Self], world: World) -> Option<Range<usize>> {
         let at = ranges.binary_search_by_key(&world, |range| range.world).ok()?;

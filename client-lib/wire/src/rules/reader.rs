@@ -1,0 +1,176 @@
+//! Rules as a request brings them.
+
+use std::sync::Arc;
+
+use pairmask_core::filters::{Filter, FilterTable, PairLists, Rules, Tag, World};
+use pairmask_core::units::BoxCount;
+
+use super::items::{FILTER_WORDS, filter_of};
+use super::place::RulesPlace;
+use crate::page::Page;
+use crate::reject::Reject;
+use crate::section::Section;
+
+/// The rules of a frame, copied from its request and validated.
+#[derive(Debug, Default)]
+pub struct SentRules {
+    rules: Rules,
+    n: BoxCount,
+    /// What the table and the lists were made from, to know them again.
+    filters: Vec<[u32; FILTER_WORDS]>,
+    included: Vec<[u32; 2]>,
+    excluded: Vec<[u32; 2]>,
+    worlds: Option<[i32; 2]>,
+    let_all_meet: bool,
+    number: u64,
+}
+
+impl SentRules {
+    /// The rules. All pairs of their lists name boxes of the frame.
+    pub const fn rules(&self) -> &Rules {
+        &self.rules
+    }
+
+    /// The most worlds that pairs can be of: 0 where all boxes are of one.
+    pub fn most_worlds(&self) -> u64 {
+        let width = |[least, greatest]: [i32; 2]| (i64::from(greatest) - i64::from(least)) as u64;
+        // World::ALL is one more.
+        self.worlds.map_or(0, |span| (width(span) + 2).min(u64::from(self.n.get())))
+    }
+
+    /// Whether all boxes meet.
+    pub const fn let_all_meet(&self) -> bool {
+        self.let_all_meet
+    }
+
+    /// The number of these rules among those of their reader: others have another. Never 0.
+    pub const fn number(&self) -> u64 {
+        self.number
+    }
+
+    /// Bytes that are allocated.
+    pub fn allocated_bytes(&self) -> usize {
+        self.rules.allocated_bytes()
+            + self.filters.capacity() * size_of::<[u32; FILTER_WORDS]>()
+            + (self.included.capacity() + self.excluded.capacity()) * size_of::<[u32; 2]>()
+    }
+}
+
+/// Reads rules. Those of a frame that has the rules of the one before are only compared.
+#[derive(Debug, Default)]
+pub struct RulesReader {
+    kept: Arc<SentRules>,
+    number: u64,
+}
+
+impl RulesReader {
+    /// The rules of a frame of `n` boxes, from its payload. All is copied before it is used, and checked in
+    /// the copy. Holders of earlier rules keep what they have.
+    ///
+    /// # Errors
+    /// [`Reject::Rules`] with the first thing that is wrong.
+    pub fn read(
+        &mut self,
+        place: &RulesPlace,
+        n: BoxCount,
+        pages: &[Page],
+    ) -> Result<&Arc<SentRules>, Reject> {
+        let all: &[u8] = bytemuck::cast_slice(pages);
+        let bytes = |section: &Section, field| {
+            let end = section.offset.checked_add(section.bytes);
+            let range = end.and_then(|end| {
+                all.get(usize::try_from(section.offset).ok()?..usize::try_from(end).ok()?)
+            });
+            range.ok_or(Reject::Rules { field })
+        };
+        let tags = bytes(&place.tags, "tags")?;
+        let filters = bytes(&place.filters, "filters")?;
+        let included = bytes(&place.included, "include list")?;
+        let excluded = bytes(&place.excluded, "exclude list")?;
+        let kept = &*self.kept;
+        let [has_tags, has_filters, has_included, has_excluded] = [
+            tags == bytemuck::cast_slice::<Tag, u8>(&kept.rules.tags),
+            filters == bytemuck::cast_slice::<[u32; FILTER_WORDS], u8>(&kept.filters),
+            included == bytemuck::cast_slice::<[u32; 2], u8>(&kept.included),
+            excluded == bytemuck::cast_slice::<[u32; 2], u8>(&kept.excluded),
+        ];
+        let has_lists = has_included && has_excluded && kept.n == n;
+        if has_tags && has_filters && has_lists && kept.number != 0 {
+            return Ok(&self.kept);
+        }
+        if Arc::get_mut(&mut self.kept).is_none() {
+            // A frame that is under way has them.
+            self.kept = Arc::default();
+            return self.read(place, n, pages);
+        }
+        self.number += 1;
+        let changed = Arc::get_mut(&mut self.kept).ok_or(Reject::Rules { field: "tags" })?;
+        // Whatever an error leaves behind is read anew.
+        (changed.number, changed.n) = (0, n);
+        if !has_tags {
+            take(&mut changed.rules.tags, tags);
+        }
+        if !has_filters {
+            take(&mut changed.filters, filters);
+            let filters: Vec<Filter> = changed.filters.iter().map(filter_of).collect();
+            let table = FilterTable::new(&filters);
+            changed.rules.table = table.map_err(|_| Reject::Rules { field: "filters" })?;
+        }
+        if !has_lists {
+            take(&mut changed.included, included);
+            take(&mut changed.excluded, excluded);
+            let is_own = |pair: &[u32; 2]| pair.iter().all(|index| *index < n.get());
+            let mut lists = PairLists::new();
+            for (list, is_included, field) in [
+                (&changed.included, true, "include list"),
+                (&changed.excluded, false, "exclude list"),
+            ] {
+                if !list.iter().all(is_own) {
+                    // The table and the tags may be kept; the lists are none's.
+                    changed.n = BoxCount::default();
+                    return Err(Reject::Rules { field });
+                }
+                for pair in list {
+                    if is_included {
+                        lists.include(*pair, true);
+                    } else {
+                        lists.exclude(*pair, true);
+                    }
+                }
+            }
+            changed.rules.lists = lists;
+        }
+        changed.worlds = span_of_worlds(&changed.rules, n);
+        changed.let_all_meet = changed.rules.let_all_meet(n.len());
+        changed.number = self.number;
+        Ok(&self.kept)
+    }
+
+    /// Bytes that are allocated.
+    pub fn allocated_bytes(&self) -> usize {
+        self.kept.allocated_bytes()
+    }
+
+    /// Gives the memory back.
+    pub fn give_back(&mut self) {
+        self.kept = Arc::default();
+    }
+}
+
+/// Takes a copy of items.
+fn take<T: bytemuck::Pod>(items: &mut Vec<T>, bytes: &[u8]) {
+    items.resize(bytes.len() / size_of::<T>(), T::zeroed());
+    bytemuck::cast_slice_mut::<T, u8>(items).copy_from_slice(bytes);
+}
+
+/// The least and the greatest world beside [`World::ALL`], where there are several.
+fn span_of_worlds(rules: &Rules, n: BoxCount) -> Option<[i32; 2]> {
+    let untagged = (rules.tags.len() < n.len()).then_some(World::default());
+    let worlds = rules.tags.iter().map(|tag| tag.world).chain(untagged);
+    let (least, greatest) = worlds
+        .filter(|world| *world != World::ALL)
+        .fold((i32::MAX, i32::MIN), |(least, greatest), World(world)| {
+            (least.min(world), greatest.max(world))
+        });
+    (least < greatest).then_some([least, greatest])
+}
