@@ -74,6 +74,8 @@ pub enum Operation {
     EditScene = 3,
     /// Forget a scene.
     EndScene = 4,
+    /// Find the boxes of a scene that other boxes overlap.
+    QueryScene = 14,
 }
 
 impl RequestHeader {

@@ -29,7 +29,7 @@ pub use reject::Reject;
 pub use reply::{Reply, ReplyError, ReplyFields, ResponseHeader, response_error, response_ok};
 pub use request::{CullRequest, Request, ScenePlace};
 pub use scene::{
-    EditLayout, EditScratch, EndedPairs, SceneAnswerLayout, SceneId, SceneReply, SceneRequest,
+    EditLayout, EditScratch, EndedPairs, QueryRequest, SceneAnswerLayout, SceneId, SceneReply, SceneRequest,
     response_scene, response_scene_ended,
 };
 pub use section::{SECTION_COUNT, Section, SectionKind};
@@ -59,6 +59,9 @@ pub const SCENES_MINOR: u16 = 4;
 /// Minor version from which scenes have rules.
 pub const RULES_MINOR: u16 = 5;
 
+/// Minor version from which scenes are queried, and frames are of two sets.
+pub const QUERIES_MINOR: u16 = 7;
+
 /// Minor version from which daemons know objects of a form.
 pub const fn since_minor(form: ObjectForm) -> u16 {
     match form {
@@ -70,7 +73,7 @@ pub const fn since_minor(form: ObjectForm) -> u16 {
 
 /// The largest minor version that an operation, a step of an edit, a form, an encoding or an engine needs.
 const fn newest_minor() -> u16 {
-    let (mut newest, mut i) = (RULES_MINOR, 0);
+    let (mut newest, mut i) = (QUERIES_MINOR, 0);
     while i < ObjectForm::ALL.len() {
         newest = later(newest, since_minor(ObjectForm::ALL[i]));
         i += 1;

@@ -10,7 +10,7 @@ use crate::header::{Operation, RequestHeader};
 use crate::page::Page;
 use crate::pages::objects_in;
 use crate::reject::Reject;
-use crate::scene::{SceneId, SceneRequest};
+use crate::scene::{QueryRequest, SceneId, SceneRequest};
 use crate::section::{SECTION_COUNT, Section, SectionKind};
 use crate::{REQUEST_MAGIC, VERSION_MAJOR, VERSION_MINOR, Version};
 
@@ -104,6 +104,8 @@ pub enum Request {
     EditScene(SceneRequest),
     /// Forget a scene.
     EndScene(SceneId),
+    /// Find the boxes of a scene that other boxes overlap.
+    QueryScene(QueryRequest),
 }
 
 /// Flag of a cull: an engine finds the pairs, also where the frame is equal to the last one.
@@ -165,6 +167,9 @@ impl Request {
             op if op == Operation::EditScene as u32 => {
                 SceneRequest::parse(header, payload_bytes).map(Self::EditScene)
             }
+            op if op == Operation::QueryScene as u32 => {
+                QueryRequest::parse(header, payload_bytes).map(Self::QueryScene)
+            }
             op if op == Operation::EndScene as u32 => Ok(Self::EndScene(SceneId(header.scene))),
             found => Err(Reject::Operation { found }),
         }
@@ -209,6 +214,8 @@ fn is_known(section: &Section, operation: u32) -> bool {
     form_of(section).is_some()
         || operation == Operation::EditScene as u32
             && of_edits.iter().any(|kind| *kind as u32 == section.kind)
+        || operation == Operation::QueryScene as u32
+            && section.kind == SectionKind::QueryTags as u32
 }
 
 /// The form of the objects in a section, or `None` where it holds no objects.

@@ -66,11 +66,13 @@ pub enum SectionKind {
     EndedPairs = 16,
     /// Why they ended, a byte each.
     EndReasons = 17,
+    /// Tags of the queries of a scene, 12 bytes each: one for all, or one for each.
+    QueryTags = 27,
 }
 
 impl SectionKind {
     /// Every kind, in the order of their numbers.
-    pub const ALL: [Self; 17] = [
+    pub const ALL: [Self; 18] = [
         Self::Boxes,
         Self::DenseWords,
         Self::SparseRows,
@@ -88,6 +90,7 @@ impl SectionKind {
         Self::BegunPairs,
         Self::EndedPairs,
         Self::EndReasons,
+        Self::QueryTags,
     ];
 
     /// The kind of a wire number, if there is one.

@@ -4,6 +4,7 @@
 //! of one session one at a time.
 
 mod cull;
+mod query;
 mod scene;
 mod status;
 
@@ -119,6 +120,9 @@ impl Responder {
             Ok(Request::Cull(request)) => return Ok((open, request)),
             Ok(Request::EditScene(request)) => {
                 return Err(self.scenes.take(open, &request, threads, &self.outbox));
+            }
+            Ok(Request::QueryScene(request)) => {
+                return Err(self.scenes.query(open, &request, threads, &self.outbox));
             }
             Ok(Request::EndScene(scene)) => SceneEdits::end(&mut open, scene, &self.outbox),
             Ok(Request::Status) => status::answer(&mut open, &self.outbox),

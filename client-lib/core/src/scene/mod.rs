@@ -188,6 +188,11 @@ impl Scene {
         self.len() == 0
     }
 
+    /// Indices of boxes are below this.
+    pub fn index_end(&self) -> u32 {
+        self.store.boxes().len() as u32
+    }
+
     /// The box of an index, also one that is switched off.
     pub fn get(&self, index: u32) -> Option<Aabb> {
         self.store.get(index)

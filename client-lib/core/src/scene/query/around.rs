@@ -105,11 +105,12 @@ impl Batch {
         numbers.clear();
         keys.clear();
         probes.clear();
-        for (number, query) in (first..).zip(queries) {
-            if is_solid(query) {
+        // Copies: another process may write queries while they are read.
+        for (number, query) in (first..).zip(queries.iter().copied()) {
+            if is_solid(&query) {
                 numbers.push(number);
-                keys.push(KeyBox::from(query));
-                probes.push(Probe::One { here: *query, elsewhere: Aabb::EMPTY });
+                keys.push(KeyBox::from(&query));
+                probes.push(Probe::One { here: query, elsewhere: Aabb::EMPTY });
             }
         }
         cells.begin(probes, searches);
