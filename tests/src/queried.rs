@@ -113,7 +113,7 @@ impl Queries {
     }
 
     fn note(&mut self, edit: &OwnedEdit) {
-        edit.removed.iter().for_each(|index| drop(self.bodies.remove(index)));
+        self.bodies.retain(|index, _| !edit.removed.contains(index));
         for index in edit.set.keys() {
             self.bodies.entry(*index).or_default();
         }

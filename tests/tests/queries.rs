@@ -2,8 +2,11 @@
 //! answer is what comparing each with each gives.
 #![allow(clippy::unwrap_used)]
 
-use pairmask::{Backend, Encoding, FindError, QueryAnswer, SceneEdit, ServedBy};
-use pairmask_core::Aabb;
+use pairmask::{
+    Backend, BoxCount, Encoding, EncodingChoice, EngineChoice, EngineName, FindError, FrameError, QueryAnswer, SceneEdit, ServedBy,
+    Session,
+};
+use pairmask_core::{Aabb, BoxClass};
 use pairmask_core::engine::{CullError, ReserveError};
 use pairmask_core::filters::Tag;
 use pairmask_core::scene::{
@@ -344,4 +347,88 @@ fn two_sets_meet_each_other_alone() {
     let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 100];
     assert!(between(&boxes, &boxes, None, 9_999, &mut Vec::new()).is_err());
     assert!(between(&boxes, &boxes, None, 10_000, &mut Vec::new()).is_ok());
+}
+
+/// Culls frames of two sets of a session, in each encoding, and some whole ones between.
+fn check_sets(session: impl Fn(Encoding) -> pairmask::Session, by: &[ServedBy]) {
+    let mut rng = Rng::new(17);
+    for encoding in [Encoding::List, Encoding::Sparse, Encoding::Dense] {
+        let mut session = session(encoding);
+        for (a, b) in [(0, 0), (0, 5), (5, 0), (1, 69), (33, 31), (64, 65), (3, 2_000), (901, 700)] {
+            let boxes: Vec<Aabb> = (0..a + b).map(|_| a_query(&mut rng, 12.0)).collect();
+            let mut frame = session.frame(a + b).unwrap();
+            frame.write(&boxes);
+            let mask = frame.submit_between(BoxCount::new(a as u32)).unwrap().wait().unwrap();
+            assert!(by.contains(&mask.info().served_by));
+            assert_eq!((mask.encoding(), mask.n().len()), (encoding, a + b));
+            assert_eq!(mask.view().verify(), Ok(()));
+            let (first, second) = boxes.split_at(a);
+            let expected: Vec<(u32, u32)> =
+                naive(first, second).iter().map(|[x, y]| (*x, a as u32 + y)).collect();
+            assert_eq!(mask.to_vec(), expected, "{a} against {b}, {encoding}");
+            assert_eq!(mask.count(), expected.len() as u64);
+            let invalid = boxes.iter().filter(|b| b.class() == BoxClass::Invalid).count();
+            assert_eq!(mask.info().census.invalid as usize, invalid);
+            drop(mask);
+            // The same boxes as one set.
+            let mut frame = session.frame(a + b).unwrap();
+            frame.write(&boxes);
+            let mask = frame.submit().unwrap().wait().unwrap();
+            let all: Vec<(u32, u32)> = naive(&boxes, &boxes)
+                .iter()
+                .filter(|[x, y]| x < y)
+                .map(|[x, y]| (*x, *y))
+                .collect();
+            let mut found = mask.to_vec();
+            found.sort_unstable();
+            assert_eq!(found, all);
+        }
+        let frame = session.frame(3).unwrap();
+        let refused = frame.submit_between(BoxCount::new(4));
+        assert!(matches!(refused, Err(FrameError::FirstSet { first: 4, n: 3 })));
+    }
+}
+
+#[test]
+fn frames_of_two_sets_are_culled_in_process() {
+    let session = |encoding| {
+        let builder = Session::builder().backend(Backend::InProcess);
+        builder.encoding(EncodingChoice::Only(encoding)).connect().unwrap()
+    };
+    check_sets(session, &[ServedBy::InProcess]);
+}
+
+#[test]
+fn frames_of_two_sets_are_culled_by_a_daemon() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--audit", "1/1"]);
+    let builder = || daemon.session().backend(Backend::Daemon);
+    let in_form = |encoding| builder().encoding(EncodingChoice::Only(encoding));
+    check_sets(|encoding| in_form(encoding).connect().unwrap(), &[ServedBy::Daemon]);
+    let mut session = builder().connect().unwrap();
+    let audit = session.daemon_status().unwrap().audit;
+    assert_eq!((audit.missed, audit.extra), (0, 0), "{audit:?}");
+    // An engine of a GPU is none of the cores'.
+    let engine = EngineChoice::Only(EngineName::GpuGrid);
+    let mut session = builder().engine(engine).connect().unwrap();
+    let pending = session.frame(4).unwrap().submit_between(BoxCount::new(2)).unwrap();
+    assert!(pending.wait().is_err());
+}
+
+#[test]
+fn frames_of_two_sets_outlive_a_daemon_that_is_killed() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
+    let boxes = uniform(3, 500, 10.0);
+    let (first, second) = boxes.split_at(100);
+    let expected: Vec<(u32, u32)> =
+        naive(first, second).iter().map(|[a, b]| (*a, 100 + b)).collect();
+    for round in 0..30 {
+        let mut frame = session.frame(500).unwrap();
+        frame.write(&boxes);
+        let pending = frame.submit_between(BoxCount::new(100)).unwrap();
+        if round % 7 == 3 {
+            daemon.signal_worker(Signal::KILL);
+        }
+        assert_eq!(pending.wait().unwrap().to_vec(), expected);
+    }
 }

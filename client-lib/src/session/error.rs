@@ -101,6 +101,14 @@ pub enum FrameError {
     /// ([`Backend::Daemon`](super::Backend::Daemon) only).
     #[error("frames with rules are answered in process: use Backend::Auto or Backend::InProcess")]
     RulesInProcess,
+    /// The first of two sets has more boxes than the frame.
+    #[error("a first set of {first} boxes in a frame of {n}")]
+    FirstSet {
+        /// Boxes of the first set.
+        first: u32,
+        /// Boxes of the frame.
+        n: u32,
+    },
     /// Too many frames are under way.
     #[error("three frames are being filled, under way or held as masks: drop one before the next")]
     TooManyFrames,

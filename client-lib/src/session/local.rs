@@ -10,7 +10,7 @@ use pairmask_core::objects::Objects;
 use pairmask_core::plan::CalibrationChoice;
 use pairmask_core::precision::{ExpandScratch, Precision};
 use pairmask_core::repeat::{Repeats, Seen};
-use pairmask_core::scene::{FilteredScene, PairScene, QueryError};
+use pairmask_core::scene::{FilteredScene, PairScene, QueryError, cull_between};
 use pairmask_core::sphere::Sphere;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::Reply;
@@ -161,8 +161,11 @@ impl Local {
             ..CullOptions::default()
         };
         let mut worlds = Vec::new();
-        let answer = match (objects, rules) {
-            (Objects::Boxes(these), Some(rules)) => {
+        let answer = match (objects, rules, written.first_set) {
+            (Objects::Boxes(these), None, Some(first)) => {
+                cull_between(these, first, &options, &mut memory)?
+            }
+            (Objects::Boxes(these), Some(rules), _) => {
                 let mut scratch = ExpandScratch::default();
                 let these = these.expand(&mut scratch, true);
                 let engines = &mut lock(&self.engines).boxes;

@@ -67,6 +67,15 @@ impl PendingFrame {
     ) -> Result<Self, FrameError> {
         let link = Arc::clone(shared.slot.link());
         let settings = core.settings();
+        if written.first_set.is_some() && !link.forms().knows(written.since_minor()) {
+            let what = "frames of two sets";
+            if !core.may_cull_here() {
+                return Err(FrameError::DaemonTooOld { what });
+            }
+            link.forms().say_stay(written.since_minor(), what);
+            let mask = cull_shared(&core, shared.loan.pages(), n, written)?;
+            return Ok(Self::ready(mask, core));
+        }
         let asked =
             ReplyFields { client_token: link.token(), frame: core.next_frame(), box_count: n };
         let request = CullRequest {
@@ -75,6 +84,7 @@ impl PendingFrame {
             threads: settings.threads,
             visit_threads: settings.visit_threads,
             may_repeat: settings.answer_repeats,
+            first_set: written.first_set,
             ..CullRequest::of(written.scene(n))
         };
         let header = RequestHeader::cull(asked.client_token, asked.frame, &request);

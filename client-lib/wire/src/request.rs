@@ -73,6 +73,9 @@ pub struct CullRequest {
     pub visit_threads: Option<usize>,
     /// Whether a frame that is equal to the last one may get that one's answer, without an engine.
     pub may_repeat: bool,
+    /// The first so many boxes are a set, the others another one, and only pairs of a box of each count;
+    /// `None` where all pairs do.
+    pub first_set: Option<BoxCount>,
     /// Minor wire version of the client, older or newer than this build. The answer may hold nothing
     /// that a later minor version added.
     pub client_minor: u16,
@@ -88,6 +91,7 @@ impl CullRequest {
             threads: None,
             visit_threads: None,
             may_repeat: true,
+            first_set: None,
             client_minor: VERSION_MINOR,
         }
     }
@@ -117,6 +121,8 @@ impl RequestHeader {
         let CullRequest { scene, engine, encoding, threads, visit_threads, .. } = *request;
         let number =
             |threads: Option<usize>| threads.map_or(0, |t| u32::try_from(t).unwrap_or(u32::MAX));
+        let operation =
+            if request.first_set.is_some() { Operation::CullBetween } else { Operation::Cull };
         Self {
             version_minor: request.client_minor,
             flags: if request.may_repeat { 0 } else { CULL_ANEW },
@@ -132,7 +138,8 @@ impl RequestHeader {
             threads: number(threads),
             visit_threads: number(visit_threads),
             sections: scene.sections(),
-            ..Self::envelope(Operation::Cull, client_token, frame)
+            most_boxes: request.first_set.map_or(0, BoxCount::get),
+            ..Self::envelope(operation, client_token, frame)
         }
     }
 
@@ -163,7 +170,11 @@ impl Request {
         }
         match header.operation {
             op if op == Operation::Status as u32 => Ok(Self::Status),
-            op if op == Operation::Cull as u32 => Self::parse_cull(header, payload_bytes),
+            op if op == Operation::Cull as u32 => Self::parse_cull(header, None, payload_bytes),
+            op if op == Operation::CullBetween as u32 => {
+                let first = BoxCount::new(header.most_boxes);
+                Self::parse_cull(header, Some(first), payload_bytes)
+            }
             op if op == Operation::EditScene as u32 => {
                 SceneRequest::parse(header, payload_bytes).map(Self::EditScene)
             }
@@ -175,7 +186,11 @@ impl Request {
         }
     }
 
-    fn parse_cull(header: &RequestHeader, payload_bytes: u64) -> Result<Self, Reject> {
+    fn parse_cull(
+        header: &RequestHeader,
+        first_set: Option<BoxCount>,
+        payload_bytes: u64,
+    ) -> Result<Self, Reject> {
         let engine = match header.engine {
             0 => EngineChoice::Auto,
             found => {
@@ -195,6 +210,12 @@ impl Request {
             return Err(wrong);
         }
         let offset = usize::try_from(section.offset).map_err(|_| wrong)?;
+        if first_set.is_some() && form == ObjectForm::Spheres {
+            return Err(Reject::Query { field: "form" });
+        }
+        if first_set.is_some_and(|first| first > box_count) {
+            return Err(Reject::Query { field: "first set" });
+        }
         let some = |threads: u32| (threads != 0).then_some(threads as usize);
         Ok(Self::Cull(CullRequest {
             scene: ScenePlace { form, count: box_count, offset },
@@ -203,6 +224,7 @@ impl Request {
             threads: some(header.threads),
             visit_threads: some(header.visit_threads),
             may_repeat: header.flags & CULL_ANEW == 0,
+            first_set,
             client_minor: header.version_minor,
         }))
     }

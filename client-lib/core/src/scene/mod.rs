@@ -62,7 +62,7 @@ pub use self::kept::{Kept, KeptBox};
 pub use self::margins::{ExactPairs, MarginedSets, Margins, Outgoing, Sent};
 pub use self::options::SceneOptions;
 pub use self::pair_list::sort_row;
-pub use self::query::{QueryError, QueryMask, QueryTags, between};
+pub use self::query::{QueryError, QueryMask, QueryTags, between, cull_between};
 
 use std::sync::Arc;
 

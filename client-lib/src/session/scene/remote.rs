@@ -9,6 +9,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use pairmask_core::dispatch::CpuEngines;
+use pairmask_core::mask::MaskView;
 use pairmask_core::precision::Precision;
 use pairmask_core::scene::{
     Edit, FilteredScene, Scene, SceneCopy, SceneError, SceneOptions, Step, Told, Want,
@@ -16,7 +17,7 @@ use pairmask_core::scene::{
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
     EditLayout, QUERIES_MINOR, QueryRequest, RULES_MINOR, Reply, ReplyError, ReplyFields,
-    RequestHeader, SCENES_MINOR, SceneId, SceneRequest, StatusCode,
+    RequestHeader, SCENES_MINOR, SceneId, SceneRequest, StatusCode, words_in,
 };
 
 use super::answer::FromDaemon;
@@ -281,6 +282,8 @@ impl RemoteScene {
         let answer = exchange.end(self.query_estimate.expect(mask.queries()), settings)?;
         let payload_bytes = size_of_val(answer.response.pages()) as u64;
         let reply = Reply::parse(&answer.header, &asked, payload_bytes).map_err(WaitError::from)?;
+        MaskView::new(mask.n(), &reply.report.shape, words_in(answer.response.pages()))
+            .map_err(|_| WaitError::from(ReplyError::Malformed { field: "mask" }))?;
         self.query_estimate.note(Answered {
             n: mask.queries(),
             round_trip: answer.sent_at.elapsed(),

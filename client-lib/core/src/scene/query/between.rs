@@ -14,6 +14,8 @@ use crate::scene::cells::{Cells, is_solid};
 use crate::scene::options::threads_of;
 use crate::scene::pair_list::{Pair, Sorter};
 
+/// Most boxes of a set: cells count them in 29 bits.
+pub(super) const MOST_OF_A_SET: usize = (1 << 29) - 1;
 /// Comparisons up to which each is made: some 100 µs.
 const FEW_TESTS: u64 = 1 << 17;
 /// Boxes of a task, at least.
@@ -51,7 +53,7 @@ pub fn between(
     most_pairs: u64,
     found: &mut Vec<Pair>,
 ) -> Result<u64, CullError> {
-    assert!(first.len().max(second.len()) < 1 << 29, "cells count boxes in 29 bits");
+    assert!(first.len().max(second.len()) <= MOST_OF_A_SET, "cells count boxes in 29 bits");
     found.clear();
     if first.is_empty() || second.is_empty() {
         return Ok(0);
@@ -117,8 +119,8 @@ impl Sieve {
             };
             let per_unit = [per_unit(0), per_unit(1), per_unit(2)];
             let mut sieve = Self { origin: low, per_unit, rows: vec![0; SIEVE * SIEVE] };
-            for b in boxes.iter().filter(|b| is_solid(b)) {
-                let (word, [ys, zs]) = sieve.place(b);
+            for b in boxes.iter().copied().filter(is_solid) {
+                let (word, [ys, zs]) = sieve.place(&b);
                 for z in zs {
                     for y in ys.clone() {
                         sieve.rows[z * SIEVE + y] |= word;
@@ -152,7 +154,7 @@ impl Sieve {
         let (word, [ys, zs]) = self.place(b);
         zs.into_iter().any(|z| {
             let rows = &self.rows[z * SIEVE..][..SIEVE];
-            rows[ys.clone()].iter().any(|row| row & word != 0)
+            rows.get(ys.clone()).is_some_and(|rows| rows.iter().any(|row| row & word != 0))
         })
     }
 
@@ -165,9 +167,11 @@ impl Sieve {
         let run = |work: &mut [(u32, &[Aabb])]| {
             let (mut indices, mut left) = (Vec::new(), Vec::new());
             for (first, boxes) in work {
-                for (index, b) in (*first..).zip(*boxes).filter(|(_, b)| self.keeps(b)) {
+                // Copies: another process may write boxes while they are read.
+                let boxes = (*first..).zip(boxes.iter().copied());
+                for (index, b) in boxes.filter(|(_, b)| self.keeps(b)) {
                     indices.push(index);
-                    left.push(*b);
+                    left.push(b);
                 }
             }
             (indices, left)

@@ -3,15 +3,18 @@
 use std::time::Instant;
 
 use crate::aabb::{Aabb, KeyBox};
-use crate::dispatch::{CullAnswer, StageTimes, nanoseconds_since};
+use super::between::{MOST_OF_A_SET, between};
+use crate::dispatch::{CullAnswer, CullOptions, StageTimes, nanoseconds_since};
 use crate::engine::encode::{self, FoundWords};
 use crate::engine::gather::Gather;
 use crate::engine::word_budget::WordBudget;
 use crate::engine::{
-    AvailableIsa, Census, CullError, CullReport, EngineName, EngineTimes, PairRules, PairSkips,
+    AvailableIsa, Census, CullError, CullReport, EngineChoice, EngineName, EngineTimes, PairRules, PairSkips,
     ReplyBuffer,
 };
-use crate::mask::{Encoding, MaskShape};
+use crate::mask::{Encoding, EncodingChoice, MaskShape};
+use crate::precision::{BoxSlice, ExpandScratch};
+use crate::scene::options::threads_of;
 use crate::scene::pair_list::Pair;
 use crate::units::BoxCount;
 
@@ -45,8 +48,8 @@ impl QueryMask {
         self.n.get() - self.queries
     }
 
-    /// Writes what was found, which is sorted. Says what an engine says of a frame: its census is that of the
-    /// queries, and of the queries times the boxes `tested` were tested.
+    /// Writes what was found, which is sorted. Says what an engine says of a frame: its census is that of
+    /// `counted`, and of the queries times the boxes `tested` were tested.
     ///
     /// # Errors
     /// [`CullError::Reserve`] where the reply has no room.
@@ -55,7 +58,7 @@ impl QueryMask {
     /// With a pair that the mask does not have.
     pub fn write(
         &self,
-        queries: &[Aabb],
+        counted: &[Aabb],
         found: &[Pair],
         tested: u64,
         encoding: Encoding,
@@ -66,7 +69,7 @@ impl QueryMask {
             _ => self.write_words(found, encoding, reply)?,
         };
         let mut census = Census::default();
-        for (number, query) in (0..).zip(queries) {
+        for (number, query) in (0..).zip(counted) {
             census.note(number, KeyBox::classify(query).1);
         }
         let mut report =
@@ -83,7 +86,7 @@ impl QueryMask {
     /// As `find`, and as [`write`](Self::write).
     pub fn answer<E: From<CullError>>(
         &self,
-        queries: &[Aabb],
+        counted: &[Aabb],
         encoding: Encoding,
         threads: usize,
         reply: &mut dyn ReplyBuffer,
@@ -96,7 +99,7 @@ impl QueryMask {
             let why = "the scene has indices beyond those of the mask";
             return Err(CullError::Unavailable { engine: EngineName::CpuGrid, why }.into());
         }
-        let mut report = self.write(queries, &found, tested, encoding, reply)?;
+        let mut report = self.write(counted, &found, tested, encoding, reply)?;
         let total_ns = nanoseconds_since(start);
         let publish_ns = total_ns - execute_ns;
         report.times = EngineTimes { ingest_ns: 0, execute_ns, publish_ns };
@@ -129,6 +132,48 @@ impl QueryMask {
         let words = Words::of(found, self.queries);
         encode::write(std::iter::once(&words), gather, encoding, false, reply)
     }
+}
+
+/// Finds the pairs of a box of the first `first` and one of the others, and writes the mask of all boxes: what
+/// [`between`] finds. Unless an encoding is asked for it is a list. It is the same whichever engine of the CPU
+/// is asked for.
+///
+/// # Errors
+/// [`CullError::Unavailable`] for an engine of a GPU; [`CullError::Reserve`] where the reply has no room;
+/// [`CullError::TooManyBoxes`] for a set of 2^29 boxes or more.
+pub fn cull_between<'a>(
+    boxes: impl Into<BoxSlice<'a>>,
+    first: BoxCount,
+    options: &CullOptions,
+    reply: &mut dyn ReplyBuffer,
+) -> Result<CullAnswer, CullError> {
+    if let EngineChoice::Only(engine) = options.engine
+        && engine.is_gpu()
+    {
+        let why = "two sets are culled by cores: leave the engine open, or name one of a CPU";
+        return Err(CullError::Unavailable { engine, why });
+    }
+    let mut scratch = ExpandScratch::default();
+    let threads = threads_of(options.threads);
+    // What is expanded is of f32.
+    let boxes = boxes.into().expand(&mut scratch, threads > 1).as_f32().unwrap_or_default();
+    let (a, b) = boxes.split_at(first.len().min(boxes.len()));
+    let (n, limit) = (boxes.len() as u64, MOST_OF_A_SET as u64);
+    let too_many = CullError::TooManyBoxes { engine: EngineName::CpuGrid, n, limit };
+    let mask = QueryMask::new(a.len(), b.len() as u32);
+    let mask = mask.filter(|_| a.len().max(b.len()) <= MOST_OF_A_SET).ok_or(too_many)?;
+    let encoding = match options.encoding {
+        EncodingChoice::Only(encoding) => encoding,
+        EncodingChoice::Auto if options.readable.contains(Encoding::List) => Encoding::List,
+        EncodingChoice::Auto => Encoding::Sparse,
+    };
+    let most_pairs = match encoding {
+        Encoding::List => reply.limit_words() / 2,
+        _ => u64::MAX,
+    };
+    mask.answer(boxes, encoding, threads, reply, |found| {
+        between(a, b, options.threads, most_pairs, found)
+    })
 }
 
 /// The same as an engine finds it: words of a row and a block of 32 columns.
