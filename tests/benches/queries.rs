@@ -41,8 +41,7 @@ struct Options {
 impl Options {
     fn parse() -> Result<Self, Box<dyn Error>> {
         let backends = vec![Backend::InProcess, Backend::Daemon];
-        let mut options =
-            Self { backends, n: 1_000_000, queries: 10_000, rounds: 30, json: false };
+        let mut options = Self { backends, n: 1_000_000, queries: 10_000, rounds: 30, json: false };
         let mut args = std::env::args().skip(1).filter(|a| a != "--bench");
         while let Some(flag) = args.next() {
             if flag == "--json" {
@@ -183,7 +182,8 @@ fn print(row: &Value) {
     } else {
         &["first", "pairs", "between_us", "whole_us", "ratio"]
     };
-    let numbers: Vec<String> = columns.iter().map(|key| format!("{key} {:>9}", text(key))).collect();
+    let numbers: Vec<String> =
+        columns.iter().map(|key| format!("{key} {:>9}", text(key))).collect();
     println!(
         "{:<9}{:<11}{:<9}n {:>9}  {}",
         text("row"),

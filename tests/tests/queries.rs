@@ -3,17 +3,17 @@
 #![allow(clippy::unwrap_used)]
 
 use pairmask::{
-    Backend, BoxCount, Encoding, EncodingChoice, EngineChoice, EngineName, FindError, FrameError, QueryAnswer, SceneEdit, ServedBy,
-    Session,
+    Backend, BoxCount, Encoding, EncodingChoice, EngineChoice, EngineName, FindError, FrameError,
+    QueryAnswer, SceneEdit, ServedBy, Session,
 };
-use pairmask_core::{Aabb, BoxClass};
 use pairmask_core::engine::{CullError, ReserveError};
 use pairmask_core::filters::Tag;
 use pairmask_core::scene::{
     Edit, FilteredScene, QueryError, QueryTags, Scene, SceneOptions, Sets, Step, Want, between,
 };
+use pairmask_core::{Aabb, BoxClass};
 use pairmask_tests::daemon::TestDaemon;
-use pairmask_tests::queried::{Queries, QueriedScene, a_query, overlap};
+use pairmask_tests::queried::{QueriedScene, Queries, a_query, overlap};
 use pairmask_tests::scene_edits::{EditMaker, SKIPPED, same_told};
 use pairmask_tests::stress_scenes::Rng;
 use rustix::process::Signal;
@@ -116,7 +116,9 @@ fn larger_scenes_are_queried_by_few_and_by_many() {
         let mut queries = Queries::new(seed, largest);
         queries.aim(largest);
         let mut found = 0;
-        for (round, count) in [1, 5, 63, 64, 65, 700, 129, 1, 300].into_iter().cycle().take(40).enumerate() {
+        for (round, count) in
+            [1, 5, 63, 64, 65, 700, 129, 1, 300].into_iter().cycle().take(40).enumerate()
+        {
             while round == 0 && queries.len() < largest / 2 {
                 queries.edit(&mut scene);
             }
@@ -307,9 +309,8 @@ fn the_model_notices_a_pair_that_is_missing() {
         }
     }
     let mut scene = Forgetful(FilteredScene::new(options(40)));
-    let checked = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
-        check(&mut scene, 4, 40, 80)
-    }));
+    let checked =
+        std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| check(&mut scene, 4, 40, 80)));
     assert!(checked.is_err());
 }
 
@@ -333,9 +334,8 @@ fn two_sets_meet_each_other_alone() {
     ]);
     for (a, b) in sizes {
         let extent = if a * b < 5_000 { 8.0 } else { 30.0 };
-        let mut some = |count: usize| -> Vec<Aabb> {
-            (0..count).map(|_| a_query(&mut rng, extent)).collect()
-        };
+        let mut some =
+            |count: usize| -> Vec<Aabb> { (0..count).map(|_| a_query(&mut rng, extent)).collect() };
         let (first, second) = (some(a), some(b));
         let expected = naive(&first, &second);
         for threads in [1, 2] {
@@ -354,7 +354,8 @@ fn check_sets(session: impl Fn(Encoding) -> pairmask::Session, by: &[ServedBy]) 
     let mut rng = Rng::new(17);
     for encoding in [Encoding::List, Encoding::Sparse, Encoding::Dense] {
         let mut session = session(encoding);
-        for (a, b) in [(0, 0), (0, 5), (5, 0), (1, 69), (33, 31), (64, 65), (3, 2_000), (901, 700)] {
+        for (a, b) in [(0, 0), (0, 5), (5, 0), (1, 69), (33, 31), (64, 65), (3, 2_000), (901, 700)]
+        {
             let boxes: Vec<Aabb> = (0..a + b).map(|_| a_query(&mut rng, 12.0)).collect();
             let mut frame = session.frame(a + b).unwrap();
             frame.write(&boxes);

@@ -176,7 +176,9 @@ pub enum CommitError {
 #[non_exhaustive]
 pub enum FindError {
     /// More queries and indices than a mask has objects.
-    #[error("{queries} queries of a scene with indices below {index_end} are too many: ask in parts")]
+    #[error(
+        "{queries} queries of a scene with indices below {index_end} are too many: ask in parts"
+    )]
     TooMany {
         /// Queries.
         queries: usize,

@@ -11,7 +11,8 @@ use pairmask_core::sphere::Sphere;
 use pairmask_core::units::BoxCount;
 use pairmask_core::write::{BoxSource, par_write_boxes};
 use pairmask_wire::{
-    Page, QUERIES_MINOR, ScenePlace, boxes_in, boxes_in_mut, bytes_in_mut, since_minor, spheres_in, spheres_in_mut,
+    Page, QUERIES_MINOR, ScenePlace, boxes_in, boxes_in_mut, bytes_in_mut, since_minor, spheres_in,
+    spheres_in_mut,
 };
 
 use super::core::Core;
@@ -41,7 +42,7 @@ pub(super) struct Written {
 
 impl Written {
     /// Spheres, exact.
-    pub(super) const SPHERES: Self = 
+    pub(super) const SPHERES: Self =
         Self { form: ObjectForm::Spheres, widening: Widening::None, first_set: None };
 
     /// Boxes written with a precision.

@@ -29,8 +29,8 @@ pub use reject::Reject;
 pub use reply::{Reply, ReplyError, ReplyFields, ResponseHeader, response_error, response_ok};
 pub use request::{CullRequest, Request, ScenePlace};
 pub use scene::{
-    EditLayout, EditScratch, EndedPairs, QueryRequest, SceneAnswerLayout, SceneId, SceneReply, SceneRequest,
-    response_scene, response_scene_ended,
+    EditLayout, EditScratch, EndedPairs, QueryRequest, SceneAnswerLayout, SceneId, SceneReply,
+    SceneRequest, response_scene, response_scene_ended,
 };
 pub use section::{SECTION_COUNT, Section, SectionKind};
 pub use status::{

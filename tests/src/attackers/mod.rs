@@ -8,6 +8,7 @@ mod edits;
 mod identities;
 mod lengths;
 pub mod lists;
+mod queries;
 pub mod raw;
 mod scribble;
 mod tokens;
@@ -65,6 +66,7 @@ pub fn run(mode: &str) -> Result<(), Box<dyn Error>> {
         "identities" => identities::attack(&until, &mut tally),
         "daemon" => daemon::attack(&until, &mut tally)?,
         "edits" => edits::attack(&until, &mut tally),
+        "queries" => queries::attack(&until, &mut tally),
         "lists" => lists::attack(&until, &mut tally)?,
         _ => return Err(format!("unknown attack '{mode}'").into()),
     }

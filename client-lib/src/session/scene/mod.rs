@@ -17,11 +17,11 @@ use pairmask_core::scene::{
 
 use self::answer::Source;
 pub use self::answer::{EndedIter, EndedList, PairList, PairListIter};
-pub(super) use self::query::Asked;
-pub use self::query::{QueryAnswer, SceneQuery};
 pub use self::margined::{
     MarginedAnswer, MarginedEdit, MarginedPairs, MarginedScene, MarginedSceneStats, PendingMargined,
 };
+pub(super) use self::query::Asked;
+pub use self::query::{QueryAnswer, SceneQuery};
 use self::remote::{Found, RemoteScene, commit_error, new_scene};
 use super::builder::Backend;
 use super::core::Core;

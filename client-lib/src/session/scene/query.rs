@@ -173,7 +173,9 @@ impl QueryAnswer {
         let (queries, end) = (self.queries, self.index_end());
         let listed = listed
             .iter()
-            .filter_map(move |[a, b]| (*a == query && *a < queries).then(|| b.checked_sub(queries))?)
+            .filter_map(move |[a, b]| {
+                (*a == query && *a < queries).then(|| b.checked_sub(queries))?
+            })
             .filter(move |index| *index < end);
         let others = others.into_iter().flatten().filter(move |[a, _]| *a == query);
         listed.chain(others.map(|[_, index]| index))

@@ -221,8 +221,10 @@ mod tests {
             let tags: Vec<Tag> = (0..queries as i32).map(tag).collect();
             for tags in [QueryTags::None, QueryTags::One(tag(9)), QueryTags::Each(&tags)] {
                 let sent = request(queries, &tags);
-                let mut pages =
-                    vec![bytemuck::Zeroable::zeroed(); sent.payload_bytes().div_ceil(PAGE) as usize];
+                let mut pages = vec![
+                    bytemuck::Zeroable::zeroed();
+                    sent.payload_bytes().div_ceil(PAGE) as usize
+                ];
                 assert!(sent.write(&boxes, &tags, &mut pages));
                 let header = RequestHeader::query_scene(1, 2, &sent);
                 let got = parse(&header, PAGE * pages.len() as u64).expect("right");
@@ -271,7 +273,8 @@ mod tests {
 
     #[test]
     fn tags_belong_to_queries_alone() {
-        let mut header = RequestHeader::query_scene(1, 2, &request(5, &QueryTags::One(Tag::default())));
+        let mut header =
+            RequestHeader::query_scene(1, 2, &request(5, &QueryTags::One(Tag::default())));
         header.operation = Operation::Cull as u32;
         header.box_count = 5;
         let found = SectionKind::QueryTags as u32;

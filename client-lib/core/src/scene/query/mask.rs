@@ -2,15 +2,15 @@
 
 use std::time::Instant;
 
-use crate::aabb::{Aabb, KeyBox};
 use super::between::{MOST_OF_A_SET, between};
+use crate::aabb::{Aabb, KeyBox};
 use crate::dispatch::{CullAnswer, CullOptions, StageTimes, nanoseconds_since};
 use crate::engine::encode::{self, FoundWords};
 use crate::engine::gather::Gather;
 use crate::engine::word_budget::WordBudget;
 use crate::engine::{
-    AvailableIsa, Census, CullError, CullReport, EngineChoice, EngineName, EngineTimes, PairRules, PairSkips,
-    ReplyBuffer,
+    AvailableIsa, Census, CullError, CullReport, EngineChoice, EngineName, EngineTimes, PairRules,
+    PairSkips, ReplyBuffer,
 };
 use crate::mask::{Encoding, EncodingChoice, MaskShape};
 use crate::precision::{BoxSlice, ExpandScratch};
