@@ -116,9 +116,9 @@ pub use pairmask_core::sphere::Sphere;
 pub use pairmask_core::units::BoxCount;
 pub use pairmask_wire::{InstanceName, StatusBody as DaemonStatus};
 pub use session::{
-    Backend, CommitError, ConnectError, EndedIter, EndedList, Frame, FrameError, FrameInfo,
-    Margined, MarginedAnswer, MarginedEdit, MarginedMask, MarginedPairs, MarginedScene,
+    Backend, CommitError, ConnectError, EndedIter, EndedList, FindError, Frame, FrameError,
+    FrameInfo, Margined, MarginedAnswer, MarginedEdit, MarginedMask, MarginedPairs, MarginedScene,
     NarrowFrame, PairList, PairListIter, PairMask, PendingAnswer, PendingFrame, PendingMargined,
-    Scene, SceneAnswer, SceneEdit, ServedBy, Session, SessionBuilder, SphereFrame, StatusError,
-    WaitError,
+    QueryAnswer, Scene, SceneAnswer, SceneEdit, SceneQuery, ServedBy, Session, SessionBuilder,
+    SphereFrame, StatusError, WaitError,
 };

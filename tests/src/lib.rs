@@ -16,6 +16,7 @@ pub mod module_graph;
 pub mod narrow;
 pub mod pair_scenes;
 pub mod peers;
+pub mod queried;
 pub mod refuser;
 pub mod scene_edits;
 pub mod session_engine;

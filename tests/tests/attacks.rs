@@ -211,6 +211,34 @@ fn forged_rules_leave_the_frames_of_others_alone() {
     assert_eq!(daemon.worker(), worker, "the worker lives");
 }
 
+/// A scene of an honest client, whose queries find what a scene of this process does, beside a client that
+/// forges queries.
+#[test]
+fn forged_queries_leave_the_scenes_of_others_alone() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session = daemon.session().connect().unwrap();
+    let mut scene = session.scene(SceneOptions::default());
+    let mut truth = pairmask_core::scene::Scene::new(SceneOptions::default());
+    let mut source = EditMaker::new(5, 300);
+    let worker = daemon.worker();
+    let attacker = Attacker::start(daemon.path(), "queries");
+    let (end, mut found) = (Instant::now() + attack_time(), Vec::new());
+    while Instant::now() < end {
+        let owned = source.next_edit();
+        let arrays = owned.arrays(0);
+        let edit = arrays.steps().into_iter().fold(scene.edit(), SceneEdit::step);
+        drop(edit.commit(Want::Nothing).unwrap());
+        truth.edit(Edit { steps: &arrays.steps() }, Want::Nothing).unwrap();
+        let queries: Vec<_> = source.boxes().values().copied().take(40).collect();
+        truth.query(&queries, &mut found).unwrap();
+        assert_eq!(scene.query(&queries).find().unwrap().to_vec(), found);
+    }
+    let counts = attacker.end();
+    println!("queries: {counts:?}");
+    assert!(counts["answered"] > 10 && counts["refused"] > 10, "{counts:?}");
+    assert_eq!(daemon.worker(), worker, "the worker lives");
+}
+
 #[test]
 fn a_request_under_another_clients_id_is_not_answered() {
     let (counts, lived) = live_beside("identities", "16");

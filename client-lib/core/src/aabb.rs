@@ -12,6 +12,8 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use crate::floats;
+
 /// An axis-aligned box as it lies in shared memory: `min.x min.y min.z max.x max.y max.z`, 24 bytes.
 ///
 /// ```
@@ -67,6 +69,77 @@ impl Aabb {
         }
     }
 
+    /// The box that holds one point.
+    #[inline]
+    pub fn point(at: impl Into<[f32; 3]>) -> Self {
+        let at = at.into();
+        Self { min: at, max: at }
+    }
+
+    /// What a box may touch on its way from one place to another, if it moves in a straight line and each
+    /// face with it: the smallest box that holds both. It is exact, so nothing is rounded.
+    ///
+    /// Where one of them is empty, that is the other; where one of them is invalid, that one, which overlaps
+    /// nothing.
+    ///
+    /// ```
+    /// use pairmask_core::Aabb;
+    /// let from = Aabb::new([0.0; 3], [1.0; 3]);
+    /// let to = Aabb::new([4.0, -2.0, 0.0], [5.0, -1.0, 1.0]);
+    /// let swept = Aabb::swept(&from, &to);
+    /// assert_eq!(swept, Aabb::new([0.0, -2.0, 0.0], [5.0, 1.0, 1.0]));
+    /// ```
+    pub fn swept(from: &Self, to: &Self) -> Self {
+        match (from.class(), to.class()) {
+            (BoxClass::Invalid, _) | (_, BoxClass::Empty) => *from,
+            (_, BoxClass::Invalid) | (BoxClass::Empty, _) => *to,
+            (BoxClass::Solid, BoxClass::Solid) => {
+                // Keys, since comparisons of floats depend on the thread's flags.
+                let key = |x: f32| order_key(x.to_bits());
+                let low = |a, b| if key(b) < key(a) { b } else { a };
+                let high = |a, b| if key(b) > key(a) { b } else { a };
+                Self {
+                    min: std::array::from_fn(|axis| low(from.min[axis], to.min[axis])),
+                    max: std::array::from_fn(|axis| high(from.max[axis], to.max[axis])),
+                }
+            }
+        }
+    }
+
+    /// What the box may touch while it moves by a displacement in a straight line.
+    ///
+    /// The faces that move are rounded outward to the nearest number, whatever rounding mode the thread has:
+    /// the box is never smaller than the exact sweep. A box that overlaps nothing stays as it is, and a
+    /// displacement with a NaN makes an invalid box.
+    ///
+    /// ```
+    /// use pairmask_core::Aabb;
+    /// let b = Aabb::new([0.0; 3], [1.0; 3]);
+    /// assert_eq!(b.swept_by([2.0, -1.0, 0.0]), Aabb::new([0.0, -1.0, 0.0], [3.0, 1.0, 1.0]));
+    /// assert_eq!(b.swept_by([1e-30, 0.0, 0.0]).max[0], 1.0f32.next_up());
+    /// ```
+    #[must_use]
+    pub fn swept_by(&self, displacement: impl Into<[f32; 3]>) -> Self {
+        let by = displacement.into();
+        if self.class() != BoxClass::Solid {
+            return *self;
+        }
+        floats::with_default(|| {
+            let mut swept = *self;
+            for axis in 0..3 {
+                let (min, max) = (&mut swept.min[axis], &mut swept.max[axis]);
+                if by[axis] > 0.0 {
+                    *max = sum_above(*max, by[axis]);
+                } else if by[axis] < 0.0 {
+                    *min = -sum_above(-*min, -by[axis]);
+                } else if by[axis].is_nan() {
+                    *max = f32::NAN;
+                }
+            }
+            swept
+        })
+    }
+
     /// Solid, empty or invalid.
     #[inline]
     pub fn class(&self) -> BoxClass {
@@ -107,6 +180,22 @@ impl From<Aabb> for ([f32; 3], [f32; 3]) {
     fn from(b: Aabb) -> Self {
         (b.min, b.max)
     }
+}
+
+/// The smallest number that is not below `x + by`, for `by` above 0. Needs the default flags.
+fn sum_above(x: f32, by: f32) -> f32 {
+    debug_assert!(floats::are_default());
+    if by == f32::INFINITY {
+        return by;
+    }
+    // The sum of two is `sum + rest` exactly (Knuth): nothing overflows or underflows in f64.
+    let (a, b) = (f64::from(x), f64::from(by));
+    let sum = a + b;
+    let b_part = sum - a;
+    let rest = (a - (sum - b_part)) + (b - b_part);
+    let rounded = sum as f32;
+    let is_below = f64::from(rounded) < sum || (f64::from(rounded) == sum && rest > 0.0);
+    if is_below { rounded.next_up() } else { rounded }
 }
 
 /// Bits of positive infinity; larger magnitudes are NaN.
@@ -181,6 +270,142 @@ impl From<&Aabb> for KeyBox {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
+
+    /// A finite number as an integer: in units of the smallest subnormal, 277 bits and a sign.
+    fn exact(x: f32) -> (bool, [u64; 6]) {
+        let (bits, exponent) = (x.to_bits(), x.to_bits() >> 23 & 0xff);
+        let fraction = bits & 0x007f_ffff | if exponent == 0 { 0 } else { 1 << 23 };
+        let shift = exponent.max(1) - 1;
+        let mut words = [0; 6];
+        let wide = u128::from(fraction) << (shift % 64);
+        words[shift as usize / 64] = wide as u64;
+        words[shift as usize / 64 + 1] = (wide >> 64) as u64;
+        (bits >> 31 == 1, words)
+    }
+
+    fn negated(words: [u64; 6]) -> [u64; 6] {
+        let mut carry = true;
+        words.map(|word| {
+            let (word, over) = (!word).overflowing_add(u64::from(carry));
+            carry = over;
+            word
+        })
+    }
+
+    /// The same in two's complement, most significant word first: biased, so that arrays compare as numbers.
+    fn complement(numbers: &[f32]) -> [u64; 6] {
+        let mut sum = [0u64; 6];
+        for x in numbers {
+            let (is_negative, words) = exact(*x);
+            let words = if is_negative { negated(words) } else { words };
+            let mut carry = 0;
+            for (to, word) in sum.iter_mut().zip(words) {
+                let wide = u128::from(*to) + u128::from(word) + carry;
+                (*to, carry) = (wide as u64, wide >> 64);
+            }
+        }
+        sum[5] ^= 1 << 63;
+        sum.reverse();
+        sum
+    }
+
+    fn number() -> impl Strategy<Value = f32> {
+        prop_oneof![
+            any::<u32>().prop_map(f32::from_bits),
+            (-100i32..100).prop_map(|x| x as f32),
+            (0u32..9).prop_map(f32::from_bits),
+            (0u32..9).prop_map(|x| -f32::from_bits(x)),
+            (0u32..9).prop_map(|x| f32::from_bits(INFINITY_BITS - x)),
+        ]
+    }
+
+    #[test]
+    fn exact_sums_order_as_numbers_do() {
+        let rising: [&[f32]; 7] = [
+            &[f32::MIN, f32::MIN],
+            &[f32::MIN, -1e-45],
+            &[-1.0, 1e-45],
+            &[1e-45, -1e-45],
+            &[1e-45],
+            &[1.0, f32::MIN_POSITIVE],
+            &[f32::MAX, 1e-45],
+        ];
+        for pair in rising.windows(2) {
+            assert!(complement(pair[0]) < complement(pair[1]), "{pair:?}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn a_sweep_is_the_smallest_box_that_holds_the_exact_one(
+            x in number(), length in number(), by in number(),
+        ) {
+            prop_assume!(!x.is_nan() && !length.is_nan() && !by.is_nan());
+            let (low, high) = if x <= length { (x, length) } else { (length, x) };
+            let b = Aabb::new([low; 3], [high; 3]);
+            let swept = b.swept_by([by, 0.0, -by]);
+            prop_assert_eq!((swept.min[1], swept.max[1]), (low, high));
+            for (axis, by) in [(0, by), (2, -by)] {
+                let (min, max) = (swept.min[axis], swept.max[axis]);
+                prop_assert!(min <= low && max >= high);
+                prop_assert!(by > 0.0 || max == high);
+                prop_assert!(by < 0.0 || min == low);
+                let moved = if by > 0.0 { [high, max] } else { [low, min] };
+                if by.is_infinite() {
+                    prop_assert!(by == 0.0 || moved[1] == by);
+                } else if moved[0].is_infinite() {
+                    prop_assert_eq!(moved[1], moved[0]);
+                } else if by != 0.0 {
+                    let sum = complement(&[moved[0], by]);
+                    let not_within = |x: f32, beyond: f32| match x {
+                        x if x.is_infinite() => (x > 0.0) != (beyond > 0.0),
+                        x if beyond > 0.0 => complement(&[x]) < sum,
+                        x => complement(&[x]) > sum,
+                    };
+                    prop_assert!(!not_within(moved[1], by), "holds the exact sum");
+                    let inner = if by > 0.0 { moved[1].next_down() } else { moved[1].next_up() };
+                    prop_assert!(not_within(inner, by), "no smaller number does");
+                }
+            }
+        }
+
+        #[test]
+        fn a_sweep_between_places_holds_both_and_no_more(
+            from in prop::array::uniform6(number()), to in prop::array::uniform6(number()),
+        ) {
+            let (from, to) = (Aabb::from(from), Aabb::from(to));
+            let swept = Aabb::swept(&from, &to);
+            let classes = (from.class(), to.class());
+            if classes == (BoxClass::Solid, BoxClass::Solid) {
+                for axis in 0..3 {
+                    prop_assert_eq!(swept.min[axis], from.min[axis].min(to.min[axis]));
+                    prop_assert_eq!(swept.max[axis], from.max[axis].max(to.max[axis]));
+                }
+            } else if classes.0 == BoxClass::Invalid || classes.1 == BoxClass::Invalid {
+                prop_assert_eq!(swept.class(), BoxClass::Invalid);
+            } else {
+                let other = if classes.0 == BoxClass::Empty { to } else { from };
+                prop_assert_eq!(swept.class(), other.class());
+                prop_assert!(swept.class() == BoxClass::Empty || swept == other);
+            }
+        }
+    }
+
+    #[test]
+    fn sweeps_of_what_overlaps_nothing_overlap_nothing() {
+        let solid = Aabb::point([1.0, -0.0, 3.0]);
+        assert_eq!(solid.class(), BoxClass::Solid);
+        assert!(solid.overlaps(&solid));
+        assert_eq!(Aabb::point([0.0, f32::NAN, 0.0]).class(), BoxClass::Invalid);
+        assert_eq!(Aabb::EMPTY.swept_by([1.0; 3]), Aabb::EMPTY);
+        assert_eq!(solid.swept_by([0.0, f32::NAN, 0.0]).class(), BoxClass::Invalid);
+        assert_eq!(Aabb::swept(&solid, &Aabb::EMPTY), solid);
+        assert_eq!(Aabb::swept(&Aabb::EMPTY, &solid), solid);
+        let far = Aabb::point([f32::NEG_INFINITY; 3]).swept_by([f32::INFINITY, 1.0, -1.0]);
+        assert_eq!(far.max, [f32::INFINITY, f32::NEG_INFINITY, f32::NEG_INFINITY]);
+        assert_eq!(far.class(), BoxClass::Solid);
+    }
 
     #[test]
     fn keys_order_as_numbers_do() {

@@ -11,6 +11,7 @@ use pairmask_core::engine::CullError;
 use pairmask_core::filters::Rules;
 use pairmask_core::objects::Objects;
 use pairmask_core::precision::Precision;
+use pairmask_core::scene::{FilteredScene, QueryError};
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{ReplyFields, RequestHeader, RulesLayout, SceneId, StatusBody};
 
@@ -22,6 +23,7 @@ use super::link::{Link, SharedFrame};
 use super::local::{Local, Spares, lock};
 use super::narrow::NarrowFrame;
 use super::pairs::{PairMask, ServedBy};
+use super::scene::Asked;
 use super::sphere::SphereFrame;
 use super::unread::{Unread, UnreadEdits};
 
@@ -173,6 +175,15 @@ impl Core {
     /// Has the frames to come have room for rules like these.
     pub(super) fn note_rules(&self, layout: &RulesLayout) {
         self.rules_room.store(layout.bytes_beside_tags(), Ordering::Relaxed);
+    }
+
+    /// Asks a scene of this process.
+    pub(super) fn query_here(
+        &self,
+        scene: &mut FilteredScene,
+        asked: &Asked<'_>,
+    ) -> Result<PairMask, QueryError> {
+        self.local.query(scene, asked, &self.settings)
     }
 
     pub(super) fn served_by(&self) -> ServedBy {

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use pairmask_core::engine::{CullError, IsaError};
-use pairmask_core::scene::{EditError, SceneError};
+use pairmask_core::scene::{EditError, QueryError, SceneError};
 use pairmask_wire::{InstanceError, InstanceName, ReplyError, TooManyPairs, Version};
 
 use crate::transport::{PopulateError, TransportError};
@@ -101,6 +101,14 @@ pub enum FrameError {
     /// ([`Backend::Daemon`](super::Backend::Daemon) only).
     #[error("{0}: use Backend::Auto")]
     TooManyListedPairs(#[from] TooManyPairs),
+    /// The first of two sets has more boxes than the frame.
+    #[error("a first set of {first} boxes in a frame of {n}")]
+    FirstSet {
+        /// Boxes of the first set.
+        first: u32,
+        /// Boxes of the frame.
+        n: u32,
+    },
     /// Too many frames are under way.
     #[error("three frames are being filled, under way or held as masks: drop one before the next")]
     TooManyFrames,
@@ -161,6 +169,45 @@ pub enum CommitError {
     /// As a later version of the engines says.
     #[error(transparent)]
     Scene(SceneError),
+}
+
+/// Why a query of a scene has no answer.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum FindError {
+    /// More queries and indices than a mask has objects.
+    #[error(
+        "{queries} queries of a scene with indices below {index_end} are too many: ask in parts"
+    )]
+    TooMany {
+        /// Queries.
+        queries: usize,
+        /// Indices are below this.
+        index_end: u32,
+    },
+    /// The query is wrong, or this process cannot answer it.
+    #[error(transparent)]
+    Query(#[from] QueryError),
+    /// The query could not be sent.
+    #[error(transparent)]
+    Frame(#[from] FrameError),
+    /// The daemon has not answered.
+    #[error(transparent)]
+    Wait(#[from] WaitError),
+    /// The scene could not be made in this process.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+}
+
+impl From<CommitError> for FindError {
+    fn from(error: CommitError) -> Self {
+        match error {
+            CommitError::Edit(error) => Self::Scene(error.into()),
+            CommitError::Frame(error) => Self::Frame(error),
+            CommitError::Wait(error) => Self::Wait(error),
+            CommitError::Scene(error) => Self::Scene(error),
+        }
+    }
 }
 
 /// Why the daemon's status is not known.

@@ -9,6 +9,7 @@ use super::builder::Settings;
 use super::error::WaitError;
 use super::estimate::Expected;
 use super::link::{Link, Received, SharedFrame, Slot, Unsent};
+use super::pairs::Storage;
 use crate::transport::{CheckedResponse, ResponseSample, SentRequest};
 
 /// A request that was sent. Dropping it discards the answer.
@@ -27,6 +28,14 @@ pub(super) struct Answer {
     pub sent_at: Instant,
     _pending: SentRequest,
     _slot: Slot,
+}
+
+impl Answer {
+    /// Its memory, for a mask that lies in it.
+    pub(super) fn into_storage(self) -> Storage {
+        let Self { response, _pending, _slot, .. } = self;
+        Storage::Shared { response, _pending, _slot }
+    }
 }
 
 impl Exchange {

@@ -11,7 +11,8 @@ use pairmask_core::sphere::Sphere;
 use pairmask_core::units::BoxCount;
 use pairmask_core::write::{BoxSource, par_write_boxes};
 use pairmask_wire::{
-    Page, ScenePlace, boxes_in, boxes_in_mut, bytes_in_mut, since_minor, spheres_in, spheres_in_mut,
+    Page, QUERIES_MINOR, ScenePlace, boxes_in, boxes_in_mut, bytes_in_mut, since_minor, spheres_in,
+    spheres_in_mut,
 };
 
 use super::core::Core;
@@ -35,15 +36,19 @@ pub struct Frame {
 pub(super) struct Written {
     pub form: ObjectForm,
     pub widening: Widening,
+    /// So many boxes are set A, and the others set B; `None` where all pairs count.
+    pub first_set: Option<BoxCount>,
 }
 
 impl Written {
     /// Spheres, exact.
-    pub(super) const SPHERES: Self = Self { form: ObjectForm::Spheres, widening: Widening::None };
+    pub(super) const SPHERES: Self =
+        Self { form: ObjectForm::Spheres, widening: Widening::None, first_set: None };
 
     /// Boxes written with a precision.
     pub(super) fn by(precision: &Precision) -> Self {
-        Self { form: precision.form().into(), widening: precision.widening() }
+        let (form, widening) = (precision.form().into(), precision.widening());
+        Self { form, widening, first_set: None }
     }
 
     /// Where all of it lies in the memory of a frame of `n` objects.
@@ -53,7 +58,10 @@ impl Written {
 
     /// Minor wire version from which daemons know all of it.
     pub(super) const fn since_minor(self) -> u16 {
-        since_minor(self.form)
+        match self.first_set {
+            Some(_) => QUERIES_MINOR,
+            None => since_minor(self.form),
+        }
     }
 }
 
@@ -206,6 +214,15 @@ impl Filling<Aabb> {
         self.submit_by(rules)
     }
 
+    /// Finds the pairs of a box of the first `first` and one of the others.
+    pub(super) fn submit_between(mut self, first: BoxCount) -> Result<PendingFrame, FrameError> {
+        if first > self.n {
+            return Err(FrameError::FirstSet { first: first.get(), n: self.n.get() });
+        }
+        self.written.first_set = Some(first);
+        self.submit()
+    }
+
     /// The memory of a frame whose boxes are written in a narrow form.
     pub(super) fn narrow_memory(&mut self) -> NarrowMemory<'_> {
         match &mut self.memory {
@@ -287,6 +304,31 @@ impl Frame {
     /// [`FrameError`]; the frame's memory is gone then.
     pub fn submit(self) -> Result<PendingFrame, FrameError> {
         self.filling.submit()
+    }
+
+    /// Asks for the pairs of two sets: the first `first` boxes against all others. Boxes of one set are no
+    /// pair, and take no time as such. The mask is one of the whole frame.
+    ///
+    /// A core of the daemon, or of this process, answers, whichever of its engines the session names; a
+    /// session that names an engine of a GPU has a typed error.
+    ///
+    /// ```
+    /// use pairmask::{Aabb, Backend, BoxCount, Session};
+    ///
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// let mut session = Session::builder().backend(Backend::InProcess).connect()?;
+    /// let mut frame = session.frame(4)?;
+    /// frame.boxes_mut().fill(Aabb::new([0.0; 3], [1.0; 3]));
+    /// let mask = frame.submit_between(BoxCount::new(1))?.wait()?;
+    /// assert_eq!(mask.to_vec(), [(0, 1), (0, 2), (0, 3)]);
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// As [`submit`](Self::submit), and [`FrameError::FirstSet`] where there are fewer boxes.
+    pub fn submit_between(self, first: BoxCount) -> Result<PendingFrame, FrameError> {
+        self.filling.submit_between(first)
     }
 
     /// Asks for the pairs that rules let meet: tags by index of the boxes, filters, and lists. In process

@@ -8,8 +8,9 @@ use pairmask_core::engine::{AvailableIsa, CullError, HeapReply};
 use pairmask_core::filters::Rules;
 use pairmask_core::objects::Objects;
 use pairmask_core::plan::CalibrationChoice;
-use pairmask_core::precision::ExpandScratch;
+use pairmask_core::precision::{ExpandScratch, Precision};
 use pairmask_core::repeat::{Repeats, Seen};
+use pairmask_core::scene::{FilteredScene, PairScene, QueryError, cull_between};
 use pairmask_core::sphere::Sphere;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::Reply;
@@ -17,6 +18,7 @@ use pairmask_wire::Reply;
 use super::builder::Settings;
 use super::frame::Written;
 use super::pairs::{PairMask, ServedBy, Storage};
+use super::scene::Asked;
 
 /// Buffers of each kind that are kept for reuse: those of two frames under way and of one being
 /// filled, and one of a mask that is held.
@@ -159,8 +161,11 @@ impl Local {
             ..CullOptions::default()
         };
         let mut worlds = Vec::new();
-        let answer = match (objects, rules) {
-            (Objects::Boxes(these), Some(rules)) => {
+        let answer = match (objects, rules, written.first_set) {
+            (Objects::Boxes(these), None, Some(first)) => {
+                cull_between(these, first, &options, &mut memory)?
+            }
+            (Objects::Boxes(these), Some(rules), _) => {
                 let mut scratch = ExpandScratch::default();
                 let these = these.expand(&mut scratch, true);
                 let engines = &mut lock(&self.engines).boxes;
@@ -173,15 +178,42 @@ impl Local {
             }
         };
         *lock(&self.last_pairs) = Some(answer.report.pair_count);
+        let n = BoxCount::new(objects.len() as u32);
+        Ok(self.mask(memory, n, &answer, written, settings).with_worlds(worlds))
+    }
+
+    /// Asks a scene of this process.
+    pub(super) fn query(
+        self: &Arc<Self>,
+        scene: &mut FilteredScene,
+        asked: &Asked<'_>,
+        settings: &Settings,
+    ) -> Result<PairMask, QueryError> {
+        let Asked { boxes, tags, encoding, mask } = *asked;
+        let (mut memory, threads) = (self.replies.take(), PairScene::threads(scene.scene()));
+        let find = |found: &mut Vec<[u32; 2]>| scene.query(boxes, tags, found);
+        let answer = mask.answer(boxes, encoding, threads, &mut memory, find)?;
+        let written = Written::by(&Precision::Exact);
+        Ok(self.mask(memory, mask.n(), &answer, written, settings))
+    }
+
+    /// The mask of an answer of this process.
+    fn mask(
+        self: &Arc<Self>,
+        memory: HeapReply,
+        n: BoxCount,
+        answer: &CullAnswer,
+        written: Written,
+        settings: &Settings,
+    ) -> PairMask {
         let reply = Reply {
-            box_count: BoxCount::new(objects.len() as u32),
+            box_count: n,
             engine: answer.engine.into(),
             threads: answer.threads,
             report: answer.report,
             times: answer.times,
         };
         let storage = Storage::Own { memory, home: Arc::clone(self) };
-        let mask = PairMask::new(storage, &reply, ServedBy::InProcess, written, settings.isa);
-        Ok(mask.with_worlds(worlds))
+        PairMask::new(storage, &reply, ServedBy::InProcess, written, settings.isa)
     }
 }

@@ -46,7 +46,7 @@ mod sphere;
 mod unread;
 
 pub use builder::{Backend, SessionBuilder};
-pub use error::{CommitError, ConnectError, FrameError, StatusError, WaitError};
+pub use error::{CommitError, ConnectError, FindError, FrameError, StatusError, WaitError};
 pub use frame::Frame;
 pub use margined::{MarginStats, Margined, MarginedError, MarginedMask};
 pub use narrow::NarrowFrame;
@@ -54,8 +54,8 @@ pub use pairs::{FrameInfo, PairMask, ServedBy};
 pub use pending::PendingFrame;
 pub use scene::{
     EndedIter, EndedList, MarginedAnswer, MarginedEdit, MarginedPairs, MarginedScene,
-    MarginedSceneStats, PairList, PairListIter, PendingAnswer, PendingMargined, Scene, SceneAnswer,
-    SceneEdit,
+    MarginedSceneStats, PairList, PairListIter, PendingAnswer, PendingMargined, QueryAnswer, Scene,
+    SceneAnswer, SceneEdit, SceneQuery,
 };
 pub use sphere::SphereFrame;
 

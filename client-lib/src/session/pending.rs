@@ -130,6 +130,15 @@ impl PendingFrame {
         };
         let link = Arc::clone(shared.slot.link());
         let settings = core.settings();
+        if written.first_set.is_some() && !link.forms().knows(written.since_minor()) {
+            let what = "frames of two sets";
+            if !core.may_cull_here() {
+                return Err(FrameError::DaemonTooOld { what });
+            }
+            link.forms().say_stay(written.since_minor(), what);
+            let mask = cull_shared(&core, shared.loan.pages(), n, written, None)?;
+            return Ok(Self::ready(mask, core));
+        }
         let asked =
             ReplyFields { client_token: link.token(), frame: core.next_frame(), box_count: n };
         let request = CullRequest {
@@ -139,6 +148,7 @@ impl PendingFrame {
             visit_threads: settings.visit_threads,
             may_repeat: settings.answer_repeats,
             rules: place,
+            first_set: written.first_set,
             ..CullRequest::of(written.scene(n))
         };
         let header = RequestHeader::cull(asked.client_token, asked.frame, &request);

@@ -47,7 +47,8 @@ pub struct RequestHeader {
     pub base: u64,
     /// The revision that an edit makes; zero in a cull (since 1.4).
     pub revision: u64,
-    /// Indices of a scene are below this; zero in a cull (since 1.4).
+    /// Indices of a scene are below this (since 1.4). Of a cull between two sets, boxes of the first set
+    /// (since 1.7); else zero in a cull.
     pub most_boxes: u32,
     /// Flags of an edit; zero in a cull (since 1.4).
     pub scene_flags: u32,
@@ -74,6 +75,10 @@ pub enum Operation {
     EditScene = 3,
     /// Forget a scene.
     EndScene = 4,
+    /// Find the boxes of a scene that other boxes overlap.
+    QueryScene = 14,
+    /// Find the overlapping pairs of a box of one set and a box of another.
+    CullBetween = 15,
 }
 
 impl RequestHeader {

@@ -34,8 +34,8 @@ pub use rules::{
     world_ranges_in, write_world_ranges,
 };
 pub use scene::{
-    EditLayout, EditScratch, EndedPairs, SceneAnswerLayout, SceneId, SceneReply, SceneRequest,
-    response_scene, response_scene_ended,
+    EditLayout, EditScratch, EndedPairs, QueryRequest, SceneAnswerLayout, SceneId, SceneReply,
+    SceneRequest, response_scene, response_scene_ended,
 };
 pub use section::{SECTION_COUNT, Section, SectionKind};
 pub use status::{
@@ -65,6 +65,8 @@ pub const SCENES_MINOR: u16 = 4;
 pub const RULES_MINOR: u16 = 5;
 /// Minor version from which whole frames have rules.
 pub const FRAME_RULES_MINOR: u16 = 6;
+/// Minor version from which scenes are queried, and frames are of two sets.
+pub const QUERIES_MINOR: u16 = 7;
 
 /// Minor version from which daemons know objects of a form.
 pub const fn since_minor(form: ObjectForm) -> u16 {
@@ -77,7 +79,7 @@ pub const fn since_minor(form: ObjectForm) -> u16 {
 
 /// The largest minor version that an operation, a section, a step of an edit, a form, an encoding or an engine needs.
 const fn newest_minor() -> u16 {
-    let (mut newest, mut i) = (FRAME_RULES_MINOR, 0);
+    let (mut newest, mut i) = (QUERIES_MINOR, 0);
     while i < ObjectForm::ALL.len() {
         newest = later(newest, since_minor(ObjectForm::ALL[i]));
         i += 1;

@@ -65,6 +65,12 @@ pub enum Reject {
         /// The field.
         field: &'static str,
     },
+    /// A query of a scene, or a frame of two sets, says what cannot be.
+    #[error("the query's {field} is malformed")]
+    Query {
+        /// The field.
+        field: &'static str,
+    },
 }
 
 impl Reject {

@@ -11,7 +11,7 @@ use crate::page::Page;
 use crate::pages::objects_in;
 use crate::reject::Reject;
 use crate::rules::RulesPlace;
-use crate::scene::{SceneId, SceneRequest};
+use crate::scene::{QueryRequest, SceneId, SceneRequest};
 use crate::section::{SECTION_COUNT, Section, SectionKind};
 use crate::{FRAME_RULES_MINOR, REQUEST_MAGIC, VERSION_MAJOR, VERSION_MINOR, Version};
 
@@ -76,6 +76,9 @@ pub struct CullRequest {
     pub visit_threads: Option<usize>,
     /// Whether a frame that is equal to the last one may get that one's answer, without an engine.
     pub may_repeat: bool,
+    /// The first so many boxes are a set, the others another one, and only pairs of a box of each count;
+    /// `None` where all pairs do.
+    pub first_set: Option<BoxCount>,
     /// Minor wire version of the client, older or newer than this build. The answer may hold nothing
     /// that a later minor version added.
     pub client_minor: u16,
@@ -92,6 +95,7 @@ impl CullRequest {
             threads: None,
             visit_threads: None,
             may_repeat: true,
+            first_set: None,
             client_minor: VERSION_MINOR,
         }
     }
@@ -108,6 +112,8 @@ pub enum Request {
     EditScene(SceneRequest),
     /// Forget a scene.
     EndScene(SceneId),
+    /// Find the boxes of a scene that other boxes overlap.
+    QueryScene(QueryRequest),
 }
 
 /// Flag of a cull: an engine finds the pairs, also where the frame is equal to the last one.
@@ -124,6 +130,8 @@ impl RequestHeader {
         for (slot, section) in sections[1..].iter_mut().zip(rules.sections()) {
             *slot = section;
         }
+        let operation =
+            if request.first_set.is_some() { Operation::CullBetween } else { Operation::Cull };
         Self {
             version_minor: request.client_minor,
             flags: if request.may_repeat { 0 } else { CULL_ANEW },
@@ -139,7 +147,8 @@ impl RequestHeader {
             threads: number(threads),
             visit_threads: number(visit_threads),
             sections,
-            ..Self::envelope(Operation::Cull, client_token, frame)
+            most_boxes: request.first_set.map_or(0, BoxCount::get),
+            ..Self::envelope(operation, client_token, frame)
         }
     }
 
@@ -170,16 +179,27 @@ impl Request {
         }
         match header.operation {
             op if op == Operation::Status as u32 => Ok(Self::Status),
-            op if op == Operation::Cull as u32 => Self::parse_cull(header, payload_bytes),
+            op if op == Operation::Cull as u32 => Self::parse_cull(header, None, payload_bytes),
+            op if op == Operation::CullBetween as u32 => {
+                let first = BoxCount::new(header.most_boxes);
+                Self::parse_cull(header, Some(first), payload_bytes)
+            }
             op if op == Operation::EditScene as u32 => {
                 SceneRequest::parse(header, payload_bytes).map(Self::EditScene)
+            }
+            op if op == Operation::QueryScene as u32 => {
+                QueryRequest::parse(header, payload_bytes).map(Self::QueryScene)
             }
             op if op == Operation::EndScene as u32 => Ok(Self::EndScene(SceneId(header.scene))),
             found => Err(Reject::Operation { found }),
         }
     }
 
-    fn parse_cull(header: &RequestHeader, payload_bytes: u64) -> Result<Self, Reject> {
+    fn parse_cull(
+        header: &RequestHeader,
+        first_set: Option<BoxCount>,
+        payload_bytes: u64,
+    ) -> Result<Self, Reject> {
         let engine = match header.engine {
             0 => EngineChoice::Auto,
             found => {
@@ -207,6 +227,15 @@ impl Request {
         if rules.is_some() && form == ObjectForm::Spheres {
             return Err(Reject::Rules { field: "form of objects" });
         }
+        if first_set.is_some() && form == ObjectForm::Spheres {
+            return Err(Reject::Query { field: "form" });
+        }
+        if first_set.is_some() && rules.is_some() {
+            return Err(Reject::Query { field: "rules" });
+        }
+        if first_set.is_some_and(|first| first > box_count) {
+            return Err(Reject::Query { field: "first set" });
+        }
         let some = |threads: u32| (threads != 0).then_some(threads as usize);
         Ok(Self::Cull(CullRequest {
             scene: ScenePlace { form, count: box_count, offset },
@@ -216,6 +245,7 @@ impl Request {
             threads: some(header.threads),
             visit_threads: some(header.visit_threads),
             may_repeat: header.flags & CULL_ANEW == 0,
+            first_set,
             client_minor: header.version_minor,
         }))
     }
@@ -228,6 +258,7 @@ fn is_known(section: &Section, operation: u32) -> bool {
     form_of(section).is_some()
         || operation == Operation::Cull as u32 && is_of(&RulesPlace::KINDS)
         || operation == Operation::EditScene as u32 && is_of(&of_edits)
+        || operation == Operation::QueryScene as u32 && is_of(&[SectionKind::QueryTags])
 }
 
 /// The form of the objects in a section, or `None` where it holds no objects.

@@ -76,11 +76,13 @@ pub enum SectionKind {
     ExcludedPairs = 21,
     /// How many pairs of a list each world has.
     WorldRanges = 22,
+    /// Tags of the queries of a scene, 12 bytes each: one for all, or one for each.
+    QueryTags = 27,
 }
 
 impl SectionKind {
     /// Every kind, in the order of their numbers.
-    pub const ALL: [Self; 22] = [
+    pub const ALL: [Self; 23] = [
         Self::Boxes,
         Self::DenseWords,
         Self::SparseRows,
@@ -103,6 +105,7 @@ impl SectionKind {
         Self::IncludedPairs,
         Self::ExcludedPairs,
         Self::WorldRanges,
+        Self::QueryTags,
     ];
 
     /// The kind of a wire number, if there is one.

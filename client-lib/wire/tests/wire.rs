@@ -260,6 +260,7 @@ fn a_request_round_trips() {
                 threads: Some(2),
                 visit_threads: Some(8),
                 may_repeat: true,
+                first_set: None,
                 client_minor: Version::CURRENT.minor,
             })
         );
@@ -277,6 +278,27 @@ fn a_request_to_be_culled_anew_is_a_flag() {
     assert_eq!(Request::parse(&header, 4096), Ok(Request::Cull(anew)));
     let unknown = RequestHeader { flags: !1, ..header };
     assert_eq!(Request::parse(&unknown, 4096), Ok(Request::Cull(CullRequest::of(scene))));
+}
+
+#[test]
+fn a_cull_of_two_sets_is_an_operation() {
+    for form in ObjectForm::ALL {
+        let scene = ScenePlace::first(form, N);
+        for first in [0, 1, N.get(), N.get() + 1, u32::MAX] {
+            let first_set = Some(BoxCount::new(first));
+            let request = CullRequest { first_set, ..CullRequest::of(scene) };
+            let header = RequestHeader::cull(1, 2, &request);
+            assert_eq!((header.operation, header.most_boxes), (15, first));
+            let parsed = Request::parse(&header, 4096);
+            if form == ObjectForm::Spheres {
+                assert_eq!(parsed, Err(Reject::Query { field: "form" }));
+            } else if first > N.get() {
+                assert_eq!(parsed, Err(Reject::Query { field: "first set" }));
+            } else {
+                assert_eq!(parsed, Ok(Request::Cull(request)));
+            }
+        }
+    }
 }
 
 #[test]

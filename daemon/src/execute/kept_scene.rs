@@ -8,6 +8,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
+use pairmask_core::Aabb;
 use pairmask_core::dispatch::{CpuEngines, nanoseconds_since};
 use pairmask_core::engine::{CullError, EngineChoice, EngineName};
 use pairmask_core::plan::GpuCost;
@@ -109,6 +110,13 @@ impl SceneKeeper {
         }
     }
 
+    /// Most pairs that later queries may find. Those of a GPU are held to the reply alone.
+    pub fn limit_query_pairs(&mut self, most: u64) {
+        if let Place::Cores(scene) = &mut self.place {
+            scene.limit_query_pairs(most);
+        }
+    }
+
     /// Notes an edit that the cores have made.
     fn note_edit(&mut self, changed: usize, took_ns: f64) {
         if self.engine != EngineChoice::Auto {
@@ -200,6 +208,24 @@ impl PairScene for SceneKeeper {
         match &self.place {
             Place::Cores(scene) => PairScene::is_off(scene, index),
             Place::Gpu(scene) => scene.is_off(index),
+        }
+    }
+
+    fn is_static(&self, index: u32) -> bool {
+        match &self.place {
+            Place::Cores(scene) => PairScene::is_static(scene, index),
+            Place::Gpu(scene) => scene.is_static(index),
+        }
+    }
+
+    fn query(&mut self, queries: &[Aabb], found: &mut Vec<[u32; 2]>) -> Result<u64, CullError> {
+        match &mut self.place {
+            Place::Cores(scene) => scene.query(queries, found),
+            Place::Gpu(scene) => {
+                // One session uses the GPU at a time.
+                let _turn = self.gpu.0.as_ref().map(|gpu| gpu.lock());
+                scene.query(queries, found)
+            }
         }
     }
 }

@@ -147,6 +147,13 @@ impl OpenRequest {
         (objects_at(&incoming.request, *scene), LoanReply { request, loan, lender })
     }
 
+    /// The payload and the memory of the reply.
+    pub(crate) fn payload_and_reply(&mut self) -> (&[Page], LoanReply<'_>) {
+        let Self { incoming, loan, lender, .. } = self;
+        let request = incoming.request.request();
+        (incoming.request.pages(), LoanReply { request, loan, lender })
+    }
+
     /// Has its objects and its answer be kept for frames that are equal to it.
     pub(crate) fn keep_with(&mut self, ticket: Option<KeepTicket>) {
         self.keep = ticket;

@@ -8,9 +8,10 @@ use pairmask_core::engine::CullReport;
 use pairmask_core::objects::ObjectForm;
 use pairmask_core::precision::BoxForm;
 use pairmask_core::scene::Told;
+use pairmask_core::units::BoxCount;
 use pairmask_transport::Services;
 use pairmask_wire::{
-    ResponseHeader, SceneRequest, SkipTotals, StatusBody, response_error, response_ok,
+    ReplyFields, ResponseHeader, SceneRequest, SkipTotals, StatusBody, response_error, response_ok,
     response_scene_ended, response_status,
 };
 
@@ -114,6 +115,25 @@ impl Outbox {
         counters.note_skips(&skips);
         drop(counters);
         self.send(open, header);
+    }
+
+    /// Answers a query of a scene with the boxes that were found, whose mask the reply holds.
+    pub(crate) fn answer_query(
+        &self,
+        open: &mut OpenRequest,
+        queries: BoxCount,
+        answer: &CullAnswer,
+    ) {
+        let (fields, report) = (*open.fields(), &answer.report);
+        let total_ns = open.taken_at().elapsed().as_nanos() as u64;
+        let times = StageTimes { total_ns, ..answer.times };
+        let mut counters = self.counters();
+        let counted = ReplyFields { box_count: queries, ..fields };
+        counters.note_frame(&counted, ObjectForm::Boxes(BoxForm::F32), report.pair_count);
+        counters.note_skips(&SkipTotals::of_frame(&report.skipped));
+        drop(counters);
+        let header = response_ok(&fields, answer.engine, answer.threads, report, &times);
+        self.send(open, &header);
     }
 
     /// Draws whether a scene that begins is audited.

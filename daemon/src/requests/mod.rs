@@ -5,6 +5,7 @@
 
 mod cull;
 mod filtered;
+mod query;
 mod scene;
 mod status;
 
@@ -120,6 +121,9 @@ impl Responder {
             Ok(Request::Cull(request)) => return Ok((open, request)),
             Ok(Request::EditScene(request)) => {
                 return Err(self.scenes.take(open, &request, threads, &self.outbox));
+            }
+            Ok(Request::QueryScene(request)) => {
+                return Err(self.scenes.query(open, &request, threads, &self.outbox));
             }
             Ok(Request::EndScene(scene)) => SceneEdits::end(&mut open, scene, &self.outbox),
             Ok(Request::Status) => status::answer(&mut open, &self.outbox),

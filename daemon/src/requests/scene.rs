@@ -20,7 +20,7 @@ pub(super) struct SceneEdits {
     calibration: Calibration,
     gpu: GpuShare,
     memory: SceneMemory,
-    pool: Arc<EnginePool>,
+    pub(super) pool: Arc<EnginePool>,
 }
 
 impl SceneEdits {
@@ -87,17 +87,26 @@ impl SceneEdits {
         request: &SceneRequest,
         outbox: &Outbox,
     ) -> Result<KeptScene, Refusal> {
-        let kept = outbox.clients().take_scene(session, request.scene);
         if request.base == 0 {
-            drop(kept);
+            drop(outbox.clients().take_scene(session, request.scene));
             let options = SceneOptions::default().with_most_boxes(request.most_boxes);
             let engines = CpuEngines::on(self.isa, self.calibration);
             let scene = SceneKeeper::new(options, engines, self.gpu.clone(), request.engine)?;
             let audited = outbox.draw_scene(request.most_boxes);
             return Ok(KeptScene::begin(request.scene, scene, audited, &self.memory)?);
         }
-        match kept {
-            Some(kept) if kept.revision == request.base => Ok(kept),
+        Self::find_at(session, request.scene, request.base, outbox)
+    }
+
+    /// A scene at a revision, taken from where it is kept.
+    pub(super) fn find_at(
+        session: u128,
+        scene: SceneId,
+        revision: u64,
+        outbox: &Outbox,
+    ) -> Result<KeptScene, Refusal> {
+        match outbox.clients().take_scene(session, scene) {
+            Some(kept) if kept.revision == revision => Ok(kept),
             kept => {
                 let revision = kept.as_ref().map_or(0, |kept| kept.revision);
                 if let Some(kept) = kept {

@@ -8,6 +8,7 @@ mod edits;
 mod identities;
 mod lengths;
 pub mod lists;
+mod queries;
 pub mod raw;
 mod rules;
 mod scribble;
@@ -67,6 +68,7 @@ pub fn run(mode: &str) -> Result<(), Box<dyn Error>> {
         "daemon" => daemon::attack(&until, &mut tally)?,
         "edits" => edits::attack(&until, &mut tally),
         "rules" => rules::attack(&until, &mut tally),
+        "queries" => queries::attack(&until, &mut tally),
         "lists" => lists::attack(&until, &mut tally)?,
         _ => return Err(format!("unknown attack '{mode}'").into()),
     }

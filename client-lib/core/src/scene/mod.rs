@@ -18,6 +18,8 @@
 //!   now, and which were removed between. All lists are sorted, so that the bytes do not depend on
 //!   threads, nor on how the pairs were found.
 //!
+//! [`Scene::query`] asks which boxes some other boxes overlap, and changes nothing that is told.
+//!
 //! # How
 //!
 //! What was told is never stored as pairs: a change is what differs between then and now around the boxes
@@ -47,6 +49,7 @@ mod lanes;
 mod margins;
 mod options;
 mod pair_list;
+mod query;
 mod store;
 mod whole;
 
@@ -59,6 +62,7 @@ pub use self::kept::{Kept, KeptBox};
 pub use self::margins::{ExactPairs, MarginedSets, Margins, Outgoing, Sent};
 pub use self::options::SceneOptions;
 pub use self::pair_list::sort_row;
+pub use self::query::{QueryError, QueryMask, QueryTags, between, cull_between};
 
 use std::sync::Arc;
 
@@ -66,6 +70,7 @@ use self::cells::Cells;
 use self::history::Changes;
 use self::options::threads_of;
 use self::pair_list::{Difference, Pair};
+use self::query::Asked;
 use self::store::Store;
 use self::whole::Whole;
 use crate::aabb::Aabb;
@@ -133,6 +138,8 @@ pub struct Scene {
     spare: Vec<Pair>,
     /// Comparisons of the edit under way.
     tested: u64,
+    /// What queries need.
+    asked: Asked,
 }
 
 impl std::fmt::Debug for Scene {
@@ -167,6 +174,7 @@ impl Scene {
             whole: Whole::new(engines),
             spare: Vec::new(),
             tested: 0,
+            asked: Asked::default(),
         }
     }
 
@@ -178,6 +186,11 @@ impl Scene {
     /// Whether there are none.
     pub const fn is_empty(&self) -> bool {
         self.len() == 0
+    }
+
+    /// Indices of boxes are below this.
+    pub fn index_end(&self) -> u32 {
+        self.store.boxes().len() as u32
     }
 
     /// The box of an index, also one that is switched off.
@@ -213,6 +226,7 @@ impl Scene {
         };
         self.store.allocated_bytes()
             + self.cells.as_ref().map_or(0, Cells::allocated_bytes)
+            + self.asked.allocated_bytes()
             + self.changes.allocated_bytes()
             + list(&self.list_now)
             + self.told.allocated_bytes()
@@ -280,6 +294,11 @@ impl Scene {
         }
     }
 
+    /// Whether nothing has changed since the last taken answer.
+    fn is_settled(&self) -> bool {
+        self.known == Known::Same
+    }
+
     fn threads(&self) -> usize {
         threads_of(self.options.threads)
     }
@@ -292,6 +311,7 @@ impl Scene {
         }
         let now = self.list_now.take();
         self.recycle(now);
+        self.note_for_queries();
         let changed = self.store.changed().len();
         match self.known {
             Known::Many | Known::Lost => return,
@@ -312,6 +332,7 @@ impl Scene {
         let (threads, store) = (self.threads(), &self.store);
         if self.cells.is_none() {
             self.cells = Some(cells_before(store, threads));
+            self.asked.drop_cells();
             // Engines are asked seldom from now on.
             self.whole.give_back();
             self.spare = Vec::new();

@@ -2,6 +2,7 @@
 
 mod answer;
 mod margined;
+mod query;
 mod remote;
 
 use std::ops::Range;
@@ -19,6 +20,8 @@ pub use self::answer::{EndedIter, EndedList, PairList, PairListIter};
 pub use self::margined::{
     MarginedAnswer, MarginedEdit, MarginedPairs, MarginedScene, MarginedSceneStats, PendingMargined,
 };
+pub(super) use self::query::Asked;
+pub use self::query::{QueryAnswer, SceneQuery};
 use self::remote::{Found, RemoteScene, commit_error, new_scene};
 use super::builder::Backend;
 use super::core::Core;
@@ -38,6 +41,7 @@ use super::unread::Awaited;
 /// answers from them itself, if the [backend](super::Backend) allows it. Then the next changes are a
 /// [resync](SceneAnswer::is_resync).
 pub struct Scene {
+    core: Arc<Core>,
     kept: Kept,
     draft: Draft,
     /// Indices are below this.
@@ -123,7 +127,8 @@ impl Scene {
                 Kept::Remote(RemoteScene::new(Arc::clone(core), options))
             }
         };
-        Self { kept, draft: Draft::default(), index_limit: options.most_boxes }
+        let draft = Draft::default();
+        Self { core: Arc::clone(core), kept, draft, index_limit: options.most_boxes }
     }
 
     /// Begins an edit. Without [`SceneEdit::commit`], nothing happens.

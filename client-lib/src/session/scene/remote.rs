@@ -9,21 +9,26 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use pairmask_core::dispatch::CpuEngines;
+use pairmask_core::mask::MaskView;
+use pairmask_core::precision::Precision;
 use pairmask_core::scene::{
     Edit, FilteredScene, Scene, SceneCopy, SceneError, SceneOptions, Step, Told, Want,
 };
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
-    EditLayout, RULES_MINOR, ReplyError, ReplyFields, RequestHeader, SCENES_MINOR, SceneId,
-    SceneRequest, StatusCode,
+    EditLayout, QUERIES_MINOR, QueryRequest, RULES_MINOR, Reply, ReplyError, ReplyFields,
+    RequestHeader, SCENES_MINOR, SceneId, SceneRequest, StatusCode, words_in,
 };
 
 use super::answer::FromDaemon;
+use super::query::Asked;
 use crate::session::core::{Core, Loss};
-use crate::session::error::{CommitError, FrameError, WaitError};
+use crate::session::error::{CommitError, FindError, FrameError, WaitError};
 use crate::session::estimate::{Answered, Estimate};
 use crate::session::exchange::Exchange;
+use crate::session::frame::Written;
 use crate::session::link::Link;
+use crate::session::pairs::{PairMask, ServedBy};
 use crate::session::unread::{Awaited, SentEdit, Unread};
 
 /// A scene that ends with its client waits this long at most for the daemon to say so. A daemon forgets it
@@ -63,6 +68,7 @@ pub(super) struct RemoteScene {
     forgets: bool,
     revisions: u64,
     estimate: Estimate,
+    query_estimate: Estimate,
     daemon_bytes: u64,
     /// Until when a daemon that refused the scene is asked nothing.
     stays_until: Option<Instant>,
@@ -92,6 +98,7 @@ impl RemoteScene {
             forgets: false,
             revisions: 0,
             estimate: Estimate::default(),
+            query_estimate: Estimate::default(),
             daemon_bytes: 0,
             stays_until: None,
             nothing: Told::default(),
@@ -140,16 +147,21 @@ impl RemoteScene {
         }
     }
 
-    /// Checks an edit, and sends it or applies it here. The caller binds what is returned to its borrow of
-    /// the scene.
-    pub fn begin<'s>(&mut self, edit: Edit<'_>, want: Want) -> Result<Awaited<'s>, CommitError> {
-        self.copy.check(edit)?;
-        // The daemon serves a session's requests one after the other.
+    /// Waits for the edit that nobody has waited for. The daemon serves a session's requests one after the
+    /// other.
+    fn settle(&mut self) {
         match self.unread.settle(self.core.settings()) {
             Some(Ok(reply)) => self.daemon_bytes = reply.scene_bytes,
             Some(Err(error)) => self.note_failure(&error),
             None => {}
         }
+    }
+
+    /// Checks an edit, and sends it or applies it here. The caller binds what is returned to its borrow of
+    /// the scene.
+    pub fn begin<'s>(&mut self, edit: Edit<'_>, want: Want) -> Result<Awaited<'s>, CommitError> {
+        self.copy.check(edit)?;
+        self.settle();
         let more = self.copy.expand(edit);
         let steps = more.as_ref().map(|more| more.steps(edit));
         let expanded = steps.as_ref().map_or(edit, |steps| Edit { steps });
@@ -211,6 +223,83 @@ impl RemoteScene {
         Ok(Found::Here)
     }
 
+    /// Asks the scene as the last edit made it.
+    pub fn query(&mut self, asked: &Asked<'_>) -> Result<PairMask, FindError> {
+        self.settle();
+        if self.copy.is_empty() || asked.boxes.is_empty() {
+            return Ok(self.core.query_here(&mut new_scene(self.options, &self.core), asked)?);
+        }
+        if self.stays_here() {
+            return self.query_here(asked);
+        }
+        let mut answered = self.ask(asked);
+        if let Err(CommitError::Wait(error)) = &answered
+            && is_stale(error)
+        {
+            // A daemon that has restarted, or has forgotten the scene.
+            self.note_failure(error);
+            answered = self.ask(asked);
+        }
+        let error = match answered {
+            Ok(mask) => return Ok(mask),
+            Err(error) => error,
+        };
+        if let CommitError::Wait(WaitError::Reply(ReplyError::Status { .. })) = &error {
+            // Refused, for this query is too large for instance: the daemon keeps the scene.
+            self.stay(error)?;
+            return Ok(self.core.query_here(&mut *self.copied()?, asked)?);
+        }
+        if let CommitError::Wait(error) = &error {
+            self.note_failure(error);
+        }
+        self.stay(error)?;
+        self.query_here(asked)
+    }
+
+    /// Asks the daemon, which gets the scene first where it does not have it.
+    fn ask(&mut self, asked: &Asked<'_>) -> Result<PairMask, CommitError> {
+        let link = self.core.link_that_knows(QUERIES_MINOR, "queries of scenes")?;
+        self.load_once(&link)?;
+        let Keeper::Daemon(there) = &self.keeper else {
+            return Err(WaitError::DaemonDied.into());
+        };
+        let Asked { boxes, tags, encoding, mask } = *asked;
+        let mut request = QueryRequest::new(self.id, there.revision, mask, encoding, &tags);
+        request.threads = self.options.threads.or(self.core.settings().threads);
+        let mut shared = self.core.loan(&link, request.payload_bytes())?;
+        if !request.write(boxes, &tags, shared.loan.pages_mut()) {
+            let limit = u64::from(u32::MAX);
+            return Err(FrameError::TooManyBoxes { n: boxes.len(), limit }.into());
+        }
+        let asked = ReplyFields {
+            client_token: link.token(),
+            frame: self.core.next_frame(),
+            box_count: mask.n(),
+        };
+        let header = RequestHeader::query_scene(asked.client_token, asked.frame, &request);
+        let exchange = Exchange::begin(shared, &header)?;
+        let settings = self.core.settings();
+        let answer = exchange.end(self.query_estimate.expect(mask.queries()), settings)?;
+        let payload_bytes = size_of_val(answer.response.pages()) as u64;
+        let reply = Reply::parse(&answer.header, &asked, payload_bytes).map_err(WaitError::from)?;
+        MaskView::new(mask.n(), &reply.report.shape, words_in(answer.response.pages()))
+            .map_err(|_| WaitError::from(ReplyError::Malformed { field: "mask" }))?;
+        self.query_estimate.note(Answered {
+            n: mask.queries(),
+            round_trip: answer.sent_at.elapsed(),
+            took: Duration::from_nanos(reply.times.total_ns),
+            threads: reply.threads,
+        });
+        let written = Written::by(&Precision::Exact);
+        Ok(PairMask::new(answer.into_storage(), &reply, ServedBy::Daemon, written, settings.isa))
+    }
+
+    /// Asks the scene of this process, which is made from the copy if need be.
+    fn query_here(&mut self, asked: &Asked<'_>) -> Result<PairMask, FindError> {
+        let core = Arc::clone(&self.core);
+        Ok(core.query_here(self.here()?, asked)?)
+    }
+
     /// Whether a daemon refused the scene a moment ago, and this process answers.
     fn stays_here(&self) -> bool {
         let until = self.stays_until.filter(|_| self.core.may_cull_here());
@@ -259,12 +348,15 @@ impl RemoteScene {
         let (minor, what) =
             if has_rules { (RULES_MINOR, "rules of scenes") } else { (SCENES_MINOR, "scenes") };
         let link = self.core.link_that_knows(minor, what)?;
-        let has_scene =
-            matches!(&self.keeper, Keeper::Daemon(there) if Arc::ptr_eq(&there.link, &link));
-        if !has_scene {
-            self.load(&link)?;
-        }
+        self.load_once(&link)?;
         self.send_to(&link, edit, want)
+    }
+
+    /// Sends the whole scene, unless the daemon has it.
+    fn load_once(&mut self, link: &Arc<Link>) -> Result<(), CommitError> {
+        let has_scene =
+            matches!(&self.keeper, Keeper::Daemon(there) if Arc::ptr_eq(&there.link, link));
+        if has_scene { Ok(()) } else { self.load(link) }
     }
 
     /// Sends the whole scene.
@@ -373,20 +465,31 @@ impl RemoteScene {
 
     /// Applies an edit in this process, where the scene is made from the copy if need be.
     fn edit_here(&mut self, edit: Edit<'_>, want: Want) -> Result<(), CommitError> {
+        self.here()?.edit_expanded(edit, want).map(drop).map_err(commit_error)
+    }
+
+    /// The scene of this process, which is made from the copy if need be.
+    fn here(&mut self) -> Result<&mut FilteredScene, CommitError> {
         if !matches!(self.keeper, Keeper::Here(_)) {
-            let mut scene = Box::new(new_scene(self.options, &self.core));
-            let whole = self.copy.whole();
-            let edit = Edit { steps: &whole.steps() };
-            scene.edit_expanded(edit, Want::Nothing).map_err(commit_error)?;
+            let mut scene = self.copied()?;
             if self.knows_pairs || std::mem::take(&mut self.forgets) {
                 scene.lose();
             }
             self.keeper = Keeper::Here(scene);
         }
-        if let Keeper::Here(scene) = &mut self.keeper {
-            scene.edit_expanded(edit, want).map_err(commit_error)?;
+        match &mut self.keeper {
+            Keeper::Here(scene) => Ok(scene),
+            _ => Err(WaitError::DaemonDied.into()),
         }
-        Ok(())
+    }
+
+    /// A scene of this process with the boxes of the copy, which has told nothing.
+    fn copied(&self) -> Result<Box<FilteredScene>, CommitError> {
+        let mut scene = Box::new(new_scene(self.options, &self.core));
+        let whole = self.copy.whole();
+        let edit = Edit { steps: &whole.steps() };
+        scene.edit_expanded(edit, Want::Nothing).map_err(commit_error)?;
+        Ok(scene)
     }
 }
 

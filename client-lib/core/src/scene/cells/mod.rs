@@ -98,6 +98,9 @@ impl Move {
     const NONE: Self = Self { slot: Slot::NONE, index: 0, cell: 0, level: 0, action: Action::Stay };
 }
 
+/// What becomes of the box of an index.
+type MoveOf = fn(&Cells, &Store, u32) -> Option<Move>;
+
 /// The first level that takes a solid box, and the box in its quanta.
 #[inline(always)]
 fn level_of(levels: &[Level], b: &Aabb) -> (usize, Quanta) {
@@ -150,6 +153,20 @@ impl Cells {
         }
     }
 
+    /// Makes slots those of what boxes are, after an edit that named `changed`: for cells of now, which know
+    /// of no history.
+    pub fn follow(&mut self, store: &Store, changed: [&[u32]; 2], threads: usize) {
+        self.places.resize(store.boxes().len().max(self.places.len()), NOWHERE);
+        let mut moves = std::mem::take(&mut self.moves);
+        for list in changed {
+            self.move_some(store, list, Self::arrived, &mut moves, threads);
+        }
+        self.moves = moves;
+        if self.is_stale(store) {
+            self.build(store.boxes(), |index| store.is_static(index), threads);
+        }
+    }
+
     fn move_all(&mut self, store: &Store, changed: [&[u32]; 2], threads: usize) {
         self.places.resize(store.boxes().len().max(self.places.len()), NOWHERE);
         let settling = std::mem::take(&mut self.settling);
@@ -157,17 +174,29 @@ impl Cells {
             self.drop_ghosts();
         }
         let mut moves = std::mem::take(&mut self.moves);
-        let lists = [(settling.as_slice(), true), (changed[0], false), (changed[1], false)];
-        for (list, settles) in lists {
-            for some in list.chunks(STRETCH) {
-                self.move_count += some.len() as u64;
-                self.find_moves(store, some, settles, &mut moves, threads);
-                moves.chunks(BATCH).for_each(|batch| self.make_moves(batch));
-            }
+        self.move_some(store, &settling, Self::settled, &mut moves, threads);
+        for list in changed {
+            self.move_some(store, list, Self::moved, &mut moves, threads);
         }
         self.moves = moves;
         self.settling = settling;
         self.settling.clear();
+    }
+
+    /// Makes the moves of some boxes.
+    fn move_some(
+        &mut self,
+        store: &Store,
+        indices: &[u32],
+        move_of: MoveOf,
+        moves: &mut Vec<Move>,
+        threads: usize,
+    ) {
+        for some in indices.chunks(STRETCH) {
+            self.move_count += some.len() as u64;
+            self.find_moves(store, some, move_of, moves, threads);
+            moves.chunks(BATCH).for_each(|batch| self.make_moves(batch));
+        }
     }
 
     /// What becomes of boxes.
@@ -175,7 +204,7 @@ impl Cells {
         &self,
         store: &Store,
         indices: &[u32],
-        settles: bool,
+        move_of: MoveOf,
         moves: &mut Vec<Move>,
         threads: usize,
     ) {
@@ -190,11 +219,7 @@ impl Cells {
                     if let Some(ahead) = indices.get(at + BATCH) {
                         store.ask_for(*ahead);
                     }
-                    let found = if settles {
-                        self.settled(store, *index)
-                    } else {
-                        self.moved(store, *index)
-                    };
+                    let found = move_of(self, store, *index);
                     *slot = found.unwrap_or(Move { index: *index, ..Move::NONE });
                 }
             }
@@ -216,6 +241,19 @@ impl Cells {
         let (_, q) = level_of(&self.levels, &b);
         let word = index | if store.is_static(index) { STATIC } else { 0 };
         Some(Move { slot: Slot::new(&q, word), index, action: Action::Settle, ..Move::NONE })
+    }
+
+    /// The move of a box to what it is.
+    fn arrived(&self, store: &Store, index: u32) -> Option<Move> {
+        let b = store.boxes().get(index as usize).copied().unwrap_or(Aabb::EMPTY);
+        if !is_solid(&b) {
+            return Some(Move { index, action: Action::Leave, ..Move::NONE });
+        }
+        let (level, q) = level_of(&self.levels, &b);
+        let word = index | if store.is_static(index) { STATIC } else { 0 };
+        let cell = self.levels[level].home(&q);
+        let slot = Slot::new(&q, word);
+        Some(Move { slot, index, cell, level: level as u32, action: Action::Go })
     }
 
     /// The move of a box to what it was and is, if it has changed.

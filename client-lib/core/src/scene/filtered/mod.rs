@@ -19,7 +19,9 @@ use super::answer::{EndReason, Ended, Told, Want, is_resync_due};
 use super::edit::{Edit, Step, Tags};
 use super::error::{EditError, SceneError};
 use super::pair_list::Pair;
-use super::{KeptBox, Scene, SceneOptions};
+use super::{KeptBox, QueryError, QueryTags, Scene, SceneOptions};
+use crate::aabb::Aabb;
+use crate::engine::CullError;
 use crate::filters::Rules;
 
 /// Pairs from which several threads filter: one takes 100 µs.
@@ -46,6 +48,13 @@ pub trait PairScene {
     fn is_present(&self, index: u32) -> bool;
     /// Whether it has one that is switched off.
     fn is_off(&self, index: u32) -> bool;
+    /// Whether it has one that an edit made static.
+    fn is_static(&self, index: u32) -> bool;
+    /// Finds the boxes that some other boxes overlap.
+    ///
+    /// # Errors
+    /// As [`Scene::query`].
+    fn query(&mut self, queries: &[Aabb], found: &mut Vec<Pair>) -> Result<u64, CullError>;
 }
 
 impl PairScene for Scene {
@@ -79,6 +88,14 @@ impl PairScene for Scene {
 
     fn is_off(&self, index: u32) -> bool {
         (index as usize) < self.store.boxes().len() && self.store.is_off(index)
+    }
+
+    fn is_static(&self, index: u32) -> bool {
+        (index as usize) < self.store.boxes().len() && self.store.is_static(index)
+    }
+
+    fn query(&mut self, queries: &[Aabb], found: &mut Vec<Pair>) -> Result<u64, CullError> {
+        Self::query(self, queries, found)
     }
 }
 
@@ -199,6 +216,44 @@ impl<S: PairScene> FilteredScene<S> {
                 + ruled.told.allocated_bytes()
                 + size_of_val(ruled.told.pairs())
         })
+    }
+
+    /// Finds the boxes that some other boxes overlap and, where those have tags, may meet by the rules, but for
+    /// the include and the exclude list: a query has no index. Pairs [query, index], by query and then by index.
+    /// Boxes that are switched off are not found. Returns how many boxes were tested.
+    ///
+    /// ```
+    /// use pairmask_core::Aabb;
+    /// use pairmask_core::filters::{Tag, World};
+    /// use pairmask_core::scene::{Edit, FilteredScene, QueryTags, SceneOptions, Sets, Step, Tags, Want};
+    ///
+    /// let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 2];
+    /// let tags = [3, 4].map(|world| Tag::default().with_world(World(world)));
+    /// let mut scene = FilteredScene::new(SceneOptions::default());
+    /// let set = Step::Set(Sets { indices: (0..2).into(), boxes: &boxes });
+    /// let tag = Step::Tag(Tags { indices: (0..2).into(), tags: &tags });
+    /// scene.edit(Edit { steps: &[set, tag] }, Want::Nothing)?;
+    ///
+    /// let (point, mut found) = ([Aabb::point([0.5; 3])], Vec::new());
+    /// scene.query(&point, QueryTags::None, &mut found)?;
+    /// assert_eq!(found, [[0, 0], [0, 1]]);
+    /// scene.query(&point, QueryTags::One(tags[1]), &mut found)?;
+    /// assert_eq!(found, [[0, 1]]);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`QueryError`].
+    pub fn query(
+        &mut self,
+        queries: &[Aabb],
+        tags: QueryTags<'_>,
+        found: &mut Vec<Pair>,
+    ) -> Result<u64, QueryError> {
+        tags.check(queries)?;
+        let tested = self.scene.query(queries, found)?;
+        tags.filter(&self.scene, self.rules(), found);
+        Ok(tested)
     }
 
     /// Takes the last answer, as [`Scene::take`] does.

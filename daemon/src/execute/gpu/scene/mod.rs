@@ -536,6 +536,27 @@ fn wide([low, high]: [u32; 2]) -> u64 {
     u64::from(low) | u64::from(high) << 32
 }
 
+impl GpuScene {
+    /// Whether an index has a static box.
+    pub fn is_static(&self, index: u32) -> bool {
+        self.roster.is_static(index)
+    }
+
+    /// Finds the boxes that some other boxes overlap.
+    ///
+    /// # Errors
+    /// [`CullError::Unavailable`]: boxes lie in video memory alone.
+    #[allow(clippy::unused_self)] // As other scenes have it.
+    pub const fn query(
+        &mut self,
+        _queries: &[Aabb],
+        _found: &mut Vec<Pair>,
+    ) -> Result<u64, CullError> {
+        let why = "scenes in video memory are not queried";
+        Err(CullError::Unavailable { engine: ENGINE, why })
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use pairmask_core::scene::Scene;

@@ -103,6 +103,11 @@ impl Roster {
         (index as usize) < self.len && self.off.has(index)
     }
 
+    /// Whether an index has a static box.
+    pub fn is_static(&self, index: u32) -> bool {
+        (index as usize) < self.len && self.statics.has(index)
+    }
+
     /// Static boxes that are switched on.
     pub const fn statics(&self) -> usize {
         self.static_count

@@ -1,0 +1,113 @@
+//! Comparing each query with each box.
+
+use super::Room;
+use crate::aabb::{Aabb, KeyBox};
+use crate::engine::CullError;
+use crate::engine::strips::{in_parts, part_count};
+use crate::scene::pair_list::Pair;
+
+/// Queries that are compared with a box at a time.
+const LANES: usize = 8;
+/// Comparisons of a task, at least: 32 µs.
+const TASK_TESTS: usize = 32_768;
+
+/// Some queries, as keys by axis.
+struct Block {
+    first: u32,
+    min: [[i32; LANES]; 3],
+    max: [[i32; LANES]; 3],
+}
+
+impl Block {
+    fn of(first: u32, queries: &[Aabb]) -> Self {
+        let mut block = Self { first, min: [[i32::MAX; LANES]; 3], max: [[i32::MIN; LANES]; 3] };
+        for (lane, query) in queries.iter().enumerate() {
+            let keys = KeyBox::from(query);
+            for axis in 0..3 {
+                block.min[axis][lane] = keys.min[axis];
+                block.max[axis][lane] = keys.max[axis];
+            }
+        }
+        block
+    }
+
+    /// The lanes that overlap a box are those that are 0.
+    #[inline(always)]
+    fn apart(&self, b: &KeyBox) -> [i32; LANES] {
+        let mut apart = [0; LANES];
+        for axis in 0..3 {
+            for (lane, apart) in apart.iter_mut().enumerate() {
+                *apart |= i32::from(self.min[axis][lane] > b.max[axis])
+                    | i32::from(b.min[axis] > self.max[axis][lane]);
+            }
+        }
+        apart
+    }
+}
+
+/// Finds the boxes that queries overlap. Returns how many comparisons were made.
+pub(super) fn find(
+    boxes: &[Aabb],
+    queries: &[Aabb],
+    threads: usize,
+    room: &Room,
+    found: &mut Vec<Pair>,
+) -> Result<u64, CullError> {
+    let blocks = (0u32..).step_by(LANES).zip(queries.chunks(LANES));
+    let blocks: Vec<Block> = blocks.map(|(first, some)| Block::of(first, some)).collect();
+    let parts = part_count(boxes.len(), (TASK_TESTS / queries.len().max(1)).max(1), threads);
+    let step = boxes.len().div_ceil(parts).max(1);
+    let mut work: Vec<(u32, &[Aabb])> = (0u32..).step_by(step).zip(boxes.chunks(step)).collect();
+    let run = |work: &mut [(u32, &[Aabb])]| {
+        let mut pairs = Vec::new();
+        for (first, boxes) in work {
+            for (index, b) in (*first..).zip(*boxes) {
+                let before = pairs.len();
+                add_pairs(&blocks, index, &KeyBox::from(b), &mut pairs);
+                if pairs.len() > before && !room.take(pairs.len() - before) {
+                    return pairs;
+                }
+            }
+        }
+        pairs
+    };
+    let by_index = in_parts(work.as_mut_slice(), parts, &run, &|mut low: Vec<Pair>, high| {
+        low.extend(high);
+        low
+    });
+    room.check()?;
+    by_query(&by_index, queries.len(), found)?;
+    Ok(boxes.len() as u64 * queries.len() as u64)
+}
+
+/// Adds the queries that overlap a box.
+#[inline]
+fn add_pairs(blocks: &[Block], index: u32, keys: &KeyBox, pairs: &mut Vec<Pair>) {
+    for block in blocks {
+        let apart = block.apart(keys);
+        if apart.iter().fold(1, |all, apart| all & apart) == 0 {
+            let lanes = (block.first..).zip(apart).filter(|(_, apart)| *apart == 0);
+            pairs.extend(lanes.map(|(query, _)| [query, index]));
+        }
+    }
+}
+
+/// Puts pairs that rise by index in order of their queries first: by counting.
+fn by_query(pairs: &[Pair], queries: usize, found: &mut Vec<Pair>) -> Result<(), CullError> {
+    super::reserve(found, pairs.len())?;
+    let mut starts = vec![0u32; queries];
+    for [query, _] in pairs {
+        starts[*query as usize] += 1;
+    }
+    let mut next = 0;
+    for start in &mut starts {
+        next += std::mem::replace(start, next);
+    }
+    found.resize(pairs.len(), [0; 2]);
+    for pair in pairs {
+        let start = &mut starts[pair[0] as usize];
+        found[*start as usize] = *pair;
+        *start += 1;
+    }
+    Ok(())
+}

@@ -1,0 +1,193 @@
+//! Queries: which boxes of a scene overlap boxes that are not of it, such as points and sweeps; and set A
+//! against set B.
+//!
+//! A query looks around its box in the cells that edits are searched in (`around`), where there are any. It
+//! builds them where that has come to cost less than comparing each query with each box (`direct`), and edits
+//! keep them right from then on. What edits tell does not depend on it.
+//!
+//! ```text
+//! how      cells or each with each, and which cells             (mod)
+//! find     around, direct: pairs [query, index], sorted
+//! mask     as a mask of queries and boxes, in any encoding
+//! between  two sets of boxes that no scene keeps
+//! ```
+
+mod around;
+mod between;
+mod direct;
+mod mask;
+mod tags;
+
+pub use self::between::between;
+pub use self::mask::{QueryMask, cull_between};
+pub use self::tags::{QueryError, QueryTags};
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use super::Scene;
+use super::cells::Cells;
+use super::pair_list::Pair;
+use crate::aabb::Aabb;
+use crate::engine::{CullError, ReserveError};
+
+/// Queries since the boxes last changed from which cells are built: to compare so many with a box takes as
+/// long as to place it.
+const MANY_QUERIES: u64 = 64;
+/// Comparisons that never pay for cells: 16 µs.
+const FEW_TESTS: u64 = 16_384;
+/// Bytes of a pair.
+const PAIR_BYTES: u64 = size_of::<Pair>() as u64;
+
+/// How many pairs may be found, by all threads together.
+struct Room {
+    found: AtomicU64,
+    most: u64,
+}
+
+impl Room {
+    const fn new(most: u64) -> Self {
+        Self { found: AtomicU64::new(0), most }
+    }
+
+    /// Counts pairs that are kept. Whether all are still within the limit.
+    fn take(&self, pairs: usize) -> bool {
+        // Relaxed: a number that stops a search, and that nothing is read by.
+        let before = self.found.fetch_add(pairs as u64, Ordering::Relaxed);
+        before + pairs as u64 <= self.most
+    }
+
+    fn is_spent(&self) -> bool {
+        self.found.load(Ordering::Relaxed) > self.most
+    }
+
+    /// The end of a search.
+    fn check(&self) -> Result<(), CullError> {
+        if !self.is_spent() {
+            return Ok(());
+        }
+        Err(CullError::Reserve(ReserveError::TooLarge {
+            at_least_bytes: PAIR_BYTES.saturating_mul(self.most.saturating_add(1)),
+            limit_bytes: PAIR_BYTES.saturating_mul(self.most),
+        }))
+    }
+}
+
+/// Room for so many more pairs.
+fn reserve(found: &mut Vec<Pair>, pairs: usize) -> Result<(), CullError> {
+    let needed_bytes = PAIR_BYTES * pairs as u64;
+    found.try_reserve(pairs).map_err(|_| ReserveError::OutOfMemory { needed_bytes }.into())
+}
+
+/// What a scene keeps for queries.
+#[derive(Debug)]
+pub(super) struct Asked {
+    /// Cells of now, where edits keep none.
+    cells: Option<Cells>,
+    /// Queries since the boxes last changed that were compared with each box.
+    compared: u64,
+    /// Boxes that were moved in the cells since the last query.
+    moved: usize,
+    /// Most pairs of an answer.
+    most_pairs: u64,
+}
+
+impl Default for Asked {
+    fn default() -> Self {
+        Self { cells: None, compared: 0, moved: 0, most_pairs: u64::from(u32::MAX) }
+    }
+}
+
+impl Asked {
+    /// Bytes that are allocated.
+    pub fn allocated_bytes(&self) -> usize {
+        self.cells.as_ref().map_or(0, Cells::allocated_bytes)
+    }
+
+    /// Cells of edits serve queries too from now on.
+    pub fn drop_cells(&mut self) {
+        self.cells = None;
+    }
+}
+
+impl Scene {
+    /// Finds the boxes that some other boxes overlap: pairs [query, index], by query and then by index, the
+    /// same on any number of threads. Boxes that are switched off are not found; static ones are. Returns how
+    /// many boxes were tested.
+    ///
+    /// A query changes nothing that edits tell.
+    ///
+    /// ```
+    /// use pairmask_core::Aabb;
+    /// use pairmask_core::scene::{Edit, Scene, SceneOptions, Sets, Step, Want};
+    ///
+    /// let boxes = [[0.0, 1.0], [0.5, 2.0], [1.5, 3.0]].map(|[a, b]| Aabb::new([a; 3], [b; 3]));
+    /// let mut scene = Scene::new(SceneOptions::default());
+    /// let all = [Step::Set(Sets { indices: (7..10).into(), boxes: &boxes })];
+    /// scene.edit(Edit { steps: &all }, Want::Nothing)?;
+    ///
+    /// let mut found = Vec::new();
+    /// scene.query(&[Aabb::point([0.75; 3]), Aabb::point([9.0; 3])], &mut found)?;
+    /// assert_eq!(found, [[0, 7], [0, 8]]);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`CullError::Reserve`] where there are more pairs than [may be](Self::limit_query_pairs), or there is no
+    /// memory for them.
+    pub fn query(&mut self, queries: &[Aabb], found: &mut Vec<Pair>) -> Result<u64, CullError> {
+        found.clear();
+        if queries.is_empty() || self.store.boxes().is_empty() {
+            return Ok(0);
+        }
+        self.build_cells_for(queries.len() as u64);
+        self.asked.moved = 0;
+        let (threads, boxes) = (self.threads(), self.store.boxes());
+        let room = Room::new(self.asked.most_pairs);
+        match self.cells.as_ref().or(self.asked.cells.as_ref()) {
+            Some(cells) => around::find(cells, boxes, queries, threads, &room, found),
+            None => direct::find(boxes, queries, threads, &room, found),
+        }
+    }
+
+    /// Most pairs that later queries may find; 2^32 − 1 unless set.
+    pub fn limit_query_pairs(&mut self, most: u64) {
+        self.asked.most_pairs = most.min(u64::from(u32::MAX));
+    }
+
+    /// Builds cells where that pays for so many queries. Those of edits where nothing has changed since the
+    /// last taken answer: then they are the cells of now.
+    fn build_cells_for(&mut self, queries: u64) {
+        if self.cells.is_some() || self.asked.cells.is_some() {
+            return;
+        }
+        let compared = self.asked.compared.saturating_add(queries);
+        let tests = compared.saturating_mul(self.store.boxes().len() as u64);
+        if compared < MANY_QUERIES || tests <= FEW_TESTS {
+            self.asked.compared = compared;
+            return;
+        }
+        let (store, threads) = (&self.store, self.threads());
+        let cells = Cells::of(store.boxes(), |index| store.is_static(index), threads);
+        if self.is_settled() {
+            self.cells = Some(cells);
+        } else {
+            self.asked.cells = Some(cells);
+        }
+    }
+
+    /// Notes for queries that the last edit has changed boxes: before the cells of edits are.
+    pub(super) fn note_for_queries(&mut self) {
+        self.asked.compared = 0;
+        let (store, threads) = (&self.store, self.threads());
+        let Some(cells) = &mut self.asked.cells else { return };
+        let moved = [store.gone(), store.named()];
+        let count = moved[0].len() + moved[1].len();
+        self.asked.moved += count;
+        // Where most boxes move, or nobody asks any more, they are built anew when somebody does.
+        if self.asked.moved > store.present() / super::MANY_SHARE {
+            self.asked.cells = None;
+        } else {
+            cells.follow(store, moved, threads);
+        }
+    }
+}

@@ -1,0 +1,206 @@
+//! Queries of a scene: which of its boxes some other boxes overlap.
+
+use pairmask_core::aabb::Aabb;
+use pairmask_core::engine::EngineId;
+use pairmask_core::filters::Tag;
+use pairmask_core::mask::{Encoding, MaskView};
+use pairmask_core::scene::{QueryMask, QueryTags};
+
+use super::{Kept, Scene};
+use crate::session::error::FindError;
+use crate::session::pairs::{PairMask, ServedBy};
+
+/// Pairs that are handed out at a time.
+const SLICE: usize = 256;
+
+/// Boxes that are asked of a scene. Nothing happens before [`find`](Self::find).
+#[derive(Debug)]
+#[must_use = "nothing is asked before `find`"]
+pub struct SceneQuery<'a> {
+    scene: &'a mut Scene,
+    boxes: &'a [Aabb],
+    tags: QueryTags<'a>,
+    encoding: Encoding,
+}
+
+impl Scene {
+    /// Asks which boxes of the scene some other boxes overlap: boxes, [points](Aabb::point), or what moving
+    /// boxes touch ([`Aabb::swept`]). Boxes that are switched off are not found.
+    ///
+    /// It asks the scene as the last edit made it, and changes nothing that edits tell. Where the daemon has
+    /// lost the scene, it is sent again.
+    ///
+    /// ```
+    /// use pairmask::scene::{SceneOptions, Want};
+    /// use pairmask::{Aabb, Backend, Session};
+    ///
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// let mut session = Session::builder().backend(Backend::InProcess).connect()?;
+    /// let mut scene = session.scene(SceneOptions::default());
+    /// let at = |x: f32| Aabb::new([x; 3], [x + 1.0; 3]);
+    /// scene.edit().set(7, at(0.0)).set(9, at(5.0)).commit(Want::Nothing)?;
+    ///
+    /// let bullet = at(3.0).swept_by([2.5, 2.5, 2.5]);
+    /// let found = scene.query(&[Aabb::point([0.5; 3]), bullet]).find()?;
+    /// assert!(found.iter().eq([[0, 7], [1, 9]]));
+    /// assert!(found.of_query(1).eq([9]));
+    /// # Ok(())
+    /// # }
+    /// ```
+    pub const fn query<'a>(&'a mut self, boxes: &'a [Aabb]) -> SceneQuery<'a> {
+        SceneQuery { scene: self, boxes, tags: QueryTags::None, encoding: Encoding::List }
+    }
+}
+
+impl<'a> SceneQuery<'a> {
+    /// Finds only what may meet a box with this tag, by the scene's [rules](crate::filters) but for the include
+    /// and the exclude list.
+    pub const fn tag(self, tag: Tag) -> Self {
+        Self { tags: QueryTags::One(tag), ..self }
+    }
+
+    /// The same with a tag for each box.
+    pub const fn tags(self, tags: &'a [Tag]) -> Self {
+        Self { tags: QueryTags::Each(tags), ..self }
+    }
+
+    /// The form of the answer's [mask](QueryAnswer::mask); a list unless set.
+    pub const fn encoding(self, encoding: Encoding) -> Self {
+        Self { encoding, ..self }
+    }
+
+    /// Finds them.
+    ///
+    /// # Errors
+    /// [`FindError`].
+    pub fn find(self) -> Result<QueryAnswer, FindError> {
+        let Self { scene, boxes, tags, encoding } = self;
+        tags.check(boxes)?;
+        let index_end = match &scene.kept {
+            Kept::Remote(remote) => remote.copy().index_end() as u32,
+            Kept::Here(here) => here.scene().index_end(),
+        };
+        let too_many = FindError::TooMany { queries: boxes.len(), index_end };
+        let asked = Asked {
+            boxes,
+            tags,
+            encoding,
+            mask: QueryMask::new(boxes.len(), index_end).ok_or(too_many)?,
+        };
+        let mask = match &mut scene.kept {
+            Kept::Remote(remote) => remote.query(&asked)?,
+            Kept::Here(here) => scene.core.query_here(here, &asked)?,
+        };
+        Ok(QueryAnswer { mask, queries: asked.mask.queries() })
+    }
+}
+
+/// What is asked.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::session) struct Asked<'a> {
+    pub boxes: &'a [Aabb],
+    pub tags: QueryTags<'a>,
+    pub encoding: Encoding,
+    pub mask: QueryMask,
+}
+
+/// The boxes of a scene that some other boxes overlap: pairs [query, index], by query and then by index.
+///
+/// Whatever another process writes into it, every query and index is one that there may be. An answer of a
+/// daemon holds one of the session's three places for frames until it is dropped.
+#[derive(Debug)]
+pub struct QueryAnswer {
+    mask: PairMask,
+    queries: u32,
+}
+
+impl QueryAnswer {
+    /// How many pairs.
+    pub const fn count(&self) -> u64 {
+        self.mask.count()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.iter().next().is_none()
+    }
+
+    /// How many boxes were asked.
+    pub const fn queries(&self) -> u32 {
+        self.queries
+    }
+
+    /// Indices are below this.
+    pub const fn index_end(&self) -> u32 {
+        self.mask.n().get() - self.queries
+    }
+
+    /// The pairs one by one.
+    pub fn iter(&self) -> impl Iterator<Item = [u32; 2]> + '_ {
+        let queries = self.queries;
+        let pair = move |(a, b): (u32, u32)| Some([a, b.checked_sub(queries)?]);
+        self.mask.pairs().filter(move |(a, _)| *a < queries).filter_map(pair)
+    }
+
+    /// The pairs in slices: the fastest way to visit all.
+    pub fn for_each_slice(&self, mut f: impl FnMut(&[[u32; 2]])) {
+        let mut some = [[0; 2]; SLICE];
+        self.mask.for_each_slice(|pairs| {
+            for pairs in pairs.chunks(SLICE) {
+                let mut len = 0;
+                for [a, b] in pairs {
+                    some[len] = [*a, b.wrapping_sub(self.queries)];
+                    len += usize::from(*a < self.queries && *b >= self.queries);
+                }
+                f(&some[..len]);
+            }
+        });
+    }
+
+    /// The indices that one query has found. In a list they are searched for; in another form all pairs are
+    /// looked through.
+    pub fn of_query(&self, query: u32) -> impl Iterator<Item = u32> + '_ {
+        let view = self.mask.view();
+        let (listed, others) = match &view {
+            MaskView::List(list) => {
+                let pairs = list.as_pairs();
+                let start = pairs.partition_point(|[a, _]| *a < query);
+                let end = start + pairs[start..].partition_point(|[a, _]| *a <= query);
+                (&pairs[start..end], None)
+            }
+            _ => (&[][..], Some(self.iter())),
+        };
+        let (queries, end) = (self.queries, self.index_end());
+        let listed = listed
+            .iter()
+            .filter_map(move |[a, b]| {
+                (*a == query && *a < queries).then(|| b.checked_sub(queries))?
+            })
+            .filter(move |index| *index < end);
+        let others = others.into_iter().flatten().filter(move |[a, _]| *a == query);
+        listed.chain(others.map(|[_, index]| index))
+    }
+
+    /// The pairs.
+    pub fn to_vec(&self) -> Vec<[u32; 2]> {
+        let mut pairs = Vec::new();
+        self.for_each_slice(|some| pairs.extend_from_slice(some));
+        pairs
+    }
+
+    /// The answer as a mask, with all ways to decode it. Query q is object q of the mask; the box of index i is
+    /// object [`queries`](Self::queries) + i.
+    pub const fn mask(&self) -> &PairMask {
+        &self.mask
+    }
+
+    /// What answered.
+    pub const fn served_by(&self) -> ServedBy {
+        self.mask.info().served_by
+    }
+
+    /// The engine that answered. It may be one of a later daemon that this build does not know.
+    pub const fn engine(&self) -> EngineId {
+        self.mask.info().engine
+    }
+}

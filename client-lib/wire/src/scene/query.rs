@@ -1,0 +1,283 @@
+//! A query of a scene: which boxes of it some other boxes overlap. Its answer is that of a frame.
+
+use pairmask_core::aabb::Aabb;
+use pairmask_core::filters::Tag;
+use pairmask_core::mask::Encoding;
+use pairmask_core::scene::{QueryMask, QueryTags};
+use pairmask_core::units::BoxCount;
+
+use super::request::{BOX_BYTES, SceneId};
+use crate::header::{Operation, RequestHeader};
+use crate::page::Page;
+use crate::pages::boxes_in;
+use crate::reject::Reject;
+use crate::section::{SECTION_COUNT, Section, SectionKind, find};
+use crate::{QUERIES_MINOR, Version};
+
+/// Bytes of a tag.
+const TAG_BYTES: u64 = size_of::<Tag>() as u64;
+/// Tags begin on a cache line.
+const LINE_BYTES: u64 = 64;
+
+/// Where the tags of queries lie.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum TagPlace {
+    None,
+    One(Section),
+    Each(Section),
+}
+
+/// A query of a scene: what a client says in a header, and what a daemon has validated of one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct QueryRequest {
+    /// The scene, among those of the session.
+    pub scene: SceneId,
+    /// The revision of the scene that is asked, which is that of the client's last edit.
+    pub revision: u64,
+    /// What the mask is of: queries, and boxes with indices below the client's last one.
+    pub mask: QueryMask,
+    /// How the mask is written.
+    pub encoding: Encoding,
+    /// Threads that may be used; `None` leaves the number to the daemon.
+    pub threads: Option<usize>,
+    boxes: Section,
+    tags: TagPlace,
+}
+
+impl QueryRequest {
+    /// A query of a revision of a scene, whose boxes and tags lie as [`write`](Self::write) puts them.
+    pub fn new(
+        scene: SceneId,
+        revision: u64,
+        mask: QueryMask,
+        encoding: Encoding,
+        tags: &QueryTags<'_>,
+    ) -> Self {
+        let queries = u64::from(mask.queries());
+        let boxes = Section::required(SectionKind::Boxes, 0, BOX_BYTES * queries);
+        let at = boxes.bytes.next_multiple_of(LINE_BYTES);
+        let section = |count| Section::required(SectionKind::QueryTags, at, TAG_BYTES * count);
+        let tags = match tags {
+            QueryTags::None => TagPlace::None,
+            // A single query has one tag either way.
+            QueryTags::Each(_) if queries != 1 => TagPlace::Each(section(queries)),
+            QueryTags::One(_) | QueryTags::Each(_) => TagPlace::One(section(1)),
+        };
+        Self { scene, revision, mask, encoding, threads: None, boxes, tags }
+    }
+
+    const fn tag_section(&self) -> Option<Section> {
+        match self.tags {
+            TagPlace::None => None,
+            TagPlace::One(section) | TagPlace::Each(section) => Some(section),
+        }
+    }
+
+    /// Bytes of the payload.
+    pub fn payload_bytes(&self) -> u64 {
+        self.tag_section().map_or(self.boxes.bytes, |tags| tags.offset + tags.bytes)
+    }
+
+    /// Writes boxes and tags into the payload. Whether there is room for them.
+    ///
+    /// # Panics
+    /// Where they are not as many as the request says.
+    #[must_use]
+    pub fn write(&self, boxes: &[Aabb], tags: &QueryTags<'_>, pages: &mut [Page]) -> bool {
+        let payload: &mut [u8] = bytemuck::cast_slice_mut(pages);
+        let mut put = |section: &Section, bytes: &[u8]| {
+            let start = section.offset as usize;
+            let to = payload.get_mut(start..start + section.bytes as usize);
+            to.map(|to| to.copy_from_slice(bytes)).is_some()
+        };
+        let one;
+        let tags: &[Tag] = match tags {
+            QueryTags::None => &[],
+            QueryTags::Each(tags) => tags,
+            QueryTags::One(tag) => {
+                one = [*tag];
+                &one
+            }
+        };
+        let tags_fit =
+            self.tag_section().is_none_or(|section| put(&section, bytemuck::cast_slice(tags)));
+        tags_fit && put(&self.boxes, bytemuck::cast_slice(boxes))
+    }
+
+    /// The boxes and tags in the payload, which another process may write while they are read; `None` where
+    /// they are not all there.
+    pub fn read<'a>(&self, pages: &'a [Page]) -> Option<(&'a [Aabb], QueryTags<'a>)> {
+        let boxes =
+            boxes_in(pages, self.boxes.offset as usize, BoxCount::new(self.mask.queries()))?;
+        let payload: &[u8] = bytemuck::cast_slice(pages);
+        let tags = |section: &Section| -> Option<&'a [Tag]> {
+            let (start, bytes) = (section.offset as usize, section.bytes as usize);
+            bytemuck::try_cast_slice(payload.get(start..start.checked_add(bytes)?)?).ok()
+        };
+        let tags = match &self.tags {
+            TagPlace::None => QueryTags::None,
+            TagPlace::One(section) => QueryTags::One(*tags(section)?.first()?),
+            TagPlace::Each(section) => QueryTags::Each(tags(section)?),
+        };
+        Some((boxes, tags))
+    }
+
+    /// Checks a copied header against the payload's length.
+    ///
+    /// # Errors
+    /// [`Reject`] with the first thing that is wrong.
+    pub(crate) fn parse(header: &RequestHeader, payload_bytes: u64) -> Result<Self, Reject> {
+        let wrong = |field| Reject::Query { field };
+        if header.version_minor < QUERIES_MINOR {
+            let found = Version { major: header.version_major, minor: header.version_minor };
+            return Err(Reject::Version { found });
+        }
+        let found = header.encoding;
+        let encoding = Encoding::from_wire(found).ok_or(Reject::Encoding { found })?;
+        if header.base == 0 {
+            return Err(wrong("revision"));
+        }
+        let fits = |section: &Section, item_bytes: u64| {
+            section.fits(payload_bytes) && section.bytes.is_multiple_of(item_bytes)
+        };
+        let boxes = find(&header.sections, SectionKind::Boxes);
+        let boxes = boxes.filter(|boxes| fits(boxes, BOX_BYTES)).ok_or(wrong("boxes"))?;
+        let queries = boxes.bytes / BOX_BYTES;
+        let index_end = u64::from(header.box_count).checked_sub(queries);
+        let index_end = index_end.ok_or(wrong("object count"))?;
+        // Both are at most the object count.
+        let mask = QueryMask::new(queries as usize, index_end as u32);
+        let mask = mask.ok_or(wrong("object count"))?;
+        let is_tags = |section: &&Section| section.kind == SectionKind::QueryTags as u32;
+        let tags = match header.sections.iter().filter(is_tags).count() {
+            0 => TagPlace::None,
+            _ => {
+                let tags = find(&header.sections, SectionKind::QueryTags);
+                let tags = tags.filter(|tags| fits(tags, TAG_BYTES)).ok_or(wrong("tags"))?;
+                match tags.bytes / TAG_BYTES {
+                    1 => TagPlace::One(tags),
+                    count if count == queries => TagPlace::Each(tags),
+                    _ => return Err(wrong("tags")),
+                }
+            }
+        };
+        Ok(Self {
+            scene: SceneId(header.scene),
+            revision: header.base,
+            mask,
+            encoding,
+            threads: (header.threads != 0).then_some(header.threads as usize),
+            boxes,
+            tags,
+        })
+    }
+}
+
+impl RequestHeader {
+    /// A query of a scene.
+    pub fn query_scene(client_token: u64, frame: u64, request: &QueryRequest) -> Self {
+        let mut sections = [Section::default(); SECTION_COUNT];
+        sections[0] = request.boxes;
+        if let Some(tags) = request.tag_section() {
+            sections[1] = tags;
+        }
+        Self {
+            box_count: request.mask.n().get(),
+            encoding: request.encoding as u32,
+            threads: request.threads.map_or(0, |t| u32::try_from(t).unwrap_or(u32::MAX)),
+            sections,
+            scene: request.scene.0,
+            base: request.revision,
+            ..Self::envelope(Operation::QueryScene, client_token, frame)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Request;
+    use pairmask_core::filters::World;
+
+    const PAGE: u64 = size_of::<Page>() as u64;
+
+    fn request(queries: usize, tags: &QueryTags<'_>) -> QueryRequest {
+        let mask = QueryMask::new(queries, 1_000).expect("few");
+        QueryRequest::new(SceneId(3), 7, mask, Encoding::List, tags)
+    }
+
+    fn parse(header: &RequestHeader, payload_bytes: u64) -> Result<QueryRequest, Reject> {
+        match Request::parse(header, payload_bytes)? {
+            Request::QueryScene(request) => Ok(request),
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn what_is_written_is_read() {
+        let tag = |world| Tag::default().with_world(World(world));
+        for queries in [0, 1, 2, 3, 170, 171] {
+            let boxes: Vec<Aabb> = (0..queries).map(|i| Aabb::point([i as f32; 3])).collect();
+            let tags: Vec<Tag> = (0..queries as i32).map(tag).collect();
+            for tags in [QueryTags::None, QueryTags::One(tag(9)), QueryTags::Each(&tags)] {
+                let sent = request(queries, &tags);
+                let mut pages = vec![
+                    bytemuck::Zeroable::zeroed();
+                    sent.payload_bytes().div_ceil(PAGE) as usize
+                ];
+                assert!(sent.write(&boxes, &tags, &mut pages));
+                let header = RequestHeader::query_scene(1, 2, &sent);
+                let got = parse(&header, PAGE * pages.len() as u64).expect("right");
+                assert_eq!(got, sent);
+                let (read, read_tags) = got.read(&pages).expect("all there");
+                assert_eq!(read, boxes);
+                match (tags, queries) {
+                    (QueryTags::Each(tags), 1) => assert_eq!(read_tags, QueryTags::One(tags[0])),
+                    _ => assert_eq!(read_tags, tags),
+                }
+                if sent.payload_bytes() > 0 {
+                    assert!(parse(&header, sent.payload_bytes() - 1).is_err());
+                }
+                assert!(got.read(&[]).is_none() || sent.payload_bytes() == 0);
+            }
+        }
+    }
+
+    #[test]
+    fn forged_queries_are_refused() {
+        let tags = [Tag::default(); 5];
+        let right = RequestHeader::query_scene(1, 2, &request(5, &QueryTags::Each(&tags)));
+        assert!(parse(&right, PAGE).is_ok());
+        let forgeries: [&dyn Fn(&mut RequestHeader); 14] = [
+            &|h| h.base = 0,
+            &|h| h.encoding = 99,
+            &|h| h.version_minor = QUERIES_MINOR - 1,
+            &|h| h.box_count = 4,
+            &|h| h.sections[0].bytes += 1,
+            &|h| h.sections[0].bytes = u64::MAX - 23,
+            &|h| h.sections[0].offset = u64::MAX - 3,
+            &|h| h.sections[0].offset = 2,
+            &|h| h.sections[0] = Section::default(),
+            &|h| h.sections[2] = h.sections[0],
+            &|h| h.sections[1].bytes = 24,
+            &|h| h.sections[1].bytes = 0,
+            &|h| h.sections[1].offset = PAGE,
+            &|h| h.sections[3] = h.sections[1],
+        ];
+        for (number, forge) in forgeries.iter().enumerate() {
+            let mut forged = right;
+            forge(&mut forged);
+            assert!(parse(&forged, PAGE).is_err(), "forgery {number}");
+        }
+    }
+
+    #[test]
+    fn tags_belong_to_queries_alone() {
+        let mut header =
+            RequestHeader::query_scene(1, 2, &request(5, &QueryTags::One(Tag::default())));
+        header.operation = Operation::Cull as u32;
+        header.box_count = 5;
+        let found = SectionKind::QueryTags as u32;
+        assert_eq!(Request::parse(&header, PAGE), Err(Reject::UnknownSection { found }));
+    }
+}

@@ -1,0 +1,220 @@
+//! Queries of a scene, and set A against set B: median µs, everything between the client's boxes and its
+//! pairs.
+//!
+//! ```text
+//! cargo bench -p pairmask-tests --bench queries -- \
+//!     [--backend in-process|daemon] [--n 1000000] [--queries 10000] [--rounds 30] [--json]
+//! ```
+//!
+//! * `queries`: boxes like those of the scene, asked of it in turns of several sets. `ask` is from boxes that
+//!   lie in the client's memory to the answer, so writing them and the round trip; `visit` looks at all pairs.
+//!   `first` is the first query, which builds the cells.
+//! * `two sets`: the first boxes of a frame against all others, beside the whole frame, in turns. The ratio is
+//!   that of the two medians.
+
+use std::error::Error;
+use std::hint::black_box;
+use std::time::Instant;
+
+use pairmask::scene::{SceneOptions, Want};
+use pairmask::{Backend, BoxCount, PairMask, Session};
+use pairmask_core::Aabb;
+use pairmaskd::scene::{Scene, SceneName};
+use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
+use serde_json::{Value, json};
+
+/// The daemon's own main, which cargo builds beside this bench.
+const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
+/// Rounds that are not counted.
+const WARM_UP: usize = 5;
+/// Sets of queries that take turns, so that no answer lies in the caches from the one before.
+const SETS: usize = 8;
+
+struct Options {
+    backends: Vec<Backend>,
+    n: usize,
+    queries: usize,
+    rounds: usize,
+    json: bool,
+}
+
+impl Options {
+    fn parse() -> Result<Self, Box<dyn Error>> {
+        let backends = vec![Backend::InProcess, Backend::Daemon];
+        let mut options = Self { backends, n: 1_000_000, queries: 10_000, rounds: 30, json: false };
+        let mut args = std::env::args().skip(1).filter(|a| a != "--bench");
+        while let Some(flag) = args.next() {
+            if flag == "--json" {
+                options.json = true;
+                continue;
+            }
+            let value = args.next().ok_or_else(|| format!("{flag} needs a value"))?;
+            let number = || value.replace('_', "").parse::<usize>().map(|number| number.max(1));
+            match flag.as_str() {
+                "--backend" if value == "in-process" => options.backends = vec![Backend::InProcess],
+                "--backend" if value == "daemon" => options.backends = vec![Backend::Daemon],
+                "--n" => options.n = number()?,
+                "--queries" => options.queries = number()?,
+                "--rounds" => options.rounds = number()?,
+                _ => return Err(format!("unknown option {flag} {value}").into()),
+            }
+        }
+        Ok(options)
+    }
+}
+
+fn median(times: &mut [f64]) -> f64 {
+    times.sort_unstable_by(f64::total_cmp);
+    times[times.len() / 2]
+}
+
+fn micros(since: Instant) -> f64 {
+    since.elapsed().as_secs_f64() * 1e6
+}
+
+fn session(daemon: &PrivateDaemon, backend: Backend, n: usize) -> Result<Session, Box<dyn Error>> {
+    let capacity = BoxCount::new(u32::try_from(n)?);
+    Ok(daemon.session().backend(backend).capacity(capacity).answer_repeats(false).connect()?)
+}
+
+/// Looks at all pairs.
+fn visit(slices: impl FnOnce(&mut dyn FnMut(&[[u32; 2]]))) {
+    let mut sum = 0u64;
+    slices(&mut |pairs| sum = pairs.iter().fold(sum, |sum, [a, b]| sum + u64::from(a ^ b)));
+    black_box(sum);
+}
+
+fn ask(
+    daemon: &PrivateDaemon,
+    backend: Backend,
+    name: SceneName,
+    options: &Options,
+) -> Result<Value, Box<dyn Error>> {
+    let n = options.n;
+    let boxes = Scene::new(name, n, 1).boxes().to_vec();
+    // Boxes of the same place: every so many of a scene as large.
+    let others = Scene::new(name, n, 2).boxes().to_vec();
+    let step = (n / options.queries).max(1);
+    let sets: Vec<Vec<Aabb>> = (0..SETS)
+        .map(|set| others.iter().copied().skip(set % step).step_by(step).take(options.queries))
+        .map(Iterator::collect)
+        .collect();
+    let mut session = session(daemon, backend, n)?;
+    let mut scene = session.scene(SceneOptions::default());
+    let edit = scene.edit().set_all(0..u32::try_from(n)?, &boxes);
+    drop(edit.commit(Want::Nothing)?);
+    let begin = Instant::now();
+    drop(scene.query(&sets[0]).find()?);
+    let first = micros(begin);
+    let (mut asks, mut visits, mut totals, mut pairs) = (vec![], vec![], vec![], 0);
+    for round in 0..WARM_UP + options.rounds {
+        let begin = Instant::now();
+        let answer = scene.query(&sets[round % SETS]).find()?;
+        let asked = micros(begin);
+        visit(|each| answer.for_each_slice(each));
+        let total = micros(begin);
+        pairs = answer.count();
+        if round >= WARM_UP {
+            asks.push(asked);
+            visits.push(total - asked);
+            totals.push(total);
+        }
+    }
+    let [ask, visit, total] = [&mut asks, &mut visits, &mut totals].map(|times| median(times));
+    Ok(json!({
+        "row": "queries", "backend": backend.to_string(), "scene": name.to_string(), "n": n,
+        "queries": options.queries, "pairs": pairs, "first_us": first, "ask_us": ask,
+        "visit_us": visit, "total_us": total,
+    }))
+}
+
+fn two_sets(
+    daemon: &PrivateDaemon,
+    backend: Backend,
+    name: SceneName,
+    first: usize,
+    options: &Options,
+) -> Result<Value, Box<dyn Error>> {
+    let n = options.n;
+    let mut scene = Scene::new(name, n, 1);
+    let mut session = session(daemon, backend, n)?;
+    let mut times = [vec![], vec![]];
+    let mut counts = [0; 2];
+    for round in 0..WARM_UP + options.rounds {
+        scene.step();
+        for turn in 0..2 {
+            let who = (round + turn) % 2;
+            let mut frame = session.frame(n)?;
+            frame.write(scene.boxes());
+            let begin = Instant::now();
+            let pending = match who {
+                0 => frame.submit_between(BoxCount::new(u32::try_from(first)?))?,
+                _ => frame.submit()?,
+            };
+            let mask: PairMask = pending.wait()?;
+            visit(|each| mask.for_each_slice(each));
+            let took = micros(begin);
+            counts[who] = mask.count();
+            if round >= WARM_UP {
+                times[who].push(took);
+            }
+        }
+    }
+    let [between, whole] = times.each_mut().map(|times| median(times));
+    Ok(json!({
+        "row": "two sets", "backend": backend.to_string(), "scene": name.to_string(), "n": n,
+        "first": first, "pairs": counts[0], "all_pairs": counts[1], "between_us": between,
+        "whole_us": whole, "ratio": between / whole,
+    }))
+}
+
+fn print(row: &Value) {
+    let text = |key: &str| match &row[key] {
+        Value::String(text) => text.clone(),
+        Value::Number(number) if number.is_f64() => {
+            let number = number.as_f64().unwrap_or(0.0);
+            if key == "ratio" { format!("{number:.3}") } else { format!("{number:.1}") }
+        }
+        other => other.to_string(),
+    };
+    let columns: &[&str] = if row["row"] == "queries" {
+        &["queries", "pairs", "first_us", "ask_us", "visit_us", "total_us"]
+    } else {
+        &["first", "pairs", "between_us", "whole_us", "ratio"]
+    };
+    let numbers: Vec<String> =
+        columns.iter().map(|key| format!("{key} {:>9}", text(key))).collect();
+    println!(
+        "{:<9}{:<11}{:<9}n {:>9}  {}",
+        text("row"),
+        text("backend"),
+        text("scene"),
+        text("n"),
+        numbers.join("  ")
+    );
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let options = Options::parse()?;
+    let daemon = PrivateDaemon::start(DAEMON.as_ref(), &PrivateSettings::default())?;
+    let mut rows = Vec::new();
+    let mut note = |row: Value| {
+        if !options.json {
+            print(&row);
+        }
+        rows.push(row);
+    };
+    for backend in &options.backends {
+        for name in [SceneName::Uniform, SceneName::Pile] {
+            note(ask(&daemon, *backend, name, &options)?);
+        }
+        for share in [1_000, 100, 10, 2] {
+            let first = (options.n / share).max(1);
+            note(two_sets(&daemon, *backend, SceneName::Uniform, first, &options)?);
+        }
+    }
+    if options.json {
+        println!("{}", Value::Array(rows));
+    }
+    Ok(())
+}
