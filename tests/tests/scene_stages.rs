@@ -411,12 +411,19 @@ impl Search {
         let mut layout = grid_layout(boxes.as_slice().into());
         layout.first_nothing = layout.first_giant + slots / PARKED + 1;
         layout.cell_end = layout.first_nothing;
-        let mode = [SceneMode::Changes, SceneMode::Moved, SceneMode::All][random.below(3) as usize];
-        let is_dense = mode == SceneMode::All || random.below(3) == 0;
+        let modes = [SceneMode::Changes, SceneMode::Moved, SceneMode::All, SceneMode::Query];
+        let mode = modes[random.below(4) as usize];
+        let is_dense = match mode {
+            SceneMode::All => true,
+            SceneMode::Query => false,
+            SceneMode::Changes | SceneMode::Moved => random.below(3) == 0,
+        };
         let sums = (layout.cell_end + 1).div_ceil(SCAN_CELLS);
         let (table_words, filter_words) = (sums * SCAN_CELLS, 1_024);
         let params = SceneParams {
             mode: mode as u32,
+            // In a search of queries, those from there on.
+            set_first: slots - slots / 3,
             dense: u32::from(is_dense),
             naming: 5,
             entry_capacity: 2 * slots,
@@ -475,10 +482,15 @@ impl Search {
                 continue;
             }
             let Some(is) = is else { continue };
-            let is_named = mode == SceneMode::Moved && scene.named[index] == self.params.naming;
+            let is_named = match mode {
+                SceneMode::Moved => scene.named[index] == self.params.naming,
+                SceneMode::Query => index >= self.params.set_first as usize,
+                SceneMode::Changes | SceneMode::All => false,
+            };
             let both = mode == SceneMode::Changes || is_named;
             let kinds = if both { THEN | NOW } else { NOW };
             if is_dense || is_named || is_wide(layout, &is) {
+                self.control[MOVED] += u32::from(mode == SceneMode::Query && !is_named);
                 self.enter(layout, index, kinds, is);
             } else {
                 let rows = (self.params.table_words + self.params.filter_words) as usize;
@@ -600,6 +612,8 @@ fn records_become_entries_of_their_cells_or_rows() {
         ("first = entry(index, THEN, was);", "first = entry(index, NOW, was);"),
         ("if (is.is_static) {", "if (!is.is_static) {"),
         ("&& named[index] == params.naming) {", ") {"),
+        ("&& index >= params.set_first) {", ") {"),
+        ("if (params.mode == MODE_QUERY && !is_entry) {", "if (false) {"),
         ("atomicAdd(&row_count, countOneBits(bits));", "atomicAdd(&row_count, 1u);"),
         ("entries[entry_base + at + 1u] = second;", "entries[entry_base + at + 1u] = first;"),
     ] {
