@@ -157,11 +157,14 @@ pub enum SceneStage {
     Place,
     /// Entries and rows against entries; sums to the host.
     Pairs,
+    /// The same where queries are the entries.
+    Query,
 }
 
 impl SceneStage {
     /// All of them.
-    pub const ALL: [Self; 5] = [Self::Apply, Self::Mark, Self::Cells, Self::Place, Self::Pairs];
+    pub const ALL: [Self; 6] =
+        [Self::Apply, Self::Mark, Self::Cells, Self::Place, Self::Pairs, Self::Query];
 
     const fn label(self) -> &'static str {
         match self {
@@ -170,6 +173,7 @@ impl SceneStage {
             Self::Cells => "scene_cells",
             Self::Place => "scene_place",
             Self::Pairs => "scene_pairs",
+            Self::Query => "scene_query",
         }
     }
 
@@ -178,7 +182,7 @@ impl SceneStage {
             Self::Mark => 5,
             Self::Place => 7,
             Self::Apply | Self::Cells => 8,
-            Self::Pairs => 9,
+            Self::Pairs | Self::Query => 9,
         }
     }
 
@@ -189,6 +193,7 @@ impl SceneStage {
             Self::Cells => include_str!("../wgsl/scene_cells.wgsl"),
             Self::Place => include_str!("../wgsl/scene_place.wgsl"),
             Self::Pairs => include_str!("../wgsl/scene_pairs.wgsl"),
+            Self::Query => include_str!("../wgsl/scene_query.wgsl"),
         }
     }
 }
@@ -221,7 +226,7 @@ pub struct ComposedStage {
 }
 
 /// The shared parts that are files of their own name.
-const SHARED: [(&str, &str); 11] = [
+const SHARED: [(&str, &str); 12] = [
     ("order_keys", include_str!("../wgsl/shared/order_keys.wgsl")),
     ("box_batch", include_str!("../wgsl/shared/box_batch.wgsl")),
     ("cells", include_str!("../wgsl/shared/cells.wgsl")),
@@ -233,6 +238,7 @@ const SHARED: [(&str, &str); 11] = [
     ("scene_params", include_str!("../wgsl/shared/scene_params.wgsl")),
     ("scene_records", include_str!("../wgsl/shared/scene_records.wgsl")),
     ("scene_filter", include_str!("../wgsl/shared/scene_filter.wgsl")),
+    ("scene_search", include_str!("../wgsl/shared/scene_search.wgsl")),
 ];
 
 /// A shared part that is the same in every stage: the constants, or a file of that name.
@@ -282,7 +288,7 @@ fn expand(
 impl Stage {
     /// One of each stage of the engines, for f32 boxes and sparse masks, with the smallest form of the
     /// pairs stage.
-    pub const ALL: [Self; 17] = [
+    pub const ALL: [Self; 18] = [
         Self::Keys(BoxForm::F32),
         Self::Pairs(PairsVariant { rows: RowsPerThread::One, strip_blocks: 1, store_zeros: true }),
         Self::PackDense,
@@ -299,6 +305,7 @@ impl Stage {
         Self::Scene(SceneStage::Cells),
         Self::Scene(SceneStage::Place),
         Self::Scene(SceneStage::Pairs),
+        Self::Scene(SceneStage::Query),
         Self::Awake,
     ];
 

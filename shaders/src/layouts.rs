@@ -232,6 +232,8 @@ pub enum SceneMode {
     Moved = 1,
     /// All pairs of now.
     All = 2,
+    /// Pairs of a query and a box. The queries are what is set.
+    Query = 3,
 }
 
 /// Parameters of every stage of a scene. They lie in memory, so that a frame is recorded once.

@@ -13,7 +13,9 @@ use pairmask_shaders::constants::{
     BATCH_BOXES, CONTROL_HEADER_WORDS, MARK_NAMES, MARK_REMOVES, PARKED, SCAN_CELLS, SUPERS_MOST,
     WIDE_LINES,
 };
-use pairmask_shaders::layouts::{GridLayout, GridLevel, GridParams, SceneMode, SceneParams};
+use pairmask_shaders::layouts::{
+    GridLayout, GridLevel, GridParams, SceneMode, SceneParams, SceneSummary,
+};
 use pairmask_shaders::mirror::grid_layout::{cell, coordinates};
 use pairmask_shaders::{ComposedStage, SceneStage, Stage};
 use pairmask_tests::gpu::open;
@@ -390,6 +392,8 @@ struct Search {
     entries: Vec<Entry>,
     /// What each entry stands for.
     boxes: Vec<(Entry, KeyBox)>,
+    /// What collides of each record.
+    colliding: Vec<Option<KeyBox>>,
 }
 
 fn spans(level: &GridLevel, [low, high]: [[f32; 3]; 2]) -> ([i32; 3], [i32; 3]) {
@@ -406,17 +410,28 @@ fn hull(a: &KeyBox, b: &KeyBox) -> KeyBox {
 
 impl Search {
     fn new(slots: u32, seed: u64) -> Self {
+        let modes = [SceneMode::Changes, SceneMode::Moved, SceneMode::All, SceneMode::Query];
+        let mode = modes[Rng::new(seed ^ 0x30de).below(4) as usize];
+        Self::of_mode(slots, seed, mode)
+    }
+
+    fn of_mode(slots: u32, seed: u64, mode: SceneMode) -> Self {
         let random = &mut Rng::new(seed ^ 0xce11);
         let (scene, boxes) = Scene::new(slots, random);
         let mut layout = grid_layout(boxes.as_slice().into());
         layout.first_nothing = layout.first_giant + slots / PARKED + 1;
         layout.cell_end = layout.first_nothing;
-        let mode = [SceneMode::Changes, SceneMode::Moved, SceneMode::All][random.below(3) as usize];
-        let is_dense = mode == SceneMode::All || random.below(3) == 0;
+        let is_dense = match mode {
+            SceneMode::All => true,
+            SceneMode::Query => false,
+            SceneMode::Changes | SceneMode::Moved => random.below(3) == 0,
+        };
         let sums = (layout.cell_end + 1).div_ceil(SCAN_CELLS);
         let (table_words, filter_words) = (sums * SCAN_CELLS, 1_024);
         let params = SceneParams {
             mode: mode as u32,
+            // In a search of queries, those from there on.
+            set_first: slots - slots / 3,
             dense: u32::from(is_dense),
             naming: 5,
             entry_capacity: 2 * slots,
@@ -434,6 +449,7 @@ impl Search {
             control,
             entries: Vec::new(),
             boxes: Vec::new(),
+            colliding: scene.now.iter().map(Record::colliding).collect(),
         };
         let mut dirty = search.table.clone();
         dirty[(table_words + filter_words) as usize..].fill(UNTOUCHED);
@@ -475,10 +491,15 @@ impl Search {
                 continue;
             }
             let Some(is) = is else { continue };
-            let is_named = mode == SceneMode::Moved && scene.named[index] == self.params.naming;
+            let is_named = match mode {
+                SceneMode::Moved => scene.named[index] == self.params.naming,
+                SceneMode::Query => index >= self.params.set_first as usize,
+                SceneMode::Changes | SceneMode::All => false,
+            };
             let both = mode == SceneMode::Changes || is_named;
             let kinds = if both { THEN | NOW } else { NOW };
             if is_dense || is_named || is_wide(layout, &is) {
+                self.control[MOVED] += u32::from(mode == SceneMode::Query && !is_named);
                 self.enter(layout, index, kinds, is);
             } else {
                 let rows = (self.params.table_words + self.params.filter_words) as usize;
@@ -600,6 +621,8 @@ fn records_become_entries_of_their_cells_or_rows() {
         ("first = entry(index, THEN, was);", "first = entry(index, NOW, was);"),
         ("if (is.is_static) {", "if (!is.is_static) {"),
         ("&& named[index] == params.naming) {", ") {"),
+        ("&& index >= params.set_first) {", ") {"),
+        ("if (params.mode == MODE_QUERY && !is_entry) {", "if (false) {"),
         ("atomicAdd(&row_count, countOneBits(bits));", "atomicAdd(&row_count, 1u);"),
         ("entries[entry_base + at + 1u] = second;", "entries[entry_base + at + 1u] = first;"),
     ] {
@@ -694,6 +717,85 @@ fn entries_come_to_the_places_of_their_cells() {
     ] {
         let stage = altered(SceneStage::Place, from, to);
         assert!(check_place(&bench, &stage).is_err(), "'{to}' for '{from}' is not noticed");
+    }
+}
+
+/// Pairs of a query and a box, in order.
+fn queried(search: &Search) -> Vec<[u32; 2]> {
+    let (boxes, queries) = search.colliding.split_at(search.params.set_first as usize);
+    let mut pairs = Vec::new();
+    for (number, query) in queries.iter().enumerate() {
+        for (index, b) in boxes.iter().enumerate() {
+            if let (Some(query), Some(b)) = (query, b)
+                && query.overlaps(b)
+            {
+                pairs.push([number as u32, index as u32]);
+            }
+        }
+    }
+    pairs
+}
+
+fn check_query(bench: &Bench, stage: &ComposedStage) -> Result<(), String> {
+    let [cells_stage, place_stage] = [SceneStage::Cells, SceneStage::Place].map(composed);
+    for (seed, slots) in (1..).zip(SIZES.into_iter().cycle().take(2 * SIZES.len())) {
+        let search = Search::of_mode(slots, seed, SceneMode::Query);
+        let expected = queried(&search);
+        let cells = bench.run(&cells_stage, &search.before, 2);
+        let placed = place(bench, &place_stage, &search, &cells);
+        // Once without room for all.
+        let room = if seed % 5 == 0 { expected.len() / 2 } else { expected.len() + 3 };
+        let params = SceneParams { pair_capacity: room as u32, budget: 1, ..search.params };
+        let before = vec![
+            raw(&params),
+            cells[1].clone(),
+            placed[3].clone(),
+            placed[6].clone(),
+            cells[2].clone(),
+            cells[3].clone(),
+            cells[6].clone(),
+            vec![UNTOUCHED; 2 * room + 8],
+            vec![UNTOUCHED; size_of::<SceneSummary>() / 4],
+        ];
+        let after = bench.run(stage, &before, 1 + seed as u32 % 3);
+        let what = |what: &str| format!("{slots} records, seed {seed}: {what}");
+        same(&after[..6], &before[..6]).map_err(|e| what(&e))?;
+        let count = after[8][0] as usize;
+        if count != expected.len() {
+            return Err(what(&format!("{count} pairs for {}", expected.len())));
+        }
+        let (found, rest) = after[7].split_at(2 * room.min(count));
+        let mut found: Vec<[u32; 2]> = found.as_chunks().0.to_vec();
+        found.sort_unstable();
+        let is_right = if room < count {
+            found.windows(2).all(|two| two[0] < two[1])
+                && found.iter().all(|pair| expected.binary_search(pair).is_ok())
+        } else {
+            found == expected
+        };
+        if !is_right || rest.iter().any(|word| *word != UNTOUCHED) {
+            return Err(what("pairs"));
+        }
+    }
+    Ok(())
+}
+
+#[test]
+fn queries_find_the_boxes_that_they_overlap() {
+    let bench = Bench::new();
+    check_query(&bench, &composed(SceneStage::Query)).unwrap_or_else(|e| panic!("{e}"));
+    for (from, to) in [
+        ("return is_query(one_name) != is_query(other_name);", "return true;"),
+        ("return atomicLoad(&control[MOVED]) != 0u;", "return false;"),
+        ("query - params.set_first", "query"),
+        ("select(other_name, one_name, is_first)", "one_name"),
+        ("select(one_name, other_name, is_first)", "other_name"),
+        ("all(row_lo.yz <= b.xy)", "all(row_lo.yz < b.xy)"),
+        ("levels = levels_to_look_at();", "levels = 0u;"),
+        ("first = select(max(first, vec3<i32>(0)), first, wraps);", "first = low;"),
+    ] {
+        let stage = altered(SceneStage::Query, from, to);
+        assert!(check_query(&bench, &stage).is_err(), "'{to}' for '{from}' is not noticed");
     }
 }
 

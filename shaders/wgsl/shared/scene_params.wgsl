@@ -38,16 +38,19 @@ const MODE_CHANGES: u32 = 0u;
 const MODE_MOVED: u32 = 1u;
 // All pairs of now.
 const MODE_ALL: u32 = 2u;
+// Pairs of a query and a box; what is set from `set_first` on are the queries.
+const MODE_QUERY: u32 = 3u;
 
 // Words of the control block. WORK and SUMS are where `grid_scan` has them.
 const ENTRIES: u32 = CONTROL_HEADER_WORDS;
 const ROWS: u32 = ENTRIES + 1u;
+// Boxes that have changed; of queries, boxes that are entries.
 const MOVED: u32 = ENTRIES + 2u;
 const MOVED_STATIC: u32 = ENTRIES + 3u;
 // 64 bits each, low word first.
 const FOUND: u32 = ENTRIES + 4u;
 const ENDED: u32 = ENTRIES + 6u;
 const TESTED: u32 = ENTRIES + 8u;
-// Workgroups of `scene_pairs` that have ended.
+// Workgroups of the search that have ended.
 const DONE: u32 = ENTRIES + 10u;
 const SUMS: u32 = CONTROL_HEADER_WORDS + SUPERS_MOST;

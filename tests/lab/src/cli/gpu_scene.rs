@@ -1,5 +1,8 @@
 //! `gpu-scene`: scenes that persist in video memory, edit by edit.
 
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+
 use clap::Args;
 use pairmaskd::cli::config::Config;
 use pairmaskd::cli::options::DaemonOptions;
@@ -21,7 +24,8 @@ use crate::study::moving::{Motion, World};
 Columns, µs: edit in, sorted changes out (median and 99 of 100), then the medians of its parts: the edit
 checked, brought to the GPU, blocks made ready, the GPU with submission and wait, changes read and sorted.
 Boxes of an edit are read where they lie (`imported`) or copied. What was told is compared with a fresh
-search on the CPU at the end of each line. Needs a GPU; no daemon is between.
+search on the CPU at the end of each line. Between edits there are queries: their whole time (median, 1 and
+99 of 100) and its parts. Needs a GPU; no daemon is between.
 
 Examples:
   pairmask-lab gpu-scene --n 1000000 --moving 1,10,100 --stages
@@ -44,6 +48,9 @@ pub struct GpuSceneBench {
     /// Edits of each line
     #[arg(long, value_parser = whole_number::<u32>, value_name = "N", default_value_t = 100)]
     frames: u32,
+    /// Boxes that are asked for after each edit
+    #[arg(long, value_parser = whole_number::<u32>, value_name = "N", default_value_t = 10_000)]
+    queries: u32,
     /// Copy boxes only; else both ways are measured
     #[arg(long)]
     copied: bool,
@@ -90,6 +97,7 @@ impl GpuSceneBench {
                         percent,
                         imported,
                         frames: self.frames.max(1) as usize,
+                        queries: self.queries as usize,
                         stages: self.stages,
                         checks: !self.unchecked,
                     };
@@ -139,10 +147,24 @@ fn line(row: &Row) -> String {
         row.tested,
         row.video_bytes_a_box,
     );
-    if !row.stage_us.is_empty() {
-        let stages = row.stage_us.iter().map(|(label, us)| format!("{label} {us:.1}"));
-        text.push_str("\n          ");
-        text.push_str(&stages.collect::<Vec<_>>().join("  "));
+    let add_stages = |text: &mut String, stages: &BTreeMap<&'static str, f64>| {
+        if !stages.is_empty() {
+            let stages = stages.iter().map(|(label, us)| format!("{label} {us:.1}"));
+            text.push_str("\n          ");
+            text.push_str(&stages.collect::<Vec<_>>().join("  "));
+        }
+    };
+    add_stages(&mut text, &row.stage_us);
+    if row.queries > 0 {
+        let ([low, median, high], [upload, gpu, sort]) = (row.query_us, row.query_parts_us);
+        let (queries, pairs) = (row.queries, row.query_pairs);
+        // Writing to a String cannot fail.
+        let _ = write!(
+            text,
+            "\n          {queries} queries, {pairs} pairs: {median:.1} ({low:.1} to {high:.1}), \
+             upload {upload:.1}, gpu {gpu:.1}, sort {sort:.1}"
+        );
+        add_stages(&mut text, &row.query_stage_us);
     }
     text
 }

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use pairmask_core::Aabb;
+use pairmask_core::aabb::KeyBox;
 use pairmask_core::plan::user_cache_folder;
 use pairmask_core::scene::{Edit, Indices, Scene, SceneOptions, Sets, Step, Told, Want};
 use pairmaskd::execute::gpu::{
@@ -22,6 +23,8 @@ use crate::study::moving::{Motion, World};
 const WARM_UP: usize = 6;
 /// Edits whose stages are timed: timestamps cost about a microsecond a stage.
 const TIMED_STAGES: usize = 20;
+/// Queries that are compared with all boxes, about.
+const CHECKED_QUERIES: usize = 100;
 /// How long the clocks are kept up between edits, while the next one is made.
 const HOLD: Duration = Duration::from_secs(5);
 
@@ -40,6 +43,8 @@ pub struct Case {
     pub imported: bool,
     /// Edits.
     pub frames: usize,
+    /// Boxes that are asked for between edits.
+    pub queries: usize,
     /// Whether stages are timed as well.
     pub stages: bool,
     /// Whether what was told is compared with a fresh search on the CPU.
@@ -83,6 +88,16 @@ pub struct Row {
     pub tested: u64,
     /// Pairs of the scene.
     pub pairs: u64,
+    /// Boxes that are asked for after each edit.
+    pub queries: usize,
+    /// Queries in, sorted pairs out: 1, 50 and 99 of 100.
+    pub query_us: [f64; 3],
+    /// Medians of its parts: queries to the GPU, the GPU, reading and sorting.
+    pub query_parts_us: [f64; 3],
+    /// Pairs of a query and a box.
+    pub query_pairs: usize,
+    /// Medians of a query's stages by the GPU's clock.
+    pub query_stage_us: BTreeMap<&'static str, f64>,
     /// Bytes of video memory a box.
     pub video_bytes_a_box: f64,
     /// Medians of stages by the GPU's clock.
@@ -189,6 +204,9 @@ pub fn measure(gpu: &Arc<Gpu>, world: &mut World, case: &Case) -> Result<Row, Be
     let mut rig = Rig::new(gpu, case, false)?;
     rig.edit(&all, world.boxes(), false)?;
     let mut edits: Vec<(f64, EditTimes)> = Vec::with_capacity(case.frames);
+    let mut asked: Vec<(f64, EditTimes)> = Vec::with_capacity(case.frames);
+    let queries = queries(world.boxes(), case.queries);
+    let mut found = Vec::new();
     let mut changes = 0;
     for frame in 0..case.frames + WARM_UP {
         if let Some(awake) = &awake {
@@ -200,15 +218,31 @@ pub fn measure(gpu: &Arc<Gpu>, world: &mut World, case: &Case) -> Result<Row, Be
             edits.push((us(took), rig.scene.times().clone()));
         }
         changes = rig.scene.told().begun().len() + rig.scene.told().ended().len();
+        if queries.is_empty() {
+            continue;
+        }
+        let start = Instant::now();
+        rig.scene.query(&queries, &mut found)?;
+        let took = start.elapsed();
+        if frame >= WARM_UP {
+            asked.push((us(took), rig.scene.times().clone()));
+        }
     }
     if case.checks {
         check(&rig, world, case)?;
+        check_queries(world.boxes(), &queries, &found, case)?;
     }
     let part = |part: fn(&EditTimes) -> Duration, percent| {
         percentile(edits.iter().map(|(_, times)| us(part(times))).collect(), percent)
     };
     let whole = |percent| percentile(edits.iter().map(|(whole, _)| *whole).collect(), percent);
-    let stage_us = if case.stages { stages(gpu, world.clone(), case)? } else { BTreeMap::new() };
+    let query_part = |part: fn(&EditTimes) -> Duration| {
+        percentile(asked.iter().map(|(_, times)| us(part(times))).collect(), 50)
+    };
+    let query_whole =
+        |percent| percentile(asked.iter().map(|(whole, _)| *whole).collect(), percent);
+    let [stage_us, query_stage_us] =
+        if case.stages { stages(gpu, world.clone(), case)? } else { Default::default() };
     Ok(Row {
         scene: case.scene.to_string(),
         n: case.n,
@@ -227,6 +261,15 @@ pub fn measure(gpu: &Arc<Gpu>, world: &mut World, case: &Case) -> Result<Row, Be
         changes,
         tested: rig.scene.told().skipped().tested,
         pairs: rig.known.count,
+        queries: queries.len(),
+        query_us: [1, 50, 99].map(query_whole),
+        query_parts_us: [
+            query_part(|times| times.upload),
+            query_part(|times| times.gpu),
+            query_part(|times| times.sort),
+        ],
+        query_pairs: found.len(),
+        query_stage_us,
         video_bytes_a_box: rig.scene.video_bytes() as f64 / case.n.max(1) as f64,
         stage_us,
         checked: case.checks,
@@ -245,27 +288,71 @@ fn check(rig: &Rig, world: &World, case: &Case) -> Result<(), BenchError> {
     Err(BenchError::WrongPairs { n: case.n as u32, scene: case.scene })
 }
 
-/// Medians of the stages, µs.
+/// Queries among the boxes of a scene: some of them, moved by a third of their size.
+fn queries(boxes: &[Aabb], count: usize) -> Vec<Aabb> {
+    let count = if boxes.is_empty() { 0 } else { count };
+    let moved = |i: usize| {
+        let b = boxes[i * boxes.len() / count];
+        let shift: [f32; 3] = std::array::from_fn(|axis| (b.max[axis] - b.min[axis]) / 3.0);
+        let by = |x: [f32; 3]| std::array::from_fn(|axis| x[axis] + shift[axis]);
+        Aabb { min: by(b.min), max: by(b.max) }
+    };
+    (0..count).map(moved).collect()
+}
+
+/// Compares the pairs of some queries with those of all boxes.
+fn check_queries(
+    boxes: &[Aabb],
+    queries: &[Aabb],
+    found: &[[u32; 2]],
+    case: &Case,
+) -> Result<(), BenchError> {
+    let keys =
+        |boxes: &[Aabb]| -> Vec<KeyBox> { boxes.iter().map(|b| KeyBox::classify(b).0).collect() };
+    let (boxes, queries) = (keys(boxes), keys(queries));
+    let step = (queries.len() / CHECKED_QUERIES).max(1);
+    for (number, query) in queries.iter().enumerate().step_by(step) {
+        let start = found.partition_point(|pair| (pair[0] as usize) < number);
+        let end = found.partition_point(|pair| pair[0] as usize <= number);
+        let overlapped = boxes.iter().enumerate().filter(|(_, b)| b.overlaps(query));
+        if !overlapped.map(|(index, _)| index as u32).eq(found[start..end].iter().map(|p| p[1])) {
+            return Err(BenchError::WrongPairs { n: case.n as u32, scene: case.scene });
+        }
+    }
+    Ok(())
+}
+
+/// Medians of the stages of edits and of queries, µs.
 fn stages(
     gpu: &Arc<Gpu>,
     mut world: World,
     case: &Case,
-) -> Result<BTreeMap<&'static str, f64>, BenchError> {
+) -> Result<[BTreeMap<&'static str, f64>; 2], BenchError> {
     let all: Vec<u32> = (0..case.n as u32).collect();
     let moving = (case.n as f64 * case.percent / 100.0).round() as usize;
     let mut rig = Rig::new(gpu, case, true)?;
     rig.edit(&all, world.boxes(), false)?;
-    let mut stages: BTreeMap<&'static str, Vec<f64>> = BTreeMap::new();
+    let queries = queries(world.boxes(), case.queries);
+    let mut found = Vec::new();
+    let mut stages: [BTreeMap<&'static str, Vec<f64>>; 2] = Default::default();
     for frame in 0..TIMED_STAGES + WARM_UP {
         let (indices, boxes) = world.step(moving, case.motion);
         rig.edit(&indices, &boxes, case.motion == Motion::Spawn)?;
-        if frame >= WARM_UP {
-            for step in &rig.scene.times().stages {
-                stages.entry(step.label).or_default().push(step.ns / 1e3);
+        for (kind, stages) in stages.iter_mut().enumerate() {
+            if kind == 1 {
+                rig.scene.query(&queries, &mut found)?;
+            }
+            if frame >= WARM_UP {
+                for step in &rig.scene.times().stages {
+                    stages.entry(step.label).or_default().push(step.ns / 1e3);
+                }
             }
         }
     }
-    Ok(stages.into_iter().map(|(label, us)| (label, percentile(us, 50))).collect())
+    let medians = |stages: BTreeMap<&'static str, Vec<f64>>| {
+        stages.into_iter().map(|(label, us)| (label, percentile(us, 50))).collect()
+    };
+    Ok(stages.map(medians))
 }
 
 fn us(time: Duration) -> f64 {

@@ -3,7 +3,7 @@
 //! A layout only steers: with any, the same pairs are told.
 
 use pairmask_core::Aabb;
-use pairmask_shaders::layouts::{GridLayout, SceneSummary};
+use pairmask_shaders::layouts::{GridLayout, SceneMode, SceneSummary};
 
 use super::plan::{Question, with_giants};
 use crate::execute::gpu::grid::layout::Chooser;
@@ -35,11 +35,11 @@ struct Kind {
     sampled_of: u32,
 }
 
-/// The layouts of a scene: one where few boxes are entries, one where all are.
+/// The layouts of a scene: one where few boxes are entries, one where all are, one where queries are.
 #[derive(Default)]
 pub(super) struct Layouts {
     chooser: Chooser,
-    kinds: [Kind; 2],
+    kinds: [Kind; 3],
     /// Some boxes of the last large edit.
     edited: Vec<Aabb>,
 }
@@ -47,6 +47,14 @@ pub(super) struct Layouts {
 /// Whether two sizes of a scene are within a factor of two.
 const fn are_alike(a: u32, b: u32) -> bool {
     a / 2 <= b && b / 2 <= a
+}
+
+/// The kind of a search.
+fn kind_of(question: &Question) -> usize {
+    match question.mode {
+        SceneMode::Query => 2,
+        _ => usize::from(question.is_dense()),
+    }
 }
 
 impl Layouts {
@@ -63,10 +71,20 @@ impl Layouts {
         self.edited.extend((0..wanted).map(|i| boxes[place(i)]));
     }
 
+    /// Looks at queries: a layout for them fits their sizes and those of the scene's boxes.
+    pub fn note_queries(&mut self, question: &Question, queries: &[Aabb]) {
+        let kind = &mut self.kinds[kind_of(question)];
+        kind.sample.clear();
+        let wanted = queries.len().min(EDIT_SAMPLE);
+        kind.sample.extend((0..wanted).map(|i| queries[i * queries.len() / wanted]));
+        kind.sample.extend_from_slice(&self.edited);
+        kind.sampled_of = question.grid_boxes();
+    }
+
     /// The layout for a search.
     pub fn layout(&mut self, question: &Question) -> GridLayout {
         let boxes = question.grid_boxes();
-        let kind = &mut self.kinds[usize::from(question.is_dense())];
+        let kind = &mut self.kinds[kind_of(question)];
         let last = kind.chosen.filter(|chosen| are_alike(chosen.boxes, boxes));
         let fits = |chosen: &Chosen| chosen.age < chosen.serves;
         let mut chosen = if let Some(chosen) = last.filter(fits) {
@@ -86,14 +104,15 @@ impl Layouts {
 
     /// Looks at the entries that a search had.
     pub fn note_search(&mut self, question: &Question, summary: &SceneSummary, tested: u64) {
-        let kind = &mut self.kinds[usize::from(question.is_dense())];
+        let kind = &mut self.kinds[kind_of(question)];
         let Some(chosen) = &mut kind.chosen else { return };
         let looked = u64::from(summary.entries) + u64::from(summary.rows);
         if tested > MANY_TESTS * looked {
             // It is a bad one, or the scene is crowded: then another does not cost much beside a search.
             chosen.age = chosen.serves;
         }
-        if chosen.age < chosen.serves {
+        // What queries are compared with is not among the entries: they have another sample.
+        if chosen.age < chosen.serves || question.mode == SceneMode::Query {
             return;
         }
         let count = (summary.sampled as usize).min(summary.samples.len());

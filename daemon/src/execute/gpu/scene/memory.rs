@@ -12,7 +12,7 @@ use crate::execute::gpu::frame::{Command, Frame};
 use crate::execute::gpu::memory::{Block, Home, Part};
 
 /// Bytes of a record.
-const RECORD_BYTES: u64 = 32;
+pub(super) const RECORD_BYTES: u64 = 32;
 /// Bytes of an entry before it has its place, and at its place.
 const ENTRY_BYTES: u64 = 16;
 const SORTED_BYTES: u64 = 32;

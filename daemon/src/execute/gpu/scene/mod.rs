@@ -13,6 +13,8 @@
 //! A pair of hulls that overlap is decided by what both boxes were and are. What comes down is those
 //! pairs that began or ended, and the host sorts them.
 //!
+//! Queries ([`GpuScene::query`]) are a search too: they are the entries, and every box looks for them.
+//!
 //! [`Want::All`] and [`Want::Moved`] are the same search with another question. This is one file, because an
 //! edit, its answer and what is known afterwards change the same few fields.
 
@@ -20,6 +22,7 @@ mod changes;
 mod layouts;
 mod memory;
 mod plan;
+mod query;
 mod roster;
 mod search;
 mod times;
@@ -39,6 +42,7 @@ use self::changes::{ChangeSorter, Found};
 use self::layouts::Layouts;
 use self::memory::{Blocks, Memory};
 use self::plan::{MOST_SLOTS, Question, Room, Sizes};
+use self::query::QuerySorter;
 use self::roster::{Marks, Roster};
 use self::search::{Frames, Stages, Task};
 use self::times::Clock;
@@ -110,7 +114,7 @@ enum Known {
 
 /// Rooms of the last searches: what the next ones are expected to need.
 #[derive(Clone, Copy, Debug, Default)]
-struct LastRooms([Room; 3]);
+struct LastRooms([Room; 4]);
 
 /// A scene in video memory. One thread uses it at a time; it has the contract of
 /// [`Scene`](pairmask_core::scene::Scene), but after [`SceneError::Cull`] the scene is undefined and is to
@@ -138,6 +142,7 @@ pub struct GpuScene {
     /// Whether the last answer can be taken.
     is_open: bool,
     sorter: ChangeSorter,
+    query_sorter: QuerySorter,
     times: EditTimes,
 }
 
@@ -173,6 +178,7 @@ impl GpuScene {
             told: Told::default(),
             is_open: false,
             sorter: ChangeSorter::default(),
+            query_sorter: QuerySorter::default(),
             times: EditTimes::default(),
         }
     }
@@ -244,6 +250,7 @@ impl GpuScene {
         self.roster.allocated_bytes()
             + self.upload.allocated_bytes()
             + self.sorter.allocated_bytes()
+            + self.query_sorter.allocated_bytes()
             + self.marks.capacity() * size_of::<Pair>()
             + (self.told.begun().len() + self.told.pairs().len()) * size_of::<Pair>()
             + size_of_val(self.told.ended())
@@ -254,7 +261,7 @@ impl GpuScene {
         self.memory.bytes()
     }
 
-    /// Where the time of the last edit went.
+    /// Where the time of the last edit or query went.
     pub const fn times(&self) -> &EditTimes {
         &self.times
     }

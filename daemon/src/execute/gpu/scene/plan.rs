@@ -47,14 +47,18 @@ pub(super) struct Question {
     pub slots: u64,
     /// Boxes that collide.
     pub active: u64,
-    /// Boxes that may have changed, or that the edit names.
+    /// Boxes that may have changed, or that the edit names; or queries.
     pub changed: u64,
 }
 
 impl Question {
     /// Whether all boxes are entries.
     pub fn is_dense(&self) -> bool {
-        self.mode == SceneMode::All || self.changed * DENSE_SHARE > self.active
+        match self.mode {
+            SceneMode::All => true,
+            SceneMode::Query => false,
+            SceneMode::Changes | SceneMode::Moved => self.changed * DENSE_SHARE > self.active,
+        }
     }
 
     /// Entries that are expected.
@@ -173,6 +177,7 @@ mod tests {
         let many = question(SceneMode::Changes, 1_000_000, 300_000);
         assert!(many.is_dense() && many.entries() == 1_000_000);
         assert!(question(SceneMode::All, 10, 0).is_dense());
+        assert!(!question(SceneMode::Query, 10, 1_000).is_dense());
         assert!(question(SceneMode::Moved, 0, 0).grid_boxes() == 1);
     }
 

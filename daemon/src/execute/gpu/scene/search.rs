@@ -7,7 +7,7 @@ use pairmask_shaders::layouts::{GridLayout, GridParams, SceneMode, SceneParams, 
 use pairmask_shaders::{GridStage, SceneStage, Stage};
 
 use super::SceneTools;
-use super::memory::Blocks;
+use super::memory::{Blocks, RECORD_BYTES};
 use super::plan::{self, Question, Room, Sizes};
 use super::upload::{SetIndices, Uploaded};
 use crate::execute::gpu::device::{Order, QueueRole};
@@ -34,6 +34,7 @@ pub(super) struct Stages {
     scan: Arc<Pipeline>,
     place: Arc<Pipeline>,
     pairs: Arc<Pipeline>,
+    query: Arc<Pipeline>,
 }
 
 impl Stages {
@@ -45,6 +46,7 @@ impl Stages {
             cells: get(SceneStage::Cells)?,
             place: get(SceneStage::Place)?,
             pairs: get(SceneStage::Pairs)?,
+            query: get(SceneStage::Query)?,
             scan: pipelines.get(Stage::Grid(GridStage::Scan))?,
         })
     }
@@ -78,6 +80,8 @@ struct Shape {
     entries: u32,
     rows: u32,
     searches: bool,
+    /// Of queries, the bytes of their records: where, and how many.
+    queries: Option<[u64; 2]>,
     boxes: Place,
     box_bytes: u64,
 }
@@ -129,6 +133,10 @@ impl Task<'_> {
         let zeroing = if self.searches { sizes.zeroed_words() / 16 } else { 0 };
         let sets = if self.applies { u64::from(edit.sets.count) } else { 0 };
         let marks = if self.applies { edit.mark_count } else { 0 };
+        let queries = (question.mode == SceneMode::Query).then(|| {
+            [u64::from(edit.sets.first.unwrap_or(0)), u64::from(edit.sets.count)]
+                .map(|records| records * RECORD_BYTES)
+        });
         let rows = if question.is_dense() { 0 } else { question.slots / plan::ROWS_TOGETHER };
         Shape {
             apply: plan::groups(sets.max(zeroing)),
@@ -138,6 +146,7 @@ impl Task<'_> {
             entries: plan::groups(question.entries()),
             rows: plan::groups(question.entries() + rows),
             searches: self.searches,
+            queries,
             boxes: Place::of(&edit.boxes),
             box_bytes: edit.boxes.bytes,
         }
@@ -210,7 +219,13 @@ impl Task<'_> {
         ));
         let summary = whole(&b.summary);
         let parts = vec![params, layout, table, sorted, now, then, control, found, summary];
-        steps.push(stage(&stages.pairs, shape.rows, parts));
+        let Some([first, bytes]) = shape.queries else {
+            steps.push(stage(&stages.pairs, shape.rows, parts));
+            return steps;
+        };
+        steps.push(stage(&stages.query, shape.rows, parts));
+        // Their records are without a box again, as all behind the scene's are.
+        steps.push(Command::Fill { part: Part::of(&b.now, first, bytes), word: 0 });
         steps
     }
 }

@@ -1,0 +1,476 @@
+// A search of a scene: entries against later entries around them, rows against all entries around them. A
+// stage decides which of the candidates are told: `may_be_told` by the names of two boxes that overlap,
+// `decide` by what else it knows; and whether entries look at entries at all (`entries_look`).
+//
+// One row a thread. Rows beside the grid pass the filter first, four a thread, and those that do are
+// collected until there is one for each thread of the workgroup. Candidates are collected too, and decided
+// together, so that the threads fetch their records side by side. The last workgroup to end writes down what
+// the host learns.
+// One file, because entries and rows share the workgroup's lists.
+
+#import constants
+#import scene_params
+#import scene_records
+#import grid_layout
+#import scene_filter
+
+struct SceneSummary {
+    // 64 bits each, low word first.
+    found: vec2<u32>,
+    ended: vec2<u32>,
+    tested: vec2<u32>,
+    entries: u32,
+    rows: u32,
+    // Boxes that collide and have changed, and how many of them are static.
+    moved: u32,
+    moved_static: u32,
+    // Entries below.
+    sampled: u32,
+    padding: u32,
+    // Bits of min and max.
+    samples: array<array<u32, 6>, SCENE_SAMPLES>,
+}
+
+@group(0) @binding(0) var<storage, read> params: SceneParams;
+@group(0) @binding(1) var<storage, read> grid: GridLayout;
+@group(0) @binding(2) var<storage, read> table: array<u32>;
+@group(0) @binding(3) var<storage, read> sorted: array<vec4<i32>>;
+@group(0) @binding(4) var<storage, read> now: array<vec4<i32>>;
+@group(0) @binding(5) var<storage, read> then: array<vec4<i32>>;
+@group(0) @binding(6) var<storage, read_write> control: array<atomic<u32>>;
+// Pairs as the stage tells them.
+@group(0) @binding(7) var<storage, read_write> found: array<vec2<u32>>;
+
+@group(0) @binding(8) var<storage, read_write> summary: SceneSummary;
+
+// Rows that a thread looks at a time.
+const ROWS_TOGETHER: u32 = 4u;
+// Candidates that are collected: three a thread. More are decided where they are found.
+const CANDIDATES: u32 = 3u * BATCH_BOXES;
+
+var<workgroup> used_levels: atomic<u32>;
+// Rows that passed the filter.
+var<workgroup> queue: array<u32, (ROWS_TOGETHER + 1u) * BATCH_BOXES>;
+var<workgroup> queued: atomic<u32>;
+// Names of candidates.
+var<workgroup> candidates: array<vec2<u32>, CANDIDATES>;
+var<workgroup> candidate_count: atomic<u32>;
+// Pairs to be told.
+var<workgroup> window: array<vec2<u32>, 2u * BATCH_BOXES>;
+var<workgroup> told: atomic<u32>;
+var<workgroup> window_base: u32;
+var<workgroup> ended_sum: atomic<u32>;
+var<workgroup> tested_low: atomic<u32>;
+var<workgroup> tested_high: atomic<u32>;
+var<workgroup> is_too_much: u32;
+var<workgroup> is_last: u32;
+
+// The row at hand: its name, its position or the last one of no entry, its box.
+var<private> row_name: u32;
+var<private> row: u32;
+var<private> row_lo: vec3<i32>;
+var<private> row_hi: vec3<i32>;
+var<private> tested: u32;
+
+// Adds to a number of 64 bits of the control block; what its low word was.
+fn add_wide(word: u32, more: u32) -> u32 {
+    let before = atomicAdd(&control[word], more);
+    if (before + more < before) {
+        atomicAdd(&control[word + 1u], 1u);
+    }
+    return before;
+}
+
+// Takes a pair down that the host is told.
+fn tell(pair: vec2<u32>) {
+    let at = atomicAdd(&told, 1u);
+    if (at < 2u * BATCH_BOXES) {
+        window[at] = pair;
+        return;
+    }
+    let place = add_wide(FOUND, 1u);
+    if (place < params.pair_capacity) {
+        found[place] = pair;
+    }
+}
+
+// Tests the row against the positions start .. end.
+fn test_run(start: u32, table_end: u32) {
+    // Whatever the table holds, a run ends.
+    let end = min(table_end, params.entry_capacity);
+    tested += max(end, start) - start;
+    for (var p = start; p < end; p++) {
+        let a = sorted[2u * p];
+        if (all(a.xyz <= row_hi) & (row_lo.x <= a.w)) {
+            let b = sorted[2u * p + 1u];
+            if (all(row_lo.yz <= b.xy) && may_be_told(row_name, bitcast<u32>(b.z))) {
+                let at = atomicAdd(&candidate_count, 1u);
+                if (at < CANDIDATES) {
+                    candidates[at] = vec2<u32>(row_name, bitcast<u32>(b.z));
+                } else {
+                    decide(row_name, bitcast<u32>(b.z));
+                }
+            }
+        }
+    }
+}
+
+// Cells `first .. first + len` of an axis, folded: `wrapped` of them from 0 on, then the others.
+fn folded(first: u32, wrapped: u32, i: u32) -> u32 {
+    return select(first + (i - wrapped), i, i < wrapped);
+}
+
+// As `grid_pairs` has it.
+fn test_level(index: u32, is_own: bool) {
+    let low = cells_of(grid.levels[index], plain3(row_lo));
+    var last = cells_of(grid.levels[index], plain3(row_hi));
+    let count = vec3<i32>(grid.levels[index].count);
+    let wraps = vec3<bool>((vec3<u32>(grid.levels[index].wraps) & vec3<u32>(1u, 2u, 4u)) != vec3<u32>(0u));
+    var first = low - 1;
+    first = select(max(first, vec3<i32>(0)), first, wraps);
+    let whole = wraps & (last - first >= count);
+    first = select(first, vec3<i32>(0), whole);
+    last = select(last, count - 1, whole);
+    let len = vec3<u32>(clamp(last - first + 1, vec3<i32>(0), count));
+    let start = vec3<u32>(first & grid.levels[index].fold);
+    let end = start + len;
+    let wrapped = max(end, vec3<u32>(count)) - vec3<u32>(count);
+
+    let width = grid.levels[index].count.x;
+    let height = grid.levels[index].count.y;
+    let first_cell = grid.levels[index].first_cell;
+    let own = vec3<u32>(low & grid.levels[index].fold);
+    let own_line = own.z * height + own.y;
+    let reach = u32(last.x - low.x);
+    for (var k = 0u; k < len.z; k++) {
+        let z = folded(start.z, wrapped.z, k);
+        for (var j = 0u; j < len.y; j++) {
+            let line = z * height + folded(start.y, wrapped.y, j);
+            let cell = first_cell + line * width;
+            if (is_own & (line < own_line)) {
+                continue;
+            }
+            // Two runs: before and behind where the axis wraps.
+            var runs = vec4<u32>(0u);
+            if (is_own & (line == own_line)) {
+                runs.x = row + 1u;
+                runs.y = table[cell + min(own.x + reach, width - 1u) + 1u];
+                if (wraps.x & (own.x == 0u)) {
+                    runs.z = table[cell + width - 1u];
+                    runs.w = table[cell + width];
+                }
+            } else {
+                if (wrapped.x > 0u) {
+                    runs.x = table[cell];
+                    runs.y = table[cell + wrapped.x];
+                }
+                runs.z = table[cell + start.x];
+                runs.w = table[cell + end.x - wrapped.x];
+            }
+            for (var r = 0u; r < 2u; r++) {
+                test_run(runs.x, runs.y);
+                runs = runs.zwzw;
+            }
+        }
+    }
+}
+
+// Levels in which the box at hand may overlap an entry.
+fn levels_to_look_at() -> u32 {
+    var rest = atomicLoad(&used_levels);
+    var passed = 0u;
+    while (rest != 0u) {
+        let level = countTrailingZeros(rest);
+        rest &= rest - 1u;
+        let low = cells_of(grid.levels[level], plain3(row_lo));
+        let spans = cells_of(grid.levels[level], plain3(row_hi)) - low;
+        let bit = filter_bit(level, low);
+        let word = table[params.table_words + bit / 32u];
+        // The filter knows boxes of two cells an axis.
+        if (any(spans > vec3<i32>(1)) || ((word >> (bit % 32u)) & 1u) != 0u) {
+            passed |= 1u << level;
+        }
+    }
+    return passed;
+}
+
+// One level of the filter for four boxes: whether each may overlap an entry of it.
+fn passes(level: u32, lo: array<vec3<i32>, ROWS_TOGETHER>, hi: array<vec3<i32>, ROWS_TOGETHER>) -> vec4<bool> {
+    let cell_0 = cells_of(grid.levels[level], plain3(lo[0]));
+    let cell_1 = cells_of(grid.levels[level], plain3(lo[1]));
+    let cell_2 = cells_of(grid.levels[level], plain3(lo[2]));
+    let cell_3 = cells_of(grid.levels[level], plain3(lo[3]));
+    let bits = vec4<u32>(
+        filter_bit(level, cell_0),
+        filter_bit(level, cell_1),
+        filter_bit(level, cell_2),
+        filter_bit(level, cell_3),
+    );
+    let at = vec4<u32>(params.table_words) + bits / 32u;
+    let words = vec4<u32>(table[at.x], table[at.y], table[at.z], table[at.w]);
+    // The filter knows boxes of two cells an axis.
+    let is_large = vec4<bool>(
+        any(cells_of(grid.levels[level], plain3(hi[0])) - cell_0 > vec3<i32>(1)),
+        any(cells_of(grid.levels[level], plain3(hi[1])) - cell_1 > vec3<i32>(1)),
+        any(cells_of(grid.levels[level], plain3(hi[2])) - cell_2 > vec3<i32>(1)),
+        any(cells_of(grid.levels[level], plain3(hi[3])) - cell_3 > vec3<i32>(1)),
+    );
+    return is_large | (((words >> (bits % 32u)) & vec4<u32>(1u)) != vec4<u32>(0u));
+}
+
+// Looks at four rows a thread from `first` on, and queues those that may overlap an entry.
+fn queue_rows(first: u32, lane: u32, has_giants: bool) {
+    let slots = vec4<u32>(first + lane) + BATCH_BOXES * vec4<u32>(0u, 1u, 2u, 3u);
+    // All four are fetched at once, also those that are no rows.
+    let at = min(slots, vec4<u32>(params.slots - 1u));
+    let rows = vec4<u32>(params.table_words + params.filter_words) + at / 32u;
+    let words = vec4<u32>(table[rows.x], table[rows.y], table[rows.z], table[rows.w]);
+    let a_0 = now[2u * at.x];
+    let a_1 = now[2u * at.y];
+    let a_2 = now[2u * at.z];
+    let a_3 = now[2u * at.w];
+    let b_0 = now[2u * at.x + 1u];
+    let b_1 = now[2u * at.y + 1u];
+    let b_2 = now[2u * at.z + 1u];
+    let b_3 = now[2u * at.w + 1u];
+    let are_rows = (slots < vec4<u32>(params.slots)) & (((words >> (at % 32u)) & vec4<u32>(1u)) != vec4<u32>(0u));
+    if (!any(are_rows)) {
+        return;
+    }
+    let lo = array<vec3<i32>, ROWS_TOGETHER>(a_0.xyz, a_1.xyz, a_2.xyz, a_3.xyz);
+    let hi = array<vec3<i32>, ROWS_TOGETHER>(
+        vec3<i32>(a_0.w, b_0.xy),
+        vec3<i32>(a_1.w, b_1.xy),
+        vec3<i32>(a_2.w, b_2.xy),
+        vec3<i32>(a_3.w, b_3.xy),
+    );
+    var passed = vec4<bool>(has_giants);
+    var rest = atomicLoad(&used_levels);
+    while (rest != 0u) {
+        let level = countTrailingZeros(rest);
+        rest &= rest - 1u;
+        passed = passed | passes(level, lo, hi);
+    }
+    passed = passed & are_rows;
+    if (passed.x) {
+        queue[atomicAdd(&queued, 1u)] = slots.x;
+    }
+    if (passed.y) {
+        queue[atomicAdd(&queued, 1u)] = slots.y;
+    }
+    if (passed.z) {
+        queue[atomicAdd(&queued, 1u)] = slots.z;
+    }
+    if (passed.w) {
+        queue[atomicAdd(&queued, 1u)] = slots.w;
+    }
+}
+
+fn take_row(index: u32) {
+    let a = now[2u * index];
+    let b = now[2u * index + 1u];
+    row_lo = a.xyz;
+    row_hi = vec3<i32>(a.w, b.xy);
+}
+
+// The bits of a key's number: the map to keys is its own inverse, but for -0.
+fn number_bits(key: i32) -> u32 {
+    return bitcast<u32>(order_key(bitcast<u32>(key)));
+}
+
+// What the host learns, with some entries to choose the next grid by.
+fn summarize(lane: u32) {
+    let count = atomicLoad(&control[ENTRIES]);
+    let sampled = select(min(count, SCENE_SAMPLES), 0u, count > params.entry_capacity);
+    if (lane < sampled) {
+        let at = 2u * lane * (count / sampled);
+        let a = sorted[at];
+        let b = sorted[at + 1u];
+        summary.samples[lane] = array<u32, 6>(
+            number_bits(a.x),
+            number_bits(a.y),
+            number_bits(a.z),
+            number_bits(a.w),
+            number_bits(b.x),
+            number_bits(b.y),
+        );
+    }
+    if (lane == 0u) {
+        summary.found = vec2<u32>(atomicLoad(&control[FOUND]), atomicLoad(&control[FOUND + 1u]));
+        summary.ended = vec2<u32>(atomicLoad(&control[ENDED]), atomicLoad(&control[ENDED + 1u]));
+        summary.tested = vec2<u32>(atomicLoad(&control[TESTED]), atomicLoad(&control[TESTED + 1u]));
+        summary.entries = count;
+        summary.rows = atomicLoad(&control[ROWS]);
+        summary.moved = atomicLoad(&control[MOVED]);
+        summary.moved_static = atomicLoad(&control[MOVED_STATIC]);
+        summary.sampled = sampled;
+    }
+}
+
+fn search(group: u32, groups: u32, lane: u32) {
+    if (lane == 0u) {
+        atomicStore(&used_levels, 0u);
+        atomicStore(&queued, 0u);
+        atomicStore(&told, 0u);
+        atomicStore(&candidate_count, 0u);
+        atomicStore(&ended_sum, 0u);
+        atomicStore(&tested_low, 0u);
+        atomicStore(&tested_high, 0u);
+        let too_much = atomicLoad(&control[ENTRIES]) > params.entry_capacity;
+        is_too_much = select(0u, 1u, too_much);
+    }
+    workgroupBarrier();
+    if (lane < grid.level_count) {
+        let first = grid.levels[lane].first_cell;
+        if (table[first] != table[first + grid.levels[lane].cell_count]) {
+            atomicOr(&used_levels, 1u << lane);
+        }
+    }
+    workgroupBarrier();
+    if (is_too_much != 0u) {
+        return;
+    }
+    let entry_count = table[grid.first_nothing];
+    let giants = table[grid.first_giant];
+    let entry_chunks = select(0u, (entry_count + BATCH_BOXES - 1u) / BATCH_BOXES, entries_look());
+    var chunks = entry_chunks;
+    if (entry_count != 0u && atomicLoad(&control[ROWS]) != 0u) {
+        let round = ROWS_TOGETHER * BATCH_BOXES;
+        chunks += (params.slots + round - 1u) / round;
+    }
+    var chunk = group;
+    loop {
+        if (lane == 0u) {
+            is_too_much = select(0u, 1u, atomicLoad(&control[TESTED + 1u]) >= params.budget);
+        }
+        workgroupBarrier();
+        if (is_too_much != 0u) {
+            break;
+        }
+        // Uniform: an entry a thread, or a queued row a thread.
+        var is_entry = false;
+        var count = 0u;
+        if (chunk < entry_chunks) {
+            is_entry = true;
+            count = min(BATCH_BOXES, entry_count - chunk * BATCH_BOXES);
+        } else {
+            count = atomicLoad(&queued);
+            workgroupBarrier();
+            while (chunk < chunks && count < BATCH_BOXES) {
+                queue_rows((chunk - entry_chunks) * ROWS_TOGETHER * BATCH_BOXES, lane, giants != entry_count);
+                workgroupBarrier();
+                count = atomicLoad(&queued);
+                workgroupBarrier();
+                chunk += groups;
+            }
+            if (count == 0u) {
+                break;
+            }
+        }
+        var levels = 0u;
+        var own_level = grid.level_count + 1u;
+        var giant_start = giants;
+        tested = 0u;
+        if (is_entry) {
+            row = chunk * BATCH_BOXES + lane;
+            if (lane < count) {
+                let a = sorted[2u * row];
+                let b = sorted[2u * row + 1u];
+                row_lo = a.xyz;
+                row_hi = vec3<i32>(a.w, b.xy);
+                row_name = bitcast<u32>(b.z);
+                own_level = bitcast<u32>(b.w);
+                levels = atomicLoad(&used_levels) & (0xffffffffu << own_level);
+                giant_start = max(giants, row + 1u);
+            } else {
+                giant_start = entry_count;
+            }
+            chunk += groups;
+        } else {
+            let taken = min(count, BATCH_BOXES);
+            giant_start = entry_count;
+            if (lane < taken) {
+                let slot = queue[count - taken + lane];
+                row_name = (select(NOW, THEN | NOW, params.mode == MODE_CHANGES) << KINDS_SHIFT) | slot;
+                take_row(slot);
+                levels = levels_to_look_at();
+                giant_start = giants;
+            }
+            workgroupBarrier();
+            if (lane == 0u) {
+                atomicStore(&queued, count - taken);
+            }
+        }
+        while (levels != 0u) {
+            let level = countTrailingZeros(levels);
+            levels &= levels - 1u;
+            test_level(level, level == own_level);
+        }
+        test_run(giant_start, entry_count);
+        if (tested != 0u) {
+            let before = atomicAdd(&tested_low, tested);
+            if (before + tested < before) {
+                atomicAdd(&tested_high, 1u);
+            }
+        }
+        workgroupBarrier();
+        let decided = min(atomicLoad(&candidate_count), CANDIDATES);
+        for (var i = lane; i < decided; i += BATCH_BOXES) {
+            decide(candidates[i].x, candidates[i].y);
+        }
+        workgroupBarrier();
+        // What is to be told goes out, and tests are counted for the budget.
+        let all = min(atomicLoad(&told), 2u * BATCH_BOXES);
+        if (lane == 0u) {
+            let low = atomicLoad(&tested_low);
+            if (low != 0u) {
+                add_wide(TESTED, low);
+            }
+            let high = atomicLoad(&tested_high);
+            if (high != 0u) {
+                atomicAdd(&control[TESTED + 1u], high);
+            }
+            atomicStore(&tested_low, 0u);
+            atomicStore(&tested_high, 0u);
+            if (all != 0u) {
+                window_base = add_wide(FOUND, all);
+            }
+        }
+        workgroupBarrier();
+        for (var i = lane; i < all; i += BATCH_BOXES) {
+            let place = window_base + i;
+            if (place >= window_base && place < params.pair_capacity) {
+                found[place] = window[i];
+            }
+        }
+        workgroupBarrier();
+        if (lane == 0u) {
+            atomicStore(&told, 0u);
+            atomicStore(&candidate_count, 0u);
+            let ended = atomicLoad(&ended_sum);
+            if (ended != 0u) {
+                add_wide(ENDED, ended);
+                atomicStore(&ended_sum, 0u);
+            }
+        }
+    }
+}
+
+@compute @workgroup_size(BATCH_BOXES)
+fn main(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    search(group.x, groups.x, lane);
+    // What this workgroup counted is there for all before it says that it has ended.
+    storageBarrier();
+    if (lane == 0u) {
+        is_last = select(0u, 1u, atomicAdd(&control[DONE], 1u) == groups.x - 1u);
+    }
+    workgroupBarrier();
+    if (is_last != 0u) {
+        storageBarrier();
+        summarize(lane);
+    }
+}
