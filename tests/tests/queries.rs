@@ -254,6 +254,19 @@ fn a_daemon_is_queried() {
 }
 
 #[test]
+fn a_daemon_with_a_gpu_is_queried() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
+    let engine = EngineChoice::Only(EngineName::GpuGrid);
+    let mut session = daemon.session().backend(Backend::Daemon).engine(engine).connect().unwrap();
+    for (seed, largest, rounds) in [(21, 20, 30), (22, 300, 30), (23, 3_001, 10)] {
+        let mut scene = Remote::new(session.scene(options(largest)), || ());
+        let found = check(&mut scene, seed, largest, rounds);
+        assert!(found > 20, "{found}");
+        assert!(scene.served.iter().all(|by| *by == ServedBy::Daemon));
+    }
+}
+
+#[test]
 fn queries_outlive_a_daemon_that_is_killed() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
     let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();

@@ -240,6 +240,11 @@ impl GpuScene {
         self.roster.is_off(index)
     }
 
+    /// Whether an index has a static box.
+    pub fn is_static(&self, index: u32) -> bool {
+        self.roster.is_static(index)
+    }
+
     /// The last answer.
     pub const fn told(&self) -> &Told {
         &self.told
@@ -541,27 +546,6 @@ impl GpuScene {
 /// A number of two words.
 fn wide([low, high]: [u32; 2]) -> u64 {
     u64::from(low) | u64::from(high) << 32
-}
-
-impl GpuScene {
-    /// Whether an index has a static box.
-    pub fn is_static(&self, index: u32) -> bool {
-        self.roster.is_static(index)
-    }
-
-    /// Finds the boxes that some other boxes overlap.
-    ///
-    /// # Errors
-    /// [`CullError::Unavailable`]: boxes lie in video memory alone.
-    #[allow(clippy::unused_self)] // As other scenes have it.
-    pub const fn query(
-        &mut self,
-        _queries: &[Aabb],
-        _found: &mut Vec<Pair>,
-    ) -> Result<u64, CullError> {
-        let why = "scenes in video memory are not queried";
-        Err(CullError::Unavailable { engine: ENGINE, why })
-    }
 }
 
 #[cfg(test)]
