@@ -29,8 +29,11 @@ pub use reject::Reject;
 pub use reply::{Reply, ReplyError, ReplyFields, ResponseHeader, response_error, response_ok};
 pub use request::{CullRequest, Request, ScenePlace};
 pub use scene::{
-    EditLayout, EditScratch, EndedPairs, SceneAnswerLayout, SceneId, SceneReply, SceneRequest,
-    response_scene, response_scene_ended,
+    AgreedTerms, EditLayout, EditScratch, EndedPairs, JoinRequest, LONGEST_TICK, LeaseAction,
+    LeaseRequest, SceneAnswerLayout, SceneId, SceneName, SceneNameError, SceneReply, SceneRequest,
+    SharedTerms, TermsDiffer, TickMarks, lease_detail, lease_error, not_leased, not_leased_detail,
+    parse_joined, parse_leased, response_joined, response_leased, response_scene,
+    response_scene_ended,
 };
 pub use section::{SECTION_COUNT, Section, SectionKind};
 pub use status::{
@@ -58,6 +61,8 @@ pub const SPHERES_MINOR: u16 = 2;
 pub const SCENES_MINOR: u16 = 4;
 /// Minor version from which scenes have rules.
 pub const RULES_MINOR: u16 = 5;
+/// Minor version from which scenes are shared by several sessions.
+pub const SHARED_MINOR: u16 = 8;
 
 /// Minor version from which daemons know objects of a form.
 pub const fn since_minor(form: ObjectForm) -> u16 {
@@ -70,7 +75,7 @@ pub const fn since_minor(form: ObjectForm) -> u16 {
 
 /// The largest minor version that an operation, a step of an edit, a form, an encoding or an engine needs.
 const fn newest_minor() -> u16 {
-    let (mut newest, mut i) = (RULES_MINOR, 0);
+    let (mut newest, mut i) = (SHARED_MINOR, 0);
     while i < ObjectForm::ALL.len() {
         newest = later(newest, since_minor(ObjectForm::ALL[i]));
         i += 1;

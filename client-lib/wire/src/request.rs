@@ -10,7 +10,7 @@ use crate::header::{Operation, RequestHeader};
 use crate::page::Page;
 use crate::pages::objects_in;
 use crate::reject::Reject;
-use crate::scene::{SceneId, SceneRequest};
+use crate::scene::{JoinRequest, LeaseRequest, SceneId, SceneRequest, check_shared_minor};
 use crate::section::{SECTION_COUNT, Section, SectionKind};
 use crate::{REQUEST_MAGIC, VERSION_MAJOR, VERSION_MINOR, Version};
 
@@ -104,6 +104,14 @@ pub enum Request {
     EditScene(SceneRequest),
     /// Forget a scene.
     EndScene(SceneId),
+    /// Join a shared scene.
+    JoinShared(JoinRequest),
+    /// Lease indices of a shared scene, or give them back.
+    LeaseShared(LeaseRequest),
+    /// Change one's boxes of a shared scene.
+    CommitShared(SceneRequest),
+    /// Leave a shared scene.
+    LeaveShared(SceneId),
 }
 
 /// Flag of a cull: an engine finds the pairs, also where the frame is equal to the last one.
@@ -166,6 +174,19 @@ impl Request {
                 SceneRequest::parse(header, payload_bytes).map(Self::EditScene)
             }
             op if op == Operation::EndScene as u32 => Ok(Self::EndScene(SceneId(header.scene))),
+            op if op == Operation::JoinShared as u32 => {
+                JoinRequest::parse(header, payload_bytes).map(Self::JoinShared)
+            }
+            op if op == Operation::LeaseShared as u32 => {
+                LeaseRequest::parse(header).map(Self::LeaseShared)
+            }
+            op if op == Operation::CommitShared as u32 => {
+                check_shared_minor(header)?;
+                SceneRequest::parse(header, payload_bytes).map(Self::CommitShared)
+            }
+            op if op == Operation::LeaveShared as u32 => {
+                Ok(Self::LeaveShared(SceneId(header.scene)))
+            }
             found => Err(Reject::Operation { found }),
         }
     }
@@ -206,9 +227,12 @@ impl Request {
 /// Whether a section is of a kind that an operation knows.
 fn is_known(section: &Section, operation: u32) -> bool {
     let of_edits = [SectionKind::SceneSteps, SectionKind::SceneIndices];
+    let is_edit =
+        [Operation::EditScene, Operation::CommitShared].map(|o| o as u32).contains(&operation);
     form_of(section).is_some()
-        || operation == Operation::EditScene as u32
-            && of_edits.iter().any(|kind| *kind as u32 == section.kind)
+        || is_edit && of_edits.iter().any(|kind| *kind as u32 == section.kind)
+        || operation == Operation::JoinShared as u32
+            && section.kind == SectionKind::SceneName as u32
 }
 
 /// The form of the objects in a section, or `None` where it holds no objects.

@@ -8,7 +8,7 @@ use pairmask_core::objects::ObjectForm;
 use pairmask_core::precision::BoxForm;
 use pairmask_core::units::BoxCount;
 
-/// Section slots in a header. At most four are in use; the rest is room for later kinds.
+/// Section slots in a header. At most five are in use; the rest is room for later kinds.
 pub const SECTION_COUNT: usize = 8;
 
 /// A byte range of the payload and the kind of its contents.
@@ -66,11 +66,15 @@ pub enum SectionKind {
     EndedPairs = 16,
     /// Why they ended, a byte each.
     EndReasons = 17,
+    /// The name of a shared scene.
+    SceneName = 37,
+    /// Ranges of indices whose writers were late, two u32 each.
+    LateRanges = 38,
 }
 
 impl SectionKind {
     /// Every kind, in the order of their numbers.
-    pub const ALL: [Self; 17] = [
+    pub const ALL: [Self; 19] = [
         Self::Boxes,
         Self::DenseWords,
         Self::SparseRows,
@@ -88,6 +92,8 @@ impl SectionKind {
         Self::BegunPairs,
         Self::EndedPairs,
         Self::EndReasons,
+        Self::SceneName,
+        Self::LateRanges,
     ];
 
     /// The kind of a wire number, if there is one.

@@ -47,6 +47,7 @@ mod lanes;
 mod margins;
 mod options;
 mod pair_list;
+pub mod shared;
 mod store;
 mod whole;
 
