@@ -10,7 +10,7 @@ use pairmask_core::engine::{EngineChoice, EngineName};
 use pairmask_core::mask::Span;
 use pairmask_core::scene::shared::{AtEnd, Hears, LeaseError, NotLeased};
 
-use super::answer::{SceneAnswerLayout, SceneReply};
+use super::answer::SceneAnswerLayout;
 use super::request::{SceneId, SceneRequest};
 use crate::header::{Operation, RequestHeader};
 use crate::page::Page;
@@ -504,11 +504,7 @@ impl TickMarks {
     ///
     /// # Errors
     /// [`ReplyError`] with the first thing that is wrong.
-    pub fn parse(
-        header: &ResponseHeader,
-        _scene: &SceneReply,
-        payload_bytes: u64,
-    ) -> Result<Self, ReplyError> {
+    pub fn parse(header: &ResponseHeader, payload_bytes: u64) -> Result<Self, ReplyError> {
         let malformed = ReplyError::Malformed { field: "late ranges" };
         let late = find(&header.sections, SectionKind::LateRanges);
         let late = late.filter(|late| late.fits(payload_bytes) && late.bytes.is_multiple_of(8));
