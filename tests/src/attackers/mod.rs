@@ -10,6 +10,7 @@ mod lengths;
 pub mod lists;
 pub mod raw;
 mod scribble;
+pub mod shared;
 mod tokens;
 mod truncate;
 
@@ -65,6 +66,7 @@ pub fn run(mode: &str) -> Result<(), Box<dyn Error>> {
         "identities" => identities::attack(&until, &mut tally),
         "daemon" => daemon::attack(&until, &mut tally)?,
         "edits" => edits::attack(&until, &mut tally),
+        "shared" => shared::attack(&until, &mut tally),
         "lists" => lists::attack(&until, &mut tally)?,
         _ => return Err(format!("unknown attack '{mode}'").into()),
     }
