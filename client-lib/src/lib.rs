@@ -60,6 +60,7 @@
 //! | [`Session::sphere_frame`] | 16 | bounding spheres in place of boxes, exact |
 //! | [`Session::scene`] | what changes | scenes that persist: edits in, pairs that began and ended out; few boxes move, or changes are what you need |
 //! | [`Session::margined_scene`] | what leaves its margin | the same, where many boxes move a little |
+//! | [`Session::join_scene`] | what changes | one scene that several processes write, each its own boxes |
 //! | [`Margined`] | as above | scenes that move little: a request only when a box has moved by more than a margin |
 //!
 //! Frames of boxes may have rules ([`filters`], [`Frame::submit_with`]): worlds side by side, owners,
@@ -117,8 +118,9 @@ pub use pairmask_core::units::BoxCount;
 pub use pairmask_wire::{InstanceName, StatusBody as DaemonStatus};
 pub use session::{
     Backend, CommitError, ConnectError, EndedIter, EndedList, FindError, Frame, FrameError,
-    FrameInfo, Margined, MarginedAnswer, MarginedEdit, MarginedMask, MarginedPairs, MarginedScene,
-    NarrowFrame, PairList, PairListIter, PairMask, PendingAnswer, PendingFrame, PendingMargined,
-    QueryAnswer, Scene, SceneAnswer, SceneEdit, SceneQuery, ServedBy, Session, SessionBuilder,
+    FrameInfo, JoinOptions, Margined, MarginedAnswer, MarginedEdit, MarginedMask, MarginedPairs,
+    MarginedScene, NarrowFrame, PairList, PairListIter, PairMask, PendingAnswer, PendingFrame,
+    PendingMargined, PendingShared, QueryAnswer, Scene, SceneAnswer, SceneEdit, SceneQuery,
+    ServedBy, Session, SessionBuilder, SharedAnswer, SharedEdit, SharedError, SharedScene,
     SphereFrame, StatusError, WaitError,
 };

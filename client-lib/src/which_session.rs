@@ -10,6 +10,7 @@
 //! | all move, none moves far | [`Margined`] | all, but only when one has left its margin | all pairs, and some that are near |
 //! | few of many move, or you need what began and ended | [`Session::scene`] | those that changed | as you [want](Want) |
 //! | many move a little, some far | [`Session::margined_scene`] | those that left their [margin](#margins-a-box) | as you want, of near or of exact pairs |
+//! | several processes write one world | [`Session::join_scene`]: each leases indices and commits its own boxes, tick by tick | those that changed | changes of its own pairs, or of all |
 //!
 //! * A frame looks at every box. Its time does not depend on how many of them moved, unless none did: a
 //!   frame that is equal to the last one, bit by bit, costs a comparison.

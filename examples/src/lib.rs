@@ -2,6 +2,7 @@
 //!
 //! * `minimal_client`: boxes in, pairs out.
 //! * `falling_boxes`: a small physics loop that uses the pairs.
+//! * `several_processes`: four processes write one scene, a fifth listens.
 
 /// The code of the README, so that it is compiled and run with the tests.
 #[cfg(doctest)]

@@ -23,6 +23,8 @@ use world::World;
 const MINIMAL_CLIENT: &str = env!("CARGO_BIN_EXE_minimal_client");
 const FALLING_BOXES: &str = env!("CARGO_BIN_EXE_falling_boxes");
 
+const SEVERAL_PROCESSES: &str = env!("CARGO_BIN_EXE_several_processes");
+
 /// An example that runs longer than this counts as hanging.
 const PATIENCE: Duration = Duration::from_secs(120);
 
@@ -142,6 +144,22 @@ fn falling_boxes_run_longer_than_the_daemon() {
     assert!(output.status.success());
     let text = String::from_utf8(output.stdout).unwrap();
     assert!(text.starts_with("80 boxes, 20000 frames, "), "{text}");
+}
+
+#[test]
+fn several_processes_write_one_scene() {
+    let daemon = daemon();
+    let arguments = ["--boxes", "500", "--ticks", "100"];
+    let text = output(SEVERAL_PROCESSES, &arguments, daemon.dir().path());
+    let last = text.lines().last().unwrap_or_default();
+    assert!(last.contains("pairs began") && last.contains("of 100 ticks"), "{text}");
+    let counted: u64 = last.split(' ').next().unwrap().parse().unwrap();
+    assert!(counted > 0, "{text}");
+    let empty = tempfile::tempdir().unwrap();
+    let refused = finish(start(SEVERAL_PROCESSES, &[], empty.path()));
+    let stderr = String::from_utf8_lossy(&refused.stderr);
+    assert!(!refused.status.success() && stderr.contains("pairmaskd serve"), "{stderr}");
+    assert!(output(SEVERAL_PROCESSES, &["--help"], empty.path()).contains("--ticks"));
 }
 
 /// The pairs that a plain frame finds among the boxes of the scene, without those of static boxes.

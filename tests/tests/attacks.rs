@@ -12,7 +12,7 @@ use std::process::{Child, ChildStderr, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use pairmask::scene::{Edit, SceneOptions, Want};
-use pairmask::{Backend, SceneEdit, ServedBy, Session, WaitError};
+use pairmask::{Backend, JoinOptions, SceneEdit, ServedBy, Session, WaitError};
 use pairmask_core::engine::EngineChoice;
 use pairmask_core::mask::WordAddress;
 use pairmask_core::units::BoxCount;
@@ -21,6 +21,7 @@ use pairmask_tests::attackers::lists::PAIRS;
 use pairmask_tests::attackers::raw::{
     CHANNEL_ID, CLIENT_ID, REQUEST_ID, RawClient, answer, cull, read, word, write,
 };
+use pairmask_tests::attackers::shared::SHARED_SCENE;
 use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
 use pairmask_tests::filtered_frames::{FilteredFrame, KINDS};
 use pairmask_tests::scene_edits::EditMaker;
@@ -237,6 +238,44 @@ fn forged_queries_leave_the_scenes_of_others_alone() {
     println!("queries: {counts:?}");
     assert!(counts["answered"] > 10 && counts["refused"] > 10, "{counts:?}");
     assert_eq!(daemon.worker(), worker, "the worker lives");
+}
+
+/// Two honest writers of a shared scene, beside a client that forges requests about it.
+#[test]
+fn forged_members_leave_the_boxes_of_others_alone() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let deadline = Duration::from_millis(20);
+    let options = JoinOptions::default().with_most_boxes(2_000).with_tick_deadline(deadline);
+    let mut sessions = [daemon.session().connect().unwrap(), daemon.session().connect().unwrap()];
+    let [one, other] = &mut sessions;
+    let mut first = one.join_scene(SHARED_SCENE, options).unwrap();
+    first.lease(0..10).unwrap();
+    let mut second = other.join_scene(SHARED_SCENE, options).unwrap();
+    second.lease(10..20).unwrap();
+    let worker = daemon.worker();
+    let attacker = Attacker::start(daemon.path(), "shared");
+    let end = Instant::now() + attack_time();
+    let mut ticks = 0u32;
+    // Far from whatever the attacker may set.
+    let at = |x: f32| Aabb::new([1e6 + x, 0.0, 0.0], [1e6 + x + 0.5, 1.0, 1.0]);
+    while Instant::now() < end {
+        let x = (ticks % 7) as f32;
+        let pending = first.edit().set(3, at(x)).set(4, at(9.0)).submit(Want::All).unwrap();
+        drop(second.edit().set(13, at(x)).commit(Want::Changes).unwrap().take());
+        let answer = pending.wait().unwrap().take();
+        let own: Vec<[u32; 2]> = answer.pairs().iter().filter(|[_, b]| *b < 20).collect();
+        let is_late = answer.late().iter().any(|range| range.start < 20);
+        assert!(is_late || own == [[3, 13]], "{own:?}");
+        ticks += 1;
+    }
+    let counts = attacker.end();
+    println!("shared: {ticks} ticks, {counts:?}");
+    assert!(ticks > 10 && counts["answered"] > 10 && counts["refused"] > 10, "{counts:?}");
+    assert_eq!(daemon.worker(), worker, "the worker lives");
+    drop((first, second));
+    eventually("the scenes have ended", || {
+        (sessions[0].daemon_status().unwrap().scenes == 0).then_some(())
+    });
 }
 
 #[test]

@@ -53,9 +53,10 @@ pub use narrow::NarrowFrame;
 pub use pairs::{FrameInfo, PairMask, ServedBy};
 pub use pending::PendingFrame;
 pub use scene::{
-    EndedIter, EndedList, MarginedAnswer, MarginedEdit, MarginedPairs, MarginedScene,
-    MarginedSceneStats, PairList, PairListIter, PendingAnswer, PendingMargined, QueryAnswer, Scene,
-    SceneAnswer, SceneEdit, SceneQuery,
+    EndedIter, EndedList, JoinOptions, MarginedAnswer, MarginedEdit, MarginedPairs, MarginedScene,
+    MarginedSceneStats, PairList, PairListIter, PendingAnswer, PendingMargined, PendingShared,
+    QueryAnswer, Scene, SceneAnswer, SceneEdit, SceneQuery, SharedAnswer, SharedEdit, SharedError,
+    SharedScene,
 };
 pub use sphere::SphereFrame;
 
@@ -187,6 +188,43 @@ impl Session {
         let options = options.within_limits();
         let threads = options.threads.or(self.core.settings().threads);
         MarginedScene::new(self.scene(options), options, threads, pairs)
+    }
+
+    /// Joins a scene that several processes write, each its own boxes, by its name in the daemon's instance:
+    /// 1 to 64 letters, digits and `-_.:/`. The first member makes it, and it ends with the last one.
+    ///
+    /// There is no such scene in process: without a daemon this is an error, with any backend.
+    ///
+    /// ```no_run
+    /// use pairmask::scene::Want;
+    /// use pairmask::{Aabb, JoinOptions, Session};
+    ///
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// let mut session = Session::builder().connect()?;
+    /// let mut scene = session.join_scene("arena", JoinOptions::default())?;
+    /// // Each process has its own range, so that indices do not depend on who came first.
+    /// scene.lease(0..25_000)?;
+    /// for step in 0..100 {
+    ///     let x = step as f32;
+    ///     let edit = scene.edit().set(7, Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0]));
+    ///     let told = edit.commit(Want::Changes)?.take();
+    ///     println!("tick {}: {} pairs began", told.tick(), told.begun().len());
+    ///     for range in told.late() {
+    ///         println!("the writer of {range:?} was late");
+    ///     }
+    /// }
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// [`SharedError`].
+    pub fn join_scene(
+        &mut self,
+        name: &str,
+        options: JoinOptions,
+    ) -> Result<SharedScene, SharedError> {
+        SharedScene::join(&self.core, name, options)
     }
 
     /// What would serve the next frame by the present state: the daemon or this process.

@@ -79,6 +79,14 @@ pub enum Operation {
     QueryScene = 14,
     /// Find the overlapping pairs of a box of one set and a box of another.
     CullBetween = 15,
+    /// Join a scene that several sessions write.
+    JoinShared = 24,
+    /// Lease indices of such a scene, or give them back.
+    LeaseShared = 25,
+    /// Change one's boxes of such a scene, and tell what follows when the tick ends.
+    CommitShared = 26,
+    /// Leave such a scene.
+    LeaveShared = 27,
 }
 
 impl RequestHeader {

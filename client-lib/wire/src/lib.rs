@@ -34,8 +34,11 @@ pub use rules::{
     world_ranges_in, write_world_ranges,
 };
 pub use scene::{
-    EditLayout, EditScratch, EndedPairs, QueryRequest, SceneAnswerLayout, SceneId, SceneReply,
-    SceneRequest, response_scene, response_scene_ended,
+    AgreedTerms, EditLayout, EditScratch, EndedPairs, JoinRequest, LONGEST_TICK, LeaseAction,
+    LeaseRequest, QueryRequest, SceneAnswerLayout, SceneId, SceneName, SceneNameError, SceneReply,
+    SceneRequest, SharedTerms, TermsDiffer, TickMarks, lease_detail, lease_error, not_leased,
+    not_leased_detail, parse_joined, parse_leased, response_joined, response_leased,
+    response_scene, response_scene_ended,
 };
 pub use section::{SECTION_COUNT, Section, SectionKind};
 pub use status::{
@@ -67,6 +70,8 @@ pub const RULES_MINOR: u16 = 5;
 pub const FRAME_RULES_MINOR: u16 = 6;
 /// Minor version from which scenes are queried, and frames are of two sets.
 pub const QUERIES_MINOR: u16 = 7;
+/// Minor version from which scenes are shared by several sessions.
+pub const SHARED_MINOR: u16 = 8;
 
 /// Minor version from which daemons know objects of a form.
 pub const fn since_minor(form: ObjectForm) -> u16 {
@@ -79,7 +84,7 @@ pub const fn since_minor(form: ObjectForm) -> u16 {
 
 /// The largest minor version that an operation, a section, a step of an edit, a form, an encoding or an engine needs.
 const fn newest_minor() -> u16 {
-    let (mut newest, mut i) = (QUERIES_MINOR, 0);
+    let (mut newest, mut i) = (SHARED_MINOR, 0);
     while i < ObjectForm::ALL.len() {
         newest = later(newest, since_minor(ObjectForm::ALL[i]));
         i += 1;

@@ -11,7 +11,9 @@ use crate::page::Page;
 use crate::pages::objects_in;
 use crate::reject::Reject;
 use crate::rules::RulesPlace;
-use crate::scene::{QueryRequest, SceneId, SceneRequest};
+use crate::scene::{
+    JoinRequest, LeaseRequest, QueryRequest, SceneId, SceneRequest, check_shared_minor,
+};
 use crate::section::{SECTION_COUNT, Section, SectionKind};
 use crate::{FRAME_RULES_MINOR, REQUEST_MAGIC, VERSION_MAJOR, VERSION_MINOR, Version};
 
@@ -114,6 +116,14 @@ pub enum Request {
     EndScene(SceneId),
     /// Find the boxes of a scene that other boxes overlap.
     QueryScene(QueryRequest),
+    /// Join a shared scene.
+    JoinShared(JoinRequest),
+    /// Lease indices of a shared scene, or give them back.
+    LeaseShared(LeaseRequest),
+    /// Change one's boxes of a shared scene.
+    CommitShared(SceneRequest),
+    /// Leave a shared scene.
+    LeaveShared(SceneId),
 }
 
 /// Flag of a cull: an engine finds the pairs, also where the frame is equal to the last one.
@@ -191,6 +201,19 @@ impl Request {
                 QueryRequest::parse(header, payload_bytes).map(Self::QueryScene)
             }
             op if op == Operation::EndScene as u32 => Ok(Self::EndScene(SceneId(header.scene))),
+            op if op == Operation::JoinShared as u32 => {
+                JoinRequest::parse(header, payload_bytes).map(Self::JoinShared)
+            }
+            op if op == Operation::LeaseShared as u32 => {
+                LeaseRequest::parse(header).map(Self::LeaseShared)
+            }
+            op if op == Operation::CommitShared as u32 => {
+                check_shared_minor(header)?;
+                SceneRequest::parse(header, payload_bytes).map(Self::CommitShared)
+            }
+            op if op == Operation::LeaveShared as u32 => {
+                Ok(Self::LeaveShared(SceneId(header.scene)))
+            }
             found => Err(Reject::Operation { found }),
         }
     }
@@ -253,12 +276,14 @@ impl Request {
 
 /// Whether a section is of a kind that an operation knows.
 fn is_known(section: &Section, operation: u32) -> bool {
-    let of_edits = [SectionKind::SceneSteps, SectionKind::SceneIndices];
+    let is_one_of = |operations: &[Operation]| operations.iter().any(|o| *o as u32 == operation);
     let is_of = |kinds: &[SectionKind]| kinds.iter().any(|kind| *kind as u32 == section.kind);
     form_of(section).is_some()
-        || operation == Operation::Cull as u32 && is_of(&RulesPlace::KINDS)
-        || operation == Operation::EditScene as u32 && is_of(&of_edits)
-        || operation == Operation::QueryScene as u32 && is_of(&[SectionKind::QueryTags])
+        || is_one_of(&[Operation::Cull]) && is_of(&RulesPlace::KINDS)
+        || is_one_of(&[Operation::EditScene, Operation::CommitShared])
+            && is_of(&[SectionKind::SceneSteps, SectionKind::SceneIndices])
+        || is_one_of(&[Operation::QueryScene]) && is_of(&[SectionKind::QueryTags])
+        || is_one_of(&[Operation::JoinShared]) && is_of(&[SectionKind::SceneName])
 }
 
 /// The form of the objects in a section, or `None` where it holds no objects.

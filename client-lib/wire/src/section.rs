@@ -78,11 +78,15 @@ pub enum SectionKind {
     WorldRanges = 22,
     /// Tags of the queries of a scene, 12 bytes each: one for all, or one for each.
     QueryTags = 27,
+    /// The name of a shared scene.
+    SceneName = 37,
+    /// Ranges of indices whose writers were late, two u32 each.
+    LateRanges = 38,
 }
 
 impl SectionKind {
     /// Every kind, in the order of their numbers.
-    pub const ALL: [Self; 23] = [
+    pub const ALL: [Self; 25] = [
         Self::Boxes,
         Self::DenseWords,
         Self::SparseRows,
@@ -106,6 +110,8 @@ impl SectionKind {
         Self::ExcludedPairs,
         Self::WorldRanges,
         Self::QueryTags,
+        Self::SceneName,
+        Self::LateRanges,
     ];
 
     /// The kind of a wire number, if there is one.

@@ -26,11 +26,17 @@ pub enum StatusCode {
     /// Scenes would take more memory than the daemon gives them. `detail` holds the bytes needed and
     /// allowed.
     SceneTooLarge = 9,
+    /// A shared scene has other terms than the member asks for. `detail` says which, and what holds.
+    SharedDiffers = 30,
+    /// A lease is refused. `detail` says why.
+    LeaseRefused = 31,
+    /// An edit of a shared scene names what its member has not leased. `detail` holds the index.
+    NotLeased = 32,
 }
 
 impl StatusCode {
     /// Every code, in the order of their numbers.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 13] = [
         Self::Ok,
         Self::BadRequest,
         Self::VersionMismatch,
@@ -41,6 +47,9 @@ impl StatusCode {
         Self::EngineFailed,
         Self::StaleScene,
         Self::SceneTooLarge,
+        Self::SharedDiffers,
+        Self::LeaseRefused,
+        Self::NotLeased,
     ];
 
     /// The code of a wire number, if there is one.
@@ -61,6 +70,9 @@ impl StatusCode {
             Self::EngineFailed => "engine-failed",
             Self::StaleScene => "stale-scene",
             Self::SceneTooLarge => "scene-too-large",
+            Self::SharedDiffers => "shared-differs",
+            Self::LeaseRefused => "lease-refused",
+            Self::NotLeased => "not-leased",
         }
     }
 }

@@ -57,11 +57,13 @@ impl Outbox {
         &self.clients
     }
 
-    /// Gives up what belonged to clients that are gone; to be called now and then.
-    pub(crate) fn tidy(&self) {
+    /// Gives up what belonged to clients that are gone; to be called now and then. Returns the sessions that
+    /// there are.
+    pub(crate) fn tidy(&self) -> Vec<u128> {
         let mut sessions = Vec::new();
         self.services.for_each_sender(|sender| sessions.push(sender.session));
         self.clients.tidy(|session| sessions.contains(&session));
+        sessions
     }
 
     /// What the daemon has done so far.
@@ -158,6 +160,11 @@ impl Outbox {
     pub(crate) fn answer_scene_ended(&self, open: &mut OpenRequest) {
         let header = response_scene_ended(open.fields());
         self.send(open, &header);
+    }
+
+    /// Answers a request about a shared scene that is no commit.
+    pub(crate) fn answer_shared(&self, open: &mut OpenRequest, header: &ResponseHeader) {
+        self.send(open, header);
     }
 
     /// Answers with the daemon's status, which the reply holds.

@@ -1,8 +1,9 @@
 //! Requests that get an error for an answer.
 
 use pairmask_core::engine::{CullError, ReserveError};
+use pairmask_core::scene::shared::{LeaseError, NotLeased};
 use pairmask_core::scene::{EditError, SceneError};
-use pairmask_wire::{Reject, StatusCode};
+use pairmask_wire::{Reject, StatusCode, TermsDiffer, lease_detail, not_leased_detail};
 
 use crate::clients::NoRoom;
 
@@ -35,6 +36,37 @@ impl From<EditError> for Refusal {
             EditError::NoMemory { boxes } => (StatusCode::OutOfMemory, [boxes, 0]),
             _ => (StatusCode::BadRequest, [0; 2]),
         };
+        Self { status, detail, text: error.to_string() }
+    }
+}
+
+impl From<SceneError> for Refusal {
+    fn from(error: SceneError) -> Self {
+        match error {
+            SceneError::Edit(error) => error.into(),
+            SceneError::Cull(error) => error.into(),
+            error => Self::engine_failed(&error),
+        }
+    }
+}
+
+impl From<TermsDiffer> for Refusal {
+    fn from(error: TermsDiffer) -> Self {
+        let (status, detail) = (StatusCode::SharedDiffers, error.detail());
+        Self { status, detail, text: error.to_string() }
+    }
+}
+
+impl From<LeaseError> for Refusal {
+    fn from(error: LeaseError) -> Self {
+        let (status, detail) = (StatusCode::LeaseRefused, lease_detail(&error));
+        Self { status, detail, text: error.to_string() }
+    }
+}
+
+impl From<NotLeased> for Refusal {
+    fn from(error: NotLeased) -> Self {
+        let (status, detail) = (StatusCode::NotLeased, not_leased_detail(&error));
         Self { status, detail, text: error.to_string() }
     }
 }

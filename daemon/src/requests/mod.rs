@@ -7,6 +7,7 @@ mod cull;
 mod filtered;
 mod query;
 mod scene;
+mod shared;
 mod status;
 
 use std::sync::Arc;
@@ -18,6 +19,7 @@ use pairmask_wire::{CullRequest, Request, SkipTotals, StatusBody};
 
 use self::cull::Culls;
 use self::scene::SceneEdits;
+use self::shared::{SharedScenes, Tools};
 use crate::audit::Auditor;
 pub use crate::clients::GpuNeed;
 use crate::clients::{Clients, SceneMemory};
@@ -29,7 +31,8 @@ use crate::publish::{AlterAnswer, OpenRequest, Outbox, ReplyLender};
 pub struct Responder {
     culls: Culls,
     scenes: SceneEdits,
-    outbox: Outbox,
+    shared: SharedScenes,
+    outbox: Arc<Outbox>,
     lender: Arc<ReplyLender>,
 }
 
@@ -68,7 +71,15 @@ impl Responder {
         let clients = Clients::new(wake_clients, limits.max_clients);
         let memory = SceneMemory::new(limits.max_scene_bytes);
         let (isa, calibration) = executor.cpu_settings();
+        let tools = Tools {
+            isa,
+            calibration,
+            gpu: executor.gpu_share(),
+            memory: memory.clone(),
+            pool: Arc::clone(&pool),
+        };
         Self {
+            shared: SharedScenes::new(tools),
             scenes: SceneEdits::new(
                 isa,
                 &calibration,
@@ -77,14 +88,17 @@ impl Responder {
                 Arc::clone(&pool),
             ),
             culls: Culls::new(executor, pool),
-            outbox: Outbox::new(services, clients, auditor, memory),
+            outbox: Arc::new(Outbox::new(services, clients, auditor, memory)),
             lender: Arc::new(ReplyLender::new(turn, limits.max_reply_bytes)),
         }
     }
 
     /// Changes every answer from now on, or none. For tests of the auditor.
     pub fn alter_answers(&mut self, alter: Option<AlterAnswer>) {
-        self.outbox.alter_answers(alter);
+        // The thread of deadlines shares it from the first shared scene on: answers are altered before.
+        if let Some(outbox) = Arc::get_mut(&mut self.outbox) {
+            outbox.alter_answers(alter);
+        }
     }
 
     /// Takes in one request, whatever it holds, and answers it now, or leaves it under way. A CPU engine
@@ -125,6 +139,18 @@ impl Responder {
             Ok(Request::QueryScene(request)) => {
                 return Err(self.scenes.query(open, &request, threads, &self.outbox));
             }
+            Ok(Request::CommitShared(request)) => {
+                return Err(self.shared.commit(open, &request, threads, &self.outbox));
+            }
+            Ok(Request::JoinShared(request)) => {
+                self.shared.join(open, &request, &self.outbox);
+                return Err(Served::OTHER);
+            }
+            Ok(Request::LeaseShared(request)) => {
+                self.shared.lease(open, &request, &self.outbox);
+                return Err(Served::OTHER);
+            }
+            Ok(Request::LeaveShared(scene)) => self.shared.leave(&mut open, scene, &self.outbox),
             Ok(Request::EndScene(scene)) => SceneEdits::end(&mut open, scene, &self.outbox),
             Ok(Request::Status) => status::answer(&mut open, &self.outbox),
             Err(reject) => self.outbox.refuse(&mut open, &reject.into()),
@@ -134,7 +160,7 @@ impl Responder {
     }
 
     /// What is known of the clients.
-    pub(crate) const fn clients(&self) -> &Clients {
+    pub(crate) fn clients(&self) -> &Clients {
         self.outbox.clients()
     }
 
@@ -157,7 +183,8 @@ impl Responder {
     /// Gives up what belonged to clients that are gone; to be called now and then.
     pub fn tidy(&self) {
         self.culls.tidy();
-        self.outbox.tidy();
+        let sessions = self.outbox.tidy();
+        self.shared.tidy(|session| sessions.contains(&session), &self.outbox);
     }
 
     /// What the daemon has done so far.

@@ -12,6 +12,7 @@ mod queries;
 pub mod raw;
 mod rules;
 mod scribble;
+pub mod shared;
 mod tokens;
 mod truncate;
 
@@ -69,6 +70,7 @@ pub fn run(mode: &str) -> Result<(), Box<dyn Error>> {
         "edits" => edits::attack(&until, &mut tally),
         "rules" => rules::attack(&until, &mut tally),
         "queries" => queries::attack(&until, &mut tally),
+        "shared" => shared::attack(&until, &mut tally),
         "lists" => lists::attack(&until, &mut tally)?,
         _ => return Err(format!("unknown attack '{mode}'").into()),
     }

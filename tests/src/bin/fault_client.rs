@@ -5,6 +5,7 @@
 //! * `loan` holds a half-filled frame;
 //! * `pending` has two frames under way and never takes their answers;
 //! * `load` submits small frames one after the other, and takes their answers;
+//! * `shared` writes ten boxes of the shared scene that its third argument names, tick by tick;
 //! * `greedy` always has as many large frames waiting as it may;
 //! * `truncate` cuts its own segment short while the daemon (stopped by the test) has a request;
 //!
@@ -19,7 +20,8 @@ use std::fs::{self, OpenOptions};
 use std::io::Write;
 use std::time::Duration;
 
-use pairmask::{Backend, FrameError, PendingFrame, Session};
+use pairmask::scene::Want;
+use pairmask::{Backend, FrameError, JoinOptions, PendingFrame, Session, SharedError};
 use pairmask_core::{Aabb, EngineChoice, Sphere};
 use pairmask_transport::FRAMES_AT_A_TIME;
 
@@ -66,6 +68,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             }
         }
         "greedy" => return greedy(&mut session),
+        "shared" => return shared(&mut session),
         "truncate" => {
             let mut frame = session.frame(50_000)?;
             frame.boxes_mut().fill(Aabb::EMPTY);
@@ -87,6 +90,28 @@ fn frame_of(session: &mut Session, n: u32) -> Result<PendingFrame, Box<dyn Error
         *place = Aabb::new([i as f32, 0.0, 0.0], [i as f32 + 1.0, 1.0, 1.0]);
     }
     Ok(frame.submit()?)
+}
+
+/// Ten boxes around the origin that are no pairs of each other, and meet what is there.
+fn shared(session: &mut Session) -> Result<(), Box<dyn Error>> {
+    let name = std::env::args().nth(3).ok_or("shared needs the scene's name")?;
+    let mut scene = session.join_scene(&name, JoinOptions::default())?;
+    // Those of a writer that was killed are free a moment later.
+    while let Err(error) = scene.lease(10..20) {
+        if !matches!(error, SharedError::Lease(_)) {
+            return Err(error.into());
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    println!("ready");
+    std::io::stdout().flush()?;
+    loop {
+        let edit = scene.edit().set_with(10..20, |index| {
+            let y = (index - 10) as f32 * 0.1;
+            Aabb::new([0.0, y, 0.0], [0.5, y + 0.05, 0.5])
+        });
+        drop(edit.commit(Want::Nothing)?);
+    }
 }
 
 fn greedy(session: &mut Session) -> Result<(), Box<dyn Error>> {

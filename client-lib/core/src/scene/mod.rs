@@ -50,6 +50,7 @@ mod margins;
 mod options;
 mod pair_list;
 mod query;
+pub mod shared;
 mod store;
 mod whole;
 

@@ -4,6 +4,7 @@ mod answer;
 mod margined;
 mod query;
 mod remote;
+mod shared;
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -23,6 +24,9 @@ pub use self::margined::{
 pub(super) use self::query::Asked;
 pub use self::query::{QueryAnswer, SceneQuery};
 use self::remote::{Found, RemoteScene, commit_error, new_scene};
+pub use self::shared::{
+    JoinOptions, PendingShared, SharedAnswer, SharedEdit, SharedError, SharedScene,
+};
 use super::builder::Backend;
 use super::core::Core;
 use super::error::CommitError;
@@ -76,6 +80,16 @@ struct Given<'a> {
 }
 
 impl Draft {
+    /// An empty one, with the memory of this.
+    fn clear(&mut self) {
+        self.indices.clear();
+        self.boxes.clear();
+        self.filled.clear();
+        self.removed.clear();
+        self.tagged.clear();
+        self.tags.clear();
+    }
+
     /// All steps of an edit.
     fn steps<'a>(&'a self, given: &Given<'a>) -> Vec<Step<'a>> {
         let mut steps = given.steps.clone();
@@ -133,12 +147,7 @@ impl Scene {
 
     /// Begins an edit. Without [`SceneEdit::commit`], nothing happens.
     pub fn edit<'a>(&mut self) -> SceneEdit<'_, 'a> {
-        self.draft.indices.clear();
-        self.draft.boxes.clear();
-        self.draft.filled.clear();
-        self.draft.removed.clear();
-        self.draft.tagged.clear();
-        self.draft.tags.clear();
+        self.draft.clear();
         SceneEdit { scene: self, given: Given::default(), refused: None }
     }
 

@@ -5,14 +5,22 @@
 //! body      its steps, which lie in the payload
 //! query     boxes that are asked of a scene
 //! answer    the header and the payload of what is told
+//! shared    scenes that several sessions write
 //! ```
 
 mod answer;
 mod body;
 mod query;
 mod request;
+mod shared;
 
 pub use answer::{EndedPairs, SceneAnswerLayout, SceneReply, response_scene, response_scene_ended};
 pub use body::{EditLayout, EditScratch};
 pub use query::QueryRequest;
 pub use request::{SceneId, SceneRequest};
+pub(crate) use shared::check_minor as check_shared_minor;
+pub use shared::{
+    AgreedTerms, JoinRequest, LONGEST_TICK, LeaseAction, LeaseRequest, SceneName, SceneNameError,
+    SharedTerms, TermsDiffer, TickMarks, lease_detail, lease_error, not_leased, not_leased_detail,
+    parse_joined, parse_leased, response_joined, response_leased,
+};

@@ -57,7 +57,7 @@ impl KeptScene {
             revision: 0,
             scene: FilteredScene::over(scene),
             scratch: EditScratch::default(),
-            room: SceneRoom(memory.charge(BYTES_A_SCENE)?),
+            room: SceneRoom::begin(memory)?,
             audited,
         })
     }
@@ -69,6 +69,14 @@ impl KeptScene {
 }
 
 impl SceneRoom {
+    /// The share of a scene without boxes.
+    ///
+    /// # Errors
+    /// [`NoRoom`].
+    pub(crate) fn begin(memory: &SceneMemory) -> Result<Self, NoRoom> {
+        memory.charge(BYTES_A_SCENE).map(Self)
+    }
+
     /// Makes room for an edit that is about to be applied.
     ///
     /// # Errors
@@ -78,17 +86,37 @@ impl SceneRoom {
         scene: &FilteredScene<SceneKeeper>,
         edit: Edit<'_>,
     ) -> Result<(), NoRoom> {
+        self.make_beside(scene, edit, 0)
+    }
+
+    /// As [`make`](Self::make), where so many bytes are kept beside the scene.
+    ///
+    /// # Errors
+    /// [`NoRoom`].
+    pub(crate) fn make_beside(
+        &mut self,
+        scene: &FilteredScene<SceneKeeper>,
+        edit: Edit<'_>,
+        beside: u64,
+    ) -> Result<(), NoRoom> {
         let boxes = scene.scene().len() as u64 + edit.boxes() as u64;
         let indices = boxes.max(edit.index_end());
         let rules = match (scene.rules(), edit.has_rules()) {
             (None, false) => 0,
             _ => scene.rule_bytes() as u64 + BYTES_A_TAG * indices + edit.rule_bytes() as u64,
         };
-        self.0.grow_to(BYTES_A_SCENE + BYTES_AN_INDEX * indices + BYTES_A_BOX * boxes + rules)
+        let scene = BYTES_A_SCENE + BYTES_AN_INDEX * indices + BYTES_A_BOX * boxes;
+        self.0.grow_to(scene + rules + beside)
     }
 
     /// Notes what the scene takes by now.
     pub(crate) fn note(&mut self, scene: &FilteredScene<SceneKeeper>) {
-        self.0.set(BYTES_A_SCENE + scene.scene().bytes() + scene.rule_bytes() as u64);
+        self.note_beside(scene, 0);
+    }
+
+    /// As [`note`](Self::note), where so many bytes are kept beside the scene.
+    pub(crate) fn note_beside(&mut self, scene: &FilteredScene<SceneKeeper>, beside: u64) {
+        let scene_bytes = scene.scene().bytes() + scene.rule_bytes() as u64;
+        self.0.set(BYTES_A_SCENE + scene_bytes + beside);
     }
 }

@@ -1,0 +1,40 @@
+//! One scene that several members write: who may write which indices, when a tick ends, and what each
+//! member has not been told yet. State machines without effects: a daemon gives them instants and events.
+//!
+//! ```text
+//! leases    ranges of indices, each of one member; what an edit of a member may name
+//! ticks     a tick ends when all writers have committed, or at its deadline
+//! untold    changes of several ticks as one, those of some indices alone
+//! ```
+
+mod leases;
+mod ticks;
+mod untold;
+
+pub use self::leases::{LeaseError, Leases, NotLeased, Ranges};
+pub use self::ticks::{Closed, Committed, Ticks};
+pub use self::untold::{TickChanges, Untold};
+
+/// A member of a shared scene, for its whole life: numbers are given in the order of joining.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct MemberId(pub u64);
+
+/// Of which pairs a member of a shared scene is told.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Hears {
+    /// Those that touch a box of its own leases.
+    #[default]
+    Own,
+    /// All.
+    All,
+}
+
+/// What becomes of the boxes of a writer that ends without giving its leases back.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum AtEnd {
+    /// They are removed.
+    #[default]
+    Remove,
+    /// They stay where they are, for who leases their indices next.
+    Keep,
+}

@@ -1,0 +1,136 @@
+//! When a tick ends: all writers have committed, or its deadline has passed.
+
+use std::time::{Duration, Instant};
+
+use super::MemberId;
+
+/// The ticks of a scene. A tick is open from its first commit on.
+#[derive(Clone, Debug)]
+pub struct Ticks {
+    deadline: Duration,
+    /// Ticks that were closed.
+    count: u64,
+    committed: Vec<MemberId>,
+    closes_at: Option<Instant>,
+}
+
+/// What became of a commit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Committed {
+    /// It is part of the open tick.
+    Waits,
+    /// The member has committed in this tick already.
+    Twice,
+}
+
+/// A tick that was closed.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Closed {
+    /// Its number, from 1.
+    pub number: u64,
+    /// Writers that had not committed, in the order in which they were given.
+    pub late: Vec<MemberId>,
+}
+
+impl Ticks {
+    /// Ticks that end so long after their first commit at the latest.
+    pub const fn new(deadline: Duration) -> Self {
+        Self { deadline, count: 0, committed: Vec::new(), closes_at: None }
+    }
+
+    /// How long a tick is open at the most.
+    pub const fn deadline(&self) -> Duration {
+        self.deadline
+    }
+
+    /// When the open tick closes at the latest; `None` where nobody has committed.
+    pub const fn closes_at(&self) -> Option<Instant> {
+        self.closes_at
+    }
+
+    /// A member commits.
+    pub fn commit(&mut self, member: MemberId, now: Instant) -> Committed {
+        if self.committed.contains(&member) {
+            return Committed::Twice;
+        }
+        self.committed.push(member);
+        self.closes_at.get_or_insert(now + self.deadline);
+        Committed::Waits
+    }
+
+    /// Whether a member has committed in the open tick.
+    pub fn has_committed(&self, member: MemberId) -> bool {
+        self.committed.contains(&member)
+    }
+
+    /// A member is gone, and its commit with it. A tick that nobody else has committed in is no longer open.
+    pub fn forget(&mut self, member: MemberId) {
+        self.committed.retain(|other| *other != member);
+        if self.committed.is_empty() {
+            self.closes_at = None;
+        }
+    }
+
+    /// Closes the open tick, if all of these writers have committed or its deadline has passed.
+    pub fn close(&mut self, writers: &[MemberId], now: Instant) -> Option<Closed> {
+        let closes_at = self.closes_at?;
+        let is_late = |writer: &&MemberId| !self.committed.contains(writer);
+        let late: Vec<MemberId> = writers.iter().filter(is_late).copied().collect();
+        if !late.is_empty() && now < closes_at {
+            return None;
+        }
+        self.closes_at = None;
+        self.committed.clear();
+        self.count += 1;
+        Some(Closed { number: self.count, late })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const A: MemberId = MemberId(1);
+    const B: MemberId = MemberId(2);
+    const C: MemberId = MemberId(3);
+    const MS: Duration = Duration::from_millis(1);
+
+    #[test]
+    fn a_tick_ends_when_all_writers_have_committed() {
+        let (mut ticks, now) = (Ticks::new(10 * MS), Instant::now());
+        assert_eq!(ticks.close(&[], now), None, "nobody has committed");
+        assert_eq!(ticks.commit(B, now), Committed::Waits);
+        assert_eq!(ticks.commit(B, now), Committed::Twice);
+        assert_eq!(ticks.close(&[A, B], now), None);
+        // One that only listens is not waited for.
+        assert_eq!(ticks.commit(C, now), Committed::Waits);
+        assert_eq!(ticks.close(&[A, B], now), None);
+        assert_eq!(ticks.commit(A, now), Committed::Waits);
+        assert_eq!(ticks.close(&[A, B], now), Some(Closed { number: 1, late: vec![] }));
+        assert_eq!(ticks.close(&[A, B], now + 99 * MS), None, "the next one is not open");
+    }
+
+    #[test]
+    fn a_tick_ends_at_its_deadline_and_names_who_is_late() {
+        let (mut ticks, now) = (Ticks::new(10 * MS), Instant::now());
+        ticks.commit(C, now);
+        ticks.commit(A, now + 5 * MS);
+        assert_eq!(ticks.closes_at(), Some(now + 10 * MS), "counted from the first commit");
+        assert_eq!(ticks.close(&[B, A, C], now + 9 * MS), None);
+        let closed = ticks.close(&[B, A, C], now + 10 * MS);
+        assert_eq!(closed, Some(Closed { number: 1, late: vec![B] }));
+        assert_eq!(ticks.commit(B, now + 11 * MS), Committed::Waits, "of the next tick");
+        assert_eq!(ticks.closes_at(), Some(now + 21 * MS));
+    }
+
+    #[test]
+    fn who_is_gone_is_not_waited_for() {
+        let (mut ticks, now) = (Ticks::new(10 * MS), Instant::now());
+        ticks.commit(A, now);
+        ticks.forget(A);
+        assert_eq!((ticks.closes_at(), ticks.close(&[], now)), (None, None));
+        ticks.commit(A, now);
+        ticks.forget(B);
+        assert_eq!(ticks.close(&[A], now), Some(Closed { number: 1, late: vec![] }));
+    }
+}

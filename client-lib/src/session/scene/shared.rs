@@ -1,0 +1,758 @@
+//! A scene that several processes write: leases, commits and ticks.
+//!
+//! This process keeps its own boxes. Where the daemon was restarted, or has lost the membership, it joins,
+//! leases and sends them again with the next commit, whose answer is a resync then.
+
+use std::ops::Range;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use pairmask_core::aabb::Aabb;
+use pairmask_core::engine::EngineId;
+use pairmask_core::filters::Tag;
+use pairmask_core::scene::shared::{AtEnd, Hears, LeaseError, NotLeased, Ranges};
+use pairmask_core::scene::{
+    Edit, EditError, Indices, SceneCopy, SceneSkips, Sets, Step, Tags, Want,
+};
+use pairmask_core::units::BoxCount;
+use pairmask_wire::{
+    AgreedTerms, EditLayout, JoinRequest, LeaseAction, LeaseRequest, Page, ReplyError, ReplyFields,
+    RequestHeader, SHARED_MINOR, SceneId, SceneName, SceneNameError, SceneRequest, SharedTerms,
+    StatusCode, TermsDiffer, TickMarks, lease_error, not_leased, parse_joined, parse_leased,
+    words_in,
+};
+
+use super::answer::{EndedList, FromDaemon, PairList, Source};
+use super::{Draft, Given, one};
+use crate::session::builder::{Backend, Settings};
+use crate::session::core::{Core, Loss};
+use crate::session::error::{FrameError, WaitError};
+use crate::session::estimate::Expected;
+use crate::session::exchange::{Answer, Exchange};
+use crate::session::link::Link;
+use crate::session::unread::{Awaited, SentEdit, Unread};
+
+/// A member that leaves waits this long at most for the daemon to say so.
+const END_WITHIN: Duration = Duration::from_millis(20);
+
+/// What a member asks of a shared scene. What is left open, the first member or the daemon decides.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct JoinOptions {
+    /// Indices are below this; unless anybody says so, 2^24.
+    pub most_boxes: Option<u32>,
+    /// How long a tick is open after its first commit, at the most; unless anybody says so, 100 ms.
+    /// At most 10 s.
+    pub tick_deadline: Option<Duration>,
+    /// What becomes of a dead writer's boxes; unless anybody says so, they are removed.
+    pub at_end: Option<AtEnd>,
+    /// Of which pairs this member is told.
+    pub hears: Hears,
+}
+
+impl JoinOptions {
+    /// The same with [`most_boxes`](Self::most_boxes).
+    #[must_use]
+    pub const fn with_most_boxes(self, most_boxes: u32) -> Self {
+        Self { most_boxes: Some(most_boxes), ..self }
+    }
+
+    /// The same with a [`tick_deadline`](Self::tick_deadline).
+    #[must_use]
+    pub const fn with_tick_deadline(self, deadline: Duration) -> Self {
+        Self { tick_deadline: Some(deadline), ..self }
+    }
+
+    /// The same with what becomes of a dead writer's boxes.
+    #[must_use]
+    pub const fn with_at_end(self, at_end: AtEnd) -> Self {
+        Self { at_end: Some(at_end), ..self }
+    }
+
+    /// The same for a member that is told of such pairs.
+    #[must_use]
+    pub const fn hearing(self, hears: Hears) -> Self {
+        Self { hears, ..self }
+    }
+}
+
+/// Why a shared scene was not joined, a lease not given, or a commit not answered.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SharedError {
+    /// No name of a scene.
+    #[error(transparent)]
+    Name(#[from] SceneNameError),
+    /// The session answers in process, where there is no shared scene.
+    #[error("a shared scene needs a daemon: use Backend::Auto or Backend::Daemon")]
+    InProcess,
+    /// Shared scenes do not tell pairs of moved boxes alone.
+    #[error("a shared scene does not answer Want::Moved: ask for changes")]
+    Moved,
+    /// The scene has other terms than this member asks for.
+    #[error(transparent)]
+    Differs(#[from] TermsDiffer),
+    /// The lease is refused.
+    #[error(transparent)]
+    Lease(#[from] LeaseError),
+    /// The edit names what is not leased. Nothing of it was applied.
+    #[error(transparent)]
+    NotLeased(#[from] NotLeased),
+    /// The edit is wrong. Nothing of it was applied.
+    #[error(transparent)]
+    Edit(#[from] EditError),
+    /// The request could not be sent, for want of a daemon as a rule. The next commit joins again, and has
+    /// this edit.
+    #[error(transparent)]
+    Frame(#[from] FrameError),
+    /// There is no answer. The next commit joins again where that is needed, and has this edit.
+    #[error(transparent)]
+    Wait(#[from] WaitError),
+}
+
+/// The membership as the daemon has it.
+struct There {
+    link: Arc<Link>,
+    revision: u64,
+    is_taken: bool,
+}
+
+/// A scene that several processes write, each its own boxes. Made by
+/// [`Session::join_scene`](super::super::Session::join_scene).
+///
+/// A writer [leases](Self::lease) ranges of indices, and commits edits of their boxes. A tick ends when all
+/// writers have committed, or at its deadline: then all edits are applied at once, and every member that has
+/// committed is answered. A writer that was late keeps its last boxes, and is
+/// [named](SharedAnswer::late). A member without leases only listens: its commits are empty, and nobody
+/// waits for it.
+///
+/// Answers do not depend on who committed first. The writer with the lowest lease may give the table of
+/// filters; tags, and lists of pairs of own boxes, every writer.
+///
+/// Dropped, it leaves the scene. Its boxes are removed then, or kept, as the scene's terms say. Kept boxes are
+/// those of who leases their indices next, who may set them; giving the lease back removes them.
+pub struct SharedScene {
+    core: Arc<Core>,
+    /// With a deadline that holds the tick's as well.
+    settings: Settings,
+    name: SceneName,
+    options: JoinOptions,
+    terms: AgreedTerms,
+    id: SceneId,
+    leases: Vec<Range<u32>>,
+    copy: SceneCopy,
+    draft: Draft,
+    /// Whether this member has given the table of filters.
+    gave_filters: bool,
+    there: Option<There>,
+    revisions: u64,
+    /// The commit that the daemon works on and nobody waits for.
+    unread: Arc<Unread>,
+}
+
+impl std::fmt::Debug for SharedScene {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("SharedScene")
+            .field("name", &self.name)
+            .field("leases", &self.leases)
+            .finish_non_exhaustive()
+    }
+}
+
+impl SharedScene {
+    pub(in crate::session) fn join(
+        core: &Arc<Core>,
+        name: &str,
+        options: JoinOptions,
+    ) -> Result<Self, SharedError> {
+        let name: SceneName = name.parse()?;
+        if core.settings().backend == Backend::InProcess {
+            return Err(SharedError::InProcess);
+        }
+        let nothing = AgreedTerms {
+            most_boxes: 0,
+            deadline: Duration::ZERO,
+            at_end: options.at_end.unwrap_or_default(),
+        };
+        let mut scene = Self {
+            settings: core.settings().clone(),
+            name,
+            options,
+            terms: nothing,
+            id: core.next_scene(),
+            leases: Vec::new(),
+            copy: SceneCopy::new(0),
+            draft: Draft::default(),
+            gave_filters: false,
+            there: None,
+            revisions: 0,
+            unread: core.unread_of_scene(),
+            core: Arc::clone(core),
+        };
+        scene.join_again()?;
+        scene.copy = SceneCopy::new(scene.terms.most_boxes);
+        Ok(scene)
+    }
+
+    /// Indices are below this.
+    pub const fn most_boxes(&self) -> u32 {
+        self.terms.most_boxes
+    }
+
+    /// How long a tick is open after its first commit, at the most.
+    pub const fn tick_deadline(&self) -> Duration {
+        self.terms.deadline
+    }
+
+    /// The ranges that this member has leased.
+    pub fn leases(&self) -> &[Range<u32>] {
+        &self.leases
+    }
+
+    /// Boxes of this member.
+    pub const fn len(&self) -> usize {
+        self.copy.len()
+    }
+
+    /// Whether it has none.
+    pub const fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The box of an index of this member.
+    pub fn get(&self, index: u32) -> Option<Aabb> {
+        self.copy.get(index)
+    }
+
+    /// Leases a range of indices: this member alone may set boxes there.
+    ///
+    /// # Errors
+    /// [`SharedError::Lease`], among others. The indices of a writer that has died are free within about a
+    /// second.
+    pub fn lease(&mut self, range: Range<u32>) -> Result<(), SharedError> {
+        let count = range.end.checked_sub(range.start).filter(|count| *count > 0);
+        let count = count.ok_or(LeaseError::Empty)?;
+        self.lease_by(LeaseAction::Take { first: range.start, count }).map(drop)
+    }
+
+    /// Leases the lowest free range of so many indices. Which one that is depends on who came first.
+    ///
+    /// # Errors
+    /// As [`lease`](Self::lease).
+    pub fn lease_any(&mut self, count: u32) -> Result<Range<u32>, SharedError> {
+        self.lease_by(LeaseAction::TakeAny { count })
+    }
+
+    fn lease_by(&mut self, action: LeaseAction) -> Result<Range<u32>, SharedError> {
+        self.settle();
+        let link = self.present()?;
+        let range = self.ask_lease(&link, action)?;
+        self.leases.push(range.clone());
+        Ok(range)
+    }
+
+    /// Gives back the lease that begins at an index. Its boxes are removed.
+    ///
+    /// # Errors
+    /// [`SharedError`].
+    pub fn give_back(&mut self, first: u32) -> Result<(), SharedError> {
+        self.settle();
+        let link = self.present()?;
+        let range = self.ask_lease(&link, LeaseAction::GiveBack { first })?;
+        self.leases.retain(|lease| lease.start != first);
+        let indices = range.start..range.end.min(self.copy.index_end() as u32);
+        let present: Vec<u32> = indices.filter(|index| self.copy.get(*index).is_some()).collect();
+        let steps = [Step::Remove((&present).into())];
+        let edit = Edit { steps: &steps };
+        self.copy.check(edit)?;
+        self.copy.apply(edit);
+        Ok(())
+    }
+
+    /// Begins an edit. Without [`SharedEdit::commit`], nothing happens.
+    pub fn edit<'a>(&mut self) -> SharedEdit<'_, 'a> {
+        self.draft.clear();
+        SharedEdit { scene: self, given: Given::default(), refused: None }
+    }
+
+    /// The connection, with a membership.
+    fn present(&mut self) -> Result<Arc<Link>, SharedError> {
+        let link = self.core.link_that_knows(SHARED_MINOR, "shared scenes")?;
+        match &self.there {
+            Some(there) if Arc::ptr_eq(&there.link, &link) => Ok(link),
+            _ => {
+                self.join_again()?;
+                Ok(link)
+            }
+        }
+    }
+
+    /// Joins, and leases what this member had. Its boxes are sent with the next commit.
+    fn join_again(&mut self) -> Result<(), SharedError> {
+        self.there = None;
+        let link = self.core.link_that_knows(SHARED_MINOR, "shared scenes")?;
+        let JoinOptions { most_boxes, tick_deadline, at_end, hears } = self.options;
+        let request = JoinRequest {
+            scene: self.id,
+            name: self.name.section(),
+            terms: SharedTerms { most_boxes, deadline: tick_deadline, at_end },
+            hears,
+            engine: self.core.settings().engine,
+        };
+        let name = self.name.clone();
+        let (answer, asked) = self.ask(
+            &link,
+            name.as_str().len() as u64,
+            |token, frame| RequestHeader::join_shared(token, frame, &request),
+            |pages| name.write(pages),
+        )?;
+        let terms = parse_joined(&answer.header, &asked).map_err(|e| self.refused(&link, e))?;
+        drop(answer);
+        self.terms = terms;
+        // Every later join asks for what held.
+        self.options = self.options.with_most_boxes(terms.most_boxes);
+        self.options = self.options.with_tick_deadline(terms.deadline).with_at_end(terms.at_end);
+        self.settings.deadline = self.core.settings().deadline + terms.deadline;
+        for range in self.leases.clone() {
+            let (first, count) = (range.start, range.end - range.start);
+            self.ask_lease(&link, LeaseAction::Take { first, count })?;
+        }
+        self.there = Some(There { link, revision: 0, is_taken: false });
+        Ok(())
+    }
+
+    fn ask_lease(
+        &mut self,
+        link: &Arc<Link>,
+        action: LeaseAction,
+    ) -> Result<Range<u32>, SharedError> {
+        let request = LeaseRequest { scene: self.id, action };
+        let (answer, asked) = self.ask(
+            link,
+            0,
+            |token, frame| RequestHeader::lease_shared(token, frame, &request),
+            |_| true,
+        )?;
+        parse_leased(&answer.header, &asked).map_err(|error| self.refused(link, error))
+    }
+
+    /// Sends a small request, and waits for its answer.
+    fn ask(
+        &mut self,
+        link: &Arc<Link>,
+        bytes: u64,
+        header: impl FnOnce(u64, u64) -> RequestHeader,
+        write: impl FnOnce(&mut [Page]) -> bool,
+    ) -> Result<(Answer, ReplyFields), SharedError> {
+        let mut shared = self.core.loan(link, bytes)?;
+        if !write(shared.loan.pages_mut()) {
+            return Err(FrameError::TooManyFrames.into());
+        }
+        let asked = ReplyFields {
+            client_token: link.token(),
+            frame: self.core.next_frame(),
+            box_count: BoxCount::default(),
+        };
+        let header = header(asked.client_token, asked.frame);
+        let answered = Exchange::begin(shared, &header)
+            .and_then(|exchange| exchange.end(link.expect(0), &self.settings));
+        match answered {
+            Ok(answer) => Ok((answer, asked)),
+            Err(error) => {
+                self.lost(link, &error);
+                Err(error.into())
+            }
+        }
+    }
+
+    /// What the daemon refused, by its status.
+    fn refused(&mut self, link: &Arc<Link>, error: ReplyError) -> SharedError {
+        if let ReplyError::Status { status, detail } = &error {
+            let (status, detail) = (*status, *detail);
+            let typed = match status {
+                StatusCode::SharedDiffers => TermsDiffer::of_detail(detail).map(Into::into),
+                StatusCode::LeaseRefused => {
+                    lease_error(detail, self.terms.most_boxes).map(SharedError::Lease)
+                }
+                StatusCode::NotLeased => not_leased(detail).map(SharedError::NotLeased),
+                _ => None,
+            };
+            if matches!(status, StatusCode::StaleScene | StatusCode::NotLeased) {
+                self.there = None;
+            }
+            if let Some(typed) = typed {
+                return typed;
+            }
+        }
+        let error = WaitError::from(error);
+        self.lost(link, &error);
+        error.into()
+    }
+
+    /// Notes what a failure says is lost.
+    fn lost(&mut self, link: &Arc<Link>, error: &WaitError) {
+        self.there = None;
+        if let Some(how) = Loss::of(error) {
+            let _ = self.core.lose(link, how);
+        }
+    }
+
+    /// Receives the answer to a commit that nobody waited for.
+    fn settle(&mut self) {
+        if let Some(Err(_)) = self.unread.settle(&self.settings) {
+            self.there = None;
+        }
+    }
+
+    /// Checks an edit, and sends it.
+    fn begin<'s>(&mut self, edit: Edit<'_>, want: Want) -> Result<Awaited<'s>, SharedError> {
+        let own: Ranges = self.leases.iter().cloned().collect();
+        // Whether this is the first writer, the daemon knows.
+        own.allow(edit, true)?;
+        self.copy.check(edit)?;
+        self.settle();
+        self.gave_filters |= edit.steps.iter().any(|step| matches!(step, Step::Filters(_)));
+        let was_there = self.there.is_some();
+        let link = match self.present() {
+            Ok(link) => link,
+            Err(error) => {
+                self.copy.apply(edit);
+                return Err(error);
+            }
+        };
+        let is_new = self.there.as_ref().is_some_and(|there| there.revision == 0);
+        let sent = if was_there && !is_new { Some(self.send(&link, edit, want)) } else { None };
+        self.copy.apply(edit);
+        let sent = match sent {
+            Some(sent) => sent,
+            None => self.send_whole(&link, want),
+        };
+        Ok(Awaited::new(sent?, Arc::clone(&self.unread)))
+    }
+
+    /// Sends all boxes of this member as one commit.
+    fn send_whole(&mut self, link: &Arc<Link>, want: Want) -> Result<SentEdit, SharedError> {
+        // The copy cannot be borrowed while the scene is: it is given back at once.
+        let copy = std::mem::replace(&mut self.copy, SceneCopy::new(0));
+        let sent = {
+            let whole = copy.whole();
+            let mut steps = whole.steps();
+            steps.retain(|step| self.gave_filters || !matches!(step, Step::Filters(_)));
+            self.send(link, Edit { steps: &steps }, want)
+        };
+        self.copy = copy;
+        sent
+    }
+
+    fn send(
+        &mut self,
+        link: &Arc<Link>,
+        edit: Edit<'_>,
+        want: Want,
+    ) -> Result<SentEdit, SharedError> {
+        let too_large = || FrameError::TooManyBoxes { n: edit.boxes(), limit: u64::from(u32::MAX) };
+        let layout = EditLayout::of(edit).ok_or_else(too_large)?;
+        let mut shared = self.core.loan(link, layout.payload_bytes())?;
+        if !layout.write(edit, shared.loan.pages_mut()) {
+            return Err(too_large().into());
+        }
+        let Some(there) = &mut self.there else { return Err(WaitError::DaemonDied.into()) };
+        self.revisions += 1;
+        let [boxes, steps, indices] = layout.sections();
+        let request = SceneRequest {
+            scene: self.id,
+            base: there.revision,
+            revision: self.revisions,
+            is_taken: there.is_taken,
+            is_lost: false,
+            want,
+            most_boxes: self.terms.most_boxes,
+            engine: self.core.settings().engine,
+            threads: self.core.settings().threads,
+            boxes,
+            steps,
+            indices,
+        };
+        let asked = ReplyFields {
+            client_token: link.token(),
+            frame: self.core.next_frame(),
+            box_count: BoxCount::of_len(edit.boxes()).ok_or_else(too_large)?,
+        };
+        let header = RequestHeader::commit_shared(asked.client_token, asked.frame, &request);
+        match Exchange::begin(shared, &header) {
+            Ok(exchange) => {
+                (there.revision, there.is_taken) = (self.revisions, false);
+                // Others decide when the tick ends: there is nothing to nap by.
+                Ok(SentEdit { exchange, asked, want, expected: Expected::default() })
+            }
+            Err(error) => {
+                self.lost(link, &error);
+                Err(error.into())
+            }
+        }
+    }
+
+    /// Waits for the answer to a commit. A daemon that has lost the membership is joined again, and sent all
+    /// boxes.
+    fn end(&mut self, awaited: Awaited<'_>) -> Result<(Box<FromDaemon>, TickMarks), SharedError> {
+        let Some(sent) = awaited.take() else { return Err(WaitError::Taken.into()) };
+        let want = sent.want;
+        match self.receive(sent) {
+            Err(SharedError::Wait(WaitError::Reply(ReplyError::Status {
+                status: StatusCode::StaleScene,
+                ..
+            }))) => {
+                let link = self.present()?;
+                let sent = self.send_whole(&link, want)?;
+                self.receive(sent)
+            }
+            received => received,
+        }
+    }
+
+    fn receive(&mut self, sent: SentEdit) -> Result<(Box<FromDaemon>, TickMarks), SharedError> {
+        let Some(link) = self.there.as_ref().map(|there| Arc::clone(&there.link)) else {
+            return Err(WaitError::DaemonDied.into());
+        };
+        let (answer, reply) = match sent.receive(&self.settings) {
+            Ok(received) => received,
+            Err(WaitError::Reply(error)) => return Err(self.refused(&link, error)),
+            Err(error) => {
+                self.lost(&link, &error);
+                return Err(error.into());
+            }
+        };
+        let payload_bytes = size_of_val(answer.response.pages()) as u64;
+        let marks = TickMarks::parse(&answer.header, payload_bytes);
+        let marks = marks.map_err(|error| self.refused(&link, error))?;
+        let (index_end, isa) = (self.terms.most_boxes, self.core.settings().isa);
+        Ok((Box::new(FromDaemon { answer, reply, index_end, isa }), marks))
+    }
+}
+
+impl Drop for SharedScene {
+    fn drop(&mut self) {
+        let Some(there) = &self.there else { return };
+        if !there.link.is_alive() {
+            return;
+        }
+        let header =
+            RequestHeader::leave_shared(there.link.token(), self.core.next_frame(), self.id);
+        let mut settings = self.settings.clone();
+        settings.deadline = settings.deadline.min(END_WITHIN);
+        // With all frames in use the membership ends with the session.
+        let shared = there.link.loan(0).ok().or_else(|| {
+            self.core.free_a_place(&there.link);
+            there.link.loan(0).ok()
+        });
+        let sent = shared.and_then(|shared| Exchange::begin(shared, &header).ok());
+        let _ = sent.map(|exchange| exchange.end(there.link.expect(0), &settings));
+    }
+}
+
+/// An edit of a member's own boxes that is being written. Steps are applied as those of an [`Edit`].
+#[derive(Debug)]
+#[must_use = "an edit does nothing until it is committed"]
+pub struct SharedEdit<'s, 'a> {
+    scene: &'s mut SharedScene,
+    given: Given<'a>,
+    /// What is wrong with a fill.
+    refused: Option<EditError>,
+}
+
+impl<'s, 'a> SharedEdit<'s, 'a> {
+    /// Sets the box of an index; inserts it where there is none.
+    pub fn set(self, index: u32, b: Aabb) -> Self {
+        self.scene.draft.indices.push(index);
+        self.scene.draft.boxes.push(b);
+        self
+    }
+
+    /// Sets boxes where they lie: indices, and a box for each.
+    pub fn set_all(self, indices: impl Into<Indices<'a>>, boxes: &'a [Aabb]) -> Self {
+        self.step(Step::Set(Sets { indices: indices.into(), boxes }))
+    }
+
+    /// Sets boxes that a function gives, index by index.
+    pub fn set_with(mut self, indices: impl Into<Indices<'a>>, f: impl FnMut(u32) -> Aabb) -> Self {
+        let (indices, limit) = (indices.into(), self.scene.terms.most_boxes);
+        match self.scene.draft.fill(indices, limit, f) {
+            Ok(place) => self.given.fills.push((indices, place)),
+            Err(error) => self.refused = self.refused.or(Some(error)),
+        }
+        self
+    }
+
+    /// Removes the box of an index.
+    pub fn remove(self, index: u32) -> Self {
+        self.scene.draft.removed.push(index);
+        self
+    }
+
+    /// Removes boxes.
+    pub fn remove_all(self, indices: impl Into<Indices<'a>>) -> Self {
+        self.step(Step::Remove(indices.into()))
+    }
+
+    /// Switches a box off (it overlaps nothing) or on.
+    pub fn switch(self, index: u32, on: bool) -> Self {
+        self.step(Step::Switch(one(index), on))
+    }
+
+    /// Makes a box static (two static boxes are no pair) or not.
+    pub fn make_static(self, index: u32, is_static: bool) -> Self {
+        self.step(Step::Static(one(index), is_static))
+    }
+
+    /// Gives boxes their [tags](pairmask_core::filters).
+    pub fn tag_all(self, indices: impl Into<Indices<'a>>, tags: &'a [Tag]) -> Self {
+        self.step(Step::Tag(Tags { indices: indices.into(), tags }))
+    }
+
+    /// Does a step.
+    pub fn step(mut self, step: Step<'a>) -> Self {
+        self.given.steps.push(step);
+        self
+    }
+
+    /// Commits the edit, and waits for the end of the tick.
+    ///
+    /// # Errors
+    /// [`SharedError`].
+    pub fn commit(self, want: Want) -> Result<SharedAnswer<'s>, SharedError> {
+        self.submit(want)?.wait()
+    }
+
+    /// Commits the edit. This thread can do something else until the tick ends.
+    ///
+    /// # Errors
+    /// [`SharedError`].
+    pub fn submit(self, want: Want) -> Result<PendingShared<'s>, SharedError> {
+        let Self { scene, given, refused } = self;
+        if want == Want::Moved {
+            return Err(SharedError::Moved);
+        }
+        if let Some(error) = refused {
+            return Err(error.into());
+        }
+        let draft = std::mem::take(&mut scene.draft);
+        let begun = scene.begin(Edit { steps: &draft.steps(&given) }, want);
+        scene.draft = draft;
+        Ok(PendingShared { awaited: begun?, scene, want })
+    }
+}
+
+/// A commit under way. Dropped, it is applied with its tick, and its answer counts as never given.
+#[must_use = "a commit is answered when it is waited for"]
+pub struct PendingShared<'s> {
+    scene: &'s mut SharedScene,
+    want: Want,
+    awaited: Awaited<'s>,
+}
+
+impl std::fmt::Debug for PendingShared<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("PendingShared").field("want", &self.want).finish_non_exhaustive()
+    }
+}
+
+impl<'s> PendingShared<'s> {
+    /// Waits for the end of the tick: as long as its deadline and the session's allow together.
+    ///
+    /// # Errors
+    /// [`SharedError`]. The next answer makes up for this one.
+    pub fn wait(self) -> Result<SharedAnswer<'s>, SharedError> {
+        let Self { scene, want, awaited } = self;
+        let sent_at = Instant::now();
+        let (from, marks) = scene.end(awaited)?;
+        log::trace!("tick {} after {:?}", marks.tick, sent_at.elapsed());
+        Ok(SharedAnswer { scene, want, from, marks })
+    }
+}
+
+/// What a tick tells a member. Its lists are sorted, and lie in the daemon's memory: it holds one of the
+/// three places for frames until it is dropped.
+///
+/// [`take`](Self::take) acknowledges it: the next changes are counted from it. An answer that is dropped
+/// instead counts as never given, and the next one makes up for it.
+#[must_use = "an answer that is not taken is told again"]
+pub struct SharedAnswer<'s> {
+    scene: &'s mut SharedScene,
+    want: Want,
+    from: Box<FromDaemon>,
+    marks: TickMarks,
+}
+
+impl std::fmt::Debug for SharedAnswer<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("SharedAnswer")
+            .field("tick", &self.tick())
+            .field("begun", &self.begun().len())
+            .field("ended", &self.ended().len())
+            .field("pairs", &self.pairs().len())
+            .finish_non_exhaustive()
+    }
+}
+
+impl SharedAnswer<'_> {
+    /// Takes the answer: what it tells is known from now on.
+    pub fn take(self) -> Self {
+        if matches!(self.want, Want::Changes | Want::All)
+            && let Some(there) = &mut self.scene.there
+        {
+            there.is_taken = true;
+        }
+        self
+    }
+
+    /// The tick that the commit was part of, from 1.
+    pub const fn tick(&self) -> u64 {
+        self.marks.tick
+    }
+
+    /// Leases of writers that had not committed when the tick ended: they kept their last boxes.
+    pub fn late(&self) -> Vec<Range<u32>> {
+        self.marks.late_in(words_in(self.from.answer.response.pages()))
+    }
+
+    /// Whether changes were asked for and [`pairs`](Self::pairs) holds all pairs instead, because it is not
+    /// known what this member knows: at first, after it has leased indices, after a long time without a
+    /// commit, and where the daemon was restarted.
+    pub fn is_resync(&self) -> bool {
+        self.source().is_resync()
+    }
+
+    /// Pairs that began, for [`Want::Changes`].
+    pub fn begun(&self) -> PairList<'_> {
+        self.source().begun()
+    }
+
+    /// Pairs that ended, for [`Want::Changes`].
+    pub fn ended(&self) -> EndedList<'_> {
+        self.source().ended()
+    }
+
+    /// Pairs of now, for [`Want::All`] and a [resync](Self::is_resync): those that this member hears of.
+    pub fn pairs(&self) -> PairList<'_> {
+        self.source().pairs()
+    }
+
+    /// Pairs of the whole scene, whatever this member hears of; `None` for [`Want::Nothing`].
+    pub fn pair_count(&self) -> Option<u64> {
+        self.source().pair_count()
+    }
+
+    /// Work left out.
+    pub fn skipped(&self) -> &SceneSkips {
+        self.source().skipped()
+    }
+
+    /// The engine that answered.
+    pub fn engine(&self) -> EngineId {
+        self.source().engine()
+    }
+
+    fn source(&self) -> Source<'_> {
+        Source::Daemon(&self.from)
+    }
+}

@@ -1,0 +1,521 @@
+//! Scenes that several sessions write: joining, leases, and the answer to a commit. Its edit is that of a
+//! [scene](super::SceneRequest).
+
+use std::fmt;
+use std::ops::Range;
+use std::str::FromStr;
+use std::time::Duration;
+
+use pairmask_core::engine::{EngineChoice, EngineName};
+use pairmask_core::mask::Span;
+use pairmask_core::scene::shared::{AtEnd, Hears, LeaseError, NotLeased};
+
+use super::answer::SceneAnswerLayout;
+use super::request::{SceneId, SceneRequest};
+use crate::header::{Operation, RequestHeader};
+use crate::page::Page;
+use crate::reject::Reject;
+use crate::reply::{Reply, ReplyError, ReplyFields, ResponseHeader, envelope};
+use crate::section::{SECTION_COUNT, Section, SectionKind, find};
+use crate::status_code::StatusCode;
+use crate::{SHARED_MINOR, Version};
+
+/// Bytes of the longest name.
+const MAX_NAME_BYTES: usize = 64;
+/// The longest deadline of a tick. A client waits for its session's deadline on top.
+pub const LONGEST_TICK: Duration = Duration::from_secs(10);
+
+/// Flags of a join: what becomes of a dead writer's boxes, where the member says so.
+const REMOVES: u32 = 1;
+const KEEPS: u32 = 1 << 1;
+/// Flag of a join: the member hears of all pairs.
+const HEARS_ALL: u32 = 1 << 2;
+
+/// What a lease does.
+const TAKE: u32 = 1;
+const TAKE_ANY: u32 = 2;
+const GIVE_BACK: u32 = 3;
+
+/// Name of a shared scene: 1 to 64 letters, digits, and `-_.:/`.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct SceneName(String);
+
+/// What is no name of a scene.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("scene name '{name}' is not 1 to 64 letters, digits and '-_.:/'")]
+pub struct SceneNameError {
+    /// What was given.
+    pub name: String,
+}
+
+impl SceneName {
+    /// The name as text.
+    pub fn as_str(&self) -> &str {
+        &self.0
+    }
+
+    /// Reads the name of a request, once. `None` where it is none.
+    pub fn read(request: &JoinRequest, pages: &[Page]) -> Option<Self> {
+        let all: &[u8] = bytemuck::cast_slice(pages);
+        let start = usize::try_from(request.name.offset).ok()?;
+        let bytes = all.get(start..)?.get(..usize::try_from(request.name.bytes).ok()?)?;
+        String::from_utf8(bytes.to_vec()).ok()?.parse().ok()
+    }
+
+    /// Writes the name at the start of a payload. Returns `false` where there is no page.
+    #[must_use]
+    pub fn write(&self, pages: &mut [Page]) -> bool {
+        let all: &mut [u8] = bytemuck::cast_slice_mut(pages);
+        let place = all.get_mut(..self.0.len());
+        place.map(|place| place.copy_from_slice(self.0.as_bytes())).is_some()
+    }
+
+    /// The section of a name at the start of a payload.
+    pub const fn section(&self) -> Section {
+        Section::required(SectionKind::SceneName, 0, self.0.len() as u64)
+    }
+}
+
+impl fmt::Display for SceneName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl FromStr for SceneName {
+    type Err = SceneNameError;
+
+    fn from_str(s: &str) -> Result<Self, SceneNameError> {
+        let fits = |c: u8| c.is_ascii_alphanumeric() || b"-_.:/".contains(&c);
+        if s.is_empty() || s.len() > MAX_NAME_BYTES || !s.bytes().all(fits) {
+            // A name from outside may be of any length.
+            let name = s.chars().take(MAX_NAME_BYTES).collect();
+            return Err(SceneNameError { name });
+        }
+        Ok(Self(s.to_owned()))
+    }
+}
+
+/// What a member asks of a shared scene: what is `None`, it leaves to who joined first.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SharedTerms {
+    /// Indices are below this.
+    pub most_boxes: Option<u32>,
+    /// How long a tick is open at the most: not 0, and at most [`LONGEST_TICK`].
+    pub deadline: Option<Duration>,
+    /// What becomes of a dead writer's boxes.
+    pub at_end: Option<AtEnd>,
+}
+
+/// What holds in a shared scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AgreedTerms {
+    /// Indices are below this.
+    pub most_boxes: u32,
+    /// How long a tick is open at the most.
+    pub deadline: Duration,
+    /// What becomes of a dead writer's boxes.
+    pub at_end: AtEnd,
+}
+
+/// Which term of a shared scene is another one than a member asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum TermsDiffer {
+    /// The boxes that it may hold.
+    #[error("the scene may hold {there} boxes")]
+    MostBoxes {
+        /// What holds.
+        there: u32,
+    },
+    /// The deadline of its ticks.
+    #[error("the scene's ticks have a deadline of {there:?}")]
+    Deadline {
+        /// What holds.
+        there: Duration,
+    },
+    /// What becomes of a dead writer's boxes.
+    #[error("the scene has another rule for a dead writer's boxes: {there:?}")]
+    AtEnd {
+        /// What holds.
+        there: AtEnd,
+    },
+}
+
+impl AgreedTerms {
+    /// Whether what a member asks for holds.
+    ///
+    /// # Errors
+    /// [`TermsDiffer`] with the first term that does not.
+    pub fn agree(&self, asked: &SharedTerms) -> Result<(), TermsDiffer> {
+        let Self { most_boxes, deadline, at_end } = *self;
+        if asked.most_boxes.is_some_and(|asked| asked != most_boxes) {
+            return Err(TermsDiffer::MostBoxes { there: most_boxes });
+        }
+        if asked.deadline.is_some_and(|asked| asked != deadline) {
+            return Err(TermsDiffer::Deadline { there: deadline });
+        }
+        if asked.at_end.is_some_and(|asked| asked != at_end) {
+            return Err(TermsDiffer::AtEnd { there: at_end });
+        }
+        Ok(())
+    }
+}
+
+const fn at_end_number(at_end: AtEnd) -> u32 {
+    match at_end {
+        AtEnd::Remove => REMOVES,
+        AtEnd::Keep => KEEPS,
+    }
+}
+
+const fn at_end_of(number: u64) -> Option<AtEnd> {
+    match number {
+        1 => Some(AtEnd::Remove),
+        2 => Some(AtEnd::Keep),
+        _ => None,
+    }
+}
+
+impl TermsDiffer {
+    /// The numbers of a response.
+    pub const fn detail(&self) -> [u64; 2] {
+        match *self {
+            Self::MostBoxes { there } => [1, there as u64],
+            Self::Deadline { there } => [2, there.as_nanos() as u64],
+            Self::AtEnd { there } => [3, at_end_number(there) as u64],
+        }
+    }
+
+    /// What the numbers of a response say.
+    pub fn of_detail([which, value]: [u64; 2]) -> Option<Self> {
+        Some(match which {
+            1 => Self::MostBoxes { there: u32::try_from(value).ok()? },
+            2 => Self::Deadline { there: Duration::from_nanos(value) },
+            3 => Self::AtEnd { there: at_end_of(value)? },
+            _ => return None,
+        })
+    }
+}
+
+/// The numbers of a response about a lease.
+pub fn lease_detail(error: &LeaseError) -> [u64; 2] {
+    match *error {
+        LeaseError::Empty => [1, 0],
+        LeaseError::BeyondLimit { end, .. } => [2, end],
+        LeaseError::Taken { first, end } => [3, u64::from(first) << 32 | u64::from(end)],
+        LeaseError::Full { count } => [4, u64::from(count)],
+        LeaseError::TooMany { limit } => [5, limit as u64],
+        LeaseError::NotHeld { first } => [6, u64::from(first)],
+        // Whatever a later core adds reads as this.
+        _ => [1, 0],
+    }
+}
+
+/// What the numbers of a response about a lease say, in a scene of so many boxes.
+pub fn lease_error([which, value]: [u64; 2], limit: u32) -> Option<LeaseError> {
+    let small = || u32::try_from(value).ok();
+    Some(match which {
+        1 => LeaseError::Empty,
+        2 => LeaseError::BeyondLimit { end: value, limit },
+        3 => LeaseError::Taken { first: (value >> 32) as u32, end: value as u32 },
+        4 => LeaseError::Full { count: small()? },
+        5 => LeaseError::TooMany { limit: usize::try_from(value).ok()? },
+        6 => LeaseError::NotHeld { first: small()? },
+        _ => return None,
+    })
+}
+
+/// The numbers of a response about an edit of what is not leased.
+pub const fn not_leased_detail(error: &NotLeased) -> [u64; 2] {
+    match *error {
+        NotLeased::Index { index } => [1, index],
+        NotLeased::Filters => [2, 0],
+        NotLeased::Renew => [3, 0],
+    }
+}
+
+/// What those numbers say.
+pub const fn not_leased([which, value]: [u64; 2]) -> Option<NotLeased> {
+    match which {
+        1 => Some(NotLeased::Index { index: value }),
+        2 => Some(NotLeased::Filters),
+        3 => Some(NotLeased::Renew),
+        _ => None,
+    }
+}
+
+/// A request to join a shared scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct JoinRequest {
+    /// The client's number of its membership.
+    pub scene: SceneId,
+    /// The name in the payload, whose bytes are not looked at yet.
+    pub name: Section,
+    /// What is asked of the scene.
+    pub terms: SharedTerms,
+    /// Of which pairs the member hears.
+    pub hears: Hears,
+    /// The engine, where the member is the first.
+    pub engine: EngineChoice,
+}
+
+/// What a member does with a lease.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LeaseAction {
+    /// Leases a range.
+    Take {
+        /// Its first index.
+        first: u32,
+        /// Its length.
+        count: u32,
+    },
+    /// Leases the lowest free range.
+    TakeAny {
+        /// Its length.
+        count: u32,
+    },
+    /// Gives back the lease that begins at an index, and removes its boxes.
+    GiveBack {
+        /// The index.
+        first: u32,
+    },
+}
+
+/// A request about a lease.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LeaseRequest {
+    /// The client's number of its membership.
+    pub scene: SceneId,
+    /// What it does.
+    pub action: LeaseAction,
+}
+
+impl RequestHeader {
+    /// A request to join a shared scene. Its name lies in the payload.
+    pub fn join_shared(client_token: u64, frame: u64, request: &JoinRequest) -> Self {
+        let SharedTerms { most_boxes, deadline, at_end } = request.terms;
+        let mut sections = [Section::default(); SECTION_COUNT];
+        sections[0] = request.name;
+        let hears = if request.hears == Hears::All { HEARS_ALL } else { 0 };
+        Self {
+            engine: match request.engine {
+                EngineChoice::Auto => 0,
+                EngineChoice::Only(name) => name as u32,
+            },
+            sections,
+            scene: request.scene.0,
+            base: deadline.map_or(0, |deadline| deadline.as_nanos() as u64),
+            most_boxes: most_boxes.unwrap_or(0),
+            scene_flags: at_end.map_or(0, at_end_number) | hears,
+            ..Self::envelope(Operation::JoinShared, client_token, frame)
+        }
+    }
+
+    /// A request about a lease.
+    pub fn lease_shared(client_token: u64, frame: u64, request: &LeaseRequest) -> Self {
+        let (what, first, count) = match request.action {
+            LeaseAction::Take { first, count } => (TAKE, first, count),
+            LeaseAction::TakeAny { count } => (TAKE_ANY, 0, count),
+            LeaseAction::GiveBack { first } => (GIVE_BACK, first, 0),
+        };
+        Self {
+            encoding: what,
+            scene: request.scene.0,
+            base: u64::from(first),
+            revision: u64::from(count),
+            ..Self::envelope(Operation::LeaseShared, client_token, frame)
+        }
+    }
+
+    /// A member's commit: an edit, and what it wants to be told. The scene's `most_boxes` counts.
+    pub fn commit_shared(client_token: u64, frame: u64, request: &SceneRequest) -> Self {
+        Self {
+            operation: Operation::CommitShared as u32,
+            ..Self::edit_scene(client_token, frame, request)
+        }
+    }
+
+    /// A request to leave a shared scene.
+    pub fn leave_shared(client_token: u64, frame: u64, scene: SceneId) -> Self {
+        Self { scene: scene.0, ..Self::envelope(Operation::LeaveShared, client_token, frame) }
+    }
+}
+
+/// Refuses what is older than shared scenes.
+pub(crate) fn check_minor(header: &RequestHeader) -> Result<(), Reject> {
+    let found = Version { major: header.version_major, minor: header.version_minor };
+    if found.minor < SHARED_MINOR { Err(Reject::Version { found }) } else { Ok(()) }
+}
+
+impl JoinRequest {
+    /// Checks a copied header against the payload's length.
+    ///
+    /// # Errors
+    /// [`Reject`] with the first thing that is wrong.
+    pub(crate) fn parse(header: &RequestHeader, payload_bytes: u64) -> Result<Self, Reject> {
+        check_minor(header)?;
+        let wrong = |field| Reject::Edit { field };
+        let engine = match header.engine {
+            0 => EngineChoice::Auto,
+            found => {
+                EngineChoice::Only(EngineName::from_wire(found).ok_or(Reject::Engine { found })?)
+            }
+        };
+        let name = find(&header.sections, SectionKind::SceneName).ok_or(wrong("name"))?;
+        if !name.fits(payload_bytes) || name.bytes == 0 || name.bytes > MAX_NAME_BYTES as u64 {
+            return Err(wrong("name"));
+        }
+        let deadline = (header.base != 0).then(|| Duration::from_nanos(header.base));
+        if deadline.is_some_and(|deadline| deadline > LONGEST_TICK) {
+            return Err(wrong("deadline"));
+        }
+        let at_end = match header.scene_flags & (REMOVES | KEEPS) {
+            0 => None,
+            number => Some(at_end_of(u64::from(number)).ok_or(wrong("flags"))?),
+        };
+        let most_boxes = (header.most_boxes != 0).then_some(header.most_boxes);
+        let hears_all = header.scene_flags & HEARS_ALL != 0;
+        Ok(Self {
+            scene: SceneId(header.scene),
+            name,
+            terms: SharedTerms { most_boxes, deadline, at_end },
+            hears: if hears_all { Hears::All } else { Hears::Own },
+            engine,
+        })
+    }
+}
+
+impl LeaseRequest {
+    /// Checks a copied header.
+    ///
+    /// # Errors
+    /// [`Reject`] with the first thing that is wrong.
+    pub(crate) fn parse(header: &RequestHeader) -> Result<Self, Reject> {
+        check_minor(header)?;
+        let wrong = |field| Reject::Edit { field };
+        let first = u32::try_from(header.base).map_err(|_| wrong("first index"));
+        let count = u32::try_from(header.revision).map_err(|_| wrong("count"));
+        let action = match header.encoding {
+            TAKE => LeaseAction::Take { first: first?, count: count? },
+            TAKE_ANY => LeaseAction::TakeAny { count: count? },
+            GIVE_BACK => LeaseAction::GiveBack { first: first? },
+            _ => return Err(wrong("lease")),
+        };
+        Ok(Self { scene: SceneId(header.scene), action })
+    }
+}
+
+/// The header that answers a join.
+pub fn response_joined(fields: &ReplyFields, terms: &AgreedTerms) -> ResponseHeader {
+    let mut header = envelope(fields, StatusCode::Ok);
+    let deadline = terms.deadline.as_nanos() as u64;
+    header.detail[..3].copy_from_slice(&[
+        u64::from(terms.most_boxes),
+        deadline,
+        u64::from(at_end_number(terms.at_end)),
+    ]);
+    header
+}
+
+/// What an answered join says.
+///
+/// # Errors
+/// [`ReplyError`].
+pub fn parse_joined(
+    header: &ResponseHeader,
+    asked: &ReplyFields,
+) -> Result<AgreedTerms, ReplyError> {
+    Reply::check_envelope(header, asked)?;
+    let malformed = |field| ReplyError::Malformed { field };
+    let deadline = Duration::from_nanos(header.detail[1]);
+    if deadline > LONGEST_TICK {
+        return Err(malformed("deadline"));
+    }
+    Ok(AgreedTerms {
+        most_boxes: u32::try_from(header.detail[0]).map_err(|_| malformed("most boxes"))?,
+        deadline,
+        at_end: at_end_of(header.detail[2]).ok_or(malformed("end"))?,
+    })
+}
+
+/// The header that answers a request about a lease: its range.
+pub fn response_leased(fields: &ReplyFields, range: &Range<u32>) -> ResponseHeader {
+    let mut header = envelope(fields, StatusCode::Ok);
+    header.detail[..2].copy_from_slice(&[u64::from(range.start), u64::from(range.end)]);
+    header
+}
+
+/// The range that an answer about a lease names.
+///
+/// # Errors
+/// [`ReplyError`].
+pub fn parse_leased(
+    header: &ResponseHeader,
+    asked: &ReplyFields,
+) -> Result<Range<u32>, ReplyError> {
+    Reply::check_envelope(header, asked)?;
+    let malformed = |_| ReplyError::Malformed { field: "lease" };
+    let start = u32::try_from(header.detail[0]).map_err(malformed)?;
+    Ok(start..u32::try_from(header.detail[1]).map_err(malformed)?)
+}
+
+/// What an answered commit says beside its pairs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TickMarks {
+    /// The tick that the commit was part of, from 1.
+    pub tick: u64,
+    /// Where ranges of writers lie that had not committed, two words each.
+    pub late: Span,
+}
+
+impl TickMarks {
+    /// Of a tick whose late ranges follow what a scene tells.
+    pub fn after(scene: &SceneAnswerLayout, tick: u64, late: &[Range<u32>]) -> Self {
+        Self { tick, late: Span { start: scene.words(), len: 2 * late.len() as u64 } }
+    }
+
+    /// Words of the payload.
+    pub const fn words(&self) -> u64 {
+        self.late.start + self.late.len
+    }
+
+    /// Writes the late ranges into at least so many words.
+    ///
+    /// # Panics
+    /// With fewer.
+    pub fn write(&self, late: &[Range<u32>], words: &mut [u32]) {
+        let to = &mut words[self.late.start as usize..self.words() as usize];
+        let to = to.as_chunks_mut::<2>().0;
+        to.iter_mut().zip(late).for_each(|(to, range)| *to = [range.start, range.end]);
+    }
+
+    /// Adds the marks to the header of what a scene tells.
+    #[must_use]
+    pub fn mark(&self, header: ResponseHeader) -> ResponseHeader {
+        let mut header = header;
+        header.detail[1] = self.tick;
+        header.sections[4] =
+            Section::required(SectionKind::LateRanges, 4 * self.late.start, 4 * self.late.len);
+        header
+    }
+
+    /// Checks the header of an answer that was parsed as that of a scene.
+    ///
+    /// # Errors
+    /// [`ReplyError`] with the first thing that is wrong.
+    pub fn parse(header: &ResponseHeader, payload_bytes: u64) -> Result<Self, ReplyError> {
+        let malformed = ReplyError::Malformed { field: "late ranges" };
+        let late = find(&header.sections, SectionKind::LateRanges);
+        let late = late.filter(|late| late.fits(payload_bytes) && late.bytes.is_multiple_of(8));
+        let Some(late) = late else { return Err(malformed) };
+        let late = Span { start: late.offset / 4, len: late.bytes / 4 };
+        Ok(Self { tick: header.detail[1], late })
+    }
+
+    /// The late ranges. Another process may have written anything there: what is no range is passed over.
+    pub fn late_in(&self, words: &[u32]) -> Vec<Range<u32>> {
+        let pairs = SceneAnswerLayout::pairs_in(&self.late, words);
+        pairs.iter().filter(|[first, end]| first < end).map(|[first, end]| *first..*end).collect()
+    }
+}

@@ -1,0 +1,169 @@
+//! A tick of a scene that four sessions write, beside one session that writes as many boxes in a scene of its
+//! own: µs from the moment when all may commit until all have their changes, p50 and p99.
+//!
+//! ```text
+//! cargo bench -p pairmask-tests --bench shared -- [--boxes 25000] [--ticks 200] [--json]
+//! ```
+//!
+//! Both take turns, tick by tick, with the same boxes and the same moves. Of each share of the boxes, other
+//! ones move in each tick. Writers are threads, each with a session of its own.
+
+use std::error::Error;
+use std::hint::black_box;
+use std::sync::Barrier;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use pairmask::scene::{SceneOptions, Want};
+use pairmask::{JoinOptions, SharedScene};
+use pairmask_core::Aabb;
+use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
+
+/// The daemon's own main, which cargo builds beside this bench.
+const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
+/// Writers of the shared scene.
+const WRITERS: u32 = 4;
+/// Ticks that are not counted.
+const WARM_UP: u64 = 10;
+/// Shares of the boxes that move, %.
+const SHARES: [u32; 3] = [1, 10, 100];
+/// A deadline that no tick reaches.
+const DEADLINE: Duration = Duration::from_secs(5);
+
+/// What is measured.
+#[derive(Clone, Copy)]
+struct Size {
+    boxes: u32,
+    ticks: u64,
+}
+
+/// Where a box is in a tick: on a lattice, with neighbours of other writers.
+fn place(index: u32, tick: u64, boxes: u32) -> Aabb {
+    let side = f64::from(boxes * WRITERS).cbrt().ceil() as u32;
+    let cell = index % boxes * WRITERS + index / boxes;
+    let shift = 0.3 * (0.37 * tick as f32 + index as f32).sin();
+    let at = [cell % side, cell / side % side, cell / side / side].map(|c| c as f32 + shift);
+    Aabb::new(at, at.map(|x| x + 0.8))
+}
+
+/// The indices of a range that move in a tick.
+fn moving(range: std::ops::Range<u32>, tick: u64, share: u32) -> Vec<u32> {
+    range.filter(|index| (u64::from(*index) * 37 + tick) % 100 < u64::from(share)).collect()
+}
+
+fn commit(
+    scene: &mut SharedScene,
+    indices: &[u32],
+    boxes: &[Aabb],
+) -> Result<(), pairmask::SharedError> {
+    let answer = scene.edit().set_all(indices, boxes).commit(Want::Changes)?.take();
+    black_box((answer.begun().len(), answer.ended().len()));
+    Ok(())
+}
+
+fn percentiles(times: &mut [f64]) -> [f64; 2] {
+    times.sort_unstable_by(f64::total_cmp);
+    [50, 99].map(|p| times[(times.len() - 1) * p / 100])
+}
+
+/// Ticks of the shared scene and of one scene, in turns: the times of both.
+fn measure(
+    daemon: &PrivateDaemon,
+    Size { boxes, ticks }: Size,
+    share: u32,
+) -> Result<[Vec<f64>; 2], Box<dyn Error>> {
+    let begins = Barrier::new(WRITERS as usize + 1);
+    let ends = Barrier::new(WRITERS as usize + 1);
+    let has_failed = AtomicBool::new(false);
+    let options = JoinOptions::default().with_tick_deadline(DEADLINE);
+    let mut writers = Vec::new();
+    for which in 0..WRITERS {
+        let mut session = daemon.session().connect()?;
+        let mut scene = session.join_scene(&format!("bench-{share}"), options)?;
+        scene.lease(which * boxes..(which + 1) * boxes)?;
+        writers.push((which, session, scene));
+    }
+    let mut session = daemon.session().connect()?;
+    let mut alone = session.scene(SceneOptions::default());
+    let mut times = [Vec::new(), Vec::new()];
+    std::thread::scope(|scope| -> Result<(), Box<dyn Error>> {
+        for (which, session, mut scene) in writers {
+            let (begins, ends, has_failed) = (&begins, &ends, &has_failed);
+            scope.spawn(move || {
+                let own = which * boxes..(which + 1) * boxes;
+                for tick in 0..ticks + WARM_UP {
+                    let share = if tick == 0 { 100 } else { share };
+                    let indices = moving(own.clone(), tick, share);
+                    let moved: Vec<Aabb> =
+                        indices.iter().map(|index| place(*index, tick, boxes)).collect();
+                    begins.wait();
+                    if let Err(error) = commit(&mut scene, &indices, &moved) {
+                        eprintln!("{error}");
+                        has_failed.store(true, Ordering::Relaxed);
+                    }
+                    ends.wait();
+                }
+                drop((scene, session));
+            });
+        }
+        let mut failed = None;
+        for tick in 0..ticks + WARM_UP {
+            let share = if tick == 0 { 100 } else { share };
+            let indices = moving(0..WRITERS * boxes, tick, share);
+            let moved: Vec<Aabb> = indices.iter().map(|index| place(*index, tick, boxes)).collect();
+            begins.wait();
+            let start = Instant::now();
+            ends.wait();
+            let shared = start.elapsed();
+            let start = Instant::now();
+            match alone.edit().set_all(&indices, &moved).commit(Want::Changes) {
+                Ok(answer) => {
+                    let answer = answer.take();
+                    black_box((answer.begun().len(), answer.ended().len()));
+                }
+                // The writers wait for this thread at both barriers.
+                Err(error) => failed = Some(error),
+            }
+            if tick >= WARM_UP {
+                times[0].push(shared.as_secs_f64() * 1e6);
+                times[1].push(start.elapsed().as_secs_f64() * 1e6);
+            }
+        }
+        failed.map_or(Ok(()), |error| Err(error.into()))
+    })?;
+    if has_failed.load(Ordering::Relaxed) { Err("a commit failed".into()) } else { Ok(times) }
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let words: Vec<String> = std::env::args().skip(1).collect();
+    let after = |flag: &str| {
+        let at = words.iter().position(|word| word == flag)?;
+        words.get(at + 1)?.parse::<u32>().ok()
+    };
+    let boxes = after("--boxes").unwrap_or(25_000).max(1);
+    let size = Size { boxes, ticks: u64::from(after("--ticks").unwrap_or(200).max(1)) };
+    let is_json = words.iter().any(|word| word == "--json");
+    let daemon = PrivateDaemon::start(DAEMON.as_ref(), &PrivateSettings::default())?;
+    if !is_json {
+        println!("moving   shared p50     p99   alone p50     p99   ratio of p50");
+    }
+    let mut rows = Vec::new();
+    for share in SHARES {
+        let [mut shared, mut alone] = measure(&daemon, size, share)?;
+        let ([s50, s99], [a50, a99]) = (percentiles(&mut shared), percentiles(&mut alone));
+        if is_json {
+            rows.push(serde_json::json!({
+                "moving_percent": share, "writers": WRITERS, "boxes": size.boxes,
+                "shared_us": { "p50": s50, "p99": s99 }, "alone_us": { "p50": a50, "p99": a99 },
+            }));
+        } else {
+            let ratio = s50 / a50;
+            println!("{share:5} % {s50:11.0} {s99:7.0} {a50:11.0} {a99:7.0} {ratio:10.2}");
+        }
+    }
+    if is_json {
+        println!("{}", serde_json::json!({ "rows": rows }));
+    }
+    daemon.stop();
+    Ok(())
+}
