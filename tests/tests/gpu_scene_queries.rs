@@ -24,7 +24,7 @@ fn is_solid(b: &Aabb) -> bool {
 /// Every box against every query.
 fn expected<'b>(
     queries: &[Aabb],
-    boxes: impl Iterator<Item = (u32, &'b Aabb)> + Clone,
+    boxes: &(impl Iterator<Item = (u32, &'b Aabb)> + Clone),
 ) -> Vec<[u32; 2]> {
     let mut pairs = Vec::new();
     for (number, query) in queries.iter().enumerate().filter(|(_, query)| is_solid(query)) {
@@ -111,7 +111,7 @@ fn run(tools: &Arc<SceneTools>, seed: u64, edits: usize, largest: usize) {
             gpu.query(&queries, &mut found).unwrap_or_else(|e| panic!("{what}: {e}"));
             let on = boxes.iter().map(|(i, b)| (*i, b)).filter(|(i, _)| !gpu.is_off(*i));
             let on: Vec<(u32, &Aabb)> = on.collect();
-            same(&found, &expected(&queries, on.into_iter()))
+            same(&found, &expected(&queries, &on.into_iter()))
                 .unwrap_or_else(|e| panic!("{what}, {count} queries: {e}"));
             same_told(gpu.told(), core.told()).expect("the last answer stays");
         }
@@ -166,7 +166,7 @@ fn every_small_size_and_every_hard_scene_is_queried() {
         for count in [0, 1, n as usize, 70 - n as usize] {
             let queries = some_queries(&mut random, count, &boxes);
             scene.query(&queries, &mut found).expect("an answer");
-            same(&found, &expected(&queries, numbered(&boxes)))
+            same(&found, &expected(&queries, &numbered(&boxes)))
                 .unwrap_or_else(|e| panic!("{n} boxes, {count} queries: {e}"));
         }
     }
@@ -176,7 +176,7 @@ fn every_small_size_and_every_hard_scene_is_queried() {
             let queries = hard.boxes(count, 22);
             let mut scene = scene_of(&tools, &boxes);
             scene.query(&queries, &mut found).expect("an answer");
-            same(&found, &expected(&queries, numbered(&boxes)))
+            same(&found, &expected(&queries, &numbered(&boxes)))
                 .unwrap_or_else(|e| panic!("{hard:?}, {n} boxes, {count} queries: {e}"));
         }
     }
@@ -202,7 +202,7 @@ fn sizes_that_differ_much_and_piles_are_queried() {
     ];
     for (what, boxes, queries) in cases {
         let mut scene = scene_of(&tools, &boxes);
-        let expected = expected(&queries, numbered(&boxes));
+        let expected = expected(&queries, &numbered(&boxes));
         // The second time with another layout and with room for all.
         for _ in 0..3 {
             scene.query(&queries, &mut found).expect("an answer");
@@ -247,7 +247,7 @@ fn queries_of_several_submissions_are_numbered_on() {
     }
     let mut found = Vec::new();
     scene.query(&queries, &mut found).expect("an answer");
-    same(&found, &expected(&queries, numbered(&boxes))).unwrap_or_else(|e| panic!("{e}"));
+    same(&found, &expected(&queries, &numbered(&boxes))).unwrap_or_else(|e| panic!("{e}"));
     assert!(found.len() >= 5);
 }
 
@@ -273,5 +273,5 @@ fn the_comparator_notices_what_differs() {
     let [low, high] =
         [Aabb { min: [0.0; 3], max: [1.0; 3] }, Aabb { min: [1.0; 3], max: [2.0; 3] }];
     let boxes = [low, high, Aabb::EMPTY];
-    assert_eq!(expected(&[high, Aabb::EMPTY], numbered(&boxes)), [[0, 0], [0, 1]]);
+    assert_eq!(expected(&[high, Aabb::EMPTY], &numbered(&boxes)), [[0, 0], [0, 1]]);
 }

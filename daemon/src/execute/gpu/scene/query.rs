@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use pairmask_core::Aabb;
 use pairmask_core::engine::{CullError, ReserveError};
-use pairmask_core::scene::{Edit, Indices, Sets, Step};
+use pairmask_core::scene::{Edit, Indices, Sets, Step, sort_row};
 use pairmask_shaders::layouts::SceneMode;
 
 use super::changes::Found;
@@ -231,7 +231,7 @@ impl QuerySorter {
         for end in &self.next {
             let row = &mut sorted[start..*end as usize];
             if row.len() > 1 {
-                row.sort_unstable();
+                sort_row(row);
             }
             start = *end as usize;
         }
