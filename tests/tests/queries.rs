@@ -145,8 +145,8 @@ fn a_query_changes_nothing_that_edits_tell() {
             let edit = maker.next_edit();
             let want = [Want::Changes, Want::Moved, Want::All, Want::Nothing][maker.below(4)];
             edit.with(0, |edit| {
-                let told = asked.edit(edit, want).unwrap().clone();
-                same_told(&told, silent.edit(edit, want).unwrap()).unwrap();
+                let told = asked.edit(edit, want).unwrap();
+                same_told(told, silent.edit(edit, want).unwrap()).unwrap();
             });
             let ask = |scene: &mut Scene, rng: &mut Rng| {
                 let count = [1, 3, 70, 200][rng.below(4) as usize];

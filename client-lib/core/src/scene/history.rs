@@ -310,13 +310,17 @@ pub(super) fn pairs_of_named(cells: &Cells, store: &Store, pairs: &mut Vec<Pair>
     tested
 }
 
-/// Puts the numbers of boxes in the order of their places: by counting, digit by digit.
+/// Puts the numbers of boxes in the order of their places.
 fn by_place(boxes: &[u32], cells: &Cells, order: &mut Vec<u32>) {
-    const DIGIT: u32 = 11;
     let numbered = boxes.iter().zip(0u32..);
-    let mut places: Vec<[u32; 2]> =
-        numbered.map(|(index, number)| [cells.place(*index), number]).collect();
-    let mut sorted = vec![[0; 2]; boxes.len()];
+    let places = numbered.map(|(index, number)| [cells.place(*index), number]).collect();
+    in_order_of(places, order);
+}
+
+/// Adds numbers in the order of places, which stand before them: by counting, digit by digit.
+pub(super) fn in_order_of(mut places: Vec<[u32; 2]>, order: &mut Vec<u32>) {
+    const DIGIT: u32 = 11;
+    let mut sorted = vec![[0; 2]; places.len()];
     let most = places.iter().map(|[place, _]| *place).max().unwrap_or(0);
     for shift in (0..u32::BITS - most.leading_zeros()).step_by(DIGIT as usize) {
         let digit = |place: u32| (place >> shift & ((1 << DIGIT) - 1)) as usize;

@@ -137,6 +137,12 @@ impl Cells {
         self.places.get(index as usize).copied().unwrap_or(NOWHERE)
     }
 
+    /// A number by which boxes that are near each other stand together. Needs the default flags.
+    pub fn near(&self, b: &Aabb) -> u32 {
+        let occupied = self.levels.iter().zip(&self.occupied).find(|(_, count)| **count > 0);
+        occupied.filter(|_| is_solid(b)).map_or(0, |(level, _)| level.home(&level.quanta(b)))
+    }
+
     /// The history begins anew: boxes that have changed are to be [settled](Self::update).
     pub fn forget(&mut self, changed: &[u32]) {
         self.settling.extend_from_slice(changed);

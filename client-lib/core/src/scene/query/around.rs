@@ -4,21 +4,28 @@ use super::Room;
 use crate::aabb::{Aabb, KeyBox};
 use crate::engine::CullError;
 use crate::engine::strips::{in_parts, part_count};
+use crate::floats;
 use crate::scene::cells::{CHANGED, Candidate, Cells, INDEX, Probe, Searches, is_solid};
 use crate::scene::fetch::ask_for;
+use crate::scene::history::in_order_of;
 use crate::scene::pair_list::{Pair, sort_row};
 
 /// Queries of a task, at least: a search takes about 0.2 µs.
 const TASK_QUERIES: usize = 128;
 /// Queries that are looked around at a time.
 const BATCH: usize = 16;
+/// Fewest queries that are looked around by place, and the least share of the boxes, one in so many: below, two
+/// that follow one another share no memory.
+const SORTED_QUERIES: usize = 512;
+const SORTED_SHARE: usize = 128;
 /// Batches that are under way at a time: each is a step behind the one after it.
 const BATCHES: usize = 4;
 
 /// A range of queries, and what was found around them.
 #[derive(Default)]
-struct Task {
-    queries: std::ops::Range<usize>,
+struct Task<'a> {
+    /// Numbers of queries.
+    queries: &'a [u32],
     tested: u64,
     found: Vec<Pair>,
     batches: [Batch; BATCHES],
@@ -44,12 +51,15 @@ pub(super) fn find(
     room: &Room,
     found: &mut Vec<Pair>,
 ) -> Result<u64, CullError> {
-    let parts = part_count(queries.len(), TASK_QUERIES, threads);
-    let border = |part: usize| queries.len() * part / parts;
-    let mut tasks: Vec<Task> = (0..parts)
-        .map(|part| Task { queries: border(part)..border(part + 1), ..Task::default() })
+    let count = queries.len();
+    let is_sorted = count >= SORTED_QUERIES && count * SORTED_SHARE > boxes.len();
+    let order = if is_sorted { by_place(cells, queries) } else { (0..count as u32).collect() };
+    let parts = part_count(count, TASK_QUERIES, threads);
+    let border = |part: usize| count * part / parts;
+    let mut tasks: Vec<Task<'_>> = (0..parts)
+        .map(|part| Task { queries: &order[border(part)..border(part + 1)], ..Task::default() })
         .collect();
-    let run = |tasks: &mut [Task]| {
+    let run = |tasks: &mut [Task<'_>]| {
         for task in tasks {
             task.run(cells, boxes, queries, room);
         }
@@ -57,26 +67,54 @@ pub(super) fn find(
     in_parts(tasks.as_mut_slice(), parts, &run, &|(), ()| ());
     room.check()?;
     super::reserve(found, tasks.iter().map(|task| task.found.len()).sum())?;
-    tasks.iter().for_each(|task| found.extend_from_slice(&task.found));
+    if is_sorted {
+        by_query(&tasks, count, found);
+    } else {
+        tasks.iter().for_each(|task| found.extend_from_slice(&task.found));
+    }
     Ok(tasks.iter().map(|task| task.tested).sum())
 }
 
-impl Task {
+/// Numbers of queries in the order of the cells that they begin in.
+fn by_place(cells: &Cells, queries: &[Aabb]) -> Vec<u32> {
+    let place = |(number, query)| [cells.near(query), number];
+    let places = floats::with_default(|| (0u32..).zip(queries).map(place).collect());
+    let mut order = Vec::with_capacity(queries.len());
+    in_order_of(places, &mut order);
+    order
+}
+
+/// Puts the pairs of all tasks in the order of their queries. Those of a query stand together.
+fn by_query(tasks: &[Task<'_>], queries: usize, found: &mut Vec<Pair>) {
+    let mut starts = vec![0u32; queries];
+    let pairs = || tasks.iter().flat_map(|task| &task.found);
+    for [query, _] in pairs() {
+        starts[*query as usize] += 1;
+    }
+    let mut next = 0;
+    for start in &mut starts {
+        next += std::mem::replace(start, next);
+    }
+    found.resize(next as usize, [0; 2]);
+    for pair in pairs() {
+        let start = &mut starts[pair[0] as usize];
+        found[*start as usize] = *pair;
+        *start += 1;
+    }
+}
+
+impl Task<'_> {
     fn run(&mut self, cells: &Cells, boxes: &[Aabb], queries: &[Aabb], room: &Room) {
-        let Self { queries: range, tested, found, batches } = self;
-        let count = range.len().div_ceil(BATCH);
+        let Self { queries: numbers, tested, found, batches } = self;
+        let count = numbers.len().div_ceil(BATCH);
         for step in 0..count + BATCHES - 1 {
             if room.is_spent() {
                 return;
             }
             // The latest batch first: what it asks for has the time of all others to come.
             if step < count {
-                let start = range.start + step * BATCH;
-                batches[step % BATCHES].begin(
-                    start as u32,
-                    &queries[start..range.end.min(start + BATCH)],
-                    cells,
-                );
+                let some = &numbers[step * BATCH..numbers.len().min((step + 1) * BATCH)];
+                batches[step % BATCHES].begin(some, queries, cells);
             }
             let earlier = |steps: usize| {
                 let number = step.checked_sub(steps).filter(|number| *number < count);
@@ -100,13 +138,14 @@ impl Task {
 }
 
 impl Batch {
-    fn begin(&mut self, first: u32, queries: &[Aabb], cells: &Cells) {
+    fn begin(&mut self, some: &[u32], queries: &[Aabb], cells: &Cells) {
         let Self { numbers, keys, probes, searches, .. } = self;
         numbers.clear();
         keys.clear();
         probes.clear();
-        // Copies: another process may write queries while they are read.
-        for (number, query) in (first..).zip(queries.iter().copied()) {
+        for &number in some {
+            // A copy: another process may write queries while they are read.
+            let query = queries[number as usize];
             if is_solid(&query) {
                 numbers.push(number);
                 keys.push(KeyBox::from(&query));
