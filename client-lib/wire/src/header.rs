@@ -76,17 +76,17 @@ pub enum Operation {
     /// Forget a scene.
     EndScene = 4,
     /// Find the boxes of a scene that other boxes overlap.
-    QueryScene = 14,
+    QueryScene = 5,
     /// Find the overlapping pairs of a box of one set and a box of another.
-    CullBetween = 15,
+    CullBetween = 6,
     /// Join a scene that several sessions write.
-    JoinShared = 24,
+    JoinShared = 7,
     /// Lease indices of such a scene, or give them back.
-    LeaseShared = 25,
+    LeaseShared = 8,
     /// Change one's boxes of such a scene, and tell what follows when the tick ends.
-    CommitShared = 26,
+    CommitShared = 9,
     /// Leave such a scene.
-    LeaveShared = 27,
+    LeaveShared = 10,
 }
 
 impl RequestHeader {

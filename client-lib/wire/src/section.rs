@@ -77,11 +77,11 @@ pub enum SectionKind {
     /// How many pairs of a list each world has.
     WorldRanges = 22,
     /// Tags of the queries of a scene, 12 bytes each: one for all, or one for each.
-    QueryTags = 27,
+    QueryTags = 23,
     /// The name of a shared scene.
-    SceneName = 37,
+    SceneName = 24,
     /// Ranges of indices whose writers were late, two u32 each.
-    LateRanges = 38,
+    LateRanges = 25,
 }
 
 impl SectionKind {

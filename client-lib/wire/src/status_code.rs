@@ -27,11 +27,11 @@ pub enum StatusCode {
     /// allowed.
     SceneTooLarge = 9,
     /// A shared scene has other terms than the member asks for. `detail` says which, and what holds.
-    SharedDiffers = 30,
+    SharedDiffers = 10,
     /// A lease is refused. `detail` says why.
-    LeaseRefused = 31,
+    LeaseRefused = 11,
     /// An edit of a shared scene names what its member has not leased. `detail` holds the index.
-    NotLeased = 32,
+    NotLeased = 12,
 }
 
 impl StatusCode {

@@ -288,7 +288,7 @@ fn a_cull_of_two_sets_is_an_operation() {
             let first_set = Some(BoxCount::new(first));
             let request = CullRequest { first_set, ..CullRequest::of(scene) };
             let header = RequestHeader::cull(1, 2, &request);
-            assert_eq!((header.operation, header.most_boxes), (15, first));
+            assert_eq!((header.operation, header.most_boxes), (6, first));
             let parsed = Request::parse(&header, 4096);
             if form == ObjectForm::Spheres {
                 assert_eq!(parsed, Err(Reject::Query { field: "form" }));
