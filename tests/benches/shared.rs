@@ -110,8 +110,7 @@ fn measure(
         for tick in 0..ticks + WARM_UP {
             let share = if tick == 0 { 100 } else { share };
             let indices = moving(0..WRITERS * boxes, tick, share);
-            let moved: Vec<Aabb> =
-                indices.iter().map(|index| place(*index, tick, boxes)).collect();
+            let moved: Vec<Aabb> = indices.iter().map(|index| place(*index, tick, boxes)).collect();
             begins.wait();
             let start = Instant::now();
             ends.wait();

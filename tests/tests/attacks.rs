@@ -18,10 +18,10 @@ use pairmask_core::mask::WordAddress;
 use pairmask_core::units::BoxCount;
 use pairmask_core::{Aabb, Encoding, EncodingChoice};
 use pairmask_tests::attackers::lists::PAIRS;
-use pairmask_tests::attackers::shared::SHARED_SCENE;
 use pairmask_tests::attackers::raw::{
     CHANNEL_ID, CLIENT_ID, REQUEST_ID, RawClient, answer, cull, read, word, write,
 };
+use pairmask_tests::attackers::shared::SHARED_SCENE;
 use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
 use pairmask_tests::scene_edits::EditMaker;
 use pairmask_tests::{KnownPairs, attack_time, oracle, stress_scenes};

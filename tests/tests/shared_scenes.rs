@@ -258,7 +258,7 @@ fn what_is_not_its_own_a_member_is_refused() {
     let refused = here.join_scene("rules", JoinOptions::default());
     assert!(matches!(refused, Err(SharedError::InProcess)));
     let options = JoinOptions::default().with_most_boxes(100).with_tick_deadline(LONG);
-    let mut one = Member::join(&daemon, "rules", 0..10, options);
+    let mut one = Member::join(&daemon, "rules", 0..10, options.hearing(Hears::All));
     let mut session = daemon.session().connect().unwrap();
     for name in ["", "a b", &"x".repeat(65)] {
         let refused = session.join_scene(name, JoinOptions::default());
@@ -415,7 +415,8 @@ fn a_restarted_daemon_is_joined_again() {
             let second = other.scene.edit().set(12, at(x)).commit(Want::Changes);
             let answered = first.and_then(|first| first.wait());
             match (answered, second) {
-                (Ok(first), Ok(second)) if first.late().is_empty() => {
+                // A daemon that has just started may know one of them alone.
+                (Ok(first), Ok(second)) if first.late().is_empty() && first.pairs().len() == 1 => {
                     assert_eq!(first.pairs(), [[2, 12]], "round {round}");
                     learn(&mut other.known, &heard(&second.take()), Want::Changes);
                     assert_eq!(other.known.len(), 1);
