@@ -1,6 +1,7 @@
 //! Scenes that several sessions write, held to the pairs of all boxes, whoever commits first, is late, dies, or
 //! loses its daemon.
 #![allow(clippy::unwrap_used)]
+#![allow(clippy::single_range_in_vec_init)] // Lists of ranges are meant.
 
 use std::collections::BTreeSet;
 use std::io::{BufRead, BufReader, Write};
@@ -118,7 +119,7 @@ fn play(daemon: &TestDaemon, writers: u32, ticks: u64, (edits, order): (u64, u64
     while !coming.is_empty() {
         let at = shuffle.below(coming.len() as u64) as usize;
         let writer = coming.swap_remove(at);
-        let hears = if writer % 2 == 0 { Hears::Own } else { Hears::All };
+        let hears = if writer.is_multiple_of(2) { Hears::Own } else { Hears::All };
         let own = writer * OWN..(writer + 1) * OWN;
         members.push(Member::join(daemon, &name, own, options.hearing(hears)));
     }
