@@ -11,7 +11,9 @@ use std::time::{Duration, Instant};
 
 use pairmask::scene::shared::{AtEnd, Hears, LeaseError, NotLeased};
 use pairmask::scene::{EndReason, Ended, Want};
-use pairmask::{Aabb, Backend, JoinOptions, Session, SharedAnswer, SharedError, SharedScene};
+use pairmask::{
+    Aabb, Backend, JoinOptions, PendingShared, Session, SharedAnswer, SharedError, SharedScene,
+};
 use pairmask_tests::daemon::{TestDaemon, eventually};
 use pairmaskd::scene::Random;
 use rustix::process::Signal;
@@ -53,7 +55,7 @@ fn heard(answer: &SharedAnswer<'_>) -> Heard {
 
 /// A member, and the pairs that it knows by the answers that it took.
 struct Member {
-    _session: Session,
+    session: Session,
     scene: SharedScene,
     hears: Hears,
     own: Range<u32>,
@@ -67,7 +69,7 @@ impl Member {
         if !own.is_empty() {
             scene.lease(own.clone()).unwrap();
         }
-        Self { _session: session, scene, hears: options.hears, own, known: BTreeSet::new() }
+        Self { session, scene, hears: options.hears, own, known: BTreeSet::new() }
     }
 
     fn hears_of(&self, [a, b]: Pair) -> bool {
@@ -375,9 +377,9 @@ fn kill_writers(times: usize, at_end: AtEnd) {
     if at_end == AtEnd::Keep {
         assert_eq!(tick(false).0, 10, "kept");
     }
-    let status = member._session.daemon_status().unwrap();
+    let status = member.session.daemon_status().unwrap();
     assert_eq!((status.scenes, status.scene_mib), (1, 1));
-    let Member { _session: mut session, scene, .. } = member;
+    let Member { mut session, scene, .. } = member;
     drop(scene);
     eventually("a scene ends with its last member", || {
         let status = session.daemon_status().unwrap();
@@ -414,7 +416,7 @@ fn a_restarted_daemon_is_joined_again() {
         eventually("a tick of both", || {
             let first = one.scene.edit().set(2, at(x)).set(3, at(9.0)).submit(Want::All);
             let second = other.scene.edit().set(12, at(x)).commit(Want::Changes);
-            let answered = first.and_then(|first| first.wait());
+            let answered = first.and_then(PendingShared::wait);
             match (answered, second) {
                 // A daemon that has just started may know one of them alone.
                 (Ok(first), Ok(second)) if first.late().is_empty() && first.pairs().len() == 1 => {
