@@ -33,8 +33,8 @@ pub(super) struct Answer {
 impl Answer {
     /// Its memory, for a mask that lies in it.
     pub(super) fn into_storage(self) -> Storage {
-        let Self { response, _pending, _slot, .. } = self;
-        Storage::Shared { response, _pending, _slot }
+        let Self { response, _pending: pending, _slot: slot, .. } = self;
+        Storage::Shared { response, _pending: pending, _slot: slot }
     }
 }
 

@@ -120,23 +120,20 @@ impl RulesReader {
             take(&mut changed.included, included);
             take(&mut changed.excluded, excluded);
             let is_own = |pair: &[u32; 2]| pair.iter().all(|index| *index < n.get());
+            let own = [&changed.included, &changed.excluded].map(|list| list.iter().all(is_own));
+            if own != [true; 2] {
+                changed.included.clear();
+                changed.excluded.clear();
+                changed.rules.lists = PairLists::new();
+                let field = if own[0] { "exclude list" } else { "include list" };
+                return Err(Reject::Rules { field });
+            }
             let mut lists = PairLists::new();
-            for (list, is_included, field) in [
-                (&changed.included, true, "include list"),
-                (&changed.excluded, false, "exclude list"),
-            ] {
-                if !list.iter().all(is_own) {
-                    // The table and the tags may be kept; the lists are none's.
-                    changed.n = BoxCount::default();
-                    return Err(Reject::Rules { field });
-                }
-                for pair in list {
-                    if is_included {
-                        lists.include(*pair, true);
-                    } else {
-                        lists.exclude(*pair, true);
-                    }
-                }
+            for pair in &changed.included {
+                lists.include(*pair, true);
+            }
+            for pair in &changed.excluded {
+                lists.exclude(*pair, true);
             }
             changed.rules.lists = lists;
         }

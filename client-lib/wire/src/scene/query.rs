@@ -148,18 +148,17 @@ impl QueryRequest {
         // Both are at most the object count.
         let mask = QueryMask::new(queries as usize, index_end as u32);
         let mask = mask.ok_or(wrong("object count"))?;
-        let is_tags = |section: &&Section| section.kind == SectionKind::QueryTags as u32;
-        let tags = match header.sections.iter().filter(is_tags).count() {
-            0 => TagPlace::None,
-            _ => {
-                let tags = find(&header.sections, SectionKind::QueryTags);
-                let tags = tags.filter(|tags| fits(tags, TAG_BYTES)).ok_or(wrong("tags"))?;
-                match tags.bytes / TAG_BYTES {
-                    1 => TagPlace::One(tags),
-                    count if count == queries => TagPlace::Each(tags),
-                    _ => return Err(wrong("tags")),
-                }
+        let is_tags = |section: &Section| section.kind == SectionKind::QueryTags as u32;
+        let tags = if header.sections.iter().any(is_tags) {
+            let tags = find(&header.sections, SectionKind::QueryTags);
+            let tags = tags.filter(|tags| fits(tags, TAG_BYTES)).ok_or(wrong("tags"))?;
+            match tags.bytes / TAG_BYTES {
+                1 => TagPlace::One(tags),
+                count if count == queries => TagPlace::Each(tags),
+                _ => return Err(wrong("tags")),
             }
+        } else {
+            TagPlace::None
         };
         Ok(Self {
             scene: SceneId(header.scene),

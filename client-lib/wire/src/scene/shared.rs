@@ -201,13 +201,12 @@ impl TermsDiffer {
 /// The numbers of a response about a lease.
 pub fn lease_detail(error: &LeaseError) -> [u64; 2] {
     match *error {
-        LeaseError::Empty => [1, 0],
         LeaseError::BeyondLimit { end, .. } => [2, end],
         LeaseError::Taken { first, end } => [3, u64::from(first) << 32 | u64::from(end)],
         LeaseError::Full { count } => [4, u64::from(count)],
         LeaseError::TooMany { limit } => [5, limit as u64],
         LeaseError::NotHeld { first } => [6, u64::from(first)],
-        // Whatever a later core adds reads as this.
+        // Of no index; whatever a later core adds reads as this.
         _ => [1, 0],
     }
 }

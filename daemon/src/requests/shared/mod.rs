@@ -72,7 +72,7 @@ impl SharedScenes {
         // A member that joins again has lost what it knew: its first life ends.
         self.end((session, request.scene), outbox);
         let joined = match SceneName::read(request, open.pages()) {
-            Some(name) => self.join_named(name, session, request, outbox),
+            Some(name) => self.join_named(&name, session, request, outbox),
             None => Err(Reject::Edit { field: "name" }.into()),
         };
         match joined {
@@ -87,14 +87,14 @@ impl SharedScenes {
 
     fn join_named(
         &self,
-        name: SceneName,
+        name: &SceneName,
         session: u128,
         request: &JoinRequest,
         outbox: &Arc<Outbox>,
     ) -> Result<AgreedTerms, Refusal> {
         self.alarm.start(outbox)?;
         loop {
-            let cell = self.of_name(&name, request)?;
+            let cell = self.of_name(name, request)?;
             let mut scene = locked(&cell);
             // Its last member may have left since it was found.
             if scene.has_ended() {
@@ -108,7 +108,7 @@ impl SharedScenes {
                     let ended = scene.end_without_members();
                     drop(scene);
                     if ended {
-                        self.forget(&name, &cell);
+                        self.forget(name, &cell);
                     }
                     return Err(refusal);
                 }
@@ -195,7 +195,9 @@ impl SharedScenes {
     pub(super) fn tidy(&self, lives: impl Fn(u128) -> bool, outbox: &Outbox) {
         let gone: Vec<MemberKey> =
             locked(&self.joined).keys().filter(|(session, _)| !lives(*session)).copied().collect();
-        gone.into_iter().for_each(|key| self.end(key, outbox));
+        for key in gone {
+            self.end(key, outbox);
+        }
     }
 
     /// Ends a membership, if there is one.

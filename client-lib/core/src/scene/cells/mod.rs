@@ -250,6 +250,7 @@ impl Cells {
     }
 
     /// The move of a box to what it is.
+    #[allow(clippy::unnecessary_wraps)] // As the others: a `MoveOf`.
     fn arrived(&self, store: &Store, index: u32) -> Option<Move> {
         let b = store.boxes().get(index as usize).copied().unwrap_or(Aabb::EMPTY);
         if !is_solid(&b) {

@@ -70,7 +70,9 @@ pub(super) fn find(
     if is_sorted {
         by_query(&tasks, count, found);
     } else {
-        tasks.iter().for_each(|task| found.extend_from_slice(&task.found));
+        for task in &tasks {
+            found.extend_from_slice(&task.found);
+        }
     }
     Ok(tasks.iter().map(|task| task.tested).sum())
 }

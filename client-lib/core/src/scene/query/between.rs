@@ -91,7 +91,9 @@ pub fn between(
 /// Turns pairs of which the second box is of the first set, and puts them in order.
 fn settle(found: &mut Vec<Pair>, are_turned: bool, first: usize, threads: usize) {
     if are_turned {
-        found.iter_mut().for_each(|pair| pair.reverse());
+        for pair in found.iter_mut() {
+            pair.reverse();
+        }
         Sorter::default().sort(found, first as u32, threads);
     }
 }

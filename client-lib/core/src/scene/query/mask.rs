@@ -108,7 +108,7 @@ impl QueryMask {
     }
 
     fn write_list(
-        &self,
+        self,
         found: &[Pair],
         reply: &mut dyn ReplyBuffer,
     ) -> Result<MaskShape, CullError> {
@@ -121,7 +121,7 @@ impl QueryMask {
     }
 
     fn write_words(
-        &self,
+        self,
         found: &[Pair],
         encoding: Encoding,
         reply: &mut dyn ReplyBuffer,

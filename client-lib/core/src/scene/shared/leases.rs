@@ -146,8 +146,9 @@ impl Leases {
 
     /// Ends all leases of a member.
     pub fn end(&mut self, member: MemberId) -> Vec<Range<u32>> {
-        let ended = self.by_first.extract_if(.., |_, lease| lease.member == member);
-        ended.map(|(first, lease)| first..lease.end).collect()
+        let ended = self.of(member).0;
+        self.by_first.retain(|_, lease| lease.member != member);
+        ended
     }
 
     /// The ranges of a member, rising.
@@ -264,6 +265,7 @@ impl FromIterator<Range<u32>> for Ranges {
 }
 
 #[cfg(test)]
+#[allow(clippy::single_range_in_vec_init)] // Lists of ranges are meant.
 mod tests {
     use super::*;
     use crate::aabb::Aabb;

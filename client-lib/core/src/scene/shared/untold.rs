@@ -214,6 +214,7 @@ impl Untold {
 }
 
 #[cfg(test)]
+#[allow(clippy::single_range_in_vec_init)] // A list of ranges is meant.
 mod tests {
     use super::super::Ranges;
     use super::*;
@@ -291,9 +292,9 @@ mod tests {
                     // Nobody asks in this tick.
                     continue;
                 }
-                let reason = |[a, b]: Pair| match off.contains(&a) || off.contains(&b) {
-                    true => EndReason::Filtered,
-                    false => EndReason::Separated,
+                let reason = |[a, b]: Pair| {
+                    let is_off = off.contains(&a) || off.contains(&b);
+                    if is_off { EndReason::Filtered } else { EndReason::Separated }
                 };
                 let expected = asked.told();
                 let is_taken = choice > 3;
