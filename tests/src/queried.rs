@@ -133,6 +133,9 @@ impl Queries {
     }
 
     /// Gives some boxes tags, and the scene filters now and then.
+    ///
+    /// # Panics
+    /// When the table of filters, or an edit, is refused.
     pub fn edit_rules(&mut self, scene: &mut impl QueriedScene) {
         let indices: Vec<u32> = self.bodies.keys().copied().collect();
         let indices: Vec<u32> = indices.into_iter().filter(|_| self.rng.below(4) == 0).collect();
