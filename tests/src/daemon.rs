@@ -49,6 +49,11 @@ pub fn outlive_kills(daemon: &mut TestDaemon, mut frame: impl FnMut(usize) -> Se
     });
 }
 
+/// An argument of a daemon, with the GPU of the tests in place of the software adapter.
+fn of_tests(argument: &str) -> String {
+    if argument == "software" { crate::gpu::name() } else { argument.into() }
+}
+
 /// A running daemon.
 #[derive(Debug)]
 pub struct TestDaemon {
@@ -59,7 +64,8 @@ pub struct TestDaemon {
 }
 
 impl TestDaemon {
-    /// Starts `binary serve ARGUMENTS` and waits until it answers.
+    /// Starts `binary serve ARGUMENTS` and waits until it answers. `--gpu software` is the GPU of the tests
+    /// ([`gpu`](crate::gpu)).
     ///
     /// # Panics
     /// When it does not start.
@@ -67,7 +73,7 @@ impl TestDaemon {
         let mut daemon = Self {
             dir: tempfile::tempdir().expect("a temporary directory"),
             binary: binary.into(),
-            arguments: arguments.iter().map(ToString::to_string).collect(),
+            arguments: arguments.iter().map(|argument| of_tests(argument)).collect(),
             supervisor: None,
         };
         daemon.restart();

@@ -4,10 +4,14 @@ use std::sync::Arc;
 
 use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, Gpu, GpuChoice, HostImport};
 
-/// The GPU of the tests by name: what `PAIRMASK_TEST_GPU` says, by default the software adapter.
+/// The name of the GPU of the tests: what `PAIRMASK_TEST_GPU` says, by default the software adapter.
+pub fn name() -> String {
+    std::env::var("PAIRMASK_TEST_GPU").unwrap_or_else(|_| "software".into())
+}
+
+/// The GPU of the tests.
 pub fn choice() -> GpuChoice {
-    let choice = std::env::var("PAIRMASK_TEST_GPU").unwrap_or_else(|_| "software".into());
-    choice.parse().unwrap_or_default()
+    name().parse().unwrap_or_default()
 }
 
 /// The GPU of the tests: what `PAIRMASK_TEST_GPU` names, by default the software adapter.
