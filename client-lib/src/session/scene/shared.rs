@@ -95,7 +95,9 @@ pub enum SharedError {
     /// The lease is refused.
     #[error(transparent)]
     Lease(#[from] LeaseError),
-    /// The edit names what is not leased. Nothing of it was applied.
+    /// The edit names what is not leased, and nothing of it was applied. A table of filters is refused by the
+    /// daemon where another writer's lease is lower: this member joins again with its next commit, which has the
+    /// rest of that edit.
     #[error(transparent)]
     NotLeased(#[from] NotLeased),
     /// The edit is wrong. Nothing of it was applied.
@@ -145,6 +147,8 @@ pub struct SharedScene {
     /// Whether this member has given the table of filters.
     gave_filters: bool,
     there: Option<There>,
+    /// The connection over which a membership was last asked for.
+    asked_of: Option<Arc<Link>>,
     revisions: u64,
     /// The commit that the daemon works on and nobody waits for.
     unread: Arc<Unread>,
@@ -185,6 +189,7 @@ impl SharedScene {
             draft: Draft::default(),
             gave_filters: false,
             there: None,
+            asked_of: None,
             revisions: 0,
             unread: core.unread_of_scene(),
             core: Arc::clone(core),
@@ -300,6 +305,7 @@ impl SharedScene {
             engine: self.core.settings().engine,
         };
         let name = self.name.clone();
+        self.asked_of = Some(Arc::clone(&link));
         let (answer, asked) = self.ask(
             &link,
             name.as_str().len() as u64,
@@ -333,7 +339,17 @@ impl SharedScene {
             |token, frame| RequestHeader::lease_shared(token, frame, &request),
             |_| true,
         )?;
-        parse_leased(&answer.header, &asked).map_err(|error| self.refused(link, error))
+        let range = parse_leased(&answer.header, &asked).and_then(|range| {
+            let is_right = match action {
+                LeaseAction::Take { first, count } => {
+                    (range.start, range.len()) == (first, count as usize)
+                }
+                LeaseAction::TakeAny { count } => range.len() == count as usize,
+                LeaseAction::GiveBack { first } => range.start == first,
+            };
+            if is_right { Ok(range) } else { Err(ReplyError::Malformed { field: "lease" }) }
+        });
+        range.map_err(|error| self.refused(link, error))
     }
 
     /// Sends a small request, and waits for its answer.
@@ -379,6 +395,9 @@ impl SharedScene {
             };
             if matches!(status, StatusCode::StaleScene | StatusCode::NotLeased) {
                 self.there = None;
+            }
+            if matches!(&typed, Some(SharedError::NotLeased(NotLeased::Filters))) {
+                self.gave_filters = false;
             }
             if let Some(typed) = typed {
                 return typed;
@@ -532,21 +551,18 @@ impl SharedScene {
 
 impl Drop for SharedScene {
     fn drop(&mut self) {
-        let Some(there) = &self.there else { return };
-        if !there.link.is_alive() {
-            return;
-        }
-        let header =
-            RequestHeader::leave_shared(there.link.token(), self.core.next_frame(), self.id);
+        // Also where an answer was lost: the daemon may have the membership.
+        let Some(link) = self.asked_of.as_ref().filter(|link| link.is_alive()) else { return };
+        let header = RequestHeader::leave_shared(link.token(), self.core.next_frame(), self.id);
         let mut settings = self.settings.clone();
         settings.deadline = settings.deadline.min(END_WITHIN);
         // With all frames in use the membership ends with the session.
-        let shared = there.link.loan(0).ok().or_else(|| {
-            self.core.free_a_place(&there.link);
-            there.link.loan(0).ok()
+        let shared = link.loan(0).ok().or_else(|| {
+            self.core.free_a_place(link);
+            link.loan(0).ok()
         });
         let sent = shared.and_then(|shared| Exchange::begin(shared, &header).ok());
-        let _ = sent.map(|exchange| exchange.end(there.link.expect(0), &settings));
+        let _ = sent.map(|exchange| exchange.end(link.expect(0), &settings));
     }
 }
 

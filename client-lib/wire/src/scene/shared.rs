@@ -304,7 +304,10 @@ impl RequestHeader {
             },
             sections,
             scene: request.scene.0,
-            base: deadline.map_or(0, |deadline| deadline.as_nanos() as u64),
+            // 0 leaves it open, and one that is too long for a number is too long for the daemon.
+            base: deadline.map_or(0, |deadline| {
+                u64::try_from(deadline.as_nanos()).unwrap_or(u64::MAX).max(1)
+            }),
             most_boxes: most_boxes.unwrap_or(0),
             scene_flags: at_end.map_or(0, at_end_number) | hears,
             ..Self::envelope(Operation::JoinShared, client_token, frame)
@@ -428,11 +431,12 @@ pub fn parse_joined(
     Reply::check_envelope(header, asked)?;
     let malformed = |field| ReplyError::Malformed { field };
     let deadline = Duration::from_nanos(header.detail[1]);
-    if deadline > LONGEST_TICK {
+    if deadline.is_zero() || deadline > LONGEST_TICK {
         return Err(malformed("deadline"));
     }
+    let most_boxes = u32::try_from(header.detail[0]).ok().filter(|most| *most > 0);
     Ok(AgreedTerms {
-        most_boxes: u32::try_from(header.detail[0]).map_err(|_| malformed("most boxes"))?,
+        most_boxes: most_boxes.ok_or(malformed("most boxes"))?,
         deadline,
         at_end: at_end_of(header.detail[2]).ok_or(malformed("end"))?,
     })
@@ -454,9 +458,12 @@ pub fn parse_leased(
     asked: &ReplyFields,
 ) -> Result<Range<u32>, ReplyError> {
     Reply::check_envelope(header, asked)?;
-    let malformed = |_| ReplyError::Malformed { field: "lease" };
-    let start = u32::try_from(header.detail[0]).map_err(malformed)?;
-    Ok(start..u32::try_from(header.detail[1]).map_err(malformed)?)
+    let malformed = ReplyError::Malformed { field: "lease" };
+    let [start, end] = [header.detail[0], header.detail[1]].map(u32::try_from);
+    match (start, end) {
+        (Ok(start), Ok(end)) if start < end => Ok(start..end),
+        _ => Err(malformed),
+    }
 }
 
 /// What an answered commit says beside its pairs.

@@ -70,7 +70,7 @@ impl SharedScenes {
     pub(super) fn join(&self, mut open: OpenRequest, request: &JoinRequest, outbox: &Arc<Outbox>) {
         let session = open.sender().session;
         // A member that joins again has lost what it knew: its first life ends.
-        self.end((session, request.scene), outbox);
+        self.end((session, request.scene), true, outbox);
         let joined = match SceneName::read(request, open.pages()) {
             Some(name) => self.join_named(&name, session, request, outbox),
             None => Err(Reject::Edit { field: "name" }.into()),
@@ -187,7 +187,7 @@ impl SharedScenes {
 
     /// Answers a request to leave.
     pub(super) fn leave(&self, open: &mut OpenRequest, scene: SceneId, outbox: &Outbox) {
-        self.end((open.sender().session, scene), outbox);
+        self.end((open.sender().session, scene), true, outbox);
         outbox.answer_scene_ended(open);
     }
 
@@ -196,15 +196,20 @@ impl SharedScenes {
         let gone: Vec<MemberKey> =
             locked(&self.joined).keys().filter(|(session, _)| !lives(*session)).copied().collect();
         for key in gone {
-            self.end(key, outbox);
+            self.end(key, false, outbox);
         }
     }
 
-    /// Ends a membership, if there is one.
-    fn end(&self, key: MemberKey, outbox: &Outbox) {
+    /// Ends a membership, if there is one. A session that lives is told that a commit has no answer.
+    fn end(&self, key: MemberKey, lives: bool, outbox: &Outbox) {
         let Some((cell, member)) = locked(&self.joined).remove(&key) else { return };
         let mut scene = locked(&cell);
-        scene.end_member(member);
+        if let Some(mut open) = scene.end_member(member) {
+            if lives {
+                outbox.refuse(&mut open, &Refusal::stale_scene(0));
+            }
+            open.close();
+        }
         self.end_tick(&mut scene, 1, outbox);
         let ended = scene.end_without_members();
         let name = scene.name().clone();

@@ -408,17 +408,15 @@ impl SharedScene {
         self.members.values_mut().for_each(|member| member.untold.lose());
     }
 
-    /// A member has left, or its session is gone.
-    pub fn end_member(&mut self, id: MemberId) {
-        let Some(member) = self.members.remove(&id) else { return };
-        if let Some(commit) = member.commit {
-            commit.open.close();
-        }
+    /// A member has left, or its session is gone. Returns the request of a commit that has no answer.
+    pub fn end_member(&mut self, id: MemberId) -> Option<OpenRequest> {
+        let member = self.members.remove(&id)?;
         self.ticks.forget(id);
         let ended = self.leases.end(id);
         if self.terms.at_end == AtEnd::Remove && !self.members.is_empty() {
             self.remove(&ended);
         }
+        member.commit.map(|commit| commit.open)
     }
 
     /// Removes the boxes of ranges that are nobody's any more.
