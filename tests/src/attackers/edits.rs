@@ -1,15 +1,13 @@
 //! A client that forges edits of scenes, and changes them while the daemon reads them.
 
-use std::time::Duration;
-
 use bytemuck::cast_slice_mut;
 use pairmask_core::engine::EngineChoice;
 use pairmask_core::filters::{Filter, FilterId, FilterTable, Owner, Tag, World};
 use pairmask_core::scene::{Edit, Step, Tags, Want};
 use pairmask_wire::{EditLayout, Page, RequestHeader, SceneId, SceneRequest, page_count};
 
-use super::raw::{Dice, RawClient, answer, write};
-use super::{Tally, Until, count};
+use super::raw::{Dice, RawClient};
+use super::{Tally, Until, send_and_spoil};
 use crate::scene_edits::{EditMaker, SKIPPED};
 
 /// Pages of a request.
@@ -67,19 +65,9 @@ pub(super) fn attack(until: &Until, tally: &mut Tally) {
                 forge(&mut header, loan.payload_mut(), &mut dice);
             }
             *loan.user_header_mut() = header;
-            let payload = loan.payload_mut().as_ptr() as usize;
-            let Some(pending) = client.send(loan) else { break };
-            if is_forged {
-                for _ in 0..dice.below(2_000) {
-                    let place = 8 * dice.below((PAGES * size_of::<Page>()) as u64 / 8) as usize;
-                    write(payload + place, dice.below(u64::MAX) >> dice.below(64));
-                }
-            }
-            let Some(answered) = answer(&pending, Duration::from_secs(2)) else {
-                count(tally, "unanswered");
+            let Some(answered) = send_and_spoil(&client, loan, is_forged, &mut dice, tally) else {
                 break;
             };
-            count(tally, if answered.status == 0 { "answered" } else { "refused" });
             // A scene that was forged is begun anew now and then.
             base = if answered.status == 0 && dice.below(20) > 0 { header.revision } else { 0 };
         }

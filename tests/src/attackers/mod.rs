@@ -24,6 +24,11 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use pairmask_transport::RequestLoan;
+use pairmask_wire::ResponseHeader;
+
+use self::raw::{Dice, RawClient, answer, write};
+
 /// Counts of an attacker, by name.
 pub type Tally = BTreeMap<String, u64>;
 
@@ -47,6 +52,32 @@ impl Until {
     pub fn is_over(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
+}
+
+/// Sends a request, changes its payload while the daemon reads it if it is forged, and counts what becomes of it.
+/// Returns the header of the answer; `None` where there is none, so that another client is needed.
+fn send_and_spoil(
+    client: &RawClient,
+    mut loan: RequestLoan,
+    is_forged: bool,
+    dice: &mut Dice,
+    tally: &mut Tally,
+) -> Option<ResponseHeader> {
+    let bytes = size_of_val(loan.payload_mut());
+    let payload = loan.payload_mut().as_ptr() as usize;
+    let pending = client.send(loan)?;
+    if is_forged {
+        for _ in 0..dice.below(2_000) {
+            let place = 8 * dice.below(bytes as u64 / 8) as usize;
+            write(payload + place, dice.below(u64::MAX) >> dice.below(64));
+        }
+    }
+    let Some(answered) = answer(&pending, Duration::from_secs(2)) else {
+        count(tally, "unanswered");
+        return None;
+    };
+    count(tally, if answered.status == 0 { "answered" } else { "refused" });
+    Some(answered)
 }
 
 /// Attacks in a mode until the input ends, and prints the counts: `name=count` a line.

@@ -13,8 +13,8 @@ use pairmask_wire::{
     CullRequest, EditLayout, Page, QueryRequest, RequestHeader, SceneId, ScenePlace, SceneRequest,
 };
 
-use super::raw::{Dice, RawClient, answer, write};
-use super::{Tally, Until, count};
+use super::raw::{Dice, RawClient, answer};
+use super::{Tally, Until, send_and_spoil};
 
 /// Pages of a request.
 const PAGES: usize = 16;
@@ -114,19 +114,9 @@ pub(super) fn attack(until: &Until, tally: &mut Tally) {
                 }
             }
             *loan.user_header_mut() = header;
-            let payload = loan.payload_mut().as_ptr() as usize;
-            let Some(pending) = client.send(loan) else { break };
-            if is_forged {
-                for _ in 0..dice.below(2_000) {
-                    let place = 8 * dice.below((PAGES * size_of::<Page>()) as u64 / 8) as usize;
-                    write(payload + place, dice.below(u64::MAX) >> dice.below(64));
-                }
-            }
-            let Some(answered) = answer(&pending, Duration::from_secs(2)) else {
-                count(tally, "unanswered");
+            if send_and_spoil(&client, loan, is_forged, &mut dice, tally).is_none() {
                 break;
-            };
-            count(tally, if answered.status == 0 { "answered" } else { "refused" });
+            }
         }
     }
 }

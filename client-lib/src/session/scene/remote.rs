@@ -4,6 +4,8 @@
 //! works. A daemon that has no scene, or an older one, gets the copy whole. Where no daemon answers, and
 //! the backend allows it, a scene of this process is made from the copy. Whoever begins from the copy
 //! does not know which pairs were told, so that the next changes are all pairs.
+//!
+//! One file, because edits and queries send the same copy again, and fall back in the same way.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
