@@ -18,7 +18,7 @@ use rustix::process::{Pid, Signal, getppid, kill_process, set_parent_process_dea
 use tempfile::TempDir;
 
 use crate::audit::AuditRate;
-use crate::execute::gpu::GpuChoice;
+use crate::execute::gpu::GpuChoices;
 use crate::serve::{DEFAULT_SPIN, ServeError, ServeSettings, supervise};
 
 /// A daemon that does not answer within this time counts as failed: starting takes 50 ms on an idle
@@ -39,8 +39,8 @@ pub struct PrivateSettings {
     pub limits: Limits,
     /// How long the worker spins for the next request before it sleeps.
     pub spin: Duration,
-    /// The GPU to use.
-    pub gpu: GpuChoice,
+    /// The GPUs to use.
+    pub gpu: GpuChoices,
     /// The constants that plans compute with.
     pub calibration: CalibrationChoice,
     /// The instruction set of the CPU's engines.
@@ -54,7 +54,7 @@ impl Default for PrivateSettings {
         Self {
             limits: Limits::default(),
             spin: DEFAULT_SPIN,
-            gpu: GpuChoice::default(),
+            gpu: GpuChoices::default(),
             calibration: CalibrationChoice::default(),
             isa: AvailableIsa::best(),
             audit: AuditRate::Off,

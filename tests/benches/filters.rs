@@ -301,7 +301,8 @@ fn run() -> Result<(), Box<dyn Error>> {
     let options = Options::parse()?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(options.threads);
     pool.use_current_thread().build_global()?;
-    let settings = |gpu: &GpuChoice| PrivateSettings { gpu: gpu.clone(), ..Default::default() };
+    let settings =
+        |gpu: &GpuChoice| PrivateSettings { gpu: gpu.clone().into(), ..Default::default() };
     let start = |gpu| PrivateDaemon::start(DAEMON.as_ref(), &settings(gpu));
     let daemon = options.daemon.as_ref().map(start).transpose()?;
     let rows = rows(&options, daemon.as_ref())?;

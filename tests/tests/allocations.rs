@@ -170,7 +170,7 @@ fn steady_frames_allocate_nothing() {
         // Longer than any pause: engines' threads that are kept awake are not woken again, which would
         // make small objects.
         spin: Duration::from_secs(1),
-        gpu: GpuChoice::None,
+        gpu: GpuChoice::None.into(),
         gpu_awake: Duration::ZERO,
         calibration: CalibrationChoice::BuiltIn,
         isa: AvailableIsa::best(),

@@ -22,7 +22,7 @@ fn begin(executor: &Executor, copy: &SceneCopy) -> SceneKeeper {
     let deadline = Instant::now() + GIVE_UP;
     loop {
         let engine = EngineChoice::Only(EngineName::GpuGrid);
-        let (options, share) = (SceneOptions::default(), executor.gpu_share());
+        let (options, share) = (SceneOptions::default(), executor.gpus().for_scene());
         let scene = SceneKeeper::new(options, CpuEngines::new(), share, engine);
         let made = scene.and_then(|mut scene| {
             let whole = copy.whole();

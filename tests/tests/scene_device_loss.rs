@@ -55,7 +55,7 @@ impl Worker {
             dir: RuntimeDir::at(dir.path()),
             limits: Limits::default(),
             spin: Duration::from_micros(50),
-            gpu: GpuChoice::Software,
+            gpu: GpuChoice::Software.into(),
             gpu_awake: Duration::ZERO,
             calibration: CalibrationChoice::BuiltIn,
             isa: AvailableIsa::best(),

@@ -11,7 +11,7 @@ use serde::{Deserialize, Deserializer};
 
 use super::whole_number::{WholeNumber, whole_number};
 use crate::audit::AuditRate;
-use crate::execute::gpu::GpuChoice;
+use crate::execute::gpu::GpuChoices;
 use crate::file_error::{Access, FileError};
 
 /// Settings of a configuration file. Keys are the flags' names.
@@ -39,7 +39,7 @@ pub struct Config {
     #[serde(deserialize_with = "number")]
     pub(super) max_scene_mib: Option<u32>,
     #[serde(deserialize_with = "parsed")]
-    pub(super) gpu: Option<GpuChoice>,
+    pub(super) gpu: Option<GpuChoices>,
     #[serde(deserialize_with = "number")]
     pub(super) gpu_awake_ms: Option<u32>,
     #[serde(deserialize_with = "parsed")]

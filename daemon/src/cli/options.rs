@@ -14,7 +14,7 @@ use pairmask_wire::InstanceName;
 
 use super::config::Config;
 use super::whole_number::whole_number;
-use crate::execute::gpu::GpuChoice;
+use crate::execute::gpu::{GpuChoice, GpuChoices};
 use crate::spawn::PrivateSettings;
 
 /// Instance, runtime directory, configuration file, calibration and instruction set.
@@ -75,21 +75,27 @@ impl Place {
 /// Resources of a daemon or study that this command starts.
 #[derive(Clone, Debug, Args)]
 pub struct DaemonOptions {
-    /// GPU of what is started: auto, none, software, a number or a name [default: auto]
+    /// GPU of what is started: auto, none, software, a number or a name. A daemon takes several, with
+    /// commas between them, or all [default: auto]
     #[arg(long, env = "PAIRMASK_GPU", value_name = "GPU")]
-    gpu: Option<GpuChoice>,
+    gpu: Option<GpuChoices>,
 }
 
 impl DaemonOptions {
-    /// The GPU to use.
-    pub fn gpu(&self, config: &Config) -> GpuChoice {
+    /// The GPUs to use.
+    pub fn gpus(&self, config: &Config) -> GpuChoices {
         self.gpu.clone().or_else(|| config.gpu.clone()).unwrap_or_default()
+    }
+
+    /// The first of them, for what uses one.
+    pub fn gpu(&self, config: &Config) -> GpuChoice {
+        self.gpus(config).first()
     }
 
     /// Settings of a private daemon.
     pub fn private(&self, place: &Place, config: &Config) -> PrivateSettings {
         PrivateSettings {
-            gpu: self.gpu(config),
+            gpu: self.gpus(config),
             calibration: place.calibration(config),
             isa: place.isa(config),
             ..PrivateSettings::default()

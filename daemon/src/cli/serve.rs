@@ -101,7 +101,7 @@ impl Serve {
                     .map_or(default.max_scene_bytes, |n| u64::from(n) << 20),
             },
             spin: spin_us.map_or(DEFAULT_SPIN, Duration::from_micros),
-            gpu: self.options.gpu(config),
+            gpu: self.options.gpus(config),
             gpu_awake: gpu_awake_ms.map_or(DEFAULT_HOLD, |ms| Duration::from_millis(ms.into())),
             calibration: place.calibration(config),
             isa: place.isa(config),

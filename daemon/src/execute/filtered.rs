@@ -67,7 +67,7 @@ impl Executor {
     pub fn may_use_gpu(&self, rules: &SentRules, options: &CullOptions) -> bool {
         match options.engine {
             EngineChoice::Only(engine) => engine.is_gpu(),
-            EngineChoice::Auto => self.gpu.is_some() && rules.most_worlds() == 0,
+            EngineChoice::Auto => !self.gpus.is_empty() && rules.most_worlds() == 0,
         }
     }
 

@@ -5,6 +5,7 @@ mod filtered;
 mod frame_memory;
 pub mod gpu;
 mod gpu_service;
+mod gpus;
 mod kept_scene;
 mod offers;
 mod shared_gpu;
@@ -14,6 +15,7 @@ mod under_way;
 pub use engine_pool::EnginePool;
 pub use frame_memory::FrameMemory;
 pub use gpu_service::{GpuService, WatchDevice};
+pub use gpus::Gpus;
 pub use kept_scene::SceneKeeper;
 pub use offers::Owner;
 
@@ -48,9 +50,16 @@ pub struct Planned {
     start: Instant,
     plan_ns: u64,
     one_core_ns: Option<u64>,
+    /// The GPU that the plan counts on, and that takes the frame where the plan is a GPU's.
+    gpu: Option<Arc<SharedGpu>>,
 }
 
 impl Planned {
+    /// The place of the GPU that takes the frame, among those of the daemon.
+    pub fn gpu_place(&self) -> usize {
+        self.gpu.as_ref().map_or(0, |gpu| gpu.number())
+    }
+
     /// What the frame is predicted to take on one core, where the plan has several threads; `None` where
     /// it has one, or a GPU.
     pub fn on_one_core(&self) -> Option<Duration> {
@@ -122,7 +131,7 @@ impl CpuSide {
                 self.engines.plan(boxes, &CullOptions { threads: Some(1), ..*options }, None);
             engine_ns(&one_core)
         });
-        Planned { plan, options: *options, start, plan_ns, one_core_ns }
+        Planned { plan, options: *options, start, plan_ns, one_core_ns, gpu: None }
     }
 
     /// Runs a plan for a CPU engine. Boxes in a narrow form are expanded first, which counts as
@@ -181,7 +190,9 @@ pub struct Executor {
     spheres_need: RecentNeed,
     repeats: Repeats,
     rules: RulesReader,
-    gpu: Option<Arc<SharedGpu>>,
+    gpus: Gpus,
+    /// The place of the GPU that its frames go to while others are no better.
+    home: usize,
     isa: AvailableIsa,
     calibration: Option<Calibration>,
     /// When the last frame began, until its scratch is given back.
@@ -193,15 +204,20 @@ pub struct Executor {
 const IDLE: Duration = Duration::from_secs(10);
 
 impl Executor {
-    /// The CPU engines, and the GPU's if there is one.
-    pub fn new(gpu: Option<GpuService>) -> Self {
+    /// The CPU engines, and those of GPUs.
+    pub fn new(gpus: impl IntoIterator<Item = GpuService>) -> Self {
+        Self::with_gpus(Gpus::new(gpus))
+    }
+
+    fn with_gpus(gpus: Gpus) -> Self {
         Self {
             cpu: CpuSide::default(),
             spheres: SphereWays::default(),
             spheres_need: RecentNeed::default(),
             repeats: Repeats::default(),
             rules: RulesReader::default(),
-            gpu: gpu.map(|gpu| Arc::new(SharedGpu::new(gpu))),
+            home: gpus.next_home(),
+            gpus,
             isa: AvailableIsa::best(),
             calibration: None,
             last_frame: None,
@@ -217,10 +233,10 @@ impl Executor {
         Self { cpu: CpuSide { engines, ..self.cpu }, spheres, isa, calibration, ..self }
     }
 
-    /// Engines of another session: the same, with no state yet, beside the same GPU.
+    /// Engines of another session: the same, with no state yet, beside the same GPUs.
     #[must_use]
     pub fn beside(&self) -> Self {
-        let other = Self { gpu: self.gpu.clone(), ..Self::new(None) };
+        let other = Self::with_gpus(self.gpus.clone());
         match self.calibration {
             Some(calibration) => other.with_engines(self.isa, calibration),
             None => other,
@@ -233,9 +249,14 @@ impl Executor {
         (self.isa, self.calibration.unwrap_or_else(built_in))
     }
 
-    /// The GPU, if this daemon has one, as soon as no other session uses it.
+    /// The GPU of this session, if this daemon has one, as soon as no other session uses it.
     pub fn gpu(&self) -> Option<GpuTurn<'_>> {
-        self.gpu.as_ref().map(|gpu| gpu.lock())
+        self.gpus.turn(self.home)
+    }
+
+    /// The GPUs of this daemon.
+    pub const fn gpus(&self) -> &Gpus {
+        &self.gpus
     }
 
     /// Plans a frame of boxes that belong to `owner`, and finds its pairs. The GPU reads boxes in
@@ -298,16 +319,16 @@ impl Executor {
     /// Whether a frame is better left to the GPU ([`Self::begin`]) than waited for
     /// ([`Self::run`]).
     pub fn can_begin(&self, planned: &Planned) -> bool {
-        self.gpu.as_ref().is_some_and(|gpu| gpu.outlook().can_begin(&planned.plan))
+        planned.gpu.as_ref().is_some_and(|gpu| gpu.outlook().can_begin(&planned.plan))
     }
 
     /// Whether a frame may share a submission to the GPU with others ([`Self::join`]): one so small that
     /// it leaves most of the GPU idle.
     pub fn can_join(&self, planned: &Planned) -> bool {
-        let Planned { plan, options, .. } = planned;
+        let Planned { plan, options, gpu, .. } = planned;
         let is_grid =
             matches!(options.engine, EngineChoice::Auto) || plan.engine == EngineName::GpuGrid;
-        is_grid && self.gpu.as_ref().is_some_and(|gpu| gpu.outlook().can_join(plan))
+        is_grid && gpu.as_ref().is_some_and(|gpu| gpu.outlook().can_join(plan))
     }
 
     /// Has a frame of memory whose boxes belong to `owner` wait for others, to be submitted with them
@@ -329,11 +350,12 @@ impl Executor {
         memory: &mut M,
     ) -> Result<CullAnswer, CullError> {
         let mut lent = LentReply::default();
+        let gpu = planned.gpu.clone();
         let answer = with_lent(memory, &mut lent, |boxes, reply| {
             self.run_or_other(planned, boxes, owner, reply)
         })?;
         if answer.engine.is_gpu()
-            && let Some(gpu) = &self.gpu
+            && let Some(gpu) = gpu
         {
             gpu.lock().offer_reply(lent);
         }
@@ -352,7 +374,7 @@ impl Executor {
         owner: Owner,
         mut memory: M,
     ) -> Result<CullUnderWay<M>, Ended<M>> {
-        let Some(gpu) = &self.gpu else {
+        let Some(gpu) = planned.gpu.clone() else {
             return Err((self.run(planned, owner, &mut memory), Some(memory)));
         };
         let queued = gpu.queue(&planned.plan, 1);
@@ -364,15 +386,10 @@ impl Executor {
 
     /// Waits for a frame, and gives its memory back.
     pub fn end<M: FrameMemory>(&mut self, cull: CullUnderWay<M>) -> Ended<M> {
-        match self.gpu_share().end(cull) {
+        match cull.end() {
             Ok(ended) => ended,
             Err(unserved) => self.answer(unserved),
         }
-    }
-
-    /// The GPU alone, for a thread that ends frames of several sessions.
-    pub fn gpu_share(&self) -> GpuShare {
-        GpuShare(self.gpu.clone())
     }
 
     /// Answers a frame that the GPU could not serve, where its memory is there.
@@ -392,7 +409,10 @@ impl Executor {
         let Some(mut memory) = memory else { return (Err(error), None) };
         let (options, tried) = (planned.options, planned.plan.encoding);
         let answer = memory.with(|boxes, reply| {
-            let done = self.cpu.run_after(error, planned, boxes, reply);
+            let done = match self.on_other_gpu(error, &planned, boxes, owner, reply) {
+                Ok((report, engine)) => Ok(planned.answer(report, engine)),
+                Err(error) => self.cpu.run_after(error, planned, boxes, reply),
+            };
             done.or_else(|error| self.run_other(error, options, tried, boxes, owner, reply))
         });
         (answer, Some(memory))
@@ -424,8 +444,9 @@ impl Executor {
     }
 
     fn plan_within(&mut self, boxes: BoxSlice<'_>, options: &CullOptions) -> Planned {
-        let gpu = self.gpu.as_ref().and_then(|gpu| gpu.cost());
-        let planned = self.cpu.plan(boxes, options, gpu);
+        let gpu = self.gpus.for_frame(self.home).cloned();
+        let cost = gpu.as_ref().and_then(|gpu| gpu.cost());
+        let planned = Planned { gpu, ..self.cpu.plan(boxes, options, cost) };
         self.last_frame = Some(planned.start);
         if self.spheres_need.note(0, || self.spheres.scratch_bytes()) {
             self.spheres = SphereWays::default();
@@ -474,11 +495,9 @@ impl Executor {
         if !engine.is_gpu() {
             return self.cpu.run(planned, boxes, reply);
         }
-        let done = match &self.gpu {
-            Some(gpu) => {
-                let _queued = gpu.queue(&planned.plan, 1);
-                gpu.with(|gpu| gpu.cull(boxes, owner, &planned.plan, reply))
-            }
+        let done = match &planned.gpu {
+            Some(gpu) => cull_on(gpu, &planned, boxes, owner, reply)
+                .or_else(|error| self.on_other_gpu(error, &planned, boxes, owner, reply)),
             None => Err(CullError::Unavailable {
                 engine,
                 why: "this daemon has no GPU (see `pairmaskd serve --gpu`)",
@@ -489,4 +508,30 @@ impl Executor {
             Err(error) => self.cpu.run_after(error, planned, boxes, reply),
         }
     }
+
+    /// What another GPU finds, of a frame that its own one was lost with; else the error.
+    fn on_other_gpu(
+        &self,
+        error: CullError,
+        planned: &Planned,
+        boxes: BoxSlice<'_>,
+        owner: Owner,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<(CullReport, EngineName), CullError> {
+        let lost = planned.gpu.as_ref().filter(|_| matches!(error, CullError::DeviceLost { .. }));
+        let Some(other) = lost.and_then(|lost| self.gpus.beside(lost)) else { return Err(error) };
+        cull_on(other, planned, boxes, owner, reply)
+    }
+}
+
+/// Finds the pairs of a frame on a GPU, as soon as it is its turn.
+fn cull_on(
+    gpu: &SharedGpu,
+    planned: &Planned,
+    boxes: BoxSlice<'_>,
+    owner: Owner,
+    reply: &mut dyn ReplyBuffer,
+) -> Result<(CullReport, EngineName), CullError> {
+    let _queued = gpu.queue(&planned.plan, 1);
+    gpu.with(|gpu| gpu.cull(boxes, owner, &planned.plan, reply))
 }

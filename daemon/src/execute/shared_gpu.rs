@@ -59,6 +59,8 @@ impl Outlook {
 
 /// A GPU with a lock. One thread uses it at a time; frames that it works on by itself need none.
 pub(super) struct SharedGpu {
+    /// Its place among those of the daemon.
+    number: usize,
     /// Taken by the thread whose turn it is.
     service: Mutex<GpuService>,
     turns: Turns,
@@ -67,10 +69,17 @@ pub(super) struct SharedGpu {
     queued_ns: Arc<AtomicU64>,
 }
 
+impl std::fmt::Debug for SharedGpu {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("SharedGpu").field("number", &self.number).finish_non_exhaustive()
+    }
+}
+
 impl SharedGpu {
-    pub(super) fn new(service: GpuService) -> Self {
+    pub(super) fn new(service: GpuService, number: usize) -> Self {
         let outlook = Mutex::new(Outlook::of(&service));
         Self {
+            number,
             service: Mutex::new(service),
             turns: Turns::default(),
             outlook,
@@ -110,11 +119,26 @@ impl SharedGpu {
         *self.outlook.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// Its place among those of the daemon.
+    pub(super) const fn number(&self) -> usize {
+        self.number
+    }
+
+    /// Whether a device was there when it was used last.
+    pub(super) fn is_there(&self) -> bool {
+        self.outlook().cost.is_some()
+    }
+
+    /// Predicted time of the frames before one that comes now, in steps of [`QUEUE_STEP_NS`].
+    pub(super) fn queued_steps(&self) -> u64 {
+        self.queued_ns.load(Ordering::Relaxed) / QUEUE_STEP_NS
+    }
+
     /// What a frame costs that comes now: it waits for those before it. So the plan gives a frame to a
     /// core that would be done sooner.
     pub(super) fn cost(&self) -> Option<GpuCost> {
         let cost = self.outlook().cost?;
-        let queued_ns = self.queued_ns.load(Ordering::Relaxed) / QUEUE_STEP_NS * QUEUE_STEP_NS;
+        let queued_ns = self.queued_steps() * QUEUE_STEP_NS;
         Some(GpuCost { fixed_ns: cost.fixed_ns + QUEUE_SHARE * queued_ns as f64, ..cost })
     }
 

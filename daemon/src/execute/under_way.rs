@@ -19,6 +19,25 @@ pub struct CullUnderWay<M: FrameMemory> {
 }
 
 impl<M: FrameMemory> CullUnderWay<M> {
+    /// Waits for the frame, and gives its memory back.
+    ///
+    /// # Errors
+    /// The frame, where the GPU could not serve it: [`Executor::answer`](super::Executor::answer) does.
+    #[allow(clippy::result_large_err)] // A box would be an allocation.
+    pub fn end(self) -> Result<Ended<M>, Unserved<M>> {
+        let Self { frame, owner, planned, queued } = self;
+        let lost = CullError::DeviceLost { engine: planned.plan.engine };
+        let (done, memory) = match &planned.gpu {
+            Some(gpu) => gpu.with(|gpu| gpu.end(frame, &planned.plan)),
+            None => (Err(lost), frame.give_up()),
+        };
+        drop(queued);
+        match done {
+            Ok((report, engine)) => Ok((Ok(planned.answer(report, engine)), memory)),
+            Err(error) => Err(Unserved { error, planned, owner, memory }),
+        }
+    }
+
     /// Whether it has ended, so that [`Executor::end`](super::Executor::end) does not wait.
     pub fn has_ended(&self) -> bool {
         self.frame.has_ended()
@@ -44,13 +63,20 @@ pub struct Joining<M> {
     pub(super) memory: M,
 }
 
-/// The GPU that executors share, if there is one.
+/// A GPU that executors share, if there is one.
 #[derive(Clone)]
 pub struct GpuShare(pub(super) Option<Arc<SharedGpu>>);
 
 impl std::fmt::Debug for GpuShare {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("GpuShare").field("is_there", &self.0.is_some()).finish()
+    }
+}
+
+impl<M> Joining<M> {
+    /// The place of the GPU that it is planned for, among those of the daemon.
+    pub fn gpu_place(&self) -> usize {
+        self.planned.gpu_place()
     }
 }
 
@@ -93,6 +119,7 @@ impl GpuShare {
         let mut memories = Vec::with_capacity(count);
         for Joining { planned, owner, memory } in frames {
             memories.push((memory, owner, planned.plan.encoding));
+            let planned = Planned { gpu: Some(Arc::clone(gpu)), ..planned };
             waiting.push((gpu.queue(&planned.plan, count), planned, owner));
         }
         let begun = gpu.with(|gpu| gpu.begin_bundle(memories));
@@ -104,25 +131,6 @@ impl GpuShare {
                 Err((error, memory)) => Err(Unserved { error, planned, owner, memory }),
             })
             .collect()
-    }
-
-    /// Waits for a frame, and gives its memory back.
-    ///
-    /// # Errors
-    /// The frame, where the GPU could not serve it: [`Executor::answer`](super::Executor::answer) does.
-    #[allow(clippy::result_large_err)] // A box would be an allocation.
-    pub fn end<M: FrameMemory>(&self, cull: CullUnderWay<M>) -> Result<Ended<M>, Unserved<M>> {
-        let CullUnderWay { frame, owner, planned, queued } = cull;
-        let lost = CullError::DeviceLost { engine: planned.plan.engine };
-        let (done, memory) = match &self.0 {
-            Some(gpu) => gpu.with(|gpu| gpu.end(frame, &planned.plan)),
-            None => (Err(lost), frame.give_up()),
-        };
-        drop(queued);
-        match done {
-            Ok((report, engine)) => Ok((Ok(planned.answer(report, engine)), memory)),
-            Err(error) => Err(Unserved { error, planned, owner, memory }),
-        }
     }
 }
 

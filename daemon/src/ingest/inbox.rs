@@ -11,7 +11,8 @@ pub enum Resource {
     Core,
     /// All threads of the engines: one at a time.
     Pool,
-    /// The GPU: one at a time. Threads that waited for it beside would slow the one that has it.
+    /// A GPU: as many at a time as there are. Threads that waited for one beside would slow those that
+    /// have one.
     Gpu,
 }
 
@@ -30,6 +31,8 @@ struct Waiting<R> {
 struct Serving {
     sender: Sender,
     resource: Resource,
+    /// Frames that are served together have the same.
+    task: u64,
 }
 
 /// What a process has used, counted from where the [clock](Inbox::clock) stood when it came.
@@ -79,8 +82,12 @@ pub struct Inbox<R> {
     /// virtual time of start-time fair queueing: Goyal, Vin, Cheng, 1996.)
     clock: Duration,
     capacity: usize,
+    /// Frames that GPUs serve at a time.
+    gpus: usize,
     /// Number of the turn at the end of the line.
     last_turn: u64,
+    /// Number of the request that was given out last, with those that are served together with it.
+    last_task: u64,
 }
 
 impl<R> Inbox<R> {
@@ -94,8 +101,16 @@ impl<R> Inbox<R> {
             accounts: Vec::with_capacity(capacity),
             clock: Duration::ZERO,
             capacity,
+            gpus: 1,
             last_turn: 0,
+            last_task: 0,
         }
+    }
+
+    /// The same where so many GPUs serve, each one frame at a time.
+    #[must_use]
+    pub fn with_gpus(self, gpus: usize) -> Self {
+        Self { gpus: gpus.max(1), ..self }
     }
 
     /// Requests that it has room for.
@@ -144,13 +159,29 @@ impl<R> Inbox<R> {
     #[allow(clippy::should_implement_trait)] // An iterator would borrow the inbox between turns.
     pub fn next(&mut self) -> Option<(Sender, R)> {
         let is_taken = |resource| {
-            resource != Resource::Core && self.serving.iter().any(|s| s.resource == resource)
+            let most = match resource {
+                Resource::Core => return false,
+                Resource::Pool => 1,
+                Resource::Gpu => self.gpus,
+            };
+            self.tasks_of(resource) >= most
         };
         let turn = self.next_of(|w| !is_taken(w.resource))?;
+        self.last_task += 1;
         Some(self.give(turn))
     }
 
-    /// As [`Self::next`], of those that are to be served together with one that this resource serves.
+    /// What a resource serves; frames that it serves together count once.
+    fn tasks_of(&self, resource: Resource) -> usize {
+        let counts = |&(at, serving): &(usize, &Serving)| {
+            let is_first = !self.serving[..at].iter().any(|other| other.task == serving.task);
+            serving.resource == resource && is_first
+        };
+        self.serving.iter().enumerate().filter(counts).count()
+    }
+
+    /// As [`Self::next`], of those that this resource is to serve together with the request that was given
+    /// out last.
     pub fn next_beside(
         &mut self,
         resource: Resource,
@@ -186,7 +217,8 @@ impl<R> Inbox<R> {
             }
         }
         self.clock = self.used_by(process).max(self.clock);
-        self.serving.push(Serving { sender: served.sender, resource: served.resource });
+        let (resource, task) = (served.resource, self.last_task);
+        self.serving.push(Serving { sender: served.sender, resource, task });
         (served.sender, served.request)
     }
 
@@ -390,6 +422,23 @@ mod tests {
         assert_eq!(inbox.next(), None, "the other one is still served");
         inbox.note_served(a, 2 * US);
         assert_eq!(inbox.next(), Some((c, "large")));
+    }
+
+    #[test]
+    fn each_gpu_serves_one_at_a_time_and_what_goes_with_it() {
+        let mut inbox = Inbox::new(4).with_gpus(2);
+        let [a, b, c, d] = [1, 2, 3, 4].map(|process| sender(process, 1 + u128::from(process)));
+        for (sender, request) in [(a, "one"), (b, "with it"), (c, "other"), (d, "waits")] {
+            inbox.put(sender, Resource::Gpu, request);
+        }
+        assert_eq!(inbox.next(), Some((a, "one")));
+        assert_eq!(inbox.next_beside(Resource::Gpu, |r| *r == "with it"), Some((b, "with it")));
+        assert_eq!(inbox.next(), Some((c, "other")));
+        assert_eq!(inbox.next(), None, "both are taken");
+        inbox.note_served(a, US);
+        assert_eq!(inbox.next(), None, "one still serves what went with it");
+        inbox.note_served(b, US);
+        assert_eq!(inbox.next(), Some((d, "waits")));
     }
 
     #[test]

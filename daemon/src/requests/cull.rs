@@ -1,8 +1,6 @@
 //! Requests for the pairs of a scene.
 
-use std::collections::VecDeque;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use pairmask_core::dispatch::{CullAnswer, CullOptions};
 use pairmask_core::engine::CullError;
@@ -16,58 +14,47 @@ use pairmask_wire::{CullRequest, Reject, SentRules};
 
 use super::Served;
 use super::filtered::{self, Filtered, MaskFilters};
+use super::gpu_lines::{GpuLine, Submission};
 use crate::clients::GpuNeed;
-use crate::execute::{
-    BUNDLE_FRAMES, CullUnderWay, Ended, EnginePool, Executor, GpuShare, Joining, Owner,
-    SUBMISSIONS_UNDER_WAY, Unserved,
-};
+use crate::execute::{BUNDLE_FRAMES, Ended, EnginePool, Executor, Joining, Owner, Unserved};
 use crate::publish::{OpenRequest, Outbox};
 
-/// Engines for sessions that have none yet, and the frames that a GPU has not ended.
+/// Engines for sessions that have none yet, and the frames that GPUs have not ended.
 pub(super) struct Culls {
     /// Sessions get engines like these, which no session has.
     model: Mutex<Executor>,
-    gpu: GpuShare,
+    /// A line for each GPU, by its place.
+    lines: Vec<GpuLine>,
     filters: MaskFilters,
     pool: Arc<EnginePool>,
-    /// Submissions under way, oldest first.
-    under_way: Mutex<VecDeque<Submission>>,
-    /// Their number, for those who only look.
-    under_way_count: AtomicUsize,
-}
-
-/// A frame, or several, that end together.
-struct Submission {
-    first: CullUnderWay<OpenRequest>,
-    others: Vec<CullUnderWay<OpenRequest>>,
 }
 
 impl Culls {
     /// No frame yet. Sessions get engines like `model`.
     pub(super) fn new(model: Executor, pool: Arc<EnginePool>) -> Self {
         Self {
-            gpu: model.gpu_share(),
+            lines: model.gpus().shares().map(GpuLine::new).collect(),
             model: Mutex::new(model),
             filters: MaskFilters::default(),
             pool,
-            under_way: Mutex::new(VecDeque::with_capacity(SUBMISSIONS_UNDER_WAY)),
-            under_way_count: AtomicUsize::new(0),
         }
     }
 
     /// Whether a frame is under way.
     pub(super) fn is_busy(&self) -> bool {
-        self.under_way_count.load(Ordering::Relaxed) > 0
+        self.lines.iter().any(GpuLine::is_busy)
     }
 
     /// Lets the engines work for a moment.
     pub(super) fn rest(&self) {
-        self.gpu.rest();
+        if let Some(line) = self.lines.iter().find(|line| line.is_busy()) {
+            line.gpu().rest();
+        }
     }
 
     /// Gives up what belonged to clients that are gone.
     pub(super) fn tidy(&self) {
-        self.gpu.tidy();
+        self.lines.iter().for_each(|line| line.gpu().tidy());
         self.filters.tidy();
     }
 
@@ -232,15 +219,16 @@ impl Culls {
             joining.push(Executor::join(planned, owner, open));
             return Served { gpu, ..Served::BEGUN };
         }
-        if engines.can_begin(&planned) {
-            self.claim_place(Place::of(options), outbox);
+        let line = self.lines.get(planned.gpu_place());
+        if let Some(line) = line.filter(|_| engines.can_begin(&planned)) {
+            self.claim_place(line, Place::of(options), outbox);
             match engines.begin(planned, owner, open) {
                 Ok(first) => {
-                    self.under_way().push_back(Submission { first, others: Vec::new() });
+                    line.put(Submission { first, others: Vec::new() });
                     Served { gpu, ..Served::BEGUN }
                 }
                 Err(ended) => {
-                    self.under_way_count.fetch_sub(1, Ordering::Relaxed);
+                    line.give_place_back();
                     self.publish_all(ended, Place::of(options), outbox)
                 }
             }
@@ -251,70 +239,61 @@ impl Culls {
         }
     }
 
-    /// Leaves frames to the GPU in one submission, if there are any.
+    /// Leaves frames to the GPU of the first of them, in one submission, if there are any.
     fn begin_bundle(&self, joining: Vec<Joining<OpenRequest>>, outbox: &Outbox) {
-        if joining.is_empty() {
-            return;
-        }
-        self.claim_place(Place::Lane, outbox);
+        let first = joining.first();
+        let Some(line) = first.and_then(|frame| self.lines.get(frame.gpu_place())) else { return };
+        self.claim_place(line, Place::Lane, outbox);
         let (mut begun, mut unserved) = (Vec::with_capacity(joining.len()), Vec::new());
-        for frame in self.gpu.begin_bundle(joining) {
+        for frame in line.gpu().begin_bundle(joining) {
             match frame {
                 Ok(frame) => begun.push(frame),
                 Err(frame) => unserved.push(frame),
             }
         }
         if begun.is_empty() {
-            self.under_way_count.fetch_sub(1, Ordering::Relaxed);
+            line.give_place_back();
         } else {
             let first = begun.remove(0);
-            self.under_way().push_back(Submission { first, others: begun });
+            line.put(Submission { first, others: begun });
         }
         for frame in unserved {
             self.publish_all(self.answer(frame, Place::Lane), Place::Lane, outbox);
         }
     }
 
-    /// Publishes the oldest frame under way if it has ended, and no other thread is about to. Whether it
-    /// had.
+    /// Publishes the oldest frame under way on each GPU if it has ended, and no other thread is about to.
+    /// Whether one had.
     pub(super) fn publish_ended(&self, outbox: &Outbox) -> bool {
-        if !self.is_busy() {
-            return false;
+        let mut any = false;
+        for line in &self.lines {
+            if let Some(submission) = line.take_ended() {
+                self.end(line, submission, Place::Lane, outbox);
+                any = true;
+            }
         }
-        let Ok(mut under_way) = self.under_way.try_lock() else { return false };
-        if !under_way.front().is_some_and(|submission| submission.first.has_ended()) {
-            return false;
-        }
-        let ended = under_way.pop_front();
-        drop(under_way);
-        if let Some(submission) = ended {
-            self.end(submission, Place::Lane, outbox);
-        }
-        true
+        any
     }
 
     /// Claims one of the places for frames under way. Ends frames until one is free.
-    fn claim_place(&self, place: Place, outbox: &Outbox) {
-        let claimed = |count| (count < SUBMISSIONS_UNDER_WAY).then_some(count + 1);
-        let count = &self.under_way_count;
-        while count.fetch_update(Ordering::Relaxed, Ordering::Relaxed, claimed).is_err() {
-            let oldest = self.under_way().pop_front();
-            match oldest {
-                Some(submission) => self.end(submission, place, outbox),
+    fn claim_place(&self, line: &GpuLine, place: Place, outbox: &Outbox) {
+        while !line.claim_place() {
+            match line.take_oldest() {
+                Some(submission) => self.end(line, submission, place, outbox),
                 // Other threads end them, or are about to begin theirs.
                 None => std::thread::yield_now(),
             }
         }
     }
 
-    fn end(&self, submission: Submission, place: Place, outbox: &Outbox) {
+    fn end(&self, line: &GpuLine, submission: Submission, place: Place, outbox: &Outbox) {
         let Submission { first, others } = submission;
         // Its workspaces are free when the last frame has ended.
         let frames = others.len() + 1;
         for (frame, number) in std::iter::once(first).chain(others).zip(1..) {
-            let ended = self.gpu.end(frame);
+            let ended = frame.end();
             if number == frames {
-                self.under_way_count.fetch_sub(1, Ordering::Relaxed);
+                line.give_place_back();
             }
             let ended = ended.unwrap_or_else(|unserved| self.answer(unserved, place));
             self.publish_all(ended, place, outbox);
@@ -371,10 +350,6 @@ impl Culls {
 
     fn new_engines(&self) -> Executor {
         self.model.lock().unwrap_or_else(PoisonError::into_inner).beside()
-    }
-
-    fn under_way(&self) -> MutexGuard<'_, VecDeque<Submission>> {
-        self.under_way.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

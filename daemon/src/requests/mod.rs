@@ -5,6 +5,7 @@
 
 mod cull;
 mod filtered;
+mod gpu_lines;
 mod query;
 mod scene;
 mod shared;
@@ -34,6 +35,7 @@ pub struct Responder {
     shared: SharedScenes,
     outbox: Arc<Outbox>,
     lender: Arc<ReplyLender>,
+    gpus: usize,
 }
 
 /// How a request was served.
@@ -74,16 +76,17 @@ impl Responder {
         let tools = Tools {
             isa,
             calibration,
-            gpu: executor.gpu_share(),
+            gpus: executor.gpus().clone(),
             memory: memory.clone(),
             pool: Arc::clone(&pool),
         };
         Self {
+            gpus: executor.gpus().len(),
             shared: SharedScenes::new(tools),
             scenes: SceneEdits::new(
                 isa,
                 &calibration,
-                executor.gpu_share(),
+                executor.gpus().clone(),
                 memory.clone(),
                 Arc::clone(&pool),
             ),
@@ -91,6 +94,11 @@ impl Responder {
             outbox: Arc::new(Outbox::new(services, clients, auditor, memory)),
             lender: Arc::new(ReplyLender::new(turn, limits.max_reply_bytes)),
         }
+    }
+
+    /// GPUs that requests may go to.
+    pub const fn gpus(&self) -> usize {
+        self.gpus
     }
 
     /// Changes every answer from now on, or none. For tests of the auditor.

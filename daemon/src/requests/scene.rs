@@ -11,14 +11,14 @@ use pairmask_wire::{SceneAnswerLayout, SceneId, SceneRequest, response_scene};
 
 use super::Served;
 use crate::clients::{GpuNeed, KeptScene, SceneMemory};
-use crate::execute::{EnginePool, GpuShare, SceneKeeper};
+use crate::execute::{EnginePool, Gpus, SceneKeeper};
 use crate::publish::{OpenRequest, Outbox, Refusal};
 
 /// What scenes are made and changed with.
 pub(super) struct SceneEdits {
     isa: AvailableIsa,
     calibration: Calibration,
-    gpu: GpuShare,
+    gpus: Gpus,
     memory: SceneMemory,
     pub(super) pool: Arc<EnginePool>,
 }
@@ -28,11 +28,11 @@ impl SceneEdits {
     pub(super) const fn new(
         isa: AvailableIsa,
         calibration: &Calibration,
-        gpu: GpuShare,
+        gpus: Gpus,
         memory: SceneMemory,
         pool: Arc<EnginePool>,
     ) -> Self {
-        Self { isa, calibration: *calibration, gpu, memory, pool }
+        Self { isa, calibration: *calibration, gpus, memory, pool }
     }
 
     /// Answers an edit.
@@ -91,7 +91,8 @@ impl SceneEdits {
             drop(outbox.clients().take_scene(session, request.scene));
             let options = SceneOptions::default().with_most_boxes(request.most_boxes);
             let engines = CpuEngines::on(self.isa, self.calibration);
-            let scene = SceneKeeper::new(options, engines, self.gpu.clone(), request.engine)?;
+            let gpu = self.gpus.for_scene();
+            let scene = SceneKeeper::new(options, engines, gpu, request.engine)?;
             let audited = outbox.draw_scene(request.most_boxes);
             return Ok(KeptScene::begin(request.scene, scene, audited, &self.memory)?);
         }

@@ -21,7 +21,7 @@ use pairmask_wire::{InstanceError, InstanceName};
 
 use crate::audit::AuditRate;
 use crate::execute::WatchDevice;
-use crate::execute::gpu::{GpuChoice, OpenError};
+use crate::execute::gpu::{GpuChoices, OpenError};
 use crate::publish::AlterAnswer;
 
 /// How to serve an instance.
@@ -37,9 +37,9 @@ pub struct ServeSettings {
     /// back within a millisecond, and from shortly before a steady client's next frame is due; not at all
     /// where this is zero.
     pub spin: Duration,
-    /// Which GPU.
-    pub gpu: GpuChoice,
-    /// How long its clocks are kept up after a frame.
+    /// Which GPUs.
+    pub gpu: GpuChoices,
+    /// How long their clocks are kept up after a frame.
     pub gpu_awake: Duration,
     /// The constants that plans compute with.
     pub calibration: CalibrationChoice,

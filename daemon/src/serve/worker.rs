@@ -20,7 +20,7 @@ use super::lanes::Lanes;
 use super::{ServeError, ServeSettings};
 use crate::audit::Auditor;
 use crate::calibrate::glance;
-use crate::execute::gpu::{GpuChoice, OpenError};
+use crate::execute::gpu::OpenError;
 use crate::execute::{EnginePool, Executor, GpuService};
 use crate::ingest::{Gate, Intake};
 use crate::requests::Responder;
@@ -46,7 +46,7 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let pool = Arc::new(EnginePool::with_this_thread(threads)?);
 
-    let gpu = open_gpu(settings)?;
+    let gpus = open_gpus(settings)?;
     let (janitor, services) = open_services(settings)?;
     let server = open_server(&services, settings)?;
     let (wake, wake_clients) = services.wake_ports()?;
@@ -63,8 +63,8 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     settings.dir.write_record(&settings.instance, &record)?;
     log::info!("serving '{}' with {threads} threads", settings.instance);
 
-    let calibration = constants(&settings.calibration, settings.isa, gpu.is_some());
-    let executor = Executor::new(gpu).with_engines(settings.isa, calibration);
+    let calibration = constants(&settings.calibration, settings.isa, !gpus.is_empty());
+    let executor = Executor::new(gpus).with_engines(settings.isa, calibration);
     let auditor =
         Auditor::start(settings.audit).map_err(ServeError::system("starting the auditor"))?;
     let (services, turn) = (Arc::new(services), Arc::new(PortTurn::default()));
@@ -164,19 +164,19 @@ fn constants(choice: &CalibrationChoice, isa: AvailableIsa, has_gpu: bool) -> Ca
     })
 }
 
-/// The GPU, where one is wanted. `auto` does without where there is none.
-fn open_gpu(settings: &ServeSettings) -> Result<Option<GpuService>, OpenError> {
-    let choice = &settings.gpu;
-    if *choice == GpuChoice::None {
+/// The GPUs that are wanted. `auto` and `all` do without where there is none.
+fn open_gpus(settings: &ServeSettings) -> Result<Vec<GpuService>, OpenError> {
+    let wanted = &settings.gpu;
+    if wanted.is_none() {
         // Not even a look: listing adapters takes time and loads every driver.
-        return Ok(None);
+        return Ok(Vec::new());
     }
-    match GpuService::open_watched(choice, settings.gpu_awake, settings.watch_devices) {
-        Ok(gpu) => Ok(Some(gpu)),
-        Err(error) if *choice == GpuChoice::Auto => {
-            log::info!("serving without a GPU: {error}");
-            Ok(None)
-        }
-        Err(error) => Err(error),
+    let open =
+        |choice| GpuService::open_watched(&choice, settings.gpu_awake, settings.watch_devices);
+    let opened = wanted.each().into_iter().map(open);
+    if !wanted.is_optional() {
+        return opened.collect();
     }
+    let without = |error| log::info!("serving without a GPU: {error}");
+    Ok(opened.filter_map(|gpu| gpu.map_err(without).ok()).collect())
 }

@@ -29,7 +29,7 @@ pub fn finish(child: Child) -> Finished {
 
 /// A daemon of the test's own.
 pub fn daemon() -> PrivateDaemon {
-    let settings = PrivateSettings { gpu: GpuChoice::None, ..PrivateSettings::default() };
+    let settings = PrivateSettings { gpu: GpuChoice::None.into(), ..PrivateSettings::default() };
     PrivateDaemon::start(PAIRMASKD.as_ref(), &settings).unwrap()
 }
 

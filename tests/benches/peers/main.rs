@@ -34,7 +34,7 @@ fn main() -> ExitCode {
 fn run(options: &Options) -> Result<Vec<Comparison>, Box<dyn Error>> {
     let settings = PrivateSettings {
         spin: Duration::from_micros(options.daemon_spin_us),
-        gpu: options.gpu.clone(),
+        gpu: options.gpu.clone().into(),
         ..PrivateSettings::default()
     };
     let daemon = PrivateDaemon::start(DAEMON.as_ref(), &settings)?;

@@ -113,18 +113,20 @@ pub fn choose(choice: &GpuChoice, adapters: &[AdapterInfo]) -> Option<usize> {
     let places = || adapters.iter().enumerate();
     match choice {
         GpuChoice::None => None,
-        // The first of the best kind: `max_by_key` alone would take the last.
-        GpuChoice::Auto => places()
-            .filter(|(_, a)| !a.is_software())
-            .rev()
-            .max_by_key(|(_, a)| a.kind)
-            .map(|(place, _)| place),
+        GpuChoice::Auto => best_of_kind(adapters).next(),
         GpuChoice::Software => places().find(|(_, a)| a.is_software()).map(|(place, _)| place),
         GpuChoice::Index(index) => (*index < adapters.len()).then_some(*index),
         GpuChoice::Name(name) => places()
             .find(|(_, a)| a.name.contains(name.as_str()) || a.pci_address == *name)
             .map(|(place, _)| place),
     }
+}
+
+/// Places of the adapters of the best kind that there is; never of software.
+pub(super) fn best_of_kind(adapters: &[AdapterInfo]) -> impl Iterator<Item = usize> {
+    let best = adapters.iter().map(|a| a.kind).max();
+    let best = best.filter(|kind| *kind != AdapterKind::Software);
+    (0..adapters.len()).filter(move |place| Some(adapters[*place].kind) == best)
 }
 
 /// The Vulkan adapters of this machine.

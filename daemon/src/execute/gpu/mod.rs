@@ -15,6 +15,7 @@
 mod adapter;
 mod all_pairs;
 mod awake;
+mod choices;
 mod device;
 mod error;
 mod frame;
@@ -35,6 +36,7 @@ pub use adapter::{AdapterInfo, GpuChoice, choose, list_adapters};
 pub use all_pairs::plan::{Counted, Tuning};
 pub use all_pairs::{AllPairs, AllPairsOptions};
 pub use awake::{Awake, DEFAULT_HOLD};
+pub use choices::GpuChoices;
 pub use device::{Gpu, GpuLimits, HostImport, SUBMISSIONS};
 pub use error::{GpuError, OpenError, StageFault};
 pub use frame::{Command, Frame, MAX_STEPS, StepTime, Wait};

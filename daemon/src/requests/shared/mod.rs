@@ -29,7 +29,7 @@ use self::alarm::Alarm;
 use self::scene::SharedScene;
 use super::Served;
 use crate::clients::SceneMemory;
-use crate::execute::{EnginePool, GpuShare};
+use crate::execute::{EnginePool, Gpus};
 use crate::publish::{OpenRequest, Outbox, Refusal};
 
 /// What scenes are made with.
@@ -37,7 +37,7 @@ use crate::publish::{OpenRequest, Outbox, Refusal};
 pub(super) struct Tools {
     pub(super) isa: AvailableIsa,
     pub(super) calibration: Calibration,
-    pub(super) gpu: GpuShare,
+    pub(super) gpus: Gpus,
     pub(super) memory: SceneMemory,
     pub(super) pool: Arc<EnginePool>,
 }

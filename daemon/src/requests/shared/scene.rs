@@ -59,7 +59,7 @@ fn new_scene(
 ) -> Result<FilteredScene<SceneKeeper>, CullError> {
     let options = SceneOptions::default().with_most_boxes(most_boxes);
     let engines = CpuEngines::on(tools.isa, tools.calibration);
-    Ok(FilteredScene::over(SceneKeeper::new(options, engines, tools.gpu.clone(), engine)?))
+    Ok(FilteredScene::over(SceneKeeper::new(options, engines, tools.gpus.for_scene(), engine)?))
 }
 
 impl SharedScene {

@@ -63,9 +63,14 @@ pub(super) struct Desk {
 }
 
 impl Desk {
-    pub(super) fn new(max_clients: usize, crew: Crew, spin: Duration, pool_threads: usize) -> Self {
+    pub(super) fn new(
+        inbox: Inbox<Arrived>,
+        crew: Crew,
+        spin: Duration,
+        pool_threads: usize,
+    ) -> Self {
         Self {
-            inbox: Inbox::new(max_clients),
+            inbox,
             crew,
             patience: Patience::new(spin),
             sleep_at: Instant::now(),

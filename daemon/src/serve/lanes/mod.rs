@@ -39,7 +39,7 @@ use super::janitor::Janitor;
 use super::{ServeError, ServeSettings};
 use crate::clients::FrameWork;
 use crate::execute::EnginePool;
-use crate::ingest::{Incoming, Intake};
+use crate::ingest::{Inbox, Incoming, Intake};
 use crate::requests::{Responder, Served};
 
 /// A lane that stands by while others serve long frames looks for requests this often: 1 % of a core, and
@@ -112,7 +112,8 @@ impl<'a> Lanes<'a> {
         let cores = pool.threads();
         let lanes = cores.max(2);
         let crew = Crew::new(lanes, cores);
-        let desk = Desk::new(settings.limits.max_clients, crew, settings.spin, cores);
+        let inbox = Inbox::new(settings.limits.max_clients).with_gpus(responder.gpus());
+        let desk = Desk::new(inbox, crew, settings.spin, cores);
         let arrived = Vec::with_capacity(desk.room());
         Self {
             responder,

@@ -1,0 +1,79 @@
+//! The GPUs of a daemon, and which of them takes a frame, a session or a scene.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use super::shared_gpu::SharedGpu;
+use super::under_way::GpuShare;
+use super::{GpuService, GpuTurn};
+
+/// The GPUs that the executors of all sessions share. There may be none.
+#[derive(Clone, Default)]
+pub struct Gpus {
+    all: Arc<[Arc<SharedGpu>]>,
+    /// Whose turn it is to be the home of a session, or of a scene.
+    next_home: Arc<AtomicUsize>,
+}
+
+impl std::fmt::Debug for Gpus {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Gpus").field("count", &self.all.len()).finish_non_exhaustive()
+    }
+}
+
+impl Gpus {
+    pub(super) fn new(services: impl IntoIterator<Item = GpuService>) -> Self {
+        let shared = services.into_iter().zip(0..).map(|(s, at)| Arc::new(SharedGpu::new(s, at)));
+        Self { all: shared.collect(), next_home: Arc::default() }
+    }
+
+    /// GPUs, those that are lost too.
+    pub fn len(&self) -> usize {
+        self.all.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.all.is_empty()
+    }
+
+    /// Each of them.
+    pub fn shares(&self) -> impl Iterator<Item = GpuShare> {
+        self.all.iter().map(|gpu| GpuShare(Some(Arc::clone(gpu))))
+    }
+
+    /// The one that is at this place, as soon as no other thread uses it.
+    pub fn turn(&self, place: usize) -> Option<GpuTurn<'_>> {
+        self.all.get(place).map(|gpu| gpu.lock())
+    }
+
+    /// The GPU of a new scene: each in turn, of those whose device is there.
+    pub fn for_scene(&self) -> GpuShare {
+        let home = self.next_home();
+        GpuShare(self.from(home).find(|gpu| gpu.is_there()).or(self.all.get(home)).cloned())
+    }
+
+    /// The place of a GPU for the frames of a new session: each in turn. What a session's memory is
+    /// imported to is best left alone.
+    pub(super) fn next_home(&self) -> usize {
+        // Relaxed: a number, which orders nothing by itself.
+        self.next_home.fetch_add(1, Ordering::Relaxed) % self.all.len().max(1)
+    }
+
+    /// The GPU for a frame of a session with this home: that where frames wait least, the home where
+    /// others are no better. One without a device only where none has one.
+    pub(super) fn for_frame(&self, home: usize) -> Option<&Arc<SharedGpu>> {
+        self.from(home).min_by_key(|gpu| (!gpu.is_there(), gpu.queued_steps()))
+    }
+
+    /// Another GPU for a frame that this one has lost.
+    pub(super) fn beside(&self, lost: &SharedGpu) -> Option<&Arc<SharedGpu>> {
+        let others = self.all.iter().filter(|gpu| gpu.number() != lost.number() && gpu.is_there());
+        others.min_by_key(|gpu| gpu.queued_steps())
+    }
+
+    /// All of them, from one on.
+    fn from(&self, first: usize) -> impl Iterator<Item = &Arc<SharedGpu>> {
+        self.all[first.min(self.all.len())..].iter().chain(&self.all[..first.min(self.all.len())])
+    }
+}

@@ -1,0 +1,74 @@
+//! Frames that a GPU works on, in the order in which they were begun.
+
+use std::collections::VecDeque;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use crate::execute::{CullUnderWay, GpuShare, SUBMISSIONS_UNDER_WAY};
+use crate::publish::OpenRequest;
+
+/// A frame, or several, that end together.
+pub(super) struct Submission {
+    pub(super) first: CullUnderWay<OpenRequest>,
+    pub(super) others: Vec<CullUnderWay<OpenRequest>>,
+}
+
+/// What is under way on a GPU.
+pub(super) struct GpuLine {
+    gpu: GpuShare,
+    /// Oldest first.
+    under_way: Mutex<VecDeque<Submission>>,
+    /// Places that are claimed, for those who only look.
+    claimed: AtomicUsize,
+}
+
+impl GpuLine {
+    pub(super) fn new(gpu: GpuShare) -> Self {
+        let under_way = Mutex::new(VecDeque::with_capacity(SUBMISSIONS_UNDER_WAY));
+        Self { gpu, under_way, claimed: AtomicUsize::new(0) }
+    }
+
+    pub(super) const fn gpu(&self) -> &GpuShare {
+        &self.gpu
+    }
+
+    /// Whether a frame is under way.
+    pub(super) fn is_busy(&self) -> bool {
+        self.claimed.load(Ordering::Relaxed) > 0
+    }
+
+    /// Claims a place for a submission, if one is free.
+    pub(super) fn claim_place(&self) -> bool {
+        let claim = |count| (count < SUBMISSIONS_UNDER_WAY).then_some(count + 1);
+        self.claimed.fetch_update(Ordering::Relaxed, Ordering::Relaxed, claim).is_ok()
+    }
+
+    /// Gives a place back that was claimed: its submission has ended, or was never made.
+    pub(super) fn give_place_back(&self) {
+        self.claimed.fetch_sub(1, Ordering::Relaxed);
+    }
+
+    /// Puts a submission behind the others. Its place is claimed.
+    pub(super) fn put(&self, submission: Submission) {
+        self.under_way().push_back(submission);
+    }
+
+    /// The oldest submission.
+    pub(super) fn take_oldest(&self) -> Option<Submission> {
+        self.under_way().pop_front()
+    }
+
+    /// The oldest submission if it has ended, and no other thread is about to take it.
+    pub(super) fn take_ended(&self) -> Option<Submission> {
+        if !self.is_busy() {
+            return None;
+        }
+        let mut under_way = self.under_way.try_lock().ok()?;
+        let has_ended = under_way.front().is_some_and(|oldest| oldest.first.has_ended());
+        if has_ended { under_way.pop_front() } else { None }
+    }
+
+    fn under_way(&self) -> MutexGuard<'_, VecDeque<Submission>> {
+        self.under_way.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}

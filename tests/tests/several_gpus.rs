@@ -1,0 +1,210 @@
+//! A daemon with several GPUs: frames are spread over them, and none is lost with one of them.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+
+use pairmask_core::dispatch::{CpuEngines, CullAnswer, CullOptions};
+use pairmask_core::engine::{EngineChoice, EngineName, HeapReply};
+use pairmask_core::mask::{EncodingChoice, MaskView};
+use pairmask_core::precision::BoxSlice;
+use pairmask_core::{Aabb, BoxCount, Encoding, Precision};
+use pairmask_tests::daemon::TestDaemon;
+use pairmask_tests::frame_memory::TestFrame;
+use pairmask_tests::{gpu, oracle, stress_scenes};
+use pairmaskd::execute::{CullUnderWay, Executor, GpuService, Owner};
+
+const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
+
+const GRID: EngineChoice = EngineChoice::Only(EngineName::GpuGrid);
+
+/// An executor with so many devices of the GPU of the tests.
+fn executor(gpus: usize) -> Executor {
+    let open = |_| GpuService::open(&gpu::choice(), Duration::ZERO).expect("an adapter (lavapipe)");
+    Executor::new((0..gpus).map(open).collect::<Vec<_>>())
+}
+
+fn pairs_of(n: usize, answer: &CullAnswer, words: &[u32]) -> Vec<(u32, u32)> {
+    let n = BoxCount::new(n as u32);
+    let mut pairs = MaskView::new(n, &answer.report.shape, words).expect("a mask").to_vec();
+    pairs.sort_unstable();
+    pairs
+}
+
+/// The pairs of many boxes, by an engine that other tests hold to the oracle.
+fn pairs_by_cpu(boxes: &[Aabb]) -> Vec<(u32, u32)> {
+    let mut reply = HeapReply::new();
+    let engine = EngineChoice::Only(EngineName::CpuGrid);
+    let options = CullOptions { engine, ..CullOptions::default() };
+    let answer = CpuEngines::new().cull(boxes, &options, &mut reply).expect("an answer");
+    pairs_of(boxes.len(), &answer, reply.words())
+}
+
+type UnderWay = CullUnderWay<TestFrame<HeapReply>>;
+
+fn begin(executor: &mut Executor, client: u128, boxes: &[Aabb]) -> (usize, UnderWay) {
+    let options = CullOptions { engine: GRID, ..CullOptions::default() };
+    let memory = TestFrame::on_heap(&Precision::Exact, boxes);
+    let planned = executor.plan(memory.boxes.boxes(), &options, u64::MAX);
+    let place = planned.gpu_place();
+    let begun = executor.begin(planned, Owner::Client(client), memory);
+    (place, begun.unwrap_or_else(|_| panic!("answered at once")))
+}
+
+#[test]
+fn sessions_have_homes_on_each_gpu_in_turn() {
+    let model = executor(2);
+    let boxes = stress_scenes::named("uniform").boxes(500, 1);
+    let options = CullOptions { engine: GRID, ..CullOptions::default() };
+    let places: Vec<usize> = (0..4)
+        .map(|_| model.beside().plan(BoxSlice::from(&boxes), &options, u64::MAX).gpu_place())
+        .collect();
+    assert_eq!(places.iter().filter(|place| **place == 0).count(), 2, "{places:?}");
+    assert_eq!((places[0], places[1]), (places[2], places[3]), "{places:?}");
+    assert_ne!(places[0], places[1]);
+}
+
+#[test]
+fn a_frame_behind_another_takes_the_gpu_that_is_free() {
+    let mut executor = executor(2);
+    let boxes = stress_scenes::named("uniform").boxes(33_001, 3);
+    let (first_place, first) = begin(&mut executor, 1, &boxes);
+    let (second_place, second) = begin(&mut executor, 1, &boxes);
+    assert_ne!(first_place, second_place);
+    let mut masks = [first, second].map(|frame| {
+        let (answer, memory) = executor.end(frame);
+        let (answer, memory) = (answer.expect("an answer"), memory.expect("its memory"));
+        assert_eq!(answer.engine, EngineName::GpuGrid);
+        (answer.report.shape.clone(), memory.reply.words().to_vec(), answer)
+    });
+    let words = masks[0].0.extent_words() as usize;
+    assert_eq!(masks[0].0, masks[1].0);
+    assert_eq!(masks[0].1[..words], masks[1].1[..words], "the same bytes on each");
+    let found = pairs_of(boxes.len(), &masks[0].2, &masks[0].1);
+    assert!(found == pairs_by_cpu(&boxes), "{} pairs", found.len());
+    // Both are free again: the home has it.
+    masks.reverse();
+    let (again, frame) = begin(&mut executor, 1, &boxes);
+    assert_eq!(again, first_place);
+    drop(frame);
+}
+
+#[test]
+fn a_frame_whose_gpu_is_lost_under_way_is_answered_by_the_other() {
+    let mut executor = executor(2);
+    let boxes = stress_scenes::named("ground plane").boxes(33_001, 3);
+    let expected = pairs_by_cpu(&boxes);
+    let (place, frame) = begin(&mut executor, 1, &boxes);
+    let lost = executor.gpus().turn(place).and_then(|mut gpu| gpu.device());
+    lost.expect("its device").destroy();
+    let (answer, memory) = executor.end(frame);
+    let (answer, memory) = (answer.expect("an answer"), memory.expect("its memory"));
+    assert!(answer.engine.is_gpu(), "by {}", answer.engine);
+    assert!(pairs_of(boxes.len(), &answer, memory.reply.words()) == expected);
+}
+
+/// Rounds in which a device is destroyed under load.
+fn devices_are_lost_under_load(rounds: usize) {
+    let model = executor(2);
+    let boxes = stress_scenes::named("uniform").boxes(1_234, 3);
+    let expected = oracle::truth(&boxes).pairs;
+    let (stop, answered) = (AtomicBool::new(false), AtomicUsize::new(0));
+    let by_cores = AtomicUsize::new(0);
+    let client = |id: u128, mut engines: Executor| {
+        let mut reply = HeapReply::new();
+        let encodings = [Encoding::Sparse, Encoding::List, Encoding::Dense];
+        for encoding in encodings.into_iter().cycle() {
+            let options = CullOptions {
+                engine: GRID,
+                encoding: EncodingChoice::Only(encoding),
+                ..CullOptions::default()
+            };
+            let boxes = BoxSlice::from(&boxes);
+            let answer = engines.cull(boxes, Owner::Client(id), &options, &mut reply);
+            let answer = answer.expect("an answer");
+            assert!(
+                pairs_of(boxes.len(), &answer, reply.words()) == expected,
+                "{encoding}, by {}",
+                answer.engine
+            );
+            answered.fetch_add(1, Ordering::Relaxed);
+            by_cores.fetch_add(usize::from(!answer.engine.is_gpu()), Ordering::Relaxed);
+            if stop.load(Ordering::Relaxed) {
+                break;
+            }
+        }
+    };
+    std::thread::scope(|scope| {
+        let client = &client;
+        let engines = [1, 2].map(|id| (id, model.beside()));
+        let clients = engines.map(|(id, engines)| scope.spawn(move || client(id, engines)));
+        for round in 0..rounds {
+            let place = round % 2;
+            let began = Instant::now();
+            // The one that was lost before comes back meanwhile: answers ask for it.
+            let device = loop {
+                let device = model.gpus().turn(place).and_then(|mut gpu| gpu.device());
+                match device {
+                    Some(device) => break device,
+                    None if began.elapsed() > Duration::from_secs(60) || stops(&clients) => {
+                        stop.store(true, Ordering::Relaxed);
+                        panic!("the device does not come back, or a client has ended");
+                    }
+                    None => std::thread::sleep(Duration::from_millis(1)),
+                }
+            };
+            let before = answered.load(Ordering::Relaxed);
+            device.destroy();
+            drop(device);
+            while answered.load(Ordering::Relaxed) < before + 4 && !stops(&clients) {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+        }
+        stop.store(true, Ordering::Relaxed);
+    });
+    let (all, by_cores) = (answered.into_inner(), by_cores.into_inner());
+    assert!(all >= 4 * rounds, "{all} answers");
+    assert!(by_cores < all / 2, "{by_cores} of {all} answers by cores beside a GPU");
+}
+
+fn stops(clients: &[std::thread::ScopedJoinHandle<'_, ()>]) -> bool {
+    clients.iter().any(std::thread::ScopedJoinHandle::is_finished)
+}
+
+#[test]
+fn one_of_two_devices_is_lost_under_load() {
+    devices_are_lost_under_load(6);
+}
+
+#[test]
+#[ignore = "takes minutes: `.ci/run nightly`"]
+fn one_of_two_devices_is_lost_under_load_a_hundred_times() {
+    devices_are_lost_under_load(100);
+}
+
+#[test]
+fn a_daemon_of_two_gpus_serves_several_clients() {
+    let gpus = format!("{0},{0}", gpu::name());
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", &gpus]);
+    let boxes = Arc::new(stress_scenes::named("uniform").boxes(2_345, 3));
+    let expected = Arc::new(oracle::truth(&boxes).pairs);
+    let clients: Vec<_> = (0..4)
+        .map(|_| {
+            let mut session = daemon.session().engine(GRID).connect().expect("a session");
+            let (boxes, expected) = (Arc::clone(&boxes), Arc::clone(&expected));
+            std::thread::spawn(move || {
+                for _ in 0..5 {
+                    let mut frame = session.frame(boxes.len()).expect("a frame");
+                    frame.boxes_mut().copy_from_slice(&boxes);
+                    let mask = frame.submit().expect("sent").wait().expect("an answer");
+                    let mut pairs: Vec<(u32, u32)> = mask.pairs().collect();
+                    pairs.sort_unstable();
+                    assert!(pairs == *expected);
+                }
+            })
+        })
+        .collect();
+    for client in clients {
+        client.join().expect("right answers");
+    }
+}
