@@ -84,11 +84,21 @@ impl Found {
     }
 }
 
+/// How much of a frame a GPU does.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Share {
+    /// All of it.
+    #[default]
+    Whole,
+    /// Some of its rows: other GPUs do the rest.
+    Part,
+}
+
 /// The stages of the grid, in the order of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum GridStage {
     /// Boxes of a form to keys, cells and census.
-    Cells(BoxForm),
+    Cells(BoxForm, Share),
     /// Boxes of each cell to first positions.
     Scan,
     /// Indices together by cell.
@@ -96,9 +106,9 @@ pub enum GridStage {
     /// Boxes to their positions.
     Place,
     /// Rows against the cells around them.
-    Pairs(Found),
+    Pairs(Found, Share),
     /// What was found to the reply.
-    Write(Found),
+    Write(Found, Share),
 }
 
 impl GridStage {
@@ -106,19 +116,19 @@ impl GridStage {
     pub const COUNT: usize = 6;
 
     /// All of a frame of boxes of one form, in order.
-    pub const fn of_frame(form: BoxForm, found: Found) -> [Self; Self::COUNT] {
-        let (pairs, write) = (Self::Pairs(found), Self::Write(found));
-        [Self::Cells(form), Self::Scan, Self::Scatter, Self::Place, pairs, write]
+    pub const fn of_frame(form: BoxForm, found: Found, share: Share) -> [Self; Self::COUNT] {
+        let (pairs, write) = (Self::Pairs(found, share), Self::Write(found, share));
+        [Self::Cells(form, share), Self::Scan, Self::Scatter, Self::Place, pairs, write]
     }
 
     const fn label(self) -> &'static str {
         match self {
-            Self::Cells(_) => "grid_cells",
+            Self::Cells(..) => "grid_cells",
             Self::Scan => "grid_scan",
             Self::Scatter => "grid_scatter",
             Self::Place => "grid_place",
-            Self::Pairs(_) => "grid_pairs",
-            Self::Write(_) => "grid_write",
+            Self::Pairs(..) => "grid_pairs",
+            Self::Write(..) => "grid_write",
         }
     }
 
@@ -127,19 +137,19 @@ impl GridStage {
             Self::Scan | Self::Scatter => 3,
             Self::Place => 5,
             // It has no order to write.
-            Self::Pairs(Found::Pairs) => 6,
-            Self::Cells(_) | Self::Pairs(Found::Words) | Self::Write(_) => 7,
+            Self::Pairs(Found::Pairs, _) => 6,
+            Self::Cells(..) | Self::Pairs(Found::Words, _) | Self::Write(..) => 7,
         }
     }
 
     const fn file(self) -> &'static str {
         match self {
-            Self::Cells(_) => include_str!("../wgsl/grid_cells.wgsl"),
+            Self::Cells(..) => include_str!("../wgsl/grid_cells.wgsl"),
             Self::Scan => include_str!("../wgsl/grid_scan.wgsl"),
             Self::Scatter => include_str!("../wgsl/grid_scatter.wgsl"),
             Self::Place => include_str!("../wgsl/grid_place.wgsl"),
-            Self::Pairs(_) => include_str!("../wgsl/grid_pairs.wgsl"),
-            Self::Write(_) => include_str!("../wgsl/grid_write.wgsl"),
+            Self::Pairs(..) => include_str!("../wgsl/grid_pairs.wgsl"),
+            Self::Write(..) => include_str!("../wgsl/grid_write.wgsl"),
         }
     }
 }
@@ -294,12 +304,12 @@ impl Stage {
         Self::PackDense,
         Self::WriteSparse,
         Self::WriteList,
-        Self::Grid(GridStage::Cells(BoxForm::F32)),
+        Self::Grid(GridStage::Cells(BoxForm::F32, Share::Whole)),
         Self::Grid(GridStage::Scan),
         Self::Grid(GridStage::Scatter),
         Self::Grid(GridStage::Place),
-        Self::Grid(GridStage::Pairs(Found::Words)),
-        Self::Grid(GridStage::Write(Found::Words)),
+        Self::Grid(GridStage::Pairs(Found::Words, Share::Whole)),
+        Self::Grid(GridStage::Write(Found::Words, Share::Whole)),
         Self::Scene(SceneStage::Apply),
         Self::Scene(SceneStage::Mark),
         Self::Scene(SceneStage::Cells),
@@ -380,7 +390,7 @@ impl Stage {
     /// The form of the boxes that the stage reads, if it reads boxes in any.
     const fn box_form(self) -> Option<BoxForm> {
         match self {
-            Self::Keys(form) | Self::Grid(GridStage::Cells(form)) => Some(form),
+            Self::Keys(form) | Self::Grid(GridStage::Cells(form, _)) => Some(form),
             Self::Scene(SceneStage::Apply) => Some(BoxForm::F32),
             _ => None,
         }
@@ -417,14 +427,31 @@ impl Stage {
                 RowsPerThread::Four => include_str!("../wgsl/shared/rows_4.wgsl"),
             }
             .to_owned()),
-            ("found", Self::Grid(GridStage::Pairs(found))) => Ok(match found {
+            ("found", Self::Grid(GridStage::Pairs(found, _))) => Ok(match found {
                 Found::Words => include_str!("../wgsl/shared/found_words.wgsl"),
                 Found::Pairs => include_str!("../wgsl/shared/found_pairs.wgsl"),
             }
             .to_owned()),
-            ("written", Self::Grid(GridStage::Write(found))) => Ok(match found {
+            ("written", Self::Grid(GridStage::Write(found, _))) => Ok(match found {
                 Found::Words => include_str!("../wgsl/shared/written_words.wgsl"),
                 Found::Pairs => include_str!("../wgsl/shared/written_pairs.wgsl"),
+            }
+            .to_owned()),
+            ("share_boxes", Self::Grid(GridStage::Cells(_, share))) => Ok(match share {
+                Share::Whole => include_str!("../wgsl/shared/share_boxes_whole.wgsl"),
+                Share::Part => include_str!("../wgsl/shared/share_boxes_part.wgsl"),
+            }
+            .to_owned()),
+            ("share_rows", Self::Grid(GridStage::Pairs(_, share) | GridStage::Write(_, share))) => {
+                Ok(match share {
+                    Share::Whole => include_str!("../wgsl/shared/share_rows_whole.wgsl"),
+                    Share::Part => include_str!("../wgsl/shared/share_rows_part.wgsl"),
+                }
+                .to_owned())
+            }
+            ("share_noted", Self::Grid(GridStage::Pairs(_, share))) => Ok(match share {
+                Share::Whole => include_str!("../wgsl/shared/share_noted_whole.wgsl"),
+                Share::Part => include_str!("../wgsl/shared/share_noted_part.wgsl"),
             }
             .to_owned()),
             _ => shared_part(name).ok_or_else(unknown),
@@ -445,7 +472,7 @@ mod tests {
             (Stage::Keys(BoxForm::F16), "keys", "rows"),
             (Stage::PackDense, "pack_dense", "box_form"),
             (Stage::WriteList, "write_list", "found"),
-            (Stage::Grid(GridStage::Pairs(Found::Pairs)), "grid_pairs", "written"),
+            (Stage::Grid(GridStage::Pairs(Found::Pairs, Share::Part)), "grid_pairs", "written"),
         ] {
             let found = compose(&format!("#import {import}\n"), &|name| stage.shared(name));
             let unknown = ComposeError::UnknownImport { stage: label, import: import.into() };

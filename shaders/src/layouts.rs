@@ -163,6 +163,22 @@ pub struct GridLevel {
     pub wraps: u32,
 }
 
+/// What one of several GPUs does of a frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct GridShare {
+    /// Its rows are the boxes whose home cells are this one and later ones.
+    pub first_cell: u32,
+    /// One past the last of those cells.
+    pub end_cell: u32,
+    /// The place of its first item among those of all rows.
+    pub first_item: u32,
+    /// Items of all rows.
+    pub all_items: u32,
+    /// Cells of each level that its rows look at: from, and up to before.
+    pub looked_at: [[u32; 2]; GRID_LEVELS as usize],
+}
+
 /// The levels of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
@@ -177,6 +193,8 @@ pub struct GridLayout {
     pub cell_end: u32,
     /// The levels.
     pub levels: [GridLevel; GRID_LEVELS as usize],
+    /// What is done of it, where several GPUs share the frame.
+    pub share: GridShare,
 }
 
 /// What the stages of the grid know of a batch.

@@ -16,6 +16,6 @@ pub mod layouts;
 pub mod mirror;
 
 pub use compose::{
-    ComposeError, ComposedStage, Found, GridStage, PairsVariant, RowsPerThread, SceneStage, Stage,
-    compose, shared_part,
+    ComposeError, ComposedStage, Found, GridStage, PairsVariant, RowsPerThread, SceneStage, Share,
+    Stage, compose, shared_part,
 };

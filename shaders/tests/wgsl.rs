@@ -8,24 +8,28 @@ use naga::valid::{Capabilities, ValidationFlags, Validator};
 use pairmask_core::BoxForm;
 use pairmask_shaders::constants::{BATCH_BOXES, MAX_STRIP_BLOCKS, PAIRS_WORKGROUP};
 use pairmask_shaders::layouts::{
-    AwakeParams, BatchReport, BatchTotals, GridLayout, GridLevel, GridParams, GridSummary,
-    GridTotals, KeysParams, PackParams, PairsParams, SceneParams, SceneSummary, WriteParams,
+    AwakeParams, BatchReport, BatchTotals, GridLayout, GridLevel, GridParams, GridShare,
+    GridSummary, GridTotals, KeysParams, PackParams, PairsParams, SceneParams, SceneSummary,
+    WriteParams,
 };
-use pairmask_shaders::{Found, GridStage, PairsVariant, RowsPerThread, SceneStage, Stage};
+use pairmask_shaders::{Found, GridStage, PairsVariant, RowsPerThread, SceneStage, Share, Stage};
 
 const KEYS: Stage = Stage::Keys(BoxForm::F32);
 
-fn grid_stages(found: Found) -> [Stage; 6] {
-    GridStage::of_frame(BoxForm::F32, found).map(Stage::Grid)
+fn grid_stages(found: Found, share: Share) -> [Stage; 6] {
+    GridStage::of_frame(BoxForm::F32, found, share).map(Stage::Grid)
 }
 
 /// Every form that a stage is compiled in.
 fn all_forms() -> Vec<Stage> {
     let mut forms = vec![Stage::PackDense, Stage::WriteSparse, Stage::WriteList, Stage::Awake];
     forms.extend(BoxForm::ALL.map(Stage::Keys));
-    forms.extend(BoxForm::ALL.map(|form| Stage::Grid(GridStage::Cells(form))));
-    forms.extend(grid_stages(Found::Words).into_iter().skip(1));
-    forms.extend(grid_stages(Found::Pairs).into_iter().skip(4));
+    for share in [Share::Whole, Share::Part] {
+        forms.extend(BoxForm::ALL.map(|form| Stage::Grid(GridStage::Cells(form, share))));
+        forms.extend(grid_stages(Found::Words, share).into_iter().skip(4));
+        forms.extend(grid_stages(Found::Pairs, share).into_iter().skip(4));
+    }
+    forms.extend([GridStage::Scan, GridStage::Scatter, GridStage::Place].map(Stage::Grid));
     forms.extend(SceneStage::ALL.map(Stage::Scene));
     for rows in RowsPerThread::ALL {
         for store_zeros in [false, true] {
@@ -173,19 +177,25 @@ fn structs_lie_in_memory_as_in_rust() {
 
 #[test]
 fn structs_of_the_grid_lie_in_memory_as_in_rust() {
-    for stage in Found::ALL.into_iter().flat_map(grid_stages) {
+    let shares = [Share::Whole, Share::Part];
+    let stages =
+        Found::ALL.into_iter().flat_map(|found| shares.map(|share| grid_stages(found, share)));
+    for stage in stages.flatten() {
         same_layout!(stage, GridParams, "GridParams" {
             n, plane, batch_count, super_count, sum_count, capacity, order_words, budget
         });
     }
-    let [cells, _, _, _, pairs, write] = grid_stages(Found::Words);
-    let [_, _, _, _, listed_pairs, listed_write] = grid_stages(Found::Pairs);
+    let [cells, _, _, _, pairs, write] = grid_stages(Found::Words, Share::Whole);
+    let [_, _, _, _, listed_pairs, listed_write] = grid_stages(Found::Pairs, Share::Part);
     for stage in [cells, pairs, write, listed_pairs, listed_write] {
         same_layout!(stage, GridTotals, "GridTotals" {
             items, pairs, compared, base, empty, invalid, padding
         });
         same_layout!(stage, GridLayout, "GridLayout" {
-            level_count, first_giant, first_nothing, cell_end, levels
+            level_count, first_giant, first_nothing, cell_end, levels, share
+        });
+        same_layout!(stage, GridShare, "GridShare" {
+            first_cell, end_cell, first_item, all_items, looked_at
         });
         same_layout!(stage, GridLevel, "GridLevel" {
             origin, first_cell, scale, cell_count, low, padding_low, high, padding_high, fold,

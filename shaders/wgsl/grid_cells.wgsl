@@ -4,13 +4,14 @@
 // cells on each axis; what spans more on all of them is a giant. Giants, and boxes that overlap
 // nothing, get cells by their index: PARKED consecutive boxes share one. Counting a box in its cell
 // gives it a slot there, in whatever order threads come; `grid_place` makes an order of it that does
-// not depend on that.
+// not depend on that. A box that another GPU places is counted only.
 // Mirror: `mirror/grid_cells.rs`.
 
 #import constants
 #import box_batch
 #import grid_params
 #import grid_layout
+#import share_boxes
 
 // Binding 0: the boxes, of `box_batch`.
 @group(0) @binding(1) var<storage, read> grid: GridLayout;
@@ -56,7 +57,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         let slot = atomicAdd(&table[cell], 1u);
         atomicAdd(&control[SUMS + cell / SCAN_CELLS], 1u);
         records[index] = vec4<i32>(box.lo, box.hi.x);
-        let home = bitcast<vec2<i32>>(vec2<u32>(cell, (level << LEVEL_SHIFT) | slot));
+        let place = select(AWAY, cell, is_placed(cell, level));
+        let home = bitcast<vec2<i32>>(vec2<u32>(place, (level << LEVEL_SHIFT) | slot));
         records[params.plane + index] = vec4<i32>(box.hi.yz, home);
     }
 

@@ -14,6 +14,8 @@
 #import grid_params
 #import grid_layout
 #import scan
+#import share_rows
+#import share_noted
 #import found
 
 @group(0) @binding(0) var<storage, read> grid: GridLayout;
@@ -159,6 +161,9 @@ fn test_row(own_level: u32) {
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let batch = group.x;
     if (lane == 0u) {
+        if (batch == 0u) {
+            note_rows();
+        }
         atomicStore(&used_levels, 0u);
         atomicStore(&words_seen, 0u);
         atomicStore(&pair_sum, 0u);
@@ -177,12 +182,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     let giant_count = table[grid.first_nothing] - table[grid.first_giant];
     let giant_work = (giant_count >> 10u) * (params.n >> 10u);
     let within_budget = atomicLoad(&control[WORK]) <= params.budget && giant_work <= params.budget;
-    row = batch * BATCH_BOXES + lane;
+    let batch_row = first_row() + batch * BATCH_BOXES;
+    row = batch_row + lane;
     row_lane = lane;
     again = false;
     item_count = 0u;
     var own_level = NO_LEVEL;
-    if (row < params.n && within_budget) {
+    if (row < end_row() && within_budget) {
         let a = sorted[2u * row];
         let b = sorted[2u * row + 1u];
         row_lo = a.xyz;
@@ -231,7 +237,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
                 before = scan[of_lane - 1u];
             }
             let at = base + before + (window_places[i] & 0xffffffu);
-            let of_row = batch * BATCH_BOXES + of_lane;
+            let of_row = batch_row + of_lane;
             store_word(at, of_row, of_lane, window_blocks[i], window_bits[i]);
         }
     } else if (own != 0u) {

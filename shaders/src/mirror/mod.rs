@@ -11,6 +11,7 @@ mod grid_pairs;
 mod grid_place;
 mod grid_scan;
 
+use pairmask_core::Aabb;
 use pairmask_core::aabb::{BoxClass, KeyBox};
 use pairmask_core::precision::BoxSlice;
 
@@ -32,6 +33,12 @@ pub struct Mirrored {
     pub pairs: Vec<[u32; 2]>,
     /// Pairs compared.
     pub compared: u64,
+}
+
+/// The home cell of a box, in the table of all levels; for what has none of its own, the first that such
+/// boxes have.
+pub fn home_cell(layout: &GridLayout, b: &Aabb) -> u32 {
+    grid_cells::homes(layout, &[KeyBox::classify(b)]).first().map_or(0, |home| home.cell)
 }
 
 /// All stages, for a layout that the host chose.

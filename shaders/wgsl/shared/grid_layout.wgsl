@@ -23,6 +23,19 @@ struct GridLevel {
     wraps: u32,
 }
 
+// What one of several GPUs does of a frame.
+struct GridShare {
+    // Its rows are the boxes with these home cells.
+    first_cell: u32,
+    end_cell: u32,
+    // The place of its first item among those of all rows, and how many all have. Known when all have
+    // counted theirs.
+    first_item: u32,
+    all_items: u32,
+    // Cells of each level that its rows look at: from, and up to before.
+    looked_at: array<vec2<u32>, GRID_LEVELS>,
+}
+
 struct GridLayout {
     // Levels in use, finest first.
     level_count: u32,
@@ -33,6 +46,7 @@ struct GridLayout {
     // One past the last cell.
     cell_end: u32,
     levels: array<GridLevel, GRID_LEVELS>,
+    share: GridShare,
 }
 
 // 1.5 * 2^23: adding it rounds a number of magnitude below 2^22 to an integer.

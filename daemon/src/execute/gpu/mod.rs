@@ -41,7 +41,10 @@ pub use device::{Gpu, GpuLimits, HostImport, SUBMISSIONS};
 pub use error::{GpuError, OpenError, StageFault};
 pub use frame::{Command, Frame, MAX_STEPS, StepTime, Wait};
 pub use grid::plan::{Capacity, Sizes};
-pub use grid::{BUNDLE_FRAMES, Begun, Grid, GridOptions, GridUnderWay, cell_count, grid_layout};
+pub use grid::{
+    BUNDLE_FRAMES, Begun, Borders, Grid, GridOptions, GridUnderWay, ShareWork, cell_count,
+    cull_shared, grid_layout,
+};
 pub use health::DeviceHealth;
 pub use import::{ImportError, ImportId, Imports, ReadWriteMapping, SegmentError};
 pub use memory::{Block, Home, Part};

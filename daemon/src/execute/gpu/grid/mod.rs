@@ -25,7 +25,9 @@ pub(super) mod layout;
 pub mod plan;
 mod sample;
 mod scratch;
+mod share;
 mod steps;
+mod team;
 mod under_way;
 mod workspace;
 
@@ -36,7 +38,7 @@ use pairmask_core::engine::{CullError, CullInput, CullReport, Engine, ReplyBuffe
 use pairmask_core::precision::BoxSlice;
 use pairmask_core::{Aabb, BoxCount, BoxForm, Encoding, EngineName};
 use pairmask_shaders::layouts::GridLayout;
-use pairmask_shaders::{Found, GridStage, Stage};
+use pairmask_shaders::{Found, GridStage, Share, Stage};
 
 use self::bundle::Bundle;
 use self::layout::Chooser;
@@ -55,6 +57,8 @@ use super::transfers::{SharedImports, Upload};
 use crate::execute::FrameMemory;
 use crate::execute::frame_memory::Borrowed;
 
+pub use self::share::{Borders, ShareWork};
+pub use self::team::cull_shared;
 pub use self::under_way::GridUnderWay;
 
 /// The levels that a scene gets. For measurements, and for the stages' mirror.
@@ -119,7 +123,8 @@ impl Grid {
     pub fn new(gpu: &Arc<Gpu>, options: &GridOptions) -> Result<Self, GpuError> {
         let mut pipelines = Pipelines::new(gpu, options.checks, options.cache_folder.as_deref())?;
         for found in Found::ALL {
-            for stage in BoxForm::ALL.into_iter().flat_map(|f| GridStage::of_frame(f, found)) {
+            let of_form = |form| GridStage::of_frame(form, found, Share::Whole);
+            for stage in BoxForm::ALL.into_iter().flat_map(of_form) {
                 pipelines.get(Stage::Grid(stage))?;
             }
         }

@@ -2,7 +2,8 @@
 
 use std::sync::Arc;
 
-use pairmask_shaders::{Found, GridStage, Stage};
+use pairmask_shaders::constants::CONTROL_HEADER_WORDS;
+use pairmask_shaders::{Found, GridStage, Share, Stage};
 
 use super::plan::{Capacity, Sizes};
 use super::scratch::Blocks;
@@ -26,15 +27,45 @@ pub(super) struct Recording<'a> {
 impl Recording<'_> {
     /// All steps, in order.
     pub(super) fn steps(&self, pipelines: &mut Pipelines) -> Result<Vec<Command>, GpuError> {
-        let stages = GridStage::of_frame(self.boxes.form, self.capacity.found);
-        stages.into_iter().map(|stage| self.step(pipelines, stage)).collect()
+        self.stages(Share::Whole).into_iter().map(|stage| self.step(pipelines, stage)).collect()
+    }
+
+    /// The steps of a share, as far as its items are counted: how many there are is copied to the host.
+    pub(super) fn counting_steps(
+        &self,
+        pipelines: &mut Pipelines,
+    ) -> Result<Vec<Command>, GpuError> {
+        let [stages @ .., _] = self.stages(Share::Part);
+        let mut steps = stages
+            .map(|stage| self.step(pipelines, stage))
+            .into_iter()
+            .collect::<Result<Vec<_>, _>>()?;
+        let header = 4 * u64::from(CONTROL_HEADER_WORDS);
+        steps.push(Command::Copy {
+            from: Part::of(&self.blocks.control, 0, header),
+            to: Part::of(&self.blocks.counted, 0, header),
+        });
+        Ok(steps)
+    }
+
+    /// The step of a share that writes them, when those of all shares are counted.
+    pub(super) fn writing_steps(
+        &self,
+        pipelines: &mut Pipelines,
+    ) -> Result<Vec<Command>, GpuError> {
+        let [.., write] = self.stages(Share::Part);
+        Ok(vec![self.step(pipelines, write)?])
+    }
+
+    fn stages(&self, share: Share) -> [GridStage; GridStage::COUNT] {
+        GridStage::of_frame(self.boxes.form, self.capacity.found, share)
     }
 
     fn step(&self, pipelines: &mut Pipelines, stage: GridStage) -> Result<Command, GpuError> {
         let b = self.blocks;
         let found = || Part::of(&b.found, 0, self.capacity.found_bytes());
         let (parts, groups) = match stage {
-            GridStage::Cells(_) => (
+            GridStage::Cells(..) => (
                 vec![
                     self.boxes.part.clone(),
                     Part::whole(&b.layout),
@@ -63,7 +94,7 @@ impl Recording<'_> {
                 ],
                 self.sizes.batches,
             ),
-            GridStage::Pairs(what) => {
+            GridStage::Pairs(what, _) => {
                 let mut parts = vec![
                     Part::whole(&b.layout),
                     self.table(),
@@ -78,7 +109,7 @@ impl Recording<'_> {
                 }
                 (parts, self.sizes.batches)
             }
-            GridStage::Write(_) => (
+            GridStage::Write(..) => (
                 vec![
                     Part::whole(&b.layout),
                     self.table(),

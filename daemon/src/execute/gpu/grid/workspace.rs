@@ -9,7 +9,7 @@ use pairmask_core::engine::{
 use pairmask_core::precision::BoxSlice;
 use pairmask_core::{BoxCount, MaskWord};
 use pairmask_shaders::Found;
-use pairmask_shaders::layouts::GridSummary;
+use pairmask_shaders::layouts::{GridLayout, GridSummary};
 
 use super::bundle::Bundle;
 use super::layout::Chooser;
@@ -58,22 +58,50 @@ pub(super) enum Ended {
     },
 }
 
-/// A frame, and all that its stages use.
-struct Placed {
+/// A frame that is to be placed.
+pub(super) struct Wanted<'a> {
+    pub(super) n: BoxCount,
+    pub(super) boxes: BoxSlice<'a>,
+    /// Where the mask goes: as many words as [`reserve`] gives.
+    pub(super) mask: &'a [u32],
+    pub(super) capacity: Capacity,
+    /// Whether another frame is under way.
+    pub(super) is_behind: bool,
+    /// The layout of a frame that several GPUs share; else it is chosen by a look at the boxes.
+    pub(super) layout: Option<GridLayout>,
+}
+
+/// Memory of a reply with room for `capacity`.
+pub(super) fn reserve<'a>(
+    tools: &Tools,
     n: BoxCount,
     capacity: Capacity,
+    reply: &'a mut dyn ReplyBuffer,
+) -> Result<&'a [u32], CullError> {
+    let words = Sizes::of(n).reply_words(capacity);
+    if 4 * words > tools.binding_bytes {
+        // The reply is one binding; all pairs binds its sections one by one.
+        return Err(CullError::TooCrowded { engine: ENGINE });
+    }
+    Ok(&reply.reserve(words)?[..words as usize])
+}
+
+/// A frame, and all that its stages use.
+pub(super) struct Placed {
+    pub(super) n: BoxCount,
+    pub(super) capacity: Capacity,
     /// Where the boxes lie.
     boxes: PlacedBoxes,
     /// Where they are copied to before the frame; else the first stage reads them where they lie.
     ahead: Option<PlacedBoxes>,
-    mask: MaskPlace,
-    blocks: Blocks,
+    pub(super) mask: MaskPlace,
+    pub(super) blocks: Blocks,
     start: Instant,
     ingested: Duration,
 }
 
 impl Placed {
-    fn recording(&self) -> Recording<'_> {
+    pub(super) fn recording(&self) -> Recording<'_> {
         Recording {
             sizes: Sizes::of(self.n),
             capacity: self.capacity,
@@ -91,9 +119,9 @@ pub(super) struct Workspace {
     scratch: Scratch,
     frames: FrameCache,
     /// Whether the blocks that must be zero between frames may not be.
-    unclean: bool,
+    pub(super) unclean: bool,
     /// The frame under way. There until its end was seen.
-    under_way: Option<Placed>,
+    pub(super) under_way: Option<Placed>,
     /// Its submission, where it shares one with others; else it is the last one of `frames`.
     bundle: Option<Bundle>,
 }
@@ -141,7 +169,9 @@ impl Workspace {
         capacity: Capacity,
         is_behind: bool,
     ) -> Result<(), CullError> {
-        let placed = self.place(tools, n, boxes, reply, capacity, is_behind)?;
+        let mask = reserve(tools, n, capacity, reply)?;
+        let wanted = Wanted { n, boxes, mask, capacity, is_behind, layout: None };
+        let placed = self.place(tools, wanted)?;
         self.submit(tools, &placed).map_err(|e| tools.gpu.cull_error(ENGINE, &e))?;
         self.under_way = Some(placed);
         Ok(())
@@ -158,7 +188,9 @@ impl Workspace {
         capacity: Capacity,
         bundle: &Bundle,
     ) -> Result<Vec<Command>, CullError> {
-        let placed = self.place(tools, n, boxes, reply, capacity, false)?;
+        let mask = reserve(tools, n, capacity, reply)?;
+        let wanted = Wanted { n, boxes, mask, capacity, is_behind: false, layout: None };
+        let placed = self.place(tools, wanted)?;
         let steps = placed.recording().steps(&mut tools.pipelines);
         let steps = steps.map_err(|e| tools.gpu.cull_error(ENGINE, &e))?;
         // A frame that does not end leaves its blocks as they are.
@@ -169,32 +201,23 @@ impl Workspace {
     }
 
     /// Brings all that a frame's stages use to where they see it.
-    fn place(
+    pub(super) fn place(
         &mut self,
         tools: &mut Tools,
-        n: BoxCount,
-        boxes: BoxSlice<'_>,
-        reply: &mut dyn ReplyBuffer,
-        capacity: Capacity,
-        is_behind: bool,
+        wanted: Wanted<'_>,
     ) -> Result<Placed, CullError> {
         assert!(self.under_way.is_none(), "one frame a workspace");
+        let Wanted { n, boxes, mask, capacity, is_behind, layout } = wanted;
         let start = Instant::now();
         let sizes = Sizes::of(n);
-        let words = sizes.reply_words(capacity);
-        if 4 * words > tools.binding_bytes {
-            // The reply is one binding; all pairs binds its sections one by one.
-            return Err(CullError::TooCrowded { engine: ENGINE });
-        }
-        let reserved = &reply.reserve(words)?[..words as usize];
         let placed = (|| {
             let mut replaced = false;
             let placed = self.transfers.place_boxes(boxes, &mut replaced)?;
             let ahead = self.ahead.as_mut().filter(|ahead| ahead.pays(&placed, is_behind));
             let ahead = ahead.map(|ahead| ahead.place(&placed, &mut replaced)).transpose()?;
-            let mask = self.transfers.place_mask(reserved, &mut replaced)?;
+            let mask = self.transfers.place_mask(mask, &mut replaced)?;
             let ingested = start.elapsed();
-            let layout = tools.chooser.choose(boxes);
+            let layout = layout.unwrap_or_else(|| tools.chooser.choose(boxes));
             let blocks = self.blocks(tools, &sizes, capacity, replaced)?;
             blocks.layout.write(0, &[layout]);
             Ok(Placed { n, capacity, boxes: placed, ahead, mask, blocks, start, ingested })
@@ -202,7 +225,7 @@ impl Workspace {
         placed.map_err(|e: GpuError| tools.gpu.cull_error(ENGINE, &e))
     }
 
-    fn wait(&mut self, tools: &mut Tools) -> Result<(), GpuError> {
+    pub(super) fn wait(&mut self, tools: &mut Tools) -> Result<(), GpuError> {
         let began = self.under_way.as_ref().ok_or(GpuError::Lost)?;
         let patience = patience(&tools.gpu, began.n);
         if let Some(bundle) = &self.bundle {
@@ -263,20 +286,8 @@ impl Workspace {
     }
 
     fn submit(&mut self, tools: &mut Tools, placed: &Placed) -> Result<(), GpuError> {
-        let recording = placed.recording();
-        let (read, n) = (recording.boxes, recording.sizes.n);
-        let key = FrameKey {
-            n,
-            form: read.form,
-            encoding: recording.capacity.found.encoding(),
-            capacity: recording.capacity.items,
-            chunk: 0,
-            input: Place::of(&read.part),
-            output: Place::of(recording.reply),
-        };
-        let pipelines = &mut tools.pipelines;
-        let frame =
-            self.frames.frame(&tools.gpu, key, tools.profiled, || recording.steps(pipelines))?;
+        let n = placed.n.get();
+        let frame = recorded(&mut self.frames, tools, placed, Phase::All)?;
         // A frame that does not end leaves its blocks as they are.
         self.unclean = true;
         let order = match (&mut self.ahead, &placed.ahead) {
@@ -284,6 +295,19 @@ impl Workspace {
             _ => Order::Alone,
         };
         frame.submit_in(order)
+    }
+
+    /// Submits some of the steps of a frame whose boxes are read where they lie.
+    pub(super) fn submit_phase(
+        &mut self,
+        tools: &mut Tools,
+        placed: &Placed,
+        phase: Phase,
+    ) -> Result<(), GpuError> {
+        recorded(&mut self.frames, tools, placed, phase)?.submit_in(Order::Alone)?;
+        // A frame that does not end leaves its blocks as they are.
+        self.unclean = true;
+        Ok(())
     }
 
     /// Waits for the frame under way. After an error the device may still work on it
@@ -306,7 +330,6 @@ impl Workspace {
         if plan::is_over_budget(summary.work, summary.giant_work) {
             return Err(CullError::TooCrowded { engine: ENGINE });
         }
-        let wide = |[low, high]: [u32; 2]| u64::from(low) | u64::from(high) << 32;
         let (items, found) = (wide(summary.items), capacity.found);
         if items > plan::most_items(n, found) || wide(summary.compared) > n.pair_count() {
             // No scene has as many: the device does not do what the stages say.
@@ -352,6 +375,43 @@ impl Drop for Workspace {
     }
 }
 
+/// Steps of a frame that are submitted together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Phase {
+    /// All of them.
+    All,
+    /// Those of a share up to the count of its items.
+    Count,
+    /// The rest of those.
+    Write,
+}
+
+/// Steps of a frame, recorded if they are not yet.
+fn recorded<'a>(
+    frames: &'a mut FrameCache,
+    tools: &mut Tools,
+    placed: &Placed,
+    phase: Phase,
+) -> Result<&'a mut Frame, GpuError> {
+    let recording = placed.recording();
+    let read = recording.boxes;
+    let key = FrameKey {
+        n: recording.sizes.n,
+        form: read.form,
+        encoding: recording.capacity.found.encoding(),
+        capacity: recording.capacity.items,
+        chunk: phase as usize,
+        input: Place::of(&read.part),
+        output: Place::of(recording.reply),
+    };
+    let pipelines = &mut tools.pipelines;
+    frames.frame(&tools.gpu, key, tools.profiled, || match phase {
+        Phase::All => recording.steps(pipelines),
+        Phase::Count => recording.counting_steps(pipelines),
+        Phase::Write => recording.writing_steps(pipelines),
+    })
+}
+
 /// How long filling blocks may take before the device counts as hung.
 const FILL_PATIENCE: Duration = Duration::from_secs(10);
 
@@ -362,8 +422,13 @@ fn patience(gpu: &Gpu, n: BoxCount) -> Duration {
     Duration::from_secs(10 + n.pair_count() / tests_a_second)
 }
 
+/// A number of 64 bits, the low word first.
+pub(super) fn wide([low, high]: [u32; 2]) -> u64 {
+    u64::from(low) | u64::from(high) << 32
+}
+
 /// The census of a frame; the bits of invalid boxes are looked at only where there are some.
-fn census(summary: &GridSummary, invalid: &Block, plane: u32) -> Census {
+pub(super) fn census(summary: &GridSummary, invalid: &Block, plane: u32) -> Census {
     let mut census = Census { invalid: summary.invalid, empty: summary.empty, ..Census::default() };
     let mut named = 0;
     let wanted = (summary.invalid as usize).min(NAMED_INVALID);
