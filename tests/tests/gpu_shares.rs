@@ -78,8 +78,8 @@ fn shares_have_the_bytes_of_one_gpu() {
                 let boxes = scene.boxes(n, turn);
                 let encoding = ENCODINGS[turn as usize % 2];
                 let done = compare(&mut all[..gpus], &Precision::Exact, &boxes, encoding, turn);
-                let pairs =
-                    done.unwrap_or_else(|e| panic!("{}, {n} boxes, {gpus} GPUs: {e}", scene.name()));
+                let pairs = done
+                    .unwrap_or_else(|e| panic!("{}, {n} boxes, {gpus} GPUs: {e}", scene.name()));
                 if n == 345 {
                     assert_eq!(pairs, oracle::truth(&boxes).pairs.len() as u64, "{}", scene.name());
                 }

@@ -1,7 +1,7 @@
 //! A daemon with several GPUs: frames are spread over them, and none is lost with one of them.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use pairmask_core::dispatch::{CpuEngines, CullAnswer, CullOptions};
@@ -17,6 +17,9 @@ use pairmaskd::execute::{CullUnderWay, Executor, GpuService, Owner};
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
 const GRID: EngineChoice = EngineChoice::Only(EngineName::GpuGrid);
+
+/// Held by each test: devices of a software adapter that start side by side keep each other waiting.
+static ALONE: Mutex<()> = Mutex::new(());
 
 /// An executor with so many devices of the GPU of the tests.
 fn executor(gpus: usize) -> Executor {
@@ -53,6 +56,7 @@ fn begin(executor: &mut Executor, client: u128, boxes: &[Aabb]) -> (usize, Under
 
 #[test]
 fn sessions_have_homes_on_each_gpu_in_turn() {
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let model = executor(2);
     let boxes = stress_scenes::named("uniform").boxes(500, 1);
     let options = CullOptions { engine: GRID, ..CullOptions::default() };
@@ -66,6 +70,7 @@ fn sessions_have_homes_on_each_gpu_in_turn() {
 
 #[test]
 fn a_frame_behind_another_takes_the_gpu_that_is_free() {
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let mut executor = executor(2);
     let boxes = stress_scenes::named("uniform").boxes(33_001, 3);
     let (first_place, first) = begin(&mut executor, 1, &boxes);
@@ -91,6 +96,7 @@ fn a_frame_behind_another_takes_the_gpu_that_is_free() {
 
 #[test]
 fn a_frame_whose_gpu_is_lost_under_way_is_answered_by_the_other() {
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let mut executor = executor(2);
     let boxes = stress_scenes::named("ground plane").boxes(33_001, 3);
     let expected = pairs_by_cpu(&boxes);
@@ -173,17 +179,20 @@ fn stops(clients: &[std::thread::ScopedJoinHandle<'_, ()>]) -> bool {
 
 #[test]
 fn one_of_two_devices_is_lost_under_load() {
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     devices_are_lost_under_load(6);
 }
 
 #[test]
 #[ignore = "takes minutes: `.ci/run nightly`"]
 fn one_of_two_devices_is_lost_under_load_a_hundred_times() {
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     devices_are_lost_under_load(100);
 }
 
 #[test]
 fn a_daemon_of_two_gpus_serves_several_clients() {
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let gpus = format!("{0},{0}", gpu::name());
     let daemon = TestDaemon::start(DAEMON, &["--gpu", &gpus]);
     let boxes = Arc::new(stress_scenes::named("uniform").boxes(2_345, 3));
@@ -207,4 +216,32 @@ fn a_daemon_of_two_gpus_serves_several_clients() {
     for client in clients {
         client.join().expect("right answers");
     }
+}
+
+/// Of a software adapter a frame of this size is predicted to gain, if nothing else is known of it.
+#[test]
+fn an_executor_shares_large_frames_and_answers_when_one_of_the_gpus_is_lost() {
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut executor = executor(2);
+    let boxes = stress_scenes::named("uniform").boxes(60_001, 3);
+    let expected = pairs_by_cpu(&boxes);
+    let options = CullOptions { engine: GRID, ..CullOptions::default() };
+    let cull = |executor: &mut Executor| {
+        let mut memory = TestFrame::on_heap(&Precision::Exact, &boxes);
+        let planned = executor.plan(memory.boxes.boxes(), &options, u64::MAX);
+        let gpus = planned.gpus();
+        assert_eq!(executor.can_begin(&planned), gpus == 1);
+        let answer = executor.run(planned, Owner::Client(1), &mut memory).expect("an answer");
+        assert!(pairs_of(boxes.len(), &answer, memory.reply.words()) == expected, "{gpus} GPUs");
+        (gpus, answer.engine)
+    };
+    for _ in 0..3 {
+        assert_eq!(cull(&mut executor), (2, EngineName::GpuGrid));
+    }
+    let lost = executor.gpus().turn(1).and_then(|mut gpu| gpu.device());
+    lost.expect("its device").destroy();
+    let (_, engine) = cull(&mut executor);
+    assert!(engine.is_gpu(), "the other one answers");
+    let (gpus, _) = cull(&mut executor);
+    assert_eq!(gpus, 1, "until the lost one is back");
 }

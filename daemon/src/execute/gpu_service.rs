@@ -192,6 +192,15 @@ impl GpuService {
         self.engines.is_some()
     }
 
+    /// The grid of the device of now, for a frame that several GPUs share, whose boxes belong to `owner`.
+    pub(super) fn grid_for(&mut self, boxes: BoxSlice<'_>, owner: Owner) -> Option<&mut Grid> {
+        let is_there = self.refresh();
+        let engines = self.engines.as_mut().filter(|_| is_there)?;
+        engines.offer_boxes(owner, boxes);
+        engines.note_frame();
+        Some(&mut engines.grid)
+    }
+
     /// Finds the pairs of boxes that belong to `owner`, and says which engine did.
     ///
     /// # Errors

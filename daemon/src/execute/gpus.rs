@@ -3,9 +3,16 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use super::shared_gpu::SharedGpu;
+use pairmask_core::engine::{CullError, CullReport, ReplyBuffer};
+use pairmask_core::plan::{GpuCost, Plan};
+use pairmask_core::precision::BoxSlice;
+
+use super::frame_memory::LentReply;
+use super::gpu::{Borders, cull_shared};
+use super::shared_gpu::{Queued, SharedGpu};
+use super::sharing::gpus_for;
 use super::under_way::GpuShare;
-use super::{GpuService, GpuTurn};
+use super::{GpuService, GpuTurn, Owner};
 
 /// The GPUs that the executors of all sessions share. There may be none.
 #[derive(Clone, Default)]
@@ -64,6 +71,50 @@ impl Gpus {
     /// others are no better. One without a device only where none has one.
     pub(super) fn for_frame(&self, home: usize) -> Option<&Arc<SharedGpu>> {
         self.from(home).min_by_key(|gpu| (!gpu.is_there(), gpu.queued_steps()))
+    }
+
+    /// How many of them would share a frame of this plan: those that are idle, if all are.
+    pub(super) fn shares_for(&self, plan: &Plan, cost: Option<&GpuCost>) -> usize {
+        let is_idle = |gpu: &Arc<SharedGpu>| gpu.is_there() && gpu.queued_steps() == 0;
+        match cost {
+            Some(cost) if self.all.len() > 1 && self.all.iter().all(is_idle) => {
+                gpus_for(plan, cost, self.all.len())
+            }
+            _ => 1,
+        }
+    }
+
+    /// Finds the pairs of a frame with the first so many of them, each with a share of it.
+    pub(super) fn cull_shared(
+        &self,
+        gpus: usize,
+        boxes: BoxSlice<'_>,
+        owner: Owner,
+        plan: &Plan,
+        borders: &mut Borders,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullReport, CullError> {
+        let team = &self.all[..gpus.min(self.all.len())];
+        let _queued: Vec<Queued> = team.iter().map(|gpu| gpu.queue(plan, 1)).collect();
+        // Whoever takes several takes them in this order.
+        let mut turns: Vec<GpuTurn<'_>> = team.iter().map(|gpu| gpu.lock()).collect();
+        let lost = CullError::DeviceLost { engine: plan.engine };
+        let grids = turns.iter_mut().map(|turn| turn.grid_for(boxes, owner));
+        let done = match grids.collect::<Option<Vec<_>>>() {
+            Some(mut grids) => cull_shared(&mut grids, &plan.input(boxes), borders, reply),
+            None => Err(lost),
+        };
+        for (gpu, turn) in team.iter().zip(&turns) {
+            gpu.note_device(turn);
+        }
+        done
+    }
+
+    /// Has the reply of a frame that they shared imported by the first so many, for the frames to come.
+    pub(super) fn offer_reply(&self, gpus: usize, lent: LentReply) {
+        for gpu in self.all.iter().take(gpus) {
+            gpu.lock().offer_reply(lent);
+        }
     }
 
     /// Another GPU for a frame that this one has lost.

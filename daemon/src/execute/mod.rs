@@ -9,6 +9,7 @@ mod gpus;
 mod kept_scene;
 mod offers;
 mod shared_gpu;
+mod sharing;
 mod spheres;
 mod under_way;
 
@@ -36,6 +37,7 @@ use pairmask_core::repeat::{Repeats, is_sooner_compared};
 use pairmask_wire::RulesReader;
 
 use self::frame_memory::{LentReply, with_lent};
+use self::gpu::Borders;
 pub use self::shared_gpu::GpuTurn;
 use self::shared_gpu::SharedGpu;
 pub use self::under_way::{
@@ -52,9 +54,16 @@ pub struct Planned {
     one_core_ns: Option<u64>,
     /// The GPU that the plan counts on, and that takes the frame where the plan is a GPU's.
     gpu: Option<Arc<SharedGpu>>,
+    /// How many GPUs share it.
+    gpus: usize,
 }
 
 impl Planned {
+    /// GPUs that share the frame, where the plan is a GPU's.
+    pub const fn gpus(&self) -> usize {
+        self.gpus
+    }
+
     /// The place of the GPU that takes the frame, among those of the daemon.
     pub fn gpu_place(&self) -> usize {
         self.gpu.as_ref().map_or(0, |gpu| gpu.number())
@@ -131,7 +140,7 @@ impl CpuSide {
                 self.engines.plan(boxes, &CullOptions { threads: Some(1), ..*options }, None);
             engine_ns(&one_core)
         });
-        Planned { plan, options: *options, start, plan_ns, one_core_ns, gpu: None }
+        Planned { plan, options: *options, start, plan_ns, one_core_ns, gpu: None, gpus: 1 }
     }
 
     /// Runs a plan for a CPU engine. Boxes in a narrow form are expanded first, which counts as
@@ -193,6 +202,8 @@ pub struct Executor {
     gpus: Gpus,
     /// The place of the GPU that its frames go to while others are no better.
     home: usize,
+    /// Where GPUs that share a frame of this session part it.
+    borders: Borders,
     isa: AvailableIsa,
     calibration: Option<Calibration>,
     /// When the last frame began, until its scratch is given back.
@@ -217,6 +228,7 @@ impl Executor {
             repeats: Repeats::default(),
             rules: RulesReader::default(),
             home: gpus.next_home(),
+            borders: Borders::new(gpus.len()),
             gpus,
             isa: AvailableIsa::best(),
             calibration: None,
@@ -319,7 +331,9 @@ impl Executor {
     /// Whether a frame is better left to the GPU ([`Self::begin`]) than waited for
     /// ([`Self::run`]).
     pub fn can_begin(&self, planned: &Planned) -> bool {
-        planned.gpu.as_ref().is_some_and(|gpu| gpu.outlook().can_begin(&planned.plan))
+        let can_begin = |gpu: &Arc<SharedGpu>| gpu.outlook().can_begin(&planned.plan);
+        // Who shares a frame among GPUs waits for all of them.
+        planned.gpus == 1 && planned.gpu.as_ref().is_some_and(can_begin)
     }
 
     /// Whether a frame may share a submission to the GPU with others ([`Self::join`]): one so small that
@@ -350,14 +364,14 @@ impl Executor {
         memory: &mut M,
     ) -> Result<CullAnswer, CullError> {
         let mut lent = LentReply::default();
-        let gpu = planned.gpu.clone();
+        let (gpu, gpus) = (planned.gpu.clone(), planned.gpus);
         let answer = with_lent(memory, &mut lent, |boxes, reply| {
             self.run_or_other(planned, boxes, owner, reply)
         })?;
-        if answer.engine.is_gpu()
-            && let Some(gpu) = gpu
-        {
-            gpu.lock().offer_reply(lent);
+        match gpu.filter(|_| answer.engine.is_gpu()) {
+            Some(_) if gpus > 1 => self.gpus.offer_reply(gpus, lent),
+            Some(gpu) => gpu.lock().offer_reply(lent),
+            None => {}
         }
         Ok(answer)
     }
@@ -446,7 +460,12 @@ impl Executor {
     fn plan_within(&mut self, boxes: BoxSlice<'_>, options: &CullOptions) -> Planned {
         let gpu = self.gpus.for_frame(self.home).cloned();
         let cost = gpu.as_ref().and_then(|gpu| gpu.cost());
-        let planned = Planned { gpu, ..self.cpu.plan(boxes, options, cost) };
+        let planned = self.cpu.plan(boxes, options, cost);
+        let gpus = self.gpus.shares_for(&planned.plan, cost.as_ref());
+        let planned = Planned { gpu, gpus, ..planned };
+        if gpus > 1 {
+            log::debug!("{gpus} GPUs share it");
+        }
         self.last_frame = Some(planned.start);
         if self.spheres_need.note(0, || self.spheres.scratch_bytes()) {
             self.spheres = SphereWays::default();
@@ -494,6 +513,17 @@ impl Executor {
         let engine = planned.plan.engine;
         if !engine.is_gpu() {
             return self.cpu.run(planned, boxes, reply);
+        }
+        if planned.gpus > 1 {
+            let (plan, borders) = (&planned.plan, &mut self.borders);
+            let shared = self.gpus.cull_shared(planned.gpus, boxes, owner, plan, borders, reply);
+            match shared {
+                Ok(report) => return Ok(planned.answer(report, EngineName::GpuGrid)),
+                // What they cannot do together, one of them does, or says why not.
+                Err(error) => {
+                    log::debug!("one GPU takes a frame that several would share: {error}")
+                }
+            }
         }
         let done = match &planned.gpu {
             Some(gpu) => cull_on(gpu, &planned, boxes, owner, reply)

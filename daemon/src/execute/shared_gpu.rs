@@ -98,10 +98,14 @@ impl SharedGpu {
     pub(super) fn with<R>(&self, work: impl FnOnce(&mut GpuService) -> R) -> R {
         let mut service = self.lock();
         let done = work(&mut service);
-        // The device may be another one by now, or none.
-        let outlook = Outlook::of(&service);
-        *self.outlook.lock().unwrap_or_else(PoisonError::into_inner) = outlook;
+        self.note_device(&service);
         done
+    }
+
+    /// Notes what device its service has: it may be another one by now, or none.
+    pub(super) fn note_device(&self, service: &GpuService) {
+        let outlook = Outlook::of(service);
+        *self.outlook.lock().unwrap_or_else(PoisonError::into_inner) = outlook;
     }
 
     /// Gives the core away for a moment where the GPU needs it: a software adapter's frames run on

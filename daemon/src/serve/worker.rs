@@ -12,6 +12,7 @@ use pairmask_transport::{
     process_name, quiet_transport_log,
 };
 use pairmask_wire::{SkipTotals, StatusBody, Version};
+use rayon::prelude::*;
 use rustix::process::Signal;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
@@ -171,9 +172,10 @@ fn open_gpus(settings: &ServeSettings) -> Result<Vec<GpuService>, OpenError> {
         // Not even a look: listing adapters takes time and loads every driver.
         return Ok(Vec::new());
     }
-    let open =
-        |choice| GpuService::open_watched(&choice, settings.gpu_awake, settings.watch_devices);
-    let opened = wanted.each().into_iter().map(open);
+    // Side by side: drivers take up to a second each.
+    let opened = wanted.each().into_par_iter().map(|choice| {
+        GpuService::open_watched(&choice, settings.gpu_awake, settings.watch_devices)
+    });
     if !wanted.is_optional() {
         return opened.collect();
     }
