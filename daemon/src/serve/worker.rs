@@ -12,7 +12,6 @@ use pairmask_transport::{
     process_name, quiet_transport_log,
 };
 use pairmask_wire::{SkipTotals, StatusBody, Version};
-use rayon::prelude::*;
 use rustix::process::Signal;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
@@ -21,7 +20,7 @@ use super::lanes::Lanes;
 use super::{ServeError, ServeSettings};
 use crate::audit::Auditor;
 use crate::calibrate::glance;
-use crate::execute::gpu::OpenError;
+use crate::execute::gpu::{GpuError, OpenError};
 use crate::execute::{EnginePool, Executor, GpuService};
 use crate::ingest::{Gate, Intake};
 use crate::requests::Responder;
@@ -172,13 +171,19 @@ fn open_gpus(settings: &ServeSettings) -> Result<Vec<GpuService>, OpenError> {
         // Not even a look: listing adapters takes time and loads every driver.
         return Ok(Vec::new());
     }
+    let open =
+        |choice| GpuService::open_watched(&choice, settings.gpu_awake, settings.watch_devices);
     // Side by side: drivers take up to a second each.
-    let opened = wanted.each().into_par_iter().map(|choice| {
-        GpuService::open_watched(&choice, settings.gpu_awake, settings.watch_devices)
+    let opened: Vec<Result<GpuService, OpenError>> = std::thread::scope(|scope| {
+        let opening = wanted.each().into_iter().map(|choice| scope.spawn(move || open(choice)));
+        let opening: Vec<_> = opening.collect();
+        let opened = opening.into_iter().map(std::thread::ScopedJoinHandle::join);
+        // A driver that panics has no device.
+        opened.map(|gpu| gpu.unwrap_or(Err(GpuError::Lost.into()))).collect()
     });
     if !wanted.is_optional() {
-        return opened.collect();
+        return opened.into_iter().collect();
     }
     let without = |error| log::info!("serving without a GPU: {error}");
-    Ok(opened.filter_map(|gpu| gpu.map_err(without).ok()).collect())
+    Ok(opened.into_iter().filter_map(|gpu| gpu.map_err(without).ok()).collect())
 }
