@@ -55,9 +55,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         }
         let slot = atomicAdd(&table[cell], 1u);
         atomicAdd(&control[SUMS + cell / SCAN_CELLS], 1u);
-        records[index] = vec4<i32>(box.lo, box.hi.x);
-        let home = bitcast<vec2<i32>>(vec2<u32>(cell, (level << LEVEL_SHIFT) | slot));
-        records[params.plane + index] = vec4<i32>(box.hi.yz, home);
+#import record
     }
 
     workgroupBarrier();
