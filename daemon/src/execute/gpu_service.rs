@@ -7,11 +7,12 @@ use pairmask_core::dispatch::nanoseconds_since;
 use pairmask_core::engine::{
     CullError, CullInput, CullReport, Engine, EngineName, HeapReply, ReplyBuffer,
 };
+use pairmask_core::objects::Objects;
 use pairmask_core::plan::{GpuCost, Plan, user_cache_folder};
 use pairmask_core::precision::BoxSlice;
 use pairmask_core::{Aabb, Encoding};
 
-use super::frame_memory::{FrameMemory, LentReply, with_lent};
+use super::frame_memory::{FrameMemory, LentReply, boxes_of, with_lent};
 use super::gpu::{
     AllPairs, AllPairsOptions, Awake, Begun, Block, Gpu, GpuChoice, GpuError, GpuSlot, Grid,
     GridOptions, GridUnderWay, HostImport, OpenError, SceneTools, SharedImports,
@@ -76,9 +77,9 @@ impl Engines {
         }
     }
 
-    /// Imports the boxes of an owner, for the frame that they came with and those to come.
-    fn offer_boxes(&mut self, owner: Owner, boxes: BoxSlice<'_>) {
-        let forgotten = self.offers.boxes(owner, boxes);
+    /// Imports the objects of an owner, for the frame that they came with and those to come.
+    fn offer_objects(&mut self, owner: Owner, objects: Objects<'_>) {
+        let forgotten = self.offers.objects(owner, objects);
         self.drop_frames_of(&forgotten);
     }
 
@@ -211,7 +212,7 @@ impl GpuService {
             return Err(lost);
         }
         let engines = self.engines.as_mut().ok_or(lost)?;
-        engines.offer_boxes(owner, boxes);
+        engines.offer_objects(owner, boxes.into());
         engines.note_frame();
         engines.cull(boxes, plan, reply)
     }
@@ -255,7 +256,7 @@ impl GpuService {
         let Some(engines) = self.engines.as_mut().filter(|_| is_there) else {
             return Err((lost, Some(memory)));
         };
-        memory.with(|boxes, _| engines.offer_boxes(owner, boxes));
+        memory.with(|objects, _| engines.offer_objects(owner, objects));
         engines.note_frame();
         engines.grid.begin(memory, plan.encoding)
     }
@@ -280,7 +281,7 @@ impl GpuService {
         };
         engines.note_frame();
         let offered = frames.into_iter().map(|(mut memory, owner, encoding)| {
-            memory.with(|boxes, _| engines.offer_boxes(owner, boxes));
+            memory.with(|objects, _| engines.offer_objects(owner, objects));
             (memory, encoding)
         });
         let offered = offered.collect();
@@ -302,8 +303,8 @@ impl GpuService {
         let mut memory = frame.give_up();
         let answered = match (ended, &mut memory) {
             (Err(CullError::TooCrowded { .. }), Some(memory)) => {
-                with_lent(memory, &mut lent, |boxes, reply| {
-                    engines.all_pairs.cull(&plan.input(boxes), reply)
+                with_lent(memory, &mut lent, |objects, reply| {
+                    engines.all_pairs.cull(&plan.input(boxes_of(objects)), reply)
                 })
                 .map(|report| (report, EngineName::GpuBrute))
             }

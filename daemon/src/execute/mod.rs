@@ -33,7 +33,7 @@ use pairmask_core::precision::{BoxSlice, ExpandScratch};
 use pairmask_core::repeat::{Repeats, is_sooner_compared};
 use pairmask_wire::RulesReader;
 
-use self::frame_memory::{LentReply, with_lent};
+use self::frame_memory::{LentReply, boxes_of, with_lent};
 pub use self::shared_gpu::GpuTurn;
 use self::shared_gpu::SharedGpu;
 pub use self::under_way::{
@@ -329,8 +329,8 @@ impl Executor {
         memory: &mut M,
     ) -> Result<CullAnswer, CullError> {
         let mut lent = LentReply::default();
-        let answer = with_lent(memory, &mut lent, |boxes, reply| {
-            self.run_or_other(planned, boxes, owner, reply)
+        let answer = with_lent(memory, &mut lent, |objects, reply| {
+            self.run_or_other(planned, boxes_of(objects), owner, reply)
         })?;
         if answer.engine.is_gpu()
             && let Some(gpu) = &self.gpu
@@ -391,7 +391,8 @@ impl Executor {
     ) -> Ended<M> {
         let Some(mut memory) = memory else { return (Err(error), None) };
         let (options, tried) = (planned.options, planned.plan.encoding);
-        let answer = memory.with(|boxes, reply| {
+        let answer = memory.with(|objects, reply| {
+            let boxes = boxes_of(objects);
             let done = self.cpu.run_after(error, planned, boxes, reply);
             done.or_else(|error| self.run_other(error, options, tried, boxes, owner, reply))
         });

@@ -97,8 +97,8 @@ pub(super) struct SegmentFrame {
 // exists. A reply that was lent and imported is mapped until the segment is dropped, which forgets
 // the import; the engine that is timed imports nothing by itself.
 unsafe impl FrameMemory for SegmentFrame {
-    fn with<R>(&mut self, work: impl FnOnce(BoxSlice<'_>, &mut dyn ReplyBuffer) -> R) -> R {
-        work(self.boxes.boxes(self.n).into(), &mut self.reply)
+    fn with<R>(&mut self, work: impl FnOnce(Objects<'_>, &mut dyn ReplyBuffer) -> R) -> R {
+        work(BoxSlice::from(self.boxes.boxes(self.n)).into(), &mut self.reply)
     }
 }
 

@@ -34,7 +34,7 @@ impl Recording<'_> {
         let b = self.blocks;
         let found = || Part::of(&b.found, 0, self.capacity.found_bytes());
         let (parts, groups) = match stage {
-            GridStage::Cells(_) => (
+            GridStage::Cells(_) | GridStage::SphereCells => (
                 vec![
                     self.boxes.part.clone(),
                     Part::whole(&b.layout),
@@ -63,7 +63,7 @@ impl Recording<'_> {
                 ],
                 self.sizes.batches,
             ),
-            GridStage::Pairs(what) => {
+            GridStage::Pairs(what) | GridStage::SpherePairs(what) => {
                 let mut parts = vec![
                     Part::whole(&b.layout),
                     self.table(),

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use pairmask_core::engine::{
     Census, CullError, CullReport, EngineTimes, NAMED_INVALID, ReplyBuffer,
 };
-use pairmask_core::precision::BoxSlice;
+use pairmask_core::objects::Objects;
 use pairmask_core::{BoxCount, MaskWord};
 use pairmask_shaders::Found;
 use pairmask_shaders::layouts::GridSummary;
@@ -136,12 +136,12 @@ impl Workspace {
         &mut self,
         tools: &mut Tools,
         n: BoxCount,
-        boxes: BoxSlice<'_>,
+        objects: Objects<'_>,
         reply: &mut dyn ReplyBuffer,
         capacity: Capacity,
         is_behind: bool,
     ) -> Result<(), CullError> {
-        let placed = self.place(tools, n, boxes, reply, capacity, is_behind)?;
+        let placed = self.place(tools, n, objects, reply, capacity, is_behind)?;
         self.submit(tools, &placed).map_err(|e| tools.gpu.cull_error(ENGINE, &e))?;
         self.under_way = Some(placed);
         Ok(())
@@ -153,12 +153,12 @@ impl Workspace {
         &mut self,
         tools: &mut Tools,
         n: BoxCount,
-        boxes: BoxSlice<'_>,
+        objects: Objects<'_>,
         reply: &mut dyn ReplyBuffer,
         capacity: Capacity,
         bundle: &Bundle,
     ) -> Result<Vec<Command>, CullError> {
-        let placed = self.place(tools, n, boxes, reply, capacity, false)?;
+        let placed = self.place(tools, n, objects, reply, capacity, false)?;
         let steps = placed.recording().steps(&mut tools.pipelines);
         let steps = steps.map_err(|e| tools.gpu.cull_error(ENGINE, &e))?;
         // A frame that does not end leaves its blocks as they are.
@@ -173,7 +173,7 @@ impl Workspace {
         &mut self,
         tools: &mut Tools,
         n: BoxCount,
-        boxes: BoxSlice<'_>,
+        objects: Objects<'_>,
         reply: &mut dyn ReplyBuffer,
         capacity: Capacity,
         is_behind: bool,
@@ -189,12 +189,12 @@ impl Workspace {
         let reserved = &reply.reserve(words)?[..words as usize];
         let placed = (|| {
             let mut replaced = false;
-            let placed = self.transfers.place_boxes(boxes, &mut replaced)?;
+            let placed = self.transfers.place(objects, &mut replaced)?;
             let ahead = self.ahead.as_mut().filter(|ahead| ahead.pays(&placed, is_behind));
             let ahead = ahead.map(|ahead| ahead.place(&placed, &mut replaced)).transpose()?;
             let mask = self.transfers.place_mask(reserved, &mut replaced)?;
             let ingested = start.elapsed();
-            let layout = tools.chooser.choose(boxes);
+            let layout = tools.chooser.choose(objects);
             let blocks = self.blocks(tools, &sizes, capacity, replaced)?;
             blocks.layout.write(0, &[layout]);
             Ok(Placed { n, capacity, boxes: placed, ahead, mask, blocks, start, ingested })
