@@ -9,10 +9,9 @@ use pairmask_core::engine::{
 };
 use pairmask_core::objects::Objects;
 use pairmask_core::plan::{GpuCost, Plan, user_cache_folder};
-use pairmask_core::precision::BoxSlice;
 use pairmask_core::{Aabb, Encoding};
 
-use super::frame_memory::{FrameMemory, LentReply, boxes_of, with_lent};
+use super::frame_memory::{FrameMemory, LentReply, with_lent};
 use super::gpu::{
     AllPairs, AllPairsOptions, Awake, Begun, Block, Gpu, GpuChoice, GpuError, GpuSlot, Grid,
     GridOptions, GridUnderWay, HostImport, OpenError, SceneTools, SharedImports,
@@ -56,18 +55,19 @@ impl Engines {
     /// Runs the engine of a plan, or the one that can do what it cannot.
     fn cull(
         &mut self,
-        boxes: BoxSlice<'_>,
+        objects: Objects<'_>,
         plan: &Plan,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<(CullReport, EngineName), CullError> {
         // A dense mask has a bit for all pairs, so all pairs is what makes it.
         if plan.engine == EngineName::GpuGrid && plan.encoding != Encoding::Dense {
-            match self.grid.cull(&plan.input(boxes), reply) {
+            match self.grid.cull_objects(objects, plan.encoding, reply) {
                 Err(CullError::TooCrowded { .. } | CullError::TooManyBoxes { .. }) => {}
                 done => return Ok((done?, EngineName::GpuGrid)),
             }
         }
-        Ok((self.all_pairs.cull(&plan.input(boxes), reply)?, EngineName::GpuBrute))
+        let report = self.all_pairs.cull_objects(objects, plan.encoding, reply)?;
+        Ok((report, EngineName::GpuBrute))
     }
 
     /// Keeps the clocks up for the next frame.
@@ -193,13 +193,13 @@ impl GpuService {
         self.engines.is_some()
     }
 
-    /// Finds the pairs of boxes that belong to `owner`, and says which engine did.
+    /// Finds the pairs of objects that belong to `owner`, and says which engine did.
     ///
     /// # Errors
     /// [`CullError::DeviceLost`] and [`CullError::DeviceMemory`] leave the frame to the CPU.
     pub fn cull(
         &mut self,
-        boxes: BoxSlice<'_>,
+        objects: Objects<'_>,
         owner: Owner,
         plan: &Plan,
         reply: &mut dyn ReplyBuffer,
@@ -212,9 +212,9 @@ impl GpuService {
             return Err(lost);
         }
         let engines = self.engines.as_mut().ok_or(lost)?;
-        engines.offer_objects(owner, boxes.into());
+        engines.offer_objects(owner, objects);
         engines.note_frame();
-        engines.cull(boxes, plan, reply)
+        engines.cull(objects, plan, reply)
     }
 
     /// Imports the memory of a reply that the GPU wrote, so that the next mask in it needs no copy.
@@ -304,7 +304,7 @@ impl GpuService {
         let answered = match (ended, &mut memory) {
             (Err(CullError::TooCrowded { .. }), Some(memory)) => {
                 with_lent(memory, &mut lent, |objects, reply| {
-                    engines.all_pairs.cull(&plan.input(boxes_of(objects)), reply)
+                    engines.all_pairs.cull_objects(objects, plan.encoding, reply)
                 })
                 .map(|report| (report, EngineName::GpuBrute))
             }

@@ -188,6 +188,11 @@ pub struct Executor {
     last_frame: Option<Instant>,
 }
 
+/// The error of a frame for which an engine of the GPU is asked.
+const fn no_gpu(engine: EngineName) -> CullError {
+    CullError::Unavailable { engine, why: "this daemon has no GPU (see `pairmaskd serve --gpu`)" }
+}
+
 /// Time without a frame after which the engines' scratch is given back: longer than a game's
 /// menus or a level that loads. The frame after takes a few ms longer.
 const IDLE: Duration = Duration::from_secs(10);
@@ -478,12 +483,9 @@ impl Executor {
         let done = match &self.gpu {
             Some(gpu) => {
                 let _queued = gpu.queue(&planned.plan, 1);
-                gpu.with(|gpu| gpu.cull(boxes, owner, &planned.plan, reply))
+                gpu.with(|gpu| gpu.cull(boxes.into(), owner, &planned.plan, reply))
             }
-            None => Err(CullError::Unavailable {
-                engine,
-                why: "this daemon has no GPU (see `pairmaskd serve --gpu`)",
-            }),
+            None => Err(no_gpu(engine)),
         };
         match done {
             Ok((report, engine)) => Ok(planned.answer(report, engine)),

@@ -344,7 +344,8 @@ impl Grid {
         self.cull_objects(spheres.into(), encoding, reply)
     }
 
-    fn cull_objects(
+    /// Finds the pairs of boxes in any form, or of spheres.
+    pub(in crate::execute) fn cull_objects(
         &mut self,
         objects: Objects<'_>,
         encoding: Encoding,
