@@ -5,7 +5,7 @@ use std::fs::File;
 use std::sync::Arc;
 
 use pairmask_core::engine::{HeapReply, ReplyBuffer, ReserveError};
-use pairmask_core::precision::BoxSlice;
+use pairmask_core::objects::Objects;
 use pairmask_core::{Aabb, Precision};
 use pairmaskd::execute::FrameMemory;
 use pairmaskd::execute::gpu::{Gpu, ImportId, ReadWriteMapping, SharedImports};
