@@ -1,8 +1,10 @@
 //! Stages as WGSL text: shared parts put in where `#import NAME` stands, each once.
 
-use pairmask_core::{BoxForm, Encoding};
+use pairmask_core::{BoxForm, Encoding, ObjectForm};
 
 use crate::constants::{self, MAX_STRIP_BLOCKS};
+use crate::object_parts::{object_form, object_part, rows};
+use crate::share_parts::share_part;
 
 /// Rows that a thread of the pairs stage holds in registers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -37,8 +39,12 @@ pub struct PairsVariant {
 pub enum Stage {
     /// Boxes of a form to keys and census.
     Keys(BoxForm),
+    /// Spheres to what is kept of them, and census.
+    SphereKeys,
     /// All pairs of a band.
     Pairs(PairsVariant),
+    /// All pairs of a band of spheres.
+    SpherePairs(PairsVariant),
     /// Matrix to bit string.
     PackDense,
     /// Matrix to non-zero words.
@@ -99,6 +105,8 @@ pub enum Share {
 pub enum GridStage {
     /// Boxes of a form to keys, cells and census.
     Cells(BoxForm, Share),
+    /// Spheres to what is kept of them, the cells of the boxes around them, and census.
+    SphereCells,
     /// Boxes of each cell to first positions.
     Scan,
     /// Indices together by cell.
@@ -107,6 +115,8 @@ pub enum GridStage {
     Place,
     /// Rows against the cells around them.
     Pairs(Found, Share),
+    /// Spheres against those of the cells around them.
+    SpherePairs(Found),
     /// What was found to the reply.
     Write(Found, Share),
 }
@@ -115,19 +125,22 @@ impl GridStage {
     /// Stages of a frame.
     pub const COUNT: usize = 6;
 
-    /// All of a frame of boxes of one form, in order.
-    pub const fn of_frame(form: BoxForm, found: Found, share: Share) -> [Self; Self::COUNT] {
-        let (pairs, write) = (Self::Pairs(found, share), Self::Write(found, share));
-        [Self::Cells(form, share), Self::Scan, Self::Scatter, Self::Place, pairs, write]
+    /// All of a frame of objects of one form, in order. A share is of boxes.
+    pub const fn of_frame(form: ObjectForm, found: Found, share: Share) -> [Self; Self::COUNT] {
+        let (cells, pairs) = match form {
+            ObjectForm::Boxes(form) => (Self::Cells(form, share), Self::Pairs(found, share)),
+            ObjectForm::Spheres => (Self::SphereCells, Self::SpherePairs(found)),
+        };
+        [cells, Self::Scan, Self::Scatter, Self::Place, pairs, Self::Write(found, share)]
     }
 
     const fn label(self) -> &'static str {
         match self {
-            Self::Cells(..) => "grid_cells",
+            Self::Cells(..) | Self::SphereCells => "grid_cells",
             Self::Scan => "grid_scan",
             Self::Scatter => "grid_scatter",
             Self::Place => "grid_place",
-            Self::Pairs(..) => "grid_pairs",
+            Self::Pairs(..) | Self::SpherePairs(_) => "grid_pairs",
             Self::Write(..) => "grid_write",
         }
     }
@@ -137,18 +150,22 @@ impl GridStage {
             Self::Scan | Self::Scatter => 3,
             Self::Place => 5,
             // It has no order to write.
-            Self::Pairs(Found::Pairs, _) => 6,
-            Self::Cells(..) | Self::Pairs(Found::Words, _) | Self::Write(..) => 7,
+            Self::Pairs(Found::Pairs, _) | Self::SpherePairs(Found::Pairs) => 6,
+            Self::Cells(..)
+            | Self::SphereCells
+            | Self::Pairs(Found::Words, _)
+            | Self::SpherePairs(Found::Words)
+            | Self::Write(..) => 7,
         }
     }
 
     const fn file(self) -> &'static str {
         match self {
-            Self::Cells(..) => include_str!("../wgsl/grid_cells.wgsl"),
+            Self::Cells(..) | Self::SphereCells => include_str!("../wgsl/grid_cells.wgsl"),
             Self::Scan => include_str!("../wgsl/grid_scan.wgsl"),
             Self::Scatter => include_str!("../wgsl/grid_scatter.wgsl"),
             Self::Place => include_str!("../wgsl/grid_place.wgsl"),
-            Self::Pairs(..) => include_str!("../wgsl/grid_pairs.wgsl"),
+            Self::Pairs(..) | Self::SpherePairs(_) => include_str!("../wgsl/grid_pairs.wgsl"),
             Self::Write(..) => include_str!("../wgsl/grid_write.wgsl"),
         }
     }
@@ -236,8 +253,12 @@ pub struct ComposedStage {
 }
 
 /// The shared parts that are files of their own name.
-const SHARED: [(&str, &str); 12] = [
+const SHARED: [(&str, &str); 16] = [
     ("order_keys", include_str!("../wgsl/shared/order_keys.wgsl")),
+    ("sphere_bounds", include_str!("../wgsl/shared/sphere_bounds.wgsl")),
+    ("sphere_filter", include_str!("../wgsl/shared/sphere_filter.wgsl")),
+    ("sphere_exact", include_str!("../wgsl/shared/sphere_exact.wgsl")),
+    ("sphere_settled", include_str!("../wgsl/shared/sphere_settled.wgsl")),
     ("box_batch", include_str!("../wgsl/shared/box_batch.wgsl")),
     ("cells", include_str!("../wgsl/shared/cells.wgsl")),
     ("batch", include_str!("../wgsl/shared/batch.wgsl")),
@@ -322,8 +343,8 @@ impl Stage {
     /// The name of the file, of the pipeline and of the timing row.
     pub const fn label(self) -> &'static str {
         match self {
-            Self::Keys(_) => "keys",
-            Self::Pairs(_) => "pairs",
+            Self::Keys(_) | Self::SphereKeys => "keys",
+            Self::Pairs(_) | Self::SpherePairs(_) => "pairs",
             Self::PackDense => "pack_dense",
             Self::WriteSparse => "write_sparse",
             Self::WriteList => "write_list",
@@ -336,7 +357,11 @@ impl Stage {
     /// Storage buffers that the stage binds, numbered from 0.
     pub const fn binding_count(self) -> u32 {
         match self {
-            Self::Keys(_) | Self::Pairs(_) | Self::PackDense => 4,
+            Self::Keys(_)
+            | Self::SphereKeys
+            | Self::Pairs(_)
+            | Self::SpherePairs(_)
+            | Self::PackDense => 4,
             Self::WriteSparse => 7,
             Self::WriteList => 5,
             Self::Grid(stage) => stage.binding_count(),
@@ -348,8 +373,8 @@ impl Stage {
     /// The file as it is.
     const fn file(self) -> &'static str {
         match self {
-            Self::Keys(_) => include_str!("../wgsl/keys.wgsl"),
-            Self::Pairs(_) => include_str!("../wgsl/pairs.wgsl"),
+            Self::Keys(_) | Self::SphereKeys => include_str!("../wgsl/keys.wgsl"),
+            Self::Pairs(_) | Self::SpherePairs(_) => include_str!("../wgsl/pairs.wgsl"),
             Self::PackDense => include_str!("../wgsl/pack_dense.wgsl"),
             Self::WriteSparse => include_str!("../wgsl/write_sparse.wgsl"),
             Self::WriteList => include_str!("../wgsl/write_list.wgsl"),
@@ -387,20 +412,11 @@ impl Stage {
         })
     }
 
-    /// The form of the boxes that the stage reads, if it reads boxes in any.
-    const fn box_form(self) -> Option<BoxForm> {
-        match self {
-            Self::Keys(form) | Self::Grid(GridStage::Cells(form, _)) => Some(form),
-            Self::Scene(SceneStage::Apply) => Some(BoxForm::F32),
-            _ => None,
-        }
-    }
-
     fn shared(self, name: &str) -> Result<String, ComposeError> {
         let unknown =
             || ComposeError::UnknownImport { stage: self.label(), import: name.to_owned() };
         match (name, self) {
-            ("constants", Self::Pairs(variant)) => {
+            ("constants", Self::Pairs(variant) | Self::SpherePairs(variant)) => {
                 let strip = variant.strip_blocks;
                 if !strip.is_power_of_two() || strip > MAX_STRIP_BLOCKS {
                     return Err(ComposeError::StripBlocks(strip));
@@ -410,51 +426,28 @@ impl Stage {
                     + &format!("const STORE_ZEROS: bool = {};\n", variant.store_zeros))
             }
             ("constants", _) => {
-                let bytes = self.box_form().map(BoxForm::box_bytes);
-                let bytes = bytes.map(|bytes| format!("const BOX_BYTES: u32 = {bytes}u;\n"));
+                let bytes = object_form(self);
+                let bytes = bytes.map(|(bytes, _)| format!("const BOX_BYTES: u32 = {bytes}u;\n"));
                 Ok(constants::as_wgsl() + &bytes.unwrap_or_default())
             }
-            ("box_form", _) => Ok(match self.box_form().ok_or_else(unknown)? {
-                BoxForm::F32 => include_str!("../wgsl/shared/boxes_f32.wgsl"),
-                BoxForm::Q16 => include_str!("../wgsl/shared/boxes_q16.wgsl"),
-                BoxForm::Q8 => include_str!("../wgsl/shared/boxes_q8.wgsl"),
-                BoxForm::F16 => include_str!("../wgsl/shared/boxes_f16.wgsl"),
+            ("box_form", _) => Ok(object_form(self).ok_or_else(unknown)?.1.to_owned()),
+            ("rows", _) => rows(self).ok_or_else(unknown),
+            ("found", Self::Grid(GridStage::Pairs(found, _) | GridStage::SpherePairs(found))) => {
+                Ok(match found {
+                    Found::Words => include_str!("../wgsl/shared/found_words.wgsl"),
+                    Found::Pairs => include_str!("../wgsl/shared/found_pairs.wgsl"),
+                }
+                .to_owned())
             }
-            .to_owned()),
-            ("rows", Self::Pairs(variant)) => Ok(match variant.rows {
-                RowsPerThread::One => include_str!("../wgsl/shared/rows_1.wgsl"),
-                RowsPerThread::Two => include_str!("../wgsl/shared/rows_2.wgsl"),
-                RowsPerThread::Four => include_str!("../wgsl/shared/rows_4.wgsl"),
-            }
-            .to_owned()),
-            ("found", Self::Grid(GridStage::Pairs(found, _))) => Ok(match found {
-                Found::Words => include_str!("../wgsl/shared/found_words.wgsl"),
-                Found::Pairs => include_str!("../wgsl/shared/found_pairs.wgsl"),
-            }
-            .to_owned()),
             ("written", Self::Grid(GridStage::Write(found, _))) => Ok(match found {
                 Found::Words => include_str!("../wgsl/shared/written_words.wgsl"),
                 Found::Pairs => include_str!("../wgsl/shared/written_pairs.wgsl"),
             }
             .to_owned()),
-            ("share_boxes", Self::Grid(GridStage::Cells(_, share))) => Ok(match share {
-                Share::Whole => include_str!("../wgsl/shared/share_boxes_whole.wgsl"),
-                Share::Part => include_str!("../wgsl/shared/share_boxes_part.wgsl"),
+            _ => {
+                let own = object_part(self, name).or_else(|| share_part(self, name));
+                own.or_else(|| shared_part(name)).ok_or_else(unknown)
             }
-            .to_owned()),
-            ("share_rows", Self::Grid(GridStage::Pairs(_, share) | GridStage::Write(_, share))) => {
-                Ok(match share {
-                    Share::Whole => include_str!("../wgsl/shared/share_rows_whole.wgsl"),
-                    Share::Part => include_str!("../wgsl/shared/share_rows_part.wgsl"),
-                }
-                .to_owned())
-            }
-            ("share_noted", Self::Grid(GridStage::Pairs(_, share))) => Ok(match share {
-                Share::Whole => include_str!("../wgsl/shared/share_noted_whole.wgsl"),
-                Share::Part => include_str!("../wgsl/shared/share_noted_part.wgsl"),
-            }
-            .to_owned()),
-            _ => shared_part(name).ok_or_else(unknown),
         }
     }
 }

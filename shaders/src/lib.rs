@@ -14,6 +14,8 @@ pub mod compose;
 pub mod constants;
 pub mod layouts;
 pub mod mirror;
+mod object_parts;
+mod share_parts;
 
 pub use compose::{
     ComposeError, ComposedStage, Found, GridStage, PairsVariant, RowsPerThread, SceneStage, Share,

@@ -17,7 +17,7 @@ use pairmask_shaders::{Found, GridStage, PairsVariant, RowsPerThread, SceneStage
 const KEYS: Stage = Stage::Keys(BoxForm::F32);
 
 fn grid_stages(found: Found, share: Share) -> [Stage; 6] {
-    GridStage::of_frame(BoxForm::F32, found, share).map(Stage::Grid)
+    GridStage::of_frame(BoxForm::F32.into(), found, share).map(Stage::Grid)
 }
 
 /// Every form that a stage is compiled in.
@@ -31,11 +31,14 @@ fn all_forms() -> Vec<Stage> {
     }
     forms.extend([GridStage::Scan, GridStage::Scatter, GridStage::Place].map(Stage::Grid));
     forms.extend(SceneStage::ALL.map(Stage::Scene));
+    forms.extend([Stage::SphereKeys, Stage::Grid(GridStage::SphereCells)]);
+    forms.extend(Found::ALL.map(|found| Stage::Grid(GridStage::SpherePairs(found))));
     for rows in RowsPerThread::ALL {
         for store_zeros in [false, true] {
             let strips = (0..).map(|log| 1 << log).take_while(|strip| *strip <= MAX_STRIP_BLOCKS);
-            forms.extend(strips.map(|strip_blocks| {
-                Stage::Pairs(PairsVariant { rows, strip_blocks, store_zeros })
+            forms.extend(strips.flat_map(|strip_blocks| {
+                let variant = PairsVariant { rows, strip_blocks, store_zeros };
+                [Stage::Pairs(variant), Stage::SpherePairs(variant)]
             }));
         }
     }
@@ -51,7 +54,7 @@ fn module(stage: Stage) -> naga::Module {
 #[test]
 fn every_form_of_every_stage_validates() {
     let forms = all_forms();
-    assert_eq!(forms.len(), 4 + 4 + 4 + 5 + 2 + 6 + 3 * 2 * 5);
+    assert_eq!(forms.len(), 4 + 4 + 4 + 5 + 2 + 6 + 4 + 2 * 3 * 2 * 5);
     for stage in forms {
         let module = module(stage);
         let capabilities = Capabilities::IMMEDIATES;
@@ -61,7 +64,7 @@ fn every_form_of_every_stage_validates() {
         let entry = &module.entry_points[0];
         assert_eq!((module.entry_points.len(), entry.name.as_str()), (1, "main"));
         let expected = match stage {
-            Stage::Pairs(_) => PAIRS_WORKGROUP,
+            Stage::Pairs(_) | Stage::SpherePairs(_) => PAIRS_WORKGROUP,
             _ => BATCH_BOXES,
         };
         assert_eq!(entry.workgroup_size, [expected, 1, 1], "{}", stage.label());
@@ -105,6 +108,18 @@ fn every_file_belongs_to_a_stage() {
         "rows_1",
         "rows_2",
         "rows_4",
+        "boxes_spheres",
+        "grid_of_boxes",
+        "grid_of_spheres",
+        "pairs_of_boxes",
+        "pairs_of_spheres",
+        "sphere_bounds",
+        "sphere_exact",
+        "sphere_filter",
+        "sphere_rows_1",
+        "sphere_rows_2",
+        "sphere_rows_4",
+        "sphere_settled",
     ];
     let used: BTreeSet<String> = engines.iter().map(|s| (*s).to_owned()).collect();
     assert_eq!(shared, used);

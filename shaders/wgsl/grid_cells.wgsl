@@ -56,10 +56,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         }
         let slot = atomicAdd(&table[cell], 1u);
         atomicAdd(&control[SUMS + cell / SCAN_CELLS], 1u);
-        records[index] = vec4<i32>(box.lo, box.hi.x);
-        let place = select(AWAY, cell, is_placed(cell, level));
-        let home = bitcast<vec2<i32>>(vec2<u32>(place, (level << LEVEL_SHIFT) | slot));
-        records[params.plane + index] = vec4<i32>(box.hi.yz, home);
+        if (!is_placed(cell, level)) {
+            cell = AWAY;
+        }
+#import record
     }
 
     workgroupBarrier();

@@ -52,7 +52,9 @@ var<private> compared: u32;
 var<private> again: bool;
 var<private> place: u32;
 
+#import row_object
 fn finish_word() {
+#import settle_word
     if (bits == 0u) {
         return;
     }
@@ -77,17 +79,7 @@ fn test_run(start: u32, table_end: u32) {
     let end = min(table_end, params.n);
     compared += max(end, start) - start;
     for (var p = start; p < end; p++) {
-        let a = sorted[2u * p];
-        if (all(a.xyz <= row_hi) & (row_lo.x <= a.w)) {
-            let b = sorted[2u * p + 1u];
-            if (all(row_lo.yz <= b.xy)) {
-                if (p / 32u != block) {
-                    finish_word();
-                    block = p / 32u;
-                }
-                bits |= 1u << (p % 32u);
-            }
-        }
+#import test_position
     }
 }
 
@@ -191,8 +183,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     if (row < end_row() && within_budget) {
         let a = sorted[2u * row];
         let b = sorted[2u * row + 1u];
-        row_lo = a.xyz;
-        row_hi = vec3<i32>(a.w, b.xy);
+#import take_row
         own_level = bitcast<u32>(b.w);
         name_row(bitcast<u32>(b.z));
         if (own_level != NO_LEVEL) {

@@ -32,12 +32,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         box = take_keys(lane);
     }
     let plane = params.plane_words;
-    keys[index] = box.lo.x;
-    keys[plane + index] = box.lo.y;
-    keys[2u * plane + index] = box.lo.z;
-    keys[3u * plane + index] = box.hi.x;
-    keys[4u * plane + index] = box.hi.y;
-    keys[5u * plane + index] = box.hi.z;
+#import key_planes
 
     workgroupBarrier();
     if (lane < BATCH_WORDS) {

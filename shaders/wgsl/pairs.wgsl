@@ -38,9 +38,7 @@ struct SummedTotals {
 const TILE_ROWS: u32 = PAIRS_WORKGROUP * ROWS_PER_THREAD;
 const STRIP_COLUMNS: u32 = STRIP_BLOCKS * 32u;
 
-// min.x, min.y, min.z, max.x of each column; max.y, max.z of each column.
-var<workgroup> column_a: array<vec4<i32>, STRIP_COLUMNS>;
-var<workgroup> column_b: array<vec2<i32>, STRIP_COLUMNS>;
+#import columns
 var<workgroup> word_sum: atomic<u32>;
 var<workgroup> pair_sum: atomic<u32>;
 
@@ -64,25 +62,14 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     let plane = params.plane_words;
     for (var i = lane; i < STRIP_COLUMNS; i += PAIRS_WORKGROUP) {
         let at = first_column + i;
-        column_a[i] = vec4<i32>(
-            keys[at],
-            keys[plane + at],
-            keys[2u * plane + at],
-            keys[3u * plane + at],
-        );
-        column_b[i] = vec2<i32>(keys[4u * plane + at], keys[5u * plane + at]);
+#import take_column
     }
     if (lane == 0u) {
         atomicStore(&word_sum, 0u);
         atomicStore(&pair_sum, 0u);
     }
     let own = first_row + lane;
-    let lo_x = load_rows(own);
-    let lo_y = load_rows(plane + own);
-    let lo_z = load_rows(2u * plane + own);
-    let hi_x = load_rows(3u * plane + own);
-    let hi_y = load_rows(4u * plane + own);
-    let hi_z = load_rows(5u * plane + own);
+#import take_rows
     let rows = row_numbers(own);
     workgroupBarrier();
 
@@ -91,14 +78,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     let store_at = group.y * STRIP_BLOCKS * params.band_rows + tile_row + lane;
     for (var block = 0u; block < STRIP_BLOCKS; block++) {
         var words = RowsU(0u);
+#import begin_words
         for (var bit = 0u; bit < 32u; bit++) {
-            let a = column_a[block * 32u + bit];
-            let b = column_b[block * 32u + bit];
-            // `&`, not `&&`: six compares cost less than a branch.
-            let hit = (lo_x <= RowsI(a.w)) & (RowsI(a.x) <= hi_x)
-                & (lo_y <= RowsI(b.x)) & (RowsI(a.y) <= hi_y)
-                & (lo_z <= RowsI(b.y)) & (RowsI(a.z) <= hi_z);
-            words |= select(RowsU(0u), RowsU(1u << bit), hit);
+#import test_column
         }
         let block_column = first_column + block * 32u;
         // Only columns after the row: elsewhere than around the diagonal all or none are.
@@ -107,6 +89,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
             let keep = RowsU(0xffffffffu) << min(not_after, RowsU(31u));
             words &= select(keep, RowsU(0u), not_after > RowsU(31u));
         }
+#import settle_words
         store_rows(store_at + block * params.band_rows, words);
         masks |= select(RowsU(0u), RowsU(1u << block), words != RowsU(0u));
         pairs += countOneBits(words);

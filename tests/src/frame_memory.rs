@@ -5,7 +5,7 @@ use std::fs::File;
 use std::sync::Arc;
 
 use pairmask_core::engine::{HeapReply, ReplyBuffer, ReserveError};
-use pairmask_core::precision::BoxSlice;
+use pairmask_core::objects::Objects;
 use pairmask_core::{Aabb, Precision};
 use pairmaskd::execute::FrameMemory;
 use pairmaskd::execute::gpu::{Gpu, ImportId, ReadWriteMapping, SharedImports};
@@ -35,15 +35,15 @@ impl TestFrame<HeapReply> {
 // reply stays until the reply is dropped, which ends its import before. Tests give the latter to engines
 // that import nothing by themselves.
 unsafe impl FrameMemory for TestFrame<HeapReply> {
-    fn with<R>(&mut self, work: impl FnOnce(BoxSlice<'_>, &mut dyn ReplyBuffer) -> R) -> R {
-        work(self.boxes.boxes(), &mut self.reply)
+    fn with<R>(&mut self, work: impl FnOnce(Objects<'_>, &mut dyn ReplyBuffer) -> R) -> R {
+        work(self.boxes.boxes().into(), &mut self.reply)
     }
 }
 
 // SAFETY: as above.
 unsafe impl FrameMemory for TestFrame<SharedReply> {
-    fn with<R>(&mut self, work: impl FnOnce(BoxSlice<'_>, &mut dyn ReplyBuffer) -> R) -> R {
-        work(self.boxes.boxes(), &mut self.reply)
+    fn with<R>(&mut self, work: impl FnOnce(Objects<'_>, &mut dyn ReplyBuffer) -> R) -> R {
+        work(self.boxes.boxes().into(), &mut self.reply)
     }
 }
 

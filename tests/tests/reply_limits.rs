@@ -423,7 +423,7 @@ fn an_executor_gives_back_what_other_kinds_of_frames_needed() {
     };
     let balls: Vec<Sphere> =
         (0..50_000).map(|i| Sphere::new([3.0 * i as f32, 0.0, 0.0], 1.0)).collect();
-    executor.cull_spheres(&balls, &options, &mut reply).unwrap();
+    executor.cull_spheres(&balls, Owner::Daemon, &options, &mut reply).unwrap();
     assert!(executor.scratch_bytes() > 2 * MIB, "{}", executor.scratch_bytes());
     empty(&mut executor, &mut reply);
     let apart: Vec<Aabb> = balls.iter().map(Sphere::bounds).collect();
@@ -431,7 +431,7 @@ fn an_executor_gives_back_what_other_kinds_of_frames_needed() {
     executor.cull(narrow.boxes(), Owner::Daemon, &options, &mut reply).unwrap();
     assert!(executor.scratch_bytes() > MIB, "{}", executor.scratch_bytes());
     empty(&mut executor, &mut reply);
-    executor.cull_spheres(&balls, &options, &mut reply).unwrap();
+    executor.cull_spheres(&balls, Owner::Daemon, &options, &mut reply).unwrap();
     executor.give_back();
     assert!(executor.scratch_bytes() < MIB / 8, "{}", executor.scratch_bytes());
 }

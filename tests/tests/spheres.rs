@@ -246,7 +246,7 @@ fn a_daemon_that_refuses_spheres_is_not_asked_again() {
 }
 
 #[test]
-fn engines_of_a_gpu_take_no_spheres() {
+fn engines_of_a_gpu_that_is_not_there_take_no_spheres() {
     let daemon = daemon();
     for engine in [EngineName::GpuBrute, EngineName::GpuGrid] {
         let builder = daemon.session().engine(EngineChoice::Only(engine));

@@ -68,6 +68,18 @@ pub enum Objects<'a> {
     Spheres(&'a [Sphere]),
 }
 
+impl<'a> From<BoxSlice<'a>> for Objects<'a> {
+    fn from(boxes: BoxSlice<'a>) -> Self {
+        Self::Boxes(boxes)
+    }
+}
+
+impl<'a> From<&'a [Sphere]> for Objects<'a> {
+    fn from(spheres: &'a [Sphere]) -> Self {
+        Self::Spheres(spheres)
+    }
+}
+
 impl<'a> Objects<'a> {
     /// Bytes as objects of a form; `None` where they are no whole number of objects, or not aligned
     /// for them.

@@ -6,14 +6,15 @@
 #![allow(unsafe_code)]
 
 use pairmask_core::engine::{ReplyBuffer, ReserveError};
+use pairmask_core::objects::Objects;
 use pairmask_core::precision::BoxSlice;
 
-/// The boxes of a frame and the memory of its reply, in one value.
+/// The boxes or spheres of a frame and the memory of its reply, in one value.
 ///
 /// # Safety
 /// As long as the value lives, wherever it is moved:
 ///
-/// * [`Self::with`] hands out boxes at the same address, as many and of the same form each time.
+/// * [`Self::with`] hands out objects at the same address, as many and of the same form each time.
 /// * The memory that the reply lent last stays mapped where it is, and only [`Self::with`] gives
 ///   references into it, until the reply is asked for memory again or the value is dropped. It stays
 ///   so for ever when [`Self::abandon`] returns.
@@ -21,8 +22,8 @@ use pairmask_core::precision::BoxSlice;
 /// Shared memory that a reply lends is mapped to the same pages as long as the engines live that the
 /// value is given to, longer than the value itself: GPUs import it for the frames to come.
 pub unsafe trait FrameMemory {
-    /// Gives boxes and reply to `work`.
-    fn with<R>(&mut self, work: impl FnOnce(BoxSlice<'_>, &mut dyn ReplyBuffer) -> R) -> R;
+    /// Gives objects and reply to `work`.
+    fn with<R>(&mut self, work: impl FnOnce(Objects<'_>, &mut dyn ReplyBuffer) -> R) -> R;
 
     /// Leaves the memory to a device that may write to it for ever.
     fn abandon(self)
@@ -58,9 +59,9 @@ impl LentReply {
 pub(super) fn with_lent<M: FrameMemory, R>(
     memory: &mut M,
     lent: &mut LentReply,
-    work: impl FnOnce(BoxSlice<'_>, &mut dyn ReplyBuffer) -> R,
+    work: impl FnOnce(Objects<'_>, &mut dyn ReplyBuffer) -> R,
 ) -> R {
-    memory.with(|boxes, reply| work(boxes, &mut NotedReply { inner: reply, lent }))
+    memory.with(|objects, reply| work(objects, &mut NotedReply { inner: reply, lent }))
 }
 
 /// Takes note of the memory that was reserved.
@@ -81,19 +82,28 @@ impl ReplyBuffer for NotedReply<'_> {
     }
 }
 
-/// Boxes and a reply that the caller lends for the time of a call. A device that never ends the frame
+/// The boxes of a frame that was planned as one of boxes.
+pub(super) fn boxes_of(objects: Objects<'_>) -> BoxSlice<'_> {
+    match objects {
+        Objects::Boxes(boxes) => boxes,
+        // Frames of spheres are run at once, and never come here.
+        Objects::Spheres(_) => BoxSlice::default(),
+    }
+}
+
+/// Objects and a reply that the caller lends for the time of a call. A device that never ends the frame
 /// ends the process instead: the call can neither return nor keep what is not its own.
 pub(super) struct Borrowed<'a> {
-    pub(super) boxes: BoxSlice<'a>,
+    pub(super) objects: Objects<'a>,
     pub(super) reply: &'a mut dyn ReplyBuffer,
 }
 
-// SAFETY: both are borrowed as long as the value lives: the boxes do not change their place, and what
+// SAFETY: both are borrowed as long as the value lives: the objects do not change their place, and what
 // the reply lent can be reached through `reply` alone. `abandon` does not return. It is given to the
 // engines themselves, which import nothing; the importer vouches for what they find.
 unsafe impl FrameMemory for Borrowed<'_> {
-    fn with<R>(&mut self, work: impl FnOnce(BoxSlice<'_>, &mut dyn ReplyBuffer) -> R) -> R {
-        work(self.boxes, self.reply)
+    fn with<R>(&mut self, work: impl FnOnce(Objects<'_>, &mut dyn ReplyBuffer) -> R) -> R {
+        work(self.objects, self.reply)
     }
 
     fn abandon(self) {

@@ -7,8 +7,8 @@ use pairmask_core::dispatch::nanoseconds_since;
 use pairmask_core::engine::{
     CullError, CullInput, CullReport, Engine, EngineName, HeapReply, ReplyBuffer,
 };
+use pairmask_core::objects::Objects;
 use pairmask_core::plan::{GpuCost, Plan, user_cache_folder};
-use pairmask_core::precision::BoxSlice;
 use pairmask_core::{Aabb, Encoding};
 
 use super::frame_memory::{FrameMemory, LentReply, with_lent};
@@ -55,18 +55,19 @@ impl Engines {
     /// Runs the engine of a plan, or the one that can do what it cannot.
     fn cull(
         &mut self,
-        boxes: BoxSlice<'_>,
+        objects: Objects<'_>,
         plan: &Plan,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<(CullReport, EngineName), CullError> {
         // A dense mask has a bit for all pairs, so all pairs is what makes it.
         if plan.engine == EngineName::GpuGrid && plan.encoding != Encoding::Dense {
-            match self.grid.cull(&plan.input(boxes), reply) {
+            match self.grid.cull_objects(objects, plan.encoding, reply) {
                 Err(CullError::TooCrowded { .. } | CullError::TooManyBoxes { .. }) => {}
                 done => return Ok((done?, EngineName::GpuGrid)),
             }
         }
-        Ok((self.all_pairs.cull(&plan.input(boxes), reply)?, EngineName::GpuBrute))
+        let report = self.all_pairs.cull_objects(objects, plan.encoding, reply)?;
+        Ok((report, EngineName::GpuBrute))
     }
 
     /// Keeps the clocks up for the next frame.
@@ -76,9 +77,9 @@ impl Engines {
         }
     }
 
-    /// Imports the boxes of an owner, for the frame that they came with and those to come.
-    fn offer_boxes(&mut self, owner: Owner, boxes: BoxSlice<'_>) {
-        let forgotten = self.offers.boxes(owner, boxes);
+    /// Imports the objects of an owner, for the frame that they came with and those to come.
+    fn offer_objects(&mut self, owner: Owner, objects: Objects<'_>) {
+        let forgotten = self.offers.objects(owner, objects);
         self.drop_frames_of(&forgotten);
     }
 
@@ -201,13 +202,13 @@ impl GpuService {
         Some(&mut engines.grid)
     }
 
-    /// Finds the pairs of boxes that belong to `owner`, and says which engine did.
+    /// Finds the pairs of objects that belong to `owner`, and says which engine did.
     ///
     /// # Errors
     /// [`CullError::DeviceLost`] and [`CullError::DeviceMemory`] leave the frame to the CPU.
     pub fn cull(
         &mut self,
-        boxes: BoxSlice<'_>,
+        objects: Objects<'_>,
         owner: Owner,
         plan: &Plan,
         reply: &mut dyn ReplyBuffer,
@@ -220,9 +221,9 @@ impl GpuService {
             return Err(lost);
         }
         let engines = self.engines.as_mut().ok_or(lost)?;
-        engines.offer_boxes(owner, boxes);
+        engines.offer_objects(owner, objects);
         engines.note_frame();
-        engines.cull(boxes, plan, reply)
+        engines.cull(objects, plan, reply)
     }
 
     /// Imports the memory of a reply that the GPU wrote, so that the next mask in it needs no copy.
@@ -264,7 +265,7 @@ impl GpuService {
         let Some(engines) = self.engines.as_mut().filter(|_| is_there) else {
             return Err((lost, Some(memory)));
         };
-        memory.with(|boxes, _| engines.offer_boxes(owner, boxes));
+        memory.with(|objects, _| engines.offer_objects(owner, objects));
         engines.note_frame();
         engines.grid.begin(memory, plan.encoding)
     }
@@ -289,7 +290,7 @@ impl GpuService {
         };
         engines.note_frame();
         let offered = frames.into_iter().map(|(mut memory, owner, encoding)| {
-            memory.with(|boxes, _| engines.offer_boxes(owner, boxes));
+            memory.with(|objects, _| engines.offer_objects(owner, objects));
             (memory, encoding)
         });
         let offered = offered.collect();
@@ -311,8 +312,8 @@ impl GpuService {
         let mut memory = frame.give_up();
         let answered = match (ended, &mut memory) {
             (Err(CullError::TooCrowded { .. }), Some(memory)) => {
-                with_lent(memory, &mut lent, |boxes, reply| {
-                    engines.all_pairs.cull(&plan.input(boxes), reply)
+                with_lent(memory, &mut lent, |objects, reply| {
+                    engines.all_pairs.cull_objects(objects, plan.encoding, reply)
                 })
                 .map(|report| (report, EngineName::GpuBrute))
             }

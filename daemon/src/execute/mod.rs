@@ -36,7 +36,7 @@ use pairmask_core::precision::{BoxSlice, ExpandScratch};
 use pairmask_core::repeat::{Repeats, is_sooner_compared};
 use pairmask_wire::RulesReader;
 
-use self::frame_memory::{LentReply, with_lent};
+use self::frame_memory::{LentReply, boxes_of, with_lent};
 use self::gpu::Borders;
 pub use self::shared_gpu::GpuTurn;
 use self::shared_gpu::SharedGpu;
@@ -210,6 +210,11 @@ pub struct Executor {
     last_frame: Option<Instant>,
 }
 
+/// The error of a frame for which an engine of the GPU is asked.
+const fn no_gpu(engine: EngineName) -> CullError {
+    CullError::Unavailable { engine, why: "this daemon has no GPU (see `pairmaskd serve --gpu`)" }
+}
+
 /// Time without a frame after which the engines' scratch is given back: longer than a game's
 /// menus or a level that loads. The frame after takes a few ms longer.
 const IDLE: Duration = Duration::from_secs(10);
@@ -365,8 +370,8 @@ impl Executor {
     ) -> Result<CullAnswer, CullError> {
         let mut lent = LentReply::default();
         let (gpu, gpus) = (planned.gpu.clone(), planned.gpus);
-        let answer = with_lent(memory, &mut lent, |boxes, reply| {
-            self.run_or_other(planned, boxes, owner, reply)
+        let answer = with_lent(memory, &mut lent, |objects, reply| {
+            self.run_or_other(planned, boxes_of(objects), owner, reply)
         })?;
         match gpu.filter(|_| answer.engine.is_gpu()) {
             Some(_) if gpus > 1 => self.gpus.offer_reply(gpus, lent),
@@ -422,7 +427,8 @@ impl Executor {
     ) -> Ended<M> {
         let Some(mut memory) = memory else { return (Err(error), None) };
         let (options, tried) = (planned.options, planned.plan.encoding);
-        let answer = memory.with(|boxes, reply| {
+        let answer = memory.with(|objects, reply| {
+            let boxes = boxes_of(objects);
             let done = match self.on_other_gpu(error, &planned, boxes, owner, reply) {
                 Ok((report, engine)) => Ok(planned.answer(report, engine)),
                 Err(error) => self.cpu.run_after(error, planned, boxes, reply),
@@ -521,17 +527,14 @@ impl Executor {
                 Ok(report) => return Ok(planned.answer(report, EngineName::GpuGrid)),
                 // What they cannot do together, one of them does, or says why not.
                 Err(error) => {
-                    log::debug!("one GPU takes a frame that several would share: {error}")
+                    log::debug!("one GPU takes a frame that several would share: {error}");
                 }
             }
         }
         let done = match &planned.gpu {
             Some(gpu) => cull_on(gpu, &planned, boxes, owner, reply)
                 .or_else(|error| self.on_other_gpu(error, &planned, boxes, owner, reply)),
-            None => Err(CullError::Unavailable {
-                engine,
-                why: "this daemon has no GPU (see `pairmaskd serve --gpu`)",
-            }),
+            None => Err(no_gpu(engine)),
         };
         match done {
             Ok((report, engine)) => Ok(planned.answer(report, engine)),
@@ -563,5 +566,5 @@ fn cull_on(
     reply: &mut dyn ReplyBuffer,
 ) -> Result<(CullReport, EngineName), CullError> {
     let _queued = gpu.queue(&planned.plan, 1);
-    gpu.with(|gpu| gpu.cull(boxes, owner, &planned.plan, reply))
+    gpu.with(|gpu| gpu.cull(boxes.into(), owner, &planned.plan, reply))
 }

@@ -6,7 +6,7 @@
 
 use std::sync::Arc;
 
-use pairmask_core::precision::BoxSlice;
+use pairmask_core::objects::Objects;
 
 use super::frame_memory::LentReply;
 use super::gpu::{Block, Gpu, ImportError, ImportId, SharedImports};
@@ -51,10 +51,10 @@ impl Offers {
         Self { gpu: Arc::clone(gpu), imports, offered: Vec::new() }
     }
 
-    /// Imports the boxes of an owner unless they are known.
+    /// Imports the objects of an owner unless they are known.
     #[must_use]
-    pub(super) fn boxes(&mut self, owner: Owner, boxes: BoxSlice<'_>) -> Forgotten {
-        let memory = boxes.as_bytes();
+    pub(super) fn objects(&mut self, owner: Owner, objects: Objects<'_>) -> Forgotten {
+        let memory = objects.as_bytes();
         let (start, bytes) = (memory.as_ptr() as usize, memory.len());
         self.offer(owner, start, bytes, |offers| {
             offers.imports.lock().import_boxes(&offers.gpu, start, bytes)

@@ -1,16 +1,17 @@
-//! Spheres: always the engines of the CPU.
-//!
-//! A GPU could look for candidates among the spheres' bounds, but its mask would have to come into
-//! memory of the daemon's own that stays where it is, and the exact test, which is most of the work,
-//! would still be the CPU's.
+//! Spheres: on the GPU where it is sooner done, else on the CPU. Both decide them exactly.
 
 use std::time::Instant;
 
-use pairmask_core::Sphere;
-use pairmask_core::dispatch::{CullAnswer, CullOptions, SphereWays};
-use pairmask_core::engine::{CullError, ReplyBuffer};
+use pairmask_core::aabb::AABB_BYTES;
+use pairmask_core::dispatch::{CullAnswer, CullOptions, SphereWays, nanoseconds_since};
+use pairmask_core::engine::{CullError, EngineChoice, ReplyBuffer};
+use pairmask_core::objects::Objects;
+use pairmask_core::plan::{Capabilities, GpuCost, Plan, SceneStats, plan};
+use pairmask_core::sphere::SPHERE_BYTES;
+use pairmask_core::{BoxCount, Sphere};
 
-use super::Executor;
+use super::frame_memory::{FrameMemory, LentReply, with_lent};
+use super::{Executor, Owner, no_gpu};
 
 /// Scratch that a frame takes, bytes a sphere: its bounds and its ball, 24 and 32, or four columns and
 /// the order, 36.
@@ -19,17 +20,118 @@ const SPHERE_SCRATCH_BYTES: usize = 64;
 const PAIR_SCRATCH_BYTES: usize = 12;
 
 impl Executor {
-    /// Finds the pairs of spheres.
+    /// Finds the pairs of the spheres of this memory, which belong to `owner`, as
+    /// [`Self::cull_spheres`]. The reply that it lends is imported, so that a GPU writes the next one
+    /// without a copy.
     ///
     /// # Errors
-    /// [`CullError`]; [`CullError::Unavailable`] where an engine of the GPU is asked for.
+    /// [`CullError`].
+    pub fn run_spheres<M: FrameMemory>(
+        &mut self,
+        owner: Owner,
+        options: &CullOptions,
+        memory: &mut M,
+    ) -> Result<CullAnswer, CullError> {
+        let mut lent = LentReply::default();
+        let answer = with_lent(memory, &mut lent, |objects, reply| match objects {
+            Objects::Spheres(spheres) => self.cull_spheres(spheres, owner, options, reply),
+            Objects::Boxes(boxes) => self.cull(boxes, owner, options, reply),
+        })?;
+        if answer.engine.is_gpu()
+            && let Some(gpu) = self.gpus.for_frame(self.home)
+        {
+            gpu.lock().offer_reply(lent);
+        }
+        Ok(answer)
+    }
+
+    /// Finds the pairs of spheres that belong to `owner`.
+    ///
+    /// A GPU that is lost, or has no memory for the scene, leaves the frame to the CPU: the answer is the
+    /// same. A scene that crowds the GPU's grid goes to all pairs.
+    ///
+    /// # Errors
+    /// [`CullError`]; [`CullError::Unavailable`] where an engine of the GPU is asked for and there is none.
     pub fn cull_spheres(
+        &mut self,
+        spheres: &[Sphere],
+        owner: Owner,
+        options: &CullOptions,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullAnswer, CullError> {
+        self.last_frame = Some(Instant::now());
+        let (len, limit_words) = (spheres.len(), reply.limit_words());
+        let options = options.within(len, limit_words);
+        let Some(plan) = self.gpu_plan(len, &options) else {
+            return self.cull_spheres_here(spheres, &options, reply);
+        };
+        let error = match self.cull_spheres_there(spheres, owner, &plan, reply) {
+            Err(error) => error,
+            done => return done,
+        };
+        match error {
+            CullError::DeviceLost { .. }
+            | CullError::DeviceMemory { .. }
+            | CullError::TooCrowded { .. } => {
+                let here = CullOptions { engine: EngineChoice::Auto, ..options };
+                self.cull_spheres_here(spheres, &here, reply)
+            }
+            error => match options.after(plan.encoding, &error, len, limit_words) {
+                // It names its encoding, so that there is no third time.
+                Some(other) => self.cull_spheres(spheres, owner, &other, reply),
+                None => Err(error),
+            },
+        }
+    }
+
+    /// The plan of a frame of so many spheres that goes to the GPU; `None` for one that does not.
+    ///
+    /// The spheres are not looked at. The GPU gets what it does sooner than the CPU would cull as many
+    /// boxes at best, which it culls in less time than spheres.
+    fn gpu_plan(&self, len: usize, options: &CullOptions) -> Option<Plan> {
+        let n = BoxCount::of_len(len)?;
+        let gpu = self.gpus.for_frame(self.home).and_then(|gpu| gpu.cost());
+        let may = match options.engine {
+            EngineChoice::Only(engine) => engine.is_gpu(),
+            EngineChoice::Auto => gpu.is_some(),
+        };
+        if !may {
+            return None;
+        }
+        let pool = rayon::current_num_threads();
+        let threads = options.threads.unwrap_or(pool).clamp(1, pool);
+        // Boxes up take the time of their bytes; spheres have fewer.
+        let share = SPHERE_BYTES as f64 / AABB_BYTES as f64;
+        let gpu = gpu.map(|cost| GpuCost { ns_a_box: share * cost.ns_a_box, ..cost });
+        let (_, calibration) = self.cpu_settings();
+        let stats = SceneStats::at_best(n, options.last_pairs);
+        let plan = plan(&stats, &Capabilities { threads, gpu }, &calibration, options);
+        plan.engine.is_gpu().then_some(plan)
+    }
+
+    fn cull_spheres_there(
+        &mut self,
+        spheres: &[Sphere],
+        owner: Owner,
+        plan: &Plan,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullAnswer, CullError> {
+        let start = Instant::now();
+        let gpu = self.gpus.for_frame(self.home).ok_or(no_gpu(plan.engine))?;
+        log::debug!("{}", plan.explain());
+        let _queued = gpu.queue(plan, 1);
+        let plan_ns = nanoseconds_since(start);
+        let done = gpu.with(|gpu| gpu.cull(spheres.into(), owner, plan, reply));
+        let (report, engine) = done?;
+        Ok(CullAnswer::new(&Plan { engine, ..*plan }, report, start, plan_ns))
+    }
+
+    fn cull_spheres_here(
         &mut self,
         spheres: &[Sphere],
         options: &CullOptions,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
-        self.last_frame = Some(Instant::now());
         let answer = self.spheres.cull(&mut self.cpu.engines, spheres, options, reply);
         let pairs = answer.as_ref().map_or(0, |answer| answer.report.pair_count);
         let needed = SPHERE_SCRATCH_BYTES * spheres.len() + PAIR_SCRATCH_BYTES * pairs as usize;

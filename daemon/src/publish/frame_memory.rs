@@ -3,7 +3,6 @@
 
 use pairmask_core::engine::ReplyBuffer;
 use pairmask_core::objects::Objects;
-use pairmask_core::precision::BoxSlice;
 
 use super::OpenRequest;
 use crate::execute::FrameMemory;
@@ -11,16 +10,12 @@ use crate::execute::FrameMemory;
 // SAFETY: boxes and loan lie in the shared memory of a request and a response, which stay mapped where
 // they are as long as these are held, wherever the value that holds them is moved. The objects were
 // placed once, before the value becomes the memory of a frame, and the payload's length is a copy: the
-// boxes are the same each time. A loan is written by its holder alone until it is sent, which takes
+// objects are the same each time. A loan is written by its holder alone until it is sent, which takes
 // the value back first. The segment of replies belongs to the server port, which a worker holds longer
 // than its engines, and which never maps it anew (`transport::services`: a static allocation).
 unsafe impl FrameMemory for OpenRequest {
-    fn with<R>(&mut self, work: impl FnOnce(BoxSlice<'_>, &mut dyn ReplyBuffer) -> R) -> R {
+    fn with<R>(&mut self, work: impl FnOnce(Objects<'_>, &mut dyn ReplyBuffer) -> R) -> R {
         let (objects, mut reply) = self.parts();
-        let boxes = match objects {
-            Objects::Boxes(boxes) => boxes,
-            Objects::Spheres(_) => BoxSlice::default(),
-        };
-        work(boxes, &mut reply)
+        work(objects, &mut reply)
     }
 }

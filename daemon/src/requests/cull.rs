@@ -184,8 +184,9 @@ impl Culls {
         }
         let boxes = match open.parts() {
             (Objects::Boxes(boxes), _) => boxes,
-            (Objects::Spheres(spheres), mut reply) => {
-                let answer = engines.cull_spheres(spheres, options, &mut reply);
+            (Objects::Spheres(_), _) => {
+                let owner = Owner::Client(sender.port);
+                let answer = engines.run_spheres(owner, options, &mut open);
                 if is_alike {
                     open.keep_with(engines.repeats().ticket());
                 }

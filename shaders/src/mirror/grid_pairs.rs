@@ -8,7 +8,12 @@ use crate::constants::NO_LEVEL;
 use crate::layouts::{GridLayout, GridLevel};
 
 /// Words by row and block, pairs by row and column, and how many pairs were compared for them.
-pub(super) fn find(layout: &GridLayout, keys: &[(KeyBox, BoxClass)], mirrored: &mut Mirrored) {
+pub(super) fn find(
+    layout: &GridLayout,
+    keys: &[(KeyBox, BoxClass)],
+    overlap: &dyn Fn(usize, usize) -> bool,
+    mirrored: &mut Mirrored,
+) {
     let Mirrored { homes, starts, order, words, pairs, compared } = mirrored;
     let start = |cell: u32| starts[cell as usize];
     let giants = start(layout.first_giant)..start(layout.first_nothing);
@@ -31,7 +36,7 @@ pub(super) fn find(layout: &GridLayout, keys: &[(KeyBox, BoxClass)], mirrored: &
         for column in runs.into_iter().flatten() {
             *compared += 1;
             let other = order[column as usize];
-            if !key.overlaps(&keys[other as usize].0) {
+            if !overlap(*index as usize, other as usize) {
                 continue;
             }
             pairs.push([*index.min(&other), *index.max(&other)]);

@@ -10,10 +10,13 @@ pub mod grid_layout;
 mod grid_pairs;
 mod grid_place;
 mod grid_scan;
+pub mod sphere_bounds;
+pub mod sphere_exact;
+pub mod sphere_filter;
 
-use pairmask_core::Aabb;
 use pairmask_core::aabb::{BoxClass, KeyBox};
 use pairmask_core::precision::BoxSlice;
+use pairmask_core::{Aabb, Sphere};
 
 pub use self::grid_cells::Home;
 use crate::layouts::GridLayout;
@@ -45,10 +48,24 @@ pub fn home_cell(layout: &GridLayout, b: &Aabb) -> u32 {
 pub fn frame(layout: &GridLayout, boxes: BoxSlice<'_>) -> Mirrored {
     let expanded = (0..boxes.len()).filter_map(|i| boxes.get(i));
     let keys: Vec<(KeyBox, BoxClass)> = expanded.map(|b| KeyBox::classify(&b)).collect();
-    let homes = grid_cells::homes(layout, &keys);
+    of_keys(layout, &keys, &|a, b| keys[a].0.overlaps(&keys[b].0))
+}
+
+/// The same for spheres: the boxes around them have cells, and they themselves are tested.
+pub fn sphere_frame(layout: &GridLayout, spheres: &[Sphere]) -> Mirrored {
+    let keys: Vec<(KeyBox, BoxClass)> = spheres.iter().map(sphere_bounds::classify).collect();
+    of_keys(layout, &keys, &|a, b| sphere_exact::meet(&spheres[a], &spheres[b]))
+}
+
+fn of_keys(
+    layout: &GridLayout,
+    keys: &[(KeyBox, BoxClass)],
+    overlap: &dyn Fn(usize, usize) -> bool,
+) -> Mirrored {
+    let homes = grid_cells::homes(layout, keys);
     let starts = grid_scan::starts(layout, &homes);
     let order = grid_place::order(&homes);
     let mut mirrored = Mirrored { homes, starts, order, ..Mirrored::default() };
-    grid_pairs::find(layout, &keys, &mut mirrored);
+    grid_pairs::find(layout, keys, overlap, &mut mirrored);
     mirrored
 }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use pairmask_core::{BoxForm, Encoding};
+use pairmask_core::{Encoding, ObjectForm};
 
 use super::device::{Gpu, QueueRole};
 use super::error::GpuError;
@@ -31,7 +31,7 @@ impl Place {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct FrameKey {
     pub(super) n: u32,
-    pub(super) form: BoxForm,
+    pub(super) form: ObjectForm,
     pub(super) encoding: Encoding,
     pub(super) capacity: u64,
     /// Which part of a long run it is.

@@ -29,7 +29,7 @@ pub enum Checks {
 /// in one subgroup wrongly, and a counter that it cannot see through keeps it from doing so. The loops
 /// of `write_list` are such loops too.
 pub(super) const fn has_bounded_loops(stage: Stage) -> bool {
-    matches!(stage, Stage::Grid(_) | Stage::WriteList | Stage::Scene(_))
+    matches!(stage, Stage::Grid(_) | Stage::WriteList | Stage::Scene(_) | Stage::SpherePairs(_))
 }
 
 /// Compiles a stage, with bounded loops where `bounded_loops` or the checks ask for them.

@@ -2,8 +2,8 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use pairmask_core::BoxForm;
-use pairmask_core::precision::BoxSlice;
+use pairmask_core::ObjectForm;
+use pairmask_core::objects::Objects;
 
 use super::device::Gpu;
 use super::error::GpuError;
@@ -60,7 +60,7 @@ pub(super) struct PlacedBoxes {
     /// The memory, whole words.
     pub(super) part: Part,
     /// What is in it.
-    pub(super) form: BoxForm,
+    pub(super) form: ObjectForm,
 }
 
 /// Where a mask is written to.
@@ -89,13 +89,13 @@ impl Transfers {
         self.imports.lock()
     }
 
-    /// Brings the boxes where the GPU sees them, as they are. `replaced` is set if a block was.
-    pub(super) fn place_boxes(
+    /// Brings the objects where the GPU sees them, as they are. `replaced` is set if a block was.
+    pub(super) fn place(
         &mut self,
-        boxes: BoxSlice<'_>,
+        objects: Objects<'_>,
         replaced: &mut bool,
     ) -> Result<PlacedBoxes, GpuError> {
-        let (form, memory) = (boxes.form(), boxes.as_bytes());
+        let (form, memory) = (objects.form(), objects.as_bytes());
         // Boxes of 6 bytes may end within a word, and stages read words: all of the last one is
         // bound. It is there, since blocks and imports are whole pages.
         let bytes = (memory.len() as u64).next_multiple_of(WORD_BYTES);

@@ -3,10 +3,11 @@
 use clap::Args;
 use pairmaskd::cli::output::{print_json, print_text, progress_bar, spinner};
 use pairmaskd::cli::whole_number::whole_number;
+use pairmaskd::execute::gpu::GpuChoice;
 
 use super::error::LabError;
 use crate::study::spheres::errors::pairs_decided;
-use crate::study::spheres::{SphereOptions, measure};
+use crate::study::spheres::{SphereOptions, measure, measure_on_gpu};
 
 /// All pairs of bounding spheres, sequential against parallel, beside the paper's (Suaib 2015)
 #[derive(Debug, Args)]
@@ -20,6 +21,8 @@ Examples:
   pairmask-lab spheres
   pairmask-lab spheres --errors
   pairmask-lab spheres --errors 100000000     half a minute on two cores
+  pairmask-lab spheres --gpu auto             on a GPU, to a million spheres
+  pairmask-lab spheres --gpu auto --errors    what a GPU decides wrongly: nothing
 
 Exit status: 1 where the library itself decided a pair wrongly.")]
 pub struct Spheres {
@@ -27,6 +30,9 @@ pub struct Spheres {
     /// as many that nearly do [default: 1000000]
     #[arg(long, value_parser = whole_number::<u64>, value_name = "PAIRS", num_args = 0..=1, default_missing_value = "1000000")]
     errors: Option<u64>,
+    /// The GPU to measure instead: auto, software, a number of `pairmaskd status`, or part of a name
+    #[arg(long, value_name = "GPU")]
+    gpu: Option<GpuChoice>,
     /// Few spheres and few frames: a second, for a look. Times mean little
     #[arg(long)]
     quick: bool,
@@ -50,7 +56,11 @@ impl Spheres {
             Some(pairs) => progress_bar(pairs_decided(pairs), "pairs of spheres"),
             None => spinner("spheres"),
         };
-        let report = measure(&options, |pairs| progress.inc(pairs));
+        let watch = |pairs| progress.inc(pairs);
+        let report = match &self.gpu {
+            Some(gpu) => measure_on_gpu(&options, gpu, watch)?,
+            None => measure(&options, watch),
+        };
         progress.finish_and_clear();
         if self.json { print_json(&report) } else { print_text(report.to_string().trim_end()) }?;
         if report.is_exact() { Ok(()) } else { Err(LabError::InexactSpheres) }

@@ -7,7 +7,7 @@
 
 pub mod grid;
 pub mod scenes;
-mod shared;
+pub(crate) mod shared;
 
 use std::collections::BTreeMap;
 use std::io::Write;

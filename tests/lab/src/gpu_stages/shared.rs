@@ -5,14 +5,16 @@ use std::fs::File;
 use std::io;
 use std::sync::Arc;
 
+use bytemuck::Pod;
 use pairmask_core::Aabb;
 use pairmask_core::engine::{ReplyBuffer, ReserveError};
+use pairmask_core::objects::Objects;
 use pairmask_core::precision::BoxSlice;
 use pairmaskd::execute::FrameMemory;
 use pairmaskd::execute::gpu::{Gpu, ImportError, ImportId, ReadWriteMapping, SharedImports};
 
 /// An anonymous shared segment.
-pub(super) struct Segment {
+pub(crate) struct Segment {
     // Open as long as the mapping, since an import finds the pages through the file.
     _file: File,
     mapping: ReadWriteMapping,
@@ -21,7 +23,7 @@ pub(super) struct Segment {
 }
 
 impl Segment {
-    pub(super) fn new(bytes: usize) -> io::Result<Self> {
+    pub(crate) fn new(bytes: usize) -> io::Result<Self> {
         let flags = rustix::fs::MemfdFlags::CLOEXEC;
         let file = File::from(rustix::fs::memfd_create("pairmask-bench", flags)?);
         file.set_len(bytes.max(1).next_multiple_of(4096) as u64)?;
@@ -33,7 +35,7 @@ impl Segment {
     }
 
     /// Imports the segment, for boxes and replies.
-    pub(super) fn import(
+    pub(crate) fn import(
         &mut self,
         gpu: &Arc<Gpu>,
         imports: &SharedImports,
@@ -54,13 +56,18 @@ impl Segment {
         self.mapping.bytes()
     }
 
-    pub(super) fn write(&mut self, boxes: &[Aabb]) {
-        let words: &[u32] = bytemuck::cast_slice(boxes);
+    pub(crate) fn write(&mut self, objects: &[impl Pod]) {
+        let words: &[u32] = bytemuck::cast_slice(objects);
         self.words_mut()[..words.len()].copy_from_slice(words);
     }
 
     pub(super) fn boxes(&self, n: usize) -> &[Aabb] {
-        bytemuck::cast_slice(&self.words()[..n * (size_of::<Aabb>() / 4)])
+        self.objects(n)
+    }
+
+    /// The first `n` objects in it.
+    pub(crate) fn objects<T: Pod>(&self, n: usize) -> &[T] {
+        bytemuck::cast_slice(&self.words()[..n * (size_of::<T>() / 4)])
     }
 
     pub(super) fn words(&self) -> &[u32] {
@@ -97,8 +104,8 @@ pub(super) struct SegmentFrame {
 // exists. A reply that was lent and imported is mapped until the segment is dropped, which forgets
 // the import; the engine that is timed imports nothing by itself.
 unsafe impl FrameMemory for SegmentFrame {
-    fn with<R>(&mut self, work: impl FnOnce(BoxSlice<'_>, &mut dyn ReplyBuffer) -> R) -> R {
-        work(self.boxes.boxes(self.n).into(), &mut self.reply)
+    fn with<R>(&mut self, work: impl FnOnce(Objects<'_>, &mut dyn ReplyBuffer) -> R) -> R {
+        work(BoxSlice::from(self.boxes.boxes(self.n)).into(), &mut self.reply)
     }
 }
 

@@ -18,8 +18,8 @@ use std::time::{Duration, Instant};
 use pairmask_core::aabb::AABB_BYTES;
 use pairmask_core::engine::{CullError, CullInput, CullReport, Engine, ReplyBuffer};
 use pairmask_core::mask::{MaskShape, Span};
-use pairmask_core::precision::BoxSlice;
-use pairmask_core::{BoxCount, Encoding, EngineName};
+use pairmask_core::objects::Objects;
+use pairmask_core::{BoxCount, Encoding, EngineName, Sphere};
 use pairmask_shaders::constants::BATCH_BOXES;
 use pairmask_shaders::layouts::BatchReport;
 
@@ -222,7 +222,7 @@ impl AllPairs {
     fn cull_dense(
         &mut self,
         n: BoxCount,
-        boxes: BoxSlice<'_>,
+        objects: Objects<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
         let shape = MaskShape::dense(n);
@@ -233,7 +233,7 @@ impl AllPairs {
         let start = Instant::now();
         let mut replaced = false;
         let boxes =
-            self.transfers.place_boxes(boxes, &mut replaced).map_err(|e| self.cull_error(&e))?;
+            self.transfers.place(objects, &mut replaced).map_err(|e| self.cull_error(&e))?;
         let ingested = start.elapsed();
         let reserved = exactly(reply.reserve(words)?, words);
         let done = (|| {
@@ -252,7 +252,7 @@ impl AllPairs {
     fn cull_counted(
         &mut self,
         n: BoxCount,
-        boxes: BoxSlice<'_>,
+        objects: Objects<'_>,
         counted: Counted,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
@@ -260,7 +260,7 @@ impl AllPairs {
         let start = Instant::now();
         let mut replaced = false;
         let boxes =
-            self.transfers.place_boxes(boxes, &mut replaced).map_err(|e| self.cull_error(&e))?;
+            self.transfers.place(objects, &mut replaced).map_err(|e| self.cull_error(&e))?;
         let ingested = start.elapsed();
         let mut capacity = counted.first_capacity(n).min(room);
         loop {
@@ -299,6 +299,39 @@ impl AllPairs {
         }
     }
 
+    /// Finds the pairs of spheres, exactly.
+    ///
+    /// # Errors
+    /// As [`Engine::cull`].
+    pub fn cull_spheres(
+        &mut self,
+        spheres: &[Sphere],
+        encoding: Encoding,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullReport, CullError> {
+        self.cull_objects(spheres.into(), encoding, reply)
+    }
+
+    /// Finds the pairs of boxes in any form, or of spheres.
+    pub(in crate::execute) fn cull_objects(
+        &mut self,
+        objects: Objects<'_>,
+        encoding: Encoding,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullReport, CullError> {
+        let limit = plan::max_boxes(encoding, &self.limits);
+        let n = BoxCount::of_len(objects.len())
+            .filter(|n| u64::from(n.get()) <= limit)
+            .ok_or(CullError::TooManyBoxes { engine: ENGINE, n: objects.len() as u64, limit })?;
+        self.gpu.health().check().map_err(|e| self.cull_error(&e))?;
+        match encoding {
+            _ if n.get() < 2 => no_pairs(n, objects, encoding, reply),
+            Encoding::Dense => self.cull_dense(n, objects, reply),
+            Encoding::List => self.cull_counted(n, objects, Counted::List, reply),
+            _ => self.cull_counted(n, objects, Counted::Sparse, reply),
+        }
+    }
+
     fn cull_error(&self, error: &GpuError) -> CullError {
         self.gpu.cull_error(ENGINE, error)
     }
@@ -325,24 +358,13 @@ impl Engine for AllPairs {
     }
 
     /// Boxes in any form are read as they lie. The mask is that of the f32 boxes that stand for them
-    /// ([`BoxSlice::get`]).
+    /// ([`pairmask_core::precision::BoxSlice::get`]).
     fn cull(
         &mut self,
         input: &CullInput<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
-        let (boxes, encoding) = (input.boxes_alone(ENGINE)?, input.encoding);
-        let limit = plan::max_boxes(encoding, &self.limits);
-        let n = BoxCount::of_len(boxes.len())
-            .filter(|n| u64::from(n.get()) <= limit)
-            .ok_or(CullError::TooManyBoxes { engine: ENGINE, n: boxes.len() as u64, limit })?;
-        self.gpu.health().check().map_err(|e| self.cull_error(&e))?;
-        match encoding {
-            _ if n.get() < 2 => no_pairs(n, boxes, encoding, reply),
-            Encoding::Dense => self.cull_dense(n, boxes, reply),
-            Encoding::List => self.cull_counted(n, boxes, Counted::List, reply),
-            _ => self.cull_counted(n, boxes, Counted::Sparse, reply),
-        }
+        self.cull_objects(input.boxes_alone(ENGINE)?.into(), input.encoding, reply)
     }
 }
 

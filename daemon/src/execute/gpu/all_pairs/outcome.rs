@@ -7,7 +7,7 @@ use pairmask_core::engine::{
     Census, CullError, CullReport, EngineTimes, NAMED_INVALID, ReplyBuffer, write_no_pairs,
 };
 use pairmask_core::mask::MaskShape;
-use pairmask_core::precision::BoxSlice;
+use pairmask_core::objects::Objects;
 use pairmask_core::{BoxCount, Encoding, MaskWord};
 use pairmask_shaders::constants::BATCH_BOXES;
 use pairmask_shaders::layouts::BatchReport;
@@ -58,13 +58,19 @@ impl Outcome {
 /// The answer for fewer than two boxes: nothing for a GPU to do.
 pub(in crate::execute::gpu) fn no_pairs(
     n: BoxCount,
-    boxes: BoxSlice<'_>,
+    objects: Objects<'_>,
     encoding: Encoding,
     reply: &mut dyn ReplyBuffer,
 ) -> Result<CullReport, CullError> {
     let mut census = Census::default();
-    for (b, index) in (0..boxes.len()).filter_map(|i| boxes.get(i)).zip(0..) {
-        census.note(index, KeyBox::classify(&b).1);
+    for index in 0..objects.len() {
+        let class = match objects {
+            Objects::Boxes(boxes) => boxes.get(index).map(|b| KeyBox::classify(&b).1),
+            Objects::Spheres(spheres) => spheres.get(index).map(|sphere| { *sphere }.class()),
+        };
+        if let Some(class) = class {
+            census.note(index as u32, class);
+        }
     }
     let shape = write_no_pairs(n, encoding, reply)?;
     let outcome = Outcome { census, words: 0, pairs: 0 };

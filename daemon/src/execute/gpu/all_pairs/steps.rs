@@ -1,7 +1,7 @@
 //! The stages of a frame with what they bind.
 
 use pairmask_core::mask::{MaskShape, Span};
-use pairmask_core::{BoxCount, BoxForm, Encoding};
+use pairmask_core::{BoxCount, BoxForm, Encoding, ObjectForm};
 use pairmask_shaders::constants::{BATCH_BOXES, PAIRS_WORKGROUP};
 use pairmask_shaders::layouts::{KeysParams, PackParams, PairsParams, WriteParams};
 use pairmask_shaders::{PairsVariant, Stage};
@@ -22,9 +22,12 @@ const GROUPS_X: u32 = 32_768;
 /// The stages that frames of these tunings use.
 pub(super) fn stages_of(tunings: &[Tuning]) -> impl Iterator<Item = Stage> {
     let pairs = tunings.iter().flat_map(|tuning| {
-        [true, false].map(|store_zeros| Stage::Pairs(variant(*tuning, store_zeros)))
+        [true, false].into_iter().flat_map(|store_zeros| {
+            let variant = variant(*tuning, store_zeros);
+            [Stage::Pairs(variant), Stage::SpherePairs(variant)]
+        })
     });
-    let keys = BoxForm::ALL.into_iter().map(Stage::Keys);
+    let keys = BoxForm::ALL.into_iter().map(Stage::Keys).chain([Stage::SphereKeys]);
     keys.chain([Stage::PackDense, Stage::WriteSparse, Stage::WriteList]).chain(pairs)
 }
 
@@ -45,7 +48,7 @@ pub(super) struct Output {
 /// What the steps of a run have in common.
 pub(super) struct Recording<'a> {
     pub(super) n: BoxCount,
-    pub(super) form: BoxForm,
+    pub(super) form: ObjectForm,
     pub(super) tuning: Tuning,
     pub(super) stages: &'a Stages,
     pub(super) output: &'a Output,
@@ -89,7 +92,10 @@ impl Recording<'_> {
         let params = KeysParams { n: self.n.get(), plane_words };
         let s = self.stages;
         Ok(Command::Stage {
-            pipeline: pipelines.get(Stage::Keys(self.form))?,
+            pipeline: pipelines.get(match self.form {
+                ObjectForm::Boxes(form) => Stage::Keys(form),
+                ObjectForm::Spheres => Stage::SphereKeys,
+            })?,
             parts: vec![
                 boxes.clone(),
                 self.keys_part(),
@@ -113,7 +119,10 @@ impl Recording<'_> {
         let s = self.stages;
         let tile_rows = PAIRS_WORKGROUP * self.tuning.rows as u32;
         Ok(Command::Stage {
-            pipeline: pipelines.get(Stage::Pairs(variant(self.tuning, dense)))?,
+            pipeline: pipelines.get(match self.form {
+                ObjectForm::Boxes(_) => Stage::Pairs(variant(self.tuning, dense)),
+                ObjectForm::Spheres => Stage::SpherePairs(variant(self.tuning, dense)),
+            })?,
             parts: vec![
                 self.keys_part(),
                 Part::of(&s.matrix, 0, 4 * band.matrix_words()),

@@ -3,6 +3,7 @@
 //! The model below counts what a row looks at; it only steers. Any layout gives the same pairs.
 
 use pairmask_core::floats;
+use pairmask_core::objects::Objects;
 use pairmask_core::precision::BoxSlice;
 use pairmask_shaders::constants::{GRID_LEVELS, PARKED};
 use pairmask_shaders::layouts::GridLayout;
@@ -74,17 +75,18 @@ pub(in crate::execute::gpu) struct Chooser {
 
 impl Chooser {
     /// The layout for a scene: the same one whatever the floating-point flags of this thread.
-    pub fn choose(&mut self, boxes: BoxSlice<'_>) -> GridLayout {
+    pub fn choose<'a>(&mut self, objects: impl Into<Objects<'a>>) -> GridLayout {
+        let objects = objects.into();
         floats::with_default(|| {
-            self.sample.take(boxes);
-            self.choose_levels(boxes.len() as u32)
+            self.sample.take(objects);
+            self.choose_levels(objects.len() as u32)
         })
     }
 
     /// The same for a scene of `n` boxes, some of which these are.
     pub fn choose_for(&mut self, some: BoxSlice<'_>, n: u32) -> GridLayout {
         floats::with_default(|| {
-            self.sample.take(some);
+            self.sample.take(some.into());
             self.sample.solid *= n as f32 / some.len().max(1) as f32;
             self.choose_levels(n)
         })
@@ -280,7 +282,7 @@ mod tests {
     fn boxes_of_one_size_get_one_level_and_spares() {
         let mut chooser = Chooser::default();
         let uniform = stress_scenes::named("uniform").boxes(10_000, 3);
-        let layout = chooser.choose((&uniform).into());
+        let layout = chooser.choose(BoxSlice::from(&uniform));
         let cells = layout.levels[0].cell_count;
         assert!((20_000..60_000).contains(&cells), "{cells}");
         let edge = uniform[0].max[0] - uniform[0].min[0];
@@ -293,7 +295,7 @@ mod tests {
     #[test]
     fn boxes_of_many_sizes_get_levels_of_rising_cells() {
         let boxes = stress_scenes::named("sizes over 20 octaves").boxes(20_000, 3);
-        let layout = Chooser::default().choose((&boxes).into());
+        let layout = Chooser::default().choose(BoxSlice::from(&boxes));
         let levels = &layout.levels[..layout.level_count as usize];
         assert!(levels.len() >= 3, "{}", levels.len());
         assert!(levels.windows(2).all(|w| w[0].scale[0] > w[1].scale[0]));

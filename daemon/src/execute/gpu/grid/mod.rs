@@ -35,8 +35,9 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use pairmask_core::engine::{CullError, CullInput, CullReport, Engine, ReplyBuffer};
+use pairmask_core::objects::Objects;
 use pairmask_core::precision::BoxSlice;
-use pairmask_core::{Aabb, BoxCount, BoxForm, Encoding, EngineName};
+use pairmask_core::{Aabb, BoxCount, Encoding, EngineName, ObjectForm, Sphere};
 use pairmask_shaders::layouts::GridLayout;
 use pairmask_shaders::{Found, GridStage, Share, Stage};
 
@@ -62,13 +63,13 @@ pub use self::team::cull_shared;
 pub use self::under_way::GridUnderWay;
 
 /// The levels that a scene gets. For measurements, and for the stages' mirror.
-pub fn grid_layout(boxes: BoxSlice<'_>) -> GridLayout {
-    Chooser::default().choose(boxes)
+pub fn grid_layout<'a>(objects: impl Into<Objects<'a>>) -> GridLayout {
+    Chooser::default().choose(objects)
 }
 
 /// Cells that a scene gets, all levels together. For measurements.
 pub fn cell_count(boxes: &[Aabb]) -> u32 {
-    grid_layout(boxes.into()).cell_end
+    grid_layout(BoxSlice::from(boxes)).cell_end
 }
 
 /// How the engine works. The default is what the daemon uses.
@@ -124,7 +125,7 @@ impl Grid {
         let mut pipelines = Pipelines::new(gpu, options.checks, options.cache_folder.as_deref())?;
         for found in Found::ALL {
             let of_form = |form| GridStage::of_frame(form, found, Share::Whole);
-            for stage in BoxForm::ALL.into_iter().flat_map(of_form) {
+            for stage in ObjectForm::ALL.into_iter().flat_map(of_form) {
                 pipelines.get(Stage::Grid(stage))?;
             }
         }
@@ -187,9 +188,9 @@ impl Grid {
     ) -> Begun<M> {
         let is_behind = self.all_workspaces().any(|workspace| !workspace.lock().is_free());
         let mut frame = GridUnderWay::new(workspace, memory);
-        let begun = frame.with(|workspace, boxes, reply| {
-            let (n, capacity) = self.asked(boxes, encoding, reply)?;
-            workspace.begin(&mut self.tools, n, boxes, reply, capacity, is_behind)
+        let begun = frame.with(|workspace, objects, reply| {
+            let (n, capacity) = self.asked(objects.len(), encoding, reply)?;
+            workspace.begin(&mut self.tools, n, objects, reply, capacity, is_behind)
         });
         match begun {
             Ok(()) => Ok(frame),
@@ -222,9 +223,9 @@ impl Grid {
         let mut begun = Vec::with_capacity(frames.len());
         for (workspace, (memory, encoding)) in workspaces.into_iter().zip(frames) {
             let mut frame = GridUnderWay::new(workspace, memory);
-            let joined = frame.with(|workspace, boxes, reply| {
-                let (n, capacity) = self.asked(boxes, encoding, reply)?;
-                workspace.join(&mut self.tools, n, boxes, reply, capacity, &bundle)
+            let joined = frame.with(|workspace, objects, reply| {
+                let (n, capacity) = self.asked(objects.len(), encoding, reply)?;
+                workspace.join(&mut self.tools, n, objects, reply, capacity, &bundle)
             });
             begun.push(match joined {
                 Ok(its_steps) => {
@@ -267,14 +268,14 @@ impl Grid {
     /// The number of a frame's boxes, and what its reply gets room for.
     fn asked(
         &self,
-        boxes: BoxSlice<'_>,
+        len: usize,
         encoding: Encoding,
         reply: &dyn ReplyBuffer,
     ) -> Result<(BoxCount, Capacity), CullError> {
         let limit = plan::max_boxes(self.tools.binding_bytes);
-        let n = BoxCount::of_len(boxes.len())
+        let n = BoxCount::of_len(len)
             .filter(|n| u64::from(n.get()) <= limit)
-            .ok_or(CullError::TooManyBoxes { engine: ENGINE, n: boxes.len() as u64, limit })?;
+            .ok_or(CullError::TooManyBoxes { engine: ENGINE, n: len as u64, limit })?;
         let why = "dense masks are all pairs'";
         let unavailable = CullError::Unavailable { engine: ENGINE, why };
         let found = Found::of(encoding).ok_or(unavailable)?;
@@ -304,13 +305,13 @@ impl Grid {
         if !self.all_workspaces().any(|workspace| frame.is_in(workspace)) {
             return Err(CullError::DeviceLost { engine: ENGINE });
         }
-        frame.with(|workspace, boxes, reply| self.end_in(workspace, boxes, reply))
+        frame.with(|workspace, objects, reply| self.end_in(workspace, objects, reply))
     }
 
     fn end_in(
         &mut self,
         workspace: &mut Workspace,
-        boxes: BoxSlice<'_>,
+        objects: Objects<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
         loop {
@@ -325,8 +326,44 @@ impl Grid {
                         return Err(refusal(needed, limit).into());
                     };
                     let capacity = Capacity::expected(n, found, items, room);
-                    workspace.begin(&mut self.tools, n, boxes, reply, capacity, false)?;
+                    workspace.begin(&mut self.tools, n, objects, reply, capacity, false)?;
                 }
+            }
+        }
+    }
+}
+
+impl Grid {
+    /// Finds the pairs of spheres, exactly: the boxes around them have cells, and they themselves are
+    /// tested.
+    ///
+    /// # Errors
+    /// As [`Engine::cull`].
+    pub fn cull_spheres(
+        &mut self,
+        spheres: &[Sphere],
+        encoding: Encoding,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullReport, CullError> {
+        self.cull_objects(spheres.into(), encoding, reply)
+    }
+
+    /// Finds the pairs of boxes in any form, or of spheres.
+    pub(in crate::execute) fn cull_objects(
+        &mut self,
+        objects: Objects<'_>,
+        encoding: Encoding,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullReport, CullError> {
+        match BoxCount::of_len(objects.len()) {
+            Some(n) if n.get() < 2 && Found::of(encoding).is_some() => {
+                no_pairs(n, objects, encoding, reply)
+            }
+            _ => {
+                let memory = Borrowed { objects, reply };
+                let workspace = self.own_workspace.clone();
+                let frame = self.begin_in(workspace, memory, encoding);
+                self.end(frame.map_err(|(error, _)| error)?).0
             }
         }
     }
@@ -346,18 +383,7 @@ impl Engine for Grid {
         input: &CullInput<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
-        let (boxes, encoding) = (input.boxes_alone(ENGINE)?, input.encoding);
-        match BoxCount::of_len(boxes.len()) {
-            Some(n) if n.get() < 2 && Found::of(encoding).is_some() => {
-                no_pairs(n, boxes, encoding, reply)
-            }
-            _ => {
-                let memory = Borrowed { boxes, reply };
-                let workspace = self.own_workspace.clone();
-                let frame = self.begin_in(workspace, memory, encoding);
-                self.end(frame.map_err(|(error, _)| error)?).0
-            }
-        }
+        self.cull_objects(input.boxes_alone(ENGINE)?.into(), input.encoding, reply)
     }
 }
 

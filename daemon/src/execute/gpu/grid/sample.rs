@@ -2,7 +2,7 @@
 //!
 //! A pure function of the boxes, so that the same boxes give the same bytes whatever came before.
 
-use pairmask_core::precision::BoxSlice;
+use pairmask_core::objects::Objects;
 use pairmask_core::{Aabb, BoxClass};
 use pairmask_shaders::mirror::grid_layout::plain;
 
@@ -44,8 +44,8 @@ pub(super) struct Sample {
 
 impl Sample {
     /// Looks at a scene.
-    pub fn take(&mut self, boxes: BoxSlice<'_>) {
-        let n = boxes.len();
+    pub fn take(&mut self, objects: Objects<'_>) {
+        let n = objects.len();
         let wanted = n.min(if n < LARGE_SCENE { SAMPLE / 2 } else { SAMPLE });
         self.boxes.clear();
         self.mins.clear();
@@ -53,7 +53,12 @@ impl Sample {
         // change its boxes meanwhile.
         let mut copies = [Aabb::EMPTY; SAMPLE];
         for (i, copy) in copies[..wanted].iter_mut().enumerate() {
-            *copy = boxes.get(place(i, wanted, n)).unwrap_or(Aabb::EMPTY);
+            let at = place(i, wanted, n);
+            let bounds = match objects {
+                Objects::Boxes(boxes) => boxes.get(at),
+                Objects::Spheres(spheres) => spheres.get(at).map(|sphere| { *sphere }.bounds()),
+            };
+            *copy = bounds.unwrap_or(Aabb::EMPTY);
         }
         for b in &copies[..wanted] {
             if b.class() == BoxClass::Solid {

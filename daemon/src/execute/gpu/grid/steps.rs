@@ -65,7 +65,7 @@ impl Recording<'_> {
         let b = self.blocks;
         let found = || Part::of(&b.found, 0, self.capacity.found_bytes());
         let (parts, groups) = match stage {
-            GridStage::Cells(..) => (
+            GridStage::Cells(..) | GridStage::SphereCells => (
                 vec![
                     self.boxes.part.clone(),
                     Part::whole(&b.layout),
@@ -94,7 +94,7 @@ impl Recording<'_> {
                 ],
                 self.sizes.batches,
             ),
-            GridStage::Pairs(what, _) => {
+            GridStage::Pairs(what, _) | GridStage::SpherePairs(what) => {
                 let mut parts = vec![
                     Part::whole(&b.layout),
                     self.table(),

@@ -52,12 +52,12 @@ pub fn cull_shared(
     }
     let mut asked = Vec::with_capacity(grids.len());
     for grid in grids.iter() {
-        asked.push(grid.asked(boxes, encoding, reply)?);
+        asked.push(grid.asked(boxes.into(), encoding, reply)?);
     }
     let (Some((n, capacity)), Some(first)) = (asked.first().copied(), grids.first_mut()) else {
         return Err(LEFT_TO_ONE);
     };
-    let layout = first.tools.chooser.choose(boxes);
+    let layout = first.tools.chooser.choose(boxes.into());
     let shares = borders.shares(&layout, boxes);
     let mask = reserve(&first.tools, n, capacity, reply)?;
     let mut team = Team { members: Vec::with_capacity(grids.len()), n, capacity };
@@ -130,7 +130,8 @@ impl Team {
                 }
                 let layout = Some(GridLayout { share: *share, ..*layout });
                 let (tools, n, capacity) = (&mut grid.tools, self.n, self.capacity);
-                let wanted = Wanted { n, boxes, mask, capacity, is_behind: false, layout };
+                let objects = boxes.into();
+                let wanted = Wanted { n, objects, mask, capacity, is_behind: false, layout };
                 let placed = workspace.place(tools, wanted)?;
                 let submitted = workspace.submit_phase(tools, &placed, Phase::Count);
                 submitted.map_err(|error| grid.gpu.cull_error(ENGINE, &error))?;

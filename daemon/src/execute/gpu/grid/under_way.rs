@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use pairmask_core::engine::{CullError, ReplyBuffer};
-use pairmask_core::precision::BoxSlice;
+use pairmask_core::objects::Objects;
 
 use super::ENGINE;
 use super::workspace::Workspace;
@@ -46,15 +46,15 @@ impl<M: FrameMemory> GridUnderWay<M> {
         Self { workspace, memory: Some(memory), lent: LentReply::default() }
     }
 
-    /// Gives the workspace, the boxes and the reply to `work`.
+    /// Gives the workspace, the objects and the reply to `work`.
     pub(super) fn with<R>(
         &mut self,
-        work: impl FnOnce(&mut Workspace, BoxSlice<'_>, &mut dyn ReplyBuffer) -> Result<R, CullError>,
+        work: impl FnOnce(&mut Workspace, Objects<'_>, &mut dyn ReplyBuffer) -> Result<R, CullError>,
     ) -> Result<R, CullError> {
         let lost = CullError::DeviceLost { engine: ENGINE };
         let memory = self.memory.as_mut().ok_or(lost)?;
         let mut workspace = self.workspace.lock();
-        with_lent(memory, &mut self.lent, |boxes, reply| work(&mut workspace, boxes, reply))
+        with_lent(memory, &mut self.lent, |objects, reply| work(&mut workspace, objects, reply))
     }
 
     /// Whether it is in that workspace.

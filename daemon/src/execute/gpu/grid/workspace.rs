@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use pairmask_core::engine::{
     Census, CullError, CullReport, EngineTimes, NAMED_INVALID, ReplyBuffer,
 };
-use pairmask_core::precision::BoxSlice;
+use pairmask_core::objects::Objects;
 use pairmask_core::{BoxCount, MaskWord};
 use pairmask_shaders::Found;
 use pairmask_shaders::layouts::{GridLayout, GridSummary};
@@ -61,7 +61,7 @@ pub(super) enum Ended {
 /// A frame that is to be placed.
 pub(super) struct Wanted<'a> {
     pub(super) n: BoxCount,
-    pub(super) boxes: BoxSlice<'a>,
+    pub(super) objects: Objects<'a>,
     /// Where the mask goes: as many words as [`reserve`] gives.
     pub(super) mask: &'a [u32],
     pub(super) capacity: Capacity,
@@ -164,13 +164,13 @@ impl Workspace {
         &mut self,
         tools: &mut Tools,
         n: BoxCount,
-        boxes: BoxSlice<'_>,
+        objects: Objects<'_>,
         reply: &mut dyn ReplyBuffer,
         capacity: Capacity,
         is_behind: bool,
     ) -> Result<(), CullError> {
         let mask = reserve(tools, n, capacity, reply)?;
-        let wanted = Wanted { n, boxes, mask, capacity, is_behind, layout: None };
+        let wanted = Wanted { n, objects, mask, capacity, is_behind, layout: None };
         let placed = self.place(tools, wanted)?;
         self.submit(tools, &placed).map_err(|e| tools.gpu.cull_error(ENGINE, &e))?;
         self.under_way = Some(placed);
@@ -183,13 +183,13 @@ impl Workspace {
         &mut self,
         tools: &mut Tools,
         n: BoxCount,
-        boxes: BoxSlice<'_>,
+        objects: Objects<'_>,
         reply: &mut dyn ReplyBuffer,
         capacity: Capacity,
         bundle: &Bundle,
     ) -> Result<Vec<Command>, CullError> {
         let mask = reserve(tools, n, capacity, reply)?;
-        let wanted = Wanted { n, boxes, mask, capacity, is_behind: false, layout: None };
+        let wanted = Wanted { n, objects, mask, capacity, is_behind: false, layout: None };
         let placed = self.place(tools, wanted)?;
         let steps = placed.recording().steps(&mut tools.pipelines);
         let steps = steps.map_err(|e| tools.gpu.cull_error(ENGINE, &e))?;
@@ -207,17 +207,17 @@ impl Workspace {
         wanted: Wanted<'_>,
     ) -> Result<Placed, CullError> {
         assert!(self.under_way.is_none(), "one frame a workspace");
-        let Wanted { n, boxes, mask, capacity, is_behind, layout } = wanted;
+        let Wanted { n, objects, mask, capacity, is_behind, layout } = wanted;
         let start = Instant::now();
         let sizes = Sizes::of(n);
         let placed = (|| {
             let mut replaced = false;
-            let placed = self.transfers.place_boxes(boxes, &mut replaced)?;
+            let placed = self.transfers.place(objects, &mut replaced)?;
             let ahead = self.ahead.as_mut().filter(|ahead| ahead.pays(&placed, is_behind));
             let ahead = ahead.map(|ahead| ahead.place(&placed, &mut replaced)).transpose()?;
             let mask = self.transfers.place_mask(mask, &mut replaced)?;
             let ingested = start.elapsed();
-            let layout = layout.unwrap_or_else(|| tools.chooser.choose(boxes));
+            let layout = layout.unwrap_or_else(|| tools.chooser.choose(objects));
             let blocks = self.blocks(tools, &sizes, capacity, replaced)?;
             blocks.layout.write(0, &[layout]);
             Ok(Placed { n, capacity, boxes: placed, ahead, mask, blocks, start, ingested })

@@ -100,7 +100,7 @@ pub fn count_errors(
 
 /// Pairs of a family in a study of `pairs`: the random families share them, each tangent one has a
 /// hundredth as many.
-fn share(family: &Family, pairs: u64) -> u64 {
+pub(super) fn share(family: &Family, pairs: u64) -> u64 {
     let random = ALL.iter().filter(|family| !family.tangent).count() as u64;
     if family.tangent { pairs.div_ceil(100) } else { pairs.div_ceil(random) }
 }

@@ -5,6 +5,7 @@ use std::fmt;
 use serde::Serialize;
 
 use super::errors::ErrorRow;
+use super::gpu::{GpuErrorRow, GpuSpeedRow};
 use super::speed::SpeedRow;
 use crate::study::machine::Machine;
 
@@ -17,12 +18,18 @@ pub struct SphereReport {
     pub speed: Vec<SpeedRow>,
     /// Errors by family of pairs.
     pub errors: Vec<ErrorRow>,
+    /// Frames a second on a GPU, where one was asked for.
+    pub gpu_speed: Vec<GpuSpeedRow>,
+    /// Pairs that a GPU decided, where one was asked for.
+    pub gpu_errors: Vec<GpuErrorRow>,
 }
 
 impl SphereReport {
-    /// Whether every pair was decided rightly by the client library.
+    /// Whether every pair was decided rightly, by the client library and on the GPU.
     pub fn is_exact(&self) -> bool {
         self.errors.iter().all(|row| row.exact_wrong == 0)
+            && self.gpu_speed.iter().all(|row| row.is_right)
+            && self.gpu_errors.iter().all(|row| row.wrong + row.beside_wrong == 0)
     }
 }
 
@@ -34,6 +41,12 @@ impl fmt::Display for SphereReport {
         }
         if !self.errors.is_empty() {
             error_table(f, &self.errors)?;
+        }
+        if !self.gpu_speed.is_empty() {
+            gpu_speed_table(f, &self.gpu_speed)?;
+        }
+        if !self.gpu_errors.is_empty() {
+            gpu_error_table(f, &self.gpu_errors)?;
         }
         Ok(())
     }
@@ -110,6 +123,65 @@ fn error_table(f: &mut fmt::Formatter<'_>, rows: &[ErrorRow]) -> fmt::Result {
             row.root_missed,
             row.root_extra,
             rate(row.root_missed + row.root_extra)
+        )?;
+    }
+    Ok(())
+}
+
+fn gpu_speed_table(f: &mut fmt::Formatter<'_>, rows: &[GpuSpeedRow]) -> fmt::Result {
+    writeln!(f, "\nSpheres on the GPU, frames a second (Suaib et al. 2015, table 1)\n")?;
+    writeln!(
+        f,
+        "{:>8} {:>8} | {:>10} {:>10} {:>10} {:>8} | {:>10} {:>10} {:>10} | {:>9} {:>9} {:>8} | right",
+        "spheres",
+        "pairs",
+        "one by one",
+        "all pairs",
+        "tests/s",
+        "speed-up",
+        "grid",
+        "grid, us",
+        "CPU",
+        "paper seq",
+        "paper par",
+        "speed-up"
+    )?;
+    let or_none = |x: Option<f64>, text: fn(f64) -> String| x.map_or_else(String::new, text);
+    let two: fn(f64) -> String = |x| format!("{x:.2}");
+    for row in rows {
+        writeln!(
+            f,
+            "{:>8} {:>8} | {:>10} {:>10} {:>10} {:>8} | {:>10} {:>10.1} {:>10} | {:>9} {:>9} {:>8} | {}",
+            row.n,
+            row.pairs,
+            or_none(row.plain_fps, fps),
+            or_none(row.all_pairs_fps, fps),
+            or_none(row.tests_a_second, |x| format!("{x:.2e}")),
+            or_none(row.speed_up, two),
+            fps(row.grid_fps),
+            row.grid_us,
+            fps(row.cpu_fps),
+            or_none(row.paper_sequential_fps, two),
+            or_none(row.paper_parallel_fps, two),
+            or_none(row.paper_speed_up, two),
+            if row.is_right { "yes" } else { "NO" }
+        )?;
+    }
+    Ok(())
+}
+
+fn gpu_error_table(f: &mut fmt::Formatter<'_>, rows: &[GpuErrorRow]) -> fmt::Result {
+    writeln!(f, "\nDecided by the GPU, against exact arithmetic and the CPU\n")?;
+    writeln!(
+        f,
+        "{:<23} {:>10} {:>6} | {:>16} {:>6}",
+        "pairs", "decided", "wrong", "all beside them", "wrong"
+    )?;
+    for row in rows {
+        writeln!(
+            f,
+            "{:<23} {:>10} {:>6} | {:>16} {:>6}",
+            row.family, row.pairs, row.wrong, row.beside, row.beside_wrong
         )?;
     }
     Ok(())

@@ -104,7 +104,7 @@ fn row(n: usize, budget: Duration, seed: u64) -> SpeedRow {
 }
 
 /// The paper's algorithm 1, without the root: the pairs in a list.
-fn plain(spheres: &[Sphere], found: &mut Vec<(u32, u32)>) {
+pub(super) fn plain(spheres: &[Sphere], found: &mut Vec<(u32, u32)>) {
     for (a, one) in spheres.iter().enumerate() {
         for (b, other) in spheres.iter().enumerate().skip(a + 1) {
             if squared_f32(one, other) {
@@ -118,7 +118,7 @@ fn plain(spheres: &[Sphere], found: &mut Vec<(u32, u32)>) {
 const LONG_FRAME: Duration = Duration::from_secs(1);
 
 /// From the median time of a frame. The first frame, which allocates, counts only if it is long.
-fn frames_a_second(budget: Duration, mut frame: impl FnMut()) -> f64 {
+pub(super) fn frames_a_second(budget: Duration, mut frame: impl FnMut()) -> f64 {
     let start = Instant::now();
     frame();
     if start.elapsed() >= LONG_FRAME {
