@@ -445,7 +445,7 @@ fn frames_of_two_sets_are_culled_by_a_gpu() {
             let mut frame = session.frame(a + b).unwrap();
             frame.write(&boxes);
             let mask = frame.submit_between(BoxCount::new(a as u32)).unwrap().wait().unwrap();
-            assert_eq!(mask.info().engine, engine.into(), "{a} against {b}");
+            assert_eq!(mask.info().engine, engine, "{a} against {b}");
             assert_eq!(mask.view().verify(), Ok(()));
             let (first, second) = boxes.split_at(a);
             let expected: Vec<(u32, u32)> =
