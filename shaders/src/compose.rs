@@ -186,12 +186,27 @@ pub enum SceneStage {
     Pairs,
     /// The same where queries are the entries.
     Query,
+    /// Pairs of each query to first places.
+    QueryStarts,
+    /// Pairs of each query together.
+    QueryDeal,
+    /// Pairs of each query in order, to the host.
+    QuerySort,
 }
 
 impl SceneStage {
     /// All of them.
-    pub const ALL: [Self; 6] =
-        [Self::Apply, Self::Mark, Self::Cells, Self::Place, Self::Pairs, Self::Query];
+    pub const ALL: [Self; 9] = [
+        Self::Apply,
+        Self::Mark,
+        Self::Cells,
+        Self::Place,
+        Self::Pairs,
+        Self::Query,
+        Self::QueryStarts,
+        Self::QueryDeal,
+        Self::QuerySort,
+    ];
 
     const fn label(self) -> &'static str {
         match self {
@@ -201,12 +216,16 @@ impl SceneStage {
             Self::Place => "scene_place",
             Self::Pairs => "scene_pairs",
             Self::Query => "scene_query",
+            Self::QueryStarts => "scene_query_starts",
+            Self::QueryDeal => "scene_query_deal",
+            Self::QuerySort => "scene_query_sort",
         }
     }
 
     const fn binding_count(self) -> u32 {
         match self {
-            Self::Mark => 5,
+            Self::QueryStarts => 3,
+            Self::Mark | Self::QueryDeal | Self::QuerySort => 5,
             Self::Place => 7,
             Self::Apply | Self::Cells => 8,
             Self::Pairs | Self::Query => 9,
@@ -221,6 +240,9 @@ impl SceneStage {
             Self::Place => include_str!("../wgsl/scene_place.wgsl"),
             Self::Pairs => include_str!("../wgsl/scene_pairs.wgsl"),
             Self::Query => include_str!("../wgsl/scene_query.wgsl"),
+            Self::QueryStarts => include_str!("../wgsl/scene_query_starts.wgsl"),
+            Self::QueryDeal => include_str!("../wgsl/scene_query_deal.wgsl"),
+            Self::QuerySort => include_str!("../wgsl/scene_query_sort.wgsl"),
         }
     }
 }
@@ -253,7 +275,7 @@ pub struct ComposedStage {
 }
 
 /// The shared parts that are files of their own name.
-const SHARED: [(&str, &str); 16] = [
+const SHARED: [(&str, &str); 17] = [
     ("order_keys", include_str!("../wgsl/shared/order_keys.wgsl")),
     ("sphere_bounds", include_str!("../wgsl/shared/sphere_bounds.wgsl")),
     ("sphere_filter", include_str!("../wgsl/shared/sphere_filter.wgsl")),
@@ -268,6 +290,7 @@ const SHARED: [(&str, &str); 16] = [
     ("scan", include_str!("../wgsl/shared/scan.wgsl")),
     ("scene_params", include_str!("../wgsl/shared/scene_params.wgsl")),
     ("scene_records", include_str!("../wgsl/shared/scene_records.wgsl")),
+    ("scene_rows", include_str!("../wgsl/shared/scene_rows.wgsl")),
     ("scene_filter", include_str!("../wgsl/shared/scene_filter.wgsl")),
     ("scene_search", include_str!("../wgsl/shared/scene_search.wgsl")),
 ];
@@ -319,7 +342,7 @@ fn expand(
 impl Stage {
     /// One of each stage of the engines, for f32 boxes and sparse masks, with the smallest form of the
     /// pairs stage.
-    pub const ALL: [Self; 18] = [
+    pub const ALL: [Self; 21] = [
         Self::Keys(BoxForm::F32),
         Self::Pairs(PairsVariant { rows: RowsPerThread::One, strip_blocks: 1, store_zeros: true }),
         Self::PackDense,
@@ -337,6 +360,9 @@ impl Stage {
         Self::Scene(SceneStage::Place),
         Self::Scene(SceneStage::Pairs),
         Self::Scene(SceneStage::Query),
+        Self::Scene(SceneStage::QueryStarts),
+        Self::Scene(SceneStage::QueryDeal),
+        Self::Scene(SceneStage::QuerySort),
         Self::Awake,
     ];
 

@@ -68,6 +68,9 @@ pub const WIDE_LINES: u32 = 32;
 /// Entries of a scene's grid that the host learns: what it chooses the next grid by.
 pub const SCENE_SAMPLES: u32 = 128;
 
+/// Pairs of a query that the GPU sorts, at most: each is compared with all others. The host sorts longer rows.
+pub const SORTED_ROW: u32 = 256;
+
 /// What a scene's pair is told as: it began, or why it ended.
 pub const TOLD_BEGUN: u32 = 0;
 /// A box of it was removed.
@@ -119,6 +122,7 @@ pub(crate) fn as_wgsl() -> String {
         ("AWAY", AWAY),
         ("WIDE_LINES", WIDE_LINES),
         ("SCENE_SAMPLES", SCENE_SAMPLES),
+        ("SORTED_ROW", SORTED_ROW),
         ("TOLD_BEGUN", TOLD_BEGUN),
         ("TOLD_REMOVED", TOLD_REMOVED),
         ("TOLD_FILTERED", TOLD_FILTERED),

@@ -286,7 +286,7 @@ pub struct SceneParams {
     pub table_words: u32,
     /// Words of the filter, a power of two.
     pub filter_words: u32,
-    /// Words of the control block that are zeroed.
+    /// Words of the control block that are zeroed. Of queries, the last of them count the pairs of each.
     pub control_words: u32,
     /// Most tests, in 2^32.
     pub budget: u32,

@@ -6,6 +6,7 @@
 // Mirror: in the tests, `scene_stages`; what comes of it is every box against every query.
 
 #import scene_search
+#import scene_rows
 
 fn is_query(name: u32) -> bool {
     return ((name >> KINDS_SHIFT) & THEN) != 0u;
@@ -20,10 +21,12 @@ fn may_be_told(one_name: u32, other_name: u32) -> bool {
     return is_query(one_name) != is_query(other_name);
 }
 
-// Tells a pair: the number of the query, the index of the box.
+// Tells a pair: the number of the query, the index of the box. Counts it for the query.
 fn decide(one_name: u32, other_name: u32) {
     let is_first = is_query(one_name);
     let query = select(other_name, one_name, is_first) & INDEX_MASK;
     let index = select(one_name, other_name, is_first) & INDEX_MASK;
-    tell(vec2<u32>(query - params.set_first, index));
+    let number = query - params.set_first;
+    atomicAdd(&control[row_count_at(number)], 1u);
+    tell(vec2<u32>(number, index));
 }

@@ -429,6 +429,36 @@ fn frames_of_two_sets_are_culled_by_a_daemon() {
 }
 
 #[test]
+fn frames_of_two_sets_are_culled_by_a_gpu() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
+    let mut rng = Rng::new(23);
+    for (engine, encoding) in [
+        (EngineName::GpuGrid, Encoding::List),
+        (EngineName::GpuGrid, Encoding::Sparse),
+        (EngineName::GpuBrute, Encoding::Dense),
+        (EngineName::GpuBrute, Encoding::List),
+    ] {
+        let builder = daemon.session().backend(Backend::Daemon).engine(EngineChoice::Only(engine));
+        let mut session = builder.encoding(EncodingChoice::Only(encoding)).connect().unwrap();
+        for (a, b) in [(1, 69), (33, 31), (5, 2_000), (901, 1_700)] {
+            let boxes: Vec<Aabb> = (0..a + b).map(|_| a_query(&mut rng, 14.0)).collect();
+            let mut frame = session.frame(a + b).unwrap();
+            frame.write(&boxes);
+            let mask = frame.submit_between(BoxCount::new(a as u32)).unwrap().wait().unwrap();
+            assert_eq!(mask.info().engine, engine, "{a} against {b}");
+            assert_eq!(mask.view().verify(), Ok(()));
+            let (first, second) = boxes.split_at(a);
+            let expected: Vec<(u32, u32)> =
+                naive(first, second).iter().map(|[x, y]| (*x, a as u32 + y)).collect();
+            let mut found = mask.to_vec();
+            found.sort_unstable();
+            assert_eq!(found, expected, "{a} against {b}, {engine} {encoding}");
+            assert_eq!(mask.count(), expected.len() as u64);
+        }
+    }
+}
+
+#[test]
 fn frames_of_two_sets_outlive_a_daemon_that_is_killed() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
     let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();

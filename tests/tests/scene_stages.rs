@@ -428,7 +428,12 @@ impl Search {
         };
         let sums = (layout.cell_end + 1).div_ceil(SCAN_CELLS);
         let (table_words, filter_words) = (sums * SCAN_CELLS, 1_024);
+        // Behind the sums, a count for each query.
+        let queries = if mode == SceneMode::Query { slots / 3 } else { 0 };
+        let control_words = SUMS as u32 + sums + queries;
         let params = SceneParams {
+            control_words,
+            set_count: queries,
             mode: mode as u32,
             // In a search of queries, those from there on.
             set_first: slots - slots / 3,
@@ -441,7 +446,7 @@ impl Search {
         };
         let row_words = (slots.next_multiple_of(BATCH_BOXES) / 32) as usize;
         let table = vec![0; (table_words + filter_words) as usize + row_words];
-        let control = vec![0; SUMS + sums as usize];
+        let control = vec![0; control_words as usize];
         let mut search = Self {
             before: Vec::new(),
             params,
@@ -764,6 +769,13 @@ fn check_query(bench: &Bench, stage: &ComposedStage) -> Result<(), String> {
         if count != expected.len() {
             return Err(what(&format!("{count} pairs for {}", expected.len())));
         }
+        let counted = &after[6][(params.control_words - params.set_count) as usize..];
+        let is_counted = (0..).zip(counted).all(|(query, count)| {
+            *count as usize == expected.iter().filter(|pair| pair[0] == query).count()
+        });
+        if !is_counted {
+            return Err(what("counts of queries"));
+        }
         let (found, rest) = after[7].split_at(2 * room.min(count));
         let mut found: Vec<[u32; 2]> = found.as_chunks().0.to_vec();
         found.sort_unstable();
@@ -788,6 +800,7 @@ fn queries_find_the_boxes_that_they_overlap() {
         ("return is_query(one_name) != is_query(other_name);", "return true;"),
         ("return atomicLoad(&control[MOVED]) != 0u;", "return false;"),
         ("query - params.set_first", "query"),
+        ("atomicAdd(&control[row_count_at(number)], 1u);", ""),
         ("select(other_name, one_name, is_first)", "one_name"),
         ("select(one_name, other_name, is_first)", "other_name"),
         ("all(row_lo.yz <= b.xy)", "all(row_lo.yz < b.xy)"),

@@ -309,13 +309,9 @@ impl Frame {
     /// Asks for the pairs of two sets: the first `first` boxes against all others. Boxes of one set are no
     /// pair. The mask is one of the whole frame.
     ///
-    /// The smaller set is looked for in cells of the larger one. That takes less time than the whole frame
-    /// where one set is small, up to a hundredth of a million boxes on two cores, and more where both are
-    /// large, or where a GPU would have the frame: give each set a filter that admits the other one there, and
-    /// [submit with rules](Self::submit_with).
-    ///
-    /// A core of the daemon, or of this process, answers, whichever of its engines the session names; a
-    /// session that names an engine of a GPU has a typed error.
+    /// A set that is small beside the other one, up to a hundredth of it on two cores, is looked for in cells of
+    /// the other one by a core, whichever of the CPU's engines the session names. Else an engine culls the whole
+    /// frame, a GPU's too, and the pairs of one set are left out: that takes about as long as the whole frame.
     ///
     /// ```
     /// use pairmask::{Aabb, Backend, BoxCount, Session};

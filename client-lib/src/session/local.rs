@@ -163,7 +163,8 @@ impl Local {
         let mut worlds = Vec::new();
         let answer = match (objects, rules, written.first_set) {
             (Objects::Boxes(these), None, Some(first)) => {
-                cull_between(these, first, &options, &mut memory)?
+                let engines = &mut lock(&self.engines).boxes;
+                cull_between(engines, these, first, &options, &mut memory)?
             }
             (Objects::Boxes(these), Some(rules), _) => {
                 let mut scratch = ExpandScratch::default();

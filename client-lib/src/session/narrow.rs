@@ -87,6 +87,16 @@ impl NarrowFrame {
         self.filling.submit()
     }
 
+    /// As [`Frame::submit_between`].
+    ///
+    /// [`Frame::submit_between`]: super::frame::Frame::submit_between
+    ///
+    /// # Errors
+    /// As [`Frame::submit_between`].
+    pub fn submit_between(self, first: BoxCount) -> Result<PendingFrame, FrameError> {
+        self.filling.submit_between(first)
+    }
+
     /// As [`Frame::submit_with`].
     ///
     /// [`Frame::submit_with`]: super::frame::Frame::submit_with

@@ -1,11 +1,12 @@
-//! Frames with rules on the engines of the CPU.
+//! Frames with rules, and frames of two sets, on the engines of the CPU.
 
 use std::sync::Arc;
 use std::time::Instant;
 
-use pairmask_core::dispatch::{CullOptions, FilteredAnswer, nanoseconds_since};
+use pairmask_core::dispatch::{CullAnswer, CullOptions, FilteredAnswer, nanoseconds_since};
 use pairmask_core::engine::{CullError, EngineChoice, ReplyBuffer, ReserveError};
 use pairmask_core::precision::BoxSlice;
+use pairmask_core::scene;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{Page, Reject, RulesPlace, SentRules, WORLD_RANGE_WORDS};
 
@@ -45,6 +46,24 @@ impl CpuSide {
         done.answer.times.total_ns += expand_ns;
         Ok(done)
     }
+
+    /// As [`scene::cull_between`].
+    fn cull_between(
+        &mut self,
+        boxes: BoxSlice<'_>,
+        first: BoxCount,
+        options: &CullOptions,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullAnswer, CullError> {
+        let start = Instant::now();
+        self.note_expanded(boxes);
+        let boxes = boxes.expand(&mut self.expanded, options.threads != Some(1));
+        let expand_ns = nanoseconds_since(start);
+        let mut done = scene::cull_between(&mut self.engines, boxes, first, options, reply)?;
+        done.times.ingest_ns += expand_ns;
+        done.times.total_ns += expand_ns;
+        Ok(done)
+    }
 }
 
 impl Executor {
@@ -69,6 +88,21 @@ impl Executor {
             EngineChoice::Only(engine) => engine.is_gpu(),
             EngineChoice::Auto => !self.gpus.is_empty() && rules.most_worlds() == 0,
         }
+    }
+
+    /// Finds the pairs of a box of the first `first` and one of the others, with the engines of the CPU.
+    ///
+    /// # Errors
+    /// [`CullError`].
+    pub fn cull_between(
+        &mut self,
+        boxes: BoxSlice<'_>,
+        first: BoxCount,
+        options: &CullOptions,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullAnswer, CullError> {
+        self.last_frame = Some(Instant::now());
+        self.cpu.cull_between(boxes, first, options, reply)
     }
 
     /// Finds the pairs that rules let meet, with the engines of the CPU. Where the list is ordered by

@@ -6,13 +6,11 @@ use pairmask_core::dispatch::{CullAnswer, CullOptions};
 use pairmask_core::engine::CullError;
 use pairmask_core::mask::ReadableEncodings;
 use pairmask_core::objects::Objects;
-use pairmask_core::precision::BoxSlice;
 use pairmask_core::repeat::Seen;
-use pairmask_core::scene;
-use pairmask_core::units::BoxCount;
 use pairmask_wire::{CullRequest, Reject, SentRules};
 
 use super::Served;
+use super::between::Sets;
 use super::filtered::{self, Filtered, MaskFilters};
 use super::gpu_lines::{GpuLine, Submission};
 use crate::clients::GpuNeed;
@@ -152,7 +150,8 @@ impl Culls {
             }
         };
         if let Some(first) = request.first_set {
-            return cull_between(open, first, options, outbox);
+            let sets = Sets { first, options, beside_others };
+            return self.filters.cull_between(open, &sets, engines, outbox);
         }
         let sender = open.sender();
         let limit_words = open.limit_words();
@@ -388,29 +387,6 @@ fn read_rules(
     let Some(place) = &request.rules else { return Ok(None) };
     let rules = engines.read_rules(place, request.scene.count, open.pages())?;
     Ok((!rules.let_all_meet()).then_some(rules))
-}
-
-/// Answers a frame of two sets. The auditor knows frames of one alone.
-fn cull_between(
-    mut open: OpenRequest,
-    first: BoxCount,
-    options: &CullOptions,
-    outbox: &Outbox,
-) -> Served {
-    let (objects, mut reply) = open.parts();
-    let boxes = match objects {
-        Objects::Boxes(boxes) => boxes,
-        // Refused with the header.
-        Objects::Spheres(_) => BoxSlice::default(),
-    };
-    let answered = scene::cull_between(boxes, first, options, &mut reply);
-    let count = open.fields().box_count;
-    match &answered {
-        Ok(answer) => outbox.answer_query(&mut open, count, answer),
-        Err(error) => outbox.refuse(&mut open, &error.clone().into()),
-    }
-    open.close();
-    Served { threads: answered.map_or(1, |answer| answer.threads), ..Served::BEGUN }
 }
 
 fn publish(

@@ -10,6 +10,7 @@ use pairmask_core::objects::Objects;
 use pairmask_core::precision::BoxSlice;
 use pairmask_wire::SentRules;
 
+use super::between::Sets;
 use crate::execute::Executor;
 use crate::publish::OpenRequest;
 
@@ -87,6 +88,26 @@ impl MaskFilters {
         answer.times.publish_ns += filter_ns;
         answer.times.total_ns += filter_ns;
         Filtered::Done(Ok(answer))
+    }
+
+    /// Takes the pairs of one set out of the answer to a frame of two, in the pool. `None` where the mask is
+    /// malformed.
+    pub(super) fn keep_sets(
+        &self,
+        open: &mut OpenRequest,
+        mut answer: CullAnswer,
+        sets: &Sets<'_>,
+    ) -> Option<CullAnswer> {
+        let start = Instant::now();
+        let (n, words) = (open.fields().box_count, open.words_mut());
+        let threads = sets.options.threads.unwrap_or(1);
+        let mut filter = std::mem::take(&mut self.kept().filter);
+        let done = filter.filter_sets(sets.first, n, words, &mut answer.report, threads);
+        *self.kept() = Kept { filter, last_frame: Some(start) };
+        let filter_ns = nanoseconds_since(start);
+        answer.times.publish_ns += filter_ns;
+        answer.times.total_ns += filter_ns;
+        done.is_ok().then_some(answer)
     }
 
     /// Gives memory back that has not been used for long; to be called now and then.

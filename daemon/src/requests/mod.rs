@@ -3,6 +3,7 @@
 //! An operation is a file here and an arm in `Responder::open`. Threads take requests side by side,
 //! of one session one at a time.
 
+mod between;
 mod cull;
 mod filtered;
 mod gpu_lines;

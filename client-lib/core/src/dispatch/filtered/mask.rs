@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use super::laid::Laid;
 use super::look::Look;
+use super::sets::SetsTest;
 use super::test::{FilterTest, Indices};
 use crate::engine::strips::{in_parts, part_count};
 use crate::engine::{CullReport, PairTest};
@@ -21,6 +22,7 @@ const BLOCK: u32 = 32;
 #[derive(Debug, Default)]
 pub struct MaskFilter {
     laid: Laid,
+    sets: Vec<u32>,
     order: Vec<u32>,
 }
 
@@ -49,8 +51,41 @@ impl MaskFilter {
         }
         self.take_order(n, &report.shape, reply)?;
         let test = FilterTest::new(rules, &look, Indices::Same, std::mem::take(&mut self.laid));
+        let done = self.test_all(&test, n, reply, report, threads);
+        self.laid = test.into_memory();
+        done
+    }
+
+    /// The same with two sets: only the pairs of a box of the first `first` and one of the others stay.
+    ///
+    /// # Errors
+    /// As [`filter`](Self::filter).
+    pub fn filter_sets(
+        &mut self,
+        first: BoxCount,
+        n: BoxCount,
+        reply: &mut [u32],
+        report: &mut CullReport,
+        threads: usize,
+    ) -> Result<(), BadMask> {
+        self.take_order(n, &report.shape, reply)?;
+        let test = SetsTest::new(first, std::mem::take(&mut self.sets));
+        let done = self.test_all(&test, n, reply, report, threads);
+        self.sets = test.into_memory();
+        done
+    }
+
+    /// Takes pairs out that do not pass a test.
+    fn test_all(
+        &self,
+        test: &dyn PairTest,
+        n: BoxCount,
+        reply: &mut [u32],
+        report: &mut CullReport,
+        threads: usize,
+    ) -> Result<(), BadMask> {
         test.prepare(n.len(), &self.order, threads);
-        let masked = Masked { test: &test, n: n.get(), order: &self.order };
+        let masked = Masked { test, n: n.get(), order: &self.order };
         let done = match &mut report.shape {
             MaskShape::Dense { words } => {
                 section(reply, words).map(|words| masked.dense(n, words, threads))
@@ -67,7 +102,6 @@ impl MaskFilter {
                 pairs
             }),
         };
-        self.laid = test.into_memory();
         report.pair_count = done.ok_or(BadMask)?;
         report.skipped.zero_words = report.shape.zero_words(n);
         Ok(())
@@ -75,7 +109,8 @@ impl MaskFilter {
 
     /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
-        self.laid.allocated_bytes() + self.order.capacity() * size_of::<u32>()
+        self.laid.allocated_bytes()
+            + (self.sets.capacity() + self.order.capacity()) * size_of::<u32>()
     }
 
     /// Copies the order of a mask, if it has one: the memory of a reply is not this process's alone.
@@ -118,7 +153,7 @@ fn sections<'a>(reply: &'a mut [u32], spans: [&Span; 3]) -> Option<[&'a mut [u32
 
 /// A test of the words of a mask. Words that name no boxes are empty.
 struct Masked<'a> {
-    test: &'a FilterTest<'a>,
+    test: &'a dyn PairTest,
     n: u32,
     order: &'a [u32],
 }

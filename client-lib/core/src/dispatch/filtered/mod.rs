@@ -5,6 +5,7 @@
 //! worlds   several worlds: boxes by world, each culled by itself       (groups, worlds, small)
 //! test     else one frame, whose engine hands its words to the test    (test, kinds, laid, sift_avx512)
 //! mask     the same test over a mask that a GPU has written            (mask)
+//! sets     two sets of boxes, of which only pairs of both count        (sets)
 //! ```
 
 mod groups;
@@ -12,6 +13,7 @@ mod kinds;
 mod laid;
 mod look;
 mod mask;
+mod sets;
 #[cfg(target_arch = "x86_64")]
 mod sift_avx512;
 mod small;

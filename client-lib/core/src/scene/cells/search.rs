@@ -104,9 +104,9 @@ impl Cells {
                     }
                 };
                 let hull = was.hull(&is);
-                let ranges: [_; 3] = std::array::from_fn(|axis| {
-                    level.axes[axis].cells(hull.min[axis], hull.max[axis])
-                });
+                let of_axis = |axis: usize| level.axes[axis].cells(hull.min[axis], hull.max[axis]);
+                // One by one: `array::from_fn` is not inlined here.
+                let ranges = [of_axis(0), of_axis(1), of_axis(2)];
                 let (dismisses, those) = match probe {
                     Probe::Both { dismisses, .. } => (*dismisses, Sure::None),
                     Probe::One { elsewhere, .. } => {
@@ -129,8 +129,11 @@ impl Cells {
                     for z in z.clone() {
                         for y in y.clone() {
                             let first = level.cell_at(x.start, y, z);
+                            let count = x.end - x.start;
+                            // Both ends: a few runs lie on two lines of the cache as often as not.
                             self.runs.ask_for_run(first);
-                            lines.push(Line { question, first, count: x.end - x.start });
+                            self.runs.ask_for_run(first + count - 1);
+                            lines.push(Line { question, first, count });
                         }
                     }
                 };

@@ -77,7 +77,7 @@ pub fn between(
         direct::find(boxes, queries, threads, &room, found)?
     } else {
         let cells = Cells::of(boxes, |_| false, threads);
-        around::find(&cells, boxes, queries, threads, &room, found)?
+        around::find(&cells, boxes, queries, threads, &room, &mut around::Memory::default(), found)?
     };
     let of_large = usize::from(asks_small);
     for pair in found.iter_mut() {

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use super::between::{MOST_OF_A_SET, between};
 use crate::aabb::{Aabb, KeyBox};
-use crate::dispatch::{CullAnswer, CullOptions, StageTimes, nanoseconds_since};
+use crate::dispatch::{CpuEngines, CullAnswer, CullOptions, StageTimes, nanoseconds_since};
 use crate::engine::encode::{self, FoundWords};
 use crate::engine::gather::Gather;
 use crate::engine::word_budget::WordBudget;
@@ -17,6 +17,11 @@ use crate::precision::{BoxSlice, ExpandScratch};
 use crate::scene::options::threads_of;
 use crate::scene::pair_list::Pair;
 use crate::units::BoxCount;
+
+/// Two sets are looked for in each other where the larger one has so many times the boxes of the smaller one, for
+/// each thread: to sieve a box of the larger one takes about a hundredth of what looking around one takes, and
+/// culling all about ten times as long as sieving.
+const SMALL_SHARE: usize = 64;
 
 /// A mask of queries and boxes: query q is object q, and the box of index i is object `queries + i`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -134,14 +139,25 @@ impl QueryMask {
     }
 }
 
-/// Finds the pairs of a box of the first `first` and one of the others, and writes the mask of all boxes: what
-/// [`between`] finds. Unless an encoding is asked for it is a list. It is the same whichever engine of the CPU
-/// is asked for.
+/// Whether two sets are looked for in each other: one is empty, or few beside the other. The more threads, the
+/// fewer, for a whole frame has more of them. Else the whole frame is sooner culled.
+pub fn is_small_set(first: BoxCount, n: usize, threads: usize) -> bool {
+    let first = first.len().min(n);
+    let small = first.min(n - first);
+    small.saturating_mul(SMALL_SHARE).saturating_mul(threads.max(1)) <= n
+}
+
+/// Finds the pairs of a box of the first `first` and one of the others, and writes the mask of all boxes.
+///
+/// Where one set is [small](is_small_set), that is what [`between`] finds, the same whichever engine of the CPU
+/// is asked for, and a list unless an encoding is. Else the engines cull the whole frame, and keep those pairs
+/// ([`CpuEngines::cull_sets`]).
 ///
 /// # Errors
 /// [`CullError::Unavailable`] for an engine of a GPU; [`CullError::Reserve`] where the reply has no room;
 /// [`CullError::TooManyBoxes`] for a set of 2^29 boxes or more.
 pub fn cull_between<'a>(
+    engines: &mut CpuEngines,
     boxes: impl Into<BoxSlice<'a>>,
     first: BoxCount,
     options: &CullOptions,
@@ -150,13 +166,16 @@ pub fn cull_between<'a>(
     if let EngineChoice::Only(engine) = options.engine
         && engine.is_gpu()
     {
-        let why = "two sets are culled by cores: leave the engine open, or name one of a CPU";
+        let why = "it needs a daemon with a GPU";
         return Err(CullError::Unavailable { engine, why });
     }
     let mut scratch = ExpandScratch::default();
     let threads = threads_of(options.threads);
     // What is expanded is of f32.
     let boxes = boxes.into().expand(&mut scratch, threads > 1).as_f32().unwrap_or_default();
+    if !is_small_set(first, boxes.len(), threads) {
+        return engines.cull_sets(boxes, first, options, reply);
+    }
     let (a, b) = boxes.split_at(first.len().min(boxes.len()));
     let (n, limit) = (boxes.len() as u64, MOST_OF_A_SET as u64);
     let too_many = CullError::TooManyBoxes { engine: EngineName::CpuGrid, n, limit };

@@ -19,7 +19,7 @@ mod mask;
 mod tags;
 
 pub use self::between::between;
-pub use self::mask::{QueryMask, cull_between};
+pub use self::mask::{QueryMask, cull_between, is_small_set};
 pub use self::tags::{QueryError, QueryTags};
 
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -89,18 +89,25 @@ pub(super) struct Asked {
     moved: usize,
     /// Most pairs of an answer.
     most_pairs: u64,
+    memory: around::Memory,
 }
 
 impl Default for Asked {
     fn default() -> Self {
-        Self { cells: None, compared: 0, moved: 0, most_pairs: u64::from(u32::MAX) }
+        Self {
+            cells: None,
+            compared: 0,
+            moved: 0,
+            most_pairs: u64::from(u32::MAX),
+            memory: around::Memory::default(),
+        }
     }
 }
 
 impl Asked {
     /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
-        self.cells.as_ref().map_or(0, Cells::allocated_bytes)
+        self.cells.as_ref().map_or(0, Cells::allocated_bytes) + self.memory.allocated_bytes()
     }
 
     /// Cells of edits serve queries too from now on.
@@ -143,8 +150,9 @@ impl Scene {
         self.asked.moved = 0;
         let (threads, boxes) = (self.threads(), self.store.boxes());
         let room = Room::new(self.asked.most_pairs);
-        match self.cells.as_ref().or(self.asked.cells.as_ref()) {
-            Some(cells) => around::find(cells, boxes, queries, threads, &room, found),
+        let Asked { cells: of_now, memory, .. } = &mut self.asked;
+        match self.cells.as_ref().or(of_now.as_ref()) {
+            Some(cells) => around::find(cells, boxes, queries, threads, &room, memory, found),
             None => direct::find(boxes, queries, threads, &room, found),
         }
     }

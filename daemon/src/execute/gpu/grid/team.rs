@@ -52,12 +52,12 @@ pub fn cull_shared(
     }
     let mut asked = Vec::with_capacity(grids.len());
     for grid in grids.iter() {
-        asked.push(grid.asked(boxes.into(), encoding, reply)?);
+        asked.push(grid.asked(boxes.len(), encoding, reply)?);
     }
     let (Some((n, capacity)), Some(first)) = (asked.first().copied(), grids.first_mut()) else {
         return Err(LEFT_TO_ONE);
     };
-    let layout = first.tools.chooser.choose(boxes.into());
+    let layout = first.tools.chooser.choose(boxes);
     let shares = borders.shares(&layout, boxes);
     let mask = reserve(&first.tools, n, capacity, reply)?;
     let mut team = Team { members: Vec::with_capacity(grids.len()), n, capacity };

@@ -20,6 +20,9 @@ const SORTED_BYTES: u64 = 32;
 const PAIR_BYTES: u64 = 8;
 /// Records that a scene has room for, at least: smaller blocks save nothing.
 const LEAST_SLOTS: u64 = 4_096;
+/// Records that a scene may keep room for however small it is, 2 MiB: queries of small scenes need room behind
+/// its own, and edits between them do not.
+const KEPT_SLOTS: u64 = 65_536;
 /// How long copies and fills may take before the device counts as hung.
 const PATIENCE: Duration = Duration::from_secs(10);
 
@@ -88,6 +91,9 @@ pub(super) struct Memory {
     sorted: Scratch,
     found: Scratch,
     summary: Scratch,
+    unsorted: Scratch,
+    rows: Scratch,
+    starts: Scratch,
 }
 
 /// The blocks of one search.
@@ -105,6 +111,18 @@ pub(super) struct Blocks {
     pub sorted: Arc<Block>,
     pub found: Arc<Block>,
     pub summary: Arc<Block>,
+    /// Of queries alone; else the control block.
+    pub of_queries: QueryBlocks,
+}
+
+/// What queries need beside the blocks of every search.
+#[derive(Clone)]
+pub(super) struct QueryBlocks {
+    /// Pairs as they are found, and those of each query together.
+    pub unsorted: Arc<Block>,
+    pub rows: Arc<Block>,
+    /// Where those of each query begin.
+    pub starts: Arc<Block>,
 }
 
 impl Memory {
@@ -123,6 +141,9 @@ impl Memory {
             sorted: Scratch::new(Home::Video),
             found: Scratch::new(Home::Host),
             summary: Scratch::new(Home::Host),
+            unsorted: Scratch::new(Home::Video),
+            rows: Scratch::new(Home::Video),
+            starts: Scratch::new(Home::Video),
         }
     }
 
@@ -131,8 +152,10 @@ impl Memory {
         let records = self.records.as_ref().map_or(0, |r| r.now.bytes() + r.then.bytes());
         let named = self.named.as_ref().map_or(0, |named| named.bytes());
         let Self { params, layout, table, control, entries, sorted, found, summary, .. } = self;
+        let Self { unsorted, rows, starts, .. } = self;
         let scratch = [params, layout, table, control, entries, sorted, found, summary];
-        records + named + scratch.into_iter().map(Scratch::bytes).sum::<u64>()
+        let scratch = scratch.into_iter().chain([unsorted, rows, starts]);
+        records + named + scratch.map(Scratch::bytes).sum::<u64>()
     }
 
     /// Room for records of `slots` indices. `replaced` is set if blocks are others.
@@ -149,7 +172,7 @@ impl Memory {
         let held = self.records.as_ref().map_or(0, |records| records.slots);
         let wanted = (slots + slots / 2).max(LEAST_SLOTS).min(most);
         // A scene that has shrunk much gives its memory back.
-        if slots <= held && held <= 4 * wanted {
+        if slots <= held && held <= (4 * wanted).max(KEPT_SLOTS) {
             return Ok(());
         }
         *replaced = true;
@@ -224,6 +247,17 @@ impl Memory {
             scratch.at_least(tools, bytes, slots, &mut was_replaced)
         };
         let control = block(&mut self.control, 4 * sizes.control_words)?;
+        let pair_bytes = PAIR_BYTES * room.pairs;
+        let of_queries = if sizes.queries > 0 {
+            QueryBlocks {
+                unsorted: block(&mut self.unsorted, pair_bytes)?,
+                rows: block(&mut self.rows, pair_bytes)?,
+                starts: block(&mut self.starts, 4 * sizes.queries)?,
+            }
+        } else {
+            let none = || Arc::clone(&control);
+            QueryBlocks { unsorted: none(), rows: none(), starts: none() }
+        };
         let blocks = Blocks {
             params: block(&mut self.params, size_of::<SceneParams>() as u64)?,
             layout: block(&mut self.layout, size_of::<GridLayout>() as u64)?,
@@ -234,13 +268,21 @@ impl Memory {
             control,
             entries: block(&mut self.entries, ENTRY_BYTES * room.entries)?,
             sorted: block(&mut self.sorted, SORTED_BYTES * room.entries)?,
-            found: block(&mut self.found, PAIR_BYTES * room.pairs)?,
+            found: block(&mut self.found, pair_bytes)?,
             summary: block(&mut self.summary, size_of::<SceneSummary>() as u64)?,
+            of_queries,
         };
         if let (true, Some(word)) = (was_replaced, tools.poison) {
-            let Blocks { table, control, entries, sorted, found, summary, .. } = &blocks;
+            let Blocks { table, control, entries, sorted, found, summary, of_queries, .. } =
+                &blocks;
+            let QueryBlocks { unsorted, rows, starts } = of_queries;
             let fill = |block: &Arc<Block>| Command::Fill { part: Part::whole(block), word };
-            run_once(tools, [table, control, entries, sorted, found, summary].map(fill).into())?;
+            run_once(
+                tools,
+                [table, control, entries, sorted, found, summary, unsorted, rows, starts]
+                    .map(fill)
+                    .into(),
+            )?;
         }
         *replaced |= was_replaced;
         Ok(blocks)

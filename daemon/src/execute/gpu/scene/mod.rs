@@ -42,7 +42,6 @@ use self::changes::{ChangeSorter, Found};
 use self::layouts::Layouts;
 use self::memory::{Blocks, Memory};
 use self::plan::{MOST_SLOTS, Question, Room, Sizes};
-use self::query::QuerySorter;
 use self::roster::{Marks, Roster};
 use self::search::{Frames, Stages, Task};
 use self::times::Clock;
@@ -142,7 +141,6 @@ pub struct GpuScene {
     /// Whether the last answer can be taken.
     is_open: bool,
     sorter: ChangeSorter,
-    query_sorter: QuerySorter,
     times: EditTimes,
 }
 
@@ -178,7 +176,6 @@ impl GpuScene {
             told: Told::default(),
             is_open: false,
             sorter: ChangeSorter::default(),
-            query_sorter: QuerySorter::default(),
             times: EditTimes::default(),
         }
     }
@@ -255,7 +252,6 @@ impl GpuScene {
         self.roster.allocated_bytes()
             + self.upload.allocated_bytes()
             + self.sorter.allocated_bytes()
-            + self.query_sorter.allocated_bytes()
             + self.marks.capacity() * size_of::<Pair>()
             + (self.told.begun().len() + self.told.pairs().len()) * size_of::<Pair>()
             + size_of_val(self.told.ended())

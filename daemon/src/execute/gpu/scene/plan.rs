@@ -12,6 +12,9 @@ pub(super) const MOST_SLOTS: u64 = 1 << 30;
 /// Each goes on with the next batch, so that dispatches need not follow the scene and are recorded once.
 const MOST_GROUPS: u32 = 2_048;
 
+/// Workgroups that sort pairs, at least.
+const LEAST_ROW_GROUPS: u32 = 64;
+
 /// Rows that a thread of `scene_pairs` looks at a time.
 pub(super) const ROWS_TOGETHER: u64 = 4;
 
@@ -106,6 +109,8 @@ pub(super) struct Sizes {
     pub row_words: u64,
     /// Words of the control block.
     pub control_words: u64,
+    /// Queries, whose pairs are counted at its end.
+    pub queries: u64,
 }
 
 impl Sizes {
@@ -120,13 +125,15 @@ impl Sizes {
             let words = (bits / u64::from(WORD_BITS)).next_power_of_two();
             words.clamp(FILTER_WORDS.0, FILTER_WORDS.1)
         };
+        let queries = if question.mode == SceneMode::Query { question.changed } else { 0 };
         Self {
             sums,
             table_words: u64::from(sums) * u64::from(SCAN_CELLS),
             filter_words,
             row_words: question.slots.next_multiple_of(u64::from(BATCH_BOXES))
                 / u64::from(WORD_BITS),
-            control_words: u64::from(CONTROL_HEADER_WORDS + SUPERS_MOST + sums),
+            control_words: u64::from(CONTROL_HEADER_WORDS + SUPERS_MOST + sums) + queries,
+            queries,
         }
     }
 
@@ -153,6 +160,12 @@ pub(super) fn with_giants(mut layout: GridLayout, slots: u64) -> GridLayout {
 pub(super) fn groups(items: u64) -> u32 {
     let groups = items.div_ceil(u64::from(BATCH_BOXES)).next_power_of_two();
     groups.clamp(1, u64::from(MOST_GROUPS)) as u32
+}
+
+/// Workgroups that put the pairs of so many queries in order: some pairs a query, and never so few that a thread
+/// has more to do than a software adapter does in a loop (65,535 rounds).
+pub(super) fn groups_of_rows(queries: u64) -> u32 {
+    groups(4 * queries).max(LEAST_ROW_GROUPS)
 }
 
 /// Workgroups of a stage without a loop over batches: a power of two of at least so many.

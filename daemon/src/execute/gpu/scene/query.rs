@@ -4,15 +4,18 @@
 //! grid, in records behind the scene's, and every box looks once whether one of them is near. That is the
 //! search of an edit that changes as many boxes, in one submission, at the end of which the records are
 //! without a box again. So nothing that an edit knows or tells has changed.
+//!
+//! The search counts the pairs of each query. Three stages more put them in order: the starts of queries, pairs
+//! to their queries, and each to its place by index. The host sorts only what a query of very many boxes has found.
 
 use std::sync::Arc;
 
 use pairmask_core::Aabb;
 use pairmask_core::engine::{CullError, ReserveError};
 use pairmask_core::scene::{Edit, Indices, Sets, Step, sort_row};
+use pairmask_shaders::constants::SORTED_ROW;
 use pairmask_shaders::layouts::SceneMode;
 
-use super::changes::Found;
 use super::memory::{Blocks, RECORD_BYTES};
 use super::plan::{MOST_SLOTS, Question, Room, Sizes};
 use super::roster::Marks;
@@ -23,11 +26,6 @@ use crate::execute::gpu::error::GpuError;
 
 /// Most queries of a submission: their records, 16 MiB, are room that edits do not need.
 const QUERIES_TOGETHER: usize = 1 << 18;
-
-/// Pairs from which several threads sort: one sorts so many in the time in which others wake.
-const MANY_PAIRS: usize = 60_000;
-/// With fewer pairs than one for so many queries, a plain sort is sooner done than a walk over all queries.
-const QUERIES_A_PAIR: usize = 8;
 
 impl GpuScene {
     /// The boxes that each of `queries` overlaps, switched on, static ones too: pairs of the query's number
@@ -140,101 +138,51 @@ impl GpuScene {
             self.layouts.note_search(&question, &summary, tested);
             self.rooms.0[question.mode as usize] =
                 Room { entries: u64::from(summary.entries), pairs };
-            self.append(&blocks, pairs as usize, queries.len(), first, found)?;
+            Self::append(&blocks, pairs as usize, first, found)?;
             clock.lap(&mut self.times.sort);
             return Ok(tested);
         }
     }
 
-    /// Reads `count` pairs that were found, and writes them in order behind the others.
+    /// Reads `count` pairs that were found, by query, and writes them in order behind the others.
     fn append(
-        &mut self,
         blocks: &Blocks,
         count: usize,
-        queries: usize,
         first: u32,
         found: &mut Vec<Pair>,
     ) -> Result<(), CullError> {
         let needed_bytes = (count * size_of::<Pair>()) as u64;
         let no_memory = |_| CullError::Reserve(ReserveError::OutOfMemory { needed_bytes });
-        let read = |at: usize, to: &mut [Pair]| {
-            blocks.found.read((at * size_of::<Pair>()) as u64, to);
-        };
         let before = found.len();
         found.try_reserve(count).map_err(no_memory)?;
-        let threads = self.threads();
-        if threads > 1 && count >= MANY_PAIRS {
-            let list = Found { read: &read, count, n: queries as u32 };
-            if before == 0 {
-                self.sorter.pairs(&list, threads, found);
-            } else {
-                let mut more = Vec::new();
-                more.try_reserve(count).map_err(no_memory)?;
-                self.sorter.pairs(&list, threads, &mut more);
-                found.append(&mut more);
-            }
-        } else {
-            found.resize(before + count, [0; 2]);
-            let sorted = &mut found[before..];
-            self.query_sorter.sort(&read, queries, sorted);
-        }
+        found.resize(before + count, [0; 2]);
+        let found = &mut found[before..];
+        blocks.found.read(0, found);
+        sort_long_rows(found);
         if first > 0 {
-            found[before..].iter_mut().for_each(|pair| pair[0] += first);
+            found.iter_mut().for_each(|pair| pair[0] += first);
         }
         Ok(())
     }
 }
 
-/// Sorts pairs by query and index with one pass over them: a query is a place in a table of counts. Keeps its
-/// memory.
-#[derive(Debug, Default)]
-pub(super) struct QuerySorter {
-    read: Vec<Pair>,
-    /// Where the next pair of each query goes.
-    next: Vec<u32>,
-}
-
-impl QuerySorter {
-    /// Bytes that are allocated.
-    pub fn allocated_bytes(&self) -> usize {
-        self.read.capacity() * size_of::<Pair>() + self.next.capacity() * size_of::<u32>()
-    }
-
-    /// Writes the pairs of a list, of as many as `sorted` has, in order. `read` copies pairs from a place of
-    /// the list on.
-    fn sort(&mut self, read: &impl Fn(usize, &mut [Pair]), queries: usize, sorted: &mut [Pair]) {
-        if sorted.len() * QUERIES_A_PAIR < queries {
-            read(0, sorted);
-            sorted.sort_unstable();
-            return;
+/// Sorts the rows of pairs by query that the GPU has left: those of more than [`SORTED_ROW`] pairs.
+fn sort_long_rows(found: &mut [Pair]) {
+    // A long row has two pairs that are so far apart, one of them at a multiple of that.
+    let step = SORTED_ROW as usize / 2;
+    let mut at = 0;
+    while at + step < found.len() {
+        let query = found[at][0];
+        if found[at + step][0] != query {
+            at += step;
+            continue;
         }
-        self.read.resize(sorted.len(), [0; 2]);
-        read(0, &mut self.read);
-        self.next.clear();
-        self.next.resize(queries.max(1), 0);
-        // What the device wrote is below `queries`; were it not, it would count with the last.
-        let last = self.next.len() - 1;
-        for pair in &self.read {
-            self.next[(pair[0] as usize).min(last)] += 1;
+        let start = found[..at].partition_point(|pair| pair[0] < query);
+        let end = at + found[at..].partition_point(|pair| pair[0] <= query);
+        if end - start > SORTED_ROW as usize {
+            sort_row(&mut found[start..end]);
         }
-        let mut start = 0;
-        for next in &mut self.next {
-            start += std::mem::replace(next, start);
-        }
-        for pair in &self.read {
-            let next = &mut self.next[(pair[0] as usize).min(last)];
-            sorted[*next as usize] = *pair;
-            *next += 1;
-        }
-        // Each place is now the end of its query.
-        let mut start = 0;
-        for end in &self.next {
-            let row = &mut sorted[start..*end as usize];
-            if row.len() > 1 {
-                sort_row(row);
-            }
-            start = *end as usize;
-        }
+        at = end.next_multiple_of(step);
     }
 }
 
@@ -243,21 +191,26 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pairs_of_any_number_of_queries_are_sorted() {
-        let mut sorter = QuerySorter::default();
-        for (count, queries) in
-            [(0, 0), (0, 7), (1, 1), (3, 1), (5, 70), (300, 3), (4_000, 500), (70, 10_000)]
-        {
-            let number = |i: usize| i.wrapping_mul(0x9e37_79b9) >> 7;
-            let source: Vec<Pair> = (0..count)
-                .map(|i| [(number(i) % queries.max(1)) as u32, number(i + count) as u32])
-                .collect();
-            let read = |at: usize, to: &mut [Pair]| to.copy_from_slice(&source[at..at + to.len()]);
-            let mut sorted = vec![[7; 2]; count];
-            sorter.sort(&read, queries, &mut sorted);
-            let mut expected = source.clone();
-            expected.sort_unstable();
-            assert!(sorted == expected, "{count} pairs of {queries} queries");
+    fn rows_that_the_gpu_leaves_are_sorted() {
+        let mut state = 9u32;
+        let mut next = move |bound: u32| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) % bound
+        };
+        for round in 0..200 {
+            let mut found = Vec::new();
+            for query in 0..next(20) {
+                let most = if round % 2 == 0 { 700 } else { 2 * SORTED_ROW };
+                let mut row: Vec<Pair> = (0..next(most)).map(|index| [query, index]).collect();
+                if row.len() > SORTED_ROW as usize {
+                    for at in (1..row.len()).rev() {
+                        row.swap(at, next(at as u32 + 1) as usize);
+                    }
+                }
+                found.append(&mut row);
+            }
+            sort_long_rows(&mut found);
+            assert!(found.is_sorted(), "round {round}");
         }
     }
 }

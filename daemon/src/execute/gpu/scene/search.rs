@@ -7,7 +7,7 @@ use pairmask_shaders::layouts::{GridLayout, GridParams, SceneMode, SceneParams, 
 use pairmask_shaders::{GridStage, SceneStage, Stage};
 
 use super::SceneTools;
-use super::memory::{Blocks, RECORD_BYTES};
+use super::memory::{Blocks, QueryBlocks, RECORD_BYTES};
 use super::plan::{self, Question, Room, Sizes};
 use super::upload::{SetIndices, Uploaded};
 use crate::execute::gpu::device::{Order, QueueRole};
@@ -35,6 +35,9 @@ pub(super) struct Stages {
     place: Arc<Pipeline>,
     pairs: Arc<Pipeline>,
     query: Arc<Pipeline>,
+    query_starts: Arc<Pipeline>,
+    query_deal: Arc<Pipeline>,
+    query_sort: Arc<Pipeline>,
 }
 
 impl Stages {
@@ -47,6 +50,9 @@ impl Stages {
             place: get(SceneStage::Place)?,
             pairs: get(SceneStage::Pairs)?,
             query: get(SceneStage::Query)?,
+            query_starts: get(SceneStage::QueryStarts)?,
+            query_deal: get(SceneStage::QueryDeal)?,
+            query_sort: get(SceneStage::QuerySort)?,
             scan: pipelines.get(Stage::Grid(GridStage::Scan))?,
         })
     }
@@ -79,6 +85,8 @@ struct Shape {
     scan: u32,
     entries: u32,
     rows: u32,
+    /// Workgroups that prepare the sorting of queries, and that sort.
+    sorting: [u32; 2],
     searches: bool,
     /// Of queries, the bytes of their records: where, and how many.
     queries: Option<[u64; 2]>,
@@ -96,10 +104,13 @@ impl Task<'_> {
     /// Items that found pairs and entries have room for: what lies in their blocks.
     pub fn room_made(&self, tools: &SceneTools) -> Room {
         let items = |block: &Block, bytes: u64| block.bytes().min(tools.binding_bytes) / bytes;
-        Room {
-            entries: items(&self.blocks.entries, 16).min(items(&self.blocks.sorted, 32)),
-            pairs: items(&self.blocks.found, 8),
-        }
+        let found = items(&self.blocks.found, 8);
+        let QueryBlocks { unsorted, rows, .. } = &self.blocks.of_queries;
+        let pairs = match self.question.mode {
+            SceneMode::Query => found.min(items(unsorted, 8)).min(items(rows, 8)),
+            _ => found,
+        };
+        Room { entries: items(&self.blocks.entries, 16).min(items(&self.blocks.sorted, 32)), pairs }
     }
 
     fn params(&self, tools: &SceneTools) -> SceneParams {
@@ -145,6 +156,7 @@ impl Task<'_> {
             scan: plan::groups_of_scan(sizes.sums),
             entries: plan::groups(question.entries()),
             rows: plan::groups(question.entries() + rows),
+            sorting: [plan::groups(sizes.queries), plan::groups_of_rows(sizes.queries)],
             searches: self.searches,
             queries,
             boxes: Place::of(&edit.boxes),
@@ -218,12 +230,25 @@ impl Task<'_> {
             ],
         ));
         let summary = whole(&b.summary);
-        let parts = vec![params, layout, table, sorted, now, then, control, found, summary];
+        let parts = |found| {
+            let before =
+                [&params, &layout, &table, &sorted, &now, &then, &control].map(Part::clone);
+            before.into_iter().chain([found, summary.clone()]).collect::<Vec<_>>()
+        };
         let Some([first, bytes]) = shape.queries else {
-            steps.push(stage(&stages.pairs, shape.rows, parts));
+            steps.push(stage(&stages.pairs, shape.rows, parts(found)));
             return steps;
         };
-        steps.push(stage(&stages.query, shape.rows, parts));
+        let QueryBlocks { unsorted, rows, starts } = &b.of_queries;
+        let [unsorted, rows, starts] = [unsorted, rows, starts].map(whole);
+        steps.push(stage(&stages.query, shape.rows, parts(unsorted.clone())));
+        let [one_a_query, sorting] = shape.sorting;
+        let parts = vec![params.clone(), control.clone(), starts.clone()];
+        steps.push(stage(&stages.query_starts, one_a_query, parts));
+        let parts = vec![params.clone(), control.clone(), unsorted, starts.clone(), rows.clone()];
+        steps.push(stage(&stages.query_deal, sorting, parts));
+        let parts = vec![params, control, starts, rows, found];
+        steps.push(stage(&stages.query_sort, sorting, parts));
         // Their records are without a box again, as all behind the scene's are.
         steps.push(Command::Fill { part: Part::of(&b.now, first, bytes), word: 0 });
         steps

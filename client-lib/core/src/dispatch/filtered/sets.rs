@@ -1,0 +1,234 @@
+//! Frames of two sets: of the pairs of the whole frame, those of a box of one set and a box of the other.
+
+use std::sync::{Mutex, OnceLock, PoisonError};
+use std::time::Instant;
+
+use super::laid::BLOCK;
+use crate::dispatch::{CpuEngines, CullAnswer, CullOptions, nanoseconds_since};
+use crate::engine::strips::{in_parts, part_count};
+use crate::engine::{CullError, PairRules, PairTest, ReplyBuffer};
+use crate::precision::BoxSlice;
+use crate::units::BoxCount;
+
+/// Blocks of a task that lays the sets out, at least: some 10 µs.
+const TASK_BLOCKS: usize = 256;
+
+/// The first boxes of a frame against all others, as a test that engines hand their words to.
+pub struct SetsTest {
+    first: u32,
+    /// A bit for each position of the engine's order, once it has said it: whether the box there is of the
+    /// first set.
+    laid: OnceLock<Vec<u32>>,
+    memory: Mutex<Vec<u32>>,
+}
+
+impl SetsTest {
+    /// The test of a frame whose first `first` boxes are a set. `memory` is what an earlier test gave back.
+    pub const fn new(first: BoxCount, memory: Vec<u32>) -> Self {
+        Self { first: first.get(), laid: OnceLock::new(), memory: Mutex::new(memory) }
+    }
+
+    /// Gives the memory back for the next frame.
+    pub fn into_memory(self) -> Vec<u32> {
+        let kept = self.memory.into_inner().unwrap_or_else(PoisonError::into_inner);
+        self.laid.into_inner().unwrap_or(kept)
+    }
+
+    /// Whether the box at a position is of the first set.
+    fn is_first(&self, at: u32, order: &[u32]) -> bool {
+        order.get(at as usize).map_or(at, |index| *index) < self.first
+    }
+
+    /// The columns of a block whose boxes are of the first set, where positions are indices.
+    fn columns_below(&self, block: u32) -> u32 {
+        let first = u64::from(block) * BLOCK as u64;
+        let count = u64::from(self.first).saturating_sub(first).min(BLOCK as u64);
+        ((1u64 << count) - 1) as u32
+    }
+}
+
+/// The bit of an item of a word.
+fn bit(word: u32, at: u32) -> bool {
+    word >> (at % BLOCK as u32) & 1 != 0
+}
+
+impl PairTest for SetsTest {
+    fn passing(&self, row: u32, block: u32, bits: u32, order: &[u32]) -> u32 {
+        let (is_first, columns) = if let Some(laid) = self.laid.get() {
+            let word = |block: u32| laid.get(block as usize).copied().unwrap_or(0);
+            (bit(word(row / BLOCK as u32), row), word(block))
+        } else if order.is_empty() {
+            (row < self.first, self.columns_below(block))
+        } else {
+            let (mut columns, mut rest) = (0, bits);
+            while rest != 0 {
+                let column = rest.trailing_zeros();
+                let at = block.wrapping_mul(BLOCK as u32).wrapping_add(column);
+                columns |= u32::from(self.is_first(at, order)) << column;
+                rest &= rest - 1;
+            }
+            (self.is_first(row, order), columns)
+        };
+        bits & if is_first { !columns } else { columns }
+    }
+
+    fn prepare(&self, count: usize, order: &[u32], threads: usize) {
+        if order.is_empty() {
+            return;
+        }
+        let mut memory = self.memory.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut laid = std::mem::take(&mut *memory);
+        drop(memory);
+        laid.resize(count.div_ceil(BLOCK), 0);
+        let parts = part_count(laid.len(), TASK_BLOCKS, threads);
+        let step = laid.len().div_ceil(parts).max(1);
+        let order = &order[..count.min(order.len())];
+        let mut work: Vec<(&mut [u32], &[u32])> =
+            laid.chunks_mut(step).zip(order.chunks(step * BLOCK)).collect();
+        let run = |work: &mut [(&mut [u32], &[u32])]| {
+            for (words, order) in work {
+                for (word, some) in words.iter_mut().zip(order.chunks(BLOCK)) {
+                    let bits = (0..).zip(some);
+                    *word = bits
+                        .fold(0, |word, (bit, index)| word | u32::from(*index < self.first) << bit);
+                }
+            }
+        };
+        in_parts(work.as_mut_slice(), parts, &run, &|(), ()| ());
+        // One engine runs, and says its order once.
+        let _ = self.laid.set(laid);
+    }
+}
+
+impl CpuEngines {
+    /// Plans a frame of two sets among the CPU engines, and finds the pairs of a box of the first `first` and
+    /// one of the others, by way of all pairs of the frame: in little more than its time, however large the
+    /// sets are. Where one is small, to look for its boxes in the other one is sooner done.
+    ///
+    /// ```
+    /// use pairmask_core::dispatch::{CpuEngines, CullOptions};
+    /// use pairmask_core::engine::HeapReply;
+    /// use pairmask_core::mask::{Encoding, EncodingChoice};
+    /// use pairmask_core::{Aabb, BoxCount};
+    ///
+    /// let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 3];
+    /// let encoding = EncodingChoice::Only(Encoding::List);
+    /// let options = CullOptions { encoding, ..CullOptions::default() };
+    /// let (mut engines, mut reply) = (CpuEngines::new(), HeapReply::new());
+    /// engines.cull_sets(&boxes, BoxCount::new(1), &options, &mut reply)?;
+    /// assert_eq!(reply.words(), [0, 1, 0, 2]);
+    /// # Ok::<(), pairmask_core::engine::CullError>(())
+    /// ```
+    ///
+    /// # Errors
+    /// As [`cull`](Self::cull). Boxes have to be in f32.
+    pub fn cull_sets<'a>(
+        &mut self,
+        boxes: impl Into<BoxSlice<'a>>,
+        first: BoxCount,
+        options: &CullOptions,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullAnswer, CullError> {
+        let (start, boxes) = (Instant::now(), boxes.into());
+        let (n, limit_words) = (boxes.len(), reply.limit_words());
+        let mut options = options.within(n, limit_words);
+        let mut memory = Vec::new();
+        loop {
+            let begun = Instant::now();
+            let plan = self.plan(boxes, &options, None);
+            let plan_ns = nanoseconds_since(begun);
+            let test = SetsTest::new(first, memory);
+            let input = plan.input(boxes).rules(PairRules::tested_by(&test));
+            let error = match self.run(plan.engine, &input, reply) {
+                Ok(report) => return Ok(CullAnswer::new(&plan, report, start, plan_ns)),
+                Err(error) => error,
+            };
+            memory = test.into_memory();
+            options = options.after(plan.encoding, &error, n, limit_words).ok_or(error)?;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::MaskFilter;
+    use super::super::tests::{Random, in_pool};
+    use super::*;
+    use crate::aabb::{Aabb, KeyBox};
+    use crate::engine::{EngineChoice, EngineName, HeapReply};
+    use crate::mask::{Encoding, EncodingChoice, MaskView};
+
+    fn truth(boxes: &[Aabb], first: usize) -> Vec<(u32, u32)> {
+        let keys: Vec<KeyBox> = boxes.iter().map(KeyBox::from).collect();
+        let of_one = |a: usize| (first..keys.len()).map(move |b| (a, b));
+        (0..first)
+            .flat_map(of_one)
+            .filter(|(a, b)| keys[*a].overlaps(&keys[*b]))
+            .map(|(a, b)| (a as u32, b as u32))
+            .collect()
+    }
+
+    fn pairs_of(n: BoxCount, report: &crate::engine::CullReport, words: &[u32]) -> Vec<(u32, u32)> {
+        let mask = MaskView::new(n, &report.shape, words).expect("a mask");
+        mask.verify().expect("in order");
+        let mut pairs = mask.to_vec();
+        assert_eq!(pairs.len() as u64, report.pair_count);
+        pairs.sort_unstable();
+        pairs
+    }
+
+    /// Two sets culled by each engine, in each encoding, and taken out of the mask of the whole frame.
+    fn check(random: &mut Random, n: usize, threads: usize) {
+        let boxes = random.boxes(n);
+        let count = BoxCount::new(n as u32);
+        let (mut engines, mut filter) = (CpuEngines::new(), MaskFilter::default());
+        for first in [0, 1, n / 3, n / 2, n] {
+            let first = first.min(n);
+            let expected = truth(&boxes, first);
+            let set = BoxCount::new(first as u32);
+            for engine in EngineName::CPU {
+                for encoding in Encoding::ALL {
+                    let options = CullOptions {
+                        engine: EngineChoice::Only(engine),
+                        encoding: EncodingChoice::Only(encoding),
+                        threads: Some(threads),
+                        ..CullOptions::default()
+                    };
+                    let mut reply = HeapReply::new();
+                    let answer = engines.cull_sets(&boxes, set, &options, &mut reply);
+                    let report = answer.expect("an answer").report;
+                    let found = pairs_of(count, &report, reply.words());
+                    assert_eq!(found, expected, "{first} of {n}, {engine} {encoding}");
+
+                    let whole = engines.cull(&boxes, &options, &mut reply);
+                    let mut report = whole.expect("an answer").report;
+                    let mut words = reply.words().to_vec();
+                    let done = filter.filter_sets(set, count, &mut words, &mut report, threads);
+                    done.expect("as it was written");
+                    let found = pairs_of(count, &report, &words);
+                    assert_eq!(found, expected, "{first} of {n}, {engine} {encoding}, filtered");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn small_frames_of_two_sets_have_the_pairs_between_them() {
+        let mut random = Random(171);
+        for n in 0..=70 {
+            check(&mut random, n, 1);
+        }
+    }
+
+    #[test]
+    fn large_frames_of_two_sets_are_culled_by_several_threads() {
+        for threads in 1..=3 {
+            in_pool(threads, || {
+                let mut random = Random(173);
+                for n in [345, 4_097, 9_001] {
+                    check(&mut random, n, threads);
+                }
+            });
+        }
+    }
+}

@@ -1,0 +1,41 @@
+// scene_query_sort: the pairs of each query together -> the same by index, where the host reads them.
+//
+// A pair's place is the number of smaller indices of its query: no two are the same. Rows of more than SORTED_ROW
+// pairs stay as they are, and the host sorts them: they would be compared with themselves for too long.
+// Mirror: in the tests, `scene_rows`; what comes of it is every box against every query.
+
+#import constants
+#import scene_params
+#import scene_rows
+
+@group(0) @binding(0) var<storage, read> params: SceneParams;
+@group(0) @binding(1) var<storage, read> control: array<u32>;
+@group(0) @binding(2) var<storage, read> ends: array<u32>;
+@group(0) @binding(3) var<storage, read> rows: array<vec2<u32>>;
+@group(0) @binding(4) var<storage, read_write> found: array<vec2<u32>>;
+
+@compute @workgroup_size(BATCH_BOXES)
+fn main(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    // With more than there is room for, the host comes back.
+    let count = select(control[FOUND], 0u, control[FOUND + 1u] != 0u || control[FOUND] > params.pair_capacity);
+    for (var i = group.x * BATCH_BOXES + lane; i < count; i += groups.x * BATCH_BOXES) {
+        let one = rows[i];
+        let query = min(one.x, params.set_count - 1u);
+        let length = control[row_count_at(query)];
+        var place = i;
+        if (length <= SORTED_ROW) {
+            let start = ends[query] - length;
+            place = start;
+            for (var j = start; j < start + length; j++) {
+                place += select(0u, 1u, rows[j].y < one.y);
+            }
+        }
+        if (place < params.pair_capacity) {
+            found[place] = one;
+        }
+    }
+}

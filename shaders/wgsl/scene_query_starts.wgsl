@@ -1,0 +1,44 @@
+// scene_query_starts: pairs of each query -> the first place of each query in the sorted list.
+//
+// A workgroup adds up the counts of all queries before its own, so that none waits for another.
+// Mirror: in the tests, `scene_rows`; what comes of it is every box against every query.
+
+#import constants
+#import scene_params
+#import scene_rows
+#import scan
+
+@group(0) @binding(0) var<storage, read> params: SceneParams;
+@group(0) @binding(1) var<storage, read> control: array<u32>;
+@group(0) @binding(2) var<storage, read_write> starts: array<u32>;
+
+var<workgroup> earlier_sum: atomic<u32>;
+
+@compute @workgroup_size(BATCH_BOXES)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let first = group.x * BATCH_BOXES;
+    if (first >= params.set_count) {
+        return;
+    }
+    if (lane == 0u) {
+        atomicStore(&earlier_sum, 0u);
+    }
+    var earlier = 0u;
+    for (var i = lane; i < first; i += BATCH_BOXES) {
+        earlier += control[row_count_at(i)];
+    }
+    let query = first + lane;
+    var own = 0u;
+    if (query < params.set_count) {
+        own = control[row_count_at(query)];
+    }
+    scan[lane] = own;
+    workgroupBarrier();
+    if (earlier != 0u) {
+        atomicAdd(&earlier_sum, earlier);
+    }
+    sum_up(lane);
+    if (query < params.set_count) {
+        starts[query] = atomicLoad(&earlier_sum) + scan[lane] - own;
+    }
+}
