@@ -1,6 +1,6 @@
 // scene_query_deal: pairs as they were found -> the pairs of each query together, in the order in which threads
 // came. The start of each query becomes its end.
-// Mirror: in the tests, `scene_rows`; what comes of it is every box against every query.
+// Mirror: in the tests, `gpu_scene_queries`: every box against every query, in order.
 
 #import constants
 #import scene_params

@@ -2,7 +2,7 @@
 //
 // A pair's place is the number of smaller indices of its query: no two are the same. Rows of more than SORTED_ROW
 // pairs stay as they are, and the host sorts them: they would be compared with themselves for too long.
-// Mirror: in the tests, `scene_rows`; what comes of it is every box against every query.
+// Mirror: in the tests, `gpu_scene_queries`: every box against every query, in order.
 
 #import constants
 #import scene_params

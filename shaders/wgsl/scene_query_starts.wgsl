@@ -1,7 +1,7 @@
 // scene_query_starts: pairs of each query -> the first place of each query in the sorted list.
 //
 // A workgroup adds up the counts of all queries before its own, so that none waits for another.
-// Mirror: in the tests, `scene_rows`; what comes of it is every box against every query.
+// Mirror: in the tests, `gpu_scene_queries`: every box against every query, in order.
 
 #import constants
 #import scene_params
