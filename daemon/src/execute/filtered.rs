@@ -1,5 +1,6 @@
 //! Frames with rules, and frames of two sets, on the engines of the CPU.
 
+use std::num::NonZeroU64;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -41,7 +42,10 @@ impl CpuSide {
         self.note_expanded(boxes);
         let boxes = boxes.expand(&mut self.expanded, options.threads != Some(1));
         let expand_ns = nanoseconds_since(start);
-        let mut done = self.engines.cull_filtered(boxes, rules.rules(), options, reply)?;
+        // These engines see the rules of one reader alone, or of one frame.
+        let known = NonZeroU64::new(rules.number());
+        let rules = rules.rules();
+        let mut done = self.engines.cull_filtered_known(boxes, rules, known, options, reply)?;
         done.answer.times.ingest_ns += expand_ns;
         done.answer.times.total_ns += expand_ns;
         Ok(done)

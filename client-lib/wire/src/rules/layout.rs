@@ -1,5 +1,6 @@
 //! Rules as a request holds them.
 
+use pairmask_core::bytes;
 use pairmask_core::filters::Rules;
 use pairmask_core::units::BoxCount;
 
@@ -93,10 +94,11 @@ impl RulesLayout {
     #[must_use]
     pub fn write(&self, rules: &Rules, pages: &mut [Page]) -> bool {
         let all: &mut [u8] = bytemuck::cast_slice_mut(pages);
-        let mut put = |section: Section, bytes: &[u8]| {
+        let mut put = |section: Section, from: &[u8]| {
             let place = all.get_mut(section.offset as usize..);
-            let place = place.and_then(|to| to.get_mut(..bytes.len()));
-            place.map(|to| to.copy_from_slice(bytes)).is_some()
+            let place = place.and_then(|to| to.get_mut(..from.len()));
+            // As boxes are written: many on the calling thread's pool.
+            place.map(|to| bytes::copy(from, to, true)).is_some()
         };
         let RulesPlace { tags, filters, included, excluded } = self.place;
         let own_tags = rules.tags.get(..(tags.bytes / TAG_BYTES) as usize).unwrap_or_default();

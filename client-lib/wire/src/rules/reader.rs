@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use pairmask_core::bytes;
 use pairmask_core::filters::{Filter, FilterTable, PairLists, Rules, Tag, World};
 use pairmask_core::units::BoxCount;
 
@@ -76,20 +77,22 @@ impl RulesReader {
         pages: &[Page],
     ) -> Result<&Arc<SentRules>, Reject> {
         let all: &[u8] = bytemuck::cast_slice(pages);
-        let bytes = |section: &Section, field| {
+        let bytes_of = |section: &Section, field| {
             let end = section.offset.checked_add(section.bytes);
             let range = end.and_then(|end| {
                 all.get(usize::try_from(section.offset).ok()?..usize::try_from(end).ok()?)
             });
             range.ok_or(Reject::Rules { field })
         };
-        let tags = bytes(&place.tags, "tags")?;
-        let filters = bytes(&place.filters, "filters")?;
-        let included = bytes(&place.included, "include list")?;
-        let excluded = bytes(&place.excluded, "exclude list")?;
+        let tags = bytes_of(&place.tags, "tags")?;
+        let filters = bytes_of(&place.filters, "filters")?;
+        let included = bytes_of(&place.included, "include list")?;
+        let excluded = bytes_of(&place.excluded, "exclude list")?;
         let kept = &*self.kept;
+        // Millions of tags take a thread milliseconds.
+        let is_shared = bytes::is_in_pool();
         let [has_tags, has_filters, has_included, has_excluded] = [
-            tags == bytemuck::cast_slice::<Tag, u8>(&kept.rules.tags),
+            bytes::are_equal(tags, bytemuck::cast_slice::<Tag, u8>(&kept.rules.tags), is_shared),
             filters == bytemuck::cast_slice::<[u32; FILTER_WORDS], u8>(&kept.filters),
             included == bytemuck::cast_slice::<[u32; 2], u8>(&kept.included),
             excluded == bytemuck::cast_slice::<[u32; 2], u8>(&kept.excluded),
@@ -155,9 +158,9 @@ impl RulesReader {
 }
 
 /// Takes a copy of items.
-fn take<T: bytemuck::Pod>(items: &mut Vec<T>, bytes: &[u8]) {
-    items.resize(bytes.len() / size_of::<T>(), T::zeroed());
-    bytemuck::cast_slice_mut::<T, u8>(items).copy_from_slice(bytes);
+fn take<T: bytemuck::Pod>(items: &mut Vec<T>, from: &[u8]) {
+    items.resize(from.len() / size_of::<T>(), T::zeroed());
+    bytes::copy(from, bytemuck::cast_slice_mut::<T, u8>(items), bytes::is_in_pool());
 }
 
 /// The least and the greatest world beside [`World::ALL`], where there are several.

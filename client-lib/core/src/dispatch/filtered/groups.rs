@@ -1,5 +1,6 @@
 //! Boxes by world.
 
+use std::num::NonZeroU64;
 use std::ops::Range;
 
 use crate::filters::{Rules, World};
@@ -21,11 +22,19 @@ pub struct Groups {
     members: Vec<u32>,
     worlds: Vec<Group>,
     starts: Vec<u32>,
+    /// Rules and boxes that they are of, where the rules have a number.
+    sorted: Option<(NonZeroU64, usize)>,
 }
 
 impl Groups {
-    /// Sorts the first `n` boxes. All their worlds but [`World::ALL`] are in `span`.
-    pub fn sort(&mut self, rules: &Rules, n: usize, span: [i32; 2]) {
+    /// Sorts the first `n` boxes. All their worlds but [`World::ALL`] are in `span`. Rules of the number of
+    /// those before are those.
+    pub fn sort(&mut self, rules: &Rules, known: Option<NonZeroU64>, n: usize, span: [i32; 2]) {
+        let sorted = known.map(|number| (number, n));
+        if sorted.is_some() && sorted == self.sorted {
+            return;
+        }
+        self.sorted = None;
         let width = (i64::from(span[1]) - i64::from(span[0]) + 1).unsigned_abs() as usize;
         // World::ALL has the place after the last.
         let place = |index: u32| match rules.tag(index).world {
@@ -51,6 +60,7 @@ impl Groups {
             start = end;
         }
         self.worlds.sort_by_key(|group| group.world);
+        self.sorted = sorted;
     }
 
     fn sort_by_counting(&mut self, n: usize, width: usize, place: impl Fn(u32) -> usize) {
@@ -117,7 +127,7 @@ mod tests {
         let span = expected.iter().map(|index| of(*index)).filter(|world| *world != World::ALL);
         let span = [span.clone().min(), span.max()].map(|world| world.map_or(0, |world| world.0));
         let mut groups = Groups::default();
-        groups.sort(&rules, n, span);
+        groups.sort(&rules, None, n, span);
         let members: Vec<u32> =
             groups.groups().iter().flat_map(|group| groups.members(group)).copied().collect();
         assert_eq!(members, expected, "{worlds:?}");

@@ -27,6 +27,7 @@ pub use self::mask::{BadMask, MaskFilter};
 pub use self::worlds::WorldRange;
 pub(super) use self::worlds::Worlds;
 
+use std::num::NonZeroU64;
 use std::ops::Range;
 use std::time::Instant;
 
@@ -92,16 +93,33 @@ impl CpuEngines {
         options: &CullOptions,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<FilteredAnswer<'_>, CullError> {
+        self.cull_filtered_known(boxes, rules, None, options, reply)
+    }
+
+    /// As [`cull_filtered`](Self::cull_filtered), with rules that have a number: whoever gives rules one
+    /// to these engines gives other rules another. What was found of the rules of the last number, which
+    /// boxes are of which world first of all, is not found again.
+    ///
+    /// # Errors
+    /// Those of [`cull_filtered`](Self::cull_filtered).
+    pub fn cull_filtered_known<'a>(
+        &mut self,
+        boxes: impl Into<BoxSlice<'a>>,
+        rules: &Rules,
+        known: Option<NonZeroU64>,
+        options: &CullOptions,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<FilteredAnswer<'_>, CullError> {
         let boxes = boxes.into();
         let (n, limit_words) = (boxes.len(), reply.limit_words());
-        let look = Look::at(rules, n);
+        let look = self.worlds.look(rules, known, n);
         let may_be_list = match options.encoding {
             EncodingChoice::Auto => options.readable.contains(Encoding::List),
             EncodingChoice::Only(encoding) => encoding == Encoding::List,
         };
         let mut options = *options;
         if look.worlds.is_some() && may_be_list {
-            match self.cull_worlds(boxes, rules, &look, &options, reply) {
+            match self.cull_worlds(boxes, (rules, known), &look, &options, reply) {
                 Ok(answer) => return Ok(FilteredAnswer { answer, worlds: self.worlds.ranges() }),
                 Err(error) => {
                     options = options.after(Encoding::List, &error, n, limit_words).ok_or(error)?;

@@ -114,8 +114,20 @@ fn answered(
     rules: &Rules,
     options: &CullOptions,
 ) -> Truth {
+    answered_known(engines, boxes, rules, None, options)
+}
+
+/// The same of rules that may have a number.
+fn answered_known(
+    engines: &mut CpuEngines,
+    boxes: &[Aabb],
+    rules: &Rules,
+    known: Option<NonZeroU64>,
+    options: &CullOptions,
+) -> Truth {
     let mut reply = HeapReply::new();
-    let answer = engines.cull_filtered(boxes, rules, options, &mut reply).expect("an answer");
+    let answer = engines.cull_filtered_known(boxes, rules, known, options, &mut reply);
+    let answer = answer.expect("an answer");
     let report = answer.answer.report;
     let n = BoxCount::new(boxes.len() as u32);
     let mask = MaskView::new(n, &report.shape, reply.words()).expect("as it was written");
@@ -275,4 +287,54 @@ fn scratch_of_many_worlds_is_given_back() {
     assert!(engines.scratch_bytes() > 0);
     engines.give_back();
     assert_eq!(engines.scratch_bytes(), CpuEngines::new().scratch_bytes());
+}
+
+#[test]
+fn rules_of_a_known_number_are_looked_at_once_and_others_anew() {
+    let mut random = Random(91);
+    let mut engines = CpuEngines::new();
+    let mut count = 0;
+    let options = CullOptions::default();
+    let mut check = |boxes: &[Aabb], rules: &Rules, number: u64| {
+        let known = NonZeroU64::new(number);
+        let found = answered_known(&mut engines, boxes, rules, known, &options);
+        assert_eq!(found, truth(boxes, rules), "{} boxes, rules {number}", boxes.len());
+        if number % 3 == 0 {
+            engines.give_back();
+        }
+    };
+    for kind in KINDS {
+        for n in [2, 70, 345] {
+            let rules = rules(&mut random, n, kind);
+            count += 1;
+            // The boxes change and the rules do not, with a frame of rules without a number between.
+            for number in [count, count, 0, count] {
+                check(&random.boxes(n), &rules, number);
+            }
+            // The same rules for fewer boxes.
+            check(&random.boxes(n - 1), &rules, count);
+        }
+    }
+}
+
+#[test]
+fn rules_that_keep_the_number_of_others_are_not_looked_at() {
+    let of_worlds = |worlds: [i32; 4]| {
+        let mut rules = Rules::default();
+        rules.tags = worlds.map(|world| Tag::default().with_world(World(world))).to_vec();
+        rules
+    };
+    let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 4];
+    let mut engines = CpuEngines::new();
+    let mut pairs = |worlds, number| {
+        let (mut reply, options) = (HeapReply::new(), CullOptions::default());
+        let known = NonZeroU64::new(number);
+        let rules = of_worlds(worlds);
+        let done = engines.cull_filtered_known(&boxes, &rules, known, &options, &mut reply);
+        done.expect("an answer").answer.report.pair_count
+    };
+    assert_eq!(pairs([1, 1, 2, 2], 7), 2);
+    // What is known of the number is taken.
+    assert_eq!(pairs([1, 1, 1, 2], 7), 2);
+    assert_eq!(pairs([1, 1, 1, 2], 8), 3);
 }

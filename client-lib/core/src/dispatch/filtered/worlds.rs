@@ -1,5 +1,6 @@
 //! Worlds side by side: each is culled by itself, and the list of pairs is ordered by world.
 
+use std::num::NonZeroU64;
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
@@ -58,6 +59,8 @@ pub struct Worlds {
     groups: Groups,
     tasks: Vec<Task>,
     ranges: Vec<WorldRange>,
+    /// What was seen of the rules of a number, for so many boxes.
+    looked: Option<(NonZeroU64, usize, Look)>,
 }
 
 /// Some worlds in a row, and what one thread culls them with.
@@ -97,7 +100,16 @@ struct Scene<'a> {
 impl Worlds {
     /// Empty scratch memory.
     pub fn on(isa: AvailableIsa) -> Self {
-        Self { isa, groups: Groups::default(), tasks: Vec::new(), ranges: Vec::new() }
+        Self { isa, groups: Groups::default(), tasks: Vec::new(), ranges: Vec::new(), looked: None }
+    }
+
+    /// What there is to test of the first `n` boxes. Rules of the number of those before are those.
+    pub(super) fn look(&mut self, rules: &Rules, known: Option<NonZeroU64>, n: usize) -> Look {
+        let Some(number) = known else { return Look::at(rules, n) };
+        match self.looked {
+            Some((looked, of, look)) if (looked, of) == (number, n) => look,
+            _ => self.looked.insert((number, n, Look::at(rules, n))).2,
+        }
     }
 
     /// Where the pairs of each world stand, of the last frame.
@@ -174,7 +186,7 @@ impl CpuEngines {
     pub(super) fn cull_worlds(
         &mut self,
         boxes: BoxSlice<'_>,
-        rules: &Rules,
+        (rules, known): (&Rules, Option<NonZeroU64>),
         look: &Look,
         options: &CullOptions,
         reply: &mut dyn ReplyBuffer,
@@ -190,7 +202,7 @@ impl CpuEngines {
         let (boxes, n) = CullInput::boxes(boxes).f32_boxes(engine)?;
         let threads = threads_for(options);
         let worlds = &mut self.worlds;
-        worlds.groups.sort(rules, boxes.len(), look.worlds.unwrap_or_default());
+        worlds.groups.sort(rules, known, boxes.len(), look.worlds.unwrap_or_default());
         worlds.assign(boxes.len(), threads);
         let ingest_ns = nanoseconds_since(start);
         let scene = Scene {
