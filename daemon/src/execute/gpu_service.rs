@@ -9,6 +9,7 @@ use pairmask_core::engine::{
 };
 use pairmask_core::objects::Objects;
 use pairmask_core::plan::{GpuCost, Plan, user_cache_folder};
+use pairmask_core::precision::BoxSlice;
 use pairmask_core::{Aabb, Encoding};
 
 use super::frame_memory::{FrameMemory, LentReply, with_lent};
@@ -197,7 +198,7 @@ impl GpuService {
     pub(super) fn grid_for(&mut self, boxes: BoxSlice<'_>, owner: Owner) -> Option<&mut Grid> {
         let is_there = self.refresh();
         let engines = self.engines.as_mut().filter(|_| is_there)?;
-        engines.offer_boxes(owner, boxes);
+        engines.offer_objects(owner, boxes.into());
         engines.note_frame();
         Some(&mut engines.grid)
     }

@@ -299,7 +299,7 @@ fn rules_of_a_known_number_are_looked_at_once_and_others_anew() {
         let known = NonZeroU64::new(number);
         let found = answered_known(&mut engines, boxes, rules, known, &options);
         assert_eq!(found, truth(boxes, rules), "{} boxes, rules {number}", boxes.len());
-        if number % 3 == 0 {
+        if number.is_multiple_of(3) {
             engines.give_back();
         }
     };

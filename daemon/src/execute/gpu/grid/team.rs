@@ -132,7 +132,7 @@ impl Team {
                 let (tools, n, capacity) = (&mut grid.tools, self.n, self.capacity);
                 let objects = boxes.into();
                 let wanted = Wanted { n, objects, mask, capacity, is_behind: false, layout };
-                let placed = workspace.place(tools, wanted)?;
+                let placed = workspace.place(tools, &wanted)?;
                 let submitted = workspace.submit_phase(tools, &placed, Phase::Count);
                 submitted.map_err(|error| grid.gpu.cull_error(ENGINE, &error))?;
                 workspace.under_way = Some(placed);
@@ -275,8 +275,10 @@ impl Team {
 
 impl Drop for Team {
     fn drop(&mut self) {
-        let all_ended =
-            self.members.iter().fold(true, |all, member| member.lock().give_up() && all);
+        let mut all_ended = true;
+        for member in &self.members {
+            all_ended &= member.lock().give_up();
+        }
         if !all_ended {
             end_process();
         }

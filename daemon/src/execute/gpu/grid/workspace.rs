@@ -171,7 +171,7 @@ impl Workspace {
     ) -> Result<(), CullError> {
         let mask = reserve(tools, n, capacity, reply)?;
         let wanted = Wanted { n, objects, mask, capacity, is_behind, layout: None };
-        let placed = self.place(tools, wanted)?;
+        let placed = self.place(tools, &wanted)?;
         self.submit(tools, &placed).map_err(|e| tools.gpu.cull_error(ENGINE, &e))?;
         self.under_way = Some(placed);
         Ok(())
@@ -190,7 +190,7 @@ impl Workspace {
     ) -> Result<Vec<Command>, CullError> {
         let mask = reserve(tools, n, capacity, reply)?;
         let wanted = Wanted { n, objects, mask, capacity, is_behind: false, layout: None };
-        let placed = self.place(tools, wanted)?;
+        let placed = self.place(tools, &wanted)?;
         let steps = placed.recording().steps(&mut tools.pipelines);
         let steps = steps.map_err(|e| tools.gpu.cull_error(ENGINE, &e))?;
         // A frame that does not end leaves its blocks as they are.
@@ -204,10 +204,10 @@ impl Workspace {
     pub(super) fn place(
         &mut self,
         tools: &mut Tools,
-        wanted: Wanted<'_>,
+        wanted: &Wanted<'_>,
     ) -> Result<Placed, CullError> {
         assert!(self.under_way.is_none(), "one frame a workspace");
-        let Wanted { n, objects, mask, capacity, is_behind, layout } = wanted;
+        let Wanted { n, objects, mask, capacity, is_behind, layout } = *wanted;
         let start = Instant::now();
         let sizes = Sizes::of(n);
         let placed = (|| {

@@ -160,7 +160,9 @@ impl GpuScene {
         blocks.found.read(0, found);
         sort_long_rows(found);
         if first > 0 {
-            found.iter_mut().for_each(|pair| pair[0] += first);
+            for pair in found.iter_mut() {
+                pair[0] += first;
+            }
         }
         Ok(())
     }
