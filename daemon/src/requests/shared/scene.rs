@@ -146,6 +146,7 @@ impl SharedScene {
                 range
             }
         };
+        self.ticks.wait_for(self.leases.writers());
         if let Some(member) = self.members.get_mut(&id) {
             member.own = self.leases.of(id);
             // It hears of other pairs from now on.
@@ -169,7 +170,7 @@ impl SharedScene {
         now: Instant,
     ) -> Result<(), (OpenRequest, Refusal)> {
         let request = SceneRequest { most_boxes: self.terms.most_boxes, ..*request };
-        let is_first = self.leases.writers().first() == Some(&id);
+        let is_first = self.leases.first_writer() == Some(id);
         let Some(member) = self.members.get(&id) else {
             return Err((open, Refusal::stale_scene(0)));
         };
@@ -225,16 +226,15 @@ impl SharedScene {
 
     /// Closes the open tick if that is due. What follows is to be [answered](Self::answer_tick).
     pub fn close_tick(&mut self, now: Instant) -> Option<Closed> {
-        self.ticks.close(&self.leases.writers(), now)
+        self.ticks.close(now)
     }
 
     /// Applies the edits of a tick that was closed, in the order of their writers' indices, and answers.
     pub fn answer_tick(&mut self, closed: &Closed, threads: usize, outbox: &Outbox) {
         let start = Instant::now();
         let mut order = self.leases.writers();
-        let listeners = self.members.keys().filter(|id| !order.contains(id)).copied();
-        let listeners: Vec<MemberId> = listeners.collect();
-        order.extend(listeners);
+        let listeners = self.members.iter().filter(|(_, member)| member.own.is_empty());
+        order.extend(listeners.map(|(id, _)| *id));
         let mut commits: Vec<(MemberId, Commit)> = order
             .into_iter()
             .filter_map(|id| Some((id, self.members.get_mut(&id)?.commit.take()?)))
@@ -413,6 +413,7 @@ impl SharedScene {
         let member = self.members.remove(&id)?;
         self.ticks.forget(id);
         let ended = self.leases.end(id);
+        self.ticks.wait_for(self.leases.writers());
         if self.terms.at_end == AtEnd::Remove && !self.members.is_empty() {
             self.remove(&ended);
         }
