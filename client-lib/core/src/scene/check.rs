@@ -101,7 +101,7 @@ pub(super) fn unmark(edit: Edit<'_>, flags: &mut [u8]) {
                 }
             }
             indices => {
-                indices.for_each(|_, index| flags[index as usize] &= !(EDIT_REMOVES | EDIT_SETS))
+                indices.for_each(|_, index| flags[index as usize] &= !(EDIT_REMOVES | EDIT_SETS));
             }
         }
     }
