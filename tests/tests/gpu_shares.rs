@@ -56,7 +56,7 @@ fn compare(
 }
 
 fn same(expected: &CullReport, one: &[u32], found: &CullReport, all: &[u32]) -> Result<(), String> {
-    let facts = |report: &CullReport| (report.shape.clone(), report.census, report.pair_count);
+    let facts = |report: &CullReport| (report.shape, report.census, report.pair_count);
     if facts(expected) != facts(found) || expected.skipped != found.skipped {
         return Err(format!("{expected:?} by one, {found:?} by all"));
     }

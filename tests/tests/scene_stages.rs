@@ -418,7 +418,7 @@ impl Search {
     fn of_mode(slots: u32, seed: u64, mode: SceneMode) -> Self {
         let random = &mut Rng::new(seed ^ 0xce11);
         let (scene, boxes) = Scene::new(slots, random);
-        let mut layout = grid_layout(boxes.as_slice().into());
+        let mut layout = grid_layout(boxes.as_slice());
         layout.first_nothing = layout.first_giant + slots / PARKED + 1;
         layout.cell_end = layout.first_nothing;
         let is_dense = match mode {

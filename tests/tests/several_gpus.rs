@@ -80,7 +80,7 @@ fn a_frame_behind_another_takes_the_gpu_that_is_free() {
         let (answer, memory) = executor.end(frame);
         let (answer, memory) = (answer.expect("an answer"), memory.expect("its memory"));
         assert_eq!(answer.engine, EngineName::GpuGrid);
-        (answer.report.shape.clone(), memory.reply.words().to_vec(), answer)
+        (answer.report.shape, memory.reply.words().to_vec(), answer)
     });
     let words = masks[0].0.extent_words() as usize;
     assert_eq!(masks[0].0, masks[1].0);

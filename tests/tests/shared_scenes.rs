@@ -339,6 +339,123 @@ fn tags_and_lists_are_those_of_their_writers() {
 }
 
 #[test]
+fn members_come_and_go_between_ticks() {
+    let daemon = daemon();
+    let options = JoinOptions::default().with_tick_deadline(LONG).with_most_boxes(200);
+    let mut random = Random::new(5);
+    let mut members: Vec<Option<Member>> = (0..5).map(|_| None).collect();
+    let mut all: Vec<Option<Aabb>> = vec![None; 200];
+    for _ in 0..60 {
+        for (which, member) in members.iter_mut().enumerate() {
+            let own = which as u32 * OWN..(which as u32 + 1) * OWN;
+            if random.below(4) > 0 {
+                continue;
+            }
+            let boxes = &mut all[own.start as usize..own.end as usize];
+            match member {
+                // A lease that is given back takes its boxes along.
+                Some(here) if random.below(2) == 0 => {
+                    here.scene.give_back(own.start).unwrap();
+                    here.scene.lease(own).unwrap();
+                    boxes.fill(None);
+                }
+                Some(_) => {
+                    *member = None;
+                    boxes.fill(None);
+                }
+                None => {
+                    let hears = if which % 2 == 0 { Hears::All } else { Hears::Own };
+                    *member =
+                        Some(Member::join(&daemon, "come-and-go", own, options.hearing(hears)));
+                }
+            }
+        }
+        let drawn: Vec<_> = members
+            .iter()
+            .map(|member| {
+                member.as_ref().map(|m| draw(&mut random, &m.own, &all)).unwrap_or_default()
+            })
+            .collect();
+        for (index, new) in drawn.iter().flatten() {
+            all[*index as usize] = *new;
+        }
+        let mut pending = Vec::new();
+        for (member, drawn) in members.iter_mut().zip(&drawn) {
+            let Some(Member { scene, known, own, hears, .. }) = member else { continue };
+            let mut edit = scene.edit();
+            for (index, new) in drawn {
+                edit = match new {
+                    Some(b) => edit.set(*index, *b),
+                    None => edit.remove(*index),
+                };
+            }
+            pending.push((edit.submit(Want::Changes).unwrap(), known, own.clone(), *hears));
+        }
+        let truth = pairs_of(&all);
+        for (pending, known, own, hears) in pending {
+            let answer = pending.wait().unwrap().take();
+            learn(known, &heard(&answer), Want::Changes);
+            let hears_of =
+                |pair: &&Pair| hears == Hears::All || pair.iter().any(|i| own.contains(i));
+            assert!(known.iter().eq(truth.iter().filter(hears_of)));
+        }
+    }
+}
+
+#[test]
+fn members_commit_join_and_leave_side_by_side() {
+    const TICKS: u32 = 30;
+    let daemon = daemon();
+    let options = JoinOptions::default().with_tick_deadline(Duration::from_millis(200));
+    let all_at = |tick: u32, own: &Range<u32>| -> Vec<Aabb> {
+        own.clone().map(|index| at((index * 7 % 50 + tick % 3) as f32)).collect()
+    };
+    let writers: Vec<Member> = (0..3)
+        .map(|which| Member::join(&daemon, "side", which * 600..(which + 1) * 600, options))
+        .collect();
+    let mut last = Member::join(&daemon, "side", 0..0, options.hearing(Hears::All));
+    let writers: Vec<Member> = std::thread::scope(|scope| {
+        let guests = (0..2).map(|which| {
+            let daemon = &daemon;
+            scope.spawn(move || {
+                for _ in 0..6 {
+                    let own = 3_000 + 100 * which..3_100 + 100 * which;
+                    let mut guest = Member::join(daemon, "side", own.clone(), options);
+                    let boxes = all_at(0, &own);
+                    drop(guest.scene.edit().set_all(own, &boxes).commit(Want::Changes).unwrap());
+                }
+            })
+        });
+        let guests: Vec<_> = guests.collect();
+        let writers = writers.into_iter().map(|mut member| {
+            scope.spawn(move || {
+                for tick in 0..TICKS {
+                    let own = member.own.clone();
+                    let boxes = all_at(tick, &own);
+                    let edit = member.scene.edit().set_all(own, &boxes);
+                    let answer = edit.commit(Want::Changes).unwrap().take();
+                    learn(&mut member.known, &heard(&answer), Want::Changes);
+                }
+                member
+            })
+        });
+        let writers: Vec<_> = writers.collect();
+        for guest in guests {
+            guest.join().unwrap();
+        }
+        writers.into_iter().map(|writer| writer.join().unwrap()).collect()
+    });
+    let boxes: Vec<Option<Aabb>> = all_at(TICKS - 1, &(0..1_800)).into_iter().map(Some).collect();
+    let truth = pairs_of(&boxes);
+    // Guests have left by then.
+    eventually("the boxes of the writers alone", || {
+        let answer = last.scene.edit().commit(Want::All).unwrap().take();
+        answer.pairs().iter().eq(truth.iter().copied()).then_some(())
+    });
+    drop(writers);
+}
+
+#[test]
 fn a_scene_that_is_left_during_a_tick_holds_nobody_up() {
     let daemon = daemon();
     let options = JoinOptions::default().with_tick_deadline(LONG).hearing(Hears::All);

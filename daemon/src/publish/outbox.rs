@@ -109,14 +109,17 @@ impl Outbox {
 
     /// Answers an edit of a scene with what follows, which the reply holds.
     pub(crate) fn answer_edit(&self, open: &mut OpenRequest, told: &Told, header: &ResponseHeader) {
-        let fields = *open.fields();
+        self.count_edit(open.fields(), told);
+        self.send(open, header);
+    }
+
+    /// Counts what an edit of a scene is answered with.
+    pub(crate) fn count_edit(&self, fields: &ReplyFields, told: &Told) {
         let pairs = (told.begun().len() + told.ended().len() + told.pairs().len()) as u64;
         let skips = SkipTotals::of_scene(told.skipped(), told.pair_count(), pairs);
         let mut counters = self.counters();
-        counters.note_frame(&fields, ObjectForm::Boxes(BoxForm::F32), pairs);
+        counters.note_frame(fields, ObjectForm::Boxes(BoxForm::F32), pairs);
         counters.note_skips(&skips);
-        drop(counters);
-        self.send(open, header);
     }
 
     /// Answers a query of a scene with the boxes that were found, whose mask the reply holds.
@@ -162,7 +165,7 @@ impl Outbox {
         self.send(open, &header);
     }
 
-    /// Answers a request about a shared scene that is no commit.
+    /// Answers a request about a shared scene. The answer to a commit is [counted](Self::count_edit) before.
     pub(crate) fn answer_shared(&self, open: &mut OpenRequest, header: &ResponseHeader) {
         self.send(open, header);
     }

@@ -149,7 +149,7 @@ impl Responder {
                 return Err(self.scenes.query(open, &request, threads, &self.outbox));
             }
             Ok(Request::CommitShared(request)) => {
-                return Err(self.shared.commit(open, &request, threads, &self.outbox));
+                return Err(self.shared.commit(open, &request, &self.outbox));
             }
             Ok(Request::JoinShared(request)) => {
                 self.shared.join(open, &request, &self.outbox);

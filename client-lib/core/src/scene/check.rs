@@ -89,7 +89,20 @@ pub(super) fn mark(edit: Edit<'_>, flags: &mut [u8]) -> Result<(), EditError> {
 
 /// Takes the marks of an edit away. Every index that may have one is among its own.
 pub(super) fn unmark(edit: Edit<'_>, flags: &mut [u8]) {
-    let mut unmark = |index: u32| flags[index as usize] &= !(EDIT_REMOVES | EDIT_SETS);
-    edit.for_each_removed(&mut unmark);
-    edit.for_each_set(|index, _| unmark(index));
+    edit.for_each_removed(|index| flags[index as usize] &= !(EDIT_REMOVES | EDIT_SETS));
+    for sets in edit.sets() {
+        match sets.indices {
+            // Its first index may be anything.
+            Indices::Range { count: 0, .. } => {}
+            // Without a look at each index, as it was marked.
+            Indices::Range { first, count } => {
+                for flags in &mut flags[first as usize..first as usize + count as usize] {
+                    *flags &= !(EDIT_REMOVES | EDIT_SETS);
+                }
+            }
+            indices => {
+                indices.for_each(|_, index| flags[index as usize] &= !(EDIT_REMOVES | EDIT_SETS));
+            }
+        }
+    }
 }

@@ -202,6 +202,20 @@ impl<'a> Edit<'a> {
         })
     }
 
+    /// Whether it sets boxes of rising ranges and does nothing else: no index is named twice then.
+    pub(super) fn is_of_ranges(&self) -> bool {
+        let mut end = 0;
+        self.steps.iter().all(|step| {
+            let Step::Set(Sets { indices: Indices::Range { first, count }, .. }) = *step else {
+                return false;
+            };
+            let begins = u64::from(first);
+            let rises = begins >= end;
+            end = begins + u64::from(count);
+            rises
+        })
+    }
+
     /// Indices that it sets are below this.
     pub fn index_end(&self) -> u64 {
         self.last_set().map_or(0, |last| last + 1)

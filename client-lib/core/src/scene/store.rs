@@ -278,22 +278,32 @@ impl Store {
     pub fn apply(&mut self, edit: Edit<'_>, limit: u32, threads: usize) -> Result<(), EditError> {
         self.forget_edit();
         self.make_room(edit, limit)?;
-        if let [Step::Set(Sets { indices: Indices::Range { first, .. }, boxes })] = edit.steps
-            && Self::is_long(boxes)
-        {
-            // A range names no index twice, so there is nothing else to check.
-            self.set_range(*first, boxes, threads);
+        if edit.is_of_ranges() {
+            // They name no index twice, so there is nothing else to check.
+            self.set_all(edit, threads);
             return Ok(());
         }
         mark(edit, &mut self.flags)?;
         self.ask_ahead(edit);
         edit.for_each_removed(|index| self.remove(index));
-        edit.for_each_set(|index, b| self.set(index, b));
+        self.set_all(edit, threads);
         edit.for_each_flag(|index, flag| match flag {
             Flag::On(on) => self.switch(index, on),
             Flag::Static(on) => self.make_static(index, on),
         });
         Ok(())
+    }
+
+    /// Sets the boxes of an edit that was checked.
+    fn set_all(&mut self, edit: Edit<'_>, threads: usize) {
+        for Sets { indices, boxes } in edit.sets() {
+            match *indices {
+                Indices::Range { first, .. } if Self::is_long(boxes) => {
+                    self.set_range(first, boxes, threads);
+                }
+                indices => indices.for_each(|at, index| self.set(index, &boxes[at])),
+            }
+        }
     }
 
     /// Checks an edit, and makes room for it.

@@ -249,6 +249,10 @@ pub struct EditScratch {
     records: Vec<StepRecord>,
     words: Vec<u32>,
     table: FilterTable,
+    /// Boxes of an edit that was [copied](Self::copy).
+    boxes: Vec<Aabb>,
+    /// Indices of its scene are below this.
+    most_boxes: u32,
 }
 
 impl EditScratch {
@@ -262,12 +266,52 @@ impl EditScratch {
         request: &SceneRequest,
         pages: &'a [Page],
     ) -> Result<Vec<Step<'a>>, Reject> {
+        self.copy_steps(request, pages)?;
+        self.steps_of(boxes_of(request, pages)?)
+    }
+
+    /// Copies an edit, its boxes as well, and checks it. Its [steps](Self::steps) are the same from then on,
+    /// whatever becomes of the memory where it lay.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read); what is kept is of no use then.
+    pub fn copy(&mut self, request: &SceneRequest, pages: &[Page]) -> Result<(), Reject> {
+        self.copy_steps(request, pages)?;
+        self.boxes.clear();
+        self.boxes.extend_from_slice(boxes_of(request, pages)?);
+        self.steps().map(drop)
+    }
+
+    /// The steps of the edit that was [copied](Self::copy) last.
+    ///
+    /// # Errors
+    /// As that had.
+    pub fn steps(&self) -> Result<Vec<Step<'_>>, Reject> {
+        self.steps_of(&self.boxes)
+    }
+
+    /// Whether the last edit has no steps.
+    pub const fn is_empty(&self) -> bool {
+        self.records.is_empty()
+    }
+
+    /// Bytes that are kept.
+    pub fn allocated_bytes(&self) -> usize {
+        self.records.capacity() * size_of::<StepRecord>()
+            + self.words.capacity() * size_of::<u32>()
+            + self.boxes.capacity() * size_of::<Aabb>()
+            + self.table.allocated_bytes()
+    }
+
+    /// Copies what an edit says, but for boxes.
+    fn copy_steps(&mut self, request: &SceneRequest, pages: &[Page]) -> Result<(), Reject> {
         let wrong = |field| Reject::Edit { field };
         let all: &[u8] = bytemuck::cast_slice(pages);
         let bytes = |section: &Section| {
             let end = section.offset.checked_add(section.bytes)?;
             all.get(usize::try_from(section.offset).ok()?..usize::try_from(end).ok()?)
         };
+        self.most_boxes = request.most_boxes;
         let records = bytes(&request.steps).ok_or(wrong("steps"))?;
         self.records.clear();
         self.records.resize(records.len() / size_of::<StepRecord>(), StepRecord::zeroed());
@@ -275,9 +319,6 @@ impl EditScratch {
         let words = bytes(&request.indices).ok_or(wrong("indices"))?;
         self.words.clear();
         self.words.extend_from_slice(bytemuck::cast_slice(words));
-        let count = u32::try_from(request.boxes.bytes / BOX_BYTES).map_err(|_| wrong("boxes"))?;
-        let offset = usize::try_from(request.boxes.offset).map_err(|_| wrong("boxes"))?;
-        let boxes = boxes_in(pages, offset, BoxCount::new(count)).ok_or(wrong("boxes"))?;
 
         let mut tables = self.records.iter().filter(|record| record.does == FILTERS);
         if let Some(record) = tables.next() {
@@ -289,13 +330,18 @@ impl EditScratch {
         if tables.next().is_some() {
             return Err(wrong("filters"));
         }
+        Ok(())
+    }
 
+    /// The steps of the edit that was copied, over its boxes.
+    fn steps_of<'a>(&'a self, boxes: &'a [Aabb]) -> Result<Vec<Step<'a>>, Reject> {
+        let wrong = |field| Reject::Edit { field };
         let mut named = 0;
         let mut steps = Vec::with_capacity(self.records.len());
         for record in &self.records {
             let indices = indices_of(record, &self.words).ok_or(wrong("indices"))?;
             named += indices.len() as u64;
-            if named > NAMED_PER_BOX * u64::from(request.most_boxes) {
+            if named > NAMED_PER_BOX * u64::from(self.most_boxes) {
                 return Err(wrong("number of indices"));
             }
             let from = From { boxes, words: &self.words, table: &self.table };
@@ -303,6 +349,15 @@ impl EditScratch {
         }
         Ok(steps)
     }
+}
+
+/// The boxes of an edit, where they lie.
+fn boxes_of<'a>(request: &SceneRequest, pages: &'a [Page]) -> Result<&'a [Aabb], Reject> {
+    let wrong = Reject::Edit { field: "boxes" };
+    let count = u32::try_from(request.boxes.bytes / BOX_BYTES);
+    let offset = usize::try_from(request.boxes.offset);
+    let (Ok(count), Ok(offset)) = (count, offset) else { return Err(wrong) };
+    boxes_in(pages, offset, BoxCount::new(count)).ok_or(wrong)
 }
 
 /// The indices of a step: none where it is about none.

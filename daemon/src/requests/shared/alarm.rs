@@ -6,7 +6,8 @@ use std::time::Instant;
 
 use pairmask_core::engine::CullError;
 
-use super::{Cell, end_tick, locked};
+use super::locked;
+use super::scene::SharedScene;
 use crate::execute::EnginePool;
 use crate::publish::{Outbox, Refusal};
 
@@ -26,7 +27,7 @@ struct Shared {
 #[derive(Default)]
 struct Due {
     /// Deadlines, one a scene. A scene whose tick has ended meanwhile is looked at in vain.
-    scenes: Vec<(Instant, Weak<Cell>)>,
+    scenes: Vec<(Instant, Weak<SharedScene>)>,
     stops: bool,
 }
 
@@ -52,14 +53,14 @@ impl Alarm {
     }
 
     /// Has a scene's tick end at a time.
-    pub(super) fn set(&self, at: Instant, cell: &Arc<Cell>) {
+    pub(super) fn set(&self, at: Instant, scene: &Arc<SharedScene>) {
         let mut due = locked(&self.shared.due);
-        let known = due.scenes.iter_mut().find(|(_, known)| known.as_ptr() == Arc::as_ptr(cell));
+        let known = due.scenes.iter_mut().find(|(_, known)| known.as_ptr() == Arc::as_ptr(scene));
         match known {
             // An earlier look finds the tick open, and is set again.
             Some((known, _)) if *known <= at => return,
             Some((known, _)) => *known = at,
-            None => due.scenes.push((at, Arc::downgrade(cell))),
+            None => due.scenes.push((at, Arc::downgrade(scene))),
         }
         drop(due);
         self.shared.changed.notify_one();
@@ -93,8 +94,8 @@ fn watch(shared: &Shared, pool: &EnginePool, outbox: &Outbox) {
     let mut due = locked(&shared.due);
     while !due.stops {
         let now = Instant::now();
-        let rung: Vec<Weak<Cell>> =
-            due.scenes.extract_if(.., |(at, _)| *at <= now).map(|(_, cell)| cell).collect();
+        let rung: Vec<Weak<SharedScene>> =
+            due.scenes.extract_if(.., |(at, _)| *at <= now).map(|(_, scene)| scene).collect();
         if rung.is_empty() {
             let next = due.scenes.iter().map(|(at, _)| *at).min();
             due = match next {
@@ -108,11 +109,10 @@ fn watch(shared: &Shared, pool: &EnginePool, outbox: &Outbox) {
         }
         drop(due);
         let mut again = Vec::new();
-        for cell in rung.iter().filter_map(Weak::upgrade) {
-            let mut scene = locked(&cell);
-            end_tick(&mut scene, pool.threads(), pool, outbox);
+        for scene in rung.iter().filter_map(Weak::upgrade) {
+            scene.end_tick(pool, outbox);
             if let Some(at) = scene.closes_at() {
-                again.push((at, Arc::downgrade(&cell)));
+                again.push((at, Arc::downgrade(&scene)));
             }
         }
         due = locked(&shared.due);

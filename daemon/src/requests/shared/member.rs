@@ -1,21 +1,35 @@
 //! What is kept of one member of a shared scene.
 
-use pairmask_core::scene::shared::{Hears, Ranges, Untold};
-use pairmask_core::scene::{Edit, Step};
-use pairmask_wire::{EditScratch, Page, Reject, SceneRequest};
+use std::sync::{Arc, Mutex};
 
+use pairmask_core::scene::shared::{Hears, MemberId, Ranges, TickChanges, Untold};
+use pairmask_wire::{EditScratch, SceneRequest};
+
+use super::locked;
 use crate::publish::OpenRequest;
 
 /// A member.
 pub(super) struct Member {
-    pub hears: Hears,
-    /// Its leases.
-    pub own: Ranges,
-    pub untold: Untold,
+    pub hearer: Hearer,
     /// The number of its last commit.
     pub revision: u64,
+    /// Whether a lane reads an edit of it.
+    pub is_reading: bool,
     /// What waits for the end of the tick.
     pub commit: Option<Commit>,
+    /// Memory for reading its next edit.
+    pub scratch: EditScratch,
+}
+
+/// Of what a member is to be told. Whoever ends a tick has it without its seat.
+#[derive(Clone)]
+pub(super) struct Hearer {
+    pub id: MemberId,
+    pub hears: Hears,
+    /// Its leases.
+    pub own: Arc<Ranges>,
+    /// Locked for a moment, and nothing is locked meanwhile.
+    pub untold: Arc<Mutex<Untold>>,
 }
 
 /// A commit that waits for the end of its tick. What it says is copied, once: the client may change or end
@@ -23,55 +37,44 @@ pub(super) struct Member {
 pub(super) struct Commit {
     pub open: OpenRequest,
     pub request: SceneRequest,
-    pages: Vec<Page>,
-    scratch: EditScratch,
+    pub edit: EditScratch,
 }
 
 impl Member {
-    pub fn new(hears: Hears) -> Self {
-        let (own, untold) = (Ranges::default(), Untold::default());
-        Self { hears, own, untold, revision: 0, commit: None }
+    pub fn new(id: MemberId, hears: Hears) -> Self {
+        let hearer = Hearer { id, hears, own: Arc::default(), untold: Arc::default() };
+        let scratch = EditScratch::default();
+        Self { hearer, revision: 0, is_reading: false, commit: None, scratch }
     }
 
+    /// Whether it has a commit in the open tick, or one that is being read.
+    pub const fn commits(&self) -> bool {
+        self.is_reading || self.commit.is_some()
+    }
+}
+
+impl Hearer {
     /// Whether it hears of a pair.
     pub fn hears_of(&self, [a, b]: [u32; 2]) -> bool {
         self.hears == Hears::All || self.own.has(a) || self.own.has(b)
     }
 
-    /// Bytes that are kept of it.
-    pub fn bytes(&self) -> u64 {
-        let pages = self.commit.as_ref().map_or(0, |commit| size_of_val(commit.pages.as_slice()));
-        (self.untold.allocated_bytes() + pages) as u64
-    }
-}
-
-impl Commit {
-    pub fn new(open: OpenRequest, request: SceneRequest) -> Self {
-        let pages = open.pages().to_vec();
-        Self { open, request, pages, scratch: EditScratch::default() }
-    }
-
-    /// The steps of its edit.
-    ///
-    /// # Errors
-    /// [`Reject`] where they are malformed.
-    pub fn steps(&mut self) -> Result<Vec<Step<'_>>, Reject> {
-        self.scratch.read(&self.request, &self.pages)
-    }
-
-    /// Bytes of the copy.
-    pub fn bytes(&self) -> u64 {
-        size_of_val(self.pages.as_slice()) as u64
-    }
-}
-
-/// Indices that an edit removes.
-pub(super) fn removed_by(edit: Edit<'_>) -> impl Iterator<Item = u32> {
-    let mut removed = Vec::new();
-    for step in edit.steps {
-        if let Step::Remove(indices) = step {
-            indices.for_each(|_, index| removed.push(index));
+    /// Notes what it is to be told.
+    pub fn note(&self, changes: TickChanges<'_>) {
+        let mut untold = locked(&self.untold);
+        match self.hears {
+            Hears::All => untold.note(changes, |_| true),
+            Hears::Own => untold.note(changes, |pair| self.hears_of(pair)),
         }
     }
-    removed.into_iter()
+
+    /// It does not know what it was told.
+    pub fn lose(&self) {
+        locked(&self.untold).lose();
+    }
+
+    /// Bytes that are kept of it.
+    pub fn bytes(&self) -> u64 {
+        locked(&self.untold).allocated_bytes() as u64
+    }
 }

@@ -4,14 +4,20 @@
 //! takes the last commit in, or the thread of the deadlines.
 //!
 //! ```text
-//! scene     one scene: members, leases, the open tick; what is applied and answered when it ends
+//! scene     one scene: what its members do, and in which order its locks are taken
+//! seats     members, leases, the open tick
+//! boxes     the boxes, by which edits are checked, and what edits have changed
+//! tick      the end of a tick: edits are applied, members answered
 //! member    what is kept of one member
 //! alarm     the thread that ends ticks whose deadline has passed
 //! ```
 
 mod alarm;
+mod boxes;
 mod member;
 mod scene;
+mod seats;
+mod tick;
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -42,17 +48,14 @@ pub(super) struct Tools {
     pub(super) pool: Arc<EnginePool>,
 }
 
-/// A scene that several threads reach.
-type Cell = Mutex<SharedScene>;
-
 /// A membership: by session and by the client's own number.
 type MemberKey = (u128, SceneId);
 
 /// All shared scenes.
 pub(super) struct SharedScenes {
     tools: Tools,
-    by_name: Mutex<BTreeMap<SceneName, Arc<Cell>>>,
-    joined: Mutex<HashMap<MemberKey, (Arc<Cell>, MemberId)>>,
+    by_name: Mutex<BTreeMap<SceneName, Arc<SharedScene>>>,
+    joined: Mutex<HashMap<MemberKey, (Arc<SharedScene>, MemberId)>>,
     alarm: Alarm,
 }
 
@@ -94,55 +97,46 @@ impl SharedScenes {
     ) -> Result<AgreedTerms, Refusal> {
         self.alarm.start(outbox)?;
         loop {
-            let cell = self.of_name(name, request)?;
-            let mut scene = locked(&cell);
+            let scene = self.of_name(name, request)?;
             // Its last member may have left since it was found.
-            if scene.has_ended() {
-                continue;
-            }
-            let joined = scene.join(request);
+            let Some(joined) = scene.join(request) else { continue };
             let terms = scene.terms();
-            let member = match joined {
-                Ok(member) => member,
+            match joined {
+                Ok(member) => {
+                    locked(&self.joined).insert((session, request.scene), (scene, member));
+                    return Ok(terms);
+                }
                 Err(refusal) => {
-                    let ended = scene.end_without_members();
-                    drop(scene);
-                    if ended {
-                        self.forget(name, &cell);
-                    }
+                    self.forget_if_ended(&scene);
                     return Err(refusal);
                 }
-            };
-            drop(scene);
-            locked(&self.joined).insert((session, request.scene), (cell, member));
-            return Ok(terms);
+            }
         }
     }
 
     /// The scene of a name, made where there is none. One that has ended is replaced.
-    fn of_name(&self, name: &SceneName, request: &JoinRequest) -> Result<Arc<Cell>, Refusal> {
+    fn of_name(
+        &self,
+        name: &SceneName,
+        request: &JoinRequest,
+    ) -> Result<Arc<SharedScene>, Refusal> {
         let mut by_name = locked(&self.by_name);
-        if let Some(cell) = by_name.get(name) {
-            // Another thread may hold it: one that it ends is taken out of this list right after.
-            let has_ended = cell.try_lock().is_ok_and(|scene| scene.has_ended());
-            if !has_ended {
-                return Ok(Arc::clone(cell));
-            }
+        if let Some(scene) = by_name.get(name).filter(|scene| !scene.has_ended()) {
+            return Ok(Arc::clone(scene));
         }
         let scene = SharedScene::begin(name.clone(), request, self.tools.clone())?;
-        let cell = Arc::new(Mutex::new(scene));
-        by_name.insert(name.clone(), Arc::clone(&cell));
-        Ok(cell)
+        let scene = Arc::new(scene);
+        by_name.insert(name.clone(), Arc::clone(&scene));
+        Ok(scene)
     }
 
     /// Answers a request about a lease.
     pub(super) fn lease(&self, mut open: OpenRequest, request: &LeaseRequest, outbox: &Outbox) {
         let found = self.find((open.sender().session, request.scene));
-        let leased = found.ok_or_else(|| Refusal::stale_scene(0)).and_then(|(cell, member)| {
-            let mut scene = locked(&cell);
+        let leased = found.ok_or_else(|| Refusal::stale_scene(0)).and_then(|(scene, member)| {
             let leased = scene.lease(member, request.action);
             // A writer less may end the tick.
-            self.end_tick(&mut scene, 1, outbox);
+            scene.end_tick(&self.tools.pool, outbox);
             leased
         });
         match leased {
@@ -155,34 +149,33 @@ impl SharedScenes {
         open.close();
     }
 
-    /// Takes a commit in. It is answered when its tick ends, by this call where it is the last one.
+    /// Takes a commit in. It is answered when its tick ends, by this call where it is the last one: by all
+    /// threads, as all who have committed wait for it.
     pub(super) fn commit(
         &self,
         mut open: OpenRequest,
         request: &SceneRequest,
-        threads: usize,
         outbox: &Outbox,
     ) -> Served {
-        let threads = request.threads.map_or(threads, |asked| asked.min(threads)).max(1);
-        let Some((cell, member)) = self.find((open.sender().session, request.scene)) else {
+        let start = Instant::now();
+        let Some((scene, member)) = self.find((open.sender().session, request.scene)) else {
             outbox.refuse(&mut open, &Refusal::stale_scene(0));
             open.close();
             return Served::BEGUN;
         };
-        let mut scene = locked(&cell);
-        if let Err((mut open, refusal)) = scene.commit(member, open, request, Instant::now()) {
-            drop(scene);
+        if let Err(refused) = scene.commit(member, open, request) {
+            let (mut open, refusal) = *refused;
             outbox.refuse(&mut open, &refusal);
             open.close();
             return Served::BEGUN;
         }
-        self.end_tick(&mut scene, threads, outbox);
-        let closes_at = scene.closes_at();
-        drop(scene);
-        if let Some(closes_at) = closes_at {
-            self.alarm.set(closes_at, &cell);
+        // By this its next commit is judged, which may be another one than the last of its tick.
+        let on_one_core = Some(start.elapsed());
+        let threads = scene.end_tick(&self.tools.pool, outbox);
+        if let Some(closes_at) = scene.closes_at() {
+            self.alarm.set(closes_at, &scene);
         }
-        Served { threads, ..Served::BEGUN }
+        Served { threads, on_one_core, ..Served::BEGUN }
     }
 
     /// Answers a request to leave.
@@ -202,45 +195,28 @@ impl SharedScenes {
 
     /// Ends a membership, if there is one. A session that lives is told that a commit has no answer.
     fn end(&self, key: MemberKey, lives: bool, outbox: &Outbox) {
-        let Some((cell, member)) = locked(&self.joined).remove(&key) else { return };
-        let mut scene = locked(&cell);
+        let Some((scene, member)) = locked(&self.joined).remove(&key) else { return };
         if let Some(mut open) = scene.end_member(member) {
             if lives {
                 outbox.refuse(&mut open, &Refusal::stale_scene(0));
             }
             open.close();
         }
-        self.end_tick(&mut scene, 1, outbox);
-        let ended = scene.end_without_members();
-        let name = scene.name().clone();
-        drop(scene);
-        if ended {
-            self.forget(&name, &cell);
-        }
+        scene.end_tick(&self.tools.pool, outbox);
+        self.forget_if_ended(&scene);
     }
 
-    fn end_tick(&self, scene: &mut SharedScene, threads: usize, outbox: &Outbox) {
-        end_tick(scene, threads, &self.tools.pool, outbox);
-    }
-
-    fn find(&self, key: MemberKey) -> Option<(Arc<Cell>, MemberId)> {
+    fn find(&self, key: MemberKey) -> Option<(Arc<SharedScene>, MemberId)> {
         locked(&self.joined).get(&key).cloned()
     }
 
-    fn forget(&self, name: &SceneName, cell: &Arc<Cell>) {
-        let mut by_name = locked(&self.by_name);
-        if by_name.get(name).is_some_and(|there| Arc::ptr_eq(there, cell)) {
-            by_name.remove(name);
+    fn forget_if_ended(&self, scene: &Arc<SharedScene>) {
+        if !scene.end_without_members() {
+            return;
         }
-    }
-}
-
-/// Ends the open tick of a scene if that is due, by so many threads.
-fn end_tick(scene: &mut SharedScene, threads: usize, pool: &EnginePool, outbox: &Outbox) {
-    let Some(closed) = scene.close_tick(Instant::now()) else { return };
-    if threads == 1 {
-        scene.answer_tick(&closed, 1, outbox);
-    } else {
-        pool.work(|| scene.answer_tick(&closed, threads, outbox));
+        let mut by_name = locked(&self.by_name);
+        if by_name.get(scene.name()).is_some_and(|there| Arc::ptr_eq(there, scene)) {
+            by_name.remove(scene.name());
+        }
     }
 }

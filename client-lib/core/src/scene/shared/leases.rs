@@ -1,6 +1,6 @@
 //! Ranges of indices, each of one member.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::ops::Range;
 
 use super::MemberId;
@@ -159,13 +159,14 @@ impl Leases {
 
     /// The members that have leases, in the order of their lowest indices.
     pub fn writers(&self) -> Vec<MemberId> {
-        let mut writers = Vec::new();
-        for lease in self.by_first.values() {
-            if !writers.contains(&lease.member) {
-                writers.push(lease.member);
-            }
-        }
-        writers
+        let mut seen = HashSet::new();
+        let members = self.by_first.values().map(|lease| lease.member);
+        members.filter(|member| seen.insert(*member)).collect()
+    }
+
+    /// The writer with the lowest lease.
+    pub fn first_writer(&self) -> Option<MemberId> {
+        self.by_first.values().next().map(|lease| lease.member)
     }
 }
 
@@ -293,6 +294,7 @@ mod tests {
         assert_eq!(leases.take_any(A, 70, 100), Ok(30..100));
         assert_eq!(leases.take_any(A, 1, 100), Err(LeaseError::Full { count: 1 }));
         assert_eq!(leases.writers(), [B, A]);
+        assert_eq!(leases.first_writer(), Some(B));
         assert_eq!(leases.give_back(B, 10), Err(LeaseError::NotHeld { first: 10 }));
         assert_eq!(leases.give_back(A, 10), Ok(10..20));
         assert_eq!(leases.end(B), [0..10, 20..30]);

@@ -1,5 +1,6 @@
 //! When a tick ends: all writers have committed, or its deadline has passed.
 
+use std::collections::HashSet;
 use std::time::{Duration, Instant};
 
 use super::MemberId;
@@ -10,7 +11,11 @@ pub struct Ticks {
     deadline: Duration,
     /// Ticks that were closed.
     count: u64,
-    committed: Vec<MemberId>,
+    committed: HashSet<MemberId>,
+    /// Who is waited for, in the order of their lowest indices.
+    writers: Vec<MemberId>,
+    /// Those of them that have not committed.
+    missing: HashSet<MemberId>,
     closes_at: Option<Instant>,
 }
 
@@ -34,8 +39,15 @@ pub struct Closed {
 
 impl Ticks {
     /// Ticks that end so long after their first commit at the latest.
-    pub const fn new(deadline: Duration) -> Self {
-        Self { deadline, count: 0, committed: Vec::new(), closes_at: None }
+    pub fn new(deadline: Duration) -> Self {
+        Self {
+            deadline,
+            count: 0,
+            committed: HashSet::new(),
+            writers: Vec::new(),
+            missing: HashSet::new(),
+            closes_at: None,
+        }
     }
 
     /// How long a tick is open at the most.
@@ -48,12 +60,19 @@ impl Ticks {
         self.closes_at
     }
 
+    /// The members that are waited for from now on, each once, in the order in which they are told.
+    pub fn wait_for(&mut self, writers: Vec<MemberId>) {
+        let missing = writers.iter().filter(|writer| !self.committed.contains(writer));
+        self.missing = missing.copied().collect();
+        self.writers = writers;
+    }
+
     /// A member commits.
     pub fn commit(&mut self, member: MemberId, now: Instant) -> Committed {
-        if self.committed.contains(&member) {
+        if !self.committed.insert(member) {
             return Committed::Twice;
         }
-        self.committed.push(member);
+        self.missing.remove(&member);
         self.closes_at.get_or_insert(now + self.deadline);
         Committed::Waits
     }
@@ -63,24 +82,30 @@ impl Ticks {
         self.committed.contains(&member)
     }
 
-    /// A member is gone, and its commit with it. A tick that nobody else has committed in is no longer open.
+    /// A member is gone, and its commit with it; [`wait_for`](Self::wait_for) is to follow where it was a
+    /// writer. A tick that nobody else has committed in is no longer open.
     pub fn forget(&mut self, member: MemberId) {
-        self.committed.retain(|other| *other != member);
+        self.committed.remove(&member);
         if self.committed.is_empty() {
             self.closes_at = None;
         }
     }
 
-    /// Closes the open tick, if all of these writers have committed or its deadline has passed.
-    pub fn close(&mut self, writers: &[MemberId], now: Instant) -> Option<Closed> {
-        let closes_at = self.closes_at?;
-        let is_late = |writer: &&MemberId| !self.committed.contains(writer);
-        let late: Vec<MemberId> = writers.iter().filter(is_late).copied().collect();
-        if !late.is_empty() && now < closes_at {
+    /// Whether the open tick is to be closed: all writers have committed or its deadline has passed.
+    pub fn is_due(&self, now: Instant) -> bool {
+        self.closes_at.is_some_and(|closes_at| self.missing.is_empty() || now >= closes_at)
+    }
+
+    /// Closes the open tick, if it is [due](Self::is_due).
+    pub fn close(&mut self, now: Instant) -> Option<Closed> {
+        if !self.is_due(now) {
             return None;
         }
+        let is_late = |writer: &&MemberId| self.missing.contains(writer);
+        let late = self.writers.iter().filter(is_late).copied().collect();
         self.closes_at = None;
         self.committed.clear();
+        self.missing.extend(&self.writers);
         self.count += 1;
         Some(Closed { number: self.count, late })
     }
@@ -98,26 +123,28 @@ mod tests {
     #[test]
     fn a_tick_ends_when_all_writers_have_committed() {
         let (mut ticks, now) = (Ticks::new(10 * MS), Instant::now());
-        assert_eq!(ticks.close(&[], now), None, "nobody has committed");
+        assert_eq!(ticks.close(now), None, "nobody has committed");
+        ticks.wait_for(vec![A, B]);
         assert_eq!(ticks.commit(B, now), Committed::Waits);
         assert_eq!(ticks.commit(B, now), Committed::Twice);
-        assert_eq!(ticks.close(&[A, B], now), None);
+        assert_eq!(ticks.close(now), None);
         // One that only listens is not waited for.
         assert_eq!(ticks.commit(C, now), Committed::Waits);
-        assert_eq!(ticks.close(&[A, B], now), None);
+        assert_eq!(ticks.close(now), None);
         assert_eq!(ticks.commit(A, now), Committed::Waits);
-        assert_eq!(ticks.close(&[A, B], now), Some(Closed { number: 1, late: vec![] }));
-        assert_eq!(ticks.close(&[A, B], now + 99 * MS), None, "the next one is not open");
+        assert_eq!(ticks.close(now), Some(Closed { number: 1, late: vec![] }));
+        assert_eq!(ticks.close(now + 99 * MS), None, "the next one is not open");
     }
 
     #[test]
     fn a_tick_ends_at_its_deadline_and_names_who_is_late() {
         let (mut ticks, now) = (Ticks::new(10 * MS), Instant::now());
+        ticks.wait_for(vec![B, A, C]);
         ticks.commit(C, now);
         ticks.commit(A, now + 5 * MS);
         assert_eq!(ticks.closes_at(), Some(now + 10 * MS), "counted from the first commit");
-        assert_eq!(ticks.close(&[B, A, C], now + 9 * MS), None);
-        let closed = ticks.close(&[B, A, C], now + 10 * MS);
+        assert_eq!(ticks.close(now + 9 * MS), None);
+        let closed = ticks.close(now + 10 * MS);
         assert_eq!(closed, Some(Closed { number: 1, late: vec![B] }));
         assert_eq!(ticks.commit(B, now + 11 * MS), Committed::Waits, "of the next tick");
         assert_eq!(ticks.closes_at(), Some(now + 21 * MS));
@@ -126,11 +153,16 @@ mod tests {
     #[test]
     fn who_is_gone_is_not_waited_for() {
         let (mut ticks, now) = (Ticks::new(10 * MS), Instant::now());
+        ticks.wait_for(vec![A]);
         ticks.commit(A, now);
         ticks.forget(A);
-        assert_eq!((ticks.closes_at(), ticks.close(&[], now)), (None, None));
+        ticks.wait_for(vec![]);
+        assert_eq!((ticks.closes_at(), ticks.close(now)), (None, None));
+        ticks.wait_for(vec![B, A]);
         ticks.commit(A, now);
+        assert_eq!(ticks.close(now), None);
         ticks.forget(B);
-        assert_eq!(ticks.close(&[A], now), Some(Closed { number: 1, late: vec![] }));
+        ticks.wait_for(vec![A]);
+        assert_eq!(ticks.close(now), Some(Closed { number: 1, late: vec![] }));
     }
 }

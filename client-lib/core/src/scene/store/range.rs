@@ -1,6 +1,6 @@
 //! Many boxes set at once, by a range of indices: in parts, side by side.
 
-use super::{CHANGED, NAMED, OFF, PRESENT, Store, are_same};
+use super::{CHANGED, EDIT_SETS, NAMED, OFF, PRESENT, Store, are_same};
 use crate::aabb::Aabb;
 use crate::engine::strips::{in_parts, part_count};
 
@@ -47,7 +47,7 @@ impl Store {
         set.len() >= BOXES_LEAST
     }
 
-    /// Sets boxes from an index on. There is room for them, and nothing else is in the edit.
+    /// Sets boxes from an index on. There is room for them, and the edit has set none of these yet.
     pub(super) fn set_range(&mut self, first: u32, set: &[Aabb], threads: usize) {
         let range = first as usize..first as usize + set.len();
         let parts = part_count(set.len(), TASK_BOXES, threads);
@@ -83,7 +83,7 @@ impl Part<'_> {
         let kept = self.boxes.iter_mut().zip(self.then.iter_mut()).zip(self.flags.iter_mut());
         for ((index, set), ((b, then), flags)) in (self.first..).zip(self.set).zip(kept) {
             noted.inserted += usize::from(*flags & PRESENT == 0);
-            *flags |= PRESENT | NAMED;
+            *flags = *flags & !EDIT_SETS | PRESENT | NAMED;
             if *flags & OFF != 0 {
                 noted.parked.push((index, *set));
                 continue;
@@ -100,5 +100,80 @@ impl Part<'_> {
             *b = *set;
         }
         noted
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::edit::{Edit, Indices, Sets, Step};
+    use super::*;
+
+    const LONG: u32 = BOXES_LEAST as u32;
+
+    /// What is kept, but for the order in which lists name indices.
+    fn seen(store: &Store) -> impl PartialEq + use<> {
+        let sorted = |list: &[u32]| {
+            let mut list = list.to_vec();
+            list.sort_unstable();
+            list
+        };
+        let boxes: Vec<[u32; 6]> = store.boxes().iter().map(|b| bytemuck::cast(*b)).collect();
+        let lists = [store.named(), store.changed(), store.gone()].map(sorted);
+        (boxes, store.flags.clone(), lists, store.present(), store.parked.len(), store.is_changed())
+    }
+
+    fn boxes(n: u32, tick: u32) -> Vec<Aabb> {
+        let at = |i: u32| ((i * 7 + i % 3 * tick) % 999) as f32;
+        (0..n).map(|i| Aabb::point([at(i), 0.0, 0.0])).collect()
+    }
+
+    #[test]
+    fn long_ranges_set_what_lists_do_beside_other_steps_too() {
+        let (mut by_ranges, mut by_lists) = (Store::default(), Store::default());
+        let removed = [3, LONG + 1];
+        let off = [5, LONG, 2 * LONG + 6];
+        for tick in 0..6 {
+            let firsts = [0, LONG, 2 * LONG + 5];
+            let counts = [LONG, if tick == 1 { 9 } else { LONG + 5 }, LONG];
+            let sets: Vec<(u32, Vec<Aabb>)> =
+                firsts.into_iter().zip(counts).map(|(first, n)| (first, boxes(n, tick))).collect();
+            let lists: Vec<Vec<u32>> = sets
+                .iter()
+                .map(|(first, set)| (*first..first + set.len() as u32).collect())
+                .collect();
+            let mut edits = [Vec::new(), Vec::new()];
+            for ((first, set), list) in sets.iter().zip(&lists) {
+                let range = Indices::Range { first: *first, count: set.len() as u32 };
+                edits[0].push(Step::Set(Sets { indices: range, boxes: set }));
+                edits[1].push(Step::Set(Sets { indices: list.into(), boxes: set }));
+            }
+            let others = [
+                Step::Remove(Indices::List(if tick == 3 { &removed } else { &[] })),
+                Step::Switch(Indices::List(if tick == 2 { &off } else { &[] }), false),
+            ];
+            // Without other steps, ranges are not checked one by one.
+            if tick > 1 {
+                for steps in &mut edits {
+                    steps.extend(others);
+                }
+            }
+            let threads = 1 + tick as usize % 3;
+            for (store, steps) in [&mut by_ranges, &mut by_lists].into_iter().zip(&edits) {
+                assert_eq!(store.apply(Edit { steps }, 1 << 20, threads), Ok(()));
+            }
+            assert!(seen(&by_ranges) == seen(&by_lists), "tick {tick}");
+            if tick == 4 {
+                by_ranges.forget();
+                by_lists.forget();
+            }
+        }
+        // Ranges that name an index twice are refused, also where they fall.
+        let set = boxes(LONG, 9);
+        let step = |first| Step::Set(Sets { indices: (first..first + LONG).into(), boxes: &set });
+        for steps in [[step(0), step(LONG - 1)], [step(LONG - 1), step(0)]] {
+            assert!(by_ranges.apply(Edit { steps: &steps }, 1 << 20, 2).is_err());
+            let right = [step(LONG), step(0)];
+            assert_eq!(by_ranges.apply(Edit { steps: &right }, 1 << 20, 2), Ok(()));
+        }
     }
 }

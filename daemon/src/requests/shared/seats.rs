@@ -1,0 +1,227 @@
+//! Who has a seat in a shared scene: members, their leases, and the open tick. No boxes: nothing here waits
+//! for a tick that is being applied.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::sync::Arc;
+use std::time::Instant;
+
+use pairmask_core::scene::Want;
+use pairmask_core::scene::shared::{Committed, Hears, Leases, MemberId, Ranges, Ticks};
+use pairmask_wire::{EditScratch, JoinRequest, Reject, SceneRequest};
+
+use super::locked;
+use super::member::{Commit, Hearer, Member};
+use crate::publish::Refusal;
+
+/// Members that a scene may have.
+const MOST_MEMBERS: usize = 1_024;
+
+/// Members, leases, and the open tick.
+pub(super) struct Seats {
+    pub leases: Leases,
+    ticks: Ticks,
+    members: BTreeMap<MemberId, Member>,
+    last_member: u64,
+    has_ended: bool,
+    /// Of the open tick.
+    work: TickWork,
+}
+
+/// What a tick is expected to need.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct TickWork {
+    /// Boxes that its edits set.
+    boxes: u64,
+    /// Whether a member asks for all pairs.
+    needs_whole: bool,
+    /// Threads that clients let it have, where they say so.
+    threads: Option<usize>,
+}
+
+/// A commit whose edit is being read.
+pub(super) struct Begun {
+    /// What its member may write.
+    pub own: Arc<Ranges>,
+    /// Whether its member may give the table of filters.
+    pub is_first: bool,
+    /// Memory of the last one.
+    pub scratch: EditScratch,
+}
+
+/// A tick that was closed.
+pub(super) struct ClosedTick {
+    pub number: u64,
+    /// Leases of writers that had not committed.
+    pub late: Ranges,
+    /// Commits in the order of their writers' indices, then those of listeners.
+    pub commits: Vec<(Hearer, Commit)>,
+    /// All others, who hear of it later.
+    pub others: Vec<Hearer>,
+}
+
+/// Boxes of a tick up to which one thread is as soon done as all are that have to be woken.
+const FEW_BOXES: u64 = 512;
+
+impl TickWork {
+    fn threads_of(&self, threads: usize) -> usize {
+        let most = self.threads.map_or(threads, |most| most.min(threads)).max(1);
+        if self.boxes > FEW_BOXES || self.needs_whole { most } else { 1 }
+    }
+}
+
+fn wrong(field: &'static str) -> Refusal {
+    Reject::Edit { field }.into()
+}
+
+impl Seats {
+    /// Without members, for such ticks.
+    pub fn new(ticks: Ticks) -> Self {
+        let (leases, members) = (Leases::default(), BTreeMap::new());
+        Self { leases, ticks, members, last_member: 0, has_ended: false, work: TickWork::default() }
+    }
+
+    /// Whether the scene is no longer to be found: its last member has left.
+    pub const fn has_ended(&self) -> bool {
+        self.has_ended
+    }
+
+    /// Ends the scene where it has no members. Whether it has ended.
+    pub fn end_without_members(&mut self) -> bool {
+        self.has_ended |= self.members.is_empty();
+        self.has_ended
+    }
+
+    /// When the open tick closes at the latest.
+    pub const fn closes_at(&self) -> Option<Instant> {
+        self.ticks.closes_at()
+    }
+
+    /// By how many threads of so many the open tick is to be ended, if it is to be closed.
+    pub fn threads_if_due(&self, now: Instant, threads: usize) -> Option<usize> {
+        self.ticks.is_due(now).then(|| self.work.threads_of(threads))
+    }
+
+    pub fn join(&mut self, request: &JoinRequest) -> Result<MemberId, Refusal> {
+        if self.members.len() >= MOST_MEMBERS {
+            return Err(wrong("number of members"));
+        }
+        self.last_member += 1;
+        let id = MemberId(self.last_member);
+        self.members.insert(id, Member::new(id, request.hears));
+        Ok(id)
+    }
+
+    /// Notes that the leases of a member have changed.
+    pub fn note_leases(&mut self, id: MemberId) {
+        self.ticks.wait_for(self.leases.writers());
+        if let Some(Member { hearer, .. }) = self.members.get_mut(&id) {
+            hearer.own = Arc::new(self.leases.of(id));
+            // It hears of other pairs from now on.
+            if hearer.hears == Hears::Own {
+                locked(&hearer.untold).lose();
+            }
+        }
+    }
+
+    /// A member gives a lease back.
+    pub fn give_back(&mut self, id: MemberId, first: u32) -> Result<Range<u32>, Refusal> {
+        // What waits for the end of the tick, or is being read, may name them.
+        if self.members.get(&id).is_none_or(Member::commits) {
+            return Err(wrong("lease of a commit under way"));
+        }
+        let range = self.leases.give_back(id, first)?;
+        self.note_leases(id);
+        Ok(range)
+    }
+
+    /// A member begins to commit: until its edit is [taken in](Self::commit) or [given up](Self::give_up), its
+    /// leases stay.
+    pub fn begin(&mut self, id: MemberId, request: &SceneRequest) -> Result<Begun, Refusal> {
+        let is_first = self.leases.first_writer() == Some(id);
+        let member = self.members.get_mut(&id).ok_or_else(|| Refusal::stale_scene(0))?;
+        if member.revision != request.base {
+            return Err(Refusal::stale_scene(member.revision));
+        }
+        if request.want == Want::Moved {
+            return Err(wrong("want"));
+        }
+        if member.commits() {
+            return Err(wrong("second commit of a tick"));
+        }
+        member.is_reading = true;
+        let scratch = std::mem::take(&mut member.scratch);
+        Ok(Begun { own: Arc::clone(&member.hearer.own), is_first, scratch })
+    }
+
+    /// The edit of a member is refused.
+    pub fn give_up(&mut self, id: MemberId, scratch: EditScratch) {
+        if let Some(member) = self.members.get_mut(&id) {
+            (member.is_reading, member.scratch) = (false, scratch);
+        }
+    }
+
+    /// Takes the commit of a member in, whose edit is right. `Err` where the member has ended meanwhile.
+    #[allow(clippy::result_large_err)] // Its caller answers it at once.
+    pub fn commit(&mut self, id: MemberId, commit: Commit, now: Instant) -> Result<(), Commit> {
+        let Some(member) = self.members.get_mut(&id) else { return Err(commit) };
+        if self.ticks.commit(id, now) == Committed::Twice {
+            return Err(commit);
+        }
+        let request = &commit.request;
+        let mut untold = locked(&member.hearer.untold);
+        untold.acknowledge(request.is_taken);
+        if request.is_lost {
+            untold.lose();
+        }
+        let work = &mut self.work;
+        work.boxes += u64::from(commit.open.fields().box_count.get());
+        work.needs_whole |= untold.needs_whole(request.want);
+        work.threads = work.threads.max(request.threads);
+        drop(untold);
+        member.revision = request.revision;
+        member.is_reading = false;
+        member.commit = Some(commit);
+        Ok(())
+    }
+
+    /// Closes the open tick if that is due.
+    pub fn close(&mut self, now: Instant) -> Option<ClosedTick> {
+        let closed = self.ticks.close(now)?;
+        self.work = TickWork::default();
+        let late = closed.late.iter().filter_map(|id| self.members.get(id));
+        let late = late.flat_map(|member| member.hearer.own.as_slice().to_vec()).collect();
+        let (mut commits, mut others) = (Vec::new(), Vec::new());
+        let mut take = |member: &mut Member| match member.commit.take() {
+            Some(commit) => commits.push((member.hearer.clone(), commit)),
+            None => others.push(member.hearer.clone()),
+        };
+        for id in self.leases.writers() {
+            self.members.get_mut(&id).into_iter().for_each(&mut take);
+        }
+        let listeners = self.members.values_mut().filter(|member| member.hearer.own.is_empty());
+        listeners.for_each(take);
+        Some(ClosedTick { number: closed.number, late, commits, others })
+    }
+
+    /// Gives memory for reading edits back.
+    pub fn keep_scratch(&mut self, id: MemberId, scratch: EditScratch) {
+        if let Some(member) = self.members.get_mut(&id) {
+            member.scratch = scratch;
+        }
+    }
+
+    /// All who are to hear of changes.
+    pub fn hearers(&self) -> Vec<Hearer> {
+        self.members.values().map(|member| member.hearer.clone()).collect()
+    }
+
+    /// A member has left, or its session is gone. Returns it, and what it had leased.
+    pub fn end(&mut self, id: MemberId) -> Option<(Member, Vec<Range<u32>>)> {
+        let member = self.members.remove(&id)?;
+        self.ticks.forget(id);
+        let ended = self.leases.end(id);
+        self.ticks.wait_for(self.leases.writers());
+        Some((member, ended))
+    }
+}

@@ -1,0 +1,235 @@
+//! The end of a tick: all edits are applied, and every member that has committed is answered.
+
+use std::collections::HashSet;
+use std::ops::Range;
+use std::sync::Arc;
+use std::time::Instant;
+
+use pairmask_core::dispatch::StageTimes;
+use pairmask_core::engine::{CullError, EngineName, ReplyBuffer};
+use pairmask_core::scene::shared::{Hears, MemberId, TickChanges};
+use pairmask_core::scene::{Edit, SceneError, Step, Told};
+use pairmask_wire::{EditScratch, SceneAnswerLayout, TickMarks, response_scene};
+use rayon::prelude::*;
+
+use super::boxes::{Boxes, Changed};
+use super::locked;
+use super::member::{Commit, Hearer};
+use super::seats::ClosedTick;
+use crate::publish::{Outbox, Refusal};
+
+/// All pairs of the scene, where a member needs them.
+type Whole = Option<Arc<Vec<[u32; 2]>>>;
+
+/// A tick whose edits are applied: what members are answered with.
+pub(super) struct AppliedTick {
+    facts: Facts,
+    answers: Vec<Answer>,
+}
+
+/// What all members are told alike.
+struct Facts {
+    number: u64,
+    late: Vec<Range<u32>>,
+    engine: EngineName,
+    /// Bytes that the scene takes.
+    bytes: u64,
+    threads: usize,
+    times: StageTimes,
+}
+
+/// What a member is answered with.
+struct Answer {
+    hearer: Hearer,
+    commit: Commit,
+    told: Result<Told, Refusal>,
+}
+
+/// Does something for each of a list, side by side where there are threads for it.
+fn for_each<T: Send>(list: Vec<T>, threads: usize, f: impl Fn(T) + Send + Sync) {
+    if threads == 1 || list.len() == 1 {
+        list.into_iter().for_each(f);
+    } else {
+        list.into_par_iter().for_each(f);
+    }
+}
+
+/// Applies an edit that was checked, and notes what these are to be told of it.
+pub(super) fn apply(
+    boxes: &mut Boxes,
+    hearers: &[&Hearer],
+    edit: Edit<'_>,
+    threads: usize,
+) -> Result<(), SceneError> {
+    match boxes.apply(edit, threads) {
+        Ok(Changed::Told) => {
+            let told = boxes.told();
+            let removed = Arc::new(removed_by(edit));
+            let changes = TickChanges {
+                begun: told.begun(),
+                ended: told.ended(),
+                removed: &removed,
+                pair_count: told.pair_count().unwrap_or(0),
+            };
+            for_each(hearers.to_vec(), threads, |hearer| hearer.note(changes));
+        }
+        Ok(Changed::Lost) => lose(hearers),
+        Err(error) => {
+            lose(hearers);
+            return Err(error);
+        }
+    }
+    boxes.take();
+    Ok(())
+}
+
+/// Nobody knows what these were told.
+fn lose(hearers: &[&Hearer]) {
+    for hearer in hearers {
+        hearer.lose();
+    }
+}
+
+/// Indices that an edit removes.
+fn removed_by(edit: Edit<'_>) -> HashSet<u32> {
+    let mut removed = HashSet::new();
+    for step in edit.steps {
+        if let Step::Remove(indices) = step {
+            indices.for_each(|_, index| {
+                removed.insert(index);
+            });
+        }
+    }
+    removed
+}
+
+impl ClosedTick {
+    /// Applies its edits in the order of their writers' indices.
+    pub fn apply(self, boxes: &mut Boxes, threads: usize) -> AppliedTick {
+        let start = Instant::now();
+        let Self { number, late, commits, others } = self;
+        let hearers: Vec<&Hearer> =
+            commits.iter().map(|(hearer, _)| hearer).chain(&others).collect();
+        let mut steps = Vec::new();
+        for (_, commit) in &commits {
+            // They were right when they were read, and are the same now.
+            steps.extend(commit.edit.steps().unwrap_or_default());
+        }
+        let applied = apply(boxes, &hearers, Edit { steps: &steps }, threads);
+        drop(steps);
+        let whole = applied.and_then(|()| whole_for(boxes, &commits));
+        if whole.is_err() {
+            lose(&hearers);
+        }
+        let answers = told_to(commits, boxes, &whole, threads);
+        let hearers = answers.iter().map(|answer| &answer.hearer).chain(&others);
+        boxes.note_room(hearers.map(Hearer::bytes).sum());
+        let scene = boxes.scene();
+        let facts = Facts {
+            number,
+            late: late.as_slice().to_vec(),
+            engine: scene.scene().engine(),
+            bytes: scene.scene().bytes() + scene.rule_bytes() as u64,
+            threads,
+            times: StageTimes {
+                execute_ns: start.elapsed().as_nanos() as u64,
+                ..StageTimes::default()
+            },
+        };
+        AppliedTick { facts, answers }
+    }
+}
+
+/// All pairs, where one who has committed needs them.
+fn whole_for(boxes: &mut Boxes, commits: &[(Hearer, Commit)]) -> Result<Whole, SceneError> {
+    let needs_whole = commits
+        .iter()
+        .any(|(hearer, commit)| locked(&hearer.untold).needs_whole(commit.request.want));
+    if needs_whole { boxes.whole().map(Some) } else { Ok(None) }
+}
+
+/// What each member is told.
+fn told_to(
+    commits: Vec<(Hearer, Commit)>,
+    boxes: &Boxes,
+    whole: &Result<Whole, SceneError>,
+    threads: usize,
+) -> Vec<Answer> {
+    let pair_count = boxes.told().pair_count().unwrap_or(0);
+    let reasons = boxes.reasons();
+    let tell = |(hearer, commit): (Hearer, Commit)| {
+        let told = whole.as_ref().map_err(|error| Refusal::from(error.clone())).map(|whole| {
+            let want = commit.request.want;
+            let mut untold = locked(&hearer.untold);
+            let needed = whole.as_ref().filter(|_| untold.needs_whole(want));
+            let whole = needed.map(|whole| match hearer.hears {
+                Hears::All => Arc::clone(whole),
+                Hears::Own => {
+                    let pairs = whole.iter().copied();
+                    Arc::new(pairs.filter(|pair| hearer.hears_of(*pair)).collect())
+                }
+            });
+            untold.answer(want, whole, pair_count, |pair| reasons.of(pair))
+        });
+        Answer { hearer, commit, told }
+    };
+    if threads == 1 {
+        commits.into_iter().map(tell).collect()
+    } else {
+        commits.into_par_iter().map(tell).collect()
+    }
+}
+
+impl AppliedTick {
+    /// The members that have committed, and the memory of their edits.
+    pub fn scratches(&mut self) -> impl Iterator<Item = (MemberId, EditScratch)> {
+        let answers = self.answers.iter_mut();
+        answers.map(|answer| (answer.hearer.id, std::mem::take(&mut answer.commit.edit)))
+    }
+
+    /// Answers all of them.
+    pub fn answer(self, outbox: &Outbox) {
+        let Self { facts, answers } = self;
+        for_each(answers, facts.threads, |answer| facts.answer(answer, outbox));
+    }
+}
+
+impl Facts {
+    /// Answers one member.
+    fn answer(&self, answer: Answer, outbox: &Outbox) {
+        let Answer { hearer, mut commit, told } = answer;
+        if let Err(refusal) = told.and_then(|told| self.send(told, &hearer, &mut commit, outbox)) {
+            hearer.lose();
+            outbox.refuse(&mut commit.open, &refusal);
+        }
+        commit.open.close();
+    }
+
+    fn send(
+        &self,
+        told: Told,
+        hearer: &Hearer,
+        commit: &mut Commit,
+        outbox: &Outbox,
+    ) -> Result<(), Refusal> {
+        let publish = Instant::now();
+        let layout = SceneAnswerLayout::of(&told);
+        let marks = TickMarks::after(&layout, self.number, &self.late);
+        let (_, mut reply) = commit.open.parts();
+        let words = reply.reserve(marks.words()).map_err(CullError::from)?;
+        layout.write(&told, words);
+        marks.write(&self.late, words);
+        let times = StageTimes {
+            publish_ns: publish.elapsed().as_nanos() as u64,
+            total_ns: commit.open.taken_at().elapsed().as_nanos() as u64,
+            ..self.times
+        };
+        let (fields, threads) = (commit.open.fields(), self.threads);
+        let header = response_scene(fields, self.engine, threads, &told, self.bytes, &times);
+        outbox.count_edit(fields, &told);
+        // Before its client can commit again.
+        locked(&hearer.untold).note_told(told);
+        outbox.answer_shared(&mut commit.open, &marks.mark(header));
+        Ok(())
+    }
+}
