@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use pairmask_core::Aabb;
 use pairmask_core::aabb::{KeyBox, order_key};
+use pairmask_core::precision::BoxSlice;
 use pairmask_shaders::constants::{
     BATCH_BOXES, CONTROL_HEADER_WORDS, MARK_NAMES, MARK_REMOVES, PARKED, SCAN_CELLS, SUPERS_MOST,
     WIDE_LINES,
@@ -418,7 +419,7 @@ impl Search {
     fn of_mode(slots: u32, seed: u64, mode: SceneMode) -> Self {
         let random = &mut Rng::new(seed ^ 0xce11);
         let (scene, boxes) = Scene::new(slots, random);
-        let mut layout = grid_layout(boxes.as_slice());
+        let mut layout = grid_layout(BoxSlice::from(boxes.as_slice()));
         layout.first_nothing = layout.first_giant + slots / PARKED + 1;
         layout.cell_end = layout.first_nothing;
         let is_dense = match mode {
