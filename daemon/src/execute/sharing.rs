@@ -36,8 +36,7 @@ fn up_ns(cost: &GpuCost, n: BoxCount) -> f64 {
 mod tests {
     use pairmask_core::dispatch::CullOptions;
     use pairmask_core::engine::{AvailableIsa, EngineChoice};
-    use pairmask_core::plan::{Calibration, Capabilities, plan};
-    use pairmask_core::stats::SceneStats;
+    use pairmask_core::plan::{Calibration, Capabilities, SceneStats, plan};
 
     use super::*;
 

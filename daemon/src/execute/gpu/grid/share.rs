@@ -187,7 +187,7 @@ mod tests {
         for kind in 0..12 {
             for n in [2, 69, 1_500] {
                 let boxes = scene(kind, n);
-                let layout = grid_layout((&boxes).into());
+                let layout = grid_layout(BoxSlice::from(&boxes));
                 let whole = mirror::frame(&layout, (&boxes).into());
                 for gpus in 1..=4 {
                     let shares = Borders::new(gpus).shares(&layout, (&boxes).into());
@@ -226,7 +226,7 @@ mod tests {
     #[test]
     fn a_share_places_little_more_than_its_part() {
         let boxes = scene(0, 20_000);
-        let layout = grid_layout((&boxes).into());
+        let layout = grid_layout(BoxSlice::from(&boxes));
         let homes = mirror::frame(&layout, (&boxes).into()).homes;
         for share in Borders::new(2).shares(&layout, (&boxes).into()) {
             let placed = homes.iter().filter(|home| {
