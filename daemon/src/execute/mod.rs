@@ -314,7 +314,8 @@ impl Executor {
         options: &CullOptions,
         limit_words: u64,
     ) -> Planned {
-        let planned = self.plan(boxes, options, limit_words);
+        // The other GPUs are left to the others.
+        let planned = Planned { gpus: 1, ..self.plan(boxes, options, limit_words) };
         if !planned.plan.engine.is_gpu()
             || planned.needs_gpu()
             || options.engine != EngineChoice::Auto

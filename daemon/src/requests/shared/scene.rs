@@ -83,16 +83,6 @@ impl SharedScene {
     /// A member leases indices, or gives them back with their boxes.
     pub fn lease(&self, id: MemberId, action: LeaseAction) -> Result<Range<u32>, Refusal> {
         let limit = self.terms.most_boxes;
-        if let LeaseAction::GiveBack { first } = action {
-            // Who leases them next finds no box there.
-            let mut boxes = locked(&self.boxes);
-            let mut seats = locked(&self.seats);
-            let range = seats.give_back(id, first)?;
-            let hearers = seats.hearers();
-            drop(seats);
-            self.remove(&mut boxes, std::slice::from_ref(&range), &hearers);
-            return Ok(range);
-        }
         let mut seats = locked(&self.seats);
         let range = match action {
             LeaseAction::Take { first, count } => {
@@ -104,9 +94,23 @@ impl SharedScene {
                 range
             }
             LeaseAction::TakeAny { count } => seats.leases.take_any(id, count, limit)?,
-            LeaseAction::GiveBack { first } => seats.give_back(id, first)?,
+            LeaseAction::GiveBack { first } => {
+                drop(seats);
+                return self.give_back(id, first);
+            }
         };
         seats.note_leases(id);
+        Ok(range)
+    }
+
+    /// A member gives indices back. Their boxes are removed: who leases them next finds none there.
+    fn give_back(&self, id: MemberId, first: u32) -> Result<Range<u32>, Refusal> {
+        let mut boxes = locked(&self.boxes);
+        let mut seats = locked(&self.seats);
+        let range = seats.give_back(id, first)?;
+        let hearers = seats.hearers();
+        drop(seats);
+        self.remove(&mut boxes, std::slice::from_ref(&range), &hearers);
         Ok(range)
     }
 

@@ -123,7 +123,9 @@ impl ClosedTick {
         }
         let answers = told_to(commits, boxes, &whole, threads);
         let hearers = answers.iter().map(|answer| &answer.hearer).chain(&others);
-        boxes.note_room(hearers.map(Hearer::bytes).sum());
+        // Members keep the memory of their edits for the next.
+        let edits = answers.iter().map(|answer| answer.commit.edit.allocated_bytes() as u64);
+        boxes.note_room(hearers.map(Hearer::bytes).sum::<u64>() + edits.sum::<u64>());
         let scene = boxes.scene();
         let facts = Facts {
             number,
