@@ -36,8 +36,7 @@ pub fn classify(sphere: &Sphere) -> (KeyBox, BoxClass) {
     }
     let numbers: [f32; 4] = (*sphere).into();
     if numbers.iter().any(|x| x.abs().to_bits() >= BOUNDED_BITS) {
-        let [low, high] =
-            [f32::NEG_INFINITY, f32::INFINITY].map(|x| [order_key(x.to_bits()); 3]);
+        let [low, high] = [f32::NEG_INFINITY, f32::INFINITY].map(|x| [order_key(x.to_bits()); 3]);
         return (KeyBox { min: low, max: high }, class);
     }
     let radius = sphere.radius.abs();

@@ -26,11 +26,8 @@ fn parts(x: f32) -> (u32, u32) {
 
 /// Digit of mantissa·2^up that weighs 2^low.
 fn digit(mantissa: u32, up: u32, low: u32) -> i32 {
-    let cut = if low >= up {
-        mantissa >> (low - up).min(31)
-    } else {
-        mantissa << (up - low).min(31)
-    };
+    let cut =
+        if low >= up { mantissa >> (low - up).min(31) } else { mantissa << (up - low).min(31) };
     cut as i32 & DIGIT
 }
 

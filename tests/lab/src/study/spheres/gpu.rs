@@ -217,7 +217,8 @@ impl GpuErrorRow {
         let n = BoxCount::new(scene.spheres.len() as u32);
         self.pairs += scene.truth.len() as u64;
         self.beside += n.pair_count();
-        let differs = scene.words.iter().zip(gpu).map(|(cpu, gpu)| u64::from((cpu ^ gpu).count_ones()));
+        let differs =
+            scene.words.iter().zip(gpu).map(|(cpu, gpu)| u64::from((cpu ^ gpu).count_ones()));
         self.beside_wrong += differs.sum::<u64>();
         for (is_pair, first) in scene.truth.iter().zip((0..).step_by(2)) {
             let said = PairIndex::of(n, first, first + 1)
