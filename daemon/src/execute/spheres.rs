@@ -19,8 +19,8 @@ const SPHERE_SCRATCH_BYTES: usize = 64;
 /// Scratch that a frame takes, bytes a pair: a word each, at the most.
 const PAIR_SCRATCH_BYTES: usize = 12;
 
-/// Whether frames of spheres may go to the GPU. Not yet: on lavapipe its grid fails from some hundred spheres on,
-/// and all pairs with four rows a thread has pairs too many (`gpu_spheres.rs` in the tests shows both).
+/// Whether frames of spheres may go to the GPU. Not yet: on lavapipe hard scenes of 255 spheres have a pair
+/// too many, and the grid loses the device on some (`gpu_spheres.rs` in the tests shows both).
 const GPU_TAKES_SPHERES: bool = false;
 
 impl Executor {
