@@ -331,6 +331,13 @@ impl GpuService {
         self.engines.as_ref().is_some_and(|engines| engines.grid.gpu().info().is_software())
     }
 
+    /// Makes the engines of a device that was lost and is back. Plans count on no GPU meanwhile, so that no
+    /// frame asks for it.
+    pub(super) fn take_back(&mut self) {
+        self.refresh();
+        self.tidy();
+    }
+
     /// Gives up memory whose owner is gone; to be called now and then.
     pub fn tidy(&mut self) {
         if let Some(engines) = &mut self.engines {

@@ -95,6 +95,18 @@ impl GpuShare {
         }
     }
 
+    /// Whether plans count on it: its device was there when it was used last.
+    pub fn is_there(&self) -> bool {
+        self.0.as_ref().is_some_and(|gpu| gpu.is_there())
+    }
+
+    /// Takes a device in that was lost and is back. Its engines may take a second to make.
+    pub fn take_back(&self) {
+        if let Some(gpu) = &self.0 {
+            gpu.with(super::GpuService::take_back);
+        }
+    }
+
     /// Leaves frames to the GPU in one submission.
     ///
     /// # Errors

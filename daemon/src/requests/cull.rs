@@ -52,7 +52,7 @@ impl Culls {
 
     /// Gives up what belonged to clients that are gone.
     pub(super) fn tidy(&self) {
-        self.lines.iter().for_each(|line| line.gpu().tidy());
+        self.lines.iter().for_each(GpuLine::tidy);
         self.filters.tidy();
     }
 

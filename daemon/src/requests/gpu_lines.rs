@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
 
 use crate::execute::{CullUnderWay, GpuShare, SUBMISSIONS_UNDER_WAY};
 use crate::publish::OpenRequest;
@@ -20,16 +21,37 @@ pub(super) struct GpuLine {
     under_way: Mutex<VecDeque<Submission>>,
     /// Places that are claimed, for those who only look.
     claimed: AtomicUsize,
+    /// The thread that takes a lost device back.
+    returning: Mutex<Option<JoinHandle<()>>>,
 }
 
 impl GpuLine {
     pub(super) fn new(gpu: GpuShare) -> Self {
         let under_way = Mutex::new(VecDeque::with_capacity(SUBMISSIONS_UNDER_WAY));
-        Self { gpu, under_way, claimed: AtomicUsize::new(0) }
+        Self { gpu, under_way, claimed: AtomicUsize::new(0), returning: Mutex::default() }
     }
 
     pub(super) const fn gpu(&self) -> &GpuShare {
         &self.gpu
+    }
+
+    /// Gives up what the GPU keeps of clients that are gone. A device that was lost is taken back where it is
+    /// there again, on a thread of its own: nobody waits for it.
+    pub(super) fn tidy(&self) {
+        if self.gpu.is_there() {
+            self.gpu.tidy();
+            return;
+        }
+        let mut returning = self.returning.lock().unwrap_or_else(PoisonError::into_inner);
+        if returning.as_ref().is_some_and(|thread| !thread.is_finished()) {
+            return;
+        }
+        let gpu = self.gpu.clone();
+        let thread = std::thread::Builder::new().name("gpu-back".into());
+        match thread.spawn(move || gpu.take_back()) {
+            Ok(thread) => *returning = Some(thread),
+            Err(error) => log::error!("no thread to take the GPU back on: {error}"),
+        }
     }
 
     /// Whether a frame is under way.
@@ -70,5 +92,16 @@ impl GpuLine {
 
     fn under_way(&self) -> MutexGuard<'_, VecDeque<Submission>> {
         self.under_way.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Drop for GpuLine {
+    /// Waits for the thread: a process that ends while it uses the driver would unload it under that thread.
+    fn drop(&mut self) {
+        let returning = self.returning.get_mut().unwrap_or_else(PoisonError::into_inner);
+        if let Some(thread) = returning.take() {
+            // One that panicked has taken nothing back.
+            let _ = thread.join();
+        }
     }
 }
