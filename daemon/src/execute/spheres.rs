@@ -19,8 +19,8 @@ const SPHERE_SCRATCH_BYTES: usize = 64;
 /// Scratch that a frame takes, bytes a pair: a word each, at the most.
 const PAIR_SCRATCH_BYTES: usize = 12;
 
-/// Whether frames of spheres may go to the GPU. Not yet: on lavapipe hard scenes of 255 spheres have a pair
-/// too many, and the grid loses the device on some (`gpu_spheres.rs` in the tests shows both).
+/// Whether frames of spheres may go to the GPU. Not yet: the tests (`gpu_spheres.rs`) pass on an H200, and on
+/// lavapipe scenes with many near pairs come out wrong (`GPU.md`, "Spheres").
 const GPU_TAKES_SPHERES: bool = false;
 
 impl Executor {
