@@ -1,6 +1,7 @@
 //! A device that is lost under load: no wrong answer, a typed error, and recovery.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use pairmask_core::Encoding;
@@ -30,14 +31,17 @@ fn a_device_destroyed_under_load_is_a_typed_error_and_comes_back() {
             std::thread::sleep(Duration::from_millis(5));
         };
         let mut engine = AllPairs::new(&gpu, AllPairsOptions::default()).expect("an engine");
+        let answers = Arc::new(AtomicUsize::new(0));
         let destroyer = {
-            let gpu = Arc::clone(&gpu);
+            let (gpu, answers) = (Arc::clone(&gpu), Arc::clone(&answers));
             std::thread::spawn(move || {
+                while answers.load(Ordering::Relaxed) == 0 && Instant::now() < deadline {
+                    std::thread::sleep(Duration::from_millis(1));
+                }
                 std::thread::sleep(Duration::from_millis(60));
                 gpu.destroy();
             })
         };
-        let mut answers = 0;
         let error = loop {
             assert!(Instant::now() < deadline, "the loss was not noticed");
             let mut reply = HeapReply::new();
@@ -45,12 +49,13 @@ fn a_device_destroyed_under_load_is_a_typed_error_and_comes_back() {
                 Ok(report) => {
                     let right = check_reply(reply.words(), &report, 1234, Encoding::Sparse, &truth);
                     assert_eq!(right, Ok(()));
-                    answers += 1;
+                    answers.fetch_add(1, Ordering::Relaxed);
                 }
                 Err(error) => break error,
             }
         };
         assert!(matches!(error, CullError::DeviceLost { .. }), "{error}");
+        let answers = answers.load(Ordering::Relaxed);
         assert!(answers > 0, "the device was to go under load");
         destroyer.join().expect("it only destroys");
         let again = engine.cull(&CullInput::boxes(&boxes), &mut HeapReply::new());
