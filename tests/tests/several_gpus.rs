@@ -159,17 +159,20 @@ fn devices_are_lost_under_load(rounds: usize) {
         for round in 0..rounds {
             let place = round % 2;
             let began = Instant::now();
-            // The one that was lost before comes back meanwhile: answers ask for it.
+            // One is there at any time: the one that was lost before is back first.
             let device = loop {
-                let device = model.gpus().turn(place).and_then(|mut gpu| gpu.device());
-                match device {
-                    Some(device) => break device,
-                    None if began.elapsed() > Duration::from_secs(60) || stops(&clients) => {
-                        stop.store(true, Ordering::Relaxed);
-                        panic!("the device does not come back, or a client has ended");
-                    }
-                    None => std::thread::sleep(Duration::from_millis(1)),
+                let devices =
+                    [0, 1].map(|at| model.gpus().turn(at).and_then(|mut gpu| gpu.device()));
+                let all_there = model.gpus().shares().all(|gpu| gpu.is_there());
+                if let ([Some(first), Some(second)], true) = (devices, all_there) {
+                    break if place == 0 { first } else { second };
                 }
+                if began.elapsed() > Duration::from_secs(120) || stops(&clients) {
+                    stop.store(true, Ordering::Relaxed);
+                    panic!("the device does not come back, or a client has ended");
+                }
+                model.gpus().shares().for_each(|gpu| gpu.take_back());
+                std::thread::sleep(Duration::from_millis(1));
             };
             let before = answered.load(Ordering::Relaxed);
             device.destroy();
