@@ -19,15 +19,13 @@ pub(super) const BANDS_PER_FRAME: usize = (MAX_STEPS - 2) / 2;
 /// Workgroups along x when one dimension does not hold them all.
 const GROUPS_X: u32 = 32_768;
 
-/// The stages that frames of these tunings use.
+/// The stages that frames of boxes of these tunings use. Those of spheres are compiled when the first frame
+/// of spheres comes: each device that is opened would take longer by them.
 pub(super) fn stages_of(tunings: &[Tuning]) -> impl Iterator<Item = Stage> {
     let pairs = tunings.iter().flat_map(|tuning| {
-        [true, false].into_iter().flat_map(|store_zeros| {
-            let variant = variant(*tuning, store_zeros);
-            [Stage::Pairs(variant), Stage::SpherePairs(variant)]
-        })
+        [true, false].map(|store_zeros| Stage::Pairs(variant(*tuning, store_zeros)))
     });
-    let keys = BoxForm::ALL.into_iter().map(Stage::Keys).chain([Stage::SphereKeys]);
+    let keys = BoxForm::ALL.into_iter().map(Stage::Keys);
     keys.chain([Stage::PackDense, Stage::WriteSparse, Stage::WriteList]).chain(pairs)
 }
 

@@ -37,7 +37,7 @@ use std::sync::Arc;
 use pairmask_core::engine::{CullError, CullInput, CullReport, Engine, ReplyBuffer};
 use pairmask_core::objects::Objects;
 use pairmask_core::precision::BoxSlice;
-use pairmask_core::{Aabb, BoxCount, Encoding, EngineName, ObjectForm, Sphere};
+use pairmask_core::{Aabb, BoxCount, BoxForm, Encoding, EngineName, Sphere};
 use pairmask_shaders::layouts::GridLayout;
 use pairmask_shaders::{Found, GridStage, Share, Stage};
 
@@ -117,15 +117,16 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// An engine on `gpu`, with all stages compiled.
+    /// An engine on `gpu`, with the stages of whole frames of boxes compiled. Those of shares and of spheres are
+    /// compiled when the first of them comes.
     ///
     /// # Errors
     /// [`GpuError`].
     pub fn new(gpu: &Arc<Gpu>, options: &GridOptions) -> Result<Self, GpuError> {
         let mut pipelines = Pipelines::new(gpu, options.checks, options.cache_folder.as_deref())?;
         for found in Found::ALL {
-            let of_form = |form| GridStage::of_frame(form, found, Share::Whole);
-            for stage in ObjectForm::ALL.into_iter().flat_map(of_form) {
+            let of_form = |form: BoxForm| GridStage::of_frame(form.into(), found, Share::Whole);
+            for stage in BoxForm::ALL.into_iter().flat_map(of_form) {
                 pipelines.get(Stage::Grid(stage))?;
             }
         }
