@@ -175,8 +175,8 @@ pub struct GridShare {
     pub first_item: u32,
     /// Items of all rows.
     pub all_items: u32,
-    /// Cells of each level that its rows look at: from, and up to before.
-    pub looked_at: [[u32; 2]; GRID_LEVELS as usize],
+    /// Cells of each level that its rows look at, as two ranges: from, up to before; from, up to before.
+    pub looked_at: [[u32; 4]; GRID_LEVELS as usize],
 }
 
 /// The levels of a frame.

@@ -32,8 +32,8 @@ struct GridShare {
     // counted theirs.
     first_item: u32,
     all_items: u32,
-    // Cells of each level that its rows look at: from, and up to before.
-    looked_at: array<vec2<u32>, GRID_LEVELS>,
+    // Cells of each level that its rows look at, as two ranges: from, up to before; from, up to before.
+    looked_at: array<vec4<u32>, GRID_LEVELS>,
 }
 
 struct GridLayout {

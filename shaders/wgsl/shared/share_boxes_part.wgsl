@@ -10,5 +10,6 @@ fn is_placed(cell: u32, level: u32) -> bool {
     if (level == NO_LEVEL) {
         return cell >= grid.share.first_cell && cell < grid.share.end_cell;
     }
-    return cell >= grid.share.looked_at[level].x && cell < grid.share.looked_at[level].y;
+    let at = grid.share.looked_at[level];
+    return cell >= at.x && cell < at.y || cell >= at.z && cell < at.w;
 }

@@ -116,24 +116,53 @@ fn share(layout: &GridLayout, first_cell: u32, end_cell: u32) -> GridShare {
         let end = level.first_cell + level.cell_count;
         let (own_first, own_end) = (first_cell.max(level.first_cell), end_cell.min(end));
         let has_rows = own_first < own_end;
-        *looked_at = if has_finer_rows || has_rows && level.wraps != 0 {
-            // A row looks at all around it in coarser levels, and across the ends of a folded axis.
-            [level.first_cell, end]
+        *looked_at = if has_finer_rows {
+            // A row looks at all around it in coarser levels.
+            [level.first_cell, end, 0, 0]
         } else if has_rows {
-            [own_first, end.min(own_end.saturating_add(reach(level)))]
+            let last = last_plane(level, own_first);
+            [own_first, end.min(own_end.saturating_add(reach(level, own_end))), last[0], last[1]]
         } else {
-            [0, 0]
+            [0; 4]
         };
         has_finer_rows |= has_rows;
     }
     share
 }
 
-/// How many cells further a row of a level without folded axes looks in its own: one on each axis.
-fn reach(level: &GridLevel) -> u32 {
+/// How many cells further rows look in their own level, of which the last is in the cell before `own_end`:
+/// one on each axis. Where an axis is folded, to the end of the next plane.
+fn reach(level: &GridLevel, own_end: u32) -> u32 {
     let [width, height, depth] = level.count;
+    let plane = width * height;
+    if level.wraps != 0 {
+        let within = (own_end - 1 - level.first_cell) % plane;
+        return plane - 1 - within + plane;
+    }
     let beyond = |cells: u32, step: u32| if cells > 1 { step } else { 0 };
-    beyond(depth, width * height) + beyond(height, width) + 1
+    beyond(depth, plane) + beyond(height, width) + 1
+}
+
+/// The plane that rows of the first plane look at across the end of a folded level: from, and up to before.
+/// Rows of other planes have the plane before theirs as an earlier one, which looks at them.
+fn last_plane(level: &GridLevel, own_first: u32) -> [u32; 2] {
+    let [width, height, depth] = level.count;
+    let plane = width * height;
+    let is_folded = level.wraps >> 2 & 1 == 1;
+    if is_folded && own_first - level.first_cell < plane {
+        [level.first_cell + (depth - 1) * plane, level.first_cell + depth * plane]
+    } else {
+        [0, 0]
+    }
+}
+
+/// Whether the rows of a share look at a cell of a level.
+#[cfg(test)]
+fn looks_at(share: &GridShare, level: u32, cell: u32) -> bool {
+    share
+        .looked_at
+        .get(level as usize)
+        .is_some_and(|at| (at[0]..at[1]).contains(&cell) || (at[2]..at[3]).contains(&cell))
 }
 
 #[cfg(test)]
@@ -200,11 +229,7 @@ mod tests {
                     };
                     let is_placed = |share: &GridShare, index: u32| {
                         let home = whole.homes[index as usize];
-                        home.level == layout.level_count
-                            || share
-                                .looked_at
-                                .get(home.level as usize)
-                                .is_some_and(|at| (at[0]..at[1]).contains(&home.cell))
+                        home.level == layout.level_count || looks_at(share, home.level, home.cell)
                     };
                     for [row, block, bits] in &whole.words {
                         let index = whole.order[*row as usize];
@@ -229,10 +254,7 @@ mod tests {
         let layout = grid_layout(BoxSlice::from(&boxes));
         let homes = mirror::frame(&layout, (&boxes).into()).homes;
         for share in Borders::new(2).shares(&layout, (&boxes).into()) {
-            let placed = homes.iter().filter(|home| {
-                let at = share.looked_at.get(home.level as usize);
-                at.is_some_and(|at| (at[0]..at[1]).contains(&home.cell))
-            });
+            let placed = homes.iter().filter(|home| looks_at(&share, home.level, home.cell));
             let placed = placed.count();
             assert!((8_000..13_000).contains(&placed), "{placed} of 20,000");
         }
