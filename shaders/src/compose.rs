@@ -90,7 +90,7 @@ impl Found {
     }
 }
 
-/// How much of a frame a GPU does.
+/// How much of a frame a GPU does, and whether the frame has rules.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Share {
     /// All of it.
@@ -98,6 +98,13 @@ pub enum Share {
     Whole,
     /// Some of its rows: other GPUs do the rest.
     Part,
+    /// All of it, and of the pairs those whose boxes rules let meet.
+    Ruled,
+}
+
+impl Share {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Whole, Self::Part, Self::Ruled];
 }
 
 /// The stages of the grid, in the order of a frame.
@@ -149,6 +156,8 @@ impl GridStage {
         match self {
             Self::Scan | Self::Scatter => 3,
             Self::Place => 5,
+            Self::Cells(_, Share::Ruled) | Self::Pairs(Found::Pairs, Share::Ruled) => 8,
+            Self::Pairs(Found::Words, Share::Ruled) | Self::Write(_, Share::Ruled) => 9,
             // It has no order to write.
             Self::Pairs(Found::Pairs, _) | Self::SpherePairs(Found::Pairs) => 6,
             Self::Cells(..)
@@ -275,7 +284,8 @@ pub struct ComposedStage {
 }
 
 /// The shared parts that are files of their own name.
-const SHARED: [(&str, &str); 17] = [
+const SHARED: [(&str, &str); 18] = [
+    ("box_rules", include_str!("../wgsl/shared/box_rules.wgsl")),
     ("order_keys", include_str!("../wgsl/shared/order_keys.wgsl")),
     ("sphere_bounds", include_str!("../wgsl/shared/sphere_bounds.wgsl")),
     ("sphere_filter", include_str!("../wgsl/shared/sphere_filter.wgsl")),

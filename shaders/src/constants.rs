@@ -2,6 +2,8 @@
 
 use std::fmt::Write;
 
+use pairmask_core::dispatch::{MARKED_KINDS, RANK_SHIFT};
+
 /// Bits, and so columns, of a mask word.
 pub const WORD_BITS: u32 = 32;
 
@@ -120,6 +122,8 @@ pub(crate) fn as_wgsl() -> String {
         ("SLOT_MASK", (1 << LEVEL_SHIFT) - 1),
         ("NO_LEVEL", NO_LEVEL),
         ("AWAY", AWAY),
+        ("MARKED_KINDS", MARKED_KINDS as u32),
+        ("RANK_SHIFT", RANK_SHIFT),
         ("WIDE_LINES", WIDE_LINES),
         ("SCENE_SAMPLES", SCENE_SAMPLES),
         ("SORTED_ROW", SORTED_ROW),

@@ -179,22 +179,38 @@ pub struct GridShare {
     pub looked_at: [[u32; 4]; GRID_LEVELS as usize],
 }
 
+/// Where worlds have cells of their own, one world behind the other.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct GridWorlds {
+    /// Cells of a world.
+    pub cells: u32,
+    /// Cells of its giants, and as many of its boxes that overlap nothing.
+    pub parking: u32,
+    /// Worlds.
+    pub count: u32,
+    /// Unused.
+    pub padding: u32,
+}
+
 /// The levels of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct GridLayout {
     /// Levels in use, finest first.
     pub level_count: u32,
-    /// First cell of the boxes that no level takes.
+    /// First cell of the boxes that no level takes. Here and below, cells are those of the first world.
     pub first_giant: u32,
     /// First cell of the boxes that overlap nothing.
     pub first_nothing: u32,
-    /// One past the last cell.
+    /// One past the last cell of all worlds.
     pub cell_end: u32,
     /// The levels.
     pub levels: [GridLevel; GRID_LEVELS as usize],
     /// What is done of it, where several GPUs share the frame.
     pub share: GridShare,
+    /// Where its boxes are of several worlds.
+    pub worlds: GridWorlds,
 }
 
 /// What the stages of the grid know of a batch.

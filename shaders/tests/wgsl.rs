@@ -9,8 +9,8 @@ use pairmask_core::BoxForm;
 use pairmask_shaders::constants::{BATCH_BOXES, MAX_STRIP_BLOCKS, PAIRS_WORKGROUP};
 use pairmask_shaders::layouts::{
     AwakeParams, BatchReport, BatchTotals, GridLayout, GridLevel, GridParams, GridShare,
-    GridSummary, GridTotals, KeysParams, PackParams, PairsParams, SceneParams, SceneSummary,
-    WriteParams,
+    GridSummary, GridTotals, GridWorlds, KeysParams, PackParams, PairsParams, SceneParams,
+    SceneSummary, WriteParams,
 };
 use pairmask_shaders::{Found, GridStage, PairsVariant, RowsPerThread, SceneStage, Share, Stage};
 
@@ -24,7 +24,7 @@ fn grid_stages(found: Found, share: Share) -> [Stage; 6] {
 fn all_forms() -> Vec<Stage> {
     let mut forms = vec![Stage::PackDense, Stage::WriteSparse, Stage::WriteList, Stage::Awake];
     forms.extend(BoxForm::ALL.map(Stage::Keys));
-    for share in [Share::Whole, Share::Part] {
+    for share in Share::ALL {
         forms.extend(BoxForm::ALL.map(|form| Stage::Grid(GridStage::Cells(form, share))));
         forms.extend(grid_stages(Found::Words, share).into_iter().skip(4));
         forms.extend(grid_stages(Found::Pairs, share).into_iter().skip(4));
@@ -54,7 +54,7 @@ fn module(stage: Stage) -> naga::Module {
 #[test]
 fn every_form_of_every_stage_validates() {
     let forms = all_forms();
-    assert_eq!(forms.len(), 4 + 4 + 2 * (4 + 2 + 2) + 3 + 9 + 4 + 2 * 3 * 2 * 5);
+    assert_eq!(forms.len(), 4 + 4 + 3 * (4 + 2 + 2) + 3 + 9 + 4 + 2 * 3 * 2 * 5);
     for stage in forms {
         let module = module(stage);
         let capabilities = Capabilities::IMMEDIATES;
@@ -103,7 +103,13 @@ fn every_file_belongs_to_a_stage() {
         "scan",
         "scene_params",
         "share_boxes_part",
+        "share_boxes_ruled",
         "share_boxes_whole",
+        "box_rules",
+        "pair_rules_none",
+        "pair_rules_ruled",
+        "written_worlds_none",
+        "written_worlds_ruled",
         "share_noted_part",
         "share_noted_whole",
         "share_rows_part",
@@ -199,9 +205,8 @@ fn structs_lie_in_memory_as_in_rust() {
 
 #[test]
 fn structs_of_the_grid_lie_in_memory_as_in_rust() {
-    let shares = [Share::Whole, Share::Part];
     let stages =
-        Found::ALL.into_iter().flat_map(|found| shares.map(|share| grid_stages(found, share)));
+        Found::ALL.into_iter().flat_map(|found| Share::ALL.map(|share| grid_stages(found, share)));
     for stage in stages.flatten() {
         same_layout!(stage, GridParams, "GridParams" {
             n, plane, batch_count, super_count, sum_count, capacity, order_words, budget
@@ -214,8 +219,9 @@ fn structs_of_the_grid_lie_in_memory_as_in_rust() {
             items, pairs, compared, base, empty, invalid, padding
         });
         same_layout!(stage, GridLayout, "GridLayout" {
-            level_count, first_giant, first_nothing, cell_end, levels, share
+            level_count, first_giant, first_nothing, cell_end, levels, share, worlds
         });
+        same_layout!(stage, GridWorlds, "GridWorlds" { cells, parking, count, padding });
         same_layout!(stage, GridShare, "GridShare" {
             first_cell, end_cell, first_item, all_items, looked_at
         });

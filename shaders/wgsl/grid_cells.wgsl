@@ -4,7 +4,8 @@
 // cells on each axis; what spans more on all of them is a giant. Giants, and boxes that overlap
 // nothing, get cells by their index: PARKED consecutive boxes share one. Counting a box in its cell
 // gives it a slot there, in whatever order threads come; `grid_place` makes an order of it that does
-// not depend on that. A box that another GPU places is counted only.
+// not depend on that. A box that another GPU places is counted only. Where boxes are of several worlds,
+// each world has cells of its own.
 // Mirror: `mirror/grid_cells.rs`.
 
 #import constants
@@ -35,11 +36,11 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
 
     if (index < params.n) {
         let box = take_keys(lane);
-        var cell = grid.first_giant + index / PARKED;
+        var cell = grid.first_giant + parking_of(index);
         var level = grid.level_count;
         // The key of no number.
         if (box.lo.x == NOTHING_MIN) {
-            cell = grid.first_nothing + index / PARKED;
+            cell = grid.first_nothing + parking_of(index);
             level = NO_LEVEL;
         } else {
             let low = plain3(box.lo);
@@ -54,6 +55,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
                 }
             }
         }
+        cell += world_of(index);
         let slot = atomicAdd(&table[cell], 1u);
         atomicAdd(&control[SUMS + cell / SCAN_CELLS], 1u);
         if (!is_placed(cell, level)) {

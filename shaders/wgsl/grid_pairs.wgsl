@@ -6,7 +6,8 @@
 // a row come out sorted. They are collected in workgroup memory as they come, put in order of
 // (row, block) and written to the block of found items, a stretch a batch; `grid_write` puts the
 // batches in order. Items are the words themselves or their pairs (`found_words`, `found_pairs`). A
-// batch with more words than fit tests its rows a second time.
+// batch with more words than fit tests its rows a second time. Where a frame has rules, a row looks at
+// cells of its own world, and at boxes that it may meet (`pair_rules`).
 // Mirror: `mirror/grid_pairs.rs`.
 
 #import constants
@@ -16,6 +17,7 @@
 #import scan
 #import share_rows
 #import share_noted
+#import pair_rules
 #import found
 
 @group(0) @binding(0) var<storage, read> grid: GridLayout;
@@ -106,7 +108,7 @@ fn test_level(index: u32, is_own: bool) {
 
     let width = grid.levels[index].count.x;
     let height = grid.levels[index].count.y;
-    let first_cell = grid.levels[index].first_cell;
+    let first_cell = world_cell() + grid.levels[index].first_cell;
     let home = vec3<u32>(low & grid.levels[index].fold);
     let own_line = home.z * height + home.y;
     let reach = u32(last.x - low.x);
@@ -142,10 +144,12 @@ fn test_row(own_level: u32) {
     while (levels != 0u) {
         let level = countTrailingZeros(levels);
         levels &= levels - 1u;
-        test_level(level, level == own_level);
+        if (!is_empty_here(level)) {
+            test_level(level, level == own_level);
+        }
     }
-    let giants = table[grid.first_giant];
-    test_run(max(giants, row + 1u), table[grid.first_nothing]);
+    let giants = table[world_cell() + grid.first_giant];
+    test_run(max(giants, row + 1u), table[world_cell() + grid.first_nothing]);
     finish_word();
 }
 
@@ -164,7 +168,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     workgroupBarrier();
     if (lane < grid.level_count) {
         let first = grid.levels[lane].first_cell;
-        if (table[first] != table[first + grid.levels[lane].cell_count]) {
+        if (has_boxes(first, first + grid.levels[lane].cell_count)) {
             atomicOr(&used_levels, 1u << lane);
         }
     }
@@ -186,7 +190,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
 #import take_row
         own_level = bitcast<u32>(b.w);
         name_row(bitcast<u32>(b.z));
-        if (own_level != NO_LEVEL) {
+        take_rules(bitcast<u32>(b.z));
+        if (own_level != NO_LEVEL && is_row_within_budget()) {
             test_row(own_level);
             if (pair_count != 0u) {
                 atomicAdd(&pair_sum, pair_count);
@@ -201,6 +206,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     sum_up(lane);
     let batch_items = scan[BATCH_BOXES - 1u];
     let own_start = scan[lane] - own;
+    note_row(own_start);
     if (lane == 0u) {
         var base = 0u;
         if (batch_items != 0u) {

@@ -11,6 +11,7 @@
 #import grid_params
 #import grid_layout
 #import share_rows
+#import written_worlds
 #import written
 
 struct GridSummary {
@@ -82,6 +83,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         write_items(lane, base, first_item() + first, items, items_of_all(all_items));
     }
     let thread = batch * BATCH_BOXES + lane;
+    tell_worlds(thread, first);
     let thread_count = params.batch_count * BATCH_BOXES;
     for (var i = thread; i < params.sum_count; i += thread_count) {
         control[SUMS + i] = 0u;

@@ -14,9 +14,9 @@ use pairmask_wire::{Page, Reject, RulesPlace, SentRules, WORLD_RANGE_WORDS};
 use super::{CpuSide, Executor};
 
 /// A reply that has room for some words more than an engine asks for.
-struct RoomBehind<'a> {
-    reply: &'a mut dyn ReplyBuffer,
-    words: u64,
+pub(super) struct RoomBehind<'a> {
+    pub(super) reply: &'a mut dyn ReplyBuffer,
+    pub(super) words: u64,
 }
 
 impl ReplyBuffer for RoomBehind<'_> {
@@ -84,7 +84,7 @@ impl Executor {
         self.rules.read(place, n, pages).map(Arc::clone)
     }
 
-    /// Whether frames with such rules may go to a GPU, which culls without them: the rules are then laid
+    /// Whether frames with such rules may go to a GPU that culls without them: the rules are then laid
     /// over its mask. Frames of several worlds take a core less time, world by world, than a GPU with all
     /// of their pairs.
     pub fn may_use_gpu(&self, rules: &SentRules, options: &CullOptions) -> bool {

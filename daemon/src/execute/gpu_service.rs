@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use pairmask_core::dispatch::nanoseconds_since;
+use pairmask_core::dispatch::{Marks, WorldRange, nanoseconds_since};
 use pairmask_core::engine::{
     CullError, CullInput, CullReport, Engine, EngineName, HeapReply, ReplyBuffer,
 };
@@ -225,6 +225,25 @@ impl GpuService {
         engines.offer_objects(owner, objects);
         engines.note_frame();
         engines.cull(objects, plan, reply)
+    }
+
+    /// Finds the pairs of boxes that belong to `owner` and that rules let meet, with the grid. See
+    /// [`Grid::cull_ruled`].
+    ///
+    /// # Errors
+    /// As [`Self::cull`].
+    pub(super) fn cull_ruled(
+        &mut self,
+        boxes: BoxSlice<'_>,
+        owner: Owner,
+        marks: &Arc<Marks>,
+        encoding: Encoding,
+        reply: &mut dyn ReplyBuffer,
+        ranges: &mut Vec<WorldRange>,
+    ) -> Result<CullReport, CullError> {
+        let lost = CullError::DeviceLost { engine: EngineName::GpuGrid };
+        let grid = self.grid_for(boxes, owner).ok_or(lost)?;
+        grid.cull_ruled(boxes, marks, encoding, reply, ranges)
     }
 
     /// Imports the memory of a reply that the GPU wrote, so that the next mask in it needs no copy.

@@ -8,6 +8,7 @@ mod gpu_service;
 mod gpus;
 mod kept_scene;
 mod offers;
+mod ruled;
 mod shared_gpu;
 mod sharing;
 mod spheres;
@@ -19,6 +20,7 @@ pub use gpu_service::{GpuService, WatchDevice};
 pub use gpus::Gpus;
 pub use kept_scene::SceneKeeper;
 pub use offers::Owner;
+pub use ruled::RuledFrame;
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -38,6 +40,7 @@ use pairmask_wire::RulesReader;
 
 use self::frame_memory::{LentReply, boxes_of, with_lent};
 use self::gpu::Borders;
+use self::ruled::KeptMarks;
 pub use self::shared_gpu::GpuTurn;
 use self::shared_gpu::SharedGpu;
 pub use self::under_way::{
@@ -199,6 +202,7 @@ pub struct Executor {
     spheres_need: RecentNeed,
     repeats: Repeats,
     rules: RulesReader,
+    marks: KeptMarks,
     gpus: Gpus,
     /// The place of the GPU that its frames go to while others are no better.
     home: usize,
@@ -232,6 +236,7 @@ impl Executor {
             spheres_need: RecentNeed::default(),
             repeats: Repeats::default(),
             rules: RulesReader::default(),
+            marks: KeptMarks::default(),
             home: gpus.next_home(),
             borders: Borders::new(gpus.len()),
             gpus,

@@ -14,7 +14,9 @@ use super::between::Sets;
 use super::filtered::{self, Filtered, MaskFilters};
 use super::gpu_lines::{GpuLine, Submission};
 use crate::clients::GpuNeed;
-use crate::execute::{BUNDLE_FRAMES, Ended, EnginePool, Executor, Joining, Owner, Unserved};
+use crate::execute::{
+    BUNDLE_FRAMES, Ended, EnginePool, Executor, Joining, Owner, RuledFrame, Unserved,
+};
 use crate::publish::{OpenRequest, Outbox};
 
 /// Engines for sessions that have none yet, and the frames that GPUs have not ended.
@@ -173,6 +175,12 @@ impl Culls {
         if let Some(rules) = &rules {
             open.put_rules(Arc::clone(rules), *options, false);
         }
+        if let Some(rules) = rules.as_ref().filter(|rules| rules.most_worlds() > 0)
+            && let Some(frame) = engines.plan_worlds(rules, request.scene.count, options)
+        {
+            let way = (options, is_alike, GpuNeed::Alone);
+            return self.run_ruled(open, &frame, way, engines, outbox);
+        }
         let on_gpu = rules.as_ref().is_none_or(|rules| engines.may_use_gpu(rules, options));
         if let Some(rules) = rules.as_ref().filter(|_| !on_gpu) {
             let answer = filtered::cull_here(&mut open, engines, rules, options);
@@ -206,6 +214,12 @@ impl Culls {
             let answer = filtered::cull_here(&mut open, engines, &rules, options);
             return Served { on_one_core, ..publish(open, answer, outbox) };
         }
+        if let Some(rules) = open.rules().map(|rules| Arc::clone(&rules.sent))
+            && let Some(frame) = engines.plan_ruled(&rules, &planned, options)
+        {
+            let gpu = if planned.needs_gpu() { GpuNeed::Alone } else { GpuNeed::None };
+            return self.run_ruled(open, &frame, (options, is_alike, gpu), engines, outbox);
+        }
         if is_alike && planned.is_sooner_compared(open.objects()) {
             open.keep_with(engines.repeats().ticket());
         }
@@ -237,6 +251,23 @@ impl Culls {
             let answer = engines.run(planned, owner, &mut open);
             Served { on_one_core, gpu, ..self.finish(open, answer, Place::of(options), outbox) }
         }
+    }
+
+    /// Answers a frame with rules by a GPU that takes them into account, or by cores where it fails.
+    fn run_ruled(
+        &self,
+        mut open: OpenRequest,
+        frame: &RuledFrame,
+        (options, is_alike, gpu): (&CullOptions, bool, GpuNeed),
+        engines: &mut Executor,
+        outbox: &Outbox,
+    ) -> Served {
+        let owner = Owner::Client(open.sender().port);
+        if is_alike {
+            open.keep_with(engines.repeats().ticket());
+        }
+        let answer = filtered::cull_there(&mut open, engines, frame, owner, options);
+        Served { gpu, ..self.finish(open, answer, Place::of(options), outbox) }
     }
 
     /// Leaves frames to the GPU of the first of them, in one submission, if there are any.

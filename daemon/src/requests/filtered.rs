@@ -11,7 +11,7 @@ use pairmask_core::precision::BoxSlice;
 use pairmask_wire::SentRules;
 
 use super::between::Sets;
-use crate::execute::Executor;
+use crate::execute::{Executor, Owner, RuledFrame};
 use crate::publish::OpenRequest;
 
 /// Words of a mask from which several threads filter it: a thread takes some 0.1 ms for them.
@@ -148,4 +148,28 @@ pub(super) fn cull_here(
     let done = engines.cull_filtered(boxes, sent, &options, &mut reply)?;
     open.put_world_ranges(&done.answer.report.shape, done.worlds);
     Ok(done.answer)
+}
+
+/// Finds the pairs of a frame with rules on a GPU that takes them into account; on the engines of the CPU
+/// where the GPU does not serve it. Where lists name pairs, the rules are laid over the mask afterwards.
+pub(super) fn cull_there(
+    open: &mut OpenRequest,
+    engines: &mut Executor,
+    frame: &RuledFrame,
+    owner: Owner,
+    options: &CullOptions,
+) -> Result<CullAnswer, CullError> {
+    match engines.run_ruled(frame, owner, open) {
+        Ok((answer, worlds)) => {
+            if let Some(rules) = open.rules_mut() {
+                rules.is_done = !frame.has_lists();
+            }
+            open.put_world_ranges(&answer.report.shape, worlds);
+            Ok(answer)
+        }
+        Err(error) => {
+            log::debug!("a frame with rules goes to cores: {error}");
+            cull_here(open, engines, frame.rules(), options)
+        }
+    }
 }

@@ -36,17 +36,30 @@ struct GridShare {
     looked_at: array<vec4<u32>, GRID_LEVELS>,
 }
 
+// Where worlds have cells of their own, one world behind the other.
+struct GridWorlds {
+    // Cells of a world: its levels, and its boxes that lie there by their index.
+    cells: u32,
+    // Cells of its giants, and as many of its boxes that overlap nothing.
+    parking: u32,
+    // Worlds. One, and so are the cells, where none is apart.
+    count: u32,
+    padding: u32,
+}
+
 struct GridLayout {
     // Levels in use, finest first.
     level_count: u32,
-    // First cell of the boxes that no level takes; they look at everything.
+    // First cell of the boxes that no level takes; they look at everything. Here and below, cells are
+    // those of the first world.
     first_giant: u32,
     // First cell of the boxes that overlap nothing.
     first_nothing: u32,
-    // One past the last cell.
+    // One past the last cell of all worlds.
     cell_end: u32,
     levels: array<GridLevel, GRID_LEVELS>,
     share: GridShare,
+    worlds: GridWorlds,
 }
 
 // 1.5 * 2^23: adding it rounds a number of magnitude below 2^22 to an integer.

@@ -19,7 +19,7 @@
         let a = sorted[2u * p];
         if (all(a.xyz <= row_hi) & (row_lo.x <= a.w)) {
             let b = sorted[2u * p + 1u];
-            if (all(row_lo.yz <= b.xy)) {
+            if (all(row_lo.yz <= b.xy) && may_meet(bitcast<u32>(b.z))) {
                 if (p / 32u != block) {
                     finish_word();
                     block = p / 32u;

@@ -7,7 +7,9 @@ mod spheres;
 
 pub use answer::{CullAnswer, StageTimes, nanoseconds_since};
 pub use boxes::CpuEngines;
-pub use filtered::{BadMask, FilteredAnswer, MaskFilter, WorldRange};
+pub use filtered::{
+    BadMask, FilteredAnswer, MARKED_KINDS, Marks, MaskFilter, RANK_SHIFT, WorldRange,
+};
 pub use spheres::{SphereEngines, SphereWays};
 
 pub use crate::plan::CullOptions;

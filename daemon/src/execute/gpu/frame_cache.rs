@@ -38,6 +38,8 @@ pub(super) struct FrameKey {
     pub(super) chunk: usize,
     pub(super) input: Place,
     pub(super) output: Place,
+    /// The rules of its boxes, if it has any.
+    pub(super) rules: Option<Place>,
 }
 
 /// Frames by key. A client alternates among a few loans for its boxes and a few for the reply.

@@ -43,7 +43,7 @@ pub use frame::{Command, Frame, MAX_STEPS, StepTime, Wait};
 pub use grid::plan::{Capacity, Sizes};
 pub use grid::{
     BUNDLE_FRAMES, Begun, Borders, Grid, GridOptions, GridUnderWay, ShareWork, cell_count,
-    cull_shared, grid_layout,
+    cull_shared, grid_layout, takes_worlds,
 };
 pub use health::DeviceHealth;
 pub use import::{ImportError, ImportId, Imports, ReadWriteMapping, SegmentError};

@@ -100,6 +100,7 @@ impl UploadAhead {
             chunk: 0,
             input: Place::of(from),
             output: Place::of(to),
+            rules: None,
         };
         let copy = || Ok(vec![Command::Copy { from: from.clone(), to: to.clone() }]);
         let upload = self.uploads.frame(&self.gpu, key, false, copy)?;

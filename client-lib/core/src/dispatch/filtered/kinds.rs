@@ -14,11 +14,13 @@ const TASK_BOXES: usize = 8_192;
 pub struct Kinds(Vec<(FilterId, bool)>);
 
 impl Kinds {
-    /// The kinds of `count` tags, and that of each tag. `None` where there are too many.
+    /// The kinds of `count` tags, and that of each tag. `None` where there are more than `most`, 256 at
+    /// the most.
     pub fn of(
         rules: &Rules,
         count: usize,
         tag: impl Fn(u32) -> Tag + Sync,
+        most: usize,
         kind_of: &mut Vec<u8>,
         threads: usize,
     ) -> Option<Self> {
@@ -45,12 +47,12 @@ impl Kinds {
         };
         let seen = in_parts(work.as_mut_slice(), parts, &look, &join);
         let places: Vec<usize> = (0..seen.len()).filter(|place| seen[*place]).collect();
-        if places.len() > MOST_KINDS {
+        if places.len() > most {
             return None;
         }
         let mut kinds = vec![0; seen.len()];
-        for (kind, place) in (0..).zip(&places) {
-            kinds[*place] = kind;
+        for (kind, place) in places.iter().enumerate() {
+            kinds[*place] = kind as u8;
         }
         let tell = |work: &mut [(u32, &mut [u8])]| {
             for (first, of) in work {
@@ -62,16 +64,20 @@ impl Kinds {
         Some(Self(places.iter().map(kind).collect()))
     }
 
-    /// For each kind, a bit for each that it meets.
-    pub fn meets(&self, rules: &Rules) -> Vec<u32> {
+    /// For each kind, `words` words with a bit for each that it meets.
+    pub fn meets(&self, rules: &Rules, words: usize) -> Vec<u32> {
         let is_static = |(id, of_box): (FilterId, bool)| of_box || rules.table.get(id).is_static;
         let meet = |a: (FilterId, bool), b: (FilterId, bool)| {
             rules.table.meet(a.0, b.0) && !(is_static(a) && is_static(b))
         };
-        let row = |a: &(FilterId, bool)| {
-            let bits = (0..).zip(&self.0);
-            bits.fold(0, |row, (bit, b)| row | u32::from(meet(*a, *b)) << bit)
-        };
-        self.0.iter().map(row).collect()
+        let mut rows = vec![0; words * self.0.len()];
+        for (a, row) in self.0.iter().zip(rows.chunks_mut(words)) {
+            for (bit, b) in self.0.iter().enumerate() {
+                if let Some(word) = row.get_mut(bit / 32) {
+                    *word |= u32::from(meet(*a, *b)) << (bit % 32);
+                }
+            }
+        }
+        rows
     }
 }

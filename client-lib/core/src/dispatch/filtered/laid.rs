@@ -64,10 +64,9 @@ impl Laid {
         tag: impl Fn(u32) -> Tag + Sync,
         threads: usize,
     ) -> bool {
-        let Some(kinds) = Kinds::of(rules, count, &tag, &mut self.kind_of, threads) else {
-            return false;
-        };
-        let meets = kinds.meets(rules);
+        let kinds = Kinds::of(rules, count, &tag, MOST_KINDS, &mut self.kind_of, threads);
+        let Some(kinds) = kinds else { return false };
+        let meets = kinds.meets(rules, 1);
         let blocks = count.div_ceil(BLOCK);
         self.by_pair = by_pair;
         self.kind_count = meets.len();

@@ -4,6 +4,7 @@
 //! look     one pass over the tags: what there is to test at all        (look)
 //! worlds   several worlds: boxes by world, each culled by itself       (groups, worlds, small)
 //! test     else one frame, whose engine hands its words to the test    (test, kinds, laid, sift_avx512)
+//! marks    the rules as arrays, for the GPU's grid                     (marks)
 //! mask     the same test over a mask that a GPU has written            (mask)
 //! sets     two sets of boxes, of which only pairs of both count        (sets)
 //! ```
@@ -12,6 +13,7 @@ mod groups;
 mod kinds;
 mod laid;
 mod look;
+mod marks;
 mod mask;
 mod sets;
 #[cfg(target_arch = "x86_64")]
@@ -23,6 +25,7 @@ mod tests;
 mod worlds;
 
 pub(super) use self::laid::Laid;
+pub use self::marks::{MARKED_KINDS, Marks, RANK_SHIFT};
 pub use self::mask::{BadMask, MaskFilter};
 pub use self::worlds::WorldRange;
 pub(super) use self::worlds::Worlds;

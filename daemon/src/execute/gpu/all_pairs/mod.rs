@@ -193,6 +193,7 @@ impl AllPairs {
                 chunk,
                 input: Place::of(&boxes.part),
                 output: Place::of(&output.mask),
+                rules: None,
             };
             let recording = Recording {
                 n,

@@ -6,7 +6,7 @@ use pairmask_core::floats;
 use pairmask_core::objects::Objects;
 use pairmask_core::precision::BoxSlice;
 use pairmask_shaders::constants::{GRID_LEVELS, PARKED};
-use pairmask_shaders::layouts::GridLayout;
+use pairmask_shaders::layouts::{GridLayout, GridWorlds};
 
 use super::axis::{self, Axis, CELL_LIMIT, FOLDED_LEAST};
 use super::sample::Sample;
@@ -26,6 +26,10 @@ const BOUNDS_MARGIN: f32 = 1.0 / 256.0;
 const CELLS_A_BOX: u64 = 6;
 /// Cells that a level may have however few its boxes are.
 const CELLS_LEAST: u64 = 512;
+
+/// Boxes that each of several worlds must have on average for a grid of its own: a level has six cells a box
+/// and there may be sixteen levels. Smaller worlds are a matter of all pairs.
+pub(super) const WORLD_BOXES_LEAST: u32 = 8;
 
 /// Levels for the boxes of the sample; the rest is for larger ones.
 const SAMPLED_LEVELS: usize = 11;
@@ -79,7 +83,48 @@ impl Chooser {
         let objects = objects.into();
         floats::with_default(|| {
             self.sample.take(objects);
-            self.choose_levels(objects.len() as u32)
+            let n = objects.len() as u32;
+            self.choose_levels(&Room::of_scene(n), parking_cells(n))
+        })
+    }
+
+    /// The same where the boxes are of so many worlds, each of which gets cells of its own. `None` where so
+    /// many worlds have too few boxes each for a grid.
+    pub fn choose_worlds<'a>(
+        &mut self,
+        objects: impl Into<Objects<'a>>,
+        worlds: u32,
+    ) -> Option<GridLayout> {
+        let objects = objects.into();
+        let n = objects.len() as u32;
+        let in_world = n / worlds.max(1);
+        if worlds < 2 {
+            let layout = self.choose(objects);
+            let worlds = GridWorlds {
+                cells: layout.cell_end,
+                parking: parking_cells(n),
+                count: 1,
+                padding: 0,
+            };
+            return Some(GridLayout { worlds, ..layout });
+        }
+        if in_world < WORLD_BOXES_LEAST {
+            return None;
+        }
+        floats::with_default(|| {
+            self.sample.take(objects);
+            self.sample.solid /= worlds as f32;
+            // As many as one world of `n` boxes may have.
+            let cells = (cells_most(n) - 1) / u64::from(worlds);
+            let parking = parking_cells(in_world);
+            let most = cells - 2 * u64::from(parking);
+            let least = (most / (4 * u64::from(GRID_LEVELS))).max(1);
+            let mut layout = self.choose_levels(&Room { most, least }, parking);
+            let cells = layout.cell_end;
+            layout.worlds = GridWorlds { cells, parking, count: worlds, padding: 0 };
+            layout.cell_end = cells * worlds;
+            debug_assert!(u64::from(layout.cell_end) < cells_most(n));
+            Some(layout)
         })
     }
 
@@ -88,11 +133,11 @@ impl Chooser {
         floats::with_default(|| {
             self.sample.take(some.into());
             self.sample.solid *= n as f32 / some.len().max(1) as f32;
-            self.choose_levels(n)
+            self.choose_levels(&Room::of_scene(n), parking_cells(n))
         })
     }
 
-    fn choose_levels(&mut self, n: u32) -> GridLayout {
+    fn choose_levels(&mut self, room: &Room, parking: u32) -> GridLayout {
         let mut layout = GridLayout::default();
         let mut cells = 0;
         let mut top = [0.0f32; 3];
@@ -101,7 +146,8 @@ impl Chooser {
         for group in groups(&self.sample, &octaves).into_iter().flatten() {
             top = cell_edges(&self.sample, group.edges, margin);
             let share = group.count / self.sample.boxes.len().max(1) as f32;
-            let axes = axes(&self.sample, top, share * self.sample.solid, room(n, &layout, cells));
+            let boxes = share * self.sample.solid;
+            let axes = axes(&self.sample, top, boxes, room.least, room.left(&layout, cells));
             push(&mut layout, &mut cells, axes);
         }
         // Coarser levels for the few boxes that are larger than any that the sample saw.
@@ -110,22 +156,37 @@ impl Chooser {
             && (0..3).any(|axis| top[axis] < self.sample.extent[axis])
         {
             top = top.map(|edge| edge * SPARE_GROWTH);
-            let axes = axes(&self.sample, top, 0.0, room(n, &layout, cells));
+            let axes = axes(&self.sample, top, 0.0, room.least, room.left(&layout, cells));
             push(&mut layout, &mut cells, axes);
         }
         layout.first_giant = cells;
-        layout.first_nothing = cells + parking_cells(n);
-        layout.cell_end = layout.first_nothing + parking_cells(n);
-        debug_assert!(u64::from(layout.cell_end) < cells_most(n));
+        layout.first_nothing = cells + parking;
+        layout.cell_end = layout.first_nothing + parking;
+        debug_assert!(u64::from(cells) <= room.most);
         layout
     }
 }
 
-/// Cells that the next level may have, so that all levels fit [`cells_most`].
-fn room(n: u32, layout: &GridLayout, cells: u32) -> u64 {
-    let later_levels = u64::from(GRID_LEVELS - 1 - layout.level_count);
-    let levels = CELLS_A_BOX * u64::from(n) + CELLS_LEAST * u64::from(GRID_LEVELS);
-    levels - u64::from(cells) - CELLS_LEAST * later_levels
+/// Cells that there is room for in the table.
+struct Room {
+    /// Of all levels.
+    most: u64,
+    /// Of a level, however few its boxes are.
+    least: u64,
+}
+
+impl Room {
+    /// So many that all levels of `n` boxes fit [`cells_most`].
+    fn of_scene(n: u32) -> Self {
+        let most = CELLS_A_BOX * u64::from(n) + CELLS_LEAST * u64::from(GRID_LEVELS);
+        Self { most, least: CELLS_LEAST }
+    }
+
+    /// Cells that the next level may have.
+    fn left(&self, layout: &GridLayout, cells: u32) -> u64 {
+        let later_levels = u64::from(GRID_LEVELS - 1 - layout.level_count);
+        self.most - u64::from(cells) - self.least * later_levels
+    }
 }
 
 fn push(layout: &mut GridLayout, cells: &mut u32, axes: [Axis; 3]) {
@@ -217,9 +278,10 @@ fn cell_edges(sample: &Sample, edges: [f32; 3], margin: f32) -> [f32; 3] {
     })
 }
 
-/// Axes of a level of cells of `edges` for about `boxes` boxes, of at most `room` cells.
-fn axes(sample: &Sample, edges: [f32; 3], boxes: f32, room: u64) -> [Axis; 3] {
-    let limit = (CELLS_A_BOX * boxes as u64).max(CELLS_LEAST).min(room);
+/// Axes of a level of cells of `edges` for about `boxes` boxes: of `least` cells at least, if there is use
+/// for them, and of `room` at most.
+fn axes(sample: &Sample, edges: [f32; 3], boxes: f32, least: u64, room: u64) -> [Axis; 3] {
+    let limit = (CELLS_A_BOX * boxes as u64).max(least).min(room);
     let margin = sample.extent.map(|extent| extent * BOUNDS_MARGIN);
     let mut counts: [u64; 3] = std::array::from_fn(|axis| {
         if edges[axis] >= sample.extent[axis] {

@@ -23,6 +23,7 @@ mod axis;
 mod bundle;
 pub(super) mod layout;
 pub mod plan;
+mod ruled;
 mod sample;
 mod scratch;
 mod share;
@@ -34,6 +35,7 @@ mod workspace;
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use pairmask_core::dispatch::Marks;
 use pairmask_core::engine::{CullError, CullInput, CullReport, Engine, ReplyBuffer};
 use pairmask_core::objects::Objects;
 use pairmask_core::precision::BoxSlice;
@@ -58,6 +60,7 @@ use super::transfers::{SharedImports, Upload};
 use crate::execute::FrameMemory;
 use crate::execute::frame_memory::Borrowed;
 
+pub use self::ruled::takes_worlds;
 pub use self::share::{Borders, ShareWork};
 pub use self::team::cull_shared;
 pub use self::under_way::GridUnderWay;
@@ -176,7 +179,7 @@ impl Grid {
     /// [`CullError::Unavailable`] where all submissions are under way.
     pub fn begin<M: FrameMemory>(&mut self, memory: M, encoding: Encoding) -> Begun<M> {
         match self.free_workspaces() {
-            Some([workspace, ..]) => self.begin_in(workspace, memory, encoding),
+            Some([workspace, ..]) => self.begin_in(workspace, memory, encoding, None),
             None => Err((NONE_FREE, Some(memory))),
         }
     }
@@ -186,12 +189,13 @@ impl Grid {
         workspace: SharedWorkspace,
         memory: M,
         encoding: Encoding,
+        marks: Option<&Arc<Marks>>,
     ) -> Begun<M> {
         let is_behind = self.all_workspaces().any(|workspace| !workspace.lock().is_free());
         let mut frame = GridUnderWay::new(workspace, memory);
         let begun = frame.with(|workspace, objects, reply| {
             let (n, capacity) = self.asked(objects.len(), encoding, reply)?;
-            workspace.begin(&mut self.tools, n, objects, reply, capacity, is_behind)
+            workspace.begin(&mut self.tools, n, (objects, marks), reply, capacity, is_behind)
         });
         match begun {
             Ok(()) => Ok(frame),
@@ -318,7 +322,7 @@ impl Grid {
         loop {
             match workspace.end(&mut self.tools, reply)? {
                 Ended::Report(report) => return Ok(report),
-                Ended::Again { n, found, items } => {
+                Ended::Again { n, found, items, marks } => {
                     // Counted, not written: come back with room for that many.
                     let limit = reply.limit_words();
                     let room = plan::room(n, found, limit).filter(|room| items <= *room);
@@ -327,7 +331,8 @@ impl Grid {
                         return Err(refusal(needed, limit).into());
                     };
                     let capacity = Capacity::expected(n, found, items, room);
-                    workspace.begin(&mut self.tools, n, objects, reply, capacity, false)?;
+                    let of = (objects, marks.as_ref());
+                    workspace.begin(&mut self.tools, n, of, reply, capacity, false)?;
                 }
             }
         }
@@ -363,7 +368,7 @@ impl Grid {
             _ => {
                 let memory = Borrowed { objects, reply };
                 let workspace = self.own_workspace.clone();
-                let frame = self.begin_in(workspace, memory, encoding);
+                let frame = self.begin_in(workspace, memory, encoding, None);
                 self.end(frame.map_err(|(error, _)| error)?).0
             }
         }

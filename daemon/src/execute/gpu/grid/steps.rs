@@ -6,6 +6,7 @@ use pairmask_shaders::constants::CONTROL_HEADER_WORDS;
 use pairmask_shaders::{Found, GridStage, Share, Stage};
 
 use super::plan::{Capacity, Sizes};
+use super::ruled::RuleBlocks;
 use super::scratch::Blocks;
 use crate::execute::gpu::error::GpuError;
 use crate::execute::gpu::frame::Command;
@@ -22,12 +23,15 @@ pub(super) struct Recording<'a> {
     pub(super) boxes: &'a PlacedBoxes,
     /// Where the reply is.
     pub(super) reply: &'a Part,
+    /// The rules of the boxes, if the frame has any.
+    pub(super) rules: Option<&'a RuleBlocks>,
 }
 
 impl Recording<'_> {
     /// All steps, in order.
     pub(super) fn steps(&self, pipelines: &mut Pipelines) -> Result<Vec<Command>, GpuError> {
-        self.stages(Share::Whole).into_iter().map(|stage| self.step(pipelines, stage)).collect()
+        let share = if self.rules.is_some() { Share::Ruled } else { Share::Whole };
+        self.stages(share).into_iter().map(|stage| self.step(pipelines, stage)).collect()
     }
 
     /// The steps of a share, as far as its items are counted: how many there are is copied to the host.
@@ -64,7 +68,7 @@ impl Recording<'_> {
     fn step(&self, pipelines: &mut Pipelines, stage: GridStage) -> Result<Command, GpuError> {
         let b = self.blocks;
         let found = || Part::of(&b.found, 0, self.capacity.found_bytes());
-        let (parts, groups) = match stage {
+        let (mut parts, groups) = match stage {
             GridStage::Cells(..) | GridStage::SphereCells => (
                 vec![
                     self.boxes.part.clone(),
@@ -122,6 +126,9 @@ impl Recording<'_> {
                 self.sizes.batches,
             ),
         };
+        if let Some(rules) = self.rules {
+            parts.extend(rules.parts(stage));
+        }
         Ok(Command::Stage {
             pipeline: pipelines.get(Stage::Grid(stage))?,
             parts,

@@ -131,7 +131,8 @@ impl Team {
                 let layout = Some(GridLayout { share: *share, ..*layout });
                 let (tools, n, capacity) = (&mut grid.tools, self.n, self.capacity);
                 let objects = boxes.into();
-                let wanted = Wanted { n, objects, mask, capacity, is_behind: false, layout };
+                let (is_behind, marks) = (false, None);
+                let wanted = Wanted { n, objects, mask, capacity, is_behind, layout, marks };
                 let placed = workspace.place(tools, &wanted)?;
                 let submitted = workspace.submit_phase(tools, &placed, Phase::Count);
                 submitted.map_err(|error| grid.gpu.cull_error(ENGINE, &error))?;

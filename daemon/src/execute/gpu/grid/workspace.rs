@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use pairmask_core::dispatch::Marks;
 use pairmask_core::engine::{
     Census, CullError, CullReport, EngineTimes, NAMED_INVALID, ReplyBuffer,
 };
@@ -14,6 +15,7 @@ use pairmask_shaders::layouts::{GridLayout, GridSummary};
 use super::bundle::Bundle;
 use super::layout::Chooser;
 use super::plan::{self, Capacity, LastFound, Sizes};
+use super::ruled::{RuleBlocks, Ruled};
 use super::scratch::{Blocks, Scratch};
 use super::steps::Recording;
 use super::{ENGINE, GridOptions};
@@ -55,6 +57,8 @@ pub(super) enum Ended {
         found: Found,
         /// Words, or pairs, of the mask.
         items: u64,
+        /// What rules said of the boxes.
+        marks: Option<Arc<Marks>>,
     },
 }
 
@@ -69,6 +73,8 @@ pub(super) struct Wanted<'a> {
     pub(super) is_behind: bool,
     /// The layout of a frame that several GPUs share; else it is chosen by a look at the boxes.
     pub(super) layout: Option<GridLayout>,
+    /// What rules say of the boxes, if they have any.
+    pub(super) marks: Option<&'a Arc<Marks>>,
 }
 
 /// Memory of a reply with room for `capacity`.
@@ -96,6 +102,8 @@ pub(super) struct Placed {
     ahead: Option<PlacedBoxes>,
     pub(super) mask: MaskPlace,
     pub(super) blocks: Blocks,
+    /// What rules say of the boxes, and where the stages have it.
+    rules: Option<(Arc<Marks>, RuleBlocks)>,
     start: Instant,
     ingested: Duration,
 }
@@ -108,6 +116,7 @@ impl Placed {
             blocks: &self.blocks,
             boxes: self.ahead.as_ref().unwrap_or(&self.boxes),
             reply: &self.mask.part,
+            rules: self.rules.as_ref().map(|(_, blocks)| blocks),
         }
     }
 }
@@ -117,6 +126,7 @@ pub(super) struct Workspace {
     transfers: Transfers,
     ahead: Option<UploadAhead>,
     scratch: Scratch,
+    ruled: Ruled,
     frames: FrameCache,
     /// Whether the blocks that must be zero between frames may not be.
     pub(super) unclean: bool,
@@ -124,6 +134,8 @@ pub(super) struct Workspace {
     pub(super) under_way: Option<Placed>,
     /// Its submission, where it shares one with others; else it is the last one of `frames`.
     bundle: Option<Bundle>,
+    /// The pairs before those of each world, of the last frame whose list was ordered by world.
+    pub(super) world_firsts: Vec<u32>,
 }
 
 impl Workspace {
@@ -132,10 +144,12 @@ impl Workspace {
             transfers: Transfers::new(Arc::clone(gpu), options.imports.clone(), options.upload),
             ahead: UploadAhead::new(gpu, options.upload)?,
             scratch: Scratch::new(gpu),
+            ruled: Ruled::new(gpu),
             frames: FrameCache::new(QueueRole::Frames),
             unclean: true,
             under_way: None,
             bundle: None,
+            world_firsts: Vec::new(),
         })
     }
 
@@ -164,13 +178,13 @@ impl Workspace {
         &mut self,
         tools: &mut Tools,
         n: BoxCount,
-        objects: Objects<'_>,
+        (objects, marks): (Objects<'_>, Option<&Arc<Marks>>),
         reply: &mut dyn ReplyBuffer,
         capacity: Capacity,
         is_behind: bool,
     ) -> Result<(), CullError> {
         let mask = reserve(tools, n, capacity, reply)?;
-        let wanted = Wanted { n, objects, mask, capacity, is_behind, layout: None };
+        let wanted = Wanted { n, objects, mask, capacity, is_behind, layout: None, marks };
         let placed = self.place(tools, &wanted)?;
         self.submit(tools, &placed).map_err(|e| tools.gpu.cull_error(ENGINE, &e))?;
         self.under_way = Some(placed);
@@ -189,7 +203,8 @@ impl Workspace {
         bundle: &Bundle,
     ) -> Result<Vec<Command>, CullError> {
         let mask = reserve(tools, n, capacity, reply)?;
-        let wanted = Wanted { n, objects, mask, capacity, is_behind: false, layout: None };
+        let (is_behind, layout, marks) = (false, None, None);
+        let wanted = Wanted { n, objects, mask, capacity, is_behind, layout, marks };
         let placed = self.place(tools, &wanted)?;
         let steps = placed.recording().steps(&mut tools.pipelines);
         let steps = steps.map_err(|e| tools.gpu.cull_error(ENGINE, &e))?;
@@ -207,9 +222,17 @@ impl Workspace {
         wanted: &Wanted<'_>,
     ) -> Result<Placed, CullError> {
         assert!(self.under_way.is_none(), "one frame a workspace");
-        let Wanted { n, objects, mask, capacity, is_behind, layout } = *wanted;
+        let Wanted { n, objects, mask, capacity, is_behind, layout, marks } = *wanted;
         let start = Instant::now();
         let sizes = Sizes::of(n);
+        let layout = match (layout, marks) {
+            (Some(layout), _) => layout,
+            (None, None) => tools.chooser.choose(objects),
+            (None, Some(marks)) => {
+                let layout = tools.chooser.choose_worlds(objects, marks.worlds().len() as u32);
+                layout.ok_or(CullError::TooCrowded { engine: ENGINE })?
+            }
+        };
         let placed = (|| {
             let mut replaced = false;
             let placed = self.transfers.place(objects, &mut replaced)?;
@@ -217,10 +240,14 @@ impl Workspace {
             let ahead = ahead.map(|ahead| ahead.place(&placed, &mut replaced)).transpose()?;
             let mask = self.transfers.place_mask(mask, &mut replaced)?;
             let ingested = start.elapsed();
-            let layout = layout.unwrap_or_else(|| tools.chooser.choose(objects));
+            let rules = marks.map(|marks| {
+                let blocks = self.ruled.blocks(&tools.gpu, marks, &sizes, &mut replaced)?;
+                Ok::<_, GpuError>((Arc::clone(marks), blocks))
+            });
+            let rules = rules.transpose()?;
             let blocks = self.blocks(tools, &sizes, capacity, replaced)?;
             blocks.layout.write(0, &[layout]);
-            Ok(Placed { n, capacity, boxes: placed, ahead, mask, blocks, start, ingested })
+            Ok(Placed { n, capacity, boxes: placed, ahead, mask, blocks, rules, start, ingested })
         })();
         placed.map_err(|e: GpuError| tools.gpu.cull_error(ENGINE, &e))
     }
@@ -318,10 +345,10 @@ impl Workspace {
         reply: &mut dyn ReplyBuffer,
     ) -> Result<Ended, CullError> {
         self.wait(tools).map_err(|e| tools.gpu.cull_error(ENGINE, &e))?;
-        let Some(Placed { n, capacity, mask, blocks, start, ingested, .. }) = self.under_way.take()
-        else {
+        let Some(placed) = self.under_way.take() else {
             return Err(CullError::DeviceLost { engine: ENGINE });
         };
+        let Placed { n, capacity, mask, blocks, rules, start, ingested, .. } = placed;
         self.bundle = None;
         self.unclean = false;
         let mut summary = [GridSummary::default()];
@@ -337,9 +364,13 @@ impl Workspace {
             return Err(tools.gpu.cull_error(ENGINE, &fault));
         }
         if items > capacity.items {
-            return Ok(Ended::Again { n, found, items });
+            let marks = rules.map(|(marks, _)| marks);
+            return Ok(Ended::Again { n, found, items, marks });
         }
         tools.last_found.note(found, items, wide(summary.pairs));
+        if let Some((_, rules)) = &rules {
+            rules.read_world_firsts(&mut self.world_firsts);
+        }
         let executed = start.elapsed();
         let sizes = Sizes::of(n);
         let shape = sizes.shape(found, items);
@@ -403,6 +434,7 @@ fn recorded<'a>(
         chunk: phase as usize,
         input: Place::of(&read.part),
         output: Place::of(recording.reply),
+        rules: recording.rules.map(|rules| Place::of(rules.marks())),
     };
     let pipelines = &mut tools.pipelines;
     frames.frame(&tools.gpu, key, tools.profiled, || match phase {

@@ -1,0 +1,167 @@
+//! Frames with rules: boxes of several worlds, and pairs that may not meet.
+//!
+//! Each world has cells of its own, so a row looks at boxes of its world alone, and the rows of a world
+//! follow each other: a list is ordered by world. Whether two boxes may meet is looked up when they overlap,
+//! in a block of marks ([`Marks`]) that is brought up once for rules that stay. (Avril et al. 2014 have no
+//! filters; that worlds are part of the cell key is how simulators of many small scenes go about it.)
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use pairmask_core::Encoding;
+use pairmask_core::dispatch::{Marks, WorldRange};
+use pairmask_core::engine::{CullError, CullReport, ReplyBuffer};
+use pairmask_core::precision::BoxSlice;
+use pairmask_shaders::{Found, GridStage};
+
+use super::Grid;
+use super::layout::WORLD_BOXES_LEAST;
+use super::plan::Sizes;
+use crate::execute::frame_memory::Borrowed;
+use crate::execute::gpu::device::Gpu;
+use crate::execute::gpu::error::GpuError;
+use crate::execute::gpu::growing::Growing;
+use crate::execute::gpu::memory::{Block, Home, Part};
+
+/// Rules whose marks are kept in video memory: those of a few sessions.
+const KEPT_RULES: usize = 4;
+/// A world may have so many times the boxes of the average one: cells are shared out evenly, so those of
+/// a larger world would be crowded.
+const MOST_UNEVEN: usize = 8;
+
+/// Whether `n` boxes of such marks get a grid: cells are shared out evenly among their worlds.
+pub fn takes_worlds(marks: &Marks, n: usize) -> bool {
+    let worlds = marks.worlds().len();
+    let is_even = marks.largest_world() * worlds <= MOST_UNEVEN * n;
+    worlds < 2 || is_even && n / worlds >= WORLD_BOXES_LEAST as usize
+}
+
+/// What a frame with rules uses beside the blocks of all frames.
+#[derive(Clone)]
+pub(super) struct RuleBlocks {
+    marks: Part,
+    /// Which rows are the first of a world.
+    row_worlds: Part,
+    /// Where the items of each world begin.
+    world_firsts: Part,
+    /// Worlds; 1 where all boxes are of one.
+    worlds: u32,
+}
+
+impl RuleBlocks {
+    /// What a stage binds of them, behind all else.
+    pub(super) fn parts(&self, stage: GridStage) -> Vec<Part> {
+        match stage {
+            GridStage::Cells(..) => vec![self.marks.clone()],
+            GridStage::Pairs(..) => vec![self.marks.clone(), self.row_worlds.clone()],
+            GridStage::Write(..) => vec![self.row_worlds.clone(), self.world_firsts.clone()],
+            _ => Vec::new(),
+        }
+    }
+
+    /// Reads where the items of each world begin. Nothing where all boxes are of one.
+    pub(super) fn read_world_firsts(&self, firsts: &mut Vec<u32>) {
+        firsts.clear();
+        if self.worlds > 1 {
+            firsts.resize(self.worlds as usize, 0);
+            self.world_firsts.block.read(self.world_firsts.offset, firsts);
+        }
+    }
+
+    /// The block of marks, which no other rules have while this is kept.
+    pub(super) const fn marks(&self) -> &Part {
+        &self.marks
+    }
+}
+
+/// The blocks of frames with rules.
+pub(super) struct Ruled {
+    /// Marks in video memory, those used last behind.
+    kept: Vec<(Arc<Marks>, Arc<Block>)>,
+    row_worlds: Growing,
+    world_firsts: Growing,
+    /// Where the marks are written by the CPU.
+    home: Home,
+}
+
+impl Ruled {
+    pub(super) fn new(gpu: &Gpu) -> Self {
+        let mapped = gpu.limits().mapped_video_memory;
+        Self {
+            kept: Vec::new(),
+            row_worlds: Growing::new(Home::Video),
+            world_firsts: Growing::new(Home::Host),
+            home: if mapped { Home::MappedVideo } else { Home::Host },
+        }
+    }
+
+    /// The blocks of a frame. `replaced` is set if recorded frames have other ones.
+    pub(super) fn blocks(
+        &mut self,
+        gpu: &Arc<Gpu>,
+        marks: &Arc<Marks>,
+        sizes: &Sizes,
+        replaced: &mut bool,
+    ) -> Result<RuleBlocks, GpuError> {
+        let kept = match self.kept.iter().position(|(of, _)| Arc::ptr_eq(of, marks)) {
+            Some(at) => self.kept.remove(at),
+            None => {
+                self.kept.truncate(self.kept.len().min(KEPT_RULES - 1));
+                let bytes = 4 * marks.words().len() as u64;
+                let block = Block::new(gpu, self.home, bytes)?;
+                block.write(0, marks.words());
+                (Arc::clone(marks), block)
+            }
+        };
+        let marks = Part::of(&kept.1, 0, 4 * marks.words().len() as u64);
+        let worlds = kept.0.worlds().len().max(1) as u32;
+        self.kept.insert(0, kept);
+        let bytes = 8 * u64::from(sizes.plane());
+        let row_worlds = self.row_worlds.at_least(gpu, bytes, replaced)?;
+        let row_worlds = Part::of(row_worlds, 0, bytes);
+        let bytes = 4 * u64::from(worlds);
+        let world_firsts = self.world_firsts.at_least(gpu, bytes, replaced)?;
+        let world_firsts = Part::of(world_firsts, 0, bytes);
+        Ok(RuleBlocks { marks, row_worlds, world_firsts, worlds })
+    }
+}
+
+impl Grid {
+    /// Finds the pairs that rules let meet; those of boxes that are both on a list are left to the host, if
+    /// [`Marks::has_lists`]. Where boxes are of several worlds, a list is ordered by world, and `ranges` says
+    /// where the pairs of each are.
+    ///
+    /// # Errors
+    /// As [`Engine::cull`](pairmask_core::engine::Engine::cull); [`CullError::TooCrowded`] too where worlds
+    /// have too few boxes for a grid.
+    pub fn cull_ruled(
+        &mut self,
+        boxes: BoxSlice<'_>,
+        marks: &Arc<Marks>,
+        encoding: Encoding,
+        reply: &mut dyn ReplyBuffer,
+        ranges: &mut Vec<WorldRange>,
+    ) -> Result<CullReport, CullError> {
+        ranges.clear();
+        let memory = Borrowed { objects: boxes.into(), reply };
+        let workspace = self.own_workspace.clone();
+        let frame = self.begin_in(workspace.clone(), memory, encoding, Some(marks));
+        let report = self.end(frame.map_err(|(error, _)| error)?).0?;
+        if Found::of(encoding) == Some(Found::Pairs) {
+            let firsts = &workspace.lock().world_firsts;
+            let ends = firsts.iter().skip(1).map(|first| *first as usize);
+            let ends = ends.chain([report.pair_count as usize]);
+            let range = |(first, end): (usize, usize)| first..end;
+            let found: Vec<Range<usize>> =
+                firsts.iter().map(|first| *first as usize).zip(ends).map(range).collect();
+            if !found.iter().all(|range| range.start <= range.end) {
+                // No list is so: the device does not do what the stages say.
+                let fault = GpuError::Driver(ash::vk::Result::ERROR_UNKNOWN);
+                return Err(self.gpu.cull_error(super::ENGINE, &fault));
+            }
+            let worlds = marks.worlds().iter().zip(found);
+            ranges.extend(worlds.map(|(world, pairs)| WorldRange::new(*world, pairs)));
+        }
+        Ok(report)
+    }
+}

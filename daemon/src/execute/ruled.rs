@@ -1,0 +1,162 @@
+//! Frames with rules on a GPU: its grid takes worlds and kinds of boxes into account.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use pairmask_core::BoxCount;
+use pairmask_core::dispatch::{CullAnswer, CullOptions, Marks, WorldRange, nanoseconds_since};
+use pairmask_core::engine::{CullError, EngineChoice, EngineName};
+use pairmask_core::mask::{Encoding, EncodingChoice};
+use pairmask_core::plan::{Capabilities, Plan, SceneStats, plan};
+use pairmask_wire::{SentRules, WORLD_RANGE_WORDS};
+
+use super::filtered::RoomBehind;
+use super::frame_memory::{FrameMemory, LentReply, boxes_of, with_lent};
+use super::gpu::takes_worlds;
+use super::{Executor, Owner, Planned};
+
+/// The rules of a session's last frames as a GPU takes them.
+#[derive(Default)]
+pub(super) struct KeptMarks {
+    of: Option<(Arc<SentRules>, BoxCount)>,
+    /// There once the rules came a second time, unless the GPU cannot take them.
+    marks: Option<Option<Arc<Marks>>>,
+    ranges: Vec<WorldRange>,
+}
+
+impl KeptMarks {
+    /// The marks of rules, if a GPU can take them. Rules that come for the first time have none unless
+    /// `at_once`: to make marks of a million boxes takes longer than to filter a frame without.
+    fn of(
+        &mut self,
+        rules: &Arc<SentRules>,
+        n: BoxCount,
+        threads: usize,
+        at_once: bool,
+    ) -> Option<Arc<Marks>> {
+        let is_known =
+            self.of.as_ref().is_some_and(|(of, count)| Arc::ptr_eq(of, rules) && *count == n);
+        if !is_known {
+            self.of = Some((Arc::clone(rules), n));
+            self.marks = None;
+            if !at_once {
+                return None;
+            }
+        }
+        let make = || {
+            let marks = Marks::of(rules.rules(), n.len(), threads)?;
+            takes_worlds(&marks, n.len()).then(|| Arc::new(marks))
+        };
+        self.marks.get_or_insert_with(make).clone()
+    }
+}
+
+/// A frame with rules whose plan is the grid of a GPU.
+pub struct RuledFrame {
+    marks: Arc<Marks>,
+    rules: Arc<SentRules>,
+    plan: Plan,
+    start: Instant,
+}
+
+impl RuledFrame {
+    /// The rules.
+    pub fn rules(&self) -> &SentRules {
+        &self.rules
+    }
+
+    /// Whether the rules have to be laid over the mask all the same: lists name pairs.
+    pub fn has_lists(&self) -> bool {
+        self.marks.has_lists()
+    }
+}
+
+impl Executor {
+    /// Plans a frame of boxes of several worlds for a GPU; `None` for one that a GPU does not take, or not
+    /// sooner than cores.
+    pub fn plan_worlds(
+        &mut self,
+        rules: &Arc<SentRules>,
+        n: BoxCount,
+        options: &CullOptions,
+    ) -> Option<RuledFrame> {
+        let start = Instant::now();
+        let gpu = self.gpus.for_frame(self.home).and_then(|gpu| gpu.cost())?;
+        let is_asked = match options.engine {
+            EngineChoice::Only(engine) if engine != EngineName::GpuGrid => return None,
+            choice => choice != EngineChoice::Auto,
+        };
+        // A list is ordered by world.
+        let options = match options.encoding {
+            EncodingChoice::Auto if options.readable.contains(Encoding::List) => {
+                &CullOptions { encoding: EncodingChoice::Only(Encoding::List), ..*options }
+            }
+            _ => options,
+        };
+        let pool = rayon::current_num_threads();
+        let threads = options.threads.unwrap_or(pool).clamp(1, pool);
+        let (_, calibration) = self.cpu_settings();
+        // As one world with as many boxes, which are not looked at: those of all worlds may share a place.
+        let stats = SceneStats::unseen(n, options.last_pairs);
+        let plan = plan(&stats, &Capabilities { threads, gpu: Some(gpu) }, &calibration, options);
+        self.ruled(rules, n, plan, (threads, is_asked), start)
+    }
+
+    /// The same for a frame whose boxes are of one world, by its plan without rules.
+    pub fn plan_ruled(
+        &mut self,
+        rules: &Arc<SentRules>,
+        planned: &Planned,
+        options: &CullOptions,
+    ) -> Option<RuledFrame> {
+        let is_asked = options.engine != EngineChoice::Auto;
+        let threads = options.threads.unwrap_or(1);
+        self.ruled(rules, planned.plan.stats.n, planned.plan, (threads, is_asked), planned.start)
+    }
+
+    fn ruled(
+        &mut self,
+        rules: &Arc<SentRules>,
+        n: BoxCount,
+        plan: Plan,
+        (threads, is_asked): (usize, bool),
+        start: Instant,
+    ) -> Option<RuledFrame> {
+        let is_grid = plan.engine == EngineName::GpuGrid && plan.encoding != Encoding::Dense;
+        if !is_grid || n.get() < 2 {
+            return None;
+        }
+        let marks = self.marks.of(rules, n, threads, is_asked)?;
+        Some(RuledFrame { marks, rules: Arc::clone(rules), plan, start })
+    }
+
+    /// Finds the pairs of the boxes of this memory, which belong to `owner`, on a GPU, and where the pairs of
+    /// each world stand. The reply that it lends is imported, so that the GPU writes the next one without a
+    /// copy.
+    ///
+    /// # Errors
+    /// [`CullError`]: the frame is left to cores.
+    pub fn run_ruled<M: FrameMemory>(
+        &mut self,
+        frame: &RuledFrame,
+        owner: Owner,
+        memory: &mut M,
+    ) -> Result<(CullAnswer, &[WorldRange]), CullError> {
+        self.last_frame = Some(Instant::now());
+        let RuledFrame { marks, rules, plan, start } = frame;
+        let gpu = self.gpus.for_frame(self.home).ok_or(super::no_gpu(plan.engine))?;
+        log::debug!("{}", plan.explain());
+        let _queued = gpu.queue(plan, 1);
+        let plan_ns = nanoseconds_since(*start);
+        let words = WORLD_RANGE_WORDS as u64 * rules.most_worlds();
+        let ranges = &mut self.marks.ranges;
+        let mut lent = LentReply::default();
+        let report = with_lent(memory, &mut lent, |objects, reply| {
+            let reply = &mut RoomBehind { reply, words };
+            let boxes = boxes_of(objects);
+            gpu.with(|gpu| gpu.cull_ruled(boxes, owner, marks, plan.encoding, reply, ranges))
+        })?;
+        gpu.lock().offer_reply(lent);
+        Ok((CullAnswer::new(plan, report, *start, plan_ns), ranges))
+    }
+}

@@ -1,0 +1,126 @@
+//! The GPU's grid with rules: the pairs that the oracle and the rules leave, world by world.
+
+use std::sync::Arc;
+
+use pairmask_core::dispatch::{Marks, WorldRange};
+use pairmask_core::engine::HeapReply;
+use pairmask_core::filters::{Rules, Tag, World};
+use pairmask_core::mask::MaskView;
+use pairmask_core::precision::BoxSlice;
+use pairmask_core::{Aabb, BoxCount, Encoding};
+use pairmask_tests::filtered_frames::{FilteredFrame, KINDS};
+use pairmask_tests::{gpu, oracle, stress_scenes};
+use pairmaskd::execute::gpu::{Grid, GridOptions, HostImport, takes_worlds};
+
+const ENCODINGS: [Encoding; 2] = [Encoding::Sparse, Encoding::List];
+
+fn grid() -> Grid {
+    // What no stage wrote must not show.
+    let options = GridOptions { poison: Some(0x5a5a_0007), ..GridOptions::default() };
+    Grid::new(&gpu::open(HostImport::IfPossible), &options).expect("a grid")
+}
+
+/// The pairs that the grid finds, sorted, and the ranges of worlds.
+fn found(
+    grid: &mut Grid,
+    boxes: &[Aabb],
+    marks: &Arc<Marks>,
+    encoding: Encoding,
+) -> (Vec<(u32, u32)>, Vec<WorldRange>, Vec<[u32; 2]>) {
+    let (mut reply, mut ranges) = (HeapReply::new(), Vec::new());
+    let report = grid.cull_ruled(BoxSlice::from(boxes), marks, encoding, &mut reply, &mut ranges);
+    let report = report.expect("an answer");
+    let n = BoxCount::new(boxes.len() as u32);
+    let mask = MaskView::new(n, &report.shape, reply.words()).expect("a mask");
+    mask.verify().expect("in order");
+    let mut pairs = mask.to_vec();
+    assert_eq!(pairs.len() as u64, report.pair_count);
+    let list = match encoding {
+        Encoding::List => reply.words()[..2 * pairs.len()].as_chunks().0.to_vec(),
+        _ => Vec::new(),
+    };
+    pairs.sort_unstable();
+    (pairs, ranges, list)
+}
+
+fn check_ranges(rules: &Rules, marks: &Marks, ranges: &[WorldRange], list: &[[u32; 2]]) {
+    let worlds: Vec<World> = ranges.iter().map(|range| range.world).collect();
+    assert_eq!(worlds, marks.worlds(), "each world once, rising");
+    let mut next = 0;
+    for range in ranges {
+        assert_eq!(range.pairs.start, next, "side by side");
+        next = range.pairs.end;
+        for index in list[range.pairs.clone()].as_flattened() {
+            assert_eq!(rules.tag(*index).world, range.world);
+        }
+    }
+    assert!(ranges.is_empty() || next == list.len());
+}
+
+#[test]
+fn frames_have_the_pairs_that_rules_let_meet() {
+    let mut grid = grid();
+    let mut marked = 0;
+    for n in [2, 31, 32, 33, 70, 257, 1_235, 5_001] {
+        for (kind, seed) in KINDS.into_iter().zip(0..) {
+            let frame = FilteredFrame::drawn(n, kind, seed + n as u64);
+            let marks = Marks::of(&frame.rules, n, 1).filter(|marks| takes_worlds(marks, n));
+            let Some(marks) = marks.map(Arc::new) else { continue };
+            for encoding in ENCODINGS {
+                let (pairs, ranges, list) = found(&mut grid, &frame.boxes, &marks, encoding);
+                if encoding == Encoding::List {
+                    check_ranges(&frame.rules, &marks, &ranges, &list);
+                } else {
+                    assert!(ranges.is_empty());
+                }
+                if marks.has_lists() {
+                    // The rules are laid over those that are left.
+                    let left = pairs.iter().filter(|(a, b)| frame.rules.meet(*a, *b));
+                    assert!(left.eq(&frame.pairs), "{n} boxes, {kind:?}, {encoding}");
+                } else {
+                    assert_eq!(pairs, frame.pairs, "{n} boxes, {kind:?}, {encoding}");
+                }
+                marked += 1;
+            }
+        }
+    }
+    assert!(marked > 60, "{marked} frames");
+}
+
+/// Giants, empties, crowds, infinities, folded levels: each world has its own.
+#[test]
+fn scenes_of_every_kind_in_several_worlds() {
+    let mut grid = grid();
+    for (scene, turn) in stress_scenes::ALL.iter().zip(0..) {
+        for (n, worlds) in [(345, 1), (345, 2), (1_234, 13), (1_234, 150)] {
+            let boxes = scene.boxes(n, turn);
+            let mut rules = Rules::default();
+            let world = |at: u32| World((at * 7 % worlds) as i32 * 3);
+            rules.tags = (0..n).map(|at| Tag::default().with_world(world(at))).collect();
+            let marks = Arc::new(Marks::of(&rules, boxes.len(), 1).expect("worlds alone"));
+            let mut expected = oracle::truth(&boxes).pairs;
+            expected.retain(|(a, b)| rules.meet(*a, *b));
+            let encoding = ENCODINGS[turn as usize % 2];
+            let (pairs, ranges, list) = found(&mut grid, &boxes, &marks, encoding);
+            assert_eq!(pairs, expected, "{}, {n} boxes of {worlds} worlds", scene.name());
+            if encoding == Encoding::List {
+                check_ranges(&rules, &marks, &ranges, &list);
+            }
+        }
+    }
+}
+
+#[test]
+fn worlds_too_small_or_uneven_get_no_grid() {
+    let marks = |world: &dyn Fn(usize) -> usize, n| {
+        let mut rules = Rules::default();
+        let tag = |at| Tag::default().with_world(World(world(at) as i32));
+        rules.tags = (0..n).map(tag).collect();
+        Marks::of(&rules, n, 1).expect("worlds alone")
+    };
+    assert!(takes_worlds(&marks(&|at| at / 8, 800), 800));
+    assert!(!takes_worlds(&marks(&|at| at / 7, 700), 700), "seven boxes a world");
+    let uneven = |at: usize| if at < 800 { 0 } else { at / 10 };
+    assert!(!takes_worlds(&marks(&uneven, 1_000), 1_000), "most boxes of one of many worlds");
+    assert!(takes_worlds(&marks(&|_| 5, 9), 9), "one world of any size");
+}
