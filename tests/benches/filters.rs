@@ -19,6 +19,7 @@
 use std::error::Error;
 use std::hint::black_box;
 use std::process::ExitCode;
+use std::sync::Arc;
 use std::time::Instant;
 
 use pairmask::{Backend, Session};
@@ -132,7 +133,7 @@ impl Way {
     fn answer(
         &mut self,
         boxes: &[Aabb],
-        rules: Option<&Rules>,
+        rules: Option<&Arc<Rules>>,
         threads: usize,
     ) -> Result<(u64, u64), Box<dyn Error>> {
         let (mut sum, mut count) = (0u64, 0);
@@ -165,7 +166,7 @@ impl Way {
                 frame.write(boxes);
                 begin = Instant::now();
                 let pending = match rules {
-                    Some(rules) => frame.submit_with(rules)?,
+                    Some(rules) => frame.submit_with_kept(rules)?,
                     None => frame.submit()?,
                 };
                 pending.wait()?.for_each_slice(&mut visit);
@@ -218,7 +219,7 @@ fn row(
 }
 
 /// Boxes of worlds that lie over one another, their tags, and the same boxes with their worlds side by side.
-fn worlds(each: usize) -> (Vec<Aabb>, Rules, Vec<Aabb>) {
+fn worlds(each: usize) -> (Vec<Aabb>, Arc<Rules>, Vec<Aabb>) {
     let mut random = Random(0x5DEE_CE66_D1CE_4E5B);
     let (mut over, mut beside, mut rules) = (Vec::new(), Vec::new(), Rules::default());
     for world in 0..WORLDS {
@@ -232,7 +233,7 @@ fn worlds(each: usize) -> (Vec<Aabb>, Rules, Vec<Aabb>) {
         let tag = Tag::default().with_world(World(world as i32));
         rules.tags.resize(over.len(), tag);
     }
-    (over, rules, beside)
+    (over, Arc::new(rules), beside)
 }
 
 fn rows(options: &Options, daemon: Option<&PrivateDaemon>) -> Result<Vec<Value>, Box<dyn Error>> {
@@ -281,6 +282,7 @@ fn rows(options: &Options, daemon: Option<&PrivateDaemon>) -> Result<Vec<Value>,
             .map(|_| FilterId((random.unit() * KINDS as f32) as u16))
             .map(|id| Tag::default().with_filter(id))
             .collect();
+        let rules = Arc::new(rules);
         let mut filtered = |way: &mut Way| way.answer(&boxes, Some(&rules), threads);
         let mut without = |way: &mut Way| way.answer(&boxes, None, threads);
         if wants("filtered") {
@@ -288,6 +290,7 @@ fn rows(options: &Options, daemon: Option<&PrivateDaemon>) -> Result<Vec<Value>,
             rows.push(row(&name, options, daemon, &mut filtered, &mut without)?);
         }
         let open = Rules::default();
+        let open = Arc::new(open);
         let mut with_open = |way: &mut Way| way.answer(&boxes, Some(&open), threads);
         if wants("rules") {
             let name = format!("no rules {n}");

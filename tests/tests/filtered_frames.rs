@@ -3,6 +3,7 @@
 // Rules are filled as users fill them.
 #![allow(clippy::field_reassign_with_default)]
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use pairmask::error::ReplyError;
@@ -417,4 +418,77 @@ fn audited_frames_are_held_to_their_rules() {
         assert!(audit.frames > 3 && audit.pairs > 3 * 300, "{audit:?}");
         assert_eq!((audit.missed, audit.extra), (0, 0));
     }
+}
+
+fn submit_kept(session: &mut Session, boxes: &[Aabb], rules: &Arc<Rules>) -> PendingFrame {
+    let mut shared = session.frame(boxes.len()).unwrap();
+    shared.write(boxes);
+    shared.submit_with_kept(rules).unwrap()
+}
+
+#[test]
+fn kept_rules_are_those_of_their_frame() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session = daemon.session().answer_repeats(false).connect().unwrap();
+    let frames: Vec<_> = (0..4)
+        .map(|seed| FilteredFrame::drawn([300, 300, 41, 1_200][seed], KINDS[seed * 2], 40))
+        .map(|frame| (Arc::new(frame.rules.clone()), frame))
+        .collect();
+    // Each alone, in turns with another, with rules that are not kept between, and with none.
+    for order in [[0, 0, 0, 0], [0, 1, 0, 1], [3, 3, 2, 2], [1, 1, 3, 1]] {
+        for at in order {
+            let (rules, frame) = &frames[at];
+            check_mask(&submit_kept(&mut session, &frame.boxes, rules).wait().unwrap(), frame);
+        }
+        let (_, other) = &frames[2];
+        check_mask(&submit(&mut session, other).wait().unwrap(), other);
+        let mut plain = session.frame(other.boxes.len()).unwrap();
+        plain.write(&other.boxes);
+        plain.submit().unwrap().wait().unwrap();
+    }
+    // Two under way: the second names what the first one brings.
+    let (rules, frame) = &frames[1];
+    let pending = [(); 2].map(|()| submit_kept(&mut session, &frame.boxes, rules));
+    for pending in pending {
+        let mask = pending.wait().unwrap();
+        assert_eq!(mask.info().served_by, ServedBy::Daemon);
+        check_mask(&mask, frame);
+    }
+}
+
+#[test]
+fn a_daemon_that_has_forgotten_rules_is_sent_them_again() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let frame = FilteredFrame::drawn(700, KINDS[6], 8);
+    let rules = Arc::new(frame.rules.clone());
+    let mut sessions = [Backend::Daemon, Backend::Auto]
+        .map(|backend| daemon.session().backend(backend).connect().unwrap());
+    for session in &mut sessions {
+        check_mask(&submit_kept(session, &frame.boxes, &rules).wait().unwrap(), &frame);
+    }
+    // Longer than a daemon keeps what no frame asks for.
+    std::thread::sleep(std::time::Duration::from_secs(13));
+    for session in &mut sessions {
+        for _ in 0..2 {
+            let mask = submit_kept(session, &frame.boxes, &rules).wait().unwrap();
+            assert_eq!(mask.info().served_by, ServedBy::Daemon);
+            check_mask(&mask, &frame);
+        }
+    }
+    let status = daemon.session().connect().unwrap().daemon_status().unwrap();
+    assert_eq!(status.errors, 2, "each was told once");
+}
+
+#[test]
+fn a_daemon_that_is_killed_costs_no_kept_rule() {
+    let mut daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
+    let frame = FilteredFrame::drawn(200, KINDS[3], 4);
+    let rules = Arc::new(frame.rules.clone());
+    outlive_kills(&mut daemon, |_| {
+        let mask = submit_kept(&mut session, &frame.boxes, &rules).wait().unwrap();
+        check_mask(&mask, &frame);
+        check_worlds(&mask, &frame);
+        mask.info().served_by
+    });
 }

@@ -17,6 +17,7 @@ use pairmask_wire::{
 
 use super::core::Core;
 use super::error::FrameError;
+use super::kept_rules::FrameRules;
 use super::link::SharedFrame;
 use super::local::Spares;
 use super::pending::PendingFrame;
@@ -184,12 +185,13 @@ impl<T: Object> Filling<T> {
         self.submit_by(None)
     }
 
-    fn submit_by(mut self, rules: Option<&Rules>) -> Result<PendingFrame, FrameError> {
+    fn submit_by(mut self, rules: Option<FrameRules<'_>>) -> Result<PendingFrame, FrameError> {
         match self.memory.take() {
             Some(FrameMemory::Shared(shared)) => {
                 PendingFrame::send(shared, self.n, self.written, rules, Arc::clone(&self.core))
             }
             Some(FrameMemory::Own(objects)) => {
+                let rules = rules.map(|of| of.rules);
                 let mask = self.core.cull_here(T::as_objects(&objects), rules, self.written);
                 self.memory = Some(FrameMemory::Own(objects));
                 Ok(PendingFrame::ready(mask?, Arc::clone(&self.core)))
@@ -211,7 +213,19 @@ impl Filling<Aabb> {
     /// Asks for the pairs that rules let meet. Rules that let all meet are none.
     pub(super) fn submit_with(self, rules: &Rules) -> Result<PendingFrame, FrameError> {
         let rules = (!rules.let_all_meet(self.n.len())).then_some(rules);
-        self.submit_by(rules)
+        self.submit_by(rules.map(|rules| FrameRules { rules, kept: None }))
+    }
+
+    /// The same with rules that the daemon keeps.
+    pub(super) fn submit_with_kept(self, rules: &Arc<Rules>) -> Result<PendingFrame, FrameError> {
+        let are_known = match &self.memory {
+            Some(FrameMemory::Shared(shared)) => {
+                shared.slot.link().kept_rules().are_known(rules, self.n)
+            }
+            _ => false,
+        };
+        let matter = are_known || !rules.let_all_meet(self.n.len());
+        self.submit_by(matter.then_some(FrameRules { rules, kept: Some(rules) }))
     }
 
     /// Finds the pairs of a box of the first `first` and one of the others.
@@ -336,11 +350,12 @@ impl Frame {
     /// they are found before this returns.
     ///
     /// Boxes of several worlds are culled world by world unless the session insists on a dense or a sparse
-    /// mask or on an engine of a GPU, and the pairs of each are [found by
+    /// mask or on an engine of all pairs, and the pairs of each are [found by
     /// it](super::PairMask::pairs_of_world). One frame of thousands of small worlds takes a small part of
     /// the time that a frame for each of them would.
     ///
-    /// Rules go to a daemon with the boxes, 12 bytes a tag. A session's first frame with rules moves its
+    /// Rules go to a daemon with the boxes, 12 bytes a tag; those that stay for many frames need not
+    /// ([`submit_with_kept`](Self::submit_with_kept)). A session's first frame with rules moves its
     /// boxes to memory that has room for both; the memory of later ones has it from the beginning. Rules
     /// that are equal to those of the frame before are only compared, and rules that let all boxes meet
     /// are not sent.
@@ -369,5 +384,39 @@ impl Frame {
     /// [`FrameError::TooManyListedPairs`].
     pub fn submit_with(self, rules: &Rules) -> Result<PendingFrame, FrameError> {
         self.filling.submit_with(rules)
+    }
+
+    /// As [`submit_with`](Self::submit_with), for rules that stay: those behind the same [`Arc`] are sent
+    /// to a daemon once, and not looked at again. Rules that change are another [`Arc`]
+    /// ([`Arc::make_mut`] makes one).
+    ///
+    /// A daemon keeps the rules that each session sent last. One that does not have them, because it was
+    /// started anew, is sent them again while the frame is waited for.
+    ///
+    /// ```
+    /// use std::sync::Arc;
+    ///
+    /// use pairmask::filters::{Owner, Rules, Tag};
+    /// use pairmask::{Aabb, Backend, Session};
+    ///
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// let mut session = Session::builder().backend(Backend::InProcess).connect()?;
+    /// let mut rules = Rules::default();
+    /// rules.tags = [7, 7, 8].map(|owner| Tag::default().with_owner(Owner(owner))).to_vec();
+    /// let rules = Arc::new(rules);
+    /// for _ in 0..3 {
+    ///     let mut frame = session.frame(3)?;
+    ///     frame.boxes_mut().fill(Aabb::new([0.0; 3], [1.0; 3]));
+    ///     let mask = frame.submit_with_kept(&rules)?.wait()?;
+    ///     assert!(mask.contains(0, 2) && mask.contains(1, 2) && mask.count() == 2);
+    /// }
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// As [`submit_with`](Self::submit_with).
+    pub fn submit_with_kept(self, rules: &Arc<Rules>) -> Result<PendingFrame, FrameError> {
+        self.filling.submit_with_kept(rules)
     }
 }

@@ -21,6 +21,7 @@ use super::encodings::KnownEncodings;
 use super::error::{ConnectError, FrameError};
 use super::estimate::{Answered, Estimate, Expected};
 use super::forms::KnownForms;
+use super::kept_rules::KeptRules;
 use super::local::lock;
 use crate::transport::{
     CheckedResponse, Client, ClientPort, FRAMES_AT_A_TIME, OpenError, OwnRequest, PopulateError,
@@ -61,6 +62,7 @@ pub(super) struct Link {
     cores: usize,
     frames: AtomicUsize,
     forms: KnownForms,
+    kept_rules: KeptRules,
     encodings: KnownEncodings,
     /// Whether the log says that responses of this daemon are refused.
     told_refused: AtomicBool,
@@ -173,6 +175,7 @@ impl Link {
             cores: std::thread::available_parallelism().map_or(1, usize::from),
             frames: AtomicUsize::new(0),
             forms: KnownForms::of(record.version),
+            kept_rules: KeptRules::default(),
             encodings: KnownEncodings::of(record.version),
             told_refused: AtomicBool::new(false),
             files: SegmentFiles::new(&dir, instance),
@@ -199,6 +202,11 @@ impl Link {
 
     pub(super) fn is_alive(&self) -> bool {
         self.daemon.is_alive()
+    }
+
+    /// The rules that the daemon keeps.
+    pub(super) const fn kept_rules(&self) -> &KeptRules {
+        &self.kept_rules
     }
 
     /// The forms of objects that the daemon can be sent.

@@ -29,6 +29,8 @@ mod exchange;
 #[cfg_attr(not(feature = "daemon"), allow(dead_code))]
 mod forms;
 mod frame;
+#[cfg_attr(not(feature = "daemon"), allow(dead_code))]
+mod kept_rules;
 #[cfg(feature = "daemon")]
 mod link;
 #[cfg(not(feature = "daemon"))]

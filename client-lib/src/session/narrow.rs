@@ -1,5 +1,7 @@
 //! A frame whose boxes are written in a narrow form.
 
+use std::sync::Arc;
+
 use pairmask_core::aabb::Aabb;
 use pairmask_core::filters::Rules;
 use pairmask_core::precision::{BoxForm, Encoder, Precision};
@@ -105,5 +107,15 @@ impl NarrowFrame {
     /// As [`Frame::submit_with`].
     pub fn submit_with(self, rules: &Rules) -> Result<PendingFrame, FrameError> {
         self.filling.submit_with(rules)
+    }
+
+    /// As [`Frame::submit_with_kept`].
+    ///
+    /// [`Frame::submit_with_kept`]: super::frame::Frame::submit_with_kept
+    ///
+    /// # Errors
+    /// As [`Frame::submit_with_kept`].
+    pub fn submit_with_kept(self, rules: &Arc<Rules>) -> Result<PendingFrame, FrameError> {
+        self.filling.submit_with_kept(rules)
     }
 }

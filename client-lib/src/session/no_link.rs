@@ -12,6 +12,7 @@ use super::encodings::KnownEncodings;
 use super::error::{ConnectError, FrameError};
 use super::estimate::{Answered, Expected};
 use super::forms::KnownForms;
+use super::kept_rules::KeptRules;
 use crate::transport::{
     CheckedResponse, Never, OwnRequest, ResponseSample, SentRequest, TransportError,
 };
@@ -75,6 +76,10 @@ impl Link {
     }
 
     pub(super) const fn is_alive(&self) -> bool {
+        match self.0 {}
+    }
+
+    pub(super) const fn kept_rules(&self) -> &KeptRules {
         match self.0 {}
     }
 

@@ -9,14 +9,16 @@ use pairmask_core::mask::MaskView;
 use pairmask_core::objects::Objects;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
-    CullRequest, FRAME_RULES_MINOR, Page, Reply, ReplyError, ReplyFields, RequestHeader,
-    ResponseHeader, RulesLayout, RulesPlace, RulesReader, StatusCode, words_in, world_ranges_in,
+    CullRequest, FRAME_RULES_MINOR, KEPT_RULES_MINOR, Page, Reply, ReplyError, ReplyFields,
+    RequestHeader, ResponseHeader, RulesLayout, RulesPlace, RulesReader, StatusCode, page_count,
+    words_in, world_ranges_in,
 };
 
 use super::core::{Core, Loss};
 use super::error::{FrameError, WaitError};
 use super::estimate::Answered;
 use super::frame::Written;
+use super::kept_rules::{FrameRules, RulesNumber};
 use super::link::{Received, SharedFrame, Slot, Ungrown, Unsent};
 use super::pairs::{PairMask, ServedBy, Storage};
 use crate::transport::{CheckedResponse, SentRequest};
@@ -51,16 +53,25 @@ pub(super) struct Sent {
     pending: SentRequest,
     asked: ReplyFields,
     written: Written,
-    /// Where its rules lie behind its objects.
-    rules: Option<RulesPlace>,
+    rules: SentRules,
     at: Instant,
     slot: Slot,
+}
+
+/// The rules of a frame as they were sent.
+enum SentRules {
+    /// It has none.
+    None,
+    /// They lie behind its objects, with the number under which they are kept, or 0.
+    Written(RulesPlace, u64),
+    /// The daemon keeps them under a number.
+    Kept(Arc<Rules>, u64),
 }
 
 /// A frame that is to be sent, or the reason why this process answers it.
 #[allow(clippy::large_enum_variant)] // A box would be an allocation in every frame.
 enum ToSend {
-    Frame(SharedFrame, Option<RulesPlace>),
+    Frame(SharedFrame, SentRules),
     Stays(SharedFrame),
 }
 
@@ -69,9 +80,10 @@ fn with_rules(
     shared: SharedFrame,
     n: BoxCount,
     written: Written,
-    rules: &Rules,
+    given: FrameRules<'_>,
     core: &Core,
 ) -> Result<ToSend, FrameError> {
+    let rules = given.rules;
     let stays = |shared, error| {
         if core.may_cull_here() {
             core.say_in_process(&error);
@@ -89,6 +101,19 @@ fn with_rules(
         forms.say_stay(FRAME_RULES_MINOR, what);
         return Ok(ToSend::Stays(shared));
     }
+    let kept_rules = shared.slot.link().kept_rules();
+    let number = match given.kept.filter(|_| forms.knows(KEPT_RULES_MINOR)) {
+        Some(kept) => match kept_rules.number_of(kept, n) {
+            RulesNumber::Known(number) => {
+                return Ok(ToSend::Frame(shared, SentRules::Kept(Arc::clone(kept), number)));
+            }
+            RulesNumber::New(number) => number,
+        },
+        None => {
+            kept_rules.forget();
+            0
+        }
+    };
     let used = written.scene(n).payload_bytes();
     let layout = match RulesLayout::of(rules, n, used) {
         Ok(layout) => layout,
@@ -102,7 +127,10 @@ fn with_rules(
     };
     // The memory has room for them.
     let is_written = layout.write(rules, shared.loan.pages_mut());
-    Ok(if is_written { ToSend::Frame(shared, Some(layout.place())) } else { ToSend::Stays(shared) })
+    if !is_written {
+        return Ok(ToSend::Stays(shared));
+    }
+    Ok(ToSend::Frame(shared, SentRules::Written(layout.place(), number)))
 }
 
 impl PendingFrame {
@@ -114,15 +142,16 @@ impl PendingFrame {
         shared: SharedFrame,
         n: BoxCount,
         written: Written,
-        rules: Option<&Rules>,
+        given: Option<FrameRules<'_>>,
         core: Arc<Core>,
     ) -> Result<Self, FrameError> {
-        let to_send = match rules {
-            Some(rules) => with_rules(shared, n, written, rules, &core)?,
-            None => ToSend::Frame(shared, None),
+        let to_send = match given {
+            Some(given) => with_rules(shared, n, written, given, &core)?,
+            None => ToSend::Frame(shared, SentRules::None),
         };
-        let (shared, place) = match to_send {
-            ToSend::Frame(shared, place) => (shared, place),
+        let rules = given.map(|given| given.rules);
+        let (shared, sent_rules) = match to_send {
+            ToSend::Frame(shared, sent_rules) => (shared, sent_rules),
             ToSend::Stays(shared) => {
                 let mask = cull_shared(&core, shared.loan.pages(), n, written, rules)?;
                 return Ok(Self::ready(mask, core));
@@ -141,6 +170,11 @@ impl PendingFrame {
         }
         let asked =
             ReplyFields { client_token: link.token(), frame: core.next_frame(), box_count: n };
+        let (place, rules_number) = match &sent_rules {
+            SentRules::None => (None, 0),
+            SentRules::Written(place, number) => (Some(*place), *number),
+            SentRules::Kept(_, number) => (None, *number),
+        };
         let request = CullRequest {
             engine: settings.engine,
             encoding: link.encodings().agree(settings.encoding),
@@ -148,6 +182,7 @@ impl PendingFrame {
             visit_threads: settings.visit_threads,
             may_repeat: settings.answer_repeats,
             rules: place,
+            rules_number,
             first_set: written.first_set,
             ..CullRequest::of(written.scene(n))
         };
@@ -155,7 +190,7 @@ impl PendingFrame {
         let at = Instant::now();
         match shared.send(&header) {
             Ok((pending, slot)) if pending.is_delivered() => {
-                let sent = Sent { pending, asked, written, rules: place, at, slot };
+                let sent = Sent { pending, asked, written, rules: sent_rules, at, slot };
                 Ok(Self { state: State::Sent(sent), core })
             }
             Ok((pending, _slot)) => {
@@ -213,6 +248,7 @@ impl PendingFrame {
     /// [`WaitError::Timeout`] when `timeout` passed: the frame is still under way. Else
     /// [`WaitError`].
     pub fn wait_timeout(&mut self, timeout: Duration) -> Result<PairMask, WaitError> {
+        let started = Instant::now();
         let result = match std::mem::replace(&mut self.state, State::Taken) {
             State::Ready(mask) => return Ok(mask),
             State::Taken => return Err(WaitError::Taken),
@@ -220,6 +256,11 @@ impl PendingFrame {
         };
         match result {
             Ok(mask) => Ok(mask),
+            Err((WaitError::Reply(error), Some(sent))) => {
+                let waited = started.elapsed();
+                self.state = sent.send_again(error.into(), &self.core)?;
+                self.wait_timeout(timeout.saturating_sub(waited))
+            }
             Err((error, sent)) => {
                 if let Some(sent) = sent {
                     self.state = State::Sent(sent);
@@ -231,6 +272,8 @@ impl PendingFrame {
 }
 
 impl Sent {
+    /// Waits for the answer. The error holds the frame where it is still under way, or, after a
+    /// [`WaitError::Reply`], where it is to be sent again.
     #[allow(clippy::result_large_err)] // The error holds the frame, which its caller puts back.
     fn wait(
         mut self,
@@ -273,8 +316,8 @@ impl Sent {
             MaskView::new(self.asked.box_count, &reply.report.shape, words)
                 .map_err(|_| ReplyError::Malformed { field: "mask" })?;
             let worlds = match self.rules {
-                Some(_) => world_ranges_in(header, &reply.report.shape, words)?,
-                None => Vec::new(),
+                SentRules::None => Vec::new(),
+                _ => world_ranges_in(header, &reply.report.shape, words)?,
             };
             Ok((reply, worlds))
         });
@@ -292,7 +335,40 @@ impl Sent {
                 let mask = PairMask::new(storage, &reply, ServedBy::Daemon, self.written, isa);
                 Ok(mask.with_worlds(worlds))
             }
+            // The daemon is asked once more, with the rules.
+            Err(error) if self.lacks_rules(&error) => Err((error.into(), Some(self))),
             Err(error) => self.answer_refused(error, core).map_err(|e| (e, None)),
+        }
+    }
+
+    /// Whether the daemon does not keep the rules that the frame named.
+    fn lacks_rules(&self, error: &ReplyError) -> bool {
+        matches!(error, ReplyError::Status { status: StatusCode::UnknownRules, .. })
+            && matches!(self.rules, SentRules::Kept(..))
+    }
+
+    /// Sends the frame once more, with its rules. Where there is no memory for that, the frame is answered
+    /// in process, if the backend allows that, or with the error.
+    fn send_again(self, error: WaitError, core: &Arc<Core>) -> Result<State, WaitError> {
+        let SentRules::Kept(kept, _) = &self.rules else { return Err(error) };
+        let link = self.slot.link();
+        link.kept_rules().forget();
+        let (n, written) = (self.asked.box_count, self.written);
+        let bytes = written.scene(n).payload_bytes();
+        let again = core.loan(link, bytes).and_then(|mut shared| {
+            let pages = page_count(bytes) as usize;
+            let (to, from) =
+                (shared.loan.pages_mut().get_mut(..pages), self.pending.pages().get(..pages));
+            if let (Some(to), Some(from)) = (to, from) {
+                to.copy_from_slice(from);
+            }
+            let rules = FrameRules { rules: kept, kept: Some(kept) };
+            PendingFrame::send(shared, n, written, Some(rules), Arc::clone(core))
+        });
+        match again {
+            Ok(pending) => Ok(pending.state),
+            Err(_) if core.may_cull_here() => self.cull_here(core).map(State::Ready),
+            Err(_) => Err(error),
         }
     }
 
@@ -305,14 +381,14 @@ impl Sent {
             // The next frame is not sent in a form that the daemon may not know.
             let forms = self.slot.link().forms();
             match self.rules {
-                Some(_) => forms.note_refused_rules(),
-                None => forms.note_refused(self.written),
+                SentRules::None => forms.note_refused(self.written),
+                _ => forms.note_refused_rules(),
             }
         }
         if !core.may_cull_here() {
             return Err(refused.into());
         }
-        let is_plain = self.written.since_minor() == 0 && self.rules.is_none();
+        let is_plain = self.written.since_minor() == 0 && matches!(self.rules, SentRules::None);
         if !is_bad_request || is_plain {
             self.slot.link().say_refused(&refused);
         }
@@ -339,9 +415,12 @@ impl Sent {
         let (pages, n) = (self.pending.pages(), self.asked.box_count);
         let mut reader = RulesReader::default();
         let rules = match &self.rules {
+            SentRules::None => None,
+            SentRules::Kept(rules, _) => Some(&**rules),
             // This process wrote them: only another one can have made them wrong.
-            Some(place) => Some(reader.read(place, n, pages).map_err(|_| changed_rules())?.rules()),
-            None => None,
+            SentRules::Written(place, _) => {
+                Some(reader.read(place, n, pages).map_err(|_| changed_rules())?.rules())
+            }
         };
         Ok(cull_shared(core, pages, n, self.written, rules)?)
     }

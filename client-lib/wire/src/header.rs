@@ -45,7 +45,8 @@ pub struct RequestHeader {
     pub scene: u32,
     /// The revision of the scene that an edit is for, 0 to begin it; zero in a cull (since 1.4).
     pub base: u64,
-    /// The revision that an edit makes; zero in a cull (since 1.4).
+    /// The revision that an edit makes (since 1.4). Of a cull with rules, the number under which the daemon
+    /// keeps them (since 1.9); else zero in a cull.
     pub revision: u64,
     /// Indices of a scene are below this (since 1.4). Of a cull between two sets, boxes of the first set
     /// (since 1.7); else zero in a cull.

@@ -72,6 +72,8 @@ pub const FRAME_RULES_MINOR: u16 = 6;
 pub const QUERIES_MINOR: u16 = 7;
 /// Minor version from which scenes are shared by several sessions.
 pub const SHARED_MINOR: u16 = 8;
+/// The minor version that added rules that a daemon keeps for the frames to come.
+pub const KEPT_RULES_MINOR: u16 = 9;
 
 /// Minor version from which daemons know objects of a form.
 pub const fn since_minor(form: ObjectForm) -> u16 {
@@ -84,7 +86,7 @@ pub const fn since_minor(form: ObjectForm) -> u16 {
 
 /// The largest minor version that an operation, a section, a step of an edit, a form, an encoding or an engine needs.
 const fn newest_minor() -> u16 {
-    let (mut newest, mut i) = (SHARED_MINOR, 0);
+    let (mut newest, mut i) = (KEPT_RULES_MINOR, 0);
     while i < ObjectForm::ALL.len() {
         newest = later(newest, since_minor(ObjectForm::ALL[i]));
         i += 1;

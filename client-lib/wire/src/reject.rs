@@ -59,6 +59,9 @@ pub enum Reject {
         /// The field.
         field: &'static str,
     },
+    /// The rules that a frame names are not kept.
+    #[error("the frame's rules are not kept: they are to be sent again")]
+    UnknownRules,
     /// An edit of a scene says what cannot be.
     #[error("the edit's {field} is malformed")]
     Edit {
@@ -78,6 +81,7 @@ impl Reject {
     pub const fn status(&self) -> StatusCode {
         match self {
             Self::Version { .. } => StatusCode::VersionMismatch,
+            Self::UnknownRules => StatusCode::UnknownRules,
             _ => StatusCode::BadRequest,
         }
     }

@@ -15,7 +15,9 @@ use crate::scene::{
     JoinRequest, LeaseRequest, QueryRequest, SceneId, SceneRequest, check_shared_minor,
 };
 use crate::section::{SECTION_COUNT, Section, SectionKind};
-use crate::{FRAME_RULES_MINOR, REQUEST_MAGIC, VERSION_MAJOR, VERSION_MINOR, Version};
+use crate::{
+    FRAME_RULES_MINOR, KEPT_RULES_MINOR, REQUEST_MAGIC, VERSION_MAJOR, VERSION_MINOR, Version,
+};
 
 /// Where the objects of a scene lie in a payload, and what they are. What else each object has for all
 /// engines to honour belongs here: its place, its section, and what [`ScenePlace::objects_in`] makes of
@@ -66,8 +68,11 @@ impl ScenePlace {
 pub struct CullRequest {
     /// The scene.
     pub scene: ScenePlace,
-    /// The rules of which boxes may meet; `None` where all may.
+    /// The rules of which boxes may meet; `None` where all may, or where they are kept.
     pub rules: Option<RulesPlace>,
+    /// The number under which the daemon keeps the rules of the request, or without rules in the request
+    /// the number of those that it keeps. 0 for rules that are not kept.
+    pub rules_number: u64,
     /// The engine asked for.
     pub engine: EngineChoice,
     /// The encoding asked for.
@@ -92,6 +97,7 @@ impl CullRequest {
         Self {
             scene,
             rules: None,
+            rules_number: 0,
             engine: EngineChoice::Auto,
             encoding: EncodingChoice::Auto,
             threads: None,
@@ -140,6 +146,9 @@ impl RequestHeader {
         for (slot, section) in sections[1..].iter_mut().zip(rules.sections()) {
             *slot = section;
         }
+        if request.rules.is_none() && request.rules_number != 0 {
+            sections[1] = Section::required(SectionKind::KeptRules, 0, 0);
+        }
         let operation =
             if request.first_set.is_some() { Operation::CullBetween } else { Operation::Cull };
         Self {
@@ -157,6 +166,7 @@ impl RequestHeader {
             threads: number(threads),
             visit_threads: number(visit_threads),
             sections,
+            revision: request.rules_number,
             most_boxes: request.first_set.map_or(0, BoxCount::get),
             ..Self::envelope(operation, client_token, frame)
         }
@@ -243,17 +253,26 @@ impl Request {
         }
         let offset = usize::try_from(section.offset).map_err(|_| wrong)?;
         let rules = RulesPlace::find(&header.sections, box_count, payload_bytes)?;
-        if rules.is_some() && header.version_minor < FRAME_RULES_MINOR {
+        let is_kept = |section: &Section| section.kind == SectionKind::KeptRules as u32;
+        let are_kept = header.sections.iter().any(is_kept);
+        let has_rules = rules.is_some() || are_kept;
+        let since = if are_kept { KEPT_RULES_MINOR } else { FRAME_RULES_MINOR };
+        if has_rules && header.version_minor < since {
             let found = Version { major: header.version_major, minor: header.version_minor };
             return Err(Reject::Version { found });
         }
-        if rules.is_some() && form == ObjectForm::Spheres {
+        let knows_numbers = has_rules && header.version_minor >= KEPT_RULES_MINOR;
+        let rules_number = if knows_numbers { header.revision } else { 0 };
+        if are_kept && (rules.is_some() || rules_number == 0) {
+            return Err(Reject::Rules { field: "number" });
+        }
+        if has_rules && form == ObjectForm::Spheres {
             return Err(Reject::Rules { field: "form of objects" });
         }
         if first_set.is_some() && form == ObjectForm::Spheres {
             return Err(Reject::Query { field: "form" });
         }
-        if first_set.is_some() && rules.is_some() {
+        if first_set.is_some() && has_rules {
             return Err(Reject::Query { field: "rules" });
         }
         if first_set.is_some_and(|first| first > box_count) {
@@ -263,6 +282,7 @@ impl Request {
         Ok(Self::Cull(CullRequest {
             scene: ScenePlace { form, count: box_count, offset },
             rules,
+            rules_number,
             engine,
             encoding,
             threads: some(header.threads),
@@ -280,6 +300,7 @@ fn is_known(section: &Section, operation: u32) -> bool {
     let is_of = |kinds: &[SectionKind]| kinds.iter().any(|kind| *kind as u32 == section.kind);
     form_of(section).is_some()
         || is_one_of(&[Operation::Cull]) && is_of(&RulesPlace::KINDS)
+        || is_one_of(&[Operation::Cull]) && is_of(&[SectionKind::KeptRules])
         || is_one_of(&[Operation::EditScene, Operation::CommitShared])
             && is_of(&[SectionKind::SceneSteps, SectionKind::SceneIndices])
         || is_one_of(&[Operation::QueryScene]) && is_of(&[SectionKind::QueryTags])

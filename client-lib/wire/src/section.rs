@@ -82,11 +82,13 @@ pub enum SectionKind {
     SceneName = 24,
     /// Ranges of indices whose writers were late, two u32 each.
     LateRanges = 25,
+    /// Nothing: the rules of a frame are those that the daemon keeps under the number in the header.
+    KeptRules = 26,
 }
 
 impl SectionKind {
     /// Every kind, in the order of their numbers.
-    pub const ALL: [Self; 25] = [
+    pub const ALL: [Self; 26] = [
         Self::Boxes,
         Self::DenseWords,
         Self::SparseRows,
@@ -112,6 +114,7 @@ impl SectionKind {
         Self::QueryTags,
         Self::SceneName,
         Self::LateRanges,
+        Self::KeptRules,
     ];
 
     /// The kind of a wire number, if there is one.

@@ -32,11 +32,13 @@ pub enum StatusCode {
     LeaseRefused = 11,
     /// An edit of a shared scene names what its member has not leased. `detail` holds the index.
     NotLeased = 12,
+    /// The daemon does not keep the rules that a frame names: the client sends them again.
+    UnknownRules = 13,
 }
 
 impl StatusCode {
     /// Every code, in the order of their numbers.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::Ok,
         Self::BadRequest,
         Self::VersionMismatch,
@@ -50,6 +52,7 @@ impl StatusCode {
         Self::SharedDiffers,
         Self::LeaseRefused,
         Self::NotLeased,
+        Self::UnknownRules,
     ];
 
     /// The code of a wire number, if there is one.
@@ -73,6 +76,7 @@ impl StatusCode {
             Self::SharedDiffers => "shared-differs",
             Self::LeaseRefused => "lease-refused",
             Self::NotLeased => "not-leased",
+            Self::UnknownRules => "unknown-rules",
         }
     }
 }

@@ -196,6 +196,49 @@ fn forged_rules_are_refused() {
     }
 }
 
+#[test]
+fn rules_are_kept_under_the_number_of_their_client() {
+    let (header, pages) = sent(&rules(), N, BoxForm::F32);
+    let payload_bytes = size_of_val(&pages[..]) as u64;
+    let Ok(Request::Cull(with_rules)) = Request::parse(&header, payload_bytes) else {
+        panic!("a cull");
+    };
+    let place = with_rules.rules.unwrap();
+    let mut reader = RulesReader::default();
+    assert_eq!(reader.named(0, N).unwrap_err(), Reject::UnknownRules);
+    reader.read_named(&place, 7, N, &pages).unwrap();
+    assert!(is_same(reader.named(7, N).unwrap().rules(), &rules(), N));
+    assert_eq!(reader.named(8, N).unwrap_err(), Reject::UnknownRules);
+    assert_eq!(reader.named(0, N).unwrap_err(), Reject::UnknownRules);
+    let fewer = BoxCount::new(N.get() - 1);
+    assert_eq!(reader.named(7, fewer).unwrap_err(), Reject::UnknownRules);
+    reader.read(&place, N, &pages).unwrap();
+    assert_eq!(reader.named(7, N).unwrap_err(), Reject::UnknownRules, "sent without a number");
+    reader.read_named(&place, 9, N, &pages).unwrap();
+    reader.give_back();
+    assert_eq!(reader.named(9, N).unwrap_err(), Reject::UnknownRules);
+    assert_eq!(Reject::UnknownRules.status() as u32, 13);
+
+    let named = CullRequest { rules: None, rules_number: 7, ..with_rules };
+    let header = RequestHeader::cull(1, 2, &named);
+    assert_eq!(header.sections[1], Section::required(SectionKind::KeptRules, 0, 0));
+    assert_eq!(header.revision, 7);
+    assert_eq!(Request::parse(&header, payload_bytes), Ok(Request::Cull(named)));
+    let refused = |change: &dyn Fn(&mut RequestHeader)| {
+        let mut header = header;
+        change(&mut header);
+        Request::parse(&header, payload_bytes).unwrap_err()
+    };
+    let number = Reject::Rules { field: "number" };
+    assert_eq!(refused(&|header| header.revision = 0), number);
+    let both = RequestHeader::cull(1, 2, &with_rules);
+    assert_eq!(refused(&|header| header.sections[2] = both.sections[1]), number);
+    assert!(matches!(refused(&|header| header.version_minor = 8), Reject::Version { .. }));
+    let numbered = CullRequest { rules_number: 7, ..with_rules };
+    let header = RequestHeader::cull(1, 2, &numbered);
+    assert_eq!(Request::parse(&header, payload_bytes), Ok(Request::Cull(numbered)));
+}
+
 fn answer(pairs: u64) -> (ResponseHeader, MaskShape) {
     let shape = MaskShape::list(pairs);
     let (census, times) = (Census::default(), EngineTimes::default());

@@ -71,17 +71,26 @@ impl CpuSide {
 }
 
 impl Executor {
-    /// The rules of a frame of `n` boxes, from its payload.
+    /// The rules of a frame of `n` boxes, from its payload, to be kept under the client's number.
     ///
     /// # Errors
     /// [`Reject`].
     pub fn read_rules(
         &mut self,
         place: &RulesPlace,
+        number: u64,
         n: BoxCount,
         pages: &[Page],
     ) -> Result<Arc<SentRules>, Reject> {
-        self.rules.read(place, n, pages).map(Arc::clone)
+        self.rules.read_named(place, number, n, pages).map(Arc::clone)
+    }
+
+    /// The rules that are kept under the client's number.
+    ///
+    /// # Errors
+    /// [`Reject::UnknownRules`].
+    pub fn kept_rules(&self, number: u64, n: BoxCount) -> Result<Arc<SentRules>, Reject> {
+        self.rules.named(number, n).map(Arc::clone)
     }
 
     /// Whether frames with such rules may go to a GPU that culls without them: the rules are then laid

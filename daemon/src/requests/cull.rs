@@ -415,8 +415,12 @@ fn read_rules(
     request: &CullRequest,
     engines: &mut Executor,
 ) -> Result<Option<Arc<SentRules>>, Reject> {
-    let Some(place) = &request.rules else { return Ok(None) };
-    let rules = engines.read_rules(place, request.scene.count, open.pages())?;
+    let (n, number) = (request.scene.count, request.rules_number);
+    let rules = match &request.rules {
+        Some(place) => engines.read_rules(place, number, n, open.pages())?,
+        None if number == 0 => return Ok(None),
+        None => engines.kept_rules(number, n)?,
+    };
     Ok((!rules.let_all_meet()).then_some(rules))
 }
 

@@ -62,6 +62,8 @@ impl SentRules {
 pub struct RulesReader {
     kept: Arc<SentRules>,
     number: u64,
+    /// The number that the client gave the rules; 0 where it gave none.
+    named: u64,
 }
 
 impl RulesReader {
@@ -76,6 +78,7 @@ impl RulesReader {
         n: BoxCount,
         pages: &[Page],
     ) -> Result<&Arc<SentRules>, Reject> {
+        self.named = 0;
         let all: &[u8] = bytemuck::cast_slice(pages);
         let bytes_of = |section: &Section, field| {
             let end = section.offset.checked_add(section.bytes);
@@ -146,6 +149,31 @@ impl RulesReader {
         Ok(&self.kept)
     }
 
+    /// As [`read`](Self::read), of rules that the client gave a number, by which it names them later.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read).
+    pub fn read_named(
+        &mut self,
+        place: &RulesPlace,
+        number: u64,
+        n: BoxCount,
+        pages: &[Page],
+    ) -> Result<&Arc<SentRules>, Reject> {
+        self.read(place, n, pages)?;
+        self.named = number;
+        Ok(&self.kept)
+    }
+
+    /// The rules of a number, of `n` boxes.
+    ///
+    /// # Errors
+    /// [`Reject::UnknownRules`] where the rules that were read last are others, or have no number.
+    pub fn named(&self, number: u64, n: BoxCount) -> Result<&Arc<SentRules>, Reject> {
+        let is_kept = number != 0 && self.named == number && self.kept.n == n;
+        if is_kept { Ok(&self.kept) } else { Err(Reject::UnknownRules) }
+    }
+
     /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         self.kept.allocated_bytes()
@@ -154,6 +182,7 @@ impl RulesReader {
     /// Gives the memory back.
     pub fn give_back(&mut self) {
         self.kept = Arc::default();
+        self.named = 0;
     }
 }
 
