@@ -91,6 +91,8 @@
 //! With `daemon`: Linux, 64 bits, little-endian. Without it: wherever the standard library has
 //! threads and a clock. The engines use AVX2, AVX-512 or NEON where the processor has them.
 
+#[cfg(doctest)]
+mod book;
 mod session;
 #[cfg(not(feature = "daemon"))]
 #[path = "absent_transport.rs"]
