@@ -23,7 +23,12 @@ fn pages() -> Vec<(String, String)> {
         .expect("the book's folder")
         .map(|entry| entry.expect("an entry").path())
         .filter(|path| path.extension().is_some_and(|extension| extension == "md"))
-        .map(|path| (path.file_name().unwrap().to_string_lossy().into_owned(), read(&path)))
+        .map(|path| {
+            (
+                path.file_name().expect("a file has a name").to_string_lossy().into_owned(),
+                read(&path),
+            )
+        })
         .filter(|(name, _)| name != "SUMMARY.md")
         .collect();
     pages.sort();

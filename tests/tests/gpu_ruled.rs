@@ -20,13 +20,17 @@ fn grid() -> Grid {
     Grid::new(&gpu::open(HostImport::IfPossible), &options).expect("a grid")
 }
 
-/// The pairs that the grid finds, sorted, and the ranges of worlds.
-fn found(
-    grid: &mut Grid,
-    boxes: &[Aabb],
-    marks: &Arc<Marks>,
-    encoding: Encoding,
-) -> (Vec<(u32, u32)>, Vec<WorldRange>, Vec<[u32; 2]>) {
+/// What the grid finds.
+struct Answer {
+    /// Sorted.
+    pairs: Vec<(u32, u32)>,
+    /// As they stand in a list.
+    list: Vec<[u32; 2]>,
+    /// Those of each world in the list.
+    ranges: Vec<WorldRange>,
+}
+
+fn found(grid: &mut Grid, boxes: &[Aabb], marks: &Arc<Marks>, encoding: Encoding) -> Answer {
     let (mut reply, mut ranges) = (HeapReply::new(), Vec::new());
     let report = grid.cull_ruled(BoxSlice::from(boxes), marks, encoding, &mut reply, &mut ranges);
     let report = report.expect("an answer");
@@ -40,7 +44,7 @@ fn found(
         _ => Vec::new(),
     };
     pairs.sort_unstable();
-    (pairs, ranges, list)
+    Answer { pairs, list, ranges }
 }
 
 fn check_ranges(rules: &Rules, marks: &Marks, ranges: &[WorldRange], list: &[[u32; 2]]) {
@@ -67,7 +71,8 @@ fn frames_have_the_pairs_that_rules_let_meet() {
             let marks = Marks::of(&frame.rules, n, 1).filter(|marks| takes_worlds(marks, n));
             let Some(marks) = marks.map(Arc::new) else { continue };
             for encoding in ENCODINGS {
-                let (pairs, ranges, list) = found(&mut grid, &frame.boxes, &marks, encoding);
+                let Answer { pairs, list, ranges } =
+                    found(&mut grid, &frame.boxes, &marks, encoding);
                 if encoding == Encoding::List {
                     check_ranges(&frame.rules, &marks, &ranges, &list);
                 } else {
@@ -101,7 +106,7 @@ fn scenes_of_every_kind_in_several_worlds() {
             let mut expected = oracle::truth(&boxes).pairs;
             expected.retain(|(a, b)| rules.meet(*a, *b));
             let encoding = ENCODINGS[turn as usize % 2];
-            let (pairs, ranges, list) = found(&mut grid, &boxes, &marks, encoding);
+            let Answer { pairs, list, ranges } = found(&mut grid, &boxes, &marks, encoding);
             assert_eq!(pairs, expected, "{}, {n} boxes of {worlds} worlds", scene.name());
             if encoding == Encoding::List {
                 check_ranges(&rules, &marks, &ranges, &list);

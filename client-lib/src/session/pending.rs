@@ -102,18 +102,17 @@ fn with_rules(
         return Ok(ToSend::Stays(shared));
     }
     let kept_rules = shared.slot.link().kept_rules();
-    let number = match given.kept.filter(|_| forms.knows(KEPT_RULES_MINOR)) {
-        Some(kept) => match kept_rules.number_of(kept, n) {
+    let mut number = 0;
+    if let Some(kept) = given.kept.filter(|_| forms.knows(KEPT_RULES_MINOR)) {
+        number = match kept_rules.number_of(kept, n) {
             RulesNumber::Known(number) => {
                 return Ok(ToSend::Frame(shared, SentRules::Kept(Arc::clone(kept), number)));
             }
             RulesNumber::New(number) => number,
-        },
-        None => {
-            kept_rules.forget();
-            0
-        }
-    };
+        };
+    } else {
+        kept_rules.forget();
+    }
     let used = written.scene(n).payload_bytes();
     let layout = match RulesLayout::of(rules, n, used) {
         Ok(layout) => layout,

@@ -458,6 +458,7 @@ impl Executor {
         self.spheres = SphereWays::default();
         self.repeats.forget();
         self.rules.give_back();
+        self.marks = KeptMarks::default();
     }
 
     /// Bytes of scratch that the CPU engines keep from frame to frame, beside boxes and replies.

@@ -19,9 +19,19 @@ use super::{Executor, Owner, Planned};
 #[derive(Default)]
 pub(super) struct KeptMarks {
     of: Option<(Arc<SentRules>, BoxCount)>,
-    /// There once the rules came a second time, unless the GPU cannot take them.
-    marks: Option<Option<Arc<Marks>>>,
+    marks: MarksOfRules,
     ranges: Vec<WorldRange>,
+}
+
+/// Marks of rules.
+#[derive(Clone, Default)]
+enum MarksOfRules {
+    /// The rules came for the first time.
+    #[default]
+    NotMade,
+    /// A GPU cannot take them.
+    None,
+    Made(Arc<Marks>),
 }
 
 impl KeptMarks {
@@ -38,16 +48,20 @@ impl KeptMarks {
             self.of.as_ref().is_some_and(|(of, count)| Arc::ptr_eq(of, rules) && *count == n);
         if !is_known {
             self.of = Some((Arc::clone(rules), n));
-            self.marks = None;
+            self.marks = MarksOfRules::NotMade;
             if !at_once {
                 return None;
             }
         }
-        let make = || {
-            let marks = Marks::of(rules.rules(), n.len(), threads)?;
-            takes_worlds(&marks, n.len()).then(|| Arc::new(marks))
-        };
-        self.marks.get_or_insert_with(make).clone()
+        if matches!(self.marks, MarksOfRules::NotMade) {
+            let made = Marks::of(rules.rules(), n.len(), threads);
+            let made = made.filter(|marks| takes_worlds(marks, n.len()));
+            self.marks = made.map_or(MarksOfRules::None, |made| MarksOfRules::Made(Arc::new(made)));
+        }
+        match &self.marks {
+            MarksOfRules::Made(marks) => Some(Arc::clone(marks)),
+            _ => None,
+        }
     }
 }
 
@@ -99,7 +113,7 @@ impl Executor {
         // As one world with as many boxes, which are not looked at: those of all worlds may share a place.
         let stats = SceneStats::unseen(n, options.last_pairs);
         let plan = plan(&stats, &Capabilities { threads, gpu: Some(gpu) }, &calibration, options);
-        self.ruled(rules, n, plan, (threads, is_asked), start)
+        self.ruled(rules, &plan, (threads, is_asked), start)
     }
 
     /// The same for a frame whose boxes are of one world, by its plan without rules.
@@ -111,23 +125,23 @@ impl Executor {
     ) -> Option<RuledFrame> {
         let is_asked = options.engine != EngineChoice::Auto;
         let threads = options.threads.unwrap_or(1);
-        self.ruled(rules, planned.plan.stats.n, planned.plan, (threads, is_asked), planned.start)
+        self.ruled(rules, &planned.plan, (threads, is_asked), planned.start)
     }
 
     fn ruled(
         &mut self,
         rules: &Arc<SentRules>,
-        n: BoxCount,
-        plan: Plan,
+        plan: &Plan,
         (threads, is_asked): (usize, bool),
         start: Instant,
     ) -> Option<RuledFrame> {
+        let n = plan.stats.n;
         let is_grid = plan.engine == EngineName::GpuGrid && plan.encoding != Encoding::Dense;
         if !is_grid || n.get() < 2 {
             return None;
         }
         let marks = self.marks.of(rules, n, threads, is_asked)?;
-        Some(RuledFrame { marks, rules: Arc::clone(rules), plan, start })
+        Some(RuledFrame { marks, rules: Arc::clone(rules), plan: *plan, start })
     }
 
     /// Finds the pairs of the boxes of this memory, which belong to `owner`, on a GPU, and where the pairs of

@@ -76,7 +76,7 @@ impl RuleBlocks {
 
 /// The blocks of frames with rules.
 pub(super) struct Ruled {
-    /// Marks in video memory, those used last behind.
+    /// Marks in video memory, those used last first.
     kept: Vec<(Arc<Marks>, Arc<Block>)>,
     row_worlds: Growing,
     world_firsts: Growing,
@@ -103,15 +103,15 @@ impl Ruled {
         sizes: &Sizes,
         replaced: &mut bool,
     ) -> Result<RuleBlocks, GpuError> {
-        let kept = match self.kept.iter().position(|(of, _)| Arc::ptr_eq(of, marks)) {
-            Some(at) => self.kept.remove(at),
-            None => {
-                self.kept.truncate(self.kept.len().min(KEPT_RULES - 1));
-                let bytes = 4 * marks.words().len() as u64;
-                let block = Block::new(gpu, self.home, bytes)?;
-                block.write(0, marks.words());
-                (Arc::clone(marks), block)
-            }
+        let at = self.kept.iter().position(|(of, _)| Arc::ptr_eq(of, marks));
+        let kept = if let Some(at) = at {
+            self.kept.remove(at)
+        } else {
+            self.kept.truncate(KEPT_RULES - 1);
+            let bytes = 4 * marks.words().len() as u64;
+            let block = Block::new(gpu, self.home, bytes)?;
+            block.write(0, marks.words());
+            (Arc::clone(marks), block)
         };
         let marks = Part::of(&kept.1, 0, 4 * marks.words().len() as u64);
         let worlds = kept.0.worlds().len().max(1) as u32;
