@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use pairmask_core::dispatch::{Marks, WorldRange};
-use pairmask_core::engine::HeapReply;
+use pairmask_core::engine::{CullError, HeapReply};
 use pairmask_core::filters::{Rules, Tag, World};
 use pairmask_core::mask::MaskView;
 use pairmask_core::precision::BoxSlice;
@@ -128,4 +128,45 @@ fn worlds_too_small_or_uneven_get_no_grid() {
     let uneven = |at: usize| if at < 800 { 0 } else { at / 10 };
     assert!(!takes_worlds(&marks(&uneven, 1_000), 1_000), "most boxes of one of many worlds");
     assert!(takes_worlds(&marks(&|_| 5, 9), 9), "one world of any size");
+}
+
+#[test]
+fn a_list_without_room_is_found_again_with_room_for_all() {
+    let mut grid = grid();
+    let mut rules = Rules::default();
+    rules.tags = (0..400).map(|at| Tag::default().with_world(World(at % 2))).collect();
+    let boxes = vec![Aabb::new([0.0; 3], [1.0; 3]); 400];
+    let marks = Arc::new(Marks::of(&rules, boxes.len(), 1).expect("worlds alone"));
+    // Two pairs a box is what a first frame has room for.
+    for encoding in [Encoding::List, Encoding::Sparse, Encoding::List] {
+        let answer = found(&mut grid, &boxes, &marks, encoding);
+        assert_eq!(answer.pairs.len(), 2 * (200 * 199 / 2));
+        if encoding == Encoding::List {
+            check_ranges(&rules, &marks, &answer.ranges, &answer.list);
+        }
+    }
+}
+
+/// Boxes of a world that all overlap are refused before they are tested, and the next frame is served.
+#[test]
+fn crowded_worlds_are_refused() {
+    let mut grid = grid();
+    let n = 280_000;
+    let mut rules = Rules::default();
+    rules.tags = (0..n).map(|at| Tag::default().with_world(World(at % 2))).collect();
+    let everywhere = Aabb::new([f32::NEG_INFINITY; 3], [f32::INFINITY; 3]);
+    let mut boxes = vec![everywhere; n as usize];
+    // The other world is an easy one.
+    for (at, b) in boxes.iter_mut().enumerate().filter(|(at, _)| at % 2 == 0) {
+        let x = at as f32;
+        *b = Aabb::new([x, 0.0, 0.0], [x + 0.5, 0.5, 0.5]);
+    }
+    let marks = Arc::new(Marks::of(&rules, boxes.len(), 1).expect("worlds alone"));
+    let (mut reply, mut ranges) = (HeapReply::new(), Vec::new());
+    let list = Encoding::List;
+    let crowded = grid.cull_ruled(BoxSlice::from(&boxes), &marks, list, &mut reply, &mut ranges);
+    assert!(matches!(crowded, Err(CullError::TooCrowded { .. })), "{crowded:?}");
+    let frame = FilteredFrame::drawn(1_235, KINDS[3], 5);
+    let marks = Arc::new(Marks::of(&frame.rules, 1_235, 1).expect("worlds alone"));
+    assert_eq!(found(&mut grid, &frame.boxes, &marks, list).pairs, frame.pairs);
 }
