@@ -152,12 +152,25 @@ impl GridStage {
         }
     }
 
-    const fn binding_count(self) -> u32 {
+    /// The same stage of a whole frame without rules.
+    pub(crate) const fn without_rules(self) -> Self {
+        match self {
+            Self::Cells(form, Share::Ruled) => Self::Cells(form, Share::Whole),
+            Self::Pairs(found, Share::Ruled) => Self::Pairs(found, Share::Whole),
+            Self::Write(found, Share::Ruled) => Self::Write(found, Share::Whole),
+            stage => stage,
+        }
+    }
+
+    pub(crate) const fn binding_count(self) -> u32 {
         match self {
             Self::Scan | Self::Scatter => 3,
             Self::Place => 5,
-            Self::Cells(_, Share::Ruled) | Self::Pairs(Found::Pairs, Share::Ruled) => 8,
-            Self::Pairs(Found::Words, Share::Ruled) | Self::Write(_, Share::Ruled) => 9,
+            // The rules, or the rules and where worlds begin, come behind all else.
+            Self::Cells(_, Share::Ruled) => self.without_rules().binding_count() + 1,
+            Self::Pairs(_, Share::Ruled) | Self::Write(_, Share::Ruled) => {
+                self.without_rules().binding_count() + 2
+            }
             // It has no order to write.
             Self::Pairs(Found::Pairs, _) | Self::SpherePairs(Found::Pairs) => 6,
             Self::Cells(..)

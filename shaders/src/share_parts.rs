@@ -1,17 +1,9 @@
 //! The parts of stages that differ by how much of a frame a GPU does, and by whether it has rules.
 
-use crate::compose::{Found, GridStage, Share, Stage};
-
-/// Bindings of the pairs stage up to the last of what it finds: words have an order, which goes down.
-const fn found_bindings(found: Found) -> u32 {
-    match found {
-        Found::Words => 7,
-        Found::Pairs => 6,
-    }
-}
+use crate::compose::{GridStage, Share, Stage};
 
 /// The part of that name of a stage, if what it says depends on the share. Frames of spheres are not
-/// shared.
+/// shared, and have no rules.
 pub(crate) fn share_part(stage: Stage, name: &str) -> Option<String> {
     let Stage::Grid(stage) = stage else { return None };
     let share = match stage {
@@ -20,47 +12,45 @@ pub(crate) fn share_part(stage: Stage, name: &str) -> Option<String> {
         }
         _ => Share::Whole,
     };
-    let texts = match (name, stage) {
-        ("share_boxes", GridStage::Cells(..) | GridStage::SphereCells) => (
+    let (whole, part) = match name {
+        "share_boxes" => (
             include_str!("../wgsl/shared/share_boxes_whole.wgsl"),
             include_str!("../wgsl/shared/share_boxes_part.wgsl"),
-            include_str!("../wgsl/shared/share_boxes_ruled.wgsl"),
         ),
-        ("share_rows", GridStage::Pairs(..) | GridStage::SpherePairs(_) | GridStage::Write(..)) => {
-            (
-                include_str!("../wgsl/shared/share_rows_whole.wgsl"),
-                include_str!("../wgsl/shared/share_rows_part.wgsl"),
-                include_str!("../wgsl/shared/share_rows_whole.wgsl"),
-            )
-        }
-        ("share_noted", GridStage::Pairs(..) | GridStage::SpherePairs(_)) => (
+        "share_rows" => (
+            include_str!("../wgsl/shared/share_rows_whole.wgsl"),
+            include_str!("../wgsl/shared/share_rows_part.wgsl"),
+        ),
+        "share_noted" => (
             include_str!("../wgsl/shared/share_noted_whole.wgsl"),
             include_str!("../wgsl/shared/share_noted_part.wgsl"),
-            include_str!("../wgsl/shared/share_noted_whole.wgsl"),
         ),
-        ("pair_rules", GridStage::Pairs(..) | GridStage::SpherePairs(_)) => (
-            include_str!("../wgsl/shared/pair_rules_none.wgsl"),
+        _ => return rules_part(stage, share, name),
+    };
+    Some(if share == Share::Part { part } else { whole }.to_owned())
+}
+
+/// The part of that name of a stage, if what it says depends on whether the frame has rules.
+fn rules_part(stage: GridStage, share: Share, name: &str) -> Option<String> {
+    let (none, ruled) = match name {
+        "box_worlds" => (
+            include_str!("../wgsl/shared/box_worlds_none.wgsl"),
+            include_str!("../wgsl/shared/box_worlds_ruled.wgsl"),
+        ),
+        "pair_rules" => (
             include_str!("../wgsl/shared/pair_rules_none.wgsl"),
             include_str!("../wgsl/shared/pair_rules_ruled.wgsl"),
         ),
-        ("written_worlds", GridStage::Write(..)) => (
-            include_str!("../wgsl/shared/written_worlds_none.wgsl"),
+        "written_worlds" => (
             include_str!("../wgsl/shared/written_worlds_none.wgsl"),
             include_str!("../wgsl/shared/written_worlds_ruled.wgsl"),
         ),
         _ => return None,
     };
-    if let (Share::Ruled, GridStage::Pairs(found, _), "pair_rules") = (share, stage, name) {
-        let first = found_bindings(found);
-        let numbered = texts.2.replace("@binding(RULES)", &format!("@binding({first})"));
-        let last = format!("@binding({})", first + 1);
-        return Some(numbered.replace("@binding(ROW_WORLDS)", &last));
+    if share != Share::Ruled {
+        return Some(none.to_owned());
     }
-    let (whole, part, ruled) = texts;
-    let text = match share {
-        Share::Whole => whole,
-        Share::Part => part,
-        Share::Ruled => ruled,
-    };
-    Some(text.to_owned())
+    let behind = stage.without_rules().binding_count();
+    let numbered = ruled.replace("@binding(BEHIND)", &format!("@binding({behind})"));
+    Some(numbered.replace("@binding(BEHIND_THAT)", &format!("@binding({})", behind + 1)))
 }

@@ -13,6 +13,7 @@
 #import grid_params
 #import grid_layout
 #import share_boxes
+#import box_worlds
 
 // Binding 0: the boxes, of `box_batch`.
 @group(0) @binding(1) var<storage, read> grid: GridLayout;

@@ -33,7 +33,7 @@ use pairmask_core::engine::{
 };
 use pairmask_core::mask::Encoding;
 use pairmask_core::objects::Objects;
-use pairmask_core::plan::{Calibration, GpuCost, Plan};
+use pairmask_core::plan::{Calibration, Capabilities, GpuCost, Plan, SceneStats, plan};
 use pairmask_core::precision::{BoxSlice, ExpandScratch};
 use pairmask_core::repeat::{Repeats, is_sooner_compared};
 use pairmask_wire::RulesReader;
@@ -310,6 +310,14 @@ impl Executor {
         limit_words: u64,
     ) -> Planned {
         self.plan_within(boxes, &options.within(boxes.len(), limit_words))
+    }
+
+    /// The plan of a frame whose objects are not looked at.
+    fn plan_unseen(&self, stats: &SceneStats, gpu: Option<GpuCost>, options: &CullOptions) -> Plan {
+        let pool = rayon::current_num_threads();
+        let threads = options.threads.unwrap_or(pool).clamp(1, pool);
+        let (_, calibration) = self.cpu_settings();
+        plan(stats, &Capabilities { threads, gpu }, &calibration, options)
     }
 
     /// As [`Self::plan`], while other clients are busy: a frame that does not need the GPU gets a core.

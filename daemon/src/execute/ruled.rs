@@ -7,7 +7,7 @@ use pairmask_core::BoxCount;
 use pairmask_core::dispatch::{CullAnswer, CullOptions, Marks, WorldRange, nanoseconds_since};
 use pairmask_core::engine::{CullError, EngineChoice, EngineName};
 use pairmask_core::mask::{Encoding, EncodingChoice};
-use pairmask_core::plan::{Capabilities, Plan, SceneStats, plan};
+use pairmask_core::plan::{Plan, SceneStats};
 use pairmask_wire::{SentRules, WORLD_RANGE_WORDS};
 
 use super::filtered::RoomBehind;
@@ -18,7 +18,8 @@ use super::{Executor, Owner, Planned};
 /// The rules of a session's last frames as a GPU takes them.
 #[derive(Default)]
 pub(super) struct KeptMarks {
-    of: Option<(Arc<SentRules>, BoxCount)>,
+    /// The number of the rules; 0 before the first.
+    of: u64,
     marks: MarksOfRules,
     ranges: Vec<WorldRange>,
 }
@@ -39,15 +40,14 @@ impl KeptMarks {
     /// `at_once`: to make marks of a million boxes takes longer than to filter a frame without.
     fn of(
         &mut self,
-        rules: &Arc<SentRules>,
+        rules: &SentRules,
         n: BoxCount,
         threads: usize,
         at_once: bool,
     ) -> Option<Arc<Marks>> {
-        let is_known =
-            self.of.as_ref().is_some_and(|(of, count)| Arc::ptr_eq(of, rules) && *count == n);
-        if !is_known {
-            self.of = Some((Arc::clone(rules), n));
+        // A session's rules of another number, or of more boxes, are others.
+        if self.of != rules.number() {
+            self.of = rules.number();
             self.marks = MarksOfRules::NotMade;
             if !at_once {
                 return None;
@@ -96,10 +96,9 @@ impl Executor {
     ) -> Option<RuledFrame> {
         let start = Instant::now();
         let gpu = self.gpus.for_frame(self.home).and_then(|gpu| gpu.cost())?;
-        let is_asked = match options.engine {
-            EngineChoice::Only(engine) if engine != EngineName::GpuGrid => return None,
-            choice => choice != EngineChoice::Auto,
-        };
+        if matches!(options.engine, EngineChoice::Only(engine) if engine != EngineName::GpuGrid) {
+            return None;
+        }
         // A list is ordered by world.
         let options = match options.encoding {
             EncodingChoice::Auto if options.readable.contains(Encoding::List) => {
@@ -107,13 +106,10 @@ impl Executor {
             }
             _ => options,
         };
-        let pool = rayon::current_num_threads();
-        let threads = options.threads.unwrap_or(pool).clamp(1, pool);
-        let (_, calibration) = self.cpu_settings();
         // As one world with as many boxes, which are not looked at: those of all worlds may share a place.
         let stats = SceneStats::unseen(n, options.last_pairs);
-        let plan = plan(&stats, &Capabilities { threads, gpu: Some(gpu) }, &calibration, options);
-        self.ruled(rules, &plan, (threads, is_asked), start)
+        let plan = self.plan_unseen(&stats, Some(gpu), options);
+        self.ruled(rules, &plan, options, start)
     }
 
     /// The same for a frame whose boxes are of one world, by its plan without rules.
@@ -123,16 +119,14 @@ impl Executor {
         planned: &Planned,
         options: &CullOptions,
     ) -> Option<RuledFrame> {
-        let is_asked = options.engine != EngineChoice::Auto;
-        let threads = options.threads.unwrap_or(1);
-        self.ruled(rules, &planned.plan, (threads, is_asked), planned.start)
+        self.ruled(rules, &planned.plan, options, planned.start)
     }
 
     fn ruled(
         &mut self,
         rules: &Arc<SentRules>,
         plan: &Plan,
-        (threads, is_asked): (usize, bool),
+        options: &CullOptions,
         start: Instant,
     ) -> Option<RuledFrame> {
         let n = plan.stats.n;
@@ -140,7 +134,8 @@ impl Executor {
         if !is_grid || n.get() < 2 {
             return None;
         }
-        let marks = self.marks.of(rules, n, threads, is_asked)?;
+        let is_asked = options.engine != EngineChoice::Auto;
+        let marks = self.marks.of(rules, n, options.threads.unwrap_or(1), is_asked)?;
         Some(RuledFrame { marks, rules: Arc::clone(rules), plan: *plan, start })
     }
 

@@ -6,7 +6,7 @@ use pairmask_core::aabb::AABB_BYTES;
 use pairmask_core::dispatch::{CullAnswer, CullOptions, SphereWays, nanoseconds_since};
 use pairmask_core::engine::{CullError, EngineChoice, ReplyBuffer};
 use pairmask_core::objects::Objects;
-use pairmask_core::plan::{Capabilities, GpuCost, Plan, SceneStats, plan};
+use pairmask_core::plan::{GpuCost, Plan, SceneStats};
 use pairmask_core::sphere::SPHERE_BYTES;
 use pairmask_core::{BoxCount, Sphere};
 
@@ -102,14 +102,10 @@ impl Executor {
         if !may {
             return None;
         }
-        let pool = rayon::current_num_threads();
-        let threads = options.threads.unwrap_or(pool).clamp(1, pool);
         // Boxes up take the time of their bytes; spheres have fewer.
         let share = SPHERE_BYTES as f64 / AABB_BYTES as f64;
         let gpu = gpu.map(|cost| GpuCost { ns_a_box: share * cost.ns_a_box, ..cost });
-        let (_, calibration) = self.cpu_settings();
-        let stats = SceneStats::at_best(n, options.last_pairs);
-        let plan = plan(&stats, &Capabilities { threads, gpu }, &calibration, options);
+        let plan = self.plan_unseen(&SceneStats::at_best(n, options.last_pairs), gpu, options);
         plan.engine.is_gpu().then_some(plan)
     }
 

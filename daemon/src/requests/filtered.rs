@@ -1,5 +1,5 @@
-//! Frames with rules: culled with them by a core, or by a GPU without them, whose mask is filtered when it
-//! has ended.
+//! Frames with rules: culled with them by cores, or by a GPU that takes them into account, or by one that does
+//! not, whose mask is filtered when it has ended.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};

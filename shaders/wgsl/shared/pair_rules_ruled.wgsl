@@ -3,11 +3,12 @@
 
 #import box_rules
 
-// Bindings come behind those of `found`, and are numbered when the stage is put together. Of `box_rules`:
-@group(0) @binding(RULES) var<storage, read> rules: array<u32>;
+// Of `box_rules`. Bindings of rules come behind those of the stage, and are numbered when it is put
+// together.
+@group(0) @binding(BEHIND) var<storage, read> rules: array<u32>;
 // For the first row of each world the world's rank and 1, and its batch's items before it; for other rows
 // 0. `grid_write` tells the host where each world's items begin.
-@group(0) @binding(ROW_WORLDS) var<storage, read_write> row_worlds: array<vec2<u32>>;
+@group(0) @binding(BEHIND_THAT) var<storage, read_write> row_worlds: array<vec2<u32>>;
 
 var<private> row_owner: u32;
 var<private> row_mark: u32;

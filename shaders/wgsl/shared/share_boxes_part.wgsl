@@ -1,5 +1,5 @@
 // Boxes that are placed where several GPUs share a frame: those of its rows, and those that its rows look
-// at. The other forms are `share_boxes_whole` and `share_boxes_ruled`.
+// at. The other form is `share_boxes_whole`.
 
 // Whether a box with this home is placed.
 fn is_placed(cell: u32, level: u32) -> bool {
@@ -12,14 +12,4 @@ fn is_placed(cell: u32, level: u32) -> bool {
     }
     let at = grid.share.looked_at[level];
     return cell >= at.x && cell < at.y || cell >= at.z && cell < at.w;
-}
-
-// The first cell of the box's world.
-fn world_of(index: u32) -> u32 {
-    return 0u;
-}
-
-// Its cell among those of boxes that lie there by their index.
-fn parking_of(index: u32) -> u32 {
-    return index / PARKED;
 }

@@ -1,9 +1,10 @@
 // Where the items of each world begin. The other form is `written_worlds_none`.
 
-// Of `pair_rules_ruled`.
-@group(0) @binding(7) var<storage, read> row_worlds: array<vec2<u32>>;
+// Of `pair_rules_ruled`. Bindings of rules come behind those of the stage, and are numbered when it is put
+// together.
+@group(0) @binding(BEHIND) var<storage, read> row_worlds: array<vec2<u32>>;
 // For each world, by rank, the number of items before its own.
-@group(0) @binding(8) var<storage, read_write> world_firsts: array<u32>;
+@group(0) @binding(BEHIND_THAT) var<storage, read_write> world_firsts: array<u32>;
 
 // Tells the host of the world whose first row this is, if it is one. `first_item` is that of its batch.
 fn tell_worlds(row: u32, first_item: u32) {

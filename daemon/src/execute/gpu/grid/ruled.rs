@@ -37,15 +37,13 @@ pub fn takes_worlds(marks: &Marks, n: usize) -> bool {
 }
 
 /// What a frame with rules uses beside the blocks of all frames.
-#[derive(Clone)]
 pub(super) struct RuleBlocks {
+    pub(super) of: Arc<Marks>,
     marks: Part,
     /// Which rows are the first of a world.
     row_worlds: Part,
     /// Where the items of each world begin.
     world_firsts: Part,
-    /// Worlds; 1 where all boxes are of one.
-    worlds: u32,
 }
 
 impl RuleBlocks {
@@ -62,10 +60,8 @@ impl RuleBlocks {
     /// Reads where the items of each world begin. Nothing where all boxes are of one.
     pub(super) fn read_world_firsts(&self, firsts: &mut Vec<u32>) {
         firsts.clear();
-        if self.worlds > 1 {
-            firsts.resize(self.worlds as usize, 0);
-            self.world_firsts.block.read(self.world_firsts.offset, firsts);
-        }
+        firsts.resize(self.of.worlds().len(), 0);
+        self.world_firsts.block.read(self.world_firsts.offset, firsts);
     }
 
     /// The block of marks, which no other rules have while this is kept.
@@ -103,26 +99,29 @@ impl Ruled {
         sizes: &Sizes,
         replaced: &mut bool,
     ) -> Result<RuleBlocks, GpuError> {
+        let marks_bytes = 4 * marks.words().len() as u64;
         let at = self.kept.iter().position(|(of, _)| Arc::ptr_eq(of, marks));
         let kept = if let Some(at) = at {
             self.kept.remove(at)
         } else {
+            // Those that no session has any more are not asked for again.
+            self.kept.retain(|(of, _)| Arc::strong_count(of) > 1);
             self.kept.truncate(KEPT_RULES - 1);
-            let bytes = 4 * marks.words().len() as u64;
-            let block = Block::new(gpu, self.home, bytes)?;
+            let block = Block::new(gpu, self.home, marks_bytes)?;
             block.write(0, marks.words());
             (Arc::clone(marks), block)
         };
-        let marks = Part::of(&kept.1, 0, 4 * marks.words().len() as u64);
-        let worlds = kept.0.worlds().len().max(1) as u32;
+        let of = Arc::clone(marks);
+        let marks = Part::of(&kept.1, 0, marks_bytes);
         self.kept.insert(0, kept);
         let bytes = 8 * u64::from(sizes.plane());
         let row_worlds = self.row_worlds.at_least(gpu, bytes, replaced)?;
         let row_worlds = Part::of(row_worlds, 0, bytes);
-        let bytes = 4 * u64::from(worlds);
+        // A binding is not empty, where all boxes are of one world either.
+        let bytes = 4 * of.worlds().len().max(1) as u64;
         let world_firsts = self.world_firsts.at_least(gpu, bytes, replaced)?;
         let world_firsts = Part::of(world_firsts, 0, bytes);
-        Ok(RuleBlocks { marks, row_worlds, world_firsts, worlds })
+        Ok(RuleBlocks { of, marks, row_worlds, world_firsts })
     }
 }
 

@@ -103,7 +103,7 @@ pub(super) struct Placed {
     pub(super) mask: MaskPlace,
     pub(super) blocks: Blocks,
     /// What rules say of the boxes, and where the stages have it.
-    rules: Option<(Arc<Marks>, RuleBlocks)>,
+    rules: Option<RuleBlocks>,
     start: Instant,
     ingested: Duration,
 }
@@ -116,7 +116,7 @@ impl Placed {
             blocks: &self.blocks,
             boxes: self.ahead.as_ref().unwrap_or(&self.boxes),
             reply: &self.mask.part,
-            rules: self.rules.as_ref().map(|(_, blocks)| blocks),
+            rules: self.rules.as_ref(),
         }
     }
 }
@@ -240,11 +240,9 @@ impl Workspace {
             let ahead = ahead.map(|ahead| ahead.place(&placed, &mut replaced)).transpose()?;
             let mask = self.transfers.place_mask(mask, &mut replaced)?;
             let ingested = start.elapsed();
-            let rules = marks.map(|marks| {
-                let blocks = self.ruled.blocks(&tools.gpu, marks, &sizes, &mut replaced)?;
-                Ok::<_, GpuError>((Arc::clone(marks), blocks))
-            });
-            let rules = rules.transpose()?;
+            let rules = marks
+                .map(|marks| self.ruled.blocks(&tools.gpu, marks, &sizes, &mut replaced))
+                .transpose()?;
             let blocks = self.blocks(tools, &sizes, capacity, replaced)?;
             blocks.layout.write(0, &[layout]);
             Ok(Placed { n, capacity, boxes: placed, ahead, mask, blocks, rules, start, ingested })
@@ -364,11 +362,11 @@ impl Workspace {
             return Err(tools.gpu.cull_error(ENGINE, &fault));
         }
         if items > capacity.items {
-            let marks = rules.map(|(marks, _)| marks);
+            let marks = rules.map(|rules| rules.of);
             return Ok(Ended::Again { n, found, items, marks });
         }
         tools.last_found.note(found, items, wide(summary.pairs));
-        if let Some((_, rules)) = &rules {
+        if let Some(rules) = &rules {
             rules.read_world_firsts(&mut self.world_firsts);
         }
         let executed = start.elapsed();
