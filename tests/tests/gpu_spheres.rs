@@ -1,4 +1,7 @@
 //! Spheres on the GPU: exact against rational arithmetic, and byte by byte against the mirror.
+//!
+//! Those that are ignored are for a real GPU, until the daemon uses these stages (daemon/GPU.md, "Spheres"):
+//! `PAIRMASK_TEST_GPU=auto cargo test -p pairmask-tests --test gpu_spheres -- --ignored`.
 #![allow(clippy::unwrap_used)]
 
 use pairmask_core::dispatch::{CullOptions, SphereEngines};
