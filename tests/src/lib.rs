@@ -3,12 +3,14 @@
 mod attack;
 pub mod attackers;
 pub mod audited;
+pub mod c_program;
 pub mod command_line;
 pub mod conformance;
 pub mod daemon;
 pub mod filtered_frames;
 pub mod filtered_world;
 pub mod frame_memory;
+pub mod golden;
 pub mod gpu;
 pub mod library_log;
 pub mod mask_writer;

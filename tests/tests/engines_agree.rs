@@ -17,6 +17,7 @@ use pairmask_core::engine::{
 use pairmask_core::mask::MaskView;
 use pairmask_core::{Aabb, AwakePool, BoxCount};
 use pairmask_tests::conformance::check_pairs;
+use pairmask_tests::golden::{self, GOLDEN};
 use pairmask_tests::oracle::{Pair, pair_set_hash};
 use pairmaskd::scene::{Scene, SceneName};
 use rayon::{ThreadPool, ThreadPoolBuilder};
@@ -76,29 +77,11 @@ fn all_engines() -> Vec<Box<dyn Engine>> {
         .collect()
 }
 
-/// The pair set of each scene of 3,000 boxes, seed 7, after one step.
-const GOLDEN: [(SceneName, u64); 13] = [
-    (SceneName::Uniform, 0xba94_9923_e192_43bd),
-    (SceneName::Mixed, 0xa2a0_6036_d30b_94be),
-    (SceneName::Pile, 0xc581_fab0_f72b_84f8),
-    (SceneName::Plane, 0x86b3_0652_dec3_4839),
-    (SceneName::Cubes, 0x8fc7_3aad_c749_5f74),
-    (SceneName::Balls, 0x6867_2626_93d9_a159),
-    (SceneName::Skittles, 0xaa6a_c834_6176_3a3c),
-    (SceneName::Torus, 0x054b_f2d3_e948_0ee7),
-    (SceneName::Letters, 0xa897_e8a0_3645_1a6f),
-    (SceneName::OneCell, 0x8f88_0ade_f04c_96c5),
-    (SceneName::Rods, 0xb458_5d6b_c9e4_65df),
-    (SceneName::Giants, 0x74a4_fdb9_cc42_d055),
-    (SceneName::Far, 0x0e54_332c_d913_c652),
-];
-
 #[test]
 fn pair_sets_have_their_golden_hashes_on_every_engine_and_thread_count() {
     let (mut engines, pools) = (all_engines(), pools());
     let hashes = GOLDEN.map(|(name, _)| {
-        let mut scene = Scene::new(name, 3_000, 7);
-        scene.step();
+        let scene = golden::scene(name);
         let hash = pair_set_hash(&agreed(name, scene.boxes(), &mut engines, &pools));
         (name, hash)
     });
@@ -109,11 +92,7 @@ fn pair_sets_have_their_golden_hashes_on_every_engine_and_thread_count() {
 /// shorter than the pause.
 #[test]
 fn threads_that_are_kept_awake_find_the_golden_pairs() {
-    let golden = GOLDEN.map(|(name, hash)| {
-        let mut scene = Scene::new(name, 3_000, 7);
-        scene.step();
-        (name, hash, scene)
-    });
+    let golden = GOLDEN.map(|(name, hash)| (name, hash, golden::scene(name)));
     let work = move || {
         let _pool =
             ThreadPoolBuilder::new().num_threads(4).use_current_thread().build().expect("a pool");

@@ -224,6 +224,15 @@ impl PairMask {
         }
     }
 
+    /// The pairs [a, b], a < b, where they lie: for a mask that is a list in this process's own memory, as
+    /// its engines write it. `None` for any other.
+    pub fn own_list(&self) -> Option<&[[u32; 2]]> {
+        match (&self.storage, self.view()) {
+            (Storage::Own { .. }, MaskView::List(list)) => Some(list.as_pairs()),
+            _ => None,
+        }
+    }
+
     /// All pairs, on the rayon pool.
     pub fn par_pairs(&self) -> ParPairs<'_> {
         self.view().par_pairs()

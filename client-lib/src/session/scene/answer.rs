@@ -147,6 +147,14 @@ impl<'a> PairList<'a> {
         }
     }
 
+    /// The pairs where they lie, if that is this process's own memory; `None` for those in a daemon's answer.
+    pub fn own_list(&self) -> Option<&'a [[u32; 2]]> {
+        match &self.0 {
+            List::Own(pairs) => Some(pairs),
+            List::Shared(_) => None,
+        }
+    }
+
     /// The pairs.
     pub fn to_vec(&self) -> Vec<[u32; 2]> {
         let mut pairs = Vec::with_capacity(self.len());

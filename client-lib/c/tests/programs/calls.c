@@ -1,0 +1,594 @@
+/* Every call of the header, and every error that a program can make, in C. */
+#include "check.h"
+
+#include <math.h>
+
+static pm_box at(float x) {
+  const pm_box b = {{x, 0, 0}, {x + 1, 1, 1}};
+  return b;
+}
+
+static void check_pairs(const pm_pair *pairs, size_t count, const pm_pair *expected, size_t n) {
+  CHECK(count == n);
+  CHECK(n == 0 || memcmp(pairs, expected, n * sizeof *pairs) == 0);
+}
+
+static pm_mask submitted(pm_frame frame) {
+  pm_pending pending;
+  pm_mask mask;
+  EXPECT(PM_OK, pm_frame_submit(frame, &pending));
+  EXPECT(PM_OK, pm_pending_wait(pending, &mask));
+  return mask;
+}
+
+static void expect_pairs(pm_mask mask, const pm_pair *expected, size_t n) {
+  const pm_pair *pairs;
+  size_t count;
+  EXPECT(PM_OK, pm_mask_pairs(mask, &pairs, &count));
+  check_pairs(pairs, count, expected, n);
+  EXPECT(PM_OK, pm_mask_drop(mask));
+}
+
+static void arguments(pm_session session) {
+  const pm_session none = {0};
+  pm_session other;
+  pm_session_options options;
+  pm_frame frame;
+  pm_box *boxes;
+  pm_box b = at(0);
+  pm_mask mask;
+
+  CHECK(pm_version() == PM_VERSION);
+  CHECK(strcmp(pm_code_name(PM_OK), "PM_OK") == 0);
+  CHECK(strcmp(pm_code_name(-7), "unknown code") == 0);
+  EXPECT(PM_ERR_HANDLE, pm_session_frame(none, 1, &frame, &boxes));
+  EXPECT(PM_ERR_ARGUMENT, pm_session_frame(session, 1, NULL, &boxes));
+  EXPECT(PM_ERR_ARGUMENT, pm_session_connect(NULL, NULL));
+  EXPECT(PM_OK, pm_session_drop(none));
+
+  memset(&options, 0, sizeof options);
+  EXPECT(PM_ERR_ARGUMENT, pm_session_connect(&options, &other)); /* struct_size is not set */
+  options.struct_size = sizeof options;
+  options.backend = 9;
+  EXPECT(PM_ERR_ARGUMENT, pm_session_connect(&options, &other));
+  options.backend = PM_BACKEND_IN_PROCESS;
+  options.engine = "warp-drive";
+  EXPECT(PM_ERR_ARGUMENT, pm_session_connect(&options, &other));
+  options.engine = "\xff\xfe";
+  EXPECT(PM_ERR_ARGUMENT, pm_session_connect(&options, &other));
+  options.engine = NULL;
+  options.isa = "fast";
+  EXPECT(PM_ERR_ISA, pm_session_connect(&options, &other));
+  options.isa = NULL;
+  options.instance = "no/such name";
+  EXPECT(PM_ERR_INSTANCE, pm_session_connect(&options, &other));
+  options.instance = "nobody-serves-this";
+  options.backend = PM_BACKEND_DAEMON;
+  EXPECT(PM_ERR_NO_DAEMON, pm_session_connect(&options, &other));
+  /* As from a program with an older header: the rest is as if it were zero. */
+  options.instance = NULL;
+  options.struct_size = sizeof(size_t);
+  EXPECT(PM_OK, pm_session_connect(&options, &other));
+  EXPECT(PM_OK, pm_session_drop(other));
+  EXPECT(PM_ERR_HANDLE, pm_session_drop(other));
+
+  EXPECT(PM_OK, pm_session_frame(session, 2, &frame, NULL));
+  EXPECT(PM_ERR_ARGUMENT, pm_frame_write(frame, &b, 1));
+  EXPECT(PM_ERR_ARGUMENT, pm_frame_write(frame, NULL, 2));
+  EXPECT(PM_ERR_ARGUMENT, pm_frame_set(frame, 2, &b));
+  EXPECT(PM_OK, pm_frame_drop(frame));
+  EXPECT(PM_ERR_HANDLE, pm_frame_boxes(frame, &boxes, &(size_t){0}));
+  EXPECT(PM_ERR_ARGUMENT, pm_session_cull(session, (const pm_box *)((const char *)&b + 1), 1,
+                                          (pm_rules){0}, &mask)); /* not aligned */
+  EXPECT(PM_ERR_ARGUMENT, pm_session_cull(session, &b, SIZE_MAX, (pm_rules){0}, &mask));
+}
+
+static void too_many_frames(pm_session session) {
+  pm_frame frames[3], fourth;
+  int i;
+  for (i = 0; i < 3; i++) {
+    EXPECT(PM_OK, pm_session_frame(session, 1, &frames[i], NULL));
+  }
+  /* A session in process has no such limit. */
+  const pm_code code = pm_session_frame(session, 1, &fourth, NULL);
+  pm_served_by by;
+  EXPECT(PM_OK, pm_session_served_by(session, &by));
+  CHECK(code == (by == PM_SERVED_BY_DAEMON ? PM_ERR_TOO_MANY_FRAMES : PM_OK));
+  if (code == PM_OK) {
+    EXPECT(PM_OK, pm_frame_drop(fourth));
+  }
+  for (i = 0; i < 3; i++) {
+    EXPECT(PM_OK, pm_frame_drop(frames[i]));
+  }
+}
+
+struct words {
+  uint64_t count;
+};
+
+static void count_words(void *user, const pm_word *words, size_t count) {
+  struct words *seen = user;
+  size_t i;
+  for (i = 0; i < count; i++) {
+    uint32_t bits = words[i].bits;
+    for (; bits != 0; bits &= bits - 1) {
+      seen->count += 1;
+    }
+  }
+}
+
+static void busy(void *user, const pm_pair *pairs, size_t count) {
+  const pm_mask *mask = user;
+  uint64_t n;
+  (void)pairs;
+  (void)count;
+  EXPECT(PM_ERR_BUSY, pm_mask_count(*mask, &n));
+}
+
+static void frames(pm_session session) {
+  const pm_pair expected[] = {{0, 1}, {1, 2}};
+  const float min[] = {0, 0, 0, 0.75f, 0, 0, 1.5f, 0, 0};
+  const float max[] = {1, 1, 1, 1.75f, 1, 1, 2.5f, 1, 1};
+  const float center[] = {0.5f, 0.5f, 0.5f, 1.25f, 0.5f, 0.5f, 2, 0.5f, 0.5f};
+  const float half[] = {0.5f, 0.5f, 0.5f, 0.5f, 0.5f, 0.5f, 0.5f, 0.5f, 0.5f};
+  const pm_box three[] = {at(0), at(0.75f), at(1.5f)};
+  const pm_box local = {{0, 0, 0}, {1, 1, 1}};
+  const pm_box locals[] = {local, local, local};
+  const pm_placement placed[] = {
+      {{0, 0, 0}, {0, 0, 0, 1}, {1, 1, 1}},
+      {{0.75f, 0, 0}, {0, 0, 0, 1}, {1, 1, 1}},
+      {{1.5f, 0, 0}, {0, 0, 0, 1}, {1, 1, 1}},
+  };
+  pm_frame frame;
+  pm_pending pending;
+  pm_mask mask;
+  pm_box *boxes;
+  pm_sphere *spheres;
+  size_t n;
+  int way;
+
+  for (way = 0; way < 6; way++) {
+    EXPECT(PM_OK, pm_session_frame(session, 3, &frame, &boxes));
+    switch (way) {
+    case 0:
+      memcpy(boxes, three, sizeof three);
+      break;
+    case 1:
+      EXPECT(PM_OK, pm_frame_write(frame, three, 3));
+      break;
+    case 2:
+      EXPECT(PM_OK, pm_frame_write_corners(frame, min, max, 3));
+      break;
+    case 3:
+      EXPECT(PM_OK, pm_frame_write_centers(frame, center, half, 3));
+      break;
+    case 4:
+      EXPECT(PM_OK, pm_frame_write_placed(frame, locals, placed, 3));
+      break;
+    default:
+      for (n = 0; n < 3; n++) {
+        EXPECT(PM_OK, pm_frame_set(frame, (uint32_t)n, &three[n]));
+      }
+    }
+    EXPECT(PM_ERR_STATE, pm_frame_spheres(frame, &spheres, &n));
+    EXPECT(PM_OK, pm_frame_boxes(frame, &boxes, &n));
+    CHECK(n == 3 && boxes[2].min[0] <= 1.5f && boxes[2].min[0] > 1.49f); /* placed: outward */
+    expect_pairs(submitted(frame), expected, 2);
+  }
+
+  EXPECT(PM_OK, pm_session_cull(session, three, 3, (pm_rules){0}, &mask));
+  bool contains;
+  EXPECT(PM_OK, pm_mask_contains(mask, 1, 0, &contains));
+  CHECK(contains);
+  EXPECT(PM_OK, pm_mask_contains(mask, 0, 2, &contains));
+  CHECK(!contains);
+  EXPECT(PM_OK, pm_mask_for_each(mask, busy, &mask));
+  EXPECT(PM_ERR_ARGUMENT, pm_mask_for_each(mask, NULL, NULL));
+  pm_frame_info info = {.struct_size = sizeof info};
+  EXPECT(PM_OK, pm_mask_info(mask, &info));
+  CHECK(info.n == 3 && strlen(info.engine) > 0 && strlen(info.engine) < sizeof info.engine);
+  if (info.encoding != PM_ENCODING_LIST) {
+    struct words seen = {0};
+    EXPECT(PM_OK, pm_mask_for_each_word(mask, count_words, &seen));
+    CHECK(seen.count == 2);
+    const uint32_t *order;
+    EXPECT(PM_OK, pm_mask_order(mask, &order, &n));
+    CHECK((order == NULL) == (n == 0));
+  }
+  expect_pairs(mask, expected, 2);
+  EXPECT(PM_ERR_HANDLE, pm_mask_drop(mask));
+
+  EXPECT(PM_OK, pm_session_frame(session, 3, &frame, &boxes));
+  memcpy(boxes, three, sizeof three);
+  EXPECT(PM_OK, pm_frame_submit_between(frame, 1, &pending));
+  pm_code code;
+  do {
+    code = pm_pending_wait_timeout(pending, 1000000, &mask);
+  } while (code == PM_ERR_TIMEOUT);
+  EXPECT(PM_OK, code);
+  EXPECT(PM_ERR_HANDLE, pm_pending_wait(pending, &mask));
+  expect_pairs(mask, expected, 1);
+
+  EXPECT(PM_OK, pm_session_frame(session, 3, &frame, NULL));
+  EXPECT(PM_OK, pm_frame_write(frame, three, 3));
+  EXPECT(PM_ERR_FIRST_SET, pm_frame_submit_between(frame, 4, &pending));
+  EXPECT(PM_ERR_HANDLE, pm_frame_drop(frame)); /* it is gone, whatever was returned */
+
+  EXPECT(PM_OK, pm_session_frame(session, 3, &frame, NULL));
+  EXPECT(PM_OK, pm_frame_write(frame, three, 3));
+  EXPECT(PM_OK, pm_frame_submit(frame, &pending));
+  EXPECT(PM_OK, pm_pending_drop(pending));
+
+  EXPECT(PM_OK, pm_session_frame(session, 0, &frame, &boxes));
+  expect_pairs(submitted(frame), expected, 0);
+
+  EXPECT(PM_OK, pm_session_sphere_frame(session, 3, &frame, &spheres));
+  for (n = 0; n < 3; n++) {
+    spheres[n] = (pm_sphere){{2.0f * (float)n, 0, 0}, 1};
+  }
+  EXPECT(PM_ERR_STATE, pm_frame_boxes(frame, &boxes, &n));
+  EXPECT(PM_ERR_STATE, pm_frame_write(frame, three, 3));
+  expect_pairs(submitted(frame), expected, 2);
+}
+
+static void narrow(pm_session session) {
+  const pm_pair expected[] = {{0, 1}};
+  const pm_box two[] = {{{0, 0, 0}, {1, 1, 1}}, {{1.0005f, 0, 0}, {2, 1, 1}}};
+  pm_precision precision = {PM_FORM_Q16, {{-100, -100, -100}, {100, 100, 100}}};
+  pm_frame frame;
+  pm_form form;
+
+  for (form = PM_FORM_Q16; form <= PM_FORM_F16; form++) {
+    precision.form = form;
+    EXPECT(PM_OK, pm_session_narrow_frame(session, 2, &precision, &frame));
+    EXPECT(PM_OK, pm_frame_write(frame, two, 2));
+    EXPECT(PM_OK, pm_frame_set(frame, 1, &two[1]));
+    EXPECT(PM_ERR_ARGUMENT, pm_frame_set(frame, 2, &two[1]));
+    expect_pairs(submitted(frame), expected, 1);
+  }
+  precision.form = 9;
+  EXPECT(PM_ERR_ARGUMENT, pm_session_narrow_frame(session, 2, &precision, &frame));
+  precision.form = PM_FORM_Q8;
+  precision.bounds.max[0] = NAN;
+  EXPECT(PM_ERR_BOUNDS, pm_session_narrow_frame(session, 2, &precision, &frame));
+}
+
+static void rules(pm_session session) {
+  const pm_pair expected[] = {{0, 3}};
+  const pm_box four[] = {at(0), at(0.25f), at(0.5f), at(0.75f)};
+  /* 0 and 1 have an owner, 2 another world, 1 and 3 do not admit each other. */
+  const pm_tag tags[] = {{0, 7, 0, 0}, {0, 7, 1, 0}, {5, 0, 0, 0}, {0, 0, 2, 0}};
+  const pm_filter filters[] = {{UINT64_MAX, UINT64_MAX, 0, 0, 0}, {1, 1, 0, 0, 0}, {2, 2, 0, 0, 0}};
+  const pm_pair listed[] = {{0, 3}};
+  pm_rules_desc desc = {.struct_size = sizeof desc};
+  pm_rules made;
+  pm_mask mask;
+  int again;
+
+  desc.tags = tags;
+  desc.tag_count = 4;
+  desc.filters = filters;
+  desc.filter_count = 3;
+  EXPECT(PM_OK, pm_rules_create(&desc, &made));
+  for (again = 0; again < 3; again++) {
+    EXPECT(PM_OK, pm_session_cull(session, four, 4, made, &mask));
+    const pm_pair *pairs;
+    size_t count;
+    const pm_code code = pm_mask_pairs_of_world(mask, 5, &pairs, &count);
+    CHECK((code == PM_OK && count == 0) || code == PM_ERR_STATE);
+    expect_pairs(mask, expected, 1);
+  }
+  EXPECT(PM_OK, pm_rules_drop(made));
+  EXPECT(PM_ERR_HANDLE, pm_session_cull(session, four, 4, made, &mask));
+
+  desc.excluded = listed;
+  desc.excluded_count = 1;
+  EXPECT(PM_OK, pm_rules_create(&desc, &made));
+  EXPECT(PM_OK, pm_session_cull(session, four, 4, made, &mask));
+  expect_pairs(mask, expected, 0);
+  EXPECT(PM_OK, pm_rules_drop(made));
+
+  desc.included = listed;
+  desc.included_count = 1;
+  EXPECT(PM_OK, pm_rules_create(&desc, &made));
+  EXPECT(PM_OK, pm_session_cull(session, four, 4, made, &mask));
+  expect_pairs(mask, expected, 1);
+  EXPECT(PM_OK, pm_rules_drop(made));
+
+  desc.filter_count = 65537;
+  pm_filter *many = calloc(65537, sizeof *many);
+  CHECK(many != NULL);
+  desc.filters = many;
+  EXPECT(PM_ERR_TOO_MANY_FILTERS, pm_rules_create(&desc, &made));
+  free(many);
+
+  CHECK(pm_filter_all().mask == UINT64_MAX);
+  CHECK(pm_filter_from_bullet(2, 5).category == 2 && pm_filter_from_bullet(2, 5).mask == 5);
+  CHECK(pm_filter_from_box2d(1, 2, -3, true).group == -3);
+  CHECK(pm_filter_from_rapier(1, 2, false, true).category == 1);
+  CHECK(pm_filter_from_jolt_mask(1, 2, true).mask != 0);
+  CHECK(pm_filter_from_physx_words(1, 2, true).mask != 0);
+  CHECK(pm_filter_from_newton(1, true).mask != 0);
+  CHECK(pm_filter_from_mujoco(1, 1).mask != 0);
+
+  const double low[] = {1e9 + 0.25, 0, 0}, high[] = {1e9 + 1.25, 1, 1}, origin[] = {1e9, 0, 0};
+  pm_box b;
+  EXPECT(PM_OK, pm_box_outward(low, high, origin, &b));
+  CHECK(b.min[0] == 0.25f && b.max[0] == 1.25f);
+  const pm_box from = at(0), to = at(5);
+  EXPECT(PM_OK, pm_box_swept(&from, &to, &b));
+  CHECK(b.min[0] == 0 && b.max[0] == 6);
+}
+
+static void expect_list(pm_scene scene,
+                        pm_code (*read)(pm_scene, const pm_pair **, size_t *),
+                        const pm_pair *expected, size_t n) {
+  const pm_pair *pairs;
+  size_t count;
+  EXPECT(PM_OK, read(scene, &pairs, &count));
+  check_pairs(pairs, count, expected, n);
+}
+
+static void count_pairs(void *user, const pm_pair *pairs, size_t count) {
+  (void)pairs;
+  *(size_t *)user += count;
+}
+
+static void scenes(pm_session session) {
+  const pm_pair expected[] = {{7, 9}};
+  pm_scene_options options = {.struct_size = sizeof options, .most_boxes = 1000};
+  pm_answer answer = {.struct_size = sizeof answer};
+  pm_scene_info info = {.struct_size = sizeof info};
+  const pm_box a = at(0), b = at(0.5f), far_away = at(50);
+  const uint32_t both[] = {9, 7};
+  const pm_box boxes[] = {at(0.5f), at(0)};
+  const pm_ended *ended;
+  const pm_pair *pairs;
+  size_t count;
+  pm_scene scene;
+  pm_box got;
+  pm_found found;
+
+  EXPECT(PM_OK, pm_scene_create(session, &options, &scene));
+  EXPECT(PM_ERR_STATE, pm_scene_answer(scene, &answer));
+  EXPECT(PM_ERR_STATE, pm_scene_take(scene));
+  EXPECT(PM_ERR_STATE, pm_scene_wait(scene));
+
+  EXPECT(PM_OK, pm_scene_set(scene, 7, &a));
+  EXPECT(PM_OK, pm_scene_set(scene, 9, &b));
+  EXPECT(PM_ERR_ARGUMENT, pm_scene_commit(scene, 9));
+  EXPECT(PM_OK, pm_scene_commit(scene, PM_WANT_CHANGES));
+  EXPECT(PM_OK, pm_scene_answer(scene, &answer));
+  CHECK(answer.begun == 1 && answer.ended == 0 && answer.pair_count == 1 && answer.served_by != 0);
+  expect_list(scene, pm_scene_begun, expected, 1);
+  size_t visited = 0;
+  EXPECT(PM_OK, pm_scene_for_each_begun(scene, count_pairs, &visited));
+  CHECK(visited == 1);
+  EXPECT(PM_OK, pm_scene_take(scene));
+  expect_list(scene, pm_scene_begun, expected, 1); /* it is read after it was taken, too */
+
+  EXPECT(PM_OK, pm_scene_set(scene, 9, &far_away));
+  EXPECT(PM_ERR_STATE, pm_scene_begun(scene, &pairs, &count)); /* the answer has ended */
+  EXPECT(PM_OK, pm_scene_submit(scene, PM_WANT_CHANGES));
+  EXPECT(PM_ERR_STATE, pm_scene_ended(scene, &ended, &count)); /* not waited for */
+  EXPECT(PM_OK, pm_scene_wait(scene));
+  EXPECT(PM_OK, pm_scene_ended(scene, &ended, &count));
+  CHECK(count == 1 && ended[0].a == 7 && ended[0].b == 9);
+  CHECK(ended[0].reason == PM_ENDED_SEPARATED);
+  EXPECT(PM_OK, pm_scene_take(scene));
+
+  EXPECT(PM_OK, pm_scene_set_all(scene, pm_index_list(both, 2), boxes, 2));
+  EXPECT(PM_OK, pm_scene_commit(scene, PM_WANT_ALL));
+  expect_list(scene, pm_scene_pairs, expected, 1);
+  visited = 0;
+  EXPECT(PM_OK, pm_scene_for_each_pair(scene, count_pairs, &visited));
+  CHECK(visited == 1);
+  EXPECT(PM_OK, pm_scene_take(scene));
+
+  EXPECT(PM_OK, pm_scene_query(scene, &a, 1, NULL, 0, &found));
+  EXPECT(PM_OK, pm_found_pairs(found, &pairs, &count));
+  CHECK(count == 2 && pairs[0].a == 0 && pairs[0].b == 7 && pairs[1].b == 9);
+  visited = 0;
+  EXPECT(PM_OK, pm_found_for_each(found, count_pairs, &visited));
+  CHECK(visited == 2);
+  EXPECT(PM_OK, pm_found_drop(found));
+  const pm_tag other_world = {1, 0, 0, 0};
+  EXPECT(PM_OK, pm_scene_query(scene, &a, 1, &other_world, 1, &found));
+  EXPECT(PM_OK, pm_found_pairs(found, &pairs, &count));
+  CHECK(count == 0);
+  EXPECT(PM_OK, pm_found_drop(found));
+  const pm_tag tags[] = {other_world, other_world, other_world};
+  EXPECT(PM_ERR_QUERY_TAGS, pm_scene_query(scene, &a, 1, tags, 3, &found));
+
+  EXPECT(PM_OK, pm_scene_switch(scene, pm_index(7), false));
+  EXPECT(PM_OK, pm_scene_commit(scene, PM_WANT_CHANGES));
+  EXPECT(PM_OK, pm_scene_ended(scene, &ended, &count));
+  CHECK(count == 1 && ended[0].reason == PM_ENDED_FILTERED);
+  EXPECT(PM_OK, pm_scene_take(scene));
+  EXPECT(PM_OK, pm_scene_switch(scene, pm_index(7), true));
+  EXPECT(PM_OK, pm_scene_make_static(scene, pm_index_list(both, 2), true));
+  EXPECT(PM_OK, pm_scene_commit(scene, PM_WANT_CHANGES));
+  expect_list(scene, pm_scene_begun, expected, 0);
+  EXPECT(PM_OK, pm_scene_take(scene));
+  const uint32_t mask[] = {1u << 7 | 1u << 9};
+  const pm_indices masked = {PM_INDICES_MASK, 0, 1, mask};
+  EXPECT(PM_OK, pm_scene_make_static(scene, masked, false));
+  EXPECT(PM_OK, pm_scene_commit(scene, PM_WANT_CHANGES));
+  expect_list(scene, pm_scene_begun, expected, 1);
+  EXPECT(PM_OK, pm_scene_take(scene));
+
+  const pm_filter filters[] = {pm_filter_all(), {1, 1, 0, 0, 0}, {2, 2, 0, 0, 0}};
+  const pm_tag kinds[] = {{0, 0, 1, 0}, {0, 0, 2, 0}};
+  EXPECT(PM_OK, pm_scene_filters(scene, filters, 3));
+  EXPECT(PM_OK, pm_scene_tag(scene, pm_index_list(both, 2), kinds, 2));
+  EXPECT(PM_OK, pm_scene_commit(scene, PM_WANT_CHANGES));
+  EXPECT(PM_OK, pm_scene_ended(scene, &ended, &count));
+  CHECK(count == 1 && ended[0].reason == PM_ENDED_FILTERED);
+  EXPECT(PM_OK, pm_scene_take(scene));
+  EXPECT(PM_OK, pm_scene_include(scene, expected, 1, true));
+  EXPECT(PM_OK, pm_scene_commit(scene, PM_WANT_CHANGES));
+  expect_list(scene, pm_scene_begun, expected, 1);
+  EXPECT(PM_OK, pm_scene_take(scene));
+  EXPECT(PM_OK, pm_scene_include(scene, expected, 1, false));
+  EXPECT(PM_OK, pm_scene_exclude(scene, expected, 1, true));
+  EXPECT(PM_OK, pm_scene_commit(scene, PM_WANT_NOTHING));
+  EXPECT(PM_OK, pm_scene_exclude(scene, expected, 1, false));
+  EXPECT(PM_OK, pm_scene_tag(scene, pm_index_range(7, 1), &other_world, 1));
+  EXPECT(PM_OK, pm_scene_discard(scene));
+
+  /* What is wrong with an edit: nothing of it is applied. */
+  EXPECT(PM_OK, pm_scene_set(scene, 1000, &a));
+  EXPECT(PM_ERR_BEYOND_LIMIT, pm_scene_commit(scene, PM_WANT_CHANGES));
+  EXPECT(PM_OK, pm_scene_set(scene, 3, &a));
+  EXPECT(PM_OK, pm_scene_set(scene, 3, &a));
+  EXPECT(PM_ERR_SET_TWICE, pm_scene_commit(scene, PM_WANT_CHANGES));
+  EXPECT(PM_OK, pm_scene_remove(scene, pm_index(3)));
+  EXPECT(PM_ERR_ABSENT, pm_scene_commit(scene, PM_WANT_CHANGES));
+  EXPECT(PM_OK, pm_scene_set_all(scene, pm_index_range(0, 3), boxes, 2));
+  EXPECT(PM_ERR_LENGTHS, pm_scene_commit(scene, PM_WANT_CHANGES));
+  EXPECT(PM_ERR_ARGUMENT, pm_scene_remove(scene, (pm_indices){9, 0, 0, NULL}));
+  EXPECT(PM_ERR_ARGUMENT, pm_scene_remove(scene, pm_index_list(NULL, 3)));
+  const float margin = 1;
+  EXPECT(PM_OK, pm_scene_set_all_margined(scene, pm_index(1), &a, 1, &margin, 1));
+  EXPECT(PM_ERR_STATE, pm_scene_commit(scene, PM_WANT_CHANGES)); /* it has no margins */
+  EXPECT(PM_ERR_ABSENT, pm_scene_get(scene, 3, &got));
+  EXPECT(PM_OK, pm_scene_get(scene, 9, &got));
+  CHECK(memcmp(&got, &b, sizeof got) == 0);
+  EXPECT(PM_OK, pm_scene_get_info(scene, &info));
+  CHECK(info.boxes == 2 && info.allocated_bytes > 0);
+  EXPECT(PM_ERR_STATE, pm_scene_lease(scene, (pm_range){0, 1}));
+
+  EXPECT(PM_OK, pm_scene_lose(scene));
+  EXPECT(PM_OK, pm_scene_commit(scene, PM_WANT_CHANGES));
+  EXPECT(PM_OK, pm_scene_answer(scene, &answer));
+  CHECK(answer.is_resync == 1);
+  EXPECT(PM_OK, pm_scene_remove(scene, pm_index(7)));
+  EXPECT(PM_OK, pm_scene_submit(scene, PM_WANT_NOTHING));
+  EXPECT(PM_OK, pm_scene_drop(scene)); /* while an edit is under way */
+  EXPECT(PM_ERR_HANDLE, pm_scene_take(scene));
+}
+
+static void margins(const pm_session_options *options, pm_session session) {
+  const pm_pair expected[] = {{0, 1}};
+  pm_box boxes[] = {at(0), at(1.25f)};
+  const float margin[] = {0.5f, 0.5f};
+  pm_scene_info info = {.struct_size = sizeof info};
+  pm_margin_stats stats = {.struct_size = sizeof stats};
+  const pm_pair *pairs;
+  size_t count;
+  pm_scene scene;
+  pm_session own;
+  pm_margined margined;
+  int step;
+
+  EXPECT(PM_OK, pm_scene_create_margined(session, NULL, true, &scene));
+  for (step = 0; step < 3; step++) {
+    boxes[1] = at(1.25f - 0.2f * (float)step);
+    EXPECT(PM_OK, pm_scene_set_all_margined(scene, pm_index_range(0, 2), boxes, 2, margin,
+                                            step == 0 ? 1 : 2));
+    EXPECT(PM_OK, pm_scene_commit(scene, PM_WANT_CHANGES));
+    expect_list(scene, pm_scene_begun, expected, step == 2 ? 1 : 0);
+    EXPECT(PM_OK, pm_scene_take(scene));
+  }
+  EXPECT(PM_OK, pm_scene_get_info(scene, &info));
+  CHECK(info.set == 6 && info.sent == 2 && info.edits == 3);
+  EXPECT(PM_ERR_MARGINS, pm_scene_set_margined(scene, 0, boxes, -1));
+  EXPECT(PM_OK, pm_scene_set_all_margined(scene, pm_index_range(0, 2), boxes, 2, margin, 0));
+  EXPECT(PM_ERR_MARGINS, pm_scene_commit(scene, PM_WANT_CHANGES));
+  EXPECT(PM_OK, pm_scene_include(scene, expected, 1, true));
+  EXPECT(PM_ERR_NO_RULES, pm_scene_commit(scene, PM_WANT_CHANGES));
+  EXPECT(PM_OK, pm_scene_drop(scene));
+
+  EXPECT(PM_OK, pm_session_connect(options, &own));
+  EXPECT(PM_ERR_MARGINS, pm_margined_create(own, NAN, NULL, &margined));
+  EXPECT(PM_OK, pm_margined_create(own, 0.5f, NULL, &margined));
+  EXPECT(PM_ERR_HANDLE, pm_session_drop(own)); /* it is the margin's now */
+  boxes[1] = at(1.25f);
+  EXPECT(PM_OK, pm_margined_cull(margined, boxes, 2, true, &pairs, &count));
+  check_pairs(pairs, count, expected, 1);
+  EXPECT(PM_OK, pm_margined_cull(margined, boxes, 2, false, &pairs, &count));
+  CHECK(count == 0);
+  boxes[1] = at(1);
+  EXPECT(PM_OK, pm_margined_cull(margined, boxes, 2, false, &pairs, &count));
+  check_pairs(pairs, count, expected, 1);
+  EXPECT(PM_OK, pm_margined_stats(margined, &stats));
+  CHECK(stats.requests == 1 && stats.skipped == 2);
+  EXPECT(PM_OK, pm_margined_forget(margined));
+  EXPECT(PM_OK, pm_margined_drop(margined));
+}
+
+static void shared(pm_session session, bool is_daemon) {
+  const pm_pair expected[] = {{3, 4}};
+  const pm_box boxes[] = {at(0), at(0.5f)};
+  pm_join_options options = {.struct_size = sizeof options, .most_boxes = 100, .hears_all = 1};
+  pm_answer answer = {.struct_size = sizeof answer};
+  pm_range range, ranges[2];
+  pm_scene scene;
+  uint32_t most;
+  uint64_t deadline;
+  size_t count;
+
+  if (!is_daemon) {
+    EXPECT(PM_ERR_IN_PROCESS, pm_scene_join(session, "arena", NULL, &scene));
+    return;
+  }
+  EXPECT(PM_ERR_SCENE_NAME, pm_scene_join(session, "no such name", NULL, &scene));
+  EXPECT(PM_ERR_ARGUMENT, pm_scene_join(session, NULL, NULL, &scene));
+  EXPECT(PM_OK, pm_scene_join(session, "arena", &options, &scene));
+  EXPECT(PM_OK, pm_scene_terms(scene, &most, &deadline));
+  CHECK(most == 100 && deadline > 0);
+  EXPECT(PM_ERR_LEASE, pm_scene_lease(scene, (pm_range){0, 0}));
+  EXPECT(PM_OK, pm_scene_lease(scene, (pm_range){3, 2}));
+  EXPECT(PM_OK, pm_scene_lease_any(scene, 3, &range));
+  CHECK(range.first == 0 && range.count == 3);
+  EXPECT(PM_OK, pm_scene_leases(scene, ranges, 2, &count));
+  CHECK(count == 2 && ranges[0].first == 3 && ranges[1].count == 3);
+  EXPECT(PM_OK, pm_scene_give_back(scene, 0));
+  EXPECT(PM_OK, pm_scene_set_all(scene, pm_index_range(3, 2), boxes, 2));
+  EXPECT(PM_OK, pm_scene_commit(scene, PM_WANT_ALL));
+  EXPECT(PM_OK, pm_scene_answer(scene, &answer));
+  CHECK(answer.tick > 0 && answer.late == 0);
+  EXPECT(PM_OK, pm_scene_late(scene, NULL, 0, &count));
+  CHECK(count == 0);
+  expect_list(scene, pm_scene_pairs, expected, 1);
+  EXPECT(PM_OK, pm_scene_take(scene));
+  EXPECT(PM_OK, pm_scene_set(scene, 50, boxes));
+  EXPECT(PM_ERR_NOT_LEASED, pm_scene_commit(scene, PM_WANT_CHANGES));
+  EXPECT(PM_ERR_MOVED, pm_scene_commit(scene, PM_WANT_MOVED));
+  EXPECT(PM_OK, pm_scene_drop(scene));
+}
+
+static void note(void *user, pm_log_level level, const char *text) {
+  CHECK(level >= PM_LOG_ERROR && level <= PM_LOG_INFO && text[0] != 0);
+  *(int *)user += 1;
+}
+
+int main(int argc, char **argv) {
+  const pm_session_options options = options_of(argc, argv);
+  const bool is_daemon = options.backend == PM_BACKEND_DAEMON;
+  pm_daemon_status status = {.struct_size = sizeof status};
+  static int lines = 0;
+  pm_session session;
+
+  EXPECT(PM_ERR_ARGUMENT, pm_set_log(NULL, NULL));
+  EXPECT(PM_OK, pm_set_log(note, &lines));
+  EXPECT(PM_ERR_STATE, pm_set_log(note, &lines));
+  EXPECT(PM_OK, pm_session_connect(&options, &session));
+  if (is_daemon) {
+    EXPECT(PM_OK, pm_session_daemon_status(session, &status));
+    CHECK(status.pid != 0 && status.client_count >= 1);
+    status.struct_size = 0;
+    EXPECT(PM_ERR_ARGUMENT, pm_session_daemon_status(session, &status));
+  }
+  arguments(session);
+  too_many_frames(session);
+  frames(session);
+  narrow(session);
+  rules(session);
+  scenes(session);
+  margins(&options, session);
+  shared(session, is_daemon);
+  EXPECT(PM_OK, pm_session_drop(session));
+  puts("all calls");
+  return 0;
+}

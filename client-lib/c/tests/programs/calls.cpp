@@ -1,0 +1,174 @@
+// Every call of the C++ header, and what becomes of errors, with and without exceptions.
+#include "pairmask.hpp"
+
+#include "check.h"
+
+#include <array>
+#if __cplusplus >= 202002L
+#include <span>
+#endif
+
+namespace pm = pairmask;
+
+namespace {
+
+pm::Box at(float x) { return pm::box(x, 0, 0, x + 1, 1, 1); }
+
+bool are(pm::Span<const pm::Pair> pairs, std::vector<std::array<std::uint32_t, 2>> expected) {
+  std::vector<std::array<std::uint32_t, 2>> found;
+  for (const auto [a, b] : pairs) {
+    found.push_back({a, b});
+  }
+  return found == expected;
+}
+
+void frames(pm::Session &session) {
+  const std::vector<pm::Box> three = {at(0), at(0.75f), at(1.5f)};
+  auto frame = session.frame(3).value();
+  CHECK(frame.write(three));
+  auto moved = std::move(frame);
+  CHECK(frame.boxes().empty() && moved.boxes().size() == 3);
+  auto pending = std::move(moved).submit().value();
+  auto mask = pm::Result<pm::Mask>(pm::Error(PM_ERR_TIMEOUT, ""));
+  while (!mask && mask.error().code() == PM_ERR_TIMEOUT) {
+    mask = pending.wait_for(1'000'000);
+  }
+  CHECK(are(mask->pairs(), {{0, 1}, {1, 2}}) && mask->contains(2, 1) && mask->count() == 2);
+  CHECK(!pending.wait());
+  CHECK(mask->info().n == 3);
+
+#if __cplusplus >= 202002L
+  const std::span<const pm::Pair> standard = mask->pairs();
+  CHECK(standard.size() == 2);
+#endif
+
+#if PAIRMASK_HAS_EXCEPTIONS
+  bool caught = false;
+  try {
+    mask->for_each([](auto) { throw 7; }).value();
+  } catch (int seven) {
+    caught = seven == 7;
+  }
+  CHECK(caught);
+  caught = false;
+  try {
+    session.frame(3).value().write(pm::Span<const pm::Box>(three.data(), 2)).value();
+  } catch (const std::exception &error) {
+    caught = std::string(error.what()).find("as many boxes") != std::string::npos;
+  }
+  CHECK(caught);
+#endif
+
+  auto wrong = session.frame(3).value().write(pm::Span<const pm::Box>(three.data(), 2));
+  CHECK(!wrong && wrong.error().code() == PM_ERR_ARGUMENT);
+  CHECK(strcmp(wrong.error().name(), "PM_ERR_ARGUMENT") == 0);
+
+  auto between = session.frame(3).value();
+  between.write(three).value();
+  auto first = std::move(between).submit_between(1).value().wait().value();
+  CHECK(are(first.pairs(), {{0, 1}}));
+  first = {};
+
+  auto spheres = session.sphere_frame(2).value();
+  spheres.spheres()[0] = {{0, 0, 0}, 1};
+  spheres.spheres()[1] = {{2, 0, 0}, 1};
+  CHECK(spheres.boxes().empty());
+  CHECK(std::move(spheres).submit().value().wait().value().count() == 1);
+
+  auto narrow = session.narrow_frame(3, {PM_FORM_Q16, pm::box(-9, -9, -9, 9, 9, 9)}).value();
+  narrow.write(three).value();
+  narrow.set(0, at(8)).value();
+  CHECK(are(std::move(narrow).submit().value().wait().value().pairs(), {{1, 2}}));
+
+  const pm::Tag tags[] = {{0, 1, 0, 0}, {0, 1, 0, 0}, {0, 0, 0, 0}};
+  auto rules = pm::Rules::create(tags).value();
+  CHECK(are(session.cull(three, rules).value().pairs(), {{1, 2}}));
+  auto with = session.frame(3).value();
+  with.write(three).value();
+  CHECK(std::move(with).submit_with(rules).value().wait().value().count() == 1);
+
+  CHECK(pm::swept(at(0), at(5)).max[0] == 6);
+  CHECK(pm::outward({0.1, 0, 0}, {1, 1, 1}, {0, 0, 0}).min[0] <= 0.1f);
+}
+
+void scenes(pm::Session &session) {
+  auto scene = session.scene(1000).value();
+  scene.set(7, at(0)).value();
+  scene.set(9, at(0.5f)).value();
+  scene.commit(pm::Want::Changes).value();
+  CHECK(are(scene.begun(), {{7, 9}}) && scene.ended().empty());
+  CHECK(scene.is_resync() || scene.answer().begun == 1);
+  std::size_t visited = 0;
+  scene.for_each_begun([&](auto pairs) { visited += pairs.size(); }).value();
+  CHECK(visited == 1);
+  scene.take().value();
+  CHECK(scene.query(std::vector<pm::Box>{at(0)}).value().pairs().size() == 2);
+  scene.switch_to(pm::index(7), false).value();
+  scene.submit(pm::Want::Changes).value();
+  scene.wait().value();
+  CHECK(scene.ended().size() == 1 && scene.ended()[0].reason == PM_ENDED_FILTERED);
+  scene.take().value();
+  CHECK(scene.box(9).value().min[0] == 0.5f && !scene.box(8));
+  CHECK(scene.info().boxes == 2);
+  CHECK(!scene.take() && scene.take().error().code() == PM_ERR_STATE);
+  const std::uint32_t both[] = {7, 9};
+  scene.remove(pm::list(both)).value();
+  scene.commit(pm::Want::All).value();
+  CHECK(scene.pairs().empty() && scene.answer().pair_count == 0);
+
+  auto margined = session.margined_scene(true).value();
+  const pm::Box boxes[] = {at(0), at(1.25f)};
+  const float margin[] = {0.5f};
+  margined.set_all(pm::range(0, 2), boxes, margin).value();
+  margined.commit(pm::Want::All).value();
+  CHECK(margined.pairs().empty());
+}
+
+void shared(pm::Session &session, bool is_daemon) {
+  auto joined = session.join_scene("arena-of-cpp");
+  CHECK(static_cast<bool>(joined) == is_daemon);
+  if (!joined) {
+    CHECK(joined.error().code() == PM_ERR_IN_PROCESS);
+    return;
+  }
+  auto scene = std::move(joined).value();
+  const auto range = scene.lease_any(2).value();
+  CHECK(range.count == 2 && scene.leases().size() == 1);
+  scene.set(range.first, at(0)).value();
+  scene.set(range.first + 1, at(0.5f)).value();
+  scene.commit(pm::Want::All).value();
+  CHECK(scene.pairs().size() == 1 && scene.late().empty() && scene.answer().tick > 0);
+  scene.take().value();
+  scene.give_back(range.first).value();
+}
+
+} // namespace
+
+int main(int argc, char **argv) {
+  const pm_session_options given = options_of(argc, argv);
+  pm::SessionOptions options;
+  options.backend = static_cast<pm::Backend>(given.backend);
+  options.runtime_dir = given.runtime_dir;
+  options.encoding = given.encoding;
+  const bool is_daemon = options.backend == pm::Backend::Daemon;
+  auto session = pm::Session::connect(options).value();
+  CHECK(pm::version() == PM_VERSION);
+  CHECK((session.served_by() == pm::ServedBy::Daemon) == is_daemon);
+  CHECK(!is_daemon || session.daemon_status().value().pid != 0);
+  options.instance = "nobody-serves-this";
+  options.backend = pm::Backend::Daemon;
+  CHECK(pm::Session::connect(options).error().code() == PM_ERR_NO_DAEMON);
+  frames(session);
+  scenes(session);
+  shared(session, is_daemon);
+
+  auto margined = pm::Margined::create(std::move(session), 0.5f).value();
+  CHECK(session.get().id == 0);
+  std::vector<pm::Box> boxes = {at(0), at(1.25f)};
+  CHECK(margined.cull(boxes, true).value().size() == 1);
+  CHECK(margined.cull(boxes).value().empty());
+  CHECK(margined.stats().requests == 1);
+  margined.forget().value();
+  std::puts("all calls");
+  return 0;
+}

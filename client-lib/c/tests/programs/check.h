@@ -1,0 +1,55 @@
+/* What the test programs share: a check that ends the program, and the session that the arguments name. */
+#ifndef CHECK_H
+#define CHECK_H
+
+#include "pairmask.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define CHECK(condition)                                                                           \
+  do {                                                                                             \
+    if (!(condition)) {                                                                            \
+      fprintf(stderr, "%s:%d: %s; last error: %s\n", __FILE__, __LINE__, #condition,               \
+              pm_last_error());                                                                    \
+      exit(1);                                                                                     \
+    }                                                                                              \
+  } while (0)
+
+/* That a call returns a code, and a text with it unless the code is PM_OK. */
+#define EXPECT(code, call)                                                                         \
+  do {                                                                                             \
+    const pm_code expect_got = (call);                                                             \
+    if (expect_got != (code)) {                                                                    \
+      fprintf(stderr, "%s:%d: %s is %s, not %s: %s\n", __FILE__, __LINE__, #call,                  \
+              pm_code_name(expect_got), pm_code_name(code), pm_last_error());                      \
+      exit(1);                                                                                     \
+    }                                                                                              \
+    if (expect_got != PM_OK) {                                                                     \
+      CHECK(pm_last_error()[0] != 0);                                                              \
+    }                                                                                              \
+  } while (0)
+
+/* Arguments: a backend by name, the runtime directory, an encoding or "auto". */
+static inline pm_session_options options_of(int argc, char **argv) {
+  pm_session_options options;
+  memset(&options, 0, sizeof options);
+  options.struct_size = sizeof options;
+  CHECK(argc == 4);
+  if (strcmp(argv[1], "in-process") == 0) {
+    options.backend = PM_BACKEND_IN_PROCESS;
+  } else if (strcmp(argv[1], "daemon") == 0) {
+    options.backend = PM_BACKEND_DAEMON;
+  } else {
+    CHECK(strcmp(argv[1], "auto") == 0);
+    options.backend = PM_BACKEND_AUTO;
+  }
+  options.runtime_dir = argv[2];
+  if (strcmp(argv[3], "auto") != 0) {
+    options.encoding = argv[3];
+  }
+  return options;
+}
+
+#endif
