@@ -15,9 +15,16 @@ pub enum Rows {
     F64(PyBuffer<f64>),
 }
 
+/// The buffer of an object with numbers of this type, if it has one. pyo3 takes numbers of the other byte order
+/// for this machine's: those are left to `pairmask._convert`.
+fn buffer_of<T: Element>(given: &Bound<'_, PyAny>) -> Option<PyBuffer<T>> {
+    let buffer = PyBuffer::<T>::get(given).ok()?;
+    (!matches!(buffer.format().to_bytes(), [b'>' | b'<' | b'!' | b'=', ..])).then_some(buffer)
+}
+
 /// The buffer of an array whose rows lie one after another, if it is one.
 fn rows_of<T: Element>(given: &Bound<'_, PyAny>, columns: usize) -> Option<PyBuffer<T>> {
-    let buffer = PyBuffer::<T>::get(given).ok()?;
+    let buffer = buffer_of::<T>(given)?;
     let is_right = matches!(buffer.shape(), [_, len] if *len == columns);
     (is_right && buffer.is_c_contiguous()).then_some(buffer)
 }
@@ -208,7 +215,7 @@ pub fn integers<T: Element + Default>(
 ) -> PyResult<Vec<T>> {
     static INTEGERS: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
     let py = given.py();
-    if let Ok(buffer) = PyBuffer::<T>::get(given)
+    if let Some(buffer) = buffer_of::<T>(given)
         && buffer.dimensions() == 1
     {
         return buffer.to_vec(py);

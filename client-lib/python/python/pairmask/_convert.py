@@ -14,6 +14,11 @@ EXACT_INTEGERS = 2**53
 INDEX_END = 2**32
 
 
+def _in_rows(array: Any, dtype: Any) -> Any:
+    """The array as the extension reads it: of this machine's byte order, row by row, aligned."""
+    return np.require(array, dtype=dtype, requirements=["C", "A"])
+
+
 def _numbers(given: Any, columns: int, may_be_one: bool) -> Any:
     array = np.asarray(given)
     if array.ndim == 1 and (array.size == 0 or (may_be_one and array.size == columns)):
@@ -29,7 +34,7 @@ def floats(given: Any, columns: int, may_be_one: bool) -> Any:
     """float32 as it is, all else as float64, which the extension rounds outward."""
     array = _numbers(given, columns, may_be_one)
     if array.dtype.kind == "f" and array.dtype.itemsize <= 4:
-        return np.ascontiguousarray(array, dtype=np.float32)
+        return _in_rows(array, np.float32)
     return _doubles(array)
 
 
@@ -42,7 +47,7 @@ def _doubles(array: Any) -> Any:
     if array.dtype.kind in "iu" and array.dtype.itemsize == 8 and array.size:
         if int(array.max()) > EXACT_INTEGERS or int(array.min()) < -EXACT_INTEGERS:
             raise ValueError("an integer beyond 2**53 is no number of float64: round it yourself")
-    return np.ascontiguousarray(array, dtype=np.float64)
+    return _in_rows(array, np.float64)
 
 
 def integers(given: Any, numpy_type: str) -> Any:
@@ -60,7 +65,7 @@ def integers(given: Any, numpy_type: str) -> Any:
         if low < limits.min or high > limits.max:
             wrong = low if low < limits.min else high
             raise ValueError(f"{wrong} is none of {limits.min} to {limits.max}")
-    return np.ascontiguousarray(array, dtype=numpy_type)
+    return _in_rows(array, numpy_type)
 
 
 def indices(given: Any) -> Any:
