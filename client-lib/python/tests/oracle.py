@@ -29,7 +29,7 @@ def pairs_of(boxes: Any, meet: Any = None) -> Pairs:
     found = np.triu(overlapping(boxes, boxes), 1)
     if meet is not None:
         found &= meet
-    return set(map(tuple, np.argwhere(found).tolist()))
+    return {(int(a), int(b)) for a, b in np.argwhere(found)}
 
 
 def sphere_pairs_of(spheres: Any) -> Pairs:
@@ -38,13 +38,13 @@ def sphere_pairs_of(spheres: Any) -> Pairs:
     between = spheres[:, None, :3] - spheres[None, :, :3]
     reach = spheres[:, None, 3] + spheres[None, :, 3]
     found = np.triu((between**2).sum(axis=2) <= reach**2, 1)
-    return set(map(tuple, np.argwhere(found).tolist()))
+    return {(int(a), int(b)) for a, b in np.argwhere(found)}
 
 
 def as_set(pairs: Any) -> Pairs:
     """An array of pairs as a set. Fails where one is told twice or is no pair."""
     assert pairs.dtype == np.uint32 and pairs.ndim == 2 and pairs.shape[1] == 2
-    told = list(map(tuple, pairs.tolist()))
+    told = [(a, b) for a, b in pairs.tolist()]
     found = set(told)
     assert len(found) == len(told), "a pair is told twice"
     assert all(a < b for a, b in found), "a pair is the wrong way round"

@@ -30,12 +30,12 @@ def few_numbers(n: int, seed: int) -> Any:
     return random.choice(numbers, (n, 6), p=weights / weights.sum())
 
 
-SCENES = [oracle.boxes_of, lattice, few_numbers]
+SCENES: list[Any] = [oracle.boxes_of, lattice, few_numbers]
 
 
 @pytest.mark.parametrize("scene", SCENES)
 def test_every_size_engine_and_encoding_has_the_pairs_of_the_oracle(scene: Any) -> None:
-    settings = [(engine, "auto") for engine in ENGINES] + [("auto", encoding) for encoding in ENCODINGS[1:]]
+    settings: list[Any] = [(engine, "auto") for engine in ENGINES] + [("auto", encoding) for encoding in ENCODINGS[1:]]
     for engine, encoding in settings:
         with pairmask.Session("in-process", engine=engine, encoding=encoding) as session:
             for n in [*range(0, 71, 1 if engine == "auto" else 7), 345, 1234]:

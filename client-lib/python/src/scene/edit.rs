@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 use super::answer::{PySceneAnswer, Read, read};
 use super::ops::{Named, NamedMargins, Op, margined};
 use super::{PyMarginedScene, PyScene, PySharedScene};
-use crate::arrays::{Rows, pairs};
+use crate::arrays::{self, Rows};
 use crate::errors::{Raise, misused};
 use crate::rules::{Part, PyFilterTable, TagParts};
 
@@ -145,24 +145,24 @@ impl PyEdit {
     }
 
     /// Puts pairs on the include list, or takes them off.
-    #[pyo3(signature = (pairs_given, on=true))]
+    #[pyo3(signature = (pairs, on=true))]
     fn include<'py>(
         slf: Bound<'py, Self>,
-        pairs_given: &Bound<'py, PyAny>,
+        pairs: &Bound<'py, PyAny>,
         on: bool,
     ) -> PyResult<Bound<'py, Self>> {
-        slf.get().add(Op::Include(pairs(pairs_given)?, on))?;
+        slf.get().add(Op::Include(arrays::pairs(pairs)?, on))?;
         Ok(slf)
     }
 
     /// Puts pairs on the exclude list, or takes them off.
-    #[pyo3(signature = (pairs_given, on=true))]
+    #[pyo3(signature = (pairs, on=true))]
     fn exclude<'py>(
         slf: Bound<'py, Self>,
-        pairs_given: &Bound<'py, PyAny>,
+        pairs: &Bound<'py, PyAny>,
         on: bool,
     ) -> PyResult<Bound<'py, Self>> {
-        slf.get().add(Op::Exclude(pairs(pairs_given)?, on))?;
+        slf.get().add(Op::Exclude(arrays::pairs(pairs)?, on))?;
         Ok(slf)
     }
 

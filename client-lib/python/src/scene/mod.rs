@@ -7,6 +7,7 @@ mod ops;
 use std::ops::Range;
 
 use pairmask::filters::Tag;
+use pairmask::info::MarginedSceneStats;
 use pairmask::scene::shared::{AtEnd, Hears};
 use pairmask::{JoinOptions, MarginedScene, Scene, SharedScene};
 use pyo3::exceptions::PyValueError;
@@ -159,11 +160,12 @@ impl PyMarginedScene {
         box_array(py, self.scene.with(py, |scene| scene.inflated(index))?)
     }
 
-    /// Edits, requests, boxes set and boxes sent so far.
+    /// Boxes set and sent so far.
     #[getter]
-    fn stats(&self, py: Python<'_>) -> PyResult<(u64, u64, u64, u64)> {
+    fn stats(&self, py: Python<'_>) -> PyResult<PyMarginedStats> {
         let stats = self.scene.with(py, |scene| scene.stats())?;
-        Ok((stats.edits, stats.requests, stats.set, stats.sent))
+        let MarginedSceneStats { edits, requests, set, sent, .. } = stats;
+        Ok(PyMarginedStats { edits, requests, set, sent })
     }
 
     /// Ends the scene.
@@ -179,6 +181,19 @@ impl PyMarginedScene {
     fn __exit__(&self, py: Python<'_>, _args: &Bound<'_, PyAny>) -> PyResult<()> {
         self.close(py)
     }
+}
+
+/// Boxes that were set, and how few of them were sent.
+#[pyclass(frozen, get_all, name = "MarginedStats", module = "pairmask")]
+pub struct PyMarginedStats {
+    /// Edits that were applied.
+    edits: u64,
+    /// Edits for which a request was made.
+    requests: u64,
+    /// Boxes that edits set.
+    set: u64,
+    /// Boxes that were sent.
+    sent: u64,
 }
 
 /// A scene that several processes write, each its own boxes.
