@@ -220,9 +220,7 @@ pub fn integers<T: Element + Default>(
     {
         return buffer.to_vec(py);
     }
-    let array = INTEGERS
-        .import(py, "pairmask._convert", "integers")?
-        .call1((given, numpy_type))?;
+    let array = INTEGERS.import(py, "pairmask._convert", "integers")?.call1((given, numpy_type))?;
     PyBuffer::<T>::get(&array)?.to_vec(py)
 }
 

@@ -1,5 +1,8 @@
 //! The filters of other engines, as the library writes them.
 
+// The names of engines are words.
+#![allow(clippy::doc_markdown)]
+
 use pairmask::filters::engines;
 use pyo3::prelude::*;
 

@@ -4,7 +4,9 @@ use std::error::Error;
 use std::fmt::Debug;
 
 use pairmask::error::{BoundsError, MarginError, UnknownName};
-use pairmask::{CommitError, ConnectError, FindError, FrameError, SharedError, StatusError, WaitError};
+use pairmask::{
+    CommitError, ConnectError, FindError, FrameError, SharedError, StatusError, WaitError,
+};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 

@@ -33,7 +33,9 @@ mod _pairmask {
     #[pymodule_export]
     use crate::rules::{PyFilter, PyFilterTable, PyRules};
     #[pymodule_export]
-    use crate::scene::{PyEdit, PyMarginedScene, PyMarginedStats, PyScene, PySceneAnswer, PySharedScene};
+    use crate::scene::{
+        PyEdit, PyMarginedScene, PyMarginedStats, PyScene, PySceneAnswer, PySharedScene,
+    };
     #[pymodule_export]
     use crate::session::PySession;
 }

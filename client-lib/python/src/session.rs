@@ -226,11 +226,8 @@ impl PySession {
     }
 
     /// The daemon's status, by name.
-    fn daemon_status<'py>(
-        &self,
-        py: Python<'py>,
-    ) -> PyResult<Bound<'py, pyo3::types::PyDict>> {
-        let status = self.with(py, |session| session.daemon_status())?.map_err(Raise::raise)?;
+    fn daemon_status<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, pyo3::types::PyDict>> {
+        let status = self.with(py, Session::daemon_status)?.map_err(Raise::raise)?;
         let told = pyo3::types::PyDict::new(py);
         told.set_item("pid", status.pid)?;
         told.set_item("clients", status.client_count)?;
@@ -281,10 +278,10 @@ impl PySession {
 }
 
 /// Submits a frame, waits and decodes while other Python threads run.
-fn pairs_after<'py>(
-    py: Python<'py>,
+fn pairs_after(
+    py: Python<'_>,
     submit: impl FnOnce() -> Result<PendingFrame, FrameError> + Send,
-) -> PyResult<Bound<'py, PyAny>> {
+) -> PyResult<Bound<'_, PyAny>> {
     let pairs = py.detach(|| {
         let pending = submit().map_err(Raise::raise)?;
         let mask = pending.wait().map_err(Raise::raise)?;

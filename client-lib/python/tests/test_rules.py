@@ -51,8 +51,9 @@ class Ruled:
             for _ in range(filter_count)
         ]
         count = 3 * n if has_lists else 0
-        lists = [random.integers(0, n, (count, 2)) for _ in range(2)] if n else [np.zeros((0, 2), int)] * 2
-        self.include, self.exclude = lists
+        lists: list[Any] = [random.integers(0, n, (count, 2)) for _ in range(2)] if n else [np.zeros((0, 2), int)] * 2
+        self.include: Any = lists[0]
+        self.exclude: Any = lists[1]
 
     def rules(self) -> Rules:
         return Rules(

@@ -52,7 +52,10 @@ def edit_at_random(edit: pairmask.SceneEdit, model: Model, random: Any, margin: 
     """Adds steps of all kinds to an edit, and does them to the model in the order of the library."""
     most = len(model.boxes)
     present = model.present
-    some = lambda of, count: random.choice(of, min(len(of), count), replace=False)  # noqa: E731
+
+    def some(of: Any, count: int) -> Any:
+        return random.choice(of, min(len(of), count), replace=False)
+
     removed = some(present, int(random.integers(0, 4)))
     set_ = some(np.arange(most), int(random.choice([0, 1, 5, most // 2])))
     boxes = oracle.boxes_of(most, int(random.integers(1 << 30)), spread=0.6)[: len(set_)]
@@ -134,14 +137,18 @@ def test_scenes_by_a_daemon_that_is_killed_meanwhile(daemon: Daemon) -> None:
 
 def test_near_pairs_and_what_is_sent(session: pairmask.Session) -> None:
     scene = session.margined_scene("near")
-    at = lambda x: np.array([[x, 0, 0, x + 1, 1, 1]], np.float32)  # noqa: E731
+
+    def at(x: float) -> Any:
+        return np.array([[x, 0, 0, x + 1, 1, 1]], np.float32)
+
     scene.edit().set(0, at(0), 0.5).set(1, at(1.2), [0.5]).commit()
     assert scene.edit().set(1, at(1.3), 0.5).commit().begun.tolist() == []
     stats = scene.stats
     assert (stats.edits, stats.requests, stats.set, stats.sent) == (2, 1, 3, 2)
     inflated = scene.inflated(0)
     assert inflated is not None and inflated[0] <= -0.5
-    for step in (lambda e: e.set(0, at(0)), lambda e: e.tag(0, world=1), lambda e: e.include([0, 1])):
+    steps: list[Any] = [lambda e: e.set(0, at(0)), lambda e: e.tag(0, world=1), lambda e: e.include([0, 1])]
+    for step in steps:
         with pytest.raises(ValueError):
             step(scene.edit())
     for wrong in (-1.0, float("nan"), [0.1, 0.2]):
@@ -182,7 +189,7 @@ def test_what_is_wrong_with_edits(session: pairmask.Session) -> None:
     scene = session.scene(most_boxes=50)
     boxes = oracle.boxes_of(3, 4)
     scene.edit().set(range(3), boxes).commit()
-    edits = {
+    edits: dict[str, Any] = {
         "beyond the 50 boxes": lambda e: e.set(50, boxes[0]),
         "give one for each": lambda e: e.set(range(3), boxes[:2]),
         "set twice": lambda e: e.set([1, 1], boxes[:2]),
@@ -242,9 +249,10 @@ def test_queries(session: pairmask.Session) -> None:
     by = pairmask.swept_by(asked, np.full((40, 3), 2, np.float32))
     assert (by[:, 3:] >= asked[:, 3:] + 2).all() and (by[:, :3] == asked[:, :3]).all()
     assert scene.query(asked[0]).shape[1] == 2 and scene.query(np.zeros((0, 6))).shape == (0, 2)
-    for wrong in (lambda: pairmask.swept(asked, moved[:3]), lambda: pairmask.points([[0.1, 0, 0]])):
-        with pytest.raises(ValueError):
-            wrong()
+    with pytest.raises(ValueError):
+        pairmask.swept(asked, moved[:3])
+    with pytest.raises(ValueError, match="round it yourself"):
+        pairmask.points([[0.1, 0, 0]])
     with pytest.raises(ValueError, match="give one for each"):
         scene.query(asked, world=[1, 2])
 

@@ -136,10 +136,7 @@ impl PyEdit {
     }
 
     /// The filters that tags name, in place of all before.
-    fn filters<'py>(
-        slf: Bound<'py, Self>,
-        table: &PyFilterTable,
-    ) -> PyResult<Bound<'py, Self>> {
+    fn filters<'py>(slf: Bound<'py, Self>, table: &PyFilterTable) -> PyResult<Bound<'py, Self>> {
         slf.get().add(Op::Filters(table.shared()))?;
         Ok(slf)
     }

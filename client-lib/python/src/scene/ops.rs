@@ -21,8 +21,7 @@ impl Named {
     /// An index, a `range`, or a list or an array of indices or of truth values.
     pub fn of(given: &Bound<'_, PyAny>) -> PyResult<Self> {
         static INDICES: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
-        let named =
-            INDICES.import(given.py(), "pairmask._convert", "indices")?.call1((given,))?;
+        let named = INDICES.import(given.py(), "pairmask._convert", "indices")?.call1((given,))?;
         if let Ok((first, count)) = named.extract() {
             return Ok(Self::Range { first, count });
         }
