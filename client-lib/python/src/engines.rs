@@ -47,3 +47,23 @@ pub fn from_mujoco(contype: i32, conaffinity: i32) -> PyFilter {
 pub fn from_newton(group: i32, collides: bool) -> PyFilter {
     PyFilter { filter: engines::from_newton(group, collides) }
 }
+
+/// The filter of a Jolt body whose object layer holds group and mask bits.
+#[pyfunction]
+#[pyo3(signature = (group, mask, *, is_dynamic=true))]
+pub fn from_jolt_mask(group: u32, mask: u32, is_dynamic: bool) -> PyFilter {
+    PyFilter { filter: engines::from_jolt_mask(group, mask, is_dynamic) }
+}
+
+/// The filter of a PhysX shape under the shader that most hosts write: `word0` and `word1` of `PxFilterData`.
+#[pyfunction]
+#[pyo3(signature = (word0, word1, *, is_dynamic=true))]
+pub fn from_physx_words(word0: u32, word1: u32, is_dynamic: bool) -> PyFilter {
+    PyFilter { filter: engines::from_physx_words(word0, word1, is_dynamic) }
+}
+
+/// The owner that stands for an engine's body of this index: shapes of one body never meet.
+#[pyfunction]
+pub fn owner_of(index: u32) -> u32 {
+    engines::owner_of(index).0
+}

@@ -12,6 +12,7 @@ use crate::errors::{Raise, misused};
 use crate::guarded::Guarded;
 use crate::memory::{Memory, Number};
 use crate::pairs::PyPairMask;
+use crate::process;
 use crate::rules::PyRules;
 
 /// A frame until it is submitted, and how many arrays lie over it.
@@ -81,8 +82,15 @@ impl<F: Send + 'static> Viewed<F> {
         py: Python<'_>,
         submit: impl FnOnce(F) -> Result<PendingFrame, FrameError> + Send,
     ) -> PyResult<PyPendingFrame> {
+        process::check()?;
         let frame = self.take()?;
         py.detach(|| submit(frame)).map(PyPendingFrame::new).map_err(Raise::raise)
+    }
+}
+
+impl<F> Drop for Filling<F> {
+    fn drop(&mut self) {
+        process::drop_here(self.frame.take());
     }
 }
 

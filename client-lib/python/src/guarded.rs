@@ -1,11 +1,12 @@
 //! Objects of the library behind a lock, which Python's threads share, and which may be gone.
 
-use std::sync::{Mutex, MutexGuard};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use pyo3::prelude::*;
 use pyo3::sync::MutexExt;
 
 use crate::errors::misused;
+use crate::process;
 
 /// An object until it is closed or used up.
 pub struct Guarded<T> {
@@ -24,6 +25,7 @@ impl<T> Guarded<T> {
     where
         T: Send,
     {
+        process::check()?;
         self.held.lock_py_attached(py).map_err(|_| panicked())
     }
 
@@ -45,6 +47,7 @@ impl<T> Guarded<T> {
     where
         T: Send,
     {
+        process::check()?;
         let told = py.detach(|| match self.held.lock() {
             Ok(mut held) => Ok(held.as_mut().map(f)),
             Err(_) => Err(()),
@@ -74,6 +77,7 @@ impl<T> Guarded<T> {
     where
         T: Send,
     {
+        process::check()?;
         py.detach(|| match self.held.lock() {
             Ok(mut held) => {
                 let object = held.take();
@@ -84,6 +88,12 @@ impl<T> Guarded<T> {
             Err(_) => Err(()),
         })
         .map_err(|()| panicked())
+    }
+}
+
+impl<T> Drop for Guarded<T> {
+    fn drop(&mut self) {
+        process::drop_here(self.held.get_mut().unwrap_or_else(PoisonError::into_inner).take());
     }
 }
 

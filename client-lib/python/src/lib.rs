@@ -11,6 +11,7 @@ mod guarded;
 mod memory;
 mod pairs;
 mod precision;
+mod process;
 mod rules;
 mod scene;
 mod session;
@@ -22,7 +23,8 @@ mod _pairmask {
     use crate::arrays::{outward_from_f64, points, swept, swept_by};
     #[pymodule_export]
     use crate::engines::{
-        from_avian, from_box2d, from_bullet, from_mujoco, from_newton, from_rapier,
+        from_avian, from_box2d, from_bullet, from_jolt_mask, from_mujoco, from_newton,
+        from_physx_words, from_rapier, owner_of,
     };
     #[pymodule_export]
     use crate::frame::{PyFrame, PyNarrowFrame, PyPendingFrame, PySphereFrame};

@@ -1,42 +1,43 @@
 //! Sessions.
 
 use std::path::PathBuf;
-use std::process;
-use std::sync::atomic::{AtomicU32, Ordering};
 
 use pairmask::error::UnknownName;
 use pairmask::scene::SceneOptions;
 use pairmask::{
-    Backend, BoxCount, CalibrationChoice, FrameError, MarginedPairs, PendingFrame, Precision,
-    Session,
+    Aabb, Backend, BoxCount, CalibrationChoice, FrameError, MarginedPairs, PendingFrame, Precision,
+    Session, Sphere,
 };
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
 
 use crate::arrays::Rows;
-use crate::errors::{Raise, misused};
+use crate::errors::Raise;
 use crate::frame::{PyFrame, PyNarrowFrame, PySphereFrame, seconds};
 use crate::guarded::Guarded;
 use crate::memory::Memory;
 use crate::pairs::pairs_of;
 use crate::precision::PyPrecision;
+use crate::process;
 use crate::rules::PyRules;
 use crate::scene::{PyMarginedScene, PyScene, PySharedScene, join_options};
 
-/// The process that first made a session; 0 before.
-static FIRST_PROCESS: AtomicU32 = AtomicU32::new(0);
+/// Frames of so many bytes are asked for on trial, since the library ends the process where there is no memory for
+/// them. Reserving takes some microseconds; smaller frames are not worth them.
+const LARGE_BYTES: usize = 64 << 20;
 
-/// Fails in a process that was forked from one with sessions: the threads of the engines and of the transport
-/// are not there, and a frame would wait for them for ever.
-fn check_process() -> PyResult<()> {
-    let now = process::id();
-    match FIRST_PROCESS.compare_exchange(0, now, Ordering::Relaxed, Ordering::Relaxed) {
-        Err(first) if first != now => Err(misused(
-            "this process was forked from one that has sessions: start it another way, such as multiprocessing's \"spawn\"",
-            "Forked",
-        )),
-        _ => Ok(()),
+const BOX_BYTES: usize = size_of::<Aabb>();
+const SPHERE_BYTES: usize = size_of::<Sphere>();
+
+/// Fails where there is no memory for `n` objects. More than an index can name are left to the library to refuse.
+fn check_memory(n: usize, object_bytes: usize) -> PyResult<()> {
+    let bytes = n.saturating_mul(object_bytes);
+    if bytes < LARGE_BYTES || u32::try_from(n).is_err() {
+        return Ok(());
     }
+    let refused =
+        |_| PyMemoryError::new_err(format!("no memory for a frame of {n} boxes or spheres"));
+    Vec::<u8>::new().try_reserve_exact(bytes).map_err(refused)
 }
 
 /// Parses a name that an option has.
@@ -75,7 +76,7 @@ impl PySession {
         deadline: Option<f64>,
         capacity: Option<u32>,
     ) -> PyResult<Self> {
-        check_process()?;
+        process::check()?;
         let mut builder = Session::builder()
             .backend(named::<Backend>(backend)?)
             .engine(named(engine)?)
@@ -117,7 +118,7 @@ impl PySession {
 
     /// Memory for the boxes of a frame of `n` boxes.
     fn frame(&self, py: Python<'_>, n: usize) -> PyResult<PyFrame> {
-        let frame = self.begin(py, move |session| session.frame(n))?;
+        let frame = self.begin(py, n, BOX_BYTES, move |session| session.frame(n))?;
         Ok(PyFrame::new(frame))
     }
 
@@ -129,13 +130,14 @@ impl PySession {
         precision: &PyPrecision,
     ) -> PyResult<PyNarrowFrame> {
         let precision: Precision = precision.precision;
-        let frame = self.begin(py, move |session| session.narrow_frame(n, precision))?;
+        let begin = move |session: &mut Session| session.narrow_frame(n, precision);
+        let frame = self.begin(py, n, BOX_BYTES, begin)?;
         Ok(PyNarrowFrame::new(frame))
     }
 
     /// Memory for the spheres of a frame.
     fn sphere_frame(&self, py: Python<'_>, n: usize) -> PyResult<PySphereFrame> {
-        let frame = self.begin(py, move |session| session.sphere_frame(n))?;
+        let frame = self.begin(py, n, SPHERE_BYTES, move |session| session.sphere_frame(n))?;
         Ok(PySphereFrame::new(frame))
     }
 
@@ -149,7 +151,7 @@ impl PySession {
     ) -> PyResult<Bound<'py, PyAny>> {
         let rows = Rows::of(boxes, 6)?;
         let n = rows.len();
-        let mut frame = self.begin(py, move |session| session.frame(n))?;
+        let mut frame = self.begin(py, n, BOX_BYTES, move |session| session.frame(n))?;
         rows.write_boxes(py, frame.boxes_mut())?;
         let rules = rules.map(PyRules::shared);
         let submit = || match rules {
@@ -167,7 +169,7 @@ impl PySession {
     ) -> PyResult<Bound<'py, PyAny>> {
         let rows = Rows::of(spheres, 4)?;
         let n = rows.len();
-        let mut frame = self.begin(py, move |session| session.sphere_frame(n))?;
+        let mut frame = self.begin(py, n, SPHERE_BYTES, move |session| session.sphere_frame(n))?;
         rows.write_spheres(py, frame.spheres_mut())?;
         pairs_after(py, || frame.submit())
     }
@@ -263,7 +265,6 @@ impl PySession {
         py: Python<'_>,
         f: impl FnOnce(&mut Session) -> R + Send,
     ) -> PyResult<R> {
-        check_process()?;
         self.session.with_detached(py, f)
     }
 
@@ -271,8 +272,11 @@ impl PySession {
     fn begin<F: Send>(
         &self,
         py: Python<'_>,
+        n: usize,
+        object_bytes: usize,
         f: impl FnOnce(&mut Session) -> Result<F, FrameError> + Send,
     ) -> PyResult<F> {
+        check_memory(n, object_bytes)?;
         self.with(py, f)?.map_err(Raise::raise)
     }
 }

@@ -159,22 +159,49 @@ def test_gpu_engines_are_not_here(session: pairmask.Session) -> None:
         assert caught.value.kind == "Cull"
 
 
-def test_a_fork_is_told_instead_of_hanging() -> None:
+def test_no_memory_is_an_error_and_no_abort() -> None:
     told = run_python(
         """
-import os, numpy as np, pairmask
-session = pairmask.Session("in-process")
-session.cull(np.zeros((3000, 6), np.float32))
+import resource, pairmask
+session = pairmask.Session("in-process", threads=1)
+resource.setrlimit(resource.RLIMIT_AS, (6 << 30, 6 << 30))
+for begin in (session.frame, session.sphere_frame, lambda n: session.narrow_frame(n, pairmask.Precision.f16())):
+    try:
+        begin(2**30)
+    except MemoryError as error:
+        print(error)
+"""
+    )
+    assert told.splitlines() == ["no memory for a frame of 1073741824 boxes or spheres"] * 3
+
+
+def test_a_fork_is_told_instead_of_hanging(daemon: Daemon) -> None:
+    told = run_python(
+        """
+import os, sys, numpy as np, pairmask
+session = pairmask.Session("daemon", runtime_dir=sys.argv[1])
+boxes = np.zeros((3000, 6), np.float32)
+session.cull(boxes)
+frame, scene = session.frame(3000), session.scene()
+frame.write(boxes)
+pending = session.frame(10).submit()
 child = os.fork()
 if child == 0:
     kinds = []
-    for use in (lambda: session.frame(1), pairmask.Session):
+    for use in (lambda: session.frame(1), pairmask.Session, scene.edit().commit, frame.submit, pending.wait, scene.close):
         try:
             use()
         except pairmask.PairmaskError as error:
             kinds.append(error.kind)
-    os._exit(0 if kinds == ["Forked", "Forked"] else 1)
+    # Drops everything, as the end of a program does.
+    del session, frame, scene, pending, use
+    sys.exit(0 if kinds == ["Forked"] * 6 else 1)
 print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
-"""
+# Nothing of this process was taken away.
+assert frame.submit().wait().count == 3000 * 2999 // 2
+pending.wait().release()
+assert len(session.cull(boxes)) == 3000 * 2999 // 2 and session.served_by() == "daemon"
+""",
+        str(daemon.folder),
     )
     assert told.strip() == "0"

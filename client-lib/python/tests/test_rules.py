@@ -178,6 +178,8 @@ def test_filters_of_other_engines() -> None:
     assert filters.from_bullet(1, -1).admits(filters.from_bullet(-1, 1))
     assert filters.from_mujoco(1, 0).admits(filters.from_mujoco(0, 1))
     assert not filters.from_newton(-1).admits(filters.from_newton(-1))
+    assert filters.from_jolt_mask(1, 2) == filters.from_physx_words(1, 2) == filters.from_avian(1, 2)
+    assert filters.owner_of(0) == 1 and filters.owner_of(2**32 - 1) == 0
     table = FilterTable([Filter(1, 2), Filter(2, 3)])
     assert table.meet(0, 1) and not table.meet(0, 0) and table[1].mask == 3 and len(table) == 2
     with pytest.raises(IndexError):
