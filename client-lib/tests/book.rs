@@ -224,7 +224,8 @@ fn every_example_in_rust_is_run() {
             // A block without a language would be Rust to rustdoc and nothing to mdBook; and one that
             // is not run says nothing.
             assert!(
-                ["rust", "text", "sh", "toml", "ini", "python", "c", "cpp", "cmake"].contains(&block.language),
+                ["rust", "text", "sh", "toml", "ini", "python", "c", "cpp", "cmake"]
+                    .contains(&block.language),
                 "{name}: a block of '{}'",
                 block.language
             );

@@ -88,6 +88,27 @@ fn pair_sets_have_their_golden_hashes_on_every_engine_and_thread_count() {
     assert_eq!(hashes, GOLDEN);
 }
 
+/// Scenes and their pairs that the clients of other languages are held to as well: name, boxes, seed, hash.
+const GOLDEN_SCENES: &str = include_str!("../golden-scenes.txt");
+
+#[test]
+fn the_golden_scenes_of_all_clients_have_their_pairs() {
+    let (mut engines, pools) = (all_engines(), pools());
+    let lines = GOLDEN_SCENES.lines().filter(|line| !line.starts_with('#'));
+    let mut scenes = 0;
+    for line in lines {
+        let [name, n, seed, golden] = line.split(' ').collect::<Vec<_>>()[..] else {
+            panic!("no golden scene: {line}");
+        };
+        let name: SceneName = name.parse().expect("a scene");
+        let scene = Scene::new(name, n.parse().expect("boxes"), seed.parse().expect("a seed"));
+        let found = pair_set_hash(&agreed(name, scene.boxes(), &mut engines, &pools));
+        assert_eq!(format!("{found:#018x}"), golden, "{name}");
+        scenes += 1;
+    }
+    assert_eq!(scenes, GOLDEN.len());
+}
+
 /// As in a daemon with enough cores: frame after frame, with threads awake in between for longer or
 /// shorter than the pause.
 #[test]

@@ -1,0 +1,80 @@
+"""A batch of reinforcement learning: 4,096 worlds of 32 boxes, one frame a step.
+
+    python examples/worlds_batch.py
+    python examples/worlds_batch.py --worlds 256 --steps 10
+
+Each world is an episode of its own: 31 balls that bounce in a box, and an agent that has to touch none of them.
+All worlds are one frame. Their boxes stand in one array, world after world, and rules keep the worlds apart, so
+that a step is one call and its answer one array. The rules stay the same, so that a daemon is sent them once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from typing import Any
+
+import numpy as np
+import pairmask
+
+BOXES = 32
+# Half the edge of a box, and half the edge of a world, units.
+HALF, WORLD = 0.5, 8.0
+# Seconds of a step.
+STEP = 1 / 60
+
+
+class Batch:
+    """Worlds side by side. Box 0 of each is its agent."""
+
+    def __init__(self, worlds: int, seed: int) -> None:
+        random = np.random.default_rng(seed)
+        self.worlds = worlds
+        self.places = random.uniform(-WORLD, WORLD, (worlds, BOXES, 3)).astype(np.float32)
+        self.speeds = random.normal(0, 4, (worlds, BOXES, 3)).astype(np.float32)
+        self.session = pairmask.Session()
+        self.rules = pairmask.Rules(worlds=np.repeat(np.arange(worlds), BOXES))
+
+    def step(self, actions: Any) -> Any:
+        """Moves all boxes; returns how many balls each agent touches."""
+        self.speeds[:, 0] = actions
+        self.places += STEP * self.speeds
+        outside = np.abs(self.places) > WORLD
+        self.speeds[outside] *= -1
+        np.clip(self.places, -WORLD, WORLD, out=self.places)
+        return self.touched()
+
+    def touched(self) -> Any:
+        frame = self.session.frame(self.worlds * BOXES)
+        # Written where it lies: in memory that is shared with the daemon, if one serves.
+        boxes = frame.boxes.reshape(self.worlds, BOXES, 6)
+        np.subtract(self.places, HALF, out=boxes[..., :3])
+        np.add(self.places, HALF, out=boxes[..., 3:])
+        # An array over the frame's memory has to go before the frame does.
+        del boxes
+        with frame.submit_with_kept(self.rules).wait() as mask:
+            pairs = mask.pairs()
+        # a < b, so that an agent, which is the first box of its world, is always a.
+        agents = pairs[pairs[:, 0] % BOXES == 0, 0] // BOXES
+        return np.bincount(agents, minlength=self.worlds)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="A batch of worlds, one frame a step")
+    parser.add_argument("--worlds", type=int, default=4096)
+    parser.add_argument("--steps", type=int, default=100)
+    given = parser.parse_args()
+    batch = Batch(given.worlds, seed=1)
+    random = np.random.default_rng(2)
+    touches = np.zeros(given.worlds, np.int64)
+    began = time.perf_counter()
+    for _ in range(given.steps):
+        touches += batch.step(random.normal(0, 2, (given.worlds, 3)).astype(np.float32))
+    took = (time.perf_counter() - began) / given.steps
+    worst = int(touches.argmax())
+    print(f"{given.worlds} worlds of {BOXES} boxes, {batch.session.served_by()}: {took * 1e3:.2f} ms a step")
+    print(f"{touches.sum()} touches in {given.steps} steps; world {worst} has most: {touches[worst]}")
+
+
+if __name__ == "__main__":
+    main()

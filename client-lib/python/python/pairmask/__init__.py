@@ -1,0 +1,94 @@
+"""Pairmask: which of many boxes overlap. Broad-phase collision culling with numpy arrays.
+
+    import numpy as np
+    import pairmask
+
+    with pairmask.Session() as session:
+        pairs = session.cull(np.array([[0, 0, 0, 1, 1, 1], [1, 0, 0, 2, 1, 1]], np.float32))
+"""
+
+from enum import IntEnum
+
+from . import filters
+from ._errors import (
+    CommitError,
+    ConnectError,
+    FindError,
+    FrameError,
+    PairmaskError,
+    SharedError,
+    StatusError,
+    WaitError,
+    WaitTimeout,
+)
+from ._pairmask import (
+    Filter,
+    FilterTable,
+    Frame,
+    FrameInfo,
+    MarginedScene,
+    MarginedStats,
+    NarrowFrame,
+    PairMask,
+    PendingFrame,
+    Precision,
+    Rules,
+    Scene,
+    SceneAnswer,
+    SceneEdit,
+    Session,
+    SharedScene,
+    SphereFrame,
+    outward_from_f64,
+    points,
+    swept,
+    swept_by,
+)
+
+# The world of boxes that are in all worlds.
+ALL_WORLDS = -1
+
+
+class EndReason(IntEnum):
+    """Why a pair ended: the numbers of `SceneAnswer.ended_reasons`."""
+
+    REMOVED = 0
+    FILTERED = 1
+    SEPARATED = 2
+
+
+__all__ = [
+    "ALL_WORLDS",
+    "CommitError",
+    "ConnectError",
+    "EndReason",
+    "Filter",
+    "FilterTable",
+    "FindError",
+    "Frame",
+    "FrameError",
+    "FrameInfo",
+    "MarginedScene",
+    "MarginedStats",
+    "NarrowFrame",
+    "PairMask",
+    "PairmaskError",
+    "PendingFrame",
+    "Precision",
+    "Rules",
+    "Scene",
+    "SceneAnswer",
+    "SceneEdit",
+    "Session",
+    "SharedError",
+    "SharedScene",
+    "SphereFrame",
+    "StatusError",
+    "WaitError",
+    "WaitTimeout",
+    "filters",
+    "outward_from_f64",
+    "points",
+    "swept",
+    "swept_by",
+]

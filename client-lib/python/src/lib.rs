@@ -1,0 +1,43 @@
+//! The Python client of Pairmask: the package `pairmask` over the Rust library.
+//!
+//! Each class of Python holds an object of the library behind a lock, and calls it without the interpreter's
+//! lock. Names, answers and texts of errors are the library's. What differs is said in the package's README.
+
+mod arrays;
+mod engines;
+mod errors;
+mod frame;
+mod guarded;
+mod memory;
+mod pairs;
+mod precision;
+mod process;
+mod rules;
+mod scene;
+mod session;
+
+/// The extension module.
+#[pyo3::pymodule]
+mod _pairmask {
+    #[pymodule_export]
+    use crate::arrays::{outward_from_f64, points, swept, swept_by};
+    #[pymodule_export]
+    use crate::engines::{
+        from_avian, from_box2d, from_bullet, from_jolt_mask, from_mujoco, from_newton,
+        from_physx_words, from_rapier, owner_of,
+    };
+    #[pymodule_export]
+    use crate::frame::{PyFrame, PyNarrowFrame, PyPendingFrame, PySphereFrame};
+    #[pymodule_export]
+    use crate::pairs::{PyFrameInfo, PyPairMask};
+    #[pymodule_export]
+    use crate::precision::PyPrecision;
+    #[pymodule_export]
+    use crate::rules::{PyFilter, PyFilterTable, PyRules};
+    #[pymodule_export]
+    use crate::scene::{
+        PyEdit, PyMarginedScene, PyMarginedStats, PyScene, PySceneAnswer, PySharedScene,
+    };
+    #[pymodule_export]
+    use crate::session::PySession;
+}

@@ -1,0 +1,301 @@
+//! Sessions.
+
+use std::path::PathBuf;
+
+use pairmask::error::UnknownName;
+use pairmask::scene::SceneOptions;
+use pairmask::{
+    Aabb, Backend, BoxCount, CalibrationChoice, FrameError, MarginedPairs, PendingFrame, Precision,
+    Session, Sphere,
+};
+use pyo3::exceptions::{PyMemoryError, PyValueError};
+use pyo3::prelude::*;
+
+use crate::arrays::Rows;
+use crate::errors::Raise;
+use crate::frame::{PyFrame, PyNarrowFrame, PySphereFrame, seconds};
+use crate::guarded::Guarded;
+use crate::memory::Memory;
+use crate::pairs::pairs_of;
+use crate::precision::PyPrecision;
+use crate::process;
+use crate::rules::PyRules;
+use crate::scene::{PyMarginedScene, PyScene, PySharedScene, join_options};
+
+/// Frames of so many bytes are asked for on trial, since the library ends the process where there is no memory for
+/// them. Reserving takes some microseconds; smaller frames are not worth them.
+const LARGE_BYTES: usize = 64 << 20;
+
+const BOX_BYTES: usize = size_of::<Aabb>();
+const SPHERE_BYTES: usize = size_of::<Sphere>();
+
+/// Fails where there is no memory for `n` objects. More than an index can name are left to the library to refuse.
+fn check_memory(n: usize, object_bytes: usize) -> PyResult<()> {
+    let bytes = n.saturating_mul(object_bytes);
+    if bytes < LARGE_BYTES || u32::try_from(n).is_err() {
+        return Ok(());
+    }
+    let refused =
+        |_| PyMemoryError::new_err(format!("no memory for a frame of {n} boxes or spheres"));
+    Vec::<u8>::new().try_reserve_exact(bytes).map_err(refused)
+}
+
+/// Parses a name that an option has.
+fn named<T: std::str::FromStr<Err = UnknownName>>(name: &str) -> PyResult<T> {
+    name.parse().map_err(Raise::raise)
+}
+
+/// A connection to a daemon or to the engines of this process.
+#[pyclass(frozen, name = "Session", module = "pairmask")]
+pub struct PySession {
+    session: Guarded<Session>,
+}
+
+#[pymethods]
+impl PySession {
+    #[new]
+    #[pyo3(signature = (
+        backend="auto", *, instance=None, runtime_dir=None, engine="auto", encoding="auto", threads=None,
+        visit_threads=None, answer_repeats=true, isa=None, calibration=None, spin=None, deadline=None,
+        capacity=None,
+    ))]
+    #[allow(clippy::too_many_arguments)] // Python has them by name.
+    fn new(
+        py: Python<'_>,
+        backend: &str,
+        instance: Option<&str>,
+        runtime_dir: Option<PathBuf>,
+        engine: &str,
+        encoding: &str,
+        threads: Option<usize>,
+        visit_threads: Option<usize>,
+        answer_repeats: bool,
+        isa: Option<&str>,
+        calibration: Option<&str>,
+        spin: Option<f64>,
+        deadline: Option<f64>,
+        capacity: Option<u32>,
+    ) -> PyResult<Self> {
+        process::check()?;
+        let mut builder = Session::builder()
+            .backend(named::<Backend>(backend)?)
+            .engine(named(engine)?)
+            .encoding(named(encoding)?)
+            .answer_repeats(answer_repeats);
+        if let Some(instance) = instance {
+            builder = builder.instance(instance);
+        }
+        if let Some(dir) = runtime_dir {
+            builder = builder.runtime_dir(dir);
+        }
+        if let Some(threads) = threads {
+            builder = builder.threads(threads);
+        }
+        if let Some(threads) = visit_threads {
+            builder = builder.visit_threads(threads);
+        }
+        if let Some(isa) = isa {
+            let isa = isa.parse();
+            let refused = |error: pairmask::IsaError| PyValueError::new_err(error.to_string());
+            builder = builder.isa(isa.map_err(refused)?);
+        }
+        if let Some(calibration) = calibration {
+            let Ok(choice) = calibration.parse::<CalibrationChoice>();
+            builder = builder.calibration(choice);
+        }
+        if let Some(spin) = spin {
+            builder = builder.spin(seconds(spin)?);
+        }
+        if let Some(deadline) = deadline {
+            builder = builder.deadline(seconds(deadline)?);
+        }
+        if let Some(capacity) = capacity {
+            builder = builder.capacity(BoxCount::new(capacity));
+        }
+        let session = py.detach(|| builder.connect()).map_err(Raise::raise)?;
+        Ok(Self { session: Guarded::new(session, "the session was closed") })
+    }
+
+    /// Memory for the boxes of a frame of `n` boxes.
+    fn frame(&self, py: Python<'_>, n: usize) -> PyResult<PyFrame> {
+        let frame = self.begin(py, n, BOX_BYTES, move |session| session.frame(n))?;
+        Ok(PyFrame::new(frame))
+    }
+
+    /// Memory for the boxes of a frame that are written with a precision.
+    fn narrow_frame(
+        &self,
+        py: Python<'_>,
+        n: usize,
+        precision: &PyPrecision,
+    ) -> PyResult<PyNarrowFrame> {
+        let precision: Precision = precision.precision;
+        let begin = move |session: &mut Session| session.narrow_frame(n, precision);
+        let frame = self.begin(py, n, BOX_BYTES, begin)?;
+        Ok(PyNarrowFrame::new(frame))
+    }
+
+    /// Memory for the spheres of a frame.
+    fn sphere_frame(&self, py: Python<'_>, n: usize) -> PyResult<PySphereFrame> {
+        let frame = self.begin(py, n, SPHERE_BYTES, move |session| session.sphere_frame(n))?;
+        Ok(PySphereFrame::new(frame))
+    }
+
+    /// The pairs of an array of boxes: a frame from its memory to its pairs, in one call.
+    #[pyo3(signature = (boxes, rules=None))]
+    fn cull<'py>(
+        &self,
+        py: Python<'py>,
+        boxes: &Bound<'py, PyAny>,
+        rules: Option<&PyRules>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let rows = Rows::of(boxes, 6)?;
+        let n = rows.len();
+        let mut frame = self.begin(py, n, BOX_BYTES, move |session| session.frame(n))?;
+        rows.write_boxes(py, frame.boxes_mut())?;
+        let rules = rules.map(PyRules::shared);
+        let submit = || match rules {
+            Some(rules) => frame.submit_with_kept(&rules),
+            None => frame.submit(),
+        };
+        pairs_after(py, submit)
+    }
+
+    /// The pairs of an array of spheres.
+    fn cull_spheres<'py>(
+        &self,
+        py: Python<'py>,
+        spheres: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let rows = Rows::of(spheres, 4)?;
+        let n = rows.len();
+        let mut frame = self.begin(py, n, SPHERE_BYTES, move |session| session.sphere_frame(n))?;
+        rows.write_spheres(py, frame.spheres_mut())?;
+        pairs_after(py, || frame.submit())
+    }
+
+    /// A scene that persists: edits go in, pairs that began and ended come out.
+    #[pyo3(signature = (*, most_boxes=None, threads=None))]
+    fn scene(
+        &self,
+        py: Python<'_>,
+        most_boxes: Option<u32>,
+        threads: Option<usize>,
+    ) -> PyResult<PyScene> {
+        let options = scene_options(most_boxes, threads);
+        let scene = self.with(py, move |session| session.scene(options))?;
+        Ok(PyScene::new(scene))
+    }
+
+    /// A scene whose boxes have margins, and are sent only when they have left them.
+    #[pyo3(signature = (pairs="exact", *, most_boxes=None, threads=None))]
+    fn margined_scene(
+        &self,
+        py: Python<'_>,
+        pairs: &str,
+        most_boxes: Option<u32>,
+        threads: Option<usize>,
+    ) -> PyResult<PyMarginedScene> {
+        let pairs = match pairs {
+            "exact" => MarginedPairs::Exact,
+            "near" => MarginedPairs::Near,
+            _ => return Err(PyValueError::new_err(format!("no pairs '{pairs}': exact, near"))),
+        };
+        let options = scene_options(most_boxes, threads);
+        let scene = self.with(py, move |session| session.margined_scene(options, pairs))?;
+        Ok(PyMarginedScene::new(scene))
+    }
+
+    /// Joins a scene that several processes write, each its own boxes.
+    #[pyo3(signature = (name, *, most_boxes=None, tick_deadline=None, at_end=None, hears="own"))]
+    fn join_scene(
+        &self,
+        py: Python<'_>,
+        name: &str,
+        most_boxes: Option<u32>,
+        tick_deadline: Option<f64>,
+        at_end: Option<&str>,
+        hears: &str,
+    ) -> PyResult<PySharedScene> {
+        let options = join_options(most_boxes, tick_deadline, at_end, hears)?;
+        let scene = self.with(py, move |session| session.join_scene(name, options))?;
+        scene.map(PySharedScene::new).map_err(Raise::raise)
+    }
+
+    /// What would serve the next frame: `daemon` or `in-process`.
+    fn served_by(&self, py: Python<'_>) -> PyResult<&'static str> {
+        self.with(py, |session| session.served_by().as_str())
+    }
+
+    /// The daemon's status, by name.
+    fn daemon_status<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, pyo3::types::PyDict>> {
+        let status = self.with(py, Session::daemon_status)?.map_err(Raise::raise)?;
+        let told = pyo3::types::PyDict::new(py);
+        told.set_item("pid", status.pid)?;
+        told.set_item("clients", status.client_count)?;
+        told.set_item("uptime_ns", status.uptime_ns)?;
+        told.set_item("frames", status.frames)?;
+        told.set_item("boxes", status.boxes)?;
+        told.set_item("spheres", status.spheres)?;
+        told.set_item("pairs", status.pairs)?;
+        told.set_item("errors", status.errors)?;
+        told.set_item("scenes", status.scenes)?;
+        told.set_item("scene_mib", status.scene_mib)?;
+        Ok(told)
+    }
+
+    /// Ends the session. Frames, masks, scenes and arrays live on.
+    fn close(&self, py: Python<'_>) -> PyResult<()> {
+        self.session.close(py)
+    }
+
+    fn __enter__(slf: Py<Self>) -> Py<Self> {
+        slf
+    }
+
+    #[pyo3(signature = (*_args))]
+    fn __exit__(&self, py: Python<'_>, _args: &Bound<'_, PyAny>) -> PyResult<()> {
+        self.close(py)
+    }
+}
+
+impl PySession {
+    fn with<R: Send>(
+        &self,
+        py: Python<'_>,
+        f: impl FnOnce(&mut Session) -> R + Send,
+    ) -> PyResult<R> {
+        self.session.with_detached(py, f)
+    }
+
+    /// Memory for a frame.
+    fn begin<F: Send>(
+        &self,
+        py: Python<'_>,
+        n: usize,
+        object_bytes: usize,
+        f: impl FnOnce(&mut Session) -> Result<F, FrameError> + Send,
+    ) -> PyResult<F> {
+        check_memory(n, object_bytes)?;
+        self.with(py, f)?.map_err(Raise::raise)
+    }
+}
+
+/// Submits a frame, waits and decodes while other Python threads run.
+fn pairs_after(
+    py: Python<'_>,
+    submit: impl FnOnce() -> Result<PendingFrame, FrameError> + Send,
+) -> PyResult<Bound<'_, PyAny>> {
+    let pairs = py.detach(|| {
+        let pending = submit().map_err(Raise::raise)?;
+        let mask = pending.wait().map_err(Raise::raise)?;
+        Ok::<_, PyErr>(pairs_of(&mask))
+    });
+    Memory::of_rows(pairs?).into_array(py)
+}
+
+fn scene_options(most_boxes: Option<u32>, threads: Option<usize>) -> SceneOptions {
+    let options = SceneOptions::default();
+    let options = most_boxes.map_or(options, |most| options.with_most_boxes(most));
+    threads.map_or(options, |threads| options.with_threads(threads))
+}

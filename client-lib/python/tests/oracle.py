@@ -1,0 +1,77 @@
+"""The naive answer: every pair is tested, by the words of the Rust library's `aabb` module."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+Pairs = set[tuple[int, int]]
+
+
+def overlapping(a: Any, b: Any) -> Any:
+    """Which boxes of `a` (rows) overlap which of `b` (columns): closed boxes, none of them empty or with a NaN."""
+    a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
+
+    def solid(boxes: Any) -> Any:
+        # A comparison with a NaN is false.
+        return (boxes[:, :3] <= boxes[:, 3:]).all(axis=1)
+
+    found = solid(a)[:, None] & solid(b)[None, :]
+    for axis in range(3):
+        found &= a[:, None, axis] <= b[None, :, axis + 3]
+        found &= b[None, :, axis] <= a[:, None, axis + 3]
+    return found
+
+
+def pairs_of(boxes: Any, meet: Any = None) -> Pairs:
+    """The pairs (a, b), a < b. `meet` is a matrix of which boxes may meet."""
+    found = np.triu(overlapping(boxes, boxes), 1)
+    if meet is not None:
+        found &= meet
+    return {(int(a), int(b)) for a, b in np.argwhere(found)}
+
+
+def sphere_pairs_of(spheres: Any) -> Pairs:
+    """Pairs of spheres whose numbers are small integers, so that float64 is exact."""
+    spheres = np.asarray(spheres, np.float64)
+    between = spheres[:, None, :3] - spheres[None, :, :3]
+    reach = spheres[:, None, 3] + spheres[None, :, 3]
+    found = np.triu((between**2).sum(axis=2) <= reach**2, 1)
+    return {(int(a), int(b)) for a, b in np.argwhere(found)}
+
+
+def as_set(pairs: Any) -> Pairs:
+    """An array of pairs as a set. Fails where one is told twice or is no pair."""
+    assert pairs.dtype == np.uint32 and pairs.ndim == 2 and pairs.shape[1] == 2
+    told = [(a, b) for a, b in pairs.tolist()]
+    found = set(told)
+    assert len(found) == len(told), "a pair is told twice"
+    assert all(a < b for a, b in found), "a pair is the wrong way round"
+    return found
+
+
+def check(got: Any, expected: Pairs, what: object = "") -> None:
+    """Compares sets, and names the first pair that is missed or extra."""
+    found = as_set(got)
+    missed, extra = expected - found, found - expected
+    assert not missed and not extra, (
+        f"{what}: {len(missed)} missed, {len(extra)} extra, first {min(missed | extra)}"
+    )
+
+
+def hash_of(pairs: Pairs) -> int:
+    """`pair_set_hash` of the Rust oracle: FNV-1a over the sorted pairs."""
+    value = 0xCBF2_9CE4_8422_2325
+    for byte in np.array(sorted(pairs), "<u4").tobytes():
+        value = (value ^ byte) * 0x0000_0100_0000_01B3 & 0xFFFF_FFFF_FFFF_FFFF
+    return value
+
+
+def boxes_of(n: int, seed: int, *, spread: float = 1.0) -> Any:
+    """Random boxes, about two pairs a box where `spread` is 1."""
+    random = np.random.default_rng(seed)
+    side = spread * max(n, 1) ** (1 / 3)
+    low = random.random((n, 3)) * side
+    size = random.random((n, 3)) * 1.2
+    return np.hstack([low, low + size]).astype(np.float32)

@@ -1,0 +1,61 @@
+"""The examples of the book's page and of the README are run, and the example programs."""
+
+from __future__ import annotations
+
+import pathlib
+import re
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+from conftest import PATIENCE, ROOT, run_python
+
+PACKAGE = ROOT / "client-lib/python"
+PAGES = [ROOT / "client-lib/book/src/start-python.md", PACKAGE / "README.md"]
+
+
+def blocks_of(page: pathlib.Path) -> list[str]:
+    return re.findall(r"^```python\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE)
+
+
+CASES = [pytest.param(block, id=f"{page.name} {at}") for page in PAGES for at, block in enumerate(blocks_of(page))]
+
+
+def test_pages_have_examples() -> None:
+    assert all(blocks_of(page) for page in PAGES)
+    assert len(blocks_of(PAGES[0])) == 3
+
+
+@pytest.mark.parametrize("block", CASES)
+def test_examples_of_pages_run(block: str, monkeypatch: pytest.MonkeyPatch, tmp_path: pathlib.Path) -> None:
+    # No daemon of this machine's user answers.
+    monkeypatch.setenv("PAIRMASK_RUNTIME_DIR", str(tmp_path))
+    run_python(block)
+
+
+def test_the_page_says_what_its_program_prints(monkeypatch: pytest.MonkeyPatch, tmp_path: pathlib.Path) -> None:
+    monkeypatch.setenv("PAIRMASK_RUNTIME_DIR", str(tmp_path))
+    printed = run_python(blocks_of(PAGES[0])[0]).splitlines()
+    assert printed[0] == "served by in-process" and len(printed) == 4
+
+
+def test_the_page_installs_this_package() -> None:
+    shell = re.findall(r"^```sh\n(.*?)^```", PAGES[0].read_text(), re.DOTALL | re.MULTILINE)
+    named = re.search(r"pip install \./(\S+)", shell[0])
+    assert named is not None and (ROOT / named[1] / "pyproject.toml").exists()
+
+
+@pytest.mark.parametrize(
+    ("program", "arguments", "text"),
+    [
+        ("worlds_batch.py", ["--worlds", "64", "--steps", "20"], "64 worlds of 32 boxes"),
+        ("rerun_stream.py", ["--steps", "30", "--save", "scene.rrd"], "30 steps"),
+    ],
+)
+def test_example_programs_run(program: str, arguments: list[str], text: str, tmp_path: Any) -> None:
+    command = [sys.executable, str(PACKAGE / "examples" / program), *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, cwd=tmp_path, check=False)
+    assert done.returncode == 0 and text in done.stdout, done.stdout + done.stderr
+    if "--save" in arguments:
+        assert (tmp_path / "scene.rrd").read_bytes()[:3] == b"RRF"

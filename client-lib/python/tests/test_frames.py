@@ -1,0 +1,194 @@
+"""Frames: numpy in, numpy out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import oracle
+import pairmask
+import pytest
+from conftest import Daemon
+
+ENGINES = ["auto", "cpu-brute", "cpu-sap", "cpu-grid"]
+ENCODINGS = ["auto", "dense", "sparse", "list"]
+
+
+def lattice(n: int, _seed: int) -> Any:
+    """Boxes that touch their neighbours in all directions."""
+    side = max(1, round(max(n, 1) ** (1 / 3)))
+    at = np.arange(n)
+    low = np.stack([at % side, at // side % side, at // side**2], axis=1)
+    return np.hstack([low, low + 1]).astype(np.float32)
+
+
+def few_numbers(n: int, seed: int) -> Any:
+    """Coordinates from few numbers, so that boxes touch, coincide, are empty, invalid and infinite."""
+    numbers = np.array([-np.inf, -2, -1, -0.0, 0.0, 1e-45, 1, 2, np.inf, np.nan], np.float32)
+    random = np.random.default_rng(seed)
+    weights = np.array([1, 4, 4, 4, 4, 2, 4, 4, 1, 0.3])
+    return random.choice(numbers, (n, 6), p=weights / weights.sum())
+
+
+SCENES: list[Any] = [oracle.boxes_of, lattice, few_numbers]
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_every_size_engine_and_encoding_has_the_pairs_of_the_oracle(scene: Any) -> None:
+    settings: list[Any] = [(engine, "auto") for engine in ENGINES] + [("auto", encoding) for encoding in ENCODINGS[1:]]
+    for engine, encoding in settings:
+        with pairmask.Session("in-process", engine=engine, encoding=encoding) as session:
+            for n in [*range(0, 71, 1 if engine == "auto" else 7), 345, 1234]:
+                boxes = scene(n, n)
+                oracle.check(session.cull(boxes), oracle.pairs_of(boxes), (engine, encoding, n))
+
+
+def test_a_frame_is_written_in_place_and_waited_for(session: pairmask.Session) -> None:
+    boxes = oracle.boxes_of(345, 1)
+    expected = oracle.pairs_of(boxes)
+    frame = session.frame(345)
+    assert (frame.n, len(frame), frame.is_shared) == (345, 345, False)
+    frame.boxes[:] = boxes
+    assert np.array_equal(frame.boxes, boxes)
+    with frame.submit().wait() as mask:
+        oracle.check(mask.pairs(), expected)
+        assert (mask.n, mask.count, len(mask)) == (345, len(expected), len(expected))
+        a, b = min(expected)
+        assert mask.contains(a, b) and (a, b) in mask and (b, a) in mask
+        assert (a, a) not in mask
+        assert mask.info.served_by == "in-process" and mask.info.engine.startswith("cpu-")
+        assert mask.encoding in ENCODINGS
+
+
+def test_answers_can_only_be_read(session: pairmask.Session) -> None:
+    pairs = session.cull(lattice(8, 0))
+    assert not pairs.flags.writeable and pairs.flags.c_contiguous
+    with pytest.raises(ValueError):
+        pairs[0, 0] = 7
+    with pytest.raises(ValueError):
+        pairs.flags.writeable = True
+
+
+def test_any_layout_is_taken(session: pairmask.Session) -> None:
+    boxes = oracle.boxes_of(100, 2)
+    expected = oracle.pairs_of(boxes)
+    strided = np.zeros((200, 12), np.float32)
+    strided[::2, ::2] = boxes
+    unaligned = np.frombuffer(b"." + boxes.tobytes(), np.uint8)[1:].view(np.float32).reshape(-1, 6)
+    layouts = [
+        unaligned,
+        boxes.tolist(),
+        np.asfortranarray(boxes),
+        boxes.astype(">f4"),
+        strided[::2, ::2],
+        boxes.astype(np.float64),
+        np.frombuffer(boxes.tobytes(), np.float32).reshape(-1, 6),
+    ]
+    for given in layouts:
+        oracle.check(session.cull(given), expected)
+        frame = session.frame(100)
+        frame.write(given)
+        oracle.check(frame.submit().wait().pairs(), expected)
+    integers = np.array([[0, 0, 0, 1, 1, 1], [1, 1, 1, 2, 2, 2]])
+    for dtype in ("int8", "uint16", "int64", "float16"):
+        assert session.cull(integers.astype(dtype)).tolist() == [[0, 1]]
+
+
+def test_boxes_of_float64_are_rounded_outward(session: pairmask.Session) -> None:
+    # The gap is smaller than a step of float32: rounded to nearest, faces of some boxes would part that touch.
+    random = np.random.default_rng(3)
+    edges = random.random((500, 3)) + 1
+    boxes = np.empty((1000, 6))
+    boxes[0::2] = np.hstack([edges - 1, edges])
+    boxes[1::2] = np.hstack([edges, edges + 1])
+    found = oracle.as_set(session.cull(boxes))
+    assert oracle.pairs_of(boxes) <= found
+    narrow = pairmask.outward_from_f64(boxes)
+    assert narrow.dtype == np.float32 and narrow.flags.writeable
+    assert (narrow[:, :3] <= boxes[:, :3]).all() and (narrow[:, 3:] >= boxes[:, 3:]).all()
+    origin = (1e9, -1e9, 5e8)
+    far = boxes + np.tile(origin, 2)
+    assert oracle.pairs_of(far) <= oracle.as_set(session.cull(pairmask.outward_from_f64(far, origin)))
+
+
+def test_two_sets(session: pairmask.Session) -> None:
+    boxes = oracle.boxes_of(500, 4)
+    frame = session.frame(500)
+    frame.write(boxes)
+    found = frame.submit_between(20).wait().pairs()
+    oracle.check(found, {(a, b) for a, b in oracle.pairs_of(boxes) if a < 20 <= b})
+
+
+def test_spheres(session: pairmask.Session) -> None:
+    random = np.random.default_rng(5)
+    spheres = random.integers(0, 12, (300, 4)).astype(np.float32)
+    spheres[:, 3] = random.integers(0, 3, 300)
+    expected = oracle.sphere_pairs_of(spheres)
+    assert len(expected) > 100
+    frame = session.sphere_frame(300)
+    frame.spheres[:] = spheres
+    oracle.check(frame.submit().wait().pairs(), expected)
+    oracle.check(session.cull_spheres(spheres), expected)
+    with pytest.raises(ValueError, match="float64"):
+        session.cull_spheres(spheres.astype(np.float64))
+
+
+def test_narrow_frames_miss_nothing(session: pairmask.Session) -> None:
+    boxes = oracle.boxes_of(1000, 6)
+    expected = oracle.pairs_of(boxes)
+    precisions = [
+        pairmask.Precision.exact(),
+        pairmask.Precision.f16(),
+        pairmask.Precision.q16((0, 0, 0), (12, 12, 12)),
+        pairmask.Precision.q8_around(boxes),
+        pairmask.Precision.q16_around(boxes),
+        pairmask.Precision.q8((0, 0, 0), (12, 12, 12)),
+    ]
+    for precision in precisions:
+        frame = session.narrow_frame(1000, precision)
+        frame.write(boxes)
+        found = oracle.as_set(frame.submit().wait().pairs())
+        assert expected <= found and len(found) < 3 * len(expected), precision
+        assert found == expected or precision != pairmask.Precision.exact()
+    with pytest.raises(ValueError, match="bounds"):
+        pairmask.Precision.q16((1, 0, 0), (0, 1, 1))
+
+
+def test_a_repeated_frame_is_told(session: pairmask.Session) -> None:
+    boxes = oracle.boxes_of(2000, 7)
+    repeats = []
+    for _ in range(3):
+        frame = session.frame(2000)
+        frame.write(boxes)
+        repeats.append(frame.submit().wait().info.is_repeat)
+    assert repeats[0] is False and repeats[-1] is True
+
+
+def test_the_census_counts(session: pairmask.Session) -> None:
+    boxes = oracle.boxes_of(50, 8)
+    boxes[7, 2] = np.nan
+    boxes[9, 3] = -1
+    frame = session.frame(50)
+    frame.write(boxes)
+    info = frame.submit().wait().info
+    assert (info.invalid, info.empty, info.first_invalid) == (1, 1, [7])
+
+
+def test_a_daemon_finds_the_same_pairs_in_its_memory(daemon: Daemon) -> None:
+    for scene in SCENES:
+        with daemon.session("daemon") as session:
+            for n in (0, 1, 2, 70, 345, 1234):
+                boxes = scene(n, n)
+                expected = oracle.pairs_of(boxes)
+                oracle.check(session.cull(boxes), expected, n)
+                frame = session.frame(n)
+                assert frame.is_shared
+                frame.boxes[:] = boxes
+                mask = frame.submit().wait()
+                oracle.check(mask.pairs(), expected, n)
+                assert mask.info.served_by == "daemon"
+                del mask
+            assert session.served_by() == "daemon"
+            assert session.daemon_status()["frames"] > 0
+    with daemon.session("daemon") as session:
+        oracle.check(session.cull_spheres(np.array([[0, 0, 0, 1], [2, 0, 0, 1]], np.float32)), {(0, 1)})
