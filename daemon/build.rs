@@ -5,8 +5,9 @@ use std::process::Command;
 fn main() {
     let compiler = std::env::var("RUSTC").unwrap_or_else(|_| "rustc".to_owned());
     let toolchain = first_line(Command::new(compiler).arg("--version"));
-    let commit =
-        first_line(Command::new("git").args(["describe", "--always", "--dirty", "--tags"]));
+    let commit = packaged_commit().unwrap_or_else(|| {
+        first_line(Command::new("git").args(["describe", "--always", "--dirty", "--tags"]))
+    });
     println!("cargo::rustc-env=PAIRMASK_TOOLCHAIN={toolchain}");
     println!("cargo::rustc-env=PAIRMASK_COMMIT={commit}");
     println!("cargo::rerun-if-changed=build.rs");
@@ -16,6 +17,14 @@ fn main() {
     if std::path::Path::new(&head).exists() {
         println!("cargo::rerun-if-changed={head}");
     }
+}
+
+/// The commit of a package's sources: cargo writes it beside the manifest of a package. Git would be asked about
+/// whichever repository the package was unpacked in.
+fn packaged_commit() -> Option<String> {
+    let text = std::fs::read_to_string(".cargo_vcs_info.json").ok()?;
+    let after = text.split("\"sha1\": \"").nth(1)?;
+    after.split('"').next().map(|commit| commit.chars().take(9).collect())
 }
 
 /// The first line of a command's output, or `unknown` where it cannot be run or fails.

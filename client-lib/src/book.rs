@@ -1,11 +1,11 @@
-//! The pages of the book that have examples in Rust, so that they are compiled and run as doctests.
+//! The README and the pages of the book that have examples in Rust, so that they are compiled and run as doctests.
 //! `tests/book.rs` says which pages are missing here.
 
 /// Each item has a page as its documentation.
 macro_rules! pages {
     ($($page:ident: $file:literal),* $(,)?) => {
         $(
-            #[doc = include_str!(concat!("../book/src/", $file))]
+            #[doc = include_str!(concat!("../", $file))]
             #[allow(dead_code)]
             struct $page;
         )*
@@ -13,9 +13,10 @@ macro_rules! pages {
 }
 
 pages! {
-    StartRust: "start-rust.md",
-    WhichSession: "which-session.md",
-    Scenes: "scenes.md",
-    Precision: "precision.md",
-    Filters: "filters.md",
+    Readme: "README.md",
+    StartRust: "book/src/start-rust.md",
+    WhichSession: "book/src/which-session.md",
+    Scenes: "book/src/scenes.md",
+    Precision: "book/src/precision.md",
+    Filters: "book/src/filters.md",
 }
