@@ -1,0 +1,183 @@
+//! avian's proxies in a scene of pairmask: what moved goes in, pairs of what moved come out.
+
+use avian3d::collider_tree::{
+    ColliderTreeProxy, ColliderTreeProxyKey, ColliderTreeType, ColliderTrees, MovedProxies, ProxyId,
+};
+use bevy::platform::cell::SyncCell;
+use bevy::prelude::*;
+use pairmask::scene::{SceneOptions, Want};
+use pairmask::{Aabb, Backend, CommitError, ConnectError, Scene, Session};
+
+/// Why there are no pairs.
+#[derive(Debug)]
+#[non_exhaustive]
+pub enum WorldError {
+    /// No session, not even in this process.
+    Connect(ConnectError),
+    /// No answer, not even in this process.
+    Commit(CommitError),
+}
+
+impl core::fmt::Display for WorldError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Connect(error) => error.fmt(f),
+            Self::Commit(error) => error.fmt(f),
+        }
+    }
+}
+
+impl core::error::Error for WorldError {}
+
+/// What the scene knows of an index.
+#[derive(Clone, Copy, PartialEq, Eq)]
+struct Known {
+    collider: Entity,
+    /// Static, and no sensor: avian leaves out pairs of two such boxes.
+    is_static: bool,
+}
+
+/// The scene, and what was sent to it. An index is a proxy's key: its number, times four, plus its tree.
+#[derive(Resource)]
+pub struct PairmaskWorld {
+    /// A scene is one thread's at a time.
+    scene: SyncCell<Scene>,
+    known: Vec<Option<Known>>,
+    changes: Changes,
+    pairs: Vec<[u32; 2]>,
+}
+
+/// What one step changes, kept so that steady steps allocate nothing.
+#[derive(Default)]
+struct Changes {
+    set: Vec<u32>,
+    boxes: Vec<Aabb>,
+    removed: Vec<u32>,
+    to_static: Vec<u32>,
+    to_moving: Vec<u32>,
+}
+
+/// The index of a proxy.
+fn index_of(key: ColliderTreeProxyKey) -> u32 {
+    key.id().id() << 2 | key.tree_type() as u32
+}
+
+/// The proxy of an index.
+pub(crate) const fn key_of(index: u32) -> ColliderTreeProxyKey {
+    let tree_type = match index & 3 {
+        0 => ColliderTreeType::Dynamic,
+        1 => ColliderTreeType::Kinematic,
+        2 => ColliderTreeType::Static,
+        _ => ColliderTreeType::Standalone,
+    };
+    ColliderTreeProxyKey::new(ProxyId::new(index >> 2), tree_type)
+}
+
+fn box_of(trees: &ColliderTrees, key: ColliderTreeProxyKey) -> Option<Aabb> {
+    let found = trees.tree_for_type(key.tree_type()).get_proxy_aabb(key.id())?;
+    Some(Aabb::new(found.min.to_array(), found.max.to_array()))
+}
+
+fn scene_of(backend: Backend) -> Result<Scene, ConnectError> {
+    let mut session = Session::builder().backend(backend).connect()?;
+    Ok(session.scene(SceneOptions::default()))
+}
+
+impl PairmaskWorld {
+    /// An empty scene. A backend that cannot be had is replaced by this process.
+    ///
+    /// # Errors
+    /// [`WorldError::Connect`], if this process has no session either.
+    pub fn new(backend: Backend) -> Result<Self, WorldError> {
+        let scene = scene_of(backend).or_else(|error| {
+            log::warn!("the broad phase answers in this process: {error}");
+            scene_of(Backend::InProcess).map_err(WorldError::Connect)
+        })?;
+        let scene = SyncCell::new(scene);
+        Ok(Self { scene, known: Vec::new(), changes: Changes::default(), pairs: Vec::new() })
+    }
+
+    /// Overlapping pairs of proxies with at least one that moved, by index, sorted.
+    ///
+    /// # Errors
+    /// [`WorldError`], if this process has no answer either.
+    pub(crate) fn pairs(
+        &mut self,
+        trees: &ColliderTrees,
+        moved: &MovedProxies,
+    ) -> Result<&[[u32; 2]], WorldError> {
+        self.collect(trees, moved);
+        if let Err(error) = self.ask() {
+            log::warn!("the broad phase answers in this process from now on: {error}");
+            self.scene = SyncCell::new(scene_of(Backend::InProcess).map_err(WorldError::Connect)?);
+            self.known.clear();
+            self.collect(trees, moved);
+            if let Err(error) = self.ask() {
+                // What was sent is not known: the next step sends all to a scene of its own.
+                self.known.clear();
+                self.scene =
+                    SyncCell::new(scene_of(Backend::InProcess).map_err(WorldError::Connect)?);
+                return Err(WorldError::Commit(error));
+            }
+        }
+        Ok(&self.pairs)
+    }
+
+    /// Compares what is known with avian's trees. Every proxy is looked at: avian has no list of removed ones.
+    fn collect(&mut self, trees: &ColliderTrees, moved: &MovedProxies) {
+        let Changes { set, boxes, removed, to_static, to_moving } = &mut self.changes;
+        for list in [&mut *set, &mut *removed, &mut *to_static, &mut *to_moving] {
+            list.clear();
+        }
+        boxes.clear();
+        for (index, slot) in (0..).zip(&mut self.known) {
+            let proxy = trees.get_proxy(key_of(index));
+            if slot.is_some_and(|known| proxy.is_none_or(|proxy| proxy.collider != known.collider))
+            {
+                removed.push(index);
+                *slot = None;
+            }
+        }
+        for tree_type in ColliderTreeType::ALL {
+            for (id, proxy) in trees.tree_for_type(tree_type).proxies.iter() {
+                let key = ColliderTreeProxyKey::new(ProxyId::new(id as u32), tree_type);
+                let index = index_of(key);
+                let place = index as usize;
+                if self.known.len() <= place {
+                    self.known.resize(place + 1, None);
+                }
+                let before = self.known[place];
+                if before.is_none() || moved.contains(key) {
+                    let Some(b) = box_of(trees, key) else { continue };
+                    set.push(index);
+                    boxes.push(b);
+                }
+                let now = known_of(tree_type, proxy);
+                if now.is_static != before.is_some_and(|known| known.is_static) {
+                    let list = if now.is_static { &mut *to_static } else { &mut *to_moving };
+                    list.push(index);
+                }
+                self.known[place] = Some(now);
+            }
+        }
+    }
+
+    /// Sends what was collected, and keeps the pairs of the answer.
+    fn ask(&mut self) -> Result<(), CommitError> {
+        self.pairs.clear();
+        let Changes { set, boxes, removed, to_static, to_moving } = &self.changes;
+        if set.is_empty() && removed.is_empty() && to_static.is_empty() && to_moving.is_empty() {
+            return Ok(());
+        }
+        let edit = self.scene.get().edit().remove_all(removed).set_all(set, boxes);
+        let edit = edit.make_all_static(to_static, true).make_all_static(to_moving, false);
+        let answer = edit.commit(Want::Moved)?.take();
+        answer.pairs().for_each_slice(|some| self.pairs.extend_from_slice(some));
+        Ok(())
+    }
+}
+
+fn known_of(tree_type: ColliderTreeType, proxy: &ColliderTreeProxy) -> Known {
+    let is_static = tree_type == ColliderTreeType::Static && !proxy.is_sensor();
+    Known { collider: proxy.collider, is_static }
+}
