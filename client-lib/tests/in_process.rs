@@ -4,8 +4,8 @@
 use pairmask::filters::{Owner, Rules, Tag, World};
 use pairmask::info::BoxForm;
 use pairmask::{
-    Aabb, AvailableIsa, Backend, Bounds, ConnectError, Encoding, EncodingChoice, Isa, Margin,
-    Margined, Precision, ServedBy, Session, SessionBuilder, Sphere,
+    Aabb, AvailableIsa, Backend, Bounds, ConnectError, Encoding, EncodingChoice, FrameError, Isa,
+    Margin, Margined, Precision, ServedBy, Session, SessionBuilder, Sphere,
 };
 use pairmask_core::oracle;
 
@@ -188,4 +188,24 @@ fn frames_with_rules_have_the_pairs_that_these_let_meet() {
             assert_eq!(plain, oracle::truth(&boxes).pairs);
         }
     }
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_frame_beyond_memory_is_an_error_and_the_session_goes_on() {
+    // 96 GiB. Linux refuses what exceeds memory and swap together, unless it was told not to.
+    let n = u32::MAX as usize;
+    let memory = std::fs::read_to_string("/proc/meminfo").expect("the size of memory");
+    let kib: u64 = memory
+        .lines()
+        .filter(|line| line.starts_with("MemTotal") || line.starts_with("SwapTotal"))
+        .map(|line| line.split_whitespace().nth(1).expect("a size").parse::<u64>().expect("KiB"))
+        .sum();
+    let overcommit = std::fs::read_to_string("/proc/sys/vm/overcommit_memory").expect("a mode");
+    let mut session = Session::builder().backend(Backend::InProcess).connect().expect("a session");
+    if kib * 1024 < n as u64 * 24 && overcommit.trim() != "1" {
+        let error = session.frame(n).expect_err("more than memory");
+        assert!(matches!(error, FrameError::NoMemory { n: u32::MAX }), "{error}");
+    }
+    assert!(session.frame(3).is_ok());
 }

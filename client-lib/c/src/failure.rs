@@ -110,6 +110,7 @@ const fn of_frame(error: &FrameError) -> pm_code {
         FrameError::TooManyListedPairs(_) => PM_ERR_TOO_MANY_LISTED_PAIRS,
         FrameError::FirstSet { .. } => PM_ERR_FIRST_SET,
         FrameError::TooManyFrames => PM_ERR_TOO_MANY_FRAMES,
+        FrameError::NoMemory { .. } => PM_ERR_OUT_OF_MEMORY,
         FrameError::Connect(error) => of_connect(error),
         FrameError::OutOfMemory(_) => PM_ERR_OUT_OF_SHARED_MEMORY,
         FrameError::Transport(_) => PM_ERR_TRANSPORT,

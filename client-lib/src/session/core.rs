@@ -246,18 +246,21 @@ impl Core {
         n: BoxCount,
         shared: impl FnOnce() -> Result<SharedFrame, FrameError>,
     ) -> Result<FrameMemory<T>, FrameError> {
-        let own = || FrameMemory::Own(T::spares(self.spares()).take_sized(n));
+        let own = || {
+            let memory = T::spares(self.spares()).take_sized(n);
+            memory.map(FrameMemory::Own).ok_or(FrameError::NoMemory { n: n.get() })
+        };
         match self.settings.backend {
-            Backend::InProcess => Ok(own()),
+            Backend::InProcess => own(),
             Backend::Daemon => Ok(FrameMemory::Shared(shared()?)),
             Backend::Auto => match shared() {
                 Ok(shared) => Ok(FrameMemory::Shared(shared)),
                 Err(FrameError::TooManyFrames) => Err(FrameError::TooManyFrames),
                 // The log already says so, and frames of boxes still go to the daemon.
-                Err(FrameError::DaemonTooOld { .. }) => Ok(own()),
+                Err(FrameError::DaemonTooOld { .. }) => own(),
                 Err(error) => {
                     self.say_in_process(&error);
-                    Ok(own())
+                    own()
                 }
             },
         }

@@ -112,6 +112,12 @@ pub enum FrameError {
     /// Too many frames are under way.
     #[error("three frames are being filled, under way or held as masks: drop one before the next")]
     TooManyFrames,
+    /// This process has no memory for the frame.
+    #[error("this process has no memory for {n} boxes or spheres")]
+    NoMemory {
+        /// Boxes or spheres of the frame.
+        n: u32,
+    },
     /// There is no daemon any more ([`Backend::Daemon`](super::Backend::Daemon) only).
     #[error(transparent)]
     Connect(#[from] ConnectError),

@@ -99,11 +99,12 @@ impl<T: Default> Shelf<T> {
 }
 
 impl<T: Clone + Default> Shelf<Vec<T>> {
-    /// Memory for `n` items, contents unspecified.
-    pub(super) fn take_sized(&self, n: BoxCount) -> Vec<T> {
+    /// Memory for `n` items, contents unspecified; `None` where the system has none.
+    pub(super) fn take_sized(&self, n: BoxCount) -> Option<Vec<T>> {
         let mut things = self.take();
+        things.try_reserve_exact(n.len().saturating_sub(things.len())).ok()?;
         things.resize(n.len(), T::default());
-        things
+        Some(things)
     }
 }
 

@@ -81,6 +81,7 @@ static void arguments(pm_session session) {
   EXPECT(PM_ERR_ARGUMENT, pm_session_cull(session, (const pm_box *)((const char *)&b + 1), 1,
                                           (pm_rules){0}, &mask)); /* not aligned */
   EXPECT(PM_ERR_ARGUMENT, pm_session_cull(session, &b, SIZE_MAX, (pm_rules){0}, &mask));
+  EXPECT(PM_ERR_TOO_MANY_BOXES, pm_session_frame(session, SIZE_MAX, &frame, NULL));
 }
 
 static void too_many_frames(pm_session session) {
