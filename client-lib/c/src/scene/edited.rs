@@ -4,7 +4,7 @@
 use pairmask::scene::{Ended, Sets, Step, Want};
 use pairmask::{
     EngineId, MarginedAnswer, PairList, PendingAnswer, PendingMargined, PendingShared, SceneAnswer,
-    ServedBy, SharedAnswer,
+    SceneEdit, ServedBy, SharedAnswer, SharedEdit,
 };
 use self_cell::{MutBorrow, self_cell};
 
@@ -147,34 +147,22 @@ fn send(edited: &mut Edited, want: Want) -> Result<Pending<'_>, Failure> {
     let singles =
         Sets { indices: pairmask::scene::Indices::List(&draft.indices), boxes: &draft.boxes };
     let has_singles = !draft.indices.is_empty();
-    let no_margins =
-        || Failure::new(PM_ERR_STATE, "only a scene with margins takes boxes with some");
-    let is_bare = |given: &Given| !matches!(given, Given::Margined { .. });
+    // The steps, for a scene that has no margins.
+    let bare_steps = || {
+        if draft.given.iter().any(|given| matches!(given, Given::Margined { .. })) {
+            let text = "only a scene with margins takes boxes with some";
+            return Err(Failure::new(PM_ERR_STATE, text));
+        }
+        let steps = draft.given.iter().map(|given| given.step(draft));
+        Ok(steps.chain(has_singles.then_some(Step::Set(singles))))
+    };
     match scene {
         AnyScene::Plain(scene) => {
-            if !draft.given.iter().all(is_bare) {
-                return Err(no_margins());
-            }
-            let mut edit = scene.edit();
-            for given in &draft.given {
-                edit = edit.step(given.step(draft));
-            }
-            if has_singles {
-                edit = edit.step(Step::Set(singles));
-            }
+            let edit = bare_steps()?.fold(scene.edit(), SceneEdit::step);
             Ok(Pending::Plain(edit.submit(want)?))
         }
         AnyScene::Shared(scene) => {
-            if !draft.given.iter().all(is_bare) {
-                return Err(no_margins());
-            }
-            let mut edit = scene.edit();
-            for given in &draft.given {
-                edit = edit.step(given.step(draft));
-            }
-            if has_singles {
-                edit = edit.step(Step::Set(singles));
-            }
+            let edit = bare_steps()?.fold(scene.edit(), SharedEdit::step);
             Ok(Pending::Shared(edit.submit(want)?))
         }
         AnyScene::Margined(scene) => {
