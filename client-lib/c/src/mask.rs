@@ -14,7 +14,7 @@ use crate::code::pm_code;
 use crate::facts::{pm_frame_info, pm_word};
 use crate::failure::Failure;
 use crate::handles::handle;
-use crate::memory::{check_out, write, write_growing};
+use crate::memory::{check_out, write, write_growing, write_list};
 use crate::spares::{Decoded, Spares};
 use crate::values::{pm_pair, to_pairs};
 
@@ -143,23 +143,20 @@ pub unsafe extern "C" fn pm_mask_pairs(
     count: *mut usize,
 ) -> pm_code {
     call(|| {
-        check_out(pairs)?;
-        check_out(count)?;
-        let (memory, len) = mask.with(|mask| {
-            let Mask { mask, decoded } = mask;
-            let found = match mask.own_list() {
-                Some(list) => list,
-                None => decoded.get(|out| {
-                    mask.for_each_slice(|pairs| out.extend_from_slice(pairs));
-                }),
-            };
-            Ok((to_pairs(found).as_ptr(), found.len()))
-        })?;
+        let find = || {
+            mask.with(|mask| {
+                let Mask { mask, decoded } = mask;
+                let found = match mask.own_list() {
+                    Some(list) => list,
+                    None => decoded.get(|out| {
+                        mask.for_each_slice(|pairs| out.extend_from_slice(pairs));
+                    }),
+                };
+                Ok((to_pairs(found).as_ptr(), found.len()))
+            })
+        };
         // SAFETY: the caller's promise about pointers is passed on.
-        unsafe {
-            write(pairs, memory)?;
-            write(count, len)
-        }
+        unsafe { write_list(pairs, count, find) }
     })
 }
 
@@ -230,21 +227,18 @@ pub unsafe extern "C" fn pm_mask_order(
     count: *mut usize,
 ) -> pm_code {
     call(|| {
-        check_out(order)?;
-        check_out(count)?;
-        let (memory, len) = mask.with(|mask| {
-            // Asked first: the compiler may read what other views leave unset, which valgrind would tell.
-            if mask.mask.encoding() != Encoding::Sparse {
-                return Ok((null(), 0));
-            }
-            let MaskView::Sparse(sparse) = mask.mask.view() else { return Ok((null(), 0)) };
-            Ok(sparse.order().map_or((null(), 0), |order| (order.as_ptr(), order.len())))
-        })?;
+        let find = || {
+            mask.with(|mask| {
+                // Asked first: the compiler may read what other views leave unset, which valgrind would tell.
+                if mask.mask.encoding() != Encoding::Sparse {
+                    return Ok((null(), 0));
+                }
+                let MaskView::Sparse(sparse) = mask.mask.view() else { return Ok((null(), 0)) };
+                Ok(sparse.order().map_or((null(), 0), |order| (order.as_ptr(), order.len())))
+            })
+        };
         // SAFETY: the caller's promise about pointers is passed on.
-        unsafe {
-            write(order, memory)?;
-            write(count, len)
-        }
+        unsafe { write_list(order, count, find) }
     })
 }
 
@@ -258,22 +252,19 @@ pub unsafe extern "C" fn pm_mask_pairs_of_world(
     count: *mut usize,
 ) -> pm_code {
     call(|| {
-        check_out(pairs)?;
-        check_out(count)?;
-        let (memory, len) = mask.with(|mask| {
-            if mask.mask.worlds().is_empty() {
-                let text =
-                    "the mask is not ordered by world: ask for a list of a frame with worlds";
-                return Err(Failure::new(crate::code::PM_ERR_STATE, text));
-            }
-            let found = mask.mask.pairs_of_world(World(world));
-            Ok(found.map_or((null(), 0), |found| (to_pairs(found).as_ptr(), found.len())))
-        })?;
+        let find = || {
+            mask.with(|mask| {
+                if mask.mask.worlds().is_empty() {
+                    let text =
+                        "the mask is not ordered by world: ask for a list of a frame with worlds";
+                    return Err(Failure::new(crate::code::PM_ERR_STATE, text));
+                }
+                let found = mask.mask.pairs_of_world(World(world));
+                Ok(found.map_or((null(), 0), |found| (to_pairs(found).as_ptr(), found.len())))
+            })
+        };
         // SAFETY: the caller's promise about pointers is passed on.
-        unsafe {
-            write(pairs, memory)?;
-            write(count, len)
-        }
+        unsafe { write_list(pairs, count, find) }
     })
 }
 

@@ -55,6 +55,25 @@ pub fn check_out<T>(out: *mut T) -> Result<(), Failure> {
     check_count::<T>(out.is_null(), out.is_aligned(), 1)
 }
 
+/// Writes where a list lies and how long it is, once `find` has found it.
+///
+/// # Safety
+/// As [`write`], for both results.
+pub unsafe fn write_list<T>(
+    list: *mut *const T,
+    count: *mut usize,
+    find: impl FnOnce() -> Result<(*const T, usize), Failure>,
+) -> Result<(), Failure> {
+    check_out(list)?;
+    check_out(count)?;
+    let (memory, len) = find()?;
+    // SAFETY: the caller's promise is passed on.
+    unsafe {
+        write(list, memory)?;
+        write(count, len)
+    }
+}
+
 /// A text that ends with a zero; `None` where the pointer is null.
 ///
 /// # Safety

@@ -9,7 +9,7 @@ use crate::call::call;
 use crate::code::pm_code;
 use crate::handles::handle;
 use crate::mask::{pm_visit, visitor};
-use crate::memory::{check_out, write};
+use crate::memory::write_list;
 use crate::spares::Decoded;
 use crate::values::{pm_pair, to_pairs};
 
@@ -38,20 +38,17 @@ pub unsafe extern "C" fn pm_found_pairs(
     count: *mut usize,
 ) -> pm_code {
     call(|| {
-        check_out(pairs)?;
-        check_out(count)?;
-        let (memory, len) = found.with(|found| {
-            let Found { answer, decoded } = found;
-            let all = decoded.get(|out| {
-                answer.for_each_slice(|pairs| out.extend_from_slice(pairs));
-            });
-            Ok((to_pairs(all).as_ptr(), all.len()))
-        })?;
+        let find = || {
+            found.with(|found| {
+                let Found { answer, decoded } = found;
+                let all = decoded.get(|out| {
+                    answer.for_each_slice(|pairs| out.extend_from_slice(pairs));
+                });
+                Ok((to_pairs(all).as_ptr(), all.len()))
+            })
+        };
         // SAFETY: the caller's promise about pointers is passed on.
-        unsafe {
-            write(pairs, memory)?;
-            write(count, len)
-        }
+        unsafe { write_list(pairs, count, find) }
     })
 }
 

@@ -29,7 +29,7 @@ fn the_header_is_generated() {
 
 /// Writes the header: for who changes the sources.
 #[test]
-#[ignore = "writes include/pairmask.h"]
+#[ignore = "writes include/pairmask.h: cargo test -p pairmask-c --test header -- --ignored"]
 fn write_the_header() {
     let path = here().join("include/pairmask.h");
     std::fs::write(path, generated(&here())).expect("written");

@@ -12,7 +12,7 @@ use crate::code::pm_code;
 use crate::facts::{name_of, pm_name};
 use crate::failure::Failure;
 use crate::mask::{pm_visit, visitor};
-use crate::memory::{check_out, write, write_growing};
+use crate::memory::{check_out, write, write_growing, write_list};
 use crate::session::{pm_served_by, served_by_number};
 use crate::spares::Decoded;
 use crate::values::{pm_ended, pm_pair, pm_range, to_ended, to_pairs};
@@ -116,14 +116,9 @@ unsafe fn read(
     count: *mut usize,
 ) -> pm_code {
     call(|| {
-        check_out(pairs)?;
-        check_out(count)?;
-        let (memory, len) = scene.with(|scene| pairs_of(scene, which))?;
+        let find = || scene.with(|scene| pairs_of(scene, which));
         // SAFETY: the caller's promise about pointers is passed on.
-        unsafe {
-            write(pairs, memory)?;
-            write(count, len)
-        }
+        unsafe { write_list(pairs, count, find) }
     })
 }
 
@@ -158,27 +153,24 @@ pub unsafe extern "C" fn pm_scene_ended(
     count: *mut usize,
 ) -> pm_code {
     call(|| {
-        check_out(ended)?;
-        check_out(count)?;
-        let (memory, len) = scene.with(|scene| {
-            let Scene { state, lists } = &mut **scene;
-            if lists.ended.is_none() {
-                let told =
-                    state.read(|answer| answer.ended().into_iter().map(to_ended).collect())?;
-                lists.ended = Some(told);
-            }
-            state.read(|_| {
-                lists
-                    .ended
-                    .as_deref()
-                    .map_or((std::ptr::null(), 0), |all| (all.as_ptr(), all.len()))
+        let find = || {
+            scene.with(|scene| {
+                let Scene { state, lists } = &mut **scene;
+                if lists.ended.is_none() {
+                    let told =
+                        state.read(|answer| answer.ended().into_iter().map(to_ended).collect())?;
+                    lists.ended = Some(told);
+                }
+                state.read(|_| {
+                    lists
+                        .ended
+                        .as_deref()
+                        .map_or((std::ptr::null(), 0), |all| (all.as_ptr(), all.len()))
+                })
             })
-        })?;
+        };
         // SAFETY: the caller's promise about pointers is passed on.
-        unsafe {
-            write(ended, memory)?;
-            write(count, len)
-        }
+        unsafe { write_list(ended, count, find) }
     })
 }
 
