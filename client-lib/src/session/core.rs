@@ -25,7 +25,7 @@ use super::narrow::NarrowFrame;
 use super::pairs::{PairMask, ServedBy};
 use super::scene::Asked;
 use super::sphere::SphereFrame;
-use super::unread::{Unread, UnreadEdits};
+use super::unread::{Ending, Unread, UnreadEdits};
 
 /// A missing daemon is looked for this often at most: a look costs 10 µs, a connection 2 ms.
 const RECONNECT_INTERVAL: Duration = Duration::from_millis(100);
@@ -126,20 +126,38 @@ impl Core {
         self.unread.of_new_scene()
     }
 
-    /// Frees a place that an edit holds whose answer has come and nobody waits for.
-    pub(super) fn free_a_place(&self, link: &Arc<Link>) -> bool {
-        self.unread.receive_landed(link)
+    /// Tells the daemon that a scene has ended: now, where a place is free, or else before the session's next
+    /// request. Waits for nothing.
+    pub(super) fn end_scene(&self, link: &Arc<Link>, header: &RequestHeader, last: &Arc<Unread>) {
+        self.unread.end(Ending::new(link, header), last);
+        // Without a place the next request tells it.
+        let _ = self.unread.tell_ended(link, || {
+            loop {
+                match link.loan(0) {
+                    Err(FrameError::TooManyFrames) if self.unread.receive_landed(link) => {}
+                    loaned => return loaned,
+                }
+            }
+        });
     }
 
     /// Shared memory for `bytes` bytes of a request. Where no place is free, waits for one that is held by
-    /// an edit that nobody else waits for.
+    /// an edit that nobody else waits for. The daemon hears of ended scenes before.
     pub(super) fn loan(&self, link: &Arc<Link>, bytes: u64) -> Result<SharedFrame, FrameError> {
+        match self.unread.tell_ended(link, || self.place(link, 0)) {
+            // Frames hold all places, as those of this request will say unless one was dropped just now.
+            Ok(()) | Err(FrameError::TooManyFrames) => self.place(link, bytes),
+            Err(error) => Err(error),
+        }
+    }
+
+    fn place(&self, link: &Arc<Link>, bytes: u64) -> Result<SharedFrame, FrameError> {
         loop {
             match link.loan(bytes) {
                 Err(FrameError::TooManyFrames) => {}
                 loaned => return loaned,
             }
-            if self.free_a_place(link) {
+            if self.unread.receive_landed(link) {
                 continue;
             }
             match self.unread.receive_oldest(link, &self.settings) {

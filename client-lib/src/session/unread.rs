@@ -1,4 +1,4 @@
-//! Edits of scenes that the daemon works on, and those of them whose answers nobody waits for.
+//! Edits and ends of scenes that the daemon works on, and those of them whose answers nobody waits for.
 //!
 //! Each holds one of the session's places until its answer is received. The answer to an edit that was
 //! dropped is received when its scene is edited again, or before, when something else of the session wants
@@ -6,20 +6,21 @@
 //! dropped.
 
 use std::marker::PhantomData;
-use std::sync::{Arc, Mutex, TryLockError, Weak};
+use std::sync::{Arc, Mutex, MutexGuard, TryLockError, Weak};
 
 use pairmask_core::scene::Want;
-use pairmask_wire::{ReplyFields, SceneReply};
+use pairmask_core::units::BoxCount;
+use pairmask_wire::{ReplyFields, RequestHeader, SceneReply};
 
 use super::builder::Settings;
 use super::core::Loss;
 use super::error::WaitError;
 use super::estimate::Expected;
 use super::exchange::{Answer, Exchange};
-use super::link::Link;
+use super::link::{Link, SharedFrame};
 use super::local::lock;
 
-/// An edit that the daemon works on.
+/// An edit, or a scene's end, that the daemon works on.
 pub(super) struct SentEdit {
     pub exchange: Exchange,
     pub asked: ReplyFields,
@@ -118,11 +119,7 @@ impl Unread {
     /// Receives the answer if it has come to this connection. Returns whether that freed a place. An answer
     /// that another thread waits for is left to it.
     fn try_receive(&self, link: &Arc<Link>) -> bool {
-        let mut state = match self.0.try_lock() {
-            Ok(state) => state,
-            Err(TryLockError::Poisoned(error)) => error.into_inner(),
-            Err(TryLockError::WouldBlock) => return false,
-        };
+        let Some(mut state) = self.try_lock() else { return false };
         match std::mem::take(&mut *state) {
             State::Sent(sent) if sent.exchange.is_on(link) => match sent.try_receive() {
                 Ok(outcome) => {
@@ -138,6 +135,20 @@ impl Unread {
                 *state = other;
                 false
             }
+        }
+    }
+
+    /// Whether it holds a place of this connection, as far as one knows who does not wait.
+    fn may_hold_place(&self, link: &Arc<Link>) -> bool {
+        let Some(state) = self.try_lock() else { return true };
+        matches!(&*state, State::Sent(sent) if sent.exchange.is_on(link))
+    }
+
+    fn try_lock(&self) -> Option<MutexGuard<'_, State>> {
+        match self.0.try_lock() {
+            Ok(state) => Some(state),
+            Err(TryLockError::Poisoned(error)) => Some(error.into_inner()),
+            Err(TryLockError::WouldBlock) => None,
         }
     }
 
@@ -167,9 +178,38 @@ impl Unread {
     }
 }
 
+/// A scene that has ended in this process.
+pub(super) struct Ending {
+    link: Weak<Link>,
+    header: RequestHeader,
+}
+
+impl Ending {
+    /// Of a scene that the daemon knows by this connection.
+    pub fn new(link: &Arc<Link>, header: &RequestHeader) -> Self {
+        Self { link: Arc::downgrade(link), header: *header }
+    }
+
+    fn is_on(&self, link: &Arc<Link>) -> bool {
+        std::ptr::eq(self.link.as_ptr(), Arc::as_ptr(link))
+    }
+}
+
+/// What ended scenes leave to their session.
+#[derive(Default)]
+struct Ended {
+    /// What the daemon has yet to be told.
+    untold: Vec<Ending>,
+    /// Their last edits, and ends that the daemon was told.
+    sent: Vec<Arc<Unread>>,
+}
+
 /// The unread edits of a session's scenes.
 #[derive(Default)]
-pub(super) struct UnreadEdits(Mutex<Vec<Weak<Unread>>>);
+pub(super) struct UnreadEdits {
+    scenes: Mutex<Vec<Weak<Unread>>>,
+    ended: Mutex<Ended>,
+}
 
 impl std::fmt::Debug for UnreadEdits {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -181,15 +221,64 @@ impl UnreadEdits {
     /// A new scene's.
     pub fn of_new_scene(&self) -> Arc<Unread> {
         let unread = Arc::default();
-        let mut all = lock(&self.0);
+        let mut all = lock(&self.scenes);
         all.retain(|scene| scene.strong_count() > 0);
         all.push(Arc::downgrade(&unread));
         unread
     }
 
+    /// Keeps what a scene leaves behind that has ended: the daemon is told when there is a place for that.
+    pub fn end(&self, ending: Ending, last_edit: &Arc<Unread>) {
+        let mut ended = lock(&self.ended);
+        ended.untold.push(ending);
+        ended.sent.push(Arc::clone(last_edit));
+    }
+
+    /// Tells the daemon of ended scenes, in places that `place` gives, and waits for no answer.
+    ///
+    /// # Errors
+    /// Why there is no place. What is left to tell is told by the next call.
+    pub fn tell_ended<E>(
+        &self,
+        link: &Arc<Link>,
+        mut place: impl FnMut() -> Result<SharedFrame, E>,
+    ) -> Result<(), E> {
+        while let Some(ending) = self.next_untold(link) {
+            let shared = match place() {
+                Ok(shared) => shared,
+                Err(error) => {
+                    lock(&self.ended).untold.push(ending);
+                    return Err(error);
+                }
+            };
+            // An end that is not sent needs none: the daemon is gone, or forgets a session that it lost.
+            if let Ok(exchange) = Exchange::begin(shared, &ending.header) {
+                let Ending { header, .. } = ending;
+                let asked = ReplyFields {
+                    client_token: header.client_token,
+                    frame: header.frame,
+                    box_count: BoxCount::default(),
+                };
+                let expected = link.expect(0);
+                let sent = SentEdit { exchange, asked, want: Want::Nothing, expected };
+                lock(&self.ended).sent.push(Arc::new(Unread(Mutex::new(State::Sent(sent)))));
+            }
+        }
+        Ok(())
+    }
+
+    /// An ended scene that the daemon has yet to be told of. Gives up what is answered, and what belongs to
+    /// another connection: a scene ends with it.
+    fn next_untold(&self, link: &Arc<Link>) -> Option<Ending> {
+        let mut ended = lock(&self.ended);
+        ended.sent.retain(|sent| !sent.try_receive(link) && sent.may_hold_place(link));
+        ended.untold.retain(|ending| ending.is_on(link));
+        ended.untold.pop()
+    }
+
     /// Receives an answer that has come. Returns whether that freed a place of this connection.
     pub fn receive_landed(&self, link: &Arc<Link>) -> bool {
-        self.of_scenes().iter().any(|unread| unread.try_receive(link))
+        self.all().iter().any(|unread| unread.try_receive(link))
     }
 
     /// Receives an answer of this connection, after a wait as long as the deadline allows. Returns whether
@@ -198,17 +287,19 @@ impl UnreadEdits {
     /// # Errors
     /// How the daemon was lost that did not answer.
     pub fn receive_oldest(&self, link: &Arc<Link>, settings: &Settings) -> Result<bool, Loss> {
-        let scenes = self.of_scenes();
+        let all = self.all();
         // The daemon serves a session's requests one after the other.
-        let numbered = scenes.iter().filter_map(|unread| Some((unread.frame_on(link)?, unread)));
+        let numbered = all.iter().filter_map(|unread| Some((unread.frame_on(link)?, unread)));
         match numbered.min_by_key(|(frame, _)| *frame) {
             Some((frame, unread)) => unread.receive(frame, settings).map(|()| true),
             None => Ok(false),
         }
     }
 
-    /// No scene's lock is taken while this list's is held.
-    fn of_scenes(&self) -> Vec<Arc<Unread>> {
-        lock(&self.0).iter().filter_map(Weak::upgrade).collect()
+    /// Those of scenes, and of ended ones. No lock of theirs is waited for while these lists' are held.
+    fn all(&self) -> Vec<Arc<Unread>> {
+        let mut all: Vec<_> = lock(&self.scenes).iter().filter_map(Weak::upgrade).collect();
+        all.extend(lock(&self.ended).sent.iter().cloned());
+        all
     }
 }

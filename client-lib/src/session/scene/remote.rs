@@ -33,10 +33,6 @@ use crate::session::link::Link;
 use crate::session::pairs::{PairMask, ServedBy};
 use crate::session::unread::{Awaited, SentEdit, Unread};
 
-/// A scene that ends with its client waits this long at most for the daemon to say so. A daemon forgets it
-/// in any case with the session.
-const END_WITHIN: Duration = Duration::from_millis(20);
-
 /// A daemon that refuses a scene is not sent it again for this long, where this process can answer.
 const REFUSED_FOR: Duration = Duration::from_secs(2);
 
@@ -503,17 +499,7 @@ impl Drop for RemoteScene {
             return;
         }
         let header = RequestHeader::end_scene(link.token(), frame, self.id);
-        let mut settings = self.core.settings().clone();
-        settings.deadline = settings.deadline.min(END_WITHIN);
-        let shared = link.loan(0).ok().or_else(|| {
-            // The scene's own last edit may hold a place. A daemon that is busy with it makes no room.
-            let is_busy = matches!(self.unread.settle(&settings), Some(Err(_)));
-            self.core.free_a_place(link);
-            if is_busy { None } else { link.loan(0).ok() }
-        });
-        // With all frames in use it ends with the session.
-        let sent = shared.and_then(|shared| Exchange::begin(shared, &header).ok());
-        let _ = sent.map(|exchange| exchange.end(link.expect(0), &settings));
+        self.core.end_scene(link, &header, &self.unread);
     }
 }
 

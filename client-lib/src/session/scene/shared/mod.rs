@@ -33,9 +33,6 @@ use crate::session::exchange::{Answer, Exchange};
 use crate::session::link::Link;
 use crate::session::unread::{Awaited, SentEdit, Unread};
 
-/// A member that leaves waits this long at most for the daemon to say so.
-const END_WITHIN: Duration = Duration::from_millis(20);
-
 /// The membership as the daemon has it.
 struct There {
     link: Arc<Link>,
@@ -478,14 +475,6 @@ impl Drop for SharedScene {
         // Also where an answer was lost: the daemon may have the membership.
         let Some(link) = self.asked_of.as_ref().filter(|link| link.is_alive()) else { return };
         let header = RequestHeader::leave_shared(link.token(), self.core.next_frame(), self.id);
-        let mut settings = self.settings.clone();
-        settings.deadline = settings.deadline.min(END_WITHIN);
-        // With all frames in use the membership ends with the session.
-        let shared = link.loan(0).ok().or_else(|| {
-            self.core.free_a_place(link);
-            link.loan(0).ok()
-        });
-        let sent = shared.and_then(|shared| Exchange::begin(shared, &header).ok());
-        let _ = sent.map(|exchange| exchange.end(link.expect(0), &settings));
+        self.core.end_scene(link, &header, &self.unread);
     }
 }
