@@ -1,7 +1,8 @@
 //! A daemon whose auditor checks every frame, and its report on some frames.
 
 use pairmask::{Backend, Session};
-use pairmask_core::{Aabb, Encoding, EncodingChoice, Sphere};
+use pairmask_core::scene::{SceneOptions, Want};
+use pairmask_core::{Aabb, BoxCount, Encoding, EncodingChoice, Sphere};
 use pairmask_transport::RuntimeDir;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
@@ -15,10 +16,19 @@ pub enum Shape {
     Boxes,
     /// Spheres.
     Spheres,
+    /// Boxes of two sets.
+    Sets,
+    /// Queries of a scene. Its one edit is a frame beside them.
+    Queries,
 }
 
-/// The auditor's counts by `status --json` after five frames of 40 objects that all overlap, and
-/// the daemon's log.
+/// The objects of a frame, queries and boxes together.
+const OBJECTS: usize = 40;
+/// Those of them in the first set, or queries.
+const FIRST: usize = 10;
+
+/// The auditor's counts by `status --json` after five frames of 40 objects that all overlap, or queries of so many,
+/// and the daemon's log.
 ///
 /// # Panics
 /// Where the daemon does not start, answer or stop.
@@ -31,26 +41,37 @@ pub fn audit<P: Program>(encoding: Encoding, shape: Shape) -> (Value, String) {
     let builder = Session::builder().runtime_dir(dir).backend(Backend::Daemon);
     let session = builder.encoding(EncodingChoice::Only(encoding)).connect();
     let mut session = session.expect("the daemon answers");
+    let boxes = [Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]); OBJECTS];
+    let mut scene = (shape == Shape::Queries).then(|| session.scene(SceneOptions::default()));
+    if let Some(scene) = &mut scene {
+        let edit = scene.edit().set_all(0..(OBJECTS - FIRST) as u32, &boxes[FIRST..]);
+        drop(edit.commit(Want::Nothing).expect("an edit is answered"));
+    }
     for _ in 0..5 {
-        let pending = match shape {
-            Shape::Boxes => {
-                let mut frame = session.frame(40).expect("memory for a frame");
-                frame.boxes_mut().fill(Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]));
-                frame.submit()
-            }
-            Shape::Spheres => {
-                let mut frame = session.sphere_frame(40).expect("memory for a frame");
-                frame.spheres_mut().fill(Sphere::new([0.0; 3], 1.0));
-                frame.submit()
+        if let Some(scene) = &mut scene {
+            drop(scene.query(&boxes[..FIRST]).find().expect("a query is answered"));
+            continue;
+        }
+        let pending = if shape == Shape::Spheres {
+            let mut frame = session.sphere_frame(OBJECTS).expect("memory for a frame");
+            frame.spheres_mut().fill(Sphere::new([0.0; 3], 1.0));
+            frame.submit()
+        } else {
+            let mut frame = session.frame(OBJECTS).expect("memory for a frame");
+            frame.write(&boxes);
+            match shape {
+                Shape::Sets => frame.submit_between(BoxCount::new(FIRST as u32)),
+                _ => frame.submit(),
             }
         };
         pending.expect("a frame is sent").wait().expect("a frame is answered");
     }
+    let frames = 5 + u64::from(scene.is_some());
     let report = eventually("frames are checked", || {
         let report = place.run(&["status", "--json"]).json();
         let told = report["instances"][0]["daemon"]["audit"].clone();
         let count = |field: &str| told[field].as_u64().expect("a count");
-        (count("frames") > 0 && count("frames") + count("skipped") == 5).then_some(told)
+        (count("frames") > 0 && count("frames") + count("skipped") == frames).then_some(told)
     });
     let text = place.run(&["status"]).stdout;
     let pid = Pid::from_raw(child.id().cast_signed()).expect("not zero");

@@ -12,6 +12,7 @@ use pairmask_core::scene::{
     Edit, FilteredScene, QueryError, QueryTags, Scene, SceneOptions, Sets, Step, Want, between,
 };
 use pairmask_core::{Aabb, BoxClass};
+use pairmask_tests::command_line::eventually;
 use pairmask_tests::daemon::TestDaemon;
 use pairmask_tests::queried::{QueriedScene, Queries, a_query, overlap};
 use pairmask_tests::scene_edits::{EditMaker, SKIPPED, same_told};
@@ -232,7 +233,7 @@ fn each_query_needs_its_tag() {
 
 #[test]
 fn a_daemon_is_queried() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--audit", "1/1"]);
     let mut session = daemon.session().backend(Backend::Daemon).connect().unwrap();
     for (seed, largest, rounds) in [(1, 30, 80), (2, 70, 80), (3, 700, 60)] {
         let mut scene = Remote::new(session.scene(options(largest)), || ());
@@ -251,11 +252,22 @@ fn a_daemon_is_queried() {
         found += queries.check(&mut scene, count);
     }
     assert!(found > 0);
+    drop(scene);
+    audit_is_clean(&mut session);
+}
+
+/// Something was audited, and was right.
+fn audit_is_clean(session: &mut pairmask::Session) {
+    let audit = eventually("answers are checked", || {
+        let audit = session.daemon_status().unwrap().audit;
+        (audit.pairs > 0).then_some(audit)
+    });
+    assert_eq!((audit.missed, audit.extra), (0, 0), "{audit:?}");
 }
 
 #[test]
 fn a_daemon_with_a_gpu_is_queried() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software", "--audit", "1/1"]);
     let engine = EngineChoice::Only(EngineName::GpuGrid);
     let mut session = daemon.session().backend(Backend::Daemon).engine(engine).connect().unwrap();
     for (seed, largest, rounds) in [(21, 20, 30), (22, 300, 30), (23, 3_001, 10)] {
@@ -264,6 +276,7 @@ fn a_daemon_with_a_gpu_is_queried() {
         assert!(found > 20, "{found}");
         assert!(scene.served.contains(&ServedBy::Daemon));
     }
+    audit_is_clean(&mut session);
 }
 
 #[test]
@@ -418,9 +431,7 @@ fn frames_of_two_sets_are_culled_by_a_daemon() {
     let builder = || daemon.session().backend(Backend::Daemon);
     let in_form = |encoding| builder().encoding(EncodingChoice::Only(encoding));
     check_sets(|encoding| in_form(encoding).connect().unwrap(), &[ServedBy::Daemon]);
-    let mut session = builder().connect().unwrap();
-    let audit = session.daemon_status().unwrap().audit;
-    assert_eq!((audit.missed, audit.extra), (0, 0), "{audit:?}");
+    audit_is_clean(&mut builder().connect().unwrap());
     // An engine of a GPU is none of the cores'.
     let engine = EngineChoice::Only(EngineName::GpuGrid);
     let mut session = builder().engine(engine).connect().unwrap();
@@ -430,7 +441,7 @@ fn frames_of_two_sets_are_culled_by_a_daemon() {
 
 #[test]
 fn frames_of_two_sets_are_culled_by_a_gpu() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software", "--audit", "1/1"]);
     let mut rng = Rng::new(23);
     for (engine, encoding) in [
         (EngineName::GpuGrid, Encoding::List),
@@ -456,6 +467,7 @@ fn frames_of_two_sets_are_culled_by_a_gpu() {
             assert_eq!(mask.count(), expected.len() as u64);
         }
     }
+    audit_is_clean(&mut daemon.session().backend(Backend::Daemon).connect().unwrap());
 }
 
 #[test]

@@ -20,16 +20,26 @@ pub struct Outcome {
 
 /// Compares every row of a window with every column after it.
 pub fn check(window: &Window) -> Outcome {
+    check_by_rules(window, |_, _| true)
+}
+
+/// As [`check`], where a pair is one that `may_meet` besides.
+pub(super) fn check_by_rules(window: &Window, may_meet: impl Fn(u32, u32) -> bool) -> Outcome {
     if window.spheres().is_empty() {
         let corners: Vec<Corners> = window.boxes().iter().map(Corners::of).collect();
-        compare(window, &corners, Corners::overlap)
+        compare(window, &corners, Corners::overlap, may_meet)
     } else {
-        compare(window, window.spheres(), sphere_oracle::overlap)
+        compare(window, window.spheres(), sphere_oracle::overlap, may_meet)
     }
 }
 
 /// `objects` holds the objects of the rows, then those of the columns.
-fn compare<T>(window: &Window, objects: &[T], overlap: impl Fn(&T, &T) -> bool) -> Outcome {
+fn compare<T>(
+    window: &Window,
+    objects: &[T],
+    overlap: impl Fn(&T, &T) -> bool,
+    may_meet: impl Fn(u32, u32) -> bool,
+) -> Outcome {
     let span = window.span();
     let (rows, columns) = objects.split_at(span.rows.len().min(objects.len()));
     let mut outcome = Outcome::default();
@@ -39,7 +49,10 @@ fn compare<T>(window: &Window, objects: &[T], overlap: impl Fn(&T, &T) -> bool) 
                 continue;
             }
             outcome.pairs += 1;
-            let is = overlap(one, other) && window.meet(row, column);
+            let is = overlap(one, other) && {
+                let (a, b) = window.pair(row, column);
+                window.meet(a, b) && may_meet(a, b)
+            };
             let said = window.has(row, column);
             if is != said {
                 outcome.missed += u64::from(is);

@@ -13,8 +13,8 @@
 //! boxes has.
 //!
 //! Of scenes that persist, one in so many is followed from its beginning to its end: each of its edits and
-//! answers is copied. While the auditor is far behind, an edit counts as skipped, and its scene is
-//! followed no more.
+//! answers is copied, and so is a window of the answer to each query. While the auditor is far behind, an edit counts as skipped, and its scene is
+//! followed no more. Scenes that several sessions write are not audited.
 //!
 //! The boxes or spheres are copied after the reply was sent: a client that writes to a submitted frame may
 //! spoil its own audit.
@@ -37,5 +37,5 @@ mod window;
 pub use check::{Outcome, check};
 pub use rate::{AuditRate, BadRate};
 pub use scene::{SceneAudit, SceneNote};
-pub use thread::{AuditedScene, Auditor};
+pub use thread::{AuditedFrame, AuditedScene, Auditor};
 pub use window::{Reach, Span2, Window};

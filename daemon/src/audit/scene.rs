@@ -6,11 +6,15 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use pairmask_core::aabb::Aabb;
+use pairmask_core::filters::{Rules, Tag};
+use pairmask_core::objects::Objects;
 use pairmask_core::oracle::Corners;
-use pairmask_core::scene::{Edit, KeptBox, SceneCopy, Told, Want};
+use pairmask_core::scene::{Edit, KeptBox, QueryTags, SceneCopy, Told, Want};
 use pairmask_wire::{EditScratch, Page, SceneRequest};
 
-use super::check::Outcome;
+use super::check::{Outcome, check_by_rules};
+use super::window::Window;
 use crate::scene::Random;
 
 /// Pairs of boxes that are compared after an answer: about 10 ms of the oracle.
@@ -49,6 +53,44 @@ impl SceneNote {
             ended: told.ended().iter().map(|ended| ended.pair).collect(),
             pairs: told.pairs().to_vec(),
         }
+    }
+}
+
+/// A query and the window of its answer, copied.
+#[derive(Debug)]
+pub struct QueryNote {
+    window: Box<Window>,
+    tags: OwnedTags,
+}
+
+/// The tags of queries.
+#[derive(Debug)]
+enum OwnedTags {
+    None,
+    One(Tag),
+    Each(Vec<Tag>),
+}
+
+impl QueryNote {
+    /// Takes a window of the answer to a query, and copies what was asked.
+    pub fn new(mut window: Box<Window>, queries: &[Aabb], tags: &QueryTags<'_>) -> Self {
+        window.take_objects(Objects::Boxes(queries.into()));
+        let tags = match tags {
+            QueryTags::None => OwnedTags::None,
+            QueryTags::One(tag) => OwnedTags::One(*tag),
+            QueryTags::Each(tags) => OwnedTags::Each(tags.to_vec()),
+        };
+        Self { window, tags }
+    }
+
+    /// Client and number of the request, for the log.
+    pub(super) const fn frame(&self) -> (u64, u64) {
+        (self.window.client_token, self.window.frame)
+    }
+
+    /// The window, to be used again.
+    pub(super) fn into_window(self) -> Box<Window> {
+        self.window
     }
 }
 
@@ -109,6 +151,28 @@ impl SceneAudit {
         self.copy.apply(edit);
         self.open = Some(note);
         Some(outcome)
+    }
+
+    /// Compares the answer to a query with the boxes as they are after the last edit.
+    pub fn check_query(&self, query: &mut QueryNote) -> Outcome {
+        let QueryNote { window, tags } = query;
+        let on = |index| self.copy.kept(index).filter(|kept| kept.is_on);
+        let first = window.fill_second_set(|index| on(index).map(|kept| kept.b));
+        let none = Rules::default();
+        let rules = self.copy.rules();
+        let of_query = |query: u32| match &*tags {
+            OwnedTags::None => None,
+            OwnedTags::One(tag) => Some(*tag),
+            OwnedTags::Each(tags) => tags.get(query as usize).copied(),
+        };
+        let of_box = |index: u32| match rules {
+            Some(rules) => rules.tag(index),
+            None => Tag::default().with_static(on(index).is_some_and(|kept| kept.is_static)),
+        };
+        check_by_rules(window, |query, object| {
+            of_query(query)
+                .is_none_or(|tag| rules.unwrap_or(&none).tags_meet(&tag, &of_box(object - first)))
+        })
     }
 
     /// Takes an answer, and compares some boxes.
@@ -173,7 +237,6 @@ impl SceneAudit {
 #[cfg(test)]
 mod tests {
     use bytemuck::Zeroable;
-    use pairmask_core::Aabb;
     use pairmask_core::engine::EngineChoice;
     use pairmask_core::scene::{Scene, SceneOptions};
     use pairmask_tests::scene_edits::{EditMaker, SKIPPED};

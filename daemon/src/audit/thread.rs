@@ -1,18 +1,20 @@
 //! The thread that checks windows, and the hand-over to it.
 
 use std::io;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
 use pairmask_core::mask::MaskShape;
 use pairmask_core::objects::{ObjectForm, Objects};
+use pairmask_core::scene::QueryTags;
+use pairmask_core::{Aabb, BoxCount};
 use pairmask_wire::{AuditCounts, ReplyFields, SentRules};
 
 use super::check::{Outcome, check};
 use super::rate::AuditRate;
-use super::scene::{SceneAudit, SceneNote};
+use super::scene::{QueryNote, SceneAudit, SceneNote};
 use super::window::{Reach, Span2, Window};
 use crate::scene::Random;
 
@@ -44,6 +46,8 @@ enum Work {
     Window(Box<Window>),
     /// An edit of a scene.
     Edit(Arc<SceneToken>, Box<SceneNote>),
+    /// A query of a scene.
+    Query(Arc<SceneToken>, QueryNote),
 }
 
 /// What names a scene to the auditor.
@@ -58,6 +62,24 @@ struct SceneToken {
 /// A scene that is audited, until it is dropped.
 #[derive(Debug)]
 pub struct AuditedScene(Arc<SceneToken>);
+
+impl SceneToken {
+    fn is_lost(&self) -> bool {
+        self.is_lost.load(Ordering::Relaxed)
+    }
+}
+
+/// A frame, or a query of a scene, whose answer may be drawn.
+pub struct AuditedFrame<'a> {
+    /// What its objects are.
+    pub form: ObjectForm,
+    /// Objects of the first set, where it is of two; the queries of a scene.
+    pub first_set: Option<BoxCount>,
+    /// How its mask is written.
+    pub shape: &'a MaskShape,
+    /// Its mask.
+    pub reply: &'a [u32],
+}
 
 /// What frames are drawn with.
 struct Lots {
@@ -76,6 +98,40 @@ struct Found {
     pairs: AtomicU64,
     missed: AtomicU64,
     extra: AtomicU64,
+    /// Edits of scenes that wait to be followed.
+    edits: AtomicUsize,
+}
+
+impl Lots {
+    /// A free window, and what it is to hold of a frame.
+    fn window(&mut self, n: u32, frame: &AuditedFrame<'_>) -> Option<(Box<Window>, Span2)> {
+        if !Window::holds(frame.shape) {
+            return None;
+        }
+        let Ok(mut window) = self.free.try_recv() else {
+            self.skipped += 1;
+            return None;
+        };
+        let reach = Reach::of(frame.form);
+        let span = window.draw(n, frame.first_set, frame.shape, reach, &mut self.random);
+        Some((window, span))
+    }
+}
+
+impl AuditedFrame<'_> {
+    /// Copies a part of the mask, which may be overwritten once the reply is sent.
+    fn take(&self, fields: &ReplyFields, drawn: (Box<Window>, Span2)) -> Box<Window> {
+        let (mut window, span) = drawn;
+        window.take_mask(fields.box_count.get(), span, self.shape, self.reply);
+        (window.client_token, window.frame) = (fields.client_token, fields.frame);
+        window
+    }
+}
+
+impl Running {
+    fn lots(&self) -> MutexGuard<'_, Lots> {
+        self.lots.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 }
 
 impl Auditor {
@@ -112,29 +168,27 @@ impl Auditor {
 
     /// Draws whether the frame is checked. If it is, copies the part of the mask that may be
     /// overwritten once the reply is sent. Give the window to [`Auditor::submit`] afterwards.
-    pub fn draw(
-        &self,
-        fields: &ReplyFields,
-        form: ObjectForm,
-        shape: &MaskShape,
-        reply: &[u32],
-    ) -> Option<Box<Window>> {
+    pub fn draw(&self, fields: &ReplyFields, frame: &AuditedFrame<'_>) -> Option<Box<Window>> {
         let running = self.running.as_ref()?;
-        let n = fields.box_count.get();
-        let (mut window, span) = {
-            let mut lots = running.lots.lock().unwrap_or_else(PoisonError::into_inner);
-            if lots.random.below(u64::from(running.one_in)) != 0 || !Window::holds(shape) {
-                return None;
-            }
-            let Ok(window) = lots.free.try_recv() else {
-                lots.skipped += 1;
-                return None;
-            };
-            (window, Span2::draw(n, Reach::of(form), &mut lots.random))
+        let drawn = {
+            let mut lots = running.lots();
+            let is_drawn = lots.random.below(u64::from(running.one_in)) == 0;
+            if is_drawn { lots.window(fields.box_count.get(), frame)? } else { return None }
         };
-        window.take_mask(n, span, shape, reply);
-        (window.client_token, window.frame) = (fields.client_token, fields.frame);
-        Some(window)
+        Some(frame.take(fields, drawn))
+    }
+
+    /// The part of the answer to a query that is checked: of each query of an audited scene. Give it to
+    /// [`Auditor::submit_query`].
+    pub fn draw_query(
+        &self,
+        scene: &AuditedScene,
+        fields: &ReplyFields,
+        frame: &AuditedFrame<'_>,
+    ) -> Option<Box<Window>> {
+        let running = self.running.as_ref().filter(|_| !scene.0.is_lost())?;
+        let drawn = running.lots().window(fields.box_count.get(), frame)?;
+        Some(frame.take(fields, drawn))
     }
 
     /// Copies the objects of a window and has it checked, with the frame's rules.
@@ -153,10 +207,25 @@ impl Auditor {
         let _ = full.try_send(Work::Window(window));
     }
 
+    /// Copies the boxes of a query and has the window of its answer checked.
+    pub fn submit_query(
+        &self,
+        scene: &AuditedScene,
+        window: Box<Window>,
+        queries: &[Aabb],
+        tags: &QueryTags<'_>,
+    ) {
+        let full = self.running.as_ref().and_then(|running| running.full.as_ref());
+        let Some(full) = full else { return };
+        let query = QueryNote::new(window, queries, tags);
+        // The channel has room for all windows.
+        let _ = full.try_send(Work::Query(Arc::clone(&scene.0), query));
+    }
+
     /// Draws whether a scene that begins is audited.
     pub fn draw_scene(&self, most_boxes: u32) -> Option<AuditedScene> {
         let running = self.running.as_ref()?;
-        let mut lots = running.lots.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut lots = running.lots();
         if lots.random.below(u64::from(running.one_in)) != 0 {
             return None;
         }
@@ -169,13 +238,17 @@ impl Auditor {
     pub fn follow(&self, scene: &AuditedScene, note: impl FnOnce() -> SceneNote) {
         let token = &scene.0;
         let Some(running) = self.running.as_ref() else { return };
-        let Some(full) = running.full.as_ref().filter(|_| !token.is_lost.load(Ordering::Relaxed))
-        else {
+        let Some(full) = running.full.as_ref().filter(|_| !token.is_lost()) else {
             return;
         };
-        if full.try_send(Work::Edit(Arc::clone(token), Box::new(note()))).is_err() {
+        // The channel keeps room for all windows.
+        let waiting = &running.found.edits;
+        let has_room = waiting.fetch_add(1, Ordering::Relaxed) < NOTES;
+        let sent = || full.try_send(Work::Edit(Arc::clone(token), Box::new(note()))).is_ok();
+        if !(has_room && sent()) {
+            waiting.fetch_sub(1, Ordering::Relaxed);
             token.is_lost.store(true, Ordering::Relaxed);
-            running.lots.lock().unwrap_or_else(PoisonError::into_inner).skipped += 1;
+            running.lots().skipped += 1;
         }
     }
 
@@ -186,7 +259,7 @@ impl Auditor {
         AuditCounts {
             one_in: u64::from(running.one_in),
             frames: found(&running.found.frames),
-            skipped: running.lots.lock().unwrap_or_else(PoisonError::into_inner).skipped,
+            skipped: running.lots().skipped,
             pairs: found(&running.found.pairs),
             missed: found(&running.found.missed),
             extra: found(&running.found.extra),
@@ -219,7 +292,16 @@ fn check_all(work: &Receiver<Work>, back: &SyncSender<Box<Window>>, found: &Foun
                 // The channel has room. When the auditor stops, it has no receiver.
                 let _ = back.try_send(window);
             }
+            Work::Query(token, mut query) => {
+                let scene = scenes.iter().find(|(kept, _)| Arc::ptr_eq(kept, &token));
+                // One whose edits are not followed any more has other boxes.
+                if let Some((_, scene)) = scene.filter(|_| !token.is_lost()) {
+                    note(query.frame(), &scene.check_query(&mut query), found);
+                }
+                let _ = back.try_send(query.into_window());
+            }
             Work::Edit(token, edit) => {
+                found.edits.fetch_sub(1, Ordering::Relaxed);
                 // One of them is the auditor's own: the scene has ended.
                 scenes.retain(|(kept, _)| Arc::strong_count(kept) > 1);
                 let place = scenes.iter().position(|(kept, _)| Arc::ptr_eq(kept, &token));

@@ -67,6 +67,22 @@ impl Span2 {
         Self { rows: first_row..first_row + rows, columns: first_column..end }
     }
 
+    /// As [`draw`](Self::draw), of a frame of two sets whose mask has no order: rows of the first set.
+    pub fn draw_between(first: BoxCount, n: u32, reach: Reach, random: &mut Random) -> Self {
+        if n <= reach.whole_frame {
+            return Self { rows: 0..n, columns: 0..n };
+        }
+        let first = first.get().min(n);
+        let least = first / 32 * 32;
+        let columns = (n - least).min(reach.columns);
+        let first_column = least + random.below(u64::from(n - least - columns) + 1) as u32;
+        let first_column = first_column / 32 * 32;
+        let rows = (reach.tests / u64::from(reach.columns)).min(u64::from(first)) as u32;
+        let first_row = random.below(u64::from(first - rows) + 1) as u32;
+        let end = (first_column + columns).min(n);
+        Self { rows: first_row..first_row + rows, columns: first_column..end }
+    }
+
     /// Words of a row.
     fn row_words(&self) -> usize {
         (self.columns.len()).div_ceil(32)
@@ -88,6 +104,8 @@ pub struct Window {
     spheres: Vec<Sphere>,
     /// The rules of the frame; `None` where all objects may meet.
     rules: Option<Arc<SentRules>>,
+    /// Boxes of the first set, where the frame is of two: those of one set do not meet.
+    first_set: Option<BoxCount>,
     /// Token of the client, for the log.
     pub client_token: u64,
     /// The client's number of the frame.
@@ -98,6 +116,23 @@ impl Window {
     /// Whether a window can hold the bits of such a mask: other encodings are not audited.
     pub const fn holds(shape: &MaskShape) -> bool {
         matches!(shape, MaskShape::Dense { .. } | MaskShape::Sparse { .. } | MaskShape::List { .. })
+    }
+
+    /// Draws the span of a frame of `n` objects, of two sets where there is a first one.
+    pub fn draw(
+        &mut self,
+        n: u32,
+        first_set: Option<BoxCount>,
+        shape: &MaskShape,
+        reach: Reach,
+        random: &mut Random,
+    ) -> Span2 {
+        self.first_set = first_set;
+        let is_ordered = matches!(shape, MaskShape::Sparse { order: Some(_), .. });
+        match first_set.filter(|_| !is_ordered) {
+            Some(first) => Span2::draw_between(first, n, reach, random),
+            None => Span2::draw(n, reach, random),
+        }
     }
 
     /// Copies the bits of a span from a mask of `n` objects, one that a window [holds](Self::holds).
@@ -209,6 +244,17 @@ impl Window {
         &self.span
     }
 
+    /// Puts boxes, counted from 0, in the places of the second set. Returns the number of the first.
+    pub(super) fn fill_second_set(&mut self, box_at: impl Fn(u32) -> Option<Aabb>) -> u32 {
+        let first = self.first_set.map_or(0, BoxCount::get);
+        for (index, to) in self.indices.iter().zip(&mut self.boxes) {
+            if let Some(index) = index.checked_sub(first) {
+                *to = box_at(index).unwrap_or(Aabb::EMPTY);
+            }
+        }
+        first
+    }
+
     /// The boxes of the rows, then of the columns; none in a frame of spheres.
     pub(super) fn boxes(&self) -> &[Aabb] {
         &self.boxes
@@ -219,10 +265,12 @@ impl Window {
         &self.spheres
     }
 
-    /// Whether the rules let the objects of a row and of a column of the window meet.
-    pub(super) fn meet(&self, row: usize, column: usize) -> bool {
-        let (a, b) = self.pair(row, column);
-        self.rules.as_ref().is_none_or(|sent| sent.rules().meet(a, b))
+    /// Whether the rules and the sets of the frame let two of its objects meet, the first of which has the
+    /// lower index.
+    pub(super) fn meet(&self, a: u32, b: u32) -> bool {
+        let first = self.first_set.map(BoxCount::get);
+        first.is_none_or(|first| a < first && b >= first)
+            && self.rules.as_ref().is_none_or(|sent| sent.rules().meet(a, b))
     }
 
     /// Whether the mask had the pair of the `row`-th row and the `column`-th column of the window.

@@ -3,11 +3,12 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use iceoryx2::service::ipc_threadsafe;
+use pairmask_core::aabb::Aabb;
 use pairmask_core::dispatch::{CullAnswer, StageTimes};
 use pairmask_core::engine::CullReport;
 use pairmask_core::objects::ObjectForm;
 use pairmask_core::precision::BoxForm;
-use pairmask_core::scene::Told;
+use pairmask_core::scene::{QueryTags, Told};
 use pairmask_core::units::BoxCount;
 use pairmask_transport::Services;
 use pairmask_wire::{
@@ -17,7 +18,7 @@ use pairmask_wire::{
 
 use super::counters::Counters;
 use super::{OpenRequest, Refusal};
-use crate::audit::{AuditedScene, Auditor, SceneNote};
+use crate::audit::{AuditedFrame, AuditedScene, Auditor, SceneNote, Window};
 use crate::clients::{Clients, SceneMemory};
 
 /// What changes the words of a finished answer and their report. A daemon that serves clients has
@@ -79,23 +80,14 @@ impl Outbox {
 
     /// Answers with the pairs of the request's objects, whose mask its reply holds.
     pub(crate) fn answer(&self, open: &mut OpenRequest, mut answer: CullAnswer) {
-        if let Some(alter) = self.alter_answers {
-            alter(open.words_mut(), &mut answer.report);
-        }
-        let (fields, report) = (*open.fields(), &answer.report);
-        let form = open.objects().form();
-        let audited = self.auditor.draw(&fields, form, &report.shape, open.words());
-        let total_ns = open.taken_at().elapsed().as_nanos() as u64;
-        let times = StageTimes { total_ns, ..answer.times };
-        let mut counters = self.counters();
-        counters.note_frame(&fields, form, report.pair_count);
-        counters.note_skips(&SkipTotals::of_frame(&report.skipped));
-        drop(counters);
+        self.alter(open, &mut answer);
+        let (fields, form) = (*open.fields(), open.objects().form());
+        let audited = self.auditor.draw(&fields, &frame_of(open, form, None, &answer));
         // What an engine without rules will find in the next frame.
         let found_pairs = open.rules().and_then(|rules| rules.found_pairs);
-        let found_pairs = found_pairs.unwrap_or(report.pair_count);
+        let found_pairs = found_pairs.unwrap_or(answer.report.pair_count);
         self.clients.note_pairs(open.sender().session, found_pairs);
-        let mut header = response_ok(&fields, answer.engine, answer.threads, report, &times);
+        let mut header = self.count(open, fields.box_count, form, &answer);
         if let Some(span) = open.world_ranges() {
             header.place_world_ranges(span);
         }
@@ -105,6 +97,77 @@ impl Outbox {
             let rules = open.rules().map(|rules| Arc::clone(&rules.sent));
             self.auditor.submit(window, open.objects(), rules);
         }
+    }
+
+    /// Answers a frame of two sets with the pairs of one and the other, whose mask its reply holds.
+    pub(crate) fn answer_between(
+        &self,
+        open: &mut OpenRequest,
+        first: BoxCount,
+        mut answer: CullAnswer,
+    ) {
+        self.alter(open, &mut answer);
+        let (fields, form) = (*open.fields(), open.objects().form());
+        let audited = self.auditor.draw(&fields, &frame_of(open, form, Some(first), &answer));
+        let header = self.count(open, fields.box_count, form, &answer);
+        self.send(open, &header);
+        if let Some(window) = audited {
+            self.auditor.submit(window, open.objects(), None);
+        }
+    }
+
+    /// Answers a query of a scene with the boxes that were found, whose mask its reply holds. Returns what is
+    /// to be [audited](Self::audit_query) of it, if the scene is.
+    pub(crate) fn answer_query(
+        &self,
+        open: &mut OpenRequest,
+        queries: BoxCount,
+        mut answer: CullAnswer,
+        scene: Option<&AuditedScene>,
+    ) -> Option<Box<Window>> {
+        self.alter(open, &mut answer);
+        let form = ObjectForm::Boxes(BoxForm::F32);
+        let frame = frame_of(open, form, Some(queries), &answer);
+        let audited = scene.and_then(|scene| self.auditor.draw_query(scene, open.fields(), &frame));
+        let header = self.count(open, queries, form, &answer);
+        self.send(open, &header);
+        audited
+    }
+
+    /// Has an answered query of a scene audited. Its payload is ours to read as long as the request is.
+    pub(crate) fn audit_query(
+        &self,
+        scene: &AuditedScene,
+        window: Box<Window>,
+        queries: &[Aabb],
+        tags: &QueryTags<'_>,
+    ) {
+        self.auditor.submit_query(scene, window, queries, tags);
+    }
+
+    fn alter(&self, open: &mut OpenRequest, answer: &mut CullAnswer) {
+        if let Some(alter) = self.alter_answers {
+            alter(open.words_mut(), &mut answer.report);
+        }
+    }
+
+    /// Counts an answer with pairs of so many objects. Returns its header.
+    fn count(
+        &self,
+        open: &OpenRequest,
+        objects: BoxCount,
+        form: ObjectForm,
+        answer: &CullAnswer,
+    ) -> ResponseHeader {
+        let (fields, report) = (open.fields(), &answer.report);
+        let total_ns = open.taken_at().elapsed().as_nanos() as u64;
+        let times = StageTimes { total_ns, ..answer.times };
+        let mut counters = self.counters();
+        let counted = ReplyFields { box_count: objects, ..*fields };
+        counters.note_frame(&counted, form, report.pair_count);
+        counters.note_skips(&SkipTotals::of_frame(&report.skipped));
+        drop(counters);
+        response_ok(fields, answer.engine, answer.threads, report, &times)
     }
 
     /// Answers an edit of a scene with what follows, which the reply holds.
@@ -120,25 +183,6 @@ impl Outbox {
         let mut counters = self.counters();
         counters.note_frame(fields, ObjectForm::Boxes(BoxForm::F32), pairs);
         counters.note_skips(&skips);
-    }
-
-    /// Answers a query of a scene with the boxes that were found, whose mask the reply holds.
-    pub(crate) fn answer_query(
-        &self,
-        open: &mut OpenRequest,
-        queries: BoxCount,
-        answer: &CullAnswer,
-    ) {
-        let (fields, report) = (*open.fields(), &answer.report);
-        let total_ns = open.taken_at().elapsed().as_nanos() as u64;
-        let times = StageTimes { total_ns, ..answer.times };
-        let mut counters = self.counters();
-        let counted = ReplyFields { box_count: queries, ..fields };
-        counters.note_frame(&counted, ObjectForm::Boxes(BoxForm::F32), report.pair_count);
-        counters.note_skips(&SkipTotals::of_frame(&report.skipped));
-        drop(counters);
-        let header = response_ok(&fields, answer.engine, answer.threads, report, &times);
-        self.send(open, &header);
     }
 
     /// Draws whether a scene that begins is audited.
@@ -196,4 +240,14 @@ impl Outbox {
     fn counters(&self) -> MutexGuard<'_, Counters> {
         self.counters.lock().unwrap_or_else(PoisonError::into_inner)
     }
+}
+
+/// An answer, as the auditor draws it.
+fn frame_of<'a>(
+    open: &'a OpenRequest,
+    form: ObjectForm,
+    first_set: Option<BoxCount>,
+    answer: &'a CullAnswer,
+) -> AuditedFrame<'a> {
+    AuditedFrame { form, first_set, shape: &answer.report.shape, reply: open.words() }
 }

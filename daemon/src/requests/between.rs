@@ -23,7 +23,7 @@ pub(super) struct Sets<'a> {
 }
 
 impl MaskFilters {
-    /// Answers a frame of two sets. The auditor knows frames of one alone.
+    /// Answers a frame of two sets.
     pub(super) fn cull_between(
         &self,
         mut open: OpenRequest,
@@ -37,13 +37,13 @@ impl MaskFilters {
             Some(planned) => self.cull_on_gpu(&mut open, planned, sets, engines),
             None => sets.cull_here(&mut open, engines),
         };
-        let count = open.fields().box_count;
-        match &answered {
-            Ok(answer) => outbox.answer_query(&mut open, count, answer),
-            Err(error) => outbox.refuse(&mut open, &error.clone().into()),
+        let threads = answered.as_ref().map_or(1, |answer| answer.threads);
+        match answered {
+            Ok(answer) => outbox.answer_between(&mut open, sets.first, answer),
+            Err(error) => outbox.refuse(&mut open, &error.into()),
         }
         open.close();
-        Served { threads: answered.map_or(1, |answer| answer.threads), gpu, ..Served::BEGUN }
+        Served { threads, gpu, ..Served::BEGUN }
     }
 
     /// Has a GPU cull the whole frame, and takes the pairs of one set out. Where all pairs have no room, cores

@@ -80,7 +80,7 @@ fn query_and_answer(
     threads: usize,
     outbox: &Outbox,
 ) -> Result<(), Unanswered> {
-    let KeptScene { scene, room, .. } = kept;
+    let KeptScene { scene, room, audited, .. } = kept;
     scene.scene_mut().set_threads(threads);
     let taken_at = open.taken_at();
     let index_end = request.mask.index_end();
@@ -102,7 +102,13 @@ fn query_and_answer(
     let mut answer = answer?;
     answer.engine = scene.scene().engine();
     answer.times.ingest_ns = begun.duration_since(taken_at).as_nanos() as u64;
-    outbox.answer_query(open, BoxCount::new(request.mask.queries()), &answer);
+    let queries = BoxCount::new(request.mask.queries());
+    let window = outbox.answer_query(open, queries, answer, audited.as_ref());
+    if let (Some(scene), Some(window)) = (audited, window)
+        && let Some((queries, tags)) = request.read(open.pages())
+    {
+        outbox.audit_query(scene, window, queries, &tags);
+    }
     Ok(())
 }
 

@@ -41,6 +41,11 @@ impl Rules {
         decide(&self.tag(a), &self.tag(b), &self.table, || self.lists.listed(a, b))
     }
 
+    /// Whether boxes of two tags may be a pair, where no list says anything of them.
+    pub fn tags_meet(&self, a: &Tag, b: &Tag) -> bool {
+        decide(a, b, &self.table, Listed::default)
+    }
+
     /// Whether all of the first `n` boxes meet, as far as a look tells that ends at the first box that is
     /// not like the one before.
     pub fn let_all_meet(&self, n: usize) -> bool {

@@ -2,7 +2,7 @@
 
 use crate::aabb::Aabb;
 use crate::engine::CullError;
-use crate::filters::{Listed, Rules, Tag, decide};
+use crate::filters::{Rules, Tag};
 use crate::scene::filtered::PairScene;
 use crate::scene::pair_list::Pair;
 
@@ -68,13 +68,13 @@ impl QueryTags<'_> {
             return;
         }
         let none = Rules::default();
-        let table = &rules.unwrap_or(&none).table;
+        let either = rules.unwrap_or(&none);
         found.retain(|[query, index]| {
             let of_box = || match rules {
                 Some(rules) => rules.tag(*index),
                 None => Tag::default().with_static(scene.is_static(*index)),
             };
-            self.of(*query).is_none_or(|tag| decide(&tag, &of_box(), table, Listed::default))
+            self.of(*query).is_none_or(|tag| either.tags_meet(&tag, &of_box()))
         });
     }
 }
