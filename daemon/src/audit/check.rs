@@ -235,6 +235,32 @@ mod tests {
     }
 
     #[test]
+    fn windows_of_two_large_sets_hold_rows_of_the_first_and_columns_of_the_second() {
+        let mut random = Random::new(6);
+        for (first, n) in [(1, 2_049), (3_000, 3_001), (10_000, 1_010_000), (40_000, 90_000)] {
+            let (mut low, mut high) = (u32::MAX, 0);
+            for _ in 0..2_000 {
+                let first_set = BoxCount::new(first);
+                let span = Span2::draw_between(first_set, n, Reach::BOXES, &mut random);
+                assert!(!span.rows.is_empty() && span.rows.end <= first, "{span:?}");
+                assert!(span.columns.end > first && span.columns.end <= n, "{span:?}");
+                assert_eq!(span.columns.start % 32, 0);
+                let tests = span.rows.len() as u64 * span.columns.len() as u64;
+                assert!(tests <= Reach::BOXES.tests, "{span:?}");
+                low = low.min(span.columns.start);
+                high = high.max(span.columns.end);
+            }
+            assert!(low <= first + n / 10 && high > n - n / 10, "{n}: {low} to {high}");
+        }
+        // A set may be empty.
+        for (first, n) in [(0, 5_000), (5_000, 5_000)] {
+            let first_set = BoxCount::new(first);
+            let span = Span2::draw_between(first_set, n, Reach::BOXES, &mut random);
+            assert!(span.rows.end <= n && span.columns.end <= n, "{span:?}");
+        }
+    }
+
+    #[test]
     fn large_frames_pass_in_windows_drawn_at_random() {
         let boxes = scenes::named("uniform").boxes(5_000, 1);
         let mut random = Random::new(5);
