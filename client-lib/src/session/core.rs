@@ -32,6 +32,9 @@ const RECONNECT_INTERVAL: Duration = Duration::from_millis(100);
 /// A daemon that lives but did not answer in time is asked nothing for this long.
 const SILENCE_INTERVAL: Duration = Duration::from_secs(2);
 
+/// The end of a scene waits this long at most for the daemon.
+const END_WITHIN: Duration = Duration::from_millis(20);
+
 /// How a daemon was lost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Loss {
@@ -127,18 +130,23 @@ impl Core {
     }
 
     /// Tells the daemon that a scene has ended: now, where a place is free, or else before the session's next
-    /// request. Waits for nothing.
+    /// request. Waits a moment for the daemon to be done with the scene: a session that ends right afterwards
+    /// leaves nothing under way.
     pub(super) fn end_scene(&self, link: &Arc<Link>, header: &RequestHeader, last: &Arc<Unread>) {
         self.unread.end(Ending::new(link, header), last);
-        // Without a place the next request tells it.
-        let _ = self.unread.tell_ended(link, || {
-            loop {
-                match link.loan(0) {
-                    Err(FrameError::TooManyFrames) if self.unread.receive_landed(link) => {}
-                    loaned => return loaned,
-                }
+        let deadline = Instant::now() + END_WITHIN;
+        let place = || loop {
+            match link.loan(0) {
+                Err(FrameError::TooManyFrames) if self.unread.receive_landed(link) => {}
+                loaned => return loaned,
             }
-        });
+        };
+        // The scene's last edit may hold the last place: the end goes out once that is answered.
+        for _ in 0..2 {
+            // Without a place the next request tells it.
+            let _ = self.unread.tell_ended(link, place);
+            self.unread.wait_for_ended(link, deadline);
+        }
     }
 
     /// Shared memory for `bytes` bytes of a request. Where no place is free, waits for one that is held by

@@ -69,10 +69,13 @@ impl Exchange {
         self.accept(received.ok_or(WaitError::Timeout { waited: settings.deadline })?)
     }
 
-    /// The answer if it has come, or why there will be none; else the exchange.
+    /// The answer if it comes until then, or why there will be none; else the exchange.
     #[allow(clippy::result_large_err)] // Its caller puts it back.
-    pub(super) fn try_end(mut self) -> Result<Result<Answer, WaitError>, Self> {
-        match self.receive(Expected::default(), Duration::ZERO, Instant::now()) {
+    pub(super) fn end_until(
+        mut self,
+        deadline: Instant,
+    ) -> Result<Result<Answer, WaitError>, Self> {
+        match self.receive(Expected::default(), Duration::ZERO, deadline) {
             Ok(Some(sample)) => Ok(self.accept(sample)),
             Ok(None) => Err(self),
             Err(error) => Ok(Err(error)),

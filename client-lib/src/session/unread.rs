@@ -7,6 +7,7 @@
 
 use std::marker::PhantomData;
 use std::sync::{Arc, Mutex, MutexGuard, TryLockError, Weak};
+use std::time::Instant;
 
 use pairmask_core::scene::Want;
 use pairmask_core::units::BoxCount;
@@ -35,11 +36,11 @@ impl SentEdit {
         parse(exchange.end(expected, settings)?, &asked)
     }
 
-    /// What the answer tells, once it has come; its memory is given back. Else the edit.
+    /// What the answer tells, if it comes until then; its memory is given back. Else the edit.
     #[allow(clippy::result_large_err)] // Its caller puts it back.
-    fn try_receive(self) -> Result<Outcome, Self> {
+    fn receive_until(self, deadline: Instant) -> Result<Outcome, Self> {
         let Self { exchange, asked, want, expected } = self;
-        match exchange.try_end() {
+        match exchange.end_until(deadline) {
             Ok(answer) => Ok(answer.and_then(|answer| Ok(parse(answer, &asked)?.1))),
             Err(exchange) => Err(Self { exchange, asked, want, expected }),
         }
@@ -119,9 +120,14 @@ impl Unread {
     /// Receives the answer if it has come to this connection. Returns whether that freed a place. An answer
     /// that another thread waits for is left to it.
     fn try_receive(&self, link: &Arc<Link>) -> bool {
+        self.receive_until(link, Instant::now())
+    }
+
+    /// As [`try_receive`](Self::try_receive), where the answer comes until then.
+    fn receive_until(&self, link: &Arc<Link>, deadline: Instant) -> bool {
         let Some(mut state) = self.try_lock() else { return false };
         match std::mem::take(&mut *state) {
-            State::Sent(sent) if sent.exchange.is_on(link) => match sent.try_receive() {
+            State::Sent(sent) if sent.exchange.is_on(link) => match sent.receive_until(deadline) {
                 Ok(outcome) => {
                     *state = State::Received(outcome);
                     true
@@ -265,6 +271,14 @@ impl UnreadEdits {
             }
         }
         Ok(())
+    }
+
+    /// Waits until then for the daemon to have done what ended scenes left to it.
+    pub fn wait_for_ended(&self, link: &Arc<Link>, deadline: Instant) {
+        let sent = lock(&self.ended).sent.clone();
+        for one in sent {
+            one.receive_until(link, deadline);
+        }
     }
 
     /// An ended scene that the daemon has yet to be told of. Gives up what is answered, and what belongs to
