@@ -467,7 +467,7 @@ fn a_scene_that_ends_while_there_is_no_place_ends_in_the_daemon_too() {
     drop(frames);
     assert_eq!(session.daemon_status().unwrap().scenes, 0);
 
-    // Nor does it wait for a daemon that does nothing.
+    // Nor is it lost where the daemon does nothing for longer than the end waits.
     let mut scenes: [Scene; 5] = told_scenes(&mut session);
     daemon.signal_worker(Signal::STOP);
     scenes[..2].iter_mut().for_each(leave_an_edit);
