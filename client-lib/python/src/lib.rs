@@ -36,7 +36,8 @@ mod _pairmask {
     use crate::rules::{PyFilter, PyFilterTable, PyRules};
     #[pymodule_export]
     use crate::scene::{
-        PyEdit, PyMarginedScene, PyMarginedStats, PyScene, PySceneAnswer, PySharedScene,
+        PyEdit, PyMarginedScene, PyMarginedSceneStats, PyPendingAnswer, PyScene, PySceneAnswer,
+        PySharedScene,
     };
     #[pymodule_export]
     use crate::session::PySession;

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use pairmask::error::UnknownName;
 use pairmask::scene::SceneOptions;
 use pairmask::{
-    Aabb, Backend, BoxCount, CalibrationChoice, FrameError, MarginedPairs, PendingFrame, Precision,
-    Session, Sphere,
+    Aabb, Backend, BoxCount, CalibrationChoice, FrameError, PendingFrame, Precision, Session,
+    Sphere,
 };
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
@@ -20,7 +20,7 @@ use crate::pairs::pairs_of;
 use crate::precision::PyPrecision;
 use crate::process;
 use crate::rules::PyRules;
-use crate::scene::{PyMarginedScene, PyScene, PySharedScene, join_options};
+use crate::scene::{PyMarginedScene, PyScene, PySharedScene, join_options, margined_pairs};
 
 /// Frames of so many bytes are asked for on trial, since the library ends the process where there is no memory for
 /// them. Reserving takes some microseconds; smaller frames are not worth them.
@@ -181,10 +181,10 @@ impl PySession {
         py: Python<'_>,
         most_boxes: Option<u32>,
         threads: Option<usize>,
-    ) -> PyResult<PyScene> {
+    ) -> PyResult<Py<PyScene>> {
         let options = scene_options(most_boxes, threads);
         let scene = self.with(py, move |session| session.scene(options))?;
-        Ok(PyScene::new(scene))
+        PyScene::new(py, scene)
     }
 
     /// A scene whose boxes have margins, and are sent only when they have left them.
@@ -195,15 +195,11 @@ impl PySession {
         pairs: &str,
         most_boxes: Option<u32>,
         threads: Option<usize>,
-    ) -> PyResult<PyMarginedScene> {
-        let pairs = match pairs {
-            "exact" => MarginedPairs::Exact,
-            "near" => MarginedPairs::Near,
-            _ => return Err(PyValueError::new_err(format!("no pairs '{pairs}': exact, near"))),
-        };
+    ) -> PyResult<Py<PyMarginedScene>> {
+        let pairs = margined_pairs(pairs)?;
         let options = scene_options(most_boxes, threads);
         let scene = self.with(py, move |session| session.margined_scene(options, pairs))?;
-        Ok(PyMarginedScene::new(scene))
+        PyMarginedScene::new(py, scene)
     }
 
     /// Joins a scene that several processes write, each its own boxes.
@@ -216,10 +212,10 @@ impl PySession {
         tick_deadline: Option<f64>,
         at_end: Option<&str>,
         hears: &str,
-    ) -> PyResult<PySharedScene> {
+    ) -> PyResult<Py<PySharedScene>> {
         let options = join_options(most_boxes, tick_deadline, at_end, hears)?;
         let scene = self.with(py, move |session| session.join_scene(name, options))?;
-        scene.map(PySharedScene::new).map_err(Raise::raise)
+        PySharedScene::new(py, scene.map_err(Raise::raise)?)
     }
 
     /// What would serve the next frame: `daemon` or `in-process`.
