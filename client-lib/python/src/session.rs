@@ -113,7 +113,9 @@ impl PySession {
             builder = builder.capacity(BoxCount::new(capacity));
         }
         let session = py.detach(|| builder.connect()).map_err(Raise::raise)?;
-        Ok(Self { session: Guarded::new(session, "the session was closed") })
+        Ok(Self {
+            session: Guarded::new(session, "the session was closed, or given to a Margined"),
+        })
     }
 
     /// Memory for the boxes of a frame of `n` boxes.
@@ -256,6 +258,11 @@ impl PySession {
 }
 
 impl PySession {
+    /// The session itself, for one that goes on with it.
+    pub fn take(&self, py: Python<'_>) -> PyResult<Session> {
+        self.session.take(py)
+    }
+
     fn with<R: Send>(
         &self,
         py: Python<'_>,
