@@ -126,7 +126,7 @@ impl Rows {
 }
 
 /// Fails where there are not as many rows as boxes.
-fn check_len(rows: usize, n: usize) -> PyResult<()> {
+pub fn check_len(rows: usize, n: usize) -> PyResult<()> {
     if rows == n {
         return Ok(());
     }

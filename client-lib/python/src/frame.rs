@@ -7,13 +7,14 @@ use pairmask::{BoxCount, Frame, FrameError, NarrowFrame, PendingFrame, SphereFra
 use pyo3::exceptions::{PyBufferError, PyValueError};
 use pyo3::prelude::*;
 
-use crate::arrays::Rows;
+use crate::arrays::{Rows, check_len};
 use crate::errors::{Raise, misused};
 use crate::guarded::Guarded;
 use crate::memory::{Memory, Number};
 use crate::pairs::PyPairMask;
 use crate::process;
 use crate::rules::PyRules;
+use crate::sources::Boxes;
 
 /// A frame until it is submitted, and how many arrays lie over it.
 struct Filling<F> {
@@ -135,8 +136,8 @@ impl PyFrame {
 
     /// Writes every box.
     fn write(&self, py: Python<'_>, boxes: &Bound<'_, PyAny>) -> PyResult<()> {
-        let rows = Rows::of(boxes, 6)?;
-        self.viewed.with(|frame| rows.write_boxes(py, frame.boxes_mut()))?
+        let boxes = Boxes::of(boxes)?;
+        self.viewed.with(|frame| boxes.write(py, frame.boxes_mut()))?
     }
 
     /// Boxes in this frame.
@@ -248,9 +249,9 @@ impl PyNarrowFrame {
 impl PyNarrowFrame {
     /// Writes every box in the frame's form.
     fn write(&self, py: Python<'_>, boxes: &Bound<'_, PyAny>) -> PyResult<()> {
-        let rows = Rows::of(boxes, 6)?;
-        rows.check_len(self.n)?;
-        let boxes = rows.boxes(py)?;
+        let boxes = Boxes::of(boxes)?;
+        check_len(boxes.len(), self.n)?;
+        let boxes = boxes.to_vec(py)?;
         py.detach(|| self.viewed.with(|frame| frame.fill(&boxes[..])))
     }
 

@@ -16,6 +16,7 @@ mod process;
 mod rules;
 mod scene;
 mod session;
+mod sources;
 
 /// The extension module.
 #[pyo3::pymodule]
@@ -44,4 +45,6 @@ mod _pairmask {
     };
     #[pymodule_export]
     use crate::session::PySession;
+    #[pymodule_export]
+    use crate::sources::PyBoxSource;
 }

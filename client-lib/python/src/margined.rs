@@ -4,7 +4,6 @@ use pairmask::error::MarginedError;
 use pairmask::{Margin, Margined, MarginedPairs, Precision};
 use pyo3::prelude::*;
 
-use crate::arrays::Rows;
 use crate::errors::Raise;
 use crate::guarded::Guarded;
 use crate::memory::Memory;
@@ -12,6 +11,7 @@ use crate::pairs::pairs_of;
 use crate::precision::PyPrecision;
 use crate::scene::margined_pairs;
 use crate::session::PySession;
+use crate::sources::Boxes;
 
 /// A session that asks only when a box has moved by more than a margin. It keeps the last answer, which holds one
 /// of the session's three places for frames.
@@ -50,7 +50,7 @@ impl PyMargined {
         pairs: &str,
     ) -> PyResult<Bound<'py, PyAny>> {
         let pairs = margined_pairs(pairs)?;
-        let boxes = Rows::of(boxes, 6)?.boxes(py)?;
+        let boxes = Boxes::of(boxes)?.to_vec(py)?;
         let found = self.margined.with_detached(py, |margined| {
             let kept = margined.cull(&boxes)?;
             Ok::<_, MarginedError>(match pairs {

@@ -21,6 +21,7 @@ use crate::precision::PyPrecision;
 use crate::process;
 use crate::rules::PyRules;
 use crate::scene::{PyMarginedScene, PyScene, PySharedScene, join_options, margined_pairs};
+use crate::sources::Boxes;
 
 /// Frames of so many bytes are asked for on trial, since the library ends the process where there is no memory for
 /// them. Reserving takes some microseconds; smaller frames are not worth them.
@@ -151,10 +152,10 @@ impl PySession {
         boxes: &Bound<'py, PyAny>,
         rules: Option<&PyRules>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let rows = Rows::of(boxes, 6)?;
-        let n = rows.len();
+        let boxes = Boxes::of(boxes)?;
+        let n = boxes.len();
         let mut frame = self.begin(py, n, BOX_BYTES, move |session| session.frame(n))?;
-        rows.write_boxes(py, frame.boxes_mut())?;
+        boxes.write(py, frame.boxes_mut())?;
         let rules = rules.map(PyRules::shared);
         let submit = || match rules {
             Some(rules) => frame.submit_with_kept(&rules),

@@ -22,6 +22,7 @@ from ._errors import (
     WaitTimeout,
 )
 from ._pairmask import (
+    BoxSource,
     Filter,
     FilterTable,
     Frame,
@@ -62,6 +63,7 @@ class EndReason(IntEnum):
 
 __all__ = [
     "ALL_WORLDS",
+    "BoxSource",
     "CommitError",
     "ConnectError",
     "EndReason",

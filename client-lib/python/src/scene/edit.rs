@@ -11,9 +11,10 @@ use super::PyAnyScene;
 use super::answer::PySceneAnswer;
 use super::ops::{Named, NamedMargins, Op};
 use super::pending::PyPendingAnswer;
-use crate::arrays::{self, Rows};
+use crate::arrays;
 use crate::errors::{Raise, misused};
 use crate::rules::{Part, PyFilterTable, TagParts};
+use crate::sources::Boxes;
 
 /// An edit that is being written. Each call adds to it; `commit` or `submit` does all of it at once.
 #[pyclass(frozen, name = "SceneEdit", module = "pairmask")]
@@ -83,7 +84,7 @@ impl PyEdit {
         margin: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, Self>> {
         let named = Named::of(indices)?;
-        let boxes = Rows::of_some(boxes, 6)?.boxes(slf.py())?;
+        let boxes = Boxes::of_some(boxes)?.to_vec(slf.py())?;
         let margins = margin.map(margins_of).transpose()?;
         slf.get().add(Op::Set(named, boxes, margins))?;
         Ok(slf)

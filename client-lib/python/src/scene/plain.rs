@@ -6,10 +6,10 @@ use pyo3::prelude::*;
 
 use super::PyAnyScene;
 use super::any::AnyScene;
-use crate::arrays::Rows;
 use crate::errors::Raise;
 use crate::memory::Memory;
 use crate::rules::{Part, TagParts};
+use crate::sources::Boxes;
 
 /// Boxes that persist from answer to answer, by indices of the client's own.
 #[pyclass(frozen, extends = PyAnyScene, name = "Scene", module = "pairmask")]
@@ -33,7 +33,7 @@ impl PyScene {
         filter: Part<'_, 'py>,
         is_static: Part<'_, 'py>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let boxes = Rows::of_some(boxes, 6)?.boxes(slf.py())?;
+        let boxes = Boxes::of_some(boxes)?.to_vec(slf.py())?;
         let parts = TagParts { world, owner, filter, is_static };
         let tags: Option<Vec<Tag>> =
             if parts.are_none() { None } else { Some(parts.tags(boxes.len())?) };
