@@ -120,9 +120,9 @@ impl PySession {
     }
 
     /// Memory for the boxes of a frame of `n` boxes.
-    fn frame(&self, py: Python<'_>, n: usize) -> PyResult<PyFrame> {
+    fn frame(&self, py: Python<'_>, n: usize) -> PyResult<Py<PyFrame>> {
         let frame = self.begin(py, n, BOX_BYTES, move |session| session.frame(n))?;
-        Ok(PyFrame::new(frame))
+        PyFrame::new(py, frame)
     }
 
     /// Memory for the boxes of a frame that are written with a precision.
@@ -131,17 +131,17 @@ impl PySession {
         py: Python<'_>,
         n: usize,
         precision: &PyPrecision,
-    ) -> PyResult<PyNarrowFrame> {
+    ) -> PyResult<Py<PyNarrowFrame>> {
         let precision: Precision = precision.precision;
         let begin = move |session: &mut Session| session.narrow_frame(n, precision);
         let frame = self.begin(py, n, BOX_BYTES, begin)?;
-        Ok(PyNarrowFrame::new(frame))
+        PyNarrowFrame::new(py, frame)
     }
 
     /// Memory for the spheres of a frame.
-    fn sphere_frame(&self, py: Python<'_>, n: usize) -> PyResult<PySphereFrame> {
+    fn sphere_frame(&self, py: Python<'_>, n: usize) -> PyResult<Py<PySphereFrame>> {
         let frame = self.begin(py, n, SPHERE_BYTES, move |session| session.sphere_frame(n))?;
-        Ok(PySphereFrame::new(frame))
+        PySphereFrame::new(py, frame)
     }
 
     /// The pairs of an array of boxes: a frame from its memory to its pairs, in one call.
