@@ -5,10 +5,9 @@ use std::path::PathBuf;
 use pairmask::error::UnknownName;
 use pairmask::scene::SceneOptions;
 use pairmask::{
-    Aabb, Backend, BoxCount, CalibrationChoice, FrameError, PendingFrame, Precision, Session,
-    Sphere,
+    Backend, BoxCount, CalibrationChoice, FrameError, PendingFrame, Precision, Session,
 };
-use pyo3::exceptions::{PyMemoryError, PyValueError};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::arrays::Rows;
@@ -22,24 +21,6 @@ use crate::process;
 use crate::rules::PyRules;
 use crate::scene::{PyMarginedScene, PyScene, PySharedScene, join_options, margined_pairs};
 use crate::sources::Boxes;
-
-/// Frames of so many bytes are asked for on trial, since the library ends the process where there is no memory for
-/// them. Reserving takes some microseconds; smaller frames are not worth them.
-const LARGE_BYTES: usize = 64 << 20;
-
-const BOX_BYTES: usize = size_of::<Aabb>();
-const SPHERE_BYTES: usize = size_of::<Sphere>();
-
-/// Fails where there is no memory for `n` objects. More than an index can name are left to the library to refuse.
-fn check_memory(n: usize, object_bytes: usize) -> PyResult<()> {
-    let bytes = n.saturating_mul(object_bytes);
-    if bytes < LARGE_BYTES || u32::try_from(n).is_err() {
-        return Ok(());
-    }
-    let refused =
-        |_| PyMemoryError::new_err(format!("no memory for a frame of {n} boxes or spheres"));
-    Vec::<u8>::new().try_reserve_exact(bytes).map_err(refused)
-}
 
 /// Parses a name that an option has.
 fn named<T: std::str::FromStr<Err = UnknownName>>(name: &str) -> PyResult<T> {
@@ -121,7 +102,7 @@ impl PySession {
 
     /// Memory for the boxes of a frame of `n` boxes.
     fn frame(&self, py: Python<'_>, n: usize) -> PyResult<Py<PyFrame>> {
-        let frame = self.begin(py, n, BOX_BYTES, move |session| session.frame(n))?;
+        let frame = self.begin(py, move |session| session.frame(n))?;
         PyFrame::new(py, frame)
     }
 
@@ -134,13 +115,13 @@ impl PySession {
     ) -> PyResult<Py<PyNarrowFrame>> {
         let precision: Precision = precision.precision;
         let begin = move |session: &mut Session| session.narrow_frame(n, precision);
-        let frame = self.begin(py, n, BOX_BYTES, begin)?;
+        let frame = self.begin(py, begin)?;
         PyNarrowFrame::new(py, frame)
     }
 
     /// Memory for the spheres of a frame.
     fn sphere_frame(&self, py: Python<'_>, n: usize) -> PyResult<Py<PySphereFrame>> {
-        let frame = self.begin(py, n, SPHERE_BYTES, move |session| session.sphere_frame(n))?;
+        let frame = self.begin(py, move |session| session.sphere_frame(n))?;
         PySphereFrame::new(py, frame)
     }
 
@@ -154,7 +135,7 @@ impl PySession {
     ) -> PyResult<Bound<'py, PyAny>> {
         let boxes = Boxes::of(boxes)?;
         let n = boxes.len();
-        let mut frame = self.begin(py, n, BOX_BYTES, move |session| session.frame(n))?;
+        let mut frame = self.begin(py, move |session| session.frame(n))?;
         boxes.write(py, frame.boxes_mut())?;
         let rules = rules.map(PyRules::shared);
         let submit = || match rules {
@@ -172,7 +153,7 @@ impl PySession {
     ) -> PyResult<Bound<'py, PyAny>> {
         let rows = Rows::of(spheres, 4)?;
         let n = rows.len();
-        let mut frame = self.begin(py, n, SPHERE_BYTES, move |session| session.sphere_frame(n))?;
+        let mut frame = self.begin(py, move |session| session.sphere_frame(n))?;
         rows.write_spheres(py, frame.spheres_mut())?;
         pairs_after(py, || frame.submit())
     }
@@ -276,11 +257,8 @@ impl PySession {
     fn begin<F: Send>(
         &self,
         py: Python<'_>,
-        n: usize,
-        object_bytes: usize,
         f: impl FnOnce(&mut Session) -> Result<F, FrameError> + Send,
     ) -> PyResult<F> {
-        check_memory(n, object_bytes)?;
         self.with(py, f)?.map_err(Raise::raise)
     }
 }
