@@ -9,15 +9,17 @@ use pyo3::sync::PyOnceLock;
 use crate::arrays::{Rows, check_len, new_boxes};
 use crate::process;
 
+type Points = Vec<[f32; 3]>;
+
 /// What boxes are made of.
 enum Source {
     MinMax {
-        min: Vec<[f32; 3]>,
-        max: Vec<[f32; 3]>,
+        min: Points,
+        max: Points,
     },
     CenterHalf {
-        center: Vec<[f32; 3]>,
-        half: Vec<[f32; 3]>,
+        center: Points,
+        half: Points,
     },
     /// By matrices: the images of three axes and of the origin.
     Transformed {
@@ -45,10 +47,7 @@ fn rows<const N: usize>(given: &Bound<'_, PyAny>, n: usize) -> PyResult<Vec<[f32
 }
 
 /// Two arrays of points, as many of each.
-fn points(
-    first: &Bound<'_, PyAny>,
-    second: &Bound<'_, PyAny>,
-) -> PyResult<(Vec<[f32; 3]>, Vec<[f32; 3]>)> {
+fn points(first: &Bound<'_, PyAny>, second: &Bound<'_, PyAny>) -> PyResult<(Points, Points)> {
     let first = Rows::of(first, 3)?.numbers(first.py())?;
     let second = rows(second, first.len())?;
     Ok((first, second))

@@ -43,11 +43,9 @@ impl PyEdit {
     }
 
     fn add(&self, op: Op) -> PyResult<()> {
-        if self.scene.get().has_margins() {
-            op.check_margined()?
-        } else {
-            op.check_plain()?
-        }
+        let has_margins = self.scene.get().has_margins();
+        let checked = if has_margins { op.check_margined() } else { op.check_plain() };
+        checked?;
         let mut ops = self.ops.lock().unwrap_or_else(PoisonError::into_inner);
         ops.as_mut().map(|ops| ops.push(op)).ok_or_else(committed)
     }
