@@ -206,6 +206,39 @@ def test_two_threads_cannot_wait_for_one_edit(daemon: Daemon) -> None:
         assert sorted(map(str, ended)) == ["1", "Gone"] and counted > 1000
 
 
+@BACKENDS
+def test_threads_share_a_scene_with_edits_under_way(daemon: Daemon, backend: str) -> None:
+    boxes = oracle.boxes_of(100, 8)
+    expected = oracle.pairs_of(boxes)
+    with daemon.session(backend) as session:
+        scene = session.scene()
+        scene.edit().set(range(100), boxes).commit("nothing")
+        answered: list[int] = []
+        wrong: list[object] = []
+
+        def work(seed: int) -> None:
+            random = np.random.default_rng(seed)
+            for _ in range(150):
+                try:
+                    with scene.edit().set(range(100), boxes).submit("all") as pending:
+                        if random.random() < 0.7:
+                            oracle.check(pending.wait().pairs, expected)
+                            answered.append(seed)
+                except pairmask.PairmaskError as error:
+                    if error.kind not in ("UnderWay", "Frame"):
+                        wrong.append(error)
+                except BaseException as error:  # noqa: BLE001
+                    wrong.append(error)
+
+        threads = [threading.Thread(target=work, args=(seed,)) for seed in range(4)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert not wrong and len(answered) > 20, (wrong[:3], len(answered))
+        oracle.check(scene.edit().commit("all").pairs, expected)
+
+
 def test_edits_are_freed(session: pairmask.Session) -> None:
     scene = session.scene()
     scene.edit().set(range(100), oracle.boxes_of(100, 7)).commit()
