@@ -73,11 +73,7 @@ impl Rows {
 
     /// Fails where there are not so many rows.
     pub fn check_len(&self, n: usize) -> PyResult<()> {
-        if self.len() == n {
-            return Ok(());
-        }
-        let text = format!("{} rows for {n} boxes or spheres: give one for each", self.len());
-        Err(PyValueError::new_err(text))
+        check_len(self.len(), n)
     }
 
     /// Writes boxes, those of f64 rounded outward. As many as there are rows.
@@ -107,15 +103,16 @@ impl Rows {
         }
     }
 
-    /// Numbers in rows of three, for points and displacements. f64 is refused where f32 does not hold it.
-    pub fn triples(&self, py: Python<'_>) -> PyResult<Vec<[f32; 3]>> {
-        let mut triples = vec![[0.0; 3]; self.len()];
+    /// Numbers that are no boxes. f64 is refused where f32 does not hold it. The rows were asked for with as many
+    /// columns.
+    pub fn numbers<const N: usize>(&self, py: Python<'_>) -> PyResult<Vec<[f32; N]>> {
+        let mut numbers = vec![[0.0; N]; self.len()];
         match self {
-            Self::F32(rows) => rows.copy_to_slice(py, triples.as_flattened_mut())?,
+            Self::F32(rows) => rows.copy_to_slice(py, numbers.as_flattened_mut())?,
             Self::F64(rows) => {
-                let mut wide = vec![0.0; 3 * self.len()];
+                let mut wide = vec![0.0; N * self.len()];
                 rows.copy_to_slice(py, &mut wide)?;
-                for (to, from) in triples.as_flattened_mut().iter_mut().zip(wide) {
+                for (to, from) in numbers.as_flattened_mut().iter_mut().zip(wide) {
                     *to = from as f32;
                     if f64::from(*to) != from && !from.is_nan() {
                         let text = format!("{from} is no number of float32: round it yourself");
@@ -124,8 +121,17 @@ impl Rows {
                 }
             }
         }
-        Ok(triples)
+        Ok(numbers)
     }
+}
+
+/// Fails where there are not as many rows as boxes.
+pub fn check_len(rows: usize, n: usize) -> PyResult<()> {
+    if rows == n {
+        return Ok(());
+    }
+    let text = format!("{rows} rows for {n} boxes or spheres: give one for each");
+    Err(PyValueError::new_err(text))
 }
 
 /// Writes boxes of f64 relative to an origin, rounded outward.
@@ -172,7 +178,7 @@ pub fn outward_from_f64<'py>(
 /// Boxes that hold one point each, for queries.
 #[pyfunction]
 pub fn points<'py>(py: Python<'py>, at: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
-    let points = Rows::of(at, 3)?.triples(py)?;
+    let points = Rows::of(at, 3)?.numbers(py)?;
     let boxes: Vec<Aabb> = points.into_iter().map(Aabb::point).collect();
     new_boxes(py, &boxes)
 }
@@ -203,7 +209,7 @@ pub fn swept_by<'py>(
     let boxes = Rows::of(boxes, 6)?.boxes(py)?;
     let displacements = Rows::of(displacements, 3)?;
     displacements.check_len(boxes.len())?;
-    let both = boxes.iter().zip(displacements.triples(py)?);
+    let both = boxes.iter().zip(displacements.numbers(py)?);
     let boxes: Vec<Aabb> = both.map(|(b, by)| b.swept_by(by)).collect();
     new_boxes(py, &boxes)
 }

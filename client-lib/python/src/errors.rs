@@ -3,11 +3,11 @@
 use std::error::Error;
 use std::fmt::Debug;
 
-use pairmask::error::{BoundsError, MarginError, UnknownName};
+use pairmask::error::{BoundsError, MarginError, MarginedError, UnknownName};
 use pairmask::{
     CommitError, ConnectError, FindError, FrameError, SharedError, StatusError, WaitError,
 };
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
 
 /// The classes as Python has them.
@@ -48,13 +48,32 @@ macro_rules! raise {
         )*
     };
 }
-raise!(ConnectError, FrameError, CommitError, FindError, SharedError, StatusError);
+raise!(ConnectError, CommitError, FindError, SharedError, StatusError);
+
+impl Raise for FrameError {
+    fn raise(self) -> PyErr {
+        match self {
+            Self::NoMemory { .. } => PyMemoryError::new_err(self.to_string()),
+            _ => classes::FrameError::new_err(told(&self)),
+        }
+    }
+}
 
 impl Raise for WaitError {
     fn raise(self) -> PyErr {
         match self {
             Self::Timeout { .. } => classes::WaitTimeout::new_err(told(&self)),
             _ => classes::WaitError::new_err(told(&self)),
+        }
+    }
+}
+
+impl Raise for MarginedError {
+    fn raise(self) -> PyErr {
+        match self {
+            Self::Frame(error) => error.raise(),
+            Self::Wait(error) => error.raise(),
+            _ => classes::PairmaskError::new_err(told(&self)),
         }
     }
 }

@@ -4,16 +4,19 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use pairmask::{BoxCount, Frame, FrameError, NarrowFrame, PendingFrame, SphereFrame};
+use pyo3::PyClass;
 use pyo3::exceptions::{PyBufferError, PyValueError};
 use pyo3::prelude::*;
+use pyo3::pyclass_init::PyClassInitializer;
 
-use crate::arrays::Rows;
+use crate::arrays::{Rows, check_len};
 use crate::errors::{Raise, misused};
 use crate::guarded::Guarded;
 use crate::memory::{Memory, Number};
 use crate::pairs::PyPairMask;
 use crate::process;
 use crate::rules::PyRules;
+use crate::sources::Boxes;
 
 /// A frame until it is submitted, and how many arrays lie over it.
 struct Filling<F> {
@@ -110,18 +113,49 @@ fn gone() -> PyErr {
     misused("the frame was submitted", "Gone")
 }
 
-/// Memory for the boxes of one frame.
-#[pyclass(frozen, name = "Frame", module = "pairmask")]
-pub struct PyFrame {
-    viewed: Viewed<Frame>,
+/// What frames of all kinds have. Their classes are derived from it.
+#[pyclass(frozen, subclass, name = "_AnyFrame", module = "pairmask")]
+pub struct PyAnyFrame {
     n: usize,
     is_shared: bool,
 }
 
+impl PyAnyFrame {
+    /// A frame as an object of its own class.
+    fn of_class<C: PyClass<BaseType = Self>>(self, py: Python<'_>, class: C) -> PyResult<Py<C>> {
+        Py::new(py, PyClassInitializer::from(self).add_subclass(class))
+    }
+}
+
+#[pymethods]
+impl PyAnyFrame {
+    /// Boxes or spheres in this frame.
+    #[getter]
+    fn n(&self) -> usize {
+        self.n
+    }
+
+    fn __len__(&self) -> usize {
+        self.n
+    }
+
+    /// Whether they lie in shared memory.
+    #[getter]
+    fn is_shared(&self) -> bool {
+        self.is_shared
+    }
+}
+
+/// Memory for the boxes of one frame.
+#[pyclass(frozen, extends = PyAnyFrame, name = "Frame", module = "pairmask")]
+pub struct PyFrame {
+    viewed: Viewed<Frame>,
+}
+
 impl PyFrame {
-    pub fn new(frame: Frame) -> Self {
-        let (n, is_shared) = (frame.n().len(), frame.is_shared());
-        Self { viewed: Viewed::new(frame), n, is_shared }
+    pub fn new(py: Python<'_>, frame: Frame) -> PyResult<Py<Self>> {
+        let any = PyAnyFrame { n: frame.n().len(), is_shared: frame.is_shared() };
+        any.of_class(py, Self { viewed: Viewed::new(frame) })
     }
 }
 
@@ -135,24 +169,8 @@ impl PyFrame {
 
     /// Writes every box.
     fn write(&self, py: Python<'_>, boxes: &Bound<'_, PyAny>) -> PyResult<()> {
-        let rows = Rows::of(boxes, 6)?;
-        self.viewed.with(|frame| rows.write_boxes(py, frame.boxes_mut()))?
-    }
-
-    /// Boxes in this frame.
-    #[getter]
-    fn n(&self) -> usize {
-        self.n
-    }
-
-    fn __len__(&self) -> usize {
-        self.n
-    }
-
-    /// Whether the boxes lie in shared memory.
-    #[getter]
-    fn is_shared(&self) -> bool {
-        self.is_shared
+        let boxes = Boxes::of(boxes)?;
+        self.viewed.with(|frame| boxes.write(py, frame.boxes_mut()))?
     }
 
     /// Asks for the pairs.
@@ -179,17 +197,15 @@ impl PyFrame {
 }
 
 /// Memory for the spheres of one frame.
-#[pyclass(frozen, name = "SphereFrame", module = "pairmask")]
+#[pyclass(frozen, extends = PyAnyFrame, name = "SphereFrame", module = "pairmask")]
 pub struct PySphereFrame {
     viewed: Viewed<SphereFrame>,
-    n: usize,
-    is_shared: bool,
 }
 
 impl PySphereFrame {
-    pub fn new(frame: SphereFrame) -> Self {
-        let (n, is_shared) = (frame.n().len(), frame.is_shared());
-        Self { viewed: Viewed::new(frame), n, is_shared }
+    pub fn new(py: Python<'_>, frame: SphereFrame) -> PyResult<Py<Self>> {
+        let any = PyAnyFrame { n: frame.n().len(), is_shared: frame.is_shared() };
+        any.of_class(py, Self { viewed: Viewed::new(frame) })
     }
 }
 
@@ -207,22 +223,6 @@ impl PySphereFrame {
         self.viewed.with(|frame| rows.write_spheres(py, frame.spheres_mut()))?
     }
 
-    /// Spheres in this frame.
-    #[getter]
-    fn n(&self) -> usize {
-        self.n
-    }
-
-    fn __len__(&self) -> usize {
-        self.n
-    }
-
-    /// Whether the spheres lie in shared memory.
-    #[getter]
-    fn is_shared(&self) -> bool {
-        self.is_shared
-    }
-
     /// Asks for the pairs.
     fn submit(&self, py: Python<'_>) -> PyResult<PyPendingFrame> {
         self.viewed.submit(py, SphereFrame::submit)
@@ -230,17 +230,15 @@ impl PySphereFrame {
 }
 
 /// Memory for the boxes of one frame in a narrow form. No array lies over it: `write` rounds the boxes.
-#[pyclass(frozen, name = "NarrowFrame", module = "pairmask")]
+#[pyclass(frozen, extends = PyAnyFrame, name = "NarrowFrame", module = "pairmask")]
 pub struct PyNarrowFrame {
     viewed: Viewed<NarrowFrame>,
-    n: usize,
-    is_shared: bool,
 }
 
 impl PyNarrowFrame {
-    pub fn new(frame: NarrowFrame) -> Self {
-        let (n, is_shared) = (frame.n().len(), frame.is_shared());
-        Self { viewed: Viewed::new(frame), n, is_shared }
+    pub fn new(py: Python<'_>, frame: NarrowFrame) -> PyResult<Py<Self>> {
+        let any = PyAnyFrame { n: frame.n().len(), is_shared: frame.is_shared() };
+        any.of_class(py, Self { viewed: Viewed::new(frame) })
     }
 }
 
@@ -248,26 +246,14 @@ impl PyNarrowFrame {
 impl PyNarrowFrame {
     /// Writes every box in the frame's form.
     fn write(&self, py: Python<'_>, boxes: &Bound<'_, PyAny>) -> PyResult<()> {
-        let rows = Rows::of(boxes, 6)?;
-        rows.check_len(self.n)?;
-        let boxes = rows.boxes(py)?;
-        py.detach(|| self.viewed.with(|frame| frame.fill(&boxes[..])))
-    }
-
-    /// Boxes in this frame.
-    #[getter]
-    fn n(&self) -> usize {
-        self.n
-    }
-
-    fn __len__(&self) -> usize {
-        self.n
-    }
-
-    /// Whether the boxes lie in shared memory.
-    #[getter]
-    fn is_shared(&self) -> bool {
-        self.is_shared
+        let boxes = Boxes::of(boxes)?.to_vec(py)?;
+        py.detach(|| {
+            self.viewed.with(|frame| {
+                check_len(boxes.len(), frame.n().len())?;
+                frame.fill(&boxes[..]);
+                Ok(())
+            })?
+        })
     }
 
     /// Asks for the pairs.

@@ -55,6 +55,17 @@ impl<T> Guarded<T> {
         told.map_err(|()| panicked())?.ok_or_else(|| misused(self.gone, "Gone"))
     }
 
+    /// Calls `f` with the object, if it is still there, from a drop: no Python thread is told to run meanwhile.
+    /// In a forked process nothing happens.
+    pub fn with_rest(&self, f: impl FnOnce(&mut T)) {
+        if !process::is_forked()
+            && let Ok(mut held) = self.held.lock()
+            && let Some(object) = held.as_mut()
+        {
+            f(object);
+        }
+    }
+
     /// Takes the object out.
     pub fn take(&self, py: Python<'_>) -> PyResult<T>
     where

@@ -8,6 +8,7 @@ mod engines;
 mod errors;
 mod frame;
 mod guarded;
+mod margined;
 mod memory;
 mod pairs;
 mod precision;
@@ -15,6 +16,7 @@ mod process;
 mod rules;
 mod scene;
 mod session;
+mod sources;
 
 /// The extension module.
 #[pyo3::pymodule]
@@ -29,6 +31,8 @@ mod _pairmask {
     #[pymodule_export]
     use crate::frame::{PyFrame, PyNarrowFrame, PyPendingFrame, PySphereFrame};
     #[pymodule_export]
+    use crate::margined::{PyMarginStats, PyMargined};
+    #[pymodule_export]
     use crate::pairs::{PyFrameInfo, PyPairMask};
     #[pymodule_export]
     use crate::precision::PyPrecision;
@@ -36,8 +40,11 @@ mod _pairmask {
     use crate::rules::{PyFilter, PyFilterTable, PyRules};
     #[pymodule_export]
     use crate::scene::{
-        PyEdit, PyMarginedScene, PyMarginedStats, PyScene, PySceneAnswer, PySharedScene,
+        PyEdit, PyMarginedScene, PyMarginedSceneStats, PyPendingAnswer, PyScene, PySceneAnswer,
+        PySharedScene,
     };
     #[pymodule_export]
     use crate::session::PySession;
+    #[pymodule_export]
+    use crate::sources::PyBoxSource;
 }

@@ -152,6 +152,12 @@ impl PyFrameInfo {
         self.info.threads
     }
 
+    /// What the objects were: the form of the boxes, or spheres.
+    #[getter]
+    fn form(&self) -> String {
+        self.info.form.to_string()
+    }
+
     /// Boxes with a NaN.
     #[getter]
     fn invalid(&self) -> u32 {

@@ -3,8 +3,8 @@
 use pairmask::{Aabb, Bounds, Precision};
 use pyo3::prelude::*;
 
-use crate::arrays::Rows;
 use crate::errors::Raise;
+use crate::sources::Boxes;
 
 /// The precision of the boxes of a frame. None misses a pair.
 #[pyclass(frozen, eq, skip_from_py_object, name = "Precision", module = "pairmask")]
@@ -57,5 +57,5 @@ impl PyPrecision {
 }
 
 fn all(py: Python<'_>, boxes: &Bound<'_, PyAny>) -> PyResult<Vec<Aabb>> {
-    Rows::of(boxes, 6)?.boxes(py)
+    Boxes::of(boxes)?.to_vec(py)
 }

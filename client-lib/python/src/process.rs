@@ -9,7 +9,7 @@ use pyo3::PyResult;
 
 use crate::errors::misused;
 
-/// The process that first made a session; 0 before.
+/// The process that first made a session, or boxes of a source on the engines' threads; 0 before.
 static FIRST: AtomicU32 = AtomicU32::new(0);
 
 /// Fails in a process that was forked from one with sessions; else this is the process that has them.

@@ -5,10 +5,9 @@ use std::path::PathBuf;
 use pairmask::error::UnknownName;
 use pairmask::scene::SceneOptions;
 use pairmask::{
-    Aabb, Backend, BoxCount, CalibrationChoice, FrameError, MarginedPairs, PendingFrame, Precision,
-    Session, Sphere,
+    Backend, BoxCount, CalibrationChoice, FrameError, PendingFrame, Precision, Session,
 };
-use pyo3::exceptions::{PyMemoryError, PyValueError};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::arrays::Rows;
@@ -20,25 +19,8 @@ use crate::pairs::pairs_of;
 use crate::precision::PyPrecision;
 use crate::process;
 use crate::rules::PyRules;
-use crate::scene::{PyMarginedScene, PyScene, PySharedScene, join_options};
-
-/// Frames of so many bytes are asked for on trial, since the library ends the process where there is no memory for
-/// them. Reserving takes some microseconds; smaller frames are not worth them.
-const LARGE_BYTES: usize = 64 << 20;
-
-const BOX_BYTES: usize = size_of::<Aabb>();
-const SPHERE_BYTES: usize = size_of::<Sphere>();
-
-/// Fails where there is no memory for `n` objects. More than an index can name are left to the library to refuse.
-fn check_memory(n: usize, object_bytes: usize) -> PyResult<()> {
-    let bytes = n.saturating_mul(object_bytes);
-    if bytes < LARGE_BYTES || u32::try_from(n).is_err() {
-        return Ok(());
-    }
-    let refused =
-        |_| PyMemoryError::new_err(format!("no memory for a frame of {n} boxes or spheres"));
-    Vec::<u8>::new().try_reserve_exact(bytes).map_err(refused)
-}
+use crate::scene::{PyMarginedScene, PyScene, PySharedScene, join_options, margined_pairs};
+use crate::sources::Boxes;
 
 /// Parses a name that an option has.
 fn named<T: std::str::FromStr<Err = UnknownName>>(name: &str) -> PyResult<T> {
@@ -113,13 +95,15 @@ impl PySession {
             builder = builder.capacity(BoxCount::new(capacity));
         }
         let session = py.detach(|| builder.connect()).map_err(Raise::raise)?;
-        Ok(Self { session: Guarded::new(session, "the session was closed") })
+        Ok(Self {
+            session: Guarded::new(session, "the session was closed, or given to a Margined"),
+        })
     }
 
     /// Memory for the boxes of a frame of `n` boxes.
-    fn frame(&self, py: Python<'_>, n: usize) -> PyResult<PyFrame> {
-        let frame = self.begin(py, n, BOX_BYTES, move |session| session.frame(n))?;
-        Ok(PyFrame::new(frame))
+    fn frame(&self, py: Python<'_>, n: usize) -> PyResult<Py<PyFrame>> {
+        let frame = self.begin(py, move |session| session.frame(n))?;
+        PyFrame::new(py, frame)
     }
 
     /// Memory for the boxes of a frame that are written with a precision.
@@ -128,17 +112,17 @@ impl PySession {
         py: Python<'_>,
         n: usize,
         precision: &PyPrecision,
-    ) -> PyResult<PyNarrowFrame> {
+    ) -> PyResult<Py<PyNarrowFrame>> {
         let precision: Precision = precision.precision;
         let begin = move |session: &mut Session| session.narrow_frame(n, precision);
-        let frame = self.begin(py, n, BOX_BYTES, begin)?;
-        Ok(PyNarrowFrame::new(frame))
+        let frame = self.begin(py, begin)?;
+        PyNarrowFrame::new(py, frame)
     }
 
     /// Memory for the spheres of a frame.
-    fn sphere_frame(&self, py: Python<'_>, n: usize) -> PyResult<PySphereFrame> {
-        let frame = self.begin(py, n, SPHERE_BYTES, move |session| session.sphere_frame(n))?;
-        Ok(PySphereFrame::new(frame))
+    fn sphere_frame(&self, py: Python<'_>, n: usize) -> PyResult<Py<PySphereFrame>> {
+        let frame = self.begin(py, move |session| session.sphere_frame(n))?;
+        PySphereFrame::new(py, frame)
     }
 
     /// The pairs of an array of boxes: a frame from its memory to its pairs, in one call.
@@ -149,10 +133,10 @@ impl PySession {
         boxes: &Bound<'py, PyAny>,
         rules: Option<&PyRules>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let rows = Rows::of(boxes, 6)?;
-        let n = rows.len();
-        let mut frame = self.begin(py, n, BOX_BYTES, move |session| session.frame(n))?;
-        rows.write_boxes(py, frame.boxes_mut())?;
+        let boxes = Boxes::of(boxes)?;
+        let n = boxes.len();
+        let mut frame = self.begin(py, move |session| session.frame(n))?;
+        boxes.write(py, frame.boxes_mut())?;
         let rules = rules.map(PyRules::shared);
         let submit = || match rules {
             Some(rules) => frame.submit_with_kept(&rules),
@@ -169,7 +153,7 @@ impl PySession {
     ) -> PyResult<Bound<'py, PyAny>> {
         let rows = Rows::of(spheres, 4)?;
         let n = rows.len();
-        let mut frame = self.begin(py, n, SPHERE_BYTES, move |session| session.sphere_frame(n))?;
+        let mut frame = self.begin(py, move |session| session.sphere_frame(n))?;
         rows.write_spheres(py, frame.spheres_mut())?;
         pairs_after(py, || frame.submit())
     }
@@ -181,10 +165,10 @@ impl PySession {
         py: Python<'_>,
         most_boxes: Option<u32>,
         threads: Option<usize>,
-    ) -> PyResult<PyScene> {
+    ) -> PyResult<Py<PyScene>> {
         let options = scene_options(most_boxes, threads);
         let scene = self.with(py, move |session| session.scene(options))?;
-        Ok(PyScene::new(scene))
+        PyScene::new(py, scene)
     }
 
     /// A scene whose boxes have margins, and are sent only when they have left them.
@@ -195,15 +179,11 @@ impl PySession {
         pairs: &str,
         most_boxes: Option<u32>,
         threads: Option<usize>,
-    ) -> PyResult<PyMarginedScene> {
-        let pairs = match pairs {
-            "exact" => MarginedPairs::Exact,
-            "near" => MarginedPairs::Near,
-            _ => return Err(PyValueError::new_err(format!("no pairs '{pairs}': exact, near"))),
-        };
+    ) -> PyResult<Py<PyMarginedScene>> {
+        let pairs = margined_pairs(pairs)?;
         let options = scene_options(most_boxes, threads);
         let scene = self.with(py, move |session| session.margined_scene(options, pairs))?;
-        Ok(PyMarginedScene::new(scene))
+        PyMarginedScene::new(py, scene)
     }
 
     /// Joins a scene that several processes write, each its own boxes.
@@ -216,10 +196,10 @@ impl PySession {
         tick_deadline: Option<f64>,
         at_end: Option<&str>,
         hears: &str,
-    ) -> PyResult<PySharedScene> {
+    ) -> PyResult<Py<PySharedScene>> {
         let options = join_options(most_boxes, tick_deadline, at_end, hears)?;
         let scene = self.with(py, move |session| session.join_scene(name, options))?;
-        scene.map(PySharedScene::new).map_err(Raise::raise)
+        PySharedScene::new(py, scene.map_err(Raise::raise)?)
     }
 
     /// What would serve the next frame: `daemon` or `in-process`.
@@ -260,6 +240,11 @@ impl PySession {
 }
 
 impl PySession {
+    /// The session itself, for one that goes on with it.
+    pub fn take(&self, py: Python<'_>) -> PyResult<Session> {
+        self.session.take(py)
+    }
+
     fn with<R: Send>(
         &self,
         py: Python<'_>,
@@ -272,11 +257,8 @@ impl PySession {
     fn begin<F: Send>(
         &self,
         py: Python<'_>,
-        n: usize,
-        object_bytes: usize,
         f: impl FnOnce(&mut Session) -> Result<F, FrameError> + Send,
     ) -> PyResult<F> {
-        check_memory(n, object_bytes)?;
         self.with(py, f)?.map_err(Raise::raise)
     }
 }

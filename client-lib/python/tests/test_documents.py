@@ -24,7 +24,7 @@ CASES = [pytest.param(block, id=f"{page.name} {at}") for page in PAGES for at, b
 
 def test_pages_have_examples() -> None:
     assert all(blocks_of(page) for page in PAGES)
-    assert len(blocks_of(PAGES[0])) == 3
+    assert len(blocks_of(PAGES[0])) == 4
 
 
 @pytest.mark.parametrize("block", CASES)

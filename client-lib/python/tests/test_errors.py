@@ -172,7 +172,7 @@ for begin in (session.frame, session.sphere_frame, lambda n: session.narrow_fram
         print(error)
 """
     )
-    assert told.splitlines() == ["no memory for a frame of 1073741824 boxes or spheres"] * 3
+    assert told.splitlines() == ["this process has no memory for 1073741824 boxes or spheres"] * 3
 
 
 def test_a_fork_is_told_instead_of_hanging(daemon: Daemon) -> None:

@@ -150,6 +150,12 @@ def test_narrow_frames_miss_nothing(session: pairmask.Session) -> None:
         found = oracle.as_set(frame.submit().wait().pairs())
         assert expected <= found and len(found) < 3 * len(expected), precision
         assert found == expected or precision != pairmask.Precision.exact()
+    forms = []
+    for precision in precisions:
+        frame = session.narrow_frame(10, precision)
+        frame.write(boxes[:10])
+        forms.append(frame.submit().wait().info.form)
+    assert forms == ["f32", "f16", "q16", "q8", "q16", "q8"]
     with pytest.raises(ValueError, match="bounds"):
         pairmask.Precision.q16((1, 0, 0), (0, 1, 1))
 

@@ -98,3 +98,11 @@ def pairs(given: Any) -> Any:
     if array.ndim != 2 or array.shape[1] != 2:
         raise ValueError(f"pairs of shape {array.shape}: give (n, 2)")
     return integers(array.reshape(-1), "uint32")
+
+
+def matrices(given: Any) -> Any:
+    """Matrices (n, 3, 4) or (n, 4, 4), of which the last row is left out, as rows of twelve numbers."""
+    array = np.asarray(given)
+    if array.ndim != 3 or array.shape[1] not in (3, 4) or array.shape[2] != 4:
+        raise ValueError(f"matrices of shape {array.shape}: give (n, 3, 4) or (n, 4, 4)")
+    return array[:, :3].reshape(-1, 12)

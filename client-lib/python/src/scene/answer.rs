@@ -9,6 +9,7 @@ use pyo3::types::PyRange;
 use crate::memory::Memory;
 
 /// An answer as it is read from the library, before there are arrays of it.
+#[derive(Default)]
 pub struct Read {
     pub begun: Vec<[u32; 2]>,
     pub ended: Vec<Ended>,
@@ -16,25 +17,24 @@ pub struct Read {
     pub is_resync: bool,
     pub pair_count: Option<u64>,
     pub served_by: Option<&'static str>,
+    pub engine: Option<String>,
+    pub skipped_pairs: Option<u64>,
     pub tick: Option<u64>,
     pub late: Vec<Range<u32>>,
 }
 
-/// Reads what all kinds of answers have.
+/// Reads what answers of all kinds have.
 macro_rules! read {
-    ($answer:expr, $served_by:expr, $tick:expr, $late:expr) => {{
-        let answer = $answer;
+    ($answer:expr) => {
         $crate::scene::answer::Read {
-            begun: answer.begun().to_vec(),
-            ended: answer.ended().to_vec(),
-            pairs: answer.pairs().to_vec(),
-            is_resync: answer.is_resync(),
-            pair_count: answer.pair_count(),
-            served_by: $served_by(&answer),
-            tick: $tick(&answer),
-            late: $late(&answer),
+            begun: $answer.begun().to_vec(),
+            ended: $answer.ended().to_vec(),
+            pairs: $answer.pairs().to_vec(),
+            is_resync: $answer.is_resync(),
+            pair_count: $answer.pair_count(),
+            ..$crate::scene::answer::Read::default()
         }
-    }};
+    };
 }
 pub(super) use read;
 
@@ -66,6 +66,10 @@ pub struct PySceneAnswer {
     pair_count: Option<u64>,
     /// What answered, if a request was made.
     served_by: Option<&'static str>,
+    /// The engine that answered, if the answer names it.
+    engine: Option<String>,
+    /// Pairs that were not tested, if the answer knows.
+    skipped_pairs: Option<u64>,
     /// The tick of a shared scene.
     tick: Option<u64>,
     /// Leases of writers of a shared scene that were late.
@@ -87,6 +91,8 @@ impl PySceneAnswer {
             is_resync: read.is_resync,
             pair_count: read.pair_count,
             served_by: read.served_by,
+            engine: read.engine,
+            skipped_pairs: read.skipped_pairs,
             tick: read.tick,
             late: late?,
         })

@@ -2,30 +2,25 @@
 
 use std::sync::{Mutex, PoisonError};
 
+use pairmask::Margin;
 use pairmask::scene::Want;
-use pairmask::{Aabb, Margin, MarginedAnswer, SceneAnswer, ServedBy, SharedAnswer};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use super::answer::{PySceneAnswer, Read, read};
-use super::ops::{Named, NamedMargins, Op, margined};
-use super::{PyMarginedScene, PyScene, PySharedScene};
-use crate::arrays::{self, Rows};
+use super::PyAnyScene;
+use super::answer::PySceneAnswer;
+use super::ops::{Named, NamedMargins, Op};
+use super::pending::PyPendingAnswer;
+use crate::arrays;
 use crate::errors::{Raise, misused};
 use crate::rules::{Part, PyFilterTable, TagParts};
+use crate::sources::Boxes;
 
-/// The scene that an edit changes.
-pub enum Target {
-    Plain(Py<PyScene>),
-    Margined(Py<PyMarginedScene>),
-    Shared(Py<PySharedScene>),
-}
-
-/// An edit that is being written. Each call adds to it; `commit` does all of it at once.
+/// An edit that is being written. Each call adds to it; `commit` or `submit` does all of it at once.
 #[pyclass(frozen, name = "SceneEdit", module = "pairmask")]
 pub struct PyEdit {
-    target: Target,
-    /// `None` once it is committed.
+    scene: Py<PyAnyScene>,
+    /// `None` once it is committed or submitted.
     ops: Mutex<Option<Vec<Op>>>,
 }
 
@@ -43,22 +38,27 @@ fn want_named(name: &str) -> PyResult<Want> {
 }
 
 impl PyEdit {
-    pub const fn new(target: Target) -> Self {
-        Self { target, ops: Mutex::new(Some(Vec::new())) }
+    pub const fn new(scene: Py<PyAnyScene>) -> Self {
+        Self { scene, ops: Mutex::new(Some(Vec::new())) }
     }
 
     fn add(&self, op: Op) -> PyResult<()> {
-        match &self.target {
-            Target::Margined(_) => op.check_margined()?,
-            Target::Plain(_) | Target::Shared(_) => op.check_plain()?,
-        }
+        let has_margins = self.scene.get().has_margins();
+        let checked = if has_margins { op.check_margined() } else { op.check_plain() };
+        checked?;
         let mut ops = self.ops.lock().unwrap_or_else(PoisonError::into_inner);
         ops.as_mut().map(|ops| ops.push(op)).ok_or_else(committed)
+    }
+
+    /// The steps, which are given once. They stay here while another edit of the scene is under way.
+    fn take(&self, py: Python<'_>) -> PyResult<Vec<Op>> {
+        self.scene.get().check_idle(py)?;
+        self.ops.lock().unwrap_or_else(PoisonError::into_inner).take().ok_or_else(committed)
     }
 }
 
 fn committed() -> PyErr {
-    misused("the edit was committed: begin another one", "Gone")
+    misused("the edit was committed or submitted: begin another one", "Gone")
 }
 
 /// Margins of so many boxes: a number for all, or one for each.
@@ -82,7 +82,7 @@ impl PyEdit {
         margin: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, Self>> {
         let named = Named::of(indices)?;
-        let boxes: Vec<Aabb> = Rows::of_some(boxes, 6)?.boxes(slf.py())?;
+        let boxes = Boxes::of_some(boxes)?.to_vec(slf.py())?;
         let margins = margin.map(margins_of).transpose()?;
         slf.get().add(Op::Set(named, boxes, margins))?;
         Ok(slf)
@@ -168,52 +168,17 @@ impl PyEdit {
     #[pyo3(signature = (want="changes", *, take=true))]
     fn commit(&self, py: Python<'_>, want: &str, take: bool) -> PyResult<PySceneAnswer> {
         let want = want_named(want)?;
-        let ops = self.ops.lock().unwrap_or_else(PoisonError::into_inner).take();
-        let ops = &ops.ok_or_else(committed)?[..];
-        let read = match &self.target {
-            Target::Plain(scene) => scene.get().commit(py, ops, want, take),
-            Target::Margined(scene) => scene.get().commit(py, ops, want, take),
-            Target::Shared(scene) => scene.get().commit(py, ops, want, take),
-        };
-        PySceneAnswer::new(py, read?)
+        let ops = self.take(py)?;
+        PySceneAnswer::new(py, self.scene.get().commit(py, &ops, want, take)?)
     }
-}
 
-impl PyScene {
-    fn commit(&self, py: Python<'_>, ops: &[Op], want: Want, take: bool) -> PyResult<Read> {
-        let served_by = |answer: &SceneAnswer<'_>| Some(answer.served_by().as_str());
-        let committed = self.scene.with_detached(py, |scene| {
-            let edit = ops.iter().fold(scene.edit(), |edit, op| edit.step(op.step()));
-            let answer = edit.commit(want)?;
-            let answer = if take { answer.take() } else { answer };
-            Ok(read!(answer, served_by, |_: &_| None, |_: &_| Vec::new()))
-        });
-        committed?.map_err(|error: pairmask::CommitError| error.raise())
-    }
-}
-
-impl PyMarginedScene {
-    fn commit(&self, py: Python<'_>, ops: &[Op], want: Want, take: bool) -> PyResult<Read> {
-        let served_by = |answer: &MarginedAnswer<'_>| answer.served_by().map(ServedBy::as_str);
-        let committed = self.scene.with_detached(py, |scene| {
-            let answer = ops.iter().fold(scene.edit(), margined).commit(want)?;
-            let answer = if take { answer.take() } else { answer };
-            Ok(read!(answer, served_by, |_: &_| None, |_: &_| Vec::new()))
-        });
-        committed?.map_err(|error: pairmask::CommitError| error.raise())
-    }
-}
-
-impl PySharedScene {
-    fn commit(&self, py: Python<'_>, ops: &[Op], want: Want, take: bool) -> PyResult<Read> {
-        let served_by = |_: &SharedAnswer<'_>| Some(ServedBy::Daemon.as_str());
-        let committed = self.scene.with_detached(py, |scene| {
-            let edit = ops.iter().fold(scene.edit(), |edit, op| edit.step(op.step()));
-            let answer = edit.commit(want)?;
-            let answer = if take { answer.take() } else { answer };
-            let tick = |answer: &SharedAnswer<'_>| Some(answer.tick());
-            Ok(read!(answer, served_by, tick, SharedAnswer::late))
-        });
-        committed?.map_err(|error: pairmask::SharedError| error.raise())
+    /// Applies the edit and sends it. A daemon works on it while this thread does something else; in process it
+    /// is answered before this returns.
+    #[pyo3(signature = (want="changes"))]
+    fn submit(&self, py: Python<'_>, want: &str) -> PyResult<PyPendingAnswer> {
+        let want = want_named(want)?;
+        let ops = self.take(py)?;
+        let ticket = self.scene.get().submit(py, ops, want)?;
+        Ok(PyPendingAnswer::new(self.scene.clone_ref(py), ticket))
     }
 }

@@ -1,32 +1,41 @@
 //! Scenes that persist: those of one session, those with margins, and those that several processes write.
+//!
+//! ```text
+//! any       a scene of any kind, and an edit of it from its steps to what it told
+//! edited    a scene with its edit under way, which borrows it
+//! ops       what an edit does, collected until it is committed
+//! edit, pending, answer      the classes of an edit
+//! plain, margined, shared    what a class of scenes has beside what all have
+//! ```
 
 mod answer;
+mod any;
 mod edit;
+mod edited;
+mod margined;
 mod ops;
+mod pending;
+mod plain;
+mod shared;
 
-use std::ops::Range;
-
-use pairmask::filters::Tag;
-use pairmask::info::MarginedSceneStats;
-use pairmask::scene::shared::{AtEnd, Hears};
-use pairmask::{JoinOptions, MarginedScene, Scene, SharedScene};
-use pyo3::exceptions::PyValueError;
+use pairmask::scene::Want;
+use pyo3::PyClass;
 use pyo3::prelude::*;
-use pyo3::types::PyRange;
+use pyo3::pyclass_init::PyClassInitializer;
 
 pub use self::answer::PySceneAnswer;
 pub use self::edit::PyEdit;
+pub use self::margined::{PyMarginedScene, PyMarginedSceneStats, margined_pairs};
+pub use self::pending::PyPendingAnswer;
+pub use self::plain::PyScene;
+pub use self::shared::{PySharedScene, join_options};
 
-use self::answer::python_range;
-use self::edit::Target;
-use crate::arrays::{Rows, new_boxes};
-use crate::errors::Raise;
-use crate::frame::seconds;
+use self::answer::Read;
+use self::any::AnyScene;
+use self::edited::{Edited, Ticket};
+use self::ops::Op;
+use crate::arrays::new_boxes;
 use crate::guarded::Guarded;
-use crate::memory::Memory;
-use crate::rules::{Part, TagParts};
-
-const CLOSED: &str = "the scene was closed";
 
 /// A box as an array of one row, or `None`.
 fn box_array(py: Python<'_>, found: Option<pairmask::Aabb>) -> PyResult<Option<Bound<'_, PyAny>>> {
@@ -34,143 +43,88 @@ fn box_array(py: Python<'_>, found: Option<pairmask::Aabb>) -> PyResult<Option<B
     found.map(array).transpose()
 }
 
-/// Boxes that persist from answer to answer, by indices of the client's own.
-#[pyclass(frozen, name = "Scene", module = "pairmask")]
-pub struct PyScene {
-    scene: Guarded<Scene>,
+/// What scenes of all kinds have. Their classes are derived from it.
+#[pyclass(frozen, subclass, name = "_AnyScene", module = "pairmask")]
+pub struct PyAnyScene {
+    edited: Guarded<Edited>,
+    has_margins: bool,
 }
 
-impl PyScene {
-    pub const fn new(scene: Scene) -> Self {
-        Self { scene: Guarded::new(scene, CLOSED) }
-    }
-}
-
-#[pymethods]
-impl PyScene {
-    /// Begins an edit.
-    fn edit(slf: Py<Self>) -> PyEdit {
-        PyEdit::new(Target::Plain(slf))
+impl PyAnyScene {
+    /// A scene as an object of its own class.
+    fn of<C>(py: Python<'_>, scene: AnyScene, class: C) -> PyResult<Py<C>>
+    where
+        C: PyClass<BaseType = Self>,
+    {
+        let has_margins = matches!(scene, AnyScene::Margined(_));
+        let edited = Guarded::new(Edited::new(scene), "the scene was closed");
+        Py::new(py, PyClassInitializer::from(Self { edited, has_margins }).add_subclass(class))
     }
 
-    /// Which boxes of the scene some other boxes overlap: rows (query, index), sorted.
-    #[pyo3(signature = (boxes, *, world=None, owner=None, filter=None, is_static=None))]
-    fn query<'py>(
+    /// Calls `f` with the scene, where no edit of it is under way. `f` is quick.
+    fn with<R>(&self, py: Python<'_>, f: impl FnOnce(&mut AnyScene) -> PyResult<R>) -> PyResult<R> {
+        self.edited.with(py, |edited| f(edited.scene()?))?
+    }
+
+    /// The same while other Python threads run.
+    fn with_detached<R: Send>(
         &self,
-        py: Python<'py>,
-        boxes: &Bound<'py, PyAny>,
-        world: Part<'_, 'py>,
-        owner: Part<'_, 'py>,
-        filter: Part<'_, 'py>,
-        is_static: Part<'_, 'py>,
-    ) -> PyResult<Bound<'py, PyAny>> {
-        let boxes = Rows::of_some(boxes, 6)?.boxes(py)?;
-        let parts = TagParts { world, owner, filter, is_static };
-        let tags: Option<Vec<Tag>> =
-            if parts.are_none() { None } else { Some(parts.tags(boxes.len())?) };
-        let found = self.scene.with_detached(py, |scene| {
-            let query = scene.query(&boxes);
-            let query = match &tags {
-                Some(tags) => query.tags(tags),
-                None => query,
-            };
-            query.find().map(|answer| answer.to_vec())
-        })?;
-        Memory::of_rows(found.map_err(Raise::raise)?).into_array(py)
+        py: Python<'_>,
+        f: impl FnOnce(&mut AnyScene) -> PyResult<R> + Send,
+    ) -> PyResult<R> {
+        self.edited.with_detached(py, |edited| f(edited.scene()?))?
     }
 
-    /// Forgets what was told: the next changes are a resync.
-    fn lose(&self, py: Python<'_>) -> PyResult<()> {
-        self.scene.with(py, Scene::lose)
+    const fn has_margins(&self) -> bool {
+        self.has_margins
     }
 
-    fn __len__(&self, py: Python<'_>) -> PyResult<usize> {
-        self.scene.with(py, |scene| scene.len())
+    /// Fails where an edit of the scene is under way.
+    fn check_idle(&self, py: Python<'_>) -> PyResult<()> {
+        self.with(py, |_| Ok(()))
     }
 
-    fn __bool__(&self) -> bool {
-        true
+    fn commit(&self, py: Python<'_>, ops: &[Op], want: Want, take: bool) -> PyResult<Read> {
+        self.edited.with_detached(py, |edited| edited.commit(ops, want, take))?
     }
 
-    /// The box of an index, also one that is switched off.
-    fn get<'py>(&self, py: Python<'py>, index: u32) -> PyResult<Option<Bound<'py, PyAny>>> {
-        box_array(py, self.scene.with(py, |scene| scene.get(index))?)
+    fn submit(&self, py: Python<'_>, ops: Vec<Op>, want: Want) -> PyResult<Ticket> {
+        self.edited.with_detached(py, |edited| edited.submit(ops, want))?
     }
 
-    /// Bytes that this process keeps of the scene.
-    #[getter]
-    fn allocated_bytes(&self, py: Python<'_>) -> PyResult<usize> {
-        self.scene.with(py, |scene| scene.allocated_bytes())
+    fn wait(&self, py: Python<'_>, ticket: Ticket, take: bool) -> PyResult<Read> {
+        self.edited.with_detached(py, |edited| edited.wait(ticket, take))?
     }
 
-    /// Ends the scene.
-    fn close(&self, py: Python<'_>) -> PyResult<()> {
-        self.scene.close(py)
-    }
-
-    fn __enter__(slf: Py<Self>) -> Py<Self> {
-        slf
-    }
-
-    #[pyo3(signature = (*_args))]
-    fn __exit__(&self, py: Python<'_>, _args: &Bound<'_, PyAny>) -> PyResult<()> {
-        self.close(py)
-    }
-}
-
-/// Boxes that persist, each with a margin; only boxes that left theirs are sent.
-#[pyclass(frozen, name = "MarginedScene", module = "pairmask")]
-pub struct PyMarginedScene {
-    scene: Guarded<MarginedScene>,
-}
-
-impl PyMarginedScene {
-    pub const fn new(scene: MarginedScene) -> Self {
-        Self { scene: Guarded::new(scene, CLOSED) }
+    fn leave(&self, ticket: Ticket) {
+        self.edited.with_rest(|edited| edited.leave(ticket));
     }
 }
 
 #[pymethods]
-impl PyMarginedScene {
+impl PyAnyScene {
     /// Begins an edit.
     fn edit(slf: Py<Self>) -> PyEdit {
-        PyEdit::new(Target::Margined(slf))
+        PyEdit::new(slf)
     }
 
-    /// Forgets what was told.
-    fn lose(&self, py: Python<'_>) -> PyResult<()> {
-        self.scene.with(py, MarginedScene::lose)
+    /// The box of an index, also one that is switched off; of a shared scene, one of this member's. It is the box
+    /// as it was set.
+    fn get<'py>(&self, py: Python<'py>, index: u32) -> PyResult<Option<Bound<'py, PyAny>>> {
+        box_array(py, self.with(py, |scene| Ok(scene.get(index)))?)
     }
 
     fn __len__(&self, py: Python<'_>) -> PyResult<usize> {
-        self.scene.with(py, |scene| scene.len())
+        self.with(py, |scene| Ok(scene.len()))
     }
 
     fn __bool__(&self) -> bool {
         true
     }
 
-    /// The box of an index as it was set.
-    fn get<'py>(&self, py: Python<'py>, index: u32) -> PyResult<Option<Bound<'py, PyAny>>> {
-        box_array(py, self.scene.with(py, |scene| scene.get(index))?)
-    }
-
-    /// The box of an index as it was sent: inflated.
-    fn inflated<'py>(&self, py: Python<'py>, index: u32) -> PyResult<Option<Bound<'py, PyAny>>> {
-        box_array(py, self.scene.with(py, |scene| scene.inflated(index))?)
-    }
-
-    /// Boxes set and sent so far.
-    #[getter]
-    fn stats(&self, py: Python<'_>) -> PyResult<PyMarginedStats> {
-        let stats = self.scene.with(py, |scene| scene.stats())?;
-        let MarginedSceneStats { edits, requests, set, sent, .. } = stats;
-        Ok(PyMarginedStats { edits, requests, set, sent })
-    }
-
-    /// Ends the scene.
+    /// Ends the scene; a shared one is left. An edit under way is given up.
     fn close(&self, py: Python<'_>) -> PyResult<()> {
-        self.scene.close(py)
+        self.edited.close(py)
     }
 
     fn __enter__(slf: Py<Self>) -> Py<Self> {
@@ -181,135 +135,4 @@ impl PyMarginedScene {
     fn __exit__(&self, py: Python<'_>, _args: &Bound<'_, PyAny>) -> PyResult<()> {
         self.close(py)
     }
-}
-
-/// Boxes that were set, and how few of them were sent.
-#[pyclass(frozen, get_all, name = "MarginedStats", module = "pairmask")]
-pub struct PyMarginedStats {
-    /// Edits that were applied.
-    edits: u64,
-    /// Edits for which a request was made.
-    requests: u64,
-    /// Boxes that edits set.
-    set: u64,
-    /// Boxes that were sent.
-    sent: u64,
-}
-
-/// A scene that several processes write, each its own boxes.
-#[pyclass(frozen, name = "SharedScene", module = "pairmask")]
-pub struct PySharedScene {
-    scene: Guarded<SharedScene>,
-}
-
-impl PySharedScene {
-    pub const fn new(scene: SharedScene) -> Self {
-        Self { scene: Guarded::new(scene, CLOSED) }
-    }
-}
-
-#[pymethods]
-impl PySharedScene {
-    /// Begins an edit of this member's boxes.
-    fn edit(slf: Py<Self>) -> PyEdit {
-        PyEdit::new(Target::Shared(slf))
-    }
-
-    /// Leases a `range` of indices: this member alone may set boxes there.
-    fn lease(&self, py: Python<'_>, indices: &Bound<'_, PyRange>) -> PyResult<()> {
-        let step: i64 = indices.getattr("step")?.extract()?;
-        let range: Range<u32> =
-            indices.getattr("start")?.extract()?..indices.getattr("stop")?.extract()?;
-        if step != 1 {
-            return Err(PyValueError::new_err("a lease is a range without gaps"));
-        }
-        self.scene.with_detached(py, |scene| scene.lease(range))?.map_err(Raise::raise)
-    }
-
-    /// Leases the lowest free range of so many indices.
-    fn lease_any(&self, py: Python<'_>, count: u32) -> PyResult<Py<PyRange>> {
-        let leased = self.scene.with_detached(py, |scene| scene.lease_any(count))?;
-        python_range(py, &leased.map_err(Raise::raise)?)
-    }
-
-    /// Gives back the lease that begins at an index. Its boxes are removed.
-    fn give_back(&self, py: Python<'_>, first: u32) -> PyResult<()> {
-        self.scene.with_detached(py, |scene| scene.give_back(first))?.map_err(Raise::raise)
-    }
-
-    /// The ranges that this member has leased.
-    #[getter]
-    fn leases(&self, py: Python<'_>) -> PyResult<Vec<Py<PyRange>>> {
-        let leases = self.scene.with(py, |scene| scene.leases().to_vec())?;
-        leases.iter().map(|range| python_range(py, range)).collect()
-    }
-
-    /// Indices are below this.
-    #[getter]
-    fn most_boxes(&self, py: Python<'_>) -> PyResult<u32> {
-        self.scene.with(py, |scene| scene.most_boxes())
-    }
-
-    /// How long a tick is open after its first commit, at the most, seconds.
-    #[getter]
-    fn tick_deadline(&self, py: Python<'_>) -> PyResult<f64> {
-        self.scene.with(py, |scene| scene.tick_deadline().as_secs_f64())
-    }
-
-    fn __len__(&self, py: Python<'_>) -> PyResult<usize> {
-        self.scene.with(py, |scene| scene.len())
-    }
-
-    fn __bool__(&self) -> bool {
-        true
-    }
-
-    /// The box of an index of this member.
-    fn get<'py>(&self, py: Python<'py>, index: u32) -> PyResult<Option<Bound<'py, PyAny>>> {
-        box_array(py, self.scene.with(py, |scene| scene.get(index))?)
-    }
-
-    /// Leaves the scene.
-    fn close(&self, py: Python<'_>) -> PyResult<()> {
-        self.scene.close(py)
-    }
-
-    fn __enter__(slf: Py<Self>) -> Py<Self> {
-        slf
-    }
-
-    #[pyo3(signature = (*_args))]
-    fn __exit__(&self, py: Python<'_>, _args: &Bound<'_, PyAny>) -> PyResult<()> {
-        self.close(py)
-    }
-}
-
-/// What a member asks of a shared scene.
-pub fn join_options(
-    most_boxes: Option<u32>,
-    tick_deadline: Option<f64>,
-    at_end: Option<&str>,
-    hears: &str,
-) -> PyResult<JoinOptions> {
-    let unknown = |name: &str, known: &str| {
-        Err(PyValueError::new_err(format!("'{name}' is none of these: {known}")))
-    };
-    let mut options = JoinOptions::default().hearing(match hears {
-        "own" => Hears::Own,
-        "all" => Hears::All,
-        _ => return unknown(hears, "own, all"),
-    });
-    if let Some(most) = most_boxes {
-        options = options.with_most_boxes(most);
-    }
-    if let Some(deadline) = tick_deadline {
-        options = options.with_tick_deadline(seconds(deadline)?);
-    }
-    match at_end {
-        None => {}
-        Some("remove") => options = options.with_at_end(AtEnd::Remove),
-        Some("keep") => options = options.with_at_end(AtEnd::Keep),
-        Some(name) => return unknown(name, "remove, keep"),
-    }
-    Ok(options)
 }

@@ -1,0 +1,98 @@
+//! A scene with its edit under way. The edit borrows the scene, so that the two are kept in one cell.
+
+use pairmask::scene::Want;
+use pyo3::{PyErr, PyResult};
+use self_cell::{MutBorrow, self_cell};
+
+use super::answer::Read;
+use super::any::{AnyScene, Pending};
+use super::ops::Op;
+use crate::errors::misused;
+
+/// A scene and the steps of its edit.
+type Owner = MutBorrow<(Box<AnyScene>, Vec<Op>)>;
+/// `None` once it was waited for.
+type Borrower<'s> = Option<Pending<'s>>;
+
+self_cell!(
+    struct Cell {
+        owner: Owner,
+        #[not_covariant]
+        dependent: Borrower,
+    }
+);
+
+/// Names an edit under way: no later one of its scene has the same.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub struct Ticket(u64);
+
+/// A scene, or an edit of it under way. It is neither only after a panic.
+pub struct Edited {
+    idle: Option<Box<AnyScene>>,
+    under_way: Option<Cell>,
+    /// The last edit that was submitted.
+    last: Ticket,
+}
+
+fn is_under_way() -> PyErr {
+    misused("an edit of this scene is under way: wait for its answer, or close it", "UnderWay")
+}
+
+impl Edited {
+    pub fn new(scene: AnyScene) -> Self {
+        Self { idle: Some(Box::new(scene)), under_way: None, last: Ticket(0) }
+    }
+
+    /// The scene, where no edit of it is under way.
+    pub fn scene(&mut self) -> PyResult<&mut AnyScene> {
+        self.idle.as_deref_mut().ok_or_else(is_under_way)
+    }
+
+    /// Applies an edit and waits for what it tells.
+    pub fn commit(&mut self, ops: &[Op], want: Want, take: bool) -> PyResult<Read> {
+        self.scene()?.submit(ops, want)?.wait(take)
+    }
+
+    /// Applies an edit, and sends it where a daemon has the scene.
+    pub fn submit(&mut self, ops: Vec<Op>, want: Want) -> PyResult<Ticket> {
+        let scene = self.idle.take().ok_or_else(is_under_way)?;
+        let sent = Cell::try_new_or_recover(MutBorrow::new((scene, ops)), |owner| {
+            let (scene, ops) = owner.borrow_mut();
+            scene.submit(ops, want).map(Some)
+        });
+        match sent {
+            Ok(cell) => {
+                self.under_way = Some(cell);
+                self.last = Ticket(self.last.0 + 1);
+                Ok(self.last)
+            }
+            Err((owner, error)) => {
+                self.idle = Some(owner.into_inner().0);
+                Err(error)
+            }
+        }
+    }
+
+    /// Waits for what an edit tells.
+    pub fn wait(&mut self, ticket: Ticket, take: bool) -> PyResult<Read> {
+        let gone = || misused("the answer of this edit was waited for, or given up", "Gone");
+        let mut cell = self.under_way.take_if(|_| self.last == ticket).ok_or_else(gone)?;
+        let told = cell.with_dependent_mut(|_, pending| {
+            pending.take().ok_or_else(gone).and_then(|pending| pending.wait(take))
+        });
+        self.end(cell);
+        told
+    }
+
+    /// Gives up the answer of an edit, if it is under way: the edit is applied, and the next answer makes up
+    /// for this one.
+    pub fn leave(&mut self, ticket: Ticket) {
+        if let Some(cell) = self.under_way.take_if(|_| self.last == ticket) {
+            self.end(cell);
+        }
+    }
+
+    fn end(&mut self, cell: Cell) {
+        self.idle = Some(cell.into_owner().into_inner().0);
+    }
+}
