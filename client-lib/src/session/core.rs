@@ -135,16 +135,10 @@ impl Core {
     pub(super) fn end_scene(&self, link: &Arc<Link>, header: &RequestHeader, last: &Arc<Unread>) {
         self.unread.end(Ending::new(link, header), last);
         let deadline = Instant::now() + END_WITHIN;
-        let place = || loop {
-            match link.loan(0) {
-                Err(FrameError::TooManyFrames) if self.unread.receive_landed(link) => {}
-                loaned => return loaned,
-            }
-        };
         // The scene's last edit may hold the last place: the end goes out once that is answered.
         for _ in 0..2 {
             // Without a place the next request tells it.
-            let _ = self.unread.tell_ended(link, place);
+            let _ = self.unread.tell_ended(link, || self.place_now(link, 0));
             self.unread.wait_for_ended(link, deadline);
         }
     }
@@ -161,18 +155,25 @@ impl Core {
 
     fn place(&self, link: &Arc<Link>, bytes: u64) -> Result<SharedFrame, FrameError> {
         loop {
-            match link.loan(bytes) {
+            match self.place_now(link, bytes) {
                 Err(FrameError::TooManyFrames) => {}
                 loaned => return loaned,
-            }
-            if self.unread.receive_landed(link) {
-                continue;
             }
             match self.unread.receive_oldest(link, &self.settings) {
                 Ok(true) => {}
                 // Another thread may have received an answer meanwhile.
                 Ok(false) => return link.loan(bytes),
                 Err(how) => return Err(self.give_up(link, how).into()),
+            }
+        }
+    }
+
+    /// A place that is free, or held by an edit whose answer has come and that nobody waits for.
+    fn place_now(&self, link: &Arc<Link>, bytes: u64) -> Result<SharedFrame, FrameError> {
+        loop {
+            match link.loan(bytes) {
+                Err(FrameError::TooManyFrames) if self.unread.receive_landed(link) => {}
+                loaned => return loaned,
             }
         }
     }

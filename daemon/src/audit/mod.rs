@@ -13,8 +13,8 @@
 //! boxes has.
 //!
 //! Of scenes that persist, one in so many is followed from its beginning to its end: each of its edits and
-//! answers is copied, and so is a window of the answer to each query. While the auditor is far behind, an edit counts as skipped, and its scene is
-//! followed no more. Scenes that several sessions write are not audited.
+//! answers is copied, and so is a window of the answer to each query. While the auditor is far behind, an
+//! edit counts as skipped, and its scene is followed no more. Scenes that several sessions write are not audited.
 //!
 //! The boxes or spheres are copied after the reply was sent: a client that writes to a submitted frame may
 //! spoil its own audit.

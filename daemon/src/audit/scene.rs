@@ -83,6 +83,14 @@ impl QueryNote {
         Self { window, tags }
     }
 
+    fn tags(&self) -> QueryTags<'_> {
+        match &self.tags {
+            OwnedTags::None => QueryTags::None,
+            OwnedTags::One(tag) => QueryTags::One(*tag),
+            OwnedTags::Each(tags) => QueryTags::Each(tags),
+        }
+    }
+
     /// Client and number of the request, for the log.
     pub(super) const fn frame(&self) -> (u64, u64) {
         (self.window.client_token, self.window.frame)
@@ -155,22 +163,16 @@ impl SceneAudit {
 
     /// Compares the answer to a query with the boxes as they are after the last edit.
     pub fn check_query(&self, query: &mut QueryNote) -> Outcome {
-        let QueryNote { window, tags } = query;
         let on = |index| self.copy.kept(index).filter(|kept| kept.is_on);
-        let first = window.fill_second_set(|index| on(index).map(|kept| kept.b));
-        let none = Rules::default();
-        let rules = self.copy.rules();
-        let of_query = |query: u32| match &*tags {
-            OwnedTags::None => None,
-            OwnedTags::One(tag) => Some(*tag),
-            OwnedTags::Each(tags) => tags.get(query as usize).copied(),
-        };
+        let first = query.window.fill_second_set(|index| on(index).map(|kept| kept.b));
+        let tags = query.tags();
+        let (rules, none) = (self.copy.rules(), Rules::default());
         let of_box = |index: u32| match rules {
             Some(rules) => rules.tag(index),
             None => Tag::default().with_static(on(index).is_some_and(|kept| kept.is_static)),
         };
-        check_by_rules(window, |query, object| {
-            of_query(query)
+        check_by_rules(&query.window, |query, object| {
+            tags.of(query)
                 .is_none_or(|tag| rules.unwrap_or(&none).tags_meet(&tag, &of_box(object - first)))
         })
     }

@@ -49,7 +49,8 @@ impl QueryTags<'_> {
         }
     }
 
-    fn of(&self, query: u32) -> Option<Tag> {
+    /// The tag of a query; `None` where it meets every box.
+    pub fn of(&self, query: u32) -> Option<Tag> {
         match self {
             Self::None => None,
             Self::One(tag) => Some(*tag),
