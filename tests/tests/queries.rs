@@ -12,8 +12,7 @@ use pairmask_core::scene::{
     Edit, FilteredScene, QueryError, QueryTags, Scene, SceneOptions, Sets, Step, Want, between,
 };
 use pairmask_core::{Aabb, BoxClass};
-use pairmask_tests::command_line::eventually;
-use pairmask_tests::daemon::TestDaemon;
+use pairmask_tests::daemon::{TestDaemon, eventually};
 use pairmask_tests::queried::{QueriedScene, Queries, a_query, overlap};
 use pairmask_tests::scene_edits::{EditMaker, SKIPPED, same_told};
 use pairmask_tests::stress_scenes::Rng;

@@ -1,5 +1,5 @@
 //! Scenes that several sessions write, held to the pairs of all boxes, whoever commits first, is late, dies, or
-//! loses its daemon.
+//! loses its daemon. One file, because its tests share the members, what they hear, and the pairs of all boxes.
 #![allow(clippy::unwrap_used)]
 #![allow(clippy::single_range_in_vec_init)] // Lists of ranges are meant.
 
