@@ -12,8 +12,9 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pairmask
 import pytest
@@ -31,6 +32,22 @@ def pairmaskd() -> str:
         if os.path.exists(path):
             return str(path)
     pytest.fail("no pairmaskd: build it with `cargo build -p pairmaskd`, or name one in PAIRMASKD")
+
+
+def wait_by_two_threads(wait: Callable[[], object]) -> tuple[list[threading.Thread], list[object]]:
+    """Two threads that wait for the same, and what each got, or the kind of its error."""
+    ended: list[object] = []
+
+    def run() -> None:
+        try:
+            ended.append(wait())
+        except pairmask.PairmaskError as error:
+            ended.append(error.kind)
+
+    threads = [threading.Thread(target=run) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    return threads, ended
 
 
 class Daemon:

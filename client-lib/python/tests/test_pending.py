@@ -11,7 +11,7 @@ import numpy as np
 import oracle
 import pairmask
 import pytest
-from conftest import Daemon, run_python
+from conftest import Daemon, run_python, wait_by_two_threads
 
 BACKENDS = pytest.mark.parametrize("backend", ["in-process", "auto", "daemon"])
 
@@ -188,18 +188,8 @@ def test_two_threads_cannot_wait_for_one_edit(daemon: Daemon) -> None:
         late = other.join_scene("threads")
         late.lease_any(1)
         pending = scene.edit().set(0, [0, 0, 0, 1, 1, 1]).submit()
-        ended: list[object] = []
         counted = 0
-
-        def wait() -> None:
-            try:
-                ended.append(pending.wait().tick)
-            except pairmask.PairmaskError as error:
-                ended.append(error.kind)
-
-        threads = [threading.Thread(target=wait) for _ in range(2)]
-        for thread in threads:
-            thread.start()
+        threads, ended = wait_by_two_threads(lambda: pending.wait().tick)
         while any(thread.is_alive() for thread in threads):
             counted += 1
         # Python's lock was left to this thread.

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import oracle
 import pairmask
-from conftest import Daemon
+from conftest import Daemon, wait_by_two_threads
 
 
 def count_while(work: Any) -> tuple[int, float]:
@@ -93,17 +93,7 @@ def test_two_threads_cannot_wait_for_one_frame(daemon: Daemon) -> None:
         frame = session.frame(len(boxes))
         frame.write(boxes)
         pending = frame.submit()
-        answers: list[Any] = []
-
-        def wait() -> None:
-            try:
-                answers.append(pending.wait().count)
-            except pairmask.PairmaskError as error:
-                answers.append(error.kind)
-
-        threads = [threading.Thread(target=wait) for _ in range(2)]
-        for thread in threads:
-            thread.start()
+        threads, answers = wait_by_two_threads(lambda: pending.wait().count)
         for thread in threads:
             thread.join()
     assert "Gone" in answers and any(isinstance(answer, int) for answer in answers)
