@@ -206,7 +206,7 @@ pub enum SceneStage {
     Place,
     /// Entries and rows against entries; sums to the host.
     Pairs,
-    /// The same where queries are the entries.
+    /// Queries against entries.
     Query,
     /// Pairs of each query to first places.
     QueryStarts,
@@ -247,7 +247,8 @@ impl SceneStage {
     const fn binding_count(self) -> u32 {
         match self {
             Self::QueryStarts => 3,
-            Self::Mark | Self::QueryDeal | Self::QuerySort => 5,
+            Self::Mark | Self::QueryDeal => 5,
+            Self::QuerySort => 6,
             Self::Place => 7,
             Self::Apply | Self::Cells => 8,
             Self::Pairs | Self::Query => 9,
@@ -313,7 +314,7 @@ const SHARED: [(&str, &str); 18] = [
     ("scan", include_str!("../wgsl/shared/scan.wgsl")),
     ("scene_params", include_str!("../wgsl/shared/scene_params.wgsl")),
     ("scene_records", include_str!("../wgsl/shared/scene_records.wgsl")),
-    ("scene_rows", include_str!("../wgsl/shared/scene_rows.wgsl")),
+    ("scene_found", include_str!("../wgsl/shared/scene_found.wgsl")),
     ("scene_filter", include_str!("../wgsl/shared/scene_filter.wgsl")),
     ("scene_search", include_str!("../wgsl/shared/scene_search.wgsl")),
 ];

@@ -264,10 +264,8 @@ pub enum SceneMode {
     Changes = 0,
     /// Pairs of now with a box that the edit named.
     Moved = 1,
-    /// All pairs of now.
+    /// All pairs of now, or queries.
     All = 2,
-    /// Pairs of a query and a box. The queries are what is set.
-    Query = 3,
 }
 
 /// Parameters of every stage of a scene. They lie in memory, so that a frame is recorded once.
@@ -302,10 +300,14 @@ pub struct SceneParams {
     pub table_words: u32,
     /// Words of the filter, a power of two.
     pub filter_words: u32,
-    /// Words of the control block that are zeroed. Of queries, the last of them count the pairs of each.
+    /// Words of the control block that are zeroed.
     pub control_words: u32,
     /// Most tests, in 2^32.
     pub budget: u32,
+    /// Queries.
+    pub query_count: u32,
+    /// Rounds of all loops of a thread that queries may take.
+    pub thread_rounds: u32,
 }
 
 /// What the host learns of a search. 64-bit numbers are two words, the low one first.

@@ -117,7 +117,7 @@ fn every_file_belongs_to_a_stage() {
         "share_rows_whole",
         "scene_records",
         "scene_filter",
-        "scene_rows",
+        "scene_found",
         "scene_search",
         "rows_1",
         "rows_2",

@@ -6,16 +6,6 @@
 
 #import scene_search
 
-// Whether entries look at each other.
-fn entries_look() -> bool {
-    return true;
-}
-
-// Whether two entries or rows are worth a look at their records.
-fn may_be_told(one_name: u32, other_name: u32) -> bool {
-    return true;
-}
-
 // A pair by its smaller index and its larger one; a change as larger index << 2 | what is told of it.
 fn tell_change(index: u32, other: u32, what: u32) {
     var larger = max(index, other);

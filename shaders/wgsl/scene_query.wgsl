@@ -1,32 +1,152 @@
-// scene_query: of the boxes around each other (`scene_search`), each query and the boxes that it overlaps.
+// scene_query: queries as they lie in (shared) memory, against the grid of all boxes -> each query with the boxes
+// that it overlaps, and how many those are.
 //
-// Queries lie behind the scene's records and are the entries, so that the scene's boxes look for them: each
-// looks at one bit and few have more to do. Boxes so large that they would look at many cells are entries
-// too. An entry is its box and no hull, so boxes that overlap are a pair.
+// QUERY_LANES threads share the lines of cells around a query: a box has few, so that none waits for long, and
+// the loads of a query's lines are under way together. Boxes that no level takes are shared in the same way.
 // Mirror: in the tests, `scene_stages`; what comes of it is every box against every query.
 
-#import scene_search
-#import scene_rows
+#import scene_found
 
-fn is_query(name: u32) -> bool {
-    return ((name >> KINDS_SHIFT) & THEN) != 0u;
+// Six f32 each: min.x min.y min.z max.x max.y max.z.
+@group(0) @binding(4) var<storage, read> queries: array<u32>;
+// Pairs of each query.
+@group(0) @binding(5) var<storage, read_write> counts: array<u32>;
+
+// Threads of a query.
+const QUERY_LANES: u32 = 32u;
+// Queries of a workgroup at a time.
+const TOGETHER: u32 = BATCH_BOXES / QUERY_LANES;
+
+var<workgroup> raw: array<u32, BOX_WORDS * TOGETHER>;
+var<workgroup> pair_counts: array<atomic<u32>, TOGETHER>;
+// Most rounds of loops of a thread so far.
+var<workgroup> most_rounds: atomic<u32>;
+
+// The query at hand: its number, its place among those of the workgroup, its box.
+var<private> number: u32;
+var<private> own: u32;
+var<private> row_lo: vec3<i32>;
+var<private> row_hi: vec3<i32>;
+var<private> tested: u32;
+// Rounds of loops of this thread, since it began.
+var<private> rounds: u32;
+
+// Tests the query against the positions start .. end.
+fn test_run(start: u32, table_end: u32, step: u32) {
+    // Whatever the table holds, a run ends.
+    let end = min(table_end, params.entry_capacity);
+    for (var p = start; p < end; p += step) {
+        tested++;
+        rounds++;
+        let a = sorted[2u * p];
+        if (all(a.xyz <= row_hi) & (row_lo.x <= a.w)) {
+            let b = sorted[2u * p + 1u];
+            if (all(row_lo.yz <= b.xy)) {
+                atomicAdd(&pair_counts[own], 1u);
+                tell(vec2<u32>(number, bitcast<u32>(b.z) & INDEX_MASK));
+            }
+        }
+    }
 }
 
-// Queries do not look for queries: entries look where boxes are among them.
-fn entries_look() -> bool {
-    return atomicLoad(&control[MOVED]) != 0u;
+// Tests the query against the entries of a level: this thread's share of its lines, from `share` on. A box lies in
+// the cell of its min corner and spans two cells an axis at most.
+fn test_level(index: u32, share: u32) {
+    let low = cells_of(grid.levels[index], plain3(row_lo));
+    var last = cells_of(grid.levels[index], plain3(row_hi));
+    let count = vec3<i32>(grid.levels[index].count);
+    let wraps = vec3<bool>((vec3<u32>(grid.levels[index].wraps) & vec3<u32>(1u, 2u, 4u)) != vec3<u32>(0u));
+    var first = low - 1;
+    first = select(max(first, vec3<i32>(0)), first, wraps);
+    let whole = wraps & (last - first >= count);
+    first = select(first, vec3<i32>(0), whole);
+    last = select(last, count - 1, whole);
+    let len = vec3<u32>(clamp(last - first + 1, vec3<i32>(0), count));
+    let start = vec3<u32>(first & grid.levels[index].fold);
+    let end = start + len;
+    let wrapped = max(end, vec3<u32>(count)) - vec3<u32>(count);
+    let width = grid.levels[index].count.x;
+    let height = grid.levels[index].count.y;
+    for (var line = share; line < len.y * len.z; line += QUERY_LANES) {
+        rounds++;
+        let z = folded(start.z, wrapped.z, line / len.y);
+        let y = folded(start.y, wrapped.y, line % len.y);
+        let cell = grid.levels[index].first_cell + (z * height + y) * width;
+        // Two runs: before and behind where the axis wraps.
+        if (wrapped.x > 0u) {
+            test_run(table[cell], table[cell + wrapped.x], 1u);
+        }
+        test_run(table[cell + start.x], table[cell + end.x - wrapped.x], 1u);
+    }
 }
 
-fn may_be_told(one_name: u32, other_name: u32) -> bool {
-    return is_query(one_name) != is_query(other_name);
+// Takes the box of the query at hand; whether it can overlap anything.
+fn take_query() -> bool {
+    let at = BOX_WORDS * own;
+    let lo = vec3<u32>(raw[at], raw[at + 1u], raw[at + 2u]);
+    let hi = vec3<u32>(raw[at + 3u], raw[at + 4u], raw[at + 5u]);
+    row_lo = vec3<i32>(order_key(lo.x), order_key(lo.y), order_key(lo.z));
+    row_hi = vec3<i32>(order_key(hi.x), order_key(hi.y), order_key(hi.z));
+    let is_invalid = is_nan(lo.x) | is_nan(lo.y) | is_nan(lo.z) | is_nan(hi.x) | is_nan(hi.y) | is_nan(hi.z);
+    return !is_invalid && all(row_lo <= row_hi);
 }
 
-// Tells a pair: the number of the query, the index of the box. Counts it for the query.
-fn decide(one_name: u32, other_name: u32) {
-    let is_first = is_query(one_name);
-    let query = select(other_name, one_name, is_first) & INDEX_MASK;
-    let index = select(one_name, other_name, is_first) & INDEX_MASK;
-    let number = query - params.set_first;
-    atomicAdd(&control[row_count_at(number)], 1u);
-    tell(vec2<u32>(number, index));
+fn search(group: u32, groups: u32, lane: u32) {
+    if (lane == 0u) {
+        atomicStore(&most_rounds, 0u);
+    }
+    begin_search(lane);
+    if (is_too_much != 0u) {
+        return;
+    }
+    own = lane / QUERY_LANES;
+    let share = lane % QUERY_LANES;
+    for (var first = group * TOGETHER; first < params.query_count; first += groups * TOGETHER) {
+        if (lane < BOX_WORDS * TOGETHER && BOX_WORDS * first + lane < BOX_WORDS * params.query_count) {
+            raw[lane] = queries[BOX_WORDS * first + lane];
+        }
+        if (lane < TOGETHER) {
+            atomicStore(&pair_counts[lane], 0u);
+        }
+        if (lane == 0u) {
+            is_too_much = select(0u, 1u, atomicLoad(&control[TESTED + 1u]) >= params.budget);
+        }
+        workgroupBarrier();
+        if (is_too_much != 0u) {
+            break;
+        }
+        number = first + own;
+        tested = 0u;
+        if (number < params.query_count && take_query()) {
+            var levels = atomicLoad(&used_levels);
+            while (levels != 0u) {
+                let level = countTrailingZeros(levels);
+                levels &= levels - 1u;
+                test_level(level, share);
+            }
+            test_run(table[grid.first_giant] + share, table[grid.first_nothing], QUERY_LANES);
+        }
+        count_tests(tested);
+        atomicMax(&most_rounds, rounds);
+        workgroupBarrier();
+        if (lane < TOGETHER && first + lane < params.query_count) {
+            counts[first + lane] = atomicLoad(&pair_counts[lane]);
+        }
+        if (lane == 0u && atomicLoad(&most_rounds) > params.thread_rounds) {
+            // It counts as more tests than are allowed: a software adapter ends loops early.
+            atomicMax(&control[TESTED + 1u], params.budget);
+        }
+        hand_out(lane);
+        workgroupBarrier();
+    }
+}
+
+@compute @workgroup_size(BATCH_BOXES)
+fn main(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    search(group.x, groups.x, lane);
+    end_search(groups.x, lane);
 }

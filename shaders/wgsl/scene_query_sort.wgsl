@@ -6,13 +6,13 @@
 
 #import constants
 #import scene_params
-#import scene_rows
 
 @group(0) @binding(0) var<storage, read> params: SceneParams;
 @group(0) @binding(1) var<storage, read> control: array<u32>;
-@group(0) @binding(2) var<storage, read> ends: array<u32>;
-@group(0) @binding(3) var<storage, read> rows: array<vec2<u32>>;
-@group(0) @binding(4) var<storage, read_write> found: array<vec2<u32>>;
+@group(0) @binding(2) var<storage, read> counts: array<u32>;
+@group(0) @binding(3) var<storage, read> ends: array<u32>;
+@group(0) @binding(4) var<storage, read> rows: array<vec2<u32>>;
+@group(0) @binding(5) var<storage, read_write> found: array<vec2<u32>>;
 
 @compute @workgroup_size(BATCH_BOXES)
 fn main(
@@ -24,8 +24,8 @@ fn main(
     let count = select(control[FOUND], 0u, control[FOUND + 1u] != 0u || control[FOUND] > params.pair_capacity);
     for (var i = group.x * BATCH_BOXES + lane; i < count; i += groups.x * BATCH_BOXES) {
         let one = rows[i];
-        let query = min(one.x, params.set_count - 1u);
-        let length = control[row_count_at(query)];
+        let query = min(one.x, params.query_count - 1u);
+        let length = counts[query];
         var place = i;
         if (length <= SORTED_ROW) {
             let start = ends[query] - length;

@@ -5,11 +5,10 @@
 
 #import constants
 #import scene_params
-#import scene_rows
 #import scan
 
 @group(0) @binding(0) var<storage, read> params: SceneParams;
-@group(0) @binding(1) var<storage, read> control: array<u32>;
+@group(0) @binding(1) var<storage, read> counts: array<u32>;
 @group(0) @binding(2) var<storage, read_write> starts: array<u32>;
 
 var<workgroup> earlier_sum: atomic<u32>;
@@ -17,20 +16,31 @@ var<workgroup> earlier_sum: atomic<u32>;
 @compute @workgroup_size(BATCH_BOXES)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let first = group.x * BATCH_BOXES;
-    if (first >= params.set_count) {
+    if (first >= params.query_count) {
         return;
     }
     if (lane == 0u) {
         atomicStore(&earlier_sum, 0u);
     }
+    // Four loads at a time are under way together. The queries before are whole batches of lanes.
     var earlier = 0u;
-    for (var i = lane; i < first; i += BATCH_BOXES) {
-        earlier += control[row_count_at(i)];
+    var i = lane;
+    for (; i + 3u * BATCH_BOXES < first; i += 4u * BATCH_BOXES) {
+        let four = vec4<u32>(
+            counts[i],
+            counts[i + BATCH_BOXES],
+            counts[i + 2u * BATCH_BOXES],
+            counts[i + 3u * BATCH_BOXES],
+        );
+        earlier += four.x + four.y + four.z + four.w;
+    }
+    for (; i < first; i += BATCH_BOXES) {
+        earlier += counts[i];
     }
     let query = first + lane;
     var own = 0u;
-    if (query < params.set_count) {
-        own = control[row_count_at(query)];
+    if (query < params.query_count) {
+        own = counts[query];
     }
     scan[lane] = own;
     workgroupBarrier();
@@ -38,7 +48,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         atomicAdd(&earlier_sum, earlier);
     }
     sum_up(lane);
-    if (query < params.set_count) {
+    if (query < params.query_count) {
         starts[query] = atomicLoad(&earlier_sum) + scan[lane] - own;
     }
 }

@@ -411,8 +411,8 @@ fn hull(a: &KeyBox, b: &KeyBox) -> KeyBox {
 
 impl Search {
     fn new(slots: u32, seed: u64) -> Self {
-        let modes = [SceneMode::Changes, SceneMode::Moved, SceneMode::All, SceneMode::Query];
-        let mode = modes[Rng::new(seed ^ 0x30de).below(4) as usize];
+        let modes = [SceneMode::Changes, SceneMode::Moved, SceneMode::All];
+        let mode = modes[Rng::new(seed ^ 0x30de).below(3) as usize];
         Self::of_mode(slots, seed, mode)
     }
 
@@ -420,24 +420,22 @@ impl Search {
         let random = &mut Rng::new(seed ^ 0xce11);
         let (scene, boxes) = Scene::new(slots, random);
         let mut layout = grid_layout(BoxSlice::from(boxes.as_slice()));
+        if seed.is_multiple_of(3) {
+            // The boxes of the coarsest level are giants then.
+            layout.level_count = (layout.level_count - 1).max(1);
+        }
         layout.first_nothing = layout.first_giant + slots / PARKED + 1;
         layout.cell_end = layout.first_nothing;
         let is_dense = match mode {
             SceneMode::All => true,
-            SceneMode::Query => false,
             SceneMode::Changes | SceneMode::Moved => random.below(3) == 0,
         };
         let sums = (layout.cell_end + 1).div_ceil(SCAN_CELLS);
         let (table_words, filter_words) = (sums * SCAN_CELLS, 1_024);
-        // Behind the sums, a count for each query.
-        let queries = if mode == SceneMode::Query { slots / 3 } else { 0 };
-        let control_words = SUMS as u32 + sums + queries;
+        let control_words = SUMS as u32 + sums;
         let params = SceneParams {
             control_words,
-            set_count: queries,
             mode: mode as u32,
-            // In a search of queries, those from there on.
-            set_first: slots - slots / 3,
             dense: u32::from(is_dense),
             naming: 5,
             entry_capacity: 2 * slots,
@@ -499,13 +497,11 @@ impl Search {
             let Some(is) = is else { continue };
             let is_named = match mode {
                 SceneMode::Moved => scene.named[index] == self.params.naming,
-                SceneMode::Query => index >= self.params.set_first as usize,
                 SceneMode::Changes | SceneMode::All => false,
             };
             let both = mode == SceneMode::Changes || is_named;
             let kinds = if both { THEN | NOW } else { NOW };
             if is_dense || is_named || is_wide(layout, &is) {
-                self.control[MOVED] += u32::from(mode == SceneMode::Query && !is_named);
                 self.enter(layout, index, kinds, is);
             } else {
                 let rows = (self.params.table_words + self.params.filter_words) as usize;
@@ -627,8 +623,6 @@ fn records_become_entries_of_their_cells_or_rows() {
         ("first = entry(index, THEN, was);", "first = entry(index, NOW, was);"),
         ("if (is.is_static) {", "if (!is.is_static) {"),
         ("&& named[index] == params.naming) {", ") {"),
-        ("&& index >= params.set_first) {", ") {"),
-        ("if (params.mode == MODE_QUERY && !is_entry) {", "if (false) {"),
         ("atomicAdd(&row_count, countOneBits(bits));", "atomicAdd(&row_count, 1u);"),
         ("entries[entry_base + at + 1u] = second;", "entries[entry_base + at + 1u] = first;"),
     ] {
@@ -726,15 +720,20 @@ fn entries_come_to_the_places_of_their_cells() {
     }
 }
 
+/// Queries around the boxes of a scene, odd ones among them.
+fn some_queries(count: u32, random: &mut Rng) -> Vec<Aabb> {
+    let boxes: Vec<Aabb> =
+        stress_scenes::named("uniform").boxes(count, u64::from(random.below(1 << 20)));
+    boxes.iter().map(|b| odd_box(random).unwrap_or(*b)).collect()
+}
+
 /// Pairs of a query and a box, in order.
-fn queried(search: &Search) -> Vec<[u32; 2]> {
-    let (boxes, queries) = search.colliding.split_at(search.params.set_first as usize);
+fn queried(search: &Search, queries: &[Aabb]) -> Vec<[u32; 2]> {
     let mut pairs = Vec::new();
     for (number, query) in queries.iter().enumerate() {
-        for (index, b) in boxes.iter().enumerate() {
-            if let (Some(query), Some(b)) = (query, b)
-                && query.overlaps(b)
-            {
+        let keys = KeyBox::classify(query).0;
+        for (index, b) in search.colliding.iter().enumerate() {
+            if b.as_ref().is_some_and(|b| keys.overlaps(b)) {
                 pairs.push([number as u32, index as u32]);
             }
         }
@@ -745,36 +744,44 @@ fn queried(search: &Search) -> Vec<[u32; 2]> {
 fn check_query(bench: &Bench, stage: &ComposedStage) -> Result<(), String> {
     let [cells_stage, place_stage] = [SceneStage::Cells, SceneStage::Place].map(composed);
     for (seed, slots) in (1..).zip(SIZES.into_iter().cycle().take(2 * SIZES.len())) {
-        let search = Search::of_mode(slots, seed, SceneMode::Query);
-        let expected = queried(&search);
+        let search = Search::of_mode(slots, seed, SceneMode::All);
+        let queries = some_queries(1 + slots / 3, &mut Rng::new(seed ^ 0x9e7));
+        let expected = queried(&search, &queries);
         let cells = bench.run(&cells_stage, &search.before, 2);
         let placed = place(bench, &place_stage, &search, &cells);
         // Once without room for all.
         let room = if seed % 5 == 0 { expected.len() / 2 } else { expected.len() + 3 };
-        let params = SceneParams { pair_capacity: room as u32, budget: 1, ..search.params };
+        let query_count = queries.len() as u32;
+        let params = SceneParams {
+            pair_capacity: room as u32,
+            budget: 1,
+            query_count,
+            thread_rounds: u32::MAX,
+            ..search.params
+        };
         let before = vec![
             raw(&params),
             cells[1].clone(),
             placed[3].clone(),
             placed[6].clone(),
-            cells[2].clone(),
-            cells[3].clone(),
+            bytemuck::cast_slice(&queries).to_vec(),
+            vec![UNTOUCHED; queries.len() + 5],
             cells[6].clone(),
             vec![UNTOUCHED; 2 * room + 8],
             vec![UNTOUCHED; size_of::<SceneSummary>() / 4],
         ];
         let after = bench.run(stage, &before, 1 + seed as u32 % 3);
         let what = |what: &str| format!("{slots} records, seed {seed}: {what}");
-        same(&after[..6], &before[..6]).map_err(|e| what(&e))?;
+        same(&after[..5], &before[..5]).map_err(|e| what(&e))?;
         let count = after[8][0] as usize;
         if count != expected.len() {
             return Err(what(&format!("{count} pairs for {}", expected.len())));
         }
-        let counted = &after[6][(params.control_words - params.set_count) as usize..];
-        let is_counted = (0..).zip(counted).all(|(query, count)| {
+        let (counts, behind) = after[5].split_at(queries.len());
+        let is_counted = (0..).zip(counts).all(|(query, count)| {
             *count as usize == expected.iter().filter(|pair| pair[0] == query).count()
         });
-        if !is_counted {
+        if !is_counted || behind.iter().any(|word| *word != UNTOUCHED) {
             return Err(what("counts of queries"));
         }
         let (found, rest) = after[7].split_at(2 * room.min(count));
@@ -798,18 +805,54 @@ fn queries_find_the_boxes_that_they_overlap() {
     let bench = Bench::new();
     check_query(&bench, &composed(SceneStage::Query)).unwrap_or_else(|e| panic!("{e}"));
     for (from, to) in [
-        ("return is_query(one_name) != is_query(other_name);", "return true;"),
-        ("return atomicLoad(&control[MOVED]) != 0u;", "return false;"),
-        ("query - params.set_first", "query"),
-        ("atomicAdd(&control[row_count_at(number)], 1u);", ""),
-        ("select(other_name, one_name, is_first)", "one_name"),
-        ("select(one_name, other_name, is_first)", "other_name"),
+        ("atomicAdd(&pair_counts[own], 1u);", ""),
+        ("tell(vec2<u32>(number, bitcast<u32>(b.z) & INDEX_MASK));", ""),
+        ("number = first + own;", "number = own;"),
+        ("bitcast<u32>(b.z) & INDEX_MASK", "bitcast<u32>(b.z)"),
         ("all(row_lo.yz <= b.xy)", "all(row_lo.yz < b.xy)"),
-        ("levels = levels_to_look_at();", "levels = 0u;"),
+        ("line += QUERY_LANES", "line += 2u * QUERY_LANES"),
+        (
+            "test_run(table[grid.first_giant] + share",
+            "test_run(table[grid.first_giant] + share + 1u",
+        ),
+        ("return !is_invalid && all(row_lo <= row_hi);", "return true;"),
         ("first = select(max(first, vec3<i32>(0)), first, wraps);", "first = low;"),
     ] {
         let stage = altered(SceneStage::Query, from, to);
         assert!(check_query(&bench, &stage).is_err(), "'{to}' for '{from}' is not noticed");
+    }
+}
+
+#[test]
+fn queries_with_more_rounds_than_a_thread_may_have_are_too_much() {
+    let bench = Bench::new();
+    let [cells_stage, place_stage] = [SceneStage::Cells, SceneStage::Place].map(composed);
+    let search = Search::of_mode(700, 4, SceneMode::All);
+    let cells = bench.run(&cells_stage, &search.before, 2);
+    let placed = place(&bench, &place_stage, &search, &cells);
+    let everything = Aabb { min: [-1e6; 3], max: [1e6; 3] };
+    for (thread_rounds, is_too_much) in [(1_000, false), (5, true)] {
+        let params = SceneParams {
+            pair_capacity: 1_000,
+            budget: 9,
+            query_count: 1,
+            thread_rounds,
+            ..search.params
+        };
+        let before = vec![
+            raw(&params),
+            cells[1].clone(),
+            placed[3].clone(),
+            placed[6].clone(),
+            bytemuck::cast_slice(&[everything]).to_vec(),
+            vec![UNTOUCHED; 8],
+            cells[6].clone(),
+            vec![UNTOUCHED; 2_000],
+            vec![UNTOUCHED; size_of::<SceneSummary>() / 4],
+        ];
+        let after = bench.run(&composed(SceneStage::Query), &before, 1);
+        // The high word of the tests.
+        assert_eq!(after[8][5] >= params.budget, is_too_much, "{thread_rounds}");
     }
 }
 

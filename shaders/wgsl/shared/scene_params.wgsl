@@ -30,21 +30,23 @@ struct SceneParams {
     control_words: u32,
     // More tests than this many 2^32 are left to another engine.
     budget: u32,
+    // Queries.
+    query_count: u32,
+    // Rounds of all loops of a thread that queries may take.
+    thread_rounds: u32,
 }
 
 // Pairs that began or ended since the history began.
 const MODE_CHANGES: u32 = 0u;
 // Pairs of now with a box that the edit named.
 const MODE_MOVED: u32 = 1u;
-// All pairs of now.
+// All pairs of now, or queries.
 const MODE_ALL: u32 = 2u;
-// Pairs of a query and a box; what is set from `set_first` on are the queries.
-const MODE_QUERY: u32 = 3u;
 
 // Words of the control block. WORK and SUMS are where `grid_scan` has them.
 const ENTRIES: u32 = CONTROL_HEADER_WORDS;
 const ROWS: u32 = ENTRIES + 1u;
-// Boxes that have changed; of queries, boxes that are entries.
+// Boxes that have changed.
 const MOVED: u32 = ENTRIES + 2u;
 const MOVED_STATIC: u32 = ENTRIES + 3u;
 // 64 bits each, low word first.

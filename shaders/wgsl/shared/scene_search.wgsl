@@ -1,69 +1,29 @@
-// A search of a scene: entries against later entries around them, rows against all entries around them. A
-// stage decides which of the candidates are told: `may_be_told` by the names of two boxes that overlap,
-// `decide` by what else it knows; and whether entries look at entries at all (`entries_look`).
+// A search of a scene: entries against later entries around them, rows against all entries around them. The
+// stage decides which of the candidates are told (`decide`).
 //
 // One row a thread. Rows beside the grid pass the filter first, four a thread, and those that do are
 // collected until there is one for each thread of the workgroup. Candidates are collected too, and decided
-// together, so that the threads fetch their records side by side. The last workgroup to end writes down what
-// the host learns.
+// together, so that the threads fetch their records side by side.
 // One file, because entries and rows share the workgroup's lists.
 
-#import constants
-#import scene_params
-#import scene_records
-#import grid_layout
+#import scene_found
 #import scene_filter
 
-struct SceneSummary {
-    // 64 bits each, low word first.
-    found: vec2<u32>,
-    ended: vec2<u32>,
-    tested: vec2<u32>,
-    entries: u32,
-    rows: u32,
-    // Boxes that collide and have changed, and how many of them are static.
-    moved: u32,
-    moved_static: u32,
-    // Entries below.
-    sampled: u32,
-    padding: u32,
-    // Bits of min and max.
-    samples: array<array<u32, 6>, SCENE_SAMPLES>,
-}
-
-@group(0) @binding(0) var<storage, read> params: SceneParams;
-@group(0) @binding(1) var<storage, read> grid: GridLayout;
-@group(0) @binding(2) var<storage, read> table: array<u32>;
-@group(0) @binding(3) var<storage, read> sorted: array<vec4<i32>>;
 @group(0) @binding(4) var<storage, read> now: array<vec4<i32>>;
 @group(0) @binding(5) var<storage, read> then: array<vec4<i32>>;
-@group(0) @binding(6) var<storage, read_write> control: array<atomic<u32>>;
-// Pairs as the stage tells them.
-@group(0) @binding(7) var<storage, read_write> found: array<vec2<u32>>;
-
-@group(0) @binding(8) var<storage, read_write> summary: SceneSummary;
 
 // Rows that a thread looks at a time.
 const ROWS_TOGETHER: u32 = 4u;
 // Candidates that are collected: three a thread. More are decided where they are found.
 const CANDIDATES: u32 = 3u * BATCH_BOXES;
 
-var<workgroup> used_levels: atomic<u32>;
 // Rows that passed the filter.
 var<workgroup> queue: array<u32, (ROWS_TOGETHER + 1u) * BATCH_BOXES>;
 var<workgroup> queued: atomic<u32>;
 // Names of candidates.
 var<workgroup> candidates: array<vec2<u32>, CANDIDATES>;
 var<workgroup> candidate_count: atomic<u32>;
-// Pairs to be told.
-var<workgroup> window: array<vec2<u32>, 2u * BATCH_BOXES>;
-var<workgroup> told: atomic<u32>;
-var<workgroup> window_base: u32;
 var<workgroup> ended_sum: atomic<u32>;
-var<workgroup> tested_low: atomic<u32>;
-var<workgroup> tested_high: atomic<u32>;
-var<workgroup> is_too_much: u32;
-var<workgroup> is_last: u32;
 
 // The row at hand: its name, its position or the last one of no entry, its box.
 var<private> row_name: u32;
@@ -71,28 +31,6 @@ var<private> row: u32;
 var<private> row_lo: vec3<i32>;
 var<private> row_hi: vec3<i32>;
 var<private> tested: u32;
-
-// Adds to a number of 64 bits of the control block; what its low word was.
-fn add_wide(word: u32, more: u32) -> u32 {
-    let before = atomicAdd(&control[word], more);
-    if (before + more < before) {
-        atomicAdd(&control[word + 1u], 1u);
-    }
-    return before;
-}
-
-// Takes a pair down that the host is told.
-fn tell(pair: vec2<u32>) {
-    let at = atomicAdd(&told, 1u);
-    if (at < 2u * BATCH_BOXES) {
-        window[at] = pair;
-        return;
-    }
-    let place = add_wide(FOUND, 1u);
-    if (place < params.pair_capacity) {
-        found[place] = pair;
-    }
-}
 
 // Tests the row against the positions start .. end.
 fn test_run(start: u32, table_end: u32) {
@@ -103,7 +41,7 @@ fn test_run(start: u32, table_end: u32) {
         let a = sorted[2u * p];
         if (all(a.xyz <= row_hi) & (row_lo.x <= a.w)) {
             let b = sorted[2u * p + 1u];
-            if (all(row_lo.yz <= b.xy) && may_be_told(row_name, bitcast<u32>(b.z))) {
+            if (all(row_lo.yz <= b.xy)) {
                 let at = atomicAdd(&candidate_count, 1u);
                 if (at < CANDIDATES) {
                     candidates[at] = vec2<u32>(row_name, bitcast<u32>(b.z));
@@ -113,11 +51,6 @@ fn test_run(start: u32, table_end: u32) {
             }
         }
     }
-}
-
-// Cells `first .. first + len` of an axis, folded: `wrapped` of them from 0 on, then the others.
-fn folded(first: u32, wrapped: u32, i: u32) -> u32 {
-    return select(first + (i - wrapped), i, i < wrapped);
 }
 
 // As `grid_pairs` has it.
@@ -273,66 +206,19 @@ fn take_row(index: u32) {
     row_hi = vec3<i32>(a.w, b.xy);
 }
 
-// The bits of a key's number: the map to keys is its own inverse, but for -0.
-fn number_bits(key: i32) -> u32 {
-    return bitcast<u32>(order_key(bitcast<u32>(key)));
-}
-
-// What the host learns, with some entries to choose the next grid by.
-fn summarize(lane: u32) {
-    let count = atomicLoad(&control[ENTRIES]);
-    let sampled = select(min(count, SCENE_SAMPLES), 0u, count > params.entry_capacity);
-    if (lane < sampled) {
-        let at = 2u * lane * (count / sampled);
-        let a = sorted[at];
-        let b = sorted[at + 1u];
-        summary.samples[lane] = array<u32, 6>(
-            number_bits(a.x),
-            number_bits(a.y),
-            number_bits(a.z),
-            number_bits(a.w),
-            number_bits(b.x),
-            number_bits(b.y),
-        );
-    }
-    if (lane == 0u) {
-        summary.found = vec2<u32>(atomicLoad(&control[FOUND]), atomicLoad(&control[FOUND + 1u]));
-        summary.ended = vec2<u32>(atomicLoad(&control[ENDED]), atomicLoad(&control[ENDED + 1u]));
-        summary.tested = vec2<u32>(atomicLoad(&control[TESTED]), atomicLoad(&control[TESTED + 1u]));
-        summary.entries = count;
-        summary.rows = atomicLoad(&control[ROWS]);
-        summary.moved = atomicLoad(&control[MOVED]);
-        summary.moved_static = atomicLoad(&control[MOVED_STATIC]);
-        summary.sampled = sampled;
-    }
-}
-
 fn search(group: u32, groups: u32, lane: u32) {
     if (lane == 0u) {
-        atomicStore(&used_levels, 0u);
         atomicStore(&queued, 0u);
-        atomicStore(&told, 0u);
         atomicStore(&candidate_count, 0u);
         atomicStore(&ended_sum, 0u);
-        atomicStore(&tested_low, 0u);
-        atomicStore(&tested_high, 0u);
-        let too_much = atomicLoad(&control[ENTRIES]) > params.entry_capacity;
-        is_too_much = select(0u, 1u, too_much);
     }
-    workgroupBarrier();
-    if (lane < grid.level_count) {
-        let first = grid.levels[lane].first_cell;
-        if (table[first] != table[first + grid.levels[lane].cell_count]) {
-            atomicOr(&used_levels, 1u << lane);
-        }
-    }
-    workgroupBarrier();
+    begin_search(lane);
     if (is_too_much != 0u) {
         return;
     }
     let entry_count = table[grid.first_nothing];
     let giants = table[grid.first_giant];
-    let entry_chunks = select(0u, (entry_count + BATCH_BOXES - 1u) / BATCH_BOXES, entries_look());
+    let entry_chunks = (entry_count + BATCH_BOXES - 1u) / BATCH_BOXES;
     var chunks = entry_chunks;
     if (entry_count != 0u && atomicLoad(&control[ROWS]) != 0u) {
         let round = ROWS_TOGETHER * BATCH_BOXES;
@@ -407,45 +293,15 @@ fn search(group: u32, groups: u32, lane: u32) {
             test_level(level, level == own_level);
         }
         test_run(giant_start, entry_count);
-        if (tested != 0u) {
-            let before = atomicAdd(&tested_low, tested);
-            if (before + tested < before) {
-                atomicAdd(&tested_high, 1u);
-            }
-        }
+        count_tests(tested);
         workgroupBarrier();
         let decided = min(atomicLoad(&candidate_count), CANDIDATES);
         for (var i = lane; i < decided; i += BATCH_BOXES) {
             decide(candidates[i].x, candidates[i].y);
         }
         workgroupBarrier();
-        // What is to be told goes out, and tests are counted for the budget.
-        let all = min(atomicLoad(&told), 2u * BATCH_BOXES);
+        hand_out(lane);
         if (lane == 0u) {
-            let low = atomicLoad(&tested_low);
-            if (low != 0u) {
-                add_wide(TESTED, low);
-            }
-            let high = atomicLoad(&tested_high);
-            if (high != 0u) {
-                atomicAdd(&control[TESTED + 1u], high);
-            }
-            atomicStore(&tested_low, 0u);
-            atomicStore(&tested_high, 0u);
-            if (all != 0u) {
-                window_base = add_wide(FOUND, all);
-            }
-        }
-        workgroupBarrier();
-        for (var i = lane; i < all; i += BATCH_BOXES) {
-            let place = window_base + i;
-            if (place >= window_base && place < params.pair_capacity) {
-                found[place] = window[i];
-            }
-        }
-        workgroupBarrier();
-        if (lane == 0u) {
-            atomicStore(&told, 0u);
             atomicStore(&candidate_count, 0u);
             let ended = atomicLoad(&ended_sum);
             if (ended != 0u) {
@@ -463,14 +319,5 @@ fn main(
     @builtin(local_invocation_index) lane: u32,
 ) {
     search(group.x, groups.x, lane);
-    // What this workgroup counted is there for all before it says that it has ended.
-    storageBarrier();
-    if (lane == 0u) {
-        is_last = select(0u, 1u, atomicAdd(&control[DONE], 1u) == groups.x - 1u);
-    }
-    workgroupBarrier();
-    if (is_last != 0u) {
-        storageBarrier();
-        summarize(lane);
-    }
+    end_search(groups.x, lane);
 }

@@ -3,7 +3,7 @@
 //! A layout only steers: with any, the same pairs are told.
 
 use pairmask_core::Aabb;
-use pairmask_shaders::layouts::{GridLayout, SceneMode, SceneSummary};
+use pairmask_shaders::layouts::{GridLayout, SceneSummary};
 
 use super::plan::{Question, with_giants};
 use crate::execute::gpu::grid::layout::Chooser;
@@ -35,11 +35,11 @@ struct Kind {
     sampled_of: u32,
 }
 
-/// The layouts of a scene: one where few boxes are entries, one where all are, one where queries are.
+/// The layouts of a scene: one where few boxes are entries, one where all are.
 #[derive(Default)]
 pub(super) struct Layouts {
     chooser: Chooser,
-    kinds: [Kind; 3],
+    kinds: [Kind; 2],
     /// Some boxes of the last large edit.
     edited: Vec<Aabb>,
 }
@@ -51,10 +51,7 @@ const fn are_alike(a: u32, b: u32) -> bool {
 
 /// The kind of a search.
 fn kind_of(question: &Question) -> usize {
-    match question.mode {
-        SceneMode::Query => 2,
-        _ => usize::from(question.is_dense()),
-    }
+    usize::from(question.is_dense())
 }
 
 impl Layouts {
@@ -69,16 +66,6 @@ impl Layouts {
         let place = |i: usize| i * step + (i.wrapping_mul(0x9e37_79b9) >> 7) % step;
         self.edited.clear();
         self.edited.extend((0..wanted).map(|i| boxes[place(i)]));
-    }
-
-    /// Looks at queries: a layout for them fits their sizes and those of the scene's boxes.
-    pub fn note_queries(&mut self, question: &Question, queries: &[Aabb]) {
-        let kind = &mut self.kinds[kind_of(question)];
-        kind.sample.clear();
-        let wanted = queries.len().min(EDIT_SAMPLE);
-        kind.sample.extend((0..wanted).map(|i| queries[i * queries.len() / wanted]));
-        kind.sample.extend_from_slice(&self.edited);
-        kind.sampled_of = question.grid_boxes();
     }
 
     /// The layout for a search.
@@ -102,23 +89,29 @@ impl Layouts {
         with_giants(chosen.layout, question.slots)
     }
 
-    /// Looks at the entries that a search had.
-    pub fn note_search(&mut self, question: &Question, summary: &SceneSummary, tested: u64) {
+    /// Looks at the entries that a search had, in which so many `looked` for others and `tested` so many.
+    /// Whether the layout is a bad one for them, or the scene is crowded: another does not cost much then.
+    pub fn note_search(
+        &mut self,
+        question: &Question,
+        summary: &SceneSummary,
+        looked: u64,
+        tested: u64,
+    ) -> bool {
         let kind = &mut self.kinds[kind_of(question)];
-        let Some(chosen) = &mut kind.chosen else { return };
-        let looked = u64::from(summary.entries) + u64::from(summary.rows);
-        if tested > MANY_TESTS * looked {
-            // It is a bad one, or the scene is crowded: then another does not cost much beside a search.
+        let Some(chosen) = &mut kind.chosen else { return false };
+        let is_bad = tested > MANY_TESTS * looked;
+        if is_bad {
             chosen.age = chosen.serves;
         }
-        // What queries are compared with is not among the entries: they have another sample.
-        if chosen.age < chosen.serves || question.mode == SceneMode::Query {
-            return;
+        if chosen.age < chosen.serves {
+            return is_bad;
         }
         let count = (summary.sampled as usize).min(summary.samples.len());
         let bits = summary.samples[..count].iter();
         kind.sample.clear();
         kind.sample.extend(bits.map(|bits| Aabb::from(bits.map(f32::from_bits))));
         kind.sampled_of = chosen.boxes;
+        is_bad
     }
 }

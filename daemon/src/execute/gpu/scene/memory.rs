@@ -93,6 +93,7 @@ pub(super) struct Memory {
     summary: Scratch,
     unsorted: Scratch,
     rows: Scratch,
+    counts: Scratch,
     starts: Scratch,
 }
 
@@ -121,7 +122,8 @@ pub(super) struct QueryBlocks {
     /// Pairs as they are found, and those of each query together.
     pub unsorted: Arc<Block>,
     pub rows: Arc<Block>,
-    /// Where those of each query begin.
+    /// How many each query has, and where they begin.
+    pub counts: Arc<Block>,
     pub starts: Arc<Block>,
 }
 
@@ -143,6 +145,7 @@ impl Memory {
             summary: Scratch::new(Home::Host),
             unsorted: Scratch::new(Home::Video),
             rows: Scratch::new(Home::Video),
+            counts: Scratch::new(Home::Video),
             starts: Scratch::new(Home::Video),
         }
     }
@@ -152,9 +155,9 @@ impl Memory {
         let records = self.records.as_ref().map_or(0, |r| r.now.bytes() + r.then.bytes());
         let named = self.named.as_ref().map_or(0, |named| named.bytes());
         let Self { params, layout, table, control, entries, sorted, found, summary, .. } = self;
-        let Self { unsorted, rows, starts, .. } = self;
+        let Self { unsorted, rows, counts, starts, .. } = self;
         let scratch = [params, layout, table, control, entries, sorted, found, summary];
-        let scratch = scratch.into_iter().chain([unsorted, rows, starts]);
+        let scratch = scratch.into_iter().chain([unsorted, rows, counts, starts]);
         records + named + scratch.map(Scratch::bytes).sum::<u64>()
     }
 
@@ -252,11 +255,12 @@ impl Memory {
             QueryBlocks {
                 unsorted: block(&mut self.unsorted, pair_bytes)?,
                 rows: block(&mut self.rows, pair_bytes)?,
+                counts: block(&mut self.counts, 4 * sizes.queries)?,
                 starts: block(&mut self.starts, 4 * sizes.queries)?,
             }
         } else {
             let none = || Arc::clone(&control);
-            QueryBlocks { unsorted: none(), rows: none(), starts: none() }
+            QueryBlocks { unsorted: none(), rows: none(), counts: none(), starts: none() }
         };
         let blocks = Blocks {
             params: block(&mut self.params, size_of::<SceneParams>() as u64)?,
@@ -275,11 +279,11 @@ impl Memory {
         if let (true, Some(word)) = (was_replaced, tools.poison) {
             let Blocks { table, control, entries, sorted, found, summary, of_queries, .. } =
                 &blocks;
-            let QueryBlocks { unsorted, rows, starts } = of_queries;
+            let QueryBlocks { unsorted, rows, counts, starts } = of_queries;
             let fill = |block: &Arc<Block>| Command::Fill { part: Part::whole(block), word };
             run_once(
                 tools,
-                [table, control, entries, sorted, found, summary, unsorted, rows, starts]
+                [table, control, entries, sorted, found, summary, unsorted, rows, counts, starts]
                     .map(fill)
                     .into(),
             )?;

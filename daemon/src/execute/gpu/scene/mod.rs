@@ -13,7 +13,7 @@
 //! A pair of hulls that overlap is decided by what both boxes were and are. What comes down is those
 //! pairs that began or ended, and the host sorts them.
 //!
-//! Queries ([`GpuScene::query`]) are a search too: they are the entries, and every box looks for them.
+//! Queries ([`GpuScene::query`]) are looked for in a grid of all boxes, which stands until the next edit.
 //!
 //! [`Want::All`] and [`Want::Moved`] are the same search with another question. This is one file, because an
 //! edit, its answer and what is known afterwards change the same few fields.
@@ -36,14 +36,14 @@ use pairmask_core::scene::{
     is_resync_due,
 };
 use pairmask_core::{Aabb, EngineName};
-use pairmask_shaders::layouts::{SceneMode, SceneSummary};
+use pairmask_shaders::layouts::{GridLayout, SceneMode, SceneSummary};
 
 use self::changes::{ChangeSorter, Found};
 use self::layouts::Layouts;
 use self::memory::{Blocks, Memory};
 use self::plan::{MOST_SLOTS, Question, Room, Sizes};
 use self::roster::{Marks, Roster};
-use self::search::{Frames, Stages, Task};
+use self::search::{Frames, Search, Stages, Task};
 use self::times::Clock;
 use self::upload::{Upload, Uploaded};
 use super::device::Gpu;
@@ -113,7 +113,7 @@ enum Known {
 
 /// Rooms of the last searches: what the next ones are expected to need.
 #[derive(Clone, Copy, Debug, Default)]
-struct LastRooms([Room; 4]);
+struct LastRooms([Room; 3]);
 
 /// A scene in video memory. One thread uses it at a time; it has the contract of
 /// [`Scene`](pairmask_core::scene::Scene), but after [`SceneError::Cull`] the scene is undefined and is to
@@ -128,6 +128,12 @@ pub struct GpuScene {
     layouts: Layouts,
     frames: Frames,
     rooms: LastRooms,
+    /// The grid of all boxes, where it stands since the last queries.
+    standing: Option<GridLayout>,
+    /// Whether another was a bad one for queries since the last edit.
+    is_second_grid: bool,
+    /// Pairs of the last queries.
+    query_pairs: u64,
     /// The number of the history under way. Records start with 0.
     epoch: u64,
     /// The number of the last naming.
@@ -168,6 +174,9 @@ impl GpuScene {
             layouts: Layouts::default(),
             frames: Frames::default(),
             rooms: LastRooms::default(),
+            standing: None,
+            is_second_grid: false,
+            query_pairs: 0,
             epoch: 1,
             naming: 0,
             known: Known::Same,
@@ -351,6 +360,8 @@ impl GpuScene {
             self.told_skips(None);
             return Ok(());
         }
+        // Boxes are elsewhere, or the blocks of the grid are another search's.
+        (self.standing, self.is_second_grid) = (None, false);
         let tools = Arc::clone(&self.tools);
         let gpu_error = |error: GpuError| tools.gpu.cull_error(ENGINE, &error);
         let uploaded = self.place_edit(edit, mode).map_err(gpu_error)?;
@@ -414,7 +425,7 @@ impl GpuScene {
                 pairs: expected.pairs.max(least.pairs),
             };
             let layout = self.layouts.layout(&question);
-            let sizes = Sizes::of(&question, &layout);
+            let sizes = Sizes::of(&question, &layout, 0);
             let mut replaced = false;
             let blocks =
                 self.memory.blocks(&tools, &sizes, room, &mut replaced).map_err(gpu_error)?;
@@ -423,7 +434,7 @@ impl GpuScene {
             }
             let task = Task {
                 question,
-                searches: mode.is_some(),
+                search: if mode.is_some() { Search::Pairs } else { Search::Nothing },
                 layout,
                 sizes,
                 epoch: self.epoch,
@@ -468,7 +479,8 @@ impl GpuScene {
                 }
                 continue;
             }
-            self.layouts.note_search(&question, &summary, wide(summary.tested));
+            let looked = u64::from(summary.entries) + u64::from(summary.rows);
+            self.layouts.note_search(&question, &summary, looked, wide(summary.tested));
             self.rooms.0[question.mode as usize] =
                 Room { entries: u64::from(summary.entries), pairs: found };
             self.tell(want, question.mode, found, ended, &blocks)?;

@@ -50,7 +50,7 @@ pub(super) struct Question {
     pub slots: u64,
     /// Boxes that collide.
     pub active: u64,
-    /// Boxes that may have changed, or that the edit names; or queries.
+    /// Boxes that may have changed, or that the edit names.
     pub changed: u64,
 }
 
@@ -59,7 +59,6 @@ impl Question {
     pub fn is_dense(&self) -> bool {
         match self.mode {
             SceneMode::All => true,
-            SceneMode::Query => false,
             SceneMode::Changes | SceneMode::Moved => self.changed * DENSE_SHARE > self.active,
         }
     }
@@ -109,13 +108,13 @@ pub(super) struct Sizes {
     pub row_words: u64,
     /// Words of the control block.
     pub control_words: u64,
-    /// Queries, whose pairs are counted at its end.
+    /// Queries.
     pub queries: u64,
 }
 
 impl Sizes {
-    /// Of a search in a layout.
-    pub fn of(question: &Question, layout: &GridLayout) -> Self {
+    /// Of a search in a layout, with so many queries.
+    pub fn of(question: &Question, layout: &GridLayout, queries: u64) -> Self {
         // The entry after the last cell holds the number of entries.
         let sums = (layout.cell_end + 1).div_ceil(SCAN_CELLS);
         let filter_words = if question.is_dense() {
@@ -125,14 +124,13 @@ impl Sizes {
             let words = (bits / u64::from(WORD_BITS)).next_power_of_two();
             words.clamp(FILTER_WORDS.0, FILTER_WORDS.1)
         };
-        let queries = if question.mode == SceneMode::Query { question.changed } else { 0 };
         Self {
             sums,
             table_words: u64::from(sums) * u64::from(SCAN_CELLS),
             filter_words,
             row_words: question.slots.next_multiple_of(u64::from(BATCH_BOXES))
                 / u64::from(WORD_BITS),
-            control_words: u64::from(CONTROL_HEADER_WORDS + SUPERS_MOST + sums) + queries,
+            control_words: u64::from(CONTROL_HEADER_WORDS + SUPERS_MOST + sums),
             queries,
         }
     }
@@ -190,7 +188,6 @@ mod tests {
         let many = question(SceneMode::Changes, 1_000_000, 300_000);
         assert!(many.is_dense() && many.entries() == 1_000_000);
         assert!(question(SceneMode::All, 10, 0).is_dense());
-        assert!(!question(SceneMode::Query, 10, 1_000).is_dense());
         assert!(question(SceneMode::Moved, 0, 0).grid_boxes() == 1);
     }
 
@@ -200,7 +197,7 @@ mod tests {
             let question = question(SceneMode::Changes, slots, changed);
             let layout =
                 with_giants(GridLayout { first_giant: 77, ..GridLayout::default() }, slots);
-            let sizes = Sizes::of(&question, &layout);
+            let sizes = Sizes::of(&question, &layout, 0);
             let most_cells = cells_most(question.grid_boxes()) + slots / u64::from(PARKED) + 1;
             assert!(sizes.table_words > u64::from(layout.cell_end));
             assert!(u64::from(layout.cell_end) < most_cells);

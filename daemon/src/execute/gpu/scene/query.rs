@@ -1,9 +1,8 @@
 //! Queries: boxes that are no part of a scene against all that are.
 //!
-//! There is no structure of the scene to look into, and none is needed: the queries are the entries of a
-//! grid, in records behind the scene's, and every box looks once whether one of them is near. That is the
-//! search of an edit that changes as many boxes, in one submission, at the end of which the records are
-//! without a box again. So nothing that an edit knows or tells has changed.
+//! All boxes of the scene are entries of a grid, and each query looks into the cells around it. The grid is that of
+//! an edit that asks for all pairs. It is built by the first queries after an edit, in their submission, and stands
+//! until the next edit searches. Nothing that an edit knows or tells has changed.
 //!
 //! The search counts the pairs of each query. Three stages more put them in order: the starts of queries, pairs
 //! to their queries, and each to its place by index. The host sorts only what a query of very many boxes has found.
@@ -12,19 +11,19 @@ use std::sync::Arc;
 
 use pairmask_core::Aabb;
 use pairmask_core::engine::{CullError, ReserveError};
-use pairmask_core::scene::{Edit, Indices, Sets, Step, sort_row};
+use pairmask_core::scene::{Edit, sort_row};
 use pairmask_shaders::constants::SORTED_ROW;
 use pairmask_shaders::layouts::SceneMode;
 
-use super::memory::{Blocks, RECORD_BYTES};
-use super::plan::{MOST_SLOTS, Question, Room, Sizes};
+use super::memory::Blocks;
+use super::plan::{Question, Room, Sizes};
 use super::roster::Marks;
-use super::search::{self, Task};
+use super::search::{self, Queries, Search, Task};
 use super::times::{Clock, EditTimes};
 use super::{ENGINE, GpuScene, Pair, wide};
 use crate::execute::gpu::error::GpuError;
 
-/// Most queries of a submission: their records, 16 MiB, are room that edits do not need.
+/// Most queries of a submission: so many copies, 6 MiB, are kept where they cannot be read where they lie.
 const QUERIES_TOGETHER: usize = 1 << 18;
 
 impl GpuScene {
@@ -38,19 +37,12 @@ impl GpuScene {
     pub fn query(&mut self, queries: &[Aabb], found: &mut Vec<[u32; 2]>) -> Result<u64, CullError> {
         found.clear();
         self.times = EditTimes::default();
-        let slots = self.roster.len();
         if self.roster.active() == 0 {
             return Ok(0);
         }
-        let most = (self.tools.binding_bytes / RECORD_BYTES).min(MOST_SLOTS) as usize;
-        let room = most.saturating_sub(slots);
-        if room == 0 && !queries.is_empty() {
-            let bytes = (slots as u64 + 1) * RECORD_BYTES;
-            return Err(self.tools.gpu.cull_error(ENGINE, &GpuError::OutOfMemory { bytes }));
-        }
         let mut tested = 0;
-        for (part, queries) in queries.chunks(room.clamp(1, QUERIES_TOGETHER)).enumerate() {
-            let first = part * room.min(QUERIES_TOGETHER);
+        for (part, queries) in queries.chunks(QUERIES_TOGETHER).enumerate() {
+            let first = part * QUERIES_TOGETHER;
             match self.query_together(queries, first as u32, found) {
                 Ok(more) => tested += more,
                 Err(error) => {
@@ -72,42 +64,43 @@ impl GpuScene {
         let tools = Arc::clone(&self.tools);
         let gpu_error = |error: GpuError| tools.gpu.cull_error(ENGINE, &error);
         let mut clock = Clock::start();
-        let (slots, count) = (self.roster.len() as u64, queries.len() as u64);
         let mut replaced = false;
-        self.memory.make_records(&tools, slots + count, &mut replaced).map_err(gpu_error)?;
-        let indices = Indices::Range { first: slots as u32, count: count as u32 };
-        let steps = [Step::Set(Sets { indices, boxes: queries })];
-        let uploaded = self
-            .upload
-            .place(&tools.gpu, Edit { steps: &steps }, &Marks::new(), &mut replaced)
-            .map_err(gpu_error)?;
+        let (gpu, none) = (&tools.gpu, Edit { steps: &[] });
+        let boxes = self.upload.place_queries(gpu, queries, &mut replaced).map_err(gpu_error)?;
+        let uploaded =
+            self.upload.place(gpu, none, &Marks::new(), &mut replaced).map_err(gpu_error)?;
         clock.lap(&mut self.times.upload);
+        let active = self.roster.active() as u64;
         let question = Question {
-            mode: SceneMode::Query,
-            slots: slots + count,
-            active: self.roster.active() as u64 + count,
-            changed: count,
+            mode: SceneMode::All,
+            slots: self.roster.len() as u64,
+            active,
+            changed: active,
         };
-        self.layouts.note_queries(&question, queries);
-        let layout = self.layouts.layout(&question);
-        let sizes = Sizes::of(&question, &layout);
-        let mut room = Room::expected(&question, self.rooms.0[question.mode as usize]);
+        let mut room = Room { pairs: self.query_pairs, ..self.rooms.0[question.mode as usize] };
+        room = Room::expected(&question, room);
         loop {
+            // Until the queries have their answer: an error leaves nothing to rely on.
+            let standing = self.standing.take();
+            let layout = standing.unwrap_or_else(|| self.layouts.layout(&question));
+            let sizes = Sizes::of(&question, &layout, queries.len() as u64);
             let blocks =
                 self.memory.blocks(&tools, &sizes, room, &mut replaced).map_err(gpu_error)?;
-            if std::mem::take(&mut replaced) {
+            let is_same = !std::mem::take(&mut replaced);
+            if !is_same {
                 self.frames.clear();
             }
+            let builds = standing.is_none() || !is_same;
+            let count = queries.len() as u32;
             let task = Task {
                 question,
-                searches: true,
+                search: Search::Queries(Queries { boxes: &boxes, count, builds }),
                 layout,
                 sizes,
                 epoch: self.epoch,
                 naming: 0,
                 edit: &uploaded,
-                // Each time: the last submission has emptied their records.
-                applies: true,
+                applies: false,
                 blocks: &blocks,
             };
             clock.lap(&mut self.times.plan);
@@ -123,10 +116,13 @@ impl GpuScene {
                 room.entries = u64::from(summary.entries);
                 continue;
             }
+            // What looks are the queries, and all that they find is worth a test.
+            let looked = queries.len() as u64 + pairs;
+            let is_bad = self.layouts.note_search(&question, &summary, looked, tested);
             if summary.tested[1] >= search::BUDGET {
-                self.layouts.note_search(&question, &summary, tested);
                 return Err(CullError::TooCrowded { engine: ENGINE });
             }
+            self.standing = Some(layout);
             if pairs > made.pairs {
                 let needed_bytes = pairs.saturating_mul(size_of::<Pair>() as u64);
                 if needed_bytes > tools.binding_bytes {
@@ -135,9 +131,13 @@ impl GpuScene {
                 room.pairs = pairs;
                 continue;
             }
-            self.layouts.note_search(&question, &summary, tested);
-            self.rooms.0[question.mode as usize] =
-                Room { entries: u64::from(summary.entries), pairs };
+            if is_bad && !self.is_second_grid {
+                // The next queries have another one, and keep it: crowded boxes are so in any.
+                self.standing = None;
+                self.is_second_grid = true;
+            }
+            self.rooms.0[question.mode as usize].entries = u64::from(summary.entries);
+            self.query_pairs = pairs;
             Self::append(&blocks, pairs as usize, first, found)?;
             clock.lap(&mut self.times.sort);
             return Ok(tested);

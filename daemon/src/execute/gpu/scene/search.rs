@@ -3,11 +3,12 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use pairmask_shaders::constants::CONTROL_HEADER_WORDS;
 use pairmask_shaders::layouts::{GridLayout, GridParams, SceneMode, SceneParams, SceneSummary};
 use pairmask_shaders::{GridStage, SceneStage, Stage};
 
 use super::SceneTools;
-use super::memory::{Blocks, QueryBlocks, RECORD_BYTES};
+use super::memory::{Blocks, QueryBlocks};
 use super::plan::{self, Question, Room, Sizes};
 use super::upload::{SetIndices, Uploaded};
 use crate::execute::gpu::device::{Order, QueueRole};
@@ -20,8 +21,18 @@ use crate::execute::gpu::pipeline::{Pipeline, Pipelines};
 /// Most tests of a search, in 2^32: 17 thousand million take an H200 tens of milliseconds. A scene that
 /// crowds more in one place is another engine's.
 pub(super) const BUDGET: u32 = 4;
+/// Most rounds of all loops of a thread of queries: on a real GPU, and on a software adapter. lavapipe ends all
+/// loops of a thread after 65,535 rounds together, and runs eight threads side by side, each of which may keep the
+/// others waiting. Queries that need more are another engine's.
+const THREAD_ROUNDS: [u32; 2] = [u32::MAX, 65_535 / 8];
 /// Recorded frames that are kept: an edit alternates among few kinds, and few loans of a client.
 const KEPT_FRAMES: usize = 16;
+/// Threads that look for the boxes of a query, as in `scene_query`.
+const QUERY_LANES: u32 = 32;
+/// What a search counts in the control block, from `FOUND` to `DONE` of the stages: zero before a search of a grid
+/// that stands. `CONTROL_HEADER_WORDS` come first, then entries, rows, and two counts of moved boxes.
+const TALLY_OFFSET: u64 = 4 * (CONTROL_HEADER_WORDS as u64 + 4);
+const TALLY_BYTES: u64 = 4 * 7;
 /// How long a search within the budget may take before the device counts as hung: on a real GPU, and on a
 /// software adapter.
 const PATIENCE: [Duration; 2] = [Duration::from_secs(20), Duration::from_secs(600)];
@@ -58,11 +69,32 @@ impl Stages {
     }
 }
 
+/// What a submission searches for.
+#[derive(Clone, Copy)]
+pub(super) enum Search<'a> {
+    /// Nothing: an edit is applied.
+    Nothing,
+    /// The pairs of the question.
+    Pairs,
+    /// The boxes that queries overlap.
+    Queries(Queries<'a>),
+}
+
+/// Queries against the grid of all boxes.
+#[derive(Clone, Copy)]
+pub(super) struct Queries<'a> {
+    /// Where they lie.
+    pub boxes: &'a Part,
+    /// How many.
+    pub count: u32,
+    /// Whether the grid is built first; else it stands since the last submission.
+    pub builds: bool,
+}
+
 /// What a submission does.
 pub(super) struct Task<'a> {
     pub question: Question,
-    /// Whether anything is searched for.
-    pub searches: bool,
+    pub search: Search<'a>,
     pub layout: GridLayout,
     pub sizes: Sizes,
     /// The number of the history under way, of 56 bits.
@@ -85,13 +117,23 @@ struct Shape {
     scan: u32,
     entries: u32,
     rows: u32,
-    /// Workgroups that prepare the sorting of queries, and that sort.
-    sorting: [u32; 2],
-    searches: bool,
-    /// Of queries, the bytes of their records: where, and how many.
-    queries: Option<[u64; 2]>,
+    search: SearchShape,
     boxes: Place,
     box_bytes: u64,
+}
+
+/// What is recorded of a search.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum SearchShape {
+    Nothing,
+    Pairs,
+    Queries {
+        boxes: Place,
+        box_bytes: u64,
+        builds: bool,
+        /// Workgroups that look, that prepare the sorting, and that sort.
+        groups: [u32; 3],
+    },
 }
 
 /// Recorded frames, the most recent last.
@@ -106,9 +148,9 @@ impl Task<'_> {
         let items = |block: &Block, bytes: u64| block.bytes().min(tools.binding_bytes) / bytes;
         let found = items(&self.blocks.found, 8);
         let QueryBlocks { unsorted, rows, .. } = &self.blocks.of_queries;
-        let pairs = match self.question.mode {
-            SceneMode::Query => found.min(items(unsorted, 8)).min(items(rows, 8)),
-            _ => found,
+        let pairs = match self.search {
+            Search::Queries(_) => found.min(items(unsorted, 8)).min(items(rows, 8)),
+            Search::Nothing | Search::Pairs => found,
         };
         Room { entries: items(&self.blocks.entries, 16).min(items(&self.blocks.sorted, 32)), pairs }
     }
@@ -135,19 +177,37 @@ impl Task<'_> {
             filter_words: self.sizes.filter_words as u32,
             control_words: self.sizes.control_words as u32,
             budget: BUDGET,
+            query_count: match self.search {
+                Search::Queries(queries) => queries.count,
+                Search::Nothing | Search::Pairs => 0,
+            },
+            thread_rounds: THREAD_ROUNDS[usize::from(tools.gpu.info().is_software())],
         }
     }
 
     fn shape(&self) -> Shape {
         let Self { question, sizes, edit, .. } = self;
+        let search = match self.search {
+            Search::Nothing => SearchShape::Nothing,
+            Search::Pairs => SearchShape::Pairs,
+            Search::Queries(Queries { boxes, count, builds }) => {
+                let count = u64::from(count);
+                SearchShape::Queries {
+                    boxes: Place::of(boxes),
+                    box_bytes: boxes.bytes,
+                    builds,
+                    groups: [
+                        plan::groups(count * u64::from(QUERY_LANES)),
+                        plan::groups(count),
+                        plan::groups_of_rows(count),
+                    ],
+                }
+            }
+        };
         // A thread zeroes four words in the time that it takes to set a box.
-        let zeroing = if self.searches { sizes.zeroed_words() / 16 } else { 0 };
+        let zeroing = if search == SearchShape::Nothing { 0 } else { sizes.zeroed_words() / 16 };
         let sets = if self.applies { u64::from(edit.sets.count) } else { 0 };
         let marks = if self.applies { edit.mark_count } else { 0 };
-        let queries = (question.mode == SceneMode::Query).then(|| {
-            [u64::from(edit.sets.first.unwrap_or(0)), u64::from(edit.sets.count)]
-                .map(|records| records * RECORD_BYTES)
-        });
         let rows = if question.is_dense() { 0 } else { question.slots / plan::ROWS_TOGETHER };
         Shape {
             apply: plan::groups(sets.max(zeroing)),
@@ -156,28 +216,20 @@ impl Task<'_> {
             scan: plan::groups_of_scan(sizes.sums),
             entries: plan::groups(question.entries()),
             rows: plan::groups(question.entries() + rows),
-            sorting: [plan::groups(sizes.queries), plan::groups_of_rows(sizes.queries)],
-            searches: self.searches,
-            queries,
+            search,
             boxes: Place::of(&edit.boxes),
             box_bytes: edit.boxes.bytes,
         }
     }
 
-    fn steps(&self, tools: &SceneTools, shape: &Shape) -> Vec<Command> {
+    /// The edit, and the grid of its search.
+    fn first_steps(&self, tools: &SceneTools, shape: &Shape) -> Vec<Command> {
         let (b, stages) = (self.blocks, &tools.stages);
-        let whole = |block: &Arc<Block>| Part::of(block, 0, block.bytes().min(tools.binding_bytes));
-        let stage = |pipeline: &Arc<Pipeline>, groups: u32, parts: Vec<Part>| Command::Stage {
-            pipeline: Arc::clone(pipeline),
-            parts,
-            // The scan's text declares parameters, and none of them is read.
-            immediates: bytemuck::bytes_of(&GridParams::default()).to_vec(),
-            groups: [groups, 1],
-        };
+        let whole = |block: &Arc<Block>| whole(tools, block);
         let [params, layout] = [&b.params, &b.layout].map(whole);
         let [now, then, named] = [&b.now, &b.then, &b.named].map(whole);
         let [table, control] = [&b.table, &b.control].map(whole);
-        let [entries, sorted, found] = [&b.entries, &b.sorted, &b.found].map(whole);
+        let [entries, sorted] = [&b.entries, &b.sorted].map(whole);
         let mut steps = vec![stage(
             &stages.apply,
             shape.apply,
@@ -197,7 +249,7 @@ impl Task<'_> {
             let parts = vec![params.clone(), marks, now.clone(), then.clone(), named.clone()];
             steps.push(stage(&stages.mark, shape.mark, parts));
         }
-        if !self.searches {
+        if shape.search == SearchShape::Nothing {
             return steps;
         }
         steps.push(stage(
@@ -214,44 +266,81 @@ impl Task<'_> {
                 entries.clone(),
             ],
         ));
-        let parts = vec![layout.clone(), table.clone(), control.clone()];
+        let parts = vec![layout, table.clone(), control.clone()];
         steps.push(stage(&stages.scan, shape.scan, parts));
         steps.push(stage(
             &stages.place,
             shape.entries,
-            vec![
-                params.clone(),
-                now.clone(),
-                then.clone(),
-                table.clone(),
-                control.clone(),
-                entries,
-                sorted.clone(),
-            ],
+            vec![params, now, then, table, control, entries, sorted],
         ));
-        let summary = whole(&b.summary);
-        let parts = |found| {
-            let before =
-                [&params, &layout, &table, &sorted, &now, &then, &control].map(Part::clone);
-            before.into_iter().chain([found, summary.clone()]).collect::<Vec<_>>()
-        };
-        let Some([first, bytes]) = shape.queries else {
-            steps.push(stage(&stages.pairs, shape.rows, parts(found)));
-            return steps;
-        };
-        let QueryBlocks { unsorted, rows, starts } = &b.of_queries;
-        let [unsorted, rows, starts] = [unsorted, rows, starts].map(whole);
-        steps.push(stage(&stages.query, shape.rows, parts(unsorted.clone())));
-        let [one_a_query, sorting] = shape.sorting;
-        let parts = vec![params.clone(), control.clone(), starts.clone()];
-        steps.push(stage(&stages.query_starts, one_a_query, parts));
-        let parts = vec![params.clone(), control.clone(), unsorted, starts.clone(), rows.clone()];
-        steps.push(stage(&stages.query_deal, sorting, parts));
-        let parts = vec![params, control, starts, rows, found];
-        steps.push(stage(&stages.query_sort, sorting, parts));
-        // Their records are without a box again, as all behind the scene's are.
-        steps.push(Command::Fill { part: Part::of(&b.now, first, bytes), word: 0 });
         steps
+    }
+
+    fn steps(&self, tools: &SceneTools, shape: &Shape) -> Vec<Command> {
+        let (b, stages) = (self.blocks, &tools.stages);
+        let whole = |block: &Arc<Block>| whole(tools, block);
+        let [params, layout, table] = [&b.params, &b.layout, &b.table].map(whole);
+        let [control, sorted, found, summary] =
+            [&b.control, &b.sorted, &b.found, &b.summary].map(whole);
+        match (shape.search, self.search) {
+            (SearchShape::Pairs, _) => {
+                let mut steps = self.first_steps(tools, shape);
+                let [now, then] = [&b.now, &b.then].map(whole);
+                let parts = vec![params, layout, table, sorted, now, then, control, found, summary];
+                steps.push(stage(&stages.pairs, shape.rows, parts));
+                steps
+            }
+            (SearchShape::Queries { builds, groups, .. }, Search::Queries(queries)) => {
+                let mut steps = if builds {
+                    self.first_steps(tools, shape)
+                } else {
+                    let part = Part::of(&b.control, TALLY_OFFSET, TALLY_BYTES);
+                    vec![Command::Fill { part, word: 0 }]
+                };
+                let QueryBlocks { unsorted, rows, counts, starts } = &b.of_queries;
+                let [unsorted, rows, counts, starts] = [unsorted, rows, counts, starts].map(whole);
+                let [looking, one_a_query, sorting] = groups;
+                steps.push(stage(
+                    &stages.query,
+                    looking,
+                    vec![
+                        params.clone(),
+                        layout,
+                        table,
+                        sorted,
+                        queries.boxes.clone(),
+                        counts.clone(),
+                        control.clone(),
+                        unsorted.clone(),
+                        summary,
+                    ],
+                ));
+                let parts = vec![params.clone(), counts.clone(), starts.clone()];
+                steps.push(stage(&stages.query_starts, one_a_query, parts));
+                let parts =
+                    vec![params.clone(), control.clone(), unsorted, starts.clone(), rows.clone()];
+                steps.push(stage(&stages.query_deal, sorting, parts));
+                let parts = vec![params, control, counts, starts, rows, found];
+                steps.push(stage(&stages.query_sort, sorting, parts));
+                steps
+            }
+            _ => self.first_steps(tools, shape),
+        }
+    }
+}
+
+/// As much of a block as a stage sees.
+fn whole(tools: &SceneTools, block: &Arc<Block>) -> Part {
+    Part::of(block, 0, block.bytes().min(tools.binding_bytes))
+}
+
+fn stage(pipeline: &Arc<Pipeline>, groups: u32, parts: Vec<Part>) -> Command {
+    Command::Stage {
+        pipeline: Arc::clone(pipeline),
+        parts,
+        // The scan's text declares parameters, and none of them is read.
+        immediates: bytemuck::bytes_of(&GridParams::default()).to_vec(),
+        groups: [groups, 1],
     }
 }
 
@@ -264,7 +353,8 @@ impl Frames {
     /// Runs a task and waits for it. What the search found lies in its blocks then.
     pub fn run(&mut self, tools: &SceneTools, task: &Task<'_>) -> Result<SceneSummary, GpuError> {
         task.blocks.params.write(0, &[task.params(tools)]);
-        if task.searches {
+        let searches = !matches!(task.search, Search::Nothing);
+        if searches {
             task.blocks.layout.write(0, &[task.layout]);
         }
         let shape = task.shape();
@@ -289,7 +379,7 @@ impl Frames {
         self.kept.push(kept);
         ended?;
         let mut summary = [bytemuck::Zeroable::zeroed()];
-        if task.searches {
+        if searches {
             task.blocks.summary.read(0, &mut summary);
         }
         Ok(summary[0])

@@ -76,6 +76,7 @@ pub(super) struct Upload {
     boxes: Staging,
     indices: Staging,
     marks: Staging,
+    queries: Staging,
     listed: Vec<u32>,
     gathered: Vec<Aabb>,
 }
@@ -87,6 +88,7 @@ impl Upload {
             boxes: Staging::new(),
             indices: Staging::new(),
             marks: Staging::new(),
+            queries: Staging::new(),
             listed: Vec::new(),
             gathered: Vec::new(),
         }
@@ -131,7 +133,7 @@ impl Upload {
         };
         let placed = (|| {
             Ok(Uploaded {
-                boxes: self.place_boxes(gpu, boxes, replaced)?,
+                boxes: place_boxes(gpu, &self.imports, &mut self.boxes, boxes, replaced)?,
                 indices: copied(gpu, &mut self.indices, bytemuck::cast_slice(indices), replaced)?,
                 sets: SetIndices { count: boxes.len() as u32, first: range },
                 marks: copied(gpu, &mut self.marks, bytemuck::cast_slice(marks), replaced)?,
@@ -142,23 +144,35 @@ impl Upload {
         placed
     }
 
-    fn place_boxes(
+    /// Brings queries. `replaced` is set if a block was.
+    pub fn place_queries(
         &mut self,
         gpu: &Arc<Gpu>,
-        boxes: &[Aabb],
+        queries: &[Aabb],
         replaced: &mut bool,
     ) -> Result<Part, GpuError> {
-        let bytes = size_of_val(boxes) as u64;
-        if bytes > STORED_FIRST_BYTES {
-            let imports = self.imports.lock();
-            let found = imports.find(boxes.as_ptr() as usize, bytes as usize, Access::Read);
-            let align = gpu.limits().storage_offset_align_bytes.max(size_of::<u32>() as u64);
-            if let Some((block, offset)) = found.filter(|(_, at)| at.is_multiple_of(align)) {
-                return Ok(Part::of(block, offset, bytes));
-            }
-        }
-        copied(gpu, &mut self.boxes, bytemuck::cast_slice(boxes), replaced)
+        place_boxes(gpu, &self.imports, &mut self.queries, queries, replaced)
     }
+}
+
+/// Boxes where they lie, or a copy.
+fn place_boxes(
+    gpu: &Arc<Gpu>,
+    imports: &SharedImports,
+    staging: &mut Staging,
+    boxes: &[Aabb],
+    replaced: &mut bool,
+) -> Result<Part, GpuError> {
+    let bytes = size_of_val(boxes) as u64;
+    if bytes > STORED_FIRST_BYTES {
+        let imports = imports.lock();
+        let found = imports.find(boxes.as_ptr() as usize, bytes as usize, Access::Read);
+        let align = gpu.limits().storage_offset_align_bytes.max(size_of::<u32>() as u64);
+        if let Some((block, offset)) = found.filter(|(_, at)| at.is_multiple_of(align)) {
+            return Ok(Part::of(block, offset, bytes));
+        }
+    }
+    copied(gpu, staging, bytemuck::cast_slice(boxes), replaced)
 }
 
 /// Bytes copied to where the GPU sees them. The part is the whole block, so that frames of edits of other
