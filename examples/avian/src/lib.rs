@@ -11,7 +11,7 @@
 //!     PhysicsPlugins::default()
 //!         .build()
 //!         .disable::<BvhBroadPhasePlugin>()
-//!         .add(PairmaskBroadPhasePlugin::default()),
+//!         .add(PairmaskBroadPhasePlugin::<()>::default()),
 //! );
 //! ```
 //!

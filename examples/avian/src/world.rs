@@ -43,6 +43,7 @@ pub struct PairmaskWorld {
     /// A scene is one thread's at a time.
     scene: SyncCell<Scene>,
     known: Vec<Option<Known>>,
+    known_count: usize,
     changes: Changes,
     pairs: Vec<[u32; 2]>,
 }
@@ -55,6 +56,15 @@ struct Changes {
     removed: Vec<u32>,
     to_static: Vec<u32>,
     to_moving: Vec<u32>,
+}
+
+impl Changes {
+    fn clear(&mut self) {
+        for list in [&mut self.set, &mut self.removed, &mut self.to_static, &mut self.to_moving] {
+            list.clear();
+        }
+        self.boxes.clear();
+    }
 }
 
 /// The index of a proxy.
@@ -93,8 +103,13 @@ impl PairmaskWorld {
             log::warn!("the broad phase answers in this process: {error}");
             scene_of(Backend::InProcess).map_err(WorldError::Connect)
         })?;
-        let scene = SyncCell::new(scene);
-        Ok(Self { scene, known: Vec::new(), changes: Changes::default(), pairs: Vec::new() })
+        Ok(Self {
+            scene: SyncCell::new(scene),
+            known: Vec::new(),
+            known_count: 0,
+            changes: Changes::default(),
+            pairs: Vec::new(),
+        })
     }
 
     /// Overlapping pairs of proxies with at least one that moved, by index, sorted.
@@ -109,57 +124,91 @@ impl PairmaskWorld {
         self.collect(trees, moved);
         if let Err(error) = self.ask() {
             log::warn!("the broad phase answers in this process from now on: {error}");
-            self.scene = SyncCell::new(scene_of(Backend::InProcess).map_err(WorldError::Connect)?);
-            self.known.clear();
+            self.start_anew()?;
             self.collect(trees, moved);
             if let Err(error) = self.ask() {
                 // What was sent is not known: the next step sends all to a scene of its own.
-                self.known.clear();
-                self.scene =
-                    SyncCell::new(scene_of(Backend::InProcess).map_err(WorldError::Connect)?);
+                self.start_anew()?;
                 return Err(WorldError::Commit(error));
             }
         }
         Ok(&self.pairs)
     }
 
-    /// Compares what is known with avian's trees. Every proxy is looked at: avian has no list of removed ones.
+    /// Takes a scene of this process, to which nothing was sent.
+    fn start_anew(&mut self) -> Result<(), WorldError> {
+        self.known.clear();
+        self.known_count = 0;
+        self.scene = SyncCell::new(scene_of(Backend::InProcess).map_err(WorldError::Connect)?);
+        Ok(())
+    }
+
+    /// Compares what is known with avian's trees. avian has no list of removed proxies, and names each new one as
+    /// moved: so all are looked at where their number is another one than the known ones'.
     fn collect(&mut self, trees: &ColliderTrees, moved: &MovedProxies) {
-        let Changes { set, boxes, removed, to_static, to_moving } = &mut self.changes;
-        for list in [&mut *set, &mut *removed, &mut *to_static, &mut *to_moving] {
-            list.clear();
+        self.changes.clear();
+        for key in moved.proxies() {
+            if let Some(proxy) = trees.get_proxy(*key) {
+                self.note(trees, *key, proxy, true);
+            }
         }
-        boxes.clear();
+        // A sensor is one by a flag, with which no box moves.
+        let tree_type = ColliderTreeType::Static;
+        for (id, proxy) in trees.tree_for_type(tree_type).proxies.iter() {
+            let key = ColliderTreeProxyKey::new(ProxyId::new(id as u32), tree_type);
+            self.note(trees, key, proxy, false);
+        }
+        let proxies: usize =
+            ColliderTreeType::ALL.map(|tree| trees.tree_for_type(tree).proxies.len()).iter().sum();
+        if self.known_count != proxies {
+            self.sweep(trees);
+        }
+    }
+
+    /// Looks at every proxy.
+    fn sweep(&mut self, trees: &ColliderTrees) {
         for (index, slot) in (0..).zip(&mut self.known) {
             let proxy = trees.get_proxy(key_of(index));
             if slot.is_some_and(|known| proxy.is_none_or(|proxy| proxy.collider != known.collider))
             {
-                removed.push(index);
+                self.changes.removed.push(index);
+                self.known_count -= 1;
                 *slot = None;
             }
         }
         for tree_type in ColliderTreeType::ALL {
             for (id, proxy) in trees.tree_for_type(tree_type).proxies.iter() {
                 let key = ColliderTreeProxyKey::new(ProxyId::new(id as u32), tree_type);
-                let index = index_of(key);
-                let place = index as usize;
-                if self.known.len() <= place {
-                    self.known.resize(place + 1, None);
-                }
-                let before = self.known[place];
-                if before.is_none() || moved.contains(key) {
-                    let Some(b) = box_of(trees, key) else { continue };
-                    set.push(index);
-                    boxes.push(b);
-                }
-                let now = known_of(tree_type, proxy);
-                if now.is_static != before.is_some_and(|known| known.is_static) {
-                    let list = if now.is_static { &mut *to_static } else { &mut *to_moving };
-                    list.push(index);
-                }
-                self.known[place] = Some(now);
+                self.note(trees, key, proxy, false);
             }
         }
+    }
+
+    /// Collects what is new of a proxy.
+    fn note(
+        &mut self,
+        trees: &ColliderTrees,
+        key: ColliderTreeProxyKey,
+        proxy: &ColliderTreeProxy,
+        has_moved: bool,
+    ) {
+        let index = index_of(key);
+        let place = index as usize;
+        if self.known.len() <= place {
+            self.known.resize(place + 1, None);
+        }
+        let (before, now) = (self.known[place], known_of(key.tree_type(), proxy));
+        if before.is_none() || has_moved {
+            let Some(b) = box_of(trees, key) else { return };
+            self.changes.set.push(index);
+            self.changes.boxes.push(b);
+        }
+        if now.is_static != before.is_some_and(|known| known.is_static) {
+            let Changes { to_static, to_moving, .. } = &mut self.changes;
+            if now.is_static { to_static.push(index) } else { to_moving.push(index) }
+        }
+        self.known_count += usize::from(before.is_none());
+        self.known[place] = Some(now);
     }
 
     /// Sends what was collected, and keeps the pairs of the answer.

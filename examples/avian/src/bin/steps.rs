@@ -1,5 +1,6 @@
 //! Times of steps with avian's own broad phase and with pairmask: `cargo run --release --bin steps`.
 
+use std::ops::Range;
 use std::time::{Duration, Instant};
 
 use avian3d::collision::CollisionDiagnostics;
@@ -8,27 +9,40 @@ use bevy::prelude::*;
 use bevy::time::TimeUpdateStrategy;
 use pairmask_avian::PairmaskBroadPhasePlugin;
 
-/// Steps before times count: bodies fall onto each other, and memory has grown.
-const WARM_STEPS: usize = 60;
-/// Steps that are timed. Their medians are told.
-const STEPS: usize = 60;
+/// Steps in which all bodies fall, but for the first, in which memory grows.
+const FALLING: Range<usize> = 2..26;
+/// Steps in which they lie on each other.
+const RESTING: Range<usize> = 60..120;
 
 fn main() {
-    println!("bodies  broad phase µs: avian  pairmask   whole update ms: avian  pairmask");
+    println!(
+        "bodies             broad phase µs: avian  pairmask   whole update ms: avian  pairmask"
+    );
     for bodies in [1_000, 4_000, 16_000] {
         let [own, ours] = [false, true].map(|pairmask| measure(bodies, pairmask));
-        println!(
-            "{bodies:6} {:22.0} {:9.0} {:24.2} {:9.2}",
-            own.0 * 1e6,
-            ours.0 * 1e6,
-            own.1 * 1e3,
-            ours.1 * 1e3
-        );
+        for (phase, own, ours) in [("falling", own.0, ours.0), ("at rest", own.1, ours.1)] {
+            println!(
+                "{bodies:6} {phase} {:25.0} {:9.0} {:24.2} {:9.2}",
+                own.broad * 1e6,
+                ours.broad * 1e6,
+                own.whole * 1e3,
+                ours.whole * 1e3
+            );
+        }
     }
 }
 
-/// Medians in seconds: the broad phase as avian's diagnostics have it, and the whole update.
-fn measure(bodies: usize, pairmask: bool) -> (f64, f64) {
+/// Medians in seconds.
+#[derive(Clone, Copy)]
+struct Step {
+    /// The broad phase, as avian's diagnostics have it.
+    broad: f64,
+    /// The whole update.
+    whole: f64,
+}
+
+/// Steps in which bodies fall, and in which they rest.
+fn measure(bodies: usize, pairmask: bool) -> (Step, Step) {
     let mut app = App::new();
     app.add_plugins((MinimalPlugins, TransformPlugin));
     if pairmask {
@@ -50,17 +64,22 @@ fn measure(bodies: usize, pairmask: bool) -> (f64, f64) {
         let place = Transform::from_xyz(x, 0.7 + 1.2 * y as f32, z);
         world.spawn((RigidBody::Dynamic, Collider::cuboid(1.0, 1.0, 1.0), place, SleepingDisabled));
     }
-    (0..WARM_STEPS).for_each(|_| app.update());
     let (mut broad, mut whole) = (Vec::new(), Vec::new());
-    for _ in 0..STEPS {
+    for _ in 0..RESTING.end {
         let start = Instant::now();
         app.update();
         whole.push(start.elapsed().as_secs_f64());
         broad.push(app.world().resource::<CollisionDiagnostics>().broad_phase.as_secs_f64());
     }
-    let median = |mut times: Vec<f64>| {
-        times.sort_by(f64::total_cmp);
-        times[times.len() / 2]
+    let of = |steps: Range<usize>| Step {
+        broad: median(&broad[steps.clone()]),
+        whole: median(&whole[steps]),
     };
-    (median(broad), median(whole))
+    (of(FALLING), of(RESTING))
+}
+
+fn median(times: &[f64]) -> f64 {
+    let mut times = times.to_vec();
+    times.sort_by(f64::total_cmp);
+    times[times.len() / 2]
 }
