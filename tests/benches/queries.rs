@@ -3,7 +3,8 @@
 //!
 //! ```text
 //! cargo bench -p pairmask-tests --bench queries -- \
-//!     [--backend in-process|daemon] [--n 1000000] [--queries 10000] [--rounds 30] [--json]
+//!     [--backend in-process|daemon] [--gpu auto|none|software] [--n 1000000] [--queries 10000] [--rounds 30] \
+//!     [--json]
 //! ```
 //!
 //! * `queries`: boxes like those of the scene, asked of it in turns of several sets. `ask` is from boxes that
@@ -19,6 +20,7 @@ use std::time::Instant;
 use pairmask::scene::{SceneOptions, Want};
 use pairmask::{Backend, BoxCount, PairMask, Session};
 use pairmask_core::Aabb;
+use pairmaskd::execute::gpu::GpuChoice;
 use pairmaskd::scene::{Scene, SceneName};
 use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
 use serde_json::{Value, json};
@@ -32,6 +34,7 @@ const SETS: usize = 8;
 
 struct Options {
     backends: Vec<Backend>,
+    gpu: GpuChoice,
     n: usize,
     queries: usize,
     rounds: usize,
@@ -41,7 +44,14 @@ struct Options {
 impl Options {
     fn parse() -> Result<Self, Box<dyn Error>> {
         let backends = vec![Backend::InProcess, Backend::Daemon];
-        let mut options = Self { backends, n: 1_000_000, queries: 10_000, rounds: 30, json: false };
+        let mut options = Self {
+            backends,
+            gpu: GpuChoice::None,
+            n: 1_000_000,
+            queries: 10_000,
+            rounds: 30,
+            json: false,
+        };
         let mut args = std::env::args().skip(1).filter(|a| a != "--bench");
         while let Some(flag) = args.next() {
             if flag == "--json" {
@@ -53,6 +63,9 @@ impl Options {
             match flag.as_str() {
                 "--backend" if value == "in-process" => options.backends = vec![Backend::InProcess],
                 "--backend" if value == "daemon" => options.backends = vec![Backend::Daemon],
+                "--gpu" => {
+                    options.gpu = value.parse().map_err(|error| format!("{value}: {error}"))?;
+                }
                 "--n" => options.n = number()?,
                 "--queries" => options.queries = number()?,
                 "--rounds" => options.rounds = number()?,
@@ -196,7 +209,8 @@ fn print(row: &Value) {
 
 fn main() -> Result<(), Box<dyn Error>> {
     let options = Options::parse()?;
-    let daemon = PrivateDaemon::start(DAEMON.as_ref(), &PrivateSettings::default())?;
+    let settings = PrivateSettings { gpu: options.gpu.clone().into(), ..Default::default() };
+    let daemon = PrivateDaemon::start(DAEMON.as_ref(), &settings)?;
     let mut rows = Vec::new();
     let mut note = |row: Value| {
         if !options.json {

@@ -218,6 +218,33 @@ fn a_scene_moves_to_the_gpu_by_itself_and_its_answers_stay_right() {
 }
 
 #[test]
+fn a_scene_that_is_only_asked_moves_to_the_gpu_and_tells_what_it_has_not_told() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
+    let mut session = daemon.session().connect().unwrap();
+    let options = SceneOptions::default().with_threads(1);
+    let (mut scene, mut here) = (session.scene(options), core_scene::Scene::new(options));
+    let mut random = Random::new(8);
+    let boxes = crowds(2_000, &mut random);
+    drop(scene.edit().set_all(0..2_000, &boxes).commit(Want::Nothing).unwrap());
+    let step =
+        core_scene::Step::Set(core_scene::Sets { indices: (0..2_000).into(), boxes: &boxes });
+    here.edit(Edit { steps: &[step] }, Want::Nothing).unwrap();
+    let mut expected = Vec::new();
+    eventually("the scene moves to the GPU", || {
+        let queries = crowds(1_500, &mut random);
+        here.query(&queries, &mut expected).unwrap();
+        assert_eq!(scene.query(&queries).find().unwrap().to_vec(), expected);
+        let answer = scene.edit().commit(Want::Nothing).unwrap();
+        (answer.engine() == EngineName::GpuGrid).then_some(())
+    });
+    here.edit(Edit::NONE, Want::Changes).unwrap();
+    let answer = scene.edit().commit(Want::Changes).unwrap();
+    assert_eq!(answer.engine(), EngineName::GpuGrid);
+    compare_told(&answer, here.told());
+    assert!(answer.begun().len() > 1_000);
+}
+
+#[test]
 fn scenes_of_a_session_and_of_others_are_kept_apart() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
     let mut sessions: Vec<Session> = (0..2).map(|_| daemon.session().connect().unwrap()).collect();

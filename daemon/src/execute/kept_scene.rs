@@ -1,8 +1,8 @@
 //! A scene where it is kept: by the cores of this machine, or in video memory.
 //!
 //! It begins with the cores. It moves to the GPU, unless an engine was asked for by name, when what its
-//! edits would have saved there comes to more than the move takes: so it never pays more than twice what
-//! the better place costs. It stays there: an edit takes the GPU 50 µs at the least, and boxes would have to
+//! edits and queries would have saved there comes to more than the move takes: so it never pays more than twice
+//! what the better place costs. It stays there: an edit takes the GPU 50 µs at the least, and boxes would have to
 //! come back.
 
 use std::sync::Arc;
@@ -20,7 +20,8 @@ use super::under_way::GpuShare;
 /// What a box costs an edit in video memory that does not change it, in those of a frame's grid: it is
 /// looked at once (an H200: 0.08 ns).
 const UNCHANGED_SHARE: f64 = 0.125;
-/// What a changed box costs, in boxes of a frame's grid: it is written, and searched for (an H200: 3 to 7 ns).
+/// What a changed box or a query costs, in boxes of a frame's grid: it is written, and searched for (an H200: 3 to
+/// 7 ns).
 const CHANGED_SHARE: f64 = 8.0;
 /// Time to move a scene, ns a box: collected here, copied, and written there.
 const MOVE_NS_A_BOX: f64 = 100.0;
@@ -35,7 +36,7 @@ pub struct SceneKeeper {
     gpu: GpuShare,
     engine: EngineChoice,
     threads: usize,
-    /// What edits would have saved on the GPU, ns.
+    /// What edits and queries would have saved on the GPU, ns.
     would_have_saved_ns: f64,
 }
 
@@ -46,9 +47,9 @@ enum Place {
     Gpu(GpuScene),
 }
 
-/// What an edit is expected to take in video memory, ns.
-fn gpu_ns(cost: &GpuCost, boxes: usize, changed: usize) -> Option<f64> {
-    let grid_boxes = UNCHANGED_SHARE * boxes as f64 + CHANGED_SHARE * changed as f64;
+/// What an edit or a query is expected to take in video memory, ns.
+fn gpu_ns(cost: &GpuCost, boxes: usize, searched: usize) -> Option<f64> {
+    let grid_boxes = UNCHANGED_SHARE * boxes as f64 + CHANGED_SHARE * searched as f64;
     Some(cost.fixed_ns + cost.grid_fixed_ns + cost.grid_ns_a_box? * grid_boxes)
 }
 
@@ -117,13 +118,13 @@ impl SceneKeeper {
         }
     }
 
-    /// Notes an edit that the cores have made.
-    fn note_edit(&mut self, changed: usize, took_ns: f64) {
+    /// Notes an edit that the cores have made, or a query, of so many boxes.
+    fn note_cores(&mut self, searched: usize, took_ns: f64) {
         if self.engine != EngineChoice::Auto {
             return;
         }
         let cost = self.gpu.0.as_ref().and_then(|gpu| gpu.cost());
-        let there = cost.and_then(|cost| gpu_ns(&cost, self.len(), changed));
+        let there = cost.and_then(|cost| gpu_ns(&cost, self.len(), searched));
         if let Some(there_ns) = there {
             let saved = self.would_have_saved_ns + took_ns - there_ns;
             self.would_have_saved_ns = saved.max(0.0);
@@ -157,7 +158,7 @@ impl PairScene for SceneKeeper {
             Place::Cores(scene) => {
                 let start = Instant::now();
                 scene.edit(edit, want)?;
-                self.note_edit(edit.boxes(), nanoseconds_since(start) as f64);
+                self.note_cores(edit.boxes(), nanoseconds_since(start) as f64);
             }
             Place::Gpu(scene) => {
                 // One session uses the GPU at a time.
@@ -219,8 +220,14 @@ impl PairScene for SceneKeeper {
     }
 
     fn query(&mut self, queries: &[Aabb], found: &mut Vec<[u32; 2]>) -> Result<u64, CullError> {
+        self.move_if_due();
         match &mut self.place {
-            Place::Cores(scene) => scene.query(queries, found),
+            Place::Cores(scene) => {
+                let start = Instant::now();
+                let tested = scene.query(queries, found)?;
+                self.note_cores(queries.len(), nanoseconds_since(start) as f64);
+                Ok(tested)
+            }
             Place::Gpu(scene) => {
                 // One session uses the GPU at a time.
                 let _turn = self.gpu.0.as_ref().map(|gpu| gpu.lock());

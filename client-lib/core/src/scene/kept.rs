@@ -14,16 +14,27 @@ pub struct KeptBox {
     pub is_static: bool,
 }
 
-/// The boxes and flags of a scene that has not changed since the last taken answer.
+/// What a scene has told of its pairs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum KeptHistory {
+    /// All of them, so many.
+    Told(u64),
+    /// Not one, and there was none when the history began: the next changes tell all.
+    Untold,
+    /// The scene has lost track of them: the next changes are a resync.
+    Lost,
+}
+
+/// The boxes and flags of a scene, where no other box matters to what it tells next.
 #[derive(Clone, Copy, Debug)]
 pub struct Kept<'a> {
     store: &'a Store,
-    pair_count: Option<u64>,
+    history: KeptHistory,
 }
 
 impl<'a> Kept<'a> {
-    pub(super) const fn new(store: &'a Store, pair_count: Option<u64>) -> Self {
-        Self { store, pair_count }
+    pub(super) const fn new(store: &'a Store, history: KeptHistory) -> Self {
+        Self { store, history }
     }
 
     /// Boxes have indices below this.
@@ -38,9 +49,8 @@ impl<'a> Kept<'a> {
         Some(KeptBox { b, is_on, is_static })
     }
 
-    /// Pairs that were told; `None` where the scene has lost track of them, so that the next changes
-    /// are a resync.
-    pub const fn pair_count(&self) -> Option<u64> {
-        self.pair_count
+    /// What was told.
+    pub const fn history(&self) -> KeptHistory {
+        self.history
     }
 }

@@ -59,7 +59,7 @@ pub use self::copy::{SceneCopy, WholeScene};
 pub use self::edit::{Edit, Indices, Sets, Step, Tags};
 pub use self::error::{EditError, SceneError};
 pub use self::filtered::{Expansion, FilteredScene, PairScene};
-pub use self::kept::{Kept, KeptBox};
+pub use self::kept::{Kept, KeptBox, KeptHistory};
 pub use self::margins::{ExactPairs, MarginedSets, Margins, Outgoing, Sent};
 pub use self::options::SceneOptions;
 pub use self::pair_list::sort_row;
@@ -205,14 +205,16 @@ impl Scene {
     }
 
     /// What the scene holds, for who keeps it from now on; `None` where it has changed since the last
-    /// taken answer.
+    /// taken answer, and pairs were told in it.
     pub fn kept(&self) -> Option<Kept<'_>> {
-        let pair_count = match self.known {
-            Known::Same => Some(self.count_then),
-            Known::Lost => None,
+        let is_untaken = self.is_open && matches!(self.told.want, Want::Changes | Want::All);
+        let history = match self.known {
+            Known::Same => KeptHistory::Told(self.count_then),
+            Known::Lost => KeptHistory::Lost,
+            Known::Few | Known::Many if self.count_then == 0 && !is_untaken => KeptHistory::Untold,
             Known::Few | Known::Many => return None,
         };
-        Some(Kept::new(&self.store, pair_count))
+        Some(Kept::new(&self.store, history))
     }
 
     /// The last answer.

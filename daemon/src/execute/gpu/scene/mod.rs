@@ -32,8 +32,8 @@ use std::sync::Arc;
 
 use pairmask_core::engine::{CullError, ReserveError};
 use pairmask_core::scene::{
-    Edit, EditError, Kept, SceneError, SceneOptions, SceneSkips, Sets, Step, Told, Want,
-    is_resync_due,
+    Edit, EditError, Kept, KeptHistory, SceneError, SceneOptions, SceneSkips, Sets, Step, Told,
+    Want, is_resync_due,
 };
 use pairmask_core::{Aabb, EngineName};
 use pairmask_shaders::layouts::{GridLayout, SceneMode, SceneSummary};
@@ -218,10 +218,17 @@ impl GpuScene {
             Step::Static((&statics).into(), true),
         ];
         scene.edit(Edit { steps: &steps }, Want::Nothing)?;
-        scene.begin_history();
-        match kept.pair_count() {
-            Some(count) => scene.count_then = count,
-            None => scene.known = Known::Lost,
+        match kept.history() {
+            KeptHistory::Told(count) => {
+                scene.begin_history();
+                scene.count_then = count;
+            }
+            // All that there is has changed since there was nothing.
+            KeptHistory::Untold => {}
+            KeptHistory::Lost => {
+                scene.begin_history();
+                scene.known = Known::Lost;
+            }
         }
         Ok(scene)
     }
