@@ -335,6 +335,48 @@ static void count_pairs(void *user, const pm_pair *pairs, size_t count) {
   *(size_t *)user += count;
 }
 
+/* Three boxes at one place in each of 40 worlds: the pairs of each are its own, in a list by world. */
+static void worlds(const pm_session_options *of) {
+  enum { WORLDS = 40, EACH = 3 };
+  pm_session_options options = *of;
+  pm_box boxes[WORLDS * EACH];
+  pm_tag tags[WORLDS * EACH];
+  pm_rules_desc desc = {.struct_size = sizeof desc};
+  pm_session session;
+  pm_rules made;
+  pm_mask mask;
+  const pm_pair *pairs;
+  size_t count, i;
+  int world;
+
+  for (i = 0; i < WORLDS * EACH; i++) {
+    boxes[i] = at(0.1f * (float)(i % EACH));
+    tags[i] = (pm_tag){(int32_t)(i % WORLDS), 0, 0, 0};
+  }
+  desc.tags = tags;
+  desc.tag_count = WORLDS * EACH;
+  options.encoding = "list";
+  EXPECT(PM_OK, pm_session_connect(&options, &session));
+  EXPECT(PM_OK, pm_rules_create(&desc, &made));
+  EXPECT(PM_OK, pm_session_cull(session, boxes, WORLDS * EACH, made, &mask));
+  for (world = 0; world < WORLDS; world++) {
+    const uint32_t first = (uint32_t)world, second = first + WORLDS, third = second + WORLDS;
+    const pm_pair expected[] = {{first, second}, {first, third}, {second, third}};
+    EXPECT(PM_OK, pm_mask_pairs_of_world(mask, world, &pairs, &count));
+    check_pairs(pairs, count, expected, 3);
+  }
+  EXPECT(PM_OK, pm_mask_pairs_of_world(mask, WORLDS, &pairs, &count));
+  CHECK(count == 0);
+  EXPECT(PM_ERR_ARGUMENT, pm_mask_pairs_of_world(mask, 0, NULL, &count));
+  EXPECT(PM_OK, pm_mask_drop(mask));
+  EXPECT(PM_ERR_HANDLE, pm_mask_pairs_of_world(mask, 0, &pairs, &count));
+  EXPECT(PM_OK, pm_session_cull(session, boxes, WORLDS * EACH, (pm_rules){0}, &mask));
+  EXPECT(PM_ERR_STATE, pm_mask_pairs_of_world(mask, 0, &pairs, &count));
+  EXPECT(PM_OK, pm_mask_drop(mask));
+  EXPECT(PM_OK, pm_rules_drop(made));
+  EXPECT(PM_OK, pm_session_drop(session));
+}
+
 static void scenes(pm_session session) {
   const pm_pair expected[] = {{7, 9}};
   pm_scene_options options = {.struct_size = sizeof options, .most_boxes = 1000};
@@ -586,6 +628,7 @@ int main(int argc, char **argv) {
   frames(session);
   narrow(session);
   rules(session);
+  worlds(&options);
   scenes(session);
   margins(&options, session);
   shared(session, is_daemon);
