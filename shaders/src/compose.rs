@@ -206,8 +206,10 @@ pub enum SceneStage {
     Place,
     /// Entries and rows against entries; sums to the host.
     Pairs,
-    /// Queries against entries.
+    /// Queries against a grid of all boxes.
     Query,
+    /// Boxes against a grid of queries.
+    QueryRows,
     /// Pairs of each query to first places.
     QueryStarts,
     /// Pairs of each query together.
@@ -218,13 +220,14 @@ pub enum SceneStage {
 
 impl SceneStage {
     /// All of them.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Apply,
         Self::Mark,
         Self::Cells,
         Self::Place,
         Self::Pairs,
         Self::Query,
+        Self::QueryRows,
         Self::QueryStarts,
         Self::QueryDeal,
         Self::QuerySort,
@@ -238,6 +241,7 @@ impl SceneStage {
             Self::Place => "scene_place",
             Self::Pairs => "scene_pairs",
             Self::Query => "scene_query",
+            Self::QueryRows => "scene_query_rows",
             Self::QueryStarts => "scene_query_starts",
             Self::QueryDeal => "scene_query_deal",
             Self::QuerySort => "scene_query_sort",
@@ -251,7 +255,7 @@ impl SceneStage {
             Self::QuerySort => 6,
             Self::Place => 7,
             Self::Apply | Self::Cells => 8,
-            Self::Pairs | Self::Query => 9,
+            Self::Pairs | Self::Query | Self::QueryRows => 9,
         }
     }
 
@@ -263,6 +267,7 @@ impl SceneStage {
             Self::Place => include_str!("../wgsl/scene_place.wgsl"),
             Self::Pairs => include_str!("../wgsl/scene_pairs.wgsl"),
             Self::Query => include_str!("../wgsl/scene_query.wgsl"),
+            Self::QueryRows => include_str!("../wgsl/scene_query_rows.wgsl"),
             Self::QueryStarts => include_str!("../wgsl/scene_query_starts.wgsl"),
             Self::QueryDeal => include_str!("../wgsl/scene_query_deal.wgsl"),
             Self::QuerySort => include_str!("../wgsl/scene_query_sort.wgsl"),
@@ -366,7 +371,7 @@ fn expand(
 impl Stage {
     /// One of each stage of the engines, for f32 boxes and sparse masks, with the smallest form of the
     /// pairs stage.
-    pub const ALL: [Self; 21] = [
+    pub const ALL: [Self; 22] = [
         Self::Keys(BoxForm::F32),
         Self::Pairs(PairsVariant { rows: RowsPerThread::One, strip_blocks: 1, store_zeros: true }),
         Self::PackDense,
@@ -384,6 +389,7 @@ impl Stage {
         Self::Scene(SceneStage::Place),
         Self::Scene(SceneStage::Pairs),
         Self::Scene(SceneStage::Query),
+        Self::Scene(SceneStage::QueryRows),
         Self::Scene(SceneStage::QueryStarts),
         Self::Scene(SceneStage::QueryDeal),
         Self::Scene(SceneStage::QuerySort),

@@ -264,8 +264,10 @@ pub enum SceneMode {
     Changes = 0,
     /// Pairs of now with a box that the edit named.
     Moved = 1,
-    /// All pairs of now, or queries.
+    /// All pairs of now, or queries against all boxes.
     All = 2,
+    /// Pairs of a query and a box. The queries are what is set.
+    Query = 3,
 }
 
 /// Parameters of every stage of a scene. They lie in memory, so that a frame is recorded once.

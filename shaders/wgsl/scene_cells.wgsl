@@ -4,7 +4,7 @@
 // the hull of what they were and are; as two entries where they have left their place. All others
 // that collide are rows, which look at all entries around them; but boxes so large that they would look
 // at many cells of finer levels are entries too (`wide`), so that those look at them. A dense search has
-// no rows.
+// no rows. Queries are entries, and all boxes of the scene are rows beside them.
 // Mirror: in the tests, `scene_stages`; what comes of it is what `pairmask_core::scene` tells.
 
 #import constants
@@ -147,12 +147,19 @@ fn main(
                     kinds = THEN | NOW;
                     is_entry = true;
                 }
+                if (params.mode == MODE_QUERY && index >= params.set_first) {
+                    kinds = THEN | NOW;
+                    is_entry = true;
+                }
                 let low = plain3(is.lo);
                 let high = plain3(is.hi);
                 let level = level_of(low, high);
                 if (is_entry || is_wide(level, low, high)) {
                     first = home(index, kinds, level, low, high);
                     count = 1u;
+                    if (params.mode == MODE_QUERY && !is_entry) {
+                        atomicAdd(&moved_count, 1u);
+                    }
                 } else {
                     atomicOr(&row_bits[lane / 32u], 1u << (lane % 32u));
                 }

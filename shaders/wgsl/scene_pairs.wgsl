@@ -6,6 +6,18 @@
 
 #import scene_search
 
+@group(0) @binding(5) var<storage, read> then: array<vec4<i32>>;
+
+// Whether entries look at each other.
+fn entries_look() -> bool {
+    return true;
+}
+
+// Whether two entries or rows are worth a look at their records.
+fn may_be_told(one_name: u32, other_name: u32) -> bool {
+    return true;
+}
+
 // A pair by its smaller index and its larger one; a change as larger index << 2 | what is told of it.
 fn tell_change(index: u32, other: u32, what: u32) {
     var larger = max(index, other);

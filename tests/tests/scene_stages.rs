@@ -411,8 +411,8 @@ fn hull(a: &KeyBox, b: &KeyBox) -> KeyBox {
 
 impl Search {
     fn new(slots: u32, seed: u64) -> Self {
-        let modes = [SceneMode::Changes, SceneMode::Moved, SceneMode::All];
-        let mode = modes[Rng::new(seed ^ 0x30de).below(3) as usize];
+        let modes = [SceneMode::Changes, SceneMode::Moved, SceneMode::All, SceneMode::Query];
+        let mode = modes[Rng::new(seed ^ 0x30de).below(4) as usize];
         Self::of_mode(slots, seed, mode)
     }
 
@@ -428,6 +428,7 @@ impl Search {
         layout.cell_end = layout.first_nothing;
         let is_dense = match mode {
             SceneMode::All => true,
+            SceneMode::Query => false,
             SceneMode::Changes | SceneMode::Moved => random.below(3) == 0,
         };
         let sums = (layout.cell_end + 1).div_ceil(SCAN_CELLS);
@@ -436,6 +437,8 @@ impl Search {
         let params = SceneParams {
             control_words,
             mode: mode as u32,
+            // In a search of queries that are entries, those from there on.
+            set_first: slots - slots / 3,
             dense: u32::from(is_dense),
             naming: 5,
             entry_capacity: 2 * slots,
@@ -497,11 +500,13 @@ impl Search {
             let Some(is) = is else { continue };
             let is_named = match mode {
                 SceneMode::Moved => scene.named[index] == self.params.naming,
+                SceneMode::Query => index >= self.params.set_first as usize,
                 SceneMode::Changes | SceneMode::All => false,
             };
             let both = mode == SceneMode::Changes || is_named;
             let kinds = if both { THEN | NOW } else { NOW };
             if is_dense || is_named || is_wide(layout, &is) {
+                self.control[MOVED] += u32::from(mode == SceneMode::Query && !is_named);
                 self.enter(layout, index, kinds, is);
             } else {
                 let rows = (self.params.table_words + self.params.filter_words) as usize;
@@ -623,6 +628,8 @@ fn records_become_entries_of_their_cells_or_rows() {
         ("first = entry(index, THEN, was);", "first = entry(index, NOW, was);"),
         ("if (is.is_static) {", "if (!is.is_static) {"),
         ("&& named[index] == params.naming) {", ") {"),
+        ("&& index >= params.set_first) {", ") {"),
+        ("if (params.mode == MODE_QUERY && !is_entry) {", "if (false) {"),
         ("atomicAdd(&row_count, countOneBits(bits));", "atomicAdd(&row_count, 1u);"),
         ("entries[entry_base + at + 1u] = second;", "entries[entry_base + at + 1u] = first;"),
     ] {
@@ -741,12 +748,34 @@ fn queried(search: &Search, queries: &[Aabb]) -> Vec<[u32; 2]> {
     pairs
 }
 
-fn check_query(bench: &Bench, stage: &ComposedStage) -> Result<(), String> {
+/// The same of queries that are records behind those of the scene.
+fn queried_records(search: &Search) -> Vec<[u32; 2]> {
+    let (boxes, queries) = search.colliding.split_at(search.params.set_first as usize);
+    let mut pairs = Vec::new();
+    for (number, query) in queries.iter().enumerate() {
+        for (index, b) in boxes.iter().enumerate() {
+            if let (Some(query), Some(b)) = (query, b)
+                && query.overlaps(b)
+            {
+                pairs.push([number as u32, index as u32]);
+            }
+        }
+    }
+    pairs
+}
+
+/// Checks `scene_query`, or `scene_query_rows`: queries that are records behind those of the scene.
+fn check_query(bench: &Bench, stage: &ComposedStage, are_entries: bool) -> Result<(), String> {
     let [cells_stage, place_stage] = [SceneStage::Cells, SceneStage::Place].map(composed);
     for (seed, slots) in (1..).zip(SIZES.into_iter().cycle().take(2 * SIZES.len())) {
-        let search = Search::of_mode(slots, seed, SceneMode::All);
-        let queries = some_queries(1 + slots / 3, &mut Rng::new(seed ^ 0x9e7));
-        let expected = queried(&search, &queries);
+        let mode = if are_entries { SceneMode::Query } else { SceneMode::All };
+        let search = Search::of_mode(slots, seed, mode);
+        let mut queries = some_queries(1 + slots / 3, &mut Rng::new(seed ^ 0x9e7));
+        let mut expected = queried(&search, &queries);
+        if are_entries {
+            queries.truncate((slots / 3) as usize);
+            expected = queried_records(&search);
+        }
         let cells = bench.run(&cells_stage, &search.before, 2);
         let placed = place(bench, &place_stage, &search, &cells);
         // Once without room for all.
@@ -764,8 +793,9 @@ fn check_query(bench: &Bench, stage: &ComposedStage) -> Result<(), String> {
             cells[1].clone(),
             placed[3].clone(),
             placed[6].clone(),
-            bytemuck::cast_slice(&queries).to_vec(),
-            vec![UNTOUCHED; queries.len() + 5],
+            if are_entries { cells[2].clone() } else { bytemuck::cast_slice(&queries).to_vec() },
+            // Counted up from zero, or written.
+            vec![if are_entries { 0 } else { UNTOUCHED }; queries.len() + 5],
             cells[6].clone(),
             vec![UNTOUCHED; 2 * room + 8],
             vec![UNTOUCHED; size_of::<SceneSummary>() / 4],
@@ -781,7 +811,7 @@ fn check_query(bench: &Bench, stage: &ComposedStage) -> Result<(), String> {
         let is_counted = (0..).zip(counts).all(|(query, count)| {
             *count as usize == expected.iter().filter(|pair| pair[0] == query).count()
         });
-        if !is_counted || behind.iter().any(|word| *word != UNTOUCHED) {
+        if !is_counted || behind != &before[5][queries.len()..] {
             return Err(what("counts of queries"));
         }
         let (found, rest) = after[7].split_at(2 * room.min(count));
@@ -803,7 +833,7 @@ fn check_query(bench: &Bench, stage: &ComposedStage) -> Result<(), String> {
 #[test]
 fn queries_find_the_boxes_that_they_overlap() {
     let bench = Bench::new();
-    check_query(&bench, &composed(SceneStage::Query)).unwrap_or_else(|e| panic!("{e}"));
+    check_query(&bench, &composed(SceneStage::Query), false).unwrap_or_else(|e| panic!("{e}"));
     for (from, to) in [
         ("atomicAdd(&pair_counts[own], 1u);", ""),
         ("tell(vec2<u32>(number, bitcast<u32>(b.z) & INDEX_MASK));", ""),
@@ -819,7 +849,28 @@ fn queries_find_the_boxes_that_they_overlap() {
         ("first = select(max(first, vec3<i32>(0)), first, wraps);", "first = low;"),
     ] {
         let stage = altered(SceneStage::Query, from, to);
-        assert!(check_query(&bench, &stage).is_err(), "'{to}' for '{from}' is not noticed");
+        assert!(check_query(&bench, &stage, false).is_err(), "'{to}' for '{from}' is not noticed");
+    }
+}
+
+#[test]
+fn boxes_find_the_queries_that_are_entries() {
+    let bench = Bench::new();
+    let stage = composed(SceneStage::QueryRows);
+    check_query(&bench, &stage, true).unwrap_or_else(|e| panic!("{e}"));
+    for (from, to) in [
+        ("return is_query(one_name) != is_query(other_name);", "return true;"),
+        ("return atomicLoad(&control[MOVED]) != 0u;", "return false;"),
+        ("query - params.set_first", "query"),
+        ("atomicAdd(&counts[number], 1u);", ""),
+        ("select(other_name, one_name, is_first)", "one_name"),
+        ("select(one_name, other_name, is_first)", "other_name"),
+        ("all(row_lo.yz <= b.xy)", "all(row_lo.yz < b.xy)"),
+        ("levels = levels_to_look_at();", "levels = 0u;"),
+        ("first = select(max(first, vec3<i32>(0)), first, wraps);", "first = low;"),
+    ] {
+        let stage = altered(SceneStage::QueryRows, from, to);
+        assert!(check_query(&bench, &stage, true).is_err(), "'{to}' for '{from}' is not noticed");
     }
 }
 

@@ -27,7 +27,7 @@ struct SceneSummary {
 @group(0) @binding(1) var<storage, read> grid: GridLayout;
 @group(0) @binding(2) var<storage, read> table: array<u32>;
 @group(0) @binding(3) var<storage, read> sorted: array<vec4<i32>>;
-// Bindings 4 and 5 are the stage's.
+// Bindings 4 and 5 are others in each stage.
 @group(0) @binding(6) var<storage, read_write> control: array<atomic<u32>>;
 // Pairs as the stage tells them.
 @group(0) @binding(7) var<storage, read_write> found: array<vec2<u32>>;

@@ -40,13 +40,15 @@ struct SceneParams {
 const MODE_CHANGES: u32 = 0u;
 // Pairs of now with a box that the edit named.
 const MODE_MOVED: u32 = 1u;
-// All pairs of now, or queries.
+// All pairs of now, or queries against all boxes.
 const MODE_ALL: u32 = 2u;
+// Pairs of a query and a box; what is set from `set_first` on are the queries.
+const MODE_QUERY: u32 = 3u;
 
 // Words of the control block. WORK and SUMS are where `grid_scan` has them.
 const ENTRIES: u32 = CONTROL_HEADER_WORDS;
 const ROWS: u32 = ENTRIES + 1u;
-// Boxes that have changed.
+// Boxes that have changed; of queries that are entries, boxes that are entries too.
 const MOVED: u32 = ENTRIES + 2u;
 const MOVED_STATIC: u32 = ENTRIES + 3u;
 // 64 bits each, low word first.

@@ -1,5 +1,6 @@
-// A search of a scene: entries against later entries around them, rows against all entries around them. The
-// stage decides which of the candidates are told (`decide`).
+// A search of a scene: entries against later entries around them, rows against all entries around them. A
+// stage decides which of the candidates are told: `may_be_told` by the names of two boxes that overlap,
+// `decide` by what else it knows; and whether entries look at entries at all (`entries_look`).
 //
 // One row a thread. Rows beside the grid pass the filter first, four a thread, and those that do are
 // collected until there is one for each thread of the workgroup. Candidates are collected too, and decided
@@ -10,7 +11,6 @@
 #import scene_filter
 
 @group(0) @binding(4) var<storage, read> now: array<vec4<i32>>;
-@group(0) @binding(5) var<storage, read> then: array<vec4<i32>>;
 
 // Rows that a thread looks at a time.
 const ROWS_TOGETHER: u32 = 4u;
@@ -41,7 +41,7 @@ fn test_run(start: u32, table_end: u32) {
         let a = sorted[2u * p];
         if (all(a.xyz <= row_hi) & (row_lo.x <= a.w)) {
             let b = sorted[2u * p + 1u];
-            if (all(row_lo.yz <= b.xy)) {
+            if (all(row_lo.yz <= b.xy) && may_be_told(row_name, bitcast<u32>(b.z))) {
                 let at = atomicAdd(&candidate_count, 1u);
                 if (at < CANDIDATES) {
                     candidates[at] = vec2<u32>(row_name, bitcast<u32>(b.z));
@@ -218,7 +218,7 @@ fn search(group: u32, groups: u32, lane: u32) {
     }
     let entry_count = table[grid.first_nothing];
     let giants = table[grid.first_giant];
-    let entry_chunks = (entry_count + BATCH_BOXES - 1u) / BATCH_BOXES;
+    let entry_chunks = select(0u, (entry_count + BATCH_BOXES - 1u) / BATCH_BOXES, entries_look());
     var chunks = entry_chunks;
     if (entry_count != 0u && atomicLoad(&control[ROWS]) != 0u) {
         let round = ROWS_TOGETHER * BATCH_BOXES;

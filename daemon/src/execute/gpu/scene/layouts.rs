@@ -3,7 +3,7 @@
 //! A layout only steers: with any, the same pairs are told.
 
 use pairmask_core::Aabb;
-use pairmask_shaders::layouts::{GridLayout, SceneSummary};
+use pairmask_shaders::layouts::{GridLayout, SceneMode, SceneSummary};
 
 use super::plan::{Question, with_giants};
 use crate::execute::gpu::grid::layout::Chooser;
@@ -35,11 +35,11 @@ struct Kind {
     sampled_of: u32,
 }
 
-/// The layouts of a scene: one where few boxes are entries, one where all are.
+/// The layouts of a scene: one where few boxes are entries, one where all are, one where queries are.
 #[derive(Default)]
 pub(super) struct Layouts {
     chooser: Chooser,
-    kinds: [Kind; 2],
+    kinds: [Kind; 3],
     /// Some boxes of the last large edit.
     edited: Vec<Aabb>,
 }
@@ -51,7 +51,10 @@ const fn are_alike(a: u32, b: u32) -> bool {
 
 /// The kind of a search.
 fn kind_of(question: &Question) -> usize {
-    usize::from(question.is_dense())
+    match question.mode {
+        SceneMode::Query => 2,
+        _ => usize::from(question.is_dense()),
+    }
 }
 
 impl Layouts {
@@ -66,6 +69,16 @@ impl Layouts {
         let place = |i: usize| i * step + (i.wrapping_mul(0x9e37_79b9) >> 7) % step;
         self.edited.clear();
         self.edited.extend((0..wanted).map(|i| boxes[place(i)]));
+    }
+
+    /// Looks at queries that are entries: a layout for them fits their sizes and those of the scene's boxes.
+    pub fn note_queries(&mut self, question: &Question, queries: &[Aabb]) {
+        let kind = &mut self.kinds[kind_of(question)];
+        kind.sample.clear();
+        let wanted = queries.len().min(EDIT_SAMPLE);
+        kind.sample.extend((0..wanted).map(|i| queries[i * queries.len() / wanted]));
+        kind.sample.extend_from_slice(&self.edited);
+        kind.sampled_of = question.grid_boxes();
     }
 
     /// The layout for a search.
@@ -104,7 +117,8 @@ impl Layouts {
         if is_bad {
             chosen.age = chosen.serves;
         }
-        if chosen.age < chosen.serves {
+        // What queries are compared with is not among the entries: they have another sample.
+        if chosen.age < chosen.serves || question.mode == SceneMode::Query {
             return is_bad;
         }
         let count = (summary.sampled as usize).min(summary.samples.len());

@@ -13,7 +13,8 @@
 //! A pair of hulls that overlap is decided by what both boxes were and are. What comes down is those
 //! pairs that began or ended, and the host sorts them.
 //!
-//! Queries ([`GpuScene::query`]) are looked for in a grid of all boxes, which stands until the next edit.
+//! Queries ([`GpuScene::query`]) are a search too: they are the entries, and every box looks for them. Or they look
+//! into a grid of all boxes, which stands until the next edit.
 //!
 //! [`Want::All`] and [`Want::Moved`] are the same search with another question. This is one file, because an
 //! edit, its answer and what is known afterwards change the same few fields.
@@ -113,7 +114,7 @@ enum Known {
 
 /// Rooms of the last searches: what the next ones are expected to need.
 #[derive(Clone, Copy, Debug, Default)]
-struct LastRooms([Room; 3]);
+struct LastRooms([Room; 4]);
 
 /// A scene in video memory. One thread uses it at a time; it has the contract of
 /// [`Scene`](pairmask_core::scene::Scene), but after [`SceneError::Cull`] the scene is undefined and is to
@@ -128,6 +129,8 @@ pub struct GpuScene {
     layouts: Layouts,
     frames: Frames,
     rooms: LastRooms,
+    /// Whether there were queries since the last edit.
+    was_asked: bool,
     /// The grid of all boxes, where it stands since the last queries.
     standing: Option<GridLayout>,
     /// Whether another was a bad one for queries since the last edit.
@@ -174,6 +177,7 @@ impl GpuScene {
             layouts: Layouts::default(),
             frames: Frames::default(),
             rooms: LastRooms::default(),
+            was_asked: false,
             standing: None,
             is_second_grid: false,
             query_pairs: 0,
@@ -368,7 +372,7 @@ impl GpuScene {
             return Ok(());
         }
         // Boxes are elsewhere, or the blocks of the grid are another search's.
-        (self.standing, self.is_second_grid) = (None, false);
+        (self.was_asked, self.standing, self.is_second_grid) = (false, None, false);
         let tools = Arc::clone(&self.tools);
         let gpu_error = |error: GpuError| tools.gpu.cull_error(ENGINE, &error);
         let uploaded = self.place_edit(edit, mode).map_err(gpu_error)?;

@@ -50,7 +50,7 @@ pub(super) struct Question {
     pub slots: u64,
     /// Boxes that collide.
     pub active: u64,
-    /// Boxes that may have changed, or that the edit names.
+    /// Boxes that may have changed, or that the edit names; or queries that are entries.
     pub changed: u64,
 }
 
@@ -59,6 +59,7 @@ impl Question {
     pub fn is_dense(&self) -> bool {
         match self.mode {
             SceneMode::All => true,
+            SceneMode::Query => false,
             SceneMode::Changes | SceneMode::Moved => self.changed * DENSE_SHARE > self.active,
         }
     }
@@ -188,6 +189,7 @@ mod tests {
         let many = question(SceneMode::Changes, 1_000_000, 300_000);
         assert!(many.is_dense() && many.entries() == 1_000_000);
         assert!(question(SceneMode::All, 10, 0).is_dense());
+        assert!(!question(SceneMode::Query, 10, 1_000).is_dense());
         assert!(question(SceneMode::Moved, 0, 0).grid_boxes() == 1);
     }
 

@@ -1,8 +1,10 @@
 //! Queries: boxes that are no part of a scene against all that are.
 //!
-//! All boxes of the scene are entries of a grid, and each query looks into the cells around it. The grid is that of
-//! an edit that asks for all pairs. It is built by the first queries after an edit, in their submission, and stands
-//! until the next edit searches. Nothing that an edit knows or tells has changed.
+//! The first queries after an edit are the entries of a grid, in records behind the scene's, and every box looks
+//! once whether one of them is near: the search of an edit that changes as many boxes. At its end the records are
+//! without a box again. Those who ask more pay for a grid of all boxes, that of an edit that asks for all pairs, in
+//! which each query looks into the cells around it. It is built by the second queries after an edit, and stands
+//! until the next one. Both are one submission, and nothing that an edit knows or tells has changed.
 //!
 //! The search counts the pairs of each query. Three stages more put them in order: the starts of queries, pairs
 //! to their queries, and each to its place by index. The host sorts only what a query of very many boxes has found.
@@ -11,20 +13,23 @@ use std::sync::Arc;
 
 use pairmask_core::Aabb;
 use pairmask_core::engine::{CullError, ReserveError};
-use pairmask_core::scene::{Edit, sort_row};
+use pairmask_core::scene::{Edit, Indices, Sets, Step, sort_row};
 use pairmask_shaders::constants::SORTED_ROW;
 use pairmask_shaders::layouts::SceneMode;
 
-use super::memory::Blocks;
-use super::plan::{Question, Room, Sizes};
+use super::memory::{Blocks, RECORD_BYTES};
+use super::plan::{MOST_SLOTS, Question, Room, Sizes};
 use super::roster::Marks;
-use super::search::{self, Queries, Search, Task};
+use super::search::{self, Queries, Search, Task, Way};
 use super::times::{Clock, EditTimes};
 use super::{ENGINE, GpuScene, Pair, wide};
 use crate::execute::gpu::error::GpuError;
 
 /// Most queries of a submission: so many copies, 6 MiB, are kept where they cannot be read where they lie.
 const QUERIES_TOGETHER: usize = 1 << 18;
+
+/// More queries than one in so many boxes are never entries: too many boxes have one of them near.
+const ENTRIES_SHARE: u64 = 32;
 
 impl GpuScene {
     /// The boxes that each of `queries` overlaps, switched on, static ones too: pairs of the query's number
@@ -41,9 +46,11 @@ impl GpuScene {
             return Ok(0);
         }
         let mut tested = 0;
+        let are_entries = !self.was_asked && self.may_be_entries(queries.len() as u64);
+        self.was_asked = true;
         for (part, queries) in queries.chunks(QUERIES_TOGETHER).enumerate() {
             let first = part * QUERIES_TOGETHER;
-            match self.query_together(queries, first as u32, found) {
+            match self.query_together(queries, first as u32, are_entries, found) {
                 Ok(more) => tested += more,
                 Err(error) => {
                     found.clear();
@@ -54,36 +61,57 @@ impl GpuScene {
         Ok(tested)
     }
 
+    /// Whether so many queries may lie behind the scene's records, and few boxes look at them.
+    fn may_be_entries(&self, queries: u64) -> bool {
+        let most = (self.tools.binding_bytes / RECORD_BYTES).min(MOST_SLOTS);
+        queries <= QUERIES_TOGETHER as u64
+            && queries * ENTRIES_SHARE <= self.roster.active() as u64
+            && self.roster.len() as u64 + queries <= most
+    }
+
     /// Queries of one submission, numbered from `first` on; their pairs go behind those found.
     fn query_together(
         &mut self,
         queries: &[Aabb],
         first: u32,
+        are_entries: bool,
         found: &mut Vec<Pair>,
     ) -> Result<u64, CullError> {
         let tools = Arc::clone(&self.tools);
         let gpu_error = |error: GpuError| tools.gpu.cull_error(ENGINE, &error);
         let mut clock = Clock::start();
         let mut replaced = false;
-        let (gpu, none) = (&tools.gpu, Edit { steps: &[] });
-        let boxes = self.upload.place_queries(gpu, queries, &mut replaced).map_err(gpu_error)?;
-        let uploaded =
-            self.upload.place(gpu, none, &Marks::new(), &mut replaced).map_err(gpu_error)?;
-        clock.lap(&mut self.times.upload);
+        let (slots, count) = (self.roster.len() as u64, queries.len() as u64);
         let active = self.roster.active() as u64;
-        let question = Question {
-            mode: SceneMode::All,
-            slots: self.roster.len() as u64,
-            active,
-            changed: active,
+        let gpu = &tools.gpu;
+        let set = [Step::Set(Sets {
+            indices: Indices::Range { first: slots as u32, count: count as u32 },
+            boxes: queries,
+        })];
+        let mut boxes = None;
+        let (question, steps) = if are_entries {
+            self.memory.make_records(&tools, slots + count, &mut replaced).map_err(gpu_error)?;
+            let (slots, active) = (slots + count, active + count);
+            (Question { mode: SceneMode::Query, slots, active, changed: count }, set.as_slice())
+        } else {
+            let placed = self.upload.place_queries(gpu, queries, &mut replaced);
+            boxes = Some(placed.map_err(gpu_error)?);
+            (Question { mode: SceneMode::All, slots, active, changed: active }, [].as_slice())
         };
+        let edit = Edit { steps };
+        let uploaded =
+            self.upload.place(gpu, edit, &Marks::new(), &mut replaced).map_err(gpu_error)?;
+        clock.lap(&mut self.times.upload);
+        if are_entries {
+            self.layouts.note_queries(&question, queries);
+        }
         let mut room = Room { pairs: self.query_pairs, ..self.rooms.0[question.mode as usize] };
         room = Room::expected(&question, room);
         loop {
             // Until the queries have their answer: an error leaves nothing to rely on.
             let standing = self.standing.take();
             let layout = standing.unwrap_or_else(|| self.layouts.layout(&question));
-            let sizes = Sizes::of(&question, &layout, queries.len() as u64);
+            let sizes = Sizes::of(&question, &layout, count);
             let blocks =
                 self.memory.blocks(&tools, &sizes, room, &mut replaced).map_err(gpu_error)?;
             let is_same = !std::mem::take(&mut replaced);
@@ -91,16 +119,17 @@ impl GpuScene {
                 self.frames.clear();
             }
             let builds = standing.is_none() || !is_same;
-            let count = queries.len() as u32;
+            let way = boxes.as_ref().map_or(Way::Entries, |boxes| Way::Grid { boxes, builds });
             let task = Task {
                 question,
-                search: Search::Queries(Queries { boxes: &boxes, count, builds }),
+                search: Search::Queries(Queries { count: count as u32, way }),
                 layout,
                 sizes,
                 epoch: self.epoch,
                 naming: 0,
                 edit: &uploaded,
-                applies: false,
+                // Each time: the last submission has emptied their records.
+                applies: are_entries,
                 blocks: &blocks,
             };
             clock.lap(&mut self.times.plan);
@@ -116,13 +145,14 @@ impl GpuScene {
                 room.entries = u64::from(summary.entries);
                 continue;
             }
-            // What looks are the queries, and all that they find is worth a test.
-            let looked = queries.len() as u64 + pairs;
+            // What looks are all boxes, or the queries, and all that those find is worth a test.
+            let all = u64::from(summary.entries) + u64::from(summary.rows);
+            let looked = if are_entries { all } else { count + pairs };
             let is_bad = self.layouts.note_search(&question, &summary, looked, tested);
             if summary.tested[1] >= search::BUDGET {
                 return Err(CullError::TooCrowded { engine: ENGINE });
             }
-            self.standing = Some(layout);
+            self.standing = (!are_entries).then_some(layout);
             if pairs > made.pairs {
                 let needed_bytes = pairs.saturating_mul(size_of::<Pair>() as u64);
                 if needed_bytes > tools.binding_bytes {
@@ -131,7 +161,7 @@ impl GpuScene {
                 room.pairs = pairs;
                 continue;
             }
-            if is_bad && !self.is_second_grid {
+            if is_bad && self.standing.is_some() && !self.is_second_grid {
                 // The next queries have another one, and keep it: crowded boxes are so in any.
                 self.standing = None;
                 self.is_second_grid = true;

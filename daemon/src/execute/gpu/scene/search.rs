@@ -8,7 +8,7 @@ use pairmask_shaders::layouts::{GridLayout, GridParams, SceneMode, SceneParams, 
 use pairmask_shaders::{GridStage, SceneStage, Stage};
 
 use super::SceneTools;
-use super::memory::{Blocks, QueryBlocks};
+use super::memory::{Blocks, QueryBlocks, RECORD_BYTES};
 use super::plan::{self, Question, Room, Sizes};
 use super::upload::{SetIndices, Uploaded};
 use crate::execute::gpu::device::{Order, QueueRole};
@@ -46,6 +46,7 @@ pub(super) struct Stages {
     place: Arc<Pipeline>,
     pairs: Arc<Pipeline>,
     query: Arc<Pipeline>,
+    query_rows: Arc<Pipeline>,
     query_starts: Arc<Pipeline>,
     query_deal: Arc<Pipeline>,
     query_sort: Arc<Pipeline>,
@@ -61,6 +62,7 @@ impl Stages {
             place: get(SceneStage::Place)?,
             pairs: get(SceneStage::Pairs)?,
             query: get(SceneStage::Query)?,
+            query_rows: get(SceneStage::QueryRows)?,
             query_starts: get(SceneStage::QueryStarts)?,
             query_deal: get(SceneStage::QueryDeal)?,
             query_sort: get(SceneStage::QuerySort)?,
@@ -80,15 +82,23 @@ pub(super) enum Search<'a> {
     Queries(Queries<'a>),
 }
 
-/// Queries against the grid of all boxes.
+/// Queries of a submission.
 #[derive(Clone, Copy)]
 pub(super) struct Queries<'a> {
-    /// Where they lie.
-    pub boxes: &'a Part,
     /// How many.
     pub count: u32,
-    /// Whether the grid is built first; else it stands since the last submission.
-    pub builds: bool,
+    pub way: Way<'a>,
+}
+
+/// How queries are answered.
+#[derive(Clone, Copy)]
+pub(super) enum Way<'a> {
+    /// They are what the edit sets, behind the scene's records, and the entries of the grid. The boxes of the scene
+    /// look for them.
+    Entries,
+    /// They lie here and look for boxes in the grid of all boxes, which is built first or stands since the last
+    /// submission.
+    Grid { boxes: &'a Part, builds: bool },
 }
 
 /// What a submission does.
@@ -128,11 +138,23 @@ enum SearchShape {
     Nothing,
     Pairs,
     Queries {
+        way: WayShape,
+        /// Workgroups that prepare the sorting, and that sort.
+        groups: [u32; 2],
+    },
+}
+
+/// What is recorded of the way of queries.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum WayShape {
+    /// Bytes of their records: where, and how many.
+    Entries([u64; 2]),
+    Grid {
         boxes: Place,
         box_bytes: u64,
         builds: bool,
-        /// Workgroups that look, that prepare the sorting, and that sort.
-        groups: [u32; 3],
+        /// Workgroups that look.
+        groups: u32,
     },
 }
 
@@ -190,18 +212,22 @@ impl Task<'_> {
         let search = match self.search {
             Search::Nothing => SearchShape::Nothing,
             Search::Pairs => SearchShape::Pairs,
-            Search::Queries(Queries { boxes, count, builds }) => {
+            Search::Queries(Queries { count, way }) => {
                 let count = u64::from(count);
-                SearchShape::Queries {
-                    boxes: Place::of(boxes),
-                    box_bytes: boxes.bytes,
-                    builds,
-                    groups: [
-                        plan::groups(count * u64::from(QUERY_LANES)),
-                        plan::groups(count),
-                        plan::groups_of_rows(count),
-                    ],
-                }
+                let way = match way {
+                    Way::Entries => {
+                        let first = u64::from(edit.sets.first.unwrap_or(0));
+                        WayShape::Entries([first, count].map(|records| records * RECORD_BYTES))
+                    }
+                    Way::Grid { boxes, builds } => WayShape::Grid {
+                        boxes: Place::of(boxes),
+                        box_bytes: boxes.bytes,
+                        builds,
+                        groups: plan::groups(count * u64::from(QUERY_LANES)),
+                    },
+                };
+                let groups = [plan::groups(count), plan::groups_of_rows(count)];
+                SearchShape::Queries { way, groups }
             }
         };
         // A thread zeroes four words in the time that it takes to set a box.
@@ -282,50 +308,55 @@ impl Task<'_> {
         let [params, layout, table] = [&b.params, &b.layout, &b.table].map(whole);
         let [control, sorted, found, summary] =
             [&b.control, &b.sorted, &b.found, &b.summary].map(whole);
-        match (shape.search, self.search) {
-            (SearchShape::Pairs, _) => {
-                let mut steps = self.first_steps(tools, shape);
-                let [now, then] = [&b.now, &b.then].map(whole);
+        let now = whole(&b.now);
+        let mut steps = match (shape.search, self.search) {
+            (
+                SearchShape::Queries { way: WayShape::Grid { builds: false, .. }, .. },
+                Search::Queries(_),
+            ) => vec![Command::Fill {
+                part: Part::of(&b.control, TALLY_OFFSET, TALLY_BYTES),
+                word: 0,
+            }],
+            _ => self.first_steps(tools, shape),
+        };
+        let SearchShape::Queries { way, groups } = shape.search else {
+            if shape.search == SearchShape::Pairs {
+                let then = whole(&b.then);
                 let parts = vec![params, layout, table, sorted, now, then, control, found, summary];
                 steps.push(stage(&stages.pairs, shape.rows, parts));
-                steps
             }
-            (SearchShape::Queries { builds, groups, .. }, Search::Queries(queries)) => {
-                let mut steps = if builds {
-                    self.first_steps(tools, shape)
-                } else {
-                    let part = Part::of(&b.control, TALLY_OFFSET, TALLY_BYTES);
-                    vec![Command::Fill { part, word: 0 }]
-                };
-                let QueryBlocks { unsorted, rows, counts, starts } = &b.of_queries;
-                let [unsorted, rows, counts, starts] = [unsorted, rows, counts, starts].map(whole);
-                let [looking, one_a_query, sorting] = groups;
-                steps.push(stage(
-                    &stages.query,
-                    looking,
-                    vec![
-                        params.clone(),
-                        layout,
-                        table,
-                        sorted,
-                        queries.boxes.clone(),
-                        counts.clone(),
-                        control.clone(),
-                        unsorted.clone(),
-                        summary,
-                    ],
-                ));
-                let parts = vec![params.clone(), counts.clone(), starts.clone()];
-                steps.push(stage(&stages.query_starts, one_a_query, parts));
-                let parts =
-                    vec![params.clone(), control.clone(), unsorted, starts.clone(), rows.clone()];
-                steps.push(stage(&stages.query_deal, sorting, parts));
-                let parts = vec![params, control, counts, starts, rows, found];
-                steps.push(stage(&stages.query_sort, sorting, parts));
-                steps
+            return steps;
+        };
+        let QueryBlocks { unsorted, rows, counts, starts } = &b.of_queries;
+        let [unsorted, rows, counts, starts] = [unsorted, rows, counts, starts].map(whole);
+        let parts = |of_stage: Part| {
+            let of_stage = [of_stage, counts.clone()];
+            let before = [&params, &layout, &table, &sorted].map(Part::clone);
+            let behind = [&control, &unsorted, &summary].map(Part::clone);
+            before.into_iter().chain(of_stage).chain(behind).collect::<Vec<_>>()
+        };
+        match (way, self.search) {
+            (
+                WayShape::Grid { groups, .. },
+                Search::Queries(Queries { way: Way::Grid { boxes, .. }, .. }),
+            ) => steps.push(stage(&stages.query, groups, parts(boxes.clone()))),
+            _ => {
+                steps.push(Command::Fill { part: counts.clone(), word: 0 });
+                steps.push(stage(&stages.query_rows, shape.rows, parts(now)));
             }
-            _ => self.first_steps(tools, shape),
         }
+        let [one_a_query, sorting] = groups;
+        let parts = vec![params.clone(), counts.clone(), starts.clone()];
+        steps.push(stage(&stages.query_starts, one_a_query, parts));
+        let parts = vec![params.clone(), control.clone(), unsorted, starts.clone(), rows.clone()];
+        steps.push(stage(&stages.query_deal, sorting, parts));
+        let parts = vec![params, control, counts, starts, rows, found];
+        steps.push(stage(&stages.query_sort, sorting, parts));
+        if let WayShape::Entries([first, bytes]) = way {
+            // Their records are without a box again, as all behind the scene's are.
+            steps.push(Command::Fill { part: Part::of(&b.now, first, bytes), word: 0 });
+        }
+        steps
     }
 }
 
