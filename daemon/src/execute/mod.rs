@@ -1,5 +1,6 @@
 //! Engines of the daemon: those of the client library, and the GPU.
 
+mod cpu_side;
 mod engine_pool;
 mod filtered;
 mod frame_memory;
@@ -8,6 +9,7 @@ mod gpu_service;
 mod gpus;
 mod kept_scene;
 mod offers;
+mod planned;
 mod ruled;
 mod shared_gpu;
 mod sharing;
@@ -20,24 +22,23 @@ pub use gpu_service::{GpuService, WatchDevice};
 pub use gpus::Gpus;
 pub use kept_scene::SceneKeeper;
 pub use offers::Owner;
+pub use planned::Planned;
 pub use ruled::RuledFrame;
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use pairmask_core::BoxForm;
-use pairmask_core::aabb::AABB_BYTES;
-use pairmask_core::dispatch::{CpuEngines, CullAnswer, CullOptions, SphereWays, nanoseconds_since};
+use pairmask_core::dispatch::{CpuEngines, CullAnswer, CullOptions, SphereWays};
 use pairmask_core::engine::{
     AvailableIsa, CullError, CullReport, EngineChoice, EngineName, RecentNeed, ReplyBuffer,
 };
 use pairmask_core::mask::Encoding;
-use pairmask_core::objects::Objects;
 use pairmask_core::plan::{Calibration, Capabilities, GpuCost, Plan, SceneStats, plan};
 use pairmask_core::precision::{BoxSlice, ExpandScratch};
-use pairmask_core::repeat::{Repeats, is_sooner_compared};
+use pairmask_core::repeat::Repeats;
 use pairmask_wire::RulesReader;
 
+use self::cpu_side::CpuSide;
 use self::frame_memory::{LentReply, boxes_of, with_lent};
 use self::gpu::Borders;
 use self::ruled::KeptMarks;
@@ -46,153 +47,6 @@ use self::shared_gpu::SharedGpu;
 pub use self::under_way::{
     BUNDLE_FRAMES, CullUnderWay, Ended, GpuShare, Joining, SUBMISSIONS_UNDER_WAY, Unserved,
 };
-
-/// A frame with its plan.
-#[derive(Debug)]
-pub struct Planned {
-    plan: Plan,
-    options: CullOptions,
-    start: Instant,
-    plan_ns: u64,
-    one_core_ns: Option<u64>,
-    /// The GPU that the plan counts on, and that takes the frame where the plan is a GPU's.
-    gpu: Option<Arc<SharedGpu>>,
-    /// How many GPUs share it.
-    gpus: usize,
-}
-
-impl Planned {
-    /// GPUs that share the frame, where the plan is a GPU's.
-    pub const fn gpus(&self) -> usize {
-        self.gpus
-    }
-
-    /// The place of the GPU that takes the frame, among those of the daemon.
-    pub fn gpu_place(&self) -> usize {
-        self.gpu.as_ref().map_or(0, |gpu| gpu.number())
-    }
-
-    /// What the frame is predicted to take on one core, where the plan has several threads; `None` where
-    /// it has one, or a GPU.
-    pub fn on_one_core(&self) -> Option<Duration> {
-        let is_gpu = self.plan.engine.is_gpu();
-        self.one_core_ns.filter(|_| !is_gpu).map(Duration::from_nanos)
-    }
-
-    /// Whether the plan is a GPU's.
-    pub fn is_gpu(&self) -> bool {
-        self.plan.engine.is_gpu()
-    }
-
-    /// Whether the plan is a GPU's, and a core is predicted to take much longer than a GPU that others
-    /// wait for too, or cannot serve the frame at all.
-    pub fn needs_gpu(&self) -> bool {
-        let on_core = self.one_core_ns.filter(|ns| *ns > 0).map(Duration::from_nanos);
-        self.plan.engine.is_gpu() && on_core.is_none_or(|on_core| on_core > LEFT_TO_CORES)
-    }
-
-    /// Whether its boxes are compared with those of a frame before sooner than they are culled: always,
-    /// unless a GPU culls them.
-    pub fn is_sooner_compared(&self, objects: Objects<'_>) -> bool {
-        let threads = self.options.threads.unwrap_or(1);
-        let engine_ns = engine_ns(&self.plan);
-        !self.plan.engine.is_gpu() || is_sooner_compared(objects, threads, engine_ns)
-    }
-
-    /// The answer of `engine`, which need not be the plan's.
-    fn answer(mut self, report: CullReport, engine: EngineName) -> CullAnswer {
-        self.plan.engine = engine;
-        CullAnswer::new(&self.plan, report, self.start, self.plan_ns)
-    }
-}
-
-/// Predicted time of a plan without the client's part, ns.
-fn engine_ns(plan: &Plan) -> u64 {
-    let chosen = plan.candidates.iter().flatten().find(|c| c.engine == plan.engine);
-    chosen.map_or(0.0, |c| c.predicted_ns - c.visit_ns) as u64
-}
-
-/// Beside others, frames that take a core up to so long stay there: cores work side by side, and the GPU
-/// is left to those who need it (4 clients of 10,000 boxes beside 4 of 3,000 on an H200). Longer ones wait
-/// for the GPU: a core beside busy clients takes twice what it would alone.
-const LEFT_TO_CORES: Duration = Duration::from_micros(200);
-
-/// The CPU engines, which take f32 boxes.
-#[derive(Default)]
-struct CpuSide {
-    engines: CpuEngines,
-    /// Those of frames that came in a narrow form.
-    expanded: ExpandScratch,
-    expanded_need: RecentNeed,
-}
-
-impl CpuSide {
-    /// Begins a frame with its plan.
-    fn plan(
-        &mut self,
-        boxes: BoxSlice<'_>,
-        options: &CullOptions,
-        gpu: Option<GpuCost>,
-    ) -> Planned {
-        let start = Instant::now();
-        let plan = self.engines.plan(boxes, options, gpu);
-        let plan_ns = nanoseconds_since(start);
-        log::debug!("{}", plan.explain());
-        let one_core_ns = (plan.threads > 1 || plan.engine.is_gpu()).then(|| {
-            let one_core =
-                self.engines.plan(boxes, &CullOptions { threads: Some(1), ..*options }, None);
-            engine_ns(&one_core)
-        });
-        Planned { plan, options: *options, start, plan_ns, one_core_ns, gpu: None, gpus: 1 }
-    }
-
-    /// Runs a plan for a CPU engine. Boxes in a narrow form are expanded first, which counts as
-    /// ingest.
-    fn run(
-        &mut self,
-        planned: Planned,
-        boxes: BoxSlice<'_>,
-        reply: &mut dyn ReplyBuffer,
-    ) -> Result<CullAnswer, CullError> {
-        let start = Instant::now();
-        self.note_expanded(boxes);
-        let boxes = boxes.expand(&mut self.expanded, planned.options.threads != Some(1));
-        let expand_ns = nanoseconds_since(start);
-        let mut report =
-            self.engines.run(planned.plan.engine, &planned.plan.input(boxes), reply)?;
-        report.times.ingest_ns += expand_ns;
-        let engine = planned.plan.engine;
-        Ok(planned.answer(report, engine))
-    }
-
-    /// Gives memory for expanded boxes back where frames of the past needed much more.
-    fn note_expanded(&mut self, boxes: BoxSlice<'_>) {
-        let expanded = if boxes.form() == BoxForm::F32 { 0 } else { AABB_BYTES * boxes.len() };
-        if self.expanded_need.note(expanded, || self.expanded.allocated_bytes()) {
-            self.expanded = ExpandScratch::default();
-        }
-    }
-
-    /// The answer to a frame that the GPU could not serve, or the error.
-    fn run_after(
-        &mut self,
-        error: CullError,
-        mut planned: Planned,
-        boxes: BoxSlice<'_>,
-        reply: &mut dyn ReplyBuffer,
-    ) -> Result<CullAnswer, CullError> {
-        match error {
-            CullError::DeviceLost { .. }
-            | CullError::DeviceMemory { .. }
-            | CullError::TooCrowded { .. } => {
-                let options = CullOptions { engine: EngineChoice::Auto, ..planned.options };
-                planned.plan = self.engines.plan(boxes, &options, None);
-                self.run(planned, boxes, reply)
-            }
-            error => Err(error),
-        }
-    }
-}
 
 /// The engines of a session: CPU engines with the state that they keep from frame to frame, and the GPU,
 /// which all sessions share.
@@ -252,7 +106,7 @@ impl Executor {
         let engines = CpuEngines::on(isa, calibration);
         let spheres = SphereWays::on(isa);
         let calibration = Some(calibration);
-        Self { cpu: CpuSide { engines, ..self.cpu }, spheres, isa, calibration, ..self }
+        Self { cpu: self.cpu.with_engines(engines), spheres, isa, calibration, ..self }
     }
 
     /// Engines of another session: the same, with no state yet, beside the same GPUs.

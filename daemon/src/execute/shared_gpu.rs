@@ -8,7 +8,8 @@ use std::time::{Duration, Instant};
 use pairmask_core::plan::{GpuCost, Plan};
 use pairmask_core::spinner::Spinner;
 
-use super::{GpuService, engine_ns};
+use super::GpuService;
+use super::planned::engine_ns;
 
 /// How long a look at a software adapter's frame waits for the next.
 const SOFTWARE_REST: Duration = Duration::from_micros(200);
