@@ -139,8 +139,8 @@ enum SearchShape {
     Pairs,
     Queries {
         way: WayShape,
-        /// Workgroups that prepare the sorting, and that sort.
-        groups: [u32; 2],
+        /// Workgroups that look, that prepare the sorting, and that sort.
+        groups: [u32; 3],
     },
 }
 
@@ -153,8 +153,6 @@ enum WayShape {
         boxes: Place,
         box_bytes: u64,
         builds: bool,
-        /// Workgroups that look.
-        groups: u32,
     },
 }
 
@@ -209,24 +207,26 @@ impl Task<'_> {
 
     fn shape(&self) -> Shape {
         let Self { question, sizes, edit, .. } = self;
+        let rows = if question.is_dense() { 0 } else { question.slots / plan::ROWS_TOGETHER };
         let search = match self.search {
             Search::Nothing => SearchShape::Nothing,
             Search::Pairs => SearchShape::Pairs,
             Search::Queries(Queries { count, way }) => {
                 let count = u64::from(count);
-                let way = match way {
+                let (way, looking) = match way {
                     Way::Entries => {
                         let first = u64::from(edit.sets.first.unwrap_or(0));
-                        WayShape::Entries([first, count].map(|records| records * RECORD_BYTES))
+                        let bytes = [first, count].map(|records| records * RECORD_BYTES);
+                        (WayShape::Entries(bytes), question.entries() + rows)
                     }
-                    Way::Grid { boxes, builds } => WayShape::Grid {
-                        boxes: Place::of(boxes),
-                        box_bytes: boxes.bytes,
-                        builds,
-                        groups: plan::groups(count * u64::from(QUERY_LANES)),
-                    },
+                    Way::Grid { boxes, builds } => {
+                        let (place, box_bytes) = (Place::of(boxes), boxes.bytes);
+                        let way = WayShape::Grid { boxes: place, box_bytes, builds };
+                        (way, count * u64::from(QUERY_LANES))
+                    }
                 };
-                let groups = [plan::groups(count), plan::groups_of_rows(count)];
+                let [looking, one_a_query] = [looking, count].map(plan::groups);
+                let groups = [looking, one_a_query, plan::groups_of_rows(count)];
                 SearchShape::Queries { way, groups }
             }
         };
@@ -234,7 +234,6 @@ impl Task<'_> {
         let zeroing = if search == SearchShape::Nothing { 0 } else { sizes.zeroed_words() / 16 };
         let sets = if self.applies { u64::from(edit.sets.count) } else { 0 };
         let marks = if self.applies { edit.mark_count } else { 0 };
-        let rows = if question.is_dense() { 0 } else { question.slots / plan::ROWS_TOGETHER };
         Shape {
             apply: plan::groups(sets.max(zeroing)),
             mark: if marks == 0 { 0 } else { plan::groups(u64::from(marks)) },
@@ -309,17 +308,16 @@ impl Task<'_> {
         let [control, sorted, found, summary] =
             [&b.control, &b.sorted, &b.found, &b.summary].map(whole);
         let now = whole(&b.now);
-        let mut steps = match (shape.search, self.search) {
-            (
-                SearchShape::Queries { way: WayShape::Grid { builds: false, .. }, .. },
-                Search::Queries(_),
-            ) => vec![Command::Fill {
-                part: Part::of(&b.control, TALLY_OFFSET, TALLY_BYTES),
-                word: 0,
-            }],
+        let mut steps = match self.search {
+            Search::Queries(Queries { way: Way::Grid { builds: false, .. }, .. }) => {
+                let tally = Part::of(&b.control, TALLY_OFFSET, TALLY_BYTES);
+                vec![Command::Fill { part: tally, word: 0 }]
+            }
             _ => self.first_steps(tools, shape),
         };
-        let SearchShape::Queries { way, groups } = shape.search else {
+        let (SearchShape::Queries { way, groups }, Search::Queries(queries)) =
+            (shape.search, self.search)
+        else {
             if shape.search == SearchShape::Pairs {
                 let then = whole(&b.then);
                 let parts = vec![params, layout, table, sorted, now, then, control, found, summary];
@@ -335,17 +333,16 @@ impl Task<'_> {
             let behind = [&control, &unsorted, &summary].map(Part::clone);
             before.into_iter().chain(of_stage).chain(behind).collect::<Vec<_>>()
         };
-        match (way, self.search) {
-            (
-                WayShape::Grid { groups, .. },
-                Search::Queries(Queries { way: Way::Grid { boxes, .. }, .. }),
-            ) => steps.push(stage(&stages.query, groups, parts(boxes.clone()))),
-            _ => {
+        let [looking, one_a_query, sorting] = groups;
+        match queries.way {
+            Way::Grid { boxes, .. } => {
+                steps.push(stage(&stages.query, looking, parts(boxes.clone())));
+            }
+            Way::Entries => {
                 steps.push(Command::Fill { part: counts.clone(), word: 0 });
-                steps.push(stage(&stages.query_rows, shape.rows, parts(now)));
+                steps.push(stage(&stages.query_rows, looking, parts(now)));
             }
         }
-        let [one_a_query, sorting] = groups;
         let parts = vec![params.clone(), counts.clone(), starts.clone()];
         steps.push(stage(&stages.query_starts, one_a_query, parts));
         let parts = vec![params.clone(), control.clone(), unsorted, starts.clone(), rows.clone()];
