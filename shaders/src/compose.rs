@@ -303,7 +303,7 @@ pub struct ComposedStage {
 }
 
 /// The shared parts that are files of their own name.
-const SHARED: [(&str, &str); 18] = [
+const SHARED: [(&str, &str); 19] = [
     ("box_rules", include_str!("../wgsl/shared/box_rules.wgsl")),
     ("order_keys", include_str!("../wgsl/shared/order_keys.wgsl")),
     ("sphere_bounds", include_str!("../wgsl/shared/sphere_bounds.wgsl")),
@@ -319,6 +319,7 @@ const SHARED: [(&str, &str); 18] = [
     ("scan", include_str!("../wgsl/shared/scan.wgsl")),
     ("scene_params", include_str!("../wgsl/shared/scene_params.wgsl")),
     ("scene_records", include_str!("../wgsl/shared/scene_records.wgsl")),
+    ("cells_around", include_str!("../wgsl/shared/cells_around.wgsl")),
     ("scene_found", include_str!("../wgsl/shared/scene_found.wgsl")),
     ("scene_filter", include_str!("../wgsl/shared/scene_filter.wgsl")),
     ("scene_search", include_str!("../wgsl/shared/scene_search.wgsl")),

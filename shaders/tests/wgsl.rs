@@ -54,7 +54,7 @@ fn module(stage: Stage) -> naga::Module {
 #[test]
 fn every_form_of_every_stage_validates() {
     let forms = all_forms();
-    assert_eq!(forms.len(), 4 + 4 + 3 * (4 + 2 + 2) + 3 + 9 + 4 + 2 * 3 * 2 * 5);
+    assert_eq!(forms.len(), 4 + 4 + 3 * (4 + 2 + 2) + 3 + 10 + 4 + 2 * 3 * 2 * 5);
     for stage in forms {
         let module = module(stage);
         let capabilities = Capabilities::IMMEDIATES;
@@ -118,6 +118,7 @@ fn every_file_belongs_to_a_stage() {
         "scene_records",
         "scene_filter",
         "scene_found",
+        "cells_around",
         "scene_search",
         "rows_1",
         "rows_2",
@@ -243,7 +244,8 @@ fn structs_of_scenes_lie_in_memory_as_in_rust() {
     for stage in SceneStage::ALL {
         same_layout!(Stage::Scene(stage), SceneParams, "SceneParams" {
             slots, mode, dense, epoch_low, epoch_high, set_count, set_first, set_is_range, mark_count,
-            naming, entry_capacity, pair_capacity, table_words, filter_words, control_words, budget
+            naming, entry_capacity, pair_capacity, table_words, filter_words, control_words, budget,
+            query_count, thread_rounds
         });
     }
     same_layout!(Stage::Scene(SceneStage::Pairs), SceneSummary, "SceneSummary" {

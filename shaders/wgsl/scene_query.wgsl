@@ -49,34 +49,21 @@ fn test_run(start: u32, table_end: u32, step: u32) {
     }
 }
 
-// Tests the query against the entries of a level: this thread's share of its lines, from `share` on. A box lies in
-// the cell of its min corner and spans two cells an axis at most.
+// Tests the query against the entries of a level: this thread's share of its lines, from `share` on.
 fn test_level(index: u32, share: u32) {
-    let low = cells_of(grid.levels[index], plain3(row_lo));
-    var last = cells_of(grid.levels[index], plain3(row_hi));
-    let count = vec3<i32>(grid.levels[index].count);
-    let wraps = vec3<bool>((vec3<u32>(grid.levels[index].wraps) & vec3<u32>(1u, 2u, 4u)) != vec3<u32>(0u));
-    var first = low - 1;
-    first = select(max(first, vec3<i32>(0)), first, wraps);
-    let whole = wraps & (last - first >= count);
-    first = select(first, vec3<i32>(0), whole);
-    last = select(last, count - 1, whole);
-    let len = vec3<u32>(clamp(last - first + 1, vec3<i32>(0), count));
-    let start = vec3<u32>(first & grid.levels[index].fold);
-    let end = start + len;
-    let wrapped = max(end, vec3<u32>(count)) - vec3<u32>(count);
+    let around = cells_around(index, row_lo, row_hi);
     let width = grid.levels[index].count.x;
     let height = grid.levels[index].count.y;
-    for (var line = share; line < len.y * len.z; line += QUERY_LANES) {
+    for (var line = share; line < around.len.y * around.len.z; line += QUERY_LANES) {
         rounds++;
-        let z = folded(start.z, wrapped.z, line / len.y);
-        let y = folded(start.y, wrapped.y, line % len.y);
+        let z = folded(around.start.z, around.wrapped.z, line / around.len.y);
+        let y = folded(around.start.y, around.wrapped.y, line % around.len.y);
         let cell = grid.levels[index].first_cell + (z * height + y) * width;
         // Two runs: before and behind where the axis wraps.
-        if (wrapped.x > 0u) {
-            test_run(table[cell], table[cell + wrapped.x], 1u);
+        if (around.wrapped.x > 0u) {
+            test_run(table[cell], table[cell + around.wrapped.x], 1u);
         }
-        test_run(table[cell + start.x], table[cell + end.x - wrapped.x], 1u);
+        test_run(table[cell + around.start.x], table[cell + around.end.x - around.wrapped.x], 1u);
     }
 }
 

@@ -764,6 +764,28 @@ fn queried_records(search: &Search) -> Vec<[u32; 2]> {
     pairs
 }
 
+/// What a stage of queries reads and writes: the grid, `of_stage` (queries, or records), a count for each query, and
+/// room for so many pairs.
+fn query_bindings(
+    params: &SceneParams,
+    cells: &[Vec<u32>],
+    placed: &[Vec<u32>],
+    [of_stage, counts]: [Vec<u32>; 2],
+    room: usize,
+) -> Vec<Vec<u32>> {
+    vec![
+        raw(params),
+        cells[1].clone(),
+        placed[3].clone(),
+        placed[6].clone(),
+        of_stage,
+        counts,
+        cells[6].clone(),
+        vec![UNTOUCHED; 2 * room + 8],
+        vec![UNTOUCHED; size_of::<SceneSummary>() / 4],
+    ]
+}
+
 /// Checks `scene_query`, or `scene_query_rows`: queries that are records behind those of the scene.
 fn check_query(bench: &Bench, stage: &ComposedStage, are_entries: bool) -> Result<(), String> {
     let [cells_stage, place_stage] = [SceneStage::Cells, SceneStage::Place].map(composed);
@@ -788,18 +810,14 @@ fn check_query(bench: &Bench, stage: &ComposedStage, are_entries: bool) -> Resul
             thread_rounds: u32::MAX,
             ..search.params
         };
-        let before = vec![
-            raw(&params),
-            cells[1].clone(),
-            placed[3].clone(),
-            placed[6].clone(),
-            if are_entries { cells[2].clone() } else { bytemuck::cast_slice(&queries).to_vec() },
-            // Counted up from zero, or written.
-            vec![if are_entries { 0 } else { UNTOUCHED }; queries.len() + 5],
-            cells[6].clone(),
-            vec![UNTOUCHED; 2 * room + 8],
-            vec![UNTOUCHED; size_of::<SceneSummary>() / 4],
-        ];
+        // Counts go up from zero, or are written.
+        let (of_stage, count) = if are_entries {
+            (cells[2].clone(), 0)
+        } else {
+            (bytemuck::cast_slice(&queries).to_vec(), UNTOUCHED)
+        };
+        let of_stage = [of_stage, vec![count; queries.len() + 5]];
+        let before = query_bindings(&params, &cells, &placed, of_stage, room);
         let after = bench.run(stage, &before, 1 + seed as u32 % 3);
         let what = |what: &str| format!("{slots} records, seed {seed}: {what}");
         same(&after[..5], &before[..5]).map_err(|e| what(&e))?;
@@ -890,17 +908,8 @@ fn queries_with_more_rounds_than_a_thread_may_have_are_too_much() {
             thread_rounds,
             ..search.params
         };
-        let before = vec![
-            raw(&params),
-            cells[1].clone(),
-            placed[3].clone(),
-            placed[6].clone(),
-            bytemuck::cast_slice(&[everything]).to_vec(),
-            vec![UNTOUCHED; 8],
-            cells[6].clone(),
-            vec![UNTOUCHED; 2_000],
-            vec![UNTOUCHED; size_of::<SceneSummary>() / 4],
-        ];
+        let of_stage = [bytemuck::cast_slice(&[everything]).to_vec(), vec![UNTOUCHED; 8]];
+        let before = query_bindings(&params, &cells, &placed, of_stage, 1_000);
         let after = bench.run(&composed(SceneStage::Query), &before, 1);
         // The high word of the tests.
         assert_eq!(after[8][5] >= params.budget, is_too_much, "{thread_rounds}");

@@ -5,6 +5,7 @@
 #import scene_params
 #import scene_records
 #import grid_layout
+#import cells_around
 
 struct SceneSummary {
     // 64 bits each, low word first.
@@ -93,11 +94,6 @@ fn count_tests(tested: u32) {
             atomicAdd(&tested_high, 1u);
         }
     }
-}
-
-// Cells `first .. first + len` of an axis, folded: `wrapped` of them from 0 on, then the others.
-fn folded(first: u32, wrapped: u32, i: u32) -> u32 {
-    return select(first + (i - wrapped), i, i < wrapped);
 }
 
 // What was told goes out, and tests are counted for the budget. All lanes call it, after a barrier.

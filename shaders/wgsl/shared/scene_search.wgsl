@@ -55,30 +55,18 @@ fn test_run(start: u32, table_end: u32) {
 
 // As `grid_pairs` has it.
 fn test_level(index: u32, is_own: bool) {
-    let low = cells_of(grid.levels[index], plain3(row_lo));
-    var last = cells_of(grid.levels[index], plain3(row_hi));
-    let count = vec3<i32>(grid.levels[index].count);
-    let wraps = vec3<bool>((vec3<u32>(grid.levels[index].wraps) & vec3<u32>(1u, 2u, 4u)) != vec3<u32>(0u));
-    var first = low - 1;
-    first = select(max(first, vec3<i32>(0)), first, wraps);
-    let whole = wraps & (last - first >= count);
-    first = select(first, vec3<i32>(0), whole);
-    last = select(last, count - 1, whole);
-    let len = vec3<u32>(clamp(last - first + 1, vec3<i32>(0), count));
-    let start = vec3<u32>(first & grid.levels[index].fold);
-    let end = start + len;
-    let wrapped = max(end, vec3<u32>(count)) - vec3<u32>(count);
-
+    let around = cells_around(index, row_lo, row_hi);
+    let wraps_x = (grid.levels[index].wraps & 1u) != 0u;
     let width = grid.levels[index].count.x;
     let height = grid.levels[index].count.y;
     let first_cell = grid.levels[index].first_cell;
-    let own = vec3<u32>(low & grid.levels[index].fold);
+    let own = vec3<u32>(around.low & grid.levels[index].fold);
     let own_line = own.z * height + own.y;
-    let reach = u32(last.x - low.x);
-    for (var k = 0u; k < len.z; k++) {
-        let z = folded(start.z, wrapped.z, k);
-        for (var j = 0u; j < len.y; j++) {
-            let line = z * height + folded(start.y, wrapped.y, j);
+    let reach = u32(around.last.x - around.low.x);
+    for (var k = 0u; k < around.len.z; k++) {
+        let z = folded(around.start.z, around.wrapped.z, k);
+        for (var j = 0u; j < around.len.y; j++) {
+            let line = z * height + folded(around.start.y, around.wrapped.y, j);
             let cell = first_cell + line * width;
             if (is_own & (line < own_line)) {
                 continue;
@@ -88,17 +76,17 @@ fn test_level(index: u32, is_own: bool) {
             if (is_own & (line == own_line)) {
                 runs.x = row + 1u;
                 runs.y = table[cell + min(own.x + reach, width - 1u) + 1u];
-                if (wraps.x & (own.x == 0u)) {
+                if (wraps_x & (own.x == 0u)) {
                     runs.z = table[cell + width - 1u];
                     runs.w = table[cell + width];
                 }
             } else {
-                if (wrapped.x > 0u) {
+                if (around.wrapped.x > 0u) {
                     runs.x = table[cell];
-                    runs.y = table[cell + wrapped.x];
+                    runs.y = table[cell + around.wrapped.x];
                 }
-                runs.z = table[cell + start.x];
-                runs.w = table[cell + end.x - wrapped.x];
+                runs.z = table[cell + around.start.x];
+                runs.w = table[cell + around.end.x - around.wrapped.x];
             }
             for (var r = 0u; r < 2u; r++) {
                 test_run(runs.x, runs.y);

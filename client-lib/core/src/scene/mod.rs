@@ -204,14 +204,15 @@ impl Scene {
         self.options.threads = threads;
     }
 
-    /// What the scene holds, for who keeps it from now on; `None` where it has changed since the last
-    /// taken answer, and pairs were told in it.
+    /// What the scene holds, for who keeps it from now on; `None` where it has changed since the last taken
+    /// answer, and pairs were told in that or may be taken still.
     pub fn kept(&self) -> Option<Kept<'_>> {
         let is_untaken = self.is_open && matches!(self.told.want, Want::Changes | Want::All);
         let history = match self.known {
             Known::Same => KeptHistory::Told(self.count_then),
+            _ if is_untaken => return None,
             Known::Lost => KeptHistory::Lost,
-            Known::Few | Known::Many if self.count_then == 0 && !is_untaken => KeptHistory::Untold,
+            Known::Few | Known::Many if self.count_then == 0 => KeptHistory::Untold,
             Known::Few | Known::Many => return None,
         };
         Some(Kept::new(&self.store, history))
