@@ -5,6 +5,7 @@
 //! another generation, so that an id of what was dropped names nothing. A look-up takes no lock but that of
 //! the place, and does not wait for that one: 10 ns.
 
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError, TryLockError};
 
 use super::object::{Kind, Object};
@@ -19,10 +20,23 @@ const CHUNKS: usize = 24;
 
 /// A place of the table.
 #[derive(Default)]
-struct Entry {
-    /// That of the object, or of the next one. Even while the place is free.
-    generation: u32,
-    object: Option<Object>,
+struct Place {
+    /// That of the object, or of the next one. Even while the place is free. It changes with the object, and
+    /// can be read while another call holds that: an id of old names nothing then, and is not busy.
+    generation: AtomicU32,
+    object: Mutex<Option<Object>>,
+}
+
+impl Place {
+    /// Relaxed: it changes under the object's lock, and whoever has an id of old has seen the change that made it so.
+    fn generation(&self) -> u32 {
+        self.generation.load(Ordering::Relaxed)
+    }
+
+    /// Of an object that comes or goes, whose lock is held. What it is from now on.
+    fn next_generation(&self) -> u32 {
+        self.generation.fetch_add(1, Ordering::Relaxed) + 1
+    }
 }
 
 /// Places that are free.
@@ -34,14 +48,11 @@ struct Free {
 }
 
 struct Table {
-    chunks: [OnceLock<Box<[Mutex<Entry>]>>; CHUNKS],
+    chunks: [OnceLock<Box<[Place]>>; CHUNKS],
     free: Mutex<Free>,
 }
 
-static TABLE: Table = Table {
-    chunks: [const { OnceLock::new() }; CHUNKS],
-    free: Mutex::new(Free { used: Vec::new(), next: 0 }),
-};
+static TABLE: Table = Table::new();
 
 const NOTHING: Failure = Failure::new(
     PM_ERR_HANDLE,
@@ -56,18 +67,29 @@ const fn chunk_of(place: u32) -> (usize, usize) {
 }
 
 impl Table {
+    const fn new() -> Self {
+        Self {
+            chunks: [const { OnceLock::new() }; CHUNKS],
+            free: Mutex::new(Free { used: Vec::new(), next: 0 }),
+        }
+    }
+
     fn free(&self) -> MutexGuard<'_, Free> {
         // Nothing panics with it half changed.
         self.free.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The entry of an id that an object may have.
-    fn entry(&self, id: u64) -> Result<MutexGuard<'_, Entry>, Failure> {
+    /// The place of an id that an object may have, and what lies there.
+    fn held(&self, id: u64) -> Result<(&Place, MutexGuard<'_, Option<Object>>), Failure> {
         let (place, generation) = ((id as u32).wrapping_sub(1), (id >> 32) as u32);
         let (chunk, at) = chunk_of(place);
         let places = self.chunks.get(chunk).and_then(OnceLock::get).ok_or(NOTHING)?;
-        let entry = match places[at].try_lock() {
-            Ok(entry) => entry,
+        let place = &places[at];
+        if place.generation() != generation {
+            return Err(NOTHING);
+        }
+        let object = match place.object.try_lock() {
+            Ok(object) => object,
             Err(TryLockError::WouldBlock) => {
                 let text = "another call uses the handle: a session and what comes of it belong to one thread at a time";
                 return Err(Failure::new(PM_ERR_BUSY, text));
@@ -76,8 +98,8 @@ impl Table {
                 return Err(Failure::new(PM_ERR_HANDLE, "a call with this handle has panicked"));
             }
         };
-        if entry.generation == generation && entry.object.is_some() {
-            Ok(entry)
+        if place.generation() == generation && object.is_some() {
+            Ok((place, object))
         } else {
             Err(NOTHING)
         }
@@ -92,7 +114,7 @@ impl Table {
         let place = free.next;
         let (chunk, _) = chunk_of(place);
         let places = (FIRST_CHUNK as usize) << chunk;
-        self.chunks.get(chunk)?.get_or_init(|| (0..places).map(|_| Mutex::default()).collect());
+        self.chunks.get(chunk)?.get_or_init(|| (0..places).map(|_| Place::default()).collect());
         free.next += 1;
         Some(place)
     }
@@ -105,10 +127,9 @@ pub(crate) fn insert(object: impl Kind) -> Result<u64, Failure> {
     let (chunk, at) = chunk_of(place);
     let places = TABLE.chunks[chunk].get().ok_or(NOTHING)?;
     // A call with an old id may look at the place just now: it lets go at once.
-    let mut entry = places[at].lock().map_err(|_| NOTHING)?;
-    entry.generation += 1;
-    entry.object = Some(object.wrap());
-    Ok(u64::from(entry.generation) << 32 | u64::from(place + 1))
+    let mut held = places[at].object.lock().map_err(|_| NOTHING)?;
+    *held = Some(object.wrap());
+    Ok(u64::from(places[at].next_generation()) << 32 | u64::from(place + 1))
 }
 
 /// Uses the object of an id.
@@ -116,28 +137,27 @@ pub(crate) fn with<K: Kind, R>(
     id: u64,
     work: impl FnOnce(&mut K) -> Result<R, Failure>,
 ) -> Result<R, Failure> {
-    let mut entry = TABLE.entry(id)?;
-    let object = entry.object.as_mut().and_then(K::of).ok_or(NOTHING)?;
+    let (_, mut held) = TABLE.held(id)?;
+    let object = held.as_mut().and_then(K::of).ok_or(NOTHING)?;
     work(object)
 }
 
 /// Takes the object of an id.
 pub(crate) fn remove<K: Kind>(id: u64) -> Result<K, Failure> {
-    let mut entry = TABLE.entry(id)?;
-    let object = entry.object.take().ok_or(NOTHING)?;
+    let (place, mut held) = TABLE.held(id)?;
+    let object = held.take().ok_or(NOTHING)?;
     match K::take(object) {
         Ok(object) => {
-            entry.generation += 1;
             // A place whose generations are used up is never used again.
-            let is_spent = entry.generation == u32::MAX - 1;
-            drop(entry);
+            let is_spent = place.next_generation() == u32::MAX - 1;
+            drop(held);
             if !is_spent {
                 TABLE.free().used.push((id as u32) - 1);
             }
             Ok(object)
         }
         Err(other) => {
-            entry.object = Some(other);
+            *held = Some(other);
             Err(NOTHING)
         }
     }
@@ -195,6 +215,19 @@ mod tests {
         let code = crate::call::call(|| rules.with(|_| panic!("as a bug would")));
         assert_eq!(code, crate::code::PM_ERR_PANIC);
         assert_eq!(rules.drop(), PM_ERR_HANDLE);
+    }
+
+    #[test]
+    fn an_id_of_old_is_not_busy_while_another_call_holds_its_place() {
+        let table = Table::new();
+        let number = table.take_place().expect("a place");
+        let place = &table.chunks[0].get().expect("places")[number as usize];
+        let object = place.object.lock().expect("no call has panicked");
+        let id = u64::from(place.next_generation()) << 32 | u64::from(number + 1);
+        assert_eq!(table.held(id).map(|_| ()).expect_err("in use").code, PM_ERR_BUSY);
+        place.next_generation();
+        assert_eq!(table.held(id).map(|_| ()).expect_err("of old").code, PM_ERR_HANDLE);
+        drop(object);
     }
 
     #[test]
