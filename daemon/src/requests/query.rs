@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use pairmask_core::engine::{CullError, ReplyBuffer};
-use pairmask_core::scene::QueryError;
+use pairmask_core::scene::{BeyondMask, QueryError};
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{QueryRequest, Reject};
 
@@ -14,6 +14,9 @@ use crate::publish::{OpenRequest, Outbox, Refusal};
 
 /// Words of a pair.
 const PAIR_WORDS: u64 = 2;
+/// Most queries of a scene in video memory that are answered without the pool: 24 bytes each, so that the copy
+/// to where the GPU sees them is one thread's.
+const FEW_QUERIES: u32 = 1 << 15;
 
 impl SceneEdits {
     /// Answers a query.
@@ -29,10 +32,18 @@ impl SceneEdits {
         let mut gpu = GpuNeed::None;
         let answered = match Self::find_at(session, request.scene, request.revision, outbox) {
             Ok(mut kept) => {
+                let is_there = kept.scene.scene().engine().is_gpu();
                 let mut answer =
                     || query_and_answer(&mut kept, &mut open, request, threads, outbox);
-                let answered = if threads == 1 { answer() } else { self.pool.work(answer) };
-                if kept.scene.scene().engine().is_gpu() {
+                // A scene in video memory has work for the pool only where its queries fill a copy of several
+                // threads; to wake one takes longer than what else there is.
+                let answered =
+                    if threads == 1 || (is_there && request.mask.queries() <= FEW_QUERIES) {
+                        answer()
+                    } else {
+                        self.pool.work(answer)
+                    };
+                if is_there {
                     gpu = GpuNeed::Alone;
                 }
                 // Its boxes are gone with the device's memory: the client sends them again.
@@ -80,25 +91,22 @@ fn query_and_answer(
     threads: usize,
     outbox: &Outbox,
 ) -> Result<(), Unanswered> {
-    let KeptScene { scene, room, audited, .. } = kept;
+    let KeptScene { scene, found, room, audited, .. } = kept;
     scene.scene_mut().set_threads(threads);
     let taken_at = open.taken_at();
-    let index_end = request.mask.index_end();
     let begun = Instant::now();
     let answer = {
         let (pages, mut reply) = open.payload_and_reply();
         let malformed = || Unanswered::Refused(Reject::Query { field: "payload" }.into());
         let (queries, tags) = request.read(pages).ok_or_else(malformed)?;
         scene.scene_mut().limit_query_pairs(reply.limit_words() / PAIR_WORDS);
-        request.mask.answer(queries, request.encoding, threads, &mut reply, |found| {
-            let tested = scene.query(queries, tags, found)?;
-            if found.iter().any(|[_, index]| *index >= index_end) {
-                return Err(Unanswered::Refused(Reject::Query { field: "object count" }.into()));
-            }
-            Ok::<_, Unanswered>(tested)
+        let pairs = found.pairs();
+        request.mask.answer(queries, request.encoding, threads, pairs, &mut reply, |found| {
+            scene.query(queries, tags, found).map_err(Unanswered::from)
         })
     };
-    room.note(scene);
+    found.tidy();
+    room.note(scene, found.bytes());
     let mut answer = answer?;
     answer.engine = scene.scene().engine();
     answer.times.ingest_ns = begun.duration_since(taken_at).as_nanos() as u64;
@@ -110,6 +118,12 @@ fn query_and_answer(
         outbox.audit_query(scene, window, queries, &tags);
     }
     Ok(())
+}
+
+impl From<BeyondMask> for Unanswered {
+    fn from(_: BeyondMask) -> Self {
+        Self::Refused(Reject::Query { field: "object count" }.into())
+    }
 }
 
 impl From<CullError> for Unanswered {

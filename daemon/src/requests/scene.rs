@@ -127,11 +127,11 @@ fn edit_and_answer(
     threads: usize,
     outbox: &Outbox,
 ) -> Result<(), Failed> {
-    let KeptScene { revision, scene, scratch, room, audited, .. } = kept;
+    let KeptScene { revision, scene, scratch, found, room, audited, .. } = kept;
     let start = Instant::now();
     let steps = scratch.read(request, open.pages())?;
     let edit = Edit { steps: &steps };
-    room.make(scene, edit)?;
+    room.make(scene, edit, found.bytes())?;
     let ingested = Instant::now();
     if request.is_taken {
         scene.take();
@@ -141,7 +141,7 @@ fn edit_and_answer(
     }
     scene.scene_mut().set_threads(threads);
     let edited = scene.edit_expanded(edit, request.want).map(drop);
-    room.note(scene);
+    room.note(scene, found.bytes());
     match edited {
         Ok(()) => *revision = request.revision,
         // The scene is what it was.

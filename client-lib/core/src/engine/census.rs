@@ -1,6 +1,7 @@
 //! Boxes that overlap nothing, counted and named.
 
-use crate::aabb::BoxClass;
+use crate::aabb::{Aabb, BoxClass};
+use crate::floats;
 
 /// How many indices of invalid boxes a reply names.
 pub const NAMED_INVALID: usize = 8;
@@ -17,6 +18,21 @@ pub struct Census {
 }
 
 impl Census {
+    /// The census of these boxes.
+    pub fn of(boxes: &[Aabb]) -> Self {
+        let mut census = Self::default();
+        floats::with_default(|| {
+            for (index, b) in (0..).zip(boxes) {
+                // False with a NaN. Nearly all boxes are solid, so that only the others are classified.
+                let [x, y, z] = std::array::from_fn(|axis| b.min[axis] <= b.max[axis]);
+                if !(x & y & z) {
+                    census.note(index, b.class());
+                }
+            }
+        });
+        census
+    }
+
     /// Counts box `index`. Call with rising indices.
     #[inline]
     pub fn note(&mut self, index: u32, class: BoxClass) {
@@ -49,5 +65,27 @@ impl Census {
     /// The indices that were kept.
     pub fn named_invalid(&self) -> &[u32] {
         &self.first_invalid[..(self.invalid as usize).min(NAMED_INVALID)]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Census;
+    use crate::aabb::Aabb;
+
+    #[test]
+    fn counts_what_the_class_of_each_box_says() {
+        let corners =
+            [f32::NAN, f32::NEG_INFINITY, -1.0, -1e-45, -0.0, 0.0, 1e-45, 1.0, f32::INFINITY];
+        let boxes: Vec<Aabb> = (0..corners.len().pow(4))
+            .map(|at| {
+                let [a, b, c, d] = [0, 1, 2, 3].map(|place| corners[at / 9usize.pow(place) % 9]);
+                Aabb::new([a, c, 0.0], [b, d, 0.0])
+            })
+            .collect();
+        let mut census = Census::default();
+        (0..).zip(&boxes).for_each(|(index, b)| census.note(index, b.class()));
+        assert!(census.invalid > 0 && census.empty > 0);
+        assert_eq!(Census::of(&boxes), census);
     }
 }

@@ -63,7 +63,9 @@ pub use self::kept::{Kept, KeptBox, KeptHistory};
 pub use self::margins::{ExactPairs, MarginedSets, Margins, Outgoing, Sent};
 pub use self::options::SceneOptions;
 pub use self::pair_list::sort_row;
-pub use self::query::{QueryError, QueryMask, QueryTags, between, cull_between, is_small_set};
+pub use self::query::{
+    BeyondMask, QueryError, QueryMask, QueryTags, between, cull_between, is_small_set,
+};
 
 use std::sync::Arc;
 

@@ -21,6 +21,10 @@ const BYTES_A_TAG: u64 = 12;
 /// Bytes that any scene takes: without them, empty ones would be free.
 const BYTES_A_SCENE: u64 = 64 << 10;
 
+/// Most pairs for whose memory a scene keeps room between queries: 8 MiB, which takes about a millisecond to
+/// map. Larger answers take far longer themselves.
+const MOST_KEPT_PAIRS: usize = 1 << 20;
+
 /// A scene of a client.
 #[derive(Debug)]
 pub(crate) struct KeptScene {
@@ -31,10 +35,35 @@ pub(crate) struct KeptScene {
     pub(crate) scene: FilteredScene<SceneKeeper>,
     /// Memory for reading edits.
     pub(crate) scratch: EditScratch,
+    /// Memory for what queries find.
+    pub(crate) found: FoundPairs,
     /// Its share of the memory of all scenes.
     pub(crate) room: SceneRoom,
     /// Where it is audited.
     pub(crate) audited: Option<AuditedScene>,
+}
+
+/// Memory for what queries find, kept so that it is not mapped for each anew.
+#[derive(Debug, Default)]
+pub(crate) struct FoundPairs(Vec<[u32; 2]>);
+
+impl FoundPairs {
+    /// The memory, and all that is in it.
+    pub(crate) const fn pairs(&mut self) -> &mut Vec<[u32; 2]> {
+        &mut self.0
+    }
+
+    /// Gives back what is too large to keep.
+    pub(crate) fn tidy(&mut self) {
+        if self.0.capacity() > MOST_KEPT_PAIRS {
+            self.0 = Vec::new();
+        }
+    }
+
+    /// Bytes that it takes.
+    pub(crate) const fn bytes(&self) -> u64 {
+        (self.0.capacity() * size_of::<[u32; 2]>()) as u64
+    }
 }
 
 /// The share of a scene in the memory of all.
@@ -57,6 +86,7 @@ impl KeptScene {
             revision: 0,
             scene: FilteredScene::over(scene),
             scratch: EditScratch::default(),
+            found: FoundPairs::default(),
             room: SceneRoom::begin(memory)?,
             audited,
         })
@@ -77,23 +107,11 @@ impl SceneRoom {
         memory.charge(BYTES_A_SCENE).map(Self)
     }
 
-    /// Makes room for an edit that is about to be applied.
+    /// Makes room for an edit that is about to be applied, where so many bytes are kept beside the scene.
     ///
     /// # Errors
     /// [`NoRoom`].
     pub(crate) fn make(
-        &mut self,
-        scene: &FilteredScene<SceneKeeper>,
-        edit: Edit<'_>,
-    ) -> Result<(), NoRoom> {
-        self.make_beside(scene, edit, 0)
-    }
-
-    /// As [`make`](Self::make), where so many bytes are kept beside the scene.
-    ///
-    /// # Errors
-    /// [`NoRoom`].
-    pub(crate) fn make_beside(
         &mut self,
         scene: &FilteredScene<SceneKeeper>,
         edit: Edit<'_>,
@@ -109,13 +127,8 @@ impl SceneRoom {
         self.0.grow_to(scene + rules + beside)
     }
 
-    /// Notes what the scene takes by now.
-    pub(crate) fn note(&mut self, scene: &FilteredScene<SceneKeeper>) {
-        self.note_beside(scene, 0);
-    }
-
-    /// As [`note`](Self::note), where so many bytes are kept beside the scene.
-    pub(crate) fn note_beside(&mut self, scene: &FilteredScene<SceneKeeper>, beside: u64) {
+    /// Notes what the scene takes by now, where so many bytes are kept beside it.
+    pub(crate) fn note(&mut self, scene: &FilteredScene<SceneKeeper>, beside: u64) {
         let scene_bytes = scene.scene().bytes() + scene.rule_bytes() as u64;
         self.0.set(BYTES_A_SCENE + scene_bytes + beside);
     }

@@ -107,7 +107,7 @@ impl Boxes {
     pub fn check(&mut self, edit: Edit<'_>, bytes: u64) -> Result<(), Refusal> {
         let beside = self.copy.allocated_bytes() as u64 + self.members_bytes + self.edits_bytes;
         let more = bytes + BYTES_A_COPY * edit.index_end();
-        self.room.make_beside(&self.scene, edit, beside + more)?;
+        self.room.make(&self.scene, edit, beside + more)?;
         self.copy.check(edit)?;
         self.edits_bytes += bytes;
         Ok(())
@@ -195,6 +195,6 @@ impl Boxes {
     pub fn note_room(&mut self, members_bytes: u64) {
         (self.members_bytes, self.edits_bytes) = (members_bytes, 0);
         let beside = self.copy.allocated_bytes() as u64 + members_bytes;
-        self.room.note_beside(&self.scene, beside);
+        self.room.note(&self.scene, beside);
     }
 }

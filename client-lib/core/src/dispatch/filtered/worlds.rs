@@ -245,9 +245,7 @@ impl Worlds {
         if sum.invalid == 0 && self.groups.of_all().is_empty() {
             return sum;
         }
-        let mut census = Census::default();
-        (0..).zip(boxes).for_each(|(index, b)| census.note(index, b.class()));
-        census
+        Census::of(boxes)
     }
 
     /// The engine by which most boxes were culled.

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use super::between::{MOST_OF_A_SET, between};
-use crate::aabb::{Aabb, KeyBox};
+use crate::aabb::Aabb;
 use crate::dispatch::{CpuEngines, CullAnswer, CullOptions, StageTimes, nanoseconds_since};
 use crate::engine::encode::{self, FoundWords};
 use crate::engine::gather::Gather;
@@ -31,6 +31,17 @@ const FEW_PAIRS: usize = 1 << 20;
 pub struct QueryMask {
     queries: u32,
     n: BoxCount,
+}
+
+/// A scene has indices beyond those of the mask.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BeyondMask;
+
+impl From<BeyondMask> for CullError {
+    fn from(_: BeyondMask) -> Self {
+        let why = "the scene has indices beyond those of the mask";
+        Self::Unavailable { engine: EngineName::CpuGrid, why }
+    }
 }
 
 impl QueryMask {
@@ -76,38 +87,37 @@ impl QueryMask {
             Encoding::List => self.write_list(found, reply)?,
             _ => self.write_words(found, encoding, reply)?,
         };
-        let mut census = Census::default();
-        for (number, query) in (0..).zip(counted) {
-            census.note(number, KeyBox::classify(query).1);
-        }
-        let mut report =
-            CullReport::new(self.n, shape, census, found.len() as u64, 0, EngineTimes::default());
+        let (census, pairs) = (Census::of(counted), found.len() as u64);
+        let mut report = CullReport::new(self.n, shape, census, pairs, 0, EngineTimes::default());
         let pairs = (u64::from(self.queries) * u64::from(self.index_end())).saturating_sub(tested);
         report.skipped.pairs = pairs;
         report.skipped.why = PairSkips::NONE.with_cells_of(pairs);
         Ok(report)
     }
 
-    /// The answer of the cells of a scene: found since `start`, and written at the end.
+    /// The answer of the cells of a scene: found by `find`, and written. `found` is memory for that.
     ///
     /// # Errors
-    /// As `find`, and as [`write`](Self::write).
-    pub fn answer<E: From<CullError>>(
+    /// As `find`, and as [`write`](Self::write); [`BeyondMask`] with a pair that the mask does not have.
+    pub fn answer<E: From<CullError> + From<BeyondMask>>(
         &self,
         counted: &[Aabb],
         encoding: Encoding,
         threads: usize,
+        found: &mut Vec<Pair>,
         reply: &mut dyn ReplyBuffer,
         find: impl FnOnce(&mut Vec<Pair>) -> Result<u64, E>,
     ) -> Result<CullAnswer, E> {
-        let (start, mut found) = (Instant::now(), Vec::new());
-        let tested = find(&mut found)?;
+        let start = Instant::now();
+        found.clear();
+        let tested = find(found)?;
         let execute_ns = nanoseconds_since(start);
-        if found.iter().any(|[_, index]| *index >= self.index_end()) {
-            let why = "the scene has indices beyond those of the mask";
-            return Err(CullError::Unavailable { engine: EngineName::CpuGrid, why }.into());
+        // All are looked at, several at a time.
+        let last = found.iter().fold(0, |last, [_, index]| last.max(*index));
+        if last >= self.index_end() && !found.is_empty() {
+            return Err(BeyondMask.into());
         }
-        let mut report = self.write(counted, &found, tested, encoding, reply)?;
+        let mut report = self.write(counted, found, tested, encoding, reply)?;
         let total_ns = nanoseconds_since(start);
         let publish_ns = total_ns - execute_ns;
         report.times = EngineTimes { ingest_ns: 0, execute_ns, publish_ns };
@@ -194,7 +204,7 @@ pub fn cull_between<'a>(
         Encoding::List => reply.limit_words() / 2,
         _ => u64::MAX,
     };
-    mask.answer(boxes, encoding, threads, reply, |found| {
+    mask.answer(boxes, encoding, threads, &mut Vec::new(), reply, |found| {
         between(a, b, options.threads, most_pairs, found)
     })
 }

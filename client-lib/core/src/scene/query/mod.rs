@@ -19,7 +19,7 @@ mod mask;
 mod tags;
 
 pub use self::between::between;
-pub use self::mask::{QueryMask, cull_between, is_small_set};
+pub use self::mask::{BeyondMask, QueryMask, cull_between, is_small_set};
 pub use self::tags::{QueryError, QueryTags};
 
 use std::sync::atomic::{AtomicU64, Ordering};

@@ -5,6 +5,7 @@ use crate::engine::CullError;
 use crate::filters::{Rules, Tag};
 use crate::scene::filtered::PairScene;
 use crate::scene::pair_list::Pair;
+use crate::scene::query::BeyondMask;
 
 /// The tags of queries: their worlds, owners and filters.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -33,6 +34,12 @@ pub enum QueryError {
     /// The boxes cannot be found, or there is no room for them.
     #[error(transparent)]
     Cull(#[from] CullError),
+}
+
+impl From<BeyondMask> for QueryError {
+    fn from(beyond: BeyondMask) -> Self {
+        Self::Cull(beyond.into())
+    }
 }
 
 impl QueryTags<'_> {
