@@ -37,6 +37,17 @@ pub fn hard_scene(n: usize, seed: u64) -> Vec<Sphere> {
     spheres
 }
 
+/// `n` spheres anywhere in a cube, each of which meets a few: numbers at random, so that next to none touch.
+pub fn plain_scene(n: usize, seed: u64) -> Vec<Sphere> {
+    let mut random = Random::new(seed);
+    let side = (n as f32).cbrt();
+    let mut sphere = || {
+        let center = std::array::from_fn(|_| random.range(-side, side));
+        Sphere::new(center, random.range(0.1, 1.0))
+    };
+    (0..n).map(|_| sphere()).collect()
+}
+
 /// `count` pairs of each family of pairs that are hard to decide, each family from the same seed.
 pub fn hard_pairs(count: usize, seed: u64) -> Vec<(Sphere, Sphere)> {
     let of_family = |family: &families::Family| {

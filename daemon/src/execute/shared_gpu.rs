@@ -90,7 +90,7 @@ impl SharedGpu {
 
     /// The GPU, when it is this thread's turn: threads have it in the order in which they asked.
     pub(super) fn lock(&self) -> GpuTurn<'_> {
-        let turn = self.turns.take(self.outlook().is_software);
+        let turn = self.turns.take(self.is_software());
         let service = self.service.lock().unwrap_or_else(PoisonError::into_inner);
         GpuTurn { service, _turn: turn }
     }
@@ -112,7 +112,7 @@ impl SharedGpu {
     /// Gives the core away for a moment where the GPU needs it: a software adapter's frames run on
     /// the same cores as this.
     pub(super) fn rest(&self) {
-        if self.outlook().is_software {
+        if self.is_software() {
             std::thread::sleep(SOFTWARE_REST);
         } else {
             std::hint::spin_loop();
@@ -122,6 +122,11 @@ impl SharedGpu {
     /// What is known of it, without waiting for it.
     pub(super) fn outlook(&self) -> Outlook {
         *self.outlook.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Whether its adapter is a program on the cores; also `false` where there is none now.
+    pub(super) fn is_software(&self) -> bool {
+        self.outlook().is_software
     }
 
     /// Its place among those of the daemon.

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use pairmask_core::aabb::AABB_BYTES;
 use pairmask_core::dispatch::{CullAnswer, CullOptions, SphereWays, nanoseconds_since};
-use pairmask_core::engine::{CullError, EngineChoice, ReplyBuffer};
+use pairmask_core::engine::{CullError, EngineChoice, EngineName, ReplyBuffer};
 use pairmask_core::objects::Objects;
 use pairmask_core::plan::{GpuCost, Plan, SceneStats};
 use pairmask_core::sphere::SPHERE_BYTES;
@@ -19,9 +19,10 @@ const SPHERE_SCRATCH_BYTES: usize = 64;
 /// Scratch that a frame takes, bytes a pair: a word each, at the most.
 const PAIR_SCRATCH_BYTES: usize = 12;
 
-/// Whether frames of spheres may go to the GPU. Not yet: the tests (`gpu_spheres.rs`) pass on an H200, and on
-/// lavapipe scenes with many near pairs come out wrong (`GPU.md`, "Spheres").
-const GPU_TAKES_SPHERES: bool = false;
+/// Most spheres of a frame that all pairs decides on a software adapter, and no other engine of the GPU does
+/// there. lavapipe ends all loops of a thread after 65,535 rounds together, silently, and a near pair takes up to
+/// 753 (`GPU.md`, "Spheres"): a thread has four rows, so 4 · 15 · 753 here.
+const SOFTWARE_SPHERES: u32 = 16;
 
 impl Executor {
     /// Finds the pairs of the spheres of this memory, which belong to `owner`, as
@@ -88,13 +89,15 @@ impl Executor {
         }
     }
 
-    /// The plan of a frame of so many spheres that goes to the GPU; `None` for one that does not.
+    /// The plan of a frame of so many spheres that goes to the GPU; `None` for one that does not: also where
+    /// an engine of the GPU is asked for that does not decide so many on this adapter.
     ///
     /// The spheres are not looked at. The GPU gets what it does sooner than the CPU would cull as many
     /// boxes at best, which it culls in less time than spheres.
     fn gpu_plan(&self, len: usize, options: &CullOptions) -> Option<Plan> {
-        let n = BoxCount::of_len(len).filter(|_| GPU_TAKES_SPHERES)?;
-        let gpu = self.gpus.for_frame(self.home).and_then(|gpu| gpu.cost());
+        let n = BoxCount::of_len(len)?;
+        let gpu = self.gpus.for_frame(self.home)?;
+        let (is_software, gpu) = (gpu.is_software(), gpu.cost());
         let may = match options.engine {
             EngineChoice::Only(engine) => engine.is_gpu(),
             EngineChoice::Auto => gpu.is_some(),
@@ -106,7 +109,9 @@ impl Executor {
         let share = SPHERE_BYTES as f64 / AABB_BYTES as f64;
         let gpu = gpu.map(|cost| GpuCost { ns_a_box: share * cost.ns_a_box, ..cost });
         let plan = self.plan_unseen(&SceneStats::at_best(n, options.last_pairs), gpu, options);
-        plan.engine.is_gpu().then_some(plan)
+        let is_decided =
+            !is_software || (plan.engine == EngineName::GpuBrute && n.get() <= SOFTWARE_SPHERES);
+        (plan.engine.is_gpu() && is_decided).then_some(plan)
     }
 
     fn cull_spheres_there(
