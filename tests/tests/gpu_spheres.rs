@@ -390,3 +390,28 @@ fn a_crowd_is_refused_by_the_grid_and_answered_by_the_cpu_alike() {
         assert_eq!(report.pair_count, expected.report.pair_count, "{engine}, {encoding}");
     }
 }
+
+/// A frame made to be slow: every pair is near, and takes all digits. The device has to outlive it.
+#[test]
+#[ignore = "near pairs take more rounds of loops than lavapipe allows a thread (GPU.md)"]
+fn frames_of_near_pairs_alone_are_exact_and_leave_the_device() {
+    const SPHERES: usize = 32_768;
+    let mut engine = gpu::engine(AllPairsOptions::default());
+    let (tiny, large) = (f32::from_bits(1), 2.0f32.powi(120));
+    let hostile = [
+        ("points in one place", Sphere::new([1.0, 2.0, 3.0], 0.0)),
+        ("far from the origin", Sphere::new([2.0f32.powi(40), 0.0, 0.0], 1.0)),
+        ("of all digits", Sphere::new([large, tiny, 0.0], large)),
+    ];
+    for (what, sphere) in hostile {
+        let spheres = vec![sphere; SPHERES];
+        let mut reply = HeapReply::new();
+        // The first frame compiles the stages.
+        for _ in 0..2 {
+            let begun = Instant::now();
+            let report = engine.cull_spheres(&spheres, Encoding::Dense, &mut reply).unwrap();
+            eprintln!("{SPHERES} spheres, {what}: {:?}", begun.elapsed());
+            assert_eq!(report.pair_count, BoxCount::new(SPHERES as u32).pair_count(), "{what}");
+        }
+    }
+}

@@ -177,10 +177,11 @@ fn row(gpu: &Arc<Gpu>, n: usize, budget: Duration, seed: u64) -> Result<GpuSpeed
     })
 }
 
-/// Pairs of a family that are culled together, as one scene of twice as many spheres: 8 million pairs.
-const SCENE_PAIRS: u64 = 2_000;
-/// Scenes that the CPU decides side by side, while the GPU waits: 64 MB of masks.
-const SCENES: u64 = 64;
+/// Pairs of a family that are culled together, as one scene of twice as many spheres: 499,500 pairs. The CPU
+/// decides all of them, too, which takes most of the time.
+const SCENE_PAIRS: u64 = 500;
+/// Scenes that the CPU decides side by side, while the GPU decides as many others: 16 MB of masks.
+const SCENES: u64 = 256;
 
 /// A scene with the truth.
 struct Decided {
@@ -247,18 +248,28 @@ pub fn count_errors(
         let share = super::errors::share(family, pairs);
         let mut row = GpuErrorRow { family: family.name, ..GpuErrorRow::default() };
         let scenes = share.div_ceil(SCENE_PAIRS);
-        for first in (0..scenes).step_by(SCENES as usize) {
-            let batch = first..scenes.min(first + SCENES);
-            let make = |scene: u64| {
-                let pairs = SCENE_PAIRS.min(share - scene * SCENE_PAIRS);
-                decided(family, pairs, seed.wrapping_add(scene.wrapping_mul(0x9e37_79b9)))
+        let make = |scene: u64| {
+            let pairs = SCENE_PAIRS.min(share - scene * SCENE_PAIRS);
+            decided(family, pairs, seed.wrapping_add(scene.wrapping_mul(0x9e37_79b9)))
+        };
+        let batch_from = |first: u64| -> Result<Vec<Decided>, CullError> {
+            (first..scenes.min(first + SCENES)).into_par_iter().map(make).collect()
+        };
+        let mut batch = batch_from(0)?;
+        let mut next = SCENES;
+        while !batch.is_empty() {
+            let on_gpu = || -> Result<(), CullError> {
+                for scene in &batch {
+                    engine.cull_spheres(&scene.spheres, Encoding::Dense, &mut reply)?;
+                    row.note(scene, &dense_words(&scene.spheres, &reply));
+                    watch(scene.truth.len() as u64);
+                }
+                Ok(())
             };
-            let batch: Vec<_> = batch.into_par_iter().map(make).collect::<Result<_, _>>()?;
-            for scene in &batch {
-                engine.cull_spheres(&scene.spheres, Encoding::Dense, &mut reply)?;
-                row.note(scene, &dense_words(&scene.spheres, &reply));
-                watch(scene.truth.len() as u64);
-            }
+            let (compared, made) = rayon::join(on_gpu, || batch_from(next.min(scenes)));
+            compared?;
+            batch = made?;
+            next += SCENES;
         }
         rows.push(row);
     }
