@@ -31,6 +31,10 @@ struct Engines {
     scenes: Arc<SceneTools>,
 }
 
+/// Most spheres that all pairs takes; more go to the CPU. Pairs that are near in all digits take a thousand times
+/// as long as others, and nobody else has the GPU meanwhile.
+const ALL_PAIRS_SPHERES: usize = 32_768;
+
 impl Engines {
     fn new(gpu: &Arc<Gpu>, hold: Duration) -> Result<Self, GpuError> {
         let imports = SharedImports::default();
@@ -66,6 +70,9 @@ impl Engines {
                 Err(CullError::TooCrowded { .. } | CullError::TooManyBoxes { .. }) => {}
                 done => return Ok((done?, EngineName::GpuGrid)),
             }
+        }
+        if matches!(objects, Objects::Spheres(spheres) if spheres.len() > ALL_PAIRS_SPHERES) {
+            return Err(CullError::TooCrowded { engine: EngineName::GpuBrute });
         }
         let report = self.all_pairs.cull_objects(objects, plan.encoding, reply)?;
         Ok((report, EngineName::GpuBrute))
