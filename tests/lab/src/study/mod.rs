@@ -7,4 +7,5 @@ pub mod machine;
 pub mod mapping;
 pub mod moving;
 pub mod spheres;
+pub mod threads;
 pub mod updates;
