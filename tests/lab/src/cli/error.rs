@@ -12,6 +12,7 @@ use super::stress::StressCommandError;
 use crate::gpu_stages::BenchError;
 use crate::study::grid::GridError;
 use crate::study::mapping::MappingError;
+use crate::study::papers::PapersError;
 use crate::study::threads::ThreadsError;
 
 /// Why a measurement failed.
@@ -37,6 +38,8 @@ pub enum LabError {
     Stages(#[from] BenchError),
     #[error(transparent)]
     Measure(#[from] MeasureError),
+    #[error(transparent)]
+    Papers(#[from] PapersError),
     #[error(transparent)]
     Threads(#[from] ThreadsError),
     /// The report names the family.
