@@ -163,5 +163,6 @@ fn both_ms(threads: Option<&Threads>, cores: usize) -> Option<f64> {
 }
 
 fn row_ms(cores: usize, ms: Option<f64>) -> Row {
-    Row::new(format!("{cores} cores"), "ms", None, ms)
+    let what = if cores == 1 { "1 core".to_owned() } else { format!("{cores} cores") };
+    Row::new(what, "ms", None, ms)
 }

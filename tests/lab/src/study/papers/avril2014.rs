@@ -9,7 +9,8 @@ use super::shapes::Threads;
 use super::speed_up::{ALL_PAIRS, Series, without_cores};
 use crate::study::threads::paper::{CORES, PaperScene, SCENES};
 
-const NOTE: &str = "The paper's scenes and numbers of objects; least time of ours.";
+const NOTE: &str = "The paper's scenes and numbers of objects; least time of ours. Our cores are virtual \
+                    CPUs, of which two may share a core.";
 /// The scene whose shares Figures 6 and 8 show: they are those of the cubes in Figures 5 and 7.
 const CUBES: &PaperScene = &SCENES[0];
 /// Figure 6: time on 2, 4 and 8 cores, percent of that on one.
