@@ -18,7 +18,7 @@ pub struct Row {
     pub ours: Option<f64>,
     /// Ours over the paper's.
     pub ratio: Option<f64>,
-    /// Where ours comes from: a record, or this run.
+    /// Where ours comes from: a record, this run, or this build, which computes it.
     pub from: Option<String>,
 }
 
@@ -36,6 +36,11 @@ impl Row {
             _ => None,
         };
         Self { what: what.into(), unit, paper, ours, ratio, from: None }
+    }
+
+    /// Where ours is computed by the code that makes the page, on any machine.
+    pub fn of_this_build(self) -> Self {
+        Self { from: Some("this build".to_owned()), ..self }
     }
 
     /// Where both figures have a unit but count other things.

@@ -16,7 +16,7 @@ const N: u32 = 1_000;
 pub const COUNTS: [u32; 3] = [1_000, 10_000, 100_000];
 
 /// What the last row of table 2 would mean.
-const RATE: &str = "100,000 boxes have 5·10⁹ pairs: in 29.66 ms 1.7·10¹¹ a second.";
+const RATE: &str = "100,000 boxes have 5·10⁹ pairs, which in 29.66 ms would be 1.7·10¹¹ a second.";
 
 /// The number of a pair of the paper, which counts objects from 1.
 fn number(a: u32, b: u32) -> Option<f64> {
@@ -27,8 +27,9 @@ fn number(a: u32, b: u32) -> Option<f64> {
 pub fn table_1() -> Item {
     let n = f64::from(N);
     let last = (n * n - n) / 2.0;
-    let row =
-        |a, b, paper: f64| Row::new(format!("pair ({a}, {b}) of {N}"), "", paper, number(a, b));
+    let row = |a, b, paper: f64| {
+        Row::new(format!("pair ({a}, {b}) of {N}"), "", paper, number(a, b)).of_this_build()
+    };
     let examples = Question {
         claim: "pairs are numbered row by row: 71452 is (75, 303), 46108 is (48, 285)",
         rule: Rule::Equals,

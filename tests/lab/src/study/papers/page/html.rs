@@ -56,7 +56,7 @@ fn summary(report: &PapersReport) -> Markup {
         div.scroll { table {
             tr {
                 th.name { "paper" } th { "tables and figures" } th { "nothing to measure" }
-                th { "holds" } th { "breaks" } th { "not measured" }
+                th { "claims: hold" } th { "break" } th { "not measured" }
             }
             @for row in &report.summary {
                 tr {
@@ -102,7 +102,7 @@ fn claim(claim: &Claim) -> Markup {
             span class=(class(claim.verdict)) { (claim.verdict) } ": " (claim.says) ". "
             span.note {
                 "Rule: " (claim.rule) ". "
-                @if !claim.why.is_empty() { (claim.why) ". " }
+                @if !claim.why.is_empty() { "Why: " (claim.why) ". " }
                 (claim.note)
             }
         }

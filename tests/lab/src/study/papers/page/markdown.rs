@@ -20,7 +20,7 @@ fn write(report: &PapersReport, out: &mut String) -> fmt::Result {
     writeln!(out, "`{}`\n", report.machine.command)?;
     writeln!(
         out,
-        "| paper | tables and figures | nothing to measure | holds | breaks | not measured |"
+        "| paper | tables and figures | nothing to measure | claims: hold | break | not measured |"
     )?;
     writeln!(out, "|---|---|---|---|---|---|")?;
     for row in &report.summary {
@@ -72,7 +72,7 @@ fn write_paper(paper: &Paper, out: &mut String) -> fmt::Result {
 
 fn write_claim(claim: &Claim, out: &mut String) -> fmt::Result {
     let Claim { says, rule, verdict, why, note, rows } = claim;
-    writeln!(out, "\n**{verdict}**: {says}. Rule: {rule}. {}", sentence(why))?;
+    writeln!(out, "\n**{verdict}**: {says}. Rule: {rule}.{}", sentence(why))?;
     if !note.is_empty() {
         writeln!(out, "{note}")?;
     }
@@ -88,7 +88,7 @@ fn write_claim(claim: &Claim, out: &mut String) -> fmt::Result {
 }
 
 fn sentence(why: &str) -> String {
-    if why.is_empty() { String::new() } else { format!("{why}.") }
+    if why.is_empty() { String::new() } else { format!(" Why: {why}.") }
 }
 
 /// A bar would end the cell.
