@@ -1,6 +1,5 @@
 //! Errors of measurements, and their exit status.
 
-use pairmask_core::update::UpdateError;
 use pairmaskd::calibrate::MeasureError;
 use pairmaskd::cli::config::ConfigError;
 use pairmaskd::cli::output::OutputError;
@@ -13,6 +12,8 @@ use super::stress::StressCommandError;
 use crate::gpu_stages::BenchError;
 use crate::study::grid::GridError;
 use crate::study::mapping::MappingError;
+use crate::study::papers::PapersError;
+use crate::study::threads::ThreadsError;
 
 /// Why a measurement failed.
 #[derive(Debug, thiserror::Error)]
@@ -37,9 +38,10 @@ pub enum LabError {
     Stages(#[from] BenchError),
     #[error(transparent)]
     Measure(#[from] MeasureError),
-    /// Boxes and transforms differ in number.
     #[error(transparent)]
-    Update(#[from] UpdateError),
+    Papers(#[from] PapersError),
+    #[error(transparent)]
+    Threads(#[from] ThreadsError),
     /// The report names the family.
     #[error("pairs of spheres were decided wrongly: please report this")]
     InexactSpheres,

@@ -8,6 +8,7 @@ mod error;
 mod gpu_scene;
 mod grid;
 mod mapping;
+mod papers;
 mod plan;
 mod scenes;
 mod shape;
@@ -46,6 +47,7 @@ Examples:
   pairmask-lab grid --gpu software --quick     the GPU's grid, stage by stage
   pairmask-lab gpu-scene --moving 1 --stages   scenes that persist in video memory
   pairmask-lab spheres --errors                what plain f32 gets wrong
+  pairmask-lab papers --only-records           the papers' tables and figures, theirs beside ours
 
 Exit status: 0 done; 1 it failed or a check failed; 2 the command line or configuration is wrong.";
 
@@ -61,6 +63,7 @@ enum Command {
     Plan(plan::PlanBench),
     Threads(threads::ThreadsBench),
     Spheres(spheres::Spheres),
+    Papers(papers::Papers),
     /// The daemon of a measurement: that of `pairmaskd`.
     #[command(hide = true)]
     Serve(serve::Serve),
@@ -88,6 +91,7 @@ fn run(cli: &Cli) -> Result<(), LabError> {
         Command::Plan(plan) => plan.run(place, &config),
         Command::Threads(threads) => threads.run(),
         Command::Spheres(spheres) => spheres.run(),
+        Command::Papers(papers) => papers.run(),
         Command::Serve(serve) => Ok(serve.run(place, &config, None)?),
     }
 }
@@ -99,7 +103,11 @@ impl Command {
     const fn reads_config(&self) -> bool {
         !matches!(
             self,
-            Self::Threads(_) | Self::Spheres(_) | Self::StressClient(_) | Self::Serve(_)
+            Self::Threads(_)
+                | Self::Spheres(_)
+                | Self::Papers(_)
+                | Self::StressClient(_)
+                | Self::Serve(_)
         )
     }
 }

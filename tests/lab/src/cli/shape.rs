@@ -13,6 +13,7 @@ const PAIRMASK_LAB: Shape = Shape {
         ("plan", &["instance", "runtime_dir"]),
         ("threads", ALL),
         ("spheres", ALL),
+        ("papers", ALL),
     ],
     measuring: &["accuracy"],
 };

@@ -6,5 +6,7 @@ pub mod judge;
 pub mod machine;
 pub mod mapping;
 pub mod moving;
+pub mod papers;
 pub mod spheres;
+pub mod threads;
 pub mod updates;

@@ -6,5 +6,6 @@ mod accuracy;
 mod audit;
 mod engine_benches;
 mod mistakes;
+mod papers;
 mod stress;
 mod support;

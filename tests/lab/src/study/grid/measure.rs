@@ -25,14 +25,14 @@ const PAPER_SCENE: SceneName = SceneName::Cubes;
 const SEED: u64 = 1;
 
 /// Avril et al. 2012, table 6: α, β, δ, total, ms.
-const PAPER_PARTS: [(u32, [f64; 4]); 4] = [
+pub const PAPER_PARTS: [(u32, [f64; 4]); 4] = [
     (1_000, [0.03, 0.13, 0.09, 0.25]),
     (10_000, [0.31, 1.45, 0.59, 2.35]),
     (100_000, [3.38, 11.12, 13.41, 27.91]),
     (1_000_000, [14.26, 134.91, 142.72, 291.89]),
 ];
 /// Table 7: without and with the grid, ms.
-const PAPER_WITHOUT: [(u32, [f64; 2]); 3] =
+pub const PAPER_WITHOUT: [(u32, [f64; 2]); 3] =
     [(100, [0.046, 1.020]), (1_000, [0.872, 1.840]), (10_000, [31.45, 3.257])];
 
 /// Boxes of table 7, and between them to find the crossing.

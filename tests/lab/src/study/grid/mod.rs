@@ -15,7 +15,7 @@ use std::path::PathBuf;
 use serde::Serialize;
 
 pub use self::floor::{Bandwidth, StageRow};
-pub use self::measure::paper_frame_ms;
+pub use self::measure::{PAPER_PARTS, PAPER_WITHOUT, paper_frame_ms};
 pub use self::report::markdown;
 use pairmaskd::execute::gpu::{Gpu, GpuChoice, GpuError, HostImport, OpenError};
 use pairmaskd::file_error::{Access, advice};
@@ -168,8 +168,7 @@ pub fn run_and_print(
     options: &GridOptions,
     print: &mut dyn io::Write,
 ) -> Result<GridReport, GridError> {
-    let gpu = Gpu::open(&options.gpu, HostImport::IfPossible)?;
-    let report = measure::measure(&gpu, options)?;
+    let report = measure(options)?;
     let json = serde_json::to_string_pretty(&report)?;
     let text = markdown(&report);
     if let Some(folder) = &options.out {
@@ -180,6 +179,15 @@ pub fn run_and_print(
     }
     if options.json { writeln!(print, "{json}") } else { write!(print, "{text}") }?;
     Ok(report)
+}
+
+/// Measures and writes nothing.
+///
+/// # Errors
+/// [`GridError`].
+pub fn measure(options: &GridOptions) -> Result<GridReport, GridError> {
+    let gpu = Gpu::open(&options.gpu, HostImport::IfPossible)?;
+    measure::measure(&gpu, options)
 }
 
 /// As [`run_and_print`], to the standard output.

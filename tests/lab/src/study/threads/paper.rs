@@ -3,10 +3,10 @@
 
 use pairmaskd::scene::SceneName;
 
-use super::report::Stage;
+use super::Stage;
 
 /// The paper's numbers of cores.
-const CORES: [usize; 4] = [1, 2, 4, 8];
+pub const CORES: [usize; 4] = [1, 2, 4, 8];
 
 /// One scene of the paper.
 pub struct PaperScene {
@@ -15,9 +15,9 @@ pub struct PaperScene {
     /// Number of objects.
     pub n: usize,
     /// Figure 5, ms.
-    update_ms: [f64; 4],
+    pub update_ms: [f64; 4],
     /// Figure 7, ms.
-    pairs_ms: [f64; 4],
+    pub pairs_ms: [f64; 4],
 }
 
 /// The scenes of Figure 4.

@@ -11,8 +11,7 @@ use pairmaskd::cli::output::OutputError;
 use pairmaskd::file_error::{Access, FileError};
 use serde::Serialize;
 
-use super::paper;
-use crate::cli::error::LabError;
+use super::{ThreadsError, paper};
 
 /// The papers' two stages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -123,8 +122,8 @@ impl ThreadsReport {
     /// Writes `threads.csv` and `threads.json` into a folder, which is made.
     ///
     /// # Errors
-    /// [`LabError::Write`], [`LabError::Output`].
-    pub fn write_files(&self, folder: &Path) -> Result<(), LabError> {
+    /// [`ThreadsError::Write`], [`ThreadsError::Json`].
+    pub fn write_files(&self, folder: &Path) -> Result<(), ThreadsError> {
         let json = serde_json::to_string_pretty(self).map_err(OutputError::from)? + "\n";
         fs::create_dir_all(folder)
             .and_then(|()| fs::write(folder.join("threads.csv"), self.csv()))

@@ -1,0 +1,137 @@
+//! Avril et al. 2014, §5: one GPU against a core, several GPUs against one.
+
+use super::model::{Claim, Item, Question, Row};
+use super::records::{Figures, Sourced, on_gpus};
+use super::rule::Rule;
+use super::shapes::TwoGpus;
+use super::speed_up::{ALL_PAIRS, Series};
+
+/// Objects of the first scene of §5.3, cubes.
+const N: u32 = 20_000;
+/// A core's time over one GPU's.
+const ONE_GPU: f64 = 4.2;
+/// One GPU's time over that of two, and of four ("by more than 3,5").
+const TWO_GPUS: f64 = 1.79;
+const FOUR_GPUS: f64 = 3.5;
+
+const FOUR_MISSING: &str = "four GPUs of one machine were not measured";
+
+/// Figure 14: the time of one core, and of one, two and four GPUs.
+pub fn architectures(figures: &Figures) -> Item {
+    let unmeasured =
+        |claim, rule, missing, row| Question { claim, rule, missing, note: "" }.judge(vec![row]);
+    let claims = vec![
+        one_gpu(figures),
+        unmeasured(
+            "two GPUs reduce the time of 20,000 cubes by 1.79",
+            Rule::Reaches,
+            "two GPUs were measured with a million boxes and more; a frame of 20,000 goes to one",
+            Row::new("20000 cubes, 2 GPUs over 1", "times", TWO_GPUS, None),
+        ),
+        large_scenes(figures),
+        unmeasured(
+            "four GPUs reduce the time of 20,000 cubes by more than 3.5",
+            Rule::Reaches,
+            FOUR_MISSING,
+            Row::new("20000 cubes, 4 GPUs over 1", "times", FOUR_GPUS, None),
+        ),
+        unmeasured(
+            "four GPUs lose time with a small scene",
+            Rule::Between(0.0, 1.0),
+            FOUR_MISSING,
+            Row::new("letters, 4 GPUs over 1", "times", None, None),
+        ),
+        unmeasured(
+            "a core is the fastest for the scene of few objects",
+            Rule::AtLeast(1.0),
+            "the text does not say how many letters there are",
+            Row::new("letters, a GPU's time over a core's", "times", None, None),
+        ),
+    ];
+    Item::new("Figure 14", "time of a core, of 1, 2 and 4 GPUs", claims)
+}
+
+/// A core and a GPU of the same machine, both with the paper's cubes.
+fn one_gpu(figures: &Figures) -> Claim {
+    let core = Series::pairs("cubes", N as usize, ALL_PAIRS);
+    let mut times = Vec::new();
+    for grid in on_gpus(&figures.grid) {
+        for threads in &figures.threads {
+            let frame = grid.data.engines.iter().find(|row| row.n == N);
+            let is_same = grid.data.machine.cpu == threads.data.machine.cpu;
+            if let (Some(frame), Some(core_ms), true) =
+                (frame, core.ms(Some(&threads.data), 1), is_same)
+            {
+                times.push(Sourced {
+                    from: format!("{}, {}", grid.from, threads.from),
+                    machine: grid.machine.clone(),
+                    gpu_is_software: false,
+                    data: core_ms / frame.gpu_grid_ms,
+                });
+            }
+        }
+    }
+    Question {
+        claim: "one GPU reduces the time of 20,000 cubes by 4.2",
+        rule: Rule::Reaches,
+        missing: "no machine was measured with 20,000 cubes on a GPU and on one core",
+        note: "One core compares all pairs, as in the paper; the GPU has a grid.",
+    }
+    .ask(&times, |times| {
+        vec![Row::new("20000 cubes, a core over a GPU", "times", ONE_GPU, times.copied())]
+    })
+}
+
+/// Of all scenes the one that gains most: the claim breaks only where none comes near.
+fn large_scenes(figures: &Figures) -> Claim {
+    Question {
+        claim: "in a large scene two GPUs gain as much",
+        rule: Rule::Reaches,
+        missing: "two GPUs of one machine were not measured",
+        note: "A million boxes and more in place of 20,000, which is to the advantage of two GPUs; a \
+               whole round trip through the daemon. The scene that gains most.",
+    }
+    .ask(&figures.two_gpus, |scenes| {
+        let gain = |scene: &TwoGpus| scene.one_ms / scene.two_ms;
+        let best = scenes.and_then(|s| s.iter().max_by(|a, b| gain(a).total_cmp(&gain(b))));
+        let what = best.map_or_else(String::new, |best| format!("{}, ", best.scene));
+        vec![Row::new(format!("{what}2 GPUs over 1"), "times", TWO_GPUS, best.map(gain))]
+    })
+}
+
+/// Figure 15: the balls' fall, frame by frame, on a core and on GPUs.
+pub fn simulation() -> Item {
+    let claim = Question {
+        claim: "the time of a core, and of 1, 2 and 4 GPUs changes alike as the balls fall",
+        rule: Rule::IsConstant,
+        missing: "the plot has no numbers in the text, and four GPUs of one machine were not measured",
+        note: "",
+    }
+    .judge(Vec::new());
+    Item::new("Figure 15", "time frame by frame while balls fall", vec![claim])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::study::papers::rule::Verdict;
+
+    #[test]
+    fn the_scene_that_gains_most_decides() {
+        let scene = |name: &str, one_ms, two_ms| TwoGpus { scene: name.into(), one_ms, two_ms };
+        let figures = |two_ms| Figures {
+            two_gpus: vec![Sourced {
+                from: "r".into(),
+                machine: String::new(),
+                gpu_is_software: false,
+                data: vec![scene("a", 1.0, 0.98), scene("b", 1.0, two_ms)],
+            }],
+            ..Figures::default()
+        };
+        let claim = large_scenes(&figures(0.72));
+        assert_eq!((claim.verdict, claim.rows.len()), (Verdict::Breaks, 1));
+        assert!(claim.why.starts_with("b, 2 GPUs over 1"), "{}", claim.why);
+        assert_eq!(large_scenes(&figures(0.5)).verdict, Verdict::Holds);
+        assert_eq!(large_scenes(&Figures::default()).verdict, Verdict::NotMeasured);
+    }
+}

@@ -1,0 +1,73 @@
+//! `papers`: its JSON and files, from records and measured.
+
+use serde_json::Value;
+
+use crate::support::{Place, keys};
+
+/// Two cores: the figures of 1 and 2, no others.
+const THREADS: &str = r#"{"machine": {"cpu": "C", "cores": 2}, "rows": [
+    {"stage": "update-aabbs", "scene": "uniform", "n": 100000, "threads": 1, "least_ns": 4000000},
+    {"stage": "update-aabbs", "scene": "uniform", "n": 100000, "threads": 2, "least_ns": 3500000}]}"#;
+
+fn claim<'a>(report: &'a Value, paper: usize, place: &str, index: usize) -> &'a Value {
+    let items = report["papers"][paper]["items"].as_array().unwrap();
+    let item = items.iter().find(|item| item["place"] == place).unwrap();
+    &item["claims"][index]
+}
+
+#[test]
+fn a_page_of_records_says_what_breaks_and_where_it_comes_from() {
+    let place = Place::new();
+    let day = place.file("records/2026-01-02-c");
+    std::fs::create_dir_all(&day).unwrap();
+    std::fs::write(day.join("threads.json"), THREADS).unwrap();
+    let arguments = ["papers", "--only-records", "--from", "records", "--out", "page"];
+    let report = place.run(&[&arguments[..], &["--json"]].concat()).json();
+    let fields = [
+        "machine",
+        "only_records",
+        "summary",
+        "breaks",
+        "holds",
+        "not_measured",
+        "papers",
+        "sources",
+    ];
+    assert_eq!(keys(&report), fields.into());
+    let halved = claim(&report, 0, "Figure 12", 0);
+    assert_eq!(halved["verdict"], "breaks", "{halved}");
+    assert_eq!(halved["rows"][0]["from"], "2026-01-02-c/threads.json");
+    let eight = claim(&report, 0, "Figure 12", 1);
+    assert_eq!(eight["verdict"], "not_measured", "{eight}");
+    assert!(eight["why"].as_str().unwrap().contains("the largest has 2"), "{eight}");
+    assert_eq!(report["sources"].as_array().unwrap().len(), 1);
+    let text = place.run(&arguments).stdout;
+    assert!(text.starts_with("# The papers"), "{text}");
+    let read = |name: &str| std::fs::read_to_string(place.file("page").join(name)).unwrap();
+    assert_eq!(read("papers.md").trim_end(), text.trim_end());
+    assert!(read("papers.html").starts_with("<!DOCTYPE html>"));
+    assert_eq!(keys(&serde_json::from_str(&read("papers.json")).unwrap()), fields.into());
+}
+
+#[test]
+fn a_quick_run_measures_what_a_cpu_can() {
+    let place = Place::new();
+    let report = place.run(&["papers", "--quick", "--from", ".", "--json"]).json();
+    let spheres = claim(&report, 3, "Figure 3", 0);
+    assert_eq!(spheres["rows"][0]["from"], "this run", "{spheres}");
+    assert_eq!(report["only_records"], false);
+    assert_eq!(claim(&report, 1, "Table 7", 0)["verdict"], "not_measured");
+}
+
+#[test]
+fn a_missing_folder_and_a_broken_record_are_failures() {
+    let place = Place::new();
+    let run = |from: &str| place.run(&["papers", "--only-records", "--from", from]);
+    assert_eq!(run("nowhere").code, Some(1));
+    std::fs::create_dir_all(place.file("records/day")).unwrap();
+    std::fs::write(place.file("records/day/grid.json"), "[]").unwrap();
+    let broken = run("records");
+    assert_eq!(broken.code, Some(1), "{}", broken.stderr);
+    assert!(broken.stderr.contains("grid.json"), "{}", broken.stderr);
+    assert_eq!(place.run(&["papers", "--only-records", "--quick"]).code, Some(2));
+}
