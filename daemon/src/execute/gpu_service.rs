@@ -18,6 +18,7 @@ use super::gpu::{
     GridOptions, GridUnderWay, HostImport, OpenError, SceneTools, SharedImports,
 };
 use super::offers::{Offers, Owner};
+use super::spheres::takes_spheres;
 
 /// The engines of a device.
 struct Engines {
@@ -30,10 +31,6 @@ struct Engines {
     /// What scenes in its memory share.
     scenes: Arc<SceneTools>,
 }
-
-/// Most spheres that all pairs takes; more go to the CPU. Pairs that are near in all digits take a thousand times
-/// as long as others, and nobody else has the GPU meanwhile.
-const ALL_PAIRS_SPHERES: usize = 32_768;
 
 impl Engines {
     fn new(gpu: &Arc<Gpu>, hold: Duration) -> Result<Self, GpuError> {
@@ -64,16 +61,23 @@ impl Engines {
         plan: &Plan,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<(CullReport, EngineName), CullError> {
+        // The plan was made without this device: it may have come while the frame waited.
+        let is_software = self.grid.gpu().info().is_software();
+        let takes = |engine| match objects {
+            Objects::Spheres(these) if !takes_spheres(engine, these.len(), is_software) => {
+                Err(CullError::TooCrowded { engine })
+            }
+            _ => Ok(()),
+        };
         // A dense mask has a bit for all pairs, so all pairs is what makes it.
         if plan.engine == EngineName::GpuGrid && plan.encoding != Encoding::Dense {
+            takes(EngineName::GpuGrid)?;
             match self.grid.cull_objects(objects, plan.encoding, reply) {
                 Err(CullError::TooCrowded { .. } | CullError::TooManyBoxes { .. }) => {}
                 done => return Ok((done?, EngineName::GpuGrid)),
             }
         }
-        if matches!(objects, Objects::Spheres(spheres) if spheres.len() > ALL_PAIRS_SPHERES) {
-            return Err(CullError::TooCrowded { engine: EngineName::GpuBrute });
-        }
+        takes(EngineName::GpuBrute)?;
         let report = self.all_pairs.cull_objects(objects, plan.encoding, reply)?;
         Ok((report, EngineName::GpuBrute))
     }

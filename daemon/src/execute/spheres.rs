@@ -19,10 +19,22 @@ const SPHERE_SCRATCH_BYTES: usize = 64;
 /// Scratch that a frame takes, bytes a pair: a word each, at the most.
 const PAIR_SCRATCH_BYTES: usize = 12;
 
-/// Most spheres of a frame that all pairs decides on a software adapter, and no other engine of the GPU does
-/// there. lavapipe ends all loops of a thread after 65,535 rounds together, silently, and a near pair takes up to
-/// 753 (`GPU.md`, "Spheres"): a thread has four rows, so 4 · 15 · 753 here.
-const SOFTWARE_SPHERES: u32 = 16;
+/// Most spheres that all pairs takes. Pairs that are near in all digits take a thousand times as long as others
+/// (0.55 s here on an H200), and nobody else has the GPU meanwhile.
+const ALL_PAIRS_SPHERES: usize = 32_768;
+/// Most spheres that all pairs takes on a software adapter, where no other engine decides any. lavapipe ends all
+/// loops of a thread after 65,535 rounds together, silently, and a near pair takes up to 753 (`GPU.md`,
+/// "Spheres"): a thread has four rows, so 4 · 15 · 753 here.
+const SOFTWARE_SPHERES: usize = 16;
+
+/// Whether an engine of the GPU takes a frame of so many spheres.
+pub(super) fn takes_spheres(engine: EngineName, spheres: usize, is_software: bool) -> bool {
+    match engine {
+        EngineName::GpuBrute if is_software => spheres <= SOFTWARE_SPHERES,
+        EngineName::GpuBrute => spheres <= ALL_PAIRS_SPHERES,
+        _ => !is_software,
+    }
+}
 
 impl Executor {
     /// Finds the pairs of the spheres of this memory, which belong to `owner`, as
@@ -90,7 +102,7 @@ impl Executor {
     }
 
     /// The plan of a frame of so many spheres that goes to the GPU; `None` for one that does not: also where
-    /// an engine of the GPU is asked for that does not decide so many on this adapter.
+    /// an engine of the GPU is asked for that does not take so many on this adapter.
     ///
     /// The spheres are not looked at. The GPU gets what it does sooner than the CPU would cull as many
     /// boxes at best, which it culls in less time than spheres.
@@ -109,9 +121,8 @@ impl Executor {
         let share = SPHERE_BYTES as f64 / AABB_BYTES as f64;
         let gpu = gpu.map(|cost| GpuCost { ns_a_box: share * cost.ns_a_box, ..cost });
         let plan = self.plan_unseen(&SceneStats::at_best(n, options.last_pairs), gpu, options);
-        let is_decided =
-            !is_software || (plan.engine == EngineName::GpuBrute && n.get() <= SOFTWARE_SPHERES);
-        (plan.engine.is_gpu() && is_decided).then_some(plan)
+        let is_taken = plan.engine.is_gpu() && takes_spheres(plan.engine, len, is_software);
+        is_taken.then_some(plan)
     }
 
     fn cull_spheres_there(
