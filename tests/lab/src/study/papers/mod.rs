@@ -1,9 +1,9 @@
 //! The papers, complete: every table and figure of the four papers, theirs beside ours, what holds
 //! and what breaks.
 //!
-//! The parts: [`measure`] runs the studies, [`records`] reads what earlier runs left ([`shapes`],
-//! [`text`]); one module a paper holds its tables and figures ([`avril2009`], [`avril2012`],
-//! [`avril2014`], [`suaib2015`]) as claims over rows ([`model`]); [`rule`] decides; [`page`] writes.
+//! The parts: `measure` runs the studies, `records` reads what earlier runs left (`shapes`,
+//! `text`); one module a paper holds its tables and figures (`avril2009`, `avril2012`,
+//! `avril2014`, `suaib2015`) as claims over rows (`model`); `rule` decides; `page` writes.
 //!
 //! A verdict is a rule's, never a hand's. A figure that nobody measured is `not measured`.
 
