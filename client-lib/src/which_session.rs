@@ -21,7 +21,7 @@
 //! * A single box that leaves its margin makes [`Margined`] send all. Where a few boxes move far and
 //!   others jitter, take a scene whose boxes have [margins](#margins-a-box).
 //! * Narrow forms save time where boxes cross the link to a GPU. CPU engines expand them first: there they
-//!   save bytes and no time. Spheres are culled by CPU engines only.
+//!   save bytes and no time. Spheres are culled by cores and by a GPU.
 //! * `cargo bench --bench skip` of the repository times scenes beside frames on your machine, by the share
 //!   of boxes that move.
 //!

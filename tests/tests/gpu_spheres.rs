@@ -101,7 +101,7 @@ fn sections(shape: &MaskShape, reply: &HeapReply) -> Vec<u32> {
 }
 
 #[test]
-#[ignore = "near pairs take more rounds of loops than lavapipe allows a thread (GPU.md)"]
+#[ignore = "for a real GPU: near pairs take more rounds than lavapipe allows, see the head of this file"]
 fn small_and_odd_scenes_are_exact() {
     for checks in [Checks::Off, Checks::On] {
         let mut both = Both::new(checks);
@@ -113,7 +113,7 @@ fn small_and_odd_scenes_are_exact() {
 }
 
 #[test]
-#[ignore = "near pairs take more rounds of loops than lavapipe allows a thread (GPU.md)"]
+#[ignore = "for a real GPU: near pairs take more rounds than lavapipe allows, see the head of this file"]
 fn larger_scenes_in_which_many_touch_are_exact() {
     let mut both = Both::new(Checks::Off);
     for (n, side) in [(1_234, 20), (4_097, 40)] {
@@ -124,7 +124,7 @@ fn larger_scenes_in_which_many_touch_are_exact() {
 
 /// Scenes at every scale, from subnormal numbers to the largest, with touching spheres.
 #[test]
-#[ignore = "near pairs take more rounds of loops than lavapipe allows a thread (GPU.md)"]
+#[ignore = "for a real GPU: near pairs take more rounds than lavapipe allows, see the head of this file"]
 fn scenes_of_every_scale_are_exact() {
     let mut both = Both::new(Checks::Off);
     for exponent in [-149, -140, -126, -100, -64, -45, -38, -20, 30, 34, 36, 60, 100, 120] {
@@ -142,7 +142,7 @@ fn scenes_of_every_scale_are_exact() {
 }
 
 #[test]
-#[ignore = "near pairs take more rounds of loops than lavapipe allows a thread (GPU.md)"]
+#[ignore = "for a real GPU: near pairs take more rounds than lavapipe allows, see the head of this file"]
 fn every_tile_shape_is_exact() {
     let spheres = hard_scene(333, 9);
     let truth = truth(&spheres);
@@ -160,7 +160,7 @@ fn every_tile_shape_is_exact() {
 
 /// The CPU is exact; here every pair of a larger hard scene is held to it.
 #[test]
-#[ignore = "near pairs take more rounds of loops than lavapipe allows a thread (GPU.md)"]
+#[ignore = "for a real GPU: near pairs take more rounds than lavapipe allows, see the head of this file"]
 fn large_hard_scenes_have_the_pairs_of_the_cpu() {
     let mut gpu = gpu::engine(AllPairsOptions::default());
     let mut cpu = SphereAllPairs::new();
@@ -191,7 +191,7 @@ fn check_mirror(grid: &mut Grid, spheres: &[Sphere], mirrored: &Mirrored, what: 
 }
 
 #[test]
-#[ignore = "near pairs take more rounds of loops than lavapipe allows a thread (GPU.md)"]
+#[ignore = "for a real GPU: near pairs take more rounds than lavapipe allows, see the head of this file"]
 fn the_grid_has_the_bytes_of_its_mirror() {
     let mut both = Both::new(Checks::Off);
     for n in [2, 33, 345, 1_234] {
@@ -203,7 +203,7 @@ fn the_grid_has_the_bytes_of_its_mirror() {
 }
 
 #[test]
-#[ignore = "near pairs take more rounds of loops than lavapipe allows a thread (GPU.md)"]
+#[ignore = "for a real GPU: near pairs take more rounds than lavapipe allows, see the head of this file"]
 #[should_panic(expected = "section 2")]
 fn the_mirror_notices_one_bit() {
     let mut both = Both::new(Checks::Off);
@@ -355,7 +355,7 @@ fn spheres_are_answered_while_the_device_is_lost_and_after() {
 }
 
 #[test]
-#[ignore = "near pairs take more rounds of loops than lavapipe allows a thread (GPU.md)"]
+#[ignore = "for a real GPU: near pairs take more rounds than lavapipe allows, see the head of this file"]
 fn sessions_have_spheres_culled_by_a_gpu() {
     let name = gpu::name();
     let daemon = TestDaemon::start(DAEMON, &["--gpu", &name]);
@@ -378,7 +378,7 @@ fn sessions_have_spheres_culled_by_a_gpu() {
 
 /// All spheres at one place: too crowded for the grid, so that all pairs answers.
 #[test]
-#[ignore = "near pairs take more rounds of loops than lavapipe allows a thread (GPU.md)"]
+#[ignore = "for a real GPU: near pairs take more rounds than lavapipe allows, see the head of this file"]
 fn a_crowd_is_refused_by_the_grid_and_answered_by_the_cpu_alike() {
     let spheres: Vec<Sphere> = (0..600).map(|_| Sphere::new([1.0, 2.0, 3.0], 0.5)).collect();
     let mut reply = HeapReply::new();
@@ -393,7 +393,7 @@ fn a_crowd_is_refused_by_the_grid_and_answered_by_the_cpu_alike() {
 
 /// A frame made to be slow: every pair is near, and takes all digits. The device has to outlive it.
 #[test]
-#[ignore = "near pairs take more rounds of loops than lavapipe allows a thread (GPU.md)"]
+#[ignore = "for a real GPU: near pairs take more rounds than lavapipe allows, see the head of this file"]
 fn frames_of_near_pairs_alone_are_exact_and_leave_the_device() {
     const SPHERES: usize = 32_768;
     let mut engine = gpu::engine(AllPairsOptions::default());

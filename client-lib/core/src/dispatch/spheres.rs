@@ -91,7 +91,7 @@ impl SphereWays {
         if let EngineChoice::Only(engine) = options.engine
             && engine.is_gpu()
         {
-            let why = "spheres are culled by the engines of the CPU";
+            let why = "no GPU takes these spheres here";
             return Err(CullError::Unavailable { engine, why });
         }
         let (n, limit_words) = (spheres.len(), reply.limit_words());

@@ -55,7 +55,7 @@ pub struct Cull {
     /// Start a daemon for this call and stop it afterwards; --backend and --instance are not used
     #[arg(long)]
     spawn: bool,
-    /// What the file holds. Spheres are always exact, by engines of the CPU
+    /// What the file holds. Spheres are always exact
     #[arg(long, value_enum, default_value_t)]
     shape: Shape,
     /// Precision of the boxes: exact, q16, q8, f16 or margin=X. No pair is missed; all
