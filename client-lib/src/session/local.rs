@@ -30,7 +30,7 @@ pub(super) struct Local {
     replies: Shelf<HeapReply>,
     spares: Spares,
     /// Memory for what queries find, so that it is not mapped for each anew.
-    found: Mutex<Vec<[u32; 2]>>,
+    found: Shelf<Vec<[u32; 2]>>,
     last_pairs: Mutex<Option<u64>>,
 }
 
@@ -134,7 +134,7 @@ impl Local {
             }),
             replies: Shelf::default(),
             spares: Spares::default(),
-            found: Mutex::default(),
+            found: Shelf::default(),
             last_pairs: Mutex::default(),
         }
     }
@@ -196,10 +196,10 @@ impl Local {
     ) -> Result<PairMask, QueryError> {
         let Asked { boxes, tags, encoding, mask } = *asked;
         let (mut memory, threads) = (self.replies.take(), PairScene::threads(scene.scene()));
-        let mut found = std::mem::take(&mut *lock(&self.found));
+        let mut found = self.found.take();
         let find = |found: &mut Vec<[u32; 2]>| scene.query(boxes, tags, found);
         let answer = mask.answer(boxes, encoding, threads, &mut found, &mut memory, find)?;
-        *lock(&self.found) = found;
+        self.found.give(found);
         let written = Written::by(&Precision::Exact);
         Ok(self.mask(memory, mask.n(), &answer, written, settings))
     }

@@ -36,7 +36,7 @@ impl SceneEdits {
                 let mut answer =
                     || query_and_answer(&mut kept, &mut open, request, threads, outbox);
                 // A scene in video memory has work for the pool only where its queries fill a copy of several
-                // threads; to wake one takes longer than what else there is.
+                // threads. Else a thread of it would be woken for nothing.
                 let answered =
                     if threads == 1 || (is_there && request.mask.queries() <= FEW_QUERIES) {
                         answer()

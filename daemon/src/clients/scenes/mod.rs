@@ -21,8 +21,8 @@ const BYTES_A_TAG: u64 = 12;
 /// Bytes that any scene takes: without them, empty ones would be free.
 const BYTES_A_SCENE: u64 = 64 << 10;
 
-/// Most pairs for whose memory a scene keeps room between queries: 8 MiB, which takes about a millisecond to
-/// map. Larger answers take far longer themselves.
+/// Most pairs whose memory a scene keeps between queries: 8 MiB, 2,048 pages. To find more takes far longer than
+/// to map their memory.
 const MOST_KEPT_PAIRS: usize = 1 << 20;
 
 /// A scene of a client.
