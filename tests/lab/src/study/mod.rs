@@ -10,3 +10,4 @@ pub mod papers;
 pub mod spheres;
 pub mod threads;
 pub mod updates;
+pub mod verdict;

@@ -1,22 +1,11 @@
 //! The paper's claims, judged by the figures of a study.
 
 use crate::study::mapping::stage::{Discriminant, Magic, Root, Steps, Variant};
+use crate::study::verdict::Verdict;
 use serde::Serialize;
 
 use super::MappingReport;
 use super::rows::{MapTimeRow, OutputRow, PAPERS_OWN, PairErrorRow, Processor, RootErrorRow};
-
-/// Whether a claim of the paper holds here.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Verdict {
-    /// The claim holds in all measurements.
-    Holds,
-    /// The claim fails in some measurement.
-    Breaks,
-    /// No measurement of the study can decide.
-    NotMeasured,
-}
 
 /// A claim and its verdict.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]

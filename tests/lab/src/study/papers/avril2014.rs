@@ -7,6 +7,7 @@ use super::records::Figures;
 use super::rule::Rule;
 use super::shapes::Threads;
 use super::speed_up::{ALL_PAIRS, Series, without_cores};
+use crate::study::threads::Stage;
 use crate::study::threads::paper::{CORES, PaperScene, SCENES};
 
 const NOTE: &str = "The paper's scenes and numbers of objects; least time of ours. Our cores are virtual \
@@ -20,26 +21,11 @@ const PAIRS_SHARES: [f64; 3] = [59.2, 35.34, 21.56];
 /// Figure 9: speed-up of both stages on 8 cores.
 const OVERALL: f64 = 5.1;
 
-/// One of the two stages.
-#[derive(Clone, Copy)]
-enum Stage {
-    Update,
-    Pairs,
-}
-
-impl Stage {
-    const fn series(self, scene: &PaperScene) -> Series {
-        match self {
-            Self::Update => Series::update(scene.scene.as_str(), scene.n),
-            Self::Pairs => Series::pairs(scene.scene.as_str(), scene.n, ALL_PAIRS),
-        }
-    }
-
-    const fn paper_ms(self, scene: &PaperScene) -> [f64; 4] {
-        match self {
-            Self::Update => scene.update_ms,
-            Self::Pairs => scene.pairs_ms,
-        }
+/// The times of a stage of a scene.
+const fn series(stage: Stage, scene: &PaperScene) -> Series {
+    match stage {
+        Stage::UpdateAabbs => Series::update(scene.scene.as_str(), scene.n),
+        Stage::OverlappingPairs => Series::pairs(scene.scene.as_str(), scene.n, ALL_PAIRS),
     }
 }
 
@@ -56,10 +42,16 @@ pub fn paper(figures: &Figures) -> Paper {
             drawing("Figure 2", "sweep and prune on two axes"),
             drawing("Figure 3", "the parallel algorithm"),
             Item::drawing("Figure 4", "the three scenes of §4", A_SCENE),
-            times(figures, "Figure 5", "time of the boxes' update", Stage::Update),
-            shares(figures, "Figure 6", "the update by cores", Stage::Update, UPDATE_SHARES),
-            times(figures, "Figure 7", "time of the overlapping pairs", Stage::Pairs),
-            shares(figures, "Figure 8", "overlapping pairs by cores", Stage::Pairs, PAIRS_SHARES),
+            times(figures, "Figure 5", "time of the boxes' update", Stage::UpdateAabbs),
+            shares(figures, "Figure 6", "the update by cores", Stage::UpdateAabbs, UPDATE_SHARES),
+            times(figures, "Figure 7", "time of the overlapping pairs", Stage::OverlappingPairs),
+            shares(
+                figures,
+                "Figure 8",
+                "overlapping pairs by cores",
+                Stage::OverlappingPairs,
+                PAIRS_SHARES,
+            ),
             overall(figures),
             drawing("Figure 10", "sweep and prune on one GPU"),
             drawing("Figure 11", "space divided among GPUs"),
@@ -83,8 +75,8 @@ fn label(scene: &PaperScene) -> String {
 fn times(figures: &Figures, place: &'static str, shows: &'static str, stage: Stage) -> Item {
     let one = |threads: Option<&Threads>| {
         let row = |scene: &PaperScene| {
-            let ours = stage.series(scene).ms(threads, 1);
-            Row::new(format!("{}, 1 core", label(scene)), "ms", stage.paper_ms(scene)[0], ours)
+            let ours = series(stage, scene).ms(threads, 1);
+            Row::new(format!("{}, 1 core", label(scene)), "ms", scene.ms(stage)[0], ours)
         };
         SCENES.iter().map(row).collect()
     };
@@ -99,8 +91,8 @@ fn times(figures: &Figures, place: &'static str, shows: &'static str, stage: Sta
         let cores = CORES[column];
         claims.push(ask(figures, claim, Rule::Reaches, cores, |threads| {
             let row = |scene: &PaperScene| {
-                let paper = stage.paper_ms(scene);
-                let ours = stage.series(scene).speed_up(threads, cores);
+                let paper = scene.ms(stage);
+                let ours = series(stage, scene).speed_up(threads, cores);
                 let what = format!("{}, {cores} cores over 1", label(scene));
                 Row::new(what, "times", paper[0] / paper[column], ours)
             };
@@ -120,7 +112,7 @@ fn shares(
 ) -> Item {
     let row = |threads: Option<&Threads>, column: usize| {
         let cores = CORES[column + 1];
-        let ours = stage.series(CUBES).speed_up(threads, cores).map(|times| 100.0 / times);
+        let ours = series(stage, CUBES).speed_up(threads, cores).map(|times| 100.0 / times);
         Row::new(format!("{}, {cores} cores", label(CUBES)), "%", percent[column], ours)
     };
     let two = ask(figures, "two cores take this share of one core's time", Rule::Within, 2, |t| {
@@ -137,7 +129,8 @@ fn overall(figures: &Figures) -> Item {
     let eight =
         ask(figures, "both stages are 5.1 times faster on 8 cores", Rule::Reaches, 8, |t| {
             let both = |cores| {
-                let (update, pairs) = (Stage::Update.series(CUBES), Stage::Pairs.series(CUBES));
+                let (update, pairs) =
+                    (series(Stage::UpdateAabbs, CUBES), series(Stage::OverlappingPairs, CUBES));
                 Some(update.ms(t, cores)? + pairs.ms(t, cores)?)
             };
             let ours = both(1).zip(both(8)).map(|(one, eight)| one / eight);
@@ -153,6 +146,6 @@ fn ask(
     cores: usize,
     rows: impl Fn(Option<&Threads>) -> Vec<Row>,
 ) -> Claim {
-    let missing = without_cores(figures, Stage::Update.series(CUBES), cores);
+    let missing = without_cores(figures, series(Stage::UpdateAabbs, CUBES), cores);
     Question { claim, rule, missing: &missing, note: NOTE }.ask(&figures.threads, rows)
 }

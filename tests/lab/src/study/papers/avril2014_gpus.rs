@@ -114,7 +114,7 @@ pub fn simulation() -> Item {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::study::papers::rule::Verdict;
+    use crate::study::verdict::Verdict;
 
     #[test]
     fn the_scene_that_gains_most_decides() {

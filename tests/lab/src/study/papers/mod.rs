@@ -30,7 +30,6 @@ use pairmaskd::file_error::FileError;
 pub use self::measure::STEPS;
 use self::records::Figures;
 pub use self::report::PapersReport;
-pub use self::rule::Verdict;
 use super::grid::GridError;
 use super::machine::Machine;
 use super::mapping::MappingError;

@@ -3,7 +3,8 @@
 use serde::Serialize;
 
 use super::records::Sourced;
-use super::rule::{Rule, Verdict};
+use super::rule::Rule;
+use crate::study::verdict::Verdict;
 
 /// One figure of a paper beside ours.
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -8,9 +8,9 @@ use serde::Serialize;
 
 use super::model::Paper;
 use super::records::Figures;
-use super::rule::Verdict;
 use super::{PapersError, avril2009, avril2012, avril2014, page, suaib2015};
 use crate::study::machine::Machine;
+use crate::study::verdict::Verdict;
 
 /// The JSON object of `papers --json`. Fields may be added, never changed or taken away.
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -2,31 +2,8 @@
 
 use std::fmt;
 
-use serde::Serialize;
-
 use super::model::{Row, figure};
-
-/// How a claim stands.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Verdict {
-    /// All its figures are there and keep the rule.
-    Holds,
-    /// A figure does not keep the rule.
-    Breaks,
-    /// A figure is missing, and none of the others breaks the rule.
-    NotMeasured,
-}
-
-impl fmt::Display for Verdict {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Holds => "holds",
-            Self::Breaks => "breaks",
-            Self::NotMeasured => "not measured",
-        })
-    }
-}
+use crate::study::verdict::Verdict;
 
 /// Part of the paper's figure by which ours may fall short: medians of two runs differ by as much.
 const SLACK: f64 = 0.1;

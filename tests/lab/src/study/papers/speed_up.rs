@@ -2,6 +2,7 @@
 
 use super::records::Figures;
 use super::shapes::Threads;
+use crate::study::threads::Stage;
 
 /// The engine that compares all pairs, as the papers of 2009 and 2014 do.
 pub const ALL_PAIRS: &str = "cpu-brute";
@@ -30,9 +31,12 @@ impl Series {
     /// take turns on one core say nothing of a core more.
     pub fn ms(self, threads: Option<&Threads>, cores: usize) -> Option<f64> {
         let threads = threads?;
-        let stage = if self.engine.is_some() { "overlapping-pairs" } else { "update-aabbs" };
+        let stage = match self.engine {
+            Some(_) => Stage::OverlappingPairs,
+            None => Stage::UpdateAabbs,
+        };
         let row = threads.rows.iter().find(|row| {
-            row.stage == stage
+            row.stage == stage.as_str()
                 && row.scene == self.scene
                 && row.n == self.n
                 && row.engine.as_deref() == self.engine

@@ -20,6 +20,16 @@ pub struct PaperScene {
     pub pairs_ms: [f64; 4],
 }
 
+impl PaperScene {
+    /// Times of a stage, ms, by [`CORES`].
+    pub const fn ms(&self, stage: Stage) -> [f64; 4] {
+        match stage {
+            Stage::UpdateAabbs => self.update_ms,
+            Stage::OverlappingPairs => self.pairs_ms,
+        }
+    }
+}
+
 /// The scenes of Figure 4.
 pub const SCENES: [PaperScene; 3] = [
     PaperScene {
@@ -46,10 +56,7 @@ pub const SCENES: [PaperScene; 3] = [
 pub fn figures(stage: Stage, scene: SceneName, threads: usize) -> Option<(u64, f64)> {
     let found = SCENES.iter().find(|paper| paper.scene == scene)?;
     let column = CORES.iter().position(|cores| *cores == threads)?;
-    let ms = match stage {
-        Stage::UpdateAabbs => found.update_ms,
-        Stage::OverlappingPairs => found.pairs_ms,
-    };
+    let ms = found.ms(stage);
     Some(((ms[column] * 1e6) as u64, ms[0] / ms[column]))
 }
 

@@ -24,7 +24,8 @@ pub enum Stage {
 }
 
 impl Stage {
-    const fn as_str(self) -> &'static str {
+    /// The stage in reports.
+    pub const fn as_str(self) -> &'static str {
         match self {
             Self::UpdateAabbs => "update-aabbs",
             Self::OverlappingPairs => "overlapping-pairs",

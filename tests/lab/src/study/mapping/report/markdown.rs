@@ -4,10 +4,10 @@ use std::fmt::{Display, Write};
 
 use crate::study::mapping::stage::{Root, Variant};
 
-use super::super::claims::Verdict;
 use super::super::errors::Coverage;
 use super::super::rows::{PairErrorRow, Processor, Scope};
 use super::MappingReport;
+use crate::study::verdict::Verdict;
 
 const PROCESSORS: [Processor; 3] = [Processor::CpuThread, Processor::Cpu, Processor::Gpu];
 
@@ -107,11 +107,10 @@ fn claims(report: &MappingReport, text: &mut String) {
         .iter()
         .map(|claim| {
             let verdict = match claim.verdict {
-                Verdict::Holds => "holds",
-                Verdict::Breaks => "**breaks**",
-                Verdict::NotMeasured => "not measured",
+                Verdict::Breaks => format!("**{}**", claim.verdict),
+                Verdict::Holds | Verdict::NotMeasured => claim.verdict.to_string(),
             };
-            vec![claim.place.into(), claim.claim.into(), verdict.into(), claim.evidence.clone()]
+            vec![claim.place.into(), claim.claim.into(), verdict, claim.evidence.clone()]
         })
         .collect();
     table(text, &header, &rows);

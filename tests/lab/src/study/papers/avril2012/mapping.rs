@@ -123,7 +123,7 @@ pub fn table_2(figures: &Figures) -> Item {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::study::papers::rule::Verdict;
+    use crate::study::verdict::Verdict;
 
     #[test]
     fn the_papers_examples_are_right_and_its_last_number_is_not() {

@@ -5,7 +5,7 @@ use maud::{DOCTYPE, Markup, PreEscaped, html as markup};
 use super::{HOW_TO_READ, cells, made_of};
 use crate::study::papers::model::{Claim, Paper};
 use crate::study::papers::report::PapersReport;
-use crate::study::papers::rule::Verdict;
+use crate::study::verdict::Verdict;
 
 const STYLE: &str = "\
 :root{color-scheme:light dark}\
