@@ -131,6 +131,8 @@ pub struct GridParams {
     pub order_words: u32,
     /// Most work in crowded cells, in 2^20 tests.
     pub budget: u32,
+    /// Most tests of a row.
+    pub row_tests: u32,
 }
 
 /// A level of the grid.
@@ -308,7 +310,7 @@ pub struct SceneParams {
     pub budget: u32,
     /// Queries.
     pub query_count: u32,
-    /// Rounds of all loops of a thread that queries may take.
+    /// Rounds of all loops of a thread that a search may take.
     pub thread_rounds: u32,
 }
 

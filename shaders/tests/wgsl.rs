@@ -211,7 +211,8 @@ fn structs_of_the_grid_lie_in_memory_as_in_rust() {
         Found::ALL.into_iter().flat_map(|found| Share::ALL.map(|share| grid_stages(found, share)));
     for stage in stages.flatten() {
         same_layout!(stage, GridParams, "GridParams" {
-            n, plane, batch_count, super_count, sum_count, capacity, order_words, budget
+            n, plane, batch_count, super_count, sum_count, capacity, order_words, budget,
+            row_tests
         });
     }
     let [cells, _, _, _, pairs, write] = grid_stages(Found::Words, Share::Whole);

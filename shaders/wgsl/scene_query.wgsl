@@ -19,8 +19,6 @@ const TOGETHER: u32 = BATCH_BOXES / QUERY_LANES;
 
 var<workgroup> raw: array<u32, BOX_WORDS * TOGETHER>;
 var<workgroup> pair_counts: array<atomic<u32>, TOGETHER>;
-// Most rounds of loops of a thread so far.
-var<workgroup> most_rounds: atomic<u32>;
 
 // The query at hand: its number, its place among those of the workgroup, its box.
 var<private> number: u32;
@@ -28,16 +26,17 @@ var<private> own: u32;
 var<private> row_lo: vec3<i32>;
 var<private> row_hi: vec3<i32>;
 var<private> tested: u32;
-// Rounds of loops of this thread, since it began.
-var<private> rounds: u32;
 
 // Tests the query against the positions start .. end.
 fn test_run(start: u32, table_end: u32, step: u32) {
     // Whatever the table holds, a run ends.
     let end = min(table_end, params.entry_capacity);
+    let length = (max(end, start) - start + step - 1u) / step;
+    tested += length;
+    if (!may_take_rounds(length)) {
+        return;
+    }
     for (var p = start; p < end; p += step) {
-        tested++;
-        rounds++;
         let a = sorted[2u * p];
         if (all(a.xyz <= row_hi) & (row_lo.x <= a.w)) {
             let b = sorted[2u * p + 1u];
@@ -55,7 +54,6 @@ fn test_level(index: u32, share: u32) {
     let width = grid.levels[index].count.x;
     let height = grid.levels[index].count.y;
     for (var line = share; line < around.len.y * around.len.z; line += QUERY_LANES) {
-        rounds++;
         let z = folded(around.start.z, around.wrapped.z, line / around.len.y);
         let y = folded(around.start.y, around.wrapped.y, line % around.len.y);
         let cell = grid.levels[index].first_cell + (z * height + y) * width;
@@ -79,9 +77,6 @@ fn take_query() -> bool {
 }
 
 fn search(group: u32, groups: u32, lane: u32) {
-    if (lane == 0u) {
-        atomicStore(&most_rounds, 0u);
-    }
     begin_search(lane);
     if (is_too_much != 0u) {
         return;
@@ -114,14 +109,10 @@ fn search(group: u32, groups: u32, lane: u32) {
             test_run(table[grid.first_giant] + share, table[grid.first_nothing], QUERY_LANES);
         }
         count_tests(tested);
-        atomicMax(&most_rounds, rounds);
+        note_rounds();
         workgroupBarrier();
         if (lane < TOGETHER && first + lane < params.query_count) {
             counts[first + lane] = atomicLoad(&pair_counts[lane]);
-        }
-        if (lane == 0u && atomicLoad(&most_rounds) > params.thread_rounds) {
-            // It counts as more tests than are allowed: a software adapter ends loops early.
-            atomicMax(&control[TESTED + 1u], params.budget);
         }
         hand_out(lane);
         workgroupBarrier();

@@ -161,10 +161,12 @@ fn every_form_has_the_bytes_of_the_mirror() {
 fn large_scenes_have_the_pairs_of_the_cpu_grid() {
     let mut gpu = engine(&GridOptions::default());
     let binding = gpu.gpu().limits().storage_binding_bytes;
+    // More in one place is more than a software adapter gets through (`gpu_crowds`).
+    let crowd = if gpu.gpu().limits().thread_rounds == u32::MAX { 6_000 } else { 3_800 };
     let mut cpu = CpuGrid::new();
     for scene in stress_scenes::ALL {
         let quadratic = scene.overlaps() == stress_scenes::Overlaps::Quadratic;
-        for n in if quadratic { [3000, 6000] } else { [10_000, 20_000] } {
+        for n in if quadratic { [3_000, crowd] } else { [10_000, 20_000] } {
             let boxes = scene.boxes(n, 13);
             let (expected, expected_reply) = cull(&mut cpu, &boxes, Encoding::Sparse);
             let sorted = |report: &CullReport, reply: &HeapReply| {
@@ -279,17 +281,18 @@ fn a_list_beyond_a_binding_is_left_to_all_pairs() {
         // The scene would be another, and its list gigabytes.
         return;
     }
-    let fits = |n: u64| 8 * (n * (n - 1) / 2) <= binding;
-    let most = (2..10_000).take_while(|n| fits(*n)).last().expect("two boxes do");
-    let same = |n: u64| vec![Aabb { min: [0.0; 3], max: [1.0; 3] }; n as usize];
+    let neighbours = 200;
+    let pairs =
+        |n: u32| u64::from(n) * u64::from(neighbours) - BoxCount::new(neighbours + 1).pair_count();
+    let most = (neighbours..).take_while(|n| 8 * pairs(*n) <= binding).last().expect("some do");
     let mut reply = HeapReply::new();
     let mut frame = |n| {
-        let boxes = same(n);
+        let boxes = chain(n, neighbours);
         engine.cull(&CullInput::boxes(&boxes).encoding(Encoding::List), &mut reply)
     };
     assert!(matches!(frame(most + 1), Err(CullError::TooCrowded { .. })));
     let report = frame(most).expect("a list");
-    assert_eq!(report.pair_count, most * (most - 1) / 2);
+    assert_eq!(report.pair_count, pairs(most));
     assert_eq!(report.shape, MaskShape::list(report.pair_count));
 }
 

@@ -221,6 +221,7 @@ fn params(scene: &Scene) -> SceneParams {
         slots: scene.now.len() as u32,
         epoch_low: EPOCH as u32,
         epoch_high: (EPOCH >> 32) as u32,
+        thread_rounds: u32::MAX,
         ..SceneParams::default()
     }
 }
@@ -803,13 +804,8 @@ fn check_query(bench: &Bench, stage: &ComposedStage, are_entries: bool) -> Resul
         // Once without room for all.
         let room = if seed % 5 == 0 { expected.len() / 2 } else { expected.len() + 3 };
         let query_count = queries.len() as u32;
-        let params = SceneParams {
-            pair_capacity: room as u32,
-            budget: 1,
-            query_count,
-            thread_rounds: u32::MAX,
-            ..search.params
-        };
+        let params =
+            SceneParams { pair_capacity: room as u32, budget: 1, query_count, ..search.params };
         // Counts go up from zero, or are written.
         let (of_stage, count) = if are_entries {
             (cells[2].clone(), 0)
@@ -892,27 +888,38 @@ fn boxes_find_the_queries_that_are_entries() {
     }
 }
 
+/// In both ways of queries; entries of an edit take the same way as records that are queries.
 #[test]
-fn queries_with_more_rounds_than_a_thread_may_have_are_too_much() {
+fn a_search_with_more_rounds_than_a_thread_may_have_is_too_much() {
     let bench = Bench::new();
     let [cells_stage, place_stage] = [SceneStage::Cells, SceneStage::Place].map(composed);
-    let search = Search::of_mode(700, 4, SceneMode::All);
-    let cells = bench.run(&cells_stage, &search.before, 2);
-    let placed = place(&bench, &place_stage, &search, &cells);
     let everything = Aabb { min: [-1e6; 3], max: [1e6; 3] };
-    for (thread_rounds, is_too_much) in [(1_000, false), (5, true)] {
-        let params = SceneParams {
-            pair_capacity: 1_000,
-            budget: 9,
-            query_count: 1,
-            thread_rounds,
-            ..search.params
-        };
-        let of_stage = [bytemuck::cast_slice(&[everything]).to_vec(), vec![UNTOUCHED; 8]];
-        let before = query_bindings(&params, &cells, &placed, of_stage, 1_000);
-        let after = bench.run(&composed(SceneStage::Query), &before, 1);
-        // The high word of the tests.
-        assert_eq!(after[8][5] >= params.budget, is_too_much, "{thread_rounds}");
+    for (stage, mode) in
+        [(SceneStage::Query, SceneMode::All), (SceneStage::QueryRows, SceneMode::Query)]
+    {
+        let search = Search::of_mode(700, 4, mode);
+        let cells = bench.run(&cells_stage, &search.before, 2);
+        let placed = place(&bench, &place_stage, &search, &cells);
+        for (thread_rounds, is_too_much) in [(3_000, false), (40, true)] {
+            let params = SceneParams {
+                pair_capacity: 1_000,
+                budget: 9,
+                query_count: 1,
+                thread_rounds,
+                ..search.params
+            };
+            let of_stage = if stage == SceneStage::Query {
+                bytemuck::cast_slice(&[everything]).to_vec()
+            } else {
+                cells[2].clone()
+            };
+            let of_stage = [of_stage, vec![UNTOUCHED; 710]];
+            let before = query_bindings(&params, &cells, &placed, of_stage, 1_000);
+            let after = bench.run(&composed(stage), &before, 1);
+            // The high word of the tests.
+            let is_said = after[8][5] >= params.budget;
+            assert_eq!(is_said, is_too_much, "{stage:?}, {thread_rounds}");
+        }
     }
 }
 

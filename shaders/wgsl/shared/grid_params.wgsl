@@ -17,6 +17,8 @@ struct GridParams {
     order_words: u32,
     // Crowded cells beyond this many 2^20 tests are left to another engine.
     budget: u32,
+    // Most tests of a row: a scene that asks for more is left to another engine.
+    row_tests: u32,
 }
 
 var<immediate> params: GridParams;

@@ -46,6 +46,9 @@ var<workgroup> tested_high: atomic<u32>;
 var<workgroup> is_too_much: u32;
 var<workgroup> is_last: u32;
 
+// Rounds of loops of this thread, since it began.
+var<private> rounds: u32;
+
 // What all lanes do first. It ends with a barrier.
 fn begin_search(lane: u32) {
     if (lane == 0u) {
@@ -93,6 +96,20 @@ fn count_tests(tested: u32) {
         if (before + tested < before) {
             atomicAdd(&tested_high, 1u);
         }
+    }
+}
+
+// Whether the thread may go through a loop so many times. A software adapter ends loops early, silently.
+fn may_take_rounds(more: u32) -> bool {
+    // Of the loops around it, too: over runs, lines and levels.
+    rounds += more + 4u;
+    return rounds <= params.thread_rounds;
+}
+
+// Rounds that were not taken count as more tests than are allowed.
+fn note_rounds() {
+    if (rounds > params.thread_rounds) {
+        atomicMax(&control[TESTED + 1u], params.budget);
     }
 }
 

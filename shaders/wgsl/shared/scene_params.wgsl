@@ -32,7 +32,7 @@ struct SceneParams {
     budget: u32,
     // Queries.
     query_count: u32,
-    // Rounds of all loops of a thread that queries may take.
+    // Rounds of all loops of a thread that a search may take.
     thread_rounds: u32,
 }
 

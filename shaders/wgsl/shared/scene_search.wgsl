@@ -36,7 +36,11 @@ var<private> tested: u32;
 fn test_run(start: u32, table_end: u32) {
     // Whatever the table holds, a run ends.
     let end = min(table_end, params.entry_capacity);
-    tested += max(end, start) - start;
+    let length = max(end, start) - start;
+    tested += length;
+    if (!may_take_rounds(length)) {
+        return;
+    }
     for (var p = start; p < end; p++) {
         let a = sorted[2u * p];
         if (all(a.xyz <= row_hi) & (row_lo.x <= a.w)) {
@@ -141,6 +145,8 @@ fn passes(level: u32, lo: array<vec3<i32>, ROWS_TOGETHER>, hi: array<vec3<i32>, 
 
 // Looks at four rows a thread from `first` on, and queues those that may overlap an entry.
 fn queue_rows(first: u32, lane: u32, has_giants: bool) {
+    // The levels of four rows, and later those of a queued one.
+    rounds += 2u * GRID_LEVELS;
     let slots = vec4<u32>(first + lane) + BATCH_BOXES * vec4<u32>(0u, 1u, 2u, 3u);
     // All four are fetched at once, also those that are no rows.
     let at = min(slots, vec4<u32>(params.slots - 1u));
@@ -282,6 +288,7 @@ fn search(group: u32, groups: u32, lane: u32) {
         }
         test_run(giant_start, entry_count);
         count_tests(tested);
+        note_rounds();
         workgroupBarrier();
         let decided = min(atomicLoad(&candidate_count), CANDIDATES);
         for (var i = lane; i < decided; i += BATCH_BOXES) {

@@ -33,7 +33,13 @@ pub struct GpuLimits {
     pub timestamp_period_ns: f32,
     /// Whether stages may use 64-bit integers.
     pub int64: bool,
+    /// Rounds of all its loops that a thread may take; [`u32::MAX`] where there is no limit.
+    pub thread_rounds: u32,
 }
+
+/// [`GpuLimits::thread_rounds`] of a software adapter. lavapipe ends all loops of a thread after 65,535 rounds
+/// together, silently, and runs eight threads side by side, each of which may keep the others waiting.
+const SOFTWARE_THREAD_ROUNDS: u32 = 65_535 / 8;
 
 /// Submissions that may be under way at a time: the CPU gets the next one ready while the device works.
 pub const SUBMISSIONS: usize = 2;
@@ -206,6 +212,7 @@ impl Gpu {
                 .is_some(),
             timestamp_period_ns: properties.limits.timestamp_period,
             int64: features.contains(wgpu::Features::SHADER_INT64),
+            thread_rounds: if info.is_software() { SOFTWARE_THREAD_ROUNDS } else { u32::MAX },
         };
         let uuid = u128::from_be_bytes(properties.pipeline_cache_uuid);
         let cache_key = format!(

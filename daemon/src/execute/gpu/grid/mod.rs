@@ -287,7 +287,13 @@ impl Grid {
         self.gpu.health().check().map_err(|e| self.gpu.cull_error(ENGINE, &e))?;
         let limit = reply.limit_words();
         let room = plan::room(n, found, limit).ok_or_else(|| no_room(n, found, limit))?;
-        Ok((n, Capacity::expected(n, found, self.tools.last_found.of(found), room)))
+        Ok((n, self.capacity(n, found, self.tools.last_found.of(found), room)))
+    }
+
+    /// Room for as many items as the last frame had, and for more as far as the reply stays one binding.
+    fn capacity(&self, n: BoxCount, found: Found, last_items: u64, room: u64) -> Capacity {
+        let bound = plan::room(n, found, self.tools.binding_bytes / 4).unwrap_or(0);
+        Capacity::expected(n, found, last_items, room.min(bound.max(last_items)))
     }
 
     /// Waits for a frame and gives its memory back. The memory is `None` where the GPU keeps it, after
@@ -330,7 +336,7 @@ impl Grid {
                         let needed = Sizes::of(n).reply_words(Capacity { found, items });
                         return Err(refusal(needed, limit).into());
                     };
-                    let capacity = Capacity::expected(n, found, items, room);
+                    let capacity = self.capacity(n, found, items, room);
                     let of = (objects, marks.as_ref());
                     workspace.begin(&mut self.tools, n, of, reply, capacity, false)?;
                 }

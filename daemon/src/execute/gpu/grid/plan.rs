@@ -5,7 +5,7 @@ use pairmask_core::BoxCount;
 use pairmask_core::mask::{MaskShape, SECTION_ALIGN_WORDS, Span};
 use pairmask_shaders::Found;
 use pairmask_shaders::constants::{
-    BATCH_BOXES, CONTROL_HEADER_WORDS, SCAN_CELLS, SUPER_BATCHES, SUPERS_MOST,
+    BATCH_BOXES, CONTROL_HEADER_WORDS, GRID_LEVELS, SCAN_CELLS, SUPER_BATCHES, SUPERS_MOST,
 };
 use pairmask_shaders::layouts::GridParams;
 
@@ -14,6 +14,10 @@ use super::layout::cells_most;
 /// Most boxes: batches are numbered along one dimension of a dispatch, and a slot has
 /// `LEVEL_SHIFT` bits.
 pub const MAX_BOXES: u64 = 65_535 * BATCH_BOXES as u64;
+
+/// Rounds of a row's walk that are no tests, at the most: a level has 9 lines of cells around a row, which take 13
+/// rounds, and the workgroup has a few loops of its own.
+const OTHER_ROUNDS: u32 = 16 * GRID_LEVELS;
 
 /// Most work in crowded cells, and of giants, in 2^20 tests: 17 thousand million tests take an H200
 /// tens of milliseconds. More is left to the all-pairs engine, which does such scenes faster.
@@ -103,8 +107,9 @@ impl Sizes {
         }
     }
 
-    /// What every stage is told. The capacity's reply fits a binding.
-    pub const fn params(&self, capacity: Capacity) -> GridParams {
+    /// What every stage is told, for a thread that may go through its loops `thread_rounds` times. The capacity's
+    /// reply fits a binding.
+    pub const fn params(&self, capacity: Capacity, thread_rounds: u32) -> GridParams {
         GridParams {
             n: self.n,
             plane: self.plane(),
@@ -114,6 +119,8 @@ impl Sizes {
             capacity: capacity.items as u32,
             order_words: self.order_words() as u32,
             budget: BUDGET,
+            // A row is walked twice where its batch finds more words than the workgroup keeps.
+            row_tests: thread_rounds / 2 - OTHER_ROUNDS,
         }
     }
 }

@@ -25,6 +25,8 @@ pub(super) struct Recording<'a> {
     pub(super) reply: &'a Part,
     /// The rules of the boxes, if the frame has any.
     pub(super) rules: Option<&'a RuleBlocks>,
+    /// Rounds of loops that a thread may take.
+    pub(super) thread_rounds: u32,
 }
 
 impl Recording<'_> {
@@ -129,10 +131,11 @@ impl Recording<'_> {
         if let Some(rules) = self.rules {
             parts.extend(rules.parts(stage));
         }
+        let params = self.sizes.params(self.capacity, self.thread_rounds);
         Ok(Command::Stage {
             pipeline: pipelines.get(Stage::Grid(stage))?,
             parts,
-            immediates: bytemuck::bytes_of(&self.sizes.params(self.capacity)).to_vec(),
+            immediates: bytemuck::bytes_of(&params).to_vec(),
             groups: [groups, 1],
         })
     }

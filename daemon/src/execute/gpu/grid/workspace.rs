@@ -109,7 +109,7 @@ pub(super) struct Placed {
 }
 
 impl Placed {
-    pub(super) fn recording(&self) -> Recording<'_> {
+    pub(super) fn recording(&self, gpu: &Gpu) -> Recording<'_> {
         Recording {
             sizes: Sizes::of(self.n),
             capacity: self.capacity,
@@ -117,6 +117,7 @@ impl Placed {
             boxes: self.ahead.as_ref().unwrap_or(&self.boxes),
             reply: &self.mask.part,
             rules: self.rules.as_ref(),
+            thread_rounds: gpu.limits().thread_rounds,
         }
     }
 }
@@ -206,7 +207,7 @@ impl Workspace {
         let (is_behind, layout, marks) = (false, None, None);
         let wanted = Wanted { n, objects, mask, capacity, is_behind, layout, marks };
         let placed = self.place(tools, &wanted)?;
-        let steps = placed.recording().steps(&mut tools.pipelines);
+        let steps = placed.recording(&tools.gpu).steps(&mut tools.pipelines);
         let steps = steps.map_err(|e| tools.gpu.cull_error(ENGINE, &e))?;
         // A frame that does not end leaves its blocks as they are.
         self.unclean = true;
@@ -422,7 +423,7 @@ fn recorded<'a>(
     placed: &Placed,
     phase: Phase,
 ) -> Result<&'a mut Frame, GpuError> {
-    let recording = placed.recording();
+    let recording = placed.recording(&tools.gpu);
     let read = recording.boxes;
     let key = FrameKey {
         n: recording.sizes.n,

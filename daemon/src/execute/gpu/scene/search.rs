@@ -21,10 +21,6 @@ use crate::execute::gpu::pipeline::{Pipeline, Pipelines};
 /// Most tests of a search, in 2^32: 17 thousand million take an H200 tens of milliseconds. A scene that
 /// crowds more in one place is another engine's.
 pub(super) const BUDGET: u32 = 4;
-/// Most rounds of all loops of a thread of queries: on a real GPU, and on a software adapter. lavapipe ends all
-/// loops of a thread after 65,535 rounds together, and runs eight threads side by side, each of which may keep the
-/// others waiting. Queries that need more are another engine's.
-const THREAD_ROUNDS: [u32; 2] = [u32::MAX, 65_535 / 8];
 /// Recorded frames that are kept: an edit alternates among few kinds, and few loans of a client.
 const KEPT_FRAMES: usize = 16;
 /// Threads that look for the boxes of a query, as in `scene_query`.
@@ -201,7 +197,7 @@ impl Task<'_> {
                 Search::Queries(queries) => queries.count,
                 Search::Nothing | Search::Pairs => 0,
             },
-            thread_rounds: THREAD_ROUNDS[usize::from(tools.gpu.info().is_software())],
+            thread_rounds: tools.gpu.limits().thread_rounds,
         }
     }
 
