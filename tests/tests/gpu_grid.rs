@@ -284,7 +284,8 @@ fn a_list_beyond_a_binding_is_left_to_all_pairs() {
     let neighbours = 200;
     let pairs =
         |n: u32| u64::from(n) * u64::from(neighbours) - BoxCount::new(neighbours + 1).pair_count();
-    let most = (neighbours..).take_while(|n| 8 * pairs(*n) <= binding).last().expect("some do");
+    let most =
+        (neighbours..1 << 20).take_while(|n| 8 * pairs(*n) <= binding).last().expect("some do");
     let mut reply = HeapReply::new();
     let mut frame = |n| {
         let boxes = chain(n, neighbours);

@@ -1,4 +1,4 @@
-//! Every WGSL file of the mapping study resolves, validates and agrees with the Rust side.
+//! Every WGSL file of the studies resolves, validates and agrees with the Rust side.
 
 use std::collections::BTreeSet;
 use std::mem::offset_of;
@@ -10,28 +10,34 @@ use pairmask_lab::study::mapping::layouts::{
     RootParams, RootTally,
 };
 use pairmask_lab::study::mapping::stage::MappingStage;
+use pairmask_lab::study::stage_bench::StudyStage;
+use pairmask_lab::study::sweep::layouts::SweepParams;
+use pairmask_lab::study::sweep::stage::SweepStage;
 use pairmask_shaders::constants::BATCH_BOXES;
 
-fn module(stage: MappingStage) -> naga::Module {
+fn module(stage: impl StudyStage) -> naga::Module {
     let text = stage.composed().expect("composes").wgsl;
     naga::front::wgsl::parse_str(&text)
         .unwrap_or_else(|e| panic!("{}: {}", stage.label(), e.emit_to_string(&text)))
+}
+
+fn validates(stage: impl StudyStage) {
+    let module = module(stage);
+    let capabilities = Capabilities::IMMEDIATES | Capabilities::SHADER_INT64;
+    Validator::new(ValidationFlags::all(), capabilities)
+        .validate(&module)
+        .unwrap_or_else(|e| panic!("{}: {e:?}", stage.label()));
+    let entry = &module.entry_points[0];
+    assert_eq!((module.entry_points.len(), entry.name.as_str()), (1, "main"));
+    assert_eq!(entry.workgroup_size, [BATCH_BOXES, 1, 1], "{}", stage.label());
 }
 
 #[test]
 fn every_form_of_every_stage_validates() {
     let forms = MappingStage::all_forms();
     assert_eq!(forms.len(), 25 * 2 * 3 + 9 * 2 + 4);
-    for stage in forms {
-        let module = module(stage);
-        let capabilities = Capabilities::IMMEDIATES | Capabilities::SHADER_INT64;
-        Validator::new(ValidationFlags::all(), capabilities)
-            .validate(&module)
-            .unwrap_or_else(|e| panic!("{}: {e:?}", stage.label()));
-        let entry = &module.entry_points[0];
-        assert_eq!((module.entry_points.len(), entry.name.as_str()), (1, "main"));
-        assert_eq!(entry.workgroup_size, [BATCH_BOXES, 1, 1], "{}", stage.label());
-    }
+    forms.into_iter().for_each(validates);
+    SweepStage::ALL.into_iter().for_each(validates);
 }
 
 #[test]
@@ -44,8 +50,9 @@ fn every_file_belongs_to_a_stage() {
             .filter_map(|name| name.strip_suffix(".wgsl").map(str::to_owned))
             .collect()
     };
-    let stages: BTreeSet<String> =
-        MappingStage::ALL.iter().map(|stage| stage.label().to_owned()).collect();
+    let of_sweep = SweepStage::ALL.iter().map(|stage| stage.label().to_owned());
+    let of_mapping = MappingStage::ALL.iter().map(|stage| stage.label().to_owned());
+    let stages: BTreeSet<String> = of_mapping.chain(of_sweep).collect();
     assert_eq!(names(&folder), stages);
     let used = [
         "pair_ids",
@@ -60,26 +67,32 @@ fn every_file_belongs_to_a_stage() {
         "map_fold",
         "map_word_step",
         "map_lazy",
+        "sweep_params",
+        "sweep_digits",
     ];
     assert_eq!(names(&folder.join("shared")), BTreeSet::from(used.map(str::to_owned)));
 }
 
+fn binds(stage: impl StudyStage) {
+    let bound: BTreeSet<(u32, u32)> = module(stage)
+        .global_variables
+        .iter()
+        .filter_map(|(_, variable)| variable.binding)
+        .map(|b| (b.group, b.binding))
+        .collect();
+    let count = stage.composed().expect("composes").binding_count;
+    let expected: BTreeSet<_> = (0..count).map(|b| (0, b)).collect();
+    assert_eq!(bound, expected, "{}", stage.label());
+}
+
 #[test]
 fn bindings_are_numbered_from_zero_and_counted() {
-    for stage in MappingStage::all_forms() {
-        let bound: BTreeSet<(u32, u32)> = module(stage)
-            .global_variables
-            .iter()
-            .filter_map(|(_, variable)| variable.binding)
-            .map(|b| (b.group, b.binding))
-            .collect();
-        let expected: BTreeSet<_> = (0..stage.binding_count()).map(|b| (0, b)).collect();
-        assert_eq!(bound, expected, "{}", stage.label());
-    }
+    MappingStage::all_forms().into_iter().for_each(binds);
+    SweepStage::ALL.into_iter().for_each(binds);
 }
 
 /// Compares a Rust struct with the WGSL struct of the same name: size, members, offsets.
-fn same_layout(stage: MappingStage, name: &str, size: usize, members: &[(&str, usize)]) {
+fn same_layout(stage: impl StudyStage, name: &str, size: usize, members: &[(&str, usize)]) {
     let module = module(stage);
     let (reflected, span) = module
         .types
@@ -133,6 +146,30 @@ fn structs_lie_in_memory_as_in_rust() {
     same_layout!(root_errors, RootTally { other, inexact });
     for stage in [mask, mask_or] {
         same_layout!(stage, MaskParams { n, pair_count, thread_count, groups_x });
+    }
+    for stage in SweepStage::ALL {
+        same_layout!(
+            stage,
+            SweepParams {
+                n,
+                entry_capacity,
+                pair_capacity,
+                axes,
+                place_bits,
+                tube_bits_0,
+                tube_bits_1,
+                pass_number,
+                shift,
+                tiles,
+                thread_rounds,
+                origin_0,
+                origin_1,
+                origin_2,
+                scale_0,
+                scale_1,
+                scale_2
+            }
+        );
     }
 }
 

@@ -13,6 +13,7 @@ use crate::gpu_stages::BenchError;
 use crate::study::grid::GridError;
 use crate::study::mapping::MappingError;
 use crate::study::papers::PapersError;
+use crate::study::sweep::SweepStudyError;
 use crate::study::threads::ThreadsError;
 
 /// Why a measurement failed.
@@ -34,6 +35,8 @@ pub enum LabError {
     Mapping(#[from] MappingError),
     #[error(transparent)]
     Grid(#[from] GridError),
+    #[error(transparent)]
+    Sweep(#[from] SweepStudyError),
     #[error(transparent)]
     Stages(#[from] BenchError),
     #[error(transparent)]

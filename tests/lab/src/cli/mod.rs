@@ -15,6 +15,7 @@ mod shape;
 mod spheres;
 mod stress;
 mod stress_client;
+mod sweep;
 mod threads;
 
 use std::process::ExitCode;
@@ -45,6 +46,7 @@ Examples:
   pairmask-lab threads --threads 1,2,4         speed-up by threads
   pairmask-lab mapping --quick                 ways from a pair's number to the pair
   pairmask-lab grid --gpu software --quick     the GPU's grid, stage by stage
+  pairmask-lab sweep --gpu software --quick    sweep and prune on the GPU beside the grid
   pairmask-lab gpu-scene --moving 1 --stages   scenes that persist in video memory
   pairmask-lab spheres --errors                what plain f32 gets wrong
   pairmask-lab papers --only-records           the papers' tables and figures, theirs beside ours
@@ -59,6 +61,7 @@ enum Command {
     Accuracy(accuracy::Accuracy),
     Mapping(mapping::Mapping),
     Grid(grid::Grid),
+    Sweep(sweep::Sweep),
     GpuScene(gpu_scene::GpuSceneBench),
     Plan(plan::PlanBench),
     Threads(threads::ThreadsBench),
@@ -87,6 +90,7 @@ fn run(cli: &Cli) -> Result<(), LabError> {
         Command::Accuracy(accuracy) => Ok(accuracy.run(place, &config)?),
         Command::Mapping(mapping) => mapping.run(&config),
         Command::Grid(grid) => grid.run(&config),
+        Command::Sweep(sweep) => sweep.run(&config),
         Command::GpuScene(scene) => scene.run(&config),
         Command::Plan(plan) => plan.run(place, &config),
         Command::Threads(threads) => threads.run(),

@@ -9,6 +9,7 @@ const PAIRMASK_LAB: Shape = Shape {
     without_use: &[
         ("mapping", &["instance", "runtime_dir", "calibration", "isa"]),
         ("grid", &["instance", "runtime_dir", "calibration", "isa"]),
+        ("sweep", &["instance", "runtime_dir", "calibration", "isa"]),
         ("gpu-scene", &["instance", "runtime_dir", "calibration", "isa"]),
         ("plan", &["instance", "runtime_dir"]),
         ("threads", ALL),

@@ -10,7 +10,7 @@ use pairmask_core::{Aabb, BoxCount, Encoding};
 use pairmask_shaders::Found;
 use pairmaskd::execute::gpu::{
     AllPairs, AllPairsOptions, Capacity, Gpu, Grid, GridOptions, GridUnderWay, SUBMISSIONS,
-    SharedImports, Sizes, cell_count,
+    SharedImports, Sizes, StepTime, cell_count,
 };
 use pairmaskd::scene::{Scene, SceneName};
 use serde::Serialize;
@@ -251,6 +251,70 @@ impl FrameTimer {
         // The first half warms up.
         Ok(percentile(times.split_off(times.len() / 2), 50))
     }
+}
+
+/// An engine that tells the times of its last frame's steps.
+trait Stepped: Engine {
+    fn step_times(&self) -> &[StepTime];
+}
+
+impl Stepped for Grid {
+    fn step_times(&self) -> &[StepTime] {
+        self.step_times()
+    }
+}
+
+impl Stepped for AllPairs {
+    fn step_times(&self) -> &[StepTime] {
+        self.step_times()
+    }
+}
+
+impl<E: Stepped> Rig<E> {
+    /// The report of a frame of unmoved boxes, and the median of the GPU's time for all of its stages, µs.
+    fn gpu_time(&mut self, n: u32, budget: Duration) -> Result<(CullReport, f64), BenchError> {
+        let mut times = Vec::new();
+        let started = Instant::now();
+        loop {
+            let report = self.frame(n)?;
+            times.push(self.engine.step_times().iter().map(|step| step.ns / 1e3).sum());
+            if times.len() >= ROUNDS && started.elapsed() >= budget {
+                // The first half warms up.
+                return Ok((report, percentile(times.split_off(times.len() / 2), 50)));
+            }
+        }
+    }
+}
+
+/// A list of pairs of the grid, boxes and reply in shared memory: the frame's report, and the median of the GPU's
+/// time, µs.
+///
+/// # Errors
+/// [`BenchError`]; [`CullError::TooCrowded`](pairmask_core::engine::CullError) for scenes that are another engine's.
+pub fn grid_time(
+    gpu: &Arc<Gpu>,
+    boxes: &[Aabb],
+    budget: Duration,
+) -> Result<(CullReport, f64), BenchError> {
+    Rig::grid(gpu, boxes, Encoding::List, true)?.gpu_time(boxes.len() as u32, budget)
+}
+
+/// The same of all pairs.
+///
+/// # Errors
+/// [`BenchError`].
+pub fn all_pairs_time(
+    gpu: &Arc<Gpu>,
+    boxes: &[Aabb],
+    budget: Duration,
+) -> Result<(CullReport, f64), BenchError> {
+    let imports = SharedImports::default();
+    let options =
+        AllPairsOptions { profiled: true, imports: imports.clone(), ..AllPairsOptions::default() };
+    let engine = AllPairs::new(gpu, options)?;
+    let words = reply_words(boxes.len());
+    Rig::new(engine, gpu, &imports, boxes, words, Encoding::List)?
+        .gpu_time(boxes.len() as u32, budget)
 }
 
 /// Frames a second of unmoved boxes, with 1 or 2 frames under way at a time.

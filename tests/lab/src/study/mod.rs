@@ -8,6 +8,8 @@ pub mod mapping;
 pub mod moving;
 pub mod papers;
 pub mod spheres;
+pub mod stage_bench;
+pub mod sweep;
 pub mod threads;
 pub mod updates;
 pub mod verdict;

@@ -16,6 +16,7 @@ fn a_mistake_is_told_in_one_line() {
         ("stress --clients 2 --engine gpu-grid", 1, "nothing to ask the daemon for"),
         ("stress --clients 2 --instance nobody", 1, "no daemon serves instance 'nobody'"),
         ("grid --n x", 2, "'x' for --n: must be a whole number"),
+        ("sweep --n x", 2, "'x' for --n: must be a whole number"),
         ("accuracy --compare absent", 1, "absent: there is no such file"),
         ("accuracy --out boxes.f32", 1, "boxes.f32: it is no directory"),
         ("accuracy --gpu 99 --n 10 --mapping none", 1, "no GPU fits '99'"),
@@ -39,6 +40,7 @@ fn help_lists_what_works() {
             &["stress-client"][..],
         ),
         ("grid --help", &["--gpu"], &["--instance", "--calibration"]),
+        ("sweep --help", &["--gpu"], &["--instance", "--calibration"]),
         ("--help", &["stress", "accuracy"], &["serve", "stress-client"]),
     ] {
         let words: Vec<&str> = line.split_whitespace().collect();

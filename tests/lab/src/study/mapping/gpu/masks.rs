@@ -92,8 +92,8 @@ pub fn run(
     let mut frame = bench.frame(steps)?;
     let (mut uploads, mut kernels, mut transfers) = (Vec::new(), Vec::new(), Vec::new());
     median_ms(budget, || {
-        let ns = bench.run(&mut frame)?;
-        let ms = |step: usize| ns.get(step).copied().unwrap_or(f64::NAN) * 1e-6;
+        let steps = bench.run(&mut frame)?;
+        let ms = |step: usize| steps.get(step).map_or(f64::NAN, |step| step.ns * 1e-6);
         uploads.push(ms(1));
         kernels.push(ms(2));
         transfers.push(ms(3));

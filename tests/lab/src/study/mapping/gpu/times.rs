@@ -78,7 +78,7 @@ fn timed<P: bytemuck::Pod>(
         let mut trial = bench.frame(vec![step])?;
         // The first run compiles and wakes the device.
         bench.run(&mut trial)?;
-        let ns: f64 = bench.run(&mut trial)?.iter().sum();
+        let ns: f64 = bench.run(&mut trial)?.iter().map(|step| step.ns).sum();
         let expected_s = ns * 1e-9 * (words as f64 / TRIAL_WORDS as f64);
         if expected_s > budget.longest_run.as_secs_f64() {
             return Ok(None);
@@ -86,7 +86,8 @@ fn timed<P: bytemuck::Pod>(
     }
     let step = bench.command(stage, &[&sink], &params(groups, words), groups)?;
     let mut frame = bench.frame(vec![step])?;
-    median_ms(budget, || Ok(bench.run(&mut frame)?.iter().sum::<f64>() * 1e-6)).map(Some)
+    let ms = || Ok(bench.run(&mut frame)?.iter().map(|step| step.ns).sum::<f64>() * 1e-6);
+    median_ms(budget, ms).map(Some)
 }
 
 /// Median of as many runs as the budget has time for, after one that is not counted; at least
