@@ -1,6 +1,7 @@
 //! Avril et al. 2014, §5: one GPU against a core, several GPUs against one.
 
 use super::model::{Claim, Item, Question, Row};
+use super::more_gpus::{Parts, Reading};
 use super::records::{Figures, Sourced, on_gpus};
 use super::rule::Rule;
 use super::shapes::TwoGpus;
@@ -14,6 +15,7 @@ const ONE_GPU: f64 = 4.2;
 const TWO_GPUS: f64 = 1.79;
 const FOUR_GPUS: f64 = 3.5;
 
+const TWO_MISSING: &str = "two GPUs of one machine were not measured";
 const FOUR_MISSING: &str = "four GPUs of one machine were not measured";
 
 /// Figure 14: the time of one core, and of one, two and four GPUs.
@@ -29,6 +31,9 @@ pub fn architectures(figures: &Figures) -> Item {
             Row::new("20000 cubes, 2 GPUs over 1", "times", TWO_GPUS, None),
         ),
         large_scenes(figures),
+        more_gpus(figures),
+        four_gpus(figures),
+        all_gpus(figures),
         unmeasured(
             "four GPUs reduce the time of 20,000 cubes by more than 3.5",
             Rule::Reaches,
@@ -87,16 +92,90 @@ fn large_scenes(figures: &Figures) -> Claim {
     Question {
         claim: "in a large scene two GPUs gain as much",
         rule: Rule::Reaches,
-        missing: "two GPUs of one machine were not measured",
+        missing: TWO_MISSING,
         note: "A million boxes and more in place of 20,000, which is to the advantage of two GPUs; a \
                whole round trip through the daemon. The scene that gains most.",
     }
     .ask(&figures.two_gpus, |scenes| {
-        let gain = |scene: &TwoGpus| scene.one_ms / scene.two_ms;
-        let best = scenes.and_then(|s| s.iter().max_by(|a, b| gain(a).total_cmp(&gain(b))));
+        let best = scenes.and_then(|scenes| best(scenes));
         let what = best.map_or_else(String::new, |best| format!("{}, ", best.scene));
         vec![Row::new(format!("{what}2 GPUs over 1"), "times", TWO_GPUS, best.map(gain))]
     })
+}
+
+const SIMULATED: &str = "Simulated, not measured: from the measured parts of one GPU and of two. What two halve, k divide \
+                         by k; each reads all boxes over its own link; each further one costs the host 35 µs. The \
+                         scene that gains most from two.";
+
+/// Speed-up over one GPU: of two measured, of four simulated.
+fn more_gpus(figures: &Figures) -> Claim {
+    Question {
+        claim: "in a large scene, going from one GPU to four gains much",
+        rule: Rule::Rises,
+        missing: TWO_MISSING,
+        note: SIMULATED,
+    }
+    .ask(&figures.two_gpus, |scenes| {
+        let best = scenes.and_then(|scenes| best(scenes));
+        let four = best.map(|best| simulated(best, Reading::All, [1, 4]));
+        let what = best.map_or_else(String::new, |best| format!("{}, ", best.scene));
+        vec![
+            Row::new(format!("{what}2 GPUs over 1, measured"), "times", None, best.map(gain)),
+            Row::new(format!("{what}4 GPUs over 1, simulated"), "times", None, four),
+        ]
+    })
+}
+
+/// Eight GPUs beside four.
+fn all_gpus(figures: &Figures) -> Claim {
+    Question {
+        claim: "all GPUs that there are may not be the fastest",
+        rule: Rule::AtMost(1.0),
+        missing: TWO_MISSING,
+        note: SIMULATED,
+    }
+    .ask(&figures.two_gpus, |scenes| {
+        let best = scenes.and_then(|scenes| best(scenes));
+        let eight = best.map(|best| simulated(best, Reading::All, [4, 8]));
+        vec![Row::new("8 GPUs over 4, simulated", "times", None, eight)]
+    })
+}
+
+/// The same with boxes that would be written slab by slab, beside the paper's figure.
+fn four_gpus(figures: &Figures) -> Claim {
+    Question {
+        claim: "in a large scene four GPUs reduce the time by more than 3.5",
+        rule: Rule::Reaches,
+        missing: TWO_MISSING,
+        note: SIMULATED,
+    }
+    .ask(&figures.two_gpus, |scenes| {
+        let best = scenes.and_then(|scenes| best(scenes));
+        let row = |reading, how: &str| {
+            let gain = best.map(|best| simulated(best, reading, [1, 4]));
+            Row::new(format!("4 GPUs over 1, simulated{how}"), "times", FOUR_GPUS, gain)
+        };
+        vec![
+            row(Reading::All, ""),
+            row(Reading::Slabs, ", if each read its part of the boxes alone"),
+        ]
+    })
+}
+
+/// The scene that gains most from a second GPU.
+fn best(scenes: &Vec<TwoGpus>) -> Option<&TwoGpus> {
+    scenes.iter().max_by(|a, b| gain(a).total_cmp(&gain(b)))
+}
+
+/// Time on some GPUs over that on others, simulated.
+fn simulated(scene: &TwoGpus, reading: Reading, [some, others]: [u32; 2]) -> f64 {
+    let parts = Parts::of(scene, scene.boxes());
+    parts.ms(some, reading) / parts.ms(others, reading)
+}
+
+/// One GPU's time over that of two.
+fn gain(scene: &TwoGpus) -> f64 {
+    scene.one_ms / scene.two_ms
 }
 
 /// Figure 15: the balls' fall, frame by frame, on a core and on GPUs.
@@ -133,5 +212,17 @@ mod tests {
         assert!(claim.why.starts_with("b, 2 GPUs over 1"), "{}", claim.why);
         assert_eq!(large_scenes(&figures(0.5)).verdict, Verdict::Holds);
         assert_eq!(large_scenes(&Figures::default()).verdict, Verdict::NotMeasured);
+        // More GPUs are simulated from the same two figures, and say so.
+        for ask in [more_gpus, four_gpus, all_gpus] {
+            let claim = ask(&figures(0.75));
+            assert!(claim.note.starts_with("Simulated, not measured"), "{}", claim.note);
+            assert!(claim.rows.iter().any(|row| row.what.contains("simulated")));
+        }
+        assert_eq!(more_gpus(&figures(0.75)).verdict, Verdict::Holds);
+        assert_eq!(more_gpus(&figures(1.5)).verdict, Verdict::Breaks);
+        assert_eq!(four_gpus(&figures(0.75)).verdict, Verdict::Breaks);
+        // Each further one costs 35 µs: eight are no faster than four.
+        assert_eq!(all_gpus(&figures(0.75)).verdict, Verdict::Holds);
+        assert_eq!(four_gpus(&Figures::default()).verdict, Verdict::NotMeasured);
     }
 }

@@ -13,6 +13,7 @@ mod avril2014;
 mod avril2014_gpus;
 mod measure;
 mod model;
+mod more_gpus;
 mod page;
 mod records;
 mod report;

@@ -31,6 +31,10 @@ pub struct SweepPlan {
     pub scales: [f32; 3],
 }
 
+/// Places beyond the boxes that the look saw, on either side, as a part of their spread: it leaves out one in fifty
+/// of a side, and sees 256.
+const MARGIN: f64 = 0.0625;
+
 /// What the look saw along an axis.
 #[derive(Clone, Copy, Debug)]
 struct Spread {
@@ -51,16 +55,17 @@ impl Spread {
         let mut ends: Vec<[f64; 2]> =
             usable.map(|b| [b.min[axis], b.max[axis]].map(f64::from)).collect();
         ends.sort_by(|a, b| a[0].total_cmp(&b[0]));
-        // Without the outermost: boxes beyond lie in the first tube, or in the last one.
+        // Without the outermost, which may be far off: boxes beyond the margin share the first place, or the last.
         let inner = &ends[ends.len() / 50..ends.len() - ends.len() / 50];
         let [Some(first), Some(last)] = [inner.first(), inner.last()] else {
             return Self { axis, low: 0.0, width: 1.0, mean_box: 1.0 };
         };
         let mean_box = inner.iter().map(|[low, high]| high - low).sum::<f64>() / inner.len() as f64;
-        let width = last[0] - first[0] + mean_box;
+        let seen = last[0] - first[0];
+        let width = (1.0 + 2.0 * MARGIN) * seen + mean_box;
         // Boxes without any width, all in one place, still need a scale.
         let width = width.max(1e-18);
-        Self { axis, low: first[0], width, mean_box }
+        Self { axis, low: first[0] - MARGIN * seen, width, mean_box }
     }
 
     /// Share of the boxes that a box reaches along this axis.
