@@ -206,6 +206,8 @@ pub enum SceneStage {
     Place,
     /// Entries and rows against entries; sums to the host.
     Pairs,
+    /// The same for a share of them: other GPUs do the rest.
+    SharedPairs,
     /// Queries against a grid of all boxes.
     Query,
     /// Boxes against a grid of queries.
@@ -220,12 +222,13 @@ pub enum SceneStage {
 
 impl SceneStage {
     /// All of them.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Apply,
         Self::Mark,
         Self::Cells,
         Self::Place,
         Self::Pairs,
+        Self::SharedPairs,
         Self::Query,
         Self::QueryRows,
         Self::QueryStarts,
@@ -239,7 +242,7 @@ impl SceneStage {
             Self::Mark => "scene_mark",
             Self::Cells => "scene_cells",
             Self::Place => "scene_place",
-            Self::Pairs => "scene_pairs",
+            Self::Pairs | Self::SharedPairs => "scene_pairs",
             Self::Query => "scene_query",
             Self::QueryRows => "scene_query_rows",
             Self::QueryStarts => "scene_query_starts",
@@ -255,7 +258,7 @@ impl SceneStage {
             Self::QuerySort => 6,
             Self::Place => 7,
             Self::Apply | Self::Cells => 8,
-            Self::Pairs | Self::Query | Self::QueryRows => 9,
+            Self::Pairs | Self::SharedPairs | Self::Query | Self::QueryRows => 9,
         }
     }
 
@@ -265,7 +268,7 @@ impl SceneStage {
             Self::Mark => include_str!("../wgsl/scene_mark.wgsl"),
             Self::Cells => include_str!("../wgsl/scene_cells.wgsl"),
             Self::Place => include_str!("../wgsl/scene_place.wgsl"),
-            Self::Pairs => include_str!("../wgsl/scene_pairs.wgsl"),
+            Self::Pairs | Self::SharedPairs => include_str!("../wgsl/scene_pairs.wgsl"),
             Self::Query => include_str!("../wgsl/scene_query.wgsl"),
             Self::QueryRows => include_str!("../wgsl/scene_query_rows.wgsl"),
             Self::QueryStarts => include_str!("../wgsl/scene_query_starts.wgsl"),

@@ -312,6 +312,10 @@ pub struct SceneParams {
     pub query_count: u32,
     /// Rounds of all loops of a thread that a search may take.
     pub thread_rounds: u32,
+    /// GPUs that share the search, at least 1.
+    pub share_count: u32,
+    /// Which of them this one is, from 0 on.
+    pub share: u32,
 }
 
 /// What the host learns of a search. 64-bit numbers are two words, the low one first.

@@ -1,11 +1,15 @@
 //! The parts of stages that differ by how much of a frame a GPU does, and by whether it has rules.
 
-use crate::compose::{GridStage, Share, Stage};
+use crate::compose::{GridStage, SceneStage, Share, Stage};
 
 /// The part of that name of a stage, if what it says depends on the share. Frames of spheres are not
 /// shared, and have no rules.
 pub(crate) fn share_part(stage: Stage, name: &str) -> Option<String> {
-    let Stage::Grid(stage) = stage else { return None };
+    let stage = match stage {
+        Stage::Grid(stage) => stage,
+        Stage::Scene(stage) => return scene_part(stage, name),
+        _ => return None,
+    };
     let share = match stage {
         GridStage::Cells(_, share) | GridStage::Pairs(_, share) | GridStage::Write(_, share) => {
             share
@@ -28,6 +32,18 @@ pub(crate) fn share_part(stage: Stage, name: &str) -> Option<String> {
         _ => return rules_part(stage, share, name),
     };
     Some(if share == Share::Part { part } else { whole }.to_owned())
+}
+
+/// The part of that name of a scene's stage, if what it says depends on the share.
+fn scene_part(stage: SceneStage, name: &str) -> Option<String> {
+    let (whole, part) = match name {
+        "scene_share" => (
+            include_str!("../wgsl/shared/scene_share_whole.wgsl"),
+            include_str!("../wgsl/shared/scene_share_part.wgsl"),
+        ),
+        _ => return None,
+    };
+    Some(if stage == SceneStage::SharedPairs { part } else { whole }.to_owned())
 }
 
 /// The part of that name of a stage, if what it says depends on whether the frame has rules.

@@ -54,7 +54,7 @@ fn module(stage: Stage) -> naga::Module {
 #[test]
 fn every_form_of_every_stage_validates() {
     let forms = all_forms();
-    assert_eq!(forms.len(), 4 + 4 + 3 * (4 + 2 + 2) + 3 + 10 + 4 + 2 * 3 * 2 * 5);
+    assert_eq!(forms.len(), 4 + 4 + 3 * (4 + 2 + 2) + 3 + 11 + 4 + 2 * 3 * 2 * 5);
     for stage in forms {
         let module = module(stage);
         let capabilities = Capabilities::IMMEDIATES;
@@ -113,6 +113,8 @@ fn every_file_belongs_to_a_stage() {
         "written_worlds_ruled",
         "share_noted_part",
         "share_noted_whole",
+        "scene_share_part",
+        "scene_share_whole",
         "share_rows_part",
         "share_rows_whole",
         "scene_records",
@@ -246,7 +248,7 @@ fn structs_of_scenes_lie_in_memory_as_in_rust() {
         same_layout!(Stage::Scene(stage), SceneParams, "SceneParams" {
             slots, mode, dense, epoch_low, epoch_high, set_count, set_first, set_is_range, mark_count,
             naming, entry_capacity, pair_capacity, table_words, filter_words, control_words, budget,
-            query_count, thread_rounds
+            query_count, thread_rounds, share_count, share
         });
     }
     same_layout!(Stage::Scene(SceneStage::Pairs), SceneSummary, "SceneSummary" {

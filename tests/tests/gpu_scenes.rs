@@ -17,12 +17,19 @@ fn tools(options: &GridOptions) -> Arc<SceneTools> {
         .unwrap_or_else(|error| panic!("{error}"))
 }
 
+/// So many devices that share every search.
+fn shared_tools(gpus: usize) -> Vec<Arc<SceneTools>> {
+    (0..gpus)
+        .map(|_| tools(&GridOptions { shares_always: true, ..GridOptions::default() }))
+        .collect()
+}
+
 const WANTS: [Want; 6] =
     [Want::Changes, Want::Changes, Want::Changes, Want::Moved, Want::All, Want::Nothing];
 
 /// A scene of each kind, and what makes their edits.
 struct Both<'t> {
-    tools: &'t Arc<SceneTools>,
+    tools: &'t [Arc<SceneTools>],
     seed: u64,
     maker: EditMaker,
     core: Scene,
@@ -31,14 +38,14 @@ struct Both<'t> {
 }
 
 impl<'t> Both<'t> {
-    fn new(tools: &'t Arc<SceneTools>, seed: u64, largest: usize) -> Self {
+    fn new(tools: &'t [Arc<SceneTools>], seed: u64, largest: usize) -> Self {
         let options = SceneOptions::default();
         Self {
             tools,
             seed,
             maker: EditMaker::new(seed, largest),
             core: Scene::new(options),
-            gpu: GpuScene::new(tools, options),
+            gpu: GpuScene::shared(tools, options),
             edits: 0,
         }
     }
@@ -84,7 +91,7 @@ impl EditedScenes for Both<'_> {
 }
 
 /// Runs random edits on a scene of each kind and compares all that they tell.
-fn run(tools: &Arc<SceneTools>, seed: u64, edits: usize, largest: usize) {
+fn run(tools: &[Arc<SceneTools>], seed: u64, edits: usize, largest: usize) {
     let mut both = Both::new(tools, seed, largest);
     for _ in 0..edits {
         both.step();
@@ -95,7 +102,7 @@ fn run(tools: &Arc<SceneTools>, seed: u64, edits: usize, largest: usize) {
 #[test]
 #[ignore = "hours on a software driver, eight minutes on an H200: the nightly tier runs it"]
 fn a_million_edits_over_twenty_seeds() {
-    let tools = tools(&GridOptions::default());
+    let tools = [tools(&GridOptions::default())];
     let mut all = 0;
     for seed in 1..=20 {
         for (seed, edits, largest) in a_seed_of_edits(seed) {
@@ -111,7 +118,7 @@ fn a_million_edits_over_twenty_seeds() {
 
 #[test]
 fn a_scene_grows_by_random_edits_and_shrinks_again() {
-    let tools = tools(&GridOptions::default());
+    let tools = [tools(&GridOptions::default())];
     let mut both = Both::new(&tools, 3, 8_000);
     assert!(both.grow_and_shrink(8_000) > 2);
 }
@@ -125,7 +132,7 @@ fn check_skips(told: &Told) {
 
 #[test]
 fn answers_are_those_of_the_core() {
-    let tools = tools(&GridOptions::default());
+    let tools = [tools(&GridOptions::default())];
     for seed in 0..6 {
         run(&tools, seed, 250, 300);
     }
@@ -133,7 +140,7 @@ fn answers_are_those_of_the_core() {
 
 #[test]
 fn answers_of_larger_scenes_are_those_of_the_core() {
-    let tools = tools(&GridOptions::default());
+    let tools = [tools(&GridOptions::default())];
     for seed in 20..22 {
         run(&tools, seed, 80, 20_000);
     }
@@ -141,23 +148,43 @@ fn answers_of_larger_scenes_are_those_of_the_core() {
 
 #[test]
 fn answers_are_the_same_with_checked_stages_and_poisoned_memory() {
-    run(&tools(&GridOptions { checks: Checks::On, ..GridOptions::default() }), 40, 150, 400);
+    run(&[tools(&GridOptions { checks: Checks::On, ..GridOptions::default() })], 40, 150, 400);
     for word in [0xa5a5_a5a5, u32::MAX] {
-        run(&tools(&GridOptions { poison: Some(word), ..GridOptions::default() }), 41, 150, 400);
+        run(&[tools(&GridOptions { poison: Some(word), ..GridOptions::default() })], 41, 150, 400);
     }
 }
 
 /// All boxes of each scene are set, moved a little, moved far, and removed.
 #[test]
 fn every_hard_scene_is_told_as_the_core_tells_it() {
-    let tools = tools(&GridOptions::default());
+    let tools = [tools(&GridOptions::default())];
+    check_hard_scenes(&tools, (0..70).step_by(23).chain([345, 1_234]));
+}
+
+/// Boxes on borders of shares, across them, that end there, giants and empty ones: cells go to GPUs in stretches,
+/// so most scenes have some of each.
+#[test]
+fn every_hard_scene_is_told_by_several_gpus_as_by_the_core() {
+    check_hard_scenes(&shared_tools(3), [2, 70, 1_234].into_iter());
+}
+
+#[test]
+fn answers_of_several_gpus_are_those_of_the_core() {
+    for gpus in [2, 4] {
+        let tools = shared_tools(gpus);
+        run(&tools, 50 + gpus as u64, 150, 400);
+        run(&tools, 60 + gpus as u64, 20, 20_000);
+    }
+}
+
+fn check_hard_scenes(tools: &[Arc<SceneTools>], sizes: impl Iterator<Item = u32> + Clone) {
     for scene in stress_scenes::ALL {
-        for n in (0..70).step_by(23).chain([345, 1_234]) {
+        for n in sizes.clone() {
             let boxes = scene.boxes(n, 21);
             let n = boxes.len() as u32;
             let other = scene.boxes(n, 22);
             let mut core = Scene::new(SceneOptions::default());
-            let mut gpu = GpuScene::new(&tools, SceneOptions::default());
+            let mut gpu = GpuScene::shared(tools, SceneOptions::default());
             let few: Vec<u32> = (0..n).filter(|i| i % 37 == 5).collect();
             let few_boxes: Vec<Aabb> = few.iter().map(|i| other[*i as usize]).collect();
             let set = |indices, boxes| [Step::Set(Sets { indices, boxes })];
@@ -303,7 +330,7 @@ fn a_scene_that_has_told_nothing_goes_on_on_the_gpu() {
     core.edit(Edit { steps: &some }, Want::Nothing).expect("an answer");
     let kept = core.kept().expect("nothing was told");
     assert_eq!(kept.history(), KeptHistory::Untold);
-    let mut gpu = GpuScene::from_kept(&tools, SceneOptions::default(), &kept).expect("a scene");
+    let mut gpu = GpuScene::from_kept(&[tools], SceneOptions::default(), &kept).expect("a scene");
     let told = gpu.edit(Edit::NONE, Want::Changes).expect("an answer");
     same_told(told, core.edit(Edit::NONE, Want::Changes).expect("an answer")).expect("the same");
     // Its pairs may be taken by now: another keeper would tell them again.

@@ -8,9 +8,9 @@ use pairmask_core::plan::{GpuCost, Plan};
 use pairmask_core::precision::BoxSlice;
 
 use super::frame_memory::LentReply;
-use super::gpu::{Borders, cull_shared};
+use super::gpu::{Borders, SceneTools, cull_shared};
 use super::shared_gpu::{Queued, SharedGpu};
-use super::sharing::gpus_for;
+use super::sharing::{gpus_for, is_scene_shared};
 use super::under_way::GpuShare;
 use super::{GpuService, GpuTurn, Owner};
 
@@ -54,10 +54,11 @@ impl Gpus {
         self.all.get(place).map(|gpu| gpu.lock())
     }
 
-    /// The GPU of a new scene: each in turn, of those whose device is there.
-    pub fn for_scene(&self) -> GpuShare {
+    /// The GPUs of a new scene. Its home is each in turn, of those whose device is there.
+    pub fn for_scene(&self) -> SceneGpus {
         let home = self.next_home();
-        GpuShare(self.from(home).find(|gpu| gpu.is_there()).or(self.all.get(home)).cloned())
+        let home = self.from(home).find(|gpu| gpu.is_there()).or(self.all.get(home)).cloned();
+        SceneGpus { home, all: self.clone(), are_all_its: false }
     }
 
     /// The place of a GPU for the frames of a new session: each in turn. What a session's memory is
@@ -126,5 +127,52 @@ impl Gpus {
     /// All of them, from one on.
     fn from(&self, first: usize) -> impl Iterator<Item = &Arc<SharedGpu>> {
         self.all[first.min(self.all.len())..].iter().chain(&self.all[..first.min(self.all.len())])
+    }
+}
+
+/// The GPUs that may keep a scene: its home, and beside it all others where the scene is large.
+#[derive(Clone, Debug)]
+pub struct SceneGpus {
+    home: Option<Arc<SharedGpu>>,
+    all: Gpus,
+    /// Whether the scene is on all of them, or was.
+    are_all_its: bool,
+}
+
+impl SceneGpus {
+    /// None: the scene stays with the cores.
+    pub fn none() -> Self {
+        Self { home: None, all: Gpus::default(), are_all_its: false }
+    }
+
+    /// What a frame costs on the home that comes now.
+    pub(super) fn cost(&self) -> Option<GpuCost> {
+        self.home.as_ref()?.cost()
+    }
+
+    /// What scenes on the home of now share.
+    pub(super) fn home(&self) -> Option<Arc<SceneTools>> {
+        self.home.as_ref()?.with(GpuService::scene_tools)
+    }
+
+    /// The others, for a scene of so many boxes: none where one GPU searches it as soon. The scene is theirs too from
+    /// now on.
+    pub(super) fn others(&mut self, boxes: usize) -> Vec<Arc<SceneTools>> {
+        let Some(home) = self.home.as_ref().filter(|_| is_scene_shared(boxes)) else {
+            return Vec::new();
+        };
+        let others = self.all.all.iter().filter(|gpu| gpu.number() != home.number());
+        let there = others.filter(|gpu| gpu.is_there());
+        let tools: Vec<_> = there.filter_map(|gpu| gpu.with(GpuService::scene_tools)).collect();
+        self.are_all_its |= !tools.is_empty();
+        tools
+    }
+
+    /// All GPUs that have the scene, as soon as no other thread uses them. Whoever takes several takes them in this
+    /// order.
+    pub(super) fn turns(&self) -> Vec<GpuTurn<'_>> {
+        let home = self.home.iter().filter(|_| !self.are_all_its);
+        let all = self.all.all.iter().filter(|_| self.are_all_its);
+        home.chain(all).map(|gpu| gpu.lock()).collect()
     }
 }

@@ -3,9 +3,8 @@
 //! It begins with the cores. It moves to the GPU, unless an engine was asked for by name, when what its
 //! edits and queries would have saved there comes to more than the move takes: so it never pays more than twice
 //! what the better place costs. It stays there: an edit takes the GPU 50 µs at the least, and boxes would have to
-//! come back.
+//! come back. A large scene is kept by all GPUs, if it is large when it moves, or with its first boxes.
 
-use std::sync::Arc;
 use std::time::Instant;
 
 use pairmask_core::Aabb;
@@ -14,8 +13,8 @@ use pairmask_core::engine::{CullError, EngineChoice, EngineName};
 use pairmask_core::plan::GpuCost;
 use pairmask_core::scene::{Edit, PairScene, Scene, SceneError, SceneOptions, Told, Want};
 
-use super::gpu::{GpuScene, SceneTools};
-use super::under_way::GpuShare;
+use super::gpu::GpuScene;
+use super::gpus::SceneGpus;
 
 /// What a box costs an edit in video memory that does not change it, in those of a frame's grid: it is
 /// looked at once (an H200: 0.08 ns).
@@ -33,7 +32,7 @@ const MOVE_NS: f64 = 1e6;
 pub struct SceneKeeper {
     place: Place,
     options: SceneOptions,
-    gpu: GpuShare,
+    gpus: SceneGpus,
     engine: EngineChoice,
     threads: usize,
     /// What edits and queries would have saved on the GPU, ns.
@@ -61,17 +60,17 @@ impl SceneKeeper {
     pub fn new(
         options: SceneOptions,
         engines: CpuEngines,
-        gpu: GpuShare,
+        gpus: SceneGpus,
         engine: EngineChoice,
     ) -> Result<Self, CullError> {
         let place = match engine {
             EngineChoice::Only(engine) if engine.is_gpu() => {
                 let unavailable = CullError::Unavailable { engine, why: "there is no GPU" };
-                Place::Gpu(GpuScene::new(&tools(&gpu).ok_or(unavailable)?, options))
+                Place::Gpu(GpuScene::new(&gpus.home().ok_or(unavailable)?, options))
             }
             _ => Place::Cores(Scene::with_engines(options, engines)),
         };
-        Ok(Self { place, options, gpu, engine, threads: 1, would_have_saved_ns: 0.0 })
+        Ok(Self { place, options, gpus, engine, threads: 1, would_have_saved_ns: 0.0 })
     }
 
     /// Boxes, those that are switched off too.
@@ -92,6 +91,14 @@ impl SceneKeeper {
         match &self.place {
             Place::Cores(_) => EngineName::CpuGrid,
             Place::Gpu(_) => EngineName::GpuGrid,
+        }
+    }
+
+    /// GPUs that have it: none where the cores do.
+    pub const fn gpu_count(&self) -> usize {
+        match &self.place {
+            Place::Cores(_) => 0,
+            Place::Gpu(scene) => scene.gpu_count(),
         }
     }
 
@@ -123,8 +130,7 @@ impl SceneKeeper {
         if self.engine != EngineChoice::Auto {
             return;
         }
-        let cost = self.gpu.0.as_ref().and_then(|gpu| gpu.cost());
-        let there = cost.and_then(|cost| gpu_ns(&cost, self.len(), searched));
+        let there = self.gpus.cost().and_then(|cost| gpu_ns(&cost, self.len(), searched));
         if let Some(there_ns) = there {
             let saved = self.would_have_saved_ns + took_ns - there_ns;
             self.would_have_saved_ns = saved.max(0.0);
@@ -140,8 +146,10 @@ impl SceneKeeper {
         let Place::Cores(scene) = &self.place else { return };
         let Some(kept) = scene.kept() else { return };
         self.would_have_saved_ns = 0.0;
-        let Some(tools) = tools(&self.gpu) else { return };
-        let _turn = self.gpu.0.as_ref().map(|gpu| gpu.lock());
+        let Some(home) = self.gpus.home() else { return };
+        let mut tools = vec![home];
+        tools.extend(self.gpus.others(scene.len()));
+        let _turns = self.gpus.turns();
         match GpuScene::from_kept(&tools, self.options, &kept) {
             Ok(moved) => self.place = Place::Gpu(moved),
             // The cores have it, and are asked again when as much time was lost.
@@ -161,8 +169,11 @@ impl PairScene for SceneKeeper {
                 self.note_cores(edit.boxes(), nanoseconds_since(start) as f64);
             }
             Place::Gpu(scene) => {
-                // One session uses the GPU at a time.
-                let _turn = self.gpu.0.as_ref().map(|gpu| gpu.lock());
+                if scene.is_new() {
+                    scene.share(&self.gpus.others(edit.boxes()));
+                }
+                // One session uses a GPU at a time.
+                let _turns = self.gpus.turns();
                 scene.edit(edit, want)?;
             }
         }
@@ -229,17 +240,12 @@ impl PairScene for SceneKeeper {
                 Ok(tested)
             }
             Place::Gpu(scene) => {
-                // One session uses the GPU at a time.
-                let _turn = self.gpu.0.as_ref().map(|gpu| gpu.lock());
+                // One session uses a GPU at a time.
+                let _turns = self.gpus.turns();
                 scene.query(queries, found)
             }
         }
     }
-}
-
-/// What scenes on the GPU of now share.
-fn tools(gpu: &GpuShare) -> Option<Arc<SceneTools>> {
-    gpu.0.as_ref()?.with(super::GpuService::scene_tools)
 }
 
 #[cfg(test)]
@@ -266,7 +272,7 @@ mod tests {
 
     #[test]
     fn a_scene_without_a_gpu_stays_with_the_cores() {
-        let no_gpu = GpuShare(None);
+        let no_gpu = SceneGpus::none();
         let options = SceneOptions::default();
         let only = EngineChoice::Only(EngineName::GpuGrid);
         let refused = SceneKeeper::new(options, CpuEngines::new(), no_gpu.clone(), only);

@@ -19,7 +19,7 @@ mod under_way;
 pub use engine_pool::EnginePool;
 pub use frame_memory::FrameMemory;
 pub use gpu_service::{GpuService, WatchDevice};
-pub use gpus::Gpus;
+pub use gpus::{Gpus, SceneGpus};
 pub use kept_scene::SceneKeeper;
 pub use offers::Owner;
 pub use planned::Planned;

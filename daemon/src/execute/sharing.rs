@@ -1,4 +1,4 @@
-//! How many GPUs share a frame: the question of Avril et al. 2014, §6. Pure.
+//! How many GPUs share a frame or a scene: the question of Avril et al. 2014, §6. Pure.
 
 use pairmask_core::mask::Encoding;
 use pairmask_core::plan::{GpuCost, Plan};
@@ -10,6 +10,15 @@ const SECOND_WAIT_NS: f64 = 25_000.0;
 const SUBMIT_NS: f64 = 15_000.0;
 /// A plan changes from one GPU to several where that is sooner by this share: predictions are no better.
 const WORTH: f64 = 0.95;
+
+/// Fewest boxes of a scene that all GPUs keep: each edit is brought to all of them, and a search of fewer boxes ends
+/// too soon to make up for that.
+const SHARED_SCENE_BOXES: usize = 1_000_000;
+
+/// Whether all GPUs keep a scene of so many boxes.
+pub(super) const fn is_scene_shared(boxes: usize) -> bool {
+    boxes >= SHARED_SCENE_BOXES
+}
 
 /// How many of so many idle GPUs, each of such a cost, share a frame of this plan. All of them read all
 /// boxes, each over its own link; what comes after is shared.

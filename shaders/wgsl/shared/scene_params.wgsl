@@ -34,6 +34,9 @@ struct SceneParams {
     query_count: u32,
     // Rounds of all loops of a thread that a search may take.
     thread_rounds: u32,
+    // GPUs that share the search, and which of them this one is.
+    share_count: u32,
+    share: u32,
 }
 
 // Pairs that began or ended since the history began.

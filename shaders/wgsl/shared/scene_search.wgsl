@@ -5,10 +5,12 @@
 // One row a thread. Rows beside the grid pass the filter first, four a thread, and those that do are
 // collected until there is one for each thread of the workgroup. Candidates are collected too, and decided
 // together, so that the threads fetch their records side by side.
-// One file, because entries and rows share the workgroup's lists.
+// A GPU that has a share of the search (`scene_share`) has all entries and rows, and looks for those of its
+// share. One file, because entries and rows share the workgroup's lists.
 
 #import scene_found
 #import scene_filter
+#import scene_share
 
 @group(0) @binding(4) var<storage, read> now: array<vec4<i32>>;
 
@@ -17,7 +19,7 @@ const ROWS_TOGETHER: u32 = 4u;
 // Candidates that are collected: three a thread. More are decided where they are found.
 const CANDIDATES: u32 = 3u * BATCH_BOXES;
 
-// Rows that passed the filter.
+// Rows that passed the filter, or positions of entries of a share.
 var<workgroup> queue: array<u32, (ROWS_TOGETHER + 1u) * BATCH_BOXES>;
 var<workgroup> queued: atomic<u32>;
 // Names of candidates.
@@ -193,6 +195,26 @@ fn queue_rows(first: u32, lane: u32, has_giants: bool) {
     }
 }
 
+// Queues the entries of this share among those of a batch.
+fn queue_entries(first: u32, lane: u32, entry_count: u32) {
+    rounds += 1u;
+    let at = first + lane;
+    if (at >= entry_count) {
+        return;
+    }
+    let a = sorted[2u * at];
+    let b = sorted[2u * at + 1u];
+    let level = bitcast<u32>(b.w);
+    // As `scene_cells` has it.
+    var cell = grid.first_giant + (bitcast<u32>(b.z) & INDEX_MASK) / PARKED;
+    if (level < grid.level_count) {
+        cell = cell_at(grid.levels[level], cells_of(grid.levels[level], plain3(a.xyz)));
+    }
+    if (is_of_share(cell)) {
+        queue[atomicAdd(&queued, 1u)] = at;
+    }
+}
+
 fn take_row(index: u32) {
     let a = now[2u * index];
     let b = now[2u * index + 1u];
@@ -219,6 +241,8 @@ fn search(group: u32, groups: u32, lane: u32) {
         chunks += (params.slots + round - 1u) / round;
     }
     var chunk = group;
+    var step = groups;
+    var has_entries = IS_SHARE;
     loop {
         if (lane == 0u) {
             is_too_much = select(0u, 1u, atomicLoad(&control[TESTED + 1u]) >= params.budget);
@@ -227,33 +251,51 @@ fn search(group: u32, groups: u32, lane: u32) {
         if (is_too_much != 0u) {
             break;
         }
-        // Uniform: an entry a thread, or a queued row a thread.
-        var is_entry = false;
+        // Uniform: an entry a thread, as they lie or queued, or a queued row a thread.
+        var is_entry = chunk < entry_chunks;
         var count = 0u;
-        if (chunk < entry_chunks) {
-            is_entry = true;
+        if (is_entry && !IS_SHARE) {
             count = min(BATCH_BOXES, entry_count - chunk * BATCH_BOXES);
         } else {
             count = atomicLoad(&queued);
             workgroupBarrier();
-            while (chunk < chunks && count < BATCH_BOXES) {
+            if (has_entries) {
+                while (chunk < entry_chunks && count < BATCH_BOXES) {
+                    queue_entries(chunk * BATCH_BOXES, lane, entry_count);
+                    workgroupBarrier();
+                    count = atomicLoad(&queued);
+                    workgroupBarrier();
+                    chunk += groups;
+                }
+                has_entries = count != 0u;
+                if (!has_entries) {
+                    chunk = entry_chunks + first_row_chunk(group);
+                    step = row_chunk_step(groups);
+                }
+            }
+            is_entry = has_entries;
+            while (!is_entry && chunk < chunks && count < BATCH_BOXES) {
                 queue_rows((chunk - entry_chunks) * ROWS_TOGETHER * BATCH_BOXES, lane, giants != entry_count);
                 workgroupBarrier();
                 count = atomicLoad(&queued);
                 workgroupBarrier();
-                chunk += groups;
+                chunk += step;
             }
             if (count == 0u) {
                 break;
             }
         }
+        let taken = min(count, BATCH_BOXES);
         var levels = 0u;
         var own_level = grid.level_count + 1u;
-        var giant_start = giants;
+        var giant_start = entry_count;
         tested = 0u;
         if (is_entry) {
             row = chunk * BATCH_BOXES + lane;
-            if (lane < count) {
+            if (lane < taken) {
+                if (IS_SHARE) {
+                    row = queue[count - taken + lane];
+                }
                 let a = sorted[2u * row];
                 let b = sorted[2u * row + 1u];
                 row_lo = a.xyz;
@@ -262,13 +304,11 @@ fn search(group: u32, groups: u32, lane: u32) {
                 own_level = bitcast<u32>(b.w);
                 levels = atomicLoad(&used_levels) & (0xffffffffu << own_level);
                 giant_start = max(giants, row + 1u);
-            } else {
-                giant_start = entry_count;
             }
-            chunk += groups;
+            if (!IS_SHARE) {
+                chunk += groups;
+            }
         } else {
-            let taken = min(count, BATCH_BOXES);
-            giant_start = entry_count;
             if (lane < taken) {
                 let slot = queue[count - taken + lane];
                 row_name = (select(NOW, THEN | NOW, params.mode == MODE_CHANGES) << KINDS_SHIFT) | slot;
@@ -276,6 +316,8 @@ fn search(group: u32, groups: u32, lane: u32) {
                 levels = levels_to_look_at();
                 giant_start = giants;
             }
+        }
+        if (IS_SHARE || !is_entry) {
             workgroupBarrier();
             if (lane == 0u) {
                 atomicStore(&queued, count - taken);

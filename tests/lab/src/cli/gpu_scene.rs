@@ -8,7 +8,7 @@ use pairmaskd::cli::config::Config;
 use pairmaskd::cli::options::DaemonOptions;
 use pairmaskd::cli::output::{print_json, print_text, spinner};
 use pairmaskd::cli::whole_number::whole_number;
-use pairmaskd::execute::gpu::{Gpu, HostImport};
+use pairmaskd::execute::gpu::{Gpu, HostImport, OpenError};
 use pairmaskd::scene::SceneName;
 use serde_json::json;
 
@@ -25,10 +25,12 @@ Columns, µs: edit in, sorted changes out (median and 99 of 100), then the media
 checked, brought to the GPU, blocks made ready, the GPU with submission and wait, changes read and sorted.
 Boxes of an edit are read where they lie (`imported`) or copied. What was told is compared with a fresh
 search on the CPU at the end of each line. Between edits there are queries: their whole time (median, 1 and
-99 of 100) and its parts. Needs a GPU; no daemon is between.
+99 of 100) and its parts. Needs a GPU; no daemon is between. Several GPUs (--gpu 0,1) keep each scene together;
+times of stages are those of the first.
 
 Examples:
   pairmask-lab gpu-scene --n 1000000 --moving 1,10,100 --stages
+  pairmask-lab gpu-scene --gpu 0,1 --n 10000000 --moving 10 --queries 0
   pairmask-lab gpu-scene --gpu software --n 1000 --frames 5")]
 pub struct GpuSceneBench {
     #[command(flatten)]
@@ -77,10 +79,15 @@ fn percent(text: &str) -> Result<f64, BadPercent> {
 
 impl GpuSceneBench {
     pub fn run(&self, config: &Config) -> Result<(), LabError> {
-        let gpu = self.options.gpu(config);
-        let gpu = Gpu::open(&gpu, HostImport::IfPossible).map_err(BenchError::from)?;
+        let choices = self.options.gpus(config).each();
+        let gpus = choices.iter().map(|gpu| Gpu::open(gpu, HostImport::IfPossible));
+        let gpus = gpus.collect::<Result<Vec<_>, _>>().map_err(BenchError::from)?;
+        if gpus.is_empty() {
+            return Err(BenchError::from(OpenError::SwitchedOff).into());
+        }
+        let names: Vec<&str> = gpus.iter().map(|gpu| gpu.info().name.as_str()).collect();
         if !self.json {
-            print_text(&format!("{}\n{HEAD}", gpu.info().name))?;
+            print_text(&format!("{}\n{HEAD}", names.join(", ")))?;
         }
         let mut rows = Vec::new();
         for (scene, n, motion) in self.worlds() {
@@ -102,7 +109,7 @@ impl GpuSceneBench {
                         checks: !self.unchecked,
                     };
                     let progress = spinner("measuring");
-                    let row = measure(&gpu, &mut world, &case);
+                    let row = measure(&gpus, &mut world, &case);
                     progress.finish_and_clear();
                     let row = row?;
                     if !self.json {
@@ -113,7 +120,7 @@ impl GpuSceneBench {
             }
         }
         if self.json {
-            print_json(&json!({ "gpu": gpu.info().name, "rows": rows }))?;
+            print_json(&json!({ "gpus": names, "rows": rows }))?;
         }
         Ok(())
     }

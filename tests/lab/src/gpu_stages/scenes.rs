@@ -151,21 +151,24 @@ struct Rig {
 }
 
 impl Rig {
-    fn new(gpu: &Arc<Gpu>, case: &Case, profiled: bool) -> Result<Self, BenchError> {
-        let imports = SharedImports::default();
+    fn new(gpus: &[Arc<Gpu>], case: &Case, profiled: bool) -> Result<Self, BenchError> {
         let mut segment = Segment::new((case.n * size_of::<Aabb>()).max(1))?;
-        if case.imported {
-            // Where the driver imports nothing, boxes are copied.
-            segment.import(gpu, &imports).ok();
+        let mut tools = Vec::with_capacity(gpus.len());
+        for gpu in gpus {
+            let imports = SharedImports::default();
+            if case.imported {
+                // Where the driver imports nothing, boxes are copied.
+                segment.import(gpu, &imports).ok();
+            }
+            let options = GridOptions {
+                profiled,
+                imports,
+                cache_folder: user_cache_folder(),
+                ..GridOptions::default()
+            };
+            tools.push(SceneTools::new(gpu, &options)?);
         }
-        let options = GridOptions {
-            profiled,
-            imports,
-            cache_folder: user_cache_folder(),
-            ..GridOptions::default()
-        };
-        let tools = SceneTools::new(gpu, &options)?;
-        let scene = GpuScene::new(&tools, SceneOptions::default());
+        let scene = GpuScene::shared(&tools, SceneOptions::default());
         Ok(Self { scene, segment, known: PairSum::default() })
     }
 
@@ -196,12 +199,15 @@ impl Rig {
 ///
 /// # Errors
 /// [`BenchError`], also where the pairs differ from the CPU's.
-pub fn measure(gpu: &Arc<Gpu>, world: &mut World, case: &Case) -> Result<Row, BenchError> {
+///
+/// # Panics
+/// Without a GPU.
+pub fn measure(gpus: &[Arc<Gpu>], world: &mut World, case: &Case) -> Result<Row, BenchError> {
     let all: Vec<u32> = (0..case.n as u32).collect();
     let moving = (case.n as f64 * case.percent / 100.0).round() as usize;
     let is_spawn = case.motion == Motion::Spawn;
-    let awake = Awake::start(gpu, HOLD)?;
-    let mut rig = Rig::new(gpu, case, false)?;
+    let awake = gpus.iter().map(|gpu| Awake::start(gpu, HOLD)).collect::<Result<Vec<_>, _>>()?;
+    let mut rig = Rig::new(gpus, case, false)?;
     rig.edit(&all, world.boxes(), false)?;
     let mut edits: Vec<(f64, EditTimes)> = Vec::with_capacity(case.frames);
     let mut asked: Vec<(f64, EditTimes)> = Vec::with_capacity(case.frames);
@@ -209,7 +215,7 @@ pub fn measure(gpu: &Arc<Gpu>, world: &mut World, case: &Case) -> Result<Row, Be
     let mut found = Vec::new();
     let mut changes = 0;
     for frame in 0..case.frames + WARM_UP {
-        if let Some(awake) = &awake {
+        for awake in awake.iter().flatten() {
             awake.note_frame();
         }
         let (indices, boxes) = world.step(moving, case.motion);
@@ -242,7 +248,7 @@ pub fn measure(gpu: &Arc<Gpu>, world: &mut World, case: &Case) -> Result<Row, Be
     let query_whole =
         |percent| percentile(asked.iter().map(|(whole, _)| *whole).collect(), percent);
     let [stage_us, query_stage_us] =
-        if case.stages { stages(gpu, world.clone(), case)? } else { Default::default() };
+        if case.stages { stages(gpus, world.clone(), case)? } else { Default::default() };
     Ok(Row {
         scene: case.scene.to_string(),
         n: case.n,
@@ -324,13 +330,13 @@ fn check_queries(
 
 /// Medians of the stages of edits and of queries, µs.
 fn stages(
-    gpu: &Arc<Gpu>,
+    gpus: &[Arc<Gpu>],
     mut world: World,
     case: &Case,
 ) -> Result<[BTreeMap<&'static str, f64>; 2], BenchError> {
     let all: Vec<u32> = (0..case.n as u32).collect();
     let moving = (case.n as f64 * case.percent / 100.0).round() as usize;
-    let mut rig = Rig::new(gpu, case, true)?;
+    let mut rig = Rig::new(gpus, case, true)?;
     rig.edit(&all, world.boxes(), false)?;
     let queries = queries(world.boxes(), case.queries);
     let mut found = Vec::new();

@@ -18,8 +18,8 @@ pub(crate) struct Segment {
     // Open as long as the mapping, since an import finds the pages through the file.
     _file: File,
     mapping: ReadWriteMapping,
-    /// The import of the mapping; it ends before the mapping does.
-    import: Option<(SharedImports, ImportId)>,
+    /// Imports of the mapping, one a device; they end before the mapping does.
+    imported: Vec<(SharedImports, ImportId)>,
 }
 
 impl Segment {
@@ -28,7 +28,7 @@ impl Segment {
         let file = File::from(rustix::fs::memfd_create("pairmask-bench", flags)?);
         file.set_len(bytes.max(1).next_multiple_of(4096) as u64)?;
         let mapping = ReadWriteMapping::of_file(&file, 0, bytes)?;
-        let mut segment = Self { _file: file, mapping, import: None };
+        let mut segment = Self { _file: file, mapping, imported: Vec::new() };
         // The first touch must not be in any measurement.
         segment.words_mut().fill(0);
         Ok(segment)
@@ -44,7 +44,7 @@ impl Segment {
         // SAFETY: the mapping stays where it is until the segment is dropped, which forgets the
         // import first.
         let id = unsafe { imports.lock().import_replies(gpu, address, bytes) }?;
-        self.import = Some((imports.clone(), id));
+        self.imported.push((imports.clone(), id));
         Ok(())
     }
 
@@ -87,7 +87,7 @@ impl Segment {
 
 impl Drop for Segment {
     fn drop(&mut self) {
-        if let Some((imports, id)) = self.import.take() {
+        for (imports, id) in self.imported.drain(..) {
             imports.lock().forget(id);
         }
     }

@@ -93,6 +93,8 @@ pub struct GridOptions {
     pub poison: Option<u32>,
     /// What is imported; to be shared by the engines of a device.
     pub imports: SharedImports,
+    /// Share the searches of scenes that several GPUs keep however small they are, for tests.
+    pub shares_always: bool,
 }
 
 const ENGINE: EngineName = EngineName::GpuGrid;

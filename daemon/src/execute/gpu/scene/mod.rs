@@ -16,6 +16,9 @@
 //! Queries ([`GpuScene::query`]) are a search too: they are the entries, and every box looks for them. Or they look
 //! into a grid of all boxes, which stands until the next edit.
 //!
+//! Several GPUs may keep a scene together ([`GpuScene::shared`]): all of it on each (`replica`), every edit on each,
+//! large searches shared out. What is lost with one of them is on the others.
+//!
 //! [`Want::All`] and [`Want::Moved`] are the same search with another question. This is one file, because an
 //! edit, its answer and what is known afterwards change the same few fields.
 
@@ -24,12 +27,13 @@ mod layouts;
 mod memory;
 mod plan;
 mod query;
+mod replica;
 mod roster;
 mod search;
 mod times;
 mod upload;
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use pairmask_core::engine::{CullError, ReserveError};
 use pairmask_core::scene::{
@@ -38,20 +42,22 @@ use pairmask_core::scene::{
 };
 use pairmask_core::{Aabb, EngineName};
 use pairmask_shaders::layouts::{GridLayout, SceneMode, SceneSummary};
+use pairmask_shaders::{SceneStage, Stage};
 
 use self::changes::{ChangeSorter, Found};
 use self::layouts::Layouts;
-use self::memory::{Blocks, Memory};
 use self::plan::{MOST_SLOTS, Question, Room, Sizes};
+use self::replica::{Asked, Names, Replica, Replicas, sum};
 use self::roster::{Marks, Roster};
-use self::search::{Frames, Search, Stages, Task};
+use self::search::{Search, Share, Stages};
 use self::times::Clock;
-use self::upload::{Upload, Uploaded};
+use self::upload::Gathered;
 use super::device::Gpu;
 use super::error::GpuError;
 use super::frame::Wait;
 use super::grid::GridOptions;
-use super::pipeline::Pipelines;
+use super::memory::Block;
+use super::pipeline::{Pipeline, Pipelines};
 use super::transfers::SharedImports;
 
 pub use self::times::EditTimes;
@@ -66,9 +72,12 @@ type Pair = [u32; 2];
 pub struct SceneTools {
     gpu: Arc<Gpu>,
     stages: Stages,
+    /// Compiles those stages that few daemons need.
+    pipelines: Mutex<Pipelines>,
     imports: SharedImports,
     profiled: bool,
     poison: Option<u32>,
+    shares_always: bool,
     wait: Wait,
     /// Most bytes that a stage sees of a block.
     binding_bytes: u64,
@@ -87,9 +96,11 @@ impl SceneTools {
         Ok(Arc::new(Self {
             gpu: Arc::clone(gpu),
             stages,
+            pipelines: Mutex::new(pipelines),
             imports: options.imports.clone(),
             profiled: options.profiled,
             poison: options.poison,
+            shares_always: options.shares_always,
             wait: options.wait.unwrap_or(if is_software { Wait::Block } else { Wait::Spin }),
             binding_bytes: gpu.limits().storage_binding_bytes.min(1 << 31),
         }))
@@ -98,6 +109,12 @@ impl SceneTools {
     /// The device.
     pub fn gpu(&self) -> &Arc<Gpu> {
         &self.gpu
+    }
+
+    /// The stage of a shared search.
+    fn shared_pairs(&self) -> Result<Arc<Pipeline>, GpuError> {
+        let mut pipelines = self.pipelines.lock().unwrap_or_else(PoisonError::into_inner);
+        pipelines.get(Stage::Scene(SceneStage::SharedPairs))
     }
 }
 
@@ -120,14 +137,12 @@ struct LastRooms([Room; 4]);
 /// [`Scene`](pairmask_core::scene::Scene), but after [`SceneError::Cull`] the scene is undefined and is to
 /// be dropped. Its memory is freed then.
 pub struct GpuScene {
-    tools: Arc<SceneTools>,
+    replicas: Replicas,
     options: SceneOptions,
     roster: Roster,
     marks: Marks,
-    upload: Upload,
-    memory: Memory,
+    gathered: Gathered,
     layouts: Layouts,
-    frames: Frames,
     rooms: LastRooms,
     /// Whether there were queries since the last edit.
     was_asked: bool,
@@ -166,16 +181,23 @@ impl std::fmt::Debug for GpuScene {
 impl GpuScene {
     /// A scene without boxes.
     pub fn new(tools: &Arc<SceneTools>, options: SceneOptions) -> Self {
+        Self::shared(std::slice::from_ref(tools), options)
+    }
+
+    /// A scene without boxes that the devices of all these keep together. What it tells is what one of them would.
+    /// It is kept by those that are left when some of them are lost.
+    ///
+    /// # Panics
+    /// Without tools.
+    pub fn shared(tools: &[Arc<SceneTools>], options: SceneOptions) -> Self {
         let most_boxes = options.most_boxes.min(MOST_SLOTS as u32);
         Self {
+            replicas: Replicas::new(tools),
             options: options.with_most_boxes(most_boxes),
             roster: Roster::default(),
             marks: Marks::new(),
-            upload: Upload::new(tools.imports.clone()),
-            memory: Memory::new(tools),
-            tools: Arc::clone(tools),
+            gathered: Gathered::default(),
             layouts: Layouts::default(),
-            frames: Frames::default(),
             rooms: LastRooms::default(),
             was_asked: false,
             standing: None,
@@ -193,16 +215,31 @@ impl GpuScene {
         }
     }
 
+    /// Has more devices keep it, if it has had no box yet: there is nothing to bring to them.
+    pub fn share(&mut self, more: &[Arc<SceneTools>]) {
+        if self.is_new() {
+            self.replicas.add(more);
+        }
+    }
+
+    /// Whether it has had no box yet.
+    pub fn is_new(&self) -> bool {
+        self.roster.len() == 0
+    }
+
     /// A scene that goes on where another one stands: its boxes, flags, and what it has told.
     ///
     /// # Errors
     /// [`SceneError`], as [`Self::edit`].
+    ///
+    /// # Panics
+    /// As [`Self::shared`].
     pub fn from_kept(
-        tools: &Arc<SceneTools>,
+        tools: &[Arc<SceneTools>],
         options: SceneOptions,
         kept: &Kept<'_>,
     ) -> Result<Self, SceneError> {
-        let mut scene = Self::new(tools, options);
+        let mut scene = Self::shared(tools, options);
         let (mut indices, mut boxes) = (Vec::new(), Vec::<Aabb>::new());
         let (mut off, mut statics) = (Vec::new(), Vec::new());
         for index in 0..kept.slots() as u32 {
@@ -270,16 +307,21 @@ impl GpuScene {
     /// Bytes of host memory that the scene keeps, without what the driver maps.
     pub fn allocated_bytes(&self) -> usize {
         self.roster.allocated_bytes()
-            + self.upload.allocated_bytes()
+            + self.gathered.allocated_bytes()
             + self.sorter.allocated_bytes()
             + self.marks.capacity() * size_of::<Pair>()
             + (self.told.begun().len() + self.told.pairs().len()) * size_of::<Pair>()
             + size_of_val(self.told.ended())
     }
 
-    /// Bytes of video memory that the scene keeps, with what the host maps of it, but for copies of edits.
+    /// Bytes of video memory that the scene keeps on all GPUs, with what the host maps of it, but for copies of edits.
     pub fn video_bytes(&self) -> u64 {
-        self.memory.bytes()
+        self.replicas.iter().map(|replica| replica.memory.bytes()).sum()
+    }
+
+    /// GPUs that have it.
+    pub const fn gpu_count(&self) -> usize {
+        self.replicas.len()
     }
 
     /// Where the time of the last edit or query went.
@@ -373,53 +415,42 @@ impl GpuScene {
         }
         // Boxes are elsewhere, or the blocks of the grid are another search's.
         (self.was_asked, self.standing, self.is_second_grid) = (false, None, false);
-        let tools = Arc::clone(&self.tools);
-        let gpu_error = |error: GpuError| tools.gpu.cull_error(ENGINE, &error);
-        let uploaded = self.place_edit(edit, mode).map_err(gpu_error)?;
+        self.place_edit(edit, mode)?;
         clock.lap(&mut self.times.upload);
-        let summary = self.search(&uploaded, elements, want, mode, clock)?;
+        let answered = self.search(elements, want, mode, clock);
+        self.replicas.end_edit();
+        let summary = answered?;
         self.told_skips(summary.as_ref());
         clock.lap(&mut self.times.sort);
         Ok(())
     }
 
-    fn place_edit(
-        &mut self,
-        edit: Edit<'_>,
-        mode: Option<SceneMode>,
-    ) -> Result<Uploaded, GpuError> {
-        let mut replaced = false;
+    fn place_edit(&mut self, edit: Edit<'_>, mode: Option<SceneMode>) -> Result<(), CullError> {
         let slots = self.roster.len();
-        self.memory.make_records(&self.tools, slots as u64, &mut replaced)?;
+        let mut names = Names::Kept;
         if mode == Some(SceneMode::Moved) {
             self.naming = self.naming.wrapping_add(1);
-            if self.naming == 0 || !self.memory.has_named() {
-                self.memory.forget_named(&self.tools, &mut replaced)?;
+            if self.naming == 0 || !self.replicas.iter().all(|r| r.memory.has_named()) {
+                names = Names::Forgotten;
                 self.naming = 1;
             }
         }
-        let gpu = Arc::clone(&self.tools.gpu);
-        let uploaded = self.upload.place(&gpu, edit, &self.marks, &mut replaced)?;
-        if replaced {
-            self.frames.clear();
-        }
+        let (sets, marks) = (self.gathered.sets(edit), &self.marks);
+        self.replicas.on_each(|_, replica| replica.place(sets, marks, slots as u64, names))?;
         if let Some(most) = edit.sets().max_by_key(|sets| sets.boxes.len()) {
             self.layouts.note_edit(most.boxes, slots);
         }
-        Ok(uploaded)
+        Ok(())
     }
 
     /// Applies an edit and searches until there is an answer; what the last search said.
     fn search(
         &mut self,
-        uploaded: &Uploaded,
         elements: u64,
         want: Want,
         mode: Option<SceneMode>,
         clock: &mut Clock,
     ) -> Result<Option<SceneSummary>, CullError> {
-        let tools = Arc::clone(&self.tools);
-        let gpu_error = |error: GpuError| tools.gpu.cull_error(ENGINE, &error);
         let mut question = Question {
             mode: mode.unwrap_or_default(),
             slots: self.roster.len() as u64,
@@ -437,42 +468,44 @@ impl GpuScene {
             };
             let layout = self.layouts.layout(&question);
             let sizes = Sizes::of(&question, &layout, 0);
-            let mut replaced = false;
-            let blocks =
-                self.memory.blocks(&tools, &sizes, room, &mut replaced).map_err(gpu_error)?;
-            if replaced {
-                self.frames.clear();
-            }
-            let task = Task {
-                question,
-                search: if mode.is_some() { Search::Pairs } else { Search::Nothing },
-                layout,
-                sizes,
-                epoch: self.epoch,
-                naming: self.naming,
-                edit: uploaded,
-                applies,
-                blocks: &blocks,
+            let (epoch, naming) = (self.epoch, self.naming);
+            let gpus = self.replicas.len();
+            let shares = if mode.is_none() {
+                0
+            } else if self.replicas.first().tools.shares_always {
+                gpus
+            } else {
+                question.shares(gpus)
+            };
+            let asked = |at: usize| {
+                let share = Share { index: at as u32, count: shares as u32 };
+                let search = if at < shares { Search::Pairs(share) } else { Search::Nothing };
+                Asked { question, search, layout, sizes, room, epoch, naming, applies }
             };
             clock.lap(&mut self.times.plan);
-            let summary = self.frames.run(&tools, &task).map_err(gpu_error)?;
+            let rooms = self.replicas.on_each(|at, replica| replica.submit(&asked(at)))?;
+            let summaries = self.replicas.on_each(|at, replica| replica.wait(&asked(at)))?;
             applies = false;
             self.times.submissions += 1;
             clock.lap(&mut self.times.gpu);
-            if tools.profiled {
-                self.times.stages = self.frames.step_times().map_err(gpu_error)?;
+            if summaries.len() < gpus {
+                // Who has failed had a share: those that are left search for all of it.
+                continue;
             }
+            self.note_stages()?;
             if mode.is_none() {
                 self.told = Told::of_none(want, 0);
                 return Ok(None);
             }
-            let made = task.room_made(&tools);
+            let (rooms, summaries) = (&rooms[..shares], &summaries[..shares]);
+            let summary = sum(summaries);
             let (found, ended) = (wide(summary.found), wide(summary.ended));
-            if u64::from(summary.entries) > made.entries {
-                least.entries = u64::from(summary.entries);
+            let entries = u64::from(summary.entries);
+            if rooms.iter().any(|made| entries > made.entries) {
+                least.entries = entries;
                 continue;
             }
-            if summary.tested[1] >= search::BUDGET {
+            if summaries.iter().any(|share| share.tested[1] >= search::BUDGET) {
                 return Err(CullError::TooCrowded { engine: ENGINE });
             }
             if question.mode == SceneMode::Changes {
@@ -482,37 +515,49 @@ impl GpuScene {
                     continue;
                 }
             }
-            if found > made.pairs {
-                least.pairs = found;
-                let needed_bytes = found.saturating_mul(size_of::<Pair>() as u64);
-                if needed_bytes > tools.binding_bytes {
+            let counts: Vec<u64> = summaries.iter().map(|share| wide(share.found)).collect();
+            let most = counts.iter().copied().max().unwrap_or(0);
+            if rooms.iter().zip(&counts).any(|(made, count)| *count > made.pairs) {
+                least.pairs = most;
+                let needed_bytes = most.saturating_mul(size_of::<Pair>() as u64);
+                if needed_bytes > self.replicas.first().tools.binding_bytes {
                     return Err(ReserveError::OutOfMemory { needed_bytes }.into());
                 }
                 continue;
             }
-            let looked = u64::from(summary.entries) + u64::from(summary.rows);
+            let looked = entries + u64::from(summary.rows);
             self.layouts.note_search(&question, &summary, looked, wide(summary.tested));
-            self.rooms.0[question.mode as usize] =
-                Room { entries: u64::from(summary.entries), pairs: found };
-            self.tell(want, question.mode, found, ended, &blocks)?;
+            self.rooms.0[question.mode as usize] = Room { entries, pairs: most };
+            self.tell(want, question.mode, ended, &counts)?;
             return Ok(Some(summary));
         }
     }
 
-    /// Reads what was found, sorts it, and tells it.
+    /// Notes what the stages of the first GPU took, where they are timed.
+    fn note_stages(&mut self) -> Result<(), CullError> {
+        let Replica { tools, frames, .. } = self.replicas.first();
+        if tools.profiled {
+            let times = frames.step_times();
+            self.times.stages = times.map_err(|error| tools.gpu.cull_error(ENGINE, &error))?;
+        }
+        Ok(())
+    }
+
+    /// Reads what was found, so many pairs by each GPU, sorts it, and tells it.
     fn tell(
         &mut self,
         want: Want,
         mode: SceneMode,
-        found: u64,
         ended: u64,
-        blocks: &Blocks,
+        counts: &[u64],
     ) -> Result<(), CullError> {
+        let found: u64 = counts.iter().sum();
         let needed_bytes = found * size_of::<Pair>() as u64;
         let no_memory = |_| CullError::Reserve(ReserveError::OutOfMemory { needed_bytes });
-        let read = |at: usize, to: &mut [Pair]| {
-            blocks.found.read((at * size_of::<Pair>()) as u64, to);
-        };
+        let blocks = self.replicas.iter().filter_map(|replica| replica.blocks.as_ref());
+        let lists: Vec<(&Block, usize)> =
+            blocks.zip(counts).map(|(blocks, count)| (&*blocks.found, *count as usize)).collect();
+        let read = |at: usize, to: &mut [Pair]| read_lists(&lists, at, to);
         let list = Found { read: &read, count: found as usize, n: self.roster.len() as u32 };
         let threads = self.threads();
         if mode != SceneMode::Changes {
@@ -559,6 +604,20 @@ impl GpuScene {
                 threads.map_or(pool, |threads| threads.clamp(1, pool))
             }
         }
+    }
+}
+
+/// Reads pairs of lists that follow each other, from a place of all of them on.
+fn read_lists(lists: &[(&Block, usize)], at: usize, to: &mut [Pair]) {
+    let (mut skipped, mut rest) = (at, to);
+    for (block, count) in lists {
+        let here = count.saturating_sub(skipped).min(rest.len());
+        if here > 0 {
+            let (these, later) = rest.split_at_mut(here);
+            block.read((skipped * size_of::<Pair>()) as u64, these);
+            rest = later;
+        }
+        skipped = skipped.saturating_sub(*count);
     }
 }
 

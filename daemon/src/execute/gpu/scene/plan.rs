@@ -41,6 +41,11 @@ const SPARE_ENTRIES: u64 = 1_024;
 /// Room for found pairs, at least: 32 KiB.
 const LEAST_PAIRS: u64 = 4_096;
 
+/// Fewest rows of a share of a search: they take an H200 some 50 µs, and to wait for another GPU takes 10.
+const SHARE_ROWS: u64 = 600_000;
+/// An entry of a search takes as long as so many rows: it is placed, and looked for by others (an H200: 3 ns).
+const ENTRY_ROWS: u64 = 40;
+
 /// What a search is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Question {
@@ -67,6 +72,12 @@ impl Question {
     /// Entries that are expected.
     pub fn entries(&self) -> u64 {
         if self.is_dense() { self.active.max(self.changed) } else { self.changed }
+    }
+
+    /// How many of so many GPUs share the search: as many as have enough to do.
+    pub fn shares(&self, gpus: usize) -> usize {
+        let rows = self.slots + ENTRY_ROWS * self.entries();
+        (rows / SHARE_ROWS).clamp(1, gpus.max(1) as u64) as usize
     }
 
     /// The number of boxes whose grid has as many cells as this search gets.
@@ -191,6 +202,16 @@ mod tests {
         assert!(question(SceneMode::All, 10, 0).is_dense());
         assert!(!question(SceneMode::Query, 10, 1_000).is_dense());
         assert!(question(SceneMode::Moved, 0, 0).grid_boxes() == 1);
+    }
+
+    #[test]
+    fn large_searches_are_shared_and_small_ones_are_not() {
+        let shares =
+            |slots, changed, gpus| question(SceneMode::Changes, slots, changed).shares(gpus);
+        assert_eq!([shares(0, 0, 2), shares(1_000, 1_000, 2), shares(100_000, 1_000, 2)], [1; 3]);
+        assert_eq!([shares(1_000_000, 100_000, 2), shares(10_000_000, 10, 2)], [2; 2]);
+        assert_eq!([shares(10_000_000, 10, 1), shares(10_000_000, 10, 0)], [1; 2]);
+        assert_eq!(shares(1_000_000, 20_000, 4), 3, "as many as have enough to do");
     }
 
     #[test]

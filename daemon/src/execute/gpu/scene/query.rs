@@ -19,6 +19,7 @@ use pairmask_shaders::layouts::SceneMode;
 
 use super::memory::{Blocks, RECORD_BYTES};
 use super::plan::{MOST_SLOTS, Question, Room, Sizes};
+use super::replica::Replica;
 use super::roster::Marks;
 use super::search::{self, Queries, Search, Task, Way};
 use super::times::{Clock, EditTimes};
@@ -50,11 +51,22 @@ impl GpuScene {
         self.was_asked = true;
         for (part, queries) in queries.chunks(QUERIES_TOGETHER).enumerate() {
             let first = part * QUERIES_TOGETHER;
-            match self.query_together(queries, first as u32, are_entries, found) {
-                Ok(more) => tested += more,
-                Err(error) => {
-                    found.clear();
-                    return Err(error);
+            let before = found.len();
+            loop {
+                match self.query_together(queries, first as u32, are_entries, found) {
+                    Ok(more) => {
+                        tested += more;
+                        break;
+                    }
+                    // Another GPU has all that this one had, but for a grid that stood.
+                    Err(CullError::DeviceLost { .. }) if self.replicas.leave_first() => {
+                        self.standing = None;
+                        found.truncate(before);
+                    }
+                    Err(error) => {
+                        found.clear();
+                        return Err(error);
+                    }
                 }
             }
         }
@@ -62,8 +74,8 @@ impl GpuScene {
     }
 
     /// Whether so many queries may lie behind the scene's records, and few boxes look at them.
-    fn may_be_entries(&self, queries: u64) -> bool {
-        let most = (self.tools.binding_bytes / RECORD_BYTES).min(MOST_SLOTS);
+    fn may_be_entries(&mut self, queries: u64) -> bool {
+        let most = (self.replicas.first().tools.binding_bytes / RECORD_BYTES).min(MOST_SLOTS);
         queries <= QUERIES_TOGETHER as u64
             && queries * ENTRIES_SHARE <= self.roster.active() as u64
             && self.roster.len() as u64 + queries <= most
@@ -77,7 +89,8 @@ impl GpuScene {
         are_entries: bool,
         found: &mut Vec<Pair>,
     ) -> Result<u64, CullError> {
-        let tools = Arc::clone(&self.tools);
+        let Replica { tools, upload, memory, frames, .. } = self.replicas.first();
+        let tools = Arc::clone(tools);
         let gpu_error = |error: GpuError| tools.gpu.cull_error(ENGINE, &error);
         let mut clock = Clock::start();
         let mut replaced = false;
@@ -90,17 +103,16 @@ impl GpuScene {
         })];
         let mut boxes = None;
         let (question, steps) = if are_entries {
-            self.memory.make_records(&tools, slots + count, &mut replaced).map_err(gpu_error)?;
+            memory.make_records(&tools, slots + count, &mut replaced).map_err(gpu_error)?;
             let (slots, active) = (slots + count, active + count);
             (Question { mode: SceneMode::Query, slots, active, changed: count }, set.as_slice())
         } else {
-            let placed = self.upload.place_queries(gpu, queries, &mut replaced);
+            let placed = upload.place_queries(gpu, queries, &mut replaced);
             boxes = Some(placed.map_err(gpu_error)?);
             (Question { mode: SceneMode::All, slots, active, changed: active }, [].as_slice())
         };
-        let edit = Edit { steps };
-        let uploaded =
-            self.upload.place(gpu, edit, &Marks::new(), &mut replaced).map_err(gpu_error)?;
+        let sets = self.gathered.sets(Edit { steps });
+        let uploaded = upload.place(gpu, sets, &Marks::new(), &mut replaced).map_err(gpu_error)?;
         clock.lap(&mut self.times.upload);
         if are_entries {
             self.layouts.note_queries(&question, queries);
@@ -112,11 +124,10 @@ impl GpuScene {
             let standing = self.standing.take();
             let layout = standing.unwrap_or_else(|| self.layouts.layout(&question));
             let sizes = Sizes::of(&question, &layout, count);
-            let blocks =
-                self.memory.blocks(&tools, &sizes, room, &mut replaced).map_err(gpu_error)?;
+            let blocks = memory.blocks(&tools, &sizes, room, &mut replaced).map_err(gpu_error)?;
             let is_same = !std::mem::take(&mut replaced);
             if !is_same {
-                self.frames.clear();
+                frames.clear();
             }
             let builds = standing.is_none() || !is_same;
             let way = boxes.as_ref().map_or(Way::Entries, |boxes| Way::Grid { boxes, builds });
@@ -133,11 +144,11 @@ impl GpuScene {
                 blocks: &blocks,
             };
             clock.lap(&mut self.times.plan);
-            let summary = self.frames.run(&tools, &task).map_err(gpu_error)?;
+            let summary = frames.run(&tools, &task).map_err(gpu_error)?;
             self.times.submissions += 1;
             clock.lap(&mut self.times.gpu);
             if tools.profiled {
-                self.times.stages = self.frames.step_times().map_err(gpu_error)?;
+                self.times.stages = frames.step_times().map_err(gpu_error)?;
             }
             let made = task.room_made(&tools);
             let (pairs, tested) = (wide(summary.found), wide(summary.tested));

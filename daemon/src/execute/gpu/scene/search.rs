@@ -73,9 +73,23 @@ pub(super) enum Search<'a> {
     /// Nothing: an edit is applied.
     Nothing,
     /// The pairs of the question.
-    Pairs,
+    Pairs(Share),
     /// The boxes that queries overlap.
     Queries(Queries<'a>),
+}
+
+/// Which part of a search a GPU does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Share {
+    /// From 0 on.
+    pub index: u32,
+    /// GPUs that search.
+    pub count: u32,
+}
+
+impl Share {
+    /// All of it.
+    pub const WHOLE: Self = Self { index: 0, count: 1 };
 }
 
 /// Queries of a submission.
@@ -132,7 +146,9 @@ struct Shape {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum SearchShape {
     Nothing,
-    Pairs,
+    Pairs {
+        is_shared: bool,
+    },
     Queries {
         way: WayShape,
         /// Workgroups that look, that prepare the sorting, and that sort.
@@ -166,7 +182,7 @@ impl Task<'_> {
         let QueryBlocks { unsorted, rows, .. } = &self.blocks.of_queries;
         let pairs = match self.search {
             Search::Queries(_) => found.min(items(unsorted, 8)).min(items(rows, 8)),
-            Search::Nothing | Search::Pairs => found,
+            Search::Nothing | Search::Pairs(_) => found,
         };
         Room { entries: items(&self.blocks.entries, 16).min(items(&self.blocks.sorted, 32)), pairs }
     }
@@ -174,6 +190,10 @@ impl Task<'_> {
     fn params(&self, tools: &SceneTools) -> SceneParams {
         let SetIndices { count, first } = self.edit.sets;
         let room = self.room_made(tools);
+        let share = match self.search {
+            Search::Pairs(share) => share,
+            Search::Nothing | Search::Queries(_) => Share::WHOLE,
+        };
         let (set_count, mark_count) =
             if self.applies { (count, self.edit.mark_count) } else { (0, 0) };
         SceneParams {
@@ -195,9 +215,11 @@ impl Task<'_> {
             budget: BUDGET,
             query_count: match self.search {
                 Search::Queries(queries) => queries.count,
-                Search::Nothing | Search::Pairs => 0,
+                Search::Nothing | Search::Pairs(_) => 0,
             },
             thread_rounds: tools.gpu.limits().thread_rounds,
+            share_count: share.count,
+            share: share.index,
         }
     }
 
@@ -206,7 +228,7 @@ impl Task<'_> {
         let rows = if question.is_dense() { 0 } else { question.slots / plan::ROWS_TOGETHER };
         let search = match self.search {
             Search::Nothing => SearchShape::Nothing,
-            Search::Pairs => SearchShape::Pairs,
+            Search::Pairs(share) => SearchShape::Pairs { is_shared: share.count > 1 },
             Search::Queries(Queries { count, way }) => {
                 let count = u64::from(count);
                 let (way, looking) = match way {
@@ -297,7 +319,7 @@ impl Task<'_> {
         steps
     }
 
-    fn steps(&self, tools: &SceneTools, shape: &Shape) -> Vec<Command> {
+    fn steps(&self, tools: &SceneTools, shape: &Shape) -> Result<Vec<Command>, GpuError> {
         let (b, stages) = (self.blocks, &tools.stages);
         let whole = |block: &Arc<Block>| whole(tools, block);
         let [params, layout, table] = [&b.params, &b.layout, &b.table].map(whole);
@@ -314,12 +336,14 @@ impl Task<'_> {
         let (SearchShape::Queries { way, groups }, Search::Queries(queries)) =
             (shape.search, self.search)
         else {
-            if shape.search == SearchShape::Pairs {
+            if let SearchShape::Pairs { is_shared } = shape.search {
                 let then = whole(&b.then);
                 let parts = vec![params, layout, table, sorted, now, then, control, found, summary];
-                steps.push(stage(&stages.pairs, shape.rows, parts));
+                let pipeline =
+                    if is_shared { tools.shared_pairs()? } else { Arc::clone(&stages.pairs) };
+                steps.push(stage(&pipeline, shape.rows, parts));
             }
-            return steps;
+            return Ok(steps);
         };
         let QueryBlocks { unsorted, rows, counts, starts } = &b.of_queries;
         let [unsorted, rows, counts, starts] = [unsorted, rows, counts, starts].map(whole);
@@ -349,7 +373,7 @@ impl Task<'_> {
             // Their records are without a box again, as all behind the scene's are.
             steps.push(Command::Fill { part: Part::of(&b.now, first, bytes), word: 0 });
         }
-        steps
+        Ok(steps)
     }
 }
 
@@ -376,9 +400,19 @@ impl Frames {
 
     /// Runs a task and waits for it. What the search found lies in its blocks then.
     pub fn run(&mut self, tools: &SceneTools, task: &Task<'_>) -> Result<SceneSummary, GpuError> {
+        self.submit(tools, task)?;
+        self.wait(tools)?;
+        let mut summary = [bytemuck::Zeroable::zeroed()];
+        if !matches!(task.search, Search::Nothing) {
+            task.blocks.summary.read(0, &mut summary);
+        }
+        Ok(summary[0])
+    }
+
+    /// Has the GPU begin a task. [`Self::wait`] comes next.
+    pub fn submit(&mut self, tools: &SceneTools, task: &Task<'_>) -> Result<(), GpuError> {
         task.blocks.params.write(0, &[task.params(tools)]);
-        let searches = !matches!(task.search, Search::Nothing);
-        if searches {
+        if !matches!(task.search, Search::Nothing) {
             task.blocks.layout.write(0, &[task.layout]);
         }
         let shape = task.shape();
@@ -392,21 +426,19 @@ impl Frames {
                 self.kept.remove(0).1
             };
             let mut made = (shape, frame);
-            made.1.record(task.steps(tools, &shape))?;
+            made.1.record(task.steps(tools, &shape)?)?;
             made
         };
-        let ended = kept.1.submit_in(Order::Alone).and_then(|()| {
-            let patience = PATIENCE[usize::from(tools.gpu.info().is_software())];
-            kept.1.end(tools.wait, patience)
-        });
+        let submitted = kept.1.submit_in(Order::Alone);
         // Also after an error: the frame keeps its blocks until the device is done with them.
         self.kept.push(kept);
-        ended?;
-        let mut summary = [bytemuck::Zeroable::zeroed()];
-        if searches {
-            task.blocks.summary.read(0, &mut summary);
-        }
-        Ok(summary[0])
+        submitted
+    }
+
+    /// Waits for the task that was begun last.
+    pub fn wait(&mut self, tools: &SceneTools) -> Result<(), GpuError> {
+        let patience = PATIENCE[usize::from(tools.gpu.info().is_software())];
+        self.kept.last_mut().map_or(Ok(()), |(_, frame)| frame.end(tools.wait, patience))
     }
 
     /// Times of the last task's steps, if frames are profiled.

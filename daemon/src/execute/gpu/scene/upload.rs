@@ -70,15 +70,64 @@ pub(super) struct Uploaded {
     pub mark_count: u32,
 }
 
-/// Brings edits to the GPU.
+/// Memory for the sets of an edit where they do not lie together. Kept from edit to edit.
+#[derive(Default)]
+pub(super) struct Gathered {
+    indices: Vec<u32>,
+    boxes: Vec<Aabb>,
+}
+
+/// All boxes that an edit sets, together.
+#[derive(Clone, Copy)]
+pub(super) struct GatheredSets<'a> {
+    boxes: &'a [Aabb],
+    /// Where they belong, in the order of the boxes; none where that is a range.
+    indices: &'a [u32],
+    /// The first, where they are a range.
+    first: Option<u32>,
+}
+
+impl Gathered {
+    /// Bytes that are kept.
+    pub fn allocated_bytes(&self) -> usize {
+        self.indices.capacity() * size_of::<u32>() + self.boxes.capacity() * size_of::<Aabb>()
+    }
+
+    /// The sets of an edit that was checked.
+    pub fn sets<'a>(&'a mut self, edit: Edit<'a>) -> GatheredSets<'a> {
+        self.indices.clear();
+        self.boxes.clear();
+        let mut sets = edit.sets().filter(|sets| !sets.boxes.is_empty());
+        let (boxes, indices, first): (&[Aabb], &[u32], Option<u32>) =
+            match (sets.next(), sets.next()) {
+                (None, _) => (&[], &[], None),
+                (Some(Sets { indices: Indices::Range { first, .. }, boxes }), None) => {
+                    (boxes, &[], Some(*first))
+                }
+                (Some(Sets { indices: Indices::List(list), boxes }), None) => (boxes, list, None),
+                (Some(Sets { indices, boxes }), None) => {
+                    indices.for_each(|_, index| self.indices.push(index));
+                    (boxes, &self.indices, None)
+                }
+                (Some(_), Some(_)) => {
+                    for Sets { indices, boxes } in edit.sets() {
+                        indices.for_each(|_, index| self.indices.push(index));
+                        self.boxes.extend_from_slice(boxes);
+                    }
+                    (&self.boxes, &self.indices, None)
+                }
+            };
+        GatheredSets { boxes, indices, first }
+    }
+}
+
+/// Brings edits to a GPU.
 pub(super) struct Upload {
     imports: SharedImports,
     boxes: Staging,
     indices: Staging,
     marks: Staging,
     queries: Staging,
-    listed: Vec<u32>,
-    gathered: Vec<Aabb>,
 }
 
 impl Upload {
@@ -89,59 +138,25 @@ impl Upload {
             indices: Staging::new(),
             marks: Staging::new(),
             queries: Staging::new(),
-            listed: Vec::new(),
-            gathered: Vec::new(),
         }
     }
 
-    /// Bytes of host memory that are kept, without those of the driver.
-    pub fn allocated_bytes(&self) -> usize {
-        self.listed.capacity() * size_of::<u32>() + self.gathered.capacity() * size_of::<Aabb>()
-    }
-
-    /// Brings an edit that was checked, and its marks. `replaced` is set if a block was.
+    /// Brings what an edit sets, and its marks. `replaced` is set if a block was.
     pub fn place(
         &mut self,
         gpu: &Arc<Gpu>,
-        edit: Edit<'_>,
+        sets: GatheredSets<'_>,
         marks: &Marks,
         replaced: &mut bool,
     ) -> Result<Uploaded, GpuError> {
-        let mut sets = edit.sets().filter(|sets| !sets.boxes.is_empty());
-        let (first, more) = (sets.next(), sets.next());
-        let mut listed = std::mem::take(&mut self.listed);
-        let mut gathered = std::mem::take(&mut self.gathered);
-        listed.clear();
-        gathered.clear();
-        let (boxes, indices, range): (&[Aabb], &[u32], Option<u32>) = match (first, more) {
-            (None, _) => (&[], &[], None),
-            (Some(Sets { indices: Indices::Range { first, .. }, boxes }), None) => {
-                (boxes, &[], Some(*first))
-            }
-            (Some(Sets { indices: Indices::List(list), boxes }), None) => (boxes, list, None),
-            (Some(Sets { indices, boxes }), None) => {
-                indices.for_each(|_, index| listed.push(index));
-                (boxes, &listed, None)
-            }
-            (Some(_), Some(_)) => {
-                for Sets { indices, boxes } in edit.sets() {
-                    indices.for_each(|_, index| listed.push(index));
-                    gathered.extend_from_slice(boxes);
-                }
-                (&gathered, &listed, None)
-            }
-        };
-        let placed = (|| {
-            Ok(Uploaded {
-                boxes: place_boxes(gpu, &self.imports, &mut self.boxes, boxes, replaced)?,
-                indices: copied(gpu, &mut self.indices, bytemuck::cast_slice(indices), replaced)?,
-                sets: SetIndices { count: boxes.len() as u32, first: range },
-                marks: copied(gpu, &mut self.marks, bytemuck::cast_slice(marks), replaced)?,
-                mark_count: marks.len() as u32,
-            })
-        })();
-        (self.listed, self.gathered) = (listed, gathered);
-        placed
+        let GatheredSets { boxes, indices, first } = sets;
+        Ok(Uploaded {
+            boxes: place_boxes(gpu, &self.imports, &mut self.boxes, boxes, replaced)?,
+            indices: copied(gpu, &mut self.indices, bytemuck::cast_slice(indices), replaced)?,
+            sets: SetIndices { count: boxes.len() as u32, first },
+            marks: copied(gpu, &mut self.marks, bytemuck::cast_slice(marks), replaced)?,
+            mark_count: marks.len() as u32,
+        })
     }
 
     /// Brings queries. `replaced` is set if a block was.

@@ -163,7 +163,7 @@ fn four_gpus(figures: &Figures) -> Claim {
 }
 
 /// The scene that gains most from a second GPU.
-fn best(scenes: &Vec<TwoGpus>) -> Option<&TwoGpus> {
+fn best(scenes: &[TwoGpus]) -> Option<&TwoGpus> {
     scenes.iter().max_by(|a, b| gain(a).total_cmp(&gain(b)))
 }
 

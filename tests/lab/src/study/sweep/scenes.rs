@@ -60,7 +60,7 @@ impl SweepScene {
             std::array::from_fn(|axis| if axis == i as usize % 3 { along } else { other })
         };
         match self {
-            Self::Named(name) => return Scene::new(name, n as usize, 1).boxes().to_vec(),
+            Self::Named(name) => Scene::new(name, n as usize, 1).boxes().to_vec(),
             Self::Line => (0..n).map(|_| solid([side(1.0), 0.0, 0.0], [1.0; 3])).collect(),
             Self::Sheet => (0..n).map(|_| solid([side(2.0), side(2.0), 0.0], [1.0; 3])).collect(),
             Self::Corridor => {

@@ -1,0 +1,208 @@
+//! A scene in the memory of each GPU that has it. Every edit is applied on each, so that they need no word from one
+//! another; a search is shared out.
+
+use std::sync::Arc;
+
+use pairmask_core::engine::CullError;
+use pairmask_shaders::layouts::{GridLayout, SceneSummary};
+
+use super::memory::{Blocks, Memory};
+use super::plan::{Question, Room, Sizes};
+use super::roster::Marks;
+use super::search::{Frames, Search, Task};
+use super::upload::{GatheredSets, Upload, Uploaded};
+use super::{ENGINE, SceneTools, wide};
+use crate::execute::gpu::error::GpuError;
+
+/// All that a scene keeps on a GPU.
+pub(super) struct Replica {
+    pub tools: Arc<SceneTools>,
+    pub upload: Upload,
+    pub memory: Memory,
+    pub frames: Frames,
+    /// The edit that is being answered, where this GPU sees it.
+    edit: Option<Uploaded>,
+    /// The blocks of the last task that was submitted.
+    pub blocks: Option<Blocks>,
+}
+
+/// What becomes of the names that edits have given boxes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Names {
+    /// They stay: the edit gives none, or its number is a new one.
+    Kept,
+    /// They are forgotten: numbers begin anew.
+    Forgotten,
+}
+
+/// What a GPU is asked to do with an edit.
+#[derive(Clone, Copy)]
+pub(super) struct Asked {
+    pub question: Question,
+    pub search: Search<'static>,
+    pub layout: GridLayout,
+    pub sizes: Sizes,
+    pub room: Room,
+    pub epoch: u64,
+    pub naming: u32,
+    /// Whether the edit is applied first.
+    pub applies: bool,
+}
+
+impl Replica {
+    fn new(tools: &Arc<SceneTools>) -> Self {
+        Self {
+            upload: Upload::new(tools.imports.clone()),
+            memory: Memory::new(tools),
+            tools: Arc::clone(tools),
+            frames: Frames::default(),
+            edit: None,
+            blocks: None,
+        }
+    }
+
+    /// Makes room for records of `slots` indices, and brings an edit.
+    pub fn place(
+        &mut self,
+        sets: GatheredSets<'_>,
+        marks: &Marks,
+        slots: u64,
+        names: Names,
+    ) -> Result<(), GpuError> {
+        let mut replaced = false;
+        self.blocks = None;
+        self.memory.make_records(&self.tools, slots, &mut replaced)?;
+        if names == Names::Forgotten {
+            self.memory.forget_named(&self.tools, &mut replaced)?;
+        }
+        self.edit = Some(self.upload.place(&self.tools.gpu, sets, marks, &mut replaced)?);
+        if replaced {
+            self.frames.clear();
+        }
+        Ok(())
+    }
+
+    /// Has the GPU begin. Returns what there is room for. [`Self::wait`] comes next.
+    pub fn submit(&mut self, asked: &Asked) -> Result<Room, GpuError> {
+        let Self { tools, memory, frames, edit, blocks, .. } = self;
+        let edit = edit.as_ref().ok_or(GpuError::Lost)?;
+        *blocks = None;
+        let mut replaced = false;
+        let made = memory.blocks(tools, &asked.sizes, asked.room, &mut replaced)?;
+        if replaced {
+            frames.clear();
+        }
+        let &Asked { question, search, layout, sizes, epoch, naming, applies, .. } = asked;
+        let task =
+            Task { question, search, layout, sizes, epoch, naming, edit, applies, blocks: &made };
+        frames.submit(tools, &task)?;
+        let room = task.room_made(tools);
+        *blocks = Some(made);
+        Ok(room)
+    }
+
+    /// Waits for what was begun, and reads what the host learns of a search.
+    pub fn wait(&mut self, asked: &Asked) -> Result<SceneSummary, GpuError> {
+        self.frames.wait(&self.tools)?;
+        let mut summary = [bytemuck::Zeroable::zeroed()];
+        if let (Some(blocks), Search::Pairs(_)) = (&self.blocks, asked.search) {
+            blocks.summary.read(0, &mut summary);
+        }
+        Ok(summary[0])
+    }
+}
+
+/// The replicas of a scene: one at the least. The first answers queries.
+pub(super) struct Replicas(Vec<Replica>);
+
+impl Replicas {
+    /// One for each.
+    ///
+    /// # Panics
+    /// Without tools.
+    pub fn new(tools: &[Arc<SceneTools>]) -> Self {
+        assert!(!tools.is_empty(), "a scene in video memory is on some device");
+        Self(tools.iter().map(Replica::new).collect())
+    }
+
+    /// One more for each.
+    pub fn add(&mut self, tools: &[Arc<SceneTools>]) {
+        self.0.extend(tools.iter().map(Replica::new));
+    }
+
+    pub const fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    pub fn iter(&self) -> impl Iterator<Item = &Replica> {
+        self.0.iter()
+    }
+
+    /// The one that answers queries.
+    pub fn first(&mut self) -> &mut Replica {
+        &mut self.0[0]
+    }
+
+    /// Gives up the one that answers queries, where there is another. Whether there was.
+    pub fn leave_first(&mut self) -> bool {
+        let has_others = self.0.len() > 1;
+        if has_others {
+            self.0.remove(0);
+        }
+        has_others
+    }
+
+    /// Does something with each, in order, and returns what came of it. A GPU that fails has the scene no more,
+    /// unless all do: what is on one of them is on each.
+    pub fn on_each<R>(
+        &mut self,
+        mut work: impl FnMut(usize, &mut Replica) -> Result<R, GpuError>,
+    ) -> Result<Vec<R>, CullError> {
+        let all = self.0.iter_mut().enumerate();
+        let results: Vec<_> = all.map(|(at, replica)| work(at, replica)).collect();
+        let has_failed = !results.iter().any(Result::is_ok);
+        let (mut done, mut first_error) = (Vec::with_capacity(results.len()), None);
+        let mut results = results.into_iter();
+        self.0.retain(|replica| match results.next() {
+            Some(Ok(result)) => {
+                done.push(result);
+                true
+            }
+            Some(Err(error)) => {
+                let error = replica.tools.gpu.cull_error(ENGINE, &error);
+                if !has_failed {
+                    log::warn!("a scene goes on without one of its GPUs: {error}");
+                }
+                first_error.get_or_insert(error);
+                has_failed
+            }
+            None => true,
+        });
+        match first_error {
+            Some(error) if has_failed => Err(error),
+            _ => Ok(done),
+        }
+    }
+
+    /// Forgets the edit that was answered.
+    pub fn end_edit(&mut self) {
+        for replica in &mut self.0 {
+            replica.edit = None;
+        }
+    }
+}
+
+/// What the shares of a search found together. All of them have the same entries.
+pub(super) fn sum(shares: &[SceneSummary]) -> SceneSummary {
+    let words = |of: fn(&SceneSummary) -> [u32; 2]| {
+        let all: u64 = shares.iter().map(|share| wide(of(share))).sum();
+        [all as u32, (all >> 32) as u32]
+    };
+    let first = shares.first().copied().unwrap_or_else(bytemuck::Zeroable::zeroed);
+    SceneSummary {
+        found: words(|share| share.found),
+        ended: words(|share| share.ended),
+        tested: words(|share| share.tested),
+        ..first
+    }
+}
