@@ -1,15 +1,18 @@
 //! A scene in video memory whose device is lost between edits and during them: a typed error, and a scene
-//! that is made again from a copy, with the right pairs.
+//! that is made again from a copy, with the right pairs. Where several devices keep it, it goes on without the one
+//! that is lost, and no answer is.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use pairmask_core::dispatch::CpuEngines;
 use pairmask_core::engine::{CullError, EngineChoice, EngineName};
-use pairmask_core::scene::{Edit, PairScene, Scene, SceneCopy, SceneError, SceneOptions, Want};
-use pairmask_tests::KnownPairs;
-use pairmask_tests::scene_edits::{EditMaker, SKIPPED};
-use pairmaskd::execute::gpu::GpuChoice;
+use pairmask_core::scene::{
+    Edit, PairScene, Scene, SceneCopy, SceneError, SceneOptions, Sets, Step, Want,
+};
+use pairmask_tests::scene_edits::{EditMaker, SKIPPED, same_told};
+use pairmask_tests::{KnownPairs, gpu, stress_scenes};
+use pairmaskd::execute::gpu::{GpuChoice, GpuScene, GridOptions, HostImport, SceneTools};
 use pairmaskd::execute::{Executor, GpuService, SceneKeeper};
 use pairmaskd::scene::Random;
 
@@ -103,5 +106,102 @@ fn outlive(most_losses: usize) {
         scene.take();
         let all = truth.edit(edit, Want::All).expect("a right edit");
         known.compare(all.pairs()).expect("what was told adds up");
+    }
+}
+
+/// Devices that share every search, so many.
+fn shared_tools(gpus: usize) -> Vec<Arc<SceneTools>> {
+    let options = || GridOptions { shares_always: true, ..GridOptions::default() };
+    let tools = |_| SceneTools::new(&gpu::open(HostImport::IfPossible), &options());
+    (0..gpus).map(|at| tools(at).unwrap_or_else(|error| panic!("{error}"))).collect()
+}
+
+/// Rounds in which one of the devices of a scene is destroyed while edits and queries go on: all that it answers is
+/// compared with a scene of the core.
+fn goes_on_without_one_of_its_devices(rounds: u64) {
+    let mut random = Random::new(11);
+    for round in 0..rounds {
+        let tools = shared_tools(2 + (round % 2) as usize);
+        let lost = Arc::clone(tools[random.below(tools.len() as u64) as usize].gpu());
+        let mut source = EditMaker::new(round, MOST_BOXES);
+        let mut core = Scene::new(SceneOptions::default());
+        let mut scene = GpuScene::shared(&tools, SceneOptions::default());
+        let queries = stress_scenes::named("uniform").boxes(40, round);
+        let (mut found, mut expected) = (Vec::new(), Vec::new());
+        let wait = Duration::from_micros(random.below(60_000));
+        let destroyer = std::thread::spawn(move || {
+            std::thread::sleep(wait);
+            lost.destroy();
+        });
+        let mut after = 0;
+        while after < 5 {
+            after += usize::from(destroyer.is_finished());
+            let edit = source.next_edit();
+            let arrays = edit.arrays(source.below(3));
+            let edit = Edit { steps: &arrays.steps() };
+            core.edit(edit, Want::Changes).map(drop).expect("a right edit");
+            scene.edit(edit, Want::Changes).map(drop).expect("another device has it");
+            same_told(scene.told(), core.told()).unwrap_or_else(|e| panic!("round {round}: {e}"));
+            core.take();
+            scene.take();
+            if source.one_in(3) {
+                core.query(&queries, &mut expected).expect("an answer");
+                scene.query(&queries, &mut found).expect("another device has it");
+                assert_eq!(found, expected, "round {round}");
+            }
+        }
+        destroyer.join().expect("destroyed");
+        assert_eq!(scene.gpu_count(), tools.len() - 1, "round {round}");
+    }
+}
+
+#[test]
+fn a_shared_scene_goes_on_without_one_of_its_devices() {
+    goes_on_without_one_of_its_devices(4);
+}
+
+#[test]
+#[ignore = "minutes: the nightly tier runs it"]
+fn a_shared_scene_goes_on_without_one_of_its_devices_a_hundred_times() {
+    goes_on_without_one_of_its_devices(100);
+}
+
+#[test]
+fn a_shared_scene_ends_with_the_last_of_its_devices() {
+    let tools = shared_tools(2);
+    let mut scene = GpuScene::shared(&tools, SceneOptions::default());
+    let boxes = stress_scenes::named("uniform").boxes(50, 1);
+    let steps = [Step::Set(Sets { indices: (0..50).into(), boxes: &boxes })];
+    scene.edit(Edit { steps: &steps }, Want::All).map(drop).expect("an answer");
+    for tools in &tools {
+        tools.gpu().destroy();
+    }
+    let lost = scene.edit(Edit { steps: &steps }, Want::All).map(drop);
+    assert!(matches!(lost, Err(SceneError::Cull(CullError::DeviceLost { .. }))), "{lost:?}");
+}
+
+/// Large scenes are on all GPUs of a daemon, small ones on one.
+#[test]
+fn a_keeper_shares_large_scenes() {
+    let open = |_| GpuService::open(&gpu::choice(), Duration::ZERO).expect("an adapter (lavapipe)");
+    let executor = Executor::new((0..2).map(open).collect::<Vec<_>>());
+    for (n, gpus) in [(1_000u32, 1), (1_000_000, 2)] {
+        let boxes = stress_scenes::named("uniform").boxes(n, 5);
+        let engine = EngineChoice::Only(EngineName::GpuGrid);
+        let (options, share) = (SceneOptions::default(), executor.gpus().for_scene());
+        let mut scene = SceneKeeper::new(options, CpuEngines::new(), share, engine).expect("a GPU");
+        let mut core = Scene::new(options);
+        let all = [Step::Set(Sets { indices: (0..n).into(), boxes: &boxes })];
+        let few = [Step::Set(Sets {
+            indices: (5..n / 100).into(),
+            boxes: &boxes[10..n as usize / 100 + 5],
+        })];
+        for (steps, want) in [(&all, Want::Nothing), (&few, Want::Moved)] {
+            scene.edit(Edit { steps }, want).expect("an answer");
+            core.edit(Edit { steps }, want).map(drop).expect("an answer");
+        }
+        assert_eq!(scene.gpu_count(), gpus, "{n} boxes");
+        let (got, expected) = (scene.told().pairs(), core.told().pairs());
+        assert!(got == expected && !got.is_empty(), "{n} boxes, {} pairs", got.len());
     }
 }
