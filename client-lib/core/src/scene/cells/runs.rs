@@ -89,10 +89,10 @@ impl Runs {
         &mut self.blocks
     }
 
-    /// The run of a cell.
+    /// The runs of neighbouring cells.
     #[inline(always)]
-    pub fn run(&self, cell: u32) -> Run {
-        self.of_cells[cell as usize]
+    pub fn runs(&self, first: u32, count: u32) -> &[Run] {
+        &self.of_cells[first as usize..(first + count) as usize]
     }
 
     /// Asks for the run of a cell.
