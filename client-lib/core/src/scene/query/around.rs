@@ -16,10 +16,11 @@ use crate::scene::pair_list::{Pair, sort_row};
 const TASK_QUERIES: usize = 128;
 /// Queries that are looked around at a time.
 const BATCH: usize = 16;
-/// Fewest queries that are looked around by place, and the least share of the boxes, one in so many: below, two
-/// that follow one another share no memory.
-const SORTED_QUERIES: usize = 512;
-const SORTED_SHARE: usize = 128;
+/// Fewest boxes around which queries go by place: those of fewer lie in the caches, and to sort the queries, on
+/// one thread, takes longer than it saves.
+const SORTED_BOXES: usize = 1 << 18;
+/// The same for the share of queries, one for so many boxes: below, two that follow one another share no memory.
+const SORTED_SHARE: usize = 32;
 /// Batches that are under way at a time: each is a step behind the one after it.
 const BATCHES: usize = 4;
 
@@ -75,7 +76,7 @@ pub(super) fn find(
 ) -> Result<u64, CullError> {
     let Memory { order, starts, tasks } = memory;
     let count = queries.len();
-    let is_sorted = count >= SORTED_QUERIES && count * SORTED_SHARE > boxes.len();
+    let is_sorted = boxes.len() >= SORTED_BOXES && count * SORTED_SHARE > boxes.len();
     order.clear();
     if is_sorted {
         by_place(cells, queries, order);
