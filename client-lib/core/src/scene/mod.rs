@@ -43,6 +43,7 @@ mod error;
 mod fetch;
 mod filtered;
 mod history;
+mod huge_pages;
 mod hulls;
 mod kept;
 mod lanes;

@@ -8,6 +8,7 @@ use super::check::{EDIT_SETS, PRESENT, len_after, mark, unmark};
 use super::edit::{Edit, Flag, Indices, Sets, Step};
 use super::error::EditError;
 use super::fetch::ask_for;
+use super::huge_pages;
 use crate::aabb::Aabb;
 
 /// It is switched off.
@@ -325,6 +326,7 @@ impl Store {
         self.boxes.try_reserve(more).map_err(no_memory)?;
         self.flags.try_reserve(more).map_err(no_memory)?;
         self.then.try_reserve(more).map_err(no_memory)?;
+        huge_pages::prefer(&self.boxes);
         self.boxes.resize(len, Aabb::EMPTY);
         self.flags.resize(len, 0);
         self.then.resize(len, Aabb::EMPTY);

@@ -60,6 +60,11 @@ impl Axis {
         Self { wraps: count > 1, ..Self::clamped(start, edge, longest, count) }
     }
 
+    /// Whether cells of several places share one of the table.
+    pub const fn is_folded(&self) -> bool {
+        self.wraps
+    }
+
     /// The cell of the table that holds a quantum.
     #[inline(always)]
     pub fn cell(&self, quantum: i32) -> u32 {

@@ -7,6 +7,8 @@
 
 #![allow(unsafe_code)]
 
+use bytemuck::{Pod, Zeroable};
+
 use super::axis::LONGEST;
 use super::quanta::Quanta;
 
@@ -23,7 +25,7 @@ pub(in crate::scene) const INDEX: u32 = STATIC - 1;
 type Lanes = [i16; 8];
 
 /// A box of a block.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(transparent)]
 pub(super) struct Slot(Lanes);
 
@@ -64,7 +66,7 @@ impl Block {
 const EACH: u32 = 0x8080_8080;
 
 /// The bits of the first boxes of a block, by how many they are.
-pub(super) const FIRST: [u32; SLOTS as usize] = [0, 0x80, 0x8080, 0x0080_8080];
+pub(super) const FIRST: [u32; SLOTS as usize + 1] = [0, 0x80, 0x8080, 0x0080_8080, EACH];
 
 /// What blocks of a level are asked.
 #[derive(Clone, Copy, Debug)]
@@ -108,6 +110,34 @@ impl Question {
     #[inline(always)]
     pub fn admitted(&self, block: &Block) -> u32 {
         !nonzero_bytes(exceeding(block, &self.outer, 0) & self.counting) & EACH
+    }
+
+    /// [`Self::admitted`] with AVX2.
+    ///
+    /// # Safety
+    /// The processor has AVX2.
+    #[cfg(target_arch = "x86_64")]
+    #[inline(always)]
+    pub unsafe fn admitted_avx2(&self, block: &Block) -> u32 {
+        use std::arch::x86_64::{
+            __m128i, __m256i, _mm256_broadcastsi128_si256, _mm256_cmpgt_epi16,
+            _mm256_movemask_epi8, _mm256_packs_epi16, _mm256_permute4x64_epi64,
+            _mm256_setzero_si256, _mm256_sub_epi16,
+        };
+        let limits: __m128i = bytemuck::cast(self.outer);
+        let halves: &[[i16; 16]; 2] = bytemuck::cast_ref(&block.0);
+        // SAFETY: as the caller says.
+        let exceeding = unsafe {
+            let limits = _mm256_broadcastsi128_si256(limits);
+            let [low, high] = halves.map(|slots| {
+                let slots: __m256i = bytemuck::cast(slots);
+                _mm256_cmpgt_epi16(_mm256_sub_epi16(slots, limits), _mm256_setzero_si256())
+            });
+            // Halves of registers are packed by themselves: boxes 0, 2, 1, 3.
+            let packed = _mm256_permute4x64_epi64::<0b11_01_10_00>(_mm256_packs_epi16(low, high));
+            _mm256_movemask_epi8(packed) as u32
+        };
+        !nonzero_bytes(exceeding & self.counting) & EACH
     }
 
     /// The boxes that are dismissed, if they are admitted.
@@ -167,6 +197,8 @@ mod tests {
     use super::super::quanta::Scale;
     use super::*;
     use crate::aabb::Aabb;
+    #[cfg(target_arch = "x86_64")]
+    use crate::isa::Isa;
     use proptest::prelude::*;
 
     fn some_box(of: ([i32; 3], [i32; 3]), unit: f32) -> Aabb {
@@ -205,6 +237,12 @@ mod tests {
                 let question = Question::new(&q_was, &q_is, dismisses);
                 let bits = question.admitted(&block) & !question.dismissed(&block);
                 prop_assert_eq!(bits & !EACH, 0);
+                #[cfg(target_arch = "x86_64")]
+                if Isa::Avx2.is_available() {
+                    // SAFETY: the processor has AVX2, as was just asked.
+                    let wide = unsafe { question.admitted_avx2(&block) };
+                    prop_assert_eq!(wide, question.admitted(&block));
+                }
                 for i in 0..4 {
                     prop_assert_eq!(slots[i].word(), words[i]);
                     let found = bits >> (8 * i + 7) & 1 == 1;

@@ -2,7 +2,7 @@
 //!
 //! The model only steers: any layout gives the same pairs.
 
-use super::axis::{Axis, LONGEST};
+use super::axis::{Axis, CELL_BITS, LONGEST};
 use super::block::SLOTS;
 use super::quanta::{Quanta, Scale};
 use crate::aabb::Aabb;
@@ -38,6 +38,10 @@ pub(super) struct Level {
     scale: Scale,
     /// Quanta of the longest boxes; the last lane does not count.
     reach: [i32; 4],
+    /// The last cell on each axis.
+    last: [i32; 4],
+    /// Whether boxes are compared by quanta, and no cell is folded.
+    is_plain: bool,
     /// Its first cell in the table of all levels.
     pub first_cell: u32,
     /// Whether it takes what no other level takes: boxes of any length, which are not compared by
@@ -45,10 +49,20 @@ pub(super) struct Level {
     pub takes_all: bool,
 }
 
+/// Where a search goes in a level: from one cell to another on each axis.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Around {
+    pub q: Quanta,
+    pub first: [i32; 4],
+    pub last: [i32; 4],
+    /// As [`Axis::are_bounded`], on all axes.
+    pub is_bounded: bool,
+}
+
 impl Level {
     /// A level of one cell for whatever no other level takes.
     fn of_everything() -> Self {
-        Self { takes_all: true, ..Self::of_axes([Axis::WHOLE; 3]) }
+        Self { takes_all: true, is_plain: false, ..Self::of_axes([Axis::WHOLE; 3]) }
     }
 
     fn of_axes(axes: [Axis; 3]) -> Self {
@@ -57,7 +71,9 @@ impl Level {
         };
         let scale = Scale { origin: lanes(|a| a.origin), per_unit: lanes(|a| a.per_unit) };
         let reach = std::array::from_fn(|axis| axes.get(axis).map_or(i32::MAX, |a| a.reach));
-        Self { axes, scale, reach, first_cell: 0, takes_all: false }
+        let last = std::array::from_fn(|axis| axes.get(axis).map_or(0, |a| a.count as i32 - 1));
+        let is_plain = !axes.iter().any(Axis::is_folded);
+        Self { axes, scale, reach, last, is_plain, first_cell: 0, takes_all: false }
     }
 
     /// A level of cells of some edges, for boxes of up to `longest`.
@@ -87,6 +103,25 @@ impl Level {
     #[inline(always)]
     pub fn quanta(&self, b: &Aabb) -> Quanta {
         self.scale.quanta(b)
+    }
+
+    /// Where a search around a solid box goes: as [`Axis::cells`] on each axis, without branches. `None` where
+    /// the level takes all, or is folded.
+    #[inline(always)]
+    pub fn around(&self, b: &Aabb) -> Option<Around> {
+        if !self.is_plain {
+            return None;
+        }
+        let q = self.quanta(b);
+        let (mut first, mut last, mut is_bounded) = ([0; 4], [0; 4], true);
+        for axis in 0..3 {
+            let most = self.last[axis];
+            first[axis] = ((q.min[axis] - self.reach[axis]) >> CELL_BITS).clamp(0, most);
+            last[axis] = (q.max[axis] >> CELL_BITS).clamp(0, most);
+            is_bounded &= first[axis] > 0;
+            is_bounded &= last[axis] < most;
+        }
+        Some(Around { q, first, last, is_bounded })
     }
 
     /// Whether the level takes a box.

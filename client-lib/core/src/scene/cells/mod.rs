@@ -8,6 +8,7 @@
 //! is, so that one search finds the pairs that it had and has. Where the hull is too long for the level,
 //! two slots hold the two. The first update after [`Cells::forget`] ends that.
 
+mod admit;
 mod axis;
 mod block;
 mod build;

@@ -2,6 +2,7 @@
 
 use super::block::{Block, SLOTS, Slot};
 use crate::scene::fetch::ask_for;
+use crate::scene::huge_pages;
 
 /// No place, and no cell.
 pub(super) const NOWHERE: u32 = u32::MAX;
@@ -57,6 +58,7 @@ impl Runs {
     pub fn with_room(counts: &[u32]) -> Self {
         let mut next = 0;
         let mut runs = Vec::with_capacity(counts.len());
+        huge_pages::prefer(&runs);
         for count in counts {
             let room = count.div_ceil(SLOTS);
             runs.push(Run { start: next, len: 0, room });
@@ -69,6 +71,7 @@ impl Runs {
             owners.resize(owners.len() + run.room as usize, cell);
         }
         let mut blocks = Vec::with_capacity(most);
+        huge_pages::prefer(&blocks);
         blocks.resize(built, Block::NONE);
         Self { of_cells: runs, blocks, owners, free: Vec::new(), built }
     }
@@ -86,10 +89,10 @@ impl Runs {
         &mut self.blocks
     }
 
-    /// The run of a cell.
+    /// The runs of neighbouring cells.
     #[inline(always)]
-    pub fn run(&self, cell: u32) -> Run {
-        self.of_cells[cell as usize]
+    pub fn runs(&self, first: u32, count: u32) -> &[Run] {
+        &self.of_cells[first as usize..(first + count) as usize]
     }
 
     /// Asks for the run of a cell.

@@ -7,19 +7,20 @@ use crate::aabb::{Aabb, KeyBox};
 use crate::engine::CullError;
 use crate::engine::strips::{in_parts, part_count};
 use crate::floats;
-use crate::scene::cells::{CHANGED, Candidate, Cells, INDEX, Probe, Searches, is_solid};
+use crate::scene::cells::{CHANGED, Candidate, Cells, INDEX, Searches, is_solid};
 use crate::scene::fetch::ask_for;
 use crate::scene::history::in_order_of;
 use crate::scene::pair_list::{Pair, sort_row};
 
-/// Queries of a task, at least: a search takes about 0.2 µs.
+/// Queries of a task, at least: some 25 µs.
 const TASK_QUERIES: usize = 128;
 /// Queries that are looked around at a time.
 const BATCH: usize = 16;
-/// Fewest queries that are looked around by place, and the least share of the boxes, one in so many: below, two
-/// that follow one another share no memory.
-const SORTED_QUERIES: usize = 512;
-const SORTED_SHARE: usize = 128;
+/// Fewest boxes around which queries go by place: those of fewer lie in the caches, and to sort the queries, on
+/// one thread, takes longer than it saves.
+const SORTED_BOXES: usize = 1 << 18;
+/// The same for the share of queries, one for so many boxes: below, two that follow one another share no memory.
+const SORTED_SHARE: usize = 32;
 /// Batches that are under way at a time: each is a step behind the one after it.
 const BATCHES: usize = 4;
 
@@ -47,10 +48,9 @@ struct Task {
 /// Queries that are looked around together.
 #[derive(Debug, Default)]
 struct Batch {
-    /// The query of each probe.
+    /// Queries that overlap anything.
     numbers: Vec<u32>,
-    keys: Vec<KeyBox>,
-    probes: Vec<Probe>,
+    here: Vec<Aabb>,
     searches: Searches,
     candidates: Vec<Candidate>,
 }
@@ -76,7 +76,7 @@ pub(super) fn find(
 ) -> Result<u64, CullError> {
     let Memory { order, starts, tasks } = memory;
     let count = queries.len();
-    let is_sorted = count >= SORTED_QUERIES && count * SORTED_SHARE > boxes.len();
+    let is_sorted = boxes.len() >= SORTED_BOXES && count * SORTED_SHARE > boxes.len();
     order.clear();
     if is_sorted {
         by_place(cells, queries, order);
@@ -174,20 +174,18 @@ impl Task {
 
 impl Batch {
     fn begin(&mut self, some: &[u32], queries: &[Aabb], cells: &Cells) {
-        let Self { numbers, keys, probes, searches, .. } = self;
+        let Self { numbers, here, searches, .. } = self;
         numbers.clear();
-        keys.clear();
-        probes.clear();
+        here.clear();
         for &number in some {
             // A copy: another process may write queries while they are read.
             let query = queries[number as usize];
             if is_solid(&query) {
                 numbers.push(number);
-                keys.push(KeyBox::from(&query));
-                probes.push(Probe::One { here: query, elsewhere: Aabb::EMPTY });
+                here.push(query);
             }
         }
-        cells.begin(probes, searches);
+        cells.begin_around(here, searches);
     }
 
     /// Finds the candidates. Returns how many boxes were tested.
@@ -209,11 +207,11 @@ impl Batch {
     fn tell(&self, boxes: &[Aabb], found: &mut Vec<Pair>) {
         for of_one in self.candidates.chunk_by(|a, b| a.probe == b.probe) {
             let at = of_one[0].probe as usize;
-            let (number, keys, start) = (self.numbers[at], &self.keys[at], found.len());
+            let (number, here, start) = (self.numbers[at], &self.here[at], found.len());
             let mut may_repeat = false;
             for &Candidate { word, is_sure, .. } in of_one {
                 let index = word & INDEX;
-                if is_sure || keys.overlaps(&KeyBox::from(&boxes[index as usize])) {
+                if is_sure || KeyBox::from(here).overlaps(&KeyBox::from(&boxes[index as usize])) {
                     found.push([number, index]);
                     may_repeat |= word & CHANGED != 0;
                 }
