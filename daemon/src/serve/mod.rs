@@ -6,6 +6,7 @@
 
 mod janitor;
 mod lanes;
+mod placement;
 mod supervisor;
 mod worker;
 

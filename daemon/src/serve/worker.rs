@@ -17,6 +17,7 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 
 use super::janitor::{Janitor, clean_up};
 use super::lanes::Lanes;
+use super::placement::Placement;
 use super::{ServeError, ServeSettings};
 use crate::audit::Auditor;
 use crate::calibrate::glance;
@@ -46,7 +47,10 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let pool = Arc::new(EnginePool::with_this_thread(threads)?);
 
-    let gpus = open_gpus(settings)?;
+    let mut gpus = open_gpus(settings)?;
+    let devices = gpus.iter_mut().filter_map(GpuService::device);
+    let addresses: Vec<_> = devices.map(|gpu| gpu.info().pci_address.clone()).collect();
+    let placement = Placement::beside(&addresses);
     let (janitor, services) = open_services(settings)?;
     let server = open_server(&services, settings)?;
     let (wake, wake_clients) = services.wake_ports()?;
@@ -81,7 +85,8 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
         auditor,
     );
     responder.alter_answers(settings.alter_answers);
-    Lanes::new(intake, wake, responder, pool, settings, &janitor, &stop).run()?;
+    let lanes = Lanes::new(intake, wake, responder, pool, settings, &janitor, &stop);
+    lanes.placed(placement).run()?;
     drop(janitor);
     log::info!("stopped serving '{}'", settings.instance);
     Ok(())

@@ -36,6 +36,7 @@ use self::desk::{Arrived, Desk, Task};
 use self::patience::{LONGEST_SLEEP, Rest};
 use self::rhythm::MOST_ENGINES_AWAKE;
 use super::janitor::Janitor;
+use super::placement::Placement;
 use super::{ServeError, ServeSettings};
 use crate::clients::FrameWork;
 use crate::execute::EnginePool;
@@ -58,6 +59,7 @@ pub(super) struct Lanes<'a> {
     is_led: AtomicBool,
     desk: Mutex<Desk>,
     threads: Vec<OnceLock<Thread>>,
+    placement: Placement,
     pool: Arc<EnginePool>,
     janitor: &'a Janitor,
     stop: &'a AtomicBool,
@@ -121,10 +123,16 @@ impl<'a> Lanes<'a> {
             is_led: AtomicBool::new(false),
             desk: Mutex::new(desk),
             threads: (0..lanes).map(|_| OnceLock::new()).collect(),
+            placement: Placement::default(),
             pool,
             janitor,
             stop,
         }
+    }
+
+    /// The same lanes, on these cores.
+    pub(super) fn placed(self, placement: Placement) -> Self {
+        Self { placement, ..self }
     }
 
     /// Serves until told to stop. This thread is lane 0.
@@ -149,6 +157,7 @@ impl<'a> Lanes<'a> {
         let _end = EndWithPanic;
         // Nothing else sets it.
         let _ = self.threads[lane].set(std::thread::current());
+        self.placement.enter();
         while !self.stop.load(Ordering::Relaxed) {
             match self.lead.try_lock() {
                 Ok(mut lead) => {
