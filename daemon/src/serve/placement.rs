@@ -55,22 +55,35 @@ fn left_to_lanes(mine: &BTreeSet<usize>, serving: &BTreeSet<usize>) -> Option<BT
 }
 
 /// The cores that serve interrupts of devices with these PCI addresses, by what the kernel says below `root`. Where it
-/// says nothing, none.
+/// says nothing, none; and none for interrupts that have not come: a device has one for each of many cores, and uses
+/// few of them.
 fn serving_cores(root: &Path, gpus: &[String]) -> BTreeSet<usize> {
+    let counts = fs::read_to_string(root.join("proc/interrupts")).unwrap_or_default();
     let interrupts = gpus.iter().filter(|address| !address.is_empty()).flat_map(|address| {
         // Named by their numbers.
         let folder = root.join("sys/bus/pci/devices").join(address).join("msi_irqs");
         let entries = fs::read_dir(folder).into_iter().flatten();
         entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok())
     });
-    let cores = interrupts.filter_map(|interrupt| {
-        let folder = root.join("proc/irq").join(interrupt);
-        // Where it goes, and not where it may go. Older kernels tell the latter alone, which is all cores mostly.
-        let told = ["effective_affinity_list", "smp_affinity_list"];
-        let list = told.iter().find_map(|file| fs::read_to_string(folder.join(file)).ok())?;
-        cores_of(list.trim())
-    });
+    let cores =
+        interrupts.filter(|interrupt| has_come(&counts, interrupt)).filter_map(|interrupt| {
+            let folder = root.join("proc/irq").join(interrupt);
+            // Where it goes, and not where it may go. Older kernels tell the latter alone, which is all cores mostly.
+            let told = ["effective_affinity_list", "smp_affinity_list"];
+            let list = told.iter().find_map(|file| fs::read_to_string(folder.join(file)).ok())?;
+            cores_of(list.trim())
+        });
     cores.flatten().collect()
+}
+
+/// Whether an interrupt has come, by the table of all counts: a line for each, its number and then a count a core.
+fn has_come(counts: &str, interrupt: &str) -> bool {
+    let lines = counts.lines().filter_map(|line| line.trim_start().split_once(':'));
+    let mut own = lines.filter(|(number, _)| *number == interrupt);
+    own.any(|(_, counts)| {
+        let counts = counts.split_whitespace().map_while(|count| count.parse::<u64>().ok());
+        counts.sum::<u64>() > 0
+    })
 }
 
 /// The cores of a list such as `0-3,8`; `None` where it is no such list.
@@ -109,7 +122,13 @@ mod tests {
         for interrupt in [40, 41, 42] {
             write(&format!("sys/bus/pci/devices/0000:1b:00.0/msi_irqs/{interrupt}"), "msix\n");
         }
-        write("sys/bus/pci/devices/0000:2b:00.0/msi_irqs/50", "msi\n");
+        for interrupt in [50, 51] {
+            write(&format!("sys/bus/pci/devices/0000:2b:00.0/msi_irqs/{interrupt}"), "msi\n");
+        }
+        let counts = "           CPU0       CPU1\n  8:   9  9   rtc0\n 40:  0  7  nvidia\n 41:  1  0  nvidia\n \
+            42:  5  5  nvidia\n 50:  2  0  nvidia\n 51:  0  0  nvidia 99\nNMI:   3  3  Non-maskable interrupts\n";
+        write("proc/interrupts", counts);
+        write("proc/irq/51/effective_affinity_list", "9\n");
         write("proc/irq/40/effective_affinity_list", "3\n");
         write("proc/irq/40/smp_affinity_list", "0-15\n");
         write("proc/irq/41/smp_affinity_list", "7\n");
