@@ -132,9 +132,10 @@ fn frames_without_a_gpu_are_answered_by_a_cpu_engine() {
     let memory = TestFrame::on_heap(&Precision::Exact, &boxes);
     let planned = executor.plan(memory.boxes.boxes(), &options, u64::MAX);
     let joining = vec![Executor::join(planned, Owner::Client(0), memory)];
+    executor.gpu().and_then(|mut gpu| gpu.device()).expect("a device").destroy();
+    let mut unserved = executor.gpus().shares().next().expect("a GPU").begin_bundle(joining);
+    let Some(Err(unserved)) = unserved.pop() else { panic!("its device is lost") };
     let mut other = Executor::new(None);
-    let mut unserved = other.gpus().shares().next().expect("a GPU").begin_bundle(joining);
-    let Some(Err(unserved)) = unserved.pop() else { panic!("there is no GPU") };
     let (answer, memory) = other.answer(unserved);
     let (answer, memory) = (answer.unwrap(), memory.unwrap());
     assert!(!answer.engine.is_gpu());

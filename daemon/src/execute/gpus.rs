@@ -46,7 +46,7 @@ impl Gpus {
 
     /// Each of them.
     pub fn shares(&self) -> impl Iterator<Item = GpuShare> {
-        self.all.iter().map(|gpu| GpuShare(Some(Arc::clone(gpu))))
+        self.all.iter().map(|gpu| GpuShare(Arc::clone(gpu)))
     }
 
     /// The one that is at this place, as soon as no other thread uses it.

@@ -63,15 +63,9 @@ pub struct Joining<M> {
     pub(super) memory: M,
 }
 
-/// A GPU that executors share, if there is one.
-#[derive(Clone)]
-pub struct GpuShare(pub(super) Option<Arc<SharedGpu>>);
-
-impl std::fmt::Debug for GpuShare {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("GpuShare").field("is_there", &self.0.is_some()).finish()
-    }
-}
+/// A GPU that executors share.
+#[derive(Clone, Debug)]
+pub struct GpuShare(pub(super) Arc<SharedGpu>);
 
 impl<M> Joining<M> {
     /// The place of the GPU that it is planned for, among those of the daemon.
@@ -83,28 +77,22 @@ impl<M> Joining<M> {
 impl GpuShare {
     /// Lets the GPU work for a moment.
     pub fn rest(&self) {
-        if let Some(gpu) = &self.0 {
-            gpu.rest();
-        }
+        self.0.rest();
     }
 
     /// Gives up what the GPU keeps of clients that are gone; to be called now and then.
     pub fn tidy(&self) {
-        if let Some(gpu) = &self.0 {
-            gpu.lock().tidy();
-        }
+        self.0.lock().tidy();
     }
 
     /// Whether plans count on it: its device was there when it was used last.
     pub fn is_there(&self) -> bool {
-        self.0.as_ref().is_some_and(|gpu| gpu.is_there())
+        self.0.is_there()
     }
 
     /// Takes a device in that was lost and is back. Its engines may take a second to make.
     pub fn take_back(&self) {
-        if let Some(gpu) = &self.0 {
-            gpu.with(super::GpuService::take_back);
-        }
+        self.0.with(super::GpuService::take_back);
     }
 
     /// Leaves frames to the GPU in one submission.
@@ -119,13 +107,7 @@ impl GpuShare {
         &self,
         frames: Vec<Joining<M>>,
     ) -> Vec<Result<CullUnderWay<M>, Unserved<M>>> {
-        let Some(gpu) = &self.0 else {
-            let lost = |Joining { planned, owner, memory }| {
-                let error = CullError::DeviceLost { engine: planned.plan.engine };
-                Err(Unserved { error, planned, owner, memory: Some(memory) })
-            };
-            return frames.into_iter().map(lost).collect();
-        };
+        let gpu = &self.0;
         let count = frames.len();
         let mut waiting = Vec::with_capacity(count);
         let mut memories = Vec::with_capacity(count);
