@@ -126,12 +126,12 @@ impl TestDaemon {
         Pid::from_raw(i32::try_from(record.worker_pid).expect("a pid")).expect("not zero")
     }
 
-    /// Sends the worker a signal.
+    /// Sends the worker a signal: the next one, where the one that serves has just died.
     ///
     /// # Panics
-    /// When the worker is gone.
+    /// When no worker lives within [`PATIENCE`].
     pub fn signal_worker(&self, signal: Signal) {
-        kill_process(self.worker(), signal).expect("the worker lives");
+        eventually("a worker lives", || kill_process(self.worker(), signal).ok());
     }
 
     /// Kills the daemon as the system's out-of-memory killer would: the supervisor by SIGKILL, and
