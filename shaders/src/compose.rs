@@ -1,4 +1,5 @@
-//! Stages as WGSL text: shared parts put in where `#import NAME` stands, each once.
+//! Stages as WGSL text: shared parts put in where `#import NAME` stands, each once. One file, because what a stage is (its
+//! text, label, bindings and forms) is one list, which each new stage extends in all of its columns.
 
 use pairmask_core::{BoxForm, Encoding, ObjectForm};
 

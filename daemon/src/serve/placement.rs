@@ -23,6 +23,9 @@ pub(super) struct Placement {
 impl Placement {
     /// For lanes beside these GPUs, by their PCI addresses.
     pub fn beside(gpus: &[String]) -> Self {
+        if gpus.is_empty() {
+            return Self::default();
+        }
         let Ok(allowed) = sched_getaffinity(None) else { return Self::default() };
         let mine: BTreeSet<usize> =
             (0..CpuSet::MAX_CPU).filter(|core| allowed.is_set(*core)).collect();
