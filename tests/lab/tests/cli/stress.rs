@@ -9,6 +9,10 @@ use serde_json::Value;
 
 use crate::support::{LosingDaemon, Place, keys};
 
+/// Runs in which an auditor is to notice a lost pair. Beside four busy threads on two cores it notices in
+/// three of four runs.
+const MOST_AUDITED_RUNS: usize = 20;
+
 #[test]
 fn right_engines_pass() {
     let place = Place::new();
@@ -185,8 +189,6 @@ fn clients_notice_a_daemon_that_loses_pairs() {
     let report = run(&[&line[..], &["--mode", "exact"]].concat());
     assert!(report["elapsed_ns"].as_u64().unwrap() < 55_000_000_000, "{report}");
     assert!(report["missed"].as_u64().unwrap() > 0 && report["extra"] == 0, "{report}");
-    let audit = &report["clients"]["daemon"]["audit"];
-    assert!(audit["missed"].as_u64().unwrap() > 0, "{report}");
     let failure = &report["failures"][0];
     assert!(failure["what"].as_str().unwrap().contains("is missing"), "{failure}");
 
@@ -196,6 +198,16 @@ fn clients_notice_a_daemon_that_loses_pairs() {
     let again = run(&replay);
     let of_the_case = |found: &Value| found["case"] == failure["case"];
     assert!(again["failures"].as_array().unwrap().iter().any(of_the_case), "{again}");
+
+    // A run ends with its tenth wrong answer, by which time an auditor of the lowest priority has checked few
+    // frames, or none, where the machine is busy.
+    let is_audited =
+        |report: &Value| report["clients"]["daemon"]["audit"]["missed"].as_u64().unwrap() > 0;
+    let mut more_runs = std::iter::repeat_with(|| run(&replay)).take(MOST_AUDITED_RUNS);
+    let reports = [&report, &again];
+    let noticed =
+        reports.into_iter().any(is_audited) || more_runs.any(|report| is_audited(&report));
+    assert!(noticed, "no auditor noticed in {MOST_AUDITED_RUNS} runs and {report}");
 
     kill_process(Pid::from_raw(serving.id().cast_signed()).unwrap(), Signal::TERM).unwrap();
     assert_eq!(finish(serving, "pairmaskd").code, Some(0));

@@ -9,8 +9,9 @@ use serde::Serialize;
 
 use super::client::DEADLINE;
 
-/// The auditor's counts are final when they have not changed for this long.
-const SETTLED: Duration = Duration::from_millis(300);
+/// The auditor's counts are final when they have not changed for this long: it has the lowest priority, and
+/// beside busy threads a check of 10 ms takes half a second and more.
+const SETTLED: Duration = Duration::from_secs(1);
 /// Longest wait for that.
 const SETTLES_WITHIN: Duration = Duration::from_secs(10);
 
