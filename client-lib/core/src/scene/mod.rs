@@ -207,6 +207,12 @@ impl Scene {
         self.options.threads = threads;
     }
 
+    /// Most pairs that the scene may have where all of them have to be found, before or after an edit; 2^32 − 1 unless
+    /// set. [`SceneError::Cull`] where there are more.
+    pub fn limit_pairs(&mut self, most: u64) {
+        self.whole.limit_pairs(most);
+    }
+
     /// What the scene holds, for who keeps it from now on; `None` where it has changed since the last taken
     /// answer, and pairs were told in that or may be taken still.
     pub fn kept(&self) -> Option<Kept<'_>> {

@@ -9,13 +9,17 @@ use crate::engine::{CullError, CullReport, EngineName, HeapReply, PairRules, Res
 use crate::mask::{Encoding, EncodingChoice, MaskView};
 use crate::units::BoxCount;
 
-/// Most bytes of a list: its pairs are counted in 32 bits.
-const LIST_BYTES: u64 = 8 * (u32::MAX as u64);
+/// Bytes of a pair.
+const PAIR_BYTES: u64 = 8;
+/// Most pairs of a list: they are counted in 32 bits.
+const MOST_PAIRS: u64 = u32::MAX as u64;
 
 /// Engines, and the memory that they keep.
 pub(super) struct Whole {
     engines: CpuEngines,
     reply: HeapReply,
+    /// Most pairs of a list.
+    most_pairs: u64,
     sorter: Sorter,
     hulls: HullMemory,
     last_pairs: Option<u64>,
@@ -26,17 +30,27 @@ impl Whole {
     pub fn new(engines: CpuEngines) -> Self {
         Self {
             engines,
-            reply: HeapReply::with_limit_bytes(LIST_BYTES),
+            reply: HeapReply::with_limit_bytes(PAIR_BYTES * MOST_PAIRS),
+            most_pairs: MOST_PAIRS,
             sorter: Sorter::default(),
             hulls: HullMemory::default(),
             last_pairs: None,
         }
     }
 
+    /// Most pairs that lists may have from now on.
+    pub fn limit_pairs(&mut self, most: u64) {
+        let most = most.min(MOST_PAIRS);
+        if most != self.most_pairs {
+            self.most_pairs = most;
+            self.reply = HeapReply::with_limit_bytes(PAIR_BYTES * most);
+        }
+    }
+
     /// Writes those pairs of `boxes` that are wanted, sorted. Returns how many pairs were compared.
     ///
     /// # Errors
-    /// [`CullError`] where there is no memory for the pairs, or there are 2^32 or more.
+    /// [`CullError`] where there is no memory for the pairs, or there are more than [may be](Self::limit_pairs).
     pub fn pairs(
         &mut self,
         boxes: &[Aabb],
@@ -50,7 +64,7 @@ impl Whole {
         let answer = self.engines.cull(boxes, &options, &mut self.reply)?;
         self.last_pairs = Some(answer.report.pair_count);
         let list = list_of(n, &answer.report, self.reply.words())?;
-        let needed_bytes = 8 * list.len() as u64;
+        let needed_bytes = PAIR_BYTES * list.len() as u64;
         let no_memory = |_| CullError::Reserve(ReserveError::OutOfMemory { needed_bytes });
         sorted.try_reserve(list.len()).map_err(no_memory)?;
         self.sorter.sorted_from(list, wanted, n.get(), threads, sorted);
@@ -135,7 +149,7 @@ impl Whole {
         self.engines.give_back();
         self.sorter.give_back();
         self.hulls = HullMemory::default();
-        self.reply = HeapReply::with_limit_bytes(LIST_BYTES);
+        self.reply = HeapReply::with_limit_bytes(PAIR_BYTES * self.most_pairs);
     }
 }
 

@@ -83,6 +83,21 @@ impl Searches {
         self.probes.clear();
         self.lines.clear();
     }
+
+    /// Boxes that will be tested, where the searches went [on](Cells::go_on): no more of them are found.
+    pub const fn tested(&self) -> u64 {
+        self.tested
+    }
+
+    /// Bytes that are allocated.
+    pub fn allocated_bytes(&self) -> usize {
+        self.questions.capacity() * size_of::<Question>()
+            + self.sure.capacity() * size_of::<Sure>()
+            + self.probes.capacity() * size_of::<u32>()
+            + self.lines.capacity() * size_of::<Line>()
+            + self.spans.capacity() * size_of::<Span>()
+            + self.levels.capacity() * size_of::<usize>()
+    }
 }
 
 impl Cells {

@@ -23,6 +23,11 @@ const SORTED_BOXES: usize = 1 << 18;
 const SORTED_SHARE: usize = 32;
 /// Batches that are under way at a time: each is a step behind the one after it.
 const BATCHES: usize = 4;
+/// Boxes that the queries of a batch may test together, 768 KiB of candidates: where there are more, each query
+/// is looked around by itself, so that no more candidates are in memory than those of a query of each thread.
+const MANY_TESTS: u64 = 65_536;
+/// Candidates that a batch keeps room for between queries: 1 MiB.
+const KEPT_CANDIDATES: usize = (1 << 20) / size_of::<Candidate>();
 
 /// The memory of searches, kept from one to the next: to get it anew takes a tenth of their time on one thread,
 /// and more on several, which get it together.
@@ -56,11 +61,14 @@ struct Batch {
 }
 
 impl Memory {
-    /// Bytes that are allocated for what was found, and for the order of queries.
+    /// Bytes that are allocated for searches, what was found, and the order of queries.
     pub fn allocated_bytes(&self) -> usize {
-        let found = |task: &Task| task.found.capacity() * size_of::<Pair>();
+        let of_task = |task: &Task| {
+            let batches: usize = task.batches.iter().map(Batch::allocated_bytes).sum();
+            task.found.capacity() * size_of::<Pair>() + batches
+        };
         (self.order.capacity() + self.starts.capacity()) * size_of::<u32>()
-            + self.tasks.iter().map(found).sum::<usize>()
+            + self.tasks.iter().map(of_task).sum::<usize>()
     }
 }
 
@@ -96,6 +104,7 @@ pub(super) fn find(
         }
     };
     in_parts(tasks.as_mut_slice(), parts, &run, &|(), ()| ());
+    tasks.iter_mut().flat_map(|task| &mut task.batches).for_each(Batch::give_back);
     room.check()?;
     super::reserve(found, tasks.iter().map(|task| task.found.len()).sum())?;
     if is_sorted {
@@ -158,13 +167,19 @@ impl Task {
             if let Some(number) = earlier(1) {
                 cells.go_on(&mut batches[number].searches);
             }
-            if let Some(number) = earlier(2) {
+            if let Some(number) = earlier(2)
+                && !batches[number].is_large()
+            {
                 *tested += batches[number].finish(cells, boxes);
             }
             if let Some(number) = earlier(3) {
-                let before = found.len();
-                batches[number].tell(boxes, found);
-                if !room.take(found.len() - before) {
+                let batch = &mut batches[number];
+                let is_within = if batch.is_large() {
+                    batch.find_one_by_one(cells, boxes, room, tested, found)
+                } else {
+                    batch.tell_within(boxes, room, found)
+                };
+                if !is_within {
                     return;
                 }
             }
@@ -188,6 +203,52 @@ impl Batch {
         cells.begin_around(here, searches);
     }
 
+    /// Whether its queries, once they went on, are to be looked around one by one.
+    const fn is_large(&self) -> bool {
+        self.here.len() > 1 && self.searches.tested() > MANY_TESTS
+    }
+
+    /// Looks around the queries one by one, and adds their pairs. Whether there was room for them.
+    fn find_one_by_one(
+        &mut self,
+        cells: &Cells,
+        boxes: &[Aabb],
+        room: &Room,
+        tested: &mut u64,
+        found: &mut Vec<Pair>,
+    ) -> bool {
+        let (numbers, here) = (std::mem::take(&mut self.numbers), std::mem::take(&mut self.here));
+        let is_within = numbers.iter().zip(&here).all(|(number, query)| {
+            self.numbers.clear();
+            self.numbers.push(*number);
+            self.here.clear();
+            self.here.push(*query);
+            cells.begin_around(&self.here, &mut self.searches);
+            cells.go_on(&mut self.searches);
+            *tested += self.finish(cells, boxes);
+            self.tell_within(boxes, room, found)
+        });
+        (self.numbers, self.here) = (numbers, here);
+        self.give_back();
+        is_within
+    }
+
+    /// Gives back the memory of more candidates than most queries have.
+    fn give_back(&mut self) {
+        if self.candidates.capacity() > KEPT_CANDIDATES {
+            self.candidates.clear();
+            self.candidates.shrink_to(KEPT_CANDIDATES);
+        }
+    }
+
+    /// Bytes that are allocated.
+    fn allocated_bytes(&self) -> usize {
+        self.numbers.capacity() * size_of::<u32>()
+            + self.here.capacity() * size_of::<Aabb>()
+            + self.searches.allocated_bytes()
+            + self.candidates.capacity() * size_of::<Candidate>()
+    }
+
     /// Finds the candidates. Returns how many boxes were tested.
     fn finish(&mut self, cells: &Cells, boxes: &[Aabb]) -> u64 {
         let Self { searches, candidates, .. } = self;
@@ -201,6 +262,13 @@ impl Batch {
             ask_for(boxes, (word & INDEX) + 1);
         }
         tested
+    }
+
+    /// Adds the pairs, in order. Whether there was room for them.
+    fn tell_within(&self, boxes: &[Aabb], room: &Room, found: &mut Vec<Pair>) -> bool {
+        let before = found.len();
+        self.tell(boxes, found);
+        room.take(found.len() - before)
     }
 
     /// Adds the pairs, in order. The candidates of a query stand together.
@@ -229,5 +297,40 @@ impl Batch {
                 found.truncate(kept);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn queries_that_overlap_very_many_boxes_find_them_all_and_keep_little_memory() {
+        let count = 50_000;
+        let mut boxes = vec![Aabb::new([0.0; 3], [1.0; 3]); count];
+        boxes.push(Aabb::new([40.0; 3], [41.0; 3]));
+        let mut queries = vec![Aabb::new([0.5; 3], [2.0; 3]); 20];
+        queries[3] = Aabb::EMPTY;
+        queries[7] = Aabb::new([40.5; 3], [42.0; 3]);
+        let cells = Cells::of(&boxes, |_| false, 1);
+        let mut memory = Memory::default();
+        let mut ask = |queries: &[Aabb], most: u64| {
+            let (room, mut found) = (Room::new(most), Vec::new());
+            let tested = find(&cells, &boxes, queries, 1, &room, &mut memory, &mut found);
+            tested.map(|tested| (tested, found))
+        };
+        let (tested, found) = ask(&queries, u64::from(u32::MAX)).expect("room");
+        let (mut tested_alone, mut expected) = (0, Vec::new());
+        for (number, query) in (0..).zip(&queries) {
+            let (tested, alone) = ask(std::slice::from_ref(query), u64::MAX).expect("room");
+            tested_alone += tested;
+            expected.extend(alone.iter().map(|[_, index]| [number, *index]));
+        }
+        assert_eq!((tested, found.len()), (tested_alone, 18 * count + 1));
+        assert!(found == expected);
+        assert!(ask(&queries, 3 * count as u64).is_err(), "more pairs than there is room for");
+        let batches = memory.tasks.iter().flat_map(|task| &task.batches);
+        let most = batches.map(|batch| batch.candidates.capacity()).max();
+        assert!(most.is_some_and(|most| most <= KEPT_CANDIDATES), "{most:?}");
     }
 }
