@@ -245,6 +245,28 @@ fn static_boxes_are_found_and_those_switched_off_and_removed_are_not() {
     assert_eq!(none.query(&boxes, &mut found), Ok(0));
 }
 
+/// More pairs than may be are an error, and the next query is answered.
+#[test]
+fn queries_find_no_more_pairs_than_may_be() {
+    let tools = tools(&GridOptions::default());
+    let boxes = stress_scenes::named("uniform").boxes(2_000, 3);
+    let right = expected(&boxes, &numbered(&boxes));
+    let mut found = Vec::new();
+    for queries in [&boxes[..50], &boxes[..]] {
+        let mut scene = scene_of(&tools, &boxes);
+        let count = right.iter().filter(|[query, _]| (*query as usize) < queries.len()).count();
+        scene.limit_query_pairs(count as u64 - 1);
+        for _ in 0..2 {
+            let refused = scene.query(queries, &mut found);
+            assert!(matches!(refused, Err(CullError::Reserve(_))), "{refused:?}");
+            assert!(found.is_empty());
+        }
+        scene.limit_query_pairs(count as u64);
+        scene.query(queries, &mut found).expect("an answer");
+        same(&found, &right[..count]).unwrap_or_else(|e| panic!("{e}"));
+    }
+}
+
 /// More queries than one submission takes.
 #[test]
 fn queries_of_several_submissions_are_numbered_on() {

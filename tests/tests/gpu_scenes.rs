@@ -238,6 +238,52 @@ fn a_scene_grows_and_shrinks() {
     assert!(gpu.video_bytes() > 0 && gpu.allocated_bytes() < 16 << 20);
 }
 
+/// Records that are made anew have no names of boxes: an edit that asks for moved pairs finds them all the same.
+#[test]
+fn moved_pairs_are_told_where_records_are_made_anew() {
+    let uniform = stress_scenes::named("uniform");
+    for tools in [vec![tools(&GridOptions::default())], shared_tools(3)] {
+        let mut core = Scene::new(SceneOptions::default());
+        let mut gpu = GpuScene::shared(&tools, SceneOptions::default());
+        // Room for 4,096 records, for some more, for 140,000, and for few again.
+        for (round, n) in [100u32, 5_000, 90, 140_000, 60, 70].into_iter().enumerate() {
+            let boxes = uniform.boxes(n, round as u64);
+            let steps = [
+                Step::Remove((n.min(core.len() as u32)..core.len() as u32).into()),
+                Step::Set(Sets { indices: (0..n).into(), boxes: &boxes }),
+            ];
+            core.edit(Edit { steps: &steps }, Want::Moved).expect("an answer");
+            gpu.edit(Edit { steps: &steps }, Want::Moved).expect("an answer");
+            same_told(gpu.told(), core.told()).unwrap_or_else(|e| panic!("{n} boxes: {e}"));
+            assert!(n < 1_000 || core.told().pairs().len() > 1_000);
+        }
+    }
+}
+
+/// A scene without boxes is offered to other GPUs: those that have it already are no others.
+#[test]
+fn a_scene_is_on_each_gpu_once() {
+    let tools = shared_tools(2);
+    let boxes = stress_scenes::named("uniform").boxes(3_000, 6);
+    let mut core = Scene::new(SceneOptions::default());
+    let mut gpu = GpuScene::new(&tools[0], SceneOptions::default());
+    for _ in 0..3 {
+        assert!(gpu.is_new());
+        gpu.share(&tools);
+        assert_eq!(gpu.gpu_count(), 2);
+        assert!(tools.iter().all(|tools| gpu.is_on(tools.gpu())));
+        let set = [Step::Set(Sets { indices: (0..3_000).into(), boxes: &boxes })];
+        let remove = [Step::Remove((0..3_000).into())];
+        for steps in [&set[..], &remove, &[]] {
+            core.edit(Edit { steps }, Want::Changes).expect("an answer");
+            gpu.edit(Edit { steps }, Want::Changes).expect("an answer");
+            same_told(gpu.told(), core.told()).unwrap_or_else(|e| panic!("{e}"));
+            core.take();
+            gpu.take();
+        }
+    }
+}
+
 #[test]
 fn scenes_of_every_small_size_are_told_and_ended() {
     let tools = tools(&GridOptions::default());

@@ -17,7 +17,7 @@ pub(crate) use self::client::FrameWork;
 pub use self::client::GpuNeed;
 use self::client::find_listener;
 use self::known::Known;
-pub(crate) use self::scenes::{KeptScene, NoRoom, SceneMemory, SceneRoom};
+pub(crate) use self::scenes::{BYTES_A_BOX, KeptScene, NoRoom, SceneMemory, SceneRoom};
 use crate::execute::Executor;
 
 /// Work that is expected of an object where nothing is known of its session: what the engines take

@@ -48,7 +48,11 @@ impl Engines {
             offers: Offers::new(gpu, imports),
             cost: None,
             awake: Awake::start(gpu, hold)?,
-            scenes: SceneTools::new(gpu, &grid)?,
+            // Edits are copied: which client's memory lies at the address of an import is known of frames alone.
+            scenes: SceneTools::new(
+                gpu,
+                &GridOptions { imports: SharedImports::default(), ..grid.clone() },
+            )?,
         };
         engines.cost = measure(&mut engines, &GridOptions { profiled: true, ..grid });
         Ok(engines)

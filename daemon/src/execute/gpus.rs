@@ -1,14 +1,14 @@
 //! The GPUs of a daemon, and which of them takes a frame, a session or a scene.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Weak};
 
 use pairmask_core::engine::{CullError, CullReport, ReplyBuffer};
 use pairmask_core::plan::{GpuCost, Plan};
 use pairmask_core::precision::BoxSlice;
 
 use super::frame_memory::LentReply;
-use super::gpu::{Borders, SceneTools, cull_shared};
+use super::gpu::{Borders, Gpu, SceneTools, cull_shared};
 use super::shared_gpu::{Queued, SharedGpu};
 use super::sharing::{gpus_for, is_scene_shared};
 use super::under_way::GpuShare;
@@ -18,6 +18,9 @@ use super::{GpuService, GpuTurn, Owner};
 #[derive(Clone, Default)]
 pub struct Gpus {
     all: Arc<[Arc<SharedGpu>]>,
+    /// Whether they compute the same bits, so that they may share frames: each looks for the pairs of the cells that
+    /// are its, and computes them all.
+    are_alike: bool,
     /// Whose turn it is to be the home of a session, or of a scene.
     next_home: Arc<AtomicUsize>,
 }
@@ -30,8 +33,11 @@ impl std::fmt::Debug for Gpus {
 
 impl Gpus {
     pub(super) fn new(services: impl IntoIterator<Item = GpuService>) -> Self {
+        let mut services: Vec<GpuService> = services.into_iter().collect();
+        let devices: Vec<Arc<Gpu>> = services.iter_mut().filter_map(GpuService::device).collect();
+        let are_alike = devices.windows(2).all(|two| two[0].info().computes_as(two[1].info()));
         let shared = services.into_iter().zip(0..).map(|(s, at)| Arc::new(SharedGpu::new(s, at)));
-        Self { all: shared.collect(), next_home: Arc::default() }
+        Self { all: shared.collect(), are_alike, next_home: Arc::default() }
     }
 
     /// GPUs, those that are lost too.
@@ -58,7 +64,7 @@ impl Gpus {
     pub fn for_scene(&self) -> SceneGpus {
         let home = self.next_home();
         let home = self.from(home).find(|gpu| gpu.is_there()).or(self.all.get(home)).cloned();
-        SceneGpus { home, all: self.clone(), are_all_its: false }
+        SceneGpus { home, all: self.clone(), its: Vec::new() }
     }
 
     /// The place of a GPU for the frames of a new session: each in turn. What a session's memory is
@@ -78,7 +84,7 @@ impl Gpus {
     pub(super) fn shares_for(&self, plan: &Plan, cost: Option<&GpuCost>) -> usize {
         let is_idle = |gpu: &Arc<SharedGpu>| gpu.is_there() && gpu.queued_steps() == 0;
         match cost {
-            Some(cost) if self.all.len() > 1 && self.all.iter().all(is_idle) => {
+            Some(cost) if self.are_alike && self.all.len() > 1 && self.all.iter().all(is_idle) => {
                 gpus_for(plan, cost, self.all.len())
             }
             _ => 1,
@@ -135,14 +141,14 @@ impl Gpus {
 pub struct SceneGpus {
     home: Option<Arc<SharedGpu>>,
     all: Gpus,
-    /// Whether the scene is on all of them, or was.
-    are_all_its: bool,
+    /// The places of those that have taken the scene, and the devices that they had then.
+    its: Vec<(usize, Weak<Gpu>)>,
 }
 
 impl SceneGpus {
     /// None: the scene stays with the cores.
     pub fn none() -> Self {
-        Self { home: None, all: Gpus::default(), are_all_its: false }
+        Self { home: None, all: Gpus::default(), its: Vec::new() }
     }
 
     /// What a frame costs on the home that comes now.
@@ -150,29 +156,59 @@ impl SceneGpus {
         self.home.as_ref()?.cost()
     }
 
-    /// What scenes on the home of now share.
-    pub(super) fn home(&self) -> Option<Arc<SceneTools>> {
-        self.home.as_ref()?.with(GpuService::scene_tools)
+    /// What scenes on the home of now share. The scene is its from now on.
+    pub(super) fn home(&mut self) -> Option<Arc<SceneTools>> {
+        let home = self.home.clone()?;
+        let tools = home.with(GpuService::scene_tools)?;
+        self.note(&home, &tools);
+        Some(tools)
     }
 
-    /// The others, for a scene of so many boxes: none where one GPU searches it as soon. The scene is theirs too from
-    /// now on.
+    /// The others, for a scene of so many boxes: none where one GPU searches it as soon. Those alone that are as the
+    /// home is: a search is shared out by the cells that each GPU computes, and they must be the same ones. The scene
+    /// is theirs too from now on.
     pub(super) fn others(&mut self, boxes: usize) -> Vec<Arc<SceneTools>> {
-        let Some(home) = self.home.as_ref().filter(|_| is_scene_shared(boxes)) else {
+        if !is_scene_shared(boxes) {
             return Vec::new();
-        };
-        let others = self.all.all.iter().filter(|gpu| gpu.number() != home.number());
-        let there = others.filter(|gpu| gpu.is_there());
-        let tools: Vec<_> = there.filter_map(|gpu| gpu.with(GpuService::scene_tools)).collect();
-        self.are_all_its |= !tools.is_empty();
-        tools
+        }
+        let Some(home) = self.home() else { return Vec::new() };
+        let all = Arc::clone(&self.all.all);
+        let mut others = Vec::new();
+        for gpu in all.iter().filter(|gpu| gpu.is_there()) {
+            let tools = gpu.with(GpuService::scene_tools);
+            let is_other = |tools: &Arc<SceneTools>| !Arc::ptr_eq(tools.gpu(), home.gpu());
+            let tools = tools.filter(is_other);
+            if let Some(tools) = tools.filter(|t| t.gpu().info().computes_as(home.gpu().info())) {
+                self.note(gpu, &tools);
+                others.push(tools);
+            }
+        }
+        others
     }
 
-    /// All GPUs that have the scene, as soon as no other thread uses them. Whoever takes several takes them in this
-    /// order.
-    pub(super) fn turns(&self) -> Vec<GpuTurn<'_>> {
-        let home = self.home.iter().filter(|_| !self.are_all_its);
-        let all = self.all.all.iter().filter(|_| self.are_all_its);
-        home.chain(all).map(|gpu| gpu.lock()).collect()
+    /// How many there are: most that may keep a scene of so many boxes.
+    pub(super) fn most_for(&self, boxes: usize) -> usize {
+        if is_scene_shared(boxes) { self.all.len().max(1) } else { 1 }
+    }
+
+    fn note(&mut self, gpu: &SharedGpu, tools: &SceneTools) {
+        let device = Arc::downgrade(tools.gpu());
+        let is_known = self
+            .its
+            .iter()
+            .any(|(place, known)| *place == gpu.number() && Weak::ptr_eq(known, &device));
+        if !is_known {
+            self.its.push((gpu.number(), device));
+        }
+    }
+
+    /// The GPUs whose devices `has` says have the scene, as soon as no other thread uses them: one that has lost it
+    /// may be busy with what came of that. Whoever takes several takes them in this order.
+    pub(super) fn turns(&self, has: impl Fn(&Gpu) -> bool) -> Vec<GpuTurn<'_>> {
+        let has = |device: &Weak<Gpu>| device.upgrade().is_some_and(|device| has(&device));
+        let has_it = |gpu: &&Arc<SharedGpu>| {
+            self.its.iter().any(|(place, device)| *place == gpu.number() && has(device))
+        };
+        self.all.all.iter().filter(has_it).map(|gpu| gpu.lock()).collect()
     }
 }

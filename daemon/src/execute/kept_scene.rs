@@ -5,6 +5,7 @@
 //! what the better place costs. It stays there: an edit takes the GPU 50 µs at the least, and boxes would have to
 //! come back. A large scene is kept by all GPUs, if it is large when it moves, or with its first boxes.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use pairmask_core::Aabb;
@@ -35,6 +36,8 @@ pub struct SceneKeeper {
     gpus: SceneGpus,
     engine: EngineChoice,
     threads: usize,
+    /// Most pairs that queries may find.
+    most_query_pairs: u64,
     /// What edits and queries would have saved on the GPU, ns.
     would_have_saved_ns: f64,
 }
@@ -60,17 +63,26 @@ impl SceneKeeper {
     pub fn new(
         options: SceneOptions,
         engines: CpuEngines,
-        gpus: SceneGpus,
+        mut gpus: SceneGpus,
         engine: EngineChoice,
     ) -> Result<Self, CullError> {
         let place = match engine {
             EngineChoice::Only(engine) if engine.is_gpu() => {
                 let unavailable = CullError::Unavailable { engine, why: "there is no GPU" };
-                Place::Gpu(GpuScene::new(&gpus.home().ok_or(unavailable)?, options))
+                let home = gpus.home().ok_or(unavailable)?;
+                Place::Gpu(GpuScene::new(&home, options.with_threads(1)))
             }
             _ => Place::Cores(Scene::with_engines(options, engines)),
         };
-        Ok(Self { place, options, gpus, engine, threads: 1, would_have_saved_ns: 0.0 })
+        Ok(Self {
+            place,
+            options,
+            gpus,
+            engine,
+            threads: 1,
+            most_query_pairs: u64::from(u32::MAX),
+            would_have_saved_ns: 0.0,
+        })
     }
 
     /// Boxes, those that are switched off too.
@@ -102,6 +114,15 @@ impl SceneKeeper {
         }
     }
 
+    /// GPUs that have it once it has so many boxes; one where the cores have it.
+    pub fn copies(&self, boxes: usize) -> usize {
+        match &self.place {
+            Place::Cores(_) => 1,
+            Place::Gpu(scene) if scene.is_new() => self.gpus.most_for(boxes).max(scene.gpu_count()),
+            Place::Gpu(scene) => scene.gpu_count(),
+        }
+    }
+
     /// Bytes that it keeps, in host and video memory.
     pub fn bytes(&self) -> u64 {
         match &self.place {
@@ -113,15 +134,26 @@ impl SceneKeeper {
     /// Threads that later edits may use.
     pub fn set_threads(&mut self, threads: usize) {
         self.threads = threads;
-        if let Place::Cores(scene) = &mut self.place {
-            scene.set_threads(Some(threads));
+        match &mut self.place {
+            Place::Cores(scene) => scene.set_threads(Some(threads)),
+            Place::Gpu(scene) => scene.set_threads(Some(threads)),
         }
     }
 
-    /// Most pairs that later queries may find. Those of a GPU are held to the reply alone.
-    pub fn limit_query_pairs(&mut self, most: u64) {
+    /// Most pairs that later edits may find where they look for all. In video memory a list is as long as the device
+    /// can make one.
+    pub fn limit_pairs(&mut self, most: u64) {
         if let Place::Cores(scene) = &mut self.place {
-            scene.limit_query_pairs(most);
+            scene.limit_pairs(most);
+        }
+    }
+
+    /// Most pairs that later queries may find.
+    pub fn limit_query_pairs(&mut self, most: u64) {
+        self.most_query_pairs = most;
+        match &mut self.place {
+            Place::Cores(scene) => scene.limit_query_pairs(most),
+            Place::Gpu(scene) => scene.limit_query_pairs(most),
         }
     }
 
@@ -149,9 +181,13 @@ impl SceneKeeper {
         let Some(home) = self.gpus.home() else { return };
         let mut tools = vec![home];
         tools.extend(self.gpus.others(scene.len()));
-        let _turns = self.gpus.turns();
-        match GpuScene::from_kept(&tools, self.options, &kept) {
-            Ok(moved) => self.place = Place::Gpu(moved),
+        let _turns =
+            self.gpus.turns(|gpu| tools.iter().any(|t| std::ptr::eq(Arc::as_ptr(t.gpu()), gpu)));
+        match GpuScene::from_kept(&tools, self.options.with_threads(self.threads), &kept) {
+            Ok(mut moved) => {
+                moved.limit_query_pairs(self.most_query_pairs);
+                self.place = Place::Gpu(moved);
+            }
             // The cores have it, and are asked again when as much time was lost.
             Err(error) => log::info!("a scene stays with the cores: {error}"),
         }
@@ -173,7 +209,7 @@ impl PairScene for SceneKeeper {
                     scene.share(&self.gpus.others(edit.boxes()));
                 }
                 // One session uses a GPU at a time.
-                let _turns = self.gpus.turns();
+                let _turns = self.gpus.turns(|gpu| scene.is_on(gpu));
                 scene.edit(edit, want)?;
             }
         }
@@ -241,7 +277,7 @@ impl PairScene for SceneKeeper {
             }
             Place::Gpu(scene) => {
                 // One session uses a GPU at a time.
-                let _turns = self.gpus.turns();
+                let _turns = self.gpus.turns(|gpu| scene.is_on(gpu));
                 scene.query(queries, found)
             }
         }

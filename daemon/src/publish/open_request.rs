@@ -22,6 +22,8 @@ use pairmask_wire::{
 
 use crate::ingest::Incoming;
 
+/// Words of a pair.
+const PAIR_WORDS: u64 = 2;
 /// Bytes of a word of a mask.
 const WORD_BYTES: u64 = size_of::<u32>() as u64;
 
@@ -128,6 +130,11 @@ impl OpenRequest {
     /// The most words of its reply.
     pub(crate) fn limit_words(&self) -> u64 {
         self.lender.limit_bytes / WORD_BYTES
+    }
+
+    /// The most pairs that its reply has room for.
+    pub(crate) fn limit_pairs(&self) -> u64 {
+        self.limit_words() / PAIR_WORDS
     }
 
     /// The payload.

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use pairmask_core::engine::{CullError, ReplyBuffer};
+use pairmask_core::engine::CullError;
 use pairmask_core::scene::{BeyondMask, QueryError};
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{QueryRequest, Reject};
@@ -12,8 +12,6 @@ use super::scene::SceneEdits;
 use crate::clients::{GpuNeed, KeptScene};
 use crate::publish::{OpenRequest, Outbox, Refusal};
 
-/// Words of a pair.
-const PAIR_WORDS: u64 = 2;
 /// Most queries of a scene in video memory that are answered without the pool: 24 bytes each, so that the copy
 /// to where the GPU sees them is one thread's.
 const FEW_QUERIES: u32 = 1 << 15;
@@ -93,13 +91,13 @@ fn query_and_answer(
 ) -> Result<(), Unanswered> {
     let KeptScene { scene, found, room, audited, .. } = kept;
     scene.scene_mut().set_threads(threads);
+    scene.scene_mut().limit_query_pairs(open.limit_pairs());
     let taken_at = open.taken_at();
     let begun = Instant::now();
     let answer = {
         let (pages, mut reply) = open.payload_and_reply();
         let malformed = || Unanswered::Refused(Reject::Query { field: "payload" }.into());
         let (queries, tags) = request.read(pages).ok_or_else(malformed)?;
-        scene.scene_mut().limit_query_pairs(reply.limit_words() / PAIR_WORDS);
         let pairs = found.pairs();
         request.mask.answer(queries, request.encoding, threads, pairs, &mut reply, |found| {
             scene.query(queries, tags, found).map_err(Unanswered::from)

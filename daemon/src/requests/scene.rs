@@ -140,6 +140,8 @@ fn edit_and_answer(
         scene.lose();
     }
     scene.scene_mut().set_threads(threads);
+    // More have no place in the answer, and would be found in memory that nobody has counted.
+    scene.scene_mut().limit_pairs(open.limit_pairs());
     let edited = scene.edit_expanded(edit, request.want).map(drop);
     room.note(scene, found.bytes());
     match edited {

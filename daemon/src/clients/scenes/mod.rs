@@ -14,8 +14,9 @@ use crate::execute::SceneKeeper;
 
 /// Bytes that a scene takes for each index, whether it has a box or not.
 const BYTES_AN_INDEX: u64 = 25;
-/// Bytes that it takes for each box on top, at the most: cells, history and answers.
-const BYTES_A_BOX: u64 = 275;
+/// Bytes that it takes for each box on top, at the most: cells, history and answers; and again on each GPU beside the
+/// first one that has it.
+pub(crate) const BYTES_A_BOX: u64 = 275;
 /// Bytes that rules take for each index on top, where there are any: its tag.
 const BYTES_A_TAG: u64 = 12;
 /// Bytes that any scene takes: without them, empty ones would be free.
@@ -123,7 +124,8 @@ impl SceneRoom {
             (None, false) => 0,
             _ => scene.rule_bytes() as u64 + BYTES_A_TAG * indices + edit.rule_bytes() as u64,
         };
-        let scene = BYTES_A_SCENE + BYTES_AN_INDEX * indices + BYTES_A_BOX * boxes;
+        let copies = scene.scene().copies(edit.boxes()) as u64;
+        let scene = BYTES_A_SCENE + BYTES_AN_INDEX * indices + BYTES_A_BOX * boxes * copies;
         self.0.grow_to(scene + rules + beside)
     }
 

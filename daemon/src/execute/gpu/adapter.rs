@@ -88,6 +88,12 @@ impl AdapterInfo {
     pub fn is_software(&self) -> bool {
         self.kind == AdapterKind::Software
     }
+
+    /// Whether both are the same device by the same driver: then the same shader computes the same bits on both.
+    pub fn computes_as(&self, other: &Self) -> bool {
+        let of = |info: &Self| (info.vendor_id, info.device_id, info.driver.clone());
+        of(self) == of(other)
+    }
 }
 
 impl From<wgpu::AdapterInfo> for AdapterInfo {

@@ -6,18 +6,15 @@ use std::time::Duration;
 use pairmask_shaders::layouts::{GridLayout, SceneParams, SceneSummary};
 
 use super::SceneTools;
-use super::plan::{MOST_SLOTS, Room, Sizes};
+use super::plan::{MOST_SLOTS, PAIR_BYTES, Room, SORTED_BYTES, Sizes};
 use crate::execute::gpu::error::GpuError;
 use crate::execute::gpu::frame::{Command, Frame};
 use crate::execute::gpu::memory::{Block, Home, Part};
 
 /// Bytes of a record.
 pub(super) const RECORD_BYTES: u64 = 32;
-/// Bytes of an entry before it has its place, and at its place.
+/// Bytes of an entry before it has its place.
 const ENTRY_BYTES: u64 = 16;
-const SORTED_BYTES: u64 = 32;
-/// Bytes of a found pair.
-const PAIR_BYTES: u64 = 8;
 /// Records that a scene has room for, at least: smaller blocks save nothing.
 const LEAST_SLOTS: u64 = 4_096;
 /// Records that a scene may keep room for however small it is, 2 MiB: queries of small scenes need room behind
@@ -186,7 +183,7 @@ impl Memory {
             // Zero is an index without a box that has never changed.
             steps.push(Command::Fill { part: Part::whole(block), word: 0 });
         }
-        if let Some(old) = self.records.take() {
+        if let Some(old) = &self.records {
             let bytes = old.slots.min(made.slots) * RECORD_BYTES;
             for (from, to) in [(&old.now, &made.now), (&old.then, &made.then)] {
                 steps.push(Command::Copy {

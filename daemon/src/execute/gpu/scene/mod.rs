@@ -152,6 +152,8 @@ pub struct GpuScene {
     is_second_grid: bool,
     /// Pairs of the last queries.
     query_pairs: u64,
+    /// Most pairs that queries may find.
+    most_query_pairs: u64,
     /// The number of the history under way. Records start with 0.
     epoch: u64,
     /// The number of the last naming.
@@ -203,6 +205,7 @@ impl GpuScene {
             standing: None,
             is_second_grid: false,
             query_pairs: 0,
+            most_query_pairs: u64::from(u32::MAX),
             epoch: 1,
             naming: 0,
             known: Known::Same,
@@ -215,14 +218,15 @@ impl GpuScene {
         }
     }
 
-    /// Has more devices keep it, if it has had no box yet: there is nothing to bring to them.
+    /// Has more devices keep it, if it has no box and has none to tell of: there is nothing to bring to them. Those
+    /// that have it stay.
     pub fn share(&mut self, more: &[Arc<SceneTools>]) {
         if self.is_new() {
             self.replicas.add(more);
         }
     }
 
-    /// Whether it has had no box yet.
+    /// Whether it has no box, and has none to tell of.
     pub fn is_new(&self) -> bool {
         self.roster.len() == 0
     }
@@ -322,6 +326,17 @@ impl GpuScene {
     /// GPUs that have it.
     pub const fn gpu_count(&self) -> usize {
         self.replicas.len()
+    }
+
+    /// Whether it is in the memory of a device.
+    pub fn is_on(&self, gpu: &Gpu) -> bool {
+        self.replicas.iter().any(|replica| std::ptr::eq(Arc::as_ptr(replica.tools.gpu()), gpu))
+    }
+
+    /// Threads that later edits and queries may use, of the caller's pool; `None` is all of them. With one, no pool is
+    /// touched.
+    pub const fn set_threads(&mut self, threads: Option<usize>) {
+        self.options.threads = threads;
     }
 
     /// Where the time of the last edit or query went.
@@ -430,13 +445,17 @@ impl GpuScene {
         let mut names = Names::Kept;
         if mode == Some(SceneMode::Moved) {
             self.naming = self.naming.wrapping_add(1);
-            if self.naming == 0 || !self.replicas.iter().all(|r| r.memory.has_named()) {
+            names = Names::Given;
+            if self.naming == 0 {
                 names = Names::Forgotten;
                 self.naming = 1;
             }
         }
+        let threads = self.threads();
         let (sets, marks) = (self.gathered.sets(edit), &self.marks);
-        self.replicas.on_each(|_, replica| replica.place(sets, marks, slots as u64, names))?;
+        let place =
+            |replica: &mut Replica| replica.place(sets, marks, slots as u64, names, threads);
+        self.replicas.on_each(|_, replica| place(replica))?;
         if let Some(most) = edit.sets().max_by_key(|sets| sets.boxes.len()) {
             self.layouts.note_edit(most.boxes, slots);
         }
@@ -461,7 +480,8 @@ impl GpuScene {
         let mut least = Room::default();
         let mut applies = true;
         loop {
-            let expected = Room::expected(&question, self.rooms.0[question.mode as usize]);
+            let expected = Room::expected(&question, self.rooms.0[question.mode as usize])
+                .within(self.replicas.first().tools.binding_bytes);
             let room = Room {
                 entries: expected.entries.max(least.entries),
                 pairs: expected.pairs.max(least.pairs),

@@ -38,6 +38,9 @@ const FILTER_WORDS: (u64, u64) = (1 << 10, 1 << 22);
 
 /// Entries that there is room for beyond those expected: wide boxes, and boxes that left their place.
 const SPARE_ENTRIES: u64 = 1_024;
+/// Bytes of an entry at its place, the larger one of its two forms, and of a found pair.
+pub(super) const SORTED_BYTES: u64 = 32;
+pub(super) const PAIR_BYTES: u64 = 8;
 /// Room for found pairs, at least: 32 KiB.
 const LEAST_PAIRS: u64 = 4_096;
 
@@ -104,6 +107,12 @@ impl Room {
         let entries = roomy(question.entries()).max(roomy(last.entries)) + SPARE_ENTRIES;
         let pairs = roomy(last.pairs).max(LEAST_PAIRS);
         Self { entries: entries.min(2 * question.slots).max(1), pairs }
+    }
+
+    /// No more than stages of a device see: what is needed beyond is an error, and what is expected is none.
+    pub fn within(self, binding_bytes: u64) -> Self {
+        let entries = self.entries.min(binding_bytes / SORTED_BYTES);
+        Self { entries, pairs: self.pairs.min(binding_bytes / PAIR_BYTES) }
     }
 }
 

@@ -18,7 +18,7 @@ use pairmask_shaders::constants::SORTED_ROW;
 use pairmask_shaders::layouts::SceneMode;
 
 use super::memory::{Blocks, RECORD_BYTES};
-use super::plan::{MOST_SLOTS, Question, Room, Sizes};
+use super::plan::{MOST_SLOTS, PAIR_BYTES, Question, Room, Sizes};
 use super::replica::Replica;
 use super::roster::Marks;
 use super::search::{self, Queries, Search, Task, Way};
@@ -39,7 +39,8 @@ impl GpuScene {
     ///
     /// # Errors
     /// [`CullError`]; `found` is empty then. After [`CullError::DeviceLost`] the scene is to be dropped. Where
-    /// memory is short, or queries crowd one place too much, the scene is what it was.
+    /// memory is short, there are more pairs than [may be](Self::limit_query_pairs), or queries crowd one place too
+    /// much, the scene is what it was.
     pub fn query(&mut self, queries: &[Aabb], found: &mut Vec<[u32; 2]>) -> Result<u64, CullError> {
         found.clear();
         self.times = EditTimes::default();
@@ -64,6 +65,9 @@ impl GpuScene {
                         found.truncate(before);
                     }
                     Err(error) => {
+                        // Blocks that they use may have been replaced before it failed.
+                        self.replicas.first().frames.clear();
+                        self.standing = None;
                         found.clear();
                         return Err(error);
                     }
@@ -71,6 +75,20 @@ impl GpuScene {
             }
         }
         Ok(tested)
+    }
+
+    /// Most pairs that later queries may find; 2^32 − 1 unless set.
+    pub fn limit_query_pairs(&mut self, most: u64) {
+        self.most_query_pairs = most.min(u64::from(u32::MAX));
+    }
+
+    /// Why a query ends that finds more than [may be](Self::limit_query_pairs).
+    const fn too_many_pairs(&self) -> CullError {
+        let most = self.most_query_pairs;
+        CullError::Reserve(ReserveError::TooLarge {
+            at_least_bytes: PAIR_BYTES.saturating_mul(most.saturating_add(1)),
+            limit_bytes: PAIR_BYTES.saturating_mul(most),
+        })
     }
 
     /// Whether so many queries may lie behind the scene's records, and few boxes look at them.
@@ -89,7 +107,10 @@ impl GpuScene {
         are_entries: bool,
         found: &mut Vec<Pair>,
     ) -> Result<u64, CullError> {
-        let Replica { tools, upload, memory, frames, .. } = self.replicas.first();
+        let threads = self.threads();
+        let Replica { tools, upload, memory, frames, blocks, .. } = self.replicas.first();
+        // Those of the last edit, which it has read: what is replaced here is freed at once.
+        *blocks = None;
         let tools = Arc::clone(tools);
         let gpu_error = |error: GpuError| tools.gpu.cull_error(ENGINE, &error);
         let mut clock = Clock::start();
@@ -107,18 +128,19 @@ impl GpuScene {
             let (slots, active) = (slots + count, active + count);
             (Question { mode: SceneMode::Query, slots, active, changed: count }, set.as_slice())
         } else {
-            let placed = upload.place_queries(gpu, queries, &mut replaced);
+            let placed = upload.place_queries(gpu, queries, threads, &mut replaced);
             boxes = Some(placed.map_err(gpu_error)?);
             (Question { mode: SceneMode::All, slots, active, changed: active }, [].as_slice())
         };
         let sets = self.gathered.sets(Edit { steps });
-        let uploaded = upload.place(gpu, sets, &Marks::new(), &mut replaced).map_err(gpu_error)?;
+        let uploaded = upload.place(gpu, sets, &Marks::new(), threads, &mut replaced);
+        let uploaded = uploaded.map_err(gpu_error)?;
         clock.lap(&mut self.times.upload);
         if are_entries {
             self.layouts.note_queries(&question, queries);
         }
         let mut room = Room { pairs: self.query_pairs, ..self.rooms.0[question.mode as usize] };
-        room = Room::expected(&question, room);
+        room = Room::expected(&question, room).within(tools.binding_bytes);
         loop {
             // Until the queries have their answer: an error leaves nothing to rely on.
             let standing = self.standing.take();
@@ -164,8 +186,11 @@ impl GpuScene {
                 return Err(CullError::TooCrowded { engine: ENGINE });
             }
             self.standing = (!are_entries).then_some(layout);
+            if (found.len() as u64).saturating_add(pairs) > self.most_query_pairs {
+                return Err(self.too_many_pairs());
+            }
             if pairs > made.pairs {
-                let needed_bytes = pairs.saturating_mul(size_of::<Pair>() as u64);
+                let needed_bytes = pairs.saturating_mul(PAIR_BYTES);
                 if needed_bytes > tools.binding_bytes {
                     return Err(ReserveError::OutOfMemory { needed_bytes }.into());
                 }

@@ -29,8 +29,10 @@ pub(super) struct Replica {
 /// What becomes of the names that edits have given boxes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Names {
-    /// They stay: the edit gives none, or its number is a new one.
+    /// They stay: the edit gives none.
     Kept,
+    /// They stay, and the edit gives some with a new number.
+    Given,
     /// They are forgotten: numbers begin anew.
     Forgotten,
 }
@@ -68,14 +70,17 @@ impl Replica {
         marks: &Marks,
         slots: u64,
         names: Names,
+        threads: usize,
     ) -> Result<(), GpuError> {
         let mut replaced = false;
         self.blocks = None;
         self.memory.make_records(&self.tools, slots, &mut replaced)?;
-        if names == Names::Forgotten {
+        // Records that were made anew have no names, and those that there were matter to no later edit.
+        if names == Names::Forgotten || names == Names::Given && !self.memory.has_named() {
             self.memory.forget_named(&self.tools, &mut replaced)?;
         }
-        self.edit = Some(self.upload.place(&self.tools.gpu, sets, marks, &mut replaced)?);
+        let placed = self.upload.place(&self.tools.gpu, sets, marks, threads, &mut replaced);
+        self.edit = Some(placed?);
         if replaced {
             self.frames.clear();
         }
@@ -125,9 +130,13 @@ impl Replicas {
         Self(tools.iter().map(Replica::new).collect())
     }
 
-    /// One more for each.
+    /// One more for each whose device has none.
     pub fn add(&mut self, tools: &[Arc<SceneTools>]) {
-        self.0.extend(tools.iter().map(Replica::new));
+        for tools in tools {
+            if !self.0.iter().any(|replica| Arc::ptr_eq(replica.tools.gpu(), tools.gpu())) {
+                self.0.push(Replica::new(tools));
+            }
+        }
     }
 
     pub const fn len(&self) -> usize {
@@ -192,7 +201,8 @@ impl Replicas {
     }
 }
 
-/// What the shares of a search found together. All of them have the same entries.
+/// What the shares of a search found together. All of them have the same entries, unless a client writes to the
+/// boxes of its edit while each GPU reads them: then there must be room for the most.
 pub(super) fn sum(shares: &[SceneSummary]) -> SceneSummary {
     let words = |of: fn(&SceneSummary) -> [u32; 2]| {
         let all: u64 = shares.iter().map(|share| wide(of(share))).sum();
@@ -200,6 +210,7 @@ pub(super) fn sum(shares: &[SceneSummary]) -> SceneSummary {
     };
     let first = shares.first().copied().unwrap_or_else(bytemuck::Zeroable::zeroed);
     SceneSummary {
+        entries: shares.iter().map(|share| share.entries).max().unwrap_or(0),
         found: words(|share| share.found),
         ended: words(|share| share.ended),
         tested: words(|share| share.tested),

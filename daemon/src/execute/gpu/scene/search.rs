@@ -140,6 +140,9 @@ struct Shape {
     search: SearchShape,
     boxes: Place,
     box_bytes: u64,
+    /// Whole blocks: short lists lie in another one than long ones.
+    indices: Place,
+    marks: Place,
 }
 
 /// What is recorded of a search.
@@ -262,6 +265,8 @@ impl Task<'_> {
             search,
             boxes: Place::of(&edit.boxes),
             box_bytes: edit.boxes.bytes,
+            indices: Place::of(&edit.indices),
+            marks: Place::of(&edit.marks),
         }
     }
 

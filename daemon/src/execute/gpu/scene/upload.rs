@@ -147,14 +147,19 @@ impl Upload {
         gpu: &Arc<Gpu>,
         sets: GatheredSets<'_>,
         marks: &Marks,
+        threads: usize,
         replaced: &mut bool,
     ) -> Result<Uploaded, GpuError> {
         let GatheredSets { boxes, indices, first } = sets;
+        let Self { imports, boxes: of_boxes, indices: of_indices, marks: of_marks, .. } = self;
+        let mut copy =
+            |staging: &mut Staging, bytes: &[u8]| copied(gpu, staging, bytes, threads, replaced);
+        let (indices, mark_bytes) = (bytemuck::cast_slice(indices), bytemuck::cast_slice(marks));
         Ok(Uploaded {
-            boxes: place_boxes(gpu, &self.imports, &mut self.boxes, boxes, replaced)?,
-            indices: copied(gpu, &mut self.indices, bytemuck::cast_slice(indices), replaced)?,
+            indices: copy(of_indices, indices)?,
+            marks: copy(of_marks, mark_bytes)?,
+            boxes: place_boxes(gpu, imports, of_boxes, boxes, threads, replaced)?,
             sets: SetIndices { count: boxes.len() as u32, first },
-            marks: copied(gpu, &mut self.marks, bytemuck::cast_slice(marks), replaced)?,
             mark_count: marks.len() as u32,
         })
     }
@@ -164,9 +169,10 @@ impl Upload {
         &mut self,
         gpu: &Arc<Gpu>,
         queries: &[Aabb],
+        threads: usize,
         replaced: &mut bool,
     ) -> Result<Part, GpuError> {
-        place_boxes(gpu, &self.imports, &mut self.queries, queries, replaced)
+        place_boxes(gpu, &self.imports, &mut self.queries, queries, threads, replaced)
     }
 }
 
@@ -176,6 +182,7 @@ fn place_boxes(
     imports: &SharedImports,
     staging: &mut Staging,
     boxes: &[Aabb],
+    threads: usize,
     replaced: &mut bool,
 ) -> Result<Part, GpuError> {
     let bytes = size_of_val(boxes) as u64;
@@ -187,15 +194,17 @@ fn place_boxes(
             return Ok(Part::of(block, offset, bytes));
         }
     }
-    copied(gpu, staging, bytemuck::cast_slice(boxes), replaced)
+    copied(gpu, staging, bytemuck::cast_slice(boxes), threads, replaced)
 }
 
-/// Bytes copied to where the GPU sees them. The part is the whole block, so that frames of edits of other
-/// sizes bind the same.
+/// Bytes copied to where the GPU sees them, with one thread on none of the pool: its work would wait there behind
+/// others' that wait for the GPU that this thread holds. The part is the whole block, so that frames of edits of
+/// other sizes bind the same.
 fn copied(
     gpu: &Arc<Gpu>,
     staging: &mut Staging,
     bytes: &[u8],
+    threads: usize,
     replaced: &mut bool,
 ) -> Result<Part, GpuError> {
     let block = staging.at_least(gpu, bytes.len() as u64, replaced)?;
@@ -203,7 +212,7 @@ fn copied(
     if bytes.len() as u64 > most {
         return Err(GpuError::OutOfMemory { bytes: bytes.len() as u64 });
     }
-    if bytes.len() <= 2 * COPY_BYTES {
+    if threads == 1 || bytes.len() <= 2 * COPY_BYTES {
         block.write(0, bytes);
     } else {
         let chunks = bytes.par_chunks(COPY_BYTES).enumerate();
