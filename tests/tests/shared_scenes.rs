@@ -13,8 +13,8 @@ use pairmask::filters::{Filter, FilterId, FilterTable, Tag};
 use pairmask::scene::shared::{AtEnd, Hears, LeaseError, NotLeased};
 use pairmask::scene::{EndReason, Ended, Step, Want};
 use pairmask::{
-    Aabb, Backend, EngineChoice, EngineName, JoinOptions, PendingShared, Session, SharedAnswer,
-    SharedError, SharedScene,
+    Aabb, Backend, EngineChoice, EngineName, FrameError, JoinOptions, PairMask, PendingShared,
+    Session, SharedAnswer, SharedError, SharedScene,
 };
 use pairmask_tests::daemon::{TestDaemon, eventually};
 use pairmaskd::scene::Random;
@@ -336,6 +336,114 @@ fn tags_and_lists_are_those_of_their_writers() {
     let without = expected.iter().copied().filter(|[_, b]| *b != 4).collect::<Vec<_>>();
     assert_eq!(answer.take().pairs().to_vec(), without);
     drop(again.wait().unwrap());
+}
+
+#[test]
+fn a_tick_has_one_table_of_filters() {
+    let daemon = daemon();
+    let options = JoinOptions::default().with_tick_deadline(LONG).hearing(Hears::All);
+    let mut one = Member::join(&daemon, "tables", 10..20, options);
+    let mut other = Member::join(&daemon, "tables", 20..30, options);
+    let (none_meet, boxes) = (FilterTable::new(&[Filter::new(1, 2)]).unwrap(), [at(0.0); 2]);
+    let edit = one.scene.edit().set_all(10..12, &boxes).step(Step::Filters(&none_meet));
+    let pending = edit.submit(Want::All).unwrap();
+    // The daemon has the first table by now.
+    one.session.daemon_status().unwrap();
+    other.scene.lease(0..5).unwrap();
+    let all_meet = FilterTable::new(&[Filter::new(1, 1)]).unwrap();
+    let edit = other.scene.edit().step(Step::Filters(&all_meet));
+    let refused = edit.commit(Want::Nothing).map(drop).unwrap_err();
+    assert!(matches!(refused, SharedError::NotLeased(NotLeased::Filters)), "{refused:?}");
+    drop(other);
+    assert_eq!(pending.wait().unwrap().take().pairs().len(), 0);
+}
+
+/// Answers that hold all places of a session.
+fn hold_all_places(session: &mut Session) -> Vec<PairMask> {
+    (0..3).map(|_| session.frame(4).unwrap().submit().unwrap().wait().unwrap()).collect()
+}
+
+fn is_not_sent(answered: &Result<SharedAnswer<'_>, SharedError>) -> bool {
+    matches!(answered, Err(SharedError::Frame(FrameError::TooManyFrames)))
+}
+
+/// What a lost edit sets is there with the next commit, and what it removes is not.
+fn lose_an_edit(at_end: AtEnd) {
+    let daemon = daemon();
+    let options = JoinOptions::default().with_tick_deadline(LONG).with_at_end(at_end);
+    let options = options.hearing(Hears::All);
+    // The scene outlives the writer's membership.
+    let _listener = Member::join(&daemon, "unsent", 0..0, options);
+    let mut one = Member::join(&daemon, "unsent", 0..10, options);
+    let edit = one.scene.edit().set(1, at(0.0)).set(2, at(0.5));
+    assert_eq!(edit.commit(Want::Changes).unwrap().take().pairs(), [[1, 2]]);
+    let places = hold_all_places(&mut one.session);
+    assert!(is_not_sent(&one.scene.edit().set(3, at(0.2)).remove(2).commit(Want::Changes)));
+    drop(places);
+    let answer = one.scene.edit().set(4, at(0.4)).commit(Want::Changes).unwrap().take();
+    assert!(answer.is_resync());
+    assert_eq!(answer.pairs(), [[1, 3], [1, 4], [3, 4]]);
+}
+
+#[test]
+fn an_edit_that_could_not_be_sent_is_in_the_next_commit() {
+    lose_an_edit(AtEnd::Remove);
+}
+
+#[test]
+fn a_member_that_joins_again_leaves_no_box_behind() {
+    lose_an_edit(AtEnd::Keep);
+}
+
+#[test]
+fn lists_of_pairs_end_with_their_lease() {
+    let daemon = daemon();
+    let options = JoinOptions::default().with_tick_deadline(LONG).hearing(Hears::All);
+    let _listener = Member::join(&daemon, "lists", 0..0, options);
+    let boxes = [at(0.0); 2];
+    for (gives_back, removes) in [(true, false), (true, true), (false, false), (false, true)] {
+        let mut one = Member::join(&daemon, "lists", 0..10, options);
+        let edit = one.scene.edit().set_all(1..3, &boxes).step(Step::Exclude(&[[1, 2]], true));
+        assert_eq!(edit.commit(Want::All).unwrap().take().pairs().len(), 0);
+        if removes {
+            // Lists are there without boxes as well.
+            drop(one.scene.edit().remove_all(1..3).commit(Want::Nothing).unwrap());
+        }
+        let listens = if gives_back {
+            one.scene.give_back(0).unwrap();
+            Some(one)
+        } else {
+            drop(one);
+            None
+        };
+        let mut other = Member::join(&daemon, "lists", 0..0, options);
+        eventually("the lease is free", || other.scene.lease(0..10).ok());
+        let edit = other.scene.edit().set_all(1..3, &boxes);
+        assert_eq!(edit.commit(Want::All).unwrap().take().pairs(), [[1, 2]]);
+        other.scene.give_back(0).unwrap();
+        drop(listens);
+    }
+}
+
+#[test]
+fn a_member_joins_again_without_the_lists_of_a_lease_that_it_gave_back() {
+    let daemon = daemon();
+    let options = JoinOptions::default().with_tick_deadline(LONG).hearing(Hears::All);
+    let mut one = Member::join(&daemon, "lists-again", 0..10, options);
+    one.scene.lease(10..20).unwrap();
+    let (indices, boxes) = ([1_u32, 2, 11, 12], [at(0.0); 4]);
+    let edit = one.scene.edit().set_all(&indices, &boxes);
+    let edit = edit.step(Step::Exclude(&[[1, 2], [2, 11], [11, 12]], true));
+    let edit = edit.step(Step::Include(&[[1, 11]], true));
+    let answer = edit.commit(Want::All).unwrap().take();
+    assert_eq!(answer.pairs(), [[1, 11], [1, 12], [2, 12]]);
+    drop(answer);
+    one.scene.give_back(0).unwrap();
+    let places = hold_all_places(&mut one.session);
+    assert!(is_not_sent(&one.scene.edit().set(13, at(0.0)).commit(Want::All)));
+    drop(places);
+    let answer = one.scene.edit().commit(Want::All).unwrap().take();
+    assert_eq!(answer.pairs(), [[11, 13], [12, 13]]);
 }
 
 #[test]

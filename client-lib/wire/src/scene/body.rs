@@ -295,6 +295,11 @@ impl EditScratch {
         self.records.is_empty()
     }
 
+    /// Whether the last edit gives the table of filters.
+    pub fn has_table(&self) -> bool {
+        self.records.iter().any(|record| record.does == FILTERS)
+    }
+
     /// Bytes that are kept.
     pub fn allocated_bytes(&self) -> usize {
         self.records.capacity() * size_of::<StepRecord>()

@@ -274,7 +274,8 @@ pub enum LeaseAction {
         /// Its length.
         count: u32,
     },
-    /// Gives back the lease that begins at an index, and removes its boxes.
+    /// Gives back the lease that begins at an index, and removes its boxes, and listed pairs that name one of
+    /// its indices.
     GiveBack {
         /// The index.
         first: u32,
@@ -522,6 +523,8 @@ impl TickMarks {
     /// The late ranges. Another process may have written anything there: what is no range is passed over.
     pub fn late_in(&self, words: &[u32]) -> Vec<Range<u32>> {
         let pairs = SceneAnswerLayout::pairs_in(&self.late, words);
-        pairs.iter().filter(|[first, end]| first < end).map(|[first, end]| *first..*end).collect()
+        // Each is read once: what is checked is what is given.
+        let ranges = pairs.iter().copied().filter(|[first, end]| first < end);
+        ranges.map(|[first, end]| first..end).collect()
     }
 }

@@ -31,6 +31,20 @@ struct Due {
     stops: bool,
 }
 
+impl Due {
+    /// Has a scene's tick end at a time, once. Whether that is sooner than it was.
+    fn set(&mut self, at: Instant, scene: Weak<SharedScene>) -> bool {
+        let known = self.scenes.iter_mut().find(|(_, known)| known.ptr_eq(&scene));
+        match known {
+            // An earlier look finds the tick open, and is set again.
+            Some((known, _)) if *known <= at => return false,
+            Some((known, _)) => *known = at,
+            None => self.scenes.push((at, scene)),
+        }
+        true
+    }
+}
+
 impl Alarm {
     pub(super) fn new(pool: Arc<EnginePool>) -> Self {
         Self { shared: Arc::default(), pool, thread: OnceLock::new() }
@@ -54,16 +68,10 @@ impl Alarm {
 
     /// Has a scene's tick end at a time.
     pub(super) fn set(&self, at: Instant, scene: &Arc<SharedScene>) {
-        let mut due = locked(&self.shared.due);
-        let known = due.scenes.iter_mut().find(|(_, known)| known.as_ptr() == Arc::as_ptr(scene));
-        match known {
-            // An earlier look finds the tick open, and is set again.
-            Some((known, _)) if *known <= at => return,
-            Some((known, _)) => *known = at,
-            None => due.scenes.push((at, Arc::downgrade(scene))),
+        let is_sooner = locked(&self.shared.due).set(at, Arc::downgrade(scene));
+        if is_sooner {
+            self.shared.changed.notify_one();
         }
-        drop(due);
-        self.shared.changed.notify_one();
     }
 }
 
@@ -116,6 +124,9 @@ fn watch(shared: &Shared, pool: &EnginePool, outbox: &Outbox) {
             }
         }
         due = locked(&shared.due);
-        due.scenes.append(&mut again);
+        for (at, scene) in again {
+            // A lane may have set it meanwhile.
+            due.set(at, scene);
+        }
     }
 }

@@ -6,12 +6,13 @@ use std::sync::Arc;
 use pairmask_core::dispatch::CpuEngines;
 use pairmask_core::engine::{CullError, EngineChoice};
 use pairmask_core::filters::Rules;
+use pairmask_core::scene::shared::{Ranges, Remains};
 use pairmask_core::scene::{
     Edit, EndReason, FilteredScene, SceneCopy, SceneError, SceneOptions, Told, Want,
 };
 
 use super::Tools;
-use crate::clients::SceneRoom;
+use crate::clients::{BYTES_A_BOX, SceneRoom};
 use crate::execute::SceneKeeper;
 use crate::publish::Refusal;
 
@@ -31,8 +32,10 @@ pub(super) struct Boxes {
     room: SceneRoom,
     /// Bytes that were kept of members after the last tick.
     members_bytes: u64,
-    /// Bytes of the open tick's edits.
+    /// Bytes of the open tick's edits, and of what they add to the scene.
     edits_bytes: u64,
+    /// Most pairs of all.
+    most_pairs: u64,
     /// Whether the scene is to be made again before it is asked.
     is_broken: bool,
 }
@@ -48,10 +51,20 @@ impl Reasons<'_> {
     pub fn of(&self, [a, b]: [u32; 2]) -> EndReason {
         let kept = [a, b].map(|index| self.copy.kept(index));
         let is_off = !kept.iter().all(|kept| kept.is_some_and(|kept| kept.is_on));
-        let is_static = kept.iter().all(|kept| kept.is_some_and(|kept| kept.is_static));
-        let apart = self.rules.is_some_and(|rules| !rules.meet(a, b));
-        if is_off || is_static || apart { EndReason::Filtered } else { EndReason::Separated }
+        let are_apart = match self.rules {
+            // They know what is static, and may let two static boxes meet.
+            Some(rules) => !rules.meet(a, b),
+            None => kept.iter().all(|kept| kept.is_some_and(|kept| kept.is_static)),
+        };
+        if is_off || are_apart { EndReason::Filtered } else { EndReason::Separated }
     }
+}
+
+/// Bytes of an edit of the open tick that takes so many itself, and of what it adds to the scene at the most.
+fn pending_bytes(scene: &FilteredScene<SceneKeeper>, edit: Edit<'_>, bytes: u64) -> u64 {
+    let boxes = edit.boxes();
+    let copies = scene.scene().copies(boxes) as u64;
+    bytes + BYTES_A_BOX * boxes as u64 * copies + edit.rule_bytes() as u64
 }
 
 /// What an edit has changed.
@@ -85,6 +98,7 @@ impl Boxes {
             tools,
             members_bytes: 0,
             edits_bytes: 0,
+            most_pairs: u64::MAX,
             is_broken: false,
         })
     }
@@ -109,14 +123,22 @@ impl Boxes {
         let more = bytes + BYTES_A_COPY * edit.index_end();
         self.room.make(&self.scene, edit, beside + more)?;
         self.copy.check(edit)?;
-        self.edits_bytes += bytes;
+        // Others are checked before it is applied: its boxes are not in the scene then.
+        self.edits_bytes += pending_bytes(&self.scene, edit, bytes);
         Ok(())
     }
 
     /// Forgets an edit that was checked.
     pub fn cancel(&mut self, edit: Edit<'_>, bytes: u64) {
         self.copy.cancel(edit);
-        self.edits_bytes = self.edits_bytes.saturating_sub(bytes);
+        let pending = pending_bytes(&self.scene, edit, bytes);
+        self.edits_bytes = self.edits_bytes.saturating_sub(pending);
+    }
+
+    /// Most pairs that later edits may find where they look for all.
+    pub fn limit_pairs(&mut self, most: u64) {
+        self.most_pairs = most;
+        self.scene.scene_mut().limit_pairs(most);
     }
 
     /// Applies edits that were checked, by so many threads.
@@ -157,6 +179,7 @@ impl Boxes {
         }
         self.scene = new_scene(&self.tools, self.limit, self.engine)?;
         self.scene.scene_mut().set_threads(threads);
+        self.scene.scene_mut().limit_pairs(self.most_pairs);
         let whole = self.copy.whole();
         self.scene.edit_expanded(Edit { steps: &whole.steps() }, Want::All)?;
         self.scene.take();
@@ -184,11 +207,10 @@ impl Boxes {
         Reasons { copy: &self.copy, rules: self.scene.rules() }
     }
 
-    /// Indices of some ranges that have boxes.
-    pub fn present(&self, ranges: &[Range<u32>]) -> Vec<u32> {
-        let end = self.copy.index_end() as u32;
-        let indices = ranges.iter().flat_map(|range| range.start..range.end.min(end));
-        indices.filter(|index| self.copy.get(*index).is_some()).collect()
+    /// What is left of some ranges, none of which overlap.
+    pub fn remains(&self, ranges: &[Range<u32>]) -> Remains {
+        let ranges: Ranges = ranges.iter().cloned().collect();
+        Remains::of(&self.copy, &ranges)
     }
 
     /// Notes what is kept, after a tick of members of whom so much is kept.

@@ -25,7 +25,7 @@ use std::time::Instant;
 
 use pairmask_core::engine::AvailableIsa;
 use pairmask_core::plan::Calibration;
-use pairmask_core::scene::shared::MemberId;
+use pairmask_core::scene::shared::{AtEnd, MemberId};
 use pairmask_wire::{
     AgreedTerms, JoinRequest, LeaseRequest, Reject, SceneId, SceneName, SceneRequest,
     response_joined, response_leased,
@@ -46,6 +46,17 @@ pub(super) struct Tools {
     pub(super) gpus: Gpus,
     pub(super) memory: SceneMemory,
     pub(super) pool: Arc<EnginePool>,
+}
+
+/// Why a membership ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum End {
+    /// Its session joins again: it has lost what it knew, and sends all of its boxes next.
+    JoinsAgain,
+    /// It has left.
+    Left,
+    /// Its session is gone.
+    SessionGone,
 }
 
 /// A membership: by session and by the client's own number.
@@ -72,8 +83,7 @@ impl SharedScenes {
     /// Answers a request to join.
     pub(super) fn join(&self, mut open: OpenRequest, request: &JoinRequest, outbox: &Arc<Outbox>) {
         let session = open.sender().session;
-        // A member that joins again has lost what it knew: its first life ends.
-        self.end((session, request.scene), true, outbox);
+        self.end((session, request.scene), End::JoinsAgain, outbox);
         let joined = match SceneName::read(request, open.pages()) {
             Some(name) => self.join_named(&name, session, request, outbox),
             None => Err(Reject::Edit { field: "name" }.into()),
@@ -180,7 +190,7 @@ impl SharedScenes {
 
     /// Answers a request to leave.
     pub(super) fn leave(&self, open: &mut OpenRequest, scene: SceneId, outbox: &Outbox) {
-        self.end((open.sender().session, scene), true, outbox);
+        self.end((open.sender().session, scene), End::Left, outbox);
         outbox.answer_scene_ended(open);
     }
 
@@ -189,15 +199,20 @@ impl SharedScenes {
         let gone: Vec<MemberKey> =
             locked(&self.joined).keys().filter(|(session, _)| !lives(*session)).copied().collect();
         for key in gone {
-            self.end(key, false, outbox);
+            self.end(key, End::SessionGone, outbox);
         }
     }
 
     /// Ends a membership, if there is one. A session that lives is told that a commit has no answer.
-    fn end(&self, key: MemberKey, lives: bool, outbox: &Outbox) {
+    fn end(&self, key: MemberKey, why: End, outbox: &Outbox) {
         let Some((scene, member)) = locked(&self.joined).remove(&key) else { return };
-        if let Some(mut open) = scene.end_member(member) {
-            if lives {
+        let at_end = match why {
+            // What it does not send again is to be gone: it may have removed that in an edit that was lost.
+            End::JoinsAgain => AtEnd::Remove,
+            End::Left | End::SessionGone => scene.terms().at_end,
+        };
+        if let Some(mut open) = scene.end_member(member, at_end) {
+            if why != End::SessionGone {
                 outbox.refuse(&mut open, &Refusal::stale_scene(0));
             }
             open.close();

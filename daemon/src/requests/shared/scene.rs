@@ -8,7 +8,7 @@ use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use pairmask_core::scene::shared::{AtEnd, LeaseError, MemberId, Ticks};
-use pairmask_core::scene::{Edit, SceneOptions, Step};
+use pairmask_core::scene::{Edit, SceneOptions};
 use pairmask_wire::{AgreedTerms, EditScratch, JoinRequest, LeaseAction, SceneName, SceneRequest};
 
 use super::boxes::Boxes;
@@ -103,7 +103,8 @@ impl SharedScene {
         Ok(range)
     }
 
-    /// A member gives indices back. Their boxes are removed: who leases them next finds none there.
+    /// A member gives indices back. Their boxes are removed, and listed pairs that name them: who leases them
+    /// next finds none there.
     fn give_back(&self, id: MemberId, first: u32) -> Result<Range<u32>, Refusal> {
         let mut boxes = locked(&self.boxes);
         let mut seats = locked(&self.seats);
@@ -124,6 +125,8 @@ impl SharedScene {
         open: OpenRequest,
         request: &SceneRequest,
     ) -> Result<(), RefusedCommit> {
+        // Its work is bounded by what the scene may hold, whatever the member says of that.
+        let request = &SceneRequest { most_boxes: self.terms.most_boxes, ..*request };
         let begun = locked(&self.seats).begin(id, request);
         let Begun { own, is_first, scratch } = match begun {
             Ok(begun) => begun,
@@ -139,8 +142,9 @@ impl SharedScene {
             Ok(()) => self.take_in(id, commit),
             Err(refusal) => Err((commit, refusal)),
         };
-        taken.map_err(|(Commit { open, edit, .. }, refusal)| {
-            locked(&self.seats).give_up(id, edit);
+        // The memory of an edit that was refused ends with it: nothing was charged for that.
+        taken.map_err(|(Commit { open, .. }, refusal)| {
+            locked(&self.seats).give_up(id);
             Box::new((open, refusal))
         })
     }
@@ -148,10 +152,9 @@ impl SharedScene {
     /// Checks the edit of a commit by the boxes that there are, and makes it part of the open tick.
     #[allow(clippy::result_large_err)] // Its caller takes it apart at once.
     fn take_in(&self, id: MemberId, commit: Commit) -> Result<(), (Commit, Refusal)> {
-        let gone = |commit| (commit, Refusal::stale_scene(0));
         if commit.edit.is_empty() {
             // One that says nothing need not wait for a tick that is being applied.
-            return locked(&self.seats).commit(id, commit, Instant::now()).map_err(gone);
+            return locked(&self.seats).commit(id, commit, Instant::now());
         }
         let mut boxes = locked(&self.boxes);
         let bytes = commit.edit.allocated_bytes() as u64;
@@ -161,9 +164,8 @@ impl SharedScene {
         if let Err(refusal) = checked {
             return Err((commit, refusal));
         }
-        locked(&self.seats).commit(id, commit, Instant::now()).map_err(|commit| {
+        locked(&self.seats).commit(id, commit, Instant::now()).inspect_err(|(commit, _)| {
             cancel(&mut boxes, &commit.edit);
-            gone(commit)
         })
     }
 
@@ -190,29 +192,32 @@ impl SharedScene {
         applied.answer(outbox);
     }
 
-    /// A member has left, or its session is gone. Returns the request of a commit that has no answer.
-    pub fn end_member(&self, id: MemberId) -> Option<OpenRequest> {
+    /// A member has left or joins again, or its session is gone. With its boxes go, or stay, listed pairs that
+    /// name them. Returns the request of a commit that has no answer.
+    pub fn end_member(&self, id: MemberId, at_end: AtEnd) -> Option<OpenRequest> {
         let mut boxes = locked(&self.boxes);
         let mut seats = locked(&self.seats);
         let (member, ended) = seats.end(id)?;
+        // Nobody may join a scene whose last boxes stay because nobody is there.
+        let has_ended = seats.end_without_members();
         let hearers = seats.hearers();
         drop(seats);
         if let Some(commit) = &member.commit {
             cancel(&mut boxes, &commit.edit);
         }
-        if self.terms.at_end == AtEnd::Remove && !hearers.is_empty() {
+        if at_end == AtEnd::Remove && !has_ended {
             self.remove(&mut boxes, &ended, &hearers);
         }
         member.commit.map(|commit| commit.open)
     }
 
-    /// Removes the boxes of ranges that are nobody's any more.
+    /// Removes the boxes of ranges that are nobody's any more, and takes pairs that name them off the lists.
     fn remove(&self, boxes: &mut Boxes, ranges: &[Range<u32>], hearers: &[Hearer]) {
-        let present = boxes.present(ranges);
-        if present.is_empty() {
+        let remains = boxes.remains(ranges);
+        let steps = remains.steps();
+        if steps.is_empty() {
             return;
         }
-        let steps = [Step::Remove((&present).into())];
         let hearers: Vec<&Hearer> = hearers.iter().collect();
         if let Err(error) = tick::apply(boxes, &hearers, Edit { steps: &steps }, 1) {
             log::warn!("scene '{}': removing boxes of a member that is gone: {error}", self.name);

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use pairmask_core::scene::Want;
-use pairmask_core::scene::shared::{Committed, Hears, Leases, MemberId, Ranges, Ticks};
+use pairmask_core::scene::shared::{Committed, Hears, Leases, MemberId, NotLeased, Ranges, Ticks};
 use pairmask_wire::{EditScratch, JoinRequest, Reject, SceneRequest};
 
 use super::locked;
@@ -58,6 +58,8 @@ pub(super) struct ClosedTick {
     pub commits: Vec<(Hearer, Commit)>,
     /// All others, who hear of it later.
     pub others: Vec<Hearer>,
+    /// Bytes that members keep for reading their next edits.
+    pub scratch_bytes: u64,
 }
 
 /// Boxes of a tick up to which one thread is as soon done as all are that have to be woken.
@@ -155,18 +157,34 @@ impl Seats {
     }
 
     /// The edit of a member is refused.
-    pub fn give_up(&mut self, id: MemberId, scratch: EditScratch) {
+    pub fn give_up(&mut self, id: MemberId) {
         if let Some(member) = self.members.get_mut(&id) {
-            (member.is_reading, member.scratch) = (false, scratch);
+            member.is_reading = false;
         }
     }
 
-    /// Takes the commit of a member in, whose edit is right. `Err` where the member has ended meanwhile.
+    /// Whether a commit of the open tick gives the table of filters.
+    fn has_table(&self) -> bool {
+        let mut commits = self.members.values().filter_map(|member| member.commit.as_ref());
+        commits.any(|commit| commit.edit.has_table())
+    }
+
+    /// Takes the commit of a member in, whose edit is right. `Err` where the member has ended meanwhile, or
+    /// gives a second table of filters: another writer was the first one when it gave the first table.
     #[allow(clippy::result_large_err)] // Its caller answers it at once.
-    pub fn commit(&mut self, id: MemberId, commit: Commit, now: Instant) -> Result<(), Commit> {
-        let Some(member) = self.members.get_mut(&id) else { return Err(commit) };
+    pub fn commit(
+        &mut self,
+        id: MemberId,
+        commit: Commit,
+        now: Instant,
+    ) -> Result<(), (Commit, Refusal)> {
+        if commit.edit.has_table() && self.has_table() {
+            return Err((commit, NotLeased::Filters.into()));
+        }
+        let gone = |commit| Err((commit, Refusal::stale_scene(0)));
+        let Some(member) = self.members.get_mut(&id) else { return gone(commit) };
         if self.ticks.commit(id, now) == Committed::Twice {
-            return Err(commit);
+            return gone(commit);
         }
         let request = &commit.request;
         let mut untold = locked(&member.hearer.untold);
@@ -201,7 +219,10 @@ impl Seats {
         }
         let listeners = self.members.values_mut().filter(|member| member.hearer.own.is_empty());
         listeners.for_each(take);
-        Some(ClosedTick { number: closed.number, late, commits, others })
+        // That of those who have committed went into their commits.
+        let scratches = self.members.values().map(|member| &member.scratch);
+        let scratch_bytes = scratches.map(|scratch| scratch.allocated_bytes() as u64).sum();
+        Some(ClosedTick { number: closed.number, late, commits, others, scratch_bytes })
     }
 
     /// Gives memory for reading edits back.

@@ -107,13 +107,17 @@ impl ClosedTick {
     /// Applies its edits in the order of their writers' indices.
     pub fn apply(self, boxes: &mut Boxes, threads: usize) -> AppliedTick {
         let start = Instant::now();
-        let Self { number, late, commits, others } = self;
+        let Self { number, late, commits, others, scratch_bytes } = self;
         let hearers: Vec<&Hearer> =
             commits.iter().map(|(hearer, _)| hearer).chain(&others).collect();
         let mut steps = Vec::new();
         for (_, commit) in &commits {
             // They were right when they were read, and are the same now.
             steps.extend(commit.edit.steps().unwrap_or_default());
+        }
+        if let Some((_, commit)) = commits.first() {
+            // As for a scene of one session.
+            boxes.limit_pairs(commit.open.limit_pairs());
         }
         let applied = apply(boxes, &hearers, Edit { steps: &steps }, threads);
         drop(steps);
@@ -125,7 +129,8 @@ impl ClosedTick {
         let hearers = answers.iter().map(|answer| &answer.hearer).chain(&others);
         // Members keep the memory of their edits for the next.
         let edits = answers.iter().map(|answer| answer.commit.edit.allocated_bytes() as u64);
-        boxes.note_room(hearers.map(Hearer::bytes).sum::<u64>() + edits.sum::<u64>());
+        let edit_bytes = edits.sum::<u64>() + scratch_bytes;
+        boxes.note_room(hearers.map(Hearer::bytes).sum::<u64>() + edit_bytes);
         let scene = boxes.scene();
         let facts = Facts {
             number,

@@ -4,14 +4,17 @@
 //! ```text
 //! leases    ranges of indices, each of one member; what an edit of a member may name
 //! ticks     a tick ends when all writers have committed, or at its deadline
+//! remains   what is left of ranges whose lease has ended
 //! untold    changes of several ticks as one, those of some indices alone
 //! ```
 
 mod leases;
+mod remains;
 mod ticks;
 mod untold;
 
 pub use self::leases::{LeaseError, Leases, NotLeased, Ranges};
+pub use self::remains::Remains;
 pub use self::ticks::{Closed, Committed, Ticks};
 pub use self::untold::{TickChanges, Untold};
 
@@ -29,7 +32,8 @@ pub enum Hears {
     All,
 }
 
-/// What becomes of the boxes of a writer that ends without giving its leases back.
+/// What becomes of the boxes of a writer that ends without giving its leases back, and of listed pairs that name
+/// their indices.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum AtEnd {
     /// They are removed.

@@ -8,6 +8,9 @@ use crate::scene::pair_list::Pair;
 
 /// Ticks with removals that are put together. What comes after is told as a whole.
 const MOST_REMOVALS: usize = 256;
+/// Indices that those may name together: half a megabyte. Without a limit, a member that never commits would
+/// keep all that are ever removed. One tick may name more, since who commits in every tick keeps no other.
+const MOST_REMOVED: usize = 65_536;
 
 /// What one edit of the scene has changed.
 #[derive(Clone, Copy, Debug)]
@@ -152,11 +155,23 @@ impl Untold {
         };
         let joined = std::mem::take(&mut self.since).then(later);
         let many = (joined.begun.len() + joined.ended.len()) as u64;
-        if is_resync_due(many, changes.pair_count) || joined.removed.len() > MOST_REMOVALS {
+        let is_long = joined.removed.len() > MOST_REMOVALS || self.keeps_many_with(&joined);
+        if is_resync_due(many, changes.pair_count) || is_long {
             self.lose();
         } else {
             self.since = joined;
         }
+    }
+
+    /// Whether removals of several ticks name too many indices, with those of these changes.
+    fn keeps_many_with(&self, since: &Changes) -> bool {
+        let answered = self.answered.iter().flat_map(|answered| &answered.told.removed);
+        let (mut ticks, mut indices) = (0, 0);
+        for removed in answered.chain(&since.removed) {
+            ticks += 1;
+            indices += removed.len();
+        }
+        ticks > 1 && indices > MOST_REMOVED
     }
 
     /// Whether an answer needs all pairs.
@@ -203,11 +218,16 @@ impl Untold {
         }
     }
 
-    /// Bytes that are kept.
+    /// Bytes that are kept. Members share what a tick has removed: each counts its part of that.
     pub fn allocated_bytes(&self) -> usize {
+        let share = |removed: &Arc<HashSet<u32>>| {
+            let bytes = removed.capacity() * (size_of::<u32>() + 1);
+            size_of::<Arc<HashSet<u32>>>() + bytes / Arc::strong_count(removed)
+        };
         let bytes = |changes: &Changes| {
             changes.begun.capacity() * size_of::<Pair>()
                 + changes.ended.capacity() * size_of::<Ended>()
+                + changes.removed.iter().map(share).sum::<usize>()
         };
         bytes(&self.since) + self.answered.as_ref().map_or(0, |answered| bytes(&answered.told))
     }
@@ -337,5 +357,41 @@ mod tests {
         }
         assert!(untold.needs_whole(Want::Changes), "removals are not kept without end");
         assert_eq!(untold.allocated_bytes(), 0);
+    }
+
+    #[test]
+    fn many_removed_indices_are_kept_of_one_tick_alone() {
+        let knowing = || {
+            let mut untold = Untold::default();
+            untold.answer(Want::All, None, 0, |_| EndReason::Separated);
+            untold.acknowledge(true);
+            untold
+        };
+        let (mut commits, mut is_late, mut leaves) = (knowing(), knowing(), knowing());
+        let note = |untold: &mut Untold, removed: &Arc<HashSet<u32>>| {
+            let begun = [[u32::MAX - 1, u32::MAX]];
+            untold
+                .note(TickChanges { begun: &begun, ended: &[], removed, pair_count: 1 }, |_| true);
+        };
+        for tick in 0..3 {
+            let removed = Arc::new((0..=MOST_REMOVED as u32).collect::<HashSet<u32>>());
+            note(&mut commits, &removed);
+            assert!(
+                !commits.needs_whole(Want::Changes),
+                "who commits in every tick is told changes"
+            );
+            assert!(commits.allocated_bytes() > 4 * MOST_REMOVED / Arc::strong_count(&removed));
+            commits.answer(Want::Changes, None, 1, |_| EndReason::Separated);
+            commits.acknowledge(true);
+            note(&mut is_late, &removed);
+            assert_eq!(is_late.needs_whole(Want::Changes), tick > 0);
+            note(&mut leaves, &removed);
+            if tick == 0 {
+                // What was answered, and nobody takes, counts as well.
+                leaves.answer(Want::Changes, None, 1, |_| EndReason::Separated);
+            }
+            assert_eq!(leaves.needs_whole(Want::Changes), tick > 0);
+        }
+        assert_eq!((is_late.allocated_bytes(), leaves.allocated_bytes()), (0, 0));
     }
 }

@@ -14,7 +14,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use pairmask_core::aabb::Aabb;
-use pairmask_core::scene::shared::{LeaseError, NotLeased, Ranges};
+use pairmask_core::scene::shared::{LeaseError, NotLeased, Ranges, Remains};
 use pairmask_core::scene::{Edit, SceneCopy, Step, Want};
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
@@ -53,7 +53,8 @@ struct There {
 /// filters; tags, and lists of pairs of own boxes, every writer.
 ///
 /// Dropped, it leaves the scene. Its boxes are removed then, or kept, as the scene's terms say. Kept boxes are
-/// those of who leases their indices next, who may set them; giving the lease back removes them.
+/// those of who leases their indices next, who may set them; giving the lease back removes them, and so does a
+/// member that has lost its membership and joins again, since it sends all boxes that it knows.
 pub struct SharedScene {
     core: Arc<Core>,
     /// With a deadline that holds the tick's as well.
@@ -177,7 +178,8 @@ impl SharedScene {
         Ok(range)
     }
 
-    /// Gives back the lease that begins at an index. Its boxes are removed.
+    /// Gives back the lease that begins at an index. Its boxes are removed, and pairs of the include and the
+    /// exclude list that name one of its indices.
     ///
     /// # Errors
     /// [`SharedError`].
@@ -186,9 +188,9 @@ impl SharedScene {
         let link = self.present()?;
         let range = self.ask_lease(&link, LeaseAction::GiveBack { first })?;
         self.leases.retain(|lease| lease.start != first);
-        let indices = range.start..range.end.min(self.copy.index_end() as u32);
-        let present: Vec<u32> = indices.filter(|index| self.copy.get(*index).is_some()).collect();
-        let steps = [Step::Remove((&present).into())];
+        // Nothing of it may be sent again: the indices are no longer this member's.
+        let remains = Remains::of(&self.copy, &std::iter::once(range).collect());
+        let steps = remains.steps();
         let edit = Edit { steps: &steps };
         self.copy.check(edit)?;
         self.copy.apply(edit);
@@ -367,6 +369,10 @@ impl SharedScene {
             Some(sent) => sent,
             None => self.send_whole(&link, want),
         };
+        if sent.is_err() {
+            // The edit is in the copy alone: the next commit sends all of that.
+            self.there = None;
+        }
         Ok(Awaited::new(sent?, Arc::clone(&self.unread)))
     }
 
