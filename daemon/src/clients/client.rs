@@ -12,6 +12,8 @@ use crate::execute::Executor;
 /// What is kept of a client. Everything that belongs to one session and outlives a request goes here.
 pub(super) struct Client {
     session: u128,
+    /// The number of the last look for it.
+    pub(super) looked_at: u64,
     /// What wakes it, once it was found.
     pub(super) listener: Option<ListenerKey>,
     /// Pairs in its last frame, once it had one.
@@ -51,6 +53,7 @@ impl Client {
     pub(super) const fn new(session: u128) -> Self {
         Self {
             session,
+            looked_at: 0,
             listener: None,
             last_pairs: None,
             last_work: None,

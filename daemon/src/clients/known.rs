@@ -6,13 +6,15 @@ use super::client::Client;
 pub(super) struct Known {
     clients: Vec<Client>,
     capacity: usize,
+    /// Looks so far.
+    looks: u64,
 }
 
 impl Known {
     /// Room for so many clients, and one at the least.
     pub(super) fn new(max_clients: usize) -> Self {
         let capacity = max_clients.max(1);
-        Self { clients: Vec::with_capacity(capacity), capacity }
+        Self { clients: Vec::with_capacity(capacity), capacity, looks: 0 }
     }
 
     /// A client that is remembered.
@@ -30,18 +32,25 @@ impl Known {
         self.clients.extract_if(.., |client| !lives(client.session())).collect()
     }
 
-    /// A client, remembered from now on. Clients that are gone fill the list: then all are forgotten,
-    /// and those that live come back with their next request.
+    /// A client, remembered from now on. Where clients that are gone fill the list, the one is forgotten that was
+    /// looked for longest ago, of those without scenes if there are any: others would have to send theirs again.
     pub(super) fn of(&mut self, session: u128) -> &mut Client {
+        self.looks += 1;
         let found = self.clients.iter().position(|client| client.session() == session);
         let place = found.unwrap_or_else(|| {
             if self.clients.len() >= self.capacity {
-                self.clients.clear();
+                let all = self.clients.iter().enumerate();
+                let least =
+                    all.min_by_key(|(_, client)| (!client.scenes.is_empty(), client.looked_at));
+                let forgotten = least.map_or(0, |(place, _)| place);
+                self.clients.swap_remove(forgotten);
             }
             self.clients.push(Client::new(session));
             self.clients.len() - 1
         });
-        &mut self.clients[place]
+        let client = &mut self.clients[place];
+        client.looked_at = self.looks;
+        client
     }
 }
 
@@ -72,5 +81,18 @@ mod tests {
             }
             assert_eq!(known.clients.capacity(), room, "no allocation");
         }
+    }
+
+    #[test]
+    fn sessions_that_come_and_go_leave_those_alone_that_stay() {
+        let mut known = Known::new(4);
+        for session in 100..200 {
+            for stays in [1, 2, 3] {
+                known.of(stays).last_pairs.get_or_insert(stays as u64);
+            }
+            known.of(session).last_pairs = Some(0);
+        }
+        let pairs = [1, 2, 3].map(|session| known.find(session).and_then(|c| c.last_pairs));
+        assert_eq!(pairs, [Some(1), Some(2), Some(3)]);
     }
 }

@@ -23,7 +23,7 @@ mod desk;
 mod patience;
 mod rhythm;
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering, fence};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, TryLockError};
 use std::thread::Thread;
 use std::time::{Duration, Instant};
@@ -57,6 +57,8 @@ pub(super) struct Lanes<'a> {
     lead: Mutex<Lead>,
     /// Whether a lane leads. A hint: the lock decides.
     is_led: AtomicBool,
+    /// Whether lane 0 leads and sleeps.
+    is_asleep: AtomicBool,
     desk: Mutex<Desk>,
     threads: Vec<OnceLock<Thread>>,
     placement: Placement,
@@ -121,6 +123,7 @@ impl<'a> Lanes<'a> {
             responder,
             lead: Mutex::new(Lead { intake, wake, arrived, tidy_at: Instant::now() }),
             is_led: AtomicBool::new(false),
+            is_asleep: AtomicBool::new(false),
             desk: Mutex::new(desk),
             threads: (0..lanes).map(|_| OnceLock::new()).collect(),
             placement: Placement::default(),
@@ -246,12 +249,17 @@ impl<'a> Lanes<'a> {
                 true
             }
             Rest::Sleep { until } => {
+                self.is_asleep.store(true, Ordering::Relaxed);
+                // A lane that leaves a frame with a GPU now is seen here, or sees that this one sleeps.
+                fence(Ordering::SeqCst);
+                let is_busy = self.responder.is_busy();
                 // A request that came between the last look and the sleep has left its wake-up: it is
                 // not lost, the sleep ends at once.
-                if let Err(error) = sleep_until(wake, until) {
+                if !is_busy && let Err(error) = sleep_until(wake, until) {
                     log::debug!("waiting for requests: {error:?}");
                 }
-                false
+                self.is_asleep.store(false, Ordering::Relaxed);
+                is_busy
             }
         }
     }
@@ -279,11 +287,21 @@ impl<'a> Lanes<'a> {
         if desk.crew.is_resting(0) { self.leave(lane, desk) } else { Led::StandBy }
     }
 
-    /// Spins until the lead is free, or goes to rest.
+    /// Spins until the lead is free, or goes to rest. While lane 0 leads asleep, it publishes what a GPU has under
+    /// way: lane 0 may have gone to sleep before this one left a frame there.
     fn follow(&self, lane: usize) {
+        // As in `pause`.
+        fence(Ordering::SeqCst);
         let mut spinner = Spinner::default();
         let mut look_at = Instant::now();
         while self.is_led.load(Ordering::Relaxed) && !self.stop.load(Ordering::Relaxed) {
+            if self.is_asleep.load(Ordering::Relaxed) && self.responder.is_busy() {
+                if self.responder.publish_ended() {
+                    self.desk().note_answer(Instant::now());
+                }
+                self.responder.rest();
+                continue;
+            }
             spinner.turn();
             let now = Instant::now();
             if now < look_at {
