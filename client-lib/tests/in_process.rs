@@ -1,6 +1,8 @@
 //! Sessions in process, in every build: with a transport and without.
 #![allow(clippy::unwrap_used, clippy::missing_panics_doc)]
 
+use std::time::Duration;
+
 use pairmask::filters::{Owner, Rules, Tag, World};
 use pairmask::info::BoxForm;
 use pairmask::{
@@ -46,6 +48,18 @@ fn frames_have_the_pairs_of_the_oracle() {
         assert_eq!(pairs_of(&mut session, &boxes), oracle::truth(&boxes).pairs, "{n} boxes");
     }
     assert_eq!(session.served_by(), ServedBy::InProcess);
+}
+
+#[test]
+fn whoever_waits_without_end_gets_the_pairs() {
+    let mut session = in_process().deadline(Duration::MAX).spin(Duration::MAX).connect().unwrap();
+    let boxes = scene(345);
+    let expected = oracle::truth(&boxes).pairs;
+    assert_eq!(pairs_of(&mut session, &boxes), expected);
+    let mut frame = session.frame(boxes.len()).unwrap();
+    frame.boxes_mut().copy_from_slice(&boxes);
+    let mask = frame.submit().unwrap().wait_timeout(Duration::MAX).unwrap();
+    assert_eq!(sorted(mask.to_vec()), expected);
 }
 
 #[test]

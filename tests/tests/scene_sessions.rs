@@ -409,6 +409,25 @@ fn a_daemon_without_room_refuses_and_the_client_answers() {
 }
 
 #[test]
+fn a_daemon_forgets_a_scene_that_it_refused_when_the_client_does() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--max-scene-mib", "1"]);
+    let boxes: Vec<Aabb> = (0..10_000).map(|i| at(0.7 * i as f32)).collect();
+    for backend in [Backend::Auto, Backend::Daemon] {
+        let mut session = daemon.session().backend(backend).connect().unwrap();
+        let mut scene = session.scene(SceneOptions::default());
+        let few = scene.edit().set_all(0..10, &boxes[..10]).commit(Want::Changes).unwrap();
+        assert_eq!(few.served_by(), ServedBy::Daemon);
+        drop(few);
+        let many = scene.edit().set_all(0..10_000, &boxes).commit(Want::Changes).map(drop);
+        assert_eq!(many.is_ok(), backend == Backend::Auto, "{many:?}");
+        drop(scene);
+        eventually("the scene has ended", || {
+            (session.daemon_status().unwrap().scenes == 0).then_some(())
+        });
+    }
+}
+
+#[test]
 fn boxes_by_a_function_go_to_a_daemon_and_are_sent_again() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
     let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();

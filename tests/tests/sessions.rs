@@ -1,6 +1,8 @@
 //! Every session backend has the oracle's answers: every engine, encoding and scene.
 #![allow(clippy::unwrap_used)]
 
+use std::time::Duration;
+
 use pairmask::write::CenterHalf;
 use pairmask::{
     Aabb, Backend, Bounds, Frame, NarrowFrame, Precision, ServedBy, Session, SessionBuilder,
@@ -42,6 +44,22 @@ fn through_the_daemon_by_choice() {
 fn in_process() {
     for engine in EngineName::CPU {
         check(&Session::builder().backend(Backend::InProcess), engine, ServedBy::InProcess);
+    }
+}
+
+#[test]
+fn a_daemon_is_waited_for_without_end() {
+    let daemon = TestDaemon::start(DAEMON, &[]);
+    let builder = daemon.session().backend(Backend::Daemon);
+    let mut session = builder.deadline(Duration::MAX).spin(Duration::MAX).connect().unwrap();
+    let boxes = stress_scenes::named("uniform").boxes(300, 2);
+    let expected = oracle::truth(&boxes).pairs.len() as u64;
+    for has_timeout in [false, true] {
+        let mut frame = session.frame(boxes.len()).unwrap();
+        frame.boxes_mut().copy_from_slice(&boxes);
+        let mut pending = frame.submit().unwrap();
+        let mask = if has_timeout { pending.wait_timeout(Duration::MAX) } else { pending.wait() };
+        assert_eq!(mask.unwrap().count(), expected);
     }
 }
 

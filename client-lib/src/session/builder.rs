@@ -64,6 +64,8 @@ const DEFAULT_SPIN: Duration = Duration::from_micros(50);
 /// How long [`PendingFrame::wait`](super::PendingFrame::wait) waits for a daemon that lives but
 /// does not answer. No scene that fits a default reply takes as long.
 const DEFAULT_DEADLINE: Duration = Duration::from_secs(5);
+/// Longest time of any wait: instants of a clock overflow beyond some time ahead, and nobody waits a day.
+pub(super) const LONGEST_WAIT: Duration = Duration::from_secs(24 * 60 * 60);
 /// Boxes that the first segment holds (1.5 MiB a frame). Larger frames make a larger segment.
 const DEFAULT_CAPACITY: BoxCount = BoxCount::new(65_536);
 
@@ -203,15 +205,15 @@ impl SessionBuilder {
 
     /// How long to spin for an answer beyond its expected time before sleeping; 50 µs unless set,
     /// zero never spins. A frame that takes more than 250 µs is slept through up to 120 µs before
-    /// its expected end.
+    /// its expected end. More than a day is a day.
     pub fn spin(mut self, spin: Duration) -> Self {
-        self.settings.spin = spin;
+        self.settings.spin = spin.min(LONGEST_WAIT);
         self
     }
 
-    /// How long `wait` waits; 5 s unless set.
+    /// How long `wait` waits; 5 s unless set. More than a day is a day.
     pub fn deadline(mut self, deadline: Duration) -> Self {
-        self.settings.deadline = deadline;
+        self.settings.deadline = deadline.min(LONGEST_WAIT);
         self
     }
 
@@ -234,9 +236,20 @@ impl SessionBuilder {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Instant;
+
     use pairmask_core::engine::Isa;
 
     use super::*;
+
+    #[test]
+    fn a_wait_without_end_is_one_of_a_day() {
+        let builder = SessionBuilder::default().deadline(Duration::MAX).spin(Duration::MAX);
+        assert_eq!([builder.settings.deadline, builder.settings.spin], [LONGEST_WAIT; 2]);
+        assert!(Instant::now().checked_add(2 * LONGEST_WAIT).is_some());
+        let short = Duration::from_millis(3);
+        assert_eq!(builder.deadline(short).settings.deadline, short);
+    }
 
     #[test]
     fn the_environment_names_a_set_of_this_machine_or_the_session_fails() {

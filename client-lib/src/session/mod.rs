@@ -131,8 +131,9 @@ impl Session {
     /// that of the spheres, exact: [`sphere`](pairmask_core::sphere) says what overlaps.
     ///
     /// A daemon that is too old to know spheres gets none: with [`Backend::Auto`] their frames are
-    /// answered in process, which the log says once a connection. GPU engines take no spheres: a
-    /// frame of spheres fails where a GPU engine is asked for by name.
+    /// answered in process, which the log says once a connection. A GPU takes spheres too. A frame fails
+    /// where `gpu-brute` is asked for by name and there are more than 32,768 of them, and on a software
+    /// adapter where there are more than 16 or `gpu-grid` is asked for.
     ///
     /// ```
     /// use pairmask::{Backend, Session};

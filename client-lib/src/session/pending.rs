@@ -14,6 +14,7 @@ use pairmask_wire::{
     words_in, world_ranges_in,
 };
 
+use super::builder::LONGEST_WAIT;
 use super::core::{Core, Loss};
 use super::error::{FrameError, WaitError};
 use super::estimate::Answered;
@@ -75,7 +76,7 @@ enum ToSend {
     Stays(SharedFrame),
 }
 
-/// Writes rules behind the objects of a frame.
+/// Readies a frame with rules: those that the daemon does not keep are written behind its objects.
 fn with_rules(
     shared: SharedFrame,
     n: BoxCount,
@@ -83,15 +84,6 @@ fn with_rules(
     given: FrameRules<'_>,
     core: &Core,
 ) -> Result<ToSend, FrameError> {
-    let rules = given.rules;
-    let stays = |shared, error| {
-        if core.may_cull_here() {
-            core.say_in_process(&error);
-            Ok(ToSend::Stays(shared))
-        } else {
-            Err(error)
-        }
-    };
     let forms = shared.slot.link().forms();
     if !forms.knows(FRAME_RULES_MINOR) {
         let what = "rules of frames";
@@ -113,6 +105,32 @@ fn with_rules(
     } else {
         kept_rules.forget();
     }
+    let link = Arc::clone(shared.slot.link());
+    let to_send = with_written_rules(shared, n, written, given.rules, number, core);
+    if !matches!(to_send, Ok(ToSend::Frame(..))) {
+        // The daemon gets none of that number.
+        link.kept_rules().forget();
+    }
+    to_send
+}
+
+/// Writes rules behind the objects of a frame, with the number under which they are kept, or 0.
+fn with_written_rules(
+    shared: SharedFrame,
+    n: BoxCount,
+    written: Written,
+    rules: &Rules,
+    number: u64,
+    core: &Core,
+) -> Result<ToSend, FrameError> {
+    let stays = |shared, error| {
+        if core.may_cull_here() {
+            core.say_in_process(&error);
+            Ok(ToSend::Stays(shared))
+        } else {
+            Err(error)
+        }
+    };
     let used = written.scene(n).payload_bytes();
     let layout = match RulesLayout::of(rules, n, used) {
         Ok(layout) => layout,
@@ -241,13 +259,13 @@ impl PendingFrame {
         }
     }
 
-    /// Waits for the pairs, at most `timeout`.
+    /// Waits for the pairs, at most `timeout`. More than a day is a day.
     ///
     /// # Errors
     /// [`WaitError::Timeout`] when `timeout` passed: the frame is still under way. Else
     /// [`WaitError`].
     pub fn wait_timeout(&mut self, timeout: Duration) -> Result<PairMask, WaitError> {
-        let started = Instant::now();
+        let (started, timeout) = (Instant::now(), timeout.min(LONGEST_WAIT));
         let result = match std::mem::replace(&mut self.state, State::Taken) {
             State::Ready(mask) => return Ok(mask),
             State::Taken => return Err(WaitError::Taken),

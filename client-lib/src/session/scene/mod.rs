@@ -296,14 +296,15 @@ impl<'s, 'a> SceneEdit<'s, 'a> {
     }
 
     /// Gives a box its [tag](pairmask_core::filters): its world, its owner and its filter. A box that is
-    /// inserted has [`Tag::default`].
+    /// inserted has [`Tag::default`]. Whether a box itself is static, [`make_static`](Self::make_static) says, and
+    /// not its tag.
     pub fn tag(self, index: u32, tag: Tag) -> Self {
         self.scene.draft.tagged.push(index);
         self.scene.draft.tags.push(tag);
         self
     }
 
-    /// Gives boxes their tags.
+    /// Gives boxes their tags, as [`tag`](Self::tag) does.
     pub fn tag_all(self, indices: impl Into<Indices<'a>>, tags: &'a [Tag]) -> Self {
         self.step(Step::Tag(Tags { indices: indices.into(), tags }))
     }

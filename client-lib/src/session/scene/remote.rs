@@ -60,6 +60,8 @@ pub(super) struct RemoteScene {
     id: SceneId,
     copy: SceneCopy,
     keeper: Keeper,
+    /// The connection whose daemon was sent the scene: it may keep it, whoever answers now.
+    sent_to: Option<Arc<Link>>,
     /// Whether the client knows pairs by answers that it took.
     knows_pairs: bool,
     /// Whether the keeper is to forget what was told.
@@ -92,6 +94,7 @@ impl RemoteScene {
             core,
             options,
             keeper: Keeper::Nobody,
+            sent_to: None,
             knows_pairs: false,
             forgets: false,
             revisions: 0,
@@ -330,6 +333,8 @@ impl RemoteScene {
         let Keeper::Daemon(there) = keeper else { return };
         match (error, Loss::of(error)) {
             (_, Some(how)) => {
+                // Its scenes end with it.
+                self.sent_to = None;
                 let _ = self.core.lose(&there.link, how);
             }
             (WaitError::Reply(refused), None) if !is_stale(error) => {
@@ -359,6 +364,8 @@ impl RemoteScene {
 
     /// Sends the whole scene.
     fn load(&mut self, link: &Arc<Link>) -> Result<(), CommitError> {
+        // Another connection's scenes ended with it.
+        self.sent_to = self.sent_to.take().filter(|sent_to| Arc::ptr_eq(sent_to, link));
         let there = There { link: Arc::clone(link), revision: 0, is_taken: false };
         let before = std::mem::replace(&mut self.keeper, Keeper::Daemon(there));
         let loaded = self.send_whole(link);
@@ -435,6 +442,7 @@ impl RemoteScene {
             Ok(exchange) => {
                 // Whether it is received or not: a daemon at another revision says so.
                 (there.revision, there.is_taken, self.forgets) = (self.revisions, false, false);
+                self.sent_to = Some(Arc::clone(link));
                 let expected = self.estimate.expect(asked.box_count.get());
                 Ok(SentEdit { exchange, asked, want, expected })
             }
@@ -474,6 +482,8 @@ impl RemoteScene {
                 scene.lose();
             }
             self.keeper = Keeper::Here(scene);
+            // What belongs to a connection is freed with it.
+            self.sent_to = self.sent_to.take().filter(|link| link.is_alive());
         }
         match &mut self.keeper {
             Keeper::Here(scene) => Ok(scene),
@@ -493,12 +503,9 @@ impl RemoteScene {
 
 impl Drop for RemoteScene {
     fn drop(&mut self) {
-        let Keeper::Daemon(there) = &self.keeper else { return };
-        let (link, frame) = (&there.link, self.core.next_frame());
-        if there.revision == 0 || !link.is_alive() {
-            return;
-        }
-        let header = RequestHeader::end_scene(link.token(), frame, self.id);
+        // Also where the daemon refused an edit of it, and this process answers since then.
+        let Some(link) = self.sent_to.as_ref().filter(|link| link.is_alive()) else { return };
+        let header = RequestHeader::end_scene(link.token(), self.core.next_frame(), self.id);
         self.core.end_scene(link, &header, &self.unread);
     }
 }
