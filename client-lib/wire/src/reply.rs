@@ -170,6 +170,10 @@ pub enum ReplyError {
         /// Frame of the response.
         found: u64,
     },
+    /// The response is for another client: the transport gives the place of one that has died to the next, and with it
+    /// an answer that was under way.
+    #[error("the response is for another client")]
+    Client,
     /// The daemon reports an error.
     #[error("the daemon answered '{}'", status.as_str())]
     Status {
@@ -257,7 +261,10 @@ impl Reply {
         if header.magic != RESPONSE_MAGIC || header.version_major != VERSION_MAJOR {
             return Err(ReplyError::Envelope);
         }
-        if header.frame != asked.frame || header.client_token != asked.client_token {
+        if header.client_token != asked.client_token {
+            return Err(ReplyError::Client);
+        }
+        if header.frame != asked.frame {
             return Err(ReplyError::Frame { expected: asked.frame, found: header.frame });
         }
         match StatusCode::from_wire(header.status) {
