@@ -32,7 +32,7 @@
 //! | A shooter: 5,000 props, 200 of them move | a scene. Props that lie on the ground are not sent. Level geometry is static | [`Want::Changes`]: [contacts](#contacts) live between frames |
 //! | A physics sandbox in which everything falls | a scene if boxes come to rest and sleep, as in the example `falling_boxes`; else frames | [`Want::Changes`] |
 //! | A particle system, a fluid: all move, always | frames, narrow ones where near pairs do no harm | |
-//! | A strategy game: 50,000 units, most of them marching | sphere frames: spheres with one height are circles, decided exactly. Box frames where a GPU serves, since it takes no spheres | |
+//! | A strategy game: 50,000 units, most of them marching | sphere frames: spheres with one height are circles, decided exactly, on cores and on a GPU | |
 //! | The same, most of them standing | a scene, in which only marching units are set | [`Want::Moved`] to part units; [`Want::Changes`] for who came into range |
 //! | A city: static buildings, traffic | a scene. [Buildings are static](#static-worlds-and-traffic), and are set and removed by blocks | [`Want::Moved`] |
 //! | Projectiles, pickups: spawned and gone in great number | a scene with a [pool of indices](#pools-and-answers-that-are-not-taken) that are switched off | [`Want::Changes`] |

@@ -182,14 +182,15 @@ typedef void (*pm_visit)(void *user,
                          size_t count);
 
 // A word of a mask that is not zero. Bit t of `bits`, where it is set, names a pair: in a dense mask, pair
-// `first + t` in the order (0, 1), (0, 2), (1, 2), (0, 3) and so on; in a sparse one, positions `row` and
-// `32 * block + t` of `pm_mask_order`.
+// `first + t` in the order (0, 1), (0, 2), (0, 3) and so on, row by row: of n boxes, a < b is pair
+// a(2n - a - 1)/2 + b - a - 1. In a sparse mask, positions `row` and `32 * block + t` of `pm_mask_order`; in a
+// list, boxes `row` and `32 * block + t`.
 typedef struct {
   // Of a dense mask: number of the first pair.
   uint64_t first;
-  // Of a sparse mask: position of the row.
+  // Of a sparse mask: position of the row. Of a list: the lower index.
   uint32_t row;
-  // Of a sparse mask: block of 32 columns.
+  // Of a sparse mask or a list: block of 32 columns.
   uint32_t block;
   // A bit a pair.
   uint32_t bits;
@@ -261,7 +262,8 @@ typedef struct {
   uint32_t owner;
   // Place in the table of filters.
   uint16_t filter;
-  // 1 for a box that is static, whatever its filter says; else 0.
+  // 1 for a box that is static, whatever its filter says; else 0. Of boxes of a scene `pm_scene_make_static` says
+  // it instead.
   uint16_t is_static;
 } pm_tag;
 
@@ -422,7 +424,8 @@ typedef struct {
   const char *instance;
   // Directory where instances live; null for `$PAIRMASK_RUNTIME_DIR` and what stands in for it.
   const char *runtime_dir;
-  // One engine and no other, by the name that `pairmaskd engines` lists; null for the plan's choice.
+  // One engine and no other, by a name that `pairmaskd cull --help` lists at `--engine`; null for the plan's
+  // choice.
   const char *engine;
   // One encoding and no other: `dense`, `sparse` or `list`; null for the plan's choice.
   const char *encoding;
@@ -872,7 +875,8 @@ pm_code pm_pending_wait(pm_pending pending,
                         pm_mask *mask);
 
 // Waits for the pairs, at most so many nanoseconds; with 0 it looks whether they have come. After
-// `PM_ERR_TIMEOUT` the frame is still under way; else the handle names nothing any more.
+// `PM_ERR_TIMEOUT` the frame is still under way, and after `PM_ERR_ARGUMENT` and `PM_ERR_BUSY` nothing was
+// done; else the handle names nothing any more.
 pm_code pm_pending_wait_timeout(pm_pending pending,
                                 uint64_t timeout_ns,
                                 pm_mask *mask);
@@ -906,7 +910,7 @@ pm_code pm_mask_for_each(pm_mask mask,
                          void *user);
 
 // Calls `visit` with the words of a mask that are not zero, some at a time: for AND masks of the caller's own.
-// A mask that is a list has none, and is visited as pairs.
+// Each pair of a mask that is a list is a word of one bit.
 pm_code pm_mask_for_each_word(pm_mask mask,
                               pm_visit_words visit,
                               void *user);
@@ -1079,8 +1083,9 @@ pm_code pm_scene_make_static(pm_scene scene,
                              pm_indices indices,
                              bool is_static);
 
-// Gives boxes their tags: one for each index. A box that is inserted has a tag of zeros. The arrays are read
-// where they lie, until the edit is answered.
+// Gives boxes their tags: one for each index. A box that is inserted has a tag of zeros. Whether a box itself is
+// static, `pm_scene_make_static` says, and not its tag. The arrays are read where they lie, until the edit is
+// answered.
 pm_code pm_scene_tag(pm_scene scene,
                      pm_indices indices,
                      const pm_tag *tags,

@@ -391,11 +391,11 @@ public:
     const pm_code code = pm_pending_wait(handle_.release(), &mask);
     return code == PM_OK ? Result<Mask>(Mask(mask)) : Result<Mask>(Error::last(code));
   }
-  // Waits at most so long. After PM_ERR_TIMEOUT the frame is still under way.
+  // Waits at most so long. After PM_ERR_TIMEOUT and PM_ERR_BUSY the frame is still under way.
   Result<Mask> wait_for(std::uint64_t nanoseconds) {
     pm_mask mask{};
     const pm_code code = pm_pending_wait_timeout(handle_.get(), nanoseconds, &mask);
-    if (code != PM_ERR_TIMEOUT) {
+    if (code != PM_ERR_TIMEOUT && code != PM_ERR_BUSY && code != PM_ERR_ARGUMENT) {
       handle_.release();
     }
     return code == PM_OK ? Result<Mask>(Mask(mask)) : Result<Mask>(Error::last(code));

@@ -98,16 +98,17 @@ pub fn name_of(engine: EngineId) -> pm_name {
 }
 
 /// A word of a mask that is not zero. Bit t of `bits`, where it is set, names a pair: in a dense mask, pair
-/// `first + t` in the order (0, 1), (0, 2), (1, 2), (0, 3) and so on; in a sparse one, positions `row` and
-/// `32 * block + t` of `pm_mask_order`.
+/// `first + t` in the order (0, 1), (0, 2), (0, 3) and so on, row by row: of n boxes, a < b is pair
+/// a(2n - a - 1)/2 + b - a - 1. In a sparse mask, positions `row` and `32 * block + t` of `pm_mask_order`; in a
+/// list, boxes `row` and `32 * block + t`.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct pm_word {
     /// Of a dense mask: number of the first pair.
     pub first: u64,
-    /// Of a sparse mask: position of the row.
+    /// Of a sparse mask: position of the row. Of a list: the lower index.
     pub row: u32,
-    /// Of a sparse mask: block of 32 columns.
+    /// Of a sparse mask or a list: block of 32 columns.
     pub block: u32,
     /// A bit a pair.
     pub bits: u32,

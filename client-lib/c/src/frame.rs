@@ -91,6 +91,10 @@ pub unsafe extern "C" fn pm_session_frame(
 ) -> pm_code {
     call(|| {
         check_out(frame)?;
+        // Before there is a frame, which nobody would have a handle of.
+        if !boxes.is_null() {
+            check_out(boxes)?;
+        }
         let (mut filling, spares) =
             session.with(|s| Ok((s.session.frame(n)?, s.spares.clone())))?;
         let memory = filling.boxes_mut().as_mut_ptr().cast();
@@ -115,6 +119,9 @@ pub unsafe extern "C" fn pm_session_sphere_frame(
 ) -> pm_code {
     call(|| {
         check_out(frame)?;
+        if !spheres.is_null() {
+            check_out(spheres)?;
+        }
         let (mut filling, spares) =
             session.with(|s| Ok((s.session.sphere_frame(n)?, s.spares.clone())))?;
         let memory = spheres_mut(filling.spheres_mut()).as_mut_ptr();

@@ -76,7 +76,8 @@ pub unsafe extern "C" fn pm_pending_wait(pending: pm_pending, mask: *mut pm_mask
 }
 
 /// Waits for the pairs, at most so many nanoseconds; with 0 it looks whether they have come. After
-/// `PM_ERR_TIMEOUT` the frame is still under way; else the handle names nothing any more.
+/// `PM_ERR_TIMEOUT` the frame is still under way, and after `PM_ERR_ARGUMENT` and `PM_ERR_BUSY` nothing was
+/// done; else the handle names nothing any more.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn pm_pending_wait_timeout(
     pending: pm_pending,
@@ -188,7 +189,7 @@ pub type pm_visit_words =
 const WORDS: usize = 256;
 
 /// Calls `visit` with the words of a mask that are not zero, some at a time: for AND masks of the caller's own.
-/// A mask that is a list has none, and is visited as pairs.
+/// Each pair of a mask that is a list is a word of one bit.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn pm_mask_for_each_word(
     mask: pm_mask,

@@ -57,7 +57,8 @@ pub struct pm_session_options {
     pub instance: *const c_char,
     /// Directory where instances live; null for `$PAIRMASK_RUNTIME_DIR` and what stands in for it.
     pub runtime_dir: *const c_char,
-    /// One engine and no other, by the name that `pairmaskd engines` lists; null for the plan's choice.
+    /// One engine and no other, by a name that `pairmaskd cull --help` lists at `--engine`; null for the plan's
+    /// choice.
     pub engine: *const c_char,
     /// One encoding and no other: `dense`, `sparse` or `list`; null for the plan's choice.
     pub encoding: *const c_char,

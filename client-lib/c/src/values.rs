@@ -83,7 +83,8 @@ pub struct pm_tag {
     pub owner: u32,
     /// Place in the table of filters.
     pub filter: u16,
-    /// 1 for a box that is static, whatever its filter says; else 0.
+    /// 1 for a box that is static, whatever its filter says; else 0. Of boxes of a scene `pm_scene_make_static` says
+    /// it instead.
     pub is_static: u16,
 }
 

@@ -183,8 +183,9 @@ pub unsafe extern "C" fn pm_scene_make_static(
     })
 }
 
-/// Gives boxes their tags: one for each index. A box that is inserted has a tag of zeros. The arrays are read
-/// where they lie, until the edit is answered.
+/// Gives boxes their tags: one for each index. A box that is inserted has a tag of zeros. Whether a box itself is
+/// static, `pm_scene_make_static` says, and not its tag. The arrays are read where they lie, until the edit is
+/// answered.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn pm_scene_tag(
     scene: pm_scene,

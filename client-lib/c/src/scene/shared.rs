@@ -166,6 +166,8 @@ pub unsafe extern "C" fn pm_scene_terms(
     tick_deadline_ns: *mut u64,
 ) -> pm_code {
     call(|| {
+        check_out(most_boxes)?;
+        check_out(tick_deadline_ns)?;
         let (most, deadline) =
             with_shared(scene, |scene| Ok((scene.most_boxes(), scene.tick_deadline())))?;
         // SAFETY: the caller's promise about pointers is passed on.

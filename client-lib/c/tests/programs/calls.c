@@ -82,6 +82,11 @@ static void arguments(pm_session session) {
                                           (pm_rules){0}, &mask)); /* not aligned */
   EXPECT(PM_ERR_ARGUMENT, pm_session_cull(session, &b, SIZE_MAX, (pm_rules){0}, &mask));
   EXPECT(PM_ERR_TOO_MANY_BOXES, pm_session_frame(session, SIZE_MAX, &frame, NULL));
+  for (int i = 0; i < 4; i++) { /* not aligned: no frame is made, which would hold a place */
+    char *at = (char *)&boxes + 1;
+    EXPECT(PM_ERR_ARGUMENT, pm_session_frame(session, 1, &frame, (pm_box **)at));
+    EXPECT(PM_ERR_ARGUMENT, pm_session_sphere_frame(session, 1, &frame, (pm_sphere **)at));
+  }
 }
 
 static void too_many_frames(pm_session session) {

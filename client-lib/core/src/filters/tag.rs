@@ -74,7 +74,8 @@ impl Tag {
         Self { filter, ..self }
     }
 
-    /// The same for a box that is static, or is not, whatever its filter says.
+    /// The same for a box that is static, or is not, whatever its filter says. In a scene an edit's steps say
+    /// which boxes are static, and not their tags.
     #[must_use]
     pub const fn with_static(self, is_static: bool) -> Self {
         Self { flags: if is_static { STATIC } else { 0 }, ..self }

@@ -136,7 +136,8 @@ pub enum Step<'a> {
     Switch(Indices<'a>, bool),
     /// Makes boxes static (`true`: two static boxes are no pair) or not.
     Static(Indices<'a>, bool),
-    /// Gives boxes their [tags](crate::filters). A box that is inserted has [`Tag::default`].
+    /// Gives boxes their [tags](crate::filters). A box that is inserted has [`Tag::default`]. Whether a box
+    /// itself is static, [`Static`](Self::Static) says, and not its tag.
     Tag(Tags<'a>),
     /// The filters that tags name, in place of all before.
     Filters(&'a FilterTable),

@@ -35,7 +35,8 @@ A file of boxes holds little-endian f32, min.x min.y min.z max.x max.y max.z, 24
 A file of spheres holds x y z radius, 16 bytes a sphere.
 Pairs are written as two little-endian u32 each, the lower index first, in ascending order.
 A dense mask is written as its u32 words; a sparse one as the order of its n boxes, then the rows
-of all its words, their blocks and their bits.
+of all its words, their blocks and their bits; a list as its pairs, in the order in which the
+engine found them.
 
 Examples:
   pairmaskd cull boxes.f32                            by the daemon, or in process without one

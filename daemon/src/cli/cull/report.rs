@@ -42,7 +42,7 @@ pub struct CullReport {
     pub backend: String,
     /// The engine.
     pub engine: String,
-    /// `dense` or `sparse`.
+    /// `dense`, `sparse` or `list`.
     pub encoding: String,
     /// Bytes of the mask.
     pub mask_bytes: u64,

@@ -10,7 +10,7 @@ use crate::filters::{Filter, FilterTable, Owner, PairLists};
 /// `ShouldCollide`, asked once for each two layers.
 ///
 /// Two bodies of which none is dynamic never meet, sensors aside: mark those bodies'
-/// [tags static](crate::filters::Tag::with_static).
+/// [tags static](crate::filters::Tag::with_static), or, in a scene, their boxes (`Step::Static`).
 ///
 /// # Errors
 /// [`TooManyKinds`] where more than 64 layers differ in what they collide with.

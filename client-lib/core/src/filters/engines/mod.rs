@@ -15,8 +15,8 @@
 //! | MuJoCo | `contype`, `conaffinity`, bodies, `<pair>`, `<exclude>` | [`from_mujoco`], [`from_mujoco_bodies`] | `mjcb_contactfilter`, sleeping bodies |
 //!
 //! Functions that take `is_dynamic` mark the filter static where it is false: these engines let no two
-//! bodies meet of which none is dynamic. Where a host wants kinematic bodies to meet others that are not
-//! dynamic, it passes true for those.
+//! bodies meet of which none is dynamic, triggers of PhysX aside. Where a host wants kinematic bodies to
+//! meet others that are not dynamic, it passes true for those.
 //!
 //! Other fields become parts of a [`Tag`](super::Tag) as they are:
 //!

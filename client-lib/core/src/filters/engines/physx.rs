@@ -10,8 +10,10 @@ const TRIGGER: u64 = 1 << 32;
 /// default: the groups' table alone decides.
 ///
 /// `group` is `word0`, below 32. `meets` has a bit for each group that it may meet, as `PxGetGroupCollisionFlag`
-/// says. Triggers pass whatever the groups say. Two bodies of which none is dynamic never meet, as the scene's
-/// filtering modes say unless they are `eKEEP`. `None` where the group is none of the 32.
+/// says. Two bodies of which none is dynamic never meet, as the scene's filtering modes say unless they are
+/// `eKEEP`. A trigger meets shapes of all bodies, whatever the groups and the modes say, and no other trigger. So
+/// one of a static actor meets static shapes too, of which PhysX says nothing: two that never move. `None` where
+/// the group is none of the 32.
 pub const fn from_physx_group(
     group: u32,
     meets: u32,
@@ -21,12 +23,11 @@ pub const fn from_physx_group(
     if group >= 32 {
         return None;
     }
-    let filter = if is_trigger {
-        Filter::new(TRIGGER, u64::MAX)
+    Some(if is_trigger {
+        Filter::new(TRIGGER, !TRIGGER)
     } else {
-        Filter::new(1 << group, TRIGGER | meets as u64)
-    };
-    Some(filter.with_static(!is_dynamic))
+        Filter::new(1 << group, TRIGGER | meets as u64).with_static(!is_dynamic)
+    })
 }
 
 /// The filter of a PhysX shape under `PxDefaultSimulationFilterShader` with the operations `OR`, `OR`,
@@ -62,8 +63,10 @@ mod tests {
         let field = |random: &mut Random| {
             (random.next() as u32 % 32, random.flag() && random.flag(), random.flag())
         };
-        let meet = |a: &(u32, bool, bool), b: &(u32, bool, bool)| {
-            (a.2 || b.2) && (a.1 || b.1 || table[a.0 as usize][b.0 as usize])
+        let meet = |a: &(u32, bool, bool), b: &(u32, bool, bool)| match (a.1, b.1) {
+            (true, true) => false,
+            (false, false) => (a.2 || b.2) && table[a.0 as usize][b.0 as usize],
+            _ => true,
         };
         check(
             field,
