@@ -151,9 +151,27 @@ impl<'a> Lanes<'a> {
                     .inspect_err(|_| self.stop.store(true, Ordering::Relaxed))
                     .map_err(ServeError::system("starting a lane"))?;
             }
+            let tidier = std::thread::Builder::new()
+                .name("tidier".into())
+                .spawn_scoped(scope, || self.tidy_until_stopped())
+                .inspect_err(|_| self.stop.store(true, Ordering::Relaxed))
+                .map_err(ServeError::system("starting the tidier"))?;
             self.serve_in(0);
+            tidier.thread().unpark();
             Ok(())
         })
+    }
+
+    /// Gives up what belonged to clients that are gone, now and then, and tells the daemon's status. On a thread of
+    /// its own: to free a large scene, or to take the boxes of a dead writer out of one, takes a while.
+    fn tidy_until_stopped(&self) {
+        let _end = EndWithPanic;
+        while !self.stop.load(Ordering::Relaxed) {
+            self.responder.tidy();
+            let status = StatusFile::now(self.responder.status(), self.responder.skips());
+            self.janitor.post(&status);
+            std::thread::park_timeout(JANITOR_INTERVAL);
+        }
     }
 
     fn serve_in(&self, lane: usize) {
@@ -202,10 +220,15 @@ impl<'a> Lanes<'a> {
             let published = self.responder.publish_ended();
             let now = Instant::now();
             if now >= lead.tidy_at {
-                self.tidy(lead);
+                lead.intake.tidy();
                 lead.tidy_at = now + JANITOR_INTERVAL;
             }
             if published || now >= look_at {
+                // A lane that has ended a request may have freed more than the one that it takes next: a session, and
+                // the pool.
+                if let Some(task) = self.next_task() {
+                    return Led::Task(task);
+                }
                 let mut desk = self.desk();
                 if published {
                     desk.note_answer(now);
@@ -392,12 +415,6 @@ impl<'a> Lanes<'a> {
             self.responder.clients().note_work(asked.sender.session, work);
         }
         self.desk().note_used(asked.sender, served.threads, took * served.threads as u32);
-    }
-
-    fn tidy(&self, lead: &mut Lead) {
-        self.responder.tidy();
-        self.janitor.post(&StatusFile::now(self.responder.status(), self.responder.skips()));
-        lead.intake.tidy();
     }
 
     fn unpark(&self, lane: usize) {
