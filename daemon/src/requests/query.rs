@@ -89,7 +89,7 @@ fn query_and_answer(
     threads: usize,
     outbox: &Outbox,
 ) -> Result<(), Unanswered> {
-    let KeptScene { scene, found, room, audited, .. } = kept;
+    let KeptScene { scene, scratch, found, room, audited, .. } = kept;
     scene.scene_mut().set_threads(threads);
     scene.scene_mut().limit_query_pairs(open.limit_pairs());
     let taken_at = open.taken_at();
@@ -104,7 +104,7 @@ fn query_and_answer(
         })
     };
     found.tidy();
-    room.note(scene, found.bytes());
+    room.note(scene, found.bytes() + scratch.allocated_bytes() as u64);
     let mut answer = answer?;
     answer.engine = scene.scene().engine();
     answer.times.ingest_ns = begun.duration_since(taken_at).as_nanos() as u64;

@@ -7,7 +7,7 @@ use pairmask_core::dispatch::{CpuEngines, StageTimes};
 use pairmask_core::engine::{AvailableIsa, CullError, ReplyBuffer};
 use pairmask_core::plan::Calibration;
 use pairmask_core::scene::{Edit, SceneError, SceneOptions};
-use pairmask_wire::{SceneAnswerLayout, SceneId, SceneRequest, response_scene};
+use pairmask_wire::{EditScratch, SceneAnswerLayout, SceneId, SceneRequest, response_scene};
 
 use super::Served;
 use crate::clients::{GpuNeed, KeptScene, SceneMemory};
@@ -57,8 +57,14 @@ impl SceneEdits {
                 if kept.scene.scene().engine().is_gpu() {
                     gpu = GpuNeed::Alone;
                 }
-                // What was applied without an answer is of no use to the client: it sends the scene again.
-                if !matches!(edited, Err(Failed::Applied(_))) {
+                if edited.is_err() {
+                    // What it was read into may be large, and nothing was charged for it.
+                    kept.scratch = EditScratch::default();
+                }
+                // What was applied without an answer is of no use to the client, and neither is a scene that did not
+                // begin: it sends the scene again.
+                let begins = request.base == 0;
+                if edited.is_ok() || !begins && matches!(edited, Err(Failed::Refused(_))) {
                     outbox.clients().keep_scene(session, kept);
                 }
                 edited.map_err(|failed| match failed {
@@ -143,7 +149,7 @@ fn edit_and_answer(
     // More have no place in the answer, and would be found in memory that nobody has counted.
     scene.scene_mut().limit_pairs(open.limit_pairs());
     let edited = scene.edit_expanded(edit, request.want).map(drop);
-    room.note(scene, found.bytes());
+    room.note(scene, found.bytes() + scratch.allocated_bytes() as u64);
     match edited {
         Ok(()) => *revision = request.revision,
         // The scene is what it was.
