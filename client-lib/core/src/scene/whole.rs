@@ -176,3 +176,31 @@ fn list_of<'a>(
     let (engine, why) = (EngineName::CpuGrid, "it wrote no list");
     Err(CullError::Unavailable { engine, why })
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::aabb::Aabb;
+    use crate::engine::{CullError, ReserveError};
+    use crate::scene::{Edit, Scene, SceneError, SceneOptions, Sets, Step, Told, Want};
+
+    /// Most pairs of the whole scene are an error before there is memory for them, and those within the limit an
+    /// answer.
+    #[test]
+    fn a_scene_has_no_more_pairs_than_may_be() {
+        let boxes = vec![Aabb::new([0.0; 3], [1.0; 3]); 2_000];
+        let all = [Step::Set(Sets { indices: (0..2_000).into(), boxes: &boxes })];
+        let pairs = 2_000 * 1_999 / 2;
+        let tell = |want: Want, most: u64| {
+            let mut scene = Scene::new(SceneOptions::default().with_threads(1));
+            scene.limit_pairs(most);
+            scene.edit(Edit { steps: &all }, want).map(Told::pair_count)
+        };
+        for want in [Want::All, Want::Changes] {
+            let too_large = |error| {
+                matches!(error, SceneError::Cull(CullError::Reserve(ReserveError::TooLarge { .. })))
+            };
+            assert!(tell(want, pairs - 1).is_err_and(too_large), "{want:?}");
+            assert_eq!(tell(want, pairs), Ok(Some(pairs)), "{want:?}");
+        }
+    }
+}

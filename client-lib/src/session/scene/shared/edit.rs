@@ -76,7 +76,8 @@ impl<'s, 'a> SharedEdit<'s, 'a> {
         self.step(Step::Static(one(index), is_static))
     }
 
-    /// Gives boxes their [tags](pairmask_core::filters).
+    /// Gives boxes their [tags](pairmask_core::filters). Whether a box itself is static,
+    /// [`make_static`](Self::make_static) says, and not its tag.
     pub fn tag_all(self, indices: impl Into<Indices<'a>>, tags: &'a [Tag]) -> Self {
         self.step(Step::Tag(Tags { indices: indices.into(), tags }))
     }
