@@ -257,7 +257,8 @@ pub struct EditScratch {
 
 impl EditScratch {
     /// The steps of an edit. Records and indices are copied once, and checked; boxes stay where they
-    /// lie, where their writer may still change them: each is to be read once.
+    /// lie, where their writer may still change them: who reads one again, as each GPU of a scene does, may find
+    /// another one there.
     ///
     /// # Errors
     /// [`Reject::Edit`] where a step is malformed.

@@ -162,14 +162,12 @@ impl<'a> Lanes<'a> {
         })
     }
 
-    /// Gives up what belonged to clients that are gone, now and then, and tells the daemon's status. On a thread of
-    /// its own: to free a large scene, or to take the boxes of a dead writer out of one, takes a while.
+    /// Gives up what belonged to clients that are gone, now and then. On a thread of its own: to free a large scene, or
+    /// to take the boxes of a dead writer out of one, takes a while.
     fn tidy_until_stopped(&self) {
         let _end = EndWithPanic;
         while !self.stop.load(Ordering::Relaxed) {
             self.responder.tidy();
-            let status = StatusFile::now(self.responder.status(), self.responder.skips());
-            self.janitor.post(&status);
             std::thread::park_timeout(JANITOR_INTERVAL);
         }
     }
@@ -221,17 +219,20 @@ impl<'a> Lanes<'a> {
             let now = Instant::now();
             if now >= lead.tidy_at {
                 lead.intake.tidy();
+                let status = StatusFile::now(self.responder.status(), self.responder.skips());
+                self.janitor.post(&status);
                 lead.tidy_at = now + JANITOR_INTERVAL;
             }
             if published || now >= look_at {
-                // A lane that has ended a request may have freed more than the one that it takes next: a session, and
-                // the pool.
-                if let Some(task) = self.next_task() {
-                    return Led::Task(task);
-                }
                 let mut desk = self.desk();
                 if published {
                     desk.note_answer(now);
+                }
+                // A lane that has ended a request may have freed more than the one that it takes next: a session, and
+                // the pool.
+                if let Some(task) = desk.next(now) {
+                    drop(desk);
+                    return Led::Task(self.begun(task));
                 }
                 sleep_at = desk.sleep_at();
                 look_at = now + DESK_LOOK;
@@ -377,10 +378,15 @@ impl<'a> Lanes<'a> {
 
     fn next_task(&self) -> Option<Task> {
         let task = self.desk().next(Instant::now())?;
+        Some(self.begun(task))
+    }
+
+    /// A task that this lane has taken: another lane looks for requests meanwhile.
+    fn begun(&self, task: Task) -> Task {
         if let Some(lane) = task.wake {
             self.unpark(lane);
         }
-        Some(task)
+        task
     }
 
     fn serve(&self, lane: usize, task: Task) {
