@@ -8,13 +8,15 @@ pub(super) struct Known {
     capacity: usize,
     /// Looks so far.
     looks: u64,
+    /// What was kept of clients that others took the place of: large scenes take a while to free.
+    forgotten: Vec<Client>,
 }
 
 impl Known {
     /// Room for so many clients, and one at the least.
     pub(super) fn new(max_clients: usize) -> Self {
         let capacity = max_clients.max(1);
-        Self { clients: Vec::with_capacity(capacity), capacity, looks: 0 }
+        Self { clients: Vec::with_capacity(capacity), capacity, looks: 0, forgotten: Vec::new() }
     }
 
     /// A client that is remembered.
@@ -27,9 +29,16 @@ impl Known {
         self.clients.iter_mut()
     }
 
-    /// Forgets clients that are gone, and returns what was kept of them.
-    pub(super) fn remove_gone(&mut self, lives: impl Fn(u128) -> bool) -> Vec<Client> {
-        self.clients.extract_if(.., |client| !lives(client.session())).collect()
+    /// Their sessions.
+    pub(super) fn sessions(&self) -> Vec<u128> {
+        self.clients.iter().map(Client::session).collect()
+    }
+
+    /// Forgets clients that are gone, and returns what was kept of them and of others that were forgotten.
+    pub(super) fn remove_gone(&mut self, is_gone: impl Fn(u128) -> bool) -> Vec<Client> {
+        let mut gone = std::mem::take(&mut self.forgotten);
+        gone.extend(self.clients.extract_if(.., |client| is_gone(client.session())));
+        gone
     }
 
     /// A client, remembered from now on. Where clients that are gone fill the list, the one is forgotten that was
@@ -42,8 +51,8 @@ impl Known {
                 let all = self.clients.iter().enumerate();
                 let least =
                     all.min_by_key(|(_, client)| (!client.scenes.is_empty(), client.looked_at));
-                let forgotten = least.map_or(0, |(place, _)| place);
-                self.clients.swap_remove(forgotten);
+                let place = least.map_or(0, |(place, _)| place);
+                self.forgotten.push(self.clients.swap_remove(place));
             }
             self.clients.push(Client::new(session));
             self.clients.len() - 1

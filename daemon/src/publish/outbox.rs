@@ -58,12 +58,15 @@ impl Outbox {
         &self.clients
     }
 
-    /// Gives up what belonged to clients that are gone; to be called now and then. Returns the sessions that
-    /// there are.
-    pub(crate) fn tidy(&self) -> Vec<u128> {
+    /// Gives up what belonged to clients that are gone; to be called now and then.
+    pub(crate) fn tidy(&self) {
+        self.clients.tidy(|| self.sessions());
+    }
+
+    /// The sessions that there are.
+    pub(crate) fn sessions(&self) -> Vec<u128> {
         let mut sessions = Vec::new();
         self.services.for_each_sender(|sender| sessions.push(sender.session));
-        self.clients.tidy(|session| sessions.contains(&session));
         sessions
     }
 

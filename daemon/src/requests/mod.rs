@@ -192,8 +192,8 @@ impl Responder {
     /// Gives up what belonged to clients that are gone; to be called now and then.
     pub fn tidy(&self) {
         self.culls.tidy();
-        let sessions = self.outbox.tidy();
-        self.shared.tidy(|session| sessions.contains(&session), &self.outbox);
+        self.outbox.tidy();
+        self.shared.tidy(&self.outbox);
     }
 
     /// What the daemon has done so far.

@@ -195,10 +195,15 @@ impl SharedScenes {
     }
 
     /// Ends members whose sessions are gone; to be called now and then.
-    pub(super) fn tidy(&self, lives: impl Fn(u128) -> bool, outbox: &Outbox) {
-        let gone: Vec<MemberKey> =
-            locked(&self.joined).keys().filter(|(session, _)| !lives(*session)).copied().collect();
-        for key in gone {
+    pub(super) fn tidy(&self, outbox: &Outbox) {
+        let mut members: Vec<MemberKey> = locked(&self.joined).keys().copied().collect();
+        if members.is_empty() {
+            return;
+        }
+        // After the members: a session that comes meanwhile is none of theirs.
+        let sessions = outbox.sessions();
+        members.retain(|(session, _)| !sessions.contains(session));
+        for key in members {
             self.end(key, End::SessionGone, outbox);
         }
     }
