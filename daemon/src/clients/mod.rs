@@ -17,7 +17,7 @@ pub(crate) use self::client::FrameWork;
 pub use self::client::GpuNeed;
 use self::client::find_listener;
 use self::known::Known;
-pub(crate) use self::scenes::{BYTES_A_BOX, KeptScene, NoRoom, SceneMemory, SceneRoom};
+pub(crate) use self::scenes::{KeptScene, NoRoom, PendingBoxes, SceneMemory, SceneRoom};
 use crate::execute::Executor;
 
 /// Work that is expected of an object where nothing is known of its session: what the engines take
@@ -104,9 +104,13 @@ impl Clients {
 
     /// Forgets sessions that are gone, and has engines give up scratch that has not been used for long;
     /// to be called now and then.
-    pub(crate) fn tidy(&self, lives: impl Fn(u128) -> bool) {
+    pub(crate) fn tidy(&self, sessions: impl FnOnce() -> Vec<u128>) {
+        let candidates = self.known().sessions();
+        // After the candidates: a session that comes meanwhile is none of them.
+        let sessions = sessions();
+        let is_gone = |session: u128| candidates.contains(&session) && !sessions.contains(&session);
         let mut known = self.known();
-        let gone = known.remove_gone(lives);
+        let gone = known.remove_gone(is_gone);
         known.iter_mut().filter_map(|client| client.engines.as_mut()).for_each(|e| e.tidy());
         drop(known);
         // Large scenes take a while to free.

@@ -186,9 +186,12 @@ impl SceneGpus {
         others
     }
 
-    /// How many there are: most that may keep a scene of so many boxes.
+    /// Most that may keep a scene of so many boxes.
     pub(super) fn most_for(&self, boxes: usize) -> usize {
-        if is_scene_shared(boxes) { self.all.len().max(1) } else { 1 }
+        if !(is_scene_shared(boxes) && self.all.are_alike) {
+            return 1;
+        }
+        self.all.all.iter().filter(|gpu| gpu.is_there()).count().max(1)
     }
 
     fn note(&mut self, gpu: &SharedGpu, tools: &SceneTools) {

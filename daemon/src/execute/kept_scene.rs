@@ -98,6 +98,14 @@ impl SceneKeeper {
         self.len() == 0
     }
 
+    /// Indices with a box are below this.
+    pub fn index_end(&self) -> u32 {
+        match &self.place {
+            Place::Cores(scene) => scene.index_end(),
+            Place::Gpu(scene) => scene.index_end(),
+        }
+    }
+
     /// The engine that answers.
     pub const fn engine(&self) -> EngineName {
         match &self.place {

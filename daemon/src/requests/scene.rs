@@ -10,7 +10,7 @@ use pairmask_core::scene::{Edit, SceneError, SceneOptions};
 use pairmask_wire::{EditScratch, SceneAnswerLayout, SceneId, SceneRequest, response_scene};
 
 use super::Served;
-use crate::clients::{GpuNeed, KeptScene, SceneMemory};
+use crate::clients::{GpuNeed, KeptScene, PendingBoxes, SceneMemory};
 use crate::execute::{EnginePool, Gpus, SceneKeeper};
 use crate::publish::{OpenRequest, Outbox, Refusal};
 
@@ -45,14 +45,16 @@ impl SceneEdits {
     ) -> Served {
         let threads = request.threads.map_or(threads, |asked| asked.min(threads)).max(1);
         let session = open.sender().session;
+        let most_pairs = self.memory.most_pairs(open.limit_pairs());
         let mut gpu = GpuNeed::None;
         let edited = match self.find(session, request, outbox) {
             Ok(mut kept) => {
                 let edited = if threads == 1 {
-                    edit_and_answer(&mut kept, &mut open, request, 1, outbox)
+                    edit_and_answer(&mut kept, &mut open, request, (1, most_pairs), outbox)
                 } else {
+                    let limits = (threads, most_pairs);
                     self.pool
-                        .work(|| edit_and_answer(&mut kept, &mut open, request, threads, outbox))
+                        .work(|| edit_and_answer(&mut kept, &mut open, request, limits, outbox))
                 };
                 if kept.scene.scene().engine().is_gpu() {
                     gpu = GpuNeed::Alone;
@@ -130,14 +132,14 @@ fn edit_and_answer(
     kept: &mut KeptScene,
     open: &mut OpenRequest,
     request: &SceneRequest,
-    threads: usize,
+    (threads, most_pairs): (usize, u64),
     outbox: &Outbox,
 ) -> Result<(), Failed> {
     let KeptScene { revision, scene, scratch, found, room, audited, .. } = kept;
     let start = Instant::now();
     let steps = scratch.read(request, open.pages())?;
     let edit = Edit { steps: &steps };
-    room.make(scene, edit, found.bytes())?;
+    room.make(scene, edit, PendingBoxes::default(), found.bytes())?;
     let ingested = Instant::now();
     if request.is_taken {
         scene.take();
@@ -146,8 +148,8 @@ fn edit_and_answer(
         scene.lose();
     }
     scene.scene_mut().set_threads(threads);
-    // More have no place in the answer, and would be found in memory that nobody has counted.
-    scene.scene_mut().limit_pairs(open.limit_pairs());
+    // More would be found in memory that nobody has counted.
+    scene.scene_mut().limit_pairs(most_pairs);
     let edited = scene.edit_expanded(edit, request.want).map(drop);
     room.note(scene, found.bytes() + scratch.allocated_bytes() as u64);
     match edited {

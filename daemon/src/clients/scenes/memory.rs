@@ -3,6 +3,9 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+/// Bytes of a pair.
+const BYTES_A_PAIR: u64 = 8;
+
 /// The memory of all scenes of a daemon.
 #[derive(Clone, Debug)]
 pub(crate) struct SceneMemory(Arc<Shared>);
@@ -38,6 +41,12 @@ impl SceneMemory {
         self.0.take(bytes)?;
         self.0.scenes.fetch_add(1, Ordering::Relaxed);
         Ok(Charge { of: Arc::clone(&self.0), bytes })
+    }
+
+    /// Most pairs that a search among all boxes of a scene may find, where an answer has room for so many: as many as
+    /// all scenes may take memory for, since rules leave few of them in the answer.
+    pub(crate) fn most_pairs(&self, of_answer: u64) -> u64 {
+        of_answer.max(self.0.limit / BYTES_A_PAIR)
     }
 
     /// Scenes, and the bytes that they take.

@@ -14,9 +14,11 @@ use crate::execute::SceneKeeper;
 
 /// Bytes that a scene takes for each index, whether it has a box or not.
 const BYTES_AN_INDEX: u64 = 25;
-/// Bytes that it takes for each box on top, at the most: cells, history and answers; and again on each GPU beside the
-/// first one that has it.
-pub(crate) const BYTES_A_BOX: u64 = 275;
+/// Bytes that it takes for each box on top, at the most: cells, history and answers.
+const BYTES_A_BOX: u64 = 275;
+/// Bytes that it takes for each box on each GPU beside the first one that has it, at the most: records, and the grid
+/// of a search among all.
+const BYTES_A_COPY: u64 = 200;
 /// Bytes that rules take for each index on top, where there are any: its tag.
 const BYTES_A_TAG: u64 = 12;
 /// Bytes that any scene takes: without them, empty ones would be free.
@@ -71,6 +73,15 @@ impl FoundPairs {
 #[derive(Debug)]
 pub(crate) struct SceneRoom(Charge);
 
+/// Boxes that edits set which wait to be applied.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct PendingBoxes {
+    /// How many.
+    pub(crate) count: u64,
+    /// Their indices are below this.
+    pub(crate) index_end: u64,
+}
+
 impl KeptScene {
     /// A scene without boxes, before its first edit.
     ///
@@ -108,7 +119,8 @@ impl SceneRoom {
         memory.charge(BYTES_A_SCENE).map(Self)
     }
 
-    /// Makes room for an edit that is about to be applied, where so many bytes are kept beside the scene.
+    /// Makes room for an edit that is about to be applied together with others, where so many bytes are kept beside the
+    /// scene.
     ///
     /// # Errors
     /// [`NoRoom`].
@@ -116,16 +128,21 @@ impl SceneRoom {
         &mut self,
         scene: &FilteredScene<SceneKeeper>,
         edit: Edit<'_>,
+        others: PendingBoxes,
         beside: u64,
     ) -> Result<(), NoRoom> {
-        let boxes = scene.scene().len() as u64 + edit.boxes() as u64;
-        let indices = boxes.max(edit.index_end());
+        let set = edit.boxes() as u64 + others.count;
+        let end = edit.index_end().max(others.index_end).max(scene.scene().index_end().into());
+        // Those that move are there already: there are no more boxes than indices.
+        let boxes = (scene.scene().len() as u64 + set).min(end);
+        let indices = boxes.max(end);
         let rules = match (scene.rules(), edit.has_rules()) {
             (None, false) => 0,
             _ => scene.rule_bytes() as u64 + BYTES_A_TAG * indices + edit.rule_bytes() as u64,
         };
-        let copies = scene.scene().copies(edit.boxes()) as u64;
-        let scene = BYTES_A_SCENE + BYTES_AN_INDEX * indices + BYTES_A_BOX * boxes * copies;
+        let more_gpus = scene.scene().copies(set as usize) as u64 - 1;
+        let bytes_a_box = BYTES_A_BOX + BYTES_A_COPY * more_gpus;
+        let scene = BYTES_A_SCENE + BYTES_AN_INDEX * indices + bytes_a_box * boxes;
         self.0.grow_to(scene + rules + beside)
     }
 

@@ -12,7 +12,7 @@ use pairmask_core::scene::{
 };
 
 use super::Tools;
-use crate::clients::{BYTES_A_BOX, SceneRoom};
+use crate::clients::{PendingBoxes, SceneRoom};
 use crate::execute::SceneKeeper;
 use crate::publish::Refusal;
 
@@ -32,8 +32,10 @@ pub(super) struct Boxes {
     room: SceneRoom,
     /// Bytes that were kept of members after the last tick.
     members_bytes: u64,
-    /// Bytes of the open tick's edits, and of what they add to the scene.
+    /// Bytes of the open tick's edits, and of rules that they add.
     edits_bytes: u64,
+    /// Boxes that they set.
+    pending: PendingBoxes,
     /// Most pairs of all.
     most_pairs: u64,
     /// Whether the scene is to be made again before it is asked.
@@ -60,11 +62,9 @@ impl Reasons<'_> {
     }
 }
 
-/// Bytes of an edit of the open tick that takes so many itself, and of what it adds to the scene at the most.
-fn pending_bytes(scene: &FilteredScene<SceneKeeper>, edit: Edit<'_>, bytes: u64) -> u64 {
-    let boxes = edit.boxes();
-    let copies = scene.scene().copies(boxes) as u64;
-    bytes + BYTES_A_BOX * boxes as u64 * copies + edit.rule_bytes() as u64
+/// Bytes of an edit of the open tick that takes so many itself, and of the rules that it adds.
+fn pending_bytes(edit: Edit<'_>, bytes: u64) -> u64 {
+    bytes + edit.rule_bytes() as u64
 }
 
 /// What an edit has changed.
@@ -98,6 +98,7 @@ impl Boxes {
             tools,
             members_bytes: 0,
             edits_bytes: 0,
+            pending: PendingBoxes::default(),
             most_pairs: u64::MAX,
             is_broken: false,
         })
@@ -121,22 +122,25 @@ impl Boxes {
     pub fn check(&mut self, edit: Edit<'_>, bytes: u64) -> Result<(), Refusal> {
         let beside = self.copy.allocated_bytes() as u64 + self.members_bytes + self.edits_bytes;
         let more = bytes + BYTES_A_COPY * edit.index_end();
-        self.room.make(&self.scene, edit, beside + more)?;
+        self.room.make(&self.scene, edit, self.pending, beside + more)?;
         self.copy.check(edit)?;
         // Others are checked before it is applied: its boxes are not in the scene then.
-        self.edits_bytes += pending_bytes(&self.scene, edit, bytes);
+        self.edits_bytes += pending_bytes(edit, bytes);
+        self.pending.count += edit.boxes() as u64;
+        self.pending.index_end = self.pending.index_end.max(edit.index_end());
         Ok(())
     }
 
     /// Forgets an edit that was checked.
     pub fn cancel(&mut self, edit: Edit<'_>, bytes: u64) {
         self.copy.cancel(edit);
-        let pending = pending_bytes(&self.scene, edit, bytes);
-        self.edits_bytes = self.edits_bytes.saturating_sub(pending);
+        self.edits_bytes = self.edits_bytes.saturating_sub(pending_bytes(edit, bytes));
+        self.pending.count = self.pending.count.saturating_sub(edit.boxes() as u64);
     }
 
-    /// Most pairs that later edits may find where they look for all.
-    pub fn limit_pairs(&mut self, most: u64) {
+    /// Most pairs that later edits may find where they look for all, where an answer has room for so many.
+    pub fn limit_pairs(&mut self, of_answer: u64) {
+        let most = self.tools.memory.most_pairs(of_answer);
         self.most_pairs = most;
         self.scene.scene_mut().limit_pairs(most);
     }

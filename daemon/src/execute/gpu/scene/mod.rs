@@ -288,6 +288,11 @@ impl GpuScene {
         self.len() == 0
     }
 
+    /// Indices with a box are below this.
+    pub fn index_end(&self) -> u32 {
+        self.roster.len() as u32
+    }
+
     /// Whether an index has a box.
     pub fn is_present(&self, index: u32) -> bool {
         self.roster.is_present(index)
