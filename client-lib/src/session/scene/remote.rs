@@ -476,14 +476,14 @@ impl RemoteScene {
 
     /// The scene of this process, which is made from the copy if need be.
     fn here(&mut self) -> Result<&mut FilteredScene, CommitError> {
+        // What belongs to a connection is freed with it.
+        self.sent_to = self.sent_to.take().filter(|link| link.is_alive());
         if !matches!(self.keeper, Keeper::Here(_)) {
             let mut scene = self.copied()?;
             if self.knows_pairs || std::mem::take(&mut self.forgets) {
                 scene.lose();
             }
             self.keeper = Keeper::Here(scene);
-            // What belongs to a connection is freed with it.
-            self.sent_to = self.sent_to.take().filter(|link| link.is_alive());
         }
         match &mut self.keeper {
             Keeper::Here(scene) => Ok(scene),

@@ -353,27 +353,35 @@ impl SharedScene {
         own.allow(edit, true)?;
         self.copy.check(edit)?;
         self.settle();
-        self.gave_filters |= edit.steps.iter().any(|step| matches!(step, Step::Filters(_)));
         let was_there = self.there.is_some();
         let link = match self.present() {
             Ok(link) => link,
             Err(error) => {
-                self.copy.apply(edit);
+                self.apply(edit);
                 return Err(error);
             }
         };
         let is_new = self.there.as_ref().is_some_and(|there| there.revision == 0);
-        let sent = if was_there && !is_new { Some(self.send(&link, edit, want)) } else { None };
-        self.copy.apply(edit);
-        let sent = match sent {
-            Some(sent) => sent,
-            None => self.send_whole(&link, want),
+        let sent = if was_there && !is_new {
+            let sent = self.send(&link, edit, want);
+            if let Err(error @ SharedError::Frame(_)) = sent {
+                // The daemon has heard nothing, and has all that came before.
+                self.copy.cancel(edit);
+                return Err(error);
+            }
+            self.apply(edit);
+            sent
+        } else {
+            self.apply(edit);
+            self.send_whole(&link, want)
         };
-        if sent.is_err() {
-            // The edit is in the copy alone: the next commit sends all of that.
-            self.there = None;
-        }
         Ok(Awaited::new(sent?, Arc::clone(&self.unread)))
+    }
+
+    /// Makes an edit that was checked part of what this member has.
+    fn apply(&mut self, edit: Edit<'_>) {
+        self.gave_filters |= edit.steps.iter().any(|step| matches!(step, Step::Filters(_)));
+        self.copy.apply(edit);
     }
 
     /// Sends all boxes of this member as one commit.

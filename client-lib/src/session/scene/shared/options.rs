@@ -76,8 +76,9 @@ pub enum SharedError {
     /// The edit is wrong. Nothing of it was applied.
     #[error(transparent)]
     Edit(#[from] EditError),
-    /// The request could not be sent, for want of a daemon as a rule. The next commit joins again, and has
-    /// this edit.
+    /// The request could not be sent. For want of a daemon: the next commit joins again, and has this edit. Else, for
+    /// want of a place or of memory ([`FrameError::TooManyFrames`]), nothing has happened while the membership stood,
+    /// and the edit can be made again; the first commit after joining has it.
     #[error(transparent)]
     Frame(#[from] FrameError),
     /// There is no answer. The next commit joins again where that is needed, and has this edit.
