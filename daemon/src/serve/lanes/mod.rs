@@ -228,12 +228,6 @@ impl<'a> Lanes<'a> {
                 if published {
                     desk.note_answer(now);
                 }
-                // A lane that has ended a request may have freed more than the one that it takes next: a session, and
-                // the pool.
-                if let Some(task) = desk.next(now) {
-                    drop(desk);
-                    return Led::Task(self.begun(task));
-                }
                 sleep_at = desk.sleep_at();
                 look_at = now + DESK_LOOK;
                 if lane > 0 && desk.crew.is_too_large(now) {
@@ -378,15 +372,10 @@ impl<'a> Lanes<'a> {
 
     fn next_task(&self) -> Option<Task> {
         let task = self.desk().next(Instant::now())?;
-        Some(self.begun(task))
-    }
-
-    /// A task that this lane has taken: another lane looks for requests meanwhile.
-    fn begun(&self, task: Task) -> Task {
         if let Some(lane) = task.wake {
             self.unpark(lane);
         }
-        task
+        Some(task)
     }
 
     fn serve(&self, lane: usize, task: Task) {
