@@ -115,9 +115,19 @@ impl Drop for Other {
 }
 
 /// A client that always has as many large frames waiting as it may does not hold up one with small
-/// frames. With a turn each, the other would get one request served for each large frame.
+/// frames. With a turn each, the other would get one request served for each large frame. The median of three
+/// daemons: beside one in forty, the system leaves a small frame no core for a quarter of a second, where there are
+/// two, both spun on and computed on.
 #[test]
 fn a_greedy_client_leaves_the_others_their_share() {
+    let mut rounds = [(); 3].map(|()| small_frames_beside_ten_large_ones());
+    rounds.sort_unstable();
+    println!("small frames beside 10 large ones: {rounds:?}");
+    // Two requests each: the frame and the status.
+    assert!(2 * rounds[1] >= 30, "small frames beside 10 large ones: {rounds:?}");
+}
+
+fn small_frames_beside_ten_large_ones() -> u64 {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
     let scene = Scene::new(100, 1);
     let mut session = daemon.session().connect().unwrap();
@@ -134,12 +144,9 @@ fn a_greedy_client_leaves_the_others_their_share() {
     loop {
         ours += 1;
         if greedy_frames(boxes(), ours) >= 10 {
-            break;
+            return ours;
         }
     }
-    // Two requests each: the frame and the status.
-    assert!(2 * ours >= 30, "{ours} small frames beside 10 large ones");
-    println!("{ours} small frames beside 10 large ones");
 }
 
 /// Boxes of a greedy client's frame, as `fault_client` has it.
