@@ -386,6 +386,22 @@ fn an_edit_without_a_place_has_not_happened() {
     assert_eq!(answer.pairs(), [[1, 3], [1, 4], [3, 4]]);
 }
 
+/// What a tick has applied is in the scene, and no longer beside it: room for the boxes of many ticks is no more than
+/// for those of one.
+#[test]
+fn boxes_that_were_applied_take_no_more_room() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--max-scene-mib", "128"]);
+    let options = JoinOptions::default().with_tick_deadline(LONG);
+    let own = 599_000..600_000;
+    let mut one = Member::join(&daemon, "room", own.clone(), options);
+    let boxes: Vec<Aabb> = (0..1_000).map(|i| at(3.0 * i as f32)).collect();
+    for tick in 0..600 {
+        let edit = one.scene.edit().set_all(own.clone(), &boxes);
+        let answered = edit.commit(Want::Nothing).map(drop);
+        assert!(answered.is_ok(), "tick {tick}: {answered:?}");
+    }
+}
+
 /// A refused table of filters costs the membership. What its edit removes is gone when the member has joined again,
 /// also where the boxes of members that end are kept.
 #[test]

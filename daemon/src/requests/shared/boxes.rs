@@ -32,10 +32,8 @@ pub(super) struct Boxes {
     room: SceneRoom,
     /// Bytes that were kept of members after the last tick.
     members_bytes: u64,
-    /// Bytes of the open tick's edits, and of rules that they add.
-    edits_bytes: u64,
-    /// Boxes that they set.
-    pending: PendingBoxes,
+    /// Of the open tick.
+    pending: Pending,
     /// Most pairs of all.
     most_pairs: u64,
     /// Whether the scene is to be made again before it is asked.
@@ -62,9 +60,28 @@ impl Reasons<'_> {
     }
 }
 
-/// Bytes of an edit of the open tick that takes so many itself, and of the rules that it adds.
-fn pending_bytes(edit: Edit<'_>, bytes: u64) -> u64 {
-    bytes + edit.rule_bytes() as u64
+/// What edits of the open tick take that were checked, and wait to be applied.
+#[derive(Clone, Copy, Debug, Default)]
+struct Pending {
+    /// Bytes of the edits, and of rules that they add.
+    bytes: u64,
+    /// Boxes that they set.
+    boxes: PendingBoxes,
+}
+
+impl Pending {
+    /// Notes an edit that takes so many bytes itself.
+    fn add(&mut self, edit: Edit<'_>, bytes: u64) {
+        self.bytes += bytes + edit.rule_bytes() as u64;
+        self.boxes.count += edit.boxes() as u64;
+        self.boxes.index_end = self.boxes.index_end.max(edit.index_end());
+    }
+
+    /// Forgets one. The end of its indices stays until the tick ends.
+    fn take_off(&mut self, edit: Edit<'_>, bytes: u64) {
+        self.bytes = self.bytes.saturating_sub(bytes + edit.rule_bytes() as u64);
+        self.boxes.count = self.boxes.count.saturating_sub(edit.boxes() as u64);
+    }
 }
 
 /// What an edit has changed.
@@ -97,8 +114,7 @@ impl Boxes {
             room: SceneRoom::begin(&tools.memory)?,
             tools,
             members_bytes: 0,
-            edits_bytes: 0,
-            pending: PendingBoxes::default(),
+            pending: Pending::default(),
             most_pairs: u64::MAX,
             is_broken: false,
         })
@@ -120,22 +136,19 @@ impl Boxes {
     /// Checks an edit of one member. It stays right: nobody else changes its boxes. It is to be applied, or
     /// [cancelled](Self::cancel).
     pub fn check(&mut self, edit: Edit<'_>, bytes: u64) -> Result<(), Refusal> {
-        let beside = self.copy.allocated_bytes() as u64 + self.members_bytes + self.edits_bytes;
+        let beside = self.copy.allocated_bytes() as u64 + self.members_bytes + self.pending.bytes;
         let more = bytes + BYTES_A_COPY * edit.index_end();
-        self.room.make(&self.scene, edit, self.pending, beside + more)?;
+        self.room.make(&self.scene, edit, self.pending.boxes, beside + more)?;
         self.copy.check(edit)?;
         // Others are checked before it is applied: its boxes are not in the scene then.
-        self.edits_bytes += pending_bytes(edit, bytes);
-        self.pending.count += edit.boxes() as u64;
-        self.pending.index_end = self.pending.index_end.max(edit.index_end());
+        self.pending.add(edit, bytes);
         Ok(())
     }
 
     /// Forgets an edit that was checked.
     pub fn cancel(&mut self, edit: Edit<'_>, bytes: u64) {
         self.copy.cancel(edit);
-        self.edits_bytes = self.edits_bytes.saturating_sub(pending_bytes(edit, bytes));
-        self.pending.count = self.pending.count.saturating_sub(edit.boxes() as u64);
+        self.pending.take_off(edit, bytes);
     }
 
     /// Most pairs that later edits may find where they look for all, where an answer has room for so many.
@@ -219,7 +232,7 @@ impl Boxes {
 
     /// Notes what is kept, after a tick of members of whom so much is kept.
     pub fn note_room(&mut self, members_bytes: u64) {
-        (self.members_bytes, self.edits_bytes) = (members_bytes, 0);
+        (self.members_bytes, self.pending) = (members_bytes, Pending::default());
         let beside = self.copy.allocated_bytes() as u64 + members_bytes;
         self.room.note(&self.scene, beside);
     }
