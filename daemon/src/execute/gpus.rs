@@ -172,13 +172,14 @@ impl SceneGpus {
             return Vec::new();
         }
         let Some(home) = self.home() else { return Vec::new() };
+        let may_share = |tools: &Arc<SceneTools>| {
+            let (one, other) = (home.gpu(), tools.gpu());
+            !Arc::ptr_eq(one, other) && one.info().computes_as(other.info())
+        };
         let all = Arc::clone(&self.all.all);
         let mut others = Vec::new();
         for gpu in all.iter().filter(|gpu| gpu.is_there()) {
-            let tools = gpu.with(GpuService::scene_tools);
-            let is_other = |tools: &Arc<SceneTools>| !Arc::ptr_eq(tools.gpu(), home.gpu());
-            let tools = tools.filter(is_other);
-            if let Some(tools) = tools.filter(|t| t.gpu().info().computes_as(home.gpu().info())) {
+            if let Some(tools) = gpu.with(GpuService::scene_tools).filter(may_share) {
                 self.note(gpu, &tools);
                 others.push(tools);
             }
@@ -196,11 +197,8 @@ impl SceneGpus {
 
     fn note(&mut self, gpu: &SharedGpu, tools: &SceneTools) {
         let device = Arc::downgrade(tools.gpu());
-        let is_known = self
-            .its
-            .iter()
-            .any(|(place, known)| *place == gpu.number() && Weak::ptr_eq(known, &device));
-        if !is_known {
+        // One device has one place.
+        if !self.its.iter().any(|(_, known)| Weak::ptr_eq(known, &device)) {
             self.its.push((gpu.number(), device));
         }
     }

@@ -45,16 +45,17 @@ impl SceneEdits {
     ) -> Served {
         let threads = request.threads.map_or(threads, |asked| asked.min(threads)).max(1);
         let session = open.sender().session;
-        let most_pairs = self.memory.most_pairs(open.limit_pairs());
         let mut gpu = GpuNeed::None;
         let edited = match self.find(session, request, outbox) {
             Ok(mut kept) => {
+                // More would be found in memory that nobody has counted.
+                let most_pairs = self.memory.most_pairs(open.limit_pairs());
+                kept.scene.scene_mut().limit_pairs(most_pairs);
                 let edited = if threads == 1 {
-                    edit_and_answer(&mut kept, &mut open, request, (1, most_pairs), outbox)
+                    edit_and_answer(&mut kept, &mut open, request, 1, outbox)
                 } else {
-                    let limits = (threads, most_pairs);
                     self.pool
-                        .work(|| edit_and_answer(&mut kept, &mut open, request, limits, outbox))
+                        .work(|| edit_and_answer(&mut kept, &mut open, request, threads, outbox))
                 };
                 if kept.scene.scene().engine().is_gpu() {
                     gpu = GpuNeed::Alone;
@@ -132,7 +133,7 @@ fn edit_and_answer(
     kept: &mut KeptScene,
     open: &mut OpenRequest,
     request: &SceneRequest,
-    (threads, most_pairs): (usize, u64),
+    threads: usize,
     outbox: &Outbox,
 ) -> Result<(), Failed> {
     let KeptScene { revision, scene, scratch, found, room, audited, .. } = kept;
@@ -148,8 +149,6 @@ fn edit_and_answer(
         scene.lose();
     }
     scene.scene_mut().set_threads(threads);
-    // More would be found in memory that nobody has counted.
-    scene.scene_mut().limit_pairs(most_pairs);
     let edited = scene.edit_expanded(edit, request.want).map(drop);
     room.note(scene, found.bytes() + scratch.allocated_bytes() as u64);
     match edited {

@@ -66,6 +66,7 @@ pub use self::options::SceneOptions;
 pub use self::pair_list::sort_row;
 pub use self::query::{
     BeyondMask, QueryError, QueryMask, QueryTags, between, cull_between, is_small_set,
+    more_pairs_than,
 };
 
 use std::sync::Arc;

@@ -9,6 +9,9 @@ use crate::engine::strips::{in_parts, part_count};
 /// A pair of box indices, the lower one first.
 pub(super) type Pair = [u32; 2];
 
+/// Bytes of a pair.
+pub(super) const PAIR_BYTES: u64 = size_of::<Pair>() as u64;
+
 /// The pair of two boxes.
 #[inline]
 pub(super) fn pair(a: u32, b: u32) -> Pair {

@@ -1,7 +1,7 @@
 //! All pairs of a scene, and all that changed, found anew by the engine that the plan chooses.
 
 use super::hulls::{HullMemory, Hulls};
-use super::pair_list::{Difference, Pair, Sorter};
+use super::pair_list::{Difference, PAIR_BYTES, Pair, Sorter};
 use super::store::Store;
 use crate::aabb::Aabb;
 use crate::dispatch::{CpuEngines, CullOptions};
@@ -9,8 +9,6 @@ use crate::engine::{CullError, CullReport, EngineName, HeapReply, PairRules, Res
 use crate::mask::{Encoding, EncodingChoice, MaskView};
 use crate::units::BoxCount;
 
-/// Bytes of a pair.
-const PAIR_BYTES: u64 = 8;
 /// Most pairs of a list: they are counted in 32 bits.
 const MOST_PAIRS: u64 = u32::MAX as u64;
 

@@ -18,7 +18,7 @@ const BYTES_AN_INDEX: u64 = 25;
 const BYTES_A_BOX: u64 = 275;
 /// Bytes that it takes for each box on each GPU beside the first one that has it, at the most: records, and the grid
 /// of a search among all.
-const BYTES_A_COPY: u64 = 200;
+const BYTES_ON_A_FURTHER_GPU: u64 = 200;
 /// Bytes that rules take for each index on top, where there are any: its tag.
 const BYTES_A_TAG: u64 = 12;
 /// Bytes that any scene takes: without them, empty ones would be free.
@@ -132,16 +132,15 @@ impl SceneRoom {
         beside: u64,
     ) -> Result<(), NoRoom> {
         let set = edit.boxes() as u64 + others.count;
-        let end = edit.index_end().max(others.index_end).max(scene.scene().index_end().into());
+        let indices = edit.index_end().max(others.index_end).max(scene.scene().index_end().into());
         // Those that move are there already: there are no more boxes than indices.
-        let boxes = (scene.scene().len() as u64 + set).min(end);
-        let indices = boxes.max(end);
+        let boxes = (scene.scene().len() as u64 + set).min(indices);
         let rules = match (scene.rules(), edit.has_rules()) {
             (None, false) => 0,
             _ => scene.rule_bytes() as u64 + BYTES_A_TAG * indices + edit.rule_bytes() as u64,
         };
-        let more_gpus = scene.scene().copies(set as usize) as u64 - 1;
-        let bytes_a_box = BYTES_A_BOX + BYTES_A_COPY * more_gpus;
+        let further_gpus = scene.scene().copies(set as usize) as u64 - 1;
+        let bytes_a_box = BYTES_A_BOX + BYTES_ON_A_FURTHER_GPU * further_gpus;
         let scene = BYTES_A_SCENE + BYTES_AN_INDEX * indices + bytes_a_box * boxes;
         self.0.grow_to(scene + rules + beside)
     }

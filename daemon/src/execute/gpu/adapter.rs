@@ -91,8 +91,8 @@ impl AdapterInfo {
 
     /// Whether both are the same device by the same driver: then the same shader computes the same bits on both.
     pub fn computes_as(&self, other: &Self) -> bool {
-        let of = |info: &Self| (info.vendor_id, info.device_id, info.driver.clone());
-        of(self) == of(other)
+        (self.vendor_id, self.device_id, &self.driver)
+            == (other.vendor_id, other.device_id, &other.driver)
     }
 }
 

@@ -8,7 +8,7 @@
 //!
 //! Lane 0 is the first thread of the engines' pool: large frames of a lone client start there without a
 //! hand-over. When all is quiet it alone sleeps until a client wakes it; other lanes rest until a lane
-//! wakes them.
+//! wakes them. Beside them the tidier, a thread of its own, frees what dead clients leave.
 //!
 //! ```text
 //! crew      how many lanes are awake                   (pure)

@@ -26,7 +26,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::Scene;
 use super::cells::Cells;
-use super::pair_list::Pair;
+use super::pair_list::{PAIR_BYTES, Pair};
 use crate::aabb::Aabb;
 use crate::engine::{CullError, ReserveError};
 
@@ -35,8 +35,13 @@ use crate::engine::{CullError, ReserveError};
 const MANY_QUERIES: u64 = 64;
 /// Comparisons that never pay for cells: 16 µs.
 const FEW_TESTS: u64 = 16_384;
-/// Bytes of a pair.
-const PAIR_BYTES: u64 = size_of::<Pair>() as u64;
+/// Why a query ends that finds more pairs than may be.
+pub const fn more_pairs_than(most: u64) -> CullError {
+    CullError::Reserve(ReserveError::TooLarge {
+        at_least_bytes: PAIR_BYTES.saturating_mul(most.saturating_add(1)),
+        limit_bytes: PAIR_BYTES.saturating_mul(most),
+    })
+}
 
 /// How many pairs may be found, by all threads together.
 struct Room {
@@ -65,10 +70,7 @@ impl Room {
         if !self.is_spent() {
             return Ok(());
         }
-        Err(CullError::Reserve(ReserveError::TooLarge {
-            at_least_bytes: PAIR_BYTES.saturating_mul(self.most.saturating_add(1)),
-            limit_bytes: PAIR_BYTES.saturating_mul(self.most),
-        }))
+        Err(more_pairs_than(self.most))
     }
 }
 

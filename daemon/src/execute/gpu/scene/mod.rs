@@ -458,9 +458,8 @@ impl GpuScene {
         }
         let threads = self.threads();
         let (sets, marks) = (self.gathered.sets(edit), &self.marks);
-        let place =
-            |replica: &mut Replica| replica.place(sets, marks, slots as u64, names, threads);
-        self.replicas.on_each(|_, replica| place(replica))?;
+        self.replicas
+            .on_each(|_, replica| replica.place(sets, marks, slots as u64, names, threads))?;
         if let Some(most) = edit.sets().max_by_key(|sets| sets.boxes.len()) {
             self.layouts.note_edit(most.boxes, slots);
         }

@@ -13,7 +13,7 @@ use std::sync::Arc;
 
 use pairmask_core::Aabb;
 use pairmask_core::engine::{CullError, ReserveError};
-use pairmask_core::scene::{Edit, Indices, Sets, Step, sort_row};
+use pairmask_core::scene::{Edit, Indices, Sets, Step, more_pairs_than, sort_row};
 use pairmask_shaders::constants::SORTED_ROW;
 use pairmask_shaders::layouts::SceneMode;
 
@@ -80,15 +80,6 @@ impl GpuScene {
     /// Most pairs that later queries may find; 2^32 − 1 unless set.
     pub fn limit_query_pairs(&mut self, most: u64) {
         self.most_query_pairs = most.min(u64::from(u32::MAX));
-    }
-
-    /// Why a query ends that finds more than [may be](Self::limit_query_pairs).
-    const fn too_many_pairs(&self) -> CullError {
-        let most = self.most_query_pairs;
-        CullError::Reserve(ReserveError::TooLarge {
-            at_least_bytes: PAIR_BYTES.saturating_mul(most.saturating_add(1)),
-            limit_bytes: PAIR_BYTES.saturating_mul(most),
-        })
     }
 
     /// Whether so many queries may lie behind the scene's records, and few boxes look at them.
@@ -187,7 +178,7 @@ impl GpuScene {
             }
             self.standing = (!are_entries).then_some(layout);
             if (found.len() as u64).saturating_add(pairs) > self.most_query_pairs {
-                return Err(self.too_many_pairs());
+                return Err(more_pairs_than(self.most_query_pairs));
             }
             if pairs > made.pairs {
                 let needed_bytes = pairs.saturating_mul(PAIR_BYTES);

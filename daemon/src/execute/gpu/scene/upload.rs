@@ -151,15 +151,12 @@ impl Upload {
         replaced: &mut bool,
     ) -> Result<Uploaded, GpuError> {
         let GatheredSets { boxes, indices, first } = sets;
-        let Self { imports, boxes: of_boxes, indices: of_indices, marks: of_marks, .. } = self;
-        let mut copy =
-            |staging: &mut Staging, bytes: &[u8]| copied(gpu, staging, bytes, threads, replaced);
         let (indices, mark_bytes) = (bytemuck::cast_slice(indices), bytemuck::cast_slice(marks));
         Ok(Uploaded {
-            indices: copy(of_indices, indices)?,
-            marks: copy(of_marks, mark_bytes)?,
-            boxes: place_boxes(gpu, imports, of_boxes, boxes, threads, replaced)?,
+            boxes: place_boxes(gpu, &self.imports, &mut self.boxes, boxes, threads, replaced)?,
+            indices: copied(gpu, &mut self.indices, indices, threads, replaced)?,
             sets: SetIndices { count: boxes.len() as u32, first },
+            marks: copied(gpu, &mut self.marks, mark_bytes, threads, replaced)?,
             mark_count: marks.len() as u32,
         })
     }
