@@ -9,7 +9,8 @@
 //!
 //! * `queries`: boxes like those of the scene, asked of it in turns of several sets. `ask` is from boxes that
 //!   lie in the client's memory to the answer, so writing them and the round trip; `visit` looks at all pairs.
-//!   `first` is the first query, which builds the cells.
+//!   `first` is the first query, which builds the cells. Of `ask`, `engine` found the pairs, and `publish`
+//!   wrote them into the answer, as that itself says.
 //! * `two sets`: the first boxes of a frame against all others, beside the whole frame, in turns. The ratio is
 //!   that of the two medians.
 
@@ -120,6 +121,7 @@ fn ask(
     drop(scene.query(&sets[0]).find()?);
     let first = micros(begin);
     let (mut asks, mut visits, mut totals, mut pairs) = (vec![], vec![], vec![], 0);
+    let (mut engines, mut publishes) = (vec![], vec![]);
     for round in 0..WARM_UP + options.rounds {
         let begin = Instant::now();
         let answer = scene.query(&sets[round % SETS]).find()?;
@@ -131,13 +133,18 @@ fn ask(
             asks.push(asked);
             visits.push(total - asked);
             totals.push(total);
+            let times = answer.mask().info().times;
+            engines.push(times.execute_ns as f64 / 1e3);
+            publishes.push(times.publish_ns as f64 / 1e3);
         }
     }
-    let [ask, visit, total] = [&mut asks, &mut visits, &mut totals].map(|times| median(times));
+    let [ask, visit, total, engine, publish] =
+        [&mut asks, &mut visits, &mut totals, &mut engines, &mut publishes]
+            .map(|times| median(times));
     Ok(json!({
         "row": "queries", "backend": backend.to_string(), "scene": name.to_string(), "n": n,
         "queries": options.queries, "pairs": pairs, "first_us": first, "ask_us": ask,
-        "visit_us": visit, "total_us": total,
+        "visit_us": visit, "total_us": total, "engine_us": engine, "publish_us": publish,
     }))
 }
 
@@ -191,7 +198,16 @@ fn print(row: &Value) {
         other => other.to_string(),
     };
     let columns: &[&str] = if row["row"] == "queries" {
-        &["queries", "pairs", "first_us", "ask_us", "visit_us", "total_us"]
+        &[
+            "queries",
+            "pairs",
+            "first_us",
+            "ask_us",
+            "engine_us",
+            "publish_us",
+            "visit_us",
+            "total_us",
+        ]
     } else {
         &["first", "pairs", "between_us", "whole_us", "ratio"]
     };

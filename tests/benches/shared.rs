@@ -1,17 +1,18 @@
 //! A tick of a scene that four sessions write, beside one session that writes as many boxes in a scene of its
-//! own: µs from the moment when all may commit until all have their changes, p50 and p99.
+//! own: µs from the moment when the first begins its edit until the last has its changes, p50 and p99.
 //!
 //! ```text
 //! cargo bench -p pairmask-tests --bench shared -- [--boxes 25000] [--ticks 200] [--json]
 //! ```
 //!
 //! Both take turns, tick by tick, with the same boxes and the same moves. Of each share of the boxes, other
-//! ones move in each tick. Writers are threads, each with a session of its own.
+//! ones move in each tick. Writers are threads, each with a session of its own; they spin until all of them are
+//! awake, and take the time themselves: to wake threads for the next tick is no part of it.
 
 use std::error::Error;
 use std::hint::black_box;
 use std::sync::Barrier;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use pairmask::scene::{SceneOptions, Want};
@@ -66,6 +67,47 @@ fn percentiles(times: &mut [f64]) -> [f64; 2] {
     [50, 99].map(|p| times[(times.len() - 1) * p / 100])
 }
 
+/// Where writers meet that are about to commit, awake. A thread that cannot have a core of its own lets others run.
+#[derive(Default)]
+struct Line(AtomicU64);
+
+impl Line {
+    fn wait(&self, tick: u64) {
+        let all = (tick + 1) * u64::from(WRITERS);
+        self.0.fetch_add(1, Ordering::AcqRel);
+        for spins in 0u32.. {
+            if self.0.load(Ordering::Acquire) >= all {
+                return;
+            }
+            if spins % 1_000 == 999 {
+                std::thread::yield_now();
+            } else {
+                std::hint::spin_loop();
+            }
+        }
+    }
+}
+
+/// When the first writer began and when the last one ended, of one tick, ns since an instant.
+struct Span {
+    first: AtomicU64,
+    last: AtomicU64,
+}
+
+impl Span {
+    fn note(&self, since: Instant, begin: Instant) {
+        let ns = |at: Instant| at.duration_since(since).as_nanos() as u64;
+        self.first.fetch_min(ns(begin), Ordering::AcqRel);
+        self.last.fetch_max(ns(Instant::now()), Ordering::AcqRel);
+    }
+
+    /// Its length in µs; the next tick begins with none.
+    fn take_us(&self) -> f64 {
+        let first = self.first.swap(u64::MAX, Ordering::AcqRel);
+        (self.last.swap(0, Ordering::AcqRel) - first) as f64 / 1e3
+    }
+}
+
 /// Ticks of the shared scene and of one scene, in turns: the times of both.
 fn measure(
     daemon: &PrivateDaemon,
@@ -74,6 +116,8 @@ fn measure(
 ) -> Result<[Vec<f64>; 2], Box<dyn Error>> {
     let begins = Barrier::new(WRITERS as usize + 1);
     let ends = Barrier::new(WRITERS as usize + 1);
+    let (line, since) = (Line::default(), Instant::now());
+    let span = Span { first: AtomicU64::new(u64::MAX), last: AtomicU64::new(0) };
     let has_failed = AtomicBool::new(false);
     let options = JoinOptions::default().with_tick_deadline(DEADLINE);
     let mut writers = Vec::new();
@@ -89,6 +133,7 @@ fn measure(
     std::thread::scope(|scope| -> Result<(), Box<dyn Error>> {
         for (which, session, mut scene) in writers {
             let (begins, ends, has_failed) = (&begins, &ends, &has_failed);
+            let (line, span) = (&line, &span);
             scope.spawn(move || {
                 let own = which * boxes..(which + 1) * boxes;
                 for tick in 0..ticks + WARM_UP {
@@ -97,10 +142,13 @@ fn measure(
                     let moved: Vec<Aabb> =
                         indices.iter().map(|index| place(*index, tick, boxes)).collect();
                     begins.wait();
+                    line.wait(tick);
+                    let begin = Instant::now();
                     if let Err(error) = commit(&mut scene, &indices, &moved) {
                         eprintln!("{error}");
                         has_failed.store(true, Ordering::Relaxed);
                     }
+                    span.note(since, begin);
                     ends.wait();
                 }
                 drop((scene, session));
@@ -112,9 +160,8 @@ fn measure(
             let indices = moving(0..WRITERS * boxes, tick, share);
             let moved: Vec<Aabb> = indices.iter().map(|index| place(*index, tick, boxes)).collect();
             begins.wait();
-            let start = Instant::now();
             ends.wait();
-            let shared = start.elapsed();
+            let shared = span.take_us();
             let start = Instant::now();
             match alone.edit().set_all(&indices, &moved).commit(Want::Changes) {
                 Ok(answer) => {
@@ -125,7 +172,7 @@ fn measure(
                 Err(error) => failed = Some(error),
             }
             if tick >= WARM_UP {
-                times[0].push(shared.as_secs_f64() * 1e6);
+                times[0].push(shared);
                 times[1].push(start.elapsed().as_secs_f64() * 1e6);
             }
         }

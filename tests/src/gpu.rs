@@ -1,25 +1,51 @@
-//! Device and engine of the GPU tests.
+//! Devices and engine of the GPU tests.
 
 use std::sync::Arc;
 
 use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, Gpu, GpuChoice, HostImport};
 
-/// The name of the GPU of the tests: what `PAIRMASK_TEST_GPU` says, by default the software adapter.
-pub fn name() -> String {
+/// The names of the GPUs of the tests: what `PAIRMASK_TEST_GPU` lists, by default the software adapter.
+fn names() -> String {
     std::env::var("PAIRMASK_TEST_GPU").unwrap_or_else(|_| "software".into())
 }
 
-/// The GPU of the tests.
-pub fn choice() -> GpuChoice {
-    name().parse().unwrap_or_default()
+/// The name of the GPU of tests that need one: the first of the list.
+pub fn name() -> String {
+    name_at(0)
 }
 
-/// The GPU of the tests: what `PAIRMASK_TEST_GPU` names, by default the software adapter.
+/// The name of the device at a place of tests that need several: the GPUs of the list in turn, so that one
+/// adapter serves for all.
+pub fn name_at(place: usize) -> String {
+    let names = names();
+    let count = names.split(',').count();
+    names.split(',').nth(place % count).unwrap_or_default().to_owned()
+}
+
+/// The GPU of tests that need one.
+pub fn choice() -> GpuChoice {
+    choice_at(0)
+}
+
+/// The GPU at a place of tests that need several.
+pub fn choice_at(place: usize) -> GpuChoice {
+    name_at(place).parse().unwrap_or_default()
+}
+
+/// The GPU of tests that need one.
 ///
 /// # Panics
 /// Without an adapter: a GPU test that cannot run fails.
 pub fn open(host_import: HostImport) -> Arc<Gpu> {
-    Gpu::open(&choice(), host_import)
+    open_at(0, host_import)
+}
+
+/// The GPU at a place of tests that need several: a device of its own for each.
+///
+/// # Panics
+/// Without an adapter: a GPU test that cannot run fails.
+pub fn open_at(place: usize, host_import: HostImport) -> Arc<Gpu> {
+    Gpu::open(&choice_at(place), host_import)
         .unwrap_or_else(|error| panic!("the GPU tests need a Vulkan adapter: {error}"))
 }
 

@@ -11,8 +11,7 @@ use pairmask_core::mask::{EncodingChoice, MaskView};
 use pairmask_core::{Aabb, BoxCount, Encoding, Precision};
 use pairmask_tests::daemon::{TestDaemon, eventually};
 use pairmask_tests::frame_memory::TestFrame;
-use pairmask_tests::{oracle, stress_scenes};
-use pairmaskd::execute::gpu::GpuChoice;
+use pairmask_tests::{gpu, oracle, stress_scenes};
 use pairmaskd::execute::{BUNDLE_FRAMES, Executor, GpuService, Owner};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
@@ -65,7 +64,7 @@ fn small_frames_of_several_clients_do_not_mix() {
 }
 
 fn software_executor() -> Executor {
-    let gpu = GpuService::open(&GpuChoice::Software, Duration::ZERO);
+    let gpu = GpuService::open(&gpu::choice(), Duration::ZERO);
     Executor::new(Some(gpu.expect("a software adapter (lavapipe)")))
 }
 

@@ -17,8 +17,7 @@ use pairmask_tests::daemon::{PATIENCE, TestDaemon};
 use pairmask_tests::frame_memory::TestFrame;
 use pairmask_tests::narrow::NarrowMemory;
 use pairmask_tests::session_engine::SessionEngine;
-use pairmask_tests::{naive_modes, oracle, stress_scenes};
-use pairmaskd::execute::gpu::GpuChoice;
+use pairmask_tests::{gpu, naive_modes, oracle, stress_scenes};
 use pairmaskd::execute::{CullUnderWay, Executor, GpuService, Owner};
 use pairmaskd::precision::as_sent;
 
@@ -127,8 +126,8 @@ fn a_daemon_without_a_gpu_says_so() {
 }
 
 fn software_executor() -> Executor {
-    let gpu = GpuService::open(&GpuChoice::Software, Duration::ZERO)
-        .expect("a software adapter (lavapipe)");
+    let gpu =
+        GpuService::open(&gpu::choice(), Duration::ZERO).expect("a software adapter (lavapipe)");
     Executor::new(Some(gpu))
 }
 

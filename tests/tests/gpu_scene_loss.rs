@@ -12,7 +12,7 @@ use pairmask_core::scene::{
 };
 use pairmask_tests::scene_edits::{EditMaker, SKIPPED, same_told};
 use pairmask_tests::{KnownPairs, gpu, stress_scenes};
-use pairmaskd::execute::gpu::{GpuChoice, GpuScene, GridOptions, HostImport, SceneTools};
+use pairmaskd::execute::gpu::{GpuScene, GridOptions, HostImport, SceneTools};
 use pairmaskd::execute::{Executor, GpuService, SceneKeeper};
 use pairmaskd::scene::Random;
 
@@ -60,7 +60,7 @@ fn a_scene_outlives_a_hundred_losses_of_its_device() {
 }
 
 fn outlive(most_losses: usize) {
-    let service = GpuService::open(&GpuChoice::Software, Duration::ZERO).expect("a GPU");
+    let service = GpuService::open(&gpu::choice(), Duration::ZERO).expect("a GPU");
     let executor = Executor::new(Some(service));
     let device = || executor.gpu().and_then(|mut gpu| gpu.device());
     let mut random = Random::new(5);
@@ -112,7 +112,7 @@ fn outlive(most_losses: usize) {
 /// Devices that share every search, so many.
 fn shared_tools(gpus: usize) -> Vec<Arc<SceneTools>> {
     let options = || GridOptions { shares_always: true, ..GridOptions::default() };
-    let tools = |_| SceneTools::new(&gpu::open(HostImport::IfPossible), &options());
+    let tools = |at| SceneTools::new(&gpu::open_at(at, HostImport::IfPossible), &options());
     (0..gpus).map(|at| tools(at).unwrap_or_else(|error| panic!("{error}"))).collect()
 }
 
@@ -183,7 +183,9 @@ fn a_shared_scene_ends_with_the_last_of_its_devices() {
 /// Large scenes are on all GPUs of a daemon, small ones on one.
 #[test]
 fn a_keeper_shares_large_scenes() {
-    let open = |_| GpuService::open(&gpu::choice(), Duration::ZERO).expect("an adapter (lavapipe)");
+    let open = |place| {
+        GpuService::open(&gpu::choice_at(place), Duration::ZERO).expect("an adapter (lavapipe)")
+    };
     let executor = Executor::new((0..2).map(open).collect::<Vec<_>>());
     for (n, gpus) in [(1_000u32, 1), (1_000_000, 2)] {
         let boxes = stress_scenes::named("uniform").boxes(n, 5);

@@ -7,20 +7,24 @@ use pairmask_core::engine::CullError;
 use pairmask_core::scene::{
     Edit, EditError, Indices, KeptHistory, Scene, SceneError, SceneOptions, Sets, Step, Told, Want,
 };
-use pairmask_tests::gpu::open;
+use pairmask_tests::gpu::open_at;
 use pairmask_tests::scene_edits::{EditMaker, EditedScenes, a_seed_of_edits, same_told};
 use pairmask_tests::stress_scenes;
 use pairmaskd::execute::gpu::{Checks, GpuScene, GridOptions, HostImport, SceneTools};
 
 fn tools(options: &GridOptions) -> Arc<SceneTools> {
-    SceneTools::new(&open(HostImport::IfPossible), options)
+    tools_at(0, options)
+}
+
+fn tools_at(place: usize, options: &GridOptions) -> Arc<SceneTools> {
+    SceneTools::new(&open_at(place, HostImport::IfPossible), options)
         .unwrap_or_else(|error| panic!("{error}"))
 }
 
 /// So many devices that share every search.
 fn shared_tools(gpus: usize) -> Vec<Arc<SceneTools>> {
     (0..gpus)
-        .map(|_| tools(&GridOptions { shares_always: true, ..GridOptions::default() }))
+        .map(|at| tools_at(at, &GridOptions { shares_always: true, ..GridOptions::default() }))
         .collect()
 }
 
@@ -257,6 +261,31 @@ fn moved_pairs_are_told_where_records_are_made_anew() {
             same_told(gpu.told(), core.told()).unwrap_or_else(|e| panic!("{n} boxes: {e}"));
             assert!(n < 1_000 || core.told().pairs().len() > 1_000);
         }
+    }
+}
+
+/// Lists of indices below and above 1 MiB lie in different blocks where video memory is mapped: a recording that
+/// binds one of them serves no edit whose list lies in the other. So large a search zeroes so much that all these
+/// edits take as many workgroups.
+#[test]
+#[ignore = "half a minute on a software driver: the nightly tier runs it"]
+fn long_and_short_lists_take_turns() {
+    let tools = tools(&GridOptions::default());
+    let uniform = stress_scenes::named("uniform");
+    let n = 900_000u32;
+    let mut core = Scene::new(SceneOptions::default());
+    let mut gpu = GpuScene::new(&tools, SceneOptions::default());
+    let mut check = |steps: &[Step<'_>], what: u32| {
+        core.edit(Edit { steps }, Want::All).expect("an answer");
+        gpu.edit(Edit { steps }, Want::All).expect("an answer");
+        same_told(gpu.told(), core.told()).unwrap_or_else(|e| panic!("{what} boxes: {e}"));
+    };
+    check(&[Step::Set(Sets { indices: (0..n).into(), boxes: &uniform.boxes(n, 1) })], n);
+    for (round, count) in [100_000u32, 300_000, 100_000, 300_000].into_iter().enumerate() {
+        let indices: Vec<u32> = (0..count).map(|i| n - 1 - 2 * i).rev().collect();
+        let boxes = uniform.boxes(n, 2 + round as u64);
+        let sets = Sets { indices: (&indices).into(), boxes: &boxes[..count as usize] };
+        check(&[Step::Set(sets)], count);
     }
 }
 

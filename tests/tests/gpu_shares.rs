@@ -14,7 +14,7 @@ fn grids(count: usize) -> Vec<Grid> {
     let grid = |at| {
         // What no stage wrote must not show.
         let options = GridOptions { poison: Some(0x5a5a_0000 + at), ..GridOptions::default() };
-        Grid::new(&gpu::open(HostImport::IfPossible), &options).expect("a grid")
+        Grid::new(&gpu::open_at(at as usize, HostImport::IfPossible), &options).expect("a grid")
     };
     (0..count as u32).map(grid).collect()
 }

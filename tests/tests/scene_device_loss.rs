@@ -12,13 +12,13 @@ use pairmask::{Backend, EngineChoice, EngineName, Scene, SceneEdit, ServedBy, Se
 use pairmask_core::engine::AvailableIsa;
 use pairmask_core::plan::CalibrationChoice;
 use pairmask_core::scene as core_scene;
-use pairmask_tests::KnownPairs;
 use pairmask_tests::daemon::eventually;
 use pairmask_tests::scene_edits::EditMaker;
+use pairmask_tests::{KnownPairs, gpu};
 use pairmask_transport::{Limits, RuntimeDir, clean_if_abandoned};
 use pairmask_wire::InstanceName;
 use pairmaskd::audit::AuditRate;
-use pairmaskd::execute::gpu::{Gpu, GpuChoice};
+use pairmaskd::execute::gpu::Gpu;
 use pairmaskd::scene::Random;
 use pairmaskd::serve::{ServeError, ServeSettings, work};
 use rustix::process::{Signal, getpid, kill_process};
@@ -55,7 +55,7 @@ impl Worker {
             dir: RuntimeDir::at(dir.path()),
             limits: Limits::default(),
             spin: Duration::from_micros(50),
-            gpu: GpuChoice::Software.into(),
+            gpu: gpu::choice().into(),
             gpu_awake: Duration::ZERO,
             calibration: CalibrationChoice::BuiltIn,
             isa: AvailableIsa::best(),

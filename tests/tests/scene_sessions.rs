@@ -408,6 +408,19 @@ fn a_daemon_without_room_refuses_and_the_client_answers() {
     assert_eq!((fewer.served_by(), fewer.pair_count()), (ServedBy::InProcess, Some(4)));
 }
 
+/// Boxes that move are in the scene already: an edit of all needs no room for as many again.
+#[test]
+fn a_scene_that_fills_more_than_half_of_the_room_moves_as_a_whole() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--max-scene-mib", "1"]);
+    let mut session = daemon.session().connect().unwrap();
+    let mut scene = session.scene(SceneOptions::default());
+    for step in 0..3 {
+        let boxes: Vec<Aabb> = (0..2_500).map(|i| at(0.7 * (i + step) as f32)).collect();
+        let answer = scene.edit().set_all(0..2_500, &boxes).commit(Want::All).unwrap();
+        assert_eq!(answer.pairs().len(), 2_499);
+    }
+}
+
 #[test]
 fn a_daemon_forgets_a_scene_that_it_refused_when_the_client_does() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--max-scene-mib", "1"]);

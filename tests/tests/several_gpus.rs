@@ -21,9 +21,11 @@ const GRID: EngineChoice = EngineChoice::Only(EngineName::GpuGrid);
 /// Held by each test: devices of a software adapter that start side by side keep each other waiting.
 static ALONE: Mutex<()> = Mutex::new(());
 
-/// An executor with so many devices of the GPU of the tests.
+/// An executor with so many devices of the GPUs of the tests.
 fn executor(gpus: usize) -> Executor {
-    let open = |_| GpuService::open(&gpu::choice(), Duration::ZERO).expect("an adapter (lavapipe)");
+    let open = |place| {
+        GpuService::open(&gpu::choice_at(place), Duration::ZERO).expect("an adapter (lavapipe)")
+    };
     Executor::new((0..gpus).map(open).collect::<Vec<_>>())
 }
 
@@ -190,7 +192,7 @@ fn one_of_two_devices_is_lost_under_load_a_hundred_times() {
 #[test]
 fn a_daemon_of_two_gpus_serves_several_clients() {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
-    let gpus = format!("{0},{0}", gpu::name());
+    let gpus = format!("{},{}", gpu::name_at(0), gpu::name_at(1));
     let daemon = TestDaemon::start(DAEMON, &["--gpu", &gpus]);
     let boxes = Arc::new(stress_scenes::named("uniform").boxes(2_345, 3));
     let expected = Arc::new(oracle::truth(&boxes).pairs);

@@ -223,6 +223,21 @@ fn answers_are_the_same_bytes_whoever_was_first() {
     assert_ne!(play(&daemon, 3, 20, (78, 1)), first, "other edits are told otherwise");
 }
 
+#[test]
+fn ticks_are_audited() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--audit", "1/1"]);
+    let mut session = daemon.session().connect().unwrap();
+    let mut seed = 20;
+    let audit = eventually("ticks are audited", || {
+        // The auditor gives up a scene that is edited faster than it follows: then there is another one.
+        seed += 1;
+        play(&daemon, 3, 30, (seed, seed));
+        let audit = session.daemon_status().unwrap().audit;
+        (audit.frames > 100 && audit.pairs > 10_000).then_some(audit)
+    });
+    assert_eq!((audit.missed, audit.extra), (0, 0), "{audit:?}");
+}
+
 fn at(x: f32) -> Aabb {
     Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0])
 }
@@ -309,7 +324,7 @@ fn what_is_not_its_own_a_member_is_refused() {
 
 #[test]
 fn tags_and_lists_are_those_of_their_writers() {
-    let daemon = daemon();
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--audit", "1/1"]);
     let options = JoinOptions::default().with_tick_deadline(LONG).hearing(Hears::All);
     let mut one = Member::join(&daemon, "tags", 0..4, options);
     let mut other = Member::join(&daemon, "tags", 4..8, options);
@@ -336,6 +351,11 @@ fn tags_and_lists_are_those_of_their_writers() {
     let without = expected.iter().copied().filter(|[_, b]| *b != 4).collect::<Vec<_>>();
     assert_eq!(answer.take().pairs().to_vec(), without);
     drop(again.wait().unwrap());
+    let audit = eventually("the rules are audited", || {
+        let audit = one.session.daemon_status().unwrap().audit;
+        (audit.pairs >= 7 * 8).then_some(audit)
+    });
+    assert_eq!((audit.missed, audit.extra), (0, 0), "{audit:?}");
 }
 
 #[test]
@@ -363,10 +383,6 @@ fn hold_all_places(session: &mut Session) -> Vec<PairMask> {
     (0..3).map(|_| session.frame(4).unwrap().submit().unwrap().wait().unwrap()).collect()
 }
 
-fn is_not_sent(answered: &Result<SharedAnswer<'_>, SharedError>) -> bool {
-    matches!(answered, Err(SharedError::Frame(FrameError::TooManyFrames)))
-}
-
 /// For want of a place nothing has happened: the same edit can be made again.
 #[test]
 fn an_edit_without_a_place_has_not_happened() {
@@ -376,7 +392,8 @@ fn an_edit_without_a_place_has_not_happened() {
     let edit = one.scene.edit().set(1, at(0.0)).set(2, at(0.5));
     assert_eq!(edit.commit(Want::Changes).unwrap().take().pairs(), [[1, 2]]);
     let places = hold_all_places(&mut one.session);
-    assert!(is_not_sent(&one.scene.edit().set(3, at(0.2)).remove(2).commit(Want::Changes)));
+    let unsent = one.scene.edit().set(3, at(0.2)).remove(2).commit(Want::Changes).map(drop);
+    assert!(matches!(unsent, Err(SharedError::Frame(FrameError::TooManyFrames))), "{unsent:?}");
     drop(places);
     let answer = one.scene.edit().set(4, at(0.4)).commit(Want::Changes).unwrap().take();
     assert!(!answer.is_resync());

@@ -14,7 +14,8 @@
 //!
 //! Of scenes that persist, one in so many is followed from its beginning to its end: each of its edits and
 //! answers is copied, and so is a window of the answer to each query. While the auditor is far behind, an
-//! edit counts as skipped, and its scene is followed no more. Scenes that several sessions write are not audited.
+//! edit counts as skipped, and its scene is followed no more. A scene that several sessions write is followed tick by
+//! tick: all edits of a tick, and all that they changed, before each member gets its part.
 //!
 //! The boxes or spheres are copied after the reply was sent: a client that writes to a submitted frame may
 //! spoil its own audit.
@@ -23,11 +24,15 @@
 //! window         which rows and columns, and their bits           (pure)
 //! check          bits against the oracle                          (pure)
 //! sphere_oracle  two spheres, in exact rational arithmetic        (pure)
+//! edit           an edit, copied                                  (pure)
+//! name           what the log calls what was checked            (pure)
 //! scene          what a scene told, added up, against the oracle  (pure)
 //! thread         hands windows over and keeps the counts
 //! ```
 
 mod check;
+mod edit;
+mod name;
 mod rate;
 mod scene;
 pub mod sphere_oracle;

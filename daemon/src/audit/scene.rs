@@ -14,6 +14,8 @@ use pairmask_core::scene::{Edit, KeptBox, QueryTags, SceneCopy, Told, Want};
 use pairmask_wire::{EditScratch, Page, SceneRequest};
 
 use super::check::{Outcome, check_by_rules};
+use super::edit::OwnedEdit;
+use super::name::NotedName;
 use super::window::Window;
 use crate::scene::Random;
 
@@ -23,16 +25,23 @@ const TESTS: usize = 1 << 21;
 /// An edit and its answer, copied.
 #[derive(Debug)]
 pub struct SceneNote {
-    /// Token of the client, for the log.
-    pub client_token: u64,
-    /// The client's number of the request.
-    pub frame: u64,
-    request: SceneRequest,
-    payload: Vec<Page>,
+    pub(super) name: NotedName,
+    edit: NotedEdit,
+    want: Want,
+    /// Whether the answer before was taken.
+    is_taken: bool,
     is_resync: bool,
     begun: Vec<[u32; 2]>,
     ended: Vec<[u32; 2]>,
     pairs: Vec<[u32; 2]>,
+}
+
+#[derive(Debug)]
+enum NotedEdit {
+    /// As a client sent it.
+    Sent(SceneRequest, Vec<Page>),
+    /// Those of a tick together.
+    Merged(OwnedEdit),
 }
 
 impl SceneNote {
@@ -43,11 +52,24 @@ impl SceneNote {
         payload: &[Page],
         told: &Told,
     ) -> Self {
+        let name = NotedName::Request { client_token, frame };
+        let edit = NotedEdit::Sent(*request, payload.to_vec());
+        Self::of(name, edit, request.is_taken, told)
+    }
+
+    /// Copies an edit of a scene that several sessions write, and what it changed. Each is taken before the next.
+    /// `None` where it has a step of a later core.
+    pub fn of_tick(number: u64, edit: Edit<'_>, told: &Told) -> Option<Self> {
+        let edit = NotedEdit::Merged(OwnedEdit::of(edit)?);
+        Some(Self::of(NotedName::Tick(number), edit, true, told))
+    }
+
+    fn of(name: NotedName, edit: NotedEdit, is_taken: bool, told: &Told) -> Self {
         Self {
-            client_token,
-            frame,
-            request: *request,
-            payload: payload.to_vec(),
+            name,
+            edit,
+            want: told.want(),
+            is_taken,
             is_resync: told.is_resync(),
             begun: told.begun().to_vec(),
             ended: told.ended().iter().map(|ended| ended.pair).collect(),
@@ -91,9 +113,8 @@ impl QueryNote {
         }
     }
 
-    /// Client and number of the request, for the log.
-    pub(super) const fn frame(&self) -> (u64, u64) {
-        (self.window.client_token, self.window.frame)
+    pub(super) const fn name(&self) -> NotedName {
+        self.window.name()
     }
 
     /// The window, to be used again.
@@ -150,10 +171,13 @@ impl SceneAudit {
     /// `None` where the edit cannot be followed: its client changed it after it was answered.
     pub fn follow(&mut self, note: SceneNote) -> Option<Outcome> {
         let outcome = match self.open.take() {
-            Some(told) if note.request.is_taken => self.take(&told),
+            Some(told) if note.is_taken => self.take(&told),
             _ => Outcome::default(),
         };
-        let steps = self.scratch.read(&note.request, &note.payload).ok()?;
+        let steps = match &note.edit {
+            NotedEdit::Sent(request, payload) => self.scratch.read(request, payload).ok()?,
+            NotedEdit::Merged(edit) => edit.steps(),
+        };
         let edit = Edit { steps: &steps };
         self.copy.check(edit).ok()?;
         self.copy.apply(edit);
@@ -180,12 +204,12 @@ impl SceneAudit {
     /// Takes an answer, and compares some boxes.
     fn take(&mut self, told: &SceneNote) -> Outcome {
         let mut outcome = Outcome::default();
-        if told.is_resync || told.request.want == Want::All {
+        if told.is_resync || told.want == Want::All {
             self.known = Known::default();
             for pair in &told.pairs {
                 self.known.insert(*pair);
             }
-        } else if told.request.want == Want::Changes {
+        } else if told.want == Want::Changes {
             let mut wrong = |is_wrong: bool, [a, b]: [u32; 2]| {
                 if is_wrong {
                     outcome.extra += 1;
@@ -330,6 +354,42 @@ mod tests {
         assert!(twice.extra > 0, "{twice:?}");
     }
 
+    /// Follows a shared scene whose notes are spoilt; what was found, summed up.
+    fn follow_ticks(mut spoil: impl FnMut(&mut SceneNote)) -> Outcome {
+        let mut edits = EditMaker::new(12, BOXES);
+        let mut scene = Scene::new(SceneOptions::default().with_most_boxes(MOST_BOXES));
+        let mut audit = SceneAudit::new(MOST_BOXES, 1);
+        let mut sum = Outcome::default();
+        for i in 0..300 {
+            let owned = edits.next_edit();
+            let arrays = owned.arrays(i as usize % 3);
+            let edit = Edit { steps: &arrays.steps() };
+            let want = if i % 7 == 6 { Want::All } else { Want::Changes };
+            let told = scene.edit(edit, want).expect("a right edit");
+            let mut note = SceneNote::of_tick(i, edit, told).expect("steps of this core");
+            spoil(&mut note);
+            let outcome = audit.follow(note).expect("an edit that can be followed");
+            sum.pairs += outcome.pairs;
+            sum.missed += outcome.missed;
+            sum.extra += outcome.extra;
+            scene.take();
+        }
+        sum
+    }
+
+    #[test]
+    fn ticks_of_a_shared_scene_are_followed() {
+        let Outcome { pairs, missed, extra, .. } = follow_ticks(|_| ());
+        assert!(pairs > 10_000);
+        assert_eq!((missed, extra), (0, 0));
+        let lost = follow_ticks(|note| {
+            if note.begun.len() > 3 {
+                note.begun.pop();
+            }
+        });
+        assert!(lost.missed > 0, "{lost:?}");
+    }
+
     #[test]
     fn an_edit_that_was_changed_afterwards_is_not_followed() {
         let mut audit = SceneAudit::new(MOST_BOXES, 1);
@@ -340,7 +400,8 @@ mod tests {
         let edit = Edit { steps: &steps };
         let told = scene.edit(edit, Want::All).expect("a right edit");
         let mut wrong = note(edit, told, false);
-        bytemuck::cast_slice_mut::<Page, u32>(&mut wrong.payload).fill(u32::MAX);
+        let NotedEdit::Sent(_, payload) = &mut wrong.edit else { panic!("sent") };
+        bytemuck::cast_slice_mut::<Page, u32>(payload).fill(u32::MAX);
         assert!(audit.follow(wrong).is_none());
         assert_eq!(audit.copy.get(0), None::<Aabb>);
     }

@@ -13,6 +13,7 @@ use pairmask_core::{Aabb, BoxCount};
 use pairmask_wire::{AuditCounts, ReplyFields, SentRules};
 
 use super::check::{Outcome, check};
+use super::name::NotedName;
 use super::rate::AuditRate;
 use super::scene::{QueryNote, SceneAudit, SceneNote};
 use super::window::{Reach, Span2, Window};
@@ -235,7 +236,7 @@ impl Auditor {
     }
 
     /// Has an edit of an audited scene followed. `note` is called where that can be.
-    pub fn follow(&self, scene: &AuditedScene, note: impl FnOnce() -> SceneNote) {
+    pub fn follow(&self, scene: &AuditedScene, note: impl FnOnce() -> Option<SceneNote>) {
         let token = &scene.0;
         let Some(running) = self.running.as_ref() else { return };
         let Some(full) = running.full.as_ref().filter(|_| !token.is_lost()) else {
@@ -244,7 +245,8 @@ impl Auditor {
         // The channel keeps room for all windows.
         let waiting = &running.found.edits;
         let has_room = waiting.fetch_add(1, Ordering::Relaxed) < NOTES;
-        let sent = || full.try_send(Work::Edit(Arc::clone(token), Box::new(note()))).is_ok();
+        let send = |note| full.try_send(Work::Edit(Arc::clone(token), Box::new(note))).is_ok();
+        let sent = || note().is_some_and(send);
         if !(has_room && sent()) {
             waiting.fetch_sub(1, Ordering::Relaxed);
             token.is_lost.store(true, Ordering::Relaxed);
@@ -286,8 +288,7 @@ fn check_all(work: &Receiver<Work>, back: &SyncSender<Box<Window>>, found: &Foun
     while let Ok(work) = work.recv() {
         match work {
             Work::Window(mut window) => {
-                let frame = (window.client_token, window.frame);
-                note(frame, &check(&window), found);
+                note(window.name(), &check(&window), found);
                 window.take_rules(None);
                 // The channel has room. When the auditor stops, it has no receiver.
                 let _ = back.try_send(window);
@@ -296,7 +297,7 @@ fn check_all(work: &Receiver<Work>, back: &SyncSender<Box<Window>>, found: &Foun
                 let scene = scenes.iter().find(|(kept, _)| Arc::ptr_eq(kept, &token));
                 // One whose edits are not followed any more has other boxes.
                 if let Some((_, scene)) = scene.filter(|_| !token.is_lost()) {
-                    note(query.frame(), &scene.check_query(&mut query), found);
+                    note(query.name(), &scene.check_query(&mut query), found);
                 }
                 let _ = back.try_send(query.into_window());
             }
@@ -310,9 +311,9 @@ fn check_all(work: &Receiver<Work>, back: &SyncSender<Box<Window>>, found: &Foun
                     scenes.push((Arc::clone(&token), audit));
                     scenes.len() - 1
                 });
-                let frame = (edit.client_token, edit.frame);
+                let name = edit.name;
                 match scenes[place].1.follow(*edit) {
-                    Some(outcome) => note(frame, &outcome, found),
+                    Some(outcome) => note(name, &outcome, found),
                     None => token.is_lost.store(true, Ordering::Relaxed),
                 }
             }
@@ -320,7 +321,7 @@ fn check_all(work: &Receiver<Work>, back: &SyncSender<Box<Window>>, found: &Foun
     }
 }
 
-fn note((client_token, frame): (u64, u64), outcome: &Outcome, found: &Found) {
+fn note(name: NotedName, outcome: &Outcome, found: &Found) {
     let Outcome { pairs, missed, extra, first } = *outcome;
     let before = found.missed.fetch_add(missed, Ordering::Relaxed)
         + found.extra.fetch_add(extra, Ordering::Relaxed);
@@ -332,8 +333,8 @@ fn note((client_token, frame): (u64, u64), outcome: &Outcome, found: &Found) {
     {
         // Logged once: a broken engine would fill the log. The counts go on.
         log::error!(
-            "audit: frame {frame} of client {client_token:016x} has {missed} missed and {extra} \
-             extra pairs, the first {pair:?}: please report this"
+            "audit: {name} has {missed} missed and {extra} extra pairs, the first {pair:?}: please \
+             report this"
         );
     }
 }

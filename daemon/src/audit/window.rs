@@ -8,6 +8,7 @@ use pairmask_core::objects::{ObjectForm, Objects};
 use pairmask_core::{Aabb, BoxCount, Sphere, pair_index};
 use pairmask_wire::SentRules;
 
+use super::name::NotedName;
 use crate::scene::Random;
 
 /// How much of a frame a window may hold.
@@ -113,6 +114,10 @@ pub struct Window {
 }
 
 impl Window {
+    pub(super) const fn name(&self) -> NotedName {
+        NotedName::Request { client_token: self.client_token, frame: self.frame }
+    }
+
     /// Whether a window can hold the bits of such a mask: other encodings are not audited.
     pub const fn holds(shape: &MaskShape) -> bool {
         matches!(shape, MaskShape::Dense { .. } | MaskShape::Sparse { .. } | MaskShape::List { .. })

@@ -30,7 +30,7 @@ pub(crate) struct Outbox {
     services: Arc<Services<ipc_threadsafe::Service>>,
     clients: Clients,
     counters: Mutex<Counters>,
-    auditor: Auditor,
+    auditor: Arc<Auditor>,
     scene_memory: SceneMemory,
     /// Changes every answer before it is counted and sent.
     alter_answers: Option<AlterAnswer>,
@@ -41,7 +41,7 @@ impl Outbox {
     pub(crate) fn new(
         services: Arc<Services<ipc_threadsafe::Service>>,
         clients: Clients,
-        auditor: Auditor,
+        auditor: Arc<Auditor>,
         scene_memory: SceneMemory,
     ) -> Self {
         let counters = Mutex::new(Counters::new());
@@ -203,7 +203,7 @@ impl Outbox {
     ) {
         let fields = open.fields();
         let named = (fields.client_token, fields.frame);
-        self.auditor.follow(scene, || SceneNote::new(named, request, open.pages(), told));
+        self.auditor.follow(scene, || Some(SceneNote::new(named, request, open.pages(), told)));
     }
 
     /// Answers that a scene is forgotten.

@@ -73,6 +73,7 @@ impl Responder {
     ) -> Self {
         let clients = Clients::new(wake_clients, limits.max_clients);
         let memory = SceneMemory::new(limits.max_scene_bytes);
+        let auditor = Arc::new(auditor);
         let (isa, calibration) = executor.cpu_settings();
         let tools = Tools {
             isa,
@@ -80,6 +81,7 @@ impl Responder {
             gpus: executor.gpus().clone(),
             memory: memory.clone(),
             pool: Arc::clone(&pool),
+            auditor: Arc::clone(&auditor),
         };
         Self {
             gpus: executor.gpus().len(),

@@ -193,6 +193,18 @@ mod tests {
     }
 
     #[test]
+    fn devices_compute_alike_that_are_the_same_by_the_same_driver() {
+        let one = adapter("one", AdapterKind::Discrete);
+        assert!(one.computes_as(&adapter("another", AdapterKind::Discrete)));
+        let others = [
+            AdapterInfo { vendor_id: 1, ..one.clone() },
+            AdapterInfo { device_id: 1, ..one.clone() },
+            AdapterInfo { driver: "1.2".into(), ..one.clone() },
+        ];
+        assert!(others.iter().all(|other| !one.computes_as(other)));
+    }
+
+    #[test]
     fn auto_takes_the_first_of_the_best_kind_and_never_software() {
         let software = adapter("llvmpipe", AdapterKind::Software);
         let small = adapter("small", AdapterKind::Integrated);

@@ -12,6 +12,7 @@ use pairmask_core::scene::{
 };
 
 use super::Tools;
+use crate::audit::{AuditedScene, Auditor, SceneNote};
 use crate::clients::{PendingBoxes, SceneRoom};
 use crate::execute::SceneKeeper;
 use crate::publish::Refusal;
@@ -38,6 +39,13 @@ pub(super) struct Boxes {
     most_pairs: u64,
     /// Whether the scene is to be made again before it is asked.
     is_broken: bool,
+    audit: Option<TickAudit>,
+}
+
+/// The audit of the scene, while it can be followed, and the edits that it was told.
+struct TickAudit {
+    scene: AuditedScene,
+    edits: u64,
 }
 
 /// Why pairs ended, by the boxes and rules of now.
@@ -103,10 +111,20 @@ fn new_scene(
     Ok(FilteredScene::over(SceneKeeper::new(options, engines, tools.gpus.for_scene(), engine)?))
 }
 
+/// Has an edit, and what the scene told of it, audited.
+fn audit_edit(auditor: &Auditor, audit: &mut Option<TickAudit>, edit: Edit<'_>, told: &Told) {
+    if let Some(TickAudit { scene, edits }) = audit {
+        *edits += 1;
+        auditor.follow(scene, || SceneNote::of_tick(*edits, edit, told));
+    }
+}
+
 impl Boxes {
     /// No boxes, whose indices are below a limit.
     pub fn begin(limit: u32, engine: EngineChoice, tools: Tools) -> Result<Self, Refusal> {
+        let audit = tools.auditor.draw_scene(limit);
         Ok(Self {
+            audit: audit.map(|scene| TickAudit { scene, edits: 0 }),
             engine,
             limit,
             scene: new_scene(&tools, limit, engine)?,
@@ -168,6 +186,8 @@ impl Boxes {
         if let Err(error) = was_made {
             // The edits are part of what it is made from next.
             copy.apply(expanded);
+            // Whoever did not see this edit cannot follow the next.
+            self.audit = None;
             return Err(error);
         }
         scene.scene_mut().set_threads(threads);
@@ -182,9 +202,11 @@ impl Boxes {
         if edited.is_err() {
             // The boxes are in the copy.
             self.is_broken = true;
+            self.audit = None;
             self.mend(threads)?;
             return Ok(Changed::Lost);
         }
+        audit_edit(&self.tools.auditor, &mut self.audit, expanded, self.scene.told());
         let is_lost = was_made == Ok(true) || self.scene.told().is_resync();
         Ok(if is_lost { Changed::Lost } else { Changed::Told })
     }
@@ -209,11 +231,13 @@ impl Boxes {
         match self.scene.edit_expanded(Edit::NONE, Want::All) {
             Ok(told) => {
                 let pairs = Arc::new(told.pairs().to_vec());
+                audit_edit(&self.tools.auditor, &mut self.audit, Edit::NONE, told);
                 self.scene.take();
                 Ok(pairs)
             }
             Err(error) => {
                 self.is_broken = true;
+                self.audit = None;
                 Err(error)
             }
         }

@@ -34,6 +34,7 @@ use pairmask_wire::{
 use self::alarm::Alarm;
 use self::scene::SharedScene;
 use super::Served;
+use crate::audit::Auditor;
 use crate::clients::SceneMemory;
 use crate::execute::{EnginePool, Gpus};
 use crate::publish::{OpenRequest, Outbox, Refusal};
@@ -46,6 +47,7 @@ pub(super) struct Tools {
     pub(super) gpus: Gpus,
     pub(super) memory: SceneMemory,
     pub(super) pool: Arc<EnginePool>,
+    pub(super) auditor: Arc<Auditor>,
 }
 
 /// Why a membership ends.
