@@ -3,8 +3,8 @@
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
-use std::thread::JoinHandle;
 
+use crate::execute::gpu::{DriverThread, Progress};
 use crate::execute::{CullUnderWay, GpuShare, SUBMISSIONS_UNDER_WAY};
 use crate::publish::OpenRequest;
 
@@ -21,8 +21,8 @@ pub(super) struct GpuLine {
     under_way: Mutex<VecDeque<Submission>>,
     /// Places that are claimed, for those who only look.
     claimed: AtomicUsize,
-    /// The thread that takes a lost device back.
-    returning: Mutex<Option<JoinHandle<()>>>,
+    /// The thread that takes a lost device back, since the first loss.
+    returning: Mutex<Option<DriverThread<()>>>,
 }
 
 impl GpuLine {
@@ -43,12 +43,13 @@ impl GpuLine {
             return;
         }
         let mut returning = self.returning.lock().unwrap_or_else(PoisonError::into_inner);
-        if returning.as_ref().is_some_and(|thread| !thread.is_finished()) {
+        if let Some(thread) = returning.as_ref()
+            && (matches!(thread.progress(), Progress::UnderWay) || thread.ask())
+        {
             return;
         }
         let gpu = self.gpu.clone();
-        let thread = std::thread::Builder::new().name("gpu-back".into());
-        match thread.spawn(move || gpu.take_back()) {
+        match DriverThread::start("gpu-back", move || gpu.take_back()) {
             Ok(thread) => *returning = Some(thread),
             Err(error) => log::error!("no thread to take the GPU back on: {error}"),
         }
@@ -96,12 +97,8 @@ impl GpuLine {
 }
 
 impl Drop for GpuLine {
-    /// Waits for the thread: a process that ends while it uses the driver would unload it under that thread.
+    /// Ends the thread before the device is destroyed, and waits for that.
     fn drop(&mut self) {
-        let returning = self.returning.get_mut().unwrap_or_else(PoisonError::into_inner);
-        if let Some(thread) = returning.take() {
-            // One that panicked has taken nothing back.
-            let _ = thread.join();
-        }
+        *self.returning.get_mut().unwrap_or_else(PoisonError::into_inner) = None;
     }
 }

@@ -85,8 +85,10 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
         auditor,
     );
     responder.alter_answers(settings.alter_answers);
-    let lanes = Lanes::new(intake, wake, responder, pool, settings, &janitor, &stop);
+    let lanes = Lanes::new(intake, wake, responder, Arc::clone(&pool), settings, &janitor, &stop);
     lanes.placed(placement).run()?;
+    // Its threads may have used the devices, which are gone now: until then they stay (`gpu::driver_thread`).
+    drop(pool);
     drop(janitor);
     log::info!("stopped serving '{}'", settings.instance);
     Ok(())

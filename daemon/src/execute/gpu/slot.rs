@@ -1,13 +1,14 @@
 //! The place of the GPU in the daemon: there, lost, or being rebuilt.
 
+use std::io;
 use std::sync::Arc;
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use super::device::Gpu;
+use super::driver_thread::{DriverThread, Progress};
 use super::error::OpenError;
 
-/// What opens a device. Runs on a thread of its own.
+/// What opens a device. Runs on a thread of its own, the same one each time.
 pub type Opener = Arc<dyn Fn() -> Result<Arc<Gpu>, OpenError> + Send + Sync>;
 
 /// Pause between tries to open a lost device again: a driver that resets needs about as long.
@@ -16,14 +17,18 @@ const RETRY_AFTER: Duration = Duration::from_secs(1);
 enum State {
     Ready(Arc<Gpu>),
     Lost { since: Instant, retry_at: Instant },
-    Rebuilding { since: Instant, opening: JoinHandle<Result<Arc<Gpu>, OpenError>> },
+    Rebuilding { since: Instant },
 }
 
 /// A GPU that may go and come back. The owner asks before each frame ([`GpuSlot::ready`]) and
 /// never waits: while there is no device, CPU engines serve.
+///
+/// Dropping it waits for a device that is being opened.
 pub struct GpuSlot {
     state: State,
     open: Opener,
+    /// There since the first loss.
+    opening: Option<DriverThread<Result<Arc<Gpu>, OpenError>>>,
 }
 
 /// The slot's state, for reports.
@@ -46,7 +51,7 @@ pub enum SlotState {
 impl GpuSlot {
     /// A slot with a device in it. `open` makes the next one.
     pub fn new(gpu: Arc<Gpu>, open: Opener) -> Self {
-        Self { state: State::Ready(gpu), open }
+        Self { state: State::Ready(gpu), open, opening: None }
     }
 
     /// The device, if it is there and healthy. A lost one is noticed here, its rebuild begun and
@@ -64,7 +69,7 @@ impl GpuSlot {
         match &self.state {
             State::Ready(_) => SlotState::Ready,
             State::Lost { since, .. } => SlotState::Lost { since: *since },
-            State::Rebuilding { since, .. } => SlotState::Rebuilding { since: *since },
+            State::Rebuilding { since } => SlotState::Rebuilding { since: *since },
         }
     }
 
@@ -79,51 +84,43 @@ impl GpuSlot {
         if let State::Lost { since, retry_at } = self.state
             && now >= retry_at
         {
-            let open = Arc::clone(&self.open);
-            let started =
-                std::thread::Builder::new().name("gpu-rebuild".into()).spawn(move || open());
-            self.state = match started {
-                Ok(opening) => State::Rebuilding { since, opening },
+            self.state = match self.begin() {
+                Ok(()) => State::Rebuilding { since },
                 Err(error) => {
                     log::error!("no thread to rebuild the GPU on: {error}");
                     State::Lost { since, retry_at: now + RETRY_AFTER }
                 }
             };
         }
-        if let State::Rebuilding { opening, .. } = &self.state
-            && opening.is_finished()
-        {
-            self.take_in(now);
+        if let State::Rebuilding { since } = self.state {
+            self.take_in(now, since);
         }
     }
-    /// Takes in what the thread that opens a device came to.
-    fn take_in(&mut self, now: Instant) {
-        if !matches!(self.state, State::Rebuilding { .. }) {
-            return;
+
+    /// Has the next device opened.
+    fn begin(&mut self) -> io::Result<()> {
+        if self.opening.as_ref().is_some_and(DriverThread::ask) {
+            return Ok(());
         }
-        let lost = State::Lost { since: now, retry_at: now + RETRY_AFTER };
-        let State::Rebuilding { since, opening } = std::mem::replace(&mut self.state, lost) else {
-            return;
-        };
-        self.state = match opening.join() {
-            Ok(Ok(gpu)) => {
+        let open = Arc::clone(&self.open);
+        self.opening = Some(DriverThread::start("gpu-rebuild", move || open())?);
+        Ok(())
+    }
+
+    /// Takes in what the thread that opens a device came to, if it has.
+    fn take_in(&mut self, now: Instant, since: Instant) {
+        let Some(opening) = &self.opening else { return };
+        self.state = match opening.progress() {
+            Progress::UnderWay => return,
+            Progress::Done(Ok(gpu)) => {
                 log::info!("the GPU {} is back after {:?}", gpu.info().name, now - since);
                 State::Ready(gpu)
             }
-            failed => {
-                if let Ok(Err(error)) = failed {
-                    log::warn!("the GPU is not back yet: {error}");
-                }
+            Progress::Done(Err(error)) => {
+                log::warn!("the GPU is not back yet: {error}");
                 State::Lost { since, retry_at: now + RETRY_AFTER }
             }
+            Progress::Panicked => State::Lost { since, retry_at: now + RETRY_AFTER },
         };
-    }
-}
-
-impl Drop for GpuSlot {
-    /// Waits for a device that is being opened: a process that ends while a thread loads the driver
-    /// would unload it under that thread.
-    fn drop(&mut self) {
-        self.take_in(Instant::now());
     }
 }

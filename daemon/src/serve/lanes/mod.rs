@@ -144,12 +144,14 @@ impl<'a> Lanes<'a> {
     /// The system starts no thread.
     pub(super) fn run(&self) -> Result<(), ServeError> {
         std::thread::scope(|scope| {
+            let mut others = Vec::with_capacity(self.threads.len());
             for lane in 1..self.threads.len() {
-                std::thread::Builder::new()
+                let other = std::thread::Builder::new()
                     .name(format!("lane-{lane}"))
                     .spawn_scoped(scope, move || self.serve_in(lane))
                     .inspect_err(|_| self.stop.store(true, Ordering::Relaxed))
                     .map_err(ServeError::system("starting a lane"))?;
+                others.push(other);
             }
             let tidier = std::thread::Builder::new()
                 .name("tidier".into())
@@ -158,6 +160,12 @@ impl<'a> Lanes<'a> {
                 .map_err(ServeError::system("starting the tidier"))?;
             self.serve_in(0);
             tidier.thread().unpark();
+            others.push(tidier);
+            for thread in others {
+                // The scope waits for their work alone. To destroy a device while a thread ends that has used it may
+                // take for ever: see `gpu::driver_thread`. One that panicked has ended the process.
+                let _ = thread.join();
+            }
             Ok(())
         })
     }
