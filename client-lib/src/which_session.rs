@@ -58,7 +58,8 @@
 //!
 //! A daemon learns when the next frame of a steady client is due, and is awake then. In process the threads of
 //! your pool sleep between frames, and wake one after the other, 50 to 100 µs each on a virtual machine. The
-//! library leaves them asleep, since a thread that waits for its frame keeps your own work off its core. Keep them awake with an [`AwakePool`](crate::mask::AwakePool) where they have nothing else to do.
+//! library leaves them asleep, since a thread that waits for its frame keeps your own work off its core. Keep
+//! them awake with an [`AwakePool`](crate::mask::AwakePool) where they have nothing else to do.
 //!
 //! A daemon serves 16 clients unless `pairmaskd serve --max-clients` says otherwise. They share its cores
 //! and its GPU. Eight clients of 1,000 boxes get a frame in [72 to 79 µs](#records) on 16 cores.

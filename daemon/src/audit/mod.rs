@@ -25,7 +25,7 @@
 //! check          bits against the oracle                          (pure)
 //! sphere_oracle  two spheres, in exact rational arithmetic        (pure)
 //! edit           an edit, copied                                  (pure)
-//! name           what the log calls what was checked            (pure)
+//! name           what the log calls what was checked              (pure)
 //! scene          what a scene told, added up, against the oracle  (pure)
 //! thread         hands windows over and keeps the counts
 //! ```

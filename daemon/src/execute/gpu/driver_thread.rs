@@ -36,6 +36,9 @@ impl<T: Send + 'static> DriverThread<T> {
         let (ask, asked) = sync_channel(1);
         let (tell, done) = sync_channel(1);
         let thread = std::thread::Builder::new().name(name.into()).spawn(move || {
+            // Dropped last: who is told of a panic asks in vain.
+            let tell = tell;
+            let asked = asked;
             loop {
                 if tell.send(work()).is_err() || asked.recv().is_err() {
                     return;
