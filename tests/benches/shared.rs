@@ -116,6 +116,7 @@ fn measure(
 ) -> Result<[Vec<f64>; 2], Box<dyn Error>> {
     let begins = Barrier::new(WRITERS as usize + 1);
     let ends = Barrier::new(WRITERS as usize + 1);
+    let rests = Barrier::new(WRITERS as usize + 1);
     let (line, since) = (Line::default(), Instant::now());
     let span = Span { first: AtomicU64::new(u64::MAX), last: AtomicU64::new(0) };
     let has_failed = AtomicBool::new(false);
@@ -133,7 +134,7 @@ fn measure(
     std::thread::scope(|scope| -> Result<(), Box<dyn Error>> {
         for (which, session, mut scene) in writers {
             let (begins, ends, has_failed) = (&begins, &ends, &has_failed);
-            let (line, span) = (&line, &span);
+            let (line, span, rests) = (&line, &span, &rests);
             scope.spawn(move || {
                 let own = which * boxes..(which + 1) * boxes;
                 for tick in 0..ticks + WARM_UP {
@@ -150,6 +151,8 @@ fn measure(
                     }
                     span.note(since, begin);
                     ends.wait();
+                    // Nobody works beside the one scene.
+                    rests.wait();
                 }
                 drop((scene, session));
             });
@@ -168,12 +171,14 @@ fn measure(
                     let answer = answer.take();
                     black_box((answer.begun().len(), answer.ended().len()));
                 }
-                // The writers wait for this thread at both barriers.
+                // The writers wait for this thread at all barriers.
                 Err(error) => failed = Some(error),
             }
+            let took = start.elapsed().as_secs_f64() * 1e6;
+            rests.wait();
             if tick >= WARM_UP {
                 times[0].push(shared);
-                times[1].push(start.elapsed().as_secs_f64() * 1e6);
+                times[1].push(took);
             }
         }
         failed.map_or(Ok(()), |error| Err(error.into()))

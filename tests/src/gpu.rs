@@ -19,7 +19,7 @@ pub fn name() -> String {
 pub fn name_at(place: usize) -> String {
     let names = names();
     let count = names.split(',').count();
-    names.split(',').nth(place % count).unwrap_or_default().to_owned()
+    names.split(',').nth(place % count).unwrap_or_default().trim().to_owned()
 }
 
 /// The GPU of tests that need one.

@@ -63,7 +63,7 @@ fn small_frames_of_several_clients_do_not_mix() {
     assert_eq!((audit.missed, audit.extra), (0, 0), "{audit:?}");
 }
 
-fn software_executor() -> Executor {
+fn gpu_executor() -> Executor {
     let gpu = GpuService::open(&gpu::choice(), Duration::ZERO);
     Executor::new(Some(gpu.expect("a software adapter (lavapipe)")))
 }
@@ -109,7 +109,7 @@ fn bundle(executor: &mut Executor, is_lost: bool, sizes: &[u32]) -> Vec<EngineNa
 
 #[test]
 fn a_device_that_is_lost_under_a_bundle_costs_no_answer() {
-    let mut executor = software_executor();
+    let mut executor = gpu_executor();
     let sizes = &SIZES[..BUNDLE_FRAMES];
     let (boxes, _) = scene(sizes[0], 1);
     let planned = executor.plan((&boxes).into(), &options(), u64::MAX);
@@ -125,7 +125,7 @@ fn a_device_that_is_lost_under_a_bundle_costs_no_answer() {
 
 #[test]
 fn frames_without_a_gpu_are_answered_by_a_cpu_engine() {
-    let mut executor = software_executor();
+    let mut executor = gpu_executor();
     let options = options();
     let (boxes, expected) = scene(345, 1);
     let memory = TestFrame::on_heap(&Precision::Exact, &boxes);

@@ -125,7 +125,7 @@ fn a_daemon_without_a_gpu_says_so() {
     assert!(error.to_string().contains("engine-unavailable"), "{error}");
 }
 
-fn software_executor() -> Executor {
+fn gpu_executor() -> Executor {
     let gpu =
         GpuService::open(&gpu::choice(), Duration::ZERO).expect("a software adapter (lavapipe)");
     Executor::new(Some(gpu))
@@ -146,7 +146,7 @@ fn narrow_precisions(boxes: &[Aabb]) -> [Precision; 3] {
 
 #[test]
 fn narrow_boxes_are_culled_on_the_gpu() {
-    let mut executor = software_executor();
+    let mut executor = gpu_executor();
     let mut reply = HeapReply::new();
     for n in [70, 1234, 345, 3001, 2] {
         let boxes = stress_scenes::named("uniform").boxes(n, 3);
@@ -171,7 +171,7 @@ fn narrow_boxes_are_culled_on_the_gpu() {
 /// A list of more bytes than one binding of the device shows.
 #[test]
 fn a_list_beyond_the_device_comes_from_the_cpu() {
-    let mut executor = software_executor();
+    let mut executor = gpu_executor();
     let boxes = vec![Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]); 6_000];
     let pairs = 6_000 * 5_999 / 2;
     let device = executor.gpu().unwrap().device().unwrap();
@@ -215,7 +215,7 @@ fn begin(
 
 #[test]
 fn a_frame_outlives_its_executor() {
-    let mut executor = software_executor();
+    let mut executor = gpu_executor();
     let boxes = stress_scenes::named("uniform").boxes(33_001, 3);
     let options =
         CullOptions { engine: EngineChoice::Only(EngineName::GpuGrid), ..CullOptions::default() };
@@ -238,7 +238,7 @@ fn a_frame_outlives_its_executor() {
 
 #[test]
 fn narrow_frames_are_left_under_way_and_outlive_their_device() {
-    let mut executor = software_executor();
+    let mut executor = gpu_executor();
     let n = 33_001;
     let boxes = stress_scenes::named("uniform").boxes(n, 3);
     let options =
@@ -271,7 +271,7 @@ fn narrow_frames_are_left_under_way_and_outlive_their_device() {
 
 #[test]
 fn a_device_destroyed_under_load_costs_no_answer_and_comes_back() {
-    let mut executor = software_executor();
+    let mut executor = gpu_executor();
     let boxes = stress_scenes::named("uniform").boxes(1234, 3);
     let expected = oracle::truth(&boxes).pairs;
     let mut reply = HeapReply::new();

@@ -1,5 +1,6 @@
 //! `gpu-grid` through the conformance suite, against its mirror byte by byte, and at its limits.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use pairmask_core::engine::{CullError, CullInput, CullReport, Engine, Grid as CpuGrid, HeapReply};
@@ -381,6 +382,18 @@ fn a_device_is_kept_awake_while_frames_come_and_answers_them() {
     });
     drop(awake);
     check_bytes(&mut engine, &boxes, "afterwards");
+}
+
+#[test]
+fn a_lost_device_is_not_kept_awake_and_let_go() {
+    let gpu = open(HostImport::IfPossible);
+    let awake = Awake::launch(&gpu, Duration::from_secs(3600)).expect("a frame");
+    awake.note_frame();
+    eventually("a dispatch ends", || (awake.dispatches() > 0).then_some(()));
+    gpu.destroy();
+    drop(awake);
+    // Its thread stays, without the device.
+    eventually("nobody else has it", || (Arc::strong_count(&gpu) == 1).then_some(()));
 }
 
 #[test]

@@ -15,7 +15,7 @@
 //! Of scenes that persist, one in so many is followed from its beginning to its end: each of its edits and
 //! answers is copied, and so is a window of the answer to each query. While the auditor is far behind, an
 //! edit counts as skipped, and its scene is followed no more. A scene that several sessions write is followed tick by
-//! tick: all edits of a tick, and all that they changed, before each member gets its part.
+//! tick: all edits of a tick, and all that they changed, copied while its members wait for their parts.
 //!
 //! The boxes or spheres are copied after the reply was sent: a client that writes to a submitted frame may
 //! spoil its own audit.

@@ -11,7 +11,7 @@ use pairmask_lab::study::mapping::stage::{IdWidth, PairOutput, Root, Variant};
 use pairmask_lab::study::mapping::{
     MappingError, MappingOptions, errors, measure, report, root_errors, rows,
 };
-use pairmask_tests::gpu::open;
+use pairmask_tests::gpu::{choice, open};
 use pairmaskd::execute::gpu::{Checks, GpuChoice, HostImport};
 
 fn bench() -> Bench {
@@ -172,8 +172,7 @@ fn every_output_form_has_the_bits_of_the_overlaps() {
 #[test]
 fn a_report_has_a_row_for_every_variant_and_its_files_agree() {
     let folder = tempfile::tempdir().expect("a folder");
-    let choice = std::env::var("PAIRMASK_TEST_GPU").unwrap_or_else(|_| "software".into());
-    let gpu: GpuChoice = choice.parse().unwrap_or_default();
+    let gpu = choice();
     let options = MappingOptions { gpu, quick: true, ..MappingOptions::default() };
     let made = measure(&options).unwrap_or_else(|error| panic!("{error}"));
     let out = folder.path().join("deep").join("er");

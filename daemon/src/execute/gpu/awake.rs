@@ -37,6 +37,8 @@ struct Shared {
     until_us: AtomicU64,
     dispatches: AtomicU64,
     stop: AtomicBool,
+    /// Whether the thread stays, with nothing to do, when it has stopped.
+    stays: AtomicBool,
 }
 
 impl Shared {
@@ -75,6 +77,7 @@ impl Awake {
             until_us: AtomicU64::new(0),
             dispatches: AtomicU64::new(0),
             stop: AtomicBool::new(false),
+            stays: AtomicBool::new(false),
         });
         let theirs = Arc::clone(&shared);
         let started =
@@ -106,12 +109,15 @@ impl Awake {
 
 impl Drop for Awake {
     fn drop(&mut self) {
-        self.shared.stop.store(true, Ordering::Relaxed);
+        // A dispatch on a device that hangs takes ten seconds to give up, in which frames are to be served: nobody
+        // waits for that thread. To end by itself, maybe while the device is destroyed, could lock the driver up (see
+        // `driver_thread`): it stays, one for each loss.
+        let is_lost = self.gpu.health().is_lost();
+        self.shared.stays.store(is_lost, Ordering::Relaxed);
+        self.shared.stop.store(true, Ordering::Release);
         if let Some(thread) = self.thread.take() {
             thread.thread().unpark();
-            // A dispatch on a device that hangs takes ten seconds to give up, in which frames are to
-            // be served: that thread ends by itself, with what it owns.
-            if !self.gpu.health().is_lost() && thread.join().is_err() {
+            if !is_lost && thread.join().is_err() {
                 log::error!("the thread that kept the GPU awake has panicked: please report this");
             }
         }
@@ -132,15 +138,21 @@ fn recorded(gpu: &Arc<Gpu>) -> Result<Frame, GpuError> {
 }
 
 fn keep_awake(mut frame: Frame, shared: &Shared) {
-    while !shared.stop.load(Ordering::Relaxed) {
+    let has_stopped = || shared.stop.load(Ordering::Acquire);
+    while !has_stopped() {
         if shared.now_us() >= shared.until_us.load(Ordering::Relaxed) {
             std::thread::park();
         } else if let Err(error) = frame.run(Wait::Block, PATIENCE) {
             // Of a lost device everybody hears; the next one gets a thread of its own.
             log::debug!("the GPU is not kept awake any more: {error}");
-            return;
+            break;
         } else {
             shared.dispatches.fetch_add(1, Ordering::Relaxed);
         }
+    }
+    // The last one to have a lost device destroys it. Whoever that is must not end meanwhile.
+    drop(frame);
+    while !has_stopped() || shared.stays.load(Ordering::Relaxed) {
+        std::thread::park();
     }
 }
