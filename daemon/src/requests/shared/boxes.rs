@@ -186,8 +186,6 @@ impl Boxes {
         if let Err(error) = was_made {
             // The edits are part of what it is made from next.
             copy.apply(expanded);
-            // Whoever did not see this edit cannot follow the next.
-            self.audit = None;
             return Err(error);
         }
         scene.scene_mut().set_threads(threads);
@@ -201,14 +199,18 @@ impl Boxes {
         };
         if edited.is_err() {
             // The boxes are in the copy.
-            self.is_broken = true;
-            self.audit = None;
+            self.note_broken();
             self.mend(threads)?;
             return Ok(Changed::Lost);
         }
         audit_edit(&self.tools.auditor, &mut self.audit, expanded, self.scene.told());
         let is_lost = was_made == Ok(true) || self.scene.told().is_resync();
         Ok(if is_lost { Changed::Lost } else { Changed::Told })
+    }
+
+    /// Notes that the scene missed an edit: who follows it cannot follow the next.
+    fn note_broken(&mut self) {
+        (self.is_broken, self.audit) = (true, None);
     }
 
     /// Makes the scene again from the copy, where it is broken. Whether it was.
@@ -236,8 +238,7 @@ impl Boxes {
                 Ok(pairs)
             }
             Err(error) => {
-                self.is_broken = true;
-                self.audit = None;
+                self.note_broken();
                 Err(error)
             }
         }
