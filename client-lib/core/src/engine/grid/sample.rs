@@ -3,7 +3,7 @@
 //! A pure function of the boxes: the layout of the grid, and with it the order of the reply, must
 //! not depend on earlier frames.
 
-use crate::aabb::{Aabb, BoxClass};
+use crate::aabb::Aabb;
 
 /// Boxes looked at: one in 16, so that small scenes pay little, between these limits. 1,024
 /// boxes see a share of 0.4 % of a scene with 98 % certainty.
@@ -25,7 +25,7 @@ const DENSITY_ROUNDS: usize = 32;
 pub(crate) struct SampledBox {
     pub min: [f32; 3],
     pub edges: [f32; 3],
-    /// Largest edge in units of the median edge of its axis.
+    /// Largest edge in units of the median edge of its axis; 0 where boxes are plainly alike.
     pub size: f32,
 }
 
@@ -42,19 +42,21 @@ pub(crate) struct Sample {
     pub extent: [f32; 3],
     /// Boxes of the scene for one of the sample.
     pub weight: f32,
+    /// Whether every min is finite.
+    bounded: bool,
     scratch: Vec<f32>,
     counts: Vec<u16>,
 }
 
 impl Sample {
-    /// Looks at a scene.
+    /// Looks at a scene. To be called with the default floating-point flags.
     pub fn take(&mut self, boxes: &[Aabb]) {
         let n = boxes.len();
         let wanted = (n / SAMPLE_SHARE).clamp(SAMPLE_LEAST, SAMPLE_MOST).min(n);
         self.boxes.clear();
-        for i in 0..wanted {
-            let b = boxes[sample_index(i, wanted, n)];
-            if b.class() == BoxClass::Solid {
+        for index in sample_indices(wanted, n) {
+            let b = &boxes[index];
+            if is_solid(b) {
                 let edges = std::array::from_fn(|a| b.max[a] - b.min[a]);
                 self.boxes.push(SampledBox { min: b.min, edges, size: 0.0 });
             }
@@ -65,11 +67,19 @@ impl Sample {
     }
 
     fn measure_bounds(&mut self) {
-        for axis in 0..3 {
-            let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
-            for x in self.boxes.iter().map(|b| b.min[axis]).filter(|x| x.is_finite()) {
-                (low, high) = (low.min(x), high.max(x));
+        let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+        self.bounded = true;
+        for b in &self.boxes {
+            for axis in 0..3 {
+                let x = b.min[axis];
+                let finite = x.is_finite();
+                low[axis] = low[axis].min(if finite { x } else { f32::INFINITY });
+                high[axis] = high[axis].max(if finite { x } else { f32::NEG_INFINITY });
+                self.bounded &= finite;
             }
+        }
+        for axis in 0..3 {
+            let (low, high) = (low[axis], high[axis]);
             self.low[axis] = if low.is_finite() { low } else { 0.0 };
             // Finite bounds may be an infinite distance apart.
             self.extent[axis] = if low <= high { (high - low).min(f32::MAX) } else { 0.0 };
@@ -77,6 +87,10 @@ impl Sample {
     }
 
     fn measure_sizes(&mut self) {
+        self.alike = self.are_plainly_alike();
+        if self.alike {
+            return;
+        }
         let unit: [f32; 3] = std::array::from_fn(|axis| {
             self.scratch.clear();
             let edges = self.boxes.iter().take(MEDIAN_BOXES).map(|b| b.edges[axis]);
@@ -94,6 +108,28 @@ impl Sample {
         if !self.alike {
             self.boxes.sort_unstable_by(|a, b| a.size.total_cmp(&b.size));
         }
+    }
+
+    /// Whether the longest edges are so short against the shortest that boxes are alike whatever the
+    /// median edges are: those take as long to find as half of the rest of the sample.
+    fn are_plainly_alike(&self) -> bool {
+        let (mut least, mut largest) = ([f32::INFINITY; 3], [0.0f32; 3]);
+        for b in self.boxes.iter().take(MEDIAN_BOXES) {
+            for axis in 0..3 {
+                let edge = b.edges[axis];
+                least[axis] = least[axis].min(if edge > 0.0 { edge } else { f32::INFINITY });
+            }
+        }
+        for b in &self.boxes {
+            for axis in 0..3 {
+                largest[axis] = largest[axis].max(b.edges[axis]);
+            }
+        }
+        (0..3).all(|axis| {
+            // At most the median edge, or what stands for it.
+            let least = if least[axis].is_finite() { least[axis] } else { f32::MIN_POSITIVE };
+            largest[axis] / least <= LIKE_SIZES
+        })
     }
 
     /// Boxes of the scene around a box, measured in cells so small that the sample itself has one
@@ -124,11 +160,24 @@ impl Sample {
         }
         // 16 slots a box: two boxes share a slot by chance once in 16 m² / 2 pairs.
         let slots = (16 * m).next_power_of_two();
+        let per_unit = edges.map(|edge| 1.0 / edge);
+        let one_cell = (0..3).all(|axis| (self.extent[axis] * per_unit[axis]) as u32 == 0);
+        let pairs = if self.bounded && one_cell {
+            // Of the first cells that are tried: each box with each other one.
+            (m * (m - 1) / 2) as u64
+        } else {
+            self.pairs_of_slots(per_unit, slots)
+        };
+        let by_chance = m as f32 / slots as f32;
+        (2.0 * pairs as f32 / m as f32 - by_chance).max(0.0)
+    }
+
+    /// Pairs of sampled boxes whose cells have the same one of so many slots.
+    fn pairs_of_slots(&mut self, per_unit: [f32; 3], slots: usize) -> u64 {
         self.counts.clear();
         self.counts.resize(slots, 0);
         let shift = 32 - slots.trailing_zeros();
         let mut pairs = 0u64;
-        let per_unit = edges.map(|edge| 1.0 / edge);
         for b in &self.boxes {
             let mut hash = 0u32;
             for axis in 0..3 {
@@ -139,8 +188,7 @@ impl Sample {
             pairs += u64::from(*slot);
             *slot = slot.saturating_add(1);
         }
-        let by_chance = m as f32 / slots as f32;
-        (2.0 * pairs as f32 / m as f32 - by_chance).max(0.0)
+        pairs
     }
 }
 
@@ -173,10 +221,47 @@ fn halve_longest(mut edges: [f32; 3], times: usize) -> [f32; 3] {
     edges
 }
 
-/// The box to look at for sample `i` of `wanted`: one of each stretch, at a place that a hash
-/// chooses, because scenes are often laid out in rows of some round number.
-fn sample_index(i: usize, wanted: usize, n: usize) -> usize {
-    let (start, end) = (i * n / wanted, (i + 1) * n / wanted);
-    let hash = (i as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 33;
-    start + hash as usize % (end - start).max(1)
+/// Whether a box is [`crate::aabb::BoxClass::Solid`], with the default floating-point flags.
+fn is_solid(b: &Aabb) -> bool {
+    // False with a NaN.
+    let [x, y, z] = std::array::from_fn(|axis| b.min[axis] <= b.max[axis]);
+    x & y & z
+}
+
+/// The boxes to look at for samples 0 to `wanted`, at most `n`: one of each stretch, at a place that a
+/// hash chooses, because scenes are often laid out in rows of some round number.
+fn sample_indices(wanted: usize, n: usize) -> impl Iterator<Item = usize> {
+    // Stretch i is `i * n / wanted..(i + 1) * n / wanted`, found without a division for each.
+    let (len, rest) = (n / wanted.max(1), n % wanted.max(1));
+    let (mut start, mut carried) = (0, 0);
+    (1..=wanted as u64).map(move |i| {
+        carried += rest;
+        let longer = carried >= wanted;
+        carried -= if longer { wanted } else { 0 };
+        let stretch = start..start + len + usize::from(longer);
+        start = stretch.end;
+        let hash = i.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 33;
+        stretch.start + hash as usize % stretch.len().max(1)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_box_of_each_stretch_is_looked_at() {
+        for n in [1, 2, 255, 256, 257, 1_000, 4_095, 4_097, 100_003] {
+            for wanted in [1, 2, 3, 100, 256, 1_000].map(|wanted: usize| wanted.min(n)) {
+                let indices: Vec<usize> = sample_indices(wanted, n).collect();
+                assert_eq!(indices.len(), wanted);
+                for (i, index) in indices.into_iter().enumerate() {
+                    let (start, end) = (i * n / wanted, (i + 1) * n / wanted);
+                    let hash = (i as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 33;
+                    assert_eq!(index, start + hash as usize % (end - start));
+                }
+            }
+        }
+        assert_eq!(sample_indices(0, 0).count(), 0);
+    }
 }

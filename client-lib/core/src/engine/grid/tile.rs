@@ -7,6 +7,10 @@ use crate::aabb::Aabb;
 use crate::engine::strips::{Split, in_parts, part_count};
 use crate::engine::{AvailableIsa, Census};
 
+/// Boxes of a tile whose homes are 4 KiB: to clear room for the largest tile would take a small scene as
+/// long as to deal it, and empty its first-level cache.
+const SMALL_TILE: usize = 1_024;
+
 /// A box on its way: 32 bytes, two to a cache line.
 #[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
@@ -59,10 +63,32 @@ impl Tiles<'_> {
     }
 
     fn deal(self, levels: &[Level], nothing: u32, isa: AvailableIsa) -> Census {
-        let mut census = Census::default();
+        if self.deal.tile_len <= SMALL_TILE {
+            self.deal_with(&mut [0; SMALL_TILE], levels, nothing, isa)
+        } else {
+            self.deal_large(levels, nothing, isa)
+        }
+    }
+
+    /// Apart, so that small tiles do without its stack.
+    #[inline(never)]
+    fn deal_large(self, levels: &[Level], nothing: u32, isa: AvailableIsa) -> Census {
         // 64 KiB: of a stack of 2 MiB or more, and of the second-level cache.
         #[allow(clippy::large_stack_arrays)]
         let mut homes = [0u32; TILE_MOST];
+        self.deal_with(&mut homes, levels, nothing, isa)
+    }
+
+    /// Deals with room for the homes of a tile.
+    #[inline(always)]
+    fn deal_with(
+        self,
+        homes: &mut [u32],
+        levels: &[Level],
+        nothing: u32,
+        isa: AvailableIsa,
+    ) -> Census {
+        let mut census = Census::default();
         let mut index = self.first_index;
         let boxes = self.boxes.chunks(self.deal.tile_len);
         let records = self.records.chunks_mut(self.deal.tile_len);
