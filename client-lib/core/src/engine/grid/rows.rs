@@ -1,9 +1,11 @@
 //! One task's rows: their runs, tested and turned into words.
 
 mod blocks;
+mod plain;
 
 use std::ops::Range;
 
+use self::plain::PlainCells;
 use super::cell_strips::{CellStrips, in_stages};
 use super::level::{Level, Reach};
 use super::neighbours::{LaterLines, REACH_X, folded};
@@ -34,6 +36,7 @@ pub(super) struct RowTask {
     pub compared: u64,
     batch: StripBatch,
     block: RowBlock,
+    plain: PlainCells,
 }
 
 /// What all tasks of a frame read.
@@ -154,7 +157,16 @@ impl RowTask {
         let width = own.len() - 1;
         let staged = in_stages(lines.iter().map(|(_, needs)| *needs));
         let mut strips = CellStrips::new();
-        for x in cells {
+        let mut next = cells.start;
+        while next < cells.end {
+            if finer.is_empty() && staged {
+                next = self.run_plain(scene, level, own, lines, next..cells.end, &rows);
+                if next == cells.end || scene.is_over() {
+                    return;
+                }
+            }
+            let x = next;
+            next += 1;
             let cell = own[x].max(rows.start)..own[x + 1].min(rows.end);
             if cell.start >= cell.end {
                 continue;

@@ -39,6 +39,53 @@ pub(crate) struct StripBatch {
     compared: u64,
 }
 
+/// The arrays of a batch by themselves, and where the next strip goes: a loop that pushes keeps these in
+/// registers.
+pub(crate) struct StripPlaces<'a> {
+    rows: &'a mut [u32; ALLOCATED],
+    starts: &'a mut [u32; ALLOCATED],
+    lanes: &'a mut [u16; ALLOCATED],
+    len: usize,
+}
+
+impl StripPlaces<'_> {
+    /// See [`StripBatch::push`].
+    #[inline(always)]
+    pub fn push(&mut self, row: u32, start: u32, end: u32) -> u32 {
+        let count = end.saturating_sub(start).min(STRIP_COLUMNS as u32);
+        let at = self.len.min(BATCH_STRIPS);
+        self.rows[at] = row;
+        self.starts[at] = start;
+        self.lanes[at] = ((1u32 << count) - 1) as u16;
+        self.len = at + usize::from(count != 0);
+        start + count
+    }
+
+    /// Adds a strip, if it has lanes, and those of a group behind it: [`GROUP`] at most, of one row. There
+    /// must be more room than for them.
+    #[inline(always)]
+    pub fn push_row(&mut self, row: u32, start: u32, lanes: u16, group: &StripGroup<'_>) {
+        let at = self.len % BATCH_STRIPS;
+        self.rows[at..at + GROUP].copy_from_slice(&[row; GROUP]);
+        (self.starts[at], self.lanes[at]) = (start, lanes);
+        let at = at + usize::from(lanes != 0);
+        self.starts[at..at + GROUP].copy_from_slice(group.starts);
+        self.lanes[at..at + GROUP].copy_from_slice(group.lanes);
+        self.len = at + group.count;
+    }
+
+    /// See [`StripBatch::push_group`].
+    #[inline(always)]
+    pub fn push_group(&mut self, row: u32, group: &StripGroup<'_>) {
+        let at = self.len.min(BATCH_STRIPS);
+        // Fixed lengths: each copy is one or two registers.
+        self.rows[at..at + GROUP].copy_from_slice(&[row; GROUP]);
+        self.starts[at..at + GROUP].copy_from_slice(group.starts);
+        self.lanes[at..at + GROUP].copy_from_slice(group.lanes);
+        self.len = at + group.count;
+    }
+}
+
 impl Default for StripBatch {
     fn default() -> Self {
         Self {
@@ -67,24 +114,30 @@ impl StripBatch {
     /// An empty run costs no strip and no branch. There must be [`Self::room`].
     #[inline(always)]
     pub fn push(&mut self, row: u32, start: u32, end: u32) -> u32 {
-        let count = end.saturating_sub(start).min(STRIP_COLUMNS as u32);
-        let at = self.len.min(BATCH_STRIPS);
-        self.rows[at] = row;
-        self.starts[at] = start;
-        self.lanes[at] = ((1u32 << count) - 1) as u16;
-        self.len += usize::from(count != 0);
-        start + count
+        let mut places = self.places();
+        let next = places.push(row, start, end);
+        self.len = places.len;
+        next
     }
 
     /// Adds up to [`GROUP`] strips at the price of two. There must be [`Self::room`] for them.
     #[inline(always)]
     pub fn push_group(&mut self, row: u32, group: &StripGroup<'_>) {
-        let at = self.len.min(BATCH_STRIPS);
-        // Fixed lengths: each copy is one or two registers.
-        self.rows[at..at + GROUP].copy_from_slice(&[row; GROUP]);
-        self.starts[at..at + GROUP].copy_from_slice(group.starts);
-        self.lanes[at..at + GROUP].copy_from_slice(group.lanes);
-        self.len = at + group.count;
+        self.push_all(|places| places.push_group(row, group));
+    }
+
+    /// Has `push` add strips. There must be [`Self::room`] for all of them.
+    #[inline(always)]
+    pub fn push_all(&mut self, push: impl FnOnce(&mut StripPlaces<'_>)) {
+        let mut places = self.places();
+        push(&mut places);
+        self.len = places.len;
+    }
+
+    #[inline(always)]
+    fn places(&mut self) -> StripPlaces<'_> {
+        let Self { rows, starts, lanes, len, .. } = self;
+        StripPlaces { rows, starts, lanes, len: *len }
     }
 
     /// Whether there is no strip.
