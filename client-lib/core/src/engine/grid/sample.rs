@@ -73,8 +73,8 @@ impl Sample {
             for axis in 0..3 {
                 let x = b.min[axis];
                 let finite = x.is_finite();
-                low[axis] = low[axis].min(if finite { x } else { f32::INFINITY });
-                high[axis] = high[axis].max(if finite { x } else { f32::NEG_INFINITY });
+                low[axis] = lesser(low[axis], if finite { x } else { f32::INFINITY });
+                high[axis] = greater(high[axis], if finite { x } else { f32::NEG_INFINITY });
                 self.bounded &= finite;
             }
         }
@@ -117,12 +117,12 @@ impl Sample {
         for b in self.boxes.iter().take(MEDIAN_BOXES) {
             for axis in 0..3 {
                 let edge = b.edges[axis];
-                least[axis] = least[axis].min(if edge > 0.0 { edge } else { f32::INFINITY });
+                least[axis] = lesser(least[axis], if edge > 0.0 { edge } else { f32::INFINITY });
             }
         }
         for b in &self.boxes {
             for axis in 0..3 {
-                largest[axis] = largest[axis].max(b.edges[axis]);
+                largest[axis] = greater(largest[axis], b.edges[axis]);
             }
         }
         (0..3).all(|axis| {
@@ -219,6 +219,16 @@ fn halve_longest(mut edges: [f32; 3], times: usize) -> [f32; 3] {
         edges[longest] *= 0.5;
     }
     edges
+}
+
+/// The lesser number, and the first where the second is a NaN: one instruction, unlike `f32::min`.
+fn lesser(a: f32, b: f32) -> f32 {
+    if b < a { b } else { a }
+}
+
+/// The greater number, and the first where the second is a NaN.
+fn greater(a: f32, b: f32) -> f32 {
+    if b > a { b } else { a }
 }
 
 /// Whether a box is [`crate::aabb::BoxClass::Solid`], with the default floating-point flags.
