@@ -49,6 +49,12 @@ pub(crate) struct StripPlaces<'a> {
 }
 
 impl StripPlaces<'_> {
+    /// Strips that can still be pushed.
+    #[inline(always)]
+    pub fn room(&self) -> usize {
+        BATCH_STRIPS.saturating_sub(self.len)
+    }
+
     /// See [`StripBatch::push`].
     #[inline(always)]
     pub fn push(&mut self, row: u32, start: u32, end: u32) -> u32 {

@@ -30,20 +30,32 @@ impl SweepTask {
         self.batch.reset();
         let keys = boxes.keys();
         let (mins, maxs) = (keys[axis], keys[3 + axis]);
-        for row in self.rows.clone() {
-            let max = maxs[row as usize];
-            let mut start = row + 1;
-            // The window ends at the first box that starts after this one ends. It is looked for a
-            // strip at a time, and the test of the strip finds the place within.
-            while start < solid && mins[start as usize] <= max {
-                if self.batch.room() == 0 {
-                    self.flush(boxes, gather);
-                    if gather.budget.is_spent() {
-                        return;
-                    }
+        let mut row = self.rows.start;
+        let mut start = row + 1;
+        while row < self.rows.end {
+            if self.batch.room() == 0 {
+                self.flush(boxes, gather);
+                if gather.budget.is_spent() {
+                    return;
                 }
-                start = self.batch.push(row, start, solid.min(start + STRIP_COLUMNS as u32));
             }
+            let end = self.rows.end;
+            self.batch.push_all(|places| {
+                while row < end {
+                    let max = maxs[row as usize];
+                    // The window ends at the first box that starts after this one ends. It is looked for
+                    // a strip at a time, and the test of the strip finds the place within.
+                    while start < solid && mins[start as usize] <= max {
+                        if places.room() == 0 {
+                            return;
+                        }
+                        let strip_end = solid.min(start + STRIP_COLUMNS as u32);
+                        start = places.push(row, start, strip_end);
+                    }
+                    row += 1;
+                    start = row + 1;
+                }
+            });
         }
         self.flush(boxes, gather);
         self.found.finish(gather);
