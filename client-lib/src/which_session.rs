@@ -56,10 +56,12 @@
 //! * [`Backend::Daemon`], where this process must not spend its own cores or memory on pairs, and for
 //!   measurements. What `Auto` answers in process is an error here.
 //!
-//! A daemon learns when the next frame of a steady client is due, and is awake then. In process the threads of
-//! your pool sleep between frames, and wake one after the other, 50 to 100 µs each on a virtual machine. The
-//! library leaves them asleep, since a thread that waits for its frame keeps your own work off its core. Keep
-//! them awake with an [`AwakePool`](crate::mask::AwakePool) where they have nothing else to do.
+//! A daemon learns when the next frame of a steady client is due, and is awake then. So is a session that answers
+//! in process with several threads: a thread of its own calls some threads of your pool shortly before, which would
+//! wake one after the other, 50 to 100 µs each on a virtual machine. Your own work in the pool goes first, and
+//! waits for a called thread 10 µs at most. It is done for frames from outside of the pool, at steady rates up to
+//! some hundred a second. Keep a pool awake all the time with an [`AwakePool`](crate::mask::AwakePool) where it
+//! has nothing else to do.
 //!
 //! A daemon serves 16 clients unless `pairmaskd serve --max-clients` says otherwise. They share its cores
 //! and its GPU. Eight clients of 1,000 boxes get a frame in [72 to 79 µs](#records) on 16 cores.

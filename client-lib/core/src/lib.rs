@@ -18,6 +18,7 @@ pub mod pair_index;
 pub mod plan;
 pub mod precision;
 pub mod repeat;
+pub mod rhythm;
 pub mod scene;
 pub mod sphere;
 pub mod spinner;

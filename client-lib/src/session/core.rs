@@ -22,6 +22,7 @@ use super::frame::{Filling, Frame, FrameMemory, Object, Written};
 use super::link::{Link, SharedFrame};
 use super::local::{Local, Spares, lock};
 use super::narrow::NarrowFrame;
+use super::pace::Working;
 use super::pairs::{PairMask, ServedBy};
 use super::scene::Asked;
 use super::sphere::SphereFrame;
@@ -189,6 +190,11 @@ impl Core {
         written: Written,
     ) -> Result<PairMask, CullError> {
         self.local.cull(objects, rules, written, &self.settings)
+    }
+
+    /// Work of this process begins.
+    pub(super) fn begin_here(&self) -> Working<'_> {
+        self.local.begin()
     }
 
     /// Bytes behind `n` boxes for rules like those of the session's last frame that had any.

@@ -17,6 +17,7 @@ use pairmask_wire::Reply;
 
 use super::builder::Settings;
 use super::frame::Written;
+use super::pace::{Pace, Working};
 use super::pairs::{PairMask, ServedBy, Storage};
 use super::scene::Asked;
 
@@ -32,6 +33,7 @@ pub(super) struct Local {
     /// Memory for what queries find, so that it is not mapped for each anew.
     found: Shelf<Vec<[u32; 2]>>,
     last_pairs: Mutex<Option<u64>>,
+    pace: Pace,
 }
 
 /// The engines for boxes and for spheres, and what is remembered of the last frame.
@@ -136,11 +138,17 @@ impl Local {
             spares: Spares::default(),
             found: Shelf::default(),
             last_pairs: Mutex::default(),
+            pace: Pace::default(),
         }
     }
 
     pub(super) const fn spares(&self) -> &Spares {
         &self.spares
+    }
+
+    /// Work of this process begins.
+    pub(super) fn begin(&self) -> Working<'_> {
+        self.pace.begin()
     }
 
     pub(super) fn give_reply(&self, reply: HeapReply) {
@@ -155,6 +163,7 @@ impl Local {
         written: Written,
         settings: &Settings,
     ) -> Result<PairMask, CullError> {
+        let mut working = self.begin();
         let mut memory = self.replies.take();
         let options = CullOptions {
             engine: settings.engine,
@@ -183,6 +192,7 @@ impl Local {
             }
         };
         *lock(&self.last_pairs) = Some(answer.report.pair_count);
+        working.used(answer.threads);
         let n = BoxCount::new(objects.len() as u32);
         Ok(self.mask(memory, n, &answer, written, settings).with_worlds(worlds))
     }
@@ -194,12 +204,14 @@ impl Local {
         asked: &Asked<'_>,
         settings: &Settings,
     ) -> Result<PairMask, QueryError> {
+        let mut working = self.begin();
         let Asked { boxes, tags, encoding, mask } = *asked;
         let (mut memory, threads) = (self.replies.take(), PairScene::threads(scene.scene()));
         let mut found = self.found.take();
         let find = |found: &mut Vec<[u32; 2]>| scene.query(boxes, tags, found);
         let answer = mask.answer(boxes, encoding, threads, &mut found, &mut memory, find)?;
         self.found.give(found);
+        working.used(answer.threads);
         let written = Written::by(&Precision::Exact);
         Ok(self.mask(memory, mask.n(), &answer, written, settings))
     }

@@ -40,6 +40,7 @@ mod link;
 mod local;
 mod margined;
 mod narrow;
+mod pace;
 mod pairs;
 mod pending;
 mod scene;

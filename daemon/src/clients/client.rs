@@ -1,12 +1,11 @@
 //! A client: one session, through however many ports.
 
-use std::time::Duration;
-
 use iceoryx2::port::notifier::ListenerKey;
 use iceoryx2::prelude::CallbackProgression;
 use pairmask_transport::{WakeClient, listener_name};
 
 use super::scenes::KeptScene;
+use super::work::LastWork;
 use crate::execute::Executor;
 
 /// What is kept of a client. Everything that belongs to one session and outlives a request goes here.
@@ -18,45 +17,23 @@ pub(super) struct Client {
     pub(super) listener: Option<ListenerKey>,
     /// Pairs in its last frame, once it had one.
     pub(super) last_pairs: Option<u64>,
-    /// Objects and work of its last frame, once it had one.
-    pub(super) last_work: Option<FrameWork>,
+    /// What its last requests took.
+    pub(super) last_work: LastWork,
     /// Its engines, while no frame of it is being culled.
     pub(super) engines: Option<Box<Executor>>,
     /// Its scenes, but for one that is being changed.
     pub(super) scenes: Vec<KeptScene>,
 }
 
-/// What a frame took.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct FrameWork {
-    /// Objects.
-    pub(crate) objects: u32,
-    /// Time on one core.
-    pub(crate) work: Duration,
-    /// Its need of the GPU.
-    pub(crate) gpu: GpuNeed,
-}
-
-/// Whether a frame is to be left to the GPU.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum GpuNeed {
-    /// A core serves it about as soon, or sooner.
-    None,
-    /// A core would take much longer, and it fills a submission.
-    Alone,
-    /// A core would take much longer, and it is small enough to share a submission with others.
-    Shared,
-}
-
 impl Client {
     /// A client of which nothing is known yet.
-    pub(super) const fn new(session: u128) -> Self {
+    pub(super) fn new(session: u128) -> Self {
         Self {
             session,
             looked_at: 0,
             listener: None,
             last_pairs: None,
-            last_work: None,
+            last_work: LastWork::default(),
             engines: None,
             scenes: Vec::new(),
         }

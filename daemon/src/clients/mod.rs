@@ -6,23 +6,20 @@
 mod client;
 mod known;
 mod scenes;
+mod work;
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
 
 use pairmask_transport::{Sender, WakeClient};
 use pairmask_wire::SceneId;
 
-pub(crate) use self::client::FrameWork;
-pub use self::client::GpuNeed;
 use self::client::find_listener;
 use self::known::Known;
 pub(crate) use self::scenes::{KeptScene, NoRoom, PendingBoxes, SceneMemory, SceneRoom};
+pub use self::work::GpuNeed;
+use self::work::LastWork;
+pub(crate) use self::work::{FrameWork, RequestKind};
 use crate::execute::Executor;
-
-/// Work that is expected of an object where nothing is known of its session: what the engines take
-/// on one core where boxes overlap few others, or less. A scene that takes longer is known after a frame.
-const WORK_AN_OBJECT: Duration = Duration::from_nanos(100);
 
 /// The clients, and the port that wakes them.
 pub(crate) struct Clients {
@@ -46,23 +43,21 @@ impl Clients {
         self.known().of(session).last_pairs = Some(pair_count);
     }
 
-    /// Notes what a session's frame took.
-    pub(crate) fn note_work(&self, session: u128, work: FrameWork) {
-        self.known().of(session).last_work = Some(work);
+    /// Notes what a session's request took.
+    pub(crate) fn note_work(&self, session: u128, kind: RequestKind, work: FrameWork) {
+        self.known().of(session).last_work.note(kind, work);
     }
 
-    /// What is expected of a session's frame of so many objects: as its last one, and more in proportion
-    /// where it has more objects.
-    pub(crate) fn expected_work(&self, session: u128, objects: u32) -> FrameWork {
-        let expected = |last: FrameWork| {
-            let times = f64::from(objects).max(1.0) / f64::from(last.objects).max(1.0);
-            FrameWork { objects, work: last.work.mul_f64(times), ..last }
-        };
-        let last = self.known().find(session).and_then(|client| client.last_work);
-        last.map_or(
-            FrameWork { objects, work: WORK_AN_OBJECT * objects, gpu: GpuNeed::None },
-            expected,
-        )
+    /// What is expected of a session's request with so many objects.
+    pub(crate) fn expected_work(
+        &self,
+        session: u128,
+        kind: RequestKind,
+        objects: u32,
+    ) -> FrameWork {
+        let known = self.known();
+        let expected = known.find(session).map(|client| client.last_work.expected(kind, objects));
+        expected.unwrap_or_else(|| LastWork::default().expected(kind, objects))
     }
 
     /// Takes a session's engines, which no other thread has meanwhile. `None` where it has none yet.

@@ -12,6 +12,7 @@ mod scene;
 mod shared;
 mod status;
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -196,6 +197,11 @@ impl Responder {
         self.culls.tidy();
         self.outbox.tidy();
         self.shared.tidy(&self.outbox);
+    }
+
+    /// The processes of clients.
+    pub fn client_processes(&self) -> BTreeSet<u32> {
+        self.outbox.client_processes()
     }
 
     /// What the daemon has done so far.

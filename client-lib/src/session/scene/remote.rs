@@ -14,7 +14,7 @@ use pairmask_core::dispatch::CpuEngines;
 use pairmask_core::mask::MaskView;
 use pairmask_core::precision::Precision;
 use pairmask_core::scene::{
-    Edit, FilteredScene, Scene, SceneCopy, SceneError, SceneOptions, Step, Told, Want,
+    Edit, FilteredScene, PairScene, Scene, SceneCopy, SceneError, SceneOptions, Step, Told, Want,
 };
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
@@ -471,7 +471,12 @@ impl RemoteScene {
 
     /// Applies an edit in this process, where the scene is made from the copy if need be.
     fn edit_here(&mut self, edit: Edit<'_>, want: Want) -> Result<(), CommitError> {
-        self.here()?.edit_expanded(edit, want).map(drop).map_err(commit_error)
+        let core = Arc::clone(&self.core);
+        let mut working = core.begin_here();
+        let scene = self.here()?;
+        let edited = scene.edit_expanded(edit, want).map(drop).map_err(commit_error);
+        working.may_have_used(PairScene::threads(scene.scene()));
+        edited
     }
 
     /// The scene of this process, which is made from the copy if need be.

@@ -13,7 +13,6 @@
 //! ```text
 //! crew      how many lanes are awake                   (pure)
 //! patience  how long they spin for the next request    (pure)
-//! rhythm    when a steady client's next frame is due    (pure)
 //! desk      whose turn it is, with how many threads    (pure)
 //! mod       the lanes
 //! ```
@@ -21,24 +20,24 @@
 mod crew;
 mod desk;
 mod patience;
-mod rhythm;
 
 use std::sync::atomic::{AtomicBool, Ordering, fence};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, TryLockError};
 use std::thread::Thread;
 use std::time::{Duration, Instant};
 
+use pairmask_core::rhythm::MOST_ENGINES_AWAKE;
 use pairmask_core::spinner::Spinner;
 use pairmask_transport::{JANITOR_INTERVAL, Sender, StatusFile, WakeDaemon, sleep_until};
 
 use self::crew::Crew;
 use self::desk::{Arrived, Desk, Task};
 use self::patience::{LONGEST_SLEEP, Rest};
-use self::rhythm::MOST_ENGINES_AWAKE;
+
 use super::janitor::Janitor;
-use super::placement::Placement;
+use super::placement::{Placement, Seat};
 use super::{ServeError, ServeSettings};
-use crate::clients::FrameWork;
+use crate::clients::{FrameWork, RequestKind};
 use crate::execute::EnginePool;
 use crate::ingest::{Inbox, Incoming, Intake};
 use crate::requests::{Responder, Served};
@@ -80,12 +79,15 @@ struct Lead {
 #[derive(Clone, Copy)]
 struct Asked {
     sender: Sender,
+    kind: RequestKind,
     objects: u32,
 }
 
 impl Asked {
     fn of(incoming: &Incoming) -> Self {
-        Self { sender: incoming.sender, objects: incoming.request.header().box_count }
+        let header = incoming.request.header();
+        let kind = RequestKind::of(header);
+        Self { sender: incoming.sender, kind, objects: header.box_count }
     }
 }
 
@@ -133,7 +135,7 @@ impl<'a> Lanes<'a> {
         }
     }
 
-    /// The same lanes, on these cores.
+    /// The same lanes, on the cores that this leaves to them.
     pub(super) fn placed(self, placement: Placement) -> Self {
         Self { placement, ..self }
     }
@@ -170,12 +172,19 @@ impl<'a> Lanes<'a> {
         })
     }
 
-    /// Gives up what belonged to clients that are gone, now and then. On a thread of its own: to free a large scene, or
-    /// to take the boxes of a dead writer out of one, takes a while.
+    /// Gives up what belonged to clients that are gone, now and then, and leaves those that are there their cores. On a
+    /// thread of its own: to free a large scene, or to take the boxes of a dead writer out of one, takes a while.
     fn tidy_until_stopped(&self) {
         let _end = EndWithPanic;
+        let mut looked_at = 0;
         while !self.stop.load(Ordering::Relaxed) {
             self.responder.tidy();
+            // Idle clients are in nobody's way, and a look at many takes a while.
+            let frames = self.responder.status().frames;
+            if frames != looked_at {
+                looked_at = frames;
+                self.placement.look(&self.responder.client_processes());
+            }
             std::thread::park_timeout(JANITOR_INTERVAL);
         }
     }
@@ -184,8 +193,9 @@ impl<'a> Lanes<'a> {
         let _end = EndWithPanic;
         // Nothing else sets it.
         let _ = self.threads[lane].set(std::thread::current());
-        self.placement.enter();
+        let mut seat = Seat::of_this_thread();
         while !self.stop.load(Ordering::Relaxed) {
+            self.placement.take(&mut seat);
             match self.lead.try_lock() {
                 Ok(mut lead) => {
                     self.is_led.store(true, Ordering::Relaxed);
@@ -370,9 +380,8 @@ impl<'a> Lanes<'a> {
         }
         let now = Instant::now();
         for incoming in arrived.drain(..) {
-            let objects = incoming.request.header().box_count;
-            let session = incoming.sender.session;
-            let expected = self.responder.clients().expected_work(session, objects);
+            let Asked { sender, kind, objects } = Asked::of(&incoming);
+            let expected = self.responder.clients().expected_work(sender.session, kind, objects);
             self.desk().put(Arrived { incoming, expected }, now);
         }
         true
@@ -415,7 +424,7 @@ impl<'a> Lanes<'a> {
         let work = served.on_one_core.unwrap_or(took);
         if served.is_frame {
             let work = FrameWork { objects: asked.objects, work, gpu: served.gpu };
-            self.responder.clients().note_work(asked.sender.session, work);
+            self.responder.clients().note_work(asked.sender.session, asked.kind, work);
         }
         self.desk().note_used(asked.sender, served.threads, took * served.threads as u32);
     }

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use super::rhythm::{Rhythm, Wake};
+use pairmask_core::rhythm::{Rhythm, Wake};
 
 /// A client that came back within this time is waited for as long. Spinning for a gap costs as much of a core as the gap is long, and spares what a
 /// wake-up takes on both sides, 40 to 100 µs, and the sleep of the engines' threads.

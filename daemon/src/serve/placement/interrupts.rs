@@ -1,66 +1,18 @@
-//! Which cores lanes run on: none that serves the interrupts of a GPU, where the machine tells which those are.
+//! The cores that serve the interrupts of GPUs, where the kernel names them.
 //!
 //! A lane that waits for a GPU on such a core shares it with the driver (an H200: a frame of 1,000 boxes took 58 µs in
-//! place of 29). The scheduler knows nothing of that, since interrupts are no threads. Threads of clients it knows:
-//! it keeps lanes away from them by itself.
+//! place of 29). The scheduler knows nothing of that, since interrupts are no threads.
 
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 
-use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
-
-/// Of so many cores of lanes one may be left to interrupts: more is worth more to the lanes.
-const CORES_A_SERVING_ONE: usize = 4;
-
-/// The cores of lanes.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Placement {
-    /// `None` leaves it to the scheduler.
-    cores: Option<CpuSet>,
-}
-
-impl Placement {
-    /// For lanes beside these GPUs, by their PCI addresses.
-    pub fn beside(gpus: &[String]) -> Self {
-        if gpus.is_empty() {
-            return Self::default();
-        }
-        let Ok(allowed) = sched_getaffinity(None) else { return Self::default() };
-        let mine: BTreeSet<usize> =
-            (0..CpuSet::MAX_CPU).filter(|core| allowed.is_set(*core)).collect();
-        let serving = serving_cores(Path::new("/"), gpus);
-        let Some(left) = left_to_lanes(&mine, &serving) else { return Self::default() };
-        log::info!("lanes keep off the cores that serve the interrupts of GPUs: {serving:?}");
-        let mut cores = CpuSet::new();
-        for core in left {
-            cores.set(core);
-        }
-        Self { cores: Some(cores) }
-    }
-
-    /// Places the calling thread.
-    pub fn enter(&self) {
-        let Some(cores) = &self.cores else { return };
-        if let Err(error) = sched_setaffinity(None, cores) {
-            // A core has gone since: the scheduler places it.
-            log::debug!("a lane stays where it is: {error}");
-        }
-    }
-}
-
-/// The cores that are left to lanes of those that this process may use, where some serve interrupts; `None` where
-/// none does, or too many do to go without them.
-fn left_to_lanes(mine: &BTreeSet<usize>, serving: &BTreeSet<usize>) -> Option<BTreeSet<usize>> {
-    let given_up = mine.intersection(serving).count();
-    let is_worth_it = given_up > 0 && given_up * CORES_A_SERVING_ONE <= mine.len();
-    is_worth_it.then(|| mine.difference(serving).copied().collect())
-}
+use rustix::thread::CpuSet;
 
 /// The cores that serve interrupts of devices with these PCI addresses, by what the kernel says below `root`. Where it
 /// says nothing, none; and none for interrupts that have not come: a device has one for each of many cores, and uses
 /// few of them.
-fn serving_cores(root: &Path, gpus: &[String]) -> BTreeSet<usize> {
+pub(super) fn serving_cores(root: &Path, gpus: &[String]) -> BTreeSet<usize> {
     let counts = fs::read_to_string(root.join("proc/interrupts")).unwrap_or_default();
     let interrupts = gpus.iter().filter(|address| !address.is_empty()).flat_map(|address| {
         // Named by their numbers.
@@ -146,31 +98,5 @@ mod tests {
         // A software adapter has no address; others may have no interrupts, or be no device.
         assert_eq!(of(&["", "0000:99:00.0"]), [0usize; 0]);
         assert_eq!(of(&[]), [0usize; 0]);
-    }
-
-    #[test]
-    fn lanes_give_up_few_cores_or_none() {
-        let set = |cores: std::ops::Range<usize>| cores.collect::<BTreeSet<_>>();
-        assert_eq!(left_to_lanes(&set(0..16), &set(3..4)), Some(&set(0..16) - &set(3..4)));
-        assert_eq!(left_to_lanes(&set(0..4), &set(0..1)), Some(set(1..4)));
-        assert_eq!(left_to_lanes(&set(0..2), &set(0..1)), None, "half of them");
-        assert_eq!(left_to_lanes(&set(0..16), &set(0..16)), None, "the machine does not tell");
-        assert_eq!(left_to_lanes(&set(0..16), &set(20..24)), None, "cores of others");
-        assert_eq!(left_to_lanes(&set(0..16), &set(0..0)), None);
-    }
-
-    #[test]
-    fn a_placed_thread_runs_on_its_cores_alone() {
-        let allowed = sched_getaffinity(None).expect("this thread's cores");
-        let first = (0..CpuSet::MAX_CPU).find(|core| allowed.is_set(*core)).expect("a core");
-        let mut one = CpuSet::new();
-        one.set(first);
-        let placed = std::thread::spawn(move || {
-            Placement { cores: Some(one) }.enter();
-            sched_getaffinity(None).expect("this thread's cores")
-        });
-        assert_eq!(placed.join().expect("no panic"), one);
-        Placement::default().enter();
-        assert_eq!(sched_getaffinity(None).expect("this thread's cores"), allowed);
     }
 }

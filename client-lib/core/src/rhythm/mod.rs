@@ -34,37 +34,37 @@ const SHORTEST: Duration = Duration::from_micros(80);
 /// Threads that are kept awake for a frame that is due, the one that waits for it included, however many
 /// its engine uses: a frame begins with these, and they wake the others. All of 16 took a tenth of a core
 /// at 60 Hz.
-pub(super) const MOST_ENGINES_AWAKE: usize = 4;
+pub const MOST_ENGINES_AWAKE: usize = 4;
 /// Clients that are remembered. The one that was silent longest makes room.
 const MOST_CLIENTS: usize = 64;
 
 /// When a thread sleeps, and when it spins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Wake {
+pub struct Wake {
     /// Sleep until then unless a request comes; it may have passed.
-    pub(super) sleep_until: Instant,
+    pub sleep_until: Instant,
     /// When the first request may come.
-    pub(super) expected: Instant,
+    pub expected: Instant,
     /// Then spin until here.
-    pub(super) spin_until: Instant,
+    pub spin_until: Instant,
 }
 
 impl Wake {
     /// Whether it is time to spin.
-    pub(super) fn is_awake(&self, now: Instant) -> bool {
+    pub fn is_awake(&self, now: Instant) -> bool {
         self.sleep_until <= now && now < self.spin_until
     }
 
     /// When to have the engine threads that the next frame needs awake: later than the thread that
     /// waits for its request, since there may be many.
-    pub(super) fn engines_at(&self) -> Instant {
+    pub fn engines_at(&self) -> Instant {
         self.sleep_until.max(self.expected.checked_sub(ENGINES_LEAD).unwrap_or(self.expected))
     }
 }
 
 /// The rhythms of clients that one thread serves. `C` tells clients apart.
 #[derive(Clone, Debug)]
-pub(super) struct Rhythm<C> {
+pub struct Rhythm<C> {
     clients: Vec<(C, Pulse)>,
 }
 
@@ -76,7 +76,7 @@ impl<C> Default for Rhythm<C> {
 
 impl<C: PartialEq> Rhythm<C> {
     /// A request of a client came.
-    pub(super) fn note_request(&mut self, client: C, now: Instant) {
+    pub fn note_request(&mut self, client: C, now: Instant) {
         if let Some((_, pulse)) = self.clients.iter_mut().find(|(known, _)| *known == client) {
             return pulse.note(now);
         }
@@ -89,9 +89,14 @@ impl<C: PartialEq> Rhythm<C> {
         self.clients.push((client, Pulse::new(now)));
     }
 
+    /// Whether the rhythm of a client is known.
+    pub fn is_known(&self) -> bool {
+        self.clients.iter().any(|(_, pulse)| pulse.beat().is_some())
+    }
+
     /// When to be awake next: now, where `sleep_until` has passed. `None` where no client is expected;
     /// then sleep until a request comes.
-    pub(super) fn next_wake(&self, now: Instant) -> Option<Wake> {
+    pub fn next_wake(&self, now: Instant) -> Option<Wake> {
         let budget = self.budget(now);
         let mut windows: Vec<Wake> =
             self.clients.iter().filter_map(|(_, pulse)| window(pulse, budget, now)).collect();
