@@ -13,7 +13,7 @@ pub(crate) const STRIP_COLUMNS: usize = 16;
 
 /// Strips tested at a time: 10 KiB of addresses and answers, which with the keys of a few hundred
 /// rows stay in the first-level cache.
-pub(super) const BATCH_STRIPS: usize = 1024;
+pub(crate) const BATCH_STRIPS: usize = 1024;
 
 /// Strips that [`StripBatch::push_group`] copies at a time, wanted or not.
 pub(crate) const GROUP: usize = 8;

@@ -35,7 +35,7 @@ mod words_avx2;
 #[cfg(target_arch = "x86_64")]
 mod words_avx512;
 
-pub(crate) use batch::{GROUP, STRIP_COLUMNS, StripBatch, StripGroup};
+pub(crate) use batch::{BATCH_STRIPS, GROUP, STRIP_COLUMNS, StripBatch, StripGroup};
 pub(crate) use block::{BLOCK_LANES, RowBlock, RowSet};
 pub(crate) use fan_out::{Split, in_parts, part_count};
 pub(crate) use ordered::{KeyArraysMut, OrderedBoxes};

@@ -9,12 +9,13 @@ use std::ops::Range;
 use super::super::level::{Level, Reach};
 use super::super::neighbours::REACH_X;
 use super::{RowTask, Scene};
-use crate::engine::strips::{GROUP, STRIP_COLUMNS, StripGroup};
+use crate::engine::strips::{BATCH_STRIPS, GROUP, STRIP_COLUMNS, StripGroup};
 
 /// Cells that are cut together: 2 KiB of strips.
 const CELLS: usize = 16;
 /// Most rows of these cells: a batch that is empty has room for all of their strips.
 const ROWS: u32 = 96;
+const _: () = assert!(ROWS as usize * GROUP < BATCH_STRIPS);
 /// Most strips of a cell, so that those of a row are a group with the one of its own line.
 const STRIPS: usize = GROUP - 1;
 /// Columns that two strips hold: those of a run are written at a time, wanted or not.
