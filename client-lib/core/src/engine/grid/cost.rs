@@ -6,13 +6,13 @@ use crate::stats::SceneStats;
 
 terms! {
     /// A frame.
-    FRAME = CostTerm::new("grid-frame", 2_228.0);
+    FRAME = CostTerm::new("grid-frame", 1_300.0);
     /// A box that is looked at to lay out the cells.
-    SAMPLE = CostTerm::new("grid-sample", 36.1);
+    SAMPLE = CostTerm::new("grid-sample", 13.0);
     /// More for a box that is looked at where sizes differ so much that levels are chosen.
     LEVELS = CostTerm::new("grid-levels", 13.1);
     /// A box.
-    BOX = CostTerm::by_lanes("grid-box", 26.5);
+    BOX = CostTerm::by_lanes("grid-box", 25.5);
     /// A box and doubling of a scene above what the caches hold.
     SPILL = CostTerm::new("grid-spill", 2.93);
     /// A box and doubling of the large sizes over the median.

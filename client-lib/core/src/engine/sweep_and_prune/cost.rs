@@ -8,7 +8,7 @@ terms! {
     /// A frame.
     FRAME = CostTerm::new("sap-frame", 390.0);
     /// A box: read, sorted, put in order.
-    BOX = CostTerm::new("sap-box", 17.2);
+    BOX = CostTerm::new("sap-box", 14.8);
     /// A box and doubling of a scene above what the caches hold.
     SPILL = CostTerm::new("sap-spill", 6.56);
     /// A pair of a sweep's window.
