@@ -30,6 +30,8 @@ const SHARED_EDIT: Duration = Duration::from_micros(200);
 /// The pace of a session's frames in process.
 #[derive(Default)]
 pub(super) struct Pace {
+    /// Whether several threads have shared a frame: until then there is nothing to follow.
+    is_followed: AtomicBool,
     shared: Arc<Shared>,
     thread: Mutex<Option<Caller>>,
 }
@@ -71,8 +73,8 @@ impl State {
 
 /// A frame under way.
 pub(super) struct Working<'a> {
-    /// `None` for a frame that a thread of a pool began.
-    pace: Option<&'a Pace>,
+    pace: &'a Pace,
+    is_followed: bool,
     began: Instant,
     threads: usize,
 }
@@ -91,8 +93,10 @@ impl Working<'_> {
 
 impl Drop for Working<'_> {
     fn drop(&mut self) {
-        if let Some(pace) = self.pace {
-            pace.end(self.threads);
+        if self.is_followed {
+            self.pace.end(self.threads);
+        } else if self.threads > 1 {
+            self.pace.is_followed.store(true, Ordering::Relaxed);
         }
     }
 }
@@ -101,15 +105,16 @@ impl Pace {
     /// A frame begins.
     pub(super) fn begin(&self) -> Working<'_> {
         let began = Instant::now();
-        if rayon::current_thread_index().is_some() {
-            // Of which pool cannot be told, and its thread is awake.
-            return Working { pace: None, began, threads: 1 };
+        // Of which pool a thread is cannot be told, and one that begins a frame is awake.
+        let is_followed =
+            self.is_followed.load(Ordering::Relaxed) && rayon::current_thread_index().is_none();
+        if is_followed {
+            let mut state = lock(&self.shared.state);
+            state.end_call();
+            state.at_work += 1;
+            state.rhythm.note_request((), began);
         }
-        let mut state = lock(&self.shared.state);
-        state.end_call();
-        state.at_work += 1;
-        state.rhythm.note_request((), began);
-        Working { pace: Some(self), began, threads: 1 }
+        Working { pace: self, is_followed, began, threads: 1 }
     }
 
     fn end(&self, threads: usize) {

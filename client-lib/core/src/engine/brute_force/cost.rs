@@ -5,17 +5,18 @@ use crate::engine::CostTerm;
 use crate::engine::cost::terms;
 use crate::stats::SceneStats;
 
+// With AVX2 and less: of an EPYC 7003 (Zen 3, AVX2), whose other terms are those of the built-in figures.
 terms! {
     /// A frame.
     FRAME = CostTerm::new("brute-frame", 366.0);
     /// A box.
-    BOX = CostTerm::new("brute-box", 11.9);
+    BOX = CostTerm::avx512_or("brute-box", 11.9, 20.0);
     /// A pair that is compared at once, there being too few boxes for bitmaps.
     DIRECT_TEST = CostTerm::by_lanes("brute-direct-test", 0.396);
     /// A frame with bitmaps.
-    BITMAP_FRAME = CostTerm::new("brute-bitmap-frame", 2_414.0);
+    BITMAP_FRAME = CostTerm::avx512_or("brute-bitmap-frame", 2_414.0, 3_300.0);
     /// More for a box with bitmaps.
-    BITMAP_BOX = CostTerm::new("brute-bitmap-box", 7.13);
+    BITMAP_BOX = CostTerm::avx512_or("brute-bitmap-box", 7.13, 13.0);
     /// A pair that is looked up in bitmaps.
     BITMAP_TEST = CostTerm::by_lanes("brute-bitmap-test", 0.0177);
     /// A pair that the bitmaps do not rule out and whose keys are compared.
