@@ -31,10 +31,6 @@ const SHARE_OF_ALL: u32 = 4;
 const WIDEST: u32 = 2;
 /// Less time than this is not worth a wake-up of its own.
 const SHORTEST: Duration = Duration::from_micros(80);
-/// Threads that are kept awake for a frame that is due, the one that waits for it included, however many
-/// its engine uses: a frame begins with these, and they wake the others. All of 16 took a tenth of a core
-/// at 60 Hz.
-pub const MOST_ENGINES_AWAKE: usize = 4;
 /// Clients that are remembered. The one that was silent longest makes room.
 const MOST_CLIENTS: usize = 64;
 
