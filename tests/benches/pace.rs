@@ -74,11 +74,11 @@ fn row(run: Run, intervals: Intervals) -> Result<(), Box<dyn Error>> {
     let start = due;
     for frame in 0..frames {
         scene.step();
-        let times_period = match intervals {
+        let periods = match intervals {
             Intervals::Steady => 1.0,
             Intervals::Unsteady => 0.5 + f64::from(random.unit()),
         };
-        due += Duration::from_secs_f64(times_period / rate);
+        due += Duration::from_secs_f64(periods / rate);
         std::thread::sleep(due.saturating_duration_since(Instant::now()));
         let took = time(&mut session, &scene)?;
         if frame >= frames / WARM_UP_SHARE {
