@@ -213,6 +213,12 @@ pub const fn order_key(bits: u32) -> i32 {
     key ^ (((key >> 31) as u32) >> 1) as i32
 }
 
+/// The coordinate of a key that is one of a number: the map to keys is its own inverse, but for −0.
+#[inline(always)]
+pub(crate) const fn coordinate(key: i32) -> f32 {
+    f32::from_bits(order_key(key as u32) as u32)
+}
+
 /// A box in order-preserving integer keys: what every engine compares.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C)]
@@ -249,7 +255,6 @@ impl KeyBox {
     /// A box with these keys, which are those of a solid one: the same box, but for +0 in place of −0.
     #[inline]
     pub fn to_box(&self) -> Aabb {
-        let coordinate = |key: i32| f32::from_bits(order_key(key as u32) as u32);
         Aabb { min: self.min.map(coordinate), max: self.max.map(coordinate) }
     }
 

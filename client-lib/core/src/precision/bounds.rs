@@ -5,7 +5,7 @@
 
 use rayon::prelude::*;
 
-use crate::aabb::{Aabb, BoxClass, KeyBox, order_key};
+use crate::aabb::{Aabb, BoxClass, KeyBox, coordinate, order_key};
 
 /// Boxes that one task of [`Bounds::around`] reads: fewer take less time than a task costs.
 const TASK_BOXES: usize = 16_384;
@@ -73,7 +73,7 @@ impl Bounds {
         // Only the key of +0 is 0.
         let corner = |key: i32, axis: usize| {
             let key = if low[axis] <= high[axis] { key } else { 0 };
-            f32::from_bits(order_key(key as u32) as u32)
+            coordinate(key)
         };
         let corner_of = |keys: [i32; 3]| std::array::from_fn(|axis| corner(keys[axis], axis));
         Self { low: corner_of(low), high: corner_of(high) }

@@ -4,7 +4,7 @@
 #![allow(clippy::needless_bitwise_bool)]
 
 use super::level::Level;
-use crate::aabb::{Aabb, KeyBox, order_key};
+use crate::aabb::{Aabb, KeyBox, coordinate};
 use crate::engine::ingest;
 use crate::engine::{AvailableIsa, Census};
 
@@ -75,12 +75,6 @@ fn home_of(keys: &BlockKeys, i: usize, levels: &[Level]) -> u32 {
     let found = levels.iter().find_map(|level| level.home(min, max));
     let (cell, reach) = found.unwrap_or((levels[levels.len() - 1].first_cell, 0));
     cell | u32::from(reach) << REACH_SHIFT
-}
-
-/// The coordinate of a key: the map to keys is its own inverse, but for −0.
-#[inline(always)]
-pub(super) fn coordinate(key: i32) -> f32 {
-    f32::from_bits(order_key(key as u32) as u32)
 }
 
 /// Gives a home to every box that has none and that the level takes.

@@ -10,7 +10,7 @@ use super::cell_strips::{CellStrips, in_stages};
 use super::level::{Level, Reach};
 use super::neighbours::{LaterLines, REACH_X, folded};
 use super::sort::SortedBoxes;
-use crate::aabb::order_key;
+use crate::aabb::coordinate;
 use crate::engine::gather::Gather;
 use crate::engine::strips::{GROUP, RowBlock, StripBatch, WordSink};
 
@@ -256,10 +256,7 @@ impl RowTask {
     /// it covers, so that a giant costs about as much as it has pairs.
     fn push_finer(&mut self, scene: Scene<'_>, finer: &[Level], row: u32) {
         let keys = scene.sorted.boxes.keys();
-        let coordinate = |component: usize| {
-            // The map to keys is its own inverse, but for −0.
-            f32::from_bits(order_key(keys[component][row as usize] as u32) as u32)
-        };
+        let coordinate = |component: usize| coordinate(keys[component][row as usize]);
         let min: [f32; 3] = std::array::from_fn(coordinate);
         let max: [f32; 3] = std::array::from_fn(|axis| coordinate(3 + axis));
         // From coarse to fine: in the order of positions.

@@ -120,10 +120,7 @@ impl StripBatch {
     /// An empty run costs no strip and no branch. There must be [`Self::room`].
     #[inline(always)]
     pub fn push(&mut self, row: u32, start: u32, end: u32) -> u32 {
-        let mut places = self.places();
-        let next = places.push(row, start, end);
-        self.len = places.len;
-        next
+        self.push_all(|places| places.push(row, start, end))
     }
 
     /// Adds up to [`GROUP`] strips at the price of two. There must be [`Self::room`] for them.
@@ -134,16 +131,12 @@ impl StripBatch {
 
     /// Has `push` add strips. There must be [`Self::room`] for all of them.
     #[inline(always)]
-    pub fn push_all(&mut self, push: impl FnOnce(&mut StripPlaces<'_>)) {
-        let mut places = self.places();
-        push(&mut places);
-        self.len = places.len;
-    }
-
-    #[inline(always)]
-    fn places(&mut self) -> StripPlaces<'_> {
+    pub fn push_all<R>(&mut self, push: impl FnOnce(&mut StripPlaces<'_>) -> R) -> R {
         let Self { rows, starts, lanes, len, .. } = self;
-        StripPlaces { rows, starts, lanes, len: *len }
+        let mut places = StripPlaces { rows, starts, lanes, len: *len };
+        let pushed = push(&mut places);
+        *len = places.len;
+        pushed
     }
 
     /// Whether there is no strip.

@@ -9,7 +9,7 @@
 // `&` instead of `&&`: a branch would keep the search for bounds from being compiled to SIMD.
 #![allow(clippy::needless_bitwise_bool)]
 
-use crate::aabb::order_key;
+use crate::aabb::{coordinate, order_key};
 
 /// Min key (in the upper half) and index of a box. Sorts as a number.
 type Entry = u64;
@@ -159,10 +159,6 @@ fn even_buckets(min: &[i32], bucket_count: usize) -> Option<(f32, f32)> {
     let (low, high) = (coordinate(low), coordinate(high));
     let scale = (bucket_count - 1) as f32 / (high - low);
     (scale.is_finite() && scale > 0.0).then_some((low, scale))
-}
-
-fn coordinate(key: i32) -> f32 {
-    f32::from_bits(order_key(key as u32) as u32)
 }
 
 /// Insertion sort, given up where entries move so far that the whole would take too long; whether it came
