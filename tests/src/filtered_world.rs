@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use pairmask_core::Aabb;
 use pairmask_core::filters::{Filter, FilterId, FilterTable, Owner, Tag, World};
 use pairmask_core::scene::{Edit, Ended};
-use pairmask_core::scene::{EndReason, FilteredScene, Sets, Step, Tags, Told, Want};
+use pairmask_core::scene::{EndReason, Scene, Sets, Step, Tags, Told, Want};
 
 type Pair = [u32; 2];
 
@@ -308,7 +308,7 @@ pub trait RuledScene {
     fn lose(&mut self);
 }
 
-impl RuledScene for FilteredScene {
+impl RuledScene for Scene {
     fn edit(&mut self, steps: &[Step<'_>], want: Want, takes: bool) -> ToldPairs {
         let told = Self::edit(self, Edit { steps }, want).expect("a right edit").into();
         if takes {
