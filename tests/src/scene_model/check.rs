@@ -1,0 +1,211 @@
+//! A script, played on a scene and on the model.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+use super::model::{Heard, Listener, Model};
+use super::script::{AtEnd, Event, Fate, Hears, Script, Turn};
+
+/// A scene that is held to the model. Scripts are right: whatever it refuses is a failure.
+pub trait Subject {
+    /// Applies edits: of one member, or one of each. Returns for each the number of its tick and what was told,
+    /// if it was waited for.
+    ///
+    /// # Errors
+    /// What went wrong.
+    fn tick(&mut self, turns: &[Turn]) -> Result<Vec<(u64, Option<Heard>)>, String>;
+
+    /// The listener has lost its pairs.
+    fn invalidate(&mut self) {}
+
+    /// A member joins, and leases a range.
+    ///
+    /// # Errors
+    /// What went wrong.
+    fn join(&mut self, _member: u32, _hears: Hears, _own: Range<u32>) -> Result<(), String> {
+        Err("not shared".into())
+    }
+
+    /// A member leaves.
+    fn leave(&mut self, _member: u32) {}
+
+    /// Whether any changes may come as a resync, as where daemons are killed.
+    fn may_resync(&self) -> bool {
+        false
+    }
+
+    /// Boxes, where it knows.
+    fn len(&self) -> Option<usize> {
+        None
+    }
+}
+
+/// Where a scene differs from the model.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Failure {
+    /// The event.
+    pub event: usize,
+    /// What differs first.
+    pub kind: &'static str,
+    /// How.
+    pub text: String,
+}
+
+/// How much was compared.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Seen {
+    /// Edits.
+    pub edits: usize,
+    /// Pairs that ended, by reason.
+    pub ended: [usize; 3],
+    /// Resyncs.
+    pub resyncs: usize,
+    /// Pairs that began, and pairs of now.
+    pub pairs: usize,
+}
+
+impl Seen {
+    /// Both.
+    pub fn add(&mut self, other: Self) {
+        self.edits += other.edits;
+        self.resyncs += other.resyncs;
+        self.pairs += other.pairs;
+        self.ended.iter_mut().zip(other.ended).for_each(|(sum, count)| *sum += count);
+    }
+
+    fn note(&mut self, heard: &Heard) {
+        self.resyncs += usize::from(heard.is_resync);
+        self.pairs += heard.begun.len() + heard.pairs.len();
+        heard.ended.iter().for_each(|ended| self.ended[ended.reason as usize] += 1);
+    }
+}
+
+/// What differs first between two answers.
+fn difference(heard: &Heard, expected: &Heard) -> Option<(&'static str, String)> {
+    fn first<T: PartialEq + std::fmt::Debug>(heard: &[T], expected: &[T]) -> Option<String> {
+        let longest = heard.len().max(expected.len());
+        let at = (0..longest).find(|at| heard.get(*at) != expected.get(*at))?;
+        let [h, e] = [heard.get(at), expected.get(at)];
+        Some(format!("{h:?} for {e:?} at {at} of {} for {}", heard.len(), expected.len()))
+    }
+    if heard.is_resync != expected.is_resync {
+        return Some(("resync", format!("{} for {}", heard.is_resync, expected.is_resync)));
+    }
+    let lists = [
+        ("pairs", first(&heard.pairs, &expected.pairs)),
+        ("begun", first(&heard.begun, &expected.begun)),
+        ("ended", first(&heard.ended, &expected.ended)),
+    ];
+    let list = lists.into_iter().find_map(|(kind, text)| Some((kind, text?)));
+    let counts = (heard.pair_count, expected.pair_count);
+    list.or_else(|| {
+        (counts.0 != counts.1).then(|| ("count", format!("{:?} for {:?}", counts.0, counts.1)))
+    })
+}
+
+/// The model, and who listens.
+#[derive(Default)]
+struct Play {
+    model: Model,
+    listeners: BTreeMap<u32, Listener>,
+    memberships: u64,
+    seen: Seen,
+}
+
+/// Plays a script, and compares every answer.
+///
+/// # Errors
+/// What differs first.
+pub fn check(script: &Script, subject: &mut dyn Subject) -> Result<Seen, Failure> {
+    let mut play = Play::default();
+    if script.shared.is_none() {
+        play.listeners.insert(0, Listener::new(0, false, None));
+    }
+    for (event, happens) in script.events.iter().enumerate() {
+        play.event(script, happens, subject).map_err(|(kind, text)| Failure {
+            event,
+            kind,
+            text: format!("event {event}: {kind}: {text}"),
+        })?;
+    }
+    Ok(play.seen)
+}
+
+impl Play {
+    fn event(
+        &mut self,
+        script: &Script,
+        event: &Event,
+        subject: &mut dyn Subject,
+    ) -> Result<(), (&'static str, String)> {
+        match event {
+            Event::Join(member, hears) => {
+                let own = script.own(*member);
+                let told_of = (*hears == Hears::Own).then(|| own.clone());
+                self.memberships += 1;
+                self.listeners.insert(*member, Listener::new(self.memberships, true, told_of));
+                subject.join(*member, *hears, own).map_err(|error| ("refused", error))
+            }
+            Event::Leave(member) => {
+                self.listeners.remove(member);
+                if script.shared == Some(AtEnd::Remove) {
+                    self.model.clear(script.own(*member));
+                }
+                subject.leave(*member);
+                Ok(())
+            }
+            Event::Invalidate => {
+                subject.invalidate();
+                self.listeners.values_mut().for_each(|listener| listener.is_lost = true);
+                Ok(())
+            }
+            Event::Tick(turns) => {
+                let told = subject.tick(turns).map_err(|error| ("refused", error))?;
+                // One that came too late under load is part of the next tick.
+                let mut by_tick: BTreeMap<u64, Vec<(&Turn, Option<Heard>)>> = BTreeMap::new();
+                for (turn, (tick, heard)) in turns.iter().zip(told) {
+                    by_tick.entry(tick).or_default().push((turn, heard));
+                }
+                let may_resync = subject.may_resync();
+                by_tick.into_values().try_for_each(|told| self.tick(told, may_resync))?;
+                match subject.len() {
+                    Some(len) if len != self.model.len() => {
+                        Err(("boxes", format!("{len} for {}", self.model.len())))
+                    }
+                    _ => Ok(()),
+                }
+            }
+        }
+    }
+
+    fn tick(
+        &mut self,
+        told: Vec<(&Turn, Option<Heard>)>,
+        may_resync: bool,
+    ) -> Result<(), (&'static str, String)> {
+        let named = told
+            .iter()
+            .map(|(turn, _)| self.model.apply(self.listeners[&turn.member].id, &turn.ops));
+        let named: Vec<_> = named.collect();
+        let now = self.model.pairs();
+        for ((turn, heard), named) in told.into_iter().zip(named) {
+            self.seen.edits += 1;
+            let listener = self.listeners.get_mut(&turn.member).expect("it has joined");
+            if let Some(heard) = heard {
+                listener.is_lost |= may_resync && heard.is_resync;
+                let expected = listener.expects(&self.model, &now, &named, turn.mode);
+                if let Some((kind, text)) = difference(&heard, &expected) {
+                    return Err((
+                        kind,
+                        format!("{text}, {:?} of member {}", turn.mode, turn.member),
+                    ));
+                }
+                self.seen.note(&heard);
+            }
+            if turn.fate == Fate::Acknowledged {
+                listener.acknowledge(&now, turn.mode);
+            }
+        }
+        Ok(())
+    }
+}

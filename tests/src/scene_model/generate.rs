@@ -1,0 +1,286 @@
+//! Random scripts of a seed.
+//!
+//! Each seed draws which verbs there are at all, how many indices, and how boxes lie: faults in corners are found
+//! by scripts that stay in few of them (Groce et al., "Swarm testing", 2012). Faults of first edits are found by
+//! many short scripts, not by a long one.
+
+use pairmask_core::Aabb;
+use pairmask_core::filters::{Filter, FilterId, Owner, Tag, World};
+
+use super::script::{AtEnd, Event, Fate, Hears, Mode, Op, Script, Turn};
+use crate::stress_scenes::Rng;
+
+/// What a script is of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Few indices, many corners.
+    Small,
+    /// Some hundred boxes in one place, told apart by filters: changes by the thousand.
+    Crowd,
+    /// 200 to 6,000 boxes, of which few or many change: beyond the borders between the ways of searching.
+    Large,
+    /// Several members.
+    Shared,
+}
+
+/// Verbs that a script may have.
+const VERBS: usize = 8;
+/// Members of a shared scene, at most.
+pub(super) const MEMBERS: u32 = 3;
+
+struct Maker {
+    random: Rng,
+    kind: Kind,
+    limit: u32,
+    /// Edge of the world, in quarters.
+    world: u32,
+    verbs: [bool; VERBS],
+    /// One box in so many overlaps nothing, or nearly all.
+    odd: u32,
+    /// Indices that the edit under way names often: faults are of several changes of one box.
+    focus: [u32; 2],
+    /// A member is late once in so many ticks; 0: never.
+    late: u32,
+}
+
+/// The script of a seed.
+pub fn script_of(kind: Kind, seed: u64) -> Script {
+    let mut random = Rng::new(seed);
+    let mut below = |n: u32| random.below(n.max(1));
+    let limit = match (kind, below(8)) {
+        (Kind::Small, 0..4) => 2 + below(4),
+        (Kind::Small, 4..7) => 4 + below(13),
+        (Kind::Small, _) => below(71),
+        (Kind::Crowd, _) => 60 + below(120),
+        (Kind::Large, 0) => 4_000 + below(2_001),
+        (Kind::Large, 1..4) => 800 + below(3_200),
+        (Kind::Large, _) => 200 + below(600),
+        (Kind::Shared, _) => 1 + below(4),
+    };
+    let world = match kind {
+        // About four overlaps a box.
+        Kind::Large => (4.0 * (limit as f32).cbrt() * (0.5 + below(4) as f32 / 2.0)) as u32 + 1,
+        Kind::Crowd => 1 + below(4),
+        Kind::Small | Kind::Shared => 1 + below(12) + limit,
+    };
+    let mut verbs = [(); VERBS].map(|()| below(5) < 3);
+    // Without boxes nothing happens.
+    verbs[SET] = true;
+    let late = [0, 0, 12, 3][below(4) as usize];
+    let odd = if limit > 100 { limit / 2 } else { 12 };
+    let events = match kind {
+        Kind::Small | Kind::Shared => 4 + below(24),
+        Kind::Crowd | Kind::Large => 4 + below(8),
+    };
+    let mut maker = Maker { random, kind, limit, world, verbs, odd, focus: [0; 2], late };
+    let shared = (kind == Kind::Shared).then(|| maker.one_of(&[AtEnd::Remove, AtEnd::Keep]));
+    let mut script = Script { limit, shared, events: Vec::new() };
+    for number in 0..events {
+        maker.event(&mut script, number);
+    }
+    script.repair();
+    script
+}
+
+const REMOVE: usize = 0;
+const SET: usize = 1;
+const SWITCH: usize = 2;
+const STATIC: usize = 3;
+const TAG: usize = 4;
+const FILTERS: usize = 5;
+const LISTS: usize = 6;
+const RENEW: usize = 7;
+
+impl Maker {
+    fn below(&mut self, end: u32) -> u32 {
+        self.random.below(end.max(1))
+    }
+
+    fn one_in(&mut self, n: u32) -> bool {
+        self.below(n) == 0
+    }
+
+    fn one_of<T: Copy>(&mut self, all: &[T]) -> T {
+        all[self.below(all.len() as u32) as usize]
+    }
+
+    fn event(&mut self, script: &mut Script, number: u32) {
+        let members: Vec<u32> = if self.kind == Kind::Shared {
+            if number == 0 || self.one_in(5) {
+                let (member, hears) = (self.below(MEMBERS), self.one_of(&[Hears::Own, Hears::All]));
+                script.events.push(Event::Join(member, hears));
+            } else if self.one_in(8) {
+                let member = self.below(MEMBERS);
+                script.events.push(Event::Leave(member));
+            }
+            (0..MEMBERS).filter(|_| self.late == 0 || !self.one_in(self.late)).collect()
+        } else {
+            if self.one_in(20) {
+                script.events.push(Event::Invalidate);
+            }
+            vec![0]
+        };
+        let turns = members.into_iter().map(|member| {
+            let own = script.own(member);
+            let mut ops = Vec::new();
+            if number == 0 && self.limit > 0 {
+                self.fill(&mut ops);
+            }
+            self.focus = [(); 2].map(|()| self.below(self.limit));
+            for _ in 0..self.one_of(&[0, 1, 1, 2, 3, 5]) {
+                self.group(&mut ops);
+            }
+            ops.iter_mut().for_each(|op| move_by(op, own.start));
+            self.turn(member, ops)
+        });
+        let turns = turns.collect();
+        script.events.push(Event::Tick(turns));
+    }
+
+    fn turn(&mut self, member: u32, ops: Vec<Op>) -> Turn {
+        let mode = match self.below(8) {
+            0 => Mode::All,
+            1 if self.kind != Kind::Shared => Mode::Moved,
+            2 => Mode::Nothing,
+            _ => Mode::Changes,
+        };
+        let fate = match self.below(10) {
+            0 if self.kind != Kind::Shared => Fate::Abandoned,
+            0..3 => Fate::Dropped,
+            _ => Fate::Acknowledged,
+        };
+        Turn { member, ops, mode, fate }
+    }
+
+    /// Most of the boxes at once.
+    fn fill(&mut self, ops: &mut Vec<Op>) {
+        let first = if self.one_in(2) { self.below(self.limit) / 8 } else { 0 };
+        for index in first..self.limit {
+            let b = self.a_box();
+            ops.push(Op::Set(index, b));
+        }
+    }
+
+    fn an_index(&mut self) -> u32 {
+        if self.one_in(2) { self.one_of(&self.focus.clone()) } else { self.below(self.limit) }
+    }
+
+    /// How many boxes a group of ops names.
+    fn count(&mut self) -> u32 {
+        if self.limit <= 16 {
+            return if self.one_in(6) { self.limit } else { 1 + self.below(2) };
+        }
+        match self.below(8) {
+            0 => self.limit,
+            1 => self.limit / 2,
+            2 => self.limit / 5,
+            // About the border between few and many.
+            3 => self.limit / 7 + self.below(self.limit / 14),
+            4 => 50 + self.below(30),
+            _ => 1 + self.below(4),
+        }
+    }
+
+    /// Some ops of one verb.
+    fn group(&mut self, ops: &mut Vec<Op>) {
+        let verb = self.below(VERBS as u32) as usize;
+        if !self.verbs[verb] || self.limit == 0 {
+            return;
+        }
+        if verb == FILTERS {
+            ops.push(Op::Filters((0..self.below(4)).map(|_| self.a_filter()).collect()));
+            return;
+        }
+        let count = self.count();
+        let mut indices: Vec<u32> = if self.one_in(3) {
+            let first = self.below(self.limit + 1 - count.min(self.limit));
+            (first..(first + count).min(self.limit)).collect()
+        } else {
+            (0..count).map(|_| self.an_index()).collect()
+        };
+        if self.one_in(2) {
+            indices.sort_unstable();
+            indices.dedup();
+        }
+        // Alike for all of them, or drawn for each.
+        let alike = [(); 2].map(|()| self.one_in(2));
+        let (tag, b) = (self.a_tag(), self.a_box());
+        for index in indices {
+            let on = if alike[0] { alike[1] } else { self.one_in(2) };
+            match verb {
+                REMOVE => ops.push(Op::Remove(index)),
+                SET => {
+                    let b = if alike[0] && count < 70 { b } else { self.a_box() };
+                    ops.push(Op::Set(index, b));
+                }
+                SWITCH => ops.push(Op::Switch(index, on)),
+                STATIC => ops.push(Op::Static(index, on)),
+                TAG => {
+                    let tag = if alike[0] { tag } else { self.a_tag() };
+                    ops.push(Op::Tag(index, tag));
+                }
+                LISTS => {
+                    let pair = [index, self.an_index()];
+                    let list = if alike[1] { Op::Include } else { Op::Exclude };
+                    let on = !self.one_in(4);
+                    ops.push(list(pair, on));
+                }
+                RENEW => {
+                    ops.push(Op::Remove(index));
+                    let b = self.a_box();
+                    ops.push(Op::Set(index, b));
+                }
+                _ => {}
+            }
+        }
+    }
+
+    fn a_box(&mut self) -> Aabb {
+        let flat = self.limit <= 16 && self.one_in(2);
+        let min: [f32; 3] = std::array::from_fn(|axis| {
+            let end = if flat && axis > 0 { 1 } else { self.world };
+            self.below(end) as f32 / 4.0
+        });
+        let mut b = Aabb::new(min, min.map(|low| low + self.below(8) as f32 / 4.0));
+        if !self.one_in(self.odd) {
+            return b;
+        }
+        let axis = self.below(3) as usize;
+        match self.below(7) {
+            0 => b = Aabb::EMPTY,
+            1 => b.min[axis] = f32::NAN,
+            2 => b.max[axis] = f32::INFINITY,
+            3 => b = Aabb::new([f32::NEG_INFINITY; 3], [f32::INFINITY; 3]),
+            4 => b = Aabb::new([-0.0; 3], [0.0; 3]),
+            5 => b = Aabb::new([1e-45; 3], [2e-40; 3]),
+            _ => b = Aabb::new(b.max, b.min),
+        }
+        b
+    }
+
+    fn a_tag(&mut self) -> Tag {
+        let world = if self.one_in(3) { World(self.below(3) as i32 - 1) } else { World(0) };
+        let owner = if self.one_in(3) { Owner(self.below(3)) } else { Owner::NONE };
+        // What it says of static boxes counts in frames alone.
+        Tag::new(world, owner, FilterId(self.below(4) as u16)).with_static(self.one_in(4))
+    }
+
+    fn a_filter(&mut self) -> Filter {
+        let filter = Filter::new(u64::from(self.below(4)), u64::from(self.below(4)));
+        let group = if self.one_in(3) { self.below(5) as i32 - 2 } else { 0 };
+        filter.with_group(group).with_static(self.one_in(5)).with_either(self.one_in(2))
+    }
+}
+
+/// Names the indices of another member.
+fn move_by(op: &mut Op, by: u32) {
+    match op {
+        Op::Remove(index)
+        | Op::Set(index, _)
+        | Op::Switch(index, _)
+        | Op::Static(index, _)
+        | Op::Tag(index, _) => *index += by,
+        Op::Include(pair, _) | Op::Exclude(pair, _) => pair.iter_mut().for_each(|i| *i += by),
+        Op::Filters(_) => {}
+    }
+}

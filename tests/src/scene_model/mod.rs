@@ -1,0 +1,25 @@
+//! A naive model of scenes, against which random edits over all verbs are driven.
+//!
+//! ```text
+//! model     boxes and filters as plain tables; all pairs by comparing all boxes; what a listener is to be told
+//! generate  random scripts: edits, answers that nobody acknowledges, members that join and leave
+//! check     plays a script on a scene and on the model, and compares each answer
+//! shrink    the smallest script that still fails, printed as Rust that runs
+//! subjects  the scenes that are held to the model: the one file that names their interfaces
+//! ```
+
+mod check;
+mod generate;
+mod model;
+mod script;
+mod shrink;
+mod subjects;
+
+pub use self::check::{Failure, Seen, Subject, check};
+pub use self::generate::{Kind, script_of};
+pub use self::model::{Heard, Listener, Model, PairsByGeneration};
+pub use self::script::{
+    AtEnd, EndReason, Ended, Event, Fate, Hears, Mode, Op, Pair, Script, Turn, at, one, turn,
+};
+pub use self::shrink::{hold, shrunk};
+pub use self::subjects::{CoreScene, SessionScene, Sessions, SharedMembers};

@@ -1,0 +1,266 @@
+//! The model: what boxes and filters there are, all pairs of now, and what a listener is to be told.
+//!
+//! A pair is named by the indices of its boxes and their generations: a box that is removed ends, and one that
+//! is set at its index is another. What a listener is told is the difference of two sets of such pairs.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
+
+use pairmask_core::Aabb;
+use pairmask_core::filters::{Filter, Tag};
+
+use super::script::{EndReason, Ended, Mode, Op, Pair};
+
+/// Changes that are told as such even where all pairs are fewer.
+const RESYNC_LEAST: usize = 4_096;
+
+/// Pairs, with the generations of their indices.
+pub type PairsByGeneration = BTreeMap<Pair, [u32; 2]>;
+
+/// A box and what is said of it.
+#[derive(Clone, Copy, Debug)]
+struct Body {
+    b: Aabb,
+    is_on: bool,
+    is_static: bool,
+    tag: Tag,
+    /// The membership that has set it.
+    holder: u64,
+}
+
+/// Boxes and filters as plain tables.
+#[derive(Clone, Debug, Default)]
+pub struct Model {
+    bodies: BTreeMap<u32, Body>,
+    generations: BTreeMap<u32, u32>,
+    filters: Vec<Filter>,
+    included: BTreeSet<Pair>,
+    excluded: BTreeSet<Pair>,
+}
+
+impl Model {
+    /// Boxes.
+    pub fn len(&self) -> usize {
+        self.bodies.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.bodies.is_empty()
+    }
+
+    /// Applies an edit of a membership: removals, sets, flags, filters, each in the order given. Returns the
+    /// boxes that it names.
+    pub fn apply(&mut self, holder: u64, ops: &[Op]) -> BTreeSet<u32> {
+        let mut named = BTreeSet::new();
+        for op in (0..4).flat_map(|rank| ops.iter().filter(move |op| op.rank() == rank)) {
+            named.extend(op.indices());
+            match op {
+                Op::Remove(index) => self.remove(*index),
+                Op::Set(index, b) => {
+                    let tag = Tag::default();
+                    let fresh = Body { b: *b, is_on: true, is_static: false, tag, holder };
+                    let body = self.bodies.entry(*index).or_insert(fresh);
+                    // Boxes that a member has left are those of who sets them next, and as that one says.
+                    *body = if body.holder == holder { Body { b: *b, ..*body } } else { fresh };
+                }
+                Op::Switch(index, on) => self.with(*index, |body| body.is_on = *on),
+                Op::Static(index, on) => self.with(*index, |body| body.is_static = *on),
+                Op::Tag(index, tag) => self.with(*index, |body| body.tag = *tag),
+                Op::Filters(filters) => {
+                    let before = std::mem::replace(&mut self.filters, filters.clone());
+                    let differs = |body: &Body| filter(&before, body) != filter(filters, body);
+                    let bodies = self.bodies.iter().filter(|(_, body)| differs(body));
+                    named.extend(bodies.map(|(index, _)| *index));
+                }
+                Op::Include(pair, on) => put(&mut self.included, *pair, *on),
+                Op::Exclude(pair, on) => put(&mut self.excluded, *pair, *on),
+            }
+        }
+        named
+    }
+
+    fn with(&mut self, index: u32, change: impl FnOnce(&mut Body)) {
+        self.bodies.get_mut(&index).map(change).expect("scripts name boxes that there are");
+    }
+
+    /// Removes a box, and the listed pairs that name it.
+    pub fn remove(&mut self, index: u32) {
+        if self.bodies.remove(&index).is_some() {
+            *self.generations.entry(index).or_default() += 1;
+            for list in [&mut self.included, &mut self.excluded] {
+                list.retain(|pair| !pair.contains(&index));
+            }
+        }
+    }
+
+    /// Removes the boxes of a range, and the listed pairs that name one of its indices.
+    pub fn clear(&mut self, range: Range<u32>) {
+        range.clone().for_each(|index| self.remove(index));
+        for list in [&mut self.included, &mut self.excluded] {
+            list.retain(|pair| !pair.iter().any(|index| range.contains(index)));
+        }
+    }
+
+    /// Whether filters and flags let two boxes be a pair, wherever they are.
+    fn may_meet(&self, a: u32, b: u32) -> bool {
+        let [x, y] = [&self.bodies[&a], &self.bodies[&b]];
+        let [f, g] = [filter(&self.filters, x), filter(&self.filters, y)];
+        let (v, w) = (x.tag.world.0, y.tag.world.0);
+        if v != w && v != -1 && w != -1 {
+            return false;
+        }
+        if self.included.contains(&[a, b]) {
+            return true;
+        }
+        if x.tag.owner == y.tag.owner && x.tag.owner.0 != 0
+            || (x.is_static || f.is_static) && (y.is_static || g.is_static)
+            || self.excluded.contains(&[a, b])
+        {
+            return false;
+        }
+        if f.group == g.group && f.group != 0 {
+            return f.group > 0;
+        }
+        let (one, other) = (f.category & g.mask != 0, g.category & f.mask != 0);
+        if f.either && g.either { one || other } else { one && other }
+    }
+
+    /// All pairs of now.
+    pub fn pairs(&self) -> PairsByGeneration {
+        let is_solid = |body: &Body| (0..3).all(|i| body.b.min[i] <= body.b.max[i]);
+        let mut solid: Vec<(u32, Aabb)> = self
+            .bodies
+            .iter()
+            .filter(|(_, body)| body.is_on && is_solid(body))
+            .map(|(index, body)| (*index, body.b))
+            .collect();
+        solid.sort_by(|(_, a), (_, b)| a.min[0].partial_cmp(&b.min[0]).expect("no NaN"));
+        let mut pairs = Vec::new();
+        for (at, (i, a)) in solid.iter().enumerate() {
+            for (j, b) in solid[at + 1..].iter().take_while(|(_, b)| b.min[0] <= a.max[0]) {
+                let over = |axis: usize| a.min[axis] <= b.max[axis] && b.min[axis] <= a.max[axis];
+                let pair = [*i.min(j), *i.max(j)];
+                if over(1) && over(2) && self.may_meet(pair[0], pair[1]) {
+                    pairs.push((pair, self.generations_of(pair)));
+                }
+            }
+        }
+        pairs.into_iter().collect()
+    }
+
+    fn generations_of(&self, pair: Pair) -> [u32; 2] {
+        pair.map(|index| self.generations.get(&index).copied().unwrap_or(0))
+    }
+
+    /// Why a pair of then is none now.
+    fn reason(&self, pair: Pair, generations: [u32; 2]) -> EndReason {
+        let are_on = || pair.iter().all(|index| self.bodies[index].is_on);
+        if self.generations_of(pair) != generations {
+            EndReason::Removed
+        } else if !are_on() || !self.may_meet(pair[0], pair[1]) {
+            EndReason::Filtered
+        } else {
+            EndReason::Separated
+        }
+    }
+}
+
+fn filter(filters: &[Filter], body: &Body) -> Filter {
+    filters.get(usize::from(body.tag.filter.0)).copied().unwrap_or(Filter::ALL)
+}
+
+fn put(list: &mut BTreeSet<Pair>, [a, b]: Pair, on: bool) {
+    let pair = [a.min(b), a.max(b)];
+    if on {
+        list.insert(pair)
+    } else {
+        list.remove(&pair)
+    };
+}
+
+/// What a listener is told.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Heard {
+    /// Whether `pairs` holds all pairs in place of changes.
+    pub is_resync: bool,
+    /// Pairs of the whole scene, where that is told.
+    pub pair_count: Option<u64>,
+    /// Pairs that began.
+    pub begun: Vec<Pair>,
+    /// Pairs that ended.
+    pub ended: Vec<Ended>,
+    /// Pairs of now.
+    pub pairs: Vec<Pair>,
+}
+
+/// Who is told of changes.
+#[derive(Clone, Debug)]
+pub struct Listener {
+    /// Names the membership.
+    pub id: u64,
+    /// Pairs of the last answer that was acknowledged.
+    then: PairsByGeneration,
+    /// Whether those are not known.
+    pub is_lost: bool,
+    /// It is told of pairs that touch these indices; `None`: of all.
+    pub own: Option<Range<u32>>,
+}
+
+impl Listener {
+    /// One that knows that there is no pair, or nothing.
+    pub const fn new(id: u64, is_lost: bool, own: Option<Range<u32>>) -> Self {
+        Self { id, then: BTreeMap::new(), is_lost, own }
+    }
+
+    fn hears(&self, pairs: &PairsByGeneration) -> PairsByGeneration {
+        let is_own = |index: &u32| self.own.as_ref().is_none_or(|own| own.contains(index));
+        let heard = pairs.iter().filter(|(pair, _)| pair.iter().any(is_own));
+        heard.map(|(pair, generations)| (*pair, *generations)).collect()
+    }
+
+    /// What it is to be told of the pairs of now, after an edit that named some boxes.
+    pub fn expects(
+        &self,
+        model: &Model,
+        now: &PairsByGeneration,
+        named: &BTreeSet<u32>,
+        mode: Mode,
+    ) -> Heard {
+        let pair_count = Some(now.len() as u64);
+        let heard = self.hears(now);
+        let all = || heard.keys().copied().collect::<Vec<Pair>>();
+        match mode {
+            Mode::Changes => {
+                let begun = heard.iter().filter(|(pair, of)| self.then.get(*pair) != Some(*of));
+                let ended = self.then.iter().filter(|(pair, of)| heard.get(*pair) != Some(*of));
+                let (begun, ended): (Vec<_>, Vec<_>) = (begun.collect(), ended.collect());
+                let most = now.len().max(RESYNC_LEAST);
+                if self.is_lost || begun.len() + ended.len() > most {
+                    return Heard { is_resync: true, pair_count, pairs: all(), ..Heard::default() };
+                }
+                let begun = begun.into_iter().map(|(pair, _)| *pair).collect();
+                let reason = |(pair, of): (&Pair, &[u32; 2])| Ended {
+                    pair: *pair,
+                    reason: model.reason(*pair, *of),
+                };
+                let ended = ended.into_iter().map(reason).collect();
+                Heard { pair_count, begun, ended, ..Heard::default() }
+            }
+            Mode::All => Heard { pair_count, pairs: all(), ..Heard::default() },
+            Mode::Moved => {
+                let is_named = |pair: &Pair| pair.iter().any(|index| named.contains(index));
+                let pairs = heard.keys().copied().filter(is_named).collect();
+                Heard { pairs, ..Heard::default() }
+            }
+            _ => Heard::default(),
+        }
+    }
+
+    /// It acknowledges an answer that told the pairs of now.
+    pub fn acknowledge(&mut self, now: &PairsByGeneration, mode: Mode) {
+        if matches!(mode, Mode::Changes | Mode::All) {
+            (self.then, self.is_lost) = (self.hears(now), false);
+        }
+    }
+}

@@ -1,0 +1,260 @@
+//! Scripts: what happens to a scene, one event after the other, as data that can be cut and printed.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
+use std::ops::Range;
+
+use pairmask_core::Aabb;
+use pairmask_core::filters::{Filter, Tag};
+pub use pairmask_core::scene::shared::{AtEnd, Hears};
+pub use pairmask_core::scene::{EndReason, Ended, Want as Mode};
+
+/// Indices of two boxes, the smaller one first where they are a pair.
+pub type Pair = [u32; 2];
+
+/// One change of a scene.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Op {
+    /// Removes a box.
+    Remove(u32),
+    /// Sets a box.
+    Set(u32, Aabb),
+    /// Enables or disables a box.
+    Switch(u32, bool),
+    /// Makes a box static or not.
+    Static(u32, bool),
+    /// Gives a box its filter data.
+    Tag(u32, Tag),
+    /// The filters that tags name.
+    Filters(Vec<Filter>),
+    /// Puts a pair on the include list, or takes it off.
+    Include(Pair, bool),
+    /// Puts a pair on the exclude list, or takes it off.
+    Exclude(Pair, bool),
+}
+
+impl Op {
+    /// When it is applied: removals, sets, flags, filters.
+    pub const fn rank(&self) -> u32 {
+        match self {
+            Self::Remove(_) => 0,
+            Self::Set(..) => 1,
+            Self::Switch(..) | Self::Static(..) => 2,
+            Self::Tag(..) | Self::Filters(_) | Self::Include(..) | Self::Exclude(..) => 3,
+        }
+    }
+
+    /// The indices that it names.
+    pub fn indices(&self) -> &[u32] {
+        match self {
+            Self::Remove(index)
+            | Self::Set(index, _)
+            | Self::Switch(index, _)
+            | Self::Static(index, _)
+            | Self::Tag(index, _) => std::slice::from_ref(index),
+            Self::Include(pair, _) | Self::Exclude(pair, _) => pair,
+            Self::Filters(_) => &[],
+        }
+    }
+}
+
+/// What becomes of an answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fate {
+    /// It is acknowledged.
+    Acknowledged,
+    /// It is read and not acknowledged.
+    Dropped,
+    /// It is never waited for.
+    Abandoned,
+}
+
+/// An edit of a member, and what becomes of its answer.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Turn {
+    /// Who edits: 0 in a scene that is not shared.
+    pub member: u32,
+    /// What changes.
+    pub ops: Vec<Op>,
+    /// Which answer is wanted.
+    pub mode: Mode,
+    /// What becomes of it.
+    pub fate: Fate,
+}
+
+/// What happens.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Event {
+    /// A member joins, and leases its indices.
+    Join(u32, Hears),
+    /// A member leaves.
+    Leave(u32),
+    /// The listener of a scene that is not shared has lost its pairs.
+    Invalidate,
+    /// Members commit, one after the other. Those that do not are late.
+    Tick(Vec<Turn>),
+}
+
+/// All that happens to a scene.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Script {
+    /// Indices of a member are so many.
+    pub limit: u32,
+    /// Whether it is shared, and what becomes of the boxes of members that leave.
+    pub shared: Option<AtEnd>,
+    /// What happens.
+    pub events: Vec<Event>,
+}
+
+/// The member that no script lets leave: a shared scene ends with its last one.
+const HOST: u32 = 0;
+
+impl Script {
+    /// The indices of a member. There is an index of nobody between two members.
+    pub fn own(&self, member: u32) -> Range<u32> {
+        let first = if self.shared.is_some() { member * (self.limit + 1) } else { 0 };
+        first..first + self.limit
+    }
+
+    /// The edits.
+    pub fn turns(&self) -> impl Iterator<Item = &Turn> {
+        let turns = self.events.iter().filter_map(|event| match event {
+            Event::Tick(turns) => Some(turns),
+            _ => None,
+        });
+        turns.flatten()
+    }
+
+    /// Takes out what no scene accepts: names of absent boxes, second sets, edits of those who have not joined.
+    pub fn repair(&mut self) {
+        // Of each member: the boxes that it has set.
+        let mut joined: BTreeMap<u32, BTreeSet<u32>> = BTreeMap::new();
+        if self.shared.is_none() {
+            joined.insert(HOST, BTreeSet::new());
+        } else if !matches!(self.events.first(), Some(Event::Join(HOST, _))) {
+            self.events.insert(0, Event::Join(HOST, Hears::All));
+        }
+        let owns: BTreeMap<u32, Range<u32>> = (0..8).map(|m| (m, self.own(m))).collect();
+        self.events.retain_mut(|event| match event {
+            Event::Join(member, _) if joined.contains_key(member) => false,
+            Event::Join(member, _) => joined.insert(*member, BTreeSet::new()).is_none(),
+            Event::Leave(member) => *member != HOST && joined.remove(member).is_some(),
+            Event::Invalidate => true,
+            Event::Tick(turns) => {
+                let first = joined.keys().next().copied();
+                let mut committed = BTreeSet::new();
+                turns.retain_mut(|turn| {
+                    let Some(present) = joined.get_mut(&turn.member) else { return false };
+                    repair_edit(&mut turn.ops, present, &owns[&turn.member], |op| {
+                        !matches!(op, Op::Filters(_)) || first == Some(turn.member)
+                    });
+                    committed.insert(turn.member)
+                });
+                !turns.is_empty()
+            }
+        });
+    }
+}
+
+/// Takes out of an edit what no scene accepts.
+fn repair_edit(
+    ops: &mut Vec<Op>,
+    present: &mut BTreeSet<u32>,
+    own: &Range<u32>,
+    allows: impl Fn(&Op) -> bool,
+) {
+    ops.retain(|op| op.indices().iter().all(|index| own.contains(index)) && allows(op));
+    ops.retain(|op| !matches!(op, Op::Remove(index) if !present.remove(index)));
+    let mut set = BTreeSet::new();
+    ops.retain(|op| !matches!(op, Op::Set(index, _) if !set.insert(*index)));
+    present.extend(set);
+    ops.retain(|op| match op {
+        Op::Switch(index, _) | Op::Static(index, _) | Op::Tag(index, _) => present.contains(index),
+        Op::Include([a, b], _) | Op::Exclude([a, b], _) => a != b,
+        Op::Remove(_) | Op::Set(..) | Op::Filters(_) => true,
+    });
+    // One table an edit: which boxes two of them name is not said.
+    let mut has_table = false;
+    ops.retain(|op| !matches!(op, Op::Filters(_)) || !std::mem::replace(&mut has_table, true));
+}
+
+/// A box by its corners.
+pub const fn at([x, y, z, u, v, w]: [f32; 6]) -> Aabb {
+    Aabb { min: [x, y, z], max: [u, v, w] }
+}
+
+/// A tick of one edit.
+pub fn one(ops: &[Op], mode: Mode, fate: Fate) -> Event {
+    Event::Tick(vec![turn(HOST, ops, mode, fate)])
+}
+
+/// An edit of a member.
+pub fn turn(member: u32, ops: &[Op], mode: Mode, fate: Fate) -> Turn {
+    Turn { member, ops: ops.to_vec(), mode, fate }
+}
+
+/// As Rust that runs where all names of the enums are in scope.
+impl fmt::Display for Script {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let shared = self.shared.map_or("None".into(), |end| format!("Some(AtEnd::{end:?})"));
+        writeln!(f, "Script {{ limit: {}, shared: {shared}, events: vec![", self.limit)?;
+        for event in &self.events {
+            match event {
+                Event::Join(member, hears) => {
+                    writeln!(f, "    Event::Join({member}, Hears::{hears:?}),")?;
+                }
+                Event::Leave(member) => writeln!(f, "    Event::Leave({member}),")?,
+                Event::Invalidate => writeln!(f, "    Event::Invalidate,")?,
+                Event::Tick(turns) => {
+                    writeln!(f, "    Event::Tick(vec![")?;
+                    for Turn { member, ops, mode, fate } in turns {
+                        write!(f, "        turn({member}, &[")?;
+                        for (at, op) in ops.iter().enumerate() {
+                            write!(f, "{}{op}", if at == 0 { "" } else { ", " })?;
+                        }
+                        writeln!(f, "], Mode::{mode:?}, Fate::{fate:?}),")?;
+                    }
+                    writeln!(f, "    ]),")?;
+                }
+            }
+        }
+        write!(f, "] }}")
+    }
+}
+
+impl fmt::Display for Op {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Set(index, b) => {
+                let corners = [b.min, b.max].concat();
+                let corners: Vec<String> = corners.iter().map(|x| written(*x)).collect();
+                write!(f, "Set({index}, at([{}]))", corners.join(", "))
+            }
+            Self::Tag(index, tag) => {
+                let (world, owner, filter) = (tag.world, tag.owner, tag.filter);
+                write!(f, "Tag({index}, Tag::new({world:?}, {owner:?}, {filter:?})")?;
+                write!(f, "{})", if tag.is_static() { ".with_static(true)" } else { "" })
+            }
+            Self::Filters(filters) => {
+                write!(f, "Filters(vec![")?;
+                for x in filters {
+                    write!(f, "Filter::new({}, {})", x.category, x.mask)?;
+                    write!(f, ".with_group({}).with_static({})", x.group, x.is_static)?;
+                    write!(f, ".with_either({}), ", x.either)?;
+                }
+                write!(f, "])")
+            }
+            _ => write!(f, "{self:?}"),
+        }
+    }
+}
+
+fn written(x: f32) -> String {
+    if x.is_nan() {
+        "f32::NAN".into()
+    } else if x.is_infinite() {
+        if x > 0.0 { "f32::INFINITY".into() } else { "f32::NEG_INFINITY".into() }
+    } else {
+        format!("{x:?}")
+    }
+}

@@ -1,0 +1,239 @@
+//! The smallest script that still fails.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::time::{Duration, Instant};
+
+use super::check::{Failure, Seen, Subject, check};
+use super::generate::{Kind, script_of};
+use super::script::{Event, Fate, Mode, Op, Script, at};
+use pairmask_core::filters::{Filter, Owner, Tag, World};
+
+/// Scripts that are tried at most, and how long: a script of thousands of boxes is as small as it gets in that.
+const MOST_TRIES: usize = 4_000;
+const MOST_TIME: Duration = Duration::from_secs(60);
+
+/// Plays scripts of so many edits in all, from a seed on, each on a scene of its own. Returns what was compared.
+///
+/// # Panics
+/// Where a scene differs from the model: with the smallest script that differs in the same way.
+pub fn hold<S: Subject>(
+    kind: Kind,
+    seed: u64,
+    edits: usize,
+    mut subject: impl FnMut(&Script) -> S,
+) -> Seen {
+    let (mut seen, mut seed) = (Seen::default(), seed);
+    while seen.edits < edits {
+        let script = script_of(kind, seed);
+        match play(&script, &mut subject) {
+            Ok(more) => seen.add(more),
+            Err(failure) => {
+                let (small, failure) = shrunk(script, failure, &mut subject);
+                panic!("seed {seed} of {kind:?}: {}\n{small}", failure.text);
+            }
+        }
+        seed += 1;
+    }
+    seen
+}
+
+/// Plays a script; a panic is a failure too.
+fn play<S: Subject>(
+    script: &Script,
+    subject: &mut impl FnMut(&Script) -> S,
+) -> Result<Seen, Failure> {
+    let played = catch_unwind(AssertUnwindSafe(|| check(script, &mut subject(script))));
+    played.unwrap_or_else(|panic| {
+        let text = panic.downcast_ref::<String>().cloned();
+        let text = text.or_else(|| panic.downcast_ref::<&str>().map(|text| (*text).into()));
+        Err(Failure { event: usize::MAX, kind: "panic", text: text.unwrap_or_default() })
+    })
+}
+
+/// Tries smaller scripts while they fail as the first one did.
+struct Shrinker<'s, F> {
+    script: Script,
+    failure: Failure,
+    tries: usize,
+    started: Instant,
+    subject: &'s mut F,
+}
+
+/// The smallest script that fails in the same way, and how.
+pub fn shrunk<S: Subject, F: FnMut(&Script) -> S>(
+    script: Script,
+    failure: Failure,
+    subject: &mut F,
+) -> (Script, Failure) {
+    let mut shrinker = Shrinker { script, failure, tries: 0, started: Instant::now(), subject };
+    loop {
+        let before = shrinker.script.clone();
+        shrinker.pass();
+        if shrinker.script == before || shrinker.is_at_end() {
+            return (shrinker.script, shrinker.failure);
+        }
+    }
+}
+
+impl<S: Subject, F: FnMut(&Script) -> S> Shrinker<'_, F> {
+    fn is_at_end(&self) -> bool {
+        self.tries >= MOST_TRIES || self.started.elapsed() > MOST_TIME
+    }
+
+    /// Takes a change over if the script still fails.
+    fn tries(&mut self, change: impl FnOnce(&mut Script)) -> bool {
+        let mut smaller = self.script.clone();
+        change(&mut smaller);
+        smaller.repair();
+        if smaller == self.script || self.is_at_end() {
+            return false;
+        }
+        self.tries += 1;
+        match play(&smaller, self.subject) {
+            Err(failure) if failure.kind == self.failure.kind => {
+                (self.script, self.failure) = (smaller, failure);
+                true
+            }
+            _ => false,
+        }
+    }
+
+    /// Takes as many as possible out of a list: halves, quarters, one by one.
+    fn cut(&mut self, len: impl Fn(&Script) -> usize, cut: impl Fn(&mut Script, usize, usize)) {
+        let mut size = len(&self.script).div_ceil(2);
+        while size > 0 {
+            let mut end = len(&self.script);
+            while end > 0 {
+                let start = end.saturating_sub(size);
+                self.tries(|script| cut(script, start, end));
+                end = start.min(len(&self.script));
+            }
+            size /= 2;
+        }
+    }
+
+    fn pass(&mut self) {
+        let end = self.failure.event.saturating_add(1);
+        self.tries(|script| script.events.truncate(end));
+        self.cut(|s| s.events.len(), |s, start, end| drop(s.events.drain(start..end)));
+        for event in (0..self.script.events.len()).rev() {
+            self.cut(
+                |s| turns(s, event),
+                |s, start, end| {
+                    if let Some(Event::Tick(turns)) = s.events.get_mut(event) {
+                        turns.drain(start..end);
+                    }
+                },
+            );
+            for turn in 0..turns(&self.script, event) {
+                self.cut(
+                    |s| ops_of(s, event, turn).map_or(0, |ops| ops.len()),
+                    |s, start, end| {
+                        if let Some(ops) = ops_mut(s, event, turn) {
+                            ops.drain(start..end);
+                        }
+                    },
+                );
+                self.simplify(event, turn);
+            }
+        }
+        let mut indices: Vec<u32> = Vec::new();
+        for op in self.script.turns().flat_map(|turn| &turn.ops) {
+            indices.extend(op.indices());
+        }
+        indices.sort_unstable();
+        indices.dedup();
+        for index in indices {
+            self.tries(|script| {
+                for event in &mut script.events {
+                    let Event::Tick(turns) = event else { continue };
+                    for turn in turns {
+                        turn.ops.retain(|op| !op.indices().contains(&index));
+                    }
+                }
+            });
+        }
+    }
+
+    /// The plainest form of an edit.
+    fn simplify(&mut self, event: usize, turn: usize) {
+        let with = |script: &mut Script, change: &dyn Fn(&mut Mode, &mut Fate)| {
+            if let Some(Event::Tick(turns)) = script.events.get_mut(event)
+                && let Some(turn) = turns.get_mut(turn)
+            {
+                change(&mut turn.mode, &mut turn.fate);
+            }
+        };
+        self.tries(|script| with(script, &|mode, _| *mode = Mode::Changes));
+        self.tries(|script| with(script, &|_, fate| *fate = Fate::Acknowledged));
+        let len = ops_of(&self.script, event, turn).map_or(0, |ops| ops.len());
+        for place in 0..len {
+            for choice in 0..8 {
+                let plain = ops_of(&self.script, event, turn)
+                    .and_then(|ops| ops.get(place))
+                    .and_then(|op| plainer(op, choice));
+                let Some(plain) = plain else { break };
+                let is_new = self.tries(|script| {
+                    if let Some(op) = ops_mut(script, event, turn).and_then(|o| o.get_mut(place)) {
+                        *op = plain;
+                    }
+                });
+                if is_new && choice == 0 {
+                    break;
+                }
+            }
+        }
+    }
+}
+
+fn turns(script: &Script, event: usize) -> usize {
+    match script.events.get(event) {
+        Some(Event::Tick(turns)) => turns.len(),
+        _ => 0,
+    }
+}
+
+fn ops_of(script: &Script, event: usize, turn: usize) -> Option<&Vec<Op>> {
+    match script.events.get(event)? {
+        Event::Tick(turns) => turns.get(turn).map(|turn| &turn.ops),
+        _ => None,
+    }
+}
+
+fn ops_mut(script: &mut Script, event: usize, turn: usize) -> Option<&mut Vec<Op>> {
+    match script.events.get_mut(event)? {
+        Event::Tick(turns) => turns.get_mut(turn).map(|turn| &mut turn.ops),
+        _ => None,
+    }
+}
+
+/// An op in a plainer form, the plainest one first; `None` where there is no such choice.
+fn plainer(op: &Op, choice: usize) -> Option<Op> {
+    Some(match op {
+        Op::Set(index, _) => {
+            let x = [0.0, 10.0].get(choice)?;
+            Op::Set(*index, at([*x, 0.0, 0.0, x + 1.0, 1.0, 1.0]))
+        }
+        Op::Tag(index, tag) => Op::Tag(
+            *index,
+            match choice {
+                0 => Tag::default(),
+                1 => tag.with_static(false),
+                2 => tag.with_world(World(0)),
+                3 => tag.with_owner(Owner::NONE),
+                4 => Tag::new(tag.world, tag.owner, pairmask_core::filters::FilterId(0)),
+                _ => return None,
+            },
+        ),
+        Op::Filters(filters) if choice < 3 && !filters.is_empty() => {
+            let mut filters = filters.clone();
+            match choice {
+                0 => filters.clear(),
+                1 => drop(filters.pop()),
+                _ => filters.fill(Filter::NONE),
+            }
+            Op::Filters(filters)
+        }
+        _ => return None,
+    })
+}
