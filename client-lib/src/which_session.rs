@@ -296,7 +296,7 @@
 //! Worlds, owners, and filters by category and mask are part of the scene: the daemon leaves out the pairs of
 //! boxes that may not meet. [`filters`](crate::filters) has the rule, and how those of other engines are
 //! written in it. To change a tag, the table or a list of pairs is an edit like any other: pairs end as
-//! [`Filtered`](crate::scene::EndReason::Filtered), or begin.
+//! [`Filtered`](crate::scene::EndReason::Filtered), or begin. Tag and listed pairs end with their box, as its flags do.
 //!
 //! ```
 //! use pairmask::filters::{Filter, FilterId, FilterTable, Owner, Tag};

@@ -310,8 +310,10 @@ pub struct SceneParams {
     pub budget: u32,
     /// Queries.
     pub query_count: u32,
-    /// Rounds of all loops of a thread that a search may take.
+    /// Rounds of loops that a row or an entry of a search may take.
     pub thread_rounds: u32,
+    /// Rows beside the grid that a thread looks at a time: 1 to 4.
+    pub rows_together: u32,
     /// GPUs that share the search, at least 1.
     pub share_count: u32,
     /// Which of them this one is, from 0 on.

@@ -11,8 +11,8 @@ use pairmask_core::Aabb;
 use pairmask_core::aabb::{KeyBox, order_key};
 use pairmask_core::precision::BoxSlice;
 use pairmask_shaders::constants::{
-    BATCH_BOXES, CONTROL_HEADER_WORDS, MARK_NAMES, MARK_REMOVES, PARKED, SCAN_CELLS, SUPERS_MOST,
-    WIDE_LINES,
+    BATCH_BOXES, CONTROL_HEADER_WORDS, MARK_NAMES, MARK_REMOVES, MARK_TOUCHES, PARKED, SCAN_CELLS,
+    SUPERS_MOST, WIDE_LINES,
 };
 use pairmask_shaders::layouts::{
     GridLayout, GridLevel, GridParams, SceneMode, SceneParams, SceneSummary,
@@ -222,6 +222,7 @@ fn params(scene: &Scene) -> SceneParams {
         epoch_low: EPOCH as u32,
         epoch_high: (EPOCH >> 32) as u32,
         thread_rounds: u32::MAX,
+        rows_together: 4,
         ..SceneParams::default()
     }
 }
@@ -322,7 +323,7 @@ fn boxes_that_are_set_change_their_records_and_no_other_word() {
     }
 }
 
-/// An edit that removes, switches and flags; the words before it, and those that it leaves behind.
+/// An edit that removes, switches, flags and gives filter data; the words before it, and those that it leaves behind.
 fn marked(slots: u32, seed: u64) -> (Vec<Vec<u32>>, Vec<Vec<u32>>) {
     let random = &mut Rng::new(seed ^ 0x5eed);
     let (mut scene, _) = Scene::new(slots, random);
@@ -330,7 +331,10 @@ fn marked(slots: u32, seed: u64) -> (Vec<Vec<u32>>, Vec<Vec<u32>>) {
     let mut marks: Vec<[u32; 2]> = Vec::new();
     for index in 0..slots {
         let old = scene.now[index as usize].flags & !REMOVED;
-        let mark = match random.below(5) {
+        let mark = match random.below(7) {
+            // Other filter data, with flags or without.
+            5 => MARK_TOUCHES | MARK_NAMES | old,
+            6 => MARK_TOUCHES | (old ^ STATIC),
             0 => MARK_REMOVES,
             // Set anew in the same edit.
             1 => MARK_REMOVES | MARK_NAMES | old,
@@ -353,7 +357,7 @@ fn marked(slots: u32, seed: u64) -> (Vec<Vec<u32>>, Vec<Vec<u32>>) {
             scene.named[index] = naming;
         }
         let old = scene.now[index];
-        let removes = mark & MARK_REMOVES != 0;
+        let removes = mark & (MARK_REMOVES | MARK_TOUCHES) != 0;
         if removes || old.flags & !REMOVED != mark & FLAGS {
             scene.change(index, old.keys, (mark & FLAGS) | (old.flags & REMOVED));
             scene.now[index].flags |= REMOVED * u32::from(removes);
@@ -369,6 +373,7 @@ fn boxes_that_are_removed_or_flagged_change_their_records_and_no_other_word() {
     for (from, to) in [
         ("&& (mark & MARK_NAMES) != 0u", ""),
         ("if (!removes && ", "if ("),
+        ("(MARK_REMOVES | MARK_TOUCHES)", "MARK_REMOVES"),
         ("then[2u * index] = now[2u * index];", ""),
         ("| (old & REMOVED);", ";"),
         ("flags |= REMOVED;", ""),

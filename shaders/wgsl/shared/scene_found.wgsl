@@ -46,7 +46,8 @@ var<workgroup> tested_high: atomic<u32>;
 var<workgroup> is_too_much: u32;
 var<workgroup> is_last: u32;
 
-// Rounds of loops of this thread, since it began.
+// Rounds of loops that the row at hand is charged. They follow from the scene and its grid alone, whichever thread
+// takes the row and whatever order the entries of a cell have.
 var<private> rounds: u32;
 
 // What all lanes do first. It ends with a barrier.
@@ -99,7 +100,7 @@ fn count_tests(tested: u32) {
     }
 }
 
-// Whether the thread may go through a loop so many times. A software adapter ends loops early, silently.
+// Whether the row may go through a loop so many times. A software adapter ends loops early, silently.
 fn may_take_rounds(more: u32) -> bool {
     // Of the loops around it, too: over runs, lines and levels.
     rounds += more + 4u;

@@ -32,8 +32,10 @@ struct SceneParams {
     budget: u32,
     // Queries.
     query_count: u32,
-    // Rounds of all loops of a thread that a search may take.
+    // Rounds of loops that a row or an entry of a search may take.
     thread_rounds: u32,
+    // Rows beside the grid that a thread looks at a time: 1 to 4.
+    rows_together: u32,
     // GPUs that share the search, and which of them this one is.
     share_count: u32,
     share: u32,

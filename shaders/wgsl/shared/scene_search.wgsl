@@ -14,7 +14,7 @@
 
 @group(0) @binding(4) var<storage, read> now: array<vec4<i32>>;
 
-// Rows that a thread looks at a time.
+// Most rows that a thread looks at a time.
 const ROWS_TOGETHER: u32 = 4u;
 // Candidates that are collected: three a thread. More are decided where they are found.
 const CANDIDATES: u32 = 3u * BATCH_BOXES;
@@ -34,13 +34,13 @@ var<private> row_lo: vec3<i32>;
 var<private> row_hi: vec3<i32>;
 var<private> tested: u32;
 
-// Tests the row against the positions start .. end.
-fn test_run(start: u32, table_end: u32) {
+// Tests the row against the positions start .. end. It is charged those from `charged` on: an entry that looks at
+// those behind it, in a cell whose entries have any order, is charged the cell.
+fn test_run(start: u32, charged: u32, table_end: u32) {
     // Whatever the table holds, a run ends.
     let end = min(table_end, params.entry_capacity);
-    let length = max(end, start) - start;
-    tested += length;
-    if (!may_take_rounds(length)) {
+    tested += max(end, start) - start;
+    if (!may_take_rounds(max(end, charged) - min(charged, end))) {
         return;
     }
     for (var p = start; p < end; p++) {
@@ -79,8 +79,10 @@ fn test_level(index: u32, is_own: bool) {
             }
             // Two runs: before and behind where the axis wraps.
             var runs = vec4<u32>(0u);
+            var charged = 0u;
             if (is_own & (line == own_line)) {
                 runs.x = row + 1u;
+                charged = table[cell + own.x];
                 runs.y = table[cell + min(own.x + reach, width - 1u) + 1u];
                 if (wraps_x & (own.x == 0u)) {
                     runs.z = table[cell + width - 1u];
@@ -91,12 +93,14 @@ fn test_level(index: u32, is_own: bool) {
                     runs.x = table[cell];
                     runs.y = table[cell + around.wrapped.x];
                 }
+                charged = runs.x;
                 runs.z = table[cell + around.start.x];
                 runs.w = table[cell + around.end.x - around.wrapped.x];
             }
             for (var r = 0u; r < 2u; r++) {
-                test_run(runs.x, runs.y);
+                test_run(runs.x, charged, runs.y);
                 runs = runs.zwzw;
+                charged = runs.x;
             }
         }
     }
@@ -145,10 +149,8 @@ fn passes(level: u32, lo: array<vec3<i32>, ROWS_TOGETHER>, hi: array<vec3<i32>, 
     return is_large | (((words >> (bits % 32u)) & vec4<u32>(1u)) != vec4<u32>(0u));
 }
 
-// Looks at four rows a thread from `first` on, and queues those that may overlap an entry.
+// Looks at up to four rows a thread from `first` on, and queues those that may overlap an entry.
 fn queue_rows(first: u32, lane: u32, has_giants: bool) {
-    // The levels of four rows, and later those of a queued one.
-    rounds += 2u * GRID_LEVELS;
     let slots = vec4<u32>(first + lane) + BATCH_BOXES * vec4<u32>(0u, 1u, 2u, 3u);
     // All four are fetched at once, also those that are no rows.
     let at = min(slots, vec4<u32>(params.slots - 1u));
@@ -162,7 +164,8 @@ fn queue_rows(first: u32, lane: u32, has_giants: bool) {
     let b_1 = now[2u * at.y + 1u];
     let b_2 = now[2u * at.z + 1u];
     let b_3 = now[2u * at.w + 1u];
-    let are_rows = (slots < vec4<u32>(params.slots)) & (((words >> (at % 32u)) & vec4<u32>(1u)) != vec4<u32>(0u));
+    let are_here = (slots < vec4<u32>(params.slots)) & (vec4<u32>(0u, 1u, 2u, 3u) < vec4<u32>(params.rows_together));
+    let are_rows = are_here & (((words >> (at % 32u)) & vec4<u32>(1u)) != vec4<u32>(0u));
     if (!any(are_rows)) {
         return;
     }
@@ -197,7 +200,6 @@ fn queue_rows(first: u32, lane: u32, has_giants: bool) {
 
 // Queues the entries of this share among those of a batch.
 fn queue_entries(first: u32, lane: u32, entry_count: u32) {
-    rounds += 1u;
     let at = first + lane;
     if (at >= entry_count) {
         return;
@@ -237,7 +239,7 @@ fn search(group: u32, groups: u32, lane: u32) {
     let entry_chunks = select(0u, (entry_count + BATCH_BOXES - 1u) / BATCH_BOXES, entries_look());
     var chunks = entry_chunks;
     if (entry_count != 0u && atomicLoad(&control[ROWS]) != 0u) {
-        let round = ROWS_TOGETHER * BATCH_BOXES;
+        let round = params.rows_together * BATCH_BOXES;
         chunks += (params.slots + round - 1u) / round;
     }
     var chunk = group;
@@ -275,7 +277,7 @@ fn search(group: u32, groups: u32, lane: u32) {
             }
             is_entry = has_entries;
             while (!is_entry && chunk < chunks && count < BATCH_BOXES) {
-                queue_rows((chunk - entry_chunks) * ROWS_TOGETHER * BATCH_BOXES, lane, giants != entry_count);
+                queue_rows((chunk - entry_chunks) * params.rows_together * BATCH_BOXES, lane, giants != entry_count);
                 workgroupBarrier();
                 count = atomicLoad(&queued);
                 workgroupBarrier();
@@ -290,6 +292,8 @@ fn search(group: u32, groups: u32, lane: u32) {
         var own_level = grid.level_count + 1u;
         var giant_start = entry_count;
         tested = 0u;
+        // To queue it, and to look at its levels.
+        rounds = 2u * GRID_LEVELS + 1u;
         if (is_entry) {
             row = chunk * BATCH_BOXES + lane;
             if (lane < taken) {
@@ -328,7 +332,7 @@ fn search(group: u32, groups: u32, lane: u32) {
             levels &= levels - 1u;
             test_level(level, level == own_level);
         }
-        test_run(giant_start, entry_count);
+        test_run(giant_start, giants, entry_count);
         count_tests(tested);
         note_rounds();
         workgroupBarrier();

@@ -13,7 +13,8 @@ const NEGATIVE: u64 = 2;
 /// nothing. There may be any number of groups, one filter each.
 ///
 /// Newton puts the shapes of one body on its list of excluded pairs, those of the world (body −1) too:
-/// give them one [owner](super::owner_of), and mark those of body −1 [static](Filter::with_static).
+/// give them one [owner](super::owner_of), and mark those of body −1 [static](Filter::with_static). It also drops
+/// pairs of two shapes that nothing moves, such as those of kinematic bodies: mark these static as well.
 pub const fn from_newton(group: i32, collides: bool) -> Filter {
     if !collides || group == 0 {
         return Filter::NONE;

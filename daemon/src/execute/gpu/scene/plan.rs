@@ -77,6 +77,25 @@ impl Question {
         if self.is_dense() { self.active.max(self.changed) } else { self.changed }
     }
 
+    /// Items for which a search gets threads, where each takes so many rows beside the grid together. Where that is
+    /// one, a thread gets one row or one entry at the most: a box that has moved far is two, and the last batches of
+    /// both need not be full.
+    pub fn items(&self, rows_together: u64) -> u64 {
+        let rows = if self.is_dense() { 0 } else { self.slots / rows_together };
+        if rows_together == 1 {
+            2 * self.entries() + rows + 2 * u64::from(BATCH_BOXES)
+        } else {
+            self.entries() + rows
+        }
+    }
+
+    /// Rows and entries that a thread may get in such a search.
+    pub fn rows_a_thread(&self, rows_together: u64) -> u32 {
+        let items = self.items(rows_together);
+        let threads = u64::from(groups(items)) * u64::from(BATCH_BOXES);
+        items.div_ceil(threads) as u32
+    }
+
     /// How many of so many GPUs share the search: as many as have enough to do.
     pub fn shares(&self, gpus: usize) -> usize {
         let rows = self.slots + ENTRY_ROWS * self.entries();
@@ -239,6 +258,21 @@ mod tests {
             let room = Room::expected(&question, Room::default());
             assert!(room.entries >= changed.min(2 * slots) && room.entries <= 2 * slots);
         }
+    }
+
+    #[test]
+    fn a_thread_gets_one_row_where_rows_are_limited() {
+        let of = |mode, slots, changed| Question { mode, slots, active: slots, changed };
+        for slots in [1, 255, 256, 700, 60_000, 200_000] {
+            for question in [
+                of(SceneMode::All, slots, 0),
+                of(SceneMode::Changes, slots, 1),
+                of(SceneMode::Changes, slots, slots / 5),
+            ] {
+                assert_eq!(question.rows_a_thread(1), 1, "{question:?}");
+            }
+        }
+        assert_eq!(of(SceneMode::Changes, 1 << 20, 1).rows_a_thread(1), 3);
     }
 
     #[test]

@@ -177,6 +177,11 @@ pub(super) struct Frames {
     kept: Vec<(Shape, Frame)>,
 }
 
+/// Rows that a thread looks at a time: one where it may not take many rounds.
+fn rows_together(tools: &SceneTools) -> u64 {
+    if tools.gpu.limits().thread_rounds == u32::MAX { plan::ROWS_TOGETHER } else { 1 }
+}
+
 impl Task<'_> {
     /// Items that found pairs and entries have room for: what lies in their blocks.
     pub fn room_made(&self, tools: &SceneTools) -> Room {
@@ -220,15 +225,25 @@ impl Task<'_> {
                 Search::Queries(queries) => queries.count,
                 Search::Nothing | Search::Pairs(_) => 0,
             },
-            thread_rounds: tools.gpu.limits().thread_rounds,
+            thread_rounds: self.row_rounds(tools),
+            rows_together: rows_together(tools) as u32,
             share_count: share.count,
             share: share.index,
         }
     }
 
-    fn shape(&self) -> Shape {
+    /// Rounds that a row may take, so that a thread stays within its own, whichever rows it gets.
+    fn row_rounds(&self, tools: &SceneTools) -> u32 {
+        let of_thread = tools.gpu.limits().thread_rounds;
+        if of_thread == u32::MAX {
+            return of_thread;
+        }
+        of_thread / self.question.rows_a_thread(rows_together(tools))
+    }
+
+    fn shape(&self, tools: &SceneTools) -> Shape {
         let Self { question, sizes, edit, .. } = self;
-        let rows = if question.is_dense() { 0 } else { question.slots / plan::ROWS_TOGETHER };
+        let items = question.items(rows_together(tools));
         let search = match self.search {
             Search::Nothing => SearchShape::Nothing,
             Search::Pairs(share) => SearchShape::Pairs { is_shared: share.count > 1 },
@@ -238,7 +253,7 @@ impl Task<'_> {
                     Way::Entries => {
                         let first = u64::from(edit.sets.first.unwrap_or(0));
                         let bytes = [first, count].map(|records| records * RECORD_BYTES);
-                        (WayShape::Entries(bytes), question.entries() + rows)
+                        (WayShape::Entries(bytes), items)
                     }
                     Way::Grid { boxes, builds } => {
                         let (place, box_bytes) = (Place::of(boxes), boxes.bytes);
@@ -261,7 +276,7 @@ impl Task<'_> {
             slots: plan::groups(question.slots),
             scan: plan::groups_of_scan(sizes.sums),
             entries: plan::groups(question.entries()),
-            rows: plan::groups(question.entries() + rows),
+            rows: plan::groups(items),
             search,
             boxes: Place::of(&edit.boxes),
             box_bytes: edit.boxes.bytes,
@@ -420,7 +435,7 @@ impl Frames {
         if !matches!(task.search, Search::Nothing) {
             task.blocks.layout.write(0, &[task.layout]);
         }
-        let shape = task.shape();
+        let shape = task.shape(tools);
         let recorded = self.kept.iter().position(|(kept, _)| *kept == shape);
         let mut kept = if let Some(place) = recorded {
             self.kept.remove(place)
