@@ -16,9 +16,10 @@ use pairmask_core::scene::{
     Edit, EditError, FilteredScene, SceneError, SceneOptions, Sets, Step, Tags, Want,
 };
 use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
+use pairmask_tests::oracle;
 use pairmask_tests::scene_model::{
-    AtEnd, CoreScene, EndReason, Event, Fate, Heard, Hears, Kind, Mode, Op, Script, Seen,
-    SessionScene, Sessions, SharedMembers, Subject, Turn, at, check, hold, one, turn,
+    AtEnd, CoreScene, EndReason, Event, Fate, Heard, Hears, Kind, Mode, Model, Op, Script, Seen,
+    SessionScene, Sessions, SharedMembers, Subject, Turn, at, check, hold, one, script_of, turn,
 };
 use rustix::process::Signal;
 
@@ -228,6 +229,24 @@ fn three() -> Script {
 
 const fn unit() -> Aabb {
     at([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
+}
+
+#[test]
+fn the_model_finds_the_pairs_of_the_oracle() {
+    for (kind, seeds) in [(Kind::Small, 0..200), (Kind::Large, 0..4)] {
+        for script in seeds.map(|seed| script_of(kind, seed)) {
+            let (mut model, mut boxes) =
+                (Model::default(), vec![Aabb::EMPTY; script.limit as usize]);
+            for op in script.turns().flat_map(|turn| &turn.ops) {
+                if let Op::Set(index, b) = op {
+                    model.apply(0, std::slice::from_ref(op));
+                    boxes[*index as usize] = *b;
+                }
+            }
+            let truth = oracle::truth(&boxes).pairs.into_iter().map(|(a, b)| [a, b]);
+            assert!(model.pairs().into_keys().eq(truth), "{script}");
+        }
+    }
 }
 
 #[test]

@@ -183,9 +183,9 @@ impl Play {
         told: Vec<(&Turn, Option<Heard>)>,
         may_resync: bool,
     ) -> Result<(), (&'static str, String)> {
-        let named = told.iter().map(|(turn, _)| {
-            self.model.apply(self.listeners[&turn.member].id, &turn.ops)
-        });
+        let named = told
+            .iter()
+            .map(|(turn, _)| self.model.apply(self.listeners[&turn.member].id, &turn.ops));
         let named: Vec<_> = named.collect();
         let now = self.model.pairs();
         for ((turn, heard), named) in told.into_iter().zip(named) {
@@ -195,7 +195,10 @@ impl Play {
                 listener.is_lost |= may_resync && heard.is_resync;
                 let expected = listener.expects(&self.model, &now, &named, turn.mode);
                 if let Some((kind, text)) = difference(&heard, &expected) {
-                    return Err((kind, format!("{text}, {:?} of member {}", turn.mode, turn.member)));
+                    return Err((
+                        kind,
+                        format!("{text}, {:?} of member {}", turn.mode, turn.member),
+                    ));
                 }
                 self.seen.note(&heard);
             }

@@ -79,7 +79,8 @@ pub fn script_of(kind: Kind, seed: u64) -> Script {
         Kind::Small | Kind::Shared => 4 + below(24),
         Kind::Crowd | Kind::Large => 4 + below(8),
     };
-    let mut maker = Maker { random, kind, limit, world, verbs, odd, focus: [0; 2], late, dropped, groups };
+    let mut maker =
+        Maker { random, kind, limit, world, verbs, odd, focus: [0; 2], late, dropped, groups };
     let shared = (kind == Kind::Shared).then(|| maker.one_of(&[AtEnd::Remove, AtEnd::Keep]));
     let mut script = Script { limit, shared, events: Vec::new() };
     for number in 0..events {

@@ -172,7 +172,11 @@ fn filter(filters: &[Filter], body: &Body) -> Filter {
 
 fn put(list: &mut BTreeSet<Pair>, [a, b]: Pair, on: bool) {
     let pair = [a.min(b), a.max(b)];
-    if on { list.insert(pair) } else { list.remove(&pair) };
+    if on {
+        list.insert(pair)
+    } else {
+        list.remove(&pair)
+    };
 }
 
 /// What a listener is told.

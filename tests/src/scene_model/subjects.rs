@@ -11,9 +11,7 @@ use pairmask::{
 };
 use pairmask_core::Aabb;
 use pairmask_core::filters::{FilterTable, Tag};
-use pairmask_core::scene::{
-    Edit, FilteredScene, Indices, SceneOptions, Sets, Step, Tags, Told,
-};
+use pairmask_core::scene::{Edit, FilteredScene, Indices, SceneOptions, Sets, Step, Tags, Told};
 
 use super::check::Subject;
 use super::generate::MEMBERS;
