@@ -86,6 +86,8 @@ pub const TOLD_SEPARATED: u32 = 3;
 pub const MARK_NAMES: u32 = 1 << 8;
 /// The edit removes it (and may have set it anew).
 pub const MARK_REMOVES: u32 = 1 << 9;
+/// Its filter data change: its pairs are told as ended and as begun, and the host decides which of them did.
+pub const MARK_TOUCHES: u32 = 1 << 10;
 
 const _: () = assert!(SCENE_SAMPLES <= BATCH_BOXES, "one workgroup samples");
 const _: () = assert!(GRID_LEVELS < NO_LEVEL && GRID_LEVELS <= 32);
@@ -133,6 +135,7 @@ pub(crate) fn as_wgsl() -> String {
         ("TOLD_SEPARATED", TOLD_SEPARATED),
         ("MARK_NAMES", MARK_NAMES),
         ("MARK_REMOVES", MARK_REMOVES),
+        ("MARK_TOUCHES", MARK_TOUCHES),
     ] {
         // Writing to a String cannot fail.
         let _ = writeln!(text, "const {name}: u32 = {value}u;");

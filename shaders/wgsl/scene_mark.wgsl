@@ -1,5 +1,5 @@
-// scene_mark: boxes that an edit removes, switches or flags, each once, with what becomes of their
-// flags. After `scene_apply`, which may have set the same boxes anew.
+// scene_mark: boxes that an edit removes, switches, flags or gives filter data, each once, with what becomes of
+// their flags. After `scene_apply`, which may have set the same boxes anew.
 // Mirror: in the tests, `scene_stages`; what comes of it is what `pairmask_core::scene` tells.
 
 #import constants
@@ -7,7 +7,8 @@
 #import scene_records
 
 @group(0) @binding(0) var<storage, read> params: SceneParams;
-// Index, and the flags that it has from now on; MARK_NAMES and MARK_REMOVES above them.
+// Index, and the flags that it has from now on; above them MARK_NAMES, and MARK_REMOVES or MARK_TOUCHES, which both
+// have pairs of the box told as ended and as begun.
 @group(0) @binding(1) var<storage, read> marks: array<vec2<u32>>;
 @group(0) @binding(2) var<storage, read_write> now: array<vec4<i32>>;
 @group(0) @binding(3) var<storage, read_write> then: array<vec4<i32>>;
@@ -28,7 +29,7 @@ fn main(
         }
         let b = now[2u * index + 1u];
         let old = bitcast<u32>(b.w) & FLAGS;
-        let removes = (mark & MARK_REMOVES) != 0u;
+        let removes = (mark & (MARK_REMOVES | MARK_TOUCHES)) != 0u;
         if (!removes && (old & ~REMOVED) == (mark & FLAGS)) {
             continue;
         }

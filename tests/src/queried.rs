@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use pairmask_core::filters::{Filter, FilterId, FilterTable, Owner, Tag, World};
-use pairmask_core::scene::{Edit, FilteredScene, QueryTags, Step, Tags, Want};
+use pairmask_core::scene::{Edit, QueryTags, Scene, Step, Tags, Want};
 use pairmask_core::{Aabb, Encoding};
 
 use crate::scene_edits::{EditMaker, OwnedEdit};
@@ -19,7 +19,7 @@ pub trait QueriedScene {
     fn query(&mut self, queries: &[Aabb], tags: QueryTags<'_>, encoding: Encoding) -> Vec<Pair>;
 }
 
-impl QueriedScene for FilteredScene {
+impl QueriedScene for Scene {
     fn edit(&mut self, edit: Edit<'_>) {
         Self::edit(self, edit, Want::Nothing).expect("a right edit");
     }

@@ -11,7 +11,7 @@ use std::io::Read;
 use std::process::{Child, ChildStderr, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use pairmask::scene::{Edit, SceneOptions, Want};
+use pairmask::scene::{Edit, QueryTags, SceneOptions, Want};
 use pairmask::{Backend, JoinOptions, SceneEdit, ServedBy, Session, WaitError};
 use pairmask_core::engine::EngineChoice;
 use pairmask_core::mask::WordAddress;
@@ -231,7 +231,7 @@ fn forged_queries_leave_the_scenes_of_others_alone() {
         drop(edit.commit(Want::Nothing).unwrap());
         truth.edit(Edit { steps: &arrays.steps() }, Want::Nothing).unwrap();
         let queries: Vec<_> = source.boxes().values().copied().take(40).collect();
-        truth.query(&queries, &mut found).unwrap();
+        truth.query(&queries, QueryTags::None, &mut found).unwrap();
         assert_eq!(scene.query(&queries).find().unwrap().to_vec(), found);
     }
     let counts = attacker.end();

@@ -3,7 +3,9 @@
 
 use pairmask_core::engine::{CullError, CullInput, CullReport, Engine, Grid as CpuGrid, HeapReply};
 use pairmask_core::mask::MaskShape;
-use pairmask_core::scene::{Edit, Scene, SceneError, SceneOptions, Sets, Step, Want};
+use pairmask_core::scene::{
+    Edit, QueryError, QueryTags, Scene, SceneError, SceneOptions, Sets, Step, Want,
+};
 use pairmask_core::{Aabb, Encoding};
 use pairmask_tests::gpu::open;
 use pairmask_tests::scene_edits::same_told;
@@ -125,7 +127,7 @@ fn queries_of_a_crowd_find_what_the_cores_find_or_nothing() {
     for (count, is_answered) in [(50, true), (20_000, both.has_no_limit)] {
         let queries = needles(count);
         let mut found = Vec::new();
-        match both.gpu.query(&queries, &mut found) {
+        match both.gpu.query(&queries, QueryTags::None, &mut found) {
             Ok(_) if is_answered => {
                 for [query, index] in &found {
                     let (a, b) = (&queries[*query as usize], &boxes[*index as usize]);
@@ -135,7 +137,7 @@ fn queries_of_a_crowd_find_what_the_cores_find_or_nothing() {
                     (0..count).map(|q| boxes.iter().filter(|b| queries[q].overlaps(b)).count());
                 assert_eq!(found.len(), all.sum::<usize>(), "{count} queries");
             }
-            Err(CullError::TooCrowded { .. }) if !is_answered => {}
+            Err(QueryError::Cull(CullError::TooCrowded { .. })) if !is_answered => {}
             answer => panic!("{count} queries: {answer:?}"),
         }
     }

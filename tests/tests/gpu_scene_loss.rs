@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use pairmask_core::dispatch::CpuEngines;
 use pairmask_core::engine::{CullError, EngineChoice, EngineName};
 use pairmask_core::scene::{
-    Edit, PairScene, Scene, SceneCopy, SceneError, SceneOptions, Sets, Step, Want,
+    Edit, QueryTags, Scene, SceneCopy, SceneError, SceneOptions, Sets, Step, Want,
 };
 use pairmask_tests::scene_edits::{EditMaker, SKIPPED, same_told};
 use pairmask_tests::{KnownPairs, gpu, stress_scenes};
@@ -145,8 +145,8 @@ fn goes_on_without_one_of_its_devices(rounds: u64) {
             core.take();
             scene.take();
             if source.one_in(3) {
-                core.query(&queries, &mut expected).expect("an answer");
-                scene.query(&queries, &mut found).expect("another device has it");
+                core.query(&queries, QueryTags::None, &mut expected).expect("an answer");
+                scene.query(&queries, QueryTags::None, &mut found).expect("another device has it");
                 assert_eq!(found, expected, "round {round}");
             }
         }

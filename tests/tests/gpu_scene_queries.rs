@@ -5,7 +5,9 @@ use std::sync::Arc;
 
 use pairmask_core::Aabb;
 use pairmask_core::engine::CullError;
-use pairmask_core::scene::{Edit, Scene, SceneOptions, Sets, Step, Want};
+use pairmask_core::scene::{
+    Edit, QueryError, QueryTags, Scene, SceneCopy, SceneOptions, Sets, Step, Want,
+};
 use pairmask_tests::gpu::open;
 use pairmask_tests::scene_edits::{EditMaker, same_told};
 use pairmask_tests::stress_scenes::{self, Rng};
@@ -88,6 +90,7 @@ fn run(tools: &Arc<SceneTools>, seed: u64, edits: usize, largest: usize) {
     let mut random = Rng::new(seed ^ 0x9e7);
     let options = SceneOptions::default();
     let (mut core, mut gpu) = (Scene::new(options), GpuScene::new(tools, options));
+    let mut copy = SceneCopy::new(options.most_boxes);
     let mut found = vec![[7; 2]];
     for edit in 0..edits {
         let what = format!("seed {seed}, edit {edit}");
@@ -96,6 +99,8 @@ fn run(tools: &Arc<SceneTools>, seed: u64, edits: usize, largest: usize) {
         let want = wants[maker.below(wants.len())];
         let way = maker.below(3);
         next.with(way, |edit| {
+            copy.check(edit).expect("a right edit");
+            copy.apply(edit);
             let expected = core.edit(edit, want).map(|_| ());
             assert_eq!(gpu.edit(edit, want).map(|_| ()), expected, "{what}");
         });
@@ -110,8 +115,10 @@ fn run(tools: &Arc<SceneTools>, seed: u64, edits: usize, largest: usize) {
             };
             let values: Vec<Aabb> = boxes.values().copied().collect();
             let queries = some_queries(&mut random, count as usize, &values);
-            gpu.query(&queries, &mut found).unwrap_or_else(|e| panic!("{what}: {e}"));
-            let on = boxes.iter().map(|(i, b)| (*i, b)).filter(|(i, _)| !gpu.is_off(*i));
+            gpu.query(&queries, QueryTags::None, &mut found)
+                .unwrap_or_else(|e| panic!("{what}: {e}"));
+            let is_on = |index| copy.kept(index).is_some_and(|kept| kept.is_on);
+            let on = boxes.iter().map(|(i, b)| (*i, b)).filter(|(i, _)| is_on(*i));
             let on: Vec<(u32, &Aabb)> = on.collect();
             same(&found, &expected(&queries, &on.into_iter()))
                 .unwrap_or_else(|e| panic!("{what}, {count} queries: {e}"));
@@ -164,7 +171,7 @@ fn check_all_ways(scene: &mut GpuScene, boxes: &[Aabb], queries: &[Aabb], what: 
     let few = &queries[..queries.len().min(boxes.len() / 32)];
     let mut found = Vec::new();
     for (turn, queries) in [few, queries, queries, few].into_iter().enumerate() {
-        scene.query(queries, &mut found).expect("an answer");
+        scene.query(queries, QueryTags::None, &mut found).expect("an answer");
         same(&found, &expected(queries, &numbered(boxes)))
             .unwrap_or_else(|e| panic!("{what}, {} queries, turn {turn}: {e}", queries.len()));
     }
@@ -181,7 +188,7 @@ fn every_small_size_and_every_hard_scene_is_queried() {
         let mut scene = scene_of(&tools, &boxes);
         for count in [0, 1, n as usize, 70 - n as usize] {
             let queries = some_queries(&mut random, count, &boxes);
-            scene.query(&queries, &mut found).expect("an answer");
+            scene.query(&queries, QueryTags::None, &mut found).expect("an answer");
             same(&found, &expected(&queries, &numbered(&boxes)))
                 .unwrap_or_else(|e| panic!("{n} boxes, {count} queries: {e}"));
         }
@@ -234,15 +241,16 @@ fn static_boxes_are_found_and_those_switched_off_and_removed_are_not() {
     ];
     scene.edit(Edit { steps: &steps }, Want::Changes).expect("an answer");
     let mut found = vec![[9; 2]; 3];
-    let tested = scene.query(&[Aabb { min: [1.0; 3], max: [2.0; 3] }; 2], &mut found);
+    let tested =
+        scene.query(&[Aabb { min: [1.0; 3], max: [2.0; 3] }; 2], QueryTags::None, &mut found);
     assert_eq!(found, [[0, 0], [0, 4], [1, 0], [1, 4]]);
     assert!(tested.expect("an answer") >= 4);
     let steps = [Step::Switch((&[0, 4]).into(), false)];
     scene.edit(Edit { steps: &steps }, Want::Changes).expect("an answer");
-    assert_eq!(scene.query(&boxes, &mut found), Ok(0));
+    assert_eq!(scene.query(&boxes, QueryTags::None, &mut found), Ok(0));
     assert!(found.is_empty());
     let mut none = GpuScene::new(&tools, SceneOptions::default());
-    assert_eq!(none.query(&boxes, &mut found), Ok(0));
+    assert_eq!(none.query(&boxes, QueryTags::None, &mut found), Ok(0));
 }
 
 /// More pairs than may be are an error, and the next query is answered.
@@ -257,12 +265,12 @@ fn queries_find_no_more_pairs_than_may_be() {
         let count = right.iter().filter(|[query, _]| (*query as usize) < queries.len()).count();
         scene.limit_query_pairs(count as u64 - 1);
         for _ in 0..2 {
-            let refused = scene.query(queries, &mut found);
-            assert!(matches!(refused, Err(CullError::Reserve(_))), "{refused:?}");
+            let refused = scene.query(queries, QueryTags::None, &mut found);
+            assert!(matches!(refused, Err(QueryError::Cull(CullError::Reserve(_)))), "{refused:?}");
             assert!(found.is_empty());
         }
         scene.limit_query_pairs(count as u64);
-        scene.query(queries, &mut found).expect("an answer");
+        scene.query(queries, QueryTags::None, &mut found).expect("an answer");
         same(&found, &right[..count]).unwrap_or_else(|e| panic!("{e}"));
     }
 }
@@ -279,7 +287,7 @@ fn queries_of_several_submissions_are_numbered_on() {
         queries[at] = boxes[at % boxes.len()];
     }
     let mut found = Vec::new();
-    scene.query(&queries, &mut found).expect("an answer");
+    scene.query(&queries, QueryTags::None, &mut found).expect("an answer");
     same(&found, &expected(&queries, &numbered(&boxes))).unwrap_or_else(|e| panic!("{e}"));
     assert!(found.len() >= 5);
 }
@@ -291,8 +299,8 @@ fn a_query_on_a_lost_device_is_an_error() {
     let mut scene = scene_of(&tools, &boxes);
     let mut found = vec![[7; 2]];
     tools.gpu().destroy();
-    let lost = scene.query(&boxes, &mut found);
-    assert!(matches!(lost, Err(CullError::DeviceLost { .. })), "{lost:?}");
+    let lost = scene.query(&boxes, QueryTags::None, &mut found);
+    assert!(matches!(lost, Err(QueryError::Cull(CullError::DeviceLost { .. }))), "{lost:?}");
     assert!(found.is_empty());
 }
 

@@ -9,7 +9,7 @@ use pairmask::{
 use pairmask_core::engine::{CullError, ReserveError};
 use pairmask_core::filters::Tag;
 use pairmask_core::scene::{
-    Edit, FilteredScene, QueryError, QueryTags, Scene, SceneOptions, Sets, Step, Want, between,
+    Edit, QueryError, QueryTags, Scene, SceneOptions, Sets, Step, Want, between,
 };
 use pairmask_core::{Aabb, BoxClass};
 use pairmask_tests::daemon::{TestDaemon, eventually};
@@ -103,7 +103,7 @@ impl QueriedScene for Remote<'_> {
 fn scenes_of_all_small_sizes_are_queried() {
     let mut found = 0;
     for largest in 0..70 {
-        let mut scene = FilteredScene::new(options(largest).with_threads(1));
+        let mut scene = Scene::new(options(largest).with_threads(1));
         found += check(&mut scene, largest as u64, largest, 40);
     }
     assert!(found > 10_000, "{found}");
@@ -112,7 +112,7 @@ fn scenes_of_all_small_sizes_are_queried() {
 #[test]
 fn larger_scenes_are_queried_by_few_and_by_many() {
     for (seed, largest, threads) in [(1, 700, 2), (2, 3_001, 3), (3, 6_007, 2)] {
-        let mut scene = FilteredScene::new(options(largest).with_threads(threads));
+        let mut scene = Scene::new(options(largest).with_threads(threads));
         let mut queries = Queries::new(seed, largest);
         queries.aim(largest);
         let mut found = 0;
@@ -151,7 +151,7 @@ fn a_query_changes_nothing_that_edits_tell() {
             let ask = |scene: &mut Scene, rng: &mut Rng| {
                 let count = [1, 3, 70, 200][rng.below(4) as usize];
                 let queries: Vec<Aabb> = (0..count).map(|_| a_query(rng, 20.0)).collect();
-                scene.query(&queries, &mut Vec::new()).unwrap();
+                scene.query(&queries, QueryTags::None, &mut Vec::new()).unwrap();
             };
             // Before an answer is taken, and after.
             if rng.below(2) == 0 {
@@ -192,12 +192,13 @@ fn answers_are_the_same_on_any_number_of_threads() {
     let boxes = uniform(1, 20_000, 60.0);
     let queries = uniform(2, 3_000, 60.0);
     let mut expected = Vec::new();
-    scene_of(&boxes, 1).query(&queries, &mut expected).unwrap();
+    scene_of(&boxes, 1).query(&queries, QueryTags::None, &mut expected).unwrap();
     assert!(expected.is_sorted() && expected.len() > 1_000);
     for threads in [2, 3, 7] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let mut found = Vec::new();
-        pool.install(|| scene_of(&boxes, threads).query(&queries, &mut found)).unwrap();
+        pool.install(|| scene_of(&boxes, threads).query(&queries, QueryTags::None, &mut found))
+            .unwrap();
         assert_eq!(found, expected);
     }
 }
@@ -210,21 +211,23 @@ fn a_query_that_finds_too_much_is_refused_and_the_scene_stays() {
     let mut found = Vec::new();
     scene.limit_query_pairs(1_500);
     for queries in [&few[..], &many, &few] {
-        let asked = scene.query(queries, &mut found);
+        let asked = scene.query(queries, QueryTags::None, &mut found);
         if queries.len() == 3 {
             assert_eq!((asked.is_ok(), found.len()), (true, 1_500));
         } else {
             let too_large = ReserveError::TooLarge { at_least_bytes: 12_008, limit_bytes: 12_000 };
-            assert!(matches!(asked, Err(CullError::Reserve(error)) if error == too_large));
+            assert!(
+                matches!(asked, Err(QueryError::Cull(CullError::Reserve(error))) if error == too_large)
+            );
         }
     }
     scene.limit_query_pairs(1_499);
-    assert!(scene.query(&few, &mut found).is_err());
+    assert!(scene.query(&few, QueryTags::None, &mut found).is_err());
 }
 
 #[test]
 fn each_query_needs_its_tag() {
-    let mut scene = FilteredScene::new(SceneOptions::default());
+    let mut scene = Scene::new(SceneOptions::default());
     let (queries, tags) = ([Aabb::EMPTY; 3], [Tag::default(); 2]);
     let asked = scene.query(&queries, QueryTags::Each(&tags), &mut Vec::new());
     assert!(matches!(asked, Err(QueryError::Tags { queries: 3, tags: 2 })));
@@ -322,7 +325,7 @@ fn a_reply_that_is_too_small_refuses_a_query_and_the_scene_stays() {
 
 #[test]
 fn the_model_notices_a_pair_that_is_missing() {
-    struct Forgetful(FilteredScene);
+    struct Forgetful(Scene);
     impl QueriedScene for Forgetful {
         fn edit(&mut self, edit: Edit<'_>) {
             QueriedScene::edit(&mut self.0, edit);
@@ -333,7 +336,7 @@ fn the_model_notices_a_pair_that_is_missing() {
             found
         }
     }
-    let mut scene = Forgetful(FilteredScene::new(options(40)));
+    let mut scene = Forgetful(Scene::new(options(40)));
     let checked =
         std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| check(&mut scene, 4, 40, 80)));
     assert!(checked.is_err());

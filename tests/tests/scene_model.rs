@@ -13,7 +13,7 @@ use pairmask::{Backend, EngineChoice, EngineName, ServedBy, Session};
 use pairmask_core::Aabb;
 use pairmask_core::filters::{FilterId, Owner, Tag, World};
 use pairmask_core::scene::{
-    Edit, EditError, FilteredScene, SceneError, SceneOptions, Sets, Step, Tags, Want,
+    Edit, EditError, Scene, SceneError, SceneOptions, Sets, Step, Tags, Want,
 };
 use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
 use pairmask_tests::oracle;
@@ -348,7 +348,7 @@ fn steps_say_which_boxes_are_static_and_not_their_tags() {
     let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 2];
     let set = Step::Set(Sets { indices: (0..2).into(), boxes: &boxes });
     let (plain, of_static) = ([Tag::default(); 2], [Tag::default().with_static(true); 2]);
-    let mut scene = FilteredScene::new(SceneOptions::default().with_most_boxes(10));
+    let mut scene = Scene::new(SceneOptions::default().with_most_boxes(10));
     let mut count = |steps: &[Step<'_>]| {
         scene.edit(Edit { steps }, Want::All).expect("an answer").pairs().len()
     };
@@ -360,7 +360,7 @@ fn steps_say_which_boxes_are_static_and_not_their_tags() {
 
 #[test]
 fn a_wrong_edit_of_rules_changes_nothing() {
-    let mut scene = FilteredScene::new(SceneOptions::default().with_most_boxes(10));
+    let mut scene = Scene::new(SceneOptions::default().with_most_boxes(10));
     let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 3];
     let set = Step::Set(Sets { indices: (0..3).into(), boxes: &boxes });
     scene.edit(Edit { steps: &[set] }, Want::Changes).expect("an answer");

@@ -4,7 +4,7 @@
 
 use std::time::Duration;
 
-use pairmask::scene::{Edit, SceneOptions, Want};
+use pairmask::scene::{Edit, QueryTags, SceneOptions, Want};
 use pairmask::{
     Aabb, Backend, CommitError, EngineChoice, EngineName, Scene, SceneAnswer, SceneEdit, ServedBy,
     Session, WaitError,
@@ -232,7 +232,7 @@ fn a_scene_that_is_only_asked_moves_to_the_gpu_and_tells_what_it_has_not_told() 
     let mut expected = Vec::new();
     eventually("the scene moves to the GPU", || {
         let queries = crowds(1_500, &mut random);
-        here.query(&queries, &mut expected).unwrap();
+        here.query(&queries, QueryTags::None, &mut expected).unwrap();
         assert_eq!(scene.query(&queries).find().unwrap().to_vec(), expected);
         let answer = scene.edit().commit(Want::Nothing).unwrap();
         (answer.engine() == EngineName::GpuGrid).then_some(())

@@ -11,7 +11,7 @@ use pairmask_core::engine::CullError;
 use pairmask_core::filters::Rules;
 use pairmask_core::objects::Objects;
 use pairmask_core::precision::Precision;
-use pairmask_core::scene::{FilteredScene, QueryError};
+use pairmask_core::scene::{QueryError, Scene};
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{ReplyFields, RequestHeader, RulesLayout, SceneId, StatusBody};
 
@@ -213,7 +213,7 @@ impl Core {
     /// Asks a scene of this process.
     pub(super) fn query_here(
         &self,
-        scene: &mut FilteredScene,
+        scene: &mut Scene,
         asked: &Asked<'_>,
     ) -> Result<PairMask, QueryError> {
         self.local.query(scene, asked, &self.settings)

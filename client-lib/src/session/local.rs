@@ -10,7 +10,7 @@ use pairmask_core::objects::Objects;
 use pairmask_core::plan::CalibrationChoice;
 use pairmask_core::precision::{ExpandScratch, Precision};
 use pairmask_core::repeat::{Repeats, Seen};
-use pairmask_core::scene::{FilteredScene, PairScene, QueryError, cull_between};
+use pairmask_core::scene::{QueryError, Scene, cull_between};
 use pairmask_core::sphere::Sphere;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::Reply;
@@ -200,13 +200,13 @@ impl Local {
     /// Asks a scene of this process.
     pub(super) fn query(
         self: &Arc<Self>,
-        scene: &mut FilteredScene,
+        scene: &mut Scene,
         asked: &Asked<'_>,
         settings: &Settings,
     ) -> Result<PairMask, QueryError> {
         let mut working = self.begin();
         let Asked { boxes, tags, encoding, mask } = *asked;
-        let (mut memory, threads) = (self.replies.take(), PairScene::threads(scene.scene()));
+        let (mut memory, threads) = (self.replies.take(), scene.threads());
         let mut found = self.found.take();
         let find = |found: &mut Vec<[u32; 2]>| scene.query(boxes, tags, found);
         let answer = mask.answer(boxes, encoding, threads, &mut found, &mut memory, find)?;

@@ -64,8 +64,6 @@ pub const SPHERES_MINOR: u16 = 2;
 
 /// Minor version from which daemons keep scenes.
 pub const SCENES_MINOR: u16 = 4;
-/// Minor version from which scenes have rules.
-pub const RULES_MINOR: u16 = 5;
 /// Minor version from which whole frames have rules.
 pub const FRAME_RULES_MINOR: u16 = 6;
 /// Minor version from which scenes are queried, and frames are of two sets.
@@ -74,6 +72,9 @@ pub const QUERIES_MINOR: u16 = 7;
 pub const SHARED_MINOR: u16 = 8;
 /// The minor version that added rules that a daemon keeps for the frames to come.
 pub const KEPT_RULES_MINOR: u16 = 9;
+/// Minor version from which a daemon decides the rules of scenes. Those from 5 on needed edits in which the client
+/// had removed and set again each box whose rules changed.
+pub const RULES_MINOR: u16 = 10;
 
 /// Minor version from which daemons know objects of a form.
 pub const fn since_minor(form: ObjectForm) -> u16 {
@@ -86,7 +87,7 @@ pub const fn since_minor(form: ObjectForm) -> u16 {
 
 /// The largest minor version that an operation, a section, a step of an edit, a form, an encoding or an engine needs.
 const fn newest_minor() -> u16 {
-    let (mut newest, mut i) = (KEPT_RULES_MINOR, 0);
+    let (mut newest, mut i) = (RULES_MINOR, 0);
     while i < ObjectForm::ALL.len() {
         newest = later(newest, since_minor(ObjectForm::ALL[i]));
         i += 1;

@@ -7,7 +7,7 @@ use pairmask_core::dispatch::StageTimes;
 use pairmask_core::engine::{EngineChoice, EngineId, EngineName};
 use pairmask_core::filters::{Filter, FilterId, FilterTable, Owner, Tag, World};
 use pairmask_core::scene::{
-    Edit, EndReason, Ended, FilteredScene, Indices, Scene, SceneOptions, Sets, Step, Tags, Want,
+    Edit, EndReason, Ended, Indices, Scene, SceneOptions, Sets, Step, Tags, Want,
 };
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
@@ -180,7 +180,6 @@ fn golden_rules() {
         Step::Filters(&table),
         Step::Include(&[[1, 2]], true),
         Step::Exclude(&[[5, 3]], false),
-        Step::Renew((4..6).into()),
     ];
     let edit = Edit { steps: &steps };
     let layout = EditLayout::of(edit).unwrap();
@@ -199,14 +198,9 @@ fn golden_rules() {
     .concat();
     assert_eq!(&words[..24], expected);
     // The records begin on the next line.
-    let records = [
-        [7, 1, 0, 2, 0, 2],
-        [8, 0, 0, 2, 8, 8],
-        [9, 0, 0, 1, 20, 20],
-        [12, 0, 0, 1, 22, 22],
-        [13, 2, 4, 2, 24, 0],
-    ];
-    assert_eq!(&words[32..62], records.concat());
+    let records =
+        [[7, 1, 0, 2, 0, 2], [8, 0, 0, 2, 8, 8], [9, 0, 0, 1, 20, 20], [12, 0, 0, 1, 22, 22]];
+    assert_eq!(&words[32..56], records.concat());
     let mut scratch = EditScratch::default();
     let read = scratch.read(&request(&layout, 10), &payload).unwrap();
     assert_eq!(format!("{read:?}"), format!("{steps:?}"));
@@ -233,7 +227,7 @@ fn forged_rules_are_refused() {
         let edit = Edit { steps: std::slice::from_ref(step) };
         let layout = EditLayout::of(edit).unwrap();
         let request = request(&layout, 10);
-        for (word, value) in [(3, u32::MAX), (5, 1 << 30), (5, u32::MAX), (0, 14), (0, 0), (3, 70)]
+        for (word, value) in [(3, u32::MAX), (5, 1 << 30), (5, u32::MAX), (0, 13), (0, 0), (3, 70)]
         {
             let mut payload = pages(layout.payload_bytes());
             assert!(layout.write(edit, &mut payload));
@@ -434,7 +428,7 @@ proptest! {
                     assert_eq!(indices.len(), boxes.len());
                     indices.len()
                 }
-                Step::Remove(i) | Step::Switch(i, _) | Step::Static(i, _) | Step::Renew(i) => i.len(),
+                Step::Remove(i) | Step::Switch(i, _) | Step::Static(i, _) => i.len(),
                 Step::Tag(Tags { indices, tags }) => {
                     assert_eq!(indices.len(), tags.len());
                     indices.len()
@@ -443,9 +437,9 @@ proptest! {
             }).sum();
             prop_assert!(named <= 16 * most_boxes as usize);
             let options = SceneOptions::default().with_most_boxes(most_boxes).with_threads(1);
-            let mut scene = FilteredScene::new(options);
+            let mut scene = Scene::new(options);
             for _ in 0..2 {
-                let _ = scene.edit_expanded(Edit { steps: &steps }, Want::Changes).map(drop);
+                let _ = scene.edit(Edit { steps: &steps }, Want::Changes).map(drop);
             }
         }
     }

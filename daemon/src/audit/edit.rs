@@ -19,7 +19,6 @@ enum OwnedStep {
     Filters(FilterTable),
     Include(Vec<[u32; 2]>, bool),
     Exclude(Vec<[u32; 2]>, bool),
-    Renew(OwnedIndices),
 }
 
 /// As [`Indices`].
@@ -54,7 +53,6 @@ impl OwnedStep {
             Step::Filters(table) => Self::Filters(table.clone()),
             Step::Include(pairs, is_on) => Self::Include(pairs.to_vec(), is_on),
             Step::Exclude(pairs, is_on) => Self::Exclude(pairs.to_vec(), is_on),
-            Step::Renew(of) => Self::Renew(indices(of)?),
             _ => return None,
         })
     }
@@ -69,7 +67,6 @@ impl OwnedStep {
             Self::Filters(table) => Step::Filters(table),
             Self::Include(pairs, is_on) => Step::Include(pairs, *is_on),
             Self::Exclude(pairs, is_on) => Step::Exclude(pairs, *is_on),
-            Self::Renew(of) => Step::Renew(of.indices()),
         }
     }
 }

@@ -7,10 +7,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use pairmask_core::aabb::Aabb;
-use pairmask_core::filters::{Rules, Tag};
+use pairmask_core::filters::Tag;
 use pairmask_core::objects::Objects;
 use pairmask_core::oracle::Corners;
-use pairmask_core::scene::{Edit, KeptBox, QueryTags, SceneCopy, Told, Want};
+use pairmask_core::scene::{Edit, QueryTags, SceneCopy, Told, Want};
 use pairmask_wire::{EditScratch, Page, SceneRequest};
 
 use super::check::{Outcome, check_by_rules};
@@ -190,14 +190,9 @@ impl SceneAudit {
         let on = |index| self.copy.kept(index).filter(|kept| kept.is_on);
         let first = query.window.fill_second_set(|index| on(index).map(|kept| kept.b));
         let tags = query.tags();
-        let (rules, none) = (self.copy.rules(), Rules::default());
-        let of_box = |index: u32| match rules {
-            Some(rules) => rules.tag(index),
-            None => Tag::default().with_static(on(index).is_some_and(|kept| kept.is_static)),
-        };
+        let rules = self.copy.filters().rules();
         check_by_rules(&query.window, |query, object| {
-            tags.of(query)
-                .is_none_or(|tag| rules.unwrap_or(&none).tags_meet(&tag, &of_box(object - first)))
+            tags.of(query).is_none_or(|tag| rules.tags_meet(&tag, &self.copy.tag(object - first)))
         })
     }
 
@@ -231,21 +226,15 @@ impl SceneAudit {
 
     fn compare(&mut self, outcome: &mut Outcome) {
         let end = self.copy.index_end();
-        let rules = self.copy.rules();
-        let boxes: Vec<Option<(Corners, KeptBox)>> = (0..end as u32)
+        let boxes: Vec<Option<Corners>> = (0..end as u32)
             .map(|index| self.copy.kept(index))
-            .map(|kept| kept.filter(|kept| kept.is_on).map(|kept| (Corners::of(&kept.b), kept)))
+            .map(|kept| kept.filter(|kept| kept.is_on).map(|kept| Corners::of(&kept.b)))
             .collect();
         for _ in 0..(TESTS / end.max(1)).max(1).min(end) {
             let row = self.random.below(end as u64) as u32;
             for (other, theirs) in (0..).zip(&boxes).filter(|(other, _)| *other != row) {
                 let is = match (&boxes[row as usize], theirs) {
-                    (Some((a, one)), Some((b, two))) => {
-                        a.overlap(b)
-                            && rules.map_or(!(one.is_static && two.is_static), |rules| {
-                                rules.meet(row, other)
-                            })
-                    }
+                    (Some(a), Some(b)) => a.overlap(b) && self.copy.may_meet([row, other]),
                     _ => false,
                 };
                 let said = self.known.has(row, other);

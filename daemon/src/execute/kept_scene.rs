@@ -12,7 +12,9 @@ use pairmask_core::Aabb;
 use pairmask_core::dispatch::{CpuEngines, nanoseconds_since};
 use pairmask_core::engine::{CullError, EngineChoice, EngineName};
 use pairmask_core::plan::GpuCost;
-use pairmask_core::scene::{Edit, PairScene, Scene, SceneError, SceneOptions, Told, Want};
+use pairmask_core::scene::{
+    Edit, FilterHistory, QueryError, QueryTags, Scene, SceneError, SceneOptions, Told, Want,
+};
 
 use super::gpu::GpuScene;
 use super::gpus::SceneGpus;
@@ -200,11 +202,20 @@ impl SceneKeeper {
             Err(error) => log::info!("a scene stays with the cores: {error}"),
         }
     }
-}
 
-impl PairScene for SceneKeeper {
-    /// After [`SceneError::Cull`] the scene is to be dropped.
-    fn edit(&mut self, edit: Edit<'_>, want: Want) -> Result<(), SceneError> {
+    /// The collision filters.
+    pub const fn filters(&self) -> &FilterHistory {
+        match &self.place {
+            Place::Cores(scene) => scene.filters(),
+            Place::Gpu(scene) => scene.filters(),
+        }
+    }
+
+    /// Applies an edit and answers, as [`Scene::edit`] does.
+    ///
+    /// # Errors
+    /// [`SceneError`]. After [`SceneError::Cull`] the scene is to be dropped.
+    pub fn edit(&mut self, edit: Edit<'_>, want: Want) -> Result<(), SceneError> {
         self.move_if_due();
         match &mut self.place {
             Place::Cores(scene) => {
@@ -224,69 +235,52 @@ impl PairScene for SceneKeeper {
         Ok(())
     }
 
-    fn told(&self) -> &Told {
+    /// The last answer.
+    pub const fn told(&self) -> &Told {
         match &self.place {
             Place::Cores(scene) => scene.told(),
             Place::Gpu(scene) => scene.told(),
         }
     }
 
-    fn take(&mut self) {
+    /// Takes the last answer.
+    pub fn take(&mut self) {
         match &mut self.place {
             Place::Cores(scene) => scene.take(),
             Place::Gpu(scene) => scene.take(),
         }
     }
 
-    fn lose(&mut self) {
+    /// Forgets what was told.
+    pub fn lose(&mut self) {
         match &mut self.place {
             Place::Cores(scene) => scene.lose(),
             Place::Gpu(scene) => scene.lose(),
         }
     }
 
-    fn most_boxes(&self) -> u32 {
-        self.options.most_boxes
-    }
-
-    fn threads(&self) -> usize {
-        self.threads
-    }
-
-    fn is_present(&self, index: u32) -> bool {
-        match &self.place {
-            Place::Cores(scene) => scene.get(index).is_some(),
-            Place::Gpu(scene) => scene.is_present(index),
-        }
-    }
-
-    fn is_off(&self, index: u32) -> bool {
-        match &self.place {
-            Place::Cores(scene) => PairScene::is_off(scene, index),
-            Place::Gpu(scene) => scene.is_off(index),
-        }
-    }
-
-    fn is_static(&self, index: u32) -> bool {
-        match &self.place {
-            Place::Cores(scene) => PairScene::is_static(scene, index),
-            Place::Gpu(scene) => scene.is_static(index),
-        }
-    }
-
-    fn query(&mut self, queries: &[Aabb], found: &mut Vec<[u32; 2]>) -> Result<u64, CullError> {
+    /// Finds the boxes that some other boxes overlap, as [`Scene::query`] does.
+    ///
+    /// # Errors
+    /// [`QueryError`].
+    pub fn query(
+        &mut self,
+        queries: &[Aabb],
+        tags: QueryTags<'_>,
+        found: &mut Vec<[u32; 2]>,
+    ) -> Result<u64, QueryError> {
         self.move_if_due();
         match &mut self.place {
             Place::Cores(scene) => {
                 let start = Instant::now();
-                let tested = scene.query(queries, found)?;
+                let tested = scene.query(queries, tags, found)?;
                 self.note_cores(queries.len(), nanoseconds_since(start) as f64);
                 Ok(tested)
             }
             Place::Gpu(scene) => {
                 // One session uses a GPU at a time.
                 let _turns = self.gpus.turns(|gpu| scene.is_on(gpu));
-                scene.query(queries, found)
+                scene.query(queries, tags, found)
             }
         }
     }

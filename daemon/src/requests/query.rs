@@ -30,7 +30,7 @@ impl SceneEdits {
         let mut gpu = GpuNeed::None;
         let answered = match Self::find_at(session, request.scene, request.revision, outbox) {
             Ok(mut kept) => {
-                let is_there = kept.scene.scene().engine().is_gpu();
+                let is_there = kept.scene.engine().is_gpu();
                 let mut answer =
                     || query_and_answer(&mut kept, &mut open, request, threads, outbox);
                 // A scene in video memory has work for the pool only where its queries fill a copy of several
@@ -90,8 +90,8 @@ fn query_and_answer(
     outbox: &Outbox,
 ) -> Result<(), Unanswered> {
     let KeptScene { scene, scratch, found, room, audited, .. } = kept;
-    scene.scene_mut().set_threads(threads);
-    scene.scene_mut().limit_query_pairs(open.limit_pairs());
+    scene.set_threads(threads);
+    scene.limit_query_pairs(open.limit_pairs());
     let taken_at = open.taken_at();
     let begun = Instant::now();
     let answer = {
@@ -106,7 +106,7 @@ fn query_and_answer(
     found.tidy();
     room.note(scene, found.bytes() + scratch.allocated_bytes() as u64);
     let mut answer = answer?;
-    answer.engine = scene.scene().engine();
+    answer.engine = scene.engine();
     answer.times.ingest_ns = begun.duration_since(taken_at).as_nanos() as u64;
     let queries = BoxCount::new(request.mask.queries());
     let window = outbox.answer_query(open, queries, answer, audited.as_ref());

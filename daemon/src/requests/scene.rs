@@ -50,14 +50,14 @@ impl SceneEdits {
             Ok(mut kept) => {
                 // More would be found in memory that nobody has counted.
                 let most_pairs = self.memory.most_pairs(open.limit_pairs());
-                kept.scene.scene_mut().limit_pairs(most_pairs);
+                kept.scene.limit_pairs(most_pairs);
                 let edited = if threads == 1 {
                     edit_and_answer(&mut kept, &mut open, request, 1, outbox)
                 } else {
                     self.pool
                         .work(|| edit_and_answer(&mut kept, &mut open, request, threads, outbox))
                 };
-                if kept.scene.scene().engine().is_gpu() {
+                if kept.scene.engine().is_gpu() {
                     gpu = GpuNeed::Alone;
                 }
                 if edited.is_err() {
@@ -148,8 +148,8 @@ fn edit_and_answer(
     if request.is_lost {
         scene.lose();
     }
-    scene.scene_mut().set_threads(threads);
-    let edited = scene.edit_expanded(edit, request.want).map(drop);
+    scene.set_threads(threads);
+    let edited = scene.edit(edit, request.want);
     room.note(scene, found.bytes() + scratch.allocated_bytes() as u64);
     match edited {
         Ok(()) => *revision = request.revision,
@@ -179,8 +179,8 @@ fn edit_and_answer(
         ..StageTimes::default()
     };
     let told = scene.told();
-    let kept_bytes = scene.scene().bytes() + scene.rule_bytes() as u64;
-    let engine = scene.scene().engine();
+    let kept_bytes = scene.bytes();
+    let engine = scene.engine();
     let header = response_scene(open.fields(), engine, threads, told, kept_bytes, &times);
     outbox.answer_edit(open, told, &header);
     if let Some(audited) = audited {

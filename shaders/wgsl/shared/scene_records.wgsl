@@ -7,9 +7,9 @@
 const PRESENT: u32 = 1u;
 // It is switched off.
 const OFF: u32 = 2u;
-// It is static.
+// It is still: static, and no rule makes an exception of it.
 const STATIC: u32 = 4u;
-// A box of this index was removed in the history of the record.
+// A box of this index was removed in the history of the record, or its filter data have changed.
 const REMOVED: u32 = 8u;
 const FLAGS: u32 = 0xffu;
 

@@ -113,7 +113,6 @@ impl RuleSteps {
             Step::Filters(&self.table),
             Step::Include(&self.pairs, dice.below(2) == 0),
             Step::Exclude(&self.pairs, dice.below(2) == 0),
-            Step::Renew(indices),
         ] {
             if dice.below(3) == 0 {
                 steps.push(step);

@@ -11,7 +11,9 @@ use pairmask::{
 };
 use pairmask_core::Aabb;
 use pairmask_core::filters::{FilterTable, Tag};
-use pairmask_core::scene::{Edit, FilteredScene, Indices, SceneOptions, Sets, Step, Tags, Told};
+use pairmask_core::scene::{
+    Edit, Indices, Scene as CoreCrateScene, SceneOptions, Sets, Step, Tags, Told,
+};
 
 use super::check::Subject;
 use super::generate::MEMBERS;
@@ -120,12 +122,12 @@ impl From<&Told> for Heard {
 
 /// A scene of the core.
 #[derive(Debug)]
-pub struct CoreScene(FilteredScene);
+pub struct CoreScene(CoreCrateScene);
 
 impl CoreScene {
     /// One that uses so many threads of the caller's pool.
     pub fn new(script: &Script, threads: usize) -> Self {
-        Self(FilteredScene::new(options(script).with_threads(threads)))
+        Self(CoreCrateScene::new(options(script).with_threads(threads)))
     }
 }
 

@@ -26,8 +26,8 @@ mod tag;
 mod tests;
 
 pub use self::filter::Filter;
-pub(crate) use self::pair_lists::Listed;
 pub use self::pair_lists::PairLists;
+pub(crate) use self::pair_lists::{Listed, in_order};
 pub use self::rules::Rules;
 pub(crate) use self::rules::decide;
 pub use self::table::{FilterTable, TooManyFilters};

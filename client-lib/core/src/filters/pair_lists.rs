@@ -1,6 +1,6 @@
 //! Pairs that are reported, or never reported, whatever their filters say.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeSet, HashMap, HashSet};
 
 /// What lists a pair is on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -11,11 +11,14 @@ pub(crate) struct Listed {
 
 /// The include list and the exclude list: pairs of indices, in any order. A pair may be on both.
 ///
-/// They are lists of indices, not of boxes: a box that comes to an index finds what its index is on.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+/// In a [scene](crate::scene) an entry belongs to the two boxes: it ends when either is removed. One that names
+/// an index without a box waits for its first box.
+#[derive(Clone, Debug, Default)]
 pub struct PairLists {
     listed: HashMap<[u32; 2], Listed>,
-    /// Indices that any pair ever named.
+    /// Listed pairs in both directions, from the first [removal](Self::remove_index) on: a frame's lists need none.
+    partners: Option<BTreeSet<[u32; 2]>>,
+    /// Indices that any pair named since they were last removed.
     named: HashSet<u32>,
     /// A bit for each of them, by its low bits: most pairs are not looked up.
     sieve: Vec<u64>,
@@ -66,6 +69,25 @@ impl PairLists {
         self.listed.iter().filter(|(_, listed)| listed.is_excluded).map(|(pair, _)| *pair)
     }
 
+    /// Ends all entries of an index whose box is removed. `ended` is called with each of them before.
+    pub(crate) fn remove_index(&mut self, index: u32, mut ended: impl FnMut([u32; 2], Listed)) {
+        if !self.named.remove(&index) {
+            return;
+        }
+        let directed = |listed: &HashMap<[u32; 2], Listed>| {
+            listed.keys().flat_map(|[a, b]| [[*a, *b], [*b, *a]]).collect()
+        };
+        let partners = self.partners.get_or_insert_with(|| directed(&self.listed));
+        let own: Vec<[u32; 2]> = partners.range([index, 0]..=[index, u32::MAX]).copied().collect();
+        for [index, other] in own {
+            partners.remove(&[index, other]);
+            partners.remove(&[other, index]);
+            if let Some(listed) = self.listed.remove(&in_order([index, other])) {
+                ended(in_order([index, other]), listed);
+            }
+        }
+    }
+
     /// What lists a pair is on.
     #[inline]
     pub(crate) fn listed(&self, a: u32, b: u32) -> Listed {
@@ -80,17 +102,19 @@ impl PairLists {
     pub fn allocated_bytes(&self) -> usize {
         self.listed.capacity() * (size_of::<([u32; 2], Listed)>() + 1)
             + self.named.capacity() * (size_of::<u32>() + 1)
+            // A tree's nodes are between half full and full.
+            + self.partners.as_ref().map_or(0, |partners| 2 * partners.len() * size_of::<[u32; 2]>())
             + self.sieve.capacity() * size_of::<u64>()
     }
 
-    /// Whether the sieve lets an index pass: all that any pair names, now or before, and few others.
+    /// Whether the sieve lets an index pass: all that any pair named, now or before, and few others.
     #[inline]
     pub(crate) fn may_be_named(&self, index: u32) -> bool {
         let (word, bit) = sieved(index);
         self.sieve.get(word).is_some_and(|word| word & bit != 0)
     }
 
-    /// Whether any pair of the lists, now or before, names an index.
+    /// Whether any pair of the lists, now or since the index was last removed, named an index.
     pub(crate) fn is_named(&self, index: u32) -> bool {
         self.named.contains(&index)
     }
@@ -110,14 +134,33 @@ impl PairLists {
         }
         let listed = self.listed.entry(pair).or_default();
         let was = std::mem::replace(of(listed), on);
-        if *listed == Listed::default() {
+        let is_listed = *listed != Listed::default();
+        if !is_listed {
             self.listed.remove(&pair);
+        }
+        if let Some(partners) = &mut self.partners {
+            for directed in [pair, [pair[1], pair[0]]] {
+                if is_listed {
+                    partners.insert(directed);
+                } else {
+                    partners.remove(&directed);
+                }
+            }
         }
         was != on
     }
 }
 
-const fn in_order([a, b]: [u32; 2]) -> [u32; 2] {
+impl PartialEq for PairLists {
+    /// Whether they list the same pairs.
+    fn eq(&self, other: &Self) -> bool {
+        self.listed == other.listed
+    }
+}
+
+impl Eq for PairLists {}
+
+pub(crate) const fn in_order([a, b]: [u32; 2]) -> [u32; 2] {
     if a < b { [a, b] } else { [b, a] }
 }
 
@@ -142,5 +185,29 @@ mod tests {
         assert!(!lists.exclude([70, 3], false));
         assert_eq!(lists.listed(3, 70), Listed::default());
         assert_eq!(lists.listed(u32::MAX, 0), Listed::default());
+    }
+
+    #[test]
+    fn entries_end_with_either_index() {
+        let mut lists = PairLists::new();
+        let remove = |lists: &mut PairLists, index| {
+            let mut ended = Vec::new();
+            lists.remove_index(index, |pair, _| ended.push(pair));
+            ended
+        };
+        for pair in [[1, 2], [3, 1], [2, 3], [9, 9]] {
+            lists.exclude(pair, true);
+        }
+        assert_eq!(remove(&mut lists, 1), [[1, 2], [1, 3]]);
+        assert!(!lists.is_named(1) && lists.is_named(2));
+        // Entries that come after the first removal end as well.
+        lists.include([4, 2], true);
+        lists.include([2, 5], true);
+        lists.include([5, 2], false);
+        assert_eq!(remove(&mut lists, 2), [[2, 3], [2, 4]]);
+        assert_eq!(remove(&mut lists, 2), [[0; 2]; 0]);
+        assert_eq!(lists.excluded().collect::<Vec<_>>(), [[9, 9]]);
+        assert_eq!(remove(&mut lists, 9), [[9, 9]]);
+        assert!(lists.is_empty());
     }
 }

@@ -20,7 +20,9 @@ pub enum Want {
     /// Pairs that began and ended since the last answer that was taken.
     #[default]
     Changes,
-    /// Pairs of now with at least one box that this edit set, switched or flagged.
+    /// Pairs of now with at least one box that this edit named: that it set, switched, made static or not, or gave
+    /// filter data, or that is in a pair which it listed, whether that changed anything or not; and those whose
+    /// filter is another one by the edit's new table.
     Moved,
     /// All pairs of now.
     All,

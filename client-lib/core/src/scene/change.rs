@@ -1,14 +1,14 @@
 //! Whether a pair began or ended: the boxes as they were when the history began, against those of now.
 
-use super::store::{Solid, Store};
+use super::store::{BoxState, Store};
 
 /// A box: what it was when the history began, and what it is.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct WasIs {
-    pub was: Solid,
-    pub is: Solid,
-    /// It was removed meanwhile: what is there is another one.
-    pub was_removed: bool,
+    pub was: BoxState,
+    pub is: BoxState,
+    /// Pairs of it may have changed although it has not moved: it is another box, or its filter data have changed.
+    pub is_touched: bool,
 }
 
 impl WasIs {
@@ -16,35 +16,45 @@ impl WasIs {
     #[inline]
     pub fn of(index: u32, store: &Store) -> Self {
         let is = store.now(index);
+        let is_touched = || store.was_removed(index) || store.is_refiltered(index);
         match store.before(index) {
-            Some(was) => Self { was, is, was_removed: store.was_removed(index) },
+            Some(was) => Self { was, is, is_touched: is_touched() },
             None => Self::unchanged(is),
         }
     }
 
     /// A box that has not changed.
     #[inline]
-    pub const fn unchanged(is: Solid) -> Self {
-        Self { was: is, is, was_removed: false }
+    pub const fn unchanged(is: BoxState) -> Self {
+        Self { was: is, is, is_touched: false }
     }
 
     /// Whether no more than the place of the box has changed.
     #[inline]
     pub const fn is_same(&self) -> bool {
-        self.was.is_static == self.is.is_static && !self.was_removed
+        self.was.is_static == self.is.is_static && !self.is_touched
     }
 
-    /// Whether its pair with another box began, and whether it ended.
+    /// Whether it overlapped another box, and overlaps it, unless both were or are still.
     #[inline]
-    pub fn change(&self, other: &Self) -> [bool; 2] {
-        let (had, has) = (are_pair(&self.was, &other.was), are_pair(&self.is, &other.is));
-        let is_replaced = had && has && (self.was_removed || other.was_removed);
-        [has && (!had || is_replaced), had && (!has || is_replaced)]
+    pub fn overlaps(&self, other: &Self) -> [bool; 2] {
+        [overlap(&self.was, &other.was), overlap(&self.is, &other.is)]
     }
 }
 
-/// Whether two boxes are a pair.
+/// Whether two boxes overlap that are not both still.
 #[inline]
-pub(super) fn are_pair(a: &Solid, b: &Solid) -> bool {
+pub(super) fn overlap(a: &BoxState, b: &BoxState) -> bool {
     !(a.is_static && b.is_static) && a.b.overlaps(&b.b)
+}
+
+/// Whether a pair began, and whether it ended, of boxes that overlapped and overlap. The one place where filters
+/// and incarnations come to places.
+#[inline]
+pub(super) fn change(pair: [u32; 2], [overlapped, overlap]: [bool; 2], store: &Store) -> [bool; 2] {
+    let filters = store.filters();
+    let had = overlapped && filters.met(pair);
+    let has = overlap && filters.meet(pair);
+    let is_replaced = had && has && pair.iter().any(|index| store.was_removed(*index));
+    [has && (!had || is_replaced), had && (!has || is_replaced)]
 }

@@ -1,22 +1,23 @@
 //! What a client keeps of a scene that lives in another process: enough to make it again.
 
+use super::answer::EndReason;
 use super::check::{EDIT_REMOVES, EDIT_SETS, PRESENT, len_after, mark, unmark};
 use super::edit::{Edit, Flag, Indices, Sets, Step, Tags};
 use super::error::EditError;
 use super::fetch::ask_for;
-use super::filtered::{Before, Expansion, apply_rules};
 use super::kept::KeptBox;
+use super::rules::{FilterHistory, FilteredBoxes};
 use crate::aabb::Aabb;
 use crate::filters::{Rules, Tag};
 use crate::write::par_write_boxes;
 
 /// The box is switched off.
 const OFF: u8 = 1 << 1;
-/// It is static.
+/// It is [still](super::rules).
 const STATIC: u8 = 1 << 2;
 
-/// Boxes and flags of a scene, by index: 25 bytes an index, and 12 more up to the last one with a tag. It
-/// checks edits as the scene does, and applies them; it knows nothing of pairs.
+/// Boxes, flags and collision filters of a scene, by index: 25 bytes an index, and 12 more up to the last one with
+/// a tag. It checks edits as the scene does, and applies them; it knows nothing of pairs.
 ///
 /// ```
 /// use pairmask_core::Aabb;
@@ -34,32 +35,75 @@ const STATIC: u8 = 1 << 2;
 /// assert_eq!(told.begun(), [[7, 8]]);
 /// # Ok::<(), pairmask_core::scene::SceneError>(())
 /// ```
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct SceneCopy {
-    boxes: Vec<Aabb>,
-    flags: Vec<u8>,
+    table: Table,
     present: usize,
     limit: u32,
-    /// Where an edit was ever about rules. What is static they know, then; the flag is what a scene that
-    /// knows no rules is to take for static.
-    rules: Option<Box<Rules>>,
+    filters: FilterHistory,
 }
 
-/// All boxes and flags of a scene, as an edit that makes it.
+/// Boxes and flags by index.
+#[derive(Clone, Debug, Default)]
+struct Table {
+    boxes: Vec<Aabb>,
+    flags: Vec<u8>,
+}
+
+impl Table {
+    fn has(&self, index: u32, bit: u8) -> bool {
+        self.flags.get(index as usize).is_some_and(|flags| flags & bit != 0)
+    }
+}
+
+/// Nobody searches here: what changes is only kept.
+impl FilteredBoxes for Table {
+    fn index_end(&self) -> u32 {
+        self.flags.len() as u32
+    }
+
+    fn is_present(&self, index: u32) -> bool {
+        self.has(index, PRESENT)
+    }
+
+    fn is_still(&self, index: u32) -> bool {
+        self.has(index, STATIC)
+    }
+
+    fn set_still(&mut self, index: u32, is_still: bool) {
+        let flags = &mut self.flags[index as usize];
+        *flags = if is_still { *flags | STATIC } else { *flags & !STATIC };
+    }
+
+    fn has_flipped(&self, _: u32) -> bool {
+        false
+    }
+
+    fn name(&mut self, _: u32) {}
+
+    fn refilter(&mut self, _: u32) {}
+
+    fn smaller(&self, [a, _]: [u32; 2]) -> u32 {
+        a
+    }
+}
+
+/// All boxes, flags and filters of a scene, as an edit that makes it.
 #[derive(Debug)]
 pub struct WholeScene<'a> {
     boxes: Boxes<'a>,
     off: Vec<u32>,
     statics: Vec<u32>,
+    /// Boxes with indices that are tagged, and their tags: those that are not the default ones.
+    tagged: Vec<u32>,
+    tags: Vec<Tag>,
     rules: Option<WholeRules<'a>>,
 }
 
-/// All rules of a scene.
+/// All rules of a scene but the tags.
 #[derive(Debug)]
 struct WholeRules<'a> {
     rules: &'a Rules,
-    tagged: Vec<u32>,
-    tags: Vec<Tag>,
     included: Vec<[u32; 2]>,
     excluded: Vec<[u32; 2]>,
 }
@@ -75,8 +119,8 @@ enum Boxes<'a> {
 
 impl SceneCopy {
     /// Of a scene without boxes, whose indices are below a limit.
-    pub const fn new(limit: u32) -> Self {
-        Self { boxes: Vec::new(), flags: Vec::new(), present: 0, limit, rules: None }
+    pub fn new(limit: u32) -> Self {
+        Self { table: Table::default(), present: 0, limit, filters: FilterHistory::default() }
     }
 
     /// Boxes, those that are switched off too.
@@ -91,50 +135,54 @@ impl SceneCopy {
 
     /// Indices are below this number.
     pub const fn index_end(&self) -> usize {
-        self.flags.len()
+        self.table.flags.len()
     }
 
     /// The box of an index, also one that is switched off.
     #[inline]
     pub fn get(&self, index: u32) -> Option<Aabb> {
-        let i = index as usize;
-        self.flags.get(i).is_some_and(|flags| flags & PRESENT != 0).then(|| self.boxes[i])
+        self.table.has(index, PRESENT).then(|| self.table.boxes[index as usize])
     }
 
     /// Asks for the box of an index. One in three lies on two lines.
     #[inline]
     pub(super) fn ask_for(&self, index: u32) {
-        ask_for(&self.boxes, index);
-        ask_for(&self.boxes, index + 1);
+        ask_for(&self.table.boxes, index);
+        ask_for(&self.table.boxes, index + 1);
     }
 
     /// The box of an index and its flags.
     pub fn kept(&self, index: u32) -> Option<KeptBox> {
-        let flags = *self.flags.get(index as usize)?;
-        let has = |bit| flags & bit != 0;
         let b = self.get(index)?;
-        let rules = self.rules.as_ref();
-        let is_static = rules.map_or_else(|| has(STATIC), |rules| rules.tag(index).is_static());
-        Some(KeptBox { b, is_on: !has(OFF), is_static })
+        let is_static = self.tag(index).is_static();
+        Some(KeptBox { b, is_on: !self.table.has(index, OFF), is_static })
     }
 
-    /// The rules, if an edit was ever about some.
-    pub fn rules(&self) -> Option<&Rules> {
-        self.rules.as_deref()
+    /// The filter data of a box, with its own static flag.
+    pub fn tag(&self, index: u32) -> Tag {
+        self.filters.tag(index, self.table.has(index, STATIC))
     }
 
-    /// What an edit that was checked, and is not applied, needs so that a scene can be sent it which does
-    /// not know what rules and boxes were; `None` where it is to be sent as it is.
-    pub fn expand(&self, edit: Edit<'_>) -> Option<Expansion> {
-        let kept = |index| self.kept(index);
-        let index_end = self.flags.len() as u32;
-        Expansion::of(edit, &Before { kept, index_end, rules: self.rules() })
+    /// Whether two boxes may be a pair, wherever they are.
+    pub fn may_meet(&self, pair: [u32; 2]) -> bool {
+        !pair.iter().all(|index| self.table.has(*index, STATIC)) && self.filters.meet(pair)
+    }
+
+    /// Why a pair of boxes that are still there ended.
+    pub fn end_reason(&self, pair: [u32; 2]) -> EndReason {
+        let is_off = pair.iter().any(|index| self.table.has(*index, OFF));
+        if is_off || !self.may_meet(pair) { EndReason::Filtered } else { EndReason::Separated }
+    }
+
+    /// The collision filters.
+    pub const fn filters(&self) -> &FilterHistory {
+        &self.filters
     }
 
     /// Bytes that are kept.
     pub fn allocated_bytes(&self) -> usize {
-        let rules = self.rules().map_or(0, Rules::allocated_bytes);
-        self.boxes.capacity() * size_of::<Aabb>() + self.flags.capacity() + rules
+        let Table { boxes, flags } = &self.table;
+        boxes.capacity() * size_of::<Aabb>() + flags.capacity() + self.filters.allocated_bytes()
     }
 
     /// Checks an edit. Where it is right, [`apply`](Self::apply) or [`cancel`](Self::cancel) is to follow.
@@ -142,35 +190,44 @@ impl SceneCopy {
     /// # Errors
     /// [`EditError`]; the edit is forgotten then.
     pub fn check(&mut self, edit: Edit<'_>) -> Result<(), EditError> {
-        let len = len_after(edit, self.flags.len(), self.limit)?;
-        let more = len - self.flags.len();
+        let Table { boxes, flags } = &mut self.table;
+        let len = len_after(edit, flags.len(), self.limit)?;
+        let more = len - flags.len();
         let no_memory = |_| EditError::NoMemory { boxes: len as u64 };
-        self.boxes.try_reserve(more).map_err(no_memory)?;
-        self.flags.try_reserve(more).map_err(no_memory)?;
-        self.boxes.resize(len, Aabb::EMPTY);
-        self.flags.resize(len, 0);
-        mark(edit, &mut self.flags)
+        boxes.try_reserve(more).map_err(no_memory)?;
+        flags.try_reserve(more).map_err(no_memory)?;
+        boxes.resize(len, Aabb::EMPTY);
+        flags.resize(len, 0);
+        mark(edit, flags)
     }
 
     /// Whether the edit that was checked removes the box of an index.
     #[inline]
     pub(super) fn is_removed_by_edit(&self, index: u32) -> bool {
-        self.flags.get(index as usize).is_some_and(|flags| flags & EDIT_REMOVES != 0)
+        self.table.has(index, EDIT_REMOVES)
+    }
+
+    /// Boxes that an edit [names](super::Want::Moved) by its table of filters alone, before it is applied.
+    pub fn named_by_table(&self, edit: Edit<'_>) -> Vec<u32> {
+        let tables = edit.steps.iter().filter_map(|step| match step {
+            Step::Filters(table) => Some(*table),
+            _ => None,
+        });
+        tables.flat_map(|table| self.filters.named_by(table, &self.table)).collect()
     }
 
     /// Forgets an edit that was checked.
     pub fn cancel(&mut self, edit: Edit<'_>) {
-        unmark(edit, &mut self.flags);
+        unmark(edit, &mut self.table.flags);
     }
 
-    /// Applies an edit that was checked, with what it [needs](Self::expand).
+    /// Applies an edit that was checked.
     pub fn apply(&mut self, edit: Edit<'_>) {
-        if self.rules.is_some() || edit.has_rules() {
-            apply_rules(edit, self.rules.get_or_insert_default(), &mut ());
-        }
-        let Self { boxes, flags, present, .. } = self;
+        let Self { table, present, filters, .. } = self;
+        let Table { boxes, flags } = table;
         edit.for_each_removed(|index| {
             flags[index as usize] &= EDIT_SETS;
+            filters.remove(index);
             *present -= 1;
         });
         for &Sets { indices, boxes: new } in edit.sets() {
@@ -193,51 +250,55 @@ impl SceneCopy {
                 }
             };
         }
-        edit.for_each_flag(|index, flag| {
-            let flags = &mut flags[index as usize];
-            let (bit, on) = match flag {
-                Flag::On(on) => (OFF, !on),
-                Flag::Static(on) => (STATIC, on),
-            };
-            *flags = if on { *flags | bit } else { *flags & !bit };
+        edit.for_each_flag(|index, flag| match flag {
+            Flag::On(true) => table.flags[index as usize] &= !OFF,
+            Flag::On(false) => table.flags[index as usize] |= OFF,
+            Flag::Static(on) => filters.make_static(index, on, table),
         });
+        filters.apply(edit, table);
     }
 
     /// All of it, to make the scene again from nothing.
     pub fn whole(&self) -> WholeScene<'_> {
-        let mask = |bit: u8| -> Vec<u32> {
-            let has = |flags: &u8| flags & (PRESENT | bit) == PRESENT | bit;
-            let word = |flags: &[u8]| {
-                flags.iter().enumerate().fold(0, |word, (t, f)| word | u32::from(has(f)) << t)
-            };
-            self.flags.chunks(32).map(word).collect()
-        };
-        let boxes = if self.present == self.flags.len() {
-            Boxes::All(&self.boxes)
-        } else {
-            let present = self.boxes.iter().zip(&self.flags);
-            let packed = present.filter(|(_, f)| **f & PRESENT != 0).map(|(b, _)| *b);
-            Boxes::Some(mask(0), packed.collect())
-        };
-        let rules = self.rules().map(|rules| self.whole_rules(rules));
-        WholeScene { boxes, off: mask(OFF), statics: mask(STATIC), rules }
-    }
-
-    fn whole_rules<'a>(&self, rules: &'a Rules) -> WholeRules<'a> {
-        let is_tagged = |(index, tag): &(u32, Tag)| {
-            *tag != Tag::default()
-                && self.flags.get(*index as usize).is_some_and(|flags| flags & PRESENT != 0)
-        };
-        let tags = (0..).zip(rules.tags.iter().copied());
-        let (tagged, tags) = tags.filter(is_tagged).unzip();
-        let (included, excluded) = (rules.lists.included(), rules.lists.excluded());
-        let (included, excluded) = (included.collect(), excluded.collect());
-        WholeRules { rules, tagged, tags, included, excluded }
+        let all = (self.present == self.index_end()).then_some(&self.table.boxes[..]);
+        WholeScene::of(self.index_end(), all, |index| self.kept(index), &self.filters)
     }
 }
 
-impl WholeScene<'_> {
-    /// The steps of the edit.
+impl<'a> WholeScene<'a> {
+    /// Boxes with indices below an end, and the filters of their scene. `in_place` are the boxes, where they lie
+    /// together and every index has one.
+    pub(super) fn of(
+        end: usize,
+        in_place: Option<&'a [Aabb]>,
+        kept: impl Fn(u32) -> Option<KeptBox>,
+        filters: &'a FilterHistory,
+    ) -> Self {
+        let words = || vec![0u32; end.div_ceil(32)];
+        let (mut all, mut boxes) = (words(), Vec::new());
+        let (mut off, mut statics) = (words(), words());
+        let rules = filters.is_used().then(|| WholeRules::of(filters.rules()));
+        let (mut tagged, mut tags) = (Vec::new(), Vec::new());
+        for index in 0..end as u32 {
+            let Some(KeptBox { b, is_on, is_static }) = kept(index) else { continue };
+            let (word, bit) = (index as usize / 32, 1 << (index % 32));
+            all[word] |= bit;
+            if in_place.is_none() {
+                boxes.push(b);
+            }
+            off[word] |= if is_on { 0 } else { bit };
+            statics[word] |= if is_static { bit } else { 0 };
+            let tag = filters.rules().tag(index);
+            if tag != Tag::default() {
+                tagged.push(index);
+                tags.push(tag);
+            }
+        }
+        let boxes = in_place.map_or(Boxes::Some(all, boxes), Boxes::All);
+        Self { boxes, off, statics, tagged, tags, rules }
+    }
+
+    /// The steps of an edit that makes the scene where there is no box.
     pub fn steps(&self) -> Vec<Step<'_>> {
         let set = match &self.boxes {
             Boxes::All(boxes) => Sets { indices: (0..boxes.len() as u32).into(), boxes },
@@ -249,16 +310,24 @@ impl WholeScene<'_> {
             Step::Switch(flagged(&self.off), false),
             Step::Static(flagged(&self.statics), true),
         ];
-        if let Some(WholeRules { rules, tagged, tags, included, excluded }) = &self.rules {
-            let tags = Tags { indices: tagged.into(), tags };
+        if let Some(WholeRules { rules, included, excluded }) = &self.rules {
             steps.extend([
-                Step::Tag(tags),
+                Step::Tag(Tags { indices: (&self.tagged).into(), tags: &self.tags }),
                 Step::Filters(&rules.table),
                 Step::Include(included, true),
                 Step::Exclude(excluded, true),
             ]);
         }
         steps
+    }
+}
+
+impl<'a> WholeRules<'a> {
+    /// All rules but the tags of boxes.
+    fn of(rules: &'a Rules) -> Self {
+        let (included, excluded) = (rules.lists.included(), rules.lists.excluded());
+        let (included, excluded) = (included.collect(), excluded.collect());
+        Self { rules, included, excluded }
     }
 }
 

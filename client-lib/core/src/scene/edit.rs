@@ -145,22 +145,12 @@ pub enum Step<'a> {
     Include(&'a [[u32; 2]], bool),
     /// Puts pairs of indices on the exclude list, or takes them off.
     Exclude(&'a [[u32; 2]], bool),
-    /// Boxes that this edit removes and sets stay the boxes that they were: only what rules say of them has
-    /// changed. For who sends edits on; [`Expansion`](super::Expansion) writes it.
-    Renew(Indices<'a>),
 }
 
 impl Step<'_> {
-    /// Whether it is about rules, which not every scene knows.
+    /// Whether it is about collision filters.
     pub const fn is_rule(&self) -> bool {
-        matches!(
-            self,
-            Self::Tag(_)
-                | Self::Filters(_)
-                | Self::Include(..)
-                | Self::Exclude(..)
-                | Self::Renew(_)
-        )
+        matches!(self, Self::Tag(_) | Self::Filters(_) | Self::Include(..) | Self::Exclude(..))
     }
 }
 
@@ -240,7 +230,7 @@ impl<'a> Edit<'a> {
     }
 
     /// The largest index that an edit puts on a list of pairs, or takes off.
-    pub(super) fn last_listed(&self) -> Option<u32> {
+    pub fn last_listed(&self) -> Option<u32> {
         let last = |step: &Step<'_>| match step {
             Step::Include(pairs, _) | Step::Exclude(pairs, _) => {
                 pairs.as_flattened().iter().copied().max()
@@ -251,7 +241,7 @@ impl<'a> Edit<'a> {
     }
 
     /// The first step whose boxes or tags are not as many as its indices: indices and those.
-    pub(super) fn uneven(&self) -> Option<(usize, usize)> {
+    pub fn uneven(&self) -> Option<(usize, usize)> {
         let mut lengths = self.steps.iter().filter_map(|step| match step {
             Step::Set(Sets { indices, boxes }) => Some((indices.len(), boxes.len())),
             Step::Tag(Tags { indices, tags }) => Some((indices.len(), tags.len())),
@@ -310,6 +300,18 @@ impl<'a> Edit<'a> {
             _ => 0,
         };
         self.steps.iter().map(bytes).sum()
+    }
+
+    /// Whether it gives filter data other than those that boxes have without any.
+    pub(super) fn gives_filter_data(&self) -> bool {
+        self.steps.iter().any(|step| match step {
+            Step::Tag(Tags { tags, .. }) => {
+                tags.iter().any(|tag| tag.with_static(false) != Tag::default())
+            }
+            Step::Filters(table) => !table.filters().is_empty(),
+            Step::Include(pairs, on) | Step::Exclude(pairs, on) => *on && !pairs.is_empty(),
+            _ => false,
+        })
     }
 
     /// Whether a step of it is about rules.

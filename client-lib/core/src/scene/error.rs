@@ -55,8 +55,7 @@ pub enum EditError {
         /// The index.
         index: u64,
     },
-    /// A step about rules in a scene that knows none: a
-    /// [`FilteredScene`](super::FilteredScene) does.
+    /// A step about rules in a scene with margins, which knows none.
     #[error("this scene has no rules: it knows neither tags nor lists of pairs")]
     Rules,
     /// No memory for a scene of so many boxes.

@@ -7,10 +7,10 @@
 //! A pair of two changed boxes is found from both, and told from the one with the smaller index.
 
 use super::cells::{CHANGED, Candidate, Cells, INDEX, Probe, STATIC, Searches, is_solid};
-use super::change::{WasIs, are_pair};
+use super::change::{WasIs, change, overlap};
 use super::fetch::ask_for;
 use super::pair_list::{Difference, Pair, pair};
-use super::store::{Solid, Store};
+use super::store::{BoxState, Store};
 use crate::aabb::Aabb;
 use crate::engine::strips::{in_parts, part_count};
 use crate::floats;
@@ -148,14 +148,14 @@ fn are_near(a: &Aabb, b: &Aabb) -> bool {
 
 impl Centre {
     const NONE: Self = {
-        let none = Solid { b: Aabb::EMPTY, is_static: false };
+        let none = BoxState { b: Aabb::EMPTY, is_static: false };
         Self { index: 0, b: WasIs::unchanged(none) }
     };
 
     /// A box as it is, as though it had just come: all its pairs are of interest.
     fn now(index: u32, store: &Store) -> Self {
         let is = store.now(index);
-        let was = Solid { b: Aabb::EMPTY, ..is };
+        let was = BoxState { b: Aabb::EMPTY, ..is };
         Self { index, b: WasIs { was, ..WasIs::unchanged(is) } }
     }
 
@@ -193,21 +193,23 @@ impl Centre {
         if other == self.index || has_changed && other < self.index {
             return;
         }
-        let [begins, ends] = match seen {
+        let overlaps = match seen {
             // It has not changed, and overlaps what is seen alone.
-            Seen::Was if is_sure => [false, !(self.b.was.is_static && is_static)],
-            Seen::Is if is_sure => [!(self.b.is.is_static && is_static), false],
-            _ if has_changed => self.b.change(&WasIs::of(other, store)),
+            Seen::Was if is_sure => [!(self.b.was.is_static && is_static), false],
+            Seen::Is if is_sure => [false, !(self.b.is.is_static && is_static)],
+            _ if has_changed => self.b.overlaps(&WasIs::of(other, store)),
             _ => {
-                let same = Solid { b: store.boxes()[other as usize], is_static };
-                self.b.change(&WasIs::unchanged(same))
+                let same = BoxState { b: store.boxes()[other as usize], is_static };
+                self.b.overlaps(&WasIs::unchanged(same))
             }
         };
+        let pair = pair(self.index, other);
+        let [begins, ends] = change(pair, overlaps, store);
         if begins {
-            found.begun.push(pair(self.index, other));
+            found.begun.push(pair);
         }
         if ends {
-            found.ended.push(pair(self.index, other));
+            found.ended.push(pair);
         }
     }
 }
@@ -301,8 +303,10 @@ pub(super) fn pairs_of_named(cells: &Cells, store: &Store, pairs: &mut Vec<Pair>
             for ((centre, _), Candidate { word, .. }) in around.found() {
                 let (index, other) = (centre.index, word & INDEX);
                 let is_told = other == index || store.is_named(other) && other < index;
-                if !is_told && are_pair(&centre.b.is, &store.now(other)) {
-                    pairs.push(pair(index, other));
+                let pair = pair(index, other);
+                let is_pair = || overlap(&centre.b.is, &store.now(other));
+                if !is_told && is_pair() && store.filters().meet(pair) {
+                    pairs.push(pair);
                 }
             }
         }

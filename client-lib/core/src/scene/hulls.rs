@@ -10,6 +10,7 @@
 
 use std::sync::{Mutex, OnceLock, PoisonError};
 
+use super::change::change;
 use super::entry::{Entry, Question};
 use super::fetch::ask_for;
 use super::pair_list::{Difference, Pair, pair};
@@ -46,31 +47,29 @@ impl State {
     /// changed although it has not moved.
     #[inline]
     fn core(&self) -> Entry {
-        if self.was_removed() || self.was.is_static() != self.is.is_static() {
+        if self.is_touched() || self.was.is_static() != self.is.is_static() {
             return Entry::FREE;
         }
         // Two static boxes are no pair, whatever they do: no more than others a pair that changes.
         self.was.common(&self.is).of_no_flag()
     }
 
-    /// Whether the box is another one than it was.
+    /// Whether the box is another one than it was, or its filter data are.
     #[inline]
-    const fn was_removed(&self) -> bool {
-        self.was.index() & REMOVED != 0
+    const fn is_touched(&self) -> bool {
+        self.was.index() & TOUCHED != 0
     }
 
-    /// Whether the pair with another box began, and whether it ended.
+    /// Whether it overlapped another box, and overlaps it, unless both were or are still.
     #[inline]
-    fn change(&self, other: &Self) -> [bool; 2] {
-        let had = Question::of(&self.was).admits(&other.was);
-        let has = Question::of(&self.is).admits(&other.is);
-        let is_replaced = had && has && (self.was_removed() || other.was_removed());
-        [has && (!had || is_replaced), had && (!has || is_replaced)]
+    fn overlaps(&self, other: &Self) -> [bool; 2] {
+        let overlap = |a: &Entry, b: &Entry| Question::of(a).admits(b);
+        [overlap(&self.was, &other.was), overlap(&self.is, &other.is)]
     }
 }
 
-/// Flag of an index: the box was removed.
-const REMOVED: u32 = 1 << 31;
+/// Flag of an index: pairs of the box may have changed although it has not moved.
+const TOUCHED: u32 = 1 << 31;
 
 /// The changes of a scene as boxes to cull and a test of their pairs.
 pub(super) struct Hulls<'a> {
@@ -178,14 +177,18 @@ impl<'a> Hulls<'a> {
                 }
             }
             let [one, other] = culled.map(|culled| &self.states[culled as usize]);
-            let [begins, ends] = one.change(other);
-            if begins | ends {
+            let overlaps = one.overlaps(other);
+            // Most have not changed; no more is looked up of those.
+            if overlaps[0] != overlaps[1] || overlaps[0] && (one.is_touched() | other.is_touched())
+            {
                 let [a, b] = culled.map(|culled| self.index(culled));
+                let pair = pair(a, b);
+                let [begins, ends] = change(pair, overlaps, self.store);
                 if begins {
-                    found.begun.push(pair(a, b));
+                    found.begun.push(pair);
                 }
                 if ends {
-                    found.ended.push(pair(a, b));
+                    found.ended.push(pair);
                 }
             }
         }
@@ -229,8 +232,9 @@ impl Part<'_> {
                 (*hull, *state) = (*now, State { was: is, is });
                 continue;
             };
-            let removed = if store.was_removed(index) { REMOVED } else { 0 };
-            let was = Entry::of(&before.b, before.is_static, index | removed);
+            let is_touched = store.was_removed(index) || store.is_refiltered(index);
+            let touched = if is_touched { TOUCHED } else { 0 };
+            let was = Entry::of(&before.b, before.is_static, index | touched);
             *state = State { was, is };
             *hull = match (was.is_free(), is.is_free()) {
                 (_, true) => before.b,

@@ -1,5 +1,6 @@
 //! What a scene holds, for who keeps the scene from now on.
 
+use super::copy::WholeScene;
 use super::store::Store;
 use crate::aabb::Aabb;
 
@@ -25,7 +26,7 @@ pub enum KeptHistory {
     Lost,
 }
 
-/// The boxes and flags of a scene, where no other box matters to what it tells next.
+/// The boxes, flags and collision filters of a scene, where no other box matters to what it tells next.
 #[derive(Clone, Copy, Debug)]
 pub struct Kept<'a> {
     store: &'a Store,
@@ -37,16 +38,15 @@ impl<'a> Kept<'a> {
         Self { store, history }
     }
 
-    /// Boxes have indices below this.
-    pub fn slots(&self) -> usize {
-        self.store.boxes().len()
-    }
-
-    /// The box of an index.
-    pub fn get(&self, index: u32) -> Option<KeptBox> {
-        let b = self.store.get(index)?;
-        let (is_on, is_static) = (!self.store.is_off(index), self.store.is_static(index));
-        Some(KeptBox { b, is_on, is_static })
+    /// All of it, as an edit that makes it.
+    pub fn whole(&self) -> WholeScene<'a> {
+        let store = self.store;
+        let kept = |index| {
+            let b = store.get(index)?;
+            let is_static = store.tag(index).is_static();
+            Some(KeptBox { b, is_on: !store.is_off(index), is_static })
+        };
+        WholeScene::of(store.boxes().len(), None, kept, store.filters())
     }
 
     /// What was told.

@@ -7,14 +7,15 @@
 //! # What is told
 //!
 //! * Pairs are those of boxes that overlap by the rules of [`aabb`](crate::aabb), that are switched on,
-//!   and that are not both static.
+//!   and that their [collision filters](crate::filters) let meet: two static boxes are no pair.
 //! * [`Want::Changes`] tells what differs from the pairs of the last answer that was **taken**
 //!   ([`Scene::take`]): each change exactly once, however many answers were dropped between. What began
 //!   and ended again in between is not told. [`Want::All`], taken, counts as told too. [`Want::Moved`]
 //!   tells of no end, so taking it changes nothing: the next changes hold its news as well.
-//! * A pair of an index whose box was removed meanwhile is told as ended, and as begun where the index
-//!   has a new box that overlaps too.
-//! * History never shows: an answer depends on the boxes and flags at the last taken answer, those of
+//! * A pair is named by its indices and their incarnations. So a pair of an index whose box was removed
+//!   meanwhile is told as ended, and as begun where the index has a new box that overlaps too. Flags, filter data
+//!   and entries in pair lists are those of the box, and end with it.
+//! * History never shows: an answer depends on the states of the boxes at the last taken answer, those of
 //!   now, and which were removed between. All lists are sorted, so that the bytes do not depend on
 //!   threads, nor on how the pairs were found.
 //!
@@ -23,7 +24,8 @@
 //! # How
 //!
 //! What was told is never stored as pairs: a change is what differs between then and now around the boxes
-//! that have changed (`change`). After few changes, boxes lie in cells (`cells`), and only what lies around
+//! whose state has changed (`store`), and one function says so (`change`), with the filters of then and now
+//! (`rules`). After few changes, boxes lie in cells (`cells`), and only what lies around
 //! changed boxes is looked at (`history`). Where more than one box in six has changed, one cull of all
 //! boxes finds the changes (`hulls`). Both give the same lists.
 //!
@@ -41,7 +43,6 @@ mod edit;
 mod entry;
 mod error;
 mod fetch;
-mod filtered;
 mod history;
 mod huge_pages;
 mod hulls;
@@ -51,6 +52,7 @@ mod margins;
 mod options;
 mod pair_list;
 mod query;
+mod rules;
 pub mod shared;
 mod store;
 mod whole;
@@ -59,7 +61,6 @@ pub use self::answer::{EndReason, Ended, SceneSkips, Told, Want, is_resync_due};
 pub use self::copy::{SceneCopy, WholeScene};
 pub use self::edit::{Edit, Indices, Sets, Step, Tags};
 pub use self::error::{EditError, SceneError};
-pub use self::filtered::{Expansion, FilteredScene, PairScene};
 pub use self::kept::{Kept, KeptBox, KeptHistory};
 pub use self::margins::{ExactPairs, MarginedSets, Margins, Outgoing, Sent};
 pub use self::options::SceneOptions;
@@ -68,6 +69,7 @@ pub use self::query::{
     BeyondMask, QueryError, QueryMask, QueryTags, between, cull_between, is_small_set,
     more_pairs_than,
 };
+pub use self::rules::{FilterHistory, FilteredBoxes, decide_changes};
 
 use std::sync::Arc;
 
@@ -203,6 +205,11 @@ impl Scene {
         self.store.get(index)
     }
 
+    /// Collision filters, and what they were when the history began.
+    pub const fn filters(&self) -> &FilterHistory {
+        self.store.filters()
+    }
+
     /// Threads for later edits, of the rayon pool that they are made in; `None` is all of them.
     pub const fn set_threads(&mut self, threads: Option<usize>) {
         self.options.threads = threads;
@@ -251,13 +258,31 @@ impl Scene {
     /// Applies an edit and answers. The answer counts as told when it is [taken](Self::take); else the
     /// next one makes up for it.
     ///
+    /// ```
+    /// use pairmask_core::Aabb;
+    /// use pairmask_core::filters::{Owner, Tag};
+    /// use pairmask_core::scene::{Edit, EndReason, Scene, SceneOptions, Sets, Step, Tags, Want};
+    ///
+    /// let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 3];
+    /// let mut scene = Scene::new(SceneOptions::default());
+    /// let all = [Step::Set(Sets { indices: (0..3).into(), boxes: &boxes })];
+    /// assert_eq!(scene.edit(Edit { steps: &all }, Want::Changes)?.begun().len(), 3);
+    /// scene.take();
+    ///
+    /// // Two of them are parts of one body.
+    /// let tags = [Tag::default().with_owner(Owner(7)); 2];
+    /// let body = [Step::Tag(Tags { indices: (&[0, 2]).into(), tags: &tags })];
+    /// let told = scene.edit(Edit { steps: &body }, Want::Changes)?;
+    /// assert!(told.begun().is_empty());
+    /// assert_eq!(told.ended()[0].pair, [0, 2]);
+    /// assert_eq!(told.ended()[0].reason, EndReason::Filtered);
+    /// # Ok::<(), pairmask_core::scene::SceneError>(())
+    /// ```
+    ///
     /// # Errors
     /// [`SceneError::Edit`] for an edit that is wrong: nothing is applied, and the last answer stays.
     /// [`SceneError::Cull`] where all pairs are needed and cannot be found: the edit is applied.
     pub fn edit(&mut self, edit: Edit<'_>, want: Want) -> Result<&Told, SceneError> {
-        if edit.has_rules() {
-            return Err(EditError::Rules.into());
-        }
         let threads = self.threads();
         self.store.apply(edit, self.options.most_boxes, threads)?;
         self.is_open = false;
@@ -313,8 +338,14 @@ impl Scene {
         self.known == Known::Same
     }
 
-    fn threads(&self) -> usize {
+    /// Threads that an edit may use.
+    pub fn threads(&self) -> usize {
         threads_of(self.options.threads)
+    }
+
+    /// Indices are below this.
+    pub const fn most_boxes(&self) -> u32 {
+        self.options.most_boxes
     }
 
     /// Notes what the last edit has changed.
@@ -424,10 +455,13 @@ impl Scene {
             return Ok(Arc::clone(now));
         }
         let (store, threads) = (&self.store, self.threads());
-        let any_static = store.statics() > 1;
-        let wanted = |[a, b]: Pair| !(any_static && store.is_static(a) && store.is_static(b));
         let mut list = std::mem::take(&mut self.spare);
-        self.tested += self.whole.pairs(store.boxes(), &wanted, threads, &mut list)?;
+        self.tested += if store.statics() > 1 || store.filters().is_used() {
+            let wanted = |pair: Pair| store.may_meet(pair);
+            self.whole.pairs(store.boxes(), &wanted, threads, &mut list)?
+        } else {
+            self.whole.pairs(store.boxes(), &|_| true, threads, &mut list)?
+        };
         let now = Arc::new(list);
         self.list_now = Some(Arc::clone(&now));
         Ok(now)
@@ -495,7 +529,7 @@ fn cells_before(store: &Store, threads: usize) -> Cells {
 fn reason(store: &Store, [a, b]: Pair) -> EndReason {
     if store.was_removed(a) || store.was_removed(b) {
         EndReason::Removed
-    } else if store.is_off(a) || store.is_off(b) || (store.is_static(a) && store.is_static(b)) {
+    } else if store.is_off(a) || store.is_off(b) || !store.may_meet([a, b]) {
         EndReason::Filtered
     } else {
         EndReason::Separated

@@ -1,19 +1,22 @@
-//! The boxes of a scene by the client's indices, and their flags.
+//! The states of a scene's boxes by the client's indices, as they are and as they were when the history began:
+//! box, enabled, static, filter data, and whether the index has had another box.
 
 mod range;
 
 use std::collections::HashMap;
 
-use super::check::{EDIT_SETS, PRESENT, len_after, mark, unmark};
+use super::check::{EDIT_SETS, PRESENT, len_after, mark};
 use super::edit::{Edit, Flag, Indices, Sets, Step};
 use super::error::EditError;
 use super::fetch::ask_for;
 use super::huge_pages;
+use super::rules::{FilterHistory, FilteredBoxes};
 use crate::aabb::Aabb;
+use crate::filters::Tag;
 
 /// It is switched off.
 const OFF: u8 = 1 << 1;
-/// It is static.
+/// It is [still](super::rules): static, as far as searches may skip pairs of two such boxes.
 const STATIC: u8 = 1 << 2;
 /// A box of this index was removed since the history began.
 const REMOVED: u8 = 1 << 3;
@@ -40,7 +43,7 @@ pub(super) fn are_same(a: &Aabb, b: &Aabb) -> bool {
 
 /// What collides, or collided, at an index.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Solid {
+pub(super) struct BoxState {
     pub b: Aabb,
     pub is_static: bool,
 }
@@ -56,6 +59,9 @@ pub(super) struct Store {
     /// Which of those are static now and were not, or the other way round; one bit each, for all indices or
     /// for none.
     toggled: Vec<u64>,
+    /// Whose filter data have changed since the history began; one bit each, for all indices or for none.
+    refiltered: Vec<u64>,
+    filters: FilterHistory,
     /// Boxes that are switched off.
     parked: HashMap<u32, Aabb>,
     present: usize,
@@ -101,7 +107,30 @@ impl Store {
         has.then(|| self.parked.get(&index).copied().unwrap_or(self.boxes[i]))
     }
 
-    /// Whether the box of an index is static.
+    /// The collision filters.
+    #[inline]
+    pub const fn filters(&self) -> &FilterHistory {
+        &self.filters
+    }
+
+    /// The filter data of a box, with its own static flag.
+    pub fn tag(&self, index: u32) -> Tag {
+        self.filters.tag(index, self.is_static(index))
+    }
+
+    /// Whether two boxes may be a pair, wherever they are.
+    #[inline]
+    pub fn may_meet(&self, pair: [u32; 2]) -> bool {
+        !pair.iter().all(|index| self.is_static(*index)) && self.filters.meet(pair)
+    }
+
+    /// Whether filter data of a box have changed since the history began.
+    #[inline]
+    pub fn is_refiltered(&self, index: u32) -> bool {
+        self.refiltered.get(index as usize / 64).is_some_and(|bits| bits >> (index % 64) & 1 == 1)
+    }
+
+    /// Whether the box of an index is [still](super::rules).
     #[inline]
     pub fn is_static(&self, index: u32) -> bool {
         self.flags[index as usize] & STATIC != 0
@@ -143,16 +172,16 @@ impl Store {
 
     /// What collides at an index.
     #[inline]
-    pub fn now(&self, index: u32) -> Solid {
-        Solid { b: self.boxes[index as usize], is_static: self.is_static(index) }
+    pub fn now(&self, index: u32) -> BoxState {
+        BoxState { b: self.boxes[index as usize], is_static: self.is_static(index) }
     }
 
     /// What collided at an index when the history began, if that has changed.
     #[inline]
-    pub fn before(&self, index: u32) -> Option<Solid> {
+    pub fn before(&self, index: u32) -> Option<BoxState> {
         let flags = self.flags[index as usize];
         let was_static = || (flags & STATIC != 0) != self.is_toggled(index);
-        let was = || Solid { b: self.then[index as usize], is_static: was_static() };
+        let was = || BoxState { b: self.then[index as usize], is_static: was_static() };
         (flags & CHANGED != 0).then(was)
     }
 
@@ -234,7 +263,8 @@ impl Store {
             + self.gone.capacity();
         (self.boxes.capacity() + self.then.capacity()) * size_of::<Aabb>()
             + self.flags.capacity()
-            + self.toggled.capacity() * size_of::<u64>()
+            + (self.toggled.capacity() + self.refiltered.capacity()) * size_of::<u64>()
+            + self.filters.allocated_bytes()
             + lists * size_of::<u32>()
             + self.parked.capacity() * (size_of::<(u32, Aabb)>() + 1)
     }
@@ -248,6 +278,8 @@ impl Store {
             self.flags[index as usize] &= !CHANGED;
         }
         self.toggled.clear();
+        self.refiltered.clear();
+        self.filters.forget();
         // Indices at the end without boxes cost every pass over all indices.
         if self.flags.len() > 1024 && self.present < self.flags.len() / 4 {
             self.forget_edit();
@@ -279,19 +311,23 @@ impl Store {
     pub fn apply(&mut self, edit: Edit<'_>, limit: u32, threads: usize) -> Result<(), EditError> {
         self.forget_edit();
         self.make_room(edit, limit)?;
-        if edit.is_of_ranges() {
-            // They name no index twice, so there is nothing else to check.
-            self.set_all(edit, threads);
-            return Ok(());
+        // Ranges name no index twice, so there is nothing else to check.
+        if !edit.is_of_ranges() {
+            mark(edit, &mut self.flags)?;
+            self.ask_ahead(edit);
         }
-        mark(edit, &mut self.flags)?;
-        self.ask_ahead(edit);
-        edit.for_each_removed(|index| self.remove(index));
+        let mut filters = std::mem::take(&mut self.filters);
+        edit.for_each_removed(|index| {
+            self.remove(index);
+            filters.remove(index);
+        });
         self.set_all(edit, threads);
         edit.for_each_flag(|index, flag| match flag {
             Flag::On(on) => self.switch(index, on),
-            Flag::Static(on) => self.make_static(index, on),
+            Flag::Static(on) => filters.make_static(index, on, self),
         });
+        filters.apply(edit, self);
+        self.filters = filters;
         Ok(())
     }
 
@@ -305,17 +341,6 @@ impl Store {
                 indices => indices.for_each(|at, index| self.set(index, &boxes[at])),
             }
         }
-    }
-
-    /// Checks an edit, and makes room for it.
-    ///
-    /// # Errors
-    /// As [`Self::apply`].
-    pub fn check(&mut self, edit: Edit<'_>, limit: u32) -> Result<(), EditError> {
-        self.make_room(edit, limit)?;
-        mark(edit, &mut self.flags)?;
-        unmark(edit, &mut self.flags);
-        Ok(())
     }
 
     /// Room for every index that is set, and the checks that need no marks.
@@ -417,16 +442,55 @@ impl Store {
         }
         self.statics += usize::from(is_active_static(self.flags[i]));
     }
+}
 
-    fn make_static(&mut self, index: u32, on: bool) {
+impl FilteredBoxes for Store {
+    fn index_end(&self) -> u32 {
+        self.flags.len() as u32
+    }
+
+    fn is_present(&self, index: u32) -> bool {
+        self.flags.get(index as usize).is_some_and(|flags| flags & PRESENT != 0)
+    }
+
+    fn is_still(&self, index: u32) -> bool {
+        self.is_static(index)
+    }
+
+    fn set_still(&mut self, index: u32, is_still: bool) {
+        self.note_changed(index);
+        let flags = &mut self.flags[index as usize];
+        self.statics -= usize::from(is_active_static(*flags));
+        *flags = if is_still { *flags | STATIC } else { *flags & !STATIC };
+        self.statics += usize::from(is_active_static(*flags));
+        self.toggle(index);
+    }
+
+    fn has_flipped(&self, index: u32) -> bool {
+        self.has_changed(index) && self.is_toggled(index)
+    }
+
+    fn name(&mut self, index: u32) {
         self.note_named(index);
-        if self.is_static(index) != on {
-            self.note_changed(index);
-            let flags = &mut self.flags[index as usize];
-            self.statics -= usize::from(is_active_static(*flags));
-            *flags ^= STATIC;
-            self.statics += usize::from(is_active_static(*flags));
-            self.toggle(index);
+    }
+
+    fn refilter(&mut self, index: u32) {
+        self.note_changed(index);
+        let words = self.flags.len().div_ceil(64);
+        self.refiltered.resize(words.max(self.refiltered.len()), 0);
+        self.refiltered[index as usize / 64] |= 1 << (index % 64);
+    }
+
+    fn smaller(&self, pair: [u32; 2]) -> u32 {
+        let [a, b] = pair;
+        if self.has_changed(a) || self.has_changed(b) {
+            return if self.has_changed(a) { a } else { b };
         }
+        // Compared in any order of floats: which one it is decides nothing but the time.
+        let edge = |index: u32| {
+            let b = &self.boxes[index as usize];
+            (0..3).map(|axis| b.max[axis] - b.min[axis]).fold(0.0, f32::max)
+        };
+        if edge(a) <= edge(b) { a } else { b }
     }
 }

@@ -103,11 +103,13 @@ impl Whole {
     ) -> Result<(Difference, u64), CullError> {
         let (then, statics) = store.then();
         let mut found = Difference::default();
-        let were_pairs = |[a, b]: Pair| !(statics[a as usize] && statics[b as usize]);
+        let filters = store.filters();
+        let were_still = |[a, b]: Pair| statics[a as usize] && statics[b as usize];
+        let were_pairs = |pair: Pair| !were_still(pair) && filters.met(pair);
         let mut compared = self.pairs(&then, &were_pairs, threads, &mut found.ended)?;
         drop(then);
-        let are_pairs = |[a, b]: Pair| !(store.is_static(a) && store.is_static(b));
-        compared += self.pairs(store.boxes(), &are_pairs, threads, &mut found.begun)?;
+        compared +=
+            self.pairs(store.boxes(), &|pair| store.may_meet(pair), threads, &mut found.begun)?;
         found.cancel(|[a, b]| store.was_removed(a) || store.was_removed(b));
         Ok((found, compared))
     }

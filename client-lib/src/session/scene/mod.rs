@@ -13,7 +13,8 @@ use pairmask_core::aabb::Aabb;
 use pairmask_core::engine::EngineId;
 use pairmask_core::filters::{FilterTable, Tag};
 use pairmask_core::scene::{
-    Edit, EditError, FilteredScene, Indices, SceneOptions, SceneSkips, Sent, Sets, Step, Tags, Want,
+    Edit, EditError, Indices, Scene as CoreScene, SceneOptions, SceneSkips, Sent, Sets, Step, Tags,
+    Want,
 };
 
 use self::answer::Source;
@@ -56,7 +57,7 @@ pub struct Scene {
 #[allow(clippy::large_enum_variant)] // One of each scene.
 enum Kept {
     Remote(RemoteScene),
-    Here(FilteredScene),
+    Here(CoreScene),
 }
 
 /// What an edit sets one by one, or by a function; kept, so that steady edits allocate nothing.
@@ -163,7 +164,7 @@ impl Scene {
     pub const fn len(&self) -> usize {
         match &self.kept {
             Kept::Remote(scene) => scene.copy().len(),
-            Kept::Here(scene) => scene.scene().len(),
+            Kept::Here(scene) => scene.len(),
         }
     }
 
@@ -176,7 +177,7 @@ impl Scene {
     pub fn get(&self, index: u32) -> Option<Aabb> {
         match &self.kept {
             Kept::Remote(scene) => scene.copy().get(index),
-            Kept::Here(scene) => scene.scene().get(index),
+            Kept::Here(scene) => scene.get(index),
         }
     }
 
@@ -184,7 +185,7 @@ impl Scene {
     fn sent(&self) -> Sent<'_> {
         match &self.kept {
             Kept::Remote(scene) => scene.copy().into(),
-            Kept::Here(scene) => scene.scene().into(),
+            Kept::Here(scene) => scene.into(),
         }
     }
 
@@ -192,7 +193,7 @@ impl Scene {
     pub fn allocated_bytes(&self) -> usize {
         match &self.kept {
             Kept::Remote(scene) => scene.allocated_bytes().0,
-            Kept::Here(scene) => scene.scene().allocated_bytes() + scene.rule_bytes(),
+            Kept::Here(scene) => scene.allocated_bytes(),
         }
     }
 

@@ -78,7 +78,7 @@ impl<'a> SceneQuery<'a> {
         tags.check(boxes)?;
         let index_end = match &scene.kept {
             Kept::Remote(remote) => remote.copy().index_end() as u32,
-            Kept::Here(here) => here.scene().index_end(),
+            Kept::Here(here) => here.index_end(),
         };
         let too_many = FindError::TooMany { queries: boxes.len(), index_end };
         let asked = Asked {

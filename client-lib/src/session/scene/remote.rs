@@ -11,10 +11,11 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use pairmask_core::dispatch::CpuEngines;
+use pairmask_core::filters::Tag;
 use pairmask_core::mask::MaskView;
 use pairmask_core::precision::Precision;
 use pairmask_core::scene::{
-    Edit, FilteredScene, PairScene, Scene, SceneCopy, SceneError, SceneOptions, Step, Told, Want,
+    Edit, Scene, SceneCopy, SceneError, SceneOptions, Step, Tags, Told, Want,
 };
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
@@ -50,7 +51,7 @@ enum Keeper {
     /// Nobody has the scene.
     Nobody,
     Daemon(There),
-    Here(Box<FilteredScene>),
+    Here(Box<Scene>),
 }
 
 /// A scene by the copy of this process, answered by a daemon or here.
@@ -70,6 +71,8 @@ pub(super) struct RemoteScene {
     estimate: Estimate,
     query_estimate: Estimate,
     daemon_bytes: u64,
+    /// Boxes that the edit under way names by its table of filters, where pairs of named boxes are wanted.
+    named_by_table: Vec<u32>,
     /// Until when a daemon that refused the scene is asked nothing.
     stays_until: Option<Instant>,
     /// The edit that the daemon works on and nobody waits for.
@@ -101,6 +104,7 @@ impl RemoteScene {
             estimate: Estimate::default(),
             query_estimate: Estimate::default(),
             daemon_bytes: 0,
+            named_by_table: Vec::new(),
             stays_until: None,
             nothing: Told::default(),
         }
@@ -113,7 +117,7 @@ impl RemoteScene {
     /// Bytes that this process keeps, and those that the daemon keeps.
     pub fn allocated_bytes(&self) -> (usize, u64) {
         let here = match &self.keeper {
-            Keeper::Here(scene) => scene.scene().allocated_bytes() + scene.rule_bytes(),
+            Keeper::Here(scene) => scene.allocated_bytes(),
             _ => 0,
         };
         let there = if matches!(self.keeper, Keeper::Daemon(_)) { self.daemon_bytes } else { 0 };
@@ -163,21 +167,22 @@ impl RemoteScene {
     pub fn begin<'s>(&mut self, edit: Edit<'_>, want: Want) -> Result<Awaited<'s>, CommitError> {
         self.copy.check(edit)?;
         self.settle();
-        let more = self.copy.expand(edit);
-        let steps = more.as_ref().map(|more| more.steps(edit));
-        let expanded = steps.as_ref().map_or(edit, |steps| Edit { steps });
+        self.named_by_table.clear();
+        if want == Want::Moved {
+            self.named_by_table = self.copy.named_by_table(edit);
+        }
         let begun = if self.stays_here() {
-            self.edit_here(expanded, want).map(|()| Awaited::default())
+            self.edit_here(edit, want).map(|()| Awaited::default())
         } else {
-            let sent = self.send(expanded, want);
+            let sent = self.send(edit, want);
             sent.map(|sent| Awaited::new(sent, Arc::clone(&self.unread))).or_else(|error| {
                 self.stay(error)?;
-                self.edit_here(expanded, want).map(|()| Awaited::default())
+                self.edit_here(edit, want).map(|()| Awaited::default())
             })
         };
         match &begun {
             // Without an answer, as the error says: the copy has it, and whoever keeps the scene next.
-            Ok(_) | Err(CommitError::Wait(_) | CommitError::Scene(_)) => self.copy.apply(expanded),
+            Ok(_) | Err(CommitError::Wait(_) | CommitError::Scene(_)) => self.copy.apply(edit),
             Err(CommitError::Edit(_) | CommitError::Frame(_)) => self.copy.cancel(edit),
         }
         begun
@@ -194,16 +199,16 @@ impl RemoteScene {
         };
         let is_stale = is_stale(&error);
         self.note_failure(&error);
-        // The copy has the edit already. What it named counts as named again, for pairs of moved boxes; what
-        // is static a scene with rules is told with the copy.
-        let has_rules = self.copy.rules().is_some();
-        let is_made = |step: &Step<'_>| match step {
-            Step::Remove(_) => true,
-            Step::Static(..) => has_rules,
-            step => step.is_rule(),
-        };
-        let steps: Vec<Step<'_>> =
+        // The copy has the edit already. What it named is named again, for pairs of moved boxes; what it removed is
+        // not there to be removed.
+        let named = std::mem::take(&mut self.named_by_table);
+        let tags: Vec<Tag> = named.iter().map(|index| self.copy.tag(*index)).collect();
+        let is_made = |step: &&Step<'_>| matches!(step, Step::Remove(_));
+        let mut steps: Vec<Step<'_>> =
             edit.steps.iter().filter(|step| !is_made(step)).copied().collect();
+        if !named.is_empty() {
+            steps.push(Step::Tag(Tags { indices: (&named).into(), tags: &tags }));
+        }
         let again = Edit { steps: &steps };
         if is_stale {
             // A daemon that has restarted, or has forgotten the scene.
@@ -347,7 +352,7 @@ impl RemoteScene {
 
     /// Sends an edit to the daemon, after the scene where that does not have it.
     fn send(&mut self, edit: Edit<'_>, want: Want) -> Result<SentEdit, CommitError> {
-        let has_rules = edit.has_rules() || self.copy.rules().is_some();
+        let has_rules = edit.has_rules() || self.copy.filters().is_used();
         let (minor, what) =
             if has_rules { (RULES_MINOR, "rules of scenes") } else { (SCENES_MINOR, "scenes") };
         let link = self.core.link_that_knows(minor, what)?;
@@ -474,13 +479,13 @@ impl RemoteScene {
         let core = Arc::clone(&self.core);
         let mut working = core.begin_here();
         let scene = self.here()?;
-        let edited = scene.edit_expanded(edit, want).map(drop).map_err(commit_error);
-        working.may_have_used(PairScene::threads(scene.scene()));
+        let edited = scene.edit(edit, want).map(drop).map_err(commit_error);
+        working.may_have_used(scene.threads());
         edited
     }
 
     /// The scene of this process, which is made from the copy if need be.
-    fn here(&mut self) -> Result<&mut FilteredScene, CommitError> {
+    fn here(&mut self) -> Result<&mut Scene, CommitError> {
         // What belongs to a connection is freed with it.
         self.sent_to = self.sent_to.take().filter(|link| link.is_alive());
         if !matches!(self.keeper, Keeper::Here(_)) {
@@ -497,11 +502,11 @@ impl RemoteScene {
     }
 
     /// A scene of this process with the boxes of the copy, which has told nothing.
-    fn copied(&self) -> Result<Box<FilteredScene>, CommitError> {
+    fn copied(&self) -> Result<Box<Scene>, CommitError> {
         let mut scene = Box::new(new_scene(self.options, &self.core));
         let whole = self.copy.whole();
         let edit = Edit { steps: &whole.steps() };
-        scene.edit_expanded(edit, Want::Nothing).map_err(commit_error)?;
+        scene.edit(edit, Want::Nothing).map_err(commit_error)?;
         Ok(scene)
     }
 }
@@ -522,12 +527,12 @@ const fn is_stale(error: &WaitError) -> bool {
 }
 
 /// A scene of this process, with the settings of a session.
-pub(super) fn new_scene(options: SceneOptions, core: &Core) -> FilteredScene {
+pub(super) fn new_scene(options: SceneOptions, core: &Core) -> Scene {
     let settings = core.settings();
     let (calibration, _) = settings.calibration.resolve(settings.isa);
     let threads = options.threads.or(settings.threads);
     let options = threads.map_or(options, |threads| options.with_threads(threads));
-    FilteredScene::over(Scene::with_engines(options, CpuEngines::on(settings.isa, calibration)))
+    Scene::with_engines(options, CpuEngines::on(settings.isa, calibration))
 }
 
 /// An error of a scene of this process.

@@ -50,7 +50,6 @@ const INCLUDE: u32 = 9;
 const INCLUDE_NO_MORE: u32 = 10;
 const EXCLUDE: u32 = 11;
 const EXCLUDE_NO_MORE: u32 = 12;
-const RENEW: u32 = 13;
 
 const LIST: u32 = 1;
 const RANGE: u32 = 2;
@@ -238,7 +237,6 @@ fn written<'a>(step: &Step<'a>) -> Option<(u32, Names<'a>, Items<'a>)> {
         Step::Include(list, false) => pairs(INCLUDE_NO_MORE, list),
         Step::Exclude(list, true) => pairs(EXCLUDE, list),
         Step::Exclude(list, false) => pairs(EXCLUDE_NO_MORE, list),
-        Step::Renew(indices) => plain(RENEW, indices),
         _ => return None,
     })
 }
@@ -416,7 +414,6 @@ impl<'a> From<'a> {
             INCLUDE_NO_MORE => Step::Include(pairs()?, false),
             EXCLUDE => Step::Exclude(pairs()?, true),
             EXCLUDE_NO_MORE => Step::Exclude(pairs()?, false),
-            RENEW => Step::Renew(indices),
             _ => return None,
         })
     }

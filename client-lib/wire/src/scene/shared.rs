@@ -230,7 +230,6 @@ pub const fn not_leased_detail(error: &NotLeased) -> [u64; 2] {
     match *error {
         NotLeased::Index { index } => [1, index],
         NotLeased::Filters => [2, 0],
-        NotLeased::Renew => [3, 0],
     }
 }
 
@@ -239,7 +238,6 @@ pub const fn not_leased([which, value]: [u64; 2]) -> Option<NotLeased> {
     match which {
         1 => Some(NotLeased::Index { index: value }),
         2 => Some(NotLeased::Filters),
-        3 => Some(NotLeased::Renew),
         _ => None,
     }
 }

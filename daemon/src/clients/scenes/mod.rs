@@ -4,7 +4,7 @@
 
 mod memory;
 
-use pairmask_core::scene::{Edit, FilteredScene};
+use pairmask_core::scene::Edit;
 use pairmask_wire::{EditScratch, SceneId};
 
 use self::memory::Charge;
@@ -35,7 +35,7 @@ pub(crate) struct KeptScene {
     /// The number of the last edit.
     pub(crate) revision: u64,
     /// Its boxes, and what was told.
-    pub(crate) scene: FilteredScene<SceneKeeper>,
+    pub(crate) scene: SceneKeeper,
     /// Memory for reading edits.
     pub(crate) scratch: EditScratch,
     /// Memory for what queries find.
@@ -96,7 +96,7 @@ impl KeptScene {
         Ok(Self {
             id,
             revision: 0,
-            scene: FilteredScene::over(scene),
+            scene: scene,
             scratch: EditScratch::default(),
             found: FoundPairs::default(),
             room: SceneRoom::begin(memory)?,
@@ -126,28 +126,30 @@ impl SceneRoom {
     /// [`NoRoom`].
     pub(crate) fn make(
         &mut self,
-        scene: &FilteredScene<SceneKeeper>,
+        scene: &SceneKeeper,
         edit: Edit<'_>,
         others: PendingBoxes,
         beside: u64,
     ) -> Result<(), NoRoom> {
         let set = edit.boxes() as u64 + others.count;
-        let indices = edit.index_end().max(others.index_end).max(scene.scene().index_end().into());
+        let indices = edit.index_end().max(others.index_end).max(scene.index_end().into());
         // Those that move are there already: there are no more boxes than indices.
-        let boxes = (scene.scene().len() as u64 + set).min(indices);
-        let rules = match (scene.rules(), edit.has_rules()) {
-            (None, false) => 0,
-            _ => scene.rule_bytes() as u64 + BYTES_A_TAG * indices + edit.rule_bytes() as u64,
+        let boxes = (scene.len() as u64 + set).min(indices);
+        let filters = scene.filters();
+        let rules = if filters.is_used() || edit.has_rules() {
+            filters.allocated_bytes() as u64 + BYTES_A_TAG * indices + edit.rule_bytes() as u64
+        } else {
+            0
         };
-        let further_gpus = scene.scene().copies(set as usize) as u64 - 1;
+        let further_gpus = scene.copies(set as usize) as u64 - 1;
         let bytes_a_box = BYTES_A_BOX + BYTES_ON_A_FURTHER_GPU * further_gpus;
         let scene = BYTES_A_SCENE + BYTES_AN_INDEX * indices + bytes_a_box * boxes;
         self.0.grow_to(scene + rules + beside)
     }
 
     /// Notes what the scene takes by now, where so many bytes are kept beside it.
-    pub(crate) fn note(&mut self, scene: &FilteredScene<SceneKeeper>, beside: u64) {
-        let scene_bytes = scene.scene().bytes() + scene.rule_bytes() as u64;
+    pub(crate) fn note(&mut self, scene: &SceneKeeper, beside: u64) {
+        let scene_bytes = scene.bytes();
         self.0.set(BYTES_A_SCENE + scene_bytes + beside);
     }
 }

@@ -5,11 +5,10 @@ use std::sync::Arc;
 
 use pairmask_core::dispatch::CpuEngines;
 use pairmask_core::engine::{CullError, EngineChoice};
-use pairmask_core::filters::Rules;
-use pairmask_core::scene::shared::{Ranges, Remains};
-use pairmask_core::scene::{
-    Edit, EndReason, FilteredScene, SceneCopy, SceneError, SceneOptions, Told, Want,
+use pairmask_core::scene::shared::{
+    Incarnations, KeptBoxes, NamedPair, Ranges, Remains, TickChanges,
 };
+use pairmask_core::scene::{Edit, EndReason, SceneCopy, SceneError, SceneOptions, Told, Want};
 
 use super::Tools;
 use crate::audit::{AuditedScene, Auditor, SceneNote};
@@ -26,10 +25,14 @@ pub(super) struct Boxes {
     /// Indices are below this.
     limit: u32,
     tools: Tools,
-    scene: FilteredScene<SceneKeeper>,
+    scene: SceneKeeper,
     /// All boxes: edits are checked against it, and the scene is made again from it where a device is lost.
     /// What the open tick's edits mark in it stays marked until they are applied.
     copy: SceneCopy,
+    /// How many boxes each index has lost.
+    incarnations: Incarnations,
+    /// Boxes whose writers are gone.
+    kept: KeptBoxes,
     room: SceneRoom,
     /// Bytes that were kept of members after the last tick.
     members_bytes: u64,
@@ -48,23 +51,20 @@ struct TickAudit {
     edits: u64,
 }
 
-/// Why pairs ended, by the boxes and rules of now.
+/// Why pairs ended, by the boxes of now.
 pub(super) struct Reasons<'a> {
     copy: &'a SceneCopy,
-    rules: Option<&'a Rules>,
+    incarnations: &'a Incarnations,
 }
 
 impl Reasons<'_> {
-    /// Why a pair of boxes that are still there ended.
-    pub fn of(&self, [a, b]: [u32; 2]) -> EndReason {
-        let kept = [a, b].map(|index| self.copy.kept(index));
-        let is_off = !kept.iter().all(|kept| kept.is_some_and(|kept| kept.is_on));
-        let are_apart = match self.rules {
-            // They know what is static, and may let two static boxes meet.
-            Some(rules) => !rules.meet(a, b),
-            None => kept.iter().all(|kept| kept.is_some_and(|kept| kept.is_static)),
-        };
-        if is_off || are_apart { EndReason::Filtered } else { EndReason::Separated }
+    /// Why a pair ended.
+    pub fn of(&self, named: NamedPair) -> EndReason {
+        if self.incarnations.is_current(named) {
+            self.copy.end_reason(named.pair)
+        } else {
+            EndReason::Removed
+        }
     }
 }
 
@@ -105,10 +105,10 @@ fn new_scene(
     tools: &Tools,
     most_boxes: u32,
     engine: EngineChoice,
-) -> Result<FilteredScene<SceneKeeper>, CullError> {
+) -> Result<SceneKeeper, CullError> {
     let options = SceneOptions::default().with_most_boxes(most_boxes);
     let engines = CpuEngines::on(tools.isa, tools.calibration);
-    Ok(FilteredScene::over(SceneKeeper::new(options, engines, tools.gpus.for_scene(), engine)?))
+    SceneKeeper::new(options, engines, tools.gpus.for_scene(), engine)
 }
 
 /// Has an edit, and what the scene told of it, audited.
@@ -129,6 +129,8 @@ impl Boxes {
             limit,
             scene: new_scene(&tools, limit, engine)?,
             copy: SceneCopy::new(limit),
+            incarnations: Incarnations::default(),
+            kept: KeptBoxes::default(),
             room: SceneRoom::begin(&tools.memory)?,
             tools,
             members_bytes: 0,
@@ -138,7 +140,7 @@ impl Boxes {
         })
     }
 
-    pub const fn scene(&self) -> &FilteredScene<SceneKeeper> {
+    pub const fn scene(&self) -> &SceneKeeper {
         &self.scene
     }
 
@@ -151,10 +153,15 @@ impl Boxes {
         self.scene.take();
     }
 
+    /// Bytes that are kept beside the scene.
+    fn own_bytes(&self) -> u64 {
+        (self.copy.allocated_bytes() + self.incarnations.allocated_bytes()) as u64
+    }
+
     /// Checks an edit of one member. It stays right: nobody else changes its boxes. It is to be applied, or
     /// [cancelled](Self::cancel).
     pub fn check(&mut self, edit: Edit<'_>, bytes: u64) -> Result<(), Refusal> {
-        let beside = self.copy.allocated_bytes() as u64 + self.members_bytes + self.pending.bytes;
+        let beside = self.own_bytes() + self.members_bytes + self.pending.bytes;
         let more = bytes + BYTES_A_COPY * edit.index_end();
         self.room.make(&self.scene, edit, self.pending.boxes, beside + more)?;
         self.copy.check(edit)?;
@@ -173,29 +180,30 @@ impl Boxes {
     pub fn limit_pairs(&mut self, of_answer: u64) {
         let most = self.tools.memory.most_pairs(of_answer);
         self.most_pairs = most;
-        self.scene.scene_mut().limit_pairs(most);
+        self.scene.limit_pairs(most);
     }
 
     /// Applies edits that were checked, by so many threads.
     pub fn apply(&mut self, edit: Edit<'_>, threads: usize) -> Result<Changed, SceneError> {
         let was_made = self.mend(threads);
-        let more = self.copy.expand(edit);
-        let steps = more.as_ref().map(|more| more.steps(edit));
-        let expanded = steps.as_ref().map_or(edit, |steps| Edit { steps });
+        let reset = self.kept.reset_by(&self.copy, edit);
+        let steps = reset.as_ref().map(|reset| reset.steps(edit));
+        let edit = steps.as_ref().map_or(edit, |steps| Edit { steps });
+        self.incarnations.apply(edit);
         let Self { scene, copy, .. } = self;
         if let Err(error) = was_made {
             // The edits are part of what it is made from next.
-            copy.apply(expanded);
+            copy.apply(edit);
             return Err(error);
         }
-        scene.scene_mut().set_threads(threads);
-        let mut search = || scene.edit_expanded(expanded, Want::Changes).map(drop);
+        scene.set_threads(threads);
+        let mut search = || scene.edit(edit, Want::Changes);
         let edited = if threads == 1 {
             let edited = search();
-            copy.apply(expanded);
+            copy.apply(edit);
             edited
         } else {
-            rayon::join(search, || copy.apply(expanded)).0
+            rayon::join(search, || copy.apply(edit)).0
         };
         if edited.is_err() {
             // The boxes are in the copy.
@@ -203,7 +211,7 @@ impl Boxes {
             self.mend(threads)?;
             return Ok(Changed::Lost);
         }
-        audit_edit(&self.tools.auditor, &mut self.audit, expanded, self.scene.told());
+        audit_edit(&self.tools.auditor, &mut self.audit, edit, self.scene.told());
         let is_lost = was_made == Ok(true) || self.scene.told().is_resync();
         Ok(if is_lost { Changed::Lost } else { Changed::Told })
     }
@@ -219,10 +227,10 @@ impl Boxes {
             return Ok(false);
         }
         self.scene = new_scene(&self.tools, self.limit, self.engine)?;
-        self.scene.scene_mut().set_threads(threads);
-        self.scene.scene_mut().limit_pairs(self.most_pairs);
+        self.scene.set_threads(threads);
+        self.scene.limit_pairs(self.most_pairs);
         let whole = self.copy.whole();
-        self.scene.edit_expanded(Edit { steps: &whole.steps() }, Want::All)?;
+        self.scene.edit(Edit { steps: &whole.steps() }, Want::All)?;
         self.scene.take();
         self.is_broken = false;
         Ok(true)
@@ -230,8 +238,9 @@ impl Boxes {
 
     /// All pairs of now.
     pub fn whole(&mut self) -> Result<Arc<Vec<[u32; 2]>>, SceneError> {
-        match self.scene.edit_expanded(Edit::NONE, Want::All) {
-            Ok(told) => {
+        match self.scene.edit(Edit::NONE, Want::All) {
+            Ok(()) => {
+                let told = self.scene.told();
                 let pairs = Arc::new(told.pairs().to_vec());
                 audit_edit(&self.tools.auditor, &mut self.audit, Edit::NONE, told);
                 self.scene.take();
@@ -244,9 +253,19 @@ impl Boxes {
         }
     }
 
+    /// What the last edit has changed, until it is [taken](Self::take).
+    pub fn changes(&self) -> TickChanges {
+        TickChanges::of(self.scene.told(), &self.incarnations)
+    }
+
     /// Why pairs ended.
-    pub fn reasons(&self) -> Reasons<'_> {
-        Reasons { copy: &self.copy, rules: self.scene.rules() }
+    pub const fn reasons(&self) -> Reasons<'_> {
+        Reasons { copy: &self.copy, incarnations: &self.incarnations }
+    }
+
+    /// The boxes of ranges that are nobody's any more stay.
+    pub fn keep(&mut self, ranges: &[Range<u32>]) {
+        self.kept.keep(&self.copy, &ranges.iter().cloned().collect());
     }
 
     /// What is left of some ranges, none of which overlap.
@@ -258,7 +277,7 @@ impl Boxes {
     /// Notes what is kept, after a tick of members of whom so much is kept.
     pub fn note_room(&mut self, members_bytes: u64) {
         (self.members_bytes, self.pending) = (members_bytes, Pending::default());
-        let beside = self.copy.allocated_bytes() as u64 + members_bytes;
+        let beside = self.own_bytes() + members_bytes;
         self.room.note(&self.scene, beside);
     }
 }

@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex};
 
-use pairmask_core::scene::shared::{Hears, MemberId, Ranges, TickChanges, Untold};
+use pairmask_core::scene::shared::{Hears, MemberId, Ranges, TickChanges, Unreported};
 use pairmask_wire::{EditScratch, SceneRequest};
 
 use super::locked;
@@ -29,7 +29,7 @@ pub(super) struct Hearer {
     /// Its leases.
     pub own: Arc<Ranges>,
     /// Locked for a moment, and nothing is locked meanwhile.
-    pub untold: Arc<Mutex<Untold>>,
+    pub unreported: Arc<Mutex<Unreported>>,
 }
 
 /// A commit that waits for the end of its tick. What it says is copied, once: the client may change or end
@@ -42,7 +42,7 @@ pub(super) struct Commit {
 
 impl Member {
     pub fn new(id: MemberId, hears: Hears) -> Self {
-        let hearer = Hearer { id, hears, own: Arc::default(), untold: Arc::default() };
+        let hearer = Hearer { id, hears, own: Arc::default(), unreported: Arc::default() };
         let scratch = EditScratch::default();
         Self { hearer, revision: 0, is_reading: false, commit: None, scratch }
     }
@@ -60,21 +60,21 @@ impl Hearer {
     }
 
     /// Notes what it is to be told.
-    pub fn note(&self, changes: TickChanges<'_>) {
-        let mut untold = locked(&self.untold);
+    pub fn note(&self, changes: &TickChanges) {
+        let mut unreported = locked(&self.unreported);
         match self.hears {
-            Hears::All => untold.note(changes, |_| true),
-            Hears::Own => untold.note(changes, |pair| self.hears_of(pair)),
+            Hears::All => unreported.note(changes, |_| true),
+            Hears::Own => unreported.note(changes, |pair| self.hears_of(pair)),
         }
     }
 
     /// It does not know what it was told.
     pub fn lose(&self) {
-        locked(&self.untold).lose();
+        locked(&self.unreported).lose();
     }
 
     /// Bytes that are kept of it.
     pub fn bytes(&self) -> u64 {
-        locked(&self.untold).allocated_bytes() as u64
+        locked(&self.unreported).allocated_bytes() as u64
     }
 }

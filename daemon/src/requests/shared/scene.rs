@@ -205,8 +205,10 @@ impl SharedScene {
         if let Some(commit) = &member.commit {
             cancel(&mut boxes, &commit.edit);
         }
-        if at_end == AtEnd::Remove && !has_ended {
-            self.remove(&mut boxes, &ended, &hearers);
+        match at_end {
+            _ if has_ended => {}
+            AtEnd::Remove => self.remove(&mut boxes, &ended, &hearers),
+            AtEnd::Keep => boxes.keep(&ended),
         }
         member.commit.map(|commit| commit.open)
     }

@@ -52,8 +52,8 @@ pub(super) struct Begun {
 /// A tick that was closed.
 pub(super) struct ClosedTick {
     pub number: u64,
-    /// Leases of writers that had not committed.
-    pub late: Ranges,
+    /// Leases of writers that had not committed, rising, each as it was leased.
+    pub late: Vec<Range<u32>>,
     /// Commits in the order of their writers' indices, then those of listeners.
     pub commits: Vec<(Hearer, Commit)>,
     /// All others, who hear of it later.
@@ -121,7 +121,7 @@ impl Seats {
             hearer.own = Arc::new(self.leases.of(id));
             // It hears of other pairs from now on.
             if hearer.hears == Hears::Own {
-                locked(&hearer.untold).lose();
+                locked(&hearer.unreported).lose();
             }
         }
     }
@@ -187,16 +187,16 @@ impl Seats {
             return gone(commit);
         }
         let request = &commit.request;
-        let mut untold = locked(&member.hearer.untold);
-        untold.acknowledge(request.is_taken);
+        let mut unreported = locked(&member.hearer.unreported);
+        unreported.acknowledge(request.is_taken);
         if request.is_lost {
-            untold.lose();
+            unreported.lose();
         }
         let work = &mut self.work;
         work.boxes += u64::from(commit.open.fields().box_count.get());
-        work.needs_whole |= untold.needs_whole(request.want);
+        work.needs_whole |= unreported.needs_whole(request.want);
         work.threads = work.threads.max(request.threads);
-        drop(untold);
+        drop(unreported);
         member.revision = request.revision;
         member.is_reading = false;
         member.commit = Some(commit);
@@ -208,7 +208,9 @@ impl Seats {
         let closed = self.ticks.close(now)?;
         self.work = TickWork::default();
         let late = closed.late.iter().filter_map(|id| self.members.get(id));
-        let late = late.flat_map(|member| member.hearer.own.as_slice().to_vec()).collect();
+        let late = late.flat_map(|member| member.hearer.own.as_slice().to_vec());
+        let mut late: Vec<Range<u32>> = late.collect();
+        late.sort_unstable_by_key(|range| range.start);
         let (mut commits, mut others) = (Vec::new(), Vec::new());
         let mut take = |member: &mut Member| match member.commit.take() {
             Some(commit) => commits.push((member.hearer.clone(), commit)),

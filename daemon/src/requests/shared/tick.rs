@@ -1,14 +1,13 @@
 //! The end of a tick: all edits are applied, and every member that has committed is answered.
 
-use std::collections::HashSet;
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
 
 use pairmask_core::dispatch::StageTimes;
 use pairmask_core::engine::{CullError, EngineName, ReplyBuffer};
-use pairmask_core::scene::shared::{Hears, MemberId, TickChanges};
-use pairmask_core::scene::{Edit, SceneError, Step, Told};
+use pairmask_core::scene::shared::{Hears, MemberId};
+use pairmask_core::scene::{Edit, SceneError, Told};
 use pairmask_wire::{EditScratch, SceneAnswerLayout, TickMarks, response_scene};
 use rayon::prelude::*;
 
@@ -63,15 +62,8 @@ pub(super) fn apply(
 ) -> Result<(), SceneError> {
     match boxes.apply(edit, threads) {
         Ok(Changed::Told) => {
-            let told = boxes.told();
-            let removed = Arc::new(removed_by(edit));
-            let changes = TickChanges {
-                begun: told.begun(),
-                ended: told.ended(),
-                removed: &removed,
-                pair_count: told.pair_count().unwrap_or(0),
-            };
-            for_each(hearers.to_vec(), threads, |hearer| hearer.note(changes));
+            let changes = boxes.changes();
+            for_each(hearers.to_vec(), threads, |hearer| hearer.note(&changes));
         }
         Ok(Changed::Lost) => lose(hearers),
         Err(error) => {
@@ -88,19 +80,6 @@ fn lose(hearers: &[&Hearer]) {
     for hearer in hearers {
         hearer.lose();
     }
-}
-
-/// Indices that an edit removes.
-fn removed_by(edit: Edit<'_>) -> HashSet<u32> {
-    let mut removed = HashSet::new();
-    for step in edit.steps {
-        if let Step::Remove(indices) = step {
-            indices.for_each(|_, index| {
-                removed.insert(index);
-            });
-        }
-    }
-    removed
 }
 
 impl ClosedTick {
@@ -134,9 +113,9 @@ impl ClosedTick {
         let scene = boxes.scene();
         let facts = Facts {
             number,
-            late: late.as_slice().to_vec(),
-            engine: scene.scene().engine(),
-            bytes: scene.scene().bytes() + scene.rule_bytes() as u64,
+            late,
+            engine: scene.engine(),
+            bytes: scene.bytes(),
             threads,
             times: StageTimes {
                 execute_ns: start.elapsed().as_nanos() as u64,
@@ -151,7 +130,7 @@ impl ClosedTick {
 fn whole_for(boxes: &mut Boxes, commits: &[(Hearer, Commit)]) -> Result<Whole, SceneError> {
     let needs_whole = commits
         .iter()
-        .any(|(hearer, commit)| locked(&hearer.untold).needs_whole(commit.request.want));
+        .any(|(hearer, commit)| locked(&hearer.unreported).needs_whole(commit.request.want));
     if needs_whole { boxes.whole().map(Some) } else { Ok(None) }
 }
 
@@ -167,8 +146,8 @@ fn told_to(
     let tell = |(hearer, commit): (Hearer, Commit)| {
         let told = whole.as_ref().map_err(|error| Refusal::from(error.clone())).map(|whole| {
             let want = commit.request.want;
-            let mut untold = locked(&hearer.untold);
-            let needed = whole.as_ref().filter(|_| untold.needs_whole(want));
+            let mut unreported = locked(&hearer.unreported);
+            let needed = whole.as_ref().filter(|_| unreported.needs_whole(want));
             let whole = needed.map(|whole| match hearer.hears {
                 Hears::All => Arc::clone(whole),
                 Hears::Own => {
@@ -176,7 +155,7 @@ fn told_to(
                     Arc::new(pairs.filter(|pair| hearer.hears_of(*pair)).collect())
                 }
             });
-            untold.answer(want, whole, pair_count, |pair| reasons.of(pair))
+            unreported.answer(want, whole, pair_count, |named| reasons.of(named))
         });
         Answer { hearer, commit, told }
     };
@@ -205,26 +184,20 @@ impl Facts {
     /// Answers one member.
     fn answer(&self, answer: Answer, outbox: &Outbox) {
         let Answer { hearer, mut commit, told } = answer;
-        if let Err(refusal) = told.and_then(|told| self.send(told, &hearer, &mut commit, outbox)) {
+        if let Err(refusal) = told.and_then(|told| self.send(&told, &mut commit, outbox)) {
             hearer.lose();
             outbox.refuse(&mut commit.open, &refusal);
         }
         commit.open.close();
     }
 
-    fn send(
-        &self,
-        told: Told,
-        hearer: &Hearer,
-        commit: &mut Commit,
-        outbox: &Outbox,
-    ) -> Result<(), Refusal> {
+    fn send(&self, told: &Told, commit: &mut Commit, outbox: &Outbox) -> Result<(), Refusal> {
         let publish = Instant::now();
-        let layout = SceneAnswerLayout::of(&told);
+        let layout = SceneAnswerLayout::of(told);
         let marks = TickMarks::after(&layout, self.number, &self.late);
         let (_, mut reply) = commit.open.parts();
         let words = reply.reserve(marks.words()).map_err(CullError::from)?;
-        layout.write(&told, words);
+        layout.write(told, words);
         marks.write(&self.late, words);
         let times = StageTimes {
             publish_ns: publish.elapsed().as_nanos() as u64,
@@ -232,10 +205,8 @@ impl Facts {
             ..self.times
         };
         let (fields, threads) = (commit.open.fields(), self.threads);
-        let header = response_scene(fields, self.engine, threads, &told, self.bytes, &times);
-        outbox.count_edit(fields, &told);
-        // Before its client can commit again.
-        locked(&hearer.untold).note_told(told);
+        let header = response_scene(fields, self.engine, threads, told, self.bytes, &times);
+        outbox.count_edit(fields, told);
         outbox.answer_shared(&mut commit.open, &marks.mark(header));
         Ok(())
     }

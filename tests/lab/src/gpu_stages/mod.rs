@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 use pairmask_core::engine::{BruteForce, CullError, CullInput, CullReport, Engine, HeapReply};
 use pairmask_core::mask::MaskShape;
 use pairmask_core::plan::user_cache_folder;
-use pairmask_core::scene::SceneError;
+use pairmask_core::scene::{QueryError, SceneError};
 use pairmask_core::{Aabb, BoxCount, Encoding};
 use pairmask_shaders::RowsPerThread;
 use pairmaskd::execute::gpu::{
@@ -77,6 +77,9 @@ pub enum BenchError {
     /// A frame failed.
     #[error(transparent)]
     Cull(#[from] CullError),
+    /// A query of a scene failed.
+    #[error(transparent)]
+    Query(#[from] QueryError),
     /// An edit of a scene failed.
     #[error(transparent)]
     Scene(#[from] SceneError),

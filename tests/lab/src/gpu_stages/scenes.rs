@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use pairmask_core::Aabb;
 use pairmask_core::aabb::KeyBox;
 use pairmask_core::plan::user_cache_folder;
-use pairmask_core::scene::{Edit, Indices, Scene, SceneOptions, Sets, Step, Told, Want};
+use pairmask_core::scene::{Edit, Indices, QueryTags, Scene, SceneOptions, Sets, Step, Told, Want};
 use pairmaskd::execute::gpu::{
     Awake, EditTimes, Gpu, GpuScene, GridOptions, SceneTools, SharedImports,
 };
@@ -228,7 +228,7 @@ pub fn measure(gpus: &[Arc<Gpu>], world: &mut World, case: &Case) -> Result<Row,
             continue;
         }
         let start = Instant::now();
-        rig.scene.query(&queries, &mut found)?;
+        rig.scene.query(&queries, QueryTags::None, &mut found)?;
         let took = start.elapsed();
         if frame >= WARM_UP {
             asked.push((us(took), rig.scene.times().clone()));
@@ -346,7 +346,7 @@ fn stages(
         rig.edit(&indices, &boxes, case.motion == Motion::Spawn)?;
         for (kind, stages) in stages.iter_mut().enumerate() {
             if kind == 1 {
-                rig.scene.query(&queries, &mut found)?;
+                rig.scene.query(&queries, QueryTags::None, &mut found)?;
             }
             if frame >= WARM_UP {
                 for step in &rig.scene.times().stages {

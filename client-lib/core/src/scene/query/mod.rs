@@ -119,7 +119,8 @@ impl Asked {
 }
 
 impl Scene {
-    /// Finds the boxes that some other boxes overlap: pairs [query, index], by query and then by index, the
+    /// Finds the boxes that some other boxes overlap and, where those have tags, may meet by the filters, but for
+    /// the include and the exclude list: a query has no index. Pairs [query, index], by query and then by index, the
     /// same on any number of threads. Boxes that are switched off are not found; static ones are. Returns how
     /// many boxes were tested.
     ///
@@ -127,23 +128,34 @@ impl Scene {
     ///
     /// ```
     /// use pairmask_core::Aabb;
-    /// use pairmask_core::scene::{Edit, Scene, SceneOptions, Sets, Step, Want};
+    /// use pairmask_core::filters::{Tag, World};
+    /// use pairmask_core::scene::{Edit, QueryTags, Scene, SceneOptions, Sets, Step, Tags, Want};
     ///
-    /// let boxes = [[0.0, 1.0], [0.5, 2.0], [1.5, 3.0]].map(|[a, b]| Aabb::new([a; 3], [b; 3]));
+    /// let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 2];
+    /// let tags = [3, 4].map(|world| Tag::default().with_world(World(world)));
     /// let mut scene = Scene::new(SceneOptions::default());
-    /// let all = [Step::Set(Sets { indices: (7..10).into(), boxes: &boxes })];
-    /// scene.edit(Edit { steps: &all }, Want::Nothing)?;
+    /// let set = Step::Set(Sets { indices: (7..9).into(), boxes: &boxes });
+    /// let tag = Step::Tag(Tags { indices: (7..9).into(), tags: &tags });
+    /// scene.edit(Edit { steps: &[set, tag] }, Want::Nothing)?;
     ///
     /// let mut found = Vec::new();
-    /// scene.query(&[Aabb::point([0.75; 3]), Aabb::point([9.0; 3])], &mut found)?;
+    /// scene.query(&[Aabb::point([0.5; 3]), Aabb::point([9.0; 3])], QueryTags::None, &mut found)?;
     /// assert_eq!(found, [[0, 7], [0, 8]]);
+    /// scene.query(&[Aabb::point([0.5; 3])], QueryTags::One(tags[1]), &mut found)?;
+    /// assert_eq!(found, [[0, 8]]);
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     ///
     /// # Errors
-    /// [`CullError::Reserve`] where there are more pairs than [may be](Self::limit_query_pairs), or there is no
-    /// memory for them.
-    pub fn query(&mut self, queries: &[Aabb], found: &mut Vec<Pair>) -> Result<u64, CullError> {
+    /// [`QueryError::Tags`]; [`CullError::Reserve`] where there are more pairs than
+    /// [may be](Self::limit_query_pairs), or there is no memory for them.
+    pub fn query(
+        &mut self,
+        queries: &[Aabb],
+        tags: QueryTags<'_>,
+        found: &mut Vec<Pair>,
+    ) -> Result<u64, QueryError> {
+        tags.check(queries)?;
         found.clear();
         if queries.is_empty() || self.store.boxes().is_empty() {
             return Ok(0);
@@ -153,10 +165,12 @@ impl Scene {
         let (threads, boxes) = (self.threads(), self.store.boxes());
         let room = Room::new(self.asked.most_pairs);
         let Asked { cells: of_now, memory, .. } = &mut self.asked;
-        match self.cells.as_ref().or(of_now.as_ref()) {
+        let tested = match self.cells.as_ref().or(of_now.as_ref()) {
             Some(cells) => around::find(cells, boxes, queries, threads, &room, memory, found),
             None => direct::find(boxes, queries, threads, &room, found),
-        }
+        }?;
+        tags.filter(self.filters(), |index| self.store.is_static(index), found);
+        Ok(tested)
     }
 
     /// Most pairs that later queries may find; 2^32 − 1 unless set.

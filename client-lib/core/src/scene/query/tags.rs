@@ -2,10 +2,9 @@
 
 use crate::aabb::Aabb;
 use crate::engine::CullError;
-use crate::filters::{Rules, Tag};
-use crate::scene::filtered::PairScene;
-use crate::scene::pair_list::Pair;
+use crate::filters::Tag;
 use crate::scene::query::BeyondMask;
+use crate::scene::rules::FilterHistory;
 
 /// The tags of queries: their worlds, owners and filters.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -20,7 +19,7 @@ pub enum QueryTags<'a> {
 }
 
 /// Why queries have no answer.
-#[derive(Debug, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum QueryError {
     /// Not as many tags as queries.
@@ -65,24 +64,20 @@ impl QueryTags<'_> {
         }
     }
 
-    /// Keeps the pairs that may meet. Boxes of a scene without rules have no tag but what is static.
-    pub(in crate::scene) fn filter(
+    /// Keeps the pairs that may meet by the filters of a scene, given the filter data of its boxes. Lists decide
+    /// nothing: a query has no index.
+    pub fn filter(
         &self,
-        scene: &impl PairScene,
-        rules: Option<&Rules>,
-        found: &mut Vec<Pair>,
+        filters: &FilterHistory,
+        is_still: impl Fn(u32) -> bool,
+        found: &mut Vec<[u32; 2]>,
     ) {
         if matches!(self, Self::None) {
             return;
         }
-        let none = Rules::default();
-        let either = rules.unwrap_or(&none);
         found.retain(|[query, index]| {
-            let of_box = || match rules {
-                Some(rules) => rules.tag(*index),
-                None => Tag::default().with_static(scene.is_static(*index)),
-            };
-            self.of(*query).is_none_or(|tag| either.tags_meet(&tag, &of_box()))
+            let of_box = || filters.tag(*index, is_still(*index));
+            self.of(*query).is_none_or(|tag| filters.rules().tags_meet(&tag, &of_box()))
         });
     }
 }

@@ -64,9 +64,6 @@ pub enum NotLeased {
     /// The table of filters is given by the writer with the lowest lease alone.
     #[error("filters are given by the writer with the lowest lease")]
     Filters,
-    /// A step that only a scene itself makes.
-    #[error("an edit of a shared scene renews nothing")]
-    Renew,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -242,7 +239,6 @@ impl Ranges {
                 }
                 Step::Filters(_) if !is_first => return Err(NotLeased::Filters),
                 Step::Filters(_) => {}
-                Step::Renew(_) => return Err(NotLeased::Renew),
             }
         }
         Ok(())
@@ -333,7 +329,6 @@ mod tests {
         assert_eq!(allow(Step::Set(Sets { indices: (&[4]).into(), boxes: &boxes })), wrong(4));
         assert_eq!(allow(Step::Include(&[[5, 29]], true)), Ok(()));
         assert_eq!(allow(Step::Exclude(&[[5, 19]], true)), wrong(19));
-        assert_eq!(allow(Step::Renew((5..6).into())), Err(NotLeased::Renew));
         let table = FilterTable::default();
         assert_eq!(allow(Step::Filters(&table)), Err(NotLeased::Filters));
         assert_eq!(own.allow(Edit { steps: &[Step::Filters(&table)] }, true), Ok(()));

@@ -2,21 +2,21 @@
 //! member has not been told yet. State machines without effects: a daemon gives them instants and events.
 //!
 //! ```text
-//! leases    ranges of indices, each of one member; what an edit of a member may name
-//! ticks     a tick ends when all writers have committed, or at its deadline
-//! remains   what is left of ranges whose lease has ended
-//! untold    changes of several ticks as one, those of some indices alone
+//! leases       ranges of indices, each of one member; what an edit of a member may name
+//! ticks        a tick ends when all writers have committed, or at its deadline
+//! remains      what is left of ranges whose lease has ended
+//! unreported   changes of several ticks as one, those of some indices alone
 //! ```
 
 mod leases;
 mod remains;
 mod ticks;
-mod untold;
+mod unreported;
 
 pub use self::leases::{LeaseError, Leases, NotLeased, Ranges};
-pub use self::remains::Remains;
+pub use self::remains::{KeptBoxes, Remains, Reset};
 pub use self::ticks::{Closed, Committed, Ticks};
-pub use self::untold::{TickChanges, Untold};
+pub use self::unreported::{Incarnations, NamedPair, TickChanges, Unreported};
 
 /// A member of a shared scene, for its whole life: numbers are given in the order of joining.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -39,6 +39,7 @@ pub enum AtEnd {
     /// They are removed.
     #[default]
     Remove,
-    /// They stay where they are, for who leases their indices next.
+    /// They stay where they are, for who leases their indices next. A box that this one sets is the same box, with the
+    /// flags, tag and listed pairs that the new writer gives it.
     Keep,
 }

@@ -1,11 +1,14 @@
-//! What is left of ranges whose lease has ended.
+//! What is left of ranges whose lease has ended: removed, or kept for who leases their indices next.
+
+use std::collections::BTreeSet;
 
 use super::Ranges;
+use crate::filters::Tag;
 use crate::scene::SceneCopy;
-use crate::scene::edit::Step;
+use crate::scene::edit::{Edit, Indices, Step, Tags};
 
-/// Boxes of ranges that are nobody's any more, and pairs of lists that name an index of them: lists are of
-/// indices, not of boxes, so who leases the indices next would find its boxes on them.
+/// Boxes of ranges that are nobody's any more, and listed pairs that name an index of them, where an entry waits for
+/// a first box as well: the next boxes of the indices are on no list.
 #[derive(Debug)]
 pub struct Remains {
     boxes: Vec<u32>,
@@ -20,16 +23,14 @@ impl Remains {
         let indices = ranges.as_slice().iter().flat_map(|range| range.start..range.end.min(end));
         let boxes = indices.filter(|index| copy.get(*index).is_some()).collect();
         let (mut included, mut excluded) = (Vec::new(), Vec::new());
-        if let Some(rules) = copy.rules() {
-            let is_of = |pair: &[u32; 2]| pair.iter().any(|index| ranges.has(*index));
-            included.extend(rules.lists.included().filter(is_of));
-            excluded.extend(rules.lists.excluded().filter(is_of));
-        }
+        let lists = &copy.filters().rules().lists;
+        let is_of = |pair: &[u32; 2]| pair.iter().any(|index| ranges.has(*index));
+        included.extend(lists.included().filter(is_of));
+        excluded.extend(lists.excluded().filter(is_of));
         Self { boxes, included, excluded }
     }
 
-    /// The steps that take it out of the scene. None is about rules where no list names an index: a scene that
-    /// knows no rules is to know none afterwards.
+    /// The steps that take it out of the scene.
     pub fn steps(&self) -> Vec<Step<'_>> {
         let mut steps = Vec::new();
         if !self.boxes.is_empty() {
@@ -45,11 +46,72 @@ impl Remains {
     }
 }
 
+/// Boxes that were kept when the lease of their indices ended, until who leases them next sets them.
+///
+/// A box that is set anew is the same box, so that a writer that restarts ends no pair. But flags, tag and entries in
+/// pair lists are those that its new writer gives it, and the usual ones where it gives none.
+#[derive(Debug, Default)]
+pub struct KeptBoxes(BTreeSet<u32>);
+
+/// What a new writer's boxes lose of those that were kept.
+#[derive(Debug)]
+pub struct Reset {
+    indices: Vec<u32>,
+    tags: Vec<Tag>,
+    lists: Remains,
+}
+
+impl KeptBoxes {
+    /// Boxes of a scene in ranges that are nobody's any more are kept.
+    pub fn keep(&mut self, copy: &SceneCopy, ranges: &Ranges) {
+        self.0.extend(Remains::of(copy, ranges).boxes);
+    }
+
+    /// Takes out the boxes that an edit sets or removes, before it is applied; what those lose that it sets, if any.
+    pub fn reset_by(&mut self, copy: &SceneCopy, edit: Edit<'_>) -> Option<Reset> {
+        if self.0.is_empty() {
+            return None;
+        }
+        edit.for_each_removed(|index| {
+            self.0.remove(&index);
+        });
+        let mut indices = Vec::new();
+        edit.for_each_set(|index, _| {
+            if self.0.remove(&index) {
+                indices.push(index);
+            }
+        });
+        if indices.is_empty() {
+            return None;
+        }
+        let own: Ranges = indices.iter().map(|index| *index..*index + 1).collect();
+        let tags = vec![Tag::default(); indices.len()];
+        Some(Reset { lists: Remains::of(copy, &own), indices, tags })
+    }
+}
+
+impl Reset {
+    /// The edit, with what its boxes lose before.
+    pub fn steps<'a>(&'a self, edit: Edit<'a>) -> Vec<Step<'a>> {
+        let indices: Indices<'a> = (&self.indices).into();
+        let mut steps = vec![
+            Step::Switch(indices, true),
+            Step::Static(indices, false),
+            Step::Tag(Tags { indices, tags: &self.tags }),
+            Step::Include(&self.lists.included, false),
+            Step::Exclude(&self.lists.excluded, false),
+        ];
+        steps.extend_from_slice(edit.steps);
+        steps
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::aabb::Aabb;
-    use crate::scene::{Edit, Sets};
+    use crate::filters::Owner;
+    use crate::scene::Sets;
 
     #[test]
     fn boxes_and_listed_pairs_of_ended_ranges_are_taken_out() {
@@ -65,15 +127,61 @@ mod tests {
         let remains = apply(&[set]);
         assert!(matches!(remains.steps()[..], [Step::Remove(_)]), "no rules where there are none");
         let remains = apply(&[
-            Step::Include(&[[7, 3], [6, 7]], true),
+            Step::Include(&[[7, 3], [6, 7], [6, 4]], true),
             Step::Exclude(&[[12, 3], [8, 9], [25, 26]], true),
         ]);
         assert_eq!(remains.boxes, [3, 12]);
-        assert_eq!((&remains.included[..], &remains.excluded[..]), (&[[3, 7]][..], &[[3, 12]][..]));
-        // Boxes may be gone before the lists are.
+        let mut included = remains.included.clone();
+        included.sort_unstable();
+        assert_eq!((&included[..], &remains.excluded[..]), (&[[3, 7], [4, 6]][..], &[[3, 12]][..]));
+        // Entries end with their boxes; those of an index without one are there still.
         let remains = apply(&[Step::Remove((&[3, 12]).into())]);
         let steps = remains.steps();
-        assert!(matches!(steps[..], [Step::Include(_, false), Step::Exclude(_, false)]));
+        assert!(matches!(steps[..], [Step::Include([[4, 6]], false)]));
         assert!(apply(&steps).steps().is_empty());
+    }
+
+    #[test]
+    fn kept_boxes_lose_flags_tags_and_lists_when_they_are_set_anew() {
+        let mut copy = SceneCopy::new(30);
+        let apply = |copy: &mut SceneCopy, steps: &[Step<'_>]| {
+            copy.check(Edit { steps }).expect("right");
+            copy.apply(Edit { steps });
+        };
+        let (boxes, tags) = ([Aabb::EMPTY; 4], [Tag::default().with_owner(Owner(3)); 3]);
+        let set = Step::Set(Sets { indices: (2..6).into(), boxes: &boxes });
+        let steps = [
+            set,
+            Step::Static((2..5).into(), true),
+            Step::Switch((2..5).into(), false),
+            Step::Tag(Tags { indices: (2..5).into(), tags: &tags }),
+            Step::Exclude(&[[2, 3], [3, 4], [2, 5]], true),
+        ];
+        apply(&mut copy, &steps);
+        let mut kept = KeptBoxes::default();
+        kept.keep(&copy, &std::iter::once(2..4).collect());
+        // Index 2 is set anew; 3 is removed, and then another box comes.
+        let mut set_anew = |copy: &mut SceneCopy, steps: &[Step<'_>]| {
+            let edit = Edit { steps };
+            let reset = kept.reset_by(copy, edit);
+            let steps = reset.as_ref().map(|reset| reset.steps(edit));
+            apply(copy, steps.as_deref().unwrap_or(edit.steps));
+            reset.is_some()
+        };
+        let one =
+            |index: u32| Step::Set(Sets { indices: (index..index + 1).into(), boxes: &boxes[..1] });
+        let seen = |copy: &SceneCopy, index| {
+            let kept = copy.kept(index).expect("a box");
+            (kept.is_on, kept.is_static, copy.tag(index).owner)
+        };
+        assert!(set_anew(&mut copy, &[one(2), Step::Exclude(&[[2, 5]], true)]));
+        assert_eq!(seen(&copy, 2), (true, false, Owner::NONE));
+        assert_eq!(seen(&copy, 3), (false, true, Owner(3)), "nobody has set it");
+        let mut excluded: Vec<_> = copy.filters().rules().lists.excluded().collect();
+        excluded.sort_unstable();
+        assert_eq!(excluded, [[2, 5], [3, 4]]);
+        assert!(!set_anew(&mut copy, &[Step::Remove((3..4).into())]));
+        assert!(!set_anew(&mut copy, &[one(3), one(4), Step::Static((4..5).into(), true)]));
+        assert_eq!(seen(&copy, 4), (false, true, Owner(3)), "its lease goes on");
     }
 }

@@ -14,7 +14,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use pairmask_core::aabb::Aabb;
-use pairmask_core::scene::shared::{LeaseError, NotLeased, Ranges, Remains};
+use pairmask_core::scene::shared::{LeaseError, Ranges, Remains};
 use pairmask_core::scene::{Edit, SceneCopy, Step, Want};
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
@@ -38,6 +38,15 @@ struct There {
     link: Arc<Link>,
     revision: u64,
     is_taken: bool,
+    /// Both before the last commit was sent.
+    before: (u64, bool),
+}
+
+/// What this member had before a commit that the daemon may refuse: only that knows whose lease begins lowest, who
+/// alone gives the table of filters.
+struct Before {
+    copy: SceneCopy,
+    gave_filters: bool,
 }
 
 /// A scene that several processes write, each its own boxes. Made by
@@ -72,6 +81,8 @@ pub struct SharedScene {
     /// The connection over which a membership was last asked for.
     asked_of: Option<Arc<Link>>,
     revisions: u64,
+    /// Until the commit of a table of filters is answered.
+    before: Option<Box<Before>>,
     /// The commit that the daemon works on and nobody waits for.
     unread: Arc<Unread>,
 }
@@ -113,6 +124,7 @@ impl SharedScene {
             there: None,
             asked_of: None,
             revisions: 0,
+            before: None,
             unread: core.unread_of_scene(),
             core: Arc::clone(core),
         };
@@ -246,7 +258,7 @@ impl SharedScene {
             let (first, count) = (range.start, range.end - range.start);
             self.ask_lease(&link, LeaseAction::Take { first, count })?;
         }
-        self.there = Some(There { link, revision: 0, is_taken: false });
+        self.there = Some(There { link, revision: 0, is_taken: false, before: (0, false) });
         Ok(())
     }
 
@@ -316,11 +328,10 @@ impl SharedScene {
                 StatusCode::NotLeased => not_leased(detail).map(SharedError::NotLeased),
                 _ => None,
             };
-            if matches!(status, StatusCode::StaleScene | StatusCode::NotLeased) {
-                self.there = None;
-            }
-            if matches!(&typed, Some(SharedError::NotLeased(NotLeased::Filters))) {
-                self.gave_filters = false;
+            match (status, self.before.take()) {
+                (StatusCode::NotLeased, Some(before)) => self.undo(*before),
+                (StatusCode::StaleScene | StatusCode::NotLeased, _) => self.there = None,
+                _ => {}
             }
             if let Some(typed) = typed {
                 return typed;
@@ -329,6 +340,14 @@ impl SharedScene {
         let error = WaitError::from(error);
         self.lost(link, &error);
         error.into()
+    }
+
+    /// The daemon has refused a commit, and applied nothing of it: neither has this member.
+    fn undo(&mut self, before: Before) {
+        (self.copy, self.gave_filters) = (before.copy, before.gave_filters);
+        if let Some(there) = &mut self.there {
+            (there.revision, there.is_taken) = there.before;
+        }
     }
 
     /// Notes what a failure says is lost.
@@ -341,9 +360,17 @@ impl SharedScene {
 
     /// Receives the answer to a commit that nobody waited for.
     fn settle(&mut self) {
-        if let Some(Err(_)) = self.unread.settle(&self.settings) {
-            self.there = None;
+        match self.unread.settle(&self.settings) {
+            Some(Err(WaitError::Reply(error))) => {
+                if let Some(link) = self.there.as_ref().map(|there| Arc::clone(&there.link)) {
+                    // Nobody waited for this commit, and nobody is told of its refusal.
+                    let _ = self.refused(&link, error);
+                }
+            }
+            Some(Err(_)) => self.there = None,
+            Some(Ok(_)) | None => {}
         }
+        self.before = None;
     }
 
     /// Checks an edit, and sends it.
@@ -362,6 +389,11 @@ impl SharedScene {
             }
         };
         let is_new = self.there.as_ref().is_some_and(|there| there.revision == 0);
+        if edit.steps.iter().any(|step| matches!(step, Step::Filters(_))) {
+            let mut copy = self.copy.clone();
+            copy.cancel(edit);
+            self.before = Some(Box::new(Before { copy, gave_filters: self.gave_filters }));
+        }
         let sent = if was_there && !is_new {
             let sent = self.send(&link, edit, want);
             if let Err(error @ SharedError::Frame(_)) = sent {
@@ -435,6 +467,7 @@ impl SharedScene {
         let header = RequestHeader::commit_shared(asked.client_token, asked.frame, &request);
         match Exchange::begin(shared, &header) {
             Ok(exchange) => {
+                there.before = (there.revision, there.is_taken);
                 (there.revision, there.is_taken) = (self.revisions, false);
                 // Others decide when the tick ends: there is nothing to nap by.
                 Ok(SentEdit { exchange, asked, want, expected: Expected::default() })
@@ -476,6 +509,7 @@ impl SharedScene {
                 return Err(error.into());
             }
         };
+        self.before = None;
         let payload_bytes = size_of_val(answer.response.pages()) as u64;
         let marks = TickMarks::parse(&answer.header, payload_bytes);
         let marks = marks.map_err(|error| self.refused(&link, error))?;

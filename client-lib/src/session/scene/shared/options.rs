@@ -69,8 +69,7 @@ pub enum SharedError {
     #[error(transparent)]
     Lease(#[from] LeaseError),
     /// The edit names what is not leased, and nothing of it was applied. A table of filters is refused by the
-    /// daemon where another writer's lease is lower: this member joins again with its next commit, which has the
-    /// rest of that edit.
+    /// daemon where another writer's lease begins lower.
     #[error(transparent)]
     NotLeased(#[from] NotLeased),
     /// The edit is wrong. Nothing of it was applied.

@@ -35,12 +35,12 @@ mod upload;
 
 use std::sync::{Arc, Mutex, PoisonError};
 
+use pairmask_core::EngineName;
 use pairmask_core::engine::{CullError, ReserveError};
 use pairmask_core::scene::{
-    Edit, EditError, Kept, KeptHistory, SceneError, SceneOptions, SceneSkips, Sets, Step, Told,
-    Want, is_resync_due,
+    Edit, Ended, FilterHistory, Kept, KeptHistory, SceneError, SceneOptions, SceneSkips, Step,
+    Told, Want, decide_changes, is_resync_due,
 };
-use pairmask_core::{Aabb, EngineName};
 use pairmask_shaders::layouts::{GridLayout, SceneMode, SceneSummary};
 use pairmask_shaders::{SceneStage, Stage};
 
@@ -48,7 +48,7 @@ use self::changes::{ChangeSorter, Found};
 use self::layouts::Layouts;
 use self::plan::{MOST_SLOTS, Question, Room, Sizes};
 use self::replica::{Asked, Names, Replica, Replicas, sum};
-use self::roster::{Marks, Roster};
+use self::roster::Roster;
 use self::search::{Search, Share, Stages};
 use self::times::Clock;
 use self::upload::Gathered;
@@ -140,7 +140,6 @@ pub struct GpuScene {
     replicas: Replicas,
     options: SceneOptions,
     roster: Roster,
-    marks: Marks,
     gathered: Gathered,
     layouts: Layouts,
     rooms: LastRooms,
@@ -197,7 +196,6 @@ impl GpuScene {
             replicas: Replicas::new(tools),
             options: options.with_most_boxes(most_boxes),
             roster: Roster::default(),
-            marks: Marks::new(),
             gathered: Gathered::default(),
             layouts: Layouts::default(),
             rooms: LastRooms::default(),
@@ -231,7 +229,7 @@ impl GpuScene {
         self.roster.len() == 0
     }
 
-    /// A scene that goes on where another one stands: its boxes, flags, and what it has told.
+    /// A scene that goes on where another one stands: its boxes, flags, filters, and what it has told.
     ///
     /// # Errors
     /// [`SceneError`], as [`Self::edit`].
@@ -244,24 +242,8 @@ impl GpuScene {
         kept: &Kept<'_>,
     ) -> Result<Self, SceneError> {
         let mut scene = Self::shared(tools, options);
-        let (mut indices, mut boxes) = (Vec::new(), Vec::<Aabb>::new());
-        let (mut off, mut statics) = (Vec::new(), Vec::new());
-        for index in 0..kept.slots() as u32 {
-            let Some(one) = kept.get(index) else { continue };
-            indices.push(index);
-            boxes.push(one.b);
-            if !one.is_on {
-                off.push(index);
-            }
-            if one.is_static {
-                statics.push(index);
-            }
-        }
-        let steps = [
-            Step::Set(Sets { indices: (&indices).into(), boxes: &boxes }),
-            Step::Switch((&off).into(), false),
-            Step::Static((&statics).into(), true),
-        ];
+        let whole = kept.whole();
+        let steps = whole.steps();
         scene.edit(Edit { steps: &steps }, Want::Nothing)?;
         match kept.history() {
             KeptHistory::Told(count) => {
@@ -293,19 +275,9 @@ impl GpuScene {
         self.roster.len() as u32
     }
 
-    /// Whether an index has a box.
-    pub fn is_present(&self, index: u32) -> bool {
-        self.roster.is_present(index)
-    }
-
-    /// Whether an index has a box that is switched off.
-    pub fn is_off(&self, index: u32) -> bool {
-        self.roster.is_off(index)
-    }
-
-    /// Whether an index has a static box.
-    pub fn is_static(&self, index: u32) -> bool {
-        self.roster.is_static(index)
+    /// The collision filters.
+    pub const fn filters(&self) -> &FilterHistory {
+        self.roster.filters()
     }
 
     /// The last answer.
@@ -318,7 +290,6 @@ impl GpuScene {
         self.roster.allocated_bytes()
             + self.gathered.allocated_bytes()
             + self.sorter.allocated_bytes()
-            + self.marks.capacity() * size_of::<Pair>()
             + (self.told.begun().len() + self.told.pairs().len()) * size_of::<Pair>()
             + size_of_val(self.told.ended())
     }
@@ -357,14 +328,11 @@ impl GpuScene {
     /// [`SceneError::Cull`] where the device is lost, or has no memory, or the scene is too crowded for
     /// it: the scene is to be dropped.
     pub fn edit(&mut self, edit: Edit<'_>, want: Want) -> Result<&Told, SceneError> {
-        if edit.has_rules() {
-            return Err(EditError::Rules.into());
-        }
         let mut clock = Clock::start();
         self.roster.check(edit, self.options.most_boxes)?;
         self.times = EditTimes::default();
         self.is_open = false;
-        self.roster.apply(edit, &mut self.marks);
+        self.roster.apply(edit);
         clock.lap(&mut self.times.check);
         if let Err(error) = self.answer(edit, want, &mut clock) {
             self.known = Known::Lost;
@@ -406,7 +374,7 @@ impl GpuScene {
     /// Applies a checked edit on the GPU and finds the answer.
     fn answer(&mut self, edit: Edit<'_>, want: Want, clock: &mut Clock) -> Result<(), CullError> {
         let sets: u64 = edit.sets().map(|sets| sets.boxes.len() as u64).sum();
-        let elements = sets + self.marks.len() as u64;
+        let elements = sets + self.roster.marks().len() as u64;
         self.changed += elements;
         if elements > 0 && self.known == Known::Same {
             self.known = Known::Changed;
@@ -457,7 +425,7 @@ impl GpuScene {
             }
         }
         let threads = self.threads();
-        let (sets, marks) = (self.gathered.sets(edit), &self.marks);
+        let (sets, marks) = (self.gathered.sets(edit), self.roster.marks());
         self.replicas
             .on_each(|_, replica| replica.place(sets, marks, slots as u64, names, threads))?;
         if let Some(most) = edit.sets().max_by_key(|sets| sets.boxes.len()) {
@@ -532,7 +500,8 @@ impl GpuScene {
             if summaries.iter().any(|share| share.tested[1] >= search::BUDGET) {
                 return Err(CullError::TooCrowded { engine: ENGINE });
             }
-            if question.mode == SceneMode::Changes {
+            let is_filtered = self.filters().is_used();
+            if question.mode == SceneMode::Changes && !is_filtered {
                 let pair_count = (self.count_then + (found - ended)).saturating_sub(ended);
                 if is_resync_due(found, pair_count) {
                     question.mode = SceneMode::All;
@@ -553,6 +522,10 @@ impl GpuScene {
             self.layouts.note_search(&question, &summary, looked, wide(summary.tested));
             self.rooms.0[question.mode as usize] = Room { entries, pairs: most };
             self.tell(want, question.mode, ended, &counts)?;
+            if is_filtered && self.filter_told() {
+                question.mode = SceneMode::All;
+                continue;
+            }
             return Ok(Some(summary));
         }
     }
@@ -599,6 +572,29 @@ impl GpuScene {
         let pair_count = (self.count_then + begun.len() as u64).saturating_sub(ends.len() as u64);
         self.told = Told::of_changes(begun, ends, pair_count);
         Ok(())
+    }
+
+    /// Takes what the filters keep apart out of the answer. Whether it is to be a resync instead.
+    fn filter_told(&mut self) -> bool {
+        let told = std::mem::take(&mut self.told);
+        let (want, roster) = (told.want(), &self.roster);
+        if want != Want::Changes || told.is_resync() {
+            let mut pairs = told.pairs().to_vec();
+            pairs.retain(|pair| roster.filters().meet(*pair));
+            let pair_count = if want == Want::Moved { 0 } else { pairs.len() as u64 };
+            self.told = Told::of_pairs(want, Arc::new(pairs), pair_count);
+            return false;
+        }
+        let (mut begun, mut ended) = told.into_changes();
+        let is_replaced = |pair| roster.was_removed(pair);
+        decide_changes(roster.filters(), is_replaced, &mut begun, &mut ended);
+        for Ended { pair, reason } in &mut ended {
+            *reason = roster.end_reason(*pair);
+        }
+        let pair_count = (self.count_then + begun.len() as u64).saturating_sub(ended.len() as u64);
+        let is_resync = is_resync_due((begun.len() + ended.len()) as u64, pair_count);
+        self.told = Told::of_changes(begun, ended, pair_count);
+        is_resync
     }
 
     /// Adds the skip meter to the answer.
@@ -652,7 +648,8 @@ fn wide([low, high]: [u32; 2]) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use pairmask_core::scene::Scene;
+    use pairmask_core::Aabb;
+    use pairmask_core::scene::{Scene, Sets};
 
     use super::*;
     use crate::execute::gpu::adapter::GpuChoice;

@@ -13,14 +13,15 @@ use std::sync::Arc;
 
 use pairmask_core::Aabb;
 use pairmask_core::engine::{CullError, ReserveError};
-use pairmask_core::scene::{Edit, Indices, Sets, Step, more_pairs_than, sort_row};
+use pairmask_core::scene::{
+    Edit, FilteredBoxes as _, Indices, QueryError, QueryTags, Sets, Step, more_pairs_than, sort_row,
+};
 use pairmask_shaders::constants::SORTED_ROW;
 use pairmask_shaders::layouts::SceneMode;
 
 use super::memory::{Blocks, RECORD_BYTES};
 use super::plan::{MOST_SLOTS, PAIR_BYTES, Question, Room, Sizes};
 use super::replica::Replica;
-use super::roster::Marks;
 use super::search::{self, Queries, Search, Task, Way};
 use super::times::{Clock, EditTimes};
 use super::{ENGINE, GpuScene, Pair, wide};
@@ -33,15 +34,28 @@ const QUERIES_TOGETHER: usize = 1 << 18;
 const ENTRIES_SHARE: u64 = 32;
 
 impl GpuScene {
-    /// The boxes that each of `queries` overlaps, switched on, static ones too: pairs of the query's number
-    /// and the box's index, in order. What `found` held is dropped. Returns how many boxes were tested.
+    /// The boxes that each of `queries` overlaps and may meet by its tag, switched on, static ones too: pairs of the
+    /// query's number and the box's index, in order. What `found` held is dropped. Returns how many boxes were tested.
     /// No later edit tells anything else for it.
     ///
     /// # Errors
-    /// [`CullError`]; `found` is empty then. After [`CullError::DeviceLost`] the scene is to be dropped. Where
+    /// [`QueryError`]; `found` is empty then. After [`CullError::DeviceLost`] the scene is to be dropped. Where
     /// memory is short, there are more pairs than [may be](Self::limit_query_pairs), or queries crowd one place too
     /// much, the scene is what it was.
-    pub fn query(&mut self, queries: &[Aabb], found: &mut Vec<[u32; 2]>) -> Result<u64, CullError> {
+    pub fn query(
+        &mut self,
+        queries: &[Aabb],
+        tags: QueryTags<'_>,
+        found: &mut Vec<[u32; 2]>,
+    ) -> Result<u64, QueryError> {
+        tags.check(queries)?;
+        let tested = self.query_all(queries, found)?;
+        let roster = &self.roster;
+        tags.filter(roster.filters(), |index| roster.is_still(index), found);
+        Ok(tested)
+    }
+
+    fn query_all(&mut self, queries: &[Aabb], found: &mut Vec<Pair>) -> Result<u64, CullError> {
         found.clear();
         self.times = EditTimes::default();
         if self.roster.active() == 0 {
@@ -124,7 +138,7 @@ impl GpuScene {
             (Question { mode: SceneMode::All, slots, active, changed: active }, [].as_slice())
         };
         let sets = self.gathered.sets(Edit { steps });
-        let uploaded = upload.place(gpu, sets, &Marks::new(), threads, &mut replaced);
+        let uploaded = upload.place(gpu, sets, &[], threads, &mut replaced);
         let uploaded = uploaded.map_err(gpu_error)?;
         clock.lap(&mut self.times.upload);
         if are_entries {

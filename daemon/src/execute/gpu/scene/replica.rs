@@ -8,7 +8,6 @@ use pairmask_shaders::layouts::{GridLayout, SceneSummary};
 
 use super::memory::{Blocks, Memory};
 use super::plan::{Question, Room, Sizes};
-use super::roster::Marks;
 use super::search::{Frames, Search, Task};
 use super::upload::{GatheredSets, Upload, Uploaded};
 use super::{ENGINE, SceneTools, wide};
@@ -67,7 +66,7 @@ impl Replica {
     pub fn place(
         &mut self,
         sets: GatheredSets<'_>,
-        marks: &Marks,
+        marks: &[[u32; 2]],
         slots: u64,
         names: Names,
         threads: usize,

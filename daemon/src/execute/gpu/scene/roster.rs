@@ -1,8 +1,11 @@
-//! Which indices of a scene have a box, and which flags: what the host has to know to check an edit
-//! before anything of it is applied. A bit or two a box; the boxes themselves are the GPU's.
+//! Which indices of a scene have a box, which flags and filter data: what the host has to know to check an edit
+//! before anything of it is applied, and to decide what began and ended of the pairs that the GPU finds. Some bits a
+//! box, and tags where there are any; the boxes themselves are the GPU's.
 
-use pairmask_core::scene::{Edit, EditError, Indices, Sets, Step};
-use pairmask_shaders::constants::{MARK_NAMES, MARK_REMOVES};
+use pairmask_core::scene::{
+    Edit, EditError, EndReason, FilterHistory, FilteredBoxes, Indices, Sets, Step, Tags,
+};
+use pairmask_shaders::constants::{MARK_NAMES, MARK_REMOVES, MARK_TOUCHES};
 
 /// Flags of a record, as `scene_records.wgsl` has them.
 const PRESENT: u32 = 1;
@@ -58,7 +61,7 @@ impl Bits {
     }
 }
 
-/// Indices that an edit removes or flags, each once, with a mark for `scene_mark`.
+/// Indices that an edit removes, flags or gives filter data, each once, with a mark for `scene_mark`.
 pub(super) type Marks = Vec<[u32; 2]>;
 
 /// Presence and flags of boxes by index.
@@ -68,10 +71,20 @@ pub(super) struct Roster {
     len: usize,
     present: Bits,
     off: Bits,
+    /// Boxes that are still: static, and no rule makes an exception of them.
     statics: Bits,
-    /// Of the edit under way: what it sets (while it is checked), then what it flags; what it removes.
+    /// Since the history began: which became still or ceased to be, and which indices lost a box.
+    flipped: Bits,
+    lost: Bits,
+    has_history: bool,
+    filters: FilterHistory,
+    /// Of the edit under way: what it sets (while it is checked), then what it names; what it removes; whose filter
+    /// data change; which have a mark.
     seen: Bits,
     removed: Bits,
+    touched: Bits,
+    marked: Bits,
+    marks: Marks,
     present_count: usize,
     off_count: usize,
     static_count: usize,
@@ -93,19 +106,32 @@ impl Roster {
         self.present_count - self.off_count
     }
 
-    /// Whether an index has a box.
-    pub fn is_present(&self, index: u32) -> bool {
-        (index as usize) < self.len && self.present.has(index)
+    /// The collision filters.
+    pub const fn filters(&self) -> &FilterHistory {
+        &self.filters
     }
 
-    /// Whether an index has a box that is switched off.
-    pub fn is_off(&self, index: u32) -> bool {
-        (index as usize) < self.len && self.off.has(index)
+    /// The marks of the last edit.
+    pub fn marks(&self) -> &[[u32; 2]] {
+        &self.marks
     }
 
-    /// Whether an index has a static box.
-    pub fn is_static(&self, index: u32) -> bool {
-        (index as usize) < self.len && self.statics.has(index)
+    /// Whether a box of a pair was removed since the history began.
+    pub fn was_removed(&self, pair: [u32; 2]) -> bool {
+        pair.iter().any(|index| self.lost.has(*index))
+    }
+
+    /// Why a pair that ended is none now.
+    pub fn end_reason(&self, pair: [u32; 2]) -> EndReason {
+        let any_off = pair.iter().any(|index| self.off.has(*index));
+        let are_still = pair.iter().all(|index| self.statics.has(*index));
+        if self.was_removed(pair) {
+            EndReason::Removed
+        } else if any_off || are_still || !self.filters.meet(pair) {
+            EndReason::Filtered
+        } else {
+            EndReason::Separated
+        }
     }
 
     /// Static boxes that are switched on.
@@ -115,8 +141,12 @@ impl Roster {
 
     /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
-        let bits = [&self.present, &self.off, &self.statics, &self.seen, &self.removed];
-        bits.iter().map(|bits| bits.0.capacity() * size_of::<u64>()).sum()
+        let Self { present, off, statics, flipped, lost, seen, removed, touched, marked, .. } =
+            self;
+        let bits = [present, off, statics, flipped, lost, seen, removed, touched, marked];
+        bits.iter().map(|bits| bits.0.capacity() * size_of::<u64>()).sum::<usize>()
+            + self.marks.capacity() * size_of::<[u32; 2]>()
+            + self.filters.allocated_bytes()
     }
 
     /// Checks an edit. Nothing is applied, but places are made for all that it sets.
@@ -124,13 +154,13 @@ impl Roster {
     /// # Errors
     /// [`EditError`].
     pub fn check(&mut self, edit: Edit<'_>, limit: u32) -> Result<(), EditError> {
-        let uneven = edit.sets().find(|sets| sets.indices.len() != sets.boxes.len());
-        if let Some(Sets { indices, boxes }) = uneven {
-            return Err(EditError::Lengths { indices: indices.len(), boxes: boxes.len() });
+        if let Some((indices, boxes)) = edit.uneven() {
+            return Err(EditError::Lengths { indices, boxes });
         }
         let last_set = edit.sets().filter_map(|sets| sets.indices.last()).max();
         let last = last_set.max(others_of(edit).filter_map(Indices::last).max());
-        if let Some(index) = last.filter(|index| *index >= u64::from(limit)) {
+        let most = last.max(edit.last_listed().map(u64::from));
+        if let Some(index) = most.filter(|index| *index >= u64::from(limit)) {
             return Err(EditError::BeyondLimit { index, limit });
         }
         let len = last_set.map_or(0, |last| last as usize + 1).max(self.len);
@@ -142,9 +172,10 @@ impl Roster {
     }
 
     /// Every kind of bits that it keeps.
-    const fn all_bits(&mut self) -> [&mut Bits; 5] {
-        let Self { present, off, statics, seen, removed, .. } = self;
-        [present, off, statics, seen, removed]
+    const fn all_bits(&mut self) -> [&mut Bits; 9] {
+        let Self { present, off, statics, flipped, lost, seen, removed, touched, marked, .. } =
+            self;
+        [present, off, statics, flipped, lost, seen, removed, touched, marked]
     }
 
     fn make_room(&mut self, len: usize) -> Result<(), EditError> {
@@ -178,7 +209,10 @@ impl Roster {
             });
         }
         for step in edit.steps {
-            if let Step::Switch(indices, _) | Step::Static(indices, _) = step {
+            if let Step::Switch(indices, _)
+            | Step::Static(indices, _)
+            | Step::Tag(Tags { indices, .. }) = step
+            {
                 indices.for_each(|_, index| {
                     let stays = self.present.has(index) && !self.removed.has(index);
                     if !stays && !self.seen.has(index) {
@@ -198,15 +232,17 @@ impl Roster {
         wrong.map_or(Ok(()), Err)
     }
 
-    /// Applies an edit that was checked. `marks` are those for the GPU.
-    pub fn apply(&mut self, edit: Edit<'_>, marks: &mut Marks) {
-        marks.clear();
+    /// Applies an edit that was checked.
+    pub fn apply(&mut self, edit: Edit<'_>) {
+        self.marks.clear();
+        let mut filters = std::mem::take(&mut self.filters);
         for step in edit.steps {
             if let Step::Remove(indices) = step {
                 indices.for_each(|_, index| {
                     self.remove(index);
                     self.removed.set(index);
-                    marks.push([index, 0]);
+                    self.mark(index);
+                    filters.remove(index);
                 });
             }
         }
@@ -214,28 +250,40 @@ impl Roster {
             self.insert(indices);
         }
         for step in edit.steps {
-            let (Step::Switch(indices, _) | Step::Static(indices, _)) = step else { continue };
-            indices.for_each(|_, index| {
-                if !self.seen.set(index) && !self.removed.has(index) {
-                    marks.push([index, 0]);
+            match step {
+                Step::Switch(indices, on) => indices.for_each(|_, index| {
+                    self.name(index);
+                    self.switch(index, *on);
+                }),
+                Step::Static(indices, on) => {
+                    indices.for_each(|_, index| filters.make_static(index, *on, self));
                 }
-                match step {
-                    Step::Switch(_, on) => self.switch(index, *on),
-                    Step::Static(_, on) => self.make_static(index, *on),
-                    _ => {}
-                }
-            });
+                _ => {}
+            }
         }
-        for [index, mark] in marks {
+        filters.apply(edit, self);
+        self.filters = filters;
+        let mut marks = std::mem::take(&mut self.marks);
+        for [index, mark] in &mut marks {
             *mark = self.flags(*index);
-            if self.removed.has(*index) {
-                *mark |= MARK_REMOVES;
-                self.removed.clear(*index);
+            self.marked.clear(*index);
+            for (bits, flag) in [
+                (&mut self.removed, MARK_REMOVES),
+                (&mut self.touched, MARK_TOUCHES),
+                (&mut self.seen, MARK_NAMES),
+            ] {
+                if bits.has(*index) {
+                    *mark |= flag;
+                    bits.clear(*index);
+                }
             }
-            if self.seen.has(*index) {
-                *mark |= MARK_NAMES;
-                self.seen.clear(*index);
-            }
+        }
+        self.marks = marks;
+    }
+
+    fn mark(&mut self, index: u32) {
+        if !self.marked.set(index) {
+            self.marks.push([index, 0]);
         }
     }
 
@@ -269,8 +317,20 @@ impl Roster {
         self.present_count -= 1;
         self.static_count -= usize::from(self.is_active_static(index));
         self.off_count -= usize::from(self.off.has(index));
+        if self.statics.has(index) {
+            self.flip(index);
+        }
         for bits in [&mut self.present, &mut self.off, &mut self.statics] {
             bits.clear(index);
+        }
+        self.lost.set(index);
+        self.has_history = true;
+    }
+
+    fn flip(&mut self, index: u32) {
+        self.has_history = true;
+        if self.flipped.set(index) {
+            self.flipped.clear(index);
         }
     }
 
@@ -286,19 +346,14 @@ impl Roster {
         self.static_count += usize::from(self.is_active_static(index));
     }
 
-    fn make_static(&mut self, index: u32, on: bool) {
-        self.static_count -= usize::from(self.is_active_static(index));
-        if on {
-            self.statics.set(index);
-        } else {
-            self.statics.clear(index);
-        }
-        self.static_count += usize::from(self.is_active_static(index));
-    }
-
-    /// Gives up places at the end that have no box: they cost every pass over all indices. The rule is
+    /// The history begins anew. Gives up places at the end that have no box: they cost every pass over all indices. The rule is
     /// that of `pairmask_core::scene`, so that the same edits are wrong.
     pub fn forget(&mut self) {
+        self.filters.forget();
+        if std::mem::take(&mut self.has_history) {
+            self.flipped.0.fill(0);
+            self.lost.0.fill(0);
+        }
         if self.len <= 1024 || self.present_count >= self.len / 4 {
             return;
         }
@@ -313,12 +368,58 @@ impl Roster {
     }
 }
 
+impl FilteredBoxes for Roster {
+    fn index_end(&self) -> u32 {
+        self.len as u32
+    }
+
+    fn is_present(&self, index: u32) -> bool {
+        (index as usize) < self.len && self.present.has(index)
+    }
+
+    fn is_still(&self, index: u32) -> bool {
+        self.statics.has(index)
+    }
+
+    fn set_still(&mut self, index: u32, is_still: bool) {
+        self.mark(index);
+        self.flip(index);
+        self.static_count -= usize::from(self.is_active_static(index));
+        if is_still {
+            self.statics.set(index);
+        } else {
+            self.statics.clear(index);
+        }
+        self.static_count += usize::from(self.is_active_static(index));
+    }
+
+    fn has_flipped(&self, index: u32) -> bool {
+        self.flipped.has(index)
+    }
+
+    fn name(&mut self, index: u32) {
+        self.seen.set(index);
+        self.mark(index);
+    }
+
+    fn refilter(&mut self, index: u32) {
+        self.touched.set(index);
+        self.mark(index);
+    }
+
+    fn smaller(&self, [a, b]: [u32; 2]) -> u32 {
+        // Sizes are not known here: a static box is often the larger one.
+        if self.statics.has(a) { b } else { a }
+    }
+}
+
 /// Indices that an edit names without setting them.
 fn others_of(edit: Edit<'_>) -> impl Iterator<Item = &Indices<'_>> {
     edit.steps.iter().filter_map(|step| match step {
-        Step::Remove(indices) | Step::Switch(indices, _) | Step::Static(indices, _) => {
-            Some(indices)
-        }
+        Step::Remove(indices)
+        | Step::Switch(indices, _)
+        | Step::Static(indices, _)
+        | Step::Tag(Tags { indices, .. }) => Some(indices),
         _ => None,
     })
 }

@@ -8,7 +8,6 @@ use pairmask_core::scene::{Edit, Indices, Sets};
 use rayon::iter::{IndexedParallelIterator as _, ParallelIterator as _};
 use rayon::slice::ParallelSlice as _;
 
-use super::roster::Marks;
 use crate::execute::gpu::device::Gpu;
 use crate::execute::gpu::error::GpuError;
 use crate::execute::gpu::growing::Growing;
@@ -146,7 +145,7 @@ impl Upload {
         &mut self,
         gpu: &Arc<Gpu>,
         sets: GatheredSets<'_>,
-        marks: &Marks,
+        marks: &[[u32; 2]],
         threads: usize,
         replaced: &mut bool,
     ) -> Result<Uploaded, GpuError> {

@@ -1,0 +1,307 @@
+//! Collision filters of a scene: those of now, and those of when the history began.
+//!
+//! Whether two boxes are a pair is decided from their states: place, validity, enabled, static, filter data,
+//! entries in pair lists, and the incarnation of the index. Geometry and stillness are the search's; the rest is
+//! decided here, for then and for now, by the one order of [`filters`](crate::filters). An edit marks each box
+//! whose filter data changes, so that the search looks around it like around a box that has moved.
+//!
+//! A search never reports two boxes that are **still**: static by flag or filter, and named by no list. So static
+//! worlds cost nothing, and rules that a list makes an exception to are decided pair by pair.
+
+use std::collections::HashMap;
+
+use super::edit::{Edit, Step};
+use super::pair_list::Pair;
+use crate::filters::{FilterId, FilterTable, Listed, PairLists, Rules, Tag, decide, in_order};
+
+/// The boxes whose filter data an edit changes, as whoever searches for their pairs keeps them.
+pub trait FilteredBoxes {
+    /// Boxes have indices below this.
+    fn index_end(&self) -> u32;
+    /// Whether an index has a box.
+    fn is_present(&self, index: u32) -> bool;
+    /// Whether a box is still: no pair of two still boxes is reported.
+    fn is_still(&self, index: u32) -> bool;
+    /// Makes a box still or not; it was the other.
+    fn set_still(&mut self, index: u32, is_still: bool);
+    /// Whether a box is still and was not when the history began, or the other way round.
+    fn has_flipped(&self, index: u32) -> bool;
+    /// The edit names a box: its pairs are those of [`Want::Moved`](super::Want::Moved).
+    fn name(&mut self, index: u32);
+    /// Filter data of a box change: its pairs are to be decided anew.
+    fn refilter(&mut self, index: u32);
+    /// Around which of two boxes fewer others lie, as far as that is known.
+    fn smaller(&self, pair: [u32; 2]) -> u32;
+}
+
+/// Filter data of a scene, now and when the history began.
+#[derive(Clone, Debug, Default)]
+pub struct FilterHistory {
+    now: Rules,
+    /// Whether an edit ever gave filter data. Until then no box has any, and stillness is the static flag.
+    is_used: bool,
+    then: Then,
+}
+
+/// What differs from now of the filter data when the history began.
+#[derive(Clone, Debug, Default)]
+struct Then {
+    is_used: bool,
+    tags: HashMap<u32, Tag>,
+    table: Option<FilterTable>,
+    listed: HashMap<Pair, Listed>,
+}
+
+impl FilterHistory {
+    /// The filter data of now.
+    pub const fn rules(&self) -> &Rules {
+        &self.now
+    }
+
+    /// Whether an edit ever gave filter data.
+    #[inline]
+    pub const fn is_used(&self) -> bool {
+        self.is_used
+    }
+
+    /// The filter data of a box, with its own static flag. `is_still` is its stillness.
+    pub fn tag(&self, index: u32, is_still: bool) -> Tag {
+        if self.is_used { self.now.tag(index) } else { Tag::default().with_static(is_still) }
+    }
+
+    /// Whether the boxes of two indices may be a pair that are not both still.
+    #[inline]
+    pub fn meet(&self, [a, b]: [u32; 2]) -> bool {
+        !self.is_used || self.now.meet(a, b)
+    }
+
+    /// Whether they could when the history began.
+    #[inline]
+    pub fn met(&self, [a, b]: [u32; 2]) -> bool {
+        let Then { is_used, tags, table, listed } = &self.then;
+        if !is_used {
+            return true;
+        }
+        if tags.is_empty() && table.is_none() && listed.is_empty() {
+            return self.now.meet(a, b);
+        }
+        let tag = |index| tags.get(&index).copied().unwrap_or_else(|| self.now.tag(index));
+        let lists = || {
+            let then = listed.get(&in_order([a, b])).copied();
+            then.unwrap_or_else(|| self.now.lists.listed(a, b))
+        };
+        decide(&tag(a), &tag(b), table.as_ref().unwrap_or(&self.now.table), lists)
+    }
+
+    /// The history begins anew.
+    pub fn forget(&mut self) {
+        self.then = Then { is_used: self.is_used, ..Then::default() };
+    }
+
+    /// Bytes that are allocated.
+    pub fn allocated_bytes(&self) -> usize {
+        let then = &self.then;
+        self.now.allocated_bytes()
+            + then.tags.capacity() * (size_of::<(u32, Tag)>() + 1)
+            + then.table.as_ref().map_or(0, FilterTable::allocated_bytes)
+            + then.listed.capacity() * (size_of::<(Pair, Listed)>() + 1)
+    }
+
+    /// The box of an index is removed: the next one has filter data of its own.
+    pub fn remove(&mut self, index: u32) {
+        if !self.is_used {
+            return;
+        }
+        self.set_tag(index, Tag::default());
+        let Self { now, then, .. } = self;
+        now.lists.remove_index(index, |pair, listed| then.note_listed(pair, listed));
+    }
+
+    /// Makes a box static or not.
+    pub fn make_static(&mut self, index: u32, on: bool, boxes: &mut impl FilteredBoxes) {
+        boxes.name(index);
+        if !self.is_used {
+            if boxes.is_still(index) != on {
+                boxes.set_still(index, on);
+            }
+            return;
+        }
+        let tag = self.now.tag(index);
+        if tag.is_static() != on {
+            boxes.refilter(index);
+            self.set_tag(index, tag.with_static(on));
+            self.settle(index, boxes);
+        }
+    }
+
+    /// Does what an edit says of rules, after all that it does to boxes.
+    pub fn apply(&mut self, edit: Edit<'_>, boxes: &mut impl FilteredBoxes) {
+        if edit.has_rules() {
+            self.apply_rules(edit, boxes);
+        }
+        // Boxes that are inserted have the first filter.
+        if self.is_used && self.now.table.get(FilterId::default()).is_static {
+            edit.for_each_set(|index, _| self.settle(index, boxes));
+        }
+    }
+
+    fn apply_rules(&mut self, edit: Edit<'_>, boxes: &mut impl FilteredBoxes) {
+        if edit.gives_filter_data() {
+            self.begin(boxes);
+        }
+        edit.for_each_tag(|index, tag| {
+            boxes.name(index);
+            let was = self.now.tag(index);
+            let tag = tag.with_static(was.is_static());
+            if tag != was {
+                boxes.refilter(index);
+                self.set_tag(index, tag);
+                self.settle(index, boxes);
+            }
+        });
+        for step in edit.steps {
+            match step {
+                Step::Filters(table) => self.set_table(table, boxes),
+                Step::Include(pairs, on) => {
+                    self.list(pairs, boxes, |lists, pair| lists.include(pair, *on));
+                }
+                Step::Exclude(pairs, on) => {
+                    self.list(pairs, boxes, |lists, pair| lists.exclude(pair, *on));
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// From now on filter data say which boxes are static.
+    fn begin(&mut self, boxes: &mut impl FilteredBoxes) {
+        if std::mem::replace(&mut self.is_used, true) {
+            return;
+        }
+        for index in 0..boxes.index_end() {
+            if !boxes.is_present(index) || !boxes.is_still(index) {
+                continue;
+            }
+            self.set_tag(index, Tag::default().with_static(true));
+            // A list may make it move again for searches, while it is static from this history on.
+            if boxes.has_flipped(index) {
+                boxes.refilter(index);
+            }
+        }
+    }
+
+    /// Makes a box as still as its filter data say.
+    fn settle(&self, index: u32, boxes: &mut impl FilteredBoxes) {
+        if !self.is_used {
+            return;
+        }
+        let tag = self.now.tag(index);
+        let is_static = tag.is_static() || self.now.table.get(tag.filter).is_static;
+        let is_still = is_static && !self.now.lists.is_named(index);
+        if boxes.is_still(index) != is_still {
+            boxes.set_still(index, is_still);
+        }
+    }
+
+    fn set_tag(&mut self, index: u32, tag: Tag) {
+        let was = self.now.tag(index);
+        if was == tag {
+            return;
+        }
+        if self.then.is_used {
+            self.then.tags.entry(index).or_insert(was);
+        }
+        let len = index as usize + 1;
+        if self.now.tags.len() < len {
+            self.now.tags.resize(len, Tag::default());
+        }
+        self.now.tags[index as usize] = tag;
+    }
+
+    fn set_table(&mut self, table: &FilterTable, boxes: &mut impl FilteredBoxes) {
+        if *table == self.now.table {
+            return;
+        }
+        let named = self.named_by(table, boxes);
+        let was = std::mem::replace(&mut self.now.table, table.clone());
+        if self.then.is_used {
+            self.then.table.get_or_insert(was);
+        }
+        for index in named {
+            boxes.name(index);
+            boxes.refilter(index);
+            self.settle(index, boxes);
+        }
+    }
+
+    /// Boxes whose filter is another one by a new table.
+    pub(super) fn named_by(&self, table: &FilterTable, boxes: &impl FilteredBoxes) -> Vec<u32> {
+        let now = &self.now.table;
+        let differs: Vec<bool> = (0..table.filters().len().max(now.filters().len()))
+            .map(|id| FilterId(id as u16))
+            .map(|id| table.get(id) != now.get(id))
+            .collect();
+        let differs = |index: &u32| {
+            let filter = usize::from(self.now.tag(*index).filter.0);
+            boxes.is_present(*index) && differs.get(filter).copied().unwrap_or(false)
+        };
+        (0..boxes.index_end()).filter(differs).collect()
+    }
+
+    fn list(
+        &mut self,
+        pairs: &[[u32; 2]],
+        boxes: &mut impl FilteredBoxes,
+        put: impl Fn(&mut PairLists, [u32; 2]) -> bool,
+    ) {
+        for &pair in pairs {
+            let listed = self.now.lists.listed(pair[0], pair[1]);
+            let differs = put(&mut self.now.lists, pair);
+            if differs {
+                self.then.note_listed(in_order(pair), listed);
+            }
+            let present = pair.map(|index| boxes.is_present(index));
+            if differs && present == [true; 2] {
+                // The pair is found from either.
+                boxes.refilter(boxes.smaller(pair));
+            }
+            for (index, _) in pair.into_iter().zip(present).filter(|(_, is_present)| *is_present) {
+                boxes.name(index);
+                self.settle(index, boxes);
+            }
+        }
+    }
+}
+
+impl Then {
+    fn note_listed(&mut self, pair: Pair, listed: Listed) {
+        if self.is_used {
+            self.listed.entry(pair).or_insert(listed);
+        }
+    }
+}
+
+/// Takes out of sorted lists what may not be, or might not then, and what ended and began again without being
+/// another pair: for a search that knows of changed filter data only whose pairs to report as both.
+pub fn decide_changes(
+    filters: &FilterHistory,
+    is_replaced: impl Fn([u32; 2]) -> bool,
+    begun: &mut Vec<[u32; 2]>,
+    ended: &mut Vec<super::Ended>,
+) {
+    begun.retain(|pair| filters.meet(*pair));
+    ended.retain(|ended| filters.met(ended.pair));
+    let mut stays = Vec::with_capacity(begun.len());
+    let mut at = 0;
+    ended.retain(|this| {
+        while begun.get(at).is_some_and(|pair| *pair < this.pair) {
+            stays.push(begun[at]);
+            at += 1;
+        }
+        let cancels = begun.get(at) == Some(&this.pair) && !is_replaced(this.pair);
+        at += usize::from(cancels);
+        !cancels
+    });
+    stays.extend_from_slice(&begun[at..]);
+    *begun = stays;
+}
