@@ -7,6 +7,7 @@
 
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::time::Duration;
 
 use pairmask::{Backend, EngineChoice, EngineName, ServedBy, Session};
 use pairmask_core::Aabb;
@@ -15,9 +16,10 @@ use pairmask_core::scene::{
     Edit, EditError, Scene, SceneError, SceneOptions, Sets, Step, Tags, Want,
 };
 use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
+use pairmask_tests::oracle;
 use pairmask_tests::scene_model::{
-    AtEnd, CoreScene, EndReason, Event, Fate, Heard, Hears, Kind, Mode, Op, Script, Seen,
-    SessionScene, Sessions, SharedMembers, Subject, Turn, at, check, hold, one, turn,
+    AtEnd, CoreScene, EndReason, Event, Fate, Heard, Hears, Kind, Mode, Model, Op, Script, Seen,
+    SessionScene, Sessions, SharedMembers, Subject, Turn, at, check, hold, one, script_of, turn,
 };
 use rustix::process::Signal;
 
@@ -127,21 +129,22 @@ fn scenes_of_a_gpu_are_those_of_the_model() {
 fn scenes_outlive_a_daemon_that_is_killed() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
     let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
-    let edits = Cell::new(0);
-    let kinds = [(Kind::Small, 200), (Kind::Crowd, 10), (Kind::Large, 10)];
+    let (served, kills) = (Cell::new(0), Cell::new(0));
+    let kinds = [(Kind::Small, 300), (Kind::Crowd, 30), (Kind::Large, 30)];
     hold_all(50_000, kinds, |script| {
-        SessionScene::disturbed(&mut session, script, || {
-            edits.set(edits.get() + 1);
-            if edits.get() % 25 == 0 {
-                daemon.signal_worker(Signal::KILL);
+        SessionScene::disturbed(&mut session, script, |by| match by {
+            // Time to come back.
+            ServedBy::InProcess => std::thread::sleep(Duration::from_millis(20)),
+            ServedBy::Daemon => {
+                served.set(served.get() + 1);
+                if served.get() % 25 == 0 {
+                    daemon.signal_worker(Signal::KILL);
+                    kills.set(kills.get() + 1);
+                }
             }
         })
     });
-    eventually("the session comes back", || {
-        let mut scene = session.scene(SceneOptions::default());
-        let answer = scene.edit().commit(Want::Changes).unwrap();
-        (answer.served_by() == ServedBy::Daemon).then_some(())
-    });
+    assert!(kills.get() > 1, "{} edits by the daemon", served.get());
 }
 
 #[test]
@@ -229,6 +232,24 @@ const fn unit() -> Aabb {
 }
 
 #[test]
+fn the_model_finds_the_pairs_of_the_oracle() {
+    for (kind, seeds) in [(Kind::Small, 0..200), (Kind::Large, 0..4)] {
+        for script in seeds.map(|seed| script_of(kind, seed)) {
+            let (mut model, mut boxes) =
+                (Model::default(), vec![Aabb::EMPTY; script.limit as usize]);
+            for op in script.turns().flat_map(|turn| &turn.ops) {
+                if let Op::Set(index, b) = op {
+                    model.apply(0, std::slice::from_ref(op));
+                    boxes[*index as usize] = *b;
+                }
+            }
+            let truth = oracle::truth(&boxes).pairs.into_iter().map(|(a, b)| [a, b]);
+            assert!(model.pairs().into_keys().eq(truth), "{script}");
+        }
+    }
+}
+
+#[test]
 fn the_model_notices_each_falsified_answer() {
     let told = check(&three(), &mut CoreScene::new(&three(), 1)).unwrap();
     assert_eq!((told.edits, told.ended, told.resyncs), (5, [0, 0, 2], 1));
@@ -308,13 +329,15 @@ fn a_listed_pair_ends_with_either_of_its_boxes() {
     }
 }
 
-/// Plays a script of several members, as the shrinker printed it.
-fn plays_shared(at_end: AtEnd, limit: u32, events: Vec<Event>) {
+/// Plays scripts of two members, as the shrinker printed them.
+fn plays_shared(at_end: AtEnd, scripts: Vec<Vec<Event>>) {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
     let sessions = Sessions::new(&daemon.session());
-    let script = Script { limit, shared: Some(at_end), events };
-    let told = check(&script, &mut SharedMembers::new(&sessions, &script));
-    assert!(told.is_ok(), "{}", told.unwrap_err().text);
+    for events in scripts {
+        let script = Script { limit: 2, shared: Some(at_end), events };
+        let told = check(&script, &mut SharedMembers::new(&sessions, &script));
+        assert!(told.is_ok(), "{}\n{script}", told.unwrap_err().text);
+    }
 }
 
 #[test]
@@ -358,4 +381,62 @@ fn a_wrong_edit_of_rules_changes_nothing() {
         let told = scene.edit(Edit::NONE, Want::Changes).expect("an answer");
         assert!(told.begun().is_empty() && told.ended().is_empty(), "{steps:?}");
     }
+}
+
+/// A tick of the host and of another member, who may be late.
+fn tick(host: &[Op], other: Option<(&[Op], Fate)>) -> Event {
+    let host = turn(0, host, Mode::Changes, Fate::Acknowledged);
+    let other = other.map(|(ops, fate)| turn(1, ops, Mode::Changes, fate));
+    Event::Tick(std::iter::once(host).chain(other).collect())
+}
+
+/// Boxes 0 and 1 are the host's, 3 and 4 the other member's.
+fn joined(host: &[Op], other: &[Op]) -> Vec<Event> {
+    let joins = [Event::Join(0, Hears::All), Event::Join(1, Hears::All)];
+    let first = tick(host, Some((other, Fate::Acknowledged)));
+    joins.into_iter().chain([first]).collect()
+}
+
+#[test]
+fn a_member_is_told_of_a_removal_that_it_has_missed() {
+    let away = Op::Set(0, at([9.0, 0.0, 0.0, 10.0, 1.0, 1.0]));
+    let scripts = [&[Op::Set(0, unit())][..], &[]].map(|last| {
+        let mut events = joined(&[Op::Set(0, unit())], &[Op::Set(3, unit())]);
+        events.push(tick(std::slice::from_ref(&away), Some((&[], Fate::Dropped))));
+        events.push(tick(&[Op::Remove(0), away.clone()], None));
+        events.push(tick(&[], None));
+        events.push(tick(last, Some((&[], Fate::Acknowledged))));
+        events
+    });
+    plays_shared(AtEnd::Remove, scripts.into());
+}
+
+#[test]
+fn kept_boxes_are_what_their_next_member_says() {
+    // An owner keeps two static boxes apart as well: the host has what the flag needs.
+    let host = |flag: &Op| match flag {
+        Op::Tag(..) => [Op::Set(0, unit()), Op::Tag(0, owned())],
+        _ => [Op::Set(0, unit()), Op::Static(0, true)],
+    };
+    let flags = [Op::Static(3, true), Op::Switch(3, false), Op::Tag(3, owned())];
+    let plain = [Op::Static(3, false), Op::Switch(3, true), Op::Tag(3, Tag::default())];
+    let mut scripts = Vec::new();
+    for (flag, plain) in flags.into_iter().zip(plain) {
+        for (says, is_first) in [(true, true), (false, true), (false, false)] {
+            let mut events = joined(&host(&flag), &[Op::Set(3, unit()), flag.clone()]);
+            events.extend([Event::Leave(1), Event::Join(1, Hears::All)]);
+            if !is_first {
+                events.push(tick(&[], Some((&[], Fate::Acknowledged))));
+            }
+            let set = Op::Set(3, unit());
+            let ops = if says { vec![set, plain.clone()] } else { vec![set] };
+            events.push(tick(&[], Some((&ops, Fate::Acknowledged))));
+            scripts.push(events);
+        }
+    }
+    plays_shared(AtEnd::Keep, scripts);
+}
+
+fn owned() -> Tag {
+    Tag::new(World(0), Owner(1), FilterId(0))
 }

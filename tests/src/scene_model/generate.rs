@@ -41,6 +41,10 @@ struct Maker {
     focus: [u32; 2],
     /// A member is late once in so many ticks; 0: never.
     late: u32,
+    /// One answer in so many is not acknowledged.
+    dropped: u32,
+    /// Groups of ops of an edit: fewer than this, and often none where it is small.
+    groups: u32,
 }
 
 /// The script of a seed.
@@ -55,24 +59,28 @@ pub fn script_of(kind: Kind, seed: u64) -> Script {
         (Kind::Large, 0) => 4_000 + below(2_001),
         (Kind::Large, 1..4) => 800 + below(3_200),
         (Kind::Large, _) => 200 + below(600),
+        (Kind::Shared, 0..4) => 1,
         (Kind::Shared, _) => 1 + below(4),
     };
     let world = match kind {
         // About four overlaps a box.
         Kind::Large => (4.0 * (limit as f32).cbrt() * (0.5 + below(4) as f32 / 2.0)) as u32 + 1,
         Kind::Crowd => 1 + below(4),
-        Kind::Small | Kind::Shared => 1 + below(12) + limit,
+        Kind::Small => 1 + below(12) + limit,
+        Kind::Shared => 1 + below(8) + limit,
     };
     let mut verbs = [(); VERBS].map(|()| below(5) < 3);
     // Without boxes nothing happens.
     verbs[SET] = true;
-    let late = [0, 0, 12, 3][below(4) as usize];
+    let (late, groups) = ([0, 12, 3, 2][below(4) as usize], [1, 3, 6][below(3) as usize]);
+    let dropped = 2 + below(4);
     let odd = if limit > 100 { limit / 2 } else { 12 };
     let events = match kind {
         Kind::Small | Kind::Shared => 4 + below(24),
         Kind::Crowd | Kind::Large => 4 + below(8),
     };
-    let mut maker = Maker { random, kind, limit, world, verbs, odd, focus: [0; 2], late };
+    let mut maker =
+        Maker { random, kind, limit, world, verbs, odd, focus: [0; 2], late, dropped, groups };
     let shared = (kind == Kind::Shared).then(|| maker.one_of(&[AtEnd::Remove, AtEnd::Keep]));
     let mut script = Script { limit, shared, events: Vec::new() };
     for number in 0..events {
@@ -127,7 +135,8 @@ impl Maker {
                 self.fill(&mut ops);
             }
             self.focus = [(); 2].map(|()| self.below(self.limit));
-            for _ in 0..self.one_of(&[0, 1, 1, 2, 3, 5]) {
+            let groups = self.below(self.groups + 1).min(self.below(self.groups + 1));
+            for _ in 0..groups {
                 self.group(&mut ops);
             }
             ops.iter_mut().for_each(|op| move_by(op, own.start));
@@ -144,10 +153,10 @@ impl Maker {
             2 => Mode::Nothing,
             _ => Mode::Changes,
         };
-        let fate = match self.below(10) {
-            0 if self.kind != Kind::Shared => Fate::Abandoned,
-            0..3 => Fate::Dropped,
-            _ => Fate::Acknowledged,
+        let fate = match (self.one_in(self.dropped), self.kind) {
+            (false, _) => Fate::Acknowledged,
+            (true, Kind::Shared) => Fate::Dropped,
+            (true, _) => self.one_of(&[Fate::Dropped, Fate::Abandoned]),
         };
         Turn { member, ops, mode, fate }
     }

@@ -20,8 +20,9 @@ use super::generate::MEMBERS;
 use super::model::Heard;
 use super::script::{Fate, Hears, Op, Pair, Script, Turn};
 
-/// How long the ticks of shared scenes wait for who is late: long enough for three commits in a row.
-const TICK_DEADLINE: Duration = Duration::from_millis(30);
+/// How long the ticks of shared scenes wait for who is late. Three commits in a row take less, but for a machine under
+/// load, where some are part of the next tick then.
+const TICK_DEADLINE: Duration = Duration::from_millis(8);
 
 /// Ops of one verb that follow each other, with what they hold side by side.
 #[derive(Debug, Default)]
@@ -164,8 +165,8 @@ pub struct SessionScene<'a> {
     expected: Option<(ServedBy, EngineName)>,
     /// Whether a resync may come at any time, as where daemons are killed.
     may_resync: bool,
-    /// What is done before an edit.
-    before: Box<dyn FnMut() + 'a>,
+    /// What is done after an edit that somebody has answered.
+    after: Box<dyn FnMut(ServedBy) + 'a>,
 }
 
 impl<'a> SessionScene<'a> {
@@ -173,20 +174,23 @@ impl<'a> SessionScene<'a> {
     pub fn of(session: &mut Session, script: &Script, by: ServedBy, engine: EngineName) -> Self {
         let scene = session.scene(options(script));
         let expected = Some((by, engine));
-        Self { scene, expected, may_resync: false, before: Box::new(|| ()) }
+        Self { scene, expected, may_resync: false, after: Box::new(|_| ()) }
     }
 
-    /// One whose answers may come from anywhere, and be a resync, because something is done before edits.
-    pub fn disturbed(session: &mut Session, script: &Script, by: impl FnMut() + 'a) -> Self {
+    /// One whose answers may come from anywhere, and be a resync, because of what is done after edits.
+    pub fn disturbed(
+        session: &mut Session,
+        script: &Script,
+        after: impl FnMut(ServedBy) + 'a,
+    ) -> Self {
         let scene = session.scene(options(script));
-        Self { scene, expected: None, may_resync: true, before: Box::new(by) }
+        Self { scene, expected: None, may_resync: true, after: Box::new(after) }
     }
 }
 
 impl Subject for SessionScene<'_> {
     fn tick(&mut self, turns: &[Turn]) -> Result<Vec<(u64, Option<Heard>)>, String> {
-        (self.before)();
-        let Self { scene, expected, .. } = self;
+        let Self { scene, expected, after, .. } = self;
         let mut edit = |turn: &Turn| {
             with_steps(&turn.ops, |steps| {
                 let edit = steps.iter().copied().fold(scene.edit(), SceneEdit::step);
@@ -203,6 +207,7 @@ impl Subject for SessionScene<'_> {
                 {
                     return Err(format!("{:?}, {}", answer.served_by(), answer.engine()));
                 }
+                after(answer.served_by());
                 let heard = Heard {
                     is_resync: answer.is_resync(),
                     pair_count: answer.pair_count(),
