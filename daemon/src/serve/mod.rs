@@ -8,6 +8,7 @@ mod janitor;
 mod lanes;
 mod placement;
 mod supervisor;
+mod restart_delay;
 mod worker;
 
 pub use supervisor::supervise;
