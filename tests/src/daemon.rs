@@ -159,6 +159,17 @@ impl TestDaemon {
             .collect();
         files.sort();
         files
+    /// Bytes of shared memory that this daemon and its clients have.
+    ///
+    /// # Panics
+    /// When /dev/shm cannot be read.
+    pub fn shared_bytes(&self) -> u64 {
+        use std::os::unix::fs::MetadataExt;
+        // Of 512 bytes, whatever the file system's blocks are.
+        let bytes = |file: PathBuf| file.metadata().map_or(0, |data| data.blocks() * 512);
+        self.shared_files().into_iter().map(bytes).sum()
+    }
+
     }
 }
 
