@@ -19,7 +19,7 @@ use tempfile::TempDir;
 
 use crate::audit::AuditRate;
 use crate::execute::gpu::GpuChoices;
-use crate::serve::{DEFAULT_SPIN, ServeError, ServeSettings, supervise};
+use crate::serve::{DEFAULT_SPIN, ServeError, ServeSettings, default_scene_bytes, supervise};
 
 /// A daemon that does not answer within this time counts as failed: starting takes 50 ms on an idle
 /// machine.
@@ -51,8 +51,10 @@ pub struct PrivateSettings {
 
 impl Default for PrivateSettings {
     fn default() -> Self {
+        let limits = Limits::default();
+        let max_scene_bytes = default_scene_bytes(limits.max_scene_bytes);
         Self {
-            limits: Limits::default(),
+            limits: Limits { max_scene_bytes, ..limits },
             spin: DEFAULT_SPIN,
             gpu: GpuChoices::default(),
             calibration: CalibrationChoice::default(),

@@ -6,6 +6,7 @@
 //! come back. A large scene is kept by all GPUs, if it is large when it moves, or with its first boxes.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use pairmask_core::Aabb;
@@ -38,6 +39,8 @@ pub struct SceneKeeper {
     threads: usize,
     /// Most pairs that queries may find.
     most_query_pairs: u64,
+    /// Most GPUs that there is room on for it. Who makes room for an edit sets it, and has the scene to read alone.
+    most_gpus: AtomicUsize,
     /// What edits and queries would have saved on the GPU, ns.
     would_have_saved_ns: f64,
 }
@@ -82,6 +85,7 @@ impl SceneKeeper {
             threads: 1,
             most_query_pairs: u64::from(u32::MAX),
             would_have_saved_ns: 0.0,
+            most_gpus: AtomicUsize::new(usize::MAX),
         })
     }
 
@@ -122,16 +126,26 @@ impl SceneKeeper {
         }
     }
 
-    /// GPUs that have it once it has so many boxes; one where the cores have it.
-    pub fn copies(&self, boxes: usize) -> usize {
+    /// Most GPUs that may have it after an edit of so many boxes, if there is room on them; one at the least.
+    pub fn most_copies(&self, boxes: usize) -> usize {
         match &self.place {
-            Place::Cores(_) => 1,
+            Place::Cores(_) => self.gpus.most_for(self.len().max(boxes)),
             Place::Gpu(scene) if scene.is_new() => self.gpus.most_for(boxes).max(scene.gpu_count()),
             Place::Gpu(scene) => scene.gpu_count(),
         }
     }
 
     /// Bytes that it keeps, in host and video memory.
+    /// Has at most so many GPUs keep it from the next edit on.
+    pub fn limit_gpus(&self, most: usize) {
+        // Relaxed: the thread that edits next has the scene by a lock.
+        self.most_gpus.store(most.max(1), Ordering::Relaxed);
+    }
+
+    fn most_gpus(&self) -> usize {
+        self.most_gpus.load(Ordering::Relaxed)
+    }
+
     pub fn bytes(&self) -> u64 {
         match &self.place {
             Place::Cores(scene) => scene.allocated_bytes() as u64,
@@ -190,6 +204,7 @@ impl SceneKeeper {
         let mut tools = vec![home];
         tools.extend(self.gpus.others(scene.len()));
         let _turns =
+        tools.truncate(self.most_gpus());
             self.gpus.turns(|gpu| tools.iter().any(|t| std::ptr::eq(Arc::as_ptr(t.gpu()), gpu)));
         match GpuScene::from_kept(&tools, self.options.with_threads(self.threads), &kept) {
             Ok(mut moved) => {
@@ -207,6 +222,7 @@ impl PairScene for SceneKeeper {
     fn edit(&mut self, edit: Edit<'_>, want: Want) -> Result<(), SceneError> {
         self.move_if_due();
         match &mut self.place {
+        let most_gpus = self.most_gpus();
             Place::Cores(scene) => {
                 let start = Instant::now();
                 scene.edit(edit, want)?;
@@ -217,6 +233,7 @@ impl PairScene for SceneKeeper {
                     scene.share(&self.gpus.others(edit.boxes()));
                 }
                 // One session uses a GPU at a time.
+                scene.keep_on(most_gpus);
                 let _turns = self.gpus.turns(|gpu| scene.is_on(gpu));
                 scene.edit(edit, want)?;
             }

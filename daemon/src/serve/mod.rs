@@ -6,11 +6,13 @@
 
 mod janitor;
 mod lanes;
+mod memory;
 mod placement;
 mod supervisor;
 mod restart_delay;
 mod worker;
 
+pub(crate) use memory::default_scene_bytes;
 pub use supervisor::supervise;
 pub use worker::work;
 

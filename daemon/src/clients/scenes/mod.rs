@@ -139,10 +139,16 @@ impl SceneRoom {
             (None, false) => 0,
             _ => scene.rule_bytes() as u64 + BYTES_A_TAG * indices + edit.rule_bytes() as u64,
         };
-        let further_gpus = scene.scene().copies(set as usize) as u64 - 1;
-        let bytes_a_box = BYTES_A_BOX + BYTES_ON_A_FURTHER_GPU * further_gpus;
-        let scene = BYTES_A_SCENE + BYTES_AN_INDEX * indices + bytes_a_box * boxes;
-        self.0.grow_to(scene + rules + beside)
+        let bytes = |gpus: usize| {
+            let bytes_a_box = BYTES_A_BOX + BYTES_ON_A_FURTHER_GPU * (gpus as u64 - 1);
+            BYTES_A_SCENE + BYTES_AN_INDEX * indices + bytes_a_box * boxes + rules + beside
+        };
+        // What does not fit several GPUs is kept on fewer.
+        let keeper = scene.scene();
+        let fit = self.0.most_that_fit(keeper.most_copies(set as usize), bytes);
+        keeper.limit_gpus(fit);
+        // The cores have one copy until the scene moves, and what it takes then is noted.
+        self.0.grow_to(bytes(if keeper.gpu_count() == 0 { 1 } else { fit }))
     }
 
     /// Notes what the scene takes by now, where so many bytes are kept beside it.
