@@ -103,6 +103,12 @@ impl From<CullError> for Refusal {
             // An error that this match does not know yet names no engine: 0 is none.
             _ => (StatusCode::EngineFailed, [0; 2]),
         };
-        Self { status, detail, text: error.to_string() }
+        let text = match error {
+            CullError::Reserve(ReserveError::OutOfMemory { needed_bytes }) => format!(
+                "no shared memory for a mask of {needed_bytes} bytes: free space in /dev/shm or make it larger"
+            ),
+            error => error.to_string(),
+        };
+        Self { status, detail, text }
     }
 }
