@@ -1,5 +1,6 @@
 //! The GPU as the daemon uses it: opened once, its imports kept, replaced when lost.
 
+use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -106,6 +107,13 @@ impl Engines {
     }
 
     fn tidy(&mut self) {
+    fn release_reply(&mut self, range: &Range<usize>) -> bool {
+        let forgotten = self.offers.leave(range);
+        self.drop_frames_of(&forgotten);
+        drop(forgotten);
+        self.offers.has_left(range)
+    }
+
         let forgotten = self.offers.tidy();
         self.drop_frames_of(&forgotten);
     }
@@ -297,6 +305,11 @@ impl GpuService {
     pub fn begin<M: FrameMemory>(&mut self, mut memory: M, owner: Owner, plan: &Plan) -> Begun<M> {
         let lost = CullError::DeviceLost { engine: plan.engine };
         let is_there = self.refresh();
+    /// Lets go of the memory of replies in a range of addresses. Whether nothing of the GPU knows it any more.
+    pub(super) fn release_reply(&mut self, range: &Range<usize>) -> bool {
+        self.engines.as_mut().is_none_or(|engines| engines.release_reply(range))
+    }
+
         let Some(engines) = self.engines.as_mut().filter(|_| is_there) else {
             return Err((lost, Some(memory)));
         };

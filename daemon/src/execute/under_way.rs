@@ -1,5 +1,6 @@
 //! Frames that the GPU works on while the daemon does something else.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use pairmask_core::dispatch::CullAnswer;
@@ -83,6 +84,12 @@ impl GpuShare {
     /// Gives up what the GPU keeps of clients that are gone; to be called now and then.
     pub fn tidy(&self) {
         self.0.lock().tidy();
+    }
+
+    /// Has the GPU let go of the memory of replies in a range of addresses, none of which is lent. Whether it did:
+    /// nothing of it reads or writes there any more.
+    pub fn release_reply(&self, range: &Range<usize>) -> bool {
++        self.0.lock().release_reply(range)
     }
 
     /// Whether plans count on it: its device was there when it was used last.

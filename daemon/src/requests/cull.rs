@@ -1,5 +1,6 @@
 //! Requests for the pairs of a scene.
 
+use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use pairmask_core::dispatch::{CullAnswer, CullOptions};
@@ -63,6 +64,11 @@ impl Culls {
         &self,
         open: OpenRequest,
         request: &CullRequest,
+    /// Has the GPUs let go of the memory of replies in a range of addresses, none of which is lent. Whether they did.
+    pub(super) fn release_reply(&self, range: &Range<usize>) -> bool {
+        self.lines.iter().all(|line| line.gpu().release_reply(range))
+    }
+
         threads: usize,
         outbox: &Outbox,
     ) -> Served {

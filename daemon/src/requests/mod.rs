@@ -17,7 +17,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use iceoryx2::service::ipc_threadsafe;
-use pairmask_transport::{Limits, PortTurn, Services, WakeClient};
+use pairmask_transport::{FreeChunks, Limits, PortTurn, Services, WakeClient};
 use pairmask_wire::{CullRequest, Request, SkipTotals, StatusBody};
 
 use self::cull::Culls;
@@ -61,11 +61,11 @@ impl Served {
 }
 
 impl Responder {
-    /// A responder to the clients of these services, whose port is used in such turns. Each session gets
+    /// A responder to the clients of these services, whose port has these chunks and is used in such turns. Each session gets
     /// engines like `executor`; large frames are culled in `pool`.
     pub fn new(
         services: Arc<Services<ipc_threadsafe::Service>>,
-        turn: Arc<PortTurn>,
+        (turn, free): (Arc<PortTurn>, FreeChunks),
         wake_clients: WakeClient,
         limits: &Limits,
         executor: Executor,
@@ -96,7 +96,7 @@ impl Responder {
             ),
             culls: Culls::new(executor, pool),
             outbox: Arc::new(Outbox::new(services, clients, auditor, memory)),
-            lender: Arc::new(ReplyLender::new(turn, limits.max_reply_bytes)),
+            lender: Arc::new(ReplyLender::new(turn, free, limits.max_reply_bytes)),
         }
     }
 
@@ -207,6 +207,7 @@ impl Responder {
     /// What the daemon has done so far.
     pub fn status(&self) -> StatusBody {
         self.outbox.status()
+        self.lender.tidy(&self.outbox.sessions(), |range| self.culls.release_reply(range));
     }
 
     /// What all answers left out so far.

@@ -8,8 +8,8 @@ use iceoryx2::service::ipc_threadsafe;
 use pairmask_core::engine::AvailableIsa;
 use pairmask_core::plan::{Calibration, CalibrationChoice, CalibrationOrigin};
 use pairmask_transport::{
-    DaemonRecord, PortTurn, SegmentFiles, Server, Services, StatusFile, clean_if_abandoned,
-    process_name, quiet_transport_log,
+    DaemonRecord, FreeChunks, PortTurn, SegmentFiles, Server, Services, StatusFile,
+    clean_if_abandoned, process_name, quiet_transport_log,
 };
 use pairmask_wire::{SkipTotals, StatusBody, Version};
 use rustix::process::Signal;
@@ -58,6 +58,7 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
         worker_pid: std::process::id(),
         supervisor_pid: supervisor,
         version: Version::CURRENT,
+    let (free, early) = FreeChunks::of(&services, &server, settings.limits.max_reply_bytes)?;
     };
     let body = StatusBody { pid: record.worker_pid, ..StatusBody::default() };
     let status = StatusFile::now(body, SkipTotals::default());
@@ -74,10 +75,10 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     let (services, turn) = (Arc::new(services), Arc::new(PortTurn::default()));
     let files = SegmentFiles::new(&settings.dir, &settings.instance);
     let gate = Gate::new(Arc::clone(&services), files);
-    let intake = Intake::new(server, Arc::clone(&turn), gate);
+    let intake = Intake::new(server, Arc::clone(&turn), gate, early);
     let mut responder = Responder::new(
         services,
-        turn,
+        (turn, free),
         wake_clients,
         &settings.limits,
         executor,
