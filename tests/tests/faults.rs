@@ -196,6 +196,33 @@ fn memory_of_replies_is_given_back_when_clients_leave_and_the_others_notice_noth
     }
 }
 
+#[test]
+#[ignore = "takes minutes and 2 GB of /dev/shm: cargo test --release -p pairmask-tests --test faults -- --ignored"]
+fn two_hundred_clients_of_60_000_boxes_leave_8_mb_of_shared_memory_at_most() {
+    const AT_A_TIME: usize = 8;
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    drop(daemon.session().connect().unwrap());
+    let before = daemon.shared_bytes();
+    let dense = EncodingChoice::Only(Encoding::Dense);
+    let boxes = scene(60_000, 5);
+    let mut most = 0;
+    for _ in 0..200 / AT_A_TIME {
+        let mut sessions: Vec<Session> =
+            (0..AT_A_TIME).map(|_| daemon.session().encoding(dense).connect().unwrap()).collect();
+        let mut masks = Vec::new();
+        for session in &mut sessions {
+            let mut frame = session.frame(boxes.len()).unwrap();
+            frame.boxes_mut().copy_from_slice(&boxes);
+            masks.push(frame.submit().unwrap().wait().unwrap());
+        }
+        most = most.max(daemon.shared_bytes());
+    }
+    assert!(most > before + AT_A_TIME as u64 * 200_000_000);
+    let left = || daemon.shared_bytes().saturating_sub(before);
+    eventually("the memory of masks comes back", || (left() < 8_000_000).then_some(()));
+    println!("{most} bytes at most, {} left of {before}", left());
+}
+
 /// What a client has in its hands is nobody's to give back.
 #[test]
 fn a_mask_in_the_hands_of_a_client_stays_what_it_is_while_others_leave() {

@@ -7,6 +7,8 @@
 //! The pool is a stack: the chunk that came back last is lent first. Chunks that were never lent lie at
 //! the bottom, those that steady clients use on top, and so they stay.
 
+use std::time::{Duration, Instant};
+
 use iceoryx2::service::ipc_threadsafe;
 use pairmask_wire::{PAGE_BYTES, RequestHeader};
 
@@ -17,6 +19,11 @@ use crate::room;
 use crate::services::{
     ActiveRequest, ClientPort, OpenError, ResponseLoan, Server, Services, TransportError,
 };
+
+/// A port's own request is there with the first look, but where what dead clients left is in its way.
+const RECEIVED_WITHIN: Duration = Duration::from_secs(2);
+/// Between two looks for it.
+const RECEIVE_LOOK: Duration = Duration::from_millis(5);
 
 /// The free chunks of a server port.
 pub struct FreeChunks {
@@ -58,8 +65,8 @@ impl FreeChunk {
 }
 
 impl FreeChunks {
-    /// Those of a port, whose chunks have payloads of `chunk_bytes`. Requests of clients that were received
-    /// meanwhile are returned too.
+    /// Those of a port, whose chunks have payloads of `chunk_bytes`. Requests of clients that are received meanwhile go
+    /// to `others`.
     ///
     /// # Errors
     /// [`TransportError`].
@@ -67,27 +74,29 @@ impl FreeChunks {
         services: &Services<ipc_threadsafe::Service>,
         server: &Server,
         chunk_bytes: u64,
-    ) -> Result<(Self, Vec<ActiveRequest>), TransportError> {
+        others: &mut Vec<ActiveRequest>,
+    ) -> Result<Self, TransportError> {
         let port = services.client_port(1).map_err(|error| match error {
             OpenError::Transport(error) => error,
             other => TransportError::new("making a port for free chunks", &other),
         })?;
         let sent = OwnRequest::lend(&port, 1)?.send(&RequestHeader::status(0, 0))?;
-        let mut others = Vec::new();
+        let give_up_at = Instant::now() + RECEIVED_WITHIN;
         let request = loop {
+            let failed = |what: &dyn std::fmt::Debug| {
+                TransportError::new("receiving a request for free chunks", &what)
+            };
             match server.receive() {
                 Ok(Some(request)) if request.origin() == port.id() => break request,
                 Ok(Some(request)) => others.push(request),
-                Ok(None) => {
-                    return Err(TransportError::new("receiving a request of its own", &"none"));
-                }
-                Err(error) => {
-                    return Err(TransportError::new("receiving a request of its own", &error));
-                }
+                Ok(None) if Instant::now() >= give_up_at => return Err(failed(&"none comes")),
+                Err(error) if Instant::now() >= give_up_at => return Err(failed(&error)),
+                // A client that died while it connected; the janitor takes the rest away.
+                Ok(None) | Err(_) => std::thread::sleep(RECEIVE_LOOK),
             }
         };
         let chunk_bytes = usize::try_from(chunk_bytes).unwrap_or(0) / PAGE_BYTES * PAGE_BYTES;
-        Ok((Self { request, _sent: sent, _port: port, chunk_bytes }, others))
+        Ok(Self { request, _sent: sent, _port: port, chunk_bytes })
     }
 
     /// Takes a free chunk that is wanted, if there is one. For a moment all chunks above it are taken: to be called

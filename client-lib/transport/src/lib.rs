@@ -39,5 +39,5 @@ pub use services::{
     ResponseSample, Sender, Server, Services, TransportError, WakeClient, WakeDaemon,
     listener_name, quiet_transport_log,
 };
-pub use status_file::StatusFile;
+pub use status_file::{GpuCounts, StatusFile};
 pub use turn::PortTurn;

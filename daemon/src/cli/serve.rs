@@ -53,6 +53,9 @@ pub struct Serve {
     /// starts.
     #[arg(long, value_parser = whole_number::<u32>, hide = true, value_name = "PID")]
     worker: Option<u32>,
+    /// The worker takes the place of one that has served.
+    #[arg(long, hide = true)]
+    restarted: bool,
     /// End with the process of this id, and take the runtime directory along.
     #[arg(long, value_parser = whole_number::<u32>, hide = true, value_name = "PID")]
     private_to: Option<u32>,
@@ -105,6 +108,7 @@ impl Serve {
             },
             spin: spin_us.map_or(DEFAULT_SPIN, Duration::from_micros),
             gpu: self.options.gpus(config),
+            restarted: self.restarted,
             gpu_awake: gpu_awake_ms.map_or(DEFAULT_HOLD, |ms| Duration::from_millis(ms.into())),
             calibration: place.calibration(config),
             isa: place.isa(config),

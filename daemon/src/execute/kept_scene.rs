@@ -72,6 +72,7 @@ impl SceneKeeper {
         let place = match engine {
             EngineChoice::Only(engine) if engine.is_gpu() => {
                 let unavailable = CullError::Unavailable { engine, why: "there is no GPU" };
+                gpus.check_opened(engine)?;
                 let home = gpus.home().ok_or(unavailable)?;
                 Place::Gpu(GpuScene::new(&home, options.with_threads(1)))
             }
@@ -84,8 +85,8 @@ impl SceneKeeper {
             engine,
             threads: 1,
             most_query_pairs: u64::from(u32::MAX),
-            would_have_saved_ns: 0.0,
             most_gpus: AtomicUsize::new(usize::MAX),
+            would_have_saved_ns: 0.0,
         })
     }
 
@@ -135,7 +136,6 @@ impl SceneKeeper {
         }
     }
 
-    /// Bytes that it keeps, in host and video memory.
     /// Has at most so many GPUs keep it from the next edit on.
     pub fn limit_gpus(&self, most: usize) {
         // Relaxed: the thread that edits next has the scene by a lock.
@@ -146,6 +146,7 @@ impl SceneKeeper {
         self.most_gpus.load(Ordering::Relaxed)
     }
 
+    /// Bytes that it keeps, in host and video memory.
     pub fn bytes(&self) -> u64 {
         match &self.place {
             Place::Cores(scene) => scene.allocated_bytes() as u64,
@@ -203,8 +204,8 @@ impl SceneKeeper {
         let Some(home) = self.gpus.home() else { return };
         let mut tools = vec![home];
         tools.extend(self.gpus.others(scene.len()));
-        let _turns =
         tools.truncate(self.most_gpus());
+        let _turns =
             self.gpus.turns(|gpu| tools.iter().any(|t| std::ptr::eq(Arc::as_ptr(t.gpu()), gpu)));
         match GpuScene::from_kept(&tools, self.options.with_threads(self.threads), &kept) {
             Ok(mut moved) => {
@@ -221,8 +222,8 @@ impl PairScene for SceneKeeper {
     /// After [`SceneError::Cull`] the scene is to be dropped.
     fn edit(&mut self, edit: Edit<'_>, want: Want) -> Result<(), SceneError> {
         self.move_if_due();
-        match &mut self.place {
         let most_gpus = self.most_gpus();
+        match &mut self.place {
             Place::Cores(scene) => {
                 let start = Instant::now();
                 scene.edit(edit, want)?;
@@ -232,8 +233,8 @@ impl PairScene for SceneKeeper {
                 if scene.is_new() {
                     scene.share(&self.gpus.others(edit.boxes()));
                 }
-                // One session uses a GPU at a time.
                 scene.keep_on(most_gpus);
+                // One session uses a GPU at a time.
                 let _turns = self.gpus.turns(|gpu| scene.is_on(gpu));
                 scene.edit(edit, want)?;
             }

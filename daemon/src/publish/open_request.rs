@@ -35,13 +35,13 @@ pub(crate) struct ReplyLender {
     turn: Arc<PortTurn>,
     memory: ReplyMemory,
     /// The port's free chunks, for the thread that gives memory back.
-    free: Mutex<FreeChunks>,
+    free: Mutex<Option<FreeChunks>>,
     limit_bytes: u64,
 }
 
 impl ReplyLender {
     /// Lends at most `limit_bytes` a reply, of the port of these chunks, which is used in such turns.
-    pub(crate) fn new(turn: Arc<PortTurn>, free: FreeChunks, limit_bytes: u64) -> Self {
+    pub(crate) fn new(turn: Arc<PortTurn>, free: Option<FreeChunks>, limit_bytes: u64) -> Self {
         Self { turn, memory: ReplyMemory::default(), free: Mutex::new(free), limit_bytes }
     }
 
@@ -49,7 +49,10 @@ impl ReplyLender {
     /// range of addresses, and says whether they did.
     pub(crate) fn tidy(&self, sessions: &[u128], release: impl FnMut(&Range<usize>) -> bool) {
         let free = self.free.lock().unwrap_or_else(PoisonError::into_inner);
-        self.memory.give_back(&free, &self.turn, |session| !sessions.contains(&session), release);
+        if let Some(free) = &*free {
+            let is_gone = |session| !sessions.contains(&session);
+            self.memory.give_back(free, &self.turn, is_gone, release);
+        }
     }
 }
 

@@ -3,7 +3,9 @@
 use pairmask_core::engine::{CullError, ReserveError};
 use pairmask_core::scene::shared::{LeaseError, NotLeased};
 use pairmask_core::scene::{EditError, SceneError};
-use pairmask_wire::{Reject, StatusCode, TermsDiffer, lease_detail, not_leased_detail};
+use pairmask_wire::{
+    ENGINE_IS_OPENING, Reject, StatusCode, TermsDiffer, lease_detail, not_leased_detail,
+};
 
 use crate::clients::NoRoom;
 
@@ -95,6 +97,9 @@ impl From<CullError> for Refusal {
             }
             CullError::Unavailable { engine, .. } => {
                 (StatusCode::EngineUnavailable, [engine as u64, 0])
+            }
+            CullError::Opening { engine } => {
+                (StatusCode::EngineUnavailable, [engine as u64, ENGINE_IS_OPENING])
             }
             CullError::TooManyBoxes { n, limit, .. } => (StatusCode::TooManyBoxes, [n, limit]),
             CullError::DeviceLost { engine }

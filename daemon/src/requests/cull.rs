@@ -16,7 +16,7 @@ use super::filtered::{self, Filtered, MaskFilters};
 use super::gpu_lines::{GpuLine, Submission};
 use crate::clients::GpuNeed;
 use crate::execute::{
-    BUNDLE_FRAMES, Ended, EnginePool, Executor, Joining, Owner, RuledFrame, Unserved,
+    BUNDLE_FRAMES, Ended, EnginePool, Executor, Gpus, Joining, Owner, RuledFrame, Unserved,
 };
 use crate::publish::{OpenRequest, Outbox};
 
@@ -41,6 +41,11 @@ impl Culls {
         }
     }
 
+    /// The GPUs that frames may go to.
+    pub(super) fn gpus(&self) -> Gpus {
+        self.model.lock().unwrap_or_else(PoisonError::into_inner).gpus().clone()
+    }
+
     /// Whether a frame is under way.
     pub(super) fn is_busy(&self) -> bool {
         self.lines.iter().any(GpuLine::is_busy)
@@ -59,16 +64,16 @@ impl Culls {
         self.filters.tidy();
     }
 
-    /// Answers a request, or leaves it under way.
-    pub(super) fn take(
-        &self,
-        open: OpenRequest,
-        request: &CullRequest,
     /// Has the GPUs let go of the memory of replies in a range of addresses, none of which is lent. Whether they did.
     pub(super) fn release_reply(&self, range: &Range<usize>) -> bool {
         self.lines.iter().all(|line| line.gpu().release_reply(range))
     }
 
+    /// Answers a request, or leaves it under way.
+    pub(super) fn take(
+        &self,
+        open: OpenRequest,
+        request: &CullRequest,
         threads: usize,
         outbox: &Outbox,
     ) -> Served {

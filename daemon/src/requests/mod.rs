@@ -17,7 +17,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use iceoryx2::service::ipc_threadsafe;
-use pairmask_transport::{FreeChunks, Limits, PortTurn, Services, WakeClient};
+use pairmask_transport::{FreeChunks, GpuCounts, Limits, PortTurn, Services, WakeClient};
 use pairmask_wire::{CullRequest, Request, SkipTotals, StatusBody};
 
 use self::cull::Culls;
@@ -65,7 +65,7 @@ impl Responder {
     /// engines like `executor`; large frames are culled in `pool`.
     pub fn new(
         services: Arc<Services<ipc_threadsafe::Service>>,
-        (turn, free): (Arc<PortTurn>, FreeChunks),
+        (turn, free): (Arc<PortTurn>, Option<FreeChunks>),
         wake_clients: WakeClient,
         limits: &Limits,
         executor: Executor,
@@ -103,6 +103,16 @@ impl Responder {
     /// GPUs that requests may go to.
     pub const fn gpus(&self) -> usize {
         self.gpus
+    }
+
+    /// How many GPUs are being opened, and how many serve.
+    pub fn gpu_counts(&self) -> GpuCounts {
+        self.culls.gpus().counts()
+    }
+
+    /// PCI addresses of the GPUs that serve.
+    pub fn gpu_addresses(&self) -> Vec<String> {
+        self.culls.gpus().pci_addresses()
     }
 
     /// Changes every answer from now on, or none. For tests of the auditor.
@@ -197,6 +207,7 @@ impl Responder {
         self.culls.tidy();
         self.outbox.tidy();
         self.shared.tidy(&self.outbox);
+        self.lender.tidy(&self.outbox.sessions(), |range| self.culls.release_reply(range));
     }
 
     /// The processes of clients.
@@ -207,7 +218,6 @@ impl Responder {
     /// What the daemon has done so far.
     pub fn status(&self) -> StatusBody {
         self.outbox.status()
-        self.lender.tidy(&self.outbox.sessions(), |range| self.culls.release_reply(range));
     }
 
     /// What all answers left out so far.

@@ -54,7 +54,7 @@ fn keep_working(settings: &ServeSettings) -> Result<(), ServeError> {
     let mut served_before = false;
     loop {
         settings.dir.remove_record(&settings.instance);
-        let mut worker = spawn_worker(settings)?;
+        let mut worker = spawn_worker(settings, served_before)?;
         let Some(status) = watch(&mut worker, &mut signals)? else {
             return stop(&mut worker);
         };
@@ -72,7 +72,7 @@ fn keep_working(settings: &ServeSettings) -> Result<(), ServeError> {
     }
 }
 
-fn spawn_worker(settings: &ServeSettings) -> Result<Child, ServeError> {
+fn spawn_worker(settings: &ServeSettings, restarted: bool) -> Result<Child, ServeError> {
     let binary =
         std::env::current_exe().map_err(ServeError::system("finding the daemon's binary"))?;
     Command::new(binary)
@@ -87,6 +87,7 @@ fn spawn_worker(settings: &ServeSettings) -> Result<Child, ServeError> {
         .args(["--calibration", &settings.calibration.to_string()])
         .args(["--isa", &settings.isa.to_string()])
         .args(["--audit", &settings.audit.to_string()])
+        .args(restarted.then_some("--restarted"))
         .env("PAIRMASK_RUNTIME_DIR", settings.dir.path())
         // Mesa's layer that sorts adapters asks the user's display which one it runs on. A daemon
         // has no display to ask, and its user chooses by --gpu.
