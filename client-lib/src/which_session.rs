@@ -358,7 +358,8 @@
 //!   million boxes, 2 and 10 pairs a box. [`Scene::daemon_bytes`] tells yours.
 //! * Where this process answers, it keeps what the daemon would, and with [`Backend::Auto`] the 25 bytes too.
 //! * [Margins](#margins-a-box) add 25 bytes for each index, with exact pairs 50, and 8 to 16 for each near pair.
-//! * All scenes of a daemon together have 4 GiB unless `pairmaskd serve --max-scene-mib` says otherwise.
+//! * All scenes of a daemon together have a third of the machine's memory unless `pairmaskd serve --max-scene-mib`
+//!   says otherwise. A scene for which that is too little on several GPUs is kept on fewer.
 //!   A dropped [`Scene`] is freed in the daemon, and so are those of a client that dies.
 //!
 //! # Faults

@@ -19,7 +19,7 @@ use tempfile::TempDir;
 
 use crate::audit::AuditRate;
 use crate::execute::gpu::GpuChoices;
-use crate::serve::{DEFAULT_SPIN, ServeError, ServeSettings, supervise};
+use crate::serve::{DEFAULT_SPIN, ServeError, ServeSettings, default_scene_bytes, supervise};
 
 /// A daemon that does not answer within this time counts as failed: starting takes 50 ms on an idle
 /// machine.
@@ -51,8 +51,10 @@ pub struct PrivateSettings {
 
 impl Default for PrivateSettings {
     fn default() -> Self {
+        let limits = Limits::default();
+        let max_scene_bytes = default_scene_bytes(limits.max_scene_bytes);
         Self {
-            limits: Limits::default(),
+            limits: Limits { max_scene_bytes, ..limits },
             spin: DEFAULT_SPIN,
             gpu: GpuChoices::default(),
             calibration: CalibrationChoice::default(),
@@ -122,7 +124,7 @@ pub struct PrivateDaemon {
 }
 
 impl PrivateDaemon {
-    /// Starts the `pairmaskd` at `binary` and waits until it answers.
+    /// Starts the `pairmaskd` at `binary` and waits until it answers, with the GPUs that there are.
     ///
     /// # Errors
     /// [`SpawnError`]; nothing is left running then.
@@ -153,6 +155,9 @@ impl PrivateDaemon {
             .map_err(|source| SpawnError::Start { binary: binary.to_owned(), source })?;
         let mut daemon = Self { child, dir };
         daemon.wait_until_it_answers(binary)?;
+        if !settings.gpu.is_none() {
+            daemon.wait_for_gpus(binary)?;
+        }
         Ok(daemon)
     }
 
@@ -165,13 +170,29 @@ impl PrivateDaemon {
         Self::start(&own_binary()?, settings)
     }
 
+    /// Whether the process lives.
+    fn check(&mut self, binary: &Path) -> Result<(), SpawnError> {
+        let failed = |source| SpawnError::Start { binary: binary.to_owned(), source };
+        match self.child.try_wait().map_err(failed)? {
+            Some(status) => Err(SpawnError::Ended { status }),
+            None => Ok(()),
+        }
+    }
+
+    /// Waits until no GPU is being opened any more. What takes too long is done without: cores serve.
+    fn wait_for_gpus(&mut self, binary: &Path) -> Result<(), SpawnError> {
+        let deadline = Instant::now() + START_WITHIN;
+        while is_opening_gpus(&self.dir(), &self.instance()) && Instant::now() < deadline {
+            self.check(binary)?;
+            std::thread::sleep(LOOK_INTERVAL);
+        }
+        self.check(binary)
+    }
+
     fn wait_until_it_answers(&mut self, binary: &Path) -> Result<(), SpawnError> {
         let deadline = Instant::now() + START_WITHIN;
         loop {
-            let failed = |source| SpawnError::Start { binary: binary.to_owned(), source };
-            if let Some(status) = self.child.try_wait().map_err(failed)? {
-                return Err(SpawnError::Ended { status });
-            }
+            self.check(binary)?;
             match self.session().connect() {
                 Ok(_) => return Ok(()),
                 Err(error) if Instant::now() >= deadline => {
@@ -234,6 +255,12 @@ impl Drop for PrivateDaemon {
     fn drop(&mut self) {
         self.stop_now();
     }
+}
+
+/// Whether the daemon of an instance is still opening GPUs, by its status file.
+pub fn is_opening_gpus(dir: &RuntimeDir, instance: &InstanceName) -> bool {
+    let status = dir.read_status(instance).ok().flatten();
+    status.is_some_and(|status| status.gpus().opening > 0)
 }
 
 /// Path of this process's binary.

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use pairmask::{Backend, ServedBy, Session, SessionBuilder};
 use pairmask_transport::{DaemonRecord, RuntimeDir};
 use pairmask_wire::InstanceName;
+use pairmaskd::spawn::is_opening_gpus;
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::watchdog::within;
@@ -95,6 +96,19 @@ impl TestDaemon {
             .expect("the daemon's binary runs");
         self.supervisor = Some(child);
         eventually("the daemon serves", || self.record());
+        if self.arguments.iter().any(|argument| argument == "--gpu") {
+            self.wait_for_gpus();
+        }
+    }
+
+    /// Waits until no GPU is being opened any more.
+    ///
+    /// # Panics
+    /// When that takes longer than [`PATIENCE`].
+    pub fn wait_for_gpus(&self) {
+        eventually("the GPUs join", || {
+            (!is_opening_gpus(&self.dir(), &InstanceName::default())).then_some(())
+        });
     }
 
     /// The directory that its clients need.
@@ -143,6 +157,17 @@ impl TestDaemon {
         let mut supervisor = self.supervisor.take().expect("the daemon is running");
         supervisor.kill().expect("SIGKILL");
         supervisor.wait().expect("the supervisor's end");
+    }
+
+    /// Bytes of shared memory that this daemon and its clients have.
+    ///
+    /// # Panics
+    /// When /dev/shm cannot be read.
+    pub fn shared_bytes(&self) -> u64 {
+        use std::os::unix::fs::MetadataExt;
+        // Of 512 bytes, whatever the file system's blocks are.
+        let bytes = |file: PathBuf| file.metadata().map_or(0, |data| data.blocks() * 512);
+        self.shared_files().into_iter().map(bytes).sum()
     }
 
     /// Files of this daemon and its clients in /dev/shm.

@@ -164,6 +164,7 @@ fn steady_frames_allocate_nothing() {
         audit: AuditRate::Off,
         alter_answers: None,
         watch_devices: None,
+        restarted: false,
         instance: InstanceName::default(),
         dir: RuntimeDir::at(dir.path()),
         limits: Limits::default(),

@@ -10,7 +10,8 @@ use std::process::{Child, ChildStdout, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use pairmask::{Backend, ConnectError, FrameError, ServedBy, Session};
-use pairmask_core::Aabb;
+use pairmask_core::mask::EncodingChoice;
+use pairmask_core::{Aabb, Encoding};
 use pairmask_tests::daemon::{TestDaemon, eventually, outlive_kills};
 use pairmask_tests::{oracle, stress_scenes};
 use pairmask_transport::{DaemonRecord, RuntimeDir, Services};
@@ -155,6 +156,111 @@ fn a_client_killed_in_mid_frame_leaves_the_others_alone_and_its_memory_comes_bac
         assert!(killed.elapsed() < Duration::from_secs(10), "mode {mode}");
     }
     assert_eq!(check_frame(&mut other, &boxes), ServedBy::Daemon);
+}
+
+/// Boxes with dense masks of so many bytes: all in one place.
+fn boxes_of_mask(bytes: f64) -> Vec<Aabb> {
+    vec![Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]); (16.0 * bytes).sqrt() as usize]
+}
+
+/// Memory of masks that is left to a daemon whose clients have large ones no more.
+const LEFT_OF_MASKS: u64 = 512 << 10;
+
+#[test]
+fn memory_of_replies_is_given_back_when_clients_leave_and_the_others_notice_nothing() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let stays = scene(1000, 7);
+    let mut steady = daemon.session().answer_repeats(false).connect().unwrap();
+    check_frame(&mut steady, &stays);
+    let before = daemon.shared_bytes();
+    let boxes = boxes_of_mask(4e6);
+    let dense = EncodingChoice::Only(Encoding::Dense);
+    for _ in 0..3 {
+        let mut sessions: Vec<Session> =
+            (0..4).map(|_| daemon.session().encoding(dense).connect().unwrap()).collect();
+        let mut masks = Vec::new();
+        for session in &mut sessions {
+            let mut frame = session.frame(boxes.len()).unwrap();
+            frame.boxes_mut().copy_from_slice(&boxes);
+            masks.push(frame.submit().unwrap().wait().unwrap());
+        }
+        let all = boxes.len() as u64 * (boxes.len() as u64 - 1) / 2;
+        assert!(masks.iter().all(|mask| mask.count() == all));
+        assert!(daemon.shared_bytes() > before + 15_000_000, "masks in the hands of clients");
+        drop(masks);
+        drop(sessions);
+        eventually("the memory of masks comes back", || {
+            assert_eq!(check_frame(&mut steady, &stays), ServedBy::Daemon);
+            (daemon.shared_bytes() < before + LEFT_OF_MASKS).then_some(())
+        });
+    }
+}
+
+#[test]
+#[ignore = "takes minutes and 2 GB of /dev/shm: cargo test --release -p pairmask-tests --test faults -- --ignored"]
+fn two_hundred_clients_of_60_000_boxes_leave_8_mb_of_shared_memory_at_most() {
+    const AT_A_TIME: usize = 8;
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    drop(daemon.session().connect().unwrap());
+    let before = daemon.shared_bytes();
+    let dense = EncodingChoice::Only(Encoding::Dense);
+    let boxes = scene(60_000, 5);
+    let mut most = 0;
+    for _ in 0..200 / AT_A_TIME {
+        let mut sessions: Vec<Session> =
+            (0..AT_A_TIME).map(|_| daemon.session().encoding(dense).connect().unwrap()).collect();
+        let mut masks = Vec::new();
+        for session in &mut sessions {
+            let mut frame = session.frame(boxes.len()).unwrap();
+            frame.boxes_mut().copy_from_slice(&boxes);
+            masks.push(frame.submit().unwrap().wait().unwrap());
+        }
+        most = most.max(daemon.shared_bytes());
+    }
+    assert!(most > before + AT_A_TIME as u64 * 200_000_000);
+    let left = || daemon.shared_bytes().saturating_sub(before);
+    eventually("the memory of masks comes back", || (left() < 8_000_000).then_some(()));
+    println!("{most} bytes at most, {} left of {before}", left());
+}
+
+/// What a client has in its hands is nobody's to give back.
+#[test]
+fn a_mask_in_the_hands_of_a_client_stays_what_it_is_while_others_leave() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let dense = EncodingChoice::Only(Encoding::Dense);
+    let boxes = boxes_of_mask(1e6);
+    let mut holder = daemon.session().encoding(dense).connect().unwrap();
+    let mut frame = holder.frame(boxes.len()).unwrap();
+    frame.boxes_mut().copy_from_slice(&boxes);
+    let held = frame.submit().unwrap().wait().unwrap();
+    let all = boxes.len() as u64 * (boxes.len() as u64 - 1) / 2;
+    let before = daemon.shared_bytes();
+    for _ in 0..3 {
+        let mut leaves = daemon.session().encoding(dense).connect().unwrap();
+        let mut frame = leaves.frame(boxes.len()).unwrap();
+        frame.boxes_mut().copy_from_slice(&boxes);
+        drop(frame.submit().unwrap().wait().unwrap());
+        drop(leaves);
+        eventually("the memory of the other mask comes back", || {
+            (daemon.shared_bytes() < before + LEFT_OF_MASKS).then_some(())
+        });
+        assert_eq!(held.count(), all);
+    }
+}
+
+/// A container's /dev/shm has 64 MB.
+#[test]
+fn clients_of_few_boxes_take_little_shared_memory() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let before = daemon.shared_bytes();
+    let boxes = scene(1000, 3);
+    let mut sessions: Vec<Session> = (0..16).map(|_| daemon.session().connect().unwrap()).collect();
+    for session in &mut sessions {
+        check_frame(session, &boxes);
+    }
+    let each = (daemon.shared_bytes() - before) / 16;
+    // 24 kB of boxes, an answer of some kB, and what the transport has for each.
+    assert!(each < 256 << 10, "{each} bytes a client");
 }
 
 #[test]

@@ -13,7 +13,7 @@ use pairmask_core::mask::{EncodingChoice, MaskShape, MaskView};
 use pairmask_core::precision::BoxSlice;
 use pairmask_core::{Aabb, Bounds, BoxCount, Encoding, Precision};
 use pairmask_tests::conformance::{Suite, check_engine};
-use pairmask_tests::daemon::{PATIENCE, TestDaemon};
+use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
 use pairmask_tests::frame_memory::TestFrame;
 use pairmask_tests::narrow::NarrowMemory;
 use pairmask_tests::session_engine::SessionEngine;
@@ -114,6 +114,32 @@ fn clients_come_and_go_and_grow() {
             pairs.sort_unstable();
             assert_eq!(pairs, oracle::truth(&boxes).pairs, "client {client}, {n} boxes");
         }
+    }
+}
+
+/// The GPU writes masks where their clients read them: it lets go of that memory before it is given back.
+#[test]
+fn memory_that_a_gpu_wrote_masks_to_is_given_back() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
+    let dense = EncodingChoice::Only(Encoding::Dense);
+    let boxes = stress_scenes::named("uniform").boxes(5000, 3);
+    let expected = oracle::truth(&boxes).pairs;
+    let before = daemon.shared_bytes();
+    for _ in 0..3 {
+        let mut session = daemon.session().engine(GPU).encoding(dense).connect().unwrap();
+        // From the second frame on the mask is written where it lies.
+        for _ in 0..4 {
+            let mut shared = session.frame(boxes.len()).unwrap();
+            shared.boxes_mut().copy_from_slice(&boxes);
+            let mask = shared.submit().unwrap().wait().unwrap();
+            assert_eq!(mask.info().engine, EngineName::GpuBrute);
+            assert_eq!(mask.to_vec(), expected);
+        }
+        assert!(daemon.shared_bytes() > before + 1_500_000);
+        drop(session);
+        eventually("the memory of masks comes back", || {
+            (daemon.shared_bytes() < before + (256 << 10)).then_some(())
+        });
     }
 }
 

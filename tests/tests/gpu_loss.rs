@@ -9,7 +9,9 @@ use pairmask_core::engine::{CullError, CullInput, Engine, HeapReply};
 use pairmask_tests::conformance::check_reply;
 use pairmask_tests::gpu::open;
 use pairmask_tests::{oracle, stress_scenes};
-use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, GpuSlot, HostImport, SlotState};
+use pairmaskd::execute::gpu::{
+    AllPairs, AllPairsOptions, GpuSlot, HostImport, IfMissing, OpenError, Opener, SlotState,
+};
 
 /// A watchdog, no measure of speed: opening a software device takes under a second.
 const GIVE_UP: Duration = Duration::from_secs(60);
@@ -66,7 +68,6 @@ fn a_device_destroyed_under_load_is_a_typed_error_and_comes_back() {
 
 #[test]
 fn a_device_that_cannot_be_opened_again_leaves_the_slot_lost() {
-    use pairmaskd::execute::gpu::OpenError;
     let gpu = open(HostImport::IfPossible);
     let mut slot = GpuSlot::new(Arc::clone(&gpu), Arc::new(|| Err(OpenError::SwitchedOff)));
     assert_eq!(slot.state(), SlotState::Ready);
@@ -79,4 +80,37 @@ fn a_device_that_cannot_be_opened_again_leaves_the_slot_lost() {
         assert!(Instant::now() < deadline);
         std::thread::yield_now();
     }
+}
+
+/// What a slot says whose first device was opened by `open`, as soon as that has ended.
+fn opened(open: Opener, if_missing: IfMissing) -> SlotState {
+    let mut slot = GpuSlot::opening(open, if_missing);
+    assert_eq!(slot.state(), SlotState::Opening);
+    let deadline = Instant::now() + GIVE_UP;
+    while slot.state() == SlotState::Opening {
+        assert_eq!(slot.ready().is_some(), slot.state() == SlotState::Ready);
+        assert!(Instant::now() < deadline);
+        std::thread::yield_now();
+    }
+    slot.state()
+}
+
+#[test]
+fn a_slot_does_without_its_first_device_or_tells_why_or_goes_on_trying() {
+    let none = || -> Opener { Arc::new(|| Err(OpenError::SwitchedOff)) };
+    let there: Opener = Arc::new(|| Ok(open(HostImport::IfPossible)));
+    assert_eq!(opened(there, IfMissing::DoWithout), SlotState::Ready);
+    assert_eq!(opened(none(), IfMissing::DoWithout), SlotState::Missing);
+    assert!(matches!(opened(none(), IfMissing::TryAgain), SlotState::Lost { .. }));
+    let told = Arc::new(AtomicUsize::new(0));
+    let counts = Arc::clone(&told);
+    let report = IfMissing::Report(Arc::new(move |error| {
+        assert!(matches!(error, OpenError::SwitchedOff), "{error}");
+        counts.fetch_add(1, Ordering::Relaxed);
+    }));
+    assert_eq!(opened(none(), report), SlotState::Missing);
+    assert_eq!(told.load(Ordering::Relaxed), 1);
+    // A driver that panics has no device.
+    let panics: Opener = Arc::new(|| panic!("meant"));
+    assert_eq!(opened(panics, IfMissing::DoWithout), SlotState::Missing);
 }

@@ -4,23 +4,28 @@
 //! The daemon's worker is a thread of this process, because only a process that has a device can lose it.
 #![allow(clippy::unwrap_used)]
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use pairmask::scene::{Edit, SceneOptions, Want};
-use pairmask::{Backend, EngineChoice, EngineName, Scene, SceneEdit, ServedBy, Session};
+use pairmask::{
+    Aabb, Backend, EngineChoice, EngineId, EngineName, Scene, SceneEdit, ServedBy, Session,
+    WaitError,
+};
 use pairmask_core::engine::AvailableIsa;
 use pairmask_core::plan::CalibrationChoice;
 use pairmask_core::scene as core_scene;
 use pairmask_tests::daemon::eventually;
 use pairmask_tests::scene_edits::EditMaker;
-use pairmask_tests::{KnownPairs, gpu};
+use pairmask_tests::{KnownPairs, gpu, oracle, stress_scenes};
 use pairmask_transport::{Limits, RuntimeDir, clean_if_abandoned};
-use pairmask_wire::InstanceName;
+use pairmask_wire::{ENGINE_IS_OPENING, InstanceName, ReplyError, StatusCode};
 use pairmaskd::audit::AuditRate;
+use pairmaskd::execute::WatchDevice;
 use pairmaskd::execute::gpu::Gpu;
 use pairmaskd::scene::Random;
 use pairmaskd::serve::{ServeError, ServeSettings, work};
+use pairmaskd::spawn::is_opening_gpus;
 use rustix::process::{Signal, getpid, kill_process};
 
 const MOST_BOXES: usize = 400;
@@ -32,6 +37,20 @@ static ALONE: Mutex<()> = Mutex::new(());
 
 fn note_device(gpu: &Arc<Gpu>) {
     *OPENED.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::clone(gpu));
+}
+
+/// Whether devices may be opened.
+static GATE: (Mutex<bool>, Condvar) = (Mutex::new(false), Condvar::new());
+
+/// Keeps a device from being open.
+fn wait_at_gate(_: &Arc<Gpu>) {
+    let is_open = GATE.0.lock().unwrap_or_else(PoisonError::into_inner);
+    drop(GATE.1.wait_while(is_open, |is_open| !*is_open));
+}
+
+fn open_gate() {
+    *GATE.0.lock().unwrap_or_else(PoisonError::into_inner) = true;
+    GATE.1.notify_all();
 }
 
 fn newest_device() -> Option<Arc<Gpu>> {
@@ -46,11 +65,19 @@ struct Worker {
 
 impl Worker {
     fn start() -> Self {
+        let worker = Self::start_watched(note_device);
+        eventually("the GPU joins", || (!worker.is_opening()).then_some(()));
+        worker
+    }
+
+    /// One that serves, whether its GPU has joined or not.
+    fn start_watched(watch: WatchDevice) -> Self {
         let dir = tempfile::tempdir().unwrap();
         let settings = ServeSettings {
             audit: AuditRate::Off,
             alter_answers: None,
-            watch_devices: Some(note_device),
+            watch_devices: Some(watch),
+            restarted: false,
             instance: InstanceName::default(),
             dir: RuntimeDir::at(dir.path()),
             limits: Limits::default(),
@@ -67,6 +94,10 @@ impl Worker {
         let worker = Self { dir, thread };
         eventually("the daemon serves", || worker.dir().read_record(&InstanceName::default()));
         worker
+    }
+
+    fn is_opening(&self) -> bool {
+        is_opening_gpus(&self.dir(), &InstanceName::default())
     }
 
     fn dir(&self) -> RuntimeDir {
@@ -187,4 +218,45 @@ fn a_session_outlives_losses_of_the_daemons_device() {
 #[ignore = "minutes: the nightly tier runs it"]
 fn a_session_outlives_a_hundred_losses_of_the_daemons_device() {
     outlive(100, 2);
+}
+
+/// Frames of a session, by whatever engine the daemon has for it.
+fn frame(session: &mut Session, boxes: &[Aabb]) -> Result<EngineId, WaitError> {
+    let mut frame = session.frame(boxes.len()).unwrap();
+    frame.boxes_mut().copy_from_slice(boxes);
+    let mask = frame.submit().unwrap().wait()?;
+    assert_eq!(mask.info().served_by, ServedBy::Daemon);
+    assert_eq!(mask.count(), oracle::truth(boxes).pairs.len() as u64);
+    Ok(mask.info().engine)
+}
+
+#[test]
+fn cores_serve_while_the_gpu_is_being_opened() {
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let worker = Worker::start_watched(wait_at_gate);
+    let builder = Session::builder().runtime_dir(worker.dir()).backend(Backend::Daemon);
+    let gpu = EngineName::GpuBrute;
+    let boxes = stress_scenes::named("uniform").boxes(700, 3);
+    let mut any = builder.clone().answer_repeats(false).connect().unwrap();
+    let mut only = builder.engine(EngineChoice::Only(gpu)).connect().unwrap();
+    for _ in 0..3 {
+        let by = frame(&mut any, &boxes).unwrap();
+        assert!(matches!(by, EngineId::Known(name) if !name.is_gpu()), "{by:?}");
+        let refused = frame(&mut only, &boxes).unwrap_err();
+        let WaitError::Reply(ReplyError::Status { status, detail }) = refused else {
+            panic!("{refused}");
+        };
+        assert_eq!((status, detail[1]), (StatusCode::EngineUnavailable, ENGINE_IS_OPENING));
+        assert!(refused.to_string().contains("being opened"), "{refused}");
+        let mut scene = only.scene(SceneOptions::default());
+        let refused = scene.edit().set(0, boxes[0]).commit(Want::All).map(drop).unwrap_err();
+        assert!(refused.to_string().contains("being opened"), "{refused}");
+        assert!(worker.is_opening());
+    }
+    open_gate();
+    let by = eventually("the GPU joins", || frame(&mut only, &boxes).ok());
+    assert_eq!(by, EngineId::Known(gpu));
+    eventually("the status says so", || (!worker.is_opening()).then_some(()));
+    drop((any, only));
+    worker.stop();
 }

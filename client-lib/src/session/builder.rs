@@ -66,8 +66,6 @@ const DEFAULT_SPIN: Duration = Duration::from_micros(50);
 const DEFAULT_DEADLINE: Duration = Duration::from_secs(5);
 /// Longest time of any wait: instants of a clock overflow beyond some time ahead, and nobody waits a day.
 pub(super) const LONGEST_WAIT: Duration = Duration::from_secs(24 * 60 * 60);
-/// Boxes that the first segment holds (1.5 MiB a frame). Larger frames make a larger segment.
-const DEFAULT_CAPACITY: BoxCount = BoxCount::new(65_536);
 
 /// Settings of a session.
 #[derive(Clone, Debug)]
@@ -85,7 +83,8 @@ pub(super) struct Settings {
     pub calibration: CalibrationChoice,
     pub spin: Duration,
     pub deadline: Duration,
-    pub capacity: BoxCount,
+    /// Boxes of the frames that memory is made present for before the first one; `None` for none.
+    pub capacity: Option<BoxCount>,
 }
 
 /// Describes a session; [`connect`](SessionBuilder::connect) makes it.
@@ -124,7 +123,7 @@ impl Default for SessionBuilder {
                 calibration: CalibrationChoice::Auto,
                 spin: DEFAULT_SPIN,
                 deadline: DEFAULT_DEADLINE,
-                capacity: DEFAULT_CAPACITY,
+                capacity: None,
             },
         }
     }
@@ -217,9 +216,11 @@ impl SessionBuilder {
         self
     }
 
-    /// Boxes that the first segment should hold: a segment that is large enough never has to grow.
+    /// Boxes of the largest frame. Memory for three such frames is present as soon as the session is
+    /// connected, and its segment never has to grow. Unless set, a frame's memory becomes present with the
+    /// first frame that needs it, which takes 1 ms longer for each megabyte of boxes.
     pub fn capacity(mut self, boxes: BoxCount) -> Self {
-        self.settings.capacity = boxes;
+        self.settings.capacity = Some(boxes);
         self
     }
 

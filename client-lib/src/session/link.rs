@@ -12,6 +12,7 @@ use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::service::ipc_threadsafe;
 use pairmask_core::precision::BoxForm;
 use pairmask_core::spinner::Spinner;
+use pairmask_core::units::BoxCount;
 use pairmask_wire::{
     InstanceError, PAGE_BYTES, ReplyError, RequestHeader, ResponseHeader, Version, page_count,
 };
@@ -32,6 +33,10 @@ use crate::transport::{
 /// A waiting thread checks this often whether the daemon lives, and whether its response has come:
 /// another thread of the session may have taken the wake-up.
 pub(super) const WAIT_SLICE: Duration = Duration::from_millis(2);
+
+/// Boxes that a frame of the first segment has address space for, where the session names no capacity. Pages
+/// cost when frames use them; larger frames make a larger segment.
+const RESERVED_BOXES: BoxCount = BoxCount::new(65_536);
 
 /// A request for which there is no room is sent again this often: a daemon that is not culling receives
 /// within a few µs.
@@ -157,7 +162,8 @@ impl Link {
         };
         dir.check_transport(instance).map_err(not_ours)?;
         let token = RandomState::new().build_hasher().finish();
-        let pages = pages_of(BoxForm::F32.bytes(settings.capacity));
+        let capacity = settings.capacity.unwrap_or(RESERVED_BOXES);
+        let pages = pages_of(BoxForm::F32.bytes(capacity));
         let connected = Services::<ipc_threadsafe::Service>::connect(&dir, instance)
             .and_then(|services| Ok((services.client(token, pages)?, services)));
         let (Client { port, notifier, listener }, services) = connected.map_err(open)?;
@@ -181,7 +187,9 @@ impl Link {
             files: SegmentFiles::new(&dir, instance),
             segment: Mutex::default(),
         };
-        link.touch_chunks(pages);
+        if settings.capacity.is_some() {
+            link.touch_chunks(pages);
+        }
         Ok(link)
     }
 

@@ -3,8 +3,8 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use pairmask_core::aabb::Aabb;
-use pairmask_core::dispatch::{CpuEngines, CullAnswer, CullOptions, SphereWays};
-use pairmask_core::engine::{AvailableIsa, CullError, HeapReply};
+use pairmask_core::dispatch::{CpuEngines, CullAnswer, CullOptions, SphereWays, WorldRange};
+use pairmask_core::engine::{AvailableIsa, CullError, HeapReply, ReserveError};
 use pairmask_core::filters::Rules;
 use pairmask_core::objects::Objects;
 use pairmask_core::plan::CalibrationChoice;
@@ -21,6 +21,8 @@ use super::pace::{Pace, Working};
 use super::pairs::{PairMask, ServedBy, Storage};
 use super::scene::Asked;
 
+/// Bytes of the largest mask where another encoding may be smaller: a daemon's default.
+const MOST_REPLY_BYTES: u64 = 1 << 30;
 /// Buffers of each kind that are kept for reuse: those of two frames under way and of one being
 /// filled, and one of a mask that is held.
 const KEPT_BUFFERS: usize = 4;
@@ -174,27 +176,57 @@ impl Local {
             ..CullOptions::default()
         };
         let mut worlds = Vec::new();
-        let answer = match (objects, rules, written.first_set) {
+        let mut find = |limit_bytes| {
+            memory.set_limit_bytes(limit_bytes);
+            self.find(
+                objects,
+                rules,
+                written.first_set,
+                &options,
+                settings,
+                &mut memory,
+                &mut worlds,
+            )
+        };
+        // As a daemon does: what is too large in one encoding is found in another, where that is left open. Where no
+        // encoding is small enough, memory is the limit.
+        let answer = match find(MOST_REPLY_BYTES) {
+            Err(CullError::Reserve(ReserveError::TooLarge { .. })) => find(u64::MAX),
+            done => done,
+        }?;
+        *lock(&self.last_pairs) = Some(answer.report.pair_count);
+        working.used(answer.threads);
+        let n = BoxCount::new(objects.len() as u32);
+        Ok(self.mask(memory, n, &answer, written, settings).with_worlds(worlds))
+    }
+
+    /// Finds the pairs in memory that the mask may take.
+    #[allow(clippy::too_many_arguments)] // All that a frame is.
+    fn find(
+        &self,
+        objects: Objects<'_>,
+        rules: Option<&Rules>,
+        first_set: Option<BoxCount>,
+        options: &CullOptions,
+        settings: &Settings,
+        memory: &mut HeapReply,
+        worlds: &mut Vec<WorldRange>,
+    ) -> Result<CullAnswer, CullError> {
+        match (objects, rules, first_set) {
             (Objects::Boxes(these), None, Some(first)) => {
-                let engines = &mut lock(&self.engines).boxes;
-                cull_between(engines, these, first, &options, &mut memory)?
+                cull_between(&mut lock(&self.engines).boxes, these, first, options, memory)
             }
             (Objects::Boxes(these), Some(rules), _) => {
                 let mut scratch = ExpandScratch::default();
                 let these = these.expand(&mut scratch, true);
                 let engines = &mut lock(&self.engines).boxes;
-                let filtered = engines.cull_filtered(these, rules, &options, &mut memory)?;
+                let filtered = engines.cull_filtered(these, rules, options, memory)?;
+                worlds.clear();
                 worlds.extend_from_slice(filtered.worlds);
-                filtered.answer
+                Ok(filtered.answer)
             }
-            _ => {
-                lock(&self.engines).cull(objects, &options, settings.answer_repeats, &mut memory)?
-            }
-        };
-        *lock(&self.last_pairs) = Some(answer.report.pair_count);
-        working.used(answer.threads);
-        let n = BoxCount::new(objects.len() as u32);
-        Ok(self.mask(memory, n, &answer, written, settings).with_worlds(worlds))
+            _ => lock(&self.engines).cull(objects, options, settings.answer_repeats, memory),
+        }
     }
 
     /// Asks a scene of this process.

@@ -6,6 +6,7 @@
 mod alarm;
 mod cleanup;
 mod foreign;
+mod free_chunks;
 mod instance;
 mod liveness;
 mod loans;
@@ -23,10 +24,11 @@ mod turn;
 pub use alarm::sleep_until;
 pub use cleanup::{clean_if_abandoned, remove_hollow_files};
 pub use foreign::foreign_owner;
+pub use free_chunks::{ChunkLook, FreeChunk, FreeChunks};
 pub use instance::{DaemonRecord, InstanceLock, RuntimeDir};
 pub use liveness::{ProcessWatch, process_name};
 pub use loans::{assume_pages, assume_response_pages};
-pub use memory::{Populated, SharedPopulated, populate};
+pub use memory::{Populated, populate, populate_beyond};
 pub use message::{CheckedRequest, CheckedResponse, ForgedRequest};
 pub use own_request::{OwnRequest, SentRequest};
 pub use room::PopulateError;
@@ -37,5 +39,5 @@ pub use services::{
     ResponseSample, Sender, Server, Services, TransportError, WakeClient, WakeDaemon,
     listener_name, quiet_transport_log,
 };
-pub use status_file::StatusFile;
+pub use status_file::{GpuCounts, StatusFile};
 pub use turn::PortTurn;

@@ -2,13 +2,13 @@
 #![allow(unsafe_code)]
 
 use std::collections::HashMap;
-use std::sync::{Mutex, PoisonError};
 
 use pairmask_wire::PAGE_BYTES;
 use rustix::io::Errno;
 use rustix::mm::{Advice, madvise};
 
 use crate::room::{self, PopulateError};
+use crate::services::ResponseLoan;
 
 /// Makes every page of `memory` present. A full /dev/shm is then an error here and not a SIGBUS at
 /// the first write, and no frame pays for page faults (24 MB cost 23 to 33 ms at first touch and
@@ -66,30 +66,11 @@ impl Populated {
     }
 }
 
-/// [`Populated`] for several threads, each with chunks of its own at a time. While one populates a
-/// chunk, which may take tens of milliseconds, the others do not wait.
-#[derive(Debug, Default)]
-pub struct SharedPopulated(Mutex<Populated>);
-
-impl SharedPopulated {
-    /// As [`Populated::ensure`].
-    ///
-    /// # Errors
-    /// As [`populate`].
-    pub fn ensure<T>(&self, chunk: &mut [T]) -> Result<(), PopulateError> {
-        let known = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let known_bytes = known().known_bytes(chunk);
-        if known_bytes >= size_of_val(chunk) {
-            return Ok(());
-        }
-        populate_beyond(chunk, known_bytes)?;
-        known().note(chunk);
-        Ok(())
-    }
-}
-
-/// Populates a chunk of which `known_bytes` are.
-fn populate_beyond<T>(chunk: &mut [T], known_bytes: usize) -> Result<(), PopulateError> {
+/// Populates a chunk of which `known_bytes` are. As [`Populated::ensure`], where its user keeps what is known.
+///
+/// # Errors
+/// As [`populate`].
+pub fn populate_beyond<T>(chunk: &mut [T], known_bytes: usize) -> Result<(), PopulateError> {
     let bytes = size_of_val(chunk);
     if known_bytes >= bytes {
         return Ok(());
@@ -99,4 +80,18 @@ fn populate_beyond<T>(chunk: &mut [T], known_bytes: usize) -> Result<(), Populat
         room::for_payload((bytes - known_bytes) as u64)?;
     }
     populate(chunk)
+}
+
+/// Gives the pages of the first `bytes` bytes of a loan's payload back to the system. A loan is one of a whole chunk, and
+/// `bytes` is at most the payload of a chunk, whatever the length that was asked for. Whether the system did.
+pub(super) fn remove_pages(loan: &mut ResponseLoan, bytes: usize) -> bool {
+    let first = loan.payload_mut().as_mut_ptr();
+    debug_assert!(bytes.is_multiple_of(PAGE_BYTES));
+    if bytes == 0 {
+        return true;
+    }
+    // SAFETY: the range lies in the chunk that this loan holds alone, in a shared writable mapping that lives as long
+    // as the loan. No reference into it exists but through the loan, which is borrowed here; the pages read as
+    // zeros afterwards, and every value is a valid Page.
+    unsafe { madvise(first.cast(), bytes, Advice::LinuxRemove) }.is_ok()
 }

@@ -8,6 +8,7 @@
 //! The check is no lock. One case remains: another program fills the last [`RESERVE_BYTES`] within
 //! the millisecond between the check and the transport's writing.
 
+use pairmask_wire::PAGE_BYTES;
 use rustix::fs::{StatVfs, statvfs};
 
 use crate::instance::SHM_DIR;
@@ -55,6 +56,14 @@ fn check(bytes: u64, more: u64) -> Result<(), PopulateError> {
 /// [`PopulateError`].
 pub(super) fn for_ports() -> Result<(), PopulateError> {
     check(PORTS_BYTES, 0)
+}
+
+/// Checks that there is room for a page of a chunk's header, out of the reserve.
+///
+/// # Errors
+/// [`PopulateError`].
+pub(super) fn for_page() -> Result<(), PopulateError> {
+    check(PAGE_BYTES as u64, 0)
 }
 
 /// Checks that there is room for `bytes` bytes of boxes or masks beside the reserve.

@@ -114,6 +114,14 @@ pub const PORTS_PER_CLIENT: usize = 2;
 /// Response chunks beside those that clients may hold: a growing client holds some on both ports.
 /// When they are used up, a client gets the status out-of-memory.
 const SPARE_RESPONSES: usize = 4;
+/// Response chunks that the daemon holds while it gives their pages back: one at a time.
+const KEPT_RESPONSES: usize = 1;
+/// Client ports of the daemon itself, for its free chunks.
+const OWN_PORTS: usize = 1;
+/// Loans of one request. Answers have one at a time; the request for free chunks has up to all at once, and one more
+/// for each time that it found none: the transport counts a loan that failed. So it is a number that is never reached,
+/// and no memory.
+const LOANS_A_REQUEST: usize = 1 << 24;
 /// Nodes of the daemon: the server's, the janitor's, and those of a predecessor not yet cleaned.
 const DAEMON_NODES: usize = 4;
 
@@ -225,10 +233,13 @@ impl<S: Service> Services<S> {
         self.wake_client.dynamic_config().number_of_listeners()
     }
 
-    /// Calls `each` with the sender of every client port.
+    /// Calls `each` with the sender of every client port, but for those of its own node.
     pub fn for_each_sender(&self, mut each: impl FnMut(Sender)) {
         use iceoryx2::prelude::{CallbackProgression, PortFactory};
         self.requests.dynamic_config().list_clients(|client| {
+            if client.node_id == *self.node.id() {
+                return CallbackProgression::Continue;
+            }
             each(Sender {
                 port: client.client_id.value(),
                 session: client.node_id.value(),
@@ -306,7 +317,7 @@ impl Services<ipc_threadsafe::Service> {
             .enable_safe_overflow_for_responses(false)
             .enable_fire_and_forget_requests(false)
             .max_servers(1)
-            .max_clients(limits.max_clients * PORTS_PER_CLIENT)
+            .max_clients(limits.max_clients * PORTS_PER_CLIENT + OWN_PORTS)
             .max_nodes(max_nodes)
             .max_active_requests_per_client(FRAMES_AT_A_TIME)
             .max_loaned_requests(FRAMES_AT_A_TIME)
@@ -339,7 +350,7 @@ impl Services<ipc_threadsafe::Service> {
     /// [`TransportError`].
     pub fn server(&self, limits: &Limits) -> Result<Server, TransportError> {
         let pages = pairmask_wire::page_count(limits.max_reply_bytes);
-        let chunks = limits.max_clients * FRAMES_AT_A_TIME + SPARE_RESPONSES;
+        let chunks = limits.max_clients * FRAMES_AT_A_TIME + SPARE_RESPONSES + KEPT_RESPONSES;
         self.requests
             .server_builder()
             // The default blocks the daemon when a client does not take its responses.
@@ -347,7 +358,7 @@ impl Services<ipc_threadsafe::Service> {
             // Dynamic growth is broken for alignments over 8 bytes.
             .allocation_strategy(AllocationStrategy::Static)
             .initial_max_slice_len(usize::try_from(pages).unwrap_or(usize::MAX))
-            .max_loaned_responses_per_request(1)
+            .max_loaned_responses_per_request(LOANS_A_REQUEST)
             // The transport's own worst case is twelve times this, 600 GiB of address space.
             .override_response_preallocation(move |worst| worst.min(chunks))
             .create()

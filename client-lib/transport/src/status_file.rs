@@ -28,12 +28,26 @@ pub struct StatusFile {
     body: StatusBody,
     /// Zero where an earlier version wrote the file.
     skips: SkipTotals,
+    /// As `skips`.
+    gpus: GpuCounts,
+}
+
+/// The GPUs of a daemon.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct GpuCounts {
+    /// Those that are being opened: cores serve meanwhile.
+    pub opening: u32,
+    /// Those that serve.
+    pub open: u32,
 }
 
 /// Length of the file before it had [`SkipTotals`], bytes.
 const FIRST_BYTES: usize = 16 + size_of::<StatusBody>();
 
-const _: () = assert!(size_of::<StatusFile>() == FIRST_BYTES + size_of::<SkipTotals>());
+const _: () = assert!(
+    size_of::<StatusFile>() == FIRST_BYTES + size_of::<SkipTotals>() + size_of::<GpuCounts>()
+);
 
 /// The system's monotonic clock, which all processes share, ns.
 fn now_ns() -> u64 {
@@ -43,8 +57,14 @@ fn now_ns() -> u64 {
 
 impl StatusFile {
     /// A status file with the time of now.
-    pub fn now(body: StatusBody, skips: SkipTotals) -> Self {
-        Self { magic: MAGIC, bytes: size_of::<Self>() as u32, noted_at_ns: now_ns(), body, skips }
+    pub fn now(body: StatusBody, skips: SkipTotals, gpus: GpuCounts) -> Self {
+        let bytes = size_of::<Self>() as u32;
+        Self { magic: MAGIC, bytes, noted_at_ns: now_ns(), body, skips, gpus }
+    }
+
+    /// The daemon's GPUs.
+    pub const fn gpus(&self) -> GpuCounts {
+        self.gpus
     }
 
     /// The daemon's status.
@@ -110,7 +130,9 @@ mod tests {
     #[test]
     fn a_status_file_round_trips_and_junk_is_none() {
         let skips = SkipTotals { words: 9, ..SkipTotals::default() };
-        let status = StatusFile::now(StatusBody { frames: 7, ..StatusBody::default() }, skips);
+        let gpus = GpuCounts { opening: 1, open: 2 };
+        let body = StatusBody { frames: 7, ..StatusBody::default() };
+        let status = StatusFile::now(body, skips, gpus);
         let bytes = bytemuck::bytes_of(&status);
         assert_eq!(StatusFile::parse(bytes), Some(status));
         assert_eq!(

@@ -44,7 +44,7 @@ pub use section::{SECTION_COUNT, Section, SectionKind};
 pub use status::{
     AuditCounts, LAST_ERRORS, RecordedError, SkipTotals, StatusBody, response_status,
 };
-pub use status_code::StatusCode;
+pub use status_code::{ENGINE_IS_OPENING, StatusCode};
 
 use pairmask_core::engine::EngineName;
 use pairmask_core::mask::Encoding;

@@ -175,7 +175,7 @@ pub enum ReplyError {
     #[error("the response is for another client")]
     Client,
     /// The daemon reports an error.
-    #[error("the daemon answered '{}'", status.as_str())]
+    #[error("the daemon answered '{}'{}", status.as_str(), status.explain(*detail))]
     Status {
         /// Its code.
         status: StatusCode,

@@ -79,4 +79,27 @@ impl StatusCode {
             Self::UnknownRules => "unknown-rules",
         }
     }
+
+    /// What the numbers of an error say, to stand behind its name.
+    pub(crate) fn explain(self, detail: [u64; 2]) -> String {
+        let [needed, limit] = detail;
+        match self {
+            Self::SceneTooLarge => format!(
+                ": all scenes together would take {} MiB and may take {}, by `pairmaskd serve --max-scene-mib`",
+                needed.div_ceil(MIB),
+                limit / MIB
+            ),
+            Self::EngineUnavailable if limit == ENGINE_IS_OPENING => {
+                ": the daemon's GPU is being opened; ask again in a moment".into()
+            }
+            _ => String::new(),
+        }
+    }
 }
+
+/// Bytes of a MiB.
+const MIB: u64 = 1 << 20;
+
+/// Second number of [`StatusCode::EngineUnavailable`] where the engine will be available soon: its device is being
+/// opened. 0 where this daemon does not have the engine.
+pub const ENGINE_IS_OPENING: u64 = 1;

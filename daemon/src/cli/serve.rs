@@ -12,7 +12,7 @@ use super::whole_number::whole_number;
 use crate::audit::AuditRate;
 use crate::execute::gpu::DEFAULT_HOLD;
 use crate::publish::AlterAnswer;
-use crate::serve::{DEFAULT_SPIN, ServeError, ServeSettings, supervise, work};
+use crate::serve::{DEFAULT_SPIN, ServeError, ServeSettings, default_scene_bytes, supervise, work};
 use crate::spawn;
 
 /// Serve an instance until Ctrl-C or SIGTERM
@@ -36,7 +36,8 @@ pub struct Serve {
     /// The largest mask, MiB [default: 1024]
     #[arg(long, value_parser = whole_number::<NonZeroU32>, env = "PAIRMASK_MAX_REPLY_MIB", value_name = "N")]
     max_reply_mib: Option<NonZeroU32>,
-    /// Memory of all scenes that clients keep here, MiB [default: 4096]
+    /// Memory of all scenes that clients keep here, on GPUs too, MiB [default: a third of this machine's
+    /// memory, or of this control group's]
     #[arg(long, value_parser = whole_number::<u32>, env = "PAIRMASK_MAX_SCENE_MIB", value_name = "N")]
     max_scene_mib: Option<u32>,
     #[command(flatten)]
@@ -52,6 +53,9 @@ pub struct Serve {
     /// starts.
     #[arg(long, value_parser = whole_number::<u32>, hide = true, value_name = "PID")]
     worker: Option<u32>,
+    /// The worker takes the place of one that has served.
+    #[arg(long, hide = true)]
+    restarted: bool,
     /// End with the process of this id, and take the runtime directory along.
     #[arg(long, value_parser = whole_number::<u32>, hide = true, value_name = "PID")]
     private_to: Option<u32>,
@@ -97,11 +101,14 @@ impl Serve {
                 max_clients: max_clients.map_or(default.max_clients, |n| usize::from(n.get())),
                 max_reply_bytes: max_reply_mib
                     .map_or(default.max_reply_bytes, |n| u64::from(n.get()) << 20),
-                max_scene_bytes: max_scene_mib
-                    .map_or(default.max_scene_bytes, |n| u64::from(n) << 20),
+                max_scene_bytes: max_scene_mib.map_or_else(
+                    || default_scene_bytes(default.max_scene_bytes),
+                    |n| u64::from(n) << 20,
+                ),
             },
             spin: spin_us.map_or(DEFAULT_SPIN, Duration::from_micros),
             gpu: self.options.gpus(config),
+            restarted: self.restarted,
             gpu_awake: gpu_awake_ms.map_or(DEFAULT_HOLD, |ms| Duration::from_millis(ms.into())),
             calibration: place.calibration(config),
             isa: place.isa(config),

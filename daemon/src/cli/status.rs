@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use pairmask::{Backend, Session, StatusError};
-use pairmask_transport::{DaemonRecord, ProcessWatch, RuntimeDir};
+use pairmask_transport::{DaemonRecord, GpuCounts, ProcessWatch, RuntimeDir};
 use pairmask_wire::{
     AuditCounts, InstanceError, InstanceName, RecordedError, SkipTotals, StatusBody, StatusCode,
 };
@@ -108,6 +108,12 @@ struct DaemonReport {
     uptime_ns: u64,
     /// Number of clients that are connected.
     clients: u32,
+    /// GPUs that are being opened, while cores serve.
+    #[serde(default)]
+    gpus_opening: u32,
+    /// GPUs that serve.
+    #[serde(default)]
+    gpus: u32,
     /// Frames answered with a mask.
     frames: u64,
     /// Boxes in those frames.
@@ -251,7 +257,13 @@ impl InstanceReport {
         }
         let Some(daemon) = &self.daemon else { return Ok(()) };
         let DaemonReport { clients, frames, boxes, spheres, pairs, errors, uptime_ns, .. } = daemon;
-        writeln!(text, "  serving for {}, {clients} clients", time_text(*uptime_ns))?;
+        let gpus = match (daemon.gpus_opening, daemon.gpus) {
+            (0, 0) => String::new(),
+            (0, open) => format!(", {open} GPU(s)"),
+            (opening, 0) => format!(", opening {opening} GPU(s)"),
+            (opening, open) => format!(", {open} GPU(s), opening {opening} more"),
+        };
+        writeln!(text, "  serving for {}, {clients} clients{gpus}", time_text(*uptime_ns))?;
         let spheres = if *spheres == 0 { String::new() } else { format!(" {spheres} spheres,") };
         writeln!(
             text,
@@ -308,7 +320,7 @@ fn ask(dir: &RuntimeDir, name: &InstanceName, record: &DaemonRecord) -> Answer {
             Err(error) => return Answer::Silent(None, error.to_string()),
         };
         let age = status.age();
-        let report = DaemonReport::of(status.body(), status.skips(), age);
+        let report = DaemonReport::of(status.body(), status.skips(), status.gpus(), age);
         if age <= asked.elapsed() {
             return Answer::Alive(report);
         }
@@ -340,18 +352,21 @@ fn ask_over_wire(dir: &RuntimeDir, name: &InstanceName) -> Answer {
             // The question itself takes one connection.
             let client_count = body.client_count.saturating_sub(1);
             let body = StatusBody { client_count, ..body };
-            Answer::Alive(DaemonReport::of(&body, &SkipTotals::default(), Duration::ZERO))
+            let (skips, gpus) = Default::default();
+            Answer::Alive(DaemonReport::of(&body, &skips, gpus, Duration::ZERO))
         }
         Err(error) => Answer::Silent(None, error.to_string()),
     }
 }
 
 impl DaemonReport {
-    fn of(body: &StatusBody, skips: &SkipTotals, age: Duration) -> Self {
+    fn of(body: &StatusBody, skips: &SkipTotals, gpus: GpuCounts, age: Duration) -> Self {
         Self {
             age_ns: age.as_nanos() as u64,
             uptime_ns: body.uptime_ns,
             clients: body.client_count,
+            gpus_opening: gpus.opening,
+            gpus: gpus.open,
             frames: body.frames,
             boxes: body.boxes,
             spheres: body.spheres,

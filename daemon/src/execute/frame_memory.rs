@@ -20,7 +20,9 @@ use pairmask_core::precision::BoxSlice;
 ///   so for ever when [`Self::abandon`] returns.
 ///
 /// Shared memory that a reply lends is mapped to the same pages as long as the engines live that the
-/// value is given to, longer than the value itself: GPUs import it for the frames to come.
+/// value is given to, longer than the value itself: GPUs import it for the frames to come. Who gives its
+/// pages back to the system has every GPU let go of them first
+/// ([`GpuShare::release_reply`](super::GpuShare::release_reply)), while no reply lends them.
 pub unsafe trait FrameMemory {
     /// Gives objects and reply to `work`.
     fn with<R>(&mut self, work: impl FnOnce(Objects<'_>, &mut dyn ReplyBuffer) -> R) -> R;

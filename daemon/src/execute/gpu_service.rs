@@ -1,6 +1,7 @@
 //! The GPU as the daemon uses it: opened once, its imports kept, replaced when lost.
 
-use std::sync::Arc;
+use std::ops::Range;
+use std::sync::{Arc, Weak};
 use std::time::{Duration, Instant};
 
 use pairmask_core::dispatch::{Marks, WorldRange, nanoseconds_since};
@@ -15,7 +16,8 @@ use pairmask_core::{Aabb, Encoding};
 use super::frame_memory::{FrameMemory, LentReply, with_lent};
 use super::gpu::{
     AllPairs, AllPairsOptions, Awake, Begun, Block, Gpu, GpuChoice, GpuError, GpuSlot, Grid,
-    GridOptions, GridUnderWay, HostImport, OpenError, SceneTools, SharedImports,
+    GridOptions, GridUnderWay, HostImport, IfMissing, OpenError, Opener, SceneTools, SharedImports,
+    SlotState,
 };
 use super::offers::{Offers, Owner};
 use super::spheres::takes_spheres;
@@ -105,6 +107,13 @@ impl Engines {
         self.drop_frames_of(&forgotten);
     }
 
+    fn release_reply(&mut self, range: &Range<usize>) -> bool {
+        let forgotten = self.offers.leave(range);
+        self.drop_frames_of(&forgotten);
+        drop(forgotten);
+        self.offers.has_left(range)
+    }
+
     fn tidy(&mut self) {
         let forgotten = self.offers.tidy();
         self.drop_frames_of(&forgotten);
@@ -127,6 +136,18 @@ pub struct GpuService {
     engines: Option<Engines>,
     /// How long the clocks are kept up after a frame.
     hold: Duration,
+}
+
+/// What opens the device of a choice.
+fn opener(choice: &GpuChoice, watch: Option<WatchDevice>) -> Opener {
+    let choice = choice.clone();
+    Arc::new(move || {
+        let gpu = Gpu::open(&choice, HostImport::IfPossible)?;
+        if let Some(watch) = watch {
+            watch(&gpu);
+        }
+        Ok(gpu)
+    })
 }
 
 /// What the GPU answers: the report, and the engine that made it.
@@ -157,20 +178,36 @@ impl GpuService {
         hold: Duration,
         watch: Option<WatchDevice>,
     ) -> Result<Self, OpenError> {
-        let choice = choice.clone();
-        let open = Arc::new(move || {
-            let gpu = Gpu::open(&choice, HostImport::IfPossible)?;
-            if let Some(watch) = watch {
-                watch(&gpu);
-            }
-            Ok(gpu)
-        });
+        let open = opener(choice, watch);
         let gpu = open()?;
         log::info!("GPU: {}", gpu.info().name);
         let mut service = Self { slot: GpuSlot::new(gpu, open), engines: None, hold };
         // Compiling takes up to a second: now, not in the first frame.
         service.refresh();
         Ok(service)
+    }
+
+    /// As [`Self::open_watched`], without waiting for the device: another thread opens it. Whoever asks now and then
+    /// ([`GpuShare::take_back`](super::GpuShare::take_back)) makes its engines.
+    pub fn opening(
+        choice: &GpuChoice,
+        hold: Duration,
+        watch: Option<WatchDevice>,
+        if_missing: IfMissing,
+    ) -> Self {
+        let slot = GpuSlot::opening(opener(choice, watch), if_missing);
+        Self { slot, engines: None, hold }
+    }
+
+    /// The device whose engines there are.
+    pub(super) fn known_device(&self) -> Weak<Gpu> {
+        let device = |engines: &Engines| Arc::downgrade(engines.all_pairs.gpu());
+        self.engines.as_ref().map_or_else(Weak::new, device)
+    }
+
+    /// What there is of a device.
+    pub(super) fn state(&self) -> SlotState {
+        self.slot.state()
     }
 
     /// The device, if there is one now.
@@ -266,6 +303,11 @@ impl GpuService {
         if let Some(engines) = &mut self.engines {
             engines.offer_reply(lent);
         }
+    }
+
+    /// Lets go of the memory of replies in a range of addresses. Whether nothing of the GPU knows it any more.
+    pub(super) fn release_reply(&mut self, range: &Range<usize>) -> bool {
+        self.engines.as_mut().is_none_or(|engines| engines.release_reply(range))
     }
 
     /// Fewest boxes of a frame that may be left to the GPU ([`Self::begin`]); `None` where there is no
@@ -365,7 +407,7 @@ impl GpuService {
         self.engines.as_ref().is_some_and(|engines| engines.grid.gpu().info().is_software())
     }
 
-    /// Makes the engines of a device that was lost and is back. Plans count on no GPU meanwhile, so that no
+    /// Makes the engines of a device that was opened, or was lost and is back. Plans count on no GPU meanwhile, so that no
     /// frame asks for it.
     pub(super) fn take_back(&mut self) {
         self.refresh();

@@ -3,9 +3,10 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Weak};
 
-use pairmask_core::engine::{CullError, CullReport, ReplyBuffer};
+use pairmask_core::engine::{CullError, CullReport, EngineName, ReplyBuffer};
 use pairmask_core::plan::{GpuCost, Plan};
 use pairmask_core::precision::BoxSlice;
+use pairmask_transport::GpuCounts;
 
 use super::frame_memory::LentReply;
 use super::gpu::{Borders, Gpu, SceneTools, cull_shared};
@@ -18,9 +19,6 @@ use super::{GpuService, GpuTurn, Owner};
 #[derive(Clone, Default)]
 pub struct Gpus {
     all: Arc<[Arc<SharedGpu>]>,
-    /// Whether they compute the same bits, so that they may share frames: each looks for the pairs of the cells that
-    /// are its, and computes them all.
-    are_alike: bool,
     /// Whose turn it is to be the home of a session, or of a scene.
     next_home: Arc<AtomicUsize>,
 }
@@ -33,11 +31,31 @@ impl std::fmt::Debug for Gpus {
 
 impl Gpus {
     pub(super) fn new(services: impl IntoIterator<Item = GpuService>) -> Self {
-        let mut services: Vec<GpuService> = services.into_iter().collect();
-        let devices: Vec<Arc<Gpu>> = services.iter_mut().filter_map(GpuService::device).collect();
-        let are_alike = devices.windows(2).all(|two| two[0].info().computes_as(two[1].info()));
         let shared = services.into_iter().zip(0..).map(|(s, at)| Arc::new(SharedGpu::new(s, at)));
-        Self { all: shared.collect(), are_alike, next_home: Arc::default() }
+        Self { all: shared.collect(), next_home: Arc::default() }
+    }
+
+    /// Whether they compute the same bits, so that they may share frames: each looks for the pairs of the cells that
+    /// are its, and computes them all.
+    fn are_alike(&self) -> bool {
+        let devices: Vec<Arc<Gpu>> = self.all.iter().filter_map(|gpu| gpu.device()).collect();
+        devices.windows(2).all(|two| two[0].info().computes_as(two[1].info()))
+    }
+
+    /// How many are being opened, and how many are there.
+    pub fn counts(&self) -> GpuCounts {
+        let count =
+            |is: fn(&SharedGpu) -> bool| self.all.iter().filter(|gpu| is(gpu)).count() as u32;
+        GpuCounts {
+            opening: count(SharedGpu::is_opening),
+            open: count(|gpu| gpu.device().is_some()),
+        }
+    }
+
+    /// PCI addresses of those that are there.
+    pub fn pci_addresses(&self) -> Vec<String> {
+        let devices = self.all.iter().filter_map(|gpu| gpu.device());
+        devices.map(|device| device.info().pci_address.clone()).collect()
     }
 
     /// GPUs, those that are lost too.
@@ -84,7 +102,9 @@ impl Gpus {
     pub(super) fn shares_for(&self, plan: &Plan, cost: Option<&GpuCost>) -> usize {
         let is_idle = |gpu: &Arc<SharedGpu>| gpu.is_there() && gpu.queued_steps() == 0;
         match cost {
-            Some(cost) if self.are_alike && self.all.len() > 1 && self.all.iter().all(is_idle) => {
+            Some(cost)
+                if self.all.len() > 1 && self.all.iter().all(is_idle) && self.are_alike() =>
+            {
                 gpus_for(plan, cost, self.all.len())
             }
             _ => 1,
@@ -156,6 +176,11 @@ impl SceneGpus {
         self.home.as_ref()?.cost()
     }
 
+    /// Why there is no home for an engine, where its device was never there.
+    pub(super) fn check_opened(&self, engine: EngineName) -> Result<(), CullError> {
+        self.home.as_ref().map_or(Ok(()), |home| home.check_opened(engine))
+    }
+
     /// What scenes on the home of now share. The scene is its from now on.
     pub(super) fn home(&mut self) -> Option<Arc<SceneTools>> {
         let home = self.home.clone()?;
@@ -189,7 +214,7 @@ impl SceneGpus {
 
     /// Most that may keep a scene of so many boxes.
     pub(super) fn most_for(&self, boxes: usize) -> usize {
-        if !(is_scene_shared(boxes) && self.all.are_alike) {
+        if !(is_scene_shared(boxes) && self.all.are_alike()) {
             return 1;
         }
         self.all.all.iter().filter(|gpu| gpu.is_there()).count().max(1)

@@ -40,6 +40,8 @@ pub struct SceneKeeper {
     threads: usize,
     /// Most pairs that queries may find.
     most_query_pairs: u64,
+    /// Most GPUs that there is room on for it. Who makes room for an edit sets it, and has the scene to read alone.
+    most_gpus: usize,
     /// What edits and queries would have saved on the GPU, ns.
     would_have_saved_ns: f64,
 }
@@ -71,6 +73,7 @@ impl SceneKeeper {
         let place = match engine {
             EngineChoice::Only(engine) if engine.is_gpu() => {
                 let unavailable = CullError::Unavailable { engine, why: "there is no GPU" };
+                gpus.check_opened(engine)?;
                 let home = gpus.home().ok_or(unavailable)?;
                 Place::Gpu(GpuScene::new(&home, options.with_threads(1)))
             }
@@ -83,6 +86,7 @@ impl SceneKeeper {
             engine,
             threads: 1,
             most_query_pairs: u64::from(u32::MAX),
+            most_gpus: usize::MAX,
             would_have_saved_ns: 0.0,
         })
     }
@@ -124,13 +128,18 @@ impl SceneKeeper {
         }
     }
 
-    /// GPUs that have it once it has so many boxes; one where the cores have it.
-    pub fn copies(&self, boxes: usize) -> usize {
+    /// Most GPUs that may have it after an edit of so many boxes, if there is room on them; one at the least.
+    pub fn most_copies(&self, boxes: usize) -> usize {
         match &self.place {
-            Place::Cores(_) => 1,
+            Place::Cores(_) => self.gpus.most_for(self.len().max(boxes)),
             Place::Gpu(scene) if scene.is_new() => self.gpus.most_for(boxes).max(scene.gpu_count()),
             Place::Gpu(scene) => scene.gpu_count(),
         }
+    }
+
+    /// Has at most so many GPUs keep it from the next edit on.
+    pub fn limit_gpus(&mut self, most: usize) {
+        self.most_gpus = most.max(1);
     }
 
     /// Bytes that it keeps, in host and video memory.
@@ -191,6 +200,7 @@ impl SceneKeeper {
         let Some(home) = self.gpus.home() else { return };
         let mut tools = vec![home];
         tools.extend(self.gpus.others(scene.len()));
+        tools.truncate(self.most_gpus);
         let _turns =
             self.gpus.turns(|gpu| tools.iter().any(|t| std::ptr::eq(Arc::as_ptr(t.gpu()), gpu)));
         match GpuScene::from_kept(&tools, self.options.with_threads(self.threads), &kept) {
@@ -217,6 +227,7 @@ impl SceneKeeper {
     /// [`SceneError`]. After [`SceneError::Cull`] the scene is to be dropped.
     pub fn edit(&mut self, edit: Edit<'_>, want: Want) -> Result<(), SceneError> {
         self.move_if_due();
+        let most_gpus = self.most_gpus;
         match &mut self.place {
             Place::Cores(scene) => {
                 let start = Instant::now();
@@ -227,6 +238,7 @@ impl SceneKeeper {
                 if scene.is_new() {
                     scene.share(&self.gpus.others(edit.boxes()));
                 }
+                scene.keep_on(most_gpus);
                 // One session uses a GPU at a time.
                 let _turns = self.gpus.turns(|gpu| scene.is_on(gpu));
                 scene.edit(edit, want)?;

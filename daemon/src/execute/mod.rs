@@ -434,6 +434,7 @@ fn cull_on(
     owner: Owner,
     reply: &mut dyn ReplyBuffer,
 ) -> Result<(CullReport, EngineName), CullError> {
+    gpu.check_opened(planned.plan.engine)?;
     let _queued = gpu.queue(&planned.plan, 1);
     gpu.with(|gpu| gpu.cull(boxes.into(), owner, &planned.plan, reply))
 }

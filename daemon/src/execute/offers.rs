@@ -4,7 +4,8 @@
 //! waits for the import; every later one needs no copy.
 #![allow(unsafe_code)]
 
-use std::sync::Arc;
+use std::ops::Range;
+use std::sync::{Arc, Weak};
 
 use pairmask_core::objects::Objects;
 
@@ -31,6 +32,24 @@ struct Offered {
     import: Option<ImportId>,
 }
 
+impl Offered {
+    fn range(&self) -> Range<usize> {
+        self.start..self.start + self.bytes
+    }
+
+    /// Ends its import. Where it is of a reply, its block is noted as one that is being left.
+    fn end(&self, imports: &SharedImports, leaving: &mut Leaving) -> Option<Arc<Block>> {
+        let block = imports.lock().take(self.import?)?;
+        if self.owner == Owner::Daemon {
+            leaving.push((self.range(), Arc::downgrade(&block)));
+        }
+        Some(block)
+    }
+}
+
+/// Blocks of replies that are being left, with their ranges: frames under way may know them.
+type Leaving = Vec<(Range<usize>, Weak<Block>)>;
+
 /// Pieces of memory that are remembered: three frames of each of some dozens of clients, and as
 /// many replies. The oldest is forgotten beyond, and imported again when it comes back.
 const OFFERED_LIMIT: usize = 128;
@@ -40,6 +59,7 @@ pub(super) struct Offers {
     gpu: Arc<Gpu>,
     imports: SharedImports,
     offered: Vec<Offered>,
+    leaving: Leaving,
 }
 
 /// Blocks of imports that have ended. Frames that were recorded for them are to be dropped.
@@ -48,7 +68,7 @@ type Forgotten = Vec<Arc<Block>>;
 impl Offers {
     /// Nothing yet. Engines that share `imports` find what is offered.
     pub(super) fn new(gpu: &Arc<Gpu>, imports: SharedImports) -> Self {
-        Self { gpu: Arc::clone(gpu), imports, offered: Vec::new() }
+        Self { gpu: Arc::clone(gpu), imports, offered: Vec::new(), leaving: Vec::new() }
     }
 
     /// Imports the objects of an owner unless they are known.
@@ -68,7 +88,7 @@ impl Offers {
         self.offer(Owner::Daemon, start, bytes, |offers| {
             // SAFETY: the reply of a `FrameMemory` lent this range, and only one makes a
             // `LentReply`: shared memory that it lends stays mapped to the same pages as long as
-            // the engines live.
+            // the engines live, or until `leave` has ended this import.
             unsafe { offers.imports.lock().import_replies(&offers.gpu, start, bytes) }
         })
     }
@@ -86,10 +106,8 @@ impl Offers {
         if bytes == 0 || self.offered.iter().any(known) {
             return forgotten;
         }
-        let Self { imports, offered, .. } = self;
-        let mut forget = |offered: &Offered| {
-            forgotten.extend(offered.import.and_then(|import| imports.lock().take(import)));
-        };
+        let Self { imports, offered, leaving, .. } = self;
+        let mut forget = |offered: &Offered| forgotten.extend(offered.end(imports, leaving));
         // Whatever else was known of these addresses is gone, or too short.
         offered.retain(|o| {
             let apart = end <= o.start || o.start + o.bytes <= start;
@@ -108,19 +126,33 @@ impl Offers {
         forgotten
     }
 
+    /// Ends the imports of replies that reach into a range of addresses.
+    #[must_use]
+    pub(super) fn leave(&mut self, range: &Range<usize>) -> Forgotten {
+        let Self { imports, offered, leaving, .. } = self;
+        let reaches = |o: &Offered| o.owner == Owner::Daemon && overlap(&o.range(), range);
+        let ended = offered.extract_if(.., |offered| reaches(offered));
+        ended.filter_map(|offered| offered.end(imports, leaving)).collect()
+    }
+
+    /// Whether nothing knows a block any more that was [left](Self::leave) in a range of addresses. The device has
+    /// let go of its pages then.
+    pub(super) fn has_left(&mut self, range: &Range<usize>) -> bool {
+        self.leaving.retain(|(_, block)| block.strong_count() > 0);
+        !self.leaving.iter().any(|(its, _)| overlap(its, range))
+    }
+
     /// Gives up memory whose owner is gone; to be called now and then.
     #[must_use]
     pub(super) fn tidy(&mut self) -> Forgotten {
-        let mut forgotten = Forgotten::new();
-        let Self { imports, offered, .. } = self;
-        offered.retain(|offered| {
-            let Some(import) = offered.import else { return true };
-            let gone = imports.lock().is_orphaned(import);
-            if gone {
-                forgotten.extend(imports.lock().take(import));
-            }
-            !gone
-        });
-        forgotten
+        let Self { imports, offered, leaving, .. } = self;
+        leaving.retain(|(_, block)| block.strong_count() > 0);
+        let is_gone = |o: &Offered| o.import.is_some_and(|i| imports.lock().is_orphaned(i));
+        let ended = offered.extract_if(.., |offered| is_gone(offered));
+        ended.filter_map(|offered| offered.end(imports, leaving)).collect()
     }
+}
+
+fn overlap(one: &Range<usize>, other: &Range<usize>) -> bool {
+    one.start < other.end && other.start < one.end
 }

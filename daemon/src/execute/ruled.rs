@@ -154,6 +154,7 @@ impl Executor {
         self.last_frame = Some(Instant::now());
         let RuledFrame { marks, rules, plan, start } = frame;
         let gpu = self.gpus.for_frame(self.home).ok_or(super::no_gpu(plan.engine))?;
+        gpu.check_opened(plan.engine)?;
         log::debug!("{}", plan.explain());
         let _queued = gpu.queue(plan, 1);
         let plan_ns = nanoseconds_since(*start);

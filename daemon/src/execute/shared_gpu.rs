@@ -2,14 +2,16 @@
 
 use std::ops::{Deref, DerefMut};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
+use pairmask_core::engine::{CullError, EngineName};
 use pairmask_core::plan::{GpuCost, Plan};
 use pairmask_core::spinner::Spinner;
 
-use super::GpuService;
+use super::gpu::{Gpu, SlotState};
 use super::planned::engine_ns;
+use super::{GpuService, no_gpu};
 
 /// How long a look at a software adapter's frame waits for the next.
 const SOFTWARE_REST: Duration = Duration::from_micros(200);
@@ -36,6 +38,10 @@ pub(super) struct Outlook {
     /// Fewest boxes of a frame that is left to it.
     under_way_boxes: Option<u32>,
     is_software: bool,
+    /// Whether the first device is being opened.
+    is_opening: bool,
+    /// Whether there is no device, and none will come.
+    is_missing: bool,
 }
 
 impl Outlook {
@@ -44,6 +50,8 @@ impl Outlook {
             cost: service.cost(),
             under_way_boxes: service.under_way_boxes(),
             is_software: service.is_software(),
+            is_opening: service.state() == SlotState::Opening,
+            is_missing: service.state() == SlotState::Missing,
         }
     }
 
@@ -66,6 +74,8 @@ pub(super) struct SharedGpu {
     service: Mutex<GpuService>,
     turns: Turns,
     outlook: Mutex<Outlook>,
+    /// The device that was there when it was used last.
+    device: Mutex<Weak<Gpu>>,
     /// Predicted time of the frames that wait for the GPU or are under way on it, ns.
     queued_ns: Arc<AtomicU64>,
 }
@@ -79,11 +89,13 @@ impl std::fmt::Debug for SharedGpu {
 impl SharedGpu {
     pub(super) fn new(service: GpuService, number: usize) -> Self {
         let outlook = Mutex::new(Outlook::of(&service));
+        let device = Mutex::new(service.known_device());
         Self {
             number,
             service: Mutex::new(service),
             turns: Turns::default(),
             outlook,
+            device,
             queued_ns: Arc::default(),
         }
     }
@@ -106,7 +118,32 @@ impl SharedGpu {
     /// Notes what device its service has: it may be another one by now, or none.
     pub(super) fn note_device(&self, service: &GpuService) {
         let outlook = Outlook::of(service);
+        *self.device.lock().unwrap_or_else(PoisonError::into_inner) = service.known_device();
         *self.outlook.lock().unwrap_or_else(PoisonError::into_inner) = outlook;
+    }
+
+    /// The device that was there when it was used last.
+    pub(super) fn device(&self) -> Option<Arc<Gpu>> {
+        self.device.lock().unwrap_or_else(PoisonError::into_inner).upgrade()
+    }
+
+    /// Whether its first device is still being opened: it is not to be waited for.
+    pub(super) fn is_opening(&self) -> bool {
+        self.outlook().is_opening
+    }
+
+    /// Whether it has no device, and will have none.
+    pub(super) fn is_missing(&self) -> bool {
+        self.outlook().is_missing
+    }
+
+    /// Why a frame cannot have an engine of it, where it never had a device.
+    pub(super) fn check_opened(&self, engine: EngineName) -> Result<(), CullError> {
+        match self.outlook() {
+            Outlook { is_opening: true, .. } => Err(CullError::Opening { engine }),
+            Outlook { is_missing: true, .. } => Err(no_gpu(engine)),
+            _ => Ok(()),
+        }
     }
 
     /// Gives the core away for a moment where the GPU needs it: a software adapter's frames run on

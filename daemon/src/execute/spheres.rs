@@ -134,6 +134,7 @@ impl Executor {
     ) -> Result<CullAnswer, CullError> {
         let start = Instant::now();
         let gpu = self.gpus.for_frame(self.home).ok_or(no_gpu(plan.engine))?;
+        gpu.check_opened(plan.engine)?;
         log::debug!("{}", plan.explain());
         let _queued = gpu.queue(plan, 1);
         let plan_ns = nanoseconds_since(start);

@@ -1,5 +1,6 @@
 //! Frames that the GPU works on while the daemon does something else.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use pairmask_core::dispatch::CullAnswer;
@@ -85,12 +86,24 @@ impl GpuShare {
         self.0.lock().tidy();
     }
 
+    /// Has the GPU let go of the memory of replies in a range of addresses, none of which is lent. Whether it did:
+    /// nothing of it reads or writes there any more.
+    pub fn release_reply(&self, range: &Range<usize>) -> bool {
+        // One that is being opened has imported nothing, and imports no memory that is not lent.
+        self.0.is_opening() || self.0.lock().release_reply(range)
+    }
+
     /// Whether plans count on it: its device was there when it was used last.
     pub fn is_there(&self) -> bool {
         self.0.is_there()
     }
 
-    /// Takes a device in that was lost and is back. Its engines may take a second to make.
+    /// Whether it has no device, and will have none.
+    pub fn is_missing(&self) -> bool {
+        self.0.is_missing()
+    }
+
+    /// Takes a device in that was opened, or was lost and is back. Its engines may take a second to make.
     pub fn take_back(&self) {
         self.0.with(super::GpuService::take_back);
     }

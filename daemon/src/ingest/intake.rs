@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use pairmask_transport::{PortTurn, Server};
+use pairmask_transport::{ActiveRequest, PortTurn, Server};
 
 use super::{Gate, Incoming};
 
@@ -11,16 +11,20 @@ pub struct Intake {
     server: Server,
     turn: Arc<PortTurn>,
     gate: Gate,
+    /// Requests that were received before this one listened.
+    early: Vec<ActiveRequest>,
 }
 
 impl Intake {
-    /// Of a port that is used in such turns.
-    pub fn new(server: Server, turn: Arc<PortTurn>, gate: Gate) -> Self {
-        Self { server, turn, gate }
+    /// Of a port that is used in such turns, of which these requests were received already.
+    pub fn new(server: Server, turn: Arc<PortTurn>, gate: Gate, early: Vec<ActiveRequest>) -> Self {
+        Self { server, turn, gate, early }
     }
 
     /// Receives at most `most` requests, and gives those that are let in to `each`.
     pub fn receive(&mut self, most: usize, mut each: impl FnMut(Incoming)) {
+        let early = self.early.drain(..);
+        early.filter_map(|request| self.gate.admit(request)).for_each(&mut each);
         for _ in 0..most {
             match self.turn.take(|| self.server.receive()) {
                 Ok(Some(request)) => {

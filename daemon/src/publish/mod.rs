@@ -5,6 +5,7 @@ mod frame_memory;
 mod open_request;
 mod outbox;
 mod refusal;
+mod reply_memory;
 
 pub(crate) use open_request::{OpenRequest, ReplyLender};
 pub use outbox::AlterAnswer;

@@ -1,7 +1,8 @@
 //! A request that waits for its answer, and the shared memory of that answer, lent when its size is
 //! known.
 
-use std::sync::Arc;
+use std::ops::Range;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use pairmask_core::dispatch::{CullAnswer, CullOptions, WorldRange};
@@ -12,7 +13,7 @@ use pairmask_core::precision::BoxSlice;
 use pairmask_core::repeat::KeepTicket;
 use pairmask_core::units::BoxCount;
 use pairmask_transport::{
-    ActiveRequest, CheckedRequest, PortTurn, ResponseLoan, Sender, SharedPopulated, TransportError,
+    CheckedRequest, FreeChunks, PortTurn, ResponseLoan, Sender, TransportError,
     assume_response_pages,
 };
 use pairmask_wire::{
@@ -20,6 +21,7 @@ use pairmask_wire::{
     page_count, words_in, words_in_mut, write_world_ranges,
 };
 
+use super::reply_memory::ReplyMemory;
 use crate::ingest::Incoming;
 
 /// Words of a pair.
@@ -31,14 +33,26 @@ const WORD_BYTES: u64 = size_of::<u32>() as u64;
 #[derive(Debug)]
 pub(crate) struct ReplyLender {
     turn: Arc<PortTurn>,
-    populated: SharedPopulated,
+    memory: ReplyMemory,
+    /// The port's free chunks, for the thread that gives memory back.
+    free: Mutex<Option<FreeChunks>>,
     limit_bytes: u64,
 }
 
 impl ReplyLender {
-    /// Lends at most `limit_bytes` a reply, of a port that is used in such turns.
-    pub(crate) fn new(turn: Arc<PortTurn>, limit_bytes: u64) -> Self {
-        Self { turn, populated: SharedPopulated::default(), limit_bytes }
+    /// Lends at most `limit_bytes` a reply, of the port of these chunks, which is used in such turns.
+    pub(crate) fn new(turn: Arc<PortTurn>, free: Option<FreeChunks>, limit_bytes: u64) -> Self {
+        Self { turn, memory: ReplyMemory::default(), free: Mutex::new(free), limit_bytes }
+    }
+
+    /// Gives memory of replies back that no session needs; to be called now and then. `release` has others let go of a
+    /// range of addresses, and says whether they did.
+    pub(crate) fn tidy(&self, sessions: &[u128], release: impl FnMut(&Range<usize>) -> bool) {
+        let free = self.free.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(free) = &*free {
+            let is_gone = |session| !sessions.contains(&session);
+            self.memory.give_back(free, &self.turn, is_gone, release);
+        }
     }
 }
 
@@ -150,15 +164,13 @@ impl OpenRequest {
     /// The objects and the memory of the reply.
     pub(crate) fn parts(&mut self) -> (Objects<'_>, LoanReply<'_>) {
         let Self { incoming, scene, loan, lender, .. } = self;
-        let request = incoming.request.request();
-        (objects_at(&incoming.request, *scene), LoanReply { request, loan, lender })
+        (objects_at(&incoming.request, *scene), LoanReply { incoming, loan, lender })
     }
 
     /// The payload and the memory of the reply.
     pub(crate) fn payload_and_reply(&mut self) -> (&[Page], LoanReply<'_>) {
         let Self { incoming, loan, lender, .. } = self;
-        let request = incoming.request.request();
-        (incoming.request.pages(), LoanReply { request, loan, lender })
+        (incoming.request.pages(), LoanReply { incoming, loan, lender })
     }
 
     /// Has its objects and its answer be kept for frames that are equal to it.
@@ -274,7 +286,7 @@ fn objects_at(request: &CheckedRequest, scene: ScenePlace) -> Objects<'_> {
 
 /// The memory of a request's reply.
 pub(crate) struct LoanReply<'a> {
-    request: &'a ActiveRequest,
+    incoming: &'a Incoming,
     loan: &'a mut Option<ResponseLoan>,
     lender: &'a ReplyLender,
 }
@@ -295,10 +307,11 @@ impl ReplyBuffer for LoanReply<'_> {
         let loan = self.lender.turn.take(|| {
             // A request has one loan at a time: the old one goes back first.
             *self.loan = None;
-            self.request.loan_slice_uninit(pages)
+            self.incoming.request.request().loan_slice_uninit(pages)
         });
         let mut loan = assume_response_pages(loan.map_err(|_| out_of_memory)?);
-        self.lender.populated.ensure(loan.payload_mut()).map_err(|_| out_of_memory)?;
+        let session = self.incoming.sender.session;
+        self.lender.memory.ensure(loan.payload_mut(), session).map_err(|_| out_of_memory)?;
         Ok(response_words(self.loan.insert(loan)))
     }
 }

@@ -3,7 +3,9 @@
 use pairmask_core::engine::{CullError, ReserveError};
 use pairmask_core::scene::shared::{LeaseError, NotLeased};
 use pairmask_core::scene::{EditError, SceneError};
-use pairmask_wire::{Reject, StatusCode, TermsDiffer, lease_detail, not_leased_detail};
+use pairmask_wire::{
+    ENGINE_IS_OPENING, Reject, StatusCode, TermsDiffer, lease_detail, not_leased_detail,
+};
 
 use crate::clients::NoRoom;
 
@@ -96,6 +98,9 @@ impl From<CullError> for Refusal {
             CullError::Unavailable { engine, .. } => {
                 (StatusCode::EngineUnavailable, [engine as u64, 0])
             }
+            CullError::Opening { engine } => {
+                (StatusCode::EngineUnavailable, [engine as u64, ENGINE_IS_OPENING])
+            }
             CullError::TooManyBoxes { n, limit, .. } => (StatusCode::TooManyBoxes, [n, limit]),
             CullError::DeviceLost { engine }
             | CullError::DeviceMemory { engine, .. }
@@ -103,6 +108,12 @@ impl From<CullError> for Refusal {
             // An error that this match does not know yet names no engine: 0 is none.
             _ => (StatusCode::EngineFailed, [0; 2]),
         };
-        Self { status, detail, text: error.to_string() }
+        let text = match error {
+            CullError::Reserve(ReserveError::OutOfMemory { needed_bytes }) => format!(
+                "no shared memory for a mask of {needed_bytes} bytes: free space in /dev/shm or make it larger"
+            ),
+            error => error.to_string(),
+        };
+        Self { status, detail, text }
     }
 }

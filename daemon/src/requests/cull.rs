@@ -1,5 +1,6 @@
 //! Requests for the pairs of a scene.
 
+use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use pairmask_core::dispatch::{CullAnswer, CullOptions};
@@ -15,7 +16,7 @@ use super::filtered::{self, Filtered, MaskFilters};
 use super::gpu_lines::{GpuLine, Submission};
 use crate::clients::GpuNeed;
 use crate::execute::{
-    BUNDLE_FRAMES, Ended, EnginePool, Executor, Joining, Owner, RuledFrame, Unserved,
+    BUNDLE_FRAMES, Ended, EnginePool, Executor, Gpus, Joining, Owner, RuledFrame, Unserved,
 };
 use crate::publish::{OpenRequest, Outbox};
 
@@ -40,6 +41,11 @@ impl Culls {
         }
     }
 
+    /// The GPUs that frames may go to.
+    pub(super) fn gpus(&self) -> Gpus {
+        self.model.lock().unwrap_or_else(PoisonError::into_inner).gpus().clone()
+    }
+
     /// Whether a frame is under way.
     pub(super) fn is_busy(&self) -> bool {
         self.lines.iter().any(GpuLine::is_busy)
@@ -56,6 +62,11 @@ impl Culls {
     pub(super) fn tidy(&self) {
         self.lines.iter().for_each(GpuLine::tidy);
         self.filters.tidy();
+    }
+
+    /// Has the GPUs let go of the memory of replies in a range of addresses, none of which is lent. Whether they did.
+    pub(super) fn release_reply(&self, range: &Range<usize>) -> bool {
+        self.lines.iter().all(|line| line.gpu().release_reply(range))
     }
 
     /// Answers a request, or leaves it under way.

@@ -21,7 +21,7 @@ pub(super) struct GpuLine {
     under_way: Mutex<VecDeque<Submission>>,
     /// Places that are claimed, for those who only look.
     claimed: AtomicUsize,
-    /// The thread that takes a lost device back, since the first loss.
+    /// The thread that takes a device in: the first one, and one that was lost and is back.
     returning: Mutex<Option<DriverThread<()>>>,
 }
 
@@ -35,11 +35,14 @@ impl GpuLine {
         &self.gpu
     }
 
-    /// Gives up what the GPU keeps of clients that are gone. A device that was lost is taken back where it is
-    /// there again, on a thread of its own: nobody waits for it.
+    /// Gives up what the GPU keeps of clients that are gone. A device that was opened, or was lost and is there again, is
+    /// taken in on a thread of its own: nobody waits for it.
     pub(super) fn tidy(&self) {
         if self.gpu.is_there() {
             self.gpu.tidy();
+            return;
+        }
+        if self.gpu.is_missing() {
             return;
         }
         let mut returning = self.returning.lock().unwrap_or_else(PoisonError::into_inner);

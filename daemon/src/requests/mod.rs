@@ -17,7 +17,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use iceoryx2::service::ipc_threadsafe;
-use pairmask_transport::{Limits, PortTurn, Services, WakeClient};
+use pairmask_transport::{FreeChunks, GpuCounts, Limits, PortTurn, Services, WakeClient};
 use pairmask_wire::{CullRequest, Request, SkipTotals, StatusBody};
 
 use self::cull::Culls;
@@ -61,11 +61,11 @@ impl Served {
 }
 
 impl Responder {
-    /// A responder to the clients of these services, whose port is used in such turns. Each session gets
+    /// A responder to the clients of these services, whose port has these chunks and is used in such turns. Each session gets
     /// engines like `executor`; large frames are culled in `pool`.
     pub fn new(
         services: Arc<Services<ipc_threadsafe::Service>>,
-        turn: Arc<PortTurn>,
+        (turn, free): (Arc<PortTurn>, Option<FreeChunks>),
         wake_clients: WakeClient,
         limits: &Limits,
         executor: Executor,
@@ -96,13 +96,23 @@ impl Responder {
             ),
             culls: Culls::new(executor, pool),
             outbox: Arc::new(Outbox::new(services, clients, auditor, memory)),
-            lender: Arc::new(ReplyLender::new(turn, limits.max_reply_bytes)),
+            lender: Arc::new(ReplyLender::new(turn, free, limits.max_reply_bytes)),
         }
     }
 
     /// GPUs that requests may go to.
     pub const fn gpus(&self) -> usize {
         self.gpus
+    }
+
+    /// How many GPUs are being opened, and how many serve.
+    pub fn gpu_counts(&self) -> GpuCounts {
+        self.culls.gpus().counts()
+    }
+
+    /// PCI addresses of the GPUs that serve.
+    pub fn gpu_addresses(&self) -> Vec<String> {
+        self.culls.gpus().pci_addresses()
     }
 
     /// Changes every answer from now on, or none. For tests of the auditor.
@@ -197,6 +207,7 @@ impl Responder {
         self.culls.tidy();
         self.outbox.tidy();
         self.shared.tidy(&self.outbox);
+        self.lender.tidy(&self.outbox.sessions(), |range| self.culls.release_reply(range));
     }
 
     /// The processes of clients.

@@ -6,10 +6,13 @@
 
 mod janitor;
 mod lanes;
+mod memory;
 mod placement;
+mod restart_delay;
 mod supervisor;
 mod worker;
 
+pub(crate) use memory::default_scene_bytes;
 pub use supervisor::supervise;
 pub use worker::work;
 
@@ -40,6 +43,8 @@ pub struct ServeSettings {
     pub spin: Duration,
     /// Which GPUs.
     pub gpu: GpuChoices,
+    /// Whether this process takes the place of a worker that has served.
+    pub restarted: bool,
     /// How long their clocks are kept up after a frame.
     pub gpu_awake: Duration,
     /// The constants that plans compute with.

@@ -9,14 +9,9 @@ use rustix::process::{Pid, Signal, kill_process};
 use signal_hook::consts::{SIGCHLD, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 
+use super::restart_delay::RestartDelay;
 use super::{ServeError, ServeSettings};
 
-/// Pause before a crashed worker is started again, doubled with each crash in a row up to the
-/// longest: a request that kills the worker at once must not make a busy loop.
-const FIRST_PAUSE: Duration = Duration::from_millis(20);
-const LONGEST_PAUSE: Duration = Duration::from_secs(2);
-/// A worker that lived this long did not crash in a row.
-const STEADY_AFTER: Duration = Duration::from_secs(10);
 /// How long to wait for the lock of a supervisor that is gone. One that lives is not waited for.
 const PREDECESSOR_LETS_GO: Duration = Duration::from_secs(1);
 /// Between two looks whether it has.
@@ -55,12 +50,11 @@ fn acquire(settings: &ServeSettings) -> Result<InstanceLock, InstanceError> {
 fn keep_working(settings: &ServeSettings) -> Result<(), ServeError> {
     let mut signals = Signals::new([SIGINT, SIGTERM, SIGCHLD])
         .map_err(ServeError::system("installing signal handlers"))?;
-    let mut pause = FIRST_PAUSE;
+    let mut delay = RestartDelay::default();
     let mut served_before = false;
     loop {
         settings.dir.remove_record(&settings.instance);
-        let started = Instant::now();
-        let mut worker = spawn_worker(settings)?;
+        let mut worker = spawn_worker(settings, served_before)?;
         let Some(status) = watch(&mut worker, &mut signals)? else {
             return stop(&mut worker);
         };
@@ -71,18 +65,14 @@ fn keep_working(settings: &ServeSettings) -> Result<(), ServeError> {
             Some(code) if !served_before => return Err(ServeError::Worker { code }),
             _ => {}
         }
-        if started.elapsed() >= STEADY_AFTER {
-            pause = FIRST_PAUSE;
-        }
         log::error!("the worker of '{}' died ({status}); starting another", settings.instance);
-        if sleep_or_stop(pause, &mut signals) {
+        if sleep_or_stop(delay.of_death(Instant::now()), &mut signals) {
             return Ok(());
         }
-        pause = (2 * pause).min(LONGEST_PAUSE);
     }
 }
 
-fn spawn_worker(settings: &ServeSettings) -> Result<Child, ServeError> {
+fn spawn_worker(settings: &ServeSettings, restarted: bool) -> Result<Child, ServeError> {
     let binary =
         std::env::current_exe().map_err(ServeError::system("finding the daemon's binary"))?;
     Command::new(binary)
@@ -97,6 +87,7 @@ fn spawn_worker(settings: &ServeSettings) -> Result<Child, ServeError> {
         .args(["--calibration", &settings.calibration.to_string()])
         .args(["--isa", &settings.isa.to_string()])
         .args(["--audit", &settings.audit.to_string()])
+        .args(restarted.then_some("--restarted"))
         .env("PAIRMASK_RUNTIME_DIR", settings.dir.path())
         // Mesa's layer that sorts adapters asks the user's display which one it runs on. A daemon
         // has no display to ask, and its user chooses by --gpu.

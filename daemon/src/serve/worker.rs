@@ -1,15 +1,16 @@
 //! The process that serves: what it needs, and its lanes.
 
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use iceoryx2::service::ipc_threadsafe;
 use pairmask_core::engine::AvailableIsa;
 use pairmask_core::plan::{Calibration, CalibrationChoice, CalibrationOrigin};
 use pairmask_transport::{
-    DaemonRecord, PortTurn, SegmentFiles, Server, Services, StatusFile, clean_if_abandoned,
-    process_name, quiet_transport_log,
+    DaemonRecord, FreeChunks, GpuCounts, PortTurn, SegmentFiles, Server, Services, StatusFile,
+    clean_if_abandoned, process_name, quiet_transport_log,
 };
 use pairmask_wire::{SkipTotals, StatusBody, Version};
 use rustix::process::Signal;
@@ -17,11 +18,10 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 
 use super::janitor::{Janitor, clean_up};
 use super::lanes::Lanes;
-use super::placement::Placement;
 use super::{ServeError, ServeSettings};
 use crate::audit::Auditor;
 use crate::calibrate::glance;
-use crate::execute::gpu::{GpuError, OpenError};
+use crate::execute::gpu::{GpuChoices, IfMissing, OpenError};
 use crate::execute::{EnginePool, Executor, GpuService};
 use crate::ingest::{Gate, Intake};
 use crate::requests::Responder;
@@ -47,12 +47,21 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let pool = Arc::new(EnginePool::with_this_thread(threads)?);
 
-    let mut gpus = open_gpus(settings)?;
-    let devices = gpus.iter_mut().filter_map(GpuService::device);
-    let addresses: Vec<_> = devices.map(|gpu| gpu.info().pci_address.clone()).collect();
-    let placement = Placement::beside(&addresses);
+    // Beside what follows.
+    let (choice, isa) = (settings.calibration.clone(), settings.isa);
+    let has_gpu = may_have_gpu(&settings.gpu);
+    let constants = std::thread::Builder::new()
+        .name("constants".into())
+        .spawn(move || constants(&choice, isa, has_gpu))
+        .map_err(ServeError::system("starting a thread"))?;
+    let missing = Arc::new(Mutex::new(None));
+    let gpus = open_gpus(settings, &missing, &stop);
     let (janitor, services) = open_services(settings)?;
     let server = open_server(&services, settings)?;
+    let mut early = Vec::new();
+    let free = FreeChunks::of(&services, &server, settings.limits.max_reply_bytes, &mut early)
+        .inspect_err(|error| log::error!("memory of replies will not be given back: {error}"))
+        .ok();
     let (wake, wake_clients) = services.wake_ports()?;
     let record = DaemonRecord {
         worker_pid: std::process::id(),
@@ -60,24 +69,25 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
         version: Version::CURRENT,
     };
     let body = StatusBody { pid: record.worker_pid, ..StatusBody::default() };
-    let status = StatusFile::now(body, SkipTotals::default());
+    let opening = GpuCounts { opening: gpus.len() as u32, open: 0 };
+    let status = StatusFile::now(body, SkipTotals::default(), opening);
     if let Err(error) = settings.dir.write_status(&settings.instance, &status) {
         log::warn!("`pairmaskd status` will have to connect: {error}");
     }
     settings.dir.write_record(&settings.instance, &record)?;
     log::info!("serving '{}' with {threads} threads", settings.instance);
 
-    let calibration = constants(&settings.calibration, settings.isa, !gpus.is_empty());
+    let calibration = constants.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
     let executor = Executor::new(gpus).with_engines(settings.isa, calibration);
     let auditor =
         Auditor::start(settings.audit).map_err(ServeError::system("starting the auditor"))?;
     let (services, turn) = (Arc::new(services), Arc::new(PortTurn::default()));
     let files = SegmentFiles::new(&settings.dir, &settings.instance);
     let gate = Gate::new(Arc::clone(&services), files);
-    let intake = Intake::new(server, Arc::clone(&turn), gate);
+    let intake = Intake::new(server, Arc::clone(&turn), gate, early);
     let mut responder = Responder::new(
         services,
-        turn,
+        (turn, free),
         wake_clients,
         &settings.limits,
         executor,
@@ -86,10 +96,15 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     );
     responder.alter_answers(settings.alter_answers);
     let lanes = Lanes::new(intake, wake, responder, Arc::clone(&pool), settings, &janitor, &stop);
-    lanes.placed(placement).run()?;
+    lanes.run()?;
     // Its threads may have used the devices, which are gone now: until then they stay (`gpu::driver_thread`).
     drop(pool);
     drop(janitor);
+    if let Some(error) = missing.lock().unwrap_or_else(PoisonError::into_inner).take() {
+        // The supervisor takes a worker without a record for one that never served, and ends with its message.
+        settings.dir.remove_record(&settings.instance);
+        return Err(error.into());
+    }
     log::info!("stopped serving '{}'", settings.instance);
     Ok(())
 }
@@ -154,6 +169,15 @@ fn open_server(
     }
 }
 
+/// Files of GPUs that drivers make: of render nodes, NVIDIA's, AMD's, and WSL's.
+const GPU_FILES: [&str; 4] = ["/dev/dri", "/dev/nvidiactl", "/dev/kfd", "/dev/dxg"];
+
+/// Whether a GPU may join. It takes too long to ask drivers.
+fn may_have_gpu(wanted: &GpuChoices) -> bool {
+    let has_files = || GPU_FILES.iter().any(|file| Path::new(file).exists());
+    !wanted.is_none() && (!wanted.is_optional() || has_files())
+}
+
 /// The constants that plans compute with.
 ///
 /// Beside a GPU, whose times are measured, built-in times of the CPU's engines are those of another
@@ -171,26 +195,33 @@ fn constants(choice: &CalibrationChoice, isa: AvailableIsa, has_gpu: bool) -> Ca
     })
 }
 
-/// The GPUs that are wanted. `auto` and `all` do without where there is none.
-fn open_gpus(settings: &ServeSettings) -> Result<Vec<GpuService>, OpenError> {
+/// The GPUs that are wanted, each being opened by a thread of its own: cores serve until it joins. `auto` and `all` do
+/// without where there is none. One that is named has to open when the daemon starts; a worker that takes the place of
+/// another goes on trying.
+fn open_gpus(
+    settings: &ServeSettings,
+    missing: &Arc<Mutex<Option<OpenError>>>,
+    stop: &Arc<AtomicBool>,
+) -> Vec<GpuService> {
     let wanted = &settings.gpu;
     if wanted.is_none() {
         // Not even a look: listing adapters takes time and loads every driver.
-        return Ok(Vec::new());
+        return Vec::new();
     }
-    let open =
-        |choice| GpuService::open_watched(&choice, settings.gpu_awake, settings.watch_devices);
-    // Side by side: drivers take up to a second each.
-    let opened: Vec<Result<GpuService, OpenError>> = std::thread::scope(|scope| {
-        let opening = wanted.each().into_iter().map(|choice| scope.spawn(move || open(choice)));
-        let opening: Vec<_> = opening.collect();
-        let opened = opening.into_iter().map(std::thread::ScopedJoinHandle::join);
-        // A driver that panics has no device.
-        opened.map(|gpu| gpu.unwrap_or(Err(GpuError::Lost.into()))).collect()
-    });
-    if !wanted.is_optional() {
-        return opened.into_iter().collect();
-    }
-    let without = |error| log::info!("serving without a GPU: {error}");
-    Ok(opened.into_iter().filter_map(|gpu| gpu.map_err(without).ok()).collect())
+    let if_missing = if wanted.is_optional() {
+        IfMissing::DoWithout
+    } else if settings.restarted {
+        IfMissing::TryAgain
+    } else {
+        let (missing, stop) = (Arc::clone(missing), Arc::clone(stop));
+        IfMissing::Report(Arc::new(move |error| {
+            missing.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+            stop.store(true, Ordering::Relaxed);
+        }))
+    };
+    let open = |choice| {
+        let (hold, watch) = (settings.gpu_awake, settings.watch_devices);
+        GpuService::opening(&choice, hold, watch, if_missing.clone())
+    };
+    wanted.each().into_iter().map(open).collect()
 }

@@ -17,6 +17,12 @@ pub enum CullError {
         /// What is missing.
         why: &'static str,
     },
+    /// The engine is not available yet.
+    #[error("engine {engine} is not available yet: its GPU is being opened; ask again in a moment")]
+    Opening {
+        /// The engine.
+        engine: EngineName,
+    },
     /// More boxes than the engine can take.
     #[error("{n} boxes are more than {engine} takes ({limit})")]
     TooManyBoxes {

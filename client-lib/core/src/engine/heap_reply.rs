@@ -45,6 +45,11 @@ impl HeapReply {
         Self { words: AlignedBuffer::default(), limit_bytes, need: RecentNeed::default() }
     }
 
+    /// Refuses masks of more than `limit_bytes` from now on.
+    pub fn set_limit_bytes(&mut self, limit_bytes: u64) {
+        self.limit_bytes = limit_bytes;
+    }
+
     /// Bytes that are allocated, which may be more than the last mask took.
     pub fn allocated_bytes(&self) -> usize {
         self.words.allocated_bytes()

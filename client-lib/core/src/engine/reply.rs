@@ -29,9 +29,9 @@ pub enum ReserveError {
         /// Bytes of the largest reply.
         limit_bytes: u64,
     },
-    /// The system has no memory left (a full /dev/shm, for one).
+    /// The system has no memory left; in a daemon, /dev/shm is full.
     #[error(
-        "no memory for a mask of {needed_bytes} bytes: free space in /dev/shm or make it larger"
+        "no memory for a mask of {needed_bytes} bytes: leave the encoding open, or free memory"
     )]
     OutOfMemory {
         /// Bytes of the mask.

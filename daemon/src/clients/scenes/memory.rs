@@ -19,7 +19,9 @@ struct Shared {
 
 /// There is no room for a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("scenes would take {needed_bytes} bytes, and may take {limit_bytes}")]
+#[error(
+    "scenes would take {needed_bytes} bytes, and may take {limit_bytes}: serve with a larger --max-scene-mib"
+)]
 pub(crate) struct NoRoom {
     /// What all scenes together would take.
     pub(crate) needed_bytes: u64,
@@ -85,6 +87,13 @@ impl Charge {
         Ok(())
     }
 
+    /// The largest number of copies, from `most` down to one, whose bytes there is room for; one where there is none.
+    pub(crate) fn most_that_fit(&self, most: usize, bytes: impl Fn(usize) -> u64) -> usize {
+        let others = self.of.used.load(Ordering::Relaxed).saturating_sub(self.bytes);
+        let fits = |copies: &usize| others.saturating_add(bytes(*copies)) <= self.of.limit;
+        (1..=most).rev().find(fits).unwrap_or(1)
+    }
+
     /// Notes how much it is by now.
     pub(crate) fn set(&mut self, bytes: u64) {
         self.of.used.fetch_add(bytes, Ordering::Relaxed);
@@ -103,6 +112,18 @@ impl Drop for Charge {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_does_not_fit_several_gpus_is_kept_on_fewer() {
+        let memory = SceneMemory::new(100);
+        let (mut one, two) = (memory.charge(10).expect("room"), memory.charge(20).expect("room"));
+        let bytes = |copies: usize| 30 * copies as u64;
+        assert_eq!([1, 2, 3, 4].map(|most| one.most_that_fit(most, bytes)), [1, 2, 2, 2]);
+        drop(two);
+        assert_eq!(one.most_that_fit(4, bytes), 3);
+        assert!(one.grow_to(bytes(3)).is_ok() && one.grow_to(bytes(4)).is_err());
+        assert_eq!(one.most_that_fit(4, |_| 101), 1, "which is refused");
+    }
 
     #[test]
     fn scenes_take_no_more_than_they_may_and_give_it_back() {

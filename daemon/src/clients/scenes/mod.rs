@@ -126,7 +126,7 @@ impl SceneRoom {
     /// [`NoRoom`].
     pub(crate) fn make(
         &mut self,
-        scene: &SceneKeeper,
+        scene: &mut SceneKeeper,
         edit: Edit<'_>,
         others: PendingBoxes,
         beside: u64,
@@ -141,10 +141,15 @@ impl SceneRoom {
         } else {
             0
         };
-        let further_gpus = scene.copies(set as usize) as u64 - 1;
-        let bytes_a_box = BYTES_A_BOX + BYTES_ON_A_FURTHER_GPU * further_gpus;
-        let scene = BYTES_A_SCENE + BYTES_AN_INDEX * indices + bytes_a_box * boxes;
-        self.0.grow_to(scene + rules + beside)
+        let bytes = |gpus: usize| {
+            let bytes_a_box = BYTES_A_BOX + BYTES_ON_A_FURTHER_GPU * (gpus as u64 - 1);
+            BYTES_A_SCENE + BYTES_AN_INDEX * indices + bytes_a_box * boxes + rules + beside
+        };
+        // What does not fit several GPUs is kept on fewer.
+        let fit = self.0.most_that_fit(scene.most_copies(set as usize), bytes);
+        scene.limit_gpus(fit);
+        // The cores have one copy until the scene moves, and what it takes then is noted.
+        self.0.grow_to(bytes(if scene.gpu_count() == 0 { 1 } else { fit }))
     }
 
     /// Notes what the scene takes by now, where so many bytes are kept beside it.

@@ -53,5 +53,5 @@ pub use memory::{Block, Home, Part};
 pub use pipeline::{Pipeline, Pipelines};
 pub use scene::{EditTimes, GpuScene, SceneTools};
 pub use shader::Checks;
-pub use slot::{GpuSlot, Opener, SlotState};
+pub use slot::{GpuSlot, IfMissing, Opener, SlotState};
 pub use transfers::{SharedImports, Upload};

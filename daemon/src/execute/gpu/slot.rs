@@ -1,4 +1,4 @@
-//! The place of the GPU in the daemon: there, lost, or being rebuilt.
+//! The place of the GPU in the daemon: being opened, there, lost, or being rebuilt.
 
 use std::io;
 use std::sync::Arc;
@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use super::device::Gpu;
 use super::driver_thread::{DriverThread, Progress};
-use super::error::OpenError;
+use super::error::{GpuError, OpenError};
 
 /// What opens a device. Runs on a thread of its own, the same one each time.
 pub type Opener = Arc<dyn Fn() -> Result<Arc<Gpu>, OpenError> + Send + Sync>;
@@ -14,7 +14,20 @@ pub type Opener = Arc<dyn Fn() -> Result<Arc<Gpu>, OpenError> + Send + Sync>;
 /// Pause between tries to open a lost device again: a driver that resets needs about as long.
 const RETRY_AFTER: Duration = Duration::from_secs(1);
 
+/// What becomes of a slot whose first device cannot be opened.
+#[derive(Clone)]
+pub enum IfMissing {
+    /// It stays empty.
+    DoWithout,
+    /// It stays empty, and somebody is told why.
+    Report(Arc<dyn Fn(OpenError) + Send + Sync>),
+    /// The device is opened as one that was lost.
+    TryAgain,
+}
+
 enum State {
+    Opening(IfMissing),
+    Missing,
     Ready(Arc<Gpu>),
     Lost { since: Instant, retry_at: Instant },
     Rebuilding { since: Instant },
@@ -27,13 +40,17 @@ enum State {
 pub struct GpuSlot {
     state: State,
     open: Opener,
-    /// There since the first loss.
+    /// The thread that opens devices: there since the first loss, or from the start.
     opening: Option<DriverThread<Result<Arc<Gpu>, OpenError>>>,
 }
 
 /// The slot's state, for reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SlotState {
+    /// The first device is being opened.
+    Opening,
+    /// There is no device, and none will come.
+    Missing,
     /// A device is there.
     Ready,
     /// No device; the next try comes soon.
@@ -54,6 +71,17 @@ impl GpuSlot {
         Self { state: State::Ready(gpu), open, opening: None }
     }
 
+    /// A slot whose first device is being opened by another thread.
+    pub fn opening(open: Opener, if_missing: IfMissing) -> Self {
+        let mut slot = Self { state: State::Opening(if_missing), open, opening: None };
+        if let Err(error) = slot.begin() {
+            log::error!("no thread to open the GPU on: {error}");
+            let now = Instant::now();
+            slot.state = State::Lost { since: now, retry_at: now + RETRY_AFTER };
+        }
+        slot
+    }
+
     /// The device, if it is there and healthy. A lost one is noticed here, its rebuild begun and
     /// its successor taken in.
     pub fn ready(&mut self) -> Option<Arc<Gpu>> {
@@ -67,6 +95,8 @@ impl GpuSlot {
     /// The state, without a step.
     pub fn state(&self) -> SlotState {
         match &self.state {
+            State::Opening(_) => SlotState::Opening,
+            State::Missing => SlotState::Missing,
             State::Ready(_) => SlotState::Ready,
             State::Lost { since, .. } => SlotState::Lost { since: *since },
             State::Rebuilding { since } => SlotState::Rebuilding { since: *since },
@@ -74,6 +104,10 @@ impl GpuSlot {
     }
 
     fn step(&mut self, now: Instant) {
+        if let State::Opening(if_missing) = &self.state {
+            let if_missing = if_missing.clone();
+            self.take_in_first(now, if_missing);
+        }
         if let State::Ready(gpu) = &self.state
             && gpu.health().is_lost()
         {
@@ -105,6 +139,36 @@ impl GpuSlot {
         let open = Arc::clone(&self.open);
         self.opening = Some(DriverThread::start("gpu-rebuild", move || open())?);
         Ok(())
+    }
+
+    /// Takes in what the thread came to that opens the first device, if it has.
+    fn take_in_first(&mut self, now: Instant, if_missing: IfMissing) {
+        let Some(opening) = &self.opening else { return };
+        let error = match opening.progress() {
+            Progress::UnderWay => return,
+            Progress::Done(Ok(gpu)) => {
+                log::info!("GPU: {}", gpu.info().name);
+                self.state = State::Ready(gpu);
+                return;
+            }
+            Progress::Done(Err(error)) => error,
+            // A driver that panics has no device.
+            Progress::Panicked => GpuError::Lost.into(),
+        };
+        self.state = match if_missing {
+            IfMissing::DoWithout => {
+                log::info!("serving without a GPU: {error}");
+                State::Missing
+            }
+            IfMissing::Report(report) => {
+                report(error);
+                State::Missing
+            }
+            IfMissing::TryAgain => {
+                log::warn!("the GPU is not back yet: {error}");
+                State::Lost { since: now, retry_at: now + RETRY_AFTER }
+            }
+        };
     }
 
     /// Takes in what the thread that opens a device came to, if it has.

@@ -163,7 +163,7 @@ impl Boxes {
     pub fn check(&mut self, edit: Edit<'_>, bytes: u64) -> Result<(), Refusal> {
         let beside = self.own_bytes() + self.members_bytes + self.pending.bytes;
         let more = bytes + BYTES_A_COPY * edit.index_end();
-        self.room.make(&self.scene, edit, self.pending.boxes, beside + more)?;
+        self.room.make(&mut self.scene, edit, self.pending.boxes, beside + more)?;
         self.copy.check(edit)?;
         // Others are checked before it is applied: its boxes are not in the scene then.
         self.pending.add(edit, bytes);

@@ -27,7 +27,9 @@ use std::thread::Thread;
 use std::time::{Duration, Instant};
 
 use pairmask_core::spinner::Spinner;
-use pairmask_transport::{JANITOR_INTERVAL, Sender, StatusFile, WakeDaemon, sleep_until};
+use pairmask_transport::{
+    GpuCounts, JANITOR_INTERVAL, Sender, StatusFile, WakeDaemon, sleep_until,
+};
 
 use self::crew::Crew;
 use self::desk::{Arrived, Desk, Task};
@@ -52,6 +54,10 @@ const DESK_LOOK: Duration = Duration::from_micros(10);
 /// its engine uses: a frame begins with these, and they wake the others. All of 16 took a tenth of a core
 /// at 60 Hz.
 const MOST_ENGINES_AWAKE: usize = 4;
+
+/// Between two looks whether a GPU that is being opened is there: so much later it joins at the most.
+const OPENING_LOOK: Duration = Duration::from_millis(20);
+
 /// What the lanes share.
 pub(super) struct Lanes<'a> {
     // Engines before the port whose memory they write to: fields drop in this order.
@@ -131,16 +137,11 @@ impl<'a> Lanes<'a> {
             is_asleep: AtomicBool::new(false),
             desk: Mutex::new(desk),
             threads: (0..lanes).map(|_| OnceLock::new()).collect(),
-            placement: Placement::default(),
+            placement: Placement::of_this_process(),
             pool,
             janitor,
             stop,
         }
-    }
-
-    /// The same lanes, on the cores that this leaves to them.
-    pub(super) fn placed(self, placement: Placement) -> Self {
-        Self { placement, ..self }
     }
 
     /// Serves until told to stop. This thread is lane 0.
@@ -180,16 +181,30 @@ impl<'a> Lanes<'a> {
     fn tidy_until_stopped(&self) {
         let _end = EndWithPanic;
         let mut looked_at = 0;
+        let mut gpus = GpuCounts::default();
         while !self.stop.load(Ordering::Relaxed) {
             self.responder.tidy();
+            let now = self.responder.gpu_counts();
+            if now != gpus {
+                gpus = now;
+                self.placement.put_beside(&self.responder.gpu_addresses());
+                self.janitor.post(&self.status());
+            }
             // Idle clients are in nobody's way, and a look at many takes a while.
             let frames = self.responder.status().frames;
             if frames != looked_at {
                 looked_at = frames;
                 self.placement.look(&self.responder.client_processes());
             }
-            std::thread::park_timeout(JANITOR_INTERVAL);
+            let pause = if gpus.opening > 0 { OPENING_LOOK } else { JANITOR_INTERVAL };
+            std::thread::park_timeout(pause);
         }
+    }
+
+    /// What the daemon's status file is to say.
+    fn status(&self) -> StatusFile {
+        let Self { responder, .. } = self;
+        StatusFile::now(responder.status(), responder.skips(), responder.gpu_counts())
     }
 
     fn serve_in(&self, lane: usize) {
@@ -240,8 +255,7 @@ impl<'a> Lanes<'a> {
             let now = Instant::now();
             if now >= lead.tidy_at {
                 lead.intake.tidy();
-                let status = StatusFile::now(self.responder.status(), self.responder.skips());
-                self.janitor.post(&status);
+                self.janitor.post(&self.status());
                 lead.tidy_at = now + JANITOR_INTERVAL;
             }
             if published || now >= look_at {

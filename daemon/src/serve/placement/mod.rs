@@ -34,7 +34,7 @@ pub(super) struct Placement {
     /// Those that this process may use; none where the system does not tell.
     mine: BTreeSet<usize>,
     /// Those of them that serve interrupts of GPUs.
-    serving: BTreeSet<usize>,
+    serving: Mutex<BTreeSet<usize>>,
     /// Those that are left to lanes.
     left: Mutex<BTreeSet<usize>>,
     /// Changes with `left`.
@@ -58,19 +58,23 @@ impl Seat {
 }
 
 impl Placement {
-    /// For lanes beside these GPUs, by their PCI addresses.
-    pub(super) fn beside(gpus: &[String]) -> Self {
+    /// For lanes of this process, beside no GPU.
+    pub(super) fn of_this_process() -> Self {
         let Ok(allowed) = sched_getaffinity(None) else { return Self::default() };
         let mine: BTreeSet<usize> =
             (0..CpuSet::MAX_CPU).filter(|core| allowed.is_set(*core)).collect();
+        Self { left: Mutex::new(mine.clone()), mine, ..Self::default() }
+    }
+
+    /// Leaves the cores to GPUs that serve their interrupts, by their PCI addresses.
+    pub(super) fn put_beside(&self, gpus: &[String]) {
         let serving = serving_cores(Path::new("/"), gpus);
-        let serving: BTreeSet<usize> = mine.intersection(&serving).copied().collect();
+        let serving: BTreeSet<usize> = self.mine.intersection(&serving).copied().collect();
         if !serving.is_empty() {
             log::info!("cores that serve the interrupts of GPUs: {serving:?}");
         }
-        let placement = Self { left: Mutex::new(mine.clone()), mine, serving, ..Self::default() };
-        placement.leave(&BTreeSet::new());
-        placement
+        *self.serving.lock().unwrap_or_else(PoisonError::into_inner) = serving;
+        self.leave(&BTreeSet::new());
     }
 
     /// Looks to which cores these processes, clients, have bound threads.
@@ -80,7 +84,8 @@ impl Placement {
 
     /// Leaves these cores to clients.
     fn leave(&self, bound: &BTreeSet<usize>) {
-        let left = left_to_lanes(&self.mine, &self.serving, bound);
+        let serving = self.serving.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let left = left_to_lanes(&self.mine, &serving, bound);
         let mut current = self.left.lock().unwrap_or_else(PoisonError::into_inner);
         if *current != left {
             log::debug!("lanes run on the cores {left:?}");
@@ -165,7 +170,7 @@ mod tests {
         if allowed.count() < 2 {
             return assert_eq!(allowed.count(), 1, "a machine with nowhere to go");
         }
-        let placement = Placement::beside(&[]);
+        let placement = Placement::of_this_process();
         thread::spawn(move || {
             let mut seat = Seat::of_this_thread();
             placement.take(&mut seat);
@@ -185,7 +190,7 @@ mod tests {
     #[test]
     fn a_lane_that_somebody_else_has_placed_stays_there() {
         let (allowed, first) = one_core_of_this_thread();
-        let placement = Placement::beside(&[]);
+        let placement = Placement::of_this_process();
         thread::spawn(move || {
             let mut seat = Seat::of_this_thread();
             let mut one = CpuSet::new();

@@ -224,6 +224,11 @@ impl GpuScene {
         }
     }
 
+    /// Has at most so many devices keep it, and one at the least.
+    pub fn keep_on(&mut self, most: usize) {
+        self.replicas.keep_first(most);
+    }
+
     /// Whether it has no box, and has none to tell of.
     pub fn is_new(&self) -> bool {
         self.roster.len() == 0

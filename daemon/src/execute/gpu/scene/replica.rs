@@ -160,6 +160,11 @@ impl Replicas {
         has_others
     }
 
+    /// Gives up those beyond the first so many, between edits: what is on one of them is on each.
+    pub fn keep_first(&mut self, most: usize) {
+        self.0.truncate(most.max(1));
+    }
+
     /// Does something with each, in order, and returns what came of it. A GPU that fails has the scene no more,
     /// unless all do: what is on one of them is on each.
     pub fn on_each<R>(
