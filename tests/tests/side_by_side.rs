@@ -2,8 +2,8 @@
 //! answers or dies.
 #![allow(clippy::unwrap_used)]
 
-use std::io::{BufRead, BufReader, Write};
-use std::process::{Child, Command, Stdio};
+use std::io::{BufRead, BufReader, Lines, Write};
+use std::process::{Child, ChildStdout, Command, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::sleep;
 use std::time::Duration;
@@ -87,6 +87,7 @@ fn eight_clients_at_once_get_their_own_pairs() {
 /// A client process of its own: the tests' threads are one process to the daemon.
 struct Other {
     process: Child,
+    said: Lines<BufReader<ChildStdout>>,
 }
 
 impl Other {
@@ -103,7 +104,12 @@ impl Other {
         let mut said = BufReader::new(process.stdout.take().unwrap()).lines();
         assert_eq!(said.next().unwrap().unwrap(), "connected");
         assert_eq!(said.next().unwrap().unwrap(), "ready");
-        Self { process }
+        Self { process, said }
+    }
+
+    /// The next line that it prints.
+    fn next_line(&mut self) -> String {
+        self.said.next().unwrap().unwrap()
     }
 }
 
@@ -151,6 +157,40 @@ fn small_frames_beside_ten_large_ones() -> u64 {
 
 /// Boxes of a greedy client's frame, as `fault_client` has it.
 const GREEDY_BOXES: u64 = 600_000;
+
+/// A frame that takes long, which its number of boxes does not tell, leaves a thread that answers the others: a client
+/// of small frames gets many answers meanwhile, each time.
+#[test]
+fn a_pile_of_boxes_does_not_hold_up_small_frames() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let scene = Scene::new(200, 1);
+    let mut session = daemon.session().connect().unwrap();
+    scene.check(&mut session);
+    let rounds = [(); PILES].map(|()| {
+        let mut pile = Other::start(&daemon, "pile");
+        let (is_answered, mut frames) = (AtomicBool::new(false), 0);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                let _answered = SetWhenDropped(&is_answered);
+                assert_eq!(pile.next_line(), "answered");
+            });
+            while !is_answered.load(Ordering::Relaxed) {
+                scene.check(&mut session);
+                frames += 1;
+                // A game's client: threads of the daemon go to sleep between its frames.
+                sleep(Duration::from_millis(5));
+            }
+        });
+        frames
+    });
+    assert!(
+        rounds.iter().all(|frames| *frames >= 10),
+        "small frames beside a pile each: {rounds:?}"
+    );
+}
+
+/// Piles in a row.
+const PILES: usize = 4;
 
 /// A client that takes no answers keeps nothing but its own memory.
 #[test]

@@ -2,13 +2,17 @@
 
 use std::time::Duration;
 
-use pairmask_wire::RequestHeader;
+use pairmask_wire::{Operation, RequestHeader};
 
 /// Work that is expected of an object where nothing is known of its session: what the engines take
 /// on one core where boxes overlap few others, or less. A scene that takes longer is known after a frame.
 const WORK_AN_OBJECT: Duration = Duration::from_nanos(100);
 /// What a request takes whatever it carries, in objects: an edit of one box takes about as long as one of a hundred.
 const FIXED_OBJECTS: f64 = 256.0;
+/// The most work for a pair of boxes of a frame, on one core: a test by the slowest engine, portable and with
+/// collision filters, and its part of the answer. Whatever was measured, a frame is not judged to be more than a test
+/// of all its pairs: one of 200 boxes is never a large one.
+const MOST_WORK_A_PAIR: Duration = Duration::from_nanos(5);
 /// Kinds of requests of a session that are remembered: a game's frames, and edits and queries of a few scenes.
 const MOST_KINDS: usize = 8;
 
@@ -24,6 +28,16 @@ impl RequestKind {
     pub(crate) const fn of(header: &RequestHeader) -> Self {
         Self { operation: header.operation, scene: header.scene }
     }
+
+    /// The most work that a request with so many objects is judged to be: all their pairs, where it asks for those.
+    /// `None` where that does not follow from its objects: an edit of one box may concern a scene of a million.
+    pub(crate) fn most_work(self, objects: u32) -> Option<Duration> {
+        let is_cull =
+            [Operation::Cull, Operation::CullBetween].iter().any(|o| *o as u32 == self.operation);
+        let n = f64::from(objects);
+        let fixed = WORK_AN_OBJECT.mul_f64(n + FIXED_OBJECTS);
+        is_cull.then(|| fixed + MOST_WORK_A_PAIR.mul_f64(n * (n - 1.0).max(0.0) / 2.0))
+    }
 }
 
 /// What a frame took.
@@ -31,7 +45,7 @@ impl RequestKind {
 pub(crate) struct FrameWork {
     /// Objects.
     pub(crate) objects: u32,
-    /// Time on one core.
+    /// CPU time on one core.
     pub(crate) work: Duration,
     /// Its need of the GPU.
     pub(crate) gpu: GpuNeed,
@@ -72,6 +86,7 @@ impl LastWork {
         };
         let size = |objects: u32| f64::from(objects) + FIXED_OBJECTS;
         let work = last.work.mul_f64(size(objects) / size(last.objects));
+        let work = kind.most_work(objects).map_or(work, |most| work.min(most));
         FrameWork { objects, work, ..last }
     }
 }
@@ -116,6 +131,21 @@ mod tests {
         assert!(
             (19.0..21.0).contains(&(last.expected(kind(1, 0), 200_000).work.as_secs_f64() * 1e3))
         );
+    }
+
+    #[test]
+    fn a_frame_is_judged_to_be_no_more_than_all_its_pairs() {
+        let mut last = LastWork::default();
+        let (frame, edit) = (kind(Operation::Cull as u32, 0), kind(Operation::EditScene as u32, 0));
+        // The worker thread was interrupted.
+        last.note(frame, took(200, 45 * MS));
+        last.note(edit, took(200, 45 * MS));
+        let expected = |kind| last.expected(kind, 200).work;
+        assert!(expected(frame) < MS / 5, "{:?}", expected(frame));
+        assert_eq!(expected(edit), 45 * MS, "its scene may be a large one");
+        let most = |n| frame.most_work(n).unwrap_or_default();
+        assert!(most(0) < most(1) && most(1) < MS / 20 && most(1000) < 3 * MS);
+        assert!(most(1_000_000) > 1000 * 1000 * MS && most(u32::MAX) > most(1_000_000));
     }
 
     #[test]

@@ -6,6 +6,8 @@ use std::time::Instant;
 use pairmask_core::AwakePool;
 use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
 
+use super::cpu_time::{CpuTimer, note_in_pool};
+
 /// As many threads as there are cores, of which the one that made the pool is the first: its parallel
 /// loops start without a hand-over to another thread.
 pub struct EnginePool {
@@ -36,8 +38,30 @@ impl EnginePool {
     /// Does work in the pool, as soon as no other thread does: on this thread where it is the pool's
     /// own, else on one that is handed the work.
     pub fn work<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
-        let awake = self.awake();
-        awake.work(|| self.pool.install(work))
+        self.work_in(&self.awake(), work)
+    }
+
+    /// Does work in the pool with `true`, or where another thread works there with `false` on this thread, at once:
+    /// for what must not wait for the end of a large frame.
+    pub fn work_here_if_taken<R: Send>(&self, work: impl FnOnce(bool) -> R + Send) -> R {
+        match self.awake.try_lock() {
+            Ok(awake) => self.work_in(&awake, || work(true)),
+            Err(TryLockError::Poisoned(awake)) => self.work_in(&awake.into_inner(), || work(true)),
+            Err(TryLockError::WouldBlock) => work(false),
+        }
+    }
+
+    fn work_in<R: Send>(&self, awake: &AwakePool, work: impl FnOnce() -> R + Send) -> R {
+        if self.pool.current_thread_index().is_some() {
+            return awake.work(|| self.pool.install(work));
+        }
+        let timed = || {
+            let timer = CpuTimer::start();
+            (work(), timer.elapsed())
+        };
+        let (result, used) = awake.work(|| self.pool.install(timed));
+        note_in_pool(used);
+        result
     }
 
     /// Keeps `threads` threads awake until `until`, this one among them. Does nothing on a thread that

@@ -1,6 +1,7 @@
 //! Engines of the daemon: those of the client library, and the GPU.
 
 mod cpu_side;
+mod cpu_time;
 mod engine_pool;
 mod filtered;
 mod frame_memory;
@@ -16,6 +17,7 @@ mod sharing;
 mod spheres;
 mod under_way;
 
+pub use cpu_time::CpuTimer;
 pub use engine_pool::EnginePool;
 pub use frame_memory::FrameMemory;
 pub use gpu_service::{GpuService, WatchDevice};

@@ -43,7 +43,7 @@ impl MaskFilters {
             Err(error) => outbox.refuse(&mut open, &error.into()),
         }
         open.close();
-        Served { threads, gpu, ..Served::BEGUN }
+        Served { threads, on_gpu: gpu != GpuNeed::None, gpu, ..Served::BEGUN }
     }
 
     /// Has a GPU cull the whole frame, and takes the pairs of one set out. Where all pairs have no room, cores

@@ -441,6 +441,7 @@ fn publish(
     outbox: &Outbox,
 ) -> Served {
     let threads = answer.as_ref().map_or(1, |answer| answer.threads);
+    let on_gpu = answer.as_ref().is_ok_and(|answer| answer.engine.is_gpu());
     match answer {
         Ok(answer) => {
             open.keep(&answer);
@@ -449,5 +450,5 @@ fn publish(
         Err(error) => outbox.refuse(&mut open, &error.into()),
     }
     open.close();
-    Served { threads, ..Served::BEGUN }
+    Served { threads, on_gpu, ..Served::BEGUN }
 }

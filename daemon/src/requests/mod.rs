@@ -47,6 +47,8 @@ pub struct Served {
     pub threads: usize,
     /// What it was predicted to take on one core, where several threads took part.
     pub on_one_core: Option<Duration>,
+    /// Whether a GPU answered: the thread that served it has waited then.
+    pub on_gpu: bool,
     /// Whether it went to the GPU and would have taken a core much longer.
     pub gpu: GpuNeed,
     /// Whether it was a frame, by which the next is judged.
@@ -55,7 +57,8 @@ pub struct Served {
 
 impl Served {
     /// A frame that was begun or refused by one thread.
-    const BEGUN: Self = Self { threads: 1, on_one_core: None, gpu: GpuNeed::None, is_frame: true };
+    const BEGUN: Self =
+        Self { threads: 1, on_one_core: None, on_gpu: false, gpu: GpuNeed::None, is_frame: true };
     /// Another request.
     const OTHER: Self = Self { is_frame: false, ..Self::BEGUN };
 }

@@ -80,7 +80,7 @@ impl SceneEdits {
             outbox.refuse(&mut open, refusal);
         }
         open.close();
-        Served { threads, gpu, ..Served::BEGUN }
+        Served { threads, on_gpu: gpu != GpuNeed::None, gpu, ..Served::BEGUN }
     }
 
     /// Forgets a scene.

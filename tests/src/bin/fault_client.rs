@@ -7,6 +7,7 @@
 //! * `load` submits small frames one after the other, and takes their answers;
 //! * `shared` writes ten boxes of the shared scene that its third argument names, tick by tick;
 //! * `greedy` always has as many large frames waiting as it may;
+//! * `pile` submits a frame of boxes in one place, which takes long, and prints `answered` once it has its answer;
 //! * `truncate` cuts its own segment short while the daemon (stopped by the test) has a request;
 //!
 //! Three modes print what they find and end:
@@ -68,6 +69,15 @@ fn main() -> Result<(), Box<dyn Error>> {
             }
         }
         "greedy" => return greedy(&mut session),
+        "pile" => {
+            let mut frame = session.frame(PILED_BOXES)?;
+            frame.boxes_mut().fill(Aabb::new([0.0; 3], [1.0; 3]));
+            let pending = frame.submit()?;
+            println!("ready");
+            // So many pairs have no room in a reply.
+            let _refused = pending.wait();
+            println!("answered");
+        }
         "shared" => return shared(&mut session),
         "truncate" => {
             let mut frame = session.frame(50_000)?;
@@ -80,6 +90,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     ready(held)
 }
 
+/// Boxes of the client with a pile: a second on a core.
+const PILED_BOXES: usize = 300_000;
 /// Boxes of a greedy client's frame.
 const GREEDY_BOXES: u32 = 600_000;
 

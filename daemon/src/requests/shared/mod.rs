@@ -21,7 +21,6 @@ mod tick;
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
 
 use pairmask_core::engine::AvailableIsa;
 use pairmask_core::plan::Calibration;
@@ -36,7 +35,7 @@ use self::scene::SharedScene;
 use super::Served;
 use crate::audit::Auditor;
 use crate::clients::SceneMemory;
-use crate::execute::{EnginePool, Gpus};
+use crate::execute::{CpuTimer, EnginePool, Gpus};
 use crate::publish::{OpenRequest, Outbox, Refusal};
 
 /// What scenes are made with.
@@ -169,7 +168,7 @@ impl SharedScenes {
         request: &SceneRequest,
         outbox: &Outbox,
     ) -> Served {
-        let start = Instant::now();
+        let timer = CpuTimer::start();
         let Some((scene, member)) = self.find((open.sender().session, request.scene)) else {
             outbox.refuse(&mut open, &Refusal::stale_scene(0));
             open.close();
@@ -182,7 +181,7 @@ impl SharedScenes {
             return Served::BEGUN;
         }
         // By this its next commit is judged, which may be another one than the last of its tick.
-        let on_one_core = Some(start.elapsed());
+        let on_one_core = Some(timer.elapsed());
         let threads = scene.end_tick(&self.tools.pool, outbox);
         if let Some(closes_at) = scene.closes_at() {
             self.alarm.set(closes_at, &scene);

@@ -173,11 +173,18 @@ impl SharedScene {
     pub fn end_tick(&self, pool: &EnginePool, outbox: &Outbox) -> usize {
         let due = locked(&self.seats).threads_if_due(Instant::now(), pool.threads());
         match due {
-            None => {}
-            Some(1) => self.end_tick_by(1, outbox),
-            Some(threads) => pool.work(|| self.end_tick_by(threads, outbox)),
+            None => 1,
+            Some(1) => {
+                self.end_tick_by(1, outbox);
+                1
+            }
+            // Its members do not wait for the end of another client's frame.
+            Some(threads) => pool.work_here_if_taken(|in_pool| {
+                let threads = if in_pool { threads } else { 1 };
+                self.end_tick_by(threads, outbox);
+                threads
+            }),
         }
-        due.unwrap_or(1)
     }
 
     fn end_tick_by(&self, threads: usize, outbox: &Outbox) {

@@ -1,28 +1,31 @@
-//! Lanes: threads that serve requests side by side.
+//! Worker threads, called lanes, that serve requests side by side.
 //!
-//! Every lane does all of a frame: the lane that receives a request culls and answers it, so that a lone
-//! client's frame is handed to no other thread. One idle lane at a time **leads**: it looks for requests,
-//! and gives the lead up as soon as it has one to serve. Other lanes that are awake **follow**: they spin
-//! until the lead is free. All others rest. What lanes agree on (whose turn it is, who is awake) stands
-//! on the desk, under one lock that is held for a fraction of a microsecond.
+//! Every one does all of a frame: the thread that receives a request culls and answers it, so that a lone
+//! client's frame is handed to no other thread. One idle thread at a time **leads**: it looks for requests,
+//! and gives the lead up as soon as it has one to serve. Others that are awake **follow**: they spin
+//! until the lead is free. All others rest. What they agree on (whose turn it is, who does what) stands
+//! in the scheduler, under one lock that is held for a fraction of a microsecond.
+//!
+//! There is one thread more than cores, and the last one that is not away with a long frame begins none: requests that
+//! are served soon never wait for the end of long ones.
 //!
 //! Lane 0 is the first thread of the engines' pool: large frames of a lone client start there without a
-//! hand-over. When all is quiet it alone sleeps until a client wakes it; other lanes rest until a lane
+//! hand-over. When all is quiet it alone sleeps until a client wakes it; others rest until a thread
 //! wakes them. Beside them the tidier, a thread of its own, frees what dead clients leave.
 //!
 //! ```text
-//! crew      how many lanes are awake                   (pure)
-//! patience  how long they spin for the next request    (pure)
-//! desk      whose turn it is, with how many threads    (pure)
-//! mod       the lanes
+//! workers    what each thread does, and who listens     (pure)
+//! patience   how long they spin for the next request    (pure)
+//! scheduler  whose turn it is, with how many threads    (pure)
+//! mod        the threads
 //! ```
 
-mod crew;
-mod desk;
 mod patience;
+mod scheduler;
+mod workers;
 
 use std::sync::atomic::{AtomicBool, Ordering, fence};
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, TryLockError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread::Thread;
 use std::time::{Duration, Instant};
 
@@ -31,15 +34,15 @@ use pairmask_transport::{
     GpuCounts, JANITOR_INTERVAL, Sender, StatusFile, WakeDaemon, sleep_until,
 };
 
-use self::crew::Crew;
-use self::desk::{Arrived, Desk, Task};
 use self::patience::{LONGEST_SLEEP, Rest};
+use self::scheduler::{Arrived, Scheduler, Task};
+use self::workers::Workers;
 
 use super::janitor::Janitor;
 use super::placement::{Placement, Seat};
 use super::{ServeError, ServeSettings};
-use crate::clients::{FrameWork, RequestKind};
-use crate::execute::EnginePool;
+use crate::clients::{FrameWork, GpuNeed, RequestKind};
+use crate::execute::{CpuTimer, EnginePool};
 use crate::ingest::{Inbox, Incoming, Intake};
 use crate::requests::{Responder, Served};
 
@@ -47,8 +50,12 @@ use crate::requests::{Responder, Served};
 /// a client that begins to send meanwhile waits for it once.
 const STAND_BY_NAP: Duration = Duration::from_micros(500);
 
-/// Between two looks of a spinning lane at the desk.
-const DESK_LOOK: Duration = Duration::from_micros(10);
+/// Between two looks of a spinning thread at the scheduler.
+const SCHEDULER_LOOK: Duration = Duration::from_micros(10);
+
+/// While requests are served, a thread that rests looks up this often whether one takes much longer than expected:
+/// 0.02 % of a core. Others wait for it so long at most.
+const RELIEF_LOOK: Duration = Duration::from_millis(20);
 
 /// Threads that are kept awake for a frame that is due, the one that waits for it included, however many
 /// its engine uses: a frame begins with these, and they wake the others. All of 16 took a tenth of a core
@@ -63,11 +70,11 @@ pub(super) struct Lanes<'a> {
     // Engines before the port whose memory they write to: fields drop in this order.
     responder: Responder,
     lead: Mutex<Lead>,
-    /// Whether a lane leads. A hint: the lock decides.
+    /// Whether a thread leads, as the scheduler has it.
     is_led: AtomicBool,
     /// Whether lane 0 leads and sleeps.
     is_asleep: AtomicBool,
-    desk: Mutex<Desk>,
+    scheduler: Mutex<Scheduler>,
     threads: Vec<OnceLock<Thread>>,
     placement: Placement,
     pool: Arc<EnginePool>,
@@ -79,7 +86,7 @@ pub(super) struct Lanes<'a> {
 struct Lead {
     intake: Intake,
     wake: WakeDaemon,
-    /// Requests on their way to the desk.
+    /// Requests on their way to the scheduler.
     arrived: Vec<Incoming>,
     tidy_at: Instant,
 }
@@ -114,7 +121,7 @@ enum Led {
 }
 
 impl<'a> Lanes<'a> {
-    /// As many lanes as cores, two at the least: one listens while another is away.
+    /// One thread more than cores: one listens while all others are away.
     pub(super) fn new(
         intake: Intake,
         wake: WakeDaemon,
@@ -125,17 +132,17 @@ impl<'a> Lanes<'a> {
         stop: &'a AtomicBool,
     ) -> Self {
         let cores = pool.threads();
-        let lanes = cores.max(2);
-        let crew = Crew::new(lanes, cores);
+        let lanes = cores + 1;
+        let workers = Workers::new(lanes, cores);
         let inbox = Inbox::new(settings.limits.max_clients).with_gpus(responder.gpus());
-        let desk = Desk::new(inbox, crew, settings.spin, cores);
-        let arrived = Vec::with_capacity(desk.room());
+        let scheduler = Scheduler::new(inbox, workers, settings.spin, cores);
+        let arrived = Vec::with_capacity(scheduler.room());
         Self {
             responder,
             lead: Mutex::new(Lead { intake, wake, arrived, tidy_at: Instant::now() }),
             is_led: AtomicBool::new(false),
             is_asleep: AtomicBool::new(false),
-            desk: Mutex::new(desk),
+            scheduler: Mutex::new(scheduler),
             threads: (0..lanes).map(|_| OnceLock::new()).collect(),
             placement: Placement::of_this_process(),
             pool,
@@ -214,28 +221,38 @@ impl<'a> Lanes<'a> {
         let mut seat = Seat::of_this_thread();
         while !self.stop.load(Ordering::Relaxed) {
             self.placement.take(&mut seat);
-            match self.lead.try_lock() {
-                Ok(mut lead) => {
-                    self.is_led.store(true, Ordering::Relaxed);
-                    let led = self.lead(lane, &mut lead);
-                    self.is_led.store(false, Ordering::Relaxed);
-                    drop(lead);
-                    match led {
-                        Led::Task(task) => self.serve(lane, task),
-                        Led::StandBy => std::thread::park_timeout(STAND_BY_NAP),
-                        Led::Rest => self.rest(lane),
-                        Led::Stop => {}
-                    }
-                }
-                Err(TryLockError::WouldBlock) => match self.next_task() {
+            if !self.takes_lead(lane) {
+                match self.next_task(lane) {
                     Some(task) => self.serve(lane, task),
                     None => self.follow(lane),
-                },
-                // A lane has panicked: the process ends.
-                Err(TryLockError::Poisoned(_)) => return,
+                }
+                continue;
+            }
+            // Who led before gives it back in a moment.
+            let mut lead = self.lead.lock().unwrap_or_else(PoisonError::into_inner);
+            let led = self.lead(lane, &mut lead);
+            drop(lead);
+            match led {
+                Led::Task(task) => self.serve(lane, task),
+                Led::StandBy => std::thread::park_timeout(STAND_BY_NAP),
+                Led::Rest => self.rest(lane),
+                Led::Stop => {}
             }
         }
         self.threads.iter().filter_map(OnceLock::get).for_each(Thread::unpark);
+    }
+
+    /// An idle thread leads from now on, unless another one does. Whether it does.
+    fn takes_lead(&self, lane: usize) -> bool {
+        let mut scheduler = self.scheduler();
+        let leads = scheduler.workers.lead(lane);
+        self.note_lead(&scheduler);
+        leads
+    }
+
+    /// Tells those who spin whether a thread leads. To be called after each change, under the scheduler's lock.
+    fn note_lead(&self, scheduler: &Scheduler) {
+        self.is_led.store(scheduler.workers.is_led(), Ordering::Release);
     }
 
     /// Looks for requests until there is one to serve, or nothing to look for.
@@ -245,9 +262,9 @@ impl<'a> Lanes<'a> {
         let (mut look_at, mut sleep_at) = (Instant::now(), Instant::now());
         while !self.stop.load(Ordering::Relaxed) {
             let has_arrived = self.receive(lead);
-            // Requests that came together with one that another lane serves wait on the desk.
+            // Requests that came together with one that another thread serves wait in the scheduler.
             if (has_arrived || std::mem::take(&mut is_first))
-                && let Some(task) = self.next_task()
+                && let Some(task) = self.next_task(lane)
             {
                 return Led::Task(task);
             }
@@ -259,16 +276,16 @@ impl<'a> Lanes<'a> {
                 lead.tidy_at = now + JANITOR_INTERVAL;
             }
             if published || now >= look_at {
-                let mut desk = self.desk();
+                let mut scheduler = self.scheduler();
                 if published {
-                    desk.note_answer(now);
+                    scheduler.note_answer(now);
                 }
-                sleep_at = desk.sleep_at();
-                look_at = now + DESK_LOOK;
-                if lane > 0 && desk.crew.is_too_large(now) {
-                    return self.leave(lane, desk);
+                sleep_at = scheduler.sleep_at();
+                look_at = now + SCHEDULER_LOOK;
+                if lane > 0 && scheduler.workers.is_too_many(now) {
+                    return self.leave(lane, scheduler);
                 }
-                if lane > 0 && !desk.is_awaiting(now) {
+                if lane > 0 && !scheduler.is_awaiting(now) {
                     // Whoever is active is being served: nothing to spin for.
                     sleep_at = now;
                 }
@@ -289,9 +306,9 @@ impl<'a> Lanes<'a> {
     /// Lane 0 sleeps until a request comes, at most until shortly before one is due. Returns at once, with
     /// `true`, where one is due now.
     fn pause(&self, wake: &WakeDaemon, now: Instant) -> bool {
-        let mut desk = self.desk();
-        let (rest, last_threads) = (desk.rest(now), desk.last_threads());
-        drop(desk);
+        let mut scheduler = self.scheduler();
+        let (rest, last_threads) = (scheduler.rest(now), scheduler.last_threads());
+        drop(scheduler);
         match rest {
             Rest::Spin => true,
             Rest::Expect { until, is_near } => {
@@ -323,21 +340,30 @@ impl<'a> Lanes<'a> {
         self.pool.threads().saturating_sub(1).max(1)
     }
 
-    /// A lane beside lane 0 leaves the lead to it and goes to rest.
-    fn leave(&self, lane: usize, mut desk: MutexGuard<'_, Desk>) -> Led {
-        desk.crew.rest(lane);
-        let was_resting = desk.crew.wake_lane(0);
-        drop(desk);
+    /// A lane beside lane 0 gives the lead up, to lane 0 where that rests, and rests itself where others listen.
+    fn leave(&self, lane: usize, mut scheduler: MutexGuard<'_, Scheduler>) -> Led {
+        let was_resting = scheduler.workers.wake(0);
+        let rests = scheduler.workers.rest(lane);
+        if !rests {
+            scheduler.workers.stop_leading(lane);
+        }
+        self.note_lead(&scheduler);
+        drop(scheduler);
         if was_resting {
             self.unpark(0);
         }
-        Led::Rest
+        if rests { Led::Rest } else { Led::StandBy }
     }
 
     /// What a lane beside lane 0 does instead of sleeping: while lane 0 is away, it looks now and then.
     fn stand_by(&self, lane: usize) -> Led {
-        let desk = self.desk();
-        if desk.crew.is_resting(0) { self.leave(lane, desk) } else { Led::StandBy }
+        let mut scheduler = self.scheduler();
+        if scheduler.workers.is_resting(0) {
+            return self.leave(lane, scheduler);
+        }
+        scheduler.workers.stop_leading(lane);
+        self.note_lead(&scheduler);
+        Led::StandBy
     }
 
     /// Spins until the lead is free, or goes to rest. While lane 0 leads asleep, it publishes what a GPU has under
@@ -347,10 +373,10 @@ impl<'a> Lanes<'a> {
         fence(Ordering::SeqCst);
         let mut spinner = Spinner::default();
         let mut look_at = Instant::now();
-        while self.is_led.load(Ordering::Relaxed) && !self.stop.load(Ordering::Relaxed) {
+        while self.is_led.load(Ordering::Acquire) && !self.stop.load(Ordering::Relaxed) {
             if self.is_asleep.load(Ordering::Relaxed) && self.responder.is_busy() {
                 if self.responder.publish_ended() {
-                    self.desk().note_answer(Instant::now());
+                    self.scheduler().note_answer(Instant::now());
                 }
                 self.responder.rest();
                 continue;
@@ -360,31 +386,36 @@ impl<'a> Lanes<'a> {
             if now < look_at {
                 continue;
             }
-            look_at = now + DESK_LOOK;
-            let mut desk = self.desk();
-            let may_rest = now >= desk.sleep_at() || lane > 0 && desk.crew.is_too_large(now);
-            // The one that leads may have gone to rest just now: then this one is to lead.
-            if may_rest && desk.crew.awake() > 1 {
-                desk.crew.rest(lane);
-                drop(desk);
+            look_at = now + SCHEDULER_LOOK;
+            let mut scheduler = self.scheduler();
+            let (sleep_at, workers) = (scheduler.sleep_at(), &mut scheduler.workers);
+            let may_rest = now >= sleep_at || lane > 0 && workers.is_too_many(now);
+            if may_rest && workers.rest(lane) {
+                drop(scheduler);
                 return self.rest(lane);
             }
         }
     }
 
-    /// Sleeps until another lane says that this one is wanted. Nobody leads, for a moment, when lanes
-    /// rest at the same time: so lane 0 looks now and then.
+    /// Sleeps until another thread says that this one is wanted, or serves a frame for much longer than expected.
     fn rest(&self, lane: usize) {
+        let (mut served_before, mut until_look) = (0, RELIEF_LOOK);
         while !self.stop.load(Ordering::Relaxed) {
-            std::thread::park_timeout(LONGEST_SLEEP);
-            let mut desk = self.desk();
-            let is_alone = lane == 0 && !self.is_led.load(Ordering::Relaxed);
-            if is_alone {
-                desk.crew.wake_lane(lane);
-            }
-            if !desk.crew.is_resting(lane) {
+            std::thread::park_timeout(until_look);
+            let mut scheduler = self.scheduler();
+            if !scheduler.workers.is_resting(lane)
+                || scheduler.workers.relieve(lane, Instant::now())
+            {
                 return;
             }
+            let served = scheduler.tasks();
+            // The first of them looks up most often: all of a large machine would cost more than they are worth.
+            let turn = 1 + scheduler.workers.resting_before(lane) as u32;
+            until_look = match served == served_before {
+                true => LONGEST_SLEEP,
+                false => LONGEST_SLEEP.min(RELIEF_LOOK * turn),
+            };
+            served_before = served;
         }
     }
 
@@ -399,13 +430,17 @@ impl<'a> Lanes<'a> {
         for incoming in arrived.drain(..) {
             let Asked { sender, kind, objects } = Asked::of(&incoming);
             let expected = self.responder.clients().expected_work(sender.session, kind, objects);
-            self.desk().put(Arrived { incoming, expected }, now);
+            self.scheduler().put(Arrived { incoming, expected }, now);
         }
         true
     }
 
-    fn next_task(&self) -> Option<Task> {
-        let task = self.desk().next(Instant::now())?;
+    /// A request that this thread serves from now on; it leads no longer then.
+    fn next_task(&self, lane: usize) -> Option<Task> {
+        let mut scheduler = self.scheduler();
+        let task = scheduler.next(lane, Instant::now())?;
+        self.note_lead(&scheduler);
+        drop(scheduler);
         if let Some(lane) = task.wake {
             self.unpark(lane);
         }
@@ -413,11 +448,17 @@ impl<'a> Lanes<'a> {
     }
 
     fn serve(&self, lane: usize, task: Task) {
-        let Task { incoming, beside, threads, length, .. } = task;
-        let (first, start) = (Asked::of(&incoming), Instant::now());
+        let Task { incoming, beside, threads, has_turns, .. } = task;
+        let first = Asked::of(&incoming);
+        let (start, timer) = (Instant::now(), CpuTimer::start());
+        let took = |served: &Served| {
+            // A frame has used a GPU while its thread waited for that one.
+            let on_gpu = served.on_gpu || served.gpu != GpuNeed::None;
+            if on_gpu { start.elapsed() } else { timer.elapsed() }
+        };
         let threads = if beside.is_empty() {
             let served = self.responder.take(incoming, threads);
-            self.note(&first, &served, start.elapsed());
+            self.note(&first, &served, took(&served));
             served.threads
         } else {
             let asked: Vec<_> =
@@ -425,25 +466,32 @@ impl<'a> Lanes<'a> {
             let requests = std::iter::once(incoming).chain(beside);
             let served = self.responder.take_bundle(requests, threads);
             // They share the time of this thread.
-            let took = start.elapsed() / asked.len() as u32;
-            asked.iter().zip(&served).for_each(|(asked, served)| self.note(asked, served, took));
+            let share = asked.len() as u32;
+            let each = asked.iter().zip(&served);
+            each.for_each(|(asked, served)| self.note(asked, served, took(served) / share));
             served.iter().map(|served| served.threads).max().unwrap_or(1)
         };
-        let sleep_at = self.desk().note_served(first.sender, length, Instant::now());
+        let now = Instant::now();
+        let sleep_at = self.scheduler().note_served(lane, first.sender, has_turns, now);
         if lane == 0 {
             self.pool.keep_until(threads.min(self.most_awake()), sleep_at);
         }
     }
 
-    /// Notes what a request took.
+    /// Notes what a request took of each thread that served it.
     fn note(&self, asked: &Asked, served: &Served, took: Duration) {
+        let at_most = |work: Duration| match asked.kind.most_work(asked.objects) {
+            Some(most) if !served.on_gpu => work.min(most),
+            _ => work,
+        };
+        let used = at_most(took * served.threads as u32);
         // Several threads take longer together than one would alone.
-        let work = served.on_one_core.unwrap_or(took);
+        let work = at_most(served.on_one_core.unwrap_or(took));
         if served.is_frame {
             let work = FrameWork { objects: asked.objects, work, gpu: served.gpu };
             self.responder.clients().note_work(asked.sender.session, asked.kind, work);
         }
-        self.desk().note_used(asked.sender, served.threads, took * served.threads as u32);
+        self.scheduler().note_used(asked.sender, served.threads, used);
     }
 
     fn unpark(&self, lane: usize) {
@@ -453,8 +501,8 @@ impl<'a> Lanes<'a> {
         }
     }
 
-    fn desk(&self) -> MutexGuard<'_, Desk> {
-        self.desk.lock().unwrap_or_else(PoisonError::into_inner)
+    fn scheduler(&self) -> MutexGuard<'_, Scheduler> {
+        self.scheduler.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

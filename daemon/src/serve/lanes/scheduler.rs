@@ -1,16 +1,16 @@
-//! What the lanes share to agree on who serves what.
+//! What the worker threads share to agree on who serves what.
 
 use std::time::{Duration, Instant};
 
 use pairmask_transport::Sender;
 
-use super::crew::Crew;
 use super::patience::{Patience, Rest};
+use super::workers::Workers;
 use crate::clients::{FrameWork, GpuNeed};
 use crate::execute::BUNDLE_FRAMES;
 use crate::ingest::{Inbox, Incoming, Resource};
 
-/// A lane that is expected to take longer than this for a frame has another one listen meanwhile. To wake
+/// A thread that is expected to take longer than this for a frame has another one listen meanwhile. To wake
 /// one takes 5 µs; requests that come during a shorter frame wait for its end.
 const LONG_FRAME: Duration = Duration::from_micros(300);
 
@@ -26,7 +26,7 @@ pub(super) struct Arrived {
     pub(super) expected: FrameWork,
 }
 
-/// A request that a lane is to serve.
+/// A request that a worker thread is to serve.
 #[derive(Debug)]
 pub(super) struct Task {
     pub(super) incoming: Incoming,
@@ -34,48 +34,43 @@ pub(super) struct Task {
     pub(super) beside: Vec<Incoming>,
     /// Threads that an engine may use.
     pub(super) threads: usize,
-    pub(super) length: Length,
-    /// A lane to wake.
+    /// Its session needs no thread of its own: frames of the pool, or of the GPU, wait for each other.
+    pub(super) has_turns: bool,
+    /// A worker thread to wake.
     pub(super) wake: Option<usize>,
-}
-
-/// What is expected of a frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Length {
-    /// Another lane listens meanwhile.
-    is_long: bool,
-    /// Its session needs no lane of its own: frames of the pool, or of the GPU, wait for each other.
-    has_turns: bool,
 }
 
 /// Requests that wait, and who is awake. Every call is short.
 #[derive(Debug)]
-pub(super) struct Desk {
+pub(super) struct Scheduler {
     inbox: Inbox<Arrived>,
-    pub(super) crew: Crew,
+    pub(super) workers: Workers,
     patience: Patience<u128>,
-    /// When lanes without work go to sleep.
+    /// When threads without work go to sleep.
     sleep_at: Instant,
     /// Threads of the engines' pool.
     pool_threads: usize,
     /// Threads that the last task used.
     last_threads: usize,
+    /// Tasks that were begun so far.
+    tasks: u64,
 }
 
-impl Desk {
+impl Scheduler {
     pub(super) fn new(
         inbox: Inbox<Arrived>,
-        crew: Crew,
+        workers: Workers,
         spin: Duration,
         pool_threads: usize,
     ) -> Self {
         Self {
             inbox,
-            crew,
+            workers,
             patience: Patience::new(spin),
             sleep_at: Instant::now(),
             pool_threads,
             last_threads: 1,
+            tasks: 0,
         }
     }
 
@@ -84,7 +79,7 @@ impl Desk {
         self.inbox.room()
     }
 
-    /// When lanes without work go to sleep.
+    /// When threads without work go to sleep.
     pub(super) const fn sleep_at(&self) -> Instant {
         self.sleep_at
     }
@@ -92,7 +87,7 @@ impl Desk {
     /// Whether a session that was active a moment ago is not being served: it may ask again at any
     /// moment.
     pub(super) fn is_awaiting(&self, now: Instant) -> bool {
-        self.crew.sessions(now).any(|session| !self.inbox.is_served(session))
+        self.workers.sessions(now).any(|session| !self.inbox.is_served(session))
     }
 
     /// Takes in a request.
@@ -100,44 +95,49 @@ impl Desk {
         let sender = arrived.incoming.sender;
         let resource = resource_for(&arrived.expected);
         if resource == Resource::Core {
-            self.crew.note_active(sender.session, now);
+            self.workers.note_active(sender.session, now);
         }
-        self.inbox.put(sender, resource, arrived);
+        self.inbox.put(sender, resource, arrived, now);
     }
 
-    /// The request whose turn it is, and how it is to be served.
-    pub(super) fn next(&mut self, now: Instant) -> Option<Task> {
-        let (_, Arrived { incoming, expected }) = self.inbox.next()?;
+    /// The request whose turn it is, and how a thread is to serve it, which begins now. The last one that is not away
+    /// with a long frame begins none.
+    pub(super) fn next(&mut self, thread: usize, now: Instant) -> Option<Task> {
+        let may_be_away = self.workers.may_be_away();
+        let may_be_served = |arrived: &Arrived| may_be_away || arrived.expected.work <= LONG_FRAME;
+        let (_, Arrived { incoming, expected }) = self.inbox.next(now, may_be_served)?;
         let (work, resource) = (expected.work, resource_for(&expected));
         let session = incoming.sender.session;
         self.patience.note_request(session, now);
-        let active = self.crew.sessions(now).filter(|other| *other != session).count();
+        let others_within = |time| {
+            self.workers.sessions_within(time, now).filter(|other| *other != session).count()
+        };
         // Frames of the pool wait for each other, and so leave each other no core. Those of the GPU need
         // none of the pool's threads where others wait.
         let has_turns = resource != Resource::Core;
         let others = match resource {
-            Resource::Core => active.max(self.inbox.serving().saturating_sub(1)),
-            Resource::Pool => active,
-            Resource::Gpu => active.max(self.inbox.waiting()),
+            Resource::Core => {
+                others_within(Duration::ZERO).max(self.inbox.serving().saturating_sub(1))
+            }
+            // Whoever came within as long as the frame takes may come again meanwhile.
+            Resource::Pool => others_within(work),
+            Resource::Gpu => others_within(Duration::ZERO).max(self.inbox.waiting()),
         };
         let threads = threads_for(work, others, self.pool_threads);
         let is_long = work / threads as u32 > LONG_FRAME;
-        if is_long {
-            self.crew.note_away();
-        }
-        let wake = self.crew.wake(now);
-        let length = Length { is_long, has_turns };
+        let wake = self.workers.begin(thread, is_long, now);
+        self.tasks += 1;
         let mut beside = Vec::new();
         if expected.gpu == GpuNeed::Shared {
             let can_join = |other: &Arrived| other.expected.gpu == GpuNeed::Shared;
             while beside.len() + 1 < BUNDLE_FRAMES
-                && let Some((sender, other)) = self.inbox.next_beside(resource, can_join)
+                && let Some((sender, other)) = self.inbox.next_beside(now, resource, can_join)
             {
                 self.patience.note_request(sender.session, now);
                 beside.push(other.incoming);
             }
         }
-        Some(Task { incoming, beside, threads, length, wake })
+        Some(Task { incoming, beside, threads, has_turns, wake })
     }
 
     /// A request was served by so many threads, and used so much time of them.
@@ -146,14 +146,18 @@ impl Desk {
         self.inbox.note_served(sender, used);
     }
 
-    /// All requests of a task were served, of which this was the first. Returns when lanes without work
+    /// A thread has served all requests of a task, of which this was the first. Returns when threads without work
     /// go to sleep.
-    pub(super) fn note_served(&mut self, sender: Sender, length: Length, now: Instant) -> Instant {
-        if length.is_long {
-            self.crew.note_back();
-        }
-        if !length.has_turns {
-            self.crew.note_active(sender.session, now);
+    pub(super) fn note_served(
+        &mut self,
+        thread: usize,
+        sender: Sender,
+        has_turns: bool,
+        now: Instant,
+    ) -> Instant {
+        self.workers.end(thread);
+        if !has_turns {
+            self.workers.note_active(sender.session, now);
         }
         self.note_answer(now);
         self.sleep_at
@@ -164,9 +168,14 @@ impl Desk {
         self.sleep_at = self.patience.note_answer(now);
     }
 
-    /// What the lane that leads does without work, after the time to go to sleep.
+    /// What the thread that leads does without work, after the time to go to sleep.
     pub(super) fn rest(&mut self, now: Instant) -> Rest {
         self.patience.rest(now)
+    }
+
+    /// Tasks that were begun so far.
+    pub(super) const fn tasks(&self) -> u64 {
+        self.tasks
     }
 
     /// Threads that the last task used.
