@@ -14,6 +14,10 @@ pub enum Never {}
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PopulateError {}
 
+/// A limit of this process: never made in this build.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum LimitError {}
+
 /// A step of the transport that failed: never made in this build.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum TransportError {}

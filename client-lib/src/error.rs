@@ -9,3 +9,4 @@ pub use pairmask_wire::{
 };
 
 pub use crate::session::MarginedError;
+pub use crate::transport::LimitError;

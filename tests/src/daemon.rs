@@ -142,10 +142,25 @@ impl TestDaemon {
 
     /// Sends the worker a signal: the next one, where the one that serves has just died.
     ///
+    /// The supervisor is stopped before its worker is, and goes on after it: it would replace the worker.
+    ///
     /// # Panics
     /// When no worker lives within [`PATIENCE`].
     pub fn signal_worker(&self, signal: Signal) {
+        if signal == Signal::STOP {
+            self.signal_supervisor(signal);
+        }
         eventually("a worker lives", || kill_process(self.worker(), signal).ok());
+        if signal == Signal::CONT {
+            self.signal_supervisor(signal);
+        }
+    }
+
+    fn signal_supervisor(&self, signal: Signal) {
+        let supervisor = self.supervisor.as_ref().map(Child::id);
+        let pid = supervisor.and_then(|id| Pid::from_raw(i32::try_from(id).ok()?));
+        // One that is gone needs no signal.
+        let _ = pid.map(|pid| kill_process(pid, signal));
     }
 
     /// Kills the daemon as the system's out-of-memory killer would: the supervisor by SIGKILL, and
@@ -189,6 +204,7 @@ impl TestDaemon {
 
 impl Drop for TestDaemon {
     fn drop(&mut self) {
+        self.signal_supervisor(Signal::CONT);
         if let Some(mut supervisor) = self.supervisor.take() {
             let pid = i32::try_from(supervisor.id()).ok().and_then(Pid::from_raw);
             if let Some(pid) = pid {

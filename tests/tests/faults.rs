@@ -14,9 +14,9 @@ use pairmask_core::mask::EncodingChoice;
 use pairmask_core::{Aabb, Encoding};
 use pairmask_tests::daemon::{TestDaemon, eventually, outlive_kills};
 use pairmask_tests::{oracle, stress_scenes};
-use pairmask_transport::{DaemonRecord, RuntimeDir, Services};
+use pairmask_transport::{DaemonRecord, Heartbeat, RuntimeDir, Services};
 use pairmask_wire::{InstanceName, ResponseHeader, StatusCode, Version};
-use rustix::process::Signal;
+use rustix::process::{Signal, kill_process};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 const FAULT_CLIENT: &str = env!("CARGO_BIN_EXE_fault_client");
@@ -134,6 +134,151 @@ fn a_daemon_that_hangs_costs_a_deadline_and_no_answer() {
     eventually("the session comes back to the daemon", || {
         (check_frame(&mut session, &boxes) == ServedBy::Daemon).then_some(())
     });
+}
+
+/// The bounds are those of a hang: 200 ms and a second are asked for, 30 s and the deadline were taken.
+#[test]
+fn a_stopped_worker_is_replaced_and_no_frame_waits_for_it() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let deadline = Duration::from_secs(60);
+    let mut session = daemon.session().backend(Backend::Auto).deadline(deadline).connect().unwrap();
+    let boxes = scene(200, 2);
+    for round in 0..3 {
+        eventually("the daemon serves", || {
+            (check_frame(&mut session, &boxes) == ServedBy::Daemon).then_some(())
+        });
+        let stopped = daemon.worker();
+        kill_process(stopped, Signal::STOP).unwrap();
+        let mut slowest = Duration::ZERO;
+        eventually("another worker serves", || {
+            let start = Instant::now();
+            check_frame(&mut session, &boxes);
+            slowest = slowest.max(start.elapsed());
+            daemon
+                .record()
+                .is_some_and(|record| record.worker_pid != stopped.as_raw_nonzero().get() as u32)
+                .then_some(())
+        });
+        assert!(slowest < deadline / 6, "round {round}: {slowest:?}");
+    }
+    eventually("the session comes back to the daemon", || {
+        (check_frame(&mut session, &boxes) == ServedBy::Daemon).then_some(())
+    });
+}
+
+/// A daemon whose worker stays stopped, as with its supervisor, is left after one frame, and asked again as
+/// soon as it runs.
+#[test]
+fn a_silent_daemon_costs_one_frame_until_it_runs_again() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let deadline = Duration::from_secs(60);
+    let mut session = daemon.session().backend(Backend::Auto).deadline(deadline).connect().unwrap();
+    let boxes = scene(200, 3);
+    for _ in 0..2 {
+        eventually("the daemon serves", || {
+            (check_frame(&mut session, &boxes) == ServedBy::Daemon).then_some(())
+        });
+        daemon.signal_worker(Signal::STOP);
+        let start = Instant::now();
+        while start.elapsed() < Duration::from_secs(3) {
+            assert_eq!(check_frame(&mut session, &boxes), ServedBy::InProcess);
+        }
+        assert!(start.elapsed() < deadline / 6, "{:?}", start.elapsed());
+        // Frames whose answers are polled for are left too.
+        daemon.signal_worker(Signal::CONT);
+    }
+}
+
+#[test]
+fn a_frame_that_is_polled_for_leaves_a_silent_daemon_too() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
+    let boxes = scene(200, 4);
+    assert_eq!(check_frame(&mut session, &boxes), ServedBy::Daemon);
+    daemon.signal_worker(Signal::STOP);
+    let mut frame = session.frame(boxes.len()).unwrap();
+    frame.boxes_mut().copy_from_slice(&boxes);
+    let mut pending = frame.submit().unwrap();
+    let mask = eventually("the frame is answered", || {
+        std::thread::sleep(Duration::from_millis(1));
+        pending.try_take().unwrap()
+    });
+    assert_eq!(mask.info().served_by, ServedBy::InProcess);
+    daemon.signal_worker(Signal::CONT);
+}
+
+/// Runs `fault_client connect` below a command that limits it or gives it a namespace.
+fn connect_below(daemon: &TestDaemon, shell: &str) -> String {
+    let output = Command::new("bash")
+        .args(["-c", &format!("{shell} {FAULT_CLIENT} connect")])
+        .env("PAIRMASK_RUNTIME_DIR", daemon.path())
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
+    said
+}
+
+/// A namespace of process ids of its own, as a container has one. Without root it takes one of users.
+const PID_NAMESPACE: &str = "unshare --user --map-root-user --pid --fork --mount-proc";
+
+#[test]
+fn a_daemon_is_found_from_another_pid_namespace() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    assert_eq!(connect_below(&daemon, PID_NAMESPACE), "connected\n");
+    assert_eq!(connect_below(&daemon, ""), "connected\n");
+}
+
+#[test]
+fn limits_of_a_client_are_named() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let said = connect_below(&daemon, "ulimit -v 8000000;");
+    assert!(said.contains("Limit(AddressSpace") && said.contains("8192000000"), "{said}");
+    let said = connect_below(&daemon, "ulimit -n 20;");
+    assert!(said.contains("Limit(Files { limit: 20 })"), "{said}");
+    // With room for replies that are small enough all is well.
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--max-reply-mib", "16"]);
+    assert_eq!(connect_below(&daemon, "ulimit -v 8000000;"), "connected\n");
+}
+
+#[test]
+fn a_client_takes_no_more_files_of_the_worker_than_are_counted_for_it() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let files = || {
+        let folder = format!("/proc/{}/fd", daemon.worker().as_raw_nonzero());
+        std::fs::read_dir(folder).unwrap().count() as u64
+    };
+    let mut first = daemon.session().connect().unwrap();
+    check_frame(&mut first, &scene(9, 1));
+    let before = files();
+    let clients = 6;
+    let mut sessions: Vec<_> = (0..clients).map(|_| daemon.session().connect().unwrap()).collect();
+    // A larger frame makes a second port.
+    for n in [9, 80_000] {
+        for session in &mut sessions {
+            let mut frame = session.frame(n).unwrap();
+            frame.boxes_mut().fill(Aabb::EMPTY);
+            frame.submit().unwrap().wait().unwrap();
+        }
+    }
+    let each = (files() - before).div_ceil(clients);
+    assert!(each > 0 && each < pairmaskd::serve::FILES_PER_CLIENT, "{each} a client");
+}
+
+#[test]
+fn a_daemon_whose_files_are_removed_starts_anew() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let boxes = scene(100, 5);
+    check_frame(&mut daemon.session().connect().unwrap(), &boxes);
+    for file in daemon.shared_files() {
+        std::fs::remove_file(file).unwrap();
+    }
+    let mut session = eventually("the daemon serves again", || match daemon.session().connect() {
+        Ok(session) => Some(session),
+        Err(ConnectError::FilesGone { .. } | ConnectError::NoDaemon { .. }) => None,
+        Err(error) => panic!("{error}"),
+    });
+    assert_eq!(check_frame(&mut session, &boxes), ServedBy::Daemon);
 }
 
 #[test]
@@ -446,6 +591,13 @@ fn a_missing_daemon_and_another_version_are_told_apart() {
     let dead = DaemonRecord { worker_pid: u32::MAX >> 1, ..record };
     RuntimeDir::at(dir.path()).write_record(&InstanceName::default(), &dead).unwrap();
     assert!(matches!(connect(), ConnectError::NoDaemon { .. }));
+    // A dead daemon's process id may be another process's by now.
+    RuntimeDir::at(dir.path()).write_record(&InstanceName::default(), &record).unwrap();
+    drop(Heartbeat::start(&RuntimeDir::at(dir.path()), &InstanceName::default()).unwrap());
+    let error = connect();
+    assert!(matches!(error, ConnectError::NoDaemon { .. }), "{error}");
+    let said = error.to_string();
+    assert!(said.contains(dir.path().to_str().unwrap()) && said.contains("'default'"), "{said}");
 }
 
 #[test]

@@ -40,10 +40,11 @@ fn set_mode(path: &Path, mode: u32) {
 }
 
 /// The paths of an instance.
-fn places(daemon: &TestDaemon) -> [PathBuf; 3] {
+fn places(daemon: &TestDaemon) -> [PathBuf; 4] {
     let name = InstanceName::default();
     let root = daemon.dir().transport_root(&name);
-    [daemon.path().to_owned(), daemon.path().join("default.daemon"), root]
+    let file = |name| daemon.path().join(name);
+    [daemon.path().to_owned(), file("default.daemon"), file("default.heartbeat"), root]
 }
 
 #[test]

@@ -19,7 +19,7 @@ use super::builder::{Backend, Settings};
 use super::error::{ConnectError, FrameError, StatusError, WaitError};
 use super::exchange::Exchange;
 use super::frame::{Filling, Frame, FrameMemory, Object, Written};
-use super::link::{Link, SharedFrame};
+use super::link::{LeftDaemon, Link, SharedFrame, no_daemon};
 use super::local::{Local, Spares, lock};
 use super::narrow::NarrowFrame;
 use super::pace::Working;
@@ -30,8 +30,11 @@ use super::unread::{Ending, Unread, UnreadEdits};
 
 /// A missing daemon is looked for this often at most: a look costs 10 µs, a connection 2 ms.
 const RECONNECT_INTERVAL: Duration = Duration::from_millis(100);
-/// A daemon that lives but did not answer in time is asked nothing for this long.
-const SILENCE_INTERVAL: Duration = Duration::from_secs(2);
+/// A daemon that lives but did not answer is tried again after this time at the latest. The pause is
+/// [`RECONNECT_INTERVAL`] at first and doubles with each time in a row.
+const LONGEST_PAUSE: Duration = Duration::from_secs(10);
+/// A daemon that does not answer a trial within this time is still silent. No frame waits for it.
+const TRIAL_WITHIN: Duration = Duration::from_secs(1);
 
 /// The end of a scene waits this long at most for the daemon.
 const END_WITHIN: Duration = Duration::from_millis(20);
@@ -60,8 +63,54 @@ struct Connection {
     retry_at: Option<Instant>,
     /// Why there is no connection, until the next attempt.
     cause: Option<ConnectError>,
+    silence: Option<Silence>,
+    /// How often in a row a daemon did not answer.
+    silences: u32,
     /// The kinds of causes for which the log already says that frames are answered in process.
     told: Vec<Kind>,
+}
+
+/// A daemon that did not answer, and is not asked again before it runs.
+#[derive(Debug)]
+struct Silence {
+    daemon: LeftDaemon,
+    trial: Option<Trial>,
+}
+
+/// A question that a daemon has to answer before it gets frames again. Nobody waits for the answer.
+struct Trial {
+    link: Arc<Link>,
+    exchange: Exchange,
+    until: Instant,
+}
+
+impl std::fmt::Debug for Trial {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Trial").field("until", &self.until).finish_non_exhaustive()
+    }
+}
+
+/// How a trial stands.
+enum Tried {
+    Answered(Arc<Link>),
+    UnderWay(Trial),
+    Failed(Arc<Link>),
+}
+
+impl Trial {
+    fn look(mut self, now: Instant) -> Tried {
+        match self.exchange.is_answered() {
+            Ok(true) => Tried::Answered(self.link),
+            Ok(false) if now < self.until => Tried::UnderWay(self),
+            Ok(false) | Err(_) => Tried::Failed(self.link),
+        }
+    }
+}
+
+/// The pause after a daemon did not answer for so many times in a row.
+fn pause_after(silences: u32) -> Duration {
+    // A shift of more is far beyond the longest pause.
+    (RECONNECT_INTERVAL * (1 << silences.min(16))).min(LONGEST_PAUSE)
 }
 
 /// The variants of an error without their fields.
@@ -73,6 +122,24 @@ fn kind_of(error: &FrameError) -> Kind {
         _ => None,
     };
     (discriminant(error), connect)
+}
+
+impl Connection {
+    fn try_by(&mut self, trial: Trial) {
+        if let Some(silence) = &mut self.silence {
+            silence.trial = Some(trial);
+        }
+    }
+
+    /// The daemon did not answer on this connection.
+    fn note_silence(&mut self, link: &Link, now: Instant) {
+        if link.has_answered() {
+            self.silences = 0;
+        }
+        self.retry_at = Some(now + pause_after(self.silences));
+        self.silences += 1;
+        self.silence = Some(Silence { daemon: link.left(), trial: None });
+    }
 }
 
 #[derive(Debug)]
@@ -315,15 +382,31 @@ impl Core {
         Err(FrameError::DaemonTooOld { what })
     }
 
-    /// The connection. A lost one is made again once its interval has passed.
+    /// The connection. A lost one is made again once its interval has passed, and one to a daemon that did
+    /// not answer once that runs again.
     fn link(&self) -> Result<Arc<Link>, ConnectError> {
         let mut connection = lock(&self.connection);
         if let Some(link) = &connection.link {
             return Ok(Arc::clone(link));
         }
         let now = Instant::now();
-        if connection.retry_at.is_some_and(|at| now < at) {
-            return Err(connection.cause.clone().unwrap_or_else(|| self.no_daemon()));
+        if connection.silence.as_ref().is_some_and(|silence| silence.daemon.is_gone()) {
+            // Another one may serve.
+            (connection.silence, connection.silences, connection.retry_at) = (None, 0, None);
+        }
+        if let Some(trial) = connection.silence.as_mut().and_then(|silence| silence.trial.take()) {
+            match trial.look(now) {
+                Tried::Answered(link) => return Ok(self.establish(&mut connection, link)),
+                Tried::UnderWay(trial) => connection.try_by(trial),
+                Tried::Failed(link) => connection.note_silence(&link, now),
+            }
+            return Err(self.cause(&connection));
+        }
+        let is_silent = |silence: &Silence| !silence.daemon.has_run();
+        if connection.retry_at.is_some_and(|at| now < at)
+            || connection.silence.as_ref().is_some_and(is_silent)
+        {
+            return Err(self.cause(&connection));
         }
         connection.retry_at = Some(now + RECONNECT_INTERVAL);
         let link = match Link::open(&self.settings) {
@@ -333,11 +416,31 @@ impl Core {
                 return Err(error);
             }
         };
+        if self.may_cull_here() && connection.silence.is_some() {
+            let begun = link.loan(0).map_err(StatusError::from);
+            match begun.and_then(|shared| self.status_exchange(shared)) {
+                Ok((exchange, _)) => {
+                    connection.try_by(Trial { link, exchange, until: now + TRIAL_WITHIN });
+                }
+                Err(_) => connection.note_silence(&link, now),
+            }
+            return Err(self.cause(&connection));
+        }
+        Ok(self.establish(&mut connection, link))
+    }
+
+    /// Why there is no connection.
+    fn cause(&self, connection: &Connection) -> ConnectError {
+        connection.cause.clone().unwrap_or_else(|| no_daemon(&self.settings))
+    }
+
+    fn establish(&self, connection: &mut Connection, link: Arc<Link>) -> Arc<Link> {
+        connection.silence = None;
         connection.link = Some(Arc::clone(&link));
         if !std::mem::take(&mut connection.told).is_empty() {
             log::info!("instance '{}' answers again", self.settings.instance);
         }
-        Ok(link)
+        link
     }
 
     /// Gives a connection up. Frames that are under way on it are answered in process.
@@ -353,24 +456,20 @@ impl Core {
 
     /// Gives a connection up, and says why there is none.
     fn give_up(&self, lost: &Arc<Link>, how: Loss) -> ConnectError {
-        let (cause, retry_at) = match how {
-            Loss::Died => (self.no_daemon(), None),
-            Loss::Silent => {
-                let instance = self.settings.instance.clone();
-                (ConnectError::Silent { instance }, Some(Instant::now() + SILENCE_INTERVAL))
-            }
+        let cause = match how {
+            Loss::Died => no_daemon(&self.settings),
+            Loss::Silent => ConnectError::Silent { instance: self.settings.instance.clone() },
         };
         let mut connection = lock(&self.connection);
         if connection.link.as_ref().is_some_and(|link| Arc::ptr_eq(link, lost)) {
             connection.link = None;
-            connection.retry_at = retry_at;
             connection.cause = Some(cause.clone());
+            match how {
+                Loss::Died => connection.retry_at = None,
+                Loss::Silent => connection.note_silence(lost, Instant::now()),
+            }
         }
         cause
-    }
-
-    fn no_daemon(&self) -> ConnectError {
-        ConnectError::NoDaemon { instance: self.settings.instance.clone() }
     }
 
     /// Logs that frames are answered in process, once for each kind of cause until the daemon
@@ -383,15 +482,20 @@ impl Core {
         }
     }
 
-    pub(super) fn daemon_status(&self) -> Result<StatusBody, StatusError> {
-        let link = self.link()?;
+    /// Asks for the daemon's status.
+    fn status_exchange(&self, shared: SharedFrame) -> Result<(Exchange, ReplyFields), StatusError> {
         let asked = ReplyFields {
-            client_token: link.token(),
+            client_token: shared.slot.link().token(),
             frame: self.next_frame(),
             box_count: BoxCount::default(),
         };
         let header = RequestHeader::status(asked.client_token, asked.frame);
-        let exchange = Exchange::begin(self.loan(&link, 0)?, &header)?;
+        Ok((Exchange::begin(shared, &header)?, asked))
+    }
+
+    pub(super) fn daemon_status(&self) -> Result<StatusBody, StatusError> {
+        let link = self.link()?;
+        let (exchange, asked) = self.status_exchange(self.loan(&link, 0)?)?;
         let answer = exchange.end(link.expect(0), &self.settings)?;
         let payload = bytemuck::cast_slice(answer.response.pages());
         Ok(StatusBody::parse(&answer.header, &asked, payload).map_err(WaitError::from)?)
@@ -402,4 +506,15 @@ impl Core {
 fn counted(n: usize) -> Result<BoxCount, FrameError> {
     let too_many = FrameError::TooManyBoxes { n, limit: u64::from(u32::MAX) };
     BoxCount::of_len(n).ok_or(too_many)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pauses_grow_up_to_the_longest() {
+        let pauses = [0, 1, 2, 3, 6, 7, u32::MAX].map(|n| pause_after(n).as_millis());
+        assert_eq!(pauses, [100, 200, 400, 800, 6_400, 10_000, 10_000]);
+    }
 }

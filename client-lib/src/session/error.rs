@@ -1,12 +1,18 @@
 //! One error enum for each operation of a session.
 
+use std::path::PathBuf;
 use std::time::Duration;
 
 use pairmask_core::engine::{CullError, IsaError};
 use pairmask_core::scene::{EditError, QueryError, SceneError};
 use pairmask_wire::{InstanceError, InstanceName, ReplyError, TooManyPairs, Version};
 
-use crate::transport::{PopulateError, TransportError};
+use crate::transport::{LimitError, PopulateError, TransportError};
+
+fn paths(all: &[PathBuf]) -> String {
+    let all: Vec<_> = all.iter().map(|path| path.display().to_string()).collect();
+    all.join(" or ")
+}
 
 /// Why there is no session.
 #[derive(Clone, Debug, thiserror::Error)]
@@ -14,19 +20,22 @@ use crate::transport::{PopulateError, TransportError};
 pub enum ConnectError {
     /// No daemon serves the instance.
     #[error(
-        "no daemon serves instance '{instance}': start one with `pairmaskd serve --instance {instance}`"
+        "no daemon serves instance '{instance}' in {}: start one with `pairmaskd serve --instance {instance}`",
+        paths(looked_in)
     )]
     NoDaemon {
         /// The instance.
         instance: InstanceName,
+        /// The runtime directories that were searched.
+        looked_in: Vec<PathBuf>,
     },
     /// This build of the library has no transport.
     #[error(
         "this build has no daemon backend: enable pairmask's feature `daemon`, or use Backend::InProcess"
     )]
     NotBuiltIn,
-    /// The daemon lives and did not answer within the session's deadline. The session asks it
-    /// nothing for 2 s.
+    /// The daemon lives and did not answer within the session's deadline, or its heartbeat stands still.
+    /// The session asks it nothing until it runs again, with pauses that grow.
     #[error(
         "the daemon of instance '{instance}' did not answer in time: look at it with `pairmaskd status --instance {instance}`"
     )]
@@ -65,6 +74,17 @@ pub enum ConnectError {
     /// No shared memory for the client's segment.
     #[error("no shared memory for a segment: free space in /dev/shm or make it larger")]
     OutOfMemory,
+    /// A limit of this process: open files or address space.
+    #[error(transparent)]
+    Limit(#[from] LimitError),
+    /// Somebody has removed the files of a daemon that serves.
+    #[error(
+        "the daemon of instance '{instance}' serves, but its files in /dev/shm were removed: it starts anew within a second, try again then"
+    )]
+    FilesGone {
+        /// The instance.
+        instance: InstanceName,
+    },
     /// The instruction set that `PAIRMASK_ISA` names cannot be used.
     #[error("PAIRMASK_ISA: {0}")]
     Isa(#[from] IsaError),

@@ -8,7 +8,7 @@ use pairmask_wire::{ReplyError, RequestHeader, ResponseHeader};
 use super::builder::Settings;
 use super::error::WaitError;
 use super::estimate::Expected;
-use super::link::{Link, Received, SharedFrame, Slot, Unsent};
+use super::link::{Link, Received, SharedFrame, Slot, Unsent, Vigil};
 use super::pairs::Storage;
 use crate::transport::{CheckedResponse, ResponseSample, SentRequest};
 
@@ -17,6 +17,7 @@ pub(super) struct Exchange {
     pending: SentRequest,
     slot: Slot,
     at: Instant,
+    vigil: Vigil,
 }
 
 /// The answer to a request. Its memory is held until it is dropped.
@@ -46,7 +47,9 @@ impl Exchange {
     pub(super) fn begin(shared: SharedFrame, header: &RequestHeader) -> Result<Self, WaitError> {
         let at = Instant::now();
         match shared.send(header) {
-            Ok((pending, slot)) if pending.is_delivered() => Ok(Self { pending, slot, at }),
+            Ok((pending, slot)) if pending.is_delivered() => {
+                Ok(Self { pending, slot, at, vigil: Vigil::default() })
+            }
             Ok((_, slot)) if slot.link().is_alive() => {
                 Err(WaitError::Timeout { waited: at.elapsed() })
             }
@@ -82,6 +85,15 @@ impl Exchange {
         }
     }
 
+    /// Whether the daemon has answered, for whom the answer does not matter.
+    ///
+    /// # Errors
+    /// [`WaitError`].
+    pub(super) fn is_answered(&mut self) -> Result<bool, WaitError> {
+        let now = Instant::now();
+        Ok(self.receive(Expected::default(), Duration::ZERO, now)?.is_some())
+    }
+
     /// Whether it is one of this connection.
     pub(super) fn is_on(&self, link: &Arc<Link>) -> bool {
         Arc::ptr_eq(self.slot.link(), link)
@@ -93,16 +105,17 @@ impl Exchange {
         spin: Duration,
         deadline: Instant,
     ) -> Result<Option<ResponseSample>, WaitError> {
-        let Self { pending, slot, at } = self;
-        match slot.link().receive(pending, *at, expected, spin, deadline)? {
+        let Self { pending, slot, at, vigil } = self;
+        match slot.link().receive(pending, *at, expected, spin, deadline, vigil)? {
             Received::Sample(sample) => Ok(Some(sample)),
             Received::Nothing => Ok(None),
             Received::Dead => Err(WaitError::DaemonDied),
+            Received::Silent => Err(WaitError::Timeout { waited: at.elapsed() }),
         }
     }
 
     fn accept(self, sample: ResponseSample) -> Result<Answer, WaitError> {
-        let Self { pending, slot, at } = self;
+        let Self { pending, slot, at, .. } = self;
         let misplaced = ReplyError::Malformed { field: "place" };
         let (header, response) = slot.link().check(sample).ok_or(misplaced)?;
         Ok(Answer { header, response, sent_at: at, _pending: pending, _slot: slot })

@@ -25,14 +25,17 @@ use super::forms::KnownForms;
 use super::kept_rules::KeptRules;
 use super::local::lock;
 use crate::transport::{
-    CheckedResponse, Client, ClientPort, FRAMES_AT_A_TIME, OpenError, OwnRequest, PopulateError,
-    Populated, ProcessWatch, ResponseSample, Segment, SegmentFiles, SentRequest, Services,
-    TransportError, foreign_owner, quiet_transport_log,
+    CheckedResponse, Client, ClientPort, DaemonWatch, FRAMES_AT_A_TIME, OpenError, OwnRequest,
+    PopulateError, Populated, ResponseSample, SILENT_AFTER, Segment, SegmentFiles, SentRequest,
+    Services, Stillness, TransportError, foreign_owner, quiet_transport_log,
 };
 
 /// A waiting thread checks this often whether the daemon lives, and whether its response has come:
 /// another thread of the session may have taken the wake-up.
 pub(super) const WAIT_SLICE: Duration = Duration::from_millis(2);
+/// Time that counts between two looks at the daemon's heartbeat: more than a beat takes, and than a game
+/// that looks once a frame. A client that was itself starved for longer knows no more of the daemon.
+const LONGEST_LOOK: Duration = Duration::from_millis(25);
 
 /// Boxes that a frame of the first segment has address space for, where the session names no capacity. Pages
 /// cost when frames use them; larger frames make a larger segment.
@@ -60,7 +63,11 @@ pub(super) struct Link {
     notifier: Notifier<ipc_threadsafe::Service>,
     listener: Listener<ipc_threadsafe::Service>,
     services: Services<ipc_threadsafe::Service>,
-    daemon: ProcessWatch,
+    daemon: Arc<DaemonWatch>,
+    /// Whether the session goes on without a daemon that does not run.
+    leaves_silent: bool,
+    /// Whether the daemon has answered a request.
+    has_answered: AtomicBool,
     populated: Mutex<Populated>,
     estimate: Mutex<Estimate>,
     /// Cores that this process may use.
@@ -132,7 +139,7 @@ impl Link {
         let dir = settings.dir.serving(instance);
         let no_daemon = || match foreign_owner(instance) {
             Some(uid) => ConnectError::OtherUser { instance: instance.clone(), uid },
-            None => ConnectError::NoDaemon { instance: instance.clone() },
+            None => no_daemon(settings),
         };
         // Another user's files are not opened: their owner could stall this process, or truncate
         // memory that it has mapped.
@@ -145,7 +152,8 @@ impl Link {
         };
         dir.check().map_err(not_ours)?;
         let record = dir.record(instance).map_err(not_ours)?.ok_or_else(no_daemon)?;
-        let daemon = ProcessWatch::open(record.worker_pid).ok_or_else(no_daemon)?;
+        let watch = dir.watch(instance, Some(&record)).map_err(not_ours)?;
+        let daemon = Arc::new(watch.ok_or_else(no_daemon)?);
         let mismatch =
             ConnectError::VersionMismatch { client: Version::CURRENT, daemon: record.version };
         if record.version.major != Version::CURRENT.major {
@@ -158,6 +166,8 @@ impl Link {
                 ConnectError::TooManyClients { instance: instance.clone() }
             }
             OpenError::OutOfMemory => ConnectError::OutOfMemory,
+            OpenError::Gone => ConnectError::FilesGone { instance: instance.clone() },
+            OpenError::Limit(limit) => limit.into(),
             OpenError::Transport(e) => e.into(),
         };
         dir.check_transport(instance).map_err(not_ours)?;
@@ -176,6 +186,8 @@ impl Link {
             listener,
             services,
             daemon,
+            leaves_silent: settings.backend == Backend::Auto,
+            has_answered: AtomicBool::new(false),
             populated: Mutex::default(),
             estimate: Mutex::default(),
             cores: std::thread::available_parallelism().map_or(1, usize::from),
@@ -210,6 +222,16 @@ impl Link {
 
     pub(super) fn is_alive(&self) -> bool {
         self.daemon.is_alive()
+    }
+
+    /// Whether a response was valid enough to be looked at.
+    pub(super) fn has_answered(&self) -> bool {
+        self.has_answered.load(Ordering::Relaxed)
+    }
+
+    /// The daemon of a session that leaves it, because it does not answer.
+    pub(super) fn left(&self) -> LeftDaemon {
+        LeftDaemon { daemon: Arc::clone(&self.daemon), beats: self.daemon.beats() }
     }
 
     /// The rules that the daemon keeps.
@@ -261,6 +283,7 @@ impl Link {
                 OpenError::OutOfMemory => {
                     PopulateError { bytes: (grown * PAGE_BYTES) as u64 }.into()
                 }
+                OpenError::Limit(limit) => ConnectError::from(limit).into(),
                 other => TransportError::new("making a larger segment", &other).into(),
             })?;
             *sized = SizedPort { port: Arc::new(port), pages: grown };
@@ -285,7 +308,9 @@ impl Link {
             *known = self.files.find(port, address).map(|segment| (port, segment));
         }
         let (_, segment) = known.as_ref()?;
-        CheckedResponse::new(sample, segment)
+        let checked = CheckedResponse::new(sample, segment)?;
+        self.has_answered.store(true, Ordering::Relaxed);
+        Some(checked)
     }
 
     /// Updates the estimate by an answered frame.
@@ -309,11 +334,21 @@ impl Link {
         expected: Expected,
         spin: Duration,
         deadline: Instant,
+        vigil: &mut Vigil,
     ) -> Result<Received, TransportError> {
         if let Some(sample) = pending.receive()? {
             return Ok(Received::Sample(sample));
         }
         let Expected { nap, round_trip, threads } = expected;
+        // The daemon may have answered before it died.
+        let leave = |pending: &mut SentRequest, seen| -> Result<_, TransportError> {
+            let lost = match seen {
+                Seen::Running => return Ok(None),
+                Seen::Dead => Received::Dead,
+                Seen::Silent => Received::Silent,
+            };
+            Ok(Some(pending.receive()?.map_or(lost, Received::Sample)))
+        };
         if !spin.is_zero() {
             // The nap goes by the system's fine clock. The listener's wait ends with a tick of the
             // coarse clock (1 to 10 ms): a client that naps by it is woken by the answer, 50 µs
@@ -328,6 +363,9 @@ impl Link {
                 if let Some(sample) = pending.receive()? {
                     return Ok(Received::Sample(sample));
                 }
+                if let Some(lost) = leave(pending, vigil.look_at_times(self))? {
+                    return Ok(lost);
+                }
             }
             // Near its expected end a frame is worth a core: a client that falls asleep just before
             // the answer costs a wake-up on each side, frame after frame.
@@ -336,6 +374,9 @@ impl Link {
             while Instant::now() < spin_until {
                 if let Some(sample) = pending.receive()? {
                     return Ok(Received::Sample(sample));
+                }
+                if let Some(lost) = leave(pending, vigil.look_at_times(self))? {
+                    return Ok(lost);
                 }
                 if threads < self.cores {
                     spinner.turn();
@@ -349,9 +390,8 @@ impl Link {
             if let Some(sample) = pending.receive()? {
                 return Ok(Received::Sample(sample));
             }
-            if !self.is_alive() {
-                // The daemon may have answered before it died.
-                return Ok(pending.receive()?.map_or(Received::Dead, Received::Sample));
+            if let Some(lost) = leave(pending, vigil.look(self, Instant::now()))? {
+                return Ok(lost);
             }
             if Instant::now() >= deadline {
                 return Ok(Received::Nothing);
@@ -375,6 +415,72 @@ pub(super) enum Received {
     Sample(ResponseSample),
     Nothing,
     Dead,
+    /// The daemon's heartbeat stands still, and the session goes on without it.
+    Silent,
+}
+
+/// Looks at the daemon while a request is under way, from one wait for its answer to the next.
+#[derive(Default)]
+pub(super) struct Vigil {
+    heart: Option<Stillness>,
+    look_at: Option<Instant>,
+}
+
+enum Seen {
+    Running,
+    Dead,
+    Silent,
+}
+
+impl Vigil {
+    /// Looks at the daemon once a slice, for a thread that comes by more often.
+    fn look_at_times(&mut self, link: &Link) -> Seen {
+        let now = Instant::now();
+        if now < *self.look_at.get_or_insert(now + WAIT_SLICE) {
+            return Seen::Running;
+        }
+        self.look(link, now)
+    }
+
+    fn look(&mut self, link: &Link, now: Instant) -> Seen {
+        self.look_at = Some(now + WAIT_SLICE);
+        if !link.is_alive() {
+            return Seen::Dead;
+        }
+        if !link.leaves_silent {
+            return Seen::Running;
+        }
+        let beats = link.daemon.beats();
+        let heart = self.heart.get_or_insert_with(|| Stillness::new(beats, now, LONGEST_LOOK));
+        if heart.look(beats, now) < SILENT_AFTER { Seen::Running } else { Seen::Silent }
+    }
+}
+
+/// A daemon that a session has left, because it did not answer.
+#[derive(Debug)]
+pub(super) struct LeftDaemon {
+    daemon: Arc<DaemonWatch>,
+    /// Its beats at that time.
+    beats: Option<u64>,
+}
+
+impl LeftDaemon {
+    /// Whether its worker has died: another one may serve.
+    pub(super) fn is_gone(&self) -> bool {
+        !self.daemon.is_alive()
+    }
+
+    /// Whether it has run since. One that counts no beats may have.
+    pub(super) fn has_run(&self) -> bool {
+        let beats = self.daemon.beats();
+        beats.is_none() || beats != self.beats
+    }
+}
+
+/// The error of a session that finds no daemon.
+pub(super) fn no_daemon(settings: &Settings) -> ConnectError {
+    let looked_in = settings.dir.all().map(|dir| dir.path().to_owned()).collect();
+    ConnectError::NoDaemon { instance: settings.instance.clone(), looked_in }
 }
 
 /// A frame that has no room for more, with its memory where that is kept.
@@ -431,7 +537,11 @@ impl SharedFrame {
         let _ = link.notifier.notify();
         if !sent.is_delivered() {
             let give_up_at = Instant::now() + ROOM_WITHIN;
-            while !sent.is_delivered() && link.is_alive() && Instant::now() < give_up_at {
+            let mut vigil = Vigil::default();
+            while !sent.is_delivered()
+                && matches!(vigil.look_at_times(link), Seen::Running)
+                && Instant::now() < give_up_at
+            {
                 std::thread::sleep(ROOM_INTERVAL);
                 // The transport sends no memory twice.
                 if let Ok(mut again) = link.lend(&port, sent.pages().len()) {

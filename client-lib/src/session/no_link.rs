@@ -37,6 +37,30 @@ pub(super) enum Received {
     Sample(ResponseSample),
     Nothing,
     Dead,
+    Silent,
+}
+
+/// Looks at a daemon.
+#[derive(Default)]
+pub(super) struct Vigil;
+
+/// A daemon that a session has left.
+#[derive(Debug)]
+pub(super) struct LeftDaemon(Never);
+
+impl LeftDaemon {
+    pub(super) const fn is_gone(&self) -> bool {
+        match self.0 {}
+    }
+
+    pub(super) const fn has_run(&self) -> bool {
+        match self.0 {}
+    }
+}
+
+/// The error of a session that finds no daemon.
+pub(super) const fn no_daemon(_: &Settings) -> ConnectError {
+    ConnectError::NotBuiltIn
 }
 
 /// A frame that has no room for more.
@@ -76,6 +100,14 @@ impl Link {
     }
 
     pub(super) const fn is_alive(&self) -> bool {
+        match self.0 {}
+    }
+
+    pub(super) const fn has_answered(&self) -> bool {
+        match self.0 {}
+    }
+
+    pub(super) const fn left(&self) -> LeftDaemon {
         match self.0 {}
     }
 

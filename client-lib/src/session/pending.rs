@@ -20,7 +20,7 @@ use super::error::{FrameError, WaitError};
 use super::estimate::Answered;
 use super::frame::Written;
 use super::kept_rules::{FrameRules, RulesNumber};
-use super::link::{Received, SharedFrame, Slot, Ungrown, Unsent};
+use super::link::{Received, SharedFrame, Slot, Ungrown, Unsent, Vigil};
 use super::pairs::{PairMask, ServedBy, Storage};
 use crate::transport::{CheckedResponse, SentRequest};
 
@@ -57,6 +57,7 @@ pub(super) struct Sent {
     rules: SentRules,
     at: Instant,
     slot: Slot,
+    vigil: Vigil,
 }
 
 /// The rules of a frame as they were sent.
@@ -207,7 +208,8 @@ impl PendingFrame {
         let at = Instant::now();
         match shared.send(&header) {
             Ok((pending, slot)) if pending.is_delivered() => {
-                let sent = Sent { pending, asked, written, rules: sent_rules, at, slot };
+                let vigil = Vigil::default();
+                let sent = Sent { pending, asked, written, rules: sent_rules, at, slot, vigil };
                 Ok(Self { state: State::Sent(sent), core })
             }
             Ok((pending, _slot)) => {
@@ -301,7 +303,8 @@ impl Sent {
         let spin = core.settings().spin;
         let n = self.asked.box_count.get();
         let link = self.slot.link();
-        match link.receive(&mut self.pending, self.at, link.expect(n), spin, deadline) {
+        let (pending, vigil) = (&mut self.pending, &mut self.vigil);
+        match link.receive(pending, self.at, link.expect(n), spin, deadline, vigil) {
             Ok(Received::Sample(sample)) => {
                 let answered_after = self.at.elapsed();
                 match self.slot.link().check(sample) {
@@ -314,8 +317,12 @@ impl Sent {
                 }
             }
             Ok(Received::Nothing) => Err((WaitError::Timeout { waited: timeout }, Some(self))),
-            Ok(Received::Dead) => self.stand_in(core, WaitError::DaemonDied),
-            Err(error) => self.stand_in(core, error.into()),
+            Ok(Received::Dead) => self.stand_in(core, Loss::Died, WaitError::DaemonDied),
+            Ok(Received::Silent) => {
+                let waited = self.at.elapsed();
+                self.stand_in(core, Loss::Silent, WaitError::Timeout { waited })
+            }
+            Err(error) => self.stand_in(core, Loss::Died, error.into()),
         }
     }
 
@@ -416,15 +423,16 @@ impl Sent {
         }
     }
 
-    /// The daemon is gone: answers in process, or returns the error.
+    /// The daemon is gone, or stands still: answers in process, or returns the error.
     #[allow(clippy::result_large_err)]
     fn stand_in(
         self,
         core: &Core,
+        how: Loss,
         error: WaitError,
     ) -> Result<PairMask, (WaitError, Option<Self>)> {
         let allowed = core.may_cull_here();
-        let _ = core.lose(self.slot.link(), Loss::Died);
+        let _ = core.lose(self.slot.link(), how);
         if allowed { self.cull_here(core).map_err(|e| (e, None)) } else { Err((error, None)) }
     }
 

@@ -55,6 +55,11 @@ pub fn remove_hollow_files(dir: &RuntimeDir, name: &InstanceName) {
     }
 }
 
+/// Whether an instance has files in shared memory. One that serves without any can be found by no client.
+pub fn has_shared_files(dir: &RuntimeDir, name: &InstanceName) -> bool {
+    shared_files(dir, name).next().is_some()
+}
+
 /// Files of an instance in shared memory.
 fn shared_files(dir: &RuntimeDir, name: &InstanceName) -> impl Iterator<Item = fs::DirEntry> {
     let prefix = dir.shm_prefix(name);

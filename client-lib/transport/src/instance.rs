@@ -2,9 +2,10 @@
 //! refused.
 //!
 //! A runtime directory ([`RuntimeDir::from_env`]) holds for each instance a lock file, held by the
-//! serving process for its life, a record that names the process and the wire version, and the
-//! daemon's status file. The kernel frees the lock however the process ends. All of it has to be
-//! the user's own: both sides refuse files that another user could change, before they open any.
+//! supervisor for its life, a record that names the processes and the wire version, the worker's
+//! heartbeat ([`DaemonWatch`](crate::DaemonWatch)) and its status file. The kernel frees a lock however
+//! its process ends. All of it has to be the user's own: both sides refuse files that another user could
+//! change, before they open any.
 
 use std::fmt;
 use std::fs::{self, File, OpenOptions};
@@ -15,7 +16,6 @@ use std::path::{Path, PathBuf};
 use pairmask_wire::{InstanceError, InstanceName, Version};
 use rustix::fs::{FlockOperation, flock};
 
-use crate::liveness::ProcessWatch;
 use crate::trust::{
     Others, check_directory, check_file, io_error, open_plain, read_own, replace_own,
 };
@@ -67,18 +67,15 @@ impl RuntimeDir {
         std::iter::once(&self.path).chain(&self.others).map(Self::at)
     }
 
-    /// The directory where an instance is served: this one, unless a living process serves it in
+    /// The directory where an instance is served: this one, unless a living worker serves it in
     /// another one and none does here.
     #[must_use]
     pub fn serving(&self, name: &InstanceName) -> Self {
         if self.others.is_empty() {
             return self.clone();
         }
-        let lives = |dir: &Self| {
-            dir.check().is_ok()
-                && dir.read_record(name).is_some_and(|r| ProcessWatch::open(r.worker_pid).is_some())
-        };
-        self.all().find(lives).unwrap_or_else(|| Self::at(&self.path))
+        let is_served_in = |dir: &Self| dir.check().is_ok() && dir.is_served(name);
+        self.all().find(is_served_in).unwrap_or_else(|| Self::at(&self.path))
     }
 
     /// Creates the directory. Refuses one that another user owns or may write to: that user could
@@ -185,6 +182,10 @@ impl RuntimeDir {
         Ok(())
     }
 
+    pub(super) fn heartbeat_file(&self, name: &InstanceName) -> PathBuf {
+        self.file(name, ".heartbeat")
+    }
+
     pub(super) fn record_file(&self, name: &InstanceName) -> PathBuf {
         self.file(name, ".daemon")
     }
@@ -216,11 +217,13 @@ impl RuntimeDir {
         replace_own(&new, &self.record_file(name), record.to_string().as_bytes())
     }
 
-    /// Removes the record and the status file of an instance that stops.
+    /// Removes the record, the heartbeat and the status file of an instance that stops.
     pub fn remove_record(&self, name: &InstanceName) {
-        // Files that cannot be removed do no harm: readers find that their process is gone.
-        let _ = fs::remove_file(self.record_file(name));
-        let _ = fs::remove_file(self.status_file(name));
+        // Files that cannot be removed do no harm: readers find that the lock is free. The record goes
+        // first: one without a heartbeat is that of an earlier version.
+        for file in [self.record_file(name), self.heartbeat_file(name), self.status_file(name)] {
+            let _ = fs::remove_file(file);
+        }
     }
 }
 
@@ -274,7 +277,7 @@ impl InstanceLock {
         for other in dir.all().skip(1).filter(|other| other.check().is_ok()) {
             // Clients would find only one of two daemons.
             if let Some(record) = other.read_record(name)
-                && ProcessWatch::open(record.worker_pid).is_some()
+                && other.is_served(name)
             {
                 let pid = record.supervisor_pid;
                 return Err(InstanceError::AlreadyServed { name: name.clone(), pid });

@@ -13,6 +13,7 @@ mod loans;
 mod memory;
 mod message;
 mod own_request;
+mod process_limits;
 mod room;
 mod runtime_dir;
 mod segment;
@@ -22,15 +23,18 @@ mod trust;
 mod turn;
 
 pub use alarm::sleep_until;
-pub use cleanup::{clean_if_abandoned, remove_hollow_files};
+pub use cleanup::{clean_if_abandoned, has_shared_files, remove_hollow_files};
 pub use foreign::foreign_owner;
 pub use free_chunks::{ChunkLook, FreeChunk, FreeChunks};
 pub use instance::{DaemonRecord, InstanceLock, RuntimeDir};
-pub use liveness::{ProcessWatch, process_name};
+pub use liveness::{
+    BEAT_INTERVAL, DaemonWatch, Heartbeat, ProcessWatch, SILENT_AFTER, Stillness, process_name,
+};
 pub use loans::{assume_pages, assume_response_pages};
 pub use memory::{Populated, populate, populate_beyond};
 pub use message::{CheckedRequest, CheckedResponse, ForgedRequest};
 pub use own_request::{OwnRequest, SentRequest};
+pub use process_limits::{LimitError, address_space_left, raise_file_limit};
 pub use room::PopulateError;
 pub use segment::{Segment, SegmentFiles};
 pub use services::{

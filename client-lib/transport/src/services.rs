@@ -1,10 +1,13 @@
 //! The services of an instance and the ports on them.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use iceoryx2::config::Config;
 use iceoryx2::identifiers::UniqueNodeId;
 use iceoryx2::node::{Node, NodeBuilder, NodeCreationFailure};
+use iceoryx2::port::DegradationAction;
 use iceoryx2::port::client::Client as IceoryxClient;
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
@@ -21,9 +24,10 @@ use iceoryx2::service::builder::request_response::{
 use iceoryx2::service::port_factory::client::ClientCreateError;
 use iceoryx2::service::port_factory::{event, request_response};
 use iceoryx2::service::{Service, ipc_threadsafe};
-use pairmask_wire::{InstanceName, Page, RequestHeader, ResponseHeader};
+use pairmask_wire::{InstanceName, PAGE_BYTES, Page, RequestHeader, ResponseHeader};
 
-use crate::instance::RuntimeDir;
+use crate::instance::{RuntimeDir, SHM_DIR};
+use crate::process_limits::{self, LimitError};
 use crate::room;
 
 /// A node of a client. Sessions may move between threads.
@@ -98,6 +102,28 @@ pub struct Limits {
     pub max_scene_bytes: u64,
 }
 
+impl Limits {
+    /// Replies that may be held at a time.
+    const fn reply_count(&self) -> usize {
+        self.max_clients * FRAMES_AT_A_TIME + SPARE_RESPONSES + KEPT_RESPONSES
+    }
+
+    /// Bytes of address space that replies reserve, here and in each client.
+    pub const fn address_space(&self) -> u64 {
+        self.max_reply_bytes.saturating_mul(self.reply_count() as u64)
+    }
+
+    /// Limits whose replies fit into so many bytes of address space.
+    #[must_use]
+    pub fn within(self, address_space: u64) -> Self {
+        // Less than a page lies between two of them, and before the first.
+        let each = address_space / self.reply_count() as u64;
+        let page_bytes = PAGE_BYTES as u64;
+        let fits = (each / page_bytes).saturating_sub(2) * page_bytes;
+        Self { max_reply_bytes: self.max_reply_bytes.min(fits), ..self }
+    }
+}
+
 impl Default for Limits {
     /// 16 clients; masks of 1 GiB: the dense mask of 131,000 boxes, or 80 million sparse words; scenes of
     /// 4 GiB: 14 million boxes.
@@ -144,9 +170,22 @@ pub enum OpenError {
     /// No shared memory.
     #[error("no shared memory for a segment: free space in /dev/shm or make it larger")]
     OutOfMemory,
+    /// Files of the services are gone, or are not finished.
+    #[error("the daemon's files in /dev/shm are gone")]
+    Gone,
+    /// A limit of this process.
+    #[error(transparent)]
+    Limit(#[from] LimitError),
     /// The transport failed in another way.
     #[error(transparent)]
     Transport(#[from] TransportError),
+}
+
+impl OpenError {
+    /// A step that failed: by a limit of this process, where one is reached, else as `or` says.
+    fn of_step(bytes: u64, or: Self) -> Self {
+        process_limits::behind(bytes).map_or(or, Self::Limit)
+    }
 }
 
 /// A step of the transport that failed.
@@ -350,7 +389,7 @@ impl Services<ipc_threadsafe::Service> {
     /// [`TransportError`].
     pub fn server(&self, limits: &Limits) -> Result<Server, TransportError> {
         let pages = pairmask_wire::page_count(limits.max_reply_bytes);
-        let chunks = limits.max_clients * FRAMES_AT_A_TIME + SPARE_RESPONSES + KEPT_RESPONSES;
+        let chunks = limits.reply_count();
         self.requests
             .server_builder()
             // The default blocks the daemon when a client does not take its responses.
@@ -362,7 +401,13 @@ impl Services<ipc_threadsafe::Service> {
             // The transport's own worst case is twelve times this, 600 GiB of address space.
             .override_response_preallocation(move |worst| worst.min(chunks))
             .create()
-            .map_err(|e| TransportError::new("creating the server port", &e))
+            .map_err(|e| {
+                let step = "creating the server port";
+                match process_limits::behind(limits.address_space()) {
+                    Some(limit) => TransportError { step, detail: limit.to_string() },
+                    None => TransportError::new(step, &e),
+                }
+            })
     }
 
     /// The listener that clients wake, and the notifier that wakes clients.
@@ -408,7 +453,8 @@ impl Services<ipc_threadsafe::Service> {
     pub fn connect(dir: &RuntimeDir, name: &InstanceName) -> Result<Self, OpenError> {
         use RequestResponseOpenError as E;
         room::for_ports().map_err(|_| OpenError::OutOfMemory)?;
-        let node = Self::node(dir, name)?;
+        let failed = |e: TransportError| OpenError::of_step(0, e.into());
+        let node = Self::node(dir, name).map_err(failed)?;
         let requests = node
             .service_builder(&service_name!(REQUEST_SERVICE))
             .request_response::<[Page], [Page]>()
@@ -422,6 +468,7 @@ impl Services<ipc_threadsafe::Service> {
             .open()
             .map_err(|e| match e {
                 E::DoesNotExist => OpenError::NotServed,
+                E::HangsInCreation => OpenError::of_step(0, OpenError::Gone),
                 E::ExceedsMaxNumberOfNodes => OpenError::TooManyClients,
                 E::IncompatibleRequestOrResponseType
                 | E::VersionMismatch
@@ -432,15 +479,16 @@ impl Services<ipc_threadsafe::Service> {
                 | E::DoesNotSupportRequestedAmountOfActiveRequestsPerClient => {
                     OpenError::Incompatible
                 }
-                other => TransportError::new("opening the request service", &other).into(),
+                other => failed(TransportError::new("opening the request service", &other)),
             })?;
         let event = |service: &str| -> Result<_, OpenError> {
             node.service_builder(&service_name!(service)).event().open().map_err(|e| {
                 use iceoryx2::service::builder::event::EventOpenError as E;
                 match e {
                     E::DoesNotExist => OpenError::NotServed,
+                    E::HangsInCreation => OpenError::of_step(0, OpenError::Gone),
                     E::ExceedsMaxNumberOfNodes => OpenError::TooManyClients,
-                    other => TransportError::new("opening a wake-up service", &other).into(),
+                    other => failed(TransportError::new("opening a wake-up service", &other)),
                 }
             })
         };
@@ -456,17 +504,54 @@ impl Services<ipc_threadsafe::Service> {
     /// [`OpenError`].
     pub fn client_port(&self, max_pages: usize) -> Result<ClientPort, OpenError> {
         room::for_ports().map_err(|_| OpenError::OutOfMemory)?;
-        self.requests
+        // By default a port goes on without a daemon whose memory it cannot map: it sends, and never gets an
+        // answer. A new port does in any case.
+        let is_unmapped = Arc::new(AtomicBool::new(false));
+        let noted = Arc::clone(&is_unmapped);
+        let port = self
+            .requests
             .client_builder()
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .allocation_strategy(AllocationStrategy::Static)
             .initial_max_slice_len(max_pages)
-            .create()
-            .map_err(|e| match e {
-                ClientCreateError::ExceedsMaxSupportedClients => OpenError::TooManyClients,
-                ClientCreateError::UnableToCreateDataSegment => OpenError::OutOfMemory,
-                other => TransportError::new("creating the client port", &other).into(),
+            .set_response_degradation_handler(move |_, _| {
+                noted.store(true, Ordering::Relaxed);
+                DegradationAction::DegradeAndFail
             })
+            .create()
+            .map_err(|e| {
+                let own_bytes = max_pages.saturating_mul(PAGE_BYTES * FRAMES_AT_A_TIME) as u64;
+                match e {
+                    ClientCreateError::ExceedsMaxSupportedClients => OpenError::TooManyClients,
+                    ClientCreateError::UnableToCreateDataSegment => {
+                        OpenError::of_step(own_bytes, OpenError::OutOfMemory)
+                    }
+                    other => {
+                        let error = TransportError::new("creating the client port", &other);
+                        OpenError::of_step(own_bytes, error.into())
+                    }
+                }
+            })?;
+        if is_unmapped.load(Ordering::Relaxed) {
+            return Err(OpenError::of_step(self.answers_bytes(), OpenError::Gone));
+        }
+        Ok(port)
+    }
+
+    /// Bytes of the daemon's segment for answers, which a client maps as a whole; 0 where it is gone.
+    fn answers_bytes(&self) -> u64 {
+        use iceoryx2::prelude::{CallbackProgression, PortFactory};
+        let mut bytes = 0;
+        self.requests.dynamic_config().list_servers(|server| {
+            let ending = format!("_{}.data", server.server_id.value());
+            let files = std::fs::read_dir(SHM_DIR).into_iter().flatten().flatten();
+            let of_it = |file: &std::fs::DirEntry| {
+                file.file_name().to_str().is_some_and(|name| name.ends_with(&ending))
+            };
+            bytes = files.filter(of_it).filter_map(|file| Some(file.metadata().ok()?.len())).sum();
+            CallbackProgression::Stop
+        });
+        bytes
     }
 
     /// All ports of a client.
@@ -476,16 +561,17 @@ impl Services<ipc_threadsafe::Service> {
     pub fn client(&self, client_token: u64, max_pages: usize) -> Result<Client, OpenError> {
         use iceoryx2::port::listener::ListenerCreateError;
         use iceoryx2::port::notifier::NotifierCreateError;
+        let failed = |e: TransportError| OpenError::of_step(0, e.into());
         let name = listener_name(client_token)
             .ok_or_else(|| TransportError::new("naming the listener", &client_token))?;
         let listener =
             self.wake_client.listener_builder().name(&name).create().map_err(|e| match e {
                 ListenerCreateError::ExceedsMaxSupportedListeners => OpenError::TooManyClients,
-                other => TransportError::new("creating the listener", &other).into(),
+                other => failed(TransportError::new("creating the listener", &other)),
             })?;
         let notifier = self.wake_daemon.notifier_builder().create().map_err(|e| match e {
             NotifierCreateError::ExceedsMaxSupportedNotifiers => OpenError::TooManyClients,
-            other => OpenError::from(TransportError::new("creating the notifier", &other)),
+            other => failed(TransportError::new("creating the notifier", &other)),
         })?;
         Ok(Client { port: self.client_port(max_pages)?, notifier, listener })
     }

@@ -17,7 +17,7 @@ use crate::trust::{read_own, replace_own};
 /// "PMAC" in memory order.
 const MAGIC: u32 = u32::from_le_bytes(*b"PMAC");
 
-/// Contents of a status file: the daemon's status, and when it was written.
+/// Contents of a status file: the daemon's status, and when it was written. Two of a daemon differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct StatusFile {
@@ -49,7 +49,7 @@ const _: () = assert!(
     size_of::<StatusFile>() == FIRST_BYTES + size_of::<SkipTotals>() + size_of::<GpuCounts>()
 );
 
-/// The system's monotonic clock, which all processes share, ns.
+/// The system's monotonic clock, ns. Time namespaces shift it: a reader compares no time of its own.
 fn now_ns() -> u64 {
     let now = clock_gettime(ClockId::Monotonic);
     Duration::new(now.tv_sec.unsigned_abs(), now.tv_nsec.unsigned_abs() as u32).as_nanos() as u64
@@ -75,11 +75,6 @@ impl StatusFile {
     /// Work that the daemon's answers left out.
     pub const fn skips(&self) -> &SkipTotals {
         &self.skips
-    }
-
-    /// How long ago it was written; zero for a time in the future.
-    pub fn age(&self) -> Duration {
-        Duration::from_nanos(now_ns().saturating_sub(self.noted_at_ns))
     }
 
     fn parse(bytes: &[u8]) -> Option<Self> {
@@ -120,6 +115,14 @@ impl RuntimeDir {
         let bytes = read_own(&self.status_file(name), size_of::<StatusFile>() as u64)?;
         Ok(bytes.as_deref().and_then(StatusFile::parse))
     }
+
+    /// How long ago the status file was written, by the file system's clock, which namespaces share; zero
+    /// where that is not known.
+    pub fn status_age(&self, name: &InstanceName) -> Duration {
+        let data = std::fs::symlink_metadata(self.status_file(name));
+        let written_at = data.and_then(|data| data.modified()).ok();
+        written_at.and_then(|at| at.elapsed().ok()).unwrap_or_default()
+    }
 }
 
 #[cfg(test)]
@@ -140,7 +143,6 @@ mod tests {
             Some(status),
             "a later, longer one"
         );
-        assert!(status.age() < Duration::from_secs(3600));
         assert_eq!(StatusFile::parse(&bytes[1..]), None);
         assert_eq!(StatusFile::parse(&bytes[..bytes.len() - 1]), None);
         assert_eq!(StatusFile::parse(&[]), None);

@@ -1,5 +1,6 @@
 //! The configuration file: the lowest layer of settings above the defaults.
 
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -59,6 +60,19 @@ pub enum ConfigError {
     /// The user's default file exists and cannot be read.
     #[error("your configuration {0}; or name another by --config, /dev/null for none")]
     ReadOwn(FileError),
+    /// The default file cannot be read, because it would be another user's (`sudo`, a service's user).
+    #[error(
+        "{variable} is {}, which belongs to user {owner} and not to you: set it to a directory of your own, or name a configuration by --config, /dev/null for none",
+        path.display()
+    )]
+    OtherUser {
+        /// The variable that names the directory.
+        variable: &'static str,
+        /// The directory.
+        path: PathBuf,
+        /// Its owner's user id.
+        owner: u32,
+    },
     /// The file is not TOML, or has an unknown key or a wrong value.
     #[error("configuration {}, {}", path.display(), one_line(text, source))]
     Parse {
@@ -127,6 +141,12 @@ impl Config {
             Err(error) if named.is_none() && error.kind() == std::io::ErrorKind::NotFound => {
                 return Ok(Self::default());
             }
+            Err(error)
+                if named.is_none() && error.kind() == std::io::ErrorKind::PermissionDenied =>
+            {
+                let error = FileError::of(path, Access::Read)(error);
+                return Err(other_users_home().unwrap_or(ConfigError::ReadOwn(error)));
+            }
             Err(source) => {
                 let error = FileError::of(path, Access::Read)(source);
                 let is_own = named.is_none();
@@ -138,11 +158,23 @@ impl Config {
     }
 }
 
+fn set(variable: &str) -> Option<PathBuf> {
+    std::env::var_os(variable).filter(|value| !value.is_empty()).map(PathBuf::from)
+}
+
 /// `$XDG_CONFIG_HOME/pairmask/config.toml`, else `~/.config/pairmask/config.toml`.
 fn default_path() -> Option<PathBuf> {
-    let set = |name| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
     let home = set("XDG_CONFIG_HOME").or_else(|| Some(set("HOME")?.join(".config")))?;
     Some(home.join("pairmask").join("config.toml"))
+}
+
+/// The variable behind the default file, where it names another user's directory.
+fn other_users_home() -> Option<ConfigError> {
+    let mut named = ["XDG_CONFIG_HOME", "HOME"].into_iter().filter_map(|v| Some((v, set(v)?)));
+    let (variable, path) = named.next()?;
+    let owner = std::fs::metadata(&path).ok()?.uid();
+    let is_own = owner == rustix::process::geteuid().as_raw();
+    (!is_own).then_some(ConfigError::OtherUser { variable, path, owner })
 }
 
 #[cfg(test)]

@@ -2,8 +2,10 @@
 //! box, or `x y z radius`, 16 bytes a sphere, nothing before, between or after them.
 
 use std::fs::File;
-use std::io::Read;
+use std::io::{IsTerminal, Read};
 use std::marker::PhantomData;
+use std::os::fd::AsFd;
+use std::os::unix::fs::FileTypeExt;
 use std::path::{Path, PathBuf};
 
 use bytemuck::Pod;
@@ -42,6 +44,9 @@ pub enum RawObjectsError {
         path.display(), bytes / each, bytes % each
     )]
     OddSize { path: PathBuf, bytes: u64, each: u64, plural: &'static str },
+    /// A device like /dev/zero, which ends nowhere.
+    #[error("{}: it is a device without an end: name a file or a pipe of {plural}", path.display())]
+    Endless { path: PathBuf, plural: &'static str },
 }
 
 /// An open file of objects whose number is known. A regular file is not read yet.
@@ -71,22 +76,28 @@ impl<T: RawObject> RawObjects<T> {
     /// [`RawObjectsError`].
     pub fn open(path: &Path) -> Result<Self, RawObjectsError> {
         let failed = |source| FileError::of(path, Access::Read)(source);
-        let all_of = |mut stream: Box<dyn Read>| {
-            let mut bytes = Vec::new();
-            stream.read_to_end(&mut bytes).map(|_| bytes).map_err(failed)
-        };
-        let (bytes, source) = if path == Path::new(STDIN) {
-            let bytes = all_of(Box::new(std::io::stdin().lock()))?;
-            (bytes.len() as u64, Source::Bytes(bytes))
+        let is_stdin = path == Path::new(STDIN);
+        let mut file = if is_stdin {
+            std::io::stdin().as_fd().try_clone_to_owned().map(File::from)
         } else {
-            let file = File::open(path).map_err(failed)?;
-            let metadata = file.metadata().map_err(failed)?;
-            if metadata.is_file() {
-                (metadata.len(), Source::File(file))
-            } else {
-                let bytes = all_of(Box::new(file))?;
-                (bytes.len() as u64, Source::Bytes(bytes))
+            File::open(path)
+        }
+        .map_err(failed)?;
+        let metadata = file.metadata().map_err(failed)?;
+        let (bytes, source) = if metadata.is_file() && !is_stdin {
+            (metadata.len(), Source::File(file))
+        } else {
+            let mut bytes = Vec::new();
+            if metadata.file_type().is_char_device() && !file.is_terminal() {
+                // /dev/null has nothing to read; what has something there has it without end.
+                (&file).take(1).read_to_end(&mut bytes).map_err(failed)?;
+                if !bytes.is_empty() {
+                    let (path, plural) = (path.to_owned(), T::PLURAL);
+                    return Err(RawObjectsError::Endless { path, plural });
+                }
             }
+            file.read_to_end(&mut bytes).map_err(failed)?;
+            (bytes.len() as u64, Source::Bytes(bytes))
         };
         let (each, plural) = (size_of::<T>() as u64, T::PLURAL);
         if !bytes.is_multiple_of(each) {

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use pairmask::{Backend, Session, StatusError};
-use pairmask_transport::{DaemonRecord, GpuCounts, ProcessWatch, RuntimeDir};
+use pairmask_transport::{DaemonRecord, GpuCounts, RuntimeDir};
 use pairmask_wire::{
     AuditCounts, InstanceError, InstanceName, RecordedError, SkipTotals, StatusBody, StatusCode,
 };
@@ -206,7 +206,7 @@ impl StatusReport {
                     _ if !is_wanted => {}
                     None => found.push((dir.clone(), name, record)),
                     // Of two records of one name, the one that clients find.
-                    Some(known) if !lives(&known.2) && lives(&record) => {
+                    Some(known) if !known.0.is_served(&name) && dir.is_served(&name) => {
                         *known = (dir.clone(), name, record);
                     }
                     Some(_) => {}
@@ -302,16 +302,18 @@ enum Answer {
     Dead,
 }
 
-fn lives(record: &DaemonRecord) -> bool {
-    ProcessWatch::open(record.worker_pid).is_some()
-}
-
-/// Waits until the daemon writes a status file that is newer than the question. That takes no
-/// client's slot.
+/// Waits until the daemon writes a status file that is not the one of before the question. That takes no
+/// client's slot, and compares no clocks.
 fn ask(dir: &RuntimeDir, name: &InstanceName, record: &DaemonRecord) -> Answer {
-    let asked = Instant::now();
+    let (asked, mut before) = (Instant::now(), None);
+    let watch = match dir.watch(name, Some(record)) {
+        Ok(Some(watch)) => watch,
+        Ok(None) => return Answer::Dead,
+        Err(error) => return Answer::Silent(None, error.to_string()),
+    };
+    let beats = watch.beats();
     loop {
-        if !lives(record) {
+        if !watch.is_alive() {
             return Answer::Dead;
         }
         let status = match dir.read_status(name) {
@@ -319,16 +321,22 @@ fn ask(dir: &RuntimeDir, name: &InstanceName, record: &DaemonRecord) -> Answer {
             Ok(_) => return ask_over_wire(dir, name),
             Err(error) => return Answer::Silent(None, error.to_string()),
         };
-        let age = status.age();
+        let age = dir.status_age(name);
         let report = DaemonReport::of(status.body(), status.skips(), status.gpus(), age);
-        if age <= asked.elapsed() {
+        if *before.get_or_insert(status) != status {
             return Answer::Alive(report);
         }
         if asked.elapsed() >= DEADLINE {
             let age = time_text(report.age_ns);
-            let problem = format!(
-                "instance '{name}' does not answer: its process lives, its counters are {age} old"
-            );
+            let how = match beats {
+                None => "its process lives",
+                Some(_) if watch.beats() == beats => {
+                    "its worker is stopped, its heartbeat stands still"
+                }
+                Some(_) => "its worker runs, and does not serve",
+            };
+            let problem =
+                format!("instance '{name}' does not answer: {how}; its counters are {age} old");
             return Answer::Silent(Some(report), problem);
         }
         std::thread::sleep(LOOK);

@@ -8,21 +8,28 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
 use pairmask_transport::{
-    DaemonNode, JANITOR_INTERVAL, RuntimeDir, Services, StatusFile, remove_hollow_files,
+    DaemonNode, JANITOR_INTERVAL, RuntimeDir, Services, StatusFile, has_shared_files,
+    remove_hollow_files,
 };
 use pairmask_wire::InstanceName;
 
 use super::ServeError;
+use super::heartbeat::Rounds;
 
 /// Stops and joins its thread when dropped.
 pub(super) struct Janitor {
     stop: Arc<AtomicBool>,
     posted: Arc<Mutex<Option<StatusFile>>>,
+    rounds: Rounds,
     thread: Option<JoinHandle<()>>,
 }
 
 impl Janitor {
-    pub(super) fn start(dir: &RuntimeDir, instance: &InstanceName) -> Result<Self, ServeError> {
+    pub(super) fn start(
+        dir: &RuntimeDir,
+        instance: &InstanceName,
+        rounds: Rounds,
+    ) -> Result<Self, ServeError> {
         let stop = Arc::new(AtomicBool::new(false));
         let posted = Arc::new(Mutex::default());
         let (told, mail) = (Arc::clone(&stop), Arc::clone(&posted));
@@ -31,11 +38,12 @@ impl Janitor {
             .name("janitor".into())
             .spawn(move || sweep(&dir, &instance, &told, &mail))
             .map_err(ServeError::system("starting the janitor"))?;
-        Ok(Self { stop, posted, thread: Some(thread) })
+        Ok(Self { stop, posted, rounds, thread: Some(thread) })
     }
 
-    /// Has the status file written, by this thread and not by the one that serves.
+    /// Has the status file written, by this thread and not by the one that serves, which looks for requests.
     pub(super) fn post(&self, status: &StatusFile) {
+        self.rounds.count();
         *self.posted.lock().unwrap_or_else(PoisonError::into_inner) = Some(*status);
         if let Some(thread) = &self.thread {
             thread.thread().unpark();
@@ -76,6 +84,11 @@ fn sweep(
     let mut is_told = false;
     while !stop.load(Ordering::Relaxed) {
         let status = posted.lock().unwrap_or_else(PoisonError::into_inner).take();
+        if status.is_some() && !has_shared_files(dir, instance) {
+            // No new client could connect. The supervisor starts another worker, with files of its own.
+            log::error!("the files of '{instance}' in /dev/shm were removed: starting anew");
+            std::process::abort();
+        }
         if let Some(Err(error)) = status.map(|status| dir.write_status(instance, &status))
             && !std::mem::replace(&mut is_told, true)
         {

@@ -1,9 +1,10 @@
 //! Serving an instance: a supervisor that stays, and a worker that does the work.
 //!
 //! A process with the same rights can kill the worker through the transport itself (a truncated
-//! segment, a forged length). The supervisor starts another; clients answer their frames in
-//! process meanwhile and come back by themselves.
+//! segment, a forged length). The supervisor starts another, also where the worker is stopped or ends
+//! itself because it hangs; clients answer their frames in process meanwhile and come back by themselves.
 
+mod heartbeat;
 mod janitor;
 mod lanes;
 mod memory;
@@ -13,14 +14,14 @@ mod supervisor;
 mod worker;
 
 pub(crate) use memory::default_scene_bytes;
-pub use supervisor::supervise;
+pub use supervisor::{FILES_PER_CLIENT, supervise};
 pub use worker::work;
 
 use std::time::Duration;
 
 use pairmask_core::engine::AvailableIsa;
 use pairmask_core::plan::CalibrationChoice;
-use pairmask_transport::{Limits, RuntimeDir, TransportError};
+use pairmask_transport::{LimitError, Limits, RuntimeDir, TransportError};
 use pairmask_wire::{InstanceError, InstanceName};
 
 use crate::audit::AuditRate;
@@ -106,6 +107,24 @@ pub enum ServeError {
         pid: u32,
         /// What it calls itself.
         name: String,
+    },
+    /// A limit of this process is too low for what is to be served.
+    #[error(transparent)]
+    Limit(#[from] LimitError),
+    /// So many clients need more open files than a process may have.
+    #[error(
+        "{clients} clients need up to {needed} open files, and a process may have {limit} (RLIMIT_NOFILE): raise the hard limit (`ulimit -Hn`){}",
+        if *fit > 0 { format!(", or serve with --max-clients {fit}") } else { String::new() }
+    )]
+    Files {
+        /// Clients at a time.
+        clients: usize,
+        /// Open files of a worker with so many.
+        needed: u64,
+        /// The hard limit.
+        limit: u64,
+        /// Clients for whom there are enough.
+        fit: u64,
     },
     /// The worker gave up before it served at all; it said why itself.
     #[error("the worker could not serve (exit code {code})")]

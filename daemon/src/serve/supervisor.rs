@@ -1,13 +1,26 @@
 //! The process that the user starts. It holds the instance and keeps a worker running.
+//!
+//! A worker that is stopped (SIGSTOP) keeps its memory and its clients' frames, and never answers: it is
+//! killed and replaced. It counts as stopped where the kernel says so and its heartbeat has stood still
+//! for a while of this process's own looks. One that is starved, waits for pages or is traced by a debugger
+//! is not stopped by that account, and is left alone; so is one that was suspended with the whole machine.
+//! One that hangs ends itself (`heartbeat`).
 
+use std::os::fd::{AsFd, OwnedFd};
+use std::os::unix::net::UnixStream;
 use std::process::{Child, Command, ExitStatus};
 use std::time::{Duration, Instant};
 
-use pairmask_transport::{InstanceLock, ProcessWatch, clean_if_abandoned};
+use pairmask_transport::{
+    DaemonWatch, InstanceLock, Stillness, clean_if_abandoned, raise_file_limit,
+};
 use pairmask_wire::InstanceError;
-use rustix::process::{Pid, Signal, kill_process};
-use signal_hook::consts::{SIGCHLD, SIGINT, SIGTERM};
-use signal_hook::iterator::Signals;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::process::{
+    Pid, PidfdFlags, Signal, WaitId, WaitIdOptions, kill_process, pidfd_open, waitid,
+};
+use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::low_level::pipe;
 
 use super::restart_delay::RestartDelay;
 use super::{ServeError, ServeSettings};
@@ -19,11 +32,23 @@ const PREDECESSOR_LOOK: Duration = Duration::from_millis(5);
 /// A worker that was asked to stop has this long: more than its longest sleep and one frame.
 const STOP_WITHIN: Duration = Duration::from_secs(5);
 
+/// Between two looks at the worker's heartbeat.
+const LOOK_INTERVAL: Duration = Duration::from_millis(50);
+/// A worker that is stopped for this long is replaced: within a second it serves again. Ctrl-Z stops the
+/// supervisor too, which looks at nothing meanwhile.
+const STOPPED_FOR: Duration = Duration::from_millis(400);
+
+/// Open files of a worker without clients: pipes, ports, devices and engines.
+const OWN_FILES: u64 = 128;
+/// Open files of a worker for each client, at most, with a spare one for each.
+pub const FILES_PER_CLIENT: u64 = 16;
+
 /// Serves an instance until SIGINT or SIGTERM.
 ///
 /// # Errors
 /// [`ServeError`]; a worker that crashes is none.
 pub fn supervise(settings: &ServeSettings) -> Result<(), ServeError> {
+    check_file_limit(settings.limits.max_clients)?;
     let _lock = acquire(settings)?;
     let result = keep_working(settings);
     settings.dir.remove_record(&settings.instance);
@@ -31,14 +56,25 @@ pub fn supervise(settings: &ServeSettings) -> Result<(), ServeError> {
     result
 }
 
+/// Raises the limit of open files as far as this process may, and checks that it is enough.
+fn check_file_limit(clients: usize) -> Result<(), ServeError> {
+    let Some(limit) = raise_file_limit() else { return Ok(()) };
+    let needed = OWN_FILES + FILES_PER_CLIENT * clients as u64;
+    if needed <= limit {
+        return Ok(());
+    }
+    let fit = limit.saturating_sub(OWN_FILES) / FILES_PER_CLIENT;
+    Err(ServeError::Files { clients, needed, limit, fit })
+}
+
 /// Takes the right to serve. A predecessor that was killed while it started a worker holds it through
-/// that worker, until the worker has its own program: a moment that is waited for.
+/// that worker, until the worker has its own program: a moment that is waited for, unless a worker serves.
 fn acquire(settings: &ServeSettings) -> Result<InstanceLock, InstanceError> {
     let give_up_at = Instant::now() + PREDECESSOR_LETS_GO;
     loop {
         match InstanceLock::acquire(&settings.dir, &settings.instance) {
-            Err(InstanceError::AlreadyServed { pid, .. })
-                if ProcessWatch::open(pid).is_none() && Instant::now() < give_up_at =>
+            Err(InstanceError::AlreadyServed { .. })
+                if !settings.dir.is_served(&settings.instance) && Instant::now() < give_up_at =>
             {
                 std::thread::sleep(PREDECESSOR_LOOK);
             }
@@ -48,14 +84,14 @@ fn acquire(settings: &ServeSettings) -> Result<InstanceLock, InstanceError> {
 }
 
 fn keep_working(settings: &ServeSettings) -> Result<(), ServeError> {
-    let mut signals = Signals::new([SIGINT, SIGTERM, SIGCHLD])
-        .map_err(ServeError::system("installing signal handlers"))?;
+    let signals =
+        StopSignals::install().map_err(ServeError::system("installing signal handlers"))?;
     let mut delay = RestartDelay::default();
     let mut served_before = false;
     loop {
         settings.dir.remove_record(&settings.instance);
         let mut worker = spawn_worker(settings, served_before)?;
-        let Some(status) = watch(&mut worker, &mut signals)? else {
+        let Some(status) = watch(&mut worker, settings, &signals)? else {
             return stop(&mut worker);
         };
         served_before |= settings.dir.read_record(&settings.instance).is_some();
@@ -66,8 +102,50 @@ fn keep_working(settings: &ServeSettings) -> Result<(), ServeError> {
             _ => {}
         }
         log::error!("the worker of '{}' died ({status}); starting another", settings.instance);
-        if sleep_or_stop(delay.of_death(Instant::now()), &mut signals) {
+        if signals.wait(None, delay.of_death(Instant::now())) == Waited::Signal {
             return Ok(());
+        }
+    }
+}
+
+/// The end of a pipe that becomes readable by a signal to stop, and stays so.
+struct StopSignals(UnixStream);
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Waited {
+    Signal,
+    Ended,
+    Nothing,
+}
+
+impl StopSignals {
+    fn install() -> std::io::Result<Self> {
+        let (told, teller) = UnixStream::pair()?;
+        for signal in [SIGINT, SIGTERM] {
+            pipe::register(signal, teller.try_clone()?)?;
+        }
+        Ok(Self(told))
+    }
+
+    /// Waits for a signal or the end of a process, for so long at most.
+    fn wait(&self, process: Option<&OwnedFd>, time: Duration) -> Waited {
+        let until = Instant::now() + time;
+        loop {
+            let left = until.saturating_duration_since(Instant::now());
+            let left =
+                Timespec { tv_sec: left.as_secs() as i64, tv_nsec: left.subsec_nanos().into() };
+            let mut fds = vec![PollFd::new(&self.0, PollFlags::IN)];
+            fds.extend(
+                process.map(|process| PollFd::from_borrowed_fd(process.as_fd(), PollFlags::IN)),
+            );
+            let done = poll(&mut fds, Some(&left));
+            match fds.iter().position(|fd| !fd.revents().is_empty()) {
+                Some(0) => return Waited::Signal,
+                Some(_) => return Waited::Ended,
+                // A signal interrupts the wait before its byte is seen.
+                None if done.is_ok() => return Waited::Nothing,
+                None => {}
+            }
         }
     }
 }
@@ -96,18 +174,65 @@ fn spawn_worker(settings: &ServeSettings, restarted: bool) -> Result<Child, Serv
         .map_err(ServeError::system("starting the worker"))
 }
 
-/// Waits for the worker's end, or `None` for a signal to stop.
-fn watch(worker: &mut Child, signals: &mut Signals) -> Result<Option<ExitStatus>, ServeError> {
+/// Waits for the worker's end, or `None` for a signal to stop. Ends a worker that is stopped.
+fn watch(
+    worker: &mut Child,
+    settings: &ServeSettings,
+    signals: &StopSignals,
+) -> Result<Option<ExitStatus>, ServeError> {
+    let failed = ServeError::system;
+    let pid = i32::try_from(worker.id()).ok().and_then(Pid::from_raw);
+    let process = pid.and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok());
+    let mut heart = HeartWatch::new();
     loop {
-        if let Some(status) =
-            worker.try_wait().map_err(ServeError::system("watching the worker"))?
-        {
+        if let Some(status) = worker.try_wait().map_err(failed("watching the worker"))? {
             return Ok(Some(status));
         }
-        if signals.wait().any(|signal| signal != SIGCHLD) {
+        if signals.wait(process.as_ref(), LOOK_INTERVAL) == Waited::Signal {
             return Ok(None);
         }
+        let beats = heart.beats(settings);
+        if heart.stands_still(beats, pid.is_some_and(is_stopped), Instant::now()) {
+            log::error!(
+                "the worker of '{}' is stopped and answers nobody: it is killed",
+                settings.instance
+            );
+            worker.kill().map_err(failed("killing the worker"))?;
+        }
     }
+}
+
+/// The heartbeat of a worker, and whether it stands still.
+struct HeartWatch {
+    heart: Option<DaemonWatch>,
+    still: Stillness,
+}
+
+impl HeartWatch {
+    fn new() -> Self {
+        Self { heart: None, still: Stillness::new(None, Instant::now(), 2 * LOOK_INTERVAL) }
+    }
+
+    fn beats(&mut self, settings: &ServeSettings) -> Option<u64> {
+        if self.heart.is_none() {
+            // The predecessor's file is gone: what is there is this worker's.
+            self.heart = settings.dir.watch(&settings.instance, None).ok().flatten();
+        }
+        self.heart.as_ref()?.beats()
+    }
+
+    /// Whether the worker has been stopped for long enough, by looks at it.
+    fn stands_still(&mut self, beats: Option<u64>, is_stopped: bool, now: Instant) -> bool {
+        // A worker that is stopped before its first beat beats no more than one after it.
+        let seen = is_stopped.then(|| beats.unwrap_or(0));
+        self.still.look(seen, now) >= STOPPED_FOR
+    }
+}
+
+/// Whether a child is stopped by a signal, as the kernel tells its parent. A debugger's stops are not told.
+fn is_stopped(child: Pid) -> bool {
+    let options = WaitIdOptions::STOPPED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
+    matches!(waitid(WaitId::Pid(child), options), Ok(Some(_)))
 }
 
 fn stop(worker: &mut Child) -> Result<(), ServeError> {
@@ -127,8 +252,60 @@ fn stop(worker: &mut Child) -> Result<(), ServeError> {
     Ok(())
 }
 
-/// Sleeps; `true` where a signal to stop came.
-fn sleep_or_stop(pause: Duration, signals: &mut Signals) -> bool {
-    std::thread::sleep(pause);
-    signals.pending().any(|signal| signal != SIGCHLD)
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_worker_is_replaced_where_it_is_stopped_and_its_heart_stands_still() {
+        let start = Instant::now();
+        let killed_at = |seen: &dyn Fn(u32) -> (Option<u64>, bool), tick: Duration| {
+            let mut heart = HeartWatch::new();
+            (0..1000).find(|i| {
+                let (beats, is_stopped) = seen(*i);
+                heart.stands_still(beats, is_stopped, start + *i * tick)
+            })
+        };
+        let tick = LOOK_INTERVAL;
+        assert_eq!(killed_at(&|_| (Some(7), true), tick), Some(8), "400 ms");
+        assert_eq!(killed_at(&|_| (None, true), tick), Some(8), "before its first beat");
+        assert_eq!(killed_at(&|_| (Some(7), false), tick), None, "starved, paging or traced");
+        assert_eq!(killed_at(&|i| (Some(i.into()), true), tick), None, "it beats");
+        assert_eq!(killed_at(&|i| (Some(7), i % 8 != 7), tick), None, "it goes on now and then");
+        let suspended = Duration::from_secs(3600);
+        assert_eq!(killed_at(&|_| (Some(7), true), suspended), Some(4), "its own looks count");
+    }
+
+    #[test]
+    fn the_kernel_tells_of_a_stopped_child() {
+        let mut child = Command::new("sleep").arg("60").spawn().unwrap();
+        let pid = Pid::from_raw(child.id() as i32).unwrap();
+        let is_soon = |expected| {
+            (0..10_000).any(|_| {
+                std::thread::sleep(Duration::from_millis(1));
+                is_stopped(pid) == expected
+            })
+        };
+        assert!(!is_stopped(pid));
+        for _ in 0..2 {
+            kill_process(pid, Signal::STOP).unwrap();
+            assert!(is_soon(true));
+            assert!(is_stopped(pid), "a look changes nothing");
+            kill_process(pid, Signal::CONT).unwrap();
+            assert!(is_soon(false));
+        }
+        child.kill().unwrap();
+        child.wait().unwrap();
+    }
+
+    #[test]
+    fn more_clients_than_open_files_are_refused_with_a_number_that_fits() {
+        let refused = check_file_limit(usize::MAX >> 8);
+        // Where there is no limit there is nothing to refuse.
+        if let Err(error) = refused {
+            assert!(error.to_string().contains("--max-clients"), "{error}");
+        }
+        check_file_limit(16).unwrap();
+    }
 }

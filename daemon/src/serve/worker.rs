@@ -9,13 +9,15 @@ use iceoryx2::service::ipc_threadsafe;
 use pairmask_core::engine::AvailableIsa;
 use pairmask_core::plan::{Calibration, CalibrationChoice, CalibrationOrigin};
 use pairmask_transport::{
-    DaemonRecord, FreeChunks, GpuCounts, PortTurn, SegmentFiles, Server, Services, StatusFile,
-    clean_if_abandoned, process_name, quiet_transport_log,
+    DaemonRecord, FreeChunks, GpuCounts, LimitError, Limits, PortTurn, SegmentFiles, Server,
+    Services, StatusFile, address_space_left, clean_if_abandoned, process_name,
+    quiet_transport_log,
 };
 use pairmask_wire::{SkipTotals, StatusBody, Version};
 use rustix::process::Signal;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
+use super::heartbeat::{Beating, Rounds};
 use super::janitor::{Janitor, clean_up};
 use super::lanes::Lanes;
 use super::{ServeError, ServeSettings};
@@ -28,6 +30,8 @@ use crate::requests::Responder;
 
 /// How long a predecessor may take to die. A daemon that has none to wait for starts at once.
 const PREDECESSOR_DIES: Duration = Duration::from_secs(2);
+/// The least mask that is worth serving: a dense one of 4,000 boxes.
+const LEAST_REPLY_BYTES: u64 = 1 << 20;
 /// Between two looks whether it has.
 const PREDECESSOR_LOOK: Duration = Duration::from_millis(10);
 
@@ -44,6 +48,9 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
             .map_err(ServeError::system("installing signal handlers"))?;
     }
     bind_to(supervisor)?;
+    let beating = Beating::start(&settings.dir, &settings.instance)?;
+    let settings =
+        &ServeSettings { limits: limits_that_fit(&settings.limits)?, ..settings.clone() };
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let pool = Arc::new(EnginePool::with_this_thread(threads)?);
 
@@ -56,7 +63,7 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
         .map_err(ServeError::system("starting a thread"))?;
     let missing = Arc::new(Mutex::new(None));
     let gpus = open_gpus(settings, &missing, &stop);
-    let (janitor, services) = open_services(settings)?;
+    let (janitor, services) = open_services(settings, &beating.rounds())?;
     let server = open_server(&services, settings)?;
     let mut early = Vec::new();
     let free = FreeChunks::of(&services, &server, settings.limits.max_reply_bytes, &mut early)
@@ -97,6 +104,8 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     responder.alter_answers(settings.alter_answers);
     let lanes = Lanes::new(intake, wake, responder, Arc::clone(&pool), settings, &janitor, &stop);
     lanes.run()?;
+    // What follows may take a while, and is no hanging.
+    drop(beating);
     // Its threads may have used the devices, which are gone now: until then they stay (`gpu::driver_thread`).
     drop(pool);
     drop(janitor);
@@ -120,16 +129,38 @@ fn bind_to(supervisor: u32) -> Result<(), ServeError> {
     if parent == supervisor { Ok(()) } else { Err(ServeError::Orphaned { supervisor }) }
 }
 
+/// Limits whose replies fit the address space that this process may have, which batch queues and service
+/// managers restrict.
+fn limits_that_fit(asked: &Limits) -> Result<Limits, LimitError> {
+    let Some(left) = address_space_left() else { return Ok(*asked) };
+    // The other half is for engines, scenes and clients' segments.
+    let limits = asked.within(left / 2);
+    if limits.max_reply_bytes < LEAST_REPLY_BYTES.min(asked.max_reply_bytes) {
+        let (bytes, limit) = (asked.address_space(), left);
+        return Err(LimitError::AddressSpace { bytes, limit });
+    }
+    if limits != *asked {
+        log::warn!(
+            "the largest mask is {} MiB and not {}: this process may use {} MiB of address space (RLIMIT_AS, `ulimit -v`)",
+            limits.max_reply_bytes >> 20,
+            asked.max_reply_bytes >> 20,
+            left >> 20,
+        );
+    }
+    Ok(limits)
+}
+
 /// The services. A predecessor that was killed while it made them left half of them, which can be taken
 /// away as soon as it has died, and as long as we have no part in them.
 fn open_services(
     settings: &ServeSettings,
+    rounds: &Rounds,
 ) -> Result<(Janitor, Services<ipc_threadsafe::Service>), ServeError> {
     let give_up_at = Instant::now() + PREDECESSOR_DIES;
     loop {
         clean_if_abandoned(&settings.dir, &settings.instance)?;
         settings.dir.ensure_transport_root(&settings.instance)?;
-        let janitor = Janitor::start(&settings.dir, &settings.instance)?;
+        let janitor = Janitor::start(&settings.dir, &settings.instance, rounds.clone())?;
         match Services::serve(&settings.dir, &settings.instance, &settings.limits) {
             Ok(services) => return Ok((janitor, services)),
             Err(error) if Instant::now() < give_up_at => {

@@ -2,13 +2,14 @@
 
 use std::fs::{File, Permissions};
 use std::os::unix::fs::PermissionsExt;
+use std::os::unix::process::CommandExt;
 use std::path::Path;
-use std::process::Stdio;
+use std::process::{Command, Stdio};
 
 use pairmask_core::Aabb;
 use pairmask_tests::stress_scenes;
 
-use crate::support::{Finished, Place, finish};
+use crate::support::{Finished, PAIRMASKD, Place, finish};
 
 /// Words that no message may have.
 const JARGON: [&str; 12] = [
@@ -335,4 +336,84 @@ fn latency_is_measured_where_it_says() {
     let place_of_daemon = ["--backend", "auto", "--runtime-dir", dir.to_str().unwrap()];
     let report = place.run(&[&latency[..], &place_of_daemon].concat()).json();
     assert_eq!(report["rows"][0]["backend"], "daemon", "auto takes the daemon that serves");
+}
+
+/// Each would be read without end.
+#[test]
+fn a_device_without_an_end_is_refused() {
+    let place = Place::new();
+    for device in ["/dev/full", "/dev/zero"] {
+        let finished = place.run(&["cull", device, "--backend", "in-process"]);
+        check(&finished, 1, "a device without an end: name a file", &device);
+        let mut command = place.command(&["cull", "-", "--backend", "in-process"]);
+        let child = command.stdin(File::open(device).unwrap()).spawn().unwrap();
+        check(&finish(child), 1, "a device without an end: name a file", &device);
+    }
+    let finished = place.run(&["cull", "/dev/null", "--backend", "in-process", "--json"]);
+    assert_eq!(finished.json()["boxes"], 0);
+}
+
+#[test]
+fn output_that_finds_no_room_is_told_in_one_line() {
+    let place = Place::new();
+    let path = place.boxes(&scene());
+    let path = path.to_str().unwrap();
+    for line in [
+        &["cull", path, "--backend", "in-process"][..],
+        &["cull", path, "--backend", "in-process", "--json"],
+        &["cull", path, "--backend", "in-process", "--pairs", "-"],
+        &["scene", "uniform", "10", "-"],
+        &["--help"],
+        &["--version"],
+    ] {
+        let mut command = place.command(line);
+        let full = File::options().write(true).open("/dev/full").unwrap();
+        let finished = finish(command.stdout(full).spawn().unwrap());
+        check(&finished, 1, "standard output: the disk is full: free space", &line);
+    }
+    for flag in ["--pairs", "--mask"] {
+        let finished = place.run(&["cull", path, "--backend", "in-process", flag, "/dev/full"]);
+        check(&finished, 1, "/dev/full: the disk is full: free space", &flag);
+    }
+}
+
+/// As after `sudo -u`, or in a service of another user.
+#[test]
+fn the_home_of_another_user_is_named() {
+    const NOBODY: u32 = 65_534;
+    if !rustix::process::geteuid().is_root() {
+        // Without root the test cannot act as a second user, and root's home stands for another's.
+        return;
+    }
+    let place = Place::new();
+    std::fs::set_permissions(place.path(), Permissions::from_mode(0o755)).unwrap();
+    let home = place.file("home");
+    std::fs::create_dir(&home).unwrap();
+    std::fs::set_permissions(&home, Permissions::from_mode(0o700)).unwrap();
+    // By another process: one that is written here may not be executed while a test forks.
+    let program = place.file("pairmaskd");
+    let copied = Command::new("cp").args([PAIRMASKD.as_ref(), program.as_path()]).status().unwrap();
+    assert!(copied.success());
+    for variable in ["HOME", "XDG_CONFIG_HOME"] {
+        let mut command = Command::new(&program);
+        command
+            .args(["status"])
+            .env_clear()
+            .env(variable, &home)
+            .env("PAIRMASK_RUNTIME_DIR", "/tmp");
+        command.uid(NOBODY).gid(NOBODY).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let finished = finish(command.spawn().unwrap());
+        let expected = format!("{variable} is {}, which belongs to user 0", home.display());
+        check(&finished, 2, &expected, &variable);
+    }
+}
+
+#[test]
+fn a_missing_daemon_is_told_with_the_place_that_was_searched() {
+    let place = Place::new();
+    let path = place.boxes(&scene());
+    let path = path.to_str().unwrap();
+    let finished = place.run(&["cull", path, "--backend", "daemon", "--instance", "world"]);
+    let expected = format!("instance 'world' in {}", place.path().display());
+    check(&finished, 1, &expected, &"cull");
 }

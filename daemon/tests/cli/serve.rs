@@ -1,12 +1,12 @@
 //! `serve`: one daemon an instance, stopped by signals, restarted when it crashes.
 
-use std::process::Child;
+use std::process::{Child, Stdio};
 
 use pairmask_transport::RuntimeDir;
 use pairmask_wire::InstanceName;
 use rustix::process::{Pid, Signal, kill_process};
 
-use crate::support::{Finished, Place, eventually, finish};
+use crate::support::{Finished, PAIRMASKD, Place, eventually, finish};
 
 fn pid_of(child: &Child) -> Pid {
     Pid::from_raw(i32::try_from(child.id()).unwrap()).unwrap()
@@ -85,4 +85,47 @@ fn a_directory_may_have_a_longer_path_than_a_socket() {
     let status = place.run(&["status", "--runtime-dir", long.to_str().unwrap()]);
     assert_eq!(stop(child, Signal::TERM).code, Some(0));
     assert_eq!(status.code, Some(0), "{status:?}");
+}
+
+/// Runs the program in a shell that limits it.
+fn limited(place: &Place, limits: &str, arguments: &str) -> Child {
+    let mut command = std::process::Command::new("bash");
+    command.args(["-c", &format!("{limits}; exec {PAIRMASKD} {arguments}")]);
+    command.env("PAIRMASK_RUNTIME_DIR", place.path()).env("PAIRMASK_GPU", "none");
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command.spawn().unwrap()
+}
+
+#[test]
+fn a_daemon_reserves_what_its_address_space_allows() {
+    let place = Place::new();
+    let child = limited(&place, "ulimit -v 8000000", "serve");
+    let dir = RuntimeDir::at(place.path());
+    eventually("the daemon serves", || dir.read_record(&InstanceName::default()));
+    let builder = pairmask::Session::builder().runtime_dir(dir);
+    let mut session = builder.backend(pairmask::Backend::Daemon).connect().unwrap();
+    let mask = session.frame(100).unwrap().submit().unwrap().wait().unwrap();
+    assert_eq!(mask.info().served_by, pairmask::ServedBy::Daemon);
+    drop((mask, session));
+    let finished = stop(child, Signal::TERM);
+    assert_eq!(finished.code, Some(0), "{finished:?}");
+    let warnings = finished.stderr.matches("RLIMIT_AS").count();
+    assert_eq!(warnings, 1, "{finished:?}");
+}
+
+#[test]
+fn more_clients_than_files_are_refused() {
+    let place = Place::new();
+    let finished = finish(limited(&place, "ulimit -n 1024", "serve --max-clients 200"));
+    let error = finished.error(1);
+    assert!(error.contains("200 clients") && error.contains("RLIMIT_NOFILE"), "{error}");
+    assert!(error.contains("--max-clients 56"), "{error}");
+    // The soft limit alone is raised.
+    let child = limited(&place, "ulimit -Sn 64", "serve --max-clients 200");
+    let dir = RuntimeDir::at(place.path());
+    let record = eventually("the daemon serves", || dir.read_record(&InstanceName::default()));
+    let limits = std::fs::read_to_string(format!("/proc/{}/limits", record.worker_pid)).unwrap();
+    let files = limits.lines().find(|line| line.starts_with("Max open files")).unwrap();
+    assert_ne!(files.split_whitespace().nth(3), Some("64"), "{files}");
+    assert_eq!(stop(child, Signal::TERM).code, Some(0));
 }

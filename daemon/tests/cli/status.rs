@@ -6,7 +6,7 @@ use pairmask_core::Aabb;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 
-use crate::support::{Finished, Place, daemon, eventually, keys};
+use crate::support::{Finished, PAIRMASKD, Place, daemon, eventually, keys};
 
 fn status(place: &Place, dir: &std::path::Path, more: &[&str]) -> Finished {
     let mut arguments = vec!["status", "--runtime-dir", dir.to_str().unwrap()];
@@ -131,19 +131,40 @@ fn a_killed_daemon_is_dead() {
 fn a_hanging_daemon_is_silent() {
     let place = Place::new();
     let daemon = daemon();
-    let worker = i32::try_from(daemon.record().unwrap().worker_pid).unwrap();
-    let worker = Pid::from_raw(worker).unwrap();
-    kill_process(worker, Signal::STOP).unwrap();
+    // The supervisor would replace its worker.
+    let record = daemon.record().unwrap();
+    let processes = [record.supervisor_pid, record.worker_pid]
+        .map(|pid| Pid::from_raw(pid.cast_signed()).unwrap());
+    processes.iter().for_each(|pid| kill_process(*pid, Signal::STOP).unwrap());
     let finished = status(&place, daemon.dir().path(), &["--json"]);
-    kill_process(worker, Signal::CONT).unwrap();
+    processes.iter().for_each(|pid| kill_process(*pid, Signal::CONT).unwrap());
     assert_eq!(finished.code, Some(1), "{finished:?}");
     let report: Value = serde_json::from_str(&finished.stdout).unwrap();
     let instance = &report["instances"][0];
     assert_eq!(instance["state"], "silent");
-    assert!(instance["problem"].as_str().unwrap().contains("instance 'default'"), "{report}");
+    let problem = instance["problem"].as_str().unwrap();
+    assert!(problem.contains("instance 'default'"), "{report}");
+    assert!(problem.contains("its heartbeat stands still"), "{report}");
     // The last known figures and their age: the command waited three seconds at least.
     assert_eq!(instance["daemon"]["errors"], 0);
     assert!(instance["daemon"]["age_ns"].as_u64().unwrap() >= 3_000_000_000, "{report}");
+}
+
+/// In a container that was moved from another machine, clocks differ from those outside.
+#[test]
+fn a_daemon_answers_in_other_namespaces() {
+    let daemon = daemon();
+    for namespace in [
+        &["--time", "--boottime", "1000000", "--monotonic", "1000000"][..],
+        &["--pid", "--fork", "--mount-proc"],
+    ] {
+        let mut command = std::process::Command::new("unshare");
+        command.args(["--user", "--map-root-user"]).args(namespace);
+        command.args([PAIRMASKD, "status"]).env("PAIRMASK_RUNTIME_DIR", daemon.dir().path());
+        let output = command.output().unwrap();
+        let said = String::from_utf8_lossy(&output.stdout).into_owned();
+        assert!(output.status.success() && said.contains("default: alive"), "{output:?}");
+    }
 }
 
 #[test]

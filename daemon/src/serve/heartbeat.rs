@@ -1,0 +1,169 @@
+//! The thread that beats for the worker, and ends it where it hangs.
+//!
+//! The beats say that the process runs: they stop where it is stopped, and go on while it works on a long
+//! frame. Whether it serves is another question. The lane that looks for requests comes by twice a second;
+//! where none has for a long time and every thread sleeps, lanes wait for each other, and the process ends,
+//! to be replaced. A lane that works or waits for a processor is runnable, and one that waits for memory or
+//! a disk is in an uninterruptible sleep: such a worker is left alone.
+
+use std::fs;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use pairmask_transport::{BEAT_INTERVAL, Heartbeat, RuntimeDir, Stillness};
+use pairmask_wire::InstanceName;
+use rustix::thread::gettid;
+
+use super::ServeError;
+
+/// Between two looks at the lanes.
+const LOOK_INTERVAL: Duration = Duration::from_millis(500);
+/// Lanes that sleep, all of them, for this long without a look for requests, hang: the one that leads looks
+/// twice a second, and a frame that is under way on a GPU is looked at all the time.
+const HANGS_AFTER: Duration = Duration::from_secs(10);
+
+/// Rounds of the lanes: one that looks for requests counts them.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Rounds(Arc<AtomicU64>);
+
+impl Rounds {
+    pub(super) fn count(&self) {
+        self.0.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+/// Stops and joins its thread when dropped. The heartbeat ends then.
+pub(super) struct Beating {
+    rounds: Rounds,
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Beating {
+    pub(super) fn start(dir: &RuntimeDir, instance: &InstanceName) -> Result<Self, ServeError> {
+        let heart = Heartbeat::start(dir, instance)?;
+        let (rounds, stop) = (Rounds::default(), Arc::new(AtomicBool::new(false)));
+        let (counted, told, name) = (rounds.clone(), Arc::clone(&stop), instance.clone());
+        let thread = std::thread::Builder::new()
+            .name("heartbeat".into())
+            .spawn(move || beat(heart, &counted, &told, &name))
+            .map_err(ServeError::system("starting the heartbeat"))?;
+        Ok(Self { rounds, stop, thread: Some(thread) })
+    }
+
+    /// Where lanes count their rounds.
+    pub(super) fn rounds(&self) -> Rounds {
+        self.rounds.clone()
+    }
+}
+
+impl Drop for Beating {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            thread.thread().unpark();
+            // One that panicked beats no more.
+            let _ = thread.join();
+        }
+    }
+}
+
+fn beat(mut heart: Heartbeat, rounds: &Rounds, stop: &AtomicBool, instance: &InstanceName) {
+    let (mut lanes, mut look_at, mut is_told) = (LaneWatch::new(), Instant::now(), false);
+    let mut last_round = 0;
+    while !stop.load(Ordering::Relaxed) {
+        if let Err(error) = heart.beat()
+            && !std::mem::replace(&mut is_told, true)
+        {
+            log::warn!(
+                "clients will take this daemon for silent, its heartbeat cannot be written: {error}"
+            );
+        }
+        let now = Instant::now();
+        if now >= look_at {
+            look_at = now + LOOK_INTERVAL;
+            let round = rounds.0.load(Ordering::Relaxed);
+            // A look at all threads takes up to a millisecond: only where the lanes are quiet.
+            let all_sleep = std::mem::replace(&mut last_round, round) == round && others_sleep();
+            if lanes.hang(round, all_sleep, now) {
+                log::error!(
+                    "the worker of '{instance}' hangs: all its threads have slept for {HANGS_AFTER:?} and none looked for requests; ending it"
+                );
+                std::process::abort();
+            }
+        }
+        std::thread::park_timeout(BEAT_INTERVAL);
+    }
+}
+
+/// Whether lanes hang, by looks at them.
+struct LaneWatch(Stillness);
+
+impl LaneWatch {
+    fn new() -> Self {
+        Self(Stillness::new(None, Instant::now(), 2 * LOOK_INTERVAL))
+    }
+
+    fn hang(&mut self, rounds: u64, all_sleep: bool, now: Instant) -> bool {
+        // No lane has begun yet, or one is at work: that counts as movement.
+        let seen = (rounds > 0 && all_sleep).then_some(rounds);
+        self.0.look(seen, now) >= HANGS_AFTER
+    }
+}
+
+/// Whether all threads of this process but this one sleep, until something wakes them.
+fn others_sleep() -> bool {
+    let own = gettid().as_raw_nonzero().to_string();
+    let Ok(threads) = fs::read_dir("/proc/self/task") else { return false };
+    threads.flatten().filter(|thread| thread.file_name().to_str() != Some(&own)).all(|thread| {
+        // One that has ended meanwhile does not work.
+        fs::read_to_string(thread.path().join("stat")).map_or(true, |stat| sleeps(&stat))
+    })
+}
+
+/// Whether the line of a thread in `/proc` says that it sleeps.
+fn sleeps(stat: &str) -> bool {
+    // The name before the state may hold anything, parentheses too.
+    stat.rsplit_once(')').is_some_and(|(_, rest)| rest.trim_start().starts_with('S'))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn threads_that_work_or_page_do_not_sleep() {
+        for (stat, expected) in [
+            ("7 (lane-1) S 1 7", true),
+            ("7 (a) S) R 1 7", false),
+            ("7 (a) R) S 1 7", true),
+            ("7 (lane-1) D 1 7", false),
+            ("7 (lane-1) R 1 7", false),
+            ("7 (lane-1) T 1 7", false),
+            ("", false),
+        ] {
+            assert_eq!(sleeps(stat), expected, "{stat}");
+        }
+    }
+
+    #[test]
+    fn lanes_hang_only_where_all_sleep_and_none_looks_for_long() {
+        let start = Instant::now();
+        let second = Duration::from_secs(1);
+        let hang_at = |seen: &dyn Fn(u32) -> (u64, bool)| {
+            let mut lanes = LaneWatch::new();
+            (0..60).find(|i| {
+                let (rounds, all_sleep) = seen(*i);
+                lanes.hang(rounds, all_sleep, start + *i * second)
+            })
+        };
+        assert_eq!(hang_at(&|_| (5, true)), Some(10));
+        assert_eq!(hang_at(&|_| (0, true)), None, "it has not begun");
+        assert_eq!(hang_at(&|i| (1 + u64::from(i), true)), None, "it serves");
+        assert_eq!(hang_at(&|_| (5, false)), None, "it works");
+        assert_eq!(hang_at(&|i| (5, i % 10 != 5)), None, "it pages");
+        assert_eq!(hang_at(&|i| (5, i > 20)), Some(31));
+    }
+}
