@@ -61,8 +61,13 @@ impl Model {
                     let tag = Tag::default();
                     let fresh = Body { b: *b, is_on: true, is_static: false, tag, holder };
                     let body = self.bodies.entry(*index).or_insert(fresh);
-                    // Boxes that a member has left are those of who sets them next, and as that one says.
-                    *body = if body.holder == holder { Body { b: *b, ..*body } } else { fresh };
+                    if body.holder == holder {
+                        body.b = *b;
+                    } else {
+                        // Boxes that a member has left are those of who sets them next, and as that one says.
+                        *body = fresh;
+                        self.unlist(*index);
+                    }
                 }
                 Op::Switch(index, on) => self.with(*index, |body| body.is_on = *on),
                 Op::Static(index, on) => self.with(*index, |body| body.is_static = *on),
@@ -88,9 +93,14 @@ impl Model {
     pub fn remove(&mut self, index: u32) {
         if self.bodies.remove(&index).is_some() {
             *self.generations.entry(index).or_default() += 1;
-            for list in [&mut self.included, &mut self.excluded] {
-                list.retain(|pair| !pair.contains(&index));
-            }
+            self.unlist(index);
+        }
+    }
+
+    /// Ends the listed pairs that name an index.
+    fn unlist(&mut self, index: u32) {
+        for list in [&mut self.included, &mut self.excluded] {
+            list.retain(|pair| !pair.contains(&index));
         }
     }
 
