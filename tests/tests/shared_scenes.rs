@@ -345,12 +345,11 @@ fn tags_and_lists_are_those_of_their_writers() {
     let expected: Vec<Pair> = bodies.filter(|pair| *pair != [0, 1]).collect();
     assert_eq!(pending.wait().unwrap().take().pairs().to_vec(), expected);
 
-    // Of the table the first writer decides. Who gives it all the same joins again with its next commit, which
-    // has what else was in that edit.
+    // Of the table the first writer decides.
     let edit = other.scene.edit().set(4, at(50.0)).step(Step::Filters(&table));
     let refused = edit.commit(Want::Nothing).unwrap_err();
     assert!(matches!(refused, SharedError::NotLeased(NotLeased::Filters)), "{refused:?}");
-    let again = other.scene.edit().submit(Want::Nothing).unwrap();
+    let again = other.scene.edit().set(4, at(50.0)).submit(Want::Nothing).unwrap();
     let answer = one.scene.edit().commit(Want::All).unwrap();
     let without = expected.iter().copied().filter(|[_, b]| *b != 4).collect::<Vec<_>>();
     assert_eq!(answer.take().pairs().to_vec(), without);

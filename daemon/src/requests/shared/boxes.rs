@@ -186,7 +186,7 @@ impl Boxes {
     /// Applies edits that were checked, by so many threads.
     pub fn apply(&mut self, edit: Edit<'_>, threads: usize) -> Result<Changed, SceneError> {
         let was_made = self.mend(threads);
-        let reset = self.kept.reset_by(&self.copy, edit);
+        let reset = self.kept.reset_by(edit);
         let steps = reset.as_ref().map(|reset| reset.steps(edit));
         let edit = steps.as_ref().map_or(edit, |steps| Edit { steps });
         self.incarnations.apply(edit);

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::Ranges;
-use crate::filters::Tag;
+use crate::filters::{Tag, in_order};
 use crate::scene::SceneCopy;
 use crate::scene::edit::{Edit, Indices, Step, Tags};
 
@@ -51,42 +51,68 @@ impl Remains {
 /// A box that is set anew is the same box, so that a writer that restarts ends no pair. But flags, tag and entries in
 /// pair lists are those that its new writer gives it, and the usual ones where it gives none.
 #[derive(Debug, Default)]
-pub struct KeptBoxes(BTreeSet<u32>);
+pub struct KeptBoxes {
+    boxes: BTreeSet<u32>,
+    /// Listed pairs that name one of them, and that nobody has listed again.
+    included: BTreeSet<[u32; 2]>,
+    excluded: BTreeSet<[u32; 2]>,
+}
 
 /// What a new writer's boxes lose of those that were kept.
 #[derive(Debug)]
 pub struct Reset {
     indices: Vec<u32>,
     tags: Vec<Tag>,
-    lists: Remains,
+    included: Vec<[u32; 2]>,
+    excluded: Vec<[u32; 2]>,
 }
 
 impl KeptBoxes {
     /// Boxes of a scene in ranges that are nobody's any more are kept.
     pub fn keep(&mut self, copy: &SceneCopy, ranges: &Ranges) {
-        self.0.extend(Remains::of(copy, ranges).boxes);
+        let Remains { boxes, included, excluded } = Remains::of(copy, ranges);
+        self.boxes.extend(boxes);
+        self.included.extend(included);
+        self.excluded.extend(excluded);
     }
 
     /// Takes out the boxes that an edit sets or removes, before it is applied; what those lose that it sets, if any.
-    pub fn reset_by(&mut self, copy: &SceneCopy, edit: Edit<'_>) -> Option<Reset> {
-        if self.0.is_empty() {
+    pub fn reset_by(&mut self, edit: Edit<'_>) -> Option<Reset> {
+        if self.boxes.is_empty() {
             return None;
         }
+        let (mut touched, mut indices) = (BTreeSet::new(), Vec::new());
         edit.for_each_removed(|index| {
-            self.0.remove(&index);
+            if self.boxes.remove(&index) {
+                touched.insert(index);
+            }
         });
-        let mut indices = Vec::new();
         edit.for_each_set(|index, _| {
-            if self.0.remove(&index) {
+            if self.boxes.remove(&index) {
+                touched.insert(index);
                 indices.push(index);
             }
         });
-        if indices.is_empty() {
-            return None;
+        for step in edit.steps {
+            let (kept, pairs) = match step {
+                Step::Include(pairs, _) => (&mut self.included, pairs),
+                Step::Exclude(pairs, _) => (&mut self.excluded, pairs),
+                _ => continue,
+            };
+            // They are the new writer's from now on.
+            for pair in *pairs {
+                kept.remove(&in_order(*pair));
+            }
         }
-        let own: Ranges = indices.iter().map(|index| *index..*index + 1).collect();
+        let lost = |kept: &mut BTreeSet<[u32; 2]>| -> Vec<[u32; 2]> {
+            let is_lost = |pair: &[u32; 2]| pair.iter().any(|index| touched.contains(index));
+            let lost: Vec<[u32; 2]> = kept.iter().copied().filter(is_lost).collect();
+            kept.retain(|pair| !is_lost(pair));
+            lost
+        };
+        let [included, excluded] = [&mut self.included, &mut self.excluded].map(lost);
         let tags = vec![Tag::default(); indices.len()];
-        Some(Reset { lists: Remains::of(copy, &own), indices, tags })
+        (!indices.is_empty()).then_some(Reset { indices, tags, included, excluded })
     }
 }
 
@@ -98,8 +124,8 @@ impl Reset {
             Step::Switch(indices, true),
             Step::Static(indices, false),
             Step::Tag(Tags { indices, tags: &self.tags }),
-            Step::Include(&self.lists.included, false),
-            Step::Exclude(&self.lists.excluded, false),
+            Step::Include(&self.included, false),
+            Step::Exclude(&self.excluded, false),
         ];
         steps.extend_from_slice(edit.steps);
         steps
@@ -163,7 +189,7 @@ mod tests {
         // Index 2 is set anew; 3 is removed, and then another box comes.
         let mut set_anew = |copy: &mut SceneCopy, steps: &[Step<'_>]| {
             let edit = Edit { steps };
-            let reset = kept.reset_by(copy, edit);
+            let reset = kept.reset_by(edit);
             let steps = reset.as_ref().map(|reset| reset.steps(edit));
             apply(copy, steps.as_deref().unwrap_or(edit.steps));
             reset.is_some()
@@ -183,5 +209,18 @@ mod tests {
         assert!(!set_anew(&mut copy, &[Step::Remove((3..4).into())]));
         assert!(!set_anew(&mut copy, &[one(3), one(4), Step::Static((4..5).into(), true)]));
         assert_eq!(seen(&copy, 4), (false, true, Owner(3)), "its lease goes on");
+        // What the new writer lists before it sets the box is its own.
+        kept.keep(&copy, &std::iter::once(4..6).collect());
+        let listed = [Step::Exclude(&[[5, 4], [2, 5]], true), Step::Include(&[[4, 2]], true)];
+        let edit = Edit { steps: &listed };
+        assert!(kept.reset_by(edit).is_none());
+        apply(&mut copy, edit.steps);
+        let edit = [one(4), one(5)];
+        let reset = kept.reset_by(Edit { steps: &edit }).expect("kept boxes");
+        apply(&mut copy, &reset.steps(Edit { steps: &edit }));
+        let mut excluded: Vec<_> = copy.filters().rules().lists.excluded().collect();
+        excluded.sort_unstable();
+        assert_eq!(excluded, [[2, 5], [4, 5]]);
+        assert_eq!(copy.filters().rules().lists.included().collect::<Vec<_>>(), [[2, 4]]);
     }
 }
