@@ -154,7 +154,7 @@ impl Subject for CoreScene {
     }
 
     fn len(&self) -> Option<usize> {
-        Some(self.0.scene().len())
+        Some(self.0.len())
     }
 }
 
