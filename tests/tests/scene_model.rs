@@ -30,10 +30,10 @@ fn given(variable: &str, usual: usize) -> usize {
     std::env::var(variable).map_or(usual, |text| text.parse().unwrap())
 }
 
-/// Edits of each kind: nearly all of small scripts.
+/// Edits of each kind: most of small scripts.
 fn of_kinds(edits: usize) -> [(Kind, usize); 3] {
-    let some = edits / 100;
-    [(Kind::Small, edits - 2 * some), (Kind::Crowd, some), (Kind::Large, some)]
+    let (crowds, large) = (edits / 20, edits / 100);
+    [(Kind::Small, edits - crowds - large), (Kind::Crowd, crowds), (Kind::Large, large)]
 }
 
 /// Holds scenes to scripts of each kind.
