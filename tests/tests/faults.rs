@@ -184,7 +184,6 @@ fn a_silent_daemon_costs_one_frame_until_it_runs_again() {
             assert_eq!(check_frame(&mut session, &boxes), ServedBy::InProcess);
         }
         assert!(start.elapsed() < deadline / 6, "{:?}", start.elapsed());
-        // Frames whose answers are polled for are left too.
         daemon.signal_worker(Signal::CONT);
     }
 }

@@ -92,17 +92,17 @@ impl std::fmt::Debug for Trial {
 
 /// How a trial stands.
 enum Tried {
-    Answered(Arc<Link>),
-    UnderWay(Trial),
-    Failed(Arc<Link>),
+    Answered,
+    UnderWay,
+    Failed,
 }
 
 impl Trial {
-    fn look(mut self, now: Instant) -> Tried {
+    fn look(&mut self, now: Instant) -> Tried {
         match self.exchange.is_answered() {
-            Ok(true) => Tried::Answered(self.link),
-            Ok(false) if now < self.until => Tried::UnderWay(self),
-            Ok(false) | Err(_) => Tried::Failed(self.link),
+            Ok(true) => Tried::Answered,
+            Ok(false) if now < self.until => Tried::UnderWay,
+            Ok(false) | Err(_) => Tried::Failed,
         }
     }
 }
@@ -394,11 +394,11 @@ impl Core {
             // Another one may serve.
             (connection.silence, connection.silences, connection.retry_at) = (None, 0, None);
         }
-        if let Some(trial) = connection.silence.as_mut().and_then(|silence| silence.trial.take()) {
+        if let Some(mut trial) = connection.silence.as_mut().and_then(|s| s.trial.take()) {
             match trial.look(now) {
-                Tried::Answered(link) => return Ok(self.establish(&mut connection, link)),
-                Tried::UnderWay(trial) => connection.try_by(trial),
-                Tried::Failed(link) => connection.note_silence(&link, now),
+                Tried::Answered => return Ok(self.establish(&mut connection, trial.link)),
+                Tried::UnderWay => connection.try_by(trial),
+                Tried::Failed => connection.note_silence(&trial.link, now),
             }
             return Err(self.cause(&connection));
         }

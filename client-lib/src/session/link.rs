@@ -179,6 +179,10 @@ impl Link {
         let (Client { port, notifier, listener }, services) = connected.map_err(open)?;
         // The connection has created files of its own since the first check.
         dir.check_shared_files(instance).map_err(not_ours)?;
+        if !daemon.is_alive() {
+            // What was connected to may be another worker's by now, which nobody here would watch.
+            return Err(no_daemon());
+        }
         let link = Self {
             token,
             sized: Mutex::new(SizedPort { port: Arc::new(port), pages }),

@@ -153,6 +153,7 @@ impl Link {
         _: Expected,
         _: Duration,
         _: Instant,
+        _: &mut Vigil,
     ) -> Result<Received, TransportError> {
         match self.0 {}
     }

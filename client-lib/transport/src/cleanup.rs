@@ -1,6 +1,7 @@
 //! Removal of files that dead processes left. Only the daemon removes any.
 
 use std::fs;
+use std::path::PathBuf;
 use std::time::Duration;
 
 use iceoryx2::node::{Node, NodeState};
@@ -55,9 +56,11 @@ pub fn remove_hollow_files(dir: &RuntimeDir, name: &InstanceName) {
     }
 }
 
-/// Whether an instance has files in shared memory. One that serves without any can be found by no client.
-pub fn has_shared_files(dir: &RuntimeDir, name: &InstanceName) -> bool {
-    shared_files(dir, name).next().is_some()
+/// The file in shared memory with the messages of a port, if it is there.
+pub fn segment_file(dir: &RuntimeDir, name: &InstanceName, port: u128) -> Option<PathBuf> {
+    let ending = format!("_{port}.data");
+    let mut paths = shared_files(dir, name).map(|file| file.path());
+    paths.find(|path| path.to_str().is_some_and(|path| path.ends_with(&ending)))
 }
 
 /// Files of an instance in shared memory.

@@ -23,7 +23,7 @@ mod trust;
 mod turn;
 
 pub use alarm::sleep_until;
-pub use cleanup::{clean_if_abandoned, has_shared_files, remove_hollow_files};
+pub use cleanup::{clean_if_abandoned, remove_hollow_files, segment_file};
 pub use foreign::foreign_owner;
 pub use free_chunks::{ChunkLook, FreeChunk, FreeChunks};
 pub use instance::{DaemonRecord, InstanceLock, RuntimeDir};

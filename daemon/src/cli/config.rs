@@ -144,8 +144,10 @@ impl Config {
             Err(error)
                 if named.is_none() && error.kind() == std::io::ErrorKind::PermissionDenied =>
             {
+                // Whether there is such a file is not known either, in a home that is closed to this user.
+                let other = std::fs::symlink_metadata(&path).err().and_then(|_| other_users_home());
                 let error = FileError::of(path, Access::Read)(error);
-                return Err(other_users_home().unwrap_or(ConfigError::ReadOwn(error)));
+                return Err(other.unwrap_or(ConfigError::ReadOwn(error)));
             }
             Err(source) => {
                 let error = FileError::of(path, Access::Read)(source);

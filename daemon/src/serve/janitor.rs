@@ -3,13 +3,13 @@
 //! A cleanup takes up to 24 ms for a client with 46 MB: too long for the thread that serves.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::thread::JoinHandle;
 
 use pairmask_transport::{
-    DaemonNode, JANITOR_INTERVAL, RuntimeDir, Services, StatusFile, has_shared_files,
-    remove_hollow_files,
+    DaemonNode, JANITOR_INTERVAL, RuntimeDir, Services, StatusFile, remove_hollow_files,
 };
 use pairmask_wire::InstanceName;
 
@@ -20,6 +20,7 @@ use super::heartbeat::Rounds;
 pub(super) struct Janitor {
     stop: Arc<AtomicBool>,
     posted: Arc<Mutex<Option<StatusFile>>>,
+    segment: Arc<OnceLock<PathBuf>>,
     rounds: Rounds,
     thread: Option<JoinHandle<()>>,
 }
@@ -33,12 +34,19 @@ impl Janitor {
         let stop = Arc::new(AtomicBool::new(false));
         let posted = Arc::new(Mutex::default());
         let (told, mail) = (Arc::clone(&stop), Arc::clone(&posted));
-        let (dir, instance) = (dir.clone(), instance.clone());
+        let segment = Arc::new(OnceLock::new());
+        let (dir, instance, watched) = (dir.clone(), instance.clone(), Arc::clone(&segment));
         let thread = std::thread::Builder::new()
             .name("janitor".into())
-            .spawn(move || sweep(&dir, &instance, &told, &mail))
+            .spawn(move || sweep(&dir, &instance, &told, &mail, &watched))
             .map_err(ServeError::system("starting the janitor"))?;
-        Ok(Self { stop, posted, rounds, thread: Some(thread) })
+        Ok(Self { stop, posted, segment, rounds, thread: Some(thread) })
+    }
+
+    /// Ends the process where this file, the daemon's segment, is removed.
+    pub(super) fn watch_over(&self, segment: PathBuf) {
+        // There is one server port.
+        let _ = self.segment.set(segment);
     }
 
     /// Has the status file written, by this thread and not by the one that serves, which looks for requests.
@@ -77,6 +85,7 @@ fn sweep(
     instance: &InstanceName,
     stop: &AtomicBool,
     posted: &Mutex<Option<StatusFile>>,
+    segment: &OnceLock<PathBuf>,
 ) {
     let node = Services::janitor_node(dir, instance)
         .inspect_err(|error| log::error!("dead clients will not be cleaned up: {error}"))
@@ -84,7 +93,9 @@ fn sweep(
     let mut is_told = false;
     while !stop.load(Ordering::Relaxed) {
         let status = posted.lock().unwrap_or_else(PoisonError::into_inner).take();
-        if status.is_some() && !has_shared_files(dir, instance) {
+        if let Some(file) = segment.get()
+            && matches!(file.try_exists(), Ok(false))
+        {
             // No new client could connect. The supervisor starts another worker, with files of its own.
             log::error!("the files of '{instance}' in /dev/shm were removed: starting anew");
             std::process::abort();

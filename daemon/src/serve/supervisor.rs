@@ -40,8 +40,8 @@ const STOPPED_FOR: Duration = Duration::from_millis(400);
 
 /// Open files of a worker without clients: pipes, ports, devices and engines.
 const OWN_FILES: u64 = 128;
-/// Open files of a worker for each client, at most, with a spare one for each.
-pub const FILES_PER_CLIENT: u64 = 16;
+/// Open files of a worker for each client: eight with its second port, and two to spare.
+pub const FILES_PER_CLIENT: u64 = 10;
 
 /// Serves an instance until SIGINT or SIGTERM.
 ///

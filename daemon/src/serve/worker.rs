@@ -11,7 +11,7 @@ use pairmask_core::plan::{Calibration, CalibrationChoice, CalibrationOrigin};
 use pairmask_transport::{
     DaemonRecord, FreeChunks, GpuCounts, LimitError, Limits, PortTurn, SegmentFiles, Server,
     Services, StatusFile, address_space_left, clean_if_abandoned, process_name,
-    quiet_transport_log,
+    quiet_transport_log, segment_file,
 };
 use pairmask_wire::{SkipTotals, StatusBody, Version};
 use rustix::process::Signal;
@@ -65,6 +65,9 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     let gpus = open_gpus(settings, &missing, &stop);
     let (janitor, services) = open_services(settings, &beating.rounds())?;
     let server = open_server(&services, settings)?;
+    if let Some(file) = segment_file(&settings.dir, &settings.instance, server.id().value()) {
+        janitor.watch_over(file);
+    }
     let mut early = Vec::new();
     let free = FreeChunks::of(&services, &server, settings.limits.max_reply_bytes, &mut early)
         .inspect_err(|error| log::error!("memory of replies will not be given back: {error}"))

@@ -368,7 +368,10 @@ fn output_that_finds_no_room_is_told_in_one_line() {
     ] {
         let mut command = place.command(line);
         let full = File::options().write(true).open("/dev/full").unwrap();
-        let finished = finish(command.stdout(full).spawn().unwrap());
+        let output = command.stdout(full).output().unwrap();
+        let stderr = String::from_utf8(output.stderr).unwrap();
+        let (code, stdout) = (output.status.code(), String::new());
+        let finished = Finished { name: "pairmaskd", code, stdout, stderr };
         check(&finished, 1, "standard output: the disk is full: free space", &line);
     }
     for flag in ["--pairs", "--mask"] {

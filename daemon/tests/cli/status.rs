@@ -135,9 +135,13 @@ fn a_hanging_daemon_is_silent() {
     let record = daemon.record().unwrap();
     let processes = [record.supervisor_pid, record.worker_pid]
         .map(|pid| Pid::from_raw(pid.cast_signed()).unwrap());
-    processes.iter().for_each(|pid| kill_process(*pid, Signal::STOP).unwrap());
+    for pid in processes {
+        kill_process(pid, Signal::STOP).unwrap();
+    }
     let finished = status(&place, daemon.dir().path(), &["--json"]);
-    processes.iter().for_each(|pid| kill_process(*pid, Signal::CONT).unwrap());
+    for pid in processes {
+        kill_process(pid, Signal::CONT).unwrap();
+    }
     assert_eq!(finished.code, Some(1), "{finished:?}");
     let report: Value = serde_json::from_str(&finished.stdout).unwrap();
     let instance = &report["instances"][0];
