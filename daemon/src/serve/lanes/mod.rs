@@ -398,9 +398,10 @@ impl<'a> Lanes<'a> {
             let served = scheduler.tasks();
             // The first of them looks up most often: all of a large machine would cost more than they are worth.
             let turn = 1 + scheduler.workers.resting_before(lane) as u32;
-            until_look = match served == served_before {
-                true => LONGEST_SLEEP,
-                false => LONGEST_SLEEP.min(RELIEF_LOOK * turn),
+            until_look = if served == served_before {
+                LONGEST_SLEEP
+            } else {
+                LONGEST_SLEEP.min(RELIEF_LOOK * turn)
             };
             served_before = served;
         }
