@@ -258,12 +258,12 @@ impl<'a> Lanes<'a> {
     /// Looks for requests until there is one to serve, or nothing to look for.
     fn lead(&self, lane: usize, lead: &mut Lead) -> Led {
         let mut spinner = Spinner::default();
-        let mut is_first = true;
+        let mut may_begin = true;
         let (mut look_at, mut sleep_at) = (Instant::now(), Instant::now());
         while !self.stop.load(Ordering::Relaxed) {
             let has_arrived = self.receive(lead);
-            // Requests that came together with one that another thread serves wait in the scheduler.
-            if (has_arrived || std::mem::take(&mut is_first))
+            // Requests that came together with one that another thread serves wait in the scheduler, or for the pool.
+            if (has_arrived || std::mem::take(&mut may_begin))
                 && let Some(task) = self.next_task(lane)
             {
                 return Led::Task(task);
@@ -281,6 +281,7 @@ impl<'a> Lanes<'a> {
                     scheduler.note_answer(now);
                 }
                 sleep_at = scheduler.sleep_at();
+                may_begin = scheduler.is_waited();
                 look_at = now + SCHEDULER_LOOK;
                 if lane > 0 && scheduler.workers.is_too_many(now) {
                     return self.leave(lane, scheduler);
@@ -411,9 +412,10 @@ impl<'a> Lanes<'a> {
             let served = scheduler.tasks();
             // The first of them looks up most often: all of a large machine would cost more than they are worth.
             let turn = 1 + scheduler.workers.resting_before(lane) as u32;
-            until_look = match served == served_before {
-                true => LONGEST_SLEEP,
-                false => LONGEST_SLEEP.min(RELIEF_LOOK * turn),
+            until_look = if served == served_before {
+                LONGEST_SLEEP
+            } else {
+                LONGEST_SLEEP.min(RELIEF_LOOK * turn)
             };
             served_before = served;
         }
