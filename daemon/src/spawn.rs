@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use pairmask::{Backend, ConnectError, Session, SessionBuilder};
 use pairmask_core::engine::AvailableIsa;
 use pairmask_core::plan::CalibrationChoice;
-use pairmask_transport::{DaemonRecord, Limits, RuntimeDir};
+use pairmask_transport::{DaemonRecord, GpuCounts, Limits, RuntimeDir};
 use pairmask_wire::InstanceName;
 use rustix::process::{Pid, Signal, getppid, kill_process, set_parent_process_death_signal};
 use tempfile::TempDir;
@@ -156,7 +156,7 @@ impl PrivateDaemon {
         let mut daemon = Self { child, dir };
         daemon.wait_until_it_answers(binary)?;
         if !settings.gpu.is_none() {
-            daemon.wait_for_gpus(binary)?;
+            daemon.wait_for_gpus(binary, &settings.gpu)?;
         }
         Ok(daemon)
     }
@@ -179,14 +179,19 @@ impl PrivateDaemon {
         }
     }
 
-    /// Waits until no GPU is being opened any more. What takes too long is done without: cores serve.
-    fn wait_for_gpus(&mut self, binary: &Path) -> Result<(), SpawnError> {
+    /// Waits until no GPU is being opened any more. One that the user named is there then, or the daemon ends. What
+    /// takes too long is done without: cores serve.
+    fn wait_for_gpus(&mut self, binary: &Path, wanted: &GpuChoices) -> Result<(), SpawnError> {
         let deadline = Instant::now() + START_WITHIN;
-        while is_opening_gpus(&self.dir(), &self.instance()) && Instant::now() < deadline {
+        loop {
             self.check(binary)?;
+            let GpuCounts { opening, open } = gpus_of(&self.dir(), &self.instance());
+            let is_settled = opening == 0 && (open > 0 || wanted.is_optional());
+            if is_settled || Instant::now() >= deadline {
+                return Ok(());
+            }
             std::thread::sleep(LOOK_INTERVAL);
         }
-        self.check(binary)
     }
 
     fn wait_until_it_answers(&mut self, binary: &Path) -> Result<(), SpawnError> {
@@ -259,8 +264,12 @@ impl Drop for PrivateDaemon {
 
 /// Whether the daemon of an instance is still opening GPUs, by its status file.
 pub fn is_opening_gpus(dir: &RuntimeDir, instance: &InstanceName) -> bool {
+    gpus_of(dir, instance).opening > 0
+}
+
+fn gpus_of(dir: &RuntimeDir, instance: &InstanceName) -> GpuCounts {
     let status = dir.read_status(instance).ok().flatten();
-    status.is_some_and(|status| status.gpus().opening > 0)
+    status.map(|status| status.gpus()).unwrap_or_default()
 }
 
 /// Path of this process's binary.

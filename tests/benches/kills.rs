@@ -65,6 +65,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         gaps.push(answered(&mut session, scene.boxes())?);
         std::thread::sleep(Duration::from_millis(pause_ms));
     }
+    let in_turn: Vec<u128> = gaps.iter().map(Duration::as_millis).collect();
+    eprintln!("gaps in turn, ms: {in_turn:?}");
     gaps.sort_unstable();
     let at = |share: f64| gaps.get((share * (gaps.len() - 1) as f64).round() as usize).copied();
     println!(

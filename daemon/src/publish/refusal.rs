@@ -86,6 +86,15 @@ impl Refusal {
     }
 }
 
+/// A mask has no memory: where a daemon's lie.
+#[derive(Clone, Copy, Debug, thiserror::Error)]
+#[error(
+    "no shared memory for a mask of {needed_bytes} bytes: free space in /dev/shm or make it larger"
+)]
+struct NoSharedMemory {
+    needed_bytes: u64,
+}
+
 impl From<CullError> for Refusal {
     fn from(error: CullError) -> Self {
         let (status, detail) = match error {
@@ -109,9 +118,9 @@ impl From<CullError> for Refusal {
             _ => (StatusCode::EngineFailed, [0; 2]),
         };
         let text = match error {
-            CullError::Reserve(ReserveError::OutOfMemory { needed_bytes }) => format!(
-                "no shared memory for a mask of {needed_bytes} bytes: free space in /dev/shm or make it larger"
-            ),
+            CullError::Reserve(ReserveError::OutOfMemory { needed_bytes }) => {
+                NoSharedMemory { needed_bytes }.to_string()
+            }
             error => error.to_string(),
         };
         Self { status, detail, text }

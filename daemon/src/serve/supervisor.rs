@@ -52,6 +52,8 @@ pub fn supervise(settings: &ServeSettings) -> Result<(), ServeError> {
     let _lock = acquire(settings)?;
     let result = keep_working(settings);
     settings.dir.remove_record(&settings.instance);
+    // Where there is none, none was measured.
+    let _ = std::fs::remove_file(settings.dir.constants_file(&settings.instance));
     clean_if_abandoned(&settings.dir, &settings.instance)?;
     result
 }

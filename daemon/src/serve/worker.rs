@@ -7,7 +7,9 @@ use std::time::{Duration, Instant};
 
 use iceoryx2::service::ipc_threadsafe;
 use pairmask_core::engine::AvailableIsa;
-use pairmask_core::plan::{Calibration, CalibrationChoice, CalibrationOrigin};
+use pairmask_core::plan::{
+    Calibration, CalibrationChoice, CalibrationOrigin, MachineKey, load, store,
+};
 use pairmask_transport::{
     DaemonRecord, FreeChunks, GpuCounts, LimitError, Limits, PortTurn, SegmentFiles, Server,
     Services, StatusFile, address_space_left, clean_if_abandoned, process_name,
@@ -57,9 +59,10 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     // Beside what follows.
     let (choice, isa) = (settings.calibration.clone(), settings.isa);
     let has_gpu = may_have_gpu(&settings.gpu);
+    let (kept, restarted) = (settings.dir.constants_file(&settings.instance), settings.restarted);
     let constants = std::thread::Builder::new()
         .name("constants".into())
-        .spawn(move || constants(&choice, isa, has_gpu))
+        .spawn(move || constants(&choice, isa, has_gpu, &kept, restarted))
         .map_err(ServeError::system("starting a thread"))?;
     let missing = Arc::new(Mutex::new(None));
     let gpus = open_gpus(settings, &missing, &stop);
@@ -215,18 +218,37 @@ fn may_have_gpu(wanted: &GpuChoices) -> bool {
 /// The constants that plans compute with.
 ///
 /// Beside a GPU, whose times are measured, built-in times of the CPU's engines are those of another
-/// machine: they are scaled by a short look at this one.
-fn constants(choice: &CalibrationChoice, isa: AvailableIsa, has_gpu: bool) -> Calibration {
+/// machine: they are scaled by a short look at this one. A worker that takes the place of another has what that one
+/// found, in the file `kept`.
+fn constants(
+    choice: &CalibrationChoice,
+    isa: AvailableIsa,
+    has_gpu: bool,
+    kept: &Path,
+    restarted: bool,
+) -> Calibration {
     let (calibration, origin) = choice.resolve(isa);
     log::info!("planning with constants: {origin}");
     let is_built_in = matches!(origin, CalibrationOrigin::BuiltIn(_));
     if !has_gpu || !is_built_in || *choice == CalibrationChoice::BuiltIn {
         return calibration;
     }
-    glance(&calibration, isa).unwrap_or_else(|error| {
-        log::warn!("planning with built-in constants as they are: {error}");
-        calibration
-    })
+    let machine = MachineKey::with_isa(isa.get());
+    if restarted && let Ok(kept) = load(kept, &machine) {
+        return kept;
+    }
+    match glance(&calibration, isa) {
+        Ok(measured) => {
+            if let Err(error) = store(kept, &measured, &machine) {
+                log::debug!("the next worker will measure again: {error}");
+            }
+            measured
+        }
+        Err(error) => {
+            log::warn!("planning with built-in constants as they are: {error}");
+            calibration
+        }
+    }
 }
 
 /// The GPUs that are wanted, each being opened by a thread of its own: cores serve until it joins. `auto` and `all` do

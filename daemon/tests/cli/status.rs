@@ -47,6 +47,8 @@ fn a_daemon_tells_what_it_did() {
         "age_ns",
         "uptime_ns",
         "clients",
+        "gpus_opening",
+        "gpus",
         "frames",
         "boxes",
         "spheres",
@@ -66,6 +68,7 @@ fn a_daemon_tells_what_it_did() {
         (&3.into(), &12.into(), &18.into())
     );
     assert_eq!((&told["clients"], &told["errors"]), (&1.into(), &0.into()));
+    assert_eq!((&told["gpus"], &told["gpus_opening"]), (&0.into(), &0.into()));
 
     // The third frame is equal to the second.
     let skipped = &told["skipped"];
