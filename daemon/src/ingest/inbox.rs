@@ -17,7 +17,7 @@ const WAITED_COUNTS: u32 = 8;
 pub enum Resource {
     /// A core: many at a time.
     Core,
-    /// All threads of the engines: one at a time.
+    /// All threads of the engines: one at a time, or a core where it is not worth while to wait for them.
     Pool,
     /// A GPU: as many at a time as there are. Threads that waited for one beside would slow those that
     /// have one.
@@ -75,7 +75,7 @@ struct Account {
 ///     inbox.put(sender, Resource::Core, request, now);
 /// }
 /// let mut order = Vec::new();
-/// while let Some((sender, request)) = inbox.next(now, |_| true) {
+/// while let Some((sender, _, request)) = inbox.next(now, |_| true, |_, _| false) {
 ///     order.push(request);
 ///     inbox.note_served(sender, work);
 /// }
@@ -165,12 +165,14 @@ impl<R> Inbox<R> {
     }
 
     /// The oldest request of the session whose turn it is, of those that `may_be_served` and can be beside what is
-    /// being served. Its session has no other one served until [`Self::note_served`].
+    /// being served, and what it is to be served by: a core in place of the pool, where that is taken and the request
+    /// has waited for it `too_long`. Its session has no other one served until [`Self::note_served`].
     pub fn next(
         &mut self,
         now: Instant,
         may_be_served: impl Fn(&R) -> bool,
-    ) -> Option<(Sender, R)> {
+        too_long: impl Fn(&R, Duration) -> bool,
+    ) -> Option<(Sender, Resource, R)> {
         let is_taken = |resource| {
             let most = match resource {
                 Resource::Core => return false,
@@ -179,9 +181,19 @@ impl<R> Inbox<R> {
             };
             self.tasks_of(resource) >= most
         };
-        let turn = self.next_of(now, |w| !is_taken(w.resource) && may_be_served(&w.request))?;
+        let goes_alone = |w: &Waiting<R>| {
+            w.resource == Resource::Pool
+                && too_long(&w.request, now.saturating_duration_since(w.since))
+        };
+        let turn = self.next_of(now, |w| {
+            (!is_taken(w.resource) || goes_alone(w)) && may_be_served(&w.request)
+        })?;
+        let resource = self.waiting[turn].resource;
+        let resource = if is_taken(resource) { Resource::Core } else { resource };
+        self.waiting[turn].resource = resource;
         self.last_task += 1;
-        Some(self.give(turn))
+        let (sender, request) = self.give(turn);
+        Some((sender, resource, request))
     }
 
     /// What a resource serves; frames that it serves together count once.
@@ -304,7 +316,8 @@ mod tests {
         }
 
         fn next(&mut self) -> Option<(Sender, R)> {
-            self.0.next(self.1, |_| true)
+            let (sender, _, request) = self.0.next(self.1, |_| true, |_, _| false)?;
+            Some((sender, request))
         }
 
         fn next_beside(
@@ -526,7 +539,7 @@ mod tests {
         let mut inbox = Inbox::new(64);
         let large = sender(1, 1);
         inbox.put(large, Resource::Pool, large, start);
-        assert!(inbox.next(start, |_| true).is_some());
+        assert!(inbox.next(start, |_| true, |_, _| false).is_some());
         inbox.note_served(large, 2000 * ms);
         inbox.put(large, Resource::Pool, large, start);
         // Forty others have a request each that waits, at any time, and take little.
@@ -537,7 +550,9 @@ mod tests {
         let mut turns = 0;
         loop {
             now += ms;
-            let Some((served, _)) = inbox.next(now, |_| true) else { panic!("all wait") };
+            let Some((served, ..)) = inbox.next(now, |_| true, |_, _| false) else {
+                panic!("all wait")
+            };
             inbox.note_served(served, ms);
             if served == large {
                 break;
@@ -558,7 +573,9 @@ mod tests {
             inbox.put(sender(process, u128::from(process)), Resource::Core, process, now);
         }
         for _ in 0..10_000 {
-            let Some((from, process)) = inbox.next(now, |_| true) else { panic!("all wait") };
+            let Some((from, _, process)) = inbox.next(now, |_| true, |_, _| false) else {
+                panic!("all wait")
+            };
             let cost = costs[process as usize];
             now += cost;
             inbox.note_served(from, cost);
@@ -576,8 +593,38 @@ mod tests {
         let [a, b] = [1, 2].map(|id| sender(id, u128::from(id)));
         inbox.put(a, Resource::Core, "long", now);
         inbox.put(b, Resource::Core, "short", now);
-        assert_eq!(inbox.next(now, |request| *request == "short"), Some((b, "short")));
-        assert_eq!(inbox.next(now, |request| *request == "short"), None);
-        assert_eq!(inbox.next(now, |_| true), Some((a, "long")));
+        let mut next = |may: &dyn Fn(&&str) -> bool| inbox.next(now, may, |_, _| false);
+        let core = Resource::Core;
+        assert_eq!(next(&|request| *request == "short"), Some((b, core, "short")));
+        assert_eq!(next(&|request| *request == "short"), None);
+        assert_eq!(next(&|_| true), Some((a, core, "long")));
+    }
+
+    #[test]
+    fn a_request_that_has_waited_for_the_pool_too_long_has_a_core() {
+        let (start, ms) = (Instant::now(), Duration::from_millis(1));
+        let mut inbox = Inbox::new(4);
+        let [a, b, c] = [1, 2, 3].map(|id| sender(id, u128::from(id)));
+        for (sender, resource, work) in
+            [(a, Resource::Pool, 5000), (b, Resource::Pool, 7), (c, Resource::Gpu, 7)]
+        {
+            inbox.put(sender, resource, work * ms, start);
+        }
+        let mut next_at = |later: u32| {
+            let next = inbox.next(start + later * ms, |_| true, |work, waited| waited > *work);
+            next.map(|(sender, resource, _)| (sender, resource))
+        };
+        assert_eq!(next_at(0), Some((a, Resource::Pool)));
+        assert_eq!(next_at(0), Some((c, Resource::Gpu)));
+        assert_eq!(next_at(7), None);
+        assert_eq!(next_at(8), Some((b, Resource::Core)));
+        inbox.put(c, Resource::Gpu, ms, start);
+        inbox.note_served(b, ms);
+        inbox.put(b, Resource::Pool, 7 * ms, start + 20 * ms);
+        let next = inbox.next(start + 21 * ms, |_| true, |_, _| false);
+        assert_eq!(next, None, "the first one still has the pool, and the GPU is waited for");
+        inbox.note_served(a, ms);
+        let next = inbox.next(start + 21 * ms, |_| true, |_, _| false);
+        assert_eq!(next, Some((b, Resource::Pool, 7 * ms)));
     }
 }

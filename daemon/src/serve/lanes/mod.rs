@@ -244,12 +244,12 @@ impl<'a> Lanes<'a> {
     /// Looks for requests until there is one to serve, or nothing to look for.
     fn lead(&self, lane: usize, lead: &mut Lead) -> Led {
         let mut spinner = Spinner::default();
-        let mut is_first = true;
+        let mut may_begin = true;
         let (mut look_at, mut sleep_at) = (Instant::now(), Instant::now());
         while !self.stop.load(Ordering::Relaxed) {
             let has_arrived = self.receive(lead);
-            // Requests that came together with one that another thread serves wait in the scheduler.
-            if (has_arrived || std::mem::take(&mut is_first))
+            // Requests that came together with one that another thread serves wait in the scheduler, or for the pool.
+            if (has_arrived || std::mem::take(&mut may_begin))
                 && let Some(task) = self.next_task(lane)
             {
                 return Led::Task(task);
@@ -268,6 +268,7 @@ impl<'a> Lanes<'a> {
                     scheduler.note_answer(now);
                 }
                 sleep_at = scheduler.sleep_at();
+                may_begin = scheduler.is_waited();
                 look_at = now + SCHEDULER_LOOK;
                 if lane > 0 && scheduler.workers.is_too_many(now) {
                     return self.leave(lane, scheduler);

@@ -19,6 +19,10 @@ const LONG_FRAME: Duration = Duration::from_micros(300);
 /// would gain less than the frames of other clients lose.
 const LARGE_WORK: Duration = Duration::from_millis(2);
 
+/// While requests wait, a thread without work looks so often whether one has waited too long for the pool. The system's
+/// coarse clock may make 10 ms of it.
+const WAITING_LOOK: Duration = Duration::from_millis(1);
+
 /// A request, and the work that is expected of it.
 #[derive(Debug)]
 pub(super) struct Arrived {
@@ -105,8 +109,11 @@ impl Scheduler {
     pub(super) fn next(&mut self, thread: usize, now: Instant) -> Option<Task> {
         let may_be_away = self.workers.may_be_away();
         let may_be_served = |arrived: &Arrived| may_be_away || arrived.expected.work <= LONG_FRAME;
-        let (_, Arrived { incoming, expected }) = self.inbox.next(now, may_be_served)?;
-        let (work, resource) = (expected.work, resource_for(&expected));
+        // Another client's frame may take seconds: to wait longer than it would take on a core is no gain.
+        let too_long = |arrived: &Arrived, waited| waited > arrived.expected.work;
+        let (_, resource, Arrived { incoming, expected }) =
+            self.inbox.next(now, may_be_served, too_long)?;
+        let (work, asked) = (expected.work, resource_for(&expected));
         let session = incoming.sender.session;
         self.patience.note_request(session, now);
         let others_within = |time| {
@@ -114,7 +121,7 @@ impl Scheduler {
         };
         // Frames of the pool wait for each other, and so leave each other no core. Those of the GPU need
         // none of the pool's threads where others wait.
-        let has_turns = resource != Resource::Core;
+        let has_turns = asked != Resource::Core;
         let others = match resource {
             Resource::Core => {
                 others_within(Duration::ZERO).max(self.inbox.serving().saturating_sub(1))
@@ -123,7 +130,8 @@ impl Scheduler {
             Resource::Pool => others_within(work),
             Resource::Gpu => others_within(Duration::ZERO).max(self.inbox.waiting()),
         };
-        let threads = threads_for(work, others, self.pool_threads);
+        let threads =
+            if resource == asked { threads_for(work, others, self.pool_threads) } else { 1 };
         let is_long = work / threads as u32 > LONG_FRAME;
         let wake = self.workers.begin(thread, is_long, now);
         self.tasks += 1;
@@ -170,7 +178,17 @@ impl Scheduler {
 
     /// What the thread that leads does without work, after the time to go to sleep.
     pub(super) fn rest(&mut self, now: Instant) -> Rest {
-        self.patience.rest(now)
+        match self.patience.rest(now) {
+            Rest::Sleep { until } if self.is_waited() => {
+                Rest::Sleep { until: until.min(now + WAITING_LOOK) }
+            }
+            rest => rest,
+        }
+    }
+
+    /// Whether requests wait, for what is taken.
+    pub(super) fn is_waited(&self) -> bool {
+        self.inbox.waiting() > 0
     }
 
     /// Tasks that were begun so far.

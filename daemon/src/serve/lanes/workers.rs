@@ -303,7 +303,8 @@ mod tests {
             Activity::Idle => {
                 step(&|workers| _ = workers.lead(thread));
                 step(&|workers| _ = workers.rest(thread));
-                [false, true].iter().for_each(|is_long| step(&begin(*is_long)));
+                step(&begin(false));
+                step(&begin(true));
             }
             // It serves, naps, rests, or leaves the lead to the first thread and rests.
             Activity::Leads => {
@@ -313,7 +314,8 @@ mod tests {
                     workers.wake(0);
                     workers.rest(thread);
                 });
-                [false, true].iter().for_each(|is_long| step(&begin(*is_long)));
+                step(&begin(false));
+                step(&begin(true));
             }
             Activity::Serves { .. } => step(&|workers| workers.end(thread)),
             // Only others wake it: by themselves threads look up late.
