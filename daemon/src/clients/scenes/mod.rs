@@ -96,7 +96,7 @@ impl KeptScene {
         Ok(Self {
             id,
             revision: 0,
-            scene: scene,
+            scene,
             scratch: EditScratch::default(),
             found: FoundPairs::default(),
             room: SceneRoom::begin(memory)?,
