@@ -249,11 +249,14 @@ fn the_model_finds_the_pairs_of_the_oracle() {
     }
 }
 
+/// What falsifies an answer.
+type Lie = fn(&mut Heard);
+
 #[test]
 fn the_model_notices_each_falsified_answer() {
     let told = check(&three(), &mut CoreScene::new(&three(), 1)).unwrap();
     assert_eq!((told.edits, told.ended, told.resyncs), (5, [0, 0, 2], 1));
-    let lies: [(&str, fn(&mut Heard)); 9] = [
+    let lies: [(&str, Lie); 9] = [
         ("begun", |heard| heard.begun.truncate(heard.begun.len().saturating_sub(1))),
         ("begun", |heard| heard.begun.extend(heard.begun.first().copied())),
         ("begun", |heard| heard.begun.reverse()),

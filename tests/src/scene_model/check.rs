@@ -35,7 +35,7 @@ pub trait Subject {
     }
 
     /// Boxes, where it knows.
-    fn len(&self) -> Option<usize> {
+    fn box_count(&self) -> Option<usize> {
         None
     }
 }
@@ -168,7 +168,7 @@ impl Play {
                 }
                 let may_resync = subject.may_resync();
                 by_tick.into_values().try_for_each(|told| self.tick(told, may_resync))?;
-                match subject.len() {
+                match subject.box_count() {
                     Some(len) if len != self.model.len() => {
                         Err(("boxes", format!("{len} for {}", self.model.len())))
                     }

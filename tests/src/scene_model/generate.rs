@@ -139,7 +139,9 @@ impl Maker {
             for _ in 0..groups {
                 self.group(&mut ops);
             }
-            ops.iter_mut().for_each(|op| move_by(op, own.start));
+            for op in &mut ops {
+                move_by(op, own.start);
+            }
             self.turn(member, ops)
         });
         let turns = turns.collect();

@@ -127,7 +127,7 @@ impl<S: Subject, F: FnMut(&Script) -> S> Shrinker<'_, F> {
             );
             for turn in 0..turns(&self.script, event) {
                 self.cut(
-                    |s| ops_of(s, event, turn).map_or(0, |ops| ops.len()),
+                    |s| ops_of(s, event, turn).map_or(0, Vec::len),
                     |s, start, end| {
                         if let Some(ops) = ops_mut(s, event, turn) {
                             ops.drain(start..end);
@@ -166,7 +166,7 @@ impl<S: Subject, F: FnMut(&Script) -> S> Shrinker<'_, F> {
         };
         self.tries(|script| with(script, &|mode, _| *mode = Mode::Changes));
         self.tries(|script| with(script, &|_, fate| *fate = Fate::Acknowledged));
-        let len = ops_of(&self.script, event, turn).map_or(0, |ops| ops.len());
+        let len = ops_of(&self.script, event, turn).map_or(0, Vec::len);
         for place in 0..len {
             for choice in 0..8 {
                 let plain = ops_of(&self.script, event, turn)

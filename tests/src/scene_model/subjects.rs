@@ -153,7 +153,7 @@ impl Subject for CoreScene {
         self.0.lose();
     }
 
-    fn len(&self) -> Option<usize> {
+    fn box_count(&self) -> Option<usize> {
         Some(self.0.len())
     }
 }
@@ -229,7 +229,7 @@ impl Subject for SessionScene<'_> {
         self.may_resync
     }
 
-    fn len(&self) -> Option<usize> {
+    fn box_count(&self) -> Option<usize> {
         Some(self.scene.len())
     }
 }
