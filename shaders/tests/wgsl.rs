@@ -248,7 +248,7 @@ fn structs_of_scenes_lie_in_memory_as_in_rust() {
         same_layout!(Stage::Scene(stage), SceneParams, "SceneParams" {
             slots, mode, dense, epoch_low, epoch_high, set_count, set_first, set_is_range, mark_count,
             naming, entry_capacity, pair_capacity, table_words, filter_words, control_words, budget,
-            query_count, thread_rounds, share_count, share
+            query_count, thread_rounds, rows_together, share_count, share
         });
     }
     same_layout!(Stage::Scene(SceneStage::Pairs), SceneSummary, "SceneSummary" {
