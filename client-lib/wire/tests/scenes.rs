@@ -85,7 +85,7 @@ fn golden_edit() {
     let edit = Edit { steps: &steps };
     let layout = EditLayout::of(edit).unwrap();
     let header = RequestHeader::edit_scene(TOKEN, 8, &request(&layout, 100));
-    let mut expected: Vec<u8> = b"PMRQ\x01\x00\x09\x00".to_vec();
+    let mut expected: Vec<u8> = b"PMRQ\x01\x00\x0a\x00".to_vec();
     let u32s = |expected: &mut Vec<u8>, values: &[u32]| {
         expected.extend(values.iter().flat_map(|v| v.to_le_bytes()));
     };

@@ -46,7 +46,7 @@ struct Fields {
 
 impl Fields {
     fn bytes(&self) -> Vec<u8> {
-        let mut bytes: Vec<u8> = b"PMRQ\x01\x00\x09\x00".to_vec();
+        let mut bytes: Vec<u8> = b"PMRQ\x01\x00\x0a\x00".to_vec();
         let u32s = |bytes: &mut Vec<u8>, values: &[u32]| {
             bytes.extend(values.iter().flat_map(|v| v.to_le_bytes()));
         };
@@ -229,7 +229,7 @@ fn golden_commit_and_leave() {
 /// Compares the start of a response, its detail, and sections of late ranges by their places.
 fn compare(header: &ResponseHeader, flags: u64, detail: [u64; 4], sections: &[(usize, [u64; 2])]) {
     let bytes: &[u8] = bytemuck::bytes_of(header);
-    assert_eq!(bytes[..8], *b"PMRS\x01\x00\x09\x00");
+    assert_eq!(bytes[..8], *b"PMRS\x01\x00\x0a\x00");
     assert_eq!(
         bytes[8..32],
         *bytemuck::bytes_of(&[flags << 32, TOKEN, FRAME]),

@@ -96,7 +96,7 @@ fn golden_request() {
         (ObjectForm::Boxes(BoxForm::F16), 10, 1200),
         (ObjectForm::Spheres, 11, 1600),
     ] {
-        let expected = Bytes(b"PMRQ\x01\x00\x09\x00".to_vec())
+        let expected = Bytes(b"PMRQ\x01\x00\x0a\x00".to_vec())
             .u32(&[1, 0])
             .u64(&[0x1122_3344_5566_7788, 9])
             .u32(&[100, 1, 2, 2])
@@ -151,7 +151,7 @@ fn golden_spheres() {
 fn golden_response() {
     // 7 words of room: sections start on multiples of 16 words, that is 64 bytes.
     let shape = MaskShape::sparse(N, 7, 5, true);
-    let expected = Bytes(b"PMRS\x01\x00\x09\x00".to_vec())
+    let expected = Bytes(b"PMRS\x01\x00\x0a\x00".to_vec())
         .u32(&[0, 0])
         .u64(&[0x1122_3344_5566_7788, 9])
         .u32(&[100, 1, 2, 1, 2, 2])
@@ -170,7 +170,7 @@ fn golden_response() {
 
 #[test]
 fn golden_list_response() {
-    let expected = Bytes(b"PMRS\x01\x00\x09\x00".to_vec())
+    let expected = Bytes(b"PMRS\x01\x00\x0a\x00".to_vec())
         .u32(&[0, 0])
         .u64(&[0x1122_3344_5566_7788, 9])
         .u32(&[100, 1, 3, 1, 2, 2])
