@@ -16,6 +16,7 @@ use pairmask_core::scene::{
     Edit, EditError, Scene, SceneError, SceneOptions, Sets, Step, Tags, Want,
 };
 use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
+use pairmask_tests::gpu;
 use pairmask_tests::oracle;
 use pairmask_tests::scene_model::{
     AtEnd, CoreScene, EndReason, Event, Fate, Heard, Hears, Kind, Mode, Model, Op, Script, Seen,
@@ -111,7 +112,7 @@ fn scenes_of_a_daemon_are_those_of_the_model() {
 
 /// Scenes in video memory.
 fn hold_gpu(seed: u64, kinds: [(Kind, usize); 3]) {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", &gpu::name()]);
     let engine = EngineName::GpuGrid;
     let session = daemon.session().engine(EngineChoice::Only(engine)).deadline(PATIENCE);
     let mut session = session.connect().unwrap();
@@ -157,7 +158,7 @@ fn shared_scenes_are_those_of_the_model() {
 
 #[test]
 fn shared_scenes_of_a_gpu_are_those_of_the_model() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", &gpu::name()]);
     let engine = EngineChoice::Only(EngineName::GpuGrid);
     let sessions = Sessions::new(&daemon.session().engine(engine).deadline(PATIENCE));
     hold(Kind::Shared, 70_000, 200, |script| SharedMembers::new(&sessions, script));
@@ -282,7 +283,7 @@ fn a_script_that_fails_is_printed_as_small_as_it_can_be() {
     }));
     let text = held.unwrap_err().downcast::<String>().unwrap();
     assert!(text.contains("ended: None for Some(Ended"), "{text}");
-    let ops = ["Set(", "Switch(", "Static(", "Tag(", "Filters(", "clude(", "Remove("];
+    let ops = ["Set(", "Switch(", "Static(", "Tag(", "Filters(", "Include(", "Exclude(", "Remove("];
     let count: usize = ops.iter().map(|op| text.matches(op).count()).sum();
     assert!(count <= 6, "two boxes, and what keeps them apart: {text}");
 }
