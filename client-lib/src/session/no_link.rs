@@ -42,7 +42,7 @@ pub(super) enum Received {
 
 /// Looks at a daemon.
 #[derive(Default)]
-pub(super) struct Vigil;
+pub(super) struct Vigil(());
 
 /// A daemon that a session has left.
 #[derive(Debug)]

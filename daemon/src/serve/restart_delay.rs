@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 /// Restarts that may follow each other without a pause: more than an operator, a test or a client that
 /// is sent to another machine brings about in a row.
-const BURST: u32 = 20;
+const BURST: u32 = 100;
 /// Beyond the burst there is one restart in this time. Workers that are killed less often than that are
 /// always replaced at once; one that dies as soon as it starts (30 to 60 ms of a core) costs a fifth of a
 /// core at the most.

@@ -34,8 +34,9 @@ pub struct Model {
     bodies: BTreeMap<u32, Body>,
     generations: BTreeMap<u32, u32>,
     filters: Vec<Filter>,
-    included: BTreeSet<Pair>,
-    excluded: BTreeSet<Pair>,
+    /// Listed pairs, each with the membership that has listed it.
+    included: BTreeMap<Pair, u64>,
+    excluded: BTreeMap<Pair, u64>,
 }
 
 impl Model {
@@ -61,12 +62,11 @@ impl Model {
                     let tag = Tag::default();
                     let fresh = Body { b: *b, is_on: true, is_static: false, tag, holder };
                     let body = self.bodies.entry(*index).or_insert(fresh);
-                    if body.holder == holder {
-                        body.b = *b;
-                    } else {
-                        // Boxes that a member has left are those of who sets them next, and as that one says.
-                        *body = fresh;
-                        self.unlist(*index);
+                    let is_own = body.holder == holder;
+                    *body = if is_own { Body { b: *b, ..*body } } else { fresh };
+                    if !is_own {
+                        // A box that a member has left is that of who sets it next, and as that one says.
+                        self.retain_listed(|pair, by| by == holder || !pair.contains(index));
                     }
                 }
                 Op::Switch(index, on) => self.with(*index, |body| body.is_on = *on),
@@ -78,8 +78,8 @@ impl Model {
                     let bodies = self.bodies.iter().filter(|(_, body)| differs(body));
                     named.extend(bodies.map(|(index, _)| *index));
                 }
-                Op::Include(pair, on) => put(&mut self.included, *pair, *on),
-                Op::Exclude(pair, on) => put(&mut self.excluded, *pair, *on),
+                Op::Include(pair, on) => put(&mut self.included, *pair, on.then_some(holder)),
+                Op::Exclude(pair, on) => put(&mut self.excluded, *pair, on.then_some(holder)),
             }
         }
         named
@@ -93,23 +93,19 @@ impl Model {
     pub fn remove(&mut self, index: u32) {
         if self.bodies.remove(&index).is_some() {
             *self.generations.entry(index).or_default() += 1;
-            self.unlist(index);
+            self.retain_listed(|pair, _| !pair.contains(&index));
         }
     }
 
-    /// Ends the listed pairs that name an index.
-    fn unlist(&mut self, index: u32) {
-        for list in [&mut self.included, &mut self.excluded] {
-            list.retain(|pair| !pair.contains(&index));
-        }
+    fn retain_listed(&mut self, stays: impl Fn(&Pair, u64) -> bool) {
+        self.included.retain(|pair, by| stays(pair, *by));
+        self.excluded.retain(|pair, by| stays(pair, *by));
     }
 
     /// Removes the boxes of a range, and the listed pairs that name one of its indices.
     pub fn clear(&mut self, range: Range<u32>) {
         range.clone().for_each(|index| self.remove(index));
-        for list in [&mut self.included, &mut self.excluded] {
-            list.retain(|pair| !pair.iter().any(|index| range.contains(index)));
-        }
+        self.retain_listed(|pair, _| !pair.iter().any(|index| range.contains(index)));
     }
 
     /// Whether filters and flags let two boxes be a pair, wherever they are.
@@ -120,12 +116,12 @@ impl Model {
         if v != w && v != -1 && w != -1 {
             return false;
         }
-        if self.included.contains(&[a, b]) {
+        if self.included.contains_key(&[a, b]) {
             return true;
         }
         if x.tag.owner == y.tag.owner && x.tag.owner.0 != 0
             || (x.is_static || f.is_static) && (y.is_static || g.is_static)
-            || self.excluded.contains(&[a, b])
+            || self.excluded.contains_key(&[a, b])
         {
             return false;
         }
@@ -183,13 +179,13 @@ fn filter(filters: &[Filter], body: &Body) -> Filter {
     filters.get(usize::from(body.tag.filter.0)).copied().unwrap_or(Filter::ALL)
 }
 
-fn put(list: &mut BTreeSet<Pair>, [a, b]: Pair, on: bool) {
+/// Lists a pair by a membership, or takes it off.
+fn put(list: &mut BTreeMap<Pair, u64>, [a, b]: Pair, by: Option<u64>) {
     let pair = [a.min(b), a.max(b)];
-    if on {
-        list.insert(pair)
-    } else {
-        list.remove(&pair)
-    };
+    match by {
+        Some(by) => drop(list.insert(pair, by)),
+        None => drop(list.remove(&pair)),
+    }
 }
 
 /// What a listener is told.
