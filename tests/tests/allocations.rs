@@ -85,9 +85,10 @@ fn steady(mut work: impl FnMut()) -> u64 {
 }
 
 /// Whether so many allocations are as expected. A frame in a thousand falls to another lane than the
-/// daemon's first, and is not counted.
+/// daemon's first, and is not counted. On a busy machine every run is long enough for some of what the daemon does
+/// now and then; an allocation in every frame would be [`FRAMES`] more.
 fn holds(expected: u64, allocations: u64) -> bool {
-    (expected - expected / 10..=expected).contains(&allocations)
+    (expected - expected / 10..expected + FRAMES as u64 / 10).contains(&allocations)
 }
 
 fn frames(session: &mut Session, scenes: &[Vec<pairmask_core::Aabb>], count: usize) -> u64 {

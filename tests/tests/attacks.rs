@@ -461,7 +461,13 @@ fn a_list_that_changes_while_it_is_read_names_no_box_that_is_not_there() {
     let is_pair = |(a, b): (u32, u32)| a < b && b < n;
     let end = Instant::now() + attack_time();
     let (mut looks, mut dropped, mut broken) = (0, 0, 0);
-    while Instant::now() < end {
+    // On a busy machine the attacker may get no core for a while.
+    let is_seen = |dropped: u64, broken: u64| dropped > 10 && broken > 10;
+    let goes_on = |dropped, broken| {
+        let now = Instant::now();
+        now < end || !is_seen(dropped, broken) && now < end + PATIENCE
+    };
+    while goes_on(dropped, broken) {
         let mut frame = session.frame(n as usize).unwrap();
         frame.boxes_mut().fill(Aabb::EMPTY);
         let mask = frame.submit().unwrap().wait().unwrap();
@@ -488,7 +494,7 @@ fn a_list_that_changes_while_it_is_read_names_no_box_that_is_not_there() {
     }
     let counts = attacker.end();
     println!("lists: {looks} looks, {dropped} with less, {broken} broken, attacker {counts:?}");
-    assert!(dropped > 10 && broken > 10 && dropped < looks, "{dropped}, {broken} of {looks}");
+    assert!(is_seen(dropped, broken) && dropped < looks, "{dropped}, {broken} of {looks}");
     clean_up(dir.path());
 }
 

@@ -96,7 +96,10 @@ fn narrow_boxes_and_spheres_are_answered_again_too() {
                 let mut frame = session.narrow_frame(boxes.len(), precision).unwrap();
                 frame.fill(&boxes);
                 let mask = frame.submit().unwrap().wait().unwrap();
-                (mask.info().skipped.is_repeat(), mask.to_vec())
+                // The second frame may be another engine's, in another order.
+                let mut pairs = mask.to_vec();
+                pairs.sort_unstable();
+                (mask.info().skipped.is_repeat(), pairs)
             });
             let repeats = masks.each_ref().map(|(repeat, _)| *repeat);
             assert_eq!(repeats, [false, false, true, true], "{served_by:?} {precision:?}");
