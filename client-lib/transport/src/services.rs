@@ -1,4 +1,5 @@
-//! The services of an instance and the ports on them.
+//! The services of an instance and the ports on them: what both sides open, in one file, since their settings have to
+//! agree.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -1,4 +1,5 @@
-//! Requests that wait, and whose turn it is.
+//! Requests that wait, and whose turn it is. One file: the turns are a few rules that change the same numbers, and half
+//! of it are their tests.
 
 use std::time::{Duration, Instant};
 
